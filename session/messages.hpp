@@ -1,0 +1,252 @@
+/// What the participants of a session tell each other: one plain struct for each topic of idl/tactus.idl.
+///
+/// wire/ turns these into DDS samples and back and refuses what is out of bounds or not finite, so that a struct
+/// received is safe to use. Times are nanoseconds of the sender's monotonic clock unless the name says `session`.
+/// Lengths in metres, forces in newton, world frame unless the name says otherwise.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "spm/model.hpp"
+
+namespace tactus::session {
+
+/// Raised when a change makes older programs misread newer samples.
+inline constexpr std::uint32_t kProtocolVersion = 1;
+
+// Bounds, also stated in idl/tactus.idl; a test compares the two.
+inline constexpr std::size_t kMaxName = 63;
+inline constexpr std::size_t kMaxText = 255;
+inline constexpr std::size_t kMaxSlots = 64;          ///< users in one HRTC
+inline constexpr std::size_t kMaxHaveRuns = 1024;
+inline constexpr std::size_t kMaxWanted = 256;
+inline constexpr std::size_t kMaxPayload = 1200;      ///< a bulk sample fits one Ethernet frame
+inline constexpr std::size_t kMaxFigures = 128;
+inline constexpr std::size_t kMaxWaypoints = 16;
+
+/// Stable 64-bit name of a name: XXH3-64 of its bytes. Keys on the wire are these; the roster carries the text.
+[[nodiscard]] std::uint64_t id_of(const std::string& name) noexcept;
+
+/// Who sent a sample, in every sample.
+struct Origin {
+  std::uint64_t session = 0;      ///< id_of(session name)
+  std::uint64_t participant = 0;  ///< id_of(participant name)
+  std::uint64_t incarnation = 0;  ///< differs at each start of the program, grows
+  std::int64_t time_ns = 0;       ///< sender's monotonic clock when sent
+};
+
+enum class Role : std::uint8_t { kHost = 0, kHrtc = 1, kClient = 2, kViewer = 3 };
+
+/// A user that an HRTC has accepted.
+struct UserSlot {
+  std::string user;
+  std::uint32_t slot = 0;  ///< probe number in that HRTC
+};
+
+/// Topic roster, key origin.participant: presence and heartbeat, also at once on every change.
+struct RosterEntry {
+  Origin origin;
+  std::uint32_t protocol = kProtocolVersion;
+  Role role = Role::kViewer;
+  std::string name;        ///< participant
+  std::string session;
+  std::string controller;  ///< client only: the HRTC it asks to serve its users
+  std::vector<std::string> users;  ///< client only: users it brings
+  std::vector<UserSlot> slots;     ///< HRTC only: users accepted
+  std::uint64_t heartbeat = 0;     ///< grows by one each sample
+  bool leaving = false;
+};
+
+struct Pose {
+  std::array<double, 3> position{0, 0, 0};
+  std::array<double, 4> orientation{0, 0, 0, 1};  ///< unit quaternion x, y, z, w
+};
+
+struct Material {
+  double stiffness = 1000;        ///< N/m
+  double damping = 1;             ///< N s/m, along the normal
+  double static_friction = 0;     ///< coefficient
+  double dynamic_friction = 0;    ///< coefficient, at most the static one
+};
+
+/// Topic catalogue, keys origin.participant (the host) and object_id: a model in the world.
+struct CatalogueEntry {
+  Origin origin;
+  std::string host;
+  std::string object;             ///< unique in the session; two hosts may serve the same object
+  std::uint64_t object_id = 0;    ///< id_of(object)
+  spm::ModelSummary summary;      ///< digest, counts, bounds, grid
+  double scale = 1;               ///< metres per file unit
+  Pose pose;                      ///< model frame (scaled) to world
+  Material material;
+  std::uint32_t base_bytes = 0;   ///< size of the encoded base mesh
+  bool withdrawn = false;
+};
+
+/// One bulk stream, from one host to one HRTC, counts its chunks from 1 in each host incarnation.
+/// Topics base and records share this form; `kind` tells what the joined payload is.
+enum class BulkKind : std::uint8_t {
+  kBase = 0,    ///< an encoded base mesh; `region` is kNone
+  kRegion = 1,  ///< an encoded region list with the records that the HRTC lacks
+  kEcho = 2     ///< no payload: only tells the epoch
+};
+struct BulkChunk {
+  Origin origin;
+  std::uint64_t hrtc = 0;         ///< id_of(receiver)
+  std::uint64_t object_id = 0;
+  std::uint64_t digest = 0;       ///< of the model
+  std::uint32_t sequence = 0;     ///< of the stream, from 1
+  std::uint32_t epoch = 0;        ///< newest demand epoch that the host had seen of this HRTC and object
+  BulkKind kind = BulkKind::kEcho;
+  std::uint32_t region = 0;
+  std::uint32_t part = 0, parts = 1;  ///< this chunk of the message, and how many there are
+  std::uint64_t checksum = 0;         ///< XXH3-64 of the whole joined payload
+  std::vector<std::uint8_t> payload;  ///< at most kMaxPayload
+};
+
+/// A wanted region and how soon: smaller is sooner.
+struct Wanted {
+  std::uint32_t region = 0;
+  std::uint32_t contact_in_us = 0;  ///< expected time to contact
+};
+
+/// Topic demand, keys origin.participant (the HRTC) and object_id: state, not a command. What it omits is cancelled.
+struct Demand {
+  Origin origin;
+  std::uint64_t object_id = 0;
+  std::uint64_t digest = 0;
+  std::uint64_t serving_host = 0;     ///< participant that shall answer; others stay silent
+  std::uint32_t epoch = 0;            ///< grows with every change
+  bool need_base = false;
+  std::vector<spm::Run> have;         ///< regions held, as ascending runs of RegionIds
+  std::vector<Wanted> wanted;         ///< soonest first
+  std::uint64_t stream_incarnation = 0;  ///< of the host whose stream `received` counts
+  std::uint32_t received = 0;         ///< all chunks of that stream up to this sequence have been dealt with
+  std::uint32_t credit = 0;           ///< bytes the host may have under way to this HRTC
+};
+
+struct Waypoint {
+  std::int64_t session_time_ns = 0;
+  std::array<double, 3> position{0, 0, 0};
+};
+
+/// Topic intent, keys user_id and probe: where a simulated hand wants to be. Linear between waypoints; holds the last.
+struct Intent {
+  Origin origin;
+  std::uint64_t user_id = 0;
+  std::uint32_t probe = 0;
+  std::uint32_t sequence = 0;
+  std::vector<Waypoint> path;  ///< ascending times, 1..kMaxWaypoints
+};
+
+// Status bits of probe states and device commands.
+enum StatusBit : std::uint32_t {
+  kInContact = 1u << 0,
+  kExact = 1u << 1,            ///< every labelled cell that the query met was fully refined
+  kStalePose = 1u << 2,
+  kForceSaturated = 1u << 3,
+  kForceRamped = 1u << 4,      ///< soft start, stale data or a surface that moved past the proxy
+  kContactsTruncated = 1u << 5,
+  kPoolFull = 1u << 6,
+  kBudgetSpent = 1u << 7,      ///< refinement goes on next cycle
+  kFault = 1u << 8,            ///< latched
+  kSurfaceMoved = 1u << 9      ///< refinement moved the surface past the proxy this cycle
+};
+
+/// Topic probe_state, keys user_id and probe: written by HRTCs only, each cycle or as the rate allows.
+struct ProbeState {
+  Origin origin;
+  std::uint64_t user_id = 0;
+  std::uint32_t probe = 0;
+  std::uint32_t sequence = 0;
+  std::int64_t session_time_ns = 0;
+  std::uint32_t time_bound_us = 0;   ///< the session time is right to this
+  Pose device;
+  std::array<double, 3> proxy{0, 0, 0};
+  std::array<double, 3> velocity{0, 0, 0};
+  std::array<double, 3> force{0, 0, 0};  ///< on the user's hand
+  double radius = 0;
+  std::uint64_t object_id = 0;       ///< touched; 0 when none
+  std::uint32_t status = 0;          ///< StatusBit
+  float error_bound = 0;             ///< m; how far the shown surface may be from the true one; 0 when exact
+  std::uint32_t data_age_us = 0;     ///< age of the device pose used
+};
+
+/// Topic device_pose, keys user_id and probe: a remote device to its HRTC.
+struct DevicePose {
+  Origin origin;
+  std::uint64_t user_id = 0;
+  std::uint32_t probe = 0;
+  std::uint32_t sequence = 0;
+  std::int64_t session_time_ns = 0;
+  Pose pose;
+  std::array<double, 3> velocity{0, 0, 0};
+  double radius = 0;
+  std::uint32_t buttons = 0;
+  std::uint32_t command_felt = 0;  ///< sequence of the newest device_command felt
+};
+
+/// Topic device_command, keys user_id and probe: an HRTC to a remote device.
+struct DeviceCommand {
+  Origin origin;
+  std::uint64_t user_id = 0;
+  std::uint32_t probe = 0;
+  std::uint32_t sequence = 0;
+  std::uint32_t pose_answered = 0;
+  std::array<double, 3> force{0, 0, 0};
+  std::array<double, 3> torque{0, 0, 0};
+  std::array<double, 3> normal{0, 0, 0};
+  std::uint32_t status = 0;
+  float error_bound = 0;
+  std::uint32_t data_age_us = 0;
+};
+
+/// Topic object_pose, key object_id: written by the object's one simulator.
+struct ObjectPose {
+  Origin origin;
+  std::uint64_t object_id = 0;
+  std::uint32_t sequence = 0;
+  std::uint64_t fencing = 0;  ///< a larger number takes over; smaller ones are ignored from then on
+  std::int64_t session_time_ns = 0;
+  Pose pose;
+  std::array<double, 3> velocity{0, 0, 0}, spin{0, 0, 0};
+};
+
+/// Topic clock, keys origin.participant and peer: four-stamp exchange. A request has answer_to 0; its answer repeats the
+/// request's sequence and stamps. Monotonic clocks of the two ends, never wall clocks.
+struct ClockSample {
+  Origin origin;
+  std::uint64_t peer = 0;  ///< participant it is for
+  std::uint32_t sequence = 0;
+  bool answer = false;
+  std::int64_t t0_ns = 0;  ///< request sent, asker's clock
+  std::int64_t t1_ns = 0;  ///< request received, answerer's clock
+  std::int64_t t2_ns = 0;  ///< answer sent, answerer's clock
+};
+
+struct Figure {
+  std::string name;
+  double value = 0;
+};
+
+/// Topic metrics, key origin.participant: 1-2 Hz.
+struct Metrics {
+  Origin origin;
+  std::vector<Figure> figures;
+};
+
+enum class ControlKind : std::uint8_t { kStart = 0, kEnd = 1, kMode = 2, kEmergencyStop = 3, kReset = 4 };
+
+/// Topic control, key origin.participant: to everyone in the session.
+struct Control {
+  Origin origin;
+  std::uint32_t sequence = 0;
+  ControlKind kind = ControlKind::kStart;
+  std::string text;  ///< mode name, reason
+};
+
+}  // namespace tactus::session

@@ -1,0 +1,102 @@
+/// A whole space-partitioned multi-resolution (SPM) model as flat arrays: what a `.spm` file holds and a VE host serves.
+///
+/// Positions are in file units and model frame, float, exactly as imported. Everything here is in ids.
+/// Source: Liu, Georganas, Roth, 3DIM 2005, section 3 (header, base mesh, regions, vertex splits).
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "spm/ids.hpp"
+#include "spm/record.hpp"
+#include "spm/span.hpp"
+
+namespace tactus::spm {
+
+using Vec3f = Eigen::Vector3f;
+using Vec3d = Eigen::Vector3d;
+
+/// A face of the base mesh: always shown in some version.
+struct BaseFace {
+  std::uint32_t face;                    ///< FaceId
+  std::uint32_t last;                    ///< 1 when no record deforms it: it is finest as it stands
+  std::array<std::uint32_t, 3> corners;  ///< VertexIds below `base_vertices`
+};
+static_assert(sizeof(BaseFace) == 20);
+
+/// The even partition of the bounding volume. A cell at depth d has edge `cell_size / 2^d`; cell (x, y, z) at depth d
+/// spans `origin + (x, y, z) * edge` to one edge further. Depth 0 is the regular grid; deeper cells divide dense ones.
+struct GridFrame {
+  std::array<double, 3> origin;
+  double cell_size;
+};
+
+/// A labelled cell and the extent of its closed record list in `Model::runs`.
+struct Region {
+  std::array<std::uint16_t, 3> cell;  ///< x, y, z at its depth
+  std::uint16_t depth;
+  std::uint32_t first_run, run_count;  ///< in `Model::runs`
+  std::uint32_t record_count;          ///< sum of its runs
+  std::uint32_t part_count;            ///< pool slots its records take
+  std::uint32_t face_count;            ///< finest faces that meet the cell
+};
+static_assert(sizeof(Region) == 28);
+
+/// Consecutive record ids `[first, first + count)`. A region's runs ascend and do not touch.
+struct Run {
+  std::uint32_t first, count;
+};
+
+/// What is said of a model before any of it is sent.
+struct ModelSummary {
+  std::uint64_t digest;  ///< XXH3-64 of all sections; two models with one digest are one model
+  std::uint32_t vertices, faces;
+  std::uint32_t base_vertices, base_faces;
+  std::uint32_t records;  ///< = vertices - base_vertices
+  std::uint32_t parts;    ///< records plus continuation parts
+  std::uint32_t regions;
+  std::uint32_t max_level;
+  std::array<float, 3> bounds_min, bounds_max;  ///< of the vertices, file units
+  GridFrame grid;
+  double metres_per_unit;  ///< suggested by `tactus-mesh build`; a host may override it for an object
+};
+
+/// Borrowed view of a model; whoever made it (a mapped file, a builder) must outlive it.
+struct Model {
+  ModelSummary summary;
+  Span<const std::array<float, 3>> positions;  ///< by VertexId
+  Span<const BaseFace> base_faces;
+  Span<const RecordPart> parts;                ///< part r < records is record r's first; continuation parts follow
+  Span<const Region> regions;
+  Span<const Run> runs;
+
+  [[nodiscard]] Span<const Run> runs_of(RegionId region) const noexcept {
+    const Region& r = regions[index(region)];
+    return runs.subspan(r.first_run, r.run_count);
+  }
+  [[nodiscard]] VertexId vertex_of(RecordId record) const noexcept {
+    return VertexId{summary.base_vertices + index(record)};
+  }
+};
+
+/// Everything a controller needs of a model before its first record: the base mesh and the labelled cells.
+struct BaseMesh {
+  ModelSummary summary;
+  std::vector<std::array<float, 3>> positions;  ///< `base_vertices` of them
+  std::vector<BaseFace> faces;
+  std::vector<Region> regions;  ///< first_run and run_count are 0: lists come with the regions
+};
+[[nodiscard]] BaseMesh base_mesh_of(const Model& model);
+
+/// What is broken in a model, in words; empty when sound. Checks every index, order and count that the run time relies
+/// on, so that a hostile file or stream cannot lead it out of its arrays. O(size), allocates.
+[[nodiscard]] std::vector<std::string> violations(const Model& model);
+[[nodiscard]] std::vector<std::string> violations(const BaseMesh& base);
+
+/// The corners of every finest face, by FaceId, as VertexIds: all records applied in order. O(size), allocates.
+[[nodiscard]] std::vector<std::array<std::uint32_t, 3>> finest_faces(const Model& model);
+
+}  // namespace tactus::spm
