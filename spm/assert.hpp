@@ -1,0 +1,23 @@
+/// Checks of our own logic. TACTUS_ASSERT is for the haptic thread too and gone with NDEBUG; TACTUS_CHECK stays, and is not
+/// for the haptic thread.
+#pragma once
+
+#include <cstdio>
+#include <cstdlib>
+
+namespace tactus::spm {
+
+[[noreturn]] inline void fail_check(const char* condition, const char* file, int line) noexcept {
+  std::fprintf(stderr, "%s:%d: internal check failed: %s\n", file, line, condition);
+  std::abort();
+}
+
+}  // namespace tactus::spm
+
+#define TACTUS_CHECK(condition) \
+  ((condition) ? static_cast<void>(0) : ::tactus::spm::fail_check(#condition, __FILE__, __LINE__))
+#ifdef NDEBUG
+#define TACTUS_ASSERT(condition) static_cast<void>(0)
+#else
+#define TACTUS_ASSERT(condition) TACTUS_CHECK(condition)
+#endif

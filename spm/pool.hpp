@@ -1,0 +1,83 @@
+/// The one fixed store of a controller: records, vertices, faces and tree nodes of all its objects.
+///
+/// A slot holds one record part, the vertex it brings and rows for the two faces it bears. A face that appears therefore
+/// needs no allocation of its own, and a record, once decoded, reaches everything it changes without a look-up.
+///
+///   slot s:  parts[s]   vertices[s]   faces[2 s], faces[2 s + 1]   state[s]
+///            64 B       16 B          2 x 64 B                     2 B
+///
+/// Who may write: the loader (Cache) fills a slot before it hands a region over and after it got the region back; between
+/// the two, faces and state belong to the haptic thread (Forest). The rings that carry the regions order the accesses.
+/// The base mesh takes slots that are never given back.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "spm/ids.hpp"
+#include "spm/record.hpp"
+
+namespace tactus::spm {
+
+/// Sized once, at start. `slots` and `tree_nodes` are what an operator sets; the rest follows.
+struct PoolSettings {
+  std::uint32_t slots = 1u << 16;       ///< exceeded: a region is refused and stays coarse
+  std::uint32_t tree_nodes = 1u << 14;  ///< exceeded: refinement stops, PoolFull is flagged
+  std::uint32_t list_blocks = 1u << 13; ///< blocks of 62 list entries; exceeded: as slots
+  static PoolSettings for_slots(std::uint32_t slots) noexcept {
+    return {slots, slots / 2 + 1024, slots / 12 + 256};
+  }
+  /// Bytes that a controller with these settings holds for its models.
+  [[nodiscard]] std::uint64_t bytes() const noexcept;
+};
+
+struct Vertex {
+  std::array<float, 3> position;  ///< model frame, file units
+  std::uint32_t id;               ///< VertexId
+};
+
+/// A face in whatever version is shown, with its coordinates beside it so that a query reads one line.
+struct alignas(64) FaceRow {
+  std::array<float, 9> corners;           ///< x y z of the three corners
+  std::array<std::uint32_t, 3> vertices;  ///< slots
+  std::uint32_t face;                     ///< FaceId
+  std::uint32_t node;                     ///< AB-tree node that holds it; kNone when not shown
+  std::uint32_t last;                     ///< 1: this is the finest version
+};
+static_assert(sizeof(FaceRow) == 64);
+
+/// A region's list in memory: blocks of record slots, linked both ways, walked forwards to refine and backwards to coarsen.
+struct ListBlock {
+  static constexpr std::uint32_t kEntries = 62;
+  std::uint32_t before, after;
+  std::array<std::uint32_t, kEntries> slots;
+};
+static_assert(sizeof(ListBlock) == 256);
+
+struct RegionList {
+  std::uint32_t first_block = kNone;
+  std::uint32_t length = 0;
+};
+
+/// Upper bit: shown; lower bits: how many regions under refinement want the record.
+struct SlotState {
+  static constexpr std::uint16_t kShown = 0x8000;
+  std::uint16_t bits = 0;
+  [[nodiscard]] bool shown() const noexcept { return (bits & kShown) != 0; }
+  [[nodiscard]] std::uint16_t wanted() const noexcept { return bits & 0x7fff; }
+};
+
+struct Pool {
+  /// Allocates and touches everything.
+  explicit Pool(PoolSettings settings);
+
+  PoolSettings settings;
+  std::vector<RecordPart> parts;
+  std::vector<Vertex> vertices;
+  std::vector<FaceRow> faces;
+  std::vector<SlotState> state;
+  std::vector<ListBlock> blocks;
+};
+
+}  // namespace tactus::spm
