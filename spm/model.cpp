@@ -1,0 +1,420 @@
+#include "spm/model.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <sstream>
+#include <unordered_set>
+
+namespace tactus::spm {
+namespace {
+
+constexpr std::uint32_t kMaxDepth = 15;  // deeper cells could not be told apart by 16-bit coordinates
+constexpr std::size_t kMaxMessages = 20;
+
+/// Gathers the first few messages; a broken file has thousands that say the same.
+class Findings {
+ public:
+  template <class... Parts>
+  void add(const Parts&... parts) {
+    if (full()) return;
+    std::ostringstream text;
+    (text << ... << parts);
+    messages_.push_back(text.str());
+  }
+  [[nodiscard]] bool full() const { return messages_.size() >= kMaxMessages; }
+  [[nodiscard]] bool none() const { return messages_.empty(); }
+  [[nodiscard]] std::vector<std::string> take() { return std::move(messages_); }
+
+ private:
+  std::vector<std::string> messages_;
+};
+
+bool finite(const std::array<float, 3>& p) { return std::isfinite(p[0]) && std::isfinite(p[1]) && std::isfinite(p[2]); }
+
+void expect_size(Findings& findings, const char* what, std::size_t found, std::uint64_t expected) {
+  if (found != expected) findings.add(what, ": found ", found, " entries, the summary says ", expected);
+}
+
+void check_summary(const ModelSummary& s, Findings& findings) {
+  if (s.vertices == kNone) findings.add("vertices: found ", s.vertices, ", expected less");
+  if (s.faces == 0 || s.faces >= kMaxFaces) {
+    findings.add("faces: found ", s.faces, ", expected 1 to ", kMaxFaces - 1);
+  }
+  if (s.base_vertices > s.vertices || s.vertices - s.base_vertices != s.records) {
+    findings.add("records: found ", s.records, " with ", s.vertices, " vertices of which ", s.base_vertices,
+                 " base, expected the difference");
+  }
+  if (s.base_vertices < 3) findings.add("base vertices: found ", s.base_vertices, ", expected at least 3");
+  if (s.base_faces == 0 || s.base_faces > s.faces) {
+    findings.add("base faces: found ", s.base_faces, ", expected 1 to ", s.faces);
+  }
+  if (s.parts < s.records || s.parts == kNone) {
+    findings.add("parts: found ", s.parts, ", expected at least the ", s.records, " records");
+  }
+  if (s.regions == 0 || s.regions == kNone) findings.add("regions: found ", s.regions, ", expected at least 1");
+  if (s.max_level > 0xffff || (s.max_level == 0) != (s.records == 0)) {
+    findings.add("max level: found ", s.max_level, " with ", s.records, " records");
+  }
+  if (!finite(s.bounds_min) || !finite(s.bounds_max)) findings.add("bounds: not finite");
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    if (!(s.bounds_min[axis] <= s.bounds_max[axis])) findings.add("bounds: minimum over maximum on axis ", axis);
+    if (!std::isfinite(s.grid.origin[axis])) findings.add("grid origin: not finite on axis ", axis);
+  }
+  if (!(std::isfinite(s.grid.cell_size) && s.grid.cell_size > 0)) {
+    findings.add("grid cell size: found ", s.grid.cell_size, ", expected a finite positive length");
+  }
+  if (!(std::isfinite(s.metres_per_unit) && s.metres_per_unit > 0)) {
+    findings.add("metres per unit: found ", s.metres_per_unit, ", expected a finite positive factor");
+  }
+}
+
+void check_positions(const ModelSummary& s, Span<const std::array<float, 3>> positions, Findings& findings) {
+  for (std::size_t v = 0; v < positions.size() && !findings.full(); ++v) {
+    if (!finite(positions[v])) {
+      findings.add("vertex ", v, ": position not finite");
+      continue;
+    }
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      if (positions[v][axis] < s.bounds_min[axis] || positions[v][axis] > s.bounds_max[axis]) {
+        findings.add("vertex ", v, ": outside of the bounds on axis ", axis);
+      }
+    }
+  }
+}
+
+bool distinct(const std::array<std::uint32_t, 3>& c) { return c[0] != c[1] && c[1] != c[2] && c[2] != c[0]; }
+
+void check_base_faces(const ModelSummary& s, Span<const BaseFace> faces, Findings& findings) {
+  std::vector<bool> seen(s.faces, false);
+  for (std::size_t i = 0; i < faces.size() && !findings.full(); ++i) {
+    const BaseFace& f = faces[i];
+    if (f.face >= s.faces) {
+      findings.add("base face ", i, ": face id ", f.face, ", expected below ", s.faces);
+    } else if (seen[f.face]) {
+      findings.add("base face ", i, ": face id ", f.face, " is there twice");
+    } else {
+      seen[f.face] = true;
+    }
+    if (f.last > 1) findings.add("base face ", i, ": last is ", f.last, ", expected 0 or 1");
+    for (const std::uint32_t corner : f.corners) {
+      if (corner >= s.base_vertices) {
+        findings.add("base face ", i, ": corner ", corner, ", expected below ", s.base_vertices);
+      }
+    }
+    if (!distinct(f.corners)) findings.add("base face ", i, ": has a corner twice");
+  }
+}
+
+std::uint64_t cell_key(std::uint32_t depth, std::uint32_t x, std::uint32_t y, std::uint32_t z) {
+  return std::uint64_t{depth} << 48 | std::uint64_t{x} << 32 | std::uint64_t{y} << 16 | z;
+}
+
+void check_cells(const ModelSummary& s, Span<const Region> regions, Findings& findings) {
+  std::unordered_set<std::uint64_t> cells;
+  cells.reserve(regions.size());
+  for (std::size_t i = 0; i < regions.size() && !findings.full(); ++i) {
+    const Region& r = regions[i];
+    if (r.depth > kMaxDepth) {
+      findings.add("region ", i, ": depth ", r.depth, ", expected at most ", kMaxDepth);
+    } else if (!cells.insert(cell_key(r.depth, r.cell[0], r.cell[1], r.cell[2])).second) {
+      findings.add("region ", i, ": its cell is there twice");
+    }
+    if (r.face_count == 0 || r.face_count > s.faces) {
+      findings.add("region ", i, ": ", r.face_count, " faces, expected 1 to ", s.faces);
+    }
+    if (r.record_count > s.records || r.part_count < r.record_count || r.part_count > s.parts) {
+      findings.add("region ", i, ": ", r.record_count, " records in ", r.part_count, " parts, the model has ",
+                   s.records, " in ", s.parts);
+    }
+  }
+  if (!findings.none()) return;
+  for (std::size_t i = 0; i < regions.size() && !findings.full(); ++i) {
+    const Region& r = regions[i];
+    for (std::uint32_t up = 1; up <= r.depth; ++up) {
+      if (cells.count(cell_key(r.depth - up, r.cell[0] >> up, r.cell[1] >> up, r.cell[2] >> up)) != 0) {
+        findings.add("region ", i, ": its cell lies within the cell of another region");
+      }
+    }
+  }
+}
+
+/// Replays a model from base to finest and checks each record against the mesh that it meets.
+class Replay {
+ public:
+  Replay(const Model& model, Findings& findings) : model_{model}, findings_{findings} {
+    const ModelSummary& s = model.summary;
+    corners_.assign(s.faces, {kNone, kNone, kNone});
+    writer_.assign(s.faces, kNone);
+    finished_.assign(s.faces, false);
+    part_used_.assign(s.parts, false);
+    level_.assign(s.records, 0);
+    chain_length_.assign(s.records, 0);
+    first_need_.reserve(std::size_t{s.records} + 1);
+    for (const BaseFace& f : model.base_faces) {
+      corners_[f.face] = f.corners;
+      finished_[f.face] = f.last != 0;
+    }
+  }
+
+  void run() {
+    const ModelSummary& s = model_.summary;
+    std::uint32_t max_level = 0;
+    for (record_ = 0; record_ < s.records && !findings_.full(); ++record_) {
+      first_need_.push_back(needs_.size());
+      check_record();
+      max_level = std::max<std::uint32_t>(max_level, level_[record_]);
+    }
+    first_need_.push_back(needs_.size());
+    if (!findings_.none()) return;
+    if (max_level != s.max_level) findings_.add("max level: found ", s.max_level, ", expected ", max_level);
+    for (std::uint32_t p = s.records; p < s.parts && !findings_.full(); ++p) {
+      if (!part_used_[p]) findings_.add("part ", p, ": belongs to no record");
+    }
+    for (std::uint32_t f = 0; f < s.faces && !findings_.full(); ++f) {
+      if (corners_[f][0] == kNone) {
+        findings_.add("face ", f, ": neither in the base mesh nor born by a record");
+      } else if (!finished_[f]) {
+        findings_.add("face ", f, ": its finest version is not marked as the last");
+      }
+    }
+  }
+
+  void check_lists() {
+    std::vector<std::uint32_t> in_list(model_.summary.records, kNone);
+    std::size_t next_run = 0;
+    for (std::uint32_t i = 0; i < model_.regions.size() && !findings_.full(); ++i) {
+      const Region& region = model_.regions[i];
+      if (region.first_run != next_run || region.run_count > model_.runs.size() - next_run) {
+        findings_.add("region ", i, ": runs ", region.first_run, " + ", region.run_count, ", expected to begin at ",
+                      next_run, " and end by ", model_.runs.size());
+        return;
+      }
+      next_run += region.run_count;
+      check_list(i, model_.runs.subspan(region.first_run, region.run_count), in_list);
+    }
+    if (findings_.none() && next_run != model_.runs.size()) {
+      findings_.add("runs: ", model_.runs.size() - next_run, " belong to no region");
+    }
+  }
+
+ private:
+  void check_record() {
+    const std::uint32_t u = model_.summary.base_vertices + record_;
+    std::size_t touched = 0;
+    for (std::uint32_t p = record_; p != kNone;) {
+      const RecordPart& part = model_.parts[p];
+      ++chain_length_[record_];
+      check_part(part, u);
+      touched += std::size_t{part.born_count} + part.deformed_count;
+      if (findings_.full()) return;
+      if (part.next == kNone) break;
+      if (part.next < model_.summary.records || part.next >= model_.summary.parts || part_used_[part.next]) {
+        findings_.add("record ", record_, ": continues in part ", part.next, ", expected an unused one in ",
+                      model_.summary.records, " to ", model_.summary.parts);
+        return;
+      }
+      p = part.next;
+      part_used_[p] = true;
+    }
+    if (touched == 0) findings_.add("record ", record_, ": touches no face");
+    std::uint32_t expected = 1;
+    for (std::size_t i = first_need_.back(); i < needs_.size(); ++i) {
+      expected = std::max<std::uint32_t>(expected, 1u + level_[needs_[i]]);
+    }
+    level_[record_] = model_.parts[record_].level;
+    if (level_[record_] != expected) {
+      findings_.add("record ", record_, ": level ", level_[record_], ", expected ", expected);
+    }
+  }
+
+  void check_part(const RecordPart& part, std::uint32_t u) {
+    const RecordPart& head = model_.parts[record_];
+    const std::uint32_t t = part.parent;
+    if (t != head.parent || part.level != head.level) {
+      findings_.add("record ", record_, ": its parts disagree on parent or level");
+    }
+    if (t >= u) {
+      findings_.add("record ", record_, ": parent ", t, ", expected below ", u);
+      return;
+    }
+    if (part.born_count > kBornPerPart || part.deformed_count > kDeformedPerPart) {
+      findings_.add("record ", record_, ": ", int{part.born_count}, " born and ", int{part.deformed_count},
+                    " deformed faces in a part, expected at most ", kBornPerPart, " and ", kDeformedPerPart);
+      return;
+    }
+    need_vertex(t);
+    for (int i = 0; i < part.born_count; ++i) check_born(part.born[i], part.born_x[i], t, u);
+    for (int i = 0; i < part.deformed_count; ++i) check_deformed(part.deformed[i], t, u);
+  }
+
+  void check_born(BornRef born, std::uint32_t x, std::uint32_t t, std::uint32_t u) {
+    const std::uint32_t f = born.face();
+    if (f >= model_.summary.faces || born.order() > 5) {
+      findings_.add("record ", record_, ": bears face ", f, " in order ", born.order(), ", expected below ",
+                    model_.summary.faces, " and 0 to 5");
+    } else if (corners_[f][0] != kNone) {
+      findings_.add("record ", record_, ": bears face ", f, ", which is there already");
+    } else if (x >= u || x == t) {
+      findings_.add("record ", record_, ": third corner ", x, " of face ", f, ", expected below ", u, " and not ", t);
+    } else {
+      const BornCorners at = born_corners(born.order());
+      corners_[f][static_cast<std::size_t>(at.u)] = u;
+      corners_[f][static_cast<std::size_t>(at.t)] = t;
+      corners_[f][static_cast<std::size_t>(at.x)] = x;
+      need_vertex(x);
+      wrote(f, born.last());
+    }
+  }
+
+  void check_deformed(DeformedRef deformed, std::uint32_t t, std::uint32_t u) {
+    const std::uint32_t f = deformed.face();
+    if (f >= model_.summary.faces || deformed.corner() > 2) {
+      findings_.add("record ", record_, ": deforms corner ", deformed.corner(), " of face ", f,
+                    ", expected 0 to 2 and below ", model_.summary.faces);
+      return;
+    }
+    std::array<std::uint32_t, 3>& corners = corners_[f];
+    if (corners[0] == kNone || writer_[f] == record_) {
+      findings_.add("record ", record_, ": deforms face ", f, ", which ",
+                    corners[0] == kNone ? "is not there yet" : "it has written already");
+      return;
+    }
+    if (corners[deformed.corner()] != t) {
+      findings_.add("record ", record_, ": deforms corner ", deformed.corner(), " of face ", f, ", where ",
+                    corners[deformed.corner()], " stands, expected its parent ", t);
+      return;
+    }
+    if (writer_[f] != kNone) needs_.push_back(writer_[f]);
+    for (std::size_t k = 0; k < 3; ++k) {
+      if (k != deformed.corner()) need_vertex(corners[k]);
+    }
+    corners[deformed.corner()] = u;
+    wrote(f, deformed.last());
+  }
+
+  void need_vertex(std::uint32_t v) {
+    if (v >= model_.summary.base_vertices) needs_.push_back(v - model_.summary.base_vertices);
+  }
+
+  void wrote(std::uint32_t f, bool last) {
+    if (finished_[f]) findings_.add("record ", record_, ": writes face ", f, " after its last version");
+    writer_[f] = record_;
+    finished_[f] = last;
+  }
+
+  void check_list(std::uint32_t region, Span<const Run> runs, std::vector<std::uint32_t>& in_list) {
+    const std::uint32_t records = model_.summary.records;
+    std::uint64_t after = 0, record_count = 0, part_count = 0;
+    for (std::size_t i = 0; i < runs.size(); ++i) {
+      const Run run = runs[i];
+      const bool touches = i > 0 && run.first <= after;
+      if (run.count == 0 || run.first >= records || run.count > records - run.first || touches) {
+        findings_.add("region ", region, ": run ", run.first, " + ", run.count, " after ", after,
+                      ", expected ascending runs that do not touch, below ", records);
+        return;
+      }
+      after = std::uint64_t{run.first} + run.count;
+      record_count += run.count;
+      for (std::uint32_t r = run.first; r < after; ++r) {
+        in_list[r] = region;
+        part_count += chain_length_[r];
+        for (std::size_t k = first_need_[r]; k < first_need_[r + 1]; ++k) {
+          if (in_list[needs_[k]] == region) continue;
+          findings_.add("region ", region, ": holds record ", r, " but not record ", needs_[k], ", which it needs");
+          return;
+        }
+      }
+    }
+    const Region& stated = model_.regions[region];
+    if (record_count != stated.record_count || part_count != stated.part_count) {
+      findings_.add("region ", region, ": ", stated.record_count, " records in ", stated.part_count,
+                    " parts, its runs have ", record_count, " in ", part_count);
+    }
+  }
+
+  const Model& model_;
+  Findings& findings_;
+  std::uint32_t record_ = 0;
+  std::vector<std::array<std::uint32_t, 3>> corners_;
+  std::vector<std::uint32_t> writer_;  // record that wrote the face last; kNone: the base mesh
+  std::vector<bool> finished_;         // its last version has been written
+  std::vector<bool> part_used_;
+  std::vector<std::uint16_t> level_;
+  std::vector<std::uint32_t> chain_length_;
+  std::vector<std::uint32_t> needs_;  // records that record r needs: [first_need_[r], first_need_[r + 1])
+  std::vector<std::size_t> first_need_;
+};
+
+}  // namespace
+
+BaseMesh base_mesh_of(const Model& model) {
+  BaseMesh base;
+  base.summary = model.summary;
+  base.positions.assign(model.positions.begin(), model.positions.begin() + model.summary.base_vertices);
+  base.faces.assign(model.base_faces.begin(), model.base_faces.end());
+  base.regions.assign(model.regions.begin(), model.regions.end());
+  for (Region& region : base.regions) region.first_run = region.run_count = 0;
+  return base;
+}
+
+std::vector<std::string> violations(const Model& model) {
+  const ModelSummary& s = model.summary;
+  Findings findings;
+  check_summary(s, findings);
+  expect_size(findings, "positions", model.positions.size(), s.vertices);
+  expect_size(findings, "base faces", model.base_faces.size(), s.base_faces);
+  expect_size(findings, "parts", model.parts.size(), s.parts);
+  expect_size(findings, "regions", model.regions.size(), s.regions);
+  if (!findings.none()) return findings.take();
+  check_positions(s, model.positions, findings);
+  check_base_faces(s, model.base_faces, findings);
+  check_cells(s, model.regions, findings);
+  if (!findings.none()) return findings.take();
+  Replay replay{model, findings};
+  replay.run();
+  if (findings.none()) replay.check_lists();
+  return findings.take();
+}
+
+std::vector<std::string> violations(const BaseMesh& base) {
+  const ModelSummary& s = base.summary;
+  Findings findings;
+  check_summary(s, findings);
+  expect_size(findings, "base positions", base.positions.size(), s.base_vertices);
+  expect_size(findings, "base faces", base.faces.size(), s.base_faces);
+  expect_size(findings, "regions", base.regions.size(), s.regions);
+  if (!findings.none()) return findings.take();
+  check_positions(s, base.positions, findings);
+  check_base_faces(s, base.faces, findings);
+  check_cells(s, base.regions, findings);
+  for (std::size_t i = 0; i < base.regions.size() && !findings.full(); ++i) {
+    if (base.regions[i].first_run != 0 || base.regions[i].run_count != 0) {
+      findings.add("region ", i, ": has runs, expected none in a base mesh");
+    }
+  }
+  return findings.take();
+}
+
+std::vector<std::array<std::uint32_t, 3>> finest_faces(const Model& model) {
+  std::vector<std::array<std::uint32_t, 3>> corners(model.summary.faces);
+  for (const BaseFace& f : model.base_faces) corners[f.face] = f.corners;
+  for (std::uint32_t r = 0; r < model.summary.records; ++r) {
+    const std::uint32_t u = model.summary.base_vertices + r;
+    for (std::uint32_t p = r; p != kNone; p = model.parts[p].next) {
+      const RecordPart& part = model.parts[p];
+      for (int i = 0; i < part.born_count; ++i) {
+        const BornCorners at = born_corners(part.born[i].order());
+        std::array<std::uint32_t, 3>& face = corners[part.born[i].face()];
+        face[static_cast<std::size_t>(at.u)] = u;
+        face[static_cast<std::size_t>(at.t)] = part.parent;
+        face[static_cast<std::size_t>(at.x)] = part.born_x[i];
+      }
+      for (int i = 0; i < part.deformed_count; ++i) {
+        corners[part.deformed[i].face()][part.deformed[i].corner()] = u;
+      }
+    }
+  }
+  return corners;
+}
+
+}  // namespace tactus::spm
