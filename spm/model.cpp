@@ -51,6 +51,10 @@ void check_summary(const ModelSummary& s, Findings& findings) {
   if (s.parts < s.records || s.parts == kNone) {
     findings.add("parts: found ", s.parts, ", expected at least the ", s.records, " records");
   }
+  if (s.faces - s.base_faces > std::uint64_t{kBornPerPart} * s.parts) {
+    findings.add("faces: found ", s.faces, ", the base mesh and the parts have room for ",
+                 s.base_faces + std::uint64_t{kBornPerPart} * s.parts);
+  }
   if (s.regions == 0 || s.regions == kNone) findings.add("regions: found ", s.regions, ", expected at least 1");
   if (s.max_level > 0xffff || (s.max_level == 0) != (s.records == 0)) {
     findings.add("max level: found ", s.max_level, " with ", s.records, " records");
