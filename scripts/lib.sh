@@ -1,0 +1,138 @@
+# What the scripts beside this file share: progress lines, packages, builds, and child processes that end with the script.
+# Sourced, not run. Needs bash, coreutils and, to install packages, apt.
+
+set -euo pipefail
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+script=${0##*/}
+
+say() { printf '[%3d s] %s\n' "$SECONDS" "$*" >&2; }
+
+# Wrong input or a machine that cannot do it: exit 2, as the programs do.
+fail() {
+  printf '%s: %s\n' "$script" "$*" >&2
+  exit 2
+}
+
+need_value() { [[ $# -ge 2 ]] || fail "$1 needs a value"; }
+
+# ---- child processes ----
+
+# start COMMAND...: in the background, in a process group of its own, so that it ends with all that it started. `child` is its id.
+start() {
+  setsid -- "$@" </dev/null &
+  child=$!
+}
+
+# run COMMAND...: waits for it; a signal to the script ends both at once, where bash would wait for a foreground command.
+run() {
+  start "$@"
+  wait "$child"
+}
+
+# Ends all that `start` and `run` left running: asks with SIGINT, then SIGTERM, insists after 1.2 s.
+stop_children() {
+  local tick group
+  local -a groups left
+  trap '' INT TERM HUP
+  mapfile -t groups < <(jobs -pr)
+  for tick in {0..13}; do
+    left=()
+    for group in "${groups[@]}"; do
+      kill -0 -- "-$group" 2>/dev/null && left+=("-$group")
+    done
+    [[ ${#left[@]} -gt 0 ]] || return 0
+    case $tick in
+      0) kill -INT -- "${left[@]}" 2>/dev/null || true ;;
+      5) kill -TERM -- "${left[@]}" 2>/dev/null || true ;;
+      12) kill -KILL -- "${left[@]}" 2>/dev/null || true ;;
+    esac
+    sleep 0.1
+  done
+}
+
+at_exit() { stop_children; }
+trap 'at_exit' EXIT
+trap 'exit 130' INT
+trap 'exit 143' TERM HUP
+
+# ---- packages ----
+
+# packages SECTION...: the names listed in those sections of packages.txt.
+packages() {
+  local wanted=" $* " section='' line
+  while read -r line; do
+    line=${line%%#*}
+    line=${line//[[:space:]]/}
+    case $line in
+      '') ;;
+      '['*']') section=${line:1:-1} ;;
+      *) [[ $wanted == *" $section "* ]] && printf '%s\n' "$line" ;;
+    esac
+  done <"$root/scripts/packages.txt"
+  return 0
+}
+
+# ensure_packages SECTION...: installs what is missing, as root or through sudo.
+ensure_packages() {
+  local name status log="$root/build/install.log"
+  local -a missing=() as_root=()
+  if ! command -v dpkg-query >/dev/null; then
+    say "no dpkg here: taking for granted that the packages of scripts/packages.txt [$*] or their like are installed"
+    return 0
+  fi
+  while read -r name; do
+    status=$(dpkg-query -W -f '${db:Status-Abbrev}' "$name" 2>/dev/null || true)
+    [[ $status == ii* ]] || missing+=("$name")
+  done < <(packages "$@")
+  [[ ${#missing[@]} -gt 0 ]] || return 0
+  if [[ $EUID -ne 0 ]]; then
+    command -v sudo >/dev/null || fail "these Debian packages are missing and need root or sudo to install: ${missing[*]}"
+    as_root=(sudo)
+  fi
+  say "installing ${#missing[@]} Debian packages: ${missing[*]}"
+  mkdir -p "$root/build"
+  # In the foreground: sudo may ask for a password, and dpkg should end its step even when interrupted.
+  if ! {
+    "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive dpkg --configure -a &&
+      "${as_root[@]}" apt-get update -q &&
+      "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -q -y --no-install-recommends "${missing[@]}"
+  } >"$log" 2>&1; then
+    tail -n 15 "$log" >&2
+    fail "could not install packages; the whole output is in $log"
+  fi
+  say "packages installed"
+}
+
+# ---- build ----
+
+# Compilers in parallel: one for each processor, but no more than memory allows (generated DDS code takes over 1 GB each).
+build_jobs() {
+  local processors key kilobytes
+  processors=$(nproc)
+  while read -r key kilobytes _; do
+    [[ $key == MemAvailable: ]] || continue
+    local fitting=$((kilobytes / 1500000))
+    ((fitting < 1)) && fitting=1
+    ((processors > fitting)) && processors=$fitting
+  done </proc/meminfo
+  printf '%s\n' "$processors"
+}
+
+# build PRESET "CMAKE OPTIONS" [TARGET...]: configures and builds into build/PRESET.
+build() {
+  local preset=$1 log="$root/build/configure-$1.log"
+  local -a options
+  read -r -a options <<<"$2"
+  shift 2
+  command -v ccache >/dev/null && options+=(-DCMAKE_CXX_COMPILER_LAUNCHER=ccache)
+  mkdir -p "$root/build"
+  cd "$root"
+  say "configuring preset $preset"
+  if ! run cmake --preset "$preset" "${options[@]}" >"$log" 2>&1; then
+    tail -n 25 "$log" >&2
+    fail "cmake refused the configuration; the whole output is in $log"
+  fi
+  say "building preset $preset with $(build_jobs) compilers"
+  run ninja -C "build/$preset" -j "$(build_jobs)" "$@" >&2 || fail "the build failed"
+  say "built"
+}

@@ -1,0 +1,75 @@
+// The one command in front of all programs: `tactus host ...` becomes `tactus-host ...` from the same folder.
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+#include <filesystem>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace {
+
+constexpr int kWrongInput = 2;
+
+struct Command {
+  std::string_view name;
+  std::string_view program;  // beside this one; the demo is in the scripts folder
+  std::string_view purpose;
+};
+constexpr std::array kCommands{
+    Command{"mesh", "tactus-mesh", "build, inspect, verify, generate and audit models"},
+    Command{"host", "tactus-host", "serve models to a session (VE host)"},
+    Command{"hrtc", "tactus-hrtc", "run haptic devices in a session (HRTC)"},
+    Command{"sim", "tactus-sim", "simulated users that follow a scenario, and the session's report"},
+    Command{"demo", "demo", "all of it on this machine, from models to report"},
+};
+
+void print_help(std::FILE* out) {
+  std::fputs("Usage: tactus COMMAND [OPTION...]\n\n", out);
+  for (const Command& c : kCommands) std::fprintf(out, "  %-6s%s\n", c.name.data(), c.purpose.data());
+  std::fputs(
+      "\nEach command has --help. Examples:\n"
+      "  tactus mesh generate organ --faces 500000 --seed 1 organ.ply\n"
+      "  tactus mesh build organ.ply organ.spm --size 0.2\n"
+      "  tactus host --session lab --name host-a --domain 40 organ.spm\n"
+      "  tactus hrtc --session lab --name hrtc-1 --domain 40\n"
+      "  tactus demo --model bunny.obj\n"
+      "\nExit status: 0 done, 1 a check failed or a bound was missed, 2 wrong input, 130 interrupted.\n",
+      out);
+}
+
+std::filesystem::path path_of(const Command& command) {
+  if (command.name == "demo") return std::filesystem::path{TACTUS_SCRIPTS} / command.program;
+  return std::filesystem::read_symlink("/proc/self/exe").parent_path() / command.program;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc < 2) {
+    print_help(stderr);
+    return kWrongInput;
+  }
+  const std::string_view wanted{argv[1]};
+  if (wanted == "--help" || wanted == "-h") {
+    print_help(stdout);
+    return 0;
+  }
+  for (const Command& command : kCommands) {
+    if (command.name != wanted) continue;
+    const std::string program = path_of(command).string();
+    std::vector<char*> arguments(argv + 1, argv + argc + 1);  // with the null that ends argv
+    std::string name = "tactus " + std::string{wanted};
+    arguments[0] = name.data();
+    execv(program.c_str(), arguments.data());
+    std::fprintf(stderr, "tactus: cannot start '%s': %s\n", program.c_str(), std::strerror(errno));
+    return kWrongInput;
+  }
+  std::fprintf(stderr, "tactus: no command '%s'; expected", argv[1]);
+  for (const Command& command : kCommands) std::fprintf(stderr, " %s", command.name.data());
+  std::fputs("\n", stderr);
+  return kWrongInput;
+}
