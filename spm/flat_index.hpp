@@ -1,7 +1,7 @@
 /// Fixed-capacity map from a 64-bit key to a 32-bit number, by open addressing.
 ///
-/// Sized once; never allocates again. Find, insert and erase are O(1) on average at the load it allows (one half). Realtime.
-/// One thread at a time.
+/// Sized once; never allocates again. Find, insert and erase are O(1) on average at the load it allows (one half).
+/// Realtime. One thread at a time.
 #pragma once
 
 #include <cstdint>

@@ -1,4 +1,5 @@
-/// A whole space-partitioned multi-resolution (SPM) model as flat arrays: what a `.spm` file holds and a VE host serves.
+/// A whole space-partitioned multi-resolution (SPM) model as flat arrays: what a `.spm` file holds and a VE host
+/// serves.
 ///
 /// Positions are in file units and model frame, float, exactly as imported. Everything here is in ids.
 /// Source: Liu, Georganas, Roth, 3DIM 2005, section 3 (header, base mesh, regions, vertex splits).
@@ -69,7 +70,7 @@ struct Model {
   ModelSummary summary;
   Span<const std::array<float, 3>> positions;  ///< by VertexId
   Span<const BaseFace> base_faces;
-  Span<const RecordPart> parts;                ///< part r < records is record r's first; continuation parts follow
+  Span<const RecordPart> parts;  ///< part r < records is record r's first; continuation parts follow
   Span<const Region> regions;
   Span<const Run> runs;
 

@@ -1,14 +1,15 @@
 /// The one fixed store of a controller: records, vertices, faces and tree nodes of all its objects.
 ///
-/// A slot holds one record part, the vertex it brings and rows for the two faces it bears. A face that appears therefore
-/// needs no allocation of its own, and a record, once decoded, reaches everything it changes without a look-up.
+/// A slot holds one record part, the vertex it brings and rows for the two faces it bears. A face that appears
+/// therefore needs no allocation of its own, and a record, once decoded, reaches everything it changes without a
+/// look-up.
 ///
 ///   slot s:  parts[s]   vertices[s]   faces[2 s], faces[2 s + 1]   state[s]
 ///            64 B       16 B          2 x 64 B                     2 B
 ///
-/// Who may write: the loader (Cache) fills a slot before it hands a region over and after it got the region back; between
-/// the two, faces and state belong to the haptic thread (Forest). The rings that carry the regions order the accesses.
-/// The base mesh takes slots that are never given back.
+/// Who may write: the loader (Cache) fills a slot before it hands a region over and after it got the region back;
+/// between the two, faces and state belong to the haptic thread (Forest). The rings that carry the regions order the
+/// accesses. The base mesh takes slots that are never given back.
 #pragma once
 
 #include <array>
@@ -22,12 +23,10 @@ namespace tactus::spm {
 
 /// Sized once, at start. `slots` and `tree_nodes` are what an operator sets; the rest follows.
 struct PoolSettings {
-  std::uint32_t slots = 1u << 16;       ///< exceeded: a region is refused and stays coarse
-  std::uint32_t tree_nodes = 1u << 14;  ///< exceeded: refinement stops, PoolFull is flagged
-  std::uint32_t list_blocks = 1u << 13; ///< blocks of 62 list entries; exceeded: as slots
-  static PoolSettings for_slots(std::uint32_t slots) noexcept {
-    return {slots, slots / 2 + 1024, slots / 12 + 256};
-  }
+  std::uint32_t slots = 1u << 16;        ///< exceeded: a region is refused and stays coarse
+  std::uint32_t tree_nodes = 1u << 14;   ///< exceeded: refinement stops, PoolFull is flagged
+  std::uint32_t list_blocks = 1u << 13;  ///< blocks of 62 list entries; exceeded: as slots
+  static PoolSettings for_slots(std::uint32_t slots) noexcept { return {slots, slots / 2 + 1024, slots / 12 + 256}; }
   /// Bytes that a controller with these settings holds for its models.
   [[nodiscard]] std::uint64_t bytes() const noexcept;
 };
@@ -47,7 +46,8 @@ struct alignas(64) FaceRow {
 };
 static_assert(sizeof(FaceRow) == 64);
 
-/// A region's list in memory: blocks of record slots, linked both ways, walked forwards to refine and backwards to coarsen.
+/// A region's list in memory: blocks of record slots, linked both ways, walked forwards to refine and backwards to
+/// coarsen.
 struct ListBlock {
   static constexpr std::uint32_t kEntries = 62;
   std::uint32_t before, after;

@@ -8,9 +8,9 @@
 ///         x1                    x1            Every vertex ever shown is a vertex of the finest mesh.
 ///
 /// A record is a chain of one or more parts. Nearly all have one; a vertex of high valence or on a non-manifold edge
-/// has more, each with further faces. The same layout serves the file (ids), and memory (slots); Cache::decode is the one
-/// place that turns the first into the second.
-/// Source: Hoppe 1996 (vertex split); De Floriani, Magillo, Puppo 1997 (legality, see offline/closure.hpp).
+/// has more, each with further faces. The same layout serves the file (ids), and memory (slots); Cache::decode is the
+/// one place that turns the first into the second. Source: Hoppe 1996 (vertex split); De Floriani, Magillo, Puppo 1997
+/// (legality, see offline/closure.hpp).
 #pragma once
 
 #include <cstdint>
@@ -59,12 +59,12 @@ struct DeformedRef {
 };
 
 struct alignas(64) RecordPart {
-  std::uint32_t parent;           ///< t: VertexId in a file, Slot in memory; the same in every part of a chain
-  std::uint32_t next;             ///< next part: index into the part array (file) or Slot (memory); kNone ends the chain
-  std::uint8_t born_count;        ///< of this part, at most kBornPerPart
-  std::uint8_t deformed_count;    ///< of this part, at most kDeformedPerPart
-  std::uint16_t level;            ///< 1 + the highest level among the records this one depends on
-  BornRef born[kBornPerPart];     ///< always FaceIds
+  std::uint32_t parent;         ///< t: VertexId in a file, Slot in memory; the same in every part of a chain
+  std::uint32_t next;           ///< next part: index into the part array (file) or Slot (memory); kNone ends the chain
+  std::uint8_t born_count;      ///< of this part, at most kBornPerPart
+  std::uint8_t deformed_count;  ///< of this part, at most kDeformedPerPart
+  std::uint16_t level;          ///< 1 + the highest level among the records this one depends on
+  BornRef born[kBornPerPart];   ///< always FaceIds
   std::uint32_t born_x[kBornPerPart];  ///< the third corner: VertexId in a file, Slot in memory
   DeformedRef deformed[kDeformedPerPart];
 };

@@ -16,7 +16,8 @@ RegionGrid::RegionGrid(const GridFrame& frame, Span<const Region> regions)
     boxes_.push_back(box_of(region.cell[0], region.cell[1], region.cell[2], edge));
     cells_.insert(key(region.depth, region.cell[0], region.cell[1], region.cell[2]), i);
     for (std::uint32_t up = 1; up <= region.depth; ++up) {
-      const std::uint64_t above = key(region.depth - up, region.cell[0] >> up, region.cell[1] >> up, region.cell[2] >> up);
+      const std::uint64_t above =
+          key(region.depth - up, region.cell[0] >> up, region.cell[1] >> up, region.cell[2] >> up);
       if (cells_.find(above) != kNone) break;
       cells_.insert(above, kDivided);
     }

@@ -1,8 +1,8 @@
 /// Which labelled cells a ball meets.
 ///
 /// The even partition of the bounding volume is a sparse grid whose dense cells are divided again; only cells that hold
-/// faces exist. Model frame, file units. Look-ups are O(cells of the grid in the ball's box). Realtime after construction.
-/// Source: Liu, Georganas, Roth, 3DIM 2005, section 3.
+/// faces exist. Model frame, file units. Look-ups are O(cells of the grid in the ball's box). Realtime after
+/// construction. Source: Liu, Georganas, Roth, 3DIM 2005, section 3.
 #pragma once
 
 #include <algorithm>
@@ -31,8 +31,8 @@ class RegionGrid {
   [[nodiscard]] std::uint32_t size() const noexcept { return static_cast<std::uint32_t>(boxes_.size()); }
   [[nodiscard]] const CellBox& box(RegionId region) const noexcept { return boxes_[index(region)]; }
 
-  /// Calls `visit(RegionId, squared distance)` once for each labelled cell with a point within `radius` of `centre`, in a
-  /// fixed order. Stops after `kMaxCells` grid cells and returns false: then not all were visited.
+  /// Calls `visit(RegionId, squared distance)` once for each labelled cell with a point within `radius` of `centre`, in
+  /// a fixed order. Stops after `kMaxCells` grid cells and returns false: then not all were visited.
   template <class Visit>
   bool for_each_meeting(const Vec3d& centre, double radius, Visit&& visit) const noexcept {
     std::uint32_t low[3], high[3];
@@ -59,7 +59,8 @@ class RegionGrid {
   static constexpr std::uint32_t kDivided = kNone - 1;
   static constexpr double kSlack = 1e-9;  // of a cell: a ball that touches a cell's face meets it
 
-  [[nodiscard]] static std::uint64_t key(std::uint32_t depth, std::uint32_t x, std::uint32_t y, std::uint32_t z) noexcept {
+  [[nodiscard]] static std::uint64_t key(std::uint32_t depth, std::uint32_t x, std::uint32_t y,
+                                         std::uint32_t z) noexcept {
     return std::uint64_t{depth} << 57 | std::uint64_t{x} << 38 | std::uint64_t{y} << 19 | z;
   }
 

@@ -1,0 +1,141 @@
+/// Active bounding tree: a tree over the finest mesh of which only the shown part exists.
+///
+/// Leaf id = face id, so the topology needs no storage: an 8-wide node at level l with id i covers the faces
+/// [i * 8^l, (i + 1) * 8^l); its parent is (l + 1, i >> 3). Nodes exist where a face below is shown (*active*); an
+/// absent child is a zero bit, and costs a query nothing. A face that appears, changes or goes marks its node
+/// *deformed*, and the mark climbs to the first node already marked; refit recomputes the boxes of marked children,
+/// lowest level first. With k changed faces at most sum over levels of min(k, nodes of that level) nodes are touched;
+/// refit asserts it.
+///
+/// All trees of a controller share one NodePool. Model frame, file units, float boxes of float corners: exact.
+/// Realtime. One thread at a time.
+/// Source: Liu, Georganas, Roth, 3DIM 2005, section 4 (active, deformed, index list, lemma 1). We differ: 8 children
+/// for 2, and an implicit topology for one that is sent along.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "spm/flat_index.hpp"
+#include "spm/model.hpp"
+#include "spm/pool.hpp"
+#include "spm/triangle.hpp"
+
+namespace tactus::spm {
+
+struct alignas(64) TreeNode {
+  static constexpr int kWidth = 8;
+  std::array<std::array<float, kWidth>, 3> low, high;  ///< by axis, then child; inverted where there is none
+  std::array<std::uint32_t, kWidth> child;             ///< node, or face row at level 1
+  std::uint32_t parent;                                ///< node; kNone at the root
+  std::uint32_t id;
+  std::uint32_t next_marked;
+  std::uint8_t level;
+  std::uint8_t mask;   ///< children that exist
+  std::uint8_t dirty;  ///< children whose box is to be recomputed; not 0: this node is marked
+};
+static_assert(sizeof(TreeNode) == 256);
+
+/// The nodes of all trees, and the table that finds one by (object, level, id).
+class NodePool {
+ public:
+  explicit NodePool(std::uint32_t nodes);
+  [[nodiscard]] std::uint32_t free() const noexcept { return static_cast<std::uint32_t>(nodes_.size()) - used_; }
+  [[nodiscard]] std::uint32_t used() const noexcept { return used_; }
+  [[nodiscard]] const TreeNode& operator[](std::uint32_t node) const noexcept { return nodes_[node]; }
+
+ private:
+  friend class AbTree;
+  [[nodiscard]] static std::uint64_t key(std::uint32_t object, std::uint32_t level, std::uint32_t id) noexcept {
+    return std::uint64_t{object} << 40 | std::uint64_t{level} << 32 | id;
+  }
+  std::vector<TreeNode> nodes_;
+  std::vector<std::uint32_t> free_;
+  std::uint32_t used_ = 0;
+  FlatIndex index_;
+};
+
+/// A triangle that a ball touches.
+struct Contact {
+  FaceId face{};
+  bool last = false;  ///< finest version
+  Vec3d point;        ///< nearest to the centre
+  Vec3d normal;       ///< unit, from the point to the centre; the face's own where they coincide
+  double depth = 0;   ///< radius less distance
+};
+
+/// First touch of a moving ball.
+struct SweepContact {
+  FaceId face{};
+  double time = 1;  ///< in [0, 1] of the motion
+  Vec3d point, normal;
+};
+
+struct NearestFace {
+  FaceId face{};
+  Vec3d point;
+  double squared_distance = 0;
+  std::uint32_t row = 0;  ///< face row
+};
+
+struct RefitCount {
+  std::uint32_t changed = 0;  ///< faces marked since the last refit
+  std::uint32_t marked = 0;   ///< nodes recomputed
+  std::uint32_t bound = 0;    ///< most that `changed` faces can mark
+};
+
+class AbTree {
+ public:
+  /// `pool` and `nodes` must outlive the tree. `object` keeps the keys of several trees apart (below 2^24).
+  AbTree(Pool& pool, NodePool& nodes, std::uint32_t object, std::uint32_t finest_faces);
+
+  /// Most nodes that one more face can need.
+  [[nodiscard]] std::uint32_t height() const noexcept { return height_; }
+
+  /// Shows the face in `row`; NodePool::free() must be at least height(). The box follows with refit().
+  void insert(std::uint32_t row) noexcept;
+  /// Hides it again.
+  void remove(std::uint32_t row) noexcept;
+  /// Its corners have changed.
+  void mark(std::uint32_t row) noexcept;
+
+  /// Makes all boxes right again and frees the nodes that are empty. Must come before a query.
+  RefitCount refit() noexcept;
+
+  /// All shown triangles within `radius` of `centre`, in tree order, at most `capacity` of them; returns how many there
+  /// are in all (more than `capacity`: truncated).
+  [[nodiscard]] std::uint32_t touching(const Vec3d& centre, double radius, Contact* out,
+                                       std::uint32_t capacity) const noexcept;
+
+  /// Earliest touch of a ball moving from `from` to `to`; false when there is none. Triangles that it touches already
+  /// count only while it moves into them.
+  [[nodiscard]] bool sweep(const Vec3d& from, const Vec3d& to, double radius, SweepContact& first) const noexcept;
+
+  /// The nearest shown triangle within `within`; false when there is none. Of equally near ones, that of the smallest
+  /// id.
+  [[nodiscard]] bool nearest(const Vec3d& point, double within, NearestFace& found) const noexcept;
+
+  /// What is broken: nodes, masks, boxes, unknown faces. O(nodes), allocates: tests.
+  [[nodiscard]] std::vector<std::string> violations() const;
+  /// Shown face rows, ascending by FaceId. O(nodes), allocates.
+  [[nodiscard]] std::vector<std::uint32_t> shown() const;
+
+ private:
+  static constexpr int kMaxHeight = 10;
+  static constexpr int kStack = 7 * kMaxHeight + 8;
+
+  [[nodiscard]] std::uint32_t make_node(std::uint32_t level, std::uint32_t id) noexcept;
+  void mark_child(std::uint32_t node, unsigned child) noexcept;
+
+  Pool& pool_;
+  NodePool& nodes_;
+  std::uint32_t object_;
+  std::uint32_t finest_faces_;
+  std::uint32_t height_ = 1;
+  std::uint32_t root_ = kNone;
+  std::array<std::uint32_t, kMaxHeight + 1> marked_{};  // heads of the lists of marked nodes, by level
+};
+
+}  // namespace tactus::spm

@@ -1,0 +1,320 @@
+#include "spm/cache.hpp"
+
+#include <algorithm>
+#include <numeric>
+
+namespace tactus::spm {
+namespace {
+
+constexpr std::uint16_t kPinned = 0xffff;
+
+bool in_runs(Span<const Run> runs, std::uint32_t id, std::size_t& hint) noexcept {
+  while (hint < runs.size() && id >= runs[hint].first + runs[hint].count) ++hint;
+  return hint < runs.size() && id >= runs[hint].first;
+}
+
+std::uint64_t total(Span<const Run> runs) noexcept {
+  std::uint64_t count = 0;
+  for (const Run& run : runs) count += run.count;
+  return count;
+}
+
+/// Ascending, in range, not empty, not touching.
+bool well_formed(Span<const Run> runs, std::uint32_t limit) noexcept {
+  std::uint64_t next = 0;
+  bool first = true;
+  for (const Run& run : runs) {
+    if (run.count == 0 || (!first && run.first <= next) || (first && run.first < next)) return false;
+    next = std::uint64_t{run.first} + run.count;
+    if (next > limit) return false;
+    first = false;
+  }
+  return true;
+}
+
+}  // namespace
+
+Cache::Cache(Pool& pool)
+    : pool_{pool},
+      records_{pool.settings.slots},
+      faces_{2 * pool.settings.slots},
+      loaded_(pool.settings.slots, 0),
+      free_(pool.settings.slots),
+      free_count_{pool.settings.slots},
+      free_blocks_(pool.settings.list_blocks),
+      free_block_count_{pool.settings.list_blocks} {
+  // Descending, so that slots are first taken in ascending order: neighbours in a list are neighbours in memory.
+  for (std::uint32_t i = 0; i < free_count_; ++i) free_[i] = free_count_ - 1 - i;
+  for (std::uint32_t i = 0; i < free_block_count_; ++i) free_blocks_[i] = free_block_count_ - 1 - i;
+}
+
+Cache::Admitted Cache::admit(const BaseMesh& base) {
+  const auto vertices = static_cast<std::uint32_t>(base.positions.size());
+  const auto faces = static_cast<std::uint32_t>(base.faces.size());
+  const std::uint32_t needed = std::max(vertices, (faces + 1) / 2);
+  if (needed > free_count_) return {};
+
+  Admitted result;
+  result.fits = true;
+  result.object = ObjectIndex{static_cast<std::uint32_t>(objects_.size())};
+  Object object;
+  object.summary = base.summary;
+  std::vector<std::uint32_t> slots(needed);
+  for (std::uint32_t& slot : slots) {
+    slot = take_slot();
+    loaded_[slot] = kPinned;
+    pool_.parts[slot] = RecordPart{};
+    pool_.parts[slot].next = kNone;
+    pool_.state[slot] = SlotState{};
+  }
+  for (std::uint32_t i = 0; i < vertices; ++i) pool_.vertices[slots[i]] = {base.positions[i], i};
+  object.base_slots.assign(slots.begin(), slots.begin() + vertices);
+
+  result.base.faces.reserve(faces);
+  for (std::uint32_t i = 0; i < faces; ++i) {
+    const BaseFace& face = base.faces[i];
+    const std::uint32_t row_index = 2 * slots[i / 2] + i % 2;
+    FaceRow& row = pool_.faces[row_index];
+    for (int corner = 0; corner < 3; ++corner) {
+      row.vertices[corner] = slots[face.corners[corner]];
+      const std::array<float, 3>& position = base.positions[face.corners[corner]];
+      std::copy(position.begin(), position.end(), row.corners.begin() + 3 * corner);
+    }
+    row.face = face.face;
+    row.last = face.last;
+    row.node = kNone;
+    faces_.insert(key(result.object, face.face), row_index);
+    result.base.faces.push_back(row_index);
+  }
+  object.record_counts.reserve(base.regions.size());
+  for (const Region& region : base.regions) object.record_counts.push_back(region.record_count);
+  object.lists.resize(base.regions.size());
+  object.seen.resize(base.summary.records);
+  objects_.push_back(std::move(object));
+  return result;
+}
+
+std::uint32_t Cache::slot_of_vertex(const Object& object, ObjectIndex number, std::uint32_t vertex) const noexcept {
+  if (vertex < object.summary.base_vertices) return object.base_slots[vertex];
+  return records_.find(key(number, vertex - object.summary.base_vertices));
+}
+
+AcceptResult Cache::decode(ObjectIndex number, std::uint32_t record, const RegionData& data, std::uint32_t& part,
+                           const std::array<float, 3>& position) noexcept {
+  const Object& object = objects_[index(number)];
+  const std::uint32_t first_slot = free_[free_count_ - 1];  // the one that take_slot gives below
+  std::uint32_t slot = kNone;
+  for (bool more = true; more;) {
+    if (part >= data.parts.size()) return AcceptResult::kMalformed;
+    const RecordPart& source = data.parts[part];
+    if (source.born_count > kBornPerPart || source.deformed_count > kDeformedPerPart) return AcceptResult::kMalformed;
+    if (free_count_ == 0) return AcceptResult::kPoolFull;
+
+    const std::uint32_t before = slot;
+    slot = take_slot();
+    if (before != kNone) pool_.parts[before].next = slot;
+    RecordPart& target = pool_.parts[slot];
+    target = source;
+    target.next = kNone;
+    target.born_count = 0;  // grows with the faces entered, so that forget() undoes just those
+    pool_.state[slot] = SlotState{};
+    pool_.vertices[slot] = {position, object.summary.base_vertices + record};
+    loaded_[slot] = 0;
+    if (before == kNone) records_.insert(key(number, record), slot);
+
+    if (source.parent - object.summary.base_vertices == record) return AcceptResult::kMalformed;
+    target.parent = slot_of_vertex(object, number, source.parent);
+    if (target.parent == kNone) return AcceptResult::kIncomplete;
+    for (int i = 0; i < source.deformed_count; ++i) {
+      const DeformedRef ref = source.deformed[i];
+      const std::uint32_t row = faces_.find(key(number, ref.face()));
+      if (row == kNone) return AcceptResult::kIncomplete;
+      if (ref.corner() > 2) return AcceptResult::kMalformed;
+      target.deformed[i] = DeformedRef::make(row, ref.corner(), ref.last());
+    }
+    for (int i = 0; i < source.born_count; ++i) {
+      if (source.born[i].face() >= object.summary.faces || source.born[i].order() > 5) return AcceptResult::kMalformed;
+      target.born_x[i] = slot_of_vertex(object, number, source.born_x[i]);
+      if (target.born_x[i] == kNone) return AcceptResult::kIncomplete;
+      const std::uint64_t face_key = key(number, source.born[i].face());
+      if (target.born_x[i] == first_slot || faces_.find(face_key) != kNone) return AcceptResult::kMalformed;
+      const std::uint32_t row = 2 * slot + static_cast<std::uint32_t>(i);
+      faces_.insert(face_key, row);
+      pool_.faces[row].face = source.born[i].face();
+      pool_.faces[row].node = kNone;
+      target.born_count = static_cast<std::uint8_t>(i + 1);
+    }
+    more = source.next != kNone;
+    if (more && source.next != part + 1) return AcceptResult::kMalformed;
+    ++part;
+  }
+  return AcceptResult::kAccepted;
+}
+
+void Cache::forget(ObjectIndex number, std::uint32_t first_slot) noexcept {
+  const Object& object = objects_[index(number)];
+  records_.erase(key(number, pool_.vertices[first_slot].id - object.summary.base_vertices));
+  for (std::uint32_t slot = first_slot; slot != kNone;) {
+    const RecordPart& part = pool_.parts[slot];
+    TACTUS_ASSERT(pool_.state[slot].bits == 0);
+    for (int i = 0; i < part.born_count; ++i) faces_.erase(key(number, part.born[i].face()));
+    const std::uint32_t next = part.next;
+    give_slot(slot);
+    slot = next;
+  }
+}
+
+AcceptResult Cache::accept(ObjectIndex number, const RegionData& data, RegionList& out) noexcept {
+  Object& object = objects_[index(number)];
+  if (index(data.region) >= object.lists.size()) return AcceptResult::kMalformed;
+  if (object.lists[index(data.region)].first_block != kNone) return AcceptResult::kHeld;
+  const Span<const Run> list{data.list};
+  const Span<const Run> sent{data.sent};
+  if (!well_formed(list, object.summary.records) || !well_formed(sent, object.summary.records) ||
+      total(list) != object.record_counts[index(data.region)] || total(sent) != data.positions.size())
+    return AcceptResult::kMalformed;
+  const auto length = static_cast<std::uint32_t>(total(list));
+  // An empty list still takes a block, so that "held" is visible.
+  const std::uint32_t blocks = std::max(1u, (length + ListBlock::kEntries - 1) / ListBlock::kEntries);
+  if (blocks > free_block_count_) return AcceptResult::kPoolFull;
+
+  RegionList made;
+  std::uint32_t block = kNone;
+  const auto append = [&](std::uint32_t slot) noexcept {
+    const std::uint32_t place = made.length % ListBlock::kEntries;
+    if (place == 0) {
+      const std::uint32_t before = block;
+      block = free_blocks_[--free_block_count_];
+      pool_.blocks[block].before = before;
+      pool_.blocks[block].after = kNone;
+      if (before == kNone)
+        made.first_block = block;
+      else
+        pool_.blocks[before].after = block;
+    }
+    if (slot == kNone) return;
+    pool_.blocks[block].slots[place] = slot;
+    ++made.length;
+  };
+  if (length == 0) append(kNone);
+
+  AcceptResult result = AcceptResult::kAccepted;
+  std::size_t hint = 0;
+  std::uint32_t part = 0;
+  std::uint32_t position = 0;
+  std::uint64_t repeated = 0, fresh = 0, returned = 0;
+  for (const Run& run : list) {
+    for (std::uint32_t record = run.first; record < run.first + run.count; ++record) {
+      const bool is_sent = in_runs(sent, record, hint);
+      std::uint32_t slot = records_.find(key(number, record));
+      if (slot != kNone && is_sent) {  // here already: skip its parts
+        ++repeated;
+        while (part < data.parts.size() && data.parts[part].next != kNone) ++part;
+        ++part;
+        ++position;
+      } else if (slot == kNone && !is_sent) {
+        result = AcceptResult::kIncomplete;
+      } else if (slot == kNone) {
+        result = free_count_ == 0 ? AcceptResult::kPoolFull : AcceptResult::kAccepted;
+        if (result == AcceptResult::kAccepted) {
+          slot = free_[free_count_ - 1];
+          result = decode(number, record, data, part, data.positions[position++]);
+          if (result != AcceptResult::kAccepted && records_.find(key(number, record)) != kNone) forget(number, slot);
+          ++fresh;
+          if (object.seen[record]) ++returned;
+        }
+      }
+      if (result != AcceptResult::kAccepted) break;
+      ++loaded_[slot];
+      append(slot);
+    }
+    if (result != AcceptResult::kAccepted) break;
+  }
+  if (result == AcceptResult::kAccepted && (part != data.parts.size() || position != data.positions.size()))
+    result = AcceptResult::kMalformed;
+  if (result != AcceptResult::kAccepted) {
+    if (made.first_block != kNone) release_list(number, made);
+    return result;
+  }
+  for (const Run& run : sent)
+    std::fill(object.seen.begin() + run.first, object.seen.begin() + run.first + run.count, true);
+  counters_.records_accepted += fresh;
+  counters_.records_repeated += repeated;
+  counters_.records_returned += returned;
+  object.lists[index(data.region)] = made;
+  out = made;
+  return AcceptResult::kAccepted;
+}
+
+void Cache::release_list(ObjectIndex number, RegionList& list) noexcept {
+  // From the back: a record goes before those that it names.
+  std::uint32_t block = list.first_block;
+  while (pool_.blocks[block].after != kNone) block = pool_.blocks[block].after;
+  std::uint32_t left = list.length;
+  while (block != kNone) {
+    const std::uint32_t in_block = left == 0 ? 0 : (left - 1) % ListBlock::kEntries + 1;
+    for (std::uint32_t i = in_block; i-- > 0;) {
+      const std::uint32_t slot = pool_.blocks[block].slots[i];
+      if (--loaded_[slot] == 0) forget(number, slot);
+    }
+    left -= in_block;
+    const std::uint32_t before = pool_.blocks[block].before;
+    free_blocks_[free_block_count_++] = block;
+    block = before;
+  }
+  list = RegionList{};
+}
+
+void Cache::release(ObjectIndex number, RegionId region) noexcept {
+  RegionList& list = objects_[index(number)].lists[index(region)];
+  TACTUS_CHECK(list.first_block != kNone);
+  release_list(number, list);
+  ++counters_.regions_released;
+}
+
+bool Cache::holds(ObjectIndex object, RegionId region) const noexcept {
+  return objects_[index(object)].lists[index(region)].first_block != kNone;
+}
+
+std::vector<std::string> Cache::violations() const {
+  std::vector<std::string> found;
+  std::vector<std::uint32_t> counted(loaded_.size(), 0);
+  std::uint32_t blocks_held = 0;
+  for (const Object& object : objects_)
+    for (const RegionList& list : object.lists) {
+      std::uint32_t left = list.length;
+      for (std::uint32_t block = list.first_block; block != kNone; block = pool_.blocks[block].after) {
+        ++blocks_held;
+        for (std::uint32_t i = 0; i < ListBlock::kEntries && left > 0; ++i, --left)
+          ++counted[pool_.blocks[block].slots[i]];
+      }
+      if (left != 0) found.push_back("a region's list has " + std::to_string(left) + " entries less than its length");
+    }
+  if (blocks_held + free_block_count_ != pool_.settings.list_blocks)
+    found.push_back(std::to_string(blocks_held) + " blocks held and " + std::to_string(free_block_count_) +
+                    " free of " + std::to_string(pool_.settings.list_blocks));
+  std::vector<bool> is_free(loaded_.size(), false);
+  for (std::uint32_t i = 0; i < free_count_; ++i) {
+    if (is_free[free_[i]]) found.push_back("slot " + std::to_string(free_[i]) + " is free twice");
+    is_free[free_[i]] = true;
+  }
+  std::uint32_t chained = 0;
+  for (std::uint32_t slot = 0; slot < loaded_.size(); ++slot) {
+    if (loaded_[slot] == kPinned) {
+      ++chained;
+      continue;
+    }
+    if (counted[slot] > 0 && is_free[slot]) found.push_back("slot " + std::to_string(slot) + " is listed and free");
+    if (counted[slot] > 0 && counted[slot] != loaded_[slot])
+      found.push_back("slot " + std::to_string(slot) + " is in " + std::to_string(counted[slot]) + " lists, counted " +
+                      std::to_string(loaded_[slot]));
+    if (counted[slot] > 0)
+      for (std::uint32_t part = slot; part != kNone; part = pool_.parts[part].next) ++chained;
+  }
+  if (chained + free_count_ != pool_.settings.slots)
+    found.push_back(std::to_string(chained) + " slots in use and " + std::to_string(free_count_) + " free of " +
+                    std::to_string(pool_.settings.slots));
+  return found;
+}
+
+}  // namespace tactus::spm

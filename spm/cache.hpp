@@ -1,0 +1,106 @@
+/// The loader's half of the pool: which records of which objects are here, and in which slots.
+///
+/// Takes base meshes and regions in ids, gives slots; the one place where ids become slots. Counts for each record how
+/// many held regions list it (the loaded front), so that releasing a region frees what no other needs and never breaks
+/// a closure. One thread, not the haptic one. Does not allocate after `admit`. Everything that arrives is checked
+/// against what is held. Source: Liu, Georganas, Roth, 3DIM 2005, section 3 (local cache, loaded fronting).
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "spm/flat_index.hpp"
+#include "spm/model.hpp"
+#include "spm/pool.hpp"
+#include "spm/region_data.hpp"
+
+namespace tactus::spm {
+
+/// Number of an object within one controller.
+enum class ObjectIndex : std::uint32_t {};
+
+enum class AcceptResult : std::uint8_t {
+  kAccepted,
+  kHeld,        ///< the region is here already
+  kPoolFull,    ///< no slot or list block left: release something and ask again
+  kIncomplete,  ///< a record it depends on is neither here nor in the message: ask again
+  kMalformed    ///< contradicts the model or what is held
+};
+
+/// The base mesh in slots, for the haptic thread.
+struct BaseSlots {
+  std::vector<std::uint32_t> faces;  ///< face rows, in FaceId order of the base; filled and pinned
+};
+
+struct CacheCounters {
+  std::uint64_t records_accepted = 0;  ///< decoded into slots
+  std::uint64_t records_repeated = 0;  ///< came although they were here
+  std::uint64_t records_returned = 0;  ///< decoded again after having been freed
+  std::uint64_t regions_released = 0;
+};
+
+class Cache {
+ public:
+  /// `pool` must outlive the cache. Allocates.
+  explicit Cache(Pool& pool);
+
+  /// Pins the base mesh. kNone-like failure is an answer, not an exception: the base did not fit, nothing has changed.
+  /// `base` must have passed violations(). Allocates.
+  struct Admitted {
+    bool fits = false;
+    ObjectIndex object{};
+    BaseSlots base;
+  };
+  [[nodiscard]] Admitted admit(const BaseMesh& base);
+
+  /// Decodes what is new, counts the whole list as loaded and writes it to `list` in slots. Anything but kAccepted
+  /// leaves the cache as it was. O(list + sent).
+  [[nodiscard]] AcceptResult accept(ObjectIndex object, const RegionData& data, RegionList& list) noexcept;
+
+  /// Frees the region's list and what only it needed. The haptic thread must have given the region back. O(list).
+  void release(ObjectIndex object, RegionId region) noexcept;
+
+  [[nodiscard]] bool holds(ObjectIndex object, RegionId region) const noexcept;
+  [[nodiscard]] std::uint32_t slots_used() const noexcept { return pool_.settings.slots - free_count_; }
+  [[nodiscard]] std::uint32_t slots_free() const noexcept { return free_count_; }
+  [[nodiscard]] std::uint32_t blocks_free() const noexcept { return free_block_count_; }
+  [[nodiscard]] const CacheCounters& counters() const noexcept { return counters_; }
+
+  /// What is broken, in words. O(pool), allocates: tests.
+  [[nodiscard]] std::vector<std::string> violations() const;
+
+ private:
+  struct Object {
+    ModelSummary summary;
+    std::vector<std::uint32_t> base_slots;     // by base VertexId
+    std::vector<std::uint32_t> record_counts;  // by region: what its list must add up to
+    std::vector<RegionList> lists;             // by region; first_block kNone when not held
+    std::vector<bool> seen;                    // by record: has been here before
+  };
+
+  [[nodiscard]] static std::uint64_t key(ObjectIndex object, std::uint32_t id) noexcept {
+    return std::uint64_t{index(object)} << 32 | id;
+  }
+  [[nodiscard]] std::uint32_t slot_of_vertex(const Object& object, ObjectIndex number,
+                                             std::uint32_t vertex) const noexcept;
+  [[nodiscard]] AcceptResult decode(ObjectIndex number, std::uint32_t record, const RegionData& data,
+                                    std::uint32_t& part, const std::array<float, 3>& position) noexcept;
+  void forget(ObjectIndex number, std::uint32_t first_slot) noexcept;
+  void release_list(ObjectIndex number, RegionList& list) noexcept;
+  [[nodiscard]] std::uint32_t take_slot() noexcept { return free_[--free_count_]; }
+  void give_slot(std::uint32_t slot) noexcept { free_[free_count_++] = slot; }
+
+  Pool& pool_;
+  std::vector<Object> objects_;
+  FlatIndex records_;                  // (object, RecordId) -> first slot
+  FlatIndex faces_;                    // (object, FaceId) -> face row, of every face borne by a held record or the base
+  std::vector<std::uint16_t> loaded_;  // by first slot
+  std::vector<std::uint32_t> free_;
+  std::uint32_t free_count_ = 0;
+  std::vector<std::uint32_t> free_blocks_;
+  std::uint32_t free_block_count_ = 0;
+  CacheCounters counters_;
+};
+
+}  // namespace tactus::spm

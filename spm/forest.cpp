@@ -1,0 +1,265 @@
+#include "spm/forest.hpp"
+
+#include <algorithm>
+#include <map>
+
+namespace tactus::spm {
+
+Forest::Forest(Pool& pool, NodePool& nodes, std::uint32_t object, const ModelSummary& summary, RegionGrid grid,
+               BaseSlots base)
+    : pool_{pool},
+      nodes_{nodes},
+      grid_{std::move(grid)},
+      tree_{pool, nodes, object, summary.faces},
+      base_{std::move(base)},
+      states_(grid_.size()),
+      in_use_(grid_.size()),
+      order_(grid_.size()) {}
+
+std::uint64_t Forest::hash_of(std::uint32_t vertex_id) noexcept {
+  std::uint64_t z = vertex_id + 0x9e3779b97f4a7c15ull;  // splitmix64
+  z = (z ^ z >> 30) * 0xbf58476d1ce4e5b9ull;
+  z = (z ^ z >> 27) * 0x94d049bb133111ebull;
+  return z ^ z >> 31;
+}
+
+void Forest::use(std::uint32_t region) noexcept {
+  State& state = states_[region];
+  if (state.in_use_at != kNone) return;
+  state.in_use_at = in_use_count_;
+  in_use_[in_use_count_++] = region;
+}
+
+void Forest::unuse(std::uint32_t region) noexcept {
+  State& state = states_[region];
+  const std::uint32_t last = in_use_[--in_use_count_];
+  in_use_[state.in_use_at] = last;
+  states_[last].in_use_at = state.in_use_at;
+  state.in_use_at = kNone;
+}
+
+void Forest::add(RegionId region, RegionList list) noexcept {
+  State& state = states_[index(region)];
+  TACTUS_ASSERT(state.list.first_block == kNone && state.cursor == 0);
+  state.list = list;
+  state.block = list.first_block;
+  state.block_number = 0;
+}
+
+void Forest::retire(RegionId region) noexcept {
+  State& state = states_[index(region)];
+  TACTUS_ASSERT(state.list.first_block != kNone && !state.retiring);
+  state.retiring = true;
+  ++retiring_count_;
+  use(index(region));
+}
+
+std::uint32_t Forest::take_retired() noexcept {
+  if (retiring_count_ == 0) return kNone;
+  for (std::uint32_t i = 0; i < in_use_count_; ++i) {
+    const std::uint32_t region = in_use_[i];
+    State& state = states_[region];
+    if (!state.retiring || state.cursor != 0) continue;
+    unuse(region);
+    --retiring_count_;
+    state = State{};
+    return region;
+  }
+  return kNone;
+}
+
+void Forest::target(const RegionId* regions, std::uint32_t count) noexcept {
+  ++stamp_;
+  order_count_ = 0;
+  for (std::uint32_t i = 0; i < count; ++i) {
+    const std::uint32_t region = index(regions[i]);
+    State& state = states_[region];
+    if (state.list.first_block == kNone || state.retiring || state.asked == stamp_) continue;
+    state.asked = stamp_;
+    use(region);
+    order_[order_count_++] = region;
+  }
+}
+
+std::uint32_t Forest::entry(State& state, std::uint32_t number) noexcept {
+  const std::uint32_t block_number = number / ListBlock::kEntries;
+  for (; state.block_number < block_number; ++state.block_number) state.block = pool_.blocks[state.block].after;
+  for (; state.block_number > block_number; --state.block_number) state.block = pool_.blocks[state.block].before;
+  return pool_.blocks[state.block].slots[number % ListBlock::kEntries];
+}
+
+bool Forest::room_for(std::uint32_t slot) const noexcept {
+  std::uint32_t faces = 0;
+  for (; slot != kNone; slot = pool_.parts[slot].next) faces += pool_.parts[slot].born_count;
+  return nodes_.free() >= faces * tree_.height();
+}
+
+void Forest::set_corner(FaceRow& row, std::uint32_t corner, std::uint32_t slot) noexcept {
+  row.vertices[corner] = slot;
+  const std::array<float, 3>& position = pool_.vertices[slot].position;
+  std::copy(position.begin(), position.end(), row.corners.begin() + 3 * corner);
+}
+
+void Forest::split(std::uint32_t slot) noexcept {
+  const std::uint32_t parent = pool_.parts[slot].parent;
+  for (std::uint32_t at = slot; at != kNone; at = pool_.parts[at].next) {
+    const RecordPart& part = pool_.parts[at];
+    for (std::uint32_t i = 0; i < part.deformed_count; ++i) {
+      const DeformedRef ref = part.deformed[i];
+      FaceRow& row = pool_.faces[ref.face()];
+      set_corner(row, ref.corner(), slot);
+      row.last = ref.last();
+      tree_.mark(ref.face());
+    }
+    for (std::uint32_t i = 0; i < part.born_count; ++i) {
+      const BornRef born = part.born[i];
+      const BornCorners corners = born_corners(born.order());
+      const std::uint32_t row_index = 2 * at + i;
+      FaceRow& row = pool_.faces[row_index];
+      set_corner(row, static_cast<std::uint32_t>(corners.u), slot);
+      set_corner(row, static_cast<std::uint32_t>(corners.t), parent);
+      set_corner(row, static_cast<std::uint32_t>(corners.x), part.born_x[i]);
+      row.last = born.last();
+      tree_.insert(row_index);
+    }
+  }
+  pool_.state[slot].bits |= SlotState::kShown;
+  hash_ ^= hash_of(pool_.vertices[slot].id);
+  ++counters_.splits;
+}
+
+void Forest::collapse(std::uint32_t slot) noexcept {
+  const std::uint32_t parent = pool_.parts[slot].parent;
+  for (std::uint32_t at = slot; at != kNone; at = pool_.parts[at].next) {
+    const RecordPart& part = pool_.parts[at];
+    for (std::uint32_t i = 0; i < part.born_count; ++i) tree_.remove(2 * at + i);
+    for (std::uint32_t i = 0; i < part.deformed_count; ++i) {
+      const DeformedRef ref = part.deformed[i];
+      FaceRow& row = pool_.faces[ref.face()];
+      set_corner(row, ref.corner(), parent);
+      row.last = 0;
+      tree_.mark(ref.face());
+    }
+  }
+  pool_.state[slot].bits &= static_cast<std::uint16_t>(~SlotState::kShown);
+  hash_ ^= hash_of(pool_.vertices[slot].id);
+  ++counters_.collapses;
+}
+
+Advance Forest::refine(State& state, Budget& budget) noexcept {
+  while (state.cursor < state.list.length) {
+    if (budget.units < Budget::kVisit) return Advance::kBudget;
+    const std::uint32_t slot = entry(state, state.cursor);
+    SlotState& record = pool_.state[slot];
+    if (!record.shown()) {
+      if (budget.units < Budget::kVisit + Budget::kChange) return Advance::kBudget;
+      if (!room_for(slot)) return Advance::kNodesFull;
+      split(slot);
+      budget.units -= Budget::kChange;
+    }
+    TACTUS_ASSERT(record.wanted() < 0x7fff);
+    ++record.bits;
+    ++state.cursor;
+    budget.units -= Budget::kVisit;
+    ++counters_.visits;
+  }
+  return Advance::kDone;
+}
+
+Advance Forest::coarsen(State& state, Budget& budget) noexcept {
+  while (state.cursor > 0) {
+    if (budget.units < Budget::kVisit + Budget::kChange) return Advance::kBudget;
+    const std::uint32_t slot = entry(state, state.cursor - 1);
+    SlotState& record = pool_.state[slot];
+    TACTUS_ASSERT(record.wanted() > 0 && record.shown());
+    --record.bits;
+    --state.cursor;
+    budget.units -= Budget::kVisit;
+    ++counters_.visits;
+    if (record.wanted() > 0) continue;
+    collapse(slot);
+    budget.units -= Budget::kChange;
+  }
+  return Advance::kDone;
+}
+
+Advance Forest::advance(Budget& budget) noexcept {
+  for (; !base_shown(); ++base_cursor_) {
+    if (budget.units < Budget::kChange) return Advance::kBudget;
+    if (nodes_.free() < tree_.height()) return Advance::kNodesFull;
+    tree_.insert(base_.faces[base_cursor_]);
+    budget.units -= Budget::kChange;
+  }
+  Advance refining = Advance::kDone;
+  for (std::uint32_t i = 0; i < order_count_ && refining == Advance::kDone; ++i)
+    if (State& state = states_[order_[i]]; wants(state)) refining = refine(state, budget);
+  if (refining == Advance::kBudget) return refining;
+
+  for (std::uint32_t i = in_use_count_; i-- > 0;) {
+    const std::uint32_t region = in_use_[i];
+    State& state = states_[region];
+    if (wants(state)) continue;
+    if (coarsen(state, budget) == Advance::kBudget) return Advance::kBudget;
+    if (!state.retiring) unuse(region);
+  }
+  return refining;
+}
+
+bool Forest::exact(const Vec3d& centre, double radius) const noexcept {
+  bool all = base_shown();
+  const bool seen =
+      grid_.for_each_meeting(centre, radius, [&](RegionId region, double) { all = all && is_refined(region); });
+  return all && seen;
+}
+
+std::vector<std::string> Forest::violations() const {
+  std::vector<std::string> found;
+  std::map<std::uint32_t, std::uint32_t> wanted;  // by slot, over the applied prefixes
+  for (std::uint32_t region = 0; region < states_.size(); ++region) {
+    const State& state = states_[region];
+    if (state.cursor > state.list.length) found.push_back("region " + std::to_string(region) + " is past its end");
+    if (state.cursor > 0 && state.in_use_at == kNone)
+      found.push_back("region " + std::to_string(region) + " is refined and not in use");
+    std::uint32_t left = state.cursor;
+    for (std::uint32_t block = state.list.first_block; left > 0; block = pool_.blocks[block].after)
+      for (std::uint32_t i = 0; i < ListBlock::kEntries && left > 0; ++i, --left)
+        ++wanted[pool_.blocks[block].slots[i]];
+  }
+  std::uint64_t hash = 0;
+  std::map<std::uint32_t, bool> expected_rows;
+  for (std::size_t i = 0; i < base_cursor_; ++i) expected_rows[base_.faces[i]] = true;
+  for (const auto& [slot, count] : wanted) {
+    const SlotState state = pool_.state[slot];
+    const std::string name = "record of vertex " + std::to_string(pool_.vertices[slot].id);
+    if (state.wanted() != count)
+      found.push_back(name + " is wanted " + std::to_string(state.wanted()) + " times, counted " +
+                      std::to_string(count));
+    if (!state.shown()) found.push_back(name + " is wanted and not shown");
+    hash ^= hash_of(pool_.vertices[slot].id);
+    for (std::uint32_t at = slot; at != kNone; at = pool_.parts[at].next)
+      for (std::uint32_t i = 0; i < pool_.parts[at].born_count; ++i) expected_rows[2 * at + i] = true;
+  }
+  if (hash != hash_) found.push_back("the mesh hash differs from a recount: some record is shown and not wanted");
+  const std::vector<std::uint32_t> shown = tree_.shown();
+  for (const std::uint32_t row_index : shown) {
+    const FaceRow& row = pool_.faces[row_index];
+    if (expected_rows.erase(row_index) == 0)
+      found.push_back("face " + std::to_string(row.face) + " is shown by no record");
+    for (int i = 0; i < 3; ++i) {
+      const Vertex& vertex = pool_.vertices[row.vertices[i]];
+      const bool is_record = pool_.state[row.vertices[i]].shown();
+      const bool is_base = pool_.state[row.vertices[i]].bits == 0 && wanted.count(row.vertices[i]) == 0;
+      if (!is_record && !is_base)
+        found.push_back("face " + std::to_string(row.face) + " stands on vertex " + std::to_string(vertex.id) +
+                        ", not shown");
+      if (!std::equal(vertex.position.begin(), vertex.position.end(), row.corners.begin() + 3 * i))
+        found.push_back("face " + std::to_string(row.face) + " has old coordinates");
+    }
+  }
+  if (!expected_rows.empty())
+    found.push_back(std::to_string(expected_rows.size()) + " faces that should be shown are not");
+  for (std::string& text : tree_.violations()) found.push_back(std::move(text));
+  return found;
+}
+
+}  // namespace tactus::spm

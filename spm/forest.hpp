@@ -1,0 +1,134 @@
+/// The haptic thread's half of an object: which records are shown (the refined front), and how that follows the
+/// contact.
+///
+/// A region is refined by walking its list forwards (each record wanted once more, split unless shown) and coarsened by
+/// walking it backwards (wanted once less, collapsed when wanted no more). Ids ascend topologically and lists are
+/// closed, so wherever a walk stops the mesh is valid: the budget may cut anywhere, a region may turn round half way.
+/// Records that two regions share are split once and stay.
+///
+///   region   |#########|...........|     #: applied prefix; the mesh is exact in the cell when nothing is left
+///            0      cursor      length
+///
+/// Refining goes first, in the order asked for, and coarsening after it, so that what old and new regions share never
+/// moves. We differ from the paper's order (collapse, then split) because faces have their own rows: there is no pool
+/// to free first; only tree nodes are taken, and when these run out coarsening goes first. Realtime after construction,
+/// but for the functions marked otherwise. One thread at a time. Source: Liu, Georganas, Roth, 3DIM 2005, section 3
+/// (vertex forest, two-phase local refinement).
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "spm/ab_tree.hpp"
+#include "spm/cache.hpp"
+#include "spm/region_grid.hpp"
+
+namespace tactus::spm {
+
+/// What one call may still do. Entries of lists visited, records split or collapsed and base faces shown all cost.
+struct Budget {
+  std::uint32_t units = 0;
+  static constexpr std::uint32_t kVisit = 1;    ///< one list entry
+  static constexpr std::uint32_t kChange = 16;  ///< one split or collapse, its share of the refit included
+};
+
+/// Counts since the start; differences give a cycle's.
+struct ForestCounters {
+  std::uint64_t splits = 0;
+  std::uint64_t collapses = 0;
+  std::uint64_t visits = 0;
+};
+
+enum class Advance : std::uint8_t {
+  kDone,      ///< everything stands as asked
+  kBudget,    ///< stopped by the budget
+  kNodesFull  ///< no tree node left: some regions stay coarse
+};
+
+class Forest {
+ public:
+  /// `grid` is copied; `pool` and `nodes` must outlive the forest. Not realtime: allocates for every region.
+  Forest(Pool& pool, NodePool& nodes, std::uint32_t object, const ModelSummary& summary, RegionGrid grid,
+         BaseSlots base);
+
+  /// A region has been loaded. It stays coarse until asked for.
+  void add(RegionId region, RegionList list) noexcept;
+  /// It is to be unloaded: coarsened as the budget allows, then reported by `take_retired`.
+  void retire(RegionId region) noexcept;
+  /// A retired region of which nothing is applied any more, or kNone. The loader may free it.
+  [[nodiscard]] std::uint32_t take_retired() noexcept;
+
+  /// Says which regions shall be refined, first comes first; all others are to be coarse. Regions that are not here are
+  /// passed over. O(regions asked for + regions in use).
+  void target(const RegionId* regions, std::uint32_t count) noexcept;
+
+  /// Works towards the target. Then refit before any query.
+  [[nodiscard]] Advance advance(Budget& budget) noexcept;
+  RefitCount refit() noexcept { return tree_.refit(); }
+
+  [[nodiscard]] bool base_shown() const noexcept { return base_cursor_ == base_.faces.size(); }
+  [[nodiscard]] bool is_refined(RegionId region) const noexcept {
+    const State& state = states_[index(region)];
+    return state.list.first_block != kNone && state.cursor == state.list.length;
+  }
+  [[nodiscard]] bool is_here(RegionId region) const noexcept {
+    return states_[index(region)].list.first_block != kNone;
+  }
+  [[nodiscard]] bool is_retiring(RegionId region) const noexcept { return states_[index(region)].retiring; }
+  /// A query of that ball is exact: every labelled cell it meets is refined.
+  [[nodiscard]] bool exact(const Vec3d& centre, double radius) const noexcept;
+
+  [[nodiscard]] const AbTree& tree() const noexcept { return tree_; }
+  [[nodiscard]] const RegionGrid& grid() const noexcept { return grid_; }
+  [[nodiscard]] const ForestCounters& counters() const noexcept { return counters_; }
+  /// Names the shown mesh: xor over the shown records of a mixed id. O(1) kept up to date. A function of the set of
+  /// shown records alone, and these determine every corner of every face.
+  [[nodiscard]] std::uint64_t mesh_hash() const noexcept { return hash_; }
+  [[nodiscard]] static std::uint64_t hash_of(std::uint32_t vertex_id) noexcept;
+  /// Regions partly or wholly refined, and those that wait.
+  [[nodiscard]] std::uint32_t regions_in_use() const noexcept { return in_use_count_; }
+
+  /// What is broken: counters against a recount, shown faces against the records, the tree. O(pool), allocates.
+  [[nodiscard]] std::vector<std::string> violations() const;
+
+ private:
+  struct State {
+    RegionList list;
+    std::uint32_t cursor = 0;     // entries applied
+    std::uint32_t block = kNone;  // the block last used, and its place in the list
+    std::uint32_t block_number = 0;
+    std::uint32_t asked = 0;          // stamp of the target that asked for it
+    std::uint32_t in_use_at = kNone;  // place in in_use_
+    bool retiring = false;
+  };
+
+  [[nodiscard]] bool wants(const State& state) const noexcept { return state.asked == stamp_ && !state.retiring; }
+  void use(std::uint32_t region) noexcept;
+  void unuse(std::uint32_t region) noexcept;
+  [[nodiscard]] Advance refine(State& state, Budget& budget) noexcept;
+  [[nodiscard]] Advance coarsen(State& state, Budget& budget) noexcept;
+  [[nodiscard]] std::uint32_t entry(State& state, std::uint32_t number) noexcept;
+  [[nodiscard]] bool room_for(std::uint32_t slot) const noexcept;
+  void split(std::uint32_t slot) noexcept;
+  void collapse(std::uint32_t slot) noexcept;
+  void set_corner(FaceRow& row, std::uint32_t corner, std::uint32_t slot) noexcept;
+
+  Pool& pool_;
+  NodePool& nodes_;
+  RegionGrid grid_;
+  AbTree tree_;
+  BaseSlots base_;
+  std::size_t base_cursor_ = 0;
+  std::vector<State> states_;
+  std::vector<std::uint32_t> in_use_;  // regions with a cursor above 0, or asked for, or retiring; fixed capacity
+  std::uint32_t in_use_count_ = 0;
+  std::vector<std::uint32_t> order_;  // regions asked for, in order
+  std::uint32_t order_count_ = 0;
+  std::uint32_t retiring_count_ = 0;
+  std::uint32_t stamp_ = 0;
+  std::uint64_t hash_ = 0;
+  ForestCounters counters_;
+};
+
+}  // namespace tactus::spm
