@@ -1,0 +1,131 @@
+#include "spm/codec/base_codec.hpp"
+
+namespace tactus::spm::codec {
+namespace {
+
+constexpr std::uint8_t kBaseVersion = 1;
+constexpr std::size_t kMinFaceBytes = 4;
+constexpr std::size_t kMinRegionBytes = 7;
+
+void put(ByteWriter& out, const ModelSummary& s) {
+  out.raw(s.digest);
+  for (const std::uint32_t count :
+       {s.vertices, s.faces, s.base_vertices, s.base_faces, s.records, s.parts, s.regions, s.max_level}) {
+    out.varint(count);
+  }
+  out.raw(s.bounds_min);
+  out.raw(s.bounds_max);
+  out.raw(s.grid.origin);
+  out.raw(s.grid.cell_size);
+  out.raw(s.metres_per_unit);
+}
+
+ModelSummary get_summary(ByteReader& in) {
+  ModelSummary s{};
+  s.digest = in.raw<std::uint64_t>();
+  for (std::uint32_t* count :
+       {&s.vertices, &s.faces, &s.base_vertices, &s.base_faces, &s.records, &s.parts, &s.regions, &s.max_level}) {
+    *count = in.varint32();
+  }
+  s.bounds_min = in.raw<std::array<float, 3>>();
+  s.bounds_max = in.raw<std::array<float, 3>>();
+  s.grid.origin = in.raw<std::array<double, 3>>();
+  s.grid.cell_size = in.raw<double>();
+  s.metres_per_unit = in.raw<double>();
+  return s;
+}
+
+DecodeError truncated(const char* where) {
+  return {std::string{"base mesh: the bytes end or go wrong in its "} + where};
+}
+
+DecodeError too_many(const char* what, std::uint32_t count, std::size_t bytes) {
+  return {"base mesh: " + std::to_string(count) + " " + what + " do not fit the " + std::to_string(bytes) +
+          " bytes that are left"};
+}
+
+}  // namespace
+
+Bytes encode_base(const Model& model) {
+  ByteWriter out;
+  out.raw(kBaseVersion);
+  put(out, model.summary);
+  for (std::uint32_t v = 0; v < model.summary.base_vertices; ++v) out.raw(model.positions[v]);
+  std::int64_t face_before = 0;
+  std::int64_t corner_before = 0;
+  for (const BaseFace& face : model.base_faces) {
+    out.varint(zigzag(face.face - face_before) << 1 | face.last);
+    face_before = face.face;
+    for (const std::uint32_t corner : face.corners) {
+      out.varint(zigzag(corner - corner_before));
+      corner_before = corner;
+    }
+  }
+  for (const Region& region : model.regions) {
+    for (const std::uint16_t c : region.cell) out.varint(c);
+    out.varint(region.depth);
+    out.varint(region.record_count);
+    out.varint(region.part_count);
+    out.varint(region.face_count);
+  }
+  return out.take();
+}
+
+Result<BaseMesh> decode_base(Span<const std::uint8_t> bytes) {
+  ByteReader in{bytes};
+  const auto version = in.raw<std::uint8_t>();
+  if (in.ok() && version != kBaseVersion) {
+    return DecodeError{"base mesh: encoding version " + std::to_string(version) + ", expected " +
+                       std::to_string(kBaseVersion)};
+  }
+  BaseMesh base;
+  base.summary = get_summary(in);
+  const ModelSummary& s = base.summary;
+  if (!in.ok()) return truncated("summary");
+
+  if (in.left() / sizeof(base.positions[0]) < s.base_vertices) return too_many("vertices", s.base_vertices, in.left());
+  base.positions.resize(s.base_vertices);
+  for (auto& position : base.positions) position = in.raw<std::array<float, 3>>();
+
+  if (in.left() / kMinFaceBytes < s.base_faces) return too_many("faces", s.base_faces, in.left());
+  base.faces.resize(s.base_faces);
+  // Sums of hostile differences may wrap; violations() sees the result, whatever it is.
+  std::uint64_t face_before = 0;
+  std::uint64_t corner_before = 0;
+  for (BaseFace& face : base.faces) {
+    const std::uint64_t code = in.varint();
+    face_before += static_cast<std::uint64_t>(unzigzag(code >> 1));
+    face.face = static_cast<std::uint32_t>(face_before);
+    face.last = code & 1u;
+    for (std::uint32_t& corner : face.corners) {
+      corner_before += static_cast<std::uint64_t>(unzigzag(in.varint()));
+      corner = static_cast<std::uint32_t>(corner_before);
+    }
+  }
+  if (!in.ok()) return truncated("faces");
+
+  if (in.left() / kMinRegionBytes < s.regions) return too_many("regions", s.regions, in.left());
+  base.regions.resize(s.regions);
+  for (Region& region : base.regions) {
+    std::array<std::uint32_t, 4> small{};
+    for (std::uint32_t& value : small) value = in.varint32();
+    for (const std::uint32_t value : small) {
+      if (value > 0xffffu) return DecodeError{"base mesh: cell coordinate " + std::to_string(value) + " over 65535"};
+    }
+    for (int axis = 0; axis < 3; ++axis) region.cell[axis] = static_cast<std::uint16_t>(small[axis]);
+    region.depth = static_cast<std::uint16_t>(small[3]);
+    region.first_run = region.run_count = 0;
+    region.record_count = in.varint32();
+    region.part_count = in.varint32();
+    region.face_count = in.varint32();
+  }
+  if (!in.ok()) return truncated("regions");
+  if (in.left() != 0) return DecodeError{"base mesh: " + std::to_string(in.left()) + " bytes too many"};
+
+  if (const std::vector<std::string> broken = violations(base); !broken.empty()) {
+    return DecodeError{"base mesh: " + broken.front()};
+  }
+  return base;
+}
+
+}  // namespace tactus::spm::codec

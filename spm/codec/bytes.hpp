@@ -1,0 +1,92 @@
+/// Bytes written and read back: little-endian raw values and base-128 varints.
+#pragma once
+
+#include <cstdint>
+#include <cstring>
+#include <type_traits>
+#include <vector>
+
+#include "spm/span.hpp"
+
+namespace tactus::spm::codec {
+
+using Bytes = std::vector<std::uint8_t>;
+
+static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "raw values travel as they lie in memory");
+
+/// Signed differences as small unsigned numbers: 0, -1, 1, -2 ... become 0, 1, 2, 3 ...
+[[nodiscard]] constexpr std::uint64_t zigzag(std::int64_t value) noexcept {
+  return static_cast<std::uint64_t>(value) << 1 ^ static_cast<std::uint64_t>(value >> 63);
+}
+[[nodiscard]] constexpr std::int64_t unzigzag(std::uint64_t value) noexcept {
+  return static_cast<std::int64_t>(value >> 1) ^ -static_cast<std::int64_t>(value & 1u);
+}
+
+class ByteWriter {
+ public:
+  template <class T>
+  void raw(const T& value) {
+    static_assert(std::is_trivially_copyable_v<T>);
+    const auto* from = reinterpret_cast<const std::uint8_t*>(&value);
+    bytes_.insert(bytes_.end(), from, from + sizeof(T));
+  }
+  void varint(std::uint64_t value) {
+    for (; value >= 0x80; value >>= 7) bytes_.push_back(static_cast<std::uint8_t>(value | 0x80u));
+    bytes_.push_back(static_cast<std::uint8_t>(value));
+  }
+  [[nodiscard]] Bytes take() noexcept { return std::move(bytes_); }
+
+ private:
+  Bytes bytes_;
+};
+
+/// Reads what nobody vouches for. Past the end, or at a varint of more than ten bytes, it fails for good: every further
+/// value is 0, so that a loop of checked length may run to its end and ask `ok()` once.
+class ByteReader {
+ public:
+  explicit ByteReader(Span<const std::uint8_t> bytes) noexcept : at_{bytes.begin()}, end_{bytes.end()} {}
+
+  template <class T>
+  [[nodiscard]] T raw() noexcept {
+    static_assert(std::is_trivially_copyable_v<T>);
+    T value{};
+    if (left() < sizeof(T)) {
+      fail();
+    } else {
+      std::memcpy(&value, at_, sizeof(T));
+      at_ += sizeof(T);
+    }
+    return value;
+  }
+  [[nodiscard]] std::uint64_t varint() noexcept {
+    std::uint64_t value = 0;
+    for (unsigned shift = 0; at_ != end_ && shift < 64; shift += 7) {
+      const std::uint8_t byte = *at_++;
+      value |= static_cast<std::uint64_t>(byte & 0x7fu) << shift;
+      if (byte < 0x80) return value;
+    }
+    fail();
+    return 0;
+  }
+  /// A varint that must fit 32 bits.
+  [[nodiscard]] std::uint32_t varint32() noexcept {
+    const std::uint64_t value = varint();
+    if (value <= 0xffffffffu) return static_cast<std::uint32_t>(value);
+    fail();
+    return 0;
+  }
+
+  [[nodiscard]] std::size_t left() const noexcept { return static_cast<std::size_t>(end_ - at_); }
+  [[nodiscard]] bool ok() const noexcept { return ok_; }
+
+ private:
+  void fail() noexcept {
+    ok_ = false;
+    at_ = end_;
+  }
+  const std::uint8_t* at_;
+  const std::uint8_t* end_;
+  bool ok_ = true;
+};
+
+}  // namespace tactus::spm::codec

@@ -1,0 +1,233 @@
+#include "tests/support/random_model.hpp"
+
+#include <algorithm>
+#include <map>
+#include <random>
+#include <set>
+
+namespace tactus::test_support {
+namespace {
+
+using spm::BornRef;
+using spm::DeformedRef;
+using spm::kNone;
+using spm::RecordPart;
+
+struct Face {
+  std::array<std::uint32_t, 3> corners;
+  std::uint32_t writer = kNone;  // record that wrote it last; kNone: the base mesh
+};
+
+class Maker {
+ public:
+  Maker(std::uint64_t seed, std::uint32_t records) : random_{seed}, records_{records} {
+    parts_.resize(records);
+    needs_.resize(records);
+    model_.positions = {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
+    around_.resize(6);
+    for (std::uint32_t i = 0; i < 8; ++i) add_face({i & 1u, 2 + (i >> 1 & 1u), 4 + (i >> 2)}, kNone);
+    for (std::uint32_t r = 0; r < records; ++r) split(r);
+  }
+
+  OwnedModel finish(std::uint64_t seed, std::uint32_t cells) {
+    mark_last();
+    spm::ModelSummary& s = model_.summary;
+    s.digest = seed * 0x9e3779b97f4a7c15ull + records_;
+    s.base_vertices = 6;
+    s.base_faces = 8;
+    s.records = records_;
+    s.vertices = 6 + records_;
+    s.faces = static_cast<std::uint32_t>(faces_.size());
+    s.metres_per_unit = 0.1;
+    for (std::uint32_t f = 0; f < 8; ++f) model_.base_faces.push_back({f, base_last_[f], base_corners_[f]});
+    for (const RecordPart& part : parts_) s.max_level = std::max<std::uint32_t>(s.max_level, part.level);
+    model_.parts = parts_;
+    s.parts = static_cast<std::uint32_t>(parts_.size());
+    bound();
+    make_regions(cells);
+    return std::move(model_);
+  }
+
+ private:
+  std::uint32_t below(std::size_t n) { return static_cast<std::uint32_t>(random_() % n); }
+
+  std::uint32_t add_face(std::array<std::uint32_t, 3> corners, std::uint32_t writer) {
+    const auto f = static_cast<std::uint32_t>(faces_.size());
+    faces_.push_back({corners, writer});
+    if (writer == kNone) base_corners_.push_back(corners);
+    for (const std::uint32_t v : corners) around_[v].push_back(f);
+    return f;
+  }
+
+  void need_vertex(std::uint32_t record, std::uint32_t v) {
+    if (v >= 6) needs_[record].insert(v - 6);
+  }
+
+  void split(std::uint32_t record) {
+    const std::uint32_t u = 6 + record;
+    const std::uint32_t t = below(u);
+    std::array<float, 3> position = model_.positions[t];
+    for (float& c : position) c += std::uniform_real_distribution<float>{-0.2f, 0.2f}(random_);
+    model_.positions.push_back(position);
+    around_.emplace_back();
+    need_vertex(record, t);
+
+    std::vector<DeformedRef> deformed;
+    std::vector<std::uint32_t> kept;
+    for (const std::uint32_t f : around_[t]) {
+      if (below(2) == 0) {
+        kept.push_back(f);
+        continue;
+      }
+      Face& face = faces_[f];
+      const auto corner =
+          static_cast<std::uint32_t>(std::find(face.corners.begin(), face.corners.end(), t) - face.corners.begin());
+      if (face.writer != kNone) needs_[record].insert(face.writer);
+      for (const std::uint32_t v : face.corners) need_vertex(record, v);
+      deformed.push_back(DeformedRef::make(f, corner, false));
+      face.corners[corner] = u;
+      face.writer = record;
+      around_[u].push_back(f);
+    }
+    around_[t] = kept;
+
+    std::vector<std::pair<BornRef, std::uint32_t>> born;
+    const std::uint32_t count = below(20) == 0 ? 5 : 1 + below(2);
+    for (std::uint32_t i = 0; i < count; ++i) {
+      std::uint32_t x = below(u);
+      if (x == t) x = (t + 1) % u;
+      const std::uint32_t order = below(6);
+      const spm::BornCorners at = spm::born_corners(order);
+      std::array<std::uint32_t, 3> corners{};
+      corners[static_cast<std::size_t>(at.u)] = u;
+      corners[static_cast<std::size_t>(at.t)] = t;
+      corners[static_cast<std::size_t>(at.x)] = x;
+      need_vertex(record, x);
+      born.emplace_back(BornRef::make(add_face(corners, record), order, false), x);
+    }
+    store(record, t, born, deformed);
+  }
+
+  void store(std::uint32_t record, std::uint32_t t, const std::vector<std::pair<BornRef, std::uint32_t>>& born,
+             const std::vector<DeformedRef>& deformed) {
+    std::uint16_t level = 1;
+    for (const std::uint32_t need : needs_[record]) {
+      level = std::max(level, static_cast<std::uint16_t>(parts_[need].level + 1));
+    }
+    std::uint32_t at = record;
+    std::size_t b = 0;
+    std::size_t d = 0;
+    for (;;) {
+      RecordPart part{};
+      part.parent = t;
+      part.level = level;
+      part.next = kNone;
+      for (; b < born.size() && part.born_count < spm::kBornPerPart; ++b, ++part.born_count) {
+        part.born[part.born_count] = born[b].first;
+        part.born_x[part.born_count] = born[b].second;
+      }
+      for (; d < deformed.size() && part.deformed_count < spm::kDeformedPerPart; ++d, ++part.deformed_count) {
+        part.deformed[part.deformed_count] = deformed[d];
+      }
+      const bool more = b < born.size() || d < deformed.size();
+      if (more) part.next = static_cast<std::uint32_t>(parts_.size());
+      parts_[at] = part;
+      if (!more) return;
+      at = part.next;
+      parts_.emplace_back();
+    }
+  }
+
+  void mark_last() {
+    for (std::uint32_t f = 0; f < 8; ++f) base_last_.push_back(faces_[f].writer == kNone ? 1 : 0);
+    for (std::uint32_t r = 0; r < records_; ++r) {
+      for (std::uint32_t at = r; at != kNone; at = parts_[at].next) {
+        RecordPart& part = parts_[at];
+        for (int i = 0; i < part.born_count; ++i)
+          part.born[i].bits |= faces_[part.born[i].face()].writer == r ? 1u : 0u;
+        for (int i = 0; i < part.deformed_count; ++i) {
+          part.deformed[i].bits |= faces_[part.deformed[i].face()].writer == r ? 1u : 0u;
+        }
+      }
+    }
+  }
+
+  void bound() {
+    spm::ModelSummary& s = model_.summary;
+    s.bounds_min = s.bounds_max = model_.positions[0];
+    for (const auto& p : model_.positions) {
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        s.bounds_min[axis] = std::min(s.bounds_min[axis], p[axis]);
+        s.bounds_max[axis] = std::max(s.bounds_max[axis], p[axis]);
+      }
+    }
+  }
+
+  void close(std::uint32_t record, std::set<std::uint32_t>& list) const {
+    if (!list.insert(record).second) return;
+    for (const std::uint32_t need : needs_[record]) close(need, list);
+  }
+
+  void make_regions(std::uint32_t cells) {
+    spm::ModelSummary& s = model_.summary;
+    double extent = 0;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      s.grid.origin[axis] = s.bounds_min[axis];
+      extent = std::max(extent, double{s.bounds_max[axis]} - s.bounds_min[axis]);
+    }
+    s.grid.cell_size = extent * 1.001 / cells;
+    std::map<std::array<std::uint16_t, 3>, std::vector<std::uint32_t>> faces_of_cell;
+    for (std::uint32_t f = 0; f < faces_.size(); ++f) {
+      std::array<std::uint16_t, 3> cell{};
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        const double from_origin = model_.positions[faces_[f].corners[0]][axis] - s.grid.origin[axis];
+        cell[axis] = static_cast<std::uint16_t>(from_origin / s.grid.cell_size);
+      }
+      faces_of_cell[cell].push_back(f);
+    }
+    for (const auto& [cell, faces] : faces_of_cell) {
+      std::set<std::uint32_t> list;
+      for (const std::uint32_t f : faces) {
+        if (faces_[f].writer != kNone) close(faces_[f].writer, list);
+      }
+      add_region(cell, list, static_cast<std::uint32_t>(faces.size()));
+    }
+    s.regions = static_cast<std::uint32_t>(model_.regions.size());
+  }
+
+  void add_region(const std::array<std::uint16_t, 3>& cell, const std::set<std::uint32_t>& list, std::uint32_t faces) {
+    spm::Region region{};
+    region.cell = cell;
+    region.face_count = faces;
+    region.first_run = static_cast<std::uint32_t>(model_.runs.size());
+    region.record_count = static_cast<std::uint32_t>(list.size());
+    for (const std::uint32_t r : list) {
+      for (std::uint32_t at = r; at != kNone; at = parts_[at].next) ++region.part_count;
+      if (model_.runs.size() > region.first_run && model_.runs.back().first + model_.runs.back().count == r) {
+        ++model_.runs.back().count;
+      } else {
+        model_.runs.push_back({r, 1});
+      }
+    }
+    region.run_count = static_cast<std::uint32_t>(model_.runs.size()) - region.first_run;
+    model_.regions.push_back(region);
+  }
+
+  std::mt19937_64 random_;
+  std::uint32_t records_;
+  OwnedModel model_;
+  std::vector<RecordPart> parts_;
+  std::vector<std::set<std::uint32_t>> needs_;  // by record
+  std::vector<Face> faces_;
+  std::vector<std::vector<std::uint32_t>> around_;  // faces by vertex
+  std::vector<std::array<std::uint32_t, 3>> base_corners_;
+  std::vector<std::uint32_t> base_last_;
+};
+
+}  // namespace
+
+OwnedModel random_model(std::uint64_t seed, std::uint32_t records, std::uint32_t cells) {
+  return Maker{seed, records}.finish(seed, cells);
+}
+
+}  // namespace tactus::test_support
