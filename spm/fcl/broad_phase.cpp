@@ -1,0 +1,109 @@
+#include "spm/fcl/broad_phase.hpp"
+
+#include <fcl/broadphase/broadphase_dynamic_AABB_tree.h>
+#include <fcl/geometry/shape/box.h>
+#include <fcl/narrowphase/collision_object.h>
+
+#include <algorithm>
+#include <map>
+#include <stdexcept>
+#include <string>
+#include <tuple>
+
+namespace tactus::spm::fcl {
+
+namespace {
+
+struct Object {
+  std::uint32_t number = 0;
+  WorldBox box;
+  std::unique_ptr<::fcl::CollisionObjectd> shape;
+};
+
+// FCL keeps a box as centre and edges, which rounding may make smaller than it was; the exact test below undoes the
+// excess.
+std::unique_ptr<::fcl::CollisionObjectd> shape_of(const WorldBox& box) {
+  constexpr double kSlack = 1e-12;
+  const Vec3d margin = Vec3d::Constant(kSlack * (1 + box.low.cwiseAbs().cwiseMax(box.high.cwiseAbs()).maxCoeff()));
+  const Vec3d edges = box.high - box.low + 2 * margin;
+  ::fcl::Transform3d pose = ::fcl::Transform3d::Identity();
+  pose.translation() = 0.5 * (box.low + box.high);
+  auto shape = std::make_unique<::fcl::CollisionObjectd>(std::make_shared<::fcl::Boxd>(edges), pose);
+  shape->computeAABB();
+  return shape;
+}
+
+bool meets(const ProbeBall& ball, const WorldBox& box) {
+  const Vec3d nearest = ball.centre.cwiseMax(box.low).cwiseMin(box.high);
+  return (ball.centre - nearest).squaredNorm() <= ball.radius * ball.radius;
+}
+
+struct Query {
+  const ProbeBall* ball;
+  std::uint32_t probe;
+  std::vector<NearPair>* pairs;
+};
+
+// Called by FCL for each object whose box meets the ball's box; false means: go on.
+bool add_pair(::fcl::CollisionObjectd* a, ::fcl::CollisionObjectd* b, void* data) {
+  const auto& query = *static_cast<const Query*>(data);
+  // Only objects carry user data; the probe's own shape does not.
+  const void* user = a->getUserData() != nullptr ? a->getUserData() : b->getUserData();
+  const auto& object = *static_cast<const Object*>(user);
+  if (meets(*query.ball, object.box)) query.pairs->push_back({query.probe, object.number});
+  return false;
+}
+
+}  // namespace
+
+struct BroadPhase::Manager {
+  ::fcl::DynamicAABBTreeCollisionManagerd tree;
+  std::map<std::uint32_t, Object> objects;  // node-based: FCL holds pointers into it
+};
+
+BroadPhase::BroadPhase() : manager_{std::make_unique<Manager>()} {}
+BroadPhase::~BroadPhase() = default;
+BroadPhase::BroadPhase(BroadPhase&&) noexcept = default;
+BroadPhase& BroadPhase::operator=(BroadPhase&&) noexcept = default;
+
+void BroadPhase::put(std::uint32_t object, const WorldBox& box) {
+  if (!box.low.allFinite() || !box.high.allFinite() || (box.low.array() > box.high.array()).any()) {
+    throw std::invalid_argument("BroadPhase::put: the box of object " + std::to_string(object) +
+                                " is inverted or not finite");
+  }
+  remove(object);
+  Object& entry = manager_->objects[object];
+  entry = {object, box, shape_of(box)};
+  entry.shape->setUserData(&entry);
+  manager_->tree.registerObject(entry.shape.get());
+  manager_->tree.setup();
+}
+
+void BroadPhase::remove(std::uint32_t object) {
+  const auto found = manager_->objects.find(object);
+  if (found == manager_->objects.end()) return;
+  manager_->tree.unregisterObject(found->second.shape.get());
+  manager_->tree.setup();
+  manager_->objects.erase(found);
+}
+
+std::vector<NearPair> BroadPhase::near(Span<const ProbeBall> probes) const {
+  std::vector<NearPair> pairs;
+  for (std::uint32_t i = 0; i < probes.size(); ++i) {
+    const ProbeBall& ball = probes[i];
+    if (!ball.centre.allFinite() || !(ball.radius >= 0)) {
+      throw std::invalid_argument("BroadPhase::near: probe " + std::to_string(i) + " is not finite or has radius " +
+                                  std::to_string(ball.radius) + ", expected at least 0");
+    }
+    const Vec3d reach = Vec3d::Constant(ball.radius);
+    const auto shape = shape_of({ball.centre - reach, ball.centre + reach});
+    Query query{&ball, i, &pairs};
+    manager_->tree.collide(shape.get(), &query, add_pair);
+  }
+  std::sort(pairs.begin(), pairs.end(), [](const NearPair& a, const NearPair& b) {
+    return std::tie(a.probe, a.object) < std::tie(b.probe, b.object);
+  });
+  return pairs;
+}
+
+}  // namespace tactus::spm::fcl
