@@ -1,5 +1,6 @@
 #include "spm/ab_tree.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -236,15 +237,14 @@ RefitCount AbTree::refit() noexcept {
   return count;
 }
 
-std::uint32_t AbTree::touching(const Vec3d& centre, double radius, Contact* out,
-                               std::uint32_t capacity) const noexcept {
-  if (root_ == kNone) return 0;
-  const FloatPoint p{centre};
+template <class Visit>
+void AbTree::walk_near(const Vec3d& point, double radius, Visit&& visit) const noexcept {
+  if (root_ == kNone) return;
+  const FloatPoint p{point};
   const float squared_radius = p.squared(radius);
   std::array<std::uint32_t, kStack> stack;
   int depth = 0;
   stack[depth++] = root_;
-  std::uint32_t found = 0;
   while (depth > 0) {
     const TreeNode& node = nodes_[stack[--depth]];
     unsigned hit = boxes_within(node, p.at, squared_radius);
@@ -252,18 +252,35 @@ std::uint32_t AbTree::touching(const Vec3d& centre, double radius, Contact* out,
       for (; hit != 0; hit &= ~(1u << highest_bit(hit))) stack[depth++] = node.child[highest_bit(hit)];
       continue;
     }
-    for (; hit != 0; hit &= hit - 1) {
-      const FaceRow& row = pool_.faces[node.child[lowest_bit(hit)]];
-      const ClosestPoint closest = closest_point(centre, corner(row, 0), corner(row, 1), corner(row, 2));
-      if (!(closest.squared_distance <= radius * radius)) continue;
-      if (found < capacity) {
-        const double distance = std::sqrt(closest.squared_distance);
-        out[found] = {FaceId{row.face}, row.last != 0, closest.point,
-                      direction_from(closest.point, centre, distance, row), radius - distance};
-      }
-      ++found;
-    }
+    for (; hit != 0; hit &= hit - 1) visit(node.child[lowest_bit(hit)]);
   }
+}
+
+std::uint32_t AbTree::near(const Vec3d& point, double radius, std::uint32_t* rows,
+                           std::uint32_t capacity) const noexcept {
+  std::uint32_t found = 0;
+  walk_near(point, radius, [&](std::uint32_t number) {
+    if (found < capacity) rows[found] = number;
+    ++found;
+  });
+  return found;
+}
+
+std::uint32_t AbTree::touching(const Vec3d& centre, double radius, Contact* out,
+                               std::uint32_t capacity) const noexcept {
+  std::uint32_t found = 0;
+  walk_near(centre, radius, [&](std::uint32_t number) {
+    const FaceRow& row = pool_.faces[number];
+    const ClosestPoint closest = closest_point(centre, corner(row, 0), corner(row, 1), corner(row, 2));
+    if (!(closest.squared_distance <= radius * radius)) return;
+    if (found < capacity) {
+      const double distance = std::sqrt(closest.squared_distance);
+      out[found] = {FaceId{row.face},  row.last != 0,
+                    closest.point,     direction_from(closest.point, centre, distance, row),
+                    radius - distance, number};
+    }
+    ++found;
+  });
   return found;
 }
 

@@ -60,10 +60,11 @@ class NodePool {
 /// A triangle that a ball touches.
 struct Contact {
   FaceId face{};
-  bool last = false;  ///< finest version
-  Vec3d point;        ///< nearest to the centre
-  Vec3d normal;       ///< unit, from the point to the centre; the face's own where they coincide
-  double depth = 0;   ///< radius less distance
+  bool last = false;      ///< finest version
+  Vec3d point;            ///< nearest to the centre
+  Vec3d normal;           ///< unit, from the point to the centre; the face's own where they coincide
+  double depth = 0;       ///< radius less distance
+  std::uint32_t row = 0;  ///< face row
 };
 
 /// First touch of a moving ball.
@@ -117,6 +118,12 @@ class AbTree {
   /// id.
   [[nodiscard]] bool nearest(const Vec3d& point, double within, NearestFace& found) const noexcept;
 
+  /// Face rows whose boxes are within `radius` of `point`, in tree order, at most `capacity`; returns how many there
+  /// are.
+  [[nodiscard]] std::uint32_t near(const Vec3d& point, double radius, std::uint32_t* rows,
+                                   std::uint32_t capacity) const noexcept;
+  [[nodiscard]] const FaceRow& row(std::uint32_t number) const noexcept { return pool_.faces[number]; }
+
   /// What is broken: nodes, masks, boxes, unknown faces. O(nodes), allocates: tests.
   [[nodiscard]] std::vector<std::string> violations() const;
   /// Shown face rows, ascending by FaceId. O(nodes), allocates.
@@ -126,6 +133,8 @@ class AbTree {
   static constexpr int kMaxHeight = 10;
   static constexpr int kStack = 7 * kMaxHeight + 8;
 
+  template <class Visit>
+  void walk_near(const Vec3d& point, double radius, Visit&& visit) const noexcept;
   [[nodiscard]] std::uint32_t make_node(std::uint32_t level, std::uint32_t id) noexcept;
   void mark_child(std::uint32_t node, unsigned child) noexcept;
 

@@ -1,0 +1,38 @@
+/// What the haptic thread asks of the system: a real-time priority, locked memory, absolute deadlines.
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+namespace tactus::hrtc_service {
+
+/// CLOCK_MONOTONIC, ns. Answered without a system call.
+[[nodiscard]] std::int64_t monotonic_ns() noexcept;
+
+/// CPU time of the calling thread, ns. One system call, about 0.2 us.
+[[nodiscard]] std::int64_t thread_cpu_ns() noexcept;
+
+/// Tries SCHED_FIFO at `priority` for the calling thread and touches its stack. Says in one line what was had and, where
+/// something was refused, which right is missing.
+[[nodiscard]] std::string enter_realtime(int priority);
+
+/// Locks all memory of the process, present and to come. One line as above.
+[[nodiscard]] std::string lock_memory();
+
+/// Sleeps to the next multiple of the period; deadlines are absolute, so lateness does not add up. When more than a whole
+/// period was missed, the missed ticks are skipped and counted.
+class PeriodicClock {
+ public:
+  explicit PeriodicClock(std::int64_t period_ns) noexcept;
+  /// Returns how late the thread woke, ns.
+  std::int64_t wait_next() noexcept;
+  [[nodiscard]] std::int64_t due_ns() const noexcept { return due_; }
+  [[nodiscard]] std::uint64_t skipped() const noexcept { return skipped_; }
+
+ private:
+  std::int64_t period_;
+  std::int64_t due_;
+  std::uint64_t skipped_ = 0;
+};
+
+}  // namespace tactus::hrtc_service

@@ -1,0 +1,72 @@
+/// Which regions a probe will meet, and when: what to load before it is touched.
+///
+/// From the history of where the tip was, four ideas of the paper: while in contact, linear and polynomial
+/// extrapolation and the local neighbours of the region touched; without contact, a distance query to the labelled
+/// regions. Each puts balls in time and space; a region's time to contact is the earliest ball that meets it. We
+/// differ: the history is of tip positions, which know their regions, for a region is too coarse to extrapolate from at
+/// 1 kHz.
+///
+/// Model frame, file units, seconds. Fixed memory. One thread; not the haptic one (about 10 us).
+/// Source: Liu, Georganas, Roth, 3DIM 2005, section 3 (prediction of contact regions).
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "spm/region_grid.hpp"
+
+namespace tactus::spm {
+
+struct PredictedRegion {
+  RegionId region{};
+  double contact_in = 0;  ///< s; 0: met now
+};
+
+struct PredictionSettings {
+  double margin = 0;       ///< file units; how far from the tip's path a region still counts as met
+  double least_speed = 0;  ///< file units/s; a tip at rest is expected to start with this
+};
+
+class Predictor {
+ public:
+  static constexpr std::uint32_t kMaxRegions = 128;
+  struct Answer {
+    std::array<PredictedRegion, kMaxRegions> regions;  ///< soonest first
+    std::uint32_t count = 0;
+    bool complete = true;  ///< false: there were more
+  };
+
+  explicit Predictor(PredictionSettings settings) : settings_{settings} {}
+
+  /// The tip's centre at `time`; times ascend. A gap of more than 0.1 s starts a new history.
+  void observe(double time, const Vec3d& position, bool in_contact) noexcept;
+
+  /// Regions that a ball of `radius` will meet within `lead` from the last observation.
+  void predict(const RegionGrid& grid, double radius, double lead, Answer& out) const noexcept;
+
+  /// Motion fitted to the history: position, velocity, acceleration at the last observation.
+  struct Motion {
+    Vec3d position, velocity, acceleration;
+  };
+  [[nodiscard]] Motion motion() const noexcept;
+
+ private:
+  static constexpr std::uint32_t kHistory = 24;
+  static constexpr double kSpacing = 0.002;  // s between kept samples: 48 ms of history
+  struct Sample {
+    double time;
+    Vec3d position;
+  };
+  [[nodiscard]] const Sample& sample(std::uint32_t back) const noexcept {
+    return history_[(newest_ + kHistory - back) % kHistory];
+  }
+
+  PredictionSettings settings_;
+  std::array<Sample, kHistory> history_;
+  std::uint32_t newest_ = 0;
+  std::uint32_t count_ = 0;
+  Sample last_{0, Vec3d::Zero()};
+  bool in_contact_ = false;
+};
+
+}  // namespace tactus::spm

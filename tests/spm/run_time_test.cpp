@@ -1,0 +1,251 @@
+// Cache, forest and tree together, over random models, against plain recounts.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <random>
+
+#include "tests/support/controller.hpp"
+#include "tests/support/random_model.hpp"
+
+namespace tactus {
+namespace {
+
+using spm::AcceptResult;
+using spm::Advance;
+using spm::RegionId;
+using test_support::Controller;
+using test_support::OwnedModel;
+using test_support::random_model;
+using ::testing::IsEmpty;
+
+constexpr std::uint32_t kRecords = 600;
+constexpr std::uint32_t kCells = 3;
+spm::PoolSettings roomy() { return spm::PoolSettings::for_slots(8192); }
+
+std::vector<RegionId> all_regions(const spm::Model& model) {
+  std::vector<RegionId> regions;
+  for (std::uint32_t i = 0; i < model.summary.regions; ++i) regions.push_back(RegionId{i});
+  return regions;
+}
+
+class RunTime : public ::testing::TestWithParam<std::uint64_t> {
+ protected:
+  OwnedModel owned_ = random_model(GetParam(), kRecords, kCells);
+  spm::Model model_ = owned_.view();
+};
+
+TEST_P(RunTime, EveryRegionRefinedShowsTheFinestMesh) {
+  Controller controller{model_, roomy()};
+  for (const RegionId region : all_regions(model_)) ASSERT_EQ(controller.load(region), AcceptResult::kAccepted);
+
+  ASSERT_EQ(controller.refine(all_regions(model_)), Advance::kDone);
+
+  const auto finest = spm::finest_faces(model_);
+  const std::vector<std::uint32_t> shown = controller.forest().tree().shown();
+  std::uint32_t compared = 0;
+  for (const std::uint32_t number : shown) {
+    const spm::FaceRow& row = controller.row(number);
+    if (row.last == 0) continue;
+    ++compared;
+    for (int corner = 0; corner < 3; ++corner)
+      EXPECT_EQ(controller.vertex_id(row.vertices[corner]), finest[row.face][corner]);
+  }
+  EXPECT_GT(compared, model_.summary.faces / 2);
+  EXPECT_THAT(controller.forest().violations(), IsEmpty());
+}
+
+TEST_P(RunTime, StaysSoundUnderAnySequenceOfLoadRefineCoarsenAndRelease) {
+  std::mt19937_64 random{GetParam()};
+  Controller controller{model_, roomy()};
+  const std::uint64_t base_hash = controller.forest().mesh_hash();
+  std::vector<RegionId> wanted;
+  const auto any_region = [&] { return RegionId{static_cast<std::uint32_t>(random() % model_.summary.regions)}; };
+  for (int step = 0; step < 400; ++step) {
+    SCOPED_TRACE("seed " + std::to_string(GetParam()) + " step " + std::to_string(step));
+    const RegionId region = any_region();
+    switch (random() % 4) {
+      case 0:
+        if (!controller.cache().holds(controller.object(), region)) {
+          ASSERT_EQ(controller.load(region), AcceptResult::kAccepted);
+        } else {
+          ASSERT_EQ(controller.load(region), AcceptResult::kHeld);
+        }
+        break;
+      case 1:
+        if (controller.forest().is_here(region) && !controller.forest().is_retiring(region))
+          controller.forest().retire(region);
+        break;
+      default:
+        wanted.clear();
+        for (std::uint64_t i = random() % 6; i > 0; --i) wanted.push_back(any_region());
+    }
+    (void)controller.refine(wanted, static_cast<std::uint32_t>(random() % 3000));
+    controller.release_retired();
+    ASSERT_THAT(controller.forest().violations(), IsEmpty());
+    ASSERT_THAT(controller.cache().violations(), IsEmpty());
+  }
+  ASSERT_EQ(controller.refine({}), Advance::kDone);
+  controller.release_retired();
+  EXPECT_EQ(controller.forest().mesh_hash(), base_hash);
+  EXPECT_EQ(controller.forest().tree().shown().size(), model_.summary.base_faces);
+}
+
+TEST_P(RunTime, TheMeshHashIsAFunctionOfTheRegionSetAlone) {
+  std::mt19937_64 random{GetParam()};
+  Controller direct{model_, roomy()};
+  Controller wandering{model_, roomy()};
+  for (const RegionId region : all_regions(model_)) {
+    ASSERT_EQ(direct.load(region), AcceptResult::kAccepted);
+    ASSERT_EQ(wandering.load(region), AcceptResult::kAccepted);
+  }
+  std::vector<RegionId> goal;
+  for (const RegionId region : all_regions(model_))
+    if (random() % 3 == 0) goal.push_back(region);
+  for (int i = 0; i < 50; ++i) {
+    std::vector<RegionId> detour = all_regions(model_);
+    std::shuffle(detour.begin(), detour.end(), random);
+    detour.resize(random() % detour.size());
+    (void)wandering.refine(detour, static_cast<std::uint32_t>(random() % 2000));
+  }
+
+  ASSERT_EQ(direct.refine(goal), Advance::kDone);
+  ASSERT_EQ(wandering.refine(goal), Advance::kDone);
+
+  EXPECT_EQ(direct.forest().mesh_hash(), wandering.forest().mesh_hash());
+}
+
+TEST_P(RunTime, AFullPoolRefusesARegionAndLeavesAllAsItWas) {
+  const std::uint32_t base = std::max(model_.summary.base_vertices, (model_.summary.base_faces + 1) / 2);
+  Controller controller{model_, spm::PoolSettings::for_slots(base + model_.summary.parts / 3)};
+  std::uint32_t refused = 0;
+  for (const RegionId region : all_regions(model_)) {
+    const std::uint32_t free_before = controller.cache().slots_free();
+    const AcceptResult result = controller.load(region);
+    ASSERT_THAT(result, ::testing::AnyOf(AcceptResult::kAccepted, AcceptResult::kPoolFull));
+    if (result != AcceptResult::kPoolFull) continue;
+    ++refused;
+    ASSERT_EQ(controller.cache().slots_free(), free_before);
+    ASSERT_THAT(controller.cache().violations(), IsEmpty());
+  }
+  EXPECT_GT(refused, 0u);
+}
+
+TEST_P(RunTime, AMessageWithoutARecordItNeedsIsIncompleteAndLeavesNothing) {
+  Controller controller{model_, roomy()};
+  spm::RegionData data;
+  for (const RegionId region : all_regions(model_)) {
+    data = controller.message(region);
+    if (data.positions.size() > 4) break;
+  }
+  // The first record sent is taken out, with its parts.
+  std::uint32_t parts = 1;
+  while (data.parts[parts - 1].next != spm::kNone) ++parts;
+  data.parts.erase(data.parts.begin(), data.parts.begin() + parts);
+  for (spm::RecordPart& part : data.parts)
+    if (part.next != spm::kNone) part.next -= parts;
+  data.positions.erase(data.positions.begin());
+  ++data.sent.front().first;
+  if (--data.sent.front().count == 0) data.sent.erase(data.sent.begin());
+  const std::uint32_t free_before = controller.cache().slots_free();
+
+  spm::RegionList list;
+  EXPECT_EQ(controller.cache().accept(controller.object(), data, list), AcceptResult::kIncomplete);
+
+  EXPECT_EQ(controller.cache().slots_free(), free_before);
+  EXPECT_THAT(controller.cache().violations(), IsEmpty());
+}
+
+TEST_P(RunTime, TooFewTreeNodesLeaveRegionsCoarseAndTheMeshSound) {
+  spm::PoolSettings settings = roomy();
+  settings.tree_nodes = model_.summary.base_faces * 5 + 40;
+  Controller controller{model_, settings};
+  for (const RegionId region : all_regions(model_)) ASSERT_EQ(controller.load(region), AcceptResult::kAccepted);
+
+  EXPECT_EQ(controller.refine(all_regions(model_)), Advance::kNodesFull);
+
+  EXPECT_THAT(controller.forest().violations(), IsEmpty());
+  EXPECT_EQ(controller.refine({}), Advance::kDone);
+  EXPECT_EQ(controller.forest().mesh_hash(), 0u);
+}
+
+TEST_P(RunTime, QueriesFindWhatAllPairsFind) {
+  std::mt19937_64 random{GetParam()};
+  Controller controller{model_, roomy()};
+  for (const RegionId region : all_regions(model_)) ASSERT_EQ(controller.load(region), AcceptResult::kAccepted);
+  const spm::Vec3d low = Eigen::Map<const spm::Vec3f>(model_.summary.bounds_min.data()).cast<double>();
+  const spm::Vec3d high = Eigen::Map<const spm::Vec3f>(model_.summary.bounds_max.data()).cast<double>();
+  std::uniform_real_distribution<double> unit{0, 1};
+  const auto point = [&]() -> spm::Vec3d {
+    return low + (high - low).cwiseProduct(spm::Vec3d{unit(random), unit(random), unit(random)});
+  };
+  std::vector<spm::Contact> contacts(4096);
+  std::uint64_t touched = 0, swept = 0;
+  for (int round = 0; round < 60; ++round) {
+    std::vector<RegionId> wanted = all_regions(model_);
+    std::shuffle(wanted.begin(), wanted.end(), random);
+    wanted.resize(random() % wanted.size());
+    (void)controller.refine(wanted, static_cast<std::uint32_t>(random() % 20000));
+    const spm::AbTree& tree = controller.forest().tree();
+    const double radius = unit(random) * 0.2 * (high - low).norm();
+    const spm::Vec3d centre = point(), goal = point();
+
+    std::vector<std::uint32_t> expected;
+    double nearest = 1e300, first = 2;
+    for (const std::uint32_t number : tree.shown()) {
+      const spm::FaceRow& row = controller.row(number);
+      const auto corner = [&](int i) {
+        return spm::Vec3d{row.corners[3 * i], row.corners[3 * i + 1], row.corners[3 * i + 2]};
+      };
+      const double squared = spm::closest_point(centre, corner(0), corner(1), corner(2)).squared_distance;
+      nearest = std::min(nearest, squared);
+      if (squared <= radius * radius) expected.push_back(row.face);
+      spm::SweepHit hit;
+      if (spm::swept_sphere(centre, goal, radius / 4, corner(0), corner(1), corner(2), hit))
+        first = std::min(first, hit.time);
+    }
+
+    const std::uint32_t found = tree.touching(centre, radius, contacts.data(), 4096);
+    std::vector<std::uint32_t> faces;
+    for (std::uint32_t i = 0; i < found; ++i) faces.push_back(spm::index(contacts[i].face));
+    ASSERT_EQ(faces, expected) << "in tree order, which is by id";
+    touched += found;
+    spm::NearestFace near;
+    ASSERT_TRUE(tree.nearest(centre, 1e9, near));
+    ASSERT_EQ(near.squared_distance, nearest);
+    spm::SweepContact contact;
+    const bool hit = tree.sweep(centre, goal, radius / 4, contact);
+    ASSERT_EQ(hit, first <= 1);
+    if (hit) {
+      ASSERT_EQ(contact.time, first);
+      ++swept;
+    }
+  }
+  EXPECT_GT(touched, 100u);
+  EXPECT_GT(swept, 5u);
+}
+
+INSTANTIATE_TEST_SUITE_P(Seeds, RunTime, ::testing::Range<std::uint64_t>(1, 9));
+
+TEST(FlatIndex, AgreesWithAMapUnderRandomInsertsAndErases) {
+  std::mt19937_64 random{7};
+  spm::FlatIndex table{100};
+  std::map<std::uint64_t, std::uint32_t> expected;
+  for (int step = 0; step < 20000; ++step) {
+    const std::uint64_t key = random() % 150;
+    const auto at = expected.find(key);
+    ASSERT_EQ(table.find(key), at == expected.end() ? spm::kNone : at->second);
+    if (at != expected.end()) {
+      table.erase(key);
+      expected.erase(at);
+    } else if (expected.size() < 100) {
+      table.insert(key, static_cast<std::uint32_t>(step));
+      expected[key] = static_cast<std::uint32_t>(step);
+    }
+  }
+  EXPECT_EQ(table.size(), expected.size());
+}
+
+}  // namespace
+}  // namespace tactus

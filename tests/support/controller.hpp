@@ -1,0 +1,92 @@
+/// A controller's run time around one model, without threads or wire: what the tests of cache, forest and tree drive.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <memory>
+#include <vector>
+
+#include "spm/cache.hpp"
+#include "spm/codec/region_codec.hpp"
+#include "spm/forest.hpp"
+
+namespace tactus::test_support {
+
+class Controller {
+ public:
+  Controller(const spm::Model& model, spm::PoolSettings settings)
+      : model_{model}, pool_{settings}, nodes_{settings.tree_nodes}, cache_{pool_} {
+    const spm::BaseMesh base = spm::base_mesh_of(model);
+    spm::Cache::Admitted admitted = cache_.admit(base);
+    EXPECT_TRUE(admitted.fits);
+    object_ = admitted.object;
+    forest_ = std::make_unique<spm::Forest>(
+        pool_, nodes_, spm::index(object_), base.summary,
+        spm::RegionGrid{base.summary.grid, spm::Span<const spm::Region>{base.regions}}, std::move(admitted.base));
+  }
+
+  /// What a host would send: the list, and the records that no held region lists.
+  [[nodiscard]] spm::RegionData message(spm::RegionId region) const {
+    std::vector<bool> held(model_.summary.records, false);
+    for (std::uint32_t other = 0; other < model_.summary.regions; ++other)
+      if (cache_.holds(object_, spm::RegionId{other}))
+        for (const spm::Run& run : model_.runs_of(spm::RegionId{other}))
+          std::fill(held.begin() + run.first, held.begin() + run.first + run.count, true);
+    std::vector<spm::Run> missing;
+    for (const spm::Run& run : model_.runs_of(region))
+      for (std::uint32_t record = run.first; record < run.first + run.count; ++record) {
+        if (held[record]) continue;
+        if (!missing.empty() && missing.back().first + missing.back().count == record)
+          ++missing.back().count;
+        else
+          missing.push_back({record, 1});
+      }
+    const spm::codec::Bytes bytes = spm::codec::encode_region(model_, region, missing);
+    auto decoded = spm::codec::decode_region(bytes, model_.summary);
+    if (!decoded) {
+      ADD_FAILURE() << decoded.error().text;
+      return {};
+    }
+    return std::move(*decoded);
+  }
+
+  spm::AcceptResult load(spm::RegionId region) {
+    spm::RegionList list;
+    const spm::AcceptResult result = cache_.accept(object_, message(region), list);
+    if (result == spm::AcceptResult::kAccepted) forest_->add(region, list);
+    return result;
+  }
+
+  /// Refines just these as far as `units` allow, and refits.
+  spm::Advance refine(const std::vector<spm::RegionId>& regions, std::uint32_t units = 1u << 30) {
+    forest_->target(regions.data(), static_cast<std::uint32_t>(regions.size()));
+    spm::Budget budget{units};
+    const spm::Advance result = forest_->advance(budget);
+    forest_->refit();
+    return result;
+  }
+
+  /// Frees what the forest has given back.
+  void release_retired() {
+    for (std::uint32_t region; (region = forest_->take_retired()) != spm::kNone;)
+      cache_.release(object_, spm::RegionId{region});
+  }
+
+  [[nodiscard]] const spm::FaceRow& row(std::uint32_t number) const { return pool_.faces[number]; }
+  [[nodiscard]] std::uint32_t vertex_id(std::uint32_t slot) const { return pool_.vertices[slot].id; }
+  [[nodiscard]] spm::Forest& forest() { return *forest_; }
+  [[nodiscard]] spm::Cache& cache() { return cache_; }
+  [[nodiscard]] spm::NodePool& nodes() { return nodes_; }
+  [[nodiscard]] spm::ObjectIndex object() const { return object_; }
+  [[nodiscard]] const spm::Model& model() const { return model_; }
+
+ private:
+  spm::Model model_;
+  spm::Pool pool_;
+  spm::NodePool nodes_;
+  spm::Cache cache_;
+  spm::ObjectIndex object_{};
+  std::unique_ptr<spm::Forest> forest_;
+};
+
+}  // namespace tactus::test_support
