@@ -1,0 +1,66 @@
+/// Newest value wins: how one thread shows another its latest state.
+///
+///     producer: post(a) post(b)            post(c)
+///     consumer:                  take -> b         take -> c   take -> nothing new
+///
+/// Three slots: one the producer's, one the consumer's, one between them that the two swap for theirs. One producer and
+/// one consumer thread. Realtime at both ends: a copy and one atomic exchange, never a wait.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstdint>
+#include <type_traits>
+
+namespace tactus::haptics {
+
+template <class T>
+class Mailbox {
+  static_assert(std::is_trivially_copyable_v<T>, "a value is copied while the other thread runs");
+
+ public:
+  /// Until the first post, `latest` is `initial`.
+  explicit Mailbox(const T& initial = T{}) noexcept : slots_{{{initial}, {initial}, {initial}}} {}
+  Mailbox(const Mailbox&) = delete;
+  Mailbox& operator=(const Mailbox&) = delete;
+
+  /// Producer only.
+  void post(const T& value) noexcept {
+    slots_[back_].value = value;
+    back_ = between_.exchange(static_cast<std::uint8_t>(back_ | kNew), std::memory_order_acq_rel) & kSlot;
+  }
+
+  /// Consumer only: copies the newest value if none has been seen since it was posted; false, and `value` untouched,
+  /// when there is nothing new.
+  [[nodiscard]] bool take(T& value) noexcept {
+    if (!refresh()) return false;
+    value = slots_[front_].value;
+    return true;
+  }
+
+  /// Consumer only: the newest value, seen before or not. The reference holds until the consumer's next call.
+  [[nodiscard]] const T& latest() noexcept {
+    refresh();
+    return slots_[front_].value;
+  }
+
+ private:
+  static constexpr std::uint8_t kSlot = 3;
+  static constexpr std::uint8_t kNew = 4;  // the slot between holds what the consumer has not seen
+
+  bool refresh() noexcept {
+    if ((between_.load(std::memory_order_relaxed) & kNew) == 0) return false;
+    front_ = between_.exchange(front_, std::memory_order_acq_rel) & kSlot;
+    return true;
+  }
+
+  struct alignas(64) Slot {
+    T value;
+  };
+  std::array<Slot, 3> slots_;
+  alignas(64) std::uint8_t back_ = 0;
+  alignas(64) std::atomic<std::uint8_t> between_{1};
+  alignas(64) std::uint8_t front_ = 2;
+};
+
+}  // namespace tactus::haptics

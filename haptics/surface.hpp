@@ -1,0 +1,85 @@
+/// What a proxy touches: all surfaces near it, however they are stored. World frame, metres.
+///
+/// A controller answers from its AB-trees, a test from a list of triangles; both feed the triangles they find to the
+/// two accumulators below, which hold the rules. Realtime throughout.
+#pragma once
+
+#include <cstdint>
+
+#include "spm/triangle.hpp"
+
+namespace tactus::haptics {
+
+using spm::Vec3d;
+
+struct SurfaceHit {
+  double time = 1;              ///< of a sweep: share of the way at which it touches
+  Vec3d point = Vec3d::Zero();  ///< on the surface
+  Vec3d normal =
+      Vec3d::UnitZ();   ///< of a sweep: from `point` to the sphere's centre; of a closest point: the outer normal
+  double distance = 0;  ///< of a closest point: from the query, negative on the inner side
+  bool sided = true;    ///< false where the surface has no sides: at a border, or where faces cancel out
+  std::uint32_t object = spm::kNone;
+  std::uint32_t face = spm::kNone;  ///< FaceId
+};
+
+class Surface {
+ public:
+  virtual ~Surface() = default;
+
+  /// The earliest touch of a sphere whose centre goes straight from `from` to `to`, over everything that exists, both
+  /// sides alike; by the rules of spm::swept_sphere a sphere that rests on a triangle may slide and leave. Realtime.
+  [[nodiscard]] virtual bool sweep(const Vec3d& from, const Vec3d& to, double radius,
+                                   SurfaceHit& hit) const noexcept = 0;
+
+  /// The closest point of all surfaces and the side that `point` is on; false when none is nearer than `within`.
+  /// Realtime.
+  [[nodiscard]] virtual bool closest(const Vec3d& point, double within, SurfaceHit& hit) const noexcept = 0;
+};
+
+/// The earliest of the touches offered. Offer at least every triangle whose box meets the swept sphere's.
+class FirstTouch {
+ public:
+  FirstTouch(const Vec3d& from, const Vec3d& to, double radius) noexcept : from_{from}, to_{to}, radius_{radius} {}
+
+  /// Corners in counter-clockwise order seen from outside.
+  void offer(const Vec3d& a, const Vec3d& b, const Vec3d& c, std::uint32_t object, std::uint32_t face) noexcept;
+
+  /// Touches later than this no longer matter.
+  [[nodiscard]] double time() const noexcept { return best_.time; }
+  [[nodiscard]] bool result(SurfaceHit& hit) const noexcept;
+
+ private:
+  Vec3d from_, to_;
+  double radius_;
+  SurfaceHit best_;
+  bool found_ = false;
+};
+
+/// The closest point of the triangles offered, and the side of the surface that the query is on.
+///
+/// Triangles that share the closest point (an edge, a vertex) add up to the angle-weighted normal there, whose sign is
+/// right on every closed, consistently oriented surface. So offer every triangle nearer than *or as near as* `reach()`.
+/// Source: Baerentzen, Aanaes 2005 (signed distance from angle-weighted pseudo-normals).
+class ClosestSide {
+ public:
+  ClosestSide(const Vec3d& query, double within) noexcept : query_{query}, reach_{within} {}
+
+  void offer(const Vec3d& a, const Vec3d& b, const Vec3d& c, std::uint32_t object, std::uint32_t face) noexcept;
+
+  /// Triangles further away than this no longer matter.
+  [[nodiscard]] double reach() const noexcept { return reach_; }
+  [[nodiscard]] bool result(SurfaceHit& hit) const noexcept;
+
+ private:
+  Vec3d query_;
+  double reach_;
+  Vec3d point_ = Vec3d::Zero();
+  Vec3d normal_ = Vec3d::Zero();  // sum of weighted unit normals
+  int faces_ = 0;                 // that share the closest point
+  bool on_edge_ = false;
+  std::uint32_t object_ = spm::kNone;
+  std::uint32_t face_ = spm::kNone;
+};
+
+}  // namespace tactus::haptics

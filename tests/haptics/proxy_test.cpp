@@ -1,0 +1,336 @@
+#include "haptics/proxy.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <limits>
+#include <random>
+
+#include "tests/haptics/triangle_surface.hpp"
+
+namespace tactus::haptics {
+namespace {
+
+using namespace testing;
+
+constexpr unsigned kSeed = 20053;
+constexpr double kCycle = 1e-3;
+constexpr double kRadius = 0.003;
+constexpr double kSlack = 1.1e-6;  // the skin that the proxy keeps
+
+double gap(const TriangleSurface& surface, const Vec3d& x) {
+  double nearest = std::numeric_limits<double>::infinity();
+  for (const auto& [a, b, c] : surface.triangles()) {
+    nearest = std::min(nearest, spm::closest_point(x, a, b, c).squared_distance);
+  }
+  return std::sqrt(nearest);
+}
+
+/// A wandering hand: the velocity turns at random and points back when the hand strays.
+class Wanderer {
+ public:
+  Wanderer(unsigned seed, const Vec3d& start, double speed, double range)
+      : random_{seed}, position_{start}, speed_{speed}, range_{range} {}
+  Vec3d next() {
+    std::normal_distribution<double> normal;
+    heading_ += 0.05 * Vec3d{normal(random_), normal(random_), normal(random_)};
+    if (position_.norm() > range_) heading_ -= 0.05 * position_.normalized();
+    heading_.normalize();
+    position_ += heading_ * speed_ * kCycle;
+    return position_;
+  }
+
+ private:
+  std::mt19937 random_;
+  Vec3d position_;
+  Vec3d heading_ = -Vec3d::UnitZ();
+  double speed_, range_;
+};
+
+/// Presses from `start` to `goal` within `cycles` and holds there as long again.
+ProxyResult press(Proxy& proxy, const Surface& surface, const Vec3d& start, const Vec3d& goal, int cycles) {
+  for (int i = 0; i <= cycles; ++i) {
+    (void)proxy.step(start + (goal - start) * (static_cast<double>(i) / cycles), kCycle, surface, false);
+  }
+  for (int i = 0; i < cycles; ++i) (void)proxy.step(goal, kCycle, surface, false);
+  return proxy.last();
+}
+
+TEST(Proxy, IsTheDeviceInTheAir) {
+  const TriangleSurface surface{square(1, 0)};
+  Proxy proxy;
+  const ProxyResult result = press(proxy, surface, {0, 0, 0.1}, {0.1, 0.2, 0.05}, 10);
+  EXPECT_EQ(result.proxy, Vec3d(0.1, 0.2, 0.05));
+  EXPECT_EQ(result.anchor, result.proxy);
+  EXPECT_FALSE(result.in_contact);
+}
+
+TEST(Proxy, RestsOnAPlaneAboveTheDeviceAndFollowsItAlong) {
+  const TriangleSurface surface{square(1, 0)};
+  Proxy proxy;
+  const ProxyResult result = press(proxy, surface, {0, 0, 0.02}, {0.1, 0.2, -0.01}, 50);
+  EXPECT_LT((result.proxy - Vec3d(0.1, 0.2, kRadius)).norm(), 2e-6);
+  EXPECT_TRUE(result.in_contact);
+  EXPECT_LT((result.normal - Vec3d::UnitZ()).norm(), 1e-6);
+  EXPECT_EQ(result.object, 0u);
+}
+
+TEST(Proxy, LeavesASurfaceWithoutSticking) {
+  const TriangleSurface surface{square(1, 0)};
+  Proxy proxy;
+  (void)press(proxy, surface, {0, 0, 0.02}, {0, 0, -0.01}, 20);
+  const ProxyResult result = press(proxy, surface, {0, 0, -0.01}, {0, 0, 0.01}, 20);
+  EXPECT_EQ(result.proxy, Vec3d(0, 0, 0.01));
+  EXPECT_FALSE(result.in_contact);
+}
+
+TEST(Proxy, SettlesInAGrooveOnBothSides) {
+  // Two slopes of 45 degrees that meet along y at the origin.
+  const TriangleSurface surface{sheet({0, -1, 0}, {1, 0, 1}, {0, 2, 0}) + sheet({0, -1, 0}, {0, 2, 0}, {-1, 0, 1})};
+  Proxy proxy;
+  const ProxyResult result = press(proxy, surface, {0.02, 0, 0.1}, {0.001, 0.03, -0.05}, 100);
+  EXPECT_LT((result.proxy - Vec3d(0, 0.03, kRadius * std::sqrt(2.0))).norm(), 5e-6);
+}
+
+TEST(Proxy, SettlesInACornerOnThreeSides) {
+  const TriangleSurface surface{sheet({0, 0, 0}, {1, 0, 0}, {0, 1, 0}) + sheet({0, 0, 0}, {0, 1, 0}, {0, 0, 1}) +
+                                sheet({0, 0, 0}, {0, 0, 1}, {1, 0, 0})};
+  Proxy proxy;
+  const ProxyResult result = press(proxy, surface, {0.1, 0.12, 0.15}, {-0.05, -0.02, -0.03}, 100);
+  EXPECT_LT((result.proxy - Vec3d(kRadius, kRadius, kRadius)).norm(), 5e-6);
+}
+
+TEST(Proxy, RollsOverAConvexEdge) {
+  // A step down: from the top face over the edge to where the device hangs below the top.
+  const TriangleSurface surface{sheet({-1, -1, 0}, {1, 0, 0}, {0, 2, 0}) + sheet({0, -1, 0}, {0, 0, -1}, {0, 2, 0})};
+  Proxy proxy;
+  (void)press(proxy, surface, {-0.05, 0, 0.02}, {-0.05, 0, -0.002}, 20);
+  const ProxyResult result = press(proxy, surface, {-0.05, 0, -0.002}, {0.02, 0, -0.002}, 200);
+  EXPECT_LT((result.proxy - Vec3d(0.02, 0, -0.002)).norm(), 1e-12);
+  EXPECT_FALSE(result.in_contact);
+}
+
+TEST(Proxy, DoesNotPassASheetThinnerThanOneCycleOfMotion) {
+  const TriangleSurface surface{square(1, 0) + square(1, -1e-5)};
+  for (const double speed : {0.05, 0.5, 5.0, 500.0}) {
+    Proxy proxy;
+    Vec3d device{0.01, 0.02, 0.05};
+    (void)proxy.step(device, kCycle, surface, false);
+    while (device.z() > -0.2) {
+      device.z() -= speed * kCycle;
+      ASSERT_GE(proxy.step(device, kCycle, surface, false).proxy.z(), kRadius) << speed << " m/s";
+    }
+  }
+}
+
+TEST(Proxy, IsHeldByDuplicatedAndDegenerateFacesAndByNonManifoldEdgesAsByAnyOther) {
+  std::vector<Triangle> faces = square(1, 0) + square(1, 0);
+  faces.push_back({Vec3d{0, 0, 0}, Vec3d{0.5, 0.5, 0}, Vec3d{0.25, 0.25, 0}});
+  faces.push_back({Vec3d{0.1, 0.1, 0}, Vec3d{0.1, 0.1, 0}, Vec3d{0.1, 0.1, 0}});
+  faces.push_back({faces[0][2], faces[0][1], faces[0][0]});
+  // A fin on the square's diagonal makes that edge one of three and more faces.
+  faces = faces + sheet({-0.5, -0.5, 0}, {1, 1, 0}, {0, 0, 0.01});
+  const TriangleSurface surface{faces};
+  for (unsigned seed = 0; seed < 4; ++seed) {
+    Proxy proxy;
+    const Vec3d start{0.1, -0.1, 0.05};
+    Wanderer hand{kSeed + seed, start, 0.3, 0.15};
+    (void)proxy.step(start, kCycle, surface, false);
+    for (int i = 0; i < 3000; ++i) {
+      const Vec3d x = proxy.step(hand.next(), kCycle, surface, false).proxy;
+      ASSERT_GE(gap(surface, x), kRadius - 1e-12) << "seed " << seed << " cycle " << i;
+      ASSERT_GT(x.z(), 0);
+    }
+  }
+}
+
+TEST(Proxy, GoesAroundAnOpenBorderAndIsThenHeldFromBehind) {
+  const TriangleSurface surface{square(0.1, 0)};
+  Proxy proxy;
+  (void)press(proxy, surface, {0, 0, 0.02}, {0.08, 0, 0.02}, 100);
+  (void)press(proxy, surface, {0.08, 0, 0.02}, {0.08, 0, -0.02}, 100);
+  (void)press(proxy, surface, {0.08, 0, -0.02}, {0, 0, -0.02}, 100);
+  const ProxyResult result = press(proxy, surface, {0, 0, -0.02}, {0, 0, 0.01}, 100);
+  EXPECT_NEAR(result.proxy.z(), -kRadius, 2e-6);
+  EXPECT_FALSE(result.outside_only);
+}
+
+TEST(Proxy, ThatStartsInsideTouchesNothingUntilItIsOut) {
+  const TriangleSurface surface{sphere(0.1, 2)};
+  Proxy proxy;
+  EXPECT_TRUE(proxy.step({0, 0, 0.02}, kCycle, surface, false).outside_only);
+  for (double z = 0.02; z < 0.12; z += 0.001) {
+    const ProxyResult& result = proxy.step({0, 0, z}, kCycle, surface, false);
+    ASSERT_EQ(result.proxy, Vec3d(0, 0, z));
+    ASSERT_EQ(result.anchor, result.proxy);
+  }
+  EXPECT_FALSE(proxy.last().outside_only);
+  const ProxyResult result = press(proxy, surface, {0, 0, 0.12}, {0, 0, 0.05}, 100);
+  EXPECT_TRUE(result.in_contact);
+  EXPECT_GT(result.proxy.z(), 0.1);
+}
+
+TEST(Proxy, InsideASurfaceThatAppearsTouchesNothingUntilItIsOut) {
+  const TriangleSurface nothing;
+  const TriangleSurface surface{sphere(0.1, 2)};
+  Proxy proxy;
+  (void)press(proxy, nothing, {0, 0, 0.3}, {0, 0, 0.03}, 10);
+  const ProxyResult& result = proxy.step({0, 0, 0.03}, kCycle, surface, true);
+  EXPECT_TRUE(result.outside_only);
+  EXPECT_EQ(result.anchor, Vec3d(0, 0, 0.03));
+}
+
+TEST(Proxy, NeverEntersAClosedSurface) {
+  // 10^5 cycles of hands that wander through bodies at up to 0.5 m/s.
+  for (const auto& triangles : {tetrahedron(0.05), sphere(0.05, 2), bumpy(0.05, 2, 0.25)}) {
+    const TriangleSurface surface{triangles};
+    for (const double friction : {0.0, 0.6}) {
+      for (unsigned seed = 0; seed < 4; ++seed) {
+        Proxy proxy;
+        proxy.set_grip({friction, 0.7 * friction, 1000});
+        const Vec3d start{0.02, -0.01, 0.12};
+        Wanderer hand{kSeed + seed, start, 0.05 + 0.15 * seed, 0.08};
+        (void)proxy.step(start, kCycle, surface, false);
+        int contacts = 0;
+        for (int i = 0; i < 4200; ++i) {
+          const ProxyResult& result = proxy.step(hand.next(), kCycle, surface, false);
+          if (!result.in_contact) continue;
+          ++contacts;
+          ASSERT_GE(gap(surface, result.proxy), kRadius - 1e-12) << "seed " << kSeed + seed << " cycle " << i;
+          ASSERT_LT(std::abs(winding_number(result.proxy, triangles)), 0.5)
+              << "seed " << kSeed + seed << " cycle " << i;
+        }
+        EXPECT_GT(contacts, 100);
+      }
+    }
+  }
+}
+
+TEST(Proxy, ConvergesToAPointThatNoNearbyPointBeats) {
+  // The proxy minimises the distance to the device locally: no allowed point around it may be nearer.
+  const TriangleSurface surface{bumpy(0.05, 2, 0.2)};
+  std::mt19937 random{kSeed};
+  std::normal_distribution<double> normal;
+  for (int round = 0; round < 60; ++round) {
+    const Vec3d direction = Vec3d{normal(random), normal(random), normal(random)}.normalized();
+    Proxy proxy;
+    const Vec3d device = direction * 0.03;
+    const ProxyResult result = press(proxy, surface, direction * 0.1, device, 100);
+    ASSERT_TRUE(result.in_contact);
+    for (int probe = 0; probe < 200; ++probe) {
+      const Vec3d nearby = result.proxy + 2e-4 * Vec3d{normal(random), normal(random), normal(random)};
+      if (gap(surface, nearby) < kRadius + 2 * kSlack) continue;
+      ASSERT_GT((nearby - device).norm(), (result.proxy - device).norm() - 1e-5)
+          << "seed " << kSeed << " round " << round;
+    }
+  }
+}
+
+TEST(Proxy, KeepsItsSideWhenRefinementMovesTheSurfacePastIt) {
+  const auto coarse = bumpy(0.05, 1, 0.1);
+  const auto fine = bumpy(0.05, 3, 0.1);
+  const TriangleSurface surfaces[2]{TriangleSurface{coarse}, TriangleSurface{fine}};
+  ProxySettings settings;
+  settings.reach = 0.02;
+  int moved = 0;
+  for (unsigned seed = 0; seed < 6; ++seed) {
+    Proxy proxy{settings};
+    const Vec3d start{0.02, -0.01, 0.12};
+    Wanderer hand{kSeed + seed, start, 0.2, 0.07};
+    int shown = 0;
+    (void)proxy.step(start, kCycle, surfaces[shown], false);
+    for (int i = 0; i < 3000; ++i) {
+      const bool change = i % 50 == 49;
+      if (change) shown = 1 - shown;
+      const ProxyResult& result = proxy.step(hand.next(), kCycle, surfaces[shown], change);
+      if (result.surface_moved) ++moved;
+      if (!change && !result.in_contact) continue;
+      ASSERT_LT(std::abs(winding_number(result.proxy, surfaces[shown].triangles())), 0.5)
+          << "seed " << kSeed + seed << " cycle " << i;
+    }
+  }
+  EXPECT_GT(moved, 50);
+}
+
+TEST(Proxy, RampsTheForceWhenTheSurfaceRisesOrFallsUnderAHeldDevice) {
+  const TriangleSurface low{square(1, 0)};
+  const TriangleSurface high{square(1, 0.004)};
+  Proxy proxy;
+  const Grip grip{0, 0, 2000};
+  proxy.set_grip(grip);
+  const Vec3d device{0, 0, 0.001};
+  (void)press(proxy, low, {0, 0, 0.05}, device, 50);
+  double force = grip.stiffness * (proxy.last().anchor - device).z();
+  EXPECT_NEAR(force, 2000 * (kRadius - 0.001), 0.01);
+  const auto change_to = [&](const TriangleSurface& surface) {
+    double largest = 0;
+    for (int i = 0; i < 400; ++i) {
+      const ProxyResult& result = proxy.step(device, kCycle, surface, i == 0);
+      EXPECT_EQ(result.surface_moved, i == 0);
+      const double next = grip.stiffness * (result.anchor - device).z();
+      largest = std::max(largest, std::abs(next - force));
+      force = next;
+    }
+    return largest;
+  };
+  EXPECT_LE(change_to(high), 0.0501);
+  EXPECT_NEAR(force, 2000 * (0.004 + kRadius - 0.001), 0.01);
+  EXPECT_FALSE(proxy.last().ramping);
+  EXPECT_LE(change_to(low), 0.0501);
+  EXPECT_NEAR(force, 2000 * (kRadius - 0.001), 0.01);
+}
+
+TEST(Proxy, NeverPullsWhileItRampsAndTheDeviceLeaves) {
+  const TriangleSurface low{square(1, 0)};
+  const TriangleSurface high{square(1, 0.004)};
+  Proxy proxy;
+  (void)press(proxy, low, {0, 0, 0.05}, {0, 0, 0.001}, 50);
+  for (int i = 0; i < 100; ++i) {
+    const Vec3d device{0, 0, 0.001 + i * 2e-4};
+    const ProxyResult& result = proxy.step(device, kCycle, high, i == 0);
+    ASSERT_GE((result.anchor - device).z(), -1e-12) << "cycle " << i;
+  }
+}
+
+TEST(Proxy, SticksInsideTheFrictionConeAndSlipsOutsideIt) {
+  const TriangleSurface surface{square(1, 0)};
+  Proxy proxy;
+  proxy.set_grip({0.5, 0.3, 1000});
+  const double depth = 0.01;
+  (void)press(proxy, surface, {0, 0, 0.02}, {0, 0, kRadius - depth}, 30);
+  ProxyResult result = press(proxy, surface, {0, 0, kRadius - depth}, {0.0045, 0, kRadius - depth}, 30);
+  EXPECT_TRUE(result.sticking);
+  EXPECT_NEAR(result.proxy.x(), 0, 1e-6);
+  for (double x = 0.0045; x < 0.05; x += 1e-4) {
+    result = proxy.step({x, 0, kRadius - depth}, kCycle, surface, false);
+    if (x < 0.0055) continue;
+    ASSERT_FALSE(result.sticking);
+    // It trails by the dynamic cone: tan = 0.3 against the normal.
+    ASSERT_NEAR(x - result.proxy.x(), 0.3 * depth, 1e-5);
+  }
+}
+
+TEST(Proxy, StaysInsideTheDynamicConeUntilItIsWellInsideTheStaticOne) {
+  const TriangleSurface surface{square(1, 0)};
+  Proxy proxy;
+  proxy.set_grip({0.5, 0.45, 1000});
+  const double z = kRadius - 0.01;
+  (void)press(proxy, surface, {0, 0, 0.02}, {0, 0, z}, 30);
+  (void)press(proxy, surface, {0, 0, z}, {0.05, 0, z}, 100);
+  const double resting = proxy.last().proxy.x();
+  // Trailing by 0.45 of the depth is inside the static cone, yet it still slips at the next move on.
+  const ProxyResult& result = proxy.step({0.051, 0, z}, kCycle, surface, false);
+  EXPECT_FALSE(result.sticking);
+  EXPECT_GT(result.proxy.x(), resting + 5e-4);
+}
+
+TEST(Proxy, StaysWhereItWasWhenTheDeviceIsNotFinite) {
+  const TriangleSurface surface{square(1, 0)};
+  Proxy proxy;
+  const Vec3d before = press(proxy, surface, {0, 0, 0.02}, {0, 0, -0.01}, 20).proxy;
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_EQ(proxy.step({nan, 0, 0}, kCycle, surface, false).proxy, before);
+}
+
+}  // namespace
+}  // namespace tactus::haptics
