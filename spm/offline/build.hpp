@@ -1,0 +1,46 @@
+/// From triangles to a model that can be served: clean, simplify, find what depends on what, divide into regions,
+/// number.
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <string_view>
+#include <vector>
+
+#include "spm/model.hpp"
+#include "spm/offline/clean.hpp"
+#include "spm/offline/partition.hpp"
+#include "spm/offline/simplify.hpp"
+#include "spm/offline/triangle_mesh.hpp"
+
+namespace tactus::spm::offline {
+
+struct BuildOptions {
+  SimplifyOptions simplify;
+  PartitionOptions partition;
+  double metres_per_unit = 1;
+  std::optional<double> size;  ///< metres of the longest side of the bounds; overrides `metres_per_unit`
+};
+
+/// Gets the stage and the share of it that is done, 0 to 1, now and then; in the thread that builds.
+using Progress = std::function<void(std::string_view stage, double done)>;
+
+/// Owns what a Model borrows.
+struct BuiltModel {
+  ModelSummary summary;
+  std::vector<std::array<float, 3>> positions;
+  std::vector<BaseFace> base_faces;
+  std::vector<RecordPart> parts;
+  std::vector<Region> regions;
+  std::vector<Run> runs;
+  CleanReport cleaned;
+
+  [[nodiscard]] Model model() const { return {summary, positions, base_faces, parts, regions, runs}; }
+};
+
+/// The same mesh and options give the same bytes. Cleans first. Throws ModelError when no face is left after that, or
+/// when there are too many.
+[[nodiscard]] BuiltModel build_model(TriangleMesh mesh, const BuildOptions& options = {},
+                                     const Progress& progress = {});
+
+}  // namespace tactus::spm::offline

@@ -1,0 +1,260 @@
+#include "spm/offline/generate.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "spm/model.hpp"
+
+namespace tactus::spm::offline {
+namespace {
+
+constexpr double kPi = 3.14159265358979323846;
+
+struct NamedShape {
+  std::string_view name;
+  Shape shape;
+};
+constexpr std::array<NamedShape, 4> kShapes{
+    {{"sphere", Shape::kSphere}, {"torus", Shape::kTorus}, {"organ", Shape::kOrgan}, {"terrain", Shape::kTerrain}}};
+
+/// Smooth noise over space in [-1, 1]: random values at integer points, blended by quintics. Source: Perlin 2002.
+class Noise {
+ public:
+  explicit Noise(std::uint64_t seed) : seed_{seed} {}
+
+  double at(const Vec3d& p) const {
+    const Vec3d cell = p.array().floor();
+    const Vec3d in = p - cell;
+    const Vec3d s = in.array().cube() * (in.array() * (in.array() * 6 - 15) + 10);
+    double sum = 0;
+    for (int corner = 0; corner < 8; ++corner) {
+      double weight = 1;
+      std::array<std::int64_t, 3> at{};
+      for (int axis = 0; axis < 3; ++axis) {
+        const int far = corner >> axis & 1;
+        weight *= far != 0 ? s[axis] : 1 - s[axis];
+        at[static_cast<std::size_t>(axis)] = static_cast<std::int64_t>(cell[axis]) + far;
+      }
+      sum += weight * value(at);
+    }
+    return sum;
+  }
+
+  /// Octaves of double frequency and half height each.
+  double octaves(Vec3d p, int count) const {
+    double sum = 0, height = 1;
+    for (int i = 0; i < count; ++i) {
+      sum += height * at(p);
+      p = 2 * p + Vec3d::Constant(17.3);
+      height /= 2;
+    }
+    return sum;
+  }
+
+ private:
+  double value(const std::array<std::int64_t, 3>& at) const {
+    std::uint64_t h = seed_;
+    for (const std::int64_t x : at) {
+      h ^= static_cast<std::uint64_t>(x) + 0x9e3779b97f4a7c15ull + (h << 6) + (h >> 2);
+      h = (h ^ h >> 30) * 0xbf58476d1ce4e5b9ull;
+      h = (h ^ h >> 27) * 0x94d049bb133111ebull;
+      h ^= h >> 31;
+    }
+    return static_cast<double>(h >> 11) / static_cast<double>(1ull << 52) - 1;
+  }
+
+  std::uint64_t seed_;
+};
+
+std::array<float, 3> rounded(const Vec3d& p) {
+  return {static_cast<float>(p[0]), static_cast<float>(p[1]), static_cast<float>(p[2])};
+}
+
+/// Unit sphere as rings of latitude, each with vertices in proportion to its length, sewn to the next. A closed surface
+/// of V vertices has 2 V - 4 faces, so handing out the vertices exactly gives exactly `faces` of them.
+///
+///      pole
+///     /  |  \        ring i has counts[i] vertices
+///    o---o---o
+///    | \/ \ /|
+///    o-o--o--o
+struct UnitSphere {
+  std::vector<Vec3d> points;
+  std::vector<Triangle> faces;
+};
+
+std::vector<std::uint32_t> ring_counts(std::uint32_t vertices) {
+  const auto rings = static_cast<std::uint32_t>(
+      std::clamp(std::round(std::sqrt(kPi * vertices * std::sqrt(3.0) / 8)), 1.0, std::max(1.0, vertices / 3.0)));
+  std::vector<double> length(rings);
+  double total = 0;
+  for (std::uint32_t i = 0; i < rings; ++i) total += length[i] = std::sin(kPi * (i + 1) / (rings + 1));
+  std::vector<std::uint32_t> counts(rings);
+  double wanted = 0;
+  std::uint32_t given = 0;
+  for (std::uint32_t i = 0; i < rings; ++i) {  // at least 3 each; what rounding leaves goes to the next
+    wanted += 3 + (vertices - 3.0 * rings) * length[i] / total;
+    counts[i] = i + 1 == rings ? vertices - given : static_cast<std::uint32_t>(std::round(wanted)) - given;
+    given += counts[i];
+  }
+  return counts;
+}
+
+UnitSphere unit_sphere(std::uint32_t faces) {
+  UnitSphere sphere;
+  const std::vector<std::uint32_t> counts = ring_counts((faces + 4) / 2 - 2);
+  const auto rings = static_cast<std::uint32_t>(counts.size());
+  sphere.points.emplace_back(0, 0, 1);
+  std::uint32_t above = 0, above_count = 1;
+  for (std::uint32_t i = 0; i < rings; ++i) {
+    const double polar = kPi * (i + 1) / (rings + 1);
+    const auto first = static_cast<std::uint32_t>(sphere.points.size());
+    for (std::uint32_t k = 0; k < counts[i]; ++k) {
+      const double angle = 2 * kPi * k / counts[i];
+      sphere.points.emplace_back(std::sin(polar) * std::cos(angle), std::sin(polar) * std::sin(angle), std::cos(polar));
+    }
+    // Sew: whichever ring is behind in angle takes the next step.
+    std::uint32_t a = 0, b = 0;
+    const std::uint32_t above_steps = i == 0 ? 0 : above_count;
+    while (a < above_steps || b < counts[i]) {
+      const std::uint32_t at_a = above + a % above_count, at_b = first + b % counts[i];
+      const bool step_above = b == counts[i] || (a < above_steps && std::uint64_t{2 * a + 1} * counts[i] <=
+                                                                        std::uint64_t{2 * b + 1} * above_count);
+      if (step_above) {
+        sphere.faces.push_back({at_a, at_b, above + (a + 1) % above_count});
+        ++a;
+      } else {
+        sphere.faces.push_back({at_a, at_b, first + (b + 1) % counts[i]});
+        ++b;
+      }
+    }
+    above = first;
+    above_count = counts[i];
+  }
+  const auto pole = static_cast<std::uint32_t>(sphere.points.size());
+  sphere.points.emplace_back(0, 0, -1);
+  for (std::uint32_t k = 0; k < above_count; ++k) {
+    sphere.faces.push_back({above + k, pole, above + (k + 1) % above_count});
+  }
+  return sphere;
+}
+
+TriangleMesh sphere(std::uint32_t faces) {
+  UnitSphere unit = unit_sphere(faces);
+  TriangleMesh mesh;
+  for (const Vec3d& p : unit.points) mesh.positions.push_back(rounded(0.05 * p));
+  mesh.faces = std::move(unit.faces);
+  return mesh;
+}
+
+TriangleMesh organ(std::uint32_t faces, std::uint64_t seed) {
+  const Noise noise{seed};
+  UnitSphere unit = unit_sphere(faces);
+  TriangleMesh mesh;
+  mesh.positions.reserve(unit.points.size());
+  for (const Vec3d& p : unit.points) {
+    const double lobes = noise.octaves(1.3 * p + Vec3d::Constant(5), 2);
+    const double folds = noise.octaves(6 * p + Vec3d::Constant(31), 4);
+    const double radius = 0.045 * (1 + 0.22 * lobes + 0.035 * folds);
+    mesh.positions.push_back(rounded(radius * p.cwiseProduct(Vec3d{1.15, 0.9, 0.8})));
+  }
+  mesh.faces = std::move(unit.faces);
+  return mesh;
+}
+
+struct Quads {
+  std::uint32_t columns, rows;
+};
+
+/// The grid of quads with 2 * columns * rows nearest to `faces`, near to `aspect` columns for each row.
+Quads quads(std::uint32_t faces, double aspect, std::uint32_t least) {
+  const double wanted = faces / 2.0;
+  const double columns = std::sqrt(wanted * aspect);
+  const auto around = static_cast<std::uint32_t>(std::max<double>(least, std::round(columns)));
+  Quads best{};
+  double best_error = 0;
+  const std::uint32_t reach = around / 10 + 1;
+  for (std::uint32_t step = 0; step <= 2 * reach; ++step) {  // around, around + 1, around - 1, ...
+    const std::uint32_t offset = (step + 1) / 2;
+    if (step % 2 == 0 && around < least + offset) continue;
+    const std::uint32_t c = step % 2 == 0 ? around - offset : around + offset;
+    const auto r = static_cast<std::uint32_t>(std::max<double>(least, std::round(wanted / c)));
+    const double error = std::abs(double(c) * r - wanted);
+    if (best.columns == 0 || error < best_error) {
+      best = {c, r};
+      best_error = error;
+    }
+  }
+  return best;
+}
+
+TriangleMesh torus(std::uint32_t faces) {
+  const Quads grid = quads(faces, 2.5, 3);
+  TriangleMesh mesh;
+  for (std::uint32_t i = 0; i < grid.columns; ++i) {
+    for (std::uint32_t k = 0; k < grid.rows; ++k) {
+      const double along = 2 * kPi * i / grid.columns, across = 2 * kPi * k / grid.rows;
+      const double out = 0.05 + 0.02 * std::cos(across);
+      mesh.positions.push_back(rounded({out * std::cos(along), out * std::sin(along), 0.02 * std::sin(across)}));
+      const std::uint32_t i1 = (i + 1) % grid.columns, k1 = (k + 1) % grid.rows;
+      const std::uint32_t a = i * grid.rows + k, b = i1 * grid.rows + k;
+      const std::uint32_t c = i1 * grid.rows + k1, d = i * grid.rows + k1;
+      mesh.faces.push_back({a, b, c});
+      mesh.faces.push_back({a, c, d});
+    }
+  }
+  return mesh;
+}
+
+TriangleMesh terrain(std::uint32_t faces, std::uint64_t seed) {
+  const Noise noise{seed};
+  const Quads grid = quads(faces, 1, 1);
+  TriangleMesh mesh;
+  for (std::uint32_t y = 0; y <= grid.rows; ++y) {
+    for (std::uint32_t x = 0; x <= grid.columns; ++x) {
+      const double px = double(x) / grid.columns, py = double(y) / grid.rows;
+      const double height = 0.012 * noise.octaves(Vec3d{4 * px, 4 * py, 0.5}, 6);
+      mesh.positions.push_back(rounded({0.1 * px - 0.05, 0.1 * py - 0.05, height}));
+      if (x == grid.columns || y == grid.rows) continue;
+      const std::uint32_t a = y * (grid.columns + 1) + x, b = a + 1, d = a + grid.columns + 1, c = d + 1;
+      mesh.faces.push_back((x + y) % 2 == 0 ? Triangle{a, b, c} : Triangle{a, b, d});
+      mesh.faces.push_back((x + y) % 2 == 0 ? Triangle{a, c, d} : Triangle{b, c, d});
+    }
+  }
+  return mesh;
+}
+
+}  // namespace
+
+std::vector<std::string_view> shape_names() {
+  std::vector<std::string_view> names;
+  for (const NamedShape& shape : kShapes) names.push_back(shape.name);
+  return names;
+}
+
+Shape shape_from_name(std::string_view name) {
+  for (const NamedShape& shape : kShapes) {
+    if (shape.name == name) return shape.shape;
+  }
+  throw ModelError{"shape: found \"" + std::string{name} + "\", expected sphere, torus, organ or terrain"};
+}
+
+TriangleMesh generate(Shape shape, std::uint32_t faces, std::uint64_t seed) {
+  if (faces < 8 || faces >= kMaxFaces) {
+    throw ModelError{"faces: found " + std::to_string(faces) + ", expected 8 to " + std::to_string(kMaxFaces - 1)};
+  }
+  switch (shape) {
+    case Shape::kSphere:
+      return sphere(faces);
+    case Shape::kTorus:
+      return torus(faces);
+    case Shape::kOrgan:
+      return organ(faces, seed);
+    case Shape::kTerrain:
+      return terrain(faces, seed);
+  }
+  throw ModelError{"shape: unknown"};
+}
+
+}  // namespace tactus::spm::offline

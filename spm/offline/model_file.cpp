@@ -1,0 +1,302 @@
+#include "spm/offline/model_file.hpp"
+
+#include <fcntl.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+#include <xxhash.h>
+
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <nlohmann/json.hpp>
+#include <utility>
+#include <vector>
+
+namespace tactus::spm::offline {
+namespace {
+
+static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the file is memory as it stands");
+
+constexpr std::array<char, 8> kMagic{'t', 'a', 'c', 't', 'S', 'P', 'M', '\n'};
+constexpr std::size_t kAlignment = 64;
+
+enum class SectionKind : std::uint32_t { kSummary = 1, kPositions, kBaseFaces, kParts, kRegions, kRuns, kStatistics };
+constexpr std::uint32_t kSections = 7;
+constexpr std::array<const char*, kSections> kSectionNames{"summary", "positions", "base faces", "parts",
+                                                           "regions", "runs",      "statistics"};
+
+struct Header {
+  std::array<char, 8> magic;
+  std::uint32_t version;
+  std::uint32_t sections;
+  std::uint64_t file_size;
+  std::uint64_t checksum;  // of this header, with 0 here, and of the table
+  std::array<std::uint64_t, 4> reserved;
+};
+static_assert(sizeof(Header) == 64);
+
+struct SectionEntry {
+  SectionKind kind;
+  std::uint32_t reserved;
+  std::uint64_t offset, size;
+  std::uint64_t checksum;
+};
+static_assert(sizeof(SectionEntry) == 32);
+using Table = std::array<SectionEntry, kSections>;
+static_assert(sizeof(ModelSummary) == 104, "no padding, so that its bytes can be hashed");
+
+std::uint64_t checksum_of(Header header, const Table& table) {
+  header.checksum = 0;
+  std::array<unsigned char, sizeof(Header) + sizeof(Table)> bytes;
+  std::memcpy(bytes.data(), &header, sizeof header);
+  std::memcpy(bytes.data() + sizeof header, &table, sizeof table);
+  return XXH3_64bits(bytes.data(), bytes.size());
+}
+
+/// Calls `use(data, bytes)` for each array, in the order of the sections.
+template <class Use>
+void for_each_array(const Model& model, Use use) {
+  const auto bytes_of = [&use](auto span) { use(span.data(), span.size() * sizeof(*span.data())); };
+  bytes_of(model.positions);
+  bytes_of(model.base_faces);
+  bytes_of(model.parts);
+  bytes_of(model.regions);
+  bytes_of(model.runs);
+}
+
+[[noreturn]] void fail(const std::filesystem::path& path, const std::string& what) {
+  throw ModelError{path.string() + ": " + what};
+}
+
+std::string to_json(const Provenance& p) {
+  const CleanReport& c = p.cleaned;
+  return nlohmann::ordered_json{{"source", p.source},
+                                {"dropped",
+                                 {{"welded_vertices", c.welded_vertices},
+                                  {"non_finite_faces", c.non_finite_faces},
+                                  {"repeated_corner_faces", c.repeated_corner_faces},
+                                  {"zero_area_faces", c.zero_area_faces},
+                                  {"duplicate_faces", c.duplicate_faces},
+                                  {"unreferenced_vertices", c.unreferenced_vertices}}}}
+      .dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+}
+
+Provenance from_json(const char* text, std::size_t size) {
+  const auto json = nlohmann::json::parse(text, text + size);
+  const auto& dropped = json.at("dropped");
+  Provenance p;
+  p.source = json.at("source").get<std::string>();
+  p.cleaned.welded_vertices = dropped.at("welded_vertices");
+  p.cleaned.non_finite_faces = dropped.at("non_finite_faces");
+  p.cleaned.repeated_corner_faces = dropped.at("repeated_corner_faces");
+  p.cleaned.zero_area_faces = dropped.at("zero_area_faces");
+  p.cleaned.duplicate_faces = dropped.at("duplicate_faces");
+  p.cleaned.unreferenced_vertices = dropped.at("unreferenced_vertices");
+  return p;
+}
+
+/// A file that is there under its name only once it is complete.
+class PendingFile {
+ public:
+  explicit PendingFile(const std::filesystem::path& path) : path_{path}, name_{path.string() + ".XXXXXX"} {
+    fd_ = ::mkstemp(name_.data());
+    if (fd_ < 0) fail(path_, "cannot be written: " + std::string{std::strerror(errno)});
+  }
+  PendingFile(const PendingFile&) = delete;
+  PendingFile& operator=(const PendingFile&) = delete;
+  ~PendingFile() {
+    if (fd_ >= 0) ::close(fd_);
+    if (!name_.empty()) ::unlink(name_.c_str());
+  }
+
+  void write(const void* data, std::size_t size) {
+    const char* from = static_cast<const char*>(data);
+    while (size > 0) {
+      const ssize_t n = ::write(fd_, from, size);
+      if (n < 0 && errno == EINTR) continue;
+      if (n <= 0) fail(path_, "cannot be written: " + std::string{std::strerror(errno)});
+      from += n;
+      size -= static_cast<std::size_t>(n);
+      written_ += static_cast<std::size_t>(n);
+    }
+  }
+  void pad_to(std::size_t offset) {
+    const std::array<char, kAlignment> zeros{};
+    write(zeros.data(), offset - written_);
+  }
+  void commit() {
+    const mode_t mask = ::umask(0);
+    ::umask(mask);
+    const bool synced = ::fchmod(fd_, 0666 & ~mask) == 0 && ::fsync(fd_) == 0;
+    const bool closed = ::close(std::exchange(fd_, -1)) == 0;
+    if (!synced || !closed || ::rename(name_.c_str(), path_.c_str()) != 0) {
+      fail(path_, "cannot be written: " + std::string{std::strerror(errno)});
+    }
+    name_.clear();
+  }
+
+ private:
+  std::filesystem::path path_;
+  std::string name_;
+  int fd_ = -1;
+  std::size_t written_ = 0;
+};
+
+struct File {
+  explicit File(const std::filesystem::path& path) : fd{::open(path.c_str(), O_RDONLY | O_CLOEXEC)} {}
+  File(const File&) = delete;
+  File& operator=(const File&) = delete;
+  ~File() {
+    if (fd >= 0) ::close(fd);
+  }
+  int fd;
+};
+
+/// A section as elements. Offsets and sizes have been checked against the file.
+template <class T>
+Span<const T> elements(const unsigned char* file, const SectionEntry& section, const std::filesystem::path& path) {
+  if (section.size % sizeof(T) != 0) {
+    fail(path, std::string{"section "} + kSectionNames[static_cast<std::uint32_t>(section.kind) - 1] + ": found " +
+                   std::to_string(section.size) + " bytes, expected a multiple of " + std::to_string(sizeof(T)));
+  }
+  return {reinterpret_cast<const T*>(file + section.offset), static_cast<std::size_t>(section.size / sizeof(T))};
+}
+
+void check_header(const Header& header, std::size_t size, const std::filesystem::path& path) {
+  if (header.magic != kMagic) fail(path, "not an .spm file: it does not begin with \"tactSPM\"");
+  if (header.version != kModelFileVersion) {
+    fail(path, std::string{"format version "} + std::to_string(header.version) + ", this program reads version " +
+                   std::to_string(kModelFileVersion) +
+                   (header.version > kModelFileVersion ? "; it was written by a later release" : ""));
+  }
+  if (header.sections != kSections) {
+    fail(path, "found " + std::to_string(header.sections) + " sections, expected " + std::to_string(kSections));
+  }
+  if (header.file_size != size) {
+    fail(path, "found " + std::to_string(size) + " bytes, its header says " + std::to_string(header.file_size) +
+                   (size < header.file_size ? " (truncated)" : ""));
+  }
+}
+
+void check_section(const SectionEntry& section, std::uint32_t i, const unsigned char* file, std::size_t size,
+                   const std::filesystem::path& path) {
+  const std::string name = std::string{"section "} + kSectionNames[i];
+  if (static_cast<std::uint32_t>(section.kind) != i + 1) fail(path, name + ": not in its place in the table");
+  if (section.offset % kAlignment != 0 || section.offset > size || section.size > size - section.offset) {
+    fail(path, name + ": bytes " + std::to_string(section.offset) + " + " + std::to_string(section.size) +
+                   ", the file has " + std::to_string(size));
+  }
+  if (XXH3_64bits(file + section.offset, section.size) != section.checksum) {
+    fail(path, name + ": checksum does not match, the file is damaged");
+  }
+}
+
+}  // namespace
+
+std::uint64_t digest_of(const Model& model) {
+  XXH3_state_t* state = XXH3_createState();
+  XXH3_64bits_reset(state);
+  ModelSummary summary = model.summary;
+  summary.digest = 0;
+  XXH3_64bits_update(state, &summary, sizeof summary);
+  for_each_array(model, [&](const void* data, std::size_t size) { XXH3_64bits_update(state, data, size); });
+  const std::uint64_t digest = XXH3_64bits_digest(state);
+  XXH3_freeState(state);
+  return digest;
+}
+
+void write_model(const std::filesystem::path& path, const Model& model, const Provenance& provenance) {
+  const std::string statistics = to_json(provenance);
+  std::vector<std::pair<const void*, std::size_t>> contents{{&model.summary, sizeof model.summary}};
+  for_each_array(model, [&](const void* data, std::size_t size) { contents.emplace_back(data, size); });
+  contents.emplace_back(statistics.data(), statistics.size());
+
+  Table table{};
+  std::size_t end = sizeof(Header) + sizeof(Table);
+  for (std::uint32_t i = 0; i < kSections; ++i) {
+    const std::size_t offset = (end + kAlignment - 1) / kAlignment * kAlignment;
+    table[i] = {static_cast<SectionKind>(i + 1), 0, offset, contents[i].second,
+                XXH3_64bits(contents[i].first, contents[i].second)};
+    end = offset + contents[i].second;
+  }
+  Header header{kMagic, kModelFileVersion, kSections, end, 0, {}};
+  header.checksum = checksum_of(header, table);
+
+  PendingFile file{path};
+  file.write(&header, sizeof header);
+  file.write(&table, sizeof table);
+  for (std::uint32_t i = 0; i < kSections; ++i) {
+    file.pad_to(table[i].offset);
+    file.write(contents[i].first, contents[i].second);
+  }
+  file.commit();
+}
+
+bool is_model_file(const std::filesystem::path& path) {
+  const File file{path};
+  std::array<char, 8> magic{};
+  return file.fd >= 0 && ::read(file.fd, magic.data(), magic.size()) == ssize_t{8} && magic == kMagic;
+}
+
+MappedModel::MappedModel(const std::filesystem::path& path) {
+  const File file{path};
+  if (file.fd < 0) fail(path, "cannot be read: " + std::string{std::strerror(errno)});
+  struct stat status {};
+  if (::fstat(file.fd, &status) != 0 || !S_ISREG(status.st_mode)) fail(path, "is no regular file");
+  const auto size = static_cast<std::size_t>(status.st_size);
+  if (size < sizeof(Header) + sizeof(Table)) {
+    fail(path, "found " + std::to_string(size) + " bytes, an .spm file has at least " +
+                   std::to_string(sizeof(Header) + sizeof(Table)));
+  }
+  void* data = ::mmap(nullptr, size, PROT_READ, MAP_PRIVATE, file.fd, 0);
+  if (data == MAP_FAILED) fail(path, "cannot be mapped: " + std::string{std::strerror(errno)});
+  MappedModel mapped;  // unmaps when a check below throws
+  mapped.data_ = data;
+  mapped.size_ = size;
+
+  const auto* bytes = static_cast<const unsigned char*>(data);
+  Header header;
+  Table table;
+  std::memcpy(&header, bytes, sizeof header);
+  std::memcpy(&table, bytes + sizeof header, sizeof table);
+  check_header(header, size, path);
+  if (checksum_of(header, table) != header.checksum) fail(path, "header checksum does not match, the file is damaged");
+  for (std::uint32_t i = 0; i < kSections; ++i) check_section(table[i], i, bytes, size, path);
+
+  Model& model = mapped.model_;
+  if (table[0].size != sizeof(ModelSummary))
+    fail(path, "section summary: found " + std::to_string(table[0].size) + " bytes, expected " +
+                   std::to_string(sizeof(ModelSummary)));
+  std::memcpy(&model.summary, bytes + table[0].offset, sizeof(ModelSummary));
+  model.positions = elements<std::array<float, 3>>(bytes, table[1], path);
+  model.base_faces = elements<BaseFace>(bytes, table[2], path);
+  model.parts = elements<RecordPart>(bytes, table[3], path);
+  model.regions = elements<Region>(bytes, table[4], path);
+  model.runs = elements<Run>(bytes, table[5], path);
+  const std::vector<std::string> broken = violations(model);
+  if (!broken.empty()) fail(path, broken.front());
+  if (digest_of(model) != model.summary.digest) fail(path, "digest does not match its contents");
+  try {
+    mapped.provenance_ = from_json(reinterpret_cast<const char*>(bytes + table[6].offset), table[6].size);
+  } catch (const nlohmann::json::exception& e) {
+    fail(path, std::string{"section statistics: "} + e.what());
+  }
+  *this = std::move(mapped);
+}
+
+MappedModel::~MappedModel() {
+  if (data_ != nullptr) ::munmap(data_, size_);
+}
+
+MappedModel::MappedModel(MappedModel&& other) noexcept { *this = std::move(other); }
+
+MappedModel& MappedModel::operator=(MappedModel&& other) noexcept {
+  std::swap(data_, other.data_);
+  std::swap(size_, other.size_);
+  std::swap(model_, other.model_);
+  std::swap(provenance_, other.provenance_);
+  return *this;
+}
+
+}  // namespace tactus::spm::offline

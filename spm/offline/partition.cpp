@@ -1,0 +1,192 @@
+#include "spm/offline/partition.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace tactus::spm::offline {
+namespace {
+
+constexpr std::uint32_t kMaxDepth = 6;
+constexpr double kMostCellsPerSide = 1000;  // times 2^kMaxDepth still fits 16 bits
+
+struct Corners {
+  std::array<Vec3d, 3> p;
+};
+
+/// Whether the triangle meets the box around `centre` with half edge `half`.
+bool meets(const Corners& triangle, const Vec3d& centre, double half) {
+  const Vec3d a = triangle.p[0] - centre, b = triangle.p[1] - centre, c = triangle.p[2] - centre;
+  const auto apart = [&](const Vec3d& axis) {
+    const double pa = axis.dot(a), pb = axis.dot(b), pc = axis.dot(c);
+    const double reach = half * (std::abs(axis[0]) + std::abs(axis[1]) + std::abs(axis[2]));
+    return std::min({pa, pb, pc}) > reach || std::max({pa, pb, pc}) < -reach;
+  };
+  for (int axis = 0; axis < 3; ++axis) {
+    if (apart(Vec3d::Unit(axis))) return false;
+  }
+  const std::array<Vec3d, 3> edges{Vec3d{b - a}, Vec3d{c - b}, Vec3d{a - c}};
+  if (apart(edges[0].cross(edges[1]))) return false;
+  for (const Vec3d& edge : edges) {
+    for (int axis = 0; axis < 3; ++axis) {
+      if (apart(Vec3d::Unit(axis).cross(edge))) return false;
+    }
+  }
+  return true;
+}
+
+class Partitioner {
+ public:
+  Partitioner(const TriangleMesh& mesh, const PartitionOptions& options) : mesh_{mesh}, options_{options} {
+    Vec3d low = Vec3d::Constant(std::numeric_limits<double>::infinity()), high = -low;
+    double area = 0, largest = 0;
+    for (const std::array<float, 3>& p : mesh.positions) {
+      const Vec3d at{p[0], p[1], p[2]};
+      low = low.cwiseMin(at);
+      high = high.cwiseMax(at);
+      largest = std::max(largest, at.cwiseAbs().maxCoeff());
+    }
+    for (std::uint32_t f = 0; f < mesh.faces.size(); ++f) {
+      const Corners t = corners(f);
+      area += (t.p[1] - t.p[0]).cross(t.p[2] - t.p[0]).norm() / 2;
+    }
+    const double side = (high - low).maxCoeff();
+    const double even = std::sqrt(area * options.cell_faces / static_cast<double>(mesh.faces.size()));
+    const double cell = std::min(std::max(even, side / kMostCellsPerSide), 1.01 * side);
+    hair_ = 1e-6 * cell + 4 * static_cast<double>(std::numeric_limits<float>::epsilon()) * largest;
+    // The model sits in the middle of its cells, a hair inside of the outermost.
+    out_.grid.cell_size = cell;
+    for (int axis = 0; axis < 3; ++axis) {
+      const double extent = high[axis] - low[axis] + 4 * hair_;
+      count_[axis] = static_cast<std::uint32_t>(std::ceil(extent / cell));
+      out_.grid.origin[static_cast<std::size_t>(axis)] = (low[axis] + high[axis] - count_[axis] * cell) / 2;
+    }
+  }
+
+  Partition run() {
+    struct Entry {
+      std::uint64_t key;
+      std::uint32_t face;
+    };
+    std::vector<Entry> entries;
+    entries.reserve(mesh_.faces.size() * 3 / 2);
+    for (std::uint32_t f = 0; f < mesh_.faces.size(); ++f) {
+      const Corners t = corners(f);
+      std::array<std::uint32_t, 3> first, last;
+      for (int axis = 0; axis < 3; ++axis) {
+        const double low = std::min({t.p[0][axis], t.p[1][axis], t.p[2][axis]});
+        const double high = std::max({t.p[0][axis], t.p[1][axis], t.p[2][axis]});
+        first[static_cast<std::size_t>(axis)] = cell_of(low - hair_, axis);
+        last[static_cast<std::size_t>(axis)] = cell_of(high + hair_, axis);
+      }
+      for (std::uint32_t z = first[2]; z <= last[2]; ++z) {
+        for (std::uint32_t y = first[1]; y <= last[1]; ++y) {
+          for (std::uint32_t x = first[0]; x <= last[0]; ++x) {
+            if (meets_cell(t, {x, y, z}, 0)) entries.push_back({morton(x, y, z), f});
+          }
+        }
+      }
+    }
+    std::sort(entries.begin(), entries.end(),
+              [](const Entry& a, const Entry& b) { return a.key != b.key ? a.key < b.key : a.face < b.face; });
+    std::vector<std::uint32_t> faces;
+    for (std::size_t i = 0; i < entries.size();) {
+      const std::uint64_t key = entries[i].key;
+      faces.clear();
+      for (; i < entries.size() && entries[i].key == key; ++i) faces.push_back(entries[i].face);
+      add(unmorton(key), 0, faces);
+    }
+    return std::move(out_);
+  }
+
+ private:
+  using Place = std::array<std::uint32_t, 3>;
+
+  Corners corners(std::uint32_t f) const {
+    Corners t;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const std::array<float, 3>& p = mesh_.positions[mesh_.faces[f][k]];
+      t.p[k] = {p[0], p[1], p[2]};
+    }
+    return t;
+  }
+
+  std::uint32_t cell_of(double x, int axis) const {
+    const double at = std::floor((x - out_.grid.origin[static_cast<std::size_t>(axis)]) / out_.grid.cell_size);
+    return static_cast<std::uint32_t>(std::clamp(at, 0.0, count_[axis] - 1.0));
+  }
+
+  bool meets_cell(const Corners& t, const Place& at, std::uint32_t depth) const {
+    const double edge = std::ldexp(out_.grid.cell_size, -static_cast<int>(depth));
+    Vec3d centre;
+    for (int axis = 0; axis < 3; ++axis) {
+      const auto k = static_cast<std::size_t>(axis);
+      centre[axis] = out_.grid.origin[k] + (at[k] + 0.5) * edge;
+    }
+    return meets(t, centre, edge / 2 + hair_);
+  }
+
+  static Place unmorton(std::uint64_t key) {
+    Place at{};
+    for (std::uint32_t bit = 0; bit < 21; ++bit) {
+      for (std::uint32_t axis = 0; axis < 3; ++axis) at[axis] |= (key >> (3 * bit + axis) & 1u) << bit;
+    }
+    return at;
+  }
+
+  void add(const Place& at, std::uint32_t depth, const std::vector<std::uint32_t>& faces) {
+    if (faces.empty() || divide(at, depth, faces)) return;
+    out_.cells.push_back(
+        {{static_cast<std::uint16_t>(at[0]), static_cast<std::uint16_t>(at[1]), static_cast<std::uint16_t>(at[2])},
+         static_cast<std::uint16_t>(depth),
+         static_cast<std::uint32_t>(out_.faces.size()),
+         static_cast<std::uint32_t>(faces.size())});
+    out_.faces.insert(out_.faces.end(), faces.begin(), faces.end());
+  }
+
+  /// Not where the eight would share most of their faces, as around a hub or in a stack of sheets.
+  bool divide(const Place& at, std::uint32_t depth, const std::vector<std::uint32_t>& faces) {
+    if (faces.size() <= options_.max_cell_faces || depth == kMaxDepth) return false;
+    std::array<std::vector<std::uint32_t>, 8> parts;
+    std::size_t sum = 0;
+    const auto place = [&at](std::uint32_t octant) {
+      return Place{2 * at[0] + (octant & 1u), 2 * at[1] + (octant >> 1 & 1u), 2 * at[2] + (octant >> 2)};
+    };
+    for (std::uint32_t octant = 0; octant < 8; ++octant) {
+      for (const std::uint32_t f : faces) {
+        if (meets_cell(corners(f), place(octant), depth + 1)) parts[octant].push_back(f);
+      }
+      sum += parts[octant].size();
+    }
+    if (sum > 2 * faces.size()) return false;
+    for (std::uint32_t octant = 0; octant < 8; ++octant) add(place(octant), depth + 1, parts[octant]);
+    return true;
+  }
+
+  const TriangleMesh& mesh_;
+  PartitionOptions options_;
+  double hair_ = 0;
+  std::array<std::uint32_t, 3> count_{};
+  Partition out_{};
+};
+
+}  // namespace
+
+std::uint64_t morton(std::uint32_t x, std::uint32_t y, std::uint32_t z) {
+  const auto spread = [](std::uint64_t v) {
+    v &= 0x1fffff;
+    v = (v | v << 32) & 0x1f00000000ffff;
+    v = (v | v << 16) & 0x1f0000ff0000ff;
+    v = (v | v << 8) & 0x100f00f00f00f00f;
+    v = (v | v << 4) & 0x10c30c30c30c30c3;
+    return (v | v << 2) & 0x1249249249249249;
+  };
+  return spread(x) | spread(y) << 1 | spread(z) << 2;
+}
+
+Partition partition(const TriangleMesh& mesh, const PartitionOptions& options) {
+  return Partitioner{mesh, options}.run();
+}
+
+}  // namespace tactus::spm::offline
