@@ -1,0 +1,368 @@
+// T_R, T_B and T_Q of the cycle along a surface path, beside FCL on the finest and on the base mesh: the paper's
+// Table 2.
+//
+// First pass: the run time with a pool of a share of the model, regions coming through the codec as they would from a
+// host, outside the timed part. Second pass, over the same poses: FCL. Where the first pass was exact, both must have
+// found the same triangles, so that fast and wrong fails.
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <vector>
+
+#include "bench/figures.hpp"
+#include "bench/models.hpp"
+#include "bench/surface_path.hpp"
+#include "spm/cache.hpp"
+#include "spm/codec/region_codec.hpp"
+#include "spm/fcl/fixed_mesh.hpp"
+#include "spm/forest.hpp"
+#include "spm/prediction.hpp"
+#include "spm/triangle.hpp"
+
+namespace tactus::bench {
+namespace {
+
+using spm::Vec3d;
+
+constexpr double kPeriod = 0.001;  // s
+constexpr std::uint32_t kContacts = 8192;
+constexpr double kTangent = 1e-6;  // m: nearer to tangency than this, rounding decides
+
+struct Settings {
+  std::string model;
+  std::string json;
+  std::uint32_t faces = 500000;
+  double seconds = 60;
+  double radius = 0.003;  // m
+  double speed = 0.05;    // m/s
+  double depth = 0.0002;  // m
+  double pool_share = 0.25;
+  std::uint32_t budget = 1500;
+  std::uint64_t seed = 1;
+  bool quick = false;
+};
+
+class Stopwatch {
+ public:
+  /// Microseconds since the last lap or the start.
+  double lap() {
+    const auto now = std::chrono::steady_clock::now();
+    const double us = std::chrono::duration<double, std::micro>(now - last_).count();
+    last_ = now;
+    return us;
+  }
+
+ private:
+  std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
+};
+
+/// What one cycle found; its faces are `[first, first + count)` of Run::faces when it was exact.
+struct Found {
+  bool exact = false;
+  std::size_t first = 0, count = 0;
+};
+
+struct Run {
+  Samples refine, refit, query, sum;                                  // all cycles
+  Samples changed_refine, changed_refit, changed_query, changed_sum;  // cycles with changes
+  std::vector<Found> found;                                           // by pose
+  std::vector<std::uint32_t> faces;
+  std::uint64_t evictions = 0, splits = 0, collapses = 0;
+  std::uint32_t exact = 0, truncated = 0;
+};
+
+/// Keeps an object's regions in the pool as a controller's loader does, without a network between.
+class Loader {
+ public:
+  Loader(const spm::Model& model, spm::Cache& cache, spm::ObjectIndex object, spm::Forest& forest)
+      : model_{model}, cache_{cache}, object_{object}, forest_{forest}, wanted_at_(model.regions.size(), 0) {}
+
+  /// Loads what `wanted` lacks and, when the pool is full, gives back what was wanted longest ago.
+  void follow(const spm::Predictor::Answer& wanted) {
+    ++tick_;
+    for (std::uint32_t gone = forest_.take_retired(); gone != spm::kNone; gone = forest_.take_retired()) {
+      cache_.release(object_, spm::RegionId{gone});
+    }
+    for (std::uint32_t i = 0; i < wanted.count; ++i) wanted_at_[index(wanted.regions[i].region)] = tick_;
+    for (std::uint32_t i = 0; i < wanted.count; ++i) {
+      const spm::RegionId region = wanted.regions[i].region;
+      if (cache_.holds(object_, region)) continue;
+      if (load(region)) continue;
+      evict();
+      return;
+    }
+  }
+
+  [[nodiscard]] std::uint64_t evictions() const noexcept { return evictions_; }
+
+ private:
+  bool load(spm::RegionId region) {
+    const auto data =
+        spm::codec::decode_region(spm::codec::encode_region(model_, region, model_.runs_of(region)), model_.summary);
+    if (!data) throw std::runtime_error("region " + std::to_string(index(region)) + ": " + data.error().text);
+    spm::RegionList list;
+    const spm::AcceptResult result = cache_.accept(object_, *data, list);
+    if (result == spm::AcceptResult::kPoolFull) return false;
+    if (result != spm::AcceptResult::kAccepted) {
+      throw std::runtime_error("region " + std::to_string(index(region)) +
+                               " was not accepted: " + std::to_string(static_cast<int>(result)));
+    }
+    forest_.add(region, list);
+    return true;
+  }
+
+  void evict() {
+    std::uint32_t oldest = spm::kNone;
+    for (std::uint32_t r = 0; r < wanted_at_.size(); ++r) {
+      const spm::RegionId region{r};
+      if (wanted_at_[r] == tick_ || !forest_.is_here(region) || forest_.is_retiring(region)) continue;
+      if (oldest == spm::kNone || wanted_at_[r] < wanted_at_[oldest]) oldest = r;
+    }
+    if (oldest == spm::kNone) return;
+    forest_.retire(spm::RegionId{oldest});
+    ++evictions_;
+  }
+
+  const spm::Model& model_;
+  spm::Cache& cache_;
+  spm::ObjectIndex object_;
+  spm::Forest& forest_;
+  std::vector<std::uint64_t> wanted_at_;  // by region: tick
+  std::uint64_t tick_ = 0;
+  std::uint64_t evictions_ = 0;
+};
+
+Run run_cycles(const spm::Model& model, const Settings& settings, double unit, const std::vector<Vec3d>& path) {
+  constexpr std::uint32_t kPlanEvery = 4;  // cycles
+  constexpr double kLoadLead = 0.2;        // s
+  constexpr double kRefineLead = 0.05;     // s
+  const double radius = settings.radius / unit;
+
+  const std::uint32_t base = std::max(model.summary.base_vertices, (model.summary.base_faces + 1) / 2);
+  const auto slots = base + static_cast<std::uint32_t>(settings.pool_share * model.summary.parts);
+  spm::Pool pool{spm::PoolSettings::for_slots(slots)};
+  spm::NodePool nodes{pool.settings.tree_nodes};
+  spm::Cache cache{pool};
+  const spm::BaseMesh base_mesh = spm::base_mesh_of(model);
+  spm::Cache::Admitted admitted = cache.admit(base_mesh);
+  if (!admitted.fits)
+    throw std::runtime_error("the base mesh does not fit a pool of " + std::to_string(slots) + " slots");
+  spm::Forest forest{pool,
+                     nodes,
+                     index(admitted.object),
+                     model.summary,
+                     spm::RegionGrid{model.summary.grid, base_mesh.regions},
+                     std::move(admitted.base)};
+  Loader loader{model, cache, admitted.object, forest};
+  spm::Predictor predictor{{0.0005 / unit, settings.speed / unit}};
+  spm::Predictor::Answer wanted;
+  std::vector<spm::RegionId> target;
+  std::vector<spm::Contact> contacts(kContacts);
+
+  spm::Budget start{~0u};
+  if (forest.advance(start) != spm::Advance::kDone)
+    throw std::runtime_error("the base mesh does not fit the tree nodes");
+  forest.refit();
+
+  Run run;
+  run.found.resize(path.size());
+  bool in_contact = false;
+  for (std::size_t i = 0; i < path.size(); ++i) {
+    const Vec3d& tip = path[i];
+    predictor.observe(static_cast<double>(i) * kPeriod, tip, in_contact);
+    const bool plan = i % kPlanEvery == 0;
+    if (plan) {
+      predictor.predict(forest.grid(), radius, kLoadLead, wanted);
+      loader.follow(wanted);
+      target.clear();
+      for (std::uint32_t w = 0; w < wanted.count; ++w) {
+        if (wanted.regions[w].contact_in <= kRefineLead) target.push_back(wanted.regions[w].region);
+      }
+    }
+
+    const spm::ForestCounters before = forest.counters();
+    spm::Budget budget{settings.budget};
+    Stopwatch watch;
+    if (plan) forest.target(target.data(), static_cast<std::uint32_t>(target.size()));
+    static_cast<void>(forest.advance(budget));
+    const double refine = watch.lap();
+    forest.refit();
+    const double refit = watch.lap();
+    const std::uint32_t count = forest.tree().touching(tip, radius, contacts.data(), kContacts);
+    const double query = watch.lap();
+
+    const double sum = refine + refit + query;
+    run.refine.add(refine);
+    run.refit.add(refit);
+    run.query.add(query);
+    run.sum.add(sum);
+    const spm::ForestCounters& after = forest.counters();
+    if (after.splits != before.splits || after.collapses != before.collapses) {
+      run.changed_refine.add(refine);
+      run.changed_refit.add(refit);
+      run.changed_query.add(query);
+      run.changed_sum.add(sum);
+    }
+    in_contact = count > 0;
+    if (count > kContacts) ++run.truncated;
+    if (i < static_cast<std::size_t>(kLoadLead / kPeriod) || !forest.exact(tip, radius)) continue;
+    Found& found = run.found[i];
+    found.exact = true;
+    found.first = run.faces.size();
+    for (std::uint32_t c = 0; c < std::min(count, kContacts); ++c) {
+      if (contacts[c].last) run.faces.push_back(index(contacts[c].face));
+    }
+    found.count = run.faces.size() - found.first;
+    std::sort(run.faces.begin() + static_cast<std::ptrdiff_t>(found.first), run.faces.end());
+    ++run.exact;
+  }
+  run.evictions = loader.evictions();
+  run.splits = forest.counters().splits;
+  run.collapses = forest.counters().collapses;
+  return run;
+}
+
+struct Comparison {
+  Samples finest_query, base_query, finest_refit;
+  std::uint64_t compared = 0, mismatches = 0, tangent = 0;
+};
+
+/// Faces that only one side has found and that are not within kTangent of touching.
+std::uint64_t differences(const std::vector<std::uint32_t>& theirs, const std::uint32_t* ours, std::size_t count,
+                          const LoadedModel& subject, const Vec3d& centre, double radius, double tangent,
+                          std::uint64_t& excepted) {
+  std::vector<std::uint32_t> odd;
+  std::set_symmetric_difference(theirs.begin(), theirs.end(), ours, ours + count, std::back_inserter(odd));
+  std::uint64_t wrong = 0;
+  for (const std::uint32_t face : odd) {
+    const auto corner = [&](std::size_t i) {
+      const std::array<float, 3>& p = subject.model.positions[subject.finest[face][i]];
+      return Vec3d{p[0], p[1], p[2]};
+    };
+    const double distance = std::sqrt(spm::closest_point(centre, corner(0), corner(1), corner(2)).squared_distance);
+    ++(std::abs(distance - radius) < tangent ? excepted : wrong);
+  }
+  return wrong;
+}
+
+Comparison run_fcl(const LoadedModel& subject, spm::fcl::FixedMesh& finest, const std::vector<Vec3d>& path,
+                   double radius, double tangent, const Run& run) {
+  std::vector<std::array<std::uint32_t, 3>> base_faces;
+  for (const spm::BaseFace& face : subject.model.base_faces) base_faces.push_back(face.corners);
+  const spm::fcl::FixedMesh base{subject.model.positions.subspan(0, subject.model.summary.base_vertices), base_faces};
+
+  Comparison result;
+  std::vector<std::uint32_t> touching;
+  for (std::size_t i = 0; i < path.size(); ++i) {
+    Stopwatch watch;
+    finest.touching(path[i], radius, touching);
+    result.finest_query.add(watch.lap());
+    if (run.found[i].exact) {
+      std::sort(touching.begin(), touching.end());
+      ++result.compared;
+      const std::uint64_t wrong = differences(touching, run.faces.data() + run.found[i].first, run.found[i].count,
+                                              subject, path[i], radius, tangent, result.tangent);
+      result.mismatches += wrong > 0 ? 1 : 0;
+    }
+    watch.lap();
+    base.touching(path[i], radius, touching);
+    result.base_query.add(watch.lap());
+  }
+  constexpr int kRefits = 21;
+  for (int i = 0; i < kRefits; ++i) {
+    Stopwatch watch;
+    finest.refit();
+    result.finest_refit.add(watch.lap());
+  }
+  return result;
+}
+
+int run(const Settings& settings) {
+  std::fprintf(stderr, "making the model\n");
+  const LoadedModel subject = load_model(settings.model, settings.faces);
+  const spm::ModelSummary& summary = subject.model.summary;
+  const double unit = summary.metres_per_unit;
+
+  std::fprintf(stderr, "making the path\n");
+  spm::fcl::FixedMesh finest{subject.model.positions, subject.finest};
+  const PathSettings path_settings{settings.radius / unit, settings.depth / unit, settings.speed * kPeriod / unit,
+                                   static_cast<std::uint32_t>(settings.seconds / kPeriod), settings.seed};
+  const std::vector<Vec3d> path = surface_path(subject.model.positions, subject.finest, path_settings,
+                                               [&](const Vec3d& p) { return finest.distance(p); });
+
+  std::fprintf(stderr, "%zu cycles\n", path.size());
+  const Run ours = run_cycles(subject.model, settings, unit, path);
+  std::fprintf(stderr, "FCL on the same poses\n");
+  const Comparison theirs = run_fcl(subject, finest, path, settings.radius / unit, kTangent / unit, ours);
+
+  char text[256];
+  std::snprintf(text, sizeof text,
+                "radius %g mm, %g cm/s, %g mm deep, %g s, pool %g of the model, budget %u, path seed %llu",
+                settings.radius * 1e3, settings.speed * 1e2, settings.depth * 1e3, settings.seconds,
+                settings.pool_share, settings.budget, static_cast<unsigned long long>(settings.seed));
+  Report report{{"cycle", subject.name, summary.digest, summary.faces, text}};
+  const std::string all = "all cycles";
+  const std::string changed = "cycles with changes";
+  report.row("T_R refine", all, "us", ours.refine);
+  report.row("T_B refit", all, "us", ours.refit);
+  report.row("T_Q query", all, "us", ours.query);
+  report.row("T_R + T_B + T_Q", all, "us", ours.sum);
+  report.row("T_R refine", changed, "us", ours.changed_refine);
+  report.row("T_B refit", changed, "us", ours.changed_refit);
+  report.row("T_Q query", changed, "us", ours.changed_query);
+  report.row("T_R + T_B + T_Q", changed, "us", ours.changed_sum);
+  report.row("FCL query, finest mesh", all, "us", theirs.finest_query);
+  report.row("FCL query, base mesh", all, "us", theirs.base_query);
+  report.row("FCL refit, finest mesh", "repeats", "us", theirs.finest_refit);
+  report.figure("splits", all, "", static_cast<double>(ours.splits));
+  report.figure("collapses", all, "", static_cast<double>(ours.collapses));
+  report.figure("regions evicted", all, "", static_cast<double>(ours.evictions));
+  report.figure("exact", all, "%", 100.0 * ours.exact / static_cast<double>(path.size()));
+  report.figure("triangles excepted near tangency", "exact cycles", "", static_cast<double>(theirs.tangent));
+
+  report.at_most("cycles with other triangles than FCL", "exact cycles", "", static_cast<double>(theirs.mismatches), 0);
+  report.at_most("queries truncated", all, "", ours.truncated, 0);
+  report.at_least("exact", all, "%", 100.0 * ours.exact / static_cast<double>(path.size()), 90);
+  report.at_most("median of the sum", all, "us", ours.sum.percentile(50), 5);
+  report.at_most("p99 of the sum", all, "us", ours.sum.percentile(99), 60);
+  constexpr std::uint32_t kLargeModel = 60000;  // faces: below, a full refit is too short to compare with
+  if (summary.faces >= kLargeModel) {
+    report.at_least("median FCL full refit / median T_B", changed, "times",
+                    theirs.finest_refit.percentile(50) / ours.changed_refit.percentile(50), 300);
+  }
+  return report.finish(settings.json);
+}
+
+}  // namespace
+}  // namespace tactus::bench
+
+int main(int argc, char** argv) {
+  tactus::bench::Settings settings;
+  CLI::App app{"T_R, T_B and T_Q along a surface path, beside FCL on the finest and the base mesh"};
+  app.add_option("--model", settings.model, "model file of any kind, or .spm (default: a generated organ)")
+      ->check(CLI::ExistingFile);
+  app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 20000000u));
+  app.add_option("--seconds", settings.seconds, "length of the path")->check(CLI::Range(1.0, 3600.0));
+  app.add_option("--speed", settings.speed, "of the tip, m/s")->check(CLI::Range(0.001, 2.0));
+  app.add_option("--pool-share", settings.pool_share, "pool, as a share of the model's records")
+      ->check(CLI::Range(0.01, 1.0));
+  app.add_option("--budget", settings.budget, "of a cycle, units of spm::Budget")->check(CLI::Range(100u, 1000000u));
+  app.add_option("--seed", settings.seed, "of the path");
+  app.add_option("--json", settings.json, "the figures as JSON");
+  app.add_flag("--quick", settings.quick, "5 s on 80,000 faces, for CI");
+  try {
+    app.parse(argc, argv);
+    if (settings.quick) {
+      settings.seconds = std::min(settings.seconds, 5.0);
+      settings.faces = std::min(settings.faces, 80000u);
+    }
+    return tactus::bench::run(settings);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : 2;
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "tactus-bench-cycle: %s\n", error.what());
+    return 2;
+  }
+}

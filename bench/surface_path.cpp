@@ -1,0 +1,216 @@
+#include "bench/surface_path.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <random>
+#include <stdexcept>
+
+namespace tactus::bench {
+
+namespace {
+
+using spm::kNone;
+using spm::Span;
+using spm::Vec3d;
+
+/// For edge i of face f, from its corner i to the next: the face on the other side, or kNone where there is not exactly
+/// one.
+std::vector<std::array<std::uint32_t, 3>> neighbours(Span<const std::array<std::uint32_t, 3>> faces) {
+  struct Edge {
+    std::uint32_t low, high, face, side;
+  };
+  std::vector<Edge> edges;
+  edges.reserve(3 * faces.size());
+  for (std::uint32_t f = 0; f < faces.size(); ++f) {
+    for (std::uint32_t i = 0; i < 3; ++i) {
+      const auto [low, high] = std::minmax(faces[f][i], faces[f][(i + 1) % 3]);
+      edges.push_back({low, high, f, i});
+    }
+  }
+  std::sort(edges.begin(), edges.end(),
+            [](const Edge& a, const Edge& b) { return a.low != b.low ? a.low < b.low : a.high < b.high; });
+  std::vector<std::array<std::uint32_t, 3>> across(faces.size(), {kNone, kNone, kNone});
+  for (std::size_t first = 0, last = 0; first < edges.size(); first = last) {
+    while (last < edges.size() && edges[last].low == edges[first].low && edges[last].high == edges[first].high) ++last;
+    if (last - first != 2) continue;
+    across[edges[first].face][edges[first].side] = edges[first + 1].face;
+    across[edges[first + 1].face][edges[first + 1].side] = edges[first].face;
+  }
+  return across;
+}
+
+/// A face of the largest part that is connected across edges.
+std::uint32_t face_of_largest_part(const std::vector<std::array<std::uint32_t, 3>>& across) {
+  std::vector<bool> seen(across.size(), false);
+  std::vector<std::uint32_t> part;
+  std::size_t largest = 0;
+  std::uint32_t face = 0;
+  for (std::uint32_t start = 0; start < across.size(); ++start) {
+    if (seen[start]) continue;
+    part.assign(1, start);
+    seen[start] = true;
+    for (std::size_t next = 0; next < part.size(); ++next) {
+      for (const std::uint32_t other : across[part[next]]) {
+        if (other == kNone || seen[other]) continue;
+        seen[other] = true;
+        part.push_back(other);
+      }
+    }
+    if (part.size() <= largest) continue;
+    largest = part.size();
+    face = start;
+  }
+  return face;
+}
+
+class Walker {
+ public:
+  Walker(Span<const std::array<float, 3>> vertices, Span<const std::array<std::uint32_t, 3>> faces, std::uint64_t seed)
+      : vertices_{vertices},
+        faces_{faces},
+        across_{neighbours(faces)},
+        rng_{seed},
+        face_{face_of_largest_part(across_)} {
+    point_ = (corner(face_, 0) + corner(face_, 1) + corner(face_, 2)) / 3;
+    turn_to_random();
+  }
+
+  [[nodiscard]] const Vec3d& point() const noexcept { return point_; }
+  [[nodiscard]] Vec3d normal() const {
+    return (corner(face_, 1) - corner(face_, 0)).cross(corner(face_, 2) - corner(face_, 0)).normalized();
+  }
+
+  /// Goes `length` along the surface.
+  void advance(double length) {
+    constexpr int kMaxCrossings = 1000;  // of edges in one step: more is a walk round a vertex that does not end
+    constexpr int kMaxTurns = 100;
+    for (int turns = 0; turns < kMaxTurns; ++turns) {
+      for (int crossings = 0; crossings < kMaxCrossings; ++crossings) {
+        const Exit exit = find_exit();
+        if (exit.after >= length) {
+          point_ += direction_ * length;
+          return;
+        }
+        point_ += direction_ * exit.after;
+        length -= exit.after;
+        cross(exit.side);
+      }
+      turn_to_random();
+    }
+    throw std::runtime_error("surface path: the walk does not leave face " + std::to_string(face_));
+  }
+
+  /// Turns by `angle` radians about the face's normal.
+  void turn(double angle) {
+    direction_ = (std::cos(angle) * direction_ + std::sin(angle) * normal().cross(direction_)).normalized();
+  }
+
+ private:
+  struct Exit {
+    double after = std::numeric_limits<double>::infinity();
+    int side = 0;
+  };
+
+  [[nodiscard]] Vec3d corner(std::uint32_t face, int i) const {
+    const std::array<float, 3>& p = vertices_[faces_[face][i % 3]];
+    return {p[0], p[1], p[2]};
+  }
+
+  /// Unit vector in the plane of `face`, across its edge `side` towards the third corner.
+  [[nodiscard]] Vec3d inward(std::uint32_t face, int side) const {
+    const Vec3d along = (corner(face, side + 1) - corner(face, side)).normalized();
+    const Vec3d to_third = corner(face, side + 2) - corner(face, side);
+    return (to_third - along * along.dot(to_third)).normalized();
+  }
+
+  [[nodiscard]] Exit find_exit() const {
+    Exit exit;
+    for (int side = 0; side < 3; ++side) {
+      const Vec3d in = inward(face_, side);
+      const double closing = -in.dot(direction_);
+      if (closing <= 0) continue;
+      const double after = std::max(0.0, in.dot(point_ - corner(face_, side)) / closing);
+      if (after < exit.after) exit = {after, side};
+    }
+    return exit;
+  }
+
+  void cross(int side) {
+    const Vec3d along = (corner(face_, side + 1) - corner(face_, side)).normalized();
+    const double kept = direction_.dot(along);
+    const double through = std::sqrt(std::max(0.0, 1 - kept * kept));
+    const std::uint32_t other = across_[face_][side];
+    if (other == kNone) {
+      direction_ = (along * kept + inward(face_, side) * through).normalized();
+      return;
+    }
+    int back = 0;
+    while (across_[other][back] != face_) ++back;
+    face_ = other;
+    direction_ = (along * kept + inward(face_, back) * through).normalized();
+  }
+
+  void turn_to_random() {
+    direction_ = (corner(face_, 1) - corner(face_, 0)).normalized();
+    turn(std::uniform_real_distribution<double>{0, 2 * 3.14159265358979}(rng_));
+  }
+
+  Span<const std::array<float, 3>> vertices_;
+  Span<const std::array<std::uint32_t, 3>> faces_;
+  std::vector<std::array<std::uint32_t, 3>> across_;
+  std::mt19937_64 rng_;
+  std::uint32_t face_;
+  Vec3d point_ = Vec3d::Zero();
+  Vec3d direction_ = Vec3d::Zero();
+};
+
+}  // namespace
+
+std::vector<Vec3d> surface_path(Span<const std::array<float, 3>> vertices,
+                                Span<const std::array<std::uint32_t, 3>> faces, const PathSettings& settings,
+                                const std::function<double(const Vec3d&)>& distance) {
+  constexpr double kTurnEvery = 5;  // radii; the path's curvature changes that often
+  Walker walker{vertices, faces, settings.seed};
+  std::mt19937_64 rng{settings.seed + 1};
+  std::uniform_real_distribution<double> curvature{-0.1 / settings.radius, 0.1 / settings.radius};
+  const double stand_off = settings.radius - settings.depth;
+  const double smoothing = std::min(1.0, settings.step / settings.radius);
+  const auto turn_every = static_cast<std::uint64_t>(std::max(1.0, kTurnEvery * settings.radius / settings.step));
+
+  Vec3d normal = walker.normal();
+  const auto centre_here = [&] {
+    normal = ((1 - smoothing) * normal + smoothing * walker.normal()).normalized();
+    Vec3d centre = walker.point() + normal * stand_off;
+    for (int i = 0; i < 20; ++i) {
+      const double too_near = stand_off - distance(centre);
+      if (too_near < 1e-3 * settings.depth) break;
+      centre += normal * too_near;
+    }
+    return centre;
+  };
+
+  std::vector<Vec3d> path;
+  path.reserve(settings.poses);
+  Vec3d from = centre_here();
+  path.push_back(from);
+  double carry = 0;  // length since the last pose
+  double bend = 0;
+  for (std::uint64_t i = 0; path.size() < settings.poses; ++i) {
+    if (i % turn_every == 0) bend = curvature(rng);
+    walker.turn(bend * settings.step);
+    walker.advance(settings.step);
+    const Vec3d to = centre_here();
+    const double length = (to - from).norm();
+    double at = settings.step - carry;
+    for (; at <= length && path.size() < settings.poses; at += settings.step) {
+      path.push_back(from + (to - from) * (at / length));
+    }
+    carry = length - (at - settings.step);
+    from = to;
+  }
+  return path;
+}
+
+}  // namespace tactus::bench

@@ -1,0 +1,34 @@
+/// A tip that follows a mesh's surface at constant speed: the poses that the benchmarks of the cycle are fed with.
+///
+/// A point walks straight on across faces, unfolding each edge, turns slowly at random, and turns back at borders and
+/// non-manifold edges. The tip's centre stands off the surface so that the ball is `depth` deep, along a normal
+/// smoothed over the ball's size; where walls are near, it is moved out until it is no deeper. Then the centres are
+/// spaced evenly. File units.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <vector>
+
+#include "spm/model.hpp"
+#include "spm/span.hpp"
+
+namespace tactus::bench {
+
+struct PathSettings {
+  double radius = 0;  ///< of the tip
+  double depth = 0;   ///< how deep the ball is in the surface
+  double step = 0;    ///< distance of the centre from one pose to the next
+  std::uint32_t poses = 0;
+  std::uint64_t seed = 1;
+};
+
+/// `distance` gives the distance to the mesh. Allocates. Throws std::runtime_error when the walk cannot leave a face,
+/// as on a mesh of a single face.
+[[nodiscard]] std::vector<spm::Vec3d> surface_path(spm::Span<const std::array<float, 3>> vertices,
+                                                   spm::Span<const std::array<std::uint32_t, 3>> faces,
+                                                   const PathSettings& settings,
+                                                   const std::function<double(const spm::Vec3d&)>& distance);
+
+}  // namespace tactus::bench
