@@ -1,0 +1,268 @@
+#include "tests/support/mesh_zoo.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <ostream>
+#include <random>
+#include <utility>
+
+#include "spm/offline/generate.hpp"
+
+namespace tactus::test_support {
+namespace {
+
+using spm::offline::Triangle;
+using spm::offline::TriangleMesh;
+using Point = std::array<float, 3>;
+
+TriangleMesh tetrahedron() {
+  return {{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, {{0, 2, 1}, {0, 1, 3}, {1, 2, 3}, {2, 0, 3}}};
+}
+
+TriangleMesh moved(TriangleMesh mesh, float dx, float dy, float dz) {
+  for (Point& p : mesh.positions) p = {p[0] + dx, p[1] + dy, p[2] + dz};
+  return mesh;
+}
+
+TriangleMesh together(TriangleMesh a, const TriangleMesh& b) {
+  const auto first = static_cast<std::uint32_t>(a.positions.size());
+  a.positions.insert(a.positions.end(), b.positions.begin(), b.positions.end());
+  for (const Triangle& f : b.faces) a.faces.push_back({f[0] + first, f[1] + first, f[2] + first});
+  return a;
+}
+
+/// Hills, so that no two versions of the surface look alike.
+TriangleMesh hilly(TriangleMesh patch) {
+  for (Point& p : patch.positions) p[2] += 0.8f * std::sin(0.9f * p[0]) * std::cos(0.7f * p[1]);
+  return patch;
+}
+
+TriangleMesh with_hole(TriangleMesh mesh) {
+  TriangleMesh out{mesh.positions, {}};
+  for (const Triangle& f : mesh.faces) {
+    if (mesh.positions[f[0]][2] < 0.7f) out.faces.push_back(f);
+  }
+  return out;
+}
+
+/// A line with three faces on each of its edges: a flat patch and a fin on its middle column.
+TriangleMesh fin() {
+  TriangleMesh patch = grid_patch(6, 8);
+  TriangleMesh upright = grid_patch(3, 8);
+  for (Point& p : upright.positions) p = {3, p[1], p[0]};
+  return together(std::move(patch), upright);
+}
+
+/// Two spheres that touch in one vertex.
+TriangleMesh bow_tie() {
+  const TriangleMesh ball = icosphere(2);
+  Point top = ball.positions[0];
+  TriangleMesh other = ball;
+  for (Point& p : other.positions) {
+    for (std::size_t axis = 0; axis < 3; ++axis) p[axis] = 2 * top[axis] - p[axis];
+  }
+  for (Triangle& f : other.faces) std::swap(f[1], f[2]);
+  return together(ball, other);
+}
+
+/// A patch of which every second row of faces is a thousand times longer than wide.
+TriangleMesh slivers() {
+  TriangleMesh mesh = grid_patch(24, 12);
+  for (Point& p : mesh.positions) {
+    const auto row = static_cast<int>(p[1]);
+    p[1] = static_cast<float>(row / 2) + 0.001f * static_cast<float>(row % 2);
+    p[2] = 0.2f * std::sin(p[0]);
+  }
+  return mesh;
+}
+
+/// Every face with corners of its own, as STL has them.
+TriangleMesh soup_of(const TriangleMesh& mesh) {
+  TriangleMesh soup;
+  for (const Triangle& f : mesh.faces) {
+    const auto first = static_cast<std::uint32_t>(soup.positions.size());
+    for (const std::uint32_t v : f) soup.positions.push_back(mesh.positions[v]);
+    soup.faces.push_back({first, first + 1, first + 2});
+  }
+  return soup;
+}
+
+TriangleMesh with_duplicate_faces(TriangleMesh mesh) {
+  const std::size_t count = mesh.faces.size();
+  for (std::size_t i = 0; i < count; i += 3) {
+    const Triangle f = mesh.faces[i];
+    mesh.faces.push_back({f[1], f[2], f[0]});
+  }
+  return mesh;
+}
+
+/// Faces without area, among them one on a vertex in the middle of an edge, one on a single point, and one not finite.
+TriangleMesh with_degenerate_faces(TriangleMesh mesh) {
+  const auto first = static_cast<std::uint32_t>(mesh.positions.size());
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  mesh.positions.insert(mesh.positions.end(),
+                        {{0.1f, 0.3f, 0}, {0.2f, 0.6f, 0}, {0.4f, 1.2f, 0}, {nan, 0, 0}, {-0.0f, 0, 0}});
+  mesh.faces.push_back({first, first + 1, first + 2});
+  mesh.faces.push_back({0, 0, 1});
+  mesh.faces.push_back({first, first, first});
+  mesh.faces.push_back({0, 1, first + 3});
+  return mesh;
+}
+
+/// Both sides of one sheet: the same corners, turned over. No edge has fewer than four faces inside.
+TriangleMesh two_sided() {
+  TriangleMesh sheet = hilly(grid_patch(6, 6));
+  const std::vector<Triangle> faces = sheet.faces;
+  for (const Triangle& f : faces) sheet.faces.push_back({f[0], f[2], f[1]});
+  return sheet;
+}
+
+/// One vertex with a hundred spokes.
+TriangleMesh fan() {
+  TriangleMesh mesh;
+  mesh.positions.push_back({0, 0, 0.5f});
+  for (int i = 0; i < 100; ++i) {
+    const float angle = 0.0628318531f * static_cast<float>(i);
+    mesh.positions.push_back({std::cos(angle), std::sin(angle), 0});
+    const auto here = static_cast<std::uint32_t>(i + 1);
+    mesh.faces.push_back({0, here, here % 100 + 1});
+  }
+  return mesh;
+}
+
+/// A strip with one turn in it: it has one side, so faces cannot all agree on a direction.
+TriangleMesh moebius() {
+  TriangleMesh mesh;
+  constexpr int kSteps = 40, kAcross = 4;
+  for (int i = 0; i < kSteps; ++i) {
+    for (int k = 0; k <= kAcross; ++k) {
+      const float along = 6.2831853f * static_cast<float>(i) / kSteps;
+      const float across = 0.4f * (static_cast<float>(k) / kAcross - 0.5f);
+      const float out = 1 + across * std::cos(along / 2);
+      mesh.positions.push_back({out * std::cos(along), out * std::sin(along), across * std::sin(along / 2)});
+    }
+  }
+  const auto at = [](int i, int k) {
+    return static_cast<std::uint32_t>(i < kSteps ? i * (kAcross + 1) + k : kAcross - k);
+  };
+  for (int i = 0; i < kSteps; ++i) {
+    for (int k = 0; k < kAcross; ++k) {
+      mesh.faces.push_back({at(i, k), at(i + 1, k), at(i + 1, k + 1)});
+      mesh.faces.push_back({at(i, k), at(i + 1, k + 1), at(i, k + 1)});
+    }
+  }
+  return mesh;
+}
+
+/// A sphere with noise finer than its faces, so that many collapses would turn a face over.
+TriangleMesh noisy_sphere() {
+  TriangleMesh mesh = icosphere(4);
+  std::mt19937 random{7};
+  for (Point& p : mesh.positions) {
+    const float radius = 1 + 0.05f * (static_cast<float>(random() % 1000) / 1000 - 0.5f);
+    for (float& x : p) x *= radius;
+  }
+  return mesh;
+}
+
+TriangleMesh many_components() {
+  TriangleMesh mesh = icosphere(2);
+  mesh = together(mesh, moved(tetrahedron(), 3, 0, 0));
+  mesh = together(mesh, moved(hilly(grid_patch(5, 5)), 0, 3, 0));
+  mesh = together(mesh, TriangleMesh{{{9, 0, 0}, {10, 0, 0}, {9, 1, 0}}, {{0, 1, 2}}});
+  return together(mesh, moved(icosphere(1), -3, 0, 0));
+}
+
+}  // namespace
+
+TriangleMesh icosphere(int subdivisions) {
+  const float t = (1 + std::sqrt(5.0f)) / 2;
+  TriangleMesh mesh{{{-1, t, 0},
+                     {1, t, 0},
+                     {-1, -t, 0},
+                     {1, -t, 0},
+                     {0, -1, t},
+                     {0, 1, t},
+                     {0, -1, -t},
+                     {0, 1, -t},
+                     {t, 0, -1},
+                     {t, 0, 1},
+                     {-t, 0, -1},
+                     {-t, 0, 1}},
+                    {{0, 11, 5},  {0, 5, 1},  {0, 1, 7},  {0, 7, 10}, {0, 10, 11}, {1, 5, 9}, {5, 11, 4},
+                     {11, 10, 2}, {10, 7, 6}, {7, 1, 8},  {3, 9, 4},  {3, 4, 2},   {3, 2, 6}, {3, 6, 8},
+                     {3, 8, 9},   {4, 9, 5},  {2, 4, 11}, {6, 2, 10}, {8, 6, 7},   {9, 8, 1}}};
+  const auto onto_sphere = [](Point p) {
+    const float length = std::sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]);
+    return Point{p[0] / length, p[1] / length, p[2] / length};
+  };
+  for (Point& p : mesh.positions) p = onto_sphere(p);
+  for (int i = 0; i < subdivisions; ++i) {
+    std::map<std::pair<std::uint32_t, std::uint32_t>, std::uint32_t> middles;
+    const auto middle = [&](std::uint32_t a, std::uint32_t b) {
+      const auto found = middles.try_emplace(std::pair{std::min(a, b), std::max(a, b)},
+                                             static_cast<std::uint32_t>(mesh.positions.size()));
+      if (found.second) {
+        const Point &p = mesh.positions[a], &q = mesh.positions[b];
+        mesh.positions.push_back(onto_sphere({p[0] + q[0], p[1] + q[1], p[2] + q[2]}));
+      }
+      return found.first->second;
+    };
+    std::vector<Triangle> finer;
+    for (const Triangle& f : mesh.faces) {
+      const std::uint32_t ab = middle(f[0], f[1]), bc = middle(f[1], f[2]), ca = middle(f[2], f[0]);
+      finer.insert(finer.end(), {{f[0], ab, ca}, {ab, f[1], bc}, {ca, bc, f[2]}, {ab, bc, ca}});
+    }
+    mesh.faces = std::move(finer);
+  }
+  return mesh;
+}
+
+TriangleMesh grid_patch(int columns, int rows) {
+  TriangleMesh mesh;
+  for (int y = 0; y <= rows; ++y) {
+    for (int x = 0; x <= columns; ++x) {
+      mesh.positions.push_back({static_cast<float>(x), static_cast<float>(y), 0});
+      if (x == columns || y == rows) continue;
+      const auto a = static_cast<std::uint32_t>(y * (columns + 1) + x);
+      const auto above = a + static_cast<std::uint32_t>(columns) + 1;
+      mesh.faces.push_back({a, a + 1, above + 1});
+      mesh.faces.push_back({a, above + 1, above});
+    }
+  }
+  return mesh;
+}
+
+std::vector<ZooMesh> mesh_zoo() {
+  return {
+      {"Tetrahedron", tetrahedron(), true},
+      {"Triangle", {{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, {{0, 1, 2}}}, true},
+      {"TwoTriangles", {{{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}}, {{0, 1, 2}, {0, 2, 3}}}, true},
+      {"Closed", icosphere(3), true},
+      {"Torus", spm::offline::generate(spm::offline::Shape::kTorus, 1500), true},
+      {"FlatBorder", grid_patch(16, 16), true},
+      {"Border", hilly(grid_patch(20, 17)), true},
+      {"Hole", with_hole(icosphere(3)), true},
+      {"Strip", hilly(grid_patch(40, 1)), true},
+      {"Components", many_components(), true},
+      {"NonManifoldEdge", fin(), false},
+      {"NonManifoldVertex", bow_tie(), true},
+      {"TwoSided", two_sided(), false},
+      {"Fan", fan(), true},
+      {"Moebius", moebius(), true},
+      {"Slivers", slivers(), true},
+      {"DuplicatedVertices", soup_of(icosphere(2)), true},
+      {"DuplicatedFaces", with_duplicate_faces(icosphere(2)), true},
+      {"DegenerateFaces", with_degenerate_faces(moved(icosphere(2), 2, 0, 0)), true},
+      {"FarFromOrigin", moved(icosphere(2), 1000, -2000, 500), true},
+      {"NoisySphere", noisy_sphere(), true},
+      {"Organ", spm::offline::generate(spm::offline::Shape::kOrgan, 6000, 3), true},
+      {"Terrain", spm::offline::generate(spm::offline::Shape::kTerrain, 4000, 5), true},
+  };
+}
+
+void PrintTo(const ZooMesh& mesh, std::ostream* out) { *out << mesh.name; }
+
+}  // namespace tactus::test_support
