@@ -1,0 +1,88 @@
+#include "haptics/force.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace tactus::haptics {
+
+double ForceRenderer::stiffness(const Feel& feel, double dt) const noexcept {
+  return std::min(
+      {feel.stiffness, spec_.max_stiffness, stable_stiffness(spec_.damping, feel.damping, dt, settings_.loop_delay)});
+}
+
+void ForceRenderer::latch(Fault fault) noexcept {
+  if (result_.fault == Fault::kNone) result_.fault = fault;
+  result_.force.setZero();
+  result_.bits = kForceFault;
+}
+
+void ForceRenderer::reset() noexcept {
+  result_ = ForceResult{};
+  gain_ = 0;
+  rise_time_ = -1;
+}
+
+void ForceRenderer::advance_gain(double pose_age, double dt) noexcept {
+  const double fresh = std::clamp((settings_.zero_by - pose_age) / (settings_.zero_by - settings_.hold), 0.0, 1.0);
+  if (fresh < 1) {
+    result_.bits |= kForceStale;
+    // A stale pose before the soft start is over does not shorten that.
+    if (gain_ >= 1) rise_time_ = settings_.recovery;
+    gain_ = std::min(gain_, fresh);
+    return;
+  }
+  if (gain_ < 1) {
+    const double rise_time = rise_time_ < 0 ? settings_.soft_start : rise_time_;
+    gain_ = rise_time > 0 ? std::min(1.0, gain_ + dt / rise_time) : 1.0;
+  }
+}
+
+const ForceResult& ForceRenderer::step(const ProxyResult& proxy, const DeviceState& device, const Feel& feel,
+                                       double pose_age, double dt) noexcept {
+  if (result_.fault != Fault::kNone) return result_;
+  const bool finite = proxy.anchor.allFinite() && proxy.normal.allFinite() && device.position.allFinite() &&
+                      device.velocity.allFinite() && std::isfinite(pose_age) && std::isfinite(feel.stiffness) &&
+                      std::isfinite(feel.damping) && std::isfinite(dt);
+  if (!finite) {
+    latch(Fault::kInputNotFinite);
+    return result_;
+  }
+  result_.bits = 0;
+  const Vec3d before = result_.force;
+
+  const double stiffness = this->stiffness(feel, dt);
+  Vec3d force = stiffness * (proxy.anchor - device.position);
+  const bool felt = !force.isZero(0);
+  if (felt && stiffness < feel.stiffness) result_.bits |= kForceStiffnessCut;
+  if (felt && proxy.ramping) result_.bits |= kForceSurfaceRamp;
+  if (proxy.in_contact) {
+    // Damping may cancel the push of the surface, not turn it into a pull.
+    const double push = std::max(0.0, force.dot(proxy.normal));
+    const double damping = std::max(-push, -feel.damping * device.velocity.dot(proxy.normal));
+    force += damping * proxy.normal;
+  }
+
+  advance_gain(pose_age, dt);
+  const double limit = std::min(settings_.max_force, spec_.max_force);
+  if (const double size = force.norm(); size > limit) {
+    force *= limit / size;
+    result_.bits |= kForceSaturated;
+  }
+  force *= gain_;
+  if (gain_ < 1 && felt) result_.bits |= kForceSoftStart;
+  const Vec3d change = force - before;
+  const double largest = settings_.max_slew * dt;
+  if (const double size = change.norm(); size > largest) {
+    force = before + change * (largest / size);
+    result_.bits |= kForceSlewLimited;
+  }
+  if (pose_age >= settings_.zero_by) force.setZero();
+  if (!force.allFinite()) {
+    latch(Fault::kForceNotFinite);
+    return result_;
+  }
+  result_.force = force;
+  return result_;
+}
+
+}  // namespace tactus::haptics

@@ -1,0 +1,90 @@
+/// From proxy and device to a force that is safe to feel.
+///
+/// force = stiffness (anchor - device) - damping * velocity along the contact normal, then limited. Every limit that
+/// acts sets its bit, so that an operator can be told. World frame, SI. One thread at a time. Realtime.
+#pragma once
+
+#include <cstdint>
+
+#include "haptics/device.hpp"
+#include "haptics/proxy.hpp"
+
+namespace tactus::haptics {
+
+/// What acted on a force, and why; a cycle's bits are or-ed.
+enum ForceBit : std::uint32_t {
+  kForceSaturated = 1u << 0,     ///< |force| was above the limit
+  kForceSlewLimited = 1u << 1,   ///< it changed faster than allowed
+  kForceSoftStart = 1u << 2,     ///< not yet at full strength after start, reset or stale data
+  kForceStale = 1u << 3,         ///< the pose is too old; the force is on its way to zero
+  kForceSurfaceRamp = 1u << 4,   ///< a surface that moved past the proxy is felt little by little
+  kForceStiffnessCut = 1u << 5,  ///< the material is stiffer than this device can render stably
+  kForceFault = 1u << 6          ///< latched: zero until reset
+};
+
+enum class Fault : std::uint8_t {
+  kNone,
+  kInputNotFinite,  ///< a pose, velocity or surface figure was NaN or infinite
+  kForceNotFinite,  ///< the force would have been
+  kDeviceFailed,
+  kEmergencyStop
+};
+
+struct ForceSettings {
+  double max_force = 8;     ///< N; the device's own limit holds too
+  double max_slew = 5000;   ///< N/s
+  double soft_start = 0.5;  ///< s from zero to full strength
+  double recovery = 0.1;    ///< s from zero to full strength once poses are fresh again
+  double hold = 0.010;      ///< s for which an old pose still counts
+  double zero_by = 0.060;   ///< s of age at which the force is zero
+  double loop_delay = 0;    ///< s beyond half a cycle: of the way to and from a remote device
+};
+
+/// How the touched object feels along its normal.
+struct Feel {
+  double stiffness = 1000;  ///< N/m
+  double damping = 1;       ///< N s/m
+};
+
+struct ForceResult {
+  Vec3d force = Vec3d::Zero();  ///< on the user's hand
+  std::uint32_t bits = 0;       ///< ForceBit
+  Fault fault = Fault::kNone;
+};
+
+/// The stiffness that stays stable on a device of damping b: (b + B) / (T / 2 + td), with B the virtual damping, T the
+/// cycle and td the loop's further delay. Source: Hulin, Preusche, Hirzinger 2006; 5-45 % conservative.
+[[nodiscard]] constexpr double stable_stiffness(double device_damping, double damping, double cycle,
+                                                double loop_delay) noexcept {
+  return (device_damping + damping) / (cycle / 2 + loop_delay);
+}
+
+class ForceRenderer {
+ public:
+  /// `spec` in world units (DeviceFrame::to_world).
+  ForceRenderer(const ForceSettings& settings, const DeviceSpec& spec) noexcept : settings_{settings}, spec_{spec} {}
+
+  /// What is left of a material's stiffness on this device, at cycles of `dt` seconds. Give it to the proxy's grip too.
+  [[nodiscard]] double stiffness(const Feel& feel, double dt) const noexcept;
+
+  /// One cycle of `dt` seconds. `pose_age`: seconds since the device was where `device` says.
+  [[nodiscard]] const ForceResult& step(const ProxyResult& proxy, const DeviceState& device, const Feel& feel,
+                                        double pose_age, double dt) noexcept;
+
+  /// Zero force from now on. The first fault since the reset is the one reported.
+  void latch(Fault fault) noexcept;
+
+  /// Ends a fault; the force starts softly again.
+  void reset() noexcept;
+
+ private:
+  void advance_gain(double pose_age, double dt) noexcept;
+
+  ForceSettings settings_;
+  DeviceSpec spec_;
+  ForceResult result_;
+  double gain_ = 0;        // share of full strength
+  double rise_time_ = -1;  // s from zero to full strength; < 0: as at the start
+};
+
+}  // namespace tactus::haptics

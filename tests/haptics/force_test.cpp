@@ -1,0 +1,191 @@
+#include "haptics/force.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <random>
+
+namespace tactus::haptics {
+namespace {
+
+constexpr unsigned kSeed = 20054;
+constexpr double kCycle = 1e-3;
+constexpr double kFresh = 1e-4;
+
+ForceSettings at_full_strength() {
+  ForceSettings settings;
+  settings.soft_start = 0;
+  settings.max_slew = 1e9;
+  return settings;
+}
+
+/// A contact with a floor: the anchor is `depth` above the device.
+ProxyResult floor_contact(double depth) {
+  ProxyResult proxy;
+  proxy.proxy = proxy.anchor = {0, 0, depth};
+  proxy.in_contact = true;
+  return proxy;
+}
+
+DeviceState device_moving(double upwards) {
+  DeviceState device;
+  device.velocity = {0.3, 0, upwards};
+  return device;
+}
+
+TEST(Force, IsStiffnessTimesDepthWithDampingAlongTheNormalOnly) {
+  ForceRenderer renderer{at_full_strength(), DeviceSpec{}};
+  const Vec3d force = renderer.step(floor_contact(0.002), device_moving(-0.1), {1000, 2}, kFresh, kCycle).force;
+  EXPECT_LT((force - Vec3d(0, 0, 2.0 + 0.2)).norm(), 1e-12);
+}
+
+TEST(Force, DampingNeverPullsTheHandBackToTheSurface) {
+  ForceRenderer renderer{at_full_strength(), DeviceSpec{}};
+  const ForceResult result = renderer.step(floor_contact(0.0001), device_moving(0.5), {1000, 2}, kFresh, kCycle);
+  EXPECT_GE(result.force.z(), 0);
+}
+
+TEST(Force, IsZeroInTheAirWhateverTheSpeed) {
+  ForceRenderer renderer{at_full_strength(), DeviceSpec{}};
+  const ForceResult result = renderer.step(ProxyResult{}, device_moving(-0.5), {1000, 2}, kFresh, kCycle);
+  EXPECT_EQ(result.force, Vec3d(Vec3d::Zero()));
+  EXPECT_EQ(result.bits, 0u);
+}
+
+TEST(Force, SaturatesAtTheSmallerOfItsLimitAndTheDevices) {
+  DeviceSpec weak;
+  weak.max_force = 3;
+  ForceRenderer renderer{at_full_strength(), weak};
+  const ForceResult result = renderer.step(floor_contact(0.1), DeviceState{}, {1000, 0}, kFresh, kCycle);
+  EXPECT_NEAR(result.force.norm(), 3, 1e-12);
+  EXPECT_TRUE(result.bits & kForceSaturated);
+}
+
+TEST(Force, StartsSoftly) {
+  ForceSettings settings;
+  ForceRenderer renderer{settings, DeviceSpec{}};
+  double before = 0;
+  for (int i = 1; i <= 500; ++i) {
+    const ForceResult& result = renderer.step(floor_contact(0.002), DeviceState{}, {1000, 0}, kFresh, kCycle);
+    ASSERT_NEAR(result.force.z(), 2.0 * i * kCycle / settings.soft_start, 1e-9);
+    ASSERT_EQ((result.bits & kForceSoftStart) != 0, i < 500) << i;
+    ASSERT_GT(result.force.z(), before);
+    before = result.force.z();
+  }
+}
+
+TEST(Force, OfAStalePoseHoldsThenFadesAndIsZeroInTime) {
+  ForceRenderer renderer{at_full_strength(), DeviceSpec{}};
+  (void)renderer.step(floor_contact(0.002), DeviceState{}, {1000, 0}, 0, kCycle);
+  double before = 2;
+  for (int ms = 1; ms <= 100; ++ms) {
+    const ForceResult& result = renderer.step(floor_contact(0.002), DeviceState{}, {1000, 0}, ms * kCycle, kCycle);
+    if (ms <= 10) {
+      ASSERT_NEAR(result.force.z(), 2, 1e-9) << ms;
+    }
+    if (ms > 10 && ms < 60) {
+      ASSERT_LT(result.force.z(), before) << ms;
+    }
+    if (ms >= 60) {
+      ASSERT_EQ(result.force, Vec3d(Vec3d::Zero())) << ms;
+    }
+    ASSERT_EQ((result.bits & kForceStale) != 0, ms > 10) << ms;
+    before = result.force.z();
+  }
+  // Fresh again: back over the recovery time, not at once.
+  EXPECT_LT(renderer.step(floor_contact(0.002), DeviceState{}, {1000, 0}, 0, kCycle).force.z(), 0.1);
+  for (int i = 0; i < 100; ++i) (void)renderer.step(floor_contact(0.002), DeviceState{}, {1000, 0}, 0, kCycle);
+  EXPECT_NEAR(renderer.step(floor_contact(0.002), DeviceState{}, {1000, 0}, 0, kCycle).force.z(), 2, 1e-9);
+}
+
+TEST(Force, LatchesZeroWhenAnyInputIsNotFinite) {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  const double infinity = std::numeric_limits<double>::infinity();
+  for (int which = 0; which < 6; ++which) {
+    ForceRenderer renderer{at_full_strength(), DeviceSpec{}};
+    ProxyResult proxy = floor_contact(0.002);
+    DeviceState device;
+    Feel feel{1000, 1};
+    double age = kFresh;
+    if (which == 0) proxy.anchor.x() = nan;
+    if (which == 1) proxy.normal.y() = infinity;
+    if (which == 2) device.position.z() = nan;
+    if (which == 3) device.velocity.x() = infinity;
+    if (which == 4) feel.stiffness = nan;
+    if (which == 5) age = nan;
+    (void)renderer.step(proxy, device, feel, age, kCycle);
+    for (int i = 0; i < 5; ++i) {
+      const ForceResult& result = renderer.step(floor_contact(0.002), DeviceState{}, {1000, 1}, kFresh, kCycle);
+      ASSERT_EQ(result.force, Vec3d(Vec3d::Zero())) << which;
+      ASSERT_EQ(result.fault, Fault::kInputNotFinite) << which;
+      ASSERT_TRUE(result.bits & kForceFault) << which;
+    }
+    renderer.reset();
+    EXPECT_GT(renderer.step(floor_contact(0.002), DeviceState{}, {1000, 1}, kFresh, kCycle).force.z(), 1);
+  }
+}
+
+TEST(Force, ReportsTheFirstFaultUntilReset) {
+  ForceRenderer renderer{at_full_strength(), DeviceSpec{}};
+  renderer.latch(Fault::kEmergencyStop);
+  renderer.latch(Fault::kDeviceFailed);
+  EXPECT_EQ(renderer.step(floor_contact(1), DeviceState{}, {}, kFresh, kCycle).fault, Fault::kEmergencyStop);
+}
+
+TEST(Force, CutsAStiffnessThatTheDeviceCannotRenderStably) {
+  ForceSettings settings = at_full_strength();
+  settings.max_force = 1e9;
+  DeviceSpec spec;
+  spec.damping = 1;
+  spec.max_force = 1e9;
+  ForceRenderer renderer{settings, spec};
+  const ForceResult result = renderer.step(floor_contact(0.001), DeviceState{}, {10000, 0}, kFresh, kCycle);
+  EXPECT_NEAR(result.force.z(), 2.0, 1e-9);  // 1 N s/m over half a millisecond: 2000 N/m
+  EXPECT_TRUE(result.bits & kForceStiffnessCut);
+  EXPECT_NEAR(stable_stiffness(5, 0, 1e-3, 0.020), 244, 0.5);  // notes of Hulin's rule, 20 ms delay
+}
+
+TEST(Force, MarksTheRampOfASurfaceThatMoved) {
+  ForceRenderer renderer{at_full_strength(), DeviceSpec{}};
+  ProxyResult proxy = floor_contact(0.001);
+  proxy.ramping = true;
+  EXPECT_TRUE(renderer.step(proxy, DeviceState{}, {}, kFresh, kCycle).bits & kForceSurfaceRamp);
+}
+
+TEST(Force, KeepsItsLimitsWhateverComesIn) {
+  std::mt19937 random{kSeed};
+  const auto wild = [&] {
+    const double size = std::pow(10, std::uniform_real_distribution<double>{-6, 6}(random));
+    const double pick = std::uniform_real_distribution<double>{0, 1}(random);
+    if (pick < 0.0005) return std::numeric_limits<double>::quiet_NaN();
+    return pick < 0.5 ? -size : size;
+  };
+  const ForceSettings settings;
+  ForceRenderer renderer{settings, DeviceSpec{}};
+  Vec3d before = Vec3d::Zero();
+  for (int i = 0; i < 200000; ++i) {
+    ProxyResult proxy;
+    proxy.anchor = {wild(), wild(), wild()};
+    proxy.in_contact = i % 3 != 0;
+    proxy.normal = Vec3d{wild(), wild(), wild()}.normalized();
+    DeviceState device;
+    device.position = {wild(), wild(), wild()};
+    device.velocity = {wild(), wild(), wild()};
+    const double age = std::abs(wild()) * 1e-3;
+    const ForceResult& result = renderer.step(proxy, device, {std::abs(wild()), std::abs(wild())}, age, kCycle);
+    ASSERT_TRUE(result.force.allFinite()) << "seed " << kSeed << " step " << i;
+    ASSERT_LE(result.force.norm(), settings.max_force + 1e-9) << "seed " << kSeed << " step " << i;
+    if (age >= settings.zero_by) {
+      ASSERT_EQ(result.force, Vec3d(Vec3d::Zero()));
+    }
+    if (!result.force.isZero(0)) {
+      ASSERT_LE((result.force - before).norm(), settings.max_slew * kCycle + 1e-9) << "seed " << kSeed << " step " << i;
+    }
+    before = result.force;
+    if (result.fault != Fault::kNone) renderer.reset();
+  }
+}
+
+}  // namespace
+}  // namespace tactus::haptics
