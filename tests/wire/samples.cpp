@@ -1,0 +1,124 @@
+#include "support.hpp"
+
+namespace tactus::wire::test {
+namespace {
+
+const ses::Pose kPose{{0.1, -0.2, 0.3}, {0.5, -0.5, 0.5, 0.5}};
+
+spm::ModelSummary summary() {
+  spm::ModelSummary s{};
+  s.digest = 0x1122334455667788u;
+  s.vertices = 1000;
+  s.faces = 1996;
+  s.base_vertices = 100;
+  s.base_faces = 196;
+  s.records = 900;
+  s.parts = 905;
+  s.regions = 8;
+  s.max_level = 21;
+  s.bounds_min = {-1.5f, -2.5f, -3.5f};
+  s.bounds_max = {1.25f, 2.25f, 3.25f};
+  s.grid = {{-1.5, -2.5, -3.5}, 0.75};
+  s.metres_per_unit = 0.001;
+  s.deviation = 0.5;
+  return s;
+}
+
+}  // namespace
+
+template <>
+ses::RosterEntry full(const Links& from) {
+  return {from.origin(),
+          ses::kProtocolVersion,
+          ses::Role::kClient,
+          from.address().participant,
+          from.address().session,
+          "hrtc 1",
+          {"alice", "bob"},
+          {{"carol", 3}, {"dave", 63}},
+          77,
+          true};
+}
+
+template <>
+ses::CatalogueEntry full(const Links& from) {
+  ses::CatalogueEntry c;
+  c.origin = from.origin();
+  c.host = from.address().participant;
+  c.object = "organ";
+  c.object_id = ses::id_of("organ");
+  c.summary = summary();
+  c.scale = 0.002;
+  c.pose = kPose;
+  c.material = {1234.5, 2.5, 0.75, 0.5};
+  c.base_bytes = 4711;
+  return c;
+}
+
+template <>
+ses::Demand full(const Links& from) {
+  return {from.origin(), 11, 12, 13, 14, true, {{0, 3}, {5, 1}, {9, 20}}, {{4, 1500}, {6, 2500}}, 15, 16, 17};
+}
+
+template <>
+ses::Metrics full(const Links& from) {
+  return {from.origin(), {{"cycle_p99_us", 47.5}, {"late", -0.0}}};
+}
+
+template <>
+ses::Control full(const Links& from) {
+  return {from.origin(), 5, ses::ControlKind::kEmergencyStop, "operator said so"};
+}
+
+template <>
+ses::BulkChunk full(const Links& from) {
+  return {from.origin(), 21, 22, 23, 24, 25, ses::BulkKind::kRegion, 26, 2, 9, 27, {1, 2, 3, 0, 255}};
+}
+
+template <>
+ses::Intent full(const Links& from) {
+  return {from.origin(), 31, 2, 33, {{100, {1, 2, 3}}, {200, {-4, 5, -6}}}};
+}
+
+template <>
+ses::ProbeState full(const Links& from) {
+  ses::ProbeState p;
+  p.origin = from.origin();
+  p.user_id = 41;
+  p.probe = 1;
+  p.sequence = 43;
+  p.session_time_ns = -44;
+  p.time_bound_us = 45;
+  p.device = kPose;
+  p.proxy = {1.5, 2.5, 3.5};
+  p.velocity = {-0.01, 0.02, -0.03};
+  p.force = {0.5, -1.5, 2.5};
+  p.radius = 0.005;
+  p.object_id = 46;
+  p.status = ses::kInContact | ses::kSurfaceMoved;
+  p.error_bound = 0.25f;
+  p.data_age_us = 47;
+  return p;
+}
+
+template <>
+ses::DevicePose full(const Links& from) {
+  return {from.origin(), 51, 1, 53, 54, kPose, {0.1, 0.2, 0.3}, 0.004, 0x80000001u, 55};
+}
+
+template <>
+ses::DeviceCommand full(const Links& from) {
+  return {from.origin(), 61, 1, 63, 64, {1, 2, 3}, {4, 5, 6}, {0, 0, 1}, ses::kExact, 0.125f, 65};
+}
+
+template <>
+ses::ObjectPose full(const Links& from) {
+  return {from.origin(), 71, 72, 73, 74, kPose, {1, 2, 3}, {4, 5, 6}};
+}
+
+template <>
+ses::ClockSample full(const Links& from) {
+  return {from.origin(), 81, 82, true, 83, -84, 85};
+}
+
+}  // namespace tactus::wire::test

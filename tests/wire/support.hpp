@@ -1,0 +1,162 @@
+/// What the tests of wire/ share: addresses that meet nobody else, an inbox to wait on, samples with every field set.
+#pragma once
+
+#include <unistd.h>
+
+#include <atomic>
+#include <chrono>
+#include <condition_variable>
+#include <deque>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <thread>
+#include <tuple>
+#include <vector>
+
+#include "wire/ends.hpp"
+
+namespace tactus::wire::test {
+
+using namespace std::chrono_literals;
+namespace ses = session;
+
+/// How long a test waits before it gives up on something that has to happen.
+inline constexpr auto kWatchdog = 20s;
+
+/// Base domains 50..89, spread over processes so that tests may run side by side; sessions differ anyway.
+inline int test_domain() { return 50 + 3 * (static_cast<int>(getpid()) % 13); }
+
+inline std::string unique_session(const std::string& tag) {
+  static std::atomic<int> count{0};
+  return "test." + tag + "." + std::to_string(getpid()) + "." + std::to_string(++count);
+}
+
+inline SessionAddress address(const std::string& session, const std::string& participant) {
+  SessionAddress a;
+  a.session = session;
+  a.participant = participant;
+  a.domain = test_domain();
+  return a;
+}
+
+/// Keeps what a Reader hands over.
+template <class Sample>
+class Inbox {
+ public:
+  auto callback() {
+    return [this](Sample&& sample) {
+      const std::lock_guard<std::mutex> lock{mutex_};
+      samples_.push_back(std::move(sample));
+      arrived_.notify_all();
+    };
+  }
+  /// The oldest sample, waited for up to `limit`.
+  std::optional<Sample> next(std::chrono::nanoseconds limit = kWatchdog) {
+    std::unique_lock<std::mutex> lock{mutex_};
+    if (!arrived_.wait_for(lock, limit, [this] { return !samples_.empty(); })) return std::nullopt;
+    Sample sample = std::move(samples_.front());
+    samples_.pop_front();
+    return sample;
+  }
+  std::size_t size() {
+    const std::lock_guard<std::mutex> lock{mutex_};
+    return samples_.size();
+  }
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable arrived_;
+  std::deque<Sample> samples_;
+};
+
+/// Waits for a condition that nobody signals; false when the watchdog bites.
+template <class Condition>
+bool eventually(Condition&& condition) {
+  const auto end = std::chrono::steady_clock::now() + kWatchdog;
+  while (!condition()) {
+    if (std::chrono::steady_clock::now() > end) return false;
+    std::this_thread::yield();
+  }
+  return true;
+}
+
+/// Sends until one copy arrives: the two sides of a best-effort topic find each other at different moments.
+template <class Sample>
+std::optional<Sample> send_until_received(Writer<Sample>& writer, Inbox<Sample>& inbox, const Sample& sample) {
+  const auto end = std::chrono::steady_clock::now() + kWatchdog;
+  while (std::chrono::steady_clock::now() < end) {
+    if (writer.send(sample) == SendStatus::kInvalid) return std::nullopt;
+    if (auto got = inbox.next(10ms)) return got;
+  }
+  return std::nullopt;
+}
+
+// ---- every field of a sample, for comparison
+
+inline auto fields(const ses::Origin& o) { return std::tuple{o.session, o.participant, o.incarnation, o.time_ns}; }
+inline auto fields(const ses::Pose& p) { return std::tuple{p.position, p.orientation}; }
+inline auto fields(const ses::UserSlot& u) { return std::tuple{u.user, u.slot}; }
+inline auto fields(const ses::Figure& f) { return std::tuple{f.name, f.value}; }
+inline auto fields(const ses::Waypoint& w) { return std::tuple{w.session_time_ns, w.position}; }
+inline auto fields(const ses::Wanted& w) { return std::tuple{w.region, w.contact_in_us}; }
+inline auto fields(const spm::Run& r) { return std::tuple{r.first, r.count}; }
+template <class T>
+auto fields(const std::vector<T>& list) {
+  std::vector<decltype(fields(list.front()))> all;
+  for (const T& item : list) all.push_back(fields(item));
+  return all;
+}
+inline auto fields(const ses::RosterEntry& r) {
+  return std::tuple{fields(r.origin), r.protocol, r.role,          r.name,      r.session,
+                    r.controller,     r.users,    fields(r.slots), r.heartbeat, r.leaving};
+}
+inline auto fields(const ses::CatalogueEntry& c) {
+  const spm::ModelSummary& s = c.summary;
+  return std::tuple_cat(
+      std::tuple{fields(c.origin), c.host, c.object, c.object_id, c.scale, fields(c.pose), c.base_bytes, c.withdrawn},
+      std::tuple{s.digest, s.vertices, s.faces, s.base_vertices, s.base_faces, s.records, s.parts, s.regions},
+      std::tuple{s.max_level, s.bounds_min, s.bounds_max, s.grid.origin, s.grid.cell_size, s.metres_per_unit, s.deviation},
+      std::tuple{c.material.stiffness, c.material.damping, c.material.static_friction, c.material.dynamic_friction});
+}
+inline auto fields(const ses::Demand& d) {
+  return std::tuple{fields(d.origin), d.object_id,    d.digest,         d.serving_host,       d.epoch,
+                    d.need_base,      fields(d.have), fields(d.wanted), d.stream_incarnation, d.received,
+                    d.credit};
+}
+inline auto fields(const ses::Metrics& m) { return std::tuple{fields(m.origin), fields(m.figures)}; }
+inline auto fields(const ses::Control& c) { return std::tuple{fields(c.origin), c.sequence, c.kind, c.text}; }
+inline auto fields(const ses::BulkChunk& b) {
+  return std::tuple{fields(b.origin), b.hrtc,   b.object_id, b.digest, b.sequence, b.epoch,
+                    b.kind,           b.region, b.part,      b.parts,  b.checksum, b.payload};
+}
+inline auto fields(const ses::Intent& i) {
+  return std::tuple{fields(i.origin), i.user_id, i.probe, i.sequence, fields(i.path)};
+}
+inline auto fields(const ses::ProbeState& p) {
+  return std::tuple{fields(p.origin), p.user_id,        p.probe,  p.sequence,    p.session_time_ns,
+                    p.time_bound_us,  fields(p.device), p.proxy,  p.velocity,    p.force,
+                    p.radius,         p.object_id,      p.status, p.error_bound, p.data_age_us};
+}
+inline auto fields(const ses::DevicePose& d) {
+  return std::tuple{fields(d.origin), d.user_id,  d.probe,  d.sequence, d.session_time_ns,
+                    fields(d.pose),   d.velocity, d.radius, d.buttons,  d.command_felt};
+}
+inline auto fields(const ses::DeviceCommand& d) {
+  return std::tuple{fields(d.origin), d.user_id, d.probe,  d.sequence,    d.pose_answered, d.force,
+                    d.torque,         d.normal,  d.status, d.error_bound, d.data_age_us};
+}
+inline auto fields(const ses::ObjectPose& o) {
+  return std::tuple{fields(o.origin),  o.object_id,    o.sequence, o.fencing,
+                    o.session_time_ns, fields(o.pose), o.velocity, o.spin};
+}
+inline auto fields(const ses::ClockSample& c) {
+  return std::tuple{fields(c.origin), c.peer, c.sequence, c.answer, c.t0_ns, c.t1_ns, c.t2_ns};
+}
+
+// ---- sound samples whose fields all differ from their defaults and from each other
+
+template <class Sample>
+Sample full(const Links& from);
+
+}  // namespace tactus::wire::test

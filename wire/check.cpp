@@ -1,0 +1,187 @@
+#include "wire/check.hpp"
+
+#include <cmath>
+#include <cstdint>
+
+namespace tactus::wire {
+namespace {
+
+constexpr double kUnitTolerance = 1e-3;  // what a quaternion in float keeps after a few products
+
+template <class Array>
+bool all_finite(const Array& values) noexcept {
+  for (const auto v : values) {
+    if (!std::isfinite(v)) return false;
+  }
+  return true;
+}
+
+bool not_negative(double v) noexcept { return std::isfinite(v) && v >= 0; }
+bool positive(double v) noexcept { return std::isfinite(v) && v > 0; }
+
+/// A zero byte would end the text on the wire.
+bool fits(const std::string& text, std::size_t bound) noexcept {
+  return text.size() <= bound && text.find('\0') == std::string::npos;
+}
+bool is_name(const std::string& text) noexcept { return !text.empty() && fits(text, session::kMaxName); }
+
+const char* fault(const session::Pose& pose) noexcept {
+  if (!all_finite(pose.position)) return "pose.position: expected finite numbers";
+  double square = 0;
+  for (const double v : pose.orientation) square += v * v;
+  if (!(std::abs(std::sqrt(square) - 1) <= kUnitTolerance)) return "pose.orientation: expected a unit quaternion";
+  return nullptr;
+}
+
+const char* fault(const session::Material& m) noexcept {
+  if (!not_negative(m.stiffness)) return "material.stiffness: expected finite, at least 0";
+  if (!not_negative(m.damping)) return "material.damping: expected finite, at least 0";
+  if (!not_negative(m.static_friction)) return "material.static_friction: expected finite, at least 0";
+  if (!not_negative(m.dynamic_friction) || m.dynamic_friction > m.static_friction) {
+    return "material.dynamic_friction: expected 0 up to static_friction";
+  }
+  return nullptr;
+}
+
+const char* fault(const spm::ModelSummary& s) noexcept {
+  if (s.base_vertices > s.vertices || s.records != s.vertices - s.base_vertices) {
+    return "summary.records: expected vertices - base_vertices";
+  }
+  if (s.faces == 0 || s.base_faces > s.faces) return "summary.faces: expected at least 1 and base_faces";
+  if (s.parts < s.records) return "summary.parts: expected at least records";
+  if (!all_finite(s.bounds_min) || !all_finite(s.bounds_max)) return "summary.bounds: expected finite numbers";
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    if (s.bounds_min[axis] > s.bounds_max[axis]) return "summary.bounds: expected min at most max";
+  }
+  if (!all_finite(s.grid.origin)) return "summary.grid.origin: expected finite numbers";
+  if (!positive(s.grid.cell_size)) return "summary.grid.cell_size: expected finite, above 0";
+  if (!positive(s.metres_per_unit)) return "summary.metres_per_unit: expected finite, above 0";
+  if (!(std::isfinite(s.deviation) && s.deviation >= 0)) return "summary.deviation: expected finite, at least 0";
+  return nullptr;
+}
+
+}  // namespace
+
+const char* fault(const session::RosterEntry& r) noexcept {
+  if (r.role > session::Role::kViewer) return "role: expected 0..3";
+  if (!is_name(r.name)) return "name: expected 1..63 bytes";
+  if (!is_name(r.session)) return "session: expected 1..63 bytes";
+  if (session::id_of(r.name) != r.origin.participant) return "name: expected the one that origin.participant is of";
+  if (session::id_of(r.session) != r.origin.session) return "session: expected the one that origin.session is of";
+  if (!fits(r.controller, session::kMaxName)) return "controller: expected at most 63 bytes";
+  if (r.users.size() > session::kMaxSlots) return "users: expected at most 64";
+  for (const std::string& user : r.users) {
+    if (!is_name(user)) return "users: expected names of 1..63 bytes";
+  }
+  if (r.slots.size() > session::kMaxSlots) return "slots: expected at most 64";
+  for (const session::UserSlot& slot : r.slots) {
+    if (!is_name(slot.user)) return "slots.user: expected 1..63 bytes";
+    if (slot.slot >= session::kMaxSlots) return "slots.slot: expected 0..63";
+  }
+  return nullptr;
+}
+
+const char* fault(const session::CatalogueEntry& c) noexcept {
+  if (!is_name(c.host)) return "host: expected 1..63 bytes";
+  if (!is_name(c.object)) return "object: expected 1..63 bytes";
+  if (session::id_of(c.host) != c.origin.participant) return "host: expected the one that origin.participant is of";
+  if (session::id_of(c.object) != c.object_id) return "object: expected the one that object_id is of";
+  if (c.withdrawn) return nullptr;  // the rest says nothing
+  if (!positive(c.scale)) return "scale: expected finite, above 0";
+  if (const char* f = fault(c.summary)) return f;
+  if (const char* f = fault(c.pose)) return f;
+  return fault(c.material);
+}
+
+const char* fault(const session::Demand& d) noexcept {
+  if (d.have.size() > session::kMaxHaveRuns) return "have: expected at most 1024 runs";
+  std::uint64_t next = 0;
+  for (const spm::Run& run : d.have) {
+    if (run.count == 0 || run.first < next) return "have: expected ascending runs of at least one region";
+    next = std::uint64_t{run.first} + run.count;
+    if (next > spm::kNone) return "have: expected regions below 0xffffffff";
+  }
+  if (d.wanted.size() > session::kMaxWanted) return "wanted: expected at most 256 regions";
+  return nullptr;
+}
+
+const char* fault(const session::Metrics& m) noexcept {
+  if (m.figures.size() > session::kMaxFigures) return "figures: expected at most 128";
+  for (const session::Figure& figure : m.figures) {
+    if (!is_name(figure.name)) return "figures.name: expected 1..63 bytes";
+    if (!std::isfinite(figure.value)) return "figures.value: expected a finite number";
+  }
+  return nullptr;
+}
+
+const char* fault(const session::Control& c) noexcept {
+  if (c.kind > session::ControlKind::kReset) return "kind: expected 0..4";
+  if (!fits(c.text, session::kMaxText)) return "text: expected at most 255 bytes";
+  return nullptr;
+}
+
+const char* fault(const session::BulkChunk& b) noexcept {
+  if (b.kind > session::BulkKind::kEcho) return "kind: expected 0..2";
+  if (b.sequence == 0) return "sequence: expected at least 1";
+  if (b.parts == 0 || b.part >= b.parts) return "part: expected below parts";
+  if (b.payload.size() > session::kMaxPayload) return "payload: expected at most 1200 bytes";
+  switch (b.kind) {
+    case session::BulkKind::kEcho:
+      if (!b.payload.empty() || b.parts != 1) return "payload: expected none in an echo";
+      break;
+    case session::BulkKind::kBase:
+      if (b.region != spm::kNone) return "region: expected none with a base mesh";
+      if (b.payload.empty()) return "payload: expected at least one byte";
+      break;
+    case session::BulkKind::kRegion:
+      if (b.region == spm::kNone) return "region: expected one";
+      if (b.payload.empty()) return "payload: expected at least one byte";
+      break;
+  }
+  return nullptr;
+}
+
+const char* fault(const session::Intent& i) noexcept {
+  if (i.path.empty() || i.path.size() > session::kMaxWaypoints) return "path: expected 1..16 waypoints";
+  for (std::size_t k = 0; k < i.path.size(); ++k) {
+    if (!all_finite(i.path[k].position)) return "path.position: expected finite numbers";
+    if (k > 0 && i.path[k].session_time_ns <= i.path[k - 1].session_time_ns) return "path: expected ascending times";
+  }
+  return nullptr;
+}
+
+const char* fault(const session::ProbeState& p) noexcept {
+  if (const char* f = fault(p.device)) return f;
+  if (!all_finite(p.proxy)) return "proxy: expected finite numbers";
+  if (!all_finite(p.velocity)) return "velocity: expected finite numbers";
+  if (!all_finite(p.force)) return "force: expected finite numbers";
+  if (!not_negative(p.radius)) return "radius: expected finite, at least 0";
+  if (!not_negative(p.error_bound)) return "error_bound: expected finite, at least 0";
+  return nullptr;
+}
+
+const char* fault(const session::DevicePose& d) noexcept {
+  if (const char* f = fault(d.pose)) return f;
+  if (!all_finite(d.velocity)) return "velocity: expected finite numbers";
+  if (!not_negative(d.radius)) return "radius: expected finite, at least 0";
+  return nullptr;
+}
+
+const char* fault(const session::DeviceCommand& d) noexcept {
+  if (!all_finite(d.force)) return "force: expected finite numbers";
+  if (!all_finite(d.torque)) return "torque: expected finite numbers";
+  if (!all_finite(d.normal)) return "normal: expected finite numbers";
+  if (!not_negative(d.error_bound)) return "error_bound: expected finite, at least 0";
+  return nullptr;
+}
+
+const char* fault(const session::ObjectPose& o) noexcept {
+  if (const char* f = fault(o.pose)) return f;
+  if (!all_finite(o.velocity)) return "velocity: expected finite numbers";
+  if (!all_finite(o.spin)) return "spin: expected finite numbers";
+  return nullptr;
+}
+
+const char* fault(const session::ClockSample&) noexcept { return nullptr; }  // every bit pattern is a clock's business
+
+}  // namespace tactus::wire

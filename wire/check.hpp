@@ -1,0 +1,24 @@
+/// What a sample must satisfy to be sent, and after decoding to be handed over: bounds, finite numbers, unit
+/// quaternions, enumerators that exist, ids that belong to their names. No DDS here.
+#pragma once
+
+#include "session/messages.hpp"
+
+namespace tactus::wire {
+
+/// What is wrong with a sample, as static text that names the field and what was expected; nullptr when it is sound.
+/// O(size), no allocation. Thread: any.
+[[nodiscard]] const char* fault(const session::RosterEntry& sample) noexcept;
+[[nodiscard]] const char* fault(const session::CatalogueEntry& sample) noexcept;
+[[nodiscard]] const char* fault(const session::Demand& sample) noexcept;
+[[nodiscard]] const char* fault(const session::Metrics& sample) noexcept;
+[[nodiscard]] const char* fault(const session::Control& sample) noexcept;
+[[nodiscard]] const char* fault(const session::BulkChunk& sample) noexcept;
+[[nodiscard]] const char* fault(const session::Intent& sample) noexcept;
+[[nodiscard]] const char* fault(const session::ProbeState& sample) noexcept;
+[[nodiscard]] const char* fault(const session::DevicePose& sample) noexcept;
+[[nodiscard]] const char* fault(const session::DeviceCommand& sample) noexcept;
+[[nodiscard]] const char* fault(const session::ObjectPose& sample) noexcept;
+[[nodiscard]] const char* fault(const session::ClockSample& sample) noexcept;
+
+}  // namespace tactus::wire

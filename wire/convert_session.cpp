@@ -1,0 +1,130 @@
+#include "wire/convert.hpp"
+
+namespace tactus::wire {
+
+void to_idl(const session::RosterEntry& from, idl::RosterEntry& to) {
+  origin_to_idl(from.origin, to);
+  to.protocol(from.protocol);
+  to.participant_role(static_cast<idl::ParticipantRole>(from.role));
+  to.name(from.name);
+  to.session(from.session);
+  to.controller(from.controller);
+  to.users().resize(from.users.size());
+  for (std::size_t i = 0; i < from.users.size(); ++i) to.users()[i].user(from.users[i]);
+  to.slots().resize(from.slots.size());
+  for (std::size_t i = 0; i < from.slots.size(); ++i) {
+    to.slots()[i].user(from.slots[i].user);
+    to.slots()[i].slot_number(from.slots[i].slot);
+  }
+  to.heartbeat(from.heartbeat);
+  to.leaving(from.leaving);
+}
+
+void from_idl(const idl::RosterEntry& from, session::RosterEntry& to) {
+  to.origin = origin_from_idl(from);
+  to.protocol = from.protocol();
+  to.role = enum_from_idl<session::Role>(from.participant_role());
+  to.name = from.name().to_string();
+  to.session = from.session().to_string();
+  to.controller = from.controller().to_string();
+  to.users.resize(from.users().size());
+  for (std::size_t i = 0; i < to.users.size(); ++i) to.users[i] = from.users()[i].user().to_string();
+  to.slots.resize(from.slots().size());
+  for (std::size_t i = 0; i < to.slots.size(); ++i) {
+    to.slots[i] = {from.slots()[i].user().to_string(), from.slots()[i].slot_number()};
+  }
+  to.heartbeat = from.heartbeat();
+  to.leaving = from.leaving();
+}
+
+void to_idl(const session::CatalogueEntry& from, idl::CatalogueEntry& to) {
+  origin_to_idl(from.origin, to);
+  to.object_id(from.object_id);
+  to.host(from.host);
+  to.object_name(from.object);
+  idl::ModelSummaryValue& summary = to.summary();
+  summary.digest(from.summary.digest);
+  summary.vertices(from.summary.vertices);
+  summary.faces(from.summary.faces);
+  summary.base_vertices(from.summary.base_vertices);
+  summary.base_faces(from.summary.base_faces);
+  summary.records(from.summary.records);
+  summary.parts(from.summary.parts);
+  summary.regions(from.summary.regions);
+  summary.max_level(from.summary.max_level);
+  summary.bounds_min(from.summary.bounds_min);
+  summary.bounds_max(from.summary.bounds_max);
+  summary.grid_origin(from.summary.grid.origin);
+  summary.cell_size(from.summary.grid.cell_size);
+  summary.metres_per_unit(from.summary.metres_per_unit);
+  summary.deviation(from.summary.deviation);
+  to.scale(from.scale);
+  to.placement(pose_to_idl(from.pose));
+  to.surface().stiffness(from.material.stiffness);
+  to.surface().damping(from.material.damping);
+  to.surface().static_friction(from.material.static_friction);
+  to.surface().dynamic_friction(from.material.dynamic_friction);
+  to.base_bytes(from.base_bytes);
+  to.withdrawn(from.withdrawn);
+}
+
+void from_idl(const idl::CatalogueEntry& from, session::CatalogueEntry& to) {
+  to.origin = origin_from_idl(from);
+  to.object_id = from.object_id();
+  to.host = from.host().to_string();
+  to.object = from.object_name().to_string();
+  const idl::ModelSummaryValue& summary = from.summary();
+  to.summary.digest = summary.digest();
+  to.summary.vertices = summary.vertices();
+  to.summary.faces = summary.faces();
+  to.summary.base_vertices = summary.base_vertices();
+  to.summary.base_faces = summary.base_faces();
+  to.summary.records = summary.records();
+  to.summary.parts = summary.parts();
+  to.summary.regions = summary.regions();
+  to.summary.max_level = summary.max_level();
+  to.summary.bounds_min = summary.bounds_min();
+  to.summary.bounds_max = summary.bounds_max();
+  to.summary.grid = {summary.grid_origin(), summary.cell_size()};
+  to.summary.metres_per_unit = summary.metres_per_unit();
+  to.summary.deviation = summary.deviation();
+  to.scale = from.scale();
+  to.pose = pose_from_idl(from.placement());
+  to.material = {from.surface().stiffness(), from.surface().damping(), from.surface().static_friction(),
+                 from.surface().dynamic_friction()};
+  to.base_bytes = from.base_bytes();
+  to.withdrawn = from.withdrawn();
+}
+
+void to_idl(const session::Metrics& from, idl::Metrics& to) {
+  origin_to_idl(from.origin, to);
+  to.figures().resize(from.figures.size());
+  for (std::size_t i = 0; i < from.figures.size(); ++i) {
+    to.figures()[i].name(from.figures[i].name);
+    to.figures()[i].value(from.figures[i].value);
+  }
+}
+
+void from_idl(const idl::Metrics& from, session::Metrics& to) {
+  to.origin = origin_from_idl(from);
+  to.figures.resize(from.figures().size());
+  for (std::size_t i = 0; i < to.figures.size(); ++i) {
+    to.figures[i] = {from.figures()[i].name().to_string(), from.figures()[i].value()};
+  }
+}
+
+void to_idl(const session::Control& from, idl::Control& to) {
+  origin_to_idl(from.origin, to);
+  to.sequence_number(from.sequence);
+  to.action(static_cast<idl::ControlAction>(from.kind));
+  to.text(from.text);
+}
+
+void from_idl(const idl::Control& from, session::Control& to) {
+  to.origin = origin_from_idl(from);
+  to.sequence = from.sequence_number();
+  to.kind = enum_from_idl<session::ControlKind>(from.action());
+  to.text = from.text().to_string();
+}
+
+}  // namespace tactus::wire

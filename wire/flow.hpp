@@ -1,0 +1,27 @@
+/// qos/flow.yaml: what the XML profiles of Fast DDS 2.9 cannot say.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <filesystem>
+
+#include "wire/links.hpp"
+
+namespace tactus::wire {
+
+/// Marks on the sockets of a traffic class; 0 leaves the system's default.
+struct SocketMarks {
+  int tos = 0;       ///< IP_TOS byte, 0..255
+  int priority = 0;  ///< SO_PRIORITY, 0..6
+};
+
+struct Flow {
+  std::array<SocketMarks, kTrafficClasses> sockets;  ///< by TrafficClass
+  std::int32_t bulk_bytes = 0;                       ///< in every period; 0: no ceiling
+  std::int32_t bulk_period_ms = 1;                   ///< 1..1000
+};
+
+/// Throws WireError naming file and key for a missing file or key, an unknown key or a value out of bounds.
+[[nodiscard]] Flow read_flow(const std::filesystem::path& file);
+
+}  // namespace tactus::wire

@@ -1,0 +1,56 @@
+/// The topics of a session, declared once.
+#pragma once
+
+#include "session/messages.hpp"
+#include "wire/links.hpp"
+
+namespace tactus::wire {
+
+/// A topic and the profiles of its two ends, `<profile>_writer` and `<profile>_reader` in the file of its class.
+template <class Sample>
+struct TopicSpec {
+  const char* name;
+  TrafficClass traffic;
+  const char* profile;
+};
+
+namespace topics {
+
+inline constexpr TopicSpec<session::RosterEntry> kRoster{"tactus_roster", TrafficClass::kSession, "roster"};
+inline constexpr TopicSpec<session::CatalogueEntry> kCatalogue{"tactus_catalogue", TrafficClass::kSession, "catalogue"};
+inline constexpr TopicSpec<session::Demand> kDemand{"tactus_demand", TrafficClass::kSession, "demand"};
+inline constexpr TopicSpec<session::Metrics> kMetrics{"tactus_metrics", TrafficClass::kSession, "metrics"};
+inline constexpr TopicSpec<session::Control> kControl{"tactus_control", TrafficClass::kSession, "control"};
+
+inline constexpr TopicSpec<session::BulkChunk> kBase{"tactus_base", TrafficClass::kBulk, "base"};
+inline constexpr TopicSpec<session::BulkChunk> kRecords{"tactus_records", TrafficClass::kBulk, "records"};
+
+inline constexpr TopicSpec<session::ProbeState> kProbeState{"tactus_probe_state", TrafficClass::kProbe, "probe_state"};
+inline constexpr TopicSpec<session::DevicePose> kDevicePose{"tactus_device_pose", TrafficClass::kProbe, "device_pose"};
+inline constexpr TopicSpec<session::DeviceCommand> kDeviceCommand{"tactus_device_command", TrafficClass::kProbe,
+                                                                  "device_command"};
+inline constexpr TopicSpec<session::Intent> kIntent{"tactus_intent", TrafficClass::kProbe, "intent"};
+inline constexpr TopicSpec<session::ObjectPose> kObjectPose{"tactus_object_pose", TrafficClass::kProbe, "object_pose"};
+/// In the probe class, because it dates probe states and must wait in the queues that they wait in.
+inline constexpr TopicSpec<session::ClockSample> kClock{"tactus_clock", TrafficClass::kProbe, "clock"};
+
+/// Calls `visit` with every TopicSpec.
+template <class Visit>
+void for_each(Visit&& visit) {
+  visit(kRoster);
+  visit(kCatalogue);
+  visit(kDemand);
+  visit(kMetrics);
+  visit(kControl);
+  visit(kBase);
+  visit(kRecords);
+  visit(kProbeState);
+  visit(kDevicePose);
+  visit(kDeviceCommand);
+  visit(kIntent);
+  visit(kObjectPose);
+  visit(kClock);
+}
+
+}  // namespace topics
+}  // namespace tactus::wire
