@@ -1,0 +1,96 @@
+#include "session/clock.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+
+namespace tactus::session {
+
+std::int64_t ClockMap::session_time(std::int64_t at_local_ns) const noexcept {
+  const std::int64_t slewed = std::min(at_local_ns, slew_until_ns) - local_ns;
+  const auto gained = slewed > 0 ? std::llround(static_cast<double>(slewed) * slew) : 0;
+  return session_ns + (at_local_ns - local_ns) + gained;
+}
+
+std::int64_t ClockMap::bound(std::int64_t at_local_ns) const noexcept {
+  if (bound_ns >= kClockUnknown) return kClockUnknown;
+  const auto residual =
+      std::llround(static_cast<double>(std::max<std::int64_t>(0, slew_until_ns - at_local_ns)) * std::abs(slew));
+  return bound_ns + residual + std::llround(static_cast<double>(at_local_ns - local_ns) * drift);
+}
+
+SessionClock::SessionClock(const Origin& self, const ClockSettings& settings) : self_{self}, settings_{settings} {
+  map_.bound_ns = kClockUnknown;
+}
+
+void SessionClock::set_reference(std::uint64_t participant, std::uint64_t incarnation, std::int64_t local_now_ns) {
+  if (participant == reference_ && incarnation == reference_incarnation_) return;
+  reference_ = participant;
+  reference_incarnation_ = incarnation;
+  window_.clear();
+  if (participant != self_.participant) return;
+  // Run on from where the session is; at its very beginning that is the local clock.
+  map_ = {local_now_ns, map_.session_time(local_now_ns), 0, local_now_ns, 0, 0};
+  synchronised_ = true;
+}
+
+ClockSample SessionClock::request(std::int64_t local_now_ns) {
+  ClockSample sample;
+  sample.origin = self_;
+  sample.origin.time_ns = local_now_ns;
+  sample.peer = reference_;
+  sample.sequence = ++sequence_;
+  sample.t0_ns = local_now_ns;
+  return sample;
+}
+
+ClockSample SessionClock::answer(const ClockSample& request, std::int64_t local_received_ns,
+                                 std::int64_t local_now_ns) const {
+  ClockSample sample = request;
+  sample.origin = self_;
+  sample.origin.time_ns = local_now_ns;
+  sample.peer = request.origin.participant;
+  sample.answer = true;
+  sample.t1_ns = map_.session_time(local_received_ns);
+  sample.t2_ns = map_.session_time(local_now_ns);
+  return sample;
+}
+
+bool SessionClock::on_answer(const ClockSample& answer, std::int64_t local_now_ns) {
+  for (const std::int64_t stamp : {answer.t0_ns, answer.t1_ns, answer.t2_ns}) {
+    if (stamp <= -kClockUnknown || stamp >= kClockUnknown) return false;  // differences must not overflow
+  }
+  const std::int64_t there = answer.t2_ns - answer.t1_ns;
+  const std::int64_t rtt = local_now_ns - answer.t0_ns - there;
+  const bool mine = answer.answer && answer.origin.session == self_.session && answer.peer == self_.participant &&
+                    answer.origin.participant == reference_ && answer.origin.incarnation == reference_incarnation_;
+  if (!mine || answer.sequence <= answered_ || answer.sequence > sequence_ || there < 0 || rtt < 0 ||
+      rtt > settings_.max_rtt_ns) {
+    return false;
+  }
+  answered_ = answer.sequence;
+  const std::int64_t offset = (answer.t1_ns - answer.t0_ns) / 2 + (answer.t2_ns - local_now_ns) / 2;
+  window_.push_back({local_now_ns, offset, rtt / 2 + 1});
+  if (window_.size() > settings_.window) window_.pop_front();
+  steer(local_now_ns);
+  return true;
+}
+
+/// Points the map at the best measurement without a step, but for the very first.
+void SessionClock::steer(std::int64_t local_now_ns) {
+  const auto bound_now = [&](const Measured& m) {
+    return m.bound_ns + std::llround(static_cast<double>(local_now_ns - m.local_ns) * settings_.drift);
+  };
+  const Measured& best = *std::min_element(window_.begin(), window_.end(), [&](const Measured& a, const Measured& b) {
+    return bound_now(a) < bound_now(b);
+  });
+  const std::int64_t target = local_now_ns + best.offset_ns;
+  const std::int64_t session = synchronised_ ? map_.session_time(local_now_ns) : target;
+  const std::int64_t error = target - session;
+  const double slew = error > 0 ? settings_.max_slew : error < 0 ? -settings_.max_slew : 0;
+  const auto duration = std::llround(static_cast<double>(std::abs(error)) / settings_.max_slew);
+  map_ = {local_now_ns, session, slew, local_now_ns + duration, bound_now(best), settings_.drift};
+  synchronised_ = true;
+}
+
+}  // namespace tactus::session

@@ -1,0 +1,89 @@
+/// One time for the session: estimated against a reference participant, and never stepping back.
+///
+///     asker    t0 ----request---->  t1   reference
+///     asker    t3 <---answer------  t2             offset = ((t1 - t0) + (t2 - t3)) / 2, right to (rtt / 2)
+///
+/// t0 and t3 are the asker's monotonic clock, t1 and t2 the reference's session time, which is its own monotonic clock
+/// plus a constant; so the session's time goes on when another participant becomes the reference. The answer with the
+/// smallest bound in a window counts; the bound of an old one grows by what two crystals may drift apart.
+/// The first answer sets the clock; after that it runs a little faster or slower until it agrees.
+///
+/// No clock in it: local monotonic nanoseconds come as arguments. One thread; a ClockMap may be copied to others.
+/// Source: RFC 5905, section 8 (four-stamp exchange) and its clock filter (lowest delay in a window).
+#pragma once
+
+#include <cstdint>
+#include <deque>
+
+#include "session/messages.hpp"
+
+namespace tactus::session {
+
+struct ClockSettings {
+  std::size_t window = 16;                  ///< answers that are compared
+  double max_slew = 0.05;                   ///< how much faster or slower than the local clock session time may run
+  double drift = 200e-6;                    ///< how far two clocks may run apart, s/s
+  std::int64_t max_rtt_ns = 1'000'000'000;  ///< answers that took longer are ignored
+};
+
+/// From local to session time, valid until replaced; a plain value. It is the slewing line up to `slew_until_ns` and
+/// one to one after that.
+struct ClockMap {
+  std::int64_t local_ns = 0;
+  std::int64_t session_ns = 0;
+  double slew = 0;                 ///< session time gained per local time
+  std::int64_t slew_until_ns = 0;  ///< local
+  std::int64_t bound_ns = 0;       ///< at local_ns, of what session_time gives after the slewing
+  double drift = 0;                ///< by which the bound grows
+
+  /// Session time at a local time not before `local_ns`.
+  [[nodiscard]] std::int64_t session_time(std::int64_t at_local_ns) const noexcept;
+  /// How far that may be from the reference's.
+  [[nodiscard]] std::int64_t bound(std::int64_t at_local_ns) const noexcept;
+};
+
+/// Bound of a clock that has heard nothing yet.
+inline constexpr std::int64_t kClockUnknown = INT64_C(1) << 60;
+
+class SessionClock {
+ public:
+  SessionClock(const Origin& self, const ClockSettings& settings);
+
+  /// Who is the reference now: by convention the host or HRTC of smallest id that is there; this program itself makes
+  /// the clock run on freely. 0: nobody yet.
+  void set_reference(std::uint64_t participant, std::uint64_t incarnation, std::int64_t local_now_ns);
+  [[nodiscard]] std::uint64_t reference() const noexcept { return reference_; }
+
+  /// To publish now and then when the reference is another.
+  [[nodiscard]] ClockSample request(std::int64_t local_now_ns);
+  /// To publish at once when a request for this program arrives; `local_received_ns` when it came.
+  [[nodiscard]] ClockSample answer(const ClockSample& request, std::int64_t local_received_ns,
+                                   std::int64_t local_now_ns) const;
+  /// An answer arrived at `local_now_ns`. False when it is not of the reference, not for this program, a repetition or
+  /// impossible.
+  bool on_answer(const ClockSample& answer, std::int64_t local_now_ns);
+
+  /// Whether session time means something: this is the reference, or has heard it.
+  [[nodiscard]] bool synchronised() const noexcept { return synchronised_; }
+  [[nodiscard]] const ClockMap& map() const noexcept { return map_; }
+
+ private:
+  struct Measured {
+    std::int64_t local_ns;
+    std::int64_t offset_ns;  // session minus local
+    std::int64_t bound_ns;
+  };
+  void steer(std::int64_t local_now_ns);
+
+  Origin self_;
+  ClockSettings settings_;
+  std::uint64_t reference_ = 0;
+  std::uint64_t reference_incarnation_ = 0;
+  bool synchronised_ = false;
+  std::uint32_t sequence_ = 0;
+  std::uint32_t answered_ = 0;  // newest request answered
+  std::deque<Measured> window_;
+  ClockMap map_;
+};
+
+}  // namespace tactus::session

@@ -1,0 +1,180 @@
+/// An HRTC's half of delivery: states what it has and wants of each object, and joins the chunks that come.
+///
+///     offer, host_seen, host_gone     who serves what          (catalogue, roster)
+///     want, held, refused, retire     what the HRTC decides    (prediction, cache)
+///     on_chunk -> Message             a message is complete    (base, records)
+///     demand -> Demand                to publish               (demand)
+///     take_released                   regions that may be freed
+///
+/// Every message handed out must be answered: base_held or base_refused, held or refused. Until then `received` stays
+/// below it, so that a host never takes a region for lost that is only waiting to be decoded. What was refused and is
+/// still wanted comes again; a caller that has no room for it stops wanting it.
+///
+/// A region that is retired leaves `have` at once, but what hosts sent before they knew may count on its records. It is
+/// released when the serving host has echoed that epoch and everything before the echo has been dealt with; or when no
+/// host serves. From then on messages of earlier epochs are dropped, however late they come.
+///
+/// What gets lost heals by the demand alone: a hole in the stream counts as dealt with after `hole_timeout_ns`, which
+/// makes the host send again; when nothing comes at all the epoch grows, and the host's echo shows the hole.
+///
+/// No clock, socket or thread in it; one thread at a time.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <set>
+#include <vector>
+
+#include "session/messages.hpp"
+
+namespace tactus::session {
+
+struct DeliverySettings {
+  std::int64_t hole_timeout_ns = 100'000'000;   ///< then a hole in the stream counts as dealt with
+  std::int64_t demand_interval_ns = 5'000'000;  ///< of one object: changes wait for the next
+  std::int64_t keep_alive_ns = 500'000'000;     ///< of one object: unchanged demands repeat
+  std::int64_t host_late_ns = 250'000'000;      ///< without heartbeat; then another host is chosen if there is one
+  std::int64_t silence_ns = 200'000'000;        ///< something is owed and nothing comes: ask again under a new epoch
+  std::int64_t partial_timeout_ns = 2'000'000'000;  ///< incomplete messages without a new chunk are dropped
+  std::uint32_t credit = 256 * 1024;                ///< bytes that a host may have under way to this HRTC
+  std::size_t max_partial_bytes = 64u << 20;  ///< of incomplete messages; above it the longest untouched are dropped
+};
+
+/// Where the epochs of an incarnation begin: far from those of the one before, so that chunks meant for it are known.
+[[nodiscard]] std::uint32_t first_epoch(std::uint64_t incarnation) noexcept;
+
+class DeliveryClient {
+ public:
+  /// `self` gives session, participant (this HRTC) and incarnation of all demands.
+  DeliveryClient(const Origin& self, const DeliverySettings& settings);
+
+  /// A host offers an object, or withdraws it.
+  void offer(const CatalogueEntry& entry);
+  /// A heartbeat. A new incarnation begins a new stream.
+  void host_seen(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns);
+  void host_gone(std::uint64_t host);
+
+  /// Begins with an object: its base mesh is wanted from now on. Chunks of other objects are ignored.
+  void open(std::uint64_t object_id, std::uint64_t digest);
+  /// Replaces what is wanted; soonest first is not required. At most the kMaxWanted soonest are asked for.
+  void want(std::uint64_t object_id, std::vector<Wanted> wanted);
+
+  struct Message {
+    std::uint64_t object_id = 0;
+    BulkKind kind = BulkKind::kBase;
+    std::uint32_t region = 0;
+    std::uint32_t epoch = 0;
+    std::vector<std::uint8_t> bytes;
+  };
+  /// Takes a chunk of topic base or records; gives the message that it completes, in the order of completion.
+  [[nodiscard]] std::optional<Message> on_chunk(const BulkChunk& chunk, std::int64_t now_ns);
+
+  void base_held(std::uint64_t object_id);
+  void base_refused(std::uint64_t object_id);
+  /// The region is in the cache. On a region that is retired and not released this takes it back.
+  void held(std::uint64_t object_id, std::uint32_t region);
+  void refused(std::uint64_t object_id, std::uint32_t region);
+  /// The region, held so far, shall be freed: not before take_released names it.
+  void retire(std::uint64_t object_id, std::uint32_t region);
+  /// Regions that no message to come can count on; each is named once.
+  [[nodiscard]] std::vector<std::uint32_t> take_released(std::uint64_t object_id);
+
+  /// The next demand that is due, or none. Also where time passes: call it at least every few milliseconds until none.
+  [[nodiscard]] std::optional<Demand> demand(std::int64_t now_ns);
+
+  /// 0 when nobody serves the object.
+  [[nodiscard]] std::uint64_t serving_host(std::uint64_t object_id) const;
+  /// Bytes of incomplete messages, at most `max_partial_bytes`.
+  [[nodiscard]] std::size_t partial_bytes() const noexcept { return partial_bytes_; }
+
+  struct Counters {
+    std::uint64_t chunks = 0;
+    std::uint64_t payload_bytes = 0;
+    std::uint64_t messages = 0;
+    std::uint64_t foreign = 0;       ///< chunks of another session, object, digest, incarnation or epoch, or malformed
+    std::uint64_t stale = 0;         ///< chunks that count on what is released, or of regions that are here
+    std::uint64_t corrupt = 0;       ///< messages whose checksum is wrong
+    std::uint64_t holes = 0;         ///< holes given up
+    std::uint64_t refused = 0;       ///< messages refused by the caller
+    std::uint64_t host_changes = 0;  ///< serving host replaced by another or lost
+  };
+  [[nodiscard]] const Counters& counters() const noexcept { return counters_; }
+
+ private:
+  /// Received sequences above `received`, which is the last without a hole before it.
+  struct Stream {
+    struct Run {
+      std::uint32_t last;
+      std::int64_t since_ns;  // when the hole before it was noticed
+    };
+    std::uint64_t incarnation = 0;
+    bool begun = false;
+    std::uint32_t received = 0;
+    std::map<std::uint32_t, Run> ahead;  // by first
+  };
+  struct Host {
+    bool live = false;
+    std::int64_t seen_ns = 0;
+    Stream stream;
+    std::map<std::uint64_t, std::uint64_t> offers;  // object -> digest
+  };
+  struct Partial {
+    std::uint64_t checksum = 0;
+    std::uint32_t parts = 1;
+    std::uint32_t epoch = 0;
+    std::uint64_t host = 0;
+    std::uint32_t last_sequence = 0;
+    std::int64_t touched_ns = 0;
+    std::size_t bytes = 0;
+    std::map<std::uint32_t, std::vector<std::uint8_t>> payloads;  // by part
+  };
+  struct Handed {  // a message that waits for the caller's answer
+    std::uint64_t host = 0;
+    std::uint32_t last_sequence = 0;
+  };
+  struct Retiring {
+    std::uint32_t epoch = 0;
+    std::uint32_t echo_sequence = 0;  // of the serving host's stream; 0: not echoed
+  };
+  struct Object {
+    std::uint64_t digest = 0;
+    std::uint64_t host = 0;
+    bool has_base = false;
+    std::set<std::uint32_t> have;
+    std::vector<Wanted> wanted;
+    std::map<std::uint32_t, Handed> handed;      // by region; kNone: the base mesh
+    std::map<std::uint32_t, Retiring> retiring;  // by region
+    std::map<std::uint32_t, Partial> partials;   // by region; kNone: the base mesh
+    std::uint32_t epoch = 0;
+    std::uint32_t released_epoch = 0;  // messages of earlier epochs may count on what is gone
+    bool changed = false;              // since the last demand; `epoch` is already that of the next
+    bool acknowledge = false;          // `received` may have grown
+    bool sent_once = false;
+    std::int64_t sent_ns = 0;
+    std::int64_t progress_ns = 0;
+  };
+
+  void change(Object& object);
+  void begin_stream(std::uint64_t host, Host& state, std::uint64_t incarnation);
+  static void note_sequence(Stream& stream, std::uint32_t sequence, std::int64_t now_ns);
+  [[nodiscard]] static std::uint32_t dealt_with(const Object& object, std::uint64_t host, const Stream& stream);
+  void note_echo(Object& object, const BulkChunk& chunk) const;
+  [[nodiscard]] std::optional<Message> assemble(Object& object, const BulkChunk& chunk, std::int64_t now_ns);
+  void drop_partial(Object& object, std::map<std::uint32_t, Partial>::iterator at);
+  void bound_partials(std::int64_t now_ns);
+  void give_up_holes(std::int64_t now_ns);
+  void choose_host(std::uint64_t object_id, Object& object, std::int64_t now_ns);
+  void serve_from(Object& object, std::uint64_t host, std::int64_t now_ns);
+  [[nodiscard]] bool owed(const Object& object) const;
+  [[nodiscard]] Demand make_demand(std::uint64_t object_id, Object& object, std::int64_t now_ns) const;
+
+  Origin self_;
+  DeliverySettings settings_;
+  std::map<std::uint64_t, Host> hosts_;
+  std::map<std::uint64_t, Object> objects_;
+  std::size_t partial_bytes_ = 0;
+  Counters counters_;
+};
+
+}  // namespace tactus::session

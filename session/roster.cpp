@@ -1,0 +1,219 @@
+#include "session/roster.hpp"
+
+#include <algorithm>
+#include <stdexcept>
+
+namespace tactus::session {
+namespace {
+
+/// So many beats of an incarnation that should be dead are no stragglers.
+constexpr std::uint32_t kBeatsOfALiveRival = 2;
+constexpr std::size_t kMaxRivals = 4;
+constexpr std::size_t kMaxRefused = 256;
+
+const char* name_of(Role role) {
+  switch (role) {
+    case Role::kHost:
+      return "host";
+    case Role::kHrtc:
+      return "HRTC";
+    case Role::kClient:
+      return "client";
+    case Role::kViewer:
+      return "viewer";
+  }
+  return "participant";
+}
+
+bool same_users(const RosterEntry& a, const RosterEntry& b) {
+  return a.controller == b.controller && a.users == b.users &&
+         std::equal(a.slots.begin(), a.slots.end(), b.slots.begin(), b.slots.end(),
+                    [](const UserSlot& x, const UserSlot& y) { return x.user == y.user && x.slot == y.slot; });
+}
+
+}  // namespace
+
+std::string text(const RosterEvent& event) {
+  const std::string who = std::string{name_of(event.entry.role)} + " '" + event.entry.name + "'";
+  switch (event.change) {
+    case RosterChange::kJoined:
+      return who + " joined";
+    case RosterChange::kRestarted:
+      return who + " is back as a new program";
+    case RosterChange::kChanged:
+      return who + " changed its users";
+    case RosterChange::kLate:
+      return who + " is late";
+    case RosterChange::kBack:
+      return who + " is in time again";
+    case RosterChange::kLeft:
+      return who + " left";
+    case RosterChange::kGone:
+      return who + " is gone without a word";
+    case RosterChange::kWrongVersion:
+      return who + " refused: it speaks protocol version " + std::to_string(event.other) + ", we speak version " +
+             std::to_string(kProtocolVersion);
+    case RosterChange::kTwins:
+      return who + " is there twice: incarnations " + std::to_string(event.entry.origin.incarnation) + " and " +
+             std::to_string(event.other) + " both beat under this name; give one of them another --name";
+    case RosterChange::kFull:
+      return who + " refused: the session has " + std::to_string(kMaxParticipants) + " participants already";
+  }
+  return who;
+}
+
+Roster::Roster(const Origin& self, const RosterSettings& settings) : self_{self}, settings_{settings} {
+  own_.entry.origin = self;
+  own_.here = true;
+}
+
+std::vector<RosterEvent> Roster::on_entry(const RosterEntry& entry, std::int64_t now_ns) {
+  std::vector<RosterEvent> events;
+  if (entry.origin.session != self_.session) return events;
+  const std::uint64_t id = entry.origin.participant;
+  const std::uint64_t incarnation = entry.origin.incarnation;
+  if (id == self_.participant) {
+    own_.entry.name = entry.name;
+    own_.entry.role = entry.role;
+    if (incarnation != self_.incarnation) watch_rival(own_, entry, events);
+    return events;
+  }
+  if (entry.protocol != kProtocolVersion) {
+    if (refused_.size() == kMaxRefused) refused_.clear();
+    const bool is_new = refused_.emplace(std::make_pair(id, incarnation), entry.protocol).second;
+    if (is_new) events.push_back({RosterChange::kWrongVersion, entry, entry.protocol});
+    return events;
+  }
+
+  auto at = known_.find(id);
+  if (at == known_.end()) {
+    if (entry.leaving) return events;
+    if (known_.size() == kMaxParticipants) forget_absent();
+    if (known_.size() == kMaxParticipants) {
+      if (refused_.size() == kMaxRefused) refused_.clear();
+      const bool is_new = refused_.emplace(std::make_pair(id, incarnation), entry.protocol).second;
+      if (is_new) events.push_back({RosterChange::kFull, entry, 0});
+      return events;
+    }
+    at = known_.try_emplace(id).first;
+    at->second.entry = entry;
+    at->second.here = true;
+    at->second.seen_ns = now_ns;
+    events.push_back({RosterChange::kJoined, entry, 0});
+    return events;
+  }
+
+  Known& known = at->second;
+  const std::uint64_t before = known.entry.origin.incarnation;
+  if (incarnation < before) {
+    if (known.here) watch_rival(known, entry, events);
+    return events;
+  }
+  if (incarnation == before && (known.left || entry.heartbeat < known.entry.heartbeat)) return events;
+  if (entry.leaving) {
+    if (known.here) events.push_back({RosterChange::kLeft, entry, 0});
+    known = Known{};
+    known.entry = entry;
+    known.left = true;
+    return events;
+  }
+  if (!known.here) {
+    events.push_back({RosterChange::kJoined, entry, 0});
+  } else if (incarnation > before) {
+    events.push_back({RosterChange::kRestarted, entry, 0});
+    if (known.rivals.size() < kMaxRivals) known.rivals[before] = {known.entry.heartbeat, 0, false};
+  } else {
+    if (known.late) events.push_back({RosterChange::kBack, entry, 0});
+    if (!same_users(entry, known.entry)) events.push_back({RosterChange::kChanged, entry, 0});
+  }
+  known.here = true;
+  known.left = known.late = false;
+  known.entry = entry;
+  known.seen_ns = now_ns;
+  return events;
+}
+
+void Roster::watch_rival(Known& known, const RosterEntry& entry, std::vector<RosterEvent>& events) const {
+  const std::uint64_t incarnation = entry.origin.incarnation;
+  if (known.rivals.count(incarnation) == 0) {
+    if (known.rivals.size() < kMaxRivals) known.rivals[incarnation] = {entry.heartbeat, 0, false};
+    return;
+  }
+  Rival& rival = known.rivals[incarnation];
+  if (entry.leaving || entry.heartbeat <= rival.heartbeat) return;
+  rival.heartbeat = entry.heartbeat;
+  if (++rival.beats < kBeatsOfALiveRival || rival.reported) return;
+  rival.reported = true;
+  events.push_back({RosterChange::kTwins, known.entry, incarnation});
+}
+
+std::vector<RosterEvent> Roster::tick(std::int64_t now_ns) {
+  std::vector<RosterEvent> events;
+  for (auto& [id, known] : known_) {
+    if (!known.here) continue;
+    const std::int64_t silent = now_ns - known.seen_ns;
+    if (silent >= settings_.gone_ns) {
+      known.here = known.late = false;
+      known.rivals.clear();
+      events.push_back({RosterChange::kGone, known.entry, 0});
+    } else if (silent >= settings_.late_ns && !known.late) {
+      known.late = true;
+      events.push_back({RosterChange::kLate, known.entry, 0});
+    }
+  }
+  return events;
+}
+
+void Roster::forget_absent() {
+  for (auto at = known_.begin(); at != known_.end();) at = at->second.here ? std::next(at) : known_.erase(at);
+}
+
+const RosterEntry* Roster::find(std::uint64_t participant) const {
+  const auto at = known_.find(participant);
+  return at == known_.end() || !at->second.here ? nullptr : &at->second.entry;
+}
+
+std::vector<RosterEntry> Roster::entries() const {
+  std::vector<RosterEntry> all;
+  for (const auto& [id, known] : known_) {
+    if (known.here) all.push_back(known.entry);
+  }
+  return all;
+}
+
+bool Roster::is_late(std::uint64_t participant) const {
+  const auto at = known_.find(participant);
+  return at != known_.end() && at->second.here && at->second.late;
+}
+
+UserSlots::UserSlots(std::size_t capacity) : users_(capacity) {
+  if (capacity > kMaxSlots) {
+    throw std::invalid_argument{"user slots: found " + std::to_string(capacity) + ", expected at most " +
+                                std::to_string(kMaxSlots)};
+  }
+}
+
+std::optional<std::uint32_t> UserSlots::grant(const std::string& user) {
+  auto at = std::find(users_.begin(), users_.end(), user);
+  if (user.empty() || at == users_.end()) at = std::find(users_.begin(), users_.end(), std::string{});
+  if (user.empty() || at == users_.end()) return std::nullopt;
+  *at = user;
+  return static_cast<std::uint32_t>(at - users_.begin());
+}
+
+bool UserSlots::release(const std::string& user) {
+  const auto at = std::find(users_.begin(), users_.end(), user);
+  if (user.empty() || at == users_.end()) return false;
+  at->clear();
+  return true;
+}
+
+std::vector<UserSlot> UserSlots::list() const {
+  std::vector<UserSlot> slots;
+  for (std::size_t i = 0; i < users_.size(); ++i) {
+    if (!users_[i].empty()) slots.push_back({users_[i], static_cast<std::uint32_t>(i)});
+  }
+  return slots;
+}
+
+}  // namespace tactus::session

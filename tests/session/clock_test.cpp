@@ -1,0 +1,133 @@
+#include "session/clock.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <random>
+
+namespace tactus::session {
+namespace {
+
+constexpr std::int64_t kMs = 1'000'000;
+constexpr Origin kReference{1, 10, 1, 0};
+constexpr Origin kAsker{1, 20, 1, 0};
+
+/// A reference and an asker whose crystals disagree, joined by a link of given delays.
+class Pair {
+ public:
+  Pair(std::int64_t offset, double drift) : offset_{offset}, drift_{drift} {
+    reference_.set_reference(10, 1, 0);
+    asker_.set_reference(10, 1, local(0));
+  }
+  /// Asker's local clock at a reference time.
+  [[nodiscard]] std::int64_t local(std::int64_t t) const {
+    return t + offset_ + static_cast<std::int64_t>(static_cast<double>(t) * drift_);
+  }
+  /// One exchange that begins at reference time `t`.
+  bool exchange(std::int64_t t, std::int64_t there, std::int64_t back) {
+    const ClockSample request = asker_.request(local(t));
+    const ClockSample answer = reference_.answer(request, t + there, t + there + 10'000);
+    return asker_.on_answer(answer, local(t + there + 10'000 + back));
+  }
+  [[nodiscard]] std::int64_t error(std::int64_t t) const {
+    return asker_.map().session_time(local(t)) - reference_.map().session_time(t);
+  }
+  [[nodiscard]] std::int64_t bound(std::int64_t t) const { return asker_.map().bound(local(t)); }
+
+  SessionClock reference_{kReference, {}};
+  SessionClock asker_{kAsker, {}};
+
+ private:
+  std::int64_t offset_;
+  double drift_;
+};
+
+TEST(SessionClock, KnowsNothingBeforeTheFirstAnswer) {
+  const SessionClock clock{kAsker, {}};
+  EXPECT_FALSE(clock.synchronised());
+  EXPECT_EQ(clock.map().bound(5), kClockUnknown);
+}
+
+TEST(SessionClock, ErrorStaysWithinItsBoundUnderJitterAndDrift) {
+  for (const std::uint64_t seed : {1u, 2u, 3u, 4u, 5u}) {
+    std::mt19937_64 random{seed};
+    Pair pair{static_cast<std::int64_t>(random() % 4'000'000'000'000) - 2'000'000'000'000, 100e-6};
+    for (std::int64_t t = 0; t < 20'000 * kMs; t += 100 * kMs) {
+      const auto delay = [&] {
+        return static_cast<std::int64_t>(50'000 + random() % (random() % 4 == 0 ? 8'000'000 : 300'000));
+      };
+      ASSERT_TRUE(pair.exchange(t, delay(), delay()));
+      for (std::int64_t later = t + 20 * kMs; later < t + 100 * kMs; later += 20 * kMs) {
+        ASSERT_LE(std::abs(pair.error(later)), pair.bound(later)) << "seed " << seed << ", time " << later;
+      }
+    }
+    EXPECT_LT(pair.bound(20'000 * kMs), 1 * kMs) << "seed " << seed;
+  }
+}
+
+TEST(SessionClock, NeverStepsBack) {
+  std::mt19937_64 random{1};
+  Pair pair{0, -150e-6};
+  std::int64_t before = INT64_MIN;
+  for (std::int64_t t = 0; t < 5'000 * kMs; t += 1 * kMs) {
+    if (t % (50 * kMs) == 0) pair.exchange(t - 20 * kMs, static_cast<std::int64_t>(random() % 9'000'000), 100'000);
+    if (!pair.asker_.synchronised()) continue;
+    const std::int64_t now = pair.asker_.map().session_time(pair.local(t));
+    ASSERT_GE(now, before) << "at " << t;
+    before = now;
+  }
+}
+
+TEST(SessionClock, GoesOnWhenItBecomesTheReferenceItself) {
+  Pair pair{3'000 * kMs, 0};
+  ASSERT_TRUE(pair.exchange(0, 100'000, 100'000));
+  const std::int64_t at = pair.local(2'000 * kMs);
+  const std::int64_t before = pair.asker_.map().session_time(at);
+
+  pair.asker_.set_reference(20, 1, at);
+
+  EXPECT_EQ(pair.asker_.map().session_time(at), before);
+  EXPECT_EQ(pair.asker_.map().session_time(at + 100), before + 100);
+  EXPECT_EQ(pair.asker_.map().bound(at), 0);
+}
+
+TEST(SessionClock, ANewReferenceBringsNoStep) {
+  Pair pair{0, 0};
+  ASSERT_TRUE(pair.exchange(0, 100'000, 100'000));
+  SessionClock other{{1, 5, 1, 0}, {}};
+  other.set_reference(5, 1, 0);  // its session time is 30 ms ahead
+  pair.asker_.set_reference(5, 1, 10 * kMs);
+  const ClockSample request = pair.asker_.request(20 * kMs);
+  const ClockSample answer = other.answer(request, 50 * kMs, 50 * kMs);
+  const std::int64_t before = pair.asker_.map().session_time(20 * kMs);
+
+  ASSERT_TRUE(pair.asker_.on_answer(answer, 20 * kMs));
+
+  EXPECT_EQ(pair.asker_.map().session_time(20 * kMs), before);
+  EXPECT_EQ(pair.asker_.map().session_time(2'000 * kMs), 2'030 * kMs) << "agrees in the end";
+  EXPECT_GE(pair.asker_.map().bound(20 * kMs), 30 * kMs - 1) << "and says so until then";
+}
+
+TEST(SessionClock, RefusesAnswersThatAreNotForItOrImpossible) {
+  Pair pair{0, 0};
+  const ClockSample request = pair.asker_.request(0);
+  const ClockSample good = pair.reference_.answer(request, 100, 200);
+  const auto refused = [&](auto vary) {
+    ClockSample bad = good;
+    vary(bad);
+    return !pair.asker_.on_answer(bad, 1000);
+  };
+  EXPECT_TRUE(refused([](ClockSample& s) { s.answer = false; }));
+  EXPECT_TRUE(refused([](ClockSample& s) { s.peer = 21; }));
+  EXPECT_TRUE(refused([](ClockSample& s) { s.origin.participant = 11; }));
+  EXPECT_TRUE(refused([](ClockSample& s) { s.origin.incarnation = 0; }));
+  EXPECT_TRUE(refused([](ClockSample& s) { s.sequence = 7; }));
+  EXPECT_TRUE(refused([](ClockSample& s) { s.t2_ns = s.t1_ns - 1; })) << "answered before it was asked";
+  EXPECT_TRUE(refused([](ClockSample& s) { s.t2_ns = s.t1_ns + 5000; })) << "took longer there than altogether";
+  EXPECT_TRUE(refused([](ClockSample& s) { s.t0_ns = INT64_MIN; }));
+  EXPECT_TRUE(pair.asker_.on_answer(good, 1000));
+  EXPECT_FALSE(pair.asker_.on_answer(good, 1000)) << "a repetition";
+}
+
+}  // namespace
+}  // namespace tactus::session

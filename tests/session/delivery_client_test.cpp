@@ -1,0 +1,323 @@
+#include "session/delivery_client.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <xxhash.h>
+
+namespace tactus::session {
+namespace {
+
+using testing::ElementsAre;
+using testing::IsEmpty;
+
+constexpr std::uint64_t kSession = 1, kHost = 10, kOtherHost = 11, kHrtc = 20, kObject = 30, kDigest = 99;
+constexpr std::int64_t kMs = 1'000'000;
+
+class DeliveryClientTest : public testing::Test {
+ protected:
+  DeliveryClientTest() : client_{{kSession, kHrtc, 7, 0}, DeliverySettings{}} {
+    for (const std::uint64_t host : {kHost, kOtherHost}) client_.offer(entry(host));
+    client_.host_seen(kHost, 5, now_);
+    client_.open(kObject, kDigest);
+    give_base();
+  }
+
+  static CatalogueEntry entry(std::uint64_t host) {
+    CatalogueEntry e;
+    e.origin = {kSession, host, 5, 0};
+    e.object_id = kObject;
+    e.summary.digest = kDigest;
+    return e;
+  }
+
+  void give_base() {
+    ASSERT_TRUE(client_.demand(now_)->need_base);
+    ASSERT_TRUE(client_.on_chunk(chunks(BulkKind::kBase, spm::kNone, "base", 1).at(0), now_));
+    client_.base_held(kObject);
+  }
+
+  /// Chunks of one message that holds `text`.
+  std::vector<BulkChunk> chunks(BulkKind kind, std::uint32_t region, const std::string& text, std::uint32_t parts) {
+    std::vector<BulkChunk> all(parts);
+    const std::size_t size = (text.size() + parts - 1) / parts;
+    for (std::uint32_t i = 0; i < parts; ++i) {
+      BulkChunk& c = all[i];
+      c.origin = {kSession, kHost, 5, 0};
+      c.hrtc = kHrtc;
+      c.object_id = kObject;
+      c.digest = kDigest;
+      c.sequence = ++sequence_;
+      c.epoch = epoch_;
+      c.kind = kind;
+      c.region = region;
+      c.part = i;
+      c.parts = parts;
+      c.checksum = XXH3_64bits(text.data(), text.size());
+      const std::string part = text.substr(std::min(text.size(), i * size), size);
+      c.payload.assign(part.begin(), part.end());
+    }
+    return all;
+  }
+  BulkChunk echo() {
+    BulkChunk c = chunks(BulkKind::kRegion, 0, "", 1).at(0);
+    c.kind = BulkKind::kEcho;
+    c.region = spm::kNone;
+    return c;
+  }
+
+  /// The demand due now, and its epoch as what the host has seen.
+  Demand publish() {
+    const std::optional<Demand> d = client_.demand(now_ += 10 * kMs);
+    if (!d) {
+      ADD_FAILURE() << "no demand due";
+      return {};
+    }
+    epoch_ = d->epoch;
+    return *d;
+  }
+
+  std::optional<DeliveryClient::Message> take(const std::vector<BulkChunk>& all) {
+    std::optional<DeliveryClient::Message> message;
+    for (const BulkChunk& c : all) {
+      if (auto complete = client_.on_chunk(c, now_)) message = complete;
+    }
+    return message;
+  }
+
+  void hold(std::uint32_t region) {
+    ASSERT_TRUE(take(chunks(BulkKind::kRegion, region, "region " + std::to_string(region), 2)));
+    client_.held(kObject, region);
+  }
+
+  std::int64_t now_ = 1'000 * kMs;
+  std::uint32_t sequence_ = 0;
+  std::uint32_t epoch_ = first_epoch(7) + 1;
+  DeliveryClient client_;
+};
+
+TEST_F(DeliveryClientTest, JoinsChunksInAnyOrderAndOnce) {
+  client_.want(kObject, {{4, 0}});
+  publish();
+  std::vector<BulkChunk> all = chunks(BulkKind::kRegion, 4, "what the region holds", 5);
+  std::swap(all[0], all[3]);
+  std::swap(all[2], all[4]);
+  all.insert(all.begin() + 2, all[1]);
+
+  const auto message = take(all);
+
+  ASSERT_TRUE(message);
+  EXPECT_EQ(std::string(message->bytes.begin(), message->bytes.end()), "what the region holds");
+  EXPECT_EQ(message->region, 4u);
+  EXPECT_FALSE(take(all)) << "handed out and not answered yet";
+  EXPECT_EQ(client_.partial_bytes(), 0u);
+}
+
+TEST_F(DeliveryClientTest, DropsAMessageWhoseChecksumIsWrong) {
+  std::vector<BulkChunk> all = chunks(BulkKind::kRegion, 4, "what the region holds", 3);
+  all[1].payload[0] ^= 1;
+
+  EXPECT_FALSE(take(all));
+  EXPECT_EQ(client_.counters().corrupt, 1u);
+}
+
+TEST_F(DeliveryClientTest, IgnoresWhatIsNotForIt) {
+  const auto variations = std::vector<void (*)(BulkChunk&)>{[](BulkChunk& c) { c.origin.session = 2; },
+                                                            [](BulkChunk& c) { c.hrtc = 21; },
+                                                            [](BulkChunk& c) { c.object_id = 31; },
+                                                            [](BulkChunk& c) { c.digest = 98; },
+                                                            [](BulkChunk& c) { c.origin.incarnation = 4; },
+                                                            [](BulkChunk& c) { c.origin.participant = 12; },
+                                                            [](BulkChunk& c) { c.part = 1; },
+                                                            [](BulkChunk& c) { c.epoch += 100; },
+                                                            [](BulkChunk& c) { c.epoch = 0; },
+                                                            [](BulkChunk& c) { c.payload.resize(kMaxPayload + 1); }};
+  for (const auto& vary : variations) {
+    std::vector<BulkChunk> all = chunks(BulkKind::kRegion, 4, "x", 1);
+    vary(all[0]);
+    EXPECT_FALSE(take(all));
+  }
+  EXPECT_EQ(client_.counters().foreign, variations.size());
+}
+
+TEST_F(DeliveryClientTest, WhatIsHandedOutIsNotReceivedUntilAnswered) {
+  client_.want(kObject, {{4, 0}});
+  publish();
+  const std::vector<BulkChunk> all = chunks(BulkKind::kRegion, 4, "abc", 3);
+  ASSERT_TRUE(take(all));
+  EXPECT_EQ(publish().received, all.back().sequence - 1);
+
+  client_.held(kObject, 4);
+
+  const Demand d = publish();
+  EXPECT_EQ(d.received, all.back().sequence);
+  ASSERT_EQ(d.have.size(), 1u);
+  EXPECT_THAT(d.wanted, IsEmpty());
+}
+
+TEST_F(DeliveryClientTest, AHoleCountsAsDealtWithAfterItsTimeout) {
+  client_.want(kObject, {{4, 0}});
+  publish();
+  std::vector<BulkChunk> all = chunks(BulkKind::kRegion, 4, "abcd", 4);
+  const std::uint32_t first = all[0].sequence;
+  all.erase(all.begin() + 1);
+  EXPECT_FALSE(take(all));
+  EXPECT_EQ(publish().received, first);
+
+  now_ += 100 * kMs;
+
+  EXPECT_EQ(publish().received, first + 3);
+  EXPECT_EQ(client_.counters().holes, 1u);
+}
+
+TEST_F(DeliveryClientTest, ARetiredRegionIsReleasedOnceTheEchoOfThatEpochAndAllBeforeItAreHere) {
+  hold(4);
+  publish();
+  client_.retire(kObject, 4);
+  EXPECT_THAT(publish().have, IsEmpty());
+  EXPECT_THAT(client_.take_released(kObject), IsEmpty());
+
+  epoch_ -= 1;
+  const std::vector<BulkChunk> before = chunks(BulkKind::kRegion, 5, "counts on region 4", 1);
+  epoch_ += 1;
+  EXPECT_FALSE(client_.on_chunk(echo(), now_));
+  EXPECT_THAT(client_.take_released(kObject), IsEmpty()) << "a message before the echo is still on its way";
+
+  EXPECT_TRUE(take(before));
+  EXPECT_THAT(client_.take_released(kObject), IsEmpty()) << "and now it waits for the caller's answer";
+  client_.held(kObject, 5);
+  EXPECT_THAT(client_.take_released(kObject), ElementsAre(4u));
+  EXPECT_THAT(client_.take_released(kObject), IsEmpty());
+}
+
+TEST_F(DeliveryClientTest, AMessageFromBeforeARetirementIsDroppedAfterTheRelease) {
+  hold(4);
+  publish();
+  client_.retire(kObject, 4);
+  const std::uint32_t old_epoch = epoch_;
+  publish();
+  (void)client_.on_chunk(echo(), now_);
+  ASSERT_THAT(client_.take_released(kObject), ElementsAre(4u));
+
+  epoch_ = old_epoch;
+
+  EXPECT_FALSE(take(chunks(BulkKind::kRegion, 5, "counts on region 4", 1)));
+  EXPECT_EQ(client_.counters().stale, 1u);
+}
+
+TEST_F(DeliveryClientTest, ARetiredRegionCanBeTakenBack) {
+  hold(4);
+  publish();
+  client_.retire(kObject, 4);
+  client_.held(kObject, 4);
+
+  EXPECT_EQ(publish().have.size(), 1u);
+  (void)client_.on_chunk(echo(), now_);
+  EXPECT_THAT(client_.take_released(kObject), IsEmpty());
+}
+
+TEST_F(DeliveryClientTest, ARetiredRegionIsNotAskedForBeforeItsRelease) {
+  hold(4);
+  client_.retire(kObject, 4);
+  client_.want(kObject, {{4, 0}});
+  EXPECT_THAT(publish().wanted, IsEmpty());
+  (void)client_.on_chunk(echo(), now_);
+  ASSERT_THAT(client_.take_released(kObject), ElementsAre(4u));
+
+  client_.want(kObject, {{4, 0}, {5, 0}});
+
+  EXPECT_EQ(publish().wanted.size(), 2u);
+}
+
+TEST_F(DeliveryClientTest, ALateHostIsReplacedByOneThatServesTheSame) {
+  EXPECT_EQ(client_.serving_host(kObject), kHost);
+  now_ += 300 * kMs;
+  (void)client_.demand(now_);
+  EXPECT_EQ(client_.serving_host(kObject), kHost) << "nobody else is there";
+
+  client_.host_seen(kOtherHost, 3, now_);
+
+  const std::uint32_t epoch_before = epoch_;
+  const Demand d = publish();
+  EXPECT_EQ(d.serving_host, kOtherHost);
+  EXPECT_EQ(d.stream_incarnation, 3u);
+  EXPECT_GT(d.epoch, epoch_before);
+}
+
+TEST_F(DeliveryClientTest, WithoutAnyHostRetiredRegionsAreReleasedAndNothingIsPublished) {
+  hold(4);
+  publish();
+  client_.retire(kObject, 4);
+  client_.host_gone(kHost);
+
+  EXPECT_FALSE(client_.demand(now_ += 1000 * kMs));
+  EXPECT_EQ(client_.serving_host(kObject), 0u);
+  EXPECT_THAT(client_.take_released(kObject), ElementsAre(4u));
+}
+
+TEST_F(DeliveryClientTest, ARestartedHostBeginsANewStream) {
+  hold(4);
+  const Demand before = publish();
+  client_.host_seen(kHost, 6, now_);
+
+  const Demand d = publish();
+
+  EXPECT_GT(before.received, 0u);
+  EXPECT_EQ(d.stream_incarnation, 6u);
+  EXPECT_EQ(d.received, 0u);
+  EXPECT_EQ(d.have.size(), 1u);
+}
+
+TEST_F(DeliveryClientTest, SilenceRaisesTheEpochWhileSomethingIsOwed) {
+  client_.want(kObject, {{4, 0}});
+  const Demand d = publish();
+  now_ += 200 * kMs;
+  client_.host_seen(kHost, 5, now_);
+
+  EXPECT_EQ(publish().epoch, d.epoch + 1);
+}
+
+TEST_F(DeliveryClientTest, AnUnchangedDemandRepeatsAtTheKeepAliveOnly) {
+  const Demand d = publish();
+  EXPECT_FALSE(client_.demand(now_ + 499 * kMs));
+  client_.host_seen(kHost, 5, now_ + 499 * kMs);
+
+  const std::optional<Demand> again = client_.demand(now_ + 500 * kMs);
+
+  ASSERT_TRUE(again);
+  EXPECT_EQ(again->epoch, d.epoch);
+}
+
+TEST_F(DeliveryClientTest, AnEchoAloneAsksForNoAnswer) {
+  publish();
+  (void)client_.on_chunk(echo(), now_);
+
+  EXPECT_FALSE(client_.demand(now_ += 10 * kMs)) << "echo and demand would chase each other";
+}
+
+TEST_F(DeliveryClientTest, ChangesWaitForTheInterval) {
+  client_.want(kObject, {{4, 0}});
+  publish();
+  client_.want(kObject, {{5, 0}});
+
+  EXPECT_FALSE(client_.demand(now_ + 4 * kMs));
+  EXPECT_TRUE(client_.demand(now_ + 5 * kMs));
+}
+
+TEST_F(DeliveryClientTest, IncompleteMessagesStayWithinTheirBound) {
+  DeliverySettings settings;
+  settings.max_partial_bytes = 10'000;
+  DeliveryClient client{{kSession, kHrtc, 7, 0}, settings};
+  client.offer(entry(kHost));
+  client.host_seen(kHost, 5, now_);
+  client.open(kObject, kDigest);
+  for (std::uint32_t region = 0; region < 1000; ++region) {
+    (void)client.on_chunk(chunks(BulkKind::kRegion, region, std::string(2000, 'x'), 2).at(0), now_ + region);
+    ASSERT_LE(client.partial_bytes(), settings.max_partial_bytes);
+  }
+  EXPECT_GT(client.partial_bytes(), 5'000u);
+  (void)client.demand(now_ + 3000 * kMs);
+  EXPECT_EQ(client.partial_bytes(), 0u) << "untouched for longer than their timeout";
+}
+
+}  // namespace
+}  // namespace tactus::session

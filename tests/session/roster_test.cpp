@@ -1,0 +1,139 @@
+#include "session/roster.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace tactus::session {
+namespace {
+
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::IsEmpty;
+
+constexpr std::int64_t kMs = 1'000'000;
+constexpr std::uint64_t kSession = 1;
+
+RosterEntry entry(const std::string& name, std::uint64_t incarnation, std::uint64_t heartbeat) {
+  RosterEntry e;
+  e.origin = {kSession, id_of(name), incarnation, 0};
+  e.role = Role::kHrtc;
+  e.name = name;
+  e.heartbeat = heartbeat;
+  return e;
+}
+
+std::vector<RosterChange> changes(const std::vector<RosterEvent>& events) {
+  std::vector<RosterChange> all;
+  for (const RosterEvent& event : events) all.push_back(event.change);
+  return all;
+}
+
+class RosterTest : public testing::Test {
+ protected:
+  std::vector<RosterChange> see(const RosterEntry& e, std::int64_t now) { return changes(roster_.on_entry(e, now)); }
+
+  Roster roster_{{kSession, id_of("me"), 50, 0}, RosterSettings{}};
+};
+
+TEST_F(RosterTest, TellsSilenceInTwoStepsAndTheReturn) {
+  EXPECT_THAT(see(entry("a", 1, 1), 0), ElementsAre(RosterChange::kJoined));
+  EXPECT_THAT(changes(roster_.tick(249 * kMs)), IsEmpty());
+  EXPECT_THAT(changes(roster_.tick(250 * kMs)), ElementsAre(RosterChange::kLate));
+  EXPECT_TRUE(roster_.is_late(id_of("a")));
+  EXPECT_THAT(changes(roster_.tick(260 * kMs)), IsEmpty()) << "told once";
+  EXPECT_THAT(see(entry("a", 1, 2), 300 * kMs), ElementsAre(RosterChange::kBack));
+  EXPECT_THAT(changes(roster_.tick(800 * kMs)), ElementsAre(RosterChange::kGone));
+  EXPECT_EQ(roster_.find(id_of("a")), nullptr);
+  EXPECT_THAT(see(entry("a", 1, 3), 900 * kMs), ElementsAre(RosterChange::kJoined)) << "a partition has healed";
+}
+
+TEST_F(RosterTest, WhoLeftStaysAwayUntilStartedAgain) {
+  (void)see(entry("a", 1, 1), 0);
+  RosterEntry leaving = entry("a", 1, 3);
+  leaving.leaving = true;
+  EXPECT_THAT(see(leaving, 10), ElementsAre(RosterChange::kLeft));
+  EXPECT_THAT(see(entry("a", 1, 2), 20), IsEmpty()) << "a straggler";
+  EXPECT_THAT(see(entry("a", 2, 1), 30), ElementsAre(RosterChange::kJoined));
+}
+
+TEST_F(RosterTest, RefusesAnotherProtocolVersionNamingBothOnce) {
+  RosterEntry e = entry("a", 1, 1);
+  e.protocol = kProtocolVersion + 4;
+
+  const std::vector<RosterEvent> events = roster_.on_entry(e, 0);
+
+  ASSERT_THAT(changes(events), ElementsAre(RosterChange::kWrongVersion));
+  EXPECT_THAT(text(events[0]), AllOf(HasSubstr("'a'"), HasSubstr("version " + std::to_string(kProtocolVersion + 4)),
+                                     HasSubstr("version " + std::to_string(kProtocolVersion))));
+  EXPECT_THAT(roster_.on_entry(e, 1), IsEmpty());
+  EXPECT_EQ(roster_.find(id_of("a")), nullptr);
+}
+
+TEST_F(RosterTest, IgnoresOtherSessions) {
+  RosterEntry e = entry("a", 1, 1);
+  e.origin.session = 2;
+  EXPECT_THAT(see(e, 0), IsEmpty());
+  EXPECT_THAT(roster_.entries(), IsEmpty());
+}
+
+TEST_F(RosterTest, ANewerIncarnationTakesOverAndStragglersOfTheOldAreIgnored) {
+  (void)see(entry("a", 1, 7), 0);
+  EXPECT_THAT(see(entry("a", 2, 1), 10), ElementsAre(RosterChange::kRestarted));
+  EXPECT_THAT(see(entry("a", 1, 8), 20), IsEmpty()) << "sent before it died, arrived late";
+  EXPECT_EQ(roster_.find(id_of("a"))->origin.incarnation, 2u);
+}
+
+TEST_F(RosterTest, TwoProgramsThatBeatUnderOneNameAreReportedOnceNamingBoth) {
+  (void)see(entry("a", 1, 7), 0);
+  (void)see(entry("a", 2, 1), 10);
+  std::vector<RosterEvent> events;
+  for (std::uint64_t beat = 8; beat < 20; ++beat) {
+    for (RosterEvent& event : roster_.on_entry(entry("a", 1, beat), 20)) events.push_back(event);
+    (void)see(entry("a", 2, beat), 20);
+  }
+  ASSERT_THAT(changes(events), ElementsAre(RosterChange::kTwins));
+  EXPECT_EQ(events[0].entry.origin.incarnation, 2u);
+  EXPECT_EQ(events[0].other, 1u);
+  EXPECT_THAT(text(events[0]), HasSubstr("incarnations 2 and 1"));
+}
+
+TEST_F(RosterTest, AnotherProgramUnderOurOwnNameIsReported) {
+  EXPECT_THAT(see(entry("me", 50, 1), 0), IsEmpty()) << "that is us";
+  EXPECT_THAT(see(entry("me", 40, 9), 0), IsEmpty()) << "may be the last word of our predecessor";
+  EXPECT_THAT(see(entry("me", 40, 10), 0), IsEmpty());
+  EXPECT_THAT(see(entry("me", 40, 11), 0), ElementsAre(RosterChange::kTwins));
+}
+
+TEST_F(RosterTest, TellsWhenUsersChange) {
+  (void)see(entry("a", 1, 1), 0);
+  RosterEntry e = entry("a", 1, 2);
+  e.slots = {{"ann", 0}};
+  EXPECT_THAT(see(e, 1), ElementsAre(RosterChange::kChanged));
+  e.heartbeat = 3;
+  EXPECT_THAT(see(e, 2), IsEmpty());
+}
+
+TEST_F(RosterTest, HasABound) {
+  for (std::size_t i = 0; i < kMaxParticipants; ++i) (void)see(entry("p" + std::to_string(i), 1, 1), 0);
+  EXPECT_THAT(see(entry("one more", 1, 1), 0), ElementsAre(RosterChange::kFull));
+  EXPECT_EQ(roster_.entries().size(), kMaxParticipants);
+  (void)roster_.tick(1000 * kMs);
+  EXPECT_THAT(see(entry("one more", 2, 1), 1000 * kMs), ElementsAre(RosterChange::kJoined));
+}
+
+TEST(UserSlots, GrantEachUserOneSlotUpToTheCapacity) {
+  UserSlots slots{2};
+  EXPECT_EQ(slots.grant("ann"), 0u);
+  EXPECT_EQ(slots.grant("bob"), 1u);
+  EXPECT_EQ(slots.grant("ann"), 0u);
+  EXPECT_EQ(slots.grant("cid"), std::nullopt);
+  EXPECT_EQ(slots.grant(""), std::nullopt);
+  EXPECT_TRUE(slots.release("ann"));
+  EXPECT_FALSE(slots.release("ann"));
+  EXPECT_EQ(slots.grant("cid"), 0u);
+  EXPECT_EQ(slots.list().size(), 2u);
+  EXPECT_THROW(UserSlots{kMaxSlots + 1}, std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace tactus::session
