@@ -67,6 +67,9 @@ void check_summary(const ModelSummary& s, Findings& findings) {
   if (!(std::isfinite(s.grid.cell_size) && s.grid.cell_size > 0)) {
     findings.add("grid cell size: found ", s.grid.cell_size, ", expected a finite positive length");
   }
+  if (!(std::isfinite(s.deviation) && s.deviation >= 0)) {
+    findings.add("deviation: found ", s.deviation, ", expected a finite length");
+  }
   if (!(std::isfinite(s.metres_per_unit) && s.metres_per_unit > 0)) {
     findings.add("metres per unit: found ", s.metres_per_unit, ", expected a finite positive factor");
   }

@@ -45,6 +45,7 @@ class Assembler {
     write_regions();
     ModelSummary& s = out_.summary;
     s.metres_per_unit = options_.size ? *options_.size / longest_side() : options_.metres_per_unit;
+    s.deviation = deviation();
     s.digest = digest_of(out_.model());
     report("divide", 1);
     return std::move(out_);
@@ -73,6 +74,24 @@ class Assembler {
       side = std::max(side, double{out_.summary.bounds_max[axis]} - double{out_.summary.bounds_min[axis]});
     }
     return side;
+  }
+
+  /// Every face shown is the image of its finest self when each corner goes to an ancestor; between corners the motion is
+  /// linear, so no point of it moves further than a corner can.
+  double deviation() const {
+    std::vector<std::uint32_t> parent(mesh_.positions.size(), kNone);
+    for (const Collapse& collapse : collapses_.sequence) parent[collapse.u] = collapse.t;
+    double squared = 0;
+    for (std::uint32_t v = 0; v < parent.size(); ++v)
+      for (std::uint32_t above = parent[v]; above != kNone; above = parent[above]) {
+        double distance = 0;
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+          const double along = double{mesh_.positions[v][axis]} - double{mesh_.positions[above][axis]};
+          distance += along * along;
+        }
+        squared = std::max(squared, distance);
+      }
+    return std::sqrt(squared);
   }
 
   void number_faces() {

@@ -44,7 +44,7 @@ struct SectionEntry {
 };
 static_assert(sizeof(SectionEntry) == 32);
 using Table = std::array<SectionEntry, kSections>;
-static_assert(sizeof(ModelSummary) == 104, "no padding, so that its bytes can be hashed");
+static_assert(sizeof(ModelSummary) == 112, "no padding, so that its bytes can be hashed");
 
 std::uint64_t checksum_of(Header header, const Table& table) {
   header.checksum = 0;
