@@ -1,6 +1,5 @@
 #include "wire/links.hpp"
 
-#include <fastrtps/xmlparser/XMLProfileManager.h>
 #include <netinet/in.h>
 #include <netinet/ip.h>
 #include <pthread.h>
@@ -13,15 +12,14 @@
 #include <utility>
 
 #include "wire/dds.hpp"
+#include "wire/profiles.hpp"
 #include "wire/topics.hpp"
 
 namespace tactus::wire {
 namespace {
 
 using eprosima::fastrtps::types::ReturnCode_t;
-using eprosima::fastrtps::xmlparser::XMLProfileManager;
 
-constexpr std::array<const char*, kTrafficClasses> kClassNames{"session", "probe", "bulk"};
 constexpr const char* kBulkLimit = "tactus_bulk_limit";
 
 /// Profiles live in one global table of the library, so one Links at a time fills and reads it.
@@ -89,31 +87,6 @@ class InheritedPriority {
   sched_param before_{};
   bool applied_ = false;
 };
-
-void load_profiles(const std::filesystem::path& directory, LogCapture& log) {
-  std::error_code error;
-  if (!std::filesystem::is_directory(directory, error)) {
-    throw WireError("qos directory '" + directory.string() +
-                    "' does not exist; expected one with session.xml, "
-                    "probe.xml, bulk.xml and flow.yaml");
-  }
-  // The library reads a file that the environment names with its first participant: let it, then forget what it read.
-  dds::DomainParticipantFactory::get_instance()->load_profiles();
-  XMLProfileManager::DeleteInstance();
-  static_cast<void>(log.take());
-  for (const char* name : kClassNames) {
-    const auto file = directory / (std::string{name} + ".xml");
-    if (!std::filesystem::is_regular_file(file, error)) {
-      throw WireError(file.string() + ": no such file; expected the profiles of traffic class " + name);
-    }
-    const auto code = dds::DomainParticipantFactory::get_instance()->load_XML_profiles_file(file.string());
-    const std::string complaints = log.take();
-    if (code != ReturnCode_t::RETCODE_OK || !complaints.empty()) {
-      throw WireError(file.string() +
-                      ": not a set of Fast DDS profiles: " + (complaints.empty() ? "no reason given" : complaints));
-    }
-  }
-}
 
 std::filesystem::path file_of(const Links::Impl& impl, TrafficClass traffic) {
   return impl.address.qos / (std::string{kClassNames[static_cast<std::size_t>(traffic)]} + ".xml");

@@ -1,0 +1,171 @@
+#include "wire/check.hpp"
+
+#include <gmock/gmock.h>
+
+#include <limits>
+#include <string>
+
+namespace tactus::wire {
+namespace {
+
+using testing::HasSubstr;
+using testing::IsNull;
+namespace ses = session;
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+constexpr double kInf = std::numeric_limits<double>::infinity();
+
+ses::RosterEntry roster() {
+  ses::RosterEntry r;
+  r.name = "p";
+  r.session = "s";
+  r.origin.participant = ses::id_of("p");
+  r.origin.session = ses::id_of("s");
+  return r;
+}
+
+ses::CatalogueEntry catalogue() {
+  ses::CatalogueEntry c{};
+  c.host = "h";
+  c.object = "o";
+  c.origin.participant = ses::id_of("h");
+  c.object_id = ses::id_of("o");
+  c.summary.vertices = 8;
+  c.summary.faces = 12;
+  c.summary.base_vertices = 4;
+  c.summary.base_faces = 4;
+  c.summary.records = 4;
+  c.summary.parts = 4;
+  c.summary.grid.cell_size = 1;
+  c.summary.metres_per_unit = 1;
+  return c;
+}
+
+ses::BulkChunk chunk() {
+  ses::BulkChunk b;
+  b.kind = ses::BulkKind::kRegion;
+  b.sequence = 1;
+  b.payload = {1};
+  return b;
+}
+
+/// A sound sample becomes unsound by `spoil`, and the reason names `field`.
+template <class Sample, class Spoil>
+void expect_fault(Sample sample, const char* field, Spoil&& spoil) {
+  ASSERT_THAT(fault(sample), IsNull());
+  spoil(sample);
+  const char* reason = fault(sample);
+  ASSERT_NE(reason, nullptr) << field;
+  EXPECT_THAT(reason, HasSubstr(field));
+}
+
+TEST(Check, NamesTheWrongFieldOfARosterEntry) {
+  expect_fault(roster(), "role", [](auto& r) { r.role = static_cast<ses::Role>(4); });
+  expect_fault(roster(), "name", [](auto& r) { r.name.clear(); });
+  expect_fault(roster(), "name", [](auto& r) { r.name = "q"; });
+  expect_fault(roster(), "session", [](auto& r) { r.session = "t"; });
+  expect_fault(roster(), "controller", [](auto& r) { r.controller.assign(64, 'c'); });
+  expect_fault(roster(), "controller", [](auto& r) { r.controller = std::string("a\0b", 3); });
+  expect_fault(roster(), "users", [](auto& r) { r.users.assign(65, "u"); });
+  expect_fault(roster(), "users", [](auto& r) { r.users = {""}; });
+  expect_fault(roster(), "slots", [](auto& r) { r.slots.assign(65, {"u", 0}); });
+  expect_fault(roster(), "slots.slot", [](auto& r) { r.slots = {{"u", 64}}; });
+}
+
+TEST(Check, LeavesTheProtocolVersionToTheSession) {
+  auto r = roster();
+  r.protocol = ses::kProtocolVersion + 1;
+  EXPECT_THAT(fault(r), IsNull());
+}
+
+TEST(Check, NamesTheWrongFieldOfACatalogueEntry) {
+  expect_fault(catalogue(), "object", [](auto& c) { c.object_id = 1; });
+  expect_fault(catalogue(), "host", [](auto& c) { c.origin.participant = 1; });
+  expect_fault(catalogue(), "scale", [](auto& c) { c.scale = 0; });
+  expect_fault(catalogue(), "scale", [](auto& c) { c.scale = kInf; });
+  expect_fault(catalogue(), "orientation", [](auto& c) { c.pose.orientation = {0, 0, 0, 1.01}; });
+  expect_fault(catalogue(), "orientation", [](auto& c) { c.pose.orientation[0] = kNan; });
+  expect_fault(catalogue(), "position", [](auto& c) { c.pose.position[0] = kInf; });
+  expect_fault(catalogue(), "records", [](auto& c) { c.summary.records = 5; });
+  expect_fault(catalogue(), "records", [](auto& c) { c.summary.base_vertices = 9; });
+  expect_fault(catalogue(), "faces", [](auto& c) { c.summary.base_faces = 13; });
+  expect_fault(catalogue(), "parts", [](auto& c) { c.summary.parts = 3; });
+  expect_fault(catalogue(), "bounds", [](auto& c) { c.summary.bounds_min[1] = 1; });
+  expect_fault(catalogue(), "cell_size", [](auto& c) { c.summary.grid.cell_size = -1; });
+  expect_fault(catalogue(), "metres_per_unit", [](auto& c) { c.summary.metres_per_unit = kNan; });
+  expect_fault(catalogue(), "stiffness", [](auto& c) { c.material.stiffness = -1; });
+  expect_fault(catalogue(), "dynamic_friction", [](auto& c) { c.material.dynamic_friction = 0.1; });
+}
+
+TEST(Check, AsksOnlyForNamesOfAWithdrawnObject) {
+  auto c = catalogue();
+  c.withdrawn = true;
+  c.scale = 0;
+  EXPECT_THAT(fault(c), IsNull());
+  c.object = "x";
+  EXPECT_NE(fault(c), nullptr);
+}
+
+TEST(Check, NamesTheWrongFieldOfADemand) {
+  expect_fault(ses::Demand{}, "have", [](auto& d) { d.have = {{0, 0}}; });
+  expect_fault(ses::Demand{}, "have", [](auto& d) { d.have = {{5, 2}, {6, 1}}; });
+  expect_fault(ses::Demand{}, "have", [](auto& d) { d.have = {{0xfffffff0u, 0x20}}; });
+  expect_fault(ses::Demand{}, "wanted", [](auto& d) { d.wanted.resize(257); });
+  expect_fault(ses::Demand{}, "have", [](auto& d) {
+    for (std::uint32_t i = 0; i < 1025; ++i) d.have.push_back({2 * i, 1});
+  });
+}
+
+TEST(Check, NamesTheWrongFieldOfABulkChunk) {
+  expect_fault(chunk(), "kind", [](auto& b) { b.kind = static_cast<ses::BulkKind>(3); });
+  expect_fault(chunk(), "sequence", [](auto& b) { b.sequence = 0; });
+  expect_fault(chunk(), "part", [](auto& b) { b.parts = 0; });
+  expect_fault(chunk(), "part", [](auto& b) { b.part = 1; });
+  expect_fault(chunk(), "payload", [](auto& b) { b.payload.resize(ses::kMaxPayload + 1); });
+  expect_fault(chunk(), "payload", [](auto& b) { b.payload.clear(); });
+  expect_fault(chunk(), "payload", [](auto& b) { b.kind = ses::BulkKind::kEcho; });
+  expect_fault(chunk(), "region", [](auto& b) { b.kind = ses::BulkKind::kBase; });
+  expect_fault(chunk(), "region", [](auto& b) { b.region = spm::kNone; });
+}
+
+TEST(Check, NamesTheWrongFieldOfWhatMoves) {
+  ses::Intent intent;
+  intent.path = {{1, {0, 0, 0}}, {2, {0, 0, 0}}};
+  expect_fault(intent, "path", [](auto& i) { i.path.clear(); });
+  expect_fault(intent, "path", [](auto& i) { i.path.resize(17); });
+  expect_fault(intent, "path", [](auto& i) { i.path[1].session_time_ns = 1; });
+  expect_fault(intent, "position", [](auto& i) { i.path[0].position[1] = kNan; });
+  expect_fault(ses::ProbeState{}, "orientation", [](auto& p) { p.device.orientation = {0, 0, 0, 0}; });
+  expect_fault(ses::ProbeState{}, "proxy", [](auto& p) { p.proxy[0] = kNan; });
+  expect_fault(ses::ProbeState{}, "velocity", [](auto& p) { p.velocity[1] = kInf; });
+  expect_fault(ses::ProbeState{}, "force", [](auto& p) { p.force[2] = -kInf; });
+  expect_fault(ses::ProbeState{}, "radius", [](auto& p) { p.radius = -1e-9; });
+  expect_fault(ses::ProbeState{}, "error_bound", [](auto& p) { p.error_bound = -1; });
+  expect_fault(ses::DevicePose{}, "position", [](auto& d) { d.pose.position[2] = kNan; });
+  expect_fault(ses::DevicePose{}, "velocity", [](auto& d) { d.velocity[0] = kNan; });
+  expect_fault(ses::DevicePose{}, "radius", [](auto& d) { d.radius = kNan; });
+  expect_fault(ses::DeviceCommand{}, "force", [](auto& d) { d.force[0] = kNan; });
+  expect_fault(ses::DeviceCommand{}, "torque", [](auto& d) { d.torque[0] = kNan; });
+  expect_fault(ses::DeviceCommand{}, "normal", [](auto& d) { d.normal[0] = kNan; });
+  expect_fault(ses::DeviceCommand{}, "error_bound", [](auto& d) { d.error_bound = -1; });
+  expect_fault(ses::ObjectPose{}, "velocity", [](auto& o) { o.velocity[0] = kNan; });
+  expect_fault(ses::ObjectPose{}, "spin", [](auto& o) { o.spin[0] = kNan; });
+  expect_fault(ses::ObjectPose{}, "orientation", [](auto& o) { o.pose.orientation[3] = -1.002; });
+}
+
+TEST(Check, AcceptsAQuaternionWithinTheTolerance) {
+  ses::ObjectPose o;
+  o.pose.orientation = {0, 0, 0, -1.0009};
+  EXPECT_THAT(fault(o), IsNull());
+}
+
+TEST(Check, NamesTheWrongFieldOfMetricsAndControl) {
+  expect_fault(ses::Metrics{}, "figures", [](auto& m) { m.figures.assign(129, {"f", 0}); });
+  expect_fault(ses::Metrics{}, "figures.name", [](auto& m) { m.figures = {{"", 0}}; });
+  expect_fault(ses::Metrics{}, "figures.value", [](auto& m) { m.figures = {{"f", kNan}}; });
+  expect_fault(ses::Control{}, "kind", [](auto& c) { c.kind = static_cast<ses::ControlKind>(5); });
+  expect_fault(ses::Control{}, "text", [](auto& c) { c.text.assign(256, 't'); });
+}
+
+}  // namespace
+}  // namespace tactus::wire

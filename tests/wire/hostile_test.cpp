@@ -1,0 +1,195 @@
+#include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
+#include <gmock/gmock.h>
+
+#include <limits>
+#include <string>
+
+#include "support.hpp"
+#include "wire/convert.hpp"
+#include "wire/dds.hpp"
+
+namespace tactus::wire::test {
+namespace {
+
+namespace rtps = eprosima::fastrtps::rtps;
+
+/// A type whose samples are the bytes themselves, under the name of another: what an attacker would write with.
+class RawBytes final : public dds::TopicDataType {
+ public:
+  RawBytes(const char* name, bool keyed) {
+    setName(name);
+    m_typeSize = 70000;
+    m_isGetKeyDefined = keyed;
+  }
+  bool serialize(void* data, rtps::SerializedPayload_t* payload) override {
+    const auto& bytes = *static_cast<std::string*>(data);
+    std::copy(bytes.begin(), bytes.end(), payload->data);
+    payload->length = static_cast<std::uint32_t>(bytes.size());
+    payload->encapsulation = CDR_LE;
+    return true;
+  }
+  bool deserialize(rtps::SerializedPayload_t*, void*) override { return true; }
+  std::function<std::uint32_t()> getSerializedSizeProvider(void* data) override {
+    return [data] { return static_cast<std::uint32_t>(static_cast<std::string*>(data)->size()); };
+  }
+  void* createData() override { return new std::string; }
+  void deleteData(void* data) override { delete static_cast<std::string*>(data); }
+  bool getKey(void*, rtps::InstanceHandle_t* handle, bool) override {
+    for (std::size_t i = 0; i < 16; ++i) handle->value[i] = 7;
+    return true;
+  }
+};
+
+/// A participant of the session that follows none of our rules.
+class Intruder {
+ public:
+  template <class Sample>
+  Intruder(const Links& victim, const TopicSpec<Sample>& topic, dds::TypeSupport type) {
+    dds::DomainParticipantQos qos = dds::PARTICIPANT_QOS_DEFAULT;
+    qos.transport().use_builtin_transports = false;
+    qos.transport().user_transports.push_back(std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>());
+    participant_ = dds::DomainParticipantFactory::get_instance()->create_participant(
+        static_cast<dds::DomainId_t>(victim.address().domain + static_cast<int>(topic.traffic)), qos);
+    type.register_type(participant_);
+    dds::PublisherQos publisher = dds::PUBLISHER_QOS_DEFAULT;
+    publisher.partition().push_back(victim.address().session.c_str());
+    dds::DataWriterQos writer = dds::DATAWRITER_QOS_DEFAULT;
+    writer.data_sharing().off();
+    writer.durability().kind = dds::TRANSIENT_LOCAL_DURABILITY_QOS;
+    writer.publish_mode().kind = dds::ASYNCHRONOUS_PUBLISH_MODE;
+    writer.endpoint().history_memory_policy = rtps::DYNAMIC_RESERVE_MEMORY_MODE;
+    writer_ = participant_->create_publisher(publisher)->create_datawriter(
+        participant_->create_topic(topic.name, type.get_type_name(), dds::TOPIC_QOS_DEFAULT), writer);
+  }
+  ~Intruder() {
+    participant_->delete_contained_entities();
+    dds::DomainParticipantFactory::get_instance()->delete_participant(participant_);
+  }
+  void send(void* sample) { ASSERT_TRUE(writer_->write(sample)); }
+
+ private:
+  dds::DomainParticipant* participant_ = nullptr;
+  dds::DataWriter* writer_ = nullptr;
+};
+
+template <class Sample>
+class Victim {
+ public:
+  explicit Victim(const TopicSpec<Sample>& topic) : reader{links, topic, inbox.callback()} {}
+
+  /// Sends until the reader has counted one more unsound sample.
+  bool refuses(Intruder& intruder, void* sample) {
+    const std::uint64_t before = reader.counts().invalid;
+    const auto end = std::chrono::steady_clock::now() + kWatchdog;
+    while (std::chrono::steady_clock::now() < end) {
+      intruder.send(sample);
+      static_cast<void>(inbox.next(10ms));
+      if (reader.counts().invalid > before) return true;
+    }
+    return false;
+  }
+
+  Links links{address(unique_session("hostile"), "victim")};
+  Links friendly{address(links.address().session, "friend")};
+  Inbox<Sample> inbox;
+  Reader<Sample> reader;
+};
+
+template <class Sample>
+dds::TypeSupport generated() {
+  return dds::TypeSupport{new typename IdlOf<Sample>::Support};
+}
+
+TEST(Hostile, NumbersThatAreNoneAreDroppedAndCounted) {
+  Victim<ses::ProbeState> victim{topics::kProbeState};
+  Intruder intruder{victim.links, topics::kProbeState, generated<ses::ProbeState>()};
+  idl::ProbeState sample;
+  to_idl(full<ses::ProbeState>(victim.friendly), sample);
+  sample.proxy()[2] = std::numeric_limits<double>::quiet_NaN();
+
+  EXPECT_TRUE(victim.refuses(intruder, &sample));
+
+  EXPECT_EQ(victim.reader.counts().received, 0u);
+  EXPECT_THAT(victim.reader.last_fault(), testing::HasSubstr("proxy"));
+}
+
+TEST(Hostile, AnEnumeratorThatDoesNotExistIsDropped) {
+  Victim<ses::Control> victim{topics::kControl};
+  Intruder intruder{victim.links, topics::kControl, generated<ses::Control>()};
+  idl::Control sample;
+  to_idl(full<ses::Control>(victim.friendly), sample);
+  for (const std::uint32_t action : {5u, 256u, 258u, 0xffffffffu}) {  // 256 and 258 would be sound in 8 bits
+    sample.action(static_cast<idl::ControlAction>(action));
+    EXPECT_TRUE(victim.refuses(intruder, &sample)) << action;
+  }
+  EXPECT_EQ(victim.reader.counts().received, 0u);
+}
+
+TEST(Hostile, AnotherSessionIsCountedAsForeign) {
+  Victim<ses::Control> victim{topics::kControl};
+  Intruder intruder{victim.links, topics::kControl, generated<ses::Control>()};
+  idl::Control sample;
+  to_idl(full<ses::Control>(victim.friendly), sample);
+  sample.stamp().session(ses::id_of("elsewhere"));
+  intruder.send(&sample);
+
+  EXPECT_TRUE(eventually([&] { return victim.reader.counts().foreign > 0; }));
+  EXPECT_EQ(victim.reader.counts().received, 0u);
+}
+
+/// The encoding of a sound sample, to be spoilt.
+template <class Sample>
+std::string encoding(const Sample& sample) {
+  typename IdlOf<Sample>::Type from;
+  to_idl(sample, from);
+  typename IdlOf<Sample>::Support type;
+  rtps::SerializedPayload_t payload{type.getSerializedSizeProvider(&from)()};
+  type.serialize(&from, &payload);
+  return std::string(reinterpret_cast<const char*>(payload.data), payload.length);
+}
+
+/// Sends `attacks`, of which the reader must notice so many, then a sound sample of a friend, which must get through.
+template <class Sample>
+void expect_survival(const TopicSpec<Sample>& topic, const std::vector<std::string>& attacks,
+                     std::uint64_t undecodable) {
+  Victim<Sample> victim{topic};
+  const dds::TypeSupport real = generated<Sample>();
+  Intruder intruder{victim.links, topic,
+                    dds::TypeSupport{new RawBytes(real.get_type_name().c_str(), real->m_isGetKeyDefined)}};
+  ASSERT_TRUE(eventually([&] { return victim.reader.matched() == 1; }));
+  for (std::string attack : attacks) intruder.send(&attack);
+
+  EXPECT_TRUE(eventually([&] { return victim.reader.counts().invalid >= undecodable; }));
+
+  Writer<Sample> writer{victim.friendly, topic};
+  const auto sent = full<Sample>(victim.friendly);
+  const auto got = send_until_received(writer, victim.inbox, sent);
+
+  ASSERT_TRUE(got.has_value());
+  EXPECT_EQ(fields(*got), fields(sent)) << "an attack was handed over";
+}
+
+TEST(Hostile, BytesThatAreNoSampleAreSurvived) {
+  Links somewhere{address(unique_session("bytes"), "x")};
+  const std::string sound = encoding(full<ses::Demand>(somewhere));
+  std::vector<std::string> attacks{std::string(4, '\0'), std::string(4, '\xff'), std::string(400, '\xff'),
+                                   sound.substr(0, sound.size() / 2)};
+  std::string count = sound;  // a run count of four thousand million
+  const std::size_t at = 4 + 8 + 8 + 24 + 8 + 8 + 4 + 4;
+  for (std::size_t i = 0; i < 4; ++i) count[at + i] = '\xff';
+  attacks.push_back(count);
+  std::string boolean = sound;  // a boolean of 2, for which Fast CDR throws
+  boolean[4 + 8 + 8 + 24 + 8 + 8 + 4] = 2;
+  attacks.push_back(boolean);
+  expect_survival(topics::kDemand, attacks, 1);  // keep last 1: the later may replace the earlier
+}
+
+TEST(Hostile, ASampleLargerThanItsTypeIsSurvived) {
+  Links somewhere{address(unique_session("large"), "x")};
+  std::string large = encoding(full<ses::BulkChunk>(somewhere));
+  large.resize(60000, 'x');
+  expect_survival(topics::kRecords, {large}, 0);  // refused by DDS, before decoding
+}
+
+}  // namespace
+}  // namespace tactus::wire::test

@@ -1,0 +1,233 @@
+#include <gmock/gmock.h>
+#include <netinet/in.h>
+#include <netinet/ip.h>
+#include <sched.h>
+#include <sys/socket.h>
+
+#include <filesystem>
+#include <fstream>
+#include <string>
+
+#include "support.hpp"
+
+namespace tactus::wire::test {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+
+/// What joining fails with; empty when it does not.
+std::string refusal(const SessionAddress& a) {
+  try {
+    const Links links{a};
+  } catch (const WireError& e) {
+    return e.what();
+  }
+  return {};
+}
+
+SessionAddress fresh(const std::string& tag) { return address(unique_session(tag), "p"); }
+
+/// A copy of the project's qos directory, to be spoilt.
+class SpoiltQos : public testing::Test {
+ protected:
+  SpoiltQos() {
+    fs::copy(default_qos_directory(), directory_, fs::copy_options::recursive);
+    address_.qos = directory_;
+  }
+  ~SpoiltQos() override { fs::remove_all(directory_); }
+
+  void replace(const std::string& file, const std::string& from, const std::string& to) {
+    std::ifstream in{directory_ / file};
+    std::string text{std::istreambuf_iterator<char>{in}, {}};
+    const auto at = text.find(from);
+    ASSERT_NE(at, std::string::npos) << file << " has no " << from;
+    text.replace(at, from.size(), to);
+    std::ofstream{directory_ / file} << text;
+  }
+
+  const fs::path directory_ = fs::temp_directory_path() / unique_session("qos");
+  SessionAddress address_ = fresh("spoilt");
+};
+
+TEST(Address, OutsideTheDomainsIsRefused) {
+  for (const int domain : {-1, 0, 98, 232, 1 << 20}) {
+    auto a = fresh("domain");
+    a.domain = domain;
+    EXPECT_THAT(refusal(a), testing::AllOf(HasSubstr(std::to_string(domain)), HasSubstr("expected 1 to 97")));
+  }
+}
+
+TEST(Address, AtTheEndsOfTheDomainsIsAccepted) {
+  for (const int domain : {kMinDomain, kMaxDomain}) {
+    auto a = fresh("domain");
+    a.domain = domain;
+    EXPECT_EQ(refusal(a), "");
+  }
+}
+
+TEST(Address, WithANameThatCouldMatchOthersIsRefused) {
+  for (const std::string& name : {std::string{}, std::string{"*"}, std::string{"a?"}, std::string{"[ab]"},
+                                  std::string{"a/b"}, std::string{"a\nb"}, std::string(64, 'x')}) {
+    EXPECT_THAT(refusal(address(name, "p")), HasSubstr("session name")) << name;
+    EXPECT_THAT(refusal(address("s", name)), HasSubstr("participant name")) << name;
+  }
+}
+
+TEST(Address, StampsItsSamples) {
+  auto a = fresh("stamp");
+  a.incarnation = 42;
+  const Links links{a};
+  const auto first = links.origin(), second = links.origin();
+  EXPECT_EQ(first.session, ses::id_of(a.session));
+  EXPECT_EQ(first.participant, ses::id_of("p"));
+  EXPECT_EQ(first.incarnation, 42u);
+  EXPECT_GE(second.time_ns, first.time_ns);
+}
+
+TEST(Address, WithoutAnIncarnationGetsALargerOneEachTime) {
+  const Links first{fresh("incarnation")};
+  const Links second{fresh("incarnation")};
+  EXPECT_GT(second.origin().incarnation, first.origin().incarnation);
+}
+
+TEST(Ends, RefuseAPartitionThatCouldMatchOthers) {
+  Links links{fresh("partition")};
+  EXPECT_THROW(Writer<ses::Intent>(links, topics::kIntent, {user_partition("*")}), WireError);
+  EXPECT_THROW(Reader<ses::Intent>(links, topics::kIntent, [](ses::Intent&&) {}, {user_partition("a?")}), WireError);
+}
+
+template <class Sample>
+bool make_both(Links& links, const TopicSpec<Sample>& topic) {
+  EXPECT_NO_THROW(Writer<Sample>(links, topic)) << topic.name;
+  EXPECT_NO_THROW(Reader<Sample>(links, topic, [](Sample&&) {})) << topic.name;
+  return !testing::Test::HasFailure();
+}
+
+TEST(Profiles, OfEveryTopicMakeAWriterAndAReader) {
+  Links links{fresh("profiles")};
+  int made = 0;
+  topics::for_each([&](const auto& topic) { made += make_both(links, topic) ? 1 : 0; });
+  EXPECT_EQ(made, 13);
+}
+
+TEST(ProbeSockets, AreMarkedAsFlowYamlSays) {
+  const auto marked = [] {
+    int n = 0;
+    for (const auto& entry : fs::directory_iterator("/proc/self/fd")) {
+      const int fd = std::stoi(entry.path().filename().string());
+      int tos = 0, priority = 0;
+      socklen_t size = sizeof tos;
+      if (getsockopt(fd, IPPROTO_IP, IP_TOS, &tos, &size) != 0) continue;
+      size = sizeof priority;
+      getsockopt(fd, SOL_SOCKET, SO_PRIORITY, &priority, &size);
+      n += tos == 184 && priority == 6 ? 1 : 0;
+    }
+    return n;
+  };
+  const int before = marked();
+  const Links links{fresh("marks")};
+  EXPECT_GT(marked(), before);
+}
+
+TEST(ProbeThreads, SayWhetherTheyGotTheirPriority) {
+  auto a = fresh("priority");
+  EXPECT_FALSE(Links{a}.probe_is_realtime());
+  sched_param fifo{};
+  fifo.sched_priority = 1;
+  sched_param plain{};
+  const bool allowed = sched_setscheduler(0, SCHED_FIFO, &fifo) == 0;
+  if (allowed) {
+    ASSERT_EQ(sched_setscheduler(0, SCHED_OTHER, &plain), 0);
+  }
+  a.probe_priority = 1;
+  EXPECT_EQ(Links{a}.probe_is_realtime(), allowed);
+  EXPECT_EQ(sched_getscheduler(0), SCHED_OTHER);
+}
+
+TEST_F(SpoiltQos, UnspoiltIsAccepted) { EXPECT_EQ(refusal(address_), ""); }
+
+TEST_F(SpoiltQos, MissingDirectoryIsNamed) {
+  address_.qos = directory_ / "nowhere";
+  EXPECT_THAT(refusal(address_), testing::AllOf(HasSubstr("nowhere"), HasSubstr("does not exist")));
+}
+
+TEST_F(SpoiltQos, MissingFileIsNamed) {
+  for (const char* file : {"session.xml", "probe.xml", "bulk.xml", "flow.yaml"}) {
+    fs::rename(directory_ / file, directory_ / "away");
+    EXPECT_THAT(refusal(address_), HasSubstr((directory_ / file).string()));
+    fs::rename(directory_ / "away", directory_ / file);
+  }
+}
+
+TEST_F(SpoiltQos, MissingProfileIsNamedWithFileAndTopic) {
+  replace("probe.xml", "\"probe_state_reader\"", "\"probe_state_rider\"");
+  EXPECT_THAT(refusal(address_),
+              testing::AllOf(HasSubstr("probe.xml"), HasSubstr("probe_state_reader"), HasSubstr("tactus_probe_state")));
+}
+
+TEST_F(SpoiltQos, MissingParticipantProfileIsNamed) {
+  replace("bulk.xml", "\"bulk_participant\"", "\"bulky\"");
+  EXPECT_THAT(refusal(address_), testing::AllOf(HasSubstr("bulk.xml"), HasSubstr("bulk_participant")));
+}
+
+TEST_F(SpoiltQos, BrokenFileIsNamedWithTheReason) {
+  replace("session.xml", "<kind>TRANSIENT_LOCAL</kind>", "<kind>FOREVER</kind>");
+  EXPECT_THAT(refusal(address_),
+              testing::AllOf(HasSubstr("session.xml"), HasSubstr("'roster_writer'"), HasSubstr("kind")));
+}
+
+TEST_F(SpoiltQos, CutFileIsNamed) {
+  fs::resize_file(directory_ / "bulk.xml", fs::file_size(directory_ / "bulk.xml") / 2);
+  EXPECT_THAT(refusal(address_), testing::AllOf(HasSubstr("bulk.xml"), HasSubstr("Line number")));
+}
+
+TEST_F(SpoiltQos, UnknownElementIsRefused) {
+  replace("session.xml", "<ownership>", "<hardship/><ownership>");
+  EXPECT_THAT(refusal(address_),
+              testing::AllOf(HasSubstr("session.xml"), HasSubstr("'roster_writer'"), HasSubstr("hardship")));
+}
+
+TEST_F(SpoiltQos, FlowKeysAndValuesAreChecked) {
+  replace("flow.yaml", "tos: 184", "tos: 256");
+  EXPECT_THAT(refusal(address_), testing::AllOf(HasSubstr("sockets.probe.tos"), HasSubstr("256"), HasSubstr("255")));
+  replace("flow.yaml", "tos: 256", "tosh: 1");
+  EXPECT_THAT(refusal(address_), testing::AllOf(HasSubstr("flow.yaml"), HasSubstr("tosh")));
+  replace("flow.yaml", ", priority: 6", "");
+  replace("flow.yaml", "tosh: 1", "tos: 184");
+  EXPECT_THAT(refusal(address_), testing::AllOf(HasSubstr("sockets.probe"), HasSubstr("priority")));
+  replace("flow.yaml", "sockets:", "sockets: [");
+  EXPECT_THAT(refusal(address_), HasSubstr("flow.yaml"));
+}
+
+TEST_F(SpoiltQos, AChangeOfAProfileTakesEffectInTheSameProcess) {
+  EXPECT_EQ(refusal(address_), "");
+  fs::remove(directory_ / "bulk.xml");
+  EXPECT_NE(refusal(address_), "");
+}
+
+TEST_F(SpoiltQos, WithACeilingTheBulkStreamStillArrives) {
+  replace("flow.yaml", "bytes: 0", "bytes: 50000");
+  Links a{address_};
+  auto there = address_;
+  there.participant = "q";
+  Links b{there};
+  Inbox<ses::BulkChunk> inbox;
+  Reader<ses::BulkChunk> reader{b, topics::kRecords, inbox.callback()};
+  Writer<ses::BulkChunk> writer{a, topics::kRecords};
+  ASSERT_TRUE(eventually([&] { return writer.matched() == 1 && reader.matched() == 1; }));
+  auto chunk = full<ses::BulkChunk>(a);
+  chunk.payload.assign(ses::kMaxPayload, 7);
+  for (std::uint32_t i = 1; i <= 200; ++i) {
+    chunk.sequence = i;
+    ASSERT_EQ(writer.send(chunk), SendStatus::kSent);
+  }
+  for (std::uint32_t i = 1; i <= 200; ++i) {
+    const auto got = inbox.next();
+    ASSERT_TRUE(got.has_value());
+    ASSERT_EQ(got->sequence, i);
+  }
+}
+
+}  // namespace
+}  // namespace tactus::wire::test
