@@ -12,15 +12,15 @@ namespace tactus::hrtc_service {
 /// CPU time of the calling thread, ns. One system call, about 0.2 us.
 [[nodiscard]] std::int64_t thread_cpu_ns() noexcept;
 
-/// Tries SCHED_FIFO at `priority` for the calling thread and touches its stack. Says in one line what was had and, where
-/// something was refused, which right is missing.
+/// Tries SCHED_FIFO at `priority` for the calling thread and touches its stack. Says in one line what was had and,
+/// where something was refused, which right is missing.
 [[nodiscard]] std::string enter_realtime(int priority);
 
-/// Locks all memory of the process, present and to come. One line as above.
+/// Locks the memory of the process, present and to come, as it is first touched. One line as above.
 [[nodiscard]] std::string lock_memory();
 
-/// Sleeps to the next multiple of the period; deadlines are absolute, so lateness does not add up. When more than a whole
-/// period was missed, the missed ticks are skipped and counted.
+/// Sleeps to the next multiple of the period; deadlines are absolute, so lateness does not add up. When more than a
+/// whole period was missed, the missed ticks are skipped and counted.
 class PeriodicClock {
  public:
   explicit PeriodicClock(std::int64_t period_ns) noexcept;

@@ -1,0 +1,249 @@
+#include "hrtc_service/cycle.hpp"
+
+#include <algorithm>
+
+#include "hrtc_service/realtime.hpp"
+
+namespace tactus::hrtc_service {
+namespace {
+
+std::uint32_t since(std::int64_t& mark) noexcept {
+  const std::int64_t now = monotonic_ns();
+  const auto passed = static_cast<std::uint32_t>(now - mark);
+  mark = now;
+  return passed;
+}
+
+bool is_near(const ProbeInput& probe, const TouchObject& object) noexcept {
+  return probe.active && (probe.near >> object.index & 1u) != 0;
+}
+
+}  // namespace
+
+Cycle::Cycle(const CycleSettings& settings, const std::array<haptics::DeviceSpec, kMaxProbes>& specs,
+             DepartureRing& departures, LogRing* log)
+    : settings_{settings}, departures_{departures}, log_{log} {
+  objects_.reserve(kMaxObjects);
+  haptics::ProxySettings proxy;
+  proxy.radius = settings.radius;
+  for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
+    proxies_[i] = haptics::Proxy{proxy};
+    forces_.emplace_back(settings.force, specs[i]);
+  }
+}
+
+void Cycle::stop(haptics::Fault fault) noexcept {
+  for (haptics::ForceRenderer& force : forces_) force.latch(fault);
+}
+
+void Cycle::reset_faults() noexcept {
+  for (haptics::ForceRenderer& force : forces_) force.reset();
+}
+
+void Cycle::take(const Arrival& arrival) noexcept {
+  switch (arrival.kind) {
+    case Arrival::Kind::kObject:
+      if (objects_.size() < kMaxObjects) objects_.push_back(arrival.object);
+      break;
+    case Arrival::Kind::kRegion:
+      arrival.object->forest->add(arrival.region, arrival.list);
+      break;
+    case Arrival::Kind::kRetire:
+      arrival.object->forest->retire(arrival.region);
+      break;
+  }
+}
+
+void Cycle::add_target(spm::RegionId region, double key) noexcept {
+  for (std::uint32_t i = 0; i < target_count_; ++i)
+    if (targets_[i].region == region) {
+      targets_[i].key = std::min(targets_[i].key, key);
+      return;
+    }
+  if (target_count_ < kMaxTargets) targets_[target_count_++] = {region, key};
+}
+
+void Cycle::choose_targets(TouchObject& object, const std::array<ProbeInput, kMaxProbes>& probes) noexcept {
+  // First what a tip meets, then what it is about to meet, last what it has just left; in each by distance.
+  constexpr double kSoon = 1e12, kLeft = 2e12;
+  target_count_ = 0;
+  const spm::Forest& forest = *object.forest;
+  const double scale = object.placement.scale();
+  for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
+    const ProbeInput& probe = probes[i];
+    if (!is_near(probe, object)) continue;
+    const Vec3d centre = object.placement.to_model(probe.device.position);
+    const double radius = settings_.radius / scale;
+    const Vec3d ahead = object.placement.direction_to_model(probe.device.velocity) * (settings_.refine_ahead / scale);
+    const double half = ahead.norm() / 2;
+    const auto soon = [&](spm::RegionId region, double squared) { add_target(region, kSoon + squared); };
+    forest.grid().for_each_meeting(centre, radius,
+                                   [&](spm::RegionId region, double squared) { add_target(region, squared); });
+    forest.grid().for_each_meeting(centre + ahead / 2, radius + half + settings_.refine_margin / scale, soon);
+    if (result_.probes[i].object == object.index)  // the proxy lags behind a device that is pressed in
+      forest.grid().for_each_meeting(object.placement.to_model(vec(result_.probes[i].proxy)),
+                                     radius + settings_.refine_margin / scale, soon);
+    forest.grid().for_each_meeting(centre, radius + half + settings_.keep_margin / scale,
+                                   [&](spm::RegionId region, double squared) {
+                                     if (forest.is_refined(region)) add_target(region, kLeft + squared);
+                                   });
+  }
+  std::sort(targets_.begin(), targets_.begin() + target_count_, [](const Target& a, const Target& b) {
+    return a.key != b.key ? a.key < b.key : spm::index(a.region) < spm::index(b.region);
+  });
+  for (std::uint32_t i = 0; i < target_count_; ++i) target_regions_[i] = targets_[i].region;
+  object.forest->target(target_regions_.data(), target_count_);
+}
+
+void Cycle::log(const TouchObject& object, std::uint32_t probe, std::int64_t now_ns, const Vec3d& centre, double radius,
+                bool exact, std::uint32_t found) noexcept {
+  entry_.time_ns = now_ns;
+  entry_.object = object.index;
+  entry_.probe = probe;
+  entry_.centre = plain(centre);
+  entry_.radius = radius;
+  entry_.mesh_hash = object.forest->mesh_hash();
+  entry_.since_change = states_[object.index].since_change;
+  entry_.exact = exact;
+  entry_.truncated = found > trace::LoggedQuery::kMaxContacts;
+  entry_.contact_count = std::min(found, trace::LoggedQuery::kMaxContacts);
+  for (std::uint32_t i = 0; i < entry_.contact_count; ++i)
+    entry_.contacts[i] = {trace::triangle_key(object.forest->tree().row(contacts_[i].row).corners),
+                          static_cast<float>(contacts_[i].depth)};
+  if (!log_->push(entry_)) ++log_dropped_;
+}
+
+void Cycle::query(std::uint32_t number, const ProbeInput& input, std::int64_t now_ns, ProbeOutput& output) noexcept {
+  bool exact = true;
+  float bound = 0;
+  const ObjectsSurface& surface = surfaces_[number];
+  for (std::uint32_t i = 0; i < surface.count(); ++i) {
+    const TouchObject& object = surface[i];
+    const double scale = object.placement.scale();
+    const Vec3d centre = object.placement.to_model(input.device.position);
+    const double radius = settings_.radius / scale;
+    const bool object_exact = object.forest->exact(centre, radius);
+    std::uint32_t found = object.forest->tree().touching(centre, radius, contacts_.data(), kMaxContacts);
+    if (found > kMaxContacts) output.status |= session::kContactsTruncated;
+    const std::uint32_t held = std::min(found, kMaxContacts);
+    if (object_exact) {  // a coarse face in a refined cell belongs elsewhere
+      const auto end =
+          std::remove_if(contacts_.begin(), contacts_.begin() + held, [](const spm::Contact& c) { return !c.last; });
+      found = static_cast<std::uint32_t>(end - contacts_.begin());
+    } else {
+      found = held;
+      bound = std::max(bound, static_cast<float>(object.deviation * scale));
+    }
+    exact = exact && object_exact;
+    output.contacts += found;
+    if (log_ == nullptr) continue;
+    bool in_cell = found > 0;
+    if (!in_cell)
+      object.forest->grid().for_each_meeting(centre, radius, [&](spm::RegionId, double) { in_cell = true; });
+    if (in_cell) log(object, number, now_ns, centre, radius, object_exact, found);
+  }
+  if (exact) output.status |= session::kExact;
+  output.error_bound = bound;
+}
+
+void Cycle::render(std::uint32_t number, const ProbeInput& input, ProbeOutput& output) noexcept {
+  const ObjectsSurface& surface = surfaces_[number];
+  haptics::ForceRenderer& renderer = forces_[number];
+  bool changed = false;
+  haptics::Feel feel;
+  const session::Material* material = nullptr;
+  for (std::uint32_t i = 0; i < surface.count(); ++i) {
+    changed = changed || states_[surface[i].index].changed;
+    if (material == nullptr || surface[i].index == proxies_[number].last().object) material = &surface[i].material;
+  }
+  if (material != nullptr) {
+    feel = {material->stiffness, material->damping};
+    proxies_[number].set_grip(
+        {material->static_friction, material->dynamic_friction, renderer.stiffness(feel, settings_.period)});
+  }
+  const haptics::ProxyResult& proxy = proxies_[number].step(input.device.position, settings_.period, surface, changed);
+  const haptics::ForceResult& force = renderer.step(proxy, input.device, feel, input.pose_age, settings_.period);
+
+  // The force is exact when the surface at the proxy is, too.
+  if (proxy.in_contact && (output.status & session::kExact) != 0)
+    for (std::uint32_t i = 0; i < surface.count(); ++i) {
+      const TouchObject& object = surface[i];
+      const double scale = object.placement.scale();
+      if (object.forest->exact(object.placement.to_model(proxy.proxy), settings_.radius / scale)) continue;
+      output.status &= ~static_cast<std::uint32_t>(session::kExact);
+      output.error_bound = std::max(output.error_bound, static_cast<float>(object.deviation * scale));
+    }
+  output.proxy = plain(proxy.proxy);
+  output.force = plain(force.force);
+  output.object = proxy.in_contact ? proxy.object : spm::kNone;
+  if (proxy.in_contact) output.status |= session::kInContact;
+  if (proxy.surface_moved) output.status |= session::kSurfaceMoved;
+  if ((force.bits & haptics::kForceSaturated) != 0) output.status |= session::kForceSaturated;
+  if ((force.bits & (haptics::kForceSoftStart | haptics::kForceSurfaceRamp | haptics::kForceSlewLimited)) != 0)
+    output.status |= session::kForceRamped;
+  if ((force.bits & haptics::kForceStale) != 0) output.status |= session::kStalePose;
+  if (force.fault != haptics::Fault::kNone) output.status |= session::kFault;
+}
+
+const CycleResult& Cycle::step(const std::array<ProbeInput, kMaxProbes>& probes, std::int64_t now_ns,
+                               const Arrival* arrivals, std::uint32_t arrival_count, spm::Budget budget) noexcept {
+  std::int64_t mark = monotonic_ns();
+  CycleCosts costs;
+  for (std::uint32_t i = 0; i < arrival_count; ++i) take(arrivals[i]);
+  costs.arrivals = arrival_count;
+  costs.load = since(mark);
+
+  result_.budget_spent = false;
+  result_.nodes_full = false;
+  for (TouchObject* object : objects_) {
+    const spm::ForestCounters before = object->forest->counters();
+    choose_targets(*object, probes);
+    const spm::Advance advance = object->forest->advance(budget);
+    result_.budget_spent = result_.budget_spent || advance == spm::Advance::kBudget;
+    result_.nodes_full = result_.nodes_full || advance == spm::Advance::kNodesFull;
+    const spm::ForestCounters& after = object->forest->counters();
+    const auto changes = static_cast<std::uint32_t>(after.splits - before.splits + after.collapses - before.collapses);
+    costs.visits += static_cast<std::uint32_t>(after.visits - before.visits);
+    costs.changes += changes;
+    ObjectState& state = states_[object->index];
+    state.changed = changes > 0;
+    state.since_change = changes > 0 ? 0 : state.since_change + 1;
+    for (std::uint32_t region;
+         departures_.write_available() > 0 && (region = object->forest->take_retired()) != spm::kNone;)
+      departures_.push({object->index, spm::RegionId{region}});
+  }
+  costs.refine = since(mark);
+  for (TouchObject* object : objects_) costs.nodes_marked += object->forest->refit().marked;
+  costs.refit = since(mark);
+
+  for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
+    const ProbeInput& input = probes[i];
+    ProbeOutput output;
+    surfaces_[i].clear();
+    if (!input.active) {
+      if (result_.probes[i].active) {
+        proxies_[i].reset();
+        forces_[i].reset();
+      }
+      result_.probes[i] = output;
+      continue;
+    }
+    for (const TouchObject* object : objects_)
+      if (is_near(input, *object) && object->forest->base_shown()) surfaces_[i].add(*object);
+    output.active = true;
+    output.device = plain(input.device.position);
+    output.velocity = plain(input.device.velocity);
+    output.pose_age = static_cast<float>(input.pose_age);
+    if (result_.nodes_full) output.status |= session::kPoolFull;
+    if (result_.budget_spent) output.status |= session::kBudgetSpent;
+    query(i, input, now_ns, output);
+    costs.query += since(mark);
+    render(i, input, output);
+    costs.force += since(mark);
+    result_.probes[i] = output;
+  }
+  result_.costs = costs;
+  return result_;
+}
+
+}  // namespace tactus::hrtc_service

@@ -1,0 +1,138 @@
+/// The thread in which forces are made: devices, cycle, budget, deadline.
+///
+///   commands, near masks, arrivals -->  read devices -> Cycle::step -> write forces  --> reports, departures, traces,
+///   log
+///
+/// In its loop nothing is allocated, locked or logged; its system calls are the sleep, one eventfd write after the
+/// forces are out, and one reading of its own CPU time, by which lateness is judged. docs/cycle.md follows one pose
+/// through it.
+#pragma once
+
+#include <atomic>
+#include <boost/lockfree/spsc_queue.hpp>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "haptics/device.hpp"
+#include "haptics/mailbox.hpp"
+#include "hrtc_service/cycle.hpp"
+#include "hrtc_service/governor.hpp"
+
+namespace tactus::hrtc_service {
+
+/// What a probe slot is to do. Devices belong to the service and outlive the thread.
+struct HapticCommands {
+  std::array<haptics::Device*, kMaxProbes> devices{};  ///< null: no probe
+  std::array<bool, kMaxProbes> framed{};               ///< the device has a frame of its own
+  std::uint32_t stops = 0;                             ///< grows: emergency stop
+  std::uint32_t resets = 0;                            ///< grows: end faults
+  std::uint32_t snapshots = 0;                         ///< grows: copy the shown mesh
+};
+
+struct ProbeReports {
+  std::int64_t time_ns = 0;
+  std::uint64_t cycle = 0;
+  std::array<ProbeOutput, kMaxProbes> probes;
+};
+
+/// One cycle in numbers; ns.
+struct CycleTrace {
+  CycleCosts costs;
+  std::uint32_t wake_late = 0;  ///< after its due time
+  std::uint32_t cpu = 0;        ///< of the thread, since the cycle before
+  std::uint32_t skipped = 0;    ///< ticks missed altogether before it
+  bool late = false;            ///< forces were not out before the next cycle was due
+  bool late_is_ours = false;    ///< and the thread itself used more than half the period
+  std::uint8_t active = 0;      ///< probes
+  std::uint8_t in_contact = 0;
+  std::uint8_t exact = 0;  ///< of those in contact
+};
+
+/// The shown mesh of one object, copied on request.
+struct SnapshotFace {
+  std::array<float, 9> corners;
+  std::uint32_t face;
+  std::uint32_t last;
+};
+
+struct HapticSettings {
+  CycleSettings cycle;
+  std::int64_t period_ns = 1'000'000;
+  std::int64_t deadline_ns = 200'000;  ///< for the cycle's own work
+  int priority = 60;                   ///< SCHED_FIFO; 0: do not ask
+  haptics::DeviceFrame frame;          ///< of devices that have one of their own
+  bool log = false;
+  std::uint32_t snapshot_faces = 0;  ///< room for a snapshot; 0: none
+};
+
+class HapticThread {
+ public:
+  using TraceRing = boost::lockfree::spsc_queue<CycleTrace>;
+
+  /// Allocates everything; `specs` in world units.
+  HapticThread(const HapticSettings& settings, const std::array<haptics::DeviceSpec, kMaxProbes>& specs);
+  ~HapticThread();
+
+  /// Starts; returns the line that says what the system granted.
+  [[nodiscard]] std::string start();
+  void stop();
+
+  [[nodiscard]] haptics::Mailbox<HapticCommands>& commands() noexcept { return commands_; }
+  [[nodiscard]] haptics::Mailbox<std::array<std::uint64_t, kMaxProbes>>& near() noexcept { return near_; }
+  [[nodiscard]] ArrivalRing& arrivals() noexcept { return arrivals_; }
+  [[nodiscard]] DepartureRing& departures() noexcept { return departures_; }
+  [[nodiscard]] haptics::Mailbox<ProbeReports>& reports_for_sender() noexcept { return sender_reports_; }
+  [[nodiscard]] haptics::Mailbox<ProbeReports>& reports_for_service() noexcept { return service_reports_; }
+  [[nodiscard]] TraceRing& traces() noexcept { return traces_; }
+  [[nodiscard]] Cycle::LogRing& log() noexcept { return log_; }
+  /// Readable (poll) after each cycle; reading it clears it.
+  [[nodiscard]] int event() const noexcept { return event_; }
+  [[nodiscard]] std::uint64_t traces_dropped() const noexcept {
+    return traces_dropped_.load(std::memory_order_relaxed);
+  }
+  /// Log entries that found the ring full. Only after `stop`.
+  [[nodiscard]] std::uint64_t log_dropped() const noexcept { return cycle_.log_dropped(); }
+
+  /// Faces copied by the snapshot numbered `done`, by object index; only read when `snapshots_done` has grown and
+  /// before another is asked for.
+  [[nodiscard]] std::uint32_t snapshots_done() const noexcept {
+    return snapshots_done_.load(std::memory_order_acquire);
+  }
+  [[nodiscard]] const std::vector<std::vector<SnapshotFace>>& snapshot() const noexcept { return snapshot_; }
+
+ private:
+  void run();
+  void obey(const HapticCommands& commands) noexcept;
+  void read_devices(std::int64_t now_ns) noexcept;
+  void write_forces(const CycleResult& result) noexcept;
+  void take_snapshot() noexcept;
+
+  HapticSettings settings_;
+  haptics::Mailbox<HapticCommands> commands_;
+  haptics::Mailbox<std::array<std::uint64_t, kMaxProbes>> near_;
+  haptics::Mailbox<ProbeReports> sender_reports_, service_reports_;
+  ArrivalRing arrivals_;
+  DepartureRing departures_;
+  TraceRing traces_;
+  Cycle::LogRing log_;
+  Cycle cycle_;
+  Governor governor_;
+  int event_ = -1;
+  std::thread thread_;
+  std::atomic<bool> running_{false};
+  std::atomic<std::uint64_t> traces_dropped_{0};
+  std::atomic<std::uint32_t> snapshots_done_{0};
+  std::vector<std::vector<SnapshotFace>> snapshot_;
+  std::vector<std::uint32_t> snapshot_rows_;
+
+  // The thread's own.
+  HapticCommands current_;
+  std::array<haptics::DeviceFrame, kMaxProbes> frames_;
+  std::array<ProbeInput, kMaxProbes> inputs_;
+  std::array<Arrival, 64> arrived_;
+};
+
+}  // namespace tactus::hrtc_service

@@ -1,0 +1,291 @@
+#include "hrtc_service/loader.hpp"
+
+#include <algorithm>
+
+#include "spm/codec/base_codec.hpp"
+#include "spm/codec/region_codec.hpp"
+
+namespace tactus::hrtc_service {
+namespace {
+
+constexpr double kNsPerS = 1e9;
+
+spm::fcl::WorldBox world_box(const spm::CellBox& box, const Placement& placement) {
+  spm::fcl::WorldBox world{Vec3d::Constant(1e300), Vec3d::Constant(-1e300)};
+  for (int corner = 0; corner < 8; ++corner) {
+    const Vec3d at =
+        placement.to_world({(corner & 1) != 0 ? box.high[0] : box.low[0], (corner & 2) != 0 ? box.high[1] : box.low[1],
+                            (corner & 4) != 0 ? box.high[2] : box.low[2]});
+    world.low = world.low.cwiseMin(at);
+    world.high = world.high.cwiseMax(at);
+  }
+  return world;
+}
+
+Vec3d wide(const std::array<float, 3>& p) { return {p[0], p[1], p[2]}; }
+
+}  // namespace
+
+Loader::Loader(spm::Pool& pool, spm::NodePool& nodes, const session::Origin& self, const LoaderSettings& settings,
+               ArrivalRing& arrivals, DepartureRing& departures)
+    : pool_{pool},
+      nodes_{nodes},
+      settings_{settings},
+      arrivals_{arrivals},
+      departures_{departures},
+      cache_{pool},
+      delivery_{self, session::DeliverySettings{}} {}
+
+Loader::~Loader() = default;
+
+void Loader::on_catalogue(const session::CatalogueEntry& entry) {
+  delivery_.offer(entry);
+  if (entry.withdrawn) return;
+  const auto known = objects_.find(entry.object_id);
+  if (known != objects_.end()) {
+    if (known->second->summary.digest != entry.summary.digest)
+      say("object " + entry.object + ": host " + entry.host + " offers a different model under the same name; ignored");
+    return;
+  }
+  if (objects_.size() == kMaxObjects) {
+    say("object " + entry.object + ": ignored, at most " + std::to_string(kMaxObjects) + " objects in one HRTC");
+    return;
+  }
+  auto object = std::make_unique<Object>();
+  object->info.name = entry.object;
+  object->info.id = entry.object_id;
+  object->info.digest = entry.summary.digest;
+  object->info.scale = entry.scale;
+  object->entry = entry;
+  object->summary = entry.summary;
+  objects_[entry.object_id] = std::move(object);
+  delivery_.open(entry.object_id, entry.summary.digest);
+  say("object " + entry.object + " found at host " + entry.host + ": " + std::to_string(entry.summary.faces) +
+      " faces, " + std::to_string(entry.summary.regions) + " regions");
+}
+
+void Loader::on_host_seen(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns) {
+  delivery_.host_seen(host, incarnation, now_ns);
+}
+
+void Loader::on_host_gone(std::uint64_t host) { delivery_.host_gone(host); }
+
+void Loader::on_chunk(const session::BulkChunk& chunk, std::int64_t now_ns) {
+  const auto message = delivery_.on_chunk(chunk, now_ns);
+  if (!message) return;
+  const auto found = objects_.find(message->object_id);
+  if (found == objects_.end()) return;
+  if (message->kind == session::BulkKind::kBase)
+    take_base(*found->second, message->bytes);
+  else
+    take_region(*found->second, *message, now_ns);
+  hand_over();
+}
+
+void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {
+  auto base = spm::codec::decode_base(spm::Span<const std::uint8_t>{bytes});
+  if (!base || base->summary.digest != object.info.digest) {
+    ++figures_.decode_errors;
+    say("object " + object.info.name + ": base mesh refused: " + (base ? "wrong digest" : base.error().text));
+    delivery_.base_refused(object.info.id);
+    return;
+  }
+  if (object.ready) return delivery_.base_held(object.info.id);
+  spm::Cache::Admitted admitted = cache_.admit(*base);
+  if (!admitted.fits) {
+    if (!object.refused)
+      say("object " + object.info.name + ": base mesh of " + std::to_string(base->positions.size()) +
+          " vertices does not fit the pool of " + std::to_string(pool_.settings.slots) + " slots; raise --pool");
+    object.refused = true;
+    return delivery_.base_held(object.info.id);  // asking again would change nothing
+  }
+  object.summary = base->summary;
+  object.regions = base->regions;
+  object.info.index = spm::index(admitted.object);
+  object.notes.resize(object.regions.size());
+  const spm::Span<const spm::Region> regions{object.regions};
+  object.grid = std::make_unique<spm::RegionGrid>(object.summary.grid, regions);
+  TouchObject& touch = object.touch;
+  touch.index = object.info.index;
+  touch.id = object.info.id;
+  touch.placement = Placement{object.entry.pose, object.entry.scale};
+  touch.material = object.entry.material;
+  touch.bounds = {wide(object.summary.bounds_min), wide(object.summary.bounds_max)};
+  touch.deviation = object.summary.deviation;
+  touch.forest = std::make_unique<spm::Forest>(pool_, nodes_, touch.index, object.summary,
+                                               spm::RegionGrid{object.summary.grid, regions}, std::move(admitted.base));
+  const double scale = object.entry.scale;
+  object.predictors.assign(kMaxProbes, spm::Predictor{{settings_.margin / scale, settings_.least_speed / scale}});
+  broad_phase_.put(touch.index, world_box(touch.bounds, touch.placement));
+  by_index_.push_back(&object);
+  object.ready = true;
+  waiting_.push_back({Arrival::Kind::kObject, &touch, {}, {}});
+  delivery_.base_held(object.info.id);
+}
+
+void Loader::take_region(Object& object, const session::DeliveryClient::Message& message, std::int64_t now_ns) {
+  if (!object.ready || message.region >= object.notes.size()) return delivery_.refused(object.info.id, message.region);
+  const auto data = spm::codec::decode_region(spm::Span<const std::uint8_t>{message.bytes}, object.summary);
+  if (!data || spm::index(data->region) != message.region) {
+    ++figures_.decode_errors;
+    say("object " + object.info.name + ": region " + std::to_string(message.region) +
+        " refused: " + (data ? "names another region" : data.error().text));
+    return delivery_.refused(object.info.id, message.region);
+  }
+  RegionNote& note = object.notes[message.region];
+  spm::RegionList list;
+  const std::uint64_t returned_before = cache_.counters().records_returned;
+  const std::uint64_t repeated_before = cache_.counters().records_repeated;
+  const spm::AcceptResult result = cache_.accept(spm::ObjectIndex{object.info.index}, *data, list);
+  switch (result) {
+    case spm::AcceptResult::kAccepted:
+      break;
+    case spm::AcceptResult::kPoolFull:
+      ++figures_.refused_full;
+      note.refused_ns = now_ns;
+      return delivery_.refused(object.info.id, message.region);
+    case spm::AcceptResult::kHeld:
+      if (note.state == RegionState::kHeld) return delivery_.held(object.info.id, message.region);
+      return delivery_.refused(object.info.id, message.region);  // on its way out; asked for again once it is gone
+    case spm::AcceptResult::kIncomplete:
+    case spm::AcceptResult::kMalformed:
+      ++figures_.refused_other;
+      return delivery_.refused(object.info.id, message.region);
+  }
+  object.info.records_received += data->positions.size();
+  object.info.records_returned += cache_.counters().records_returned - returned_before;
+  object.info.records_returned += cache_.counters().records_repeated - repeated_before;
+  ++object.info.regions_received;
+  ++figures_.regions_received;
+  if (note.was_here) ++figures_.regions_reloaded;
+  if (note.wanted_since_ns != 0) {
+    const double latency = static_cast<double>(now_ns - note.wanted_since_ns) / kNsPerS;
+    figures_.load_latency += 0.1 * (latency - figures_.load_latency);
+  }
+  note.state = RegionState::kHeld;
+  note.was_here = true;
+  figures_.slots_peak = std::max(figures_.slots_peak, cache_.slots_used());
+  delivery_.held(object.info.id, message.region);
+  waiting_.push_back({Arrival::Kind::kRegion, &object.touch, data->region, list});
+}
+
+void Loader::predict(Object& object, std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights) {
+  const Placement& placement = object.touch.placement;
+  const double lead = std::clamp(2 * figures_.load_latency + 0.01, settings_.least_lead, settings_.most_lead);
+  std::map<std::uint32_t, double> soonest;
+  for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
+    const ProbeSight& sight = sights[i];
+    if (!sight.active) continue;
+    spm::Predictor& predictor = object.predictors[i];
+    predictor.observe(static_cast<double>(sight.time_ns) / kNsPerS, placement.to_model(sight.device), sight.in_contact);
+    spm::Predictor::Answer answer;
+    predictor.predict(*object.grid, settings_.radius / placement.scale(), lead, answer);
+    for (std::uint32_t k = 0; k < answer.count; ++k) {
+      const auto [at, fresh] = soonest.try_emplace(spm::index(answer.regions[k].region), answer.regions[k].contact_in);
+      if (!fresh) at->second = std::min(at->second, answer.regions[k].contact_in);
+    }
+  }
+  constexpr std::int64_t kRetryNs = 200'000'000;
+  std::vector<session::Wanted> wanted;
+  for (const std::uint32_t region : object.predicted)
+    if (soonest.count(region) == 0) object.notes[region].wanted_since_ns = 0;
+  object.predicted.clear();
+  for (const auto& [region, contact_in] : soonest) {
+    object.predicted.push_back(region);
+    RegionNote& note = object.notes[region];
+    note.wanted_ns = now_ns;
+    if (note.wanted_since_ns == 0) note.wanted_since_ns = now_ns;
+    if (note.state == RegionState::kAbsent && now_ns - note.refused_ns > kRetryNs)
+      wanted.push_back({region, static_cast<std::uint32_t>(contact_in * 1e6)});
+  }
+  delivery_.want(object.info.id, std::move(wanted));
+}
+
+void Loader::evict(std::int64_t now_ns) {
+  // Room for what is on its way: an eighth of the pool. Few at a time, for each frees more than it seems to.
+  const std::uint32_t reserve = pool_.settings.slots / 8;
+  const std::uint32_t block_reserve = pool_.settings.list_blocks / 8;
+  constexpr std::uint32_t kAtOnce = 4;
+  while (retiring_ < kAtOnce && (cache_.slots_free() < reserve || cache_.blocks_free() < block_reserve)) {
+    Object* victim_object = nullptr;
+    std::uint32_t victim = 0;
+    for (Object* object : by_index_)
+      for (std::uint32_t region = 0; region < object->notes.size(); ++region) {
+        const RegionNote& note = object->notes[region];
+        if (note.state != RegionState::kHeld || now_ns - note.wanted_ns < settings_.idle_before_eviction_ns) continue;
+        if (victim_object != nullptr && victim_object->notes[victim].wanted_ns <= note.wanted_ns) continue;
+        victim_object = object;
+        victim = region;
+      }
+    if (victim_object == nullptr) return;
+    victim_object->notes[victim].state = RegionState::kRetiring;
+    ++retiring_;
+    waiting_.push_back({Arrival::Kind::kRetire, &victim_object->touch, spm::RegionId{victim}, {}});
+  }
+}
+
+void Loader::take_departures() {
+  Departure departure;
+  while (departures_.pop(departure)) {
+    Object& object = *by_index_[departure.object];
+    const std::uint32_t region = spm::index(departure.region);
+    object.notes[region].state = RegionState::kReleasing;
+    delivery_.retire(object.info.id, region);
+  }
+  for (Object* object : by_index_)
+    for (const std::uint32_t region : delivery_.take_released(object->info.id)) {
+      if (object->notes[region].state != RegionState::kReleasing) continue;
+      cache_.release(spm::ObjectIndex{object->info.index}, spm::RegionId{region});
+      object->notes[region].state = RegionState::kAbsent;
+      ++object->info.regions_released;
+      ++figures_.regions_evicted;
+      --retiring_;
+    }
+}
+
+void Loader::hand_over() {
+  while (!waiting_.empty() && arrivals_.push(waiting_.front())) waiting_.pop_front();
+}
+
+void Loader::find_near(const std::array<ProbeSight, kMaxProbes>& sights, std::array<std::uint64_t, kMaxProbes>& near) {
+  near.fill(0);
+  std::vector<spm::fcl::ProbeBall> balls;
+  std::vector<std::uint32_t> numbers;
+  for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
+    if (!sights[i].active || !sights[i].device.allFinite()) continue;
+    balls.push_back({sights[i].device, settings_.radius + settings_.near_distance});
+    numbers.push_back(i);
+  }
+  for (const spm::fcl::NearPair& pair : broad_phase_.near(spm::Span<const spm::fcl::ProbeBall>{balls}))
+    near[numbers[pair.probe]] |= std::uint64_t{1} << pair.object;
+}
+
+void Loader::tick(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights,
+                  std::array<std::uint64_t, kMaxProbes>& near) {
+  take_departures();
+  for (Object* object : by_index_) predict(*object, now_ns, sights);
+  evict(now_ns);
+  hand_over();
+  find_near(sights, near);
+}
+
+LoaderFigures Loader::figures() const {
+  LoaderFigures figures = figures_;
+  figures.slots_used = cache_.slots_used();
+  figures.slots_limit = pool_.settings.slots;
+  for (const Object* object : by_index_)
+    for (const RegionNote& note : object->notes) figures.regions_held += note.state != RegionState::kAbsent ? 1 : 0;
+  return figures;
+}
+
+std::vector<Loader::ObjectInfo> Loader::objects() const {
+  std::vector<ObjectInfo> infos;
+  for (const Object* object : by_index_) infos.push_back(object->info);
+  return infos;
+}
+
+std::vector<std::uint32_t> Loader::predicted(std::uint32_t object_index) const {
+  return object_index < by_index_.size() ? by_index_[object_index]->predicted : std::vector<std::uint32_t>{};
+}
+
+}  // namespace tactus::hrtc_service

@@ -1,0 +1,153 @@
+/// What an HRTC holds: asks for the regions that probes will meet, takes what arrives into the pool, evicts what nobody
+/// needs.
+///
+///   catalogue, chunks -> [assemble, decode, slots] -> arrivals ring -> haptic thread
+///   probe sights -> [predict] -> demand                 departures ring <-
+///
+/// A region leaves in four steps: retired here, coarsened by the haptic thread (departure), left out of `have`, and
+/// freed once the host has echoed that. One thread, not the haptic one. Allocates while decoding; what it keeps is
+/// bounded by the pool and by the number of regions of its objects.
+#pragma once
+
+#include <boost/lockfree/spsc_queue.hpp>
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "hrtc_service/touch_object.hpp"
+#include "session/delivery_client.hpp"
+#include "spm/cache.hpp"
+#include "spm/fcl/broad_phase.hpp"
+#include "spm/prediction.hpp"
+
+namespace tactus::hrtc_service {
+
+/// What the haptic thread shows of a probe, newest value.
+struct ProbeSight {
+  bool active = false;
+  bool in_contact = false;
+  std::int64_t time_ns = 0;
+  Vec3d device = Vec3d::Zero();
+};
+
+struct LoaderSettings {
+  double radius = 0.003;       ///< m, of the tips
+  double margin = 0.001;       ///< m; cells this near to a tip's path are loaded
+  double least_speed = 0.05;   ///< m/s; a tip at rest is expected to start with this
+  double near_distance = 0.1;  ///< m; objects within are offered to the haptic thread's queries
+  double least_lead = 0.03;    ///< s; prediction looks at least this far ahead, more when loading takes longer
+  double most_lead = 0.5;      ///< s
+  std::int64_t idle_before_eviction_ns = 300'000'000;
+};
+
+struct LoaderFigures {
+  std::uint64_t regions_held = 0;
+  std::uint64_t regions_received = 0;
+  std::uint64_t regions_evicted = 0;
+  std::uint64_t regions_reloaded = 0;
+  std::uint64_t refused_full = 0;
+  std::uint64_t refused_other = 0;
+  std::uint64_t decode_errors = 0;
+  double load_latency = 0;  ///< s, from wanting a region to holding it; smoothed
+  std::uint32_t slots_used = 0, slots_peak = 0, slots_limit = 0;
+};
+
+class Loader {
+ public:
+  /// `pool`, `nodes` and the rings must outlive the loader, and the loader the haptic thread.
+  Loader(spm::Pool& pool, spm::NodePool& nodes, const session::Origin& self, const LoaderSettings& settings,
+         ArrivalRing& arrivals, DepartureRing& departures);
+  ~Loader();
+
+  /// Called with one line for each event that an operator should see.
+  std::function<void(const std::string&)> on_event;
+
+  void on_catalogue(const session::CatalogueEntry& entry);
+  void on_host_seen(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns);
+  void on_host_gone(std::uint64_t host);
+  void on_chunk(const session::BulkChunk& chunk, std::int64_t now_ns);
+
+  /// Predicts, evicts and hands over; every few milliseconds. `near` gets the objects near each probe.
+  void tick(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights,
+            std::array<std::uint64_t, kMaxProbes>& near);
+
+  /// The next demand to publish, until none is due.
+  [[nodiscard]] std::optional<session::Demand> demand(std::int64_t now_ns) { return delivery_.demand(now_ns); }
+
+  [[nodiscard]] LoaderFigures figures() const;
+  [[nodiscard]] const spm::CacheCounters& cache_counters() const noexcept { return cache_.counters(); }
+  [[nodiscard]] const session::DeliveryClient::Counters& delivery_counters() const noexcept {
+    return delivery_.counters();
+  }
+
+  /// An object as others may see it: never changed after it is ready.
+  struct ObjectInfo {
+    std::string name;
+    std::uint64_t id = 0;
+    std::uint64_t digest = 0;
+    double scale = 1;
+    std::uint32_t index = 0;
+    std::uint64_t records_received = 0, records_returned = 0, regions_received = 0, regions_released = 0;
+  };
+  [[nodiscard]] std::vector<ObjectInfo> objects() const;
+  /// Regions predicted in the last tick, by object index.
+  [[nodiscard]] std::vector<std::uint32_t> predicted(std::uint32_t object_index) const;
+  [[nodiscard]] std::uint64_t id_of_object(std::uint32_t index) const noexcept {
+    return index < by_index_.size() ? by_index_[index]->info.id : 0;
+  }
+
+ private:
+  enum class RegionState : std::uint8_t { kAbsent, kHeld, kRetiring, kReleasing };
+  struct RegionNote {
+    RegionState state = RegionState::kAbsent;
+    bool was_here = false;
+    std::int64_t wanted_ns = 0;        // last time it was
+    std::int64_t wanted_since_ns = 0;  // 0: not wanted
+    std::int64_t refused_ns = 0;       // last refusal for want of room
+  };
+  struct Object {
+    ObjectInfo info;
+    session::CatalogueEntry entry;
+    spm::ModelSummary summary;
+    std::vector<spm::Region> regions;
+    std::unique_ptr<spm::RegionGrid> grid;  // the loader's own; the forest has another
+    TouchObject touch;
+    std::vector<RegionNote> notes;
+    std::vector<spm::Predictor> predictors;  // by probe
+    std::vector<std::uint32_t> predicted;
+    bool ready = false;    // base mesh is in
+    bool refused = false;  // base mesh does not fit
+  };
+
+  void take_base(Object& object, const std::vector<std::uint8_t>& bytes);
+  void take_region(Object& object, const session::DeliveryClient::Message& message, std::int64_t now_ns);
+  void predict(Object& object, std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights);
+  void evict(std::int64_t now_ns);
+  void take_departures();
+  void hand_over();
+  void find_near(const std::array<ProbeSight, kMaxProbes>& sights, std::array<std::uint64_t, kMaxProbes>& near);
+  void say(const std::string& text) const {
+    if (on_event) on_event(text);
+  }
+
+  spm::Pool& pool_;
+  spm::NodePool& nodes_;
+  LoaderSettings settings_;
+  ArrivalRing& arrivals_;
+  DepartureRing& departures_;
+  spm::Cache cache_;
+  session::DeliveryClient delivery_;
+  spm::fcl::BroadPhase broad_phase_;
+  std::map<std::uint64_t, std::unique_ptr<Object>> objects_;  // by id
+  std::vector<Object*> by_index_;
+  std::deque<Arrival> waiting_;  // for room in the ring
+  std::uint32_t retiring_ = 0;
+  LoaderFigures figures_;
+};
+
+}  // namespace tactus::hrtc_service

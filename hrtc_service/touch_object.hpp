@@ -1,0 +1,100 @@
+/// An object as the haptic thread touches it, and what passes between that thread and the loader.
+#pragma once
+
+#include <Eigen/Geometry>
+#include <array>
+#include <boost/lockfree/spsc_queue.hpp>
+#include <cstdint>
+#include <memory>
+
+#include "haptics/surface.hpp"
+#include "session/messages.hpp"
+#include "spm/forest.hpp"
+
+namespace tactus::hrtc_service {
+
+using spm::Vec3d;
+
+/// A vector as plain numbers, for what threads copy.
+using Plain3 = std::array<double, 3>;
+[[nodiscard]] inline Plain3 plain(const Vec3d& v) noexcept { return {v[0], v[1], v[2]}; }
+[[nodiscard]] inline Vec3d vec(const Plain3& v) noexcept { return {v[0], v[1], v[2]}; }
+
+inline constexpr std::uint32_t kMaxProbes = 8;
+inline constexpr std::uint32_t kMaxObjects = 64;  ///< bits of a near mask
+
+/// Where a model stands: world = rotation * (scale * model) + translation. Metres in the world, file units in the
+/// model.
+class Placement {
+ public:
+  Placement() = default;
+  Placement(const session::Pose& pose, double scale)
+      : scale_{scale},
+        rotation_{Eigen::Quaterniond{pose.orientation[3], pose.orientation[0], pose.orientation[1], pose.orientation[2]}
+                      .normalized()
+                      .toRotationMatrix()},
+        translation_{pose.position[0], pose.position[1], pose.position[2]} {}
+
+  [[nodiscard]] Vec3d to_model(const Vec3d& world) const noexcept {
+    return rotation_.transpose() * (world - translation_) / scale_;
+  }
+  [[nodiscard]] Vec3d to_world(const Vec3d& model) const noexcept {
+    return rotation_ * (scale_ * model) + translation_;
+  }
+  [[nodiscard]] Vec3d direction_to_world(const Vec3d& model) const noexcept { return rotation_ * model; }
+  [[nodiscard]] Vec3d direction_to_model(const Vec3d& world) const noexcept { return rotation_.transpose() * world; }
+  [[nodiscard]] double scale() const noexcept { return scale_; }
+
+ private:
+  double scale_ = 1;
+  Eigen::Matrix3d rotation_ = Eigen::Matrix3d::Identity();
+  Vec3d translation_ = Vec3d::Zero();
+};
+
+/// Made by the loader, which also destroys it, after the haptic thread has ended. In between only the haptic thread
+/// touches `forest`.
+struct TouchObject {
+  std::uint32_t index = 0;  ///< of the cache, and bit of near masks
+  std::uint64_t id = 0;
+  Placement placement;
+  session::Material material;
+  spm::CellBox bounds;   ///< model frame
+  double deviation = 0;  ///< file units; no version of the mesh is further from the finest
+  std::unique_ptr<spm::Forest> forest;
+};
+
+/// Loader to haptic thread.
+struct Arrival {
+  enum class Kind : std::uint8_t { kObject, kRegion, kRetire } kind = Kind::kObject;
+  TouchObject* object = nullptr;
+  spm::RegionId region{};
+  spm::RegionList list;  ///< kRegion
+};
+
+/// Haptic thread to loader: nothing of the region is applied any more.
+struct Departure {
+  std::uint32_t object = 0;
+  spm::RegionId region{};
+};
+
+using ArrivalRing = boost::lockfree::spsc_queue<Arrival>;
+using DepartureRing = boost::lockfree::spsc_queue<Departure>;
+
+/// The surfaces of several objects as one. Borrows them for a cycle. Realtime.
+class ObjectsSurface final : public haptics::Surface {
+ public:
+  void clear() noexcept { count_ = 0; }
+  void add(const TouchObject& object) noexcept { objects_[count_++] = &object; }
+  [[nodiscard]] std::uint32_t count() const noexcept { return count_; }
+  [[nodiscard]] const TouchObject& operator[](std::uint32_t i) const noexcept { return *objects_[i]; }
+
+  [[nodiscard]] bool sweep(const Vec3d& from, const Vec3d& to, double radius,
+                           haptics::SurfaceHit& hit) const noexcept override;
+  [[nodiscard]] bool closest(const Vec3d& point, double within, haptics::SurfaceHit& hit) const noexcept override;
+
+ private:
+  std::array<const TouchObject*, kMaxObjects> objects_{};
+  std::uint32_t count_ = 0;
+};
+
+}  // namespace tactus::hrtc_service

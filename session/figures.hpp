@@ -1,0 +1,56 @@
+/// Names of the figures on the metrics topic: what writes them and what reports them agree here.
+///
+/// Counters count since the start of the program. Times are in microseconds, as their names say.
+#pragma once
+
+namespace tactus::session::figures {
+
+// A VE host.
+inline constexpr char kHostObjects[] = "host.objects";
+inline constexpr char kHostChunks[] = "host.chunks";
+inline constexpr char kHostBytes[] = "host.bytes";
+inline constexpr char kHostRegions[] = "host.regions";
+inline constexpr char kHostRecords[] = "host.records";
+inline constexpr char kHostControllers[] = "host.controllers";
+
+// An HRTC: cycles.
+inline constexpr char kCycles[] = "hrtc.cycles";
+inline constexpr char kLateOurs[] = "hrtc.late_ours";
+inline constexpr char kLateStolen[] = "hrtc.late_stolen";
+inline constexpr char kSkipped[] = "hrtc.skipped";
+inline constexpr char kWakeP50[] = "hrtc.wake_us.p50";
+inline constexpr char kWakeP99[] = "hrtc.wake_us.p99";
+inline constexpr char kWakeMax[] = "hrtc.wake_us.max";
+inline constexpr char kTimerP50[] = "hrtc.timer_us.p50";  ///< a bare timer of the same priority, beside it
+inline constexpr char kTimerP99[] = "hrtc.timer_us.p99";
+inline constexpr char kTimerMax[] = "hrtc.timer_us.max";
+/// Followed by .p50, .p99, .p999 or .max.
+inline constexpr char kLoadTime[] = "hrtc.t_l_us";
+inline constexpr char kRefineTime[] = "hrtc.t_r_us";
+inline constexpr char kRefitTime[] = "hrtc.t_b_us";
+inline constexpr char kQueryTime[] = "hrtc.t_q_us";
+inline constexpr char kForceTime[] = "hrtc.t_f_us";
+inline constexpr char kCycleTime[] = "hrtc.cycle_us";
+
+// An HRTC: contacts, summed over its probes and cycles.
+inline constexpr char kContactCycles[] = "hrtc.contact_cycles";
+inline constexpr char kExactCycles[] = "hrtc.exact_cycles";
+
+// An HRTC: what it holds.
+inline constexpr char kPoolUsed[] = "hrtc.pool_used";
+inline constexpr char kPoolPeak[] = "hrtc.pool_peak";
+inline constexpr char kPoolLimit[] = "hrtc.pool_limit";
+inline constexpr char kNodesUsed[] = "hrtc.nodes_used";
+inline constexpr char kRegionsHeld[] = "hrtc.regions_held";
+inline constexpr char kRegionsReceived[] = "hrtc.regions_received";
+inline constexpr char kEvictions[] = "hrtc.evictions";
+inline constexpr char kReloads[] = "hrtc.reloads";
+inline constexpr char kRefusedFull[] = "hrtc.refused_full";
+inline constexpr char kRecordsReceived[] = "hrtc.records_received";
+inline constexpr char kRecordsReturned[] = "hrtc.records_returned";
+inline constexpr char kBytesReceived[] = "hrtc.bytes_received";
+inline constexpr char kLoadLatency[] = "hrtc.load_latency_us";
+inline constexpr char kHostChanges[] = "hrtc.host_changes";
+inline constexpr char kRemoteProbes[] = "hrtc.remote_probes";
+
+}  // namespace tactus::session::figures
