@@ -1,0 +1,380 @@
+#include "client_sim/operator.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+
+namespace tactus::client_sim {
+
+namespace {
+
+constexpr double kTouch = 0.03;      // N; less is no contact to a user
+constexpr double kSmoothing = 0.02;  // s, of what is felt
+constexpr std::uint32_t kMaxAttempts = 5;
+
+Vec3d vector_of(const std::array<double, 3>& a) { return {a[0], a[1], a[2]}; }
+
+/// A unit vector across `axis`, the same for the same axis.
+Vec3d across(const Vec3d& axis) {
+  const Vec3d helper = std::abs(axis.x()) < 0.7 ? Vec3d::UnitX() : Vec3d::UnitY();
+  return (helper - axis * axis.dot(helper)).normalized();
+}
+
+/// How far the box reaches from its centre along a unit vector.
+double reach_along(const ObjectView& view, const Vec3d& direction) {
+  return (view.rotation.transpose() * direction).cwiseAbs().dot(view.half);
+}
+
+/// From a point inside the box to where a ray leaves it.
+double way_out(const ObjectView& view, const Vec3d& from, const Vec3d& direction) {
+  const Vec3d p = view.rotation.transpose() * (from - view.centre);
+  const Vec3d d = view.rotation.transpose() * direction;
+  double nearest = 2 * view.half.norm();
+  for (int axis = 0; axis < 3; ++axis) {
+    if (std::abs(d[axis]) > 1e-9) {
+      nearest = std::min(nearest, (std::copysign(view.half[axis], d[axis]) - p[axis]) / d[axis]);
+    }
+  }
+  return std::max(nearest, 0.0);
+}
+
+}  // namespace
+
+ObjectView view_of(const session::CatalogueEntry& entry) {
+  const Eigen::Quaterniond turn{entry.pose.orientation[3], entry.pose.orientation[0], entry.pose.orientation[1],
+                                entry.pose.orientation[2]};
+  const auto& low = entry.summary.bounds_min;
+  const auto& high = entry.summary.bounds_max;
+  Vec3d centre;
+  ObjectView view;
+  for (int axis = 0; axis < 3; ++axis) {
+    centre[axis] = 0.5 * (static_cast<double>(low[axis]) + static_cast<double>(high[axis]));
+    view.half[axis] = 0.5 * entry.scale * (static_cast<double>(high[axis]) - static_cast<double>(low[axis]));
+  }
+  view.id = entry.object_id;
+  view.rotation = turn.normalized().toRotationMatrix();
+  view.centre = view.rotation * (entry.scale * centre) + vector_of(entry.pose.position);
+  return view;
+}
+
+const ObjectView* find_object(const Objects& objects, const std::string& reference) {
+  if (objects.empty()) return nullptr;
+  if (const std::uint32_t place = place_of(reference); place > 0) {
+    return &std::next(objects.begin(), static_cast<std::ptrdiff_t>((place - 1) % objects.size()))->second;
+  }
+  const auto found = objects.find(reference);
+  return found == objects.end() ? nullptr : &found->second;
+}
+
+Operator::Operator(const User& user, const OperatorSettings& settings)
+    : user_{user}, settings_{settings}, user_id_{session::id_of(user.name)} {}
+
+bool Operator::touching() const noexcept { return in_contact_ && raw_force_ > kTouch; }
+
+void Operator::on_probe_state(const session::ProbeState& state) {
+  if (state.user_id != user_id_ || (felt_ && state.session_time_ns <= felt_ns_)) return;
+  const Vec3d proxy = vector_of(state.proxy);
+  const Vec3d force = vector_of(state.force);
+  const double dt = felt_ ? static_cast<double>(state.session_time_ns - felt_ns_) * 1e-9 : 0;
+  const double share = dt / (dt + kSmoothing);
+  if (felt_ && dt > 0) travel_ += share * ((proxy - proxy_) / dt - travel_);
+  device_ = vector_of(state.device.position);
+  proxy_ = proxy;
+  if (!felt_) hand_ = device_;
+  felt_ = true;
+  felt_ns_ = state.session_time_ns;
+  raw_force_ = force.norm();
+  force_ += share * (raw_force_ - force_);
+  const bool contact = (state.status & session::kInContact) != 0 && raw_force_ > kTouch;
+  if (contact) {
+    // Friction tilts the force against the way the tip goes; the surface lies along that way.
+    constexpr double kMoving = 0.01;
+    Vec3d normal = force / raw_force_;
+    if (travel_.norm() > kMoving && in_contact_) {
+      const Vec3d way = travel_.normalized();
+      const Vec3d upright = normal - way * way.dot(normal);
+      constexpr double kMostTilt = 0.7;  // cosine: beyond, it was no friction
+      if (upright.norm() > kMostTilt) normal = upright.normalized();
+    }
+    normal_ = in_contact_ ? Vec3d((normal_ + share * (normal - normal_)).normalized()) : normal;
+  }
+  in_contact_ = contact;
+}
+
+std::optional<session::Intent> Operator::tick(std::int64_t session_now_ns, const Objects& objects) {
+  if (!felt_) return std::nullopt;
+  if (ticked_ns_ == 0) ticked_ns_ = session_now_ns - settings_.period_ns;
+  if (session_now_ns - ticked_ns_ < settings_.period_ns) return std::nullopt;
+  constexpr double kLongestStep = 0.05;  // after a pause the hand goes on, it does not catch up
+  const double dt = std::min(kLongestStep, static_cast<double>(session_now_ns - ticked_ns_) * 1e-9);
+  ticked_ns_ = session_now_ns;
+  hand_velocity_.setZero();
+  act(dt, objects);
+
+  session::Intent intent;
+  intent.user_id = user_id_;
+  intent.sequence = ++sequence_;
+  const Vec3d ahead = hand_ + hand_velocity_ * (static_cast<double>(settings_.lookahead_ns) * 1e-9);
+  intent.path = {{session_now_ns, {hand_.x(), hand_.y(), hand_.z()}},
+                 {session_now_ns + settings_.lookahead_ns, {ahead.x(), ahead.y(), ahead.z()}}};
+  return intent;
+}
+
+void Operator::next_action() {
+  stage_ = Stage::kBegin;
+  clock_ = 0;
+  followed_ = 0;
+  attempts_ = taps_ = 0;
+  if (++action_ < user_.script.size()) return;
+  action_ = 0;
+  done_ = !user_.repeat;
+}
+
+void Operator::act(double dt, const Objects& objects) {
+  if (done_) return;
+  const Action& action = user_.script[action_];
+  clock_ += dt;
+  switch (stage_) {
+    case Stage::kBegin:
+      if (begin(action, objects)) clock_ = 0;
+      return;
+    case Stage::kTravel: {
+      const double speed = action.kind == ActionKind::kRetreat ? action.speed : settings_.travel_speed;
+      if (!go_to(way_.back(), speed, dt)) return;
+      way_.pop_back();
+      if (!way_.empty()) return;
+      stage_ = Stage::kSteady;
+      clock_ = 0;
+      return;
+    }
+    case Stage::kSteady: {
+      constexpr double kNear = 0.002;
+      constexpr double kPatience = 1;
+      if ((device_ - hand_).norm() > kNear && clock_ < kPatience) return;
+      if (action.kind == ActionKind::kRetreat) {
+        next_action();
+      } else {
+        stage_ = Stage::kPressIn;
+        clock_ = 0;
+      }
+      return;
+    }
+    case Stage::kPressIn:
+      press_in(action, dt);
+      return;
+    case Stage::kLiftOff:
+      lift_off(action, dt);
+      return;
+    case Stage::kFollow:
+      if (followed_ >= action.seconds) {
+        next_action();
+      } else {
+        follow(action, dt);
+      }
+      return;
+    case Stage::kStill:
+      if (clock_ >= action.seconds) next_action();
+      return;
+  }
+}
+
+bool Operator::begin(const Action& action, const Objects& objects) {
+  if (action.kind == ActionKind::kWait || (action.kind == ActionKind::kHold && action.force == 0)) {
+    stage_ = Stage::kStill;
+    return true;
+  }
+  if (!action.object.empty()) object_ = action.object;
+  const ObjectView* const view = find_object(objects, object_);
+  if (view == nullptr) return false;  // not there yet, or gone: wait for it
+  const bool same_object = view->id == view_.id;
+  view_ = *view;
+  if (action.kind == ActionKind::kHold || (action.kind == ActionKind::kFollow && same_object && touching())) {
+    start_following(action);
+    return true;
+  }
+  if (action.kind == ActionKind::kRetreat) {
+    way_ = {device_ + outwards_ * (way_out(view_, device_, outwards_) + settings_.clearance)};
+    hand_ = device_;
+    stage_ = Stage::kTravel;
+    return true;
+  }
+  outwards_ = (view_.rotation * action.direction).normalized();
+  const Vec3d aim = view_.centre + view_.rotation * ((2 * action.point - Vec3d::Ones()).cwiseProduct(view_.half));
+  start_ = aim + outwards_ * (way_out(view_, aim, outwards_) + settings_.clearance + user_.radius);
+  depth_ = (start_ - aim).norm() + way_out(view_, aim, -outwards_) + settings_.clearance;
+  hand_ = device_;
+  plan_way(start_);
+  has_touched_ = false;
+  stage_ = Stage::kTravel;
+  return true;
+}
+
+void Operator::plan_way(const Vec3d& to) {
+  // Out to a sphere around the object, around on it in straight pieces that stay clear, and in again to `to`.
+  way_.clear();
+  const double clear = view_.half.norm() + settings_.clearance + user_.radius;
+  constexpr double kTurn = 0.8;  // rad a piece
+  const double radius = clear / std::cos(kTurn / 2);
+  const Vec3d from = hand_ - view_.centre;
+  const Vec3d target = to - view_.centre;
+  const Vec3d end = target.normalized();
+  Vec3d begin = from.norm() > 1e-6 ? Vec3d(from.normalized()) : outwards_;
+  const double angle = std::acos(std::clamp(begin.dot(end), -1.0, 1.0));
+  way_.push_back(to);
+  if (angle < 0.1 && from.norm() > target.norm()) return;
+  const Vec3d tangent = angle < 3.1 ? Vec3d(end - begin * begin.dot(end)) : across(begin);
+  const Vec3d side = tangent.norm() > 1e-6 ? Vec3d(tangent.normalized()) : across(begin);
+  const int pieces = static_cast<int>(std::ceil(angle / kTurn));
+  for (int i = pieces; i >= 0; --i) {
+    const double turned = pieces > 0 ? angle * i / pieces : 0;
+    way_.push_back(view_.centre + radius * (std::cos(turned) * begin + std::sin(turned) * side));
+  }
+  if (from.norm() > radius && angle > 0.1) way_.pop_back();
+}
+
+bool Operator::go_to(const Vec3d& target, double speed, double dt) {
+  const Vec3d left = target - hand_;
+  const double distance = left.norm();
+  if (distance <= speed * dt) {
+    hand_ = target;
+    return true;
+  }
+  hand_velocity_ = left * (speed / distance);
+  hand_ += hand_velocity_ * dt;
+  return false;
+}
+
+void Operator::press_in(const Action& action, double dt) {
+  if (touching() && !has_touched_) {
+    has_touched_ = true;
+    touched_ = proxy_;
+  }
+  const bool deep = action.depth > 0 && has_touched_ && (touched_ - device_).dot(outwards_) > action.depth;
+  const double wanted = action.kind == ActionKind::kFollow ? 0.3 * action.force : action.force;
+  if (touching() && (deep || (action.depth == 0 && raw_force_ >= wanted))) {
+    clock_ = 0;
+    if (action.kind == ActionKind::kTap) {
+      stage_ = Stage::kLiftOff;
+    } else if (action.kind == ActionKind::kFollow) {
+      start_following(action);
+    } else {
+      next_action();
+    }
+    return;
+  }
+  // A hand that presses on and on would wind up; a fist pushes no further than this beyond where it is.
+  constexpr double kMostLead = 0.08;
+  if ((device_ - hand_).dot(outwards_) < kMostLead) {
+    hand_velocity_ = -outwards_ * (action.kind == ActionKind::kFollow ? 0.1 : action.speed);
+    hand_ += hand_velocity_ * dt;
+  }
+  if ((start_ - device_).dot(outwards_) < depth_) return;
+  ++tally_.approaches_missed;
+  if (++attempts_ < kMaxAttempts) {
+    stage_ = Stage::kBegin;
+  } else {
+    next_action();
+  }
+}
+
+void Operator::lift_off(const Action& action, double dt) {
+  constexpr double kLift = 0.015;
+  const Vec3d up = touched_ + outwards_ * kLift;
+  if (!go_to(up, action.speed, dt) || touching()) return;
+  ++tally_.taps;
+  clock_ = 0;
+  has_touched_ = false;
+  if (++taps_ < action.count) {
+    stage_ = Stage::kPressIn;
+  } else {
+    next_action();
+  }
+}
+
+void Operator::start_following(const Action& action) {
+  stage_ = Stage::kFollow;
+  clock_ = 0;
+  lost_ = 0;
+  cursor_ = touched_ = proxy_;
+  push_ = std::max(0.0, (cursor_ - hand_).dot(normal_));
+  const Vec3d side = across(outwards_);
+  const double room = std::min(reach_along(view_, side), reach_along(view_, outwards_.cross(side)));
+  extent_ = action.extent > 0 ? action.extent : room / 3;
+  heading_ = 1;
+  row_ = 0;
+  row_step_ = extent_ / 5;
+  plane_ = (proxy_ - view_.centre).dot(side);
+}
+
+Vec3d Operator::tangent(const Action& action) {
+  const Vec3d side = across(outwards_);
+  const Vec3d other = outwards_.cross(side);
+  Vec3d wish = side;
+  switch (action.pattern) {
+    case Pattern::kCircle: {
+      const Vec3d from = proxy_ - touched_;
+      const Vec3d flat = from - outwards_ * outwards_.dot(from);
+      const double radius = flat.norm();
+      const Vec3d radial = radius > 1e-6 ? Vec3d(flat / radius) : side;
+      wish = outwards_.cross(radial) * std::min(1.0, radius / extent_) + radial * (2 * (1 - radius / extent_));
+      break;
+    }
+    case Pattern::kZigzag: {
+      const Vec3d from = proxy_ - touched_;
+      if (side.dot(from) * heading_ > extent_) {
+        heading_ = -heading_;
+        if (std::abs(row_ + row_step_) > extent_) row_step_ = -row_step_;
+        row_ += row_step_;
+      }
+      wish = side * heading_ + other * std::clamp(3 * (row_ - other.dot(from)) / extent_, -1.0, 1.0);
+      break;
+    }
+    case Pattern::kAround: {
+      const Vec3d from = proxy_ - view_.centre;
+      wish = side.cross(from).normalized() + side * ((plane_ - side.dot(from)) / std::max(from.norm(), 1e-6));
+      break;
+    }
+  }
+  const Vec3d along = wish - normal_ * normal_.dot(wish);
+  constexpr double kLeastAlong = 0.1;  // of the wish; on a steeper slope it goes along that instead
+  if (along.norm() > kLeastAlong * wish.norm()) return along.normalized();
+  return normal_.cross(side).norm() > 0.1 ? Vec3d(normal_.cross(side).normalized()) : normal_.cross(other).normalized();
+}
+
+void Operator::follow(const Action& action, double dt) {
+  constexpr double kSettling = 0.12;    // s in which the force comes to the one asked for
+  constexpr double kMostPush = 0.08;    // m
+  constexpr double kMostAhead = 0.012;  // m that the cursor runs ahead of a tip that is held up
+  constexpr double kSeek = 0.05;        // m/s towards a surface that is lost
+  tally_.following += dt;
+  followed_ += dt;
+  Vec3d drift = Vec3d::Zero();
+  if (touching()) {
+    lost_ = 0;
+    const Vec3d ahead = cursor_ - proxy_;
+    const Vec3d flat = ahead - normal_ * normal_.dot(ahead);
+    const double length = flat.norm();
+    cursor_ = proxy_ + (length > kMostAhead ? Vec3d(flat * (kMostAhead / length)) : flat);
+    if (action.kind == ActionKind::kFollow) drift = tangent(action) * action.speed;
+    push_ += (action.force - force_) / settings_.hand_stiffness * std::min(1.0, dt / kSettling);
+    push_ = std::clamp(push_, 0.0, kMostPush);
+  } else {
+    constexpr double kGap = 0.05;        // s: a hop, no loss
+    constexpr double kStraightOn = 0.3;  // s along the normal, then towards the object's centre
+    constexpr double kGiveUp = 1.0;      // s, then a new approach
+    if (lost_ < kGap && lost_ + dt >= kGap) ++tally_.contacts_lost;
+    lost_ += dt;
+    if (lost_ > kGiveUp) {
+      stage_ = Stage::kBegin;
+      return;
+    }
+    const Vec3d inwards = lost_ < kStraightOn ? Vec3d(-normal_) : Vec3d((view_.centre - cursor_).normalized());
+    drift = inwards * kSeek;
+  }
+  cursor_ += drift * dt;
+  hand_ = cursor_ - normal_ * push_;
+  hand_velocity_ = drift;
+}
+
+}  // namespace tactus::client_sim

@@ -1,0 +1,128 @@
+/// A simulated user's mind: it knows where objects are and what its hand feels, and says where the hand wants to be.
+///
+/// It sees no mesh. Of an object it knows the catalogue's bounds and pose; of the contact the probe states of its own
+/// probe. World frame, SI; times are session time. One thread at a time. Not realtime.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "client_sim/scenario.hpp"
+#include "session/messages.hpp"
+
+namespace tactus::client_sim {
+
+/// An object as the catalogue tells it: a box.
+struct ObjectView {
+  std::uint64_t id = 0;
+  Vec3d centre = Vec3d::Zero();                            ///< world, m
+  Vec3d half = Vec3d::Zero();                              ///< half edges along the object's axes, m
+  Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();  ///< object's axes to world
+};
+[[nodiscard]] ObjectView view_of(const session::CatalogueEntry& entry);
+
+/// By object name.
+using Objects = std::map<std::string, ObjectView>;
+
+/// The object that a scenario means: by name, or for "#n" the n-th by name, counted around. Null when there is none.
+[[nodiscard]] const ObjectView* find_object(const Objects& objects, const std::string& reference);
+
+struct OperatorSettings {
+  double hand_stiffness = 250;             ///< N/m, what the user takes its own hand for
+  double travel_speed = 0.25;              ///< m/s, in the air
+  double clearance = 0.02;                 ///< m outside an object's bounds where approaches begin
+  std::int64_t period_ns = 10'000'000;     ///< between intents
+  std::int64_t lookahead_ns = 40'000'000;  ///< for which an intent says how the hand goes on
+};
+
+/// What became of the script so far.
+struct OperatorTally {
+  std::uint32_t taps = 0;
+  std::uint32_t approaches_missed = 0;  ///< went through where the object should be and felt nothing
+  std::uint32_t contacts_lost = 0;      ///< while following
+  double following = 0;                 ///< s
+};
+
+class Operator {
+ public:
+  Operator(const User& user, const OperatorSettings& settings);
+
+  /// Of this user's probe; others are ignored, and so are samples older than one already felt.
+  void on_probe_state(const session::ProbeState& state);
+
+  /// Goes on with the script; an intent whenever one is due. Before the first probe state there is none. `origin` is
+  /// left to the caller.
+  [[nodiscard]] std::optional<session::Intent> tick(std::int64_t session_now_ns, const Objects& objects);
+
+  /// The script has ended and does not repeat.
+  [[nodiscard]] bool done() const noexcept { return done_; }
+  [[nodiscard]] const OperatorTally& tally() const noexcept { return tally_; }
+  [[nodiscard]] const User& user() const noexcept { return user_; }
+  /// Following, that is expected to be in contact.
+  [[nodiscard]] bool following() const noexcept { return stage_ == Stage::kFollow; }
+
+ private:
+  enum class Stage : std::uint8_t { kBegin, kTravel, kSteady, kPressIn, kLiftOff, kFollow, kStill };
+
+  void act(double dt, const Objects& objects);
+  [[nodiscard]] bool begin(const Action& action, const Objects& objects);
+  void plan_way(const Vec3d& to);
+  void next_action();
+  void press_in(const Action& action, double dt);
+  void lift_off(const Action& action, double dt);
+  void follow(const Action& action, double dt);
+  void start_following(const Action& action);
+  [[nodiscard]] bool go_to(const Vec3d& target, double speed, double dt);
+  [[nodiscard]] Vec3d tangent(const Action& action);
+  [[nodiscard]] bool touching() const noexcept;
+
+  User user_;
+  OperatorSettings settings_;
+  std::uint64_t user_id_;
+  std::uint32_t sequence_ = 0;
+  OperatorTally tally_;
+
+  // What is felt.
+  bool felt_ = false;
+  std::int64_t felt_ns_ = 0;
+  Vec3d device_ = Vec3d::Zero(), proxy_ = Vec3d::Zero();
+  Vec3d travel_ = Vec3d::Zero();   // velocity of the proxy, smoothed
+  Vec3d normal_ = Vec3d::UnitZ();  // of the surface, as far as the force tells
+  double force_ = 0;               // N, smoothed
+  double raw_force_ = 0;
+  bool in_contact_ = false;
+
+  // What is wanted.
+  std::size_t action_ = 0;
+  bool done_ = false;
+  Stage stage_ = Stage::kBegin;
+  std::int64_t ticked_ns_ = 0;
+  Vec3d hand_ = Vec3d::Zero(), hand_velocity_ = Vec3d::Zero();
+  double clock_ = 0;     // s in this stage
+  double followed_ = 0;  // s of this action
+  std::uint32_t attempts_ = 0, taps_ = 0;
+  std::vector<Vec3d> way_;  // still to pass, last first
+
+  // The object of the action.
+  std::string object_;
+  ObjectView view_;
+  Vec3d outwards_ = Vec3d::UnitZ();  // to where the hand comes from, world
+  Vec3d start_ = Vec3d::Zero();      // outside the bounds
+  double depth_ = 0;                 // m from `start_` to the far side of the bounds
+
+  // Touching.
+  Vec3d touched_ = Vec3d::Zero();  // where contact began
+  bool has_touched_ = false;
+  Vec3d cursor_ = Vec3d::Zero();  // runs along the surface ahead of the proxy
+  double push_ = 0;               // m that the hand wants to be below the cursor
+  double lost_ = 0;               // s without contact
+  double extent_ = 0;
+  double row_ = 0, row_step_ = 0, heading_ = 1;  // zigzag
+  double plane_ = 0;                             // around: distance of the path's plane from the centre
+};
+
+}  // namespace tactus::client_sim

@@ -1,0 +1,95 @@
+/// What simulated users shall do, read from YAML.
+///
+///     name: touch
+///     duration: 10            # s
+///     users:
+///       - name: ann
+///         hrtc: "#1"          # a name, or the n-th of those there, sorted by name
+///         script:
+///           - approach: {object: organ, direction: [0, 0, 1], speed: 0.1, until_force: 0.5}
+///           - tap: {count: 5, speed: 0.2, force: 1}
+///           - retreat: {}
+///
+/// SI units. Not realtime.
+#pragma once
+
+#include <cstdint>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "spm/model.hpp"
+
+namespace tactus::client_sim {
+
+using spm::Vec3d;
+
+/// The message is `file:line:column: key: found ..., expected ...`.
+class ScenarioError : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+enum class ActionKind : std::uint8_t {
+  kApproach,  ///< from outside towards `point` of the object until the force is felt
+  kTap,       ///< in until force or depth, out again, `count` times
+  kFollow,    ///< along the surface at `speed`, pressed on with `force`, for `seconds`
+  kHold,      ///< pressed on with `force` (0: just still) for `seconds`
+  kWait,      ///< hand still for `seconds`
+  kRetreat    ///< out of the object's bounds the way it came
+};
+
+/// Ways along a surface; each stays on an object whose bounds are all that is known of it.
+enum class Pattern : std::uint8_t {
+  kCircle,  ///< round and round the point of first touch, at `extent` from it, as seen along the approach
+  kZigzag,  ///< to and fro in rows over a square of half edge `extent`
+  kAround   ///< all around the object's centre, in the plane of the approach
+};
+
+struct Action {
+  ActionKind kind = ActionKind::kWait;
+  std::string object;                  ///< name or "#n"; empty: the one of the action before
+  Vec3d direction = Vec3d::UnitZ();    ///< object's frame, from the object to where the hand comes from; unit
+  Vec3d point = Vec3d::Constant(0.5);  ///< aimed at, as a share of the object's bounds along each axis
+  double speed = 0.1;                  ///< m/s
+  double force = 1;                    ///< N; of an approach: until_force
+  double depth = 0;                    ///< tap: m beyond the first touch at which it turns; 0: at `force`
+  double seconds = 1;
+  std::uint32_t count = 1;
+  Pattern pattern = Pattern::kCircle;
+  double extent = 0;  ///< m; 0: a third of what the bounds give
+};
+
+struct User {
+  std::string name;
+  std::string hrtc;       ///< name or "#n"
+  double radius = 0.003;  ///< m, of the probe
+  bool repeat = false;    ///< begin the script anew until the session ends
+  std::vector<Action> script;
+};
+
+struct Scenario {
+  std::string name;
+  double duration = 10;  ///< s from the moment all users are served
+  std::uint64_t seed = 1;
+  std::vector<User> users;
+};
+
+/// Reads `text`; `source` names it in messages. Unknown keys, wrong types and values out of range throw ScenarioError.
+[[nodiscard]] Scenario parse_scenario(const std::string& text, const std::string& source);
+
+/// A built-in scenario's name, or else a file's path. Throws ScenarioError, naming the built-in ones when there is
+/// neither.
+[[nodiscard]] Scenario load_scenario(const std::string& name_or_path);
+
+/// `touch`, `follow` and `demo`: name and YAML text.
+struct BuiltInScenario {
+  const char* name;
+  const char* text;
+};
+[[nodiscard]] const std::vector<BuiltInScenario>& built_in_scenarios();
+
+/// "#3" is 3; 0 for a name.
+[[nodiscard]] std::uint32_t place_of(const std::string& reference);
+
+}  // namespace tactus::client_sim

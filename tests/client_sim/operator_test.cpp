@@ -1,0 +1,307 @@
+#include "client_sim/operator.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <deque>
+#include <functional>
+#include <utility>
+#include <vector>
+
+#include "haptics/force.hpp"
+#include "haptics/simulated_device.hpp"
+#include "tests/haptics/triangle_surface.hpp"
+
+namespace tactus::client_sim {
+namespace {
+
+using haptics::testing::Triangle;
+using haptics::testing::TriangleSurface;
+
+/// One user, one controller, one object, and a network that delays both ways: 1 kHz in simulated time.
+class ClosedLoop {
+ public:
+  ClosedLoop(std::vector<Triangle> triangles, User user, std::int64_t delay_ns = 5'000'000)
+      : surface_{std::move(triangles)}, delay_ns_{delay_ns}, operator_{user, {}} {
+    haptics::HandSettings hand;
+    hand.start = {0.05, 0.1, 0.3};
+    device_.emplace(hand);
+    limits_.soft_start = 0;
+    force_.emplace(limits_, device_->spec());
+    proxy_ = haptics::Proxy{[&] {
+      haptics::ProxySettings settings;
+      settings.radius = user.radius;
+      return settings;
+    }()};
+    Vec3d low = Vec3d::Constant(1e9);
+    Vec3d high = -low;
+    for (const Triangle& triangle : surface_.triangles()) {
+      for (const Vec3d& corner : triangle) {
+        low = low.cwiseMin(corner);
+        high = high.cwiseMax(corner);
+      }
+    }
+    ObjectView view;
+    view.id = 1;
+    view.centre = (low + high) / 2;
+    view.half = (high - low) / 2;
+    objects_["body"] = view;
+  }
+
+  void set_friction(double coefficient) { friction_ = coefficient; }
+
+  /// Runs until the script ends or `seconds` have passed; calls `each` after every cycle.
+  void run(double seconds, const std::function<void(double force, bool contact)>& each = {}) {
+    const std::int64_t end = now_ns_ + static_cast<std::int64_t>(seconds * 1e9);
+    for (; now_ns_ < end && !operator_.done(); now_ns_ += 1'000'000) {
+      cycle();
+      if (each) each(state_.force.norm(), state_.contact);
+    }
+  }
+
+  [[nodiscard]] const Operator& user() const { return operator_; }
+  [[nodiscard]] const Vec3d& proxy() const { return proxy_.last().proxy; }
+  [[nodiscard]] double seconds() const { return static_cast<double>(now_ns_) * 1e-9; }
+  /// Where the tip was, each cycle of following.
+  std::vector<Vec3d> path;
+
+ private:
+  struct State {
+    Vec3d force = Vec3d::Zero();
+    bool contact = false;
+  };
+
+  void cycle() {
+    while (!intents_.empty() && intents_.front().first <= now_ns_) {
+      haptics::HandPath wish;
+      for (const session::Waypoint& waypoint : intents_.front().second.path) {
+        wish.waypoints[wish.count++] = {waypoint.session_time_ns, waypoint.position};
+      }
+      device_->wishes().post(wish);
+      intents_.pop_front();
+    }
+    const haptics::DeviceState device = device_->read(now_ns_);
+    const haptics::Feel feel{1000, 1};
+    proxy_.set_grip({friction_, 0.8 * friction_, force_->stiffness(feel, 1e-3)});
+    const haptics::ProxyResult& touch = proxy_.step(device.position, 1e-3, surface_, false);
+    state_.force = force_->step(touch, device, feel, 0, 1e-3).force;
+    state_.contact = touch.in_contact;
+    device_->write(state_.force);
+    if (operator_.following()) path.push_back(touch.proxy);
+
+    session::ProbeState sample;
+    sample.user_id = session::id_of(operator_.user().name);
+    sample.session_time_ns = now_ns_;
+    for (int axis = 0; axis < 3; ++axis) {
+      sample.device.position[axis] = device.position[axis];
+      sample.proxy[axis] = touch.proxy[axis];
+      sample.force[axis] = state_.force[axis];
+    }
+    if (state_.contact) sample.status |= session::kInContact;
+    states_.emplace_back(now_ns_ + delay_ns_, sample);
+    while (states_.front().first <= now_ns_) {
+      operator_.on_probe_state(states_.front().second);
+      states_.pop_front();
+    }
+    if (const auto intent = operator_.tick(now_ns_, objects_)) intents_.emplace_back(now_ns_ + delay_ns_, *intent);
+  }
+
+  TriangleSurface surface_;
+  std::int64_t delay_ns_;
+  Operator operator_;
+  haptics::ForceSettings limits_;
+  std::optional<haptics::SimulatedDevice> device_;
+  std::optional<haptics::ForceRenderer> force_;
+  haptics::Proxy proxy_;
+  Objects objects_;
+  double friction_ = 0;
+  State state_;
+  std::int64_t now_ns_ = 1'000'000'000;
+  std::deque<std::pair<std::int64_t, session::Intent>> intents_;
+  std::deque<std::pair<std::int64_t, session::ProbeState>> states_;
+};
+
+User user_with(const std::string& script) {
+  return parse_scenario("name: t\nusers:\n  - name: ann\n    script:\n" + script, "test").users.front();
+}
+
+struct Body {
+  const char* name;
+  std::vector<Triangle> triangles;
+};
+
+std::vector<Body> bodies() {
+  return {{"sphere", haptics::testing::sphere(0.1, 4)}, {"bumpy", haptics::testing::bumpy(0.1, 4, 0.08)}};
+}
+
+TEST(Operator, SaysNothingBeforeItFeelsItsProbe) {
+  Operator ann{user_with("      - wait: {seconds: 1}\n"), {}};
+  EXPECT_FALSE(ann.tick(1'000'000'000, {}).has_value());
+}
+
+TEST(Operator, SpeaksAHundredTimesASecondAndALittleAhead) {
+  Operator ann{user_with("      - approach: {object: body}\n"), {}};
+  session::ProbeState state;
+  state.user_id = session::id_of("ann");
+  state.session_time_ns = 1;
+  state.device.position = {0, 0, 1};
+  ann.on_probe_state(state);
+  ObjectView view;
+  view.half = {0.1, 0.1, 0.1};
+  int intents = 0;
+  for (std::int64_t now = 1'000'000'000; now < 2'000'000'000; now += 1'000'000) {
+    const auto intent = ann.tick(now, {{"body", view}});
+    if (!intent) continue;
+    ++intents;
+    EXPECT_EQ(intent->sequence, static_cast<std::uint32_t>(intents));
+    ASSERT_EQ(intent->path.size(), 2u);
+    EXPECT_EQ(intent->path[0].session_time_ns, now);
+    EXPECT_EQ(intent->path[1].session_time_ns, now + 40'000'000);
+  }
+  EXPECT_EQ(intents, 100);
+}
+
+TEST(Operator, WaitsForAnObjectThatIsNotThere) {
+  Operator ann{user_with("      - approach: {object: body}\n"), {}};
+  session::ProbeState state;
+  state.user_id = session::id_of("ann");
+  state.session_time_ns = 1;
+  state.device.position = {0.1, 0.2, 0.3};
+  ann.on_probe_state(state);
+  const auto intent = ann.tick(1'000'000'000, {});
+  ASSERT_TRUE(intent);
+  EXPECT_EQ(intent->path.back().position, state.device.position);
+}
+
+TEST(Operator, ApproachesUntilItFeelsTheForceAskedFor) {
+  for (const Body& body : bodies()) {
+    ClosedLoop loop{
+        body.triangles,
+        user_with("      - approach: {object: body, direction: [1, 1, 0.2], speed: 0.1, until_force: 0.5}\n")};
+    double last = 0;
+    loop.run(10, [&](double force, bool) { last = force; });
+    EXPECT_TRUE(loop.user().done()) << body.name;
+    EXPECT_GE(last, 0.4) << body.name;
+    EXPECT_LT(last, 2) << body.name;
+    EXPECT_GT(loop.proxy().dot(Vec3d(1, 1, 0.2).normalized()), 0.08) << body.name;
+  }
+}
+
+TEST(Operator, TapsAsOftenAsAskedAndFeelsTheForceEachTime) {
+  for (const double speed : {0.05, 0.2, 0.5}) {
+    ClosedLoop loop{bodies()[1].triangles,
+                    user_with("      - tap: {object: body, direction: [0, 1, 1], count: 5, speed: " +
+                              std::to_string(speed) + ", force: 1}\n")};
+    int onsets = 0;
+    int cycles_in_the_air = 1000;
+    double peak = 1;
+    loop.run(30, [&](double force, bool contact) {
+      if (contact && cycles_in_the_air > 20) {  // a bounce of the device's mass is no new tap
+        EXPECT_GE(peak, 1) << speed << " m/s";
+        ++onsets;
+        peak = 0;
+      }
+      cycles_in_the_air = contact ? 0 : cycles_in_the_air + 1;
+      peak = std::max(peak, force);
+    });
+    EXPECT_TRUE(loop.user().done()) << speed << " m/s";
+    EXPECT_EQ(loop.user().tally().taps, 5u) << speed << " m/s";
+    EXPECT_EQ(onsets, 5) << speed << " m/s";
+  }
+}
+
+TEST(Operator, StaysInContactWhileItFollowsAtTheSpeedAndForceAskedFor) {
+  for (const Body& body : bodies()) {
+    for (const char* pattern : {"circle", "zigzag", "around"}) {
+      for (const double friction : {0.0, 0.4}) {
+        ClosedLoop loop{body.triangles,
+                        user_with("      - follow: {object: body, direction: [0.2, -1, 0.5], speed: 0.05, force: 1.5, "
+                                  "seconds: 10, pattern: " +
+                                  std::string{pattern} + "}\n")};
+        loop.set_friction(friction);
+        int cycles = 0;
+        int contact_cycles = 0;
+        int in_band = 0;
+        double sum = 0;
+        loop.run(20, [&](double force, bool contact) {
+          if (!loop.user().following()) return;
+          ++cycles;
+          if (contact) ++contact_cycles;
+          if (force > 0.75 && force < 2.25) ++in_band;
+          sum += force;
+        });
+        double length = 0;
+        for (std::size_t i = 1; i < loop.path.size(); ++i) length += (loop.path[i] - loop.path[i - 1]).norm();
+        SCOPED_TRACE(std::string{body.name} + " " + pattern + " friction " + std::to_string(friction));
+        EXPECT_TRUE(loop.user().done());
+        EXPECT_GT(cycles, 9000);
+        EXPECT_GT(contact_cycles, 0.95 * cycles);
+        EXPECT_GT(in_band, 0.9 * cycles);
+        EXPECT_NEAR(sum / cycles, 1.5, 0.2);
+        EXPECT_NEAR(length / (1e-3 * cycles), 0.05, 0.01);
+        EXPECT_EQ(loop.user().tally().contacts_lost, 0u);
+      }
+    }
+  }
+}
+
+TEST(Operator, FollowsOverTensOfMillisecondsOfNetwork) {
+  ClosedLoop loop{bodies()[1].triangles,
+                  user_with("      - follow: {object: body, speed: 0.05, force: 1.5, seconds: 8}\n"), 25'000'000};
+  int cycles = 0;
+  int contact_cycles = 0;
+  loop.run(20, [&](double, bool contact) {
+    if (!loop.user().following()) return;
+    ++cycles;
+    if (contact) ++contact_cycles;
+  });
+  EXPECT_TRUE(loop.user().done());
+  EXPECT_GT(contact_cycles, 0.95 * cycles);
+}
+
+TEST(Operator, ComesBackToASurfaceThatItLost) {
+  // A sphere with its cap cut off: the path along the rim falls off again and again.
+  std::vector<Triangle> open;
+  for (const Triangle& triangle : haptics::testing::sphere(0.1, 4)) {
+    if ((triangle[0] + triangle[1] + triangle[2]).z() / 3 < 0.06) open.push_back(triangle);
+  }
+  ClosedLoop loop{open, user_with("      - follow: {object: body, direction: [1, 0, 0.3], speed: 0.05, force: 1.5, "
+                                  "seconds: 15, pattern: circle, extent: 0.06}\n")};
+  int cycles = 0;
+  int contact_cycles = 0;
+  loop.run(60, [&](double, bool contact) {
+    if (!loop.user().following()) return;
+    ++cycles;
+    if (contact) ++contact_cycles;
+  });
+  EXPECT_TRUE(loop.user().done());
+  EXPECT_GT(contact_cycles, 0.5 * cycles);
+  EXPECT_GT(loop.user().tally().contacts_lost, 0u);
+}
+
+TEST(Operator, RetreatsOutOfTheBounds) {
+  ClosedLoop loop{bodies()[1].triangles,
+                  user_with("      - approach: {object: body, direction: [0, 1, 0.4]}\n      - hold: {seconds: 0.5, "
+                            "force: 2}\n      - retreat: {speed: 0.2}\n")};
+  bool contact_now = true;
+  loop.run(20, [&](double, bool contact) { contact_now = contact; });
+  EXPECT_TRUE(loop.user().done());
+  EXPECT_FALSE(contact_now);
+  EXPECT_GT(loop.proxy().cwiseAbs().maxCoeff(), 0.1);
+}
+
+TEST(Operator, GivesUpOnAnObjectThatIsNotWhereItsBoundsSay) {
+  using haptics::testing::operator+;
+  std::vector<Triangle> twins = haptics::testing::sphere(0.02, 2);
+  for (Triangle& triangle : twins) {
+    for (Vec3d& corner : triangle) corner.x() += 0.2;
+  }
+  ClosedLoop loop{twins + haptics::testing::sphere(0.02, 2),
+                  user_with("      - approach: {object: body, speed: 0.3}\n")};
+  loop.run(120);
+  EXPECT_TRUE(loop.user().done());
+  EXPECT_EQ(loop.user().tally().approaches_missed, 5u);
+}
+
+}  // namespace
+}  // namespace tactus::client_sim

@@ -1,0 +1,157 @@
+#include "client_sim/scenario.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cstdio>
+#include <fstream>
+#include <string>
+
+namespace tactus::client_sim {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::StartsWith;
+
+std::string error_of(const std::string& text) {
+  try {
+    (void)parse_scenario(text, "s.yaml");
+  } catch (const ScenarioError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+/// A scenario whose only action is `action`, which begins at line 5, column 9.
+std::string with_action(const std::string& action) {
+  return "name: t\nusers:\n  - name: ann\n    script:\n      - " + action + "\n";
+}
+
+TEST(Scenario, HoldsWhatTheTextSays) {
+  const Scenario scenario = parse_scenario(R"(
+name: two
+duration: 12.5
+seed: 77
+users:
+  - name: ann
+    hrtc: left
+    radius: 0.004
+    repeat: true
+    script:
+      - approach: {object: organ, direction: [0, 0, 2], point: [0.25, 0.5, 1], speed: 0.2, until_force: 0.75}
+      - tap: {count: 3, speed: 0.5, force: 2, depth: 0.004}
+      - follow: {speed: 0.05, force: 1.5, seconds: 8, pattern: zigzag, extent: 0.02}
+      - hold: {seconds: 2, force: 1}
+      - wait: {seconds: 0.5}
+      - retreat:
+  - name: bob
+    script:
+      - approach: {object: "#2"}
+)",
+                                           "s.yaml");
+  EXPECT_EQ(scenario.name, "two");
+  EXPECT_EQ(scenario.duration, 12.5);
+  EXPECT_EQ(scenario.seed, 77u);
+  ASSERT_EQ(scenario.users.size(), 2u);
+  const User& ann = scenario.users[0];
+  EXPECT_EQ(ann.hrtc, "left");
+  EXPECT_EQ(ann.radius, 0.004);
+  EXPECT_TRUE(ann.repeat);
+  ASSERT_EQ(ann.script.size(), 6u);
+  EXPECT_EQ(ann.script[0].kind, ActionKind::kApproach);
+  EXPECT_EQ(ann.script[0].object, "organ");
+  EXPECT_EQ(ann.script[0].direction, Vec3d(0, 0, 1));
+  EXPECT_EQ(ann.script[0].point, Vec3d(0.25, 0.5, 1));
+  EXPECT_EQ(ann.script[0].force, 0.75);
+  EXPECT_EQ(ann.script[1].kind, ActionKind::kTap);
+  EXPECT_EQ(ann.script[1].count, 3u);
+  EXPECT_EQ(ann.script[1].depth, 0.004);
+  EXPECT_EQ(ann.script[2].pattern, Pattern::kZigzag);
+  EXPECT_EQ(ann.script[2].extent, 0.02);
+  EXPECT_EQ(ann.script[3].kind, ActionKind::kHold);
+  EXPECT_EQ(ann.script[4].seconds, 0.5);
+  EXPECT_EQ(ann.script[5].kind, ActionKind::kRetreat);
+  EXPECT_EQ(scenario.users[1].hrtc, "#1");
+  EXPECT_FALSE(scenario.users[1].repeat);
+}
+
+TEST(Scenario, BuiltInOnesAreSound) {
+  for (const BuiltInScenario& built_in : built_in_scenarios()) {
+    const Scenario scenario = load_scenario(built_in.name);
+    EXPECT_EQ(scenario.name, built_in.name);
+  }
+  EXPECT_EQ(load_scenario("demo").users.size(), 3u);
+}
+
+TEST(Scenario, ErrorsNamePlaceKeyFindingAndExpectation) {
+  EXPECT_EQ(error_of(with_action("tap: {object: a, speed: 9}")),
+            "s.yaml:5:33: users[0].script[0].tap.speed: found '9', expected a number from 0.0001 to 0.5");
+  EXPECT_EQ(error_of(with_action("tap: {object: a, sped: 9}")),
+            "s.yaml:5:26: users[0].script[0].tap: unknown key 'sped', expected one of object, direction, point, count, "
+            "speed, force, depth");
+  EXPECT_EQ(error_of(with_action("poke: {}")),
+            "s.yaml:5:9: users[0].script[0]: unknown key 'poke', expected one of approach, tap, follow, hold, wait, "
+            "retreat");
+  EXPECT_EQ(error_of("name: t\nuser: 3\n"),
+            "s.yaml:2:1: unknown key 'user', expected one of name, duration, seed, users");
+}
+
+TEST(Scenario, RefusesValuesThatAreNotWhatTheyShouldBe) {
+  EXPECT_THAT(error_of(with_action("tap: {object: a, count: 2.5}")), HasSubstr("expected a whole number"));
+  EXPECT_THAT(error_of(with_action("tap: {object: a, count: many}")),
+              HasSubstr("count: found 'many', expected a number"));
+  EXPECT_THAT(error_of(with_action("tap: {object: a, speed: .nan}")), HasSubstr("speed: found '.nan'"));
+  EXPECT_THAT(error_of(with_action("tap: {object: a, speed: -.inf}")), HasSubstr("speed: found '-.inf'"));
+  EXPECT_THAT(error_of(with_action("tap: {object: a, direction: [0, 0, 0]}")), HasSubstr("found a zero vector"));
+  EXPECT_THAT(error_of(with_action("tap: {object: a, direction: [0, 1]}")),
+              HasSubstr("expected a list of three numbers"));
+  EXPECT_THAT(error_of(with_action("tap: {object: a, point: [0, 0, 2]}")), HasSubstr("tap.point[2]: found '2'"));
+  EXPECT_THAT(error_of(with_action("tap: {object: [a]}")), HasSubstr("object: found a list, expected a name"));
+  EXPECT_THAT(error_of(with_action("tap: {object: " + std::string(64, 'x') + "}")), HasSubstr("1 to 63 bytes"));
+  EXPECT_THAT(error_of(with_action("follow: {object: a, pattern: spiral}")), HasSubstr("circle, zigzag or around"));
+  EXPECT_THAT(error_of(with_action("tap: 3")), HasSubstr("tap: found '3', expected a map"));
+  EXPECT_THAT(error_of(with_action("tap")), HasSubstr("found 'tap', expected a map"));
+  EXPECT_THAT(error_of(with_action("{tap: {object: a}, wait: {}}")), HasSubstr("expected one action"));
+}
+
+TEST(Scenario, RefusesWhatIsMissingOrTwice) {
+  EXPECT_THAT(error_of(""), HasSubstr("expected a map"));
+  EXPECT_THAT(error_of("name: t\n"), HasSubstr("key 'users' is missing"));
+  EXPECT_THAT(error_of("users: []\nname: t\n"), HasSubstr("users: found a list, expected a list of users"));
+  EXPECT_THAT(error_of("name: t\nusers:\n  - script: []\n"), HasSubstr("users[0]: key 'name' is missing"));
+  EXPECT_THAT(error_of("name: t\nname: u\nusers: []\n"), HasSubstr("key 'name' occurs twice"));
+  EXPECT_THAT(error_of(with_action("tap: {}")), HasSubstr("names no object"));
+  EXPECT_THAT(error_of("name: t\nusers:\n  - {name: a, script: [wait: {}]}\n  - {name: a, script: [wait: {}]}\n"),
+              HasSubstr("name 'a' occurs twice"));
+}
+
+TEST(Scenario, OfBrokenYamlTellsWhere) {
+  EXPECT_THAT(error_of("name: t\nusers: [\n"), StartsWith("s.yaml:3:1: not YAML:"));
+}
+
+TEST(Scenario, ThatIsNeitherBuiltInNorAFileNamesTheBuiltInOnes) {
+  try {
+    (void)load_scenario("/nowhere/x.yaml");
+    FAIL();
+  } catch (const ScenarioError& error) {
+    EXPECT_THAT(error.what(), HasSubstr("(touch, follow, demo)"));
+  }
+}
+
+TEST(Scenario, IsReadFromAFile) {
+  const std::string path = ::testing::TempDir() + "tactus_scenario_test.yaml";
+  std::ofstream{path} << with_action("wait: {seconds: 3}");
+  EXPECT_EQ(load_scenario(path).users[0].script[0].seconds, 3);
+  std::remove(path.c_str());
+}
+
+TEST(PlaceOf, ReadsTheNumberAfterAHash) {
+  EXPECT_EQ(place_of("#1"), 1u);
+  EXPECT_EQ(place_of("#12"), 12u);
+  EXPECT_EQ(place_of("organ"), 0u);
+  EXPECT_EQ(place_of("#x"), 0u);
+  EXPECT_EQ(place_of("#"), 0u);
+}
+
+}  // namespace
+}  // namespace tactus::client_sim
