@@ -1,0 +1,157 @@
+#include "spm/offline/model_file.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cstring>
+#include <fstream>
+
+#include "spm/offline/build.hpp"
+#include "spm/offline/generate.hpp"
+#include "tests/support/temporary_folder.hpp"
+
+namespace tactus::spm::offline {
+namespace {
+
+using test_support::read_bytes;
+using test_support::TemporaryFolder;
+using test_support::write_bytes;
+using ::testing::HasSubstr;
+
+std::string refusal(const std::filesystem::path& path) {
+  try {
+    const MappedModel model{path};
+  } catch (const ModelError& e) {
+    return e.what();
+  }
+  return {};
+}
+
+class ModelFile : public ::testing::Test {
+ protected:
+  ModelFile() : built_{build_model(generate(Shape::kOrgan, 2000))}, path_{folder_.path() / "organ.spm"} {
+    CleanReport cleaned;
+    cleaned.duplicate_faces = 7;
+    write_model(path_, built_.model(), {"organ.obj", cleaned});
+    bytes_ = read_bytes(path_);
+  }
+
+  TemporaryFolder folder_;
+  BuiltModel built_;
+  std::filesystem::path path_;
+  std::string bytes_;
+};
+
+TEST_F(ModelFile, GivesBackWhatWasWritten) {
+  const MappedModel mapped{path_};
+  const Model model = mapped.model();
+  const auto same = [](const auto& a, const auto& b) {
+    return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(a[0])) == 0;
+  };
+  EXPECT_EQ(std::memcmp(&model.summary, &built_.summary, sizeof model.summary), 0);
+  EXPECT_TRUE(same(model.positions, built_.positions));
+  EXPECT_TRUE(same(model.base_faces, built_.base_faces));
+  EXPECT_TRUE(same(model.parts, built_.parts));
+  EXPECT_TRUE(same(model.regions, built_.regions));
+  EXPECT_TRUE(same(model.runs, built_.runs));
+  EXPECT_EQ(mapped.provenance().source, "organ.obj");
+  EXPECT_EQ(mapped.provenance().cleaned.duplicate_faces, 7u);
+}
+
+TEST_F(ModelFile, IsKnownByItsFirstBytes) {
+  EXPECT_TRUE(is_model_file(path_));
+  write_bytes(folder_.path() / "other", "solid nothing");
+  EXPECT_FALSE(is_model_file(folder_.path() / "other"));
+  EXPECT_FALSE(is_model_file(folder_.path() / "missing"));
+}
+
+TEST_F(ModelFile, AnyFlippedBitIsRefused) {
+  // Every byte of header and table, and bytes all over the sections.
+  for (std::size_t at = 0; at < bytes_.size(); at += at < 512 ? 1 : 997) {
+    std::string damaged = bytes_;
+    damaged[at] = static_cast<char>(damaged[at] ^ 1 << at % 8);
+    write_bytes(path_, damaged);
+    const std::string message = refusal(path_);
+    // The few bytes of padding between sections carry nothing.
+    if (message.empty()) {
+      ASSERT_EQ(bytes_[at], 0) << "byte " << at;
+      ASSERT_EQ(MappedModel{path_}.model().summary.digest, built_.summary.digest) << "byte " << at;
+    } else {
+      ASSERT_THAT(message, HasSubstr("organ.spm"));
+    }
+  }
+}
+
+TEST_F(ModelFile, AFlippedBitInEachSectionNamesTheSection) {
+  const char* names[] = {"summary", "positions", "base faces", "parts", "regions", "runs", "statistics"};
+  for (std::size_t i = 0; i < 7; ++i) {
+    std::uint64_t offset = 0;
+    std::memcpy(&offset, bytes_.data() + 64 + 32 * i + 8, sizeof offset);
+    std::string damaged = bytes_;
+    damaged[offset + 5] = static_cast<char>(damaged[offset + 5] ^ 16);
+    write_bytes(path_, damaged);
+    EXPECT_THAT(refusal(path_), HasSubstr(std::string{"section "} + names[i] + ": checksum")) << names[i];
+  }
+}
+
+TEST_F(ModelFile, EveryTruncationIsRefused) {
+  for (std::size_t size = 0; size < bytes_.size(); size += size < 512 ? 7 : 4999) {
+    write_bytes(path_, bytes_.substr(0, size));
+    ASSERT_THAT(refusal(path_), HasSubstr("bytes")) << size;
+  }
+}
+
+TEST_F(ModelFile, ALaterVersionIsRefusedWithBothNamed) {
+  std::string later = bytes_;
+  later[8] = 9;
+  write_bytes(path_, later);
+  EXPECT_THAT(refusal(path_), HasSubstr("version 9"));
+  EXPECT_THAT(refusal(path_), HasSubstr("version 1"));
+}
+
+TEST_F(ModelFile, RefusesWhatIsMissingEmptyOrNoFile) {
+  EXPECT_THAT(refusal(folder_.path() / "missing.spm"), HasSubstr("No such file"));
+  write_bytes(path_, "");
+  EXPECT_THAT(refusal(path_), HasSubstr("found 0 bytes"));
+  EXPECT_THAT(refusal(folder_.path()), HasSubstr("no regular file"));
+}
+
+TEST_F(ModelFile, ASoundChecksumOverABrokenModelIsRefused) {
+  BuiltModel broken = built_;
+  broken.parts[3].parent = broken.summary.vertices;
+  write_model(path_, broken.model(), {});
+  EXPECT_THAT(refusal(path_), HasSubstr("record 3: parent"));
+}
+
+TEST_F(ModelFile, AnUnwritablePathIsRefusedAndLeavesNothing) {
+  EXPECT_THROW(write_model(folder_.path() / "no" / "such" / "folder.spm", built_.model(), {}), ModelError);
+  std::filesystem::create_directory(folder_.path() / "taken.spm");
+  std::filesystem::create_directory(folder_.path() / "taken.spm" / "inside");
+  EXPECT_THROW(write_model(folder_.path() / "taken.spm", built_.model(), {}), ModelError);
+  std::size_t entries = 0;
+  for (const auto& entry : std::filesystem::directory_iterator{folder_.path()}) {
+    static_cast<void>(entry);
+    ++entries;
+  }
+  EXPECT_EQ(entries, 2u);  // organ.spm and taken.spm
+}
+
+TEST_F(ModelFile, WritingOverAModelLeavesTheMappedOneIntact) {
+  const MappedModel mapped{path_};
+  const BuiltModel other = build_model(generate(Shape::kSphere, 1000));
+  write_model(path_, other.model(), {});
+  EXPECT_EQ(digest_of(mapped.model()), built_.summary.digest);
+  EXPECT_EQ(MappedModel{path_}.model().summary.digest, other.summary.digest);
+}
+
+TEST_F(ModelFile, TheDigestFollowsThePositionsButNotTheSource) {
+  EXPECT_EQ(digest_of(built_.model()), built_.summary.digest);
+  BuiltModel other = built_;
+  other.positions[0][0] += 1;
+  EXPECT_NE(digest_of(other.model()), built_.summary.digest);
+}
+
+}  // namespace
+}  // namespace tactus::spm::offline

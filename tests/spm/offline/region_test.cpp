@@ -1,0 +1,145 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
+#include <random>
+
+#include "spm/offline/build.hpp"
+#include "tests/support/mesh_zoo.hpp"
+#include "tests/support/reference_mesh.hpp"
+
+namespace tactus::spm::offline {
+namespace {
+
+using test_support::mesh_zoo;
+using test_support::ReferenceMesh;
+using test_support::ZooMesh;
+
+struct Box {
+  Vec3d low, high;
+};
+
+Box box_of(const Model& model, const Region& region) {
+  const double edge = std::ldexp(model.summary.grid.cell_size, -int{region.depth});
+  Box box;
+  for (int axis = 0; axis < 3; ++axis) {
+    const auto k = static_cast<std::size_t>(axis);
+    box.low[axis] = model.summary.grid.origin[k] + region.cell[k] * edge;
+    box.high[axis] = box.low[axis] + edge;
+  }
+  return box;
+}
+
+/// Whether anything of the triangle is left once it is clipped against the six sides of the box.
+bool clipped_is_left(std::vector<Vec3d> polygon, const Box& box) {
+  for (int axis = 0; axis < 3; ++axis) {
+    for (const double side : {1.0, -1.0}) {
+      const double limit = side > 0 ? box.high[axis] : -box.low[axis];
+      std::vector<Vec3d> inside;
+      for (std::size_t i = 0; i < polygon.size(); ++i) {
+        const Vec3d &a = polygon[i], &b = polygon[(i + 1) % polygon.size()];
+        const double da = limit - side * a[axis], db = limit - side * b[axis];
+        if (da >= 0) inside.push_back(a);
+        if ((da < 0) != (db < 0)) inside.push_back(a + (b - a) * (da / (da - db)));
+      }
+      polygon = std::move(inside);
+    }
+  }
+  return !polygon.empty();
+}
+
+class EveryMeshInRegions : public ::testing::TestWithParam<ZooMesh> {
+ protected:
+  EveryMeshInRegions() {
+    BuildOptions options;
+    options.simplify.base_faces = 12;
+    options.partition.cell_faces = 40;
+    options.partition.max_cell_faces = 80;
+    built_ = build_model(GetParam().mesh, options);
+    finest_ = finest_faces(built_.model());
+  }
+
+  std::vector<Vec3d> triangle(std::uint32_t face) const {
+    std::vector<Vec3d> corners;
+    for (const std::uint32_t v : finest_[face]) {
+      const std::array<float, 3>& p = built_.positions[v];
+      corners.emplace_back(p[0], p[1], p[2]);
+    }
+    return corners;
+  }
+
+  BuiltModel built_;
+  std::vector<Triangle> finest_;
+};
+
+INSTANTIATE_TEST_SUITE_P(Zoo, EveryMeshInRegions, ::testing::ValuesIn(mesh_zoo()),
+                         [](const auto& test) { return test.param.name; });
+
+TEST_P(EveryMeshInRegions, ARegionAloneShowsEveryFaceThatMeetsItAsInTheFinestMesh) {
+  const Model model = built_.model();
+  for (std::uint32_t i = 0; i < model.summary.regions; ++i) {
+    ReferenceMesh mesh{model};
+    ASSERT_TRUE(mesh.apply_region(i)) << "region " << i;
+    const Box box = box_of(model, model.regions[i]);
+    std::uint32_t meeting = 0;
+    for (std::uint32_t f = 0; f < model.summary.faces; ++f) {
+      if (!clipped_is_left(triangle(f), box)) continue;
+      ++meeting;
+      ASSERT_TRUE(mesh.finest(f)) << "region " << i << ", face " << f;
+      ASSERT_EQ(mesh.corners(f), finest_[f]) << "region " << i << ", face " << f;
+    }
+    EXPECT_LE(meeting, model.regions[i].face_count) << "region " << i;
+  }
+}
+
+TEST_P(EveryMeshInRegions, EveryPointOfEveryFaceLiesInALabelledCell) {
+  const Model model = built_.model();
+  std::mt19937 random{11};
+  std::uniform_real_distribution<double> share{0, 1};
+  std::vector<Box> boxes;
+  for (const Region& region : model.regions) boxes.push_back(box_of(model, region));
+  for (std::uint32_t f = 0; f < model.summary.faces; ++f) {
+    const std::vector<Vec3d> corner = triangle(f);
+    double a = share(random), b = share(random);
+    if (a + b > 1) a = 1 - a, b = 1 - b;
+    for (const Vec3d& p : {corner[0], Vec3d{corner[0] + a * (corner[1] - corner[0]) + b * (corner[2] - corner[0])}}) {
+      const bool covered = std::any_of(boxes.begin(), boxes.end(), [&](const Box& box) {
+        return (p.array() >= box.low.array()).all() && (p.array() <= box.high.array()).all();
+      });
+      ASSERT_TRUE(covered) << "face " << f;
+    }
+  }
+}
+
+TEST(Partition, DividesADenseCornerMoreThanTheRest) {
+  TriangleMesh mesh = test_support::grid_patch(40, 40);
+  TriangleMesh dense = test_support::grid_patch(40, 40);
+  for (std::array<float, 3>& p : dense.positions) p = {p[0] / 40, p[1] / 40, 1};
+  const auto first = static_cast<std::uint32_t>(mesh.positions.size());
+  mesh.positions.insert(mesh.positions.end(), dense.positions.begin(), dense.positions.end());
+  for (const Triangle& f : dense.faces) mesh.faces.push_back({f[0] + first, f[1] + first, f[2] + first});
+  const Partition cells = partition(mesh, {200, 300});
+  std::uint32_t shallow = 0, deep = 0;
+  for (const Cell& cell : cells.cells) {
+    EXPECT_LE(cell.face_count, 300u);
+    ++(cell.depth == 0 ? shallow : deep);
+  }
+  EXPECT_GT(shallow, 4u);
+  EXPECT_GT(deep, 8u);
+}
+
+TEST(Partition, DoesNotDivideAStackOfSheetsForNothing) {
+  TriangleMesh stack;
+  for (std::uint32_t i = 0; i < 400; ++i) {
+    const float z = static_cast<float>(i) * 1e-4f;
+    stack.positions.insert(stack.positions.end(), {{0, 0, z}, {1, 0, z}, {0, 1, z}});
+    stack.faces.push_back({3 * i, 3 * i + 1, 3 * i + 2});
+  }
+  const Partition cells = partition(stack, {100, 200});
+  EXPECT_LE(cells.faces.size(), 16 * stack.faces.size());
+}
+
+}  // namespace
+}  // namespace tactus::spm::offline

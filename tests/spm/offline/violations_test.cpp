@@ -1,0 +1,218 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstring>
+#include <functional>
+#include <limits>
+#include <random>
+
+#include "spm/offline/build.hpp"
+#include "spm/offline/generate.hpp"
+#include "tests/support/mesh_zoo.hpp"
+#include "tests/support/reference_mesh.hpp"
+
+namespace tactus::spm::offline {
+namespace {
+
+using test_support::ReferenceMesh;
+using ::testing::Contains;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+BuiltModel sound_model() {
+  BuildOptions options;
+  options.simplify.base_faces = 40;
+  options.partition.cell_faces = 60;
+  return build_model(generate(Shape::kOrgan, 1500), options);
+}
+
+struct Damage {
+  const char* name;
+  std::function<void(BuiltModel&)> apply;
+  const char* message;  ///< part of what violations() says
+};
+
+class EveryDamage : public ::testing::TestWithParam<Damage> {};
+
+TEST_P(EveryDamage, IsFound) {
+  BuiltModel model = sound_model();
+  ASSERT_THAT(violations(model.model()), IsEmpty());
+  GetParam().apply(model);
+  EXPECT_THAT(violations(model.model()), Contains(HasSubstr(GetParam().message)));
+}
+
+std::uint32_t record_with_deformed(const BuiltModel& m) {
+  std::uint32_t r = m.summary.records - 1;
+  while (m.parts[r].deformed_count == 0) --r;
+  return r;
+}
+
+const std::vector<Damage> kDamages{
+    {"NoFaces", [](BuiltModel& m) { m.summary.faces = 0; }, "faces: found 0"},
+    {"FacesThatNothingBears", [](BuiltModel& m) { ++m.summary.faces; }, "neither in the base mesh nor born"},
+    {"FarTooManyFaces", [](BuiltModel& m) { m.summary.faces = kMaxFaces - 1; }, "have room for"},
+    {"VerticesMissing", [](BuiltModel& m) { m.positions.pop_back(); }, "positions: found"},
+    {"PartsMissing", [](BuiltModel& m) { m.parts.pop_back(); }, "parts: found"},
+    {"PositionNotFinite", [](BuiltModel& m) { m.positions[5][1] = std::nanf(""); }, "vertex 5: position not finite"},
+    {"PositionOutOfBounds", [](BuiltModel& m) { m.positions[5][1] = 1e9f; }, "vertex 5: outside"},
+    {"CellSizeZero", [](BuiltModel& m) { m.summary.grid.cell_size = 0; }, "cell size"},
+    {"CellSizeNotFinite", [](BuiltModel& m) { m.summary.grid.cell_size = std::numeric_limits<double>::infinity(); },
+     "cell size"},
+    {"OriginNotFinite", [](BuiltModel& m) { m.summary.grid.origin[2] = std::nan(""); }, "grid origin"},
+    {"ScaleNegative", [](BuiltModel& m) { m.summary.metres_per_unit = -1; }, "metres per unit"},
+    {"BaseCornerNotBase", [](BuiltModel& m) { m.base_faces[0].corners[1] = m.summary.base_vertices; },
+     "base face 0: corner"},
+    {"BaseFaceTwice", [](BuiltModel& m) { m.base_faces[1].face = m.base_faces[0].face; }, "is there twice"},
+    {"BaseFaceIdTooHigh", [](BuiltModel& m) { m.base_faces[0].face = m.summary.faces; }, "base face 0: face id"},
+    {"BaseLastWrong", [](BuiltModel& m) { m.base_faces[0].last ^= 1u; }, "last version"},
+    {"ParentIsTheVertexItself", [](BuiltModel& m) { m.parts[7].parent = m.summary.base_vertices + 7; },
+     "record 7: parent"},
+    {"TooManyBorn", [](BuiltModel& m) { m.parts[7].born_count = 3; }, "record 7: 3 born"},
+    {"TooManyDeformed", [](BuiltModel& m) { m.parts[7].deformed_count = 255; }, "255 deformed"},
+    {"BornOrderSix", [](BuiltModel& m) { m.parts[7].born[0].bits = (m.parts[7].born[0].bits & ~14u) | 12u; },
+     "in order 6"},
+    {"BornFaceTooHigh", [](BuiltModel& m) { m.parts[7].born[0] = BornRef::make(m.summary.faces, 0, true); },
+     "record 7: bears face"},
+    {"BornTwice", [](BuiltModel& m) { m.parts[7].born[1] = m.parts[7].born[0]; }, "which is there already"},
+    {"ThirdCornerFromTheFuture", [](BuiltModel& m) { m.parts[7].born_x[0] = m.summary.vertices - 1; },
+     "record 7: third corner"},
+    {"DeformedFaceTooHigh",
+     [](BuiltModel& m) { m.parts[record_with_deformed(m)].deformed[0] = DeformedRef::make(m.summary.faces, 0, true); },
+     "deforms corner"},
+    {"DeformedCornerThree", [](BuiltModel& m) { m.parts[record_with_deformed(m)].deformed[0].bits |= 6u; },
+     "deforms corner 3"},
+    {"DeformedCornerOfAnother",
+     [](BuiltModel& m) {
+       DeformedRef& d = m.parts[record_with_deformed(m)].deformed[0];
+       d = DeformedRef::make(d.face(), (d.corner() + 1) % 3, d.last());
+     },
+     "expected its parent"},
+    {"LastForgotten",
+     [](BuiltModel& m) {
+       for (BornRef& born : m.parts[m.summary.records - 1].born) born.bits &= ~1u;
+     },
+     "not marked as the last"},
+    {"LevelWrong", [](BuiltModel& m) { ++m.parts[9].level; }, "record 9: level"},
+    {"MaxLevelWrong", [](BuiltModel& m) { ++m.summary.max_level; }, "max level"},
+    {"ChainIntoARecord", [](BuiltModel& m) { m.parts[9].next = 10; }, "record 9: continues in part 10"},
+    {"ChainBeyondTheEnd", [](BuiltModel& m) { m.parts[9].next = m.summary.parts; }, "record 9: continues"},
+    {"CellTwice", [](BuiltModel& m) { m.regions[1].cell = m.regions[0].cell; }, "its cell is there twice"},
+    {"CellWithinAnother",
+     [](BuiltModel& m) {
+       m.regions[1].depth = static_cast<std::uint16_t>(m.regions[0].depth + 1);
+       for (std::size_t k = 0; k < 3; ++k) {
+         m.regions[1].cell[k] = static_cast<std::uint16_t>(2 * m.regions[0].cell[k]);
+       }
+     },
+     "lies within the cell"},
+    {"CellTooDeep", [](BuiltModel& m) { m.regions[1].depth = 60; }, "depth 60"},
+    {"RunsBeyondTheEnd", [](BuiltModel& m) { m.regions[1].run_count += 10000000; }, "region 1: runs"},
+    {"RunBackwards", [](BuiltModel& m) { m.runs[1].first = 0; }, "expected ascending runs"},
+    {"RunBeyondTheRecords", [](BuiltModel& m) { m.runs[1].count = kNone; }, "expected ascending runs"},
+    {"RunEmpty", [](BuiltModel& m) { m.runs[0].count = 0; }, "expected ascending runs"},
+    {"RecordCountWrong", [](BuiltModel& m) { --m.regions[0].record_count; }, "region 0:"},
+    {"PartCountWrong", [](BuiltModel& m) { ++m.regions[0].part_count; }, "region 0:"},
+    {"ListNotClosed",
+     [](BuiltModel& m) {
+       ++m.runs[0].first;
+       --m.runs[0].count;
+       if (m.runs[0].count == 0) m.runs[0] = {0, 0};
+     },
+     "region 0"},
+    {"RegionWithoutFaces", [](BuiltModel& m) { m.regions[0].face_count = 0; }, "region 0: 0 faces"},
+};
+
+INSTANTIATE_TEST_SUITE_P(Damages, EveryDamage, ::testing::ValuesIn(kDamages),
+                         [](const auto& test) { return test.param.name; });
+
+TEST(Violations, LeavesNoRecordThatAClosedListCouldMiss) {
+  // Take one record out of a list: either something in the list needed it, or the list was longer than its closure.
+  const BuiltModel sound = sound_model();
+  for (std::uint32_t i = 0; i < sound.summary.regions; ++i) {
+    const Region& region = sound.regions[i];
+    std::mt19937 random{i};
+    const spm::Run& run = sound.runs[region.first_run + random() % region.run_count];
+    const std::uint32_t left_out = run.first + static_cast<std::uint32_t>(random() % run.count);
+    ReferenceMesh mesh{sound.model()};
+    bool complete = true;
+    for (const spm::Run& r : sound.model().runs_of(RegionId{i})) {
+      for (std::uint32_t k = r.first; k < r.first + r.count; ++k) complete &= k == left_out || mesh.apply(k);
+    }
+    BuiltModel broken = sound;
+    std::vector<spm::Run> runs;
+    for (std::uint32_t k = 0; k < sound.runs.size(); ++k) {
+      const spm::Run r = sound.runs[k];
+      const bool here = k >= region.first_run && k < region.first_run + region.run_count && left_out >= r.first &&
+                        left_out < r.first + r.count;
+      if (!here) {
+        runs.push_back(r);
+        continue;
+      }
+      broken.regions[i].run_count -= 1;
+      for (const spm::Run part :
+           {spm::Run{r.first, left_out - r.first}, spm::Run{left_out + 1, r.first + r.count - left_out - 1}}) {
+        if (part.count == 0) continue;
+        runs.push_back(part);
+        ++broken.regions[i].run_count;
+      }
+    }
+    broken.runs = runs;
+    --broken.regions[i].record_count;
+    --broken.regions[i].part_count;
+    for (std::uint32_t k = 1; k < broken.regions.size(); ++k) {
+      broken.regions[k].first_run = broken.regions[k - 1].first_run + broken.regions[k - 1].run_count;
+    }
+    EXPECT_EQ(violations(broken.model()).empty(), complete) << "region " << i << " without record " << left_out;
+  }
+}
+
+TEST(Violations, WhateverPassesAfterRandomDamageCanBeReplayed) {
+  const BuiltModel sound = sound_model();
+  std::mt19937 random{3};
+  std::uint32_t passed = 0;
+  for (int round = 0; round < 3000; ++round) {
+    BuiltModel model = sound;
+    const auto damage = [&random](auto& array) {
+      auto* bytes = reinterpret_cast<unsigned char*>(array.data());
+      bytes[random() % (array.size() * sizeof(array[0]))] ^= static_cast<unsigned char>(1u << random() % 8);
+    };
+    switch (random() % 4) {
+      case 0:
+        damage(model.parts);
+        break;
+      case 1:
+        damage(model.base_faces);
+        break;
+      case 2:
+        damage(model.regions);
+        break;
+      default:
+        damage(model.runs);
+    }
+    if (!violations(model.model()).empty()) continue;
+    ++passed;
+    for (std::uint32_t i = 0; i < model.summary.regions; ++i) {
+      ReferenceMesh mesh{model.model()};
+      ASSERT_TRUE(mesh.apply_region(i)) << "round " << round << ", region " << i;
+    }
+  }
+  EXPECT_LT(passed, 3000u);
+}
+
+TEST(Violations, ABaseMeshIsHeldToTheSameRules) {
+  const BaseMesh sound = base_mesh_of(sound_model().model());
+  ASSERT_THAT(violations(sound), IsEmpty());
+  BaseMesh broken = sound;
+  broken.faces[3].corners[0] = broken.summary.base_vertices;
+  EXPECT_THAT(violations(broken), Contains(HasSubstr("base face 3: corner")));
+  broken = sound;
+  broken.positions.pop_back();
+  EXPECT_THAT(violations(broken), Contains(HasSubstr("base positions")));
+  broken = sound;
+  broken.regions[0].record_count = broken.summary.records + 1;
+  EXPECT_THAT(violations(broken), Contains(HasSubstr("region 0")));
+}
+
+}  // namespace
+}  // namespace tactus::spm::offline

@@ -1,0 +1,136 @@
+#include "tests/support/reference_mesh.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cstring>
+#include <map>
+#include <set>
+#include <utility>
+
+namespace tactus::test_support {
+namespace {
+
+constexpr std::array<std::uint32_t, 3> kNoCorners{spm::kNone, spm::kNone, spm::kNone};
+
+Eigen::Vector3d normal(spm::Span<const std::array<float, 3>> positions, const std::array<std::uint32_t, 3>& face) {
+  const auto at = [&](std::size_t k) {
+    const std::array<float, 3>& p = positions[face[k]];
+    return Eigen::Vector3d{p[0], p[1], p[2]};
+  };
+  return (at(1) - at(0)).cross(at(2) - at(0));
+}
+
+}  // namespace
+
+ReferenceMesh::ReferenceMesh(const spm::Model& model)
+    : model_{&model},
+      active_(model.summary.vertices, false),
+      shown_(model.summary.faces, false),
+      finest_(model.summary.faces, false),
+      corners_(model.summary.faces, kNoCorners) {
+  std::fill_n(active_.begin(), model.summary.base_vertices, true);
+  for (const spm::BaseFace& f : model.base_faces) {
+    shown_[f.face] = true;
+    finest_[f.face] = f.last != 0;
+    corners_[f.face] = f.corners;
+  }
+  std::vector<std::array<std::uint32_t, 3>> corners = corners_;
+  for (std::uint32_t r = 0; r < model.summary.records; ++r) {
+    const std::uint32_t u = model.summary.base_vertices + r;
+    std::vector<Write>& writes = writes_.emplace_back();
+    for (std::uint32_t p = r; p != spm::kNone; p = model.parts[p].next) {
+      const spm::RecordPart& part = model.parts[p];
+      for (std::size_t i = 0; i < part.born_count; ++i) {
+        // u at corner order / 2; t after it when the order is even, before it when odd; x where neither is.
+        const spm::BornRef born = part.born[i];
+        const std::uint32_t x = part.born_x[i];
+        std::array<std::uint32_t, 3> after{x, x, x};
+        after[born.order() / 2] = u;
+        after[(born.order() / 2 + (born.order() % 2 == 0 ? 1 : 2)) % 3] = part.parent;
+        writes.push_back({born.face(), corners[born.face()], after, born.last()});
+      }
+      for (std::size_t i = 0; i < part.deformed_count; ++i) {
+        const spm::DeformedRef deformed = part.deformed[i];
+        std::array<std::uint32_t, 3> after = corners[deformed.face()];
+        after[deformed.corner()] = u;
+        writes.push_back({deformed.face(), corners[deformed.face()], after, deformed.last()});
+      }
+    }
+    for (const Write& write : writes) corners[write.face] = write.after;
+  }
+}
+
+bool ReferenceMesh::apply(std::uint32_t record) {
+  const std::uint32_t u = model_->summary.base_vertices + record;
+  if (active_[u]) return false;
+  for (const Write& write : writes_[record]) {
+    if (corners_[write.face] != write.before || shown_[write.face] != (write.before != kNoCorners)) return false;
+    for (const std::uint32_t v : write.after) {
+      if (v != u && !active_[v]) return false;
+    }
+  }
+  for (const Write& write : writes_[record]) {
+    shown_[write.face] = true;
+    finest_[write.face] = write.last;
+    corners_[write.face] = write.after;
+  }
+  active_[u] = true;
+  return true;
+}
+
+bool ReferenceMesh::apply_region(std::uint32_t region) {
+  for (const spm::Run& run : model_->runs_of(spm::RegionId{region})) {
+    for (std::uint32_t r = run.first; r < run.first + run.count; ++r) {
+      if (!applied(r) && !apply(r)) return false;
+    }
+  }
+  return true;
+}
+
+std::vector<std::string> ReferenceMesh::defects(const std::vector<std::array<std::uint32_t, 3>>& finest,
+                                                bool manifold) const {
+  std::vector<std::string> found;
+  std::set<std::array<std::uint32_t, 3>> seen, seen_finest;
+  std::map<std::pair<std::uint32_t, std::uint32_t>, int> uses;
+  for (std::uint32_t f = 0; f < shown_.size(); ++f) {
+    if (!shown_[f]) continue;
+    const std::string name = "face " + std::to_string(f);
+    const std::array<std::uint32_t, 3>& c = corners_[f];
+    for (std::size_t k = 0; k < 3; ++k) {
+      if (!active_[c[k]]) found.push_back(name + ": corner " + std::to_string(c[k]) + " is not active");
+      if (c[k] == c[(k + 1) % 3]) found.push_back(name + ": has a corner twice");
+      ++uses[std::minmax(c[k], c[(k + 1) % 3])];
+    }
+    // Two faces on the same three vertices are allowed where the finest mesh has them, as in a two-sided sheet.
+    std::array<std::uint32_t, 3> set = c, finest_set = finest[f];
+    std::sort(set.begin(), set.end());
+    std::sort(finest_set.begin(), finest_set.end());
+    const bool twin = !seen_finest.insert(finest_set).second;
+    if (!seen.insert(set).second && !twin) found.push_back(name + ": is there twice");
+    if (normal(model_->positions, c).dot(normal(model_->positions, finest[f])) <= 0) {
+      found.push_back(name + ": is turned over");
+    }
+  }
+  for (const auto& [edge, count] : uses) {
+    if (manifold && count > 2) {
+      found.push_back("edge " + std::to_string(edge.first) + " " + std::to_string(edge.second) + ": has " +
+                      std::to_string(count) + " faces");
+    }
+  }
+  return found;
+}
+
+std::vector<FaceBits> sorted_faces(spm::Span<const std::array<float, 3>> positions,
+                                   const std::vector<std::array<std::uint32_t, 3>>& faces) {
+  std::vector<FaceBits> all;
+  for (const std::array<std::uint32_t, 3>& face : faces) {
+    FaceBits bits;
+    for (std::size_t k = 0; k < 3; ++k) std::memcpy(&bits[k], &positions[face[k]], sizeof bits[k]);
+    std::rotate(bits.begin(), std::min_element(bits.begin(), bits.end()), bits.end());
+    all.push_back(bits);
+  }
+  std::sort(all.begin(), all.end());
+  return all;
+}
+
+}  // namespace tactus::test_support
