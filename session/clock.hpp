@@ -49,8 +49,7 @@ class SessionClock {
  public:
   SessionClock(const Origin& self, const ClockSettings& settings);
 
-  /// Who is the reference now: by convention the host or HRTC of smallest id that is there; this program itself makes
-  /// the clock run on freely. 0: nobody yet.
+  /// Who is the reference now, see time_reference; this program itself makes the clock run on freely. 0: nobody yet.
   void set_reference(std::uint64_t participant, std::uint64_t incarnation, std::int64_t local_now_ns);
   [[nodiscard]] std::uint64_t reference() const noexcept { return reference_; }
 

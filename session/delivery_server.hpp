@@ -24,6 +24,7 @@
 #include <deque>
 #include <map>
 #include <optional>
+#include <set>
 #include <vector>
 
 #include "session/messages.hpp"
@@ -69,8 +70,9 @@ class DeliveryServer {
   /// Forgets what it knew of this HRTC. Its next stream goes on above every sequence used so far.
   void on_hrtc_gone(std::uint64_t hrtc);
 
-  /// The next chunk to send, or none until a demand arrives.
-  [[nodiscard]] std::optional<Outgoing> next(std::int64_t now_ns);
+  /// The next chunk to send, or none until a demand arrives. HRTCs in `blocked` cannot be sent to at the moment:
+  /// nothing is planned for them.
+  [[nodiscard]] std::optional<Outgoing> next(std::int64_t now_ns, const std::set<std::uint64_t>& blocked = {});
 
   /// Bytes sent to this HRTC that it has not yet acknowledged; never above the credit that it gave.
   [[nodiscard]] std::uint64_t bytes_under_way(std::uint64_t hrtc) const;

@@ -186,6 +186,17 @@ bool Roster::is_late(std::uint64_t participant) const {
   return at != known_.end() && at->second.here && at->second.late;
 }
 
+TimeReference time_reference(const Roster& roster, const Origin& self, Role role, std::int64_t since_start_ns) {
+  const auto keeps_time = [](Role of) { return of == Role::kHost || of == Role::kHrtc; };
+  std::optional<std::pair<std::uint64_t, std::uint64_t>> oldest;
+  if (keeps_time(role) && since_start_ns >= kReferenceSettleNs) oldest = {self.incarnation, self.participant};
+  for (const RosterEntry& entry : roster.entries()) {
+    const std::pair<std::uint64_t, std::uint64_t> age{entry.origin.incarnation, entry.origin.participant};
+    if (keeps_time(entry.role) && (!oldest || age < *oldest)) oldest = age;
+  }
+  return oldest ? TimeReference{oldest->second, oldest->first} : TimeReference{};
+}
+
 UserSlots::UserSlots(std::size_t capacity) : users_(capacity) {
   if (capacity > kMaxSlots) {
     throw std::invalid_argument{"user slots: found " + std::to_string(capacity) + ", expected at most " +

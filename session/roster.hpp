@@ -88,6 +88,18 @@ class Roster {
   std::map<std::pair<std::uint64_t, std::uint64_t>, std::uint32_t> refused_;  // participant, incarnation -> version
 };
 
+/// Whose clock the session goes by.
+struct TimeReference {
+  std::uint64_t participant = 0;  ///< 0: nobody yet
+  std::uint64_t incarnation = 0;
+};
+/// The host or HRTC that has been there longest (smallest incarnation, then smallest id), so that a newcomer never
+/// brings its own time; `role` is this program's. This program itself counts from kReferenceSettle after its start,
+/// when it must have heard of the others.
+inline constexpr std::int64_t kReferenceSettleNs = 1'000'000'000;
+[[nodiscard]] TimeReference time_reference(const Roster& roster, const Origin& self, Role role,
+                                           std::int64_t since_start_ns);
+
 /// The users that an HRTC has accepted and the probe number of each.
 class UserSlots {
  public:

@@ -19,6 +19,7 @@ void put(ByteWriter& out, const ModelSummary& s) {
   out.raw(s.grid.cell_size);
   out.raw(s.metres_per_unit);
   out.raw(s.deviation);
+  out.raw(s.deviation);
 }
 
 ModelSummary get_summary(ByteReader& in) {
@@ -33,6 +34,7 @@ ModelSummary get_summary(ByteReader& in) {
   s.grid.origin = in.raw<std::array<double, 3>>();
   s.grid.cell_size = in.raw<double>();
   s.metres_per_unit = in.raw<double>();
+  s.deviation = in.raw<double>();
   s.deviation = in.raw<double>();
   return s;
 }

@@ -264,6 +264,19 @@ TEST_F(DeliveryServerTest, SharesChunkByChunkBetweenControllers) {
   for (std::size_t i = 1; i < 10; ++i) EXPECT_NE(chunks[i].hrtc, chunks[i - 1].hrtc) << "chunk " << i;
 }
 
+TEST_F(DeliveryServerTest, ABlockedControllerGetsNothingAndHoldsNobodyUp) {
+  server_.on_demand(demand(1, {0}));
+  server_.on_demand(demand(1, {0}, kOtherHrtc));
+
+  const std::optional<Outgoing> first = server_.next(0, {kHrtc});
+  const std::optional<Outgoing> second = server_.next(0, {kHrtc});
+
+  ASSERT_TRUE(first && second);
+  EXPECT_EQ(first->hrtc, kOtherHrtc);
+  EXPECT_EQ(second->hrtc, kOtherHrtc);
+  EXPECT_FALSE(server_.next(0, {kHrtc, kOtherHrtc}));
+}
+
 TEST_F(DeliveryServerTest, ANewIncarnationOfAControllerStartsFromNothing) {
   server_.on_demand(demand(9, {3}));
   const std::vector<BulkChunk> before = drain();

@@ -121,6 +121,21 @@ TEST_F(RosterTest, HasABound) {
   EXPECT_THAT(see(entry("one more", 2, 1), 1000 * kMs), ElementsAre(RosterChange::kJoined));
 }
 
+TEST_F(RosterTest, TheLongestRunningHostOrControllerKeepsTheTime) {
+  const Origin self{kSession, id_of("me"), 50, 0};
+  const auto keeper = [&](std::int64_t since) { return time_reference(roster_, self, Role::kHost, since).participant; };
+  EXPECT_EQ(keeper(0), 0u) << "others may not have been heard of yet";
+  EXPECT_EQ(keeper(kReferenceSettleNs), id_of("me"));
+  RosterEntry client = entry("client", 10, 1);
+  client.role = Role::kClient;
+  (void)see(client, 0);
+  (void)see(entry("younger", 60, 1), 0);
+  EXPECT_EQ(keeper(kReferenceSettleNs), id_of("me"));
+  (void)see(entry("older", 40, 1), 0);
+  EXPECT_EQ(keeper(kReferenceSettleNs), id_of("older"));
+  EXPECT_EQ(keeper(0), id_of("older"));
+}
+
 TEST(UserSlots, GrantEachUserOneSlotUpToTheCapacity) {
   UserSlots slots{2};
   EXPECT_EQ(slots.grant("ann"), 0u);

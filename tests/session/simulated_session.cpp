@@ -47,8 +47,9 @@ std::vector<std::uint32_t> records_of(const std::vector<spm::Run>& runs) {
 struct CacheModel {
   std::map<std::uint32_t, std::vector<std::uint32_t>> lists;  // held or retired regions
   std::set<std::uint32_t> retired;
-  std::map<std::uint32_t, int> count;  // by record, over all lists
-  std::map<std::uint32_t, int> firm;   // by record, over those that are not retired
+  std::map<std::uint32_t, int> count;    // by record, over all lists
+  std::set<std::uint32_t> firm_regions;  // held and never retired: hosts count on them at all times
+  std::map<std::uint32_t, int> firm;     // by record, over those
 
   static void add(std::map<std::uint32_t, int>& counts, const std::vector<std::uint32_t>& records, int by) {
     for (const std::uint32_t r : records) {
@@ -257,6 +258,7 @@ class Simulation {
     CacheModel::add(cache.count, list, 1);
     CacheModel::add(cache.firm, list, 1);
     cache.lists[message.region] = list;
+    cache.firm_regions.insert(message.region);
     hrtc.client->held(message.object_id, message.region);
     ++result_.regions_held;
   }
@@ -281,11 +283,10 @@ class Simulation {
       const bool retired = cache.retired.count(region) != 0;
       if (away > kKeep && !retired) {
         cache.retired.insert(region);
-        CacheModel::add(cache.firm, list, -1);
+        if (cache.firm_regions.erase(region) != 0) CacheModel::add(cache.firm, list, -1);
         hrtc.client->retire(object, region);
       } else if (away <= kReach && retired && below(2) == 0) {
         cache.retired.erase(region);
-        CacheModel::add(cache.firm, list, 1);
         hrtc.client->held(object, region);
       }
     }

@@ -32,7 +32,7 @@ struct SimulationResult {
   std::uint64_t chunks = 0;
   std::uint64_t regions_held = 0;  ///< accepted by an HRTC's cache
   std::uint64_t regions_refused = 0;
-  std::uint64_t records_repeated = 0;  ///< came although a region that was neither retired nor gone had them
+  std::uint64_t records_repeated = 0;  ///< came although a region that was never retired had them
   std::uint64_t regions_released = 0;
   std::uint64_t host_changes = 0;
   std::uint64_t crashes = 0;

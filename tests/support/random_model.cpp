@@ -40,6 +40,7 @@ class Maker {
     s.faces = static_cast<std::uint32_t>(faces_.size());
     s.metres_per_unit = 0.1;
     s.deviation = 0.25;
+    s.deviation = 0.25;
     for (std::uint32_t f = 0; f < 8; ++f) model_.base_faces.push_back({f, base_last_[f], base_corners_[f]});
     for (const RecordPart& part : parts_) s.max_level = std::max<std::uint32_t>(s.max_level, part.level);
     model_.parts = parts_;

@@ -148,6 +148,7 @@ TEST(BaseCodec, GivesBackTheBaseMeshToTheBit) {
   EXPECT_EQ(decoded->summary.grid.cell_size, expected.summary.grid.cell_size);
   EXPECT_EQ(decoded->summary.metres_per_unit, expected.summary.metres_per_unit);
   EXPECT_EQ(decoded->summary.deviation, expected.summary.deviation);
+  EXPECT_EQ(decoded->summary.deviation, expected.summary.deviation);
   EXPECT_EQ(decoded->positions, expected.positions);
   ASSERT_EQ(decoded->faces.size(), expected.faces.size());
   EXPECT_EQ(std::memcmp(decoded->faces.data(), expected.faces.data(), expected.faces.size() * sizeof(BaseFace)), 0);
