@@ -24,8 +24,8 @@ struct PathSettings {
   std::uint64_t seed = 1;
 };
 
-/// `distance` gives the distance to the mesh. Allocates. Throws std::runtime_error when the walk cannot leave a face,
-/// as on a mesh of a single face.
+/// `distance` gives the distance to the mesh. Allocates. Throws std::runtime_error when the walk gets stuck in
+/// a needle too thin to be left.
 [[nodiscard]] std::vector<spm::Vec3d> surface_path(spm::Span<const std::array<float, 3>> vertices,
                                                    spm::Span<const std::array<std::uint32_t, 3>> faces,
                                                    const PathSettings& settings,
