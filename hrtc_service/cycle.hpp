@@ -43,7 +43,7 @@ struct ProbeOutput {
   Plain3 device{};  ///< tip, world
   Plain3 velocity{};
   Plain3 proxy{};
-  Plain3 force{};  ///< on the hand, world
+  Plain3 force{};                     ///< on the hand, world
   std::uint32_t object = spm::kNone;  ///< index of the one touched
   std::uint32_t status = 0;           ///< session::StatusBit
   std::uint32_t contacts = 0;

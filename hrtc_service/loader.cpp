@@ -284,6 +284,18 @@ std::vector<Loader::ObjectInfo> Loader::objects() const {
   return infos;
 }
 
+std::vector<std::uint32_t> Loader::regions_met(std::uint32_t object_index,
+                                               const std::array<ProbeSight, kMaxProbes>& sights) const {
+  std::vector<std::uint32_t> met;
+  const Object& object = *by_index_[object_index];
+  const Placement& placement = object.touch.placement;
+  for (const ProbeSight& sight : sights)
+    if (sight.active)
+      object.grid->for_each_meeting(placement.to_model(sight.device), settings_.radius / placement.scale(),
+                                    [&](spm::RegionId region, double) { met.push_back(spm::index(region)); });
+  return met;
+}
+
 std::vector<std::uint32_t> Loader::predicted(std::uint32_t object_index) const {
   return object_index < by_index_.size() ? by_index_[object_index]->predicted : std::vector<std::uint32_t>{};
 }

@@ -95,6 +95,10 @@ class Loader {
     std::uint64_t records_received = 0, records_returned = 0, regions_received = 0, regions_released = 0;
   };
   [[nodiscard]] std::vector<ObjectInfo> objects() const;
+  /// Labelled cells that the tips meet.
+  [[nodiscard]] std::vector<std::uint32_t> regions_met(std::uint32_t object_index,
+                                                       const std::array<ProbeSight, kMaxProbes>& sights) const;
+  [[nodiscard]] const spm::RegionGrid& grid(std::uint32_t object_index) const { return *by_index_[object_index]->grid; }
   /// Regions predicted in the last tick, by object index.
   [[nodiscard]] std::vector<std::uint32_t> predicted(std::uint32_t object_index) const;
   [[nodiscard]] std::uint64_t id_of_object(std::uint32_t index) const noexcept {

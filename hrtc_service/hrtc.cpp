@@ -1,0 +1,639 @@
+#include "hrtc_service/hrtc.hpp"
+
+#include <poll.h>
+#include <spdlog/spdlog.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <map>
+#include <thread>
+#include <variant>
+
+#include "haptics/replay_device.hpp"
+#include "haptics/simulated_device.hpp"
+#include "hrtc_service/inbox.hpp"
+#include "hrtc_service/loader.hpp"
+#include "hrtc_service/realtime.hpp"
+#include "hrtc_service/snapshot.hpp"
+#include "hrtc_service/statistics.hpp"
+#include "session/clock.hpp"
+#include "session/roster.hpp"
+#include "wire/ends.hpp"
+
+namespace tactus::hrtc_service {
+namespace {
+
+constexpr std::int64_t kMs = 1'000'000;
+constexpr std::int64_t kHeartbeatNs = 100 * kMs;
+constexpr std::int64_t kClockNs = 200 * kMs;
+constexpr std::int64_t kClockFastNs = 20 * kMs;
+constexpr std::int64_t kMetricsNs = 500 * kMs;
+constexpr std::int64_t kAllMetricsNs = 5000 * kMs;
+constexpr std::int64_t kRemoteProbeNs = 300 * kMs;  // silence after which another's probe is gone
+constexpr std::int64_t kNoHostNs = 5000 * kMs;
+constexpr std::int64_t kSnapshotNs = 2000 * kMs;
+constexpr int kMaxSnapshots = 5;
+
+using Arrived = std::variant<session::RosterEntry, session::CatalogueEntry, session::BulkChunk, session::Intent,
+                             session::ClockSample, session::Control, session::ProbeState>;
+
+/// Something that is due every so often.
+class Every {
+ public:
+  explicit Every(std::int64_t period_ns) : period_{period_ns} {}
+  [[nodiscard]] bool due(std::int64_t now_ns) {
+    if (now_ns < next_) return false;
+    next_ = now_ns + period_;
+    return true;
+  }
+  void at_once() { next_ = 0; }
+  void set_period(std::int64_t period_ns) { period_ = period_ns; }
+
+ private:
+  std::int64_t period_;
+  std::int64_t next_ = 0;
+};
+
+/// A thread that does nothing but sleep as the haptic one does: what lateness the system itself brings.
+class TimerBeside {
+ public:
+  TimerBeside(std::int64_t period_ns, int priority)
+      : thread_{[this, period_ns, priority] { run(period_ns, priority); }} {}
+  ~TimerBeside() {
+    running_ = false;
+    thread_.join();
+  }
+  void drain(Samples& samples) {
+    std::uint32_t late;
+    while (lateness_.pop(late)) samples.add(late);
+  }
+
+ private:
+  void run(std::int64_t period_ns, int priority) {
+    pthread_setname_np(pthread_self(), "timer");
+    if (priority > 0) (void)enter_realtime(priority);
+    for (PeriodicClock clock{period_ns}; running_;) lateness_.push(static_cast<std::uint32_t>(clock.wait_next()));
+  }
+  std::atomic<bool> running_{true};
+  boost::lockfree::spsc_queue<std::uint32_t> lateness_{8192};
+  std::thread thread_;
+};
+
+session::Pose pose_at(const Plain3& position) {
+  session::Pose pose;
+  pose.position = position;
+  return pose;
+}
+
+}  // namespace
+
+struct Hrtc::Impl {
+  explicit Impl(HrtcOptions given);
+  ~Impl();
+  int run(const std::atomic<bool>& stop);
+
+  // Samples that arrive.
+  void take(const session::RosterEntry& entry, std::int64_t now_ns);
+  void take(const session::CatalogueEntry& entry, std::int64_t now_ns);
+  void take(const session::BulkChunk& chunk, std::int64_t now_ns) { loader.on_chunk(chunk, now_ns); }
+  void take(const session::Intent& intent, std::int64_t now_ns);
+  void take(const session::ClockSample& sample, std::int64_t now_ns);
+  void take(const session::Control& control, std::int64_t now_ns);
+  void take(const session::ProbeState& state, std::int64_t now_ns);
+
+  void on_event(const session::RosterEvent& event);
+  void seat(const session::RosterEntry& client);
+  void unseat(const std::string& user);
+  void seat_replays();
+  void choose_reference(std::int64_t now_ns);
+  void send_roster(bool leaving);
+  void send_metrics(bool all);
+  void send_states();
+  void serve(std::int64_t now_ns);
+  void drain_rings();
+  void snapshot(std::int64_t now_ns, const ProbeReports& reports);
+  void finish();
+
+  struct User {
+    std::string name;
+    std::uint64_t id = 0;
+    std::uint64_t client = 0;                  // participant; 0: a replay of our own
+    haptics::SimulatedDevice* hand = nullptr;  // once it has a wish
+    std::unique_ptr<wire::Reader<session::Intent>> intents;
+  };
+
+  HrtcOptions options;
+  wire::Links links;
+  Inbox<Arrived> inbox{1u << 14};
+  spm::Pool pool;
+  spm::NodePool nodes;
+  HapticThread haptic;
+  Loader loader;
+  session::Roster roster;
+  session::SessionClock clock;
+  session::UserSlots slots;
+  std::map<std::uint32_t, User> users;  // by slot
+  std::vector<std::unique_ptr<haptics::Device>> devices;
+  HapticCommands commands;
+  haptics::Mailbox<session::ClockMap> sender_clock;
+  std::array<std::atomic<std::uint64_t>, kMaxProbes> user_ids{};
+  std::array<std::atomic<std::uint64_t>, kMaxObjects> object_ids{};
+  std::map<std::pair<std::uint64_t, std::uint32_t>, std::int64_t> remote_probes;  // last seen
+
+  wire::Writer<session::RosterEntry> roster_out;
+  wire::Writer<session::Demand> demand_out;
+  wire::Writer<session::ClockSample> clock_out;
+  wire::Writer<session::Metrics> metrics_out;
+  wire::Writer<session::ProbeState> states_out;  // the sender thread's
+
+  CycleStatistics statistics;
+  Samples timer_samples{1'000'000};
+  std::unique_ptr<TimerBeside> timer;
+  std::unique_ptr<trace::ContactLogWriter> log;
+  std::vector<bool> object_logged;
+  trace::LoggedQuery logged;
+
+  Every heartbeat{kHeartbeatNs}, clock_request{kClockFastNs}, metrics{kMetricsNs}, all_metrics{kAllMetricsNs},
+      no_host{kNoHostNs};
+  std::uint64_t beats = 0;
+  std::uint32_t clock_requests = 0;
+  std::int64_t started_ns = 0;
+  bool host_seen = false;
+  bool ended = false;
+  int exit_code = 0;
+  ProbeReports reports;
+  std::array<ProbeSight, kMaxProbes> sights;
+  std::int64_t contact_since_ns = 0, snapshot_asked_ns = 0;
+  int snapshots_taken = 0;
+  std::array<std::vector<std::uint32_t>, kMaxObjects> snapshot_contacts, snapshot_predictions;
+
+  std::thread sender;
+  std::atomic<bool> sending{false};
+
+  // Last, so that no callback outlives what it fills.
+  std::vector<std::shared_ptr<void>> readers;
+  template <class Sample>
+  void listen(const wire::TopicSpec<Sample>& topic, const wire::EndOptions& where = {}) {
+    readers.push_back(std::make_shared<wire::Reader<Sample>>(
+        links, topic, [this](Sample&& sample) { inbox.put(Arrived{std::move(sample)}); }, where));
+  }
+};
+
+namespace {
+
+std::array<haptics::DeviceSpec, kMaxProbes> specs_of(const HrtcOptions& options) {
+  std::array<haptics::DeviceSpec, kMaxProbes> specs;
+  for (std::uint32_t i = 0; i < kMaxProbes; ++i)
+    if (i < options.replays.size()) specs[i] = options.haptic.frame.to_world(haptics::DeviceSpec{});
+  return specs;
+}
+
+LoaderSettings loader_settings(const HrtcOptions& options) {
+  LoaderSettings settings;
+  settings.radius = options.haptic.cycle.radius;
+  return settings;
+}
+
+}  // namespace
+
+Hrtc::Impl::Impl(HrtcOptions given)
+    : options{std::move(given)},
+      links{options.address},
+      pool{options.pool},
+      nodes{options.pool.tree_nodes},
+      haptic{options.haptic, specs_of(options)},
+      loader{pool, nodes, links.origin(), loader_settings(options), haptic.arrivals(), haptic.departures()},
+      roster{links.origin(), {}},
+      clock{links.origin(), {}},
+      slots{std::min<std::size_t>(options.max_users, kMaxProbes)},
+      roster_out{links, wire::topics::kRoster},
+      demand_out{links, wire::topics::kDemand},
+      clock_out{links, wire::topics::kClock},
+      metrics_out{links, wire::topics::kMetrics},
+      states_out{links, wire::topics::kProbeState} {
+  loader.on_event = [](const std::string& text) { spdlog::info("{}", text); };
+  if (!options.log.empty()) log = std::make_unique<trace::ContactLogWriter>(options.log);
+  if (!options.snapshot.empty()) std::filesystem::create_directories(options.snapshot);
+  seat_replays();
+  listen(wire::topics::kRoster);
+  listen(wire::topics::kCatalogue);
+  listen(wire::topics::kClock);
+  listen(wire::topics::kControl);
+  listen(wire::topics::kProbeState);
+  const wire::EndOptions own{wire::hrtc_partition(options.address.participant)};
+  listen(wire::topics::kBase, own);
+  listen(wire::topics::kRecords, own);
+}
+
+Hrtc::Impl::~Impl() {
+  haptic.stop();
+  sending = false;
+  if (sender.joinable()) sender.join();
+}
+
+void Hrtc::Impl::seat_replays() {
+  for (const ReplayUser& replay : options.replays) {
+    const std::optional<std::uint32_t> slot = slots.grant(replay.user);
+    if (!slot) throw haptics::DeviceError("no slot left for the replayed user " + replay.user);
+    devices.push_back(std::make_unique<haptics::ReplayDevice>(replay.recording.string()));
+    commands.devices[*slot] = devices.back().get();
+    commands.framed[*slot] = true;
+    User& user = users[*slot];
+    user.name = replay.user;
+    user.id = session::id_of(replay.user);
+    user_ids[*slot] = user.id;
+  }
+}
+
+void Hrtc::Impl::take(const session::RosterEntry& entry, std::int64_t now_ns) {
+  for (const session::RosterEvent& event : roster.on_entry(entry, now_ns)) on_event(event);
+  if (entry.role == session::Role::kHost && roster.find(entry.origin.participant) != nullptr && !entry.leaving) {
+    host_seen = true;
+    loader.on_host_seen(entry.origin.participant, entry.origin.incarnation, now_ns);
+  }
+}
+
+void Hrtc::Impl::on_event(const session::RosterEvent& event) {
+  using session::RosterChange;
+  const session::RosterEntry& entry = event.entry;
+  const bool gone = event.change == RosterChange::kGone || event.change == RosterChange::kLeft;
+  if (event.change != RosterChange::kChanged) spdlog::info("{}", session::text(event));
+  if (event.change == RosterChange::kTwins && entry.origin.participant == links.origin().participant) {
+    spdlog::error("another program named {} is in session {}; every name may be there once",
+                  options.address.participant, options.address.session);
+    if (links.origin().incarnation > event.other) {  // the later one yields
+      exit_code = 2;
+      ended = true;
+    }
+    return;
+  }
+  if (entry.role == session::Role::kHost && gone) loader.on_host_gone(entry.origin.participant);
+  if (entry.role == session::Role::kHrtc && gone)
+    for (auto at = remote_probes.begin(); at != remote_probes.end();)
+      at = std::any_of(entry.slots.begin(), entry.slots.end(),
+                       [&](const session::UserSlot& slot) { return session::id_of(slot.user) == at->first.first; })
+               ? remote_probes.erase(at)
+               : std::next(at);
+  if (entry.role != session::Role::kClient) return;
+  if (gone || event.change == RosterChange::kRestarted)
+    for (const std::string& user : entry.users) unseat(user);
+  const bool here = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted ||
+                    event.change == RosterChange::kChanged;
+  if (here && entry.controller == options.address.participant) seat(entry);
+}
+
+void Hrtc::Impl::seat(const session::RosterEntry& client) {
+  for (const std::string& name : client.users) {
+    const std::optional<std::uint32_t> slot = slots.grant(name);
+    if (!slot) {
+      spdlog::warn("user {} refused: all {} probes are taken; raise --users", name, slots.list().size());
+      continue;
+    }
+    User& user = users[*slot];
+    if (user.intents) continue;
+    user.name = name;
+    user.id = session::id_of(name);
+    user.client = client.origin.participant;
+    user_ids[*slot] = user.id;
+    user.intents = std::make_unique<wire::Reader<session::Intent>>(
+        links, wire::topics::kIntent, [this](session::Intent&& intent) { inbox.put(Arrived{std::move(intent)}); },
+        wire::EndOptions{wire::user_partition(name)});
+    spdlog::info("user {} has probe {}", name, *slot);
+  }
+  heartbeat.at_once();
+}
+
+void Hrtc::Impl::unseat(const std::string& name) {
+  for (auto at = users.begin(); at != users.end(); ++at) {
+    if (at->second.name != name || at->second.client == 0) continue;
+    commands.devices[at->first] = nullptr;
+    haptic.commands().post(commands);
+    user_ids[at->first] = 0;
+    slots.release(name);
+    users.erase(at);
+    spdlog::info("user {} has left", name);
+    heartbeat.at_once();
+    return;
+  }
+}
+
+void Hrtc::Impl::take(const session::CatalogueEntry& entry, std::int64_t) { loader.on_catalogue(entry); }
+
+void Hrtc::Impl::take(const session::Intent& intent, std::int64_t now_ns) {
+  for (auto& [slot, user] : users) {
+    if (user.id != intent.user_id || user.client != intent.origin.participant || intent.path.empty()) continue;
+    // Wishes are in session time, the hand's clock is ours.
+    const std::int64_t session_now = clock.map().session_time(now_ns);
+    haptics::HandPath path;
+    for (const session::Waypoint& waypoint : intent.path)
+      path.waypoints[path.count++] = {now_ns + (waypoint.session_time_ns - session_now), waypoint.position};
+    if (user.hand == nullptr) {
+      haptics::HandSettings hand;
+      hand.start = vec(intent.path.front().position);
+      hand.seed = slot + 1;
+      auto device = std::make_unique<haptics::SimulatedDevice>(hand);
+      user.hand = device.get();
+      commands.devices[slot] = device.get();
+      devices.push_back(std::move(device));
+      haptic.commands().post(commands);
+    }
+    user.hand->wishes().post(path);
+  }
+}
+
+void Hrtc::Impl::take(const session::ClockSample& sample, std::int64_t now_ns) {
+  if (sample.peer != links.origin().participant) return;
+  if (sample.answer) {
+    clock.on_answer(sample, now_ns);
+    return;
+  }
+  if (!clock.synchronised()) return;
+  session::ClockSample answer = clock.answer(sample, now_ns, monotonic_ns());
+  answer.origin = links.origin();
+  (void)clock_out.send(answer);
+}
+
+void Hrtc::Impl::take(const session::Control& control, std::int64_t) {
+  switch (control.kind) {
+    case session::ControlKind::kStart:
+      spdlog::info("session {} starts", options.address.session);
+      break;
+    case session::ControlKind::kEnd:
+      spdlog::info("session {} ends", options.address.session);
+      ended = true;
+      break;
+    case session::ControlKind::kMode:
+      break;
+    case session::ControlKind::kEmergencyStop:
+      spdlog::warn("emergency stop: {}", control.text);
+      ++commands.stops;
+      haptic.commands().post(commands);
+      break;
+    case session::ControlKind::kReset:
+      ++commands.resets;
+      haptic.commands().post(commands);
+      break;
+  }
+}
+
+void Hrtc::Impl::take(const session::ProbeState& state, std::int64_t now_ns) {
+  remote_probes[{state.user_id, state.probe}] = now_ns;
+}
+
+void Hrtc::Impl::choose_reference(std::int64_t now_ns) {
+  // By convention the host or HRTC of smallest id.
+  std::uint64_t id = links.origin().participant;
+  std::uint64_t incarnation = links.origin().incarnation;
+  for (const session::RosterEntry& entry : roster.entries()) {
+    if (entry.role != session::Role::kHost && entry.role != session::Role::kHrtc) continue;
+    if (entry.origin.participant >= id) continue;
+    id = entry.origin.participant;
+    incarnation = entry.origin.incarnation;
+  }
+  clock.set_reference(id, incarnation, now_ns);
+}
+
+void Hrtc::Impl::send_roster(bool leaving) {
+  session::RosterEntry entry;
+  entry.origin = links.origin();
+  entry.role = session::Role::kHrtc;
+  entry.name = options.address.participant;
+  entry.session = options.address.session;
+  entry.slots = slots.list();
+  entry.heartbeat = ++beats;
+  entry.leaving = leaving;
+  (void)roster_out.send(entry);
+}
+
+void Hrtc::Impl::send_metrics(bool all) {
+  namespace names = session::figures;
+  session::Metrics sample;
+  sample.origin = links.origin();
+  statistics.write(sample.figures, all);
+  if (all && !timer_samples.empty()) {
+    sample.figures.push_back({names::kTimerP50, timer_samples.percentile_us(0.5)});
+    sample.figures.push_back({names::kTimerP99, timer_samples.percentile_us(0.99)});
+    sample.figures.push_back({names::kTimerMax, timer_samples.percentile_us(1)});
+  }
+  const LoaderFigures figures = loader.figures();
+  const spm::CacheCounters& cache = loader.cache_counters();
+  const auto& delivery = loader.delivery_counters();
+  const std::pair<const char*, double> counts[] = {
+      {names::kPoolUsed, figures.slots_used},
+      {names::kPoolPeak, figures.slots_peak},
+      {names::kPoolLimit, figures.slots_limit},
+      {names::kRegionsHeld, static_cast<double>(figures.regions_held)},
+      {names::kRegionsReceived, static_cast<double>(figures.regions_received)},
+      {names::kEvictions, static_cast<double>(figures.regions_evicted)},
+      {names::kReloads, static_cast<double>(figures.regions_reloaded)},
+      {names::kRefusedFull, static_cast<double>(figures.refused_full)},
+      {names::kRecordsReceived, static_cast<double>(cache.records_accepted + cache.records_repeated)},
+      {names::kRecordsReturned, static_cast<double>(cache.records_returned + cache.records_repeated)},
+      {names::kBytesReceived, static_cast<double>(delivery.payload_bytes)},
+      {names::kLoadLatency, figures.load_latency * 1e6},
+      {names::kHostChanges, static_cast<double>(delivery.host_changes)},
+      {names::kRemoteProbes, static_cast<double>(remote_probes.size())}};
+  for (const auto& [name, value] : counts) sample.figures.push_back({name, value});
+  (void)metrics_out.send(sample);
+}
+
+void Hrtc::Impl::send_states() {
+  pthread_setname_np(pthread_self(), "sender");
+  std::array<std::uint32_t, kMaxProbes> sequences{};
+  const auto gap_ns = static_cast<std::int64_t>(1e9 / options.state_rate) - kMs / 2;
+  std::int64_t sent_ns = 0;
+  pollfd ready{haptic.event(), POLLIN, 0};
+  while (sending) {
+    if (poll(&ready, 1, 50) <= 0) continue;
+    std::uint64_t cycles;
+    (void)!read(haptic.event(), &cycles, sizeof cycles);
+    ProbeReports latest;
+    if (!haptic.reports_for_sender().take(latest) || latest.time_ns - sent_ns < gap_ns) continue;
+    sent_ns = latest.time_ns;
+    const session::ClockMap map = sender_clock.latest();
+    for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
+      const ProbeOutput& probe = latest.probes[i];
+      if (!probe.active) continue;
+      session::ProbeState state;
+      state.origin = links.origin();
+      state.user_id = user_ids[i].load(std::memory_order_relaxed);
+      if (state.user_id == 0) continue;
+      state.probe = i;
+      state.sequence = ++sequences[i];
+      state.session_time_ns = map.session_time(latest.time_ns);
+      state.time_bound_us =
+          static_cast<std::uint32_t>(std::min<std::int64_t>(map.bound(latest.time_ns) / 1000, 0xffffffff));
+      state.device = pose_at(probe.device);
+      state.proxy = probe.proxy;
+      state.velocity = probe.velocity;
+      state.force = probe.force;
+      state.radius = options.haptic.cycle.radius;
+      state.object_id = probe.object < kMaxObjects ? object_ids[probe.object].load(std::memory_order_relaxed) : 0;
+      state.status = probe.status;
+      state.error_bound = probe.error_bound;
+      state.data_age_us = static_cast<std::uint32_t>(std::clamp(probe.pose_age * 1e6f, 0.0f, 4e9f));
+      (void)states_out.send(state);
+    }
+  }
+}
+
+void Hrtc::Impl::drain_rings() {
+  CycleTrace trace;
+  while (haptic.traces().pop(trace)) statistics.add(trace);
+  if (timer) timer->drain(timer_samples);
+  if (!log) return;
+  const std::vector<Loader::ObjectInfo> objects = loader.objects();
+  object_logged.resize(objects.size());
+  for (std::size_t i = 0; i < objects.size(); ++i) {
+    if (object_logged[i]) continue;
+    log->write(trace::LoggedObject{objects[i].index, objects[i].digest, objects[i].scale, objects[i].name});
+    object_logged[i] = true;
+  }
+  while (haptic.log().pop(logged)) log->write(logged);
+  if (!log->healthy()) {
+    spdlog::error("the contact log {} cannot be written any more (disk full?); the session goes on without it",
+                  options.log.string());
+    log.reset();
+    exit_code = 1;
+  }
+}
+
+void Hrtc::Impl::snapshot(std::int64_t now_ns, const ProbeReports& latest) {
+  if (options.snapshot.empty()) return;
+  if (snapshot_asked_ns != 0) {  // one is being copied
+    if (haptic.snapshots_done() != commands.snapshots) return;
+    for (const Loader::ObjectInfo& object : loader.objects()) {
+      const std::vector<SnapshotFace>& faces = haptic.snapshot()[object.index];
+      if (faces.empty()) continue;
+      const std::filesystem::path file = options.snapshot / (options.address.participant + "-" + object.name + "-" +
+                                                             std::to_string(commands.snapshots) + ".ply");
+      try {
+        write_snapshot(file, faces, loader.grid(object.index), snapshot_contacts[object.index],
+                       snapshot_predictions[object.index]);
+      } catch (const std::runtime_error& error) {
+        spdlog::error("{}", error.what());
+        exit_code = 1;
+        options.snapshot.clear();
+        return;
+      }
+      spdlog::info("snapshot {} ({} faces)", file.string(), faces.size());
+    }
+    snapshot_asked_ns = 0;
+    ++snapshots_taken;
+    contact_since_ns = 0;
+    return;
+  }
+  constexpr std::uint32_t kTouching = session::kInContact | session::kExact;
+  const bool touching = std::any_of(latest.probes.begin(), latest.probes.end(),
+                                    [](const ProbeOutput& probe) { return (probe.status & kTouching) == kTouching; });
+  if (!touching) {
+    contact_since_ns = 0;
+    return;
+  }
+  if (contact_since_ns == 0) contact_since_ns = now_ns;
+  if (now_ns - contact_since_ns < (snapshots_taken == 0 ? kSnapshotNs / 4 : kSnapshotNs) ||
+      snapshots_taken >= kMaxSnapshots)
+    return;
+  for (const Loader::ObjectInfo& object : loader.objects()) {
+    snapshot_contacts[object.index] = loader.regions_met(object.index, sights);
+    snapshot_predictions[object.index] = loader.predicted(object.index);
+  }
+  ++commands.snapshots;
+  snapshot_asked_ns = now_ns;
+  haptic.commands().post(commands);
+}
+
+void Hrtc::Impl::serve(std::int64_t now_ns) {
+  for (const session::RosterEvent& event : roster.tick(now_ns)) on_event(event);
+  if (haptic.reports_for_service().take(reports))
+    for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
+      const ProbeOutput& probe = reports.probes[i];
+      sights[i] = {probe.active, (probe.status & session::kInContact) != 0, reports.time_ns, vec(probe.device)};
+    }
+  std::array<std::uint64_t, kMaxProbes> near;
+  loader.tick(now_ns, sights, near);
+  haptic.near().post(near);
+  for (const Loader::ObjectInfo& object : loader.objects()) object_ids[object.index] = object.id;
+  while (auto demand = loader.demand(now_ns)) {
+    demand->origin = links.origin();
+    (void)demand_out.send(*demand);
+  }
+  choose_reference(now_ns);
+  if (clock.reference() != 0 && clock.reference() != links.origin().participant && clock_request.due(now_ns)) {
+    session::ClockSample request = clock.request(monotonic_ns());
+    const std::int64_t sent = request.t0_ns;
+    request.origin = links.origin();
+    request.t0_ns = sent;
+    (void)clock_out.send(request);
+    if (++clock_requests == 10) clock_request.set_period(kClockNs);
+  }
+  sender_clock.post(clock.map());
+  if (heartbeat.due(now_ns)) send_roster(false);
+  if (metrics.due(now_ns)) send_metrics(all_metrics.due(now_ns));
+  for (auto at = remote_probes.begin(); at != remote_probes.end();)
+    at = now_ns - at->second > kRemoteProbeNs ? remote_probes.erase(at) : std::next(at);
+  drain_rings();
+  snapshot(now_ns, reports);
+  if (!host_seen && now_ns - started_ns > kNoHostNs && no_host.due(now_ns))
+    spdlog::warn(
+        "no host found in session {} on domain {}; still looking (is tactus-host running with the same --session and "
+        "--domain?)",
+        options.address.session, options.address.domain);
+  if (!host_seen && options.host_patience > 0 &&
+      static_cast<double>(now_ns - started_ns) > options.host_patience * 1e9) {
+    spdlog::error("no host found in session {} on domain {} within {} s", options.address.session,
+                  options.address.domain, options.host_patience);
+    exit_code = 1;
+    ended = true;
+  }
+}
+
+void Hrtc::Impl::finish() {
+  haptic.stop();
+  timer.reset();
+  sending = false;
+  if (sender.joinable()) sender.join();
+  drain_rings();
+  if (log) {
+    for (const Loader::ObjectInfo& object : loader.objects())
+      log->write(trace::LoggedTotals{object.index, object.records_received, object.records_returned,
+                                     object.regions_received, object.regions_released});
+    if (haptic.log_dropped() > 0) spdlog::warn("{} contact log entries were dropped", haptic.log_dropped());
+    log.reset();
+  }
+  // Best effort, so said more than once.
+  for (int i = 0; i < 3; ++i) {
+    send_metrics(true);
+    std::this_thread::sleep_for(std::chrono::milliseconds{20});
+  }
+  send_roster(true);
+  roster_out.wait_acknowledged(std::chrono::milliseconds{200});
+}
+
+int Hrtc::Impl::run(const std::atomic<bool>& stop) {
+  if (options.haptic.priority > 0) spdlog::info("{}", lock_memory());
+  started_ns = monotonic_ns();
+  haptic.commands().post(commands);
+  spdlog::info("{}", haptic.start());
+  if (options.timer_beside) timer = std::make_unique<TimerBeside>(options.haptic.period_ns, options.haptic.priority);
+  sending = true;
+  sender = std::thread{[this] { send_states(); }};
+  spdlog::info("{} serves {} probes in session {} on domain {}; pool of {} slots, {:.1f} MiB",
+               options.address.participant, options.max_users, options.address.session, options.address.domain,
+               options.pool.slots, static_cast<double>(options.pool.bytes()) / (1 << 20));
+  while (!stop && !ended) {
+    for (const Arrived& arrived : inbox.take(std::chrono::microseconds{2000})) {
+      const std::int64_t now_ns = monotonic_ns();
+      std::visit([&](const auto& sample) { take(sample, now_ns); }, arrived);
+    }
+    serve(monotonic_ns());
+  }
+  finish();
+  return exit_code;
+}
+
+Hrtc::Hrtc(HrtcOptions options) : impl_{std::make_unique<Impl>(std::move(options))} {}
+Hrtc::~Hrtc() = default;
+int Hrtc::run(const std::atomic<bool>& stop) { return impl_->run(stop); }
+
+}  // namespace tactus::hrtc_service

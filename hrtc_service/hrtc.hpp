@@ -1,0 +1,57 @@
+/// An HRTC: joins a session, finds the objects of all hosts, gives users probes, and lets them feel.
+///
+///   thread   runs                                              woken by
+///   haptic   devices, cycle                                    its period
+///   sender   probe states                                      the haptic thread's eventfd
+///   service  roster, clock, loader, metrics, log               samples that arrive, else every 2 ms
+///   (DDS)    callbacks that copy a sample into the inbox       the network
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "hrtc_service/haptic_thread.hpp"
+#include "spm/pool.hpp"
+#include "wire/links.hpp"
+
+namespace tactus::hrtc_service {
+
+/// A user of this HRTC whose device replays a recording.
+struct ReplayUser {
+  std::string user;
+  std::filesystem::path recording;
+};
+
+struct HrtcOptions {
+  wire::SessionAddress address;
+  spm::PoolSettings pool;
+  HapticSettings haptic;
+  std::uint32_t max_users = kMaxProbes;
+  std::vector<ReplayUser> replays;
+  std::filesystem::path log;       ///< contact log; empty: none
+  std::filesystem::path snapshot;  ///< directory for the shown meshes; empty: none
+  double host_patience = 0;        ///< s to wait for a first host; 0: for ever
+  bool timer_beside = false;       ///< measure a bare timer of the same priority
+  double state_rate = 1000;        ///< Hz of probe states, at most the cycle's
+};
+
+class Hrtc {
+ public:
+  /// Throws for whatever cannot be had: names, domain, profiles, files. Nothing runs yet.
+  explicit Hrtc(HrtcOptions options);
+  ~Hrtc();
+
+  /// Until `stop` is set, the session ends, or a reason to give up; 0 or the exit code, with the reason logged.
+  int run(const std::atomic<bool>& stop);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace tactus::hrtc_service

@@ -1,0 +1,121 @@
+#include <spdlog/sinks/stdout_color_sinks.h>
+#include <spdlog/spdlog.h>
+
+#include <CLI/CLI.hpp>
+#include <atomic>
+#include <csignal>
+#include <iostream>
+
+#include "hrtc_service/hrtc.hpp"
+
+namespace {
+
+std::atomic<bool> stop_asked{false};
+
+void ask_to_stop(int) { stop_asked = true; }
+
+constexpr char kExamples[] = R"(
+Examples:
+  tactus-hrtc --session lab --name desk1
+  tactus-hrtc --session lab --name desk2 --pool 30000 --log desk2.log --snapshot shots
+  tactus-hrtc --session lab --name desk3 --replay alice=poses.csv
+
+Exit status: 0 ended by the session or a signal, 1 given up or output lost, 2 wrong input.)";
+
+/// "user=file"
+tactus::hrtc_service::ReplayUser parse_replay(const std::string& text) {
+  const std::size_t equals = text.find('=');
+  if (equals == std::string::npos || equals == 0 || equals + 1 == text.size())
+    throw CLI::ValidationError("--replay", "found " + text + ", expected USER=FILE");
+  return {text.substr(0, equals), text.substr(equals + 1)};
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  using namespace tactus;
+  hrtc_service::HrtcOptions options;
+  options.address.session = "tactus";
+  options.address.participant = "hrtc";
+  std::uint32_t slots = 1u << 16;
+  double rate = 1000, deadline_us = 200, radius_mm = 3, frame_scale = 1;
+  std::vector<double> frame_offset{0, 0, 0};
+  std::vector<std::string> replays;
+  double max_force = options.haptic.cycle.force.max_force;
+
+  CLI::App app{"Haptic real-time controller: refines near contact, finds collisions, renders forces at 1 kHz.",
+               "tactus-hrtc"};
+  app.footer(kExamples);
+  app.add_option("--session", options.address.session, "Session to join")->capture_default_str();
+  app.add_option("--name", options.address.participant, "Name of this controller, unique in the session")
+      ->capture_default_str();
+  app.add_option("--domain", options.address.domain, "First of the three DDS domains that the session uses")
+      ->capture_default_str();
+  app.add_option("--qos", options.address.qos, "Directory of the QoS profiles")->capture_default_str();
+  app.add_option("--pool", slots, "Slots for mesh records, of all objects together; 64 Ki take 31 MiB")
+      ->capture_default_str()
+      ->check(CLI::Range(256u, 1u << 27));
+  app.add_option("--users", options.max_users, "Probes at most")
+      ->capture_default_str()
+      ->check(CLI::Range(1u, hrtc_service::kMaxProbes));
+  app.add_option("--rate", rate, "Cycles per second")->capture_default_str()->check(CLI::Range(100.0, 10000.0));
+  app.add_option("--deadline", deadline_us, "Microseconds that a cycle's own work may take; sets the refinement budget")
+      ->capture_default_str()
+      ->check(CLI::Range(20.0, 10000.0));
+  app.add_option("--priority", options.haptic.priority, "SCHED_FIFO priority of the haptic thread; 0: none")
+      ->capture_default_str()
+      ->check(CLI::Range(0, 98));
+  app.add_option("--tip-radius", radius_mm, "Radius of the tips, mm")
+      ->capture_default_str()
+      ->check(CLI::Range(0.1, 100.0));
+  app.add_option("--max-force", max_force, "Largest force, N")->capture_default_str()->check(CLI::Range(0.1, 100.0));
+  app.add_option("--replay", replays, "USER=FILE: a user whose device replays lines time_s,x,y,z");
+  app.add_option("--device-scale", frame_scale, "World metres per device metre, for replayed devices")
+      ->capture_default_str()
+      ->check(CLI::Range(1e-3, 1e3));
+  app.add_option("--device-offset", frame_offset, "Where the origin of a replayed device is in the world, m")
+      ->expected(3);
+  app.add_option("--log", options.log, "Contact log, for tactus-mesh audit");
+  app.add_option("--snapshot", options.snapshot,
+                 "Directory for PLY files of the active mesh while something is touched");
+  app.add_option("--wait-host", options.host_patience,
+                 "Give up when no host is found within so many seconds; 0: never");
+  app.add_option("--state-rate", options.state_rate, "Probe states per second")
+      ->capture_default_str()
+      ->check(CLI::Range(1.0, 10000.0));
+  app.add_flag("--timer-beside", options.timer_beside,
+               "Measure a bare timer of the same priority beside the haptic thread");
+  try {
+    app.parse(argc, argv);
+    for (const std::string& replay : replays) options.replays.push_back(parse_replay(replay));
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : 2;
+  }
+
+  options.pool = spm::PoolSettings::for_slots(slots);
+  options.haptic.period_ns = static_cast<std::int64_t>(1e9 / rate);
+  options.haptic.cycle.period = 1 / rate;
+  options.haptic.cycle.radius = radius_mm * 1e-3;
+  options.haptic.cycle.force.max_force = max_force;
+  options.haptic.deadline_ns = static_cast<std::int64_t>(deadline_us * 1e3);
+  options.haptic.frame = haptics::DeviceFrame{
+      Eigen::Quaterniond::Identity(), {frame_offset[0], frame_offset[1], frame_offset[2]}, frame_scale};
+  options.haptic.log = !options.log.empty();
+  options.haptic.snapshot_faces = options.snapshot.empty() ? 0 : std::max(200'000u, 2 * slots);
+  options.address.probe_priority = options.haptic.priority > 10 ? options.haptic.priority - 10 : 0;
+
+  spdlog::set_default_logger(spdlog::stderr_color_mt("tactus-hrtc"));
+  spdlog::set_pattern("%H:%M:%S.%e %n %^%l%$ %v");
+  wire::set_log_sink([](const std::string& text) { spdlog::warn("dds: {}", text); });
+  struct sigaction action {};
+  action.sa_handler = ask_to_stop;
+  sigaction(SIGINT, &action, nullptr);
+  sigaction(SIGTERM, &action, nullptr);
+  try {
+    hrtc_service::Hrtc hrtc{std::move(options)};
+    return hrtc.run(stop_asked);
+  } catch (const std::exception& error) {
+    std::cerr << "tactus-hrtc: " << error.what() << '\n';
+    return 2;
+  }
+}

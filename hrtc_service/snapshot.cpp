@@ -1,0 +1,68 @@
+#include "hrtc_service/snapshot.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <fstream>
+#include <stdexcept>
+
+namespace tactus::hrtc_service {
+namespace {
+
+struct Colour {
+  unsigned char red, green, blue;
+};
+
+bool meets(const spm::RegionGrid& grid, const std::vector<std::uint32_t>& regions, const Vec3d& point, double slack) {
+  return std::any_of(regions.begin(), regions.end(), [&](std::uint32_t region) {
+    return grid.box(spm::RegionId{region}).squared_distance(point) <= slack * slack;
+  });
+}
+
+}  // namespace
+
+void write_snapshot(const std::filesystem::path& file, const std::vector<SnapshotFace>& faces,
+                    const spm::RegionGrid& grid, const std::vector<std::uint32_t>& contact_regions,
+                    const std::vector<std::uint32_t>& predicted_regions) {
+  const std::filesystem::path temporary = file.string() + ".part";
+  std::ofstream out{temporary, std::ios::binary};
+  out << "ply\nformat ascii 1.0\ncomment red: contact region, yellow: predicted, green: full resolution, grey: coarse\n"
+      << "element vertex " << 3 * faces.size() << "\nproperty float x\nproperty float y\nproperty float z\n"
+      << "property uchar red\nproperty uchar green\nproperty uchar blue\n"
+      << "element face " << faces.size() << "\nproperty list uchar int vertex_indices\nend_header\n";
+  const auto size = [](const SnapshotFace& face) {
+    const auto corner = [&](int i) {
+      return Vec3d{face.corners[3 * i], face.corners[3 * i + 1], face.corners[3 * i + 2]};
+    };
+    return std::max((corner(1) - corner(0)).norm(), (corner(2) - corner(0)).norm());
+  };
+  double largest = 0;
+  for (const SnapshotFace& face : faces) largest = std::max(largest, size(face));
+  for (const SnapshotFace& face : faces) {
+    const Vec3d centre{(face.corners[0] + face.corners[3] + face.corners[6]) / 3.0,
+                       (face.corners[1] + face.corners[4] + face.corners[7]) / 3.0,
+                       (face.corners[2] + face.corners[5] + face.corners[8]) / 3.0};
+    Colour colour{60, 160, 80};
+    if (face.last == 0) {
+      const auto shade = static_cast<unsigned char>(200 - 130 * std::sqrt(size(face) / largest));
+      colour = {shade, shade, shade};
+    } else if (meets(grid, contact_regions, centre, 0)) {
+      colour = {205, 50, 45};
+    } else if (meets(grid, predicted_regions, centre, 0)) {
+      colour = {230, 190, 50};
+    }
+    for (int corner = 0; corner < 3; ++corner)
+      out << face.corners[3 * corner] << ' ' << face.corners[3 * corner + 1] << ' ' << face.corners[3 * corner + 2]
+          << ' ' << int{colour.red} << ' ' << int{colour.green} << ' ' << int{colour.blue} << '\n';
+  }
+  for (std::size_t i = 0; i < faces.size(); ++i) out << "3 " << 3 * i << ' ' << 3 * i + 1 << ' ' << 3 * i + 2 << '\n';
+  out.close();
+  std::error_code error;
+  if (out) std::filesystem::rename(temporary, file, error);
+  if (!out || error) {
+    std::filesystem::remove(temporary, error);
+    throw std::runtime_error("cannot write the snapshot " + file.string());
+  }
+}
+
+}  // namespace tactus::hrtc_service
