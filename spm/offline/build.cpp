@@ -76,8 +76,8 @@ class Assembler {
     return side;
   }
 
-  /// Every face shown is the image of its finest self when each corner goes to an ancestor; between corners the motion is
-  /// linear, so no point of it moves further than a corner can.
+  /// Every face shown is the image of its finest self when each corner goes to an ancestor; between corners the motion
+  /// is linear, so no point of it moves further than a corner can.
   double deviation() const {
     std::vector<std::uint32_t> parent(mesh_.positions.size(), kNone);
     for (const Collapse& collapse : collapses_.sequence) parent[collapse.u] = collapse.t;

@@ -1,23 +1,25 @@
 #include "spm/offline/import.hpp"
 
 #include <assimp/config.h>
-#include <assimp/postprocess.h>
 #include <assimp/scene.h>
 
 #include <Eigen/Core>
 #include <Eigen/LU>
 #include <assimp/Importer.hpp>
+#include <cctype>
 #include <string>
 #include <system_error>
 
 #include "spm/model.hpp"
+#include "spm/offline/ply_header.hpp"
+#include "spm/offline/polygon.hpp"
 
 namespace tactus::spm::offline {
 namespace {
 
 /// What a scene holds that is no triangle, for the message when it holds nothing else.
 struct Found {
-  std::size_t points = 0, lines = 0, polygons = 0;
+  std::size_t points = 0, lines = 0;
 };
 
 [[noreturn]] void fail(const std::filesystem::path& path, const std::string& what) {
@@ -31,6 +33,12 @@ void check_readable(const std::filesystem::path& path) {
   if (error) fail(path, "cannot be read: " + error.message());
   if (status.type() != std::filesystem::file_type::regular) fail(path, "is no regular file, expected a model");
   if (std::filesystem::file_size(path, error) == 0) fail(path, "found 0 bytes, expected a model");
+}
+
+std::string extension_of(const std::filesystem::path& path) {
+  std::string extension = path.extension().string();
+  for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return extension;
 }
 
 /// Before anything follows the indices of a scene.
@@ -72,16 +80,23 @@ void append_mesh(const aiMesh& from, const Matrix& placed, TriangleMesh& to, Fou
     }
   }
   const bool mirrored = placed.topLeftCorner<3, 3>().determinant() < 0;
+  const auto add = [&](const aiFace& face, std::uint32_t a, std::uint32_t b, std::uint32_t c) {
+    if (mirrored) std::swap(b, c);
+    const auto id = [&](std::uint32_t k) { return static_cast<std::uint32_t>(first + face.mIndices[k]); };
+    to.faces.push_back({id(a), id(b), id(c)});
+  };
+  std::vector<std::array<float, 3>> corners;
   for (unsigned f = 0; f < from.mNumFaces; ++f) {
     const aiFace& face = from.mFaces[f];
-    if (face.mNumIndices != 3) {
-      ++(face.mNumIndices == 1 ? found.points : face.mNumIndices == 2 ? found.lines : found.polygons);
-      continue;
+    if (face.mNumIndices < 3) {
+      ++(face.mNumIndices == 2 ? found.lines : found.points);
+    } else if (face.mNumIndices == 3) {
+      add(face, 0, 1, 2);
+    } else {
+      corners.clear();
+      for (unsigned k = 0; k < face.mNumIndices; ++k) corners.push_back(to.positions[first + face.mIndices[k]]);
+      for (const Triangle& t : cut_polygon(corners)) add(face, t[0], t[1], t[2]);
     }
-    Triangle t;
-    for (unsigned k = 0; k < 3; ++k) t[k] = static_cast<std::uint32_t>(first + face.mIndices[k]);
-    if (mirrored) std::swap(t[1], t[2]);
-    to.faces.push_back(t);
   }
   if (from.mNumFaces == 0) found.points += from.mNumVertices;
 }
@@ -99,7 +114,6 @@ std::string list(const aiScene& scene, const Found& found) {
   };
   add(found.points, "points");
   add(found.lines, "lines");
-  add(found.polygons, "polygons that cannot be cut into triangles");
   add(scene.mNumAnimations, "animations");
   return text.empty() ? "nothing" : text;
 }
@@ -109,8 +123,6 @@ TriangleMesh import_with(Assimp::Importer& importer, const std::filesystem::path
   const aiScene* scene = importer.ReadFile(path.string(), 0);
   if (scene == nullptr) fail(path, std::string{"cannot be read as a model: "} + importer.GetErrorString());
   check_indices(*scene, path);
-  if (scene->mNumMeshes > 0) scene = importer.ApplyPostProcessing(aiProcess_Triangulate);
-  if (scene == nullptr) fail(path, std::string{"its polygons cannot be cut: "} + importer.GetErrorString());
   TriangleMesh mesh;
   Found found;
   if (scene->mRootNode != nullptr) append_node(*scene, *scene->mRootNode, Matrix::Identity(), mesh, found);
@@ -122,6 +134,7 @@ TriangleMesh import_with(Assimp::Importer& importer, const std::filesystem::path
 
 TriangleMesh import_mesh(const std::filesystem::path& path) {
   check_readable(path);
+  if (extension_of(path) == ".ply") check_ply_header(path);
   try {
     Assimp::Importer importer;
     return import_with(importer, path);

@@ -68,6 +68,19 @@ TEST_F(Import, CutsPolygonsIntoTriangles) {
   EXPECT_EQ(import_mesh(path).faces.size(), 2u);
 }
 
+TEST_F(Import, CutsAPolygonWithADentInsideOfIt) {
+  const TriangleMesh mesh = import_mesh(file("dent.obj", "v 0 0 0\nv 4 0 0\nv 4 4 0\nv 2 1 0\nv 0 4 0\nf 1 2 3 4 5\n"));
+  ASSERT_EQ(mesh.faces.size(), 3u);
+  double area = 0;
+  for (const Triangle& f : mesh.faces) {
+    const auto &a = mesh.positions[f[0]], &b = mesh.positions[f[1]], &c = mesh.positions[f[2]];
+    const double twice = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+    EXPECT_GT(twice, 0);
+    area += twice / 2;
+  }
+  EXPECT_DOUBLE_EQ(area, 10);
+}
+
 TEST_F(Import, PlacesMeshesByTheirNodesAndTurnsMirroredOnesRightSideOut) {
   // One triangle, shown twice: as it is, and mirrored in x and moved by 10.
   const std::string gltf = R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0,1]}],

@@ -50,7 +50,8 @@ std::uint32_t record_with_deformed(const BuiltModel& m) {
 
 const std::vector<Damage> kDamages{
     {"NoFaces", [](BuiltModel& m) { m.summary.faces = 0; }, "faces: found 0"},
-    {"FacesThatNothingBears", [](BuiltModel& m) { ++m.summary.faces; }, "neither in the base mesh nor born"},
+    {"AFaceThatNothingBears", [](BuiltModel& m) { m.parts[m.summary.records - 1].born_count = 1; },
+     "neither in the base mesh nor born"},
     {"FarTooManyFaces", [](BuiltModel& m) { m.summary.faces = kMaxFaces - 1; }, "have room for"},
     {"VerticesMissing", [](BuiltModel& m) { m.positions.pop_back(); }, "positions: found"},
     {"PartsMissing", [](BuiltModel& m) { m.parts.pop_back(); }, "parts: found"},
