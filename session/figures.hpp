@@ -53,4 +53,7 @@ inline constexpr char kLoadLatency[] = "hrtc.load_latency_us";
 inline constexpr char kHostChanges[] = "hrtc.host_changes";
 inline constexpr char kRemoteProbes[] = "hrtc.remote_probes";
 
+/// Followed by the topic's name and .rate, .lost_share, .age_us.p50, .age_us.p99 or .age_us.max: as its reader sees it.
+inline constexpr char kTopicPrefix[] = "topic.";
+
 }  // namespace tactus::session::figures

@@ -1,0 +1,255 @@
+#include "client_sim/report.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <nlohmann/json.hpp>
+
+#include "session/figures.hpp"
+
+namespace tactus::client_sim {
+
+namespace figures = session::figures;
+
+namespace {
+
+/// Formats like printf, into a string.
+template <class... Values>
+std::string line(const char* format, Values... values) {
+  std::array<char, 512> buffer{};
+  std::snprintf(buffer.data(), buffer.size(), format, values...);
+  return buffer.data();
+}
+
+double value_of(const ParticipantReport& participant, const std::string& name) {
+  const auto found = participant.figures.find(name);
+  return found == participant.figures.end() ? 0 : found->second;
+}
+
+bool has(const ParticipantReport& participant, const std::string& name) { return participant.figures.count(name) != 0; }
+
+/// "-" for a time that never came.
+std::string moment(double seconds) { return seconds < 0 ? "-" : line("%.2f", seconds); }
+
+void write_users(const Report& report, std::string& out) {
+  out +=
+      "\nUsers                 hrtc              first touch   exact   contact   exact   force N       touches  taps\n"
+      "                                              s         s         s       %    mean    max\n";
+  for (const UserReport& user : report.users) {
+    const TouchTally& touch = user.touch;
+    out +=
+        line("  %-18s  %-16s  %9s  %8s  %8.2f  %6.2f  %6.2f  %6.2f  %7u  %4u\n", user.name.substr(0, 18).c_str(),
+             user.hrtc.substr(0, 16).c_str(), moment(touch.first_touch).c_str(), moment(touch.first_exact).c_str(),
+             touch.contact, 100 * touch.exact_share(), touch.force_mean(), touch.force_max, touch.touches, user.taps);
+    if (touch.states == 0) out += "    no probe state was received\n";
+    if (user.approaches_missed + user.contacts_lost + touch.faults > 0) {
+      out += line("    approaches that met nothing %u, contacts lost while following %u, faults %u\n",
+                  user.approaches_missed, user.contacts_lost, touch.faults);
+    }
+  }
+}
+
+void write_hrtc(const ParticipantReport& hrtc, std::uint64_t records_total, std::string& out) {
+  const auto value = [&](const std::string& name) { return value_of(hrtc, name); };
+  out += "\nHRTC " + hrtc.name + (hrtc.here ? "\n" : " (gone before the end)\n");
+  if (hrtc.figures.empty()) {
+    out += "  sent no figures\n";
+    return;
+  }
+  out += line("  cycles %.0f, late: ours %.0f, stolen %.0f; skipped %.0f\n", value(figures::kCycles),
+              value(figures::kLateOurs), value(figures::kLateStolen), value(figures::kSkipped));
+  if (has(hrtc, figures::kTimerP50)) {
+    out += line("  wake-up us      p50 %.0f  p99 %.0f  max %.0f    bare timer  p50 %.0f  p99 %.0f  max %.0f\n",
+                value(figures::kWakeP50), value(figures::kWakeP99), value(figures::kWakeMax), value(figures::kTimerP50),
+                value(figures::kTimerP99), value(figures::kTimerMax));
+  }
+  constexpr std::pair<const char*, const char*> kTimes[] = {
+      {figures::kRefineTime, "T_R refine"}, {figures::kRefitTime, "T_B refit"}, {figures::kQueryTime, "T_Q query"},
+      {figures::kLoadTime, "T_L load"},     {figures::kForceTime, "force"},     {figures::kCycleTime, "cycle's work"}};
+  if (has(hrtc, std::string{figures::kCycleTime} + ".p50")) {
+    out += "  us                   p50        p99      p99.9        max\n";
+    for (const auto& [name, label] : kTimes) {
+      const std::string base = name;
+      out += line("    %-14s  %9.1f  %9.1f  %9.1f  %9.1f\n", label, value(base + ".p50"), value(base + ".p99"),
+                  value(base + ".p999"), value(base + ".max"));
+    }
+  }
+  const double contact = value(figures::kContactCycles);
+  out += line("  contact cycles %.0f, exact %.2f %%\n", contact,
+              contact > 0 ? 100 * value(figures::kExactCycles) / contact : 0.0);
+  out += line("  pool %.0f of %.0f (peak %.0f), evictions %.0f, reloads %.0f, refused for room %.0f\n",
+              value(figures::kPoolUsed), value(figures::kPoolLimit), value(figures::kPoolPeak),
+              value(figures::kEvictions), value(figures::kReloads), value(figures::kRefusedFull));
+  const double records = value(figures::kRecordsReceived);
+  out += line("  records received %.0f", records);
+  if (records_total > 0) {
+    out += line(" (%.2f %% of %llu)", 100 * records / static_cast<double>(records_total),
+                static_cast<unsigned long long>(records_total));
+  }
+  out += line(", %.0f bytes, regions held %.0f\n", value(figures::kBytesReceived), value(figures::kRegionsHeld));
+}
+
+void write_topics(const Report& report, std::string& out) {
+  out += "\nTopics                                     samples  lost %    rate/s   age us p50      p99      max\n";
+  for (const UserReport& user : report.users) {
+    const TouchTally& touch = user.touch;
+    const double sent = static_cast<double>(touch.states + touch.states_lost);
+    out += line("  %-38s  %8llu  %6.2f  %8.0f  %11.0f  %7.0f  %7.0f\n",
+                ("probe_state of " + user.name).substr(0, 38).c_str(), static_cast<unsigned long long>(touch.states),
+                sent > 0 ? 100 * static_cast<double>(touch.states_lost) / sent : 0.0,
+                touch.served > 0 ? static_cast<double>(touch.states) / touch.served : 0.0, touch.age_us.percentile(0.5),
+                touch.age_us.percentile(0.99), touch.age_us.percentile(1));
+  }
+  for (const ParticipantReport& participant : report.participants) {
+    const std::string prefix = figures::kTopicPrefix;
+    for (auto at = participant.figures.lower_bound(prefix);
+         at != participant.figures.end() && at->first.compare(0, prefix.size(), prefix) == 0; ++at) {
+      out += line("  %-38s  %s = %g\n", participant.name.substr(0, 38).c_str(), at->first.substr(prefix.size()).c_str(),
+                  at->second);
+    }
+  }
+}
+
+const char* role_name(session::Role role) {
+  switch (role) {
+    case session::Role::kHost:
+      return "host";
+    case session::Role::kHrtc:
+      return "hrtc";
+    case session::Role::kClient:
+      return "client";
+    case session::Role::kViewer:
+      break;
+  }
+  return "viewer";
+}
+
+}  // namespace
+
+void Samples::add(double value) {
+  if (values_.size() < kKept) {
+    values_.push_back(value);
+  } else {
+    values_[next_++ % kKept] = value;
+  }
+}
+
+double Samples::percentile(double share) const {
+  if (values_.empty()) return 0;
+  std::vector<double> sorted = values_;
+  const auto at = sorted.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(sorted.size() - 1));
+  std::nth_element(sorted.begin(), at, sorted.end());
+  return *at;
+}
+
+void TouchTally::add(const session::ProbeState& state, std::int64_t start_ns, std::int64_t received_ns) {
+  constexpr std::int64_t kNewTouch = 20'000'000;  // ns without contact; less is a bounce
+  constexpr double kLongestGap = 0.05;            // s that one sample may stand for
+  const bool restarted = started_ && state.origin.incarnation != last_.origin.incarnation;
+  if (started_ && !restarted && state.sequence <= last_.sequence) return;
+  ++states;
+  age_us.add(static_cast<double>(received_ns - state.session_time_ns) * 1e-3);
+  const bool contact_now = (state.status & session::kInContact) != 0;
+  const bool exact_now = contact_now && (state.status & session::kExact) != 0;
+  const double force = std::hypot(state.force[0], state.force[1], state.force[2]);
+  if (started_ && !restarted) {
+    states_lost += state.sequence - last_.sequence - 1;
+    // Each sample stands for the time until the next.
+    const double dt =
+        std::clamp(static_cast<double>(state.session_time_ns - last_.session_time_ns) * 1e-9, 0.0, kLongestGap);
+    served += dt;
+    if ((last_.status & session::kInContact) != 0) {
+      contact += dt;
+      force_seconds_ += dt * std::hypot(last_.force[0], last_.force[1], last_.force[2]);
+      if ((last_.status & session::kExact) != 0) exact += dt;
+    }
+  }
+  const bool fault_before = started_ && (last_.status & session::kFault) != 0;
+  if ((state.status & session::kFault) != 0 && !fault_before) ++faults;
+  if (contact_now) {
+    const bool held = started_ && (last_.status & session::kInContact) != 0;
+    if (left_ns_ == INT64_MIN || (!held && state.session_time_ns - left_ns_ >= kNewTouch)) ++touches;
+    left_ns_ = state.session_time_ns;
+    const double since_start = static_cast<double>(state.session_time_ns - start_ns) * 1e-9;
+    if (first_touch < 0) first_touch = std::max(0.0, since_start);
+    if (first_exact < 0 && exact_now) first_exact = std::max(0.0, since_start);
+  }
+  force_max = std::max(force_max, force);
+  last_ = state;
+  started_ = true;
+}
+
+std::string text(const Report& report) {
+  std::string out =
+      line("Session %s, scenario %s: %.1f s\n", report.session.c_str(), report.scenario.c_str(), report.duration);
+  if (!report.trouble.empty()) out += "Not to its end: " + report.trouble + "\n";
+  write_users(report, out);
+  for (const ParticipantReport& participant : report.participants) {
+    if (participant.role == session::Role::kHrtc) write_hrtc(participant, report.records_total, out);
+  }
+  for (const ParticipantReport& participant : report.participants) {
+    if (participant.role != session::Role::kHost) continue;
+    out += line("\nHost %s%s\n  sent %.0f bytes, %.0f records in %.0f regions, to %.0f HRTCs\n",
+                participant.name.c_str(), participant.here ? "" : " (gone before the end)",
+                value_of(participant, figures::kHostBytes), value_of(participant, figures::kHostRecords),
+                value_of(participant, figures::kHostRegions), value_of(participant, figures::kHostControllers));
+  }
+  write_topics(report, out);
+  if (!report.events.empty()) out += "\nEvents\n";
+  for (const ReportEvent& event : report.events) out += line("  %8.2f s  ", event.time) + event.text + "\n";
+  return out;
+}
+
+std::string json(const Report& report) {
+  using nlohmann::json;
+  json users = json::array();
+  for (const UserReport& user : report.users) {
+    const TouchTally& touch = user.touch;
+    const auto moment_or_null = [](double seconds) { return seconds < 0 ? json{} : json(seconds); };
+    users.push_back({{"name", user.name},
+                     {"hrtc", user.hrtc},
+                     {"first_touch_s", moment_or_null(touch.first_touch)},
+                     {"first_exact_contact_s", moment_or_null(touch.first_exact)},
+                     {"contact_s", touch.contact},
+                     {"exact_share", touch.exact_share()},
+                     {"force_mean_n", touch.force_mean()},
+                     {"force_max_n", touch.force_max},
+                     {"touches", touch.touches},
+                     {"taps", user.taps},
+                     {"approaches_missed", user.approaches_missed},
+                     {"contacts_lost", user.contacts_lost},
+                     {"following_s", user.following},
+                     {"faults", touch.faults},
+                     {"probe_states",
+                      {{"received", touch.states},
+                       {"lost", touch.states_lost},
+                       {"served_s", touch.served},
+                       {"age_us",
+                        {{"p50", touch.age_us.percentile(0.5)},
+                         {"p99", touch.age_us.percentile(0.99)},
+                         {"p999", touch.age_us.percentile(0.999)},
+                         {"max", touch.age_us.percentile(1)}}}}}});
+  }
+  json participants = json::array();
+  for (const ParticipantReport& participant : report.participants) {
+    participants.push_back({{"name", participant.name},
+                            {"role", role_name(participant.role)},
+                            {"here_at_end", participant.here},
+                            {"figures", participant.figures}});
+  }
+  json events = json::array();
+  for (const ReportEvent& event : report.events) events.push_back({{"time_s", event.time}, {"text", event.text}});
+  const json all{{"session", report.session},
+                 {"scenario", report.scenario},
+                 {"duration_s", report.duration},
+                 {"trouble", report.trouble},
+                 {"records_total", report.records_total},
+                 {"users", users},
+                 {"participants", participants},
+                 {"events", events}};
+  // Names come from the network: what is not UTF-8 is replaced, not refused.
+  return all.dump(2, ' ', false, json::error_handler_t::replace) + "\n";
+}
+
+}  // namespace tactus::client_sim

@@ -1,0 +1,96 @@
+/// What a session came to, for people and for machines.
+///
+/// Users are judged by the probe states they received, controllers and hosts by the figures they publish
+/// (session/figures.hpp). Not realtime.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "session/messages.hpp"
+
+namespace tactus::client_sim {
+
+/// Values of which percentiles are wanted; keeps the newest million.
+class Samples {
+ public:
+  void add(double value);
+  /// `share` from 0 to 1; 0 when empty. O(size).
+  [[nodiscard]] double percentile(double share) const;
+  [[nodiscard]] bool empty() const noexcept { return values_.empty(); }
+
+ private:
+  static constexpr std::size_t kKept = 1'000'000;
+  std::vector<double> values_;
+  std::size_t next_ = 0;
+};
+
+/// Adds up what one user's probe states tell.
+class TouchTally {
+ public:
+  /// `start_ns`, `received_ns`: session time when the run began and when this sample came.
+  void add(const session::ProbeState& state, std::int64_t start_ns, std::int64_t received_ns);
+
+  std::uint64_t states = 0;
+  std::uint64_t states_lost = 0;  ///< gaps in their sequence
+  double served = 0;              ///< s covered by probe states
+  double contact = 0;             ///< s
+  double exact = 0;               ///< s of contact
+  double first_touch = -1;        ///< s since the start; < 0: none
+  double first_exact = -1;        ///< s since the start, of the first exact contact
+  double force_max = 0;           ///< N
+  std::uint32_t touches = 0;      ///< times that contact began, after 20 ms or more without
+  std::uint32_t faults = 0;       ///< times that a fault was latched
+  Samples age_us;                 ///< of probe states when they came
+
+  [[nodiscard]] double force_mean() const noexcept { return contact > 0 ? force_seconds_ / contact : 0; }
+  [[nodiscard]] double exact_share() const noexcept { return contact > 0 ? exact / contact : 0; }
+
+ private:
+  double force_seconds_ = 0;
+  session::ProbeState last_;
+  std::int64_t left_ns_ = INT64_MIN;  // when contact last was
+  bool started_ = false;
+};
+
+struct UserReport {
+  std::string name;
+  std::string hrtc;
+  TouchTally touch;
+  std::uint32_t taps = 0;
+  std::uint32_t approaches_missed = 0;
+  std::uint32_t contacts_lost = 0;
+  double following = 0;  ///< s
+};
+
+struct ParticipantReport {
+  std::string name;
+  session::Role role = session::Role::kHost;
+  bool here = true;  ///< at the end
+  std::map<std::string, double> figures;
+};
+
+struct ReportEvent {
+  double time;  ///< s since the start; negative before it
+  std::string text;
+};
+
+struct Report {
+  std::string session;
+  std::string scenario;
+  double duration = 0;              ///< s that it ran
+  std::string trouble;              ///< why it did not run to its end; empty when it did
+  std::uint64_t records_total = 0;  ///< of all models in the catalogue
+  std::vector<UserReport> users;
+  std::vector<ParticipantReport> participants;  ///< hosts and HRTCs
+  std::vector<ReportEvent> events;
+};
+
+/// Lines of at most 120 columns.
+[[nodiscard]] std::string text(const Report& report);
+/// One JSON object; every figure of every participant under its own name.
+[[nodiscard]] std::string json(const Report& report);
+
+}  // namespace tactus::client_sim

@@ -1,0 +1,282 @@
+#include "client_sim/sim_core.hpp"
+
+#include <algorithm>
+#include <utility>
+
+namespace tactus::client_sim {
+
+namespace {
+
+constexpr std::size_t kMaxEvents = 1000;
+
+double seconds(std::int64_t ns) { return static_cast<double>(ns) * 1e-9; }
+
+/// The references that `names` does not fulfil: names that are absent, and "#n" while fewer than n are there.
+std::string unfulfilled(const std::set<std::string>& references, const std::vector<std::string>& names,
+                        bool count_around) {
+  std::string missing;
+  for (const std::string& reference : references) {
+    const std::uint32_t place = place_of(reference);
+    const bool there = place == 0 ? std::find(names.begin(), names.end(), reference) != names.end()
+                                  : names.size() >= place || (count_around && !names.empty());
+    if (!there) missing += (missing.empty() ? "" : ", ") + reference;
+  }
+  return missing;
+}
+
+std::set<std::string> hrtc_references(const Scenario& scenario) {
+  std::set<std::string> references;
+  for (const User& user : scenario.users) references.insert(user.hrtc);
+  return references;
+}
+
+std::set<std::string> object_references(const Scenario& scenario) {
+  std::set<std::string> references;
+  for (const User& user : scenario.users) {
+    for (const Action& action : user.script) {
+      if (!action.object.empty()) references.insert(action.object);
+    }
+  }
+  return references;
+}
+
+}  // namespace
+
+SimCore::SimCore(const Scenario& scenario, const SimSettings& settings)
+    : scenario_{scenario},
+      settings_{settings},
+      self_{session::id_of(settings.session), session::id_of(settings.name), settings.incarnation, 0},
+      roster_{self_, settings.roster} {
+  Presence first;
+  first.entry.origin = self_;
+  first.entry.role = session::Role::kClient;
+  first.entry.name = settings.name;
+  first.entry.session = settings.session;
+  first.sent_ns = INT64_MIN / 2;
+  presences_.push_back(first);
+}
+
+void SimCore::note(const std::string& text) {
+  if (events_.size() < kMaxEvents)
+    events_.push_back(
+        {start_ns_ < 0 ? seconds(now_ns_ - std::max<std::int64_t>(began_ns_, 0)) : seconds(now_ns_ - start_ns_), text});
+}
+
+void SimCore::on_catalogue(const session::CatalogueEntry& entry) {
+  if (entry.origin.session != self_.session) return;
+  if (entry.withdrawn) return;  // another host may serve it, and users may touch what is loaded
+  objects_[entry.object] = view_of(entry);
+  record_counts_[entry.object] = entry.summary.records;
+}
+
+void SimCore::on_roster(const session::RosterEntry& entry, std::int64_t now_ns) {
+  if (entry.origin.session != self_.session) return;
+  // Further names of this program come back to it as strangers.
+  for (std::size_t i = 1; i < presences_.size(); ++i) {
+    if (presences_[i].entry.origin.participant == entry.origin.participant) return;
+  }
+  now_ns_ = std::max(now_ns_, now_ns);
+  take_events(roster_.on_entry(entry, now_ns));
+}
+
+void SimCore::take_events(const std::vector<session::RosterEvent>& events) {
+  for (const session::RosterEvent& event : events) {
+    const session::RosterEntry& entry = event.entry;
+    if (entry.role == session::Role::kHost || entry.role == session::Role::kHrtc) {
+      if (event.change != session::RosterChange::kWrongVersion && event.change != session::RosterChange::kFull) {
+        Peer& peer = peers_[entry.origin.participant];
+        peer.name = entry.name;
+        peer.role = entry.role;
+        peer.here = event.change != session::RosterChange::kGone && event.change != session::RosterChange::kLeft;
+      }
+    }
+    if (event.change != session::RosterChange::kChanged) note(session::text(event));
+  }
+}
+
+void SimCore::on_probe_state(const session::ProbeState& state, std::int64_t session_now_ns) {
+  if (state.origin.session != self_.session) return;
+  for (Seat& seat : seats_) {
+    if (state.user_id != session::id_of(seat.mind.user().name)) continue;
+    if (state.origin.participant != session::id_of(seat.hrtc)) return;
+    seat.mind.on_probe_state(state);
+    if (state_ == SimState::kRunning) seat.touch.add(state, session_start_ns_, session_now_ns);
+    return;
+  }
+}
+
+void SimCore::on_metrics(const session::Metrics& metrics, std::int64_t now_ns) {
+  if (metrics.origin.session != self_.session) return;
+  const auto found = peers_.find(metrics.origin.participant);
+  if (found == peers_.end()) return;
+  for (const session::Figure& figure : metrics.figures) found->second.figures[figure.name] = figure.value;
+  found->second.figures_ns = now_ns;
+}
+
+void SimCore::on_control(const session::Control& control) {
+  if (control.origin.session != self_.session || control.origin.participant == self_.participant) return;
+  if (control.kind == session::ControlKind::kEmergencyStop) note("emergency stop: " + control.text);
+  if (control.kind == session::ControlKind::kEnd) stop("ended by another participant: " + control.text);
+}
+
+void SimCore::stop(const std::string& reason) {
+  if (stopped_.empty()) stopped_ = reason;
+}
+
+void SimCore::assign_seats(const std::vector<std::string>& hrtcs) {
+  std::map<std::string, std::size_t> by_hrtc;
+  for (const User& user : scenario_.users) {
+    const std::uint32_t place = place_of(user.hrtc);
+    const std::string& hrtc = place == 0 ? user.hrtc : hrtcs[(place - 1) % hrtcs.size()];
+    const auto [found, is_new] = by_hrtc.try_emplace(hrtc, by_hrtc.size());
+    if (is_new && found->second > 0) {
+      Presence further = presences_.front();
+      further.entry.name = settings_.name + "." + std::to_string(found->second + 1);
+      further.entry.origin.participant = session::id_of(further.entry.name);
+      further.entry.users.clear();
+      presences_.push_back(further);
+    }
+    Presence& presence = presences_[found->second];
+    presence.entry.controller = hrtc;
+    presence.entry.users.push_back(user.name);
+    seats_.push_back({Operator{user, settings_.hand}, {}, hrtc, found->second});
+  }
+  for (Presence& presence : presences_) presence.sent_ns = INT64_MIN / 2;  // tell at once
+}
+
+void SimCore::gather(std::int64_t now_ns) {
+  std::vector<std::string> hrtcs;
+  for (const session::RosterEntry& entry : roster_.entries()) {
+    if (entry.role == session::Role::kHrtc) hrtcs.push_back(entry.name);
+  }
+  std::sort(hrtcs.begin(), hrtcs.end());
+  std::vector<std::string> objects;
+  for (const auto& [name, view] : objects_) objects.push_back(name);
+  if (found_ns_ < 0 && !hrtcs.empty() && !objects.empty()) found_ns_ = now_ns;
+  const bool settled = found_ns_ >= 0 && seconds(now_ns - found_ns_) >= settings_.settle;
+  const std::string no_hrtc = unfulfilled(hrtc_references(scenario_), hrtcs, settled);
+  const std::string no_object = unfulfilled(object_references(scenario_), objects, settled);
+  trouble_.clear();
+  if (!no_hrtc.empty()) trouble_ = "no HRTC " + no_hrtc + " in session '" + settings_.session + "'";
+  if (!no_object.empty()) trouble_ += (trouble_.empty() ? "" : "; ") + ("no host serves object " + no_object);
+  if (!trouble_.empty()) return;
+  assign_seats(hrtcs);
+  state_ = SimState::kJoining;
+}
+
+std::string SimCore::missing_slots() const {
+  std::string missing;
+  for (const Seat& seat : seats_) {
+    const session::RosterEntry* const hrtc = roster_.find(session::id_of(seat.hrtc));
+    const std::string& user = seat.mind.user().name;
+    const bool served =
+        hrtc != nullptr && std::any_of(hrtc->slots.begin(), hrtc->slots.end(),
+                                       [&](const session::UserSlot& slot) { return slot.user == user; });
+    if (!served) missing += (missing.empty() ? "" : ", ") + user + " by " + seat.hrtc;
+  }
+  return missing.empty() ? "" : "not served: " + missing;
+}
+
+session::Origin SimCore::origin_of(std::size_t presence, std::int64_t now_ns) const {
+  session::Origin origin = presences_[presence].entry.origin;
+  origin.time_ns = now_ns;
+  return origin;
+}
+
+session::Control SimCore::control(session::ControlKind kind, std::int64_t now_ns, const std::string& text) {
+  session::Control control;
+  control.origin = origin_of(0, now_ns);
+  control.sequence = ++control_sequence_;
+  control.kind = kind;
+  control.text = text.substr(0, session::kMaxText);
+  return control;
+}
+
+void SimCore::beat(std::int64_t now_ns, bool leaving, SimMessages& out) {
+  for (std::size_t i = 0; i < presences_.size(); ++i) {
+    Presence& presence = presences_[i];
+    if (!leaving && now_ns - presence.sent_ns < settings_.heartbeat_ns) continue;
+    presence.sent_ns = now_ns;
+    presence.entry.origin = origin_of(i, now_ns);
+    presence.entry.leaving = leaving;
+    ++presence.entry.heartbeat;
+    out.roster.push_back(presence.entry);
+  }
+}
+
+void SimCore::begin_ending(std::int64_t now_ns, SimMessages& out) {
+  state_ = SimState::kEnding;
+  end_ns_ = now_ns;
+  out.control.push_back(control(session::ControlKind::kEnd, now_ns, stopped_.empty() ? "scenario done" : stopped_));
+}
+
+bool SimCore::last_figures_are_in() const {
+  return std::all_of(peers_.begin(), peers_.end(),
+                     [&](const auto& peer) { return !peer.second.here || peer.second.figures_ns > end_ns_; });
+}
+
+SimMessages SimCore::tick(std::int64_t now_ns, std::int64_t session_now_ns) {
+  SimMessages out;
+  if (finished()) return out;
+  now_ns_ = now_ns;
+  if (began_ns_ < 0) began_ns_ = now_ns;
+  take_events(roster_.tick(now_ns));
+
+  if (state_ == SimState::kGathering) gather(now_ns);
+  if (state_ == SimState::kJoining) {
+    trouble_ = missing_slots();
+    if (trouble_.empty()) {
+      state_ = SimState::kRunning;
+      start_ns_ = now_ns;
+      session_start_ns_ = session_now_ns;
+      out.control.push_back(control(session::ControlKind::kStart, now_ns, scenario_.name));
+    }
+  }
+  if (state_ == SimState::kGathering || state_ == SimState::kJoining) {
+    if (!stopped_.empty()) trouble_ = stopped_;
+    if (!stopped_.empty() || seconds(now_ns - began_ns_) > settings_.patience) {
+      if (stopped_.empty()) trouble_ += ", waited " + std::to_string(static_cast<int>(settings_.patience)) + " s";
+      state_ = SimState::kFailed;
+      beat(now_ns, true, out);
+      return out;
+    }
+  }
+  if (state_ == SimState::kRunning) {
+    for (Seat& seat : seats_) {
+      if (auto intent = seat.mind.tick(session_now_ns, objects_)) {
+        intent->origin = origin_of(seat.presence, now_ns);
+        out.intents.push_back(std::move(*intent));
+      }
+    }
+    const bool all_done = std::all_of(seats_.begin(), seats_.end(), [](const Seat& seat) { return seat.mind.done(); });
+    if (!stopped_.empty()) trouble_ = stopped_;
+    if (all_done || !stopped_.empty() || seconds(now_ns - start_ns_) >= scenario_.duration) begin_ending(now_ns, out);
+  } else if (state_ == SimState::kEnding && (last_figures_are_in() || seconds(now_ns - end_ns_) >= settings_.linger)) {
+    state_ = SimState::kEnded;
+    beat(now_ns, true, out);
+    return out;
+  }
+  beat(now_ns, false, out);
+  return out;
+}
+
+Report SimCore::report() const {
+  Report report;
+  report.session = settings_.session;
+  report.scenario = scenario_.name;
+  report.trouble = trouble_;
+  if (start_ns_ >= 0) report.duration = seconds((end_ns_ >= 0 ? end_ns_ : now_ns_) - start_ns_);
+  for (const auto& [object, records] : record_counts_) report.records_total += records;
+  for (const Seat& seat : seats_) {
+    const OperatorTally& tally = seat.mind.tally();
+    report.users.push_back({seat.mind.user().name, seat.hrtc, seat.touch, tally.taps, tally.approaches_missed,
+                            tally.contacts_lost, tally.following});
+  }
+  for (const auto& [id, peer] : peers_) report.participants.push_back({peer.name, peer.role, peer.here, peer.figures});
+  std::sort(report.participants.begin(), report.participants.end(),
+            [](const ParticipantReport& a, const ParticipantReport& b) { return a.name < b.name; });
+  report.events = events_;
+  return report;
+}
+
+}  // namespace tactus::client_sim

@@ -1,0 +1,155 @@
+#include "client_sim/report.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+#include <sstream>
+#include <string>
+
+#include "session/figures.hpp"
+
+namespace tactus::client_sim {
+namespace {
+
+using ::testing::HasSubstr;
+
+constexpr std::int64_t kMs = 1'000'000;
+constexpr std::int64_t kStart = 7'000'000'000;
+
+session::ProbeState state_at(std::int64_t ms, std::uint32_t status, double force) {
+  session::ProbeState state;
+  state.sequence = static_cast<std::uint32_t>(ms + 1);
+  state.session_time_ns = kStart + ms * kMs;
+  state.status = status;
+  state.force = {0, force * 0.6, force * 0.8};
+  return state;
+}
+
+/// 100 ms in the air, 100 ms of contact with 2 N of which the last 75 ms exact, 100 ms in the air, 50 ms of 4 N.
+TouchTally example() {
+  TouchTally tally;
+  for (int ms = 0; ms < 350; ++ms) {
+    const bool first = ms >= 100 && ms < 200;
+    const bool second = ms >= 300;
+    std::uint32_t status = 0;
+    if (first || second) status |= session::kInContact;
+    if (second || (first && ms >= 125)) status |= session::kExact;
+    tally.add(state_at(ms, status, first ? 2 : second ? 4 : 0), kStart, kStart + ms * kMs + 300'000);
+  }
+  return tally;
+}
+
+TEST(TouchTally, AddsUpContactExactnessAndForce) {
+  const TouchTally tally = example();
+  EXPECT_EQ(tally.touches, 2u);
+  EXPECT_NEAR(tally.contact, 0.149, 1e-9);  // the last sample has no next one
+  EXPECT_NEAR(tally.exact, 0.124, 1e-9);
+  EXPECT_NEAR(tally.first_touch, 0.100, 1e-9);
+  EXPECT_NEAR(tally.first_exact, 0.125, 1e-9);
+  EXPECT_NEAR(tally.force_mean(), (0.1 * 2 + 0.049 * 4) / 0.149, 1e-9);
+  EXPECT_NEAR(tally.force_max, 4, 1e-12);
+  EXPECT_NEAR(tally.age_us.percentile(0.5), 300, 1e-6);
+  EXPECT_EQ(tally.states_lost, 0u);
+}
+
+TEST(TouchTally, CountsLostSamplesAndIgnoresRepeatedOnes) {
+  TouchTally tally;
+  for (const int ms : {0, 1, 1, 4, 3, 5}) tally.add(state_at(ms, 0, 0), kStart, kStart + ms * kMs);
+  EXPECT_EQ(tally.states, 4u);
+  EXPECT_EQ(tally.states_lost, 2u);
+}
+
+TEST(TouchTally, DoesNotTakeABounceForATouchNorASilenceForContact) {
+  TouchTally tally;
+  tally.add(state_at(0, session::kInContact, 1), kStart, kStart);
+  tally.add(state_at(5, 0, 0), kStart, kStart);
+  tally.add(state_at(10, session::kInContact, 1), kStart, kStart);
+  tally.add(state_at(2000, session::kInContact, 1), kStart, kStart);
+  EXPECT_EQ(tally.touches, 1u);
+  EXPECT_NEAR(tally.contact, 0.005 + 0.05, 1e-9);
+}
+
+TEST(TouchTally, CountsEachLatchedFaultOnce) {
+  TouchTally tally;
+  for (int ms = 0; ms < 10; ++ms) {
+    const std::uint32_t fault = session::kFault;
+    tally.add(state_at(ms, ms >= 2 && ms < 6 ? fault : 0u, 0), kStart, kStart);
+  }
+  EXPECT_EQ(tally.faults, 1u);
+}
+
+TEST(Samples, GiveThePercentilesOfASortedList) {
+  Samples samples;
+  for (int i = 100; i >= 0; --i) samples.add(i);
+  EXPECT_EQ(samples.percentile(0), 0);
+  EXPECT_EQ(samples.percentile(0.5), 50);
+  EXPECT_EQ(samples.percentile(0.99), 99);
+  EXPECT_EQ(samples.percentile(1), 100);
+}
+
+Report example_report() {
+  Report report;
+  report.session = "s";
+  report.scenario = "demo";
+  report.duration = 20;
+  report.records_total = 1000000;
+  UserReport ann;
+  ann.name = "ann";
+  ann.hrtc = "left";
+  ann.touch = example();
+  ann.taps = 4;
+  report.users.push_back(ann);
+  ParticipantReport hrtc;
+  hrtc.name = "left";
+  hrtc.role = session::Role::kHrtc;
+  hrtc.figures = {{session::figures::kCycles, 20000},
+                  {session::figures::kLateStolen, 3},
+                  {session::figures::kRecordsReceived, 50000},
+                  {std::string{session::figures::kCycleTime} + ".p50", 4.25},
+                  {std::string{session::figures::kRefitTime} + ".p999", 77.5}};
+  report.participants.push_back(hrtc);
+  ParticipantReport host;
+  host.name = "vault";
+  host.here = false;
+  host.figures = {{session::figures::kHostBytes, 123456}};
+  report.participants.push_back(host);
+  report.events.push_back({3.25, "host vault gone"});
+  return report;
+}
+
+TEST(Report, TextShowsUsersControllersHostsAndEvents) {
+  const std::string shown = text(example_report());
+  EXPECT_THAT(shown, HasSubstr("Session s, scenario demo: 20.0 s"));
+  EXPECT_THAT(shown, HasSubstr("ann"));
+  EXPECT_THAT(shown, HasSubstr("cycles 20000, late: ours 0, stolen 3"));
+  EXPECT_THAT(shown, HasSubstr("records received 50000 (5.00 % of 1000000)"));
+  EXPECT_THAT(shown, HasSubstr("77.5"));
+  EXPECT_THAT(shown, HasSubstr("Host vault (gone before the end)\n  sent 123456 bytes"));
+  EXPECT_THAT(shown, HasSubstr("3.25 s  host vault gone"));
+  std::istringstream lines{shown};
+  for (std::string line; std::getline(lines, line);) EXPECT_LE(line.size(), 120u) << line;
+}
+
+TEST(Report, JsonHoldsTheSameFigures) {
+  const auto all = nlohmann::json::parse(json(example_report()));
+  EXPECT_EQ(all["scenario"], "demo");
+  EXPECT_NEAR(all["users"][0]["exact_share"].get<double>(), 0.124 / 0.149, 1e-9);
+  EXPECT_EQ(all["users"][0]["taps"], 4);
+  EXPECT_EQ(all["participants"][0]["figures"]["hrtc.cycles"], 20000);
+  EXPECT_EQ(all["participants"][1]["here_at_end"], false);
+  EXPECT_EQ(all["events"][0]["text"], "host vault gone");
+}
+
+TEST(Report, OfAUserWhoNeverTouchedHasNoMoments) {
+  Report report;
+  report.users.push_back({});
+  report.users[0].name = "idle\xff";  // not UTF-8
+  const auto all = nlohmann::json::parse(json(report));
+  EXPECT_TRUE(all["users"][0]["first_touch_s"].is_null());
+  EXPECT_EQ(all["users"][0]["exact_share"], 0);
+  EXPECT_THAT(text(report), HasSubstr("no probe state was received"));
+}
+
+}  // namespace
+}  // namespace tactus::client_sim

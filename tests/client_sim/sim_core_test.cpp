@@ -1,0 +1,280 @@
+#include "client_sim/sim_core.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <string>
+#include <vector>
+
+namespace tactus::client_sim {
+namespace {
+
+using session::ControlKind;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+constexpr std::int64_t kMs = 1'000'000;
+constexpr std::int64_t kSessionAhead = 5'000'000'000;  // session time minus this program's
+
+const char* const kTwoUsers = R"(
+name: two
+duration: 1
+users:
+  - name: ann
+    hrtc: "#1"
+    script: [approach: {object: "#1"}, wait: {seconds: 100}]
+  - name: bob
+    hrtc: "#2"
+    script: [approach: {object: "#2"}, wait: {seconds: 100}]
+)";
+
+/// The rest of a session, as messages.
+class World {
+ public:
+  explicit World(const std::string& scenario) : core{parse_scenario(scenario, "test"), settings()} {}
+
+  static SimSettings settings() {
+    SimSettings settings;
+    settings.session = "s";
+    settings.name = "sim";
+    settings.incarnation = 9;
+    settings.patience = 5;
+    settings.settle = 1;
+    settings.linger = 1;
+    return settings;
+  }
+
+  session::Origin origin(const std::string& name) const { return {session::id_of("s"), session::id_of(name), 1, now}; }
+
+  void hrtc(const std::string& name, const std::vector<std::string>& users = {}) {
+    session::RosterEntry& entry = participant(name, session::Role::kHrtc);
+    entry.slots.clear();
+    for (const std::string& user : users) entry.slots.push_back({user, static_cast<std::uint32_t>(entry.slots.size())});
+  }
+  void host(const std::string& name) { (void)participant(name, session::Role::kHost); }
+  void silence(const std::string& name) {
+    entries.erase(std::find_if(entries.begin(), entries.end(), [&](const auto& entry) { return entry.name == name; }));
+  }
+
+  void object(const std::string& name) {
+    session::CatalogueEntry entry;
+    entry.origin = origin("host");
+    entry.object = name;
+    entry.object_id = session::id_of(name);
+    entry.summary.bounds_min = {-10, -10, -10};
+    entry.summary.bounds_max = {10, 10, 10};
+    entry.summary.records = 1000;
+    entry.scale = 0.01;
+    core.on_catalogue(entry);
+  }
+
+  session::ProbeState state_of(const std::string& user, const std::string& hrtc) const {
+    session::ProbeState state;
+    state.origin = origin(hrtc);
+    state.user_id = session::id_of(user);
+    state.sequence = static_cast<std::uint32_t>(now / kMs);
+    state.session_time_ns = now + kSessionAhead;
+    state.device.position = {0, 0, 0.3};
+    state.proxy = {0, 0, 0.3};
+    return state;
+  }
+
+  /// Ticks every 5 ms, everyone beating each 50 ms.
+  void run(double seconds) {
+    const std::int64_t end = now + static_cast<std::int64_t>(seconds * 1e9);
+    for (; now < end; now += 5 * kMs) {
+      if (now % (50 * kMs) == 0) {
+        for (session::RosterEntry& entry : entries) {
+          ++entry.heartbeat;
+          entry.origin.time_ns = now;
+          core.on_roster(entry, now);
+        }
+      }
+      SimMessages out = core.tick(now, now + kSessionAhead);
+      for (auto& entry : out.roster) roster.push_back(entry);
+      for (auto& control : out.control) controls.push_back(control);
+      for (auto& intent : out.intents) intents.push_back(intent);
+    }
+  }
+
+  SimCore core;
+  std::int64_t now = 1'000'000'000;
+  std::vector<session::RosterEntry> entries;
+  std::vector<session::RosterEntry> roster;
+  std::vector<session::Control> controls;
+  std::vector<session::Intent> intents;
+
+ private:
+  session::RosterEntry& participant(const std::string& name, session::Role role) {
+    for (session::RosterEntry& entry : entries) {
+      if (entry.name == name) return entry;
+    }
+    session::RosterEntry entry;
+    entry.origin = origin(name);
+    entry.role = role;
+    entry.name = name;
+    entry.session = "s";
+    return entries.emplace_back(entry);
+  }
+};
+
+TEST(SimCore, SaysWhatIsMissingAndFailsWhenItsPatienceEnds) {
+  World world{kTwoUsers};
+  world.run(1);
+  EXPECT_EQ(world.core.state(), SimState::kGathering);
+  EXPECT_THAT(world.core.trouble(), HasSubstr("no HRTC #1, #2 in session 's'; no host serves object #1, #2"));
+  world.run(5);
+  EXPECT_EQ(world.core.state(), SimState::kFailed);
+  EXPECT_THAT(world.core.report().trouble, HasSubstr("waited 5 s"));
+  EXPECT_TRUE(world.roster.back().leaving);
+  EXPECT_THAT(world.controls, IsEmpty());
+}
+
+TEST(SimCore, BringsEachUserToItsHrtcUnderANameForEach) {
+  World world{kTwoUsers};
+  world.hrtc("left");
+  world.hrtc("right");
+  world.object("a");
+  world.object("b");
+  world.run(0.2);
+  EXPECT_EQ(world.core.state(), SimState::kJoining);
+  EXPECT_THAT(world.core.trouble(), HasSubstr("not served: ann by left, bob by right"));
+  const session::RosterEntry& second = world.roster.back();
+  const session::RosterEntry& first = world.roster[world.roster.size() - 2];
+  EXPECT_EQ(first.name, "sim");
+  EXPECT_EQ(first.controller, "left");
+  EXPECT_THAT(first.users, ElementsAre("ann"));
+  EXPECT_EQ(second.name, "sim.2");
+  EXPECT_EQ(second.origin.participant, session::id_of("sim.2"));
+  EXPECT_EQ(second.controller, "right");
+  EXPECT_THAT(second.users, ElementsAre("bob"));
+}
+
+TEST(SimCore, CountsAroundWhenFewerAreThereThanTheScenarioNames) {
+  World world{kTwoUsers};
+  world.hrtc("only");
+  world.object("a");
+  world.run(0.5);
+  EXPECT_EQ(world.core.state(), SimState::kGathering);
+  world.run(1);
+  EXPECT_EQ(world.core.state(), SimState::kJoining);
+  EXPECT_THAT(world.roster.back().users, ElementsAre("ann", "bob"));
+}
+
+TEST(SimCore, StartsWhenAllAreServedActsAndEndsOnTime) {
+  World world{kTwoUsers};
+  world.host("host");
+  world.hrtc("left", {"ann"});
+  world.hrtc("right", {"bob"});
+  world.object("a");
+  world.object("b");
+  world.run(0.1);
+  ASSERT_EQ(world.core.state(), SimState::kRunning);
+  ASSERT_EQ(world.controls.size(), 1u);
+  EXPECT_EQ(world.controls[0].kind, ControlKind::kStart);
+  EXPECT_THAT(world.intents, IsEmpty());
+  world.core.on_probe_state(world.state_of("ann", "left"), world.now + kSessionAhead);
+  world.core.on_probe_state(world.state_of("bob", "right"), world.now + kSessionAhead);
+  world.run(0.5);
+  ASSERT_GT(world.intents.size(), 80u);
+  for (const session::Intent& intent : world.intents) {
+    const bool ann = intent.user_id == session::id_of("ann");
+    EXPECT_EQ(intent.origin.participant, session::id_of(ann ? "sim" : "sim.2"));
+    EXPECT_GT(intent.path[0].session_time_ns, kSessionAhead);
+  }
+  world.run(0.5);
+  EXPECT_EQ(world.core.state(), SimState::kEnding);
+  EXPECT_EQ(world.controls.back().kind, ControlKind::kEnd);
+  for (const char* name : {"host", "left", "right"}) {
+    EXPECT_EQ(world.core.state(), SimState::kEnding);
+    world.core.on_metrics({world.origin(name), {{"x", 1}}}, world.now);
+  }
+  world.run(0.01);
+  EXPECT_EQ(world.core.state(), SimState::kEnded);
+  EXPECT_TRUE(world.roster.back().leaving);
+  EXPECT_EQ(world.core.report().trouble, "");
+  EXPECT_NEAR(world.core.report().duration, 1, 0.02);
+  EXPECT_EQ(world.core.report().records_total, 2000u);
+}
+
+TEST(SimCore, EndsWithoutTheLastFiguresAfterAWhile) {
+  World world{kTwoUsers};
+  world.hrtc("left", {"ann", "bob"});
+  world.object("a");
+  world.run(2.2);
+  ASSERT_EQ(world.core.state(), SimState::kEnding);
+  world.run(1.1);
+  EXPECT_EQ(world.core.state(), SimState::kEnded);
+}
+
+TEST(SimCore, StopsInOrderWhenToldTo) {
+  World world{kTwoUsers};
+  world.hrtc("left", {"ann", "bob"});
+  world.object("a");
+  world.run(1.2);
+  ASSERT_EQ(world.core.state(), SimState::kRunning);
+  world.core.stop("interrupted");
+  world.run(0.01);
+  EXPECT_EQ(world.controls.back().kind, ControlKind::kEnd);
+  EXPECT_EQ(world.core.report().trouble, "interrupted");
+}
+
+TEST(SimCore, DoesNotHearOtherSessions) {
+  World world{kTwoUsers};
+  world.hrtc("left");
+  world.entries.back().origin.session = session::id_of("other");
+  session::CatalogueEntry entry;
+  entry.origin = world.origin("host");
+  entry.origin.session = session::id_of("other");
+  entry.object = "a";
+  world.core.on_catalogue(entry);
+  world.run(2);
+  EXPECT_THAT(world.core.trouble(), HasSubstr("no HRTC #1"));
+  EXPECT_THAT(world.core.trouble(), HasSubstr("no host serves object #1"));
+}
+
+TEST(SimCore, FeelsOnlyWhatItsOwnHrtcSays) {
+  World world{kTwoUsers};
+  world.hrtc("left", {"ann", "bob"});
+  world.hrtc("right");
+  world.object("a");
+  world.object("b");
+  world.entries[1].slots = {{"bob", 0}};
+  world.run(0.1);
+  ASSERT_EQ(world.core.state(), SimState::kRunning);
+  world.core.on_probe_state(world.state_of("ann", "right"), world.now + kSessionAhead);
+  world.run(0.1);
+  EXPECT_THAT(world.intents, IsEmpty());
+  EXPECT_EQ(world.core.report().users[0].touch.states, 0u);
+}
+
+TEST(SimCore, TellsOfAHostThatGoesAndComesBack) {
+  World world{kTwoUsers};
+  world.host("host");
+  world.hrtc("left", {"ann", "bob"});
+  world.object("a");
+  world.run(1.2);
+  world.silence("host");
+  world.run(0.6);
+  ASSERT_EQ(world.core.state(), SimState::kRunning);
+  const auto participant = [&] {
+    const Report report = world.core.report();
+    return *std::find_if(report.participants.begin(), report.participants.end(),
+                         [](const ParticipantReport& p) { return p.name == "host"; });
+  };
+  EXPECT_FALSE(participant().here);
+  world.host("host");
+  world.entries.back().origin.incarnation = 2;
+  world.run(0.1);
+  EXPECT_TRUE(participant().here);
+  int told = 0;
+  for (const ReportEvent& event : world.core.report().events) {
+    if (event.time > 0 && event.text.find("host") != std::string::npos) ++told;
+  }
+  EXPECT_GE(told, 2);
+}
+
+}  // namespace
+}  // namespace tactus::client_sim
