@@ -44,6 +44,9 @@ struct Writer<Sample>::Impl final : dds::DataWriterListener {
   }
   ~Impl() override {
     writer->set_listener(nullptr);
+    // Fast DDS 2.9.1 frees what the history still holds without its lock; a heartbeat in that moment loops for ever.
+    std::size_t dropped = 0;
+    writer->clear_history(&dropped);
     publisher->delete_datawriter(writer);
     participant.delete_publisher(publisher);
   }

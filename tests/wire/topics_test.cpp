@@ -31,7 +31,7 @@ class TwoPrograms : public testing::Test {
     EXPECT_EQ(fields(*got), fields(sent));
     EXPECT_EQ(reader.counts().invalid, 0u) << reader.last_fault();
     EXPECT_EQ(writer.matched(), 1);
-    EXPECT_EQ(reader.matched(), 1);
+    EXPECT_TRUE(eventually([&] { return reader.matched() == 1; }));  // a sample may come before the news of its writer
   }
 
   template <class Sample>
@@ -189,6 +189,20 @@ TEST_F(TwoPrograms, AStuckReaderOfOneStreamHoldsBackNeitherTheSenderForLongNorAn
   hold.unlock();
 }
 
+TEST_F(TwoPrograms, AWriterMayLeaveWithChunksUnderWay) {
+  Inbox<ses::BulkChunk> inbox;
+  Reader<ses::BulkChunk> reader{beta_, topics::kRecords, inbox.callback()};
+  for (int round = 0; round < 30; ++round) {
+    Writer<ses::BulkChunk> writer{alpha_, topics::kRecords};
+    ASSERT_TRUE(eventually([&] { return writer.matched() == 1; }));
+    auto chunk = full<ses::BulkChunk>(alpha_);
+    for (std::uint32_t i = 1; i <= 1000; ++i) {
+      chunk.sequence = i;
+      ASSERT_NE(writer.send(chunk), SendStatus::kInvalid);
+    }
+  }
+}
+
 TEST_F(TwoPrograms, SamplesOfAUserStayInItsPartition) {
   Inbox<ses::Intent> alices, bobs;
   Reader<ses::Intent> alice{beta_, topics::kIntent, alices.callback(), {user_partition("alice")}};
@@ -273,8 +287,7 @@ TEST(TwoSessions, OnOneDomainNeverMeet) {
   }
   EXPECT_EQ(writer_a.matched(), 1);
   EXPECT_EQ(writer_x.matched(), 1);
-  EXPECT_EQ(reader_b.matched(), 1);
-  EXPECT_EQ(reader_y.matched(), 1);
+  EXPECT_TRUE(eventually([&] { return reader_b.matched() == 1 && reader_y.matched() == 1; }));
 }
 
 TEST(SharedMemory, IsNotUsed) {
