@@ -3,6 +3,7 @@
 #include <xxhash.h>
 
 #include <algorithm>
+#include <set>
 
 #include "spm/codec/base_codec.hpp"
 #include "spm/codec/region_codec.hpp"
@@ -231,12 +232,12 @@ void DeliveryServer::begin(Service& service, const Object& object) const {
   service.under_way = std::move(message);
 }
 
-std::optional<Outgoing> DeliveryServer::next(std::int64_t now_ns, const std::set<std::uint64_t>& blocked) {
+std::optional<Outgoing> DeliveryServer::next(std::int64_t now_ns, const CanSend& can_send) {
   auto at = streams_.upper_bound(last_served_);
   for (std::size_t tried = 0; tried < streams_.size(); ++tried, ++at) {
     if (at == streams_.end()) at = streams_.begin();
     auto& [hrtc, stream] = *at;
-    if (blocked.count(hrtc) != 0) continue;
+    if (can_send && !can_send(hrtc)) continue;
     std::optional<std::uint64_t> soonest;
     if (stream.unacknowledged_bytes + kMaxPayload <= stream.credit) {
       std::uint32_t contact_in_us = 0;

@@ -22,9 +22,9 @@
 
 #include <cstdint>
 #include <deque>
+#include <functional>
 #include <map>
 #include <optional>
-#include <set>
 #include <vector>
 
 #include "session/messages.hpp"
@@ -70,9 +70,10 @@ class DeliveryServer {
   /// Forgets what it knew of this HRTC. Its next stream goes on above every sequence used so far.
   void on_hrtc_gone(std::uint64_t hrtc);
 
-  /// The next chunk to send, or none until a demand arrives. HRTCs in `blocked` cannot be sent to at the moment:
-  /// nothing is planned for them.
-  [[nodiscard]] std::optional<Outgoing> next(std::int64_t now_ns, const std::set<std::uint64_t>& blocked = {});
+  /// Whether a chunk could be handed to the network for this HRTC now.
+  using CanSend = std::function<bool(std::uint64_t hrtc)>;
+  /// The next chunk to send, or none until a demand arrives. Nothing is planned for an HRTC that `can_send` denies.
+  [[nodiscard]] std::optional<Outgoing> next(std::int64_t now_ns, const CanSend& can_send = {});
 
   /// Bytes sent to this HRTC that it has not yet acknowledged; never above the credit that it gave.
   [[nodiscard]] std::uint64_t bytes_under_way(std::uint64_t hrtc) const;

@@ -1,0 +1,410 @@
+#include "host_service/host.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <condition_variable>
+#include <map>
+#include <mutex>
+#include <optional>
+#include <set>
+#include <utility>
+#include <variant>
+
+#include "host_service/model_store.hpp"
+#include "session/clock.hpp"
+#include "session/delivery_server.hpp"
+#include "session/figures.hpp"
+#include "session/roster.hpp"
+#include "wire/ends.hpp"
+
+namespace tactus::host_service {
+namespace {
+
+using session::Origin;
+using std::chrono::milliseconds;
+
+constexpr std::int64_t kMs = 1'000'000;
+constexpr std::int64_t kHeartbeatNs = 100 * kMs;
+constexpr std::int64_t kClockNs = 500 * kMs;
+constexpr std::int64_t kMetricsNs = 1000 * kMs;
+constexpr std::int64_t kRetryNs = 10 * kMs;  // of a chunk that the network did not take
+constexpr milliseconds kPoll{5};             // while an HRTC's readers are not found yet
+constexpr milliseconds kPatience{50};        // so soon a signal is noticed
+constexpr milliseconds kFarewell{300};       // for the last words to arrive
+constexpr int kChunksPerRound = 64;          // then demands are looked at again
+constexpr std::size_t kInboxCapacity = 8192;
+constexpr double kGap = 0.05;  // m, between objects that are given no pose
+
+std::int64_t monotonic_ns() {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch())
+      .count();
+}
+
+/// True once in every period.
+class Every {
+ public:
+  explicit Every(std::int64_t period_ns) : period_ns_{period_ns} {}
+  [[nodiscard]] bool due(std::int64_t now_ns) {
+    if (now_ns < next_ns_) return false;
+    next_ns_ = now_ns + period_ns_;
+    return true;
+  }
+
+ private:
+  std::int64_t period_ns_;
+  std::int64_t next_ns_ = 0;
+};
+
+using Sample = std::variant<session::RosterEntry, session::Demand, session::ClockSample, session::Control>;
+struct Arrived {
+  std::int64_t at_ns;
+  Sample sample;
+};
+
+/// Any threads put, one takes. What does not fit is dropped: every stream of samples heals by itself.
+class Inbox {
+ public:
+  void put(Sample sample) {
+    {
+      const std::lock_guard<std::mutex> lock{mutex_};
+      if (samples_.size() >= kInboxCapacity) return;
+      samples_.push_back({monotonic_ns(), std::move(sample)});
+    }
+    arrived_.notify_one();
+  }
+  [[nodiscard]] std::vector<Arrived> take(milliseconds patience) {
+    std::unique_lock<std::mutex> lock{mutex_};
+    arrived_.wait_for(lock, patience, [this] { return !samples_.empty(); });
+    return std::exchange(samples_, {});
+  }
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable arrived_;
+  std::vector<Arrived> samples_;
+};
+
+/// The bulk writers of one HRTC.
+struct BulkLink {
+  BulkLink(wire::Links& links, const std::string& hrtc)
+      : name{hrtc},
+        base{links, wire::topics::kBase, {wire::hrtc_partition(hrtc)}},
+        records{links, wire::topics::kRecords, {wire::hrtc_partition(hrtc)}} {}
+
+  /// What is sent before the readers are found is lost.
+  [[nodiscard]] bool ready() const { return !waiting && base.matched() > 0 && records.matched() > 0; }
+  [[nodiscard]] wire::SendStatus send(const session::BulkChunk& chunk) {
+    return (chunk.kind == session::BulkKind::kBase ? base : records).send(chunk);
+  }
+
+  std::string name;
+  wire::Writer<session::BulkChunk> base, records;
+  std::optional<session::BulkChunk> waiting;  // not taken by the network
+  std::int64_t retry_ns = 0;
+};
+
+struct Served {
+  ObjectConfig config;
+  spm::offline::MappedModel model;
+};
+
+double scale_of(const Served& served) {
+  const spm::ModelSummary& s = served.model.model().summary;
+  if (served.config.scale) return *served.config.scale;
+  if (!served.config.size) return s.metres_per_unit;
+  double longest = 0;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    longest = std::max(longest, double{s.bounds_max[axis]} - s.bounds_min[axis]);
+  }
+  return *served.config.size / longest;
+}
+
+void check(const HostOptions& options) {
+  if (options.objects.empty()) throw HostError{"nothing to serve: found no model, expected at least one"};
+  std::set<std::string> names;
+  for (const ObjectConfig& object : options.objects) {
+    if (object.name.empty() || object.name.size() > session::kMaxName) {
+      throw HostError{"object name '" + object.name + "' has " + std::to_string(object.name.size()) +
+                      " bytes, expected 1 to " + std::to_string(session::kMaxName)};
+    }
+    if (!names.insert(object.name).second) throw HostError{"two objects are called '" + object.name + "'"};
+  }
+}
+
+std::vector<Served> open_models(const HostOptions& options, const Log& log) {
+  check(options);
+  const ModelStore store{options.cache, [&](const std::string& line) { log(Severity::kInfo, line); }};
+  std::vector<Served> served;
+  for (const ObjectConfig& object : options.objects) served.push_back({object, store.open(object.model)});
+  return served;
+}
+
+}  // namespace
+
+struct Host::Impl {
+  Impl(HostOptions given, Log to)
+      : options{std::move(given)}, log{std::move(to)}, served{open_models(options, log)}, links{options.address} {
+    for (const Served& object : served) server.add(session::id_of(object.config.name), object.model.model());
+    make_catalogue();
+    listen(wire::topics::kRoster);
+    listen(wire::topics::kDemand);
+    listen(wire::topics::kClock);
+    listen(wire::topics::kControl);
+  }
+
+  template <class T>
+  void listen(const wire::TopicSpec<T>& topic) {
+    readers.push_back(
+        std::make_shared<wire::Reader<T>>(links, topic, [this](T&& sample) { inbox.put(std::move(sample)); }));
+  }
+
+  void make_catalogue();
+  int run(const std::atomic<bool>& stop);
+  void take(const Arrived& arrived);
+  void take(const session::RosterEntry& entry, std::int64_t at_ns);
+  void take(const session::Demand& demand, std::int64_t at_ns);
+  void take(const session::ClockSample& sample, std::int64_t at_ns);
+  void take(const session::Control& control, std::int64_t at_ns);
+  void react(const session::RosterEvent& event);
+  void keep_time(std::int64_t now_ns);
+  [[nodiscard]] milliseconds send_chunks(std::int64_t now_ns);
+  void send_roster(bool leaving);
+  void send_catalogue(bool withdrawn);
+  void send_metrics();
+  void leave();
+  void say(const std::string& line) const { log(Severity::kInfo, line); }
+
+  HostOptions options;
+  Log log;
+  std::vector<Served> served;  // before what borrows from it
+  wire::Links links;
+  session::DeliveryServer server{links.origin()};
+  session::Roster roster{links.origin(), {}};
+  session::SessionClock clock{links.origin(), {}};
+  std::vector<session::CatalogueEntry> catalogue;
+  wire::Writer<session::RosterEntry> roster_out{links, wire::topics::kRoster};
+  wire::Writer<session::CatalogueEntry> catalogue_out{links, wire::topics::kCatalogue};
+  wire::Writer<session::ClockSample> clock_out{links, wire::topics::kClock};
+  wire::Writer<session::Metrics> metrics_out{links, wire::topics::kMetrics};
+  std::map<std::uint64_t, BulkLink> bulk;  // by HRTC
+  Inbox inbox;
+  std::int64_t started_ns = monotonic_ns();
+  std::uint64_t heartbeat = 0;
+  std::uint64_t demands_refused = 0;
+  bool ended = false;
+  int exit_code = 0;
+  std::vector<std::shared_ptr<void>> readers;  // last: their callbacks fill the inbox
+};
+
+void Host::Impl::make_catalogue() {
+  double x = options.at[0];  // where the next object without a pose begins
+  bool first = true;
+  for (const Served& object : served) {
+    const spm::ModelSummary& summary = object.model.model().summary;
+    session::CatalogueEntry entry;
+    entry.host = options.address.participant;
+    entry.object = object.config.name;
+    entry.object_id = session::id_of(entry.object);
+    entry.summary = summary;
+    entry.scale = scale_of(object);
+    entry.material = object.config.material;
+    entry.base_bytes = server.base_bytes(entry.object_id);
+    if (object.config.pose) {
+      entry.pose = *object.config.pose;
+    } else {
+      entry.pose.position = options.at;
+      if (!first) entry.pose.position[0] = x - summary.bounds_min[0] * entry.scale;
+      x = entry.pose.position[0] + summary.bounds_max[0] * entry.scale + kGap;
+      first = false;
+    }
+    catalogue.push_back(entry);
+  }
+}
+
+int Host::Impl::run(const std::atomic<bool>& stop) {
+  for (const session::CatalogueEntry& entry : catalogue) {
+    say("serving '" + entry.object + "': " + std::to_string(entry.summary.faces) + " faces in " +
+        std::to_string(entry.summary.regions) + " regions, base mesh of " + std::to_string(entry.base_bytes) +
+        " bytes");
+  }
+  say("host '" + options.address.participant + "' is in session '" + options.address.session + "' on domain " +
+      std::to_string(options.address.domain));
+  send_catalogue(false);
+  Every beat{kHeartbeatNs};
+  Every request{kClockNs};
+  Every metrics{kMetricsNs};
+  milliseconds patience{0};
+  while (!stop && !ended) {
+    for (const Arrived& arrived : inbox.take(patience)) take(arrived);
+    const std::int64_t now_ns = monotonic_ns();
+    for (const session::RosterEvent& event : roster.tick(now_ns)) react(event);
+    keep_time(now_ns);
+    if (beat.due(now_ns)) send_roster(false);
+    const bool follows = clock.reference() != 0 && clock.reference() != links.origin().participant;
+    if (follows && request.due(now_ns)) (void)clock_out.send(clock.request(now_ns));
+    if (metrics.due(now_ns)) send_metrics();
+    patience = send_chunks(now_ns);
+  }
+  if (stop) say("asked to stop");
+  leave();
+  return exit_code;
+}
+
+void Host::Impl::take(const Arrived& arrived) {
+  std::visit([&](const auto& sample) { take(sample, arrived.at_ns); }, arrived.sample);
+}
+
+void Host::Impl::take(const session::RosterEntry& entry, std::int64_t at_ns) {
+  for (const session::RosterEvent& event : roster.on_entry(entry, at_ns)) react(event);
+}
+
+void Host::Impl::react(const session::RosterEvent& event) {
+  using session::RosterChange;
+  const session::RosterEntry& entry = event.entry;
+  const std::uint64_t id = entry.origin.participant;
+  const bool trouble = event.change == RosterChange::kWrongVersion || event.change == RosterChange::kTwins ||
+                       event.change == RosterChange::kFull;
+  if (event.change != RosterChange::kChanged) {
+    log(trouble ? Severity::kWarning : Severity::kInfo, session::text(event));
+  }
+  if (event.change == RosterChange::kTwins && id == links.origin().participant &&
+      links.origin().incarnation > event.other) {
+    log(Severity::kError, "a host '" + options.address.participant + "' was in session '" + options.address.session +
+                              "' before: this one ends; start it with another --name");
+    exit_code = 2;
+    ended = true;
+  }
+  if (entry.role != session::Role::kHrtc) return;
+  if (event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted) {
+    bulk.try_emplace(id, links, entry.name);
+  } else if (event.change == RosterChange::kLeft || event.change == RosterChange::kGone) {
+    server.on_hrtc_gone(id);
+    bulk.erase(id);
+  }
+}
+
+void Host::Impl::take(const session::Demand& demand, std::int64_t) {
+  using Result = session::DeliveryServer::DemandResult;
+  const Result result = server.on_demand(demand);
+  if (result == Result::kMalformed && demands_refused++ == 0) {
+    log(Severity::kWarning,
+        "a demand names regions that its model does not have; such demands are dropped and counted");
+  }
+}
+
+void Host::Impl::take(const session::ClockSample& sample, std::int64_t at_ns) {
+  if (sample.peer != links.origin().participant) return;
+  if (sample.answer) {
+    clock.on_answer(sample, at_ns);
+  } else if (clock.synchronised()) {
+    (void)clock_out.send(clock.answer(sample, at_ns, monotonic_ns()));
+  }
+}
+
+void Host::Impl::take(const session::Control& control, std::int64_t) {
+  if (control.kind != session::ControlKind::kEnd) return;
+  say("the session ends" + (control.text.empty() ? std::string{} : ": " + control.text));
+  ended = true;
+}
+
+void Host::Impl::keep_time(std::int64_t now_ns) {
+  const session::TimeReference reference =
+      session::time_reference(roster, links.origin(), session::Role::kHost, now_ns - started_ns);
+  clock.set_reference(reference.participant, reference.incarnation, now_ns);
+}
+
+/// Sends what is due and says how long to wait for news.
+milliseconds Host::Impl::send_chunks(std::int64_t now_ns) {
+  bool pending = false;
+  for (auto& [id, link] : bulk) {
+    if (link.waiting && now_ns >= link.retry_ns) {
+      link.retry_ns = now_ns + kRetryNs;
+      if (link.send(*link.waiting) != wire::SendStatus::kBlocked) link.waiting.reset();
+    }
+    pending = pending || !link.ready();
+  }
+  const auto can_send = [&](std::uint64_t hrtc) {
+    const auto link = bulk.find(hrtc);
+    return link != bulk.end() && link->second.ready();
+  };
+  for (int i = 0; i < kChunksPerRound; ++i) {
+    std::optional<session::Outgoing> out = server.next(now_ns, can_send);
+    if (!out) return pending ? kPoll : kPatience;
+    BulkLink& link = bulk.at(out->hrtc);
+    switch (link.send(out->chunk)) {
+      case wire::SendStatus::kSent:
+        break;
+      case wire::SendStatus::kBlocked:
+        link.waiting = std::move(out->chunk);
+        link.retry_ns = now_ns + kRetryNs;
+        break;
+      case wire::SendStatus::kInvalid:
+        log(Severity::kError, "a chunk for '" + link.name + "' cannot be sent: " + link.records.last_fault());
+        break;
+    }
+  }
+  return milliseconds{0};
+}
+
+void Host::Impl::send_roster(bool leaving) {
+  session::RosterEntry entry;
+  entry.origin = links.origin();
+  entry.role = session::Role::kHost;
+  entry.name = options.address.participant;
+  entry.session = options.address.session;
+  entry.heartbeat = ++heartbeat;
+  entry.leaving = leaving;
+  (void)roster_out.send(entry);
+}
+
+void Host::Impl::send_catalogue(bool withdrawn) {
+  for (session::CatalogueEntry& entry : catalogue) {
+    entry.origin = links.origin();
+    entry.withdrawn = withdrawn;
+    if (catalogue_out.send(entry) == wire::SendStatus::kSent) continue;
+    log(Severity::kError, "'" + entry.object + "' cannot be announced: " + catalogue_out.last_fault());
+  }
+}
+
+void Host::Impl::send_metrics() {
+  namespace names = session::figures;
+  const session::DeliveryCounters& all = server.counters();
+  session::Metrics metrics;
+  metrics.origin = links.origin();
+  const auto add = [&](const std::string& name, double value) {
+    if (metrics.figures.size() < session::kMaxFigures) {
+      metrics.figures.push_back({name.substr(0, session::kMaxName), value});
+    }
+  };
+  add(names::kHostObjects, static_cast<double>(catalogue.size()));
+  add(names::kHostChunks, static_cast<double>(all.chunks));
+  add(names::kHostBytes, static_cast<double>(all.payload_bytes));
+  add(names::kHostRegions, static_cast<double>(all.regions));
+  add(names::kHostRecords, static_cast<double>(all.records));
+  add(names::kHostControllers, static_cast<double>(bulk.size()));
+  for (const auto& [id, counters] : server.counters_by_hrtc()) {
+    const auto link = bulk.find(id);
+    if (link == bulk.end()) continue;
+    add(names::kHostBytes + ("." + link->second.name), static_cast<double>(counters.payload_bytes));
+    add(names::kHostRecords + ("." + link->second.name), static_cast<double>(counters.records));
+  }
+  (void)metrics_out.send(metrics);
+}
+
+void Host::Impl::leave() {
+  send_catalogue(true);
+  send_roster(true);
+  send_metrics();
+  (void)roster_out.wait_acknowledged(kFarewell);
+  (void)catalogue_out.wait_acknowledged(kFarewell);
+  const session::DeliveryCounters& all = server.counters();
+  say("left the session after sending " + std::to_string(all.regions) + " regions with " + std::to_string(all.records) +
+      " records, " + std::to_string(all.payload_bytes) + " bytes");
+}
+
+Host::Host(HostOptions options, Log log) : impl_{std::make_unique<Impl>(std::move(options), std::move(log))} {}
+Host::~Host() = default;
+int Host::run(const std::atomic<bool>& stop) { return impl_->run(stop); }
+const std::vector<session::CatalogueEntry>& Host::catalogue() const noexcept { return impl_->catalogue; }
+
+}  // namespace tactus::host_service

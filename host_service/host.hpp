@@ -1,0 +1,51 @@
+/// A VE host: serves whole models to a session and answers what HRTCs demand of them.
+///
+///     roster, demand, clock, control --> inbox --> one thread: Roster, DeliveryServer, SessionClock --> base, records
+///
+/// The callbacks of DDS only fill the inbox. Each HRTC has its own bulk writers in its own partition, made when it
+/// joins, so a frozen one holds up nobody else. Never computes a force.
+#pragma once
+
+#include <atomic>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "host_service/host_config.hpp"
+#include "wire/links.hpp"
+
+namespace tactus::host_service {
+
+enum class Severity { kInfo, kWarning, kError };
+/// Gets one line for each event; called in the thread of the constructor and of run().
+using Log = std::function<void(Severity, const std::string&)>;
+
+struct HostOptions {
+  wire::SessionAddress address;
+  std::vector<ObjectConfig> objects;
+  std::filesystem::path cache;        ///< for models that have to be built
+  std::array<double, 3> at{0, 0, 0};  ///< m, where the first object without a pose stands; others follow along x
+};
+
+class Host {
+ public:
+  /// Opens or builds every model, then joins the session. Throws HostError, spm::offline::ModelError or
+  /// wire::WireError; then nobody has seen it.
+  Host(HostOptions options, Log log);
+  ~Host();
+
+  /// Serves until `stop` or the session's end, then leaves within a second. The exit code: 0, or 2 when an older
+  /// program of the same name is in the session.
+  [[nodiscard]] int run(const std::atomic<bool>& stop);
+
+  /// What it announces.
+  [[nodiscard]] const std::vector<session::CatalogueEntry>& catalogue() const noexcept;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace tactus::host_service

@@ -1,0 +1,95 @@
+#include <spdlog/sinks/stdout_color_sinks.h>
+#include <spdlog/spdlog.h>
+
+#include <CLI/CLI.hpp>
+#include <atomic>
+#include <csignal>
+#include <exception>
+
+#include "host_service/host.hpp"
+#include "host_service/model_store.hpp"
+
+namespace {
+
+std::atomic<bool> stop_asked{false};
+static_assert(std::atomic<bool>::is_always_lock_free, "set in a signal handler");
+
+void ask_to_stop(int) { stop_asked = true; }
+
+constexpr char kExamples[] = R"(
+Examples:
+  tactus-host --session lab --name host-a --domain 40 organ.spm
+  tactus-host --session lab --name host-b --domain 40 --at 0.5 0 0 terrain.ply
+  tactus-host --session lab --name host-c --domain 40 --config lab.yaml
+
+lab.yaml:
+  objects:
+    - name: organ
+      model: organ.ply
+      position: [0, 0, 0.1]
+      rpy_degrees: [0, 0, 90]
+      size: 0.2
+      material: {stiffness: 800, damping: 2, static_friction: 0.3, dynamic_friction: 0.2}
+
+A model file that is no .spm is built first and kept by its content in the cache directory.
+Exit status: 0 ended by the session or a signal, 2 wrong input.)";
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  using namespace tactus;
+  host_service::HostOptions options;
+  options.address.session = "tactus";
+  options.address.participant = "host";
+  options.cache = host_service::default_cache_directory();
+  std::filesystem::path config;
+  std::vector<std::filesystem::path> models;
+  std::vector<double> at{0, 0, 0};
+
+  CLI::App app{"VE host: serves models to a session, region by region.", "tactus-host"};
+  app.footer(kExamples);
+  app.add_option("--session", options.address.session, "Session to join")->capture_default_str();
+  app.add_option("--name", options.address.participant, "Name of this host, unique in the session")
+      ->capture_default_str();
+  app.add_option("--domain", options.address.domain, "First of the three DDS domains that the session uses")
+      ->capture_default_str();
+  app.add_option("--qos", options.address.qos, "Directory of the QoS profiles")->capture_default_str();
+  app.add_option("--config", config, "YAML file that names objects with model, pose, scale and material");
+  app.add_option("--cache", options.cache, "Directory for models that have to be built")->capture_default_str();
+  app.add_option("--at", at, "Where the first MODEL stands, m; the next ones follow along x")
+      ->expected(3)
+      ->capture_default_str();
+  app.add_option("MODEL", models, ".spm files, or model files to build; served under their file names");
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : 2;
+  }
+  std::copy(at.begin(), at.end(), options.at.begin());
+
+  spdlog::set_default_logger(spdlog::stderr_color_mt("tactus-host"));
+  spdlog::set_pattern("%H:%M:%S.%e %n %^%l%$ %v");
+  wire::set_log_sink([](const std::string& text) { spdlog::warn("dds: {}", text); });
+  const host_service::Log log = [](host_service::Severity severity, const std::string& line) {
+    using host_service::Severity;
+    const auto level = severity == Severity::kError     ? spdlog::level::err
+                       : severity == Severity::kWarning ? spdlog::level::warn
+                                                        : spdlog::level::info;
+    spdlog::log(level, "{}", line);
+  };
+  try {
+    if (!config.empty()) options.objects = host_service::read_config(config);
+    for (const std::filesystem::path& model : models) {
+      options.objects.push_back(host_service::object_from_model(model));
+    }
+    host_service::Host host{std::move(options), log};
+    struct sigaction action {};
+    action.sa_handler = ask_to_stop;
+    sigaction(SIGINT, &action, nullptr);
+    sigaction(SIGTERM, &action, nullptr);
+    return host.run(stop_asked);
+  } catch (const std::exception& error) {
+    spdlog::error("{}", error.what());
+    return 2;
+  }
+}

@@ -1,0 +1,119 @@
+#include "host_service/model_store.hpp"
+
+#include <xxhash.h>
+
+#include <array>
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+#include <fstream>
+#include <memory>
+#include <optional>
+#include <regex>
+
+#include "spm/offline/build.hpp"
+#include "spm/offline/import.hpp"
+
+namespace tactus::host_service {
+namespace {
+
+using spm::offline::MappedModel;
+using spm::offline::ModelError;
+
+/// Counts up when the same input would give another model, so that older results are left alone.
+constexpr std::uint32_t kBuilderVersion = 1;
+
+class Hasher {
+ public:
+  void add(const void* data, std::size_t size) { XXH3_64bits_update(state_.get(), data, size); }
+  void add_file(const std::filesystem::path& path) {
+    std::ifstream file{path, std::ios::binary};
+    if (!file) throw ModelError{path.string() + ": cannot be read"};
+    std::array<char, 1 << 16> block{};
+    while (file.read(block.data(), block.size()), file.gcount() > 0) {
+      add(block.data(), static_cast<std::size_t>(file.gcount()));
+    }
+  }
+  [[nodiscard]] std::uint64_t digest() const { return XXH3_64bits_digest(state_.get()); }
+
+ private:
+  struct Free {
+    void operator()(XXH3_state_t* state) const { XXH3_freeState(state); }
+  };
+  std::unique_ptr<XXH3_state_t, Free> state_ = [] {
+    std::unique_ptr<XXH3_state_t, Free> state{XXH3_createState()};
+    XXH3_64bits_reset(state.get());
+    return state;
+  }();
+};
+
+/// Of the file, and of the buffers beside it that a glTF file names.
+std::uint64_t content_hash(const std::filesystem::path& model) {
+  Hasher hasher;
+  hasher.add(&kBuilderVersion, sizeof kBuilderVersion);
+  hasher.add(&spm::offline::kModelFileVersion, sizeof spm::offline::kModelFileVersion);
+  hasher.add_file(model);
+  if (model.extension() == ".gltf") {
+    std::ifstream file{model, std::ios::binary};
+    const std::string text{std::istreambuf_iterator<char>{file}, {}};
+    static const std::regex uri{"\"uri\"\\s*:\\s*\"([^\"]{1,255})\""};
+    for (std::sregex_iterator at{text.begin(), text.end(), uri}, end; at != end; ++at) {
+      const std::filesystem::path buffer = model.parent_path() / (*at)[1].str();
+      if (std::filesystem::is_regular_file(buffer)) hasher.add_file(buffer);
+    }
+  }
+  return hasher.digest();
+}
+
+std::optional<MappedModel> open_cached(const std::filesystem::path& path, const ModelStore::Log& log) {
+  if (!std::filesystem::exists(path)) return std::nullopt;
+  try {
+    return MappedModel{path};
+  } catch (const ModelError& error) {
+    log(std::string{"the cached model is broken and will be built again: "} + error.what());
+    return std::nullopt;
+  }
+}
+
+}  // namespace
+
+std::filesystem::path default_cache_directory() {
+  if (const char* cache = std::getenv("XDG_CACHE_HOME"); cache != nullptr && *cache == '/') {
+    return std::filesystem::path{cache} / "tactus";
+  }
+  if (const char* home = std::getenv("HOME"); home != nullptr && *home == '/') {
+    return std::filesystem::path{home} / ".cache" / "tactus";
+  }
+  return std::filesystem::temp_directory_path() / "tactus-cache";
+}
+
+ModelStore::ModelStore(std::filesystem::path cache, Log log) : cache_{std::move(cache)}, log_{std::move(log)} {}
+
+MappedModel ModelStore::open(const std::filesystem::path& model) const {
+  if (!std::filesystem::is_regular_file(model)) throw ModelError{model.string() + ": no such model file"};
+  if (spm::offline::is_model_file(model) || model.extension() == ".spm") return MappedModel{model};
+
+  std::array<char, 32> name{};
+  std::snprintf(name.data(), name.size(), "%016llx.spm", static_cast<unsigned long long>(content_hash(model)));
+  const std::filesystem::path cached = cache_ / name.data();
+  if (std::optional<MappedModel> ready = open_cached(cached, log_)) {
+    log_(model.string() + ": built before, taken from " + cached.string());
+    return std::move(*ready);
+  }
+  std::error_code failed;
+  std::filesystem::create_directories(cache_, failed);
+  if (failed) throw ModelError{cache_.string() + ": cannot make this folder for built models: " + failed.message()};
+  log_(model.string() + ": building");
+  std::string last_stage;
+  const spm::offline::BuiltModel built =
+      spm::offline::build_model(spm::offline::import_mesh(model), {}, [&](std::string_view stage, double) {
+        if (stage == last_stage) return;
+        last_stage = stage;
+        log_(model.string() + ": " + last_stage);
+      });
+  spm::offline::write_model(cached, built.model(), {model.filename().string(), built.cleaned});
+  log_(model.string() + ": built, kept in " + cached.string());
+  return MappedModel{cached};
+}
+
+}  // namespace tactus::host_service
