@@ -8,7 +8,7 @@
 namespace tactus::spm {
 namespace {
 
-constexpr std::uint32_t kMaxDepth = 15;  // deeper cells could not be told apart by 16-bit coordinates
+constexpr std::uint32_t kMaxDepth = 8;  // as deep as RegionGrid looks
 constexpr std::size_t kMaxMessages = 20;
 
 /// Gathers the first few messages; a broken file has thousands that say the same.

@@ -11,31 +11,6 @@ namespace {
 constexpr std::uint32_t kMaxDepth = 6;
 constexpr double kMostCellsPerSide = 1000;  // times 2^kMaxDepth still fits 16 bits
 
-struct Corners {
-  std::array<Vec3d, 3> p;
-};
-
-/// Whether the triangle meets the box around `centre` with half edge `half`.
-bool meets(const Corners& triangle, const Vec3d& centre, double half) {
-  const Vec3d a = triangle.p[0] - centre, b = triangle.p[1] - centre, c = triangle.p[2] - centre;
-  const auto apart = [&](const Vec3d& axis) {
-    const double pa = axis.dot(a), pb = axis.dot(b), pc = axis.dot(c);
-    const double reach = half * (std::abs(axis[0]) + std::abs(axis[1]) + std::abs(axis[2]));
-    return std::min({pa, pb, pc}) > reach || std::max({pa, pb, pc}) < -reach;
-  };
-  for (int axis = 0; axis < 3; ++axis) {
-    if (apart(Vec3d::Unit(axis))) return false;
-  }
-  const std::array<Vec3d, 3> edges{Vec3d{b - a}, Vec3d{c - b}, Vec3d{a - c}};
-  if (apart(edges[0].cross(edges[1]))) return false;
-  for (const Vec3d& edge : edges) {
-    for (int axis = 0; axis < 3; ++axis) {
-      if (apart(Vec3d::Unit(axis).cross(edge))) return false;
-    }
-  }
-  return true;
-}
-
 class Partitioner {
  public:
   Partitioner(const TriangleMesh& mesh, const PartitionOptions& options) : mesh_{mesh}, options_{options} {
@@ -48,8 +23,8 @@ class Partitioner {
       largest = std::max(largest, at.cwiseAbs().maxCoeff());
     }
     for (std::uint32_t f = 0; f < mesh.faces.size(); ++f) {
-      const Corners t = corners(f);
-      area += (t.p[1] - t.p[0]).cross(t.p[2] - t.p[0]).norm() / 2;
+      const std::array<Vec3d, 3> t = corners(f);
+      area += (t[1] - t[0]).cross(t[2] - t[0]).norm() / 2;
     }
     const double side = (high - low).maxCoeff();
     const double even = std::sqrt(area * options.cell_faces / static_cast<double>(mesh.faces.size()));
@@ -72,11 +47,11 @@ class Partitioner {
     std::vector<Entry> entries;
     entries.reserve(mesh_.faces.size() * 3 / 2);
     for (std::uint32_t f = 0; f < mesh_.faces.size(); ++f) {
-      const Corners t = corners(f);
+      const std::array<Vec3d, 3> t = corners(f);
       std::array<std::uint32_t, 3> first, last;
       for (int axis = 0; axis < 3; ++axis) {
-        const double low = std::min({t.p[0][axis], t.p[1][axis], t.p[2][axis]});
-        const double high = std::max({t.p[0][axis], t.p[1][axis], t.p[2][axis]});
+        const double low = std::min({t[0][axis], t[1][axis], t[2][axis]});
+        const double high = std::max({t[0][axis], t[1][axis], t[2][axis]});
         first[static_cast<std::size_t>(axis)] = cell_of(low - hair_, axis);
         last[static_cast<std::size_t>(axis)] = cell_of(high + hair_, axis);
       }
@@ -103,11 +78,11 @@ class Partitioner {
  private:
   using Place = std::array<std::uint32_t, 3>;
 
-  Corners corners(std::uint32_t f) const {
-    Corners t;
+  std::array<Vec3d, 3> corners(std::uint32_t f) const {
+    std::array<Vec3d, 3> t;
     for (std::size_t k = 0; k < 3; ++k) {
       const std::array<float, 3>& p = mesh_.positions[mesh_.faces[f][k]];
-      t.p[k] = {p[0], p[1], p[2]};
+      t[k] = {p[0], p[1], p[2]};
     }
     return t;
   }
@@ -117,14 +92,14 @@ class Partitioner {
     return static_cast<std::uint32_t>(std::clamp(at, 0.0, count_[axis] - 1.0));
   }
 
-  bool meets_cell(const Corners& t, const Place& at, std::uint32_t depth) const {
+  bool meets_cell(const std::array<Vec3d, 3>& t, const Place& at, std::uint32_t depth) const {
     const double edge = std::ldexp(out_.grid.cell_size, -static_cast<int>(depth));
     Vec3d centre;
     for (int axis = 0; axis < 3; ++axis) {
       const auto k = static_cast<std::size_t>(axis);
       centre[axis] = out_.grid.origin[k] + (at[k] + 0.5) * edge;
     }
-    return meets(t, centre, edge / 2 + hair_);
+    return triangle_meets_box(t, centre, edge / 2 + hair_);
   }
 
   static Place unmorton(std::uint64_t key) {
@@ -172,6 +147,26 @@ class Partitioner {
 };
 
 }  // namespace
+
+bool triangle_meets_box(const std::array<Vec3d, 3>& triangle, const Vec3d& centre, double half_edge) {
+  const Vec3d a = triangle[0] - centre, b = triangle[1] - centre, c = triangle[2] - centre;
+  const auto apart = [&](const Vec3d& axis) {
+    const double pa = axis.dot(a), pb = axis.dot(b), pc = axis.dot(c);
+    const double reach = half_edge * (std::abs(axis[0]) + std::abs(axis[1]) + std::abs(axis[2]));
+    return std::min({pa, pb, pc}) > reach || std::max({pa, pb, pc}) < -reach;
+  };
+  for (int axis = 0; axis < 3; ++axis) {
+    if (apart(Vec3d::Unit(axis))) return false;
+  }
+  const std::array<Vec3d, 3> edges{Vec3d{b - a}, Vec3d{c - b}, Vec3d{a - c}};
+  if (apart(edges[0].cross(edges[1]))) return false;
+  for (const Vec3d& edge : edges) {
+    for (int axis = 0; axis < 3; ++axis) {
+      if (apart(Vec3d::Unit(axis).cross(edge))) return false;
+    }
+  }
+  return true;
+}
 
 std::uint64_t morton(std::uint32_t x, std::uint32_t y, std::uint32_t z) {
   const auto spread = [](std::uint64_t v) {

@@ -29,8 +29,11 @@ struct Partition {
 
 /// A face belongs to every cell that its triangle meets, decided in double with cells a hair larger than they are, so
 /// that a point on a face always has its cell. Cells are at least a thousandth of the longest side.
-/// Source: Akenine-Moeller 2001 (separating axes of a triangle and a box).
 [[nodiscard]] Partition partition(const TriangleMesh& mesh, const PartitionOptions& options);
+
+/// Whether the triangle meets the cube around `centre`, faces included; in double, without a margin.
+/// Source: Akenine-Moeller 2001 (separating axes of a triangle and a box).
+[[nodiscard]] bool triangle_meets_box(const std::array<Vec3d, 3>& triangle, const Vec3d& centre, double half_edge);
 
 /// Bits of x, y, z interleaved, x lowest; 21 bits of each count.
 [[nodiscard]] std::uint64_t morton(std::uint32_t x, std::uint32_t y, std::uint32_t z);

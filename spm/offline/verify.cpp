@@ -1,0 +1,185 @@
+#include "spm/offline/verify.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <numeric>
+
+#include "spm/offline/clean.hpp"
+#include "spm/offline/partition.hpp"
+#include "spm/region_grid.hpp"
+
+namespace tactus::spm::offline {
+namespace {
+
+constexpr std::size_t kMaxMismatches = 10;
+
+/// An oriented triangle as the bits of its positions, from its smallest corner.
+using FaceBits = std::array<std::array<std::uint32_t, 3>, 3>;
+
+FaceBits bits_of(Span<const std::array<float, 3>> positions, const Triangle& face) {
+  FaceBits bits;
+  for (std::size_t k = 0; k < 3; ++k) std::memcpy(&bits[k], &positions[face[k]], sizeof bits[k]);
+  std::rotate(bits.begin(), std::min_element(bits.begin(), bits.end()), bits.end());
+  return bits;
+}
+
+std::vector<FaceBits> sorted_bits(Span<const std::array<float, 3>> positions, const std::vector<Triangle>& faces) {
+  std::vector<FaceBits> all;
+  all.reserve(faces.size());
+  for (const Triangle& face : faces) all.push_back(bits_of(positions, face));
+  std::sort(all.begin(), all.end());
+  return all;
+}
+
+Vec3d point(Span<const std::array<float, 3>> positions, std::uint32_t v) {
+  return {positions[v][0], positions[v][1], positions[v][2]};
+}
+
+/// The mesh with one region refined at a time; taking it back costs what applying it did.
+class OneRegion {
+ public:
+  explicit OneRegion(const Model& model) : model_{model}, corners_(model.summary.faces, kAbsent) {
+    for (const BaseFace& face : model.base_faces) corners_[face.face] = face.corners;
+  }
+
+  void apply(RegionId region) {
+    for (const Run& run : model_.runs_of(region)) {
+      for (std::uint32_t r = run.first; r < run.first + run.count; ++r) split(r);
+    }
+  }
+  void undo() {
+    for (auto before = undo_.rbegin(); before != undo_.rend(); ++before) corners_[before->face] = before->corners;
+    undo_.clear();
+  }
+  const Triangle& corners(std::uint32_t face) const { return corners_[face]; }
+
+ private:
+  static constexpr Triangle kAbsent{kNone, kNone, kNone};
+  struct Before {
+    std::uint32_t face;
+    Triangle corners;
+  };
+
+  void split(std::uint32_t r) {
+    const std::uint32_t u = model_.summary.base_vertices + r;
+    for (std::uint32_t p = r; p != kNone; p = model_.parts[p].next) {
+      const RecordPart& part = model_.parts[p];
+      for (std::size_t i = 0; i < part.born_count; ++i) {
+        const std::uint32_t f = part.born[i].face();
+        const BornCorners at = born_corners(part.born[i].order());
+        undo_.push_back({f, corners_[f]});
+        corners_[f][static_cast<std::size_t>(at.u)] = u;
+        corners_[f][static_cast<std::size_t>(at.t)] = part.parent;
+        corners_[f][static_cast<std::size_t>(at.x)] = part.born_x[i];
+      }
+      for (std::size_t i = 0; i < part.deformed_count; ++i) {
+        const std::uint32_t f = part.deformed[i].face();
+        undo_.push_back({f, corners_[f]});
+        corners_[f][part.deformed[i].corner()] = u;
+      }
+    }
+  }
+
+  const Model& model_;
+  std::vector<Triangle> corners_;
+  std::vector<Before> undo_;
+};
+
+class Verifier {
+ public:
+  Verifier(const Model& model, const TriangleMesh& original, const std::function<void(double)>& progress)
+      : model_{model}, original_{original}, progress_{progress}, finest_{finest_faces(model)} {}
+
+  Verification run() {
+    out_.faces = static_cast<std::uint32_t>(original_.faces.size());
+    compare_whole();
+    if (out_.mismatches.empty()) compare_regions();
+    return std::move(out_);
+  }
+
+ private:
+  void mismatch(const std::string& text) {
+    if (out_.mismatches.size() < kMaxMismatches) out_.mismatches.push_back(text);
+  }
+
+  void compare_whole() {
+    const std::vector<FaceBits> expected = sorted_bits(original_.positions, original_.faces);
+    const std::vector<FaceBits> found = sorted_bits(model_.positions, finest_);
+    if (expected == found) return;
+    std::vector<FaceBits> missing, extra;
+    std::set_difference(expected.begin(), expected.end(), found.begin(), found.end(), std::back_inserter(missing));
+    std::set_difference(found.begin(), found.end(), expected.begin(), expected.end(), std::back_inserter(extra));
+    mismatch("finest mesh: " + std::to_string(missing.size()) + " of " + std::to_string(expected.size()) +
+             " faces of the original are missing, " + std::to_string(extra.size()) + " are not the original's");
+  }
+
+  /// From here on the model's finest faces are the original's, so they may stand for them.
+  void compare_regions() {
+    const RegionGrid grid{model_.summary.grid, model_.regions};
+    const std::vector<std::uint32_t> by_x = faces_by_x();
+    OneRegion mesh{model_};
+    std::vector<bool> covered(std::size_t{4} * finest_.size(), false);
+    for (std::uint32_t i = 0; i < grid.size(); ++i) {
+      if (progress_ && i % 64 == 0) progress_(double(i) / grid.size());
+      const CellBox& box = grid.box(RegionId{i});
+      mesh.apply(RegionId{i});
+      const auto first = std::lower_bound(by_x.begin(), by_x.end(), box.low[0] - widest_,
+                                          [this](std::uint32_t f, double x) { return low_x(f) < x; });
+      for (auto at = first; at != by_x.end() && low_x(*at) <= box.high[0]; ++at) {
+        const std::array<Vec3d, 3> t = triangle(*at);
+        if (!triangle_meets_box(t, (box.low + box.high) / 2, (box.high - box.low).maxCoeff() / 2)) continue;
+        ++out_.faces_in_regions;
+        if (mesh.corners(*at) != finest_[*at]) {
+          mismatch("region " + std::to_string(i) + ": face " + std::to_string(*at) + " is not in its finest version");
+        }
+        for (std::size_t k = 0; k < 4; ++k) {
+          if (box.squared_distance(k < 3 ? t[k] : Vec3d{(t[0] + t[1] + t[2]) / 3}) == 0) covered[4 * *at + k] = true;
+        }
+      }
+      mesh.undo();
+      ++out_.regions;
+    }
+    for (std::size_t i = 0; i < covered.size(); ++i) {
+      if (!covered[i]) mismatch("face " + std::to_string(i / 4) + ": a point of it lies in no labelled cell");
+    }
+  }
+
+  std::array<Vec3d, 3> triangle(std::uint32_t f) const {
+    return {point(model_.positions, finest_[f][0]), point(model_.positions, finest_[f][1]),
+            point(model_.positions, finest_[f][2])};
+  }
+  double low_x(std::uint32_t f) const {
+    const Triangle& t = finest_[f];
+    return std::min({model_.positions[t[0]][0], model_.positions[t[1]][0], model_.positions[t[2]][0]});
+  }
+
+  std::vector<std::uint32_t> faces_by_x() {
+    std::vector<std::uint32_t> order(finest_.size());
+    std::iota(order.begin(), order.end(), 0u);
+    std::sort(order.begin(), order.end(), [this](std::uint32_t a, std::uint32_t b) { return low_x(a) < low_x(b); });
+    for (const Triangle& t : finest_) {
+      for (std::size_t k = 0; k < 3; ++k) {
+        widest_ = std::max(widest_,
+                           std::abs(double{model_.positions[t[k]][0]} - double{model_.positions[t[(k + 1) % 3]][0]}));
+      }
+    }
+    return order;
+  }
+
+  const Model& model_;
+  const TriangleMesh& original_;
+  const std::function<void(double)>& progress_;
+  std::vector<Triangle> finest_;
+  double widest_ = 0;  // extent in x of the widest face
+  Verification out_;
+};
+
+}  // namespace
+
+Verification verify(const Model& model, TriangleMesh original, const std::function<void(double)>& progress) {
+  clean(original);
+  return Verifier{model, original, progress}.run();
+}
+
+}  // namespace tactus::spm::offline

@@ -1,0 +1,161 @@
+#include "tools/mesh_report.hpp"
+
+#include <algorithm>
+#include <cstdio>
+#include <nlohmann/json.hpp>
+#include <utility>
+#include <vector>
+
+namespace tactus::tools {
+namespace {
+
+using nlohmann::ordered_json;
+using spm::offline::CleanReport;
+
+std::vector<std::pair<const char*, std::uint32_t>> dropped(const CleanReport& c) {
+  return {{"welded_vertices", c.welded_vertices},
+          {"non_finite_faces", c.non_finite_faces},
+          {"repeated_corner_faces", c.repeated_corner_faces},
+          {"zero_area_faces", c.zero_area_faces},
+          {"duplicate_faces", c.duplicate_faces},
+          {"unreferenced_vertices", c.unreferenced_vertices}};
+}
+
+std::string hex(std::uint64_t value) {
+  std::string text(16, '0');
+  std::snprintf(text.data(), text.size() + 1, "%016llx", static_cast<unsigned long long>(value));
+  return text;
+}
+
+struct Lists {
+  std::uint64_t sum = 0;
+  std::uint32_t longest = 0, most_faces = 0;
+};
+
+Lists lists_of(const spm::Model& model) {
+  Lists lists;
+  for (const spm::Region& region : model.regions) {
+    lists.sum += region.record_count;
+    lists.longest = std::max(lists.longest, region.record_count);
+    lists.most_faces = std::max(lists.most_faces, region.face_count);
+  }
+  return lists;
+}
+
+}  // namespace
+
+ordered_json info_json(const spm::Model& model, const spm::offline::Provenance& provenance,
+                       const spm::offline::Certificate& certificate) {
+  const spm::ModelSummary& s = model.summary;
+  const Lists lists = lists_of(model);
+  const auto tree = [&s](std::uint32_t width) {
+    const spm::offline::TreeSize size = spm::offline::tree_size(s.faces, width);
+    return ordered_json{{"height", size.levels}, {"nodes", size.nodes + s.faces}};
+  };
+  ordered_json drops;
+  for (const auto& [name, count] : dropped(provenance.cleaned)) drops[name] = count;
+  return {{"digest", hex(s.digest)},
+          {"source", provenance.source},
+          {"dropped", drops},
+          {"vertices", s.vertices},
+          {"faces", s.faces},
+          {"base_vertices", s.base_vertices},
+          {"base_faces", s.base_faces},
+          {"records", s.records},
+          {"parts", s.parts},
+          {"max_level", s.max_level},
+          {"deviation", s.deviation},
+          {"ab_tree", {{"eight_wide", tree(8)}, {"binary", tree(2)}}},
+          {"bounds_min", s.bounds_min},
+          {"bounds_max", s.bounds_max},
+          {"metres_per_unit", s.metres_per_unit},
+          {"regions",
+           {{"count", s.regions},
+            {"cell_size", s.grid.cell_size},
+            {"most_faces", lists.most_faces},
+            {"records_mean", double(lists.sum) / s.regions},
+            {"records_max", lists.longest},
+            {"list_sum_per_record", s.records == 0 ? 0.0 : double(lists.sum) / s.records},
+            {"runs_mean", double(model.runs.size()) / s.regions}}},
+          {"certificate",
+           {{"radius_m", certificate.radius * s.metres_per_unit},
+            {"regions", certificate.regions},
+            {"records", certificate.records},
+            {"slots", certificate.parts},
+            {"worst_region", spm::index(certificate.worst)}}}};
+}
+
+std::string info_text(const spm::Model& model, const spm::offline::Provenance& provenance,
+                      const spm::offline::Certificate& certificate) {
+  const spm::ModelSummary& s = model.summary;
+  const ordered_json json = info_json(model, provenance, certificate);
+  std::string text;
+  const auto row = [&text](const char* name, const std::string& value) {
+    text += name;
+    text.append(
+        std::max<std::size_t>(28, std::char_traits<char>::length(name) + 1) - std::char_traits<char>::length(name),
+        ' ');
+    text += value + "\n";
+  };
+  const auto number = [](double value) {
+    char digits[32];
+    std::snprintf(digits, sizeof digits, "%.6g", value);
+    return std::string{digits};
+  };
+  const auto millimetres = [&](double units) { return number(units * s.metres_per_unit * 1000) + " mm"; };
+  row("source", provenance.source);
+  row("digest", hex(s.digest));
+  row("vertices", std::to_string(s.vertices));
+  row("faces", std::to_string(s.faces));
+  row("base vertices", std::to_string(s.base_vertices));
+  row("base faces", std::to_string(s.base_faces));
+  row("vertex splits", std::to_string(s.records) + " in " + std::to_string(s.parts) + " parts, " +
+                           std::to_string(s.max_level) + " levels");
+  for (const auto& [width, name] : {std::pair{8u, "AB-tree, 8 wide"}, std::pair{2u, "AB-tree, binary"}}) {
+    const spm::offline::TreeSize size = spm::offline::tree_size(s.faces, width);
+    row(name, "height " + std::to_string(size.levels) + ", " + std::to_string(size.nodes + s.faces) + " nodes");
+  }
+  row("furthest from the finest", millimetres(s.deviation));
+  const auto& regions = json["regions"];
+  row("regions", std::to_string(s.regions) + ", cells of " + millimetres(s.grid.cell_size));
+  row("records of a region", "mean " + number(regions["records_mean"]) + ", most " +
+                                 std::to_string(regions["records_max"].get<std::uint32_t>()));
+  row("faces of a region", "most " + std::to_string(regions["most_faces"].get<std::uint32_t>()));
+  row("lists / records", number(regions["list_sum_per_record"]));
+  row("probe of radius", millimetres(certificate.radius));
+  row("  meets at most", std::to_string(certificate.regions) + " regions");
+  row("  needs at most", std::to_string(certificate.records) + " records, " + std::to_string(certificate.parts) +
+                             " pool slots, and the base mesh");
+  return text + dropped_text(provenance.cleaned);
+}
+
+ordered_json verification_json(const spm::offline::Verification& v) {
+  return {{"exact", v.mismatches.empty()},
+          {"faces", v.faces},
+          {"regions", v.regions},
+          {"faces_in_regions", v.faces_in_regions},
+          {"mismatches", v.mismatches}};
+}
+
+std::string verification_text(const spm::offline::Verification& v) {
+  if (v.mismatches.empty()) {
+    return "exact: " + std::to_string(v.faces) + " faces to the bit, whole and in each of " +
+           std::to_string(v.regions) + " regions alone (" + std::to_string(v.faces_in_regions) + " faces compared)\n";
+  }
+  std::string text = "not exact:\n";
+  for (const std::string& mismatch : v.mismatches) text += "  " + mismatch + "\n";
+  return text;
+}
+
+std::string dropped_text(const CleanReport& cleaned) {
+  std::string text;
+  for (const auto& [name, count] : dropped(cleaned)) {
+    if (count == 0) continue;
+    std::string words = name;
+    std::replace(words.begin(), words.end(), '_', ' ');
+    text += "dropped at import: " + std::to_string(count) + " " + words + "\n";
+  }
+  return text;
+}
+
+}  // namespace tactus::tools

@@ -1,0 +1,26 @@
+/// What `tactus-mesh` says about a model, for people and for machines.
+#pragma once
+
+#include <nlohmann/json_fwd.hpp>
+#include <string>
+
+#include "spm/offline/certificate.hpp"
+#include "spm/offline/clean.hpp"
+#include "spm/offline/model_file.hpp"
+#include "spm/offline/verify.hpp"
+
+namespace tactus::tools {
+
+/// The rows of the paper's Table 1, the regions, and the certificate for one probe.
+[[nodiscard]] nlohmann::ordered_json info_json(const spm::Model& model, const spm::offline::Provenance& provenance,
+                                               const spm::offline::Certificate& certificate);
+[[nodiscard]] std::string info_text(const spm::Model& model, const spm::offline::Provenance& provenance,
+                                    const spm::offline::Certificate& certificate);
+
+[[nodiscard]] nlohmann::ordered_json verification_json(const spm::offline::Verification& verification);
+[[nodiscard]] std::string verification_text(const spm::offline::Verification& verification);
+
+/// One line for each kind that was dropped; empty when nothing was.
+[[nodiscard]] std::string dropped_text(const spm::offline::CleanReport& cleaned);
+
+}  // namespace tactus::tools

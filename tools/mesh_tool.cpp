@@ -1,0 +1,260 @@
+#include "tools/mesh_tool.hpp"
+
+#include <CLI/CLI.hpp>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <nlohmann/json.hpp>
+#include <ostream>
+#include <string>
+
+#include "spm/offline/build.hpp"
+#include "spm/offline/generate.hpp"
+#include "spm/offline/import.hpp"
+#include "spm/offline/model_file.hpp"
+#include "spm/offline/verify.hpp"
+#include "spm/offline/write_mesh.hpp"
+#include "tools/mesh_report.hpp"
+
+namespace tactus::tools {
+namespace {
+
+using namespace spm::offline;
+
+/// One line on a terminal that is written over until the work ends; nothing elsewhere.
+class ProgressBar {
+ public:
+  explicit ProgressBar(const ToolStreams& streams) : streams_{streams} {}
+  ProgressBar(const ProgressBar&) = delete;
+  ProgressBar& operator=(const ProgressBar&) = delete;
+  ~ProgressBar() {
+    if (shown_) streams_.errors << "\r\033[K" << std::flush;
+  }
+
+  void show(std::string_view stage, double done) {
+    const auto now = std::chrono::steady_clock::now();
+    if (!streams_.progress || (shown_ && now - last_ < std::chrono::milliseconds{100})) return;
+    last_ = now;
+    shown_ = true;
+    constexpr int kWidth = 40;
+    const int filled = static_cast<int>(std::lround(done * kWidth));
+    std::string bar(static_cast<std::size_t>(filled), '#');
+    bar.resize(kWidth, '.');
+    streams_.errors << "\r\033[K" << stage << " [" << bar << "] " << std::lround(100 * done) << " %" << std::flush;
+  }
+
+ private:
+  const ToolStreams& streams_;
+  bool shown_ = false;
+  std::chrono::steady_clock::time_point last_;
+};
+
+/// Options of all commands; each command reads its own.
+struct Settings {
+  std::string model, out, file, shape, unit = "m";
+  double size = 0, radius_mm = 3;
+  std::uint32_t base_faces = SimplifyOptions{}.base_faces;
+  std::uint32_t cell_faces = PartitionOptions{}.cell_faces;
+  std::uint32_t faces = 4096;
+  std::uint64_t seed = 1;
+  bool json = false;
+};
+
+BuildOptions build_options(const Settings& settings, bool sized) {
+  BuildOptions options;
+  options.simplify.base_faces = settings.base_faces;
+  options.partition.cell_faces = settings.cell_faces;
+  options.partition.max_cell_faces = settings.cell_faces * 5 / 2;
+  options.metres_per_unit = settings.unit == "mm" ? 1e-3 : settings.unit == "cm" ? 1e-2 : 1;
+  if (sized) options.size = settings.size;
+  return options;
+}
+
+double radius_of(const Settings& settings, const spm::Model& model) {
+  return settings.radius_mm * 1e-3 / model.summary.metres_per_unit;
+}
+
+void report_built(const Settings& settings, const BuiltModel& built, const Provenance& provenance,
+                  const ToolStreams& streams, double seconds) {
+  const spm::Model model = built.model();
+  const Certificate certificate = certify(model, radius_of(settings, model));
+  if (settings.json) {
+    nlohmann::ordered_json json = info_json(model, provenance, certificate);
+    json["build_seconds"] = seconds;
+    streams.out << json.dump(2) << "\n";
+  } else {
+    char time[32];
+    std::snprintf(time, sizeof time, "%.2f s", seconds);
+    streams.out << info_text(model, provenance, certificate) << "built in " << time << "\n";
+  }
+}
+
+/// Builds and writes; reports what went into `path`.
+void build_into(const std::filesystem::path& path, TriangleMesh mesh, const Settings& settings, bool sized,
+                const std::string& source, const ToolStreams& streams) {
+  const auto start = std::chrono::steady_clock::now();
+  ProgressBar bar{streams};
+  const BuiltModel built = build_model(std::move(mesh), build_options(settings, sized),
+                                       [&bar](std::string_view stage, double done) { bar.show(stage, done); });
+  const Provenance provenance{source, built.cleaned};
+  write_model(path, built.model(), provenance);
+  const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - start;
+  report_built(settings, built, provenance, streams, seconds.count());
+}
+
+int build(const Settings& settings, bool sized, const ToolStreams& streams) {
+  const std::filesystem::path source{settings.model};
+  build_into(settings.out, import_mesh(source), settings, sized, source.filename().string(), streams);
+  return kDone;
+}
+
+int info(const Settings& settings, const ToolStreams& streams) {
+  const MappedModel mapped{settings.file};
+  const Certificate certificate = certify(mapped.model(), radius_of(settings, mapped.model()));
+  if (settings.json) {
+    streams.out << info_json(mapped.model(), mapped.provenance(), certificate).dump(2) << "\n";
+  } else {
+    streams.out << info_text(mapped.model(), mapped.provenance(), certificate);
+  }
+  return kDone;
+}
+
+int check(const Settings& settings, const ToolStreams& streams) {
+  const MappedModel mapped{settings.file};
+  TriangleMesh original = import_mesh(settings.model);
+  Verification result;
+  {
+    ProgressBar bar{streams};
+    result = verify(mapped.model(), std::move(original), [&bar](double done) { bar.show("verify", done); });
+  }
+  streams.out << (settings.json ? verification_json(result).dump(2) + "\n" : verification_text(result));
+  return result.mismatches.empty() ? kDone : kCheckFailed;
+}
+
+int make(const Settings& settings, const ToolStreams& streams) {
+  const std::filesystem::path path{settings.out};
+  TriangleMesh mesh = generate(shape_from_name(settings.shape), settings.faces, settings.seed);
+  if (path.extension() == ".spm") {
+    build_into(path, std::move(mesh), settings, false, settings.shape, streams);
+    return kDone;
+  }
+  write_mesh(path, mesh);
+  if (settings.json) {
+    streams.out << nlohmann::ordered_json{{"vertices", mesh.positions.size()}, {"faces", mesh.faces.size()}}.dump(2)
+                << "\n";
+  } else {
+    streams.out << settings.shape << ": " << mesh.positions.size() << " vertices, " << mesh.faces.size() << " faces in "
+                << path.string() << "\n";
+  }
+  return kDone;
+}
+
+/// The command line and what each command does with it.
+class CommandLine {
+ public:
+  CommandLine() {
+    app_.require_subcommand(1);
+    app_.footer(
+        "Examples:\n"
+        "  tactus-mesh generate organ --faces 500000 --seed 7 organ.ply\n"
+        "  tactus-mesh build organ.ply organ.spm --size 0.1\n"
+        "  tactus-mesh info organ.spm --json\n"
+        "  tactus-mesh verify organ.spm organ.ply\n"
+        "Exit status: 0 done, 1 a check failed, 2 bad input.");
+    add_build();
+    add_info();
+    add_verify();
+    add_generate();
+  }
+
+  CLI::App& app() { return app_; }
+
+  int run(const ToolStreams& streams) const {
+    if (build_->parsed()) return build(settings_, size_->count() > 0, streams);
+    if (info_->parsed()) return info(settings_, streams);
+    if (verify_->parsed()) return check(settings_, streams);
+    return make(settings_, streams);
+  }
+
+ private:
+  void add_build() {
+    build_ = app_.add_subcommand("build", "Make an .spm model of a triangle mesh");
+    build_->footer("Example: tactus-mesh build bunny.obj bunny.spm --unit cm");
+    build_->add_option("MODEL", settings_.model, "OBJ, PLY, STL, glTF or another file with a surface")->required();
+    build_->add_option("OUT", settings_.out, "The .spm file to write")->required();
+    CLI::Option* unit = build_->add_option("--unit", settings_.unit, "What one unit of the file is")
+                            ->check(CLI::IsMember({"mm", "cm", "m"}))
+                            ->capture_default_str();
+    size_ = build_->add_option("--size", settings_.size, "Longest side in metres, instead of --unit")
+                ->check(CLI::PositiveNumber)
+                ->excludes(unit);
+    add_density(build_);
+    add_report(build_);
+  }
+  void add_info() {
+    info_ = app_.add_subcommand("info", "Say what is in an .spm model: size, trees, regions, certificate");
+    info_->footer("Example: tactus-mesh info bunny.spm --radius 2 --json");
+    info_->add_option("FILE", settings_.file, "The .spm file")->required();
+    add_report(info_);
+  }
+  void add_verify() {
+    verify_ = app_.add_subcommand("verify", "Check that an .spm model gives back its original to the bit");
+    verify_->footer("Example: tactus-mesh verify bunny.spm bunny.obj");
+    verify_->add_option("FILE", settings_.file, "The .spm file")->required();
+    verify_->add_option("MODEL", settings_.model, "The mesh that it was built from")->required();
+    verify_->add_flag("--json", settings_.json, "Report as JSON");
+  }
+  void add_generate() {
+    generate_ = app_.add_subcommand("generate", "Make a mesh: sphere, torus, organ or terrain, about 0.1 m in size");
+    generate_->footer("Example: tactus-mesh generate terrain --faces 200000 --seed 3 terrain.stl");
+    std::vector<std::string> shapes;
+    for (const std::string_view name : shape_names()) shapes.emplace_back(name);
+    generate_->add_option("SHAPE", settings_.shape, "sphere, torus, organ or terrain")
+        ->required()
+        ->check(CLI::IsMember(shapes));
+    generate_->add_option("OUT", settings_.out, "The file to write: .ply, .obj, .stl or .spm")->required();
+    generate_->add_option("--faces", settings_.faces, "As near to this many faces as the shape allows")
+        ->capture_default_str();
+    generate_->add_option("--seed", settings_.seed, "Another seed, another organ or terrain")->capture_default_str();
+    add_density(generate_);
+    add_report(generate_);
+  }
+  void add_density(CLI::App* command) {
+    command->add_option("--base-faces", settings_.base_faces, "Faces of the base mesh")
+        ->check(CLI::Range(1u, spm::kMaxFaces - 1))
+        ->capture_default_str();
+    command->add_option("--cell-faces", settings_.cell_faces, "Finest faces aimed at in a region")
+        ->check(CLI::Range(8u, 1u << 20))
+        ->capture_default_str();
+  }
+  void add_report(CLI::App* command) {
+    command->add_option("--radius", settings_.radius_mm, "Probe radius of the certificate, in mm")
+        ->check(CLI::PositiveNumber)
+        ->capture_default_str();
+    command->add_flag("--json", settings_.json, "Report as JSON");
+  }
+
+  CLI::App app_{"Builds, describes, checks and generates models for Tactus", "tactus-mesh"};
+  CLI::App *build_ = nullptr, *info_ = nullptr, *verify_ = nullptr, *generate_ = nullptr;
+  CLI::Option* size_ = nullptr;
+  Settings settings_;
+};
+
+}  // namespace
+
+int run_mesh_tool(int argc, const char* const* argv, ToolStreams streams) {
+  CommandLine line;
+  try {
+    line.app().parse(argc, argv);
+    return line.run(streams);
+  } catch (const CLI::ParseError& e) {
+    return line.app().exit(e, streams.out, streams.errors) == 0 ? kDone : kBadInput;
+  } catch (const std::bad_alloc&) {
+    streams.errors << "tactus-mesh: not enough memory\n";
+  } catch (const std::exception& e) {
+    streams.errors << "tactus-mesh: " << e.what() << "\n";
+  }
+  return kBadInput;
+}
+
+}  // namespace tactus::tools
