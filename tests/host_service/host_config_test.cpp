@@ -1,0 +1,112 @@
+#include "host_service/host_config.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "tests/support/temporary_folder.hpp"
+
+namespace tactus::host_service {
+namespace {
+
+using testing::HasSubstr;
+using testing::StartsWith;
+
+class HostConfigTest : public testing::Test {
+ protected:
+  std::vector<ObjectConfig> read(const std::string& text) {
+    test_support::write_bytes(file_, text);
+    return read_config(file_);
+  }
+  /// What reading `text` complains of, without the file's name.
+  std::string complaint(const std::string& text) {
+    try {
+      read(text);
+    } catch (const HostError& error) {
+      const std::string what = error.what();
+      EXPECT_THAT(what, StartsWith(file_.string() + ":"));
+      return what.substr(file_.string().size() + 1);
+    }
+    return "none";
+  }
+
+  test_support::TemporaryFolder folder_;
+  std::filesystem::path file_ = folder_.path() / "lab.yaml";
+};
+
+TEST_F(HostConfigTest, ReadsEveryKey) {
+  const std::vector<ObjectConfig> objects = read(R"(objects:
+  - name: organ
+    model: parts/organ.ply
+    position: [1, 2, -3.5]
+    rotation: [0, 0, 0.6, 0.8]
+    size: 0.2
+    material: {stiffness: 800, damping: 2, static_friction: 0.3, dynamic_friction: 0.2}
+  - model: /models/terrain.spm
+    scale: 0.001
+)");
+  ASSERT_EQ(objects.size(), 2u);
+  EXPECT_EQ(objects[0].name, "organ");
+  EXPECT_EQ(objects[0].model, folder_.path() / "parts/organ.ply");
+  EXPECT_EQ(objects[0].pose->position, (std::array<double, 3>{1, 2, -3.5}));
+  EXPECT_DOUBLE_EQ(objects[0].pose->orientation[2], 0.6);
+  EXPECT_EQ(objects[0].size, 0.2);
+  EXPECT_EQ(objects[0].scale, std::nullopt);
+  EXPECT_EQ(objects[0].material.stiffness, 800);
+  EXPECT_EQ(objects[0].material.damping, 2);
+  EXPECT_EQ(objects[0].material.static_friction, 0.3);
+  EXPECT_EQ(objects[0].material.dynamic_friction, 0.2);
+  EXPECT_EQ(objects[1].name, "terrain");
+  EXPECT_EQ(objects[1].model, "/models/terrain.spm");
+  EXPECT_EQ(objects[1].scale, 0.001);
+  EXPECT_FALSE(objects[1].pose);
+}
+
+TEST_F(HostConfigTest, TurnsRollThenPitchThenYawAboutFixedAxes) {
+  const auto object = read("objects: [{model: a.spm, rpy_degrees: [90, 0, 90]}]").at(0);
+  // x goes to y by the yaw; y goes to z by the roll and stays there.
+  const std::array<double, 4> q = object.pose->orientation;
+  const auto turned = [&](double x, double y, double z) {
+    const double tx = 2 * (q[1] * z - q[2] * y), ty = 2 * (q[2] * x - q[0] * z), tz = 2 * (q[0] * y - q[1] * x);
+    return std::array<double, 3>{x + q[3] * tx + q[1] * tz - q[2] * ty, y + q[3] * ty + q[2] * tx - q[0] * tz,
+                                 z + q[3] * tz + q[0] * ty - q[1] * tx};
+  };
+  EXPECT_NEAR(turned(1, 0, 0)[1], 1, 1e-12);
+  EXPECT_NEAR(turned(0, 1, 0)[2], 1, 1e-12);
+}
+
+TEST_F(HostConfigTest, NamesLineAndKeyOfWhatItDoesNotKnow) {
+  EXPECT_THAT(complaint("objects:\n  - model: a.spm\n    sise: 3\n"),
+              AllOf(StartsWith("3: "), HasSubstr("unknown key 'sise'"), HasSubstr("size")));
+  EXPECT_THAT(complaint("objects:\n  - model: a.spm\n    material:\n      stiffnes: 3\n"),
+              AllOf(StartsWith("4: "), HasSubstr("'stiffnes'")));
+  EXPECT_THAT(complaint("object: []\n"), AllOf(StartsWith("1: "), HasSubstr("'object'")));
+}
+
+TEST_F(HostConfigTest, RefusesValuesThatMakeNoSense) {
+  const auto with = [&](const std::string& line) {
+    return complaint("objects:\n  - model: a.spm\n    " + line + "\n");
+  };
+  EXPECT_THAT(with("size: 0"), AllOf(StartsWith("3: "), HasSubstr("'size' is '0'")));
+  EXPECT_THAT(with("size: big"), HasSubstr("'size' is 'big'"));
+  EXPECT_THAT(with("scale: -1"), HasSubstr("'scale' is '-1'"));
+  EXPECT_THAT(with("scale: .nan"), HasSubstr("'scale' is"));
+  EXPECT_THAT(with("position: [1, 2]"), HasSubstr("list of 3 numbers"));
+  EXPECT_THAT(with("rotation: [0, 0, 0, 2]"), HasSubstr("unit quaternion"));
+  EXPECT_THAT(with("material: {stiffness: -5}"), HasSubstr("'stiffness' is '-5'"));
+  EXPECT_THAT(with("material: {static_friction: 0.1, dynamic_friction: 0.2}"), HasSubstr("over 'static_friction'"));
+  EXPECT_THAT(with("name: ''"), HasSubstr("1 to 63 bytes"));
+  EXPECT_THAT(with("scale: 1\n    size: 1"), HasSubstr("give one of them"));
+  EXPECT_THAT(complaint("objects:\n  - name: a\n"), HasSubstr("without 'model'"));
+  EXPECT_THAT(complaint("objects: []\n"), HasSubstr("at least one object"));
+  EXPECT_THAT(complaint("objects:\n  - model: a.spm\n  - model: b/a.spm\n"), HasSubstr("a second object 'a'"));
+}
+
+TEST_F(HostConfigTest, NamesTheLineOfBrokenYamlAndAMissingFile) {
+  EXPECT_THAT(complaint("objects:\n  - {model: a.spm\n"), testing::MatchesRegex("[23]: .*"));
+  EXPECT_THROW((void)read_config(folder_.path() / "none.yaml"), HostError);
+}
+
+}  // namespace
+}  // namespace tactus::host_service

@@ -1,0 +1,116 @@
+/// tactus-host as a process: exit codes, messages, signals.
+#include <fcntl.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "spm/offline/generate.hpp"
+#include "spm/offline/write_mesh.hpp"
+#include "tests/support/temporary_folder.hpp"
+
+namespace tactus::host_service {
+namespace {
+
+using namespace std::chrono_literals;
+using testing::HasSubstr;
+using Clock = std::chrono::steady_clock;
+
+class HostProgramTest : public testing::Test {
+ protected:
+  HostProgramTest() { spm::offline::write_mesh(model_, spm::offline::generate(spm::offline::Shape::kSphere, 400)); }
+  ~HostProgramTest() override {
+    if (pid_ <= 0) return;
+    kill(pid_, SIGKILL);
+    waitpid(pid_, nullptr, 0);
+  }
+
+  void start(std::vector<std::string> arguments) {
+    std::filesystem::remove(output_);
+    std::vector<std::string> all{TACTUS_HOST, "--cache", (folder_.path() / "cache").string(), "--session",
+                                 "test.program." + std::to_string(getpid())};
+    if (std::find(arguments.begin(), arguments.end(), "--domain") == arguments.end()) {
+      all.insert(all.end(), {"--domain", std::to_string(50 + 3 * (getpid() % 13))});
+    }
+    all.insert(all.end(), arguments.begin(), arguments.end());
+    std::vector<char*> argv;
+    for (std::string& argument : all) argv.push_back(argument.data());
+    argv.push_back(nullptr);
+    pid_ = fork();
+    if (pid_ != 0) return;
+    const int out = open(output_.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);
+    dup2(out, STDOUT_FILENO);
+    dup2(out, STDERR_FILENO);
+    execv(argv[0], argv.data());
+    _exit(127);
+  }
+  int wait() {
+    int status = 0;
+    waitpid(pid_, &status, 0);
+    pid_ = 0;
+    return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+  }
+  int run(std::vector<std::string> arguments) {
+    start(std::move(arguments));
+    return wait();
+  }
+  std::string said() const { return test_support::read_bytes(output_); }
+  bool says(const std::string& text) const {
+    for (const auto end = Clock::now() + 20s; Clock::now() < end; std::this_thread::yield()) {
+      if (said().find(text) != std::string::npos) return true;
+    }
+    return false;
+  }
+
+  test_support::TemporaryFolder folder_;
+  std::string model_ = (folder_.path() / "sphere.ply").string();
+  std::string output_ = (folder_.path() / "output").string();
+  pid_t pid_ = 0;
+};
+
+TEST_F(HostProgramTest, SignalsEndItWellAndSoon) {
+  for (const int signal : {SIGINT, SIGTERM}) {
+    start({"--name", "h", model_});
+    ASSERT_TRUE(says("is in session")) << said();
+    const auto asked = Clock::now();
+    kill(pid_, signal);
+
+    EXPECT_EQ(wait(), 0) << said();
+
+    EXPECT_LT(Clock::now() - asked, 2s);
+    EXPECT_THAT(said(), HasSubstr("left the session"));
+  }
+}
+
+TEST_F(HostProgramTest, WrongInputEndsWithTwoAndAMessageThatNamesIt) {
+  EXPECT_EQ(run({"--colour", "red", model_}), 2);
+  EXPECT_THAT(said(), HasSubstr("--colour"));
+  EXPECT_EQ(run({"missing.spm"}), 2);
+  EXPECT_THAT(said(), HasSubstr("missing.spm"));
+  EXPECT_EQ(run({}), 2);
+  EXPECT_THAT(said(), HasSubstr("no model"));
+  EXPECT_EQ(run({"--domain", "900", model_}), 2);
+  EXPECT_THAT(said(), HasSubstr("domain 900"));
+  EXPECT_EQ(run({"--name", std::string(70, 'x'), model_}), 2);
+  EXPECT_EQ(run({"--qos", "/nowhere", model_}), 2);
+  EXPECT_THAT(said(), HasSubstr("/nowhere"));
+  const std::string config = (folder_.path() / "bad.yaml").string();
+  test_support::write_bytes(config, "objects:\n  - modell: x\n");
+  EXPECT_EQ(run({"--config", config}), 2);
+  EXPECT_THAT(said(), HasSubstr("bad.yaml:2: unknown key 'modell'"));
+}
+
+TEST_F(HostProgramTest, HelpHasExamples) {
+  EXPECT_EQ(run({"--help"}), 0);
+  EXPECT_THAT(said(), HasSubstr("Examples:"));
+}
+
+}  // namespace
+}  // namespace tactus::host_service

@@ -1,0 +1,325 @@
+/// A Host in this process, and a controller made of DeliveryClient and wire ends that knows nothing of it but topics.
+#include "host_service/host.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <condition_variable>
+#include <deque>
+#include <mutex>
+#include <thread>
+#include <variant>
+
+#include "session/clock.hpp"
+#include "session/delivery_client.hpp"
+#include "session/figures.hpp"
+#include "spm/codec/base_codec.hpp"
+#include "spm/codec/region_codec.hpp"
+#include "spm/offline/generate.hpp"
+#include "spm/offline/model_file.hpp"
+#include "spm/offline/write_mesh.hpp"
+#include "tests/support/temporary_folder.hpp"
+#include "wire/ends.hpp"
+
+namespace tactus::host_service {
+namespace {
+
+namespace offline = spm::offline;
+using namespace std::chrono_literals;
+using session::BulkKind;
+using Clock = std::chrono::steady_clock;
+
+constexpr auto kWatchdog = 20s;
+
+std::int64_t now_ns() { return std::chrono::nanoseconds(Clock::now().time_since_epoch()).count(); }
+
+wire::SessionAddress address(const std::string& participant) {
+  wire::SessionAddress a;
+  a.session = "test.host." + std::to_string(getpid());
+  a.participant = participant;
+  a.domain = 50 + 3 * (static_cast<int>(getpid()) % 13);
+  return a;
+}
+
+/// A controller that asks for all of one object.
+class Controller {
+ public:
+  explicit Controller(const std::string& name)
+      : links_{address(name)},
+        client_{links_.origin(), {}},
+        roster_{links_, wire::topics::kRoster},
+        demands_{links_, wire::topics::kDemand},
+        clock_{links_, wire::topics::kClock},
+        control_{links_, wire::topics::kControl} {
+    const wire::EndOptions own{wire::hrtc_partition(name)};
+    listen(wire::topics::kRoster);
+    listen(wire::topics::kCatalogue);
+    listen(wire::topics::kClock);
+    listen(wire::topics::kMetrics);
+    listen(wire::topics::kBase, own);
+    listen(wire::topics::kRecords, own);
+  }
+
+  /// Runs until `done`; false when the watchdog bites.
+  template <class Done>
+  [[nodiscard]] bool run_until(Done&& done) {
+    const auto end = Clock::now() + kWatchdog;
+    for (auto next_beat = Clock::now(); !done();) {
+      if (Clock::now() > end) return false;
+      if (Clock::now() >= next_beat) {
+        beat();
+        next_beat += 50ms;
+      }
+      std::unique_lock<std::mutex> lock{mutex_};
+      arrived_.wait_for(lock, 2ms, [this] { return !samples_.empty(); });
+      std::deque<Sample> taken = std::exchange(samples_, {});
+      lock.unlock();
+      for (const Sample& sample : taken) std::visit([this](const auto& s) { take(s); }, sample);
+      while (const auto demand = client_.demand(now_ns())) EXPECT_EQ(demands_.send(*demand), wire::SendStatus::kSent);
+    }
+    return true;
+  }
+
+  void end_session() {
+    session::Control control;
+    control.origin = links_.origin();
+    control.kind = session::ControlKind::kEnd;
+    control.text = "enough";
+    EXPECT_EQ(control_.send(control), wire::SendStatus::kSent);
+  }
+
+  [[nodiscard]] bool holds_all() const { return base_ && held_.size() == base_->summary.regions; }
+
+  std::optional<session::CatalogueEntry> catalogue_;
+  std::optional<spm::BaseMesh> base_;
+  std::map<std::uint32_t, spm::RegionData> held_;
+  std::map<std::string, double> figures_;
+  std::uint64_t records_ = 0;
+  bool host_left_ = false, withdrawn_ = false, clock_answered_ = false;
+
+ private:
+  using Sample = std::variant<session::RosterEntry, session::CatalogueEntry, session::ClockSample, session::Metrics,
+                              session::BulkChunk>;
+
+  template <class T>
+  void listen(const wire::TopicSpec<T>& topic, const wire::EndOptions& where = {}) {
+    readers_.push_back(std::make_shared<wire::Reader<T>>(
+        links_, topic,
+        [this](T&& sample) {
+          const std::lock_guard<std::mutex> lock{mutex_};
+          samples_.emplace_back(std::move(sample));
+          arrived_.notify_all();
+        },
+        where));
+  }
+
+  void beat() {
+    session::RosterEntry entry;
+    entry.origin = links_.origin();
+    entry.role = session::Role::kHrtc;
+    entry.name = links_.address().participant;
+    entry.session = links_.address().session;
+    entry.heartbeat = ++heartbeat_;
+    (void)roster_.send(entry);
+    session::ClockSample request;
+    request.origin = links_.origin();
+    request.peer = session::id_of("host");
+    request.sequence = static_cast<std::uint32_t>(heartbeat_);
+    request.t0_ns = now_ns();
+    (void)clock_.send(request);
+  }
+
+  void take(const session::RosterEntry& entry) {
+    if (entry.role != session::Role::kHost) return;
+    host_left_ = host_left_ || entry.leaving;
+    client_.host_seen(entry.origin.participant, entry.origin.incarnation, now_ns());
+  }
+  void take(const session::CatalogueEntry& entry) {
+    client_.offer(entry);
+    withdrawn_ = withdrawn_ || entry.withdrawn;
+    if (entry.withdrawn || catalogue_) return;
+    catalogue_ = entry;
+    client_.open(entry.object_id, entry.summary.digest);
+  }
+  void take(const session::ClockSample& sample) {
+    clock_answered_ = clock_answered_ || (sample.answer && sample.t2_ns >= sample.t1_ns);
+  }
+  void take(const session::Metrics& metrics) {
+    for (const session::Figure& figure : metrics.figures) figures_[figure.name] = figure.value;
+  }
+  void take(const session::BulkChunk& chunk) {
+    const auto message = client_.on_chunk(chunk, now_ns());
+    if (!message) return;
+    if (message->kind == BulkKind::kBase) {
+      auto base = spm::codec::decode_base(message->bytes);
+      ASSERT_TRUE(base) << base.error().text;
+      base_ = std::move(*base);
+      client_.base_held(message->object_id);
+      std::vector<session::Wanted> wanted;
+      for (std::uint32_t r = 0; r < base_->summary.regions; ++r) wanted.push_back({r, r});
+      client_.want(message->object_id, wanted);
+      return;
+    }
+    auto region = spm::codec::decode_region(message->bytes, base_->summary);
+    ASSERT_TRUE(region) << region.error().text;
+    records_ += region->positions.size();
+    held_[message->region] = std::move(*region);
+    client_.held(message->object_id, message->region);
+  }
+
+  wire::Links links_;
+  session::DeliveryClient client_;
+  wire::Writer<session::RosterEntry> roster_;
+  wire::Writer<session::Demand> demands_;
+  wire::Writer<session::ClockSample> clock_;
+  wire::Writer<session::Control> control_;
+  std::uint64_t heartbeat_ = 0;
+  std::mutex mutex_;
+  std::condition_variable arrived_;
+  std::deque<Sample> samples_;
+  std::vector<std::shared_ptr<void>> readers_;
+};
+
+/// A Host that runs in its own thread.
+class RunningHost {
+ public:
+  RunningHost(HostOptions options) : host_{std::move(options), [](Severity, const std::string&) {}} {
+    thread_ = std::thread{[this] { exit_code_ = host_.run(stop_); }};
+  }
+  ~RunningHost() { stop(); }
+  int stop() {
+    stop_ = true;
+    if (thread_.joinable()) thread_.join();
+    return exit_code_;
+  }
+  int wait() {
+    thread_.join();
+    return exit_code_;
+  }
+
+ private:
+  std::atomic<bool> stop_{false};
+  Host host_;
+  int exit_code_ = -1;
+  std::thread thread_;
+};
+
+class HostTest : public testing::Test {
+ protected:
+  HostTest() {
+    offline::write_mesh(folder_.path() / "organ.ply", offline::generate(offline::Shape::kOrgan, 6000, 3));
+    options_.address = address("host");
+    options_.cache = folder_.path();
+    options_.objects = {object_from_model(folder_.path() / "organ.ply")};
+    options_.objects[0].size = 0.3;
+  }
+
+  test_support::TemporaryFolder folder_;
+  HostOptions options_;
+};
+
+TEST_F(HostTest, AControllerGetsEveryRecordOfTheModelOnceAndToTheBit) {
+  RunningHost host{options_};
+  Controller controller{"hrtc"};
+
+  ASSERT_TRUE(controller.run_until([&] { return controller.holds_all(); }));
+
+  const session::CatalogueEntry& entry = *controller.catalogue_;
+  EXPECT_EQ(entry.object, "organ");
+  EXPECT_EQ(controller.base_->summary.digest, entry.summary.digest);
+  EXPECT_EQ(controller.records_, entry.summary.records);
+  EXPECT_NEAR(entry.scale * std::max({entry.summary.bounds_max[0] - entry.summary.bounds_min[0],
+                                      entry.summary.bounds_max[1] - entry.summary.bounds_min[1],
+                                      entry.summary.bounds_max[2] - entry.summary.bounds_min[2]}),
+              0.3, 1e-6);
+  std::filesystem::path built;
+  for (const auto& file : std::filesystem::directory_iterator{folder_.path()}) {
+    if (file.path().extension() == ".spm") built = file.path();
+  }
+  const offline::MappedModel original{built};
+  const spm::Model& model = original.model();
+  for (const auto& [region, data] : controller.held_) {
+    EXPECT_EQ(data.list.size(), model.runs_of(spm::RegionId{region}).size());
+    std::size_t at = 0;
+    for (const spm::Run& run : data.sent) {
+      for (std::uint32_t r = run.first; r != run.first + run.count; ++r, ++at) {
+        ASSERT_EQ(data.positions[at], model.positions[model.summary.base_vertices + r]);
+      }
+    }
+  }
+}
+
+TEST_F(HostTest, CountsWhatItSentAndAnswersForTheTime) {
+  RunningHost host{options_};
+  Controller controller{"hrtc"};
+  ASSERT_TRUE(controller.run_until([&] { return controller.holds_all(); }));
+  namespace names = session::figures;
+
+  ASSERT_TRUE(controller.run_until([&] { return controller.figures_[names::kHostRecords] > 0; }));
+
+  EXPECT_EQ(controller.figures_[names::kHostRecords], controller.catalogue_->summary.records);
+  EXPECT_EQ(controller.figures_[std::string{names::kHostRecords} + ".hrtc"], controller.catalogue_->summary.records);
+  EXPECT_EQ(controller.figures_[names::kHostControllers], 1);
+  EXPECT_TRUE(controller.run_until([&] { return controller.clock_answered_; }));
+}
+
+TEST_F(HostTest, EndsWithTheSessionAndSaysSo) {
+  RunningHost host{options_};
+  Controller controller{"hrtc"};
+  ASSERT_TRUE(controller.run_until([&] { return controller.catalogue_.has_value(); }));
+
+  controller.end_session();
+
+  EXPECT_EQ(host.wait(), 0);
+  EXPECT_TRUE(controller.run_until([&] { return controller.host_left_ && controller.withdrawn_; }));
+}
+
+TEST_F(HostTest, StartedAgainItServesAControllerThatWaited) {
+  auto first = std::make_unique<RunningHost>(options_);
+  Controller controller{"hrtc"};
+  ASSERT_TRUE(controller.run_until([&] { return !controller.held_.empty(); }));
+  first.reset();
+
+  RunningHost second{options_};
+
+  EXPECT_TRUE(controller.run_until([&] { return controller.holds_all(); }));
+}
+
+TEST_F(HostTest, TheLaterOfTwoHostsWithOneNameYields) {
+  RunningHost first{options_};
+  RunningHost second{options_};
+
+  EXPECT_EQ(second.wait(), 2);
+
+  EXPECT_EQ(first.stop(), 0);
+}
+
+TEST_F(HostTest, ObjectsWithoutAPoseStandSideBySide) {
+  offline::write_mesh(folder_.path() / "sphere.ply", offline::generate(offline::Shape::kSphere, 400));
+  options_.objects.push_back(object_from_model(folder_.path() / "sphere.ply"));
+  options_.objects.push_back(object_from_model(folder_.path() / "organ.ply"));
+  options_.objects.back().name = "again";
+  options_.at = {1, 2, 3};
+
+  const Host host{options_, [](Severity, const std::string&) {}};
+
+  const std::vector<session::CatalogueEntry>& all = host.catalogue();
+  ASSERT_EQ(all.size(), 3u);
+  EXPECT_EQ(all[0].pose.position, (std::array<double, 3>{1, 2, 3}));
+  for (std::size_t i = 1; i < 3; ++i) {
+    const double end = all[i - 1].pose.position[0] + all[i - 1].summary.bounds_max[0] * all[i - 1].scale;
+    const double begin = all[i].pose.position[0] + all[i].summary.bounds_min[0] * all[i].scale;
+    EXPECT_NEAR(begin - end, 0.05, 1e-9);
+  }
+}
+
+TEST_F(HostTest, RefusesTwoObjectsOfOneName) {
+  options_.objects.push_back(options_.objects[0]);
+  EXPECT_THROW((Host{options_, [](Severity, const std::string&) {}}), HostError);
+}
+
+}  // namespace
+}  // namespace tactus::host_service
