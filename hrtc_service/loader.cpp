@@ -142,7 +142,7 @@ void Loader::take_region(Object& object, const session::DeliveryClient::Message&
       break;
     case spm::AcceptResult::kPoolFull:
       ++figures_.refused_full;
-      note.refused_ns = now_ns;
+      note.room_needed = static_cast<std::uint32_t>(data->parts.size());
       return delivery_.refused(object.info.id, message.region);
     case spm::AcceptResult::kHeld:
       if (note.state == RegionState::kHeld) return delivery_.held(object.info.id, message.region);
@@ -185,34 +185,41 @@ void Loader::predict(Object& object, std::int64_t now_ns, const std::array<Probe
       if (!fresh) at->second = std::min(at->second, answer.regions[k].contact_in);
     }
   }
-  constexpr std::int64_t kRetryNs = 200'000'000;
   std::vector<session::Wanted> wanted;
   for (const std::uint32_t region : object.predicted)
-    if (soonest.count(region) == 0) object.notes[region].wanted_since_ns = 0;
+    if (soonest.count(region) == 0) {
+      object.notes[region].wanted_since_ns = 0;
+      object.notes[region].room_needed = 0;
+    }
   object.predicted.clear();
   for (const auto& [region, contact_in] : soonest) {
     object.predicted.push_back(region);
     RegionNote& note = object.notes[region];
     note.wanted_ns = now_ns;
     if (note.wanted_since_ns == 0) note.wanted_since_ns = now_ns;
-    if (note.state == RegionState::kAbsent && now_ns - note.refused_ns > kRetryNs)
-      wanted.push_back({region, static_cast<std::uint32_t>(contact_in * 1e6)});
+    if (note.state != RegionState::kAbsent) continue;
+    needed_ += object.regions[region].part_count;
+    if (cache_.slots_free() < note.room_needed) continue;  // refused before; it would only be sent in vain
+    wanted.push_back({region, static_cast<std::uint32_t>(contact_in * 1e6)});
   }
   delivery_.want(object.info.id, std::move(wanted));
 }
 
 void Loader::evict(std::int64_t now_ns) {
-  // Room for what is on its way: an eighth of the pool. Few at a time, for each frees more than it seems to.
+  // Room for what is on its way: an eighth of the pool, more when more is wanted. Few at a time, for each frees more
+  // than it seems to. A region that nobody wants goes at once when its room is needed, else when it has been idle.
   const std::uint32_t reserve = pool_.settings.slots / 8;
   const std::uint32_t block_reserve = pool_.settings.list_blocks / 8;
+  const bool urgent = cache_.slots_free() < std::min(needed_, pool_.settings.slots / 2);
+  const std::int64_t idle = urgent ? 1 : settings_.idle_before_eviction_ns;
   constexpr std::uint32_t kAtOnce = 4;
-  while (retiring_ < kAtOnce && (cache_.slots_free() < reserve || cache_.blocks_free() < block_reserve)) {
+  while (retiring_ < kAtOnce && (urgent || cache_.slots_free() < reserve || cache_.blocks_free() < block_reserve)) {
     Object* victim_object = nullptr;
     std::uint32_t victim = 0;
     for (Object* object : by_index_)
       for (std::uint32_t region = 0; region < object->notes.size(); ++region) {
         const RegionNote& note = object->notes[region];
-        if (note.state != RegionState::kHeld || now_ns - note.wanted_ns < settings_.idle_before_eviction_ns) continue;
+        if (note.state != RegionState::kHeld || now_ns - note.wanted_ns < idle) continue;
         if (victim_object != nullptr && victim_object->notes[victim].wanted_ns <= note.wanted_ns) continue;
         victim_object = object;
         victim = region;
@@ -263,6 +270,7 @@ void Loader::find_near(const std::array<ProbeSight, kMaxProbes>& sights, std::ar
 void Loader::tick(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights,
                   std::array<std::uint64_t, kMaxProbes>& near) {
   take_departures();
+  needed_ = 0;
   for (Object* object : by_index_) predict(*object, now_ns, sights);
   evict(now_ns);
   hand_over();

@@ -42,7 +42,7 @@ struct LoaderSettings {
   double near_distance = 0.1;  ///< m; objects within are offered to the haptic thread's queries
   double least_lead = 0.03;    ///< s; prediction looks at least this far ahead, more when loading takes longer
   double most_lead = 0.5;      ///< s
-  std::int64_t idle_before_eviction_ns = 300'000'000;
+  std::int64_t idle_before_eviction_ns = 300'000'000;  ///< of a region nobody wants, unless the room is needed now
 };
 
 struct LoaderFigures {
@@ -112,7 +112,7 @@ class Loader {
     bool was_here = false;
     std::int64_t wanted_ns = 0;        // last time it was
     std::int64_t wanted_since_ns = 0;  // 0: not wanted
-    std::int64_t refused_ns = 0;       // last refusal for want of room
+    std::uint32_t room_needed = 0;     // slots that its records took when they were refused for want of room
   };
   struct Object {
     ObjectInfo info;
@@ -151,6 +151,7 @@ class Loader {
   std::vector<Object*> by_index_;
   std::deque<Arrival> waiting_;  // for room in the ring
   std::uint32_t retiring_ = 0;
+  std::uint32_t needed_ = 0;  // slots for what is wanted and absent, at most
   LoaderFigures figures_;
 };
 

@@ -1,0 +1,70 @@
+// The haptic thread's promise: a minute of cycles, refining and coarsening all the while, without one allocation.
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <memory>
+#include <vector>
+
+#include "spm/offline/build.hpp"
+#include "spm/offline/generate.hpp"
+#include "tests/support/local_session.hpp"
+#include "tests/support/no_alloc.hpp"
+
+namespace tactus {
+namespace {
+
+using spm::Vec3d;
+
+TEST(Allocation, TheGuardTripsOnNewAndMallocAndEigen) {
+  std::uint64_t by_new, by_malloc, by_eigen;
+  {
+    const test_support::NoAlloc guard;
+    ::operator delete(::operator new(64));
+    by_new = guard.count();
+  }
+  {
+    const test_support::NoAlloc guard;
+    void* volatile block = std::malloc(16);
+    std::free(block);
+    by_malloc = guard.count();
+  }
+  {
+    const test_support::NoAlloc guard;
+    volatile double sink = Eigen::VectorXd::Random(100).eval().sum();
+    static_cast<void>(sink);
+    by_eigen = guard.count();
+  }
+  EXPECT_EQ(by_new, 2u);
+  EXPECT_EQ(by_malloc, 2u);
+  EXPECT_GE(by_eigen, 2u);
+}
+
+TEST(Allocation, SixtySecondsOfCyclesAllocateNothing) {
+  const spm::offline::BuiltModel built =
+      spm::offline::build_model(spm::offline::generate(spm::offline::Shape::kSphere, 20000));
+  const spm::Model model = built.model();
+  const double radius = (model.summary.bounds_max[0] - model.summary.bounds_min[0]) / 2;
+  test_support::LocalSession session{{model}, 1, spm::PoolSettings::for_slots(model.summary.parts / 2)};
+  std::uint64_t contact = 0, changes = 0, allocations = 0;
+  const auto position = [&](int cycle) -> Vec3d {
+    const double angle = cycle * 0.05e-3 / radius;
+    return (radius + 0.0025) *
+           Vec3d{std::cos(angle), std::sin(angle) * std::cos(angle / 7), std::sin(angle) * std::sin(angle / 7)};
+  };
+  for (int cycle = 0; cycle < 60000; ++cycle) {
+    const Vec3d at = position(cycle);
+    session.prepare(at, (position(cycle + 1) - at) * 1000);
+    const test_support::NoAlloc guard;
+    const hrtc_service::CycleResult& result = session.run_cycle(4000);
+    allocations += guard.count();
+    contact += (result.probes[0].status & session::kInContact) != 0 ? 1 : 0;
+    changes += result.costs.changes;
+  }
+  EXPECT_EQ(allocations, 0u);
+  EXPECT_GT(contact, 50000u);
+  EXPECT_GT(changes, 10000u);
+}
+
+}  // namespace
+}  // namespace tactus

@@ -1,0 +1,177 @@
+// A tip over a whole session in one thread: what it touches is what the finest mesh has there.
+
+#include "tests/support/local_session.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "spm/offline/build.hpp"
+#include "spm/offline/generate.hpp"
+
+namespace tactus {
+namespace {
+
+using spm::Vec3d;
+using test_support::LocalSession;
+
+constexpr double kTip = 0.003;
+
+spm::offline::BuiltModel organ(std::uint32_t faces) {
+  return spm::offline::build_model(spm::offline::generate(spm::offline::Shape::kOrgan, faces, 3));
+}
+
+/// The model and the corners of its finest faces, for brute force.
+struct Finest {
+  explicit Finest(const spm::Model& model) {
+    for (const auto& face : spm::finest_faces(model)) {
+      std::array<float, 9> corners;
+      for (int i = 0; i < 3; ++i) std::copy_n(model.positions[face[i]].begin(), 3, corners.begin() + 3 * i);
+      triangles.push_back(corners);
+    }
+  }
+  [[nodiscard]] double distance(const std::array<float, 9>& t, const Vec3d& p) const {
+    const auto corner = [&](int i) { return Vec3d{t[3 * i], t[3 * i + 1], t[3 * i + 2]}; };
+    return std::sqrt(spm::closest_point(p, corner(0), corner(1), corner(2)).squared_distance);
+  }
+  std::vector<std::array<float, 9>> triangles;
+};
+
+/// A tip that circles the organ half a millimetre deep, at 5 cm/s.
+class Circling {
+ public:
+  explicit Circling(const Finest& finest) {
+    constexpr int kStops = 1200;
+    for (int i = 0; i < kStops; ++i) {
+      const double angle = 2 * M_PI * i / kStops;
+      const Vec3d ray{std::cos(angle), std::sin(angle), 0.3 * std::sin(3 * angle)};
+      // Out from the centre until the tip is just free, then half a millimetre back.
+      double radius = 0.2;
+      for (double step = 0.1; step > 1e-6; step /= 2) {
+        const Vec3d at = (radius - step) * ray;
+        double nearest = 1;
+        for (const auto& triangle : finest.triangles) nearest = std::min(nearest, finest.distance(triangle, at));
+        if (nearest > kTip && at.norm() > 0.02) radius -= step;
+      }
+      stops_.push_back((radius - 0.0005) * ray);
+    }
+  }
+  [[nodiscard]] const std::vector<Vec3d>& stops() const { return stops_; }
+
+ private:
+  std::vector<Vec3d> stops_;
+};
+
+class OrganSession : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    built_ = new spm::offline::BuiltModel{organ(12000)};
+    finest_ = new Finest{built_->model()};
+    path_ = new Circling{*finest_};
+  }
+  static void TearDownTestSuite() {
+    delete path_;
+    delete finest_;
+    delete built_;
+  }
+  /// Position at `cycle`, 5 cm/s along the stops.
+  static Vec3d position(double cycle) {
+    static const std::vector<double> lengths = [] {
+      std::vector<double> sums{0};
+      for (std::size_t i = 1; i < path_->stops().size(); ++i)
+        sums.push_back(sums.back() + (path_->stops()[i] - path_->stops()[i - 1]).norm());
+      return sums;
+    }();
+    const double at = std::fmod(cycle * 0.05e-3, lengths.back());
+    const auto next = std::upper_bound(lengths.begin(), lengths.end(), at) - lengths.begin();
+    const double share = (at - lengths[next - 1]) / (lengths[next] - lengths[next - 1]);
+    return path_->stops()[next - 1] * (1 - share) + path_->stops()[next] * share;
+  }
+  static spm::offline::BuiltModel* built_;
+  static Finest* finest_;
+  static Circling* path_;
+};
+spm::offline::BuiltModel* OrganSession::built_ = nullptr;
+Finest* OrganSession::finest_ = nullptr;
+Circling* OrganSession::path_ = nullptr;
+
+TEST_F(OrganSession, ExactContactsAreThoseOfTheFinestMeshWithAPoolOfAQuarter) {
+  const spm::Model model = built_->model();
+  const spm::PoolSettings quarter = spm::PoolSettings::for_slots(model.summary.parts / 4 + 600);
+  LocalSession session{{model}, 1, quarter};
+  std::uint64_t contact = 0, exact = 0, audited = 0;
+  for (int cycle = 0; cycle < 12000; ++cycle) {
+    const Vec3d at = position(cycle);
+    session.step(at, (position(cycle + 1) - at) * 1000);
+    trace::LoggedQuery logged;
+    if (!session.take_log(logged)) continue;
+    ++contact;
+    if (!logged.exact) continue;
+    ++exact;
+
+    if (cycle % 7 != 0 && logged.since_change > 3) continue;
+    ++audited;
+    std::vector<std::uint64_t> expected, found;
+    const Vec3d centre{logged.centre[0], logged.centre[1], logged.centre[2]};
+    for (const auto& triangle : finest_->triangles)
+      if (finest_->distance(triangle, centre) <= logged.radius) expected.push_back(trace::triangle_key(triangle));
+    for (std::uint32_t i = 0; i < logged.contact_count; ++i) found.push_back(logged.contacts[i].triangle);
+    std::sort(expected.begin(), expected.end());
+    std::sort(found.begin(), found.end());
+    ASSERT_EQ(found, expected) << "cycle " << cycle << " since change " << logged.since_change;
+  }
+  const hrtc_service::LoaderFigures figures = session.loader().figures();
+  EXPECT_GT(audited, 1000u);
+  EXPECT_GT(static_cast<double>(exact), 0.99 * static_cast<double>(contact));
+  EXPECT_GT(figures.regions_evicted, 0u);
+  EXPECT_GT(figures.regions_reloaded, 0u);
+  EXPECT_LE(figures.slots_peak, quarter.slots);
+  for (const hrtc_service::TouchObject* object : session.cycle().objects())
+    EXPECT_THAT(object->forest->violations(), ::testing::IsEmpty());
+}
+
+TEST_F(OrganSession, ASmallBudgetLeavesContactsFlaggedAndNeverWrong) {
+  LocalSession session{{built_->model()}, 1, spm::PoolSettings::for_slots(1 << 15)};
+  std::uint64_t inexact = 0;
+  for (int cycle = 0; cycle < 3000; ++cycle) {
+    const Vec3d at = position(cycle);
+    const auto& probe = session.step(at, (position(cycle + 1) - at) * 1000, 200).probes[0];
+    if ((probe.status & session::kInContact) != 0 && (probe.status & session::kExact) == 0) {
+      ++inexact;
+      ASSERT_GT(probe.error_bound, 0);
+    }
+  }
+  EXPECT_GT(inexact, 0u);
+}
+
+TEST_F(OrganSession, TheSameInputsGiveTheSameForcesToTheBit) {
+  const auto run = [&] {
+    LocalSession session{{built_->model()}, 1, spm::PoolSettings::for_slots(1 << 14)};
+    std::vector<double> forces;
+    for (int cycle = 0; cycle < 2000; ++cycle) {
+      const Vec3d at = position(cycle);
+      const auto& probe = session.step(at, (position(cycle + 1) - at) * 1000, 4000).probes[0];
+      forces.insert(forces.end(), probe.force.begin(), probe.force.end());
+    }
+    return forces;
+  };
+  EXPECT_EQ(run(), run());
+}
+
+TEST_F(OrganSession, WhatIsLoadedStaysTouchableWhenTheHostFallsSilent) {
+  LocalSession session{{built_->model()}, 1, spm::PoolSettings::for_slots(1 << 14)};
+  const Vec3d at = position(0);
+  for (int cycle = 0; cycle < 500; ++cycle) session.step(at, Vec3d::Zero());
+  session.connected = false;
+  session.loader().on_host_gone(LocalSession::kHost);
+  for (int cycle = 0; cycle < 500; ++cycle) {
+    const auto& probe = session.step(at, Vec3d::Zero()).probes[0];
+    ASSERT_EQ(probe.status & (session::kInContact | session::kExact), session::kInContact | session::kExact);
+    ASSERT_GT(Eigen::Map<const Vec3d>(probe.force.data()).norm(), 0.1);
+  }
+}
+
+}  // namespace
+}  // namespace tactus

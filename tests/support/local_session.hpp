@@ -1,0 +1,132 @@
+/// A host, a loader and a cycle in one thread, without DDS: a session in which every step can be looked at.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "hrtc_service/cycle.hpp"
+#include "hrtc_service/loader.hpp"
+#include "session/delivery_server.hpp"
+
+namespace tactus::test_support {
+
+class LocalSession {
+ public:
+  static constexpr std::uint64_t kHost = 10, kHrtc = 20, kSession = 30;
+  static constexpr std::int64_t kPeriodNs = 1'000'000;
+
+  /// `models` must outlive the session; scale in metres per file unit. `delay_cycles`: chunks and demands are that long
+  /// under way.
+  LocalSession(const std::vector<spm::Model>& models, double scale, spm::PoolSettings settings,
+               std::uint32_t delay_cycles = 2)
+      : models_{models},
+        pool_{settings},
+        nodes_{settings.tree_nodes},
+        server_{session::Origin{kSession, kHost, 1, 0}},
+        loader_{pool_, nodes_, session::Origin{kSession, kHrtc, 1, 0}, {}, arrivals_, departures_},
+        cycle_{cycle_settings(), {}, departures_, &log_},
+        delay_{delay_cycles} {
+    for (std::size_t i = 0; i < models_.size(); ++i) {
+      const std::uint64_t id = 100 + i;
+      server_.add(id, models_[i]);
+      session::CatalogueEntry entry;
+      entry.origin = {kSession, kHost, 1, 0};
+      entry.host = "host";
+      entry.object = "object" + std::to_string(i);
+      entry.object_id = id;
+      entry.summary = models_[i].summary;
+      entry.scale = scale;
+      entry.pose.position = {static_cast<double>(i), 0, 0};
+      entry.base_bytes = server_.base_bytes(id);
+      loader_.on_host_seen(kHost, 1, now_);
+      loader_.on_catalogue(entry);
+    }
+  }
+
+  /// One cycle with one tip at `device` (world). Host and loader work every second cycle.
+  const hrtc_service::CycleResult& step(const spm::Vec3d& device, const spm::Vec3d& velocity,
+                                        std::uint32_t units = 1u << 20) {
+    prepare(device, velocity);
+    return run_cycle(units);
+  }
+  /// The first half: all but what the haptic thread does.
+  void prepare(const spm::Vec3d& device, const spm::Vec3d& velocity) {
+    now_ += kPeriodNs;
+    ++cycles_;
+    if (cycles_ % 2 == 0) exchange(device);
+    inputs_[0].active = true;
+    inputs_[0].device.position = device;
+    inputs_[0].device.velocity = velocity;
+    inputs_[0].near = near_[0];
+  }
+  /// The second half: the haptic thread's.
+  const hrtc_service::CycleResult& run_cycle(std::uint32_t units) noexcept {
+    std::array<hrtc_service::Arrival, 64> arrived;
+    const auto count = static_cast<std::uint32_t>(arrivals_.pop(arrived.data(), arrived.size()));
+    return cycle_.step(inputs_, now_, arrived.data(), count, spm::Budget{units});
+  }
+
+  /// The next log entry; false when there is none.
+  bool take_log(trace::LoggedQuery& entry) { return log_.pop(entry); }
+
+  [[nodiscard]] hrtc_service::Cycle& cycle() { return cycle_; }
+  [[nodiscard]] hrtc_service::Loader& loader() { return loader_; }
+  [[nodiscard]] session::DeliveryServer& server() { return server_; }
+  /// While false nothing passes between host and loader.
+  bool connected = true;
+
+ private:
+  template <class Sample>
+  struct Delayed {
+    std::uint64_t due;
+    Sample sample;
+  };
+
+  static hrtc_service::CycleSettings cycle_settings() {
+    hrtc_service::CycleSettings settings;
+    settings.force.soft_start = 0.01;
+    return settings;
+  }
+
+  void exchange(const spm::Vec3d& device) {
+    std::array<hrtc_service::ProbeSight, hrtc_service::kMaxProbes> sights;
+    sights[0] = {true, in_contact_, now_, device};
+    loader_.on_host_seen(kHost, 1, now_);
+    loader_.tick(now_, sights, near_);
+    while (auto demand = loader_.demand(now_))
+      if (connected) demands_.push_back({cycles_ + delay_, std::move(*demand)});
+    while (!demands_.empty() && demands_.front().due <= cycles_) {
+      server_.on_demand(demands_.front().sample);
+      demands_.pop_front();
+    }
+    while (auto chunk = server_.next(now_))
+      if (connected) chunks_.push_back({cycles_ + delay_, std::move(chunk->chunk)});
+    while (!chunks_.empty() && chunks_.front().due <= cycles_) {
+      loader_.on_chunk(chunks_.front().sample, now_);
+      chunks_.pop_front();
+    }
+  }
+
+  std::vector<spm::Model> models_;
+  spm::Pool pool_;
+  spm::NodePool nodes_;
+  hrtc_service::ArrivalRing arrivals_{4096};
+  hrtc_service::DepartureRing departures_{4096};
+  hrtc_service::Cycle::LogRing log_{256};
+  session::DeliveryServer server_;
+  hrtc_service::Loader loader_;
+  hrtc_service::Cycle cycle_;
+  std::uint32_t delay_;
+  std::int64_t now_ = 1'000'000'000;
+  std::uint64_t cycles_ = 0;
+  bool in_contact_ = false;
+  std::array<hrtc_service::ProbeInput, hrtc_service::kMaxProbes> inputs_;
+  std::array<std::uint64_t, hrtc_service::kMaxProbes> near_{};
+  std::deque<Delayed<session::Demand>> demands_;
+  std::deque<Delayed<session::BulkChunk>> chunks_;
+};
+
+}  // namespace tactus::test_support
