@@ -82,7 +82,7 @@ ordered_json info_json(const spm::Model& model, const spm::offline::Provenance& 
             {"regions", certificate.regions},
             {"records", certificate.records},
             {"slots", certificate.parts},
-            {"worst_region", spm::index(certificate.worst)}}}};
+            {"worst_at", certificate.worst}}}};
 }
 
 std::string info_text(const spm::Model& model, const spm::offline::Provenance& provenance,

@@ -89,23 +89,24 @@ void report_built(const Settings& settings, const BuiltModel& built, const Prove
   }
 }
 
-/// Builds and writes; reports what went into `path`.
-void build_into(const std::filesystem::path& path, TriangleMesh mesh, const Settings& settings, bool sized,
-                const std::string& source, const ToolStreams& streams) {
+/// Writes what `make` builds, given a progress callback; reports what went into the file.
+template <class Make>
+int build_into_file(const Settings& settings, const std::string& source, const ToolStreams& streams, Make make) {
   const auto start = std::chrono::steady_clock::now();
   ProgressBar bar{streams};
-  const BuiltModel built = build_model(std::move(mesh), build_options(settings, sized),
-                                       [&bar](std::string_view stage, double done) { bar.show(stage, done); });
+  const BuiltModel built = make([&bar](std::string_view stage, double done) { bar.show(stage, done); });
   const Provenance provenance{source, built.cleaned};
-  write_model(path, built.model(), provenance);
+  write_model(settings.out, built.model(), provenance);
   const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - start;
   report_built(settings, built, provenance, streams, seconds.count());
+  return kDone;
 }
 
 int build(const Settings& settings, bool sized, const ToolStreams& streams) {
   const std::filesystem::path source{settings.model};
-  build_into(settings.out, import_mesh(source), settings, sized, source.filename().string(), streams);
-  return kDone;
+  return build_into_file(settings, source.filename().string(), streams, [&](const Progress& progress) {
+    return build_model_file(source, build_options(settings, sized), progress);
+  });
 }
 
 int info(const Settings& settings, const ToolStreams& streams) {
@@ -135,8 +136,9 @@ int make(const Settings& settings, const ToolStreams& streams) {
   const std::filesystem::path path{settings.out};
   TriangleMesh mesh = generate(shape_from_name(settings.shape), settings.faces, settings.seed);
   if (path.extension() == ".spm") {
-    build_into(path, std::move(mesh), settings, false, settings.shape, streams);
-    return kDone;
+    return build_into_file(settings, settings.shape, streams, [&](const Progress& progress) {
+      return build_model(std::move(mesh), build_options(settings, false), progress);
+    });
   }
   write_mesh(path, mesh);
   if (settings.json) {

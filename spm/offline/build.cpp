@@ -8,6 +8,7 @@
 
 #include "spm/offline/closure.hpp"
 #include "spm/offline/face_order.hpp"
+#include "spm/offline/import.hpp"
 #include "spm/offline/model_file.hpp"
 
 namespace tactus::spm::offline {
@@ -265,6 +266,16 @@ BuiltModel build_model(TriangleMesh mesh, const BuildOptions& options, const Pro
   BuiltModel built = Assembler{mesh, options, progress}.run();
   built.cleaned = cleaned;
   return built;
+}
+
+BuiltModel build_model_file(const std::filesystem::path& path, const BuildOptions& options, const Progress& progress) {
+  if (progress) progress("read", 0);
+  TriangleMesh mesh = import_mesh(path);
+  try {
+    return build_model(std::move(mesh), options, progress);
+  } catch (const ModelError& e) {
+    throw ModelError{path.string() + ": " + e.what()};
+  }
 }
 
 }  // namespace tactus::spm::offline

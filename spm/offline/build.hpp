@@ -2,6 +2,7 @@
 /// number.
 #pragma once
 
+#include <filesystem>
 #include <functional>
 #include <optional>
 #include <string_view>
@@ -42,5 +43,9 @@ struct BuiltModel {
 /// when there are too many.
 [[nodiscard]] BuiltModel build_model(TriangleMesh mesh, const BuildOptions& options = {},
                                      const Progress& progress = {});
+
+/// Imports and builds; every message names the file.
+[[nodiscard]] BuiltModel build_model_file(const std::filesystem::path& path, const BuildOptions& options = {},
+                                          const Progress& progress = {});
 
 }  // namespace tactus::spm::offline

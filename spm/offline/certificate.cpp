@@ -1,7 +1,7 @@
 #include "spm/offline/certificate.hpp"
 
 #include <algorithm>
-#include <numeric>
+#include <cmath>
 #include <vector>
 
 #include "spm/region_grid.hpp"
@@ -20,34 +20,71 @@ std::vector<std::uint32_t> slots_before(const Model& model) {
   return sum;
 }
 
-double squared_distance(const CellBox& a, const CellBox& b) {
-  return (a.low - b.high).cwiseMax(b.low - a.high).cwiseMax(0.0).squaredNorm();
+struct Pair {
+  std::uint64_t cube;
+  std::uint32_t region;
+};
+
+/// The cubes, of a grid with the given edge, from which a ball may meet the region: each with the region, once.
+void add_cubes(const CellBox& box, std::uint32_t region, const Vec3d& origin, double edge, double radius,
+               std::vector<Pair>& pairs) {
+  std::array<std::int64_t, 3> low{}, high{};
+  for (int axis = 0; axis < 3; ++axis) {
+    const auto k = static_cast<std::size_t>(axis);
+    low[k] = static_cast<std::int64_t>(std::floor((box.low[axis] - radius - origin[axis]) / edge));
+    high[k] = static_cast<std::int64_t>(std::floor((box.high[axis] + radius - origin[axis]) / edge));
+  }
+  for (std::int64_t z = low[2]; z <= high[2]; ++z) {
+    for (std::int64_t y = low[1]; y <= high[1]; ++y) {
+      for (std::int64_t x = low[0]; x <= high[0]; ++x) {
+        const Vec3d at = origin + edge * Vec3d{double(x), double(y), double(z)};
+        const Vec3d apart = (box.low - at - Vec3d::Constant(edge)).cwiseMax(at - box.high).cwiseMax(0.0);
+        if (apart.squaredNorm() > radius * radius) continue;
+        pairs.push_back({std::uint64_t(x) << 42 | std::uint64_t(y) << 21 | std::uint64_t(z), region});
+      }
+    }
+  }
 }
+
+struct Group {
+  std::uint64_t parts;  ///< of its regions' lists, shared records counted as often as they occur
+  std::size_t first, count;
+};
 
 }  // namespace
 
 Certificate certify(const Model& model, double radius) {
   const RegionGrid grid{model.summary.grid, model.regions};
-  const std::vector<std::uint32_t> slots = slots_before(model);
-  std::vector<std::uint32_t> by_x(grid.size());
-  std::iota(by_x.begin(), by_x.end(), 0u);
-  const auto low_x = [&grid](std::uint32_t i) { return grid.box(RegionId{i}).low[0]; };
-  std::sort(by_x.begin(), by_x.end(),
-            [&](std::uint32_t a, std::uint32_t b) { return low_x(a) != low_x(b) ? low_x(a) < low_x(b) : a < b; });
-  const double edge = model.summary.grid.cell_size;  // no cell is longer
+  const double cell = model.summary.grid.cell_size;
+  const double edge = std::max(cell / 4, radius / 2);
+  // The first cube lies so low that no index is negative.
+  const Vec3d origin = Vec3d{model.summary.grid.origin[0], model.summary.grid.origin[1], model.summary.grid.origin[2]} -
+                       Vec3d::Constant(std::ceil(radius / edge + 2) * edge);
+  std::vector<Pair> pairs;
+  for (std::uint32_t i = 0; i < grid.size(); ++i) add_cubes(grid.box(RegionId{i}), i, origin, edge, radius, pairs);
+  std::sort(pairs.begin(), pairs.end(),
+            [](const Pair& a, const Pair& b) { return a.cube != b.cube ? a.cube < b.cube : a.region < b.region; });
 
-  Certificate worst{radius, 0, 0, 0, RegionId{0}};
+  Certificate worst{radius, 0, 0, 0, {}};
+  std::vector<Group> groups;
+  for (std::size_t i = 0; i < pairs.size();) {
+    Group group{0, i, 0};
+    for (; i < pairs.size() && pairs[i].cube == pairs[group.first].cube; ++i, ++group.count) {
+      group.parts += model.regions[pairs[i].region].part_count;
+    }
+    worst.regions = std::max(worst.regions, static_cast<std::uint32_t>(group.count));
+    groups.push_back(group);
+  }
+  // A union is no larger than the sum: once the sums fall below the largest union, no larger one can follow.
+  std::sort(groups.begin(), groups.end(),
+            [](const Group& a, const Group& b) { return a.parts != b.parts ? a.parts > b.parts : a.first < b.first; });
+  const std::vector<std::uint32_t> slots = slots_before(model);
   std::vector<Run> runs;
-  for (std::uint32_t i = 0; i < grid.size(); ++i) {
-    const CellBox& box = grid.box(RegionId{i});
-    const auto first = std::lower_bound(by_x.begin(), by_x.end(), box.low[0] - 2 * radius - edge,
-                                        [&](std::uint32_t region, double x) { return low_x(region) < x; });
+  for (const Group& group : groups) {
+    if (group.parts <= worst.records) break;
     runs.clear();
-    std::uint32_t regions = 0;
-    for (auto at = first; at != by_x.end() && low_x(*at) <= box.high[0] + 2 * radius; ++at) {
-      if (squared_distance(box, grid.box(RegionId{*at})) > 4 * radius * radius) continue;
-      ++regions;
-      const Span<const Run> list = model.runs_of(RegionId{*at});
+    for (std::size_t k = 0; k < group.count; ++k) {
+      const Span<const Run> list = model.runs_of(RegionId{pairs[group.first + k].region});
       runs.insert(runs.end(), list.begin(), list.end());
     }
     std::sort(runs.begin(), runs.end(), [](const Run& a, const Run& b) { return a.first < b.first; });
@@ -59,11 +96,13 @@ Certificate certify(const Model& model, double radius) {
       parts += slots[to] - slots[from];
       covered = to;
     }
-    worst.regions = std::max(worst.regions, regions);
     worst.records = std::max(worst.records, records);
-    if (parts > worst.parts) {
-      worst.parts = parts;
-      worst.worst = RegionId{i};
+    if (parts <= worst.parts) continue;
+    worst.parts = parts;
+    const std::uint64_t cube = pairs[group.first].cube;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const double at = static_cast<double>(cube >> (42 - 21 * axis) & 0x1fffff);
+      worst.worst[axis] = origin[static_cast<int>(axis)] + (at + 0.5) * edge;
     }
   }
   return worst;

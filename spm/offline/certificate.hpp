@@ -1,23 +1,24 @@
 /// What a controller can ever need of a model for one probe, known before a session starts.
 #pragma once
 
+#include <array>
 #include <cstdint>
 
 #include "spm/model.hpp"
 
 namespace tactus::spm::offline {
 
-/// Upper bounds over all positions of a ball. A ball that meets region i meets no region further from it than its
-/// diameter, so the union over these bounds what it needs.
+/// Upper bounds over all positions of a ball: its centre is taken through cubes much smaller than a cell, and in each
+/// the regions are counted that the ball may meet from anywhere in the cube.
 struct Certificate {
-  double radius;          ///< of the ball, file units
-  std::uint32_t regions;  ///< labelled cells at once
-  std::uint32_t records;  ///< in the union of their lists
-  std::uint32_t parts;    ///< pool slots of these records; the base mesh comes on top
-  RegionId worst;         ///< the region around which most parts are needed
+  double radius;                ///< of the ball, file units
+  std::uint32_t regions;        ///< labelled cells at once
+  std::uint32_t records;        ///< in the union of their lists
+  std::uint32_t parts;          ///< pool slots of these records; the base mesh comes on top
+  std::array<double, 3> worst;  ///< where most parts are needed, model frame
 };
 
-/// `model` must be sound. O(regions x neighbours x list), allocates.
+/// `model` must be sound. Allocates.
 [[nodiscard]] Certificate certify(const Model& model, double radius);
 
 /// Nodes and levels of a tree over the faces whose nodes have `width` children, leaves not counted as nodes.

@@ -7,6 +7,8 @@
 #include <Eigen/LU>
 #include <assimp/Importer.hpp>
 #include <cctype>
+#include <fstream>
+#include <sstream>
 #include <string>
 #include <system_error>
 
@@ -39,6 +41,20 @@ std::string extension_of(const std::filesystem::path& path) {
   std::string extension = path.extension().string();
   for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
   return extension;
+}
+
+/// The counts in an OFF file, before the reader reserves memory for them: a vertex takes at least "0 0 0\n".
+void check_off_counts(const std::filesystem::path& path) {
+  std::ifstream file{path};
+  std::string magic;
+  double vertices = 0, faces = 0;
+  const bool counted = static_cast<bool>(file >> magic >> vertices >> faces);
+  const auto size = static_cast<double>(std::filesystem::file_size(path));
+  if (counted && 6 * vertices + 2 * faces > size) {
+    std::ostringstream text;
+    text << "found " << size << " bytes, too few for " << vertices << " vertices and " << faces << " faces";
+    fail(path, text.str());
+  }
 }
 
 /// Before anything follows the indices of a scene.
@@ -134,7 +150,9 @@ TriangleMesh import_with(Assimp::Importer& importer, const std::filesystem::path
 
 TriangleMesh import_mesh(const std::filesystem::path& path) {
   check_readable(path);
-  if (extension_of(path) == ".ply") check_ply_header(path);
+  const std::string extension = extension_of(path);
+  if (extension == ".ply") check_ply_header(path);
+  if (extension == ".off") check_off_counts(path);
   try {
     Assimp::Importer importer;
     return import_with(importer, path);

@@ -52,7 +52,7 @@ class Header {
     if (next_line() != std::vector<std::string>{"ply"}) fail("ply");
     while (true) {
       const std::vector<std::string> words = next_line();
-      if (words.empty() || words[0] == "comment" || words[0] == "obj_info") continue;
+      if (words.empty()) continue;
       if (words[0] == "end_header") break;
       if (words[0] == "format") {
         read_format(words);
@@ -60,9 +60,7 @@ class Header {
         read_element(words);
       } else if (words[0] == "property") {
         read_property(words);
-      } else {
-        fail("format, element, property or end_header");
-      }
+      }  // anything else is a comment, marked or (old Blender) not
     }
     if (!has_format_) fail("a line with the format before it");
     const std::uint64_t rest = std::filesystem::file_size(path_) - at_;

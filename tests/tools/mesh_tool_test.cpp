@@ -1,0 +1,158 @@
+#include "tools/mesh_tool.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "spm/offline/model_file.hpp"
+#include "tests/support/temporary_folder.hpp"
+
+namespace tactus::tools {
+namespace {
+
+using test_support::read_bytes;
+using test_support::write_bytes;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+struct Outcome {
+  int code;
+  std::string out, errors;
+};
+
+class MeshTool : public ::testing::Test {
+ protected:
+  Outcome run(std::vector<std::string> words, bool terminal = false) const {
+    words.insert(words.begin(), "tactus-mesh");
+    std::vector<const char*> argv;
+    for (const std::string& word : words) argv.push_back(word.c_str());
+    std::ostringstream out, errors;
+    const int code = run_mesh_tool(static_cast<int>(argv.size()), argv.data(), {out, errors, terminal});
+    return {code, out.str(), errors.str()};
+  }
+  std::string path(const std::string& name) const { return (folder_.path() / name).string(); }
+
+  test_support::TemporaryFolder folder_;
+};
+
+TEST_F(MeshTool, BuildsWhatItGeneratesAndVerifiesIt) {
+  ASSERT_EQ(run({"generate", "organ", path("a.ply"), "--faces", "3000", "--seed", "4"}).code, kDone);
+  ASSERT_EQ(run({"build", path("a.ply"), path("a.spm"), "--cell-faces", "100"}).code, kDone);
+  const Outcome outcome = run({"verify", path("a.spm"), path("a.ply"), "--json"});
+  EXPECT_EQ(outcome.code, kDone);
+  const auto json = nlohmann::json::parse(outcome.out);
+  EXPECT_TRUE(json["exact"]);
+  EXPECT_EQ(json["faces"], 3000);
+  EXPECT_GT(json["regions"], 20);
+}
+
+TEST_F(MeshTool, VerifyFailsOnAnotherMesh) {
+  ASSERT_EQ(run({"generate", "organ", path("a.spm"), "--faces", "2000", "--seed", "1"}).code, kDone);
+  ASSERT_EQ(run({"generate", "organ", path("b.stl"), "--faces", "2000", "--seed", "2"}).code, kDone);
+  const Outcome outcome = run({"verify", path("a.spm"), path("b.stl")});
+  EXPECT_EQ(outcome.code, kCheckFailed);
+  EXPECT_THAT(outcome.out, HasSubstr("2000 of 2000 faces of the original are missing"));
+}
+
+TEST_F(MeshTool, InfoHasTheRowsOfTableOne) {
+  ASSERT_EQ(run({"generate", "sphere", path("s.spm"), "--faces", "4096"}).code, kDone);
+  const auto json = nlohmann::json::parse(run({"info", path("s.spm"), "--json"}).out);
+  EXPECT_EQ(json["vertices"], 2050);
+  EXPECT_EQ(json["faces"], 4096);
+  EXPECT_EQ(json["base_vertices"].get<int>() + json["records"].get<int>(), 2050);
+  EXPECT_EQ(json["ab_tree"]["eight_wide"]["height"], 4);
+  EXPECT_EQ(json["ab_tree"]["eight_wide"]["nodes"], 4096 + 512 + 64 + 8 + 1);
+  EXPECT_EQ(json["ab_tree"]["binary"]["nodes"], 2 * 4096 - 1);
+  EXPECT_GT(json["certificate"]["records"], 0);
+  EXPECT_LE(json["certificate"]["slots"], json["parts"]);
+  EXPECT_THAT(run({"info", path("s.spm")}).out, AllOf(HasSubstr("vertices"), HasSubstr("needs at most")));
+}
+
+TEST_F(MeshTool, UnitAndSizeSetTheScale) {
+  ASSERT_EQ(run({"generate", "torus", path("t.obj"), "--faces", "500"}).code, kDone);
+  const auto scale = [&](const std::vector<std::string>& flags) {
+    std::vector<std::string> words{"build", path("t.obj"), path("t.spm"), "--json"};
+    words.insert(words.end(), flags.begin(), flags.end());
+    return nlohmann::json::parse(run(words).out)["metres_per_unit"].get<double>();
+  };
+  EXPECT_DOUBLE_EQ(scale({}), 1);
+  EXPECT_DOUBLE_EQ(scale({"--unit", "mm"}), 1e-3);
+  EXPECT_NEAR(scale({"--size", "0.28"}), 2, 0.01);  // the torus is about 0.14 wide
+}
+
+TEST_F(MeshTool, SaysWhatImportDropped) {
+  write_bytes(path("d.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 2 3 1\nf 1 1 2\n");
+  EXPECT_THAT(run({"build", path("d.obj"), path("d.spm")}).out,
+              AllOf(HasSubstr("1 duplicate faces"), HasSubstr("1 repeated corner faces")));
+}
+
+TEST_F(MeshTool, ShowsProgressOnATerminalOnly) {
+  ASSERT_EQ(run({"generate", "organ", path("a.ply"), "--faces", "3000"}).code, kDone);
+  EXPECT_THAT(run({"build", path("a.ply"), path("a.spm")}, true).errors, HasSubstr("%"));
+  EXPECT_EQ(run({"build", path("a.ply"), path("a.spm")}, false).errors, "");
+}
+
+TEST_F(MeshTool, HelpHasExamplesAndSucceeds) {
+  const Outcome outcome = run({"--help"});
+  EXPECT_EQ(outcome.code, kDone);
+  EXPECT_THAT(outcome.out, HasSubstr("tactus-mesh verify organ.spm organ.ply"));
+  EXPECT_THAT(run({"build", "--help"}).out, HasSubstr("Example: tactus-mesh build"));
+}
+
+TEST_F(MeshTool, RefusesBadInputWithAMessageThatNamesIt) {
+  write_bytes(path("empty.stl"), "");
+  write_bytes(path("text.ply"), "this is no model\n");
+  write_bytes(path("line.obj"), "v 0 0 0\nv 1 1 1\nv 2 2 2\nf 1 2 3\n");
+  ASSERT_EQ(run({"generate", "sphere", path("good.spm"), "--faces", "500"}).code, kDone);
+  ASSERT_EQ(run({"generate", "sphere", path("good.ply"), "--faces", "500"}).code, kDone);
+  const std::string good = read_bytes(path("good.spm"));
+  std::string flipped = good, later = good;
+  flipped[good.size() / 2] = static_cast<char>(flipped[good.size() / 2] ^ 1);
+  later[8] = 2;
+  write_bytes(path("flipped.spm"), flipped);
+  write_bytes(path("later.spm"), later);
+  write_bytes(path("cut.spm"), good.substr(0, good.size() - 100));
+
+  struct Case {
+    std::vector<std::string> words;
+    std::string message;
+  };
+  const std::vector<Case> cases{
+      {{}, "subcommand"},
+      {{"mend", "x"}, "subcommand"},
+      {{"build", path("good.ply")}, "OUT"},
+      {{"build", path("good.ply"), path("x.spm"), "--fast"}, "--fast"},
+      {{"build", path("good.ply"), path("x.spm"), "--unit", "inch"}, "inch"},
+      {{"build", path("good.ply"), path("x.spm"), "--size", "-1"}, "--size"},
+      {{"build", path("good.ply"), path("x.spm"), "--size", "1", "--unit", "mm"}, "exclude"},
+      {{"build", path("missing.ply"), path("x.spm")}, "missing.ply: no such file"},
+      {{"build", path("empty.stl"), path("x.spm")}, "empty.stl: found 0 bytes"},
+      {{"build", path("text.ply"), path("x.spm")}, "text.ply: PLY header"},
+      {{"build", path("line.obj"), path("x.spm")}, "line.obj: no surface"},
+      {{"build", path("good.ply"), path("no/x.spm")}, "x.spm: cannot be written"},
+      {{"info", path("good.ply")}, "good.ply: not an .spm file"},
+      {{"info", path("flipped.spm")}, "flipped.spm: section"},
+      {{"info", path("later.spm")}, "version 2"},
+      {{"info", path("cut.spm")}, "truncated"},
+      {{"verify", path("good.spm"), path("missing.ply")}, "missing.ply"},
+      {{"generate", "cube", path("x.ply")}, "cube"},
+      {{"generate", "sphere", path("x.ply"), "--faces", "3"}, "faces: found 3"},
+      {{"generate", "sphere", path("x.xyz")}, "x.xyz: extension"},
+      {{"generate", "sphere", path("no/x.ply")}, "x.ply: cannot be written"},
+  };
+  for (const Case& bad : cases) {
+    const Outcome outcome = run(bad.words);
+    EXPECT_EQ(outcome.code, kBadInput) << bad.message;
+    EXPECT_THAT(outcome.errors, HasSubstr(bad.message));
+    EXPECT_EQ(outcome.out, "") << bad.message;
+  }
+  EXPECT_FALSE(std::filesystem::exists(path("x.spm")));
+  EXPECT_FALSE(std::filesystem::exists(path("x.ply")));
+}
+
+}  // namespace
+}  // namespace tactus::tools
