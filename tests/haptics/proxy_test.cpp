@@ -252,6 +252,33 @@ TEST(Proxy, KeepsItsSideWhenRefinementMovesTheSurfacePastIt) {
   EXPECT_GT(moved, 50);
 }
 
+TEST(Proxy, BehindAnOpenSheetStaysBehindItWhenItMovesPast) {
+  const TriangleSurface sheet_before{square(0.1, 0)};
+  const TriangleSurface sheet_after{square(0.1, -0.006)};
+  Proxy proxy;
+  (void)press(proxy, sheet_before, {0, 0, 0.02}, {0.08, 0, 0.02}, 100);
+  (void)press(proxy, sheet_before, {0.08, 0, 0.02}, {0.08, 0, -0.02}, 100);
+  (void)press(proxy, sheet_before, {0.08, 0, -0.02}, {0, 0, -0.004}, 100);
+  const ProxyResult& result = proxy.step({0, 0, -0.004}, kCycle, sheet_after, true);
+  EXPECT_TRUE(result.surface_moved);
+  EXPECT_NEAR(result.proxy.z(), -0.006 - kRadius, 3e-6);
+}
+
+TEST(Proxy, KeepsItsCentreOutsideWhereRefinementLeavesLessRoomThanItsSize) {
+  // Two blocks close in on the tip: the slot between them is narrower than the tip is thick.
+  const auto block = [](double x) { return sheet({x, -0.1, -0.1}, {0, 0.2, 0}, {0, 0, 0.2}); };
+  const auto facing = [](double x) { return sheet({x, -0.1, -0.1}, {0, 0, 0.2}, {0, 0.2, 0}); };
+  const TriangleSurface wide{block(-0.005) + facing(0.005)};
+  const TriangleSurface narrow{block(-0.0012) + facing(0.0018)};
+  Proxy proxy;
+  (void)press(proxy, wide, {0.001, 0, 0.02}, {-0.0019, 0, 0.01}, 20);
+  for (int i = 0; i < 50; ++i) {
+    const Vec3d& x = proxy.step({-0.0019, 0, 0.01}, kCycle, narrow, i == 0).proxy;
+    ASSERT_GT(x.x(), -0.0012) << "cycle " << i;
+    ASSERT_LT(x.x(), 0.0018) << "cycle " << i;
+  }
+}
+
 TEST(Proxy, RampsTheForceWhenTheSurfaceRisesOrFallsUnderAHeldDevice) {
   const TriangleSurface low{square(1, 0)};
   const TriangleSurface high{square(1, 0.004)};
