@@ -38,7 +38,8 @@ users:
       - follow: {speed: 0.05, force: 1.5, seconds: 8, pattern: circle}
       - retreat: {}
       - tap: {count: 4, direction: [0.2, 0.1, 1], point: [0.4, 0.5, 0.5], speed: 0.15, force: 1}
-      - follow: {direction: [-0.2, 0.1, 1], point: [0.6, 0.4, 0.5], speed: 0.05, force: 1.5, seconds: 6, pattern: zigzag}
+      - follow:
+          {direction: [-0.2, 0.1, 1], point: [0.6, 0.4, 0.5], speed: 0.05, force: 1.5, seconds: 6, pattern: zigzag}
       - retreat: {}
   - name: bob
     hrtc: "#2"
