@@ -34,12 +34,12 @@ std::string moment(double seconds) { return seconds < 0 ? "-" : line("%.2f", sec
 
 void write_users(const Report& report, std::string& out) {
   out +=
-      "\nUsers                 hrtc              first touch   exact   contact   exact   force N       touches  taps\n"
-      "                                              s         s         s       %    mean    max\n";
+      "\nUsers                 hrtc              touch s  exact touch s  contact s  exact %  mean N   max N  touches  "
+      "taps\n";
   for (const UserReport& user : report.users) {
     const TouchTally& touch = user.touch;
     out +=
-        line("  %-18s  %-16s  %9s  %8s  %8.2f  %6.2f  %6.2f  %6.2f  %7u  %4u\n", user.name.substr(0, 18).c_str(),
+        line("  %-18s  %-16s  %7s  %13s  %9.2f  %7.2f  %6.2f  %6.2f  %7u  %4u\n", user.name.substr(0, 18).c_str(),
              user.hrtc.substr(0, 16).c_str(), moment(touch.first_touch).c_str(), moment(touch.first_exact).c_str(),
              touch.contact, 100 * touch.exact_share(), touch.force_mean(), touch.force_max, touch.touches, user.taps);
     if (touch.states == 0) out += "    no probe state was received\n";
