@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <set>
+#include <utility>
 
 #include "spm/codec/base_codec.hpp"
 #include "spm/codec/region_codec.hpp"
@@ -116,9 +117,10 @@ DeliveryServer::DemandResult DeliveryServer::on_demand(const Demand& demand) {
     return DemandResult::kTaken;
   }
   service.echo_owed = service.echo_owed || !service.serving || demand.epoch != service.demand.epoch;
+  const bool can_build_on = service.serving;
   service.serving = true;
-  service.demand = demand;
-  compare(service, object->second, received, stream);
+  const Demand before = std::exchange(service.demand, demand);
+  compare(service, object->second, can_build_on ? &before.have : nullptr, received, stream);
   return DemandResult::kTaken;
 }
 
@@ -130,19 +132,28 @@ void DeliveryServer::acknowledge(Stream& stream, std::uint32_t received) const {
 }
 
 /// Brings `sent`, the records covered, the message under way and the regions to send in line with the newest demand.
-void DeliveryServer::compare(Service& service, const Object& object, std::uint32_t received, Stream& stream) {
+/// What is covered grows in place while nothing of `had`, the demand before, and nothing sent was lost.
+void DeliveryServer::compare(Service& service, const Object& object, const std::vector<spm::Run>* had,
+                             std::uint32_t received, Stream& stream) {
   const Demand& demand = service.demand;
+  bool only_more = had != nullptr && contains_all(demand.have, *had);
   for (auto it = service.sent.begin(); it != service.sent.end();) {
-    const bool settled = it->second <= received || contains(demand.have, it->first);
-    it = settled ? service.sent.erase(it) : std::next(it);
+    const bool taken = contains(demand.have, it->first);
+    const bool lost = !taken && it->second <= received;
+    only_more = only_more && !lost;
+    it = taken || lost ? service.sent.erase(it) : std::next(it);
   }
   if (!demand.need_base || (service.base_sent && *service.base_sent <= received)) service.base_sent.reset();
 
-  service.covered.assign((object.model.summary.records + 63) / 64, 0);
+  if (!only_more) service.covered.assign((object.model.summary.records + 63) / 64, 0);
   for (const spm::Run& run : demand.have) {
-    for (std::uint32_t region = run.first; region != end_of(run); ++region) cover(service, object.model, region);
+    for (std::uint32_t region = run.first; region != end_of(run); ++region) {
+      if (!only_more || !contains(*had, region)) cover(service, object.model, region);
+    }
   }
-  for (const auto& [region, last] : service.sent) cover(service, object.model, region);
+  if (!only_more) {
+    for (const auto& [region, last] : service.sent) cover(service, object.model, region);
+  }
 
   if (service.under_way && !still_holds(service, object.model)) {
     service.under_way.reset();

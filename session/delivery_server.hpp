@@ -121,7 +121,8 @@ class DeliveryServer {
 
   [[nodiscard]] bool well_formed(const Demand& demand, const spm::ModelSummary& summary) const;
   void acknowledge(Stream& stream, std::uint32_t received) const;
-  void compare(Service& service, const Object& object, std::uint32_t received, Stream& stream);
+  void compare(Service& service, const Object& object, const std::vector<spm::Run>* had, std::uint32_t received,
+               Stream& stream);
   void cover(Service& service, const spm::Model& model, std::uint32_t region) const;
   [[nodiscard]] std::vector<spm::Run> missing(const Service& service, const spm::Model& model,
                                               std::uint32_t region) const;

@@ -1,6 +1,10 @@
 /// The base mesh as bytes: summary, base vertices, base faces, labelled cells without their record lists.
 ///
-/// Coordinates keep their float bits. The layout is in docs/wire_format.md.
+///     version | digest | counts | bounds, grid, unit, deviation | positions | base faces | regions
+///     face:   (signed difference to the face before << 1 | last), three signed differences, each to the corner before
+///     region: cell x, y, z, depth, record, part and face counts
+///
+/// Coordinates, bounds, grid and digest are raw little-endian values, all else varints.
 #pragma once
 
 #include "spm/codec/bytes.hpp"
