@@ -103,7 +103,7 @@ void Operator::on_probe_state(const session::ProbeState& state) {
 }
 
 std::optional<session::Intent> Operator::tick(std::int64_t session_now_ns, const Objects& objects) {
-  if (!felt_) return std::nullopt;
+  if (!felt_) return first_wish(session_now_ns, objects);
   if (ticked_ns_ == 0) ticked_ns_ = session_now_ns - settings_.period_ns;
   if (session_now_ns - ticked_ns_ < settings_.period_ns) return std::nullopt;
   constexpr double kLongestStep = 0.05;  // after a pause the hand goes on, it does not catch up
@@ -201,13 +201,35 @@ bool Operator::begin(const Action& action, const Objects& objects) {
   }
   outwards_ = (view_.rotation * action.direction).normalized();
   const Vec3d aim = view_.centre + view_.rotation * ((2 * action.point - Vec3d::Ones()).cwiseProduct(view_.half));
-  start_ = aim + outwards_ * (way_out(view_, aim, outwards_) + settings_.clearance + user_.radius);
+  start_ = start_of(action, view_);
   depth_ = (start_ - aim).norm() + way_out(view_, aim, -outwards_) + settings_.clearance;
   hand_ = device_;
   plan_way(start_);
   has_touched_ = false;
   stage_ = Stage::kTravel;
   return true;
+}
+
+Vec3d Operator::start_of(const Action& action, const ObjectView& view) const {
+  const Vec3d outwards = (view.rotation * action.direction).normalized();
+  const Vec3d aim = view.centre + view.rotation * ((2 * action.point - Vec3d::Ones()).cwiseProduct(view.half));
+  return aim + outwards * (way_out(view, aim, outwards) + settings_.clearance + user_.radius);
+}
+
+std::optional<session::Intent> Operator::first_wish(std::int64_t session_now_ns, const Objects& objects) {
+  if (ticked_ns_ != 0 && session_now_ns - ticked_ns_ < settings_.period_ns) return std::nullopt;
+  for (const Action& action : user_.script) {
+    const ObjectView* const view = action.object.empty() ? nullptr : find_object(objects, action.object);
+    if (view == nullptr) continue;
+    ticked_ns_ = session_now_ns;
+    const Vec3d start = start_of(action, *view);
+    session::Intent intent;
+    intent.user_id = user_id_;
+    intent.sequence = ++sequence_;
+    intent.path = {{session_now_ns, {start.x(), start.y(), start.z()}}};
+    return intent;
+  }
+  return std::nullopt;
 }
 
 void Operator::plan_way(const Vec3d& to) {

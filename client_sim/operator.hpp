@@ -54,7 +54,8 @@ class Operator {
   /// Of this user's probe; others are ignored, and so are samples older than one already felt.
   void on_probe_state(const session::ProbeState& state);
 
-  /// Goes on with the script; an intent whenever one is due. Before the first probe state there is none. `origin` is
+  /// Goes on with the script; an intent whenever one is due. Until the first probe state it asks for a place clear of
+  /// the first object, where a controller may put the hand. `origin` is
   /// left to the caller.
   [[nodiscard]] std::optional<session::Intent> tick(std::int64_t session_now_ns, const Objects& objects);
 
@@ -70,6 +71,8 @@ class Operator {
 
   void act(double dt, const Objects& objects);
   [[nodiscard]] bool begin(const Action& action, const Objects& objects);
+  [[nodiscard]] Vec3d start_of(const Action& action, const ObjectView& view) const;
+  [[nodiscard]] std::optional<session::Intent> first_wish(std::int64_t session_now_ns, const Objects& objects);
   void plan_way(const Vec3d& to);
   void next_action();
   void press_in(const Action& action, double dt);

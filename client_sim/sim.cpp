@@ -1,0 +1,198 @@
+#include "client_sim/sim.hpp"
+
+#include <chrono>
+#include <condition_variable>
+#include <map>
+#include <mutex>
+#include <thread>
+#include <variant>
+#include <vector>
+
+#include "session/clock.hpp"
+#include "wire/ends.hpp"
+
+namespace tactus::client_sim {
+namespace {
+
+using Arrived = std::variant<session::RosterEntry, session::CatalogueEntry, session::ProbeState, session::Metrics,
+                             session::Control, session::ClockSample>;
+
+constexpr std::int64_t kClockNs = 100'000'000;
+constexpr auto kTick = std::chrono::milliseconds{2};
+
+std::int64_t monotonic_ns() noexcept {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch())
+      .count();
+}
+
+/// One participant that the core plays.
+struct Presence {
+  explicit Presence(const wire::SessionAddress& address)
+      : links{address},
+        roster{links, wire::topics::kRoster},
+        control{links, wire::topics::kControl},
+        clock{links, wire::topics::kClock} {}
+
+  void send(session::Intent intent) {
+    auto& writer = intents[intent.user_id];
+    intent.origin = links.origin();
+    if (writer) (void)writer->send(intent);
+  }
+
+  wire::Links links;
+  wire::Writer<session::RosterEntry> roster;
+  wire::Writer<session::Control> control;
+  wire::Writer<session::ClockSample> clock;
+  std::map<std::uint64_t, std::unique_ptr<wire::Writer<session::Intent>>> intents;  // by user
+};
+
+}  // namespace
+
+struct Sim::Impl {
+  explicit Impl(SimOptions given)
+      : options{std::move(given)},
+        main{options.address},
+        core{options.scenario, settings()},
+        clock{main.links.origin(), {}},
+        roster{main.links.origin(), {}} {
+    listen(wire::topics::kRoster);
+    listen(wire::topics::kCatalogue);
+    listen(wire::topics::kProbeState);
+    listen(wire::topics::kMetrics);
+    listen(wire::topics::kControl);
+    listen(wire::topics::kClock);
+  }
+
+  [[nodiscard]] SimSettings settings() const {
+    SimSettings made;
+    made.session = options.address.session;
+    made.name = options.address.participant;
+    made.incarnation = main.links.origin().incarnation;
+    return made;
+  }
+
+  template <class Sample>
+  void listen(const wire::TopicSpec<Sample>& topic) {
+    readers.push_back(std::make_shared<wire::Reader<Sample>>(main.links, topic, [this](Sample&& sample) {
+      const std::lock_guard lock{mutex};
+      arrived.emplace_back(monotonic_ns(), std::move(sample));
+      wake.notify_one();
+    }));
+  }
+
+  void take(const session::RosterEntry& entry, std::int64_t now_ns) {
+    (void)roster.on_entry(entry, now_ns);
+    core.on_roster(entry, now_ns);
+  }
+  void take(const session::CatalogueEntry& entry, std::int64_t) { core.on_catalogue(entry); }
+  void take(const session::ProbeState& state, std::int64_t now_ns) {
+    core.on_probe_state(state, clock.map().session_time(now_ns));
+  }
+  void take(const session::Metrics& metrics, std::int64_t now_ns) { core.on_metrics(metrics, now_ns); }
+  void take(const session::Control& control, std::int64_t) { core.on_control(control); }
+  void take(const session::ClockSample& sample, std::int64_t now_ns) {
+    if (sample.answer && sample.peer == main.links.origin().participant) clock.on_answer(sample, now_ns);
+  }
+
+  /// The participant that a message of the core is from, joining when it is new.
+  Presence& presence_of(std::uint64_t participant, const std::string& name) {
+    if (participant == main.links.origin().participant) return main;
+    std::unique_ptr<Presence>& presence = others[participant];
+    if (!presence) {
+      wire::SessionAddress address = options.address;
+      address.participant = name;
+      address.incarnation = main.links.origin().incarnation;
+      presence = std::make_unique<Presence>(address);
+    }
+    return *presence;
+  }
+
+  void send(SimMessages&& messages) {
+    for (session::RosterEntry& entry : messages.roster) {
+      Presence& from = presence_of(entry.origin.participant, entry.name);
+      for (const std::string& user : entry.users) {
+        auto& writer = from.intents[session::id_of(user)];
+        if (!writer)
+          writer = std::make_unique<wire::Writer<session::Intent>>(from.links, wire::topics::kIntent,
+                                                                   wire::EndOptions{wire::user_partition(user)});
+      }
+      entry.origin = from.links.origin();
+      (void)from.roster.send(entry);
+    }
+    for (session::Control& control : messages.control) {
+      control.origin = main.links.origin();
+      (void)main.control.send(control);
+    }
+    for (session::Intent& intent : messages.intents) {
+      const auto other = others.find(intent.origin.participant);
+      (other == others.end() ? main : *other->second).send(std::move(intent));
+    }
+  }
+
+  /// By convention the session's time is that of the host or HRTC with the smallest id.
+  void keep_time(std::int64_t now_ns) {
+    const session::RosterEntry* reference = nullptr;
+    const std::vector<session::RosterEntry> entries = roster.entries();
+    for (const session::RosterEntry& entry : entries) {
+      if (entry.role != session::Role::kHost && entry.role != session::Role::kHrtc) continue;
+      if (reference == nullptr || entry.origin.participant < reference->origin.participant) reference = &entry;
+    }
+    if (reference == nullptr) return;
+    clock.set_reference(reference->origin.participant, reference->origin.incarnation, now_ns);
+    const std::int64_t period = clock.synchronised() ? kClockNs : kClockNs / 5;
+    if (now_ns - clock_asked_ns < period) return;
+    clock_asked_ns = now_ns;
+    session::ClockSample request = clock.request(monotonic_ns());
+    request.origin = main.links.origin();
+    (void)main.clock.send(request);
+  }
+
+  SimOptions options;
+  Presence main;
+  std::map<std::uint64_t, std::unique_ptr<Presence>> others;
+  SimCore core;
+  session::SessionClock clock;
+  session::Roster roster;
+  std::int64_t clock_asked_ns = 0;
+  std::mutex mutex;
+  std::condition_variable wake;
+  std::vector<std::pair<std::int64_t, Arrived>> arrived;
+  std::vector<std::shared_ptr<void>> readers;  // last, so that no callback outlives what it fills
+};
+
+Sim::Sim(SimOptions options) : impl_{std::make_unique<Impl>(std::move(options))} {}
+Sim::~Sim() = default;
+
+Report Sim::run(const std::atomic<bool>& stop, const std::function<void(const std::string&)>& say) {
+  Impl& sim = *impl_;
+  std::string said;
+  bool stopped = false;
+  while (!sim.core.finished()) {
+    std::vector<std::pair<std::int64_t, Arrived>> taken;
+    {
+      std::unique_lock lock{sim.mutex};
+      sim.wake.wait_for(lock, kTick, [&] { return !sim.arrived.empty(); });
+      taken.swap(sim.arrived);
+    }
+    for (const auto& [at_ns, sample] : taken) {
+      const std::int64_t received_ns = at_ns;
+      std::visit([&](const auto& typed) { sim.take(typed, received_ns); }, sample);
+    }
+    const std::int64_t now_ns = monotonic_ns();
+    (void)sim.roster.tick(now_ns);
+    sim.keep_time(now_ns);
+    if (stop && !stopped) {
+      sim.core.stop("interrupted");
+      stopped = true;
+    }
+    sim.send(sim.core.tick(now_ns, sim.clock.map().session_time(now_ns)));
+    if (sim.core.trouble() != said) {
+      said = sim.core.trouble();
+      if (!said.empty()) say(said);
+    }
+  }
+  sim.main.roster.wait_acknowledged(std::chrono::milliseconds{200});
+  return sim.core.report();
+}
+
+}  // namespace tactus::client_sim
