@@ -55,12 +55,18 @@ struct Quadric {
 };
 
 /// The vertices around u, in no order, and how u's faces join them: faces are the edges of this graph.
+enum class Star {
+  kDisc,     ///< one closed ring
+  kFan,      ///< one open chain: u is on a border
+  kPinched,  ///< anything else without a border: sheets that touch in u or along an edge of it
+  kLocked,   ///< anything else
+};
 struct Ring {
   std::uint32_t size = 0;
-  bool disc = false;  ///< one closed ring; otherwise one open fan
+  Star star = Star::kLocked;
   std::array<std::uint32_t, kRingCapacity> vertex;
-  std::array<std::uint8_t, kRingCapacity> degree;
-  std::array<std::array<std::uint8_t, 2>, kRingCapacity> joined;
+  std::array<std::uint8_t, kRingCapacity> degree;                 ///< faces on the edge from u
+  std::array<std::array<std::uint8_t, 2>, kRingCapacity> joined;  ///< the first two
 
   [[nodiscard]] std::uint32_t find(std::uint32_t v) const {
     std::uint32_t i = 0;
@@ -99,18 +105,18 @@ class Simplifier {
 
   Collapses run(const std::function<void(double)>& progress) {
     const std::uint32_t start = alive_faces_;
-    std::size_t done_before = 0;
-    do {
-      done_before = out_.sequence.size();
+    // A collapse may make another legal that was not: again from the start until a round brings nothing.
+    for (std::size_t before = kNone; before != out_.sequence.size();) {
+      before = out_.sequence.size();
       push_all();
       while (!heap_.empty() && alive_faces_ > options_.base_faces) {
         const std::size_t done = out_.sequence.size();
         step();
         if (progress && out_.sequence.size() != done && done % 4096 == 0) {
-          progress(double(start - alive_faces_) / double(start - std::min(start, options_.base_faces) + 1));
+          progress(double(start - alive_faces_) / double(start - options_.base_faces));
         }
       }
-    } while (alive_faces_ > options_.base_faces && out_.sequence.size() != done_before);
+    }
     out_.corners.resize(rows_.size());
     out_.alive.resize(rows_.size());
     for (std::size_t f = 0; f < rows_.size(); ++f) {
@@ -261,7 +267,7 @@ class Simplifier {
     std::array<Candidate, kRingCapacity> candidates;
     std::uint32_t count = 0;
     for (std::uint32_t i = 0; i < ring_.size; ++i) {
-      if (ring_.disc || ring_.degree[i] == 1) candidates[count++] = {cost(u, ring_.vertex[i]), i};
+      if (ring_.star != Star::kFan || ring_.degree[i] == 1) candidates[count++] = {cost(u, ring_.vertex[i]), i};
     }
     for (std::uint32_t first = 0; first < count; ++first) {
       const auto dearer = [this](const Candidate& a, const Candidate& b) {
@@ -275,25 +281,38 @@ class Simplifier {
 
   bool stale(const Entry& entry) const { return gone_[entry.vertex] != 0 || key_[entry.vertex] != entry.key; }
 
-  /// False when u's faces do not form one disc or fan of moderate size.
+  /// False when u has to stay where it is.
   bool build_ring(std::uint32_t u) {
     ring_.size = 0;
     if (star_size_[u] == 0 || star_size_[u] > options_.max_star) return false;
     gather(u, star_);
+    std::uint32_t most = 0, ends = 0;
     for (const std::uint32_t corner : star_) {
       const Row& row = rows_[face_of(corner)];
       const std::uint32_t k = corner % 4;
       const std::uint32_t a = ring_index(row.corner[(k + 1) % 3]), b = ring_index(row.corner[(k + 2) % 3]);
-      if (ring_.degree[a] == 2 || ring_.degree[b] == 2) return false;
-      ring_.joined[a][ring_.degree[a]++] = static_cast<std::uint8_t>(b);
-      ring_.joined[b][ring_.degree[b]++] = static_cast<std::uint8_t>(a);
+      if (ring_.degree[a] < 2) ring_.joined[a][ring_.degree[a]] = static_cast<std::uint8_t>(b);
+      if (ring_.degree[b] < 2) ring_.joined[b][ring_.degree[b]] = static_cast<std::uint8_t>(a);
+      most = std::max<std::uint32_t>({most, ++ring_.degree[a], ++ring_.degree[b]});
     }
+    for (std::uint32_t i = 0; i < ring_.size; ++i) ends += static_cast<std::uint32_t>(ring_.degree[i] == 1);
+    const bool one_sheet = most <= 2 && ring_.size >= 3 - ends / 2 && is_connected();
+    if (one_sheet && ends == 2) {
+      ring_.star = Star::kFan;
+    } else if (ends == 0) {
+      ring_.star = one_sheet ? Star::kDisc : Star::kPinched;
+    } else {
+      ring_.star = Star::kLocked;
+    }
+    return ring_.star != Star::kLocked;
+  }
+
+  /// Whether one walk along the ring, where every vertex has two neighbours or is an end, meets all of it.
+  bool is_connected() const {
     std::uint32_t start = 0;
     for (std::uint32_t i = 0; i < ring_.size; ++i) {
       if (ring_.degree[i] == 1) start = i;
     }
-    ring_.disc = ring_.degree[start] == 2;
-    if (ring_.disc && ring_.size < 3) return false;
     std::uint32_t visited = 1, before = start, at = ring_.joined[start][0];
     while (at != start) {
       ++visited;
@@ -315,15 +334,18 @@ class Simplifier {
     return i;
   }
 
-  bool legal(std::uint32_t u, std::uint32_t at) { return keeps_shapes(u, ring_.vertex[at]) && keeps_surface(u, at); }
-
-  /// The link condition, and no face or component lost beyond the faces between u and t.
-  bool keeps_surface(std::uint32_t u, std::uint32_t at) {
+  bool legal(std::uint32_t u, std::uint32_t at) {
     const std::uint32_t t = ring_.vertex[at];
-    const std::uint32_t dying = ring_.degree[at];
     if (star_size_[t] > kMaxTargetStar) return false;
-    if (star_size_[u] + star_size_[t] - 2 * dying > std::max(options_.max_star, star_size_[t])) return false;
+    if (star_size_[u] + star_size_[t] - 2 * ring_.degree[at] > std::max(options_.max_star, star_size_[t])) return false;
+    if (!keeps_shapes(u, t)) return false;
     gather(t, target_star_);
+    return ring_.star == Star::kPinched ? keeps_sheets(u, t) : keeps_surface(u, at);
+  }
+
+  /// The link condition for a disc or fan, and no face or component lost beyond the faces between u and t.
+  bool keeps_surface(std::uint32_t u, std::uint32_t at) {
+    const std::uint32_t dying = ring_.degree[at];
     const auto apex = [&](std::uint32_t i) {
       return ring_.joined[at][0] == i || (dying == 2 && ring_.joined[at][1] == i);
     };
@@ -340,6 +362,40 @@ class Simplifier {
       if (ia < ring_.size && ib < ring_.size && ring_.size == 3) return false;  // the new face is there already
     }
     return apex_has_other_face;
+  }
+
+  /// The same where sheets touch in u: u and t share no neighbour but the apexes of the faces between them, no face
+  /// comes to lie on another, and no edge comes to have more faces than u and t had there, or none. Sheets may come
+  /// apart: what touched along an edge may touch in a vertex afterwards.
+  bool keeps_sheets(std::uint32_t u, std::uint32_t t) {
+    std::array<std::uint32_t, kRingCapacity> between{}, at_target{};
+    for (const std::uint32_t corner : target_star_) {
+      const Row& row = rows_[face_of(corner)];
+      const std::uint32_t k = corner % 4;
+      const std::uint32_t a = row.corner[(k + 1) % 3], b = row.corner[(k + 2) % 3];
+      const std::uint32_t ia = a == u ? ring_.size : ring_.find(a), ib = b == u ? ring_.size : ring_.find(b);
+      if (ia < ring_.size) ++at_target[ia];
+      if (ib < ring_.size) ++at_target[ib];
+      if (a == u) ++between[ib];
+      if (b == u) ++between[ia];
+      if (ia < ring_.size && ib < ring_.size && has_face(a, b)) return false;
+    }
+    for (std::uint32_t i = 0; i < ring_.size; ++i) {
+      if (ring_.vertex[i] == t || at_target[i] == 0) continue;
+      if (between[i] == 0) return false;
+      const std::uint32_t faces = ring_.degree[i] + at_target[i] - 2 * between[i];
+      if (faces == 0 || faces > std::max<std::uint32_t>({2, ring_.degree[i], at_target[i]})) return false;
+    }
+    return true;
+  }
+
+  /// Whether a face of u's star holds both a and b.
+  bool has_face(std::uint32_t a, std::uint32_t b) const {
+    return std::any_of(star_.begin(), star_.end(), [&](std::uint32_t corner) {
+      const Triangle& c = rows_[face_of(corner)].corner;
+      const std::uint32_t k = corner % 4, next = c[(k + 1) % 3], before = c[(k + 2) % 3];
+      return (next == a && before == b) || (next == b && before == a);
+    });
   }
 
   bool keeps_shapes(std::uint32_t u, std::uint32_t t) const {

@@ -2,9 +2,9 @@
 ///
 /// The order is greedy by quadric error: the area-weighted squared distance from t to the planes of all faces that ever
 /// collapsed into u, plus planes that hold borders in place. Ties go to the smaller vertex, so a mesh has one result.
-/// A collapse is legal when it keeps the surface a surface (link condition; borders shrink along themselves only;
-/// vertices whose faces do not form one disc or fan stay) and when every face version that it makes still looks the way
-/// its finest version does and is no needle.
+/// A collapse is legal when it keeps the surface a surface (link condition; borders shrink along themselves only; where
+/// sheets touch they may come apart, but none comes to lie on another) and when every face version that it makes still
+/// looks the way its finest version does and is no needle.
 /// Sources: Garland, Heckbert 1997 (quadrics); Dey et al. 1999 (link condition).
 #pragma once
 
@@ -20,7 +20,7 @@ struct SimplifyOptions {
   std::uint32_t base_faces = 500;  ///< stop at this many faces, or when nothing legal is left
   std::uint32_t max_star = 40;     ///< faces around u, and around t afterwards unless it had more before
   double min_cosine = 0.1;         ///< between the normals of a face version and of its finest version
-  double min_shape = 0.03;  ///< 4 sqrt(3) area / sum of squared edges, 1 when equilateral; a worse face may not worsen
+  double min_shape = 1e-3;  ///< 4 sqrt(3) area / sum of squared edges, 1 when equilateral; a worse face may not worsen
 };
 
 /// A face that held both u and t, and vanished.

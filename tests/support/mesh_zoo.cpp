@@ -67,6 +67,39 @@ TriangleMesh bow_tie() {
   return together(ball, other);
 }
 
+/// Two spheres that share one edge, which so has four faces.
+TriangleMesh pinched_edge() {
+  const TriangleMesh ball = icosphere(2);
+  const Triangle at = ball.faces[0];
+  const Point a = ball.positions[at[0]], b = ball.positions[at[1]];
+  TriangleMesh other = ball;
+  for (Point& p : other.positions) {  // half a turn about the line through a and b, but for a and b themselves
+    if (p == a || p == b) continue;
+    float along = 0, length2 = 0;
+    for (std::size_t k = 0; k < 3; ++k) {
+      along += (p[k] - a[k]) * (b[k] - a[k]);
+      length2 += (b[k] - a[k]) * (b[k] - a[k]);
+    }
+    for (std::size_t k = 0; k < 3; ++k) p[k] = 2 * (a[k] + along / length2 * (b[k] - a[k])) - p[k];
+  }
+  return together(ball, other);
+}
+
+/// A sphere with pillows of two faces on some of its edges, as range scans leave them.
+TriangleMesh pillows() {
+  TriangleMesh mesh = icosphere(2);
+  const std::size_t count = mesh.faces.size();
+  for (std::size_t i = 0; i < count; i += 9) {
+    const Triangle f = mesh.faces[i];
+    const Point a = mesh.positions[f[0]], b = mesh.positions[f[1]];
+    mesh.positions.push_back({0.55f * (a[0] + b[0]), 0.55f * (a[1] + b[1]), 0.55f * (a[2] + b[2])});
+    const auto top = static_cast<std::uint32_t>(mesh.positions.size() - 1);
+    mesh.faces.push_back({f[0], f[1], top});
+    mesh.faces.push_back({f[1], f[0], top});
+  }
+  return mesh;
+}
+
 /// A patch of which every second row of faces is a thousand times longer than wide.
 TriangleMesh slivers() {
   TriangleMesh mesh = grid_patch(24, 12);
@@ -249,6 +282,8 @@ std::vector<ZooMesh> mesh_zoo() {
       {"Components", many_components(), true},
       {"NonManifoldEdge", fin(), false},
       {"NonManifoldVertex", bow_tie(), true},
+      {"PinchedEdge", pinched_edge(), false},
+      {"Pillows", pillows(), false},
       {"TwoSided", two_sided(), false},
       {"Fan", fan(), true},
       {"Moebius", moebius(), true},
