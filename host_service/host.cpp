@@ -20,7 +20,6 @@
 namespace tactus::host_service {
 namespace {
 
-using session::Origin;
 using std::chrono::milliseconds;
 
 constexpr std::int64_t kMs = 1'000'000;

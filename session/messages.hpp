@@ -21,10 +21,10 @@ inline constexpr std::uint32_t kProtocolVersion = 1;
 // Bounds, also stated in idl/tactus.idl; a test compares the two.
 inline constexpr std::size_t kMaxName = 63;
 inline constexpr std::size_t kMaxText = 255;
-inline constexpr std::size_t kMaxSlots = 64;          ///< users in one HRTC
+inline constexpr std::size_t kMaxSlots = 64;  ///< users in one HRTC
 inline constexpr std::size_t kMaxHaveRuns = 1024;
 inline constexpr std::size_t kMaxWanted = 256;
-inline constexpr std::size_t kMaxPayload = 1200;      ///< a bulk sample fits one Ethernet frame
+inline constexpr std::size_t kMaxPayload = 1200;  ///< a bulk sample fits one Ethernet frame
 inline constexpr std::size_t kMaxFigures = 128;
 inline constexpr std::size_t kMaxWaypoints = 16;
 
@@ -52,9 +52,9 @@ struct RosterEntry {
   Origin origin;
   std::uint32_t protocol = kProtocolVersion;
   Role role = Role::kViewer;
-  std::string name;        ///< participant
+  std::string name;  ///< participant
   std::string session;
-  std::string controller;  ///< client only: the HRTC it asks to serve its users
+  std::string controller;          ///< client only: the HRTC it asks to serve its users
   std::vector<std::string> users;  ///< client only: users it brings
   std::vector<UserSlot> slots;     ///< HRTC only: users accepted
   std::uint64_t heartbeat = 0;     ///< grows by one each sample
@@ -67,23 +67,23 @@ struct Pose {
 };
 
 struct Material {
-  double stiffness = 1000;        ///< N/m
-  double damping = 1;             ///< N s/m, along the normal
-  double static_friction = 0;     ///< coefficient
-  double dynamic_friction = 0;    ///< coefficient, at most the static one
+  double stiffness = 1000;      ///< N/m
+  double damping = 1;           ///< N s/m, along the normal
+  double static_friction = 0;   ///< coefficient
+  double dynamic_friction = 0;  ///< coefficient, at most the static one
 };
 
 /// Topic catalogue, keys origin.participant (the host) and object_id: a model in the world.
 struct CatalogueEntry {
   Origin origin;
   std::string host;
-  std::string object;             ///< unique in the session; two hosts may serve the same object
-  std::uint64_t object_id = 0;    ///< id_of(object)
-  spm::ModelSummary summary;      ///< digest, counts, bounds, grid
-  double scale = 1;               ///< metres per file unit
-  Pose pose;                      ///< model frame (scaled) to world
+  std::string object;           ///< unique in the session; two hosts may serve the same object
+  std::uint64_t object_id = 0;  ///< id_of(object)
+  spm::ModelSummary summary;    ///< digest, counts, bounds, grid
+  double scale = 1;             ///< metres per file unit
+  Pose pose;                    ///< model frame (scaled) to world
   Material material;
-  std::uint32_t base_bytes = 0;   ///< size of the encoded base mesh
+  std::uint32_t base_bytes = 0;  ///< size of the encoded base mesh
   bool withdrawn = false;
 };
 
@@ -96,11 +96,11 @@ enum class BulkKind : std::uint8_t {
 };
 struct BulkChunk {
   Origin origin;
-  std::uint64_t hrtc = 0;         ///< id_of(receiver)
+  std::uint64_t hrtc = 0;  ///< id_of(receiver)
   std::uint64_t object_id = 0;
-  std::uint64_t digest = 0;       ///< of the model
-  std::uint32_t sequence = 0;     ///< of the stream, from 1
-  std::uint32_t epoch = 0;        ///< newest demand epoch that the host had seen of this HRTC and object
+  std::uint64_t digest = 0;    ///< of the model
+  std::uint32_t sequence = 0;  ///< of the stream, from 1
+  std::uint32_t epoch = 0;     ///< newest demand epoch that the host had seen of this HRTC and object
   BulkKind kind = BulkKind::kEcho;
   std::uint32_t region = 0;
   std::uint32_t part = 0, parts = 1;  ///< this chunk of the message, and how many there are
@@ -119,14 +119,14 @@ struct Demand {
   Origin origin;
   std::uint64_t object_id = 0;
   std::uint64_t digest = 0;
-  std::uint64_t serving_host = 0;     ///< participant that shall answer; others stay silent
-  std::uint32_t epoch = 0;            ///< grows with every change
+  std::uint64_t serving_host = 0;  ///< participant that shall answer; others stay silent
+  std::uint32_t epoch = 0;         ///< grows with every change
   bool need_base = false;
-  std::vector<spm::Run> have;         ///< regions held, as ascending runs of RegionIds
-  std::vector<Wanted> wanted;         ///< soonest first
+  std::vector<spm::Run> have;            ///< regions held, as ascending runs of RegionIds
+  std::vector<Wanted> wanted;            ///< soonest first
   std::uint64_t stream_incarnation = 0;  ///< of the host whose stream `received` counts
-  std::uint32_t received = 0;         ///< all chunks of that stream up to this sequence have been dealt with
-  std::uint32_t credit = 0;           ///< bytes the host may have under way to this HRTC
+  std::uint32_t received = 0;            ///< all chunks of that stream up to this sequence have been dealt with
+  std::uint32_t credit = 0;              ///< bytes the host may have under way to this HRTC
 };
 
 struct Waypoint {
@@ -146,15 +146,15 @@ struct Intent {
 // Status bits of probe states and device commands.
 enum StatusBit : std::uint32_t {
   kInContact = 1u << 0,
-  kExact = 1u << 1,            ///< every labelled cell that the query met was fully refined
+  kExact = 1u << 1,  ///< every labelled cell that the query met was fully refined
   kStalePose = 1u << 2,
   kForceSaturated = 1u << 3,
-  kForceRamped = 1u << 4,      ///< soft start, stale data or a surface that moved past the proxy
+  kForceRamped = 1u << 4,  ///< soft start, stale data or a surface that moved past the proxy
   kContactsTruncated = 1u << 5,
   kPoolFull = 1u << 6,
-  kBudgetSpent = 1u << 7,      ///< refinement goes on next cycle
-  kFault = 1u << 8,            ///< latched
-  kSurfaceMoved = 1u << 9      ///< refinement moved the surface past the proxy this cycle
+  kBudgetSpent = 1u << 7,  ///< refinement goes on next cycle
+  kFault = 1u << 8,        ///< latched
+  kSurfaceMoved = 1u << 9  ///< refinement moved the surface past the proxy this cycle
 };
 
 /// Topic probe_state, keys user_id and probe: written by HRTCs only, each cycle or as the rate allows.
@@ -164,16 +164,16 @@ struct ProbeState {
   std::uint32_t probe = 0;
   std::uint32_t sequence = 0;
   std::int64_t session_time_ns = 0;
-  std::uint32_t time_bound_us = 0;   ///< the session time is right to this
+  std::uint32_t time_bound_us = 0;  ///< the session time is right to this
   Pose device;
   std::array<double, 3> proxy{0, 0, 0};
   std::array<double, 3> velocity{0, 0, 0};
   std::array<double, 3> force{0, 0, 0};  ///< on the user's hand
   double radius = 0;
-  std::uint64_t object_id = 0;       ///< touched; 0 when none
-  std::uint32_t status = 0;          ///< StatusBit
-  float error_bound = 0;             ///< m; how far the shown surface may be from the true one; 0 when exact
-  std::uint32_t data_age_us = 0;     ///< age of the device pose used
+  std::uint64_t object_id = 0;    ///< touched; 0 when none
+  std::uint32_t status = 0;       ///< StatusBit
+  float error_bound = 0;          ///< m; how far the shown surface may be from the true one; 0 when exact
+  std::uint32_t data_age_us = 0;  ///< age of the device pose used
 };
 
 /// Topic device_pose, keys user_id and probe: a remote device to its HRTC.
@@ -216,16 +216,16 @@ struct ObjectPose {
   std::array<double, 3> velocity{0, 0, 0}, spin{0, 0, 0};
 };
 
-/// Topic clock, keys origin.participant and peer: four-stamp exchange. A request has answer_to 0; its answer repeats the
-/// request's sequence and stamps. Monotonic clocks of the two ends, never wall clocks.
+/// Topic clock, keys origin.participant and peer: four-stamp exchange. An answer repeats the request's sequence and t0.
+/// Never wall clocks: the asker's monotonic clock, and the answerer's session time, which is its own plus a constant.
 struct ClockSample {
   Origin origin;
   std::uint64_t peer = 0;  ///< participant it is for
   std::uint32_t sequence = 0;
   bool answer = false;
   std::int64_t t0_ns = 0;  ///< request sent, asker's clock
-  std::int64_t t1_ns = 0;  ///< request received, answerer's clock
-  std::int64_t t2_ns = 0;  ///< answer sent, answerer's clock
+  std::int64_t t1_ns = 0;  ///< request received, answerer's session time
+  std::int64_t t2_ns = 0;  ///< answer sent, answerer's session time
 };
 
 struct Figure {
