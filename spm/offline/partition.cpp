@@ -105,7 +105,8 @@ class Partitioner {
   static Place unmorton(std::uint64_t key) {
     Place at{};
     for (std::uint32_t bit = 0; bit < 21; ++bit) {
-      for (std::uint32_t axis = 0; axis < 3; ++axis) at[axis] |= (key >> (3 * bit + axis) & 1u) << bit;
+      for (std::uint32_t axis = 0; axis < 3; ++axis)
+        at[axis] |= static_cast<std::uint32_t>(key >> (3 * bit + axis) & 1u) << bit;
     }
     return at;
   }
