@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <fstream>
 #include <nlohmann/json.hpp>
 #include <ostream>
 #include <string>
@@ -14,6 +15,8 @@
 #include "spm/offline/model_file.hpp"
 #include "spm/offline/verify.hpp"
 #include "spm/offline/write_mesh.hpp"
+#include "tools/audit.hpp"
+#include "tools/audit_report.hpp"
 #include "tools/mesh_report.hpp"
 
 namespace tactus::tools {
@@ -52,6 +55,8 @@ class ProgressBar {
 /// Options of all commands; each command reads its own.
 struct Settings {
   std::string model, out, file, shape, unit = "m";
+  std::string log, spm, json_file;
+  AuditOptions audit;
   double size = 0, radius_mm = 3;
   std::uint32_t base_faces = SimplifyOptions{}.base_faces;
   std::uint32_t cell_faces = PartitionOptions{}.cell_faces;
@@ -151,6 +156,23 @@ int make(const Settings& settings, const ToolStreams& streams) {
   return kDone;
 }
 
+int audit_log(const Settings& settings, bool json, const ToolStreams& streams) {
+  std::ofstream file;
+  if (!settings.json_file.empty()) {  // before the work: an unwritable file should not cost a minute
+    file.open(settings.json_file);
+    if (!file) throw AuditError(settings.json_file + ": cannot be written");
+  }
+  const AuditReport report = audit_files(settings.log, settings.model, settings.spm, settings.audit);
+  if (json && settings.json_file.empty()) {
+    streams.out << audit_json(report).dump(2) << "\n";
+  } else {
+    streams.out << audit_text(report);
+  }
+  if (file.is_open() && !(file << audit_json(report).dump(2) << "\n" << std::flush))
+    throw AuditError(settings.json_file + ": cannot be written to its end");
+  return report.clean() ? kDone : kCheckFailed;
+}
+
 /// The command line and what each command does with it.
 class CommandLine {
  public:
@@ -162,11 +184,13 @@ class CommandLine {
         "  tactus-mesh build organ.ply organ.spm --size 0.1\n"
         "  tactus-mesh info organ.spm --json\n"
         "  tactus-mesh verify organ.spm organ.ply\n"
+        "  tactus-mesh audit hrtc-1.hlog organ.ply --spm organ.spm\n"
         "Exit status: 0 done, 1 a check failed, 2 bad input.");
     add_build();
     add_info();
     add_verify();
     add_generate();
+    add_audit();
   }
 
   CLI::App& app() { return app_; }
@@ -175,6 +199,7 @@ class CommandLine {
     if (build_->parsed()) return build(settings_, size_->count() > 0, streams);
     if (info_->parsed()) return info(settings_, streams);
     if (verify_->parsed()) return check(settings_, streams);
+    if (audit_->parsed()) return audit_log(settings_, audit_json_->count() > 0, streams);
     return make(settings_, streams);
   }
 
@@ -221,6 +246,20 @@ class CommandLine {
     add_density(generate_);
     add_report(generate_);
   }
+  void add_audit() {
+    audit_ = app_.add_subcommand("audit", "Check an HRTC's contact log against the original model");
+    audit_->footer(
+        "Example: tactus-mesh audit hrtc-1.hlog organ.ply --spm organ.spm --json audit.json\n"
+        "Audited is the object of the log that is MODEL: by digest (an .spm file, or --spm), else by name, else the\n"
+        "only one there is. No such object, or one never touched, is no failure.");
+    audit_->add_option("LOG", settings_.log, "What tactus-hrtc --log wrote")->required();
+    audit_->add_option("MODEL", settings_.model, "The original mesh, or an .spm file for its finest mesh")->required();
+    audit_->add_option("--spm", settings_.spm, "The .spm file of MODEL: adds the records that the paths needed");
+    audit_->add_option("--cycles", settings_.audit.cycles, "Audited cycles at most")->capture_default_str();
+    audit_json_ = audit_->add_option("--json", settings_.json_file, "Report as JSON, into FILE or instead of the text")
+                      ->type_name("[FILE]")
+                      ->expected(0, 1);
+  }
   void add_density(CLI::App* command) {
     command->add_option("--base-faces", settings_.base_faces, "Faces of the base mesh")
         ->check(CLI::Range(1u, spm::kMaxFaces - 1))
@@ -237,8 +276,8 @@ class CommandLine {
   }
 
   CLI::App app_{"Builds, describes, checks and generates models for Tactus", "tactus-mesh"};
-  CLI::App *build_ = nullptr, *info_ = nullptr, *verify_ = nullptr, *generate_ = nullptr;
-  CLI::Option* size_ = nullptr;
+  CLI::App *build_ = nullptr, *info_ = nullptr, *verify_ = nullptr, *generate_ = nullptr, *audit_ = nullptr;
+  CLI::Option *size_ = nullptr, *audit_json_ = nullptr;
   Settings settings_;
 };
 

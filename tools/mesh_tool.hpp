@@ -1,4 +1,4 @@
-/// `tactus-mesh`: builds models, tells what is in them, checks them, generates meshes.
+/// `tactus-mesh`: builds models, tells what is in them, checks them and logs of touching them, generates meshes.
 #pragma once
 
 #include <iosfwd>

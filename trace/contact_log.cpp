@@ -119,11 +119,17 @@ ContactLogReader::ContactLogReader(const std::filesystem::path& path)
 
 ContactLogReader::~ContactLogReader() { std::fclose(file_); }
 
-bool ContactLogReader::get(void* data, std::size_t size) { return std::fread(data, 1, size, file_) == size; }
+bool ContactLogReader::get(void* data, std::size_t size) {
+  torn_ = std::fread(data, 1, size, file_) != size;
+  return !torn_;
+}
 
 ContactLogReader::Entry ContactLogReader::next() {
   std::uint8_t tag = 0;
-  if (!get(&tag, 1)) return Entry::kEnd;
+  if (!get(&tag, 1)) {
+    torn_ = false;  // no entry had begun
+    return Entry::kEnd;
+  }
   if (tag == kObjectTag) {
     ObjectHead head;
     if (!get(&head, sizeof head)) return Entry::kEnd;

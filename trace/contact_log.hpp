@@ -97,6 +97,8 @@ class ContactLogReader {
   enum class Entry { kEnd, kObject, kQuery, kTotals };
   /// Reads the next entry into the one of the three members that the answer names.
   [[nodiscard]] Entry next();
+  /// After kEnd: the file ends within an entry.
+  [[nodiscard]] bool torn() const noexcept { return torn_; }
   LoggedObject object;
   LoggedQuery query;
   LoggedTotals totals;
@@ -105,6 +107,7 @@ class ContactLogReader {
   [[nodiscard]] bool get(void* data, std::size_t size);
   std::FILE* file_;
   std::string name_;
+  bool torn_ = false;
 };
 
 }  // namespace tactus::trace

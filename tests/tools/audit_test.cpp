@@ -1,0 +1,480 @@
+#include "tools/audit.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <sstream>
+
+#include "spm/offline/build.hpp"
+#include "spm/offline/generate.hpp"
+#include "spm/offline/model_file.hpp"
+#include "spm/offline/write_mesh.hpp"
+#include "spm/triangle.hpp"
+#include "tests/support/temporary_folder.hpp"
+#include "tools/mesh_tool.hpp"
+
+namespace tactus::tools {
+namespace {
+
+using spm::offline::BuiltModel;
+using spm::offline::TriangleMesh;
+using test_support::read_bytes;
+using test_support::write_bytes;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using ::testing::Not;
+using trace::LoggedContact;
+using trace::LoggedObject;
+using trace::LoggedQuery;
+using trace::LoggedTotals;
+
+constexpr double kScale = 2;                      // metres per unit
+constexpr double kTolerance = kTangent / kScale;  // in units
+constexpr double kRadius = 0.004;                 // units
+constexpr std::int64_t kMs = 1'000'000;
+
+Corners corners_of(const TriangleMesh& mesh, std::size_t face) {
+  Corners corners;
+  for (int i = 0; i < 9; ++i) corners[i] = mesh.positions[mesh.faces[face][i / 3]][i % 3];
+  return corners;
+}
+
+double distance(const Point& p, const Corners& t) {
+  const auto corner = [&](int i) { return spm::Vec3d{t[3 * i], t[3 * i + 1], t[3 * i + 2]}; };
+  return std::sqrt(spm::closest_point({p[0], p[1], p[2]}, corner(0), corner(1), corner(2)).squared_distance);
+}
+
+/// What an HRTC would log that is never wrong, by all pairs.
+LoggedQuery true_query(const TriangleMesh& mesh, const Point& centre, double radius = kRadius) {
+  LoggedQuery query;
+  query.centre = centre;
+  query.radius = radius;
+  query.exact = true;
+  query.since_change = 1000;
+  for (std::size_t face = 0; face < mesh.faces.size(); ++face) {
+    const Corners corners = corners_of(mesh, face);
+    const double found = distance(centre, corners);
+    if (found <= radius)
+      query.contacts.at(query.contact_count++) = {trace::triangle_key(corners), static_cast<float>(radius - found)};
+  }
+  return query;
+}
+
+struct Outcome {
+  int code;
+  std::string out, errors;
+};
+
+class Audit : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    mesh_ = new TriangleMesh{spm::offline::generate(spm::offline::Shape::kOrgan, 2000, 7)};
+    path_ = new std::vector<LoggedQuery>;
+    for (int i = 0; i < kPath; ++i) {  // through vertex after vertex, in and out of contact
+      const auto at = [](int stop) { return mesh_->positions[stop * 97 % mesh_->positions.size()]; };
+      const double along = i % 20 / 20.0;
+      Point centre;
+      for (int axis = 0; axis < 3; ++axis) centre[axis] = (1 - along) * at(i / 20)[axis] + along * at(i / 20 + 1)[axis];
+      path_->push_back(true_query(*mesh_, centre));
+      path_->back().time_ns = i * kMs;
+      path_->back().since_change = static_cast<std::uint32_t>(i % 50);
+    }
+  }
+  static void TearDownTestSuite() {
+    delete path_;
+    delete mesh_;
+  }
+  void SetUp() override { write_mesh(path("organ.ply"), *mesh_); }
+
+  std::string path(const std::string& name) const { return (folder_.path() / name).string(); }
+
+  void write_log(const std::vector<LoggedQuery>& queries, const std::string& name = "a.hlog",
+                 const std::vector<LoggedObject>& objects = {{0, 77, kScale, "organ"}},
+                 const std::vector<LoggedTotals>& totals = {{0, 500, 100, 5, 1}}) const {
+    trace::ContactLogWriter writer{path(name)};
+    for (const LoggedObject& object : objects) writer.write(object);
+    for (const LoggedQuery& query : queries) writer.write(query);
+    for (const LoggedTotals& total : totals) writer.write(total);
+  }
+
+  ObjectAudit audited(const std::vector<LoggedQuery>& queries, std::uint32_t cycles = 10000) const {
+    write_log(queries);
+    const AuditReport report = audit_files(path("a.hlog"), path("organ.ply"), {}, {cycles});
+    return report.objects.at(0);
+  }
+
+  Outcome run(std::vector<std::string> words) const {
+    words.insert(words.begin(), {"tactus-mesh", "audit"});
+    std::vector<const char*> argv;
+    for (const std::string& word : words) argv.push_back(word.c_str());
+    std::ostringstream out, errors;
+    const int code = run_mesh_tool(static_cast<int>(argv.size()), argv.data(), {out, errors, false});
+    return {code, out.str(), errors.str()};
+  }
+
+  /// The first entry with a contact deeper than 1e-4, and which contact that is.
+  static std::pair<std::size_t, std::uint32_t> deep_contact() {
+    for (std::size_t i = 0; i < path_->size(); ++i)
+      for (std::uint32_t c = 0; c < (*path_)[i].contact_count; ++c)
+        if ((*path_)[i].contacts[c].depth > 1e-4f) return {i, c};
+    throw std::logic_error{"the path touches nothing"};
+  }
+
+  static constexpr int kPath = 600;
+  static TriangleMesh* mesh_;
+  static std::vector<LoggedQuery>* path_;
+  test_support::TemporaryFolder folder_;
+};
+TriangleMesh* Audit::mesh_ = nullptr;
+std::vector<LoggedQuery>* Audit::path_ = nullptr;
+
+TEST_F(Audit, PassesALogThatIsTrue) {
+  std::uint64_t contact = 0, triangles = 0;
+  for (const LoggedQuery& query : *path_) {
+    contact += query.contact_count > 0 ? 1 : 0;
+    triangles += query.contact_count;
+  }
+  ASSERT_GT(contact, 100u);
+  ASSERT_LT(contact, static_cast<std::uint64_t>(kPath));
+
+  const ObjectAudit object = audited(*path_);
+  EXPECT_EQ(object.mismatched, 0u);
+  EXPECT_EQ(object.entries, static_cast<std::uint64_t>(kPath));
+  EXPECT_EQ(object.contact, contact);
+  EXPECT_EQ(object.exact_contact, contact);
+  EXPECT_EQ(object.audited, contact);
+  EXPECT_GE(object.triangles, triangles);
+  const Outcome outcome = run({path("a.hlog"), path("organ.ply")});
+  EXPECT_EQ(outcome.code, kDone);
+  EXPECT_THAT(outcome.out, AllOf(HasSubstr("mismatches                       0"), Not(HasSubstr("killed"))));
+}
+
+TEST_F(Audit, CatchesOneMissingContact) {
+  const auto [entry, contact] = deep_contact();
+  std::vector<LoggedQuery> queries = *path_;
+  LoggedQuery& wrong = queries[entry];
+  const std::uint64_t key = wrong.contacts[contact].triangle;
+  wrong.contacts[contact] = wrong.contacts[--wrong.contact_count];
+
+  const ObjectAudit object = audited(queries);
+  ASSERT_EQ(object.mismatched, 1u);
+  EXPECT_EQ(object.mismatches[0].time_ns, wrong.time_ns);
+  EXPECT_EQ(object.mismatches[0].missing, std::vector<std::uint64_t>{key});
+  EXPECT_TRUE(object.mismatches[0].extra.empty());
+  const Outcome outcome = run({path("a.hlog"), path("organ.ply")});
+  EXPECT_EQ(outcome.code, kCheckFailed);
+  EXPECT_THAT(outcome.out, HasSubstr(", missing "));
+}
+
+TEST_F(Audit, CatchesOneExtraContact) {
+  std::vector<LoggedQuery> queries = *path_;
+  LoggedQuery& wrong = queries[deep_contact().first];
+  const auto not_touched = [&](std::size_t face) {
+    return distance(wrong.centre, corners_of(*mesh_, face)) > 2 * kRadius;
+  };
+  std::size_t face = 0;
+  while (!not_touched(face)) ++face;
+  const std::uint64_t key = trace::triangle_key(corners_of(*mesh_, face));
+  wrong.contacts[wrong.contact_count++] = {key, 0.001f};
+
+  const ObjectAudit object = audited(queries);
+  ASSERT_EQ(object.mismatched, 1u);
+  EXPECT_EQ(object.mismatches[0].extra, std::vector<std::uint64_t>{key});
+  EXPECT_TRUE(object.mismatches[0].missing.empty());
+  EXPECT_EQ(run({path("a.hlog"), path("organ.ply")}).code, kCheckFailed);
+}
+
+TEST_F(Audit, CatchesATriangleLoggedTwiceTurnedOverOrWhereNothingIs) {
+  std::vector<LoggedQuery> queries = *path_;
+  const auto [entry, contact] = deep_contact();
+  LoggedQuery& twice = queries[entry];
+  twice.contacts[twice.contact_count++] = twice.contacts[contact];
+  EXPECT_EQ(audited(queries).mismatched, 1u);
+
+  queries = *path_;
+  for (std::size_t face = 0; face < mesh_->faces.size(); ++face) {
+    Corners corners = corners_of(*mesh_, face);
+    if (trace::triangle_key(corners) != queries[entry].contacts[contact].triangle) continue;
+    std::swap_ranges(corners.begin(), corners.begin() + 3, corners.begin() + 3);
+    queries[entry].contacts[contact].triangle = trace::triangle_key(corners);
+    break;
+  }
+  EXPECT_EQ(audited(queries).mismatched, 1u);
+
+  queries = *path_;
+  std::size_t free = 0;
+  while (queries[free].contact_count > 0) ++free;
+  queries[free].contacts[queries[free].contact_count++] = queries[entry].contacts[contact];
+  EXPECT_EQ(audited(queries).mismatched, 1u);
+}
+
+TEST_F(Audit, CatchesADepthThatIsOffByMoreThanTheTolerance) {
+  const auto [entry, contact] = deep_contact();
+  const auto mismatched_by = [&, e = entry, c = contact](double metres) {
+    std::vector<LoggedQuery> queries = *path_;
+    queries[e].contacts[c].depth = static_cast<float>(queries[e].contacts[c].depth + metres / kScale);
+    return audited(queries).mismatched;
+  };
+  EXPECT_EQ(mismatched_by(0.9e-6), 0u);
+  EXPECT_EQ(mismatched_by(-0.9e-6), 0u);
+  EXPECT_EQ(mismatched_by(1.1e-6), 1u);
+  EXPECT_EQ(mismatched_by(-1.1e-6), 1u);
+  EXPECT_EQ(mismatched_by(std::numeric_limits<double>::quiet_NaN()), 1u);
+  const Outcome outcome = run({path("a.hlog"), path("organ.ply")});
+  EXPECT_EQ(outcome.code, kCheckFailed);
+  EXPECT_THAT(outcome.out, HasSubstr("1 wrong depths"));
+}
+
+TEST_F(Audit, LeavesOutWhatIsNotExactOrNotComplete) {
+  const auto [entry, contact] = deep_contact();
+  std::vector<LoggedQuery> queries = *path_;
+  queries[entry].contact_count = 0;
+  queries[entry].exact = false;
+  const ObjectAudit coarse = audited(queries);
+  EXPECT_EQ(coarse.mismatched, 0u);
+  EXPECT_EQ(coarse.exact_contact, coarse.contact - 1);
+
+  queries[entry].exact = true;
+  queries[entry].truncated = true;
+  const ObjectAudit cut = audited(queries);
+  EXPECT_EQ(cut.mismatched, 0u);
+  EXPECT_EQ(cut.truncated, 1u);
+  EXPECT_EQ(cut.audited, cut.contact - 1);
+}
+
+TEST_F(Audit, ExceptsTangentTrianglesAndCountsThem) {
+  const TriangleMesh one{{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, {{0, 1, 2}}};
+  write_mesh(path("one.ply"), one);
+  const std::uint64_t key = trace::triangle_key(corners_of(one, 0));
+  // Tolerances from tangency, and whether the log has the triangle: what the audit makes of it.
+  const auto result = [&](double tolerances, bool logged) {
+    LoggedQuery query = true_query(one, {0.25, 0.25, 0.5}, 0.5 - tolerances * kTolerance);
+    query.contact_count = logged ? 1 : 0;
+    if (logged) query.contacts[0] = {key, static_cast<float>(-tolerances * kTolerance)};
+    write_log({query}, "t.hlog", {{0, 0, kScale, "one"}});
+    return audit_files(path("t.hlog"), path("one.ply"), {}, {}).objects.at(0);
+  };
+  for (const double tolerances : {0.5, -0.5}) {
+    EXPECT_EQ(result(tolerances, true).mismatched, 0u);
+    EXPECT_EQ(result(tolerances, true).tangent, 1u);
+    EXPECT_EQ(result(tolerances, false).mismatched, 0u);
+  }
+  EXPECT_EQ(result(1.5, true).mismatched, 1u);
+  EXPECT_EQ(result(-1.5, false).mismatched, 1u);
+  EXPECT_EQ(result(-1.5, true).mismatched, 0u);
+  EXPECT_EQ(result(-1.5, true).tangent, 0u);
+}
+
+TEST_F(Audit, ChoosesEvenlyWithTwoFifthsNearAChange) {
+  std::vector<bool> near_change(1000);
+  for (std::size_t i = 0; i < 1000; ++i) near_change[i] = i >= 500;
+  const std::vector<std::size_t> chosen = choose_entries(near_change, 100);
+  ASSERT_EQ(chosen.size(), 100u);
+  const auto count = [&](std::size_t low, std::size_t high) {
+    return std::count_if(chosen.begin(), chosen.end(), [&](std::size_t i) { return i >= low && i < high; });
+  };
+  EXPECT_EQ(count(0, 250), 30);
+  EXPECT_EQ(count(250, 500), 30);
+  EXPECT_EQ(count(500, 750), 20);
+  EXPECT_EQ(count(750, 1000), 20);
+  EXPECT_TRUE(std::adjacent_find(chosen.begin(), chosen.end(), std::greater_equal<>{}) == chosen.end());
+}
+
+TEST_F(Audit, ChoosesAsManyAsThereAreWhenOneKindIsShort) {
+  const auto chosen = [](std::size_t close, std::size_t others, std::size_t most) {
+    std::vector<bool> near_change(close, true);
+    near_change.resize(close + others, false);
+    const std::vector<std::size_t> indices = choose_entries(near_change, most);
+    const auto near = std::count_if(indices.begin(), indices.end(), [&](std::size_t i) { return i < close; });
+    return std::pair{static_cast<std::size_t>(near), indices.size()};
+  };
+  EXPECT_EQ(chosen(10, 500, 100), (std::pair<std::size_t, std::size_t>{10, 100}));
+  EXPECT_EQ(chosen(500, 10, 100), (std::pair<std::size_t, std::size_t>{90, 100}));
+  EXPECT_EQ(chosen(30, 20, 100), (std::pair<std::size_t, std::size_t>{30, 50}));
+  EXPECT_EQ(chosen(0, 0, 100), (std::pair<std::size_t, std::size_t>{0, 0}));
+  EXPECT_EQ(chosen(30, 20, 0), (std::pair<std::size_t, std::size_t>{0, 0}));
+}
+
+TEST_F(Audit, AuditsAsManyCyclesAsAskedFor) {
+  const ObjectAudit object = audited(*path_, 50);
+  EXPECT_EQ(object.audited, 50u);
+  EXPECT_EQ(object.audited_near_change, 20u);
+}
+
+TEST_F(Audit, TimesEachProbeFromTrueTouchToExactContact) {
+  const LoggedQuery touching = (*path_)[deep_contact().first];
+  LoggedQuery away = touching;
+  away.centre = {1, 1, 1};
+  away.contact_count = 0;
+  std::vector<LoggedQuery> queries;
+  const auto add = [&](const LoggedQuery& like, std::int64_t ms, std::uint32_t probe, bool exact) {
+    queries.push_back(like);
+    queries.back().time_ns = ms * kMs;
+    queries.back().probe = probe;
+    queries.back().exact = exact;
+  };
+  add(away, 1, 0, true);
+  add(touching, 5, 0, false);
+  queries.back().contact_count = 0;  // nothing shown there yet: still a true touch
+  add(touching, 6, 2, false);
+  add(away, 10, 0, true);
+  add(touching, 17, 0, true);
+  add(touching, 18, 0, true);
+
+  const ObjectAudit object = audited(queries);
+  ASSERT_EQ(object.touches.size(), 2u);
+  EXPECT_EQ(object.touches[0].probe, 0u);
+  EXPECT_EQ(object.touches[0].touch_ns, 5 * kMs);
+  EXPECT_EQ(object.touches[0].exact_ns, 17 * kMs);
+  EXPECT_EQ(object.touches[1].probe, 2u);
+  EXPECT_EQ(object.touches[1].exact_ns, std::nullopt);
+  EXPECT_THAT(run({path("a.hlog"), path("organ.ply")}).out,
+              AllOf(HasSubstr("exact 12.0 ms after"), HasSubstr("never exact")));
+}
+
+TEST_F(Audit, ReadsATornLogToWhereItEndsAndSaysSo) {
+  write_log(*path_, "whole.hlog", {{0, 77, kScale, "organ"}}, {});
+  const std::string bytes = read_bytes(path("whole.hlog"));
+  write_bytes(path("torn.hlog"), bytes.substr(0, bytes.size() - 20));
+  const AuditReport torn = audit_files(path("torn.hlog"), path("organ.ply"), {}, {});
+  EXPECT_TRUE(torn.torn);
+  EXPECT_EQ(torn.objects.at(0).entries, static_cast<std::uint64_t>(kPath - 1));
+  EXPECT_EQ(torn.objects.at(0).mismatched, 0u);
+  EXPECT_THAT(run({path("torn.hlog"), path("organ.ply")}).out, HasSubstr("ends within an entry"));
+
+  const AuditReport whole = audit_files(path("whole.hlog"), path("organ.ply"), {}, {});
+  EXPECT_FALSE(whole.torn);
+  EXPECT_TRUE(whole.unfinished);
+  EXPECT_THAT(run({path("whole.hlog"), path("organ.ply")}).out, HasSubstr("without totals"));
+}
+
+TEST_F(Audit, CountsTheRecordsThatThePathsNeeded) {
+  const BuiltModel built = spm::offline::build_model(*mesh_);
+  spm::offline::write_model(path("organ.spm"), built.model(), {"organ.ply", built.cleaned});
+  std::vector<LoggedQuery> queries(path_->begin(), path_->begin() + 60);
+  queries[0].exact = false;  // a true path is a path, exact or not
+  write_log(queries, "a.hlog", {{0, built.summary.digest, kScale, "organ"}});
+
+  std::set<std::uint32_t> needed;
+  for (const LoggedQuery& query : queries) {
+    if (query.contact_count == 0) continue;
+    for (const spm::Region& region : built.regions) {
+      double squared = 0;
+      const double edge = built.summary.grid.cell_size / (1 << region.depth);
+      for (int axis = 0; axis < 3; ++axis) {
+        const double low = built.summary.grid.origin[axis] + region.cell[axis] * edge;
+        squared += std::pow(std::max({low - query.centre[axis], query.centre[axis] - low - edge, 0.0}), 2);
+      }
+      if (squared > query.radius * query.radius) continue;
+      for (std::uint32_t run = region.first_run; run < region.first_run + region.run_count; ++run)
+        for (std::uint32_t i = 0; i < built.runs[run].count; ++i) needed.insert(built.runs[run].first + i);
+    }
+  }
+  ASSERT_GT(needed.size(), 10u);
+  ASSERT_LT(needed.size(), built.summary.records);
+
+  const auto json = nlohmann::json::parse(
+      run({path("a.hlog"), path("organ.ply"), "--spm", path("organ.spm"), "--json"}).out)["objects"][0]["records"];
+  EXPECT_EQ(json["needed"], needed.size());
+  EXPECT_EQ(json["received"], 500);
+  EXPECT_EQ(json["returned"], 100);
+  EXPECT_DOUBLE_EQ(json["received_per_needed"], 500.0 / static_cast<double>(needed.size()));
+  EXPECT_DOUBLE_EQ(json["first_received_per_needed"], 400.0 / static_cast<double>(needed.size()));
+  EXPECT_DOUBLE_EQ(json["received_of_model"], 500.0 / built.summary.records);
+}
+
+TEST_F(Audit, MatchesObjectsByDigestThenNameThenBeingTheOnlyOne) {
+  const BuiltModel built = spm::offline::build_model(*mesh_);
+  spm::offline::write_model(path("renamed.spm"), built.model(), {"organ.ply", built.cleaned});
+  std::vector<LoggedQuery> queries = *path_;
+  for (LoggedQuery& query : queries) query.object = 1;
+  const LoggedObject other{0, 5, 1, "organ"}, touched{1, built.summary.digest, kScale, "heart"};
+  write_log(queries, "both.hlog", {other, touched});
+  const auto objects = [&](const std::string& log, const std::string& model, const std::string& spm) {
+    return audit_files(path(log), path(model), spm.empty() ? spm : path(spm), {}).objects;
+  };
+  const auto by_digest = objects("both.hlog", "renamed.spm", "");
+  ASSERT_EQ(by_digest.size(), 1u);
+  EXPECT_EQ(by_digest[0].name, "heart");
+  EXPECT_GT(by_digest[0].audited, 100u);
+  EXPECT_EQ(by_digest[0].mismatched, 0u);
+  EXPECT_EQ(objects("both.hlog", "organ.ply", "renamed.spm").at(0).name, "heart");
+  EXPECT_EQ(objects("both.hlog", "organ.ply", "").at(0).name, "organ");
+
+  const Outcome untouched = run({path("both.hlog"), path("organ.ply")});
+  EXPECT_EQ(untouched.code, kDone);
+  EXPECT_THAT(untouched.out, AllOf(HasSubstr("object 'organ'"), HasSubstr("not touched")));
+
+  write_mesh(path("spleen.ply"), *mesh_);
+  write_log(queries, "one.hlog", {touched});
+  EXPECT_EQ(objects("one.hlog", "spleen.ply", "").at(0).name, "heart");
+  const Outcome absent = run({path("both.hlog"), path("spleen.ply")});
+  EXPECT_EQ(absent.code, kDone);
+  EXPECT_THAT(absent.out, AllOf(HasSubstr("0 cycles audited"), HasSubstr("'organ' 'heart'")));
+}
+
+TEST_F(Audit, WritesJsonIntoAFileBesideTheText) {
+  write_log(*path_);
+  const Outcome outcome = run({path("a.hlog"), path("organ.ply"), "--cycles", "30", "--json", path("a.json")});
+  EXPECT_EQ(outcome.code, kDone);
+  EXPECT_THAT(outcome.out, HasSubstr("cycles audited"));
+  const auto json = nlohmann::json::parse(read_bytes(path("a.json")));
+  EXPECT_TRUE(json["clean"]);
+  EXPECT_EQ(json["objects"][0]["audited"], 30);
+}
+
+TEST_F(Audit, RefusesWrongInputWithAMessageThatNamesIt) {
+  write_log(*path_);
+  const std::string good = read_bytes(path("a.hlog"));
+  std::string later = good;
+  later[8] = 9;
+  write_bytes(path("later.hlog"), later);
+  write_bytes(path("empty.hlog"), "");
+  std::string tag = good;
+  tag[12] = 77;
+  write_bytes(path("tag.hlog"), tag);
+  write_bytes(path("points.obj"), "v 0 0 0\nv 1 1 1\n");
+  write_bytes(path("flat.obj"), "v 0 0 0\nv 1 1 1\nv 2 2 2\nf 1 2 3\n");
+  write_bytes(path("bad.spm"), "tactSPM\nnot really");
+  LoggedQuery query = path_->front();
+  query.radius = std::numeric_limits<double>::quiet_NaN();
+  write_log({query}, "radius.hlog");
+  query = path_->front();
+  query.centre[1] = std::numeric_limits<double>::infinity();
+  write_log({query}, "centre.hlog");
+  write_log({}, "scale.hlog", {{0, 0, 0, "organ"}});
+
+  const std::string log = path("a.hlog"), organ = path("organ.ply");
+  const std::vector<std::pair<std::vector<std::string>, std::string>> cases{
+      {{log}, "MODEL"},
+      {{path("missing.hlog"), organ}, "missing.hlog: No such file"},
+      {{organ, organ}, "organ.ply: not a contact log"},
+      {{path("empty.hlog"), organ}, "empty.hlog: not a contact log"},
+      {{path("later.hlog"), organ}, "contact log of version 9, expected 1"},
+      {{path("tag.hlog"), organ}, "unknown entry 77"},
+      {{path("radius.hlog"), organ}, "radius.hlog: entry 0 has a ball of radius"},
+      {{path("centre.hlog"), organ}, "centre that is not finite"},
+      {{path("scale.hlog"), organ}, "scale.hlog: object 'organ' has the scale 0"},
+      {{log, path("missing.ply")}, "missing.ply"},
+      {{log, path("points.obj")}, "points.obj"},
+      {{log, path("flat.obj")}, "flat.obj"},
+      {{log, path("bad.spm")}, "bad.spm"},
+      {{log, organ, "--spm", path("missing.spm")}, "missing.spm"},
+      {{log, organ, "--spm", organ}, "organ.ply: not an .spm file"},
+      {{log, organ, "--cycles", "many"}, "many"},
+      {{log, organ, "--json", path("no/a.json")}, "no/a.json: cannot be written"},
+  };
+  for (const auto& [words, message] : cases) {
+    const Outcome outcome = run(words);
+    EXPECT_EQ(outcome.code, kBadInput) << message;
+    EXPECT_THAT(outcome.errors, HasSubstr(message));
+    EXPECT_EQ(outcome.out, "") << message;
+  }
+}
+
+}  // namespace
+}  // namespace tactus::tools

@@ -1,0 +1,14 @@
+/// What an audit found, for people and for machines.
+#pragma once
+
+#include <nlohmann/json_fwd.hpp>
+#include <string>
+
+#include "tools/audit.hpp"
+
+namespace tactus::tools {
+
+[[nodiscard]] nlohmann::ordered_json audit_json(const AuditReport& report);
+[[nodiscard]] std::string audit_text(const AuditReport& report);
+
+}  // namespace tactus::tools

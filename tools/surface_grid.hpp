@@ -1,0 +1,54 @@
+/// The original surface as an audit sees it: all its triangles, exact distances, and a grid that finds them.
+///
+/// Shares no geometry with the run time on purpose, so that the two cannot be wrong together. Model frame, file units.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <unordered_map>
+#include <vector>
+
+namespace tactus::tools {
+
+using Point = std::array<double, 3>;
+/// Three corners, x y z each, as the file has them.
+using Corners = std::array<float, 9>;
+
+/// Of a point from a triangle, which may be degenerate: the nearest of the foot of the perpendicular, where that lies
+/// inside, and the three edges. The foot solves the normal equations of its barycentric coordinates. Extended
+/// precision inside, so a needle costs no accuracy.
+[[nodiscard]] double distance_to_triangle(const Point& point, const Corners& triangle) noexcept;
+
+/// Finds the triangles near a point. Each triangle is in one cell of the level whose cells are at least as wide as it.
+class SurfaceGrid {
+ public:
+  struct Near {
+    std::uint32_t triangle;
+    double distance;
+  };
+
+  /// Borrows `triangles`, which must be finite. Fast for distances up to about `reach` > 0. O(n log n).
+  SurfaceGrid(const std::vector<Corners>& triangles, double reach);
+
+  /// All triangles no further than `distance` from `point`, by ascending number.
+  void within(const Point& point, double distance, std::vector<Near>& out) const;
+
+ private:
+  struct Level {
+    double cell;  ///< width
+    std::array<std::uint32_t, 3> last{};
+    std::unordered_map<std::uint64_t, std::uint32_t> first;  ///< of each cell's triangles in `order_`
+  };
+  struct Box {
+    Point low, high;
+  };
+  [[nodiscard]] static Box box_of(const Corners& triangle) noexcept;
+
+  const std::vector<Corners>& triangles_;
+  Point low_{};
+  std::vector<Level> levels_;
+  std::vector<std::uint32_t> order_;  ///< triangles, by level and cell
+  std::vector<std::uint64_t> keys_;   ///< of the cell of each entry in `order_`
+};
+
+}  // namespace tactus::tools
