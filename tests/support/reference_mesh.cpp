@@ -23,7 +23,7 @@ Eigen::Vector3d normal(spm::Span<const std::array<float, 3>> positions, const st
 }  // namespace
 
 ReferenceMesh::ReferenceMesh(const spm::Model& model)
-    : model_{&model},
+    : model_{model},
       active_(model.summary.vertices, false),
       shown_(model.summary.faces, false),
       finest_(model.summary.faces, false),
@@ -61,7 +61,7 @@ ReferenceMesh::ReferenceMesh(const spm::Model& model)
 }
 
 bool ReferenceMesh::apply(std::uint32_t record) {
-  const std::uint32_t u = model_->summary.base_vertices + record;
+  const std::uint32_t u = model_.summary.base_vertices + record;
   if (active_[u]) return false;
   for (const Write& write : writes_[record]) {
     if (corners_[write.face] != write.before || shown_[write.face] != (write.before != kNoCorners)) return false;
@@ -79,7 +79,7 @@ bool ReferenceMesh::apply(std::uint32_t record) {
 }
 
 bool ReferenceMesh::apply_region(std::uint32_t region) {
-  for (const spm::Run& run : model_->runs_of(spm::RegionId{region})) {
+  for (const spm::Run& run : model_.runs_of(spm::RegionId{region})) {
     for (std::uint32_t r = run.first; r < run.first + run.count; ++r) {
       if (!applied(r) && !apply(r)) return false;
     }
@@ -107,7 +107,7 @@ std::vector<std::string> ReferenceMesh::defects(const std::vector<std::array<std
     std::sort(finest_set.begin(), finest_set.end());
     const bool twin = !seen_finest.insert(finest_set).second;
     if (!seen.insert(set).second && !twin) found.push_back(name + ": is there twice");
-    if (normal(model_->positions, c).dot(normal(model_->positions, finest[f])) <= 0) {
+    if (normal(model_.positions, c).dot(normal(model_.positions, finest[f])) <= 0) {
       found.push_back(name + ": is turned over");
     }
   }

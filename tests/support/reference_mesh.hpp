@@ -13,13 +13,13 @@ namespace tactus::test_support {
 
 class ReferenceMesh {
  public:
-  /// Starts as the base mesh. Borrows the model.
+  /// Starts as the base mesh. Borrows what the model borrows.
   explicit ReferenceMesh(const spm::Model& model);
 
   /// Splits; false, with nothing changed, when a vertex or face version that the record needs is not there. Which
   /// versions these are is what it meets when all records are applied in ascending order.
   [[nodiscard]] bool apply(std::uint32_t record);
-  [[nodiscard]] bool applied(std::uint32_t record) const { return active_[model_->summary.base_vertices + record]; }
+  [[nodiscard]] bool applied(std::uint32_t record) const { return active_[model_.summary.base_vertices + record]; }
   /// Splits all records of a region that are not applied yet, in ascending order.
   [[nodiscard]] bool apply_region(std::uint32_t region);
 
@@ -44,7 +44,7 @@ class ReferenceMesh {
     bool last;
   };
 
-  const spm::Model* model_;
+  spm::Model model_;
   std::vector<std::vector<Write>> writes_;  // by record
   std::vector<bool> active_, shown_, finest_;
   std::vector<std::array<std::uint32_t, 3>> corners_;
