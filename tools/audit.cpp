@@ -74,8 +74,7 @@ class ObjectAuditor {
   void survey() {
     std::map<std::uint32_t, FirstTouch> touches;
     for (const Entry* entry : entries_) {
-      grid_.within(entry->centre, entry->radius, near_);
-      const bool touching = !near_.empty();
+      const bool touching = grid_.touches(entry->centre, entry->radius);
       if (touching) {
         touched_.push_back(entry);
         FirstTouch& touch =

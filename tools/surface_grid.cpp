@@ -120,8 +120,8 @@ SurfaceGrid::SurfaceGrid(const std::vector<Corners>& triangles, double reach) : 
   }
 }
 
-void SurfaceGrid::within(const Point& point, double distance, std::vector<Near>& out) const {
-  out.clear();
+template <class Visit>
+void SurfaceGrid::search(const Point& point, double distance, Visit&& visit) const {
   for (std::size_t number = 0; number < levels_.size(); ++number) {
     const Level& level = levels_[number];
     if (level.first.empty()) continue;
@@ -153,11 +153,25 @@ void SurfaceGrid::within(const Point& point, double distance, std::vector<Near>&
               far = far || box.low[axis] - point[axis] > distance || point[axis] - box.high[axis] > distance;
             if (far) continue;
             const double found = distance_to_triangle(point, triangle);
-            if (found <= distance) out.push_back({order_[i], found});
+            if (found <= distance && visit(order_[i], found)) return;
           }
         }
   }
+}
+
+void SurfaceGrid::within(const Point& point, double distance, std::vector<Near>& out) const {
+  out.clear();
+  search(point, distance, [&](std::uint32_t triangle, double found) {
+    out.push_back({triangle, found});
+    return false;
+  });
   std::sort(out.begin(), out.end(), [](const Near& a, const Near& b) { return a.triangle < b.triangle; });
+}
+
+bool SurfaceGrid::touches(const Point& point, double distance) const {
+  bool any = false;
+  search(point, distance, [&](std::uint32_t, double) { return any = true; });
+  return any;
 }
 
 }  // namespace tactus::tools

@@ -32,6 +32,8 @@ class SurfaceGrid {
 
   /// All triangles no further than `distance` from `point`, by ascending number.
   void within(const Point& point, double distance, std::vector<Near>& out) const;
+  /// Whether there is any such triangle; stops at the first.
+  [[nodiscard]] bool touches(const Point& point, double distance) const;
 
  private:
   struct Level {
@@ -43,6 +45,9 @@ class SurfaceGrid {
     Point low, high;
   };
   [[nodiscard]] static Box box_of(const Corners& triangle) noexcept;
+  /// Calls `visit(triangle, distance)` for each triangle within `distance` until it returns true.
+  template <class Visit>
+  void search(const Point& point, double distance, Visit&& visit) const;
 
   const std::vector<Corners>& triangles_;
   Point low_{};

@@ -112,6 +112,7 @@ TEST(SurfaceGrid, FindsWhatAllPairsFindAmongTrianglesOfAllSizes) {
       ASSERT_EQ(near.distance, distance_to_triangle(p, triangles[near.triangle]));
     }
     ASSERT_EQ(numbers, expected) << "seed " << kSeed << " point " << i;
+    ASSERT_EQ(grid.touches(p, distance), !expected.empty()) << "seed " << kSeed << " point " << i;
     total += expected.size();
   }
   EXPECT_GT(total, 1000u);
