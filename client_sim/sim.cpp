@@ -1,29 +1,25 @@
 #include "client_sim/sim.hpp"
 
 #include <chrono>
-#include <condition_variable>
 #include <map>
-#include <mutex>
-#include <thread>
 #include <variant>
 #include <vector>
 
 #include "session/clock.hpp"
 #include "wire/ends.hpp"
+#include "wire/inbox.hpp"
 
 namespace tactus::client_sim {
 namespace {
 
-using Arrived = std::variant<session::RosterEntry, session::CatalogueEntry, session::ProbeState, session::Metrics,
-                             session::Control, session::ClockSample>;
+using wire::monotonic_ns;
+
+using Sample = std::variant<session::RosterEntry, session::CatalogueEntry, session::ProbeState, session::Metrics,
+                            session::Control, session::ClockSample>;
+using Inbox = wire::Inbox<Sample>;
 
 constexpr std::int64_t kClockNs = 100'000'000;
 constexpr auto kTick = std::chrono::milliseconds{2};
-
-std::int64_t monotonic_ns() noexcept {
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch())
-      .count();
-}
 
 /// One participant that the core plays.
 struct Presence {
@@ -71,13 +67,10 @@ struct Sim::Impl {
     return made;
   }
 
-  template <class Sample>
-  void listen(const wire::TopicSpec<Sample>& topic) {
-    readers.push_back(std::make_shared<wire::Reader<Sample>>(main.links, topic, [this](Sample&& sample) {
-      const std::lock_guard lock{mutex};
-      arrived.emplace_back(monotonic_ns(), std::move(sample));
-      wake.notify_one();
-    }));
+  template <class Typed>
+  void listen(const wire::TopicSpec<Typed>& topic) {
+    readers.push_back(std::make_shared<wire::Reader<Typed>>(main.links, topic,
+                                                            [this](Typed&& sample) { inbox.put(std::move(sample)); }));
   }
 
   void take(const session::RosterEntry& entry, std::int64_t now_ns) {
@@ -129,16 +122,11 @@ struct Sim::Impl {
     }
   }
 
-  /// By convention the session's time is that of the host or HRTC with the smallest id.
   void keep_time(std::int64_t now_ns) {
-    const session::RosterEntry* reference = nullptr;
-    const std::vector<session::RosterEntry> entries = roster.entries();
-    for (const session::RosterEntry& entry : entries) {
-      if (entry.role != session::Role::kHost && entry.role != session::Role::kHrtc) continue;
-      if (reference == nullptr || entry.origin.participant < reference->origin.participant) reference = &entry;
-    }
-    if (reference == nullptr) return;
-    clock.set_reference(reference->origin.participant, reference->origin.incarnation, now_ns);
+    const session::TimeReference reference =
+        session::time_reference(roster, main.links.origin(), session::Role::kClient, now_ns - started_ns);
+    if (reference.participant == 0) return;
+    clock.set_reference(reference.participant, reference.incarnation, now_ns);
     const std::int64_t period = clock.synchronised() ? kClockNs : kClockNs / 5;
     if (now_ns - clock_asked_ns < period) return;
     clock_asked_ns = now_ns;
@@ -153,10 +141,9 @@ struct Sim::Impl {
   SimCore core;
   session::SessionClock clock;
   session::Roster roster;
+  const std::int64_t started_ns = monotonic_ns();
   std::int64_t clock_asked_ns = 0;
-  std::mutex mutex;
-  std::condition_variable wake;
-  std::vector<std::pair<std::int64_t, Arrived>> arrived;
+  Inbox inbox{1u << 15};
   std::vector<std::shared_ptr<void>> readers;  // last, so that no callback outlives what it fills
 };
 
@@ -168,16 +155,8 @@ Report Sim::run(const std::atomic<bool>& stop, const std::function<void(const st
   std::string said;
   bool stopped = false;
   while (!sim.core.finished()) {
-    std::vector<std::pair<std::int64_t, Arrived>> taken;
-    {
-      std::unique_lock lock{sim.mutex};
-      sim.wake.wait_for(lock, kTick, [&] { return !sim.arrived.empty(); });
-      taken.swap(sim.arrived);
-    }
-    for (const auto& [at_ns, sample] : taken) {
-      const std::int64_t received_ns = at_ns;
-      std::visit([&](const auto& typed) { sim.take(typed, received_ns); }, sample);
-    }
+    for (const Inbox::Arrived& arrived : sim.inbox.take(kTick))
+      std::visit([&](const auto& sample) { sim.take(sample, arrived.at_ns); }, arrived.sample);
     const std::int64_t now_ns = monotonic_ns();
     (void)sim.roster.tick(now_ns);
     sim.keep_time(now_ns);

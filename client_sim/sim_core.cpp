@@ -88,6 +88,7 @@ void SimCore::take_events(const std::vector<session::RosterEvent>& events) {
         peer.name = entry.name;
         peer.role = entry.role;
         peer.here = event.change != session::RosterChange::kGone && event.change != session::RosterChange::kLeft;
+        peer.stayed = peer.here || (peer.stayed && end_ns_ >= 0);
       }
     }
     if (event.change != session::RosterChange::kChanged) note(session::text(event));
@@ -272,7 +273,8 @@ Report SimCore::report() const {
     report.users.push_back({seat.mind.user().name, seat.hrtc, seat.touch, tally.taps, tally.approaches_missed,
                             tally.contacts_lost, tally.following});
   }
-  for (const auto& [id, peer] : peers_) report.participants.push_back({peer.name, peer.role, peer.here, peer.figures});
+  for (const auto& [id, peer] : peers_)
+    report.participants.push_back({peer.name, peer.role, peer.stayed, peer.figures});
   std::sort(report.participants.begin(), report.participants.end(),
             [](const ParticipantReport& a, const ParticipantReport& b) { return a.name < b.name; });
   report.events = events_;

@@ -84,6 +84,7 @@ class SimCore {
     std::string name;
     session::Role role;
     bool here = true;
+    bool stayed = true;  // until the end was announced
     std::map<std::string, double> figures;
     std::int64_t figures_ns = INT64_MIN;
   };

@@ -16,11 +16,14 @@
 #include "session/figures.hpp"
 #include "session/roster.hpp"
 #include "wire/ends.hpp"
+#include "wire/inbox.hpp"
 
 namespace tactus::host_service {
 namespace {
 
 using std::chrono::milliseconds;
+using wire::Every;
+using wire::monotonic_ns;
 
 constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kHeartbeatNs = 100 * kMs;
@@ -34,55 +37,8 @@ constexpr int kChunksPerRound = 64;          // then demands are looked at again
 constexpr std::size_t kInboxCapacity = 8192;
 constexpr double kGap = 0.05;  // m, between objects that are given no pose
 
-std::int64_t monotonic_ns() {
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch())
-      .count();
-}
-
-/// True once in every period.
-class Every {
- public:
-  explicit Every(std::int64_t period_ns) : period_ns_{period_ns} {}
-  [[nodiscard]] bool due(std::int64_t now_ns) {
-    if (now_ns < next_ns_) return false;
-    next_ns_ = now_ns + period_ns_;
-    return true;
-  }
-
- private:
-  std::int64_t period_ns_;
-  std::int64_t next_ns_ = 0;
-};
-
 using Sample = std::variant<session::RosterEntry, session::Demand, session::ClockSample, session::Control>;
-struct Arrived {
-  std::int64_t at_ns;
-  Sample sample;
-};
-
-/// Any threads put, one takes. What does not fit is dropped: every stream of samples heals by itself.
-class Inbox {
- public:
-  void put(Sample sample) {
-    {
-      const std::lock_guard<std::mutex> lock{mutex_};
-      if (samples_.size() >= kInboxCapacity) return;
-      samples_.push_back({monotonic_ns(), std::move(sample)});
-    }
-    arrived_.notify_one();
-  }
-  [[nodiscard]] std::vector<Arrived> take(milliseconds patience) {
-    std::unique_lock<std::mutex> lock{mutex_};
-    arrived_.wait_for(lock, patience, [this] { return !samples_.empty(); });
-    return std::exchange(samples_, {});
-  }
-
- private:
-  std::mutex mutex_;
-  std::condition_variable arrived_;
-  std::vector<Arrived> samples_;
-};
-
+using Inbox = wire::Inbox<Sample>;
 /// The bulk writers of one HRTC.
 struct BulkLink {
   BulkLink(wire::Links& links, const std::string& hrtc)
@@ -159,7 +115,7 @@ struct Host::Impl {
 
   void make_catalogue();
   int run(const std::atomic<bool>& stop);
-  void take(const Arrived& arrived);
+  void take(const Inbox::Arrived& arrived);
   void take(const session::RosterEntry& entry, std::int64_t at_ns);
   void take(const session::Demand& demand, std::int64_t at_ns);
   void take(const session::ClockSample& sample, std::int64_t at_ns);
@@ -186,7 +142,7 @@ struct Host::Impl {
   wire::Writer<session::ClockSample> clock_out{links, wire::topics::kClock};
   wire::Writer<session::Metrics> metrics_out{links, wire::topics::kMetrics};
   std::map<std::uint64_t, BulkLink> bulk;  // by HRTC
-  Inbox inbox;
+  Inbox inbox{kInboxCapacity};
   std::int64_t started_ns = monotonic_ns();
   std::uint64_t heartbeat = 0;
   std::uint64_t demands_refused = 0;
@@ -234,7 +190,7 @@ int Host::Impl::run(const std::atomic<bool>& stop) {
   Every metrics{kMetricsNs};
   milliseconds patience{0};
   while (!stop && !ended) {
-    for (const Arrived& arrived : inbox.take(patience)) take(arrived);
+    for (const Inbox::Arrived& arrived : inbox.take(patience)) take(arrived);
     const std::int64_t now_ns = monotonic_ns();
     for (const session::RosterEvent& event : roster.tick(now_ns)) react(event);
     keep_time(now_ns);
@@ -249,7 +205,7 @@ int Host::Impl::run(const std::atomic<bool>& stop) {
   return exit_code;
 }
 
-void Host::Impl::take(const Arrived& arrived) {
+void Host::Impl::take(const Inbox::Arrived& arrived) {
   std::visit([&](const auto& sample) { take(sample, arrived.at_ns); }, arrived.sample);
 }
 

@@ -132,7 +132,8 @@ void HapticThread::run() {
     trace.cpu = static_cast<std::uint32_t>(cpu_now - cpu);
     trace.skipped = static_cast<std::uint32_t>(clock.skipped() - skipped);
     trace.late = end > clock.due_ns() || trace.skipped > 0;
-    trace.late_is_ours = trace.late && cpu_now - cpu > settings_.period_ns / 2;
+    // A hypervisor's theft counts as CPU time of the guest, but not beyond what the work itself took.
+    trace.late_is_ours = trace.late && std::min(cpu_now - cpu, end - now_ns) > settings_.period_ns / 2;
     for (const ProbeOutput& probe : result.probes) {
       trace.active = static_cast<std::uint8_t>(trace.active + (probe.active ? 1 : 0));
       if ((probe.status & session::kInContact) == 0) continue;

@@ -11,7 +11,6 @@
 
 #include "haptics/replay_device.hpp"
 #include "haptics/simulated_device.hpp"
-#include "hrtc_service/inbox.hpp"
 #include "hrtc_service/loader.hpp"
 #include "hrtc_service/realtime.hpp"
 #include "hrtc_service/snapshot.hpp"
@@ -19,6 +18,7 @@
 #include "session/clock.hpp"
 #include "session/roster.hpp"
 #include "wire/ends.hpp"
+#include "wire/inbox.hpp"
 
 namespace tactus::hrtc_service {
 namespace {
@@ -34,25 +34,10 @@ constexpr std::int64_t kNoHostNs = 5000 * kMs;
 constexpr std::int64_t kSnapshotNs = 2000 * kMs;
 constexpr int kMaxSnapshots = 5;
 
-using Arrived = std::variant<session::RosterEntry, session::CatalogueEntry, session::BulkChunk, session::Intent,
-                             session::ClockSample, session::Control, session::ProbeState>;
-
-/// Something that is due every so often.
-class Every {
- public:
-  explicit Every(std::int64_t period_ns) : period_{period_ns} {}
-  [[nodiscard]] bool due(std::int64_t now_ns) {
-    if (now_ns < next_) return false;
-    next_ = now_ns + period_;
-    return true;
-  }
-  void at_once() { next_ = 0; }
-  void set_period(std::int64_t period_ns) { period_ = period_ns; }
-
- private:
-  std::int64_t period_;
-  std::int64_t next_ = 0;
-};
+using wire::Every;
+using Sample = std::variant<session::RosterEntry, session::CatalogueEntry, session::BulkChunk, session::Intent,
+                            session::ClockSample, session::Control, session::ProbeState>;
+using Inbox = wire::Inbox<Sample>;
 
 /// A thread that does nothing but sleep as the haptic one does: what lateness the system itself brings.
 class TimerBeside {
@@ -124,7 +109,7 @@ struct Hrtc::Impl {
 
   HrtcOptions options;
   wire::Links links;
-  Inbox<Arrived> inbox{1u << 14};
+  Inbox inbox{1u << 14};
   spm::Pool pool;
   spm::NodePool nodes;
   HapticThread haptic;
@@ -172,10 +157,10 @@ struct Hrtc::Impl {
 
   // Last, so that no callback outlives what it fills.
   std::vector<std::shared_ptr<void>> readers;
-  template <class Sample>
-  void listen(const wire::TopicSpec<Sample>& topic, const wire::EndOptions& where = {}) {
-    readers.push_back(std::make_shared<wire::Reader<Sample>>(
-        links, topic, [this](Sample&& sample) { inbox.put(Arrived{std::move(sample)}); }, where));
+  template <class Typed>
+  void listen(const wire::TopicSpec<Typed>& topic, const wire::EndOptions& where = {}) {
+    readers.push_back(std::make_shared<wire::Reader<Typed>>(
+        links, topic, [this](Typed&& sample) { inbox.put(std::move(sample)); }, where));
   }
 };
 
@@ -296,7 +281,7 @@ void Hrtc::Impl::seat(const session::RosterEntry& client) {
     user.client = client.origin.participant;
     user_ids[*slot] = user.id;
     user.intents = std::make_unique<wire::Reader<session::Intent>>(
-        links, wire::topics::kIntent, [this](session::Intent&& intent) { inbox.put(Arrived{std::move(intent)}); },
+        links, wire::topics::kIntent, [this](session::Intent&& intent) { inbox.put(std::move(intent)); },
         wire::EndOptions{wire::user_partition(name)});
     spdlog::info("user {} has probe {}", name, *slot);
   }
@@ -381,18 +366,10 @@ void Hrtc::Impl::take(const session::ProbeState& state, std::int64_t now_ns) {
 }
 
 void Hrtc::Impl::choose_reference(std::int64_t now_ns) {
-  // By convention the host or HRTC of smallest id.
-  std::uint64_t id = links.origin().participant;
-  std::uint64_t incarnation = links.origin().incarnation;
-  for (const session::RosterEntry& entry : roster.entries()) {
-    if (entry.role != session::Role::kHost && entry.role != session::Role::kHrtc) continue;
-    if (entry.origin.participant >= id) continue;
-    id = entry.origin.participant;
-    incarnation = entry.origin.incarnation;
-  }
-  clock.set_reference(id, incarnation, now_ns);
+  const session::TimeReference reference =
+      session::time_reference(roster, links.origin(), session::Role::kHrtc, now_ns - started_ns);
+  clock.set_reference(reference.participant, reference.incarnation, now_ns);
 }
-
 void Hrtc::Impl::send_roster(bool leaving) {
   session::RosterEntry entry;
   entry.origin = links.origin();
@@ -622,10 +599,8 @@ int Hrtc::Impl::run(const std::atomic<bool>& stop) {
                options.address.participant, options.max_users, options.address.session, options.address.domain,
                options.pool.slots, static_cast<double>(options.pool.bytes()) / (1 << 20));
   while (!stop && !ended) {
-    for (const Arrived& arrived : inbox.take(std::chrono::microseconds{2000})) {
-      const std::int64_t now_ns = monotonic_ns();
-      std::visit([&](const auto& sample) { take(sample, now_ns); }, arrived);
-    }
+    for (const Inbox::Arrived& arrived : inbox.take(std::chrono::microseconds{2000}))
+      std::visit([&](const auto& sample) { take(sample, arrived.at_ns); }, arrived.sample);
     serve(monotonic_ns());
   }
   finish();

@@ -288,8 +288,12 @@ bool AbTree::sweep(const Vec3d& from, const Vec3d& to, double radius, SweepConta
   if (root_ == kNone) return false;
   const double slack = 4e-7 * std::max(from.cwiseAbs().maxCoeff(), to.cwiseAbs().maxCoeff());
   std::array<float, 3> low, high;
+  FloatPoint middle{from};
+  float squared_reach = 0;
   const auto bound_motion = [&](double time) noexcept {
     const Vec3d end = from + time * (to - from);
+    middle = FloatPoint{from + (end - from) / 2};
+    squared_reach = middle.squared(radius + (end - from).norm() / 2);
     for (int axis = 0; axis < 3; ++axis) {
       const double grown = radius * (1 + 1e-6) + slack;
       low[axis] = static_cast<float>(std::min(from[axis], end[axis]) - grown);
@@ -303,7 +307,8 @@ bool AbTree::sweep(const Vec3d& from, const Vec3d& to, double radius, SweepConta
   bool found = false;
   while (depth > 0) {
     const TreeNode& node = nodes_[stack[--depth]];
-    unsigned hit = boxes_meeting(node, low, high);
+    // A short motion is best bounded by a ball, a long one by a box.
+    unsigned hit = boxes_within(node, middle.at, squared_reach) & boxes_meeting(node, low, high);
     if (node.level > 1) {
       for (; hit != 0; hit &= ~(1u << highest_bit(hit))) stack[depth++] = node.child[highest_bit(hit)];
       continue;

@@ -1,0 +1,79 @@
+/// Where the callbacks of readers leave samples for a program's one thread, and how that thread keeps its appointments.
+#pragma once
+
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <mutex>
+#include <utility>
+#include <vector>
+
+namespace tactus::wire {
+
+/// The monotonic clock that all times of a program are of, ns. Answered without a system call.
+[[nodiscard]] inline std::int64_t monotonic_ns() noexcept {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch())
+      .count();
+}
+
+/// Any threads put, one takes. What does not fit is dropped and counted: every stream of samples heals by itself.
+template <class Sample>
+class Inbox {
+ public:
+  struct Arrived {
+    std::int64_t at_ns;  ///< monotonic, when it was put
+    Sample sample;
+  };
+
+  explicit Inbox(std::size_t capacity) : capacity_{capacity} {}
+
+  void put(Sample sample) {
+    {
+      const std::lock_guard lock{mutex_};
+      if (samples_.size() >= capacity_) {
+        ++dropped_;
+        return;
+      }
+      samples_.push_back({monotonic_ns(), std::move(sample)});
+    }
+    arrived_.notify_one();
+  }
+
+  /// All that has come, in order, after waiting at most `patience` for a first one.
+  [[nodiscard]] std::vector<Arrived> take(std::chrono::microseconds patience) {
+    std::unique_lock lock{mutex_};
+    arrived_.wait_for(lock, patience, [this] { return !samples_.empty(); });
+    return std::exchange(samples_, {});
+  }
+
+  [[nodiscard]] std::uint64_t dropped() const {
+    const std::lock_guard lock{mutex_};
+    return dropped_;
+  }
+
+ private:
+  const std::size_t capacity_;
+  mutable std::mutex mutex_;
+  std::condition_variable arrived_;
+  std::vector<Arrived> samples_;
+  std::uint64_t dropped_ = 0;
+};
+
+/// True once in every period.
+class Every {
+ public:
+  explicit Every(std::int64_t period_ns) : period_ns_{period_ns} {}
+  [[nodiscard]] bool due(std::int64_t now_ns) {
+    if (now_ns < next_ns_) return false;
+    next_ns_ = now_ns + period_ns_;
+    return true;
+  }
+  void at_once() { next_ns_ = 0; }
+  void set_period(std::int64_t period_ns) { period_ns_ = period_ns; }
+
+ private:
+  std::int64_t period_ns_;
+  std::int64_t next_ns_ = 0;
+};
+
+}  // namespace tactus::wire
