@@ -96,7 +96,7 @@ void Cycle::choose_targets(TouchObject& object, const std::array<ProbeInput, kMa
 }
 
 void Cycle::log(const TouchObject& object, std::uint32_t probe, std::int64_t now_ns, const Vec3d& centre, double radius,
-                bool exact, std::uint32_t found) noexcept {
+                bool exact, std::uint32_t found, bool truncated) noexcept {
   entry_.time_ns = now_ns;
   entry_.object = object.index;
   entry_.probe = probe;
@@ -105,7 +105,7 @@ void Cycle::log(const TouchObject& object, std::uint32_t probe, std::int64_t now
   entry_.mesh_hash = object.forest->mesh_hash();
   entry_.since_change = states_[object.index].since_change;
   entry_.exact = exact;
-  entry_.truncated = found > trace::LoggedQuery::kMaxContacts;
+  entry_.truncated = truncated || found > trace::LoggedQuery::kMaxContacts;
   entry_.contact_count = std::min(found, trace::LoggedQuery::kMaxContacts);
   for (std::uint32_t i = 0; i < entry_.contact_count; ++i)
     entry_.contacts[i] = {trace::triangle_key(object.forest->tree().row(contacts_[i].row).corners),
@@ -125,6 +125,7 @@ void Cycle::query(std::uint32_t number, const ProbeInput& input, std::int64_t no
     const bool object_exact = object.forest->exact(centre, radius);
     std::uint32_t found = object.forest->tree().touching(centre, radius, contacts_.data(), kMaxContacts);
     if (found > kMaxContacts) output.status |= session::kContactsTruncated;
+    const bool truncated = found > kMaxContacts;
     const std::uint32_t held = std::min(found, kMaxContacts);
     if (object_exact) {  // a coarse face in a refined cell belongs elsewhere
       const auto end =
@@ -140,7 +141,7 @@ void Cycle::query(std::uint32_t number, const ProbeInput& input, std::int64_t no
     bool in_cell = found > 0;
     if (!in_cell)
       object.forest->grid().for_each_meeting(centre, radius, [&](spm::RegionId, double) { in_cell = true; });
-    if (in_cell) log(object, number, now_ns, centre, radius, object_exact, found);
+    if (in_cell) log(object, number, now_ns, centre, radius, object_exact, found, truncated);
   }
   if (exact) output.status |= session::kExact;
   output.error_bound = bound;

@@ -89,7 +89,7 @@ class Cycle {
 
  private:
   static constexpr std::uint32_t kMaxTargets = 256;
-  static constexpr std::uint32_t kMaxContacts = 512;
+  static constexpr std::uint32_t kMaxContacts = 2048;
   struct Target {
     spm::RegionId region;
     double key;  // smaller first
@@ -105,7 +105,7 @@ class Cycle {
   void query(std::uint32_t probe, const ProbeInput& input, std::int64_t now_ns, ProbeOutput& output) noexcept;
   void render(std::uint32_t probe, const ProbeInput& input, ProbeOutput& output) noexcept;
   void log(const TouchObject& object, std::uint32_t probe, std::int64_t now_ns, const Vec3d& centre, double radius,
-           bool exact, std::uint32_t found) noexcept;
+           bool exact, std::uint32_t found, bool truncated) noexcept;
 
   CycleSettings settings_;
   DepartureRing& departures_;

@@ -37,7 +37,7 @@ class Governor {
 
  private:
   static constexpr double kShare = 0.8;      // of the deadline; the rest covers what cannot be foreseen
-  static constexpr double kLeastUnits = 64;  // a few records: refinement never starves
+  static constexpr double kLeastUnits = 1000;  // some 10 us: refinement never starves
   static constexpr double kMostUnits = 1 << 20;
   static constexpr std::uint32_t kMeaningful = 200;
   static constexpr double kRise = 0.3, kFall = 0.01;  // believe a dear cycle at once, a cheap one slowly

@@ -300,29 +300,40 @@ bool AbTree::sweep(const Vec3d& from, const Vec3d& to, double radius, SweepConta
       high[axis] = static_cast<float>(std::max(from[axis], end[axis]) + grown);
     }
   };
-  bound_motion(1);
-  std::array<std::uint32_t, kStack> stack;
-  int depth = 0;
-  stack[depth++] = root_;
   bool found = false;
-  while (depth > 0) {
-    const TreeNode& node = nodes_[stack[--depth]];
-    // A short motion is best bounded by a ball, a long one by a box.
-    unsigned hit = boxes_within(node, middle.at, squared_reach) & boxes_meeting(node, low, high);
-    if (node.level > 1) {
-      for (; hit != 0; hit &= ~(1u << highest_bit(hit))) stack[depth++] = node.child[highest_bit(hit)];
-      continue;
+  const auto search = [&](double time) noexcept {
+    bound_motion(time);
+    std::array<std::uint32_t, kStack> stack;
+    int depth = 0;
+    stack[depth++] = root_;
+    while (depth > 0) {
+      const TreeNode& node = nodes_[stack[--depth]];
+      // A short motion is best bounded by a ball, a long one by a box.
+      unsigned hit = boxes_within(node, middle.at, squared_reach) & boxes_meeting(node, low, high);
+      if (node.level > 1) {
+        for (; hit != 0; hit &= ~(1u << highest_bit(hit))) stack[depth++] = node.child[highest_bit(hit)];
+        continue;
+      }
+      for (; hit != 0; hit &= hit - 1) {
+        const FaceRow& row = pool_.faces[node.child[lowest_bit(hit)]];
+        SweepHit touch;
+        if (!swept_sphere(from, to, radius, corner(row, 0), corner(row, 1), corner(row, 2), touch)) continue;
+        if (found && !(touch.time < first.time)) continue;
+        found = true;
+        first = {FaceId{row.face}, touch.time, touch.point, touch.normal};
+        bound_motion(std::min(time, touch.time));
+      }
     }
-    for (; hit != 0; hit &= hit - 1) {
-      const FaceRow& row = pool_.faces[node.child[lowest_bit(hit)]];
-      SweepHit touch;
-      if (!swept_sphere(from, to, radius, corner(row, 0), corner(row, 1), corner(row, 2), touch)) continue;
-      if (found && !(touch.time < first.time)) continue;
-      found = true;
-      first = {FaceId{row.face}, touch.time, touch.point, touch.normal};
-      bound_motion(touch.time);
-    }
+  };
+  // A proxy that rests on a surface is stopped at once: look there first, where few faces are.
+  constexpr double kAtOnce = 0.01;  // of the radius
+  const double length = (to - from).norm();
+  const double at_once = length > 0 ? kAtOnce * radius / length : 1;
+  if (at_once < 0.5) {
+    search(at_once);
+    if (found && first.time <= at_once) return true;
   }
+  search(found ? first.time : 1);
   return found;
 }
 

@@ -42,7 +42,7 @@ struct LoggedContact {
 
 /// One probe against one object in one cycle.
 struct LoggedQuery {
-  static constexpr std::uint32_t kMaxContacts = 128;
+  static constexpr std::uint32_t kMaxContacts = 512;
   std::int64_t time_ns = 0;
   std::uint32_t object = 0;
   std::uint32_t probe = 0;
