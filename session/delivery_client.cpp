@@ -36,8 +36,8 @@ void DeliveryClient::offer(const CatalogueEntry& entry) {
 
 void DeliveryClient::host_seen(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns) {
   Host& state = hosts_[host];
-  if (incarnation < state.stream.incarnation) return;
-  if (incarnation > state.stream.incarnation) begin_stream(host, state, incarnation);
+  if (incarnation < state.stream.incarnation && state.live) return;  // else a twin has yielded its name to it
+  if (incarnation != state.stream.incarnation) begin_stream(host, state, incarnation);
   state.live = true;
   state.seen_ns = now_ns;
 }

@@ -75,7 +75,7 @@ std::vector<RosterEvent> Roster::on_entry(const RosterEntry& entry, std::int64_t
   if (id == self_.participant) {
     own_.entry.name = entry.name;
     own_.entry.role = entry.role;
-    if (incarnation != self_.incarnation) watch_rival(own_, entry, events);
+    if (incarnation != self_.incarnation) (void)watch_rival(own_, entry, events);
     return events;
   }
   if (entry.protocol != kProtocolVersion) {
@@ -106,7 +106,14 @@ std::vector<RosterEvent> Roster::on_entry(const RosterEntry& entry, std::int64_t
   Known& known = at->second;
   const std::uint64_t before = known.entry.origin.incarnation;
   if (incarnation < before) {
-    if (known.here) watch_rival(known, entry, events);
+    const bool alive = watch_rival(known, entry, events);
+    if (!known.here && alive) {  // the newer one yielded the name, or died: the older goes on
+      known = Known{};
+      known.entry = entry;
+      known.here = true;
+      known.seen_ns = now_ns;
+      events.push_back({RosterChange::kJoined, entry, 0});
+    }
     return events;
   }
   if (incarnation == before && (known.left || entry.heartbeat < known.entry.heartbeat)) return events;
@@ -133,18 +140,22 @@ std::vector<RosterEvent> Roster::on_entry(const RosterEntry& entry, std::int64_t
   return events;
 }
 
-void Roster::watch_rival(Known& known, const RosterEntry& entry, std::vector<RosterEvent>& events) const {
+/// True when the entry's program is alive: it has beaten often enough since it was first seen as a rival.
+bool Roster::watch_rival(Known& known, const RosterEntry& entry, std::vector<RosterEvent>& events) const {
   const std::uint64_t incarnation = entry.origin.incarnation;
   if (known.rivals.count(incarnation) == 0) {
     if (known.rivals.size() < kMaxRivals) known.rivals[incarnation] = {entry.heartbeat, 0, false};
-    return;
+    return false;
   }
   Rival& rival = known.rivals[incarnation];
-  if (entry.leaving || entry.heartbeat <= rival.heartbeat) return;
+  if (entry.leaving || entry.heartbeat <= rival.heartbeat) return false;
   rival.heartbeat = entry.heartbeat;
-  if (++rival.beats < kBeatsOfALiveRival || rival.reported) return;
-  rival.reported = true;
-  events.push_back({RosterChange::kTwins, known.entry, incarnation});
+  if (++rival.beats < kBeatsOfALiveRival) return false;
+  if (known.here && !rival.reported) {
+    rival.reported = true;
+    events.push_back({RosterChange::kTwins, known.entry, incarnation});
+  }
+  return true;
 }
 
 std::vector<RosterEvent> Roster::tick(std::int64_t now_ns) {

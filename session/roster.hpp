@@ -1,7 +1,8 @@
 /// Who is in the session, as their roster samples tell: joins, changes, silence, departures and clashes of names.
 ///
 /// A participant is late and then gone by the time since its last heartbeat. A newer incarnation replaces an older one.
-/// Two programs that beat under one name are told apart by their incarnations and reported, once for each pair.
+/// Two programs that beat under one name are told apart by their incarnations and reported, once for each pair; when
+/// the newer one ends, the older takes its place again.
 ///
 /// No clock in it; one thread at a time. At most kMaxParticipants are kept.
 #pragma once
@@ -78,7 +79,7 @@ class Roster {
     std::map<std::uint64_t, Rival> rivals;  // by incarnation
   };
 
-  void watch_rival(Known& known, const RosterEntry& entry, std::vector<RosterEvent>& events) const;
+  bool watch_rival(Known& known, const RosterEntry& entry, std::vector<RosterEvent>& events) const;
   void forget_absent();
 
   Origin self_;

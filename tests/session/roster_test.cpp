@@ -97,6 +97,19 @@ TEST_F(RosterTest, TwoProgramsThatBeatUnderOneNameAreReportedOnceNamingBoth) {
   EXPECT_THAT(text(events[0]), HasSubstr("incarnations 2 and 1"));
 }
 
+TEST_F(RosterTest, TheOlderOfTwoProgramsWithOneNameIsHereAgainWhenTheNewerHasLeft) {
+  (void)see(entry("a", 1, 5), 0);
+  (void)see(entry("a", 2, 1), 0);
+  RosterEntry last = entry("a", 2, 2);
+  last.leaving = true;
+  ASSERT_THAT(see(last, 0), ElementsAre(RosterChange::kLeft));
+  EXPECT_THAT(see(entry("a", 1, 6), 1), IsEmpty()) << "may be a straggler";
+  EXPECT_THAT(see(entry("a", 1, 7), 2), IsEmpty());
+  EXPECT_THAT(see(entry("a", 1, 8), 3), ElementsAre(RosterChange::kJoined));
+  EXPECT_EQ(roster_.find(id_of("a"))->origin.incarnation, 1u);
+  EXPECT_THAT(see(entry("a", 1, 9), 4), IsEmpty());
+}
+
 TEST_F(RosterTest, AnotherProgramUnderOurOwnNameIsReported) {
   EXPECT_THAT(see(entry("me", 50, 1), 0), IsEmpty()) << "that is us";
   EXPECT_THAT(see(entry("me", 40, 9), 0), IsEmpty()) << "may be the last word of our predecessor";
