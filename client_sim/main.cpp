@@ -1,6 +1,8 @@
 #include <CLI/CLI.hpp>
 #include <atomic>
+#include <cerrno>
 #include <csignal>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <iostream>
@@ -21,14 +23,30 @@ Examples:
 
 Exit status: 0 the scenario ran, 1 it did not run to its end, 2 wrong input.)";
 
+[[noreturn]] void fail_to_write(const std::filesystem::path& file, const std::string& cause) {
+  throw std::runtime_error("cannot write the report " + file.string() + ": " + cause);
+}
+
+/// Beside `file`, then renamed: a reader never finds half a report.
 void write_json(const std::filesystem::path& file, const std::string& text) {
   const std::filesystem::path part = file.string() + ".part";
   std::ofstream out{part};
   out << text << '\n';
   out.close();
-  std::error_code error;
-  if (out) std::filesystem::rename(part, file, error);
-  if (!out || error) throw std::runtime_error("cannot write the report " + file.string());
+  std::error_code error{out ? 0 : errno, std::generic_category()};
+  if (!error) std::filesystem::rename(part, file, error);
+  if (!error) return;
+  std::error_code ignored;
+  std::filesystem::remove(part, ignored);
+  fail_to_write(file, error.message());
+}
+
+/// Leaves nothing: what is wrong with the place of the report is said now rather than after the session.
+void expect_writable(const std::filesystem::path& file) {
+  if (std::filesystem::is_directory(file)) fail_to_write(file, "found a directory, expected a file");
+  const std::filesystem::path part = file.string() + ".part";
+  if (!std::ofstream{part}) fail_to_write(file, std::strerror(errno));
+  std::filesystem::remove(part);
 }
 
 }  // namespace
@@ -41,6 +59,7 @@ int main(int argc, char** argv) {
   std::string scenario = "demo";
   std::filesystem::path json;
   double seconds = 0;
+  double patience = client_sim::SimSettings{}.patience;
   bool list = false;
 
   CLI::App app{"Simulated users: brings them to a session, lets them follow a scenario, ends it and reports.",
@@ -54,6 +73,10 @@ int main(int argc, char** argv) {
   app.add_option("--qos", address.qos, "Directory of the QoS profiles")->capture_default_str();
   app.add_option("--scenario", scenario, "A built-in scenario or a YAML file")->capture_default_str();
   app.add_option("--seconds", seconds, "Run for so long instead of what the scenario says")
+      ->check(CLI::Range(0.1, 86400.0));
+  app.add_option("--patience", patience,
+                 "Give up when controllers, objects and slots are not there within so many seconds")
+      ->capture_default_str()
       ->check(CLI::Range(0.1, 86400.0));
   app.add_option("--json", json, "Write the report here as well");
   app.add_flag("--list", list, "Name the built-in scenarios");
@@ -72,9 +95,9 @@ int main(int argc, char** argv) {
         std::cout << built_in.name << '\n';
       return 0;
     }
-    client_sim::SimOptions options{address, client_sim::load_scenario(scenario)};
+    client_sim::SimOptions options{address, client_sim::load_scenario(scenario), patience};
     if (seconds > 0) options.scenario.duration = seconds;
-    if (!json.empty()) write_json(json, "{}");  // said now rather than after the session
+    if (!json.empty()) expect_writable(json);
     client_sim::Sim sim{std::move(options)};
     const client_sim::Report report =
         sim.run(stop_asked, [](const std::string& text) { std::cerr << "tactus-sim: " << text << '\n'; });

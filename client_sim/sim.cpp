@@ -63,6 +63,7 @@ struct Sim::Impl {
     SimSettings made;
     made.session = options.address.session;
     made.name = options.address.participant;
+    made.patience = options.patience;
     made.incarnation = main.links.origin().incarnation;
     return made;
   }

@@ -17,6 +17,7 @@ namespace tactus::client_sim {
 struct SimOptions {
   wire::SessionAddress address;
   Scenario scenario;
+  double patience = SimSettings{}.patience;  ///< s to wait for HRTCs, objects and slots
 };
 
 class Sim {
