@@ -36,7 +36,7 @@ class Governor {
   [[nodiscard]] double unit_ns() const noexcept { return unit_ns_; }
 
  private:
-  static constexpr double kShare = 0.8;      // of the deadline; the rest covers what cannot be foreseen
+  static constexpr double kShare = 0.8;        // of the deadline; the rest covers what cannot be foreseen
   static constexpr double kLeastUnits = 1000;  // some 10 us: refinement never starves
   static constexpr double kMostUnits = 1 << 20;
   static constexpr std::uint32_t kMeaningful = 200;

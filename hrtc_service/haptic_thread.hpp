@@ -61,7 +61,7 @@ struct SnapshotFace {
 struct HapticSettings {
   CycleSettings cycle;
   std::int64_t period_ns = 1'000'000;
-  std::int64_t deadline_ns = 500'000;  ///< for the cycle's own work
+  std::int64_t deadline_ns = 250'000;  ///< for the cycle's own work
   int priority = 60;                   ///< SCHED_FIFO; 0: do not ask
   haptics::DeviceFrame frame;          ///< of devices that have one of their own
   bool log = false;

@@ -197,9 +197,10 @@ Hrtc::Impl::Impl(HrtcOptions given)
       metrics_out{links, wire::topics::kMetrics},
       states_out{links, wire::topics::kProbeState} {
   loader.on_event = [](const std::string& text) { spdlog::info("{}", text); };
-  if (!options.log.empty()) log = std::make_unique<trace::ContactLogWriter>(options.log);
-  if (!options.snapshot.empty()) std::filesystem::create_directories(options.snapshot);
   seat_replays();
+  // Last of what may be refused, so that nothing is left behind.
+  if (!options.snapshot.empty()) std::filesystem::create_directories(options.snapshot);
+  if (!options.log.empty()) log = std::make_unique<trace::ContactLogWriter>(options.log);
   listen(wire::topics::kRoster);
   listen(wire::topics::kCatalogue);
   listen(wire::topics::kClock);
@@ -525,7 +526,8 @@ void Hrtc::Impl::serve(std::int64_t now_ns) {
   if (haptic.reports_for_service().take(reports))
     for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
       const ProbeOutput& probe = reports.probes[i];
-      sights[i] = {probe.active, (probe.status & session::kInContact) != 0, reports.time_ns, vec(probe.device)};
+      sights[i] = {probe.active, (probe.status & session::kInContact) != 0, reports.time_ns, vec(probe.device),
+                   vec(probe.proxy)};
     }
   std::array<std::uint64_t, kMaxProbes> near;
   loader.tick(now_ns, sights, near);

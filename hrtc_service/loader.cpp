@@ -180,6 +180,11 @@ void Loader::predict(Object& object, std::int64_t now_ns, const std::array<Probe
     predictor.observe(static_cast<double>(sight.time_ns) / kNsPerS, placement.to_model(sight.device), sight.in_contact);
     spm::Predictor::Answer answer;
     predictor.predict(*object.grid, settings_.radius / placement.scale(), lead, answer);
+    if (sight
+            .in_contact)  // the proxy lags behind a device that is pressed in, and must stand on the finest surface too
+      object.grid->for_each_meeting(placement.to_model(sight.proxy),
+                                    (settings_.radius + settings_.margin) / placement.scale(),
+                                    [&](spm::RegionId region, double) { soonest[spm::index(region)] = 0; });
     for (std::uint32_t k = 0; k < answer.count; ++k) {
       const auto [at, fresh] = soonest.try_emplace(spm::index(answer.regions[k].region), answer.regions[k].contact_in);
       if (!fresh) at->second = std::min(at->second, answer.regions[k].contact_in);
@@ -206,10 +211,10 @@ void Loader::predict(Object& object, std::int64_t now_ns, const std::array<Probe
 }
 
 void Loader::evict(std::int64_t now_ns) {
-  // Room for what is on its way: an eighth of the pool, more when more is wanted. Few at a time, for each frees more
+  // Room for what is on its way: a sixteenth of the pool, more when more is wanted. Few at a time, for each frees more
   // than it seems to. A region that nobody wants goes at once when its room is needed, else when it has been idle.
-  const std::uint32_t reserve = pool_.settings.slots / 8;
-  const std::uint32_t block_reserve = pool_.settings.list_blocks / 8;
+  const std::uint32_t reserve = pool_.settings.slots / 16;
+  const std::uint32_t block_reserve = pool_.settings.list_blocks / 16;
   const bool urgent = cache_.slots_free() < std::min(needed_, pool_.settings.slots / 2);
   const std::int64_t idle = urgent ? 1 : settings_.idle_before_eviction_ns;
   constexpr std::uint32_t kAtOnce = 4;

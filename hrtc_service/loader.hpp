@@ -33,14 +33,15 @@ struct ProbeSight {
   bool in_contact = false;
   std::int64_t time_ns = 0;
   Vec3d device = Vec3d::Zero();
+  Vec3d proxy = Vec3d::Zero();  ///< where the force comes from, while in contact
 };
 
 struct LoaderSettings {
   double radius = 0.003;       ///< m, of the tips
-  double margin = 0.001;       ///< m; cells this near to a tip's path are loaded
+  double margin = 0.0005;      ///< m; cells this near to a tip's path are loaded
   double least_speed = 0.05;   ///< m/s; a tip at rest is expected to start with this
   double near_distance = 0.1;  ///< m; objects within are offered to the haptic thread's queries
-  double least_lead = 0.03;    ///< s; prediction looks at least this far ahead, more when loading takes longer
+  double least_lead = 0.02;    ///< s; prediction looks at least this far ahead, more when loading takes longer
   double most_lead = 0.5;      ///< s
   std::int64_t idle_before_eviction_ns = 300'000'000;  ///< of a region nobody wants, unless the room is needed now
 };

@@ -38,7 +38,7 @@ int main(int argc, char** argv) {
   options.address.session = "tactus";
   options.address.participant = "hrtc";
   std::uint32_t slots = 1u << 16;
-  double rate = 1000, deadline_us = 500, radius_mm = 3, frame_scale = 1;
+  double rate = 1000, deadline_us = 250, radius_mm = 3, frame_scale = 1;
   std::vector<double> frame_offset{0, 0, 0};
   std::vector<std::string> replays;
   double max_force = options.haptic.cycle.force.max_force;

@@ -80,10 +80,10 @@ void Predictor::predict(const RegionGrid& grid, double radius, double lead, Answ
       const double trusted = std::min(t, 0.05);
       add_ball(linear + now.acceleration * (trusted * trusted / 2), reach, t);
     } else {
-      add_ball(now.position, reach + speed * t, t);  // distance query: whichever way it turns
+      add_ball(now.position, reach + speed * t / 2, t);  // distance query: it may turn
     }
   }
-  if (in_contact_) add_ball(now.position, reach + speed * lead / 2, lead);  // local neighbours: it may turn
+  if (in_contact_) add_ball(now.position, reach + speed * lead / 4, lead);  // local neighbours: it may turn
 
   std::sort(out.regions.begin(), out.regions.begin() + out.count,
             [](const PredictedRegion& a, const PredictedRegion& b) {

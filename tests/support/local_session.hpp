@@ -66,7 +66,10 @@ class LocalSession {
   const hrtc_service::CycleResult& run_cycle(std::uint32_t units) noexcept {
     std::array<hrtc_service::Arrival, 64> arrived;
     const auto count = static_cast<std::uint32_t>(arrivals_.pop(arrived.data(), arrived.size()));
-    return cycle_.step(inputs_, now_, arrived.data(), count, spm::Budget{units});
+    const hrtc_service::CycleResult& result = cycle_.step(inputs_, now_, arrived.data(), count, spm::Budget{units});
+    in_contact_ = (result.probes[0].status & session::kInContact) != 0;
+    proxy_ = hrtc_service::vec(result.probes[0].proxy);
+    return result;
   }
 
   /// The next log entry; false when there is none.
@@ -93,7 +96,7 @@ class LocalSession {
 
   void exchange(const spm::Vec3d& device) {
     std::array<hrtc_service::ProbeSight, hrtc_service::kMaxProbes> sights;
-    sights[0] = {true, in_contact_, now_, device};
+    sights[0] = {true, in_contact_, now_, device, proxy_};
     loader_.on_host_seen(kHost, 1, now_);
     loader_.tick(now_, sights, near_);
     while (auto demand = loader_.demand(now_))
@@ -123,6 +126,7 @@ class LocalSession {
   std::int64_t now_ = 1'000'000'000;
   std::uint64_t cycles_ = 0;
   bool in_contact_ = false;
+  spm::Vec3d proxy_ = spm::Vec3d::Zero();
   std::array<hrtc_service::ProbeInput, hrtc_service::kMaxProbes> inputs_;
   std::array<std::uint64_t, hrtc_service::kMaxProbes> near_{};
   std::deque<Delayed<session::Demand>> demands_;
