@@ -1,0 +1,212 @@
+/// Wrong input to every program: exit status 2, a message that names what was wrong, nothing left behind.
+#include <filesystem>
+#include <map>
+
+#include "tests/e2e/session_test.hpp"
+
+namespace tactus::e2e {
+namespace {
+
+using Words = std::vector<std::string>;
+using testing::HasSubstr;
+
+struct WrongInput {
+  Words arguments;
+  Words message;  // all of these are said
+};
+
+class InputTest : public SessionTest {
+ protected:
+  InputTest() {
+    run_well({"generate", "sphere", path("good.ply"), "--faces", "2000"});
+    run_well({"generate", "sphere", path("good.spm"), "--faces", "2000"});
+    const std::string ply = test_support::read_bytes(path("good.ply"));
+    const std::string spm = test_support::read_bytes(path("good.spm"));
+    std::string flipped = spm, later = spm;
+    flipped[spm.size() / 2] = static_cast<char>(flipped[spm.size() / 2] ^ 1);
+    later[8] = static_cast<char>(later[8] + 1);
+    write("flipped.spm", flipped);
+    write("later.spm", later);
+    write("cut.spm", spm.substr(0, spm.size() - 100));
+    write("empty.spm", "");
+    write("empty.ply", "");
+    write("cut.ply", ply.substr(0, ply.size() - 100));
+    write("greedy.ply",
+          "ply\nformat ascii 1.0\nelement vertex 4000000000\nproperty float x\nproperty float y\nproperty float z\n"
+          "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n3 0 1 2\n");
+    write("astray.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 999999999\n");
+    write("points.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n");
+    write("nonsense.ply", std::string(4096, '\xa5'));
+    write("nonsense.spm", std::string(4096, '\xa5'));
+    write("poses.csv", "0,0,0,0\n1,0,0,0.1\n");
+    write("key.yaml", "name: x\nusers:\n  - name: ann\n    script:\n      - approach: {object: organ, spede: 1}\n");
+    write("list.yaml", "- 1\n- 2\n");
+    write("host.yaml", "objects:\n  - modell: good.spm\n");
+    std::filesystem::create_directory(path("empty_qos"));
+    std::filesystem::copy(wire::default_qos_directory(), path("broken_qos"));
+    write("broken_qos/probe.xml", "<dds><profiles></profiles></dds>\n");
+  }
+
+  static void run_well(const Words& arguments) {
+    Process mesh{program("mesh", arguments)};
+    ASSERT_EQ(mesh.wait(60s), 0) << mesh.output();
+  }
+
+  /// Every file below the folder with its content.
+  using Contents = std::map<std::string, std::string>;
+  [[nodiscard]] Contents contents() const {
+    Contents all;
+    for (const auto& entry : std::filesystem::recursive_directory_iterator{folder_.path()})
+      all[entry.path().string()] = entry.is_regular_file() ? test_support::read_bytes(entry.path()) : "a folder";
+    return all;
+  }
+  /// What is new, gone or different now.
+  [[nodiscard]] Words changes_since(const Contents& before) const {
+    const Contents now = contents();
+    Words changed;
+    for (const auto& [file, content] : now)
+      if (before.count(file) == 0 || before.at(file) != content) changed.push_back(file);
+    for (const auto& [file, content] : before)
+      if (now.count(file) == 0) changed.push_back(file);
+    return changed;
+  }
+
+  void expect_refused(const std::string& name, const std::vector<WrongInput>& table) const {
+    const auto before = contents();
+    for (const WrongInput& wrong : table) {
+      const Words command = program(name, wrong.arguments);
+      std::string line = name;
+      for (const std::string& word : wrong.arguments) line += " " + word;
+      SCOPED_TRACE(line);
+      Process refused{command};
+      EXPECT_EQ(refused.wait(), 2) << refused.output();
+      EXPECT_TRUE(refused.left_nothing_running());
+      for (const std::string& text : wrong.message) EXPECT_THAT(refused.output(), HasSubstr(text));
+      const Words changed = changes_since(before);
+      EXPECT_THAT(changed, testing::IsEmpty()) << "left behind";
+      for (const std::string& file : changed)
+        if (before.count(file) == 0) std::filesystem::remove_all(file);
+    }
+  }
+
+  /// What is wrong alike with every program that joins a session; `rest` makes it right otherwise.
+  [[nodiscard]] std::vector<WrongInput> wrong_addresses(const Words& rest) const {
+    std::vector<WrongInput> table{
+        {{"--colour", "red"}, {"--colour"}},
+        {{"--domain", "0"}, {"domain 0", "expected 1 to 97"}},
+        {{"--domain", "98"}, {"domain 98", "expected 1 to 97"}},
+        {{"--domain", "many"}, {"--domain", "many"}},
+        {{"--name", ""}, {"participant name ''", "0 bytes", "expected 1 to 63"}},
+        {{"--name", std::string(64, 'x')}, {"64 bytes", "expected 1 to 63"}},
+        {{"--name", "a*"}, {"participant name 'a*'"}},
+        {{"--session", "a/b"}, {"session name 'a/b'"}},
+        {{"--qos", path("nowhere")}, {path("nowhere"), "does not exist", "expected"}},
+        {{"--qos", path("empty_qos")}, {path("empty_qos"), "no such file", "expected"}},
+        {{"--qos", path("broken_qos")}, {path("broken_qos"), "probe", "expected"}},
+    };
+    for (WrongInput& wrong : table) wrong.arguments.insert(wrong.arguments.end(), rest.begin(), rest.end());
+    return table;
+  }
+};
+
+TEST_F(InputTest, OfTheHostIsRefused) {
+  const std::string cache = path("cache");
+  expect_refused("host", wrong_addresses({path("good.spm")}));
+  expect_refused("host", {
+                             {{}, {"no model", "expected"}},
+                             {{path("missing.spm")}, {"missing.spm", "no such"}},
+                             {{path("missing.ply")}, {"missing.ply", "no such"}},
+                             {{path("empty.spm")}, {"empty.spm", "0 bytes"}},
+                             {{path("cut.spm")}, {"cut.spm", "found", "truncated"}},
+                             {{path("flipped.spm")}, {"flipped.spm", "checksum"}},
+                             {{path("later.spm")}, {"later.spm", "version 2", "version 1"}},
+                             {{path("nonsense.spm")}, {"nonsense.spm", "not an .spm file"}},
+                             {{path("good.spm"), path("good.spm")}, {"two objects", "'good'"}},
+                             {{"--config", path("host.yaml")}, {"host.yaml:2", "unknown key 'modell'"}},
+                             {{"--config", path("missing.yaml")}, {"missing.yaml"}},
+                             {{"--at", "0", "0", path("good.spm")}, {"--at"}},
+                             {{"--cache", path("good.ply/below"), path("good.ply")}, {"good.ply/below", "cannot"}},
+                         });
+}
+
+TEST_F(InputTest, OfTheHostToBuildIsRefused) {
+  for (const std::string name : {"empty.ply", "cut.ply", "greedy.ply", "astray.obj", "points.obj", "nonsense.ply"}) {
+    Process refused{program("host", {"--cache", path("cache"), path(name)})};
+    EXPECT_EQ(refused.wait(), 2) << name << ": " << refused.output();
+    EXPECT_THAT(refused.output(), HasSubstr(name + ": "));
+  }
+  EXPECT_TRUE(!std::filesystem::exists(path("cache")) || std::filesystem::is_empty(path("cache")));
+}
+
+TEST_F(InputTest, OfTheControllerIsRefused) {
+  expect_refused("hrtc", wrong_addresses({"--log", path("new.log")}));
+  expect_refused(
+      "hrtc",
+      {
+          {{"surplus"}, {"surplus"}},
+          {{"--pool", "10"}, {"--pool", "10", "256"}},
+          {{"--users", "9"}, {"--users", "9", "8"}},
+          {{"--rate", "1"}, {"--rate", "100"}},
+          {{"--priority", "99"}, {"--priority", "98"}},
+          {{"--wait-host", "soon"}, {"--wait-host", "soon"}},
+          {{"--replay", "ann"}, {"--replay", "ann", "expected USER=FILE"}},
+          {{"--replay", "ann=" + path("missing.csv")}, {"missing.csv"}},
+          {{"--replay", "ann=" + path("missing.csv"), "--log", path("new.log"), "--snapshot", path("new_shots")},
+           {"missing.csv"}},
+          {{"--replay", "ann=" + path("list.yaml")}, {"list.yaml", "expected"}},
+          {{"--replay", "a=" + path("poses.csv"), "--replay", "b=" + path("poses.csv"), "--users", "1"},
+           {"no slot", "b"}},
+          {{"--log", path("no/such.log")}, {"no/such.log"}},
+          {{"--log", path("good.ply/a.log")}, {"good.ply/a.log"}},
+          {{"--snapshot", path("good.ply/shots")}, {"good.ply/shots"}},
+          {{"--snapshot", path("good.ply")}, {"good.ply"}},
+      });
+}
+
+TEST_F(InputTest, OfTheUsersIsRefused) {
+  expect_refused("sim", wrong_addresses({"--json", path("new.json")}));
+  expect_refused("sim", {
+                            {{"surplus"}, {"surplus"}},
+                            {{"--seconds", "0"}, {"--seconds", "0.1"}},
+                            {{"--patience", "-1"}, {"--patience", "0.1"}},
+                            {{"--scenario", "dmeo"}, {"'dmeo'", "touch, follow, demo", "nor a readable file"}},
+                            {{"--scenario", path("key.yaml")}, {"key.yaml:5:", "unknown key 'spede'", "expected"}},
+                            {{"--scenario", path("list.yaml")}, {"list.yaml:1:", "expected a map"}},
+                            {{"--scenario", path("nonsense.spm")}, {"nonsense.spm:1:"}},
+                            {{"--scenario", path("empty_qos")}, {"empty_qos"}},
+                            {{"--json", path("no/such.json")}, {"no/such.json", "cannot write"}},
+                            {{"--json", path("empty_qos")}, {"empty_qos", "cannot write"}},
+                        });
+}
+
+TEST_F(InputTest, OfTheMeshToolIsRefused) {
+  const std::string out = path("new.spm");
+  expect_refused("mesh",
+                 {
+                     {{}, {"subcommand"}},
+                     {{"mend"}, {"subcommand"}},
+                     {{"build", "--fast", path("good.ply"), out}, {"--fast"}},
+                     {{"build", path("missing.ply"), out}, {"missing.ply", "no such file"}},
+                     {{"build", path("empty.ply"), out}, {"empty.ply", "0 bytes"}},
+                     {{"build", path("cut.ply"), out}, {"cut.ply"}},
+                     {{"build", path("greedy.ply"), out}, {"greedy.ply", "found 14 bytes", "expected"}},
+                     {{"build", path("astray.obj"), out}, {"astray.obj"}},
+                     {{"build", path("points.obj"), out}, {"points.obj", "found 3 points", "expected a surface"}},
+                     {{"build", path("nonsense.ply"), out}, {"nonsense.ply"}},
+                     {{"build", path("good.ply"), path("no/such.spm")}, {"no/such.spm", "cannot be written"}},
+                     {{"build", path("good.ply"), path("empty_qos")}, {"empty_qos", "cannot be written"}},
+                     {{"info", path("missing.spm")}, {"missing.spm"}},
+                     {{"info", path("flipped.spm")}, {"flipped.spm", "checksum"}},
+                     {{"info", path("later.spm")}, {"later.spm", "version 2", "version 1"}},
+                     {{"info", path("cut.spm")}, {"cut.spm", "found", "truncated"}},
+                     {{"verify", path("good.spm"), path("missing.ply")}, {"missing.ply"}},
+                     {{"generate", "cube", out}, {"cube"}},
+                     {{"generate", "sphere", path("new.xyz")}, {"new.xyz"}},
+                     {{"generate", "sphere", path("no/such.ply")}, {"no/such.ply"}},
+                     {{"audit", path("missing.log"), path("good.spm")}, {"missing.log"}},
+                     {{"audit", path("nonsense.spm"), path("good.ply")}, {"nonsense.spm"}},
+                 });
+}
+
+}  // namespace
+}  // namespace tactus::e2e

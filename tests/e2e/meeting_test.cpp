@@ -1,0 +1,149 @@
+/// Who meets whom in a session, and who must not.
+#include "session/figures.hpp"
+#include "tests/e2e/session_test.hpp"
+
+namespace tactus::e2e {
+namespace {
+
+namespace figures = session::figures;
+using Seen = Observer::Seen;
+using testing::HasSubstr;
+using testing::Not;
+
+class MeetingTest : public SessionTest {};
+
+constexpr char kTouch[] = R"(name: one touch
+duration: 20
+users:
+  - name: ann
+    script: [{approach: {object: "#1", speed: 0.2}}, {hold: {seconds: 0.3, force: 1}}]
+)";
+
+constexpr char kStay[] = R"(name: stay
+duration: 60
+users:
+  - name: ann
+    script: [{wait: {seconds: 60}}]
+)";
+
+TEST_F(MeetingTest, TheLaterOfTwoProgramsWithOneNameEndsAndTheFirstGoesOn) {
+  Observer observer{address("observer")};
+  Process museum{host("museum", models().sphere)};
+  Process desk{hrtc("desk")};
+  ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.is_here("museum") && seen.is_here("desk"); }));
+
+  Process second_desk{hrtc("desk")};
+  EXPECT_EQ(second_desk.wait(), 2) << second_desk.output();
+  EXPECT_THAT(second_desk.output(), HasSubstr("desk"));
+  EXPECT_THAT(second_desk.output(), HasSubstr("name"));
+  EXPECT_THAT(second_desk.output(), HasSubstr(session_));
+  Process second_museum{host("museum", models().organ)};
+  EXPECT_EQ(second_museum.wait(), 2) << second_museum.output();
+  EXPECT_THAT(second_museum.output(), HasSubstr("'museum'"));
+  EXPECT_THAT(second_museum.output(), HasSubstr("another --name"));
+  EXPECT_THAT(second_museum.output(), HasSubstr(session_));
+
+  Process users{sim(kTouch)};
+  EXPECT_EQ(users.wait(40s), 0) << users.output() << desk.output() << museum.output();
+  EXPECT_GT(observer.seen().user("ann").exact, 0u);
+  EXPECT_TRUE(ends_with(0, desk));
+  EXPECT_TRUE(ends_with(0, museum));
+}
+
+TEST_F(MeetingTest, AProgramOfAnotherProtocolVersionIsRefusedWithBothVersionsNamed) {
+  Observer observer{address("observer")};
+  Process museum{host("museum", models().sphere)};
+  Process desk{hrtc("desk")};
+  Process users{sim(kStay)};
+  ASSERT_TRUE(observer.until([](const Seen& seen) {
+    return seen.is_here("museum") && seen.is_here("desk") && !seen.roster.at("desk").slots.empty();
+  })) << users.output();
+
+  wire::Links links{address("newcomer")};
+  wire::Writer<session::RosterEntry> roster{links, wire::topics::kRoster};
+  session::RosterEntry entry;
+  entry.protocol = session::kProtocolVersion + 1;
+  entry.role = session::Role::kClient;
+  entry.name = "newcomer";
+  entry.session = session_;
+  entry.controller = "desk";
+  entry.users = {"eve"};
+  for (int beat = 0; beat < 10; ++beat) {
+    entry.origin = links.origin();
+    ++entry.heartbeat;
+    ASSERT_EQ(roster.send(entry), wire::SendStatus::kSent);
+    const std::uint64_t heard = observer.seen().roster.at("desk").heartbeat;
+    ASSERT_TRUE(observer.until([&](const Seen& seen) { return seen.roster.at("desk").heartbeat > heard; }));
+  }
+
+  const std::string refusal = "client 'newcomer' refused: it speaks protocol version " +
+                              std::to_string(session::kProtocolVersion + 1) + ", we speak version " +
+                              std::to_string(session::kProtocolVersion);
+  EXPECT_TRUE(museum.wait_for_line(refusal)) << museum.output();
+  EXPECT_TRUE(desk.wait_for_line(refusal)) << desk.output();
+  const Seen seen = observer.seen();
+  for (const session::UserSlot& slot : seen.roster.at("desk").slots) EXPECT_NE(slot.user, "eve");
+  users.signal(SIGINT);
+  EXPECT_TRUE(ends_with(1, users));
+  EXPECT_THAT(users.output(), HasSubstr(refusal)) << "in the report";
+}
+
+TEST_F(MeetingTest, TwoSessionsOnOneDomainNeverMeetThoughAllNamesAreTheSame) {
+  const std::string ours = session_;
+  Observer observer{address("observer")};
+  Process museum{host("museum", models().organ)};
+  Process desk{hrtc("desk")};
+  session_ += ".other";
+  Observer other_observer{address("observer")};
+  Process other_museum{host("museum", models().sphere)};
+  Process other_desk{hrtc("desk")};
+  ASSERT_TRUE(other_observer.until([](const Seen& seen) { return seen.is_here("museum") && seen.is_here("desk"); }));
+  ASSERT_TRUE(other_desk.wait_for_line("object sphere found")) << other_desk.output();
+  session_ = ours;
+
+  Process users{sim(kTouch)};
+  EXPECT_EQ(users.wait(40s), 0) << users.output();
+
+  EXPECT_GT(observer.seen().user("ann").exact, 100u);
+  EXPECT_TRUE(ends_with(0, desk));
+  EXPECT_TRUE(ends_with(0, museum));
+  EXPECT_THAT(desk.output(), HasSubstr("object organ found"));
+  EXPECT_THAT(desk.output(), Not(HasSubstr("sphere")));
+  // The end of the one session is none of the other's; its next heartbeats show that it is alive.
+  const Seen other = other_observer.seen();
+  ASSERT_TRUE(other_observer.until([&](const Seen& seen) {
+    return seen.metrics.at("desk") > other.metrics.at("desk") + 1 &&
+           seen.roster.at("museum").heartbeat > other.roster.at("museum").heartbeat + 2;
+  }));
+  EXPECT_TRUE(other_observer.seen().states.empty());
+  EXPECT_EQ(other_observer.seen().figure("desk", figures::kRemoteProbes), 0);
+  EXPECT_EQ(other_observer.seen().roster.count("sim"), 0u);
+  EXPECT_THAT(other_desk.output(), Not(HasSubstr("organ")));
+  other_desk.signal(SIGTERM);
+  other_museum.signal(SIGTERM);
+  EXPECT_TRUE(ends_with(0, other_desk));
+  EXPECT_TRUE(ends_with(0, other_museum));
+}
+
+TEST_F(MeetingTest, AControllerGivesUpWhenNoHostIsFoundInTheTimeItWasGiven) {
+  Process desk{hrtc("desk", {"--wait-host", "2"})};
+  EXPECT_EQ(desk.wait(), 1);
+  EXPECT_THAT(desk.output(), HasSubstr("no host found in session " + session_ + " on domain " +
+                                       std::to_string(domain_) + " within 2 s"));
+}
+
+TEST_F(MeetingTest, UsersGiveUpNamingWhatTheyMissed) {
+  Process nobody{in_session("sim", {"--scenario", "touch", "--patience", "1"})};
+  EXPECT_EQ(nobody.wait(), 1);
+  EXPECT_THAT(nobody.output(), HasSubstr("no HRTC #1 in session '" + session_ + "'; no host serves object #1"));
+  EXPECT_THAT(nobody.output(), HasSubstr("waited 1 s"));
+
+  Process desk{hrtc("desk")};
+  ASSERT_TRUE(desk.wait_for_line("serves"));
+  Process no_host{in_session("sim", {"--scenario", "touch", "--patience", "4"})};
+  EXPECT_EQ(no_host.wait(), 1);
+  EXPECT_THAT(no_host.output(), HasSubstr("Not to its end: no host serves object #1, waited 4 s"));
+}
+
+}  // namespace
+}  // namespace tactus::e2e

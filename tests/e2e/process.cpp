@@ -1,0 +1,103 @@
+#include "tests/e2e/process.hpp"
+
+#include <fcntl.h>
+#include <signal.h>
+#include <sys/prctl.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <regex>
+#include <sstream>
+#include <system_error>
+
+namespace tactus::e2e {
+
+Process::Process(std::vector<std::string> command) {
+  std::vector<char*> argv;
+  for (std::string& word : command) argv.push_back(word.data());
+  argv.push_back(nullptr);
+  std::array<int, 2> pipe{};
+  if (::pipe2(pipe.data(), O_CLOEXEC) != 0) throw std::system_error{errno, std::generic_category(), "pipe"};
+  pid_ = ::fork();
+  if (pid_ < 0) throw std::system_error{errno, std::generic_category(), "fork"};
+  if (pid_ == 0) {  // only what is safe in a child of many threads, until exec
+    ::setpgid(0, 0);
+    ::prctl(PR_SET_PDEATHSIG, SIGKILL);
+    ::dup2(::open("/dev/null", O_RDONLY), STDIN_FILENO);
+    ::dup2(pipe[1], STDOUT_FILENO);
+    ::dup2(pipe[1], STDERR_FILENO);
+    ::close_range(3, ~0u, 0);  // the test's own sockets would keep their ports
+    ::execv(argv[0], argv.data());
+    ::_exit(127);
+  }
+  ::setpgid(pid_, pid_);  // whichever of the two comes first
+  ::close(pipe[1]);
+  watcher_ = std::thread{[this, from = pipe[0]] { watch(from); }};
+}
+
+Process::~Process() {
+  ::kill(-pid_, SIGKILL);  // also what it may have left behind, or the pipe would stay open
+  watcher_.join();
+}
+
+void Process::watch(int pipe) {
+  std::array<char, 4096> block;
+  for (ssize_t count; (count = ::read(pipe, block.data(), block.size())) != 0;) {
+    if (count < 0 && errno == EINTR) continue;
+    if (count < 0) break;
+    const std::lock_guard lock{mutex_};
+    output_.append(block.data(), static_cast<std::size_t>(count));
+    news_.notify_all();
+  }
+  ::close(pipe);
+  siginfo_t info{};
+  while (::waitid(P_PID, static_cast<id_t>(pid_), &info, WEXITED | WNOWAIT) != 0 && errno == EINTR) {
+  }
+  const std::lock_guard lock{mutex_};  // from here on nobody signals a number that may be another's
+  int status = 0;
+  ::waitpid(pid_, &status, 0);
+  status_ = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+  news_.notify_all();
+}
+
+std::string Process::output() const {
+  const std::lock_guard lock{mutex_};
+  return output_;
+}
+
+bool Process::wait_for_line(const std::string& pattern, std::chrono::milliseconds limit) const {
+  const std::regex wanted{pattern};
+  std::size_t searched = 0;
+  const auto found = [&] {
+    for (std::size_t end; (end = output_.find('\n', searched)) != std::string::npos; searched = end + 1) {
+      if (std::regex_search(output_.substr(searched, end - searched), wanted)) return true;
+    }
+    return false;
+  };
+  std::unique_lock lock{mutex_};
+  bool matched = false;
+  news_.wait_for(lock, limit, [&] { return (matched = found()) || status_; });
+  return matched;
+}
+
+void Process::signal(int number) {
+  const std::lock_guard lock{mutex_};
+  if (!status_) ::kill(pid_, number);
+}
+
+std::optional<int> Process::wait(std::chrono::milliseconds limit) {
+  std::unique_lock lock{mutex_};
+  news_.wait_for(lock, limit, [this] { return status_.has_value(); });
+  return status_;
+}
+
+bool Process::running() const {
+  const std::lock_guard lock{mutex_};
+  return !status_;
+}
+
+bool Process::left_nothing_running() const { return ::kill(-pid_, 0) != 0 && errno == ESRCH; }
+
+}  // namespace tactus::e2e
