@@ -77,6 +77,7 @@ users:
     return seen.figure("desk", figures::kRegionsReceived) > received + 1;
   })) << controller.output()
       << second_host.output();
+  EXPECT_TRUE(wait_for_firm_contact(observer, "ann")) << "while exploring";
   users.signal(SIGINT);
   EXPECT_TRUE(ends_with(1, users));
   EXPECT_TRUE(ends_with(0, controller));
