@@ -1,0 +1,113 @@
+// The haptic thread beside the loader's, as in a real HRTC but without DDS: what passes between them, for TSan to
+// watch.
+
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <cmath>
+#include <set>
+#include <thread>
+
+#include "haptics/simulated_device.hpp"
+#include "hrtc_service/haptic_thread.hpp"
+#include "hrtc_service/loader.hpp"
+#include "hrtc_service/realtime.hpp"
+#include "session/delivery_server.hpp"
+#include "spm/offline/build.hpp"
+#include "spm/offline/generate.hpp"
+
+namespace tactus {
+namespace {
+
+using hrtc_service::kMaxProbes;
+using spm::Vec3d;
+
+constexpr std::uint64_t kHost = 10, kHrtc = 20, kSession = 30, kObject = 40;
+
+TEST(Threads, AHandFeelsWhatALoaderBringsAndEvictsMeanwhile) {
+  const spm::offline::BuiltModel built =
+      spm::offline::build_model(spm::offline::generate(spm::offline::Shape::kSphere, 8000));
+  const spm::Model model = built.model();
+  const double radius = (model.summary.bounds_max[0] - model.summary.bounds_min[0]) / 2;
+  const spm::PoolSettings settings = spm::PoolSettings::for_slots(model.summary.parts / 2 + 600);
+  spm::Pool pool{settings};
+  spm::NodePool nodes{settings.tree_nodes};
+  hrtc_service::HapticSettings haptic_settings;
+  haptic_settings.priority = 0;
+  haptic_settings.log = true;
+  haptic_settings.snapshot_faces = 20000;
+  hrtc_service::HapticThread haptic{haptic_settings, {}};
+  session::DeliveryServer server{session::Origin{kSession, kHost, 1, 0}};
+  server.add(kObject, model);
+  hrtc_service::Loader loader{
+      pool, nodes, session::Origin{kSession, kHrtc, 1, 0}, {}, haptic.arrivals(), haptic.departures()};
+  session::CatalogueEntry entry;
+  entry.origin = {kSession, kHost, 1, 0};
+  entry.host = "host";
+  entry.object = "sphere";
+  entry.object_id = kObject;
+  entry.summary = model.summary;
+  entry.base_bytes = server.base_bytes(kObject);
+  loader.on_host_seen(kHost, 1, hrtc_service::monotonic_ns());
+  loader.on_catalogue(entry);
+
+  haptics::HandSettings hand;
+  hand.start = {radius + 0.02, 0, 0};
+  haptics::SimulatedDevice device{hand};
+  hrtc_service::HapticCommands commands;
+  commands.devices[0] = &device;
+  haptic.commands().post(commands);
+  (void)haptic.start();
+
+  const std::int64_t start = hrtc_service::monotonic_ns();
+  std::uint64_t contact = 0, exact = 0, logged = 0;
+  std::set<std::uint64_t> hashes;
+  trace::LoggedQuery query;
+  hrtc_service::ProbeReports reports;
+  std::array<hrtc_service::ProbeSight, kMaxProbes> sights;
+  // Until the hand has felt the finest surface long enough and regions have come and gone; the watchdog is ctest's.
+  while (exact < 200 || loader.figures().regions_evicted < 3 || haptic.snapshots_done() == 0) {
+    const std::int64_t now = hrtc_service::monotonic_ns();
+    // Round and round the equator, pressed 2 mm in, at some 10 cm/s.
+    const double angle = static_cast<double>(now - start) * 1e-9 * 0.1 / radius;
+    haptics::HandPath path;
+    path.waypoints[path.count++] = {
+        now,
+        {(radius + 0.001) * std::cos(angle), (radius + 0.001) * std::sin(angle), 0.2 * radius * std::sin(3 * angle)}};
+    device.wishes().post(path);
+    if (contact == 100) {
+      commands.snapshots = 1;
+      haptic.commands().post(commands);
+    }
+    if (haptic.reports_for_service().take(reports)) {
+      const hrtc_service::ProbeOutput& probe = reports.probes[0];
+      const bool touching = (probe.status & session::kInContact) != 0;
+      contact += touching ? 1 : 0;
+      exact += touching && (probe.status & session::kExact) != 0 ? 1 : 0;
+      sights[0] = {probe.active, touching, reports.time_ns, hrtc_service::vec(probe.device),
+                   hrtc_service::vec(probe.proxy)};
+    }
+    loader.on_host_seen(kHost, 1, now);
+    std::array<std::uint64_t, kMaxProbes> near;
+    loader.tick(now, sights, near);
+    haptic.near().post(near);
+    while (auto demand = loader.demand(now)) server.on_demand(*demand);
+    while (auto chunk = server.next(now)) loader.on_chunk(chunk->chunk, now);
+    hrtc_service::CycleTrace trace;
+    while (haptic.traces().pop(trace)) {
+    }
+    while (haptic.log().pop(query)) {
+      ++logged;
+      hashes.insert(query.mesh_hash);
+    }
+    std::this_thread::yield();
+  }
+  haptic.stop();
+
+  EXPECT_GT(logged, exact);
+  EXPECT_GT(hashes.size(), 2u);
+  EXPECT_FALSE(haptic.snapshot()[0].empty());
+}
+
+}  // namespace
+}  // namespace tactus
