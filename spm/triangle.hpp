@@ -69,6 +69,8 @@ inline void nearer_on_segment(const Vec3d& p, const Vec3d& a, const Vec3d& b, Fe
   const Vec3d h = ac - ab * slant;
   const double h2 = h.squaredNorm();
   const double longest2 = std::max({ab2, ac.squaredNorm(), (c - b).squaredNorm()});
+  // Edges that a nearest point may lie on: only those that the query is beyond, unless rounding may mislead.
+  bool on_ab = true, on_bc = true, on_ca = true;
   // Below this the height of the triangle is lost in rounding, and its edges are all there is.
   constexpr double kFlat = 1e-28;
   if (ab2 * h2 > kFlat * longest2 * longest2) {
@@ -76,19 +78,22 @@ inline void nearer_on_segment(const Vec3d& p, const Vec3d& a, const Vec3d& b, Fe
     const double w = h.dot(ap - ab * s) / h2;  // barycentric coordinate of c
     const double v = s - slant * w;            // and of b
     const double u = 1 - v - w;
+    constexpr double kInside = 1e-6;
+    constexpr double kNeedle = 1e-6;
+    if (ab2 * h2 > kNeedle * longest2 * longest2) {
+      on_ab = w <= kInside;
+      on_bc = u <= kInside;
+      on_ca = v <= kInside;
+    }
     if (v >= 0 && w >= 0 && u >= 0) {
       const Vec3d point = a + ab * s + h * w;
       best = {point, (p - point).squaredNorm(), Feature::kFace};
-      // Well inside, no edge can be nearer; near the border, or in a needle, rounding may have misled the test above.
-      constexpr double kInside = 1e-6;
-      constexpr double kNeedle = 1e-6;
-      if (std::min({u, v, w}) > kInside && ab2 * h2 > kNeedle * longest2 * longest2) return best;
     }
   }
   using detail::nearer_on_segment;
-  nearer_on_segment(p, a, b, Feature::kEdgeAb, Feature::kVertexA, Feature::kVertexB, best);
-  nearer_on_segment(p, b, c, Feature::kEdgeBc, Feature::kVertexB, Feature::kVertexC, best);
-  nearer_on_segment(p, c, a, Feature::kEdgeCa, Feature::kVertexC, Feature::kVertexA, best);
+  if (on_ab) nearer_on_segment(p, a, b, Feature::kEdgeAb, Feature::kVertexA, Feature::kVertexB, best);
+  if (on_bc) nearer_on_segment(p, b, c, Feature::kEdgeBc, Feature::kVertexB, Feature::kVertexC, best);
+  if (on_ca) nearer_on_segment(p, c, a, Feature::kEdgeCa, Feature::kVertexC, Feature::kVertexA, best);
   return best;
 }
 
