@@ -63,8 +63,9 @@ struct ModelSummary {
   std::array<float, 3> bounds_min, bounds_max;  ///< of the vertices, file units
   GridFrame grid;
   double metres_per_unit;  ///< suggested by `tactus-mesh build`; a host may override it for an object
-  /// File units. No point of any version of the mesh is further than this from its place on the finest, nor the reverse:
-  /// the greatest distance of a vertex from any that it collapses into, which bounds what the face between three moves.
+  /// File units. No point of any version of the mesh is further than this from its place on the finest, nor the
+  /// reverse: the greatest distance of a vertex from any that it collapses into, which bounds what the face between
+  /// three moves.
   double deviation;
 };
 
