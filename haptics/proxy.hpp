@@ -52,6 +52,8 @@ class Proxy {
 
   /// From the next step on. Realtime.
   void set_grip(const Grip& grip) noexcept { grip_ = grip; }
+  /// Of ProxySettings, from the next step on: objects may come later than the proxy. Realtime.
+  void set_reach(double reach) noexcept { settings_.reach = reach; }
 
   /// Forgets everything; the next step starts at the device.
   void reset() noexcept { *this = Proxy{settings_}; }

@@ -44,6 +44,9 @@ void Cycle::take(const Arrival& arrival) noexcept {
   switch (arrival.kind) {
     case Arrival::Kind::kObject:
       if (objects_.size() < kMaxObjects) objects_.push_back(arrival.object);
+      // A region that refines may move the surface by as much as the object deviates.
+      reach_ = std::max(reach_, arrival.object->deviation * arrival.object->placement.scale() + settings_.radius);
+      for (haptics::Proxy& proxy : proxies_) proxy.set_reach(reach_);
       break;
     case Arrival::Kind::kRegion:
       arrival.object->forest->add(arrival.region, arrival.list);

@@ -113,7 +113,8 @@ class Cycle {
   std::vector<TouchObject*> objects_;              // reserved for kMaxObjects
   std::array<ObjectState, kMaxObjects> states_{};  // by object index
   std::array<haptics::Proxy, kMaxProbes> proxies_;
-  std::vector<haptics::ForceRenderer> forces_;  // by probe
+  double reach_ = haptics::ProxySettings{}.reach;  // m, of the proxies; grows with the objects
+  std::vector<haptics::ForceRenderer> forces_;     // by probe
   std::array<ObjectsSurface, kMaxProbes> surfaces_;
   std::array<Target, kMaxTargets> targets_;
   std::uint32_t target_count_ = 0;

@@ -43,19 +43,20 @@ struct Finest {
 class Circling {
  public:
   explicit Circling(const Finest& finest) {
-    constexpr int kStops = 1200;
+    constexpr int kStops = 600;
     for (int i = 0; i < kStops; ++i) {
       const double angle = 2 * M_PI * i / kStops;
       const Vec3d ray{std::cos(angle), std::sin(angle), 0.3 * std::sin(3 * angle)};
-      // Out from the centre until the tip is just free, then half a millimetre back.
+      // In from outside, each time by as far as is free, until the tip touches; then half a millimetre further.
       double radius = 0.2;
-      for (double step = 0.1; step > 1e-6; step /= 2) {
-        const Vec3d at = (radius - step) * ray;
+      for (double free = 1; free > 1e-6;) {
         double nearest = 1;
-        for (const auto& triangle : finest.triangles) nearest = std::min(nearest, finest.distance(triangle, at));
-        if (nearest > kTip && at.norm() > 0.02) radius -= step;
+        for (const auto& triangle : finest.triangles)
+          nearest = std::min(nearest, finest.distance(triangle, radius * ray));
+        free = nearest - kTip;
+        radius -= free / ray.norm();
       }
-      stops_.push_back((radius - 0.0005) * ray);
+      stops_.push_back((radius - 0.0005 / ray.norm()) * ray);
     }
   }
   [[nodiscard]] const std::vector<Vec3d>& stops() const { return stops_; }
@@ -158,6 +159,32 @@ TEST_F(OrganSession, TheSameInputsGiveTheSameForcesToTheBit) {
     return forces;
   };
   EXPECT_EQ(run(), run());
+}
+
+TEST_F(OrganSession, ASurfaceThatRefinesUnderATipKeepsTheProxyOutside) {
+  for (std::size_t stop = 0; stop < path_->stops().size(); stop += 50) {
+    SCOPED_TRACE("stop " + std::to_string(stop));
+    LocalSession session{{built_->model()}, 1, spm::PoolSettings::for_slots(1 << 14)};
+    const Vec3d goal = path_->stops()[stop];
+    const Vec3d away = goal.normalized();
+    const auto approach = [&](int cycle) -> Vec3d { return goal + away * std::max(0.0, 0.09 - 0.0001 * cycle); };
+    for (int cycle = 0; cycle < 40; ++cycle) session.step(approach(0), Vec3d::Zero());  // the base mesh arrives
+    session.connected = false;
+    hrtc_service::ProbeOutput probe;
+    for (int cycle = 0; cycle < 1200; ++cycle) probe = session.step(approach(cycle), -away * 0.1).probes[0];
+    ASSERT_EQ(probe.status & session::kExact, 0u) << "the base mesh is all there is";
+    session.connected = true;
+    for (int cycle = 0; cycle < 1500; ++cycle) probe = session.step(goal, Vec3d::Zero()).probes[0];
+
+    constexpr std::uint32_t kTouching = session::kInContact | session::kExact;
+    EXPECT_EQ(probe.status & kTouching, kTouching);
+    const Vec3d proxy = hrtc_service::vec(probe.proxy);
+    double nearest = 1;
+    for (const auto& triangle : finest_->triangles) nearest = std::min(nearest, finest_->distance(triangle, proxy));
+    EXPECT_NEAR(nearest, kTip, 2e-5);
+    EXPECT_GT((proxy - goal).dot(away), 0) << "further out than the device, which is half a millimetre in";
+    EXPECT_NEAR((proxy - goal).norm(), 0.0005, 0.0003);
+  }
 }
 
 TEST_F(OrganSession, WhatIsLoadedStaysTouchableWhenTheHostFallsSilent) {
