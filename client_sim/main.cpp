@@ -97,9 +97,9 @@ int main(int argc, char** argv) {
     }
     // Users at a second HRTC make it appear as NAME.2, and so on.
     constexpr std::size_t kSuffix = 3;
-    if (address.participant.size() > session::kMaxName - kSuffix)
-      throw std::runtime_error("--name has " + std::to_string(address.participant.size()) +
-                               " bytes, expected at most " + std::to_string(session::kMaxName - kSuffix));
+    if (address.participant.size() > session::kMaxName - kSuffix && address.participant.size() <= session::kMaxName)
+      throw std::runtime_error("--name has " + std::to_string(address.participant.size()) + " bytes, expected 1 to " +
+                               std::to_string(session::kMaxName - kSuffix));
     client_sim::SimOptions options{address, client_sim::load_scenario(scenario), patience};
     if (seconds > 0) options.scenario.duration = seconds;
     if (!json.empty()) expect_writable(json);
