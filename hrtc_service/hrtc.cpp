@@ -573,6 +573,9 @@ void Hrtc::Impl::finish() {
   sending = false;
   if (sender.joinable()) sender.join();
   drain_rings();
+  if (haptic.traces_dropped() > 0)
+    spdlog::warn("{} cycles are missing in the figures: the service fell behind", haptic.traces_dropped());
+  if (inbox.dropped() > 0) spdlog::warn("{} samples found the inbox full and were dropped", inbox.dropped());
   if (log) {
     for (const Loader::ObjectInfo& object : loader.objects())
       log->write(trace::LoggedTotals{object.index, object.records_received, object.records_returned,

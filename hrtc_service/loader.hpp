@@ -102,9 +102,6 @@ class Loader {
   [[nodiscard]] const spm::RegionGrid& grid(std::uint32_t object_index) const { return *by_index_[object_index]->grid; }
   /// Regions predicted in the last tick, by object index.
   [[nodiscard]] std::vector<std::uint32_t> predicted(std::uint32_t object_index) const;
-  [[nodiscard]] std::uint64_t id_of_object(std::uint32_t index) const noexcept {
-    return index < by_index_.size() ? by_index_[index]->info.id : 0;
-  }
 
  private:
   enum class RegionState : std::uint8_t { kAbsent, kHeld, kRetiring, kReleasing };

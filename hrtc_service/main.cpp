@@ -52,7 +52,7 @@ int main(int argc, char** argv) {
   app.add_option("--domain", options.address.domain, "First of the three DDS domains that the session uses")
       ->capture_default_str();
   app.add_option("--qos", options.address.qos, "Directory of the QoS profiles")->capture_default_str();
-  app.add_option("--pool", slots, "Slots for mesh records, of all objects together; 64 Ki take 31 MiB")
+  app.add_option("--pool", slots, "Slots for mesh records, of all objects together; 64 Ki take 34 MiB")
       ->capture_default_str()
       ->check(CLI::Range(256u, 1u << 27));
   app.add_option("--users", options.max_users, "Probes at most")

@@ -40,7 +40,6 @@ inline constexpr char kExactCycles[] = "hrtc.exact_cycles";
 inline constexpr char kPoolUsed[] = "hrtc.pool_used";
 inline constexpr char kPoolPeak[] = "hrtc.pool_peak";
 inline constexpr char kPoolLimit[] = "hrtc.pool_limit";
-inline constexpr char kNodesUsed[] = "hrtc.nodes_used";
 inline constexpr char kRegionsHeld[] = "hrtc.regions_held";
 inline constexpr char kRegionsReceived[] = "hrtc.regions_received";
 inline constexpr char kEvictions[] = "hrtc.evictions";

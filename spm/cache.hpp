@@ -45,7 +45,7 @@ class Cache {
   /// `pool` must outlive the cache. Allocates.
   explicit Cache(Pool& pool);
 
-  /// Pins the base mesh. kNone-like failure is an answer, not an exception: the base did not fit, nothing has changed.
+  /// Pins the base mesh. When it does not fit, `fits` is false and nothing has changed.
   /// `base` must have passed violations(). Allocates.
   struct Admitted {
     bool fits = false;

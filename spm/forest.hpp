@@ -86,8 +86,6 @@ class Forest {
   /// shown records alone, and these determine every corner of every face.
   [[nodiscard]] std::uint64_t mesh_hash() const noexcept { return hash_; }
   [[nodiscard]] static std::uint64_t hash_of(std::uint32_t vertex_id) noexcept;
-  /// Regions partly or wholly refined, and those that wait.
-  [[nodiscard]] std::uint32_t regions_in_use() const noexcept { return in_use_count_; }
 
   /// What is broken: counters against a recount, shown faces against the records, the tree. O(pool), allocates.
   [[nodiscard]] std::vector<std::string> violations() const;
