@@ -6,19 +6,16 @@
 // found the same triangles, so that fast and wrong fails.
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <vector>
 
 #include "bench/figures.hpp"
 #include "bench/models.hpp"
+#include "bench/refined_run.hpp"
+#include "bench/stopwatch.hpp"
 #include "bench/surface_path.hpp"
-#include "spm/cache.hpp"
-#include "spm/codec/region_codec.hpp"
 #include "spm/fcl/fixed_mesh.hpp"
-#include "spm/forest.hpp"
-#include "spm/prediction.hpp"
 #include "spm/triangle.hpp"
 
 namespace tactus::bench {
@@ -26,7 +23,6 @@ namespace {
 
 using spm::Vec3d;
 
-constexpr double kPeriod = 0.001;  // s
 constexpr std::uint32_t kContacts = 8192;
 constexpr double kTangent = 1e-6;  // m: nearer to tangency than this, rounding decides
 
@@ -42,20 +38,6 @@ struct Settings {
   std::uint32_t budget = 1000;
   std::uint64_t seed = 1;
   bool quick = false;
-};
-
-class Stopwatch {
- public:
-  /// Microseconds since the last lap or the start.
-  double lap() {
-    const auto now = std::chrono::steady_clock::now();
-    const double us = std::chrono::duration<double, std::micro>(now - last_).count();
-    last_ = now;
-    return us;
-  }
-
- private:
-  std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
 };
 
 /// What one cycle found; its faces are `[first, first + count)` of Run::faces when it was exact.
@@ -75,146 +57,36 @@ struct Run {
   std::uint32_t truncated = 0;
 };
 
-/// Keeps an object's regions in the pool as a controller's loader does, without a network between.
-class Loader {
- public:
-  Loader(const spm::Model& model, spm::Cache& cache, spm::ObjectIndex object, spm::Forest& forest)
-      : model_{model}, cache_{cache}, object_{object}, forest_{forest}, wanted_at_(model.regions.size(), 0) {}
-
-  /// Loads what `wanted` lacks and, when the pool is full, gives back what was wanted longest ago.
-  void follow(const spm::Predictor::Answer& wanted) {
-    ++tick_;
-    for (std::uint32_t gone = forest_.take_retired(); gone != spm::kNone; gone = forest_.take_retired()) {
-      cache_.release(object_, spm::RegionId{gone});
-    }
-    for (std::uint32_t i = 0; i < wanted.count; ++i) wanted_at_[index(wanted.regions[i].region)] = tick_;
-    for (std::uint32_t i = 0; i < wanted.count; ++i) {
-      const spm::RegionId region = wanted.regions[i].region;
-      if (cache_.holds(object_, region)) continue;
-      if (load(region)) continue;
-      evict();
-      return;
-    }
-  }
-
-  [[nodiscard]] std::uint64_t evictions() const noexcept { return evictions_; }
-
- private:
-  bool load(spm::RegionId region) {
-    const auto data =
-        spm::codec::decode_region(spm::codec::encode_region(model_, region, model_.runs_of(region)), model_.summary);
-    if (!data) throw std::runtime_error("region " + std::to_string(index(region)) + ": " + data.error().text);
-    spm::RegionList list;
-    const spm::AcceptResult result = cache_.accept(object_, *data, list);
-    if (result == spm::AcceptResult::kPoolFull) return false;
-    if (result != spm::AcceptResult::kAccepted) {
-      throw std::runtime_error("region " + std::to_string(index(region)) +
-                               " was not accepted: " + std::to_string(static_cast<int>(result)));
-    }
-    forest_.add(region, list);
-    return true;
-  }
-
-  void evict() {
-    std::uint32_t oldest = spm::kNone;
-    for (std::uint32_t r = 0; r < wanted_at_.size(); ++r) {
-      const spm::RegionId region{r};
-      if (wanted_at_[r] == tick_ || !forest_.is_here(region) || forest_.is_retiring(region)) continue;
-      if (oldest == spm::kNone || wanted_at_[r] < wanted_at_[oldest]) oldest = r;
-    }
-    if (oldest == spm::kNone) return;
-    forest_.retire(spm::RegionId{oldest});
-    ++evictions_;
-  }
-
-  const spm::Model& model_;
-  spm::Cache& cache_;
-  spm::ObjectIndex object_;
-  spm::Forest& forest_;
-  std::vector<std::uint64_t> wanted_at_;  // by region: tick
-  std::uint64_t tick_ = 0;
-  std::uint64_t evictions_ = 0;
-};
-
 Run run_cycles(const spm::Model& model, const Settings& settings, double unit, const std::vector<Vec3d>& path) {
-  constexpr std::uint32_t kPlanEvery = 4;  // cycles
-  constexpr double kLoadLead = 0.2;        // s
-  constexpr double kRefineLead = 0.05;     // s
   const double radius = settings.radius / unit;
-
-  const std::uint32_t base = std::max(model.summary.base_vertices, (model.summary.base_faces + 1) / 2);
-  // A tip as large as a small model meets most of it at once, whatever the share.
-  constexpr std::uint32_t kLeastSlots = 8192;
-  const auto share = static_cast<std::uint32_t>(settings.pool_share * model.summary.parts);
-  const std::uint32_t slots = base + std::max(share, kLeastSlots);
-  spm::Pool pool{spm::PoolSettings::for_slots(slots)};
-  spm::NodePool nodes{pool.settings.tree_nodes};
-  spm::Cache cache{pool};
-  const spm::BaseMesh base_mesh = spm::base_mesh_of(model);
-  spm::Cache::Admitted admitted = cache.admit(base_mesh);
-  if (!admitted.fits)
-    throw std::runtime_error("the base mesh does not fit a pool of " + std::to_string(slots) + " slots");
-  spm::Forest forest{pool,
-                     nodes,
-                     index(admitted.object),
-                     model.summary,
-                     spm::RegionGrid{model.summary.grid, base_mesh.regions},
-                     std::move(admitted.base)};
-  Loader loader{model, cache, admitted.object, forest};
-  spm::Predictor predictor{{0.0005 / unit, settings.speed / unit}};
-  spm::Predictor::Answer wanted;
-  std::vector<spm::RegionId> target;
+  RefinedRun refined{model, {radius, settings.speed / unit, settings.pool_share, settings.budget}};
+  const spm::Forest& forest = refined.forest();
   std::vector<spm::Contact> contacts(kContacts);
-
-  spm::Budget start{~0u};
-  if (forest.advance(start) != spm::Advance::kDone)
-    throw std::runtime_error("the base mesh does not fit the tree nodes");
-  forest.refit();
-
   Run run;
   run.found.resize(path.size());
   bool in_contact = false;
   for (std::size_t i = 0; i < path.size(); ++i) {
-    const Vec3d& tip = path[i];
-    predictor.observe(static_cast<double>(i) * kPeriod, tip, in_contact);
-    const bool plan = i % kPlanEvery == 0;
-    if (plan) {
-      predictor.predict(forest.grid(), radius, kLoadLead, wanted);
-      loader.follow(wanted);
-      target.clear();
-      for (std::uint32_t w = 0; w < wanted.count; ++w) {
-        if (wanted.regions[w].contact_in <= kRefineLead) target.push_back(wanted.regions[w].region);
-      }
-    }
-
-    const spm::ForestCounters before = forest.counters();
-    spm::Budget budget{settings.budget};
+    const RefinedStep step = refined.step(path[i], in_contact);
     Stopwatch watch;
-    if (plan) forest.target(target.data(), static_cast<std::uint32_t>(target.size()));
-    static_cast<void>(forest.advance(budget));
-    const double refine = watch.lap();
-    forest.refit();
-    const double refit = watch.lap();
-    const std::uint32_t count = forest.tree().touching(tip, radius, contacts.data(), kContacts);
+    const std::uint32_t count = forest.tree().touching(path[i], radius, contacts.data(), kContacts);
     const double query = watch.lap();
 
-    const double sum = refine + refit + query;
-    run.refine.add(refine);
-    run.refit.add(refit);
+    const double sum = step.refine + step.refit + query;
+    run.refine.add(step.refine);
+    run.refit.add(step.refit);
     run.query.add(query);
     run.sum.add(sum);
-    const spm::ForestCounters& after = forest.counters();
-    if (after.splits != before.splits || after.collapses != before.collapses) {
-      run.changed_refine.add(refine);
-      run.changed_refit.add(refit);
+    if (step.changed) {
+      run.changed_refine.add(step.refine);
+      run.changed_refit.add(step.refit);
       run.changed_query.add(query);
       run.changed_sum.add(sum);
     }
     in_contact = count > 0;
     if (count > kContacts) ++run.truncated;
-    if (i < static_cast<std::size_t>(kLoadLead / kPeriod)) continue;
+    if (!refined.settled()) continue;
     ++run.settled;
-    if (!forest.exact(tip, radius)) continue;
+    if (!forest.exact(path[i], radius)) continue;
     Found& found = run.found[i];
     found.exact = true;
     found.first = run.faces.size();
@@ -225,7 +97,7 @@ Run run_cycles(const spm::Model& model, const Settings& settings, double unit, c
     std::sort(run.faces.begin() + static_cast<std::ptrdiff_t>(found.first), run.faces.end());
     ++run.exact;
   }
-  run.evictions = loader.evictions();
+  run.evictions = refined.evictions();
   run.splits = forest.counters().splits;
   run.collapses = forest.counters().collapses;
   return run;

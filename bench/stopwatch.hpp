@@ -1,0 +1,22 @@
+/// Wall time of short pieces of work.
+#pragma once
+
+#include <chrono>
+
+namespace tactus::bench {
+
+class Stopwatch {
+ public:
+  /// Microseconds since the last lap or the start.
+  double lap() {
+    const auto now = std::chrono::steady_clock::now();
+    const double us = std::chrono::duration<double, std::micro>(now - last_).count();
+    last_ = now;
+    return us;
+  }
+
+ private:
+  std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
+};
+
+}  // namespace tactus::bench
