@@ -13,6 +13,8 @@
 #include <utility>
 #include <vector>
 
+#include "spm/offline/pending_file.hpp"
+
 namespace tactus::spm::offline {
 namespace {
 
@@ -96,53 +98,6 @@ Provenance from_json(const char* text, std::size_t size) {
   return p;
 }
 
-/// A file that is there under its name only once it is complete.
-class PendingFile {
- public:
-  explicit PendingFile(const std::filesystem::path& path) : path_{path}, name_{path.string() + ".XXXXXX"} {
-    fd_ = ::mkstemp(name_.data());
-    if (fd_ < 0) fail(path_, "cannot be written: " + std::string{std::strerror(errno)});
-  }
-  PendingFile(const PendingFile&) = delete;
-  PendingFile& operator=(const PendingFile&) = delete;
-  ~PendingFile() {
-    if (fd_ >= 0) ::close(fd_);
-    if (!name_.empty()) ::unlink(name_.c_str());
-  }
-
-  void write(const void* data, std::size_t size) {
-    const char* from = static_cast<const char*>(data);
-    while (size > 0) {
-      const ssize_t n = ::write(fd_, from, size);
-      if (n < 0 && errno == EINTR) continue;
-      if (n <= 0) fail(path_, "cannot be written: " + std::string{std::strerror(errno)});
-      from += n;
-      size -= static_cast<std::size_t>(n);
-      written_ += static_cast<std::size_t>(n);
-    }
-  }
-  void pad_to(std::size_t offset) {
-    const std::array<char, kAlignment> zeros{};
-    write(zeros.data(), offset - written_);
-  }
-  void commit() {
-    const mode_t mask = ::umask(0);
-    ::umask(mask);
-    const bool synced = ::fchmod(fd_, 0666 & ~mask) == 0 && ::fsync(fd_) == 0;
-    const bool closed = ::close(std::exchange(fd_, -1)) == 0;
-    if (!synced || !closed || ::rename(name_.c_str(), path_.c_str()) != 0) {
-      fail(path_, "cannot be written: " + std::string{std::strerror(errno)});
-    }
-    name_.clear();
-  }
-
- private:
-  std::filesystem::path path_;
-  std::string name_;
-  int fd_ = -1;
-  std::size_t written_ = 0;
-};
-
 struct File {
   explicit File(const std::filesystem::path& path) : fd{::open(path.c_str(), O_RDONLY | O_CLOEXEC)} {}
   File(const File&) = delete;
@@ -223,11 +178,12 @@ void write_model(const std::filesystem::path& path, const Model& model, const Pr
   Header header{kMagic, kModelFileVersion, kSections, end, 0, {}};
   header.checksum = checksum_of(header, table);
 
+  const std::array<char, kAlignment> zeros{};
   PendingFile file{path};
   file.write(&header, sizeof header);
   file.write(&table, sizeof table);
   for (std::uint32_t i = 0; i < kSections; ++i) {
-    file.pad_to(table[i].offset);
+    file.write(zeros.data(), table[i].offset - file.written());
     file.write(contents[i].first, contents[i].second);
   }
   file.commit();

@@ -1,13 +1,11 @@
 #include "spm/offline/write_mesh.hpp"
 
 #include <Eigen/Geometry>
-#include <cerrno>
 #include <charconv>
-#include <cstring>
-#include <fstream>
 #include <string>
 
 #include "spm/model.hpp"
+#include "spm/offline/pending_file.hpp"
 
 namespace tactus::spm::offline {
 namespace {
@@ -82,10 +80,9 @@ void write_mesh(const std::filesystem::path& path, const TriangleMesh& mesh) {
   } else {
     throw ModelError{path.string() + ": extension \"" + extension + "\", expected .ply, .obj or .stl"};
   }
-  std::ofstream file{path, std::ios::binary};
-  file.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
-  file.close();
-  if (!file) throw ModelError{path.string() + ": cannot be written: " + std::strerror(errno)};
+  PendingFile file{path};
+  file.write(bytes.data(), bytes.size());
+  file.commit();
 }
 
 }  // namespace tactus::spm::offline

@@ -1,0 +1,109 @@
+#include "spm/offline/pending_file.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/resource.h>
+
+#include "spm/offline/build.hpp"
+#include "spm/offline/generate.hpp"
+#include "spm/offline/model_file.hpp"
+#include "spm/offline/write_mesh.hpp"
+#include "tests/support/temporary_folder.hpp"
+
+namespace tactus::spm::offline {
+namespace {
+
+using test_support::read_bytes;
+using test_support::write_bytes;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+/// No file of this process grows beyond `bytes` as long as this lives: a disk that fills up.
+class FileSizeLimit {
+ public:
+  explicit FileSizeLimit(rlim_t bytes) : handler_{::signal(SIGXFSZ, SIG_IGN)} {
+    ::getrlimit(RLIMIT_FSIZE, &before_);
+    const rlimit limit{bytes, before_.rlim_max};
+    ::setrlimit(RLIMIT_FSIZE, &limit);
+  }
+  ~FileSizeLimit() {
+    ::setrlimit(RLIMIT_FSIZE, &before_);
+    ::signal(SIGXFSZ, handler_);
+  }
+
+ private:
+  rlimit before_{};
+  sighandler_t handler_;
+};
+
+class PendingFileTest : public ::testing::Test {
+ protected:
+  std::vector<std::string> names() const {
+    std::vector<std::string> all;
+    for (const auto& entry : std::filesystem::directory_iterator{folder_.path()})
+      all.push_back(entry.path().filename().string());
+    return all;
+  }
+  /// What writing says of its failure; empty when it does not fail.
+  template <class Write>
+  static std::string failure(Write write) {
+    const FileSizeLimit limit{1000};
+    try {
+      write();
+    } catch (const ModelError& error) {
+      return error.what();
+    }
+    return {};
+  }
+
+  test_support::TemporaryFolder folder_;
+};
+
+TEST_F(PendingFileTest, IsThereOnlyOnceItIsCommitted) {
+  const std::filesystem::path path = folder_.path() / "file";
+  write_bytes(path, "old");
+  {
+    PendingFile file{path};
+    file.write("new", 3);
+    EXPECT_EQ(read_bytes(path), "old");
+    file.commit();
+    EXPECT_EQ(read_bytes(path), "new");
+  }
+  EXPECT_THAT(names(), ElementsAre("file"));
+}
+
+TEST_F(PendingFileTest, LeavesNothingWhenItIsNotCommitted) {
+  {
+    PendingFile file{folder_.path() / "file"};
+    file.write("new", 3);
+    EXPECT_EQ(file.written(), 3u);
+    EXPECT_EQ(names().size(), 1u);
+  }
+  EXPECT_THAT(names(), IsEmpty());
+}
+
+TEST_F(PendingFileTest, AMeshOfAnyFormatThatDoesNotFitOnTheDiskLeavesTheOldFileAsItWas) {
+  const TriangleMesh mesh = generate(Shape::kSphere, 1000);
+  for (const std::string name : {"mesh.ply", "mesh.obj", "mesh.stl"}) {
+    const std::filesystem::path path = folder_.path() / name;
+    write_bytes(path, "old");
+    EXPECT_THAT(failure([&] { write_mesh(path, mesh); }), HasSubstr(name + ": cannot be written: File too large"));
+    EXPECT_EQ(read_bytes(path), "old");
+    EXPECT_THAT(names(), ElementsAre(name));
+    std::filesystem::remove(path);
+  }
+}
+
+TEST_F(PendingFileTest, AModelThatDoesNotFitOnTheDiskLeavesTheOldFileAsItWas) {
+  const BuiltModel built = build_model(generate(Shape::kSphere, 1000));
+  const std::filesystem::path path = folder_.path() / "model.spm";
+  write_bytes(path, "old");
+  EXPECT_THAT(failure([&] { write_model(path, built.model(), {}); }), HasSubstr("model.spm: cannot be written: File"));
+  EXPECT_EQ(read_bytes(path), "old");
+  EXPECT_THAT(names(), ElementsAre("model.spm"));
+}
+
+}  // namespace
+}  // namespace tactus::spm::offline
