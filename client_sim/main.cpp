@@ -1,19 +1,15 @@
 #include <CLI/CLI.hpp>
 #include <atomic>
 #include <cerrno>
-#include <csignal>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <iostream>
 
 #include "client_sim/sim.hpp"
+#include "wire/process.hpp"
 
 namespace {
-
-std::atomic<bool> stop_asked{false};
-
-void ask_to_stop(int) { stop_asked = true; }
 
 constexpr char kExamples[] = R"(
 Examples:
@@ -85,10 +81,7 @@ int main(int argc, char** argv) {
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : 2;
   }
-  struct sigaction action {};
-  action.sa_handler = ask_to_stop;
-  sigaction(SIGINT, &action, nullptr);
-  sigaction(SIGTERM, &action, nullptr);
+  const std::atomic<bool>& stop = wire::stop_signal();
   try {
     if (list) {
       for (const client_sim::BuiltInScenario& built_in : client_sim::built_in_scenarios())
@@ -105,7 +98,7 @@ int main(int argc, char** argv) {
     if (!json.empty()) expect_writable(json);
     client_sim::Sim sim{std::move(options)};
     const client_sim::Report report =
-        sim.run(stop_asked, [](const std::string& text) { std::cerr << "tactus-sim: " << text << '\n'; });
+        sim.run(stop, [](const std::string& text) { std::cerr << "tactus-sim: " << text << '\n'; });
     std::cout << client_sim::text(report);
     if (!json.empty()) write_json(json, client_sim::json(report));
     return report.trouble.empty() ? 0 : 1;

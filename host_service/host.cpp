@@ -86,9 +86,9 @@ void check(const HostOptions& options) {
   }
 }
 
-std::vector<Served> open_models(const HostOptions& options, const Log& log) {
+std::vector<Served> open_models(const HostOptions& options, const Log& log, const std::atomic<bool>& stop) {
   check(options);
-  const ModelStore store{options.cache, [&](const std::string& line) { log(Severity::kInfo, line); }};
+  const ModelStore store{options.cache, [&](const std::string& line) { log(Severity::kInfo, line); }, stop};
   std::vector<Served> served;
   for (const ObjectConfig& object : options.objects) served.push_back({object, store.open(object.model)});
   return served;
@@ -97,8 +97,12 @@ std::vector<Served> open_models(const HostOptions& options, const Log& log) {
 }  // namespace
 
 struct Host::Impl {
-  Impl(HostOptions given, Log to)
-      : options{std::move(given)}, log{std::move(to)}, served{open_models(options, log)}, links{options.address} {
+  Impl(HostOptions given, Log to, const std::atomic<bool>& until)
+      : options{std::move(given)},
+        log{std::move(to)},
+        stop{until},
+        served{open_models(options, log, stop)},
+        links{options.address} {
     for (const Served& object : served) server.add(session::id_of(object.config.name), object.model.model());
     make_catalogue();
     listen(wire::topics::kRoster);
@@ -114,7 +118,7 @@ struct Host::Impl {
   }
 
   void make_catalogue();
-  int run(const std::atomic<bool>& stop);
+  int run();
   void take(const Inbox::Arrived& arrived);
   void take(const session::RosterEntry& entry, std::int64_t at_ns);
   void take(const session::Demand& demand, std::int64_t at_ns);
@@ -131,6 +135,7 @@ struct Host::Impl {
 
   HostOptions options;
   Log log;
+  const std::atomic<bool>& stop;
   std::vector<Served> served;  // before what borrows from it
   wire::Links links;
   session::DeliveryServer server{links.origin()};
@@ -176,7 +181,7 @@ void Host::Impl::make_catalogue() {
   }
 }
 
-int Host::Impl::run(const std::atomic<bool>& stop) {
+int Host::Impl::run() {
   for (const session::CatalogueEntry& entry : catalogue) {
     say("serving '" + entry.object + "': " + std::to_string(entry.summary.faces) + " faces in " +
         std::to_string(entry.summary.regions) + " regions, base mesh of " + std::to_string(entry.base_bytes) +
@@ -357,9 +362,10 @@ void Host::Impl::leave() {
       " records, " + std::to_string(all.payload_bytes) + " bytes");
 }
 
-Host::Host(HostOptions options, Log log) : impl_{std::make_unique<Impl>(std::move(options), std::move(log))} {}
+Host::Host(HostOptions options, Log log, const std::atomic<bool>& stop)
+    : impl_{std::make_unique<Impl>(std::move(options), std::move(log), stop)} {}
 Host::~Host() = default;
-int Host::run(const std::atomic<bool>& stop) { return impl_->run(stop); }
+int Host::run() { return impl_->run(); }
 const std::vector<session::CatalogueEntry>& Host::catalogue() const noexcept { return impl_->catalogue; }
 
 }  // namespace tactus::host_service

@@ -19,7 +19,7 @@
 namespace tactus::host_service {
 
 enum class Severity { kInfo, kWarning, kError };
-/// Gets one line for each event; called in the thread of the constructor and of run().
+/// Gets one line for each event; called in the threads of the constructor and of run().
 using Log = std::function<void(Severity, const std::string&)>;
 
 struct HostOptions {
@@ -31,14 +31,14 @@ struct HostOptions {
 
 class Host {
  public:
-  /// Opens or builds every model, then joins the session. Throws HostError, spm::offline::ModelError or
-  /// wire::WireError; then nobody has seen it.
-  Host(HostOptions options, Log log);
+  /// Opens or builds every model, then joins the session. Throws HostError, spm::offline::ModelError, wire::WireError
+  /// or, when `stop` is set meanwhile, Stopped of model_store.hpp; then nobody has seen it. `stop` must outlive it.
+  Host(HostOptions options, Log log, const std::atomic<bool>& stop);
   ~Host();
 
-  /// Serves until `stop` or the session's end, then leaves within a second. The exit code: 0, or 2 when an older
+  /// Serves until `stop` is set or the session ends, then leaves within a second. The exit code: 0, or 2 when an older
   /// program of the same name is in the session.
-  [[nodiscard]] int run(const std::atomic<bool>& stop);
+  [[nodiscard]] int run();
 
   /// What it announces.
   [[nodiscard]] const std::vector<session::CatalogueEntry>& catalogue() const noexcept;

@@ -2,19 +2,14 @@
 #include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>
-#include <atomic>
-#include <csignal>
+#include <cstdlib>
 #include <exception>
 
 #include "host_service/host.hpp"
 #include "host_service/model_store.hpp"
+#include "wire/process.hpp"
 
 namespace {
-
-std::atomic<bool> stop_asked{false};
-static_assert(std::atomic<bool>::is_always_lock_free, "set in a signal handler");
-
-void ask_to_stop(int) { stop_asked = true; }
 
 constexpr char kExamples[] = R"(
 Examples:
@@ -77,17 +72,17 @@ int main(int argc, char** argv) {
                                                         : spdlog::level::info;
     spdlog::log(level, "{}", line);
   };
+  const std::atomic<bool>& stop = wire::stop_signal();
   try {
     if (!config.empty()) options.objects = host_service::read_config(config);
     for (const std::filesystem::path& model : models) {
       options.objects.push_back(host_service::object_from_model(model));
     }
-    host_service::Host host{std::move(options), log};
-    struct sigaction action {};
-    action.sa_handler = ask_to_stop;
-    sigaction(SIGINT, &action, nullptr);
-    sigaction(SIGTERM, &action, nullptr);
-    return host.run(stop_asked);
+    host_service::Host host{std::move(options), log, stop};
+    return host.run();
+  } catch (const host_service::Stopped&) {
+    spdlog::info("asked to stop before all models were there; nothing half built is left");
+    std::_Exit(0);  // a thread that reads a model may still run: no global may be destroyed beside it
   } catch (const std::exception& error) {
     spdlog::error("{}", error.what());
     return 2;

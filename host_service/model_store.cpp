@@ -3,13 +3,21 @@
 #include <xxhash.h>
 
 #include <array>
+#include <atomic>
+#include <chrono>
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
+#include <future>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <regex>
+#include <thread>
+#include <type_traits>
+#include <utility>
+#include <vector>
 
 #include "spm/offline/build.hpp"
 #include "spm/offline/import.hpp"
@@ -65,14 +73,68 @@ std::uint64_t content_hash(const std::filesystem::path& model) {
   return hasher.digest();
 }
 
-std::optional<MappedModel> open_cached(const std::filesystem::path& path, const ModelStore::Log& log) {
+/// Lines on their way from a thread that works to the one that waits for it.
+class Lines {
+ public:
+  void say(std::string line) {
+    const std::lock_guard lock{mutex_};
+    lines_.push_back(std::move(line));
+  }
+  /// Throws Stopped when nobody waits any more.
+  void expect_open() const {
+    if (closed_) throw Stopped{};
+  }
+  [[nodiscard]] std::vector<std::string> take() {
+    const std::lock_guard lock{mutex_};
+    return std::exchange(lines_, {});
+  }
+  void close() { closed_ = true; }
+
+ private:
+  std::mutex mutex_;
+  std::vector<std::string> lines_;
+  std::atomic<bool> closed_{false};
+};
+
+/// What `work(lines)` returns or throws, in a thread of its own; it owns all that it uses, for when `stop` comes first
+/// it is left behind and Stopped thrown.
+template <class Work>
+auto unless_stopped(const std::atomic<bool>& stop, const ModelStore::Log& log, Work work) {
+  constexpr std::chrono::milliseconds kPatience{20};
+  const auto lines = std::make_shared<Lines>();
+  std::packaged_task<std::invoke_result_t<Work, Lines&>()> task{
+      [lines, work = std::move(work)]() mutable { return work(*lines); }};
+  auto result = task.get_future();
+  std::thread{std::move(task)}.detach();
+  for (bool done = false; !done;) {
+    done = result.wait_for(kPatience) == std::future_status::ready;
+    for (const std::string& line : lines->take()) log(line);
+    if (!stop) continue;
+    lines->close();
+    throw Stopped{};
+  }
+  return result.get();
+}
+
+std::optional<MappedModel> open_cached(const std::filesystem::path& path, Lines& lines) {
   if (!std::filesystem::exists(path)) return std::nullopt;
   try {
     return MappedModel{path};
   } catch (const ModelError& error) {
-    log(std::string{"the cached model is broken and will be built again: "} + error.what());
+    lines.say(std::string{"the cached model is broken and will be built again: "} + error.what());
     return std::nullopt;
   }
+}
+
+spm::offline::BuiltModel build(const std::filesystem::path& model, Lines& lines) {
+  lines.say(model.string() + ": building");
+  std::string last_stage;
+  return spm::offline::build_model(spm::offline::import_mesh(model), {}, [&](std::string_view stage, double) {
+    lines.expect_open();
+    if (stage == last_stage) return;
+    last_stage = stage;
+    lines.say(model.string() + ": " + last_stage);
+  });
 }
 
 }  // namespace
@@ -87,33 +149,35 @@ std::filesystem::path default_cache_directory() {
   return std::filesystem::temp_directory_path() / "tactus-cache";
 }
 
-ModelStore::ModelStore(std::filesystem::path cache, Log log) : cache_{std::move(cache)}, log_{std::move(log)} {}
+ModelStore::ModelStore(std::filesystem::path cache, Log log, const std::atomic<bool>& stop)
+    : cache_{std::move(cache)}, log_{std::move(log)}, stop_{stop} {}
 
 MappedModel ModelStore::open(const std::filesystem::path& model) const {
   if (!std::filesystem::is_regular_file(model)) throw ModelError{model.string() + ": no such model file"};
-  if (spm::offline::is_model_file(model) || model.extension() == ".spm") return MappedModel{model};
+  const auto open_file = [this](const std::filesystem::path& file) {
+    return unless_stopped(stop_, log_, [file](Lines&) { return MappedModel{file}; });
+  };
+  if (spm::offline::is_model_file(model) || model.extension() == ".spm") return open_file(model);
 
   std::array<char, 32> name{};
-  std::snprintf(name.data(), name.size(), "%016llx.spm", static_cast<unsigned long long>(content_hash(model)));
+  const std::uint64_t content = unless_stopped(stop_, log_, [model](Lines&) { return content_hash(model); });
+  std::snprintf(name.data(), name.size(), "%016llx.spm", static_cast<unsigned long long>(content));
   const std::filesystem::path cached = cache_ / name.data();
-  if (std::optional<MappedModel> ready = open_cached(cached, log_)) {
+  std::optional<MappedModel> ready =
+      unless_stopped(stop_, log_, [cached](Lines& lines) { return open_cached(cached, lines); });
+  if (ready) {
     log_(model.string() + ": built before, taken from " + cached.string());
     return std::move(*ready);
   }
   std::error_code failed;
   std::filesystem::create_directories(cache_, failed);
   if (failed) throw ModelError{cache_.string() + ": cannot make this folder for built models: " + failed.message()};
-  log_(model.string() + ": building");
-  std::string last_stage;
   const spm::offline::BuiltModel built =
-      spm::offline::build_model(spm::offline::import_mesh(model), {}, [&](std::string_view stage, double) {
-        if (stage == last_stage) return;
-        last_stage = stage;
-        log_(model.string() + ": " + last_stage);
-      });
+      unless_stopped(stop_, log_, [model](Lines& lines) { return build(model, lines); });
+  // In this thread, so that it ends with all of the file or none.
   spm::offline::write_model(cached, built.model(), {model.filename().string(), built.cleaned});
   log_(model.string() + ": built, kept in " + cached.string());
-  return MappedModel{cached};
+  return open_file(cached);
 }
 
 }  // namespace tactus::host_service

@@ -103,7 +103,8 @@ void HapticThread::take_snapshot() noexcept {
 }
 
 void HapticThread::run() {
-  PeriodicClock clock{settings_.period_ns};
+  const std::int64_t period_ns = settings_.period_ns();
+  PeriodicClock clock{period_ns};
   std::uint64_t cycles = 0;
   std::uint64_t skipped = 0;
   std::int64_t cpu = thread_cpu_ns();
@@ -133,7 +134,7 @@ void HapticThread::run() {
     trace.skipped = static_cast<std::uint32_t>(clock.skipped() - skipped);
     trace.late = end > clock.due_ns() || trace.skipped > 0;
     // A hypervisor's theft counts as CPU time of the guest, but not beyond what the work itself took.
-    trace.late_is_ours = trace.late && std::min(cpu_now - cpu, end - now_ns) > settings_.period_ns / 2;
+    trace.late_is_ours = trace.late && std::min(cpu_now - cpu, end - now_ns) > period_ns / 2;
     for (const ProbeOutput& probe : result.probes) {
       trace.active = static_cast<std::uint8_t>(trace.active + (probe.active ? 1 : 0));
       if ((probe.status & session::kInContact) == 0) continue;

@@ -10,6 +10,7 @@
 
 #include <atomic>
 #include <boost/lockfree/spsc_queue.hpp>
+#include <cmath>
 #include <cstdint>
 #include <memory>
 #include <string>
@@ -59,13 +60,14 @@ struct SnapshotFace {
 };
 
 struct HapticSettings {
-  CycleSettings cycle;
-  std::int64_t period_ns = 1'000'000;
+  CycleSettings cycle;                 ///< also says the period
   std::int64_t deadline_ns = 250'000;  ///< for the cycle's own work
   int priority = 60;                   ///< SCHED_FIFO; 0: do not ask
   haptics::DeviceFrame frame;          ///< of devices that have one of their own
   bool log = false;
   std::uint32_t snapshot_faces = 0;  ///< room for a snapshot; 0: none
+
+  [[nodiscard]] std::int64_t period_ns() const noexcept { return std::llround(cycle.period * 1e9); }
 };
 
 class HapticThread {

@@ -597,7 +597,7 @@ int Hrtc::Impl::run(const std::atomic<bool>& stop) {
   started_ns = monotonic_ns();
   haptic.commands().post(commands);
   spdlog::info("{}", haptic.start());
-  if (options.timer_beside) timer = std::make_unique<TimerBeside>(options.haptic.period_ns, options.haptic.priority);
+  if (options.timer_beside) timer = std::make_unique<TimerBeside>(options.haptic.period_ns(), options.haptic.priority);
   sending = true;
   sender = std::thread{[this] { send_states(); }};
   spdlog::info("{} serves {} probes in session {} on domain {}; pool of {} slots, {:.1f} MiB",

@@ -3,16 +3,12 @@
 
 #include <CLI/CLI.hpp>
 #include <atomic>
-#include <csignal>
 #include <iostream>
 
 #include "hrtc_service/hrtc.hpp"
+#include "wire/process.hpp"
 
 namespace {
-
-std::atomic<bool> stop_asked{false};
-
-void ask_to_stop(int) { stop_asked = true; }
 
 constexpr char kExamples[] = R"(
 Examples:
@@ -93,7 +89,6 @@ int main(int argc, char** argv) {
   }
 
   options.pool = spm::PoolSettings::for_slots(slots);
-  options.haptic.period_ns = static_cast<std::int64_t>(1e9 / rate);
   options.haptic.cycle.period = 1 / rate;
   options.haptic.cycle.radius = radius_mm * 1e-3;
   options.haptic.cycle.force.max_force = max_force;
@@ -107,13 +102,10 @@ int main(int argc, char** argv) {
   spdlog::set_default_logger(spdlog::stderr_color_mt("tactus-hrtc"));
   spdlog::set_pattern("%H:%M:%S.%e %n %^%l%$ %v");
   wire::set_log_sink([](const std::string& text) { spdlog::warn("dds: {}", text); });
-  struct sigaction action {};
-  action.sa_handler = ask_to_stop;
-  sigaction(SIGINT, &action, nullptr);
-  sigaction(SIGTERM, &action, nullptr);
+  const std::atomic<bool>& stop = wire::stop_signal();
   try {
     hrtc_service::Hrtc hrtc{std::move(options)};
-    return hrtc.run(stop_asked);
+    return hrtc.run(stop);
   } catch (const std::exception& error) {
     std::cerr << "tactus-hrtc: " << error.what() << '\n';
     return 2;

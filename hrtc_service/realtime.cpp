@@ -15,12 +15,6 @@ namespace {
 
 constexpr std::int64_t kNsPerS = 1'000'000'000;
 
-std::int64_t clock_ns(clockid_t clock) noexcept {
-  timespec now{};
-  clock_gettime(clock, &now);
-  return now.tv_sec * kNsPerS + now.tv_nsec;
-}
-
 void touch_stack() noexcept {
   constexpr std::size_t kBytes = 256 * 1024;
   unsigned char stack[kBytes];
@@ -30,8 +24,11 @@ void touch_stack() noexcept {
 
 }  // namespace
 
-std::int64_t monotonic_ns() noexcept { return clock_ns(CLOCK_MONOTONIC); }
-std::int64_t thread_cpu_ns() noexcept { return clock_ns(CLOCK_THREAD_CPUTIME_ID); }
+std::int64_t thread_cpu_ns() noexcept {
+  timespec now{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+  return now.tv_sec * kNsPerS + now.tv_nsec;
+}
 
 std::string enter_realtime(int priority) {
   touch_stack();

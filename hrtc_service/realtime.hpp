@@ -4,10 +4,11 @@
 #include <cstdint>
 #include <string>
 
+#include "wire/process.hpp"
+
 namespace tactus::hrtc_service {
 
-/// CLOCK_MONOTONIC, ns. Answered without a system call.
-[[nodiscard]] std::int64_t monotonic_ns() noexcept;
+using wire::monotonic_ns;
 
 /// CPU time of the calling thread, ns. One system call, about 0.2 us.
 [[nodiscard]] std::int64_t thread_cpu_ns() noexcept;

@@ -8,13 +8,9 @@
 #include <utility>
 #include <vector>
 
-namespace tactus::wire {
+#include "wire/process.hpp"
 
-/// The monotonic clock that all times of a program are of, ns. Answered without a system call.
-[[nodiscard]] inline std::int64_t monotonic_ns() noexcept {
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch())
-      .count();
-}
+namespace tactus::wire {
 
 /// Any threads put, one takes. What does not fit is dropped and counted: every stream of samples heals by itself.
 template <class Sample>

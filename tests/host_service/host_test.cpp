@@ -186,8 +186,8 @@ class Controller {
 /// A Host that runs in its own thread.
 class RunningHost {
  public:
-  RunningHost(HostOptions options) : host_{std::move(options), [](Severity, const std::string&) {}} {
-    thread_ = std::thread{[this] { exit_code_ = host_.run(stop_); }};
+  RunningHost(HostOptions options) : host_{std::move(options), [](Severity, const std::string&) {}, stop_} {
+    thread_ = std::thread{[this] { exit_code_ = host_.run(); }};
   }
   ~RunningHost() { stop(); }
   int stop() {
@@ -219,6 +219,7 @@ class HostTest : public testing::Test {
 
   test_support::TemporaryFolder folder_;
   HostOptions options_;
+  const std::atomic<bool> never_{false};
 };
 
 TEST_F(HostTest, AControllerGetsEveryRecordOfTheModelOnceAndToTheBit) {
@@ -304,7 +305,7 @@ TEST_F(HostTest, ObjectsWithoutAPoseStandSideBySide) {
   options_.objects.back().name = "again";
   options_.at = {1, 2, 3};
 
-  const Host host{options_, [](Severity, const std::string&) {}};
+  const Host host{options_, [](Severity, const std::string&) {}, never_};
 
   const std::vector<session::CatalogueEntry>& all = host.catalogue();
   ASSERT_EQ(all.size(), 3u);
@@ -318,7 +319,7 @@ TEST_F(HostTest, ObjectsWithoutAPoseStandSideBySide) {
 
 TEST_F(HostTest, RefusesTwoObjectsOfOneName) {
   options_.objects.push_back(options_.objects[0]);
-  EXPECT_THROW((Host{options_, [](Severity, const std::string&) {}}), HostError);
+  EXPECT_THROW((Host{options_, [](Severity, const std::string&) {}, never_}), HostError);
 }
 
 }  // namespace

@@ -20,7 +20,12 @@ class ModelStoreTest : public testing::Test {
   /// Opens and returns the digest; what was said is in `said_`.
   std::uint64_t open(const std::filesystem::path& path) {
     said_.clear();
-    const ModelStore store{cache_, [this](const std::string& line) { said_ += line + "\n"; }};
+    const ModelStore store{cache_,
+                           [this](const std::string& line) {
+                             said_ += line + "\n";
+                             if (line.find(stop_at_) != std::string::npos) stop_ = true;
+                           },
+                           stop_};
     return store.open(path).model().summary.digest;
   }
   std::filesystem::path cached() const {
@@ -31,6 +36,8 @@ class ModelStoreTest : public testing::Test {
   std::filesystem::path mesh_ = folder_.path() / "sphere.ply";
   std::filesystem::path cache_ = folder_.path() / "cache" / "models";
   std::string said_;
+  std::string stop_at_ = "nowhere";  // part of the line after which `stop_` is set
+  std::atomic<bool> stop_{false};
 };
 
 TEST_F(ModelStoreTest, BuildsAModelOnceForTheSameBytes) {
@@ -78,6 +85,25 @@ TEST_F(ModelStoreTest, ABufferBesideAGltfFileBelongsToItsContent) {
   write(0.5F);
 
   EXPECT_NE(open(gltf), digest);
+}
+
+TEST_F(ModelStoreTest, StopsWithoutATraceWhateverItIsDoing) {
+  stop_ = true;
+  EXPECT_THROW(open(mesh_), Stopped);
+  EXPECT_FALSE(std::filesystem::exists(cache_));
+  for (const std::string stage : {"building", "clean", "number", "divide"}) {
+    stop_ = false;
+    stop_at_ = stage;
+    EXPECT_THROW(open(mesh_), Stopped) << stage;
+    EXPECT_THAT(said_, HasSubstr(stage));
+    EXPECT_TRUE(std::filesystem::is_empty(cache_)) << stage;
+  }
+  stop_ = false;
+  stop_at_ = "kept in";
+  EXPECT_THROW(open(mesh_), Stopped);
+  stop_ = false;
+  open(mesh_);
+  EXPECT_THAT(said_, HasSubstr("built before")) << "what was written is whole";
 }
 
 TEST_F(ModelStoreTest, RefusesWhatIsNoModelNamingIt) {
