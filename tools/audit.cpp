@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <map>
 
 #include "spm/offline/clean.hpp"
@@ -42,8 +43,8 @@ std::vector<Corners> corners_of(spm::Span<const std::array<float, 3>> positions,
 class ObjectAuditor {
  public:
   ObjectAuditor(const ContactLog& log, const trace::LoggedObject& object, const Original& original,
-                const SurfaceGrid& grid)
-      : log_{log}, original_{original}, grid_{grid}, scale_{object.scale} {
+                const SurfaceGrid& grid, SecondOpinion& second)
+      : log_{log}, original_{original}, grid_{grid}, second_{second}, scale_{object.scale} {
     result_.name = object.name;
     result_.index = object.index;
     for (const Entry& entry : log.entries)
@@ -129,9 +130,30 @@ class ObjectAuditor {
     for (; logged != logged_.end(); ++logged) found.extra.push_back(logged->triangle);
 
     ++result_.audited;
+    ask_second(entry);
     if (found.missing.empty() && found.extra.empty() && found.depths.empty()) return;
     ++result_.mismatched;
     if (result_.mismatches.size() < ObjectAudit::kMismatchesKept) result_.mismatches.push_back(std::move(found));
+  }
+
+  /// `near_` is what lies near the entry's ball.
+  void ask_second(const Entry& entry) {
+    SecondOpinions& opinions = result_.second;
+    const SecondOpinion::Answer answer = second_.ask(entry.centre, entry.radius, kTangent / scale_, near_);
+    ++opinions.asked;
+    opinions.tangent += answer.tangent;
+    if (answer.agrees()) return;
+    if (++opinions.disagreed > SecondOpinions::kKept) return;
+    Disagreement& first = opinions.first.emplace_back();
+    first.time_ns = entry.time_ns;
+    first.probe = entry.probe;
+    const auto key_of = [&](std::uint32_t triangle) { return trace::triangle_key(original_.triangles[triangle]); };
+    std::transform(answer.only_ours.begin(), answer.only_ours.end(), std::back_inserter(first.only_audit), key_of);
+    std::transform(answer.only_fcl.begin(), answer.only_fcl.end(), std::back_inserter(first.only_fcl), key_of);
+    if (!answer.distance) return;
+    Disagreement::Distance& distance = first.distance.emplace();
+    if (answer.distance->ours) distance.audit = *answer.distance->ours * scale_;
+    distance.fcl = answer.distance->fcl * scale_;
   }
 
   void count_records(const spm::Model& model) {
@@ -162,6 +184,7 @@ class ObjectAuditor {
   const ContactLog& log_;
   const Original& original_;
   const SurfaceGrid& grid_;
+  SecondOpinion& second_;
   double scale_;
   ObjectAudit result_;
   std::vector<const Entry*> entries_, touched_, candidates_;
@@ -173,7 +196,8 @@ class ObjectAuditor {
 }  // namespace
 
 bool AuditReport::clean() const noexcept {
-  return std::all_of(objects.begin(), objects.end(), [](const ObjectAudit& object) { return object.mismatched == 0; });
+  return std::all_of(objects.begin(), objects.end(),
+                     [](const ObjectAudit& object) { return object.mismatched == 0 && object.second.disagreed == 0; });
 }
 
 ContactLog read_log(const std::filesystem::path& path) {
@@ -223,7 +247,7 @@ std::vector<std::size_t> choose_entries(const std::vector<bool>& near_change, st
   return chosen;
 }
 
-AuditReport audit(const ContactLog& log, const Original& original, const AuditOptions& options) {
+AuditReport audit(const ContactLog& log, const Original& original, SecondOpinion& second, const AuditOptions& options) {
   AuditReport report;
   report.original = original.name;
   report.original_triangles = original.triangles.size();
@@ -248,7 +272,7 @@ AuditReport audit(const ContactLog& log, const Original& original, const AuditOp
     const bool matches = original.model ? object.digest == original.model->summary.digest
                          : named        ? is_named(object)
                                         : log.objects.size() == 1;
-    if (matches) report.objects.push_back(ObjectAuditor{log, object, original, grid}.run(options));
+    if (matches) report.objects.push_back(ObjectAuditor{log, object, original, grid, second}.run(options));
   }
   return report;
 }
@@ -272,7 +296,8 @@ AuditReport audit_files(const std::filesystem::path& log_path, const std::filesy
   }
   if (original.triangles.empty())
     throw AuditError(model_path.string() + ": no surface is left after cleaning; expected at least one face");
-  return audit(log, original, options);
+  SecondOpinion second{original.triangles};
+  return audit(log, original, second, options);
 }
 
 }  // namespace tactus::tools

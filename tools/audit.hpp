@@ -2,7 +2,8 @@
 ///
 /// Knows the original triangles and the log, nothing of how either came about: other geometry, other search, extended
 /// precision. Contacts are compared as sets of triangle keys and by depth. A triangle whose distance is within
-/// kTangent of the radius may be in the set or not; it is counted.
+/// kTangent of the radius may be in the set or not; it is counted. FCL is asked the same of the same triangles for
+/// every audited entry: it has no say in what is a mismatch, but where it disagrees the audit itself is in doubt.
 #pragma once
 
 #include <array>
@@ -14,6 +15,7 @@
 #include <vector>
 
 #include "spm/model.hpp"
+#include "tools/second_opinion.hpp"
 #include "tools/surface_grid.hpp"
 #include "trace/contact_log.hpp"
 
@@ -52,6 +54,27 @@ struct Mismatch {
   std::vector<Depth> depths;
 };
 
+/// An audited entry of which FCL thinks otherwise than the audit.
+struct Disagreement {
+  std::int64_t time_ns;
+  std::uint32_t probe;
+  std::vector<std::uint64_t> only_audit, only_fcl;  ///< keys of triangles that one alone says are touched
+  struct Distance {
+    std::optional<double> audit;  ///< metres; none when further than the radius
+    double fcl;                   ///< metres
+  };
+  std::optional<Distance> distance;  ///< of the nearest triangle, where they differ
+};
+
+/// What FCL says to the audited entries.
+struct SecondOpinions {
+  static constexpr std::size_t kKept = 5;
+  std::uint64_t asked = 0;
+  std::uint64_t tangent = 0;  ///< triangles on which the two differ within kTangent of the radius
+  std::uint64_t disagreed = 0;
+  std::vector<Disagreement> first;  ///< the first kKept
+};
+
 /// From touching the original surface to feeling it as it is.
 struct FirstTouch {
   std::uint32_t probe;
@@ -80,7 +103,8 @@ struct ObjectAudit {
   std::uint64_t tangent = 0;    ///< triangles excepted for tangency in audited entries
   std::uint64_t mismatched = 0;
   std::vector<Mismatch> mismatches;  ///< the first kMismatchesKept
-  std::vector<FirstTouch> touches;   ///< by probe
+  SecondOpinions second;
+  std::vector<FirstTouch> touches;  ///< by probe
   std::optional<RecordsUse> records;
 };
 
@@ -93,6 +117,7 @@ struct AuditReport {
   std::uint64_t undeclared = 0;             ///< entries of objects that the log does not name
   std::vector<ObjectAudit> objects;         ///< those that were matched to the original
 
+  /// No mismatch, and no disagreement with FCL.
   [[nodiscard]] bool clean() const noexcept;
 };
 
@@ -122,7 +147,9 @@ struct ContactLog {
 [[nodiscard]] std::vector<std::size_t> choose_entries(const std::vector<bool>& near_change, std::size_t most);
 
 /// Audits the objects of `log` with the digest of `original.model`; without one, those with its name, or the only one.
-[[nodiscard]] AuditReport audit(const ContactLog& log, const Original& original, const AuditOptions& options);
+/// `second` is asked about `original.triangles`.
+[[nodiscard]] AuditReport audit(const ContactLog& log, const Original& original, SecondOpinion& second,
+                                const AuditOptions& options);
 
 /// Audits `log` against `model`, a mesh (imported and cleaned) or an .spm file (its finest faces). `spm`, which may be
 /// empty, is the .spm file of a mesh. Throws what reading them throws.

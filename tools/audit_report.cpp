@@ -43,6 +43,26 @@ ordered_json mismatch_json(const Mismatch& mismatch) {
           {"depths", depths}};
 }
 
+ordered_json second_json(const SecondOpinions& second) {
+  ordered_json first = ordered_json::array();
+  for (const Disagreement& one : second.first) {
+    ordered_json json{{"time_ns", one.time_ns},
+                      {"probe", one.probe},
+                      {"only_audit", keys_json(one.only_audit)},
+                      {"only_fcl", keys_json(one.only_fcl)}};
+    if (one.distance) {
+      json["distance"] = {{"audit_m", nullptr}, {"fcl_m", one.distance->fcl}};
+      if (one.distance->audit) json["distance"]["audit_m"] = *one.distance->audit;
+    }
+    first.push_back(std::move(json));
+  }
+  return {{"asked", second.asked},
+          {"tolerance_m", kTangent},
+          {"tangent", second.tangent},
+          {"disagreed", second.disagreed},
+          {"first_disagreements", first}};
+}
+
 ordered_json records_json(const RecordsUse& use) {
   ordered_json json{{"needed", use.needed}, {"of_model", use.of_model}};
   if (!use.received) return json;
@@ -76,6 +96,7 @@ ordered_json object_json(const ObjectAudit& object) {
                     {"tangent", object.tangent},
                     {"mismatched", object.mismatched},
                     {"first_mismatches", mismatches},
+                    {"fcl", second_json(object.second)},
                     {"probes", probes}};
   if (object.records) json["records"] = records_json(*object.records);
   return json;
@@ -101,6 +122,18 @@ std::string mismatch_text(const Mismatch& mismatch) {
     const Mismatch::Depth& first = mismatch.depths.front();
     text += ", " + std::to_string(mismatch.depths.size()) + " wrong depths, the first of " + hex(first.triangle) +
             formatted(": %.9g m, expected %.9g m", first.logged, first.expected);
+  }
+  return text + "\n";
+}
+
+std::string disagreement_text(const Disagreement& one) {
+  std::string text = "    at " + formatted("%.6f s", static_cast<double>(one.time_ns) * 1e-9) + ", probe " +
+                     std::to_string(one.probe) + keys_text("touched by the audit alone", one.only_audit) +
+                     keys_text("touched by FCL alone", one.only_fcl);
+  if (one.distance) {
+    text += ", nearest at " + formatted("%.9g m by FCL, ", one.distance->fcl) +
+            (one.distance->audit ? formatted("%.9g m", *one.distance->audit) : "further than the radius") +
+            " by the audit";
   }
   return text + "\n";
 }
@@ -137,6 +170,14 @@ std::string object_text(const ObjectAudit& object) {
   for (const Mismatch& mismatch : object.mismatches) text += mismatch_text(mismatch);
   if (object.mismatched > object.mismatches.size())
     text += "    and " + std::to_string(object.mismatched - object.mismatches.size()) + " more cycles\n";
+  const SecondOpinions& second = object.second;
+  text += row("disagreements with FCL", second.disagreed,
+              formatted(" in all %llu cycles audited; differences on %llu triangles within %g m of tangency are none",
+                        static_cast<unsigned long long>(second.asked), static_cast<unsigned long long>(second.tangent),
+                        kTangent));
+  for (const Disagreement& one : second.first) text += disagreement_text(one);
+  if (second.disagreed > second.first.size())
+    text += "    and " + std::to_string(second.disagreed - second.first.size()) + " more cycles\n";
   return text;
 }
 

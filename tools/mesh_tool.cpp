@@ -251,7 +251,8 @@ class CommandLine {
     audit_->footer(
         "Example: tactus-mesh audit hrtc-1.hlog organ.ply --spm organ.spm --json audit.json\n"
         "Audited is the object of the log that is MODEL: by digest (an .spm file, or --spm), else by name, else the\n"
-        "only one there is. No such object, or one never touched, is no failure.");
+        "only one there is. No such object, or one never touched, is no failure. FCL gives a second opinion on every\n"
+        "audited cycle; where it disagrees by more than 1e-6 m the check has failed too.");
     audit_->add_option("LOG", settings_.log, "What tactus-hrtc --log wrote")->required();
     audit_->add_option("MODEL", settings_.model, "The original mesh, or an .spm file for its finest mesh")->required();
     audit_->add_option("--spm", settings_.spm, "The .spm file of MODEL: adds the records that the paths needed");

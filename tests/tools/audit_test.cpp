@@ -15,6 +15,7 @@
 #include "spm/offline/write_mesh.hpp"
 #include "spm/triangle.hpp"
 #include "tests/support/temporary_folder.hpp"
+#include "tools/audit_report.hpp"
 #include "tools/mesh_tool.hpp"
 
 namespace tactus::tools {
@@ -425,6 +426,76 @@ TEST_F(Audit, WritesJsonIntoAFileBesideTheText) {
   const auto json = nlohmann::json::parse(read_bytes(path("a.json")));
   EXPECT_TRUE(json["clean"]);
   EXPECT_EQ(json["objects"][0]["audited"], 30);
+}
+
+TEST_F(Audit, AsksFclAboutEveryAuditedCycleAndItAgrees) {
+  write_log(*path_);
+  const Outcome outcome = run({path("a.hlog"), path("organ.ply"), "--json"});
+  EXPECT_EQ(outcome.code, kDone);
+  const auto object = nlohmann::json::parse(outcome.out)["objects"][0];
+  EXPECT_GT(object["audited"], 100);
+  EXPECT_EQ(object["fcl"]["asked"], object["audited"]);
+  EXPECT_EQ(object["fcl"]["disagreed"], 0);
+  EXPECT_EQ(object["fcl"]["tolerance_m"], kTangent);
+  EXPECT_THAT(run({path("a.hlog"), path("organ.ply")}).out, HasSubstr("disagreements with FCL           0 in all "));
+}
+
+TEST_F(Audit, FailsWhereFclDisagreesThoughTheLogIsTrue) {
+  write_log(*path_);
+  const ContactLog log = read_log(path("a.hlog"));
+  Original original{"organ", {}, {}};
+  for (std::size_t face = 0; face < mesh_->faces.size(); ++face) original.triangles.push_back(corners_of(*mesh_, face));
+  const auto report_with = [&](const std::vector<Corners>& seen_by_fcl) {
+    SecondOpinion second{seen_by_fcl};
+    return audit(log, original, second, {});
+  };
+  EXPECT_TRUE(report_with(original.triangles).clean());
+
+  // One triangle of a deep contact is elsewhere in what FCL sees.
+  const auto [entry, contact] = deep_contact();
+  std::vector<Corners> moved = original.triangles;
+  std::uint64_t key = (*path_)[entry].contacts[contact].triangle;
+  for (Corners& triangle : moved)
+    if (trace::triangle_key(triangle) == key)
+      for (float& x : triangle) x += 5;
+  const AuditReport report = report_with(moved);
+  const ObjectAudit& object = report.objects.at(0);
+  EXPECT_EQ(object.mismatched, 0u) << "FCL is no judge";
+  ASSERT_GE(object.second.disagreed, 1u);
+  EXPECT_EQ(object.second.first.at(0).only_audit, std::vector<std::uint64_t>{key});
+  EXPECT_FALSE(report.clean());
+  EXPECT_THAT(audit_text(report), HasSubstr("touched by the audit alone"));
+  EXPECT_FALSE(audit_json(report)["clean"]);
+}
+
+TEST(SecondOpinion, DisagreesOnMissingAndExtraTrianglesAndOnTheDistanceBeyondTheTolerance) {
+  const std::vector<Corners> square{{0, 0, 0, 1, 0, 0, 0, 1, 0}, {1, 0, 0, 1, 1, 0, 0, 1, 0}};
+  SecondOpinion second{square};
+  const Point centre{0.25, 0.25, 0.1};  // over the first; sqrt(0.135) from the second
+  const double far = std::sqrt(0.25 * 0.25 * 2 + 0.01);
+  using Triangles = std::vector<std::uint32_t>;
+
+  EXPECT_TRUE(second.ask(centre, 0.2, 1e-6, {{0, 0.1}}).agrees());
+  EXPECT_TRUE(second.ask(centre, 0.5, 1e-6, {{0, 0.1}, {1, far}}).agrees());
+  EXPECT_EQ(second.ask(centre, 0.5, 1e-6, {{0, 0.1}}).only_fcl, Triangles{1});
+  EXPECT_EQ(second.ask(centre, 0.2, 1e-6, {{0, 0.1}, {1, 0.15}}).only_ours, Triangles{1});
+  EXPECT_TRUE(second.ask(centre, 0.2, 1e-6, {{0, 0.1 + 0.9e-6}}).agrees());
+  const auto off = second.ask(centre, 0.2, 1e-6, {{0, 0.1 + 1.1e-6}}).distance;
+  ASSERT_TRUE(off.has_value());
+  EXPECT_NEAR(off->fcl, 0.1, 1e-9);
+  const auto nothing = second.ask(centre, 0.2, 1e-6, {}).distance;
+  ASSERT_TRUE(nothing.has_value());
+  EXPECT_FALSE(nothing->ours.has_value());
+}
+
+TEST(SecondOpinion, TakesNoSideWithinTheToleranceOfTangency) {
+  const std::vector<Corners> one{{0, 0, 0, 1, 0, 0, 0, 1, 0}};
+  SecondOpinion second{one};
+  const Point centre{0.25, 0.25, 0.1};
+  const auto inside = second.ask(centre, 0.1 + 0.5e-6, 1e-6, {});
+  EXPECT_TRUE(inside.agrees());
+  EXPECT_EQ(inside.tangent, 1u);
+  EXPECT_FALSE(second.ask(centre, 0.1 + 1.5e-6, 1e-6, {}).agrees());
 }
 
 TEST_F(Audit, RefusesWrongInputWithAMessageThatNamesIt) {
