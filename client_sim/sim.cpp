@@ -166,12 +166,13 @@ Report Sim::run(const std::atomic<bool>& stop, const std::function<void(const st
       stopped = true;
     }
     sim.send(sim.core.tick(now_ns, sim.clock.map().session_time(now_ns)));
-    if (sim.core.trouble() != said) {
+    if (sim.core.trouble() != said && !sim.core.name_taken()) {
       said = sim.core.trouble();
       if (!said.empty()) say(said);
     }
   }
   sim.main.roster.wait_acknowledged(std::chrono::milliseconds{200});
+  if (sim.core.name_taken()) throw NameTaken(sim.core.trouble());
   return sim.core.report();
 }
 

@@ -7,6 +7,7 @@
 #include <atomic>
 #include <functional>
 #include <memory>
+#include <stdexcept>
 #include <string>
 
 #include "client_sim/sim_core.hpp"
@@ -20,6 +21,12 @@ struct SimOptions {
   double patience = SimSettings{}.patience;  ///< s to wait for HRTCs, objects and slots
 };
 
+/// An older program in the session has the name of this one.
+class NameTaken : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
 class Sim {
  public:
   /// Joins. Throws wire::WireError.
@@ -27,7 +34,7 @@ class Sim {
   ~Sim();
 
   /// Until the scenario has run, or `stop` is set and the session has ended in order. `say` gets one line for what it
-  /// waits for, whenever that changes.
+  /// waits for, whenever that changes. Throws NameTaken; the session goes on then.
   [[nodiscard]] Report run(const std::atomic<bool>& stop, const std::function<void(const std::string&)>& say);
 
  private:

@@ -71,17 +71,30 @@ void SimCore::on_catalogue(const session::CatalogueEntry& entry) {
 
 void SimCore::on_roster(const session::RosterEntry& entry, std::int64_t now_ns) {
   if (entry.origin.session != self_.session) return;
-  // Further names of this program come back to it as strangers.
-  for (std::size_t i = 1; i < presences_.size(); ++i) {
-    if (presences_[i].entry.origin.participant == entry.origin.participant) return;
-  }
   now_ns_ = std::max(now_ns_, now_ns);
+  if (heard_ns_ < 0 && !is_own(entry.origin.participant)) heard_ns_ = now_ns;
   take_events(roster_.on_entry(entry, now_ns));
+}
+
+bool SimCore::is_own(std::uint64_t participant) const {
+  return std::any_of(presences_.begin(), presences_.end(),
+                     [&](const Presence& presence) { return presence.entry.origin.participant == participant; });
+}
+
+void SimCore::on_twin(const session::RosterEvent& event) {
+  note(session::text(event));
+  const bool is_second = event.other == self_.incarnation;
+  const std::uint64_t rival = is_second ? event.entry.origin.incarnation : event.other;
+  if (rival < self_.incarnation) taken_ = event.entry.name;
 }
 
 void SimCore::take_events(const std::vector<session::RosterEvent>& events) {
   for (const session::RosterEvent& event : events) {
     const session::RosterEntry& entry = event.entry;
+    if (is_own(entry.origin.participant)) {  // further names of this program come back to it as a stranger's
+      if (event.change == session::RosterChange::kTwins) on_twin(event);
+      continue;
+    }
     if (entry.role == session::Role::kHost || entry.role == session::Role::kHrtc) {
       if (event.change != session::RosterChange::kWrongVersion && event.change != session::RosterChange::kFull) {
         Peer& peer = peers_[entry.origin.participant];
@@ -134,6 +147,7 @@ void SimCore::assign_seats(const std::vector<std::string>& hrtcs) {
       Presence further = presences_.front();
       further.entry.name = settings_.name + "." + std::to_string(found->second + 1);
       further.entry.origin.participant = session::id_of(further.entry.name);
+      if (roster_.find(further.entry.origin.participant) != nullptr) taken_ = further.entry.name;
       further.entry.users.clear();
       presences_.push_back(further);
     }
@@ -160,7 +174,7 @@ void SimCore::gather(std::int64_t now_ns) {
   trouble_.clear();
   if (!no_hrtc.empty()) trouble_ = "no HRTC " + no_hrtc + " in session '" + settings_.session + "'";
   if (!no_object.empty()) trouble_ += (trouble_.empty() ? "" : "; ") + ("no host serves object " + no_object);
-  if (!trouble_.empty()) return;
+  if (!trouble_.empty() || seconds(now_ns - heard_ns_) < settings_.hush) return;
   assign_seats(hrtcs);
   state_ = SimState::kJoining;
 }
@@ -223,7 +237,14 @@ SimMessages SimCore::tick(std::int64_t now_ns, std::int64_t session_now_ns) {
   if (began_ns_ < 0) began_ns_ = now_ns;
   take_events(roster_.tick(now_ns));
 
-  if (state_ == SimState::kGathering) gather(now_ns);
+  if (state_ == SimState::kGathering && taken_.empty()) gather(now_ns);
+  if (!taken_.empty()) {
+    trouble_ = "a program named '" + taken_ + "' was in session '" + settings_.session +
+               "' before: this one ends; start it with another --name";
+    state_ = SimState::kFailed;
+    beat(now_ns, true, out);
+    return out;
+  }
   if (state_ == SimState::kJoining) {
     trouble_ = missing_slots();
     if (trouble_.empty()) {

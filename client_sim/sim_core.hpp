@@ -5,6 +5,8 @@
 ///     HRTCs and     users have   scripts     last
 ///     objects seen  their slots  act         figures      (any --> failed: `trouble` says why)
 ///
+/// Of two programs with one name the later gives way, as hosts and HRTCs do, and the session goes on without it.
+///
 /// A program around it only carries messages: what arrives goes into on_...(), what tick() returns goes out. No socket,
 /// no thread and no clock in it. One thread at a time. Not realtime.
 #pragma once
@@ -28,6 +30,7 @@ struct SimSettings {
   std::string name;  ///< of this participant; one that brings users of a second HRTC is `name.2`
   std::uint64_t incarnation = 0;
   double patience = 20;  ///< s to wait for HRTCs, objects and slots
+  double hush = 1;       ///< s after the first sign of others before users join: time to hear that the name is taken
   double settle = 2;     ///< s after the first of them, then "#n" counts around those that are there
   double linger = 2;     ///< s at the end to wait for the others' last figures
   std::int64_t heartbeat_ns = 100'000'000;
@@ -64,6 +67,8 @@ class SimCore {
 
   [[nodiscard]] SimState state() const noexcept { return state_; }
   [[nodiscard]] bool finished() const noexcept { return state_ == SimState::kEnded || state_ == SimState::kFailed; }
+  /// It failed because an older program has a name of this one.
+  [[nodiscard]] bool name_taken() const noexcept { return !taken_.empty(); }
   /// What it is waiting for, or why it failed; empty when all is well.
   [[nodiscard]] const std::string& trouble() const noexcept { return trouble_; }
   [[nodiscard]] Report report() const;
@@ -96,6 +101,8 @@ class SimCore {
   void begin_ending(std::int64_t now_ns, SimMessages& out);
   [[nodiscard]] bool last_figures_are_in() const;
   void take_events(const std::vector<session::RosterEvent>& events);
+  [[nodiscard]] bool is_own(std::uint64_t participant) const;
+  void on_twin(const session::RosterEvent& event);
   void beat(std::int64_t now_ns, bool leaving, SimMessages& out);
   [[nodiscard]] session::Origin origin_of(std::size_t presence, std::int64_t now_ns) const;
   [[nodiscard]] session::Control control(session::ControlKind kind, std::int64_t now_ns, const std::string& text);
@@ -106,6 +113,7 @@ class SimCore {
   session::Roster roster_;
   SimState state_ = SimState::kGathering;
   std::string trouble_, stopped_;
+  std::string taken_;  // the name that an older program has
   std::vector<Presence> presences_;
   std::vector<Seat> seats_;
   Objects objects_;
@@ -114,7 +122,7 @@ class SimCore {
   std::vector<ReportEvent> events_;
   std::uint32_t control_sequence_ = 0;
   std::int64_t now_ns_ = 0;
-  std::int64_t began_ns_ = -1, found_ns_ = -1;
+  std::int64_t began_ns_ = -1, heard_ns_ = -1, found_ns_ = -1;
   std::int64_t start_ns_ = -1, session_start_ns_ = 0, end_ns_ = -1;
 };
 

@@ -33,10 +33,12 @@ users:
 /// The rest of a session, as messages.
 class World {
  public:
-  explicit World(const std::string& scenario) : core{parse_scenario(scenario, "test"), settings()} {}
+  explicit World(const std::string& scenario, double hush = 0)
+      : core{parse_scenario(scenario, "test"), settings(hush)} {}
 
-  static SimSettings settings() {
+  static SimSettings settings(double hush) {
     SimSettings settings;
+    settings.hush = hush;
     settings.session = "s";
     settings.name = "sim";
     settings.incarnation = 9;
@@ -54,6 +56,10 @@ class World {
     for (const std::string& user : users) entry.slots.push_back({user, static_cast<std::uint32_t>(entry.slots.size())});
   }
   void host(const std::string& name) { (void)participant(name, session::Role::kHost); }
+  /// Another program of users, which beats under `name`.
+  void rival(const std::string& name, std::uint64_t incarnation) {
+    participant(name, session::Role::kClient).origin.incarnation = incarnation;
+  }
   void silence(const std::string& name) {
     entries.erase(std::find_if(entries.begin(), entries.end(), [&](const auto& entry) { return entry.name == name; }));
   }
@@ -99,6 +105,11 @@ class World {
     }
   }
 
+  /// What this program said since the last time comes back to it, as it does from the network.
+  void echo() {
+    for (; echoed < roster.size(); ++echoed) core.on_roster(roster[echoed], now);
+  }
+
   /// A user who has felt nothing only says where the hand may begin: one point, no path.
   [[nodiscard]] bool only_places_to_start() const {
     return std::all_of(intents.begin(), intents.end(),
@@ -109,6 +120,7 @@ class World {
   std::int64_t now = 1'000'000'000;
   std::vector<session::RosterEntry> entries;
   std::vector<session::RosterEntry> roster;
+  std::size_t echoed = 0;
   std::vector<session::Control> controls;
   std::vector<session::Intent> intents;
 
@@ -227,6 +239,88 @@ TEST(SimCore, StopsInOrderWhenToldTo) {
   world.run(0.01);
   EXPECT_EQ(world.controls.back().kind, ControlKind::kEnd);
   EXPECT_EQ(world.core.report().trouble, "interrupted");
+}
+
+TEST(SimCore, GivesWayToAnOlderProgramOfItsNameBeforeItBringsUsers) {
+  World world{kTwoUsers, 1};
+  world.hrtc("left", {"ann", "bob"});
+  world.object("a");
+  world.rival("sim", 5);
+  world.run(1);
+  EXPECT_EQ(world.core.state(), SimState::kFailed);
+  EXPECT_TRUE(world.core.name_taken());
+  EXPECT_THAT(world.core.trouble(), HasSubstr("'sim' was in session 's' before"));
+  EXPECT_THAT(world.core.trouble(), HasSubstr("another --name"));
+  EXPECT_TRUE(world.roster.back().leaving);
+  for (const session::RosterEntry& entry : world.roster) EXPECT_THAT(entry.users, IsEmpty());
+  EXPECT_THAT(world.controls, IsEmpty()) << "the session goes on";
+}
+
+TEST(SimCore, GoesOnWhenALaterProgramHasItsNameAndNotesIt) {
+  World world{kTwoUsers, 1};
+  world.hrtc("left", {"ann", "bob"});
+  world.object("a");
+  world.rival("sim", 12);
+  world.run(1.5);
+  EXPECT_EQ(world.core.state(), SimState::kRunning);
+  EXPECT_FALSE(world.core.name_taken());
+  const std::vector<ReportEvent> events = world.core.report().events;
+  EXPECT_TRUE(std::any_of(events.begin(), events.end(),
+                          [](const ReportEvent& event) { return event.text.find("'sim' is there twice") == 7; }));
+}
+
+TEST(SimCore, GivesWayToAProgramThatHasTheNameOfItsUsersAtAnotherHrtc) {
+  World world{kTwoUsers};
+  world.hrtc("left", {"ann"});
+  world.hrtc("right", {"bob"});
+  world.object("a");
+  world.object("b");
+  world.rival("sim.2", 5);
+  world.run(0.1);
+  EXPECT_EQ(world.core.state(), SimState::kFailed);
+  EXPECT_THAT(world.core.trouble(), HasSubstr("'sim.2' was in session 's' before"));
+
+  World later{kTwoUsers};
+  later.hrtc("left", {"ann"});
+  later.hrtc("right", {"bob"});
+  later.object("a");
+  later.object("b");
+  later.run(0.1);
+  ASSERT_EQ(later.core.state(), SimState::kRunning);
+  later.rival("sim.2", 5);
+  for (int beat = 0; beat < 5; ++beat) {
+    later.echo();
+    later.run(0.1);
+  }
+  EXPECT_EQ(later.core.state(), SimState::kFailed);
+  EXPECT_THAT(later.core.trouble(), HasSubstr("'sim.2' was in session 's' before"));
+}
+
+TEST(SimCore, TakesNoOffenceAtItsOwnSamplesThatComeBack) {
+  World world{kTwoUsers};
+  world.hrtc("left", {"ann"});
+  world.hrtc("right", {"bob"});
+  world.object("a");
+  world.object("b");
+  for (int beat = 0; beat < 8; ++beat) {
+    world.run(0.1);
+    world.echo();
+  }
+  EXPECT_EQ(world.core.state(), SimState::kRunning);
+  for (const ReportEvent& event : world.core.report().events) EXPECT_EQ(event.text.find("'sim"), std::string::npos);
+}
+
+TEST(SimCore, BringsNobodyBeforeItHasHeardWhetherItsNameIsTaken) {
+  World world{kTwoUsers, 1};
+  world.hrtc("left", {"ann", "bob"});
+  world.hrtc("right");
+  world.object("a");
+  world.object("b");
+  world.run(0.9);
+  EXPECT_EQ(world.core.state(), SimState::kGathering);
+  EXPECT_EQ(world.core.trouble(), "");
+  world.run(0.2);
+  EXPECT_GE(world.core.state(), SimState::kJoining);
 }
 
 TEST(SimCore, DoesNotHearOtherSessions) {

@@ -19,6 +19,13 @@ users:
     script: [{approach: {object: "#1", speed: 0.2}}, {hold: {seconds: 0.3, force: 1}}]
 )";
 
+constexpr char kTouchLong[] = R"(name: one long touch
+duration: 40
+users:
+  - name: ann
+    script: [{approach: {object: "#1", speed: 0.2}}, {hold: {seconds: 6, force: 1}}]
+)";
+
 constexpr char kStay[] = R"(name: stay
 duration: 60
 users:
@@ -46,6 +53,28 @@ TEST_F(MeetingTest, TheLaterOfTwoProgramsWithOneNameEndsAndTheFirstGoesOn) {
   Process users{sim(kTouch)};
   EXPECT_EQ(users.wait(40s), 0) << users.output() << desk.output() << museum.output();
   EXPECT_GT(observer.seen().user("ann").exact, 0u);
+  EXPECT_TRUE(ends_with(0, desk));
+  EXPECT_TRUE(ends_with(0, museum));
+}
+
+TEST_F(MeetingTest, TheLaterOfTwoUsersProgramsWithOneNameEndsAndTheSessionGoesOn) {
+  Observer observer{address("observer")};
+  Process museum{host("museum", models().sphere)};
+  Process desk{hrtc("desk")};
+  Process users{sim(kTouchLong)};
+  ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.user("ann").exact > 0; })) << users.output();
+
+  Process second{in_session("sim", {"--scenario", "touch", "--json", path("second.json")})};
+  EXPECT_EQ(second.wait(), 2) << second.output();
+  EXPECT_THAT(second.output(), HasSubstr("'sim'"));
+  EXPECT_THAT(second.output(), HasSubstr("another --name"));
+  EXPECT_THAT(second.output(), HasSubstr(session_));
+  EXPECT_FALSE(std::filesystem::exists(path("second.json")));
+
+  ASSERT_TRUE(users.running()) << users.output();
+  observer.forget_states();
+  EXPECT_TRUE(observer.until([](const Seen& seen) { return seen.user("ann").exact > 100; })) << "still served";
+  EXPECT_EQ(users.wait(40s), 0) << users.output() << desk.output();
   EXPECT_TRUE(ends_with(0, desk));
   EXPECT_TRUE(ends_with(0, museum));
 }
