@@ -10,9 +10,12 @@
 #include "spm/offline/face_order.hpp"
 #include "spm/offline/import.hpp"
 #include "spm/offline/model_file.hpp"
+#include "spm/offline/parallel.hpp"
 
 namespace tactus::spm::offline {
 namespace {
+
+constexpr std::size_t kGrain = 1 << 16;
 
 void require_surface(const TriangleMesh& mesh, const CleanReport& cleaned) {
   const std::uint32_t dropped = cleaned.non_finite_faces + cleaned.repeated_corner_faces + cleaned.zero_area_faces;
@@ -26,35 +29,73 @@ void require_surface(const TriangleMesh& mesh, const CleanReport& cleaned) {
   }
 }
 
-/// Turns vertices, faces and collapses of the imported mesh into ids.
+/// Numbers the faces as the tree over them will and the vertices as these faces meet them, so that what is near in
+/// space is near in memory from here on.
+void reorder(TriangleMesh& mesh, unsigned threads) {
+  std::vector<Triangle> faces(mesh.faces.size());
+  {
+    const std::vector<std::uint32_t> order = face_order(mesh, threads);
+    parallel_ranges(faces.size(), kGrain, threads, [&](std::size_t first, std::size_t last) {
+      for (std::size_t f = first; f < last; ++f) faces[f] = mesh.faces[order[f]];
+    });
+  }
+  mesh.faces = {};
+  std::vector<std::uint32_t> to(mesh.positions.size(), kNone);
+  std::vector<std::array<float, 3>> positions;
+  positions.reserve(mesh.positions.size());
+  for (Triangle& f : faces) {
+    for (std::uint32_t& v : f) {
+      if (to[v] == kNone) {
+        to[v] = static_cast<std::uint32_t>(positions.size());
+        positions.push_back(mesh.positions[v]);
+      }
+      v = to[v];
+    }
+  }
+  mesh.faces = std::move(faces);
+  mesh.positions = std::move(positions);
+}
+
+/// Turns vertices, faces and collapses into ids. The faces of `mesh` are in their final order.
 class Assembler {
  public:
   Assembler(const TriangleMesh& mesh, const BuildOptions& options, const Progress& progress)
       : mesh_{mesh}, options_{options}, progress_{progress} {}
 
   BuiltModel run() {
-    collapses_ = simplify(mesh_, options_.simplify, [this](double done) { report("simplify", done); });
+    collapses_ =
+        simplify(mesh_, options_.simplify, options_.threads, [this](double done) { report("simplify", done); });
+    report("depend", 0);
+    const std::vector<Triangle> base_corners = take_base_corners();
+    needs_ = dependencies(collapses_, mesh_.positions.size(), options_.threads);
+    collapses_.corners = {};
     report("number", 0);
-    needs_ = dependencies(collapses_, mesh_.positions.size());
     set_bounds();
-    number_faces();
     number_records();
     write_positions();
-    write_base();
+    write_base(base_corners);
     write_records();
+    collapses_.segments = {};
     report("divide", 0);
     write_regions();
+    report("sum up", 0);
     ModelSummary& s = out_.summary;
     s.metres_per_unit = options_.size ? *options_.size / longest_side() : options_.metres_per_unit;
     s.deviation = deviation();
     s.digest = digest_of(out_.model());
-    report("divide", 1);
+    report("sum up", 1);
     return std::move(out_);
   }
 
  private:
   void report(std::string_view stage, double done) const {
     if (progress_) progress_(stage, done);
+  }
+
+  std::vector<Triangle> take_base_corners() const {
+    std::vector<Triangle> corners;
+    for (const std::uint32_t f : collapses_.base) corners.push_back(collapses_.corners[f]);
+    return corners;
   }
 
   void set_bounds() {
@@ -80,25 +121,21 @@ class Assembler {
   /// Every face shown is the image of its finest self when each corner goes to an ancestor; between corners the motion
   /// is linear, so no point of it moves further than a corner can.
   double deviation() const {
-    std::vector<std::uint32_t> parent(mesh_.positions.size(), kNone);
-    for (const Collapse& collapse : collapses_.sequence) parent[collapse.u] = collapse.t;
+    const std::vector<std::array<float, 3>>& positions = out_.positions;
+    const std::uint32_t base = out_.summary.base_vertices;
     double squared = 0;
-    for (std::uint32_t v = 0; v < parent.size(); ++v)
-      for (std::uint32_t above = parent[v]; above != kNone; above = parent[above]) {
+    for (std::uint32_t v = base; v < positions.size(); ++v) {
+      for (std::uint32_t above = v; above >= base;) {
+        above = out_.parts[above - base].parent;
         double distance = 0;
         for (std::size_t axis = 0; axis < 3; ++axis) {
-          const double along = double{mesh_.positions[v][axis]} - double{mesh_.positions[above][axis]};
+          const double along = double{positions[v][axis]} - double{positions[above][axis]};
           distance += along * along;
         }
         squared = std::max(squared, distance);
       }
+    }
     return std::sqrt(squared);
-  }
-
-  void number_faces() {
-    const std::vector<std::uint32_t> order = face_order(mesh_);
-    face_id_.resize(order.size());
-    for (std::uint32_t i = 0; i < order.size(); ++i) face_id_[order[i]] = i;
   }
 
   std::uint64_t morton_of(std::uint32_t v) const {
@@ -115,136 +152,193 @@ class Assembler {
   /// follow the same curve.
   void number_records() {
     struct Key {
-      std::uint32_t level;
       std::uint64_t place;
-      std::uint32_t vertex, collapse;
+      std::uint32_t vertex;
     };
+    const auto level_of = [this](std::size_t v) -> std::uint32_t {
+      return needs_.removed_by[v] == kNone ? 0 : needs_.level[needs_.removed_by[v]];
+    };
+    std::vector<std::size_t> first(needs_.max_level + 2, 0);  // by level
+    for (std::size_t v = 0; v < mesh_.positions.size(); ++v) ++first[level_of(v) + 1];
+    std::partial_sum(first.begin(), first.end(), first.begin());
     std::vector<Key> keys(mesh_.positions.size());
-    for (std::uint32_t v = 0; v < keys.size(); ++v) keys[v] = {0, morton_of(v), v, kNone};
-    for (std::uint32_t i = 0; i < collapses_.sequence.size(); ++i) {
-      Key& key = keys[collapses_.sequence[i].u];
-      key.level = needs_.level[i];
-      key.collapse = i;
-    }
-    std::sort(keys.begin(), keys.end(), [](const Key& a, const Key& b) {
-      if (a.level != b.level) return a.level < b.level;
-      return a.place != b.place ? a.place < b.place : a.vertex < b.vertex;
+    std::vector<std::size_t> next = first;
+    for (std::uint32_t v = 0; v < keys.size(); ++v) keys[next[level_of(v)]++] = {0, v};
+    for_ranges(keys.size(), [&](std::size_t from, std::size_t to) {
+      for (std::size_t i = from; i < to; ++i) keys[i].place = morton_of(keys[i].vertex);
     });
-    const std::size_t base = keys.size() - collapses_.sequence.size();
+    parallel_for(first.size() - 1, options_.threads, [&](std::size_t level, unsigned) {
+      const auto begin = keys.begin();
+      std::sort(
+          begin + static_cast<std::ptrdiff_t>(first[level]), begin + static_cast<std::ptrdiff_t>(first[level + 1]),
+          [](const Key& a, const Key& b) { return a.place != b.place ? a.place < b.place : a.vertex < b.vertex; });
+    });
+    const auto base = static_cast<std::uint32_t>(first[1]);
     vertex_id_.resize(keys.size());
-    collapse_of_.resize(collapses_.sequence.size());
-    record_of_.resize(collapses_.sequence.size());
-    for (std::uint32_t i = 0; i < keys.size(); ++i) {
-      vertex_id_[keys[i].vertex] = i;
-      if (i < base) continue;
-      collapse_of_[i - base] = keys[i].collapse;
-      record_of_[keys[i].collapse] = static_cast<std::uint32_t>(i - base);
-    }
+    for_ranges(keys.size(), [&](std::size_t from, std::size_t to) {
+      for (std::size_t i = from; i < to; ++i) vertex_id_[keys[i].vertex] = static_cast<std::uint32_t>(i);
+    });
     ModelSummary& s = out_.summary;
     s.vertices = static_cast<std::uint32_t>(keys.size());
-    s.base_vertices = static_cast<std::uint32_t>(base);
+    s.base_vertices = base;
     s.records = s.vertices - s.base_vertices;
     s.faces = static_cast<std::uint32_t>(mesh_.faces.size());
     s.max_level = needs_.max_level;
   }
 
-  void write_positions() {
-    out_.positions.resize(mesh_.positions.size());
-    for (std::size_t v = 0; v < vertex_id_.size(); ++v) out_.positions[vertex_id_[v]] = mesh_.positions[v];
+  void for_ranges(std::size_t count, const std::function<void(std::size_t, std::size_t)>& work) const {
+    parallel_ranges(count, kGrain, options_.threads, work);
   }
 
-  void write_base() {
-    std::vector<std::uint8_t> touched(mesh_.faces.size(), 0);
-    for (const MovedCorner& moved : collapses_.moved) touched[moved.face] = 1;
-    for (std::uint32_t f = 0; f < mesh_.faces.size(); ++f) {
-      if (collapses_.alive[f] == 0) continue;
-      BaseFace base{face_id_[f], touched[f] == 0 ? 1u : 0u, collapses_.corners[f]};
+  void write_positions() {
+    out_.positions.resize(mesh_.positions.size());
+    for_ranges(vertex_id_.size(), [this](std::size_t first, std::size_t last) {
+      for (std::size_t v = first; v < last; ++v) out_.positions[vertex_id_[v]] = mesh_.positions[v];
+    });
+  }
+
+  void write_base(const std::vector<Triangle>& corners) {
+    for (std::size_t i = 0; i < corners.size(); ++i) {
+      BaseFace base{collapses_.base[i], collapses_.base_finest[i] ? 1u : 0u, corners[i]};
       for (std::uint32_t& v : base.corners) v = vertex_id_[v];
       out_.base_faces.push_back(base);
     }
-    std::sort(out_.base_faces.begin(), out_.base_faces.end(),
-              [](const BaseFace& a, const BaseFace& b) { return a.face < b.face; });
     out_.summary.base_faces = static_cast<std::uint32_t>(out_.base_faces.size());
   }
 
   void write_records() {
-    out_.parts.resize(collapse_of_.size());
-    for (std::uint32_t r = 0; r < collapse_of_.size(); ++r) {
-      const Collapse& c = collapses_.sequence[collapse_of_[r]];
-      RecordPart empty{};
-      empty.parent = vertex_id_[c.t];
-      empty.next = kNone;
-      empty.level = needs_.level[collapse_of_[r]];
-      std::uint32_t at = r;
-      out_.parts[at] = empty;
-      std::uint32_t born = 0, moved = 0;
-      while (true) {
-        RecordPart& part = out_.parts[at];
-        for (; born < c.dying_count && part.born_count < kBornPerPart; ++born) {
-          const DyingFace& face = collapses_.dying[c.first_dying + born];
-          part.born[part.born_count] = BornRef::make(face_id_[face.face], face.order, face.finest);
-          part.born_x[part.born_count++] = vertex_id_[face.x];
-        }
-        for (; moved < c.moved_count && part.deformed_count < kDeformedPerPart; ++moved) {
-          const MovedCorner& corner = collapses_.moved[c.first_moved + moved];
-          part.deformed[part.deformed_count++] = DeformedRef::make(face_id_[corner.face], corner.corner, corner.finest);
-        }
-        if (born == c.dying_count && moved == c.moved_count) break;
-        part.next = static_cast<std::uint32_t>(out_.parts.size());
-        at = part.next;
-        out_.parts.push_back(empty);
+    out_.parts.resize(out_.summary.records);
+    struct Long {
+      std::uint32_t record;
+      const Segment* segment;
+      std::uint32_t at;
+    };
+    std::vector<std::vector<Long>> longer(collapses_.segments.size());
+    parallel_for(collapses_.segments.size(), options_.threads, [&](std::size_t s, unsigned) {
+      const Segment& segment = collapses_.segments[s];
+      for (std::uint32_t i = 0; i < segment.size(); ++i) {
+        const std::uint32_t record = vertex_id_[segment.sequence[i].u] - out_.summary.base_vertices;
+        Faces rest = faces_of(segment, i);
+        out_.parts[record] = next_part(segment, i, rest);
+        if (!rest.empty()) longer[s].push_back({record, &segment, i});
+      }
+    });
+    std::vector<Long> chains;
+    for (const std::vector<Long>& some : longer) chains.insert(chains.end(), some.begin(), some.end());
+    std::sort(chains.begin(), chains.end(), [](const Long& a, const Long& b) { return a.record < b.record; });
+    for (const Long& chain : chains) {
+      Faces rest = faces_of(*chain.segment, chain.at);
+      static_cast<void>(next_part(*chain.segment, chain.at, rest));
+      for (std::uint32_t last = chain.record; !rest.empty();) {
+        out_.parts[last].next = static_cast<std::uint32_t>(out_.parts.size());
+        last = out_.parts[last].next;
+        out_.parts.push_back(next_part(*chain.segment, chain.at, rest));
       }
     }
     out_.summary.parts = static_cast<std::uint32_t>(out_.parts.size());
   }
 
+  /// What of a collapse's faces is still to be written.
+  struct Faces {
+    std::uint32_t dying, dying_end, moved, moved_end;
+    [[nodiscard]] bool empty() const { return dying == dying_end && moved == moved_end; }
+  };
+  static Faces faces_of(const Segment& segment, std::uint32_t i) {
+    const Collapse &c = segment.sequence[i], &end = segment.sequence[i + 1];
+    return {c.first_dying, end.first_dying, c.first_moved, end.first_moved};
+  }
+
+  RecordPart next_part(const Segment& segment, std::uint32_t i, Faces& rest) const {
+    RecordPart part{};
+    part.parent = vertex_id_[segment.sequence[i].t];
+    part.next = kNone;
+    part.level = needs_.level[needs_.removed_by[segment.sequence[i].u]];
+    for (; rest.dying < rest.dying_end && part.born_count < kBornPerPart; ++rest.dying) {
+      part.born[part.born_count] = segment.dying[rest.dying];
+      part.born_x[part.born_count++] = vertex_id_[segment.dying_x[rest.dying]];
+    }
+    for (; rest.moved < rest.moved_end && part.deformed_count < kDeformedPerPart; ++rest.moved) {
+      part.deformed[part.deformed_count++] = segment.moved[rest.moved];
+    }
+    return part;
+  }
+
+  /// The closed lists of a few cells.
+  struct Lists {
+    std::vector<Region> regions;  // first_run counts from this chunk's first
+    std::vector<Run> runs;
+  };
+
   void write_regions() {
-    std::vector<std::uint32_t> removed_by(mesh_.positions.size(), kNone);
-    for (std::uint32_t i = 0; i < collapses_.sequence.size(); ++i) removed_by[collapses_.sequence[i].u] = i;
-    const Partition cells = partition(mesh_, options_.partition);
+    const Partition cells = partition(mesh_, options_.partition, options_.threads);
     out_.summary.grid = cells.grid;
-    std::vector<std::uint32_t> seen(collapses_.sequence.size(), kNone), stack, list;
-    for (std::uint32_t i = 0; i < cells.cells.size(); ++i) {
-      if (i % 64 == 0) report("divide", double(i) / double(cells.cells.size()));
-      const Cell& cell = cells.cells[i];
-      list.clear();
-      const auto reach = [&](std::uint32_t collapse) {
-        if (collapse == kNone || seen[collapse] == i) return;
-        seen[collapse] = i;
-        stack.push_back(collapse);
-        list.push_back(record_of_[collapse]);
-      };
-      for (std::uint32_t k = 0; k < cell.face_count; ++k) {
-        for (const std::uint32_t v : mesh_.faces[cells.faces[cell.first_face + k]]) reach(removed_by[v]);
+    record_of_.resize(needs_.size());
+    for_ranges(mesh_.positions.size(), [this](std::size_t first, std::size_t last) {
+      for (std::size_t v = first; v < last; ++v) {
+        if (needs_.removed_by[v] != kNone)
+          record_of_[needs_.removed_by[v]] = vertex_id_[v] - out_.summary.base_vertices;
       }
-      while (!stack.empty()) {
-        const std::uint32_t collapse = stack.back();
-        stack.pop_back();
-        for (const std::uint32_t need : needs_.of(collapse)) reach(need);
+    });
+    constexpr std::size_t kChunk = 64;
+    std::vector<Lists> chunks((cells.cells.size() + kChunk - 1) / kChunk);
+    std::vector<std::vector<std::uint32_t>> seen(thread_count(options_.threads));  // by worker, collapse: cell
+    parallel_for(chunks.size(), options_.threads, [&](std::size_t chunk, unsigned worker) {
+      if (worker == 0) report("divide", double(chunk) / double(chunks.size()));
+      if (seen[worker].empty()) seen[worker].assign(needs_.size(), kNone);
+      const std::size_t last = std::min(cells.cells.size(), (chunk + 1) * kChunk);
+      for (std::size_t i = chunk * kChunk; i < last; ++i) {
+        const Cell& cell = cells.cells[i];
+        const Span<const std::uint32_t> faces{cells.faces.data() + cell.first_face, cell.face_count};
+        add_region(cell, closed_list(faces, static_cast<std::uint32_t>(i), seen[worker]), chunks[chunk]);
       }
-      add_region(cell, list);
+    });
+    for (const Lists& lists : chunks) {
+      for (Region region : lists.regions) {
+        region.first_run += static_cast<std::uint32_t>(out_.runs.size());
+        out_.regions.push_back(region);
+      }
+      out_.runs.insert(out_.runs.end(), lists.runs.begin(), lists.runs.end());
     }
     out_.summary.regions = static_cast<std::uint32_t>(out_.regions.size());
   }
 
-  void add_region(const Cell& cell, std::vector<std::uint32_t>& list) {
+  /// All records that the corners of these faces need, ascending.
+  std::vector<std::uint32_t> closed_list(Span<const std::uint32_t> faces, std::uint32_t cell,
+                                         std::vector<std::uint32_t>& seen) const {
+    std::vector<std::uint32_t> list;
+    const auto reach = [&](std::uint32_t collapse) {
+      if (collapse == kNone || seen[collapse] == cell) return;
+      seen[collapse] = cell;
+      list.push_back(collapse);
+    };
+    for (const std::uint32_t f : faces) {
+      for (const std::uint32_t v : mesh_.faces[f]) reach(needs_.removed_by[v]);
+    }
+    for (std::size_t i = 0; i < list.size(); ++i) {
+      for (const std::uint32_t need : needs_.of(list[i])) reach(need);
+    }
+    for (std::uint32_t& collapse : list) collapse = record_of_[collapse];
     std::sort(list.begin(), list.end());
+    return list;
+  }
+
+  void add_region(const Cell& cell, const std::vector<std::uint32_t>& list, Lists& to) const {
     Region region{};
     region.cell = cell.at;
     region.depth = cell.depth;
-    region.first_run = static_cast<std::uint32_t>(out_.runs.size());
+    region.first_run = static_cast<std::uint32_t>(to.runs.size());
     region.record_count = static_cast<std::uint32_t>(list.size());
     region.face_count = cell.face_count;
     for (const std::uint32_t r : list) {
       for (std::uint32_t p = r; p != kNone; p = out_.parts[p].next) ++region.part_count;
-      if (out_.runs.size() > region.first_run && out_.runs.back().first + out_.runs.back().count == r) {
-        ++out_.runs.back().count;
+      if (to.runs.size() > region.first_run && to.runs.back().first + to.runs.back().count == r) {
+        ++to.runs.back().count;
       } else {
-        out_.runs.push_back({r, 1});
+        to.runs.push_back({r, 1});
       }
     }
-    region.run_count = static_cast<std::uint32_t>(out_.runs.size()) - region.first_run;
-    out_.regions.push_back(region);
+    region.run_count = static_cast<std::uint32_t>(to.runs.size()) - region.first_run;
+    to.regions.push_back(region);
   }
 
   const TriangleMesh& mesh_;
@@ -252,8 +346,8 @@ class Assembler {
   const Progress& progress_;
   Collapses collapses_;
   Dependencies needs_;
-  std::vector<std::uint32_t> face_id_, vertex_id_;      // by imported number
-  std::vector<std::uint32_t> collapse_of_, record_of_;  // by record, by collapse
+  std::vector<std::uint32_t> vertex_id_;  // by number in `mesh_`
+  std::vector<std::uint32_t> record_of_;  // by collapse
   BuiltModel out_{};
 };
 
@@ -263,6 +357,8 @@ BuiltModel build_model(TriangleMesh mesh, const BuildOptions& options, const Pro
   if (progress) progress("clean", 0);
   const CleanReport cleaned = clean(mesh);
   require_surface(mesh, cleaned);
+  if (progress) progress("order", 0);
+  reorder(mesh, options.threads);
   BuiltModel built = Assembler{mesh, options, progress}.run();
   built.cleaned = cleaned;
   return built;

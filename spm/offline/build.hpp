@@ -21,6 +21,7 @@ struct BuildOptions {
   PartitionOptions partition;
   double metres_per_unit = 1;
   std::optional<double> size;  ///< metres of the longest side of the bounds; overrides `metres_per_unit`
+  unsigned threads = 0;        ///< 0: all there are; the result is the same
 };
 
 /// Gets the stage and the share of it that is done, 0 to 1, now and then; in the thread that builds.

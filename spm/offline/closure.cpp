@@ -3,64 +3,114 @@
 #include <algorithm>
 #include <functional>
 #include <string>
-#include <utility>
 
 #include "spm/ids.hpp"
-#include "spm/record.hpp"
+#include "spm/offline/parallel.hpp"
 
 namespace tactus::spm::offline {
+namespace {
 
-Dependencies dependencies(const Collapses& collapses, std::size_t vertices) {
-  const auto count = static_cast<std::uint32_t>(collapses.sequence.size());
-  std::vector<std::uint32_t> removed_by(vertices, kNone);
-  for (std::uint32_t i = 0; i < count; ++i) removed_by[collapses.sequence[i].u] = i;
+class Closure {
+ public:
+  Closure(Collapses& collapses, std::size_t vertices, unsigned threads) : collapses_{collapses}, threads_{threads} {
+    out_.segment.assign(1, 0);
+    for (const Segment& segment : collapses.segments) out_.segment.push_back(out_.segment.back() + segment.size());
+    out_.removed_by.assign(vertices, kNone);
+    out_.level.assign(out_.size(), 0);
+    out_.first.assign(std::size_t{out_.size()} + 1, 0);
+    writer_.assign(collapses.corners.size(), kNone);
+    backwards_.resize(collapses.segments.size());
+  }
 
-  // Undo the collapses, last first. A record's needs are known before those of all that need it.
-  std::vector<Triangle> corners = collapses.corners;
-  std::vector<std::uint32_t> writer(corners.size(), kNone);
-  Dependencies out;
-  out.level.assign(count, 0);
-  out.first.assign(std::size_t{count} + 1, 0);
-  std::vector<std::uint32_t> backwards, own;  // needs of collapse count - 1 first
-  backwards.reserve(3 * std::size_t{count});
-  for (std::uint32_t i = count; i-- > 0;) {
-    const Collapse& c = collapses.sequence[i];
+  /// Undoes the collapses, last first: a record's needs are known before those of all that need it. Segments of one
+  /// round share no face, and no vertex that one of them removes.
+  Dependencies run() {
+    const std::size_t segments = collapses_.segments.size();
+    parallel_for(segments, threads_, [this](std::size_t s, unsigned) {
+      for (std::uint32_t i = 0; i < collapses_.segments[s].size(); ++i) {
+        out_.removed_by[collapses_.segments[s].sequence[i].u] = out_.segment[s] + i;
+      }
+    });
+    for (std::size_t round = collapses_.rounds.size() - 1; round-- > 0;) {
+      const std::size_t first = collapses_.rounds[round];
+      parallel_for(collapses_.rounds[round + 1] - first, threads_, [&](std::size_t i, unsigned) { undo(first + i); });
+    }
+    std::uint32_t sum = 0;
+    for (std::uint32_t& count : out_.first) {
+      const std::uint32_t own = count;
+      count = sum;
+      sum += own;
+    }
+    out_.needs.resize(sum);
+    parallel_for(segments, threads_, [this](std::size_t s, unsigned) {
+      std::reverse_copy(backwards_[s].begin(), backwards_[s].end(), out_.needs.begin() + out_.first[out_.segment[s]]);
+      backwards_[s] = {};
+    });
+    for (const std::uint16_t level : out_.level) out_.max_level = std::max<std::uint32_t>(out_.max_level, level);
+    return std::move(out_);
+  }
+
+ private:
+  void undo(std::size_t s) {
+    const Segment& segment = collapses_.segments[s];
+    std::vector<std::uint32_t> own;
+    std::vector<std::uint32_t>& all = backwards_[s];
+    all.reserve(3 * std::size_t{segment.size()});
+    for (std::uint32_t i = segment.size(); i-- > 0;) {
+      const std::uint32_t id = out_.segment[s] + i;
+      find_needs(segment, i, id, own);
+      std::uint32_t level = 1;
+      for (const std::uint32_t j : own) level = std::max(level, 1u + out_.level[j]);
+      if (level > 0xffff) {
+        throw ModelError{"vertex " + std::to_string(segment.sequence[i].u) + ": depends on more than 65535 levels"};
+      }
+      out_.level[id] = static_cast<std::uint16_t>(level);
+      std::sort(own.begin(), own.end(), std::greater<>{});
+      all.insert(all.end(), own.begin(), own.end());
+      out_.first[id] = static_cast<std::uint32_t>(own.size());
+    }
+  }
+
+  void find_needs(const Segment& segment, std::uint32_t i, std::uint32_t id, std::vector<std::uint32_t>& own) {
+    const Collapse &c = segment.sequence[i], &end = segment.sequence[i + 1];
     own.clear();
     const auto need = [&own](std::uint32_t record) {
       if (record != kNone && std::find(own.begin(), own.end(), record) == own.end()) own.push_back(record);
     };
-    need(removed_by[c.t]);
-    for (std::uint32_t k = 0; k < c.dying_count; ++k) {
-      const DyingFace& dying = collapses.dying[c.first_dying + k];
-      need(removed_by[dying.x]);
-      const BornCorners at = born_corners(dying.order);
-      corners[dying.face][static_cast<std::size_t>(at.u)] = c.u;
-      corners[dying.face][static_cast<std::size_t>(at.t)] = c.t;
-      corners[dying.face][static_cast<std::size_t>(at.x)] = dying.x;
-      writer[dying.face] = i;
+    need(out_.removed_by[c.t]);
+    for (std::uint32_t k = c.first_dying; k < end.first_dying; ++k) {
+      const BornRef dying = segment.dying[k];
+      const std::uint32_t x = segment.dying_x[k];
+      need(out_.removed_by[x]);
+      const BornCorners at = born_corners(dying.order());
+      Triangle& face = collapses_.corners[dying.face()];
+      face[static_cast<std::size_t>(at.u)] = c.u;
+      face[static_cast<std::size_t>(at.t)] = c.t;
+      face[static_cast<std::size_t>(at.x)] = x;
+      writer_[dying.face()] = id;
     }
-    for (std::uint32_t k = 0; k < c.moved_count; ++k) {
-      const MovedCorner& moved = collapses.moved[c.first_moved + k];
-      Triangle& face = corners[moved.face];
-      need(writer[moved.face]);
-      need(removed_by[face[(moved.corner + 1u) % 3]]);
-      need(removed_by[face[(moved.corner + 2u) % 3]]);
-      face[moved.corner] = c.u;
-      writer[moved.face] = i;
+    for (std::uint32_t k = c.first_moved; k < end.first_moved; ++k) {
+      const DeformedRef moved = segment.moved[k];
+      Triangle& face = collapses_.corners[moved.face()];
+      need(writer_[moved.face()]);
+      need(out_.removed_by[face[(moved.corner() + 1) % 3]]);
+      need(out_.removed_by[face[(moved.corner() + 2) % 3]]);
+      face[moved.corner()] = c.u;
+      writer_[moved.face()] = id;
     }
-    std::uint32_t level = 1;
-    for (const std::uint32_t j : own) level = std::max(level, 1u + out.level[j]);
-    if (level > 0xffff) throw ModelError{"vertex " + std::to_string(c.u) + ": depends on more than 65535 levels"};
-    out.level[i] = static_cast<std::uint16_t>(level);
-    out.max_level = std::max(out.max_level, level);
-    std::sort(own.begin(), own.end(), std::greater<>{});
-    backwards.insert(backwards.end(), own.begin(), own.end());
-    out.first[i] = static_cast<std::uint32_t>(own.size());
   }
-  std::uint32_t sum = 0;
-  for (std::uint32_t& first : out.first) sum += std::exchange(first, sum);
-  out.needs.assign(backwards.rbegin(), backwards.rend());
-  return out;
+
+  Collapses& collapses_;
+  unsigned threads_;
+  Dependencies out_;
+  std::vector<std::uint32_t> writer_;                  // by face: the last record that was undone on it
+  std::vector<std::vector<std::uint32_t>> backwards_;  // by segment: the needs of its last collapse first
+};
+
+}  // namespace
+
+Dependencies dependencies(Collapses& collapses, std::size_t vertices, unsigned threads) {
+  return Closure{collapses, vertices, threads}.run();
 }
 
 }  // namespace tactus::spm::offline

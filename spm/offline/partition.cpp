@@ -5,6 +5,8 @@
 #include <cmath>
 #include <limits>
 
+#include "spm/offline/parallel.hpp"
+
 namespace tactus::spm::offline {
 namespace {
 
@@ -13,7 +15,8 @@ constexpr double kMostCellsPerSide = 1000;  // times 2^kMaxDepth still fits 16 b
 
 class Partitioner {
  public:
-  Partitioner(const TriangleMesh& mesh, const PartitionOptions& options) : mesh_{mesh}, options_{options} {
+  Partitioner(const TriangleMesh& mesh, const PartitionOptions& options, unsigned threads)
+      : mesh_{mesh}, options_{options}, threads_{threads} {
     Vec3d low = Vec3d::Constant(std::numeric_limits<double>::infinity()), high = -low;
     double area = 0, largest = 0;
     for (const std::array<float, 3>& p : mesh.positions) {
@@ -40,32 +43,11 @@ class Partitioner {
   }
 
   Partition run() {
-    struct Entry {
-      std::uint64_t key;
-      std::uint32_t face;
-    };
-    std::vector<Entry> entries;
-    entries.reserve(mesh_.faces.size() * 3 / 2);
-    for (std::uint32_t f = 0; f < mesh_.faces.size(); ++f) {
-      const std::array<Vec3d, 3> t = corners(f);
-      std::array<std::uint32_t, 3> first, last;
-      for (int axis = 0; axis < 3; ++axis) {
-        const double low = std::min({t[0][axis], t[1][axis], t[2][axis]});
-        const double high = std::max({t[0][axis], t[1][axis], t[2][axis]});
-        first[static_cast<std::size_t>(axis)] = cell_of(low - hair_, axis);
-        last[static_cast<std::size_t>(axis)] = cell_of(high + hair_, axis);
-      }
-      for (std::uint32_t z = first[2]; z <= last[2]; ++z) {
-        for (std::uint32_t y = first[1]; y <= last[1]; ++y) {
-          for (std::uint32_t x = first[0]; x <= last[0]; ++x) {
-            if (meets_cell(t, {x, y, z}, 0)) entries.push_back({morton(x, y, z), f});
-          }
-        }
-      }
-    }
-    std::sort(entries.begin(), entries.end(),
-              [](const Entry& a, const Entry& b) { return a.key != b.key ? a.key < b.key : a.face < b.face; });
+    std::vector<Entry> entries = meetings();
+    parallel_sort(entries, threads_,
+                  [](const Entry& a, const Entry& b) { return a.key != b.key ? a.key < b.key : a.face < b.face; });
     std::vector<std::uint32_t> faces;
+    out_.faces.reserve(entries.size());
     for (std::size_t i = 0; i < entries.size();) {
       const std::uint64_t key = entries[i].key;
       faces.clear();
@@ -77,6 +59,52 @@ class Partitioner {
 
  private:
   using Place = std::array<std::uint32_t, 3>;
+  struct Entry {
+    std::uint64_t key;
+    std::uint32_t face;
+  };
+
+  /// Which face meets which cell of the regular grid.
+  std::vector<Entry> meetings() const {
+    constexpr std::size_t kChunk = 1 << 16;
+    std::vector<std::vector<Entry>> chunks((mesh_.faces.size() + kChunk - 1) / kChunk);
+    parallel_for(chunks.size(), threads_, [&](std::size_t chunk, unsigned) {
+      chunks[chunk].reserve(kChunk * 3 / 2);
+      const std::size_t last = std::min(mesh_.faces.size(), (chunk + 1) * kChunk);
+      for (std::size_t f = chunk * kChunk; f < last; ++f) add_meetings(static_cast<std::uint32_t>(f), chunks[chunk]);
+    });
+    std::size_t sum = 0;
+    for (const std::vector<Entry>& chunk : chunks) sum += chunk.size();
+    std::vector<Entry> entries;
+    entries.reserve(sum);
+    for (std::vector<Entry>& chunk : chunks) {
+      entries.insert(entries.end(), chunk.begin(), chunk.end());
+      chunk = {};
+    }
+    return entries;
+  }
+
+  void add_meetings(std::uint32_t f, std::vector<Entry>& entries) const {
+    const std::array<Vec3d, 3> t = corners(f);
+    Place first{}, last{};
+    for (int axis = 0; axis < 3; ++axis) {
+      const double low = std::min({t[0][axis], t[1][axis], t[2][axis]});
+      const double high = std::max({t[0][axis], t[1][axis], t[2][axis]});
+      first[static_cast<std::size_t>(axis)] = cell_of(low - hair_, axis);
+      last[static_cast<std::size_t>(axis)] = cell_of(high + hair_, axis);
+    }
+    if (first == last) {  // it lies within
+      entries.push_back({morton(first[0], first[1], first[2]), f});
+      return;
+    }
+    for (std::uint32_t z = first[2]; z <= last[2]; ++z) {
+      for (std::uint32_t y = first[1]; y <= last[1]; ++y) {
+        for (std::uint32_t x = first[0]; x <= last[0]; ++x) {
+          if (meets_cell(t, {x, y, z}, 0)) entries.push_back({morton(x, y, z), f});
+        }
+      }
+    }
+  }
 
   std::array<Vec3d, 3> corners(std::uint32_t f) const {
     std::array<Vec3d, 3> t;
@@ -142,6 +170,7 @@ class Partitioner {
 
   const TriangleMesh& mesh_;
   PartitionOptions options_;
+  unsigned threads_;
   double hair_ = 0;
   std::array<std::uint32_t, 3> count_{};
   Partition out_{};
@@ -181,8 +210,8 @@ std::uint64_t morton(std::uint32_t x, std::uint32_t y, std::uint32_t z) {
   return spread(x) | spread(y) << 1 | spread(z) << 2;
 }
 
-Partition partition(const TriangleMesh& mesh, const PartitionOptions& options) {
-  return Partitioner{mesh, options}.run();
+Partition partition(const TriangleMesh& mesh, const PartitionOptions& options, unsigned threads) {
+  return Partitioner{mesh, options, threads}.run();
 }
 
 }  // namespace tactus::spm::offline

@@ -29,7 +29,7 @@ struct Partition {
 
 /// A face belongs to every cell that its triangle meets, decided in double with cells a hair larger than they are, so
 /// that a point on a face always has its cell. Cells are at least a thousandth of the longest side.
-[[nodiscard]] Partition partition(const TriangleMesh& mesh, const PartitionOptions& options);
+[[nodiscard]] Partition partition(const TriangleMesh& mesh, const PartitionOptions& options, unsigned threads = 0);
 
 /// Whether the triangle meets the cube around `centre`, faces included; in double, without a margin.
 /// Source: Akenine-Moeller 2001 (separating axes of a triangle and a box).

@@ -20,31 +20,47 @@ using test_support::sorted_faces;
 using test_support::ZooMesh;
 using ::testing::IsEmpty;
 
-BuildOptions small_options() {
+/// How a mesh is simplified: at once, or in many blocks and rounds.
+enum class Cut { kWhole, kBlocks };
+
+BuildOptions small_options(Cut cut, unsigned threads = 2) {
   BuildOptions options;
+  options.threads = threads;
+  if (cut == Cut::kBlocks) options.simplify.block_faces = 64;
   options.simplify.base_faces = 12;
   options.partition.cell_faces = 40;
   options.partition.max_cell_faces = 80;
   return options;
 }
 
-class EveryMesh : public ::testing::TestWithParam<ZooMesh> {
+class EveryMesh : public ::testing::TestWithParam<std::tuple<ZooMesh, Cut>> {
  protected:
-  EveryMesh() : built_{build_model(GetParam().mesh, small_options())}, finest_{finest_faces(built_.model())} {}
+  EveryMesh()
+      : zoo_{std::get<0>(GetParam())},
+        cut_{std::get<1>(GetParam())},
+        built_{build_model(zoo_.mesh, small_options(cut_))},
+        finest_{finest_faces(built_.model())} {}
 
+  ZooMesh zoo_;
+  Cut cut_;
   BuiltModel built_;
   std::vector<Triangle> finest_;
 };
 
-INSTANTIATE_TEST_SUITE_P(Zoo, EveryMesh, ::testing::ValuesIn(mesh_zoo()),
-                         [](const auto& test) { return test.param.name; });
+INSTANTIATE_TEST_SUITE_P(Zoo, EveryMesh,
+                         ::testing::Combine(::testing::ValuesIn(mesh_zoo()),
+                                            ::testing::Values(Cut::kWhole, Cut::kBlocks)),
+                         [](const auto& test) {
+                           const bool whole = std::get<1>(test.param) == Cut::kWhole;
+                           return std::get<0>(test.param).name + (whole ? "Whole" : "InBlocks");
+                         });
 
 TEST_P(EveryMesh, IsASoundModel) { EXPECT_THAT(violations(built_.model()), IsEmpty()); }
 
 TEST_P(EveryMesh, HasASoundBaseMesh) { EXPECT_THAT(violations(base_mesh_of(built_.model())), IsEmpty()); }
 
 TEST_P(EveryMesh, ReplayOfAllRecordsIsTheCleanedInputToTheBit) {
-  TriangleMesh cleaned = GetParam().mesh;
+  TriangleMesh cleaned = zoo_.mesh;
   clean(cleaned);
   const Model model = built_.model();
   ReferenceMesh mesh{model};
@@ -85,11 +101,11 @@ TEST_P(EveryMesh, EveryPrefixInRecordOrderIsAValidMesh) {
   const std::uint32_t step = model.summary.records / 50 + 1;
   for (std::uint32_t r = 0; r < model.summary.records; ++r) {
     if (r % step == 0) {
-      ASSERT_THAT(mesh.defects(finest_, GetParam().manifold), IsEmpty()) << "before record " << r;
+      ASSERT_THAT(mesh.defects(finest_, zoo_.manifold), IsEmpty()) << "before record " << r;
     }
     ASSERT_TRUE(mesh.apply(r));
   }
-  EXPECT_THAT(mesh.defects(finest_, GetParam().manifold), IsEmpty());
+  EXPECT_THAT(mesh.defects(finest_, zoo_.manifold), IsEmpty());
 }
 
 TEST_P(EveryMesh, AnyUnionOfRegionsIsAValidMesh) {
@@ -101,7 +117,7 @@ TEST_P(EveryMesh, AnyUnionOfRegionsIsAValidMesh) {
     for (std::size_t i = 0; i < regions; ++i) {
       ASSERT_TRUE(mesh.apply_region(static_cast<std::uint32_t>(random() % model.summary.regions))) << "seed " << seed;
     }
-    ASSERT_THAT(mesh.defects(finest_, GetParam().manifold), IsEmpty()) << "seed " << seed;
+    ASSERT_THAT(mesh.defects(finest_, zoo_.manifold), IsEmpty()) << "seed " << seed;
   }
 }
 
@@ -115,21 +131,52 @@ TEST_P(EveryMesh, AnyClosureOfRandomRecordsIsAValidMesh) {
     for (std::uint32_t r = 0; r < model.summary.records; ++r) {
       if (random() % one_in != 0) static_cast<void>(mesh.apply(r));
     }
-    ASSERT_THAT(mesh.defects(finest_, GetParam().manifold), IsEmpty()) << "seed " << seed;
+    ASSERT_THAT(mesh.defects(finest_, zoo_.manifold), IsEmpty()) << "seed " << seed;
   }
 }
 
-TEST_P(EveryMesh, TheSameInputGivesTheSameBytes) {
-  const BuiltModel again = build_model(GetParam().mesh, small_options());
-  const auto same = [](const auto& a, const auto& b) {
-    return a.size() == b.size() && (a.empty() || std::memcmp(a.data(), b.data(), a.size() * sizeof(a[0])) == 0);
+template <class Item>
+bool same_bytes(const std::vector<Item>& a, const std::vector<Item>& b) {
+  return a.size() == b.size() && (a.empty() || std::memcmp(a.data(), b.data(), a.size() * sizeof(Item)) == 0);
+}
+
+void expect_same_bytes(const BuiltModel& a, const BuiltModel& b) {
+  EXPECT_EQ(std::memcmp(&a.summary, &b.summary, sizeof a.summary), 0);
+  EXPECT_TRUE(same_bytes(a.positions, b.positions));
+  EXPECT_TRUE(same_bytes(a.base_faces, b.base_faces));
+  EXPECT_TRUE(same_bytes(a.parts, b.parts));
+  EXPECT_TRUE(same_bytes(a.regions, b.regions));
+  EXPECT_TRUE(same_bytes(a.runs, b.runs));
+}
+
+TEST_P(EveryMesh, TheSameInputGivesTheSameBytesWhateverTheNumberOfThreads) {
+  for (const unsigned threads : {1u, 2u, 3u}) {
+    expect_same_bytes(build_model(zoo_.mesh, small_options(cut_, threads)), built_);
+  }
+}
+
+TEST(Build, ALargeMeshGivesTheSameBytesWhateverTheNumberOfThreads) {
+  const TriangleMesh mesh = generate(Shape::kOrgan, 150000, 5);
+  BuildOptions options;
+  options.threads = 1;
+  const BuiltModel alone = build_model(mesh, options);
+  for (const unsigned threads : {2u, 5u}) {
+    options.threads = threads;
+    expect_same_bytes(build_model(mesh, options), alone);
+  }
+}
+
+TEST(Build, BlocksLengthenTheListsOfRegionsByLittle) {
+  const TriangleMesh mesh = generate(Shape::kOrgan, 60000, 3);
+  const auto records = [&](std::uint32_t block_faces) {
+    BuildOptions options;
+    options.simplify.block_faces = block_faces;
+    std::uint64_t sum = 0;
+    for (const Region& region : build_model(mesh, options).regions) sum += region.record_count;
+    return sum;
   };
-  EXPECT_EQ(std::memcmp(&again.summary, &built_.summary, sizeof again.summary), 0);
-  EXPECT_TRUE(same(again.positions, built_.positions));
-  EXPECT_TRUE(same(again.base_faces, built_.base_faces));
-  EXPECT_TRUE(same(again.parts, built_.parts));
-  EXPECT_TRUE(same(again.regions, built_.regions));
-  EXPECT_TRUE(same(again.runs, built_.runs));
+  const std::uint64_t whole = records(1u << 20), blocks = records(1u << 12);
+  EXPECT_LE(blocks * 100, whole * 110) << "whole " << whole << ", in blocks " << blocks;
 }
 
 TEST(Build, ReachesTheNumberOfBaseFacesAskedForOnASmoothSurface) {

@@ -1,0 +1,438 @@
+#include "spm/offline/patch.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "spm/model.hpp"
+
+namespace tactus::spm::offline {
+namespace {
+
+/// Looking at the hub of a wide fan once for each spoke would be quadratic.
+constexpr std::uint32_t kMaxTargetStar = 1024;
+constexpr float kBorderWeight = 10;
+constexpr float kLengthWeight = 1e-6f;  // on flat ground, short edges first
+
+std::uint32_t face_of(std::uint32_t corner) { return corner / 4; }
+
+struct Point {
+  double x, y, z;
+};
+Point point(const Offset& p) { return {p[0], p[1], p[2]}; }
+Point operator-(const Point& a, const Point& b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
+double dot(const Point& a, const Point& b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+Point cross(const Point& a, const Point& b) {
+  return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+}
+
+}  // namespace
+
+Offset unit_normal(const std::array<Offset, 3>& triangle, float& length) {
+  const Point a = point(triangle[0]);
+  const Point normal = cross(point(triangle[1]) - a, point(triangle[2]) - a);
+  const double norm = std::sqrt(dot(normal, normal));
+  length = static_cast<float>(norm);
+  if (!(length > 0)) return {0, 0, 0};
+  return {static_cast<float>(normal.x / norm), static_cast<float>(normal.y / norm),
+          static_cast<float>(normal.z / norm)};
+}
+
+void add_border_plane(Quadric& quadric, const Offset& edge, const Offset& normal) {
+  const Point along = point(edge), across = cross(along, point(normal));
+  const double length = std::sqrt(dot(across, across));
+  if (!(length > 0)) return;
+  quadric.add_plane({static_cast<float>(across.x / length), static_cast<float>(across.y / length),
+                     static_cast<float>(across.z / length)},
+                    kBorderWeight * static_cast<float>(dot(along, along)));
+}
+
+Patch::Patch(Surface& surface, const SimplifyOptions& options) : surface_{surface}, options_{options} {
+  options_.max_star = std::min(options_.max_star, kRingCapacity - 2);
+}
+
+Segment Patch::simplify(const PatchTask& task, const std::function<void(double)>& progress) {
+  load(task);
+  const std::uint32_t start = living_;
+  // A collapse may make another legal that was not: again from the start until a round brings nothing.
+  for (std::size_t before = kNone; before != out_.sequence.size();) {
+    before = out_.sequence.size();
+    push_all(task.fresh && before == 0);
+    for (std::uint32_t at = queue_.cheapest(); at != CostQueue::kAbsent && living_ > task.target;
+         at = queue_.cheapest()) {
+      const std::uint32_t u = queue_.front(at);
+      queue_.remove(u);
+      const std::size_t done = out_.sequence.size();
+      step(u);
+      if (progress && out_.sequence.size() != done && done % 4096 == 0) {
+        progress(double(start - living_) / double(start - task.target));
+      }
+    }
+    if (!task.thorough) break;
+  }
+  store();
+  out_.sequence.push_back(
+      {kNone, kNone, static_cast<std::uint32_t>(out_.dying.size()), static_cast<std::uint32_t>(out_.moved.size())});
+  Segment result = out_;  // as large as it has to be
+  out_.sequence.clear();
+  out_.dying.clear();
+  out_.dying_x.clear();
+  out_.moved.clear();
+  return result;
+}
+
+void Patch::load(const PatchTask& task) {
+  const Span<const std::uint32_t> faces = task.faces;
+  vertices_.clear();
+  shared_.clear();
+  for (const std::uint32_t f : faces) {
+    for (const std::uint32_t v : surface_.corners[f]) {
+      if (surface_.owner[v] != task.block) shared_.push_back({v, kNone});
+    }
+  }
+  std::sort(shared_.begin(), shared_.end());
+  shared_.erase(std::unique(shared_.begin(), shared_.end()), shared_.end());
+  faces_.resize(faces.size());
+  for (std::size_t i = 0; i < faces.size(); ++i) {
+    Face& face = faces_[i];
+    face.id = faces[i];
+    face.alive = true;
+    face.touched = (surface_.state[face.id] & Surface::kTouched) != 0;
+    for (std::size_t k = 0; k < 3; ++k) face.corner[k] = local(surface_.corners[face.id][k], task.block);
+  }
+  quadrics_.assign(vertices_.size(), Quadric{});
+  for (Face& face : faces_) load_normal(face, task.fresh);
+  if (!task.fresh) {
+    for (std::uint32_t v = 0; v < vertices_.size(); ++v) {
+      if (vertices_[v].inner) quadrics_[v] = surface_.quadrics[vertices_[v].id];
+    }
+  }
+  living_ = static_cast<std::uint32_t>(faces_.size());
+  ring_place_.assign(vertices_.size(), 0);
+  queue_.reset(static_cast<std::uint32_t>(vertices_.size()));
+  link_stars();
+}
+
+std::uint32_t Patch::local(std::uint32_t vertex, std::uint32_t block) {
+  const bool inner = surface_.owner[vertex] == block;
+  std::uint32_t* slot = &surface_.slot[vertex];
+  if (!inner) {
+    slot = &std::lower_bound(shared_.begin(), shared_.end(), std::pair{vertex, 0u})->second;
+    if (*slot != kNone) return *slot;
+  } else if (*slot < vertices_.size() && vertices_[*slot].id == vertex) {
+    return *slot;
+  }
+  *slot = static_cast<std::uint32_t>(vertices_.size());
+  vertices_.push_back({surface_.scaled(vertex), 0, 0, 0, vertex, inner, false});
+  return *slot;
+}
+
+void Patch::load_normal(Face& face, bool fresh) {
+  float length = 0;
+  if (fresh) {
+    face.normal =
+        unit_normal({vertices_[face.corner[0]].at, vertices_[face.corner[1]].at, vertices_[face.corner[2]].at}, length);
+    for (const std::uint32_t v : face.corner) quadrics_[v].add_plane(face.normal, length / 2);
+  } else {
+    const Triangle& f = surface_.finest.faces[face.id];
+    face.normal = unit_normal({surface_.scaled(f[0]), surface_.scaled(f[1]), surface_.scaled(f[2])}, length);
+  }
+}
+
+void Patch::link_stars() {
+  for (const Face& face : faces_) {
+    for (const std::uint32_t v : face.corner) ++vertices_[v].capacity;
+  }
+  std::uint32_t sum = 0;
+  for (Vertex& vertex : vertices_) {
+    if (!vertex.inner) continue;
+    vertex.star = sum;
+    sum += vertex.capacity;
+  }
+  corners_.resize(sum);
+  for (std::uint32_t f = 0; f < faces_.size(); ++f) {
+    for (std::uint32_t k = 0; k < 3; ++k) {
+      Vertex& vertex = vertices_[faces_[f].corner[k]];
+      if (vertex.inner) corners_[vertex.star + vertex.size++] = 4 * f + k;
+    }
+  }
+}
+
+void Patch::store() {
+  for (const Face& face : faces_) {
+    Triangle& corners = surface_.corners[face.id];
+    for (std::size_t k = 0; k < 3; ++k) corners[k] = vertices_[face.corner[k]].id;
+    surface_.state[face.id] =
+        static_cast<std::uint8_t>((face.alive ? Surface::kAlive : 0) | (face.touched ? Surface::kTouched : 0));
+  }
+  for (std::uint32_t v = 0; v < vertices_.size(); ++v) {
+    if (vertices_[v].inner && !vertices_[v].gone) surface_.quadrics[vertices_[v].id] = quadrics_[v];
+  }
+}
+
+void Patch::push_all(bool fresh) {
+  for (std::uint32_t u = 0; u < vertices_.size(); ++u) {
+    if (!vertices_[u].inner || vertices_[u].gone) continue;
+    build_ring(u);
+    if (fresh) add_border_planes(u);
+    if (ring_.star != Star::kLocked) {
+      float best = std::numeric_limits<float>::infinity();
+      for (std::uint32_t i = 0; i < ring_.size; ++i) {
+        if (vertices_[ring_.vertex[i]].inner) best = std::min(best, cost(u, ring_.vertex[i]));
+      }
+      queue_.push(u, CostQueue::class_of(best));
+    }
+    clear_ring();
+  }
+}
+
+/// A plane upright on the face along each border edge at v, so that moving v off the border costs.
+void Patch::add_border_planes(std::uint32_t v) {
+  for (std::uint32_t i = 0; i < ring_.size; ++i) {
+    if (ring_.degree[i] != 1) continue;
+    const std::uint32_t w = ring_.vertex[i];
+    for (const std::uint32_t corner : star(v)) {
+      const Face& face = faces_[face_of(corner)];
+      if (face.corner[0] != w && face.corner[1] != w && face.corner[2] != w) continue;
+      add_border_plane(quadrics_[v], between(vertices_[v].at, vertices_[w].at), face.normal);
+    }
+  }
+}
+
+float Patch::cost(std::uint32_t u, std::uint32_t t) const {
+  const Offset e = between(vertices_[u].at, vertices_[t].at);
+  const float length2 = e[0] * e[0] + e[1] * e[1] + e[2] * e[2];
+  return std::max(quadrics_[u].at(e), 0.0f) + kLengthWeight * length2 * length2;
+}
+
+/// Looks at the vertex whose cheapest collapse may be the cheapest of all. Classes in the queue are lower bounds: a
+/// vertex that turns out dearer goes back with what it really costs.
+void Patch::step(std::uint32_t u) {
+  struct Candidate {
+    float cost;
+    std::uint32_t at;
+  };
+  build_ring(u);
+  std::array<Candidate, kRingCapacity> candidates;
+  std::uint32_t count = 0;
+  if (ring_.star != Star::kLocked) {
+    for (std::uint32_t i = 0; i < ring_.size; ++i) {
+      if (!vertices_[ring_.vertex[i]].inner) continue;
+      if (ring_.star != Star::kFan || ring_.degree[i] == 1) candidates[count++] = {cost(u, ring_.vertex[i]), i};
+    }
+  }
+  const std::uint32_t rival = queue_.cheapest();
+  for (std::uint32_t first = 0; first < count; ++first) {
+    const auto cheaper = [this](const Candidate& a, const Candidate& b) {
+      return a.cost != b.cost ? a.cost < b.cost : ring_.vertex[a.at] < ring_.vertex[b.at];
+    };
+    std::iter_swap(&candidates[first], std::min_element(&candidates[first], candidates.data() + count, cheaper));
+    const std::uint32_t cost_class = CostQueue::class_of(candidates[first].cost);
+    if (cost_class > rival) {
+      queue_.push(u, cost_class);
+      break;
+    }
+    if (!legal(u, candidates[first].at)) continue;
+    collapse(u, candidates[first].at);
+    break;
+  }
+  clear_ring();
+}
+
+void Patch::build_ring(std::uint32_t u) {
+  ring_.size = 0;
+  ring_.star = Star::kLocked;
+  if (vertices_[u].size == 0 || vertices_[u].size > options_.max_star) return;
+  std::uint32_t most = 0, ends = 0;
+  for (const std::uint32_t corner : star(u)) {
+    const Face& face = faces_[face_of(corner)];
+    const std::uint32_t k = corner % 4;
+    const std::uint32_t a = ring_index(face.corner[(k + 1) % 3]), b = ring_index(face.corner[(k + 2) % 3]);
+    if (ring_.degree[a] < 2) ring_.joined[a][ring_.degree[a]] = static_cast<std::uint8_t>(b);
+    if (ring_.degree[b] < 2) ring_.joined[b][ring_.degree[b]] = static_cast<std::uint8_t>(a);
+    most = std::max<std::uint32_t>({most, ++ring_.degree[a], ++ring_.degree[b]});
+  }
+  for (std::uint32_t i = 0; i < ring_.size; ++i) ends += static_cast<std::uint32_t>(ring_.degree[i] == 1);
+  const bool one_sheet = most <= 2 && ring_.size >= 3 - ends / 2 && is_connected();
+  if (one_sheet && ends == 2) {
+    ring_.star = Star::kFan;
+  } else if (ends == 0) {
+    ring_.star = one_sheet ? Star::kDisc : Star::kPinched;
+  }
+}
+
+std::uint32_t Patch::ring_index(std::uint32_t v) {
+  if (ring_place_[v] == 0) {
+    ring_.vertex[ring_.size] = v;
+    ring_.degree[ring_.size] = 0;
+    ring_place_[v] = static_cast<std::uint8_t>(++ring_.size);
+  }
+  return ring_place_[v] - 1u;
+}
+
+void Patch::clear_ring() {
+  for (std::uint32_t i = 0; i < ring_.size; ++i) ring_place_[ring_.vertex[i]] = 0;
+}
+
+/// Whether one walk along the ring, where every vertex has two neighbours or is an end, meets all of it.
+bool Patch::is_connected() const {
+  std::uint32_t start = 0;
+  for (std::uint32_t i = 0; i < ring_.size; ++i) {
+    if (ring_.degree[i] == 1) start = i;
+  }
+  std::uint32_t visited = 1, before = start, at = ring_.joined[start][0];
+  while (at != start) {
+    ++visited;
+    if (ring_.degree[at] == 1) break;
+    const std::uint32_t onward = ring_.joined[at][ring_.joined[at][0] == before ? 1 : 0];
+    before = at;
+    at = onward;
+  }
+  return visited == ring_.size;
+}
+
+bool Patch::legal(std::uint32_t u, std::uint32_t at) const {
+  const std::uint32_t t = ring_.vertex[at];
+  const std::uint32_t size = vertices_[t].size;
+  if (size > kMaxTargetStar) return false;
+  if (vertices_[u].size + size - 2 * ring_.degree[at] > std::max(options_.max_star, size)) return false;
+  if (!keeps_shapes(u, t)) return false;
+  return ring_.star == Star::kPinched ? keeps_sheets(u, t) : keeps_surface(u, at);
+}
+
+/// The link condition for a disc or fan, and no face or component lost beyond the faces between u and t.
+bool Patch::keeps_surface(std::uint32_t u, std::uint32_t at) const {
+  const std::uint32_t dying = ring_.degree[at];
+  const auto apex = [&](std::uint32_t i) {
+    return ring_.joined[at][0] == i || (dying == 2 && ring_.joined[at][1] == i);
+  };
+  bool apex_has_other_face = ring_.size > 2;  // an ear's only face goes: something else must hold its apex
+  for (const std::uint32_t corner : star(ring_.vertex[at])) {
+    const Face& face = faces_[face_of(corner)];
+    const std::uint32_t k = corner % 4;
+    const std::uint32_t a = face.corner[(k + 1) % 3], b = face.corner[(k + 2) % 3];
+    if (a == u || b == u) continue;
+    const std::uint32_t ia = in_ring(a), ib = in_ring(b);
+    if (ia < ring_.size && !apex(ia)) return false;
+    if (ib < ring_.size && !apex(ib)) return false;
+    if (ia < ring_.size || ib < ring_.size) apex_has_other_face = true;
+    if (ia < ring_.size && ib < ring_.size && ring_.size == 3) return false;  // the new face is there already
+  }
+  return apex_has_other_face;
+}
+
+/// The same where sheets touch in u: u and t share no neighbour but the apexes of the faces between them, no face
+/// comes to lie on another, and no edge comes to have more faces than u and t had there, or none. Sheets may come
+/// apart: what touched along an edge may touch in a vertex afterwards.
+bool Patch::keeps_sheets(std::uint32_t u, std::uint32_t t) const {
+  std::array<std::uint32_t, kRingCapacity> between_them{}, at_target{};
+  for (const std::uint32_t corner : star(t)) {
+    const Face& face = faces_[face_of(corner)];
+    const std::uint32_t k = corner % 4;
+    const std::uint32_t a = face.corner[(k + 1) % 3], b = face.corner[(k + 2) % 3];
+    const std::uint32_t ia = a == u ? ring_.size : in_ring(a), ib = b == u ? ring_.size : in_ring(b);
+    if (ia < ring_.size) ++at_target[ia];
+    if (ib < ring_.size) ++at_target[ib];
+    if (a == u) ++between_them[ib];
+    if (b == u) ++between_them[ia];
+    if (ia < ring_.size && ib < ring_.size && has_face(u, a, b)) return false;
+  }
+  for (std::uint32_t i = 0; i < ring_.size; ++i) {
+    if (ring_.vertex[i] == t || at_target[i] == 0) continue;
+    if (between_them[i] == 0) return false;
+    const std::uint32_t faces = ring_.degree[i] + at_target[i] - 2 * between_them[i];
+    if (faces == 0 || faces > std::max<std::uint32_t>({2, ring_.degree[i], at_target[i]})) return false;
+  }
+  return true;
+}
+
+/// Whether a face of u's star holds both a and b.
+bool Patch::has_face(std::uint32_t u, std::uint32_t a, std::uint32_t b) const {
+  const Span<const std::uint32_t> corners = star(u);
+  return std::any_of(corners.begin(), corners.end(), [&](std::uint32_t corner) {
+    const std::array<std::uint32_t, 3>& c = faces_[face_of(corner)].corner;
+    const std::uint32_t k = corner % 4, next = c[(k + 1) % 3], before = c[(k + 2) % 3];
+    return (next == a && before == b) || (next == b && before == a);
+  });
+}
+
+bool Patch::keeps_shapes(std::uint32_t u, std::uint32_t t) const {
+  const Point target = point(vertices_[t].at), old = point(vertices_[u].at);
+  for (const std::uint32_t corner : star(u)) {
+    const Face& face = faces_[face_of(corner)];
+    const std::uint32_t k = corner % 4;
+    const std::uint32_t va = face.corner[(k + 1) % 3], vb = face.corner[(k + 2) % 3];
+    if (va == t || vb == t) continue;
+    const Point a = point(vertices_[va].at), b = point(vertices_[vb].at), ab = b - a, at = target - a, bt = target - b;
+    const Point normal = cross(ab, at);
+    const double along = dot(normal, point(face.normal)), area2 = dot(normal, normal);
+    if (!(along > 0 && along * along > options_.min_cosine * options_.min_cosine * area2)) return false;
+    const double ab2 = dot(ab, ab), edges = ab2 + dot(at, at) + dot(bt, bt);
+    if (12 * area2 >= options_.min_shape * options_.min_shape * edges * edges) continue;
+    const Point au = old - a, bu = old - b, old_normal = cross(ab, au);
+    const double old_edges = ab2 + dot(au, au) + dot(bu, bu);
+    if (!(area2 * old_edges * old_edges >= dot(old_normal, old_normal) * edges * edges)) return false;
+  }
+  return true;
+}
+
+void Patch::collapse(std::uint32_t u, std::uint32_t at) {
+  const std::uint32_t t = ring_.vertex[at];
+  out_.sequence.push_back({vertices_[u].id, vertices_[t].id, static_cast<std::uint32_t>(out_.dying.size()),
+                           static_cast<std::uint32_t>(out_.moved.size())});
+  reserve_star(t, vertices_[t].size + vertices_[u].size - ring_.degree[at]);
+  for (const std::uint32_t corner : star(u)) {
+    Face& face = faces_[face_of(corner)];
+    const std::uint32_t k = corner % 4;
+    const std::uint32_t next = face.corner[(k + 1) % 3], before = face.corner[(k + 2) % 3];
+    if (next == t || before == t) {
+      const bool t_is_next = next == t;
+      const std::uint32_t x = t_is_next ? before : next;
+      out_.dying.push_back(BornRef::make(face.id, 2 * k + (t_is_next ? 0 : 1), !face.touched));
+      out_.dying_x.push_back(vertices_[x].id);
+      face.alive = false;
+      --living_;
+      remove_corner(t, face_of(corner));
+      if (vertices_[x].inner) remove_corner(x, face_of(corner));
+    } else {
+      out_.moved.push_back(DeformedRef::make(face.id, k, !face.touched));
+      face.corner[k] = t;
+      corners_[vertices_[t].star + vertices_[t].size++] = corner;
+    }
+    face.touched = true;
+  }
+  quadrics_[t].add(quadrics_[u], between(vertices_[u].at, vertices_[t].at));
+  vertices_[u].gone = true;
+  for (std::uint32_t i = 0; i < ring_.size; ++i) {
+    const std::uint32_t w = ring_.vertex[i];
+    if (!vertices_[w].inner) continue;
+    if (w == t) {
+      if (queue_.class_of_vertex(t) == CostQueue::kAbsent) queue_.push(t, 0);
+      continue;
+    }
+    const std::uint32_t through_t = CostQueue::class_of(cost(w, t));
+    if (through_t < queue_.class_of_vertex(w)) queue_.push(w, through_t);
+  }
+}
+
+/// Takes the corner of a face out of v's star.
+void Patch::remove_corner(std::uint32_t v, std::uint32_t face) {
+  std::uint32_t* corner = corners_.data() + vertices_[v].star;
+  while (face_of(*corner) != face) ++corner;
+  *corner = corners_[vertices_[v].star + --vertices_[v].size];
+}
+
+/// Makes room for a star of `size`, elsewhere if need be.
+void Patch::reserve_star(std::uint32_t v, std::uint32_t size) {
+  Vertex& vertex = vertices_[v];
+  if (vertex.capacity >= size) return;
+  const auto to = static_cast<std::uint32_t>(corners_.size());
+  corners_.resize(corners_.size() + size + size / 2);
+  std::copy_n(corners_.begin() + vertex.star, vertex.size, corners_.begin() + to);
+  vertex.star = to;
+  vertex.capacity = size + size / 2;
+}
+
+}  // namespace tactus::spm::offline

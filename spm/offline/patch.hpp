@@ -1,0 +1,129 @@
+/// One block of faces, simplified alone: what simplify.hpp says of collapses happens here.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <utility>
+#include <vector>
+
+#include "spm/ids.hpp"
+#include "spm/offline/cost_queue.hpp"
+#include "spm/offline/quadric.hpp"
+#include "spm/offline/simplify.hpp"
+#include "spm/span.hpp"
+
+namespace tactus::spm::offline {
+
+/// The mesh that patches are cut from, between the rounds. In one round, a face belongs to one patch at most and so
+/// does a vertex; nothing else of a patch is read or written by another.
+struct Surface {
+  static constexpr std::uint8_t kAlive = 1, kTouched = 2;
+  static constexpr std::uint32_t kShared = kNone;
+
+  const TriangleMesh& finest;
+  std::vector<Triangle> corners;     ///< by face
+  std::vector<std::uint8_t> state;   ///< by face: kAlive and kTouched
+  std::vector<Quadric> quadrics;     ///< by vertex, about it, in units of 1 / scale
+  std::vector<std::uint32_t> owner;  ///< by vertex: the block that has all its faces; kShared when there is none
+  std::vector<std::uint32_t> slot;   ///< by vertex: its owner's to write, a number below the number of vertices
+  float scale;                       ///< a power of two that makes edges about 1 long
+
+  [[nodiscard]] Offset scaled(std::uint32_t v) const {
+    const std::array<float, 3>& p = finest.positions[v];
+    return {p[0] * scale, p[1] * scale, p[2] * scale};
+  }
+};
+
+/// Of unit length, or zero when the triangle has no area; `length` is twice the area.
+[[nodiscard]] Offset unit_normal(const std::array<Offset, 3>& triangle, float& length);
+/// A plane through a border edge, upright on its only face, so that moving off the border costs.
+void add_border_plane(Quadric& quadric, const Offset& edge, const Offset& normal);
+
+struct PatchTask {
+  Span<const std::uint32_t> faces;  ///< alive
+  std::uint32_t block;              ///< its name in `Surface::owner`
+  std::uint32_t target;             ///< stop at this many faces
+  bool fresh;                       ///< faces of the finest mesh, whose quadrics are still to be made
+  bool thorough;                    ///< go round again while that makes another collapse legal
+};
+
+class Patch {
+ public:
+  Patch(Surface& surface, const SimplifyOptions& options);
+
+  /// Takes faces out of the surface, simplifies until `target` of them are left or nothing legal is, and puts the rest
+  /// back.
+  [[nodiscard]] Segment simplify(const PatchTask& task, const std::function<void(double)>& progress = {});
+
+ private:
+  static constexpr std::uint32_t kRingCapacity = 128;
+
+  struct Vertex {
+    Offset at;
+    std::uint32_t star, size, capacity;  // its faces' corners (4 * face + corner), in `corners_`; inner vertices only
+    std::uint32_t id;
+    bool inner, gone;
+  };
+  struct Face {
+    std::array<std::uint32_t, 3> corner;
+    Offset normal;  // of its finest version; zero when that has none
+    std::uint32_t id;
+    bool alive, touched;
+  };
+  /// The vertices around u, in no order, and how u's faces join them: faces are the edges of this graph.
+  enum class Star {
+    kDisc,     ///< one closed ring
+    kFan,      ///< one open chain: u is on a border
+    kPinched,  ///< anything else without a border: sheets that touch in u or along an edge of it
+    kLocked,   ///< anything else
+  };
+  struct Ring {
+    std::uint32_t size = 0;
+    Star star = Star::kLocked;
+    std::array<std::uint32_t, kRingCapacity> vertex;
+    std::array<std::uint8_t, kRingCapacity> degree;                 // faces on the edge from u
+    std::array<std::array<std::uint8_t, 2>, kRingCapacity> joined;  // the first two
+  };
+
+  void load(const PatchTask& task);
+  std::uint32_t local(std::uint32_t vertex, std::uint32_t block);
+  void load_normal(Face& face, bool fresh);
+  void link_stars();
+  void add_border_planes(std::uint32_t v);
+  void store();
+  void push_all(bool fresh);
+  void step(std::uint32_t u);
+  void build_ring(std::uint32_t u);
+  bool is_connected() const;
+  std::uint32_t ring_index(std::uint32_t v);
+  std::uint32_t in_ring(std::uint32_t v) const { return ring_place_[v] == 0 ? ring_.size : ring_place_[v] - 1u; }
+  void clear_ring();
+  float cost(std::uint32_t u, std::uint32_t t) const;
+  bool legal(std::uint32_t u, std::uint32_t at) const;
+  bool keeps_surface(std::uint32_t u, std::uint32_t at) const;
+  bool keeps_sheets(std::uint32_t u, std::uint32_t t) const;
+  bool has_face(std::uint32_t u, std::uint32_t a, std::uint32_t b) const;
+  bool keeps_shapes(std::uint32_t u, std::uint32_t t) const;
+  void collapse(std::uint32_t u, std::uint32_t at);
+  void remove_corner(std::uint32_t v, std::uint32_t face);
+  void reserve_star(std::uint32_t v, std::uint32_t size);
+  Span<const std::uint32_t> star(std::uint32_t v) const {
+    return {corners_.data() + vertices_[v].star, vertices_[v].size};
+  }
+
+  Surface& surface_;
+  SimplifyOptions options_;
+  std::uint32_t living_ = 0;
+  std::vector<Vertex> vertices_;
+  std::vector<Face> faces_;
+  std::vector<Quadric> quadrics_;
+  std::vector<std::uint32_t> corners_;
+  std::vector<std::pair<std::uint32_t, std::uint32_t>> shared_;  // vertex, where in `vertices_`; ascending
+  std::vector<std::uint8_t> ring_place_;                         // by vertex: 1 + its place in the ring, 0: none
+  CostQueue queue_;
+  Ring ring_;
+  Segment out_;
+};
+
+}  // namespace tactus::spm::offline
