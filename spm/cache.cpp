@@ -67,7 +67,10 @@ Cache::Admitted Cache::admit(const BaseMesh& base) {
     pool_.parts[slot].next = kNone;
     pool_.state[slot] = SlotState{};
   }
-  for (std::uint32_t i = 0; i < vertices; ++i) pool_.vertices[slots[i]] = {base.positions[i], i};
+  for (std::uint32_t i = 0; i < vertices; ++i) {
+    pool_.vertices[slots[i]] = {base.positions[i], i};
+    pool_.radius[slots[i]] = radius_of(base.radii[i]);
+  }
   object.base_slots.assign(slots.begin(), slots.begin() + vertices);
 
   result.base.faces.reserve(faces);
@@ -108,6 +111,7 @@ AcceptResult Cache::decode(ObjectIndex number, std::uint32_t record, const Regio
     if (part >= data.parts.size()) return AcceptResult::kMalformed;
     const RecordPart& source = data.parts[part];
     if (source.born_count > kBornPerPart || source.deformed_count > kDeformedPerPart) return AcceptResult::kMalformed;
+    if (source.radius >= kRadiusCodes) return AcceptResult::kMalformed;
     if (free_count_ == 0) return AcceptResult::kPoolFull;
 
     const std::uint32_t before = slot;
@@ -119,6 +123,7 @@ AcceptResult Cache::decode(ObjectIndex number, std::uint32_t record, const Regio
     target.born_count = 0;  // grows with the faces entered, so that forget() undoes just those
     pool_.state[slot] = SlotState{};
     pool_.vertices[slot] = {position, object.summary.base_vertices + record};
+    pool_.radius[slot] = radius_of(source.radius);
     loaded_[slot] = 0;
     if (before == kNone) records_.insert(key(number, record), slot);
 

@@ -89,6 +89,12 @@ void check_positions(const ModelSummary& s, Span<const std::array<float, 3>> pos
   }
 }
 
+void check_radius(const char* what, std::size_t number, std::uint16_t code, double deviation, Findings& findings) {
+  if (code >= kRadiusCodes || radius_of(code) > deviation) {
+    findings.add(what, " ", number, ": radius code ", code, ", expected one of at most the deviation, ", deviation);
+  }
+}
+
 bool distinct(const std::array<std::uint32_t, 3>& c) { return c[0] != c[1] && c[1] != c[2] && c[2] != c[0]; }
 
 void check_base_faces(const ModelSummary& s, Span<const BaseFace> faces, Findings& findings) {
@@ -174,6 +180,7 @@ class Replay {
     first_need_.push_back(needs_.size());
     if (!findings_.none()) return;
     if (max_level != s.max_level) findings_.add("max level: found ", s.max_level, ", expected ", max_level);
+    check_radii();
     for (std::uint32_t p = s.records; p < s.parts && !findings_.full(); ++p) {
       if (!part_used_[p]) findings_.add("part ", p, ": belongs to no record");
     }
@@ -228,17 +235,37 @@ class Replay {
     for (std::size_t i = first_need_.back(); i < needs_.size(); ++i) {
       expected = std::max<std::uint32_t>(expected, 1u + level_[needs_[i]]);
     }
-    level_[record_] = model_.parts[record_].level;
-    if (level_[record_] != expected) {
-      findings_.add("record ", record_, ": level ", level_[record_], ", expected ", expected);
+    if (expected > 0xffff) findings_.add("record ", record_, ": depends on more than 65535 levels");
+    level_[record_] = static_cast<std::uint16_t>(expected);
+  }
+
+  /// Each radius is what collapse_distances says, but for what rounding elsewhere may have made of it.
+  void check_radii() {
+    const ModelSummary& s = model_.summary;
+    std::vector<std::uint32_t> parent(s.vertices, kNone);
+    for (std::uint32_t r = 0; r < s.records; ++r) parent[s.base_vertices + r] = model_.parts[r].parent;
+    const std::vector<double> distances = collapse_distances(model_.positions, parent);
+    std::uint16_t greatest = 0;
+    for (std::uint32_t v = 0; v < s.vertices && !findings_.full(); ++v) {
+      const bool base = v < s.base_vertices;
+      const std::uint16_t code = base ? model_.base_radii[v] : model_.parts[v - s.base_vertices].radius;
+      const std::uint16_t low = radius_code(distances[v] * (1 - 1e-9)), high = radius_code(distances[v] * (1 + 1e-9));
+      greatest = std::max(greatest, code);
+      if (code < low || code > high || code >= kRadiusCodes) {
+        findings_.add(base ? "vertex " : "record ", base ? v : v - s.base_vertices, ": radius code ", code,
+                      ", expected ", low, " for a distance of ", distances[v]);
+      }
+    }
+    if (findings_.none() && s.deviation != radius_of(greatest)) {
+      findings_.add("deviation: found ", s.deviation, ", expected the greatest radius, ", radius_of(greatest));
     }
   }
 
   void check_part(const RecordPart& part, std::uint32_t u) {
     const RecordPart& head = model_.parts[record_];
     const std::uint32_t t = part.parent;
-    if (t != head.parent || part.level != head.level) {
-      findings_.add("record ", record_, ": its parts disagree on parent or level");
+    if (t != head.parent || part.radius != head.radius) {
+      findings_.add("record ", record_, ": its parts disagree on parent or radius");
     }
     if (t >= u) {
       findings_.add("record ", record_, ": parent ", t, ", expected below ", u);
@@ -358,10 +385,27 @@ BaseMesh base_mesh_of(const Model& model) {
   BaseMesh base;
   base.summary = model.summary;
   base.positions.assign(model.positions.begin(), model.positions.begin() + model.summary.base_vertices);
+  base.radii.assign(model.base_radii.begin(), model.base_radii.end());
   base.faces.assign(model.base_faces.begin(), model.base_faces.end());
   base.regions.assign(model.regions.begin(), model.regions.end());
   for (Region& region : base.regions) region.first_run = region.run_count = 0;
   return base;
+}
+
+std::vector<double> collapse_distances(Span<const std::array<float, 3>> positions, Span<const std::uint32_t> parent) {
+  std::vector<double> greatest(positions.size(), 0);  // squared at first
+  for (std::size_t v = 0; v < positions.size(); ++v) {
+    for (std::uint32_t above = parent[v]; above != kNone; above = parent[above]) {
+      double squared = 0;
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        const double along = double{positions[v][axis]} - double{positions[above][axis]};
+        squared += along * along;
+      }
+      greatest[above] = std::max(greatest[above], squared);
+    }
+  }
+  for (double& distance : greatest) distance = std::sqrt(distance);
+  return greatest;
 }
 
 std::vector<std::string> violations(const Model& model) {
@@ -369,6 +413,7 @@ std::vector<std::string> violations(const Model& model) {
   Findings findings;
   check_summary(s, findings);
   expect_size(findings, "positions", model.positions.size(), s.vertices);
+  expect_size(findings, "base radii", model.base_radii.size(), s.base_vertices);
   expect_size(findings, "base faces", model.base_faces.size(), s.base_faces);
   expect_size(findings, "parts", model.parts.size(), s.parts);
   expect_size(findings, "regions", model.regions.size(), s.regions);
@@ -388,10 +433,14 @@ std::vector<std::string> violations(const BaseMesh& base) {
   Findings findings;
   check_summary(s, findings);
   expect_size(findings, "base positions", base.positions.size(), s.base_vertices);
+  expect_size(findings, "base radii", base.radii.size(), s.base_vertices);
   expect_size(findings, "base faces", base.faces.size(), s.base_faces);
   expect_size(findings, "regions", base.regions.size(), s.regions);
   if (!findings.none()) return findings.take();
   check_positions(s, base.positions, findings);
+  for (std::size_t v = 0; v < base.radii.size() && !findings.full(); ++v) {
+    check_radius("vertex", v, base.radii[v], s.deviation, findings);
+  }
   check_base_faces(s, base.faces, findings);
   check_cells(s, base.regions, findings);
   for (std::size_t i = 0; i < base.regions.size() && !findings.full(); ++i) {

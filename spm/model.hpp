@@ -59,13 +59,12 @@ struct ModelSummary {
   std::uint32_t records;  ///< = vertices - base_vertices
   std::uint32_t parts;    ///< records plus continuation parts
   std::uint32_t regions;
-  std::uint32_t max_level;
+  std::uint32_t max_level;  ///< records that must follow one another at most: 1 + that of the deepest one needed
   std::array<float, 3> bounds_min, bounds_max;  ///< of the vertices, file units
   GridFrame grid;
   double metres_per_unit;  ///< suggested by `tactus-mesh build`; a host may override it for an object
   /// File units. No point of any version of the mesh is further than this from its place on the finest, nor the
-  /// reverse: the greatest distance of a vertex from any that it collapses into, which bounds what the face between
-  /// three moves.
+  /// reverse: the greatest radius of a vertex, which bounds what the face between three moves.
   double deviation;
 };
 
@@ -73,6 +72,7 @@ struct ModelSummary {
 struct Model {
   ModelSummary summary;
   Span<const std::array<float, 3>> positions;  ///< by VertexId
+  Span<const std::uint16_t> base_radii;        ///< by VertexId below `base_vertices`: codes, see record.hpp
   Span<const BaseFace> base_faces;
   Span<const RecordPart> parts;  ///< part r < records is record r's first; continuation parts follow
   Span<const Region> regions;
@@ -91,13 +91,23 @@ struct Model {
 struct BaseMesh {
   ModelSummary summary;
   std::vector<std::array<float, 3>> positions;  ///< `base_vertices` of them
+  std::vector<std::uint16_t> radii;             ///< theirs, as codes
   std::vector<BaseFace> faces;
   std::vector<Region> regions;  ///< first_run and run_count are 0: lists come with the regions
 };
 [[nodiscard]] BaseMesh base_mesh_of(const Model& model);
 
+/// By vertex: the greatest distance from any that collapses into it, in file units. `parent` has kNone for a base
+/// vertex; every way up ends at one. O(vertices x depth), allocates.
+[[nodiscard]] std::vector<double> collapse_distances(Span<const std::array<float, 3>> positions,
+                                                     Span<const std::uint32_t> parent);
+/// Such a distance as a radius code that rounding in its computation cannot have made too small.
+[[nodiscard]] inline std::uint16_t safe_radius_code(double distance) noexcept {
+  return radius_code(distance * (1 + 1e-12));
+}
+
 /// What is broken in a model, in words; empty when sound. Checks every index, order and count that the run time relies
-/// on, so that a hostile file or stream cannot lead it out of its arrays. O(size), allocates.
+/// on, so that a hostile file or stream cannot lead it out of its arrays. O(size x forest depth), allocates.
 [[nodiscard]] std::vector<std::string> violations(const Model& model);
 [[nodiscard]] std::vector<std::string> violations(const BaseMesh& base);
 

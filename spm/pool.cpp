@@ -5,8 +5,9 @@ namespace tactus::spm {
 std::uint64_t PoolSettings::bytes() const noexcept {
   constexpr std::uint64_t kNodeBytes = 256;
   constexpr std::uint64_t kIndexBytesPerEntry = 12 * 4;
-  const std::uint64_t per_slot = sizeof(RecordPart) + sizeof(Vertex) + 2 * sizeof(FaceRow) + sizeof(SlotState) +
-                                 3 * kIndexBytesPerEntry + sizeof(std::uint16_t) + sizeof(std::uint32_t);
+  const std::uint64_t per_slot = sizeof(RecordPart) + sizeof(Vertex) + sizeof(float) + 2 * sizeof(FaceRow) +
+                                 sizeof(SlotState) + 3 * kIndexBytesPerEntry + sizeof(std::uint16_t) +
+                                 sizeof(std::uint32_t);
   return per_slot * slots + (kNodeBytes + kIndexBytesPerEntry) * tree_nodes +
          (sizeof(ListBlock) + sizeof(std::uint32_t)) * list_blocks;
 }
@@ -15,6 +16,7 @@ Pool::Pool(PoolSettings pool_settings)
     : settings{pool_settings},
       parts(settings.slots),
       vertices(settings.slots),
+      radius(settings.slots),
       faces(2 * std::size_t{settings.slots}),
       state(settings.slots),
       blocks(settings.list_blocks) {

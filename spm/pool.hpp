@@ -4,8 +4,8 @@
 /// therefore needs no allocation of its own, and a record, once decoded, reaches everything it changes without a
 /// look-up.
 ///
-///   slot s:  parts[s]   vertices[s]   faces[2 s], faces[2 s + 1]   state[s]
-///            64 B       16 B          2 x 64 B                     2 B
+///   slot s:  parts[s]   vertices[s]   radius[s]   faces[2 s], faces[2 s + 1]   state[s]
+///            64 B       16 B          4 B         2 x 64 B                     2 B
 ///
 /// Who may write: the loader (Cache) fills a slot before it hands a region over and after it got the region back;
 /// between the two, faces and state belong to the haptic thread (Forest). The rings that carry the regions order the
@@ -75,6 +75,7 @@ struct Pool {
   PoolSettings settings;
   std::vector<RecordPart> parts;
   std::vector<Vertex> vertices;
+  std::vector<float> radius;  ///< of the slot's vertex, file units: see record.hpp
   std::vector<FaceRow> faces;
   std::vector<SlotState> state;
   std::vector<ListBlock> blocks;

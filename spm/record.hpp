@@ -13,7 +13,10 @@
 /// (legality, see offline/closure.hpp).
 #pragma once
 
+#include <cmath>
 #include <cstdint>
+#include <cstring>
+#include <limits>
 
 #include "spm/ids.hpp"
 
@@ -58,12 +61,34 @@ struct DeformedRef {
   [[nodiscard]] constexpr bool last() const noexcept { return (bits & 1u) != 0; }
 };
 
+/// A vertex's radius: no vertex of the finest mesh that collapses into it, over any number of steps, is further from
+/// it. Its code is the upper half of a float with four bits of fraction, rounded up: 0 for a vertex into which none
+/// collapses, monotone, at most 6.25 % above the distance (further below 1e-38).
+inline constexpr std::uint16_t kRadiusCodes = 0xff0;  ///< codes below are finite
+
+/// File units. `code` is below kRadiusCodes.
+[[nodiscard]] inline float radius_of(std::uint16_t code) noexcept {
+  const std::uint32_t bits = std::uint32_t{code} << 19;
+  float radius;
+  std::memcpy(&radius, &bits, sizeof radius);
+  return radius;
+}
+/// The smallest code whose radius is at least `distance`; kRadiusCodes when there is none. `distance` is not negative.
+[[nodiscard]] inline std::uint16_t radius_code(double distance) noexcept {
+  if (!(distance <= std::numeric_limits<float>::max())) return kRadiusCodes;
+  auto rounded = static_cast<float>(distance);
+  if (rounded < distance) rounded = std::nextafter(rounded, std::numeric_limits<float>::infinity());
+  std::uint32_t bits;
+  std::memcpy(&bits, &rounded, sizeof bits);
+  return static_cast<std::uint16_t>((bits + 0x7ffffu) >> 19);
+}
+
 struct alignas(64) RecordPart {
   std::uint32_t parent;         ///< t: VertexId in a file, Slot in memory; the same in every part of a chain
   std::uint32_t next;           ///< next part: index into the part array (file) or Slot (memory); kNone ends the chain
   std::uint8_t born_count;      ///< of this part, at most kBornPerPart
   std::uint8_t deformed_count;  ///< of this part, at most kDeformedPerPart
-  std::uint16_t level;          ///< 1 + the highest level among the records this one depends on
+  std::uint16_t radius;         ///< of u, as a code; the same in every part of a chain
   BornRef born[kBornPerPart];   ///< always FaceIds
   std::uint32_t born_x[kBornPerPart];  ///< the third corner: VertexId in a file, Slot in memory
   DeformedRef deformed[kDeformedPerPart];

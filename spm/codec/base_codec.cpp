@@ -3,7 +3,7 @@
 namespace tactus::spm::codec {
 namespace {
 
-constexpr std::uint8_t kBaseVersion = 1;
+constexpr std::uint8_t kBaseVersion = 2;
 constexpr std::size_t kMinFaceBytes = 4;
 constexpr std::size_t kMinRegionBytes = 7;
 
@@ -19,7 +19,6 @@ void put(ByteWriter& out, const ModelSummary& s) {
   out.raw(s.grid.cell_size);
   out.raw(s.metres_per_unit);
   out.raw(s.deviation);
-  out.raw(s.deviation);
 }
 
 ModelSummary get_summary(ByteReader& in) {
@@ -34,7 +33,6 @@ ModelSummary get_summary(ByteReader& in) {
   s.grid.origin = in.raw<std::array<double, 3>>();
   s.grid.cell_size = in.raw<double>();
   s.metres_per_unit = in.raw<double>();
-  s.deviation = in.raw<double>();
   s.deviation = in.raw<double>();
   return s;
 }
@@ -55,6 +53,7 @@ Bytes encode_base(const Model& model) {
   out.raw(kBaseVersion);
   put(out, model.summary);
   for (std::uint32_t v = 0; v < model.summary.base_vertices; ++v) out.raw(model.positions[v]);
+  for (const std::uint16_t radius : model.base_radii) out.raw(radius);
   std::int64_t face_before = 0;
   std::int64_t corner_before = 0;
   for (const BaseFace& face : model.base_faces) {
@@ -87,9 +86,12 @@ Result<BaseMesh> decode_base(Span<const std::uint8_t> bytes) {
   const ModelSummary& s = base.summary;
   if (!in.ok()) return truncated("summary");
 
-  if (in.left() / sizeof(base.positions[0]) < s.base_vertices) return too_many("vertices", s.base_vertices, in.left());
+  if (in.left() / (sizeof base.positions[0] + sizeof base.radii[0]) < s.base_vertices)
+    return too_many("vertices", s.base_vertices, in.left());
   base.positions.resize(s.base_vertices);
   for (auto& position : base.positions) position = in.raw<std::array<float, 3>>();
+  base.radii.resize(s.base_vertices);
+  for (std::uint16_t& radius : base.radii) radius = in.raw<std::uint16_t>();
 
   if (in.left() / kMinFaceBytes < s.base_faces) return too_many("faces", s.base_faces, in.left());
   base.faces.resize(s.base_faces);

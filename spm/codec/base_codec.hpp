@@ -1,6 +1,6 @@
 /// The base mesh as bytes: summary, base vertices, base faces, labelled cells without their record lists.
 ///
-///     version | digest | counts | bounds, grid, unit, deviation | positions | base faces | regions
+///     version | digest | counts | bounds, grid, unit, deviation | positions | radii | base faces | regions
 ///     face:   (signed difference to the face before << 1 | last), three signed differences, each to the corner before
 ///     region: cell x, y, z, depth, record, part and face counts
 ///

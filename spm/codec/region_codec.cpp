@@ -4,7 +4,7 @@ namespace tactus::spm::codec {
 namespace {
 
 constexpr std::uint8_t kAnotherPart = 1u << 6;
-/// Head, u - t, level, position.
+/// Head, u - t, radius, position.
 constexpr std::size_t kMinRecordBytes = 3 + sizeof(std::array<float, 3>);
 constexpr std::size_t kMinRunBytes = 2;
 
@@ -43,7 +43,7 @@ void put_record(ByteWriter& out, const Model& model, std::uint32_t record) {
     out.raw(static_cast<std::uint8_t>(part.born_count | part.deformed_count << 2 | more));
     if (at == record) {
       out.varint(u - part.parent);
-      out.varint(part.level);
+      out.varint(part.radius);
       out.raw(model.positions[u]);
     }
     put_faces(out, part, u, at == record, face_before);
@@ -132,12 +132,12 @@ class RegionDecoder {
     RecordPart first{};
     const auto head = in_.raw<std::uint8_t>();
     const std::uint64_t to_parent = in_.varint();
-    const std::uint64_t level = in_.varint();
+    const std::uint64_t radius = in_.varint();
     const auto position = in_.raw<std::array<float, 3>>();
     if (!in_.ok()) return fail(record, "bytes left", 0, "at least", kMinRecordBytes);
     if (to_parent == 0 || to_parent > u) return fail(record, "distance to its parent", to_parent, "1 to", u);
-    if (level == 0 || level > summary_.max_level || level > 0xffffu) {
-      return fail(record, "level", level, "1 to", summary_.max_level);
+    if (radius >= kRadiusCodes || radius_of(static_cast<std::uint16_t>(radius)) > summary_.deviation) {
+      return fail(record, "radius code", radius, "at most", radius_code(summary_.deviation));
     }
     for (std::size_t axis = 0; axis < 3; ++axis) {
       // Written so that a NaN fails.
@@ -146,7 +146,7 @@ class RegionDecoder {
       }
     }
     first.parent = u - static_cast<std::uint32_t>(to_parent);
-    first.level = static_cast<std::uint16_t>(level);
+    first.radius = static_cast<std::uint16_t>(radius);
     data_.positions.push_back(position);
     return get_parts(record, head, first);
   }

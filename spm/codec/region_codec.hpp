@@ -1,7 +1,7 @@
 /// A region as bytes: its closed record list, and those of its records that the receiver lacks.
 ///
 ///     region | list: count, (gap, count)* | sent: the same | sent records, in order
-///     record: head, u - t, level, position | faces of the part | further parts: head, faces
+///     record: head, u - t, radius, position | faces of the part | further parts: head, faces
 ///     head:   born count | deformed count << 2 | another part follows << 6
 ///     faces:  born: face << 4 | order << 1 | last, then u - x; deformed: face << 3 | corner << 1 | last; from the
 ///             record's second face on, `face` is the signed difference to the one before

@@ -75,13 +75,13 @@ class Assembler {
     write_positions();
     write_base(base_corners);
     write_records();
+    write_radii();
     collapses_.segments = {};
     report("divide", 0);
     write_regions();
     report("sum up", 0);
     ModelSummary& s = out_.summary;
     s.metres_per_unit = options_.size ? *options_.size / longest_side() : options_.metres_per_unit;
-    s.deviation = deviation();
     s.digest = digest_of(out_.model());
     report("sum up", 1);
     return std::move(out_);
@@ -120,22 +120,22 @@ class Assembler {
 
   /// Every face shown is the image of its finest self when each corner goes to an ancestor; between corners the motion
   /// is linear, so no point of it moves further than a corner can.
-  double deviation() const {
-    const std::vector<std::array<float, 3>>& positions = out_.positions;
-    const std::uint32_t base = out_.summary.base_vertices;
-    double squared = 0;
-    for (std::uint32_t v = base; v < positions.size(); ++v) {
-      for (std::uint32_t above = v; above >= base;) {
-        above = out_.parts[above - base].parent;
-        double distance = 0;
-        for (std::size_t axis = 0; axis < 3; ++axis) {
-          const double along = double{positions[v][axis]} - double{positions[above][axis]};
-          distance += along * along;
-        }
-        squared = std::max(squared, distance);
-      }
+  void write_radii() {
+    ModelSummary& s = out_.summary;
+    std::vector<std::uint32_t> parent(s.vertices, kNone);
+    for (std::uint32_t r = 0; r < s.records; ++r) parent[s.base_vertices + r] = out_.parts[r].parent;
+    const std::vector<double> distances = collapse_distances(out_.positions, parent);
+    const double greatest = *std::max_element(distances.begin(), distances.end());
+    if (safe_radius_code(greatest) >= kRadiusCodes) {
+      throw ModelError{"too large: a vertex collapses over a distance of " + std::to_string(greatest)};
     }
-    return std::sqrt(squared);
+    s.deviation = radius_of(safe_radius_code(greatest));
+    out_.base_radii.resize(s.base_vertices);
+    std::transform(distances.begin(), distances.begin() + s.base_vertices, out_.base_radii.begin(), safe_radius_code);
+    for (std::uint32_t r = 0; r < s.records; ++r) {
+      const std::uint16_t code = safe_radius_code(distances[s.base_vertices + r]);
+      for (std::uint32_t p = r; p != kNone; p = out_.parts[p].next) out_.parts[p].radius = code;
+    }
   }
 
   std::uint64_t morton_of(std::uint32_t v) const {
@@ -252,7 +252,6 @@ class Assembler {
     RecordPart part{};
     part.parent = vertex_id_[segment.sequence[i].t];
     part.next = kNone;
-    part.level = needs_.level[needs_.removed_by[segment.sequence[i].u]];
     for (; rest.dying < rest.dying_end && part.born_count < kBornPerPart; ++rest.dying) {
       part.born[part.born_count] = segment.dying[rest.dying];
       part.born_x[part.born_count++] = vertex_id_[segment.dying_x[rest.dying]];

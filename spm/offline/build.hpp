@@ -31,13 +31,14 @@ using Progress = std::function<void(std::string_view stage, double done)>;
 struct BuiltModel {
   ModelSummary summary;
   std::vector<std::array<float, 3>> positions;
+  std::vector<std::uint16_t> base_radii;
   std::vector<BaseFace> base_faces;
   std::vector<RecordPart> parts;
   std::vector<Region> regions;
   std::vector<Run> runs;
   CleanReport cleaned;
 
-  [[nodiscard]] Model model() const { return {summary, positions, base_faces, parts, regions, runs}; }
+  [[nodiscard]] Model model() const { return {summary, positions, base_radii, base_faces, parts, regions, runs}; }
 };
 
 /// The same mesh and options give the same bytes. Cleans first. Throws ModelError when no face is left after that, or

@@ -23,10 +23,19 @@ static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the file is memory as 
 constexpr std::array<char, 8> kMagic{'t', 'a', 'c', 't', 'S', 'P', 'M', '\n'};
 constexpr std::size_t kAlignment = 64;
 
-enum class SectionKind : std::uint32_t { kSummary = 1, kPositions, kBaseFaces, kParts, kRegions, kRuns, kStatistics };
-constexpr std::uint32_t kSections = 7;
-constexpr std::array<const char*, kSections> kSectionNames{"summary", "positions", "base faces", "parts",
-                                                           "regions", "runs",      "statistics"};
+enum class SectionKind : std::uint32_t {
+  kSummary = 1,
+  kPositions,
+  kBaseRadii,
+  kBaseFaces,
+  kParts,
+  kRegions,
+  kRuns,
+  kStatistics
+};
+constexpr std::uint32_t kSections = 8;
+constexpr std::array<const char*, kSections> kSectionNames{"summary", "positions", "base radii", "base faces",
+                                                           "parts",   "regions",   "runs",       "statistics"};
 
 struct Header {
   std::array<char, 8> magic;
@@ -61,6 +70,7 @@ template <class Use>
 void for_each_array(const Model& model, Use use) {
   const auto bytes_of = [&use](auto span) { use(span.data(), span.size() * sizeof(*span.data())); };
   bytes_of(model.positions);
+  bytes_of(model.base_radii);
   bytes_of(model.base_faces);
   bytes_of(model.parts);
   bytes_of(model.regions);
@@ -226,15 +236,16 @@ MappedModel::MappedModel(const std::filesystem::path& path) {
                    std::to_string(sizeof(ModelSummary)));
   std::memcpy(&model.summary, bytes + table[0].offset, sizeof(ModelSummary));
   model.positions = elements<std::array<float, 3>>(bytes, table[1], path);
-  model.base_faces = elements<BaseFace>(bytes, table[2], path);
-  model.parts = elements<RecordPart>(bytes, table[3], path);
-  model.regions = elements<Region>(bytes, table[4], path);
-  model.runs = elements<Run>(bytes, table[5], path);
+  model.base_radii = elements<std::uint16_t>(bytes, table[2], path);
+  model.base_faces = elements<BaseFace>(bytes, table[3], path);
+  model.parts = elements<RecordPart>(bytes, table[4], path);
+  model.regions = elements<Region>(bytes, table[5], path);
+  model.runs = elements<Run>(bytes, table[6], path);
   const std::vector<std::string> broken = violations(model);
   if (!broken.empty()) fail(path, broken.front());
   if (digest_of(model) != model.summary.digest) fail(path, "digest does not match its contents");
   try {
-    mapped.provenance_ = from_json(reinterpret_cast<const char*>(bytes + table[6].offset), table[6].size);
+    mapped.provenance_ = from_json(reinterpret_cast<const char*>(bytes + table[7].offset), table[7].size);
   } catch (const nlohmann::json::exception& e) {
     fail(path, std::string{"section statistics: "} + e.what());
   }

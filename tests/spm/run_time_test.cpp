@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <random>
 
 #include "tests/support/controller.hpp"
@@ -54,6 +55,44 @@ TEST_P(RunTime, EveryRegionRefinedShowsTheFinestMesh) {
   }
   EXPECT_GT(compared, model_.summary.faces / 2);
   EXPECT_THAT(controller.forest().violations(), IsEmpty());
+}
+
+TEST_P(RunTime, EveryShownVertexHasTheRadiusOfItsRecord) {
+  Controller controller{model_, roomy()};
+  const auto expect_radii = [&] {
+    for (const std::uint32_t number : controller.forest().tree().shown())
+      for (const std::uint32_t slot : controller.row(number).vertices) {
+        const std::uint32_t v = controller.vertex_id(slot);
+        const std::uint32_t base = model_.summary.base_vertices;
+        const std::uint16_t code = v < base ? model_.base_radii[v] : model_.parts[v - base].radius;
+        ASSERT_EQ(controller.radius(slot), spm::radius_of(code)) << "vertex " << v;
+      }
+  };
+  expect_radii();
+  for (const RegionId region : all_regions(model_)) ASSERT_EQ(controller.load(region), AcceptResult::kAccepted);
+  ASSERT_EQ(controller.refine(all_regions(model_)), Advance::kDone);
+  expect_radii();
+}
+
+TEST(Radius, ACodeIsTheSmallestWhoseRadiusIsNotBelowTheDistance) {
+  std::mt19937_64 random{7};
+  for (int round = 0; round < 100'000; ++round) {
+    const double distance = std::exp2(std::uniform_real_distribution{-160.0, 127.9}(random));
+    const std::uint16_t code = spm::radius_code(distance);
+    if (code == spm::kRadiusCodes) {
+      ASSERT_GT(distance, spm::radius_of(spm::kRadiusCodes - 1));
+      continue;
+    }
+    ASSERT_GE(spm::radius_of(code), distance);
+    ASSERT_LT(spm::radius_of(static_cast<std::uint16_t>(code - 1)), distance);
+    if (distance > 1.2e-38) {
+      ASSERT_LE(spm::radius_of(code), distance * 1.0625);
+    }
+  }
+  EXPECT_EQ(spm::radius_code(0), 0);
+  EXPECT_EQ(spm::radius_code(1e39), spm::kRadiusCodes);
+  for (std::uint16_t code = 0; code < spm::kRadiusCodes; ++code)
+    ASSERT_EQ(spm::radius_code(spm::radius_of(code)), code);
 }
 
 TEST_P(RunTime, StaysSoundUnderAnySequenceOfLoadRefineCoarsenAndRelease) {

@@ -74,6 +74,7 @@ class Controller {
 
   [[nodiscard]] const spm::FaceRow& row(std::uint32_t number) const { return pool_.faces[number]; }
   [[nodiscard]] std::uint32_t vertex_id(std::uint32_t slot) const { return pool_.vertices[slot].id; }
+  [[nodiscard]] float radius(std::uint32_t slot) const { return pool_.radius[slot]; }
   [[nodiscard]] spm::Forest& forest() { return *forest_; }
   [[nodiscard]] spm::Cache& cache() { return cache_; }
   [[nodiscard]] spm::NodePool& nodes() { return nodes_; }

@@ -1,6 +1,7 @@
 #include "tests/support/random_model.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <random>
 #include <set>
@@ -39,10 +40,9 @@ class Maker {
     s.vertices = 6 + records_;
     s.faces = static_cast<std::uint32_t>(faces_.size());
     s.metres_per_unit = 0.1;
-    s.deviation = 0.25;
-    s.deviation = 0.25;
+    measure_radii();
     for (std::uint32_t f = 0; f < 8; ++f) model_.base_faces.push_back({f, base_last_[f], base_corners_[f]});
-    for (const RecordPart& part : parts_) s.max_level = std::max<std::uint32_t>(s.max_level, part.level);
+    for (const std::uint32_t level : level_) s.max_level = std::max(s.max_level, level);
     model_.parts = parts_;
     s.parts = static_cast<std::uint32_t>(parts_.size());
     bound();
@@ -112,17 +112,14 @@ class Maker {
 
   void store(std::uint32_t record, std::uint32_t t, const std::vector<std::pair<BornRef, std::uint32_t>>& born,
              const std::vector<DeformedRef>& deformed) {
-    std::uint16_t level = 1;
-    for (const std::uint32_t need : needs_[record]) {
-      level = std::max(level, static_cast<std::uint16_t>(parts_[need].level + 1));
-    }
+    level_.push_back(1);
+    for (const std::uint32_t need : needs_[record]) level_[record] = std::max(level_[record], level_[need] + 1);
     std::uint32_t at = record;
     std::size_t b = 0;
     std::size_t d = 0;
     for (;;) {
       RecordPart part{};
       part.parent = t;
-      part.level = level;
       part.next = kNone;
       for (; b < born.size() && part.born_count < spm::kBornPerPart; ++b, ++part.born_count) {
         part.born[part.born_count] = born[b].first;
@@ -152,6 +149,32 @@ class Maker {
         }
       }
     }
+  }
+
+  /// By the definition: for each vertex, down to all that collapse into it. Children have larger ids.
+  void measure_radii() {
+    const std::size_t vertices = model_.positions.size();
+    std::vector<std::vector<std::uint32_t>> below_it(vertices);
+    std::uint16_t greatest = 0;
+    for (std::size_t v = vertices; v-- > 0;) {
+      double distance = 0;
+      for (const std::uint32_t w : below_it[v]) {
+        const auto &p = model_.positions[v], &q = model_.positions[w];
+        distance = std::max(distance, std::hypot(double{p[0]} - q[0], double{p[1]} - q[1], double{p[2]} - q[2]));
+      }
+      const std::uint16_t code = spm::safe_radius_code(distance);
+      greatest = std::max(greatest, code);
+      if (v < 6) {
+        model_.base_radii.insert(model_.base_radii.begin(), code);
+        continue;
+      }
+      for (std::uint32_t at = static_cast<std::uint32_t>(v) - 6; at != kNone; at = parts_[at].next)
+        parts_[at].radius = code;
+      std::vector<std::uint32_t>& above = below_it[parts_[v - 6].parent];
+      above.push_back(static_cast<std::uint32_t>(v));
+      above.insert(above.end(), below_it[v].begin(), below_it[v].end());
+    }
+    model_.summary.deviation = spm::radius_of(greatest);
   }
 
   void bound() {
@@ -220,6 +243,7 @@ class Maker {
   OwnedModel model_;
   std::vector<RecordPart> parts_;
   std::vector<std::set<std::uint32_t>> needs_;  // by record
+  std::vector<std::uint32_t> level_;            // by record
   std::vector<Face> faces_;
   std::vector<std::vector<std::uint32_t>> around_;  // faces by vertex
   std::vector<std::array<std::uint32_t, 3>> base_corners_;

@@ -15,13 +15,14 @@ namespace tactus::test_support {
 struct OwnedModel {
   spm::ModelSummary summary{};
   std::vector<std::array<float, 3>> positions;
+  std::vector<std::uint16_t> base_radii;
   std::vector<spm::BaseFace> base_faces;
   std::vector<spm::RecordPart> parts;
   std::vector<spm::Region> regions;
   std::vector<spm::Run> runs;
 
   /// Borrows from this.
-  [[nodiscard]] spm::Model view() const { return {summary, positions, base_faces, parts, regions, runs}; }
+  [[nodiscard]] spm::Model view() const { return {summary, positions, base_radii, base_faces, parts, regions, runs}; }
 };
 
 /// `records` splits of an octahedron, cells of an even grid of `cells` per axis over it.

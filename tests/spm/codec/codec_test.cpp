@@ -59,7 +59,7 @@ std::string difference(const Model& model, const RegionData& data) {
         const RecordPart& a = model.parts[at];
         const RecordPart& b = data.parts[part_at];
         const std::uint32_t next = a.next == kNone ? kNone : static_cast<std::uint32_t>(part_at + 1);
-        const bool same = a.parent == b.parent && a.level == b.level && b.next == next &&
+        const bool same = a.parent == b.parent && a.radius == b.radius && b.next == next &&
                           a.born_count == b.born_count && a.deformed_count == b.deformed_count &&
                           std::memcmp(a.born, b.born, a.born_count * sizeof a.born[0]) == 0 &&
                           std::memcmp(a.born_x, b.born_x, a.born_count * sizeof a.born_x[0]) == 0 &&
@@ -97,7 +97,8 @@ void expect_sane(const RegionData& data, const ModelSummary& s) {
           ASSERT_EQ(part.next, part_at + 1);
         }
         ASSERT_LT(part.parent, u);
-        ASSERT_LE(part.level, s.max_level);
+        ASSERT_LT(part.radius, kRadiusCodes);
+        ASSERT_LE(radius_of(part.radius), s.deviation);
         ASSERT_LE(part.born_count, kBornPerPart);
         ASSERT_LE(part.deformed_count, kDeformedPerPart);
         for (int i = 0; i < part.born_count; ++i) {
@@ -148,8 +149,8 @@ TEST(BaseCodec, GivesBackTheBaseMeshToTheBit) {
   EXPECT_EQ(decoded->summary.grid.cell_size, expected.summary.grid.cell_size);
   EXPECT_EQ(decoded->summary.metres_per_unit, expected.summary.metres_per_unit);
   EXPECT_EQ(decoded->summary.deviation, expected.summary.deviation);
-  EXPECT_EQ(decoded->summary.deviation, expected.summary.deviation);
   EXPECT_EQ(decoded->positions, expected.positions);
+  EXPECT_EQ(decoded->radii, expected.radii);
   ASSERT_EQ(decoded->faces.size(), expected.faces.size());
   EXPECT_EQ(std::memcmp(decoded->faces.data(), expected.faces.data(), expected.faces.size() * sizeof(BaseFace)), 0);
   ASSERT_EQ(decoded->regions.size(), expected.regions.size());
@@ -163,7 +164,7 @@ TEST(BaseCodec, RefusesAnotherVersionNamingBoth) {
   const Result<BaseMesh> decoded = decode_base(bytes);
 
   ASSERT_FALSE(decoded);
-  EXPECT_THAT(decoded.error().text, AllOf(HasSubstr("version 9"), HasSubstr("expected 1")));
+  EXPECT_THAT(decoded.error().text, AllOf(HasSubstr("version 9"), HasSubstr("expected 2")));
 }
 
 TEST(BaseCodec, RefusesEveryTruncation) {

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 #include <random>
 
@@ -72,6 +73,31 @@ TEST_P(EveryMesh, ReplayOfAllRecordsIsTheCleanedInputToTheBit) {
   }
   EXPECT_EQ(sorted_faces(model.positions, faces), sorted_faces(cleaned.positions, cleaned.faces));
   EXPECT_EQ(faces, finest_);
+}
+
+TEST_P(EveryMesh, NoCornerEverShownIsFurtherFromItsFinestPlaceThanItsRadius) {
+  const Model model = built_.model();
+  ReferenceMesh mesh{model};
+  std::uint32_t moved = 0;
+  for (std::uint32_t r = 0; r <= model.summary.records; ++r) {
+    for (std::uint32_t f = 0; f < model.summary.faces; ++f) {
+      if (!mesh.shown(f)) continue;
+      for (std::size_t k = 0; k < 3; ++k) {
+        const std::uint32_t v = mesh.corners(f)[k];
+        const std::uint16_t code =
+            v < model.summary.base_vertices ? model.base_radii[v] : model.parts[v - model.summary.base_vertices].radius;
+        const auto &from = model.positions[v], &to = model.positions[finest_[f][k]];
+        const double distance = std::hypot(double{from[0]} - to[0], double{from[1]} - to[1], double{from[2]} - to[2]);
+        ASSERT_LE(distance, radius_of(code)) << "face " << f << ", vertex " << v;
+        ASSERT_LE(radius_of(code), model.summary.deviation);
+        moved += distance > 0;
+      }
+    }
+    if (r < model.summary.records) {
+      ASSERT_TRUE(mesh.apply(r));
+    }
+  }
+  EXPECT_TRUE(moved > 0 || model.summary.records == 0);
 }
 
 TEST_P(EveryMesh, AnyTopologicalOrderGivesOneMesh) {

@@ -52,6 +52,7 @@ TEST_F(ModelFile, GivesBackWhatWasWritten) {
   };
   EXPECT_EQ(std::memcmp(&model.summary, &built_.summary, sizeof model.summary), 0);
   EXPECT_TRUE(same(model.positions, built_.positions));
+  EXPECT_TRUE(same(model.base_radii, built_.base_radii));
   EXPECT_TRUE(same(model.base_faces, built_.base_faces));
   EXPECT_TRUE(same(model.parts, built_.parts));
   EXPECT_TRUE(same(model.regions, built_.regions));
@@ -85,8 +86,8 @@ TEST_F(ModelFile, AnyFlippedBitIsRefused) {
 }
 
 TEST_F(ModelFile, AFlippedBitInEachSectionNamesTheSection) {
-  const char* names[] = {"summary", "positions", "base faces", "parts", "regions", "runs", "statistics"};
-  for (std::size_t i = 0; i < 7; ++i) {
+  const char* names[] = {"summary", "positions", "base radii", "base faces", "parts", "regions", "runs", "statistics"};
+  for (std::size_t i = 0; i < 8; ++i) {
     std::uint64_t offset = 0;
     std::memcpy(&offset, bytes_.data() + 64 + 32 * i + 8, sizeof offset);
     std::string damaged = bytes_;
@@ -108,7 +109,7 @@ TEST_F(ModelFile, ALaterVersionIsRefusedWithBothNamed) {
   later[8] = 9;
   write_bytes(path_, later);
   EXPECT_THAT(refusal(path_), HasSubstr("version 9"));
-  EXPECT_THAT(refusal(path_), HasSubstr("version 1"));
+  EXPECT_THAT(refusal(path_), HasSubstr("version 2"));
 }
 
 TEST_F(ModelFile, RefusesWhatIsMissingEmptyOrNoFile) {

@@ -48,6 +48,12 @@ std::uint32_t record_with_deformed(const BuiltModel& m) {
   return r;
 }
 
+std::uint32_t record_with_radius(const BuiltModel& m) {
+  std::uint32_t r = m.summary.records - 1;
+  while (m.parts[r].radius == 0) --r;
+  return r;
+}
+
 const std::vector<Damage> kDamages{
     {"NoFaces", [](BuiltModel& m) { m.summary.faces = 0; }, "faces: found 0"},
     {"AFaceThatNothingBears", [](BuiltModel& m) { m.parts[m.summary.records - 1].born_count = 1; },
@@ -94,7 +100,13 @@ const std::vector<Damage> kDamages{
        for (BornRef& born : m.parts[m.summary.records - 1].born) born.bits &= ~1u;
      },
      "not marked as the last"},
-    {"LevelWrong", [](BuiltModel& m) { ++m.parts[9].level; }, "record 9: level"},
+    {"RadiusTooSmall", [](BuiltModel& m) { --m.parts[record_with_radius(m)].radius; }, ": radius code"},
+    {"RadiusTooLarge", [](BuiltModel& m) { ++m.parts[record_with_radius(m)].radius; }, ": radius code"},
+    {"RadiusOfALeaf", [](BuiltModel& m) { m.parts[m.summary.records - 1].radius = 1; }, ": radius code 1"},
+    {"RadiusNotFinite", [](BuiltModel& m) { m.parts[9].radius = kRadiusCodes; }, "record 9: radius code 4080"},
+    {"BaseRadiusTooSmall", [](BuiltModel& m) { m.base_radii[0] = 0; }, "vertex 0: radius code 0"},
+    {"BaseRadiiMissing", [](BuiltModel& m) { m.base_radii.pop_back(); }, "base radii: found"},
+    {"DeviationBelowTheGreatestRadius", [](BuiltModel& m) { m.summary.deviation *= 0.9; }, "deviation: found"},
     {"MaxLevelWrong", [](BuiltModel& m) { ++m.summary.max_level; }, "max level"},
     {"ChainIntoARecord", [](BuiltModel& m) { m.parts[9].next = 10; }, "record 9: continues in part 10"},
     {"ChainBeyondTheEnd", [](BuiltModel& m) { m.parts[9].next = m.summary.parts; }, "record 9: continues"},
