@@ -1,0 +1,48 @@
+/// Lanes of float or double in the compiler's own vector types, and the choice of instruction set at run time.
+///
+/// A kernel is written once, in a file `x_kernel.inc` that is included for each instruction set within a namespace of
+/// its own, after simd_lanes.inc, between one of the TACTUS_TARGET macros and TACTUS_TARGET_END. (Compilers lower
+/// vector types before they inline, so that helpers have to be compiled for the instruction set too.) Lanes do not mix
+/// and nothing is contracted (-ffp-contract=off): every variant gives the same bits, and tests compare them.
+#pragma once
+
+#include <cstdint>
+#include <cstring>
+
+// Vectors are passed between inlined functions only: no calling convention is involved.
+#pragma GCC diagnostic ignored "-Wpsabi"
+
+#define TACTUS_ALWAYS_INLINE inline __attribute__((always_inline))
+
+#ifdef __x86_64__
+#define TACTUS_HAS_TARGETS 1
+#ifdef __clang__
+#define TACTUS_TARGET_AVX2 _Pragma("clang attribute push(__attribute__((target(\"avx2\"))), apply_to = function)")
+#define TACTUS_TARGET_AVX512 \
+  _Pragma("clang attribute push(__attribute__((target(\"avx512f,avx512vl,avx512dq\"))), apply_to = function)")
+#define TACTUS_TARGET_END _Pragma("clang attribute pop")
+#else
+#define TACTUS_TARGET_AVX2 _Pragma("GCC push_options") _Pragma("GCC target(\"avx2\")")
+#define TACTUS_TARGET_AVX512 _Pragma("GCC push_options") _Pragma("GCC target(\"avx512f,avx512vl,avx512dq\")")
+#define TACTUS_TARGET_END _Pragma("GCC pop_options")
+#endif
+#endif
+
+namespace tactus::spm {
+
+using Float8 = float __attribute__((vector_size(32)));
+using Int8 = std::int32_t __attribute__((vector_size(32)));
+enum class Simd : std::uint8_t { kBase, kAvx2, kAvx512 };
+
+/// The best that this processor has.
+[[nodiscard]] inline Simd best_simd() noexcept {
+#ifdef TACTUS_HAS_TARGETS
+  __builtin_cpu_init();
+  if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512dq"))
+    return Simd::kAvx512;
+  if (__builtin_cpu_supports("avx2")) return Simd::kAvx2;
+#endif
+  return Simd::kBase;
+}
+
+}  // namespace tactus::spm

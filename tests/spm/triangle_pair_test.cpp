@@ -1,0 +1,201 @@
+// Two triangles against a separating-axis test in integers, and depth against moving the one triangle.
+
+#include "spm/triangle_pair.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <cstring>
+#include <random>
+
+#include "spm/orientation.hpp"
+
+namespace tactus::spm {
+namespace {
+
+using Integers = Eigen::Matrix<std::int64_t, 3, 1>;
+using IntegerTriangle = std::array<Integers, 3>;
+
+Triangle3d as_double(const IntegerTriangle& t, double unit = 1) {
+  Triangle3d out;
+  for (int i = 0; i < 3; ++i) out[i] = t[i].cast<double>() * unit;
+  return out;
+}
+
+Integers across(const IntegerTriangle& t) { return Integers{t[1] - t[0]}.cross(Integers{t[2] - t[0]}); }
+
+/// Closed convex sets are apart when some axis separates them strictly; for two triangles these axes are enough.
+bool meet_by_axes(const IntegerTriangle& a, const IntegerTriangle& b) {
+  const Integers na = across(a), nb = across(b);
+  if (na.isZero() || nb.isZero()) return false;
+  std::vector<Integers> axes{na, nb};
+  for (int i = 0; i < 3; ++i) {
+    const Integers ea = a[(i + 1) % 3] - a[i];
+    axes.push_back(na.cross(ea));
+    for (int j = 0; j < 3; ++j) {
+      const Integers eb = b[(j + 1) % 3] - b[j];
+      if (i == 0) axes.push_back(nb.cross(eb));
+      axes.push_back(ea.cross(eb));
+    }
+  }
+  for (const Integers& axis : axes) {
+    if (axis.isZero()) continue;
+    const auto [a_low, a_high] = std::minmax({axis.dot(a[0]), axis.dot(a[1]), axis.dot(a[2])});
+    const auto [b_low, b_high] = std::minmax({axis.dot(b[0]), axis.dot(b[1]), axis.dot(b[2])});
+    if (a_high < b_low || b_high < a_low) return false;
+  }
+  return true;
+}
+
+/// Corners on a small grid, so that touching, coplanar and degenerate cases are common.
+IntegerTriangle random_triangle(std::mt19937_64& random, int extent) {
+  IntegerTriangle t;
+  for (Integers& corner : t)
+    for (int axis = 0; axis < 3; ++axis) corner[axis] = static_cast<std::int64_t>(random() % (extent + 1));
+  return t;
+}
+
+class TrianglePairOnAGrid : public ::testing::TestWithParam<int> {};
+
+TEST_P(TrianglePairOnAGrid, MeetsWhereNoAxisSeparates) {
+  std::mt19937_64 random{7};
+  int met = 0, apart = 0;
+  for (int round = 0; round < 200000; ++round) {
+    const IntegerTriangle f = random_triangle(random, GetParam()), g = random_triangle(random, GetParam());
+    PairContact contact;
+    const bool expected = meet_by_axes(f, g);
+    // Tenths are not exact in binary, but 1/1024ths are.
+    ASSERT_EQ(meet(as_double(f), as_double(g), contact), expected) << "round " << round;
+    ASSERT_EQ(meet(as_double(f, 0x1p-10), as_double(g, 0x1p-10), contact), expected) << "round " << round;
+    ++(expected ? met : apart);
+  }
+  EXPECT_GT(met, 1000);
+  EXPECT_GT(apart, 1000);
+}
+
+INSTANTIATE_TEST_SUITE_P(Extent, TrianglePairOnAGrid, ::testing::Values(1, 2, 3, 6, 20, 300));
+
+double distance_to(const Vec3d& p, const Triangle3d& t);
+
+TEST(TrianglePair, TheContactPointLiesInBothTriangles) {
+  std::mt19937_64 random{8};
+  int met = 0;
+  for (int round = 0; round < 100000; ++round) {
+    const int extent = round % 2 == 0 ? 3 : 100;
+    const Triangle3d f = as_double(random_triangle(random, extent)), g = as_double(random_triangle(random, extent));
+    PairContact contact;
+    if (!meet(f, g, contact)) continue;
+    ++met;
+    const double tolerance = 1e-12 * extent * extent;
+    ASSERT_LT(distance_to(contact.point, f), tolerance) << "round " << round;
+    ASSERT_LT(distance_to(contact.point, g), tolerance) << "round " << round;
+  }
+  EXPECT_GT(met, 1000);
+}
+
+Triangle3d moved(const Triangle3d& t, const Vec3d& by) { return {t[0] + by, t[1] + by, t[2] + by}; }
+
+TEST(TrianglePair, MovingTheProbeByTheDepthClearsThePair) {
+  std::mt19937_64 random{9};
+  for (int round = 0; round < 50000; ++round) {
+    const Triangle3d f = as_double(random_triangle(random, 4)), g = as_double(random_triangle(random, 4));
+    PairContact contact, other;
+    if (!meet(f, g, contact)) continue;
+    ASSERT_NEAR(contact.normal.norm(), 1, 1e-12);
+    ASSERT_GE(contact.depth, 0);
+    ASSERT_FALSE(meet(f, moved(g, (contact.depth + 1e-7) * contact.normal), other)) << "round " << round;
+  }
+}
+
+TEST(TrianglePair, MovingTheProbeByLessThanTheDepthDoesNotClearThePair) {
+  std::mt19937_64 random{11};
+  std::normal_distribution<double>
+      normal;  // in general position: a contact in a corner alone would be lost to rounding
+  int deep = 0;
+  for (int round = 0; round < 50000; ++round) {
+    Triangle3d f, g;
+    for (int corner = 0; corner < 3; ++corner)
+      for (int axis = 0; axis < 3; ++axis) {
+        f[corner][axis] = normal(random);
+        g[corner][axis] = normal(random);
+      }
+    PairContact contact, other;
+    if (!meet(f, g, contact) || contact.depth < 1e-6) continue;
+    ++deep;
+    ASSERT_TRUE(meet(f, moved(g, (contact.depth - 1e-7) * contact.normal), other)) << "round " << round;
+    ASSERT_FALSE(meet(f, moved(g, (contact.depth + 1e-7) * contact.normal), other)) << "round " << round;
+  }
+  EXPECT_GT(deep, 1000);
+}
+
+TEST(TrianglePair, EveryInstructionSetGivesTheSameBits) {
+  std::mt19937_64 random{10};
+  std::normal_distribution<double> normal;
+  for (int round = 0; round < 20000; ++round) {
+    TrianglePairs pairs;
+    for (int corner = 0; corner < 3; ++corner)
+      for (int axis = 0; axis < 3; ++axis)
+        for (int lane = 0; lane < TrianglePairs::kWidth; ++lane) {
+          const auto value = [&] { return round % 2 == 0 ? normal(random) : static_cast<double>(random() % 4); };
+          pairs.object[corner][axis][lane] = value();
+          pairs.probe[corner][axis][lane] = value();
+        }
+    const unsigned count = 1 + static_cast<unsigned>(random() % TrianglePairs::kWidth);
+    PairContacts expected;
+    const unsigned met = meet(pairs, count, expected, Simd::kBase);
+    for (unsigned lane = 0; lane < count; ++lane) {
+      Triangle3d f, g;
+      for (int corner = 0; corner < 3; ++corner)
+        for (int axis = 0; axis < 3; ++axis) {
+          f[corner][axis] = pairs.object[corner][axis][lane];
+          g[corner][axis] = pairs.probe[corner][axis][lane];
+        }
+      PairContact single;
+      ASSERT_EQ(meet(f, g, single), (met >> lane & 1u) != 0);
+      if ((met >> lane & 1u) == 0) continue;
+      for (int axis = 0; axis < 3; ++axis) {
+        ASSERT_EQ(single.point[axis], expected.point[axis][lane]);
+        ASSERT_EQ(single.normal[axis], expected.normal[axis][lane]);
+      }
+      ASSERT_EQ(single.depth, expected.depth[lane]);
+    }
+    for (const Simd simd : {Simd::kAvx2, Simd::kAvx512}) {
+      if (simd > best_simd()) continue;
+      PairContacts found;
+      ASSERT_EQ(meet(pairs, count, found, simd), met);
+      for (unsigned lane = 0; lane < count; ++lane) {
+        if ((met >> lane & 1u) == 0) continue;
+        for (int axis = 0; axis < 3; ++axis) {
+          ASSERT_EQ(found.point[axis][lane], expected.point[axis][lane]);
+          ASSERT_EQ(found.normal[axis][lane], expected.normal[axis][lane]);
+        }
+        ASSERT_EQ(found.depth[lane], expected.depth[lane]);
+      }
+    }
+  }
+}
+
+TEST(Orientation, IsExactWhereADoubleIsNot) {
+  // The point sits off the plane x + y + z = 1 by one unit in the last place of one coordinate.
+  const Vec3d a{1, 0, 0}, b{0, 1, 0}, c{0, 0, 1};
+  const double third = 0.25;
+  const Vec3d on{third, third, 0.5};
+  EXPECT_EQ(orientation(a, b, c, on), 0);
+  EXPECT_EQ(orientation(a, b, c, {third, third, std::nextafter(0.5, 1.0)}), 1);
+  EXPECT_EQ(orientation(a, b, c, {third, third, std::nextafter(0.5, 0.0)}), -1);
+  EXPECT_EQ(orientation(Vec3d{0, 0, 0}, {1, 1, 0}, {0.5, std::nextafter(0.5, 1.0), 0}, 0, 1), 1);
+  EXPECT_EQ(orientation(Vec3d{0, 0, 0}, {1, 1, 0}, {0.5, 0.5, 0}, 0, 1), 0);
+}
+
+double distance_to(const Vec3d& p, const Triangle3d& t) {
+  const Vec3d n = (t[1] - t[0]).cross(t[2] - t[0]).normalized();
+  double outside = std::abs(n.dot(p - t[0]));
+  for (int i = 0; i < 3; ++i) {
+    const Vec3d inward = n.cross(t[(i + 1) % 3] - t[i]).normalized();
+    outside = std::max(outside, -inward.dot(p - t[i]));
+  }
+  return outside;
+}
+
+}  // namespace
+}  // namespace tactus::spm
