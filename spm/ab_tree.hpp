@@ -94,6 +94,7 @@ class AbTree {
 
   /// Most nodes that one more face can need.
   [[nodiscard]] std::uint32_t height() const noexcept { return height_; }
+  static constexpr int kMaxHeight = 10;
 
   /// Shows the face in `row`; NodePool::free() must be at least height(). The box follows with refit().
   void insert(std::uint32_t row) noexcept;
@@ -123,6 +124,9 @@ class AbTree {
   [[nodiscard]] std::uint32_t near(const Vec3d& point, double radius, std::uint32_t* rows,
                                    std::uint32_t capacity) const noexcept;
   [[nodiscard]] const FaceRow& row(std::uint32_t number) const noexcept { return pool_.faces[number]; }
+  /// For traversals that live elsewhere: the root, kNone when nothing is shown, and any node.
+  [[nodiscard]] std::uint32_t root() const noexcept { return root_; }
+  [[nodiscard]] const TreeNode& node(std::uint32_t number) const noexcept { return nodes_[number]; }
 
   /// What is broken: nodes, masks, boxes, unknown faces. O(nodes), allocates: tests.
   [[nodiscard]] std::vector<std::string> violations() const;
@@ -130,7 +134,6 @@ class AbTree {
   [[nodiscard]] std::vector<std::uint32_t> shown() const;
 
  private:
-  static constexpr int kMaxHeight = 10;
   static constexpr int kStack = 7 * kMaxHeight + 8;
 
   template <class Visit>

@@ -1,9 +1,9 @@
 /// Lanes of float or double in the compiler's own vector types, and the choice of instruction set at run time.
 ///
 /// A kernel is written once, in a file `x_kernel.inc` that is included for each instruction set within a namespace of
-/// its own, after simd_lanes.inc, between one of the TACTUS_TARGET macros and TACTUS_TARGET_END. (Compilers lower
-/// vector types before they inline, so that helpers have to be compiled for the instruction set too.) Lanes do not mix
-/// and nothing is contracted (-ffp-contract=off): every variant gives the same bits, and tests compare them.
+/// its own, with simd_lanes.inc in front, between one of the TACTUS_TARGET macros and TACTUS_TARGET_END. (Compilers
+/// lower vector types before they inline, so that helpers have to be compiled for the instruction set too.) Lanes do
+/// not mix and nothing is contracted (-ffp-contract=off): every variant gives the same bits, and tests compare them.
 #pragma once
 
 #include <cstdint>

@@ -133,21 +133,18 @@ struct BatchMasks {
 
 namespace base {
 constexpr int kDoubles = 2;
-#include "spm/simd_lanes.inc"
 #include "spm/triangle_pair_kernel.inc"
 }  // namespace base
 #ifdef TACTUS_HAS_TARGETS
 TACTUS_TARGET_AVX2
 namespace avx2 {
 constexpr int kDoubles = 4;
-#include "spm/simd_lanes.inc"
 #include "spm/triangle_pair_kernel.inc"
 }  // namespace avx2
 TACTUS_TARGET_END
 TACTUS_TARGET_AVX512
 namespace avx512 {
 constexpr int kDoubles = 8;
-#include "spm/simd_lanes.inc"
 #include "spm/triangle_pair_kernel.inc"
 }  // namespace avx512
 TACTUS_TARGET_END

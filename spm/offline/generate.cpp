@@ -227,6 +227,37 @@ TriangleMesh terrain(std::uint32_t faces, std::uint64_t seed) {
 
 }  // namespace
 
+TriangleMesh stylus() {
+  constexpr std::uint32_t kAround = 24;
+  constexpr std::uint32_t kTipRings = 12, kRings = 15;  // the last three along the shaft
+  constexpr double kRadius = 0.003, kShaft = 0.025;
+  TriangleMesh mesh;
+  mesh.positions.push_back(rounded({0, 0, -kRadius}));
+  for (std::uint32_t ring = 1; ring <= kRings; ++ring) {
+    const double polar = std::min(ring, kTipRings) * kPi / 2 / kTipRings;
+    const double along = ring <= kTipRings ? 0 : double(ring - kTipRings) / (kRings - kTipRings);
+    const double z = ring < kTipRings ? -kRadius * std::cos(polar) : kShaft * along;
+    for (std::uint32_t k = 0; k < kAround; ++k) {
+      const double angle = 2 * kPi * k / kAround, out = kRadius * std::sin(polar);
+      mesh.positions.push_back(rounded({out * std::cos(angle), out * std::sin(angle), z}));
+    }
+  }
+  const auto end = static_cast<std::uint32_t>(mesh.positions.size());
+  mesh.positions.push_back(rounded({0, 0, kShaft}));
+  for (std::uint32_t k = 0; k < kAround; ++k) {
+    const std::uint32_t next = (k + 1) % kAround;
+    mesh.faces.push_back({0, 1 + next, 1 + k});
+    for (std::uint32_t ring = 0; ring + 1 < kRings; ++ring) {
+      const std::uint32_t low = 1 + ring * kAround, high = low + kAround;
+      mesh.faces.push_back({low + k, low + next, high + next});
+      mesh.faces.push_back({low + k, high + next, high + k});
+    }
+    const std::uint32_t last = 1 + (kRings - 1) * kAround;
+    mesh.faces.push_back({last + k, last + next, end});
+  }
+  return mesh;
+}
+
 std::vector<std::string_view> shape_names() {
   std::vector<std::string_view> names;
   for (const NamedShape& shape : kShapes) names.push_back(shape.name);

@@ -16,6 +16,10 @@ enum class Shape {
   kTerrain,  ///< 0.1 x 0.1 in x and y, a height field in z with a border
 };
 
+/// A stylus to probe with, closed and convex: half a ball of 3 mm radius about the origin, and from there a round shaft
+/// of the same radius, 25 mm along +z. 720 triangles, 362 vertices, metres.
+[[nodiscard]] TriangleMesh stylus();
+
 /// The names a user types: sphere, torus, organ, terrain.
 [[nodiscard]] std::vector<std::string_view> shape_names();
 /// Throws ModelError naming the shapes there are.

@@ -2,11 +2,13 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <map>
 #include <utility>
 
+#include "spm/model.hpp"
 #include "spm/offline/clean.hpp"
 
 namespace tactus::spm::offline {
@@ -99,6 +101,26 @@ TEST(Generate, RefusesWhatCannotBe) {
 
 TEST(Generate, EveryShapeIsFoundByItsName) {
   for (const std::string_view name : shape_names()) EXPECT_NO_THROW(static_cast<void>(shape_from_name(name)));
+}
+
+TEST(Generate, TheStylusIsClosedAndConvexWithItsTipAboutTheOrigin) {
+  const TriangleMesh mesh = stylus();
+  EXPECT_EQ(mesh.faces.size(), 720u);
+  EXPECT_EQ(mesh.positions.size(), 362u);
+  EXPECT_TRUE(closed_and_oriented(mesh));
+  const double rounding = 1e-9;
+  for (const Triangle& f : mesh.faces) {
+    const auto at = [&](std::uint32_t v) {
+      return Vec3d{mesh.positions[v][0], mesh.positions[v][1], mesh.positions[v][2]};
+    };
+    const Vec3d normal = (at(f[1]) - at(f[0])).cross(at(f[2]) - at(f[0])).normalized();
+    for (std::uint32_t v = 0; v < mesh.positions.size(); ++v) ASSERT_LT(normal.dot(at(v) - at(f[0])), rounding);
+  }
+  for (const auto& p : mesh.positions) {
+    const double from_axis = std::hypot(p[0], p[1]), from_tip = std::hypot(from_axis, std::min(p[2], 0.0f));
+    EXPECT_LE(from_tip, 0.003 + rounding);
+    EXPECT_LE(p[2], 0.025f);
+  }
 }
 
 }  // namespace

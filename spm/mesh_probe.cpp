@@ -1,0 +1,319 @@
+#include "spm/mesh_probe.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <stdexcept>
+#include <string>
+
+namespace tactus::spm {
+namespace {
+
+constexpr float kInfinity = std::numeric_limits<float>::infinity();
+
+/// Of a query's coordinates: more than all float roundings of a box or of a height over a plane together.
+constexpr float kSlack = 3e-6f;
+
+/// Flatter triangles than this have no normal to rely on; height over longest edge.
+constexpr double kThin = 1e-6;
+
+}  // namespace
+
+// ---- the probe and its tree ----
+
+MeshProbe::MeshProbe(Span<const std::array<float, 3>> vertices, Span<const std::array<std::uint32_t, 3>> triangles) {
+  if (triangles.empty() || triangles.size() > kMostTriangles) {
+    throw std::invalid_argument("MeshProbe: " + std::to_string(triangles.size()) + " triangles, expected 1 to " +
+                                std::to_string(kMostTriangles));
+  }
+  for (std::size_t v = 0; v < vertices.size(); ++v) {
+    const Vec3d p{vertices[v][0], vertices[v][1], vertices[v][2]};
+    if (!p.allFinite()) throw std::invalid_argument("MeshProbe: vertex " + std::to_string(v) + " is not finite");
+    vertices_.push_back({p[0], p[1], p[2]});
+    radius_ = std::max(radius_, p.norm());
+  }
+  for (std::size_t t = 0; t < triangles.size(); ++t)
+    for (const std::uint32_t corner : triangles[t])
+      if (corner >= vertices.size()) {
+        throw std::invalid_argument("MeshProbe: triangle " + std::to_string(t) + " has corner " +
+                                    std::to_string(corner) + ", expected below " + std::to_string(vertices.size()));
+      }
+  std::vector<std::uint32_t> order(triangles.size());
+  std::iota(order.begin(), order.end(), 0u);
+  int height = 1;
+  while ((std::uint64_t{1} << 3 * height) < order.size()) ++height;
+  root_ = build(order, 0, static_cast<std::uint32_t>(order.size()), height, triangles);
+}
+
+std::uint32_t MeshProbe::build(std::vector<std::uint32_t>& order, std::uint32_t first, std::uint32_t last, int height,
+                               Span<const std::array<std::uint32_t, 3>> triangles) {
+  // Parts of 8^(height - 1) triangles, the last one perhaps smaller, by halving along the longest axis of the centres.
+  const std::uint32_t part = 1u << 3 * (height - 1);
+  const auto centre = [&](std::uint32_t t, int axis) {
+    return vertices_[triangles[t][0]][axis] + vertices_[triangles[t][1]][axis] + vertices_[triangles[t][2]][axis];
+  };
+  const auto divide = [&](const auto& self, std::uint32_t from, std::uint32_t to) -> void {
+    const std::uint32_t parts = (to - from + part - 1) / part;
+    if (parts < 2) return;
+    const std::uint32_t middle = from + parts / 2 * part;
+    int longest = 0;
+    double length = -1;
+    for (int axis = 0; axis < 3; ++axis) {
+      double low = centre(order[from], axis), high = low;
+      for (std::uint32_t i = from; i < to; ++i) {
+        low = std::min(low, centre(order[i], axis));
+        high = std::max(high, centre(order[i], axis));
+      }
+      if (high - low <= length) continue;
+      length = high - low;
+      longest = axis;
+    }
+    std::sort(order.begin() + from, order.begin() + to, [&](std::uint32_t a, std::uint32_t b) {
+      const double at = centre(a, longest), bt = centre(b, longest);
+      return at != bt ? at < bt : a < b;
+    });
+    self(self, from, middle);
+    self(self, middle, to);
+  };
+  divide(divide, first, last);
+
+  Node node{};
+  node.leaf = height == 1;
+  for (int axis = 0; axis < 3; ++axis) {
+    std::fill_n(node.low[axis], kWidth, kInfinity);
+    std::fill_n(node.high[axis], kWidth, -kInfinity);
+    node.whole_low[axis] = kInfinity;
+    node.whole_high[axis] = -kInfinity;
+  }
+  for (std::uint32_t from = first; from < last; from += part) {
+    const std::uint32_t k = node.count++;
+    if (node.leaf) {
+      const std::array<std::uint32_t, 3>& corners = triangles[order[from]];
+      node.child[k] = static_cast<std::uint32_t>(corners_.size());
+      corners_.push_back(corners);
+      number_.push_back(order[from]);
+      Triangle3d t;
+      for (int i = 0; i < 3; ++i) {
+        const std::array<double, 3>& p = vertices_[corners[i]];
+        t[i] = {p[0], p[1], p[2]};
+        for (int axis = 0; axis < 3; ++axis) {  // floats as they came
+          node.low[axis][k] = std::min(node.low[axis][k], static_cast<float>(p[axis]));
+          node.high[axis][k] = std::max(node.high[axis][k], static_cast<float>(p[axis]));
+        }
+      }
+      const Vec3d across = (t[1] - t[0]).cross(t[2] - t[0]);
+      const double longest2 =
+          std::max({(t[1] - t[0]).squaredNorm(), (t[2] - t[1]).squaredNorm(), (t[0] - t[2]).squaredNorm()});
+      if (!(across.norm() > kThin * longest2)) continue;
+      const Vec3d normal = across.normalized();
+      for (int axis = 0; axis < 3; ++axis) node.normal[axis][k] = static_cast<float>(normal[axis]);
+      node.offset[k] = static_cast<float>(normal.dot(t[0]));
+    } else {
+      node.child[k] = build(order, from, std::min(last, from + part), height - 1, triangles);
+      const Node& below = nodes_[node.child[k]];
+      for (int axis = 0; axis < 3; ++axis) {
+        node.low[axis][k] = below.whole_low[axis];
+        node.high[axis][k] = below.whole_high[axis];
+      }
+    }
+  }
+  for (int axis = 0; axis < 3; ++axis) {
+    for (unsigned k = 0; k < node.count; ++k) {
+      node.whole_low[axis] = std::min(node.whole_low[axis], node.low[axis][k]);
+      node.whole_high[axis] = std::max(node.whole_high[axis], node.high[axis][k]);
+    }
+    node.size = std::max(node.size, node.whole_high[axis] - node.whole_low[axis]);
+  }
+  nodes_.push_back(node);
+  return static_cast<std::uint32_t>(nodes_.size() - 1);
+}
+
+// ---- a query ----
+
+/// One query on its way down.
+struct ProbeWalk {
+  using PlacedNode = PlacedProbe::Node;
+  using Node = MeshProbe::Node;
+
+  const AbTree& tree;
+  PlacedProbe& probe;
+  MeshContact* out;
+  std::uint32_t capacity;
+  std::uint32_t most_work;
+
+  const MeshProbe::Node* nodes = probe.probe_.nodes_.data();
+  PlacedNode* placed = probe.nodes_.data();
+  PlacedProbe::Entry* stack = probe.stack_.data();
+  std::uint32_t pose = probe.pose_;
+  int depth = 0;
+  std::uint32_t pairs = 0;  // waiting in probe.pairs_
+  std::array<std::uint32_t, TrianglePairs::kWidth> rows{}, triangles{};
+  float rotation[3][3]{}, inverse[3][3]{}, translation[3]{}, back[3]{};  // back: object's origin in the probe's frame
+  float reach = 0;                                                       // no placed coordinate is larger
+  float slack = 0;
+  MeshTouch result{};
+
+  void aim() noexcept {
+    const Vec3d origin = -(probe.rotation_.transpose() * probe.translation_);
+    for (int i = 0; i < 3; ++i) {
+      for (int j = 0; j < 3; ++j) {
+        rotation[i][j] = static_cast<float>(probe.rotation_(i, j));
+        inverse[j][i] = rotation[i][j];
+      }
+      translation[i] = static_cast<float>(probe.translation_[i]);
+      back[i] = static_cast<float>(origin[i]);
+    }
+    reach = static_cast<float>((probe.translation_.cwiseAbs().maxCoeff() + probe.probe_.radius_) * (1 + 1e-6));
+    slack = kSlack * reach;
+  }
+
+  void push(std::uint32_t object_node, std::uint32_t probe_node, float size) noexcept {
+    stack[depth++] = {object_node, probe_node, size};
+  }
+
+  /// Counts a pair of nodes; false when no work is left.
+  [[nodiscard]] bool spend() noexcept {
+    if (result.work < most_work) {
+      ++result.work;
+      return true;
+    }
+    result.complete = false;
+    return false;
+  }
+
+  void place_triangles(const MeshProbe::Node& node, PlacedNode& here) const noexcept {
+    for (unsigned k = 0; k < node.count; ++k) {
+      const std::array<std::uint32_t, 3>& corners = probe.probe_.corners_[node.child[k]];
+      for (int axis = 0; axis < 3; ++axis) {
+        float low = kInfinity, high = -kInfinity;
+        for (int i = 0; i < 3; ++i) {
+          const float p = static_cast<float>(probe.vertices_[corners[i]][axis]);
+          here.corner[k][i][axis] = p;
+          low = p < low ? p : low;
+          high = p > high ? p : high;
+        }
+        here.low[axis][k] = low - slack;
+        here.high[axis][k] = high + slack;
+      }
+    }
+  }
+
+  void add(std::uint32_t row, std::uint32_t triangle) noexcept {
+    TrianglePairs& batch = probe.pairs_;
+    const FaceRow& face = tree.row(row);
+    const std::array<std::uint32_t, 3>& corners = probe.probe_.corners_[triangle];
+    for (int i = 0; i < 3; ++i)
+      for (int axis = 0; axis < 3; ++axis) {
+        batch.object[i][axis][pairs] = face.corners[3 * i + axis];
+        batch.probe[i][axis][pairs] = probe.vertices_[corners[i]][axis];
+      }
+    rows[pairs] = row;
+    triangles[pairs] = triangle;
+    if (++pairs == TrianglePairs::kWidth) flush();
+  }
+
+  void flush() noexcept {
+    result.work += pairs;
+    const PairContacts& found = probe.found_;
+    for (unsigned hit = meet(probe.pairs_, pairs, probe.found_, probe.simd_); hit != 0; hit &= hit - 1) {
+      const auto lane = static_cast<unsigned>(__builtin_ctz(hit));
+      const std::uint32_t at = result.contacts++;
+      if (at >= capacity) continue;
+      const FaceRow& face = tree.row(rows[lane]);
+      out[at] = {FaceId{face.face},
+                 probe.probe_.number_[triangles[lane]],
+                 face.last != 0,
+                 {found.point[0][lane], found.point[1][lane], found.point[2][lane]},
+                 {found.normal[0][lane], found.normal[1][lane], found.normal[2][lane]},
+                 found.depth[lane],
+                 rows[lane]};
+    }
+    pairs = 0;
+  }
+};
+
+namespace {
+
+using PlacedNode = ProbeWalk::PlacedNode;
+using ProbeNode = ProbeWalk::Node;
+
+inline unsigned lowest_bit(unsigned bits) noexcept { return static_cast<unsigned>(__builtin_ctz(bits)); }
+inline unsigned highest_bit(unsigned bits) noexcept { return 31u - static_cast<unsigned>(__builtin_clz(bits)); }
+inline const float* lows(const TreeNode& node, int axis) noexcept { return node.low[axis].data(); }
+inline const float* highs(const TreeNode& node, int axis) noexcept { return node.high[axis].data(); }
+
+namespace base {
+constexpr int kDoubles = 2;
+#include "spm/mesh_probe_kernel.inc"
+}  // namespace base
+#ifdef TACTUS_HAS_TARGETS
+TACTUS_TARGET_AVX2
+namespace avx2 {
+constexpr int kDoubles = 4;
+#include "spm/mesh_probe_kernel.inc"
+}  // namespace avx2
+TACTUS_TARGET_END
+TACTUS_TARGET_AVX512
+namespace avx512 {
+constexpr int kDoubles = 8;
+#include "spm/mesh_probe_kernel.inc"
+}  // namespace avx512
+TACTUS_TARGET_END
+#endif
+
+}  // namespace
+
+PlacedProbe::PlacedProbe(const MeshProbe& probe, Simd simd)
+    : probe_{probe},
+      simd_{simd},
+      vertices_(probe.vertices_),
+      nodes_(probe.nodes_.size()),
+      in_tree_(probe.triangles()),
+      stack_(kStack) {
+  for (std::uint32_t t = 0; t < probe.triangles(); ++t) in_tree_[probe.number_[t]] = t;
+  place(Eigen::Isometry3d::Identity());
+}
+
+void PlacedProbe::place(const Eigen::Isometry3d& pose) noexcept {
+  if (++pose_ == 0) {  // all numbers used: none may look current
+    for (Node& node : nodes_) node.pose = 0;
+    ++pose_;
+  }
+  rotation_ = pose.linear();
+  translation_ = pose.translation();
+  for (std::size_t v = 0; v < vertices_.size(); ++v) {
+    const std::array<double, 3>& p = probe_.vertices_[v];
+    for (int i = 0; i < 3; ++i)
+      vertices_[v][i] = rotation_(i, 0) * p[0] + rotation_(i, 1) * p[1] + rotation_(i, 2) * p[2] + translation_[i];
+  }
+}
+
+Triangle3d PlacedProbe::triangle(std::uint32_t number) const noexcept {
+  Triangle3d placed;
+  for (int i = 0; i < 3; ++i) {
+    const std::array<double, 3>& p = vertices_[probe_.corners_[in_tree_[number]][i]];
+    placed[i] = {p[0], p[1], p[2]};
+  }
+  return placed;
+}
+
+MeshTouch PlacedProbe::touching(const AbTree& tree, MeshContact* out, std::uint32_t capacity,
+                                std::uint32_t most_work) noexcept {
+  if (tree.root() == kNone) return {};
+  ProbeWalk walk{tree, *this, out, capacity, most_work};
+  walk.aim();
+  walk.push(tree.root(), probe_.root_, kInfinity);
+#ifdef TACTUS_HAS_TARGETS
+  if (simd_ == Simd::kAvx512)
+    avx512::walk(walk);
+  else if (simd_ == Simd::kAvx2)
+    avx2::walk(walk);
+  else
+#endif
+    base::walk(walk);
+  if (walk.pairs > 0) walk.flush();
+  return walk.result;
+}
+
+}  // namespace tactus::spm

@@ -1,0 +1,228 @@
+// A mesh probe against the shown faces, all pairs one by one.
+
+#include "spm/mesh_probe.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+#include <tuple>
+
+#include "spm/offline/generate.hpp"
+#include "tests/support/mesh_zoo.hpp"
+#include "tests/support/shown_mesh.hpp"
+
+namespace tactus::spm {
+namespace {
+
+using offline::TriangleMesh;
+using Shown = test_support::ShownMesh;
+
+using Found = std::vector<std::tuple<std::uint32_t, std::uint32_t, double, std::array<double, 6>>>;
+
+std::array<double, 6> flat(const Vec3d& point, const Vec3d& normal) {
+  return {point[0], point[1], point[2], normal[0], normal[1], normal[2]};
+}
+
+/// Coordinates alone tell them apart, without any rounding.
+bool boxes_apart(const Triangle3d& a, const Triangle3d& b) {
+  for (int axis = 0; axis < 3; ++axis) {
+    const auto [a_low, a_high] = std::minmax({a[0][axis], a[1][axis], a[2][axis]});
+    const auto [b_low, b_high] = std::minmax({b[0][axis], b[1][axis], b[2][axis]});
+    if (a_high < b_low || b_high < a_low) return true;
+  }
+  return false;
+}
+
+Found all_pairs(const Shown& shown, const PlacedProbe& probe, std::uint32_t triangles) {
+  std::vector<Triangle3d> tool;
+  for (std::uint32_t t = 0; t < triangles; ++t) tool.push_back(probe.triangle(t));
+  Found found;
+  for (const std::uint32_t row : shown.tree().shown()) {
+    const Triangle3d face = shown.triangle(row);
+    for (std::uint32_t t = 0; t < triangles; ++t) {
+      PairContact contact;
+      if (!boxes_apart(face, tool[t]) && meet(face, tool[t], contact))
+        found.emplace_back(shown.tree().row(row).face, t, contact.depth, flat(contact.point, contact.normal));
+    }
+  }
+  std::sort(found.begin(), found.end());
+  return found;
+}
+
+Found by_query(const Shown& shown, PlacedProbe& probe) {
+  std::vector<MeshContact> contacts(1u << 16);
+  const MeshTouch touch = probe.touching(shown.tree(), contacts.data(), static_cast<std::uint32_t>(contacts.size()));
+  EXPECT_TRUE(touch.complete);
+  EXPECT_LE(touch.contacts, contacts.size());
+  contacts.resize(touch.contacts);
+  Found found;
+  for (const MeshContact& c : contacts) {
+    EXPECT_EQ(c.last, index(c.face) % 2 == 1);
+    EXPECT_EQ(shown.tree().row(c.row).face, index(c.face));
+    found.emplace_back(index(c.face), c.triangle, c.depth, flat(c.point, c.normal));
+  }
+  std::sort(found.begin(), found.end());
+  return found;
+}
+
+MeshProbe probe_of(const TriangleMesh& mesh) { return MeshProbe{mesh.positions, mesh.faces}; }
+
+struct Extent {
+  Vec3d low = Vec3d::Constant(1e300), high = Vec3d::Constant(-1e300);
+  [[nodiscard]] double size() const { return (high - low).norm(); }
+};
+
+Extent extent(const TriangleMesh& mesh) {
+  Extent e;
+  for (const auto& p : mesh.positions) {
+    e.low = e.low.cwiseMin(Vec3d{p[0], p[1], p[2]});
+    e.high = e.high.cwiseMax(Vec3d{p[0], p[1], p[2]});
+  }
+  return e;
+}
+
+TriangleMesh scaled(TriangleMesh mesh, double by) {
+  for (auto& p : mesh.positions)
+    for (float& x : p) x = static_cast<float>(x * by);
+  return mesh;
+}
+
+/// Anywhere near a random vertex, at any slant.
+Eigen::Isometry3d random_pose(std::mt19937_64& random, const TriangleMesh& mesh, double spread) {
+  std::normal_distribution<double> normal;
+  const auto& p = mesh.positions[random() % mesh.positions.size()];
+  Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
+  pose.linear() = Eigen::Quaterniond{normal(random), normal(random), normal(random), normal(random)}
+                      .normalized()
+                      .toRotationMatrix();
+  pose.translation() = Vec3d{p[0], p[1], p[2]} + spread * Vec3d{normal(random), normal(random), normal(random)};
+  return pose;
+}
+
+TriangleMesh finite_and_real(TriangleMesh mesh) {
+  const auto bad = [&](const offline::Triangle& f) {
+    return std::any_of(f.begin(), f.end(), [&](std::uint32_t v) {
+      return v >= mesh.positions.size() ||
+             !std::all_of(mesh.positions[v].begin(), mesh.positions[v].end(), [](float x) { return std::isfinite(x); });
+    });
+  };
+  mesh.faces.erase(std::remove_if(mesh.faces.begin(), mesh.faces.end(), bad), mesh.faces.end());
+  for (auto& p : mesh.positions)
+    for (float& x : p)
+      if (!std::isfinite(x)) x = 0;
+  return mesh;
+}
+
+TEST(MeshProbe, FindsWhatAllPairsFindOnTheZooInRandomPosesAndInPlace) {
+  std::mt19937_64 random{1};
+  std::size_t contacts = 0;
+  for (const test_support::ZooMesh& zoo : test_support::mesh_zoo()) {
+    const TriangleMesh mesh = finite_and_real(zoo.mesh);
+    if (mesh.faces.empty()) continue;
+    const Shown shown{mesh};
+    const double size = extent(mesh).size();
+    if (!(size > 0)) continue;
+    for (const TriangleMesh& tool : {scaled(offline::stylus(), size / 0.05), mesh}) {
+      if (mesh.faces.size() * tool.faces.size() > 3'000'000) continue;
+      const MeshProbe probe = probe_of(tool);
+      PlacedProbe placed{probe};
+      for (int round = 0; round < 8; ++round) {
+        SCOPED_TRACE(zoo.name + ", round " + std::to_string(round));
+        // As it stands, a mesh lies on itself: every kind of touching at once.
+        if (round > 0) placed.place(random_pose(random, mesh, 0.1 * size));
+        const Found expected = all_pairs(shown, placed, probe.triangles());
+        ASSERT_EQ(by_query(shown, placed), expected);
+        contacts += expected.size();
+      }
+    }
+  }
+  EXPECT_GT(contacts, 10000u);
+}
+
+class MeshProbeOnOrgan : public ::testing::Test {
+ protected:
+  TriangleMesh organ_ = offline::generate(offline::Shape::kOrgan, 20000);
+  Shown shown_{organ_};
+  MeshProbe stylus_ = probe_of(offline::stylus());
+  PlacedProbe placed_{stylus_};
+  std::mt19937_64 random_{2};
+};
+
+TEST_F(MeshProbeOnOrgan, FindsWhatAllPairsFindInRandomPoses) {
+  std::size_t contacts = 0;
+  for (int round = 0; round < 12; ++round) {
+    placed_.place(random_pose(random_, organ_, 0.002));
+    const Found expected = all_pairs(shown_, placed_, stylus_.triangles());
+    ASSERT_EQ(by_query(shown_, placed_), expected) << "round " << round;
+    contacts += expected.size();
+  }
+  EXPECT_GT(contacts, 200u);
+}
+
+TEST_F(MeshProbeOnOrgan, FindsWhatAllPairsFindWhilePartsAreShownOnly) {
+  for (int round = 0; round < 6; ++round) {
+    const std::uint64_t salt = random_();
+    shown_.show([salt](std::uint32_t f) { return (f * 0x9e3779b97f4a7c15ull ^ salt) >> 13 & 1u; });
+    placed_.place(random_pose(random_, organ_, 0.002));
+    ASSERT_EQ(by_query(shown_, placed_), all_pairs(shown_, placed_, stylus_.triangles())) << "round " << round;
+  }
+}
+
+TEST_F(MeshProbeOnOrgan, GivesTheSameContactsInTheSameOrderForEveryInstructionSet) {
+  PlacedProbe base{stylus_, Simd::kBase}, avx2{stylus_, std::min(Simd::kAvx2, best_simd())};
+  std::vector<MeshContact> a(10000), b(10000), c(10000);
+  for (int round = 0; round < 200; ++round) {
+    const Eigen::Isometry3d pose = random_pose(random_, organ_, 0.002);
+    placed_.place(pose);
+    base.place(pose);
+    avx2.place(pose);
+    const MeshTouch found = placed_.touching(shown_.tree(), a.data(), 10000);
+    ASSERT_EQ(base.touching(shown_.tree(), b.data(), 10000).contacts, found.contacts);
+    ASSERT_EQ(avx2.touching(shown_.tree(), c.data(), 10000).contacts, found.contacts);
+    for (std::uint32_t i = 0; i < found.contacts; ++i)
+      for (const MeshContact* other : {&b[i], &c[i]}) {
+        ASSERT_EQ(a[i].face, other->face);
+        ASSERT_EQ(a[i].triangle, other->triangle);
+        ASSERT_EQ(a[i].point, other->point);
+        ASSERT_EQ(a[i].normal, other->normal);
+        ASSERT_EQ(a[i].depth, other->depth);
+      }
+  }
+}
+
+TEST_F(MeshProbeOnOrgan, KeepsToItsCapacityAndItsWorkAndSaysSo) {
+  std::vector<MeshContact> all(10000), some(10000);
+  MeshTouch whole;
+  while (whole.contacts < 20) {
+    placed_.place(random_pose(random_, organ_, 0.001));
+    whole = placed_.touching(shown_.tree(), all.data(), 10000);
+  }
+  some[5].triangle = 12345;
+  const MeshTouch truncated = placed_.touching(shown_.tree(), some.data(), 5);
+  EXPECT_EQ(truncated.contacts, whole.contacts);
+  EXPECT_TRUE(truncated.complete);
+  for (int i = 0; i < 5; ++i) EXPECT_EQ(some[i].triangle, all[i].triangle);
+  EXPECT_EQ(some[5].triangle, 12345u);
+
+  const MeshTouch cut = placed_.touching(shown_.tree(), some.data(), 10000, whole.work / 2);
+  EXPECT_FALSE(cut.complete);
+  EXPECT_LE(cut.work, whole.work / 2 + 64);
+  ASSERT_LE(cut.contacts, whole.contacts);
+  for (std::uint32_t i = 0; i < cut.contacts; ++i) EXPECT_EQ(some[i].triangle, all[i].triangle);
+}
+
+TEST(MeshProbe, RefusesWhatIsNoMesh) {
+  const std::vector<std::array<float, 3>> corners{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
+  const std::vector<std::array<std::uint32_t, 3>> none, beyond{{0, 1, 3}}, sound{{0, 1, 2}};
+  EXPECT_THROW((MeshProbe{corners, none}), std::invalid_argument);
+  EXPECT_THROW((MeshProbe{corners, beyond}), std::invalid_argument);
+  std::vector<std::array<float, 3>> infinite = corners;
+  infinite[1][0] = INFINITY;
+  EXPECT_THROW((MeshProbe{infinite, sound}), std::invalid_argument);
+  EXPECT_EQ((MeshProbe{corners, sound}).triangles(), 1u);
+}
+
+}  // namespace
+}  // namespace tactus::spm
