@@ -13,6 +13,7 @@
 #include "spm/offline/generate.hpp"
 #include "spm/offline/import.hpp"
 #include "spm/offline/model_file.hpp"
+#include "spm/offline/stage_times.hpp"
 #include "spm/offline/verify.hpp"
 #include "spm/offline/write_mesh.hpp"
 #include "tools/audit.hpp"
@@ -79,31 +80,47 @@ double radius_of(const Settings& settings, const spm::Model& model) {
   return settings.radius_mm * 1e-3 / model.summary.metres_per_unit;
 }
 
+std::string times_text(const StageTimes& times) {
+  char number[64];
+  std::snprintf(number, sizeof number, "%.2f s, at most %.0f MiB resident:", times.sum().seconds,
+                peak_resident_bytes() / (1 << 20));
+  std::string text = std::string{"built in "} + number;
+  for (const StageTimes::Stage& stage : times.stages()) {
+    std::snprintf(number, sizeof number, " %.2f", stage.seconds);
+    text += (&stage == &times.stages().front() ? " " : ", ") + stage.name + number;
+  }
+  return text + "\n";
+}
+
 void report_built(const Settings& settings, const BuiltModel& built, const Provenance& provenance,
-                  const ToolStreams& streams, double seconds) {
+                  const ToolStreams& streams, const StageTimes& times) {
   const spm::Model model = built.model();
   const Certificate certificate = certify(model, radius_of(settings, model));
   if (settings.json) {
     nlohmann::ordered_json json = info_json(model, provenance, certificate);
-    json["build_seconds"] = seconds;
+    json["build_seconds"] = times.sum().seconds;
+    for (const StageTimes::Stage& stage : times.stages()) json["stage_seconds"][stage.name] = stage.seconds;
+    json["peak_resident_bytes"] = peak_resident_bytes();
     streams.out << json.dump(2) << "\n";
   } else {
-    char time[32];
-    std::snprintf(time, sizeof time, "%.2f s", seconds);
-    streams.out << info_text(model, provenance, certificate) << "built in " << time << "\n";
+    streams.out << info_text(model, provenance, certificate) << times_text(times);
   }
 }
 
 /// Writes what `make` builds, given a progress callback; reports what went into the file.
 template <class Make>
 int build_into_file(const Settings& settings, const std::string& source, const ToolStreams& streams, Make make) {
-  const auto start = std::chrono::steady_clock::now();
+  StageTimes times;
   ProgressBar bar{streams};
-  const BuiltModel built = make([&bar](std::string_view stage, double done) { bar.show(stage, done); });
+  const BuiltModel built = make([&](std::string_view stage, double done) {
+    times.begin(stage);
+    bar.show(stage, done);
+  });
   const Provenance provenance{source, built.cleaned};
+  times.begin("write");
   write_model(settings.out, built.model(), provenance);
-  const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - start;
-  report_built(settings, built, provenance, streams, seconds.count());
+  times.end();
+  report_built(settings, built, provenance, streams, times);
   return kDone;
 }
 

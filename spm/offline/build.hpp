@@ -24,7 +24,8 @@ struct BuildOptions {
   unsigned threads = 0;        ///< 0: all there are; the result is the same
 };
 
-/// Gets the stage and the share of it that is done, 0 to 1, now and then; in the thread that builds.
+/// Gets the stage and the share of it that is done, 0 to 1, as it begins and now and then; in the thread that builds.
+/// Stages are, in this order: read, clean, order, simplify, depend, number, divide, sum up.
 using Progress = std::function<void(std::string_view stage, double done)>;
 
 /// Owns what a Model borrows.

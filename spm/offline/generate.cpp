@@ -5,6 +5,7 @@
 #include <string>
 
 #include "spm/model.hpp"
+#include "spm/offline/parallel.hpp"
 
 namespace tactus::spm::offline {
 namespace {
@@ -105,6 +106,8 @@ UnitSphere unit_sphere(std::uint32_t faces) {
   UnitSphere sphere;
   const std::vector<std::uint32_t> counts = ring_counts((faces + 4) / 2 - 2);
   const auto rings = static_cast<std::uint32_t>(counts.size());
+  sphere.points.reserve(faces / 2 + 2);
+  sphere.faces.reserve(faces);
   sphere.points.emplace_back(0, 0, 1);
   std::uint32_t above = 0, above_count = 1;
   for (std::uint32_t i = 0; i < rings; ++i) {
@@ -152,13 +155,17 @@ TriangleMesh organ(std::uint32_t faces, std::uint64_t seed) {
   const Noise noise{seed};
   UnitSphere unit = unit_sphere(faces);
   TriangleMesh mesh;
-  mesh.positions.reserve(unit.points.size());
-  for (const Vec3d& p : unit.points) {
-    const double lobes = noise.octaves(1.3 * p + Vec3d::Constant(5), 2);
-    const double folds = noise.octaves(6 * p + Vec3d::Constant(31), 4);
-    const double radius = 0.045 * (1 + 0.22 * lobes + 0.035 * folds);
-    mesh.positions.push_back(rounded(radius * p.cwiseProduct(Vec3d{1.15, 0.9, 0.8})));
-  }
+  mesh.positions.resize(unit.points.size());
+  constexpr std::size_t kGrain = 1 << 14;
+  parallel_ranges(unit.points.size(), kGrain, 0, [&](std::size_t first, std::size_t last) {
+    for (std::size_t i = first; i < last; ++i) {
+      const Vec3d& p = unit.points[i];
+      const double lobes = noise.octaves(1.3 * p + Vec3d::Constant(5), 2);
+      const double folds = noise.octaves(6 * p + Vec3d::Constant(31), 4);
+      const double radius = 0.045 * (1 + 0.22 * lobes + 0.035 * folds);
+      mesh.positions[i] = rounded(radius * p.cwiseProduct(Vec3d{1.15, 0.9, 0.8}));
+    }
+  });
   mesh.faces = std::move(unit.faces);
   return mesh;
 }
