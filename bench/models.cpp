@@ -1,5 +1,8 @@
 #include "bench/models.hpp"
 
+#include <algorithm>
+#include <cmath>
+
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
 #include "spm/offline/import.hpp"
@@ -33,6 +36,24 @@ LoadedModel load_model(const std::string& path, std::uint32_t faces) {
   }
   loaded.finest = finest_faces(loaded.model);
   return loaded;
+}
+
+void scale_to_edge(LoadedModel& subject, double metres) {
+  double sum = 0;
+  for (const std::array<std::uint32_t, 3>& face : subject.finest)
+    for (std::size_t corner = 0; corner < 3; ++corner) {
+      const auto& a = subject.model.positions[face[corner]];
+      const auto& b = subject.model.positions[face[(corner + 1) % 3]];
+      sum += std::hypot(double{a[0]} - b[0], double{a[1]} - b[1], double{a[2]} - b[2]);
+    }
+  subject.model.summary.metres_per_unit = metres * 3 * static_cast<double>(subject.finest.size()) / sum;
+}
+
+double longest_side(const spm::ModelSummary& summary) {
+  double longest = 0;
+  for (std::size_t axis = 0; axis < 3; ++axis)
+    longest = std::max(longest, double{summary.bounds_max[axis]} - summary.bounds_min[axis]);
+  return longest * summary.metres_per_unit;
 }
 
 }  // namespace tactus::bench

@@ -23,4 +23,11 @@ struct LoadedModel {
 /// its own becomes 0.1 m long. Throws ModelError.
 [[nodiscard]] LoadedModel load_model(const std::string& path, std::uint32_t faces);
 
+/// The dragon's mean edge when it is 10 cm long; finer is below what a hand resolves.
+constexpr double kHandEdge = 0.0002;  ///< m
+/// Gives the model the size at which the mean edge of its finest mesh is `metres`.
+void scale_to_edge(LoadedModel& subject, double metres);
+/// Longest side of the bounds, m.
+[[nodiscard]] double longest_side(const spm::ModelSummary& summary);
+
 }  // namespace tactus::bench

@@ -1,0 +1,86 @@
+#include "bench/controller.hpp"
+
+#include <algorithm>
+#include <stdexcept>
+#include <string>
+
+namespace tactus::bench {
+
+std::uint32_t slots_for(const spm::ModelSummary& summary, double share, std::uint32_t least) {
+  const std::uint32_t base = std::max(summary.base_vertices, (summary.base_faces + 1) / 2);
+  return base + std::max(static_cast<std::uint32_t>(share * summary.parts), least);
+}
+
+spm::Cache::Admitted Controller::admit(spm::Cache& cache, const spm::BaseMesh& base) {
+  spm::Cache::Admitted admitted = cache.admit(base);
+  if (!admitted.fits)
+    throw std::runtime_error("a base mesh of " + std::to_string(base.positions.size()) +
+                             " vertices does not fit a pool of " + std::to_string(cache.slots_free()) + " slots");
+  return admitted;
+}
+
+Controller::Controller(const spm::Model& model, spm::PoolSettings settings)
+    : model_{model},
+      pool_{settings},
+      nodes_{settings.tree_nodes},
+      cache_{pool_},
+      admitted_{admit(cache_, spm::base_mesh_of(model))},
+      forest_{pool_,
+              nodes_,
+              index(admitted_.object),
+              model.summary,
+              spm::RegionGrid{model.summary.grid, model.regions},
+              std::move(admitted_.base)},
+      listed_(model.summary.records, 0) {
+  spm::Budget start{~0u};
+  if (forest_.advance(start) != spm::Advance::kDone)
+    throw std::runtime_error("a base mesh of " + std::to_string(model.summary.base_faces) + " faces does not fit " +
+                             std::to_string(settings.tree_nodes) + " tree nodes");
+  forest_.refit();
+}
+
+spm::RegionData Controller::message(spm::RegionId region, bool whole) const {
+  spm::RegionData data;
+  data.region = region;
+  const spm::Span<const spm::Run> runs = model_.runs_of(region);
+  data.list.assign(runs.begin(), runs.end());
+  for (const spm::Run& run : runs)
+    for (std::uint32_t record = run.first; record < run.first + run.count; ++record) {
+      if (!whole && listed_[record] > 0) continue;
+      if (!data.sent.empty() && data.sent.back().first + data.sent.back().count == record)
+        ++data.sent.back().count;
+      else
+        data.sent.push_back({record, 1});
+      data.positions.push_back(model_.positions[index(model_.vertex_of(spm::RecordId{record}))]);
+      for (std::uint32_t part = record; part != spm::kNone; part = model_.parts[part].next) {
+        data.parts.push_back(model_.parts[part]);
+        if (data.parts.back().next != spm::kNone)
+          data.parts.back().next = static_cast<std::uint32_t>(data.parts.size());
+      }
+    }
+  return data;
+}
+
+spm::AcceptResult Controller::load(const spm::RegionData& data) {
+  spm::RegionList list;
+  const spm::AcceptResult result = cache_.accept(admitted_.object, data, list);
+  if (result != spm::AcceptResult::kAccepted) return result;
+  forest_.add(data.region, list);
+  for (const spm::Run& run : data.list)
+    for (std::uint32_t record = run.first; record < run.first + run.count; ++record)
+      if (listed_[record]++ == 0) ++records_held_;
+  return result;
+}
+
+std::uint32_t Controller::release_retired() {
+  std::uint32_t released = 0;
+  for (std::uint32_t region; (region = forest_.take_retired()) != spm::kNone; ++released) {
+    cache_.release(admitted_.object, spm::RegionId{region});
+    for (const spm::Run& run : model_.runs_of(spm::RegionId{region}))
+      for (std::uint32_t record = run.first; record < run.first + run.count; ++record)
+        if (--listed_[record] == 0) --records_held_;
+  }
+  return released;
+}
+
+}  // namespace tactus::bench
