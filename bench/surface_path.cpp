@@ -168,9 +168,9 @@ class Walker {
 
 }  // namespace
 
-std::vector<Vec3d> surface_path(Span<const std::array<float, 3>> vertices,
-                                Span<const std::array<std::uint32_t, 3>> faces, const PathSettings& settings,
-                                const std::function<double(const Vec3d&)>& distance) {
+std::vector<SurfacePose> surface_poses(Span<const std::array<float, 3>> vertices,
+                                       Span<const std::array<std::uint32_t, 3>> faces, const PathSettings& settings,
+                                       const std::function<double(const Vec3d&)>& distance) {
   constexpr double kTurnEvery = 5;  // radii; the path's curvature changes that often
   Walker walker{vertices, faces, settings.seed};
   std::mt19937_64 rng{settings.seed + 1};
@@ -191,10 +191,10 @@ std::vector<Vec3d> surface_path(Span<const std::array<float, 3>> vertices,
     return centre;
   };
 
-  std::vector<Vec3d> path;
+  std::vector<SurfacePose> path;
   path.reserve(settings.poses);
   Vec3d from = centre_here();
-  path.push_back(from);
+  path.push_back({from, normal});
   double carry = 0;  // length since the last pose
   double bend = 0;
   for (std::uint64_t i = 0; path.size() < settings.poses; ++i) {
@@ -205,12 +205,20 @@ std::vector<Vec3d> surface_path(Span<const std::array<float, 3>> vertices,
     const double length = (to - from).norm();
     double at = settings.step - carry;
     for (; at <= length && path.size() < settings.poses; at += settings.step) {
-      path.push_back(from + (to - from) * (at / length));
+      path.push_back({from + (to - from) * (at / length), normal});
     }
     carry = length - (at - settings.step);
     from = to;
   }
   return path;
+}
+
+std::vector<Vec3d> surface_path(Span<const std::array<float, 3>> vertices,
+                                Span<const std::array<std::uint32_t, 3>> faces, const PathSettings& settings,
+                                const std::function<double(const Vec3d&)>& distance) {
+  std::vector<Vec3d> centres;
+  for (const SurfacePose& pose : surface_poses(vertices, faces, settings, distance)) centres.push_back(pose.centre);
+  return centres;
 }
 
 }  // namespace tactus::bench

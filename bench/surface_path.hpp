@@ -24,8 +24,18 @@ struct PathSettings {
   std::uint64_t seed = 1;
 };
 
+struct SurfacePose {
+  spm::Vec3d centre;
+  spm::Vec3d normal;  ///< unit, of the surface, smoothed over the ball's size along the path: it lags a little
+};
+
 /// `distance` gives the distance to the mesh. Allocates. Throws std::runtime_error when the walk gets stuck in
 /// a needle too thin to be left.
+[[nodiscard]] std::vector<SurfacePose> surface_poses(spm::Span<const std::array<float, 3>> vertices,
+                                                     spm::Span<const std::array<std::uint32_t, 3>> faces,
+                                                     const PathSettings& settings,
+                                                     const std::function<double(const spm::Vec3d&)>& distance);
+/// The centres alone.
 [[nodiscard]] std::vector<spm::Vec3d> surface_path(spm::Span<const std::array<float, 3>> vertices,
                                                    spm::Span<const std::array<std::uint32_t, 3>> faces,
                                                    const PathSettings& settings,
