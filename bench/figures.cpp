@@ -104,6 +104,8 @@ void Report::print() const {
     std::printf("%-34s %-22s %.6g %s\n", f.name.c_str(), f.population.c_str(), f.value, f.unit.c_str());
   }
   if (!figures_.empty()) std::printf("\n");
+  for (const std::string& note : notes_) std::printf("%s\n", note.c_str());
+  if (!notes_.empty()) std::printf("\n");
   for (const Bound& b : bounds_) {
     std::printf("%-5s %s, %s: %.6g %s, bound %s %.6g\n", b.holds() ? "holds" : "SHORT", b.what.c_str(),
                 b.population.c_str(), b.value, b.unit.c_str(), b.upper ? "<=" : ">=", b.limit);
@@ -133,6 +135,7 @@ void Report::write(const std::string& json) const {
   for (const Figure& f : figures_) {
     out["figures"].push_back({{"name", f.name}, {"population", f.population}, {"unit", f.unit}, {"value", f.value}});
   }
+  out["notes"] = notes_;
   out["bounds"] = nlohmann::ordered_json::array();
   for (const Bound& b : bounds_) {
     out["bounds"].push_back({{"what", b.what},

@@ -47,6 +47,8 @@ class Report {
   void row(const std::string& name, const std::string& population, const std::string& unit, const Samples& samples);
   /// A single number.
   void figure(const std::string& name, const std::string& population, const std::string& unit, double value);
+  /// A line of plain text, before the bounds.
+  void note(std::string text) { notes_.push_back(std::move(text)); }
   /// A figure that has to be `limit` at most, or at least.
   void at_most(const std::string& what, const std::string& population, const std::string& unit, double value,
                double limit);
@@ -80,6 +82,7 @@ class Report {
   Subject subject_;
   std::vector<Row> rows_;
   std::vector<Figure> figures_;
+  std::vector<std::string> notes_;
   std::vector<Bound> bounds_;
 };
 
