@@ -121,6 +121,8 @@ void HapticThread::run() {
     const ProbeReports reports{now_ns, ++cycles, result.probes};
     sender_reports_.post(reports);
     service_reports_.post(reports);
+    for (const TouchObject* object : cycle_.objects()) hashes_[object->index] = object->forest->mesh_hash();
+    mesh_hashes_.post(hashes_);
     const std::uint64_t one = 1;
     (void)!write(event_, &one, sizeof one);
 

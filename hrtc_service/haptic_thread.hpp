@@ -39,6 +39,9 @@ struct ProbeReports {
   std::array<ProbeOutput, kMaxProbes> probes;
 };
 
+/// Forest::mesh_hash of the mesh shown of each object, by object index; 0 where there is none.
+using MeshHashes = std::array<std::uint64_t, kMaxObjects>;
+
 /// One cycle in numbers; ns.
 struct CycleTrace {
   CycleCosts costs;
@@ -88,6 +91,7 @@ class HapticThread {
   [[nodiscard]] DepartureRing& departures() noexcept { return departures_; }
   [[nodiscard]] haptics::Mailbox<ProbeReports>& reports_for_sender() noexcept { return sender_reports_; }
   [[nodiscard]] haptics::Mailbox<ProbeReports>& reports_for_service() noexcept { return service_reports_; }
+  [[nodiscard]] haptics::Mailbox<MeshHashes>& mesh_hashes() noexcept { return mesh_hashes_; }
   [[nodiscard]] TraceRing& traces() noexcept { return traces_; }
   [[nodiscard]] Cycle::LogRing& log() noexcept { return log_; }
   /// Readable (poll) after each cycle; reading it clears it.
@@ -116,6 +120,7 @@ class HapticThread {
   haptics::Mailbox<HapticCommands> commands_;
   haptics::Mailbox<std::array<std::uint64_t, kMaxProbes>> near_;
   haptics::Mailbox<ProbeReports> sender_reports_, service_reports_;
+  haptics::Mailbox<MeshHashes> mesh_hashes_;
   ArrivalRing arrivals_;
   DepartureRing departures_;
   TraceRing traces_;
@@ -135,6 +140,7 @@ class HapticThread {
   std::array<haptics::DeviceFrame, kMaxProbes> frames_;
   std::array<ProbeInput, kMaxProbes> inputs_;
   std::array<Arrival, 64> arrived_;
+  MeshHashes hashes_{};
 };
 
 }  // namespace tactus::hrtc_service

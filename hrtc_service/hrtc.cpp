@@ -147,6 +147,8 @@ struct Hrtc::Impl {
   bool ended = false;
   int exit_code = 0;
   ProbeReports reports;
+  std::uint64_t first_cycle = 0;  // seen; 0: none yet
+  std::int64_t first_cycle_ns = 0;
   std::array<ProbeSight, kMaxProbes> sights;
   std::int64_t contact_since_ns = 0, snapshot_asked_ns = 0;
   int snapshots_taken = 0;
@@ -199,8 +201,9 @@ Hrtc::Impl::Impl(HrtcOptions given)
   loader.on_event = [](const std::string& text) { spdlog::info("{}", text); };
   seat_replays();
   // Last of what may be refused, so that nothing is left behind.
-  if (!options.snapshot.empty()) std::filesystem::create_directories(options.snapshot);
+  if (!options.snapshot.empty()) expect_snapshot_directory(options.snapshot);
   if (!options.log.empty()) log = std::make_unique<trace::ContactLogWriter>(options.log);
+  if (!options.snapshot.empty()) std::filesystem::create_directories(options.snapshot);
   listen(wire::topics::kRoster);
   listen(wire::topics::kCatalogue);
   listen(wire::topics::kClock);
@@ -393,6 +396,9 @@ void Hrtc::Impl::send_metrics(bool all) {
     sample.figures.push_back({names::kTimerP99, timer_samples.percentile_us(0.99)});
     sample.figures.push_back({names::kTimerMax, timer_samples.percentile_us(1)});
   }
+  if (reports.cycle > first_cycle)
+    sample.figures.push_back({names::kRate, static_cast<double>(reports.cycle - first_cycle) * 1e9 /
+                                                static_cast<double>(reports.time_ns - first_cycle_ns)});
   const LoaderFigures figures = loader.figures();
   const spm::CacheCounters& cache = loader.cache_counters();
   const auto& delivery = loader.delivery_counters();
@@ -412,6 +418,9 @@ void Hrtc::Impl::send_metrics(bool all) {
       {names::kHostChanges, static_cast<double>(delivery.host_changes)},
       {names::kRemoteProbes, static_cast<double>(remote_probes.size())}};
   for (const auto& [name, value] : counts) sample.figures.push_back({name, value});
+  static_assert(kMaxObjects <= session::kMaxMeshes);
+  const MeshHashes& hashes = haptic.mesh_hashes().latest();
+  for (const Loader::ObjectInfo& object : loader.objects()) sample.meshes.push_back({object.id, hashes[object.index]});
   (void)metrics_out.send(sample);
 }
 
@@ -523,12 +532,17 @@ void Hrtc::Impl::snapshot(std::int64_t now_ns, const ProbeReports& latest) {
 
 void Hrtc::Impl::serve(std::int64_t now_ns) {
   for (const session::RosterEvent& event : roster.tick(now_ns)) on_event(event);
-  if (haptic.reports_for_service().take(reports))
+  if (haptic.reports_for_service().take(reports)) {
+    if (first_cycle == 0) {
+      first_cycle = reports.cycle;
+      first_cycle_ns = reports.time_ns;
+    }
     for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
       const ProbeOutput& probe = reports.probes[i];
       sights[i] = {probe.active, (probe.status & session::kInContact) != 0, reports.time_ns, vec(probe.device),
                    vec(probe.proxy)};
     }
+  }
   std::array<std::uint64_t, kMaxProbes> near;
   loader.tick(now_ns, sights, near);
   haptic.near().post(near);

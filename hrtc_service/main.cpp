@@ -16,7 +16,7 @@ Examples:
   tactus-hrtc --session lab --name desk2 --pool 30000 --log desk2.log --snapshot shots
   tactus-hrtc --session lab --name desk3 --replay alice=poses.csv
 
-Exit status: 0 ended by the session or a signal, 1 given up or output lost, 2 wrong input.)";
+Exit status: 0 ended by the session or a signal, 1 given up or output lost, 2 wrong input or a name that is taken.)";
 
 /// "user=file"
 tactus::hrtc_service::ReplayUser parse_replay(const std::string& text) {

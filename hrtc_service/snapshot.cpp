@@ -1,8 +1,13 @@
 #include "hrtc_service/snapshot.hpp"
 
+#include <unistd.h>
+
 #include <algorithm>
+#include <cerrno>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
+#include <cstring>
 #include <fstream>
 #include <stdexcept>
 
@@ -20,6 +25,23 @@ bool meets(const spm::RegionGrid& grid, const std::vector<std::uint32_t>& region
 }
 
 }  // namespace
+
+void expect_snapshot_directory(const std::filesystem::path& directory) {
+  const auto refuse = [&](const std::string& found) {
+    throw std::runtime_error("snapshot directory " + directory.string() + ": " + found +
+                             ", expected a directory to write into or a place to make one");
+  };
+  std::error_code ignored;
+  std::filesystem::path there = std::filesystem::absolute(directory);
+  while (!std::filesystem::exists(there, ignored) && there.has_relative_path()) there = there.parent_path();
+  if (!std::filesystem::is_directory(there, ignored)) refuse("found " + there.string() + ", which is no directory");
+  std::string probe =
+      (there / ".tactus-XXXXXX").string();  // rights alone do not tell: the file system may be read-only
+  const int file = ::mkstemp(probe.data());
+  if (file < 0) refuse("found that " + there.string() + " cannot be written into (" + std::strerror(errno) + ")");
+  ::close(file);
+  ::unlink(probe.c_str());
+}
 
 void write_snapshot(const std::filesystem::path& file, const std::vector<SnapshotFace>& faces,
                     const spm::RegionGrid& grid, const std::vector<std::uint32_t>& contact_regions,

@@ -10,6 +10,10 @@
 
 namespace tactus::hrtc_service {
 
+/// Leaves nothing. Throws std::runtime_error with what was found and what was expected when `directory` neither is nor
+/// can be made a directory into which files can be written.
+void expect_snapshot_directory(const std::filesystem::path& directory);
+
 /// Colours: red where a tip is (contact regions), yellow where one is expected (predicted regions), green elsewhere at
 /// full resolution, grey where coarse, the darker the larger the face. Model frame, file units. Written atomically;
 /// throws std::runtime_error naming the file when it cannot be.

@@ -15,6 +15,7 @@ inline constexpr char kHostControllers[] = "host.controllers";
 
 // An HRTC: cycles.
 inline constexpr char kCycles[] = "hrtc.cycles";
+inline constexpr char kRate[] = "hrtc.rate_hz";  ///< achieved, since the start
 inline constexpr char kLateOurs[] = "hrtc.late_ours";
 inline constexpr char kLateStolen[] = "hrtc.late_stolen";
 inline constexpr char kSkipped[] = "hrtc.skipped";

@@ -16,7 +16,7 @@
 namespace tactus::session {
 
 /// Raised when a change makes older programs misread newer samples.
-inline constexpr std::uint32_t kProtocolVersion = 1;
+inline constexpr std::uint32_t kProtocolVersion = 2;
 
 // Bounds, also stated in idl/tactus.idl; a test compares the two.
 inline constexpr std::size_t kMaxName = 63;
@@ -26,6 +26,7 @@ inline constexpr std::size_t kMaxHaveRuns = 1024;
 inline constexpr std::size_t kMaxWanted = 256;
 inline constexpr std::size_t kMaxPayload = 1200;  ///< a bulk sample fits one Ethernet frame
 inline constexpr std::size_t kMaxFigures = 128;
+inline constexpr std::size_t kMaxMeshes = 64;  ///< objects of one HRTC
 inline constexpr std::size_t kMaxWaypoints = 16;
 
 /// Stable 64-bit name of a name: XXH3-64 of its bytes. Keys on the wire are these; the roster carries the text.
@@ -233,10 +234,18 @@ struct Figure {
   double value = 0;
 };
 
+/// Which mesh an HRTC shows of an object: equal for equal sets of vertices split, however they were reached; 0 for the
+/// base mesh.
+struct MeshHash {
+  std::uint64_t object_id = 0;
+  std::uint64_t hash = 0;
+};
+
 /// Topic metrics, key origin.participant: 1-2 Hz.
 struct Metrics {
   Origin origin;
   std::vector<Figure> figures;
+  std::vector<MeshHash> meshes{};  ///< HRTC only: one for each object
 };
 
 enum class ControlKind : std::uint8_t { kStart = 0, kEnd = 1, kMode = 2, kEmergencyStop = 3, kReset = 4 };

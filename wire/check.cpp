@@ -111,6 +111,7 @@ const char* fault(const session::Metrics& m) noexcept {
     if (!is_name(figure.name)) return "figures.name: expected 1..63 bytes";
     if (!std::isfinite(figure.value)) return "figures.value: expected a finite number";
   }
+  if (m.meshes.size() > session::kMaxMeshes) return "meshes: expected at most 64";
   return nullptr;
 }
 

@@ -11,6 +11,7 @@ static_assert(idl::kMaxHaveRuns == session::kMaxHaveRuns);
 static_assert(idl::kMaxWanted == session::kMaxWanted);
 static_assert(idl::kMaxPayload == session::kMaxPayload);
 static_assert(idl::kMaxFigures == session::kMaxFigures);
+static_assert(idl::kMaxMeshes == session::kMaxMeshes);
 static_assert(idl::kMaxWaypoints == session::kMaxWaypoints);
 
 idl::PoseValue pose_to_idl(const session::Pose& from) {

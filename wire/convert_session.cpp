@@ -103,6 +103,11 @@ void to_idl(const session::Metrics& from, idl::Metrics& to) {
     to.figures()[i].name(from.figures[i].name);
     to.figures()[i].value(from.figures[i].value);
   }
+  to.meshes().resize(from.meshes.size());
+  for (std::size_t i = 0; i < from.meshes.size(); ++i) {
+    to.meshes()[i].object_id(from.meshes[i].object_id);
+    to.meshes()[i].hash(from.meshes[i].hash);
+  }
 }
 
 void from_idl(const idl::Metrics& from, session::Metrics& to) {
@@ -110,6 +115,10 @@ void from_idl(const idl::Metrics& from, session::Metrics& to) {
   to.figures.resize(from.figures().size());
   for (std::size_t i = 0; i < to.figures.size(); ++i) {
     to.figures[i] = {from.figures()[i].name().to_string(), from.figures()[i].value()};
+  }
+  to.meshes.resize(from.meshes().size());
+  for (std::size_t i = 0; i < to.meshes.size(); ++i) {
+    to.meshes[i] = {from.meshes()[i].object_id(), from.meshes()[i].hash()};
   }
 }
 

@@ -158,8 +158,18 @@ TEST_F(InputTest, OfTheControllerIsRefused) {
            {"no slot", "b"}},
           {{"--log", path("no/such.log")}, {"no/such.log"}},
           {{"--log", path("good.ply/a.log")}, {"good.ply/a.log"}},
-          {{"--snapshot", path("good.ply/shots")}, {"good.ply/shots"}},
-          {{"--snapshot", path("good.ply")}, {"good.ply"}},
+          {{"--snapshot", path("good.ply/shots/today")},
+           {"snapshot directory " + path("good.ply/shots/today") + ": found " + path("good.ply") +
+                ", which is no directory",
+            "expected a directory"}},
+          {{"--snapshot", path("good.ply")},
+           {"snapshot directory " + path("good.ply") + ": found " + path("good.ply") + ", which is no directory",
+            "expected a directory"}},
+          {{"--snapshot", "/proc/tactus/shots"},
+           {"snapshot directory /proc/tactus/shots: found that /proc cannot be written into (",
+            "expected a directory"}},
+          {{"--snapshot", path("new_shots"), "--log", path("no/such.log")}, {"no/such.log"}},
+          {{"--snapshot", path("good.ply"), "--log", path("new.log")}, {"good.ply"}},
       });
 }
 

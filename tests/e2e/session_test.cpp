@@ -44,6 +44,8 @@ void Observer::on_metrics(const session::Metrics& metrics) {
   const auto name = names_.find(metrics.origin.participant);
   if (name == names_.end()) return;
   ++seen_.metrics[name->second];
+  std::vector<session::MeshHash>& meshes = seen_.meshes[name->second];
+  meshes.insert(meshes.end(), metrics.meshes.begin(), metrics.meshes.end());
   for (const session::Figure& figure : metrics.figures) seen_.figures[name->second][figure.name] = figure.value;
 }
 

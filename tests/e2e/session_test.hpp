@@ -40,6 +40,7 @@ class Observer {
     std::map<std::string, session::RosterEntry> roster;            ///< newest by name
     std::map<std::string, std::map<std::string, double>> figures;  ///< by participant, then figure
     std::map<std::string, std::uint64_t> metrics;                  ///< samples by participant
+    std::map<std::string, std::vector<session::MeshHash>> meshes;  ///< all that a participant published, in order
     std::map<std::uint64_t, SeenStates> states;                    ///< by user id
 
     [[nodiscard]] bool is_here(const std::string& name) const;

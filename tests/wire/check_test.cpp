@@ -163,6 +163,7 @@ TEST(Check, NamesTheWrongFieldOfMetricsAndControl) {
   expect_fault(ses::Metrics{}, "figures", [](auto& m) { m.figures.assign(129, {"f", 0}); });
   expect_fault(ses::Metrics{}, "figures.name", [](auto& m) { m.figures = {{"", 0}}; });
   expect_fault(ses::Metrics{}, "figures.value", [](auto& m) { m.figures = {{"f", kNan}}; });
+  expect_fault(ses::Metrics{}, "meshes", [](auto& m) { m.meshes.assign(65, {1, 2}); });
   expect_fault(ses::Control{}, "kind", [](auto& c) { c.kind = static_cast<ses::ControlKind>(5); });
   expect_fault(ses::Control{}, "text", [](auto& c) { c.text.assign(256, 't'); });
 }

@@ -98,6 +98,7 @@ inline auto fields(const ses::Origin& o) { return std::tuple{o.session, o.partic
 inline auto fields(const ses::Pose& p) { return std::tuple{p.position, p.orientation}; }
 inline auto fields(const ses::UserSlot& u) { return std::tuple{u.user, u.slot}; }
 inline auto fields(const ses::Figure& f) { return std::tuple{f.name, f.value}; }
+inline auto fields(const ses::MeshHash& m) { return std::tuple{m.object_id, m.hash}; }
 inline auto fields(const ses::Waypoint& w) { return std::tuple{w.session_time_ns, w.position}; }
 inline auto fields(const ses::Wanted& w) { return std::tuple{w.region, w.contact_in_us}; }
 inline auto fields(const spm::Run& r) { return std::tuple{r.first, r.count}; }
@@ -125,7 +126,7 @@ inline auto fields(const ses::Demand& d) {
                     d.need_base,      fields(d.have), fields(d.wanted), d.stream_incarnation, d.received,
                     d.credit};
 }
-inline auto fields(const ses::Metrics& m) { return std::tuple{fields(m.origin), fields(m.figures)}; }
+inline auto fields(const ses::Metrics& m) { return std::tuple{fields(m.origin), fields(m.figures), fields(m.meshes)}; }
 inline auto fields(const ses::Control& c) { return std::tuple{fields(c.origin), c.sequence, c.kind, c.text}; }
 inline auto fields(const ses::BulkChunk& b) {
   return std::tuple{fields(b.origin), b.hrtc,   b.object_id, b.digest, b.sequence, b.epoch,

@@ -107,6 +107,7 @@ TEST_F(TwoPrograms, TheLargestSamplesArrive) {
   demand.wanted.assign(ses::kMaxWanted, {7, 8});
   auto metrics = full<ses::Metrics>(alpha_);
   metrics.figures.assign(ses::kMaxFigures, {name, 1.5});
+  metrics.meshes.assign(ses::kMaxMeshes, {~std::uint64_t{0}, ~std::uint64_t{0}});
   auto control = full<ses::Control>(alpha_);
   control.text.assign(ses::kMaxText, 't');
   auto intent = full<ses::Intent>(alpha_);

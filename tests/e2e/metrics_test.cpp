@@ -1,0 +1,53 @@
+/// What an HRTC says of itself on the metrics topic, against what it has logged.
+#include <algorithm>
+#include <set>
+
+#include "tests/e2e/session_test.hpp"
+#include "trace/contact_log.hpp"
+
+namespace tactus::e2e {
+namespace {
+
+using Seen = Observer::Seen;
+
+class MetricsTest : public SessionTest {};
+
+constexpr char kHold[] = R"(name: hold
+duration: 30
+users:
+  - name: ann
+    script: [{approach: {object: "#1", speed: 0.2}}, {hold: {seconds: 3, force: 1}}]
+)";
+
+TEST_F(MetricsTest, NameTheMeshThatIsShownOfEachObject) {
+  Observer observer{address("observer")};
+  Process museum{host("museum", models().sphere)};
+  Process desk{hrtc("desk", {"--log", path("desk.log")})};
+  ASSERT_TRUE(observer.until([](const Seen& seen) {
+    const auto desk_meshes = seen.meshes.find("desk");
+    return desk_meshes != seen.meshes.end() && !desk_meshes->second.empty();
+  })) << desk.output();
+  const session::MeshHash before = observer.seen().meshes.at("desk").back();
+  EXPECT_EQ(before.object_id, session::id_of("sphere"));
+  EXPECT_EQ(before.hash, 0u) << "nobody touches it: the base mesh";
+
+  Process users{sim(kHold)};
+  EXPECT_EQ(users.wait(40s), 0) << users.output();
+  EXPECT_TRUE(ends_with(0, desk));
+
+  std::set<std::uint64_t> shown{0};
+  std::uint64_t last = 0;
+  trace::ContactLogReader log{path("desk.log")};
+  for (auto entry = log.next(); entry != trace::ContactLogReader::Entry::kEnd; entry = log.next())
+    if (entry == trace::ContactLogReader::Entry::kQuery) shown.insert(last = log.query.mesh_hash);
+  ASSERT_NE(last, 0u);
+  const std::vector<session::MeshHash> published = observer.seen().meshes.at("desk");
+  for (const session::MeshHash& mesh : published) {
+    EXPECT_EQ(mesh.object_id, session::id_of("sphere"));
+    EXPECT_EQ(shown.count(mesh.hash), 1u) << mesh.hash;
+  }
+  EXPECT_EQ(published.back().hash, last) << "its last words are of its last cycle";
+}
+
+}  // namespace
+}  // namespace tactus::e2e
