@@ -17,7 +17,25 @@ Examples:
   tactus-sim --session lab --scenario my.yaml --json report.json
   tactus-sim --list
 
-Exit status: 0 the scenario ran, 1 it did not run to its end, 2 wrong input.)";
+my.yaml:
+  name: two fingers
+  duration: 20
+  users:
+    - name: ann
+      hrtc: desk1
+      script:
+        - approach: {object: organ, direction: [0, 0, 1], speed: 0.1, until_force: 0.5}
+        - follow: {speed: 0.05, force: 1, seconds: 8, pattern: circle}
+        - retreat: {}
+    - name: bob
+      hrtc: "#2"
+      repeat: true
+      script:
+        - tap: {object: "#1", count: 5, speed: 0.1, force: 1}
+        - wait: {seconds: 1}
+
+"#n" is the n-th there, by name. Patterns: circle, zigzag, around. Actions: approach, follow, tap, hold, retreat, wait.
+Exit status: 0 the scenario ran, 1 it did not run to its end, 2 wrong input or a name that is taken.)";
 
 [[noreturn]] void fail_to_write(const std::filesystem::path& file, const std::string& cause) {
   throw std::runtime_error("cannot write the report " + file.string() + ": " + cause);

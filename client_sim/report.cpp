@@ -34,12 +34,12 @@ std::string moment(double seconds) { return seconds < 0 ? "-" : line("%.2f", sec
 
 void write_users(const Report& report, std::string& out) {
   out +=
-      "\nUsers                 hrtc              touch s  exact touch s  contact s  exact %  mean N   max N  touches  "
-      "taps\n";
+      "\nUsers                 hrtc              1st touch s  1st exact s  contact s  exact %  mean N   max N  "
+      "touches  taps\n";
   for (const UserReport& user : report.users) {
     const TouchTally& touch = user.touch;
     out +=
-        line("  %-18s  %-16s  %7s  %13s  %9.2f  %7.2f  %6.2f  %6.2f  %7u  %4u\n", user.name.substr(0, 18).c_str(),
+        line("  %-18s  %-16s  %11s  %11s  %9.2f  %7.2f  %6.2f  %6.2f  %7u  %4u\n", user.name.substr(0, 18).c_str(),
              user.hrtc.substr(0, 16).c_str(), moment(touch.first_touch).c_str(), moment(touch.first_exact).c_str(),
              touch.contact, 100 * touch.exact_share(), touch.force_mean(), touch.force_max, touch.touches, user.taps);
     if (touch.states == 0) out += "    no probe state was received\n";
@@ -57,16 +57,21 @@ void write_hrtc(const ParticipantReport& hrtc, std::uint64_t records_total, std:
     out += "  sent no figures\n";
     return;
   }
-  out += line("  cycles %.0f, late: ours %.0f, stolen %.0f; skipped %.0f\n", value(figures::kCycles),
-              value(figures::kLateOurs), value(figures::kLateStolen), value(figures::kSkipped));
-  if (has(hrtc, figures::kTimerP50)) {
-    out += line("  wake-up us      p50 %.0f  p99 %.0f  max %.0f    bare timer  p50 %.0f  p99 %.0f  max %.0f\n",
-                value(figures::kWakeP50), value(figures::kWakeP99), value(figures::kWakeMax), value(figures::kTimerP50),
-                value(figures::kTimerP99), value(figures::kTimerMax));
+  out += line("  cycles %.0f", value(figures::kCycles));
+  if (has(hrtc, figures::kRate)) out += line(" at %.1f Hz", value(figures::kRate));
+  out += line(", late: ours %.0f, stolen %.0f; skipped %.0f\n", value(figures::kLateOurs), value(figures::kLateStolen),
+              value(figures::kSkipped));
+  if (has(hrtc, figures::kWakeP50)) {
+    out += line("  woken late by us, p50 %.0f, p99 %.0f, max %.0f", value(figures::kWakeP50), value(figures::kWakeP99),
+                value(figures::kWakeMax));
+    if (has(hrtc, figures::kTimerP50))
+      out += line("; a bare timer beside it: p50 %.0f, p99 %.0f, max %.0f", value(figures::kTimerP50),
+                  value(figures::kTimerP99), value(figures::kTimerMax));
+    out += "\n";
   }
   constexpr std::pair<const char*, const char*> kTimes[] = {
       {figures::kRefineTime, "T_R refine"}, {figures::kRefitTime, "T_B refit"}, {figures::kQueryTime, "T_Q query"},
-      {figures::kLoadTime, "T_L load"},     {figures::kForceTime, "force"},     {figures::kCycleTime, "cycle's work"}};
+      {figures::kLoadTime, "T_L load"},     {figures::kForceTime, "T_F force"}, {figures::kCycleTime, "cycle's work"}};
   if (has(hrtc, std::string{figures::kCycleTime} + ".p50")) {
     out += "  us                   p50        p99      p99.9        max\n";
     for (const auto& [name, label] : kTimes) {
@@ -78,7 +83,7 @@ void write_hrtc(const ParticipantReport& hrtc, std::uint64_t records_total, std:
   const double contact = value(figures::kContactCycles);
   out += line("  contact cycles %.0f, exact %.2f %%\n", contact,
               contact > 0 ? 100 * value(figures::kExactCycles) / contact : 0.0);
-  out += line("  pool %.0f of %.0f (peak %.0f), evictions %.0f, reloads %.0f, refused for room %.0f\n",
+  out += line("  pool %.0f of %.0f slots (peak %.0f); regions evicted %.0f, reloaded %.0f, refused for room %.0f\n",
               value(figures::kPoolUsed), value(figures::kPoolLimit), value(figures::kPoolPeak),
               value(figures::kEvictions), value(figures::kReloads), value(figures::kRefusedFull));
   const double records = value(figures::kRecordsReceived);
@@ -196,7 +201,7 @@ std::string text(const Report& report) {
                 value_of(participant, figures::kHostRegions), value_of(participant, figures::kHostControllers));
   }
   write_topics(report, out);
-  if (!report.events.empty()) out += "\nEvents\n";
+  if (!report.events.empty()) out += "\nEvents, from the start\n";
   for (const ReportEvent& event : report.events) out += line("  %8.2f s  ", event.time) + event.text + "\n";
   return out;
 }

@@ -73,7 +73,7 @@ struct ParticipantReport {
 };
 
 struct ReportEvent {
-  double time;  ///< s since the start; negative before it
+  double time;  ///< s since the start, negative before it; of a session that never started, since the program's
   std::string text;
 };
 

@@ -168,7 +168,7 @@ Report Sim::run(const std::atomic<bool>& stop, const std::function<void(const st
     sim.send(sim.core.tick(now_ns, sim.clock.map().session_time(now_ns)));
     if (sim.core.trouble() != said && !sim.core.name_taken()) {
       said = sim.core.trouble();
-      if (!said.empty()) say(said);
+      if (!said.empty()) say(stopped || sim.core.finished() ? said : "waiting: " + said);
     }
   }
   sim.main.roster.wait_acknowledged(std::chrono::milliseconds{200});

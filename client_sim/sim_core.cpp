@@ -57,9 +57,7 @@ SimCore::SimCore(const Scenario& scenario, const SimSettings& settings)
 }
 
 void SimCore::note(const std::string& text) {
-  if (events_.size() < kMaxEvents)
-    events_.push_back(
-        {start_ns_ < 0 ? seconds(now_ns_ - std::max<std::int64_t>(began_ns_, 0)) : seconds(now_ns_ - start_ns_), text});
+  if (events_.size() < kMaxEvents) events_.emplace_back(now_ns_, text);
 }
 
 void SimCore::on_catalogue(const session::CatalogueEntry& entry) {
@@ -298,7 +296,8 @@ Report SimCore::report() const {
     report.participants.push_back({peer.name, peer.role, peer.stayed, peer.figures});
   std::sort(report.participants.begin(), report.participants.end(),
             [](const ParticipantReport& a, const ParticipantReport& b) { return a.name < b.name; });
-  report.events = events_;
+  const std::int64_t origin_ns = start_ns_ >= 0 ? start_ns_ : began_ns_;
+  for (const auto& [at_ns, text] : events_) report.events.push_back({seconds(at_ns - origin_ns), text});
   return report;
 }
 

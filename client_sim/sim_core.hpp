@@ -15,6 +15,7 @@
 #include <map>
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "client_sim/operator.hpp"
@@ -117,9 +118,9 @@ class SimCore {
   std::vector<Presence> presences_;
   std::vector<Seat> seats_;
   Objects objects_;
-  std::map<std::string, std::uint64_t> record_counts_;  // by object
-  std::map<std::uint64_t, Peer> peers_;                 // hosts and HRTCs ever seen, by participant
-  std::vector<ReportEvent> events_;
+  std::map<std::string, std::uint64_t> record_counts_;        // by object
+  std::map<std::uint64_t, Peer> peers_;                       // hosts and HRTCs ever seen, by participant
+  std::vector<std::pair<std::int64_t, std::string>> events_;  // by this program's clock
   std::uint32_t control_sequence_ = 0;
   std::int64_t now_ns_ = 0;
   std::int64_t began_ns_ = -1, heard_ns_ = -1, found_ns_ = -1;

@@ -13,9 +13,9 @@ namespace {
 
 constexpr char kExamples[] = R"(
 Examples:
-  tactus-host --session lab --name host-a --domain 40 organ.spm
-  tactus-host --session lab --name host-b --domain 40 --at 0.5 0 0 terrain.ply
-  tactus-host --session lab --name host-c --domain 40 --config lab.yaml
+  tactus-host --session lab --name host-a organ.spm
+  tactus-host --session lab --name host-b --at 0.5 0 0 terrain.ply
+  tactus-host --session lab --name host-c --config lab.yaml
 
 lab.yaml:
   objects:
@@ -27,7 +27,7 @@ lab.yaml:
       material: {stiffness: 800, damping: 2, static_friction: 0.3, dynamic_friction: 0.2}
 
 A model file that is no .spm is built first and kept by its content in the cache directory.
-Exit status: 0 ended by the session or a signal, 2 wrong input.)";
+Exit status: 0 ended by the session or a signal, 2 wrong input or a name that is taken.)";
 
 }  // namespace
 

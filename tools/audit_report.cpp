@@ -172,7 +172,7 @@ std::string object_text(const ObjectAudit& object) {
     text += "    and " + std::to_string(object.mismatched - object.mismatches.size()) + " more cycles\n";
   const SecondOpinions& second = object.second;
   text += row("disagreements with FCL", second.disagreed,
-              formatted(" in all %llu cycles audited; differences on %llu triangles within %g m of tangency are none",
+              formatted(", asked about %llu cycles; %llu triangles within %g m of tangency left out",
                         static_cast<unsigned long long>(second.asked), static_cast<unsigned long long>(second.tangent),
                         kTangent));
   for (const Disagreement& one : second.first) text += disagreement_text(one);

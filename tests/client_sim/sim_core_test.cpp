@@ -219,6 +219,29 @@ TEST(SimCore, StartsWhenAllAreServedActsAndEndsOnTime) {
   EXPECT_EQ(world.core.report().records_total, 2000u);
 }
 
+TEST(SimCore, DatesEventsFromTheStartOfTheSession) {
+  World world{kTwoUsers};
+  world.host("host");
+  world.object("a");
+  world.run(0.5);
+  world.hrtc("left", {"ann", "bob"});
+  world.run(1.2);  // counts around once it has settled
+  ASSERT_EQ(world.core.state(), SimState::kRunning);
+  world.run(0.2);
+  world.host("late host");
+  world.run(0.1);
+  const auto time_of = [&](const std::string& text) {
+    for (const ReportEvent& event : world.core.report().events)
+      if (event.text.find(text) != std::string::npos) return event.time;
+    return 1e9;
+  };
+  const double host = time_of("'host' joined"), hrtc = time_of("'left' joined");
+  EXPECT_LT(host, -0.5);
+  EXPECT_NEAR(hrtc - host, 0.5, 0.06);
+  EXPECT_LT(hrtc, 0);
+  EXPECT_GT(time_of("'late host' joined"), 0);
+}
+
 TEST(SimCore, EndsWithoutTheLastFiguresAfterAWhile) {
   World world{kTwoUsers};
   world.hrtc("left", {"ann", "bob"});
