@@ -437,7 +437,8 @@ TEST_F(Audit, AsksFclAboutEveryAuditedCycleAndItAgrees) {
   EXPECT_EQ(object["fcl"]["asked"], object["audited"]);
   EXPECT_EQ(object["fcl"]["disagreed"], 0);
   EXPECT_EQ(object["fcl"]["tolerance_m"], kTangent);
-  EXPECT_THAT(run({path("a.hlog"), path("organ.ply")}).out, HasSubstr("disagreements with FCL           0, asked about "));
+  EXPECT_THAT(run({path("a.hlog"), path("organ.ply")}).out,
+              HasSubstr("disagreements with FCL           0, asked about "));
 }
 
 TEST_F(Audit, FailsWhereFclDisagreesThoughTheLogIsTrue) {
