@@ -62,7 +62,7 @@ void write_hrtc(const ParticipantReport& hrtc, std::uint64_t records_total, std:
   out += line(", late: ours %.0f, stolen %.0f; skipped %.0f\n", value(figures::kLateOurs), value(figures::kLateStolen),
               value(figures::kSkipped));
   if (has(hrtc, figures::kWakeP50)) {
-    out += line("  woken late by us, p50 %.0f, p99 %.0f, max %.0f", value(figures::kWakeP50), value(figures::kWakeP99),
+    out += line("  late wake-up, us: p50 %.0f, p99 %.0f, max %.0f", value(figures::kWakeP50), value(figures::kWakeP99),
                 value(figures::kWakeMax));
     if (has(hrtc, figures::kTimerP50))
       out += line("; a bare timer beside it: p50 %.0f, p99 %.0f, max %.0f", value(figures::kTimerP50),
