@@ -18,10 +18,10 @@
 #include "bench/models.hpp"
 #include "bench/refined_run.hpp"
 #include "bench/stopwatch.hpp"
+#include "bench/stylus.hpp"
 #include "bench/surface_path.hpp"
 #include "spm/fcl/fixed_mesh.hpp"
 #include "spm/mesh_probe.hpp"
-#include "spm/offline/generate.hpp"
 #include "spm/triangle.hpp"
 
 namespace tactus::bench {
@@ -57,29 +57,19 @@ struct Bench {
   double radius;  // file units
   std::vector<SurfacePose> path;
   std::vector<Eigen::Isometry3d> poses;  // of the stylus
-  std::vector<std::array<float, 3>> stylus_vertices;
-  std::vector<std::array<std::uint32_t, 3>> stylus_faces;
+  spm::offline::TriangleMesh stylus;
 
   [[nodiscard]] RefinedRunSettings refined() const {
     return {radius, settings.speed / unit, settings.pool_share, settings.budget};
   }
 };
 
-double mean_edge(const LoadedModel& subject) {
-  double sum = 0;
-  for (const auto& face : subject.finest)
-    for (std::size_t i = 0; i < 3; ++i) {
-      const auto &a = subject.model.positions[face[i]], &b = subject.model.positions[face[(i + 1) % 3]];
-      sum += std::hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
-    }
-  return sum / (3.0 * static_cast<double>(subject.finest.size()));
-}
-
 Bench prepare(const Settings& settings) {
   std::fprintf(stderr, "making the model\n");
-  Bench bench{settings, load_model(settings.model, settings.faces), 0, 0, {}, {}, {}, {}};
+  Bench bench{settings, load_model(settings.model, settings.faces), 0, 0, {}, {}, {}};
   const LoadedModel& subject = bench.subject;
-  bench.unit = settings.edge > 0 ? settings.edge / mean_edge(subject) : subject.model.summary.metres_per_unit;
+  if (settings.edge > 0) scale_to_edge(bench.subject, settings.edge);
+  bench.unit = subject.model.summary.metres_per_unit;
   bench.radius = settings.radius / bench.unit;
   std::fprintf(stderr, "making the path\n");
   const spm::fcl::FixedMesh surface{subject.model.positions, subject.finest};
@@ -87,18 +77,8 @@ Bench prepare(const Settings& settings) {
                           static_cast<std::uint32_t>(settings.seconds / kPeriod), settings.seed};
   bench.path =
       surface_poses(subject.model.positions, subject.finest, path, [&](const Vec3d& p) { return surface.distance(p); });
-  for (const SurfacePose& pose : bench.path) {
-    Eigen::Isometry3d at = Eigen::Isometry3d::Identity();
-    at.linear() = Eigen::Quaterniond::FromTwoVectors(Vec3d::UnitZ(), pose.normal).toRotationMatrix();
-    at.translation() = pose.centre;
-    bench.poses.push_back(at);
-  }
-  const spm::offline::TriangleMesh stylus = spm::offline::stylus();
-  for (const std::array<float, 3>& p : stylus.positions) {
-    const auto in_units = [&](float metres) { return static_cast<float>(metres / bench.unit); };
-    bench.stylus_vertices.push_back({in_units(p[0]), in_units(p[1]), in_units(p[2])});
-  }
-  bench.stylus_faces = stylus.faces;
+  bench.poses = stylus_poses(bench.path);
+  bench.stylus = stylus_in(bench.unit);
   return bench;
 }
 
@@ -314,9 +294,9 @@ Stylus run_stylus(const Bench& bench, const EmbreeMesh& embree, std::size_t cold
   s.whole.resize(poses);
   s.expected.resize(poses);
   s.exact.resize(poses, false);
-  const spm::MeshProbe probe{bench.stylus_vertices, bench.stylus_faces};
+  const spm::MeshProbe probe{bench.stylus.positions, bench.stylus.faces};
   spm::PlacedProbe placed{probe};
-  EmbreeMesh::Probe embree_probe{embree, bench.stylus_vertices, bench.stylus_faces};
+  EmbreeMesh::Probe embree_probe{embree, bench.stylus.positions, bench.stylus.faces};
   const FinestTree finest{bench.subject.model.positions, bench.subject.finest};
   std::vector<spm::MeshContact> contacts(kContacts), theirs;
   theirs.reserve(kContacts);
@@ -398,7 +378,7 @@ int run(const Settings& settings) {
   std::snprintf(text, sizeof text,
                 "radius %g mm, stylus of %zu triangles, %g cm/s, %g mm deep, %g s, 1 unit = %g m, pool %g of the "
                 "model, budget %u, path seed %llu",
-                settings.radius * 1e3, bench.stylus_faces.size(), settings.speed * 1e2, settings.depth * 1e3,
+                settings.radius * 1e3, bench.stylus.faces.size(), settings.speed * 1e2, settings.depth * 1e3,
                 settings.seconds, bench.unit, settings.pool_share, settings.budget,
                 static_cast<unsigned long long>(settings.seed));
   Report report{{"query", bench.subject.name, summary.digest, summary.faces, text}};

@@ -3,6 +3,7 @@
 #include <fcl/geometry/bvh/BVH_model.h>
 #include <fcl/geometry/shape/sphere.h>
 #include <fcl/narrowphase/detail/gjk_solver_libccd.h>
+#include <fcl/narrowphase/detail/traversal/collision/mesh_collision_traversal_node.h>
 #include <fcl/narrowphase/detail/traversal/collision/mesh_shape_collision_traversal_node.h>
 #include <fcl/narrowphase/detail/traversal/collision_node.h>
 #include <fcl/narrowphase/detail/traversal/distance/mesh_shape_distance_traversal_node.h>
@@ -87,6 +88,21 @@ void FixedMesh::touching(const Vec3d& centre, double radius, std::vector<std::ui
   faces.reserve(result.numContacts());
   for (std::size_t i = 0; i < result.numContacts(); ++i) {
     faces.push_back(static_cast<std::uint32_t>(result.getContact(i).b1));
+  }
+}
+
+void FixedMesh::intersecting(const FixedMesh& other, std::vector<std::array<std::uint32_t, 2>>& pairs) const {
+  pairs.clear();
+  ::fcl::Transform3d here = ::fcl::Transform3d::Identity(), there = here;
+  ::fcl::CollisionRequestd request{std::numeric_limits<std::size_t>::max(), true};
+  ::fcl::CollisionResultd result;
+  ::fcl::detail::MeshCollisionTraversalNode<Box> node;
+  ::fcl::detail::initialize(node, tree_->model, here, other.tree_->model, there, request, result);
+  ::fcl::detail::collide<double>(&node);
+  pairs.reserve(result.numContacts());
+  for (std::size_t i = 0; i < result.numContacts(); ++i) {
+    const ::fcl::Contactd& contact = result.getContact(i);
+    pairs.push_back({static_cast<std::uint32_t>(contact.b1), static_cast<std::uint32_t>(contact.b2)});
   }
 }
 

@@ -31,6 +31,10 @@ class FixedMesh {
   /// as it is, since FCL's plain call copies the whole mesh for this kind of tree.
   void touching(const Vec3d& centre, double radius, std::vector<std::uint32_t>& faces) const;
 
+  /// Fills `pairs` with (triangle of this, triangle of `other`) that intersect, in FCL's order, both meshes as they
+  /// stand. FCL finds point, normal and depth of each on the way.
+  void intersecting(const FixedMesh& other, std::vector<std::array<std::uint32_t, 2>>& pairs) const;
+
   /// Distance from `point` to the nearest triangle; 0 on it. FCL squares before it compares: right to about 1e-8 of the
   /// mesh's extent.
   [[nodiscard]] double distance(const Vec3d& point) const;

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "spm/triangle.hpp"
+#include "spm/triangle_pair.hpp"
 
 namespace tactus::spm::fcl {
 namespace {
@@ -130,6 +131,32 @@ TEST(FixedMesh, RefusesNoFaceACornerThatIsNoVertexAndAnotherCount) {
   FixedMesh fixed{vertices, good};
   const std::vector<FixedMesh::Position> fewer{{0, 0, 0}, {1, 0, 0}};
   EXPECT_THROW(fixed.move(fewer), std::invalid_argument);
+}
+
+TEST(FixedMesh, FindsThePairsOfTrianglesThatMeet) {
+  std::mt19937 rng{kSeed};
+  const Mesh low = bumpy_square(12, rng);
+  Mesh high = bumpy_square(9, rng);
+  std::vector<std::array<std::uint32_t, 2>> expected, found;
+  for (std::uint32_t f = 0; f < low.faces.size(); ++f)
+    for (std::uint32_t g = 0; g < high.faces.size(); ++g) {
+      const auto triangle = [](const Mesh& mesh, std::uint32_t face) {
+        Triangle3d corners;
+        for (std::size_t i = 0; i < 3; ++i) {
+          const FixedMesh::Position& p = mesh.vertices[mesh.faces[face][i]];
+          corners[i] = {p[0], p[1], p[2]};
+        }
+        return corners;
+      };
+      PairContact contact;
+      if (meet(triangle(low, f), triangle(high, g), contact)) expected.push_back({f, g});
+    }
+  ASSERT_GT(expected.size(), 50u);
+
+  FixedMesh{low.vertices, low.faces}.intersecting(FixedMesh{high.vertices, high.faces}, found);
+
+  std::sort(found.begin(), found.end());
+  EXPECT_THAT(found, ElementsAreArray(expected));
 }
 
 }  // namespace

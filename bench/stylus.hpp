@@ -1,0 +1,32 @@
+/// The stylus as the benchmarks use it: in the model's unit, its shaft along the surface's lagging normal.
+#pragma once
+
+#include <Eigen/Geometry>
+#include <vector>
+
+#include "bench/surface_path.hpp"
+#include "spm/offline/generate.hpp"
+
+namespace tactus::bench {
+
+/// `unit` in metres.
+[[nodiscard]] inline spm::offline::TriangleMesh stylus_in(double unit) {
+  spm::offline::TriangleMesh mesh = spm::offline::stylus();
+  for (std::array<float, 3>& p : mesh.positions)
+    for (float& x : p) x = static_cast<float>(x / unit);
+  return mesh;
+}
+
+/// Tip on the path. Only the tip is kept out of the surface: the shaft may cut through the model elsewhere.
+[[nodiscard]] inline std::vector<Eigen::Isometry3d> stylus_poses(const std::vector<SurfacePose>& path) {
+  std::vector<Eigen::Isometry3d> poses;
+  for (const SurfacePose& pose : path) {
+    Eigen::Isometry3d at = Eigen::Isometry3d::Identity();
+    at.linear() = Eigen::Quaterniond::FromTwoVectors(spm::Vec3d::UnitZ(), pose.normal).toRotationMatrix();
+    at.translation() = pose.centre;
+    poses.push_back(at);
+  }
+  return poses;
+}
+
+}  // namespace tactus::bench
