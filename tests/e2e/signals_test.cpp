@@ -88,7 +88,7 @@ TEST_P(EverySignal, EndsAHostThatStillBuildsItsModelAndNothingIsHalfWritten) {
   ASSERT_EQ(make.wait(60s), 0) << make.output();
   for (const std::string stage : {"building", "simplify", "divide"}) {
     Process museum{host("museum", path("large.ply"))};
-    ASSERT_TRUE(museum.wait_for_line("large.ply: " + stage)) << museum.output();
+    ASSERT_TRUE(museum.wait_for_line("large.ply: " + stage, 60s)) << museum.output();
     museum.signal(GetParam());
     EXPECT_TRUE(ends_with(0, museum)) << stage;
     EXPECT_THAT(museum.output(), HasSubstr("asked to stop before all models were there")) << stage;
