@@ -12,8 +12,9 @@ namespace {
 /// One mapping of the file, which must have exactly the keys given.
 class Section {
  public:
-  Section(const std::filesystem::path& file, std::string name, YAML::Node node, std::initializer_list<const char*> keys)
-      : file_{file}, name_{std::move(name)}, node_{std::move(node)} {
+  Section(const std::filesystem::path& file, std::string name, const YAML::Node& node,
+          std::initializer_list<const char*> keys)
+      : file_{file}, name_{std::move(name)}, node_{node} {
     if (!node_.IsMap()) throw WireError(file_.string() + ": '" + name_ + "' is no mapping; expected one");
     for (const auto& entry : node_) {
       const auto key = entry.first.as<std::string>();

@@ -221,7 +221,7 @@ dds::Topic& Links::Impl::topic(const char* name, TrafficClass traffic, dds::Type
   const std::lock_guard<std::mutex> lock{topics_mutex};
   dds::DomainParticipant& in = participant(traffic);
   if (auto* known = dynamic_cast<dds::Topic*>(in.lookup_topicdescription(name))) return *known;
-  const std::string type_name = type.get_type_name();
+  const std::string& type_name = type.get_type_name();
   if (in.find_type(type_name).empty()) type.register_type(&in);
   dds::Topic* made = in.create_topic(name, type_name, dds::TOPIC_QOS_DEFAULT);
   if (made == nullptr) throw WireError(std::string{"topic "} + name + ": DDS refuses it with type " + type_name);

@@ -28,7 +28,6 @@ using test_support::write_bytes;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::Not;
-using trace::LoggedContact;
 using trace::LoggedObject;
 using trace::LoggedQuery;
 using trace::LoggedTotals;
