@@ -51,7 +51,7 @@ struct Run {
   Samples changed_refine, changed_refit, changed_query, changed_sum;  // cycles with changes
   std::vector<Found> found;                                           // by pose
   std::vector<std::uint32_t> faces;
-  std::uint64_t evictions = 0, splits = 0, collapses = 0;
+  std::uint64_t evictions = 0, splits = 0, collapses = 0, visits = 0;
   std::uint32_t settled = 0;  // cycles after the first regions had time to come
   std::uint32_t exact = 0;    // of these
   std::uint32_t truncated = 0;
@@ -99,6 +99,7 @@ Run run_cycles(const spm::Model& model, const Settings& settings, double unit, c
   }
   run.evictions = refined.evictions();
   run.splits = forest.counters().splits;
+  run.visits = forest.counters().visits;
   run.collapses = forest.counters().collapses;
   return run;
 }
@@ -195,6 +196,11 @@ int run(const Settings& settings) {
   report.row("FCL query, finest mesh", all, "us", theirs.finest_query);
   report.row("FCL query, base mesh", all, "us", theirs.base_query);
   report.row("FCL refit, finest mesh", "repeats", "us", theirs.finest_refit);
+  const double changes = static_cast<double>(ours.splits + ours.collapses);
+  const double cycles = static_cast<double>(path.size());
+  report.figure("refining, mean of a change", all, "ns", 1e3 * ours.refine.mean() * cycles / changes);
+  report.figure("refitting, mean of a change", all, "ns", 1e3 * ours.refit.mean() * cycles / changes);
+  report.figure("list entries visited", all, "", static_cast<double>(ours.visits));
   report.figure("splits", all, "", static_cast<double>(ours.splits));
   report.figure("collapses", all, "", static_cast<double>(ours.collapses));
   report.figure("regions evicted", all, "", static_cast<double>(ours.evictions));

@@ -1,6 +1,7 @@
 /// The whole finest mesh shown in an AB-tree: the same tree and queries as in a controller, without refinement.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <vector>
@@ -12,7 +13,7 @@ namespace tactus::bench {
 
 /// The corners of a shown face.
 [[nodiscard]] inline std::array<spm::Vec3d, 3> shown_corners(const spm::AbTree& tree, std::uint32_t row) {
-  const std::array<float, 9>& c = tree.row(row).corners;
+  const std::array<float, 9> c = tree.corners(row);
   return {spm::Vec3d{c[0], c[1], c[2]}, spm::Vec3d{c[3], c[4], c[5]}, spm::Vec3d{c[6], c[7], c[8]}};
 }
 
@@ -20,12 +21,13 @@ class FinestTree {
  public:
   /// `faces` by FaceId. Face rows have the numbers of their faces.
   FinestTree(spm::Span<const std::array<float, 3>> positions, spm::Span<const std::array<std::uint32_t, 3>> faces)
-      : pool_{{static_cast<std::uint32_t>(faces.size()) / 2 + 1, 1, 1}},
+      : pool_{{static_cast<std::uint32_t>(std::max(faces.size() / 2 + 1, positions.size())), 1, 1}},
         nodes_{static_cast<std::uint32_t>(faces.size()) / 6 + 64},
         tree_{pool_, nodes_, 0, static_cast<std::uint32_t>(faces.size())} {
+    for (std::uint32_t v = 0; v < positions.size(); ++v) pool_.vertices[v] = {positions[v], v};
     for (std::uint32_t f = 0; f < faces.size(); ++f) {
       spm::FaceRow& row = pool_.faces[f];
-      for (std::size_t i = 0; i < 9; ++i) row.corners[i] = positions[faces[f][i / 3]][i % 3];
+      row.vertices = faces[f];
       row.face = f;
       row.node = spm::kNone;
       row.last = 1;

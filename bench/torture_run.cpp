@@ -31,7 +31,7 @@ std::vector<ShownFace> shown_mesh(const Controller& controller) {
   std::vector<ShownFace> faces;
   for (const std::uint32_t number : controller.forest().tree().shown()) {
     const spm::FaceRow& row = controller.pool().faces[number];
-    ShownFace face{row.face, row.last, {}, row.corners};
+    ShownFace face{row.face, row.last, {}, controller.forest().tree().corners(number)};
     for (std::size_t corner = 0; corner < 3; ++corner)
       face.vertices[corner] = controller.pool().vertices[row.vertices[corner]].id;
     faces.push_back(face);

@@ -96,7 +96,7 @@ void HapticThread::take_snapshot() noexcept {
     const std::uint32_t found = std::min(rows, tree.near(Vec3d::Zero(), 1e15, snapshot_rows_.data(), rows));
     for (std::uint32_t i = 0; i < found; ++i) {
       const spm::FaceRow& row = tree.row(snapshot_rows_[i]);
-      faces.push_back({row.corners, row.face, row.last});
+      faces.push_back({tree.corners(snapshot_rows_[i]), row.face, row.last});
     }
   }
   snapshots_done_.fetch_add(1, std::memory_order_release);

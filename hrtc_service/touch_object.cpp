@@ -46,11 +46,11 @@ bool ObjectsSurface::closest(const Vec3d& point, double within, haptics::Surface
       kMaxFaces,
       tree.near(placement.to_model(point), (reach * (1 + kHair) + kHair) / placement.scale(), rows.data(), kMaxFaces));
   for (std::uint32_t i = 0; i < found; ++i) {
-    const spm::FaceRow& row = tree.row(rows[i]);
+    const std::array<float, 9> corners = tree.corners(rows[i]);
     const auto corner = [&](int c) {
-      return placement.to_world({row.corners[3 * c], row.corners[3 * c + 1], row.corners[3 * c + 2]});
+      return placement.to_world({corners[3 * c], corners[3 * c + 1], corners[3 * c + 2]});
     };
-    side.offer(corner(0), corner(1), corner(2), nearest->index, row.face);
+    side.offer(corner(0), corner(1), corner(2), nearest->index, tree.row(rows[i]).face);
   }
   return side.result(hit);
 }

@@ -3,45 +3,41 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <limits>
 
 namespace tactus::spm {
 namespace {
 
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
+constexpr float kNothing = std::numeric_limits<float>::quiet_NaN();
 
-void clear_box(TreeNode& node, unsigned child) noexcept {
-  for (int axis = 0; axis < 3; ++axis) {
-    node.low[axis][child] = kInfinity;
-    node.high[axis][child] = -kInfinity;
-  }
+void clear_lane(TreeNode& node, unsigned lane) noexcept {
+  for (lanes::Floats& row : node.lanes) row[lane] = kNothing;
 }
 
-void set_box_of_face(TreeNode& node, unsigned child, const FaceRow& row) noexcept {
-  for (int axis = 0; axis < 3; ++axis) {
-    const float a = row.corners[axis], b = row.corners[3 + axis], c = row.corners[6 + axis];
-    node.low[axis][child] = std::min(a, std::min(b, c));
-    node.high[axis][child] = std::max(a, std::max(b, c));
-  }
+lanes::Bounds bounds_of(const TreeNode& node) noexcept {
+  return node.level == 1 ? lanes::bounds_of_triangles(node.lanes.data()) : lanes::bounds_of_boxes(node.lanes.data());
 }
 
-void set_box_of_node(TreeNode& node, unsigned child, const TreeNode& below) noexcept {
+/// False when the child's box was that already.
+bool set_box(TreeNode& node, unsigned child, const lanes::Bounds& bounds) noexcept {
+  bool changed = false;
   for (int axis = 0; axis < 3; ++axis) {
-    float low = kInfinity, high = -kInfinity;
-    for (int i = 0; i < TreeNode::kWidth; ++i) {
-      low = std::min(low, below.low[axis][i]);
-      high = std::max(high, below.high[axis][i]);
-    }
-    node.low[axis][child] = low;
-    node.high[axis][child] = high;
+    changed =
+        changed || !(node.lanes[axis][child] == bounds.low[axis] && node.lanes[3 + axis][child] == bounds.high[axis]);
+    node.lanes[axis][child] = bounds.low[axis];
+    node.lanes[3 + axis][child] = bounds.high[axis];
   }
+  return changed;
 }
 
-/// The query's centre as floats, and by how much a float distance computed with it may exceed the true one.
+/// The query's centre, also as floats, and by how much a float distance computed with it may exceed the true one.
 struct FloatPoint {
   explicit FloatPoint(const Vec3d& p) noexcept
-      : at{static_cast<float>(p[0]), static_cast<float>(p[1]), static_cast<float>(p[2])},
+      : exact{p[0], p[1], p[2]},
+        at{static_cast<float>(p[0]), static_cast<float>(p[1]), static_cast<float>(p[2])},
         slack{p.cwiseAbs().maxCoeff() * 4e-7} {}
+  std::array<double, 3> exact;
   std::array<float, 3> at;
   double slack;
 
@@ -52,50 +48,21 @@ struct FloatPoint {
   }
 };
 
-/// Squared distances from the point to the boxes of all children; infinite where there is none.
-inline void squared_distances(const TreeNode& node, const std::array<float, 3>& p, float* out) noexcept {
-  for (int i = 0; i < TreeNode::kWidth; ++i) out[i] = 0;
-  for (int axis = 0; axis < 3; ++axis)
-    for (int i = 0; i < TreeNode::kWidth; ++i) {
-      const float below = node.low[axis][i] - p[axis];
-      const float above = p[axis] - node.high[axis][i];
-      const float outside = below > above ? below : above;
-      const float d = outside > 0 ? outside : 0;
-      out[i] += d * d;
-    }
-}
-
-inline unsigned boxes_within(const TreeNode& node, const std::array<float, 3>& p, float squared_radius) noexcept {
-  float squared[TreeNode::kWidth];
-  squared_distances(node, p, squared);
-  unsigned hit = 0;
-  for (unsigned i = 0; i < TreeNode::kWidth; ++i) hit |= static_cast<unsigned>(squared[i] <= squared_radius) << i;
-  return hit;
-}
-
-inline unsigned boxes_meeting(const TreeNode& node, const std::array<float, 3>& low,
-                              const std::array<float, 3>& high) noexcept {
-  unsigned hit = 0;
-  for (unsigned i = 0; i < TreeNode::kWidth; ++i) {
-    bool meets = true;
-    for (int axis = 0; axis < 3; ++axis)
-      meets = meets & (node.low[axis][i] <= high[axis]) & (node.high[axis][i] >= low[axis]);
-    hit |= static_cast<unsigned>(meets) << i;
-  }
-  return hit;
-}
-
-inline Vec3d corner(const FaceRow& row, int i) noexcept {
-  return {row.corners[3 * i], row.corners[3 * i + 1], row.corners[3 * i + 2]};
+inline Vec3d corner(const TreeNode& node, unsigned lane, int number) noexcept {
+  return {node.lanes[3 * number][lane], node.lanes[3 * number + 1][lane], node.lanes[3 * number + 2][lane]};
 }
 
 inline unsigned lowest_bit(unsigned bits) noexcept { return static_cast<unsigned>(__builtin_ctz(bits)); }
+inline unsigned bit_count(std::uint8_t bits) noexcept {
+  constexpr std::uint64_t kOfNibble = 0x4332322132212110u;
+  return static_cast<unsigned>((kOfNibble >> 4 * (bits & 15)) & 15u) +
+         static_cast<unsigned>(kOfNibble >> 4 * (bits >> 4) & 15u);
+}
 inline unsigned highest_bit(unsigned bits) noexcept { return 31u - static_cast<unsigned>(__builtin_clz(bits)); }
 
-Vec3d direction_from(const Vec3d& point, const Vec3d& centre, double distance, const FaceRow& row) noexcept {
-  if (distance > 0) return (centre - point) / distance;
-  const Vec3d a = corner(row, 0);
-  const Vec3d across = (corner(row, 1) - a).cross(corner(row, 2) - a);
+Vec3d upright(const TreeNode& node, unsigned lane) noexcept {
+  const Vec3d a = corner(node, lane, 0);
+  const Vec3d across = (corner(node, lane, 1) - a).cross(corner(node, lane, 2) - a);
   const double length = across.norm();
   return length > 0 ? Vec3d{across / length} : Vec3d::UnitZ();
 }
@@ -123,12 +90,13 @@ std::uint32_t AbTree::make_node(std::uint32_t level, std::uint32_t id) noexcept 
       TACTUS_ASSERT(nodes_.free() > 0);
       slot = nodes_.free_[nodes_.nodes_.size() - ++nodes_.used_];
       TreeNode& node = nodes_.nodes_[slot];
-      for (unsigned i = 0; i < TreeNode::kWidth; ++i) clear_box(node, i);
+      for (lanes::Floats& row : node.lanes) row.fill(kNothing);
       node.parent = kNone;
       node.id = id;
       node.level = static_cast<std::uint8_t>(level);
       node.mask = 0;
       node.dirty = 0;
+      node.last = 0;
       nodes_.index_.insert(NodePool::key(object_, level, id), slot);
     }
     if (below == kNone) {
@@ -151,83 +119,70 @@ std::uint32_t AbTree::make_node(std::uint32_t level, std::uint32_t id) noexcept 
   }
 }
 
-void AbTree::mark_child(std::uint32_t slot, unsigned child) noexcept {
-  while (slot != kNone) {
-    TreeNode& node = nodes_.nodes_[slot];
-    const bool marked = node.dirty != 0;
-    node.dirty = static_cast<std::uint8_t>(node.dirty | 1u << child);
-    if (marked) return;
-    node.next_marked = marked_[node.level];
-    marked_[node.level] = slot;
-    child = node.id & 7u;
-    slot = node.parent;
-  }
-}
-
 void AbTree::insert(std::uint32_t row_index) noexcept {
   FaceRow& row = pool_.faces[row_index];
   TACTUS_ASSERT(row.node == kNone && row.face < finest_faces_);
   const std::uint32_t slot = make_node(1, row.face >> 3);
   TreeNode& node = nodes_.nodes_[slot];
-  const unsigned bit = row.face & 7u;
-  node.child[bit] = row_index;
-  node.mask = static_cast<std::uint8_t>(node.mask | 1u << bit);
+  const unsigned lane = row.face & 7u;
+  node.child[lane] = row_index;
+  node.mask = static_cast<std::uint8_t>(node.mask | 1u << lane);
   row.node = slot;
-  mark_child(slot, bit);
+  const Vertex* vertices = pool_.vertices.data();
+  for (std::uint32_t corner = 0; corner < 3; ++corner) node.set_corner(lane, corner, vertices[row.vertices[corner]]);
+  node.set_last(lane, row.last != 0);
+  mark_child(slot, node, lane);
 }
 
 void AbTree::remove(std::uint32_t row_index) noexcept {
   FaceRow& row = pool_.faces[row_index];
   TACTUS_ASSERT(row.node != kNone);
   TreeNode& node = nodes_.nodes_[row.node];
-  const unsigned bit = row.face & 7u;
-  node.mask = static_cast<std::uint8_t>(node.mask & ~(1u << bit));
-  mark_child(row.node, bit);
+  const unsigned lane = row.face & 7u;
+  node.mask = static_cast<std::uint8_t>(node.mask & ~(1u << lane));
+  clear_lane(node, lane);
+  mark_child(row.node, node, lane);
   row.node = kNone;
 }
 
-void AbTree::mark(std::uint32_t row_index) noexcept {
+std::array<float, 9> AbTree::corners(std::uint32_t row_index) const noexcept {
   const FaceRow& row = pool_.faces[row_index];
   TACTUS_ASSERT(row.node != kNone);
-  mark_child(row.node, row.face & 7u);
+  std::array<float, 9> corners;
+  for (std::size_t i = 0; i < corners.size(); ++i) corners[i] = nodes_[row.node].lanes[i][row.face & 7u];
+  return corners;
 }
 
 RefitCount AbTree::refit() noexcept {
   RefitCount count;
+  TreeNode* nodes = nodes_.nodes_.data();
   for (std::uint32_t level = 1; level <= height_; ++level) {
     std::uint32_t slot = marked_[level];
     marked_[level] = kNone;
     while (slot != kNone) {
-      TreeNode& node = nodes_.nodes_[slot];
+      TreeNode& node = nodes[slot];
+      const std::uint32_t next = node.next_marked;
       ++count.marked;
-      for (unsigned bits = node.dirty; bits != 0; bits &= bits - 1) {
-        const unsigned child = lowest_bit(bits);
-        if (level == 1) {
-          ++count.changed;
-          if ((node.mask >> child & 1u) != 0)
-            set_box_of_face(node, child, pool_.faces[node.child[child]]);
-          else
-            clear_box(node, child);
-          continue;
-        }
-        const TreeNode& below = nodes_.nodes_[node.child[child]];
-        if (below.mask != 0) {
-          set_box_of_node(node, child, below);
-          continue;
-        }
-        nodes_.index_.erase(NodePool::key(object_, level - 1, below.id));
-        nodes_.free_[nodes_.nodes_.size() - nodes_.used_--] = node.child[child];
-        node.mask = static_cast<std::uint8_t>(node.mask & ~(1u << child));
-        clear_box(node, child);
-      }
+      if (level == 1) count.changed += bit_count(node.dirty);
       node.dirty = 0;
-      slot = node.next_marked;
+      const unsigned lane = node.id & 7u;
+      if (node.mask == 0) {
+        if (slot == root_) {
+          root_ = kNone;
+        } else {
+          TreeNode& above = nodes[node.parent];
+          above.mask = static_cast<std::uint8_t>(above.mask & ~(1u << lane));
+          clear_lane(above, lane);
+          mark_child(node.parent, above, lane);
+        }
+        nodes_.index_.erase(NodePool::key(object_, level, node.id));
+        nodes_.free_[nodes_.nodes_.size() - nodes_.used_--] = slot;
+      } else if (slot != root_) {
+        TreeNode& above = nodes[node.parent];
+        if (set_box(above, lane, bounds_of(node))) mark_child(node.parent, above, lane);
+      }
+      slot = next;
     }
-  }
-  if (root_ != kNone && nodes_[root_].mask == 0) {
-    nodes_.index_.erase(NodePool::key(object_, height_, 0));
-    nodes_.free_[nodes_.nodes_.size() - nodes_.used_--] = root_;
-    root_ = kNone;
   }
   for (std::uint32_t level = 1; level <= height_; ++level) {
     const std::uint64_t of_level = (std::uint64_t{finest_faces_} + (1ull << 3 * level) - 1) >> 3 * level;
@@ -240,6 +195,7 @@ RefitCount AbTree::refit() noexcept {
 template <class Visit>
 void AbTree::walk_near(const Vec3d& point, double radius, Visit&& visit) const noexcept {
   if (root_ == kNone) return;
+  if (height_ == 1) return visit(nodes_[root_]);
   const FloatPoint p{point};
   const float squared_radius = p.squared(radius);
   std::array<std::uint32_t, kStack> stack;
@@ -247,21 +203,33 @@ void AbTree::walk_near(const Vec3d& point, double radius, Visit&& visit) const n
   stack[depth++] = root_;
   while (depth > 0) {
     const TreeNode& node = nodes_[stack[--depth]];
-    unsigned hit = boxes_within(node, p.at, squared_radius);
-    if (node.level > 1) {
-      for (; hit != 0; hit &= ~(1u << highest_bit(hit))) stack[depth++] = node.child[highest_bit(hit)];
+    unsigned hit = lanes::boxes_within(node.lanes.data(), p.at, squared_radius);
+    if (node.level > 2) {
+      for (; hit != 0; hit &= ~(1u << highest_bit(hit))) {
+        stack[depth++] = node.child[highest_bit(hit)];
+        prefetch(node.child[highest_bit(hit)]);
+      }
       continue;
     }
-    for (; hit != 0; hit &= hit - 1) visit(node.child[lowest_bit(hit)]);
+    for (unsigned bits = hit; bits != 0; bits &= bits - 1) prefetch(node.child[lowest_bit(bits)]);
+    for (; hit != 0; hit &= hit - 1) visit(nodes_[node.child[lowest_bit(hit)]]);
   }
 }
 
 std::uint32_t AbTree::near(const Vec3d& point, double radius, std::uint32_t* rows,
                            std::uint32_t capacity) const noexcept {
   std::uint32_t found = 0;
-  walk_near(point, radius, [&](std::uint32_t number) {
-    if (found < capacity) rows[found] = number;
-    ++found;
+  constexpr double kRounding = 1e-12;
+  const double squared_radius = radius * radius * (1 + kRounding);
+  const std::array<double, 3> p{point[0], point[1], point[2]};
+  walk_near(point, radius, [&](const TreeNode& node) {
+    lanes::Closest closest;
+    lanes::closest_points(node.lanes.data(), p, closest);
+    for (unsigned i = 0; i < TreeNode::kWidth; ++i) {
+      if (!(closest.squared_distance[i] <= squared_radius)) continue;
+      if (found < capacity) rows[found] = node.child[i];
+      ++found;
+    }
   });
   return found;
 }
@@ -269,17 +237,26 @@ std::uint32_t AbTree::near(const Vec3d& point, double radius, std::uint32_t* row
 std::uint32_t AbTree::touching(const Vec3d& centre, double radius, Contact* out,
                                std::uint32_t capacity) const noexcept {
   std::uint32_t found = 0;
-  walk_near(centre, radius, [&](std::uint32_t number) {
-    const FaceRow& row = pool_.faces[number];
-    const ClosestPoint closest = closest_point(centre, corner(row, 0), corner(row, 1), corner(row, 2));
-    if (!(closest.squared_distance <= radius * radius)) return;
-    if (found < capacity) {
-      const double distance = std::sqrt(closest.squared_distance);
-      out[found] = {FaceId{row.face},  row.last != 0,
-                    closest.point,     direction_from(closest.point, centre, distance, row),
-                    radius - distance, number};
+  const double squared_radius = radius * radius;
+  const std::array<double, 3> p{centre[0], centre[1], centre[2]};
+  walk_near(centre, radius, [&](const TreeNode& node) {
+    lanes::Closest closest;
+    lanes::closest_points(node.lanes.data(), p, closest);
+    for (unsigned i = 0; i < TreeNode::kWidth; ++i) {
+      const double squared = closest.squared_distance[i];
+      if (!(squared <= squared_radius)) continue;
+      if (found < capacity) {
+        Contact& contact = out[found];
+        const double distance = std::sqrt(squared);
+        contact.face = FaceId{node.id * TreeNode::kWidth + i};
+        contact.last = (node.last >> i & 1u) != 0;
+        contact.point = {closest.point[0][i], closest.point[1][i], closest.point[2][i]};
+        contact.normal = distance > 0 ? Vec3d{(centre - contact.point) * (1 / distance)} : upright(node, i);
+        contact.depth = radius - distance;
+        contact.row = node.child[i];
+      }
+      ++found;
     }
-    ++found;
   });
   return found;
 }
@@ -308,19 +285,24 @@ bool AbTree::sweep(const Vec3d& from, const Vec3d& to, double radius, SweepConta
     stack[depth++] = root_;
     while (depth > 0) {
       const TreeNode& node = nodes_[stack[--depth]];
-      // A short motion is best bounded by a ball, a long one by a box.
-      unsigned hit = boxes_within(node, middle.at, squared_reach) & boxes_meeting(node, low, high);
       if (node.level > 1) {
+        // A short motion is best bounded by a ball, a long one by a box.
+        unsigned hit = lanes::boxes_within(node.lanes.data(), middle.at, squared_reach) &
+                       lanes::boxes_meeting(node.lanes.data(), low, high);
         for (; hit != 0; hit &= ~(1u << highest_bit(hit))) stack[depth++] = node.child[highest_bit(hit)];
         continue;
       }
-      for (; hit != 0; hit &= hit - 1) {
-        const FaceRow& row = pool_.faces[node.child[lowest_bit(hit)]];
+      lanes::Closest closest;
+      lanes::closest_points(node.lanes.data(), middle.exact, closest);
+      const float squared_reach_here = squared_reach;  // goes with this middle; a touch shortens the motion
+      for (unsigned i = 0; i < TreeNode::kWidth; ++i) {
+        if (!(closest.squared_distance[i] <= squared_reach_here)) continue;
         SweepHit touch;
-        if (!swept_sphere(from, to, radius, corner(row, 0), corner(row, 1), corner(row, 2), touch)) continue;
+        if (!swept_sphere(from, to, radius, corner(node, i, 0), corner(node, i, 1), corner(node, i, 2), touch))
+          continue;
         if (found && !(touch.time < first.time)) continue;
         found = true;
-        first = {FaceId{row.face}, touch.time, touch.point, touch.normal};
+        first = {FaceId{node.id * TreeNode::kWidth + i}, touch.time, touch.point, touch.normal};
         bound_motion(std::min(time, touch.time));
       }
     }
@@ -354,29 +336,30 @@ bool AbTree::nearest(const Vec3d& point, double within, NearestFace& best) const
     const Entry entry = stack[--depth];
     if (entry.squared > squared_limit) continue;
     const TreeNode& node = nodes_[entry.node];
-    float squared[TreeNode::kWidth];
-    squared_distances(node, p.at, squared);
     if (node.level > 1) {
+      lanes::Floats squared;
+      lanes::box_distances(node.lanes.data(), p.at, squared);
       const int first = depth;
       for (unsigned i = 0; i < TreeNode::kWidth; ++i) {
         if (!(squared[i] <= squared_limit)) continue;
         int place = depth++;  // farthest first, so that the nearest is taken next
         for (; place > first && stack[place - 1].squared < squared[i]; --place) stack[place] = stack[place - 1];
         stack[place] = {node.child[i], squared[i]};
+        prefetch(node.child[i]);
       }
       continue;
     }
+    lanes::Closest closest;
+    lanes::closest_points(node.lanes.data(), p.exact, closest);
     for (unsigned i = 0; i < TreeNode::kWidth; ++i) {
-      if (!(squared[i] <= squared_limit)) continue;
-      const FaceRow& row = pool_.faces[node.child[i]];
-      const ClosestPoint closest = closest_point(point, corner(row, 0), corner(row, 1), corner(row, 2));
+      const double squared = closest.squared_distance[i];
+      const std::uint32_t face = node.id * TreeNode::kWidth + i;
       const bool nearer =
-          closest.squared_distance < best.squared_distance ||
-          (closest.squared_distance == best.squared_distance && (!found || row.face < index(best.face)));
+          squared < best.squared_distance || (squared == best.squared_distance && (!found || face < index(best.face)));
       if (!nearer) continue;
       found = true;
-      best = {FaceId{row.face}, closest.point, closest.squared_distance, node.child[i]};
-      squared_limit = p.squared(std::sqrt(closest.squared_distance));
+      best = {FaceId{face}, {closest.point[0][i], closest.point[1][i], closest.point[2][i]}, squared, node.child[i]};
+      squared_limit = p.squared(std::sqrt(squared));
     }
   }
   return found;
@@ -414,22 +397,25 @@ std::vector<std::string> AbTree::violations() const {
       found.push_back(name + " is not indexed");
     for (unsigned i = 0; i < TreeNode::kWidth; ++i) {
       TreeNode expected = node;
-      if ((node.mask >> i & 1u) == 0) {
-        clear_box(expected, i);
-      } else if (node.level == 1) {
+      clear_lane(expected, i);
+      if ((node.mask >> i & 1u) != 0 && node.level == 1) {
         const FaceRow& row = pool_.faces[node.child[i]];
         if (row.face != node.id * 8 + i || row.node != slot) found.push_back(name + " holds a row that is not its own");
-        set_box_of_face(expected, i, row);
-      } else {
+        if ((node.last >> i & 1u) != row.last)
+          found.push_back(name + " has a wrong version of child " + std::to_string(i));
+        for (std::size_t k = 0; k < lanes::kTriangleRows; ++k)
+          expected.lanes[k][i] = pool_.vertices[row.vertices[k / 3]].position[k % 3];
+      } else if ((node.mask >> i & 1u) != 0) {
         const TreeNode& below = nodes_[node.child[i]];
         if (below.parent != slot || below.level + 1 != node.level || below.id != node.id * 8 + i)
           found.push_back(name + " has a child that does not know it");
-        set_box_of_node(expected, i, below);
+        set_box(expected, i, bounds_of(below));
         stack.push_back(node.child[i]);
       }
-      for (int axis = 0; axis < 3; ++axis)
-        if (expected.low[axis][i] != node.low[axis][i] || expected.high[axis][i] != node.high[axis][i]) {
-          found.push_back(name + " has a wrong box for child " + std::to_string(i));
+      const std::size_t rows = node.level == 1 ? lanes::kTriangleRows : lanes::kBoxRows;
+      for (std::size_t k = 0; k < rows; ++k)
+        if (std::memcmp(&expected.lanes[k][i], &node.lanes[k][i], sizeof(float)) != 0) {
+          found.push_back(name + " has old coordinates or a wrong box for child " + std::to_string(i));
           break;
         }
     }

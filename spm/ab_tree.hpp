@@ -3,14 +3,14 @@
 /// Leaf id = face id, so the topology needs no storage: an 8-wide node at level l with id i covers the faces
 /// [i * 8^l, (i + 1) * 8^l); its parent is (l + 1, i >> 3). Nodes exist where a face below is shown (*active*); an
 /// absent child is a zero bit, and costs a query nothing. A face that appears, changes or goes marks its node
-/// *deformed*, and the mark climbs to the first node already marked; refit recomputes the boxes of marked children,
-/// lowest level first. With k changed faces at most sum over levels of min(k, nodes of that level) nodes are touched;
-/// refit asserts it.
+/// *deformed*; refit recomputes the boxes of marked nodes, lowest level first, and marks the node above where the box
+/// has changed. With k changed faces at most sum over levels of min(k, nodes of that level) nodes are touched; refit
+/// asserts it.
 ///
 /// All trees of a controller share one NodePool. Model frame, file units, float boxes of float corners: exact.
 /// Realtime. One thread at a time.
 /// Source: Liu, Georganas, Roth, 3DIM 2005, section 4 (active, deformed, index list, lemma 1). We differ: 8 children
-/// for 2, and an implicit topology for one that is sent along.
+/// for 2, an implicit topology for one that is sent along, and marks that climb no further than boxes change.
 #pragma once
 
 #include <array>
@@ -19,24 +19,35 @@
 #include <vector>
 
 #include "spm/flat_index.hpp"
+#include "spm/lanes.hpp"
 #include "spm/model.hpp"
 #include "spm/pool.hpp"
 #include "spm/triangle.hpp"
 
 namespace tactus::spm {
 
+/// Above level 1 a node holds the boxes of its children, at level 1 the triangles themselves: what a query reads of
+/// eight neighbours lies in five cache lines. Lanes without a child are NaN (see spm/lanes.hpp).
 struct alignas(64) TreeNode {
-  static constexpr int kWidth = 8;
-  std::array<std::array<float, kWidth>, 3> low, high;  ///< by axis, then child; inverted where there is none
-  std::array<std::uint32_t, kWidth> child;             ///< node, or face row at level 1
-  std::uint32_t parent;                                ///< node; kNone at the root
+  static constexpr int kWidth = lanes::kLanes;
+  std::array<lanes::Floats, lanes::kTriangleRows> lanes;
+  std::array<std::uint32_t, kWidth> child;  ///< node, or face row at level 1
+  std::uint32_t parent;                     ///< node; kNone at the root
   std::uint32_t id;
   std::uint32_t next_marked;
   std::uint8_t level;
   std::uint8_t mask;   ///< children that exist
-  std::uint8_t dirty;  ///< children whose box is to be recomputed; not 0: this node is marked
+  std::uint8_t dirty;  ///< children that have changed; not 0: this node is marked
+  std::uint8_t last;   ///< at level 1: faces in their finest version
+
+  void set_corner(unsigned lane, std::uint32_t corner, const Vertex& vertex) noexcept {
+    for (std::uint32_t axis = 0; axis < 3; ++axis) lanes[3 * corner + axis][lane] = vertex.position[axis];
+  }
+  void set_last(unsigned lane, bool value) noexcept {
+    last = static_cast<std::uint8_t>((last & ~(1u << lane)) | unsigned{value} << lane);
+  }
 };
-static_assert(sizeof(TreeNode) == 256);
+static_assert(sizeof(TreeNode) == kTreeNodeBytes);
 
 /// The nodes of all trees, and the table that finds one by (object, level, id).
 class NodePool {
@@ -96,12 +107,39 @@ class AbTree {
   [[nodiscard]] std::uint32_t height() const noexcept { return height_; }
   static constexpr int kMaxHeight = 10;
 
-  /// Shows the face in `row`; NodePool::free() must be at least height(). The box follows with refit().
+  /// Shows the face in `row`; NodePool::free() must be at least height(). The boxes follow with refit().
   void insert(std::uint32_t row) noexcept;
   /// Hides it again.
   void remove(std::uint32_t row) noexcept;
-  /// Its corners have changed.
-  void mark(std::uint32_t row) noexcept;
+  /// Corner `corner` of a shown face now stands on `vertex`, and with it the face is or is not in its finest version.
+  void update(const FaceRow& row, std::uint32_t corner, const Vertex& vertex, bool last) noexcept {
+    TACTUS_ASSERT(row.node != kNone);
+    TreeNode& node = nodes_.nodes_[row.node];
+    const unsigned lane = row.face & 7u;
+    node.set_corner(lane, corner, vertex);
+    node.set_last(lane, last);
+    mark_child(row.node, node, lane);
+  }
+
+  /// Bring into the cache what the calls above will touch: of a face to be shown first the place in the table, then,
+  /// when that has come, the node; of a shown row the node.
+  void prefetch_entry(std::uint32_t face) const noexcept {
+    nodes_.index_.prefetch(NodePool::key(object_, 1, face >> 3));
+  }
+  void prefetch_insert(std::uint32_t face) const noexcept {
+    const std::uint32_t slot = nodes_.index_.find(NodePool::key(object_, 1, face >> 3));
+    if (slot != kNone) prefetch(slot);
+  }
+  void prefetch_remove(const FaceRow& row) const noexcept {
+    if (row.node != kNone) prefetch(row.node);
+  }
+  void prefetch_update(const FaceRow& row, std::uint32_t corner) const noexcept {
+    if (row.node == kNone) return;
+    const TreeNode& node = nodes_.nodes_[row.node];
+    __builtin_prefetch(&node.lanes[3 * corner]);
+    __builtin_prefetch(&node.lanes[3 * corner + 2]);
+    __builtin_prefetch(&node.parent);
+  }
 
   /// Makes all boxes right again and frees the nodes that are empty. Must come before a query.
   RefitCount refit() noexcept;
@@ -119,11 +157,13 @@ class AbTree {
   /// id.
   [[nodiscard]] bool nearest(const Vec3d& point, double within, NearestFace& found) const noexcept;
 
-  /// Face rows whose boxes are within `radius` of `point`, in tree order, at most `capacity`; returns how many there
+  /// Face rows within `radius` of `point`, up to rounding, in tree order, at most `capacity`; returns how many there
   /// are.
   [[nodiscard]] std::uint32_t near(const Vec3d& point, double radius, std::uint32_t* rows,
                                    std::uint32_t capacity) const noexcept;
   [[nodiscard]] const FaceRow& row(std::uint32_t number) const noexcept { return pool_.faces[number]; }
+  /// x y z of its three corners; it must be shown.
+  [[nodiscard]] std::array<float, 9> corners(std::uint32_t row) const noexcept;
   /// For traversals that live elsewhere: the root, kNone when nothing is shown, and any node.
   [[nodiscard]] std::uint32_t root() const noexcept { return root_; }
   [[nodiscard]] const TreeNode& node(std::uint32_t number) const noexcept { return nodes_[number]; }
@@ -136,10 +176,22 @@ class AbTree {
  private:
   static constexpr int kStack = 7 * kMaxHeight + 8;
 
+  /// Calls `visit(node)` for each node of level 1 whose box comes within `radius` of `point`, in tree order.
   template <class Visit>
   void walk_near(const Vec3d& point, double radius, Visit&& visit) const noexcept;
+  void prefetch(std::uint32_t node) const noexcept {
+    const TreeNode& at = nodes_.nodes_[node];
+    for (int row = 0; row < lanes::kTriangleRows; row += 2) __builtin_prefetch(&at.lanes[row]);
+    __builtin_prefetch(&at.parent);
+  }
   [[nodiscard]] std::uint32_t make_node(std::uint32_t level, std::uint32_t id) noexcept;
-  void mark_child(std::uint32_t node, unsigned child) noexcept;
+  void mark_child(std::uint32_t slot, TreeNode& node, unsigned child) noexcept {
+    if (node.dirty == 0) {
+      node.next_marked = marked_[node.level];
+      marked_[node.level] = slot;
+    }
+    node.dirty = static_cast<std::uint8_t>(node.dirty | 1u << child);
+  }
 
   Pool& pool_;
   NodePool& nodes_;

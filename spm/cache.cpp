@@ -78,11 +78,7 @@ Cache::Admitted Cache::admit(const BaseMesh& base) {
     const BaseFace& face = base.faces[i];
     const std::uint32_t row_index = 2 * slots[i / 2] + i % 2;
     FaceRow& row = pool_.faces[row_index];
-    for (int corner = 0; corner < 3; ++corner) {
-      row.vertices[corner] = slots[face.corners[corner]];
-      const std::array<float, 3>& position = base.positions[face.corners[corner]];
-      std::copy(position.begin(), position.end(), row.corners.begin() + 3 * corner);
-    }
+    for (int corner = 0; corner < 3; ++corner) row.vertices[corner] = slots[face.corners[corner]];
     row.face = face.face;
     row.last = face.last;
     row.node = kNone;

@@ -106,11 +106,11 @@ class Forest {
   void unuse(std::uint32_t region) noexcept;
   [[nodiscard]] Advance refine(State& state, Budget& budget) noexcept;
   [[nodiscard]] Advance coarsen(State& state, Budget& budget) noexcept;
-  [[nodiscard]] std::uint32_t entry(State& state, std::uint32_t number) noexcept;
+  [[nodiscard]] const std::uint32_t* entry(State& state, std::uint32_t number) noexcept;
   [[nodiscard]] bool room_for(std::uint32_t slot) const noexcept;
   void split(std::uint32_t slot) noexcept;
   void collapse(std::uint32_t slot) noexcept;
-  void set_corner(FaceRow& row, std::uint32_t corner, std::uint32_t slot) noexcept;
+  void fetch(const std::uint32_t* slots, std::uint32_t count, bool splitting) const noexcept;
 
   Pool& pool_;
   NodePool& nodes_;

@@ -201,11 +201,11 @@ struct ProbeWalk {
 
   void add(std::uint32_t row, std::uint32_t triangle) noexcept {
     TrianglePairs& batch = probe.pairs_;
-    const FaceRow& face = tree.row(row);
+    const std::array<float, 9> face = tree.corners(row);
     const std::array<std::uint32_t, 3>& corners = probe.probe_.corners_[triangle];
     for (int i = 0; i < 3; ++i)
       for (int axis = 0; axis < 3; ++axis) {
-        batch.object[i][axis][pairs] = face.corners[3 * i + axis];
+        batch.object[i][axis][pairs] = face[3 * i + axis];
         batch.probe[i][axis][pairs] = probe.vertices_[corners[i]][axis];
       }
     rows[pairs] = row;
@@ -240,8 +240,6 @@ using ProbeNode = ProbeWalk::Node;
 
 inline unsigned lowest_bit(unsigned bits) noexcept { return static_cast<unsigned>(__builtin_ctz(bits)); }
 inline unsigned highest_bit(unsigned bits) noexcept { return 31u - static_cast<unsigned>(__builtin_clz(bits)); }
-inline const float* lows(const TreeNode& node, int axis) noexcept { return node.low[axis].data(); }
-inline const float* highs(const TreeNode& node, int axis) noexcept { return node.high[axis].data(); }
 
 namespace base {
 constexpr int kDoubles = 2;

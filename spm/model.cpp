@@ -132,6 +132,7 @@ void check_cells(const ModelSummary& s, Span<const Region> regions, Findings& fi
     } else if (!cells.insert(cell_key(r.depth, r.cell[0], r.cell[1], r.cell[2])).second) {
       findings.add("region ", i, ": its cell is there twice");
     }
+    if (r.occupied[0] == 0 && r.occupied[1] == 0) findings.add("region ", i, ": no part of its cell is occupied");
     if (r.face_count == 0 || r.face_count > s.faces) {
       findings.add("region ", i, ": ", r.face_count, " faces, expected 1 to ", s.faces);
     }

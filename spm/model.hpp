@@ -39,12 +39,15 @@ struct GridFrame {
 struct Region {
   std::array<std::uint16_t, 3> cell;  ///< x, y, z at its depth
   std::uint16_t depth;
+  /// Which sixty-fourths of the cell faces meet: bit x + 4 y + 16 z, low word first; in each axis a quarter of the
+  /// edge.
+  std::array<std::uint32_t, 2> occupied;
   std::uint32_t first_run, run_count;  ///< in `Model::runs`
   std::uint32_t record_count;          ///< sum of its runs
   std::uint32_t part_count;            ///< pool slots its records take
   std::uint32_t face_count;            ///< finest faces that meet the cell
 };
-static_assert(sizeof(Region) == 28);
+static_assert(sizeof(Region) == 36);
 
 /// Consecutive record ids `[first, first + count)`. A region's runs ascend and do not touch.
 struct Run {

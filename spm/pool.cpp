@@ -3,12 +3,11 @@
 namespace tactus::spm {
 
 std::uint64_t PoolSettings::bytes() const noexcept {
-  constexpr std::uint64_t kNodeBytes = 256;
-  constexpr std::uint64_t kIndexBytesPerEntry = 12 * 4;
+  constexpr std::uint64_t kIndexBytesPerEntry = 16 * 4;
   const std::uint64_t per_slot = sizeof(RecordPart) + sizeof(Vertex) + sizeof(float) + 2 * sizeof(FaceRow) +
                                  sizeof(SlotState) + 3 * kIndexBytesPerEntry + sizeof(std::uint16_t) +
                                  sizeof(std::uint32_t);
-  return per_slot * slots + (kNodeBytes + kIndexBytesPerEntry) * tree_nodes +
+  return per_slot * slots + (kTreeNodeBytes + kIndexBytesPerEntry) * tree_nodes +
          (sizeof(ListBlock) + sizeof(std::uint32_t)) * list_blocks;
 }
 

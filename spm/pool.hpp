@@ -5,7 +5,7 @@
 /// look-up.
 ///
 ///   slot s:  parts[s]   vertices[s]   radius[s]   faces[2 s], faces[2 s + 1]   state[s]
-///            64 B       16 B          4 B         2 x 64 B                     2 B
+///            64 B       16 B          4 B         2 x 32 B                     2 B
 ///
 /// Who may write: the loader (Cache) fills a slot before it hands a region over and after it got the region back;
 /// between the two, faces and state belong to the haptic thread (Forest). The rings that carry the regions order the
@@ -36,15 +36,17 @@ struct Vertex {
   std::uint32_t id;               ///< VertexId
 };
 
-/// A face in whatever version is shown, with its coordinates beside it so that a query reads one line.
-struct alignas(64) FaceRow {
-  std::array<float, 9> corners;           ///< x y z of the three corners
+/// A face in whatever version is shown. Its coordinates stand in the tree node that holds it, where queries read them.
+struct alignas(32) FaceRow {
   std::array<std::uint32_t, 3> vertices;  ///< slots
   std::uint32_t face;                     ///< FaceId
   std::uint32_t node;                     ///< AB-tree node that holds it; kNone when not shown
   std::uint32_t last;                     ///< 1: this is the finest version
 };
-static_assert(sizeof(FaceRow) == 64);
+static_assert(sizeof(FaceRow) == 32);
+
+/// Size of an AB-tree node, see spm/ab_tree.hpp.
+inline constexpr std::uint32_t kTreeNodeBytes = 384;
 
 /// A region's list in memory: blocks of record slots, linked both ways, walked forwards to refine and backwards to
 /// coarsen.

@@ -1,8 +1,9 @@
 /// Which labelled cells a ball meets.
 ///
 /// The even partition of the bounding volume is a sparse grid whose dense cells are divided again; only cells that hold
-/// faces exist. Model frame, file units. Look-ups are O(cells of the grid in the ball's box). Realtime after
-/// construction. Source: Liu, Georganas, Roth, 3DIM 2005, section 3.
+/// faces exist. A cell is met where its surface may be: in those of its sixty-fourths that faces meet. (A tip is larger
+/// than a cell; whole cells would add a third to what it wants.) Model frame, file units. Look-ups are O(cells of the
+/// grid in the ball's box). Realtime after construction. Source: Liu, Georganas, Roth, 3DIM 2005, section 3.
 #pragma once
 
 #include <algorithm>
@@ -31,8 +32,11 @@ class RegionGrid {
   [[nodiscard]] std::uint32_t size() const noexcept { return static_cast<std::uint32_t>(boxes_.size()); }
   [[nodiscard]] const CellBox& box(RegionId region) const noexcept { return boxes_[index(region)]; }
 
-  /// Calls `visit(RegionId, squared distance)` once for each labelled cell with a point within `radius` of `centre`, in
-  /// a fixed order. Stops after `kMaxCells` grid cells and returns false: then not all were visited.
+  /// From `p` to the nearest part of the cell that faces meet; 0 inside. About 20 ns.
+  [[nodiscard]] double squared_distance(RegionId region, const Vec3d& p) const noexcept;
+
+  /// Calls `visit(RegionId, squared distance)` once for each labelled cell that is no further than `radius` from
+  /// `centre`, in a fixed order. Stops after `kMaxCells` grid cells and returns false: then not all were visited.
   template <class Visit>
   bool for_each_meeting(const Vec3d& centre, double radius, Visit&& visit) const noexcept {
     std::uint32_t low[3], high[3];
@@ -70,7 +74,8 @@ class RegionGrid {
     const std::uint32_t found = cells_.find(key(depth, x, y, z));
     if (found == kNone) return;
     if (found != kDivided) {
-      const double squared = boxes_[found].squared_distance(centre);
+      if (boxes_[found].squared_distance(centre) > squared_radius) return;
+      const double squared = squared_distance(RegionId{found}, centre);
       if (squared <= squared_radius) visit(RegionId{found}, squared);
       return;
     }
@@ -88,6 +93,7 @@ class RegionGrid {
   double extent_[3] = {0, 0, 0};  // highest depth-0 coordinate in use
   FlatIndex cells_;
   std::vector<CellBox> boxes_;
+  std::vector<std::uint64_t> occupied_;
 };
 
 }  // namespace tactus::spm

@@ -5,7 +5,7 @@ namespace {
 
 constexpr std::uint8_t kBaseVersion = 2;
 constexpr std::size_t kMinFaceBytes = 4;
-constexpr std::size_t kMinRegionBytes = 7;
+constexpr std::size_t kMinRegionBytes = 15;
 
 void put(ByteWriter& out, const ModelSummary& s) {
   out.raw(s.digest);
@@ -67,6 +67,7 @@ Bytes encode_base(const Model& model) {
   for (const Region& region : model.regions) {
     for (const std::uint16_t c : region.cell) out.varint(c);
     out.varint(region.depth);
+    out.raw(region.occupied);
     out.varint(region.record_count);
     out.varint(region.part_count);
     out.varint(region.face_count);
@@ -120,6 +121,7 @@ Result<BaseMesh> decode_base(Span<const std::uint8_t> bytes) {
     }
     for (int axis = 0; axis < 3; ++axis) region.cell[axis] = static_cast<std::uint16_t>(small[axis]);
     region.depth = static_cast<std::uint16_t>(small[3]);
+    region.occupied = in.raw<std::array<std::uint32_t, 2>>();
     region.first_run = region.run_count = 0;
     region.record_count = in.varint32();
     region.part_count = in.varint32();

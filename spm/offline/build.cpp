@@ -325,6 +325,7 @@ class Assembler {
     Region region{};
     region.cell = cell.at;
     region.depth = cell.depth;
+    region.occupied = cell.occupied;
     region.first_run = static_cast<std::uint32_t>(to.runs.size());
     region.record_count = static_cast<std::uint32_t>(list.size());
     region.face_count = cell.face_count;

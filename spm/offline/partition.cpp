@@ -141,12 +141,50 @@ class Partitioner {
 
   void add(const Place& at, std::uint32_t depth, const std::vector<std::uint32_t>& faces) {
     if (faces.empty() || divide(at, depth, faces)) return;
+    const std::uint64_t occupied = occupied_by(faces, at, depth);
     out_.cells.push_back(
         {{static_cast<std::uint16_t>(at[0]), static_cast<std::uint16_t>(at[1]), static_cast<std::uint16_t>(at[2])},
          static_cast<std::uint16_t>(depth),
+         {static_cast<std::uint32_t>(occupied), static_cast<std::uint32_t>(occupied >> 32)},
          static_cast<std::uint32_t>(out_.faces.size()),
          static_cast<std::uint32_t>(faces.size())});
     out_.faces.insert(out_.faces.end(), faces.begin(), faces.end());
+  }
+
+  /// The sixty-fourths of the cell that the faces meet, each taken a hair larger than it is.
+  std::uint64_t occupied_by(const std::vector<std::uint32_t>& faces, const Place& at, std::uint32_t depth) const {
+    const double edge = std::ldexp(out_.grid.cell_size, -static_cast<int>(depth));
+    const double quarter = edge / 4;
+    Vec3d low;
+    for (int axis = 0; axis < 3; ++axis) {
+      const auto k = static_cast<std::size_t>(axis);
+      low[axis] = out_.grid.origin[k] + at[k] * edge;
+    }
+    std::uint64_t occupied = 0;
+    for (const std::uint32_t f : faces) {
+      const std::array<Vec3d, 3> t = corners(f);
+      std::array<int, 3> first, last;
+      for (int axis = 0; axis < 3; ++axis) {
+        const auto k = static_cast<std::size_t>(axis);
+        const auto quarter_of = [&](double x) {
+          return static_cast<int>(std::clamp(std::floor((x - low[axis]) / quarter), 0.0, 3.0));
+        };
+        first[k] = quarter_of(std::min({t[0][axis], t[1][axis], t[2][axis]}) - hair_);
+        last[k] = quarter_of(std::max({t[0][axis], t[1][axis], t[2][axis]}) + hair_);
+      }
+      const bool one = first == last;
+      for (int z = first[2]; z <= last[2]; ++z) {
+        for (int y = first[1]; y <= last[1]; ++y) {
+          for (int x = first[0]; x <= last[0]; ++x) {
+            const std::uint64_t bit = std::uint64_t{1} << (x + 4 * y + 16 * z);
+            if ((occupied & bit) != 0) continue;
+            const Vec3d centre = low + quarter * Vec3d{x + 0.5, y + 0.5, z + 0.5};
+            if (one || triangle_meets_box(t, centre, quarter / 2 + hair_)) occupied |= bit;
+          }
+        }
+      }
+    }
+    return occupied;
   }
 
   /// Not where the eight would share most of their faces, as around a hub or in a stack of sheets.

@@ -117,6 +117,7 @@ class Verifier {
   /// From here on the model's finest faces are the original's, so they may stand for them.
   void compare_regions() {
     const RegionGrid grid{model_.summary.grid, model_.regions};
+    const double rounding = 1e-9 * model_.summary.grid.cell_size;
     const std::vector<std::uint32_t> by_x = faces_by_x();
     OneRegion mesh{model_};
     std::vector<bool> covered(std::size_t{4} * finest_.size(), false);
@@ -134,14 +135,17 @@ class Verifier {
           mismatch("region " + std::to_string(i) + ": face " + std::to_string(*at) + " is not in its finest version");
         }
         for (std::size_t k = 0; k < 4; ++k) {
-          if (box.squared_distance(k < 3 ? t[k] : Vec3d{(t[0] + t[1] + t[2]) / 3}) == 0) covered[4 * *at + k] = true;
+          const Vec3d point = k < 3 ? t[k] : Vec3d{(t[0] + t[1] + t[2]) / 3};
+          const double apart = grid.squared_distance(RegionId{i}, point);
+          if (apart <= rounding * rounding) covered[4 * *at + k] = true;
         }
       }
       mesh.undo();
       ++out_.regions;
     }
     for (std::size_t i = 0; i < covered.size(); ++i) {
-      if (!covered[i]) mismatch("face " + std::to_string(i / 4) + ": a point of it lies in no labelled cell");
+      if (!covered[i])
+        mismatch("face " + std::to_string(i / 4) + ": a point of it lies in no occupied part of a labelled cell");
     }
   }
 

@@ -21,7 +21,7 @@ struct Verification {
 /// `original` is cleaned first. Checks that
 /// - all records applied give the original's faces, as oriented triples of positions, no more and no fewer;
 /// - with only one region's list applied, every face that meets its cell is there in its finest version;
-/// - every corner and every centre of a face lies in a labelled cell.
+/// - every corner and every centre of a face lies in an occupied part of a labelled cell.
 /// `model` must be sound. `progress` gets the share done.
 [[nodiscard]] Verification verify(const Model& model, TriangleMesh original,
                                   const std::function<void(double)>& progress = {});

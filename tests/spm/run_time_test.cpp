@@ -234,8 +234,9 @@ TEST_P(RunTime, QueriesFindWhatAllPairsFind) {
     double nearest = 1e300, first = 2;
     for (const std::uint32_t number : tree.shown()) {
       const spm::FaceRow& row = controller.row(number);
+      const std::array<float, 9> corners = tree.corners(number);
       const auto corner = [&](int i) {
-        return spm::Vec3d{row.corners[3 * i], row.corners[3 * i + 1], row.corners[3 * i + 2]};
+        return spm::Vec3d{corners[3 * i], corners[3 * i + 1], corners[3 * i + 2]};
       };
       const double squared = spm::closest_point(centre, corner(0), corner(1), corner(2)).squared_distance;
       nearest = std::min(nearest, squared);

@@ -223,6 +223,7 @@ class Maker {
   void add_region(const std::array<std::uint16_t, 3>& cell, const std::set<std::uint32_t>& list, std::uint32_t faces) {
     spm::Region region{};
     region.cell = cell;
+    region.occupied = {~0u, ~0u};
     region.face_count = faces;
     region.first_run = static_cast<std::uint32_t>(model_.runs.size());
     region.record_count = static_cast<std::uint32_t>(list.size());

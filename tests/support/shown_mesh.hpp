@@ -1,6 +1,7 @@
 /// Any triangles under an AB-tree, without a model, records or regions: for tests of queries.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <vector>
 
@@ -16,13 +17,15 @@ class ShownMesh {
  public:
   explicit ShownMesh(const spm::offline::TriangleMesh& mesh)
       : faces_{static_cast<std::uint32_t>(mesh.faces.size())},
-        pool_{spm::PoolSettings::for_slots(faces_ / 2 + 1)},
+        pool_{
+            spm::PoolSettings::for_slots(std::max(faces_ / 2 + 1, static_cast<std::uint32_t>(mesh.positions.size())))},
         nodes_{faces_ * 2 + 64},
         tree_{pool_, nodes_, 1, faces_} {
     const std::vector<std::uint32_t> order = spm::offline::face_order(mesh);
+    for (std::uint32_t v = 0; v < mesh.positions.size(); ++v) pool_.vertices[v] = {mesh.positions[v], v};
     for (std::uint32_t f = 0; f < faces_; ++f) {
       spm::FaceRow& row = pool_.faces[f];
-      for (int i = 0; i < 9; ++i) row.corners[i] = mesh.positions[mesh.faces[order[f]][i / 3]][i % 3];
+      row.vertices = mesh.faces[order[f]];
       row.face = f;
       row.node = spm::kNone;
       row.last = f % 2;
@@ -43,8 +46,12 @@ class ShownMesh {
 
   [[nodiscard]] const spm::AbTree& tree() const { return tree_; }
   [[nodiscard]] spm::Triangle3d triangle(std::uint32_t row) const {
-    const std::array<float, 9>& c = pool_.faces[row].corners;
-    return {spm::Vec3d{c[0], c[1], c[2]}, spm::Vec3d{c[3], c[4], c[5]}, spm::Vec3d{c[6], c[7], c[8]}};
+    spm::Triangle3d triangle;
+    for (std::size_t i = 0; i < 3; ++i) {
+      const std::array<float, 3>& p = pool_.vertices[pool_.faces[row].vertices[i]].position;
+      triangle[i] = {p[0], p[1], p[2]};
+    }
+    return triangle;
   }
 
  private:

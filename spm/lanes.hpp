@@ -1,0 +1,45 @@
+/// Eight boxes or eight triangles at once: the arithmetic of the AB-tree's queries.
+///
+/// Compiled for several instruction sets (AVX-512, AVX2, baseline), of which the program chooses when it is loaded; all
+/// give the same bits, since none contracts a product and a sum. A lane that holds nothing is NaN throughout: it is
+/// never near, and no bound contains it. Realtime.
+#pragma once
+
+#include <array>
+
+namespace tactus::spm::lanes {
+
+inline constexpr int kLanes = 8;
+using Floats = std::array<float, kLanes>;
+using Doubles = std::array<double, kLanes>;
+
+/// Boxes by axis: low x, y, z, then high x, y, z.
+inline constexpr int kBoxRows = 6;
+/// Triangles by corner, then axis: a x, a y, a z, b x, ...
+inline constexpr int kTriangleRows = 9;
+
+/// Squared distances of `p` to the boxes. About 3 ns.
+void box_distances(const Floats* boxes, const std::array<float, 3>& p, Floats& squared) noexcept;
+
+/// Bits of the boxes that come within the root of `squared_radius` of `p`.
+[[nodiscard]] unsigned boxes_within(const Floats* boxes, const std::array<float, 3>& p, float squared_radius) noexcept;
+
+/// Bits of the boxes that meet the box from `low` to `high`.
+[[nodiscard]] unsigned boxes_meeting(const Floats* boxes, const std::array<float, 3>& low,
+                                     const std::array<float, 3>& high) noexcept;
+
+struct Bounds {
+  std::array<float, 3> low, high;  ///< inverted when all lanes are empty
+};
+[[nodiscard]] Bounds bounds_of_boxes(const Floats* boxes) noexcept;
+[[nodiscard]] Bounds bounds_of_triangles(const Floats* corners) noexcept;
+
+/// The nearest points of eight triangles.
+struct Closest {
+  alignas(64) std::array<Doubles, 3> point;
+  alignas(64) Doubles squared_distance;
+};
+/// As spm::closest_point for each lane, up to rounding. About 40 ns.
+void closest_points(const Floats* corners, const std::array<double, 3>& p, Closest& out) noexcept;
+
+}  // namespace tactus::spm::lanes

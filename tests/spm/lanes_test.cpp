@@ -1,0 +1,167 @@
+// Eight at once against one at a time.
+
+#include "spm/lanes.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <random>
+
+#include "spm/triangle.hpp"
+
+namespace tactus::spm {
+namespace {
+
+constexpr float kNothing = std::numeric_limits<float>::quiet_NaN();
+using Triangles = std::array<lanes::Floats, lanes::kTriangleRows>;
+using Boxes = std::array<lanes::Floats, lanes::kBoxRows>;
+
+Vec3d corner(const Triangles& triangles, std::size_t lane, std::size_t number) {
+  return {triangles[3 * number][lane], triangles[3 * number + 1][lane], triangles[3 * number + 2][lane]};
+}
+
+/// Random ones, and in some lanes a point, a segment, a needle, or nothing.
+Triangles random_triangles(std::mt19937_64& random) {
+  std::uniform_real_distribution<float> coordinate{-1, 1};
+  Triangles triangles;
+  for (std::size_t lane = 0; lane < lanes::kLanes; ++lane) {
+    for (lanes::Floats& row : triangles) row[lane] = coordinate(random);
+    const std::uint64_t kind = random() % 8;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const float a = triangles[axis][lane], b = triangles[3 + axis][lane];
+      if (kind == 0 || kind == 1) triangles[6 + axis][lane] = a;                            // segment
+      if (kind == 1) triangles[3 + axis][lane] = a;                                         // point
+      if (kind == 2) triangles[6 + axis][lane] = a + 0.3f * (b - a) + 1e-6f * float(axis);  // needle
+      if (kind == 3)
+        for (std::size_t c = 0; c < 3; ++c) triangles[3 * c + axis][lane] = kNothing;
+    }
+  }
+  return triangles;
+}
+
+TEST(Lanes, ClosestPointsAreThoseOfOneTriangleAtATime) {
+  std::mt19937_64 random{1};
+  std::uniform_real_distribution<double> coordinate{-2, 2};
+  int empty = 0;
+  for (int round = 0; round < 5000; ++round) {
+    const Triangles triangles = random_triangles(random);
+    const Vec3d p{coordinate(random), coordinate(random), coordinate(random)};
+    lanes::Closest found;
+
+    lanes::closest_points(triangles.data(), {p[0], p[1], p[2]}, found);
+
+    for (std::size_t lane = 0; lane < lanes::kLanes; ++lane) {
+      if (std::isnan(triangles[0][lane])) {
+        ++empty;
+        ASSERT_FALSE(found.squared_distance[lane] <= 1e30) << "round " << round << " lane " << lane;
+        continue;
+      }
+      const ClosestPoint expected =
+          closest_point(p, corner(triangles, lane, 0), corner(triangles, lane, 1), corner(triangles, lane, 2));
+      // Both are right to rounding; they may differ in whether an edge or the face is a rounding nearer.
+      ASSERT_NEAR(found.squared_distance[lane], expected.squared_distance, 1e-13) << "round " << round;
+      const Vec3d point{found.point[0][lane], found.point[1][lane], found.point[2][lane]};
+      ASSERT_NEAR((p - point).squaredNorm(), found.squared_distance[lane], 1e-13) << "round " << round;
+    }
+  }
+  EXPECT_GT(empty, 1000);
+}
+
+TEST(Lanes, BoundsHoldAllCornersAndNoMore) {
+  std::mt19937_64 random{2};
+  for (int round = 0; round < 5000; ++round) {
+    const Triangles triangles = random_triangles(random);
+
+    const lanes::Bounds bounds = lanes::bounds_of_triangles(triangles.data());
+
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      float low = std::numeric_limits<float>::infinity(), high = -low;
+      for (std::size_t c = 0; c < 3; ++c)
+        for (const float x : triangles[3 * c + axis]) {
+          if (std::isnan(x)) continue;
+          low = std::min(low, x);
+          high = std::max(high, x);
+        }
+      ASSERT_EQ(bounds.low[axis], low) << "round " << round;
+      ASSERT_EQ(bounds.high[axis], high) << "round " << round;
+    }
+  }
+}
+
+class LaneBoxes : public ::testing::Test {
+ protected:
+  std::mt19937_64 random_{3};
+
+  Boxes random_boxes() {
+    std::uniform_real_distribution<float> coordinate{-1, 1};
+    Boxes boxes;
+    for (std::size_t lane = 0; lane < lanes::kLanes; ++lane) {
+      const bool none = random_() % 4 == 0;
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        const float a = coordinate(random_), b = coordinate(random_);
+        boxes[axis][lane] = none ? kNothing : std::min(a, b);
+        boxes[3 + axis][lane] = none ? kNothing : std::max(a, b);
+      }
+    }
+    return boxes;
+  }
+  std::array<float, 3> random_point() {
+    std::uniform_real_distribution<float> coordinate{-1.5f, 1.5f};
+    return {coordinate(random_), coordinate(random_), coordinate(random_)};
+  }
+};
+
+TEST_F(LaneBoxes, DistancesMeetingsAndBoundsAreThoseOfOneBoxAtATime) {
+  for (int round = 0; round < 5000; ++round) {
+    const Boxes boxes = random_boxes();
+    const std::array<float, 3> p = random_point(), q = random_point();
+    std::array<float, 3> low, high;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      low[axis] = std::min(p[axis], q[axis]);
+      high[axis] = std::max(p[axis], q[axis]);
+    }
+    const float radius2 = 0.3f;
+    unsigned within = 0, meeting = 0;
+    lanes::Floats expected{};
+    lanes::Bounds all;
+    all.low.fill(std::numeric_limits<float>::infinity());
+    all.high.fill(-std::numeric_limits<float>::infinity());
+    for (std::size_t lane = 0; lane < lanes::kLanes; ++lane) {
+      if (std::isnan(boxes[0][lane])) {
+        expected[lane] = kNothing;
+        continue;
+      }
+      bool meets = true;
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        const float d = std::max({boxes[axis][lane] - p[axis], p[axis] - boxes[3 + axis][lane], 0.f});
+        expected[lane] += d * d;
+        meets = meets && boxes[axis][lane] <= high[axis] && boxes[3 + axis][lane] >= low[axis];
+        all.low[axis] = std::min(all.low[axis], boxes[axis][lane]);
+        all.high[axis] = std::max(all.high[axis], boxes[3 + axis][lane]);
+      }
+      within |= static_cast<unsigned>(expected[lane] <= radius2) << lane;
+      meeting |= static_cast<unsigned>(meets) << lane;
+    }
+
+    lanes::Floats squared;
+    lanes::box_distances(boxes.data(), p, squared);
+    const lanes::Bounds bounds = lanes::bounds_of_boxes(boxes.data());
+
+    for (std::size_t lane = 0; lane < lanes::kLanes; ++lane) {
+      if (std::isnan(expected[lane])) {
+        ASSERT_TRUE(std::isnan(squared[lane])) << "round " << round;
+      } else {
+        ASSERT_EQ(squared[lane], expected[lane]) << "round " << round;
+      }
+    }
+    ASSERT_EQ(lanes::boxes_within(boxes.data(), p, radius2), within) << "round " << round;
+    ASSERT_EQ(lanes::boxes_meeting(boxes.data(), low, high), meeting) << "round " << round;
+    ASSERT_EQ(bounds.low, all.low) << "round " << round;
+    ASSERT_EQ(bounds.high, all.high) << "round " << round;
+  }
+}
+
+}  // namespace
+}  // namespace tactus::spm

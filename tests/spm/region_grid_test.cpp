@@ -1,0 +1,92 @@
+// Which cells a ball meets, against every sixty-fourth of every cell.
+
+#include "spm/region_grid.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <random>
+#include <vector>
+
+namespace tactus::spm {
+namespace {
+
+struct Grid {
+  GridFrame frame{{-1, 2, 0.5}, 0.25};
+  std::vector<Region> regions;
+};
+
+/// Cells of depth 0, and one of them in eight.
+Grid random_grid(std::mt19937_64& random) {
+  Grid grid;
+  const auto add = [&](std::uint16_t depth, std::uint32_t x, std::uint32_t y, std::uint32_t z) {
+    Region region{};
+    region.depth = depth;
+    region.cell = {static_cast<std::uint16_t>(x), static_cast<std::uint16_t>(y), static_cast<std::uint16_t>(z)};
+    while (region.occupied[0] == 0 && region.occupied[1] == 0)
+      for (std::uint32_t& word : region.occupied) word = static_cast<std::uint32_t>(random() & random() & random());
+    grid.regions.push_back(region);
+  };
+  for (std::uint32_t x = 0; x < 4; ++x)
+    for (std::uint32_t y = 0; y < 4; ++y)
+      for (std::uint32_t z = 0; z < 4; ++z) {
+        if (x == 1 && y == 2 && z == 1) {
+          for (std::uint32_t i = 0; i < 8; ++i) add(1, 2 * x + (i & 1), 2 * y + (i >> 1 & 1), 2 * z + (i >> 2));
+        } else if (random() % 3 != 0) {
+          add(0, x, y, z);
+        }
+      }
+  return grid;
+}
+
+double brute_squared_distance(const Grid& grid, const Region& region, const Vec3d& p) {
+  const double edge = grid.frame.cell_size / (1 << region.depth);
+  double nearest = 1e300;
+  for (std::uint32_t bit = 0; bit < 64; ++bit) {
+    if ((region.occupied[bit / 32] >> bit % 32 & 1u) == 0) continue;
+    const std::uint32_t part[3] = {bit & 3, bit >> 2 & 3, bit >> 4};
+    double squared = 0;
+    for (int axis = 0; axis < 3; ++axis) {
+      const double low = grid.frame.origin[axis] + region.cell[axis] * edge + part[axis] * edge / 4;
+      const double d = std::max({low - p[axis], p[axis] - low - edge / 4, 0.0});
+      squared += d * d;
+    }
+    nearest = std::min(nearest, squared);
+  }
+  return nearest;
+}
+
+TEST(RegionGrid, ABallMeetsTheCellsOfWhichAnOccupiedPartIsInReach) {
+  std::mt19937_64 random{5};
+  std::uniform_real_distribution<double> unit{0, 1};
+  std::uint64_t met = 0, passed_over = 0;
+  for (int round = 0; round < 200; ++round) {
+    const Grid grid = random_grid(random);
+    const RegionGrid look_up{grid.frame, grid.regions};
+    const Vec3d centre = Vec3d{-1.2, 1.8, 0.3} + 1.4 * Vec3d{unit(random), unit(random), unit(random)};
+    const double radius = 0.4 * unit(random);
+    std::vector<std::uint32_t> expected, found;
+    for (std::uint32_t i = 0; i < grid.regions.size(); ++i) {
+      const double squared = brute_squared_distance(grid, grid.regions[i], centre);
+      ASSERT_NEAR(look_up.squared_distance(RegionId{i}, centre), squared, 1e-12) << "round " << round;
+      if (squared <= radius * radius) expected.push_back(i);
+      if (squared > radius * radius && look_up.box(RegionId{i}).squared_distance(centre) <= radius * radius)
+        ++passed_over;
+    }
+
+    const bool complete = look_up.for_each_meeting(centre, radius, [&](RegionId region, double squared) {
+      EXPECT_LE(squared, radius * radius);
+      found.push_back(index(region));
+    });
+
+    ASSERT_TRUE(complete);
+    std::sort(found.begin(), found.end());
+    ASSERT_EQ(found, expected) << "round " << round;
+    met += found.size();
+  }
+  EXPECT_GT(met, 500u);
+  EXPECT_GT(passed_over, 200u) << "whole cells would do as well";
+}
+
+}  // namespace
+}  // namespace tactus::spm
