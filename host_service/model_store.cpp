@@ -5,6 +5,7 @@
 #include <array>
 #include <atomic>
 #include <chrono>
+#include <condition_variable>
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
@@ -89,9 +90,21 @@ class Lines {
     return std::exchange(lines_, {});
   }
   void close() { closed_ = true; }
+  void finish() {
+    const std::lock_guard lock{mutex_};
+    finished_ = true;
+    finishing_.notify_all();
+  }
+  /// Waits up to `limit`; true when all is said.
+  [[nodiscard]] bool wait_finished(std::chrono::milliseconds limit) {
+    std::unique_lock lock{mutex_};
+    return finishing_.wait_for(lock, limit, [this] { return finished_; });
+  }
 
  private:
   std::mutex mutex_;
+  std::condition_variable finishing_;
+  bool finished_ = false;
   std::vector<std::string> lines_;
   std::atomic<bool> closed_{false};
 };
@@ -102,12 +115,16 @@ template <class Work>
 auto unless_stopped(const std::atomic<bool>& stop, const ModelStore::Log& log, Work work) {
   constexpr std::chrono::milliseconds kPatience{20};
   const auto lines = std::make_shared<Lines>();
-  std::packaged_task<std::invoke_result_t<Work, Lines&>()> task{
-      [lines, work = std::move(work)]() mutable { return work(*lines); }};
+  using Task = std::packaged_task<std::invoke_result_t<Work, Lines&>()>;
+  Task task{[lines, work = std::move(work)]() mutable { return work(*lines); }};
   auto result = task.get_future();
-  std::thread{std::move(task)}.detach();
+  std::thread{[lines, task = std::move(task)]() mutable {
+    task();
+    task = Task{};  // before `finish`: an exception is then the waiting thread's alone
+    lines->finish();
+  }}.detach();
   for (bool done = false; !done;) {
-    done = result.wait_for(kPatience) == std::future_status::ready;
+    done = lines->wait_finished(kPatience);
     for (const std::string& line : lines->take()) log(line);
     if (!stop) continue;
     lines->close();
