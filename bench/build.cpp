@@ -29,6 +29,8 @@ struct Settings {
   std::string model;
   std::string json;
   std::uint32_t faces = 1000000;
+  std::uint32_t base_faces = spm::offline::SimplifyOptions{}.base_faces;
+  double pairs = 0;  // mm
   unsigned threads = 2;
   std::uint32_t repeats = 3;
   bool quick = false;
@@ -97,6 +99,8 @@ int run(const Settings& settings) {
   BuildOptions options;
   options.size = kSize;
   options.threads = settings.threads;
+  options.simplify.base_faces = settings.base_faces;
+  options.pair_distance = 1e-3 * settings.pairs;
 
   // What is large enough is not repeated, and its mesh is given away to be freed early.
   const std::uint32_t repeats = large ? 1 : settings.repeats;
@@ -112,8 +116,11 @@ int run(const Settings& settings) {
   const double peak = peak_resident_bytes();
 
   const spm::Model model = best.model.model();
+  char pairs[64] = "";
+  if (settings.pairs > 0) std::snprintf(pairs, sizeof pairs, ", pairs within %g mm", settings.pairs);
   Report report{{"build", name, model.summary.digest, model.summary.faces,
-                 std::to_string(settings.threads) + " threads, best of " + std::to_string(repeats)}};
+                 std::to_string(settings.threads) + " threads, best of " + std::to_string(repeats) + ", base of " +
+                     std::to_string(settings.base_faces) + " faces" + pairs}};
   report.figure(settings.model.empty() ? "generate" : "import", "once", "s", before.sum().seconds);
   for (const StageTimes::Stage& stage : best.times.stages()) {
     report.figure(stage.name, "wall", "s", stage.seconds);
@@ -136,6 +143,10 @@ int run(const Settings& settings) {
   } else if (model.summary.faces >= kSmallFaces) {
     report.at_least("faces a second", "wall", "", rate, 1e6);
   }
+  if (settings.pairs > 0) {
+    report.at_most("base faces", "with pairs", "", model.summary.base_faces, 1000);
+    report.at_most("finest vertices from the base mesh, rms", "10 cm, with pairs", "mm", rms, 1);
+  }
   return report.finish(settings.json);
 }
 
@@ -148,6 +159,10 @@ int main(int argc, char** argv) {
   app.add_option("--model", settings.model, "mesh file of any kind (default: a generated organ)")
       ->check(CLI::ExistingFile);
   app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 200000000u));
+  app.add_option("--base-faces", settings.base_faces, "that simplification aims at");
+  app.add_option("--pairs", settings.pairs,
+                 "mm at a size of 10 cm: contract vertices nearer than this; bounds the base mesh")
+      ->check(CLI::Range(0.0, 100.0));
   app.add_option("--threads", settings.threads, "that build")->check(CLI::Range(1u, 256u));
   app.add_option("--repeats", settings.repeats, "of which the best counts; once from 20 million faces on")
       ->check(CLI::Range(1u, 100u));

@@ -58,7 +58,8 @@ struct Settings {
   std::string model, out, file, shape, unit = "m";
   std::string log, spm, json_file;
   AuditOptions audit;
-  double size = 0, radius_mm = 3;
+  double size = 0, radius_mm = 3, pairs_mm = 0;
+  unsigned threads = 0;
   std::uint32_t base_faces = SimplifyOptions{}.base_faces;
   std::uint32_t cell_faces = PartitionOptions{}.cell_faces;
   std::uint32_t faces = 4096;
@@ -73,6 +74,8 @@ BuildOptions build_options(const Settings& settings, bool sized) {
   options.partition.max_cell_faces = settings.cell_faces * 5 / 2;
   options.metres_per_unit = settings.unit == "mm" ? 1e-3 : settings.unit == "cm" ? 1e-2 : 1;
   if (sized) options.size = settings.size;
+  options.pair_distance = settings.pairs_mm * 1e-3;
+  options.threads = settings.threads;
   return options;
 }
 
@@ -232,6 +235,12 @@ class CommandLine {
     size_ = build_->add_option("--size", settings_.size, "Longest side in metres, instead of --unit")
                 ->check(CLI::PositiveNumber)
                 ->excludes(unit);
+    build_
+        ->add_option("--pairs", settings_.pairs_mm,
+                     "Contract vertices nearer than this, in millimetres, whatever it does to the topology: closes "
+                     "cracks and tunnels in coarse versions")
+        ->check(CLI::NonNegativeNumber);
+    build_->add_option("--threads", settings_.threads, "That build; 0 is all there are, the result is the same");
     add_density(build_);
     add_report(build_);
   }

@@ -63,14 +63,17 @@ class Assembler {
       : mesh_{mesh}, options_{options}, progress_{progress} {}
 
   BuiltModel run() {
-    collapses_ =
-        simplify(mesh_, options_.simplify, options_.threads, [this](double done) { report("simplify", done); });
+    set_bounds();
+    ModelSummary& s = out_.summary;
+    s.metres_per_unit = options_.size ? *options_.size / longest_side() : options_.metres_per_unit;
+    SimplifyOptions simplification = options_.simplify;
+    if (options_.pair_distance > 0) simplification.pair_distance = options_.pair_distance / s.metres_per_unit;
+    collapses_ = simplify(mesh_, simplification, options_.threads, [this](double done) { report("simplify", done); });
     report("depend", 0);
     const std::vector<Triangle> base_corners = take_base_corners();
     needs_ = dependencies(collapses_, mesh_.positions.size(), options_.threads);
     collapses_.corners = {};
     report("number", 0);
-    set_bounds();
     number_records();
     write_positions();
     write_base(base_corners);
@@ -80,8 +83,6 @@ class Assembler {
     report("divide", 0);
     write_regions();
     report("sum up", 0);
-    ModelSummary& s = out_.summary;
-    s.metres_per_unit = options_.size ? *options_.size / longest_side() : options_.metres_per_unit;
     s.digest = digest_of(out_.model());
     report("sum up", 1);
     return std::move(out_);

@@ -21,6 +21,7 @@ struct BuildOptions {
   PartitionOptions partition;
   double metres_per_unit = 1;
   std::optional<double> size;  ///< metres of the longest side of the bounds; overrides `metres_per_unit`
+  double pair_distance = 0;    ///< metres, overrides `simplify.pair_distance` unless 0
   unsigned threads = 0;        ///< 0: all there are; the result is the same
 };
 

@@ -54,6 +54,8 @@ Patch::Patch(Surface& surface, const SimplifyOptions& options) : surface_{surfac
 }
 
 Segment Patch::simplify(const PatchTask& task, const std::function<void(double)>& progress) {
+  const auto pair = static_cast<float>(options_.pair_distance * double{surface_.scale});
+  near2_ = task.last ? pair * pair : 0;
   load(task);
   const std::uint32_t start = living_;
   // A collapse may make another legal that was not: again from the start until a round brings nothing.
@@ -70,7 +72,7 @@ Segment Patch::simplify(const PatchTask& task, const std::function<void(double)>
         progress(double(start - living_) / double(start - task.target));
       }
     }
-    if (!task.thorough) break;
+    if (!task.last) break;
   }
   store();
   out_.sequence.push_back(
@@ -113,6 +115,7 @@ void Patch::load(const PatchTask& task) {
   ring_place_.assign(vertices_.size(), 0);
   queue_.reset(static_cast<std::uint32_t>(vertices_.size()));
   link_stars();
+  if (near2_ > 0) place_in_grid();
 }
 
 std::uint32_t Patch::local(std::uint32_t vertex, std::uint32_t block) {
@@ -177,13 +180,10 @@ void Patch::push_all(bool fresh) {
     if (!vertices_[u].inner || vertices_[u].gone) continue;
     build_ring(u);
     if (fresh) add_border_planes(u);
-    if (ring_.star != Star::kLocked) {
-      float best = std::numeric_limits<float>::infinity();
-      for (std::uint32_t i = 0; i < ring_.size; ++i) {
-        if (vertices_[ring_.vertex[i]].inner) best = std::min(best, cost(u, ring_.vertex[i]));
-      }
-      queue_.push(u, CostQueue::class_of(best));
-    }
+    gather_candidates(u);
+    float best = std::numeric_limits<float>::infinity();
+    for (const Candidate& candidate : candidates_) best = std::min(best, candidate.cost);
+    if (!candidates_.empty()) queue_.push(u, CostQueue::class_of(best));
     clear_ring();
   }
 }
@@ -207,35 +207,97 @@ float Patch::cost(std::uint32_t u, std::uint32_t t) const {
   return std::max(quadrics_[u].at(e), 0.0f) + kLengthWeight * length2 * length2;
 }
 
+/// Where u may go, as far as its ring tells.
+void Patch::gather_candidates(std::uint32_t u) {
+  candidates_.clear();
+  const Star star = ring_.star;
+  for (std::uint32_t i = 0; i < ring_.size; ++i) {
+    const std::uint32_t t = ring_.vertex[i];
+    if (!vertices_[t].inner) continue;
+    const bool surface = star == Star::kDisc || star == Star::kPinched || (star == Star::kFan && ring_.degree[i] == 1);
+    if (surface || near(u, t)) candidates_.push_back({cost(u, t), t});
+  }
+  if (near2_ > 0 && ring_.size > 0) gather_partners(u);
+}
+
+/// Vertices near to u that no edge joins to it, no further than its edges are long: what is nearer along the surface is
+/// for edges to do.
+void Patch::gather_partners(std::uint32_t u) {
+  float reach2 = 0;
+  for (std::uint32_t i = 0; i < ring_.size; ++i) {
+    const Offset e = between(vertices_[u].at, vertices_[ring_.vertex[i]].at);
+    reach2 = std::max(reach2, e[0] * e[0] + e[1] * e[1] + e[2] * e[2]);
+  }
+  reach2 = std::min(reach2, near2_);
+  const double reach = std::sqrt(double{reach2});
+  std::array<std::uint32_t, 3> low{}, high{};
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    low[axis] = grid_place(vertices_[u].at[axis] - reach);
+    high[axis] = grid_place(vertices_[u].at[axis] + reach);
+  }
+  for (std::uint32_t x = low[0]; x <= high[0]; ++x) {
+    for (std::uint32_t y = low[1]; y <= high[1]; ++y) {
+      const auto end = std::pair{grid_key(x, y, high[2]), kNone};
+      for (auto at = std::lower_bound(grid_.begin(), grid_.end(), std::pair{grid_key(x, y, low[2]), 0u});
+           at != grid_.end() && *at <= end; ++at) {
+        const std::uint32_t t = at->second;
+        if (t == u || vertices_[t].gone || vertices_[t].size == 0 || in_ring(t) < ring_.size) continue;
+        const Offset e = between(vertices_[u].at, vertices_[t].at);
+        if (e[0] * e[0] + e[1] * e[1] + e[2] * e[2] <= reach2) candidates_.push_back({cost(u, t), t});
+      }
+    }
+  }
+}
+
+void Patch::place_in_grid() {
+  double sum = 0;
+  for (const Face& face : faces_) {
+    const Point along = point(between(vertices_[face.corner[0]].at, vertices_[face.corner[1]].at));
+    sum += std::sqrt(dot(along, along));
+  }
+  const double edge = sum / static_cast<double>(faces_.size());
+  cell_ = std::max(std::min(std::sqrt(double{near2_}), 2 * edge), 1e-30);
+  grid_.clear();
+  for (std::uint32_t v = 0; v < vertices_.size(); ++v) {
+    if (!vertices_[v].inner) continue;
+    const Offset& p = vertices_[v].at;
+    grid_.push_back({grid_key(grid_place(p[0]), grid_place(p[1]), grid_place(p[2])), v});
+  }
+  std::sort(grid_.begin(), grid_.end());
+}
+
+/// What is too far out for the grid shares its outermost cells.
+std::uint32_t Patch::grid_place(double x) const {
+  constexpr double kHalf = 1 << 20;
+  return static_cast<std::uint32_t>(std::clamp(std::floor(x / cell_), -kHalf, kHalf - 1) + kHalf);
+}
+
+std::uint64_t Patch::grid_key(std::uint32_t x, std::uint32_t y, std::uint32_t z) {
+  return std::uint64_t{x} << 42 | std::uint64_t{y} << 21 | z;
+}
+
+bool Patch::near(std::uint32_t u, std::uint32_t t) const {
+  const Offset e = between(vertices_[u].at, vertices_[t].at);
+  return e[0] * e[0] + e[1] * e[1] + e[2] * e[2] < near2_;
+}
+
 /// Looks at the vertex whose cheapest collapse may be the cheapest of all. Classes in the queue are lower bounds: a
 /// vertex that turns out dearer goes back with what it really costs.
 void Patch::step(std::uint32_t u) {
-  struct Candidate {
-    float cost;
-    std::uint32_t at;
-  };
   build_ring(u);
-  std::array<Candidate, kRingCapacity> candidates;
-  std::uint32_t count = 0;
-  if (ring_.star != Star::kLocked) {
-    for (std::uint32_t i = 0; i < ring_.size; ++i) {
-      if (!vertices_[ring_.vertex[i]].inner) continue;
-      if (ring_.star != Star::kFan || ring_.degree[i] == 1) candidates[count++] = {cost(u, ring_.vertex[i]), i};
-    }
-  }
+  gather_candidates(u);
   const std::uint32_t rival = queue_.cheapest();
-  for (std::uint32_t first = 0; first < count; ++first) {
-    const auto cheaper = [this](const Candidate& a, const Candidate& b) {
-      return a.cost != b.cost ? a.cost < b.cost : ring_.vertex[a.at] < ring_.vertex[b.at];
-    };
-    std::iter_swap(&candidates[first], std::min_element(&candidates[first], candidates.data() + count, cheaper));
-    const std::uint32_t cost_class = CostQueue::class_of(candidates[first].cost);
+  for (auto first = candidates_.begin(); first != candidates_.end(); ++first) {
+    std::iter_swap(first, std::min_element(first, candidates_.end(), [](const Candidate& a, const Candidate& b) {
+                     return a.cost != b.cost ? a.cost < b.cost : a.t < b.t;
+                   }));
+    const std::uint32_t cost_class = CostQueue::class_of(first->cost);
     if (cost_class > rival) {
       queue_.push(u, cost_class);
       break;
     }
-    if (!legal(u, candidates[first].at)) continue;
-    collapse(u, candidates[first].at);
+    if (!legal(u, first->t)) continue;
+    collapse(u, first->t);
     break;
   }
   clear_ring();
@@ -293,12 +355,13 @@ bool Patch::is_connected() const {
   return visited == ring_.size;
 }
 
-bool Patch::legal(std::uint32_t u, std::uint32_t at) const {
-  const std::uint32_t t = ring_.vertex[at];
-  const std::uint32_t size = vertices_[t].size;
+bool Patch::legal(std::uint32_t u, std::uint32_t t) const {
+  const std::uint32_t size = vertices_[t].size, at = in_ring(t);
+  const std::uint32_t dying = at < ring_.size ? ring_.degree[at] : 0;
   if (size > kMaxTargetStar) return false;
-  if (vertices_[u].size + size - 2 * ring_.degree[at] > std::max(options_.max_star, size)) return false;
+  if (vertices_[u].size + size - 2 * dying > std::max(options_.max_star, size)) return false;
   if (!keeps_shapes(u, t)) return false;
+  if (near(u, t)) return keeps_faces(u, t);
   return ring_.star == Star::kPinched ? keeps_sheets(u, t) : keeps_surface(u, at);
 }
 
@@ -348,6 +411,33 @@ bool Patch::keeps_sheets(std::uint32_t u, std::uint32_t t) const {
   return true;
 }
 
+/// All that is asked of a pair: no face comes to lie on another, no vertex loses its last face, and no more than two
+/// sheets come to touch along an edge that had one.
+bool Patch::keeps_faces(std::uint32_t u, std::uint32_t t) const {
+  std::array<std::uint32_t, kRingCapacity> dying{}, at_target{};
+  std::uint32_t left = vertices_[u].size + vertices_[t].size;
+  for (const std::uint32_t corner : star(t)) {
+    const Face& face = faces_[face_of(corner)];
+    const std::uint32_t k = corner % 4;
+    const std::uint32_t a = face.corner[(k + 1) % 3], b = face.corner[(k + 2) % 3];
+    const std::uint32_t ia = a == u ? ring_.size : in_ring(a), ib = b == u ? ring_.size : in_ring(b);
+    if (ia < ring_.size) ++at_target[ia];
+    if (ib < ring_.size) ++at_target[ib];
+    if (a == u) ++dying[ib];
+    if (b == u) ++dying[ia];
+    if (a == u || b == u) left -= 2;
+    if (ia < ring_.size && ib < ring_.size && has_face(u, a, b)) return false;
+  }
+  for (std::uint32_t i = 0; i < ring_.size; ++i) {
+    const std::uint32_t w = ring_.vertex[i];
+    if (w == t || at_target[i] == 0) continue;
+    const std::uint32_t faces = ring_.degree[i] + at_target[i] - 2 * dying[i];
+    if (faces > std::max<std::uint32_t>({4, ring_.degree[i], at_target[i]})) return false;
+    if (dying[i] > 0 && faces == 0 && (!vertices_[w].inner || vertices_[w].size == dying[i])) return false;
+  }
+  return left > 0;
+}
+
 /// Whether a face of u's star holds both a and b.
 bool Patch::has_face(std::uint32_t u, std::uint32_t a, std::uint32_t b) const {
   const Span<const std::uint32_t> corners = star(u);
@@ -378,11 +468,10 @@ bool Patch::keeps_shapes(std::uint32_t u, std::uint32_t t) const {
   return true;
 }
 
-void Patch::collapse(std::uint32_t u, std::uint32_t at) {
-  const std::uint32_t t = ring_.vertex[at];
+void Patch::collapse(std::uint32_t u, std::uint32_t t) {
   out_.sequence.push_back({vertices_[u].id, vertices_[t].id, static_cast<std::uint32_t>(out_.dying.size()),
                            static_cast<std::uint32_t>(out_.moved.size())});
-  reserve_star(t, vertices_[t].size + vertices_[u].size - ring_.degree[at]);
+  reserve_star(t, vertices_[t].size + vertices_[u].size);
   for (const std::uint32_t corner : star(u)) {
     Face& face = faces_[face_of(corner)];
     const std::uint32_t k = corner % 4;
@@ -407,14 +496,11 @@ void Patch::collapse(std::uint32_t u, std::uint32_t at) {
   vertices_[u].gone = true;
   for (std::uint32_t i = 0; i < ring_.size; ++i) {
     const std::uint32_t w = ring_.vertex[i];
-    if (!vertices_[w].inner) continue;
-    if (w == t) {
-      if (queue_.class_of_vertex(t) == CostQueue::kAbsent) queue_.push(t, 0);
-      continue;
-    }
+    if (!vertices_[w].inner || w == t) continue;
     const std::uint32_t through_t = CostQueue::class_of(cost(w, t));
     if (through_t < queue_.class_of_vertex(w)) queue_.push(w, through_t);
   }
+  if (queue_.class_of_vertex(t) == CostQueue::kAbsent) queue_.push(t, 0);
 }
 
 /// Takes the corner of a face out of v's star.

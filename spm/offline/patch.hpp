@@ -45,7 +45,7 @@ struct PatchTask {
   std::uint32_t block;              ///< its name in `Surface::owner`
   std::uint32_t target;             ///< stop at this many faces
   bool fresh;                       ///< faces of the finest mesh, whose quadrics are still to be made
-  bool thorough;                    ///< go round again while that makes another collapse legal
+  bool last;                        ///< contract pairs, too, and go round again while that makes another legal
 };
 
 class Patch {
@@ -86,6 +86,11 @@ class Patch {
     std::array<std::array<std::uint8_t, 2>, kRingCapacity> joined;  // the first two
   };
 
+  struct Candidate {
+    float cost;
+    std::uint32_t t;
+  };
+
   void load(const PatchTask& task);
   std::uint32_t local(std::uint32_t vertex, std::uint32_t block);
   void load_normal(Face& face, bool fresh);
@@ -99,13 +104,20 @@ class Patch {
   std::uint32_t ring_index(std::uint32_t v);
   std::uint32_t in_ring(std::uint32_t v) const { return ring_place_[v] == 0 ? ring_.size : ring_place_[v] - 1u; }
   void clear_ring();
+  void gather_candidates(std::uint32_t u);
+  void gather_partners(std::uint32_t u);
+  void place_in_grid();
+  std::uint32_t grid_place(double x) const;
+  static std::uint64_t grid_key(std::uint32_t x, std::uint32_t y, std::uint32_t z);
+  bool near(std::uint32_t u, std::uint32_t t) const;
   float cost(std::uint32_t u, std::uint32_t t) const;
-  bool legal(std::uint32_t u, std::uint32_t at) const;
+  bool legal(std::uint32_t u, std::uint32_t t) const;
   bool keeps_surface(std::uint32_t u, std::uint32_t at) const;
   bool keeps_sheets(std::uint32_t u, std::uint32_t t) const;
+  bool keeps_faces(std::uint32_t u, std::uint32_t t) const;
   bool has_face(std::uint32_t u, std::uint32_t a, std::uint32_t b) const;
   bool keeps_shapes(std::uint32_t u, std::uint32_t t) const;
-  void collapse(std::uint32_t u, std::uint32_t at);
+  void collapse(std::uint32_t u, std::uint32_t t);
   void remove_corner(std::uint32_t v, std::uint32_t face);
   void reserve_star(std::uint32_t v, std::uint32_t size);
   Span<const std::uint32_t> star(std::uint32_t v) const {
@@ -123,6 +135,10 @@ class Patch {
   std::vector<std::uint8_t> ring_place_;                         // by vertex: 1 + its place in the ring, 0: none
   CostQueue queue_;
   Ring ring_;
+  float near2_ = 0;                                            // square of the distance of pairs; 0: none
+  double cell_ = 0;                                            // edge of a cell of `grid_`
+  std::vector<std::pair<std::uint64_t, std::uint32_t>> grid_;  // cell, inner vertex; only with pairs
+  std::vector<Candidate> candidates_;
   Segment out_;
 };
 

@@ -26,6 +26,10 @@ struct SimplifyOptions {
   std::uint32_t max_star = 40;     ///< faces around u, and around t afterwards unless it had more before
   double min_cosine = 0.1;         ///< between the normals of a face version and of its finest version
   double min_shape = 1e-3;  ///< 4 sqrt(3) area / sum of squared edges, 1 when equilateral; a worse face may not worsen
+  /// File units. Vertices nearer to each other than this may contract whatever that does to the topology, with or
+  /// without an edge between them: cracks and tunnels close, parts grow together. Only once the mesh is one block:
+  /// before that, what keeps the surface whole does better. 0: none.
+  double pair_distance = 0;
   std::uint32_t block_faces = 1u << 15;  ///< at most, in a block; part of the result as much as the mesh is
 };
 

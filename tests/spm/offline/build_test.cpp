@@ -6,7 +6,9 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <numeric>
 #include <random>
+#include <set>
 
 #include "spm/offline/generate.hpp"
 #include "tests/support/mesh_zoo.hpp"
@@ -21,13 +23,14 @@ using test_support::sorted_faces;
 using test_support::ZooMesh;
 using ::testing::IsEmpty;
 
-/// How a mesh is simplified: at once, or in many blocks and rounds.
-enum class Cut { kWhole, kBlocks };
+/// How a mesh is simplified: at once, in many blocks and rounds, or with whatever is near contracted, too.
+enum class Cut { kWhole, kBlocks, kPairs };
 
 BuildOptions small_options(Cut cut, unsigned threads = 2) {
   BuildOptions options;
   options.threads = threads;
   if (cut == Cut::kBlocks) options.simplify.block_faces = 64;
+  if (cut == Cut::kPairs) options.simplify.pair_distance = 0.5;
   options.simplify.base_faces = 12;
   options.partition.cell_faces = 40;
   options.partition.max_cell_faces = 80;
@@ -42,19 +45,24 @@ class EveryMesh : public ::testing::TestWithParam<std::tuple<ZooMesh, Cut>> {
         built_{build_model(zoo_.mesh, small_options(cut_))},
         finest_{finest_faces(built_.model())} {}
 
+  /// Pairs may make any edge one of several sheets.
+  bool manifold() const { return zoo_.manifold && cut_ != Cut::kPairs; }
+
   ZooMesh zoo_;
   Cut cut_;
   BuiltModel built_;
   std::vector<Triangle> finest_;
 };
 
+std::string name_of(const ::testing::TestParamInfo<std::tuple<ZooMesh, Cut>>& test) {
+  constexpr std::array<const char*, 3> kCuts{"Whole", "InBlocks", "WithPairs"};
+  return std::get<0>(test.param).name + kCuts[static_cast<std::size_t>(std::get<1>(test.param))];
+}
+
 INSTANTIATE_TEST_SUITE_P(Zoo, EveryMesh,
                          ::testing::Combine(::testing::ValuesIn(mesh_zoo()),
-                                            ::testing::Values(Cut::kWhole, Cut::kBlocks)),
-                         [](const auto& test) {
-                           const bool whole = std::get<1>(test.param) == Cut::kWhole;
-                           return std::get<0>(test.param).name + (whole ? "Whole" : "InBlocks");
-                         });
+                                            ::testing::Values(Cut::kWhole, Cut::kBlocks, Cut::kPairs)),
+                         name_of);
 
 TEST_P(EveryMesh, IsASoundModel) { EXPECT_THAT(violations(built_.model()), IsEmpty()); }
 
@@ -127,11 +135,11 @@ TEST_P(EveryMesh, EveryPrefixInRecordOrderIsAValidMesh) {
   const std::uint32_t step = model.summary.records / 50 + 1;
   for (std::uint32_t r = 0; r < model.summary.records; ++r) {
     if (r % step == 0) {
-      ASSERT_THAT(mesh.defects(finest_, zoo_.manifold), IsEmpty()) << "before record " << r;
+      ASSERT_THAT(mesh.defects(finest_, manifold()), IsEmpty()) << "before record " << r;
     }
     ASSERT_TRUE(mesh.apply(r));
   }
-  EXPECT_THAT(mesh.defects(finest_, zoo_.manifold), IsEmpty());
+  EXPECT_THAT(mesh.defects(finest_, manifold()), IsEmpty());
 }
 
 TEST_P(EveryMesh, AnyUnionOfRegionsIsAValidMesh) {
@@ -143,7 +151,7 @@ TEST_P(EveryMesh, AnyUnionOfRegionsIsAValidMesh) {
     for (std::size_t i = 0; i < regions; ++i) {
       ASSERT_TRUE(mesh.apply_region(static_cast<std::uint32_t>(random() % model.summary.regions))) << "seed " << seed;
     }
-    ASSERT_THAT(mesh.defects(finest_, zoo_.manifold), IsEmpty()) << "seed " << seed;
+    ASSERT_THAT(mesh.defects(finest_, manifold()), IsEmpty()) << "seed " << seed;
   }
 }
 
@@ -157,7 +165,7 @@ TEST_P(EveryMesh, AnyClosureOfRandomRecordsIsAValidMesh) {
     for (std::uint32_t r = 0; r < model.summary.records; ++r) {
       if (random() % one_in != 0) static_cast<void>(mesh.apply(r));
     }
-    ASSERT_THAT(mesh.defects(finest_, zoo_.manifold), IsEmpty()) << "seed " << seed;
+    ASSERT_THAT(mesh.defects(finest_, manifold()), IsEmpty()) << "seed " << seed;
   }
 }
 
@@ -211,6 +219,58 @@ TEST(Build, ReachesTheNumberOfBaseFacesAskedForOnASmoothSurface) {
   const BuiltModel built = build_model(generate(Shape::kOrgan, 20000), options);
   EXPECT_LE(built.summary.base_faces, 200u);
   EXPECT_GE(built.summary.base_faces, 198u);
+}
+
+/// Two patches side by side, a narrow crack between them.
+TriangleMesh cracked_patch() {
+  TriangleMesh mesh = test_support::grid_patch(8, 8), right = mesh;
+  for (std::array<float, 3>& p : right.positions) p[0] += 8.05f;
+  const auto first = static_cast<std::uint32_t>(mesh.positions.size());
+  mesh.positions.insert(mesh.positions.end(), right.positions.begin(), right.positions.end());
+  for (const Triangle& f : right.faces) mesh.faces.push_back({f[0] + first, f[1] + first, f[2] + first});
+  return mesh;
+}
+
+std::size_t parts_of(const Model& model) {
+  std::vector<std::uint32_t> part(model.summary.base_vertices);
+  std::iota(part.begin(), part.end(), 0u);
+  for (std::size_t pass = 0; pass < part.size(); ++pass) {
+    for (const BaseFace& face : model.base_faces) {
+      std::uint32_t least = part[face.corners[0]];
+      for (const std::uint32_t v : face.corners) least = std::min(least, part[v]);
+      for (const std::uint32_t v : face.corners) part[v] = least;
+    }
+  }
+  return std::set<std::uint32_t>(part.begin(), part.end()).size();
+}
+
+TEST(Build, PairsAcrossACrackMakeTwoPatchesOne) {
+  BuildOptions options;
+  options.simplify.base_faces = 2;
+  const BuiltModel apart = build_model(cracked_patch(), options);
+  options.simplify.pair_distance = 0.1;
+  const BuiltModel together = build_model(cracked_patch(), options);
+  EXPECT_EQ(parts_of(apart.model()), 2u);
+  EXPECT_EQ(parts_of(together.model()), 1u);
+  EXPECT_LT(together.summary.base_vertices, apart.summary.base_vertices);
+}
+
+TEST(Build, PairsAcrossNothingChangeNothing) {
+  BuildOptions options;
+  options.simplify.base_faces = 2;
+  const BuiltModel without = build_model(cracked_patch(), options);
+  options.simplify.pair_distance = 0.04;
+  expect_same_bytes(build_model(cracked_patch(), options), without);
+}
+
+TEST(Build, PairsUndoThePassagesOfABaseMesh) {
+  TriangleMesh torus = generate(Shape::kTorus, 3000);  // its tube is 4 cm thick, its hole 6 cm wide
+  BuildOptions options;
+  options.simplify.base_faces = 4;
+  const BuiltModel whole = build_model(torus, options);
+  options.simplify.pair_distance = 0.05;
+  const BuiltModel pinched = build_model(torus, options);
+  EXPECT_LT(pinched.summary.base_faces, whole.summary.base_faces);
 }
 
 TEST(Build, KeepsTheCornersOfAFlatPatch) {
