@@ -30,9 +30,10 @@ MeshProbe::MeshProbe(Span<const std::array<float, 3>> vertices, Span<const std::
   for (std::size_t v = 0; v < vertices.size(); ++v) {
     const Vec3d p{vertices[v][0], vertices[v][1], vertices[v][2]};
     if (!p.allFinite()) throw std::invalid_argument("MeshProbe: vertex " + std::to_string(v) + " is not finite");
-    vertices_.push_back({p[0], p[1], p[2]});
+    for (int axis = 0; axis < 3; ++axis) vertices_[axis].push_back(p[axis]);
     radius_ = std::max(radius_, p.norm());
   }
+  for (std::vector<double>& filled : vertices_) filled.resize((filled.size() + 7) / 8 * 8, 0);
   for (std::size_t t = 0; t < triangles.size(); ++t)
     for (const std::uint32_t corner : triangles[t])
       if (corner >= vertices.size()) {
@@ -51,7 +52,8 @@ std::uint32_t MeshProbe::build(std::vector<std::uint32_t>& order, std::uint32_t 
   // Parts of 8^(height - 1) triangles, the last one perhaps smaller, by halving along the longest axis of the centres.
   const std::uint32_t part = 1u << 3 * (height - 1);
   const auto centre = [&](std::uint32_t t, int axis) {
-    return vertices_[triangles[t][0]][axis] + vertices_[triangles[t][1]][axis] + vertices_[triangles[t][2]][axis];
+    const std::vector<double>& at = vertices_[axis];
+    return at[triangles[t][0]] + at[triangles[t][1]] + at[triangles[t][2]];
   };
   const auto divide = [&](const auto& self, std::uint32_t from, std::uint32_t to) -> void {
     const std::uint32_t parts = (to - from + part - 1) / part;
@@ -95,11 +97,11 @@ std::uint32_t MeshProbe::build(std::vector<std::uint32_t>& order, std::uint32_t 
       number_.push_back(order[from]);
       Triangle3d t;
       for (int i = 0; i < 3; ++i) {
-        const std::array<double, 3>& p = vertices_[corners[i]];
-        t[i] = {p[0], p[1], p[2]};
-        for (int axis = 0; axis < 3; ++axis) {  // floats as they came
-          node.low[axis][k] = std::min(node.low[axis][k], static_cast<float>(p[axis]));
-          node.high[axis][k] = std::max(node.high[axis][k], static_cast<float>(p[axis]));
+        for (int axis = 0; axis < 3; ++axis) {
+          t[i][axis] = vertices_[axis][corners[i]];
+          const auto p = static_cast<float>(t[i][axis]);  // as it came
+          node.low[axis][k] = std::min(node.low[axis][k], p);
+          node.high[axis][k] = std::max(node.high[axis][k], p);
         }
       }
       const Vec3d across = (t[1] - t[0]).cross(t[2] - t[0]);
@@ -182,33 +184,23 @@ struct ProbeWalk {
     return false;
   }
 
-  void place_triangles(const MeshProbe::Node& node, PlacedNode& here) const noexcept {
+  void gather(const MeshProbe::Node& node, PlacedNode& here) const noexcept {
     for (unsigned k = 0; k < node.count; ++k) {
       const std::array<std::uint32_t, 3>& corners = probe.probe_.corners_[node.child[k]];
-      for (int axis = 0; axis < 3; ++axis) {
-        float low = kInfinity, high = -kInfinity;
-        for (int i = 0; i < 3; ++i) {
-          const float p = static_cast<float>(probe.vertices_[corners[i]][axis]);
-          here.corner[k][i][axis] = p;
-          low = p < low ? p : low;
-          high = p > high ? p : high;
-        }
-        here.low[axis][k] = low - slack;
-        here.high[axis][k] = high + slack;
-      }
+      for (int i = 0; i < 3; ++i)
+        for (int axis = 0; axis < 3; ++axis) here.corner[i][axis][k] = probe.rounded_[axis][corners[i]];
     }
   }
 
-  void add(std::uint32_t row, std::uint32_t triangle) noexcept {
+  void add(const TreeNode& leaf, unsigned lane, std::uint32_t triangle) noexcept {
     TrianglePairs& batch = probe.pairs_;
-    const std::array<float, 9> face = tree.corners(row);
     const std::array<std::uint32_t, 3>& corners = probe.probe_.corners_[triangle];
     for (int i = 0; i < 3; ++i)
       for (int axis = 0; axis < 3; ++axis) {
-        batch.object[i][axis][pairs] = face[3 * i + axis];
-        batch.probe[i][axis][pairs] = probe.vertices_[corners[i]][axis];
+        batch.object[i][axis][pairs] = leaf.lanes[3 * i + axis][lane];
+        batch.probe[i][axis][pairs] = probe.vertices_[axis][corners[i]];
       }
-    rows[pairs] = row;
+    rows[pairs] = leaf.child[lane];
     triangles[pairs] = triangle;
     if (++pairs == TrianglePairs::kWidth) flush();
   }
@@ -235,12 +227,23 @@ struct ProbeWalk {
 
 namespace {
 
+/// A rigid motion of `count` points, a multiple of 8, by axis.
+struct Placing {
+  std::size_t count;
+  double rotation[3][3], translation[3];
+  const double* from[3];
+  double* to[3];
+  float* rounded[3];
+};
+
 using PlacedNode = ProbeWalk::PlacedNode;
 using ProbeNode = ProbeWalk::Node;
 
 inline unsigned lowest_bit(unsigned bits) noexcept { return static_cast<unsigned>(__builtin_ctz(bits)); }
 inline unsigned highest_bit(unsigned bits) noexcept { return 31u - static_cast<unsigned>(__builtin_clz(bits)); }
 
+// AVX-512 does no better than AVX2 here: all is floats by eight, and comparisons through its mask registers take
+// longer.
 namespace base {
 constexpr int kDoubles = 2;
 #include "spm/mesh_probe_kernel.inc"
@@ -251,12 +254,6 @@ namespace avx2 {
 constexpr int kDoubles = 4;
 #include "spm/mesh_probe_kernel.inc"
 }  // namespace avx2
-TACTUS_TARGET_END
-TACTUS_TARGET_AVX512
-namespace avx512 {
-constexpr int kDoubles = 8;
-#include "spm/mesh_probe_kernel.inc"
-}  // namespace avx512
 TACTUS_TARGET_END
 #endif
 
@@ -269,6 +266,7 @@ PlacedProbe::PlacedProbe(const MeshProbe& probe, Simd simd)
       nodes_(probe.nodes_.size()),
       in_tree_(probe.triangles()),
       stack_(kStack) {
+  for (std::vector<float>& rounded : rounded_) rounded.resize(vertices_[0].size());
   for (std::uint32_t t = 0; t < probe.triangles(); ++t) in_tree_[probe.number_[t]] = t;
   place(Eigen::Isometry3d::Identity());
 }
@@ -280,18 +278,25 @@ void PlacedProbe::place(const Eigen::Isometry3d& pose) noexcept {
   }
   rotation_ = pose.linear();
   translation_ = pose.translation();
-  for (std::size_t v = 0; v < vertices_.size(); ++v) {
-    const std::array<double, 3>& p = probe_.vertices_[v];
-    for (int i = 0; i < 3; ++i)
-      vertices_[v][i] = rotation_(i, 0) * p[0] + rotation_(i, 1) * p[1] + rotation_(i, 2) * p[2] + translation_[i];
+  Placing placing{probe_.vertices_[0].size(), {}, {}, {}, {}, {}};
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) placing.rotation[i][j] = rotation_(i, j);
+    placing.translation[i] = translation_[i];
+    placing.from[i] = probe_.vertices_[i].data();
+    placing.to[i] = vertices_[i].data();
+    placing.rounded[i] = rounded_[i].data();
   }
+#ifdef TACTUS_HAS_TARGETS
+  if (simd_ != Simd::kBase) return avx2::place(placing);
+#endif
+  base::place(placing);
 }
 
 Triangle3d PlacedProbe::triangle(std::uint32_t number) const noexcept {
   Triangle3d placed;
   for (int i = 0; i < 3; ++i) {
-    const std::array<double, 3>& p = vertices_[probe_.corners_[in_tree_[number]][i]];
-    placed[i] = {p[0], p[1], p[2]};
+    const std::uint32_t v = probe_.corners_[in_tree_[number]][i];
+    placed[i] = {vertices_[0][v], vertices_[1][v], vertices_[2][v]};
   }
   return placed;
 }
@@ -303,9 +308,7 @@ MeshTouch PlacedProbe::touching(const AbTree& tree, MeshContact* out, std::uint3
   walk.aim();
   walk.push(tree.root(), probe_.root_, kInfinity);
 #ifdef TACTUS_HAS_TARGETS
-  if (simd_ == Simd::kAvx512)
-    avx512::walk(walk);
-  else if (simd_ == Simd::kAvx2)
+  if (simd_ != Simd::kBase)
     avx2::walk(walk);
   else
 #endif

@@ -74,7 +74,7 @@ class MeshProbe {
   std::uint32_t build(std::vector<std::uint32_t>& order, std::uint32_t first, std::uint32_t last, int height,
                       Span<const std::array<std::uint32_t, 3>> triangles);
 
-  std::vector<std::array<double, 3>> vertices_;
+  std::array<std::vector<double>, 3> vertices_;        // by axis, filled up to whole vectors
   std::vector<std::array<std::uint32_t, 3>> corners_;  // by triangle in tree order
   std::vector<std::uint32_t> number_;                  // as given, by the same
   std::vector<Node> nodes_;
@@ -108,7 +108,7 @@ class PlacedProbe {
   struct alignas(64) Node {
     float low[3][kWidth], high[3][kWidth];
     float normal[3][kWidth], offset[kWidth];
-    float corner[kWidth][3][3];  ///< of a leaf's triangles: [triangle][corner][axis]
+    float corner[3][3][kWidth];  ///< of a leaf's triangles: [corner][axis][triangle]
     float whole_low[3], whole_high[3];
     std::uint32_t pose;  ///< number of the pose it was made for
   };
@@ -122,7 +122,8 @@ class PlacedProbe {
   std::uint32_t pose_ = 0;
   Eigen::Matrix3d rotation_ = Eigen::Matrix3d::Identity();
   Vec3d translation_ = Vec3d::Zero();
-  std::vector<std::array<double, 3>> vertices_;
+  std::array<std::vector<double>, 3> vertices_;  // as placed, by axis
+  std::array<std::vector<float>, 3> rounded_;
   std::vector<Node> nodes_;
   std::vector<std::uint32_t> in_tree_;  // place in tree order, by triangle as given
   std::vector<Entry> stack_;
