@@ -16,7 +16,12 @@ void clear_lane(TreeNode& node, unsigned lane) noexcept {
 }
 
 lanes::Bounds bounds_of(const TreeNode& node) noexcept {
-  return node.level == 1 ? lanes::bounds_of_triangles(node.lanes.data()) : lanes::bounds_of_boxes(node.lanes.data());
+  lanes::Bounds bounds;
+  if (node.level == 1)
+    lanes::kBest.bounds_of_triangles(node.lanes.data(), bounds);
+  else
+    lanes::kBest.bounds_of_boxes(node.lanes.data(), bounds);
+  return bounds;
 }
 
 /// False when the child's box was that already.
@@ -203,7 +208,7 @@ void AbTree::walk_near(const Vec3d& point, double radius, Visit&& visit) const n
   stack[depth++] = root_;
   while (depth > 0) {
     const TreeNode& node = nodes_[stack[--depth]];
-    unsigned hit = lanes::boxes_within(node.lanes.data(), p.at, squared_radius);
+    unsigned hit = lanes::kBest.boxes_within(node.lanes.data(), p.at, squared_radius);
     if (node.level > 2) {
       for (; hit != 0; hit &= ~(1u << highest_bit(hit))) {
         stack[depth++] = node.child[highest_bit(hit)];
@@ -224,7 +229,7 @@ std::uint32_t AbTree::near(const Vec3d& point, double radius, std::uint32_t* row
   const std::array<double, 3> p{point[0], point[1], point[2]};
   walk_near(point, radius, [&](const TreeNode& node) {
     lanes::Closest closest;
-    lanes::closest_points(node.lanes.data(), p, closest);
+    lanes::kBest.closest_points(node.lanes.data(), p, closest);
     for (unsigned i = 0; i < TreeNode::kWidth; ++i) {
       if (!(closest.squared_distance[i] <= squared_radius)) continue;
       if (found < capacity) rows[found] = node.child[i];
@@ -241,7 +246,7 @@ std::uint32_t AbTree::touching(const Vec3d& centre, double radius, Contact* out,
   const std::array<double, 3> p{centre[0], centre[1], centre[2]};
   walk_near(centre, radius, [&](const TreeNode& node) {
     lanes::Closest closest;
-    lanes::closest_points(node.lanes.data(), p, closest);
+    lanes::kBest.closest_points(node.lanes.data(), p, closest);
     for (unsigned i = 0; i < TreeNode::kWidth; ++i) {
       const double squared = closest.squared_distance[i];
       if (!(squared <= squared_radius)) continue;
@@ -287,13 +292,13 @@ bool AbTree::sweep(const Vec3d& from, const Vec3d& to, double radius, SweepConta
       const TreeNode& node = nodes_[stack[--depth]];
       if (node.level > 1) {
         // A short motion is best bounded by a ball, a long one by a box.
-        unsigned hit = lanes::boxes_within(node.lanes.data(), middle.at, squared_reach) &
-                       lanes::boxes_meeting(node.lanes.data(), low, high);
+        unsigned hit = lanes::kBest.boxes_within(node.lanes.data(), middle.at, squared_reach) &
+                       lanes::kBest.boxes_meeting(node.lanes.data(), low, high);
         for (; hit != 0; hit &= ~(1u << highest_bit(hit))) stack[depth++] = node.child[highest_bit(hit)];
         continue;
       }
       lanes::Closest closest;
-      lanes::closest_points(node.lanes.data(), middle.exact, closest);
+      lanes::kBest.closest_points(node.lanes.data(), middle.exact, closest);
       const float squared_reach_here = squared_reach;  // goes with this middle; a touch shortens the motion
       for (unsigned i = 0; i < TreeNode::kWidth; ++i) {
         if (!(closest.squared_distance[i] <= squared_reach_here)) continue;
@@ -338,7 +343,7 @@ bool AbTree::nearest(const Vec3d& point, double within, NearestFace& best) const
     const TreeNode& node = nodes_[entry.node];
     if (node.level > 1) {
       lanes::Floats squared;
-      lanes::box_distances(node.lanes.data(), p.at, squared);
+      lanes::kBest.box_distances(node.lanes.data(), p.at, squared);
       const int first = depth;
       for (unsigned i = 0; i < TreeNode::kWidth; ++i) {
         if (!(squared[i] <= squared_limit)) continue;
@@ -350,7 +355,7 @@ bool AbTree::nearest(const Vec3d& point, double within, NearestFace& best) const
       continue;
     }
     lanes::Closest closest;
-    lanes::closest_points(node.lanes.data(), p.exact, closest);
+    lanes::kBest.closest_points(node.lanes.data(), p.exact, closest);
     for (unsigned i = 0; i < TreeNode::kWidth; ++i) {
       const double squared = closest.squared_distance[i];
       const std::uint32_t face = node.id * TreeNode::kWidth + i;

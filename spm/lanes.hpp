@@ -1,11 +1,13 @@
 /// Eight boxes or eight triangles at once: the arithmetic of the AB-tree's queries.
 ///
-/// Compiled for several instruction sets (AVX-512, AVX2, baseline), of which the program chooses when it is loaded; all
-/// give the same bits, since none contracts a product and a sum. A lane that holds nothing is NaN throughout: it is
-/// never near, and no bound contains it. Realtime.
+/// Compiled for several instruction sets, of which the program takes the best that the processor has; all give the same
+/// bits. A lane that holds nothing is NaN throughout: it is never near, and no bound contains it. Not before main.
+/// Realtime.
 #pragma once
 
 #include <array>
+
+#include "spm/simd.hpp"
 
 namespace tactus::spm::lanes {
 
@@ -18,28 +20,33 @@ inline constexpr int kBoxRows = 6;
 /// Triangles by corner, then axis: a x, a y, a z, b x, ...
 inline constexpr int kTriangleRows = 9;
 
-/// Squared distances of `p` to the boxes. About 3 ns.
-void box_distances(const Floats* boxes, const std::array<float, 3>& p, Floats& squared) noexcept;
-
-/// Bits of the boxes that come within the root of `squared_radius` of `p`.
-[[nodiscard]] unsigned boxes_within(const Floats* boxes, const std::array<float, 3>& p, float squared_radius) noexcept;
-
-/// Bits of the boxes that meet the box from `low` to `high`.
-[[nodiscard]] unsigned boxes_meeting(const Floats* boxes, const std::array<float, 3>& low,
-                                     const std::array<float, 3>& high) noexcept;
-
 struct Bounds {
   std::array<float, 3> low, high;  ///< inverted when all lanes are empty
 };
-[[nodiscard]] Bounds bounds_of_boxes(const Floats* boxes) noexcept;
-[[nodiscard]] Bounds bounds_of_triangles(const Floats* corners) noexcept;
 
 /// The nearest points of eight triangles.
 struct Closest {
   alignas(64) std::array<Doubles, 3> point;
   alignas(64) Doubles squared_distance;
 };
-/// As spm::closest_point for each lane, up to rounding. About 40 ns.
-void closest_points(const Floats* corners, const std::array<double, 3>& p, Closest& out) noexcept;
+
+struct Kernels {
+  /// Squared distances of `p` to the boxes.
+  void (*box_distances)(const Floats* boxes, const std::array<float, 3>& p, Floats& squared) noexcept;
+  /// Bits of the boxes that come within the root of `squared_radius` of `p`.
+  unsigned (*boxes_within)(const Floats* boxes, const std::array<float, 3>& p, float squared_radius) noexcept;
+  /// Bits of the boxes that meet the box from `low` to `high`.
+  unsigned (*boxes_meeting)(const Floats* boxes, const std::array<float, 3>& low,
+                            const std::array<float, 3>& high) noexcept;
+  void (*bounds_of_boxes)(const Floats* boxes, Bounds& bounds) noexcept;
+  void (*bounds_of_triangles)(const Floats* corners, Bounds& bounds) noexcept;
+  /// As spm::closest_point for each lane, up to rounding. About 50 ns.
+  void (*closest_points)(const Floats* corners, const std::array<double, 3>& p, Closest& out) noexcept;
+};
+
+/// Those compiled for `simd`, which the processor must have; for tests.
+[[nodiscard]] const Kernels& kernels(Simd simd) noexcept;
+/// Those for the best that the processor has.
+extern const Kernels kBest;
 
 }  // namespace tactus::spm::lanes

@@ -6,8 +6,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <random>
+#include <vector>
 
 #include "spm/triangle.hpp"
 
@@ -41,7 +43,19 @@ Triangles random_triangles(std::mt19937_64& random) {
   return triangles;
 }
 
-TEST(Lanes, ClosestPointsAreThoseOfOneTriangleAtATime) {
+std::vector<Simd> available() {
+  std::vector<Simd> all{Simd::kBase};
+  if (best_simd() != Simd::kBase) all.push_back(Simd::kAvx2);
+  if (best_simd() == Simd::kAvx512) all.push_back(Simd::kAvx512);
+  return all;
+}
+
+class Lanes : public ::testing::TestWithParam<Simd> {
+ protected:
+  const lanes::Kernels& kernels_ = lanes::kernels(GetParam());
+};
+
+TEST_P(Lanes, ClosestPointsAreThoseOfOneTriangleAtATime) {
   std::mt19937_64 random{1};
   std::uniform_real_distribution<double> coordinate{-2, 2};
   int empty = 0;
@@ -50,7 +64,10 @@ TEST(Lanes, ClosestPointsAreThoseOfOneTriangleAtATime) {
     const Vec3d p{coordinate(random), coordinate(random), coordinate(random)};
     lanes::Closest found;
 
-    lanes::closest_points(triangles.data(), {p[0], p[1], p[2]}, found);
+    kernels_.closest_points(triangles.data(), {p[0], p[1], p[2]}, found);
+    lanes::Closest base;
+    lanes::kernels(Simd::kBase).closest_points(triangles.data(), {p[0], p[1], p[2]}, base);
+    ASSERT_EQ(std::memcmp(&found.squared_distance, &base.squared_distance, sizeof found.squared_distance), 0);
 
     for (std::size_t lane = 0; lane < lanes::kLanes; ++lane) {
       if (std::isnan(triangles[0][lane])) {
@@ -69,12 +86,13 @@ TEST(Lanes, ClosestPointsAreThoseOfOneTriangleAtATime) {
   EXPECT_GT(empty, 1000);
 }
 
-TEST(Lanes, BoundsHoldAllCornersAndNoMore) {
+TEST_P(Lanes, BoundsHoldAllCornersAndNoMore) {
   std::mt19937_64 random{2};
   for (int round = 0; round < 5000; ++round) {
     const Triangles triangles = random_triangles(random);
 
-    const lanes::Bounds bounds = lanes::bounds_of_triangles(triangles.data());
+    lanes::Bounds bounds;
+    kernels_.bounds_of_triangles(triangles.data(), bounds);
 
     for (std::size_t axis = 0; axis < 3; ++axis) {
       float low = std::numeric_limits<float>::infinity(), high = -low;
@@ -90,7 +108,7 @@ TEST(Lanes, BoundsHoldAllCornersAndNoMore) {
   }
 }
 
-class LaneBoxes : public ::testing::Test {
+class LaneBoxes : public Lanes {
  protected:
   std::mt19937_64 random_{3};
 
@@ -113,7 +131,7 @@ class LaneBoxes : public ::testing::Test {
   }
 };
 
-TEST_F(LaneBoxes, DistancesMeetingsAndBoundsAreThoseOfOneBoxAtATime) {
+TEST_P(LaneBoxes, DistancesMeetingsAndBoundsAreThoseOfOneBoxAtATime) {
   for (int round = 0; round < 5000; ++round) {
     const Boxes boxes = random_boxes();
     const std::array<float, 3> p = random_point(), q = random_point();
@@ -146,8 +164,9 @@ TEST_F(LaneBoxes, DistancesMeetingsAndBoundsAreThoseOfOneBoxAtATime) {
     }
 
     lanes::Floats squared;
-    lanes::box_distances(boxes.data(), p, squared);
-    const lanes::Bounds bounds = lanes::bounds_of_boxes(boxes.data());
+    kernels_.box_distances(boxes.data(), p, squared);
+    lanes::Bounds bounds;
+    kernels_.bounds_of_boxes(boxes.data(), bounds);
 
     for (std::size_t lane = 0; lane < lanes::kLanes; ++lane) {
       if (std::isnan(expected[lane])) {
@@ -156,12 +175,15 @@ TEST_F(LaneBoxes, DistancesMeetingsAndBoundsAreThoseOfOneBoxAtATime) {
         ASSERT_EQ(squared[lane], expected[lane]) << "round " << round;
       }
     }
-    ASSERT_EQ(lanes::boxes_within(boxes.data(), p, radius2), within) << "round " << round;
-    ASSERT_EQ(lanes::boxes_meeting(boxes.data(), low, high), meeting) << "round " << round;
+    ASSERT_EQ(kernels_.boxes_within(boxes.data(), p, radius2), within) << "round " << round;
+    ASSERT_EQ(kernels_.boxes_meeting(boxes.data(), low, high), meeting) << "round " << round;
     ASSERT_EQ(bounds.low, all.low) << "round " << round;
     ASSERT_EQ(bounds.high, all.high) << "round " << round;
   }
 }
+
+INSTANTIATE_TEST_SUITE_P(InstructionSets, Lanes, ::testing::ValuesIn(available()));
+INSTANTIATE_TEST_SUITE_P(InstructionSets, LaneBoxes, ::testing::ValuesIn(available()));
 
 }  // namespace
 }  // namespace tactus::spm
