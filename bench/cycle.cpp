@@ -12,6 +12,7 @@
 
 #include "bench/figures.hpp"
 #include "bench/models.hpp"
+#include "bench/priority.hpp"
 #include "bench/refined_run.hpp"
 #include "bench/stopwatch.hpp"
 #include "bench/surface_path.hpp"
@@ -24,6 +25,8 @@ namespace {
 using spm::Vec3d;
 
 constexpr std::uint32_t kContacts = 8192;
+constexpr std::uint32_t kSmall = 100000;  // faces
+constexpr std::uint32_t kHuge = 3000000;
 constexpr double kTangent = 1e-6;  // m: nearer to tangency than this, rounding decides
 
 struct Settings {
@@ -55,6 +58,8 @@ struct Run {
   std::uint32_t settled = 0;  // cycles after the first regions had time to come
   std::uint32_t exact = 0;    // of these
   std::uint32_t truncated = 0;
+  std::uint32_t late = 0;  // cycles of more than a period, of which at least half were this thread's computing
+  const char* priority = "";
 };
 
 Run run_cycles(const spm::Model& model, const Settings& settings, double unit, const std::vector<Vec3d>& path) {
@@ -65,7 +70,10 @@ Run run_cycles(const spm::Model& model, const Settings& settings, double unit, c
   Run run;
   run.found.resize(path.size());
   bool in_contact = false;
+  const Priority priority;
+  run.priority = priority.text();
   for (std::size_t i = 0; i < path.size(); ++i) {
+    const double cpu = thread_cpu_us();
     const RefinedStep step = refined.step(path[i], in_contact);
     Stopwatch watch;
     const std::uint32_t count = forest.tree().touching(path[i], radius, contacts.data(), kContacts);
@@ -76,6 +84,7 @@ Run run_cycles(const spm::Model& model, const Settings& settings, double unit, c
     run.refit.add(step.refit);
     run.query.add(query);
     run.sum.add(sum);
+    if (sum > kPeriod * 1e6 && thread_cpu_us() - cpu - step.load > kPeriod * 1e6 / 2) ++run.late;
     if (step.changed) {
       run.changed_refine.add(step.refine);
       run.changed_refit.add(step.refit);
@@ -161,7 +170,9 @@ Comparison run_fcl(const LoadedModel& subject, spm::fcl::FixedMesh& finest, cons
 
 int run(const Settings& settings) {
   std::fprintf(stderr, "making the model\n");
-  const LoadedModel subject = load_model(settings.model, settings.faces);
+  LoadedModel subject = load_model(settings.model, settings.faces);
+  // The paper's sizes stay 10 cm long; what is larger is generated as fine as a hand resolves.
+  if (settings.model.empty() && settings.faces > kSmall) scale_to_edge(subject, kHandEdge);
   const spm::ModelSummary& summary = subject.model.summary;
   const double unit = summary.metres_per_unit;
 
@@ -178,10 +189,11 @@ int run(const Settings& settings) {
   const Comparison theirs = run_fcl(subject, finest, path, settings.radius / unit, kTangent / unit, ours);
 
   char text[256];
-  std::snprintf(text, sizeof text,
-                "radius %g mm, %g cm/s, %g mm deep, %g s, pool %g of the model, budget %u, path seed %llu",
-                settings.radius * 1e3, settings.speed * 1e2, settings.depth * 1e3, settings.seconds,
-                settings.pool_share, settings.budget, static_cast<unsigned long long>(settings.seed));
+  std::snprintf(
+      text, sizeof text,
+      "radius %g mm, %g cm/s, %g mm deep, %g s, pool %g of the model, budget %u, path seed %llu, %.3g m long, %s",
+      settings.radius * 1e3, settings.speed * 1e2, settings.depth * 1e3, settings.seconds, settings.pool_share,
+      settings.budget, static_cast<unsigned long long>(settings.seed), longest_side(summary), ours.priority);
   Report report{{"cycle", subject.name, summary.digest, summary.faces, text}};
   const std::string all = "all cycles";
   const std::string changed = "cycles with changes";
@@ -210,12 +222,13 @@ int run(const Settings& settings) {
 
   report.at_most("cycles with other triangles than FCL", "exact cycles", "", static_cast<double>(theirs.mismatches), 0);
   report.at_most("queries truncated", all, "", ours.truncated, 0);
-  report.at_least("exact", "after 0.2 s", "%", exact, 99);
-  // On larger models regions are finer and follow each other faster under the same tip.
-  constexpr std::uint32_t kBunnySize = 100000;  // faces
-  const bool bunny_size = summary.faces <= kBunnySize;
-  report.at_most("median of the sum", all, "us", ours.sum.percentile(50), bunny_size ? 5 : 30);
-  report.at_most("p99 of the sum", all, "us", ours.sum.percentile(99), bunny_size ? 60 : 150);
+  const bool small = summary.faces <= kSmall;
+  report.at_least("exact", "after 0.2 s", "%", exact, small ? 99 : 99.9);
+  report.at_most("cycles over 1 ms of our own work", all, "", ours.late, 0);
+  if (summary.faces < kHuge) report.at_most("median of the sum", all, "us", ours.sum.percentile(50), small ? 5 : 10);
+  report.at_most("p99 of the sum", all, "us", ours.sum.percentile(99), summary.faces < kHuge ? 60 : 100);
+  if (!small)
+    report.at_most("p99.9 of the sum", all, "us", ours.sum.percentile(99.9), summary.faces < kHuge ? 100 : 200);
   constexpr std::uint32_t kRefitSize = 60000;  // faces: below, a full refit is too short to compare with
   if (summary.faces >= kRefitSize) {
     report.at_least("median FCL full refit / median T_B", changed, "times",
@@ -232,7 +245,7 @@ int main(int argc, char** argv) {
   CLI::App app{"T_R, T_B and T_Q along a surface path, beside FCL on the finest and the base mesh"};
   app.add_option("--model", settings.model, "model file of any kind, or .spm (default: a generated organ)")
       ->check(CLI::ExistingFile);
-  app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 20000000u));
+  app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 40000000u));
   app.add_option("--seconds", settings.seconds, "length of the path")->check(CLI::Range(1.0, 3600.0));
   app.add_option("--speed", settings.speed, "of the tip, m/s")->check(CLI::Range(0.001, 2.0));
   app.add_option("--pool-share", settings.pool_share, "pool, as a share of the model's records")

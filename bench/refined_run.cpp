@@ -55,6 +55,8 @@ RefinedRun::RefinedRun(const spm::Model& model, const RefinedRunSettings& settin
 }
 
 RefinedStep RefinedRun::step(const spm::Vec3d& tip, bool in_contact) {
+  RefinedStep step;
+  Stopwatch watch;
   predictor_.observe(static_cast<double>(cycle_) * kPeriod, tip, in_contact);
   const bool plan = cycle_++ % kPlanEvery == 0;
   if (plan) {
@@ -67,9 +69,8 @@ RefinedStep RefinedRun::step(const spm::Vec3d& tip, bool in_contact) {
   }
 
   const spm::ForestCounters before = forest_.counters();
-  RefinedStep step;
   spm::Budget budget{settings_.budget};
-  Stopwatch watch;
+  step.load = watch.lap();
   if (plan) forest_.target(target_.data(), static_cast<std::uint32_t>(target_.size()));
   static_cast<void>(forest_.advance(budget));
   step.refine = watch.lap();

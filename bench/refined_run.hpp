@@ -27,6 +27,7 @@ struct RefinedRunSettings {
 /// What one cycle did before its query.
 struct RefinedStep {
   double refine = 0, refit = 0;  ///< us
+  double load = 0;               ///< us of planning and loading before it, which are not the cycle's
   bool changed = false;          ///< records were split or collapsed
 };
 

@@ -135,8 +135,7 @@ void HapticThread::run() {
     trace.cpu = static_cast<std::uint32_t>(cpu_now - cpu);
     trace.skipped = static_cast<std::uint32_t>(clock.skipped() - skipped);
     trace.late = end > clock.due_ns() || trace.skipped > 0;
-    // A hypervisor's theft counts as CPU time of the guest, but not beyond what the work itself took.
-    trace.late_is_ours = trace.late && std::min(cpu_now - cpu, end - now_ns) > period_ns / 2;
+    trace.late_is_ours = trace.late && own_work(cpu_now - cpu, end - now_ns, period_ns);
     for (const ProbeOutput& probe : result.probes) {
       trace.active = static_cast<std::uint8_t>(trace.active + (probe.active ? 1 : 0));
       if ((probe.status & session::kInContact) == 0) continue;

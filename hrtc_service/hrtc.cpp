@@ -39,7 +39,8 @@ using Sample = std::variant<session::RosterEntry, session::CatalogueEntry, sessi
                             session::ClockSample, session::Control, session::ProbeState>;
 using Inbox = wire::Inbox<Sample>;
 
-/// A thread that does nothing but sleep as the haptic one does: what lateness the system itself brings.
+/// A thread that sleeps as the haptic one does and then computes for a fixed 30 us: what lateness the system itself
+/// brings, and how often it makes little work look like much.
 class TimerBeside {
  public:
   TimerBeside(std::int64_t period_ns, int priority)
@@ -52,14 +53,40 @@ class TimerBeside {
     std::uint32_t late;
     while (lateness_.pop(late)) samples.add(late);
   }
+  /// Its cycles that were late as if by their own work.
+  [[nodiscard]] std::uint64_t late() const noexcept { return late_; }
 
  private:
+  static constexpr std::int64_t kWorkNs = 30'000;
+
+  void compute(std::uint32_t steps) noexcept {
+    for (std::uint32_t i = 0; i < steps; ++i) number_ = number_ * 6364136223846793005u + 1442695040888963407u;
+  }
+  [[nodiscard]] std::uint32_t steps_of_work() noexcept {
+    constexpr std::uint32_t kTried = 10000;
+    std::int64_t best = kWorkNs;
+    for (int round = 0; round < 8; ++round) {
+      const std::int64_t began = monotonic_ns();
+      compute(kTried);
+      best = std::min(best, monotonic_ns() - began);
+    }
+    return static_cast<std::uint32_t>(kTried * kWorkNs / std::max<std::int64_t>(best, 1));
+  }
   void run(std::int64_t period_ns, int priority) {
     pthread_setname_np(pthread_self(), "timer");
     if (priority > 0) (void)enter_realtime(priority);
-    for (PeriodicClock clock{period_ns}; running_;) lateness_.push(static_cast<std::uint32_t>(clock.wait_next()));
+    const std::uint32_t steps = steps_of_work();
+    for (PeriodicClock clock{period_ns}; running_;) {
+      lateness_.push(static_cast<std::uint32_t>(clock.wait_next()));
+      const std::int64_t began = monotonic_ns(), cpu = thread_cpu_ns();
+      compute(steps);
+      const std::int64_t end = monotonic_ns();
+      if (end > clock.due_ns() && own_work(thread_cpu_ns() - cpu, end - began, period_ns)) ++late_;
+    }
   }
   std::atomic<bool> running_{true};
+  std::atomic<std::uint64_t> late_{0};
+  volatile std::uint64_t number_ = 1;
   boost::lockfree::spsc_queue<std::uint32_t> lateness_{8192};
   std::thread thread_;
 };
@@ -395,6 +422,7 @@ void Hrtc::Impl::send_metrics(bool all) {
     sample.figures.push_back({names::kTimerP50, timer_samples.percentile_us(0.5)});
     sample.figures.push_back({names::kTimerP99, timer_samples.percentile_us(0.99)});
     sample.figures.push_back({names::kTimerMax, timer_samples.percentile_us(1)});
+    if (timer != nullptr) sample.figures.push_back({names::kTimerLate, static_cast<double>(timer->late())});
   }
   if (reports.cycle > first_cycle)
     sample.figures.push_back({names::kRate, static_cast<double>(reports.cycle - first_cycle) * 1e9 /

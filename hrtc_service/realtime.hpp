@@ -1,6 +1,7 @@
 /// What the haptic thread asks of the system: a real-time priority, locked memory, absolute deadlines.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <string>
 
@@ -12,6 +13,12 @@ using wire::monotonic_ns;
 
 /// CPU time of the calling thread, ns. One system call, about 0.2 us.
 [[nodiscard]] std::int64_t thread_cpu_ns() noexcept;
+
+/// Whether a late cycle is late by its own work: CPU time and time passed since it woke both exceed half the period. (A
+/// hypervisor's theft and interrupts count as the thread's CPU time; CPU time alone would include the wake-up.)
+[[nodiscard]] inline bool own_work(std::int64_t cpu_ns, std::int64_t passed_ns, std::int64_t period_ns) noexcept {
+  return std::min(cpu_ns, passed_ns) > period_ns / 2;
+}
 
 /// Tries SCHED_FIFO at `priority` for the calling thread and touches its stack. Says in one line what was had and,
 /// where something was refused, which right is missing.

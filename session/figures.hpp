@@ -25,6 +25,8 @@ inline constexpr char kWakeMax[] = "hrtc.wake_us.max";
 inline constexpr char kTimerP50[] = "hrtc.timer_us.p50";  ///< a bare timer of the same priority, beside it
 inline constexpr char kTimerP99[] = "hrtc.timer_us.p99";
 inline constexpr char kTimerMax[] = "hrtc.timer_us.max";
+inline constexpr char kTimerLate[] =
+    "hrtc.timer_late_ours";  ///< that timer's cycles of 30 us of work, counted as ours are
 /// Followed by .p50, .p99, .p999 or .max.
 inline constexpr char kLoadTime[] = "hrtc.t_l_us";
 inline constexpr char kRefineTime[] = "hrtc.t_r_us";
