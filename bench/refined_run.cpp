@@ -14,6 +14,7 @@ namespace {
 constexpr std::uint32_t kPlanEvery = 4;  // cycles
 constexpr double kLoadLead = 0.2;        // s
 constexpr double kRefineLead = 0.05;     // s
+constexpr double kKeepMargin = 0.002;    // m; as in a controller, what was refined stays until the tip is this far
 constexpr double kMargin = 0.0005;       // m
 
 std::uint32_t slots_for(const spm::ModelSummary& summary, double share) {
@@ -66,6 +67,10 @@ RefinedStep RefinedRun::step(const spm::Vec3d& tip, bool in_contact) {
     for (std::uint32_t w = 0; w < wanted_.count; ++w) {
       if (wanted_.regions[w].contact_in <= kRefineLead) target_.push_back(wanted_.regions[w].region);
     }
+    forest_.grid().for_each_meeting(tip, settings_.radius + kKeepMargin / model_.summary.metres_per_unit,
+                                    [&](spm::RegionId region, double) {
+                                      if (forest_.is_refined(region)) target_.push_back(region);
+                                    });
   }
 
   const spm::ForestCounters before = forest_.counters();
