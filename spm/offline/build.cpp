@@ -11,6 +11,7 @@
 #include "spm/offline/import.hpp"
 #include "spm/offline/model_file.hpp"
 #include "spm/offline/parallel.hpp"
+#include "spm/offline/region_lists.hpp"
 
 namespace tactus::spm::offline {
 namespace {
@@ -73,15 +74,19 @@ class Assembler {
     const std::vector<Triangle> base_corners = take_base_corners();
     needs_ = dependencies(collapses_, mesh_.positions.size(), options_.threads);
     collapses_.corners = {};
+    report("divide", 0);
+    const Partition cells = partition(mesh_, options_.partition, options_.threads);
+    RegionLists lists{mesh_, cells, needs_, options_.threads, [this](double done) { report("divide", done); }};
     report("number", 0);
-    number_records();
+    number_records(lists);
+    lists.renumber(record_of_, options_.threads);
+    report("list", 0);
     write_positions();
     write_base(base_corners);
     write_records();
     write_radii();
     collapses_.segments = {};
-    report("divide", 0);
-    write_regions();
+    write_regions(cells, lists);
     report("sum up", 0);
     s.digest = digest_of(out_.model());
     report("sum up", 1);
@@ -139,52 +144,26 @@ class Assembler {
     }
   }
 
-  std::uint64_t morton_of(std::uint32_t v) const {
-    std::array<std::uint32_t, 3> at{};
-    const double side = longest_side();
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      const double share = (double{mesh_.positions[v][axis]} - double{out_.summary.bounds_min[axis]}) / side;
-      at[axis] = static_cast<std::uint32_t>(share * 0x1fffff);
-    }
-    return morton(at[0], at[1], at[2]);
-  }
-
-  /// Records ascend by level and within a level along a space-filling curve, so that lists have few runs; base vertices
-  /// follow the same curve.
-  void number_records() {
-    struct Key {
-      std::uint64_t place;
-      std::uint32_t vertex;
-    };
-    const auto level_of = [this](std::size_t v) -> std::uint32_t {
-      return needs_.removed_by[v] == kNone ? 0 : needs_.level[needs_.removed_by[v]];
-    };
-    std::vector<std::size_t> first(needs_.max_level + 2, 0);  // by level
-    for (std::size_t v = 0; v < mesh_.positions.size(); ++v) ++first[level_of(v) + 1];
-    std::partial_sum(first.begin(), first.end(), first.begin());
-    std::vector<Key> keys(mesh_.positions.size());
-    std::vector<std::size_t> next = first;
-    for (std::uint32_t v = 0; v < keys.size(); ++v) keys[next[level_of(v)]++] = {0, v};
-    for_ranges(keys.size(), [&](std::size_t from, std::size_t to) {
-      for (std::size_t i = from; i < to; ++i) keys[i].place = morton_of(keys[i].vertex);
-    });
-    parallel_for(first.size() - 1, options_.threads, [&](std::size_t level, unsigned) {
-      const auto begin = keys.begin();
-      std::sort(
-          begin + static_cast<std::ptrdiff_t>(first[level]), begin + static_cast<std::ptrdiff_t>(first[level + 1]),
-          [](const Key& a, const Key& b) { return a.place != b.place ? a.place < b.place : a.vertex < b.vertex; });
-    });
-    const auto base = static_cast<std::uint32_t>(first[1]);
-    vertex_id_.resize(keys.size());
-    for_ranges(keys.size(), [&](std::size_t from, std::size_t to) {
-      for (std::size_t i = from; i < to; ++i) vertex_id_[keys[i].vertex] = static_cast<std::uint32_t>(i);
-    });
+  /// Base vertices come as the faces meet them, records as suits the lists.
+  void number_records(const RegionLists& lists) {
+    const auto vertices = static_cast<std::uint32_t>(mesh_.positions.size());
     ModelSummary& s = out_.summary;
-    s.vertices = static_cast<std::uint32_t>(keys.size());
-    s.base_vertices = base;
-    s.records = s.vertices - s.base_vertices;
+    s.vertices = vertices;
+    s.records = needs_.size();
+    s.base_vertices = s.vertices - s.records;
     s.faces = static_cast<std::uint32_t>(mesh_.faces.size());
     s.max_level = needs_.max_level;
+    const std::vector<std::uint32_t> order = lists.order(needs_, options_.threads);
+    record_of_.resize(order.size());
+    for_ranges(order.size(), [&](std::size_t first, std::size_t last) {
+      for (std::size_t i = first; i < last; ++i) record_of_[order[i]] = static_cast<std::uint32_t>(i);
+    });
+    vertex_id_.resize(vertices);
+    std::uint32_t base = 0;
+    for (std::uint32_t v = 0; v < vertices; ++v) {
+      const std::uint32_t collapse = needs_.removed_by[v];
+      vertex_id_[v] = collapse == kNone ? base++ : s.base_vertices + record_of_[collapse];
+    }
   }
 
   void for_ranges(std::size_t count, const std::function<void(std::size_t, std::size_t)>& work) const {
@@ -263,83 +242,30 @@ class Assembler {
     return part;
   }
 
-  /// The closed lists of a few cells.
-  struct Lists {
-    std::vector<Region> regions;  // first_run counts from this chunk's first
-    std::vector<Run> runs;
-  };
-
-  void write_regions() {
-    const Partition cells = partition(mesh_, options_.partition, options_.threads);
+  void write_regions(const Partition& cells, const RegionLists& lists) {
+    for (std::size_t i = 0; i < cells.cells.size(); ++i) add_region(cells.cells[i], lists.of(i));
     out_.summary.grid = cells.grid;
-    record_of_.resize(needs_.size());
-    for_ranges(mesh_.positions.size(), [this](std::size_t first, std::size_t last) {
-      for (std::size_t v = first; v < last; ++v) {
-        if (needs_.removed_by[v] != kNone)
-          record_of_[needs_.removed_by[v]] = vertex_id_[v] - out_.summary.base_vertices;
-      }
-    });
-    constexpr std::size_t kChunk = 64;
-    std::vector<Lists> chunks((cells.cells.size() + kChunk - 1) / kChunk);
-    std::vector<std::vector<std::uint32_t>> seen(thread_count(options_.threads));  // by worker, collapse: cell
-    parallel_for(chunks.size(), options_.threads, [&](std::size_t chunk, unsigned worker) {
-      if (worker == 0) report("divide", double(chunk) / double(chunks.size()));
-      if (seen[worker].empty()) seen[worker].assign(needs_.size(), kNone);
-      const std::size_t last = std::min(cells.cells.size(), (chunk + 1) * kChunk);
-      for (std::size_t i = chunk * kChunk; i < last; ++i) {
-        const Cell& cell = cells.cells[i];
-        const Span<const std::uint32_t> faces{cells.faces.data() + cell.first_face, cell.face_count};
-        add_region(cell, closed_list(faces, static_cast<std::uint32_t>(i), seen[worker]), chunks[chunk]);
-      }
-    });
-    for (const Lists& lists : chunks) {
-      for (Region region : lists.regions) {
-        region.first_run += static_cast<std::uint32_t>(out_.runs.size());
-        out_.regions.push_back(region);
-      }
-      out_.runs.insert(out_.runs.end(), lists.runs.begin(), lists.runs.end());
-    }
     out_.summary.regions = static_cast<std::uint32_t>(out_.regions.size());
   }
 
-  /// All records that the corners of these faces need, ascending.
-  std::vector<std::uint32_t> closed_list(Span<const std::uint32_t> faces, std::uint32_t cell,
-                                         std::vector<std::uint32_t>& seen) const {
-    std::vector<std::uint32_t> list;
-    const auto reach = [&](std::uint32_t collapse) {
-      if (collapse == kNone || seen[collapse] == cell) return;
-      seen[collapse] = cell;
-      list.push_back(collapse);
-    };
-    for (const std::uint32_t f : faces) {
-      for (const std::uint32_t v : mesh_.faces[f]) reach(needs_.removed_by[v]);
-    }
-    for (std::size_t i = 0; i < list.size(); ++i) {
-      for (const std::uint32_t need : needs_.of(list[i])) reach(need);
-    }
-    for (std::uint32_t& collapse : list) collapse = record_of_[collapse];
-    std::sort(list.begin(), list.end());
-    return list;
-  }
-
-  void add_region(const Cell& cell, const std::vector<std::uint32_t>& list, Lists& to) const {
+  void add_region(const Cell& cell, Span<const std::uint32_t> list) {
     Region region{};
     region.cell = cell.at;
     region.depth = cell.depth;
     region.occupied = cell.occupied;
-    region.first_run = static_cast<std::uint32_t>(to.runs.size());
+    region.first_run = static_cast<std::uint32_t>(out_.runs.size());
     region.record_count = static_cast<std::uint32_t>(list.size());
     region.face_count = cell.face_count;
     for (const std::uint32_t r : list) {
       for (std::uint32_t p = r; p != kNone; p = out_.parts[p].next) ++region.part_count;
-      if (to.runs.size() > region.first_run && to.runs.back().first + to.runs.back().count == r) {
-        ++to.runs.back().count;
+      if (out_.runs.size() > region.first_run && out_.runs.back().first + out_.runs.back().count == r) {
+        ++out_.runs.back().count;
       } else {
-        to.runs.push_back({r, 1});
+        out_.runs.push_back({r, 1});
       }
     }
-    region.run_count = static_cast<std::uint32_t>(to.runs.size()) - region.first_run;
-    to.regions.push_back(region);
+    region.run_count = static_cast<std::uint32_t>(out_.runs.size()) - region.first_run;
+    out_.regions.push_back(region);
   }
 
   const TriangleMesh& mesh_;

@@ -26,7 +26,7 @@ struct BuildOptions {
 };
 
 /// Gets the stage and the share of it that is done, 0 to 1, as it begins and now and then; in the thread that builds.
-/// Stages are, in this order: read, clean, order, simplify, depend, number, divide, sum up.
+/// Stages are, in this order: read, clean, order, simplify, depend, divide, number, list, sum up.
 using Progress = std::function<void(std::string_view stage, double done)>;
 
 /// Owns what a Model borrows.

@@ -1,0 +1,104 @@
+#include "spm/offline/region_lists.hpp"
+
+#include <algorithm>
+#include <numeric>
+
+#include "spm/ids.hpp"
+#include "spm/offline/parallel.hpp"
+
+namespace tactus::spm::offline {
+namespace {
+
+/// Appends what the corners of these faces need. `seen` is by collapse: the cell that has it already.
+void append_closure(const TriangleMesh& mesh, Span<const std::uint32_t> faces, const Dependencies& needs,
+                    std::uint32_t cell, std::vector<std::uint32_t>& seen, std::vector<std::uint32_t>& list) {
+  const auto reach = [&](std::uint32_t collapse) {
+    if (collapse == kNone || seen[collapse] == cell) return;
+    seen[collapse] = cell;
+    list.push_back(collapse);
+  };
+  std::size_t next = list.size();
+  for (const std::uint32_t f : faces) {
+    for (const std::uint32_t v : mesh.faces[f]) reach(needs.removed_by[v]);
+  }
+  for (; next < list.size(); ++next) {
+    for (const std::uint32_t need : needs.of(list[next])) reach(need);
+  }
+}
+
+}  // namespace
+
+RegionLists::RegionLists(const TriangleMesh& mesh, const Partition& cells, const Dependencies& needs, unsigned threads,
+                         const std::function<void(double)>& progress)
+    : cells_{cells.cells.size()}, chunks_((cells_ + kChunk - 1) / kChunk) {
+  std::vector<std::vector<std::uint32_t>> seen(thread_count(threads));  // by worker
+  parallel_for(chunks_.size(), threads, [&](std::size_t c, unsigned worker) {
+    if (worker == 0) progress(double(c) / double(chunks_.size()));
+    if (seen[worker].empty()) seen[worker].assign(needs.size(), kNone);
+    Chunk chunk;
+    for (std::size_t i = c * kChunk; i < std::min(cells_, (c + 1) * kChunk); ++i) {
+      const Cell& cell = cells.cells[i];
+      append_closure(mesh, {cells.faces.data() + cell.first_face, cell.face_count}, needs,
+                     static_cast<std::uint32_t>(i), seen[worker], chunk.collapses);
+      chunk.ends.push_back(chunk.collapses.size());
+    }
+    chunks_[c] = {chunk.ends, {chunk.collapses.begin(), chunk.collapses.end()}};  // no larger than it has to be
+  });
+}
+
+std::vector<std::uint32_t> RegionLists::order(const Dependencies& needs, unsigned threads) const {
+  // The cells of each collapse, ascending.
+  std::vector<std::size_t> first(std::size_t{needs.size()} + 1, 0);
+  for (const Chunk& chunk : chunks_) {
+    for (const std::uint32_t collapse : chunk.collapses) ++first[collapse + 1];
+  }
+  std::partial_sum(first.begin(), first.end(), first.begin());
+  std::vector<std::uint32_t> cells(first.back());
+  {
+    std::vector<std::size_t> next(first.begin(), first.end() - 1);
+    for (std::size_t cell = 0; cell < cells_; ++cell) {
+      for (const std::uint32_t collapse : of(cell)) cells[next[collapse]++] = static_cast<std::uint32_t>(cell);
+    }
+  }
+
+  // By their first cell; then each of these lots alone.
+  const auto lot_of = [&](std::uint32_t c) { return first[c] == first[c + 1] ? cells_ : cells[first[c]]; };
+  std::vector<std::size_t> lots(cells_ + 2, 0);
+  for (std::uint32_t c = 0; c < needs.size(); ++c) ++lots[lot_of(c) + 1];
+  std::partial_sum(lots.begin(), lots.end(), lots.begin());
+  std::vector<std::uint32_t> order(needs.size());
+  {
+    std::vector<std::size_t> next(lots.begin(), lots.end() - 1);
+    for (std::uint32_t c = 0; c < needs.size(); ++c) order[next[lot_of(c)]++] = c;
+  }
+  const auto before = [&](std::uint32_t a, std::uint32_t b) {
+    std::size_t i = first[a], k = first[b];
+    for (; i < first[a + 1] && k < first[b + 1]; ++i, ++k) {
+      if (cells[i] != cells[k]) return cells[i] < cells[k];
+    }
+    if (i < first[a + 1] || k < first[b + 1]) return i < first[a + 1];
+    return needs.level[a] != needs.level[b] ? needs.level[a] < needs.level[b] : a < b;
+  };
+  parallel_ranges(cells_ + 1, kChunk, threads, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t lot = begin; lot < end; ++lot) {
+      std::sort(order.begin() + static_cast<std::ptrdiff_t>(lots[lot]),
+                order.begin() + static_cast<std::ptrdiff_t>(lots[lot + 1]), before);
+    }
+  });
+  return order;
+}
+
+void RegionLists::renumber(const std::vector<std::uint32_t>& number, unsigned threads) {
+  parallel_for(chunks_.size(), threads, [&](std::size_t c, unsigned) {
+    Chunk& chunk = chunks_[c];
+    for (std::uint32_t& collapse : chunk.collapses) collapse = number[collapse];
+    auto first = chunk.collapses.begin();
+    for (const std::size_t end : chunk.ends) {
+      const auto last = chunk.collapses.begin() + static_cast<std::ptrdiff_t>(end);
+      std::sort(first, last);
+      first = last;
+    }
+  });
+}
+
+}  // namespace tactus::spm::offline
