@@ -1,10 +1,18 @@
-/// How much refinement a cycle may do: from the measured cost of a unit of work and the deadline that the application
-/// set.
+/// How much refinement a cycle may do: from the measured cost of a unit of work, the measured cost of all else and
+/// the deadline that the application set.
 ///
-/// Realtime. Source: Liu, Georganas, Roth, 3DIM 2005, section 5 (time-critical refinement).
+///   deadline = expected + surprise + units x cost of a unit
+///
+/// `expected` is what the rest of the cycle lately cost, `surprise` a high quantile of how far a cycle has cost more
+/// than was foreseen, dear units included. So whatever share of cycles may miss the deadline is asked for as such, and
+/// nothing is left to be tuned for a machine, a model or a load that comes and goes.
+///
+/// Realtime. Source: Liu, Georganas, Roth, 3DIM 2005, section 5 (time-critical refinement); the quantile by stochastic
+/// approximation (Robbins, Monro 1951), in the logarithm.
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 
 #include "spm/forest.hpp"
@@ -13,37 +21,54 @@ namespace tactus::hrtc_service {
 
 class Governor {
  public:
-  /// `deadline_ns`: the cycle's own work shall take no longer.
-  explicit Governor(std::int64_t deadline_ns) noexcept : deadline_{deadline_ns} {}
+  /// `deadline_ns`: the cycle's own work shall take no longer. `misses`: share of the cycles that may.
+  explicit Governor(std::int64_t deadline_ns, double misses = 0.0005) noexcept
+      : deadline_{static_cast<double>(deadline_ns)},
+        fall_{std::exp(-kStep * misses)},
+        rise_{std::exp(kStep * (1 - misses))},
+        expected_ns_{deadline_ / 4},
+        surprise_ns_{deadline_ / 4} {}
 
   /// For the next cycle.
   [[nodiscard]] spm::Budget budget() const noexcept {
-    // The rest of the cycle may cost what it lately cost at its worst; what is left goes to refinement.
-    const double left = static_cast<double>(deadline_) * kShare - other_ns_;
-    const double units = std::max(left, 0.0) / unit_ns_;
-    return {static_cast<std::uint32_t>(std::clamp(units, kLeastUnits, kMostUnits))};
+    const double left = std::max(deadline_ - expected_ns_ - surprise_ns_, kLeastShare * deadline_);
+    return {static_cast<std::uint32_t>(std::clamp(left / unit_ns(), kOneRecord, kMostUnits))};
   }
 
-  /// What the cycle did and took: units of Budget spent, ns of refining and refitting, ns of all else.
-  void observe(std::uint32_t units, std::uint32_t refining_ns, std::uint32_t other_ns) noexcept {
-    if (units >= kMeaningful) {
-      const double cost = static_cast<double>(refining_ns) / units;
-      unit_ns_ += (cost > unit_ns_ ? kRise : kFall) * (cost - unit_ns_);
-    }
-    other_ns_ += (other_ns > other_ns_ ? kRise : kFall) * (other_ns - other_ns_);
+  /// What the cycle did and took: units of Budget spent, ns of refining and refitting, ns of its whole own work.
+  void observe(std::uint32_t units, double refining_ns, double own_ns) noexcept {
+    const double other = own_ns - units * unit_ns();
+    surprise_ns_ *= other > expected_ns_ + surprise_ns_ ? rise_ : fall_;
+    surprise_ns_ = std::clamp(surprise_ns_, kLeastShare * deadline_, deadline_);
+    expected_ns_ += kRecent * (other - expected_ns_);
+    // Slope of cost over units; what a cycle costs without any is not part of it.
+    const double of_units = units - mean_units_, of_cost = refining_ns - mean_cost_;
+    mean_units_ += kMemory * of_units;
+    mean_cost_ += kMemory * of_cost;
+    both_ += kMemory * (of_units * of_cost - both_);
+    square_ += kMemory * (of_units * of_units - square_);
   }
 
-  [[nodiscard]] double unit_ns() const noexcept { return unit_ns_; }
+  [[nodiscard]] double unit_ns() const noexcept {
+    // Until cycles differ by more than some records' worth of units, a guess stands in.
+    constexpr double kGuess = 10, kWeight = 100.0 * 100.0;
+    return std::max((both_ + kGuess * kWeight) / (square_ + kWeight), 1.0);
+  }
+  [[nodiscard]] double expected_ns() const noexcept { return expected_ns_; }
+  [[nodiscard]] double surprise_ns() const noexcept { return surprise_ns_; }
 
  private:
-  static constexpr double kShare = 0.8;        // of the deadline; the rest covers what cannot be foreseen
-  static constexpr double kLeastUnits = 1000;  // some 10 us: refinement never starves
+  // How fast measurements are believed; what they converge to does not depend on these.
+  static constexpr double kStep = 0.3;     // of the quantile's logarithm
+  static constexpr double kRecent = 0.3;   // weight of the newest cycle
+  static constexpr double kMemory = 0.01;  // the same, in the cost of a unit
+  // Of the deadline: refinement never starves, not even when all else has used it up.
+  static constexpr double kLeastShare = 0.05;
+  static constexpr double kOneRecord = spm::Budget::kVisit + spm::Budget::kChange;
   static constexpr double kMostUnits = 1 << 20;
-  static constexpr std::uint32_t kMeaningful = 200;
-  static constexpr double kRise = 0.3, kFall = 0.01;  // believe a dear cycle at once, a cheap one slowly
-  std::int64_t deadline_;
-  double unit_ns_ = 10;
-  double other_ns_ = 5000;
+  double deadline_, fall_, rise_;
+  double expected_ns_, surprise_ns_;
+  double mean_units_ = 0, mean_cost_ = 0, both_ = 0, square_ = 0;
 };
 
 }  // namespace tactus::hrtc_service

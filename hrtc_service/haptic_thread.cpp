@@ -142,12 +142,14 @@ void HapticThread::run() {
       ++trace.in_contact;
       trace.exact = static_cast<std::uint8_t>(trace.exact + ((probe.status & session::kExact) != 0 ? 1 : 0));
     }
+    // A cycle that was interrupted took longer than it worked.
+    const double own = std::min<double>(static_cast<double>(cpu_now - cpu), result.costs.total());
     cpu = cpu_now;
     skipped = clock.skipped();
     if (!traces_.push(trace)) traces_dropped_.fetch_add(1, std::memory_order_relaxed);
     const CycleCosts& costs = result.costs;
     governor_.observe(costs.visits * spm::Budget::kVisit + costs.changes * spm::Budget::kChange,
-                      costs.refine + costs.refit, costs.load + costs.query + costs.force);
+                      std::min<double>(costs.refine + costs.refit, own), own);
   }
   for (haptics::Device* device : current_.devices)
     if (device != nullptr) device->write(Vec3d::Zero());

@@ -216,9 +216,10 @@ void Loader::evict(std::int64_t now_ns) {
   const std::uint32_t reserve = pool_.settings.slots / 16;
   const std::uint32_t block_reserve = pool_.settings.list_blocks / 16;
   const bool urgent = cache_.slots_free() < std::min(needed_, pool_.settings.slots / 2);
-  const std::int64_t idle = urgent ? 1 : settings_.idle_before_eviction_ns;
+  const bool eager = urgent || !settings_.keep_unwanted;
+  const std::int64_t idle = eager ? 1 : settings_.idle_before_eviction_ns;
   constexpr std::uint32_t kAtOnce = 4;
-  while (retiring_ < kAtOnce && (urgent || cache_.slots_free() < reserve || cache_.blocks_free() < block_reserve)) {
+  while (retiring_ < kAtOnce && (eager || cache_.slots_free() < reserve || cache_.blocks_free() < block_reserve)) {
     Object* victim_object = nullptr;
     std::uint32_t victim = 0;
     for (Object* object : by_index_)

@@ -44,6 +44,7 @@ struct LoaderSettings {
   double least_lead = 0.02;    ///< s; prediction looks at least this far ahead, more when loading takes longer
   double most_lead = 0.5;      ///< s
   std::int64_t idle_before_eviction_ns = 300'000'000;  ///< of a region nobody wants, unless the room is needed now
+  bool keep_unwanted = true;                           ///< false: no spare cache; what nobody wants goes at once
 };
 
 struct LoaderFigures {

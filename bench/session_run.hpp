@@ -1,0 +1,88 @@
+/// A host, a loader and the real cycle around one model, in one thread and without DDS: what benchmarks of a whole
+/// controller drive.
+///
+/// The host serves through the delivery protocol and the codec; demands and chunks are `delay_cycles` under way. The
+/// object stands at the origin, so world metres are file units times `scale`.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <deque>
+#include <vector>
+
+#include "hrtc_service/cycle.hpp"
+#include "hrtc_service/loader.hpp"
+#include "session/delivery_server.hpp"
+#include "spm/model.hpp"
+
+namespace tactus::bench {
+
+/// CPU time of the calling thread, us.
+[[nodiscard]] double thread_cpu_us();
+
+struct SessionSettings {
+  spm::PoolSettings pool;
+  hrtc_service::LoaderSettings loader;
+  hrtc_service::CycleSettings cycle;
+  std::uint32_t delay_cycles = 2;
+};
+
+/// One region as the loader took it in.
+struct RegionLoad {
+  std::uint64_t records = 0;  ///< received
+  double us = 0;              ///< of CPU time, from its last chunk to its slots
+};
+
+class SessionRun {
+ public:
+  static constexpr std::int64_t kPeriodNs = 1'000'000;
+
+  /// `model` must outlive it. Nothing is here yet, the base mesh included.
+  SessionRun(const spm::Model& model, double scale, const SessionSettings& settings);
+  SessionRun(const SessionRun&) = delete;
+  SessionRun& operator=(const SessionRun&) = delete;
+
+  /// Cycles far from the object until its base mesh is shown. Throws std::runtime_error when it does not come.
+  void settle(const spm::Vec3d& away);
+
+  /// All but the haptic thread's part: host and loader work in every second cycle.
+  void prepare(const spm::Vec3d& tip, const spm::Vec3d& velocity);
+  /// The haptic thread's part of the cycle that was prepared.
+  const hrtc_service::CycleResult& cycle(spm::Budget budget) noexcept;
+
+  [[nodiscard]] const hrtc_service::Loader& loader() const noexcept { return loader_; }
+  [[nodiscard]] hrtc_service::Cycle& haptic() noexcept { return cycle_; }
+  /// CPU time of the loader in the last `prepare`, us.
+  [[nodiscard]] double loader_us() const noexcept { return loader_us_; }
+  /// Regions taken in during the last `prepare`.
+  [[nodiscard]] const std::vector<RegionLoad>& loads() const noexcept { return loads_; }
+
+ private:
+  template <class Sample>
+  struct Delayed {
+    std::uint64_t due;
+    Sample sample;
+  };
+  void exchange(const spm::Vec3d& tip);
+
+  std::uint32_t delay_;
+  spm::Pool pool_;
+  spm::NodePool nodes_;
+  hrtc_service::ArrivalRing arrivals_{4096};
+  hrtc_service::DepartureRing departures_{4096};
+  session::DeliveryServer server_;
+  hrtc_service::Loader loader_;
+  hrtc_service::Cycle cycle_;
+  std::array<hrtc_service::ProbeInput, hrtc_service::kMaxProbes> inputs_;
+  std::array<std::uint64_t, hrtc_service::kMaxProbes> near_{};
+  std::deque<Delayed<session::Demand>> demands_;
+  std::deque<Delayed<session::BulkChunk>> chunks_;
+  std::int64_t now_ = 1'000'000'000;
+  std::uint64_t cycles_ = 0;
+  bool in_contact_ = false;
+  spm::Vec3d proxy_ = spm::Vec3d::Zero();
+  double loader_us_ = 0;
+  std::vector<RegionLoad> loads_;
+};
+
+}  // namespace tactus::bench
