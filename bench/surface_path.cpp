@@ -1,7 +1,9 @@
 #include "bench/surface_path.hpp"
 
+#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <random>
@@ -166,6 +168,74 @@ class Walker {
   Vec3d direction_ = Vec3d::Zero();
 };
 
+/// A random function of time of variance 1 whose spectrum is flat up to `band` and empty above.
+class BandNoise {
+ public:
+  BandNoise(double band, std::mt19937_64& rng) {
+    constexpr double kTwoPi = 2 * 3.14159265358979;
+    std::uniform_real_distribution<double> unit{0, 1};
+    for (std::size_t i = 0; i < kTones; ++i)  // one in each of as many bands of equal width
+      tones_[i] = {kTwoPi * band * (static_cast<double>(i) + unit(rng)) / kTones, kTwoPi * unit(rng)};
+  }
+  [[nodiscard]] double operator()(double time) const {
+    double sum = 0;
+    for (const Tone& tone : tones_) sum += std::cos(tone.rate * time + tone.phase);
+    return sum * std::sqrt(2.0 / kTones);
+  }
+
+ private:
+  static constexpr std::size_t kTones = 64;
+  struct Tone {
+    double rate, phase;
+  };
+  std::array<Tone, kTones> tones_;
+};
+
+struct Plane {
+  Vec3d mean, normal;
+  [[nodiscard]] Vec3d project(const Vec3d& point) const { return point - normal * normal.dot(point - mean); }
+};
+
+/// A surface without what is smaller than `reach`: planes fitted to vertices around a point, the near ones count most.
+class SmoothedSurface {
+ public:
+  SmoothedSurface(Span<const std::array<float, 3>> vertices, double reach) : reach_{reach} {
+    constexpr std::size_t kSamples = 6000;
+    const std::size_t every = std::max<std::size_t>(1, vertices.size() / kSamples);
+    for (std::size_t v = 0; v < vertices.size(); v += every)
+      samples_.emplace_back(vertices[v][0], vertices[v][1], vertices[v][2]);
+  }
+
+  [[nodiscard]] Plane at(const Vec3d& point) const {
+    double reach = reach_;
+    for (;; reach *= 2) {
+      double weights = 0;
+      Vec3d mean = Vec3d::Zero();
+      Eigen::Matrix3d square = Eigen::Matrix3d::Zero();
+      for (const Vec3d& sample : samples_) {
+        const Vec3d from = sample - point;
+        const double near = 1 - from.squaredNorm() / (reach * reach);
+        if (near <= 0) continue;
+        const double weight = near * near;
+        weights += weight;
+        mean += weight * from;
+        square += weight * from * from.transpose();
+      }
+      if (weights < 3) continue;
+      mean /= weights;
+      Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver;
+      solver.computeDirect(square / weights - mean * mean.transpose());
+      return {point + mean, solver.eigenvectors().col(0)};
+    }
+  }
+
+ private:
+  double reach_;
+  std::vector<Vec3d> samples_;
+};
+
+constexpr double kHandSmoothing = 8;  // radii: a hand does not follow bumps smaller than this sideways
+
 }  // namespace
 
 std::vector<SurfacePose> surface_poses(Span<const std::array<float, 3>> vertices,
@@ -219,6 +289,43 @@ std::vector<Vec3d> surface_path(Span<const std::array<float, 3>> vertices,
   std::vector<Vec3d> centres;
   for (const SurfacePose& pose : surface_poses(vertices, faces, settings, distance)) centres.push_back(pose.centre);
   return centres;
+}
+
+std::vector<Vec3d> hand_path(Span<const std::array<float, 3>> vertices, const Vec3d& start,
+                             const HandPathSettings& settings, const std::function<Vec3d(const Vec3d&)>& nearest) {
+  constexpr double kLiftBand = 1;      // Hz
+  constexpr double kLiftAbove = 0.43;  // a normal variable is above it a third of the time
+  std::mt19937_64 rng{settings.seed};
+  const BandNoise bend{settings.band, rng}, lift{kLiftBand, rng};
+  const double stand_off = settings.radius - settings.depth;
+  const SmoothedSurface smoothed{vertices, kHandSmoothing * settings.radius};
+
+  std::vector<Vec3d> path;
+  path.reserve(settings.poses);
+  Plane plane = smoothed.at(start);
+  if (plane.normal.dot(start - nearest(start)) < 0) plane.normal = -plane.normal;
+  Vec3d tangent = plane.normal.unitOrthogonal();
+  Vec3d hand = plane.project(start);
+  double height = plane.normal.dot(start - hand);
+  for (std::uint32_t i = 0; i < settings.poses; ++i) {
+    const double time = i * settings.period;
+    const double turn = bend(time) * settings.speed * settings.period / settings.bend_radius;
+    tangent = std::cos(turn) * tangent + std::sin(turn) * plane.normal.cross(tangent);
+    hand += settings.speed * settings.period * tangent;
+    const Plane next = smoothed.at(hand);
+    plane = {next.mean, next.normal.dot(plane.normal) < 0 ? Vec3d{-next.normal} : next.normal};
+    hand = plane.project(hand);
+    tangent = (tangent - plane.normal * plane.normal.dot(tangent)).normalized();
+    for (int tries = 0; tries < 20; ++tries) {
+      const Vec3d centre = hand + height * plane.normal;
+      const Vec3d away = centre - nearest(centre);
+      const double off = stand_off - (away.dot(plane.normal) < 0 ? -1 : 1) * away.norm();
+      if (std::abs(off) < 0.05 * settings.depth) break;
+      height += off;
+    }
+    path.push_back(hand + plane.normal * (height + settings.height * std::max(0.0, lift(time) - kLiftAbove)));
+  }
+  return path;
 }
 
 }  // namespace tactus::bench

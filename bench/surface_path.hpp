@@ -41,4 +41,24 @@ struct SurfacePose {
                                                    const PathSettings& settings,
                                                    const std::function<double(const spm::Vec3d&)>& distance);
 
+struct HandPathSettings {
+  double radius = 0;       ///< of the tip
+  double depth = 0;        ///< how deep the ball is in the surface while it touches
+  double speed = 0;        ///< units/s sideways, constant
+  double bend_radius = 0;  ///< rms of the path's curvature is one over this
+  double band = 3;         ///< Hz; the curvature has a flat spectrum in time up to here and nothing above
+  double period = 0.001;   ///< s from one pose to the next
+  double height = 0;       ///< the tip lifts off about this far for a third of the time; 0: never
+  std::uint32_t poses = 0;
+  std::uint64_t seed = 1;
+};
+
+/// A hand that strokes the surface. Sideways it moves at constant speed on a path whose curvature is a random function
+/// of time with a limited band, in the plane of the surface as it is without its bumps; across that plane the tip goes
+/// up and down as the surface below it does. From `start`, anywhere outside. `nearest` gives the nearest point of the
+/// mesh. The same settings give the same path.
+[[nodiscard]] std::vector<spm::Vec3d> hand_path(spm::Span<const std::array<float, 3>> vertices, const spm::Vec3d& start,
+                                                const HandPathSettings& settings,
+                                                const std::function<spm::Vec3d(const spm::Vec3d&)>& nearest);
+
 }  // namespace tactus::bench

@@ -205,6 +205,7 @@ std::array<haptics::DeviceSpec, kMaxProbes> specs_of(const HrtcOptions& options)
 LoaderSettings loader_settings(const HrtcOptions& options) {
   LoaderSettings settings;
   settings.radius = options.haptic.cycle.radius;
+  settings.strategy = options.prediction;
   return settings;
 }
 

@@ -17,6 +17,7 @@
 
 #include "hrtc_service/haptic_thread.hpp"
 #include "spm/pool.hpp"
+#include "spm/prediction.hpp"
 #include "wire/links.hpp"
 
 namespace tactus::hrtc_service {
@@ -31,6 +32,7 @@ struct HrtcOptions {
   wire::SessionAddress address;
   spm::PoolSettings pool;
   HapticSettings haptic;
+  spm::Strategy prediction = spm::Strategy::kMixture;
   std::uint32_t max_users = kMaxProbes;
   std::vector<ReplayUser> replays;
   std::filesystem::path log;       ///< contact log; empty: none

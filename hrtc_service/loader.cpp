@@ -34,7 +34,7 @@ Loader::Loader(spm::Pool& pool, spm::NodePool& nodes, const session::Origin& sel
       arrivals_{arrivals},
       departures_{departures},
       cache_{pool},
-      delivery_{self, session::DeliverySettings{}} {}
+      delivery_{self, settings.delivery} {}
 
 Loader::~Loader() = default;
 
@@ -115,7 +115,8 @@ void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {
   touch.forest = std::make_unique<spm::Forest>(pool_, nodes_, touch.index, object.summary,
                                                spm::RegionGrid{object.summary.grid, regions}, std::move(admitted.base));
   const double scale = object.entry.scale;
-  object.predictors.assign(kMaxProbes, spm::Predictor{{settings_.margin / scale, settings_.least_speed / scale}});
+  object.predictors.assign(
+      kMaxProbes, spm::Predictor{{settings_.margin / scale, settings_.least_speed / scale, settings_.strategy}});
   broad_phase_.put(touch.index, world_box(touch.bounds, touch.placement));
   by_index_.push_back(&object);
   object.ready = true;

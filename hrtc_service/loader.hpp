@@ -37,7 +37,8 @@ struct ProbeSight {
 };
 
 struct LoaderSettings {
-  double radius = 0.003;       ///< m, of the tips
+  double radius = 0.003;  ///< m, of the tips
+  spm::Strategy strategy = spm::Strategy::kMixture;
   double margin = 0.0005;      ///< m; cells this near to a tip's path are loaded
   double least_speed = 0.05;   ///< m/s; a tip at rest is expected to start with this
   double near_distance = 0.1;  ///< m; objects within are offered to the haptic thread's queries
@@ -45,6 +46,7 @@ struct LoaderSettings {
   double most_lead = 0.5;      ///< s
   std::int64_t idle_before_eviction_ns = 300'000'000;  ///< of a region nobody wants, unless the room is needed now
   bool keep_unwanted = true;                           ///< false: no spare cache; what nobody wants goes at once
+  session::DeliverySettings delivery;
 };
 
 struct LoaderFigures {

@@ -4,6 +4,7 @@
 #include <CLI/CLI.hpp>
 #include <atomic>
 #include <iostream>
+#include <map>
 
 #include "hrtc_service/hrtc.hpp"
 #include "wire/process.hpp"
@@ -51,6 +52,13 @@ int main(int argc, char** argv) {
   app.add_option("--pool", slots, "Slots for mesh records, of all objects together; 64 Ki take 34 MiB")
       ->capture_default_str()
       ->check(CLI::Range(256u, 1u << 27));
+  std::map<std::string, spm::Strategy> strategies;
+  for (std::size_t i = 0; i < spm::kStrategyNames.size(); ++i)
+    strategies[spm::kStrategyNames[i]] = static_cast<spm::Strategy>(i);
+  app.add_option("--prediction", options.prediction, "How the regions that a tip will meet are told ahead")
+      ->transform(CLI::CheckedTransformer(strategies, CLI::ignore_case)
+                      .description("{neighbours,linear,polynomial,distance,mixture}"))
+      ->default_str("mixture");
   app.add_option("--users", options.max_users, "Probes at most")
       ->capture_default_str()
       ->check(CLI::Range(1u, hrtc_service::kMaxProbes));

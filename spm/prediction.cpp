@@ -68,22 +68,25 @@ void Predictor::predict(const RegionGrid& grid, double radius, double lead, Answ
     if (!grid.for_each_meeting(centre, ball, [&](RegionId region, double) { meet(out, region, contact_in); }))
       out.complete = false;
   };
+  const Strategy strategy = settings_.strategy;
+  const bool mixture = strategy == Strategy::kMixture;
 
   add_ball(now.position, reach, 0);
   constexpr int kSteps = 6;
   for (int step = 1; step <= kSteps; ++step) {
     const double t = lead * step / kSteps;
     const Vec3d linear = now.position + now.velocity * t;
-    add_ball(linear, reach, t);
-    if (in_contact_) {
+    if (mixture || strategy == Strategy::kLinear) add_ball(linear, reach, t);
+    if ((mixture && in_contact_) || strategy == Strategy::kPolynomial) {
       // A fitted acceleration holds for about as long as the history it was fitted to.
       const double trusted = std::min(t, 0.05);
       add_ball(linear + now.acceleration * (trusted * trusted / 2), reach, t);
-    } else {
-      add_ball(now.position, reach + speed * t / 2, t);  // distance query: it may turn
     }
+    if ((mixture && !in_contact_) || strategy == Strategy::kDistance)
+      add_ball(now.position, reach + speed * t / 2, t);  // it may turn
+    if (strategy == Strategy::kNeighbours) add_ball(now.position, reach + speed * t, t);
   }
-  if (in_contact_) add_ball(now.position, reach + speed * lead / 4, lead);  // local neighbours: it may turn
+  if (mixture && in_contact_) add_ball(now.position, reach + speed * lead / 4, lead);  // local neighbours: it may turn
 
   std::sort(out.regions.begin(), out.regions.begin() + out.count,
             [](const PredictedRegion& a, const PredictedRegion& b) {

@@ -1,10 +1,8 @@
 /// Which regions a probe will meet, and when: what to load before it is touched.
 ///
-/// From the history of where the tip was, four ideas of the paper: while in contact, linear and polynomial
-/// extrapolation and the local neighbours of the region touched; without contact, a distance query to the labelled
-/// regions. Each puts balls in time and space; a region's time to contact is the earliest ball that meets it. We
-/// differ: the history is of tip positions, which know their regions, for a region is too coarse to extrapolate from at
-/// 1 kHz.
+/// Each strategy puts balls in time and space; a region's time to contact is the earliest ball that meets it. All but
+/// the mixture are the paper's ideas. We differ: the history is of tip positions, which know their regions, for a
+/// region is too coarse to extrapolate from at 1 kHz. What each fetches in time and in vain: scripts/bench prediction.
 ///
 /// Model frame, file units, seconds. Fixed memory. One thread; not the haptic one (about 10 us).
 /// Source: Liu, Georganas, Roth, 3DIM 2005, section 3 (prediction of contact regions).
@@ -17,6 +15,16 @@
 
 namespace tactus::spm {
 
+enum class Strategy : std::uint8_t {
+  kNeighbours,  ///< all around the tip, as far as it goes at its speed
+  kLinear,      ///< along its velocity
+  kPolynomial,  ///< along its velocity and acceleration
+  kDistance,    ///< all around the tip, as far as half its speed takes it
+  kMixture      ///< both extrapolations and near neighbours in contact; linear and distance without
+};
+/// By Strategy: what users call them.
+inline constexpr std::array<const char*, 5> kStrategyNames{"neighbours", "linear", "polynomial", "distance", "mixture"};
+
 struct PredictedRegion {
   RegionId region{};
   double contact_in = 0;  ///< s; 0: met now
@@ -25,6 +33,7 @@ struct PredictedRegion {
 struct PredictionSettings {
   double margin = 0;       ///< file units; how far from the tip's path a region still counts as met
   double least_speed = 0;  ///< file units/s; a tip at rest is expected to start with this
+  Strategy strategy = Strategy::kMixture;
 };
 
 class Predictor {

@@ -1,0 +1,123 @@
+// Which strategy of prediction has what the tip meets in time, and what it fetches in vain: by speed and round trip.
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cstdio>
+
+#include "bench/figures.hpp"
+#include "bench/remote_session.hpp"
+#include "bench/strokes.hpp"
+
+namespace tactus::bench {
+namespace {
+
+struct Settings {
+  std::string model, json, only;
+  std::uint32_t faces = 1000000;
+  double seconds = 10, rate = 100, pool = 16;
+  std::vector<double> speeds{0.05, 0.2, 0.5, 1}, round_trips{0, 10, 100};
+  std::uint64_t seed = 1;
+  bool quick = false;
+};
+
+struct Outcome {
+  std::uint64_t contacts = 0, hits = 0;
+  RemoteSession::Traffic traffic;
+  [[nodiscard]] double hit() const { return 100.0 * static_cast<double>(hits) / static_cast<double>(contacts); }
+};
+
+Outcome run_one(const StrokedModel& model, const std::vector<spm::Vec3d>& path, const std::vector<bool>& touches,
+                const RemoteSettings& settings) {
+  RemoteSession session{model.subject.model, settings};
+  session.start();
+  Outcome outcome;
+  for (std::size_t i = 0; i < path.size(); ++i) {
+    session.step(path[i]);
+    if (!touches[i]) continue;
+    ++outcome.contacts;
+    outcome.hits += session.forest().exact(session.to_model(path[i]), settings.radius / session.scale()) ? 1 : 0;
+  }
+  outcome.traffic = session.traffic();
+  return outcome;
+}
+
+int run(const Settings& settings) {
+  std::fprintf(stderr, "making the model\n");
+  const StrokedModel model{settings.model, settings.faces};
+  const spm::ModelSummary& summary = model.subject.model.summary;
+  char text[256];
+  std::snprintf(text, sizeof text,
+                "tip 3 mm, curvature of a band of %g Hz, lifted a third of the time, %g s each, pool %g MiB, %g "
+                "Mbit/s, seed %llu",
+                kBand, settings.seconds, settings.pool, settings.rate, static_cast<unsigned long long>(settings.seed));
+  Report report{{"prediction", model.subject.name, summary.digest, summary.faces, text}};
+
+  RemoteSettings remote;
+  remote.pool = pool_of(static_cast<std::uint64_t>(settings.pool * (1 << 20)));
+  remote.radius = kStrokeRadius;
+  remote.rate = settings.rate * 1e6;
+  for (const double speed : settings.speeds) {
+    const auto poses = static_cast<std::uint32_t>(settings.seconds * 1000);
+    const std::vector<spm::Vec3d> path = strokes(model, speed, 0.005, poses, settings.seed);
+    std::vector<bool> touches;
+    for (const spm::Vec3d& tip : path) touches.push_back(model.distance(tip) <= kStrokeRadius);
+    for (const double round_trip : settings.round_trips) {
+      remote.round_trip = round_trip * 1e-3;
+      double best = 0, shipped = 0;
+      for (std::size_t s = 0; s < spm::kStrategyNames.size(); ++s) {
+        const std::string strategy = spm::kStrategyNames[s];
+        if (!settings.only.empty() && strategy != settings.only) continue;
+        remote.loader.strategy = static_cast<spm::Strategy>(s);
+        const Outcome outcome = run_one(model, path, touches, remote);
+        char name[96];
+        std::snprintf(name, sizeof name, "%g m/s, %g ms: %s", speed, round_trip, strategy.c_str());
+        std::fprintf(stderr, "%-32s hit %8.4f %%, fetched %7.2f MB, unused %7.2f MB\n", name, outcome.hit(),
+                     static_cast<double>(outcome.traffic.bytes) / 1e6,
+                     static_cast<double>(outcome.traffic.unused) / 1e6);
+        report.figure(name + std::string{", hit"}, "contact cycles", "%", outcome.hit());
+        report.figure(name + std::string{", fetched"}, "regions", "MB",
+                      static_cast<double>(outcome.traffic.bytes) / 1e6);
+        report.figure(name + std::string{", never used"}, "regions", "MB",
+                      static_cast<double>(outcome.traffic.unused) / 1e6);
+        (strategy == "mixture" ? shipped : best) = std::max(strategy == "mixture" ? 0 : best, outcome.hit());
+      }
+      if (!settings.only.empty()) continue;
+      char name[96];
+      std::snprintf(name, sizeof name, "%g m/s, %g ms: mixture less the best other", speed, round_trip);
+      report.at_least(name, "contact cycles", "%", shipped - best, -2);
+    }
+  }
+  return report.finish(settings.json);
+}
+
+}  // namespace
+}  // namespace tactus::bench
+
+int main(int argc, char** argv) {
+  tactus::bench::Settings settings;
+  CLI::App app{"Hit rate and bytes fetched in vain, by strategy of prediction, speed and round trip"};
+  app.add_option("--model", settings.model, "model file of any kind, or .spm (default: a generated organ)")
+      ->check(CLI::ExistingFile);
+  app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 50000000u));
+  app.add_option("--seconds", settings.seconds, "of motion, for each figure")->check(CLI::Range(1.0, 3600.0));
+  app.add_option("--speeds", settings.speeds, "mean, m/s")->check(CLI::Range(0.001, 5.0));
+  app.add_option("--round-trips", settings.round_trips, "ms")->check(CLI::Range(0.0, 1000.0));
+  app.add_option("--rate", settings.rate, "of the link, Mbit/s")->check(CLI::Range(0.1, 1e5));
+  app.add_option("--pool", settings.pool, "MiB")->check(CLI::Range(1.0, 1e4));
+  app.add_option("--strategy", settings.only, "only this one");
+  app.add_option("--seed", settings.seed, "of the paths");
+  app.add_option("--json", settings.json, "the figures as JSON");
+  app.add_flag("--quick", settings.quick, "3 s each on 200,000 faces, for CI");
+  try {
+    app.parse(argc, argv);
+    if (settings.quick) {
+      settings.seconds = std::min(settings.seconds, 3.0);
+      settings.faces = std::min(settings.faces, 200000u);
+    }
+    return tactus::bench::run(settings);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : 2;
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "tactus-bench-prediction: %s\n", error.what());
+    return 2;
+  }
+}

@@ -1,0 +1,137 @@
+#include "bench/remote_session.hpp"
+
+#include <numeric>
+#include <stdexcept>
+
+namespace tactus::bench {
+namespace {
+
+constexpr std::int64_t kCycleNs = 1'000'000;
+constexpr std::uint64_t kTickEvery = 2;         // cycles
+constexpr std::int64_t kNetworkStep = 250'000;  // ns
+constexpr double kOverhead = 170;  // bytes of headers that a chunk brings along: Ethernet, IP, UDP, RTPS, ours
+
+hrtc_service::CycleSettings cycle_settings(double radius) {
+  hrtc_service::CycleSettings settings;
+  settings.radius = radius;
+  return settings;
+}
+
+hrtc_service::LoaderSettings loader_settings(const RemoteSettings& settings) {
+  hrtc_service::LoaderSettings loader = settings.loader;
+  loader.radius = settings.radius;
+  return loader;
+}
+
+}  // namespace
+
+spm::PoolSettings pool_of(std::uint64_t bytes) {
+  std::uint32_t low = 1, high = 1u << 27;
+  while (low + 1 < high) {
+    const std::uint32_t middle = low + (high - low) / 2;
+    (spm::PoolSettings::for_slots(middle).bytes() <= bytes ? low : high) = middle;
+  }
+  return spm::PoolSettings::for_slots(low);
+}
+
+RemoteSession::RemoteSession(const spm::Model& model, const RemoteSettings& settings)
+    : settings_{settings},
+      scale_{model.summary.metres_per_unit},
+      pool_{settings.pool},
+      nodes_{settings.pool.tree_nodes},
+      server_{session::Origin{kSession, kHost, 1, 0}},
+      loader_{pool_, nodes_, session::Origin{kSession, kHrtc, 1, 0}, loader_settings(settings), arrivals_, departures_},
+      cycle_{cycle_settings(settings.radius), {}, departures_, nullptr},
+      unmet_(model.regions.size(), 0) {
+  server_.add(kObject, model);
+  session::CatalogueEntry entry;
+  entry.origin = {kSession, kHost, 1, 0};
+  entry.host = "host";
+  entry.object = "object";
+  entry.object_id = kObject;
+  entry.summary = model.summary;
+  entry.scale = scale_;
+  entry.base_bytes = server_.base_bytes(kObject);
+  loader_.on_host_seen(kHost, 1, now_);
+  loader_.on_catalogue(entry);
+}
+
+void RemoteSession::network(std::int64_t until) {
+  const auto half = static_cast<std::int64_t>(settings_.round_trip / 2 * 1e9);
+  while (auto demand = loader_.demand(now_)) questions_.push_back({now_ + half, std::move(*demand)});
+  for (; now_ < until; now_ += kNetworkStep) {
+    while (!questions_.empty() && questions_.front().due <= now_) {
+      server_.on_demand(questions_.front().demand);
+      questions_.pop_front();
+    }
+    while (link_free_ <= now_) {
+      auto out = server_.next(now_);
+      if (!out) break;
+      const double bits = 8 * (static_cast<double>(out->chunk.payload.size()) + kOverhead);
+      link_free_ = std::max(link_free_, now_ - kNetworkStep) + static_cast<std::int64_t>(bits / settings_.rate * 1e9);
+      chunks_.push_back({link_free_ + half, std::move(out->chunk)});
+    }
+    while (!chunks_.empty() && chunks_.front().due <= now_) {
+      const session::BulkChunk& chunk = chunks_.front().chunk;
+      if (chunk.kind == session::BulkKind::kRegion) {
+        std::uint64_t& unmet = unmet_[chunk.region];
+        if (chunk.part == 0) {
+          traffic_.unused += unmet;
+          unmet = 0;
+          ++traffic_.regions;
+        }
+        unmet += chunk.payload.size();
+        traffic_.bytes += chunk.payload.size();
+      }
+      loader_.on_chunk(chunk, now_);
+      chunks_.pop_front();
+    }
+  }
+}
+
+const hrtc_service::ProbeOutput& RemoteSession::run_cycle() {
+  ++cycles_;
+  network(now_ + kCycleNs);
+  if (cycles_ % 50 == 0) loader_.on_host_seen(kHost, 1, now_);
+  if (cycles_ % kTickEvery == 0) loader_.tick(now_, sights_, near_);
+  inputs_[0].near = near_[0];
+  std::array<hrtc_service::Arrival, 64> arrived;
+  const auto count = static_cast<std::uint32_t>(arrivals_.pop(arrived.data(), arrived.size()));
+  const hrtc_service::CycleResult& result =
+      cycle_.step(inputs_, now_, arrived.data(), count, spm::Budget{settings_.budget});
+  budget_spent_ += result.budget_spent ? 1 : 0;
+  nodes_full_ += result.nodes_full ? 1 : 0;
+  const hrtc_service::ProbeOutput& probe = result.probes[0];
+  sights_[0] = {probe.active, (probe.status & session::kInContact) != 0, now_, inputs_[0].device.position,
+                hrtc_service::vec(probe.proxy)};
+  return probe;
+}
+
+void RemoteSession::start() {
+  constexpr int kPatience = 60000;  // cycles
+  for (int i = 0; i < kPatience; ++i) {
+    run_cycle();
+    if (!cycle_.objects().empty() && forest().base_shown()) return;
+  }
+  throw std::runtime_error("the base mesh did not come within a minute: does it fit the pool?");
+}
+
+const hrtc_service::ProbeOutput& RemoteSession::step(const spm::Vec3d& tip) {
+  hrtc_service::ProbeInput& input = inputs_[0];
+  input.device.velocity = input.active ? spm::Vec3d{(tip - last_tip_) * (1e9 / kCycleNs)} : spm::Vec3d::Zero();
+  input.active = true;
+  input.device.position = tip;
+  last_tip_ = tip;
+  const hrtc_service::ProbeOutput& output = run_cycle();
+  forest().grid().for_each_meeting(to_model(tip), settings_.radius / scale_,
+                                   [&](spm::RegionId region, double) { unmet_[index(region)] = 0; });
+  return output;
+}
+
+RemoteSession::Traffic RemoteSession::traffic() const {
+  Traffic traffic = traffic_;
+  traffic.unused = std::accumulate(unmet_.begin(), unmet_.end(), traffic.unused);
+  return traffic;
+}
+
+}  // namespace tactus::bench

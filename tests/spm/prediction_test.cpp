@@ -1,0 +1,91 @@
+// What each strategy of prediction wants of a floor of cells under a tip that moves at constant speed.
+
+#include "spm/prediction.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <set>
+#include <vector>
+
+namespace tactus::spm {
+namespace {
+
+constexpr double kSpeed = 10, kRadius = 0.5, kMargin = 0.25, kLead = 0.4;
+
+/// 41 x 41 cells of edge 1 about the origin, full of surface, with the tip in the middle of it and moving along x.
+class Prediction : public testing::Test {
+ protected:
+  Prediction() {
+    for (std::uint16_t x = 0; x < 41; ++x)
+      for (std::uint16_t y = 0; y < 41; ++y) {
+        Region region{};
+        region.cell = {x, y, 0};
+        region.occupied = {~0u, ~0u};
+        regions_.push_back(region);
+      }
+    grid_ = std::make_unique<RegionGrid>(GridFrame{{-20.5, -20.5, -0.5}, 1}, Span<const Region>{regions_});
+  }
+
+  Predictor::Answer predict(Strategy strategy, bool in_contact) const {
+    Predictor predictor{{kMargin, 0, strategy}};
+    for (int i = -60; i <= 0; ++i) predictor.observe(i * 0.002, {kSpeed * i * 0.002, 0, 0}, in_contact);
+    Predictor::Answer answer;
+    predictor.predict(*grid_, kRadius, kLead, answer);
+    return answer;
+  }
+  static std::set<std::uint32_t> regions_of(const Predictor::Answer& answer) {
+    std::set<std::uint32_t> regions;
+    for (std::uint32_t i = 0; i < answer.count; ++i) regions.insert(index(answer.regions[i].region));
+    return regions;
+  }
+  /// Cells with a point within `reach` of the path from the origin to `length` along x.
+  [[nodiscard]] std::set<std::uint32_t> along_x(double length, double reach) const {
+    std::set<std::uint32_t> regions;
+    for (std::uint32_t r = 0; r < regions_.size(); ++r) {
+      const double x = regions_[r].cell[0] - 20.0, y = regions_[r].cell[1] - 20.0;
+      const double dx = std::max({0.0, x - 0.5 - length, -(x + 0.5)}), dy = std::max(0.0, std::abs(y) - 0.5);
+      if (dx * dx + dy * dy <= reach * reach) regions.insert(r);
+    }
+    return regions;
+  }
+
+  std::vector<Region> regions_;
+  std::unique_ptr<RegionGrid> grid_;
+};
+
+TEST_F(Prediction, OfALineWantsThePathAndNothingBeside) {
+  for (const Strategy strategy : {Strategy::kLinear, Strategy::kPolynomial})
+    EXPECT_EQ(regions_of(predict(strategy, true)), along_x(kSpeed * kLead, kRadius + kMargin));
+}
+
+TEST_F(Prediction, OfNeighboursAndByDistanceWantsAsMuchBehindAsAhead) {
+  EXPECT_EQ(regions_of(predict(Strategy::kNeighbours, true)), along_x(0, kRadius + kMargin + kSpeed * kLead));
+  EXPECT_EQ(regions_of(predict(Strategy::kDistance, false)), along_x(0, kRadius + kMargin + kSpeed * kLead / 2));
+}
+
+TEST_F(Prediction, OfTheMixtureWantsThePathAndSomeOfWhatIsBeside) {
+  const std::set<std::uint32_t> path = along_x(kSpeed * kLead, kRadius + kMargin);
+  for (const bool in_contact : {true, false}) {
+    const std::set<std::uint32_t> wanted = regions_of(predict(Strategy::kMixture, in_contact));
+    EXPECT_TRUE(std::includes(wanted.begin(), wanted.end(), path.begin(), path.end()));
+    EXPECT_GT(wanted.size(), path.size());
+  }
+}
+
+TEST_F(Prediction, PutsTheSoonestFirstAndTheTipsOwnCellAtOnce) {
+  for (std::size_t s = 0; s < kStrategyNames.size(); ++s) {
+    const Predictor::Answer answer = predict(static_cast<Strategy>(s), true);
+    ASSERT_GT(answer.count, 1u) << kStrategyNames[s];
+    EXPECT_TRUE(answer.complete) << kStrategyNames[s];
+    EXPECT_EQ(answer.regions[0].contact_in, 0) << kStrategyNames[s];
+    EXPECT_EQ(regions_of(answer).count(20 * 41 + 20), 1u) << kStrategyNames[s];
+    for (std::uint32_t i = 1; i < answer.count; ++i)
+      EXPECT_LE(answer.regions[i - 1].contact_in, answer.regions[i].contact_in) << kStrategyNames[s];
+  }
+}
+
+}  // namespace
+}  // namespace tactus::spm
