@@ -1,6 +1,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <functional>
@@ -121,7 +122,13 @@ const std::vector<Damage> kDamages{
      "lies within the cell"},
     {"CellTooDeep", [](BuiltModel& m) { m.regions[1].depth = 60; }, "depth 60"},
     {"RunsBeyondTheEnd", [](BuiltModel& m) { m.regions[1].run_count += 10000000; }, "region 1: runs"},
-    {"RunBackwards", [](BuiltModel& m) { m.runs[1].first = 0; }, "expected ascending runs"},
+    {"RunBackwards",
+     [](BuiltModel& m) {
+       const auto region =
+           std::find_if(m.regions.begin(), m.regions.end(), [](const Region& r) { return r.run_count > 1; });
+       m.runs[region->first_run + 1].first = m.runs[region->first_run].first;
+     },
+     "expected ascending runs"},
     {"RunBeyondTheRecords", [](BuiltModel& m) { m.runs[1].count = kNone; }, "expected ascending runs"},
     {"RunEmpty", [](BuiltModel& m) { m.runs[0].count = 0; }, "expected ascending runs"},
     {"RecordCountWrong", [](BuiltModel& m) { --m.regions[0].record_count; }, "region 0:"},
