@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <future>
+#include <memory>
 
 #include "hrtc_service/realtime.hpp"
 
@@ -13,6 +14,15 @@ namespace {
 
 constexpr std::size_t kRingEntries = 4096;
 constexpr std::uint32_t kClutchButton = 1;
+
+/// Touches all of a ring's memory, so that the haptic thread is never the first to.
+template <class Entry>
+void touch(boost::lockfree::spsc_queue<Entry>& ring) {
+  const auto blank = std::make_unique<Entry>();
+  while (ring.push(*blank)) {
+  }
+  ring.consume_all([](const Entry&) {});
+}
 
 }  // namespace
 
@@ -25,6 +35,10 @@ HapticThread::HapticThread(const HapticSettings& settings, const std::array<hapt
       cycle_{settings.cycle, specs, departures_, settings.log ? &log_ : nullptr},
       governor_{settings.deadline_ns},
       event_{eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)} {
+  touch(arrivals_);
+  touch(departures_);
+  touch(traces_);
+  touch(log_);
   frames_.fill(settings.frame);
   if (settings.snapshot_faces == 0) return;
   snapshot_.resize(kMaxObjects);
