@@ -13,13 +13,13 @@ constexpr int kDoubles = 2;
 TACTUS_TARGET_AVX2
 namespace avx2 {
 constexpr int kDoubles = 4;
-#include "spm/lanes_kernel.inc"
+#include "spm/lanes_kernel.inc"  // NOLINT(readability-duplicate-include): for each instruction set
 }  // namespace avx2
 TACTUS_TARGET_END
 TACTUS_TARGET_AVX512
 namespace avx512 {
 constexpr int kDoubles = 8;
-#include "spm/lanes_kernel.inc"
+#include "spm/lanes_kernel.inc"  // NOLINT(readability-duplicate-include): for each instruction set
 }  // namespace avx512
 TACTUS_TARGET_END
 #endif

@@ -252,7 +252,7 @@ constexpr int kDoubles = 2;
 TACTUS_TARGET_AVX2
 namespace avx2 {
 constexpr int kDoubles = 4;
-#include "spm/mesh_probe_kernel.inc"
+#include "spm/mesh_probe_kernel.inc"  // NOLINT(readability-duplicate-include): for each instruction set
 }  // namespace avx2
 TACTUS_TARGET_END
 #endif

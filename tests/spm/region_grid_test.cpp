@@ -24,7 +24,8 @@ Grid random_grid(std::mt19937_64& random) {
     region.depth = depth;
     region.cell = {static_cast<std::uint16_t>(x), static_cast<std::uint16_t>(y), static_cast<std::uint16_t>(z)};
     while (region.occupied[0] == 0 && region.occupied[1] == 0)
-      for (std::uint32_t& word : region.occupied) word = static_cast<std::uint32_t>(random() & random() & random());
+      for (std::uint32_t& word : region.occupied)
+        for (std::uint32_t bit = 0; bit < 32; ++bit) word |= static_cast<std::uint32_t>(random() % 8 == 0) << bit;
     grid.regions.push_back(region);
   };
   for (std::uint32_t x = 0; x < 4; ++x)
