@@ -5,7 +5,7 @@
 ///
 /// `expected` is what the rest of the cycle lately cost, `surprise` a high quantile of how far a cycle has cost more
 /// than was foreseen, dear units included. So whatever share of cycles may miss the deadline is asked for as such, and
-/// nothing is left to be tuned for a machine, a model or a load that comes and goes.
+/// nothing but the floor (kFloor) is tuned. Where all else leaves less than the floor, cycles do miss the deadline.
 ///
 /// Realtime. Source: Liu, Georganas, Roth, 3DIM 2005, section 5 (time-critical refinement); the quantile by stochastic
 /// approximation (Robbins, Monro 1951), in the logarithm.
