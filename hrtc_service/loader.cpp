@@ -1,6 +1,7 @@
 #include "hrtc_service/loader.hpp"
 
 #include <algorithm>
+#include <tuple>
 
 #include "spm/codec/base_codec.hpp"
 #include "spm/codec/region_codec.hpp"
@@ -75,11 +76,18 @@ void Loader::on_chunk(const session::BulkChunk& chunk, std::int64_t now_ns) {
   if (!message) return;
   const auto found = objects_.find(message->object_id);
   if (found == objects_.end()) return;
-  if (message->kind == session::BulkKind::kBase)
+  if (message->kind == session::BulkKind::kBase) {
     take_base(*found->second, message->bytes);
-  else
-    take_region(*found->second, *message, now_ns);
+  } else {
+    unplaced_.push_back({found->second.get(), std::move(*message)});
+    if (unplaced_.size() == 1) take_messages(now_ns);
+  }
   hand_over();
+}
+
+void Loader::take_messages(std::int64_t now_ns) {
+  while (!unplaced_.empty() && take_region(*unplaced_.front().object, unplaced_.front().message, now_ns))
+    unplaced_.pop_front();
 }
 
 void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {
@@ -124,14 +132,18 @@ void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {
   delivery_.base_held(object.info.id);
 }
 
-void Loader::take_region(Object& object, const session::DeliveryClient::Message& message, std::int64_t now_ns) {
-  if (!object.ready || message.region >= object.notes.size()) return delivery_.refused(object.info.id, message.region);
+bool Loader::take_region(Object& object, const session::DeliveryClient::Message& message, std::int64_t now_ns) {
+  const auto refuse = [&] {
+    delivery_.refused(object.info.id, message.region);
+    return true;
+  };
+  if (!object.ready || message.region >= object.notes.size()) return refuse();
   const auto data = spm::codec::decode_region(spm::Span<const std::uint8_t>{message.bytes}, object.summary);
   if (!data || spm::index(data->region) != message.region) {
     ++figures_.decode_errors;
     say("object " + object.info.name + ": region " + std::to_string(message.region) +
         " refused: " + (data ? "names another region" : data.error().text));
-    return delivery_.refused(object.info.id, message.region);
+    return refuse();
   }
   RegionNote& note = object.notes[message.region];
   spm::RegionList list;
@@ -142,16 +154,24 @@ void Loader::take_region(Object& object, const session::DeliveryClient::Message&
     case spm::AcceptResult::kAccepted:
       break;
     case spm::AcceptResult::kPoolFull:
-      ++figures_.refused_full;
       note.room_needed = static_cast<std::uint32_t>(data->parts.size());
-      return delivery_.refused(object.info.id, message.region);
+      needed_.slots = std::max(needed_.slots, note.room_needed);
+      needed_.blocks =
+          std::max(needed_.blocks, spm::ListBlock::blocks_for(object.regions[message.region].record_count));
+      let_go();
+      if (departing_ > 0) return false;
+      ++figures_.refused_full;
+      return refuse();
     case spm::AcceptResult::kHeld:
-      if (note.state == RegionState::kHeld) return delivery_.held(object.info.id, message.region);
-      return delivery_.refused(object.info.id, message.region);  // on its way out; asked for again once it is gone
+      if (note.state == RegionState::kHeld)
+        delivery_.held(object.info.id, message.region);
+      else
+        delivery_.refused(object.info.id, message.region);  // on its way out; asked for again once it is gone
+      return true;
     case spm::AcceptResult::kIncomplete:
     case spm::AcceptResult::kMalformed:
       ++figures_.refused_other;
-      return delivery_.refused(object.info.id, message.region);
+      return refuse();
   }
   object.info.records_received += data->positions.size();
   object.info.records_returned += cache_.counters().records_returned - returned_before;
@@ -163,11 +183,16 @@ void Loader::take_region(Object& object, const session::DeliveryClient::Message&
     const double latency = static_cast<double>(now_ns - note.wanted_since_ns) / kNsPerS;
     figures_.load_latency += 0.1 * (latency - figures_.load_latency);
   }
+  const std::uint32_t parts = object.regions[message.region].part_count;
+  if (parts > 0) fresh_share_ += 0.1 * (static_cast<double>(data->parts.size()) / parts - fresh_share_);
   note.state = RegionState::kHeld;
   note.was_here = true;
+  note.was_met = false;
+  object.held.push_back(message.region);
   figures_.slots_peak = std::max(figures_.slots_peak, cache_.slots_used());
   delivery_.held(object.info.id, message.region);
   waiting_.push_back({Arrival::Kind::kRegion, &object.touch, data->region, list});
+  return true;
 }
 
 void Loader::predict(Object& object, std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights) {
@@ -203,58 +228,111 @@ void Loader::predict(Object& object, std::int64_t now_ns, const std::array<Probe
     RegionNote& note = object.notes[region];
     note.wanted_ns = now_ns;
     if (note.wanted_since_ns == 0) note.wanted_since_ns = now_ns;
+    note.was_met = note.was_met || contact_in <= 0;
+    if (note.state == RegionState::kLeaving || note.state == RegionState::kSpare) take_back(object, region);
     if (note.state != RegionState::kAbsent) continue;
-    needed_ += object.regions[region].part_count;
+    const auto likely = static_cast<std::uint32_t>(fresh_share_ * object.regions[region].part_count);
+    needed_.slots += std::max(likely, note.room_needed);
+    needed_.blocks += spm::ListBlock::blocks_for(object.regions[region].record_count);
     if (cache_.slots_free() < note.room_needed) continue;  // refused before; it would only be sent in vain
     wanted.push_back({region, static_cast<std::uint32_t>(contact_in * 1e6)});
   }
   delivery_.want(object.info.id, std::move(wanted));
 }
 
-void Loader::evict(std::int64_t now_ns) {
-  // Room for what is on its way: a sixteenth of the pool, more when more is wanted. Few at a time, for each frees more
-  // than it seems to. A region that nobody wants goes at once when its room is needed, else when it has been idle.
-  const std::uint32_t reserve = pool_.settings.slots / 16;
-  const std::uint32_t block_reserve = pool_.settings.list_blocks / 16;
-  const bool urgent = cache_.slots_free() < std::min(needed_, pool_.settings.slots / 2);
-  const bool eager = urgent || !settings_.keep_unwanted;
-  const std::int64_t idle = eager ? 1 : settings_.idle_before_eviction_ns;
-  constexpr std::uint32_t kAtOnce = 4;
-  while (retiring_ < kAtOnce && (eager || cache_.slots_free() < reserve || cache_.blocks_free() < block_reserve)) {
-    Object* victim_object = nullptr;
-    std::uint32_t victim = 0;
-    for (Object* object : by_index_)
-      for (std::uint32_t region = 0; region < object->notes.size(); ++region) {
-        const RegionNote& note = object->notes[region];
-        if (note.state != RegionState::kHeld || now_ns - note.wanted_ns < idle) continue;
-        if (victim_object != nullptr && victim_object->notes[victim].wanted_ns <= note.wanted_ns) continue;
-        victim_object = object;
-        victim = region;
-      }
-    if (victim_object == nullptr) return;
-    victim_object->notes[victim].state = RegionState::kRetiring;
-    ++retiring_;
-    waiting_.push_back({Arrival::Kind::kRetire, &victim_object->touch, spm::RegionId{victim}, {}});
+/// Leaves out of `have` what is least likely to be wanted again, until it gives room for what is on its way: a
+/// sixteenth of the pool, more when more is wanted. First what was fetched in vain, then what has been unwanted for
+/// longest; what was wanted a moment ago only when nothing else is left and the room is needed now.
+void Loader::find_leavers(std::int64_t now_ns) {
+  const auto gives = [&](const spm::Cache::Room& room) {
+    return cache_.slots_free() + leaving_.slots >= room.slots && cache_.blocks_free() + leaving_.blocks >= room.blocks;
+  };
+  const spm::Cache::Room now{std::min(needed_.slots, pool_.settings.slots / 2),
+                             std::min(needed_.blocks, pool_.settings.list_blocks / 2)};
+  const spm::Cache::Room reserve{std::max(now.slots, pool_.settings.slots / 16),
+                                 std::max(now.blocks, pool_.settings.list_blocks / 16)};
+  if (settings_.keep_unwanted && gives(reserve)) return;
+
+  struct Candidate {
+    bool recent, was_met;
+    std::int64_t wanted_ns;
+    Object* object;
+    std::uint32_t region;
+    [[nodiscard]] auto order() const { return std::make_tuple(recent, recent || was_met, wanted_ns); }
+  };
+  std::vector<Candidate> candidates;
+  for (Object* object : by_index_)
+    for (const std::uint32_t region : object->held) {
+      const RegionNote& note = object->notes[region];
+      if (note.wanted_ns == now_ns) continue;
+      const bool recent = now_ns - note.wanted_ns < settings_.idle_before_spare_ns;
+      candidates.push_back({recent, note.was_met, note.wanted_ns, object, region});
+    }
+  std::sort(candidates.begin(), candidates.end(),
+            [](const Candidate& a, const Candidate& b) { return a.order() < b.order(); });
+  for (const Candidate& candidate : candidates) {
+    if (settings_.keep_unwanted && gives(candidate.recent ? now : reserve)) break;
+    Object& object = *candidate.object;
+    const spm::Cache::Room room = cache_.room_of(spm::ObjectIndex{object.info.index}, spm::RegionId{candidate.region});
+    object.notes[candidate.region].state = RegionState::kLeaving;
+    object.held.erase(std::find(object.held.begin(), object.held.end(), candidate.region));
+    delivery_.retire(object.info.id, candidate.region);
+    leavers_.push_back({&object, candidate.region, room});
+    leaving_.slots += room.slots;
+    leaving_.blocks += room.blocks;
+  }
+}
+
+void Loader::forget_leaver(const Object& object, std::uint32_t region) {
+  const auto at = std::find_if(leavers_.begin(), leavers_.end(), [&](const Leaver& leaver) {
+    return leaver.object == &object && leaver.region == region;
+  });
+  leaving_.slots -= at->room.slots;
+  leaving_.blocks -= at->room.blocks;
+  leavers_.erase(at);
+}
+
+void Loader::take_back(Object& object, std::uint32_t region) {
+  forget_leaver(object, region);
+  object.notes[region].state = RegionState::kHeld;
+  object.held.push_back(region);
+  delivery_.held(object.info.id, region);
+}
+
+/// Has spare regions coarsened until there will be room for what is wanted.
+void Loader::let_go() {
+  constexpr std::uint32_t kAtOnce = 16;
+  spm::Cache::Room coming;
+  for (const Leaver& leaver : leavers_) {
+    RegionNote& note = leaver.object->notes[leaver.region];
+    const bool enough = settings_.keep_unwanted && cache_.slots_free() + coming.slots >= needed_.slots &&
+                        cache_.blocks_free() + coming.blocks >= needed_.blocks;
+    if (note.state == RegionState::kSpare && !enough && departing_ < kAtOnce) {
+      note.state = RegionState::kDeparting;
+      ++departing_;
+      waiting_.push_back({Arrival::Kind::kRetire, &leaver.object->touch, spm::RegionId{leaver.region}, {}});
+    }
+    if (note.state != RegionState::kDeparting) continue;
+    coming.slots += leaver.room.slots;
+    coming.blocks += leaver.room.blocks;
   }
 }
 
 void Loader::take_departures() {
+  for (Object* object : by_index_)
+    for (const std::uint32_t region : delivery_.take_released(object->info.id))
+      if (object->notes[region].state == RegionState::kLeaving) object->notes[region].state = RegionState::kSpare;
   Departure departure;
   while (departures_.pop(departure)) {
     Object& object = *by_index_[departure.object];
     const std::uint32_t region = spm::index(departure.region);
-    object.notes[region].state = RegionState::kReleasing;
-    delivery_.retire(object.info.id, region);
+    cache_.release(spm::ObjectIndex{object.info.index}, departure.region);
+    forget_leaver(object, region);
+    object.notes[region].state = RegionState::kAbsent;
+    ++object.info.regions_released;
+    ++figures_.regions_evicted;
+    --departing_;
   }
-  for (Object* object : by_index_)
-    for (const std::uint32_t region : delivery_.take_released(object->info.id)) {
-      if (object->notes[region].state != RegionState::kReleasing) continue;
-      cache_.release(spm::ObjectIndex{object->info.index}, spm::RegionId{region});
-      object->notes[region].state = RegionState::kAbsent;
-      ++object->info.regions_released;
-      ++figures_.regions_evicted;
-      --retiring_;
-    }
 }
 
 void Loader::hand_over() {
@@ -277,9 +355,11 @@ void Loader::find_near(const std::array<ProbeSight, kMaxProbes>& sights, std::ar
 void Loader::tick(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights,
                   std::array<std::uint64_t, kMaxProbes>& near) {
   take_departures();
-  needed_ = 0;
+  take_messages(now_ns);
+  needed_ = {};
   for (Object* object : by_index_) predict(*object, now_ns, sights);
-  evict(now_ns);
+  find_leavers(now_ns);
+  let_go();
   hand_over();
   find_near(sights, near);
 }
@@ -288,8 +368,10 @@ LoaderFigures Loader::figures() const {
   LoaderFigures figures = figures_;
   figures.slots_used = cache_.slots_used();
   figures.slots_limit = pool_.settings.slots;
-  for (const Object* object : by_index_)
-    for (const RegionNote& note : object->notes) figures.regions_held += note.state != RegionState::kAbsent ? 1 : 0;
+  for (const Object* object : by_index_) figures.regions_held += object->held.size();
+  figures.regions_held += leavers_.size();
+  for (const Leaver& leaver : leavers_)
+    figures.regions_spare += leaver.object->notes[leaver.region].state == RegionState::kSpare ? 1 : 0;
   return figures;
 }
 

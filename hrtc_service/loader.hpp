@@ -4,9 +4,10 @@
 ///   catalogue, chunks -> [assemble, decode, slots] -> arrivals ring -> haptic thread
 ///   probe sights -> [predict] -> demand                 departures ring <-
 ///
-/// A region leaves in four steps: retired here, coarsened by the haptic thread (departure), left out of `have`, and
-/// freed once the host has echoed that. One thread, not the haptic one. Allocates while decoding; what it keeps is
-/// bounded by the pool and by the number of regions of its objects.
+/// A region leaves in two halves. What nobody has wanted for long is left out of `have` ahead of need, and is spare
+/// once the host has echoed that: touched as before, and taken back if wanted again. When room is needed, spare regions
+/// are coarsened by the haptic thread (departure) and freed, which waits for no network. One thread, not the haptic
+/// one. Allocates while decoding; what it keeps is bounded by the pool and by the number of regions of its objects.
 #pragma once
 
 #include <boost/lockfree/spsc_queue.hpp>
@@ -44,13 +45,14 @@ struct LoaderSettings {
   double near_distance = 0.1;  ///< m; objects within are offered to the haptic thread's queries
   double least_lead = 0.02;    ///< s; prediction looks at least this far ahead, more when loading takes longer
   double most_lead = 0.5;      ///< s
-  std::int64_t idle_before_eviction_ns = 300'000'000;  ///< of a region nobody wants, unless the room is needed now
-  bool keep_unwanted = true;                           ///< false: no spare cache; what nobody wants goes at once
+  std::int64_t idle_before_spare_ns = 300'000'000;  ///< of a region nobody wants, unless the room is needed now
+  bool keep_unwanted = true;                        ///< false: what nobody wants goes at once
   session::DeliverySettings delivery;
 };
 
 struct LoaderFigures {
   std::uint64_t regions_held = 0;
+  std::uint64_t regions_spare = 0;  ///< of those held: unknown to the host, so that they can go at any time
   std::uint64_t regions_received = 0;
   std::uint64_t regions_evicted = 0;
   std::uint64_t regions_reloaded = 0;
@@ -107,10 +109,11 @@ class Loader {
   [[nodiscard]] std::vector<std::uint32_t> predicted(std::uint32_t object_index) const;
 
  private:
-  enum class RegionState : std::uint8_t { kAbsent, kHeld, kRetiring, kReleasing };
+  enum class RegionState : std::uint8_t { kAbsent, kHeld, kLeaving, kSpare, kDeparting };
   struct RegionNote {
     RegionState state = RegionState::kAbsent;
     bool was_here = false;
+    bool was_met = false;              // by a tip, since it is here
     std::int64_t wanted_ns = 0;        // last time it was
     std::int64_t wanted_since_ns = 0;  // 0: not wanted
     std::uint32_t room_needed = 0;     // slots that its records took when they were refused for want of room
@@ -125,14 +128,20 @@ class Loader {
     std::vector<RegionNote> notes;
     std::vector<spm::Predictor> predictors;  // by probe
     std::vector<std::uint32_t> predicted;
-    bool ready = false;    // base mesh is in
-    bool refused = false;  // base mesh does not fit
+    std::vector<std::uint32_t> held;  // regions in that state
+    bool ready = false;               // base mesh is in
+    bool refused = false;             // base mesh does not fit
   };
 
   void take_base(Object& object, const std::vector<std::uint8_t>& bytes);
-  void take_region(Object& object, const session::DeliveryClient::Message& message, std::int64_t now_ns);
+  /// False when there is no room now, but will be.
+  [[nodiscard]] bool take_region(Object& object, const session::DeliveryClient::Message& message, std::int64_t now_ns);
+  void take_messages(std::int64_t now_ns);
   void predict(Object& object, std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights);
-  void evict(std::int64_t now_ns);
+  void find_leavers(std::int64_t now_ns);
+  void forget_leaver(const Object& object, std::uint32_t region);
+  void take_back(Object& object, std::uint32_t region);
+  void let_go();
   void take_departures();
   void hand_over();
   void find_near(const std::array<ProbeSight, kMaxProbes>& sights, std::array<std::uint64_t, kMaxProbes>& near);
@@ -150,9 +159,22 @@ class Loader {
   spm::fcl::BroadPhase broad_phase_;
   std::map<std::uint64_t, std::unique_ptr<Object>> objects_;  // by id
   std::vector<Object*> by_index_;
-  std::deque<Arrival> waiting_;  // for room in the ring
-  std::uint32_t retiring_ = 0;
-  std::uint32_t needed_ = 0;  // slots for what is wanted and absent, at most
+  struct Leaver {  // kLeaving, kSpare or kDeparting
+    Object* object;
+    std::uint32_t region;
+    spm::Cache::Room room;  // that it gives, at least
+  };
+  struct Unplaced {
+    Object* object;
+    session::DeliveryClient::Message message;
+  };
+  std::deque<Arrival> waiting_;    // for room in the ring
+  std::deque<Unplaced> unplaced_;  // for room in the pool; later ones may count on earlier ones
+  std::deque<Leaver> leavers_;     // first to go first
+  std::uint32_t departing_ = 0;
+  spm::Cache::Room leaving_;  // what all leavers give
+  spm::Cache::Room needed_;   // for what is wanted and absent, more or less
+  double fresh_share_ = 1;    // of a region's records, those that had to be sent; smoothed
   LoaderFigures figures_;
 };
 

@@ -175,9 +175,7 @@ AcceptResult Cache::accept(ObjectIndex number, const RegionData& data, RegionLis
       total(list) != object.record_counts[index(data.region)] || total(sent) != data.positions.size())
     return AcceptResult::kMalformed;
   const auto length = static_cast<std::uint32_t>(total(list));
-  // An empty list still takes a block, so that "held" is visible.
-  const std::uint32_t blocks = std::max(1u, (length + ListBlock::kEntries - 1) / ListBlock::kEntries);
-  if (blocks > free_block_count_) return AcceptResult::kPoolFull;
+  if (ListBlock::blocks_for(length) > free_block_count_) return AcceptResult::kPoolFull;
 
   RegionList made;
   std::uint32_t block = kNone;
@@ -271,6 +269,21 @@ void Cache::release(ObjectIndex number, RegionId region) noexcept {
   TACTUS_CHECK(list.first_block != kNone);
   release_list(number, list);
   ++counters_.regions_released;
+}
+
+Cache::Room Cache::room_of(ObjectIndex number, RegionId region) const noexcept {
+  const RegionList& list = objects_[index(number)].lists[index(region)];
+  Room room;
+  std::uint32_t left = list.length;
+  for (std::uint32_t block = list.first_block; block != kNone; block = pool_.blocks[block].after) {
+    ++room.blocks;
+    for (std::uint32_t i = 0; i < ListBlock::kEntries && left > 0; ++i, --left) {
+      const std::uint32_t first_slot = pool_.blocks[block].slots[i];
+      if (loaded_[first_slot] > 1) continue;
+      for (std::uint32_t slot = first_slot; slot != kNone; slot = pool_.parts[slot].next) ++room.slots;
+    }
+  }
+  return room;
 }
 
 bool Cache::holds(ObjectIndex object, RegionId region) const noexcept {

@@ -61,6 +61,12 @@ class Cache {
   /// Frees the region's list and what only it needed. The haptic thread must have given the region back. O(list).
   void release(ObjectIndex object, RegionId region) noexcept;
 
+  /// What releasing the region now would give back; more once neighbours that share its records are gone. O(list).
+  struct Room {
+    std::uint32_t slots = 0, blocks = 0;
+  };
+  [[nodiscard]] Room room_of(ObjectIndex object, RegionId region) const noexcept;
+
   [[nodiscard]] bool holds(ObjectIndex object, RegionId region) const noexcept;
   [[nodiscard]] std::uint32_t slots_used() const noexcept { return pool_.settings.slots - free_count_; }
   [[nodiscard]] std::uint32_t slots_free() const noexcept { return free_count_; }

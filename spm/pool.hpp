@@ -54,6 +54,11 @@ struct ListBlock {
   static constexpr std::uint32_t kEntries = 62;
   std::uint32_t before, after;
   std::array<std::uint32_t, kEntries> slots;
+
+  /// An empty list takes one too, so that "held" is visible.
+  [[nodiscard]] static constexpr std::uint32_t blocks_for(std::uint32_t records) noexcept {
+    return records == 0 ? 1 : (records + kEntries - 1) / kEntries;
+  }
 };
 static_assert(sizeof(ListBlock) == 256);
 

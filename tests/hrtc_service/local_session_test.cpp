@@ -133,6 +133,29 @@ TEST_F(OrganSession, ExactContactsAreThoseOfTheFinestMeshWithAPoolOfAQuarter) {
     EXPECT_THAT(object->forest->violations(), ::testing::IsEmpty());
 }
 
+TEST_F(OrganSession, WhatIsSpareIsTakenBackWithoutBeingSentAgain) {
+  constexpr int kThere = 3000;  // cycles
+  const auto to_and_fro = [&](LocalSession& session, int from, int to) {
+    for (int cycle = from; cycle != to; cycle += from < to ? 1 : -1)
+      session.step(position(cycle), (position(cycle + 1) - position(cycle)) * (from < to ? 1000 : -1000));
+  };
+  LocalSession large{{built_->model()}, 1, spm::PoolSettings::for_slots(1 << 15)};
+  to_and_fro(large, 0, kThere);
+  to_and_fro(large, kThere, 0);
+  const std::uint32_t enough = large.loader().figures().slots_peak;
+
+  LocalSession session{{built_->model()}, 1, spm::PoolSettings::for_slots(enough + enough / 50)};
+  to_and_fro(session, 0, kThere);
+  const hrtc_service::LoaderFigures there = session.loader().figures();
+  to_and_fro(session, kThere, 0);
+  const hrtc_service::LoaderFigures back = session.loader().figures();
+
+  EXPECT_GT(there.regions_spare, 0u) << "a sixteenth of the pool is kept ready";
+  EXPECT_EQ(back.regions_evicted, 0u) << "no room was needed";
+  EXPECT_EQ(back.regions_reloaded, 0u);
+  EXPECT_EQ(session.loader().cache_counters().records_returned, 0u);
+}
+
 TEST_F(OrganSession, ASmallBudgetLeavesContactsFlaggedAndNeverWrong) {
   LocalSession session{{built_->model()}, 1, spm::PoolSettings::for_slots(1 << 15)};
   std::uint64_t inexact = 0;

@@ -29,7 +29,7 @@ TEST(Threads, AHandFeelsWhatALoaderBringsAndEvictsMeanwhile) {
       spm::offline::build_model(spm::offline::generate(spm::offline::Shape::kSphere, 8000));
   const spm::Model model = built.model();
   const double radius = (model.summary.bounds_max[0] - model.summary.bounds_min[0]) / 2;
-  const spm::PoolSettings settings = spm::PoolSettings::for_slots(model.summary.parts / 2 + 600);
+  const spm::PoolSettings settings = spm::PoolSettings::for_slots(model.summary.parts / 4 + 600);
   spm::Pool pool{settings};
   spm::NodePool nodes{settings.tree_nodes};
   hrtc_service::HapticSettings haptic_settings;
