@@ -40,7 +40,23 @@ struct StrokedModel {
   [[nodiscard]] double distance(const spm::Vec3d& point) const { return (point - nearest(point)).norm(); }
 };
 
-/// From 5 cm above the model's highest vertex straight down at `speed`, then a hand's strokes; m.
+/// The same way with poses `step` apart, however it winds.
+[[nodiscard]] inline std::vector<spm::Vec3d> evenly(const std::vector<spm::Vec3d>& way, double step) {
+  std::vector<spm::Vec3d> poses{way.front()};
+  double left = step;
+  for (std::size_t i = 1; i < way.size(); ++i) {
+    spm::Vec3d from = way[i - 1];
+    for (double length = (way[i] - from).norm(); length >= left; length = (way[i] - from).norm()) {
+      from += (way[i] - from) * (left / length);
+      poses.push_back(from);
+      left = step;
+    }
+    left -= (way[i] - from).norm();
+  }
+  return poses;
+}
+
+/// From 5 cm above the model's highest vertex straight down, then a hand's strokes, the tip at `speed` all the time; m.
 [[nodiscard]] inline std::vector<spm::Vec3d> strokes(const StrokedModel& model, double speed, double height,
                                                      std::uint32_t poses, std::uint64_t seed) {
   constexpr double kFrom = 0.05;  // m
@@ -64,7 +80,9 @@ struct StrokedModel {
   std::vector<spm::Vec3d> path;
   for (double left = kFrom; left > 0; left -= speed * settings.period)
     path.push_back(hand.front() + left * spm::Vec3d::UnitZ());
-  path.insert(path.end(), hand.begin(), hand.end());
+  const std::vector<spm::Vec3d> even = evenly(hand, speed * settings.period);
+  path.insert(path.end(), even.begin(), even.end());
+  path.resize(std::min<std::size_t>(path.size(), poses));
   return path;
 }
 

@@ -99,6 +99,7 @@ void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {
     return;
   }
   if (object.ready) return delivery_.base_held(object.info.id);
+  const std::uint32_t free_before = cache_.slots_free();
   spm::Cache::Admitted admitted = cache_.admit(*base);
   if (!admitted.fits) {
     if (!object.refused)
@@ -107,6 +108,7 @@ void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {
     object.refused = true;
     return delivery_.base_held(object.info.id);  // asking again would change nothing
   }
+  base_slots_ += free_before - cache_.slots_free();
   object.summary = base->summary;
   object.regions = base->regions;
   object.info.index = spm::index(admitted.object);
@@ -158,6 +160,7 @@ bool Loader::take_region(Object& object, const session::DeliveryClient::Message&
       needed_.slots = std::max(needed_.slots, note.room_needed);
       needed_.blocks =
           std::max(needed_.blocks, spm::ListBlock::blocks_for(object.regions[message.region].record_count));
+      find_leavers(now_ns);
       let_go();
       if (departing_ > 0) return false;
       ++figures_.refused_full;
@@ -184,7 +187,9 @@ bool Loader::take_region(Object& object, const session::DeliveryClient::Message&
     figures_.load_latency += 0.1 * (latency - figures_.load_latency);
   }
   const std::uint32_t parts = object.regions[message.region].part_count;
-  if (parts > 0) fresh_share_ += 0.1 * (static_cast<double>(data->parts.size()) / parts - fresh_share_);
+  const auto fresh = static_cast<double>(data->parts.size());
+  if (parts > 0) fresh_share_ += 0.1 * (fresh / parts - fresh_share_);
+  if (fresh > 0) slot_bytes_ += 0.1 * (static_cast<double>(message.bytes.size()) / fresh - slot_bytes_);
   note.state = RegionState::kHeld;
   note.was_here = true;
   note.was_met = false;
@@ -195,9 +200,12 @@ bool Loader::take_region(Object& object, const session::DeliveryClient::Message&
   return true;
 }
 
-void Loader::predict(Object& object, std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights) {
+void Loader::predict(Object& object, const std::array<ProbeSight, kMaxProbes>& sights) {
   const Placement& placement = object.touch.placement;
-  const double lead = std::clamp(2 * figures_.load_latency + 0.01, settings_.least_lead, settings_.most_lead);
+  // A demand waits for the next one due, its answer for the next tick and cycle.
+  constexpr double kTurnaround = 0.015;  // s
+  const double round_trip = static_cast<double>(delivery_.round_trip_ns()) / kNsPerS;
+  const double lead = std::clamp(1.25 * round_trip + kTurnaround, settings_.least_lead, settings_.most_lead);
   std::map<std::uint32_t, double> soonest;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     const ProbeSight& sight = sights[i];
@@ -216,7 +224,6 @@ void Loader::predict(Object& object, std::int64_t now_ns, const std::array<Probe
       if (!fresh) at->second = std::min(at->second, answer.regions[k].contact_in);
     }
   }
-  std::vector<session::Wanted> wanted;
   for (const std::uint32_t region : object.predicted)
     if (soonest.count(region) == 0) {
       object.notes[region].wanted_since_ns = 0;
@@ -225,33 +232,69 @@ void Loader::predict(Object& object, std::int64_t now_ns, const std::array<Probe
   object.predicted.clear();
   for (const auto& [region, contact_in] : soonest) {
     object.predicted.push_back(region);
-    RegionNote& note = object.notes[region];
-    note.wanted_ns = now_ns;
-    if (note.wanted_since_ns == 0) note.wanted_since_ns = now_ns;
-    note.was_met = note.was_met || contact_in <= 0;
-    if (note.state == RegionState::kLeaving || note.state == RegionState::kSpare) take_back(object, region);
-    if (note.state != RegionState::kAbsent) continue;
-    const auto likely = static_cast<std::uint32_t>(fresh_share_ * object.regions[region].part_count);
-    needed_.slots += std::max(likely, note.room_needed);
-    needed_.blocks += spm::ListBlock::blocks_for(object.regions[region].record_count);
-    if (cache_.slots_free() < note.room_needed) continue;  // refused before; it would only be sent in vain
-    wanted.push_back({region, static_cast<std::uint32_t>(contact_in * 1e6)});
+    prospects_.push_back({contact_in, &object, region});
   }
-  delivery_.want(object.info.id, std::move(wanted));
 }
 
-/// Leaves out of `have` what is least likely to be wanted again, until it gives room for what is on its way: a
-/// sixteenth of the pool, more when more is wanted. First what was fetched in vain, then what has been unwanted for
-/// longest; what was wanted a moment ago only when nothing else is left and the room is needed now.
+/// Wants what is met soonest, over all objects, as far as the pool can hold it together: else what is met late would
+/// keep the room from what is met now.
+void Loader::want(std::int64_t now_ns) {
+  std::stable_sort(prospects_.begin(), prospects_.end(),
+                   [](const Prospect& a, const Prospect& b) { return a.contact_in < b.contact_in; });
+  std::map<Object*, std::vector<session::Wanted>> wanted;
+  for (Object* object : by_index_) wanted[object];
+  const double room = 0.9 * (pool_.settings.slots - base_slots_);
+  const double soon = expect_inflow();
+  double all = 0, here = 0;  // slots of what is wanted, and of those of it that are held
+  needed_ = {};
+  for (const Prospect& prospect : prospects_) {
+    const spm::Region& region = prospect.object->regions[prospect.region];
+    RegionNote& note = prospect.object->notes[prospect.region];
+    const double share = fresh_share_ * region.part_count;
+    all += share;
+    if (all > room && prospect.contact_in > 0) break;
+    note.wanted_ns = now_ns;
+    if (note.wanted_since_ns == 0) note.wanted_since_ns = now_ns;
+    note.was_met = note.was_met || prospect.contact_in <= 0;
+    if (note.state == RegionState::kLeaving || note.state == RegionState::kSpare)
+      take_back(*prospect.object, prospect.region);
+    if (note.state != RegionState::kAbsent) {
+      here += share;
+      continue;
+    }
+    if (needed_.slots == 0 || needed_.slots < soon) {
+      needed_.slots += std::max(static_cast<std::uint32_t>(share), note.room_needed);
+      needed_.blocks += spm::ListBlock::blocks_for(region.record_count);
+    }
+    if (cache_.slots_free() < note.room_needed) continue;  // refused before; it would only be sent in vain
+    wanted[prospect.object].push_back({prospect.region, static_cast<std::uint32_t>(prospect.contact_in * 1e6)});
+  }
+  // A base mesh is admitted or refused whatever regions take.
+  if (std::all_of(objects_.begin(), objects_.end(),
+                  [](const auto& entry) { return entry.second->ready || entry.second->refused; }))
+    delivery_.set_room(static_cast<std::uint64_t>(std::max<double>(needed_.slots, room - here) * slot_bytes_));
+  for (auto& [object, regions] : wanted) delivery_.want(object->info.id, std::move(regions));
+}
+
+/// Slots for what comes until the haptic thread has coarsened something. What comes in a round trip is the reserve.
+double Loader::expect_inflow() {
+  constexpr double kToCoarsen = 0.01;  // s
+  const double inflow = delivery_.rate() / slot_bytes_;
+  const double round_trip = static_cast<double>(delivery_.round_trip_ns()) / kNsPerS;
+  const double share = std::clamp(inflow * (round_trip + 2 * kToCoarsen) / pool_.settings.slots, 1.0 / 16, 1.0 / 4);
+  reserve_ = {static_cast<std::uint32_t>(share * pool_.settings.slots),
+              static_cast<std::uint32_t>(share * pool_.settings.list_blocks)};
+  return inflow * kToCoarsen;
+}
+
+/// Leaves out of `have` what is least likely to be wanted again, until it gives room for the reserve. First what was
+/// fetched in vain, then what has been unwanted for longest; what was wanted a moment ago only when nothing else is
+/// left and the room is needed now.
 void Loader::find_leavers(std::int64_t now_ns) {
   const auto gives = [&](const spm::Cache::Room& room) {
     return cache_.slots_free() + leaving_.slots >= room.slots && cache_.blocks_free() + leaving_.blocks >= room.blocks;
   };
-  const spm::Cache::Room now{std::min(needed_.slots, pool_.settings.slots / 2),
-                             std::min(needed_.blocks, pool_.settings.list_blocks / 2)};
-  const spm::Cache::Room reserve{std::max(now.slots, pool_.settings.slots / 16),
-                                 std::max(now.blocks, pool_.settings.list_blocks / 16)};
-  if (settings_.keep_unwanted && gives(reserve)) return;
+  if (settings_.keep_unwanted && gives(reserve_) && gives(needed_)) return;
 
   struct Candidate {
     bool recent, was_met;
@@ -271,7 +314,7 @@ void Loader::find_leavers(std::int64_t now_ns) {
   std::sort(candidates.begin(), candidates.end(),
             [](const Candidate& a, const Candidate& b) { return a.order() < b.order(); });
   for (const Candidate& candidate : candidates) {
-    if (settings_.keep_unwanted && gives(candidate.recent ? now : reserve)) break;
+    if (settings_.keep_unwanted && gives(needed_) && (candidate.recent || gives(reserve_))) break;
     Object& object = *candidate.object;
     const spm::Cache::Room room = cache_.room_of(spm::ObjectIndex{object.info.index}, spm::RegionId{candidate.region});
     object.notes[candidate.region].state = RegionState::kLeaving;
@@ -299,23 +342,30 @@ void Loader::take_back(Object& object, std::uint32_t region) {
   delivery_.held(object.info.id, region);
 }
 
-/// Has spare regions coarsened until there will be room for what is wanted.
+/// Has regions coarsened until there will be room for what is wanted: spare ones, then those that hosts may still count
+/// on, at the price of a message that comes incomplete.
 void Loader::let_go() {
   constexpr std::uint32_t kAtOnce = 16;
-  spm::Cache::Room coming;
-  for (const Leaver& leaver : leavers_) {
-    RegionNote& note = leaver.object->notes[leaver.region];
-    const bool enough = settings_.keep_unwanted && cache_.slots_free() + coming.slots >= needed_.slots &&
-                        cache_.blocks_free() + coming.blocks >= needed_.blocks;
-    if (note.state == RegionState::kSpare && !enough && departing_ < kAtOnce) {
-      note.state = RegionState::kDeparting;
-      ++departing_;
-      waiting_.push_back({Arrival::Kind::kRetire, &leaver.object->touch, spm::RegionId{leaver.region}, {}});
+  spm::Cache::Room coming{cache_.slots_free(), cache_.blocks_free()};
+  const auto go = [&](RegionState from) {
+    for (const Leaver& leaver : leavers_) {
+      RegionNote& note = leaver.object->notes[leaver.region];
+      const bool enough = settings_.keep_unwanted && coming.slots >= needed_.slots && coming.blocks >= needed_.blocks;
+      if (from != RegionState::kDeparting) {
+        if (note.state != from || enough || departing_ == kAtOnce) continue;
+        note.state = RegionState::kDeparting;
+        ++departing_;
+        waiting_.push_back({Arrival::Kind::kRetire, &leaver.object->touch, spm::RegionId{leaver.region}, {}});
+      } else if (note.state != from) {
+        continue;
+      }
+      coming.slots += leaver.room.slots;
+      coming.blocks += leaver.room.blocks;
     }
-    if (note.state != RegionState::kDeparting) continue;
-    coming.slots += leaver.room.slots;
-    coming.blocks += leaver.room.blocks;
-  }
+  };
+  go(RegionState::kDeparting);
+  go(RegionState::kSpare);
+  go(RegionState::kLeaving);
 }
 
 void Loader::take_departures() {
@@ -356,8 +406,9 @@ void Loader::tick(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>&
                   std::array<std::uint64_t, kMaxProbes>& near) {
   take_departures();
   take_messages(now_ns);
-  needed_ = {};
-  for (Object* object : by_index_) predict(*object, now_ns, sights);
+  prospects_.clear();
+  for (Object* object : by_index_) predict(*object, sights);
+  want(now_ns);
   find_leavers(now_ns);
   let_go();
   hand_over();

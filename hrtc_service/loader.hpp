@@ -137,7 +137,9 @@ class Loader {
   /// False when there is no room now, but will be.
   [[nodiscard]] bool take_region(Object& object, const session::DeliveryClient::Message& message, std::int64_t now_ns);
   void take_messages(std::int64_t now_ns);
-  void predict(Object& object, std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights);
+  void predict(Object& object, const std::array<ProbeSight, kMaxProbes>& sights);
+  void want(std::int64_t now_ns);
+  [[nodiscard]] double expect_inflow();
   void find_leavers(std::int64_t now_ns);
   void forget_leaver(const Object& object, std::uint32_t region);
   void take_back(Object& object, std::uint32_t region);
@@ -155,6 +157,7 @@ class Loader {
   ArrivalRing& arrivals_;
   DepartureRing& departures_;
   spm::Cache cache_;
+  spm::Cache::Room reserve_;  // made ready ahead of need
   session::DeliveryClient delivery_;
   spm::fcl::BroadPhase broad_phase_;
   std::map<std::uint64_t, std::unique_ptr<Object>> objects_;  // by id
@@ -164,17 +167,25 @@ class Loader {
     std::uint32_t region;
     spm::Cache::Room room;  // that it gives, at least
   };
+  struct Prospect {
+    double contact_in;  // s
+    Object* object;
+    std::uint32_t region;
+  };
   struct Unplaced {
     Object* object;
     session::DeliveryClient::Message message;
   };
-  std::deque<Arrival> waiting_;    // for room in the ring
-  std::deque<Unplaced> unplaced_;  // for room in the pool; later ones may count on earlier ones
-  std::deque<Leaver> leavers_;     // first to go first
+  std::vector<Prospect> prospects_;  // of the last tick, soonest first
+  std::deque<Arrival> waiting_;      // for room in the ring
+  std::deque<Unplaced> unplaced_;    // for room in the pool; later ones may count on earlier ones
+  std::deque<Leaver> leavers_;       // first to go first
   std::uint32_t departing_ = 0;
-  spm::Cache::Room leaving_;  // what all leavers give
-  spm::Cache::Room needed_;   // for what is wanted and absent, more or less
-  double fresh_share_ = 1;    // of a region's records, those that had to be sent; smoothed
+  std::uint32_t base_slots_ = 0;  // that base meshes take for good
+  spm::Cache::Room leaving_;      // what all leavers give
+  spm::Cache::Room needed_;       // for what is wanted and absent, more or less
+  double fresh_share_ = 1;        // of a region's records, those that had to be sent; smoothed
+  double slot_bytes_ = 32;        // that a slot takes on its way; smoothed
   LoaderFigures figures_;
 };
 

@@ -108,7 +108,8 @@ std::optional<DeliveryClient::Message> DeliveryClient::on_chunk(const BulkChunk&
   }
   Object& object = object_at->second;
   object.progress_ns = now_ns;
-  note_echo(object, chunk);
+  note_rate(chunk.payload.size(), now_ns);
+  note_echo(object, chunk, now_ns);
   if (chunk.kind == BulkKind::kEcho) return std::nullopt;
   object.acknowledge = true;
   return assemble(object, chunk, now_ns);
@@ -172,8 +173,14 @@ std::uint32_t DeliveryClient::dealt_with(const Object& object, std::uint64_t hos
   return received;
 }
 
-void DeliveryClient::note_echo(Object& object, const BulkChunk& chunk) const {
+void DeliveryClient::note_echo(Object& object, const BulkChunk& chunk, std::int64_t now_ns) {
   if (chunk.origin.participant != object.host) return;
+  if (object.timed_ns != 0 && chunk.epoch >= object.timed_epoch) {
+    constexpr std::int64_t kSmoothing = 8;
+    const std::int64_t took = now_ns - object.timed_ns;
+    round_trip_ns_ += round_trip_ns_ == 0 ? took : (took - round_trip_ns_) / kSmoothing;
+    object.timed_ns = 0;
+  }
   for (auto& [region, retiring] : object.retiring) {
     if (retiring.echo_sequence == 0 && chunk.epoch >= retiring.epoch) retiring.echo_sequence = chunk.sequence;
   }
@@ -229,7 +236,7 @@ std::optional<DeliveryClient::Message> DeliveryClient::assemble(Object& object, 
   for (const auto& [part, payload] : partial.payloads) {
     message.bytes.insert(message.bytes.end(), payload.begin(), payload.end());
   }
-  const Handed handed{partial.host, partial.last_sequence};
+  const Handed handed{partial.host, partial.epoch, partial.last_sequence};
   drop_partial(object, at);
   if (XXH3_64bits(message.bytes.data(), message.bytes.size()) != chunk.checksum) {
     ++counters_.corrupt;
@@ -262,6 +269,37 @@ void DeliveryClient::bound_partials(std::int64_t now_ns) {
     if (!expired && partial_bytes_ <= settings_.max_partial_bytes) return;
     drop_partial(*owner, oldest);
   }
+}
+
+void DeliveryClient::set_room(std::uint64_t bytes) {
+  room_ = bytes;
+  // Worth a demand of its own when a host may be waiting for it.
+  constexpr std::uint64_t kWorthTelling = 8 * kMaxPayload;
+  if (room_told_ >= settings_.credit || room_ < room_told_ + kWorthTelling) return;
+  for (auto& [object_id, object] : objects_) object.acknowledge = object.acknowledge || owed(object);
+}
+
+/// What arrives in a window, as a rate; the best of late, for a host that has nothing to send says nothing of the link.
+void DeliveryClient::note_rate(std::size_t bytes, std::int64_t now_ns) {
+  constexpr std::int64_t kLeastWindow = 20'000'000;
+  constexpr double kForgetting = 0.95;
+  constexpr double kNsPerS = 1e9;
+  window_.bytes += bytes;
+  const std::int64_t lasted = now_ns - window_.begun_ns;
+  if (lasted < std::max(kLeastWindow, round_trip_ns_)) return;
+  const double rate = static_cast<double>(window_.bytes) * kNsPerS / static_cast<double>(lasted);
+  rate_ = std::max(rate, kForgetting * rate_);
+  window_ = {now_ns, 0};
+}
+
+/// A quarter more than rate times round trip: enough to find out that the link takes more, little enough not to queue.
+std::uint32_t DeliveryClient::credit() const {
+  constexpr double kMore = 1.25;
+  constexpr double kNsPerS = 1e9;
+  const double turnaround = static_cast<double>(round_trip_ns_ + settings_.demand_interval_ns) / kNsPerS;
+  const double credit = std::clamp(kMore * rate_ * turnaround, static_cast<double>(settings_.credit),
+                                   static_cast<double>(std::max(settings_.credit, settings_.most_credit)));
+  return static_cast<std::uint32_t>(std::min(credit, static_cast<double>(room_)));
 }
 
 void DeliveryClient::base_held(std::uint64_t object_id) {
@@ -304,7 +342,9 @@ std::vector<std::uint32_t> DeliveryClient::take_released(std::uint64_t object_id
   for (auto at = object.retiring.begin(); at != object.retiring.end();) {
     const Retiring& retiring = at->second;
     const bool passed = retiring.echo_sequence != 0 && retiring.echo_sequence <= received;
-    if ((served && !passed) || !object.handed.empty()) {
+    const bool counted_on = std::any_of(object.handed.begin(), object.handed.end(),
+                                        [&](const auto& entry) { return entry.second.epoch < retiring.epoch; });
+    if ((served && !passed) || counted_on) {
       ++at;
       continue;
     }
@@ -340,6 +380,7 @@ void DeliveryClient::serve_from(Object& object, std::uint64_t host, std::int64_t
   if (object.host != 0) ++counters_.host_changes;
   object.host = host;
   object.progress_ns = now_ns;
+  object.timed_ns = 0;
   for (auto& [region, retiring] : object.retiring) retiring.echo_sequence = 0;
   change(object);
 }
@@ -373,7 +414,12 @@ std::optional<Demand> DeliveryClient::demand(std::int64_t now_ns) {
   return std::nullopt;
 }
 
-Demand DeliveryClient::make_demand(std::uint64_t object_id, Object& object, std::int64_t now_ns) const {
+Demand DeliveryClient::make_demand(std::uint64_t object_id, Object& object, std::int64_t now_ns) {
+  room_told_ = room_;
+  if (object.changed && object.timed_ns == 0) {
+    object.timed_epoch = object.epoch;
+    object.timed_ns = now_ns;
+  }
   object.changed = object.acknowledge = false;
   object.sent_once = true;
   object.sent_ns = now_ns;
@@ -402,7 +448,7 @@ Demand DeliveryClient::make_demand(std::uint64_t object_id, Object& object, std:
   const Stream& stream = hosts_.at(object.host).stream;
   demand.stream_incarnation = stream.incarnation;
   demand.received = dealt_with(object, object.host, stream);
-  demand.credit = settings_.credit;
+  demand.credit = credit();
   return demand;
 }
 

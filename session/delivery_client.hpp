@@ -37,7 +37,8 @@ struct DeliverySettings {
   std::int64_t host_late_ns = 250'000'000;      ///< without heartbeat; then another host is chosen if there is one
   std::int64_t silence_ns = 200'000'000;        ///< something is owed and nothing comes: ask again under a new epoch
   std::int64_t partial_timeout_ns = 2'000'000'000;  ///< incomplete messages without a new chunk are dropped
-  std::uint32_t credit = 256 * 1024;                ///< bytes that a host may have under way to this HRTC
+  std::uint32_t credit = 256 * 1024;                ///< bytes that a host may have under way to this HRTC, at first
+  std::uint32_t most_credit = 8u << 20;             ///< grows so far where rate and round trip ask for it
   std::size_t max_partial_bytes = 64u << 20;  ///< of incomplete messages; above it the longest untouched are dropped
 };
 
@@ -70,6 +71,8 @@ class DeliveryClient {
   /// Takes a chunk of topic base or records; gives the message that it completes, in the order of completion.
   [[nodiscard]] std::optional<Message> on_chunk(const BulkChunk& chunk, std::int64_t now_ns);
 
+  /// Payload bytes of regions that the caller has room for; hosts send no more than that ahead. No limit at first.
+  void set_room(std::uint64_t bytes);
   void base_held(std::uint64_t object_id);
   void base_refused(std::uint64_t object_id);
   /// The region is in the cache. On a region that is retired and not released this takes it back.
@@ -83,6 +86,10 @@ class DeliveryClient {
   /// The next demand that is due, or none. Also where time passes: call it at least every few milliseconds until none.
   [[nodiscard]] std::optional<Demand> demand(std::int64_t now_ns);
 
+  /// From publishing a demand to the first chunk that knows it, smoothed over the objects; 0 before the first.
+  [[nodiscard]] std::int64_t round_trip_ns() const noexcept { return round_trip_ns_; }
+  /// Payload bytes/s that arrived in the best of the last moments.
+  [[nodiscard]] double rate() const noexcept { return rate_; }
   /// 0 when nobody serves the object.
   [[nodiscard]] std::uint64_t serving_host(std::uint64_t object_id) const;
   /// Bytes of incomplete messages, at most `max_partial_bytes`.
@@ -131,6 +138,7 @@ class DeliveryClient {
   };
   struct Handed {  // a message that waits for the caller's answer
     std::uint64_t host = 0;
+    std::uint32_t epoch = 0;
     std::uint32_t last_sequence = 0;
   };
   struct Retiring {
@@ -153,27 +161,38 @@ class DeliveryClient {
     bool sent_once = false;
     std::int64_t sent_ns = 0;
     std::int64_t progress_ns = 0;
+    std::uint32_t timed_epoch = 0;  // its way is timed,
+    std::int64_t timed_ns = 0;      // since then; 0: none is
   };
 
   void change(Object& object);
   void begin_stream(std::uint64_t host, Host& state, std::uint64_t incarnation);
   static void note_sequence(Stream& stream, std::uint32_t sequence, std::int64_t now_ns);
   [[nodiscard]] static std::uint32_t dealt_with(const Object& object, std::uint64_t host, const Stream& stream);
-  void note_echo(Object& object, const BulkChunk& chunk) const;
+  void note_echo(Object& object, const BulkChunk& chunk, std::int64_t now_ns);
   [[nodiscard]] std::optional<Message> assemble(Object& object, const BulkChunk& chunk, std::int64_t now_ns);
   void drop_partial(Object& object, std::map<std::uint32_t, Partial>::iterator at);
   void bound_partials(std::int64_t now_ns);
   void give_up_holes(std::int64_t now_ns);
   void choose_host(std::uint64_t object_id, Object& object, std::int64_t now_ns);
   void serve_from(Object& object, std::uint64_t host, std::int64_t now_ns);
+  void note_rate(std::size_t bytes, std::int64_t now_ns);
+  [[nodiscard]] std::uint32_t credit() const;
   [[nodiscard]] bool owed(const Object& object) const;
-  [[nodiscard]] Demand make_demand(std::uint64_t object_id, Object& object, std::int64_t now_ns) const;
+  [[nodiscard]] Demand make_demand(std::uint64_t object_id, Object& object, std::int64_t now_ns);
 
   Origin self_;
   DeliverySettings settings_;
   std::map<std::uint64_t, Host> hosts_;
   std::map<std::uint64_t, Object> objects_;
   std::size_t partial_bytes_ = 0;
+  std::int64_t round_trip_ns_ = 0;
+  std::uint64_t room_ = ~std::uint64_t{0}, room_told_ = 0;
+  struct Window {
+    std::int64_t begun_ns = 0;
+    std::uint64_t bytes = 0;
+  } window_;
+  double rate_ = 0;  // bytes/s that arrived in the best of the last windows
   Counters counters_;
 };
 

@@ -144,7 +144,7 @@ TEST_F(OrganSession, WhatIsSpareIsTakenBackWithoutBeingSentAgain) {
   to_and_fro(large, kThere, 0);
   const std::uint32_t enough = large.loader().figures().slots_peak;
 
-  LocalSession session{{built_->model()}, 1, spm::PoolSettings::for_slots(enough + enough / 50)};
+  LocalSession session{{built_->model()}, 1, spm::PoolSettings::for_slots(enough + enough / 20)};
   to_and_fro(session, 0, kThere);
   const hrtc_service::LoaderFigures there = session.loader().figures();
   to_and_fro(session, kThere, 0);

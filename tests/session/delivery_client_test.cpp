@@ -76,6 +76,11 @@ class DeliveryClientTest : public testing::Test {
     return *d;
   }
 
+  Demand publish_after_change() {
+    client_.want(kObject, {{next_region_++, 0}});
+    return publish();
+  }
+
   std::optional<DeliveryClient::Message> take(const std::vector<BulkChunk>& all) {
     std::optional<DeliveryClient::Message> message;
     for (const BulkChunk& c : all) {
@@ -91,9 +96,60 @@ class DeliveryClientTest : public testing::Test {
 
   std::int64_t now_ = 1'000 * kMs;
   std::uint32_t sequence_ = 0;
+  std::uint32_t next_region_ = 100;
   std::uint32_t epoch_ = first_epoch(7) + 1;
   DeliveryClient client_;
 };
+
+TEST_F(DeliveryClientTest, TimesTheWayFromADemandToTheFirstChunkThatKnowsIt) {
+  client_.want(kObject, {{4, 0}});
+  publish();
+  now_ += 40 * kMs;
+  take({echo()});
+  const std::int64_t first = client_.round_trip_ns();
+  for (std::uint32_t i = 0; i < 100; ++i) {
+    client_.want(kObject, {{5 + i, 0}});
+    publish();
+    now_ += 8 * kMs;
+    take({echo()});
+  }
+
+  EXPECT_NEAR(static_cast<double>(first), 40 * kMs, 10 * kMs) << "the base mesh's own way counts a little";
+  EXPECT_NEAR(static_cast<double>(client_.round_trip_ns()), 8 * kMs, kMs);
+}
+
+TEST_F(DeliveryClientTest, CreditGrowsWithRateTimesRoundTripAndEndsAtTheRoom) {
+  const std::uint32_t at_first = publish_after_change().credit;
+  const std::string text(1100, 'x');
+  std::uint32_t credit = 0;
+  for (int trip = 0; trip < 20; ++trip) {
+    const Demand demand = publish_after_change();
+    credit = demand.credit;
+    now_ += 90 * kMs;
+    // 20 MB/s: all of the credit and more, as far as the link goes.
+    for (std::uint32_t sent = 0; sent < std::min(credit, 2'000'000u); sent += 1100)
+      take(chunks(BulkKind::kRegion, 1000, text, 2000));
+  }
+  client_.set_room(70'000);
+  const std::uint32_t without_room = publish_after_change().credit;
+
+  EXPECT_EQ(at_first, DeliverySettings{}.credit);
+  EXPECT_GT(credit, 4 * at_first);
+  EXPECT_LE(credit, DeliverySettings{}.most_credit);
+  EXPECT_EQ(without_room, 70'000u);
+}
+
+TEST_F(DeliveryClientTest, RoomThatAppearsIsToldAtOnceWhenSomethingIsOwed) {
+  client_.set_room(0);
+  client_.want(kObject, {{4, 0}});
+  publish();
+  take({echo()});
+  ASSERT_FALSE(client_.demand(now_ += 10 * kMs)) << "nothing is new";
+
+  client_.set_room(100'000);
+
+  EXPECT_EQ(publish().credit, 100'000u);
+}
 
 TEST_F(DeliveryClientTest, JoinsChunksInAnyOrderAndOnce) {
   client_.want(kObject, {{4, 0}});
