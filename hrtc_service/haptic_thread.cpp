@@ -40,10 +40,7 @@ HapticThread::HapticThread(const HapticSettings& settings, const std::array<hapt
   touch(traces_);
   touch(log_);
   frames_.fill(settings.frame);
-  if (settings.snapshot_faces == 0) return;
-  snapshot_.resize(kMaxObjects);
-  snapshot_rows_.resize(settings.snapshot_faces);
-  for (std::vector<SnapshotFace>& faces : snapshot_) faces.reserve(settings.snapshot_faces / 4);
+  snapshot_.nodes.resize(settings.snapshot_nodes);
 }
 
 HapticThread::~HapticThread() {
@@ -72,7 +69,10 @@ void HapticThread::stop() {
 void HapticThread::obey(const HapticCommands& commands) noexcept {
   if (commands.stops != current_.stops) cycle_.stop(haptics::Fault::kEmergencyStop);
   if (commands.resets != current_.resets) cycle_.reset_faults();
-  if (commands.snapshots != current_.snapshots && settings_.snapshot_faces > 0) take_snapshot();
+  if (commands.snapshots != current_.snapshots && settings_.snapshot_nodes > 0 && !snapshot_.under_way) {
+    snapshot_.count = snapshot_.objects = snapshot_.next_node = 0;
+    snapshot_.under_way = true;
+  }
   for (std::uint32_t i = 0; i < kMaxProbes; ++i)
     if (current_.devices[i] != nullptr && commands.devices[i] != current_.devices[i])
       current_.devices[i]->write(Vec3d::Zero());
@@ -101,19 +101,43 @@ void HapticThread::write_forces(const CycleResult& result) noexcept {
   }
 }
 
-void HapticThread::take_snapshot() noexcept {
-  for (const TouchObject* object : cycle_.objects()) {
-    std::vector<SnapshotFace>& faces = snapshot_[object->index];
-    faces.clear();
-    const spm::AbTree& tree = object->forest->tree();
-    const auto rows = static_cast<std::uint32_t>(std::min(snapshot_rows_.size(), faces.capacity()));
-    const std::uint32_t found = std::min(rows, tree.near(Vec3d::Zero(), 1e15, snapshot_rows_.data(), rows));
-    for (std::uint32_t i = 0; i < found; ++i) {
-      const spm::FaceRow& row = tree.row(snapshot_rows_[i]);
-      faces.push_back({tree.corners(snapshot_rows_[i]), row.face, row.last});
+void HapticThread::continue_snapshot() noexcept {
+  std::uint32_t room = 500;  // nodes: some 20 us
+  const std::vector<TouchObject*>& objects = cycle_.objects();
+  while (room > 0 && snapshot_.objects < objects.size()) {
+    const TouchObject& object = *objects[snapshot_.objects];
+    const auto left = static_cast<std::uint32_t>(snapshot_.nodes.size()) - snapshot_.count;
+    const std::uint32_t wanted = std::min(room, left);
+    spm::TreeNode* out = snapshot_.nodes.data() + snapshot_.count;
+    const std::uint32_t copied = object.forest->tree().copy_leaves(snapshot_.next_node, out, wanted);
+    snapshot_.count += copied;
+    room -= copied;
+    if (copied > 0) snapshot_.next_node = out[copied - 1].id + 1;
+    if (copied == wanted && left > copied) break;
+    snapshot_.indices[snapshot_.objects] = object.index;
+    snapshot_.ends[snapshot_.objects++] = snapshot_.count;
+    snapshot_.next_node = 0;
+  }
+  if (snapshot_.objects < objects.size()) return;
+  snapshot_.under_way = false;
+  snapshots_done_.fetch_add(1, std::memory_order_release);
+}
+
+std::vector<SnapshotFace> HapticThread::snapshot(std::uint32_t object_index) const {
+  std::vector<SnapshotFace> faces;
+  for (std::uint32_t i = 0, first = 0; i < snapshot_.objects; first = snapshot_.ends[i++]) {
+    if (snapshot_.indices[i] != object_index) continue;
+    for (std::uint32_t number = first; number < snapshot_.ends[i]; ++number) {
+      const spm::TreeNode& node = snapshot_.nodes[number];
+      for (unsigned lane = 0; lane < spm::TreeNode::kWidth; ++lane) {
+        if ((node.mask >> lane & 1u) == 0) continue;
+        SnapshotFace& face = faces.emplace_back();
+        for (std::uint32_t row = 0; row < face.corners.size(); ++row) face.corners[row] = node.lanes[row][lane];
+        face.last = (node.last >> lane & 1u) != 0;
+      }
     }
   }
-  snapshots_done_.fetch_add(1, std::memory_order_release);
+  return faces;
 }
 
 void HapticThread::run() {
@@ -129,7 +153,8 @@ void HapticThread::run() {
     const auto arrived = static_cast<std::uint32_t>(arrivals_.pop(arrived_.data(), arrived_.size()));
     read_devices(now_ns);
 
-    const CycleResult& result = cycle_.step(inputs_, now_ns, arrived_.data(), arrived, governor_.budget());
+    const spm::Budget budget = snapshot_.under_way ? spm::Budget{0} : governor_.budget();
+    const CycleResult& result = cycle_.step(inputs_, now_ns, arrived_.data(), arrived, budget);
     write_forces(result);
 
     const ProbeReports reports{now_ns, ++cycles, result.probes};
@@ -141,6 +166,7 @@ void HapticThread::run() {
     (void)!write(event_, &one, sizeof one);
 
     // The forces are out; what follows is book-keeping.
+    if (snapshot_.under_way) continue_snapshot();
     const std::int64_t end = monotonic_ns();
     const std::int64_t cpu_now = thread_cpu_ns();
     CycleTrace trace;

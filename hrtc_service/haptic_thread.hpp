@@ -55,11 +55,10 @@ struct CycleTrace {
   std::uint8_t exact = 0;  ///< of those in contact
 };
 
-/// The shown mesh of one object, copied on request.
+/// A face of the mesh shown of one object; model frame, file units.
 struct SnapshotFace {
   std::array<float, 9> corners;
-  std::uint32_t face;
-  std::uint32_t last;
+  bool last;
 };
 
 struct HapticSettings {
@@ -68,7 +67,7 @@ struct HapticSettings {
   int priority = 60;                   ///< SCHED_FIFO; 0: do not ask
   haptics::DeviceFrame frame;          ///< of devices that have one of their own
   bool log = false;
-  std::uint32_t snapshot_faces = 0;  ///< room for a snapshot; 0: none
+  std::uint32_t snapshot_nodes = 0;  ///< tree nodes of the pool when snapshots will be asked for; 0: never
 
   [[nodiscard]] std::int64_t period_ns() const noexcept { return std::llround(cycle.period * 1e9); }
 };
@@ -102,19 +101,20 @@ class HapticThread {
   /// Log entries that found the ring full. Only after `stop`.
   [[nodiscard]] std::uint64_t log_dropped() const noexcept { return cycle_.log_dropped(); }
 
-  /// Faces copied by the snapshot numbered `done`, by object index; only read when `snapshots_done` has grown and
-  /// before another is asked for.
+  /// Grows when what was asked for by HapticCommands::snapshots has been copied, a part in each of several cycles in
+  /// which nothing is refined.
   [[nodiscard]] std::uint32_t snapshots_done() const noexcept {
     return snapshots_done_.load(std::memory_order_acquire);
   }
-  [[nodiscard]] const std::vector<std::vector<SnapshotFace>>& snapshot() const noexcept { return snapshot_; }
+  /// The mesh shown of an object in the last snapshot; only between `snapshots_done` and the next request. Allocates.
+  [[nodiscard]] std::vector<SnapshotFace> snapshot(std::uint32_t object_index) const;
 
  private:
   void run();
   void obey(const HapticCommands& commands) noexcept;
   void read_devices(std::int64_t now_ns) noexcept;
   void write_forces(const CycleResult& result) noexcept;
-  void take_snapshot() noexcept;
+  void continue_snapshot() noexcept;
 
   HapticSettings settings_;
   haptics::Mailbox<HapticCommands> commands_;
@@ -132,8 +132,15 @@ class HapticThread {
   std::atomic<bool> running_{false};
   std::atomic<std::uint64_t> traces_dropped_{0};
   std::atomic<std::uint32_t> snapshots_done_{0};
-  std::vector<std::vector<SnapshotFace>> snapshot_;
-  std::vector<std::uint32_t> snapshot_rows_;
+  struct Snapshot {
+    std::vector<spm::TreeNode> nodes;  // of level 1, object after object
+    std::uint32_t count = 0;
+    std::array<std::uint32_t, kMaxObjects> ends{};  // in `nodes`, by place among the cycle's objects
+    std::array<std::uint32_t, kMaxObjects> indices{};
+    std::uint32_t objects = 0;    // copied whole
+    std::uint32_t next_node = 0;  // of the object after these
+    bool under_way = false;
+  } snapshot_;
 
   // The thread's own.
   HapticCommands current_;

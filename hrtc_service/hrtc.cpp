@@ -519,7 +519,7 @@ void Hrtc::Impl::snapshot(std::int64_t now_ns, const ProbeReports& latest) {
   if (snapshot_asked_ns != 0) {  // one is being copied
     if (haptic.snapshots_done() != commands.snapshots) return;
     for (const Loader::ObjectInfo& object : loader.objects()) {
-      const std::vector<SnapshotFace>& faces = haptic.snapshot()[object.index];
+      const std::vector<SnapshotFace> faces = haptic.snapshot(object.index);
       if (faces.empty()) continue;
       const std::filesystem::path file = options.snapshot / (options.address.participant + "-" + object.name + "-" +
                                                              std::to_string(commands.snapshots) + ".ply");

@@ -104,7 +104,7 @@ int main(int argc, char** argv) {
   options.haptic.frame = haptics::DeviceFrame{
       Eigen::Quaterniond::Identity(), {frame_offset[0], frame_offset[1], frame_offset[2]}, frame_scale};
   options.haptic.log = !options.log.empty();
-  options.haptic.snapshot_faces = options.snapshot.empty() ? 0 : std::max(200'000u, 2 * slots);
+  options.haptic.snapshot_nodes = options.snapshot.empty() ? 0 : options.pool.tree_nodes;
   options.address.probe_priority = options.haptic.priority > 10 ? options.haptic.priority - 10 : 0;
 
   spdlog::set_default_logger(spdlog::stderr_color_mt("tactus-hrtc"));

@@ -65,7 +65,7 @@ void write_snapshot(const std::filesystem::path& file, const std::vector<Snapsho
                        (face.corners[1] + face.corners[4] + face.corners[7]) / 3.0,
                        (face.corners[2] + face.corners[5] + face.corners[8]) / 3.0};
     Colour colour{60, 160, 80};
-    if (face.last == 0) {
+    if (!face.last) {
       const auto shade = static_cast<unsigned char>(200 - 130 * std::sqrt(size(face) / largest));
       colour = {shade, shade, shade};
     } else if (meets(grid, contact_regions, centre, 0)) {

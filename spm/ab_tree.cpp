@@ -150,6 +150,30 @@ void AbTree::remove(std::uint32_t row_index) noexcept {
   row.node = kNone;
 }
 
+std::uint32_t AbTree::copy_leaves(std::uint32_t from, TreeNode* out, std::uint32_t capacity) const noexcept {
+  std::uint32_t copied = 0;
+  std::array<std::uint32_t, kStack> stack;
+  int depth = 0;
+  if (root_ != kNone) stack[depth++] = root_;
+  while (depth > 0 && copied < capacity) {
+    const TreeNode& node = nodes_[stack[--depth]];
+    if (node.level == 1) {
+      if (node.id >= from) out[copied++] = node;
+      continue;
+    }
+    for (unsigned bits = node.mask; bits != 0;) {
+      const unsigned child = highest_bit(bits);
+      bits &= ~(1u << child);
+      // Ids of level 1 that it covers end here.
+      const std::uint64_t end = (std::uint64_t{node.id} * TreeNode::kWidth + child + 1) << 3 * (node.level - 2);
+      if (end <= from) break;
+      stack[depth++] = node.child[child];
+      prefetch(node.child[child]);
+    }
+  }
+  return copied;
+}
+
 std::array<float, 9> AbTree::corners(std::uint32_t row_index) const noexcept {
   const FaceRow& row = pool_.faces[row_index];
   TACTUS_ASSERT(row.node != kNone);

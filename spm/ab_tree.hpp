@@ -164,6 +164,9 @@ class AbTree {
   [[nodiscard]] const FaceRow& row(std::uint32_t number) const noexcept { return pool_.faces[number]; }
   /// x y z of its three corners; it must be shown.
   [[nodiscard]] std::array<float, 9> corners(std::uint32_t row) const noexcept;
+  /// Copies nodes of level 1 with ids from `from` on, ascending, at most `capacity`, and returns how many: fewer than
+  /// that when no more are left. O(copied x height).
+  [[nodiscard]] std::uint32_t copy_leaves(std::uint32_t from, TreeNode* out, std::uint32_t capacity) const noexcept;
   /// For traversals that live elsewhere: the root, kNone when nothing is shown, and any node.
   [[nodiscard]] std::uint32_t root() const noexcept { return root_; }
   [[nodiscard]] const TreeNode& node(std::uint32_t number) const noexcept { return nodes_[number]; }

@@ -35,7 +35,7 @@ TEST(Threads, AHandFeelsWhatALoaderBringsAndEvictsMeanwhile) {
   hrtc_service::HapticSettings haptic_settings;
   haptic_settings.priority = 0;
   haptic_settings.log = true;
-  haptic_settings.snapshot_faces = 20000;
+  haptic_settings.snapshot_nodes = settings.tree_nodes;
   hrtc_service::HapticThread haptic{haptic_settings, {}};
   session::DeliveryServer server{session::Origin{kSession, kHost, 1, 0}};
   server.add(kObject, model);
@@ -106,7 +106,7 @@ TEST(Threads, AHandFeelsWhatALoaderBringsAndEvictsMeanwhile) {
 
   EXPECT_GT(logged, exact);
   EXPECT_GT(hashes.size(), 2u);
-  EXPECT_FALSE(haptic.snapshot()[0].empty());
+  EXPECT_FALSE(haptic.snapshot(0).empty());
 }
 
 }  // namespace

@@ -235,9 +235,7 @@ TEST_P(RunTime, QueriesFindWhatAllPairsFind) {
     for (const std::uint32_t number : tree.shown()) {
       const spm::FaceRow& row = controller.row(number);
       const std::array<float, 9> corners = tree.corners(number);
-      const auto corner = [&](int i) {
-        return spm::Vec3d{corners[3 * i], corners[3 * i + 1], corners[3 * i + 2]};
-      };
+      const auto corner = [&](int i) { return spm::Vec3d{corners[3 * i], corners[3 * i + 1], corners[3 * i + 2]}; };
       const double squared = spm::closest_point(centre, corner(0), corner(1), corner(2)).squared_distance;
       nearest = std::min(nearest, squared);
       if (squared <= radius * radius) expected.push_back(row.face);
@@ -264,6 +262,35 @@ TEST_P(RunTime, QueriesFindWhatAllPairsFind) {
   }
   EXPECT_GT(touched, 100u);
   EXPECT_GT(swept, 5u);
+}
+
+TEST_P(RunTime, LeavesCopiedInPartsAreAllThatIsShown) {
+  std::mt19937_64 random{GetParam()};
+  Controller controller{model_, roomy()};
+  for (const RegionId region : all_regions(model_)) ASSERT_EQ(controller.load(region), AcceptResult::kAccepted);
+  std::vector<RegionId> wanted = all_regions(model_);
+  wanted.resize(wanted.size() / 2);
+  (void)controller.refine(wanted);
+  const spm::AbTree& tree = controller.forest().tree();
+
+  std::vector<std::array<float, 9>> copied;
+  std::vector<spm::TreeNode> part(40);
+  std::uint32_t from = 0;
+  for (std::uint32_t room = 1, count = 1; count == room; from = part[count - 1].id + 1) {
+    room = 1 + static_cast<std::uint32_t>(random() % part.size());
+    count = tree.copy_leaves(from, part.data(), room);
+    for (std::uint32_t i = 0; i < count; ++i)
+      for (std::uint32_t lane = 0; lane < spm::TreeNode::kWidth; ++lane) {
+        if ((part[i].mask >> lane & 1u) == 0) continue;
+        std::array<float, 9>& corners = copied.emplace_back();
+        for (std::uint32_t row = 0; row < 9; ++row) corners[row] = part[i].lanes[row][lane];
+      }
+    if (count == 0) break;
+  }
+
+  std::vector<std::array<float, 9>> expected;
+  for (const std::uint32_t number : tree.shown()) expected.push_back(tree.corners(number));
+  EXPECT_EQ(copied, expected);
 }
 
 INSTANTIATE_TEST_SUITE_P(Seeds, RunTime, ::testing::Range<std::uint64_t>(1, 9));
