@@ -82,8 +82,15 @@ void DeliveryClient::want(std::uint64_t object_id, std::vector<Wanted> wanted) {
   // Times alone go along with the next demand.
   const bool same = std::equal(wanted.begin(), wanted.end(), object.wanted.begin(), object.wanted.end(),
                                [](const Wanted& a, const Wanted& b) { return a.region == b.region; });
+  if (!same) {
+    for (const Wanted& w : wanted) {
+      if (w.contact_in_us >= settings_.urgent_us || object.urgent) break;
+      object.urgent = std::none_of(object.wanted.begin(), object.wanted.end(),
+                                   [&](const Wanted& before) { return before.region == w.region; });
+    }
+    change(object);
+  }
   object.wanted = std::move(wanted);
-  if (!same) change(object);
 }
 
 std::optional<DeliveryClient::Message> DeliveryClient::on_chunk(const BulkChunk& chunk, std::int64_t now_ns) {
@@ -407,7 +414,8 @@ std::optional<Demand> DeliveryClient::demand(std::int64_t now_ns) {
       change(object);
     }
     const std::int64_t since = now_ns - object.sent_ns;
-    const bool news = (object.changed || object.acknowledge) && since >= settings_.demand_interval_ns;
+    const std::int64_t interval = object.urgent ? settings_.urgent_interval_ns : settings_.demand_interval_ns;
+    const bool news = (object.changed || object.acknowledge) && since >= interval;
     if (object.sent_once && !news && since < settings_.keep_alive_ns) continue;
     return make_demand(object_id, object, now_ns);
   }
@@ -420,7 +428,7 @@ Demand DeliveryClient::make_demand(std::uint64_t object_id, Object& object, std:
     object.timed_epoch = object.epoch;
     object.timed_ns = now_ns;
   }
-  object.changed = object.acknowledge = false;
+  object.changed = object.acknowledge = object.urgent = false;
   object.sent_once = true;
   object.sent_ns = now_ns;
   Demand demand;

@@ -33,9 +33,11 @@ namespace tactus::session {
 struct DeliverySettings {
   std::int64_t hole_timeout_ns = 100'000'000;   ///< then a hole in the stream counts as dealt with
   std::int64_t demand_interval_ns = 5'000'000;  ///< of one object: changes wait for the next
-  std::int64_t keep_alive_ns = 500'000'000;     ///< of one object: unchanged demands repeat
-  std::int64_t host_late_ns = 250'000'000;      ///< without heartbeat; then another host is chosen if there is one
-  std::int64_t silence_ns = 200'000'000;        ///< something is owed and nothing comes: ask again under a new epoch
+  std::int64_t urgent_interval_ns = 2'000'000;  ///< instead, when something new is wanted within `urgent_us`
+  std::uint32_t urgent_us = 25'000;
+  std::int64_t keep_alive_ns = 500'000'000;  ///< of one object: unchanged demands repeat
+  std::int64_t host_late_ns = 250'000'000;   ///< without heartbeat; then another host is chosen if there is one
+  std::int64_t silence_ns = 200'000'000;     ///< something is owed and nothing comes: ask again under a new epoch
   std::int64_t partial_timeout_ns = 2'000'000'000;  ///< incomplete messages without a new chunk are dropped
   std::uint32_t credit = 256 * 1024;                ///< bytes that a host may have under way to this HRTC, at first
   std::uint32_t most_credit = 8u << 20;             ///< grows so far where rate and round trip ask for it
@@ -158,6 +160,7 @@ class DeliveryClient {
     std::uint32_t released_epoch = 0;  // messages of earlier epochs may count on what is gone
     bool changed = false;              // since the last demand; `epoch` is already that of the next
     bool acknowledge = false;          // `received` may have grown
+    bool urgent = false;               // something is wanted soon that the last demand did not name
     bool sent_once = false;
     std::int64_t sent_ns = 0;
     std::int64_t progress_ns = 0;

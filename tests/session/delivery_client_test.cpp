@@ -151,6 +151,21 @@ TEST_F(DeliveryClientTest, RoomThatAppearsIsToldAtOnceWhenSomethingIsOwed) {
   EXPECT_EQ(publish().credit, 100'000u);
 }
 
+TEST_F(DeliveryClientTest, WhatIsTouchedSoonIsAskedForSoonerThanTheRest) {
+  const DeliverySettings settings;
+  client_.want(kObject, {{4, 2 * settings.urgent_us}});
+  publish();
+  const std::int64_t published = now_;
+  client_.want(kObject, {{4, 2 * settings.urgent_us}, {5, 2 * settings.urgent_us}});
+  EXPECT_FALSE(client_.demand(published + settings.urgent_interval_ns)) << "nothing is touched soon";
+
+  client_.want(kObject, {{4, 2 * settings.urgent_us}, {6, settings.urgent_us / 2}});
+  ASSERT_TRUE(client_.demand(published + settings.urgent_interval_ns));
+
+  client_.want(kObject, {{6, settings.urgent_us / 4}});
+  EXPECT_FALSE(client_.demand(published + 2 * settings.urgent_interval_ns)) << "it has been asked for";
+}
+
 TEST_F(DeliveryClientTest, JoinsChunksInAnyOrderAndOnce) {
   client_.want(kObject, {{4, 0}});
   publish();
@@ -353,7 +368,7 @@ TEST_F(DeliveryClientTest, AnEchoAloneAsksForNoAnswer) {
 TEST_F(DeliveryClientTest, ChangesWaitForTheInterval) {
   client_.want(kObject, {{4, 0}});
   publish();
-  client_.want(kObject, {{5, 0}});
+  client_.want(kObject, {{5, DeliverySettings{}.urgent_us}});
 
   EXPECT_FALSE(client_.demand(now_ + 4 * kMs));
   EXPECT_TRUE(client_.demand(now_ + 5 * kMs));
