@@ -224,9 +224,13 @@ RefitCount AbTree::refit() noexcept {
 template <class Visit>
 void AbTree::walk_near(const Vec3d& point, double radius, Visit&& visit) const noexcept {
   if (root_ == kNone) return;
-  if (height_ == 1) return visit(nodes_[root_]);
   const FloatPoint p{point};
   const float squared_radius = p.squared(radius);
+  const auto visit_near = [&](const TreeNode& node) noexcept {
+    const unsigned near = lanes::kBest.triangles_within(node.lanes.data(), p.at, squared_radius);
+    if (near != 0) visit(node, near);
+  };
+  if (height_ == 1) return visit_near(nodes_[root_]);
   std::array<std::uint32_t, kStack> stack;
   int depth = 0;
   stack[depth++] = root_;
@@ -241,7 +245,7 @@ void AbTree::walk_near(const Vec3d& point, double radius, Visit&& visit) const n
       continue;
     }
     for (unsigned bits = hit; bits != 0; bits &= bits - 1) prefetch(node.child[lowest_bit(bits)]);
-    for (; hit != 0; hit &= hit - 1) visit(nodes_[node.child[lowest_bit(hit)]]);
+    for (; hit != 0; hit &= hit - 1) visit_near(nodes_[node.child[lowest_bit(hit)]]);
   }
 }
 
@@ -251,9 +255,9 @@ std::uint32_t AbTree::near(const Vec3d& point, double radius, std::uint32_t* row
   constexpr double kRounding = 1e-12;
   const double squared_radius = radius * radius * (1 + kRounding);
   const std::array<double, 3> p{point[0], point[1], point[2]};
-  walk_near(point, radius, [&](const TreeNode& node) {
+  walk_near(point, radius, [&](const TreeNode& node, unsigned near) {
     lanes::Closest closest;
-    lanes::kBest.closest_points(node.lanes.data(), p, closest);
+    lanes::kBest.closest_points(node.lanes.data(), p, near, closest);
     for (unsigned i = 0; i < TreeNode::kWidth; ++i) {
       if (!(closest.squared_distance[i] <= squared_radius)) continue;
       if (found < capacity) rows[found] = node.child[i];
@@ -268,9 +272,9 @@ std::uint32_t AbTree::touching(const Vec3d& centre, double radius, Contact* out,
   std::uint32_t found = 0;
   const double squared_radius = radius * radius;
   const std::array<double, 3> p{centre[0], centre[1], centre[2]};
-  walk_near(centre, radius, [&](const TreeNode& node) {
+  walk_near(centre, radius, [&](const TreeNode& node, unsigned near) {
     lanes::Closest closest;
-    lanes::kBest.closest_points(node.lanes.data(), p, closest);
+    lanes::kBest.closest_points(node.lanes.data(), p, near, closest);
     for (unsigned i = 0; i < TreeNode::kWidth; ++i) {
       const double squared = closest.squared_distance[i];
       if (!(squared <= squared_radius)) continue;
@@ -321,8 +325,10 @@ bool AbTree::sweep(const Vec3d& from, const Vec3d& to, double radius, SweepConta
         for (; hit != 0; hit &= ~(1u << highest_bit(hit))) stack[depth++] = node.child[highest_bit(hit)];
         continue;
       }
+      const unsigned near = lanes::kBest.triangles_within(node.lanes.data(), middle.at, squared_reach);
+      if (near == 0) continue;
       lanes::Closest closest;
-      lanes::kBest.closest_points(node.lanes.data(), middle.exact, closest);
+      lanes::kBest.closest_points(node.lanes.data(), middle.exact, near, closest);
       const float squared_reach_here = squared_reach;  // goes with this middle; a touch shortens the motion
       for (unsigned i = 0; i < TreeNode::kWidth; ++i) {
         if (!(closest.squared_distance[i] <= squared_reach_here)) continue;
@@ -378,8 +384,10 @@ bool AbTree::nearest(const Vec3d& point, double within, NearestFace& best) const
       }
       continue;
     }
+    const unsigned near = lanes::kBest.triangles_within(node.lanes.data(), p.at, squared_limit);
+    if (near == 0) continue;
     lanes::Closest closest;
-    lanes::kBest.closest_points(node.lanes.data(), p.exact, closest);
+    lanes::kBest.closest_points(node.lanes.data(), p.exact, near, closest);
     for (unsigned i = 0; i < TreeNode::kWidth; ++i) {
       const double squared = closest.squared_distance[i];
       const std::uint32_t face = node.id * TreeNode::kWidth + i;

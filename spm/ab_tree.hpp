@@ -179,7 +179,8 @@ class AbTree {
  private:
   static constexpr int kStack = 7 * kMaxHeight + 8;
 
-  /// Calls `visit(node)` for each node of level 1 whose box comes within `radius` of `point`, in tree order.
+  /// Calls `visit(node, bits)` for each node of level 1 with triangles whose boxes come within `radius` of `point`, in
+  /// tree order.
   template <class Visit>
   void walk_near(const Vec3d& point, double radius, Visit&& visit) const noexcept;
   void prefetch(std::uint32_t node) const noexcept {

@@ -12,6 +12,7 @@
 namespace tactus::spm::lanes {
 
 inline constexpr int kLanes = 8;
+inline constexpr unsigned kAllLanes = (1u << kLanes) - 1;
 using Floats = std::array<float, kLanes>;
 using Doubles = std::array<double, kLanes>;
 
@@ -40,8 +41,11 @@ struct Kernels {
                             const std::array<float, 3>& high) noexcept;
   void (*bounds_of_boxes)(const Floats* boxes, Bounds& bounds) noexcept;
   void (*bounds_of_triangles)(const Floats* corners, Bounds& bounds) noexcept;
-  /// As spm::closest_point for each lane, up to rounding. About 50 ns.
-  void (*closest_points)(const Floats* corners, const std::array<double, 3>& p, Closest& out) noexcept;
+  /// Bits of the triangles whose boxes come within the root of `squared_radius` of `p`.
+  unsigned (*triangles_within)(const Floats* corners, const std::array<float, 3>& p, float squared_radius) noexcept;
+  /// As spm::closest_point for each lane of `wanted`, up to rounding; others may be left out, their distances then NaN.
+  /// About 50 ns.
+  void (*closest_points)(const Floats* corners, const std::array<double, 3>& p, unsigned wanted, Closest& out) noexcept;
 };
 
 /// Those compiled for `simd`, which the processor must have; for tests.

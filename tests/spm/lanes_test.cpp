@@ -64,9 +64,9 @@ TEST_P(Lanes, ClosestPointsAreThoseOfOneTriangleAtATime) {
     const Vec3d p{coordinate(random), coordinate(random), coordinate(random)};
     lanes::Closest found;
 
-    kernels_.closest_points(triangles.data(), {p[0], p[1], p[2]}, found);
+    kernels_.closest_points(triangles.data(), {p[0], p[1], p[2]}, lanes::kAllLanes, found);
     lanes::Closest base;
-    lanes::kernels(Simd::kBase).closest_points(triangles.data(), {p[0], p[1], p[2]}, base);
+    lanes::kernels(Simd::kBase).closest_points(triangles.data(), {p[0], p[1], p[2]}, lanes::kAllLanes, base);
     ASSERT_EQ(std::memcmp(&found.squared_distance, &base.squared_distance, sizeof found.squared_distance), 0);
 
     for (std::size_t lane = 0; lane < lanes::kLanes; ++lane) {
@@ -84,6 +84,49 @@ TEST_P(Lanes, ClosestPointsAreThoseOfOneTriangleAtATime) {
     }
   }
   EXPECT_GT(empty, 1000);
+}
+
+TEST_P(Lanes, OnlyWantedTrianglesNeedBeRight) {
+  std::mt19937_64 random{4};
+  const Triangles triangles = random_triangles(random);
+  lanes::Closest all;
+  kernels_.closest_points(triangles.data(), {0.1, 0.2, 0.3}, lanes::kAllLanes, all);
+  for (unsigned wanted = 0; wanted <= lanes::kAllLanes; ++wanted) {
+    lanes::Closest some;
+    kernels_.closest_points(triangles.data(), {0.1, 0.2, 0.3}, wanted, some);
+    for (unsigned lane = 0; lane < lanes::kLanes; ++lane) {
+      const double full = all.squared_distance[lane], partial = some.squared_distance[lane];
+      if ((wanted >> lane & 1u) != 0 && full <= 1e30) {
+        ASSERT_EQ(partial, full) << "wanted " << wanted << " lane " << lane;
+      } else {
+        ASSERT_FALSE(partial < full) << "wanted " << wanted << " lane " << lane;
+      }
+    }
+  }
+}
+
+TEST_P(Lanes, TrianglesWithinAreThoseWhoseBoxesAre) {
+  std::mt19937_64 random{5};
+  std::uniform_real_distribution<float> coordinate{-2, 2};
+  int within = 0;
+  for (int round = 0; round < 5000; ++round) {
+    const Triangles triangles = random_triangles(random);
+    const std::array<float, 3> p{coordinate(random), coordinate(random), coordinate(random)};
+    Boxes boxes;
+    for (std::size_t lane = 0; lane < lanes::kLanes; ++lane)
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        const float a = triangles[axis][lane], b = triangles[3 + axis][lane], c = triangles[6 + axis][lane];
+        const bool none = std::isnan(a);
+        boxes[axis][lane] = none ? kNothing : std::min({a, b, c});
+        boxes[3 + axis][lane] = none ? kNothing : std::max({a, b, c});
+      }
+
+    const unsigned found = kernels_.triangles_within(triangles.data(), p, 0.5f);
+
+    ASSERT_EQ(found, kernels_.boxes_within(boxes.data(), p, 0.5f)) << "round " << round;
+    within += found != 0 ? 1 : 0;
+  }
+  EXPECT_GT(within, 1000);
 }
 
 TEST_P(Lanes, BoundsHoldAllCornersAndNoMore) {
