@@ -1,5 +1,7 @@
 #include "hrtc_service/touch_object.hpp"
 
+#include <algorithm>
+
 namespace tactus::hrtc_service {
 
 bool ObjectsSurface::sweep(const Vec3d& from, const Vec3d& to, double radius, haptics::SurfaceHit& hit) const noexcept {
@@ -24,27 +26,31 @@ bool ObjectsSurface::sweep(const Vec3d& from, const Vec3d& to, double radius, ha
 }
 
 bool ObjectsSurface::closest(const Vec3d& point, double within, haptics::SurfaceHit& hit) const noexcept {
-  // All faces that share the nearest point lie within a hair of its distance; more of them than this share no vertex.
-  constexpr std::uint32_t kMaxFaces = 96;
+  // All faces that share the nearest point lie within a hair of its distance; more of them than fit share no vertex.
   constexpr double kHair = 1e-9;
-  std::array<std::uint32_t, kMaxFaces> rows;
+  const double hair = kHair * (1 + within);
+  using Rows = std::array<std::uint32_t, spm::AbTree::kMostNearest>;
+  Rows rows;
+  std::uint32_t found = 0;
   const TouchObject* nearest = nullptr;
   double reach = within;
   for (std::uint32_t i = 0; i < count_; ++i) {
     const TouchObject& object = *objects_[i];
     const double scale = object.placement.scale();
     spm::NearestFace face;
-    if (!object.forest->tree().nearest(object.placement.to_model(point), reach / scale, face)) continue;
+    Rows here;
+    const std::uint32_t count = object.forest->tree().nearest(object.placement.to_model(point), reach / scale,
+                                                              hair / scale, face, here.data(), here.size());
+    if (count == 0) continue;
     nearest = &object;
     reach = std::sqrt(face.squared_distance) * scale;
+    found = count;
+    std::copy_n(here.begin(), count, rows.begin());
   }
   if (nearest == nullptr) return false;
-  haptics::ClosestSide side{point, std::min(within, reach * (1 + kHair) + kHair)};
+  haptics::ClosestSide side{point, std::min(within, reach + hair)};
   const Placement& placement = nearest->placement;
   const spm::AbTree& tree = nearest->forest->tree();
-  const std::uint32_t found = std::min(
-      kMaxFaces,
-      tree.near(placement.to_model(point), (reach * (1 + kHair) + kHair) / placement.scale(), rows.data(), kMaxFaces));
   for (std::uint32_t i = 0; i < found; ++i) {
     const std::array<float, 9> corners = tree.corners(rows[i]);
     const auto corner = [&](int c) {

@@ -249,24 +249,6 @@ void AbTree::walk_near(const Vec3d& point, double radius, Visit&& visit) const n
   }
 }
 
-std::uint32_t AbTree::near(const Vec3d& point, double radius, std::uint32_t* rows,
-                           std::uint32_t capacity) const noexcept {
-  std::uint32_t found = 0;
-  constexpr double kRounding = 1e-12;
-  const double squared_radius = radius * radius * (1 + kRounding);
-  const std::array<double, 3> p{point[0], point[1], point[2]};
-  walk_near(point, radius, [&](const TreeNode& node, unsigned near) {
-    lanes::Closest closest;
-    lanes::kBest.closest_points(node.lanes.data(), p, near, closest);
-    for (unsigned i = 0; i < TreeNode::kWidth; ++i) {
-      if (!(closest.squared_distance[i] <= squared_radius)) continue;
-      if (found < capacity) rows[found] = node.child[i];
-      ++found;
-    }
-  });
-  return found;
-}
-
 std::uint32_t AbTree::touching(const Vec3d& centre, double radius, Contact* out,
                                std::uint32_t capacity) const noexcept {
   std::uint32_t found = 0;
@@ -354,11 +336,26 @@ bool AbTree::sweep(const Vec3d& from, const Vec3d& to, double radius, SweepConta
   return found;
 }
 
-bool AbTree::nearest(const Vec3d& point, double within, NearestFace& best) const noexcept {
-  if (root_ == kNone) return false;
+std::uint32_t AbTree::nearest(const Vec3d& point, double within, double more, NearestFace& best, std::uint32_t* rows,
+                              std::uint32_t capacity) const noexcept {
+  if (root_ == kNone) return 0;
   const FloatPoint p{point};
   best.squared_distance = within * within;
-  float squared_limit = p.squared(within);
+  double squared_more = (within + more) * (within + more);
+  float squared_limit = p.squared(within + more);
+  struct Near {
+    std::uint32_t face, row;
+    double squared;
+  };
+  std::array<Near, kMostNearest> near_faces;
+  std::uint32_t near_count = 0;
+  capacity = std::min(capacity, kMostNearest);
+  const auto drop_far = [&]() noexcept {
+    std::uint32_t kept = 0;
+    for (std::uint32_t i = 0; i < near_count; ++i)
+      if (near_faces[i].squared <= squared_more) near_faces[kept++] = near_faces[i];
+    near_count = kept;
+  };
   struct Entry {
     std::uint32_t node;
     float squared;
@@ -390,16 +387,28 @@ bool AbTree::nearest(const Vec3d& point, double within, NearestFace& best) const
     lanes::kBest.closest_points(node.lanes.data(), p.exact, near, closest);
     for (unsigned i = 0; i < TreeNode::kWidth; ++i) {
       const double squared = closest.squared_distance[i];
+      if (!(squared <= squared_more)) continue;
       const std::uint32_t face = node.id * TreeNode::kWidth + i;
       const bool nearer =
           squared < best.squared_distance || (squared == best.squared_distance && (!found || face < index(best.face)));
-      if (!nearer) continue;
-      found = true;
-      best = {FaceId{face}, {closest.point[0][i], closest.point[1][i], closest.point[2][i]}, squared, node.child[i]};
-      squared_limit = p.squared(std::sqrt(squared));
+      if (nearer) {
+        found = true;
+        best = {FaceId{face}, {closest.point[0][i], closest.point[1][i], closest.point[2][i]}, squared, node.child[i]};
+        const double limit = std::sqrt(squared) + more;
+        squared_more = std::max(squared, limit * limit);
+        squared_limit = p.squared(limit);
+      }
+      if (capacity == 0) continue;
+      if (near_count == capacity) drop_far();
+      if (near_count < capacity) near_faces[near_count++] = {face, node.child[i], squared};
     }
   }
-  return found;
+  if (!found) return 0;
+  drop_far();
+  std::sort(near_faces.begin(), near_faces.begin() + near_count,
+            [](const Near& a, const Near& b) { return a.face < b.face; });
+  for (std::uint32_t i = 0; i < near_count; ++i) rows[i] = near_faces[i].row;
+  return std::max(1u, near_count);
 }
 
 std::vector<std::uint32_t> AbTree::shown() const {

@@ -155,12 +155,15 @@ class AbTree {
 
   /// The nearest shown triangle within `within`; false when there is none. Of equally near ones, that of the smallest
   /// id.
-  [[nodiscard]] bool nearest(const Vec3d& point, double within, NearestFace& found) const noexcept;
+  [[nodiscard]] bool nearest(const Vec3d& point, double within, NearestFace& found) const noexcept {
+    return nearest(point, within, 0, found, nullptr, 0) > 0;
+  }
+  /// The same with the rows of all that are at most `more` further away, in tree order, at most `capacity` and
+  /// kMostNearest; returns how many, at least 1 when there is one.
+  static constexpr std::uint32_t kMostNearest = 96;
+  [[nodiscard]] std::uint32_t nearest(const Vec3d& point, double within, double more, NearestFace& found,
+                                      std::uint32_t* rows, std::uint32_t capacity) const noexcept;
 
-  /// Face rows within `radius` of `point`, up to rounding, in tree order, at most `capacity`; returns how many there
-  /// are.
-  [[nodiscard]] std::uint32_t near(const Vec3d& point, double radius, std::uint32_t* rows,
-                                   std::uint32_t capacity) const noexcept;
   [[nodiscard]] const FaceRow& row(std::uint32_t number) const noexcept { return pool_.faces[number]; }
   /// x y z of its three corners; it must be shown.
   [[nodiscard]] std::array<float, 9> corners(std::uint32_t row) const noexcept;

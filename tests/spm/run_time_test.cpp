@@ -220,7 +220,7 @@ TEST_P(RunTime, QueriesFindWhatAllPairsFind) {
     return low + (high - low).cwiseProduct(spm::Vec3d{unit(random), unit(random), unit(random)});
   };
   std::vector<spm::Contact> contacts(4096);
-  std::uint64_t touched = 0, swept = 0;
+  std::uint64_t touched = 0, swept = 0, shared = 0;
   for (int round = 0; round < 60; ++round) {
     std::vector<RegionId> wanted = all_regions(model_);
     std::shuffle(wanted.begin(), wanted.end(), random);
@@ -252,6 +252,21 @@ TEST_P(RunTime, QueriesFindWhatAllPairsFind) {
     spm::NearestFace near;
     ASSERT_TRUE(tree.nearest(centre, 1e9, near));
     ASSERT_EQ(near.squared_distance, nearest);
+    const double more = unit(random) * 0.02 * (high - low).norm();
+    const double limit = std::sqrt(nearest) + more;
+    std::vector<std::uint32_t> about;
+    for (const std::uint32_t number : tree.shown()) {
+      const std::array<float, 9> c = tree.corners(number);
+      const double squared =
+          spm::closest_point(centre, {c[0], c[1], c[2]}, {c[3], c[4], c[5]}, {c[6], c[7], c[8]}).squared_distance;
+      if (squared <= limit * limit) about.push_back(number);
+    }
+    std::vector<std::uint32_t> rows(spm::AbTree::kMostNearest);
+    rows.resize(tree.nearest(centre, 1e9, more, near, rows.data(), spm::AbTree::kMostNearest));
+    if (about.size() <= rows.size()) {
+      ASSERT_EQ(rows, about) << "in tree order";
+      shared += rows.size() > 1 ? 1 : 0;
+    }
     spm::SweepContact contact;
     const bool hit = tree.sweep(centre, goal, radius / 4, contact);
     ASSERT_EQ(hit, first <= 1);
@@ -262,6 +277,7 @@ TEST_P(RunTime, QueriesFindWhatAllPairsFind) {
   }
   EXPECT_GT(touched, 100u);
   EXPECT_GT(swept, 5u);
+  EXPECT_GT(shared, 5u);
 }
 
 TEST_P(RunTime, LeavesCopiedInPartsAreAllThatIsShown) {
