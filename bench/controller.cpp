@@ -4,6 +4,8 @@
 #include <stdexcept>
 #include <string>
 
+#include "spm/codec/region_codec.hpp"
+
 namespace tactus::bench {
 
 std::uint32_t slots_for(const spm::ModelSummary& summary, double share, std::uint32_t least) {
@@ -21,6 +23,7 @@ spm::Cache::Admitted Controller::admit(spm::Cache& cache, const spm::BaseMesh& b
 
 Controller::Controller(const spm::Model& model, spm::PoolSettings settings)
     : model_{model},
+      encoded_{model},
       pool_{settings},
       nodes_{settings.tree_nodes},
       cache_{pool_},
@@ -40,25 +43,19 @@ Controller::Controller(const spm::Model& model, spm::PoolSettings settings)
 }
 
 spm::RegionData Controller::message(spm::RegionId region, bool whole) const {
-  spm::RegionData data;
-  data.region = region;
-  const spm::Span<const spm::Run> runs = model_.runs_of(region);
-  data.list.assign(runs.begin(), runs.end());
-  for (const spm::Run& run : runs)
+  std::vector<spm::Run> sent;
+  for (const spm::Run& run : model_.runs_of(region))
     for (std::uint32_t record = run.first; record < run.first + run.count; ++record) {
       if (!whole && listed_[record] > 0) continue;
-      if (!data.sent.empty() && data.sent.back().first + data.sent.back().count == record)
-        ++data.sent.back().count;
+      if (!sent.empty() && sent.back().first + sent.back().count == record)
+        ++sent.back().count;
       else
-        data.sent.push_back({record, 1});
-      data.positions.push_back(model_.positions[index(model_.vertex_of(spm::RecordId{record}))]);
-      for (std::uint32_t part = record; part != spm::kNone; part = model_.parts[part].next) {
-        data.parts.push_back(model_.parts[part]);
-        if (data.parts.back().next != spm::kNone)
-          data.parts.back().next = static_cast<std::uint32_t>(data.parts.size());
-      }
+        sent.push_back({record, 1});
     }
-  return data;
+  auto decoded = spm::codec::decode_region(spm::codec::encode_region(encoded_.coded(), region, sent), model_.summary,
+                                           encoded_.coded().tables());
+  if (!decoded) throw std::runtime_error("region " + std::to_string(index(region)) + ": " + decoded.error().text);
+  return std::move(*decoded);
 }
 
 spm::AcceptResult Controller::load(const spm::RegionData& data) {

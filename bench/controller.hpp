@@ -1,13 +1,14 @@
 /// A controller's run time around one model: pool, cache, forest and tree, without network, threads or prediction.
 ///
-/// Regions come straight from the model, each as a host would send it: its list, and the records that no held region
-/// lists. Allocates. File units, model frame.
+/// Each region comes encoded and decoded as if from a host: its list, and the records that no held region lists.
+/// Allocates. File units, model frame.
 #pragma once
 
 #include <cstdint>
 #include <vector>
 
 #include "spm/cache.hpp"
+#include "spm/codec/model_codec.hpp"
 #include "spm/forest.hpp"
 #include "spm/model.hpp"
 
@@ -40,6 +41,7 @@ class Controller {
   [[nodiscard]] static spm::Cache::Admitted admit(spm::Cache& cache, const spm::BaseMesh& base);
 
   const spm::Model& model_;
+  spm::codec::EncodedModel encoded_;
   spm::Pool pool_;
   spm::NodePool nodes_;
   spm::Cache cache_;

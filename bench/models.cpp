@@ -21,10 +21,11 @@ LoadedModel load_model(const std::string& path, std::uint32_t faces) {
   using namespace spm::offline;
   LoadedModel loaded;
   if (!path.empty() && is_model_file(path)) {
-    const auto mapped = std::make_shared<const MappedModel>(path);
+    const auto decoded = std::make_shared<spm::codec::DecodedModel>();
+    static_cast<void>(MappedModel{path, decoded.get()});
     loaded.name = path;
-    loaded.model = mapped->model();
-    loaded.owner = mapped;
+    loaded.model = decoded->model();
+    loaded.owner = decoded;
   } else {
     BuildOptions options;
     options.size = kSize;

@@ -35,6 +35,7 @@ spm::Cache::Admitted admit(spm::Cache& cache, const spm::BaseMesh& base, std::ui
 
 RefinedRun::RefinedRun(const spm::Model& model, const RefinedRunSettings& settings)
     : model_{model},
+      encoded_{model},
       settings_{settings},
       pool_{spm::PoolSettings::for_slots(slots_for(model.summary, settings.pool_share))},
       nodes_{pool_.settings.tree_nodes},
@@ -103,7 +104,8 @@ void RefinedRun::load(const spm::Predictor::Answer& wanted) {
 
 bool RefinedRun::load(spm::RegionId region) {
   const auto data =
-      spm::codec::decode_region(spm::codec::encode_region(model_, region, model_.runs_of(region)), model_.summary);
+      spm::codec::decode_region(spm::codec::encode_region(encoded_.coded(), region, model_.runs_of(region)),
+                                model_.summary, encoded_.coded().tables());
   if (!data) throw std::runtime_error("region " + std::to_string(index(region)) + ": " + data.error().text);
   spm::RegionList list;
   const spm::AcceptResult result = cache_.accept(admitted_.object, *data, list);

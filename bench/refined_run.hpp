@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "spm/cache.hpp"
+#include "spm/codec/model_codec.hpp"
 #include "spm/forest.hpp"
 #include "spm/model.hpp"
 #include "spm/prediction.hpp"
@@ -52,6 +53,7 @@ class RefinedRun {
   void evict();
 
   const spm::Model& model_;
+  spm::codec::EncodedModel encoded_;
   RefinedRunSettings settings_;
   spm::Pool pool_;
   spm::NodePool nodes_;

@@ -39,11 +39,12 @@ RemoteSession::RemoteSession(const spm::Model& model, const RemoteSettings& sett
       scale_{model.summary.metres_per_unit},
       pool_{settings.pool},
       nodes_{settings.pool.tree_nodes},
+      encoded_{model},
       server_{session::Origin{kSession, kHost, 1, 0}},
       loader_{pool_, nodes_, session::Origin{kSession, kHrtc, 1, 0}, loader_settings(settings), arrivals_, departures_},
       cycle_{cycle_settings(settings.radius), {}, departures_, nullptr},
       unmet_(model.regions.size(), 0) {
-  server_.add(kObject, model);
+  server_.add(kObject, encoded_.coded());
   session::CatalogueEntry entry;
   entry.origin = {kSession, kHost, 1, 0};
   entry.host = "host";

@@ -17,6 +17,7 @@
 #include "hrtc_service/cycle.hpp"
 #include "hrtc_service/loader.hpp"
 #include "session/delivery_server.hpp"
+#include "spm/codec/model_codec.hpp"
 
 namespace tactus::bench {
 
@@ -77,6 +78,7 @@ class RemoteSession {
   spm::NodePool nodes_;
   hrtc_service::ArrivalRing arrivals_{1u << 12};
   hrtc_service::DepartureRing departures_{1u << 12};
+  spm::codec::EncodedModel encoded_;
   session::DeliveryServer server_;
   hrtc_service::Loader loader_;
   hrtc_service::Cycle cycle_;

@@ -32,10 +32,11 @@ SessionRun::SessionRun(const spm::Model& model, double scale, const SessionSetti
     : delay_{settings.delay_cycles},
       pool_{settings.pool},
       nodes_{settings.pool.tree_nodes},
+      encoded_{model},
       server_{session::Origin{kSession, kHost, 1, 0}},
       loader_{pool_, nodes_, session::Origin{kSession, kHrtc, 1, 0}, settings.loader, arrivals_, departures_},
       cycle_{settings.cycle, {}, departures_, nullptr} {
-  server_.add(kObject, model);
+  server_.add(kObject, encoded_.coded());
   loader_.on_host_seen(kHost, 1, now_);
   loader_.on_catalogue(entry_for(model, scale, server_.base_bytes(kObject)));
 }

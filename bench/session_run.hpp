@@ -13,6 +13,7 @@
 #include "hrtc_service/cycle.hpp"
 #include "hrtc_service/loader.hpp"
 #include "session/delivery_server.hpp"
+#include "spm/codec/model_codec.hpp"
 #include "spm/model.hpp"
 
 namespace tactus::bench {
@@ -70,6 +71,7 @@ class SessionRun {
   spm::NodePool nodes_;
   hrtc_service::ArrivalRing arrivals_{4096};
   hrtc_service::DepartureRing departures_{4096};
+  spm::codec::EncodedModel encoded_;
   session::DeliveryServer server_;
   hrtc_service::Loader loader_;
   hrtc_service::Cycle cycle_;

@@ -64,7 +64,7 @@ struct Served {
 };
 
 double scale_of(const Served& served) {
-  const spm::ModelSummary& s = served.model.model().summary;
+  const spm::ModelSummary& s = served.model.summary();
   if (served.config.scale) return *served.config.scale;
   if (!served.config.size) return s.metres_per_unit;
   double longest = 0;
@@ -103,7 +103,9 @@ struct Host::Impl {
         stop{until},
         served{open_models(options, log, stop)},
         links{options.address} {
-    for (const Served& object : served) server.add(session::id_of(object.config.name), object.model.model());
+    for (const Served& object : served) {
+      server.add(session::id_of(object.config.name), object.model.coded());
+    }
     make_catalogue();
     listen(wire::topics::kRoster);
     listen(wire::topics::kDemand);
@@ -160,7 +162,7 @@ void Host::Impl::make_catalogue() {
   double x = options.at[0];  // where the next object without a pose begins
   bool first = true;
   for (const Served& object : served) {
-    const spm::ModelSummary& summary = object.model.model().summary;
+    const spm::ModelSummary& summary = object.model.summary();
     session::CatalogueEntry entry;
     entry.host = options.address.participant;
     entry.object = object.config.name;

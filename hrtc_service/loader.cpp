@@ -91,26 +91,28 @@ void Loader::take_messages(std::int64_t now_ns) {
 }
 
 void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {
-  auto base = spm::codec::decode_base(spm::Span<const std::uint8_t>{bytes});
-  if (!base || base->summary.digest != object.info.digest) {
+  auto decoded = spm::codec::decode_base(spm::Span<const std::uint8_t>{bytes});
+  if (!decoded || decoded->mesh.summary.digest != object.info.digest) {
     ++figures_.decode_errors;
-    say("object " + object.info.name + ": base mesh refused: " + (base ? "wrong digest" : base.error().text));
+    say("object " + object.info.name + ": base mesh refused: " + (decoded ? "wrong digest" : decoded.error().text));
     delivery_.base_refused(object.info.id);
     return;
   }
   if (object.ready) return delivery_.base_held(object.info.id);
+  const spm::BaseMesh& base = decoded->mesh;
   const std::uint32_t free_before = cache_.slots_free();
-  spm::Cache::Admitted admitted = cache_.admit(*base);
+  spm::Cache::Admitted admitted = cache_.admit(base);
   if (!admitted.fits) {
     if (!object.refused)
-      say("object " + object.info.name + ": base mesh of " + std::to_string(base->positions.size()) +
+      say("object " + object.info.name + ": base mesh of " + std::to_string(base.positions.size()) +
           " vertices does not fit the pool of " + std::to_string(pool_.settings.slots) + " slots; raise --pool");
     object.refused = true;
     return delivery_.base_held(object.info.id);  // asking again would change nothing
   }
   base_slots_ += free_before - cache_.slots_free();
-  object.summary = base->summary;
-  object.regions = base->regions;
+  object.summary = base.summary;
+  object.regions = base.regions;
+  object.tables = std::move(decoded->tables);
   object.info.index = spm::index(admitted.object);
   object.notes.resize(object.regions.size());
   const spm::Span<const spm::Region> regions{object.regions};
@@ -140,7 +142,8 @@ bool Loader::take_region(Object& object, const session::DeliveryClient::Message&
     return true;
   };
   if (!object.ready || message.region >= object.notes.size()) return refuse();
-  const auto data = spm::codec::decode_region(spm::Span<const std::uint8_t>{message.bytes}, object.summary);
+  const auto data =
+      spm::codec::decode_region(spm::Span<const std::uint8_t>{message.bytes}, object.summary, object.tables);
   if (!data || spm::index(data->region) != message.region) {
     ++figures_.decode_errors;
     say("object " + object.info.name + ": region " + std::to_string(message.region) +
@@ -176,7 +179,7 @@ bool Loader::take_region(Object& object, const session::DeliveryClient::Message&
       ++figures_.refused_other;
       return refuse();
   }
-  object.info.records_received += data->positions.size();
+  object.info.records_received += data->offsets.size();
   object.info.records_returned += cache_.counters().records_returned - returned_before;
   object.info.records_returned += cache_.counters().records_repeated - repeated_before;
   ++object.info.regions_received;

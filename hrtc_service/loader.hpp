@@ -23,6 +23,7 @@
 #include "hrtc_service/touch_object.hpp"
 #include "session/delivery_client.hpp"
 #include "spm/cache.hpp"
+#include "spm/codec/record_codes.hpp"
 #include "spm/fcl/broad_phase.hpp"
 #include "spm/prediction.hpp"
 
@@ -123,6 +124,7 @@ class Loader {
     session::CatalogueEntry entry;
     spm::ModelSummary summary;
     std::vector<spm::Region> regions;
+    spm::codec::RecordTables tables;
     std::unique_ptr<spm::RegionGrid> grid;  // the loader's own; the forest has another
     TouchObject touch;
     std::vector<RegionNote> notes;

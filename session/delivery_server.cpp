@@ -6,7 +6,6 @@
 #include <set>
 #include <utility>
 
-#include "spm/codec/base_codec.hpp"
 #include "spm/codec/region_codec.hpp"
 
 namespace tactus::session {
@@ -57,14 +56,13 @@ std::uint64_t count_records(const std::vector<spm::Run>& runs) {
 
 DeliveryServer::DeliveryServer(const Origin& self) : self_{self} {}
 
-void DeliveryServer::add(std::uint64_t object_id, const spm::Model& model) {
-  Object object{model, spm::codec::encode_base(model), 0};
-  object.base_checksum = XXH3_64bits(object.base.data(), object.base.size());
-  objects_.insert_or_assign(object_id, std::move(object));
+void DeliveryServer::add(std::uint64_t object_id, const spm::codec::CodedModel& model) {
+  const spm::Span<const std::uint8_t> base = model.spans().base;
+  objects_.insert_or_assign(object_id, Object{model, XXH3_64bits(base.data(), base.size())});
 }
 
 std::uint32_t DeliveryServer::base_bytes(std::uint64_t object_id) const {
-  return static_cast<std::uint32_t>(objects_.at(object_id).base.size());
+  return static_cast<std::uint32_t>(objects_.at(object_id).model.spans().base.size());
 }
 
 bool DeliveryServer::well_formed(const Demand& demand, const spm::ModelSummary& summary) const {
@@ -76,10 +74,10 @@ bool DeliveryServer::well_formed(const Demand& demand, const spm::ModelSummary& 
 DeliveryServer::DemandResult DeliveryServer::on_demand(const Demand& demand) {
   const auto object = objects_.find(demand.object_id);
   if (demand.origin.session != self_.session || object == objects_.end() ||
-      demand.digest != object->second.model.summary.digest) {
+      demand.digest != object->second.model.summary().digest) {
     return DemandResult::kNotServed;
   }
-  if (!well_formed(demand, object->second.model.summary)) return DemandResult::kMalformed;
+  if (!well_formed(demand, object->second.model.summary())) return DemandResult::kMalformed;
 
   const auto [at, is_new] = streams_.try_emplace(demand.origin.participant);
   Stream& stream = at->second;
@@ -145,7 +143,7 @@ void DeliveryServer::compare(Service& service, const Object& object, const std::
   }
   if (!demand.need_base || (service.base_sent && *service.base_sent <= received)) service.base_sent.reset();
 
-  if (!only_more) service.covered.assign((object.model.summary.records + 63) / 64, 0);
+  if (!only_more) service.covered.assign((object.model.summary().records + 63) / 64, 0);
   for (const spm::Run& run : demand.have) {
     for (std::uint32_t region = run.first; region != end_of(run); ++region) {
       if (!only_more || !contains(*had, region)) cover(service, object.model, region);
@@ -173,7 +171,7 @@ void DeliveryServer::compare(Service& service, const Object& object, const std::
                    [](const Wanted& a, const Wanted& b) { return a.contact_in_us > b.contact_in_us; });
 }
 
-void DeliveryServer::cover(Service& service, const spm::Model& model, std::uint32_t region) const {
+void DeliveryServer::cover(Service& service, const spm::codec::CodedModel& model, std::uint32_t region) const {
   for (const spm::Run& run : model.runs_of(spm::RegionId{region})) {
     for (std::uint32_t r = run.first; r != end_of(run);) {
       const std::uint32_t bit = r % 64;
@@ -185,7 +183,7 @@ void DeliveryServer::cover(Service& service, const spm::Model& model, std::uint3
   }
 }
 
-std::vector<spm::Run> DeliveryServer::missing(const Service& service, const spm::Model& model,
+std::vector<spm::Run> DeliveryServer::missing(const Service& service, const spm::codec::CodedModel& model,
                                               std::uint32_t region) const {
   std::vector<spm::Run> runs;
   for (const spm::Run& run : model.runs_of(spm::RegionId{region})) {
@@ -202,7 +200,7 @@ std::vector<spm::Run> DeliveryServer::missing(const Service& service, const spm:
 }
 
 /// Whether the message under way is still wanted, and enough together with what is covered now.
-bool DeliveryServer::still_holds(const Service& service, const spm::Model& model) const {
+bool DeliveryServer::still_holds(const Service& service, const spm::codec::CodedModel& model) const {
   const UnderWay& message = *service.under_way;
   const Demand& demand = service.demand;
   if (message.kind == BulkKind::kBase) return demand.need_base;
@@ -228,7 +226,7 @@ void DeliveryServer::begin(Service& service, const Object& object) const {
   if (service.demand.need_base) {
     message.contact_in_us = kBaseContactUs;
     message.checksum = object.base_checksum;
-    message.parts = parts_of(object.base.size());
+    message.parts = parts_of(object.model.spans().base.size());
   } else {
     const Wanted wanted = service.to_send.back();
     service.to_send.pop_back();
@@ -297,7 +295,8 @@ Outgoing DeliveryServer::send_part(std::uint64_t hrtc, Stream& stream, std::uint
   const Object& object = objects_.at(object_id);
   if (!service.under_way) begin(service, object);
   UnderWay& message = *service.under_way;
-  const std::vector<std::uint8_t>& bytes = message.kind == BulkKind::kBase ? object.base : message.bytes;
+  const spm::Span<const std::uint8_t> bytes =
+      message.kind == BulkKind::kBase ? object.model.spans().base : spm::Span<const std::uint8_t>{message.bytes};
 
   BulkChunk chunk = make_chunk(hrtc, stream, object_id, service, now_ns);
   chunk.kind = message.kind;
@@ -307,8 +306,7 @@ Outgoing DeliveryServer::send_part(std::uint64_t hrtc, Stream& stream, std::uint
   chunk.checksum = message.checksum;
   const std::size_t from = std::size_t{chunk.part} * kMaxPayload;
   const std::size_t to = std::min(from + kMaxPayload, bytes.size());
-  chunk.payload.assign(bytes.begin() + static_cast<std::ptrdiff_t>(from),
-                       bytes.begin() + static_cast<std::ptrdiff_t>(to));
+  chunk.payload.assign(bytes.begin() + from, bytes.begin() + to);
   const auto size = static_cast<std::uint32_t>(chunk.payload.size());
   stream.unacknowledged.emplace_back(chunk.sequence, size);
   stream.unacknowledged_bytes += size;

@@ -28,6 +28,7 @@
 #include <vector>
 
 #include "session/messages.hpp"
+#include "spm/codec/coded_model.hpp"
 #include "spm/model.hpp"
 
 namespace tactus::session {
@@ -53,8 +54,8 @@ class DeliveryServer {
   /// `self` gives session, participant and incarnation of all that is sent.
   explicit DeliveryServer(const Origin& self);
 
-  /// The arrays of `model` must outlive the server. Encodes the base mesh.
-  void add(std::uint64_t object_id, const spm::Model& model);
+  /// What `model` borrows must outlive the server.
+  void add(std::uint64_t object_id, const spm::codec::CodedModel& model);
 
   /// Size of the encoded base mesh, for the catalogue. The object must have been added.
   [[nodiscard]] std::uint32_t base_bytes(std::uint64_t object_id) const;
@@ -84,8 +85,7 @@ class DeliveryServer {
 
  private:
   struct Object {
-    spm::Model model;
-    std::vector<std::uint8_t> base;
+    spm::codec::CodedModel model;
     std::uint64_t base_checksum = 0;
   };
   struct UnderWay {
@@ -123,10 +123,10 @@ class DeliveryServer {
   void acknowledge(Stream& stream, std::uint32_t received) const;
   void compare(Service& service, const Object& object, const std::vector<spm::Run>* had, std::uint32_t received,
                Stream& stream);
-  void cover(Service& service, const spm::Model& model, std::uint32_t region) const;
-  [[nodiscard]] std::vector<spm::Run> missing(const Service& service, const spm::Model& model,
+  void cover(Service& service, const spm::codec::CodedModel& model, std::uint32_t region) const;
+  [[nodiscard]] std::vector<spm::Run> missing(const Service& service, const spm::codec::CodedModel& model,
                                               std::uint32_t region) const;
-  [[nodiscard]] bool still_holds(const Service& service, const spm::Model& model) const;
+  [[nodiscard]] bool still_holds(const Service& service, const spm::codec::CodedModel& model) const;
   [[nodiscard]] static std::optional<std::uint32_t> urgency(const Service& service);
   void begin(Service& service, const Object& object) const;
   [[nodiscard]] Outgoing send_part(std::uint64_t hrtc, Stream& stream, std::uint64_t object_id, std::int64_t now_ns);

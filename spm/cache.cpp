@@ -3,6 +3,9 @@
 #include <algorithm>
 #include <numeric>
 
+#include "spm/position_code.hpp"
+#include "spm/seal.hpp"
+
 namespace tactus::spm {
 namespace {
 
@@ -38,7 +41,9 @@ Cache::Cache(Pool& pool)
     : pool_{pool},
       records_{pool.settings.slots},
       faces_{2 * pool.settings.slots},
+      front_(2 * std::size_t{pool.settings.slots}),
       loaded_(pool.settings.slots, 0),
+      seals_(pool.settings.slots, 0),
       free_(pool.settings.slots),
       free_count_{pool.settings.slots},
       free_blocks_(pool.settings.list_blocks),
@@ -79,6 +84,7 @@ Cache::Admitted Cache::admit(const BaseMesh& base) {
     const std::uint32_t row_index = 2 * slots[i / 2] + i % 2;
     FaceRow& row = pool_.faces[row_index];
     for (int corner = 0; corner < 3; ++corner) row.vertices[corner] = slots[face.corners[corner]];
+    front_[row_index] = row.vertices;
     row.face = face.face;
     row.last = face.last;
     row.node = kNone;
@@ -86,7 +92,11 @@ Cache::Admitted Cache::admit(const BaseMesh& base) {
     result.base.faces.push_back(row_index);
   }
   object.record_counts.reserve(base.regions.size());
-  for (const Region& region : base.regions) object.record_counts.push_back(region.record_count);
+  object.seals.reserve(base.regions.size());
+  for (const Region& region : base.regions) {
+    object.record_counts.push_back(region.record_count);
+    object.seals.push_back(region.seal);
+  }
   object.lists.resize(base.regions.size());
   object.seen.resize(base.summary.records);
   objects_.push_back(std::move(object));
@@ -98,11 +108,89 @@ std::uint32_t Cache::slot_of_vertex(const Object& object, ObjectIndex number, st
   return records_.find(key(number, vertex - object.summary.base_vertices));
 }
 
-AcceptResult Cache::decode(ObjectIndex number, std::uint32_t record, const RegionData& data, std::uint32_t& part,
-                           const std::array<float, 3>& position) noexcept {
+/// Names the parent where it is implied, notes the vertices around it, and moves the corners from t to u.
+AcceptResult Cache::enter_deformed(ObjectIndex number, const RecordPart& source, std::uint32_t u, RecordPart& target,
+                                   VertexRing& ring) noexcept {
+  for (int i = 0; i < source.deformed_count; ++i) {
+    const DeformedRef ref = source.deformed[i];
+    const std::uint32_t row = faces_.find(key(number, ref.face()));
+    if (row == kNone) return AcceptResult::kIncomplete;
+    std::array<std::uint32_t, 3>& corners = front_[row];
+    std::uint32_t corner = ref.corner();
+    if (target.parent == kNone) {
+      if (corner == kCornerOfParent) return AcceptResult::kMalformed;
+      target.parent = corners[corner];
+      ring.add(target.parent);
+    } else {
+      corner = 0;
+      while (corner < 3 && corners[corner] != target.parent) ++corner;
+    }
+    if (corner > 2) return AcceptResult::kMalformed;
+    const std::uint32_t next = corners[(corner + 1) % 3], before = corners[(corner + 2) % 3];
+    if (target.parent == u || next == u || before == u) return AcceptResult::kMalformed;
+    ring.add(next);
+    ring.add(before);
+    corners[corner] = u;
+    target.deformed[i] = DeformedRef::make(row, corner, ref.last());
+    target.deformed_count = static_cast<std::uint8_t>(i + 1);
+  }
+  return AcceptResult::kAccepted;
+}
+
+AcceptResult Cache::enter_born(ObjectIndex number, const RecordPart& source, std::uint32_t u, std::uint32_t slot,
+                               VertexRing& ring) noexcept {
   const Object& object = objects_[index(number)];
-  const std::uint32_t first_slot = free_[free_count_ - 1];  // the one that take_slot gives below
+  RecordPart& target = pool_.parts[slot];
+  for (int i = 0; i < source.born_count; ++i) {
+    if (source.born[i].face() >= object.summary.faces || source.born[i].order() > 5) return AcceptResult::kMalformed;
+    std::uint32_t x = source.born_x[i];
+    if ((x & kInRing) != 0) {
+      x = x == (kInRing | kLastInRing) ? ring.size() - 1 : x & ~kInRing;
+      if (x >= ring.size()) return AcceptResult::kMalformed;
+      x = ring[x];
+    } else {
+      x = slot_of_vertex(object, number, x);
+      if (x == kNone) return AcceptResult::kIncomplete;
+      ring.add(x);
+    }
+    const std::uint64_t face_key = key(number, source.born[i].face());
+    if (x == u || x == target.parent || faces_.find(face_key) != kNone) return AcceptResult::kMalformed;
+    const std::uint32_t row = 2 * slot + static_cast<std::uint32_t>(i);
+    faces_.insert(face_key, row);
+    pool_.faces[row].face = source.born[i].face();
+    pool_.faces[row].node = kNone;
+    const BornCorners at = born_corners(source.born[i].order());
+    front_[row][static_cast<std::size_t>(at.u)] = u;
+    front_[row][static_cast<std::size_t>(at.t)] = target.parent;
+    front_[row][static_cast<std::size_t>(at.x)] = x;
+    target.born_x[i] = x;
+    target.born_count = static_cast<std::uint8_t>(i + 1);
+  }
+  return AcceptResult::kAccepted;
+}
+
+bool Cache::place(const Object& object, const VertexRing& ring, const std::array<std::uint32_t, 3>& offset,
+                  std::array<float, 3>& position) const noexcept {
+  const ModelSummary& s = object.summary;
+  const PositionCode code{s};
+  const std::array<double, 3> mean =
+      ring.mean([this](std::uint32_t slot) -> const std::array<float, 3>& { return pool_.vertices[slot].position; });
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    position[axis] = code.at(axis, code.of(axis, mean[axis]) + offset[axis]);
+    // Written so that a NaN fails.
+    if (!(position[axis] >= s.bounds_min[axis] && position[axis] <= s.bounds_max[axis])) return false;
+  }
+  return true;
+}
+
+AcceptResult Cache::decode(ObjectIndex number, std::uint32_t record, const RegionData& data, std::uint32_t& part,
+                           const std::array<std::uint32_t, 3>& offset) noexcept {
+  const Object& object = objects_[index(number)];
+  const std::uint32_t u = free_[free_count_ - 1];  // the one that take_slot gives below
+  VertexRing ring;
+  std::array<float, 3> position{};
   std::uint32_t slot = kNone;
+  std::uint32_t parent = kNone;
   for (bool more = true; more;) {
     if (part >= data.parts.size()) return AcceptResult::kMalformed;
     const RecordPart& source = data.parts[part];
@@ -116,39 +204,35 @@ AcceptResult Cache::decode(ObjectIndex number, std::uint32_t record, const Regio
     RecordPart& target = pool_.parts[slot];
     target = source;
     target.next = kNone;
-    target.born_count = 0;  // grows with the faces entered, so that forget() undoes just those
+    target.born_count = target.deformed_count = 0;  // grow with the faces entered, so that forget() undoes just those
     pool_.state[slot] = SlotState{};
     pool_.vertices[slot] = {position, object.summary.base_vertices + record};
     pool_.radius[slot] = radius_of(source.radius);
     loaded_[slot] = 0;
     if (before == kNone) records_.insert(key(number, record), slot);
 
-    if (source.parent - object.summary.base_vertices == record) return AcceptResult::kMalformed;
-    target.parent = slot_of_vertex(object, number, source.parent);
-    if (target.parent == kNone) return AcceptResult::kIncomplete;
-    for (int i = 0; i < source.deformed_count; ++i) {
-      const DeformedRef ref = source.deformed[i];
-      const std::uint32_t row = faces_.find(key(number, ref.face()));
-      if (row == kNone) return AcceptResult::kIncomplete;
-      if (ref.corner() > 2) return AcceptResult::kMalformed;
-      target.deformed[i] = DeformedRef::make(row, ref.corner(), ref.last());
+    target.parent = parent;
+    if (before == kNone && source.parent != kNone) {
+      target.parent = slot_of_vertex(object, number, source.parent);
+      if (target.parent == kNone) return AcceptResult::kIncomplete;
+      if (target.parent == u) return AcceptResult::kMalformed;
+      ring.add(target.parent);
     }
-    for (int i = 0; i < source.born_count; ++i) {
-      if (source.born[i].face() >= object.summary.faces || source.born[i].order() > 5) return AcceptResult::kMalformed;
-      target.born_x[i] = slot_of_vertex(object, number, source.born_x[i]);
-      if (target.born_x[i] == kNone) return AcceptResult::kIncomplete;
-      const std::uint64_t face_key = key(number, source.born[i].face());
-      if (target.born_x[i] == first_slot || faces_.find(face_key) != kNone) return AcceptResult::kMalformed;
-      const std::uint32_t row = 2 * slot + static_cast<std::uint32_t>(i);
-      faces_.insert(face_key, row);
-      pool_.faces[row].face = source.born[i].face();
-      pool_.faces[row].node = kNone;
-      target.born_count = static_cast<std::uint8_t>(i + 1);
+    AcceptResult result = enter_deformed(number, source, u, target, ring);
+    parent = target.parent;
+    if (result == AcceptResult::kAccepted && parent == kNone) result = AcceptResult::kMalformed;
+    if (result == AcceptResult::kAccepted) result = enter_born(number, source, u, slot, ring);
+    if (result != AcceptResult::kAccepted) return result;
+    if (before == kNone) {
+      if (!place(object, ring, offset, position)) return AcceptResult::kMalformed;
+      pool_.vertices[slot].position = position;
     }
     more = source.next != kNone;
     if (more && source.next != part + 1) return AcceptResult::kMalformed;
     ++part;
   }
+  seals_[u] = seal_of(object.summary.base_vertices + record, ring,
+                      [this](std::uint32_t slot_of) { return pool_.vertices[slot_of].id; });
   return AcceptResult::kAccepted;
 }
 
@@ -158,6 +242,10 @@ void Cache::forget(ObjectIndex number, std::uint32_t first_slot) noexcept {
   for (std::uint32_t slot = first_slot; slot != kNone;) {
     const RecordPart& part = pool_.parts[slot];
     TACTUS_ASSERT(pool_.state[slot].bits == 0);
+    for (int i = 0; i < part.deformed_count; ++i) {
+      TACTUS_ASSERT(front_[part.deformed[i].face()][part.deformed[i].corner()] == first_slot);
+      front_[part.deformed[i].face()][part.deformed[i].corner()] = part.parent;
+    }
     for (int i = 0; i < part.born_count; ++i) faces_.erase(key(number, part.born[i].face()));
     const std::uint32_t next = part.next;
     give_slot(slot);
@@ -172,7 +260,7 @@ AcceptResult Cache::accept(ObjectIndex number, const RegionData& data, RegionLis
   const Span<const Run> list{data.list};
   const Span<const Run> sent{data.sent};
   if (!well_formed(list, object.summary.records) || !well_formed(sent, object.summary.records) ||
-      total(list) != object.record_counts[index(data.region)] || total(sent) != data.positions.size())
+      total(list) != object.record_counts[index(data.region)] || total(sent) != data.offsets.size())
     return AcceptResult::kMalformed;
   const auto length = static_cast<std::uint32_t>(total(list));
   if (ListBlock::blocks_for(length) > free_block_count_) return AcceptResult::kPoolFull;
@@ -201,6 +289,7 @@ AcceptResult Cache::accept(ObjectIndex number, const RegionData& data, RegionLis
   std::size_t hint = 0;
   std::uint32_t part = 0;
   std::uint32_t position = 0;
+  std::uint32_t seal = 0;
   std::uint64_t repeated = 0, fresh = 0, returned = 0;
   for (const Run& run : list) {
     for (std::uint32_t record = run.first; record < run.first + run.count; ++record) {
@@ -217,7 +306,7 @@ AcceptResult Cache::accept(ObjectIndex number, const RegionData& data, RegionLis
         result = free_count_ == 0 ? AcceptResult::kPoolFull : AcceptResult::kAccepted;
         if (result == AcceptResult::kAccepted) {
           slot = free_[free_count_ - 1];
-          result = decode(number, record, data, part, data.positions[position++]);
+          result = decode(number, record, data, part, data.offsets[position++]);
           if (result != AcceptResult::kAccepted && records_.find(key(number, record)) != kNone) forget(number, slot);
           ++fresh;
           if (object.seen[record]) ++returned;
@@ -225,11 +314,13 @@ AcceptResult Cache::accept(ObjectIndex number, const RegionData& data, RegionLis
       }
       if (result != AcceptResult::kAccepted) break;
       ++loaded_[slot];
+      seal += seals_[slot];
       append(slot);
     }
     if (result != AcceptResult::kAccepted) break;
   }
-  if (result == AcceptResult::kAccepted && (part != data.parts.size() || position != data.positions.size()))
+  if (result == AcceptResult::kAccepted &&
+      (part != data.parts.size() || position != data.offsets.size() || seal != object.seals[index(data.region)]))
     result = AcceptResult::kMalformed;
   if (result != AcceptResult::kAccepted) {
     if (made.first_block != kNone) release_list(number, made);

@@ -1,9 +1,11 @@
 /// The loader's half of the pool: which records of which objects are here, and in which slots.
 ///
-/// Takes base meshes and regions in ids, gives slots; the one place where ids become slots. Counts for each record how
-/// many held regions list it (the loaded front), so that releasing a region frees what no other needs and never breaks
-/// a closure. One thread, not the haptic one. Does not allocate after `admit`. Everything that arrives is checked
-/// against what is held. Source: Liu, Georganas, Roth, 3DIM 2005, section 3 (local cache, loaded fronting).
+/// Takes base meshes and regions in ids, gives slots; the one place where ids become slots. Keeps the corners of every
+/// face at the loaded front: a record that is not held deforms just what stands there, so that its parent, third
+/// corners and place follow from the faces it names. Counts for each record how many held regions list it (the loaded
+/// front), so that releasing a region frees what no other needs and never breaks a closure. One thread, not the haptic
+/// one. Does not allocate after `admit`. Everything that arrives is checked against what is held. Source: Liu,
+/// Georganas, Roth, 3DIM 2005, section 3 (local cache, loaded fronting).
 #pragma once
 
 #include <cstdint>
@@ -14,6 +16,7 @@
 #include "spm/model.hpp"
 #include "spm/pool.hpp"
 #include "spm/region_data.hpp"
+#include "spm/vertex_ring.hpp"
 
 namespace tactus::spm {
 
@@ -25,7 +28,7 @@ enum class AcceptResult : std::uint8_t {
   kHeld,        ///< the region is here already
   kPoolFull,    ///< no slot or list block left: release something and ask again
   kIncomplete,  ///< a record it depends on is neither here nor in the message: ask again
-  kMalformed    ///< contradicts the model or what is held
+  kMalformed    ///< contradicts the model or what is held, or a record's needs are not in the list
 };
 
 /// The base mesh in slots, for the haptic thread.
@@ -81,6 +84,7 @@ class Cache {
     ModelSummary summary;
     std::vector<std::uint32_t> base_slots;     // by base VertexId
     std::vector<std::uint32_t> record_counts;  // by region: what its list must add up to
+    std::vector<std::uint32_t> seals;          // by region: what those of its records must add up to
     std::vector<RegionList> lists;             // by region; first_block kNone when not held
     std::vector<bool> seen;                    // by record: has been here before
   };
@@ -91,7 +95,13 @@ class Cache {
   [[nodiscard]] std::uint32_t slot_of_vertex(const Object& object, ObjectIndex number,
                                              std::uint32_t vertex) const noexcept;
   [[nodiscard]] AcceptResult decode(ObjectIndex number, std::uint32_t record, const RegionData& data,
-                                    std::uint32_t& part, const std::array<float, 3>& position) noexcept;
+                                    std::uint32_t& part, const std::array<std::uint32_t, 3>& offset) noexcept;
+  [[nodiscard]] AcceptResult enter_deformed(ObjectIndex number, const RecordPart& source, std::uint32_t u,
+                                            RecordPart& target, VertexRing& ring) noexcept;
+  [[nodiscard]] AcceptResult enter_born(ObjectIndex number, const RecordPart& source, std::uint32_t u,
+                                        std::uint32_t slot, VertexRing& ring) noexcept;
+  [[nodiscard]] bool place(const Object& object, const VertexRing& ring, const std::array<std::uint32_t, 3>& offset,
+                           std::array<float, 3>& position) const noexcept;
   void forget(ObjectIndex number, std::uint32_t first_slot) noexcept;
   void release_list(ObjectIndex number, RegionList& list) noexcept;
   [[nodiscard]] std::uint32_t take_slot() noexcept { return free_[--free_count_]; }
@@ -99,9 +109,11 @@ class Cache {
 
   Pool& pool_;
   std::vector<Object> objects_;
-  FlatIndex records_;                  // (object, RecordId) -> first slot
-  FlatIndex faces_;                    // (object, FaceId) -> face row, of every face borne by a held record or the base
-  std::vector<std::uint16_t> loaded_;  // by first slot
+  FlatIndex records_;  // (object, RecordId) -> first slot
+  FlatIndex faces_;    // (object, FaceId) -> face row, of every face borne by a held record or the base
+  std::vector<std::array<std::uint32_t, 3>> front_;  // by face row: its corners once all held records are applied
+  std::vector<std::uint16_t> loaded_;                // by first slot
+  std::vector<std::uint32_t> seals_;                 // by first slot: see seal.hpp
   std::vector<std::uint32_t> free_;
   std::uint32_t free_count_ = 0;
   std::vector<std::uint32_t> free_blocks_;

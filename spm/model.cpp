@@ -5,6 +5,9 @@
 #include <sstream>
 #include <unordered_set>
 
+#include "spm/position_code.hpp"
+#include "spm/seal.hpp"
+
 namespace tactus::spm {
 namespace {
 
@@ -36,7 +39,9 @@ void expect_size(Findings& findings, const char* what, std::size_t found, std::u
 }
 
 void check_summary(const ModelSummary& s, Findings& findings) {
-  if (s.vertices == kNone) findings.add("vertices: found ", s.vertices, ", expected less");
+  if (s.vertices >= kMaxVertices) {
+    findings.add("vertices: found ", s.vertices, ", expected below ", kMaxVertices);
+  }
   if (s.faces == 0 || s.faces >= kMaxFaces) {
     findings.add("faces: found ", s.faces, ", expected 1 to ", kMaxFaces - 1);
   }
@@ -67,6 +72,13 @@ void check_summary(const ModelSummary& s, Findings& findings) {
   if (!(std::isfinite(s.grid.cell_size) && s.grid.cell_size > 0)) {
     findings.add("grid cell size: found ", s.grid.cell_size, ", expected a finite positive length");
   }
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const double steps = (double{s.bounds_max[axis]} - double{s.bounds_min[axis]}) / s.position_step;
+    if (s.position_step != 0 && !(s.position_step > 0 && std::isfinite(s.position_step) && steps < 1 << 24)) {
+      findings.add("position step: found ", s.position_step, ", expected 0 or a length of which less than 2^24 span ",
+                   "axis ", axis);
+    }
+  }
   if (!(std::isfinite(s.deviation) && s.deviation >= 0)) {
     findings.add("deviation: found ", s.deviation, ", expected a finite length");
   }
@@ -76,6 +88,7 @@ void check_summary(const ModelSummary& s, Findings& findings) {
 }
 
 void check_positions(const ModelSummary& s, Span<const std::array<float, 3>> positions, Findings& findings) {
+  const PositionCode place{s};
   for (std::size_t v = 0; v < positions.size() && !findings.full(); ++v) {
     if (!finite(positions[v])) {
       findings.add("vertex ", v, ": position not finite");
@@ -84,6 +97,8 @@ void check_positions(const ModelSummary& s, Span<const std::array<float, 3>> pos
     for (std::size_t axis = 0; axis < 3; ++axis) {
       if (positions[v][axis] < s.bounds_min[axis] || positions[v][axis] > s.bounds_max[axis]) {
         findings.add("vertex ", v, ": outside of the bounds on axis ", axis);
+      } else if (place.at(axis, place.of(axis, double{positions[v][axis]})) != positions[v][axis]) {
+        findings.add("vertex ", v, ": off the grid of ", s.position_step, " on axis ", axis);
       }
     }
   }
@@ -380,6 +395,15 @@ class Replay {
   std::vector<std::size_t> first_need_;
 };
 
+void check_seals(const Model& model, Findings& findings) {
+  const std::vector<std::uint32_t> seals = region_seals(model);
+  for (std::size_t i = 0; i < model.regions.size() && !findings.full(); ++i) {
+    if (model.regions[i].seal != seals[i]) {
+      findings.add("region ", i, ": seal ", model.regions[i].seal, ", expected ", seals[i], " for its records");
+    }
+  }
+}
+
 }  // namespace
 
 BaseMesh base_mesh_of(const Model& model) {
@@ -426,6 +450,7 @@ std::vector<std::string> violations(const Model& model) {
   Replay replay{model, findings};
   replay.run();
   if (findings.none()) replay.check_lists();
+  if (findings.none()) check_seals(model, findings);
   return findings.take();
 }
 

@@ -46,8 +46,9 @@ struct Region {
   std::uint32_t record_count;          ///< sum of its runs
   std::uint32_t part_count;            ///< pool slots its records take
   std::uint32_t face_count;            ///< finest faces that meet the cell
+  std::uint32_t seal;                  ///< of its list, see seal.hpp
 };
-static_assert(sizeof(Region) == 36);
+static_assert(sizeof(Region) == 40);
 
 /// Consecutive record ids `[first, first + count)`. A region's runs ascend and do not touch.
 struct Run {
@@ -69,6 +70,9 @@ struct ModelSummary {
   /// File units. No point of any version of the mesh is further than this from its place on the finest, nor the
   /// reverse: the greatest radius of a vertex, which bounds what the face between three moves.
   double deviation;
+  /// File units. 0: positions are floats as imported (lossless profile). Above: each coordinate is the float nearest to
+  /// `bounds_min` plus a whole number of these, below 2^24 (compact profile).
+  double position_step;
 };
 
 /// Borrowed view of a model; whoever made it (a mapped file, a builder) must outlive it.

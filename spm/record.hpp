@@ -24,6 +24,8 @@ namespace tactus::spm {
 
 inline constexpr int kBornPerPart = 2;
 inline constexpr int kDeformedPerPart = 9;
+/// What names a vertex has one bit to spare.
+inline constexpr std::uint32_t kMaxVertices = 1u << 31;
 /// A face reference shares its 32 bits with a corner and a flag.
 inline constexpr std::uint32_t kMaxFaces = 1u << 28;
 

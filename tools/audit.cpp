@@ -283,12 +283,13 @@ AuditReport audit_files(const std::filesystem::path& log_path, const std::filesy
   const bool is_spm = spm::offline::is_model_file(model_path);
   if (is_spm && !spm_path.empty())
     throw AuditError(model_path.string() + ": an .spm file itself; expected a mesh beside " + spm_path.string());
-  std::optional<spm::offline::MappedModel> mapped;
-  if (is_spm || !spm_path.empty()) mapped.emplace(is_spm ? model_path : spm_path);
+  const bool has_spm = is_spm || !spm_path.empty();
+  spm::codec::DecodedModel decoded;
+  if (has_spm) static_cast<void>(spm::offline::MappedModel{is_spm ? model_path : spm_path, &decoded});
   Original original{model_path.stem().string(), {}, {}};
-  if (mapped) original.model = mapped->model();
+  if (has_spm) original.model = decoded.model();
   if (is_spm) {
-    original.triangles = corners_of(mapped->model().positions, spm::finest_faces(mapped->model()));
+    original.triangles = corners_of(decoded.positions, spm::finest_faces(decoded.model()));
   } else {
     spm::offline::TriangleMesh mesh = spm::offline::import_mesh(model_path);
     spm::offline::clean(mesh);

@@ -69,6 +69,7 @@ ordered_json info_json(const spm::Model& model, const spm::offline::Provenance& 
           {"bounds_min", s.bounds_min},
           {"bounds_max", s.bounds_max},
           {"metres_per_unit", s.metres_per_unit},
+          {"position_step", s.position_step},
           {"regions",
            {{"count", s.regions},
             {"cell_size", s.grid.cell_size},
@@ -116,6 +117,7 @@ std::string info_text(const spm::Model& model, const spm::offline::Provenance& p
     row(name, "height " + std::to_string(size.levels) + ", " + std::to_string(size.nodes + s.faces) + " nodes");
   }
   row("furthest from the finest", millimetres(s.deviation));
+  row("coordinates", s.position_step > 0 ? "on a grid of " + millimetres(s.position_step) : "as imported, to the bit");
   const auto& regions = json["regions"];
   row("regions", std::to_string(s.regions) + ", cells of " + millimetres(s.grid.cell_size));
   row("records of a region", "mean " + number(regions["records_mean"]) + ", most " +

@@ -59,7 +59,7 @@ struct Settings {
   std::string log, spm, json_file;
   AuditOptions audit;
   double size = 0, radius_mm = 3, pairs_mm = 0;
-  unsigned threads = 0;
+  unsigned threads = 0, grid_bits = 0;
   std::uint32_t base_faces = SimplifyOptions{}.base_faces;
   std::uint32_t cell_faces = PartitionOptions{}.cell_faces;
   std::uint32_t faces = 4096;
@@ -73,6 +73,7 @@ BuildOptions build_options(const Settings& settings, bool sized) {
   options.partition.cell_faces = settings.cell_faces;
   options.partition.max_cell_faces = settings.cell_faces * 5 / 2;
   options.metres_per_unit = settings.unit == "mm" ? 1e-3 : settings.unit == "cm" ? 1e-2 : 1;
+  options.grid_bits = settings.grid_bits;
   if (sized) options.size = settings.size;
   options.pair_distance = settings.pairs_mm * 1e-3;
   options.threads = settings.threads;
@@ -135,23 +136,25 @@ int build(const Settings& settings, bool sized, const ToolStreams& streams) {
 }
 
 int info(const Settings& settings, const ToolStreams& streams) {
-  const MappedModel mapped{settings.file};
-  const Certificate certificate = certify(mapped.model(), radius_of(settings, mapped.model()));
+  spm::codec::DecodedModel decoded;
+  const MappedModel mapped{settings.file, &decoded};
+  const Certificate certificate = certify(decoded.model(), radius_of(settings, decoded.model()));
   if (settings.json) {
-    streams.out << info_json(mapped.model(), mapped.provenance(), certificate).dump(2) << "\n";
+    streams.out << info_json(decoded.model(), mapped.provenance(), certificate).dump(2) << "\n";
   } else {
-    streams.out << info_text(mapped.model(), mapped.provenance(), certificate);
+    streams.out << info_text(decoded.model(), mapped.provenance(), certificate);
   }
   return kDone;
 }
 
 int check(const Settings& settings, const ToolStreams& streams) {
-  const MappedModel mapped{settings.file};
+  spm::codec::DecodedModel decoded;
+  const MappedModel mapped{settings.file, &decoded};
   TriangleMesh original = import_mesh(settings.model);
   Verification result;
   {
     ProgressBar bar{streams};
-    result = verify(mapped.model(), std::move(original), [&bar](double done) { bar.show("verify", done); });
+    result = verify(decoded.model(), std::move(original), [&bar](double done) { bar.show("verify", done); });
   }
   streams.out << (settings.json ? verification_json(result).dump(2) + "\n" : verification_text(result));
   return result.mismatches.empty() ? kDone : kCheckFailed;
@@ -294,6 +297,10 @@ class CommandLine {
     command->add_option("--cell-faces", settings_.cell_faces, "Finest faces aimed at in a region")
         ->check(CLI::Range(8u, 1u << 20))
         ->capture_default_str();
+    command
+        ->add_option("--grid", settings_.grid_bits,
+                     "Compact profile: bits of the grid over the longest side that coordinates move to")
+        ->check(CLI::Range(4u, 20u));
   }
   void add_report(CLI::App* command) {
     command->add_option("--radius", settings_.radius_mm, "Probe radius of the certificate, in mm")

@@ -56,6 +56,9 @@ const char* fault(const spm::ModelSummary& s) noexcept {
   if (!all_finite(s.grid.origin)) return "summary.grid.origin: expected finite numbers";
   if (!positive(s.grid.cell_size)) return "summary.grid.cell_size: expected finite, above 0";
   if (!positive(s.metres_per_unit)) return "summary.metres_per_unit: expected finite, above 0";
+  if (!(std::isfinite(s.position_step) && s.position_step >= 0)) {
+    return "summary.position_step: expected finite, at least 0";
+  }
   if (!(std::isfinite(s.deviation) && s.deviation >= 0)) return "summary.deviation: expected finite, at least 0";
   return nullptr;
 }

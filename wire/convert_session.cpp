@@ -58,6 +58,7 @@ void to_idl(const session::CatalogueEntry& from, idl::CatalogueEntry& to) {
   summary.cell_size(from.summary.grid.cell_size);
   summary.metres_per_unit(from.summary.metres_per_unit);
   summary.deviation(from.summary.deviation);
+  summary.position_step(from.summary.position_step);
   to.scale(from.scale);
   to.placement(pose_to_idl(from.pose));
   to.surface().stiffness(from.material.stiffness);
@@ -88,6 +89,7 @@ void from_idl(const idl::CatalogueEntry& from, session::CatalogueEntry& to) {
   to.summary.grid = {summary.grid_origin(), summary.cell_size()};
   to.summary.metres_per_unit = summary.metres_per_unit();
   to.summary.deviation = summary.deviation();
+  to.summary.position_step = summary.position_step();
   to.scale = from.scale();
   to.pose = pose_from_idl(from.placement());
   to.material = {from.surface().stiffness(), from.surface().damping(), from.surface().static_friction(),

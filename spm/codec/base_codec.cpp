@@ -3,9 +3,9 @@
 namespace tactus::spm::codec {
 namespace {
 
-constexpr std::uint8_t kBaseVersion = 2;
+constexpr std::uint8_t kBaseVersion = 3;
 constexpr std::size_t kMinFaceBytes = 4;
-constexpr std::size_t kMinRegionBytes = 15;
+constexpr std::size_t kMinRegionBytes = 19;
 
 void put(ByteWriter& out, const ModelSummary& s) {
   out.raw(s.digest);
@@ -19,6 +19,7 @@ void put(ByteWriter& out, const ModelSummary& s) {
   out.raw(s.grid.cell_size);
   out.raw(s.metres_per_unit);
   out.raw(s.deviation);
+  out.raw(s.position_step);
 }
 
 ModelSummary get_summary(ByteReader& in) {
@@ -34,6 +35,7 @@ ModelSummary get_summary(ByteReader& in) {
   s.grid.cell_size = in.raw<double>();
   s.metres_per_unit = in.raw<double>();
   s.deviation = in.raw<double>();
+  s.position_step = in.raw<double>();
   return s;
 }
 
@@ -48,7 +50,7 @@ DecodeError too_many(const char* what, std::uint32_t count, std::size_t bytes) {
 
 }  // namespace
 
-Bytes encode_base(const Model& model) {
+Bytes encode_base(const Model& model, const RecordTables& tables) {
   ByteWriter out;
   out.raw(kBaseVersion);
   put(out, model.summary);
@@ -71,18 +73,25 @@ Bytes encode_base(const Model& model) {
     out.varint(region.record_count);
     out.varint(region.part_count);
     out.varint(region.face_count);
+    out.raw(region.seal);
   }
+  BitWriter bits;
+  tables.write(bits);
+  const Bytes table_bytes = bits.take();
+  out.varint(table_bytes.size());
+  for (const std::uint8_t byte : table_bytes) out.raw(byte);
   return out.take();
 }
 
-Result<BaseMesh> decode_base(Span<const std::uint8_t> bytes) {
+Result<DecodedBase> decode_base(Span<const std::uint8_t> bytes) {
   ByteReader in{bytes};
   const auto version = in.raw<std::uint8_t>();
   if (in.ok() && version != kBaseVersion) {
     return DecodeError{"base mesh: encoding version " + std::to_string(version) + ", expected " +
                        std::to_string(kBaseVersion)};
   }
-  BaseMesh base;
+  DecodedBase decoded;
+  BaseMesh& base = decoded.mesh;
   base.summary = get_summary(in);
   const ModelSummary& s = base.summary;
   if (!in.ok()) return truncated("summary");
@@ -126,14 +135,21 @@ Result<BaseMesh> decode_base(Span<const std::uint8_t> bytes) {
     region.record_count = in.varint32();
     region.part_count = in.varint32();
     region.face_count = in.varint32();
+    region.seal = in.raw<std::uint32_t>();
   }
   if (!in.ok()) return truncated("regions");
+  const std::uint64_t table_bytes = in.varint();
+  if (in.left() < table_bytes) return truncated("tables");
+  BitReader bits{in.rest().subspan(0, table_bytes)};
+  if (!decoded.tables.read(bits)) return DecodeError{"base mesh: its tables are no prefix codes"};
+  in.skip(table_bytes);
+  if (!in.ok()) return truncated("tables");
   if (in.left() != 0) return DecodeError{"base mesh: " + std::to_string(in.left()) + " bytes too many"};
 
   if (const std::vector<std::string> broken = violations(base); !broken.empty()) {
     return DecodeError{"base mesh: " + broken.front()};
   }
-  return base;
+  return decoded;
 }
 
 }  // namespace tactus::spm::codec

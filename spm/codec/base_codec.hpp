@@ -1,22 +1,30 @@
-/// The base mesh as bytes: summary, base vertices, base faces, labelled cells without their record lists.
+/// The base mesh as bytes: summary, base vertices, base faces, labelled cells without their record lists, and the
+/// tables that the records are read with.
 ///
-///     version | digest | counts | bounds, grid, unit, deviation | positions | radii | base faces | regions
+///     version | digest | counts | bounds, grid, unit, deviation, position step | positions | radii |
+///     base faces | regions | tables
 ///     face:   (signed difference to the face before << 1 | last), three signed differences, each to the corner before
-///     region: cell x, y, z, depth, record, part and face counts
+///     region: cell x, y, z, depth, record, part and face counts, seal
 ///
-/// Coordinates, bounds, grid and digest are raw little-endian values, all else varints.
+/// Coordinates, bounds, grid, seals and digest are raw little-endian values, all else varints.
 #pragma once
 
 #include "spm/codec/bytes.hpp"
+#include "spm/codec/record_codes.hpp"
 #include "spm/codec/result.hpp"
 #include "spm/model.hpp"
 
 namespace tactus::spm::codec {
 
 /// O(base mesh + regions).
-[[nodiscard]] Bytes encode_base(const Model& model);
+[[nodiscard]] Bytes encode_base(const Model& model, const RecordTables& tables);
 
-/// Trusts nothing: memory stays within a small multiple of the input, and what is returned has no violations().
-Result<BaseMesh> decode_base(Span<const std::uint8_t> bytes);
+struct DecodedBase {
+  BaseMesh mesh;
+  RecordTables tables;
+};
+
+/// Trusts nothing: memory stays within a small multiple of the input, and the mesh returned has no violations().
+Result<DecodedBase> decode_base(Span<const std::uint8_t> bytes);
 
 }  // namespace tactus::spm::codec

@@ -76,6 +76,9 @@ class ByteReader {
     return 0;
   }
 
+  [[nodiscard]] Span<const std::uint8_t> rest() const noexcept { return {at_, left()}; }
+  /// At most what is left.
+  void skip(std::size_t count) noexcept { at_ += count; }
   [[nodiscard]] std::size_t left() const noexcept { return static_cast<std::size_t>(end_ - at_); }
   [[nodiscard]] bool ok() const noexcept { return ok_; }
 

@@ -6,12 +6,15 @@
 #include <numeric>
 #include <string>
 
+#include "spm/offline/arrange.hpp"
 #include "spm/offline/closure.hpp"
 #include "spm/offline/face_order.hpp"
 #include "spm/offline/import.hpp"
 #include "spm/offline/model_file.hpp"
 #include "spm/offline/parallel.hpp"
 #include "spm/offline/region_lists.hpp"
+#include "spm/offline/snap.hpp"
+#include "spm/seal.hpp"
 
 namespace tactus::spm::offline {
 namespace {
@@ -60,8 +63,10 @@ void reorder(TriangleMesh& mesh, unsigned threads) {
 /// Turns vertices, faces and collapses into ids. The faces of `mesh` are in their final order.
 class Assembler {
  public:
-  Assembler(const TriangleMesh& mesh, const BuildOptions& options, const Progress& progress)
-      : mesh_{mesh}, options_{options}, progress_{progress} {}
+  Assembler(const TriangleMesh& mesh, double position_step, const BuildOptions& options, const Progress& progress)
+      : mesh_{mesh}, options_{options}, progress_{progress} {
+    out_.summary.position_step = position_step;
+  }
 
   BuiltModel run() {
     set_bounds();
@@ -85,6 +90,7 @@ class Assembler {
     write_base(base_corners);
     write_records();
     write_radii();
+    arrange_faces(out_.summary, out_.base_faces, out_.parts);
     collapses_.segments = {};
     write_regions(cells, lists);
     report("sum up", 0);
@@ -246,6 +252,8 @@ class Assembler {
     for (std::size_t i = 0; i < cells.cells.size(); ++i) add_region(cells.cells[i], lists.of(i));
     out_.summary.grid = cells.grid;
     out_.summary.regions = static_cast<std::uint32_t>(out_.regions.size());
+    const std::vector<std::uint32_t> seals = region_seals(out_.model());
+    for (std::size_t i = 0; i < seals.size(); ++i) out_.regions[i].seal = seals[i];
   }
 
   void add_region(const Cell& cell, Span<const std::uint32_t> list) {
@@ -282,11 +290,17 @@ class Assembler {
 
 BuiltModel build_model(TriangleMesh mesh, const BuildOptions& options, const Progress& progress) {
   if (progress) progress("clean", 0);
-  const CleanReport cleaned = clean(mesh);
+  CleanReport cleaned = clean(mesh);
   require_surface(mesh, cleaned);
+  double step = 0;
+  if (options.grid_bits > 0) {
+    step = step_of_grid(mesh, options.grid_bits);
+    cleaned = cleaned + snap(mesh, step);
+    require_surface(mesh, cleaned);
+  }
   if (progress) progress("order", 0);
   reorder(mesh, options.threads);
-  BuiltModel built = Assembler{mesh, options, progress}.run();
+  BuiltModel built = Assembler{mesh, step, options, progress}.run();
   built.cleaned = cleaned;
   return built;
 }

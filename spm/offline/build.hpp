@@ -22,7 +22,9 @@ struct BuildOptions {
   double metres_per_unit = 1;
   std::optional<double> size;  ///< metres of the longest side of the bounds; overrides `metres_per_unit`
   double pair_distance = 0;    ///< metres, overrides `simplify.pair_distance` unless 0
-  unsigned threads = 0;        ///< 0: all there are; the result is the same
+  /// Compact profile: coordinates are moved to a grid of this many bits over the longest side, 4 to 20. 0: lossless.
+  unsigned grid_bits = 0;
+  unsigned threads = 0;  ///< 0: all there are; the result is the same
 };
 
 /// Gets the stage and the share of it that is done, 0 to 1, as it begins and now and then; in the thread that builds.

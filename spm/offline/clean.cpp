@@ -187,4 +187,13 @@ CleanReport clean(TriangleMesh& mesh) {
   return report;
 }
 
+CleanReport operator+(const CleanReport& a, const CleanReport& b) {
+  return {a.welded_vertices + b.welded_vertices,
+          a.non_finite_faces + b.non_finite_faces,
+          a.repeated_corner_faces + b.repeated_corner_faces,
+          a.zero_area_faces + b.zero_area_faces,
+          a.duplicate_faces + b.duplicate_faces,
+          a.unreferenced_vertices + b.unreferenced_vertices};
+}
+
 }  // namespace tactus::spm::offline

@@ -17,6 +17,8 @@ struct CleanReport {
   std::uint32_t unreferenced_vertices = 0;  ///< used by no remaining face
 };
 
+[[nodiscard]] CleanReport operator+(const CleanReport& a, const CleanReport& b);
+
 /// Welds vertices with equal positions (-0 counts as 0, and becomes it), then drops bad faces and unused vertices. What
 /// remains keeps its order and its bits. Cleaning twice changes nothing more. Throws ModelError when a face names a
 /// vertex that is not there. O(n).

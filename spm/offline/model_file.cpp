@@ -23,19 +23,10 @@ static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the file is memory as 
 constexpr std::array<char, 8> kMagic{'t', 'a', 'c', 't', 'S', 'P', 'M', '\n'};
 constexpr std::size_t kAlignment = 64;
 
-enum class SectionKind : std::uint32_t {
-  kSummary = 1,
-  kPositions,
-  kBaseRadii,
-  kBaseFaces,
-  kParts,
-  kRegions,
-  kRuns,
-  kStatistics
-};
-constexpr std::uint32_t kSections = 8;
-constexpr std::array<const char*, kSections> kSectionNames{"summary", "positions", "base radii", "base faces",
-                                                           "parts",   "regions",   "runs",       "statistics"};
+enum class SectionKind : std::uint32_t { kBase = 1, kCodes, kCodePlaces, kLists, kListPlaces, kStatistics };
+constexpr std::uint32_t kSections = 6;
+constexpr std::array<const char*, kSections> kSectionNames{"base mesh", "codes",       "code places",
+                                                           "lists",     "list places", "statistics"};
 
 struct Header {
   std::array<char, 8> magic;
@@ -55,7 +46,7 @@ struct SectionEntry {
 };
 static_assert(sizeof(SectionEntry) == 32);
 using Table = std::array<SectionEntry, kSections>;
-static_assert(sizeof(ModelSummary) == 112, "no padding, so that its bytes can be hashed");
+static_assert(sizeof(ModelSummary) == 120, "no padding, so that its bytes can be hashed");
 
 std::uint64_t checksum_of(Header header, const Table& table) {
   header.checksum = 0;
@@ -118,16 +109,6 @@ struct File {
   int fd;
 };
 
-/// A section as elements. Offsets and sizes have been checked against the file.
-template <class T>
-Span<const T> elements(const unsigned char* file, const SectionEntry& section, const std::filesystem::path& path) {
-  if (section.size % sizeof(T) != 0) {
-    fail(path, std::string{"section "} + kSectionNames[static_cast<std::uint32_t>(section.kind) - 1] + ": found " +
-                   std::to_string(section.size) + " bytes, expected a multiple of " + std::to_string(sizeof(T)));
-  }
-  return {reinterpret_cast<const T*>(file + section.offset), static_cast<std::size_t>(section.size / sizeof(T))};
-}
-
 void check_header(const Header& header, std::size_t size, const std::filesystem::path& path) {
   if (header.magic != kMagic) fail(path, "not an .spm file: it does not begin with \"tactSPM\"");
   if (header.version != kModelFileVersion) {
@@ -173,9 +154,15 @@ std::uint64_t digest_of(const Model& model) {
 
 void write_model(const std::filesystem::path& path, const Model& model, const Provenance& provenance) {
   const std::string statistics = to_json(provenance);
-  std::vector<std::pair<const void*, std::size_t>> contents{{&model.summary, sizeof model.summary}};
-  for_each_array(model, [&](const void* data, std::size_t size) { contents.emplace_back(data, size); });
-  contents.emplace_back(statistics.data(), statistics.size());
+  const codec::EncodedModel encoded{model};
+  const codec::ModelSpans& bytes = encoded.coded().spans();
+  const std::array<std::pair<const void*, std::size_t>, kSections> contents{
+      {{bytes.base.data(), bytes.base.size()},
+       {bytes.codes.data(), bytes.codes.size()},
+       {bytes.code_places.data(), bytes.code_places.size() * sizeof(std::uint64_t)},
+       {bytes.lists.data(), bytes.lists.size()},
+       {bytes.list_places.data(), bytes.list_places.size() * sizeof(std::uint64_t)},
+       {statistics.data(), statistics.size()}}};
 
   Table table{};
   std::size_t end = sizeof(Header) + sizeof(Table);
@@ -205,7 +192,22 @@ bool is_model_file(const std::filesystem::path& path) {
   return file.fd >= 0 && ::read(file.fd, magic.data(), magic.size()) == ssize_t{8} && magic == kMagic;
 }
 
-MappedModel::MappedModel(const std::filesystem::path& path) {
+struct MappedModel::Mapping {
+  Mapping(int fd, std::size_t bytes) : data{::mmap(nullptr, bytes, PROT_READ, MAP_PRIVATE, fd, 0)}, size{bytes} {}
+  Mapping(const Mapping&) = delete;
+  Mapping& operator=(const Mapping&) = delete;
+  ~Mapping() {
+    if (data != MAP_FAILED) ::munmap(data, size);
+  }
+  void* data;
+  std::size_t size;
+};
+
+MappedModel::MappedModel(MappedModel&&) noexcept = default;
+MappedModel& MappedModel::operator=(MappedModel&&) noexcept = default;
+MappedModel::~MappedModel() = default;
+
+MappedModel::MappedModel(const std::filesystem::path& path, codec::DecodedModel* arrays) {
   const File file{path};
   if (file.fd < 0) fail(path, "cannot be read: " + std::string{std::strerror(errno)});
   struct stat status {};
@@ -215,13 +217,10 @@ MappedModel::MappedModel(const std::filesystem::path& path) {
     fail(path, "found " + std::to_string(size) + " bytes, an .spm file has at least " +
                    std::to_string(sizeof(Header) + sizeof(Table)));
   }
-  void* data = ::mmap(nullptr, size, PROT_READ, MAP_PRIVATE, file.fd, 0);
-  if (data == MAP_FAILED) fail(path, "cannot be mapped: " + std::string{std::strerror(errno)});
-  MappedModel mapped;  // unmaps when a check below throws
-  mapped.data_ = data;
-  mapped.size_ = size;
+  mapping_ = std::make_unique<const Mapping>(file.fd, size);
+  if (mapping_->data == MAP_FAILED) fail(path, "cannot be mapped: " + std::string{std::strerror(errno)});
 
-  const auto* bytes = static_cast<const unsigned char*>(data);
+  const auto* bytes = static_cast<const unsigned char*>(mapping_->data);
   Header header;
   Table table;
   std::memcpy(&header, bytes, sizeof header);
@@ -230,40 +229,33 @@ MappedModel::MappedModel(const std::filesystem::path& path) {
   if (checksum_of(header, table) != header.checksum) fail(path, "header checksum does not match, the file is damaged");
   for (std::uint32_t i = 0; i < kSections; ++i) check_section(table[i], i, bytes, size, path);
 
-  Model& model = mapped.model_;
-  if (table[0].size != sizeof(ModelSummary))
-    fail(path, "section summary: found " + std::to_string(table[0].size) + " bytes, expected " +
-                   std::to_string(sizeof(ModelSummary)));
-  std::memcpy(&model.summary, bytes + table[0].offset, sizeof(ModelSummary));
-  model.positions = elements<std::array<float, 3>>(bytes, table[1], path);
-  model.base_radii = elements<std::uint16_t>(bytes, table[2], path);
-  model.base_faces = elements<BaseFace>(bytes, table[3], path);
-  model.parts = elements<RecordPart>(bytes, table[4], path);
-  model.regions = elements<Region>(bytes, table[5], path);
-  model.runs = elements<Run>(bytes, table[6], path);
-  const std::vector<std::string> broken = violations(model);
+  const auto section = [&](SectionKind kind) {
+    const SectionEntry& entry = table[static_cast<std::uint32_t>(kind) - 1];
+    return Span<const std::uint8_t>{bytes + entry.offset, static_cast<std::size_t>(entry.size)};
+  };
+  const auto places = [&](SectionKind kind) {
+    const Span<const std::uint8_t> of = section(kind);
+    if (of.size() % sizeof(std::uint64_t) != 0) fail(path, "found half a place in a section of places");
+    return Span<const std::uint64_t>{reinterpret_cast<const std::uint64_t*>(of.data()),
+                                     of.size() / sizeof(std::uint64_t)};
+  };
+  auto coded = codec::CodedModel::open({section(SectionKind::kBase), section(SectionKind::kCodes),
+                                        places(SectionKind::kCodePlaces), section(SectionKind::kLists),
+                                        places(SectionKind::kListPlaces)});
+  if (!coded) fail(path, coded.error().text);
+  coded_ = std::move(*coded);
+  auto decoded = codec::decode_model(coded_);
+  if (!decoded) fail(path, decoded.error().text);
+  const std::vector<std::string> broken = violations(decoded->model());
   if (!broken.empty()) fail(path, broken.front());
-  if (digest_of(model) != model.summary.digest) fail(path, "digest does not match its contents");
+  if (digest_of(decoded->model()) != summary().digest) fail(path, "digest does not match its contents");
+  if (arrays != nullptr) *arrays = std::move(*decoded);
   try {
-    mapped.provenance_ = from_json(reinterpret_cast<const char*>(bytes + table[7].offset), table[7].size);
+    const Span<const std::uint8_t> statistics = section(SectionKind::kStatistics);
+    provenance_ = from_json(reinterpret_cast<const char*>(statistics.data()), statistics.size());
   } catch (const nlohmann::json::exception& e) {
     fail(path, std::string{"section statistics: "} + e.what());
   }
-  *this = std::move(mapped);
-}
-
-MappedModel::~MappedModel() {
-  if (data_ != nullptr) ::munmap(data_, size_);
-}
-
-MappedModel::MappedModel(MappedModel&& other) noexcept { *this = std::move(other); }
-
-MappedModel& MappedModel::operator=(MappedModel&& other) noexcept {
-  std::swap(data_, other.data_);
-  std::swap(size_, other.size_);
-  std::swap(model_, other.model_);
-  std::swap(provenance_, other.provenance_);
-  return *this;
 }
 
 }  // namespace tactus::spm::offline

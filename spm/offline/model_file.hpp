@@ -1,22 +1,24 @@
-/// The `.spm` file: a model's sections, little endian, aligned, checksummed, ready to be mapped.
+/// The `.spm` file: a model's sections, little endian, aligned, checksummed. Records lie in it as they are sent.
 ///
 ///   header   64 bytes   magic "tactSPM\n", version, sections, file size, XXH3-64 of header and table
 ///   table    32 bytes   for each section: kind, 0, offset, size in bytes, XXH3-64 of these bytes
-///   sections            each from a multiple of 64: summary, positions, base radii, base faces, parts, regions, runs,
-///                       statistics (JSON)
+///   sections            each from a multiple of 64: base mesh, codes, code places, lists and list places as in
+///                       codec/coded_model.hpp, statistics (JSON)
 #pragma once
 
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <string>
 
+#include "spm/codec/model_codec.hpp"
 #include "spm/model.hpp"
 #include "spm/offline/clean.hpp"
 #include "spm/offline/triangle_mesh.hpp"
 
 namespace tactus::spm::offline {
 
-inline constexpr std::uint32_t kModelFileVersion = 2;
+inline constexpr std::uint32_t kModelFileVersion = 3;
 
 /// Where a model came from and what import dropped; no part of its digest.
 struct Provenance {
@@ -34,25 +36,26 @@ void write_model(const std::filesystem::path& path, const Model& model, const Pr
 /// Whether the file begins as an `.spm` file does; false when it cannot be read.
 [[nodiscard]] bool is_model_file(const std::filesystem::path& path);
 
-/// A model file in memory, checked whole when opened: size, version, checksums, violations(). Move only.
+/// A model file mapped into memory, checked whole when opened: size, version, checksums, and the model that it holds,
+/// which is decoded for that. Move only.
 class MappedModel {
  public:
-  /// Throws ModelError naming the file, what was found and what was expected.
-  explicit MappedModel(const std::filesystem::path& path);
+  /// Who needs the model as arrays gets those that were checked. Throws ModelError naming the file, what was found and
+  /// what was expected.
+  explicit MappedModel(const std::filesystem::path& path, codec::DecodedModel* arrays = nullptr);
+  MappedModel(MappedModel&&) noexcept;
+  MappedModel& operator=(MappedModel&&) noexcept;
   ~MappedModel();
-  MappedModel(MappedModel&& other) noexcept;
-  MappedModel& operator=(MappedModel&& other) noexcept;
 
   /// Borrows from this.
-  [[nodiscard]] const Model& model() const noexcept { return model_; }
+  [[nodiscard]] const codec::CodedModel& coded() const noexcept { return coded_; }
+  [[nodiscard]] const ModelSummary& summary() const noexcept { return coded_.summary(); }
   [[nodiscard]] const Provenance& provenance() const noexcept { return provenance_; }
 
  private:
-  MappedModel() = default;
-
-  void* data_ = nullptr;
-  std::size_t size_ = 0;
-  Model model_;
+  struct Mapping;
+  std::unique_ptr<const Mapping> mapping_;
+  codec::CodedModel coded_;
   Provenance provenance_;
 };
 

@@ -7,6 +7,7 @@
 
 #include "spm/offline/clean.hpp"
 #include "spm/offline/partition.hpp"
+#include "spm/offline/snap.hpp"
 #include "spm/region_grid.hpp"
 
 namespace tactus::spm::offline {
@@ -183,6 +184,7 @@ class Verifier {
 
 Verification verify(const Model& model, TriangleMesh original, const std::function<void(double)>& progress) {
   clean(original);
+  if (model.summary.position_step > 0) snap(original, model.summary.position_step);
   return Verifier{model, original, progress}.run();
 }
 

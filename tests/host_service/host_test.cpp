@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <chrono>
 #include <condition_variable>
+#include <cstring>
 #include <deque>
 #include <mutex>
 #include <thread>
@@ -91,10 +92,10 @@ class Controller {
     EXPECT_EQ(control_.send(control), wire::SendStatus::kSent);
   }
 
-  [[nodiscard]] bool holds_all() const { return base_ && held_.size() == base_->summary.regions; }
+  [[nodiscard]] bool holds_all() const { return base_ && held_.size() == base_->mesh.summary.regions; }
 
   std::optional<session::CatalogueEntry> catalogue_;
-  std::optional<spm::BaseMesh> base_;
+  std::optional<spm::codec::DecodedBase> base_;
   std::map<std::uint32_t, spm::RegionData> held_;
   std::map<std::string, double> figures_;
   std::uint64_t records_ = 0;
@@ -159,13 +160,13 @@ class Controller {
       base_ = std::move(*base);
       client_.base_held(message->object_id);
       std::vector<session::Wanted> wanted;
-      for (std::uint32_t r = 0; r < base_->summary.regions; ++r) wanted.push_back({r, r});
+      for (std::uint32_t r = 0; r < base_->mesh.summary.regions; ++r) wanted.push_back({r, r});
       client_.want(message->object_id, wanted);
       return;
     }
-    auto region = spm::codec::decode_region(message->bytes, base_->summary);
+    auto region = spm::codec::decode_region(message->bytes, base_->mesh.summary, base_->tables);
     ASSERT_TRUE(region) << region.error().text;
-    records_ += region->positions.size();
+    records_ += region->offsets.size();
     held_[message->region] = std::move(*region);
     client_.held(message->object_id, message->region);
   }
@@ -230,7 +231,7 @@ TEST_F(HostTest, AControllerGetsEveryRecordOfTheModelOnceAndToTheBit) {
 
   const session::CatalogueEntry& entry = *controller.catalogue_;
   EXPECT_EQ(entry.object, "organ");
-  EXPECT_EQ(controller.base_->summary.digest, entry.summary.digest);
+  EXPECT_EQ(controller.base_->mesh.summary.digest, entry.summary.digest);
   EXPECT_EQ(controller.records_, entry.summary.records);
   EXPECT_NEAR(entry.scale * std::max({entry.summary.bounds_max[0] - entry.summary.bounds_min[0],
                                       entry.summary.bounds_max[1] - entry.summary.bounds_min[1],
@@ -241,15 +242,15 @@ TEST_F(HostTest, AControllerGetsEveryRecordOfTheModelOnceAndToTheBit) {
     if (file.path().extension() == ".spm") built = file.path();
   }
   const offline::MappedModel original{built};
-  const spm::Model& model = original.model();
+  const spm::codec::CodedModel& model = original.coded();
   for (const auto& [region, data] : controller.held_) {
     EXPECT_EQ(data.list.size(), model.runs_of(spm::RegionId{region}).size());
-    std::size_t at = 0;
-    for (const spm::Run& run : data.sent) {
-      for (std::uint32_t r = run.first; r != run.first + run.count; ++r, ++at) {
-        ASSERT_EQ(data.positions[at], model.positions[model.summary.base_vertices + r]);
-      }
-    }
+    const auto expected = spm::codec::decode_region(spm::codec::encode_region(model, spm::RegionId{region}, data.sent),
+                                                    model.summary(), model.tables());
+    ASSERT_TRUE(expected) << expected.error().text;
+    EXPECT_EQ(data.offsets, expected->offsets);
+    ASSERT_EQ(data.parts.size(), expected->parts.size());
+    EXPECT_EQ(std::memcmp(data.parts.data(), expected->parts.data(), data.parts.size() * sizeof data.parts[0]), 0);
   }
 }
 

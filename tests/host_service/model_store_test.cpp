@@ -26,7 +26,7 @@ class ModelStoreTest : public testing::Test {
                              if (line.find(stop_at_) != std::string::npos) stop_ = true;
                            },
                            stop_};
-    return store.open(path).model().summary.digest;
+    return store.open(path).summary().digest;
   }
   std::filesystem::path cached() const {
     return std::filesystem::directory_iterator { cache_ } -> path();

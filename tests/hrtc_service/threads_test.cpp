@@ -13,6 +13,7 @@
 #include "hrtc_service/loader.hpp"
 #include "hrtc_service/realtime.hpp"
 #include "session/delivery_server.hpp"
+#include "spm/codec/model_codec.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
 
@@ -38,7 +39,8 @@ TEST(Threads, AHandFeelsWhatALoaderBringsAndEvictsMeanwhile) {
   haptic_settings.snapshot_nodes = settings.tree_nodes;
   hrtc_service::HapticThread haptic{haptic_settings, {}};
   session::DeliveryServer server{session::Origin{kSession, kHost, 1, 0}};
-  server.add(kObject, model);
+  const spm::codec::EncodedModel encoded{model};
+  server.add(kObject, encoded.coded());
   hrtc_service::Loader loader{
       pool, nodes, session::Origin{kSession, kHrtc, 1, 0}, {}, haptic.arrivals(), haptic.departures()};
   session::CatalogueEntry entry;

@@ -5,6 +5,7 @@
 
 #include <set>
 
+#include "spm/codec/model_codec.hpp"
 #include "spm/codec/region_codec.hpp"
 #include "tests/support/random_model.hpp"
 
@@ -19,7 +20,7 @@ constexpr std::uint64_t kSession = 1, kHost = 10, kHrtc = 20, kOtherHrtc = 21, k
 class DeliveryServerTest : public testing::Test {
  protected:
   DeliveryServerTest() : owned_{random_model(1, 2000, 3)}, model_{owned_.view()}, server_{{kSession, kHost, 5, 0}} {
-    server_.add(kObject, model_);
+    server_.add(kObject, encoded_.coded());
   }
 
   Demand demand(std::uint32_t epoch, std::vector<std::uint32_t> wanted, std::uint64_t hrtc = kHrtc) {
@@ -54,7 +55,7 @@ class DeliveryServerTest : public testing::Test {
       if (chunk.part == 0) bytes.clear();
       bytes.insert(bytes.end(), chunk.payload.begin(), chunk.payload.end());
       if (chunk.part + 1 != chunk.parts) continue;
-      const auto data = spm::codec::decode_region(bytes, model_.summary);
+      const auto data = spm::codec::decode_region(bytes, model_.summary, encoded_.coded().tables());
       if (!data) {
         ADD_FAILURE() << data.error().text;
         continue;
@@ -78,6 +79,7 @@ class DeliveryServerTest : public testing::Test {
 
   OwnedModel owned_;
   spm::Model model_;
+  spm::codec::EncodedModel encoded_{model_};
   DeliveryServer server_;
   std::int64_t time_ = 0;
 };

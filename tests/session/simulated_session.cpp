@@ -10,7 +10,7 @@
 #include "session/delivery_client.hpp"
 #include "session/delivery_server.hpp"
 #include "session/roster.hpp"
-#include "spm/codec/base_codec.hpp"
+#include "spm/codec/model_codec.hpp"
 #include "spm/codec/region_codec.hpp"
 #include "tests/support/random_model.hpp"
 
@@ -33,6 +33,12 @@ constexpr std::uint32_t kCredit = 24 * 1024, kMostCredit = 2 * kCredit;
 const std::vector<OwnedModel>& models() {
   static const std::vector<OwnedModel> all{random_model(5, 700, 3), random_model(6, 300, 3)};
   return all;
+}
+
+const spm::codec::CodedModel& coded(std::uint64_t object) {
+  static const std::array<spm::codec::EncodedModel, 2> all{spm::codec::EncodedModel{models()[0].view()},
+                                                           spm::codec::EncodedModel{models()[1].view()}};
+  return all[object - kFirstObject].coded();
 }
 
 std::vector<std::uint32_t> records_of(const std::vector<spm::Run>& runs) {
@@ -134,7 +140,7 @@ class Simulation {
     host.server = std::make_unique<DeliveryServer>(self);
     host.roster = std::make_unique<Roster>(self, RosterSettings{});
     for (std::uint64_t i = 0; i < kObjects; ++i) {
-      if (serves(host.id, i)) host.server->add(kFirstObject + i, models()[i].view());
+      if (serves(host.id, i)) host.server->add(kFirstObject + i, coded(kFirstObject + i));
     }
   }
 
@@ -229,7 +235,9 @@ class Simulation {
       hrtc.answers.erase(hrtc.answers.begin());
       const spm::Model model = models()[message.object_id - kFirstObject].view();
       if (message.kind == BulkKind::kBase) {
-        if (message.bytes != spm::codec::encode_base(model)) broken("a base mesh that is not the model's");
+        const spm::Span<const std::uint8_t> base = coded(message.object_id).spans().base;
+        if (!std::equal(base.begin(), base.end(), message.bytes.begin(), message.bytes.end()))
+          broken("a base mesh that is not the model's");
         hrtc.client->base_held(message.object_id);
       } else {
         accept(hrtc, message, model);
@@ -238,8 +246,9 @@ class Simulation {
   }
 
   void accept(Hrtc& hrtc, const DeliveryClient::Message& message, const spm::Model& model) {
-    const auto data = spm::codec::decode_region(message.bytes, model.summary);
-    if (!data || message.bytes != spm::codec::encode_region(model, data->region, data->sent) ||
+    const spm::codec::CodedModel& whole = coded(message.object_id);
+    const auto data = spm::codec::decode_region(message.bytes, model.summary, whole.tables());
+    if (!data || message.bytes != spm::codec::encode_region(whole, data->region, data->sent) ||
         spm::index(data->region) != message.region) {
       broken("a region that is not the model's");
       return;

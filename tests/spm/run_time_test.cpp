@@ -6,8 +6,10 @@
 #include <algorithm>
 #include <cmath>
 #include <random>
+#include <set>
 
 #include "tests/support/controller.hpp"
+#include "tests/support/loaded_records.hpp"
 #include "tests/support/random_model.hpp"
 
 namespace tactus {
@@ -72,6 +74,30 @@ TEST_P(RunTime, EveryShownVertexHasTheRadiusOfItsRecord) {
   for (const RegionId region : all_regions(model_)) ASSERT_EQ(controller.load(region), AcceptResult::kAccepted);
   ASSERT_EQ(controller.refine(all_regions(model_)), Advance::kDone);
   expect_radii();
+}
+
+TEST_P(RunTime, EveryRecordArrivesToTheBitInWhateverOrderRegionsCome) {
+  std::mt19937_64 random{GetParam()};
+  std::vector<RegionId> order = all_regions(model_);
+  std::shuffle(order.begin(), order.end(), random);
+  Controller controller{model_, roomy()};
+  for (const RegionId region : order) ASSERT_EQ(controller.load(region), AcceptResult::kAccepted);
+  EXPECT_EQ(test_support::loaded_difference(model_, controller.pool()), "");
+}
+
+TEST_P(RunTime, APlaceOutsideTheBoundsIsMalformedAndLeavesNothing) {
+  Controller controller{model_, roomy()};
+  const RegionId region = all_regions(model_).back();
+  const std::uint32_t free_before = controller.cache().slots_free();
+  spm::RegionData data = controller.message(region);
+  const std::uint32_t last = data.sent.back().first + data.sent.back().count - 1;
+  // Sixteen octaves away from 0.
+  data.offsets.back()[1] += model_.positions[model_.summary.base_vertices + last][1] > 0 ? 1u << 27 : -(1u << 27);
+  spm::RegionList list;
+  EXPECT_EQ(controller.cache().accept(controller.object(), data, list), AcceptResult::kMalformed);
+  EXPECT_EQ(controller.cache().slots_free(), free_before);
+  EXPECT_THAT(controller.cache().violations(), IsEmpty());
+  EXPECT_EQ(controller.load(region), AcceptResult::kAccepted);
 }
 
 TEST(Radius, ACodeIsTheSmallestWhoseRadiusIsNotBelowTheDistance) {
@@ -176,7 +202,7 @@ TEST_P(RunTime, AMessageWithoutARecordItNeedsIsIncompleteAndLeavesNothing) {
   spm::RegionData data;
   for (const RegionId region : all_regions(model_)) {
     data = controller.message(region);
-    if (data.positions.size() > 4) break;
+    if (data.offsets.size() > 4) break;
   }
   // The first record sent is taken out, with its parts.
   std::uint32_t parts = 1;
@@ -184,7 +210,7 @@ TEST_P(RunTime, AMessageWithoutARecordItNeedsIsIncompleteAndLeavesNothing) {
   data.parts.erase(data.parts.begin(), data.parts.begin() + parts);
   for (spm::RecordPart& part : data.parts)
     if (part.next != spm::kNone) part.next -= parts;
-  data.positions.erase(data.positions.begin());
+  data.offsets.erase(data.offsets.begin());
   ++data.sent.front().first;
   if (--data.sent.front().count == 0) data.sent.erase(data.sent.begin());
   const std::uint32_t free_before = controller.cache().slots_free();
@@ -193,6 +219,38 @@ TEST_P(RunTime, AMessageWithoutARecordItNeedsIsIncompleteAndLeavesNothing) {
   EXPECT_EQ(controller.cache().accept(controller.object(), data, list), AcceptResult::kIncomplete);
 
   EXPECT_EQ(controller.cache().slots_free(), free_before);
+  EXPECT_THAT(controller.cache().violations(), IsEmpty());
+}
+
+TEST_P(RunTime, AListWithAnotherRecordInPlaceOfOneThatItNeedsIsRefusedAndLeavesNothing) {
+  std::mt19937_64 random{GetParam()};
+  Controller controller{model_, roomy()};
+  const std::uint32_t free_before = controller.cache().slots_free();
+  std::uint32_t malformed = 0;
+  for (int round = 0; round < 200; ++round) {
+    const RegionId region{static_cast<std::uint32_t>(random() % model_.summary.regions)};
+    std::set<std::uint32_t> list;
+    for (const spm::Run& run : model_.runs_of(region))
+      for (std::uint32_t r = run.first; r < run.first + run.count; ++r) list.insert(r);
+    const auto other = static_cast<std::uint32_t>(random() % model_.summary.records);
+    if (list.empty() || list.count(other) > 0) continue;
+    list.erase(std::next(list.begin(), static_cast<std::ptrdiff_t>(random() % list.size())));
+    list.insert(other);
+    std::vector<spm::Run> runs;
+    for (const std::uint32_t r : list) {
+      if (!runs.empty() && runs.back().first + runs.back().count == r)
+        ++runs.back().count;
+      else
+        runs.push_back({r, 1});
+    }
+    spm::RegionData data = controller.false_message(region, runs);
+    spm::RegionList out;
+    const AcceptResult result = controller.cache().accept(controller.object(), data, out);
+    ASSERT_NE(result, AcceptResult::kAccepted) << "round " << round;
+    if (result == AcceptResult::kMalformed) ++malformed;
+    ASSERT_EQ(controller.cache().slots_free(), free_before);
+  }
+  EXPECT_GT(malformed, 0u);
   EXPECT_THAT(controller.cache().violations(), IsEmpty());
 }
 

@@ -7,7 +7,9 @@
 #include <vector>
 
 #include "spm/cache.hpp"
+#include "spm/codec/model_codec.hpp"
 #include "spm/codec/region_codec.hpp"
+#include "spm/codec/run_codec.hpp"
 #include "spm/forest.hpp"
 
 namespace tactus::test_support {
@@ -15,7 +17,7 @@ namespace tactus::test_support {
 class Controller {
  public:
   Controller(const spm::Model& model, spm::PoolSettings settings)
-      : model_{model}, pool_{settings}, nodes_{settings.tree_nodes}, cache_{pool_} {
+      : model_{model}, encoded_{model}, pool_{settings}, nodes_{settings.tree_nodes}, cache_{pool_} {
     const spm::BaseMesh base = spm::base_mesh_of(model);
     spm::Cache::Admitted admitted = cache_.admit(base);
     EXPECT_TRUE(admitted.fits);
@@ -41,13 +43,21 @@ class Controller {
         else
           missing.push_back({record, 1});
       }
-    const spm::codec::Bytes bytes = spm::codec::encode_region(model_, region, missing);
-    auto decoded = spm::codec::decode_region(bytes, model_.summary);
-    if (!decoded) {
-      ADD_FAILURE() << decoded.error().text;
-      return {};
-    }
-    return std::move(*decoded);
+    return decoded(spm::codec::encode_region(encoded_.coded(), region, missing));
+  }
+
+  /// What a host would send that lies about the region's list.
+  [[nodiscard]] spm::RegionData false_message(spm::RegionId region, const std::vector<spm::Run>& list) const {
+    const spm::codec::CodedModel& coded = encoded_.coded();
+    std::uint32_t count = 0;
+    for (const spm::Run& run : list) count += run.count;
+    const spm::Run all{0, count};
+    spm::codec::BitWriter out;
+    out.put(index(region), 32);
+    put_runs(out, coded.tables(), list);
+    put_runs(out, coded.tables(), {&all, 1});
+    coded.put_records(out, list);
+    return decoded(out.take());
   }
 
   spm::AcceptResult load(spm::RegionId region) {
@@ -75,6 +85,8 @@ class Controller {
   [[nodiscard]] const spm::FaceRow& row(std::uint32_t number) const { return pool_.faces[number]; }
   [[nodiscard]] std::uint32_t vertex_id(std::uint32_t slot) const { return pool_.vertices[slot].id; }
   [[nodiscard]] float radius(std::uint32_t slot) const { return pool_.radius[slot]; }
+  [[nodiscard]] const spm::Pool& pool() const { return pool_; }
+  [[nodiscard]] const spm::codec::CodedModel& coded() const { return encoded_.coded(); }
   [[nodiscard]] spm::Forest& forest() { return *forest_; }
   [[nodiscard]] spm::Cache& cache() { return cache_; }
   [[nodiscard]] spm::NodePool& nodes() { return nodes_; }
@@ -82,7 +94,15 @@ class Controller {
   [[nodiscard]] const spm::Model& model() const { return model_; }
 
  private:
+  [[nodiscard]] spm::RegionData decoded(const spm::codec::Bytes& bytes) const {
+    auto data = spm::codec::decode_region(bytes, model_.summary, encoded_.coded().tables());
+    if (data) return std::move(*data);
+    ADD_FAILURE() << data.error().text;
+    return {};
+  }
+
   spm::Model model_;
+  spm::codec::EncodedModel encoded_;
   spm::Pool pool_;
   spm::NodePool nodes_;
   spm::Cache cache_;

@@ -10,6 +10,7 @@
 #include "hrtc_service/cycle.hpp"
 #include "hrtc_service/loader.hpp"
 #include "session/delivery_server.hpp"
+#include "spm/codec/model_codec.hpp"
 
 namespace tactus::test_support {
 
@@ -31,7 +32,8 @@ class LocalSession {
         delay_{delay_cycles} {
     for (std::size_t i = 0; i < models_.size(); ++i) {
       const std::uint64_t id = 100 + i;
-      server_.add(id, models_[i]);
+      encoded_.emplace_back(models_[i]);
+      server_.add(id, encoded_.back().coded());
       session::CatalogueEntry entry;
       entry.origin = {kSession, kHost, 1, 0};
       entry.host = "host";
@@ -119,6 +121,7 @@ class LocalSession {
   hrtc_service::ArrivalRing arrivals_{4096};
   hrtc_service::DepartureRing departures_{4096};
   hrtc_service::Cycle::LogRing log_{256};
+  std::vector<spm::codec::EncodedModel> encoded_;
   session::DeliveryServer server_;
   hrtc_service::Loader loader_;
   hrtc_service::Cycle cycle_;

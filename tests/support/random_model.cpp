@@ -6,6 +6,8 @@
 #include <random>
 #include <set>
 
+#include "spm/seal.hpp"
+
 namespace tactus::test_support {
 namespace {
 
@@ -218,6 +220,8 @@ class Maker {
       add_region(cell, list, static_cast<std::uint32_t>(faces.size()));
     }
     s.regions = static_cast<std::uint32_t>(model_.regions.size());
+    const std::vector<std::uint32_t> seals = spm::region_seals(model_.view());
+    for (std::size_t i = 0; i < seals.size(); ++i) model_.regions[i].seal = seals[i];
   }
 
   void add_region(const std::array<std::uint16_t, 3>& cell, const std::set<std::uint32_t>& list, std::uint32_t faces) {

@@ -21,6 +21,7 @@ spm::ModelSummary summary() {
   s.grid = {{-1.5, -2.5, -3.5}, 0.75};
   s.metres_per_unit = 0.001;
   s.deviation = 0.5;
+  s.position_step = 0.0625;
   return s;
 }
 

@@ -118,7 +118,7 @@ inline auto fields(const ses::CatalogueEntry& c) {
       std::tuple{fields(c.origin), c.host, c.object, c.object_id, c.scale, fields(c.pose), c.base_bytes, c.withdrawn},
       std::tuple{s.digest, s.vertices, s.faces, s.base_vertices, s.base_faces, s.records, s.parts, s.regions},
       std::tuple{s.max_level, s.bounds_min, s.bounds_max, s.grid.origin, s.grid.cell_size, s.metres_per_unit,
-                 s.deviation},
+                 s.deviation, s.position_step},
       std::tuple{c.material.stiffness, c.material.damping, c.material.static_friction, c.material.dynamic_friction});
 }
 inline auto fields(const ses::Demand& d) {

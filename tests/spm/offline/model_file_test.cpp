@@ -45,8 +45,8 @@ class ModelFile : public ::testing::Test {
 };
 
 TEST_F(ModelFile, GivesBackWhatWasWritten) {
-  const MappedModel mapped{path_};
-  const Model model = mapped.model();
+  codec::DecodedModel model;
+  const MappedModel mapped{path_, &model};
   const auto same = [](const auto& a, const auto& b) {
     return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(a[0])) == 0;
   };
@@ -78,7 +78,7 @@ TEST_F(ModelFile, AnyFlippedBitIsRefused) {
     // The few bytes of padding between sections carry nothing.
     if (message.empty()) {
       ASSERT_EQ(bytes_[at], 0) << "byte " << at;
-      ASSERT_EQ(MappedModel{path_}.model().summary.digest, built_.summary.digest) << "byte " << at;
+      ASSERT_EQ(MappedModel{path_}.summary().digest, built_.summary.digest) << "byte " << at;
     } else {
       ASSERT_THAT(message, HasSubstr("organ.spm"));
     }
@@ -86,8 +86,8 @@ TEST_F(ModelFile, AnyFlippedBitIsRefused) {
 }
 
 TEST_F(ModelFile, AFlippedBitInEachSectionNamesTheSection) {
-  const char* names[] = {"summary", "positions", "base radii", "base faces", "parts", "regions", "runs", "statistics"};
-  for (std::size_t i = 0; i < 8; ++i) {
+  const char* names[] = {"base mesh", "codes", "code places", "lists", "list places", "statistics"};
+  for (std::size_t i = 0; i < 6; ++i) {
     std::uint64_t offset = 0;
     std::memcpy(&offset, bytes_.data() + 64 + 32 * i + 8, sizeof offset);
     std::string damaged = bytes_;
@@ -109,7 +109,7 @@ TEST_F(ModelFile, ALaterVersionIsRefusedWithBothNamed) {
   later[8] = 9;
   write_bytes(path_, later);
   EXPECT_THAT(refusal(path_), HasSubstr("version 9"));
-  EXPECT_THAT(refusal(path_), HasSubstr("version 2"));
+  EXPECT_THAT(refusal(path_), HasSubstr("version 3"));
 }
 
 TEST_F(ModelFile, RefusesWhatIsMissingEmptyOrNoFile) {
@@ -121,9 +121,9 @@ TEST_F(ModelFile, RefusesWhatIsMissingEmptyOrNoFile) {
 
 TEST_F(ModelFile, ASoundChecksumOverABrokenModelIsRefused) {
   BuiltModel broken = built_;
-  broken.parts[3].parent = broken.summary.vertices;
+  ++broken.parts[3].radius;
   write_model(path_, broken.model(), {});
-  EXPECT_THAT(refusal(path_), HasSubstr("record 3: parent"));
+  EXPECT_THAT(refusal(path_), HasSubstr("record 3: radius code"));
 }
 
 TEST_F(ModelFile, AnUnwritablePathIsRefusedAndLeavesNothing) {
@@ -143,8 +143,10 @@ TEST_F(ModelFile, WritingOverAModelLeavesTheMappedOneIntact) {
   const MappedModel mapped{path_};
   const BuiltModel other = build_model(generate(Shape::kSphere, 1000));
   write_model(path_, other.model(), {});
-  EXPECT_EQ(digest_of(mapped.model()), built_.summary.digest);
-  EXPECT_EQ(MappedModel{path_}.model().summary.digest, other.summary.digest);
+  const auto decoded = codec::decode_model(mapped.coded());
+  ASSERT_TRUE(decoded) << decoded.error().text;
+  EXPECT_EQ(digest_of(decoded->model()), built_.summary.digest);
+  EXPECT_EQ(MappedModel{path_}.summary().digest, other.summary.digest);
 }
 
 TEST_F(ModelFile, TheDigestFollowsThePositionsButNotTheSource) {

@@ -220,6 +220,12 @@ TEST(Violations, WhateverPassesAfterRandomDamageCanBeReplayed) {
   EXPECT_LT(passed, 3000u);
 }
 
+TEST(Violations, ASealThatIsNotOfTheListIsFound) {
+  BuiltModel broken = sound_model();
+  ++broken.regions[1].seal;
+  EXPECT_THAT(violations(broken.model()), Contains(HasSubstr("region 1: seal")));
+}
+
 TEST(Violations, ABaseMeshIsHeldToTheSameRules) {
   const BaseMesh sound = base_mesh_of(sound_model().model());
   ASSERT_THAT(violations(sound), IsEmpty());

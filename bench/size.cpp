@@ -1,0 +1,151 @@
+// How many bytes a model takes, part by part, and how fast its records are coded and read back.
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cstdio>
+#include <ctime>
+#include <filesystem>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "bench/figures.hpp"
+#include "spm/codec/model_codec.hpp"
+#include "spm/codec/region_codec.hpp"
+#include "spm/offline/build.hpp"
+#include "spm/offline/generate.hpp"
+#include "spm/offline/import.hpp"
+
+namespace tactus::bench {
+namespace {
+
+using spm::codec::Bytes;
+using spm::codec::Field;
+
+constexpr std::uint32_t kBunnyFaces = 70000;
+constexpr unsigned kGridBits = 16;
+
+struct Settings {
+  std::string model, json;
+  std::uint32_t faces = 1000000;
+  std::uint32_t repeats = 5;
+  bool quick = false;
+};
+
+/// Seconds that this thread has computed: others on the machine do not count.
+double cpu_seconds() {
+  timespec now{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+}
+
+template <class Work>
+double best_seconds(std::uint32_t repeats, Work work) {
+  double best = 1e300;
+  for (std::uint32_t i = 0; i < repeats; ++i) {
+    const double start = cpu_seconds();
+    work();
+    best = std::min(best, cpu_seconds() - start);
+  }
+  return best;
+}
+
+void measure(Report& report, const std::string& name, const spm::Model& model, const Settings& settings) {
+  const double vertices = model.summary.vertices;
+  const bool compact = model.summary.position_step > 0;
+  const double encode =
+      best_seconds(std::min(settings.repeats, 2u), [&] { const spm::codec::EncodedModel made{model}; });
+  const spm::codec::EncodedModel encoded{model};
+  const spm::codec::CodedModel& coded = encoded.coded();
+
+  const auto field_bits = bits_by_field(model, coded.tables());
+  const auto bytes_of = [&](std::initializer_list<Field> fields) {
+    double bits = 0;
+    for (const Field field : fields) bits += static_cast<double>(field_bits[static_cast<std::size_t>(field)]);
+    return bits / 8;
+  };
+  const auto row = [&](const char* part, double bytes) { report.figure(part, name, "B/vertex", bytes / vertices); };
+  const spm::codec::ModelSpans& bytes = coded.spans();
+  row("positions", bytes_of({Field::kX, Field::kY, Field::kZ}));
+  row("topology", bytes_of({Field::kShapeOfLeaf, Field::kShapeOfInner, Field::kCorner}) +
+                      static_cast<double>(field_bits.back()) / 8);
+  row("tree ids",
+      bytes_of({Field::kAnchor, Field::kAnchorFirst, Field::kDeformed, Field::kBornFirst, Field::kBornNext}));
+  row("radii", bytes_of({Field::kRadius}));
+  row("regions", static_cast<double>(bytes.lists.size()));
+  row("base mesh, cells, tables", static_cast<double>(bytes.base.size()));
+  const auto index_bytes =
+      static_cast<double>(sizeof(std::uint64_t) * (bytes.code_places.size() + bytes.list_places.size()));
+  row("places, for random access", index_bytes);
+
+  std::vector<Bytes> messages;
+  std::uint64_t records = 0;
+  for (std::uint32_t r = 0; r < model.summary.regions; ++r) {
+    messages.push_back(encode_region(coded, spm::RegionId{r}, model.runs_of(spm::RegionId{r})));
+    records += model.regions[r].record_count;
+  }
+  const double decode = best_seconds(settings.repeats, [&] {
+    for (const Bytes& message : messages) {
+      const auto data = decode_region(message, model.summary, coded.tables());
+      if (!data) throw std::runtime_error(data.error().text);
+    }
+  });
+  report.figure("decode", name, "records/s", static_cast<double>(records) / decode);
+  report.figure("encode", name, "records/s", model.summary.records / encode);
+
+  const double whole =
+      (static_cast<double>(bytes.base.size() + bytes.codes.size() + bytes.lists.size()) + index_bytes) / vertices;
+  report.at_most("whole", name, "B/vertex", whole, compact ? 8 : 16);
+  if (settings.quick) return;
+  report.at_least("decode", name, "records/s", static_cast<double>(records) / decode, 10e6);
+  report.at_least("encode", name, "records/s", model.summary.records / encode, 2e6);
+}
+
+int run(const Settings& settings) {
+  Report report{{"size", settings.model.empty() ? "generated organs" : settings.model, 0, 0,
+                 "lossless and compact, grid of " + std::to_string(kGridBits) + " bits; best of " +
+                     std::to_string(settings.repeats) + ", time of one thread"}};
+  const auto both = [&](const std::string& name, const spm::offline::TriangleMesh& mesh) {
+    for (const unsigned grid_bits : {0u, kGridBits}) {
+      spm::offline::BuildOptions options;
+      options.grid_bits = grid_bits;
+      const spm::offline::BuiltModel built = build_model(mesh, options);
+      measure(report, name + (grid_bits > 0 ? ", compact" : ", lossless"), built.model(), settings);
+    }
+  };
+  if (!settings.model.empty()) {
+    both(std::filesystem::path{settings.model}.filename().string(), spm::offline::import_mesh(settings.model));
+  } else {
+    for (const std::uint32_t faces : {kBunnyFaces, settings.faces}) {
+      both("organ " + std::to_string(faces), generate(spm::offline::Shape::kOrgan, faces, 1));
+      if (settings.quick) break;
+    }
+  }
+  return report.finish(settings.json);
+}
+
+}  // namespace
+}  // namespace tactus::bench
+
+int main(int argc, char** argv) {
+  tactus::bench::Settings settings;
+  CLI::App app{"Bytes of a model part by part, and the speed of its codec"};
+  app.add_option("--model", settings.model, "mesh file of any kind (default: generated organs)")
+      ->check(CLI::ExistingFile);
+  app.add_option("--faces", settings.faces, "faces of the larger generated organ")
+      ->check(CLI::Range(1000u, 200000000u))
+      ->capture_default_str();
+  app.add_option("--repeats", settings.repeats, "of which the best counts")->check(CLI::Range(1u, 100u));
+  app.add_option("--json", settings.json, "the figures as JSON");
+  app.add_flag("--quick", settings.quick, "the smaller organ alone, without bounds on speed, for CI");
+  try {
+    app.parse(argc, argv);
+    if (settings.quick) settings.repeats = 1;
+    return tactus::bench::run(settings);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : 2;
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "tactus-bench-size: %s\n", error.what());
+    return 2;
+  }
+}

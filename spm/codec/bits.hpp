@@ -1,0 +1,79 @@
+/// Bits written and read back, the lowest first.
+#pragma once
+
+#include <cstdint>
+#include <cstring>
+
+#include "spm/codec/bytes.hpp"
+#include "spm/span.hpp"
+
+namespace tactus::spm::codec {
+
+class BitWriter {
+ public:
+  /// The lowest `count` bits of `value`, whose other bits are 0; at most 56.
+  void put(std::uint64_t value, unsigned count) {
+    window_ |= value << filled_;
+    for (filled_ += count; filled_ >= 8; filled_ -= 8, window_ >>= 8)
+      bytes_.push_back(static_cast<std::uint8_t>(window_));
+  }
+  /// `count` bits of `bytes` from bit `first` on.
+  void copy(Span<const std::uint8_t> bytes, std::uint64_t first, std::uint64_t count);
+
+  [[nodiscard]] std::uint64_t size() const noexcept { return 8 * std::uint64_t{bytes_.size()} + filled_; }
+  /// The last byte is filled with 0.
+  [[nodiscard]] Bytes take() {
+    if (filled_ > 0) bytes_.push_back(static_cast<std::uint8_t>(window_));
+    filled_ = 0;
+    window_ = 0;
+    return std::move(bytes_);
+  }
+
+ private:
+  Bytes bytes_;
+  std::uint64_t window_ = 0;
+  unsigned filled_ = 0;
+};
+
+/// Reads what nobody vouches for: past the end every bit is 0, and ok() says so.
+class BitReader {
+ public:
+  explicit BitReader(Span<const std::uint8_t> bytes, std::uint64_t at = 0) noexcept
+      : data_{bytes.data()}, size_{bytes.size()}, at_{at} {}
+
+  /// At least the next 57 bits; more may be there or not.
+  [[nodiscard]] std::uint64_t peek() const noexcept {
+    const std::uint64_t byte = at_ >> 3;
+    std::uint64_t window = 0;
+    if (byte + sizeof window <= size_) {
+      std::memcpy(&window, data_ + byte, sizeof window);
+    } else if (byte < size_) {
+      std::memcpy(&window, data_ + byte, size_ - byte);
+    }
+    return window >> (at_ & 7u);
+  }
+  void skip(unsigned count) noexcept { at_ += count; }
+  /// At most 56 bits.
+  [[nodiscard]] std::uint64_t get(unsigned count) noexcept {
+    const std::uint64_t value = peek() & ((std::uint64_t{1} << count) - 1);
+    at_ += count;
+    return value;
+  }
+  [[nodiscard]] std::uint64_t at() const noexcept { return at_; }
+  [[nodiscard]] bool ok() const noexcept { return at_ <= 8 * std::uint64_t{size_}; }
+  /// Bits not yet read; 0 past the end.
+  [[nodiscard]] std::uint64_t left() const noexcept { return ok() ? 8 * std::uint64_t{size_} - at_ : 0; }
+
+ private:
+  const std::uint8_t* data_;
+  std::size_t size_;
+  std::uint64_t at_;
+};
+
+inline void BitWriter::copy(Span<const std::uint8_t> bytes, std::uint64_t first, std::uint64_t count) {
+  BitReader from{bytes, first};
+  for (; count > 56; count -= 56) put(from.get(56), 56);
+  put(from.get(static_cast<unsigned>(count)), static_cast<unsigned>(count));
+}
+
+}  // namespace tactus::spm::codec

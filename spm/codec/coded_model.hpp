@@ -1,0 +1,54 @@
+/// A whole model as it is stored and sent: what an `.spm` file holds and a VE host serves, without decoding it.
+///
+///     base         the base mesh as sent (base_codec.hpp), tables included
+///     codes        of all records, in order (record_codes.hpp)
+///     code places  by lot of kLot records: the first bit in `codes`
+///     lists        by region: the runs of its record list, as sent
+///     list places  by region: the first bit in `lists`
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "spm/codec/base_codec.hpp"
+#include "spm/codec/bits.hpp"
+#include "spm/codec/record_codes.hpp"
+#include "spm/codec/result.hpp"
+#include "spm/model.hpp"
+
+namespace tactus::spm::codec {
+
+struct ModelSpans {
+  Span<const std::uint8_t> base, codes;
+  Span<const std::uint64_t> code_places;
+  Span<const std::uint8_t> lists;
+  Span<const std::uint64_t> list_places;
+};
+
+class CodedModel {
+ public:
+  /// Reads the base mesh and checks it, and that there are as many places as it says. What the codes and lists hold is
+  /// for decode_model() to check: of foreign ones, that they are never read past their end is all that is promised.
+  /// The spans must outlive what is returned.
+  static Result<CodedModel> open(const ModelSpans& spans);
+  /// Of no model.
+  CodedModel() = default;
+
+  [[nodiscard]] const ModelSummary& summary() const noexcept { return base_.mesh.summary; }
+  [[nodiscard]] const BaseMesh& base() const noexcept { return base_.mesh; }
+  [[nodiscard]] const RecordTables& tables() const noexcept { return base_.tables; }
+  [[nodiscard]] const ModelSpans& spans() const noexcept { return spans_; }
+
+  /// The region's record list. O(runs), allocates.
+  [[nodiscard]] std::vector<Run> runs_of(RegionId region) const;
+
+  /// Appends the codes of these records as they are sent. O(records + runs x kLot): what comes before in a run's lot is
+  /// read to find its first record.
+  void put_records(BitWriter& out, Span<const Run> records) const;
+
+ private:
+  DecodedBase base_;
+  ModelSpans spans_;
+};
+
+}  // namespace tactus::spm::codec

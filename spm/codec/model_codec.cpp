@@ -1,0 +1,196 @@
+#include "spm/codec/model_codec.hpp"
+
+#include <string>
+#include <utility>
+
+#include "spm/assert.hpp"
+#include "spm/codec/base_codec.hpp"
+#include "spm/codec/record_reader.hpp"
+#include "spm/codec/run_codec.hpp"
+#include "spm/position_code.hpp"
+#include "spm/region_data.hpp"
+#include "spm/vertex_ring.hpp"
+
+namespace tactus::spm::codec {
+namespace {
+
+/// Completes records in ascending order, as Cache does, but by id.
+class Resolver {
+ public:
+  explicit Resolver(DecodedModel& model) : model_{model}, place_{model.summary} {
+    corners_.assign(model.summary.faces, {kNone, kNone, kNone});
+    for (const BaseFace& face : model.base_faces) corners_[face.face] = face.corners;
+  }
+
+  /// What the record names is not there, or not what it has to be: false.
+  [[nodiscard]] bool add(std::uint32_t record, std::vector<RecordPart>& parts,
+                         const std::array<std::uint32_t, 3>& offset) {
+    const std::uint32_t u = model_.summary.base_vertices + record;
+    VertexRing ring;
+    std::uint32_t parent = parts.front().parent;
+    if (parent != kNone) ring.add(parent);
+    for (std::size_t i = 0; i < parts.size(); ++i) {
+      RecordPart& part = parts[i];
+      if (!enter_deformed(part, u, parent, ring) || parent >= u || !enter_born(part, u, parent, ring)) return false;
+      part.parent = parent;
+      if (i == 0 && !place(u, ring, offset)) return false;
+      if (i > 0) {
+        previous_->next = static_cast<std::uint32_t>(model_.summary.records + rest_.size());
+        rest_.push_back(part);
+        previous_ = &rest_.back();
+      } else {
+        model_.parts[record] = part;
+        previous_ = &model_.parts[record];
+      }
+      previous_->next = kNone;
+    }
+    return true;
+  }
+  /// The continuation parts go behind all first ones.
+  void finish() { model_.parts.insert(model_.parts.end(), rest_.begin(), rest_.end()); }
+
+ private:
+  bool enter_deformed(RecordPart& part, std::uint32_t u, std::uint32_t& parent, VertexRing& ring) {
+    for (int i = 0; i < part.deformed_count; ++i) {
+      const DeformedRef ref = part.deformed[i];
+      std::array<std::uint32_t, 3>& corners = corners_[ref.face()];
+      if (corners[0] == kNone) return false;
+      std::uint32_t corner = ref.corner();
+      if (parent == kNone) {
+        if (corner == kCornerOfParent) return false;
+        parent = corners[corner];
+        ring.add(parent);
+      } else {
+        corner = 0;
+        while (corner < 3 && corners[corner] != parent) ++corner;
+      }
+      if (corner > 2) return false;
+      ring.add(corners[(corner + 1) % 3]);
+      ring.add(corners[(corner + 2) % 3]);
+      corners[corner] = u;
+      part.deformed[i] = DeformedRef::make(ref.face(), corner, ref.last());
+    }
+    return true;
+  }
+
+  bool enter_born(RecordPart& part, std::uint32_t u, std::uint32_t parent, VertexRing& ring) {
+    for (int i = 0; i < part.born_count; ++i) {
+      std::uint32_t x = part.born_x[i];
+      if ((x & kInRing) != 0) {
+        x = x == (kInRing | kLastInRing) ? ring.size() - 1 : x & ~kInRing;
+        if (x >= ring.size()) return false;
+        x = ring[x];
+      } else {
+        ring.add(x);
+      }
+      std::array<std::uint32_t, 3>& corners = corners_[part.born[i].face()];
+      if (x >= u || corners[0] != kNone) return false;
+      const BornCorners at = born_corners(part.born[i].order());
+      corners[static_cast<std::size_t>(at.u)] = u;
+      corners[static_cast<std::size_t>(at.t)] = parent;
+      corners[static_cast<std::size_t>(at.x)] = x;
+      part.born_x[i] = x;
+    }
+    return true;
+  }
+
+  bool place(std::uint32_t u, const VertexRing& ring, const std::array<std::uint32_t, 3>& offset) {
+    for (std::uint32_t i = 0; i < ring.size(); ++i) {
+      if (ring[i] >= u) return false;
+    }
+    const std::array<double, 3> mean =
+        ring.mean([this](std::uint32_t v) -> const std::array<float, 3>& { return model_.positions[v]; });
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const float at = place_.at(axis, place_.of(axis, mean[axis]) + offset[axis]);
+      const ModelSummary& s = model_.summary;
+      // Written so that a NaN fails.
+      if (!(at >= s.bounds_min[axis] && at <= s.bounds_max[axis])) return false;
+      model_.positions[u][axis] = at;
+    }
+    return true;
+  }
+
+  DecodedModel& model_;
+  PositionCode place_;
+  std::vector<std::array<std::uint32_t, 3>> corners_;
+  std::vector<RecordPart> rest_;
+  RecordPart* previous_ = nullptr;
+};
+
+DecodeError wrong(const std::string& what) { return {"model: " + what}; }
+
+}  // namespace
+
+EncodedModel::EncodedModel(const Model& model) {
+  EncodedRecords records = encode_records(model);
+  codes_ = std::move(records.codes);
+  code_places_ = std::move(records.places);
+  BitWriter lists;
+  for (std::uint32_t r = 0; r < model.summary.regions; ++r) {
+    list_places_.push_back(lists.size());
+    put_runs(lists, records.tables, model.runs_of(RegionId{r}));
+  }
+  lists_ = lists.take();
+  base_ = encode_base(model, records.tables);
+  Result<CodedModel> coded = CodedModel::open({base_, codes_, code_places_, lists_, list_places_});
+  TACTUS_CHECK(coded);
+  coded_ = std::move(*coded);
+}
+
+Result<DecodedModel> decode_model(const CodedModel& coded) {
+  const ModelSpans& bytes = coded.spans();
+  DecodedModel model;
+  const ModelSummary& s = model.summary = coded.summary();
+  const std::uint64_t bits = 8 * std::uint64_t{bytes.codes.size()};
+  if (bits / RecordReader::kMinBits < s.parts) {
+    return wrong(std::to_string(s.parts) + " parts do not fit " + std::to_string(bits) + " bits of codes");
+  }
+  model.base_radii = coded.base().radii;
+  model.base_faces = coded.base().faces;
+  model.regions = coded.base().regions;
+  model.positions = coded.base().positions;
+  model.positions.resize(s.vertices);
+  model.parts.resize(s.records);
+
+  BitReader codes{bytes.codes}, lists{bytes.lists};
+  RecordReader reader{s, coded.tables()};
+  Resolver resolver{model};
+  std::vector<RecordPart> parts;
+  std::array<std::uint32_t, 3> offset{};
+  std::uint32_t anchor = 0;
+  for (std::uint32_t r = 0; r < s.records; ++r) {
+    const bool leads = r % kLot == 0;
+    if (leads && bytes.code_places[r / kLot] != codes.at()) {
+      return wrong("record " + std::to_string(r) + ": its place is stated as bit " +
+                   std::to_string(bytes.code_places[r / kLot]) + ", expected " + std::to_string(codes.at()));
+    }
+    anchor = reader.get_anchor(codes, leads ? Field::kAnchorFirst : Field::kAnchor, leads ? 0 : anchor);
+    parts.clear();
+    if (!reader.get(codes, r, anchor, parts, offset)) return wrong(reader.error());
+    if (!resolver.add(r, parts, offset)) {
+      return wrong("record " + std::to_string(r) + ": names what is not there, or lies outside of the bounds");
+    }
+  }
+  resolver.finish();
+  if (model.parts.size() != s.parts) {
+    return wrong("found " + std::to_string(model.parts.size()) + " parts, expected " + std::to_string(s.parts));
+  }
+  for (std::uint32_t r = 0; r < s.regions; ++r) {
+    if (bytes.list_places[r] != lists.at()) {
+      return wrong("region " + std::to_string(r) + ": the place of its list is stated as bit " +
+                   std::to_string(bytes.list_places[r]) + ", expected " + std::to_string(lists.at()));
+    }
+    std::vector<Run> runs;
+    std::uint32_t records = 0;
+    if (std::string error = get_runs(lists, coded.tables(), s.records, runs, records); !error.empty()) {
+      return wrong("lists: " + error);
+    }
+    model.regions[r].first_run = static_cast<std::uint32_t>(model.runs.size());
+    model.regions[r].run_count = static_cast<std::uint32_t>(runs.size());
+    model.runs.insert(model.runs.end(), runs.begin(), runs.end());
+  }
+  if (codes.left() >= 8 || lists.left() >= 8) return wrong("bytes too many");
+  return model;
+}
+
+}  // namespace tactus::spm::codec

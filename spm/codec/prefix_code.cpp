@@ -1,0 +1,99 @@
+#include "spm/codec/prefix_code.hpp"
+
+#include <algorithm>
+#include <functional>
+#include <queue>
+#include <utility>
+
+namespace tactus::spm::codec {
+namespace {
+
+constexpr unsigned kLengthBits = 4;
+constexpr unsigned kMaxZeros = 16;
+
+/// Depths in the tree of least cost; 0 where `counts` is 0, and for a symbol that is alone.
+std::vector<unsigned> depths(const std::vector<std::uint64_t>& counts) {
+  using Node = std::pair<std::uint64_t, std::size_t>;  // count, number
+  std::priority_queue<Node, std::vector<Node>, std::greater<>> open;
+  for (std::size_t s = 0; s < counts.size(); ++s) {
+    if (counts[s] > 0) open.emplace(counts[s], s);
+  }
+  if (open.size() < 2) return std::vector<unsigned>(counts.size(), 0);
+  std::vector<std::size_t> parent(2 * counts.size(), 0);
+  std::size_t next = counts.size();
+  while (open.size() > 1) {
+    const Node a = open.top();
+    open.pop();
+    const Node b = open.top();
+    open.pop();
+    parent[a.second] = parent[b.second] = next;
+    open.emplace(a.first + b.first, next++);
+  }
+  std::vector<unsigned> depth(2 * counts.size(), 0);
+  for (std::size_t n = next - 1; n-- > 0;) {
+    if (n >= counts.size() || counts[n] > 0) depth[n] = depth[parent[n]] + 1;
+  }
+  depth.resize(counts.size());
+  return depth;
+}
+
+}  // namespace
+
+PrefixCode::PrefixCode(Span<const std::uint64_t> counts) {
+  std::vector<std::uint64_t> flattened(counts.begin(), counts.end());
+  std::vector<unsigned> depth = depths(flattened);
+  while (*std::max_element(depth.begin(), depth.end()) > kMaxLength) {
+    for (std::uint64_t& count : flattened) count = (count + 1) / 2;
+    depth = depths(flattened);
+  }
+  for (std::size_t s = 0; s < depth.size(); ++s) {
+    const bool alone = flattened[s] > 0 && depth[s] == 0;
+    length_.push_back(static_cast<std::uint8_t>(alone ? 1 : depth[s]));
+  }
+  static_cast<void>(assign());
+}
+
+/// Codes and decoding table from the lengths; false when these claim more than there is.
+bool PrefixCode::assign() {
+  code_.assign(length_.size(), 0);
+  table_.assign(std::size_t{1} << kMaxLength, Entry{0, 0});
+  std::uint32_t next = 0;  // highest bit first
+  for (unsigned length = 1; length <= kMaxLength; ++length) {
+    next <<= 1;
+    for (std::size_t s = 0; s < length_.size(); ++s) {
+      if (length_[s] != length) continue;
+      if (next >> length != 0) return false;
+      std::uint32_t code = 0;
+      for (unsigned bit = 0; bit < length; ++bit) code |= (next >> bit & 1u) << (length - 1 - bit);
+      code_[s] = static_cast<std::uint16_t>(code);
+      for (std::size_t at = code; at < table_.size(); at += std::size_t{1} << length) {
+        table_[at] = {static_cast<std::uint16_t>(s), static_cast<std::uint16_t>(length)};
+      }
+      ++next;
+    }
+  }
+  return true;
+}
+
+void PrefixCode::write(BitWriter& out) const {
+  for (std::size_t s = 0; s < length_.size();) {
+    out.put(length_[s], kLengthBits);
+    if (length_[s++] != 0) continue;
+    unsigned zeros = 1;
+    for (; zeros < kMaxZeros && s < length_.size() && length_[s] == 0; ++s) ++zeros;
+    out.put(zeros - 1, kLengthBits);
+  }
+}
+
+bool PrefixCode::read(BitReader& in, std::uint32_t symbols) {
+  length_.clear();
+  while (length_.size() < symbols && in.ok()) {
+    const auto length = static_cast<std::uint8_t>(in.get(kLengthBits));
+    if (length > kMaxLength) return false;
+    length_.push_back(length);
+    if (length == 0) length_.resize(length_.size() + in.get(kLengthBits), 0);
+  }
+  return in.ok() && length_.size() == symbols && assign();
+}
+
+}  // namespace tactus::spm::codec

@@ -1,0 +1,304 @@
+#include "spm/codec/record_codes.hpp"
+
+#include <algorithm>
+#include <utility>
+
+#include "spm/position_code.hpp"
+#include "spm/vertex_ring.hpp"
+
+namespace tactus::spm::codec {
+namespace {
+
+constexpr std::uint32_t kRadiusSymbols = kRareRadius + 1;
+
+std::array<std::uint32_t, kFields> symbols_of_fields() {
+  std::array<std::uint32_t, kFields> symbols;
+  symbols.fill(kNumberSymbols);
+  symbols[static_cast<std::size_t>(Field::kRadius)] = kRadiusSymbols;
+  symbols[static_cast<std::size_t>(Field::kShapeOfLeaf)] = Shape::kSymbols;
+  symbols[static_cast<std::size_t>(Field::kShapeOfInner)] = Shape::kSymbols;
+  symbols[static_cast<std::size_t>(Field::kCorner)] = 3;
+  return symbols;
+}
+
+/// Counts symbols instead of writing them.
+class Counter {
+ public:
+  void symbol(Field field, std::uint32_t s) { ++counts_[static_cast<std::size_t>(field)][s]; }
+  void number(Field field, std::uint64_t value) { symbol(field, number_parts(value).symbol); }
+  void raw(std::uint64_t, unsigned) {}
+  void rare(std::uint64_t) {}
+  void place() {}
+
+  RecordTables::Counts counts_ = RecordTables::no_counts();
+};
+
+class Writer {
+ public:
+  explicit Writer(const RecordTables& tables) : tables_{tables} {}
+  void symbol(Field field, std::uint32_t s) {
+    tables_[field].put(out_, s);
+    count(static_cast<std::size_t>(field));
+  }
+  void number(Field field, std::uint64_t value) {
+    put_number(out_, tables_[field], value);
+    count(static_cast<std::size_t>(field));
+  }
+  void raw(std::uint64_t value, unsigned bits) {
+    out_.put(value, bits);
+    count(kFields);
+  }
+  void rare(std::uint64_t value) {
+    put_rare(out_, value);
+    count(kFields);
+  }
+  void place() { places_.push_back(out_.size()); }
+
+  BitWriter out_;
+  std::vector<std::uint64_t> places_;
+  std::array<std::uint64_t, kFields + 1> bits_{};  // by field; the last: spelt out
+
+ private:
+  void count(std::size_t field) {
+    bits_[field] += out_.size() - before_;
+    before_ = out_.size();
+  }
+  std::uint64_t before_ = 0;
+  const RecordTables& tables_;
+};
+
+/// Applies the records in order and codes each against the mesh that it meets.
+template <class Sink>
+class Coder {
+ public:
+  Coder(const Model& model, Sink& sink)
+      : model_{model}, sink_{sink}, place_{model.summary}, greatest_{radius_code(model.summary.deviation)} {
+    corners_.resize(model.summary.faces);
+    for (const BaseFace& face : model.base_faces) corners_[face.face] = face.corners;
+  }
+
+  void run() {
+    std::uint32_t anchor = 0;
+    for (std::uint32_t r = 0; r < model_.summary.records; ++r) {
+      const bool leads = r % kLot == 0;
+      if (leads) sink_.place();
+      const std::uint32_t own = anchor_of(model_.parts[r]);
+      difference(leads ? Field::kAnchorFirst : Field::kAnchor, own, leads ? 0 : anchor);
+      anchor = own;
+      code(r);
+    }
+  }
+
+ private:
+  void code(std::uint32_t record) {
+    const RecordPart& first = model_.parts[record];
+    const std::uint32_t u = model_.summary.base_vertices + record;
+    VertexRing ring;
+    ring.add(first.parent);
+    gather(first, ring);
+
+    if (first.radius == 0) {
+      sink_.symbol(Field::kRadius, 0);
+    } else {
+      const std::uint32_t below = greatest_ - first.radius + 1u;
+      sink_.symbol(Field::kRadius, std::min(below, kRareRadius));
+      if (below >= kRareRadius) sink_.rare(below);
+    }
+    const std::uint32_t shape = shape_of(first, ring);
+    sink_.symbol(first.radius == 0 ? Field::kShapeOfLeaf : Field::kShapeOfInner, shape);
+    if (shape == Shape::kUnusual) {
+      spell_out(record, u, ring);
+    } else {
+      sink_.symbol(Field::kCorner, first.deformed[0].corner());
+      for (int i = 1; i < first.deformed_count; ++i) {
+        difference(Field::kDeformed, first.deformed[i].face(), first.deformed[i - 1].face());
+      }
+      difference(Field::kBornFirst, first.born[0].face(), first.deformed[0].face());
+      if (first.born_count > 1) difference(Field::kBornNext, first.born[1].face(), first.born[0].face());
+      place_it(u, ring);
+    }
+    apply(record, u);
+  }
+
+  void gather(const RecordPart& part, VertexRing& ring) const {
+    for (int i = 0; i < part.deformed_count; ++i) {
+      const std::array<std::uint32_t, 3>& corners = corners_[part.deformed[i].face()];
+      ring.add(corners[(part.deformed[i].corner() + 1) % 3]);
+      ring.add(corners[(part.deformed[i].corner() + 2) % 3]);
+    }
+  }
+
+  [[nodiscard]] static std::uint32_t shape_of(const RecordPart& part, const VertexRing& ring) {
+    if (part.next != kNone || part.deformed_count == 0 || part.deformed_count > Shape::kMaxFan ||
+        part.born_count == 0) {
+      return Shape::kUnusual;
+    }
+    const auto at_first = [&](int i) { return part.born[i].order() == 0 && part.born_x[i] == ring[1]; };
+    const auto at_last = [&](int i) { return part.born[i].order() == 1 && part.born_x[i] == ring[ring.size() - 1]; };
+    Shape shape{Shape::kBoth, part.deformed_count, 0};
+    if (part.born_count == 1 && at_first(0)) {
+      shape.ends = Shape::kFirst;
+    } else if (part.born_count == 1 && at_last(0)) {
+      shape.ends = Shape::kLast;
+    } else if (part.born_count != 2 || !at_first(0) || !at_last(1)) {
+      return Shape::kUnusual;
+    }
+    std::uint32_t bit = 0;
+    for (int i = 0; i < part.born_count; ++i) shape.finest |= std::uint32_t{part.born[i].last()} << bit++;
+    for (int i = 0; i < part.deformed_count; ++i) shape.finest |= std::uint32_t{part.deformed[i].last()} << bit++;
+    return shape.symbol();
+  }
+
+  void spell_out(std::uint32_t record, std::uint32_t u, VertexRing& ring) {
+    std::uint32_t before = anchor_of(model_.parts[record]);
+    bool anchor = true;
+    const auto face = [&](Field field, std::uint32_t own) {
+      if (!anchor) difference(field, own, before);
+      anchor = false;
+      before = own;
+    };
+    std::array<double, 3> mean{};
+    for (std::uint32_t p = record; p != kNone; p = model_.parts[p].next) {
+      const RecordPart& part = model_.parts[p];
+      sink_.raw(part.born_count | part.deformed_count << 2 | std::uint32_t{part.next != kNone} << 6, 7);
+      if (p == record && part.deformed_count > 0) sink_.raw(part.deformed[0].corner(), 2);
+      if (p == record && part.deformed_count == 0) sink_.rare(u - part.parent);
+      if (p != record) gather(part, ring);
+      for (int i = 0; i < part.deformed_count; ++i) {
+        face(Field::kDeformed, part.deformed[i].face());
+        sink_.raw(part.deformed[i].last(), 1);
+      }
+      for (int i = 0; i < part.born_count; ++i) {
+        face(Field::kBornNext, part.born[i].face());
+        sink_.raw(part.born[i].bits & 15u, 4);
+        const std::uint32_t place = ring.find(part.born_x[i]);
+        const bool in_ring = place < ring.size();
+        sink_.raw(in_ring, 1);
+        sink_.rare(in_ring ? place : u - part.born_x[i]);
+        ring.add(part.born_x[i]);
+      }
+      if (p == record) mean = mean_of(ring);
+    }
+    place_it(u, mean);
+  }
+
+  [[nodiscard]] std::array<double, 3> mean_of(const VertexRing& ring) const {
+    return ring.mean([this](std::uint32_t v) -> const std::array<float, 3>& { return model_.positions[v]; });
+  }
+  void place_it(std::uint32_t u, const VertexRing& ring) { place_it(u, mean_of(ring)); }
+  void place_it(std::uint32_t u, const std::array<double, 3>& mean) {
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const auto field = static_cast<Field>(static_cast<std::size_t>(Field::kX) + axis);
+      const std::uint32_t off = place_.of(axis, double{model_.positions[u][axis]}) - place_.of(axis, mean[axis]);
+      sink_.number(field, zigzag(static_cast<std::int32_t>(off)));
+    }
+  }
+
+  void difference(Field field, std::uint32_t face, std::uint32_t before) {
+    sink_.number(field, zigzag(std::int64_t{face} - before));
+  }
+
+  void apply(std::uint32_t record, std::uint32_t u) {
+    for (std::uint32_t p = record; p != kNone; p = model_.parts[p].next) {
+      const RecordPart& part = model_.parts[p];
+      for (int i = 0; i < part.born_count; ++i) {
+        const BornCorners at = born_corners(part.born[i].order());
+        std::array<std::uint32_t, 3>& face = corners_[part.born[i].face()];
+        face[static_cast<std::size_t>(at.u)] = u;
+        face[static_cast<std::size_t>(at.t)] = part.parent;
+        face[static_cast<std::size_t>(at.x)] = part.born_x[i];
+      }
+      for (int i = 0; i < part.deformed_count; ++i) corners_[part.deformed[i].face()][part.deformed[i].corner()] = u;
+    }
+  }
+
+  const Model& model_;
+  Sink& sink_;
+  PositionCode place_;
+  std::uint32_t greatest_;
+  std::vector<std::array<std::uint32_t, 3>> corners_;
+};
+
+/// Runs, and the anchors at which they begin.
+void count_lists(const Model& model, Counter& counter) {
+  for (std::uint32_t region = 0; region < model.summary.regions; ++region) {
+    std::uint32_t end = 0, anchor = 0;
+    for (const Run& run : model.runs_of(RegionId{region})) {
+      counter.number(Field::kGap, run.first - end);
+      counter.number(Field::kCount, run.count - 1);
+      end = run.first + run.count;
+      counter.number(Field::kAnchorFirst, zigzag(std::int64_t{anchor_of(model.parts[run.first])} - anchor));
+      anchor = anchor_of(model.parts[end - 1]);
+    }
+  }
+  // A message may hold any part of any list, so that numbers of every size need a symbol.
+  for (const Field field : {Field::kGap, Field::kCount, Field::kAnchor, Field::kAnchorFirst}) {
+    for (std::uint64_t size = 4; size < std::uint64_t{1} << 33; size *= 2) {
+      counter.number(field, size);
+      counter.number(field, size + size / 2);
+    }
+    for (std::uint64_t value = 0; value < 4; ++value) counter.number(field, value);
+  }
+}
+
+/// Where the shapes of a fan of `deformed` faces begin, over those with one born face.
+constexpr std::uint32_t first_shape(std::uint32_t deformed) { return (1u << (deformed + 1)) - 4; }
+constexpr std::uint32_t kOneBorn = first_shape(Shape::kMaxFan + 1);
+static_assert(4 * kOneBorn == Shape::kUnusual);
+
+}  // namespace
+
+std::uint32_t Shape::symbol() const noexcept {
+  if (ends == kBoth) return 2 * first_shape(deformed) + finest;
+  return (ends == kFirst ? 2 : 3) * kOneBorn + first_shape(deformed) + finest;
+}
+
+Shape Shape::of(std::uint32_t symbol) noexcept {
+  const Ends ends = symbol < 2 * kOneBorn ? kBoth : symbol < 3 * kOneBorn ? kFirst : kLast;
+  const std::uint32_t scale = ends == kBoth ? 2 : 1;
+  const std::uint32_t rest = symbol - (ends == kBoth ? 0 : ends == kFirst ? 2 : 3) * kOneBorn;
+  std::uint8_t deformed = 1;
+  while (scale * first_shape(deformed + 1u) <= rest) ++deformed;
+  return {ends, deformed, rest - scale * first_shape(deformed)};
+}
+
+RecordTables::Counts RecordTables::no_counts() {
+  Counts counts;
+  const auto symbols = symbols_of_fields();
+  for (std::size_t field = 0; field < kFields; ++field) counts[field].assign(symbols[field], 0);
+  return counts;
+}
+
+RecordTables::RecordTables(const Counts& counts) {
+  for (std::size_t field = 0; field < kFields; ++field) codes_[field] = PrefixCode{counts[field]};
+}
+
+void RecordTables::write(BitWriter& out) const {
+  for (const PrefixCode& code : codes_) code.write(out);
+}
+
+bool RecordTables::read(BitReader& in) {
+  const auto symbols = symbols_of_fields();
+  for (std::size_t field = 0; field < kFields; ++field) {
+    if (!codes_[field].read(in, symbols[field])) return false;
+  }
+  return true;
+}
+
+EncodedRecords encode_records(const Model& model) {
+  Counter counter;
+  Coder<Counter>{model, counter}.run();
+  count_lists(model, counter);
+  RecordTables tables{counter.counts_};
+  Writer writer{tables};
+  Coder<Writer>{model, writer}.run();
+  return {std::move(tables), writer.out_.take(), std::move(writer.places_)};
+}
+
+std::array<std::uint64_t, kFields + 1> bits_by_field(const Model& model, const RecordTables& tables) {
+  Writer writer{tables};
+  Coder<Writer>{model, writer}.run();
+  return writer.bits_;
+}
+
+}  // namespace tactus::spm::codec

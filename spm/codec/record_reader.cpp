@@ -1,0 +1,129 @@
+#include "spm/codec/record_reader.hpp"
+
+#include <algorithm>
+#include <string>
+
+#include "spm/region_data.hpp"
+
+namespace tactus::spm::codec {
+
+RecordReader::RecordReader(const ModelSummary& summary, const RecordTables& tables)
+    : summary_{summary}, tables_{tables}, greatest_{radius_code(summary.deviation)} {}
+
+bool RecordReader::fail(std::uint32_t record, const char* what, std::uint64_t found, const char* relation,
+                        std::uint64_t expected) {
+  error_ = "record " + std::to_string(record) + ": " + what + " " + std::to_string(found) + ", expected " + relation +
+           " " + std::to_string(expected);
+  return false;
+}
+
+bool RecordReader::get(BitReader& in, std::uint32_t record, std::uint32_t anchor, std::vector<RecordPart>& parts,
+                       std::array<std::uint32_t, 3>& offset) {
+  if (anchor >= summary_.faces) return fail(record, "first face", anchor, "below", summary_.faces);
+  RecordPart first{};
+  first.parent = first.next = kNone;
+  std::uint64_t below = tables_[Field::kRadius].get(in, code_ok_);
+  if (below == kRareRadius) below = get_rare(in);
+  if (below > greatest_) return fail(record, "radius code under the greatest by", below - 1, "below", greatest_);
+  first.radius = static_cast<std::uint16_t>(below == 0 ? 0 : greatest_ + 1 - below);
+
+  const Field shapes = first.radius == 0 ? Field::kShapeOfLeaf : Field::kShapeOfInner;
+  const std::uint32_t shape = tables_[shapes].get(in, code_ok_);
+  if (!code_ok_ || !in.ok()) return fail(record, "bits left", 0, "at least", kMinBits);
+  const bool good = shape == Shape::kUnusual ? get_spelt_out(in, record, first, anchor, parts)
+                                             : get_usual(in, record, first, anchor, Shape::of(shape), parts);
+  if (!good) return false;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const auto field = static_cast<Field>(static_cast<std::size_t>(Field::kX) + axis);
+    offset[axis] = static_cast<std::uint32_t>(unzigzag(number(in, field)));
+  }
+  return (code_ok_ && in.ok()) || fail(record, "bits left", 0, "at least", 1);
+}
+
+bool RecordReader::get_usual(BitReader& in, std::uint32_t record, RecordPart& part, std::uint32_t anchor,
+                             const Shape& shape, std::vector<RecordPart>& parts) {
+  std::uint32_t corner = tables_[Field::kCorner].get(in, code_ok_);
+  std::uint32_t bits = shape.finest >> shape.born();
+  std::uint64_t face = anchor, greatest = anchor;
+  part.deformed_count = shape.deformed;
+  for (std::uint32_t i = 0; i < shape.deformed; ++i, bits >>= 1) {
+    if (i > 0) face = face_after(in, Field::kDeformed, face);
+    part.deformed[i] = DeformedRef::make(static_cast<std::uint32_t>(face), corner, (bits & 1u) != 0);
+    corner = kCornerOfParent;
+    greatest = std::max(greatest, face);
+  }
+  part.born_count = static_cast<std::uint8_t>(shape.born());
+  bool at_last = shape.ends == Shape::kLast;
+  for (std::uint32_t i = 0; i < shape.born(); ++i) {
+    face = i == 0 ? face_after(in, Field::kBornFirst, anchor) : face_after(in, Field::kBornNext, face);
+    part.born[i] = BornRef::make(static_cast<std::uint32_t>(face), at_last ? 1 : 0, (shape.finest >> i & 1u) != 0);
+    part.born_x[i] = kInRing | (at_last ? kLastInRing : 1u);
+    at_last = true;
+    greatest = std::max(greatest, face);
+  }
+  parts.push_back(part);
+  return greatest < summary_.faces || fail(record, "face", greatest, "below", summary_.faces);
+}
+
+bool RecordReader::get_spelt_out(BitReader& in, std::uint32_t record, RecordPart first, std::uint32_t anchor,
+                                 std::vector<RecordPart>& parts) {
+  const std::uint32_t u = summary_.base_vertices + record;
+  std::uint64_t face = anchor;
+  bool first_face = true;
+  const auto next_face = [&](Field field) {
+    if (!first_face) face = face_after(in, field, face);
+    first_face = false;
+    return face < summary_.faces || fail(record, "face", face, "below", summary_.faces);
+  };
+  for (bool more = true, leads = true; more; leads = false) {
+    const auto head = static_cast<std::uint32_t>(in.get(7));
+    more = head >> 6 != 0;
+    RecordPart part = first;
+    part.born_count = head & 3u;
+    part.deformed_count = head >> 2 & 15u;
+    if (part.born_count > kBornPerPart) return fail(record, "born faces", part.born_count, "at most", kBornPerPart);
+    if (part.deformed_count > kDeformedPerPart) {
+      return fail(record, "deformed corners", part.deformed_count, "at most", kDeformedPerPart);
+    }
+    if (part.born_count + part.deformed_count == 0) return fail(record, "faces in a part", 0, "over", 0);
+    std::uint32_t corner = kCornerOfParent;
+    if (leads && part.deformed_count > 0) corner = static_cast<std::uint32_t>(in.get(2));
+    if (leads && part.deformed_count > 0 && corner > 2) return fail(record, "corner", corner, "at most", 2);
+    if (leads && part.deformed_count == 0) {
+      const std::uint64_t to_parent = get_rare(in);
+      if (to_parent == 0 || to_parent > u) return fail(record, "distance to its parent", to_parent, "1 to", u);
+      part.parent = first.parent = u - static_cast<std::uint32_t>(to_parent);
+    }
+    for (int i = 0; i < part.deformed_count; ++i) {
+      if (!next_face(Field::kDeformed)) return false;
+      part.deformed[i] = DeformedRef::make(static_cast<std::uint32_t>(face), corner, in.get(1) != 0);
+      corner = kCornerOfParent;
+    }
+    for (int i = 0; i < part.born_count; ++i) {
+      if (!next_face(Field::kBornNext) || !get_born(in, record, u, static_cast<std::uint32_t>(face), part, i))
+        return false;
+    }
+    if (!in.ok()) return fail(record, "bits left for its faces", 0, "at least", 1);
+    if (parts.size() >= summary_.parts) {
+      return fail(record, "parts up to here", parts.size() + 1, "at most", summary_.parts);
+    }
+    if (more) part.next = static_cast<std::uint32_t>(parts.size() + 1);
+    parts.push_back(part);
+  }
+  return true;
+}
+
+bool RecordReader::get_born(BitReader& in, std::uint32_t record, std::uint32_t u, std::uint32_t face, RecordPart& part,
+                            int i) {
+  const auto bits = static_cast<std::uint32_t>(in.get(4));
+  if (bits >> 1 > 5) return fail(record, "corner order", bits >> 1, "at most", 5);
+  part.born[i] = BornRef::make(face, bits >> 1, (bits & 1u) != 0);
+  const bool in_ring = in.get(1) != 0;
+  const std::uint64_t x = get_rare(in);
+  if (in_ring && x >= kLastInRing) return fail(record, "place of a third corner", x, "below", kLastInRing);
+  if (!in_ring && (x == 0 || x > u)) return fail(record, "distance to a third corner", x, "1 to", u);
+  part.born_x[i] = in_ring ? kInRing | static_cast<std::uint32_t>(x) : u - static_cast<std::uint32_t>(x);
+  return true;
+}
+
+}  // namespace tactus::spm::codec

@@ -1,0 +1,48 @@
+#include "spm/codec/run_codec.hpp"
+
+namespace tactus::spm::codec {
+namespace {
+
+constexpr unsigned kCountBits = 32;
+constexpr std::uint64_t kMinRunBits = 2;  // a gap and a length
+
+std::string text(std::uint64_t value) { return std::to_string(value); }
+
+}  // namespace
+
+void put_runs(BitWriter& out, const RecordTables& tables, Span<const Run> runs) {
+  out.put(runs.size(), kCountBits);
+  std::uint32_t end = 0;
+  for (const Run& run : runs) {
+    put_number(out, tables[Field::kGap], run.first - end);
+    put_number(out, tables[Field::kCount], run.count - 1);
+    end = run.first + run.count;
+  }
+}
+
+std::string get_runs(BitReader& in, const RecordTables& tables, std::uint32_t limit, std::vector<Run>& runs,
+                     std::uint32_t& total) {
+  const std::uint64_t count = in.get(kCountBits);
+  if (!in.ok() || in.left() / kMinRunBits < count) {
+    return text(count) + " runs do not fit the " + text(in.left()) + " bits that are left";
+  }
+  runs.resize(count);
+  total = 0;
+  bool ok = true;
+  std::uint64_t end = 0;
+  for (Run& run : runs) {
+    const std::uint64_t gap = get_number(in, tables[Field::kGap], ok);
+    const std::uint64_t length = get_number(in, tables[Field::kCount], ok) + 1;
+    const std::uint64_t first = end + gap;
+    if (!ok || !in.ok() || (gap == 0 && end != 0) || first + length > limit) {
+      return "run of " + text(length) + " records from " + text(first) + " after one that ends at " + text(end) +
+             ", expected a gap and no record from " + text(limit);
+    }
+    run = {static_cast<std::uint32_t>(first), static_cast<std::uint32_t>(length)};
+    end = first + length;
+    total += run.count;
+  }
+  return {};
+}
+
+}  // namespace tactus::spm::codec
