@@ -195,7 +195,6 @@ bool Loader::take_region(Object& object, const session::DeliveryClient::Message&
   if (fresh > 0) slot_bytes_ += 0.1 * (static_cast<double>(message.bytes.size()) / fresh - slot_bytes_);
   note.state = RegionState::kHeld;
   note.was_here = true;
-  note.was_met = false;
   object.held.push_back(message.region);
   figures_.slots_peak = std::max(figures_.slots_peak, cache_.slots_used());
   delivery_.held(object.info.id, message.region);
@@ -258,7 +257,10 @@ void Loader::want(std::int64_t now_ns) {
     if (all > room && prospect.contact_in > 0) break;
     note.wanted_ns = now_ns;
     if (note.wanted_since_ns == 0) note.wanted_since_ns = now_ns;
-    note.was_met = note.was_met || prospect.contact_in <= 0;
+    if (prospect.contact_in <= 0) {
+      if (now_ns - note.met_ns >= settings_.idle_before_spare_ns) note.met_before_ns = note.met_ns;
+      note.met_ns = now_ns;
+    }
     if (note.state == RegionState::kLeaving || note.state == RegionState::kSpare)
       take_back(*prospect.object, prospect.region);
     if (note.state != RegionState::kAbsent) {
@@ -291,8 +293,9 @@ double Loader::expect_inflow() {
 }
 
 /// Leaves out of `have` what is least likely to be wanted again, until it gives room for the reserve. First what was
-/// fetched in vain, then what has been unwanted for longest; what was wanted a moment ago only when nothing else is
-/// left and the room is needed now.
+/// fetched in vain; then what was visited once, longest unwanted first; then by the visit before the last, so that a
+/// tip that goes round and round keeps its round however much else passes by (O'Neil et al. 1993, LRU-2). What was
+/// wanted a moment ago goes only when nothing else is left and the room is needed now.
 void Loader::find_leavers(std::int64_t now_ns) {
   const auto gives = [&](const spm::Cache::Room& room) {
     return cache_.slots_free() + leaving_.slots >= room.slots && cache_.blocks_free() + leaving_.blocks >= room.blocks;
@@ -301,10 +304,12 @@ void Loader::find_leavers(std::int64_t now_ns) {
 
   struct Candidate {
     bool recent, was_met;
-    std::int64_t wanted_ns;
+    std::int64_t met_before_ns, wanted_ns;
     Object* object;
     std::uint32_t region;
-    [[nodiscard]] auto order() const { return std::make_tuple(recent, recent || was_met, wanted_ns); }
+    [[nodiscard]] auto order() const {
+      return std::make_tuple(recent, recent || was_met, recent ? 0 : met_before_ns, wanted_ns);
+    }
   };
   std::vector<Candidate> candidates;
   for (Object* object : by_index_)
@@ -312,7 +317,7 @@ void Loader::find_leavers(std::int64_t now_ns) {
       const RegionNote& note = object->notes[region];
       if (note.wanted_ns == now_ns) continue;
       const bool recent = now_ns - note.wanted_ns < settings_.idle_before_spare_ns;
-      candidates.push_back({recent, note.was_met, note.wanted_ns, object, region});
+      candidates.push_back({recent, note.met_ns != 0, note.met_before_ns, note.wanted_ns, object, region});
     }
   std::sort(candidates.begin(), candidates.end(),
             [](const Candidate& a, const Candidate& b) { return a.order() < b.order(); });

@@ -114,8 +114,9 @@ class Loader {
   struct RegionNote {
     RegionState state = RegionState::kAbsent;
     bool was_here = false;
-    bool was_met = false;              // by a tip, since it is here
     std::int64_t wanted_ns = 0;        // last time it was
+    std::int64_t met_ns = 0;           // last time a tip met it; 0: never
+    std::int64_t met_before_ns = 0;    // the same of the visit before that one
     std::int64_t wanted_since_ns = 0;  // 0: not wanted
     std::uint32_t room_needed = 0;     // slots that its records took when they were refused for want of room
   };
