@@ -163,16 +163,14 @@ bool Loader::take_region(Object& object, const session::DeliveryClient::Message&
       needed_.slots = std::max(needed_.slots, note.room_needed);
       needed_.blocks =
           std::max(needed_.blocks, spm::ListBlock::blocks_for(object.regions[message.region].record_count));
-      find_leavers(now_ns);
+      find_leavers();
       let_go();
       if (departing_ > 0) return false;
       ++figures_.refused_full;
       return refuse();
     case spm::AcceptResult::kHeld:
-      if (note.state == RegionState::kHeld)
-        delivery_.held(object.info.id, message.region);
-      else
-        delivery_.refused(object.info.id, message.region);  // on its way out; asked for again once it is gone
+      if (note.state != RegionState::kHeld) return refuse();  // on its way out; asked for again once it is gone
+      delivery_.held(object.info.id, message.region);
       return true;
     case spm::AcceptResult::kIncomplete:
     case spm::AcceptResult::kMalformed:
@@ -243,12 +241,12 @@ void Loader::predict(Object& object, const std::array<ProbeSight, kMaxProbes>& s
 void Loader::want(std::int64_t now_ns) {
   std::stable_sort(prospects_.begin(), prospects_.end(),
                    [](const Prospect& a, const Prospect& b) { return a.contact_in < b.contact_in; });
-  std::map<Object*, std::vector<session::Wanted>> wanted;
-  for (Object* object : by_index_) wanted[object];
+  std::vector<std::vector<session::Wanted>> wanted(by_index_.size());
   const double room = 0.9 * (pool_.settings.slots - base_slots_);
   const double soon = expect_inflow();
   double all = 0, here = 0;  // slots of what is wanted, and of those of it that are held
   needed_ = {};
+  wanted_at_ns_ = now_ns;
   for (const Prospect& prospect : prospects_) {
     const spm::Region& region = prospect.object->regions[prospect.region];
     RegionNote& note = prospect.object->notes[prospect.region];
@@ -272,13 +270,14 @@ void Loader::want(std::int64_t now_ns) {
       needed_.blocks += spm::ListBlock::blocks_for(region.record_count);
     }
     if (cache_.slots_free() < note.room_needed) continue;  // refused before; it would only be sent in vain
-    wanted[prospect.object].push_back({prospect.region, static_cast<std::uint32_t>(prospect.contact_in * 1e6)});
+    wanted[prospect.object->info.index].push_back(
+        {prospect.region, static_cast<std::uint32_t>(prospect.contact_in * 1e6)});
   }
   // A base mesh is admitted or refused whatever regions take.
   if (std::all_of(objects_.begin(), objects_.end(),
                   [](const auto& entry) { return entry.second->ready || entry.second->refused; }))
     delivery_.set_room(static_cast<std::uint64_t>(std::max<double>(needed_.slots, room - here) * slot_bytes_));
-  for (auto& [object, regions] : wanted) delivery_.want(object->info.id, std::move(regions));
+  for (Object* object : by_index_) delivery_.want(object->info.id, std::move(wanted[object->info.index]));
 }
 
 /// Slots for what comes until the haptic thread has coarsened something. What comes in a round trip is the reserve.
@@ -296,7 +295,7 @@ double Loader::expect_inflow() {
 /// fetched in vain; then what was visited once, longest unwanted first; then by the visit before the last, so that a
 /// tip that goes round and round keeps its round however much else passes by (O'Neil et al. 1993, LRU-2). What was
 /// wanted a moment ago goes only when nothing else is left and the room is needed now.
-void Loader::find_leavers(std::int64_t now_ns) {
+void Loader::find_leavers() {
   const auto gives = [&](const spm::Cache::Room& room) {
     return cache_.slots_free() + leaving_.slots >= room.slots && cache_.blocks_free() + leaving_.blocks >= room.blocks;
   };
@@ -315,8 +314,8 @@ void Loader::find_leavers(std::int64_t now_ns) {
   for (Object* object : by_index_)
     for (const std::uint32_t region : object->held) {
       const RegionNote& note = object->notes[region];
-      if (note.wanted_ns == now_ns) continue;
-      const bool recent = now_ns - note.wanted_ns < settings_.idle_before_spare_ns;
+      if (note.wanted_ns == wanted_at_ns_) continue;
+      const bool recent = wanted_at_ns_ - note.wanted_ns < settings_.idle_before_spare_ns;
       candidates.push_back({recent, note.met_ns != 0, note.met_before_ns, note.wanted_ns, object, region});
     }
   std::sort(candidates.begin(), candidates.end(),
@@ -355,25 +354,23 @@ void Loader::take_back(Object& object, std::uint32_t region) {
 void Loader::let_go() {
   constexpr std::uint32_t kAtOnce = 16;
   spm::Cache::Room coming{cache_.slots_free(), cache_.blocks_free()};
-  const auto go = [&](RegionState from) {
-    for (const Leaver& leaver : leavers_) {
-      RegionNote& note = leaver.object->notes[leaver.region];
-      const bool enough = settings_.keep_unwanted && coming.slots >= needed_.slots && coming.blocks >= needed_.blocks;
-      if (from != RegionState::kDeparting) {
-        if (note.state != from || enough || departing_ == kAtOnce) continue;
-        note.state = RegionState::kDeparting;
-        ++departing_;
-        waiting_.push_back({Arrival::Kind::kRetire, &leaver.object->touch, spm::RegionId{leaver.region}, {}});
-      } else if (note.state != from) {
-        continue;
-      }
-      coming.slots += leaver.room.slots;
-      coming.blocks += leaver.room.blocks;
-    }
+  const auto count = [&](const Leaver& leaver) {
+    coming.slots += leaver.room.slots;
+    coming.blocks += leaver.room.blocks;
   };
-  go(RegionState::kDeparting);
-  go(RegionState::kSpare);
-  go(RegionState::kLeaving);
+  const auto state = [](const Leaver& leaver) -> RegionState& { return leaver.object->notes[leaver.region].state; };
+  for (const Leaver& leaver : leavers_)
+    if (state(leaver) == RegionState::kDeparting) count(leaver);
+  for (const RegionState from : {RegionState::kSpare, RegionState::kLeaving})
+    for (const Leaver& leaver : leavers_) {
+      const bool enough = settings_.keep_unwanted && coming.slots >= needed_.slots && coming.blocks >= needed_.blocks;
+      if (enough || departing_ == kAtOnce) return;
+      if (state(leaver) != from) continue;
+      state(leaver) = RegionState::kDeparting;
+      ++departing_;
+      count(leaver);
+      waiting_.push_back({Arrival::Kind::kRetire, &leaver.object->touch, spm::RegionId{leaver.region}, {}});
+    }
 }
 
 void Loader::take_departures() {
@@ -417,7 +414,7 @@ void Loader::tick(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>&
   prospects_.clear();
   for (Object* object : by_index_) predict(*object, sights);
   want(now_ns);
-  find_leavers(now_ns);
+  find_leavers();
   let_go();
   hand_over();
   find_near(sights, near);

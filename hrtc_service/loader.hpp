@@ -6,8 +6,11 @@
 ///
 /// A region leaves in two halves. What nobody has wanted for long is left out of `have` ahead of need, and is spare
 /// once the host has echoed that: touched as before, and taken back if wanted again. When room is needed, spare regions
-/// are coarsened by the haptic thread (departure) and freed, which waits for no network. One thread, not the haptic
-/// one. Allocates while decoding; what it keeps is bounded by the pool and by the number of regions of its objects.
+/// are coarsened by the haptic thread (departure) and freed, which waits for no network. When none is spare, regions go
+/// that the host may still count on; a message that did so comes incomplete and is refused.
+///
+/// One thread, not the haptic one. Allocates while decoding; what it keeps is bounded by the pool and by the number of
+/// regions of its objects.
 #pragma once
 
 #include <boost/lockfree/spsc_queue.hpp>
@@ -143,7 +146,7 @@ class Loader {
   void predict(Object& object, const std::array<ProbeSight, kMaxProbes>& sights);
   void want(std::int64_t now_ns);
   [[nodiscard]] double expect_inflow();
-  void find_leavers(std::int64_t now_ns);
+  void find_leavers();
   void forget_leaver(const Object& object, std::uint32_t region);
   void take_back(Object& object, std::uint32_t region);
   void let_go();
@@ -184,11 +187,12 @@ class Loader {
   std::deque<Unplaced> unplaced_;    // for room in the pool; later ones may count on earlier ones
   std::deque<Leaver> leavers_;       // first to go first
   std::uint32_t departing_ = 0;
-  std::uint32_t base_slots_ = 0;  // that base meshes take for good
-  spm::Cache::Room leaving_;      // what all leavers give
-  spm::Cache::Room needed_;       // for what is wanted and absent, more or less
-  double fresh_share_ = 1;        // of a region's records, those that had to be sent; smoothed
-  double slot_bytes_ = 32;        // that a slot takes on its way; smoothed
+  std::int64_t wanted_at_ns_ = 0;  // of the last tick: RegionNote::wanted_ns of what is wanted
+  std::uint32_t base_slots_ = 0;   // that base meshes take for good
+  spm::Cache::Room leaving_;       // what all leavers give
+  spm::Cache::Room needed_;        // for what is wanted and absent, more or less
+  double fresh_share_ = 1;         // of a region's records, those that had to be sent; smoothed
+  double slot_bytes_ = 32;         // that a slot takes on its way; smoothed
   LoaderFigures figures_;
 };
 

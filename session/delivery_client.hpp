@@ -80,7 +80,8 @@ class DeliveryClient {
   /// The region is in the cache. On a region that is retired and not released this takes it back.
   void held(std::uint64_t object_id, std::uint32_t region);
   void refused(std::uint64_t object_id, std::uint32_t region);
-  /// The region, held so far, shall be freed: not before take_released names it.
+  /// The region, held so far, shall be freed. Before take_released names it a message may still count on its records:
+  /// who frees it earlier must be able to tell that they are missing, and refuse the message.
   void retire(std::uint64_t object_id, std::uint32_t region);
   /// Regions that no message to come can count on; each is named once.
   [[nodiscard]] std::vector<std::uint32_t> take_released(std::uint64_t object_id);
