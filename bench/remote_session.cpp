@@ -25,14 +25,7 @@ hrtc_service::LoaderSettings loader_settings(const RemoteSettings& settings) {
 
 }  // namespace
 
-spm::PoolSettings pool_of(std::uint64_t bytes) {
-  std::uint32_t low = 1, high = 1u << 27;
-  while (low + 1 < high) {
-    const std::uint32_t middle = low + (high - low) / 2;
-    (spm::PoolSettings::for_slots(middle).bytes() <= bytes ? low : high) = middle;
-  }
-  return spm::PoolSettings::for_slots(low);
-}
+spm::PoolSettings pool_of(std::uint64_t bytes) { return spm::PoolSettings::for_bytes(bytes); }
 
 RemoteSession::RemoteSession(const spm::Model& model, const RemoteSettings& settings)
     : settings_{settings},

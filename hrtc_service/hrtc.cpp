@@ -206,6 +206,7 @@ LoaderSettings loader_settings(const HrtcOptions& options) {
   LoaderSettings settings;
   settings.radius = options.haptic.cycle.radius;
   settings.strategy = options.prediction;
+  settings.directory_bytes = options.directory_bytes;
   return settings;
 }
 
@@ -440,6 +441,7 @@ void Hrtc::Impl::send_metrics(bool all) {
       {names::kEvictions, static_cast<double>(figures.regions_evicted)},
       {names::kReloads, static_cast<double>(figures.regions_reloaded)},
       {names::kRefusedFull, static_cast<double>(figures.refused_full)},
+      {names::kObjectsRefused, static_cast<double>(figures.objects_refused)},
       {names::kRecordsReceived, static_cast<double>(cache.records_accepted + cache.records_repeated)},
       {names::kRecordsReturned, static_cast<double>(cache.records_returned + cache.records_repeated)},
       {names::kBytesReceived, static_cast<double>(delivery.payload_bytes)},
@@ -643,9 +645,13 @@ int Hrtc::Impl::run(const std::atomic<bool>& stop) {
   if (options.timer_beside) timer = std::make_unique<TimerBeside>(options.haptic.period_ns(), options.haptic.priority);
   sending = true;
   sender = std::thread{[this] { send_states(); }};
-  spdlog::info("{} serves {} probes in session {} on domain {}; pool of {} slots, {:.1f} MiB",
-               options.address.participant, options.max_users, options.address.session, options.address.domain,
-               options.pool.slots, static_cast<double>(options.pool.bytes()) / (1 << 20));
+  spdlog::info(
+      "{} serves {} probes in session {} on domain {}; pool of {} slots, {:.1f} MiB{}", options.address.participant,
+      options.max_users, options.address.session, options.address.domain, options.pool.slots,
+      static_cast<double>(options.pool.bytes()) / (1 << 20),
+      options.directory_bytes == ~std::uint64_t{0}
+          ? std::string{}
+          : fmt::format(", and {:.1f} MiB for directories", static_cast<double>(options.directory_bytes) / (1 << 20)));
   while (!stop && !ended) {
     for (const Inbox::Arrived& arrived : inbox.take(std::chrono::microseconds{2000}))
       std::visit([&](const auto& sample) { take(sample, arrived.at_ns); }, arrived.sample);

@@ -31,6 +31,7 @@ struct ReplayUser {
 struct HrtcOptions {
   wire::SessionAddress address;
   spm::PoolSettings pool;
+  std::uint64_t directory_bytes = ~std::uint64_t{0};  ///< for where the regions of all objects are
   HapticSettings haptic;
   spm::Strategy prediction = spm::Strategy::kMixture;
   std::uint32_t max_users = kMaxProbes;

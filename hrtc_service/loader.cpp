@@ -1,6 +1,9 @@
 #include "hrtc_service/loader.hpp"
 
+#include <malloc.h>
+
 #include <algorithm>
+#include <cstdio>
 #include <tuple>
 
 #include "spm/codec/base_codec.hpp"
@@ -59,10 +62,31 @@ void Loader::on_catalogue(const session::CatalogueEntry& entry) {
   object->info.scale = entry.scale;
   object->entry = entry;
   object->summary = entry.summary;
+  Object& added = *object;
   objects_[entry.object_id] = std::move(object);
+  if (!take_directory(added)) return;
   delivery_.open(entry.object_id, entry.summary.digest);
   say("object " + entry.object + " found at host " + entry.host + ": " + std::to_string(entry.summary.faces) +
       " faces, " + std::to_string(entry.summary.regions) + " regions");
+}
+
+/// False when it does not fit.
+bool Loader::take_directory(Object& object) {
+  const std::uint64_t takes = spm::directory_bytes(object.summary, pool_.settings);
+  const std::uint64_t left = settings_.directory_bytes - directories_;
+  if (takes <= left) {
+    directories_ += takes;
+    return true;
+  }
+  object.refused = true;
+  ++figures_.objects_refused;
+  const auto mib = [](std::uint64_t bytes) { return static_cast<double>(bytes) / (1 << 20); };
+  char sizes[128];
+  std::snprintf(sizes, sizeof sizes, "takes %.1f MiB, %.1f of %.1f MiB are left", mib(takes), mib(left),
+                mib(settings_.directory_bytes));
+  say("object " + object.info.name + ": refused, its directory of " + std::to_string(object.summary.regions) +
+      " regions " + sizes + "; raise --memory");
+  return false;
 }
 
 void Loader::on_host_seen(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns) {
@@ -72,12 +96,14 @@ void Loader::on_host_seen(std::uint64_t host, std::uint64_t incarnation, std::in
 void Loader::on_host_gone(std::uint64_t host) { delivery_.host_gone(host); }
 
 void Loader::on_chunk(const session::BulkChunk& chunk, std::int64_t now_ns) {
-  const auto message = delivery_.on_chunk(chunk, now_ns);
+  auto message = delivery_.on_chunk(chunk, now_ns);
   if (!message) return;
   const auto found = objects_.find(message->object_id);
   if (found == objects_.end()) return;
   if (message->kind == session::BulkKind::kBase) {
     take_base(*found->second, message->bytes);
+    message.reset();
+    malloc_trim(0);  // what a base mesh comes and is decoded in is as large as what stays of it
   } else {
     unplaced_.push_back({found->second.get(), std::move(*message)});
     if (unplaced_.size() == 1) take_messages(now_ns);
@@ -92,9 +118,11 @@ void Loader::take_messages(std::int64_t now_ns) {
 
 void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {
   auto decoded = spm::codec::decode_base(spm::Span<const std::uint8_t>{bytes});
-  if (!decoded || decoded->mesh.summary.digest != object.info.digest) {
+  if (!decoded || decoded->mesh.summary.digest != object.info.digest ||
+      decoded->mesh.summary.regions != object.summary.regions ||
+      decoded->mesh.summary.records != object.summary.records) {
     ++figures_.decode_errors;
-    say("object " + object.info.name + ": base mesh refused: " + (decoded ? "wrong digest" : decoded.error().text));
+    say("object " + object.info.name + ": base mesh refused: " + (decoded ? "another model's" : decoded.error().text));
     delivery_.base_refused(object.info.id);
     return;
   }
@@ -103,20 +131,29 @@ void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {
   const std::uint32_t free_before = cache_.slots_free();
   spm::Cache::Admitted admitted = cache_.admit(base);
   if (!admitted.fits) {
-    if (!object.refused)
-      say("object " + object.info.name + ": base mesh of " + std::to_string(base.positions.size()) +
-          " vertices does not fit the pool of " + std::to_string(pool_.settings.slots) + " slots; raise --pool");
+    if (!object.refused) {
+      ++figures_.objects_refused;
+      directories_ -= spm::directory_bytes(object.summary, pool_.settings);
+      say("object " + object.info.name + ": refused, its base mesh takes " +
+          std::to_string(spm::Cache::slots_for_base(base)) + " slots, the pool has " +
+          std::to_string(pool_.settings.slots) + ", " + std::to_string(free_before) +
+          " of them free; raise --memory or --pool");
+    }
     object.refused = true;
     return delivery_.base_held(object.info.id);  // asking again would change nothing
   }
   base_slots_ += free_before - cache_.slots_free();
   object.summary = base.summary;
-  object.regions = base.regions;
   object.tables = std::move(decoded->tables);
   object.info.index = spm::index(admitted.object);
-  object.notes.resize(object.regions.size());
-  const spm::Span<const spm::Region> regions{object.regions};
-  object.grid = std::make_unique<spm::RegionGrid>(object.summary.grid, regions);
+  object.notes.resize(base.regions.size());
+  object.slots.reserve(base.regions.size());
+  for (const spm::Region& region : base.regions) object.slots.push_back(region.part_count);
+  const std::uint32_t largest = *std::max_element(object.slots.begin(), object.slots.end());
+  if (largest > pool_.settings.slots - base_slots_)
+    say("object " + object.info.name + ": stays coarse in places, for its largest region takes " +
+        std::to_string(largest) + " slots, the pool has " + std::to_string(pool_.settings.slots - base_slots_) +
+        " beside base meshes; raise --memory or --pool");
   TouchObject& touch = object.touch;
   touch.index = object.info.index;
   touch.id = object.info.id;
@@ -124,8 +161,9 @@ void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {
   touch.material = object.entry.material;
   touch.bounds = {wide(object.summary.bounds_min), wide(object.summary.bounds_max)};
   touch.deviation = object.summary.deviation;
-  touch.forest = std::make_unique<spm::Forest>(pool_, nodes_, touch.index, object.summary,
-                                               spm::RegionGrid{object.summary.grid, regions}, std::move(admitted.base));
+  touch.forest =
+      std::make_unique<spm::Forest>(pool_, nodes_, touch.index, object.summary,
+                                    spm::RegionGrid{object.summary.grid, base.regions}, std::move(admitted.base));
   const double scale = object.entry.scale;
   object.predictors.assign(
       kMaxProbes, spm::Predictor{{settings_.margin / scale, settings_.least_speed / scale, settings_.strategy}});
@@ -151,6 +189,7 @@ bool Loader::take_region(Object& object, const session::DeliveryClient::Message&
     return refuse();
   }
   RegionNote& note = object.notes[message.region];
+  const auto wish = object.wishes.find(message.region);
   spm::RegionList list;
   const std::uint64_t returned_before = cache_.counters().records_returned;
   const std::uint64_t repeated_before = cache_.counters().records_repeated;
@@ -159,17 +198,16 @@ bool Loader::take_region(Object& object, const session::DeliveryClient::Message&
     case spm::AcceptResult::kAccepted:
       break;
     case spm::AcceptResult::kPoolFull:
-      note.room_needed = static_cast<std::uint32_t>(data->parts.size());
-      needed_.slots = std::max(needed_.slots, note.room_needed);
-      needed_.blocks =
-          std::max(needed_.blocks, spm::ListBlock::blocks_for(object.regions[message.region].record_count));
+      if (wish != object.wishes.end()) wish->second.room_needed = static_cast<std::uint32_t>(data->parts.size());
+      needed_.slots = std::max(needed_.slots, static_cast<std::uint32_t>(data->parts.size()));
+      needed_.blocks = std::max(needed_.blocks, blocks_of(object, message.region));
       find_leavers();
       let_go();
       if (departing_ > 0) return false;
       ++figures_.refused_full;
       return refuse();
     case spm::AcceptResult::kHeld:
-      if (note.state != RegionState::kHeld) return refuse();  // on its way out; asked for again once it is gone
+      if (note.state() != RegionState::kHeld) return refuse();  // on its way out; asked for again once it is gone
       delivery_.held(object.info.id, message.region);
       return true;
     case spm::AcceptResult::kIncomplete:
@@ -183,16 +221,16 @@ bool Loader::take_region(Object& object, const session::DeliveryClient::Message&
   ++object.info.regions_received;
   ++figures_.regions_received;
   if (note.was_here) ++figures_.regions_reloaded;
-  if (note.wanted_since_ns != 0) {
-    const double latency = static_cast<double>(now_ns - note.wanted_since_ns) / kNsPerS;
+  if (wish != object.wishes.end() && wish->second.since_ns != 0) {
+    const double latency = static_cast<double>(now_ns - wish->second.since_ns) / kNsPerS;
     figures_.load_latency += 0.1 * (latency - figures_.load_latency);
   }
-  const std::uint32_t parts = object.regions[message.region].part_count;
+  const std::uint32_t parts = object.slots[message.region];
   const auto fresh = static_cast<double>(data->parts.size());
   if (parts > 0) fresh_share_ += 0.1 * (fresh / parts - fresh_share_);
   if (fresh > 0) slot_bytes_ += 0.1 * (static_cast<double>(message.bytes.size()) / fresh - slot_bytes_);
-  note.state = RegionState::kHeld;
-  note.was_here = true;
+  note.set(RegionState::kHeld);
+  note.was_here = 1;
   object.held.push_back(message.region);
   figures_.slots_peak = std::max(figures_.slots_peak, cache_.slots_used());
   delivery_.held(object.info.id, message.region);
@@ -213,27 +251,25 @@ void Loader::predict(Object& object, const std::array<ProbeSight, kMaxProbes>& s
     spm::Predictor& predictor = object.predictors[i];
     predictor.observe(static_cast<double>(sight.time_ns) / kNsPerS, placement.to_model(sight.device), sight.in_contact);
     spm::Predictor::Answer answer;
-    predictor.predict(*object.grid, settings_.radius / placement.scale(), lead, answer);
+    predictor.predict(object.grid(), settings_.radius / placement.scale(), lead, answer);
     if (sight
             .in_contact)  // the proxy lags behind a device that is pressed in, and must stand on the finest surface too
-      object.grid->for_each_meeting(placement.to_model(sight.proxy),
-                                    (settings_.radius + settings_.margin) / placement.scale(),
-                                    [&](spm::RegionId region, double) { soonest[spm::index(region)] = 0; });
+      object.grid().for_each_meeting(placement.to_model(sight.proxy),
+                                     (settings_.radius + settings_.margin) / placement.scale(),
+                                     [&](spm::RegionId region, double) { soonest[spm::index(region)] = 0; });
     for (std::uint32_t k = 0; k < answer.count; ++k) {
       const auto [at, fresh] = soonest.try_emplace(spm::index(answer.regions[k].region), answer.regions[k].contact_in);
       if (!fresh) at->second = std::min(at->second, answer.regions[k].contact_in);
     }
   }
-  for (const std::uint32_t region : object.predicted)
-    if (soonest.count(region) == 0) {
-      object.notes[region].wanted_since_ns = 0;
-      object.notes[region].room_needed = 0;
-    }
-  object.predicted.clear();
-  for (const auto& [region, contact_in] : soonest) {
-    object.predicted.push_back(region);
-    prospects_.push_back({contact_in, &object, region});
-  }
+  for (auto wish = object.wishes.begin(); wish != object.wishes.end();)
+    wish = soonest.count(wish->first) == 0 ? object.wishes.erase(wish) : std::next(wish);
+  for (const auto& [region, contact_in] : soonest)
+    prospects_.push_back({contact_in, &object, region, &object.wishes[region]});
+}
+
+std::uint32_t Loader::blocks_of(const Object& object, std::uint32_t region) const noexcept {
+  return spm::ListBlock::blocks_for(cache_.records_of(spm::ObjectIndex{object.info.index}, spm::RegionId{region}));
 }
 
 /// Wants what is met soonest, over all objects, as far as the pool can hold it together: else what is met late would
@@ -248,28 +284,25 @@ void Loader::want(std::int64_t now_ns) {
   needed_ = {};
   wanted_at_ns_ = now_ns;
   for (const Prospect& prospect : prospects_) {
-    const spm::Region& region = prospect.object->regions[prospect.region];
     RegionNote& note = prospect.object->notes[prospect.region];
-    const double share = fresh_share_ * region.part_count;
+    Wish& wish = *prospect.wish;
+    const double share = fresh_share_ * prospect.object->slots[prospect.region];
     all += share;
     if (all > room && prospect.contact_in > 0) break;
-    note.wanted_ns = now_ns;
-    if (note.wanted_since_ns == 0) note.wanted_since_ns = now_ns;
-    if (prospect.contact_in <= 0) {
-      if (now_ns - note.met_ns >= settings_.idle_before_spare_ns) note.met_before_ns = note.met_ns;
-      note.met_ns = now_ns;
-    }
-    if (note.state == RegionState::kLeaving || note.state == RegionState::kSpare)
+    note.want_at(now_ns);
+    if (wish.since_ns == 0) wish.since_ns = now_ns;
+    if (prospect.contact_in <= 0) note.meet_at(now_ns, settings_.idle_before_spare_ns);
+    if (note.state() == RegionState::kLeaving || note.state() == RegionState::kSpare)
       take_back(*prospect.object, prospect.region);
-    if (note.state != RegionState::kAbsent) {
+    if (note.state() != RegionState::kAbsent) {
       here += share;
       continue;
     }
     if (needed_.slots == 0 || needed_.slots < soon) {
-      needed_.slots += std::max(static_cast<std::uint32_t>(share), note.room_needed);
-      needed_.blocks += spm::ListBlock::blocks_for(region.record_count);
+      needed_.slots += std::max(static_cast<std::uint32_t>(share), wish.room_needed);
+      needed_.blocks += blocks_of(*prospect.object, prospect.region);
     }
-    if (cache_.slots_free() < note.room_needed) continue;  // refused before; it would only be sent in vain
+    if (cache_.slots_free() < wish.room_needed) continue;  // refused before; it would only be sent in vain
     wanted[prospect.object->info.index].push_back(
         {prospect.region, static_cast<std::uint32_t>(prospect.contact_in * 1e6)});
   }
@@ -303,20 +336,21 @@ void Loader::find_leavers() {
 
   struct Candidate {
     bool recent, was_met;
-    std::int64_t met_before_ns, wanted_ns;
+    std::uint32_t met_before;
+    std::int64_t wanted_ns;
     Object* object;
     std::uint32_t region;
     [[nodiscard]] auto order() const {
-      return std::make_tuple(recent, recent || was_met, recent ? 0 : met_before_ns, wanted_ns);
+      return std::make_tuple(recent, recent || was_met, recent ? 0 : met_before, wanted_ns);
     }
   };
   std::vector<Candidate> candidates;
   for (Object* object : by_index_)
     for (const std::uint32_t region : object->held) {
       const RegionNote& note = object->notes[region];
-      if (note.wanted_ns == wanted_at_ns_) continue;
-      const bool recent = wanted_at_ns_ - note.wanted_ns < settings_.idle_before_spare_ns;
-      candidates.push_back({recent, note.met_ns != 0, note.met_before_ns, note.wanted_ns, object, region});
+      if (note.wanted_us == RegionNote::microseconds(wanted_at_ns_)) continue;
+      const bool recent = wanted_at_ns_ - note.wanted_ns() < settings_.idle_before_spare_ns;
+      candidates.push_back({recent, note.met != 0, note.met_before, note.wanted_ns(), object, region});
     }
   std::sort(candidates.begin(), candidates.end(),
             [](const Candidate& a, const Candidate& b) { return a.order() < b.order(); });
@@ -324,7 +358,7 @@ void Loader::find_leavers() {
     if (settings_.keep_unwanted && gives(needed_) && (candidate.recent || gives(reserve_))) break;
     Object& object = *candidate.object;
     const spm::Cache::Room room = cache_.room_of(spm::ObjectIndex{object.info.index}, spm::RegionId{candidate.region});
-    object.notes[candidate.region].state = RegionState::kLeaving;
+    object.notes[candidate.region].set(RegionState::kLeaving);
     object.held.erase(std::find(object.held.begin(), object.held.end(), candidate.region));
     delivery_.retire(object.info.id, candidate.region);
     leavers_.push_back({&object, candidate.region, room});
@@ -344,7 +378,7 @@ void Loader::forget_leaver(const Object& object, std::uint32_t region) {
 
 void Loader::take_back(Object& object, std::uint32_t region) {
   forget_leaver(object, region);
-  object.notes[region].state = RegionState::kHeld;
+  object.notes[region].set(RegionState::kHeld);
   object.held.push_back(region);
   delivery_.held(object.info.id, region);
 }
@@ -358,15 +392,15 @@ void Loader::let_go() {
     coming.slots += leaver.room.slots;
     coming.blocks += leaver.room.blocks;
   };
-  const auto state = [](const Leaver& leaver) -> RegionState& { return leaver.object->notes[leaver.region].state; };
+  const auto note = [](const Leaver& leaver) -> RegionNote& { return leaver.object->notes[leaver.region]; };
   for (const Leaver& leaver : leavers_)
-    if (state(leaver) == RegionState::kDeparting) count(leaver);
+    if (note(leaver).state() == RegionState::kDeparting) count(leaver);
   for (const RegionState from : {RegionState::kSpare, RegionState::kLeaving})
     for (const Leaver& leaver : leavers_) {
       const bool enough = settings_.keep_unwanted && coming.slots >= needed_.slots && coming.blocks >= needed_.blocks;
       if (enough || departing_ == kAtOnce) return;
-      if (state(leaver) != from) continue;
-      state(leaver) = RegionState::kDeparting;
+      if (note(leaver).state() != from) continue;
+      note(leaver).set(RegionState::kDeparting);
       ++departing_;
       count(leaver);
       waiting_.push_back({Arrival::Kind::kRetire, &leaver.object->touch, spm::RegionId{leaver.region}, {}});
@@ -376,14 +410,14 @@ void Loader::let_go() {
 void Loader::take_departures() {
   for (Object* object : by_index_)
     for (const std::uint32_t region : delivery_.take_released(object->info.id))
-      if (object->notes[region].state == RegionState::kLeaving) object->notes[region].state = RegionState::kSpare;
+      if (object->notes[region].state() == RegionState::kLeaving) object->notes[region].set(RegionState::kSpare);
   Departure departure;
   while (departures_.pop(departure)) {
     Object& object = *by_index_[departure.object];
     const std::uint32_t region = spm::index(departure.region);
     cache_.release(spm::ObjectIndex{object.info.index}, departure.region);
     forget_leaver(object, region);
-    object.notes[region].state = RegionState::kAbsent;
+    object.notes[region].set(RegionState::kAbsent);
     ++object.info.regions_released;
     ++figures_.regions_evicted;
     --departing_;
@@ -427,7 +461,7 @@ LoaderFigures Loader::figures() const {
   for (const Object* object : by_index_) figures.regions_held += object->held.size();
   figures.regions_held += leavers_.size();
   for (const Leaver& leaver : leavers_)
-    figures.regions_spare += leaver.object->notes[leaver.region].state == RegionState::kSpare ? 1 : 0;
+    figures.regions_spare += leaver.object->notes[leaver.region].state() == RegionState::kSpare ? 1 : 0;
   return figures;
 }
 
@@ -444,13 +478,16 @@ std::vector<std::uint32_t> Loader::regions_met(std::uint32_t object_index,
   const Placement& placement = object.touch.placement;
   for (const ProbeSight& sight : sights)
     if (sight.active)
-      object.grid->for_each_meeting(placement.to_model(sight.device), settings_.radius / placement.scale(),
-                                    [&](spm::RegionId region, double) { met.push_back(spm::index(region)); });
+      object.grid().for_each_meeting(placement.to_model(sight.device), settings_.radius / placement.scale(),
+                                     [&](spm::RegionId region, double) { met.push_back(spm::index(region)); });
   return met;
 }
 
 std::vector<std::uint32_t> Loader::predicted(std::uint32_t object_index) const {
-  return object_index < by_index_.size() ? by_index_[object_index]->predicted : std::vector<std::uint32_t>{};
+  std::vector<std::uint32_t> regions;
+  if (object_index < by_index_.size())
+    for (const auto& [region, wish] : by_index_[object_index]->wishes) regions.push_back(region);
+  return regions;
 }
 
 }  // namespace tactus::hrtc_service

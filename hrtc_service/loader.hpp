@@ -27,6 +27,7 @@
 #include "session/delivery_client.hpp"
 #include "spm/cache.hpp"
 #include "spm/codec/record_codes.hpp"
+#include "spm/directory.hpp"
 #include "spm/fcl/broad_phase.hpp"
 #include "spm/prediction.hpp"
 
@@ -51,6 +52,8 @@ struct LoaderSettings {
   double most_lead = 0.5;      ///< s
   std::int64_t idle_before_spare_ns = 300'000'000;  ///< of a region nobody wants, unless the room is needed now
   bool keep_unwanted = true;                        ///< false: what nobody wants goes at once
+  /// For the directories of all objects together (spm/directory.hpp); an object whose own does not fit is refused.
+  std::uint64_t directory_bytes = ~std::uint64_t{0};
   session::DeliverySettings delivery;
 };
 
@@ -63,7 +66,8 @@ struct LoaderFigures {
   std::uint64_t refused_full = 0;
   std::uint64_t refused_other = 0;
   std::uint64_t decode_errors = 0;
-  double load_latency = 0;  ///< s, from wanting a region to holding it; smoothed
+  std::uint64_t objects_refused = 0;  ///< for want of memory
+  double load_latency = 0;            ///< s, from wanting a region to holding it; smoothed
   std::uint32_t slots_used = 0, slots_peak = 0, slots_limit = 0;
 };
 
@@ -108,41 +112,64 @@ class Loader {
   /// Labelled cells that the tips meet.
   [[nodiscard]] std::vector<std::uint32_t> regions_met(std::uint32_t object_index,
                                                        const std::array<ProbeSight, kMaxProbes>& sights) const;
-  [[nodiscard]] const spm::RegionGrid& grid(std::uint32_t object_index) const { return *by_index_[object_index]->grid; }
+  [[nodiscard]] const spm::RegionGrid& grid(std::uint32_t object_index) const {
+    return by_index_[object_index]->grid();
+  }
   /// Regions predicted in the last tick, by object index.
   [[nodiscard]] std::vector<std::uint32_t> predicted(std::uint32_t object_index) const;
 
  private:
   enum class RegionState : std::uint8_t { kAbsent, kHeld, kLeaving, kSpare, kDeparting };
+  /// One for each region of every object, so it is packed.
   struct RegionNote {
-    RegionState state = RegionState::kAbsent;
-    bool was_here = false;
-    std::int64_t wanted_ns = 0;        // last time it was
-    std::int64_t met_ns = 0;           // last time a tip met it; 0: never
-    std::int64_t met_before_ns = 0;    // the same of the visit before that one
-    std::int64_t wanted_since_ns = 0;  // 0: not wanted
-    std::uint32_t room_needed = 0;     // slots that its records took when they were refused for want of room
+    std::uint64_t wanted_us : 48;  // last time it was
+    std::uint64_t state_bits : 3;  // RegionState
+    std::uint64_t was_here : 1;
+    std::uint32_t met;         // last time a tip met it, in 17 ms; 0: never
+    std::uint32_t met_before;  // the same of the visit before that one
+    [[nodiscard]] RegionState state() const noexcept { return static_cast<RegionState>(state_bits); }
+    void set(RegionState state) noexcept { state_bits = static_cast<std::uint64_t>(state) & 7u; }
+    [[nodiscard]] std::int64_t wanted_ns() const noexcept { return static_cast<std::int64_t>(wanted_us) * 1000; }
+    void want_at(std::int64_t now_ns) noexcept { wanted_us = microseconds(now_ns) & 0xffffffffffff; }
+    /// What follows within `pause_ns` is the same visit.
+    void meet_at(std::int64_t now_ns, std::int64_t pause_ns) noexcept {
+      constexpr std::int64_t kGrainNs = 1 << 24;  // a clock of two years
+      const auto now = static_cast<std::uint32_t>(now_ns / kGrainNs + 1);
+      if (now - met >= pause_ns / kGrainNs) met_before = met;
+      met = now;
+    }
+    [[nodiscard]] static std::uint64_t microseconds(std::int64_t ns) noexcept {
+      return static_cast<std::uint64_t>(ns / 1000);
+    }
+  };
+  static_assert(sizeof(RegionNote) + sizeof(std::uint32_t) == spm::kRegionNoteBytes);
+  /// Of a region that a tip is expected to meet.
+  struct Wish {
+    std::int64_t since_ns = 0;      // since when it is wanted; 0: it is not, for want of room
+    std::uint32_t room_needed = 0;  // slots that its records took when they were refused for want of room
   };
   struct Object {
     ObjectInfo info;
     session::CatalogueEntry entry;
     spm::ModelSummary summary;
-    std::vector<spm::Region> regions;
     spm::codec::RecordTables tables;
-    std::unique_ptr<spm::RegionGrid> grid;  // the loader's own; the forest has another
     TouchObject touch;
-    std::vector<RegionNote> notes;
+    std::vector<std::uint32_t> slots;  // by region: what its records take
+    std::vector<RegionNote> notes;     // by region
+    std::map<std::uint32_t, Wish> wishes;
     std::vector<spm::Predictor> predictors;  // by probe
-    std::vector<std::uint32_t> predicted;
-    std::vector<std::uint32_t> held;  // regions in that state
-    bool ready = false;               // base mesh is in
-    bool refused = false;             // base mesh does not fit
+    std::vector<std::uint32_t> held;         // regions in that state
+    bool ready = false;                      // base mesh is in
+    bool refused = false;                    // base mesh or directory does not fit
+    [[nodiscard]] const spm::RegionGrid& grid() const noexcept { return touch.forest->grid(); }  // never changes
   };
 
+  [[nodiscard]] bool take_directory(Object& object);
   void take_base(Object& object, const std::vector<std::uint8_t>& bytes);
   /// False when there is no room now, but will be.
   [[nodiscard]] bool take_region(Object& object, const session::DeliveryClient::Message& message, std::int64_t now_ns);
   void take_messages(std::int64_t now_ns);
+  [[nodiscard]] std::uint32_t blocks_of(const Object& object, std::uint32_t region) const noexcept;
   void predict(Object& object, const std::array<ProbeSight, kMaxProbes>& sights);
   void want(std::int64_t now_ns);
   [[nodiscard]] double expect_inflow();
@@ -177,6 +204,7 @@ class Loader {
     double contact_in;  // s
     Object* object;
     std::uint32_t region;
+    Wish* wish;
   };
   struct Unplaced {
     Object* object;
@@ -187,8 +215,9 @@ class Loader {
   std::deque<Unplaced> unplaced_;    // for room in the pool; later ones may count on earlier ones
   std::deque<Leaver> leavers_;       // first to go first
   std::uint32_t departing_ = 0;
-  std::int64_t wanted_at_ns_ = 0;  // of the last tick: RegionNote::wanted_ns of what is wanted
+  std::int64_t wanted_at_ns_ = 0;  // of the last tick: RegionNote::wanted_us of what is wanted
   std::uint32_t base_slots_ = 0;   // that base meshes take for good
+  std::uint64_t directories_ = 0;  // bytes, of all objects
   spm::Cache::Room leaving_;       // what all leavers give
   spm::Cache::Room needed_;        // for what is wanted and absent, more or less
   double fresh_share_ = 1;         // of a region's records, those that had to be sent; smoothed

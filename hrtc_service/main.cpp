@@ -7,6 +7,7 @@
 #include <map>
 
 #include "hrtc_service/hrtc.hpp"
+#include "spm/directory.hpp"
 #include "wire/process.hpp"
 
 namespace {
@@ -34,7 +35,9 @@ int main(int argc, char** argv) {
   hrtc_service::HrtcOptions options;
   options.address.session = "tactus";
   options.address.participant = "hrtc";
+  constexpr std::uint32_t kLeastSlots = 256;
   std::uint32_t slots = 1u << 16;
+  std::uint64_t memory_bytes = 0;
   double rate = 1000, deadline_us = 250, radius_mm = 3, frame_scale = 1;
   std::vector<double> frame_offset{0, 0, 0};
   std::vector<std::string> replays;
@@ -49,9 +52,14 @@ int main(int argc, char** argv) {
   app.add_option("--domain", options.address.domain, "First of the three DDS domains that the session uses")
       ->capture_default_str();
   app.add_option("--qos", options.address.qos, "Directory of the QoS profiles")->capture_default_str();
-  app.add_option("--pool", slots, "Slots for mesh records, of all objects together; 64 Ki take 34 MiB")
-      ->capture_default_str()
-      ->check(CLI::Range(256u, 1u << 27));
+  CLI::Option* pool =
+      app.add_option("--pool", slots, "Slots for mesh records, of all objects together; 64 Ki take 34 MiB")
+          ->capture_default_str()
+          ->check(CLI::Range(kLeastSlots, 1u << 27));
+  CLI::Option* memory =
+      app.add_option("--memory", memory_bytes, "All that is held of models, instead of --pool: 16MiB, 64MiB, 1GiB")
+          ->transform(CLI::AsSizeValue(false))
+          ->excludes(pool);
   std::map<std::string, spm::Strategy> strategies;
   for (std::size_t i = 0; i < spm::kStrategyNames.size(); ++i)
     strategies[spm::kStrategyNames[i]] = static_cast<spm::Strategy>(i);
@@ -97,6 +105,17 @@ int main(int argc, char** argv) {
   }
 
   options.pool = spm::PoolSettings::for_slots(slots);
+  if (memory->count() > 0) {
+    const spm::MemoryShares shares = spm::shares_of(memory_bytes);
+    options.directory_bytes = shares.directories;
+    options.pool = shares.pool;
+    if (options.pool.slots < kLeastSlots) {
+      std::cerr << "tactus-hrtc: --memory: found " << memory_bytes << " bytes, which hold " << options.pool.slots
+                << " slots, expected room for " << kLeastSlots << "\n";
+      return 2;
+    }
+    slots = options.pool.slots;
+  }
   options.haptic.cycle.period = 1 / rate;
   options.haptic.cycle.radius = radius_mm * 1e-3;
   options.haptic.cycle.force.max_force = max_force;

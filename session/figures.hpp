@@ -48,6 +48,7 @@ inline constexpr char kRegionsReceived[] = "hrtc.regions_received";
 inline constexpr char kEvictions[] = "hrtc.evictions";
 inline constexpr char kReloads[] = "hrtc.reloads";
 inline constexpr char kRefusedFull[] = "hrtc.refused_full";
+inline constexpr char kObjectsRefused[] = "hrtc.objects_refused";
 inline constexpr char kRecordsReceived[] = "hrtc.records_received";
 inline constexpr char kRecordsReturned[] = "hrtc.records_returned";
 inline constexpr char kBytesReceived[] = "hrtc.bytes_received";

@@ -53,10 +53,14 @@ Cache::Cache(Pool& pool)
   for (std::uint32_t i = 0; i < free_block_count_; ++i) free_blocks_[i] = free_block_count_ - 1 - i;
 }
 
+std::uint32_t Cache::slots_for_base(const BaseMesh& base) noexcept {
+  return static_cast<std::uint32_t>(std::max(base.positions.size(), (base.faces.size() + 1) / 2));
+}
+
 Cache::Admitted Cache::admit(const BaseMesh& base) {
   const auto vertices = static_cast<std::uint32_t>(base.positions.size());
   const auto faces = static_cast<std::uint32_t>(base.faces.size());
-  const std::uint32_t needed = std::max(vertices, (faces + 1) / 2);
+  const std::uint32_t needed = slots_for_base(base);
   if (needed > free_count_) return {};
 
   Admitted result;
@@ -97,7 +101,7 @@ Cache::Admitted Cache::admit(const BaseMesh& base) {
     object.record_counts.push_back(region.record_count);
     object.seals.push_back(region.seal);
   }
-  object.lists.resize(base.regions.size());
+  object.first_blocks.resize(base.regions.size(), kNone);
   object.seen.resize(base.summary.records);
   objects_.push_back(std::move(object));
   return result;
@@ -255,8 +259,8 @@ void Cache::forget(ObjectIndex number, std::uint32_t first_slot) noexcept {
 
 AcceptResult Cache::accept(ObjectIndex number, const RegionData& data, RegionList& out) noexcept {
   Object& object = objects_[index(number)];
-  if (index(data.region) >= object.lists.size()) return AcceptResult::kMalformed;
-  if (object.lists[index(data.region)].first_block != kNone) return AcceptResult::kHeld;
+  if (index(data.region) >= object.first_blocks.size()) return AcceptResult::kMalformed;
+  if (object.first_blocks[index(data.region)] != kNone) return AcceptResult::kHeld;
   const Span<const Run> list{data.list};
   const Span<const Run> sent{data.sent};
   if (!well_formed(list, object.summary.records) || !well_formed(sent, object.summary.records) ||
@@ -331,12 +335,12 @@ AcceptResult Cache::accept(ObjectIndex number, const RegionData& data, RegionLis
   counters_.records_accepted += fresh;
   counters_.records_repeated += repeated;
   counters_.records_returned += returned;
-  object.lists[index(data.region)] = made;
+  object.first_blocks[index(data.region)] = made.first_block;
   out = made;
   return AcceptResult::kAccepted;
 }
 
-void Cache::release_list(ObjectIndex number, RegionList& list) noexcept {
+void Cache::release_list(ObjectIndex number, const RegionList& list) noexcept {
   // From the back: a record goes before those that it names.
   std::uint32_t block = list.first_block;
   while (pool_.blocks[block].after != kNone) block = pool_.blocks[block].after;
@@ -352,18 +356,18 @@ void Cache::release_list(ObjectIndex number, RegionList& list) noexcept {
     free_blocks_[free_block_count_++] = block;
     block = before;
   }
-  list = RegionList{};
 }
 
 void Cache::release(ObjectIndex number, RegionId region) noexcept {
-  RegionList& list = objects_[index(number)].lists[index(region)];
-  TACTUS_CHECK(list.first_block != kNone);
-  release_list(number, list);
+  Object& object = objects_[index(number)];
+  TACTUS_CHECK(object.first_blocks[index(region)] != kNone);
+  release_list(number, object.list(region));
+  object.first_blocks[index(region)] = kNone;
   ++counters_.regions_released;
 }
 
 Cache::Room Cache::room_of(ObjectIndex number, RegionId region) const noexcept {
-  const RegionList& list = objects_[index(number)].lists[index(region)];
+  const RegionList list = objects_[index(number)].list(region);
   Room room;
   std::uint32_t left = list.length;
   for (std::uint32_t block = list.first_block; block != kNone; block = pool_.blocks[block].after) {
@@ -378,7 +382,7 @@ Cache::Room Cache::room_of(ObjectIndex number, RegionId region) const noexcept {
 }
 
 bool Cache::holds(ObjectIndex object, RegionId region) const noexcept {
-  return objects_[index(object)].lists[index(region)].first_block != kNone;
+  return objects_[index(object)].first_blocks[index(region)] != kNone;
 }
 
 std::vector<std::string> Cache::violations() const {
@@ -386,7 +390,9 @@ std::vector<std::string> Cache::violations() const {
   std::vector<std::uint32_t> counted(loaded_.size(), 0);
   std::uint32_t blocks_held = 0;
   for (const Object& object : objects_)
-    for (const RegionList& list : object.lists) {
+    for (std::uint32_t region = 0; region < object.first_blocks.size(); ++region) {
+      const RegionList list = object.list(RegionId{region});
+      if (list.first_block == kNone) continue;
       std::uint32_t left = list.length;
       for (std::uint32_t block = list.first_block; block != kNone; block = pool_.blocks[block].after) {
         ++blocks_held;

@@ -48,6 +48,8 @@ class Cache {
   /// `pool` must outlive the cache. Allocates.
   explicit Cache(Pool& pool);
 
+  /// What `admit` would take.
+  [[nodiscard]] static std::uint32_t slots_for_base(const BaseMesh& base) noexcept;
   /// Pins the base mesh. When it does not fit, `fits` is false and nothing has changed.
   /// `base` must have passed violations(). Allocates.
   struct Admitted {
@@ -61,6 +63,11 @@ class Cache {
   /// leaves the cache as it was. O(list + sent).
   [[nodiscard]] AcceptResult accept(ObjectIndex object, const RegionData& data, RegionList& list) noexcept;
 
+  /// What an object's regions and records take here, whatever of them is held.
+  [[nodiscard]] static std::uint64_t directory_bytes(const ModelSummary& summary) noexcept {
+    return std::uint64_t{summary.regions} * 3 * sizeof(std::uint32_t) + summary.records / 8;
+  }
+
   /// Frees the region's list and what only it needed. The haptic thread must have given the region back. O(list).
   void release(ObjectIndex object, RegionId region) noexcept;
 
@@ -71,6 +78,10 @@ class Cache {
   [[nodiscard]] Room room_of(ObjectIndex object, RegionId region) const noexcept;
 
   [[nodiscard]] bool holds(ObjectIndex object, RegionId region) const noexcept;
+  /// Length of the region's list, held or not.
+  [[nodiscard]] std::uint32_t records_of(ObjectIndex object, RegionId region) const noexcept {
+    return objects_[index(object)].record_counts[index(region)];
+  }
   [[nodiscard]] std::uint32_t slots_used() const noexcept { return pool_.settings.slots - free_count_; }
   [[nodiscard]] std::uint32_t slots_free() const noexcept { return free_count_; }
   [[nodiscard]] std::uint32_t blocks_free() const noexcept { return free_block_count_; }
@@ -85,8 +96,11 @@ class Cache {
     std::vector<std::uint32_t> base_slots;     // by base VertexId
     std::vector<std::uint32_t> record_counts;  // by region: what its list must add up to
     std::vector<std::uint32_t> seals;          // by region: what those of its records must add up to
-    std::vector<RegionList> lists;             // by region; first_block kNone when not held
-    std::vector<bool> seen;                    // by record: has been here before
+    std::vector<std::uint32_t> first_blocks;   // by region: of its list; kNone when not held
+    [[nodiscard]] RegionList list(RegionId region) const noexcept {
+      return {first_blocks[index(region)], record_counts[index(region)]};
+    }
+    std::vector<bool> seen;  // by record: has been here before
   };
 
   [[nodiscard]] static std::uint64_t key(ObjectIndex object, std::uint32_t id) noexcept {
@@ -103,7 +117,7 @@ class Cache {
   [[nodiscard]] bool place(const Object& object, const VertexRing& ring, const std::array<std::uint32_t, 3>& offset,
                            std::array<float, 3>& position) const noexcept;
   void forget(ObjectIndex number, std::uint32_t first_slot) noexcept;
-  void release_list(ObjectIndex number, RegionList& list) noexcept;
+  void release_list(ObjectIndex number, const RegionList& list) noexcept;
   [[nodiscard]] std::uint32_t take_slot() noexcept { return free_[--free_count_]; }
   void give_slot(std::uint32_t slot) noexcept { free_[free_count_++] = slot; }
 

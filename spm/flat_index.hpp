@@ -16,10 +16,12 @@ class FlatIndex {
  public:
   /// Room for `entries` keys; takes 16 bytes for each of the 2-4 places a key has. Allocates.
   explicit FlatIndex(std::uint32_t entries) {
-    std::uint32_t places = 16;
-    while (places < 2ull * entries) places *= 2;
-    places_.assign(places, Place{kEmpty, kNone});
-    mask_ = places - 1;
+    places_.assign(places_for(entries), Place{kEmpty, kNone});
+    mask_ = static_cast<std::uint32_t>(places_.size() - 1);
+  }
+  /// What room for so many keys takes.
+  [[nodiscard]] static std::uint64_t bytes(std::uint32_t entries) noexcept {
+    return places_for(entries) * sizeof(Place);
   }
 
   /// The number stored under `key`, or kNone.
@@ -69,6 +71,11 @@ class FlatIndex {
     std::uint32_t value;
   };
 
+  [[nodiscard]] static std::uint64_t places_for(std::uint32_t entries) noexcept {
+    std::uint64_t places = 16;
+    while (places < 2ull * entries) places *= 2;
+    return places;
+  }
   [[nodiscard]] std::uint32_t home(std::uint64_t key) const noexcept {
     key ^= key >> 32;
     key *= 0x9e3779b97f4a7c15ull;

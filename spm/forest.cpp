@@ -18,9 +18,13 @@ Forest::Forest(Pool& pool, NodePool& nodes, std::uint32_t object, const ModelSum
       grid_{std::move(grid)},
       tree_{pool, nodes, object, summary.faces},
       base_{std::move(base)},
-      states_(grid_.size()),
-      in_use_(grid_.size()),
-      order_(grid_.size()) {}
+      place_(grid_.size(), kNone),
+      states_(most_held(grid_.size(), pool.settings)),
+      in_use_(states_.size()),
+      order_(states_.size()) {
+  free_states_.reserve(states_.size());
+  for (auto number = static_cast<std::uint32_t>(states_.size()); number-- > 0;) free_states_.push_back(number);
+}
 
 std::uint64_t Forest::hash_of(std::uint32_t vertex_id) noexcept {
   std::uint64_t z = vertex_id + 0x9e3779b97f4a7c15ull;  // splitmix64
@@ -29,47 +33,49 @@ std::uint64_t Forest::hash_of(std::uint32_t vertex_id) noexcept {
   return z ^ z >> 31;
 }
 
-void Forest::use(std::uint32_t region) noexcept {
-  State& state = states_[region];
+void Forest::use(RegionId region) noexcept {
+  State& state = state_of(region);
   if (state.in_use_at != kNone) return;
   state.in_use_at = in_use_count_;
   in_use_[in_use_count_++] = region;
 }
 
-void Forest::unuse(std::uint32_t region) noexcept {
-  State& state = states_[region];
-  const std::uint32_t last = in_use_[--in_use_count_];
+void Forest::unuse(RegionId region) noexcept {
+  State& state = state_of(region);
+  const RegionId last = in_use_[--in_use_count_];
   in_use_[state.in_use_at] = last;
-  states_[last].in_use_at = state.in_use_at;
+  state_of(last).in_use_at = state.in_use_at;
   state.in_use_at = kNone;
 }
 
 void Forest::add(RegionId region, RegionList list) noexcept {
-  State& state = states_[index(region)];
-  TACTUS_ASSERT(state.list.first_block == kNone && state.cursor == 0);
+  TACTUS_ASSERT(!is_here(region) && !free_states_.empty());
+  place_[index(region)] = free_states_.back();
+  free_states_.pop_back();
+  State& state = state_of(region);
+  state = State{};
   state.list = list;
   state.block = list.first_block;
-  state.block_number = 0;
 }
 
 void Forest::retire(RegionId region) noexcept {
-  State& state = states_[index(region)];
-  TACTUS_ASSERT(state.list.first_block != kNone && !state.retiring);
-  state.retiring = true;
+  TACTUS_ASSERT(is_here(region) && !is_retiring(region));
+  state_of(region).retiring = true;
   ++retiring_count_;
-  use(index(region));
+  use(region);
 }
 
 std::uint32_t Forest::take_retired() noexcept {
   if (retiring_count_ == 0) return kNone;
   for (std::uint32_t i = 0; i < in_use_count_; ++i) {
-    const std::uint32_t region = in_use_[i];
-    State& state = states_[region];
+    const RegionId region = in_use_[i];
+    const State& state = state_of(region);
     if (!state.retiring || state.cursor != 0) continue;
     unuse(region);
     --retiring_count_;
-    state = State{};
-    return region;
+    free_states_.push_back(place_[index(region)]);
+    place_[index(region)] = kNone;
+    return index(region);
   }
   return kNone;
 }
@@ -78,12 +84,12 @@ void Forest::target(const RegionId* regions, std::uint32_t count) noexcept {
   ++stamp_;
   order_count_ = 0;
   for (std::uint32_t i = 0; i < count; ++i) {
-    const std::uint32_t region = index(regions[i]);
-    State& state = states_[region];
-    if (state.list.first_block == kNone || state.retiring || state.asked == stamp_) continue;
+    if (!is_here(regions[i])) continue;
+    State& state = state_of(regions[i]);
+    if (state.retiring || state.asked == stamp_) continue;
     state.asked = stamp_;
-    use(region);
-    order_[order_count_++] = region;
+    use(regions[i]);
+    order_[order_count_++] = regions[i];
   }
 }
 
@@ -245,13 +251,15 @@ Advance Forest::advance(Budget& budget) noexcept {
     budget.units -= Budget::kChange;
   }
   Advance refining = Advance::kDone;
-  for (std::uint32_t i = 0; i < order_count_ && refining == Advance::kDone; ++i)
-    if (State& state = states_[order_[i]]; wants(state)) refining = refine(state, budget);
+  for (std::uint32_t i = 0; i < order_count_ && refining == Advance::kDone; ++i) {
+    if (!is_here(order_[i])) continue;  // retired and gone since it was asked for
+    if (State& state = state_of(order_[i]); wants(state)) refining = refine(state, budget);
+  }
   if (refining == Advance::kBudget) return refining;
 
   for (std::uint32_t i = in_use_count_; i-- > 0;) {
-    const std::uint32_t region = in_use_[i];
-    State& state = states_[region];
+    const RegionId region = in_use_[i];
+    State& state = state_of(region);
     if (wants(state)) continue;
     if (coarsen(state, budget) == Advance::kBudget) return Advance::kBudget;
     if (!state.retiring) unuse(region);
@@ -269,8 +277,9 @@ bool Forest::exact(const Vec3d& centre, double radius) const noexcept {
 std::vector<std::string> Forest::violations() const {
   std::vector<std::string> found;
   std::map<std::uint32_t, std::uint32_t> wanted;  // by slot, over the applied prefixes
-  for (std::uint32_t region = 0; region < states_.size(); ++region) {
-    const State& state = states_[region];
+  for (std::uint32_t region = 0; region < place_.size(); ++region) {
+    if (!is_here(RegionId{region})) continue;
+    const State& state = state_of(RegionId{region});
     if (state.cursor > state.list.length) found.push_back("region " + std::to_string(region) + " is past its end");
     if (state.cursor > 0 && state.in_use_at == kNone)
       found.push_back("region " + std::to_string(region) + " is refined and not in use");

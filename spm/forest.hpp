@@ -48,9 +48,16 @@ enum class Advance : std::uint8_t {
 
 class Forest {
  public:
-  /// `grid` is copied; `pool` and `nodes` must outlive the forest. Not realtime: allocates for every region.
+  /// `grid` is copied; `pool` and `nodes` must outlive the forest. Not realtime: allocates.
   Forest(Pool& pool, NodePool& nodes, std::uint32_t object, const ModelSummary& summary, RegionGrid grid,
          BaseSlots base);
+
+  /// What an object's regions take here, whatever of them is held.
+  [[nodiscard]] static std::uint64_t directory_bytes(const ModelSummary& summary, const PoolSettings& pool) noexcept {
+    constexpr std::uint64_t kPerHeld = sizeof(State) + 2 * sizeof(RegionId) + sizeof(std::uint32_t);
+    return RegionGrid::bytes(summary.regions) + std::uint64_t{summary.regions} * sizeof(std::uint32_t) +
+           std::uint64_t{most_held(summary.regions, pool)} * kPerHeld;
+  }
 
   /// A region has been loaded. It stays coarse until asked for.
   void add(RegionId region, RegionList list) noexcept;
@@ -69,13 +76,14 @@ class Forest {
 
   [[nodiscard]] bool base_shown() const noexcept { return base_cursor_ == base_.faces.size(); }
   [[nodiscard]] bool is_refined(RegionId region) const noexcept {
-    const State& state = states_[index(region)];
-    return state.list.first_block != kNone && state.cursor == state.list.length;
+    if (!is_here(region)) return false;
+    const State& state = state_of(region);
+    return state.cursor == state.list.length;
   }
-  [[nodiscard]] bool is_here(RegionId region) const noexcept {
-    return states_[index(region)].list.first_block != kNone;
+  [[nodiscard]] bool is_here(RegionId region) const noexcept { return place_[index(region)] != kNone; }
+  [[nodiscard]] bool is_retiring(RegionId region) const noexcept {
+    return is_here(region) && state_of(region).retiring;
   }
-  [[nodiscard]] bool is_retiring(RegionId region) const noexcept { return states_[index(region)].retiring; }
   /// A query of that ball is exact: every labelled cell it meets is refined.
   [[nodiscard]] bool exact(const Vec3d& centre, double radius) const noexcept;
 
@@ -101,9 +109,15 @@ class Forest {
     bool retiring = false;
   };
 
+  /// Each region that is here takes a list block at least.
+  [[nodiscard]] static std::uint32_t most_held(std::uint32_t regions, const PoolSettings& pool) noexcept {
+    return regions < pool.list_blocks ? regions : pool.list_blocks;
+  }
+  [[nodiscard]] State& state_of(RegionId region) noexcept { return states_[place_[index(region)]]; }
+  [[nodiscard]] const State& state_of(RegionId region) const noexcept { return states_[place_[index(region)]]; }
   [[nodiscard]] bool wants(const State& state) const noexcept { return state.asked == stamp_ && !state.retiring; }
-  void use(std::uint32_t region) noexcept;
-  void unuse(std::uint32_t region) noexcept;
+  void use(RegionId region) noexcept;
+  void unuse(RegionId region) noexcept;
   [[nodiscard]] Advance refine(State& state, Budget& budget) noexcept;
   [[nodiscard]] Advance coarsen(State& state, Budget& budget) noexcept;
   [[nodiscard]] const std::uint32_t* entry(State& state, std::uint32_t number) noexcept;
@@ -118,10 +132,12 @@ class Forest {
   AbTree tree_;
   BaseSlots base_;
   std::size_t base_cursor_ = 0;
-  std::vector<State> states_;
-  std::vector<std::uint32_t> in_use_;  // regions with a cursor above 0, or asked for, or retiring; fixed capacity
+  std::vector<std::uint32_t> place_;  // by region: in states_, kNone when it is not here
+  std::vector<State> states_;         // of regions that are here
+  std::vector<std::uint32_t> free_states_;
+  std::vector<RegionId> in_use_;  // regions with a cursor above 0, or asked for, or retiring; fixed capacity
   std::uint32_t in_use_count_ = 0;
-  std::vector<std::uint32_t> order_;  // regions asked for, in order
+  std::vector<RegionId> order_;  // regions asked for, in order
   std::uint32_t order_count_ = 0;
   std::uint32_t retiring_count_ = 0;
   std::uint32_t stamp_ = 0;

@@ -1,15 +1,27 @@
 #include "spm/pool.hpp"
 
+#include "spm/flat_index.hpp"
+
 namespace tactus::spm {
 
 std::uint64_t PoolSettings::bytes() const noexcept {
-  constexpr std::uint64_t kIndexBytesPerEntry = 16 * 4;
   constexpr std::uint64_t kFrontBytesPerFace = 3 * 4;
   const std::uint64_t per_slot = sizeof(RecordPart) + sizeof(Vertex) + sizeof(float) + 2 * sizeof(FaceRow) +
-                                 sizeof(SlotState) + 3 * kIndexBytesPerEntry + 2 * kFrontBytesPerFace +
-                                 sizeof(std::uint16_t) + sizeof(std::uint32_t);
-  return per_slot * slots + (kTreeNodeBytes + kIndexBytesPerEntry) * tree_nodes +
+                                 sizeof(SlotState) + 2 * kFrontBytesPerFace + sizeof(std::uint16_t) +
+                                 2 * sizeof(std::uint32_t);
+  return per_slot * slots + FlatIndex::bytes(slots) + FlatIndex::bytes(2 * slots) +
+         (kTreeNodeBytes + sizeof(std::uint32_t)) * tree_nodes + FlatIndex::bytes(tree_nodes) +
          (sizeof(ListBlock) + sizeof(std::uint32_t)) * list_blocks;
+}
+
+PoolSettings PoolSettings::for_bytes(std::uint64_t bytes) noexcept {
+  // Indices grow by doubling, so that a few slots more may cost much; but more never cost less.
+  std::uint32_t fits = 0, too_many = 1u << 27;
+  while (too_many - fits > 1) {
+    const std::uint32_t slots = fits + (too_many - fits) / 2;
+    (for_slots(slots).bytes() <= bytes ? fits : too_many) = slots;
+  }
+  return for_slots(fits);
 }
 
 Pool::Pool(PoolSettings pool_settings)

@@ -27,7 +27,9 @@ struct PoolSettings {
   std::uint32_t tree_nodes = 1u << 14;   ///< exceeded: refinement stops, PoolFull is flagged
   std::uint32_t list_blocks = 1u << 13;  ///< blocks of 62 list entries; exceeded: as slots
   static PoolSettings for_slots(std::uint32_t slots) noexcept { return {slots, slots / 2 + 1024, slots / 12 + 256}; }
-  /// Bytes that a controller with these settings holds for its models.
+  /// As many slots as `bytes` hold, all that belongs to them included; 0 when not even one fits.
+  static PoolSettings for_bytes(std::uint64_t bytes) noexcept;
+  /// Bytes that a controller with these settings holds for its models, directories apart.
   [[nodiscard]] std::uint64_t bytes() const noexcept;
 };
 

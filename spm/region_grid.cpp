@@ -1,37 +1,62 @@
 #include "spm/region_grid.hpp"
 
+#include <algorithm>
 #include <limits>
 
 namespace tactus::spm {
+namespace {
+
+/// Of the table that finds cells: at most half of them are taken.
+std::size_t places_for(std::size_t cells) noexcept {
+  std::size_t places = 16;
+  while (places < 2 * cells) places *= 2;
+  return places;
+}
+
+}  // namespace
 
 RegionGrid::RegionGrid(const GridFrame& frame, Span<const Region> regions)
-    : frame_{frame}, cells_{static_cast<std::uint32_t>(regions.size()) * 2 + 16} {
-  // Dividing cells add up to kMaxDepth entries each in the worst case; count them first so that the table fits.
-  std::uint32_t dividing = 0;
-  for (const Region& region : regions) dividing += region.depth;
-  if (dividing > 0) cells_ = FlatIndex{static_cast<std::uint32_t>(regions.size()) + dividing + 16};
+    : frame_{frame}, regions_{static_cast<std::uint32_t>(regions.size())} {
+  // Cells that are divided, once each.
+  std::vector<Cell> above;
+  for (const Region& region : regions)
+    for (std::uint32_t up = 1; up <= region.depth; ++up)
+      above.push_back(
+          {{static_cast<std::uint16_t>(region.cell[0] >> up), static_cast<std::uint16_t>(region.cell[1] >> up),
+            static_cast<std::uint16_t>(region.cell[2] >> up)},
+           static_cast<std::uint16_t>(region.depth - up),
+           0});
+  const auto order = [](const Cell& a, const Cell& b) { return a.depth != b.depth ? a.depth < b.depth : a.at < b.at; };
+  std::sort(above.begin(), above.end(), order);
+  const auto same = [](const Cell& a, const Cell& b) { return a.depth == b.depth && a.at == b.at; };
+  above.erase(std::unique(above.begin(), above.end(), same), above.end());
 
-  boxes_.reserve(regions.size());
-  occupied_.reserve(regions.size());
-  for (std::uint32_t i = 0; i < regions.size(); ++i) {
-    const Region& region = regions[i];
-    const double edge = frame.cell_size / static_cast<double>(1u << region.depth);
-    boxes_.push_back(box_of(region.cell[0], region.cell[1], region.cell[2], edge));
-    occupied_.push_back(std::uint64_t{region.occupied[1]} << 32 | region.occupied[0]);
-    cells_.insert(key(region.depth, region.cell[0], region.cell[1], region.cell[2]), i);
-    for (std::uint32_t up = 1; up <= region.depth; ++up) {
-      const std::uint64_t above =
-          key(region.depth - up, region.cell[0] >> up, region.cell[1] >> up, region.cell[2] >> up);
-      if (cells_.find(above) != kNone) break;
-      cells_.insert(above, kDivided);
-    }
+  cells_.reserve(regions.size() + above.size());
+  for (const Region& region : regions) {
+    cells_.push_back({region.cell, region.depth, std::uint64_t{region.occupied[1]} << 32 | region.occupied[0]});
     for (int axis = 0; axis < 3; ++axis)
       extent_[axis] = std::max(extent_[axis], static_cast<double>(region.cell[axis] >> region.depth));
   }
+  cells_.insert(cells_.end(), above.begin(), above.end());
+  places_.assign(places_for(cells_.size()), kNone);
+  mask_ = static_cast<std::uint32_t>(places_.size() - 1);
+  for (std::uint32_t number = 0; number < cells_.size(); ++number) enter(number);
+}
+
+void RegionGrid::enter(std::uint32_t number) noexcept {
+  const Cell& cell = cells_[number];
+  std::uint32_t place = home(cell.depth, cell.at[0], cell.at[1], cell.at[2]);
+  while (places_[place] != kNone) place = (place + 1) & mask_;
+  places_[place] = number;
+}
+
+std::uint64_t RegionGrid::bytes(std::uint32_t regions) noexcept {
+  const std::size_t cells = regions + regions / 8;
+  return cells * sizeof(Cell) + places_for(cells) * sizeof(std::uint32_t);
 }
 
 double RegionGrid::squared_distance(RegionId region, const Vec3d& p) const noexcept {
-  const CellBox& box = boxes_[index(region)];
+  const CellBox box = box_of(cells_[index(region)]);
   const double quarter = (box.high[0] - box.low[0]) / 4;
   double apart[3][4];  // squared, by axis and quarter
   for (int axis = 0; axis < 3; ++axis)
@@ -49,17 +74,11 @@ double RegionGrid::squared_distance(RegionId region, const Vec3d& p) const noexc
     along_x[bits] = std::min(apart[0][first], along_x[bits & (bits - 1)]);
   }
   double nearest = kNever;
-  std::uint64_t left = occupied_[index(region)];
+  std::uint64_t left = cells_[index(region)].occupied;
   for (int z = 0; z < 4; ++z)
     for (int y = 0; y < 4; ++y, left >>= 4)
       nearest = std::min(nearest, apart[2][z] + apart[1][y] + along_x[left & 15u]);
   return nearest;
-}
-
-CellBox RegionGrid::box_of(std::uint32_t x, std::uint32_t y, std::uint32_t z, double edge) const noexcept {
-  const Vec3d origin{frame_.origin[0], frame_.origin[1], frame_.origin[2]};
-  const Vec3d low = origin + edge * Vec3d{static_cast<double>(x), static_cast<double>(y), static_cast<double>(z)};
-  return {low, low + Vec3d::Constant(edge)};
 }
 
 }  // namespace tactus::spm

@@ -7,10 +7,11 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
+#include <vector>
 
-#include "spm/flat_index.hpp"
 #include "spm/ids.hpp"
 #include "spm/model.hpp"
 
@@ -29,8 +30,10 @@ class RegionGrid {
   /// Allocates. `regions` must have passed violations().
   RegionGrid(const GridFrame& frame, Span<const Region> regions);
 
-  [[nodiscard]] std::uint32_t size() const noexcept { return static_cast<std::uint32_t>(boxes_.size()); }
-  [[nodiscard]] const CellBox& box(RegionId region) const noexcept { return boxes_[index(region)]; }
+  [[nodiscard]] std::uint32_t size() const noexcept { return regions_; }
+  [[nodiscard]] CellBox box(RegionId region) const noexcept { return box_of(cells_[index(region)]); }
+  /// What a grid of so many regions takes; cells that are divided are counted as an eighth of these.
+  [[nodiscard]] static std::uint64_t bytes(std::uint32_t regions) noexcept;
 
   /// From `p` to the nearest part of the cell that faces meet; 0 inside. About 20 ns.
   [[nodiscard]] double squared_distance(RegionId region, const Vec3d& p) const noexcept;
@@ -60,40 +63,60 @@ class RegionGrid {
 
  private:
   static constexpr int kMaxDepth = 8;
-  static constexpr std::uint32_t kDivided = kNone - 1;
   static constexpr double kSlack = 1e-9;  // of a cell: a ball that touches a cell's face meets it
 
-  [[nodiscard]] static std::uint64_t key(std::uint32_t depth, std::uint32_t x, std::uint32_t y,
-                                         std::uint32_t z) noexcept {
-    return std::uint64_t{depth} << 57 | std::uint64_t{x} << 38 | std::uint64_t{y} << 19 | z;
-  }
+  /// A cell of the grid, whole or divided. Its box follows from it.
+  struct Cell {
+    std::array<std::uint16_t, 3> at;
+    std::uint16_t depth;
+    std::uint64_t occupied;  // sixty-fourths that faces meet
+  };
 
   template <class Visit>
   void visit_cell(std::uint32_t depth, std::uint32_t x, std::uint32_t y, std::uint32_t z, const Vec3d& centre,
                   double squared_radius, Visit& visit) const noexcept {
-    const std::uint32_t found = cells_.find(key(depth, x, y, z));
-    if (found == kNone) return;
-    if (found != kDivided) {
-      if (boxes_[found].squared_distance(centre) > squared_radius) return;
+    const std::uint32_t found = find(depth, x, y, z);
+    if (found == kNone || box_of(cells_[found]).squared_distance(centre) > squared_radius) return;
+    if (found < regions_) {
       const double squared = squared_distance(RegionId{found}, centre);
       if (squared <= squared_radius) visit(RegionId{found}, squared);
       return;
     }
-    const double edge = frame_.cell_size / static_cast<double>(1u << depth);
-    const CellBox box = box_of(x, y, z, edge);
-    if (box.squared_distance(centre) > squared_radius) return;
     for (std::uint32_t child = 0; child < 8; ++child)
       visit_cell(depth + 1, 2 * x + (child & 1), 2 * y + (child >> 1 & 1), 2 * z + (child >> 2), centre, squared_radius,
                  visit);
   }
 
-  [[nodiscard]] CellBox box_of(std::uint32_t x, std::uint32_t y, std::uint32_t z, double edge) const noexcept;
+  [[nodiscard]] CellBox box_of(const Cell& cell) const noexcept {
+    static constexpr double kShare[kMaxDepth + 1] = {1, 0x1p-1, 0x1p-2, 0x1p-3, 0x1p-4, 0x1p-5, 0x1p-6, 0x1p-7, 0x1p-8};
+    const double edge = frame_.cell_size * kShare[cell.depth];
+    const Vec3d low = Vec3d{frame_.origin[0], frame_.origin[1], frame_.origin[2]} +
+                      edge * Vec3d{double(cell.at[0]), double(cell.at[1]), double(cell.at[2])};
+    return {low, low + Vec3d::Constant(edge)};
+  }
+  [[nodiscard]] std::uint32_t home(std::uint32_t depth, std::uint32_t x, std::uint32_t y,
+                                   std::uint32_t z) const noexcept {
+    const std::uint64_t key = std::uint64_t{depth} << 57 | std::uint64_t{x} << 38 | std::uint64_t{y} << 19 | z;
+    return static_cast<std::uint32_t>(((key ^ key >> 32) * 0x9e3779b97f4a7c15ull) >> 32) & mask_;
+  }
+  /// Number of the cell, or kNone.
+  [[nodiscard]] std::uint32_t find(std::uint32_t depth, std::uint32_t x, std::uint32_t y,
+                                   std::uint32_t z) const noexcept {
+    for (std::uint32_t place = home(depth, x, y, z);; place = (place + 1) & mask_) {
+      const std::uint32_t number = places_[place];
+      if (number == kNone) return kNone;
+      const Cell& cell = cells_[number];
+      if (cell.depth == depth && cell.at[0] == x && cell.at[1] == y && cell.at[2] == z) return number;
+    }
+  }
+  void enter(std::uint32_t number) noexcept;
 
   GridFrame frame_;
   double extent_[3] = {0, 0, 0};  // highest depth-0 coordinate in use
-  FlatIndex cells_;
-  std::vector<CellBox> boxes_;
-  std::vector<std::uint64_t> occupied_;
+  std::uint32_t regions_ = 0;
+  std::vector<Cell> cells_;            // the regions, then cells that are divided
+  std::vector<std::uint32_t> places_;  // by open addressing: numbers of cells
+  std::uint32_t mask_ = 0;
 };
 
 }  // namespace tactus::spm

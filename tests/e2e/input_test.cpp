@@ -146,6 +146,8 @@ TEST_F(InputTest, OfTheControllerIsRefused) {
       {
           {{"surplus"}, {"surplus"}},
           {{"--pool", "10"}, {"--pool", "10", "256"}},
+          {{"--memory", "1000"}, {"--memory", "1000", "256"}},
+          {{"--memory", "64MiB", "--pool", "1000"}, {"--memory", "--pool"}},
           {{"--users", "9"}, {"--users", "9", "8"}},
           {{"--rate", "1"}, {"--rate", "100"}},
           {{"--priority", "99"}, {"--priority", "98"}},

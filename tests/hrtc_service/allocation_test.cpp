@@ -1,6 +1,7 @@
 // The haptic thread's promise: a minute of cycles, refining and coarsening all the while, without one allocation.
 
 #include <gtest/gtest.h>
+#include <malloc.h>
 
 #include <cmath>
 #include <memory>
@@ -15,6 +16,12 @@ namespace tactus {
 namespace {
 
 using spm::Vec3d;
+
+/// Bytes on the heap now.
+double allocated() {
+  const struct mallinfo2 info = mallinfo2();
+  return static_cast<double>(info.uordblks + info.hblkhd);
+}
 
 TEST(Allocation, TheGuardTripsOnNewAndMallocAndEigen) {
   std::uint64_t by_new, by_malloc, by_eigen;
@@ -38,6 +45,38 @@ TEST(Allocation, TheGuardTripsOnNewAndMallocAndEigen) {
   EXPECT_EQ(by_new, 2u);
   EXPECT_EQ(by_malloc, 2u);
   EXPECT_GE(by_eigen, 2u);
+}
+
+TEST(Allocation, APoolTakesTheBytesItSays) {
+  for (const std::uint32_t slots : {3000u, 65536u, 70000u}) {
+    const auto settings = spm::PoolSettings::for_slots(slots);
+    const double before = allocated();
+    spm::Pool pool{settings};
+    const spm::NodePool nodes{settings.tree_nodes};
+    const spm::Cache cache{pool};
+    const auto said = static_cast<double>(settings.bytes());
+    EXPECT_NEAR(allocated() - before, said, 0.002 * said) << slots;
+  }
+}
+
+TEST(Allocation, AnObjectTakesNoMoreThanItsDirectorySays) {
+  const spm::offline::BuiltModel built =
+      spm::offline::build_model(spm::offline::generate(spm::offline::Shape::kOrgan, 300000));
+  const spm::Model model = built.model();
+  const spm::BaseMesh base = spm::base_mesh_of(model);
+  spm::Pool pool{spm::PoolSettings::for_slots(4096)};
+  spm::NodePool nodes{pool.settings.tree_nodes};
+  spm::Cache cache{pool};
+  const double before = allocated();
+  spm::Cache::Admitted admitted = cache.admit(base);
+  const double of_base = static_cast<double>(4 * (model.summary.base_vertices + model.summary.base_faces));
+  const spm::Forest forest{
+      pool, nodes, 0, model.summary, spm::RegionGrid{model.summary.grid, model.regions}, std::move(admitted.base)};
+  const double taken = allocated() - before - of_base;
+  const auto said = static_cast<double>(spm::Cache::directory_bytes(model.summary) +
+                                        spm::Forest::directory_bytes(model.summary, pool.settings));
+  EXPECT_LT(taken, said + 4096);
+  EXPECT_GT(taken, 0.8 * said);
 }
 
 TEST(Allocation, SixtySecondsOfCyclesAllocateNothing) {

@@ -8,7 +8,9 @@
 #include <algorithm>
 #include <cmath>
 
+#include "spm/directory.hpp"
 #include "spm/offline/build.hpp"
+#include "spm/offline/certificate.hpp"
 #include "spm/offline/generate.hpp"
 
 namespace tactus {
@@ -208,6 +210,59 @@ TEST_F(OrganSession, ASurfaceThatRefinesUnderATipKeepsTheProxyOutside) {
     EXPECT_GT((proxy - goal).dot(away), 0) << "further out than the device, which is half a millimetre in";
     EXPECT_NEAR((proxy - goal).norm(), 0.0005, 0.0003);
   }
+}
+
+TEST_F(OrganSession, APoolTenTimesTooSmallIsCoarserAndFlaggedAndNeverSaidToBeExactWhereItIsNot) {
+  const spm::Model model = built_->model();
+  const spm::offline::Certificate needed = spm::offline::certify(model, kTip, 0.05);
+  const std::uint32_t base = std::max(model.summary.base_vertices, (model.summary.base_faces + 1) / 2);
+  LocalSession session{{model}, 1, spm::PoolSettings::for_slots(base + needed.parts / 10)};
+  std::uint64_t contact = 0, exact = 0;
+  for (int cycle = 0; cycle < 4000; ++cycle) {
+    const Vec3d at = position(cycle);
+    const auto& probe = session.step(at, (position(cycle + 1) - at) * 1000).probes[0];
+    if ((probe.status & session::kInContact) == 0) continue;
+    ++contact;
+    if ((probe.status & session::kExact) != 0) {
+      ++exact;
+      continue;
+    }
+    ASSERT_GT(probe.error_bound, 0);
+    ASSERT_LE(probe.error_bound, model.summary.deviation * 1.001);
+  }
+  EXPECT_GT(contact, 2000u);
+  EXPECT_LT(static_cast<double>(exact), 0.9 * static_cast<double>(contact));
+  EXPECT_LE(session.loader().figures().slots_peak, base + needed.parts / 10);
+  for (const hrtc_service::TouchObject* object : session.cycle().objects())
+    EXPECT_THAT(object->forest->violations(), ::testing::IsEmpty());
+}
+
+TEST_F(OrganSession, AnObjectWhoseDirectoryDoesNotFitIsRefusedAndTheOthersAreNot) {
+  const spm::Model model = built_->model();
+  const auto small_built = organ(2000);
+  const spm::Model small = small_built.model();
+  const spm::PoolSettings pool = spm::PoolSettings::for_slots(1 << 14);
+  hrtc_service::LoaderSettings settings;
+  settings.directory_bytes = spm::directory_bytes(model.summary, pool) + 100;
+  LocalSession session{{model, small}, 1, pool, 2, settings};
+  for (int cycle = 0; cycle < 200; ++cycle) session.step(Vec3d{1, 1, 1}, Vec3d::Zero());
+
+  EXPECT_EQ(session.loader().objects().size(), 1u);
+  EXPECT_EQ(session.loader().figures().objects_refused, 1u);
+  EXPECT_THAT(session.events, ::testing::Contains(::testing::AllOf(::testing::HasSubstr("object1: refused"),
+                                                                   ::testing::HasSubstr("raise --memory"))));
+}
+
+TEST_F(OrganSession, AnObjectWhoseBaseMeshDoesNotFitIsRefusedAndLeavesItsRoomToOthers) {
+  const spm::Model model = built_->model();
+  const spm::PoolSettings pool = spm::PoolSettings::for_slots(model.summary.base_vertices / 4);
+  LocalSession session{{model}, 1, pool};
+  for (int cycle = 0; cycle < 200; ++cycle) session.step(Vec3d{1, 1, 1}, Vec3d::Zero());
+
+  EXPECT_EQ(session.loader().objects().size(), 0u);
+  EXPECT_EQ(session.loader().figures().objects_refused, 1u);
+  EXPECT_THAT(session.events, ::testing::Contains(::testing::AllOf(::testing::HasSubstr("object0: refused"),
+                                                                   ::testing::HasSubstr("raise --memory or --pool"))));
 }
 
 TEST_F(OrganSession, WhatIsLoadedStaysTouchableWhenTheHostFallsSilent) {

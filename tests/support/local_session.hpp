@@ -22,14 +22,15 @@ class LocalSession {
   /// `models` must outlive the session; scale in metres per file unit. `delay_cycles`: chunks and demands are that long
   /// under way.
   LocalSession(const std::vector<spm::Model>& models, double scale, spm::PoolSettings settings,
-               std::uint32_t delay_cycles = 2)
+               std::uint32_t delay_cycles = 2, const hrtc_service::LoaderSettings& loader = {})
       : models_{models},
         pool_{settings},
         nodes_{settings.tree_nodes},
         server_{session::Origin{kSession, kHost, 1, 0}},
-        loader_{pool_, nodes_, session::Origin{kSession, kHrtc, 1, 0}, {}, arrivals_, departures_},
+        loader_{pool_, nodes_, session::Origin{kSession, kHrtc, 1, 0}, loader, arrivals_, departures_},
         cycle_{cycle_settings(), {}, departures_, &log_},
         delay_{delay_cycles} {
+    loader_.on_event = [this](const std::string& text) { events.push_back(text); };
     for (std::size_t i = 0; i < models_.size(); ++i) {
       const std::uint64_t id = 100 + i;
       encoded_.emplace_back(models_[i]);
@@ -80,6 +81,8 @@ class LocalSession {
   [[nodiscard]] hrtc_service::Cycle& cycle() { return cycle_; }
   [[nodiscard]] hrtc_service::Loader& loader() { return loader_; }
   [[nodiscard]] session::DeliveryServer& server() { return server_; }
+  /// What the loader said.
+  std::vector<std::string> events;
   /// While false nothing passes between host and loader.
   bool connected = true;
 
