@@ -6,6 +6,8 @@
 #include <utility>
 #include <vector>
 
+#include "spm/codec/region_codec.hpp"
+
 namespace tactus::tools {
 namespace {
 
@@ -32,6 +34,14 @@ struct Lists {
   std::uint32_t longest = 0, most_faces = 0;
 };
 
+/// Of the messages that bring what the worst step needs.
+std::uint64_t bytes_entering(const spm::codec::CodedModel& coded, const spm::offline::Certificate& certificate) {
+  std::uint64_t bytes = 0;
+  for (const auto& [region, missing] : certificate.brings)
+    bytes += spm::codec::encode_region(coded, region, spm::Span<const spm::Run>{missing}).size();
+  return bytes;
+}
+
 Lists lists_of(const spm::Model& model) {
   Lists lists;
   for (const spm::Region& region : model.regions) {
@@ -45,7 +55,7 @@ Lists lists_of(const spm::Model& model) {
 }  // namespace
 
 ordered_json info_json(const spm::Model& model, const spm::offline::Provenance& provenance,
-                       const spm::offline::Certificate& certificate) {
+                       const spm::offline::Certificate& certificate, const spm::codec::CodedModel* coded) {
   const spm::ModelSummary& s = model.summary;
   const Lists lists = lists_of(model);
   const auto tree = [&s](std::uint32_t width) {
@@ -54,48 +64,58 @@ ordered_json info_json(const spm::Model& model, const spm::offline::Provenance& 
   };
   ordered_json drops;
   for (const auto& [name, count] : dropped(provenance.cleaned)) drops[name] = count;
-  return {{"digest", hex(s.digest)},
-          {"source", provenance.source},
-          {"dropped", drops},
-          {"vertices", s.vertices},
-          {"faces", s.faces},
-          {"base_vertices", s.base_vertices},
-          {"base_faces", s.base_faces},
-          {"records", s.records},
-          {"parts", s.parts},
-          {"max_level", s.max_level},
-          {"deviation", s.deviation},
-          {"ab_tree", {{"eight_wide", tree(8)}, {"binary", tree(2)}}},
-          {"bounds_min", s.bounds_min},
-          {"bounds_max", s.bounds_max},
-          {"metres_per_unit", s.metres_per_unit},
-          {"position_step", s.position_step},
-          {"regions",
-           {{"count", s.regions},
-            {"cell_size", s.grid.cell_size},
-            {"most_faces", lists.most_faces},
-            {"records_mean", double(lists.sum) / s.regions},
-            {"records_max", lists.longest},
-            {"list_sum_per_record", s.records == 0 ? 0.0 : double(lists.sum) / s.records},
-            {"runs_mean", double(model.runs.size()) / s.regions}}},
-          {"certificate",
-           {{"radius_m", certificate.radius * s.metres_per_unit},
-            {"regions", certificate.regions},
-            {"records", certificate.records},
-            {"slots", certificate.parts},
-            {"worst_at", certificate.worst}}}};
+  ordered_json json = {{"digest", hex(s.digest)},
+                       {"source", provenance.source},
+                       {"dropped", drops},
+                       {"vertices", s.vertices},
+                       {"faces", s.faces},
+                       {"base_vertices", s.base_vertices},
+                       {"base_faces", s.base_faces},
+                       {"records", s.records},
+                       {"parts", s.parts},
+                       {"max_level", s.max_level},
+                       {"deviation", s.deviation},
+                       {"ab_tree", {{"eight_wide", tree(8)}, {"binary", tree(2)}}},
+                       {"bounds_min", s.bounds_min},
+                       {"bounds_max", s.bounds_max},
+                       {"metres_per_unit", s.metres_per_unit},
+                       {"position_step", s.position_step},
+                       {"regions",
+                        {{"count", s.regions},
+                         {"cell_size", s.grid.cell_size},
+                         {"most_faces", lists.most_faces},
+                         {"records_mean", double(lists.sum) / s.regions},
+                         {"records_max", lists.longest},
+                         {"list_sum_per_record", s.records == 0 ? 0.0 : double(lists.sum) / s.records},
+                         {"runs_mean", double(model.runs.size()) / s.regions}}},
+                       {"certificate",
+                        {{"radius_m", certificate.radius * s.metres_per_unit},
+                         {"regions", certificate.regions},
+                         {"records", certificate.records},
+                         {"slots", certificate.parts},
+                         {"worst_at", certificate.worst},
+                         {"pool_slots", spm::offline::slots_needed(s, certificate)},
+                         {"memory_bytes", spm::offline::memory_needed(s, certificate)},
+                         {"speed_m_s", certificate.speed * s.metres_per_unit},
+                         {"step_m", certificate.step * s.metres_per_unit},
+                         {"step_records", certificate.entering},
+                         {"records_per_second", certificate.entering * certificate.steps_per_second()}}}};
+  if (coded != nullptr) {
+    const auto bytes = static_cast<double>(bytes_entering(*coded, certificate));
+    json["certificate"]["step_bytes"] = bytes;
+    json["certificate"]["bytes_per_second"] = bytes * certificate.steps_per_second();
+  }
+  return json;
 }
 
 std::string info_text(const spm::Model& model, const spm::offline::Provenance& provenance,
-                      const spm::offline::Certificate& certificate) {
+                      const spm::offline::Certificate& certificate, const spm::codec::CodedModel* coded) {
   const spm::ModelSummary& s = model.summary;
-  const ordered_json json = info_json(model, provenance, certificate);
+  const ordered_json json = info_json(model, provenance, certificate, coded);
   std::string text;
-  const auto row = [&text](const char* name, const std::string& value) {
+  const auto row = [&text](const std::string& name, const std::string& value) {
     text += name;
-    text.append(
-        std::max<std::size_t>(28, std::char_traits<char>::length(name) + 1) - std::char_traits<char>::length(name),
-        ' ');
+    text.append(std::max<std::size_t>(28, name.size() + 1) - name.size(), ' ');
     text += value + "\n";
   };
   const auto number = [](double value) {
@@ -128,6 +148,19 @@ std::string info_text(const spm::Model& model, const spm::offline::Provenance& p
   row("  meets at most", std::to_string(certificate.regions) + " regions");
   row("  needs at most", std::to_string(certificate.records) + " records, " + std::to_string(certificate.parts) +
                              " pool slots, and the base mesh");
+  const auto& needs = json["certificate"];
+  row("  in a pool of at least", std::to_string(needs["pool_slots"].get<std::uint32_t>()) + " slots");
+  row("  or a memory of at least",
+      number(needs["memory_bytes"].get<double>() / (1 << 20)) + " MiB, all directories included");
+  row("moving at", number(needs["speed_m_s"]) + " m/s");
+  std::string step = "at most " + std::to_string(certificate.entering) + " records are new";
+  std::string second = "at most " + number(needs["records_per_second"]) + " records";
+  if (coded != nullptr) {
+    step += ", " + number(needs["step_bytes"].get<double>() / 1000) + " kB";
+    second += ", " + number(needs["bytes_per_second"].get<double>() * 8e-6) + " Mbit";
+  }
+  row("  for every " + millimetres(certificate.step), step);
+  row("  in a second", second);
   return text + dropped_text(provenance.cleaned);
 }
 

@@ -58,7 +58,7 @@ struct Settings {
   std::string model, out, file, shape, unit = "m";
   std::string log, spm, json_file;
   AuditOptions audit;
-  double size = 0, radius_mm = 3, pairs_mm = 0;
+  double size = 0, radius_mm = 3, speed = 0.05, pairs_mm = 0;
   unsigned threads = 0, grid_bits = 0;
   std::uint32_t base_faces = SimplifyOptions{}.base_faces;
   std::uint32_t cell_faces = PartitionOptions{}.cell_faces;
@@ -80,8 +80,9 @@ BuildOptions build_options(const Settings& settings, bool sized) {
   return options;
 }
 
-double radius_of(const Settings& settings, const spm::Model& model) {
-  return settings.radius_mm * 1e-3 / model.summary.metres_per_unit;
+Certificate certificate_of(const Settings& settings, const spm::Model& model) {
+  const double unit = model.summary.metres_per_unit;
+  return certify(model, settings.radius_mm * 1e-3 / unit, settings.speed / unit);
 }
 
 std::string times_text(const StageTimes& times) {
@@ -99,7 +100,7 @@ std::string times_text(const StageTimes& times) {
 void report_built(const Settings& settings, const BuiltModel& built, const Provenance& provenance,
                   const ToolStreams& streams, const StageTimes& times) {
   const spm::Model model = built.model();
-  const Certificate certificate = certify(model, radius_of(settings, model));
+  const Certificate certificate = certificate_of(settings, model);
   if (settings.json) {
     nlohmann::ordered_json json = info_json(model, provenance, certificate);
     json["build_seconds"] = times.sum().seconds;
@@ -138,11 +139,11 @@ int build(const Settings& settings, bool sized, const ToolStreams& streams) {
 int info(const Settings& settings, const ToolStreams& streams) {
   spm::codec::DecodedModel decoded;
   const MappedModel mapped{settings.file, &decoded};
-  const Certificate certificate = certify(decoded.model(), radius_of(settings, decoded.model()));
+  const Certificate certificate = certificate_of(settings, decoded.model());
   if (settings.json) {
-    streams.out << info_json(decoded.model(), mapped.provenance(), certificate).dump(2) << "\n";
+    streams.out << info_json(decoded.model(), mapped.provenance(), certificate, &mapped.coded()).dump(2) << "\n";
   } else {
-    streams.out << info_text(decoded.model(), mapped.provenance(), certificate);
+    streams.out << info_text(decoded.model(), mapped.provenance(), certificate, &mapped.coded());
   }
   return kDone;
 }
@@ -249,7 +250,7 @@ class CommandLine {
   }
   void add_info() {
     info_ = app_.add_subcommand("info", "Say what is in an .spm model: size, trees, regions, certificate");
-    info_->footer("Example: tactus-mesh info bunny.spm --radius 2 --json");
+    info_->footer("Example: tactus-mesh info bunny.spm --radius 2 --speed 0.1 --json");
     info_->add_option("FILE", settings_.file, "The .spm file")->required();
     add_report(info_);
   }
@@ -304,6 +305,9 @@ class CommandLine {
   }
   void add_report(CLI::App* command) {
     command->add_option("--radius", settings_.radius_mm, "Probe radius of the certificate, in mm")
+        ->check(CLI::PositiveNumber)
+        ->capture_default_str();
+    command->add_option("--speed", settings_.speed, "Probe speed of the certificate, in m/s")
         ->check(CLI::PositiveNumber)
         ->capture_default_str();
     command->add_flag("--json", settings_.json, "Report as JSON");

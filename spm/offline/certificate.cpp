@@ -1,111 +1,307 @@
 #include "spm/offline/certificate.hpp"
 
 #include <algorithm>
-#include <cmath>
-#include <vector>
+#include <limits>
+#include <numeric>
 
+#include "spm/directory.hpp"
 #include "spm/region_grid.hpp"
 
 namespace tactus::spm::offline {
 namespace {
 
-/// Slots of records before r, so that a run's slots are one subtraction.
-std::vector<std::uint32_t> slots_before(const Model& model) {
-  std::vector<std::uint32_t> sum(std::size_t{model.summary.records} + 1, 0);
-  for (std::uint32_t r = 0; r < model.summary.records; ++r) {
-    std::uint32_t slots = 0;
-    for (std::uint32_t p = r; p != kNone; p = model.parts[p].next) ++slots;
-    sum[r + 1] = sum[r] + slots;
-  }
-  return sum;
-}
-
-struct Pair {
-  std::uint64_t cube;
-  std::uint32_t region;
-};
-
-/// The cubes, of a grid with the given edge, from which a ball may meet the region: each with the region, once.
-void add_cubes(const CellBox& box, std::uint32_t region, const Vec3d& origin, double edge, double radius,
-               std::vector<Pair>& pairs) {
-  std::array<std::int64_t, 3> low{}, high{};
-  for (int axis = 0; axis < 3; ++axis) {
-    const auto k = static_cast<std::size_t>(axis);
-    low[k] = static_cast<std::int64_t>(std::floor((box.low[axis] - radius - origin[axis]) / edge));
-    high[k] = static_cast<std::int64_t>(std::floor((box.high[axis] + radius - origin[axis]) / edge));
-  }
-  for (std::int64_t z = low[2]; z <= high[2]; ++z) {
-    for (std::int64_t y = low[1]; y <= high[1]; ++y) {
-      for (std::int64_t x = low[0]; x <= high[0]; ++x) {
-        const Vec3d at = origin + edge * Vec3d{double(x), double(y), double(z)};
-        const Vec3d apart = (box.low - at - Vec3d::Constant(edge)).cwiseMax(at - box.high).cwiseMax(0.0);
-        if (apart.squaredNorm() > radius * radius) continue;
-        pairs.push_back({std::uint64_t(x) << 42 | std::uint64_t(y) << 21 | std::uint64_t(z), region});
-      }
+/// Squared distance between a cube and the nearest sixty-fourth of the cell that faces meet.
+double squared_apart(const CellBox& box, const std::array<std::uint32_t, 2>& occupied, const Vec3d& cube, double edge) {
+  const double quarter = (box.high[0] - box.low[0]) / 4;
+  double apart[3][4];
+  for (int axis = 0; axis < 3; ++axis)
+    for (int i = 0; i < 4; ++i) {
+      const double low = box.low[axis] + i * quarter;
+      const double d = std::max({low - (cube[axis] + edge), cube[axis] - (low + quarter), 0.0});
+      apart[axis][i] = d * d;
     }
+  double nearest = std::numeric_limits<double>::infinity();
+  for (std::size_t bit = 0; bit < 64; ++bit)
+    if ((occupied[bit / 32] >> bit % 32 & 1u) != 0)
+      nearest = std::min(nearest, apart[0][bit % 4] + apart[1][bit / 4 % 4] + apart[2][bit / 16]);
+  return nearest;
+}
+
+/// The cubes that a ball has its centre in while it meets anything, and the regions that each of them may meet.
+class Cubes {
+ public:
+  Cubes(const Model& model, double radius)
+      : edge_{std::max(model.summary.grid.cell_size / 4, radius / 2)},
+        // The first cube lies so low that no place is negative.
+        origin_{Vec3d{model.summary.grid.origin[0], model.summary.grid.origin[1], model.summary.grid.origin[2]} -
+                Vec3d::Constant(std::ceil(radius / edge_ + 2) * edge_)} {
+    const RegionGrid grid{model.summary.grid, model.regions};
+    const double reach = radius + 1e-9 * model.summary.grid.cell_size;  // what RegionGrid allows for rounding
+    std::vector<Meeting> meetings;
+    for (std::uint32_t i = 0; i < grid.size(); ++i)
+      add(grid.box(RegionId{i}), model.regions[i].occupied, i, reach, meetings);
+    std::sort(meetings.begin(), meetings.end(), [](const Meeting& a, const Meeting& b) {
+      return a.place != b.place ? a.place < b.place : a.region < b.region;
+    });
+    regions_.reserve(meetings.size());
+    for (const Meeting& meeting : meetings) {
+      if (places_.empty() || places_.back() != meeting.place) {
+        places_.push_back(meeting.place);
+        first_.push_back(regions_.size());
+      }
+      regions_.push_back(meeting.region);
+    }
+    first_.push_back(regions_.size());
+  }
+
+  [[nodiscard]] double edge() const noexcept { return edge_; }
+  [[nodiscard]] std::uint32_t size() const noexcept { return static_cast<std::uint32_t>(places_.size()); }
+  /// Ascending.
+  [[nodiscard]] Span<const std::uint32_t> regions(std::uint32_t cube) const noexcept {
+    return Span<const std::uint32_t>{regions_}.subspan(first_[cube], first_[cube + 1] - first_[cube]);
+  }
+  [[nodiscard]] Vec3d centre(std::uint32_t cube) const noexcept {
+    return origin_ + edge_ * Vec3d{at(places_[cube], 0) + 0.5, at(places_[cube], 1) + 0.5, at(places_[cube], 2) + 0.5};
+  }
+  /// Row by row along `axis`.
+  [[nodiscard]] std::vector<std::uint32_t> along(int axis) const {
+    const auto rotated = [&](std::uint32_t cube) {
+      const std::uint64_t place = places_[cube];
+      const int down = (2 - axis) * kBits;
+      return (place << (3 * kBits - down) | place >> down) & kWhole;
+    };
+    std::vector<std::uint32_t> order(size());
+    std::iota(order.begin(), order.end(), 0u);
+    std::sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) { return rotated(a) < rotated(b); });
+    return order;
+  }
+  [[nodiscard]] bool neighbours(std::uint32_t cube, std::uint32_t next, int axis) const noexcept {
+    return places_[next] - places_[cube] == std::uint64_t{1} << (2 - axis) * kBits;
+  }
+
+ private:
+  struct Meeting {
+    std::uint64_t place;
+    std::uint32_t region;
+  };
+  static constexpr int kBits = 21;
+  static constexpr std::uint64_t kWhole = (std::uint64_t{1} << 3 * kBits) - 1;
+
+  [[nodiscard]] static double at(std::uint64_t place, int axis) noexcept {
+    return static_cast<double>(place >> (2 - axis) * kBits & ((1u << kBits) - 1));
+  }
+  void add(const CellBox& box, const std::array<std::uint32_t, 2>& occupied, std::uint32_t region, double reach,
+           std::vector<Meeting>& meetings) const {
+    std::array<std::uint64_t, 3> low{}, high{};
+    for (int axis = 0; axis < 3; ++axis) {
+      const auto k = static_cast<std::size_t>(axis);
+      low[k] = static_cast<std::uint64_t>((box.low[axis] - reach - origin_[axis]) / edge_);
+      high[k] = static_cast<std::uint64_t>((box.high[axis] + reach - origin_[axis]) / edge_);
+    }
+    for (std::uint64_t x = low[0]; x <= high[0]; ++x)
+      for (std::uint64_t y = low[1]; y <= high[1]; ++y)
+        for (std::uint64_t z = low[2]; z <= high[2]; ++z) {
+          const Vec3d corner = origin_ + edge_ * Vec3d{double(x), double(y), double(z)};
+          if (squared_apart(box, occupied, corner, edge_) > reach * reach) continue;
+          meetings.push_back({x << 2 * kBits | y << kBits | z, region});
+        }
+  }
+
+  double edge_;
+  Vec3d origin_;
+  std::vector<std::uint64_t> places_;
+  std::vector<std::size_t> first_;  // in regions_
+  std::vector<std::uint32_t> regions_;
+};
+
+/// The lists in atoms: consecutive records that are in the same lists, counted as one.
+struct Atoms {
+  std::vector<Run> runs;  // by run of the model, in atoms
+  std::vector<std::uint32_t> records, parts;
+
+  explicit Atoms(const Model& model) {
+    std::vector<bool> begins(std::size_t{model.summary.records} + 1, false);
+    for (const Run& run : model.runs) begins[run.first] = begins[run.first + run.count] = true;
+    std::vector<std::uint32_t> before(std::size_t{model.summary.records} + 1);  // atoms that begin before
+    std::uint32_t count = 0;
+    for (std::uint32_t r = 0; r < model.summary.records; ++r) {
+      before[r] = count;
+      if (begins[r]) {
+        records.push_back(0);
+        parts.push_back(0);
+        ++count;
+      }
+      if (count == 0) continue;
+      ++records.back();
+      for (std::uint32_t p = r; p != kNone; p = model.parts[p].next) ++parts.back();
+    }
+    before[model.summary.records] = count;
+    runs.reserve(model.runs.size());
+    for (const Run& run : model.runs)
+      runs.push_back({before[run.first], before[run.first + run.count] - before[run.first]});
+  }
+};
+
+/// The union of some regions' lists, one region more or less at a time.
+class Union {
+ public:
+  Union(const Model& model, const Atoms& atoms) : model_{model}, atoms_{atoms}, listed_(atoms.records.size(), 0) {}
+  void add(std::uint32_t region) {
+    for (const Run& run : runs_of(region))
+      for (std::uint32_t atom = run.first; atom < run.first + run.count; ++atom)
+        if (listed_[atom]++ == 0) {
+          records_ += atoms_.records[atom];
+          parts_ += atoms_.parts[atom];
+        }
+  }
+  void remove(std::uint32_t region) {
+    for (const Run& run : runs_of(region))
+      for (std::uint32_t atom = run.first; atom < run.first + run.count; ++atom)
+        if (--listed_[atom] == 0) {
+          records_ -= atoms_.records[atom];
+          parts_ -= atoms_.parts[atom];
+        }
+  }
+  [[nodiscard]] std::uint32_t records() const noexcept { return records_; }
+  [[nodiscard]] std::uint32_t parts() const noexcept { return parts_; }
+
+ private:
+  [[nodiscard]] Span<const Run> runs_of(std::uint32_t region) const noexcept {
+    const Region& r = model_.regions[region];
+    return Span<const Run>{atoms_.runs}.subspan(r.first_run, r.run_count);
+  }
+  const Model& model_;
+  const Atoms& atoms_;
+  std::vector<std::uint32_t> listed_;
+  std::uint32_t records_ = 0, parts_ = 0;
+};
+
+/// Calls `visit` with what is in `a` and not in `b`; both ascend.
+template <class Visit>
+void for_each_only_in(Span<const std::uint32_t> a, Span<const std::uint32_t> b, Visit&& visit) {
+  std::size_t at = 0;
+  for (const std::uint32_t value : a) {
+    while (at < b.size() && b[at] < value) ++at;
+    if (at == b.size() || b[at] != value) visit(value);
   }
 }
 
-struct Group {
-  std::uint64_t parts;  ///< of its regions' lists, shared records counted as often as they occur
-  std::size_t first, count;
-};
+std::vector<Certificate::Bringing> brought(const Model& model, Span<const std::uint32_t> before,
+                                           Span<const std::uint32_t> now) {
+  std::vector<bool> here(model.summary.records, false);
+  for (const std::uint32_t region : before)
+    for (const Run& run : model.runs_of(RegionId{region}))
+      std::fill(here.begin() + run.first, here.begin() + run.first + run.count, true);
+  std::vector<Certificate::Bringing> brings;
+  for_each_only_in(now, before, [&](std::uint32_t region) {
+    std::vector<Run> missing;
+    for (const Run& run : model.runs_of(RegionId{region}))
+      for (std::uint32_t r = run.first; r < run.first + run.count; ++r) {
+        if (here[r]) continue;
+        here[r] = true;
+        if (!missing.empty() && missing.back().first + missing.back().count == r)
+          ++missing.back().count;
+        else
+          missing.push_back({r, 1});
+      }
+    brings.push_back({RegionId{region}, std::move(missing)});
+  });
+  return brings;
+}
+
+/// Of the eight-wide tree over the base mesh and over what the regions' records bear.
+std::uint32_t nodes_over(const Model& model, Span<const std::uint32_t> regions) {
+  std::vector<std::uint32_t> level;
+  for (const BaseFace& face : model.base_faces) level.push_back(face.face);
+  for (const std::uint32_t region : regions)
+    for (const Run& run : model.runs_of(RegionId{region}))
+      for (std::uint32_t r = run.first; r < run.first + run.count; ++r)
+        for (std::uint32_t p = r; p != kNone; p = model.parts[p].next)
+          for (int i = 0; i < model.parts[p].born_count; ++i) level.push_back(model.parts[p].born[i].face());
+  std::sort(level.begin(), level.end());
+  std::uint32_t nodes = 0;
+  for (std::uint32_t up = tree_size(model.summary.faces, 8).levels; up > 0; --up) {
+    for (std::uint32_t& id : level) id >>= 3;
+    level.erase(std::unique(level.begin(), level.end()), level.end());
+    nodes += static_cast<std::uint32_t>(level.size());
+  }
+  return nodes;
+}
 
 }  // namespace
 
-Certificate certify(const Model& model, double radius) {
-  const RegionGrid grid{model.summary.grid, model.regions};
-  const double cell = model.summary.grid.cell_size;
-  const double edge = std::max(cell / 4, radius / 2);
-  // The first cube lies so low that no index is negative.
-  const Vec3d origin = Vec3d{model.summary.grid.origin[0], model.summary.grid.origin[1], model.summary.grid.origin[2]} -
-                       Vec3d::Constant(std::ceil(radius / edge + 2) * edge);
-  std::vector<Pair> pairs;
-  for (std::uint32_t i = 0; i < grid.size(); ++i) add_cubes(grid.box(RegionId{i}), i, origin, edge, radius, pairs);
-  std::sort(pairs.begin(), pairs.end(),
-            [](const Pair& a, const Pair& b) { return a.cube != b.cube ? a.cube < b.cube : a.region < b.region; });
-
-  Certificate worst{radius, 0, 0, 0, {}};
-  std::vector<Group> groups;
-  for (std::size_t i = 0; i < pairs.size();) {
-    Group group{0, i, 0};
-    for (; i < pairs.size() && pairs[i].cube == pairs[group.first].cube; ++i, ++group.count) {
-      group.parts += model.regions[pairs[i].region].part_count;
+Certificate certify(const Model& model, double radius, double speed) {
+  const Cubes cubes{model, radius};
+  const Atoms atoms{model};
+  Certificate worst{};
+  worst.radius = radius;
+  worst.speed = speed;
+  worst.step = cubes.edge();
+  std::uint32_t worst_cube = kNone, from = kNone, to = kNone;  // kNone: where nothing is met
+  const auto enter = [&](std::uint32_t records, std::uint32_t before, std::uint32_t now) {
+    if (records <= worst.entering) return;
+    worst.entering = records;
+    from = before;
+    to = now;
+  };
+  const auto regions = [&](std::uint32_t cube) {
+    return cube == kNone ? Span<const std::uint32_t>{} : cubes.regions(cube);
+  };
+  for (int axis = 0; axis < 3; ++axis) {
+    Union needed{model, atoms};
+    std::uint32_t before = kNone;
+    // One step forth, and with it the same step back.
+    const auto step = [&](std::uint32_t now) {
+      const std::uint32_t had = needed.records();
+      for_each_only_in(regions(now), regions(before), [&](std::uint32_t region) { needed.add(region); });
+      const std::uint32_t both = needed.records();
+      for_each_only_in(regions(before), regions(now), [&](std::uint32_t region) { needed.remove(region); });
+      enter(both - had, before, now);
+      enter(both - needed.records(), now, before);
+      before = now;
+    };
+    for (const std::uint32_t cube : cubes.along(axis)) {
+      if (before != kNone && !cubes.neighbours(before, cube, axis)) step(kNone);
+      step(cube);
+      if (axis > 0) continue;
+      std::uint32_t blocks = 0;
+      for (const std::uint32_t region : regions(cube))
+        blocks += ListBlock::blocks_for(model.regions[region].record_count);
+      worst.blocks = std::max(worst.blocks, blocks);
+      worst.regions = std::max(worst.regions, static_cast<std::uint32_t>(regions(cube).size()));
+      worst.records = std::max(worst.records, needed.records());
+      if (worst_cube != kNone && needed.parts() <= worst.parts) continue;
+      worst.parts = needed.parts();
+      worst_cube = cube;
     }
-    worst.regions = std::max(worst.regions, static_cast<std::uint32_t>(group.count));
-    groups.push_back(group);
+    step(kNone);
   }
-  // A union is no larger than the sum: once the sums fall below the largest union, no larger one can follow.
-  std::sort(groups.begin(), groups.end(),
-            [](const Group& a, const Group& b) { return a.parts != b.parts ? a.parts > b.parts : a.first < b.first; });
-  const std::vector<std::uint32_t> slots = slots_before(model);
-  std::vector<Run> runs;
-  for (const Group& group : groups) {
-    if (group.parts <= worst.records) break;
-    runs.clear();
-    for (std::size_t k = 0; k < group.count; ++k) {
-      const Span<const Run> list = model.runs_of(RegionId{pairs[group.first + k].region});
-      runs.insert(runs.end(), list.begin(), list.end());
-    }
-    std::sort(runs.begin(), runs.end(), [](const Run& a, const Run& b) { return a.first < b.first; });
-    std::uint32_t records = 0, parts = 0, covered = 0;
-    for (const Run& run : runs) {
-      const std::uint32_t from = std::max(covered, run.first), to = run.first + run.count;
-      if (to <= from) continue;
-      records += to - from;
-      parts += slots[to] - slots[from];
-      covered = to;
-    }
-    worst.records = std::max(worst.records, records);
-    if (parts <= worst.parts) continue;
-    worst.parts = parts;
-    const std::uint64_t cube = pairs[group.first].cube;
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      const double at = static_cast<double>(cube >> (42 - 21 * axis) & 0x1fffff);
-      worst.worst[axis] = origin[static_cast<int>(axis)] + (at + 0.5) * edge;
-    }
-  }
+  const Vec3d at = cubes.centre(worst_cube);
+  worst.worst = {at[0], at[1], at[2]};
+  worst.nodes = nodes_over(model, regions(worst_cube));
+  worst.brings = brought(model, regions(from), regions(to));
   return worst;
+}
+
+std::uint32_t slots_needed(const ModelSummary& summary, const Certificate& certificate) noexcept {
+  const std::uint32_t least = std::max(summary.base_vertices, (summary.base_faces + 1) / 2) + certificate.parts;
+  std::uint32_t low = 0, high = 1u << 27;
+  while (high - low > 1) {  // nodes and blocks come with the slots
+    const std::uint32_t slots = low + (high - low) / 2;
+    const PoolSettings pool = PoolSettings::for_slots(slots);
+    const bool fits = slots >= least && pool.list_blocks >= certificate.blocks && pool.tree_nodes >= certificate.nodes;
+    (fits ? high : low) = slots;
+  }
+  return high;
+}
+
+std::uint64_t memory_needed(const ModelSummary& summary, const Certificate& certificate) noexcept {
+  constexpr std::uint64_t kGrain = 1u << 16;
+  const std::uint32_t slots = slots_needed(summary, certificate);
+  for (std::uint64_t bytes = PoolSettings::for_slots(slots).bytes() / kGrain * kGrain;; bytes += kGrain) {
+    const MemoryShares shares = shares_of(bytes);
+    if (shares.pool.slots >= slots && shares.directories >= directory_bytes(summary, shares.pool)) return bytes;
+  }
 }
 
 TreeSize tree_size(std::uint64_t leaves, std::uint32_t width) {

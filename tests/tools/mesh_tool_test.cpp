@@ -72,6 +72,26 @@ TEST_F(MeshTool, InfoHasTheRowsOfTableOne) {
   EXPECT_THAT(run({"info", path("s.spm")}).out, AllOf(HasSubstr("vertices"), HasSubstr("needs at most")));
 }
 
+TEST_F(MeshTool, InfoSaysWhatAProbeOfASizeAndSpeedTakesAtMost) {
+  ASSERT_EQ(run({"generate", "sphere", path("s.spm"), "--faces", "20000"}).code, kDone);
+  const auto certificate = [&](const char* radius, const char* speed) {
+    return nlohmann::json::parse(
+        run({"info", path("s.spm"), "--radius", radius, "--speed", speed, "--json"}).out)["certificate"];
+  };
+  const auto small = certificate("1", "0.1"), large = certificate("30", "0.1"), fast = certificate("1", "0.3");
+  EXPECT_EQ(small["speed_m_s"], 0.1);
+  EXPECT_LT(small["pool_slots"], large["pool_slots"]);
+  EXPECT_LT(small["memory_bytes"], large["memory_bytes"]);
+  EXPECT_GT(small["pool_slots"], small["slots"]);
+  EXPECT_GT(small["step_records"], 0);
+  EXPECT_LE(small["step_records"], small["records"]);
+  EXPECT_GT(small["step_bytes"], small["step_records"]);
+  EXPECT_NEAR(fast["records_per_second"].get<double>(), 3 * small["records_per_second"].get<double>(), 1e-6);
+  EXPECT_NEAR(fast["bytes_per_second"].get<double>(), 3 * small["bytes_per_second"].get<double>(), 1e-6);
+  EXPECT_EQ(fast["memory_bytes"], small["memory_bytes"]);
+  EXPECT_THAT(run({"info", path("s.spm")}).out, AllOf(HasSubstr("a memory of at least"), HasSubstr("Mbit")));
+}
+
 TEST_F(MeshTool, UnitAndSizeSetTheScale) {
   ASSERT_EQ(run({"generate", "torus", path("t.obj"), "--faces", "500"}).code, kDone);
   const auto scale = [&](const std::vector<std::string>& flags) {

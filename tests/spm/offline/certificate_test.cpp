@@ -2,28 +2,35 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <random>
 #include <set>
 
+#include "spm/directory.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
 #include "spm/offline/verify.hpp"
 #include "spm/region_grid.hpp"
 #include "spm/seal.hpp"
+#include "tests/support/controller.hpp"
 
 namespace tactus::spm::offline {
 namespace {
 
-TEST(Certificate, NoBallAnywhereNeedsMoreAndTheBoundIsNear) {
+BuiltModel organ() {
   BuildOptions options;
   options.simplify.base_faces = 100;
   options.partition.cell_faces = 60;
   options.partition.max_cell_faces = 100;
-  const BuiltModel built = build_model(generate(Shape::kOrgan, 8000), options);
+  return build_model(generate(Shape::kOrgan, 8000), options);
+}
+
+TEST(Certificate, NoBallAnywhereNeedsMoreAndTheBoundIsNear) {
+  const BuiltModel built = organ();
   const Model model = built.model();
   const RegionGrid grid{model.summary.grid, model.regions};
   for (const double radius : {0.0005, 0.003, 0.01}) {
-    const Certificate certificate = certify(model, radius);
+    const Certificate certificate = certify(model, radius, 0.05);
     std::mt19937 random{5};
     std::uniform_real_distribution<double> jitter{-radius, radius};
     std::size_t most_regions = 0, most_records = 0, most_parts = 0;
@@ -49,6 +56,79 @@ TEST(Certificate, NoBallAnywhereNeedsMoreAndTheBoundIsNear) {
     EXPECT_LE(most_records, certificate.records) << radius;
     EXPECT_LE(most_parts, certificate.parts) << radius;
     EXPECT_LE(certificate.records, 2 * most_records) << radius;
+  }
+}
+
+TEST(Certificate, AMovingBallNeedsNoMoreThanWhatItBeganWithAndWhatEveryStepBrings) {
+  const BuiltModel built = organ();
+  const Model model = built.model();
+  const RegionGrid grid{model.summary.grid, model.regions};
+  constexpr double kRadius = 0.003;
+  const Certificate certificate = certify(model, kRadius, 0.05);
+  EXPECT_LE(certificate.entering, certificate.records);
+  std::mt19937 random{7};
+  std::uniform_real_distribution<double> unit{-1, 1};
+  std::size_t most_beyond_start = 0;
+  for (int path = 0; path < 100; ++path) {
+    // Straight on from a vertex, in pieces so small that no cube in between is passed over.
+    constexpr int kPieces = 200;
+    const std::array<float, 3>& start = model.positions[random() % model.summary.vertices];
+    Vec3d centre{start[0], start[1], start[2]};
+    const Vec3d piece = Vec3d{unit(random), unit(random), unit(random)}.normalized() * certificate.step / 10;
+    std::set<std::uint32_t> records;
+    double crossings = 3;
+    for (int k = 0; k < kPieces; ++k, centre += piece) {
+      crossings += piece.lpNorm<1>() / certificate.step;
+      ASSERT_TRUE(grid.for_each_meeting(centre, kRadius, [&](RegionId region, double) {
+        for (const spm::Run& run : model.runs_of(region))
+          for (std::uint32_t r = run.first; r < run.first + run.count; ++r) records.insert(r);
+      }));
+      ASSERT_LE(static_cast<double>(records.size()), certificate.records + crossings * certificate.entering);
+    }
+    most_beyond_start = std::max(most_beyond_start, records.size());
+  }
+  EXPECT_GT(most_beyond_start, certificate.records) << "the paths were too short to need anything new";
+  EXPECT_DOUBLE_EQ(certificate.steps_per_second(), std::sqrt(3.0) * 0.05 / certificate.step);
+}
+
+TEST(Certificate, WhatTheWorstStepBringsIsNewAndComplete) {
+  const BuiltModel built = organ();
+  const Model model = built.model();
+  const Certificate certificate = certify(model, 0.003, 0.05);
+  std::set<std::uint32_t> brought;
+  for (const Certificate::Bringing& bringing : certificate.brings) {
+    std::set<std::uint32_t> listed;
+    for (const spm::Run& run : model.runs_of(bringing.region))
+      for (std::uint32_t r = run.first; r < run.first + run.count; ++r) listed.insert(r);
+    for (const spm::Run& run : bringing.missing)
+      for (std::uint32_t r = run.first; r < run.first + run.count; ++r) {
+        EXPECT_EQ(listed.count(r), 1u);
+        EXPECT_TRUE(brought.insert(r).second) << "record " << r << " comes twice";
+      }
+  }
+  EXPECT_EQ(brought.size(), certificate.entering);
+}
+
+TEST(Certificate, APoolOfTheSlotsNeededHoldsWhatABallNeedsAndTheMemoryNeededHasThatPool) {
+  const BuiltModel built = organ();
+  const Model model = built.model();
+  const RegionGrid grid{model.summary.grid, model.regions};
+  const Certificate certificate = certify(model, 0.003, 0.05);
+  const PoolSettings settings = PoolSettings::for_slots(slots_needed(model.summary, certificate));
+  const MemoryShares shares = shares_of(memory_needed(model.summary, certificate));
+  EXPECT_GE(shares.pool.slots, settings.slots);
+  EXPECT_GE(shares.directories, directory_bytes(model.summary, shares.pool));
+  std::mt19937 random{11};
+  for (int i = 0; i < 30; ++i) {
+    const std::array<float, 3>& near = model.positions[random() % model.summary.vertices];
+    const Vec3d centre = i == 0 ? Vec3d{certificate.worst[0], certificate.worst[1], certificate.worst[2]}
+                                : Vec3d{near[0], near[1], near[2]};
+    test_support::Controller controller{model, settings};
+    std::vector<RegionId> regions;
+    ASSERT_TRUE(grid.for_each_meeting(centre, 0.003, [&](RegionId region, double) { regions.push_back(region); }));
+    for (const RegionId region : regions) ASSERT_EQ(controller.load(region), AcceptResult::kAccepted) << "ball " << i;
+    EXPECT_EQ(controller.refine(regions), Advance::kDone) << "ball " << i;
+    EXPECT_TRUE(controller.forest().exact(centre, 0.003));
   }
 }
 
