@@ -37,6 +37,7 @@ class Process {
   /// Exit status, or 128 and the signal that killed it; none when it runs on for `limit`. Its output is complete then.
   [[nodiscard]] std::optional<int> wait(std::chrono::milliseconds limit = kWatchdog);
   [[nodiscard]] bool running() const;
+  [[nodiscard]] pid_t pid() const noexcept { return pid_; }
   /// Nothing of its process group is alive. Asked after it has ended.
   [[nodiscard]] bool left_nothing_running() const;
 

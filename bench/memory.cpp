@@ -1,0 +1,371 @@
+// What an HRTC takes of memory while it touches a model larger than that: tactus-host and tactus-hrtc as a user starts
+// them, the resident set as the kernel counts it.
+//
+// An idle HRTC, without a model and with next to no pool, is the baseline. Then one with --memory follows a surface
+// path from a recording; its contact log is audited against the model. Then one whose pool is ten times smaller than a
+// ball needs: it must stay right, and say that it is not exact. Allocations are counted, and distances compared with a
+// static tree, in the real loader and cycle in this process.
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <array>
+#include <csignal>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <memory>
+#include <vector>
+
+#include "bench/controller.hpp"
+#include "bench/figures.hpp"
+#include "bench/models.hpp"
+#include "bench/session_run.hpp"
+#include "bench/surface_path.hpp"
+#include "spm/directory.hpp"
+#include "spm/fcl/fixed_mesh.hpp"
+#include "spm/offline/certificate.hpp"
+#include "spm/offline/model_file.hpp"
+#include "tests/e2e/process.hpp"
+#include "tests/support/no_alloc.hpp"
+#include "tests/support/temporary_folder.hpp"
+#include "trace/contact_log.hpp"
+
+namespace tactus::bench {
+namespace {
+
+using e2e::Process;
+using spm::Vec3d;
+
+constexpr double kPeriod = 0.001;  // s
+constexpr double kMiB = 1 << 20;
+constexpr double kAway = 6;  // s before the recording touches: until host and HRTC have met
+constexpr std::uint64_t kIdleMemory = 2u << 20;
+constexpr double kSame = 1e-6;  // m, that distances may differ
+
+struct Settings {
+  std::string model, json;
+  std::uint32_t faces = 28'000'000;
+  double edge = 0;  // m
+  std::uint64_t memory = 64u << 20;
+  double seconds = 30;
+  double radius = 0.003;  // m
+  double speed = 0.05;    // m/s
+  double depth = 0.0002;  // m
+  std::uint64_t seed = 1;
+  int domain = 60;
+  bool quick = false;
+};
+
+/// The path of the tip's centre, and how far the finest mesh is from each place of it.
+struct Path {
+  std::vector<Vec3d> tips;     // m
+  std::vector<double> truth;   // m
+  Vec3d away = Vec3d::Zero();  // m, far from the model
+};
+
+/// "VmHWM" and their like, in bytes; 0 when the process is gone.
+double status_bytes(int pid, const std::string& name) {
+  std::ifstream status{"/proc/" + std::to_string(pid) + "/status"};
+  for (std::string line; std::getline(status, line);)
+    if (line.rfind(name + ":", 0) == 0) return std::stod(line.substr(name.size() + 1)) * 1024;
+  return 0;
+}
+
+struct Touch {
+  double resident = 0;  // bytes, at its highest
+  std::uint64_t queries = 0, exact = 0;
+  int ended = -1, audit = -1;
+  std::string output;
+  [[nodiscard]] double percent_exact() const {
+    return queries == 0 ? 0 : 100.0 * static_cast<double>(exact) / static_cast<double>(queries);
+  }
+};
+
+/// The path as a recording, after a while away from the model.
+void record(const std::filesystem::path& file, const Path& path) {
+  std::ofstream out{file};
+  out.precision(9);
+  const auto line = [&](double time, const Vec3d& at) {
+    out << time << ',' << at[0] << ',' << at[1] << ',' << at[2] << '\n';
+  };
+  line(0, path.away);
+  line(kAway - 1, path.away);
+  for (std::size_t i = 0; i < path.tips.size(); ++i) line(kAway + static_cast<double>(i) * kPeriod, path.tips[i]);
+  if (!out.flush()) throw std::runtime_error("cannot write " + file.string());
+}
+
+class Programs {
+ public:
+  Programs(const Settings& settings, std::filesystem::path model, const Path& path, double scale)
+      : settings_{settings}, model_{std::move(model)} {
+    record(poses(), path);
+    std::ofstream config{folder_.path() / "host.yaml"};
+    config.precision(17);
+    config << "objects:\n  - name: object\n    model: " << std::filesystem::absolute(model_).string()
+           << "\n    position: [0, 0, 0]\n    scale: " << scale << '\n';
+    if (!config.flush()) throw std::runtime_error("cannot write " + (folder_.path() / "host.yaml").string());
+    programs_ = std::filesystem::read_symlink("/proc/self/exe").parent_path();
+  }
+
+  /// Highest resident set of an HRTC that has nothing to touch, without its pool.
+  double idle() {
+    Process hrtc{hrtc_command("idle", {"--memory", std::to_string(kIdleMemory)})};
+    (void)hrtc.wait(whole_path());
+    const double resident = status_bytes(hrtc.pid(), "VmHWM") - static_cast<double>(kIdleMemory);
+    hrtc.signal(SIGTERM);
+    (void)hrtc.wait();
+    if (resident <= 0) throw std::runtime_error("an idle HRTC ended by itself:\n" + hrtc.output());
+    return resident;
+  }
+
+  Touch touch(const std::string& name, const std::vector<std::string>& memory) {
+    Process host{{(programs_ / "tactus-host").string(), "--session", name, "--domain", std::to_string(settings_.domain),
+                  "--config", (folder_.path() / "host.yaml").string()}};
+    if (!host.wait_for_line("serving 'object'", std::chrono::seconds{300}))
+      throw std::runtime_error("the host does not serve:\n" + host.output());
+    Process hrtc{hrtc_command(name, memory)};
+    (void)hrtc.wait(whole_path());
+    Touch touch;
+    touch.resident = status_bytes(hrtc.pid(), "VmHWM");
+    hrtc.signal(SIGTERM);
+    touch.ended = hrtc.wait().value_or(-1);
+    host.signal(SIGTERM);
+    (void)host.wait();
+    touch.output = hrtc.output();
+    read(log(name), touch);
+    Process audit{{(programs_ / "tactus-mesh").string(), "audit", log(name).string(), model_.string()}};
+    touch.audit = audit.wait(std::chrono::seconds{1800}).value_or(-1);
+    touch.output += audit.output();
+    return touch;
+  }
+
+ private:
+  [[nodiscard]] std::filesystem::path poses() const { return folder_.path() / "poses.csv"; }
+  [[nodiscard]] std::filesystem::path log(const std::string& name) const { return folder_.path() / (name + ".hlog"); }
+  [[nodiscard]] std::chrono::seconds whole_path() const {
+    return std::chrono::seconds{static_cast<int>(kAway + settings_.seconds)};
+  }
+  [[nodiscard]] std::vector<std::string> hrtc_command(const std::string& name,
+                                                      const std::vector<std::string>& memory) const {
+    std::vector<std::string> command{(programs_ / "tactus-hrtc").string(),
+                                     "--session",
+                                     name,
+                                     "--domain",
+                                     std::to_string(settings_.domain),
+                                     "--tip-radius",
+                                     std::to_string(settings_.radius * 1e3),
+                                     "--replay",
+                                     "tip=" + poses().string(),
+                                     "--log",
+                                     log(name).string()};
+    command.insert(command.end(), memory.begin(), memory.end());
+    return command;
+  }
+
+  static void read(const std::filesystem::path& log, Touch& touch) {
+    trace::ContactLogReader reader{log};
+    constexpr std::int64_t kSettlingNs = 1'000'000'000;  // the way from afar is no hand's
+    std::int64_t first_ns = 0;
+    for (trace::ContactLogReader::Entry entry; (entry = reader.next()) != trace::ContactLogReader::Entry::kEnd;) {
+      if (entry != trace::ContactLogReader::Entry::kQuery) continue;
+      if (first_ns == 0) first_ns = reader.query.time_ns;
+      if (reader.query.time_ns - first_ns < kSettlingNs) continue;
+      ++touch.queries;
+      touch.exact += reader.query.exact ? 1 : 0;
+    }
+  }
+
+  Settings settings_;
+  std::filesystem::path model_, programs_;
+  test_support::TemporaryFolder folder_;
+};
+
+/// Distance from the tip's centre to the surface shown; of an exact query only finest faces count. File units.
+double shown_distance(const spm::Forest& forest, const Vec3d& centre, double radius) {
+  if (!forest.exact(centre, radius)) {
+    spm::NearestFace found;
+    return forest.tree().nearest(centre, 1e12, found) ? std::sqrt(found.squared_distance) : 1e300;
+  }
+  std::array<spm::Contact, 2048> contacts;
+  const std::uint32_t count =
+      std::min<std::uint32_t>(forest.tree().touching(centre, radius, contacts.data(), 2048), 2048);
+  double depth = -1e300;
+  for (std::uint32_t i = 0; i < count; ++i)
+    if (contacts[i].last) depth = std::max(depth, contacts[i].depth);
+  return radius - depth;
+}
+
+/// The cycle in this process, all along the path.
+struct InProcess {
+  std::uint64_t allocations = 0, contact = 0, exact = 0;
+  std::uint64_t wrong = 0;  // contact cycles whose distance is further from the truth than stated
+};
+InProcess run_in_process(const spm::Model& model, const Settings& settings, const spm::PoolSettings& pool,
+                         const Path& path) {
+  SessionSettings session;
+  session.pool = pool;
+  session.cycle.radius = session.loader.radius = settings.radius;
+  const double scale = model.summary.metres_per_unit;
+  SessionRun run{model, scale, session};
+  run.settle(path.away);
+  constexpr int kApproach = 50;  // cycles until the object is known to be near
+  for (int i = 0; i < kApproach; ++i) {
+    run.prepare(path.tips.front(), Vec3d::Zero());
+    (void)run.cycle(spm::Budget{4000});
+  }
+  InProcess outcome;
+  for (std::size_t i = 0; i + 1 < path.tips.size(); ++i) {
+    run.prepare(path.tips[i], (path.tips[i + 1] - path.tips[i]) / kPeriod);
+    std::uint32_t status = 0;
+    double bound = 0;
+    {
+      const test_support::NoAlloc guard;
+      const hrtc_service::CycleResult& result = run.cycle(spm::Budget{4000});
+      outcome.allocations += guard.count();
+      status = result.probes[0].status;
+      bound = static_cast<double>(result.probes[0].error_bound);
+    }
+    if (path.truth[i] > settings.radius) continue;
+    ++outcome.contact;
+    const bool exact = (status & session::kExact) != 0;
+    outcome.exact += exact ? 1 : 0;
+    const spm::Forest& forest = *run.haptic().objects().front()->forest;
+    const double shown = shown_distance(forest, path.tips[i] / scale, settings.radius / scale) * scale;
+    if (std::abs(shown - path.truth[i]) > (exact ? 0 : bound) + kSame) ++outcome.wrong;
+  }
+  return outcome;
+}
+
+Path make_path(const LoadedModel& subject, const Settings& settings) {
+  const spm::ModelSummary& summary = subject.model.summary;
+  const double unit = summary.metres_per_unit;
+  const spm::fcl::FixedMesh finest{subject.model.positions, subject.finest};
+  const PathSettings path_settings{settings.radius / unit, settings.depth / unit, settings.speed * kPeriod / unit,
+                                   static_cast<std::uint32_t>(settings.seconds / kPeriod), settings.seed};
+  Path path;
+  for (const Vec3d& centre : surface_path(subject.model.positions, subject.finest, path_settings,
+                                          [&](const Vec3d& p) { return finest.distance(p); })) {
+    path.tips.push_back(centre * unit);
+    path.truth.push_back(finest.distance(centre) * unit);
+  }
+  path.away = Eigen::Map<const spm::Vec3f>(summary.bounds_max.data()).cast<double>() * unit +
+              Vec3d::Constant(3 * longest_side(summary));
+  return path;
+}
+
+int run(const Settings& settings) {
+  std::fprintf(stderr, "making the model\n");
+  const test_support::TemporaryFolder folder;
+  LoadedModel subject = load_model(settings.model, settings.faces);
+  std::filesystem::path file = settings.model;
+  if (file.extension() != ".spm") {
+    file = folder.path() / "model.spm";
+    spm::offline::write_model(file, subject.model, {});
+    const std::string name = subject.name;
+    subject = {};
+    subject = load_model(file.string(), 0);  // mapped: what was built is as large again
+    subject.name = name;
+  }
+  if (settings.edge > 0) scale_to_edge(subject, settings.edge);
+  const spm::ModelSummary& summary = subject.model.summary;
+  const double unit = summary.metres_per_unit;
+  std::fprintf(stderr, "making the path\n");
+  const Path path = make_path(subject, settings);
+  subject.finest = {};
+  std::fprintf(stderr, "certifying\n");
+  const spm::offline::Certificate certificate =
+      spm::offline::certify(subject.model, settings.radius / unit, settings.speed / unit);
+  const std::uint32_t tenth = std::max(slots_for(summary, 0) + certificate.parts / 10, 256u);
+
+  Programs programs{settings, file, path, unit};
+  std::fprintf(stderr, "an idle HRTC\n");
+  const double idle = programs.idle();
+  std::fprintf(stderr, "touching\n");
+  const Touch touch = programs.touch("whole", {"--memory", std::to_string(settings.memory)});
+  std::fprintf(stderr, "touching with a pool ten times too small\n");
+  const Touch small = programs.touch("small", {"--pool", std::to_string(tenth)});
+  for (const Touch* each : {&touch, &small})
+    if (each->ended != 0 || each->audit != 0) std::fprintf(stderr, "%s", each->output.c_str());
+  std::fprintf(stderr, "both in this process\n");
+  const spm::MemoryShares shares = spm::shares_of(settings.memory);
+  const InProcess whole_here = run_in_process(subject.model, settings, shares.pool, path);
+  const InProcess small_here = run_in_process(subject.model, settings, spm::PoolSettings::for_slots(tenth), path);
+
+  char text[256];
+  std::snprintf(text, sizeof text,
+                "radius %g mm, %g cm/s for %g s, %.3g m long, %u regions, memory %.4g MiB, seed %llu",
+                settings.radius * 1e3, settings.speed * 1e2, settings.seconds, longest_side(summary), summary.regions,
+                static_cast<double>(settings.memory) / kMiB, static_cast<unsigned long long>(settings.seed));
+  const char *with_memory = "touching", *with_tenth = "pool ten times too small";
+  Report report{{"memory", subject.name, summary.digest, summary.faces, text}};
+  report.figure("certificate: memory needed at least", "anywhere", "MiB",
+                static_cast<double>(spm::offline::memory_needed(summary, certificate)) / kMiB);
+  report.figure("certificate: slots beside the base mesh", "anywhere", "", certificate.parts);
+  report.figure("slots of the pool", with_memory, "", shares.pool.slots);
+  report.figure("slots of the pool", with_tenth, "", tenth);
+  report.figure("directory of the model", with_memory, "MiB",
+                static_cast<double>(spm::directory_bytes(summary, shares.pool)) / kMiB);
+  report.figure("resident at most, idle HRTC without pool", "whole run", "MiB", idle / kMiB);
+  report.figure("resident at most", with_memory, "MiB", touch.resident / kMiB);
+  report.figure("resident at most", with_tenth, "MiB", small.resident / kMiB);
+  report.figure("exact", with_tenth, "% of queries", small.percent_exact());
+  report.at_most("resident above the idle HRTC and --memory", with_memory, "MiB",
+                 (touch.resident - idle - static_cast<double>(settings.memory)) / kMiB, 8);
+  report.at_least("queries in labelled cells", with_memory, "", static_cast<double>(touch.queries),
+                  settings.seconds / kPeriod / 2);
+  report.at_least("exact", with_memory, "% of queries", touch.percent_exact(), 90);
+  report.at_least("queries in labelled cells", with_tenth, "", static_cast<double>(small.queries),
+                  settings.seconds / kPeriod / 2);
+  report.at_most("exact: coarser, and flagged so", with_tenth, "% of queries", small.percent_exact(), 90);
+  for (const auto& [each, name] : {std::pair{&touch, with_memory}, std::pair{&small, with_tenth}}) {
+    report.at_most("exit status of the HRTC", name, "", each->ended, 0);
+    report.at_most("exit status of the audit of exact contacts", name, "", each->audit, 0);
+  }
+  for (const auto& [each, name] : {std::pair{&whole_here, with_memory}, std::pair{&small_here, with_tenth}}) {
+    const std::string population = std::string{name} + ", in process";
+    report.figure(
+        "exact", population, "% of contact cycles",
+        100.0 * static_cast<double>(each->exact) / static_cast<double>(std::max<std::uint64_t>(each->contact, 1)));
+    report.at_least("contact cycles", population, "", static_cast<double>(each->contact),
+                    settings.seconds / kPeriod / 2);
+    report.at_most("further from the truth than stated", population, "contact cycles", static_cast<double>(each->wrong),
+                   0);
+    report.at_most("allocations in the cycle", population, "", static_cast<double>(each->allocations), 0);
+  }
+  return report.finish(settings.json);
+}
+
+}  // namespace
+}  // namespace tactus::bench
+
+int main(int argc, char** argv) {
+  tactus::bench::Settings settings;
+  CLI::App app{"The resident set of an HRTC that touches a model larger than its memory, beside an idle one"};
+  app.add_option("--model", settings.model, "model file of any kind, or .spm (default: a generated organ)")
+      ->check(CLI::ExistingFile);
+  CLI::Option* faces =
+      app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 30000000u));
+  CLI::Option* edge =
+      app.add_option("--edge", settings.edge, "mean edge that the model is scaled to, m; the organ's is 0.0002")
+          ->check(CLI::PositiveNumber);
+  app.add_option("--memory", settings.memory, "of the HRTC: 16MiB, 64MiB")->transform(CLI::AsSizeValue(false));
+  app.add_option("--seconds", settings.seconds, "length of the path")->check(CLI::Range(3.0, 3600.0));
+  app.add_option("--speed", settings.speed, "of the tip, m/s")->check(CLI::Range(0.001, 2.0));
+  app.add_option("--domain", settings.domain, "first of the three DDS domains used")->check(CLI::Range(1, 95));
+  app.add_option("--seed", settings.seed, "of the path");
+  app.add_option("--json", settings.json, "the figures as JSON");
+  app.add_flag("--quick", settings.quick, "300 k faces and 6 s, for CI");
+  try {
+    app.parse(argc, argv);
+    if (settings.quick) {
+      settings.seconds = std::min(settings.seconds, 6.0);
+      if (faces->count() == 0) settings.faces = 300'000;
+    }
+    if (settings.model.empty() && edge->count() == 0) settings.edge = tactus::bench::kHandEdge;
+    return tactus::bench::run(settings);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : 2;
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "tactus-bench-memory: %s\n", error.what());
+    return 2;
+  }
+}
