@@ -260,10 +260,6 @@ int run(const Settings& settings) {
   if (file.extension() != ".spm") {
     file = folder.path() / "model.spm";
     spm::offline::write_model(file, subject.model, {});
-    const std::string name = subject.name;
-    subject = {};
-    subject = load_model(file.string(), 0);  // mapped: what was built is as large again
-    subject.name = name;
   }
   if (settings.edge > 0) scale_to_edge(subject, settings.edge);
   const spm::ModelSummary& summary = subject.model.summary;
@@ -274,7 +270,10 @@ int run(const Settings& settings) {
   std::fprintf(stderr, "certifying\n");
   const spm::offline::Certificate certificate =
       spm::offline::certify(subject.model, settings.radius / unit, settings.speed / unit);
-  const std::uint32_t tenth = std::max(slots_for(summary, 0) + certificate.parts / 10, 256u);
+  // What a ball needs beside the base mesh, divided by ten, in slots and in tree nodes.
+  const std::uint32_t base_nodes = spm::tree_nodes_over(subject.model.base_faces, summary.faces);
+  std::uint32_t tenth = std::max(slots_for(summary, 0) + certificate.parts / 10, 256u);
+  while (spm::PoolSettings::for_slots(tenth).tree_nodes < base_nodes + certificate.nodes / 10) tenth += 16;
 
   Programs programs{settings, file, path, unit};
   std::fprintf(stderr, "an idle HRTC\n");

@@ -129,20 +129,24 @@ void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {
   if (object.ready) return delivery_.base_held(object.info.id);
   const spm::BaseMesh& base = decoded->mesh;
   const std::uint32_t free_before = cache_.slots_free();
-  spm::Cache::Admitted admitted = cache_.admit(base);
+  const std::uint32_t nodes_free = pool_.settings.tree_nodes - base_nodes_;
+  const std::uint32_t nodes = spm::tree_nodes_over(base.faces, object.summary.faces);
+  spm::Cache::Admitted admitted;
+  if (nodes + spm::AbTree::kMaxHeight <= nodes_free) admitted = cache_.admit(base);
   if (!admitted.fits) {
     if (!object.refused) {
       ++figures_.objects_refused;
       directories_ -= spm::directory_bytes(object.summary, pool_.settings);
       say("object " + object.info.name + ": refused, its base mesh takes " +
-          std::to_string(spm::Cache::slots_for_base(base)) + " slots, the pool has " +
-          std::to_string(pool_.settings.slots) + ", " + std::to_string(free_before) +
-          " of them free; raise --memory or --pool");
+          std::to_string(spm::Cache::slots_for_base(base)) + " slots and " + std::to_string(nodes) +
+          " tree nodes, the pool has " + std::to_string(free_before) + " and " + std::to_string(nodes_free) +
+          " free; raise --memory or --pool");
     }
     object.refused = true;
     return delivery_.base_held(object.info.id);  // asking again would change nothing
   }
   base_slots_ += free_before - cache_.slots_free();
+  base_nodes_ += nodes;
   object.summary = base.summary;
   object.tables = std::move(decoded->tables);
   object.info.index = spm::index(admitted.object);

@@ -217,6 +217,7 @@ class Loader {
   std::uint32_t departing_ = 0;
   std::int64_t wanted_at_ns_ = 0;  // of the last tick: RegionNote::wanted_us of what is wanted
   std::uint32_t base_slots_ = 0;   // that base meshes take for good
+  std::uint32_t base_nodes_ = 0;   // and of the tree, at least
   std::uint64_t directories_ = 0;  // bytes, of all objects
   spm::Cache::Room leaving_;       // what all leavers give
   spm::Cache::Room needed_;        // for what is wanted and absent, more or less

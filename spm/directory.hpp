@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <vector>
 
 #include "spm/cache.hpp"
 #include "spm/forest.hpp"
@@ -16,6 +17,23 @@ inline constexpr std::uint32_t kRegionNoteBytes = 20;
 [[nodiscard]] inline std::uint64_t directory_bytes(const ModelSummary& summary, const PoolSettings& pool) noexcept {
   return Cache::directory_bytes(summary) + Forest::directory_bytes(summary, pool) +
          std::uint64_t{summary.regions} * kRegionNoteBytes;
+}
+
+/// Nodes of the tree over these of a model's finest faces, by FaceId (spm/ab_tree.hpp). O(n log n), allocates.
+[[nodiscard]] inline std::uint32_t tree_nodes_over(std::vector<std::uint32_t> faces, std::uint32_t finest_faces) {
+  std::sort(faces.begin(), faces.end());
+  std::uint32_t nodes = 0;
+  for (std::uint64_t covered = 1; covered == 1 || covered < finest_faces; covered *= 8) {
+    for (std::uint32_t& id : faces) id >>= 3;
+    faces.erase(std::unique(faces.begin(), faces.end()), faces.end());
+    nodes += static_cast<std::uint32_t>(faces.size());
+  }
+  return nodes;
+}
+[[nodiscard]] inline std::uint32_t tree_nodes_over(Span<const BaseFace> base, std::uint32_t finest_faces) {
+  std::vector<std::uint32_t> faces;
+  for (const BaseFace& face : base) faces.push_back(face.face);
+  return tree_nodes_over(std::move(faces), finest_faces);
 }
 
 /// How a controller divides what it may hold of models: an eighth for directories, 8 MiB at least, but never more than

@@ -211,21 +211,14 @@ std::vector<Certificate::Bringing> brought(const Model& model, Span<const std::u
 
 /// Of the eight-wide tree over the base mesh and over what the regions' records bear.
 std::uint32_t nodes_over(const Model& model, Span<const std::uint32_t> regions) {
-  std::vector<std::uint32_t> level;
-  for (const BaseFace& face : model.base_faces) level.push_back(face.face);
+  std::vector<std::uint32_t> faces;
+  for (const BaseFace& face : model.base_faces) faces.push_back(face.face);
   for (const std::uint32_t region : regions)
     for (const Run& run : model.runs_of(RegionId{region}))
       for (std::uint32_t r = run.first; r < run.first + run.count; ++r)
         for (std::uint32_t p = r; p != kNone; p = model.parts[p].next)
-          for (int i = 0; i < model.parts[p].born_count; ++i) level.push_back(model.parts[p].born[i].face());
-  std::sort(level.begin(), level.end());
-  std::uint32_t nodes = 0;
-  for (std::uint32_t up = tree_size(model.summary.faces, 8).levels; up > 0; --up) {
-    for (std::uint32_t& id : level) id >>= 3;
-    level.erase(std::unique(level.begin(), level.end()), level.end());
-    nodes += static_cast<std::uint32_t>(level.size());
-  }
-  return nodes;
+          for (int i = 0; i < model.parts[p].born_count; ++i) faces.push_back(model.parts[p].born[i].face());
+  return tree_nodes_over(std::move(faces), model.summary.faces);
 }
 
 }  // namespace
