@@ -41,7 +41,7 @@ Cache::Cache(Pool& pool)
     : pool_{pool},
       records_{pool.settings.slots},
       faces_{2 * pool.settings.slots},
-      front_(2 * std::size_t{pool.settings.slots}),
+      front_{2 * std::size_t{pool.settings.slots}},
       loaded_(pool.settings.slots, 0),
       seals_(pool.settings.slots, 0),
       free_(pool.settings.slots),
@@ -88,13 +88,14 @@ Cache::Admitted Cache::admit(const BaseMesh& base) {
     const std::uint32_t row_index = 2 * slots[i / 2] + i % 2;
     FaceRow& row = pool_.faces[row_index];
     for (int corner = 0; corner < 3; ++corner) row.vertices[corner] = slots[face.corners[corner]];
-    front_[row_index] = row.vertices;
+    front_.set(row_index, row.vertices);
     row.face = face.face;
     row.last = face.last;
     row.node = kNone;
     faces_.insert(key(result.object, face.face), row_index);
     result.base.faces.push_back(row_index);
   }
+  front_.link(result.base.faces);
   object.record_counts.reserve(base.regions.size());
   object.seals.reserve(base.regions.size());
   for (const Region& region : base.regions) {
@@ -114,17 +115,23 @@ std::uint32_t Cache::slot_of_vertex(const Object& object, ObjectIndex number, st
 
 /// Names the parent where it is implied, notes the vertices around it, and moves the corners from t to u.
 AcceptResult Cache::enter_deformed(ObjectIndex number, const RecordPart& source, std::uint32_t u, RecordPart& target,
-                                   VertexRing& ring) noexcept {
+                                   Entered& entered) noexcept {
   for (int i = 0; i < source.deformed_count; ++i) {
     const DeformedRef ref = source.deformed[i];
-    const std::uint32_t row = faces_.find(key(number, ref.face()));
-    if (row == kNone) return AcceptResult::kIncomplete;
-    std::array<std::uint32_t, 3>& corners = front_[row];
+    std::uint32_t row = kNone;
     std::uint32_t corner = ref.corner();
+    if (ref.face() == kNextAround) {
+      if (entered.last.face == kNone || !front_.next_around(entered.last)) return AcceptResult::kMalformed;
+      row = entered.last.face;
+    } else {
+      row = faces_.find(key(number, ref.face()));
+      if (row == kNone) return AcceptResult::kIncomplete;
+    }
+    std::array<std::uint32_t, 3>& corners = front_.corners(row);
     if (target.parent == kNone) {
       if (corner == kCornerOfParent) return AcceptResult::kMalformed;
       target.parent = corners[corner];
-      ring.add(target.parent);
+      entered.ring.add(target.parent);
     } else {
       corner = 0;
       while (corner < 3 && corners[corner] != target.parent) ++corner;
@@ -132,9 +139,11 @@ AcceptResult Cache::enter_deformed(ObjectIndex number, const RecordPart& source,
     if (corner > 2) return AcceptResult::kMalformed;
     const std::uint32_t next = corners[(corner + 1) % 3], before = corners[(corner + 2) % 3];
     if (target.parent == u || next == u || before == u) return AcceptResult::kMalformed;
-    ring.add(next);
-    ring.add(before);
+    entered.ring.add(next);
+    entered.ring.add(before);
     corners[corner] = u;
+    entered.last = {row, corner};
+    entered.faces.deform(entered.last);
     target.deformed[i] = DeformedRef::make(row, corner, ref.last());
     target.deformed_count = static_cast<std::uint8_t>(i + 1);
   }
@@ -142,7 +151,8 @@ AcceptResult Cache::enter_deformed(ObjectIndex number, const RecordPart& source,
 }
 
 AcceptResult Cache::enter_born(ObjectIndex number, const RecordPart& source, std::uint32_t u, std::uint32_t slot,
-                               VertexRing& ring) noexcept {
+                               Entered& entered) noexcept {
+  VertexRing& ring = entered.ring;
   const Object& object = objects_[index(number)];
   RecordPart& target = pool_.parts[slot];
   for (int i = 0; i < source.born_count; ++i) {
@@ -164,9 +174,12 @@ AcceptResult Cache::enter_born(ObjectIndex number, const RecordPart& source, std
     pool_.faces[row].face = source.born[i].face();
     pool_.faces[row].node = kNone;
     const BornCorners at = born_corners(source.born[i].order());
-    front_[row][static_cast<std::size_t>(at.u)] = u;
-    front_[row][static_cast<std::size_t>(at.t)] = target.parent;
-    front_[row][static_cast<std::size_t>(at.x)] = x;
+    LoadedFront::Corners corners{};
+    corners[static_cast<std::size_t>(at.u)] = u;
+    corners[static_cast<std::size_t>(at.t)] = target.parent;
+    corners[static_cast<std::size_t>(at.x)] = x;
+    front_.set(row, corners);
+    entered.faces.bear(row, source.born[i].order());
     target.born_x[i] = x;
     target.born_count = static_cast<std::uint8_t>(i + 1);
   }
@@ -191,7 +204,8 @@ AcceptResult Cache::decode(ObjectIndex number, std::uint32_t record, const Regio
                            const std::array<std::uint32_t, 3>& offset) noexcept {
   const Object& object = objects_[index(number)];
   const std::uint32_t u = free_[free_count_ - 1];  // the one that take_slot gives below
-  VertexRing ring;
+  Entered entered;
+  VertexRing& ring = entered.ring;
   std::array<float, 3> position{};
   std::uint32_t slot = kNone;
   std::uint32_t parent = kNone;
@@ -222,10 +236,10 @@ AcceptResult Cache::decode(ObjectIndex number, std::uint32_t record, const Regio
       if (target.parent == u) return AcceptResult::kMalformed;
       ring.add(target.parent);
     }
-    AcceptResult result = enter_deformed(number, source, u, target, ring);
+    AcceptResult result = enter_deformed(number, source, u, target, entered);
     parent = target.parent;
     if (result == AcceptResult::kAccepted && parent == kNone) result = AcceptResult::kMalformed;
-    if (result == AcceptResult::kAccepted) result = enter_born(number, source, u, slot, ring);
+    if (result == AcceptResult::kAccepted) result = enter_born(number, source, u, slot, entered);
     if (result != AcceptResult::kAccepted) return result;
     if (before == kNone) {
       if (!place(object, ring, offset, position)) return AcceptResult::kMalformed;
@@ -235,6 +249,7 @@ AcceptResult Cache::decode(ObjectIndex number, std::uint32_t record, const Regio
     if (more && source.next != part + 1) return AcceptResult::kMalformed;
     ++part;
   }
+  front_.join(entered.faces);
   seals_[u] = seal_of(object.summary.base_vertices + record, ring,
                       [this](std::uint32_t slot_of) { return pool_.vertices[slot_of].id; });
   return AcceptResult::kAccepted;
@@ -247,10 +262,14 @@ void Cache::forget(ObjectIndex number, std::uint32_t first_slot) noexcept {
     const RecordPart& part = pool_.parts[slot];
     TACTUS_ASSERT(pool_.state[slot].bits == 0);
     for (int i = 0; i < part.deformed_count; ++i) {
-      TACTUS_ASSERT(front_[part.deformed[i].face()][part.deformed[i].corner()] == first_slot);
-      front_[part.deformed[i].face()][part.deformed[i].corner()] = part.parent;
+      std::uint32_t& corner = front_.corners(part.deformed[i].face())[part.deformed[i].corner()];
+      TACTUS_ASSERT(corner == first_slot);
+      corner = part.parent;
     }
-    for (int i = 0; i < part.born_count; ++i) faces_.erase(key(number, part.born[i].face()));
+    for (int i = 0; i < part.born_count; ++i) {
+      front_.take_out(2 * slot + static_cast<std::uint32_t>(i), part.born[i].order());
+      faces_.erase(key(number, part.born[i].face()));
+    }
     const std::uint32_t next = part.next;
     give_slot(slot);
     slot = next;

@@ -1,11 +1,11 @@
 /// The loader's half of the pool: which records of which objects are here, and in which slots.
 ///
-/// Takes base meshes and regions in ids, gives slots; the one place where ids become slots. Keeps the corners of every
-/// face at the loaded front: a record that is not held deforms just what stands there, so that its parent, third
-/// corners and place follow from the faces it names. Counts for each record how many held regions list it (the loaded
-/// front), so that releasing a region frees what no other needs and never breaks a closure. One thread, not the haptic
-/// one. Does not allocate after `admit`. Everything that arrives is checked against what is held. Source: Liu,
-/// Georganas, Roth, 3DIM 2005, section 3 (local cache, loaded fronting).
+/// Takes base meshes and regions in ids, gives slots; the one place where ids become slots. Keeps the mesh at the
+/// loaded front: a record that is not held deforms just what stands there, so that all but one of the faces that it
+/// deforms, its parent, third corners and place follow from the first. Counts for each record how many held regions
+/// list it (the loaded front), so that releasing a region frees what no other needs and never breaks a closure. One
+/// thread, not the haptic one. Does not allocate after `admit`. Everything that arrives is checked against what is
+/// held. Source: Liu, Georganas, Roth, 3DIM 2005, section 3 (local cache, loaded fronting).
 #pragma once
 
 #include <cstdint>
@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "spm/flat_index.hpp"
+#include "spm/loaded_front.hpp"
 #include "spm/model.hpp"
 #include "spm/pool.hpp"
 #include "spm/region_data.hpp"
@@ -91,6 +92,12 @@ class Cache {
   [[nodiscard]] std::vector<std::string> violations() const;
 
  private:
+  /// What is known of a record while its parts come in.
+  struct Entered {
+    VertexRing ring;
+    LoadedFront::Split faces;
+    LoadedFront::At last{kNone, 0};  // deformed
+  };
   struct Object {
     ModelSummary summary;
     std::vector<std::uint32_t> base_slots;     // by base VertexId
@@ -111,9 +118,9 @@ class Cache {
   [[nodiscard]] AcceptResult decode(ObjectIndex number, std::uint32_t record, const RegionData& data,
                                     std::uint32_t& part, const std::array<std::uint32_t, 3>& offset) noexcept;
   [[nodiscard]] AcceptResult enter_deformed(ObjectIndex number, const RecordPart& source, std::uint32_t u,
-                                            RecordPart& target, VertexRing& ring) noexcept;
+                                            RecordPart& target, Entered& entered) noexcept;
   [[nodiscard]] AcceptResult enter_born(ObjectIndex number, const RecordPart& source, std::uint32_t u,
-                                        std::uint32_t slot, VertexRing& ring) noexcept;
+                                        std::uint32_t slot, Entered& entered) noexcept;
   [[nodiscard]] bool place(const Object& object, const VertexRing& ring, const std::array<std::uint32_t, 3>& offset,
                            std::array<float, 3>& position) const noexcept;
   void forget(ObjectIndex number, std::uint32_t first_slot) noexcept;
@@ -123,11 +130,11 @@ class Cache {
 
   Pool& pool_;
   std::vector<Object> objects_;
-  FlatIndex records_;  // (object, RecordId) -> first slot
-  FlatIndex faces_;    // (object, FaceId) -> face row, of every face borne by a held record or the base
-  std::vector<std::array<std::uint32_t, 3>> front_;  // by face row: its corners once all held records are applied
-  std::vector<std::uint16_t> loaded_;                // by first slot
-  std::vector<std::uint32_t> seals_;                 // by first slot: see seal.hpp
+  FlatIndex records_;                  // (object, RecordId) -> first slot
+  FlatIndex faces_;                    // (object, FaceId) -> face row, of every face borne by a held record or the base
+  LoadedFront front_;                  // by face row
+  std::vector<std::uint16_t> loaded_;  // by first slot
+  std::vector<std::uint32_t> seals_;   // by first slot: see seal.hpp
   std::vector<std::uint32_t> free_;
   std::uint32_t free_count_ = 0;
   std::vector<std::uint32_t> free_blocks_;

@@ -1,13 +1,13 @@
 #include "spm/pool.hpp"
 
 #include "spm/flat_index.hpp"
+#include "spm/loaded_front.hpp"
 
 namespace tactus::spm {
 
 std::uint64_t PoolSettings::bytes() const noexcept {
-  constexpr std::uint64_t kFrontBytesPerFace = 3 * 4;
   const std::uint64_t per_slot = sizeof(RecordPart) + sizeof(Vertex) + sizeof(float) + 2 * sizeof(FaceRow) +
-                                 sizeof(SlotState) + 2 * kFrontBytesPerFace + sizeof(std::uint16_t) +
+                                 sizeof(SlotState) + 2 * LoadedFront::kBytesPerFace + sizeof(std::uint16_t) +
                                  2 * sizeof(std::uint32_t);
   return per_slot * slots + FlatIndex::bytes(slots) + FlatIndex::bytes(2 * slots) +
          (kTreeNodeBytes + sizeof(std::uint32_t)) * tree_nodes + FlatIndex::bytes(tree_nodes) +

@@ -18,6 +18,8 @@ namespace tactus::spm {
 inline constexpr std::uint32_t kInRing = 1u << 31;
 /// The last place there, wherever that is.
 inline constexpr std::uint32_t kLastInRing = VertexRing::kMax;
+/// In place of the id of a deformed face: the one that LoadedFront::next_around finds after the one before.
+inline constexpr std::uint32_t kNextAround = (1u << 29) - 1;
 /// The corner of a deformed face where t stands, whichever it is.
 inline constexpr std::uint32_t kCornerOfParent = 3;
 

@@ -3,7 +3,7 @@
 namespace tactus::spm::codec {
 namespace {
 
-constexpr std::uint8_t kBaseVersion = 3;
+constexpr std::uint8_t kBaseVersion = 4;
 constexpr std::size_t kMinFaceBytes = 4;
 constexpr std::size_t kMinRegionBytes = 19;
 

@@ -7,6 +7,7 @@
 #include "spm/codec/base_codec.hpp"
 #include "spm/codec/record_reader.hpp"
 #include "spm/codec/run_codec.hpp"
+#include "spm/loaded_front.hpp"
 #include "spm/position_code.hpp"
 #include "spm/region_data.hpp"
 #include "spm/vertex_ring.hpp"
@@ -17,21 +18,23 @@ namespace {
 /// Completes records in ascending order, as Cache does, but by id.
 class Resolver {
  public:
-  explicit Resolver(DecodedModel& model) : model_{model}, place_{model.summary} {
-    corners_.assign(model.summary.faces, {kNone, kNone, kNone});
-    for (const BaseFace& face : model.base_faces) corners_[face.face] = face.corners;
-  }
+  explicit Resolver(DecodedModel& model)
+      : model_{model}, place_{model.summary}, front_{base_front(model.summary, model.base_faces)} {}
 
   /// What the record names is not there, or not what it has to be: false.
   [[nodiscard]] bool add(std::uint32_t record, std::vector<RecordPart>& parts,
                          const std::array<std::uint32_t, 3>& offset) {
     const std::uint32_t u = model_.summary.base_vertices + record;
     VertexRing ring;
+    LoadedFront::Split faces;
+    last_ = {kNone, 0};
     std::uint32_t parent = parts.front().parent;
     if (parent != kNone) ring.add(parent);
     for (std::size_t i = 0; i < parts.size(); ++i) {
       RecordPart& part = parts[i];
-      if (!enter_deformed(part, u, parent, ring) || parent >= u || !enter_born(part, u, parent, ring)) return false;
+      if (!enter_deformed(part, u, parent, ring, faces) || parent >= u || !enter_born(part, u, parent, ring, faces)) {
+        return false;
+      }
       part.parent = parent;
       if (i == 0 && !place(u, ring, offset)) return false;
       if (i > 0) {
@@ -44,16 +47,23 @@ class Resolver {
       }
       previous_->next = kNone;
     }
+    front_.join(faces);
     return true;
   }
   /// The continuation parts go behind all first ones.
   void finish() { model_.parts.insert(model_.parts.end(), rest_.begin(), rest_.end()); }
 
  private:
-  bool enter_deformed(RecordPart& part, std::uint32_t u, std::uint32_t& parent, VertexRing& ring) {
+  bool enter_deformed(RecordPart& part, std::uint32_t u, std::uint32_t& parent, VertexRing& ring,
+                      LoadedFront::Split& faces) {
     for (int i = 0; i < part.deformed_count; ++i) {
       const DeformedRef ref = part.deformed[i];
-      std::array<std::uint32_t, 3>& corners = corners_[ref.face()];
+      std::uint32_t face = ref.face();
+      if (face == kNextAround) {
+        if (last_.face == kNone || !front_.next_around(last_)) return false;
+        face = last_.face;
+      }
+      std::array<std::uint32_t, 3>& corners = front_.corners(face);
       if (corners[0] == kNone) return false;
       std::uint32_t corner = ref.corner();
       if (parent == kNone) {
@@ -68,12 +78,15 @@ class Resolver {
       ring.add(corners[(corner + 1) % 3]);
       ring.add(corners[(corner + 2) % 3]);
       corners[corner] = u;
-      part.deformed[i] = DeformedRef::make(ref.face(), corner, ref.last());
+      last_ = {face, corner};
+      faces.deform(last_);
+      part.deformed[i] = DeformedRef::make(face, corner, ref.last());
     }
     return true;
   }
 
-  bool enter_born(RecordPart& part, std::uint32_t u, std::uint32_t parent, VertexRing& ring) {
+  bool enter_born(RecordPart& part, std::uint32_t u, std::uint32_t parent, VertexRing& ring,
+                  LoadedFront::Split& faces) {
     for (int i = 0; i < part.born_count; ++i) {
       std::uint32_t x = part.born_x[i];
       if ((x & kInRing) != 0) {
@@ -83,8 +96,9 @@ class Resolver {
       } else {
         ring.add(x);
       }
-      std::array<std::uint32_t, 3>& corners = corners_[part.born[i].face()];
+      std::array<std::uint32_t, 3>& corners = front_.corners(part.born[i].face());
       if (x >= u || corners[0] != kNone) return false;
+      faces.bear(part.born[i].face(), part.born[i].order());
       const BornCorners at = born_corners(part.born[i].order());
       corners[static_cast<std::size_t>(at.u)] = u;
       corners[static_cast<std::size_t>(at.t)] = parent;
@@ -112,7 +126,8 @@ class Resolver {
 
   DecodedModel& model_;
   PositionCode place_;
-  std::vector<std::array<std::uint32_t, 3>> corners_;
+  LoadedFront front_;
+  LoadedFront::At last_{kNone, 0};  // deformed by the record
   std::vector<RecordPart> rest_;
   RecordPart* previous_ = nullptr;
 };

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "spm/loaded_front.hpp"
 #include "spm/position_code.hpp"
 #include "spm/vertex_ring.hpp"
 
@@ -72,10 +73,11 @@ template <class Sink>
 class Coder {
  public:
   Coder(const Model& model, Sink& sink)
-      : model_{model}, sink_{sink}, place_{model.summary}, greatest_{radius_code(model.summary.deviation)} {
-    corners_.resize(model.summary.faces);
-    for (const BaseFace& face : model.base_faces) corners_[face.face] = face.corners;
-  }
+      : model_{model},
+        sink_{sink},
+        place_{model.summary},
+        greatest_{radius_code(model.summary.deviation)},
+        front_{base_front(model.summary, model.base_faces)} {}
 
   void run() {
     std::uint32_t anchor = 0;
@@ -110,9 +112,6 @@ class Coder {
       spell_out(record, u, ring);
     } else {
       sink_.symbol(Field::kCorner, first.deformed[0].corner());
-      for (int i = 1; i < first.deformed_count; ++i) {
-        difference(Field::kDeformed, first.deformed[i].face(), first.deformed[i - 1].face());
-      }
       difference(Field::kBornFirst, first.born[0].face(), first.deformed[0].face());
       if (first.born_count > 1) difference(Field::kBornNext, first.born[1].face(), first.born[0].face());
       place_it(u, ring);
@@ -122,16 +121,25 @@ class Coder {
 
   void gather(const RecordPart& part, VertexRing& ring) const {
     for (int i = 0; i < part.deformed_count; ++i) {
-      const std::array<std::uint32_t, 3>& corners = corners_[part.deformed[i].face()];
+      const std::array<std::uint32_t, 3>& corners = front_.corners(part.deformed[i].face());
       ring.add(corners[(part.deformed[i].corner() + 1) % 3]);
       ring.add(corners[(part.deformed[i].corner() + 2) % 3]);
     }
   }
 
-  [[nodiscard]] static std::uint32_t shape_of(const RecordPart& part, const VertexRing& ring) {
+  /// Whether this face is found by going around t from the one before.
+  [[nodiscard]] bool follows(const DeformedRef& before, const DeformedRef& face) const {
+    LoadedFront::At at{before.face(), before.corner()};
+    return front_.next_around(at) && at.face == face.face();
+  }
+
+  [[nodiscard]] std::uint32_t shape_of(const RecordPart& part, const VertexRing& ring) const {
     if (part.next != kNone || part.deformed_count == 0 || part.deformed_count > Shape::kMaxFan ||
         part.born_count == 0) {
       return Shape::kUnusual;
+    }
+    for (int i = 1; i < part.deformed_count; ++i) {
+      if (!follows(part.deformed[i - 1], part.deformed[i])) return Shape::kUnusual;
     }
     const auto at_first = [&](int i) { return part.born[i].order() == 0 && part.born_x[i] == ring[1]; };
     const auto at_last = [&](int i) { return part.born[i].order() == 1 && part.born_x[i] == ring[ring.size() - 1]; };
@@ -152,6 +160,8 @@ class Coder {
   void spell_out(std::uint32_t record, std::uint32_t u, VertexRing& ring) {
     std::uint32_t before = anchor_of(model_.parts[record]);
     bool anchor = true;
+    DeformedRef last{};
+    bool any_deformed = false;
     const auto face = [&](Field field, std::uint32_t own) {
       if (!anchor) difference(field, own, before);
       anchor = false;
@@ -165,7 +175,11 @@ class Coder {
       if (p == record && part.deformed_count == 0) sink_.rare(u - part.parent);
       if (p != record) gather(part, ring);
       for (int i = 0; i < part.deformed_count; ++i) {
-        face(Field::kDeformed, part.deformed[i].face());
+        const bool next = any_deformed && follows(last, part.deformed[i]);
+        if (any_deformed) sink_.raw(next, 1);
+        if (!next) face(Field::kDeformed, part.deformed[i].face());
+        last = part.deformed[i];
+        any_deformed = true;
         sink_.raw(part.deformed[i].last(), 1);
       }
       for (int i = 0; i < part.born_count; ++i) {
@@ -199,24 +213,32 @@ class Coder {
   }
 
   void apply(std::uint32_t record, std::uint32_t u) {
+    LoadedFront::Split faces;
     for (std::uint32_t p = record; p != kNone; p = model_.parts[p].next) {
       const RecordPart& part = model_.parts[p];
+      for (int i = 0; i < part.deformed_count; ++i) {
+        const DeformedRef ref = part.deformed[i];
+        front_.corners(ref.face())[ref.corner()] = u;
+        faces.deform({ref.face(), ref.corner()});
+      }
       for (int i = 0; i < part.born_count; ++i) {
         const BornCorners at = born_corners(part.born[i].order());
-        std::array<std::uint32_t, 3>& face = corners_[part.born[i].face()];
-        face[static_cast<std::size_t>(at.u)] = u;
-        face[static_cast<std::size_t>(at.t)] = part.parent;
-        face[static_cast<std::size_t>(at.x)] = part.born_x[i];
+        LoadedFront::Corners corners{};
+        corners[static_cast<std::size_t>(at.u)] = u;
+        corners[static_cast<std::size_t>(at.t)] = part.parent;
+        corners[static_cast<std::size_t>(at.x)] = part.born_x[i];
+        front_.set(part.born[i].face(), corners);
+        faces.bear(part.born[i].face(), part.born[i].order());
       }
-      for (int i = 0; i < part.deformed_count; ++i) corners_[part.deformed[i].face()][part.deformed[i].corner()] = u;
     }
+    front_.join(faces);
   }
 
   const Model& model_;
   Sink& sink_;
   PositionCode place_;
   std::uint32_t greatest_;
-  std::vector<std::array<std::uint32_t, 3>> corners_;
+  LoadedFront front_;
 };
 
 /// Runs, and the anchors at which they begin.

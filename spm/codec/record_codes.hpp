@@ -1,14 +1,14 @@
 /// A model's records as bit strings: one for each, made once, the same whoever gets it and in whatever company.
 ///
-///     anchor | radius | shape | corner | deformed faces | born faces | position
+///     anchor | radius | shape | corner | born faces | position
 ///
 ///     anchor    the record's first face, as the difference to that of the record before. It is the only thing that
 ///               depends on the company, and told anew for each
 ///     shape     which faces there are and which of them are finest now, one symbol for the usual cases; another says
 ///               that all is spelt out
-///     corner    where t stands in the first deformed face; in the others it is found, and so are t and the third
-///               corners: the receiver knows the faces as its loaded records leave them, and no loaded record can have
-///               changed those that this one deforms
+///     corner    where t stands in the first deformed face, the anchor. The others follow each other around t and are
+///               found (LoadedFront), and so are t and the third corners: the receiver knows the faces as its loaded
+///               records leave them, and no loaded record can have changed those that this one deforms
 ///     faces     each as the difference to one before
 ///     position  the difference to the mean of the vertices around, in steps of the model's profile
 ///
@@ -88,7 +88,7 @@ struct Shape {
 
 /// In a file, the codes of so many records follow each other as if sent alone; the place where each such lot begins is
 /// noted.
-inline constexpr std::uint32_t kLot = 64;
+inline constexpr std::uint32_t kLot = 128;
 
 struct EncodedRecords {
   RecordTables tables;

@@ -42,16 +42,14 @@ bool RecordReader::get(BitReader& in, std::uint32_t record, std::uint32_t anchor
 
 bool RecordReader::get_usual(BitReader& in, std::uint32_t record, RecordPart& part, std::uint32_t anchor,
                              const Shape& shape, std::vector<RecordPart>& parts) {
-  std::uint32_t corner = tables_[Field::kCorner].get(in, code_ok_);
+  const std::uint32_t corner = tables_[Field::kCorner].get(in, code_ok_);
   std::uint32_t bits = shape.finest >> shape.born();
-  std::uint64_t face = anchor, greatest = anchor;
   part.deformed_count = shape.deformed;
-  for (std::uint32_t i = 0; i < shape.deformed; ++i, bits >>= 1) {
-    if (i > 0) face = face_after(in, Field::kDeformed, face);
-    part.deformed[i] = DeformedRef::make(static_cast<std::uint32_t>(face), corner, (bits & 1u) != 0);
-    corner = kCornerOfParent;
-    greatest = std::max(greatest, face);
+  part.deformed[0] = DeformedRef::make(anchor, corner, (bits & 1u) != 0);
+  for (std::uint32_t i = 1; i < shape.deformed; ++i) {
+    part.deformed[i] = DeformedRef::make(kNextAround, kCornerOfParent, (bits >> i & 1u) != 0);
   }
+  std::uint64_t face = anchor, greatest = anchor;
   part.born_count = static_cast<std::uint8_t>(shape.born());
   bool at_last = shape.ends == Shape::kLast;
   for (std::uint32_t i = 0; i < shape.born(); ++i) {
@@ -69,7 +67,7 @@ bool RecordReader::get_spelt_out(BitReader& in, std::uint32_t record, RecordPart
                                  std::vector<RecordPart>& parts) {
   const std::uint32_t u = summary_.base_vertices + record;
   std::uint64_t face = anchor;
-  bool first_face = true;
+  bool first_face = true, any_deformed = false;
   const auto next_face = [&](Field field) {
     if (!first_face) face = face_after(in, field, face);
     first_face = false;
@@ -95,9 +93,12 @@ bool RecordReader::get_spelt_out(BitReader& in, std::uint32_t record, RecordPart
       part.parent = first.parent = u - static_cast<std::uint32_t>(to_parent);
     }
     for (int i = 0; i < part.deformed_count; ++i) {
-      if (!next_face(Field::kDeformed)) return false;
-      part.deformed[i] = DeformedRef::make(static_cast<std::uint32_t>(face), corner, in.get(1) != 0);
+      const bool next = any_deformed && in.get(1) != 0;
+      if (!next && !next_face(Field::kDeformed)) return false;
+      part.deformed[i] =
+          DeformedRef::make(next ? kNextAround : static_cast<std::uint32_t>(face), corner, in.get(1) != 0);
       corner = kCornerOfParent;
+      any_deformed = true;
     }
     for (int i = 0; i < part.born_count; ++i) {
       if (!next_face(Field::kBornNext) || !get_born(in, record, u, static_cast<std::uint32_t>(face), part, i))

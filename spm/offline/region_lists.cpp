@@ -26,6 +26,34 @@ void append_closure(const TriangleMesh& mesh, Span<const std::uint32_t> faces, c
   }
 }
 
+/// Reorders collapses that the same cells need, so that each comes after those that it needs and near them.
+void put_needs_first(const Dependencies& needs, Span<std::uint32_t> same) {
+  if (same.size() < 2) return;
+  std::vector<std::uint32_t> sorted(same.begin(), same.end()), out, open;
+  std::sort(sorted.begin(), sorted.end());
+  std::vector<bool> done(sorted.size(), false);
+  const auto place = [&sorted](std::uint32_t c) {
+    const auto found = std::lower_bound(sorted.begin(), sorted.end(), c);
+    return found == sorted.end() || *found != c ? sorted.size() : static_cast<std::size_t>(found - sorted.begin());
+  };
+  for (const std::uint32_t start : same) {
+    open.assign(1, start);
+    while (!open.empty()) {
+      const std::uint32_t c = open.back();
+      const std::size_t own = place(c), before = open.size();
+      for (const std::uint32_t need : needs.of(c)) {
+        const std::size_t i = done[own] ? sorted.size() : place(need);
+        if (i < sorted.size() && !done[i]) open.push_back(need);
+      }
+      if (open.size() > before) continue;
+      open.pop_back();
+      if (!done[own]) out.push_back(c);
+      done[own] = true;
+    }
+  }
+  std::copy(out.begin(), out.end(), same.begin());
+}
+
 }  // namespace
 
 RegionLists::RegionLists(const TriangleMesh& mesh, const Partition& cells, const Dependencies& needs, unsigned threads,
@@ -71,18 +99,30 @@ std::vector<std::uint32_t> RegionLists::order(const Dependencies& needs, unsigne
     std::vector<std::size_t> next(lots.begin(), lots.end() - 1);
     for (std::uint32_t c = 0; c < needs.size(); ++c) order[next[lot_of(c)]++] = c;
   }
-  const auto before = [&](std::uint32_t a, std::uint32_t b) {
+  // Vertices are numbered so that neighbours are near, which makes anchors cheap to tell.
+  std::vector<std::uint32_t> vertex(needs.size());
+  for (std::uint32_t v = 0; v < needs.removed_by.size(); ++v) {
+    if (needs.removed_by[v] != kNone) vertex[needs.removed_by[v]] = v;
+  }
+  const auto compare_cells = [&](std::uint32_t a, std::uint32_t b) {
     std::size_t i = first[a], k = first[b];
     for (; i < first[a + 1] && k < first[b + 1]; ++i, ++k) {
-      if (cells[i] != cells[k]) return cells[i] < cells[k];
+      if (cells[i] != cells[k]) return cells[i] < cells[k] ? -1 : 1;
     }
-    if (i < first[a + 1] || k < first[b + 1]) return i < first[a + 1];
-    return needs.level[a] != needs.level[b] ? needs.level[a] < needs.level[b] : a < b;
+    return i < first[a + 1] ? -1 : k < first[b + 1] ? 1 : 0;
+  };
+  const auto before = [&](std::uint32_t a, std::uint32_t b) {
+    const int by_cells = compare_cells(a, b);
+    return by_cells != 0 ? by_cells < 0 : vertex[a] < vertex[b];
   };
   parallel_ranges(cells_ + 1, kChunk, threads, [&](std::size_t begin, std::size_t end) {
     for (std::size_t lot = begin; lot < end; ++lot) {
       std::sort(order.begin() + static_cast<std::ptrdiff_t>(lots[lot]),
                 order.begin() + static_cast<std::ptrdiff_t>(lots[lot + 1]), before);
+      for (std::size_t i = lots[lot], same = i; i < lots[lot + 1]; i = same) {
+        while (same < lots[lot + 1] && compare_cells(order[i], order[same]) == 0) ++same;
+        put_needs_first(needs, {order.data() + i, same - i});
+      }
     }
   });
   return order;

@@ -69,6 +69,32 @@ TEST_P(EveryProfile, IsSoundVerifiesAndArrivesToTheBitInAnyOrderOfRegions) {
   }
 }
 
+TEST_P(EveryProfile, RegionsComeAndGoInAnyOrderWithTheSealsThatTheBaseMeshStates) {
+  const auto& [zoo, bits] = GetParam();
+  BuiltModel built;
+  try {
+    built = build_model(zoo.mesh, options_with(bits));
+  } catch (const ModelError&) {
+    return;  // as above
+  }
+  const Model model = built.model();
+  PoolSettings settings = PoolSettings::for_slots(2 * (model.summary.parts + model.summary.base_faces + 64));
+  for (const Region& region : model.regions) settings.list_blocks += region.record_count / ListBlock::kEntries + 1;
+  test_support::Controller controller{model, settings};
+  std::mt19937 random{7};
+  for (int step = 0; step < 400; ++step) {
+    const RegionId region{static_cast<std::uint32_t>(random() % model.summary.regions)};
+    if (controller.cache().holds(controller.object(), region)) {
+      controller.cache().release(controller.object(), region);
+      continue;
+    }
+    RegionList list;
+    ASSERT_EQ(controller.cache().accept(controller.object(), controller.message(region), list), AcceptResult::kAccepted)
+        << "step " << step << ", seed 7";
+  }
+  EXPECT_THAT(controller.cache().violations(), IsEmpty());
+}
+
 TEST(Snap, MovesNoCoordinateByMoreThanHalfAStepAndDoesNothingTwice) {
   TriangleMesh mesh = generate(Shape::kOrgan, 3000);
   clean(mesh);
