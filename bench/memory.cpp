@@ -207,11 +207,6 @@ InProcess run_in_process(const spm::Model& model, const Settings& settings, cons
   const double scale = model.summary.metres_per_unit;
   SessionRun run{model, scale, session};
   run.settle(path.away);
-  constexpr int kApproach = 50;  // cycles until the object is known to be near
-  for (int i = 0; i < kApproach; ++i) {
-    run.prepare(path.tips.front(), Vec3d::Zero());
-    (void)run.cycle(spm::Budget{4000});
-  }
   InProcess outcome;
   for (std::size_t i = 0; i + 1 < path.tips.size(); ++i) {
     run.prepare(path.tips[i], (path.tips[i + 1] - path.tips[i]) / kPeriod);

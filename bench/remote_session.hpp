@@ -90,7 +90,7 @@ class RemoteSession {
   spm::Vec3d last_tip_ = spm::Vec3d::Zero();
   std::array<hrtc_service::ProbeInput, hrtc_service::kMaxProbes> inputs_;
   std::array<hrtc_service::ProbeSight, hrtc_service::kMaxProbes> sights_;
-  std::array<std::uint64_t, hrtc_service::kMaxProbes> near_{};
+  std::array<hrtc_service::NearObjects, hrtc_service::kMaxProbes> near_;
   std::vector<std::uint64_t> unmet_;  // bytes, by region
   Traffic traffic_;
   std::uint64_t budget_spent_ = 0, nodes_full_ = 0;

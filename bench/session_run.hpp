@@ -76,7 +76,7 @@ class SessionRun {
   hrtc_service::Loader loader_;
   hrtc_service::Cycle cycle_;
   std::array<hrtc_service::ProbeInput, hrtc_service::kMaxProbes> inputs_;
-  std::array<std::uint64_t, hrtc_service::kMaxProbes> near_{};
+  std::array<hrtc_service::NearObjects, hrtc_service::kMaxProbes> near_;
   std::deque<Delayed<session::Demand>> demands_;
   std::deque<Delayed<session::BulkChunk>> chunks_;
   std::int64_t now_ = 1'000'000'000;

@@ -1,6 +1,7 @@
 #include "hrtc_service/cycle.hpp"
 
 #include <algorithm>
+#include <limits>
 
 #include "hrtc_service/realtime.hpp"
 
@@ -12,10 +13,6 @@ std::uint32_t since(std::int64_t& mark) noexcept {
   const auto passed = static_cast<std::uint32_t>(now - mark);
   mark = now;
   return passed;
-}
-
-bool is_near(const ProbeInput& probe, const TouchObject& object) noexcept {
-  return probe.active && (probe.near >> object.index & 1u) != 0;
 }
 
 }  // namespace
@@ -74,7 +71,7 @@ void Cycle::choose_targets(TouchObject& object, const std::array<ProbeInput, kMa
   const double scale = object.placement.scale();
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     const ProbeInput& probe = probes[i];
-    if (!is_near(probe, object)) continue;
+    if (!is_near(i, object)) continue;
     const Vec3d centre = object.placement.to_model(probe.device.position);
     const double radius = settings_.radius / scale;
     const Vec3d ahead = object.placement.direction_to_model(probe.device.velocity) * (settings_.refine_ahead / scale);
@@ -197,6 +194,8 @@ const CycleResult& Cycle::step(const std::array<ProbeInput, kMaxProbes>& probes,
   costs.arrivals = arrival_count;
   costs.load = since(mark);
 
+  for (std::uint32_t i = 0; i < kMaxProbes; ++i)
+    near_[i] = probes[i].active ? probes[i].near.at(probes[i].device.position) : 0;
   result_.budget_spent = false;
   result_.nodes_full = false;
   for (TouchObject* object : objects_) {
@@ -232,8 +231,14 @@ const CycleResult& Cycle::step(const std::array<ProbeInput, kMaxProbes>& probes,
       result_.probes[i] = output;
       continue;
     }
-    for (const TouchObject* object : objects_)
-      if (is_near(input, *object) && object->forest->base_shown()) surfaces_[i].add(*object);
+    bool all_shown = true;
+    for (const TouchObject* object : objects_) {
+      if (!is_near(i, *object)) continue;
+      if (object->forest->base_shown())
+        surfaces_[i].add(*object);
+      else
+        all_shown = false;
+    }
     output.active = true;
     output.device = plain(input.device.position);
     output.velocity = plain(input.device.velocity);
@@ -241,6 +246,10 @@ const CycleResult& Cycle::step(const std::array<ProbeInput, kMaxProbes>& probes,
     if (result_.nodes_full) output.status |= session::kPoolFull;
     if (result_.budget_spent) output.status |= session::kBudgetSpent;
     query(i, input, now_ns, output);
+    if (!all_shown) {
+      output.status &= ~static_cast<std::uint32_t>(session::kExact);
+      output.error_bound = std::numeric_limits<float>::max();
+    }
     costs.query += since(mark);
     render(i, input, output);
     costs.force += since(mark);

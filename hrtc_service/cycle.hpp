@@ -35,7 +35,7 @@ struct ProbeInput {
   bool active = false;
   haptics::DeviceState device;  ///< tip, world
   double pose_age = 0;          ///< s
-  std::uint64_t near = 0;       ///< objects that it could touch, by index bit (broad phase)
+  NearObjects near;             ///< from the broad phase
 };
 
 struct ProbeOutput {
@@ -47,7 +47,7 @@ struct ProbeOutput {
   std::uint32_t object = spm::kNone;  ///< index of the one touched
   std::uint32_t status = 0;           ///< session::StatusBit
   std::uint32_t contacts = 0;
-  float error_bound = 0;  ///< m
+  float error_bound = 0;  ///< m; the greatest of all numbers while an object near it is not shown yet
   float pose_age = 0;     ///< s
 };
 
@@ -94,6 +94,10 @@ class Cycle {
     spm::RegionId region;
     double key;  // smaller first
   };
+  [[nodiscard]] bool is_near(std::uint32_t probe, const TouchObject& object) const noexcept {
+    return (near_[probe] >> object.index & 1u) != 0;
+  }
+
   struct ObjectState {
     std::uint32_t since_change = 0;
     bool changed = false;
@@ -112,6 +116,7 @@ class Cycle {
   LogRing* log_;
   std::vector<TouchObject*> objects_;              // reserved for kMaxObjects
   std::array<ObjectState, kMaxObjects> states_{};  // by object index
+  std::array<std::uint64_t, kMaxProbes> near_{};   // objects that a tip could touch, by index bit
   std::array<haptics::Proxy, kMaxProbes> proxies_;
   double reach_ = haptics::ProxySettings{}.reach;  // m, of the proxies; grows with the objects
   std::vector<haptics::ForceRenderer> forces_;     // by probe

@@ -80,7 +80,7 @@ void HapticThread::obey(const HapticCommands& commands) noexcept {
 }
 
 void HapticThread::read_devices(std::int64_t now_ns) noexcept {
-  const std::array<std::uint64_t, kMaxProbes>& near = near_.latest();
+  const std::array<NearObjects, kMaxProbes>& near = near_.latest();
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     ProbeInput& input = inputs_[i];
     input.active = current_.devices[i] != nullptr;

@@ -1,7 +1,7 @@
 /// The thread in which forces are made: devices, cycle, budget, deadline.
 ///
-///   commands, near masks, arrivals -->  read devices -> Cycle::step -> write forces  --> reports, departures, traces,
-///   log
+///   commands, objects near, arrivals  -->  read devices -> Cycle::step -> write forces  -->  reports, departures,
+///                                                                                           traces, log
 ///
 /// In its loop nothing is allocated, locked or logged; its system calls are the sleep, one eventfd write after the
 /// forces are out, and one reading of its own CPU time, by which lateness is judged. docs/cycle.md follows one pose
@@ -85,7 +85,7 @@ class HapticThread {
   void stop();
 
   [[nodiscard]] haptics::Mailbox<HapticCommands>& commands() noexcept { return commands_; }
-  [[nodiscard]] haptics::Mailbox<std::array<std::uint64_t, kMaxProbes>>& near() noexcept { return near_; }
+  [[nodiscard]] haptics::Mailbox<std::array<NearObjects, kMaxProbes>>& near() noexcept { return near_; }
   [[nodiscard]] ArrivalRing& arrivals() noexcept { return arrivals_; }
   [[nodiscard]] DepartureRing& departures() noexcept { return departures_; }
   [[nodiscard]] haptics::Mailbox<ProbeReports>& reports_for_sender() noexcept { return sender_reports_; }
@@ -118,7 +118,7 @@ class HapticThread {
 
   HapticSettings settings_;
   haptics::Mailbox<HapticCommands> commands_;
-  haptics::Mailbox<std::array<std::uint64_t, kMaxProbes>> near_;
+  haptics::Mailbox<std::array<NearObjects, kMaxProbes>> near_;
   haptics::Mailbox<ProbeReports> sender_reports_, service_reports_;
   haptics::Mailbox<MeshHashes> mesh_hashes_;
   ArrivalRing arrivals_;

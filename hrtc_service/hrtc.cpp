@@ -574,7 +574,7 @@ void Hrtc::Impl::serve(std::int64_t now_ns) {
                    vec(probe.proxy)};
     }
   }
-  std::array<std::uint64_t, kMaxProbes> near;
+  std::array<NearObjects, kMaxProbes> near;
   loader.tick(now_ns, sights, near);
   haptic.near().post(near);
   for (const Loader::ObjectInfo& object : loader.objects()) object_ids[object.index] = object.id;

@@ -432,21 +432,24 @@ void Loader::hand_over() {
   while (!waiting_.empty() && arrivals_.push(waiting_.front())) waiting_.pop_front();
 }
 
-void Loader::find_near(const std::array<ProbeSight, kMaxProbes>& sights, std::array<std::uint64_t, kMaxProbes>& near) {
-  near.fill(0);
+void Loader::find_near(const std::array<ProbeSight, kMaxProbes>& sights, std::array<NearObjects, kMaxProbes>& near) {
+  near.fill({});
+  std::uint64_t sought = 0;
+  for (const Object* object : by_index_) sought |= std::uint64_t{1} << object->info.index;
   std::vector<spm::fcl::ProbeBall> balls;
   std::vector<std::uint32_t> numbers;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     if (!sights[i].active || !sights[i].device.allFinite()) continue;
+    near[i] = {0, sought, plain(sights[i].device), settings_.near_distance / 2};  // the proxy lags behind the device
     balls.push_back({sights[i].device, settings_.radius + settings_.near_distance});
     numbers.push_back(i);
   }
   for (const spm::fcl::NearPair& pair : broad_phase_.near(spm::Span<const spm::fcl::ProbeBall>{balls}))
-    near[numbers[pair.probe]] |= std::uint64_t{1} << pair.object;
+    near[numbers[pair.probe]].found |= std::uint64_t{1} << pair.object;
 }
 
 void Loader::tick(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights,
-                  std::array<std::uint64_t, kMaxProbes>& near) {
+                  std::array<NearObjects, kMaxProbes>& near) {
   take_departures();
   take_messages(now_ns);
   prospects_.clear();

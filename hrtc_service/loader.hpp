@@ -88,7 +88,7 @@ class Loader {
 
   /// Predicts, evicts and hands over; every few milliseconds. `near` gets the objects near each probe.
   void tick(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights,
-            std::array<std::uint64_t, kMaxProbes>& near);
+            std::array<NearObjects, kMaxProbes>& near);
 
   /// The next demand to publish, until none is due.
   [[nodiscard]] std::optional<session::Demand> demand(std::int64_t now_ns) { return delivery_.demand(now_ns); }
@@ -179,7 +179,7 @@ class Loader {
   void let_go();
   void take_departures();
   void hand_over();
-  void find_near(const std::array<ProbeSight, kMaxProbes>& sights, std::array<std::uint64_t, kMaxProbes>& near);
+  void find_near(const std::array<ProbeSight, kMaxProbes>& sights, std::array<NearObjects, kMaxProbes>& near);
   void say(const std::string& text) const {
     if (on_event) on_event(text);
   }

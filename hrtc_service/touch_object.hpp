@@ -21,7 +21,7 @@ using Plain3 = std::array<double, 3>;
 [[nodiscard]] inline Vec3d vec(const Plain3& v) noexcept { return {v[0], v[1], v[2]}; }
 
 inline constexpr std::uint32_t kMaxProbes = 8;
-inline constexpr std::uint32_t kMaxObjects = 64;  ///< bits of a near mask
+inline constexpr std::uint32_t kMaxObjects = 64;  ///< bits in NearObjects
 
 /// Where a model stands: world = rotation * (scale * model) + translation. Metres in the world, file units in the
 /// model.
@@ -54,13 +54,27 @@ class Placement {
 /// Made by the loader, which also destroys it, after the haptic thread has ended. In between only the haptic thread
 /// touches `forest`.
 struct TouchObject {
-  std::uint32_t index = 0;  ///< of the cache, and bit of near masks
+  std::uint32_t index = 0;  ///< of the cache, and bit in NearObjects
   std::uint64_t id = 0;
   Placement placement;
   session::Material material;
   spm::CellBox bounds;   ///< model frame
   double deviation = 0;  ///< file units; no version of the mesh is further from the finest
   std::unique_ptr<spm::Forest> forest;
+};
+
+/// What a tip could touch, as the loader last found it. The tip moves on and objects arrive before the loader looks
+/// again, so what this does not cover counts as near.
+struct NearObjects {
+  std::uint64_t found = 0;   ///< by index bit
+  std::uint64_t sought = 0;  ///< all those it was looked for among
+  Plain3 centre{};           ///< world; where the tip was
+  double moved = 0;          ///< m; the tip may be as far from there, and can touch what was found only
+
+  [[nodiscard]] std::uint64_t at(const Vec3d& tip) const noexcept {
+    if (!tip.allFinite()) return 0;
+    return (tip - vec(centre)).squaredNorm() <= moved * moved ? found | ~sought : ~std::uint64_t{0};
+  }
 };
 
 /// Loader to haptic thread.

@@ -172,6 +172,31 @@ TEST_F(OrganSession, ASmallBudgetLeavesContactsFlaggedAndNeverWrong) {
   EXPECT_GT(inexact, 0u);
 }
 
+TEST_F(OrganSession, ATipThatJumpsOntoAnObjectIsNotToldToBeExactBeforeTheLoaderHasSeenIt) {
+  const Vec3d away{1, 1, 1};
+  int part_shown = 0, shown = 0;
+  for (int cycles = 1; cycles < 60; ++cycles) {
+    LocalSession session{{built_->model()}, 1, spm::PoolSettings::for_slots(1 << 14)};
+    for (int cycle = 0; cycle < cycles; ++cycle) session.step(away, Vec3d::Zero(), 2000);
+    const hrtc_service::ProbeOutput& probe = session.step(position(0), Vec3d::Zero(), 2000).probes[0];
+    if (session.cycle().objects().empty()) continue;
+    ++(session.cycle().objects().front()->forest->base_shown() ? shown : part_shown);
+    ASSERT_EQ(probe.status & session::kExact, 0u) << "after " << cycles << " cycles";
+    ASSERT_GT(probe.error_bound, 0) << "after " << cycles << " cycles";
+  }
+  EXPECT_GT(part_shown, 0);
+  EXPECT_GT(shown, 0);
+}
+
+TEST(NearObjects, HoldForTheObjectsSoughtAsFarAsTheTipMayHaveMoved) {
+  constexpr std::uint64_t kAll = ~std::uint64_t{0};
+  const hrtc_service::NearObjects near{0b001, 0b011, {1, 0, 0}, 0.05};
+  EXPECT_EQ(near.at({1.04, 0, 0}), kAll & ~std::uint64_t{0b010}) << "others may have come since";
+  EXPECT_EQ(near.at({1.06, 0, 0}), kAll);
+  EXPECT_EQ(near.at({std::nan(""), 0, 0}), 0u);
+  EXPECT_EQ(hrtc_service::NearObjects{}.at({0, 0, 0}), kAll) << "before the loader has looked";
+}
+
 TEST_F(OrganSession, TheSameInputsGiveTheSameForcesToTheBit) {
   const auto run = [&] {
     LocalSession session{{built_->model()}, 1, spm::PoolSettings::for_slots(1 << 14)};

@@ -90,7 +90,7 @@ TEST(Threads, AHandFeelsWhatALoaderBringsAndEvictsMeanwhile) {
                    hrtc_service::vec(probe.proxy)};
     }
     loader.on_host_seen(kHost, 1, now);
-    std::array<std::uint64_t, kMaxProbes> near;
+    std::array<hrtc_service::NearObjects, kMaxProbes> near;
     loader.tick(now, sights, near);
     haptic.near().post(near);
     while (auto demand = loader.demand(now)) server.on_demand(*demand);

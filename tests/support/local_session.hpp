@@ -134,7 +134,7 @@ class LocalSession {
   bool in_contact_ = false;
   spm::Vec3d proxy_ = spm::Vec3d::Zero();
   std::array<hrtc_service::ProbeInput, hrtc_service::kMaxProbes> inputs_;
-  std::array<std::uint64_t, hrtc_service::kMaxProbes> near_{};
+  std::array<hrtc_service::NearObjects, hrtc_service::kMaxProbes> near_;
   std::deque<Delayed<session::Demand>> demands_;
   std::deque<Delayed<session::BulkChunk>> chunks_;
 };
