@@ -66,17 +66,15 @@ void measure(Report& report, const std::string& name, const spm::Model& model, c
   };
   const auto row = [&](const char* part, double bytes) { report.figure(part, name, "B/vertex", bytes / vertices); };
   const spm::codec::ModelSpans& bytes = coded.spans();
-  row("positions", bytes_of({Field::kX, Field::kY, Field::kZ}));
-  row("topology", bytes_of({Field::kShapeOfLeaf, Field::kShapeOfInner, Field::kCorner}) +
-                      static_cast<double>(field_bits.back()) / 8);
-  row("tree ids",
-      bytes_of({Field::kAnchor, Field::kAnchorFirst, Field::kDeformed, Field::kBornFirst, Field::kBornNext}));
+  row("positions", bytes_of({Field::kAlong, Field::kAlongOfInner, Field::kAcross, Field::kAcrossOfInner}));
+  row("topology",
+      bytes_of({Field::kShape, Field::kShapeOfInner, Field::kCorner}) + static_cast<double>(field_bits.back()) / 8);
+  row("tree ids", bytes_of({Field::kAnchor, Field::kAnchorFirst, Field::kDeformed, Field::kBornFirst,
+                            Field::kBornFirstOfInner, Field::kBornNext, Field::kBornNextOfInner}));
   row("radii", bytes_of({Field::kRadius}));
   row("regions", static_cast<double>(bytes.lists.size()));
   row("base mesh, cells, tables", static_cast<double>(bytes.base.size()));
-  const auto index_bytes =
-      static_cast<double>(sizeof(std::uint64_t) * (bytes.code_places.size() + bytes.list_places.size()));
-  row("places, for random access", index_bytes);
+  row("sizes, for random access", static_cast<double>(bytes.sizes.size()));
 
   std::vector<Bytes> messages;
   std::uint64_t records = 0;
@@ -94,7 +92,7 @@ void measure(Report& report, const std::string& name, const spm::Model& model, c
   report.figure("encode", name, "records/s", model.summary.records / encode);
 
   const double whole =
-      (static_cast<double>(bytes.base.size() + bytes.codes.size() + bytes.lists.size()) + index_bytes) / vertices;
+      static_cast<double>(bytes.base.size() + bytes.codes.size() + bytes.lists.size() + bytes.sizes.size()) / vertices;
   report.at_most("whole", name, "B/vertex", whole, compact ? 8 : 16);
   if (settings.quick) return;
   report.at_least("decode", name, "records/s", static_cast<double>(records) / decode, 10e6);

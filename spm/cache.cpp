@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <numeric>
 
-#include "spm/position_code.hpp"
+#include "spm/expected_place.hpp"
 #include "spm/seal.hpp"
 
 namespace tactus::spm {
@@ -188,16 +188,10 @@ AcceptResult Cache::enter_born(ObjectIndex number, const RecordPart& source, std
 
 bool Cache::place(const Object& object, const VertexRing& ring, const std::array<std::uint32_t, 3>& offset,
                   std::array<float, 3>& position) const noexcept {
-  const ModelSummary& s = object.summary;
-  const PositionCode code{s};
-  const std::array<double, 3> mean =
-      ring.mean([this](std::uint32_t slot) -> const std::array<float, 3>& { return pool_.vertices[slot].position; });
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    position[axis] = code.at(axis, code.of(axis, mean[axis]) + offset[axis]);
-    // Written so that a NaN fails.
-    if (!(position[axis] >= s.bounds_min[axis] && position[axis] <= s.bounds_max[axis])) return false;
-  }
-  return true;
+  const auto position_of = [this](std::uint32_t slot) -> const std::array<float, 3>& {
+    return pool_.vertices[slot].position;
+  };
+  return ExpectedPlace{object.summary, ring, position_of}.place(offset, position);
 }
 
 AcceptResult Cache::decode(ObjectIndex number, std::uint32_t record, const RegionData& data, std::uint32_t& part,

@@ -27,8 +27,7 @@ struct RegionData {
   RegionId region{};
   std::vector<Run> list;  ///< the region's whole closed list: ascending runs that do not touch
   std::vector<Run> sent;  ///< the records in this message, a subset of `list`, same form
-  /// For each record in `sent`, in order: its position as PositionCode, less that of the mean of its ring once its
-  /// first part is entered.
+  /// For each record in `sent`, in order: where it is, from its ExpectedPlace once its first part is entered.
   std::vector<std::array<std::uint32_t, 3>> offsets;
   /// The sent records, in order. A chain's parts follow each other; `next` is the index in this array of the next part,
   /// or kNone. `parent` is kNone where the first part deforms a face: it stands there, at the corner given. All other

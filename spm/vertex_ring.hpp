@@ -2,7 +2,7 @@
 /// two other corners of its face, then third corners named by id; each once.
 ///
 /// A record depends on all of them, so whoever can take the record has them. They name the third corners of born faces
-/// and predict where u is: at their mean. In ids or slots alike.
+/// and let expect where u is (ExpectedPlace). In ids or slots alike.
 #pragma once
 
 #include <algorithm>
@@ -29,18 +29,6 @@ class VertexRing {
   }
   [[nodiscard]] std::uint32_t size() const noexcept { return count_; }
   [[nodiscard]] std::uint32_t operator[](std::uint32_t i) const noexcept { return vertices_[i]; }
-
-  /// Not for an empty ring. `position_of(vertex)` gives three floats.
-  template <class PositionOf>
-  [[nodiscard]] std::array<double, 3> mean(PositionOf position_of) const noexcept {
-    std::array<double, 3> sum{};
-    for (std::uint32_t i = 0; i < count_; ++i) {
-      const std::array<float, 3>& position = position_of(vertices_[i]);
-      for (std::size_t axis = 0; axis < 3; ++axis) sum[axis] += double{position[axis]};
-    }
-    for (double& s : sum) s /= count_;
-    return sum;
-  }
 
  private:
   std::uint32_t count_ = 0;

@@ -1,9 +1,12 @@
 #include "spm/codec/base_codec.hpp"
 
+#include "spm/position_code.hpp"
+
 namespace tactus::spm::codec {
 namespace {
 
-constexpr std::uint8_t kBaseVersion = 4;
+constexpr std::uint8_t kBaseVersion = 5;
+constexpr std::size_t kMinVertexBytes = 5;  // in the compact profile
 constexpr std::size_t kMinFaceBytes = 4;
 constexpr std::size_t kMinRegionBytes = 19;
 
@@ -39,6 +42,32 @@ ModelSummary get_summary(ByteReader& in) {
   return s;
 }
 
+void put_positions(ByteWriter& out, const ModelSummary& s, Span<const std::array<float, 3>> positions) {
+  const PositionCode place{s};
+  std::array<std::uint32_t, 3> before{};
+  for (std::uint32_t v = 0; v < s.base_vertices; ++v) {
+    if (!(s.position_step > 0)) out.raw(positions[v]);
+    for (std::size_t axis = 0; s.position_step > 0 && axis < 3; ++axis) {
+      const std::uint32_t at = place.of(axis, double{positions[v][axis]});
+      out.varint(zigzag(static_cast<std::int32_t>(at - before[axis])));
+      before[axis] = at;
+    }
+  }
+}
+
+/// Sums of hostile differences may wrap; violations() sees the result, whatever it is.
+void get_positions(ByteReader& in, const ModelSummary& s, std::vector<std::array<float, 3>>& positions) {
+  const PositionCode place{s};
+  std::array<std::uint32_t, 3> at{};
+  for (std::array<float, 3>& position : positions) {
+    if (!(s.position_step > 0)) position = in.raw<std::array<float, 3>>();
+    for (std::size_t axis = 0; s.position_step > 0 && axis < 3; ++axis) {
+      at[axis] += static_cast<std::uint32_t>(unzigzag(in.varint()));
+      position[axis] = place.at(axis, at[axis]);
+    }
+  }
+}
+
 DecodeError truncated(const char* where) {
   return {std::string{"base mesh: the bytes end or go wrong in its "} + where};
 }
@@ -54,7 +83,7 @@ Bytes encode_base(const Model& model, const RecordTables& tables) {
   ByteWriter out;
   out.raw(kBaseVersion);
   put(out, model.summary);
-  for (std::uint32_t v = 0; v < model.summary.base_vertices; ++v) out.raw(model.positions[v]);
+  put_positions(out, model.summary, model.positions);
   for (const std::uint16_t radius : model.base_radii) out.raw(radius);
   std::int64_t face_before = 0;
   std::int64_t corner_before = 0;
@@ -71,7 +100,7 @@ Bytes encode_base(const Model& model, const RecordTables& tables) {
     out.varint(region.depth);
     out.raw(region.occupied);
     out.varint(region.record_count);
-    out.varint(region.part_count);
+    out.varint(region.part_count - region.record_count);
     out.varint(region.face_count);
     out.raw(region.seal);
   }
@@ -96,10 +125,9 @@ Result<DecodedBase> decode_base(Span<const std::uint8_t> bytes) {
   const ModelSummary& s = base.summary;
   if (!in.ok()) return truncated("summary");
 
-  if (in.left() / (sizeof base.positions[0] + sizeof base.radii[0]) < s.base_vertices)
-    return too_many("vertices", s.base_vertices, in.left());
+  if (in.left() / kMinVertexBytes < s.base_vertices) return too_many("vertices", s.base_vertices, in.left());
   base.positions.resize(s.base_vertices);
-  for (auto& position : base.positions) position = in.raw<std::array<float, 3>>();
+  get_positions(in, s, base.positions);
   base.radii.resize(s.base_vertices);
   for (std::uint16_t& radius : base.radii) radius = in.raw<std::uint16_t>();
 
@@ -133,7 +161,7 @@ Result<DecodedBase> decode_base(Span<const std::uint8_t> bytes) {
     region.occupied = in.raw<std::array<std::uint32_t, 2>>();
     region.first_run = region.run_count = 0;
     region.record_count = in.varint32();
-    region.part_count = in.varint32();
+    region.part_count = region.record_count + in.varint32();
     region.face_count = in.varint32();
     region.seal = in.raw<std::uint32_t>();
   }

@@ -3,10 +3,11 @@
 ///
 ///     version | digest | counts | bounds, grid, unit, deviation, position step | positions | radii |
 ///     base faces | regions | tables
-///     face:   (signed difference to the face before << 1 | last), three signed differences, each to the corner before
-///     region: cell x, y, z, depth, record, part and face counts, seal
+///     positions: in the lossless profile floats, in the compact one signed differences to the vertex before, on the
+///     grid face:   (signed difference to the face before << 1 | last), three signed differences, each to the corner
+///     before region: cell x, y, z, depth, record count, parts beyond it, face count, seal
 ///
-/// Coordinates, bounds, grid, seals and digest are raw little-endian values, all else varints.
+/// Floats, bounds, grid, seals and digest are raw little-endian values, all else varints.
 #pragma once
 
 #include "spm/codec/bytes.hpp"

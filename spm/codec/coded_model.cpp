@@ -7,28 +7,42 @@
 #include "spm/codec/run_codec.hpp"
 
 namespace tactus::spm::codec {
+namespace {
+
+/// Where each begins, and where the last one ends. Sums of foreign sizes may wrap.
+std::vector<std::uint64_t> places(ByteReader& sizes, std::size_t count) {
+  std::vector<std::uint64_t> places{0};
+  places.reserve(count + 1);
+  for (std::size_t i = 0; i < count; ++i) places.push_back(places.back() + sizes.varint());
+  return places;
+}
+
+}  // namespace
 
 Result<CodedModel> CodedModel::open(const ModelSpans& spans) {
   Result<DecodedBase> base = decode_base(spans.base);
   if (!base) return base.error();
   const ModelSummary& s = base->mesh.summary;
   const std::size_t lots = (std::size_t{s.records} + kLot - 1) / kLot;
-  if (spans.code_places.size() != lots) {
-    return DecodeError{"model: found " + std::to_string(spans.code_places.size()) + " places of codes, expected " +
-                       std::to_string(lots)};
-  }
-  if (spans.list_places.size() != s.regions) {
-    return DecodeError{"model: found " + std::to_string(spans.list_places.size()) + " places of lists, expected " +
-                       std::to_string(s.regions)};
+  if (lots + s.regions > spans.sizes.size()) {
+    return DecodeError{"model: found " + std::to_string(spans.sizes.size()) + " bytes of sizes, expected at least " +
+                       std::to_string(lots + s.regions)};
   }
   CodedModel model;
+  ByteReader sizes{spans.sizes};
+  model.code_places_ = places(sizes, lots);
+  model.list_places_ = places(sizes, s.regions);
+  if (!sizes.ok() || sizes.left() != 0) {
+    return DecodeError{"model: its " + std::to_string(spans.sizes.size()) + " bytes of sizes are not " +
+                       std::to_string(lots + s.regions) + " sizes"};
+  }
   model.base_ = std::move(*base);
   model.spans_ = spans;
   return model;
 }
 
 std::vector<Run> CodedModel::runs_of(RegionId region) const {
-  BitReader in{spans_.lists, spans_.list_places[index(region)]};
+  BitReader in{spans_.lists, list_places_[index(region)]};
   std::vector<Run> runs;
   std::uint32_t total = 0;
   if (!get_runs(in, tables(), summary().records, runs, total).empty()) runs.clear();
@@ -39,6 +53,7 @@ void CodedModel::put_records(BitWriter& out, Span<const Run> records) const {
   RecordReader reader{summary(), tables()};
   std::vector<RecordPart> parts;
   std::array<std::uint32_t, 3> offset{};
+  NamedFaces named;        // in what is sent
   std::uint32_t sent = 0;  // anchor
   for (const Run& run : records) {
     BitReader in{spans_.codes};
@@ -46,14 +61,22 @@ void CodedModel::put_records(BitWriter& out, Span<const Run> records) const {
     const std::uint32_t end = run.first + run.count;
     for (std::uint32_t r = run.first / kLot * kLot; r != end; ++r) {
       const bool leads = r % kLot == 0;
-      if (leads) in = BitReader{spans_.codes, spans_.code_places[r / kLot]};
-      anchor = reader.get_anchor(in, leads ? Field::kAnchorFirst : Field::kAnchor, leads ? 0 : anchor);
+      if (leads) in = BitReader{spans_.codes, code_places_[r / kLot]};
+      anchor = leads ? reader.get_first_anchor(in, 0) : reader.get_anchor(in, anchor);
       const std::uint64_t first = in.at();
       parts.clear();
       if (!reader.get(in, r, anchor, parts, offset)) return;
       if (r < run.first) continue;
-      const Field field = r == run.first ? Field::kAnchorFirst : Field::kAnchor;
-      put_number(out, tables()[field], zigzag(std::int64_t{anchor} - sent));
+      const std::uint64_t difference = zigzag(std::int64_t{anchor} - sent);
+      if (r == run.first) {
+        named.clear();
+        put_number(out, tables()[Field::kAnchorFirst], difference);
+      } else if (const std::uint32_t place = named.find(anchor); place < NamedFaces::kSize) {
+        tables()[Field::kAnchor].put(out, place);
+      } else {
+        put_number(out, tables()[Field::kAnchor], difference, NamedFaces::kSize);
+      }
+      named.add(anchor, parts.front());
       sent = anchor;
       out.copy(spans_.codes, first, in.at() - first);
     }

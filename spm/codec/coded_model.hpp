@@ -2,9 +2,8 @@
 ///
 ///     base         the base mesh as sent (base_codec.hpp), tables included
 ///     codes        of all records, in order (record_codes.hpp)
-///     code places  by lot of kLot records: the first bit in `codes`
 ///     lists        by region: the runs of its record list, as sent
-///     list places  by region: the first bit in `lists`
+///     sizes        in bits, as varints: of the codes of each lot of kLot records, then of each region's list
 #pragma once
 
 #include <cstdint>
@@ -19,15 +18,12 @@
 namespace tactus::spm::codec {
 
 struct ModelSpans {
-  Span<const std::uint8_t> base, codes;
-  Span<const std::uint64_t> code_places;
-  Span<const std::uint8_t> lists;
-  Span<const std::uint64_t> list_places;
+  Span<const std::uint8_t> base, codes, lists, sizes;
 };
 
 class CodedModel {
  public:
-  /// Reads the base mesh and checks it, and that there are as many places as it says. What the codes and lists hold is
+  /// Reads the base mesh and checks it, and that there are as many sizes as it says. What the codes and lists hold is
   /// for decode_model() to check: of foreign ones, that they are never read past their end is all that is promised.
   /// The spans must outlive what is returned.
   static Result<CodedModel> open(const ModelSpans& spans);
@@ -38,6 +34,10 @@ class CodedModel {
   [[nodiscard]] const BaseMesh& base() const noexcept { return base_.mesh; }
   [[nodiscard]] const RecordTables& tables() const noexcept { return base_.tables; }
   [[nodiscard]] const ModelSpans& spans() const noexcept { return spans_; }
+  /// By lot: its first bit in the codes; at the end where they end.
+  [[nodiscard]] const std::vector<std::uint64_t>& code_places() const noexcept { return code_places_; }
+  /// The same by region, of the lists.
+  [[nodiscard]] const std::vector<std::uint64_t>& list_places() const noexcept { return list_places_; }
 
   /// The region's record list. O(runs), allocates.
   [[nodiscard]] std::vector<Run> runs_of(RegionId region) const;
@@ -49,6 +49,7 @@ class CodedModel {
  private:
   DecodedBase base_;
   ModelSpans spans_;
+  std::vector<std::uint64_t> code_places_, list_places_;
 };
 
 }  // namespace tactus::spm::codec

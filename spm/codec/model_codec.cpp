@@ -7,8 +7,8 @@
 #include "spm/codec/base_codec.hpp"
 #include "spm/codec/record_reader.hpp"
 #include "spm/codec/run_codec.hpp"
+#include "spm/expected_place.hpp"
 #include "spm/loaded_front.hpp"
-#include "spm/position_code.hpp"
 #include "spm/region_data.hpp"
 #include "spm/vertex_ring.hpp"
 
@@ -18,8 +18,7 @@ namespace {
 /// Completes records in ascending order, as Cache does, but by id.
 class Resolver {
  public:
-  explicit Resolver(DecodedModel& model)
-      : model_{model}, place_{model.summary}, front_{base_front(model.summary, model.base_faces)} {}
+  explicit Resolver(DecodedModel& model) : model_{model}, front_{base_front(model.summary, model.base_faces)} {}
 
   /// What the record names is not there, or not what it has to be: false.
   [[nodiscard]] bool add(std::uint32_t record, std::vector<RecordPart>& parts,
@@ -112,20 +111,11 @@ class Resolver {
     for (std::uint32_t i = 0; i < ring.size(); ++i) {
       if (ring[i] >= u) return false;
     }
-    const std::array<double, 3> mean =
-        ring.mean([this](std::uint32_t v) -> const std::array<float, 3>& { return model_.positions[v]; });
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      const float at = place_.at(axis, place_.of(axis, mean[axis]) + offset[axis]);
-      const ModelSummary& s = model_.summary;
-      // Written so that a NaN fails.
-      if (!(at >= s.bounds_min[axis] && at <= s.bounds_max[axis])) return false;
-      model_.positions[u][axis] = at;
-    }
-    return true;
+    const auto position_of = [this](std::uint32_t v) -> const std::array<float, 3>& { return model_.positions[v]; };
+    return ExpectedPlace{model_.summary, ring, position_of}.place(offset, model_.positions[u]);
   }
 
   DecodedModel& model_;
-  PositionCode place_;
   LoadedFront front_;
   LoadedFront::At last_{kNone, 0};  // deformed by the record
   std::vector<RecordPart> rest_;
@@ -139,15 +129,18 @@ DecodeError wrong(const std::string& what) { return {"model: " + what}; }
 EncodedModel::EncodedModel(const Model& model) {
   EncodedRecords records = encode_records(model);
   codes_ = std::move(records.codes);
-  code_places_ = std::move(records.places);
+  ByteWriter sizes;
+  for (const std::uint64_t bits : records.lot_bits) sizes.varint(bits);
   BitWriter lists;
   for (std::uint32_t r = 0; r < model.summary.regions; ++r) {
-    list_places_.push_back(lists.size());
+    const std::uint64_t before = lists.size();
     put_runs(lists, records.tables, model.runs_of(RegionId{r}));
+    sizes.varint(lists.size() - before);
   }
   lists_ = lists.take();
+  sizes_ = sizes.take();
   base_ = encode_base(model, records.tables);
-  Result<CodedModel> coded = CodedModel::open({base_, codes_, code_places_, lists_, list_places_});
+  Result<CodedModel> coded = CodedModel::open({base_, codes_, lists_, sizes_});
   TACTUS_CHECK(coded);
   coded_ = std::move(*coded);
 }
@@ -175,11 +168,11 @@ Result<DecodedModel> decode_model(const CodedModel& coded) {
   std::uint32_t anchor = 0;
   for (std::uint32_t r = 0; r < s.records; ++r) {
     const bool leads = r % kLot == 0;
-    if (leads && bytes.code_places[r / kLot] != codes.at()) {
+    if (leads && coded.code_places()[r / kLot] != codes.at()) {
       return wrong("record " + std::to_string(r) + ": its place is stated as bit " +
-                   std::to_string(bytes.code_places[r / kLot]) + ", expected " + std::to_string(codes.at()));
+                   std::to_string(coded.code_places()[r / kLot]) + ", expected " + std::to_string(codes.at()));
     }
-    anchor = reader.get_anchor(codes, leads ? Field::kAnchorFirst : Field::kAnchor, leads ? 0 : anchor);
+    anchor = leads ? reader.get_first_anchor(codes, 0) : reader.get_anchor(codes, anchor);
     parts.clear();
     if (!reader.get(codes, r, anchor, parts, offset)) return wrong(reader.error());
     if (!resolver.add(r, parts, offset)) {
@@ -191,9 +184,9 @@ Result<DecodedModel> decode_model(const CodedModel& coded) {
     return wrong("found " + std::to_string(model.parts.size()) + " parts, expected " + std::to_string(s.parts));
   }
   for (std::uint32_t r = 0; r < s.regions; ++r) {
-    if (bytes.list_places[r] != lists.at()) {
+    if (coded.list_places()[r] != lists.at()) {
       return wrong("region " + std::to_string(r) + ": the place of its list is stated as bit " +
-                   std::to_string(bytes.list_places[r]) + ", expected " + std::to_string(lists.at()));
+                   std::to_string(coded.list_places()[r]) + ", expected " + std::to_string(lists.at()));
     }
     std::vector<Run> runs;
     std::uint32_t records = 0;
@@ -203,6 +196,9 @@ Result<DecodedModel> decode_model(const CodedModel& coded) {
     model.regions[r].first_run = static_cast<std::uint32_t>(model.runs.size());
     model.regions[r].run_count = static_cast<std::uint32_t>(runs.size());
     model.runs.insert(model.runs.end(), runs.begin(), runs.end());
+  }
+  if (coded.code_places().back() != codes.at() || coded.list_places().back() != lists.at()) {
+    return wrong("its last sizes do not fit");
   }
   if (codes.left() >= 8 || lists.left() >= 8) return wrong("bytes too many");
   return model;

@@ -21,8 +21,7 @@ class EncodedModel {
   [[nodiscard]] const CodedModel& coded() const noexcept { return coded_; }
 
  private:
-  Bytes base_, codes_, lists_;
-  std::vector<std::uint64_t> code_places_, list_places_;
+  Bytes base_, codes_, lists_, sizes_;
   CodedModel coded_;
 };
 

@@ -8,7 +8,6 @@
 namespace tactus::spm::codec {
 namespace {
 
-constexpr unsigned kLengthBits = 4;
 constexpr unsigned kMaxZeros = 16;
 
 /// Depths in the tree of least cost; 0 where `counts` is 0, and for a symbol that is alone.
@@ -56,9 +55,12 @@ PrefixCode::PrefixCode(Span<const std::uint64_t> counts) {
 /// Codes and decoding table from the lengths; false when these claim more than there is.
 bool PrefixCode::assign() {
   code_.assign(length_.size(), 0);
-  table_.assign(std::size_t{1} << kMaxLength, Entry{0, 0});
+  unsigned longest = 0;
+  for (const std::uint8_t length : length_) longest = std::max<unsigned>(longest, length);
+  table_.assign(std::size_t{1} << longest, 0);
+  mask_ = (1u << longest) - 1;
   std::uint32_t next = 0;  // highest bit first
-  for (unsigned length = 1; length <= kMaxLength; ++length) {
+  for (unsigned length = 1; length <= longest; ++length) {
     next <<= 1;
     for (std::size_t s = 0; s < length_.size(); ++s) {
       if (length_[s] != length) continue;
@@ -67,7 +69,7 @@ bool PrefixCode::assign() {
       for (unsigned bit = 0; bit < length; ++bit) code |= (next >> bit & 1u) << (length - 1 - bit);
       code_[s] = static_cast<std::uint16_t>(code);
       for (std::size_t at = code; at < table_.size(); at += std::size_t{1} << length) {
-        table_[at] = {static_cast<std::uint16_t>(s), static_cast<std::uint16_t>(length)};
+        table_[at] = static_cast<std::uint16_t>(s << kLengthBits | length);
       }
       ++next;
     }

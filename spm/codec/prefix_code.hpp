@@ -22,10 +22,11 @@ class PrefixCode {
   void put(BitWriter& out, std::uint32_t symbol) const { out.put(code_[symbol], length_[symbol]); }
   /// Any bits give a symbol of the alphabet; `ok` becomes false when they are no code.
   [[nodiscard]] std::uint32_t get(BitReader& in, bool& ok) const noexcept {
-    const Entry entry = table_[in.peek() & ((1u << kMaxLength) - 1)];
-    ok = ok && entry.length != 0;
-    in.skip(entry.length);
-    return entry.symbol;
+    const std::uint32_t entry = table_[in.peek() & mask_];
+    const std::uint32_t length = entry & kLengthMask;
+    ok = ok && length != 0;
+    in.skip(length);
+    return entry >> kLengthBits;
   }
 
   /// The lengths, four bits each, a run of zeros as 0 and its length less one in four bits.
@@ -34,14 +35,14 @@ class PrefixCode {
   [[nodiscard]] bool read(BitReader& in, std::uint32_t symbols);
 
  private:
-  struct Entry {
-    std::uint16_t symbol, length;
-  };
+  static constexpr unsigned kLengthBits = 4;
+  static constexpr std::uint32_t kLengthMask = (1u << kLengthBits) - 1;
   [[nodiscard]] bool assign();
 
-  std::vector<std::uint8_t> length_;  // by symbol; 0: has no code
-  std::vector<std::uint16_t> code_;   // by symbol, lowest bit first
-  std::vector<Entry> table_;          // by the next kMaxLength bits
+  std::vector<std::uint8_t> length_;     // by symbol; 0: has no code
+  std::vector<std::uint16_t> code_;      // by symbol, lowest bit first
+  std::vector<std::uint16_t> table_{0};  // by the next bits, as many as the longest code has: symbol and length
+  std::uint32_t mask_ = 0;
 };
 
 }  // namespace tactus::spm::codec

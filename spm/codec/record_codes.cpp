@@ -1,10 +1,12 @@
 #include "spm/codec/record_codes.hpp"
 
 #include <algorithm>
+#include <numeric>
+#include <optional>
 #include <utility>
 
+#include "spm/expected_place.hpp"
 #include "spm/loaded_front.hpp"
-#include "spm/position_code.hpp"
 #include "spm/vertex_ring.hpp"
 
 namespace tactus::spm::codec {
@@ -16,7 +18,8 @@ std::array<std::uint32_t, kFields> symbols_of_fields() {
   std::array<std::uint32_t, kFields> symbols;
   symbols.fill(kNumberSymbols);
   symbols[static_cast<std::size_t>(Field::kRadius)] = kRadiusSymbols;
-  symbols[static_cast<std::size_t>(Field::kShapeOfLeaf)] = Shape::kSymbols;
+  symbols[static_cast<std::size_t>(Field::kAnchor)] = NamedFaces::kSize + kNumberSymbols;
+  symbols[static_cast<std::size_t>(Field::kShape)] = Shape::kSymbols;
   symbols[static_cast<std::size_t>(Field::kShapeOfInner)] = Shape::kSymbols;
   symbols[static_cast<std::size_t>(Field::kCorner)] = 3;
   return symbols;
@@ -26,10 +29,12 @@ std::array<std::uint32_t, kFields> symbols_of_fields() {
 class Counter {
  public:
   void symbol(Field field, std::uint32_t s) { ++counts_[static_cast<std::size_t>(field)][s]; }
-  void number(Field field, std::uint64_t value) { symbol(field, number_parts(value).symbol); }
+  void number(Field field, std::uint64_t value, std::uint32_t base = 0) {
+    symbol(field, base + number_parts(value).symbol);
+  }
   void raw(std::uint64_t, unsigned) {}
   void rare(std::uint64_t) {}
-  void place() {}
+  void begin_lot() {}
 
   RecordTables::Counts counts_ = RecordTables::no_counts();
 };
@@ -41,8 +46,8 @@ class Writer {
     tables_[field].put(out_, s);
     count(static_cast<std::size_t>(field));
   }
-  void number(Field field, std::uint64_t value) {
-    put_number(out_, tables_[field], value);
+  void number(Field field, std::uint64_t value, std::uint32_t base = 0) {
+    put_number(out_, tables_[field], value, base);
     count(static_cast<std::size_t>(field));
   }
   void raw(std::uint64_t value, unsigned bits) {
@@ -53,7 +58,7 @@ class Writer {
     put_rare(out_, value);
     count(kFields);
   }
-  void place() { places_.push_back(out_.size()); }
+  void begin_lot() { places_.push_back(out_.size()); }
 
   BitWriter out_;
   std::vector<std::uint64_t> places_;
@@ -75,17 +80,23 @@ class Coder {
   Coder(const Model& model, Sink& sink)
       : model_{model},
         sink_{sink},
-        place_{model.summary},
         greatest_{radius_code(model.summary.deviation)},
         front_{base_front(model.summary, model.base_faces)} {}
 
   void run() {
     std::uint32_t anchor = 0;
     for (std::uint32_t r = 0; r < model_.summary.records; ++r) {
-      const bool leads = r % kLot == 0;
-      if (leads) sink_.place();
       const std::uint32_t own = anchor_of(model_.parts[r]);
-      difference(leads ? Field::kAnchorFirst : Field::kAnchor, own, leads ? 0 : anchor);
+      if (r % kLot == 0) {
+        sink_.begin_lot();
+        named_.clear();
+        difference(Field::kAnchorFirst, own, 0);
+      } else if (const std::uint32_t place = named_.find(own); place < NamedFaces::kSize) {
+        sink_.symbol(Field::kAnchor, place);
+      } else {
+        sink_.number(Field::kAnchor, zigzag(std::int64_t{own} - anchor), NamedFaces::kSize);
+      }
+      named_.add(own, model_.parts[r]);
       anchor = own;
       code(r);
     }
@@ -107,14 +118,15 @@ class Coder {
       if (below >= kRareRadius) sink_.rare(below);
     }
     const std::uint32_t shape = shape_of(first, ring);
-    sink_.symbol(first.radius == 0 ? Field::kShapeOfLeaf : Field::kShapeOfInner, shape);
+    sink_.symbol(of_kind(Field::kShape, first.radius), shape);
     if (shape == Shape::kUnusual) {
       spell_out(record, u, ring);
     } else {
       sink_.symbol(Field::kCorner, first.deformed[0].corner());
-      difference(Field::kBornFirst, first.born[0].face(), first.deformed[0].face());
-      if (first.born_count > 1) difference(Field::kBornNext, first.born[1].face(), first.born[0].face());
-      place_it(u, ring);
+      const Field born = of_kind(Field::kBornFirst, first.radius), next = of_kind(Field::kBornNext, first.radius);
+      difference(born, first.born[0].face(), first.deformed[0].face());
+      if (first.born_count > 1) difference(next, first.born[1].face(), first.born[0].face());
+      place_it(u, first.radius, expected(ring));
     }
     apply(record, u);
   }
@@ -167,7 +179,7 @@ class Coder {
       anchor = false;
       before = own;
     };
-    std::array<double, 3> mean{};
+    std::optional<ExpectedPlace> place;
     for (std::uint32_t p = record; p != kNone; p = model_.parts[p].next) {
       const RecordPart& part = model_.parts[p];
       sink_.raw(part.born_count | part.deformed_count << 2 | std::uint32_t{part.next != kNone} << 6, 7);
@@ -183,28 +195,28 @@ class Coder {
         sink_.raw(part.deformed[i].last(), 1);
       }
       for (int i = 0; i < part.born_count; ++i) {
-        face(Field::kBornNext, part.born[i].face());
+        face(of_kind(Field::kBornNext, part.radius), part.born[i].face());
         sink_.raw(part.born[i].bits & 15u, 4);
-        const std::uint32_t place = ring.find(part.born_x[i]);
-        const bool in_ring = place < ring.size();
+        const std::uint32_t at = ring.find(part.born_x[i]);
+        const bool in_ring = at < ring.size();
         sink_.raw(in_ring, 1);
-        sink_.rare(in_ring ? place : u - part.born_x[i]);
+        sink_.rare(in_ring ? at : u - part.born_x[i]);
         ring.add(part.born_x[i]);
       }
-      if (p == record) mean = mean_of(ring);
+      if (p == record) place.emplace(expected(ring));
     }
-    place_it(u, mean);
+    place_it(u, model_.parts[record].radius, *place);
   }
 
-  [[nodiscard]] std::array<double, 3> mean_of(const VertexRing& ring) const {
-    return ring.mean([this](std::uint32_t v) -> const std::array<float, 3>& { return model_.positions[v]; });
+  [[nodiscard]] ExpectedPlace expected(const VertexRing& ring) const {
+    return {model_.summary, ring,
+            [this](std::uint32_t v) -> const std::array<float, 3>& { return model_.positions[v]; }};
   }
-  void place_it(std::uint32_t u, const VertexRing& ring) { place_it(u, mean_of(ring)); }
-  void place_it(std::uint32_t u, const std::array<double, 3>& mean) {
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      const auto field = static_cast<Field>(static_cast<std::size_t>(Field::kX) + axis);
-      const std::uint32_t off = place_.of(axis, double{model_.positions[u][axis]}) - place_.of(axis, mean[axis]);
-      sink_.number(field, zigzag(static_cast<std::int32_t>(off)));
+  void place_it(std::uint32_t u, std::uint16_t radius, const ExpectedPlace& place) {
+    const ExpectedPlace::Offsets offsets = place.offsets_to(model_.positions[u]);
+    for (std::size_t i = 0; i < 3; ++i) {
+      sink_.number(of_kind(i < 2 ? Field::kAlong : Field::kAcross, radius),
+                   zigzag(static_cast<std::int32_t>(offsets[i])));
     }
   }
 
@@ -236,7 +248,7 @@ class Coder {
 
   const Model& model_;
   Sink& sink_;
-  PositionCode place_;
+  NamedFaces named_;
   std::uint32_t greatest_;
   LoadedFront front_;
 };
@@ -255,12 +267,14 @@ void count_lists(const Model& model, Counter& counter) {
   }
   // A message may hold any part of any list, so that numbers of every size need a symbol.
   for (const Field field : {Field::kGap, Field::kCount, Field::kAnchor, Field::kAnchorFirst}) {
-    for (std::uint64_t size = 4; size < std::uint64_t{1} << 33; size *= 2) {
-      counter.number(field, size);
-      counter.number(field, size + size / 2);
+    const std::uint32_t base = field == Field::kAnchor ? NamedFaces::kSize : 0;
+    for (std::uint64_t size = kSmallNumbers; size < std::uint64_t{1} << 33; size *= 2) {
+      counter.number(field, size, base);
+      counter.number(field, size + size / 2, base);
     }
-    for (std::uint64_t value = 0; value < 4; ++value) counter.number(field, value);
+    for (std::uint64_t value = 0; value < kSmallNumbers; ++value) counter.number(field, value, base);
   }
+  for (std::uint32_t place = 0; place < NamedFaces::kSize; ++place) counter.symbol(Field::kAnchor, place);
 }
 
 /// Where the shapes of a fan of `deformed` faces begin, over those with one born face.
@@ -314,7 +328,11 @@ EncodedRecords encode_records(const Model& model) {
   RecordTables tables{counter.counts_};
   Writer writer{tables};
   Coder<Writer>{model, writer}.run();
-  return {std::move(tables), writer.out_.take(), std::move(writer.places_)};
+  std::vector<std::uint64_t>& bits = writer.places_;
+  bits.push_back(writer.out_.size());
+  std::adjacent_difference(bits.begin(), bits.end(), bits.begin());
+  bits.erase(bits.begin());
+  return {std::move(tables), writer.out_.take(), std::move(bits)};
 }
 
 std::array<std::uint64_t, kFields + 1> bits_by_field(const Model& model, const RecordTables& tables) {

@@ -20,6 +20,7 @@ bool RecordReader::fail(std::uint32_t record, const char* what, std::uint64_t fo
 bool RecordReader::get(BitReader& in, std::uint32_t record, std::uint32_t anchor, std::vector<RecordPart>& parts,
                        std::array<std::uint32_t, 3>& offset) {
   if (anchor >= summary_.faces) return fail(record, "first face", anchor, "below", summary_.faces);
+  const std::size_t at = parts.size();
   RecordPart first{};
   first.parent = first.next = kNone;
   std::uint64_t below = tables_[Field::kRadius].get(in, code_ok_);
@@ -27,15 +28,15 @@ bool RecordReader::get(BitReader& in, std::uint32_t record, std::uint32_t anchor
   if (below > greatest_) return fail(record, "radius code under the greatest by", below - 1, "below", greatest_);
   first.radius = static_cast<std::uint16_t>(below == 0 ? 0 : greatest_ + 1 - below);
 
-  const Field shapes = first.radius == 0 ? Field::kShapeOfLeaf : Field::kShapeOfInner;
-  const std::uint32_t shape = tables_[shapes].get(in, code_ok_);
+  const std::uint32_t shape = tables_[of_kind(Field::kShape, first.radius)].get(in, code_ok_);
   if (!code_ok_ || !in.ok()) return fail(record, "bits left", 0, "at least", kMinBits);
   const bool good = shape == Shape::kUnusual ? get_spelt_out(in, record, first, anchor, parts)
                                              : get_usual(in, record, first, anchor, Shape::of(shape), parts);
   if (!good) return false;
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    const auto field = static_cast<Field>(static_cast<std::size_t>(Field::kX) + axis);
-    offset[axis] = static_cast<std::uint32_t>(unzigzag(number(in, field)));
+  named_.add(anchor, parts[at]);
+  const Field along = of_kind(Field::kAlong, first.radius), across = of_kind(Field::kAcross, first.radius);
+  for (std::size_t i = 0; i < 3; ++i) {
+    offset[i] = static_cast<std::uint32_t>(unzigzag(number(in, i < 2 ? along : across)));
   }
   return (code_ok_ && in.ok()) || fail(record, "bits left", 0, "at least", 1);
 }
@@ -49,12 +50,13 @@ bool RecordReader::get_usual(BitReader& in, std::uint32_t record, RecordPart& pa
   for (std::uint32_t i = 1; i < shape.deformed; ++i) {
     part.deformed[i] = DeformedRef::make(kNextAround, kCornerOfParent, (bits >> i & 1u) != 0);
   }
-  std::uint64_t face = anchor, greatest = anchor;
+  const Field first_born = of_kind(Field::kBornFirst, part.radius), next_born = of_kind(Field::kBornNext, part.radius);
+  std::uint32_t face = anchor, greatest = anchor;
   part.born_count = static_cast<std::uint8_t>(shape.born());
   bool at_last = shape.ends == Shape::kLast;
   for (std::uint32_t i = 0; i < shape.born(); ++i) {
-    face = i == 0 ? face_after(in, Field::kBornFirst, anchor) : face_after(in, Field::kBornNext, face);
-    part.born[i] = BornRef::make(static_cast<std::uint32_t>(face), at_last ? 1 : 0, (shape.finest >> i & 1u) != 0);
+    face = face_after(in, i == 0 ? first_born : next_born, face);
+    part.born[i] = BornRef::make(face, at_last ? 1 : 0, (shape.finest >> i & 1u) != 0);
     part.born_x[i] = kInRing | (at_last ? kLastInRing : 1u);
     at_last = true;
     greatest = std::max(greatest, face);
@@ -66,7 +68,7 @@ bool RecordReader::get_usual(BitReader& in, std::uint32_t record, RecordPart& pa
 bool RecordReader::get_spelt_out(BitReader& in, std::uint32_t record, RecordPart first, std::uint32_t anchor,
                                  std::vector<RecordPart>& parts) {
   const std::uint32_t u = summary_.base_vertices + record;
-  std::uint64_t face = anchor;
+  std::uint32_t face = anchor;
   bool first_face = true, any_deformed = false;
   const auto next_face = [&](Field field) {
     if (!first_face) face = face_after(in, field, face);
@@ -95,14 +97,12 @@ bool RecordReader::get_spelt_out(BitReader& in, std::uint32_t record, RecordPart
     for (int i = 0; i < part.deformed_count; ++i) {
       const bool next = any_deformed && in.get(1) != 0;
       if (!next && !next_face(Field::kDeformed)) return false;
-      part.deformed[i] =
-          DeformedRef::make(next ? kNextAround : static_cast<std::uint32_t>(face), corner, in.get(1) != 0);
+      part.deformed[i] = DeformedRef::make(next ? kNextAround : face, corner, in.get(1) != 0);
       corner = kCornerOfParent;
       any_deformed = true;
     }
     for (int i = 0; i < part.born_count; ++i) {
-      if (!next_face(Field::kBornNext) || !get_born(in, record, u, static_cast<std::uint32_t>(face), part, i))
-        return false;
+      if (!next_face(of_kind(Field::kBornNext, first.radius)) || !get_born(in, record, u, face, part, i)) return false;
     }
     if (!in.ok()) return fail(record, "bits left for its faces", 0, "at least", 1);
     if (parts.size() >= summary_.parts) {

@@ -19,9 +19,16 @@ class RecordReader {
   /// Both must outlive it.
   RecordReader(const ModelSummary& summary, const RecordTables& tables);
 
-  /// The record's first face, where its code begins. What is wrong with it `get` will say.
-  [[nodiscard]] std::uint32_t get_anchor(BitReader& in, Field field, std::uint32_t before) noexcept {
-    return before + static_cast<std::uint32_t>(unzigzag(number(in, field)));
+  /// The record's first face, where its code begins: of the first in a lot or run, or of one that follows. What is
+  /// wrong with it `get` will say.
+  [[nodiscard]] std::uint32_t get_first_anchor(BitReader& in, std::uint32_t before) noexcept {
+    named_.clear();
+    return face_after(in, Field::kAnchorFirst, before);
+  }
+  [[nodiscard]] std::uint32_t get_anchor(BitReader& in, std::uint32_t before) noexcept {
+    const std::uint32_t symbol = tables_[Field::kAnchor].get(in, code_ok_);
+    if (symbol < NamedFaces::kSize) return named_[symbol];
+    return before + static_cast<std::uint32_t>(unzigzag(rest_of_number(in, symbol - NamedFaces::kSize)));
   }
   /// Appends the record's parts as RegionData has them. False, with error(), when the bits are no code, or name what
   /// cannot be by the counts of the summary.
@@ -38,13 +45,15 @@ class RecordReader {
   bool get_born(BitReader& in, std::uint32_t record, std::uint32_t u, std::uint32_t face, RecordPart& part, int i);
   bool fail(std::uint32_t record, const char* what, std::uint64_t found, const char* relation, std::uint64_t expected);
   std::uint64_t number(BitReader& in, Field field) noexcept { return get_number(in, tables_[field], code_ok_); }
-  std::uint64_t face_after(BitReader& in, Field field, std::uint64_t face) noexcept {
-    return face + static_cast<std::uint64_t>(unzigzag(number(in, field)));
+  /// Wraps, so that whatever comes of foreign bits is no face or some face.
+  std::uint32_t face_after(BitReader& in, Field field, std::uint32_t face) noexcept {
+    return face + static_cast<std::uint32_t>(unzigzag(number(in, field)));
   }
 
   const ModelSummary& summary_;
   const RecordTables& tables_;
   std::uint32_t greatest_;
+  NamedFaces named_;
   bool code_ok_ = true;
   std::string error_;
 };

@@ -70,8 +70,7 @@ class RegionDecoder {
     std::uint32_t at = 0;
     for (const Run& run : data_.sent) {
       for (std::uint32_t r = run.first; r != run.first + run.count; ++r) {
-        const Field field = r == run.first ? Field::kAnchorFirst : Field::kAnchor;
-        if (!get_record(r, field, data_.offsets[at++])) return DecodeError{error_};
+        if (!get_record(r, r == run.first, data_.offsets[at++])) return DecodeError{error_};
       }
     }
     if (!in_.ok()) return DecodeError{where() + "the bits end"};
@@ -91,8 +90,8 @@ class RegionDecoder {
     return error.empty();
   }
 
-  bool get_record(std::uint32_t record, Field field, std::array<std::uint32_t, 3>& offset) {
-    anchor_ = records_.get_anchor(in_, field, anchor_);
+  bool get_record(std::uint32_t record, bool leads, std::array<std::uint32_t, 3>& offset) {
+    anchor_ = leads ? records_.get_first_anchor(in_, anchor_) : records_.get_anchor(in_, anchor_);
     if (records_.get(in_, record, anchor_, data_.parts, offset)) return true;
     error_ = where() + records_.error();
     return false;

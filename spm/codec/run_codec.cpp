@@ -3,7 +3,6 @@
 namespace tactus::spm::codec {
 namespace {
 
-constexpr unsigned kCountBits = 32;
 constexpr std::uint64_t kMinRunBits = 2;  // a gap and a length
 
 std::string text(std::uint64_t value) { return std::to_string(value); }
@@ -11,7 +10,7 @@ std::string text(std::uint64_t value) { return std::to_string(value); }
 }  // namespace
 
 void put_runs(BitWriter& out, const RecordTables& tables, Span<const Run> runs) {
-  out.put(runs.size(), kCountBits);
+  put_rare(out, runs.size());
   std::uint32_t end = 0;
   for (const Run& run : runs) {
     put_number(out, tables[Field::kGap], run.first - end);
@@ -22,7 +21,7 @@ void put_runs(BitWriter& out, const RecordTables& tables, Span<const Run> runs) 
 
 std::string get_runs(BitReader& in, const RecordTables& tables, std::uint32_t limit, std::vector<Run>& runs,
                      std::uint32_t& total) {
-  const std::uint64_t count = in.get(kCountBits);
+  const std::uint64_t count = get_rare(in);
   if (!in.ok() || in.left() / kMinRunBits < count) {
     return text(count) + " runs do not fit the " + text(in.left()) + " bits that are left";
   }

@@ -8,6 +8,7 @@
 
 #include "spm/offline/arrange.hpp"
 #include "spm/offline/closure.hpp"
+#include "spm/offline/face_numbers.hpp"
 #include "spm/offline/face_order.hpp"
 #include "spm/offline/import.hpp"
 #include "spm/offline/model_file.hpp"
@@ -90,8 +91,9 @@ class Assembler {
     write_base(base_corners);
     write_records();
     write_radii();
-    arrange_faces(out_.summary, out_.base_faces, out_.parts);
+    arrange_faces(out_.summary, out_.parts);
     collapses_.segments = {};
+    number_faces(mesh_, out_.summary, out_.base_faces, out_.parts, options_.threads);
     write_regions(cells, lists);
     report("sum up", 0);
     s.digest = digest_of(out_.model());
@@ -150,6 +152,19 @@ class Assembler {
     }
   }
 
+  /// The first face of each collapse.
+  std::vector<std::uint32_t> anchors() const {
+    std::vector<std::uint32_t> faces;
+    faces.reserve(needs_.size());
+    for (const Segment& segment : collapses_.segments) {
+      for (std::uint32_t i = 0; i < segment.size(); ++i) {
+        const Faces own = faces_of(segment, i);
+        faces.push_back(own.moved < own.moved_end ? segment.moved[own.moved].face() : segment.dying[own.dying].face());
+      }
+    }
+    return faces;
+  }
+
   /// Base vertices come as the faces meet them, records as suits the lists.
   void number_records(const RegionLists& lists) {
     const auto vertices = static_cast<std::uint32_t>(mesh_.positions.size());
@@ -159,7 +174,7 @@ class Assembler {
     s.base_vertices = s.vertices - s.records;
     s.faces = static_cast<std::uint32_t>(mesh_.faces.size());
     s.max_level = needs_.max_level;
-    const std::vector<std::uint32_t> order = lists.order(needs_, options_.threads);
+    const std::vector<std::uint32_t> order = lists.order(needs_, anchors(), options_.threads);
     record_of_.resize(order.size());
     for_ranges(order.size(), [&](std::size_t first, std::size_t last) {
       for (std::size_t i = first; i < last; ++i) record_of_[order[i]] = static_cast<std::uint32_t>(i);

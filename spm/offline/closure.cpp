@@ -5,6 +5,7 @@
 #include <string>
 
 #include "spm/ids.hpp"
+#include "spm/offline/arrange.hpp"
 #include "spm/offline/parallel.hpp"
 
 namespace tactus::spm::offline {
@@ -52,7 +53,7 @@ class Closure {
 
  private:
   void undo(std::size_t s) {
-    const Segment& segment = collapses_.segments[s];
+    Segment& segment = collapses_.segments[s];
     std::vector<std::uint32_t> own;
     std::vector<std::uint32_t>& all = backwards_[s];
     all.reserve(3 * std::size_t{segment.size()});
@@ -71,7 +72,7 @@ class Closure {
     }
   }
 
-  void find_needs(const Segment& segment, std::uint32_t i, std::uint32_t id, std::vector<std::uint32_t>& own) {
+  void find_needs(Segment& segment, std::uint32_t i, std::uint32_t id, std::vector<std::uint32_t>& own) {
     const Collapse &c = segment.sequence[i], &end = segment.sequence[i + 1];
     own.clear();
     const auto need = [&own](std::uint32_t record) {
@@ -89,6 +90,7 @@ class Closure {
       face[static_cast<std::size_t>(at.x)] = x;
       writer_[dying.face()] = id;
     }
+    order_fan({segment.moved.data() + c.first_moved, end.first_moved - c.first_moved}, collapses_.corners);
     for (std::uint32_t k = c.first_moved; k < end.first_moved; ++k) {
       const DeformedRef moved = segment.moved[k];
       Triangle& face = collapses_.corners[moved.face()];

@@ -29,7 +29,8 @@ struct Dependencies {
   }
 };
 
-/// Leaves in `collapses.corners` the finest mesh. Throws ModelError when a chain of records is deeper than a level can
+/// Leaves in `collapses.corners` the finest mesh, and the moved corners of each collapse in the order of order_fan().
+/// Throws ModelError when a chain of records is deeper than a level can
 /// say.
 [[nodiscard]] Dependencies dependencies(Collapses& collapses, std::size_t vertices, unsigned threads = 0);
 

@@ -6,10 +6,14 @@
 #include "spm/offline/parallel.hpp"
 
 namespace tactus::spm::offline {
-namespace {
 
-/// Moves the `left` smallest along the longest axis to the front.
-void split(PlacedFace* faces, std::size_t count, std::size_t left) {
+std::size_t largest_power_below(std::size_t count) {
+  std::size_t power = 1;
+  while (2 * power < count) power *= 2;
+  return power;
+}
+
+void split_along_longest_axis(PlacedFace* faces, std::size_t count, std::size_t left) {
   std::array<float, 3> low, high;
   low.fill(std::numeric_limits<float>::infinity());
   high.fill(-std::numeric_limits<float>::infinity());
@@ -28,16 +32,12 @@ void split(PlacedFace* faces, std::size_t count, std::size_t left) {
   });
 }
 
-std::size_t largest_power_below(std::size_t count) {
-  std::size_t power = 1;
-  while (2 * power < count) power *= 2;
-  return power;
-}
+namespace {
 
 void order(PlacedFace* faces, std::size_t count) {
   while (count > 1) {
     const std::size_t left = largest_power_below(count);
-    split(faces, count, left);
+    split_along_longest_axis(faces, count, left);
     order(faces, left);
     faces += left;
     count -= left;
@@ -59,7 +59,7 @@ std::vector<std::size_t> split_all(std::vector<PlacedFace>& faces, std::size_t m
     }
     if (!split_one) return starts;
     parallel_for(middles.size(), threads, [&](std::size_t i, unsigned) {
-      if (middles[i] != 0) split(faces.data() + starts[i], starts[i + 1] - starts[i], middles[i]);
+      if (middles[i] != 0) split_along_longest_axis(faces.data() + starts[i], starts[i + 1] - starts[i], middles[i]);
     });
     next.clear();
     for (std::size_t i = 0; i < middles.size(); ++i) {

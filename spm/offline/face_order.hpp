@@ -21,6 +21,11 @@ struct PlacedFace {
   std::uint32_t face;
 };
 
+/// How many of a node's faces go to its left half.
+[[nodiscard]] std::size_t largest_power_below(std::size_t count);
+/// Moves the `left` smallest along the longest axis to the front.
+void split_along_longest_axis(PlacedFace* faces, std::size_t count, std::size_t left);
+
 /// Moves the faces into blocks of `most` at most, each close together, and returns where each begins, and the end.
 /// `share` of a block too large goes to its left half: other shares cut elsewhere. O(n log blocks).
 [[nodiscard]] std::vector<std::size_t> divide(std::vector<PlacedFace>& faces, std::size_t most, double share,

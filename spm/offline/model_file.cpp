@@ -23,10 +23,9 @@ static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the file is memory as 
 constexpr std::array<char, 8> kMagic{'t', 'a', 'c', 't', 'S', 'P', 'M', '\n'};
 constexpr std::size_t kAlignment = 64;
 
-enum class SectionKind : std::uint32_t { kBase = 1, kCodes, kCodePlaces, kLists, kListPlaces, kStatistics };
-constexpr std::uint32_t kSections = 6;
-constexpr std::array<const char*, kSections> kSectionNames{"base mesh", "codes",       "code places",
-                                                           "lists",     "list places", "statistics"};
+enum class SectionKind : std::uint32_t { kBase = 1, kCodes, kLists, kSizes, kStatistics };
+constexpr std::uint32_t kSections = 5;
+constexpr std::array<const char*, kSections> kSectionNames{"base mesh", "codes", "lists", "sizes", "statistics"};
 
 struct Header {
   std::array<char, 8> magic;
@@ -156,13 +155,11 @@ void write_model(const std::filesystem::path& path, const Model& model, const Pr
   const std::string statistics = to_json(provenance);
   const codec::EncodedModel encoded{model};
   const codec::ModelSpans& bytes = encoded.coded().spans();
-  const std::array<std::pair<const void*, std::size_t>, kSections> contents{
-      {{bytes.base.data(), bytes.base.size()},
-       {bytes.codes.data(), bytes.codes.size()},
-       {bytes.code_places.data(), bytes.code_places.size() * sizeof(std::uint64_t)},
-       {bytes.lists.data(), bytes.lists.size()},
-       {bytes.list_places.data(), bytes.list_places.size() * sizeof(std::uint64_t)},
-       {statistics.data(), statistics.size()}}};
+  const std::array<std::pair<const void*, std::size_t>, kSections> contents{{{bytes.base.data(), bytes.base.size()},
+                                                                             {bytes.codes.data(), bytes.codes.size()},
+                                                                             {bytes.lists.data(), bytes.lists.size()},
+                                                                             {bytes.sizes.data(), bytes.sizes.size()},
+                                                                             {statistics.data(), statistics.size()}}};
 
   Table table{};
   std::size_t end = sizeof(Header) + sizeof(Table);
@@ -233,15 +230,8 @@ MappedModel::MappedModel(const std::filesystem::path& path, codec::DecodedModel*
     const SectionEntry& entry = table[static_cast<std::uint32_t>(kind) - 1];
     return Span<const std::uint8_t>{bytes + entry.offset, static_cast<std::size_t>(entry.size)};
   };
-  const auto places = [&](SectionKind kind) {
-    const Span<const std::uint8_t> of = section(kind);
-    if (of.size() % sizeof(std::uint64_t) != 0) fail(path, "found half a place in a section of places");
-    return Span<const std::uint64_t>{reinterpret_cast<const std::uint64_t*>(of.data()),
-                                     of.size() / sizeof(std::uint64_t)};
-  };
   auto coded = codec::CodedModel::open({section(SectionKind::kBase), section(SectionKind::kCodes),
-                                        places(SectionKind::kCodePlaces), section(SectionKind::kLists),
-                                        places(SectionKind::kListPlaces)});
+                                        section(SectionKind::kLists), section(SectionKind::kSizes)});
   if (!coded) fail(path, coded.error().text);
   coded_ = std::move(*coded);
   auto decoded = codec::decode_model(coded_);

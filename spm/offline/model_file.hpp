@@ -2,8 +2,8 @@
 ///
 ///   header   64 bytes   magic "tactSPM\n", version, sections, file size, XXH3-64 of header and table
 ///   table    32 bytes   for each section: kind, 0, offset, size in bytes, XXH3-64 of these bytes
-///   sections            each from a multiple of 64: base mesh, codes, code places, lists and list places as in
-///                       codec/coded_model.hpp, statistics (JSON)
+///   sections            each from a multiple of 64: base mesh, codes, lists and sizes as in codec/coded_model.hpp,
+///                       statistics (JSON)
 #pragma once
 
 #include <cstdint>
@@ -18,7 +18,7 @@
 
 namespace tactus::spm::offline {
 
-inline constexpr std::uint32_t kModelFileVersion = 4;
+inline constexpr std::uint32_t kModelFileVersion = 5;
 
 /// Where a model came from and what import dropped; no part of its digest.
 struct Provenance {

@@ -1,7 +1,10 @@
 #include "spm/offline/region_lists.hpp"
 
 #include <algorithm>
+#include <iterator>
 #include <numeric>
+#include <set>
+#include <utility>
 
 #include "spm/ids.hpp"
 #include "spm/offline/parallel.hpp"
@@ -26,33 +29,61 @@ void append_closure(const TriangleMesh& mesh, Span<const std::uint32_t> faces, c
   }
 }
 
-/// Reorders collapses that the same cells need, so that each comes after those that it needs and near them.
-void put_needs_first(const Dependencies& needs, Span<std::uint32_t> same) {
-  if (same.size() < 2) return;
-  std::vector<std::uint32_t> sorted(same.begin(), same.end()), out, open;
-  std::sort(sorted.begin(), sorted.end());
-  std::vector<bool> done(sorted.size(), false);
-  const auto place = [&sorted](std::uint32_t c) {
-    const auto found = std::lower_bound(sorted.begin(), sorted.end(), c);
-    return found == sorted.end() || *found != c ? sorted.size() : static_cast<std::size_t>(found - sorted.begin());
-  };
-  for (const std::uint32_t start : same) {
-    open.assign(1, start);
-    while (!open.empty()) {
-      const std::uint32_t c = open.back();
-      const std::size_t own = place(c), before = open.size();
-      for (const std::uint32_t need : needs.of(c)) {
-        const std::size_t i = done[own] ? sorted.size() : place(need);
-        if (i < sorted.size() && !done[i]) open.push_back(need);
+/// Reorders collapses that the same cells need: each after those that it needs, and next to be the one with the anchor
+/// nearest to the one before, `last` to begin with.
+class NearestFirst {
+ public:
+  NearestFirst(const Dependencies& needs, const std::vector<std::uint32_t>& anchors)
+      : needs_{needs}, anchors_{anchors} {}
+
+  void order(Span<std::uint32_t> same) {
+    sorted_.assign(same.begin(), same.end());
+    std::sort(sorted_.begin(), sorted_.end());
+    wait_.assign(sorted_.size(), 0);
+    waiting_.clear();
+    ready_.clear();
+    for (std::uint32_t i = 0; i < sorted_.size(); ++i) {
+      for (const std::uint32_t need : needs_.of(sorted_[i])) {
+        const auto found = std::lower_bound(sorted_.begin(), sorted_.end(), need);
+        if (found == sorted_.end() || *found != need) continue;
+        ++wait_[i];
+        waiting_.push_back({static_cast<std::uint32_t>(found - sorted_.begin()), i});
       }
-      if (open.size() > before) continue;
-      open.pop_back();
-      if (!done[own]) out.push_back(c);
-      done[own] = true;
+      if (wait_[i] == 0) ready_.insert({anchors_[sorted_[i]], i});
+    }
+    std::sort(waiting_.begin(), waiting_.end());
+    for (std::uint32_t& next : same) {
+      const std::uint32_t i = take_nearest();
+      next = sorted_[i];
+      for (auto w = std::lower_bound(waiting_.begin(), waiting_.end(), Pair{i, 0});
+           w != waiting_.end() && w->first == i; ++w) {
+        if (--wait_[w->second] == 0) ready_.insert({anchors_[sorted_[w->second]], w->second});
+      }
     }
   }
-  std::copy(out.begin(), out.end(), same.begin());
-}
+
+ private:
+  using Pair = std::pair<std::uint32_t, std::uint32_t>;
+
+  std::uint32_t take_nearest() {
+    auto nearest = ready_.lower_bound({last_, 0});
+    if (nearest == ready_.end() ||
+        (nearest != ready_.begin() && last_ - std::prev(nearest)->first < nearest->first - last_))
+      --nearest;
+    const std::uint32_t i = nearest->second;
+    last_ = nearest->first;
+    ready_.erase(nearest);
+    return i;
+  }
+
+  const Dependencies& needs_;
+  const std::vector<std::uint32_t>& anchors_;
+  std::uint32_t last_ = 0;             // anchor
+  std::vector<std::uint32_t> sorted_;  // what is being ordered; places in it are meant below
+  std::vector<std::uint32_t> wait_;    // how many of those that it needs are still to come
+  std::vector<Pair> waiting_;          // who is needed, by whom
+  std::set<Pair> ready_;               // anchor, who
+};
 
 }  // namespace
 
@@ -74,7 +105,8 @@ RegionLists::RegionLists(const TriangleMesh& mesh, const Partition& cells, const
   });
 }
 
-std::vector<std::uint32_t> RegionLists::order(const Dependencies& needs, unsigned threads) const {
+std::vector<std::uint32_t> RegionLists::order(const Dependencies& needs, const std::vector<std::uint32_t>& anchors,
+                                              unsigned threads) const {
   // The cells of each collapse, ascending.
   std::vector<std::size_t> first(std::size_t{needs.size()} + 1, 0);
   for (const Chunk& chunk : chunks_) {
@@ -99,11 +131,6 @@ std::vector<std::uint32_t> RegionLists::order(const Dependencies& needs, unsigne
     std::vector<std::size_t> next(lots.begin(), lots.end() - 1);
     for (std::uint32_t c = 0; c < needs.size(); ++c) order[next[lot_of(c)]++] = c;
   }
-  // Vertices are numbered so that neighbours are near, which makes anchors cheap to tell.
-  std::vector<std::uint32_t> vertex(needs.size());
-  for (std::uint32_t v = 0; v < needs.removed_by.size(); ++v) {
-    if (needs.removed_by[v] != kNone) vertex[needs.removed_by[v]] = v;
-  }
   const auto compare_cells = [&](std::uint32_t a, std::uint32_t b) {
     std::size_t i = first[a], k = first[b];
     for (; i < first[a + 1] && k < first[b + 1]; ++i, ++k) {
@@ -113,15 +140,16 @@ std::vector<std::uint32_t> RegionLists::order(const Dependencies& needs, unsigne
   };
   const auto before = [&](std::uint32_t a, std::uint32_t b) {
     const int by_cells = compare_cells(a, b);
-    return by_cells != 0 ? by_cells < 0 : vertex[a] < vertex[b];
+    return by_cells != 0 ? by_cells < 0 : a < b;
   };
   parallel_ranges(cells_ + 1, kChunk, threads, [&](std::size_t begin, std::size_t end) {
+    NearestFirst nearest{needs, anchors};
     for (std::size_t lot = begin; lot < end; ++lot) {
       std::sort(order.begin() + static_cast<std::ptrdiff_t>(lots[lot]),
                 order.begin() + static_cast<std::ptrdiff_t>(lots[lot + 1]), before);
       for (std::size_t i = lots[lot], same = i; i < lots[lot + 1]; i = same) {
         while (same < lots[lot + 1] && compare_cells(order[i], order[same]) == 0) ++same;
-        put_needs_first(needs, {order.data() + i, same - i});
+        nearest.order({order.data() + i, same - i});
       }
     }
   });

@@ -30,8 +30,10 @@ class RegionLists {
   /// All collapses in an order in which each comes after those that it needs. They ascend by the cells that need them,
   /// as words do by their letters, but with a longer word before those that it begins with: what needs a record is
   /// needed by no other cells than the record is, so the record comes first, and what the same cells need is one run in
-  /// each of their lists.
-  [[nodiscard]] std::vector<std::uint32_t> order(const Dependencies& needs, unsigned threads) const;
+  /// each of their lists. In such a run, what comes next is of all that may the one whose anchor, its first face, has
+  /// the number nearest to the last one's: it takes the fewest bits to tell. `anchors` by collapse.
+  [[nodiscard]] std::vector<std::uint32_t> order(const Dependencies& needs, const std::vector<std::uint32_t>& anchors,
+                                                 unsigned threads) const;
 
   /// Turns collapses into `number[collapse]`, ascending in each list.
   void renumber(const std::vector<std::uint32_t>& number, unsigned threads);

@@ -86,8 +86,8 @@ TEST_F(ModelFile, AnyFlippedBitIsRefused) {
 }
 
 TEST_F(ModelFile, AFlippedBitInEachSectionNamesTheSection) {
-  const char* names[] = {"base mesh", "codes", "code places", "lists", "list places", "statistics"};
-  for (std::size_t i = 0; i < 6; ++i) {
+  const char* names[] = {"base mesh", "codes", "lists", "sizes", "statistics"};
+  for (std::size_t i = 0; i < 5; ++i) {
     std::uint64_t offset = 0;
     std::memcpy(&offset, bytes_.data() + 64 + 32 * i + 8, sizeof offset);
     std::string damaged = bytes_;
@@ -109,7 +109,7 @@ TEST_F(ModelFile, ALaterVersionIsRefusedWithBothNamed) {
   later[8] = 9;
   write_bytes(path_, later);
   EXPECT_THAT(refusal(path_), HasSubstr("version 9"));
-  EXPECT_THAT(refusal(path_), HasSubstr("version 4"));
+  EXPECT_THAT(refusal(path_), HasSubstr("version 5"));
 }
 
 TEST_F(ModelFile, RefusesWhatIsMissingEmptyOrNoFile) {

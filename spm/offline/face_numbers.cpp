@@ -1,0 +1,155 @@
+#include "spm/offline/face_numbers.hpp"
+
+#include <algorithm>
+#include <array>
+
+#include "spm/codec/record_codes.hpp"
+#include "spm/offline/face_order.hpp"
+#include "spm/offline/parallel.hpp"
+
+namespace tactus::spm::offline {
+namespace {
+
+constexpr std::uint32_t kBlock = 64, kLeafNode = 8;
+constexpr std::size_t kGrain = 1 << 16;
+static_assert(kGrain % kBlock == 0);
+
+class FaceNumbers {
+ public:
+  FaceNumbers(const TriangleMesh& mesh, const ModelSummary& summary, Span<const RecordPart> parts)
+      : mesh_{mesh}, parts_{parts}, bearer_(summary.faces, kNone) {
+    for (std::uint32_t r = 0; r < summary.records; ++r) {
+      for (int i = 0; i < parts[r].born_count; ++i) bearer_[parts[r].born[i].face()] = r;
+    }
+  }
+
+  /// Sets the new numbers of a block's faces.
+  void number(std::uint32_t first, std::uint32_t count, std::vector<std::uint32_t>& numbers) const {
+    std::array<PlacedFace, kBlock> faces;
+    for (std::uint32_t i = 0; i < count; ++i) faces[i] = placed(first + i, first, count);
+    divide_block(faces.data(), count);
+    for (std::uint32_t i = 0; i < count; i += kLeafNode) {
+      number_leaf_node(faces.data() + i, std::min(kLeafNode, count - i), first + i, numbers);
+    }
+  }
+
+ private:
+  /// Of the two that a record bears the other, kNone for any other face.
+  [[nodiscard]] std::uint32_t mate_of(std::uint32_t face) const {
+    if (bearer_[face] == kNone) return kNone;
+    const RecordPart& part = parts_[bearer_[face]];
+    if (part.born_count != 2) return kNone;
+    return part.born[part.born[0].face() == face ? 1 : 0].face();
+  }
+  /// The face that its number is told from.
+  [[nodiscard]] std::uint32_t origin_of(std::uint32_t face) const {
+    if (bearer_[face] == kNone) return kNone;
+    const RecordPart& part = parts_[bearer_[face]];
+    return part.born[0].face() == face ? codec::anchor_of(part) : part.born[0].face();
+  }
+  [[nodiscard]] bool share_an_edge(std::uint32_t a, std::uint32_t b) const {
+    int shared = 0;
+    for (const std::uint32_t v : mesh_.faces[a]) {
+      for (const std::uint32_t w : mesh_.faces[b]) shared += v == w;
+    }
+    return shared >= 2;
+  }
+  void add_centre(std::uint32_t face, float share, std::array<float, 3>& centre) const {
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      float sum = 0;
+      for (const std::uint32_t v : mesh_.faces[face]) sum += mesh_.positions[v][axis] / 3;
+      centre[axis] += share * sum;
+    }
+  }
+  /// Two that are to stay together are at one place.
+  [[nodiscard]] PlacedFace placed(std::uint32_t face, std::uint32_t first, std::uint32_t count) const {
+    PlacedFace result{{0, 0, 0}, face};
+    const std::uint32_t mate = mate_of(face);
+    const bool together = mate != kNone && mate - first < count && share_an_edge(face, mate);
+    add_centre(std::min(face, together ? mate : face), together ? 0.5f : 1.0f, result.centre);
+    if (together) add_centre(std::max(face, mate), 0.5f, result.centre);
+    return result;
+  }
+
+  static void divide_block(PlacedFace* faces, std::size_t count) {
+    while (count > kLeafNode) {
+      const std::size_t left = largest_power_below(count);
+      split_along_longest_axis(faces, count, left);
+      divide_block(faces, left);
+      faces += left;
+      count -= left;
+    }
+  }
+
+  /// Each after the one that it comes from, those from which most come last.
+  void number_leaf_node(const PlacedFace* faces, std::uint32_t count, std::uint32_t next,
+                        std::vector<std::uint32_t>& numbers) const {
+    struct Member {
+      std::uint64_t birth;
+      std::uint32_t face;
+    };
+    std::array<Member, kLeafNode> members;
+    for (std::uint32_t i = 0; i < count; ++i) {
+      const std::uint32_t face = faces[i].face, bearer = bearer_[face];
+      const bool second = bearer != kNone && parts_[bearer].born[0].face() != face;
+      members[i] = {bearer == kNone ? 0 : 2 * std::uint64_t{bearer} + 2 + second, face};
+    }
+    std::sort(members.begin(), members.begin() + count, [](const Member& a, const Member& b) {
+      return a.birth != b.birth ? a.birth < b.birth : a.face < b.face;
+    });
+    std::array<std::uint32_t, kLeafNode> origin{}, depth{};
+    for (std::uint32_t i = count; i-- > 0;) {
+      const std::uint32_t from = origin_of(members[i].face);
+      for (origin[i] = 0; origin[i] < i && members[origin[i]].face != from;) ++origin[i];
+      if (origin[i] < i) depth[origin[i]] = std::max(depth[origin[i]], depth[i] + 1);
+    }
+    const auto visit = [&](std::uint32_t i, const auto& visit_next) -> void {
+      numbers[members[i].face] = next++;
+      for (std::uint32_t d = 0; d < depth[i]; ++d) {
+        for (std::uint32_t k = i + 1; k < count; ++k) {
+          if (origin[k] == i && depth[k] == d) visit_next(k, visit_next);
+        }
+      }
+    };
+    for (std::uint32_t i = 0; i < count; ++i) {
+      if (origin[i] == i) visit(i, visit);
+    }
+  }
+
+  const TriangleMesh& mesh_;
+  Span<const RecordPart> parts_;
+  std::vector<std::uint32_t> bearer_;  // by face: the record, for one of its first part
+};
+
+}  // namespace
+
+void number_faces(const TriangleMesh& mesh, const ModelSummary& summary, std::vector<BaseFace>& base_faces,
+                  Span<RecordPart> parts, unsigned threads) {
+  std::vector<std::uint32_t> numbers(summary.faces);
+  {
+    const FaceNumbers faces{mesh, summary, {parts.data(), parts.size()}};
+    parallel_ranges(summary.faces, kGrain, threads, [&](std::size_t first, std::size_t last) {
+      for (std::size_t f = first; f < last; f += kBlock) {
+        faces.number(static_cast<std::uint32_t>(f), static_cast<std::uint32_t>(std::min<std::size_t>(kBlock, last - f)),
+                     numbers);
+      }
+    });
+  }
+  for (BaseFace& face : base_faces) face.face = numbers[face.face];
+  std::sort(base_faces.begin(), base_faces.end(), [](const BaseFace& a, const BaseFace& b) { return a.face < b.face; });
+  parallel_ranges(parts.size(), kGrain, threads, [&](std::size_t first, std::size_t last) {
+    for (std::size_t p = first; p < last; ++p) {
+      RecordPart& part = parts[p];
+      for (int i = 0; i < part.born_count; ++i) {
+        const BornRef ref = part.born[i];
+        part.born[i] = BornRef::make(numbers[ref.face()], ref.order(), ref.last());
+      }
+      for (int i = 0; i < part.deformed_count; ++i) {
+        const DeformedRef ref = part.deformed[i];
+        part.deformed[i] = DeformedRef::make(numbers[ref.face()], ref.corner(), ref.last());
+      }
+    }
+  });
+}
+
+}  // namespace tactus::spm::offline
