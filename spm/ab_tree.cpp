@@ -221,31 +221,47 @@ RefitCount AbTree::refit() noexcept {
   return count;
 }
 
+/// Memory is what a query costs that runs once a millisecond: nodes of one level are taken together, so that what they
+/// lead to is on its way at the same time.
 template <class Visit>
 void AbTree::walk_near(const Vec3d& point, double radius, Visit&& visit) const noexcept {
   if (root_ == kNone) return;
   const FloatPoint p{point};
   const float squared_radius = p.squared(radius);
-  const auto visit_near = [&](const TreeNode& node) noexcept {
-    const unsigned near = lanes::kBest.triangles_within(node.lanes.data(), p.at, squared_radius);
-    if (near != 0) visit(node, near);
+  constexpr std::uint32_t kTogether = 32;
+  struct Waiting {
+    std::uint32_t first = 0, last = 0;  // of `queue`
   };
-  if (height_ == 1) return visit_near(nodes_[root_]);
-  std::array<std::uint32_t, kStack> stack;
-  int depth = 0;
-  stack[depth++] = root_;
-  while (depth > 0) {
-    const TreeNode& node = nodes_[stack[--depth]];
-    unsigned hit = lanes::kBest.boxes_within(node.lanes.data(), p.at, squared_radius);
-    if (node.level > 2) {
-      for (; hit != 0; hit &= ~(1u << highest_bit(hit))) {
-        stack[depth++] = node.child[highest_bit(hit)];
-        prefetch(node.child[highest_bit(hit)]);
+  std::array<Waiting, kMaxHeight + 1> waiting{};  // by level; that of a level stands behind those above
+  std::array<std::uint32_t, 1 + TreeNode::kWidth * kTogether*(kMaxHeight - 1)> queue;
+  queue[0] = root_;
+  waiting[height_].last = 1;
+  for (std::uint32_t level = height_; level <= height_;) {
+    Waiting& here = waiting[level];
+    if (level == 1) {
+      for (; here.first < here.last; ++here.first) {
+        const TreeNode& node = nodes_[queue[here.first]];
+        const unsigned near = lanes::kBest.triangles_within(node.lanes.data(), p.at, squared_radius);
+        if (near != 0) visit(node, near);
       }
+    }
+    if (here.first == here.last) {
+      ++level;
       continue;
     }
-    for (unsigned bits = hit; bits != 0; bits &= bits - 1) prefetch(node.child[lowest_bit(bits)]);
-    for (; hit != 0; hit &= hit - 1) visit_near(nodes_[node.child[lowest_bit(hit)]]);
+    std::uint32_t behind = here.last;
+    Waiting& below = waiting[--level];
+    below.first = behind;
+    for (const std::uint32_t end = std::min(here.last, here.first + kTogether); here.first < end; ++here.first) {
+      const TreeNode& node = nodes_[queue[here.first]];
+      for (unsigned hit = lanes::kBest.boxes_within(node.lanes.data(), p.at, squared_radius); hit != 0;
+           hit &= hit - 1) {
+        const std::uint32_t child = node.child[lowest_bit(hit)];
+        prefetch(child);
+        queue[behind++] = child;
+      }
+    }
+    below.last = behind;
   }
 }
 
