@@ -65,7 +65,7 @@ inline unsigned bit_count(std::uint8_t bits) noexcept {
 }
 inline unsigned highest_bit(unsigned bits) noexcept { return 31u - static_cast<unsigned>(__builtin_clz(bits)); }
 
-Vec3d upright(const TreeNode& node, unsigned lane) noexcept {
+[[gnu::noinline]] Vec3d upright(const TreeNode& node, unsigned lane) noexcept {
   const Vec3d a = corner(node, lane, 0);
   const Vec3d across = (corner(node, lane, 1) - a).cross(corner(node, lane, 2) - a);
   const double length = across.norm();
@@ -74,9 +74,7 @@ Vec3d upright(const TreeNode& node, unsigned lane) noexcept {
 
 }  // namespace
 
-NodePool::NodePool(std::uint32_t nodes) : nodes_(nodes), free_(nodes), index_{nodes} {
-  for (std::uint32_t i = 0; i < nodes; ++i) free_[i] = nodes - 1 - i;
-}
+NodePool::NodePool(std::uint32_t nodes) : nodes_(nodes), free_{nodes}, index_{nodes} {}
 
 AbTree::AbTree(Pool& pool, NodePool& nodes, std::uint32_t object, std::uint32_t finest_faces)
     : pool_{pool}, nodes_{nodes}, object_{object}, finest_faces_{finest_faces} {
@@ -84,50 +82,44 @@ AbTree::AbTree(Pool& pool, NodePool& nodes, std::uint32_t object, std::uint32_t 
   while ((std::uint64_t{1} << 3 * height_) < finest_faces) ++height_;
 }
 
-std::uint32_t AbTree::make_node(std::uint32_t level, std::uint32_t id) noexcept {
-  std::uint32_t bottom = kNone;
-  std::uint32_t below = kNone;
-  unsigned below_bit = 0;
-  while (true) {
-    std::uint32_t slot = nodes_.index_.find(NodePool::key(object_, level, id));
-    const bool fresh = slot == kNone;
-    if (fresh) {
-      TACTUS_ASSERT(nodes_.free() > 0);
-      slot = nodes_.free_[nodes_.nodes_.size() - ++nodes_.used_];
-      TreeNode& node = nodes_.nodes_[slot];
-      for (lanes::Floats& row : node.lanes) row.fill(kNothing);
-      node.parent = kNone;
-      node.id = id;
-      node.level = static_cast<std::uint8_t>(level);
-      node.mask = 0;
-      node.dirty = 0;
-      node.last = 0;
-      nodes_.index_.insert(NodePool::key(object_, level, id), slot);
-    }
-    if (below == kNone) {
-      bottom = slot;
-    } else {
-      TreeNode& node = nodes_.nodes_[slot];
-      node.child[below_bit] = below;
-      node.mask = static_cast<std::uint8_t>(node.mask | 1u << below_bit);
-      nodes_.nodes_[below].parent = slot;
-    }
-    if (!fresh) return bottom;
-    if (level == height_) {
-      root_ = slot;
-      return bottom;
-    }
-    below = slot;
-    below_bit = id & 7u;
-    id >>= 3;
-    ++level;
+std::uint32_t AbTree::make_leaf(std::uint32_t id) noexcept {
+  const auto key = [&](std::uint32_t level) { return NodePool::key(object_, level, id >> 3 * (level - 1)); };
+  std::uint32_t slot = kNone, level = 1;  // the lowest that is there
+  for (; level <= height_; ++level) {
+    slot = nodes_.index_.find(key(level));
+    if (slot != kNone) break;
   }
+  std::uint32_t near = slot;
+  if (slot != kNone && level > 1 && nodes_[slot].mask != 0) near = nodes_[slot].child[lowest_bit(nodes_[slot].mask)];
+  while (level > 1) {
+    const std::uint32_t above = slot;
+    --level;
+    TACTUS_ASSERT(nodes_.free() > 0);
+    slot = near = nodes_.free_.take(near != kNone ? near : 0);
+    TreeNode& node = nodes_.nodes_[slot];
+    for (lanes::Floats& row : node.lanes) row.fill(kNothing);
+    node.parent = above;
+    node.id = id >> 3 * (level - 1);
+    node.level = static_cast<std::uint8_t>(level);
+    node.mask = 0;
+    node.dirty = 0;
+    node.last = 0;
+    nodes_.index_.insert(key(level), slot);
+    if (above == kNone) {
+      root_ = slot;
+    } else {
+      TreeNode& parent = nodes_.nodes_[above];
+      parent.child[node.id & 7u] = slot;
+      parent.mask = static_cast<std::uint8_t>(parent.mask | 1u << (node.id & 7u));
+    }
+  }
+  return slot;
 }
 
 void AbTree::insert(std::uint32_t row_index) noexcept {
   FaceRow& row = pool_.faces[row_index];
   TACTUS_ASSERT(row.node == kNone && row.face < finest_faces_);
-  const std::uint32_t slot = make_node(1, row.face >> 3);
+  const std::uint32_t slot = make_leaf(row.face >> 3);
   TreeNode& node = nodes_.nodes_[slot];
   const unsigned lane = row.face & 7u;
   node.child[lane] = row_index;
@@ -205,7 +197,7 @@ RefitCount AbTree::refit() noexcept {
           mark_child(node.parent, above, lane);
         }
         nodes_.index_.erase(NodePool::key(object_, level, node.id));
-        nodes_.free_[nodes_.nodes_.size() - nodes_.used_--] = slot;
+        nodes_.free_.give(slot);
       } else if (slot != root_) {
         TreeNode& above = nodes[node.parent];
         if (set_box(above, lane, bounds_of(node))) mark_child(node.parent, above, lane);
@@ -222,13 +214,13 @@ RefitCount AbTree::refit() noexcept {
 }
 
 /// Memory is what a query costs that runs once a millisecond: nodes of one level are taken together, so that what they
-/// lead to is on its way at the same time.
+/// lead to is on its way at the same time. Leaves take long enough that a few ahead will do; more would wait in line.
 template <class Visit>
 void AbTree::walk_near(const Vec3d& point, double radius, Visit&& visit) const noexcept {
   if (root_ == kNone) return;
   const FloatPoint p{point};
   const float squared_radius = p.squared(radius);
-  constexpr std::uint32_t kTogether = 32;
+  constexpr std::uint32_t kTogether = 32, kLeavesAhead = 8;
   struct Waiting {
     std::uint32_t first = 0, last = 0;  // of `queue`
   };
@@ -240,6 +232,7 @@ void AbTree::walk_near(const Vec3d& point, double radius, Visit&& visit) const n
     Waiting& here = waiting[level];
     if (level == 1) {
       for (; here.first < here.last; ++here.first) {
+        if (here.first + kLeavesAhead < here.last) prefetch(queue[here.first + kLeavesAhead]);
         const TreeNode& node = nodes_[queue[here.first]];
         const unsigned near = lanes::kBest.triangles_within(node.lanes.data(), p.at, squared_radius);
         if (near != 0) visit(node, near);
@@ -257,7 +250,7 @@ void AbTree::walk_near(const Vec3d& point, double radius, Visit&& visit) const n
       for (unsigned hit = lanes::kBest.boxes_within(node.lanes.data(), p.at, squared_radius); hit != 0;
            hit &= hit - 1) {
         const std::uint32_t child = node.child[lowest_bit(hit)];
-        prefetch(child);
+        if (level > 1 || behind < below.first + kLeavesAhead) prefetch(child);
         queue[behind++] = child;
       }
     }

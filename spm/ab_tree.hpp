@@ -19,6 +19,7 @@
 #include <vector>
 
 #include "spm/flat_index.hpp"
+#include "spm/free_set.hpp"
 #include "spm/lanes.hpp"
 #include "spm/model.hpp"
 #include "spm/pool.hpp"
@@ -53,8 +54,8 @@ static_assert(sizeof(TreeNode) == kTreeNodeBytes);
 class NodePool {
  public:
   explicit NodePool(std::uint32_t nodes);
-  [[nodiscard]] std::uint32_t free() const noexcept { return static_cast<std::uint32_t>(nodes_.size()) - used_; }
-  [[nodiscard]] std::uint32_t used() const noexcept { return used_; }
+  [[nodiscard]] std::uint32_t free() const noexcept { return free_.count(); }
+  [[nodiscard]] std::uint32_t used() const noexcept { return free_.size() - free_.count(); }
   [[nodiscard]] const TreeNode& operator[](std::uint32_t node) const noexcept { return nodes_[node]; }
 
  private:
@@ -63,8 +64,7 @@ class NodePool {
     return std::uint64_t{object} << 40 | std::uint64_t{level} << 32 | id;
   }
   std::vector<TreeNode> nodes_;
-  std::vector<std::uint32_t> free_;
-  std::uint32_t used_ = 0;
+  FreeSet free_;
   FlatIndex index_;
 };
 
@@ -191,7 +191,8 @@ class AbTree {
     for (int row = 0; row < lanes::kTriangleRows; row += 2) __builtin_prefetch(&at.lanes[row]);
     __builtin_prefetch(&at.parent);
   }
-  [[nodiscard]] std::uint32_t make_node(std::uint32_t level, std::uint32_t id) noexcept;
+  /// The node of level 1 with this id, made with those above it where they are missing, near its siblings.
+  [[nodiscard]] std::uint32_t make_leaf(std::uint32_t id) noexcept;
   void mark_child(std::uint32_t slot, TreeNode& node, unsigned child) noexcept {
     if (node.dirty == 0) {
       node.next_marked = marked_[node.level];

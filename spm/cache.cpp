@@ -44,12 +44,9 @@ Cache::Cache(Pool& pool)
       front_{2 * std::size_t{pool.settings.slots}},
       loaded_(pool.settings.slots, 0),
       seals_(pool.settings.slots, 0),
-      free_(pool.settings.slots),
-      free_count_{pool.settings.slots},
+      free_{pool.settings.slots},
       free_blocks_(pool.settings.list_blocks),
       free_block_count_{pool.settings.list_blocks} {
-  // Descending, so that slots are first taken in ascending order: neighbours in a list are neighbours in memory.
-  for (std::uint32_t i = 0; i < free_count_; ++i) free_[i] = free_count_ - 1 - i;
   for (std::uint32_t i = 0; i < free_block_count_; ++i) free_blocks_[i] = free_block_count_ - 1 - i;
 }
 
@@ -61,7 +58,7 @@ Cache::Admitted Cache::admit(const BaseMesh& base) {
   const auto vertices = static_cast<std::uint32_t>(base.positions.size());
   const auto faces = static_cast<std::uint32_t>(base.faces.size());
   const std::uint32_t needed = slots_for_base(base);
-  if (needed > free_count_) return {};
+  if (needed > free_.count()) return {};
 
   Admitted result;
   result.fits = true;
@@ -197,7 +194,7 @@ bool Cache::place(const Object& object, const VertexRing& ring, const std::array
 AcceptResult Cache::decode(ObjectIndex number, std::uint32_t record, const RegionData& data, std::uint32_t& part,
                            const std::array<std::uint32_t, 3>& offset) noexcept {
   const Object& object = objects_[index(number)];
-  const std::uint32_t u = free_[free_count_ - 1];  // the one that take_slot gives below
+  const std::uint32_t u = next_slot();  // taken below
   Entered entered;
   VertexRing& ring = entered.ring;
   std::array<float, 3> position{};
@@ -208,7 +205,7 @@ AcceptResult Cache::decode(ObjectIndex number, std::uint32_t record, const Regio
     const RecordPart& source = data.parts[part];
     if (source.born_count > kBornPerPart || source.deformed_count > kDeformedPerPart) return AcceptResult::kMalformed;
     if (source.radius >= kRadiusCodes) return AcceptResult::kMalformed;
-    if (free_count_ == 0) return AcceptResult::kPoolFull;
+    if (free_.count() == 0) return AcceptResult::kPoolFull;
 
     const std::uint32_t before = slot;
     slot = take_slot();
@@ -265,7 +262,7 @@ void Cache::forget(ObjectIndex number, std::uint32_t first_slot) noexcept {
       faces_.erase(key(number, part.born[i].face()));
     }
     const std::uint32_t next = part.next;
-    give_slot(slot);
+    free_.give(slot);
     slot = next;
   }
 }
@@ -320,9 +317,9 @@ AcceptResult Cache::accept(ObjectIndex number, const RegionData& data, RegionLis
       } else if (slot == kNone && !is_sent) {
         result = AcceptResult::kIncomplete;
       } else if (slot == kNone) {
-        result = free_count_ == 0 ? AcceptResult::kPoolFull : AcceptResult::kAccepted;
+        result = free_.count() == 0 ? AcceptResult::kPoolFull : AcceptResult::kAccepted;
         if (result == AcceptResult::kAccepted) {
-          slot = free_[free_count_ - 1];
+          slot = next_slot();
           result = decode(number, record, data, part, data.offsets[position++]);
           if (result != AcceptResult::kAccepted && records_.find(key(number, record)) != kNone) forget(number, slot);
           ++fresh;
@@ -417,26 +414,21 @@ std::vector<std::string> Cache::violations() const {
   if (blocks_held + free_block_count_ != pool_.settings.list_blocks)
     found.push_back(std::to_string(blocks_held) + " blocks held and " + std::to_string(free_block_count_) +
                     " free of " + std::to_string(pool_.settings.list_blocks));
-  std::vector<bool> is_free(loaded_.size(), false);
-  for (std::uint32_t i = 0; i < free_count_; ++i) {
-    if (is_free[free_[i]]) found.push_back("slot " + std::to_string(free_[i]) + " is free twice");
-    is_free[free_[i]] = true;
-  }
   std::uint32_t chained = 0;
   for (std::uint32_t slot = 0; slot < loaded_.size(); ++slot) {
     if (loaded_[slot] == kPinned) {
       ++chained;
       continue;
     }
-    if (counted[slot] > 0 && is_free[slot]) found.push_back("slot " + std::to_string(slot) + " is listed and free");
+    if (counted[slot] > 0 && free_.has(slot)) found.push_back("slot " + std::to_string(slot) + " is listed and free");
     if (counted[slot] > 0 && counted[slot] != loaded_[slot])
       found.push_back("slot " + std::to_string(slot) + " is in " + std::to_string(counted[slot]) + " lists, counted " +
                       std::to_string(loaded_[slot]));
     if (counted[slot] > 0)
       for (std::uint32_t part = slot; part != kNone; part = pool_.parts[part].next) ++chained;
   }
-  if (chained + free_count_ != pool_.settings.slots)
-    found.push_back(std::to_string(chained) + " slots in use and " + std::to_string(free_count_) + " free of " +
+  if (chained + free_.count() != pool_.settings.slots)
+    found.push_back(std::to_string(chained) + " slots in use and " + std::to_string(free_.count()) + " free of " +
                     std::to_string(pool_.settings.slots));
   return found;
 }

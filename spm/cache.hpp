@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "spm/flat_index.hpp"
+#include "spm/free_set.hpp"
 #include "spm/loaded_front.hpp"
 #include "spm/model.hpp"
 #include "spm/pool.hpp"
@@ -83,8 +84,8 @@ class Cache {
   [[nodiscard]] std::uint32_t records_of(ObjectIndex object, RegionId region) const noexcept {
     return objects_[index(object)].record_counts[index(region)];
   }
-  [[nodiscard]] std::uint32_t slots_used() const noexcept { return pool_.settings.slots - free_count_; }
-  [[nodiscard]] std::uint32_t slots_free() const noexcept { return free_count_; }
+  [[nodiscard]] std::uint32_t slots_used() const noexcept { return free_.size() - free_.count(); }
+  [[nodiscard]] std::uint32_t slots_free() const noexcept { return free_.count(); }
   [[nodiscard]] std::uint32_t blocks_free() const noexcept { return free_block_count_; }
   [[nodiscard]] const CacheCounters& counters() const noexcept { return counters_; }
 
@@ -125,8 +126,9 @@ class Cache {
                            std::array<float, 3>& position) const noexcept;
   void forget(ObjectIndex number, std::uint32_t first_slot) noexcept;
   void release_list(ObjectIndex number, const RegionList& list) noexcept;
-  [[nodiscard]] std::uint32_t take_slot() noexcept { return free_[--free_count_]; }
-  void give_slot(std::uint32_t slot) noexcept { free_[free_count_++] = slot; }
+  /// The slot that is taken next: beside the one before, so that neighbours in a list are neighbours in memory.
+  [[nodiscard]] std::uint32_t next_slot() const noexcept { return free_.next(taken_last_); }
+  [[nodiscard]] std::uint32_t take_slot() noexcept { return taken_last_ = free_.take(taken_last_); }
 
   Pool& pool_;
   std::vector<Object> objects_;
@@ -135,8 +137,8 @@ class Cache {
   LoadedFront front_;                  // by face row
   std::vector<std::uint16_t> loaded_;  // by first slot
   std::vector<std::uint32_t> seals_;   // by first slot: see seal.hpp
-  std::vector<std::uint32_t> free_;
-  std::uint32_t free_count_ = 0;
+  FreeSet free_;                       // slots
+  std::uint32_t taken_last_ = 0;       // of them
   std::vector<std::uint32_t> free_blocks_;
   std::uint32_t free_block_count_ = 0;
   CacheCounters counters_;

@@ -1,6 +1,7 @@
 #include "spm/pool.hpp"
 
 #include "spm/flat_index.hpp"
+#include "spm/free_set.hpp"
 #include "spm/loaded_front.hpp"
 
 namespace tactus::spm {
@@ -8,9 +9,9 @@ namespace tactus::spm {
 std::uint64_t PoolSettings::bytes() const noexcept {
   const std::uint64_t per_slot = sizeof(RecordPart) + sizeof(Vertex) + sizeof(float) + 2 * sizeof(FaceRow) +
                                  sizeof(SlotState) + 2 * LoadedFront::kBytesPerFace + sizeof(std::uint16_t) +
-                                 2 * sizeof(std::uint32_t);
-  return per_slot * slots + FlatIndex::bytes(slots) + FlatIndex::bytes(2 * slots) +
-         (kTreeNodeBytes + sizeof(std::uint32_t)) * tree_nodes + FlatIndex::bytes(tree_nodes) +
+                                 sizeof(std::uint32_t);
+  return per_slot * slots + FlatIndex::bytes(slots) + FlatIndex::bytes(2 * slots) + FreeSet::bytes(slots) +
+         std::uint64_t{kTreeNodeBytes} * tree_nodes + FlatIndex::bytes(tree_nodes) + FreeSet::bytes(tree_nodes) +
          (sizeof(ListBlock) + sizeof(std::uint32_t)) * list_blocks;
 }
 

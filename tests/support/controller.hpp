@@ -86,6 +86,11 @@ class Controller {
   [[nodiscard]] std::uint32_t vertex_id(std::uint32_t slot) const { return pool_.vertices[slot].id; }
   [[nodiscard]] float radius(std::uint32_t slot) const { return pool_.radius[slot]; }
   [[nodiscard]] const spm::Pool& pool() const { return pool_; }
+  /// While nothing is loaded: makes what released records have left in their slots unlike any record.
+  void wipe_records() {
+    for (spm::Vertex& vertex : pool_.vertices)
+      if (vertex.id >= model_.summary.base_vertices) vertex.id = 0;
+  }
   [[nodiscard]] const spm::codec::CodedModel& coded() const { return encoded_.coded(); }
   [[nodiscard]] spm::Forest& forest() { return *forest_; }
   [[nodiscard]] spm::Cache& cache() { return cache_; }
