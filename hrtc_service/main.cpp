@@ -53,9 +53,9 @@ int main(int argc, char** argv) {
       ->capture_default_str();
   app.add_option("--qos", options.address.qos, "Directory of the QoS profiles")->capture_default_str();
   CLI::Option* pool =
-      app.add_option("--pool", slots, "Slots for mesh records, of all objects together; 64 Ki take 34 MiB")
+      app.add_option("--pool", slots, "Slots for mesh records, of all objects together; 64 Ki take 23 MiB")
           ->capture_default_str()
-          ->check(CLI::Range(kLeastSlots, 1u << 27));
+          ->check(CLI::Range(kLeastSlots, spm::kMaxSlots));
   CLI::Option* memory =
       app.add_option("--memory", memory_bytes, "All that is held of models, instead of --pool: 16MiB, 64MiB, 1GiB")
           ->transform(CLI::AsSizeValue(false))

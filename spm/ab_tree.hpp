@@ -61,7 +61,7 @@ class NodePool {
  private:
   friend class AbTree;
   [[nodiscard]] static std::uint64_t key(std::uint32_t object, std::uint32_t level, std::uint32_t id) noexcept {
-    return std::uint64_t{object} << 40 | std::uint64_t{level} << 32 | id;
+    return std::uint64_t{object} << 29 | std::uint64_t{level} << 25 | id;
   }
   std::vector<TreeNode> nodes_;
   FreeSet free_;
@@ -100,7 +100,7 @@ struct RefitCount {
 
 class AbTree {
  public:
-  /// `pool` and `nodes` must outlive the tree. `object` keeps the keys of several trees apart (below 2^24).
+  /// `pool` and `nodes` must outlive the tree. `object` keeps the keys of several trees apart (below kMaxObjects).
   AbTree(Pool& pool, NodePool& nodes, std::uint32_t object, std::uint32_t finest_faces);
 
   /// Most nodes that one more face can need.

@@ -22,7 +22,7 @@
 
 namespace tactus::spm {
 
-/// Number of an object within one controller.
+/// Number of an object within one controller, below kMaxObjects.
 enum class ObjectIndex : std::uint32_t {};
 
 enum class AcceptResult : std::uint8_t {
@@ -112,7 +112,7 @@ class Cache {
   };
 
   [[nodiscard]] static std::uint64_t key(ObjectIndex object, std::uint32_t id) noexcept {
-    return std::uint64_t{index(object)} << 32 | id;
+    return std::uint64_t{index(object)} << 31 | id;
   }
   [[nodiscard]] std::uint32_t slot_of_vertex(const Object& object, ObjectIndex number,
                                              std::uint32_t vertex) const noexcept;

@@ -6,6 +6,9 @@
 
 namespace tactus::spm {
 
+static_assert(2ull * kMaxSlots <= 1ull << FlatIndex::kValueBits);
+static_assert(std::uint64_t{kMaxObjects} * kMaxVertices <= 1ull << FlatIndex::kKeyBits);
+
 std::uint64_t PoolSettings::bytes() const noexcept {
   const std::uint64_t per_slot = sizeof(RecordPart) + sizeof(Vertex) + sizeof(float) + 2 * sizeof(FaceRow) +
                                  sizeof(SlotState) + 2 * LoadedFront::kBytesPerFace + sizeof(std::uint16_t) +
@@ -16,8 +19,7 @@ std::uint64_t PoolSettings::bytes() const noexcept {
 }
 
 PoolSettings PoolSettings::for_bytes(std::uint64_t bytes) noexcept {
-  // Indices grow by doubling, so that a few slots more may cost much; but more never cost less.
-  std::uint32_t fits = 0, too_many = 1u << 27;
+  std::uint32_t fits = 0, too_many = kMaxSlots + 1;
   while (too_many - fits > 1) {
     const std::uint32_t slots = fits + (too_many - fits) / 2;
     (for_slots(slots).bytes() <= bytes ? fits : too_many) = slots;
