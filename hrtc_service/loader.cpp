@@ -248,7 +248,10 @@ void Loader::predict(Object& object, const std::array<ProbeSight, kMaxProbes>& s
   constexpr double kTurnaround = 0.015;  // s
   const double round_trip = static_cast<double>(delivery_.round_trip_ns()) / kNsPerS;
   const double lead = std::clamp(1.25 * round_trip + kTurnaround, settings_.least_lead, settings_.most_lead);
-  std::map<std::uint32_t, double> soonest;
+  struct Contact {
+    double in, until;  // s
+  };
+  std::map<std::uint32_t, Contact> contacts;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     const ProbeSight& sight = sights[i];
     if (!sight.active) continue;
@@ -260,16 +263,26 @@ void Loader::predict(Object& object, const std::array<ProbeSight, kMaxProbes>& s
             .in_contact)  // the proxy lags behind a device that is pressed in, and must stand on the finest surface too
       object.grid().for_each_meeting(placement.to_model(sight.proxy),
                                      (settings_.radius + settings_.margin) / placement.scale(),
-                                     [&](spm::RegionId region, double) { soonest[spm::index(region)] = 0; });
+                                     [&](spm::RegionId region, double) {
+                                       contacts[spm::index(region)] = {0, lead};
+                                     });
     for (std::uint32_t k = 0; k < answer.count; ++k) {
-      const auto [at, fresh] = soonest.try_emplace(spm::index(answer.regions[k].region), answer.regions[k].contact_in);
-      if (!fresh) at->second = std::min(at->second, answer.regions[k].contact_in);
+      const spm::PredictedRegion& met = answer.regions[k];
+      const Contact contact{met.contact_in, met.contact_until};
+      const auto [at, fresh] = contacts.try_emplace(spm::index(met.region), contact);
+      if (fresh) continue;
+      at->second.in = std::min(at->second.in, contact.in);
+      at->second.until = std::max(at->second.until, contact.until);
     }
   }
   for (auto wish = object.wishes.begin(); wish != object.wishes.end();)
-    wish = soonest.count(wish->first) == 0 ? object.wishes.erase(wish) : std::next(wish);
-  for (const auto& [region, contact_in] : soonest)
-    prospects_.push_back({contact_in, &object, region, &object.wishes[region]});
+    wish = contacts.count(wish->first) == 0 ? object.wishes.erase(wish) : std::next(wish);
+  for (const auto& [region, contact] : contacts) {
+    // What cannot be here before the tip has left it goes last.
+    const bool in_time = object.notes[region].state() != RegionState::kAbsent || contact.until >= round_trip;
+    prospects_.push_back(
+        {in_time ? contact.in : lead + contact.in, contact.in, &object, region, &object.wishes[region]});
+  }
 }
 
 std::uint32_t Loader::blocks_of(const Object& object, std::uint32_t region) const noexcept {
@@ -280,11 +293,12 @@ std::uint32_t Loader::blocks_of(const Object& object, std::uint32_t region) cons
 /// keep the room from what is met now.
 void Loader::want(std::int64_t now_ns) {
   std::stable_sort(prospects_.begin(), prospects_.end(),
-                   [](const Prospect& a, const Prospect& b) { return a.contact_in < b.contact_in; });
+                   [](const Prospect& a, const Prospect& b) { return a.order < b.order; });
   std::vector<std::vector<session::Wanted>> wanted(by_index_.size());
   const double room = 0.9 * (pool_.settings.slots - base_slots_);
-  const double soon = expect_inflow();
-  double all = 0, here = 0;  // slots of what is wanted, and of those of it that are held
+  constexpr double kToCoarsen = 0.01;  // s
+  const double soon = delivery_.rate() / slot_bytes_ * kToCoarsen;
+  double all = 0, absent = 0;  // slots of what is wanted, and of what of it is not held
   needed_ = {};
   wanted_at_ns_ = now_ns;
   for (const Prospect& prospect : prospects_) {
@@ -298,34 +312,24 @@ void Loader::want(std::int64_t now_ns) {
     if (prospect.contact_in <= 0) note.meet_at(now_ns, settings_.idle_before_spare_ns);
     if (note.state() == RegionState::kLeaving || note.state() == RegionState::kSpare)
       take_back(*prospect.object, prospect.region);
-    if (note.state() != RegionState::kAbsent) {
-      here += share;
-      continue;
-    }
+    if (note.state() != RegionState::kAbsent) continue;
+    absent += share;
     if (needed_.slots == 0 || needed_.slots < soon) {
       needed_.slots += std::max(static_cast<std::uint32_t>(share), wish.room_needed);
       needed_.blocks += blocks_of(*prospect.object, prospect.region);
     }
-    if (cache_.slots_free() < wish.room_needed) continue;  // refused before; it would only be sent in vain
-    wanted[prospect.object->info.index].push_back(
-        {prospect.region, static_cast<std::uint32_t>(prospect.contact_in * 1e6)});
+    // Refused before: it would only be sent in vain.
+    if (cache_.slots_free() + leaving_.slots < wish.room_needed) continue;
+    wanted[prospect.object->info.index].push_back({prospect.region, static_cast<std::uint32_t>(prospect.order * 1e6)});
   }
+  const double share = std::clamp(1.1 * absent / pool_.settings.slots, 1.0 / 16, 3.0 / 4);
+  reserve_ = {static_cast<std::uint32_t>(share * pool_.settings.slots),
+              static_cast<std::uint32_t>(share * pool_.settings.list_blocks)};
   // A base mesh is admitted or refused whatever regions take.
   if (std::all_of(objects_.begin(), objects_.end(),
                   [](const auto& entry) { return entry.second->ready || entry.second->refused; }))
-    delivery_.set_room(static_cast<std::uint64_t>(std::max<double>(needed_.slots, room - here) * slot_bytes_));
+    delivery_.set_room(static_cast<std::uint64_t>(0.9 * (cache_.slots_free() + leaving_.slots) * slot_bytes_));
   for (Object* object : by_index_) delivery_.want(object->info.id, std::move(wanted[object->info.index]));
-}
-
-/// Slots for what comes until the haptic thread has coarsened something. What comes in a round trip is the reserve.
-double Loader::expect_inflow() {
-  constexpr double kToCoarsen = 0.01;  // s
-  const double inflow = delivery_.rate() / slot_bytes_;
-  const double round_trip = static_cast<double>(delivery_.round_trip_ns()) / kNsPerS;
-  const double share = std::clamp(inflow * (round_trip + 2 * kToCoarsen) / pool_.settings.slots, 1.0 / 16, 1.0 / 4);
-  reserve_ = {static_cast<std::uint32_t>(share * pool_.settings.slots),
-              static_cast<std::uint32_t>(share * pool_.settings.list_blocks)};
-  return inflow * kToCoarsen;
 }
 
 /// Leaves out of `have` what is least likely to be wanted again, until it gives room for the reserve. First what was
@@ -359,12 +363,12 @@ void Loader::find_leavers() {
   std::sort(candidates.begin(), candidates.end(),
             [](const Candidate& a, const Candidate& b) { return a.order() < b.order(); });
   for (const Candidate& candidate : candidates) {
-    if (settings_.keep_unwanted && gives(needed_) && (candidate.recent || gives(reserve_))) break;
+    if (settings_.keep_unwanted && gives(needed_) && gives(reserve_)) break;
     Object& object = *candidate.object;
+    if (!delivery_.retire(object.info.id, candidate.region)) continue;
     const spm::Cache::Room room = cache_.room_of(spm::ObjectIndex{object.info.index}, spm::RegionId{candidate.region});
     object.notes[candidate.region].set(RegionState::kLeaving);
     object.held.erase(std::find(object.held.begin(), object.held.end(), candidate.region));
-    delivery_.retire(object.info.id, candidate.region);
     leavers_.push_back({&object, candidate.region, room});
     leaving_.slots += room.slots;
     leaving_.blocks += room.blocks;
@@ -399,16 +403,15 @@ void Loader::let_go() {
   const auto note = [](const Leaver& leaver) -> RegionNote& { return leaver.object->notes[leaver.region]; };
   for (const Leaver& leaver : leavers_)
     if (note(leaver).state() == RegionState::kDeparting) count(leaver);
-  for (const RegionState from : {RegionState::kSpare, RegionState::kLeaving})
-    for (const Leaver& leaver : leavers_) {
-      const bool enough = settings_.keep_unwanted && coming.slots >= needed_.slots && coming.blocks >= needed_.blocks;
-      if (enough || departing_ == kAtOnce) return;
-      if (note(leaver).state() != from) continue;
-      note(leaver).set(RegionState::kDeparting);
-      ++departing_;
-      count(leaver);
-      waiting_.push_back({Arrival::Kind::kRetire, &leaver.object->touch, spm::RegionId{leaver.region}, {}});
-    }
+  for (const Leaver& leaver : leavers_) {
+    const bool enough = settings_.keep_unwanted && coming.slots >= needed_.slots && coming.blocks >= needed_.blocks;
+    if (enough || departing_ == kAtOnce) return;
+    if (note(leaver).state() != RegionState::kSpare) continue;
+    note(leaver).set(RegionState::kDeparting);
+    ++departing_;
+    count(leaver);
+    waiting_.push_back({Arrival::Kind::kRetire, &leaver.object->touch, spm::RegionId{leaver.region}, {}});
+  }
 }
 
 void Loader::take_departures() {

@@ -6,8 +6,9 @@
 ///
 /// A region leaves in two halves. What nobody has wanted for long is left out of `have` ahead of need, and is spare
 /// once the host has echoed that: touched as before, and taken back if wanted again. When room is needed, spare regions
-/// are coarsened by the haptic thread (departure) and freed, which waits for no network. When none is spare, regions go
-/// that the host may still count on; a message that did so comes incomplete and is refused.
+/// are coarsened by the haptic thread (departure) and freed, which waits for no network. The host gets credit for what
+/// is free and what has been left out of `have`, no more: its echo comes ahead of what it sends on that credit, so that
+/// room never has to be made of what it counts on.
 ///
 /// One thread, not the haptic one. Allocates while decoding; what it keeps is bounded by the pool and by the number of
 /// regions of its objects.
@@ -172,7 +173,6 @@ class Loader {
   [[nodiscard]] std::uint32_t blocks_of(const Object& object, std::uint32_t region) const noexcept;
   void predict(Object& object, const std::array<ProbeSight, kMaxProbes>& sights);
   void want(std::int64_t now_ns);
-  [[nodiscard]] double expect_inflow();
   void find_leavers();
   void forget_leaver(const Object& object, std::uint32_t region);
   void take_back(Object& object, std::uint32_t region);
@@ -201,6 +201,7 @@ class Loader {
     spm::Cache::Room room;  // that it gives, at least
   };
   struct Prospect {
+    double order;       // s: when it is met, or later when it could only come too late for that
     double contact_in;  // s
     Object* object;
     std::uint32_t region;

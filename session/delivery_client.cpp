@@ -213,18 +213,13 @@ std::optional<DeliveryClient::Message> DeliveryClient::assemble(Object& object, 
     drop_partial(object, at);
     at = object.partials.end();
   }
-  const std::uint32_t epoch = at == object.partials.end() ? chunk.epoch : std::max(at->second.epoch, chunk.epoch);
-  if (epoch < object.released_epoch) {
-    ++counters_.stale;
-    return std::nullopt;
-  }
   if (at == object.partials.end()) {
     at = object.partials.try_emplace(chunk.region).first;
     at->second.checksum = chunk.checksum;
     at->second.parts = chunk.parts;
   }
   Partial& partial = at->second;
-  partial.epoch = epoch;
+  partial.epoch = std::max(partial.epoch, chunk.epoch);
   if (partial.host != chunk.origin.participant) partial.last_sequence = 0;
   partial.host = chunk.origin.participant;
   partial.last_sequence = std::max(partial.last_sequence, chunk.sequence);
@@ -238,6 +233,11 @@ std::optional<DeliveryClient::Message> DeliveryClient::assemble(Object& object, 
     return std::nullopt;
   }
 
+  if (partial.epoch < object.released_epoch) {
+    drop_partial(object, at);
+    ++counters_.stale;
+    return std::nullopt;
+  }
   Message message{chunk.object_id, chunk.kind, chunk.region, partial.epoch, {}};
   message.bytes.reserve(partial.bytes);
   for (const auto& [part, payload] : partial.payloads) {
@@ -322,7 +322,9 @@ void DeliveryClient::held(std::uint64_t object_id, std::uint32_t region) {
   Object& object = objects_.at(object_id);
   object.handed.erase(region);
   object.retiring.erase(region);
-  if (object.have.insert(region).second) change(object);
+  if (!object.have.insert(region).second) return;
+  object.unannounced.insert(region);
+  change(object);
 }
 
 void DeliveryClient::refused(std::uint64_t object_id, std::uint32_t region) {
@@ -332,11 +334,13 @@ void DeliveryClient::refused(std::uint64_t object_id, std::uint32_t region) {
   object.acknowledge = true;
 }
 
-void DeliveryClient::retire(std::uint64_t object_id, std::uint32_t region) {
+bool DeliveryClient::retire(std::uint64_t object_id, std::uint32_t region) {
   Object& object = objects_.at(object_id);
-  if (object.have.erase(region) == 0) return;
+  if (object.host != 0 && object.unannounced.count(region) != 0) return false;
+  if (object.have.erase(region) == 0) return false;
   change(object);
   object.retiring[region] = {object.epoch, 0};
+  return true;
 }
 
 std::vector<std::uint32_t> DeliveryClient::take_released(std::uint64_t object_id) {
@@ -358,11 +362,6 @@ std::vector<std::uint32_t> DeliveryClient::take_released(std::uint64_t object_id
     released.push_back(at->first);
     object.released_epoch = std::max(object.released_epoch, retiring.epoch);
     at = object.retiring.erase(at);
-  }
-  for (auto at = object.partials.begin(); at != object.partials.end();) {
-    const auto next = std::next(at);
-    if (at->second.epoch < object.released_epoch) drop_partial(object, at);
-    at = next;
   }
   return released;
 }
@@ -429,6 +428,7 @@ Demand DeliveryClient::make_demand(std::uint64_t object_id, Object& object, std:
     object.timed_ns = now_ns;
   }
   object.changed = object.acknowledge = object.urgent = false;
+  object.unannounced.clear();
   object.sent_once = true;
   object.sent_ns = now_ns;
   Demand demand;

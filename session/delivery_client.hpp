@@ -81,8 +81,9 @@ class DeliveryClient {
   void held(std::uint64_t object_id, std::uint32_t region);
   void refused(std::uint64_t object_id, std::uint32_t region);
   /// The region, held so far, shall be freed. Before take_released names it a message may still count on its records:
-  /// who frees it earlier must be able to tell that they are missing, and refuse the message.
-  void retire(std::uint64_t object_id, std::uint32_t region);
+  /// who frees it earlier must be able to tell that they are missing, and refuse the message. False, and nothing has
+  /// changed, while no demand has told that it is here: hosts would take it for lost, and what counts on it too.
+  [[nodiscard]] bool retire(std::uint64_t object_id, std::uint32_t region);
   /// Regions that no message to come can count on; each is named once.
   [[nodiscard]] std::vector<std::uint32_t> take_released(std::uint64_t object_id);
 
@@ -153,6 +154,7 @@ class DeliveryClient {
     std::uint64_t host = 0;
     bool has_base = false;
     std::set<std::uint32_t> have;
+    std::set<std::uint32_t> unannounced;  // of these, since the last demand
     std::vector<Wanted> wanted;
     std::map<std::uint32_t, Handed> handed;      // by region; kNone: the base mesh
     std::map<std::uint32_t, Retiring> retiring;  // by region

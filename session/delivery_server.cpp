@@ -139,6 +139,8 @@ void DeliveryServer::compare(Service& service, const Object& object, const std::
     const bool taken = contains(demand.have, it->first);
     const bool lost = !taken && it->second <= received;
     only_more = only_more && !lost;
+    // What is under way may have counted on it, and be refused in its turn.
+    if (lost) service.count_on_after = stream.sequence;
     it = taken || lost ? service.sent.erase(it) : std::next(it);
   }
   if (!demand.need_base || (service.base_sent && *service.base_sent <= received)) service.base_sent.reset();
@@ -150,7 +152,8 @@ void DeliveryServer::compare(Service& service, const Object& object, const std::
     }
   }
   if (!only_more) {
-    for (const auto& [region, last] : service.sent) cover(service, object.model, region);
+    for (const auto& [region, last] : service.sent)
+      if (last > service.count_on_after) cover(service, object.model, region);
   }
 
   if (service.under_way && !still_holds(service, object.model)) {

@@ -103,8 +103,9 @@ class DeliveryServer {
     bool serving = false;
     bool echo_owed = false;
     std::map<std::uint32_t, std::uint32_t> sent;  // region -> sequence of its last chunk
+    std::uint32_t count_on_after = 0;             // what was sent up to here may be refused
     std::optional<std::uint32_t> base_sent;       // sequence of the last chunk of the base mesh
-    std::vector<std::uint64_t> covered;           // bit per record: listed by a region of have or sent
+    std::vector<std::uint64_t> covered;           // bit per record: listed by a region of have, or sent and counted on
     std::vector<Wanted> to_send;                  // soonest last
     std::optional<UnderWay> under_way;
   };

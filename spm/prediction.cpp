@@ -5,18 +5,19 @@
 namespace tactus::spm {
 namespace {
 
-/// Keeps the earliest time of each region.
-void meet(Predictor::Answer& out, RegionId region, double contact_in) noexcept {
+/// Keeps the earliest and the latest time of each region.
+void meet(Predictor::Answer& out, RegionId region, double time) noexcept {
   for (std::uint32_t i = 0; i < out.count; ++i)
     if (out.regions[i].region == region) {
-      out.regions[i].contact_in = std::min(out.regions[i].contact_in, contact_in);
+      out.regions[i].contact_in = std::min(out.regions[i].contact_in, time);
+      out.regions[i].contact_until = std::max(out.regions[i].contact_until, time);
       return;
     }
   if (out.count == Predictor::kMaxRegions) {
     out.complete = false;
     return;
   }
-  out.regions[out.count++] = {region, contact_in};
+  out.regions[out.count++] = {region, time, time};
 }
 
 }  // namespace

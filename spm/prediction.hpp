@@ -27,7 +27,8 @@ inline constexpr std::array<const char*, 5> kStrategyNames{"neighbours", "linear
 
 struct PredictedRegion {
   RegionId region{};
-  double contact_in = 0;  ///< s; 0: met now
+  double contact_in = 0;     ///< s; 0: met now
+  double contact_until = 0;  ///< s; the last time that it is met
 };
 
 struct PredictionSettings {
@@ -38,7 +39,7 @@ struct PredictionSettings {
 
 class Predictor {
  public:
-  static constexpr std::uint32_t kMaxRegions = 128;
+  static constexpr std::uint32_t kMaxRegions = 1024;
   struct Answer {
     std::array<PredictedRegion, kMaxRegions> regions;  ///< soonest first
     std::uint32_t count = 0;

@@ -243,7 +243,7 @@ TEST_F(DeliveryClientTest, AHoleCountsAsDealtWithAfterItsTimeout) {
 TEST_F(DeliveryClientTest, ARetiredRegionIsReleasedOnceTheEchoOfThatEpochAndAllBeforeItAreHere) {
   hold(4);
   publish();
-  client_.retire(kObject, 4);
+  ASSERT_TRUE(client_.retire(kObject, 4));
   EXPECT_THAT(publish().have, IsEmpty());
   EXPECT_THAT(client_.take_released(kObject), IsEmpty());
 
@@ -263,7 +263,7 @@ TEST_F(DeliveryClientTest, ARetiredRegionIsReleasedOnceTheEchoOfThatEpochAndAllB
 TEST_F(DeliveryClientTest, AMessageFromBeforeARetirementIsDroppedAfterTheRelease) {
   hold(4);
   publish();
-  client_.retire(kObject, 4);
+  ASSERT_TRUE(client_.retire(kObject, 4));
   const std::uint32_t old_epoch = epoch_;
   publish();
   (void)client_.on_chunk(echo(), now_);
@@ -275,10 +275,36 @@ TEST_F(DeliveryClientTest, AMessageFromBeforeARetirementIsDroppedAfterTheRelease
   EXPECT_EQ(client_.counters().stale, 1u);
 }
 
+TEST_F(DeliveryClientTest, AMessageBegunBeforeARetirementCountsWhenItsHostGoesOnWithItAfterwards) {
+  hold(4);
+  publish();
+  const std::vector<BulkChunk> begun = chunks(BulkKind::kRegion, 5, "counts on nothing of region 4", 2);
+  (void)client_.on_chunk(begun[0], now_);
+  ASSERT_TRUE(client_.retire(kObject, 4));
+  publish();
+  sequence_ -= 1;
+  (void)client_.on_chunk(echo(), now_);
+  ASSERT_THAT(client_.take_released(kObject), ElementsAre(4u));
+
+  BulkChunk rest = begun[1];
+  rest.epoch = epoch_;
+  rest.sequence = ++sequence_;
+
+  EXPECT_TRUE(client_.on_chunk(rest, now_));
+}
+
+TEST_F(DeliveryClientTest, WhatNoDemandHasToldOfIsNotRetired) {
+  hold(4);
+
+  EXPECT_FALSE(client_.retire(kObject, 4));
+  publish();
+  EXPECT_TRUE(client_.retire(kObject, 4));
+}
+
 TEST_F(DeliveryClientTest, ARetiredRegionCanBeTakenBack) {
   hold(4);
   publish();
-  client_.retire(kObject, 4);
+  ASSERT_TRUE(client_.retire(kObject, 4));
   client_.held(kObject, 4);
 
   EXPECT_EQ(publish().have.size(), 1u);
@@ -288,7 +314,8 @@ TEST_F(DeliveryClientTest, ARetiredRegionCanBeTakenBack) {
 
 TEST_F(DeliveryClientTest, ARetiredRegionIsNotAskedForBeforeItsRelease) {
   hold(4);
-  client_.retire(kObject, 4);
+  publish();
+  ASSERT_TRUE(client_.retire(kObject, 4));
   client_.want(kObject, {{4, 0}});
   EXPECT_THAT(publish().wanted, IsEmpty());
   (void)client_.on_chunk(echo(), now_);
@@ -317,7 +344,7 @@ TEST_F(DeliveryClientTest, ALateHostIsReplacedByOneThatServesTheSame) {
 TEST_F(DeliveryClientTest, WithoutAnyHostRetiredRegionsAreReleasedAndNothingIsPublished) {
   hold(4);
   publish();
-  client_.retire(kObject, 4);
+  ASSERT_TRUE(client_.retire(kObject, 4));
   client_.host_gone(kHost);
 
   EXPECT_FALSE(client_.demand(now_ += 1000 * kMs));

@@ -131,6 +131,25 @@ TEST_F(DeliveryServerTest, SendsAgainWhatWasPassedAndNotTaken) {
   EXPECT_EQ(regions_in(drain()).size(), 1u);
 }
 
+TEST_F(DeliveryServerTest, CountsOnNothingThatWasUnderWayWhenSomethingWasLost) {
+  server_.on_demand(demand(1, {0, 1, 2}));
+  Demand lost = demand(2, {0, 1, 2, 3});
+  for (const BulkChunk& chunk : drain())
+    if (chunk.region == 0) lost.received = chunk.sequence;  // refused; 1 and 2, which may count on it, are on their way
+
+  server_.on_demand(lost);
+  const auto regions = regions_in(drain());
+
+  ASSERT_EQ(regions.size(), 2u);
+  EXPECT_EQ(regions[0].first, 0u);
+  EXPECT_EQ(regions[0].second, list_of(0)) << "whole, whatever 1 and 2 have of it";
+  EXPECT_EQ(regions[1].first, 3u);
+  std::set<std::uint32_t> missing;
+  for (const std::uint32_t r : list_of(3))
+    if (list_of(0).count(r) == 0) missing.insert(r);
+  EXPECT_EQ(regions[1].second, missing);
+}
+
 TEST_F(DeliveryServerTest, DoesNotCountOnAnIncarnationOfItsStreamThatIsNotThis) {
   server_.on_demand(demand(1, {3}));
   const std::vector<BulkChunk> sent = drain();

@@ -292,9 +292,9 @@ class Simulation {
       const std::uint32_t away = std::min(ahead, regions - ahead);
       const bool retired = cache.retired.count(region) != 0;
       if (away > kKeep && !retired) {
+        if (!hrtc.client->retire(object, region)) continue;
         cache.retired.insert(region);
         if (cache.firm_regions.erase(region) != 0) CacheModel::add(cache.firm, list, -1);
-        hrtc.client->retire(object, region);
       } else if (away <= kReach && retired && below(2) == 0) {
         cache.retired.erase(region);
         hrtc.client->held(object, region);
