@@ -11,6 +11,14 @@ namespace {
 
 constexpr float kNothing = std::numeric_limits<float>::quiet_NaN();
 
+constexpr std::array<lanes::Floats, lanes::kTriangleRows> no_lanes() noexcept {
+  std::array<lanes::Floats, lanes::kTriangleRows> rows{};
+  for (lanes::Floats& row : rows)
+    for (float& lane : row) lane = kNothing;
+  return rows;
+}
+constexpr auto kNoLanes = no_lanes();
+
 void clear_lane(TreeNode& node, unsigned lane) noexcept {
   for (lanes::Floats& row : node.lanes) row[lane] = kNothing;
 }
@@ -97,7 +105,7 @@ std::uint32_t AbTree::make_leaf(std::uint32_t id) noexcept {
     TACTUS_ASSERT(nodes_.free() > 0);
     slot = near = nodes_.free_.take(near != kNone ? near : 0);
     TreeNode& node = nodes_.nodes_[slot];
-    for (lanes::Floats& row : node.lanes) row.fill(kNothing);
+    node.lanes = kNoLanes;
     node.parent = above;
     node.id = id >> 3 * (level - 1);
     node.level = static_cast<std::uint8_t>(level);
