@@ -42,7 +42,9 @@ struct alignas(64) TreeNode {
   std::uint8_t last;   ///< at level 1: faces in their finest version
 
   void set_corner(unsigned lane, std::uint32_t corner, const Vertex& vertex) noexcept {
-    for (std::uint32_t axis = 0; axis < 3; ++axis) lanes[3 * corner + axis][lane] = vertex.position[axis];
+    lanes[3 * corner][lane] = vertex.position[0];
+    lanes[3 * corner + 1][lane] = vertex.position[1];
+    lanes[3 * corner + 2][lane] = vertex.position[2];
   }
   void set_last(unsigned lane, bool value) noexcept {
     last = static_cast<std::uint8_t>((last & ~(1u << lane)) | unsigned{value} << lane);
