@@ -30,21 +30,22 @@ class ExpectedPlace {
   ExpectedPlace(const ModelSummary& summary, const VertexRing& ring, PositionOf position_of) noexcept
       : summary_{summary}, code_{summary} {
     const std::uint32_t count = ring.size();
+    // From t: the first of the others, the one before, the sum.
     const Point t = point(position_of(ring[0]));
-    Point first = t, before = t, sum = t, normal{};
+    Point first{}, before{}, sum{}, normal{};
     for (std::uint32_t i = 1; i < count; ++i) {
-      const Point at = point(position_of(ring[i]));
+      const Point p = point(position_of(ring[i]));
+      const Point at{p[0] - t[0], p[1] - t[1], p[2] - t[2]};
       if (i == 1) first = at;
-      for (std::size_t k = 0; k < 3; ++k) {
-        const std::size_t a = after(k), b = after(a);
-        sum[k] += at[k];
-        normal[k] += (before[a] - t[a]) * (at[b] - t[b]) - (before[b] - t[b]) * (at[a] - t[a]);
-      }
+      sum = {sum[0] + at[0], sum[1] + at[1], sum[2] + at[2]};
+      normal[0] += before[1] * at[2] - before[2] * at[1];
+      normal[1] += before[2] * at[0] - before[0] * at[2];
+      normal[2] += before[0] * at[1] - before[1] * at[0];
       before = at;
     }
     for (std::size_t k = 0; k < 3; ++k) {
       const double mean = sum[k] / count;
-      expected_[k] = mean + kTowardsParent * (t[k] - mean) - kAwayFromEnds * ((first[k] + before[k]) / 2 - mean);
+      expected_[k] = t[k] + (mean - kTowardsParent * mean - kAwayFromEnds * ((first[k] + before[k]) / 2 - mean));
       if (std::abs(normal[k]) > std::abs(normal[across_])) across_ = k;
     }
     if (normal[across_] == 0) return;

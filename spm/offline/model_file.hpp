@@ -18,7 +18,7 @@
 
 namespace tactus::spm::offline {
 
-inline constexpr std::uint32_t kModelFileVersion = 5;
+inline constexpr std::uint32_t kModelFileVersion = 6;
 
 /// Where a model came from and what import dropped; no part of its digest.
 struct Provenance {

@@ -161,7 +161,7 @@ TEST(BaseCodec, RefusesAnotherVersionNamingBoth) {
   const Result<DecodedBase> decoded = decode_base(bytes);
 
   ASSERT_FALSE(decoded);
-  EXPECT_THAT(decoded.error().text, AllOf(HasSubstr("version 9"), HasSubstr("expected 5")));
+  EXPECT_THAT(decoded.error().text, AllOf(HasSubstr("version 9"), HasSubstr("expected 6")));
 }
 
 TEST(BaseCodec, RefusesEveryTruncation) {

@@ -109,7 +109,7 @@ TEST_F(ModelFile, ALaterVersionIsRefusedWithBothNamed) {
   later[8] = 9;
   write_bytes(path_, later);
   EXPECT_THAT(refusal(path_), HasSubstr("version 9"));
-  EXPECT_THAT(refusal(path_), HasSubstr("version 5"));
+  EXPECT_THAT(refusal(path_), HasSubstr("version 6"));
 }
 
 TEST_F(ModelFile, RefusesWhatIsMissingEmptyOrNoFile) {
