@@ -278,7 +278,7 @@ int run(const Settings& settings) {
   std::fprintf(stderr, "touching with a pool ten times too small\n");
   const Touch small = programs.touch("small", {"--pool", std::to_string(tenth)});
   for (const Touch* each : {&touch, &small})
-    if (each->ended != 0 || each->audit != 0) std::fprintf(stderr, "%s", each->output.c_str());
+    if (each->ended != 0 || each->audit != 0 || each->queries == 0) std::fprintf(stderr, "%s", each->output.c_str());
   std::fprintf(stderr, "both in this process\n");
   const spm::MemoryShares shares = spm::shares_of(settings.memory);
   const InProcess whole_here = run_in_process(subject.model, settings, shares.pool, path);

@@ -151,9 +151,8 @@ void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {
   object.tables = std::move(decoded->tables);
   object.info.index = spm::index(admitted.object);
   object.notes.resize(base.regions.size());
-  object.slots.reserve(base.regions.size());
-  for (const spm::Region& region : base.regions) object.slots.push_back(region.part_count);
-  const std::uint32_t largest = *std::max_element(object.slots.begin(), object.slots.end());
+  std::uint32_t largest = 0;
+  for (const spm::Region& region : base.regions) largest = std::max(largest, region.part_count);
   if (largest > pool_.settings.slots - base_slots_)
     say("object " + object.info.name + ": stays coarse in places, for its largest region takes " +
         std::to_string(largest) + " slots, the pool has " + std::to_string(pool_.settings.slots - base_slots_) +
@@ -229,7 +228,7 @@ bool Loader::take_region(Object& object, const session::DeliveryClient::Message&
     const double latency = static_cast<double>(now_ns - wish->second.since_ns) / kNsPerS;
     figures_.load_latency += 0.1 * (latency - figures_.load_latency);
   }
-  const std::uint32_t parts = object.slots[message.region];
+  const double parts = slots_of(object, message.region);
   const auto fresh = static_cast<double>(data->parts.size());
   if (parts > 0) fresh_share_ += 0.1 * (fresh / parts - fresh_share_);
   if (fresh > 0) slot_bytes_ += 0.1 * (static_cast<double>(message.bytes.size()) / fresh - slot_bytes_);
@@ -285,6 +284,11 @@ void Loader::predict(Object& object, const std::array<ProbeSight, kMaxProbes>& s
   }
 }
 
+double Loader::slots_of(const Object& object, std::uint32_t region) const noexcept {
+  return cache_.records_of(spm::ObjectIndex{object.info.index}, spm::RegionId{region}) *
+         (static_cast<double>(object.summary.parts) / std::max(object.summary.records, 1u));
+}
+
 std::uint32_t Loader::blocks_of(const Object& object, std::uint32_t region) const noexcept {
   return spm::ListBlock::blocks_for(cache_.records_of(spm::ObjectIndex{object.info.index}, spm::RegionId{region}));
 }
@@ -304,7 +308,7 @@ void Loader::want(std::int64_t now_ns) {
   for (const Prospect& prospect : prospects_) {
     RegionNote& note = prospect.object->notes[prospect.region];
     Wish& wish = *prospect.wish;
-    const double share = fresh_share_ * prospect.object->slots[prospect.region];
+    const double share = fresh_share_ * slots_of(*prospect.object, prospect.region);
     all += share;
     if (all > room && prospect.contact_in > 0) break;
     note.want_at(now_ns);
@@ -344,21 +348,21 @@ void Loader::find_leavers() {
 
   struct Candidate {
     bool recent, was_met;
-    std::uint32_t met_before;
-    std::int64_t wanted_ns;
+    std::int64_t visit_before_ns, wanted_ns;  // less when longer ago
     Object* object;
     std::uint32_t region;
     [[nodiscard]] auto order() const {
-      return std::make_tuple(recent, recent || was_met, recent ? 0 : met_before, wanted_ns);
+      return std::make_tuple(recent, recent || was_met, recent ? 0 : visit_before_ns, wanted_ns);
     }
   };
   std::vector<Candidate> candidates;
   for (Object* object : by_index_)
     for (const std::uint32_t region : object->held) {
       const RegionNote& note = object->notes[region];
-      if (note.wanted_us == RegionNote::microseconds(wanted_at_ns_)) continue;
-      const bool recent = wanted_at_ns_ - note.wanted_ns() < settings_.idle_before_spare_ns;
-      candidates.push_back({recent, note.met != 0, note.met_before, note.wanted_ns(), object, region});
+      const std::int64_t unwanted_ns = note.unwanted_ns(wanted_at_ns_);
+      if (unwanted_ns == 0) continue;
+      const bool recent = unwanted_ns < settings_.idle_before_spare_ns;
+      candidates.push_back({recent, note.met != 0, -note.since_visit_ns(wanted_at_ns_), -unwanted_ns, object, region});
     }
   std::sort(candidates.begin(), candidates.end(),
             [](const Candidate& a, const Candidate& b) { return a.order() < b.order(); });

@@ -121,29 +121,40 @@ class Loader {
 
  private:
   enum class RegionState : std::uint8_t { kAbsent, kHeld, kLeaving, kSpare, kDeparting };
-  /// One for each region of every object, so it is packed.
+  /// One for each region of every object, so it is packed. Times are modulo some 50 days.
   struct RegionNote {
-    std::uint64_t wanted_us : 48;  // last time it was
-    std::uint64_t state_bits : 3;  // RegionState
-    std::uint64_t was_here : 1;
-    std::uint32_t met;         // last time a tip met it, in 17 ms; 0: never
-    std::uint32_t met_before;  // the same of the visit before that one
+    std::uint32_t wanted;           // last time it was, in ms
+    std::uint32_t met : 28;         // last time a tip met it, in 17 ms; 0: never
+    std::uint32_t state_bits : 4;   // RegionState
+    std::uint32_t met_before : 28;  // the same of the visit before that one
+    std::uint32_t was_here : 4;
     [[nodiscard]] RegionState state() const noexcept { return static_cast<RegionState>(state_bits); }
-    void set(RegionState state) noexcept { state_bits = static_cast<std::uint64_t>(state) & 7u; }
-    [[nodiscard]] std::int64_t wanted_ns() const noexcept { return static_cast<std::int64_t>(wanted_us) * 1000; }
-    void want_at(std::int64_t now_ns) noexcept { wanted_us = microseconds(now_ns) & 0xffffffffffff; }
+    void set(RegionState state) noexcept { state_bits = static_cast<std::uint32_t>(state) & 7u; }
+    void want_at(std::int64_t now_ns) noexcept { wanted = static_cast<std::uint32_t>(now_ns / kMs); }
+    /// Since it was wanted, ns.
+    [[nodiscard]] std::int64_t unwanted_ns(std::int64_t now_ns) const noexcept {
+      return static_cast<std::int64_t>(static_cast<std::uint32_t>(now_ns / kMs) - wanted) * kMs;
+    }
     /// What follows within `pause_ns` is the same visit.
     void meet_at(std::int64_t now_ns, std::int64_t pause_ns) noexcept {
-      constexpr std::int64_t kGrainNs = 1 << 24;  // a clock of two years
-      const auto now = static_cast<std::uint32_t>(now_ns / kGrainNs + 1);
-      if (now - met >= pause_ns / kGrainNs) met_before = met;
-      met = now;
+      const std::uint32_t now = grains(now_ns);
+      if (((now - met) & kGrains) >= pause_ns / kGrain) met_before = met & kGrains;
+      met = now & kGrains;
     }
-    [[nodiscard]] static std::uint64_t microseconds(std::int64_t ns) noexcept {
-      return static_cast<std::uint64_t>(ns / 1000);
+    /// Since the visit before the last, ns; as long as can be when there was none.
+    [[nodiscard]] std::int64_t since_visit_ns(std::int64_t now_ns) const noexcept {
+      return met_before == 0 ? std::int64_t{kGrains} * kGrain
+                             : static_cast<std::int64_t>((grains(now_ns) - met_before) & kGrains) * kGrain;
+    }
+
+   private:
+    static constexpr std::int64_t kMs = 1'000'000, kGrain = 1 << 24;
+    static constexpr std::uint32_t kGrains = (1u << 28) - 1;
+    [[nodiscard]] static std::uint32_t grains(std::int64_t ns) noexcept {
+      return static_cast<std::uint32_t>(ns / kGrain % kGrains) + 1;
     }
   };
-  static_assert(sizeof(RegionNote) + sizeof(std::uint32_t) == spm::kRegionNoteBytes);
+  static_assert(sizeof(RegionNote) == spm::kRegionNoteBytes);
   /// Of a region that a tip is expected to meet.
   struct Wish {
     std::int64_t since_ns = 0;      // since when it is wanted; 0: it is not, for want of room
@@ -155,8 +166,7 @@ class Loader {
     spm::ModelSummary summary;
     spm::codec::RecordTables tables;
     TouchObject touch;
-    std::vector<std::uint32_t> slots;  // by region: what its records take
-    std::vector<RegionNote> notes;     // by region
+    std::vector<RegionNote> notes;  // by region
     std::map<std::uint32_t, Wish> wishes;
     std::vector<spm::Predictor> predictors;  // by probe
     std::vector<std::uint32_t> held;         // regions in that state
@@ -170,6 +180,8 @@ class Loader {
   /// False when there is no room now, but will be.
   [[nodiscard]] bool take_region(Object& object, const session::DeliveryClient::Message& message, std::int64_t now_ns);
   void take_messages(std::int64_t now_ns);
+  /// That the records of a region take, more or less.
+  [[nodiscard]] double slots_of(const Object& object, std::uint32_t region) const noexcept;
   [[nodiscard]] std::uint32_t blocks_of(const Object& object, std::uint32_t region) const noexcept;
   void predict(Object& object, const std::array<ProbeSight, kMaxProbes>& sights);
   void want(std::int64_t now_ns);
@@ -216,7 +228,7 @@ class Loader {
   std::deque<Unplaced> unplaced_;    // for room in the pool; later ones may count on earlier ones
   std::deque<Leaver> leavers_;       // first to go first
   std::uint32_t departing_ = 0;
-  std::int64_t wanted_at_ns_ = 0;  // of the last tick: RegionNote::wanted_us of what is wanted
+  std::int64_t wanted_at_ns_ = 0;  // of the last tick: what is wanted was wanted then
   std::uint32_t base_slots_ = 0;   // that base meshes take for good
   std::uint32_t base_nodes_ = 0;   // and of the tree, at least
   std::uint64_t directories_ = 0;  // bytes, of all objects

@@ -12,7 +12,7 @@
 namespace tactus::spm {
 
 /// Of each region, that a loader keeps (hrtc_service/loader.hpp).
-inline constexpr std::uint32_t kRegionNoteBytes = 20;
+inline constexpr std::uint32_t kRegionNoteBytes = 12;
 
 [[nodiscard]] inline std::uint64_t directory_bytes(const ModelSummary& summary, const PoolSettings& pool) noexcept {
   return Cache::directory_bytes(summary) + Forest::directory_bytes(summary, pool) +
