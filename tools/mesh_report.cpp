@@ -1,6 +1,7 @@
 #include "tools/mesh_report.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <nlohmann/json.hpp>
 #include <utility>
@@ -28,6 +29,8 @@ std::string hex(std::uint64_t value) {
   std::snprintf(text.data(), text.size() + 1, "%016llx", static_cast<unsigned long long>(value));
   return text;
 }
+
+constexpr double kPeriod = 0.001;  // s, of a cycle
 
 struct Lists {
   std::uint64_t sum = 0;
@@ -62,6 +65,9 @@ ordered_json info_json(const spm::Model& model, const spm::offline::Provenance& 
     const spm::offline::TreeSize size = spm::offline::tree_size(s.faces, width);
     return ordered_json{{"height", size.levels}, {"nodes", size.nodes + s.faces}};
   };
+  // Steps of the certificate in a cycle.
+  const double steps = certificate.steps_per_second() * kPeriod;
+  const auto faces_changing = static_cast<std::uint64_t>(std::ceil(certificate.faces * steps));
   ordered_json drops;
   for (const auto& [name, count] : dropped(provenance.cleaned)) drops[name] = count;
   ordered_json json = {{"digest", hex(s.digest)},
@@ -99,6 +105,12 @@ ordered_json info_json(const spm::Model& model, const spm::offline::Provenance& 
                          {"speed_m_s", certificate.speed * s.metres_per_unit},
                          {"step_m", certificate.step * s.metres_per_unit},
                          {"step_records", certificate.entering},
+                         {"step_units", certificate.units},
+                         {"step_faces", certificate.faces},
+                         {"cycle_units", certificate.units * steps},
+                         {"cycle_faces", certificate.faces * steps},
+                         {"cycle_marked", spm::offline::most_marked(faces_changing, s.faces)},
+                         {"tree_nodes", certificate.nodes},
                          {"records_per_second", certificate.entering * certificate.steps_per_second()}}}};
   if (coded != nullptr) {
     const auto bytes = static_cast<double>(bytes_entering(*coded, certificate));
@@ -161,6 +173,10 @@ std::string info_text(const spm::Model& model, const spm::offline::Provenance& p
   }
   row("  for every " + millimetres(certificate.step), step);
   row("  in a second", second);
+  row("  in a cycle of 1 ms", "at most " + number(needs["cycle_units"]) +
+                                  " units of refinement, in the mean of a second; refit recomputes " +
+                                  std::to_string(needs["cycle_marked"].get<std::uint64_t>()) +
+                                  " nodes, a query reads " + std::to_string(certificate.nodes));
   return text + dropped_text(provenance.cleaned);
 }
 

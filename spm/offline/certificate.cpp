@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <limits>
 #include <numeric>
+#include <utility>
 
 #include "spm/directory.hpp"
+#include "spm/forest.hpp"
 #include "spm/region_grid.hpp"
 
 namespace tactus::spm::offline {
@@ -118,6 +120,9 @@ class Cubes {
 struct Atoms {
   std::vector<Run> runs;  // by run of the model, in atoms
   std::vector<std::uint32_t> records, parts;
+  std::vector<std::uint32_t> faces;        // that they bear or deform, each as often as they do
+  std::vector<std::uint32_t> bear;         // by atom from first_bear on: tree nodes of level 1 with faces that it bears
+  std::vector<std::size_t> first_bear{0};  // and the end
 
   explicit Atoms(const Model& model) {
     std::vector<bool> begins(std::size_t{model.summary.records} + 1, false);
@@ -127,31 +132,80 @@ struct Atoms {
     for (std::uint32_t r = 0; r < model.summary.records; ++r) {
       before[r] = count;
       if (begins[r]) {
+        if (count > 0) end_atom();
         records.push_back(0);
         parts.push_back(0);
+        faces.push_back(0);
         ++count;
       }
       if (count == 0) continue;
       ++records.back();
-      for (std::uint32_t p = r; p != kNone; p = model.parts[p].next) ++parts.back();
+      for (std::uint32_t p = r; p != kNone; p = model.parts[p].next) {
+        const RecordPart& part = model.parts[p];
+        ++parts.back();
+        faces.back() += part.born_count + part.deformed_count;
+        for (int i = 0; i < part.born_count; ++i) bear.push_back(part.born[i].face() >> 3);
+      }
     }
+    if (count > 0) end_atom();
     before[model.summary.records] = count;
     runs.reserve(model.runs.size());
     for (const Run& run : model.runs)
       runs.push_back({before[run.first], before[run.first + run.count] - before[run.first]});
   }
+
+ private:
+  void end_atom() {
+    const auto from = bear.begin() + static_cast<std::ptrdiff_t>(first_bear.back());
+    std::sort(from, bear.end());
+    bear.erase(std::unique(from, bear.end()), bear.end());
+    first_bear.push_back(bear.size());
+  }
+};
+
+/// The nodes of the eight-wide tree that exist over the base mesh and over what some atoms bear.
+class ShownNodes {
+ public:
+  ShownNodes(const Model& model, const Atoms& atoms) : atoms_{atoms} {
+    for (std::uint64_t nodes = model.summary.faces; nodes > 1 || shown_.empty();)
+      shown_.emplace_back(nodes = (nodes + 7) / 8, 0);
+    for (const BaseFace& face : model.base_faces) add_node(face.face >> 3);
+  }
+  void add(std::uint32_t atom) {
+    for (std::size_t i = atoms_.first_bear[atom]; i < atoms_.first_bear[atom + 1]; ++i) add_node(atoms_.bear[i]);
+  }
+  void remove(std::uint32_t atom) {
+    for (std::size_t i = atoms_.first_bear[atom]; i < atoms_.first_bear[atom + 1]; ++i) remove_node(atoms_.bear[i]);
+  }
+  [[nodiscard]] std::uint32_t count() const noexcept { return count_; }
+
+ private:
+  void add_node(std::uint32_t id) {
+    for (std::size_t level = 0; level < shown_.size() && shown_[level][id]++ == 0; ++level, id >>= 3) ++count_;
+  }
+  void remove_node(std::uint32_t id) {
+    for (std::size_t level = 0; level < shown_.size() && --shown_[level][id] == 0; ++level, id >>= 3) --count_;
+  }
+
+  const Atoms& atoms_;
+  std::vector<std::vector<std::uint32_t>> shown_;  // by level from 1 on and node: children that exist; of faces, atoms
+  std::uint32_t count_ = 0;
 };
 
 /// The union of some regions' lists, one region more or less at a time.
 class Union {
  public:
-  Union(const Model& model, const Atoms& atoms) : model_{model}, atoms_{atoms}, listed_(atoms.records.size(), 0) {}
+  /// `nodes` follows, unless it is null.
+  Union(const Model& model, const Atoms& atoms, ShownNodes* nodes)
+      : model_{model}, atoms_{atoms}, nodes_{nodes}, listed_(atoms.records.size(), 0) {}
   void add(std::uint32_t region) {
     for (const Run& run : runs_of(region))
       for (std::uint32_t atom = run.first; atom < run.first + run.count; ++atom)
         if (listed_[atom]++ == 0) {
           records_ += atoms_.records[atom];
           parts_ += atoms_.parts[atom];
+          changed_faces_ += atoms_.faces[atom];
+          if (nodes_ != nullptr) nodes_->add(atom);
         }
   }
   void remove(std::uint32_t region) {
@@ -160,10 +214,14 @@ class Union {
         if (--listed_[atom] == 0) {
           records_ -= atoms_.records[atom];
           parts_ -= atoms_.parts[atom];
+          changed_faces_ += atoms_.faces[atom];
+          if (nodes_ != nullptr) nodes_->remove(atom);
         }
   }
   [[nodiscard]] std::uint32_t records() const noexcept { return records_; }
   [[nodiscard]] std::uint32_t parts() const noexcept { return parts_; }
+  /// Faces borne, taken away or deformed since the last call, each as often as it was.
+  [[nodiscard]] std::uint32_t take_changed_faces() noexcept { return std::exchange(changed_faces_, 0); }
 
  private:
   [[nodiscard]] Span<const Run> runs_of(std::uint32_t region) const noexcept {
@@ -172,8 +230,9 @@ class Union {
   }
   const Model& model_;
   const Atoms& atoms_;
+  ShownNodes* nodes_;
   std::vector<std::uint32_t> listed_;
-  std::uint32_t records_ = 0, parts_ = 0;
+  std::uint32_t records_ = 0, parts_ = 0, changed_faces_ = 0;
 };
 
 /// Calls `visit` with what is in `a` and not in `b`; both ascend.
@@ -209,18 +268,6 @@ std::vector<Certificate::Bringing> brought(const Model& model, Span<const std::u
   return brings;
 }
 
-/// Of the eight-wide tree over the base mesh and over what the regions' records bear.
-std::uint32_t nodes_over(const Model& model, Span<const std::uint32_t> regions) {
-  std::vector<std::uint32_t> faces;
-  for (const BaseFace& face : model.base_faces) faces.push_back(face.face);
-  for (const std::uint32_t region : regions)
-    for (const Run& run : model.runs_of(RegionId{region}))
-      for (std::uint32_t r = run.first; r < run.first + run.count; ++r)
-        for (std::uint32_t p = r; p != kNone; p = model.parts[p].next)
-          for (int i = 0; i < model.parts[p].born_count; ++i) faces.push_back(model.parts[p].born[i].face());
-  return tree_nodes_over(std::move(faces), model.summary.faces);
-}
-
 }  // namespace
 
 Certificate certify(const Model& model, double radius, double speed) {
@@ -231,6 +278,7 @@ Certificate certify(const Model& model, double radius, double speed) {
   worst.speed = speed;
   worst.step = cubes.edge();
   std::uint32_t worst_cube = kNone, from = kNone, to = kNone;  // kNone: where nothing is met
+  std::uint32_t work_from = kNone, work_to = kNone;
   const auto enter = [&](std::uint32_t records, std::uint32_t before, std::uint32_t now) {
     if (records <= worst.entering) return;
     worst.entering = records;
@@ -240,15 +288,32 @@ Certificate certify(const Model& model, double radius, double speed) {
   const auto regions = [&](std::uint32_t cube) {
     return cube == kNone ? Span<const std::uint32_t>{} : cubes.regions(cube);
   };
+  ShownNodes nodes{model, atoms};
+  worst.nodes = nodes.count();
   for (int axis = 0; axis < 3; ++axis) {
-    Union needed{model, atoms};
+    Union needed{model, atoms, axis == 0 ? &nodes : nullptr};
     std::uint32_t before = kNone;
     // One step forth, and with it the same step back.
     const auto step = [&](std::uint32_t now) {
       const std::uint32_t had = needed.records();
-      for_each_only_in(regions(now), regions(before), [&](std::uint32_t region) { needed.add(region); });
+      std::uint32_t visits = 0;
+      for_each_only_in(regions(now), regions(before), [&](std::uint32_t region) {
+        needed.add(region);
+        visits += model.regions[region].record_count;
+      });
       const std::uint32_t both = needed.records();
-      for_each_only_in(regions(before), regions(now), [&](std::uint32_t region) { needed.remove(region); });
+      for_each_only_in(regions(before), regions(now), [&](std::uint32_t region) {
+        needed.remove(region);
+        visits += model.regions[region].record_count;
+      });
+      const std::uint32_t changes = 2 * both - had - needed.records();
+      const std::uint32_t units = visits * Budget::kVisit + changes * Budget::kChange;
+      if (units > worst.units) {
+        worst.units = units;
+        work_from = before;
+        work_to = now;
+      }
+      worst.faces = std::max(worst.faces, needed.take_changed_faces());
       enter(both - had, before, now);
       enter(both - needed.records(), now, before);
       before = now;
@@ -263,6 +328,7 @@ Certificate certify(const Model& model, double radius, double speed) {
       worst.blocks = std::max(worst.blocks, blocks);
       worst.regions = std::max(worst.regions, static_cast<std::uint32_t>(regions(cube).size()));
       worst.records = std::max(worst.records, needed.records());
+      worst.nodes = std::max(worst.nodes, nodes.count());
       if (worst_cube != kNone && needed.parts() <= worst.parts) continue;
       worst.parts = needed.parts();
       worst_cube = cube;
@@ -271,7 +337,8 @@ Certificate certify(const Model& model, double radius, double speed) {
   }
   const Vec3d at = cubes.centre(worst_cube);
   worst.worst = {at[0], at[1], at[2]};
-  worst.nodes = nodes_over(model, regions(worst_cube));
+  for (const std::uint32_t region : regions(work_from)) worst.units_from.push_back(RegionId{region});
+  for (const std::uint32_t region : regions(work_to)) worst.units_to.push_back(RegionId{region});
   worst.brings = brought(model, regions(from), regions(to));
   return worst;
 }
@@ -295,6 +362,15 @@ std::uint64_t memory_needed(const ModelSummary& summary, const Certificate& cert
     const MemoryShares shares = shares_of(bytes);
     if (shares.pool.slots >= slots && shares.directories >= directory_bytes(summary, shares.pool)) return bytes;
   }
+}
+
+std::uint64_t most_marked(std::uint64_t faces, std::uint64_t finest_faces) {
+  std::uint64_t marked = 0;
+  for (std::uint64_t level = finest_faces; level > 1;) {
+    level = (level + 7) / 8;
+    marked += std::min(faces, level);
+  }
+  return marked;
 }
 
 TreeSize tree_size(std::uint64_t leaves, std::uint32_t width) {

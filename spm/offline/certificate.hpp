@@ -12,6 +12,7 @@ namespace tactus::spm::offline {
 
 /// Upper bounds over all positions and straight motions of a ball: its centre is taken through cubes of edge `step`,
 /// and in each the regions are counted whose surface (Region::occupied) the ball may meet from anywhere in the cube.
+/// Work is that of a controller that keeps these refined, and changes when the centre enters the next cube.
 struct Certificate {
   double radius, speed;  ///< of the ball, file units and file units/s
 
@@ -19,11 +20,14 @@ struct Certificate {
   std::uint32_t records;        ///< in the union of their lists
   std::uint32_t parts;          ///< pool slots of these records; the base mesh comes on top
   std::uint32_t blocks;         ///< list blocks of these regions
+  std::uint32_t nodes;          ///< tree nodes over them and the base mesh: no query can read more
   std::array<double, 3> worst;  ///< where most parts are needed, model frame
-  std::uint32_t nodes;          ///< tree nodes over what is shown there, the base mesh included
 
   double step;             ///< file units
   std::uint32_t entering;  ///< records that one cube needs and the one before it does not
+  std::uint32_t units;     ///< of Budget (spm/forest.hpp), to go from what one cube needs to what the next does
+  std::uint32_t faces;     ///< that this bears, takes away or deforms, at most
+  std::vector<RegionId> units_from, units_to;  ///< regions before and after the step that takes most units
   /// What a host sends for the worst such step: regions, each with those of its records that none before it brought.
   struct Bringing {
     RegionId region;
@@ -41,6 +45,9 @@ struct Certificate {
 [[nodiscard]] std::uint32_t slots_needed(const ModelSummary& summary, const Certificate& certificate) noexcept;
 /// The least that a controller of this one object may hold of models (shares_of in spm/directory.hpp) to have those.
 [[nodiscard]] std::uint64_t memory_needed(const ModelSummary& summary, const Certificate& certificate) noexcept;
+
+/// The most nodes that AbTree::refit recomputes when so many faces have changed.
+[[nodiscard]] std::uint64_t most_marked(std::uint64_t faces, std::uint64_t finest_faces);
 
 /// Nodes and levels of a tree over the faces whose nodes have `width` children, leaves not counted as nodes.
 struct TreeSize {

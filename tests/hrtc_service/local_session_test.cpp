@@ -262,6 +262,26 @@ TEST_F(OrganSession, APoolTenTimesTooSmallIsCoarserAndFlaggedAndNeverSaidToBeExa
     EXPECT_THAT(object->forest->violations(), ::testing::IsEmpty());
 }
 
+TEST_F(OrganSession, NoSecondOfTouchTakesMoreWorkThanTheCertificateSays) {
+  const spm::Model model = built_->model();
+  const spm::offline::Certificate certificate = spm::offline::certify(model, kTip, 0.05);
+  LocalSession session{{model}, 1, spm::PoolSettings::for_slots(1 << 15)};
+  for (int cycle = 0; cycle < 1000; ++cycle) session.step(position(0), Vec3d::Zero());
+  constexpr int kSecond = 1000;
+  std::uint64_t most_units = 0;
+  for (int second = 0; second < 8; ++second) {
+    std::uint64_t units = 0;
+    for (int cycle = second * kSecond; cycle < (second + 1) * kSecond; ++cycle) {
+      const Vec3d at = position(cycle);
+      const hrtc_service::CycleCosts& costs = session.step(at, (position(cycle + 1) - at) * 1000).costs;
+      units += costs.visits * spm::Budget::kVisit + costs.changes * spm::Budget::kChange;
+    }
+    most_units = std::max(most_units, units);
+  }
+  EXPECT_LE(static_cast<double>(most_units), certificate.units * certificate.steps_per_second());
+  EXPECT_GT(static_cast<double>(most_units), 0.02 * certificate.units * certificate.steps_per_second());
+}
+
 TEST_F(OrganSession, AnObjectWhoseDirectoryDoesNotFitIsRefusedAndTheOthersAreNot) {
   const spm::Model model = built_->model();
   const auto small_built = organ(2000);

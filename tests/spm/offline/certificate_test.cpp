@@ -91,6 +91,55 @@ TEST(Certificate, AMovingBallNeedsNoMoreThanWhatItBeganWithAndWhatEveryStepBring
   EXPECT_DOUBLE_EQ(certificate.steps_per_second(), std::sqrt(3.0) * 0.05 / certificate.step);
 }
 
+TEST(Certificate, TheWorstStepTakesTheWorkThatItSays) {
+  const BuiltModel built = organ();
+  const Model model = built.model();
+  for (const double radius : {0.0005, 0.003, 0.01}) {
+    const Certificate certificate = certify(model, radius, 0.05);
+    test_support::Controller controller{model, PoolSettings::for_slots(model.summary.vertices)};
+    for (std::uint32_t r = 0; r < model.summary.regions; ++r)
+      ASSERT_EQ(controller.load(RegionId{r}), AcceptResult::kAccepted);
+    Forest& forest = controller.forest();
+    constexpr std::uint32_t kPlenty = 1u << 30;
+    const auto step = [&](const std::vector<RegionId>& to) {
+      forest.target(to.data(), static_cast<std::uint32_t>(to.size()));
+      Budget budget{kPlenty};
+      EXPECT_EQ(forest.advance(budget), Advance::kDone);
+      const RefitCount refit = forest.refit();
+      EXPECT_LE(controller.nodes().used(), certificate.nodes);
+      EXPECT_LE(refit.marked, most_marked(refit.changed, model.summary.faces));
+      return kPlenty - budget.units;
+    };
+    step(certificate.units_from);
+    EXPECT_EQ(step(certificate.units_to), certificate.units) << radius;
+    EXPECT_LE(controller.nodes().used(), certificate.nodes) << radius;
+  }
+}
+
+TEST(Certificate, NoBallAnywhereShowsMoreNodesThanItSaysAndTheBoundIsNear) {
+  const BuiltModel built = organ();
+  const Model model = built.model();
+  const RegionGrid grid{model.summary.grid, model.regions};
+  constexpr double kRadius = 0.003;
+  const Certificate certificate = certify(model, kRadius, 0.05);
+  test_support::Controller controller{model, PoolSettings::for_slots(model.summary.vertices)};
+  for (std::uint32_t r = 0; r < model.summary.regions; ++r)
+    ASSERT_EQ(controller.load(RegionId{r}), AcceptResult::kAccepted);
+  std::mt19937 random{13};
+  std::uint32_t most = 0;
+  for (int i = 0; i < 300; ++i) {
+    const std::array<float, 3>& near = model.positions[random() % model.summary.vertices];
+    const Vec3d centre = i == 0 ? Vec3d{certificate.worst[0], certificate.worst[1], certificate.worst[2]}
+                                : Vec3d{near[0], near[1], near[2]};
+    std::vector<RegionId> regions;
+    ASSERT_TRUE(grid.for_each_meeting(centre, kRadius, [&](RegionId region, double) { regions.push_back(region); }));
+    ASSERT_EQ(controller.refine(regions), Advance::kDone);
+    most = std::max(most, controller.nodes().used());
+  }
+  EXPECT_LE(most, certificate.nodes);
+  EXPECT_LE(certificate.nodes, 2 * most);
+}
+
 TEST(Certificate, WhatTheWorstStepBringsIsNewAndComplete) {
   const BuiltModel built = organ();
   const Model model = built.model();
