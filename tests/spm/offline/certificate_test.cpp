@@ -96,7 +96,7 @@ TEST(Certificate, TheWorstStepTakesTheWorkThatItSays) {
   const Model model = built.model();
   for (const double radius : {0.0005, 0.003, 0.01}) {
     const Certificate certificate = certify(model, radius, 0.05);
-    test_support::Controller controller{model, PoolSettings::for_slots(model.summary.vertices)};
+    test_support::Controller controller{model, PoolSettings::for_slots(8 * model.summary.vertices)};
     for (std::uint32_t r = 0; r < model.summary.regions; ++r)
       ASSERT_EQ(controller.load(RegionId{r}), AcceptResult::kAccepted);
     Forest& forest = controller.forest();
@@ -122,7 +122,7 @@ TEST(Certificate, NoBallAnywhereShowsMoreNodesThanItSaysAndTheBoundIsNear) {
   const RegionGrid grid{model.summary.grid, model.regions};
   constexpr double kRadius = 0.003;
   const Certificate certificate = certify(model, kRadius, 0.05);
-  test_support::Controller controller{model, PoolSettings::for_slots(model.summary.vertices)};
+  test_support::Controller controller{model, PoolSettings::for_slots(8 * model.summary.vertices)};
   for (std::uint32_t r = 0; r < model.summary.regions; ++r)
     ASSERT_EQ(controller.load(RegionId{r}), AcceptResult::kAccepted);
   std::mt19937 random{13};

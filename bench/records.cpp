@@ -1,0 +1,314 @@
+// What other progressive meshes would ask of records, closures and forest.
+//
+// The collapses of a mesh by the project's own order, the same with a kept vertex that moves in each (edge collapse
+// with new positions), and the longest-edge bisection of a grid of heights, which is a quad-tree of triangles. For
+// each: faces that a record bears and deforms, records that it needs, levels, and the lists of the even partition.
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cstdio>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "bench/figures.hpp"
+#include "bench/models.hpp"
+#include "spm/offline/closure.hpp"
+#include "spm/offline/face_order.hpp"
+#include "spm/offline/partition.hpp"
+#include "spm/offline/region_lists.hpp"
+#include "spm/offline/simplify.hpp"
+
+namespace tactus::bench {
+namespace {
+
+using namespace spm::offline;
+using spm::kNone;
+
+struct Settings {
+  std::string model, json;
+  std::uint32_t faces = 70000;
+  bool quick = false;
+};
+
+/// Faces by vertex, while collapses are done or undone.
+class Stars {
+ public:
+  Stars(std::size_t vertices, const std::vector<Triangle>& corners, const std::vector<std::uint32_t>& faces)
+      : star_(vertices) {
+    for (const std::uint32_t face : faces)
+      for (const std::uint32_t v : corners[face]) star_[v].push_back(face);
+  }
+  [[nodiscard]] const std::vector<std::uint32_t>& of(std::uint32_t v) const { return star_[v]; }
+  void add(std::uint32_t v, std::uint32_t face) { star_[v].push_back(face); }
+  void remove(std::uint32_t v, std::uint32_t face) {
+    star_[v].erase(std::find(star_[v].begin(), star_[v].end(), face));
+  }
+
+ private:
+  std::vector<std::vector<std::uint32_t>> star_;
+};
+
+std::vector<std::uint32_t> all_of(std::size_t count) {
+  std::vector<std::uint32_t> numbers(count);
+  for (std::uint32_t i = 0; i < count; ++i) numbers[i] = i;
+  return numbers;
+}
+
+/// The needs of records that also move t: each deforms every face around t, not only those that it hands to u.
+struct Moving {
+  Dependencies needs;
+  std::uint64_t deformed = 0;
+};
+Moving with_moving_vertices(Collapses collapses, const Dependencies& fixed, std::size_t vertices) {
+  Moving moving{fixed, 0};
+  Dependencies& out = moving.needs;
+  std::vector<Triangle>& corners = collapses.corners;
+  Stars stars{vertices, corners, collapses.base};
+  std::vector<std::uint32_t> writer(corners.size(), kNone);
+  std::vector<std::vector<std::uint32_t>> needs(fixed.size());
+  for (std::size_t s = collapses.segments.size(); s-- > 0;) {
+    const Segment& segment = collapses.segments[s];
+    for (std::uint32_t i = segment.size(); i-- > 0;) {
+      const Collapse &c = segment.sequence[i], &end = segment.sequence[i + 1];
+      const std::uint32_t id = fixed.segment[s] + i;
+      std::vector<std::uint32_t>& own = needs[id];
+      const auto need = [&](std::uint32_t record) {
+        if (record != kNone) own.push_back(record);
+      };
+      need(out.removed_by[c.t]);
+      moving.deformed += stars.of(c.t).size();
+      for (const std::uint32_t face : stars.of(c.t)) {
+        need(writer[face]);
+        for (const std::uint32_t v : corners[face]) need(out.removed_by[v]);
+        writer[face] = id;
+      }
+      for (std::uint32_t k = c.first_moved; k < end.first_moved; ++k) {
+        const spm::DeformedRef moved = segment.moved[k];
+        corners[moved.face()][moved.corner()] = c.u;
+        stars.remove(c.t, moved.face());
+        stars.add(c.u, moved.face());
+      }
+      for (std::uint32_t k = c.first_dying; k < end.first_dying; ++k) {
+        const std::uint32_t face = segment.dying[k].face();
+        const spm::BornCorners at = spm::born_corners(segment.dying[k].order());
+        Triangle& born = corners[face];
+        born[static_cast<std::size_t>(at.u)] = c.u;
+        born[static_cast<std::size_t>(at.t)] = c.t;
+        born[static_cast<std::size_t>(at.x)] = segment.dying_x[k];
+        need(out.removed_by[segment.dying_x[k]]);
+        for (const std::uint32_t v : born) stars.add(v, face);
+        writer[face] = id;
+      }
+      std::sort(own.begin(), own.end());
+      own.erase(std::unique(own.begin(), own.end()), own.end());
+      std::uint32_t level = 1;
+      for (const std::uint32_t j : own) level = std::max(level, 1u + out.level[j]);
+      if (level > 0xffff) throw std::runtime_error("more than 65535 levels");
+      out.level[id] = static_cast<std::uint16_t>(level);
+      out.max_level = std::max(out.max_level, level);
+    }
+  }
+  out.needs.clear();
+  for (std::size_t id = 0; id < needs.size(); ++id) {
+    out.first[id] = static_cast<std::uint32_t>(out.needs.size());
+    out.needs.insert(out.needs.end(), needs[id].begin(), needs[id].end());
+  }
+  out.first[needs.size()] = static_cast<std::uint32_t>(out.needs.size());
+  return moving;
+}
+
+/// A grid of 2^k + 1 heights a side, and the collapses that undo its longest-edge bisection: each vertex goes to one
+/// end of the edge that it divides. A record of that is a record of ours, with two faces borne and two deformed.
+struct Bisection {
+  TriangleMesh mesh;
+  Collapses collapses;
+};
+Bisection bisection(std::uint32_t k) {
+  const std::uint32_t side = (1u << k) + 1;
+  Bisection made;
+  const auto at = [&](std::uint32_t x, std::uint32_t y) { return y * side + x; };
+  for (std::uint32_t y = 0; y < side; ++y)
+    for (std::uint32_t x = 0; x < side; ++x) {
+      const double u = double(x) / (side - 1), v = double(y) / (side - 1);
+      const double height = 0.1 * std::sin(9 * u + 4 * v) + 0.03 * std::sin(31 * v - 17 * u) + 0.01 * std::sin(97 * u);
+      made.mesh.positions.push_back({static_cast<float>(u), static_cast<float>(v), static_cast<float>(height)});
+    }
+  for (std::uint32_t y = 0; y + 1 < side; ++y)  // the diagonals of four squares meet where x and y are odd
+    for (std::uint32_t x = 0; x + 1 < side; ++x) {
+      const std::uint32_t a = at(x, y), b = at(x + 1, y), c = at(x + 1, y + 1), d = at(x, y + 1);
+      if ((x + y) % 2 == 0) {
+        made.mesh.faces.push_back({a, b, c});
+        made.mesh.faces.push_back({a, c, d});
+      } else {
+        made.mesh.faces.push_back({a, b, d});
+        made.mesh.faces.push_back({b, c, d});
+      }
+    }
+  std::vector<Triangle> ordered;
+  for (const std::uint32_t face : face_order(made.mesh)) ordered.push_back(made.mesh.faces[face]);
+  made.mesh.faces = ordered;
+
+  std::vector<Triangle>& corners = made.collapses.corners;
+  corners = made.mesh.faces;
+  Stars stars{made.mesh.positions.size(), corners, all_of(corners.size())};
+  std::vector<bool> touched(corners.size(), false), gone(corners.size(), false);
+  Segment segment;
+  const auto collapse = [&](std::uint32_t u, std::uint32_t t) {
+    segment.sequence.push_back(
+        {u, t, static_cast<std::uint32_t>(segment.dying.size()), static_cast<std::uint32_t>(segment.moved.size())});
+    for (const std::uint32_t face : std::vector<std::uint32_t>{stars.of(u)}) {
+      Triangle& triangle = corners[face];
+      const auto u_at = static_cast<std::uint32_t>(std::find(triangle.begin(), triangle.end(), u) - triangle.begin());
+      if (std::find(triangle.begin(), triangle.end(), t) != triangle.end()) {
+        const bool t_next = triangle[(u_at + 1) % 3] == t;
+        segment.dying.push_back(spm::BornRef::make(face, 2 * u_at + (t_next ? 0 : 1), !touched[face]));
+        segment.dying_x.push_back(triangle[(u_at + (t_next ? 2 : 1)) % 3]);
+        for (const std::uint32_t v : Triangle{triangle}) stars.remove(v, face);
+        gone[face] = true;
+      } else {
+        segment.moved.push_back(spm::DeformedRef::make(face, u_at, !touched[face]));
+        triangle[u_at] = t;
+        stars.remove(u, face);
+        stars.add(t, face);
+      }
+      touched[face] = true;
+    }
+  };
+  for (std::uint32_t step = 1; step < side - 1; step *= 2) {
+    for (std::uint32_t y = 0; y < side; y += step)  // middles of edges
+      for (std::uint32_t x = 0; x < side; x += step) {
+        if (x / step % 2 == 1 && y / step % 2 == 0) collapse(at(x, y), at(x - step, y));
+        if (x / step % 2 == 0 && y / step % 2 == 1) collapse(at(x, y), at(x, y - step));
+      }
+    for (std::uint32_t y = step; y < side; y += 2 * step)  // middles of squares, to where the next diagonal begins
+      for (std::uint32_t x = step; x < side; x += 2 * step) {
+        const bool falling = (x + y) / step / 2 % 2 == 0;
+        collapse(at(x, y), falling ? at(x + step, y - step) : at(x - step, y - step));
+      }
+  }
+  segment.sequence.push_back({kNone, kNone, static_cast<std::uint32_t>(segment.dying.size()),
+                              static_cast<std::uint32_t>(segment.moved.size())});
+  made.collapses.segments.push_back(std::move(segment));
+  made.collapses.rounds = {0, 1};
+  for (std::uint32_t face = 0; face < corners.size(); ++face) {
+    if (gone[face]) continue;
+    made.collapses.base.push_back(face);
+    made.collapses.base_finest.push_back(!touched[face]);
+  }
+  return made;
+}
+
+struct Kind {
+  const char* name;
+  double bytes;  // that a record takes beyond one of ours
+  double deformed;
+};
+
+void report_on(const Kind& kind, const TriangleMesh& mesh, const Partition& cells, const Collapses& collapses,
+               const Dependencies& needs, Report& report) {
+  const RegionLists lists{mesh, cells, needs, 0, [](double) {}};
+  double borne = 0, own = 0;
+  for (const Segment& segment : collapses.segments) borne += static_cast<double>(segment.dying.size());
+  Samples lengths, over;
+  for (std::size_t cell = 0; cell < lists.size(); ++cell) {
+    lengths.add(static_cast<double>(lists.of(cell).size()));
+    own = 0;
+    std::vector<std::uint32_t> vertices;
+    const Cell& at = cells.cells[cell];
+    for (std::uint32_t f = at.first_face; f < at.first_face + at.face_count; ++f)
+      for (const std::uint32_t v : mesh.faces[cells.faces[f]])
+        if (needs.removed_by[v] != kNone) vertices.push_back(v);
+    std::sort(vertices.begin(), vertices.end());
+    own = static_cast<double>(std::unique(vertices.begin(), vertices.end()) - vertices.begin());
+    if (own > 0) over.add(static_cast<double>(lists.of(cell).size()) / own);
+  }
+  const double records = needs.size();
+  report.figure("records", kind.name, "", records);
+  report.figure("bytes beyond a record of ours", kind.name, "", kind.bytes);
+  report.figure("faces borne by a record", kind.name, "", borne / records);
+  report.figure("faces deformed by a record", kind.name, "", kind.deformed / records);
+  report.figure("records needed by a record", kind.name, "", static_cast<double>(needs.needs.size()) / records);
+  report.figure("levels", kind.name, "", needs.max_level);
+  report.row("list of a region", kind.name, "records", lengths);
+  report.row("list of a region / vertices of its faces", kind.name, "", over);
+}
+
+double moved_of(const Collapses& collapses) {
+  double moved = 0;
+  for (const Segment& segment : collapses.segments) moved += static_cast<double>(segment.moved.size());
+  return moved;
+}
+
+int run(const Settings& settings) {
+  std::fprintf(stderr, "making the model\n");
+  const LoadedModel subject = load_model(settings.model, settings.faces);
+  TriangleMesh mesh;
+  mesh.positions.assign(subject.model.positions.begin(), subject.model.positions.end());
+  mesh.faces = subject.finest;
+  Report report{{"records", subject.name, subject.model.summary.digest, subject.model.summary.faces,
+                 "regions of 400 finest faces, base of 500"}};
+
+  std::fprintf(stderr, "collapsing\n");
+  Collapses collapses = simplify(mesh, SimplifyOptions{});
+  const Collapses undone = collapses;
+  const Dependencies fixed = dependencies(collapses, mesh.positions.size());
+  const Partition cells = partition(mesh, PartitionOptions{});
+  report_on({"half-edge collapse", 0, moved_of(collapses)}, mesh, cells, collapses, fixed, report);
+  std::fprintf(stderr, "moving\n");
+  const Moving moving = with_moving_vertices(undone, fixed, mesh.positions.size());
+  report_on({"edge collapse, new positions",
+             // Where t was, where it goes to, and the faces around it that stay its.
+             24 + 4 * (static_cast<double>(moving.deformed) - moved_of(undone)) / fixed.size(),
+             static_cast<double>(moving.deformed)},
+            mesh, cells, collapses, moving.needs, report);
+
+  std::fprintf(stderr, "bisecting\n");
+  std::uint32_t k = 4;
+  while (2u << 2 * (k + 1) <= settings.faces && k < 12) ++k;
+  Bisection grid = bisection(k);
+  const std::vector<Triangle> finest = grid.mesh.faces;
+  const Dependencies bisected = dependencies(grid.collapses, grid.mesh.positions.size());
+  std::size_t wrong = 0, more = 0;
+  for (std::size_t face = 0; face < finest.size(); ++face)
+    wrong += grid.collapses.corners[face] != finest[face] ? 1 : 0;
+  const Segment& segment = grid.collapses.segments.front();
+  for (std::uint32_t i = 0; i < segment.size(); ++i)
+    more += segment.sequence[i + 1].first_moved - segment.sequence[i].first_moved > 2 ? 1 : 0;
+  const Partition grid_cells = partition(grid.mesh, PartitionOptions{});
+  report_on({"bisection of a grid", 0, moved_of(grid.collapses)}, grid.mesh, grid_cells, grid.collapses, bisected,
+            report);
+  std::fprintf(stderr, "collapsing the grid\n");
+  Collapses by_error = simplify(grid.mesh, SimplifyOptions{});
+  const Dependencies by_error_needs = dependencies(by_error, grid.mesh.positions.size());
+  report_on({"half-edge collapse of that grid", 0, moved_of(by_error)}, grid.mesh, grid_cells, by_error, by_error_needs,
+            report);
+  report.figure("faces", "the grid", "", static_cast<double>(finest.size()));
+  report.at_most("faces that undoing all bisections leaves wrong", "the grid", "", static_cast<double>(wrong), 0);
+  report.at_most("records that deform more than two faces", "the grid", "", static_cast<double>(more), 0);
+  report.at_most("base faces", "the grid", "", static_cast<double>(grid.collapses.base.size()), 2);
+  return report.finish(settings.json);
+}
+
+}  // namespace
+}  // namespace tactus::bench
+
+int main(int argc, char** argv) {
+  tactus::bench::Settings settings;
+  CLI::App app{"Records, closures and lists of other progressive meshes beside those of half-edge collapses"};
+  app.add_option("--model", settings.model, "model file of any kind, or .spm (default: a generated organ)")
+      ->check(CLI::ExistingFile);
+  app.add_option("--faces", settings.faces, "faces of the generated organ and, at most, of the grid")
+      ->check(CLI::Range(1000u, 10000000u));
+  app.add_option("--json", settings.json, "the figures as JSON");
+  app.add_flag("--quick", settings.quick, "8192 faces, for CI");
+  try {
+    app.parse(argc, argv);
+    if (settings.quick) settings.faces = std::min(settings.faces, 8192u);
+    return tactus::bench::run(settings);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : 2;
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "tactus-bench-records: %s\n", error.what());
+    return 2;
+  }
+}
