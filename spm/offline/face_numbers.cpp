@@ -17,9 +17,13 @@ static_assert(kGrain % kBlock == 0);
 class FaceNumbers {
  public:
   FaceNumbers(const TriangleMesh& mesh, const ModelSummary& summary, Span<const RecordPart> parts)
-      : mesh_{mesh}, parts_{parts}, bearer_(summary.faces, kNone) {
+      : mesh_{mesh}, kin_(summary.faces, Kin{kNone, kNone, kNone}) {
     for (std::uint32_t r = 0; r < summary.records; ++r) {
-      for (int i = 0; i < parts[r].born_count; ++i) bearer_[parts[r].born[i].face()] = r;
+      const RecordPart& part = parts[r];
+      if (part.born_count == 0) continue;
+      const std::uint32_t first = part.born[0].face(), second = part.born_count == 2 ? part.born[1].face() : kNone;
+      kin_[first] = {r, second, codec::anchor_of(part)};
+      if (second != kNone) kin_[second] = {r, first, first};
     }
   }
 
@@ -34,19 +38,11 @@ class FaceNumbers {
   }
 
  private:
-  /// Of the two that a record bears the other, kNone for any other face.
-  [[nodiscard]] std::uint32_t mate_of(std::uint32_t face) const {
-    if (bearer_[face] == kNone) return kNone;
-    const RecordPart& part = parts_[bearer_[face]];
-    if (part.born_count != 2) return kNone;
-    return part.born[part.born[0].face() == face ? 1 : 0].face();
-  }
-  /// The face that its number is told from.
-  [[nodiscard]] std::uint32_t origin_of(std::uint32_t face) const {
-    if (bearer_[face] == kNone) return kNone;
-    const RecordPart& part = parts_[bearer_[face]];
-    return part.born[0].face() == face ? codec::anchor_of(part) : part.born[0].face();
-  }
+  struct Kin {
+    std::uint32_t bearer;  // the record, for one of its first part
+    std::uint32_t mate;    // of the two that a record bears the other
+    std::uint32_t origin;  // the face that its number is told from: the mate for the second of two
+  };
   [[nodiscard]] bool share_an_edge(std::uint32_t a, std::uint32_t b) const {
     int shared = 0;
     for (const std::uint32_t v : mesh_.faces[a]) {
@@ -64,7 +60,7 @@ class FaceNumbers {
   /// Two that are to stay together are at one place.
   [[nodiscard]] PlacedFace placed(std::uint32_t face, std::uint32_t first, std::uint32_t count) const {
     PlacedFace result{{0, 0, 0}, face};
-    const std::uint32_t mate = mate_of(face);
+    const std::uint32_t mate = kin_[face].mate;
     const bool together = mate != kNone && mate - first < count && share_an_edge(face, mate);
     add_centre(std::min(face, together ? mate : face), together ? 0.5f : 1.0f, result.centre);
     if (together) add_centre(std::max(face, mate), 0.5f, result.centre);
@@ -90,16 +86,16 @@ class FaceNumbers {
     };
     std::array<Member, kLeafNode> members;
     for (std::uint32_t i = 0; i < count; ++i) {
-      const std::uint32_t face = faces[i].face, bearer = bearer_[face];
-      const bool second = bearer != kNone && parts_[bearer].born[0].face() != face;
-      members[i] = {bearer == kNone ? 0 : 2 * std::uint64_t{bearer} + 2 + second, face};
+      const Kin& kin = kin_[faces[i].face];
+      const bool second = kin.mate != kNone && kin.origin == kin.mate;
+      members[i] = {kin.bearer == kNone ? 0 : 2 * std::uint64_t{kin.bearer} + 2 + second, faces[i].face};
     }
     std::sort(members.begin(), members.begin() + count, [](const Member& a, const Member& b) {
       return a.birth != b.birth ? a.birth < b.birth : a.face < b.face;
     });
     std::array<std::uint32_t, kLeafNode> origin{}, depth{};
     for (std::uint32_t i = count; i-- > 0;) {
-      const std::uint32_t from = origin_of(members[i].face);
+      const std::uint32_t from = kin_[members[i].face].origin;
       for (origin[i] = 0; origin[i] < i && members[origin[i]].face != from;) ++origin[i];
       if (origin[i] < i) depth[origin[i]] = std::max(depth[origin[i]], depth[i] + 1);
     }
@@ -117,8 +113,7 @@ class FaceNumbers {
   }
 
   const TriangleMesh& mesh_;
-  Span<const RecordPart> parts_;
-  std::vector<std::uint32_t> bearer_;  // by face: the record, for one of its first part
+  std::vector<Kin> kin_;  // by face; kNone for what there is not
 };
 
 }  // namespace

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <iterator>
 #include <numeric>
-#include <set>
 #include <utility>
 
 #include "spm/ids.hpp"
@@ -49,15 +48,18 @@ class NearestFirst {
         ++wait_[i];
         waiting_.push_back({static_cast<std::uint32_t>(found - sorted_.begin()), i});
       }
-      if (wait_[i] == 0) ready_.insert({anchors_[sorted_[i]], i});
+      if (wait_[i] == 0) ready_.push_back({anchors_[sorted_[i]], i});
     }
     std::sort(waiting_.begin(), waiting_.end());
+    std::sort(ready_.begin(), ready_.end());
     for (std::uint32_t& next : same) {
       const std::uint32_t i = take_nearest();
       next = sorted_[i];
       for (auto w = std::lower_bound(waiting_.begin(), waiting_.end(), Pair{i, 0});
            w != waiting_.end() && w->first == i; ++w) {
-        if (--wait_[w->second] == 0) ready_.insert({anchors_[sorted_[w->second]], w->second});
+        if (--wait_[w->second] > 0) continue;
+        const Pair fresh{anchors_[sorted_[w->second]], w->second};
+        ready_.insert(std::lower_bound(ready_.begin(), ready_.end(), fresh), fresh);
       }
     }
   }
@@ -66,7 +68,7 @@ class NearestFirst {
   using Pair = std::pair<std::uint32_t, std::uint32_t>;
 
   std::uint32_t take_nearest() {
-    auto nearest = ready_.lower_bound({last_, 0});
+    auto nearest = std::lower_bound(ready_.begin(), ready_.end(), Pair{last_, 0});
     if (nearest == ready_.end() ||
         (nearest != ready_.begin() && last_ - std::prev(nearest)->first < nearest->first - last_))
       --nearest;
@@ -82,7 +84,7 @@ class NearestFirst {
   std::vector<std::uint32_t> sorted_;  // what is being ordered; places in it are meant below
   std::vector<std::uint32_t> wait_;    // how many of those that it needs are still to come
   std::vector<Pair> waiting_;          // who is needed, by whom
-  std::set<Pair> ready_;               // anchor, who
+  std::vector<Pair> ready_;            // anchor, who; ascending
 };
 
 }  // namespace
