@@ -268,29 +268,42 @@ void AbTree::walk_near(const Vec3d& point, double radius, Visit&& visit) const n
 
 std::uint32_t AbTree::touching(const Vec3d& centre, double radius, Contact* out,
                                std::uint32_t capacity) const noexcept {
-  std::uint32_t found = 0;
-  const double squared_radius = radius * radius;
+  struct Leaf {
+    const TreeNode* node = nullptr;
+    unsigned touched = 0;
+    lanes::Touches touches;
+  };
+  // Contacts are written one leaf later: what has just been stored by eight is slow to read one by one.
+  std::array<Leaf, 2> leaves;
+  unsigned current = 0;
+  std::uint32_t count = 0;
+  const auto write = [&](const Leaf& leaf) {
+    const lanes::Touches& touches = leaf.touches;
+    std::uint32_t at = count;
+    for (unsigned left = leaf.touched; left != 0; left &= left - 1, ++at) {
+      if (at >= capacity) continue;
+      const unsigned i = lowest_bit(left);
+      Contact& contact = out[at];
+      contact.face = FaceId{leaf.node->id * TreeNode::kWidth + i};
+      contact.last = (leaf.node->last >> i & 1u) != 0;
+      contact.point = {touches.point[0][i], touches.point[1][i], touches.point[2][i]};
+      contact.normal = {touches.normal[0][i], touches.normal[1][i], touches.normal[2][i]};
+      contact.depth = touches.depth[i];
+      contact.row = leaf.node->child[i];
+      if (contact.depth == radius) contact.normal = upright(*leaf.node, i);
+    }
+    count = at;
+  };
   const std::array<double, 3> p{centre[0], centre[1], centre[2]};
   walk_near(centre, radius, [&](const TreeNode& node, unsigned near) {
-    lanes::Closest closest;
-    lanes::kBest.closest_points(node.lanes.data(), p, near, closest);
-    for (unsigned i = 0; i < TreeNode::kWidth; ++i) {
-      const double squared = closest.squared_distance[i];
-      if (!(squared <= squared_radius)) continue;
-      if (found < capacity) {
-        Contact& contact = out[found];
-        const double distance = std::sqrt(squared);
-        contact.face = FaceId{node.id * TreeNode::kWidth + i};
-        contact.last = (node.last >> i & 1u) != 0;
-        contact.point = {closest.point[0][i], closest.point[1][i], closest.point[2][i]};
-        contact.normal = distance > 0 ? Vec3d{(centre - contact.point) * (1 / distance)} : upright(node, i);
-        contact.depth = radius - distance;
-        contact.row = node.child[i];
-      }
-      ++found;
-    }
+    Leaf& leaf = leaves[current];
+    current ^= 1;
+    leaf.node = &node;
+    leaf.touched = lanes::kBest.touches(node.lanes.data(), p, near, radius, leaf.touches);
+    write(leaves[current]);
   });
-  return found;
+  write(leaves[current ^ 1]);
+  return count;
 }
 
 bool AbTree::sweep(const Vec3d& from, const Vec3d& to, double radius, SweepContact& first) const noexcept {

@@ -31,6 +31,12 @@ struct Closest {
   alignas(64) Doubles squared_distance;
 };
 
+/// Where a ball touches eight triangles.
+struct Touches {
+  alignas(64) std::array<Doubles, 3> point, normal;  ///< nearest to the centre; unit, from there to the centre
+  alignas(64) Doubles depth;                         ///< radius less distance; where that is all of it, normal is NaN
+};
+
 struct Kernels {
   /// Squared distances of `p` to the boxes.
   void (*box_distances)(const Floats* boxes, const std::array<float, 3>& p, Floats& squared) noexcept;
@@ -46,6 +52,9 @@ struct Kernels {
   /// As spm::closest_point for each lane of `wanted`, up to rounding; others may be left out, their distances then NaN.
   /// About 50 ns.
   void (*closest_points)(const Floats* corners, const std::array<double, 3>& p, unsigned wanted, Closest& out) noexcept;
+  /// Bits of the triangles of `wanted` within `radius` of `p`; the lanes of others mean nothing.
+  unsigned (*touches)(const Floats* corners, const std::array<double, 3>& p, unsigned wanted, double radius,
+                      Touches& out) noexcept;
 };
 
 /// Those compiled for `simd`, which the processor must have; for tests.

@@ -86,6 +86,40 @@ TEST_P(Lanes, ClosestPointsAreThoseOfOneTriangleAtATime) {
   EXPECT_GT(empty, 1000);
 }
 
+TEST_P(Lanes, ABallTouchesWhatIsAsNearAsItsRadius) {
+  std::mt19937_64 random{6};
+  std::uniform_real_distribution<double> coordinate{-2, 2}, size{0, 3};
+  int touched = 0;
+  for (int round = 0; round < 5000; ++round) {
+    const Triangles triangles = random_triangles(random);
+    const std::array<double, 3> p{coordinate(random), coordinate(random), coordinate(random)};
+    const double radius = size(random);
+    const auto wanted = static_cast<unsigned>(random() % (lanes::kAllLanes + 1));
+    lanes::Closest closest;
+    kernels_.closest_points(triangles.data(), p, wanted, closest);
+
+    lanes::Touches found, base;
+    const unsigned bits = kernels_.touches(triangles.data(), p, wanted, radius, found);
+    ASSERT_EQ(lanes::kernels(Simd::kBase).touches(triangles.data(), p, wanted, radius, base), bits);
+
+    for (unsigned lane = 0; lane < lanes::kLanes; ++lane) {
+      const bool expected = (wanted >> lane & 1u) != 0 && closest.squared_distance[lane] <= radius * radius;
+      ASSERT_EQ((bits >> lane & 1u) != 0, expected) << "round " << round << " lane " << lane;
+      if (!expected) continue;
+      ++touched;
+      const double distance = std::sqrt(closest.squared_distance[lane]);
+      ASSERT_EQ(found.depth[lane], radius - distance) << "round " << round << " lane " << lane;
+      ASSERT_EQ(base.depth[lane], found.depth[lane]) << "round " << round << " lane " << lane;
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        ASSERT_EQ(found.point[axis][lane], closest.point[axis][lane]) << "round " << round << " lane " << lane;
+        ASSERT_EQ(found.normal[axis][lane], (p[axis] - found.point[axis][lane]) * (1 / distance)) << "round " << round;
+        ASSERT_EQ(base.normal[axis][lane], found.normal[axis][lane]) << "round " << round << " lane " << lane;
+      }
+    }
+  }
+  EXPECT_GT(touched, 1000);
+}
+
 TEST_P(Lanes, OnlyWantedTrianglesNeedBeRight) {
   std::mt19937_64 random{4};
   const Triangles triangles = random_triangles(random);
