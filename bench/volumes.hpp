@@ -187,11 +187,9 @@ struct OrientedVolume {
   static OrientedVolume make(const Vec3d& centre, const Vec3d& half, const Eigen::Matrix3d& axes) {
     OrientedVolume volume;
     const double hair = (centre.cwiseAbs().maxCoeff() + half.maxCoeff()) * 1e-6;
-    for (int i = 0; i < 3; ++i) {
-      volume.centre[static_cast<std::size_t>(i)] = static_cast<float>(centre[i]);
-      volume.half[static_cast<std::size_t>(i)] = static_cast<float>(half[i] + hair);
-      for (int j = 0; j < 3; ++j) volume.axes[static_cast<std::size_t>(3 * i + j)] = static_cast<float>(axes(j, i));
-    }
+    Eigen::Map<Eigen::Vector3f>{volume.centre.data()} = centre.cast<float>();
+    Eigen::Map<Eigen::Vector3f>{volume.half.data()} = (half + Vec3d::Constant(hair)).cast<float>();
+    Eigen::Map<Eigen::Matrix3f>{volume.axes.data()} = axes.cast<float>();
     return volume;
   }
   [[nodiscard]] Vec3d middle() const { return {centre[0], centre[1], centre[2]}; }
