@@ -48,7 +48,7 @@ RefinedRun::RefinedRun(const spm::Model& model, const RefinedRunSettings& settin
               model.summary,
               spm::RegionGrid{model.summary.grid, base_mesh_.regions},
               std::move(admitted_.base)},
-      predictor_{{kMargin / model.summary.metres_per_unit, settings.speed}},
+      predictor_{forest_.grid(), {settings.radius, kMargin / model.summary.metres_per_unit, settings.speed}},
       wanted_at_(model.regions.size(), 0) {
   spm::Budget start{~0u};
   if (forest_.advance(start) != spm::Advance::kDone)
@@ -62,7 +62,7 @@ RefinedStep RefinedRun::step(const spm::Vec3d& tip, bool in_contact) {
   predictor_.observe(static_cast<double>(cycle_) * kPeriod, tip, in_contact);
   const bool plan = cycle_++ % kPlanEvery == 0;
   if (plan) {
-    predictor_.predict(forest_.grid(), settings_.radius, kLoadLead, wanted_);
+    predictor_.predict(kLoadLead, wanted_);
     load(wanted_);
     target_.clear();
     for (std::uint32_t w = 0; w < wanted_.count; ++w) {

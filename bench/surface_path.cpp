@@ -302,28 +302,25 @@ std::vector<Vec3d> hand_path(Span<const std::array<float, 3>> vertices, const Ve
 
   std::vector<Vec3d> path;
   path.reserve(settings.poses);
-  Plane plane = smoothed.at(start);
-  if (plane.normal.dot(start - nearest(start)) < 0) plane.normal = -plane.normal;
-  Vec3d tangent = plane.normal.unitOrthogonal();
-  Vec3d hand = plane.project(start);
-  double height = plane.normal.dot(start - hand);
+  Vec3d tip = start;
+  Vec3d normal = smoothed.at(start).normal;
+  if (normal.dot(start - nearest(start)) < 0) normal = -normal;
+  Vec3d tangent = normal.unitOrthogonal();
   for (std::uint32_t i = 0; i < settings.poses; ++i) {
     const double time = i * settings.period;
     const double turn = bend(time) * settings.speed * settings.period / settings.bend_radius;
-    tangent = std::cos(turn) * tangent + std::sin(turn) * plane.normal.cross(tangent);
-    hand += settings.speed * settings.period * tangent;
-    const Plane next = smoothed.at(hand);
-    plane = {next.mean, next.normal.dot(plane.normal) < 0 ? Vec3d{-next.normal} : next.normal};
-    hand = plane.project(hand);
-    tangent = (tangent - plane.normal * plane.normal.dot(tangent)).normalized();
+    tangent = std::cos(turn) * tangent + std::sin(turn) * normal.cross(tangent);
+    tip += settings.speed * settings.period * tangent;
+    const Vec3d next = smoothed.at(tip).normal;
+    normal = next.dot(normal) < 0 ? Vec3d{-next} : next;
+    tangent = (tangent - normal * normal.dot(tangent)).normalized();
     for (int tries = 0; tries < 20; ++tries) {
-      const Vec3d centre = hand + height * plane.normal;
-      const Vec3d away = centre - nearest(centre);
-      const double off = stand_off - (away.dot(plane.normal) < 0 ? -1 : 1) * away.norm();
+      const Vec3d away = tip - nearest(tip);
+      const double off = stand_off - (away.dot(normal) < 0 ? -1 : 1) * away.norm();
       if (std::abs(off) < 0.05 * settings.depth) break;
-      height += off;
+      tip += off * normal;
     }
-    path.push_back(hand + plane.normal * (height + settings.height * std::max(0.0, lift(time) - kLiftAbove)));
+    path.push_back(tip + normal * (settings.height * std::max(0.0, lift(time) - kLiftAbove)));
   }
   return path;
 }

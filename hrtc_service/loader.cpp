@@ -168,8 +168,9 @@ void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {
       std::make_unique<spm::Forest>(pool_, nodes_, touch.index, object.summary,
                                     spm::RegionGrid{object.summary.grid, base.regions}, std::move(admitted.base));
   const double scale = object.entry.scale;
-  object.predictors.assign(
-      kMaxProbes, spm::Predictor{{settings_.margin / scale, settings_.least_speed / scale, settings_.strategy}});
+  object.predictors.assign(kMaxProbes, spm::Predictor{object.grid(),
+                                                      {settings_.radius / scale, settings_.margin / scale,
+                                                       settings_.least_speed / scale, settings_.strategy}});
   broad_phase_.put(touch.index, world_box(touch.bounds, touch.placement));
   by_index_.push_back(&object);
   object.ready = true;
@@ -249,6 +250,7 @@ void Loader::predict(Object& object, const std::array<ProbeSight, kMaxProbes>& s
   const double lead = std::clamp(1.25 * round_trip + kTurnaround, settings_.least_lead, settings_.most_lead);
   struct Contact {
     double in, until;  // s
+    double doubt;
   };
   std::map<std::uint32_t, Contact> contacts;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
@@ -257,30 +259,32 @@ void Loader::predict(Object& object, const std::array<ProbeSight, kMaxProbes>& s
     spm::Predictor& predictor = object.predictors[i];
     predictor.observe(static_cast<double>(sight.time_ns) / kNsPerS, placement.to_model(sight.device), sight.in_contact);
     spm::Predictor::Answer answer;
-    predictor.predict(object.grid(), settings_.radius / placement.scale(), lead, answer);
+    predictor.predict(lead, answer);
     if (sight
             .in_contact)  // the proxy lags behind a device that is pressed in, and must stand on the finest surface too
       object.grid().for_each_meeting(placement.to_model(sight.proxy),
                                      (settings_.radius + settings_.margin) / placement.scale(),
                                      [&](spm::RegionId region, double) {
-                                       contacts[spm::index(region)] = {0, lead};
+                                       contacts[spm::index(region)] = {0, lead, 0};
                                      });
     for (std::uint32_t k = 0; k < answer.count; ++k) {
       const spm::PredictedRegion& met = answer.regions[k];
-      const Contact contact{met.contact_in, met.contact_until};
+      const Contact contact{met.contact_in, met.contact_until, met.doubt};
       const auto [at, fresh] = contacts.try_emplace(spm::index(met.region), contact);
       if (fresh) continue;
       at->second.in = std::min(at->second.in, contact.in);
       at->second.until = std::max(at->second.until, contact.until);
+      at->second.doubt = std::min(at->second.doubt, contact.doubt);
     }
   }
   for (auto wish = object.wishes.begin(); wish != object.wishes.end();)
     wish = contacts.count(wish->first) == 0 ? object.wishes.erase(wish) : std::next(wish);
   for (const auto& [region, contact] : contacts) {
     // What cannot be here before the tip has left it goes last.
+    constexpr double kTooLate = 1e3;
     const bool in_time = object.notes[region].state() != RegionState::kAbsent || contact.until >= round_trip;
-    prospects_.push_back(
-        {in_time ? contact.in : lead + contact.in, contact.in, &object, region, &object.wishes[region]});
+    prospects_.push_back({contact.doubt + (in_time ? 0 : kTooLate), in_time ? contact.in : lead + contact.in,
+                          contact.in, &object, region, &object.wishes[region]});
   }
 }
 
@@ -296,43 +300,60 @@ std::uint32_t Loader::blocks_of(const Object& object, std::uint32_t region) cons
 /// Wants what is met soonest, over all objects, as far as the pool can hold it together: else what is met late would
 /// keep the room from what is met now.
 void Loader::want(std::int64_t now_ns) {
+  const double room = 0.9 * (pool_.settings.slots - base_slots_);
+  const auto slots_for = [&](const Prospect& prospect) {
+    return fresh_share_ * slots_of(*prospect.object, prospect.region);
+  };
+  std::stable_sort(prospects_.begin(), prospects_.end(),
+                   [](const Prospect& a, const Prospect& b) { return a.doubt < b.doubt; });
+  // What comes in a round trip takes the place of what was left out of `have` one round trip before.
+  constexpr double kOnTheWay = 1.5;
+  double all = 0;  // slots
+  const auto beyond = std::find_if(prospects_.begin(), prospects_.end(), [&](const Prospect& prospect) {
+    const bool absent = prospect.object->notes[prospect.region].state() == RegionState::kAbsent;
+    all += (absent ? kOnTheWay : 1) * slots_for(prospect);
+    return all > room && prospect.contact_in > 0;
+  });
+  prospects_.erase(beyond, prospects_.end());
   std::stable_sort(prospects_.begin(), prospects_.end(),
                    [](const Prospect& a, const Prospect& b) { return a.order < b.order; });
   std::vector<std::vector<session::Wanted>> wanted(by_index_.size());
-  const double room = 0.9 * (pool_.settings.slots - base_slots_);
   constexpr double kToCoarsen = 0.01;  // s
   const double soon = delivery_.rate() / slot_bytes_ * kToCoarsen;
-  double all = 0, absent = 0;  // slots of what is wanted, and of what of it is not held
+  double absent = 0, absent_blocks = 0;  // slots and blocks of what of it is not held
   needed_ = {};
   wanted_at_ns_ = now_ns;
   for (const Prospect& prospect : prospects_) {
     RegionNote& note = prospect.object->notes[prospect.region];
     Wish& wish = *prospect.wish;
-    const double share = fresh_share_ * slots_of(*prospect.object, prospect.region);
-    all += share;
-    if (all > room && prospect.contact_in > 0) break;
+    const double share = slots_for(prospect);
     note.want_at(now_ns);
     if (wish.since_ns == 0) wish.since_ns = now_ns;
     if (prospect.contact_in <= 0) note.meet_at(now_ns, settings_.idle_before_spare_ns);
     if (note.state() == RegionState::kLeaving || note.state() == RegionState::kSpare)
       take_back(*prospect.object, prospect.region);
     if (note.state() != RegionState::kAbsent) continue;
+    const std::uint32_t blocks = blocks_of(*prospect.object, prospect.region);
     absent += share;
+    absent_blocks += blocks;
     if (needed_.slots == 0 || needed_.slots < soon) {
       needed_.slots += std::max(static_cast<std::uint32_t>(share), wish.room_needed);
-      needed_.blocks += blocks_of(*prospect.object, prospect.region);
+      needed_.blocks += blocks;
     }
     // Refused before: it would only be sent in vain.
     if (cache_.slots_free() + leaving_.slots < wish.room_needed) continue;
     wanted[prospect.object->info.index].push_back({prospect.region, static_cast<std::uint32_t>(prospect.order * 1e6)});
   }
-  const double share = std::clamp(1.1 * absent / pool_.settings.slots, 1.0 / 16, 3.0 / 4);
-  reserve_ = {static_cast<std::uint32_t>(share * pool_.settings.slots),
-              static_cast<std::uint32_t>(share * pool_.settings.list_blocks)};
+  const auto reserve = [](double of, std::uint32_t limit) {
+    return static_cast<std::uint32_t>(std::clamp(1.1 * of, limit / 16.0, limit * 0.75));
+  };
+  reserve_ = {reserve(absent, pool_.settings.slots), reserve(absent_blocks, pool_.settings.list_blocks)};
+  double coming = cache_.slots_free() + leaving_.slots;
+  if (absent_blocks > 0) coming = std::min(coming, (cache_.blocks_free() + leaving_.blocks) * absent / absent_blocks);
   // A base mesh is admitted or refused whatever regions take.
   if (std::all_of(objects_.begin(), objects_.end(),
                   [](const auto& entry) { return entry.second->ready || entry.second->refused; }))
-    delivery_.set_room(static_cast<std::uint64_t>(0.9 * (cache_.slots_free() + leaving_.slots) * slot_bytes_));
+    delivery_.set_room(static_cast<std::uint64_t>(0.9 * coming * slot_bytes_));
   for (Object* object : by_index_) delivery_.want(object->info.id, std::move(wanted[object->info.index]));
 }
 

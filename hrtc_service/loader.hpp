@@ -213,6 +213,7 @@ class Loader {
     spm::Cache::Room room;  // that it gives, at least
   };
   struct Prospect {
+    double doubt;       // see spm::PredictedRegion
     double order;       // s: when it is met, or later when it could only come too late for that
     double contact_in;  // s
     Object* object;

@@ -1,36 +1,56 @@
 #include "spm/prediction.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 namespace tactus::spm {
 namespace {
 
 /// Keeps the earliest and the latest time of each region.
-void meet(Predictor::Answer& out, RegionId region, double time) noexcept {
+void meet(Predictor::Answer& out, RegionId region, double time, double doubt) noexcept {
   for (std::uint32_t i = 0; i < out.count; ++i)
     if (out.regions[i].region == region) {
       out.regions[i].contact_in = std::min(out.regions[i].contact_in, time);
       out.regions[i].contact_until = std::max(out.regions[i].contact_until, time);
+      out.regions[i].doubt = std::min(out.regions[i].doubt, doubt);
       return;
     }
   if (out.count == Predictor::kMaxRegions) {
     out.complete = false;
     return;
   }
-  out.regions[out.count++] = {region, time, time};
+  out.regions[out.count++] = {region, time, time, doubt};
 }
+
+constexpr double kPlane = 5;  // radii: the surface so far around the tip is its plane
 
 }  // namespace
 
-void Predictor::observe(double time, const Vec3d& position, bool in_contact) noexcept {
+void Predictor::observe(double time, const Vec3d& position, bool in_contact) {
   constexpr double kGap = 0.1;
-  if (count_ > 0 && time - last_.time > kGap) count_ = 0;
+  if (count_ > 0 && time - last_.time > kGap) {
+    count_ = 0;
+    stroke_.interrupt();
+  }
+  const Sample before = last_;
   last_ = {time, position};
-  in_contact_ = in_contact;
-  if (count_ > 0 && time - history_[newest_].time < kSpacing) return;
-  newest_ = (newest_ + 1) % kHistory;
-  history_[newest_] = last_;
-  count_ = std::min(count_ + 1, kHistory);
+  const bool first = count_ == 0;
+  // On coarse faces there may be no contact where the finest would give one.
+  on_surface_ = in_contact;
+  if (!on_surface_ && settings_.strategy == Strategy::kMixture)
+    grid_->for_each_meeting(position, settings_.radius, [&](RegionId, double) { on_surface_ = true; });
+  if (!on_surface_) stroke_.interrupt();
+  // Samples are evenly spaced, whenever observations come.
+  double next = first ? time : history_[newest_].time + kSpacing;
+  for (; next <= time + 1e-9; next += kSpacing) {
+    const double share = first ? 1 : std::min(1.0, (next - before.time) / (time - before.time));
+    newest_ = (newest_ + 1) % kHistory;
+    history_[newest_] = {next, before.position + share * (position - before.position)};
+    if (first) history_[newest_].position = position;
+    count_ = std::min(count_ + 1, kHistory);
+    if (on_surface_ && settings_.strategy == Strategy::kMixture)
+      stroke_.observe(*grid_, kPlane * settings_.radius, history_[newest_].position);
+  }
 }
 
 Predictor::Motion Predictor::motion() const noexcept {
@@ -59,35 +79,65 @@ Predictor::Motion Predictor::motion() const noexcept {
   return motion;
 }
 
-void Predictor::predict(const RegionGrid& grid, double radius, double lead, Answer& out) const noexcept {
+/// The way that a hand's strokes foretell, and what is beside it as far as ways are missed. False while they do not.
+bool Predictor::follow(double lead, Answer& out) const {
+  constexpr double kMostDoubt = 2, kMostBeside = 3;  // the latter in radii
+  const Stroke::Way way = stroke_.ahead(*grid_, kPlane * settings_.radius, lead);
+  if (way.count == 0) return false;
+  const double reach = settings_.radius + settings_.margin;
+  for (std::uint32_t i = 0; i < way.count; ++i) {
+    const double time = i * Stroke::kStep;
+    const double missed = std::max(stroke_.doubt(time), 1e-3 * settings_.radius);
+    const double beside = std::min(kMostDoubt * missed, kMostBeside * settings_.radius);
+    const auto visit = [&](RegionId region, double squared) {
+      meet(out, region, std::min(time, lead), std::max(0.0, std::sqrt(squared) - reach) / missed);
+    };
+    if (!grid_->for_each_meeting(way.points[i], reach + beside, visit)) out.complete = false;
+    if (i + 1 < way.count)
+      if (!grid_->for_each_meeting((way.points[i] + way.points[i + 1]) / 2, reach + beside, visit))
+        out.complete = false;
+  }
+  // A tip at rest may start anywhere.
+  const double could = settings_.least_speed * lead;
+  if (motion().velocity.norm() < 2 * settings_.least_speed)
+    grid_->for_each_meeting(last_.position, reach + could,
+                            [&](RegionId region, double) { meet(out, region, lead, kMostDoubt); });
+  return true;
+}
+
+void Predictor::predict(double lead, Answer& out) const {
   out.count = 0;
   out.complete = true;
   const Motion now = motion();
   const double speed = std::max(now.velocity.norm(), settings_.least_speed);
-  const double reach = radius + settings_.margin;
+  const double reach = settings_.radius + settings_.margin;
   const auto add_ball = [&](const Vec3d& centre, double ball, double contact_in) {
-    if (!grid.for_each_meeting(centre, ball, [&](RegionId region, double) { meet(out, region, contact_in); }))
+    if (!grid_->for_each_meeting(centre, ball, [&](RegionId region, double) { meet(out, region, contact_in, 0); }))
       out.complete = false;
   };
   const Strategy strategy = settings_.strategy;
   const bool mixture = strategy == Strategy::kMixture;
 
   add_ball(now.position, reach, 0);
+  // Beyond that, a way that the hand's strokes foretell says more.
+  constexpr double kNear = 0.025;  // s
+  const double near = mixture && on_surface_ && follow(lead, out) ? std::min(lead, kNear) : lead;
   constexpr int kSteps = 6;
   for (int step = 1; step <= kSteps; ++step) {
-    const double t = lead * step / kSteps;
+    const double t = near * step / kSteps;
     const Vec3d linear = now.position + now.velocity * t;
     if (mixture || strategy == Strategy::kLinear) add_ball(linear, reach, t);
-    if ((mixture && in_contact_) || strategy == Strategy::kPolynomial) {
+    if ((mixture && on_surface_) || strategy == Strategy::kPolynomial) {
       // A fitted acceleration holds for about as long as the history it was fitted to.
       const double trusted = std::min(t, 0.05);
       add_ball(linear + now.acceleration * (trusted * trusted / 2), reach, t);
     }
-    if ((mixture && !in_contact_) || strategy == Strategy::kDistance)
+    if ((mixture && !on_surface_) || strategy == Strategy::kDistance)
       add_ball(now.position, reach + speed * t / 2, t);  // it may turn
     if (strategy == Strategy::kNeighbours) add_ball(now.position, reach + speed * t, t);
   }
-  if (mixture && in_contact_) add_ball(now.position, reach + speed * lead / 4, lead);  // local neighbours: it may turn
+  // Local neighbours: it may turn.
+  if (mixture && on_surface_) add_ball(now.position, reach + speed * near / 4, near);
 
   std::sort(out.regions.begin(), out.regions.begin() + out.count,
             [](const PredictedRegion& a, const PredictedRegion& b) {

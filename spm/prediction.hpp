@@ -12,6 +12,7 @@
 #include <cstdint>
 
 #include "spm/region_grid.hpp"
+#include "spm/stroke.hpp"
 
 namespace tactus::spm {
 
@@ -20,7 +21,7 @@ enum class Strategy : std::uint8_t {
   kLinear,      ///< along its velocity
   kPolynomial,  ///< along its velocity and acceleration
   kDistance,    ///< all around the tip, as far as half its speed takes it
-  kMixture      ///< both extrapolations and near neighbours in contact; linear and distance without
+  kMixture      ///< the way that a hand's strokes foretell, in contact; linear and distance without
 };
 /// By Strategy: what users call them.
 inline constexpr std::array<const char*, 5> kStrategyNames{"neighbours", "linear", "polynomial", "distance", "mixture"};
@@ -29,9 +30,11 @@ struct PredictedRegion {
   RegionId region{};
   double contact_in = 0;     ///< s; 0: met now
   double contact_until = 0;  ///< s; the last time that it is met
+  double doubt = 0;          ///< how far beside the expected way, in the distances that ways are missed by
 };
 
 struct PredictionSettings {
+  double radius = 0;       ///< file units, of the tip
   double margin = 0;       ///< file units; how far from the tip's path a region still counts as met
   double least_speed = 0;  ///< file units/s; a tip at rest is expected to start with this
   Strategy strategy = Strategy::kMixture;
@@ -46,13 +49,14 @@ class Predictor {
     bool complete = true;  ///< false: there were more
   };
 
-  explicit Predictor(PredictionSettings settings) : settings_{settings} {}
+  /// `grid` must outlive it.
+  Predictor(const RegionGrid& grid, PredictionSettings settings) : grid_{&grid}, settings_{settings} {}
 
   /// The tip's centre at `time`; times ascend. A gap of more than 0.1 s starts a new history.
-  void observe(double time, const Vec3d& position, bool in_contact) noexcept;
+  void observe(double time, const Vec3d& position, bool in_contact);
 
-  /// Regions that a ball of `radius` will meet within `lead` from the last observation.
-  void predict(const RegionGrid& grid, double radius, double lead, Answer& out) const noexcept;
+  /// Regions that the tip will meet within `lead` from the last observation.
+  void predict(double lead, Answer& out) const;
 
   /// Motion fitted to the history: position, velocity, acceleration at the last observation.
   struct Motion {
@@ -71,12 +75,16 @@ class Predictor {
     return history_[(newest_ + kHistory - back) % kHistory];
   }
 
+  [[nodiscard]] bool follow(double lead, Answer& out) const;
+
+  const RegionGrid* grid_;
   PredictionSettings settings_;
+  Stroke stroke_;
   std::array<Sample, kHistory> history_;
   std::uint32_t newest_ = 0;
   std::uint32_t count_ = 0;
   Sample last_{0, Vec3d::Zero()};
-  bool in_contact_ = false;
+  bool on_surface_ = false;
 };
 
 }  // namespace tactus::spm

@@ -30,10 +30,10 @@ class Prediction : public testing::Test {
   }
 
   Predictor::Answer predict(Strategy strategy, bool in_contact) const {
-    Predictor predictor{{kMargin, 0, strategy}};
+    Predictor predictor{*grid_, {kRadius, kMargin, 0, strategy}};
     for (int i = -60; i <= 0; ++i) predictor.observe(i * 0.002, {kSpeed * i * 0.002, 0, 0}, in_contact);
     Predictor::Answer answer;
-    predictor.predict(*grid_, kRadius, kLead, answer);
+    predictor.predict(kLead, answer);
     return answer;
   }
   static std::set<std::uint32_t> regions_of(const Predictor::Answer& answer) {
