@@ -17,6 +17,13 @@ constexpr std::size_t kMaxProblems = 10;
 constexpr std::uint32_t kMostWanted = 12;  // regions of one target
 constexpr double kLeastBudget = 1, kMostBudget = 3e5;
 
+/// Regions here and there share few tree nodes: a node for two slots, where a controller has one for three.
+spm::PoolSettings pool_for(const spm::ModelSummary& summary, double share) {
+  spm::PoolSettings settings = spm::PoolSettings::for_slots(slots_for(summary, share));
+  settings.tree_nodes = settings.slots / 2 + 1024;
+  return settings;
+}
+
 /// A shown face in ids: what does not depend on where things lie in memory.
 struct ShownFace {
   std::uint32_t face, last;
@@ -43,7 +50,7 @@ class Torture {
  public:
   Torture(const spm::Model& model, const TortureSettings& settings)
       : settings_{settings},
-        controller_{model, spm::PoolSettings::for_slots(slots_for(model.summary, settings.pool_share))},
+        controller_{model, pool_for(model.summary, settings.pool_share)},
         random_{settings.seed},
         regions_{model.summary.regions} {}
 
@@ -177,7 +184,7 @@ class Torture {
     for (std::uint32_t record = 0; record < model.summary.records; ++record)
       if (wanted[record]) result_.expected_hash ^= spm::Forest::hash_of(index(model.vertex_of(spm::RecordId{record})));
 
-    Controller fresh{model, spm::PoolSettings::for_slots(slots_for(model.summary, 1))};
+    Controller fresh{model, pool_for(model.summary, 1)};
     std::sort(goal.begin(), goal.end());
     for (const RegionId region : goal)
       if (fresh.load(fresh.message(region, true)) != spm::AcceptResult::kAccepted)
