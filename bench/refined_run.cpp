@@ -66,7 +66,9 @@ RefinedStep RefinedRun::step(const spm::Vec3d& tip, bool in_contact) {
     load(wanted_);
     target_.clear();
     for (std::uint32_t w = 0; w < wanted_.count; ++w) {
-      if (wanted_.regions[w].contact_in <= kRefineLead) target_.push_back(wanted_.regions[w].region);
+      // What is beside the expected way is loaded, but not refined.
+      const spm::PredictedRegion& wanted = wanted_.regions[w];
+      if (wanted.contact_in <= kRefineLead && wanted.doubt <= 0) target_.push_back(wanted.region);
     }
     forest_.grid().for_each_meeting(tip, settings_.radius + kKeepMargin / model_.summary.metres_per_unit,
                                     [&](spm::RegionId region, double) {
