@@ -4,7 +4,8 @@
 /// the mixture are the paper's ideas. We differ: the history is of tip positions, which know their regions, for a
 /// region is too coarse to extrapolate from at 1 kHz. What each fetches in time and in vain: scripts/bench prediction.
 ///
-/// Model frame, file units, seconds. Fixed memory. One thread; not the haptic one (about 10 us).
+/// Model frame, file units, seconds. Fixed memory. One thread; not the haptic one (about 10 us; the mixture in contact
+/// some 50, and a few hundred when it looks 0.15 s ahead).
 /// Source: Liu, Georganas, Roth, 3DIM 2005, section 3 (prediction of contact regions).
 #pragma once
 

@@ -19,7 +19,7 @@ struct Cell {
   std::array<std::uint16_t, 3> at;  ///< x, y, z at its depth
   std::uint16_t depth;
   std::array<std::uint32_t, 2> occupied;  ///< as Region::occupied
-  std::uint32_t first_face, face_count;  ///< in `Partition::faces`
+  std::uint32_t first_face, face_count;   ///< in `Partition::faces`
 };
 
 struct Partition {
