@@ -52,7 +52,7 @@ int run(const Settings& settings) {
   Report report{{"prediction", model.subject.name, summary.digest, summary.faces, text}};
 
   RemoteSettings remote;
-  remote.pool = pool_of(static_cast<std::uint64_t>(settings.pool * (1 << 20)));
+  remote.pool = spm::PoolSettings::for_bytes(static_cast<std::uint64_t>(settings.pool * (1 << 20)));
   remote.radius = kStrokeRadius;
   remote.rate = settings.rate * 1e6;
   for (const double speed : settings.speeds) {

@@ -25,8 +25,6 @@ hrtc_service::LoaderSettings loader_settings(const RemoteSettings& settings) {
 
 }  // namespace
 
-spm::PoolSettings pool_of(std::uint64_t bytes) { return spm::PoolSettings::for_bytes(bytes); }
-
 RemoteSession::RemoteSession(const spm::Model& model, const RemoteSettings& settings)
     : settings_{settings},
       scale_{model.summary.metres_per_unit},

@@ -96,7 +96,4 @@ class RemoteSession {
   std::uint64_t budget_spent_ = 0, nodes_full_ = 0;
 };
 
-/// The most slots that fit into so many bytes, tree nodes and lists included.
-[[nodiscard]] spm::PoolSettings pool_of(std::uint64_t bytes);
-
 }  // namespace tactus::bench

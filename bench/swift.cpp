@@ -152,7 +152,7 @@ int run(const Settings& settings) {
   report.figure("mean speed of the tip", "all cycles", "m/s", length / (static_cast<double>(path.size()) * 1e-3));
 
   RemoteSettings remote;
-  remote.pool = pool_of(static_cast<std::uint64_t>(settings.pool * (1 << 20)));
+  remote.pool = spm::PoolSettings::for_bytes(static_cast<std::uint64_t>(settings.pool * (1 << 20)));
   remote.radius = kStrokeRadius;
   remote.rate = settings.rate * 1e6;
   if (settings.credit > 0) remote.loader.delivery.credit = static_cast<std::uint32_t>(settings.credit * 1024);

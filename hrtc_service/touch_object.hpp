@@ -21,7 +21,8 @@ using Plain3 = std::array<double, 3>;
 [[nodiscard]] inline Vec3d vec(const Plain3& v) noexcept { return {v[0], v[1], v[2]}; }
 
 inline constexpr std::uint32_t kMaxProbes = 8;
-inline constexpr std::uint32_t kMaxObjects = 64;  ///< bits in NearObjects
+inline constexpr std::uint32_t kMaxObjects = spm::kMaxObjects;
+static_assert(kMaxObjects <= 64, "bits in NearObjects");
 
 /// Where a model stands: world = rotation * (scale * model) + translation. Metres in the world, file units in the
 /// model.

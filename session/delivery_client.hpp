@@ -12,7 +12,8 @@
 ///
 /// A region that is retired leaves `have` at once, but what hosts sent before they knew may count on its records. It is
 /// released when the serving host has echoed that epoch and everything before the echo has been dealt with; or when no
-/// host serves. From then on messages of earlier epochs are dropped, however late they come.
+/// host serves. From then on messages of earlier epochs are dropped, however late they come; one that was begun before
+/// counts when its last chunk is of a later epoch, for then its host has found that it still holds.
 ///
 /// What gets lost heals by the demand alone: a hole in the stream counts as dealt with after `hole_timeout_ns`, which
 /// makes the host send again; when nothing comes at all the epoch grows, and the host's echo shows the hole.

@@ -32,21 +32,20 @@ void Predictor::observe(double time, const Vec3d& position, bool in_contact) {
     count_ = 0;
     stroke_.interrupt();
   }
-  const Sample before = last_;
+  const Sample before = count_ > 0 ? last_ : Sample{time, position};
   last_ = {time, position};
-  const bool first = count_ == 0;
   // On coarse faces there may be no contact where the finest would give one.
   on_surface_ = in_contact;
   if (!on_surface_ && settings_.strategy == Strategy::kMixture)
     grid_->for_each_meeting(position, settings_.radius, [&](RegionId, double) { on_surface_ = true; });
   if (!on_surface_) stroke_.interrupt();
   // Samples are evenly spaced, whenever observations come.
-  double next = first ? time : history_[newest_].time + kSpacing;
-  for (; next <= time + 1e-9; next += kSpacing) {
-    const double share = first ? 1 : std::min(1.0, (next - before.time) / (time - before.time));
+  constexpr double kRounding = 1e-9;
+  double next = count_ > 0 ? history_[newest_].time + kSpacing : time;
+  for (; next <= time + kRounding; next += kSpacing) {
+    const double share = time > before.time ? std::min(1.0, (next - before.time) / (time - before.time)) : 1;
     newest_ = (newest_ + 1) % kHistory;
     history_[newest_] = {next, before.position + share * (position - before.position)};
-    if (first) history_[newest_].position = position;
     count_ = std::min(count_ + 1, kHistory);
     if (on_surface_ && settings_.strategy == Strategy::kMixture)
       stroke_.observe(*grid_, kPlane * settings_.radius, history_[newest_].position);

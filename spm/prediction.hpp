@@ -67,7 +67,7 @@ class Predictor {
 
  private:
   static constexpr std::uint32_t kHistory = 24;
-  static constexpr double kSpacing = 0.002;  // s between kept samples: 48 ms of history
+  static constexpr double kSpacing = Stroke::kSpacing;  // between kept samples: 48 ms of history
   struct Sample {
     double time;
     Vec3d position;
