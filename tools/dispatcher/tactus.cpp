@@ -24,6 +24,7 @@ constexpr std::array kCommands{
     Command{"host", "tactus-host", "serve models to a session (VE host)"},
     Command{"hrtc", "tactus-hrtc", "run haptic devices in a session (HRTC)"},
     Command{"sim", "tactus-sim", "simulated users that follow a scenario, and the session's report"},
+    Command{"link", "tactus-link", "emulated network links between two namespaces of this machine"},
     Command{"demo", "demo", "all of it on this machine, from models to report"},
 };
 

@@ -1,0 +1,220 @@
+// tactus-link: two namespaces joined by an emulated link, and programs in them.
+#include <signal.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <iostream>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "netem/pair.hpp"
+
+namespace tactus::netem {
+namespace {
+
+using Command = std::vector<std::string>;
+
+constexpr int kWrongInput = 2;
+constexpr int kInterrupted = 130;
+
+constexpr char kExamples[] = R"(
+Examples:
+  tactus-link list
+  tactus-link run --profile P4 -- tactus-host --session lab organ.spm -- tactus-hrtc --session lab
+  tactus-link run --delay 10 --loss 1 --rate 100 -- iperf3 -s -1 -- iperf3 -c 10.77.0.1 -u
+  tactus-link up --profile P7          (until Ctrl-C; says how to enter)
+
+The first command runs in namespace a (10.77.0.1), the second in b (10.77.0.2). When the second ends, the first is asked
+to (SIGINT, after 2 s SIGTERM, after 4 s SIGKILL) and the status is the second's; when the first fails, its own.
+
+Exit status: that of the command, 127 when it cannot be run, 2 wrong input or missing rights, 130 interrupted.)";
+
+struct Options {
+  std::string profile = "P0";
+  std::optional<double> delay_ms, jitter_ms, loss_percent, rate_mbit;
+  std::optional<std::uint32_t> queue_bytes;
+  std::vector<double> burst;
+  bool reorder = false;
+  std::uint64_t seed = 1;
+
+  [[nodiscard]] LinkSettings settings() const {
+    LinkSettings link = named_link(profile);
+    for (LinkProfile* way : {&link.forth, &link.back}) {
+      if (delay_ms) way->delay_ms = *delay_ms;
+      if (jitter_ms) way->jitter_ms = *jitter_ms;
+      if (loss_percent) way->loss = *loss_percent / 100;
+      if (!burst.empty()) way->burst_start = burst[0], way->burst_end = burst[1];
+      if (rate_mbit) way->rate_mbit = *rate_mbit;
+      if (queue_bytes) way->queue_bytes = *queue_bytes;
+      if (reorder) way->reorder = true;
+    }
+    link.seed = seed;
+    return link;
+  }
+};
+
+void add_options(CLI::App& app, Options& options) {
+  app.add_option("--profile", options.profile, "Link to begin with, see `tactus-link list`")->capture_default_str();
+  app.add_option("--delay", options.delay_ms, "Mean delay one way, ms");
+  app.add_option("--jitter", options.jitter_ms, "Standard deviation of the delay, ms");
+  app.add_flag("--reorder", options.reorder, "Each frame draws a delay of its own and may overtake others");
+  app.add_option("--loss", options.loss_percent, "Frames lost outside bursts, %")->check(CLI::Range(0.0, 100.0));
+  app.add_option("--burst", options.burst,
+                 "Chance of a frame to begin a burst of losses, chance of it to end with each")
+      ->expected(2);
+  app.add_option("--rate", options.rate_mbit, "Mbit/s; 0: no limit");
+  app.add_option("--queue", options.queue_bytes, "Bytes that may wait for that rate");
+  app.add_option("--seed", options.seed, "Of delays and losses")->capture_default_str();
+}
+
+void print_list() {
+  for (const NamedLink& link : kNamedLinks)
+    std::printf("%-5s %-52s %s\n", link.name, link.what, describe(link.each_way).c_str());
+  std::printf("\nP0a to P8a: the same with 70 %% of the round trip's delay and jitter on the way forth (a to b).\n");
+}
+
+void print_start(const LinkedPair& pair, const LinkSettings& link) {
+  std::fprintf(stderr, "link %s: a to b %s; b to a %s; seed %llu\n", link.name.c_str(), describe(link.forth).c_str(),
+               describe(link.back).c_str(), static_cast<unsigned long long>(link.seed));
+  if (!pair.realtime())
+    std::fprintf(stderr,
+                 "relay: no real-time priority, delays are less exact; allow rtprio 80 (limits.conf) or run as root\n");
+}
+
+void print_end(const LinkedPair& pair, const LinkSettings& link) {
+  if (link.medium == Medium::kVeth) return;
+  const RelayFigures figures = pair.figures();
+  for (const auto& [name, way] : {std::pair{"a to b", figures.forth}, {"b to a", figures.back}}) {
+    std::fprintf(stderr, "%s: %llu frames, %llu lost, %llu dropped by a full queue\n", name,
+                 static_cast<unsigned long long>(way.arrived), static_cast<unsigned long long>(way.lost),
+                 static_cast<unsigned long long>(way.dropped));
+  }
+  if (figures.overflowed > 0)
+    std::fprintf(stderr, "relay: dropped %llu frames because %zu were under way; give the link a rate\n",
+                 static_cast<unsigned long long>(figures.overflowed), Relay::kMaxFrames);
+  std::fprintf(stderr, "departures late by p50 %.0f, p99 %.0f, at most %.0f us\n", figures.late_p50_us,
+               figures.late_p99_us, figures.late_max_us);
+}
+
+/// The signals that this program waits for, blocked in all its threads.
+sigset_t watched_signals() {
+  sigset_t set;
+  sigemptyset(&set);
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP, SIGCHLD}) sigaddset(&set, signal);
+  return set;
+}
+
+int exit_code(int status) { return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status); }
+
+int run(const Options& options, const Command& first, const Command& second) {
+  const LinkSettings link = options.settings();
+  const LinkedPair pair{link};
+  print_start(pair, link);
+  const std::array<pid_t, 2> pids{pair.start(Side::kA, first), pair.start(Side::kB, second)};
+  std::array<std::optional<int>, 2> ended;  // exit codes
+  std::optional<int> result;
+  int patience = 0;  // half seconds since the end was asked for
+  const sigset_t signals = watched_signals();
+  const auto ask = [&](int signal) {
+    for (std::size_t i = 0; i < 2; ++i)
+      if (!ended[i]) ::kill(-pids[i], signal);
+  };
+  while (!ended[0] || !ended[1]) {
+    const timespec half_second{0, 500'000'000};
+    const int signal = ::sigtimedwait(&signals, nullptr, &half_second);
+    for (std::size_t i = 0; i < 2; ++i) {
+      int status = 0;
+      if (!ended[i] && ::waitpid(pids[i], &status, WNOHANG) == pids[i]) ended[i] = exit_code(status);
+    }
+    if (!result) {
+      if (signal == SIGINT || signal == SIGTERM || signal == SIGHUP)
+        result = kInterrupted;
+      else if (ended[1])
+        result = ended[1];
+      else if (ended[0] && *ended[0] != 0)
+        result = ended[0];
+      if (result) ask(SIGINT);
+    } else if (signal < 0) {
+      if (++patience == 4) ask(SIGTERM);
+      if (patience == 8) ask(SIGKILL);
+    }
+  }
+  for (const pid_t pid : pids) ::kill(-pid, SIGKILL);  // what they have left behind
+  print_end(pair, link);
+  return *result;
+}
+
+int up(const Options& options) {
+  const LinkSettings link = options.settings();
+  const LinkedPair pair{link};
+  print_start(pair, link);
+  for (const Side side : {Side::kA, Side::kB})
+    std::printf("%s: nsenter --net=/run/netns/%s COMMAND\n", LinkedPair::address(side), pair.name(side).c_str());
+  std::fflush(stdout);
+  sigset_t signals = watched_signals();
+  sigdelset(&signals, SIGCHLD);
+  int signal = 0;
+  ::sigwait(&signals, &signal);
+  print_end(pair, link);
+  return 0;
+}
+
+/// What stands behind each `--`.
+std::vector<Command> split_commands(int& argc, char** argv) {
+  std::vector<Command> commands;
+  int own = argc;
+  for (int i = 1; i < argc; ++i) {
+    if (std::string{"--"} == argv[i]) {
+      if (own == argc) own = i;
+      commands.emplace_back();
+    } else if (!commands.empty()) {
+      commands.back().emplace_back(argv[i]);
+    }
+  }
+  argc = own;
+  return commands;
+}
+
+}  // namespace
+}  // namespace tactus::netem
+
+int main(int argc, char** argv) {
+  using namespace tactus::netem;
+  const std::vector<Command> commands = split_commands(argc, argv);
+  Options options;
+  CLI::App app{"Emulates a network link between two namespaces of this machine: delay, jitter, loss, rate.",
+               "tactus-link"};
+  app.footer(kExamples);
+  app.require_subcommand(1);
+  CLI::App* const list = app.add_subcommand("list", "Print the named links");
+  CLI::App* const run_command = app.add_subcommand("run", "Run two commands, one in each namespace: -- A... -- B...");
+  CLI::App* const up_command = app.add_subcommand("up", "Keep the link up until Ctrl-C");
+  for (CLI::App* const command : {run_command, up_command}) add_options(*command, options);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : kWrongInput;
+  }
+  const sigset_t signals = watched_signals();
+  sigprocmask(SIG_BLOCK, &signals, nullptr);
+  try {
+    if (*list) {
+      print_list();
+      return 0;
+    }
+    if (*up_command) {
+      if (!commands.empty()) throw LinkError("up takes no command; found '--', expected none (use run)");
+      return up(options);
+    }
+    if (commands.size() != 2 || commands[0].empty() || commands[1].empty())
+      throw LinkError("found " + std::to_string(commands.size()) +
+                      " commands, expected two: tactus-link run [OPTION...] -- COMMAND_A... -- COMMAND_B...");
+    return run(options, commands[0], commands[1]);
+  } catch (const std::exception& error) {
+    std::cerr << "tactus-link: " << error.what() << '\n';
+    return kWrongInput;
+  }
+}

@@ -1,0 +1,307 @@
+#include "netem/pair.hpp"
+
+#include <fcntl.h>
+#include <linux/if_tun.h>
+#include <net/if.h>
+#include <pthread.h>
+#include <sched.h>
+#include <signal.h>
+#include <spawn.h>
+#include <sys/ioctl.h>
+#include <sys/mman.h>
+#include <sys/prctl.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+#include <filesystem>
+#include <optional>
+#include <thread>
+#include <utility>
+
+extern char** environ;
+
+namespace tactus::netem {
+namespace {
+
+constexpr char kPrefix[] = "tactus-link-";
+constexpr char kDevice[] = "link0";
+constexpr char kNamespaces[] = "/run/netns";
+constexpr std::array kMacs{"02:00:00:00:77:01", "02:00:00:00:77:02"};
+constexpr int kRelayPriority = 80;  // above whatever it carries frames for
+constexpr char kMend[] =
+    "namespaces and tap devices need root (CAP_SYS_ADMIN and CAP_NET_ADMIN): run it with sudo, in a container with "
+    "--privileged";
+
+/// A descriptor that is closed with this.
+class Descriptor {
+ public:
+  explicit Descriptor(int fd = -1) noexcept : fd_{fd} {}
+  ~Descriptor() {
+    if (fd_ >= 0) ::close(fd_);
+  }
+  Descriptor(Descriptor&& other) noexcept : fd_{std::exchange(other.fd_, -1)} {}
+  Descriptor& operator=(Descriptor&& other) noexcept {
+    std::swap(fd_, other.fd_);
+    return *this;
+  }
+  [[nodiscard]] int get() const noexcept { return fd_; }
+
+ private:
+  int fd_;
+};
+
+[[noreturn]] void refuse(const std::string& what, int error) {
+  std::string text = what + ": " + std::strerror(error);
+  if (error == EPERM || error == EACCES) text += std::string{"; "} + kMend;
+  throw LinkError(text);
+}
+
+/// Runs `ip` or `tc` of iproute2 on the lines of `script`. Throws LinkError with what it says.
+void batch(std::vector<std::string> command, const std::string& script) {
+  const Descriptor input{::memfd_create("input", MFD_CLOEXEC)}, output{::memfd_create("output", MFD_CLOEXEC)};
+  if (input.get() < 0 || output.get() < 0) refuse("no memory file", errno);
+  if (::write(input.get(), script.data(), script.size()) < 0) refuse("memory file", errno);
+  ::lseek(input.get(), 0, SEEK_SET);
+  command.insert(command.end(), {"-batch", "-"});
+  std::vector<char*> argv;
+  for (std::string& word : command) argv.push_back(word.data());
+  argv.push_back(nullptr);
+  posix_spawn_file_actions_t actions;
+  posix_spawn_file_actions_init(&actions);
+  posix_spawn_file_actions_adddup2(&actions, input.get(), STDIN_FILENO);
+  posix_spawn_file_actions_adddup2(&actions, output.get(), STDOUT_FILENO);
+  posix_spawn_file_actions_adddup2(&actions, output.get(), STDERR_FILENO);
+  pid_t child = 0;
+  int error = ::posix_spawnp(&child, argv[0], &actions, nullptr, argv.data(), environ);
+  if (error == ENOENT) {  // /sbin is not in everybody's path
+    const std::string beside = "/sbin/" + command[0];
+    error = ::posix_spawn(&child, beside.c_str(), &actions, nullptr, argv.data(), environ);
+  }
+  posix_spawn_file_actions_destroy(&actions);
+  if (error == ENOENT) throw LinkError("no command '" + command[0] + "'; install the Debian package iproute2");
+  if (error != 0) refuse("cannot start " + command[0], error);
+  int status = 0;
+  while (::waitpid(child, &status, 0) < 0 && errno == EINTR) {
+  }
+  if (WIFEXITED(status) && WEXITSTATUS(status) == 0) return;
+  std::array<char, 512> said{};
+  const ssize_t bytes = ::pread(output.get(), said.data(), said.size(), 0);
+  throw LinkError(command[0] + " refuses:\n" + script +
+                  "it says: " + std::string(said.data(), bytes > 0 ? static_cast<std::size_t>(bytes) : 0));
+}
+
+Descriptor open_namespace(const std::string& path) {
+  Descriptor made{::open(path.c_str(), O_RDONLY | O_CLOEXEC)};
+  if (made.get() < 0) refuse("cannot open " + path, errno);
+  return made;
+}
+
+void set_namespace(const Descriptor& where) {
+  if (::setns(where.get(), CLONE_NEWNET) != 0) refuse("cannot enter a network namespace", errno);
+}
+
+/// A tap device named kDevice in the namespace where the calling thread is.
+Descriptor make_tap() {
+  Descriptor tap{::open("/dev/net/tun", O_RDWR | O_NONBLOCK | O_CLOEXEC)};
+  if (tap.get() < 0) {
+    const int error = errno;
+    if (error == ENOENT || error == ENODEV || error == ENXIO)
+      throw LinkError(
+          "no /dev/net/tun; load the module (modprobe tun), or pass the device into the container "
+          "(--device /dev/net/tun)");
+    refuse("cannot open /dev/net/tun", error);
+  }
+  ifreq request{};
+  std::strcpy(request.ifr_name, kDevice);
+  request.ifr_flags = IFF_TAP | IFF_NO_PI;
+  if (::ioctl(tap.get(), TUNSETIFF, &request) != 0) refuse("cannot make a tap device", errno);
+  return tap;
+}
+
+/// Addresses, routes and neighbour of one side.
+std::string device_script(Side side) {
+  const auto own = static_cast<std::size_t>(side);
+  const Side other = side == Side::kA ? Side::kB : Side::kA;
+  const std::string device = kDevice;
+  return "link set lo up\n"
+         "link set " +
+         device +
+         " addrgenmode none\n"
+         "link set " +
+         device + " address " + kMacs[own] +
+         "\n"
+         "link set " +
+         device +
+         " txqueuelen 1000\n"
+         "link set " +
+         device +
+         " up\n"
+         "addr add " +
+         LinkedPair::address(side) + "/24 dev " + device +
+         "\n"
+         "neigh replace " +
+         LinkedPair::address(other) + " lladdr " + kMacs[1 - own] + " nud permanent dev " + device +
+         "\n"
+         "route add 224.0.0.0/4 dev " +
+         device + "\n";
+}
+
+/// The kernel's token bucket, with three bands by socket priority inside.
+std::string rate_script(const LinkProfile& way) {
+  char text[256];
+  std::snprintf(text, sizeof text,
+                "qdisc add dev %s root handle 1: tbf rate %.0fkbit burst 3028 limit %u\n"
+                "qdisc add dev %s parent 1:1 handle 10: pfifo_fast\n",
+                kDevice, way.rate_mbit * 1e3, way.queue_bytes, kDevice);
+  return text;
+}
+
+}  // namespace
+
+std::string missing_right() try {
+  // In a thread of its own, which takes the namespace with it when it ends.
+  std::string reason;
+  std::thread{[&reason] {
+    try {
+      if (::unshare(CLONE_NEWNET) != 0) refuse("cannot make a network namespace", errno);
+      (void)make_tap();
+    } catch (const LinkError& error) {
+      reason = error.what();
+    }
+  }}.join();
+  if (!reason.empty()) return reason;
+  (void)sweep_stale();
+  batch({"ip"}, "link show lo\n");
+  return {};
+} catch (const LinkError& error) {
+  return error.what();
+}
+
+std::vector<std::string> sweep_stale() {
+  std::vector<std::string> stale;
+  std::string script;
+  std::error_code error;
+  for (const auto& entry : std::filesystem::directory_iterator{kNamespaces, error}) {
+    const std::string name = entry.path().filename().string();
+    int pid = 0;
+    if (std::sscanf(name.c_str(), "tactus-link-%d-", &pid) != 1 || pid <= 0) continue;
+    if (::kill(pid, 0) == 0 || errno != ESRCH) continue;
+    stale.push_back(name);
+    script += "netns del " + name + "\n";
+  }
+  if (!stale.empty()) batch({"ip"}, script);
+  return stale;
+}
+
+struct LinkedPair::Impl {
+  std::array<std::string, 2> names;
+  std::array<Descriptor, 2> namespaces;
+  std::array<Descriptor, 2> taps;
+  std::unique_ptr<Relay> relay;
+  std::thread carrier;
+  bool realtime = true;
+  bool named = false;
+
+  ~Impl() {
+    if (relay != nullptr) relay->stop();
+    if (carrier.joinable()) carrier.join();
+    if (!named) return;
+    try {
+      batch({"ip"}, "netns del " + names[0] + "\nnetns del " + names[1] + "\n");
+    } catch (const LinkError&) {  // somebody else was quicker; the next one sweeps what is left
+    }
+  }
+
+  void make(const LinkSettings& settings) {
+    const Descriptor home = open_namespace("/proc/thread-self/ns/net");
+    static std::atomic<int> count{0};
+    const std::string stem =
+        kPrefix + std::to_string(::getpid()) + "-" + (count++ == 0 ? "" : std::to_string(count.load() - 1) + "-");
+    names = {stem + "a", stem + "b"};
+    batch({"ip"}, "netns add " + names[0] + "\nnetns add " + names[1] + "\n");
+    named = true;
+    for (std::size_t i = 0; i < 2; ++i) namespaces[i] = open_namespace(std::string{kNamespaces} + "/" + names[i]);
+    if (settings.medium == Medium::kRelay) {
+      for (std::size_t i = 0; i < 2; ++i) {
+        set_namespace(namespaces[i]);
+        try {
+          taps[i] = make_tap();
+        } catch (...) {
+          set_namespace(home);
+          throw;
+        }
+        set_namespace(home);
+      }
+    } else {
+      const std::string device = kDevice;
+      batch({"ip"}, "link add " + device + " netns " + names[0] + " type veth peer name " + device + " netns " +
+                        names[1] + "\n");
+    }
+    for (const Side side : {Side::kA, Side::kB})
+      batch({"ip", "-n", names[static_cast<std::size_t>(side)]}, device_script(side));
+    if (settings.medium == Medium::kRelay) {
+      relay = std::make_unique<Relay>(taps[0].get(), taps[1].get(), settings);
+      carry();
+    } else {
+      if (settings.forth.rate_mbit > 0) batch({"tc", "-n", names[0]}, rate_script(settings.forth));
+      if (settings.back.rate_mbit > 0) batch({"tc", "-n", names[1]}, rate_script(settings.back));
+    }
+  }
+
+  void carry() {
+    // Signals are for the threads of the program.
+    sigset_t all, before;
+    sigfillset(&all);
+    pthread_sigmask(SIG_SETMASK, &all, &before);
+    carrier = std::thread{[this] { relay->run(); }};
+    pthread_sigmask(SIG_SETMASK, &before, nullptr);
+    sched_param wanted{};
+    wanted.sched_priority = kRelayPriority;
+    realtime = pthread_setschedparam(carrier.native_handle(), SCHED_FIFO, &wanted) == 0;
+  }
+};
+
+LinkedPair::LinkedPair(const LinkSettings& settings) : impl_{std::make_unique<Impl>()} {
+  check(settings);
+  if (const std::string reason = missing_right(); !reason.empty()) throw LinkError(reason);
+  impl_->make(settings);
+}
+
+LinkedPair::~LinkedPair() = default;
+
+const std::string& LinkedPair::name(Side side) const { return impl_->names[static_cast<std::size_t>(side)]; }
+
+void LinkedPair::enter(Side side) const { set_namespace(impl_->namespaces[static_cast<std::size_t>(side)]); }
+
+pid_t LinkedPair::start(Side side, std::vector<std::string> command) const {
+  std::vector<char*> argv;
+  for (std::string& word : command) argv.push_back(word.data());
+  argv.push_back(nullptr);
+  const int where = impl_->namespaces[static_cast<std::size_t>(side)].get();
+  const pid_t child = ::fork();
+  if (child < 0) refuse("cannot start '" + command[0] + "'", errno);
+  if (child == 0) {  // only what is safe in a child of several threads, until exec
+    ::setpgid(0, 0);
+    ::prctl(PR_SET_PDEATHSIG, SIGKILL);
+    sigset_t none;
+    sigemptyset(&none);
+    ::sigprocmask(SIG_SETMASK, &none, nullptr);
+    if (::setns(where, CLONE_NEWNET) == 0) ::execvp(argv[0], argv.data());
+    constexpr char kWhat[] = ": cannot be run in the namespace\n";
+    (void)!::write(STDERR_FILENO, argv[0], std::strlen(argv[0]));
+    (void)!::write(STDERR_FILENO, kWhat, sizeof kWhat - 1);
+    ::_exit(127);
+  }
+  ::setpgid(child, child);  // whichever of the two comes first
+  return child;
+}
+
+RelayFigures LinkedPair::figures() const { return impl_->relay != nullptr ? impl_->relay->figures() : RelayFigures{}; }
+
+bool LinkedPair::realtime() const noexcept { return impl_->realtime; }
+
+}  // namespace tactus::netem

@@ -1,0 +1,84 @@
+#include "netem/profile.hpp"
+
+#include <cmath>
+#include <cstdio>
+
+namespace tactus::netem {
+namespace {
+
+constexpr double kForthShare = 0.7;  // of the round trip, in the asymmetric variant
+
+void check_range(const std::string& link, const char* what, double value, double low, double high) {
+  if (value >= low && value <= high) return;
+  char text[160];
+  std::snprintf(text, sizeof text, "%s is %g; expected %g to %g", what, value, low, high);
+  throw LinkError("link " + link + ": " + text);
+}
+
+void check_way(const std::string& link, const LinkProfile& way) {
+  check_range(link, "delay, ms,", way.delay_ms, 0, 10'000);
+  check_range(link, "jitter, ms,", way.jitter_ms, 0, way.delay_ms);
+  check_range(link, "loss", way.loss, 0, 1);
+  check_range(link, "start of bursts", way.burst_start, 0, 1);
+  check_range(link, "end of bursts", way.burst_end, 1e-6, 1);
+  check_range(link, "rate, Mbit/s,", way.rate_mbit, 0, 100'000);
+  if (way.rate_mbit > 0) check_range(link, "queue, bytes,", way.queue_bytes, 1514, 1e9);
+}
+
+bool only_rate(const LinkProfile& way) {
+  return way.delay_ms == 0 && way.jitter_ms == 0 && !way.reorder && way.mean_loss() == 0;
+}
+
+}  // namespace
+
+LinkSettings named_link(const std::string& name) {
+  std::string expected;
+  for (const NamedLink& link : kNamedLinks) {
+    expected += std::string{expected.empty() ? "" : ", "} + link.name;
+    const bool asymmetric = link.medium == Medium::kRelay && name == std::string{link.name} + "a";
+    if (name != link.name && !asymmetric) continue;
+    LinkSettings settings{name, link.medium, link.each_way, link.each_way};
+    if (asymmetric) {
+      for (auto [way, share] : {std::pair{&settings.forth, kForthShare}, {&settings.back, 1 - kForthShare}}) {
+        way->delay_ms *= 2 * share;
+        way->jitter_ms *= 2 * share;
+      }
+    }
+    return settings;
+  }
+  throw LinkError("no link '" + name + "'; expected " + expected +
+                  ", or one of P0 to P8 with an a behind it (70 % of the " + "delay on the way forth)");
+}
+
+void check(const LinkSettings& settings) {
+  check_way(settings.name, settings.forth);
+  check_way(settings.name, settings.back);
+  if (settings.medium == Medium::kVeth && !(only_rate(settings.forth) && only_rate(settings.back)))
+    throw LinkError("link veth has a rate and a queue only; take P0 with the same settings for delay, jitter or loss");
+}
+
+std::string describe(const LinkProfile& profile) {
+  char part[96];
+  std::snprintf(part, sizeof part, "%g ms", profile.delay_ms);
+  std::string text = part;
+  if (profile.jitter_ms > 0) {
+    std::snprintf(part, sizeof part, " +- %g%s", profile.jitter_ms, profile.reorder ? " out of order" : "");
+    text += part;
+  }
+  if (profile.mean_loss() > 0) {
+    std::snprintf(part, sizeof part, ", loss %.4g %%", 100 * profile.mean_loss());
+    text += part;
+  }
+  if (profile.burst_start > 0) {
+    std::snprintf(part, sizeof part, " in bursts of %.3g", 1 / profile.burst_end);
+    text += part;
+  }
+  if (profile.rate_mbit > 0) {
+    std::snprintf(part, sizeof part, ", %g Mbit/s with %.4g kB of queue", profile.rate_mbit,
+                  profile.queue_bytes * 1e-3);
+    text += part;
+  }
+  return text;
+}
+
+}  // namespace tactus::netem

@@ -1,0 +1,126 @@
+#include "netem/relay.hpp"
+
+#include <poll.h>
+#include <sys/eventfd.h>
+#include <sys/prctl.h>
+#include <time.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+
+namespace tactus::netem {
+namespace {
+
+constexpr int kBurst = 64;                // frames taken from one side before the other has its turn
+constexpr std::int64_t kSpinNs = 40'000;  // a sleeping thread wakes about so late, without real-time rights later still
+constexpr std::size_t kLateBuckets = 10'001;
+
+std::int64_t monotonic_ns() noexcept {
+  timespec now{};
+  clock_gettime(CLOCK_MONOTONIC, &now);
+  return now.tv_sec * INT64_C(1'000'000'000) + now.tv_nsec;
+}
+
+double percentile(const std::vector<std::uint64_t>& buckets, double share) {
+  std::uint64_t total = 0;
+  for (const std::uint64_t count : buckets) total += count;
+  std::uint64_t below = 0;
+  for (std::size_t i = 0; i < buckets.size(); ++i) {
+    below += buckets[i];
+    if (below > 0 && static_cast<double>(below) >= share * static_cast<double>(total)) return static_cast<double>(i);
+  }
+  return 0;
+}
+
+}  // namespace
+
+Relay::Relay(int a, int b, const LinkSettings& settings)
+    : taps_{a, b},
+      wake_{::eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)},
+      links_{Link{settings.forth, 2 * settings.seed}, Link{settings.back, 2 * settings.seed + 1}},
+      late_(kLateBuckets, 0) {
+  if (wake_ < 0) throw LinkError(std::string{"relay: no eventfd: "} + std::strerror(errno));
+}
+
+Relay::~Relay() { ::close(wake_); }
+
+void Relay::run() {
+  ::prctl(PR_SET_TIMERSLACK, 1);
+  while (!stop_) {
+    wait(monotonic_ns());
+    const std::lock_guard lock{mutex_};
+    receive(0);
+    receive(1);
+    send_due();
+  }
+}
+
+void Relay::stop() noexcept {
+  stop_ = true;
+  const std::uint64_t one = 1;
+  (void)!::write(wake_, &one, sizeof one);
+}
+
+void Relay::wait(std::int64_t now_ns) {
+  timespec timeout{};
+  const bool any = !departures_.empty();
+  if (any) {
+    const std::int64_t sleep = std::max<std::int64_t>(departures_.top().at_ns - now_ns - kSpinNs, 0);
+    timeout = {sleep / 1'000'000'000, sleep % 1'000'000'000};
+  }
+  std::array<pollfd, 3> on{{{taps_[0], POLLIN, 0}, {taps_[1], POLLIN, 0}, {wake_, POLLIN, 0}}};
+  ::ppoll(on.data(), on.size(), any ? &timeout : nullptr, nullptr);
+}
+
+void Relay::receive(int side) {
+  for (int taken = 0; taken < kBurst; ++taken) {
+    std::uint32_t index = 0;
+    if (!free_.empty()) {
+      index = free_.back();
+      free_.pop_back();
+    } else {
+      index = static_cast<std::uint32_t>(frames_.size());
+      frames_.emplace_back();
+    }
+    Frame& frame = frames_[index];
+    const ssize_t bytes = ::read(taps_[side], frame.data.data(), frame.data.size());
+    free_.push_back(index);
+    if (bytes <= 0) return;
+    const auto at = links_[side].departure(monotonic_ns(), static_cast<std::size_t>(bytes));
+    if (!at) continue;
+    if (departures_.size() == kMaxFrames) {
+      ++overflowed_;
+      continue;
+    }
+    free_.pop_back();
+    frame.bytes = static_cast<std::uint32_t>(bytes);
+    departures_.push({*at, order_++, index, 1 - side});
+  }
+}
+
+void Relay::send_due() {
+  while (!departures_.empty()) {
+    const Departure next = departures_.top();
+    const std::int64_t late = monotonic_ns() - next.at_ns;
+    if (late < 0) return;
+    departures_.pop();
+    const Frame& frame = frames_[next.frame];
+    // A tap whose interface is down refuses: the frame is gone, as on a cable that is pulled.
+    (void)!::write(taps_[next.to], frame.data.data(), frame.bytes);
+    free_.push_back(next.frame);
+    ++sent_;
+    const double late_us = static_cast<double>(late) * 1e-3;
+    ++late_[std::min(static_cast<std::size_t>(late_us), kLateBuckets - 1)];
+    late_max_us_ = std::max(late_max_us_, late_us);
+  }
+}
+
+RelayFigures Relay::figures() const {
+  const std::lock_guard lock{mutex_};
+  return {links_[0].counts(),      links_[1].counts(),      overflowed_, sent_,
+          percentile(late_, 0.50), percentile(late_, 0.99), late_max_us_};
+}
+
+}  // namespace tactus::netem

@@ -1,0 +1,76 @@
+/// Carries frames between two tap devices as two Links say: the thin shell around them.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstdint>
+#include <mutex>
+#include <queue>
+#include <string>
+#include <vector>
+
+#include "netem/link.hpp"
+
+namespace tactus::netem {
+
+struct RelayFigures {
+  LinkCounts forth, back;
+  std::uint64_t overflowed = 0;  ///< dropped because kMaxFrames were under way
+  std::uint64_t sent = 0;
+  /// How late frames left against their Link's departure, us; of all that were sent.
+  double late_p50_us = 0, late_p99_us = 0, late_max_us = 0;
+};
+
+class Relay {
+ public:
+  static constexpr std::size_t kMaxFrames =
+      65536;  ///< under way at once, both directions; 2 KiB each as they are needed
+
+  /// `a` and `b` are non-blocking descriptors of tap devices, borrowed: they must outlive run().
+  Relay(int a, int b, const LinkSettings& settings);
+  ~Relay();
+  Relay(const Relay&) = delete;
+  Relay& operator=(const Relay&) = delete;
+
+  /// Carries frames until stop(). Sleeps until shortly before a departure and spins the rest.
+  void run();
+  /// Ends run(), from any thread.
+  void stop() noexcept;
+  /// From any thread.
+  [[nodiscard]] RelayFigures figures() const;
+
+ private:
+  struct Frame {
+    std::uint32_t bytes;
+    std::array<std::uint8_t, 2044> data;
+  };
+  struct Departure {
+    std::int64_t at_ns;
+    std::uint64_t order;  // frames that depart at one time stay in order
+    std::uint32_t frame;
+    int to;
+    bool operator>(const Departure& other) const noexcept {
+      return at_ns != other.at_ns ? at_ns > other.at_ns : order > other.order;
+    }
+  };
+
+  void receive(int side);
+  void send_due();
+  void wait(std::int64_t now_ns);
+
+  std::array<int, 2> taps_;
+  int wake_;
+  std::array<Link, 2> links_;  // by the side that frames come from
+  std::atomic<bool> stop_{false};
+  std::deque<Frame> frames_;  // grows as needed, never moves
+  std::vector<std::uint32_t> free_;
+  std::priority_queue<Departure, std::vector<Departure>, std::greater<>> departures_;
+  std::uint64_t order_ = 0;
+
+  mutable std::mutex mutex_;         // for what follows, and the counts of links_
+  std::vector<std::uint64_t> late_;  // by microsecond; the last is for all above
+  double late_max_us_ = 0;
+  std::uint64_t overflowed_ = 0, sent_ = 0;
+};
+
+}  // namespace tactus::netem

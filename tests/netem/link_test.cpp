@@ -1,0 +1,291 @@
+#include "netem/link.hpp"
+
+#include <gmock/gmock.h>
+
+#include <cmath>
+#include <deque>
+#include <numeric>
+#include <vector>
+
+namespace tactus::netem {
+namespace {
+
+using testing::ElementsAre;
+using testing::HasSubstr;
+
+constexpr std::uint64_t kSeed = 20260703;
+constexpr std::int64_t kMs = 1'000'000;
+constexpr std::size_t kFrame = 1000;
+
+/// Departures of `count` frames that arrive every `period_ns`, as delays in ms; NaN for those that never come.
+std::vector<double> delays(Link& link, int count, std::int64_t period_ns, std::size_t bytes = kFrame) {
+  std::vector<double> all;
+  for (int i = 0; i < count; ++i) {
+    const auto at = link.departure(i * period_ns, bytes);
+    all.push_back(at ? static_cast<double>(*at - i * period_ns) * 1e-6 : NAN);
+  }
+  return all;
+}
+
+double mean(const std::vector<double>& values) {
+  return std::accumulate(values.begin(), values.end(), 0.0) / static_cast<double>(values.size());
+}
+
+double deviation(const std::vector<double>& values) {
+  const double middle = mean(values);
+  double sum = 0;
+  for (const double v : values) sum += (v - middle) * (v - middle);
+  return std::sqrt(sum / static_cast<double>(values.size()));
+}
+
+/// Largest distance between the distribution of `values` and a normal one.
+double distance_from_normal(std::vector<double> values, double middle, double sd) {
+  std::sort(values.begin(), values.end());
+  double worst = 0;
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    const double below = 0.5 * std::erfc(-(values[i] - middle) / (sd * std::sqrt(2.0)));
+    worst = std::max(worst, std::abs(below - (static_cast<double>(i) + 0.5) / static_cast<double>(values.size())));
+  }
+  return worst;
+}
+
+TEST(ALink, WithNothingSetLetsEveryFrameOutWhenItArrives) {
+  Link link{{}, kSeed};
+  for (std::int64_t at : {0, 5, 5, 1000}) EXPECT_EQ(link.departure(at, kFrame), at);
+}
+
+TEST(ALink, AddsItsDelay) {
+  LinkProfile profile;
+  profile.delay_ms = 12.5;
+  Link link{profile, kSeed};
+  EXPECT_EQ(link.departure(7, kFrame), 7 + 12'500'000);
+}
+
+TEST(ALink, SendsAndDropsAsAQueueOfBytesDrainedBitByBit) {
+  LinkProfile profile;
+  profile.rate_mbit = 10;
+  profile.queue_bytes = 20'000;
+  Link link{profile, kSeed};
+  std::mt19937 random{kSeed};
+  // The oracle keeps the frames themselves: each leaves when those before it have been sent.
+  struct Waiting {
+    double done_ns;
+    std::size_t bytes;
+  };
+  std::deque<Waiting> queue;
+  std::int64_t now = 0;
+  int dropped = 0, sent = 0;
+  for (int i = 0; i < 20'000; ++i) {
+    now += std::uniform_int_distribution<int>{0, 1'100'000}(random);
+    const std::size_t bytes = std::uniform_int_distribution<std::size_t>{60, 1514}(random);
+    while (!queue.empty() && queue.front().done_ns <= static_cast<double>(now)) queue.pop_front();
+    double waiting = 0;
+    for (const Waiting& frame : queue) waiting += static_cast<double>(frame.bytes);
+    if (!queue.empty()) {  // what is left of the frame in transmission
+      const double left =
+          std::min(static_cast<double>(queue.front().bytes), (queue.front().done_ns - static_cast<double>(now)) / 800);
+      waiting += left - static_cast<double>(queue.front().bytes);
+    }
+    const double room = profile.queue_bytes - waiting - static_cast<double>(bytes);
+    const auto departure = link.departure(now, bytes);
+    if (std::abs(room) > 1) {  // a byte this way or that is rounding
+      ASSERT_EQ(departure.has_value(), room > 0) << "frame " << i << ", seed " << kSeed;
+    }
+    if (!departure) {
+      ++dropped;
+      continue;
+    }
+    const double start = queue.empty() ? static_cast<double>(now) : queue.back().done_ns;
+    queue.push_back({start + static_cast<double>(bytes) * 800, bytes});
+    ASSERT_NEAR(static_cast<double>(*departure), queue.back().done_ns, 10 + i)
+        << "frame " << i;  // half a ns of rounding each
+    ++sent;
+  }
+  EXPECT_GT(dropped, 100);
+  EXPECT_GT(sent, 1000);
+  EXPECT_EQ(link.counts().dropped, static_cast<std::uint64_t>(dropped));
+}
+
+TEST(ALink, LosesTheShareThatItsProfileSays) {
+  LinkProfile profile;
+  profile.loss = 0.02;
+  Link link{profile, kSeed};
+  constexpr int kCount = 200'000;
+  for (int i = 0; i < kCount; ++i) (void)link.departure(i, kFrame);
+  const double sd = std::sqrt(kCount * 0.02 * 0.98);
+  EXPECT_NEAR(static_cast<double>(link.counts().lost), kCount * 0.02, 5 * sd);
+}
+
+TEST(ALink, LosesInBurstsWhoseLengthsAreGeometric) {
+  LinkProfile profile;
+  profile.burst_start = 0.01;
+  profile.burst_end = 0.25;
+  Link link{profile, kSeed};
+  constexpr int kCount = 400'000;
+  std::vector<int> lengths;
+  int length = 0;
+  for (int i = 0; i < kCount; ++i) {
+    if (!link.departure(i, kFrame)) {
+      ++length;
+    } else if (length > 0) {
+      lengths.push_back(length);
+      length = 0;
+    }
+  }
+  const auto bursts = static_cast<double>(lengths.size());
+  // One burst begins on average every 1/p + 1/r frames.
+  EXPECT_NEAR(bursts, kCount / (1 / 0.01 + 1 / 0.25), 5 * std::sqrt(bursts));
+  for (int least = 1; least <= 10; ++least) {
+    const auto longer =
+        static_cast<double>(std::count_if(lengths.begin(), lengths.end(), [&](int l) { return l >= least; }));
+    const double expected = std::pow(0.75, least - 1);
+    EXPECT_NEAR(longer / bursts, expected, 5 * std::sqrt(expected * (1 - expected) / bursts) + 1e-9) << least;
+  }
+  EXPECT_NEAR(static_cast<double>(link.counts().lost) / kCount, profile.mean_loss(), 0.003);
+}
+
+TEST(ALink, LosesTheSameFramesWhateverItsDelayAndWhenTheyCome) {
+  LinkProfile profile = named_link("P7").forth;
+  profile.rate_mbit = 0;
+  Link one{profile, kSeed};
+  profile.delay_ms = 1;
+  profile.jitter_ms = 0.5;
+  profile.reorder = true;
+  Link two{profile, kSeed};
+  for (int i = 0; i < 10'000; ++i)
+    ASSERT_EQ(one.departure(i * kMs, kFrame).has_value(), two.departure(i * i, kFrame).has_value()) << i;
+}
+
+TEST(ALink, WithOneSeedIsAFunctionOfItsArrivalsAndWithAnotherDiffers) {
+  const LinkProfile profile = named_link("P3").forth;
+  Link one{profile, 1}, same{profile, 1}, other{profile, 2};
+  int different = 0;
+  for (int i = 0; i < 1000; ++i) {
+    const auto at = one.departure(i * kMs, kFrame);
+    ASSERT_EQ(at, same.departure(i * kMs, kFrame));
+    if (at != other.departure(i * kMs, kFrame)) ++different;
+  }
+  EXPECT_GT(different, 900);
+}
+
+TEST(ReorderingJitter, IsNormalIndependentAndOvertakes) {
+  LinkProfile profile;
+  profile.delay_ms = 20;
+  profile.jitter_ms = 3;
+  profile.reorder = true;
+  Link link{profile, kSeed};
+  constexpr int kCount = 20'000;
+  const std::vector<double> all = delays(link, kCount, kMs);
+  EXPECT_LT(distance_from_normal(all, 20, 3), 1.95 / std::sqrt(kCount));  // Kolmogorov, one in a thousand
+  double products = 0;
+  int overtaken = 0;
+  for (int i = 1; i < kCount; ++i) {
+    products += (all[i] - 20) * (all[i - 1] - 20);
+    if (all[i] + 1 < all[i - 1]) ++overtaken;
+  }
+  EXPECT_NEAR(products / kCount / 9, 0, 5 / std::sqrt(kCount));
+  // A frame 1 ms behind overtakes when it drew 1 ms less: the difference of two draws has sd 3 sqrt(2).
+  const double expected = 0.5 * std::erfc(1 / (3 * std::sqrt(2.0)) / std::sqrt(2.0));
+  EXPECT_NEAR(overtaken / static_cast<double>(kCount), expected, 0.02);
+}
+
+TEST(SmoothJitter, KeepsOrderAndHasTheDeviationOfItsProfile) {
+  LinkProfile profile;
+  profile.delay_ms = 100;
+  profile.jitter_ms = 25;
+  Link link{profile, kSeed};
+  std::int64_t last = 0;
+  std::vector<double> apart;  // one sample in half a second: independent, the memory being 100 ms
+  for (int i = 0; i < 2'000'000; ++i) {
+    const std::int64_t arrival = i * kMs;
+    const auto at = link.departure(arrival, kFrame);
+    ASSERT_GE(*at, last);
+    last = *at;
+    if (i % 500 == 0) apart.push_back(static_cast<double>(*at - arrival) * 1e-6);
+  }
+  EXPECT_LT(distance_from_normal(apart, 100, 25), 1.95 / std::sqrt(static_cast<double>(apart.size())));
+}
+
+TEST(SmoothJitter, ForgetsAsItsMemorySays) {
+  LinkProfile profile;
+  profile.delay_ms = 100;
+  profile.jitter_ms = 10;
+  Link link{profile, kSeed};
+  const std::vector<double> all = delays(link, 400'000, 10 * kMs);
+  const double middle = mean(all), sd = deviation(all);
+  EXPECT_NEAR(sd, 10, 0.5);
+  for (const int lag : {1, 5, 10, 30}) {  // of 10 ms
+    double sum = 0;
+    for (std::size_t i = static_cast<std::size_t>(lag); i < all.size(); ++i)
+      sum += (all[i] - middle) * (all[i - static_cast<std::size_t>(lag)] - middle);
+    const double correlation = sum / static_cast<double>(all.size()) / (sd * sd);
+    const double a = lag * 10 / kJitterMemoryMs;
+    EXPECT_NEAR(correlation, (1 + a) * std::exp(-a), 0.03) << lag * 10 << " ms";  // Matern, nu = 3/2
+  }
+}
+
+TEST(SmoothJitter, IsTheSameProcessHoweverOftenItIsAsked) {
+  LinkProfile profile;
+  profile.delay_ms = 100;
+  profile.jitter_ms = 10;
+  for (const std::int64_t period : {kMs / 100, kMs, 100 * kMs}) {
+    double sum = 0;
+    constexpr int kRuns = 300;
+    for (int run = 0; run < kRuns; ++run) {
+      Link link{profile, kSeed + static_cast<std::uint64_t>(run)};
+      const double at = delays(link, static_cast<int>(100 * kMs / period) + 1, period).back() - 100;
+      sum += at * at;
+    }
+    EXPECT_NEAR(std::sqrt(sum / kRuns), 10, 5 * 10 / std::sqrt(2.0 * kRuns)) << period << " ns";
+  }
+}
+
+TEST(EveryNamedLink, IsAllowedAndNoneIsThereTwice) {
+  std::vector<std::string> names;
+  for (const NamedLink& link : kNamedLinks) {
+    EXPECT_NO_THROW(check(named_link(link.name))) << link.name;
+    names.push_back(link.name);
+  }
+  EXPECT_THAT(names, ElementsAre("veth", "P0", "P1", "P2", "P3", "P4", "P5", "P6", "P7", "P8"));
+}
+
+TEST(EveryNamedLink, LosesWhatStudiesHaveForIt) {
+  const std::vector<double> expected{0, 0, 0, 1e-4, 1e-3, 5e-3, 1e-2, 1e-2, 5e-2, 2e-2};
+  for (std::size_t i = 0; i < expected.size(); ++i)
+    EXPECT_NEAR(kNamedLinks[i].each_way.mean_loss(), expected[i], 0.005 * expected[i]) << kNamedLinks[i].name;
+}
+
+TEST(AnAsymmetricLink, HasTheSameRoundTripAndSevenTenthsOfItForth) {
+  const LinkSettings link = named_link("P5a");
+  EXPECT_DOUBLE_EQ(link.forth.delay_ms + link.back.delay_ms, 80);
+  EXPECT_DOUBLE_EQ(link.forth.delay_ms, 56);
+  EXPECT_DOUBLE_EQ(link.forth.jitter_ms, 7);
+}
+
+template <class Change>
+std::string refusal(const char* name, Change change) {
+  LinkSettings link = named_link(name);
+  change(link.forth);
+  try {
+    check(link);
+  } catch (const LinkError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST(AWrongLink, IsRefusedWithWhatWasFoundAndExpected) {
+  EXPECT_THAT(refusal("P2", [](LinkProfile& way) { way.loss = 1.5; }),
+              HasSubstr("link P2: loss is 1.5; expected 0 to 1"));
+  EXPECT_THAT(refusal("P2", [](LinkProfile& way) { way.jitter_ms = 6; }),
+              HasSubstr("jitter, ms, is 6; expected 0 to 5"));
+  EXPECT_THAT(refusal("P2", [](LinkProfile& way) { way.burst_end = 0; }), HasSubstr("end of bursts is 0"));
+  EXPECT_THAT(refusal("P2", [](LinkProfile& way) { way.queue_bytes = 100; }), HasSubstr("queue, bytes, is 100"));
+  EXPECT_THAT(refusal("P2", [](LinkProfile& way) { way.delay_ms = NAN; }), HasSubstr("delay"));
+  EXPECT_THAT(refusal("veth", [](LinkProfile& way) { way.delay_ms = 1; }), HasSubstr("take P0"));
+  EXPECT_THROW((void)named_link("P9"), LinkError);
+  EXPECT_THROW((void)named_link("vetha"), LinkError);
+}
+
+}  // namespace
+}  // namespace tactus::netem

@@ -1,0 +1,187 @@
+/// Two namespaces and what passes between them. Skipped where the system gives no namespaces, with its reason.
+#include "netem/pair.hpp"
+
+#include <arpa/inet.h>
+#include <gmock/gmock.h>
+#include <netinet/in.h>
+#include <poll.h>
+#include <signal.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <filesystem>
+#include <future>
+#include <thread>
+
+#include "wire/ends.hpp"
+
+namespace tactus::netem {
+namespace {
+
+using namespace std::chrono_literals;
+using testing::Contains;
+
+constexpr int kPort = 5999;
+constexpr char kGroup[] = "239.255.0.77";
+constexpr int kWatchdogMs = 20'000;
+
+sockaddr_in address(const char* text) {
+  sockaddr_in to{};
+  to.sin_family = AF_INET;
+  to.sin_port = htons(kPort);
+  ::inet_pton(AF_INET, text, &to.sin_addr);
+  return to;
+}
+
+/// A datagram socket that was made in a namespace and stays there.
+class Socket {
+ public:
+  Socket(const LinkedPair& pair, Side side) {
+    std::thread{[&] {
+      pair.enter(side);
+      fd_ = ::socket(AF_INET, SOCK_DGRAM, 0);
+      const sockaddr_in any = address("0.0.0.0");
+      EXPECT_EQ(::bind(fd_, reinterpret_cast<const sockaddr*>(&any), sizeof any), 0);
+      ip_mreqn group{};
+      group.imr_multiaddr = address(kGroup).sin_addr;
+      EXPECT_EQ(::setsockopt(fd_, IPPROTO_IP, IP_ADD_MEMBERSHIP, &group, sizeof group), 0);
+      const int no = 0;
+      ::setsockopt(fd_, IPPROTO_IP, IP_MULTICAST_LOOP, &no, sizeof no);
+    }}.join();
+  }
+  ~Socket() { ::close(fd_); }
+  Socket(const Socket&) = delete;
+  Socket& operator=(const Socket&) = delete;
+
+  void send(const char* to, int number) const {
+    const sockaddr_in there = address(to);
+    EXPECT_EQ(::sendto(fd_, &number, sizeof number, 0, reinterpret_cast<const sockaddr*>(&there), sizeof there),
+              static_cast<ssize_t>(sizeof number));
+  }
+  [[nodiscard]] std::optional<int> next(int limit_ms = kWatchdogMs) const {
+    pollfd on{fd_, POLLIN, 0};
+    int number = 0;
+    if (::poll(&on, 1, limit_ms) != 1 || ::recv(fd_, &number, sizeof number, 0) != sizeof number) return std::nullopt;
+    return number;
+  }
+
+ private:
+  int fd_ = -1;
+};
+
+class PairTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    if (const std::string reason = missing_right(); !reason.empty()) GTEST_SKIP() << reason;
+  }
+  static bool exists(const std::string& name) { return std::filesystem::exists("/run/netns/" + name); }
+};
+
+class BothMedia : public PairTest, public testing::WithParamInterface<const char*> {};
+INSTANTIATE_TEST_SUITE_P(Links, BothMedia, testing::Values("veth", "P0"));
+
+TEST_P(BothMedia, CarryUnicastAndMulticastBothWays) {
+  const LinkedPair pair{named_link(GetParam())};
+  const Socket a{pair, Side::kA}, b{pair, Side::kB};
+  a.send("10.77.0.2", 1);
+  EXPECT_EQ(b.next(), 1);
+  b.send("10.77.0.1", 2);
+  EXPECT_EQ(a.next(), 2);
+  a.send(kGroup, 3);
+  EXPECT_EQ(b.next(), 3);
+  b.send(kGroup, 4);
+  EXPECT_EQ(a.next(), 4);
+}
+
+TEST_P(BothMedia, LetProgramsOfASessionFindEachOtherAndTalk) {
+  const LinkedPair pair{named_link(GetParam())};
+  const auto join = [&](Side side, const char* name) {
+    return std::async(std::launch::async, [&pair, side, name] {
+      pair.enter(side);
+      wire::SessionAddress address;
+      address.session = "netem";
+      address.participant = name;
+      return std::make_unique<wire::Links>(address);
+    });
+  };
+  auto joining_a = join(Side::kA, "a"), joining_b = join(Side::kB, "b");
+  const auto links_a = joining_a.get(), links_b = joining_b.get();
+  std::promise<std::uint32_t> heard;
+  std::atomic<bool> done{false};
+  wire::Reader<session::ProbeState> reader{*links_b, wire::topics::kProbeState, [&](session::ProbeState&& state) {
+                                             if (!done.exchange(true)) heard.set_value(state.sequence);
+                                           }};
+  wire::Writer<session::ProbeState> writer{*links_a, wire::topics::kProbeState};
+  auto result = heard.get_future();
+  session::ProbeState state;
+  state.sequence = 77;
+  const auto give_up = std::chrono::steady_clock::now() + 20s;
+  while (result.wait_for(10ms) != std::future_status::ready && std::chrono::steady_clock::now() < give_up) {
+    state.origin = links_a->origin();
+    ASSERT_EQ(writer.send(state), wire::SendStatus::kSent);
+  }
+  ASSERT_TRUE(done);
+  EXPECT_EQ(result.get(), 77u);
+}
+
+TEST_F(PairTest, EachDirectionHasItsOwnProfile) {
+  LinkSettings link = named_link("P0");
+  link.forth.loss = 1;
+  link.back.delay_ms = 40;
+  const LinkedPair pair{link};
+  const Socket a{pair, Side::kA}, b{pair, Side::kB};
+  for (int i = 0; i < 20; ++i) a.send("10.77.0.2", i);
+  const auto before = std::chrono::steady_clock::now();
+  b.send("10.77.0.1", 5);
+  EXPECT_EQ(a.next(), 5);
+  EXPECT_GE(std::chrono::steady_clock::now() - before, 40ms);
+  EXPECT_EQ(b.next(0), std::nullopt);
+  EXPECT_GE(pair.figures().forth.lost, 20u);
+  EXPECT_EQ(pair.figures().back.lost, 0u);
+}
+
+TEST_F(PairTest, NamesAreGoneWithIt) {
+  std::string a, b;
+  {
+    const LinkedPair pair{named_link("P1")};
+    a = pair.name(Side::kA);
+    b = pair.name(Side::kB);
+    EXPECT_TRUE(exists(a) && exists(b));
+  }
+  EXPECT_FALSE(exists(a) || exists(b));
+}
+
+TEST_F(PairTest, TwoAtOnceDoNotMeet) {
+  const LinkedPair one{named_link("P0")}, two{named_link("P0")};
+  const Socket a{one, Side::kA}, b{one, Side::kB}, stranger{two, Side::kB};
+  a.send("10.77.0.2", 9);
+  EXPECT_EQ(b.next(), 9);
+  EXPECT_EQ(stranger.next(0), std::nullopt);
+}
+
+TEST_F(PairTest, WhatAKilledOneLeftIsSwept) {
+  std::array<int, 2> pipe{};
+  ASSERT_EQ(::pipe(pipe.data()), 0);
+  const pid_t child = ::fork();
+  if (child == 0) {
+    const LinkedPair pair{named_link("P0")};
+    const std::string& name = pair.name(Side::kA);
+    (void)!::write(pipe[1], name.data(), name.size());
+    ::kill(::getpid(), SIGKILL);
+  }
+  ::close(pipe[1]);
+  ::waitpid(child, nullptr, 0);
+  std::array<char, 128> text{};
+  const ssize_t bytes = ::read(pipe[0], text.data(), text.size());
+  ::close(pipe[0]);
+  ASSERT_GT(bytes, 0);
+  const std::string name(text.data(), static_cast<std::size_t>(bytes));
+  ASSERT_TRUE(exists(name));
+  const LinkedPair next{named_link("P0")};
+  EXPECT_FALSE(exists(name));
+}
+
+}  // namespace
+}  // namespace tactus::netem

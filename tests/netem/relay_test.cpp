@@ -1,0 +1,125 @@
+#include "netem/relay.hpp"
+
+#include <gmock/gmock.h>
+#include <poll.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <thread>
+
+namespace tactus::netem {
+namespace {
+
+/// A relay between two pairs of sockets that keep frames apart, as taps do: no rights needed.
+class RelayTest : public testing::Test {
+ protected:
+  RelayTest() {
+    for (auto& ends : sockets_) {
+      if (::socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_NONBLOCK, 0, ends.data()) != 0)
+        throw std::runtime_error{"sockets"};
+      const int room = 4 << 20;
+      for (const int end : ends) ::setsockopt(end, SOL_SOCKET, SO_SNDBUF, &room, sizeof room);
+    }
+  }
+  ~RelayTest() override {
+    stop();
+    for (auto& ends : sockets_)
+      for (const int end : ends) ::close(end);
+  }
+
+  void start(const LinkProfile& profile, std::uint64_t seed = 7) {
+    relay_ = std::make_unique<Relay>(sockets_[0][1], sockets_[1][1],
+                                     LinkSettings{"", Medium::kRelay, profile, profile, seed});
+    thread_ = std::thread{[this] { relay_->run(); }};
+  }
+  void stop() {
+    if (!thread_.joinable()) return;
+    relay_->stop();
+    thread_.join();
+  }
+  void send(int side, std::uint32_t number) {
+    std::array<std::uint32_t, 64> frame{};
+    frame[0] = number;
+    frame[63] = ~number;
+    ASSERT_EQ(::write(sockets_[side][0], frame.data(), sizeof frame), static_cast<ssize_t>(sizeof frame));
+  }
+  /// The number of the next frame that comes out, which must be whole; none when nothing comes within `limit_ms`.
+  std::optional<std::uint32_t> next(int side, int limit_ms = 20'000) {
+    pollfd on{sockets_[side][0], POLLIN, 0};
+    if (::poll(&on, 1, limit_ms) != 1) return std::nullopt;
+    std::array<std::uint32_t, 64> frame{};
+    EXPECT_EQ(::read(sockets_[side][0], frame.data(), sizeof frame), static_cast<ssize_t>(sizeof frame));
+    EXPECT_EQ(frame[63], ~frame[0]);
+    return frame[0];
+  }
+
+  std::array<std::array<int, 2>, 2> sockets_{};
+  std::unique_ptr<Relay> relay_;
+  std::thread thread_;
+};
+
+TEST_F(RelayTest, CarriesEveryFrameUnchangedAndInOrderBothWays) {
+  start({});
+  for (std::uint32_t i = 0; i < 2000; ++i) {
+    send(0, i);
+    send(1, i + 5000);
+    ASSERT_EQ(next(1), i);
+    ASSERT_EQ(next(0), i + 5000);
+  }
+  EXPECT_EQ(relay_->figures().sent, 4000u);
+}
+
+TEST_F(RelayTest, LetsNoFrameOutBeforeItsDelay) {
+  LinkProfile profile;
+  profile.delay_ms = 30;
+  start(profile);
+  for (std::uint32_t i = 0; i < 10; ++i) {
+    const auto before = std::chrono::steady_clock::now();
+    send(0, i);
+    ASSERT_EQ(next(1), i);
+    EXPECT_GE(std::chrono::steady_clock::now() - before, std::chrono::milliseconds{30});
+  }
+}
+
+TEST_F(RelayTest, LosesTheFramesThatItsLinkLoses) {
+  LinkProfile profile;
+  profile.loss = 0.2;
+  profile.burst_start = 0.05;
+  profile.burst_end = 0.3;
+  constexpr std::uint32_t kCount = 3000;
+  Link oracle{profile, 2 * 7};
+  start(profile, 7);
+  for (std::uint32_t i = 0; i < kCount; ++i) {
+    send(0, i);
+    if (oracle.departure(0, 256)) {
+      ASSERT_EQ(next(1), i);
+    }
+  }
+  send(1, 1);
+  stop();
+  EXPECT_EQ(relay_->figures().forth.lost, oracle.counts().lost);
+  EXPECT_GT(oracle.counts().lost, 0u);
+}
+
+TEST_F(RelayTest, LetsFramesOvertakeOnlyWhenItsLinkDoes) {
+  for (const bool reorder : {false, true}) {
+    LinkProfile profile;
+    profile.delay_ms = 20;
+    profile.jitter_ms = 5;
+    profile.reorder = reorder;
+    start(profile);
+    for (std::uint32_t i = 0; i < 200; ++i) send(0, i);
+    int overtakes = 0;
+    for (std::uint32_t i = 0, last = 0; i < 200; ++i) {
+      const auto number = next(1);
+      ASSERT_TRUE(number);
+      if (*number < last) ++overtakes;
+      last = *number;
+    }
+    EXPECT_EQ(overtakes > 0, reorder);
+    stop();
+  }
+}
+
+}  // namespace
+}  // namespace tactus::netem
