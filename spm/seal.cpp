@@ -4,7 +4,7 @@
 
 namespace tactus::spm {
 
-std::vector<std::uint32_t> region_seals(const Model& model) {
+std::vector<std::uint32_t> record_seals(const Model& model) {
   std::vector<std::array<std::uint32_t, 3>> corners(model.summary.faces);
   for (const BaseFace& face : model.base_faces) corners[face.face] = face.corners;
   std::vector<std::uint32_t> seals(model.summary.records);
@@ -32,13 +32,24 @@ std::vector<std::uint32_t> region_seals(const Model& model) {
     }
     seals[r] = seal_of(u, ring, [](std::uint32_t v) { return v; });
   }
-  std::vector<std::uint32_t> sums(model.summary.regions, 0);
-  for (std::uint32_t region = 0; region < model.summary.regions; ++region) {
-    for (const Run& run : model.runs_of(RegionId{region})) {
-      for (std::uint32_t r = run.first; r < run.first + run.count; ++r) sums[region] += seals[r];
-    }
+  return seals;
+}
+
+std::uint32_t region_seal(const Model& model, RegionId region, const std::vector<std::uint32_t>& records) {
+  std::uint32_t sum = 0;
+  for (const Run& run : model.runs_of(region)) {
+    for (std::uint32_t r = run.first; r < run.first + run.count; ++r) sum += records[r];
   }
-  return sums;
+  return sum;
+}
+
+std::vector<std::uint32_t> region_seals(const Model& model) {
+  const std::vector<std::uint32_t> records = record_seals(model);
+  std::vector<std::uint32_t> seals(model.summary.regions);
+  for (std::uint32_t region = 0; region < seals.size(); ++region) {
+    seals[region] = region_seal(model, RegionId{region}, records);
+  }
+  return seals;
 }
 
 }  // namespace tactus::spm

@@ -24,6 +24,12 @@ template <class IdOf>
   return static_cast<std::uint32_t>(sum >> 32);
 }
 
+/// By record. O(size), allocates.
+[[nodiscard]] std::vector<std::uint32_t> record_seals(const Model& model);
+
+/// Of one region by those of its records, over its runs.
+[[nodiscard]] std::uint32_t region_seal(const Model& model, RegionId region, const std::vector<std::uint32_t>& records);
+
 /// By region; sums wrap. `model` must be sound up to its seals. O(size), allocates.
 [[nodiscard]] std::vector<std::uint32_t> region_seals(const Model& model);
 

@@ -90,11 +90,21 @@ class Assembler {
     write_positions();
     write_base(base_corners);
     write_records();
-    write_radii();
-    arrange_faces(out_.summary, out_.parts);
     collapses_.segments = {};
+    const Model faces = out_.model();
+    std::vector<std::uint32_t> seals;  // by record
+    parallel_both(
+        options_.threads,
+        [&] {
+          write_radii();
+          write_regions(cells, lists);
+        },
+        [&] {
+          arrange_faces(faces.summary, out_.parts);
+          seals = record_seals(faces);
+        });
     number_faces(mesh_, out_.summary, out_.base_faces, out_.parts, options_.threads);
-    write_regions(cells, lists);
+    write_seals(seals);
     report("sum up", 0);
     s.digest = digest_of(out_.model());
     report("sum up", 1);
@@ -267,8 +277,13 @@ class Assembler {
     for (std::size_t i = 0; i < cells.cells.size(); ++i) add_region(cells.cells[i], lists.of(i));
     out_.summary.grid = cells.grid;
     out_.summary.regions = static_cast<std::uint32_t>(out_.regions.size());
-    const std::vector<std::uint32_t> seals = region_seals(out_.model());
-    for (std::size_t i = 0; i < seals.size(); ++i) out_.regions[i].seal = seals[i];
+  }
+
+  void write_seals(const std::vector<std::uint32_t>& records) {
+    const Model model = out_.model();
+    parallel_for(out_.regions.size(), options_.threads, [&](std::size_t i, unsigned) {
+      out_.regions[i].seal = region_seal(model, RegionId{static_cast<std::uint32_t>(i)}, records);
+    });
   }
 
   void add_region(const Cell& cell, Span<const std::uint32_t> list) {
@@ -305,12 +320,12 @@ class Assembler {
 
 BuiltModel build_model(TriangleMesh mesh, const BuildOptions& options, const Progress& progress) {
   if (progress) progress("clean", 0);
-  CleanReport cleaned = clean(mesh);
+  CleanReport cleaned = clean(mesh, options.threads);
   require_surface(mesh, cleaned);
   double step = 0;
   if (options.grid_bits > 0) {
     step = step_of_grid(mesh, options.grid_bits);
-    cleaned = cleaned + snap(mesh, step);
+    cleaned = cleaned + snap(mesh, step, options.threads);
     require_surface(mesh, cleaned);
   }
   if (progress) progress("order", 0);

@@ -1,43 +1,58 @@
 #include "spm/offline/clean.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <string>
 
 #include "spm/ids.hpp"
+#include "spm/offline/parallel.hpp"
 
 namespace tactus::spm::offline {
 namespace {
 
 using Point = std::array<float, 3>;
 
-std::uint64_t mix(std::uint64_t a, std::uint64_t b, std::uint64_t c) {
+constexpr std::size_t kGrain = 1 << 16;
+
+/// Never 0.
+std::uint32_t mix(std::uint64_t a, std::uint64_t b, std::uint64_t c) {
   std::uint64_t h = a * 0x9e3779b97f4a7c15ull ^ b * 0xc2b2ae3d27d4eb4full ^ c * 0x165667b19e3779f9ull;
   h ^= h >> 29;
   h *= 0xbf58476d1ce4e5b9ull;
-  return h ^ h >> 32;
+  return std::max(1u, static_cast<std::uint32_t>(h ^ h >> 32));
 }
 
-/// Finds an earlier equal item; open addressing over indices, so the order of insertion alone decides.
-class FirstOfItsKind {
- public:
-  explicit FirstOfItsKind(std::size_t items) {
-    std::size_t size = 16;
+/// For each item below `count` the first that equals it; kNone for those whose hash is 0. Each of `threads` tables,
+/// open addressing over items, has the items of a range of hashes, in ascending order: how many there are changes
+/// nothing.
+template <class HashOf, class Equal>
+std::vector<std::uint32_t> first_equals(std::size_t count, unsigned threads, HashOf hash_of, Equal equal) {
+  std::vector<std::uint32_t> hashes(count), first(count, kNone);
+  parallel_ranges(count, kGrain, threads, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) hashes[i] = hash_of(static_cast<std::uint32_t>(i));
+  });
+  const std::size_t tables = thread_count(threads);
+  parallel_for(tables, threads, [&](std::size_t own, unsigned) {
+    const auto is_own = [&](std::size_t i) { return hashes[i] != 0 && (hashes[i] * tables) >> 32 == own; };
+    std::size_t items = 0, size = 16;
+    for (std::size_t i = 0; i < count; ++i) items += is_own(i);
     while (size < 2 * items) size *= 2;
-    table_.assign(size, kNone);
-  }
-  template <class Equal>
-  std::uint32_t find_or_insert(std::uint64_t hash, std::uint32_t item, Equal equal) {
-    const std::size_t mask = table_.size() - 1;
-    for (std::size_t at = hash & mask;; at = (at + 1) & mask) {
-      if (table_[at] == kNone) return table_[at] = item;
-      if (equal(table_[at])) return table_[at];
+    const std::size_t mask = size - 1;
+    std::vector<std::uint32_t> table(size, kNone);
+    constexpr std::size_t kAhead = 16;  // their places are on their way from memory
+    for (std::size_t i = 0; i < count; ++i) {
+      if (i + kAhead < count && is_own(i + kAhead)) __builtin_prefetch(&table[hashes[i + kAhead] & mask]);
+      if (!is_own(i)) continue;
+      const auto item = static_cast<std::uint32_t>(i);
+      std::size_t at = hashes[i] & mask;
+      while (table[at] != kNone && !(hashes[table[at]] == hashes[i] && equal(table[at], item))) at = (at + 1) & mask;
+      if (table[at] == kNone) table[at] = item;
+      first[i] = table[at];
     }
-  }
-
- private:
-  std::vector<std::uint32_t> table_;
-};
+  });
+  return first;
+}
 
 std::uint32_t bits(float x) {
   std::uint32_t b = 0;
@@ -102,18 +117,19 @@ bool collinear(const Point& a, const Point& b, const Point& c) {
 
 bool finite(const Point& p) { return std::isfinite(p[0]) && std::isfinite(p[1]) && std::isfinite(p[2]); }
 
-/// For each vertex the first with its position.
-std::vector<std::uint32_t> weld(TriangleMesh& mesh, CleanReport& report) {
-  std::vector<std::uint32_t> first(mesh.positions.size());
-  FirstOfItsKind known{mesh.positions.size()};
+/// For each vertex the first with its position; itself where that is not finite.
+std::vector<std::uint32_t> weld(TriangleMesh& mesh, CleanReport& report, unsigned threads) {
+  std::vector<Point>& at = mesh.positions;
+  const auto hash_of = [&at](std::uint32_t v) {
+    if (!finite(at[v])) return 0u;
+    for (float& x : at[v]) x += 0.0f;  // -0 becomes 0
+    return mix(bits(at[v][0]), bits(at[v][1]), bits(at[v][2]));
+  };
+  std::vector<std::uint32_t> first =
+      first_equals(at.size(), threads, hash_of, [&at](std::uint32_t a, std::uint32_t b) { return at[a] == at[b]; });
   for (std::uint32_t v = 0; v < first.size(); ++v) {
-    Point& p = mesh.positions[v];
-    first[v] = v;
-    if (!finite(p)) continue;
-    for (float& x : p) x += 0.0f;  // -0 becomes 0
-    first[v] = known.find_or_insert(mix(bits(p[0]), bits(p[1]), bits(p[2])), v,
-                                    [&](std::uint32_t other) { return mesh.positions[other] == p; });
-    if (first[v] != v) ++report.welded_vertices;
+    if (first[v] == kNone) first[v] = v;
+    report.welded_vertices += static_cast<std::uint32_t>(first[v] != v);
   }
   return first;
 }
@@ -123,35 +139,40 @@ Triangle from_smallest(const Triangle& f) {
   return f[1] < f[2] ? Triangle{f[1], f[2], f[0]} : Triangle{f[2], f[0], f[1]};
 }
 
-void drop_bad_faces(TriangleMesh& mesh, const std::vector<std::uint32_t>& first, CleanReport& report) {
-  FirstOfItsKind known{mesh.faces.size()};
-  std::uint32_t kept = 0;
-  for (std::size_t i = 0; i < mesh.faces.size(); ++i) {
-    Triangle f = mesh.faces[i];
-    for (std::uint32_t& v : f) v = first[v];
-    const Point &a = mesh.positions[f[0]], &b = mesh.positions[f[1]], &c = mesh.positions[f[2]];
-    if (!finite(a) || !finite(b) || !finite(c)) {
-      ++report.non_finite_faces;
-    } else if (f[0] == f[1] || f[1] == f[2] || f[2] == f[0]) {
-      ++report.repeated_corner_faces;
-    } else if (collinear(a, b, c)) {
-      ++report.zero_area_faces;
-    } else {
-      const Triangle key = from_smallest(f);
-      const std::uint32_t same = known.find_or_insert(mix(key[0], key[1], key[2]), kept, [&](std::uint32_t other) {
-        return from_smallest(mesh.faces[other]) == key;
-      });
-      if (same == kept) {
-        mesh.faces[kept++] = f;
-      } else {
-        ++report.duplicate_faces;
-      }
-    }
-  }
-  mesh.faces.resize(kept);
+/// Where a face is counted; nowhere when there is nothing wrong with it alone.
+std::uint32_t CleanReport::*fault_of(const TriangleMesh& mesh, const Triangle& f) {
+  const Point &a = mesh.positions[f[0]], &b = mesh.positions[f[1]], &c = mesh.positions[f[2]];
+  if (!finite(a) || !finite(b) || !finite(c)) return &CleanReport::non_finite_faces;
+  if (f[0] == f[1] || f[1] == f[2] || f[2] == f[0]) return &CleanReport::repeated_corner_faces;
+  return collinear(a, b, c) ? &CleanReport::zero_area_faces : nullptr;
 }
 
-void drop_unused_vertices(TriangleMesh& mesh, CleanReport& report) {
+void drop_bad_faces(TriangleMesh& mesh, const std::vector<std::uint32_t>& welded, CleanReport& report,
+                    unsigned threads) {
+  std::vector<Triangle>& faces = mesh.faces;
+  const auto hash_of = [&](std::uint32_t i) {
+    for (std::uint32_t& v : faces[i]) v = welded[v];
+    if (fault_of(mesh, faces[i]) != nullptr) return 0u;
+    const Triangle key = from_smallest(faces[i]);
+    return mix(key[0], key[1], key[2]);
+  };
+  const std::vector<std::uint32_t> first = first_equals(
+      faces.size(), threads, hash_of,
+      [&faces](std::uint32_t a, std::uint32_t b) { return from_smallest(faces[a]) == from_smallest(faces[b]); });
+  std::uint32_t kept = 0;
+  for (std::uint32_t i = 0; i < faces.size(); ++i) {
+    if (first[i] == i) {
+      faces[kept++] = faces[i];
+    } else if (first[i] != kNone) {
+      ++report.duplicate_faces;
+    } else {
+      ++(report.*fault_of(mesh, faces[i]));
+    }
+  }
+  faces.resize(kept);
+}
+
+void drop_unused_vertices(TriangleMesh& mesh, CleanReport& report, unsigned threads) {
   std::vector<std::uint32_t> to(mesh.positions.size(), kNone);
   for (const Triangle& f : mesh.faces) {
     for (const std::uint32_t v : f) to[v] = 0;
@@ -163,27 +184,35 @@ void drop_unused_vertices(TriangleMesh& mesh, CleanReport& report) {
     to[v] = kept++;
   }
   report.unreferenced_vertices = static_cast<std::uint32_t>(to.size()) - kept - report.welded_vertices;
+  if (kept == mesh.positions.size()) return;
   mesh.positions.resize(kept);
-  for (Triangle& f : mesh.faces) {
-    for (std::uint32_t& v : f) v = to[v];
-  }
+  parallel_ranges(mesh.faces.size(), kGrain, threads, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t f = begin; f < end; ++f) {
+      for (std::uint32_t& v : mesh.faces[f]) v = to[v];
+    }
+  });
 }
 
-}  // namespace
-
-CleanReport clean(TriangleMesh& mesh) {
-  for (std::size_t i = 0; i < mesh.faces.size(); ++i) {
-    for (const std::uint32_t v : mesh.faces[i]) {
-      if (v >= mesh.positions.size()) {
+void require_vertices(const TriangleMesh& mesh, unsigned threads) {
+  parallel_ranges(mesh.faces.size(), kGrain, threads, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      for (const std::uint32_t v : mesh.faces[i]) {
+        if (v < mesh.positions.size()) continue;
         throw ModelError{"face " + std::to_string(i) + ": names vertex " + std::to_string(v) + ", the mesh has " +
                          std::to_string(mesh.positions.size())};
       }
     }
-  }
+  });
+}
+
+}  // namespace
+
+CleanReport clean(TriangleMesh& mesh, unsigned threads) {
+  require_vertices(mesh, threads);
   CleanReport report;
-  const std::vector<std::uint32_t> first = weld(mesh, report);
-  drop_bad_faces(mesh, first, report);
-  drop_unused_vertices(mesh, report);
+  const std::vector<std::uint32_t> first = weld(mesh, report, threads);
+  drop_bad_faces(mesh, first, report, threads);
+  drop_unused_vertices(mesh, report, threads);
   return report;
 }
 

@@ -21,7 +21,7 @@ struct CleanReport {
 
 /// Welds vertices with equal positions (-0 counts as 0, and becomes it), then drops bad faces and unused vertices. What
 /// remains keeps its order and its bits. Cleaning twice changes nothing more. Throws ModelError when a face names a
-/// vertex that is not there. O(n).
-CleanReport clean(TriangleMesh& mesh);
+/// vertex that is not there. O(n). `threads`: 0 is all there are; the result is the same.
+CleanReport clean(TriangleMesh& mesh, unsigned threads = 0);
 
 }  // namespace tactus::spm::offline

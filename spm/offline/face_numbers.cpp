@@ -16,15 +16,18 @@ static_assert(kGrain % kBlock == 0);
 
 class FaceNumbers {
  public:
-  FaceNumbers(const TriangleMesh& mesh, const ModelSummary& summary, Span<const RecordPart> parts)
+  FaceNumbers(const TriangleMesh& mesh, const ModelSummary& summary, Span<const RecordPart> parts, unsigned threads)
       : mesh_{mesh}, kin_(summary.faces, Kin{kNone, kNone, kNone}) {
-    for (std::uint32_t r = 0; r < summary.records; ++r) {
-      const RecordPart& part = parts[r];
-      if (part.born_count == 0) continue;
-      const std::uint32_t first = part.born[0].face(), second = part.born_count == 2 ? part.born[1].face() : kNone;
-      kin_[first] = {r, second, codec::anchor_of(part)};
-      if (second != kNone) kin_[second] = {r, first, first};
-    }
+    // No face is born twice.
+    parallel_ranges(summary.records, kGrain, threads, [&](std::size_t begin, std::size_t end) {
+      for (auto r = static_cast<std::uint32_t>(begin); r < end; ++r) {
+        const RecordPart& part = parts[r];
+        if (part.born_count == 0) continue;
+        const std::uint32_t first = part.born[0].face(), second = part.born_count == 2 ? part.born[1].face() : kNone;
+        kin_[first] = {r, second, codec::anchor_of(part)};
+        if (second != kNone) kin_[second] = {r, first, first};
+      }
+    });
   }
 
   /// Sets the new numbers of a block's faces.
@@ -122,7 +125,7 @@ void number_faces(const TriangleMesh& mesh, const ModelSummary& summary, std::ve
                   Span<RecordPart> parts, unsigned threads) {
   std::vector<std::uint32_t> numbers(summary.faces);
   {
-    const FaceNumbers faces{mesh, summary, {parts.data(), parts.size()}};
+    const FaceNumbers faces{mesh, summary, {parts.data(), parts.size()}, threads};
     parallel_ranges(summary.faces, kGrain, threads, [&](std::size_t first, std::size_t last) {
       for (std::size_t f = first; f < last; f += kBlock) {
         faces.number(static_cast<std::uint32_t>(f), static_cast<std::uint32_t>(std::min<std::size_t>(kBlock, last - f)),

@@ -1,7 +1,8 @@
 #include "spm/offline/face_order.hpp"
 
 #include <algorithm>
-#include <limits>
+#include <cstring>
+#include <utility>
 
 #include "spm/offline/parallel.hpp"
 
@@ -13,23 +14,120 @@ std::size_t largest_power_below(std::size_t count) {
   return power;
 }
 
-void split_along_longest_axis(PlacedFace* faces, std::size_t count, std::size_t left) {
-  std::array<float, 3> low, high;
-  low.fill(std::numeric_limits<float>::infinity());
-  high.fill(-std::numeric_limits<float>::infinity());
-  for (std::size_t i = 0; i < count; ++i) {
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      low[axis] = std::min(low[axis], faces[i].centre[axis]);
-      high[axis] = std::max(high[axis], faces[i].centre[axis]);
-    }
+namespace {
+
+using Four = float __attribute__((vector_size(16)));
+using FourInts = std::int32_t __attribute__((vector_size(16)));
+static_assert(sizeof(PlacedFace) == sizeof(Four));
+
+std::size_t longest_axis(const PlacedFace* faces, std::size_t count) {
+  const auto at = [faces](std::size_t i) {
+    Four lanes;
+    std::memcpy(&lanes, faces + i, sizeof lanes);
+    return lanes;
+  };
+  Four low = at(0), high = low;  // the last lane means nothing
+  for (std::size_t i = 1; i < count; ++i) {
+    const Four face = at(i);
+    low = face < low ? face : low;
+    high = face > high ? face : high;
   }
+  const Four extent = high - low;
   std::size_t axis = 0;
   for (std::size_t k = 1; k < 3; ++k) {
-    if (high[k] - low[k] > high[axis] - low[axis]) axis = k;
+    if (extent[k] > extent[axis]) axis = k;
   }
-  std::nth_element(faces, faces + left, faces + count, [axis](const PlacedFace& a, const PlacedFace& b) {
+  return axis;
+}
+
+struct Before {
+  std::size_t axis;
+  bool operator()(const PlacedFace& a, const PlacedFace& b) const {
     return a.centre[axis] != b.centre[axis] ? a.centre[axis] < b.centre[axis] : a.face < b.face;
-  });
+  }
+};
+
+constexpr std::size_t kFew = 16;
+
+/// Sorts: each goes where as many are as come before it. No branch to mispredict.
+void sort_few(PlacedFace* faces, std::size_t count, std::size_t axis) {
+  std::array<PlacedFace, kFew> from;
+  std::array<Four, kFew / 4> place{};
+  std::array<FourInts, kFew / 4> number{}, rank{};
+  for (std::size_t i = 0; i < count; ++i) {
+    from[i] = faces[i];
+    place[i / 4][i % 4] = faces[i].centre[axis];
+    number[i / 4][i % 4] = static_cast<std::int32_t>(faces[i].face);  // below 2^28
+  }
+  for (std::size_t i = 0; i < count; ++i) {
+    const float x = from[i].centre[axis];
+    const Four at{x, x, x, x};
+    const auto f = static_cast<std::int32_t>(from[i].face);
+    const FourInts face{f, f, f, f};
+    for (std::size_t four = 0; 4 * four < count; ++four) {
+      rank[four] -= (at < place[four]) | ((at == place[four]) & (face < number[four]));
+    }
+  }
+  for (std::size_t i = 0; i < count; ++i) faces[rank[i / 4][i % 4]] = from[i];
+}
+
+/// Moves what comes before `pivot` to the front and says how many that is. No branch to mispredict.
+std::size_t move_to_front(PlacedFace* faces, std::size_t count, std::size_t axis, const PlacedFace& pivot) {
+  const float at = pivot.centre[axis];
+  std::size_t front = 0;
+  for (std::size_t i = 0; i < count; ++i) {
+    const float x = faces[i].centre[axis];
+    const PlacedFace face = faces[i];
+    faces[i] = faces[front];
+    faces[front] = face;
+    front += static_cast<std::size_t>(x < at) | (static_cast<std::size_t>(x == at) & (face.face < pivot.face));
+  }
+  return front;
+}
+
+/// One of a sample, neither its first nor its last, just beyond the `nth` as far as the sample tells, so that the next
+/// one to be chosen leaves little.
+PlacedFace choose_pivot(const PlacedFace* faces, std::size_t count, std::size_t nth, Before before) {
+  constexpr std::size_t kMost = 127;
+  std::array<PlacedFace, kMost> sample;
+  const std::size_t size = count < 128 ? 5 : count < 2048 ? 21 : kMost;
+  for (std::size_t i = 0; i < size; ++i) sample[i] = faces[i * count / size];
+  const std::size_t at = nth * size / count, beyond = size < kMost ? 1 : 5;
+  const std::size_t rank = nth < count / 2 || at < beyond ? at + beyond : at - beyond;
+  const auto chosen = sample.begin() + std::clamp<std::size_t>(rank, 1, size - 2);
+  std::nth_element(sample.begin(), chosen, sample.begin() + size, before);
+  return *chosen;
+}
+
+/// As std::nth_element does, but for the order within the halves.
+void select(PlacedFace* faces, std::size_t count, std::size_t nth, std::size_t axis) {
+  for (std::size_t steps = 0; count > kFew; ++steps) {
+    if (steps == 64) {  // however the sample misleads: linear
+      std::nth_element(faces, faces + nth, faces + count, Before{axis});
+      return;
+    }
+    const std::size_t front = move_to_front(faces, count, axis, choose_pivot(faces, count, nth, Before{axis}));
+    if (front > nth) {
+      count = front;
+    } else {
+      faces += front;
+      count -= front;
+      nth -= front;
+    }
+    if (nth == 0) return;
+  }
+  sort_few(faces, count, axis);
+}
+
+}  // namespace
+
+void split_along_longest_axis(PlacedFace* faces, std::size_t count, std::size_t left) {
+  const std::size_t axis = longest_axis(faces, count);
+  if (count == 2) {
+    if (Before{axis}(faces[1], faces[0])) std::swap(faces[0], faces[1]);
+  } else {
+    select(faces, count, left, axis);
+  }
 }
 
 namespace {
@@ -45,8 +143,9 @@ void order(PlacedFace* faces, std::size_t count) {
 }
 
 /// Splits every block of more than `most` where `left_of` says, again and again; one generation at a time.
-template <class LeftOf>
-std::vector<std::size_t> split_all(std::vector<PlacedFace>& faces, std::size_t most, unsigned threads, LeftOf left_of) {
+template <class LeftOf, class Split>
+std::vector<std::size_t> split_all(std::vector<PlacedFace>& faces, std::size_t most, unsigned threads, LeftOf left_of,
+                                   Split split) {
   std::vector<std::size_t> starts{0, faces.size()}, middles, next;
   while (true) {
     middles.assign(starts.size() - 1, 0);
@@ -59,7 +158,7 @@ std::vector<std::size_t> split_all(std::vector<PlacedFace>& faces, std::size_t m
     }
     if (!split_one) return starts;
     parallel_for(middles.size(), threads, [&](std::size_t i, unsigned) {
-      if (middles[i] != 0) split_along_longest_axis(faces.data() + starts[i], starts[i + 1] - starts[i], middles[i]);
+      if (middles[i] != 0) split(faces.data() + starts[i], starts[i + 1] - starts[i], middles[i]);
     });
     next.clear();
     for (std::size_t i = 0; i < middles.size(); ++i) {
@@ -74,9 +173,13 @@ std::vector<std::size_t> split_all(std::vector<PlacedFace>& faces, std::size_t m
 }  // namespace
 
 std::vector<std::size_t> divide(std::vector<PlacedFace>& faces, std::size_t most, double share, unsigned threads) {
-  return split_all(faces, most, threads, [share](std::size_t count) {
+  const auto left_of = [share](std::size_t count) {
     const auto left = static_cast<std::size_t>(share * static_cast<double>(count));
     return std::clamp<std::size_t>(left, 1, count - 1);
+  };
+  // The order within a block is part of the result.
+  return split_all(faces, most, threads, left_of, [](PlacedFace* block, std::size_t count, std::size_t left) {
+    std::nth_element(block, block + left, block + count, Before{longest_axis(block, count)});
   });
 }
 
@@ -93,7 +196,8 @@ std::vector<std::uint32_t> face_order(const TriangleMesh& mesh, unsigned threads
       }
     }
   });
-  const std::vector<std::size_t> blocks = split_all(faces, kGrain, threads, largest_power_below);
+  const std::vector<std::size_t> blocks =
+      split_all(faces, kGrain, threads, largest_power_below, split_along_longest_axis);
   parallel_for(blocks.size() - 1, threads,
                [&](std::size_t i, unsigned) { order(faces.data() + blocks[i], blocks[i + 1] - blocks[i]); });
   std::vector<std::uint32_t> result(faces.size());

@@ -44,4 +44,36 @@ void parallel_ranges(std::size_t count, std::size_t grain, unsigned threads,
                [&](std::size_t item, unsigned) { work(item * grain, std::min(count, (item + 1) * grain)); });
 }
 
+void parallel_groups(std::size_t count, std::size_t grain, unsigned threads,
+                     const std::function<bool(std::size_t item)>& joined,
+                     const std::function<void(std::size_t first, std::size_t last)>& work) {
+  const auto begin = [&](std::size_t i) {
+    while (i > 0 && i < count && joined(i)) ++i;
+    return std::min(i, count);
+  };
+  parallel_ranges(count, grain, threads, [&](std::size_t first, std::size_t last) {
+    first = begin(first);
+    last = begin(last);
+    if (first < last) work(first, last);
+  });
+}
+
+void parallel_both(unsigned threads, const std::function<void()>& one, const std::function<void()>& other) {
+  parallel_for(2, threads, [&](std::size_t item, unsigned) { item == 0 ? one() : other(); });
+}
+
+double parallel_sum(std::size_t count, unsigned threads, const std::function<double(std::size_t item)>& value) {
+  constexpr std::size_t kAtOnce = std::size_t{1} << 20, kGrain = std::size_t{1} << 14;
+  std::vector<double> values(std::min(count, kAtOnce));
+  double sum = 0;
+  for (std::size_t done = 0; done < count; done += kAtOnce) {
+    const std::size_t some = std::min(count - done, kAtOnce);
+    parallel_ranges(some, kGrain, threads, [&](std::size_t first, std::size_t last) {
+      for (std::size_t i = first; i < last; ++i) values[i] = value(done + i);
+    });
+    for (std::size_t i = 0; i < some; ++i) sum += values[i];
+  }
+  return sum;
+}
+
 }  // namespace tactus::spm::offline

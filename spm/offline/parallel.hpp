@@ -21,6 +21,19 @@ void parallel_for(std::size_t count, unsigned threads,
 void parallel_ranges(std::size_t count, std::size_t grain, unsigned threads,
                      const std::function<void(std::size_t first, std::size_t last)>& work);
 
+/// The same with ranges that begin only where `joined(item)` does not hold, which says that an item belongs with the
+/// one before it.
+void parallel_groups(std::size_t count, std::size_t grain, unsigned threads,
+                     const std::function<bool(std::size_t item)>& joined,
+                     const std::function<void(std::size_t first, std::size_t last)>& work);
+
+/// Two pieces of work at once, the first in the calling thread unless there is one thread only.
+void parallel_both(unsigned threads, const std::function<void()>& one, const std::function<void()>& other);
+
+/// Sum of `value(item)` for items below `count`, added one after the other in their order.
+[[nodiscard]] double parallel_sum(std::size_t count, unsigned threads,
+                                  const std::function<double(std::size_t item)>& value);
+
 /// Sorts by a strict total order: no two items may be equal, so that there is one result.
 template <class Item, class Less>
 void parallel_sort(std::vector<Item>& items, unsigned threads, Less less) {

@@ -18,17 +18,17 @@ class Partitioner {
   Partitioner(const TriangleMesh& mesh, const PartitionOptions& options, unsigned threads)
       : mesh_{mesh}, options_{options}, threads_{threads} {
     Vec3d low = Vec3d::Constant(std::numeric_limits<double>::infinity()), high = -low;
-    double area = 0, largest = 0;
+    double largest = 0;
     for (const std::array<float, 3>& p : mesh.positions) {
       const Vec3d at{p[0], p[1], p[2]};
       low = low.cwiseMin(at);
       high = high.cwiseMax(at);
       largest = std::max(largest, at.cwiseAbs().maxCoeff());
     }
-    for (std::uint32_t f = 0; f < mesh.faces.size(); ++f) {
-      const std::array<Vec3d, 3> t = corners(f);
-      area += (t[1] - t[0]).cross(t[2] - t[0]).norm() / 2;
-    }
+    const double area = parallel_sum(mesh.faces.size(), threads, [this](std::size_t f) {
+      const std::array<Vec3d, 3> t = corners(static_cast<std::uint32_t>(f));
+      return (t[1] - t[0]).cross(t[2] - t[0]).norm() / 2;
+    });
     const double side = (high - low).maxCoeff();
     const double even = std::sqrt(area * options.cell_faces / static_cast<double>(mesh.faces.size()));
     const double cell = std::min(std::max(even, side / kMostCellsPerSide), 1.01 * side);
@@ -46,13 +46,27 @@ class Partitioner {
     std::vector<Entry> entries = meetings();
     parallel_sort(entries, threads_,
                   [](const Entry& a, const Entry& b) { return a.key != b.key ? a.key < b.key : a.face < b.face; });
-    std::vector<std::uint32_t> faces;
+    constexpr std::size_t kPiece = 1 << 15;
+    std::vector<Cells> pieces(entries.size() / kPiece + 1);  // by the first entry of each
+    const auto same_cell = [&entries](std::size_t i) { return entries[i].key == entries[i - 1].key; };
+    parallel_groups(entries.size(), kPiece, threads_, same_cell, [&](std::size_t first, std::size_t last) {
+      std::vector<std::uint32_t> faces;
+      for (std::size_t i = first; i < last;) {
+        const std::uint64_t key = entries[i].key;
+        faces.clear();
+        for (; i < last && entries[i].key == key; ++i) faces.push_back(entries[i].face);
+        add(unmorton(key), 0, faces, pieces[first / kPiece]);
+      }
+    });
     out_.faces.reserve(entries.size());
-    for (std::size_t i = 0; i < entries.size();) {
-      const std::uint64_t key = entries[i].key;
-      faces.clear();
-      for (; i < entries.size() && entries[i].key == key; ++i) faces.push_back(entries[i].face);
-      add(unmorton(key), 0, faces);
+    entries = {};
+    for (const Cells& piece : pieces) {
+      const auto before = static_cast<std::uint32_t>(out_.faces.size());
+      for (Cell cell : piece.cells) {
+        cell.first_face += before;
+        out_.cells.push_back(cell);
+      }
+      out_.faces.insert(out_.faces.end(), piece.faces.begin(), piece.faces.end());
     }
     return std::move(out_);
   }
@@ -62,6 +76,11 @@ class Partitioner {
   struct Entry {
     std::uint64_t key;
     std::uint32_t face;
+  };
+  /// As in Partition.
+  struct Cells {
+    std::vector<Cell> cells;
+    std::vector<std::uint32_t> faces;
   };
 
   /// Which face meets which cell of the regular grid.
@@ -139,16 +158,16 @@ class Partitioner {
     return at;
   }
 
-  void add(const Place& at, std::uint32_t depth, const std::vector<std::uint32_t>& faces) {
-    if (faces.empty() || divide(at, depth, faces)) return;
+  void add(const Place& at, std::uint32_t depth, const std::vector<std::uint32_t>& faces, Cells& out) const {
+    if (faces.empty() || divide(at, depth, faces, out)) return;
     const std::uint64_t occupied = occupied_by(faces, at, depth);
-    out_.cells.push_back(
+    out.cells.push_back(
         {{static_cast<std::uint16_t>(at[0]), static_cast<std::uint16_t>(at[1]), static_cast<std::uint16_t>(at[2])},
          static_cast<std::uint16_t>(depth),
          {static_cast<std::uint32_t>(occupied), static_cast<std::uint32_t>(occupied >> 32)},
-         static_cast<std::uint32_t>(out_.faces.size()),
+         static_cast<std::uint32_t>(out.faces.size()),
          static_cast<std::uint32_t>(faces.size())});
-    out_.faces.insert(out_.faces.end(), faces.begin(), faces.end());
+    out.faces.insert(out.faces.end(), faces.begin(), faces.end());
   }
 
   /// The sixty-fourths of the cell that the faces meet, each taken a hair larger than it is.
@@ -188,7 +207,7 @@ class Partitioner {
   }
 
   /// Not where the eight would share most of their faces, as around a hub or in a stack of sheets.
-  bool divide(const Place& at, std::uint32_t depth, const std::vector<std::uint32_t>& faces) {
+  bool divide(const Place& at, std::uint32_t depth, const std::vector<std::uint32_t>& faces, Cells& out) const {
     if (faces.size() <= options_.max_cell_faces || depth == kMaxDepth) return false;
     std::array<std::vector<std::uint32_t>, 8> parts;
     std::size_t sum = 0;
@@ -202,7 +221,7 @@ class Partitioner {
       sum += parts[octant].size();
     }
     if (sum > 2 * faces.size()) return false;
-    for (std::uint32_t octant = 0; octant < 8; ++octant) add(place(octant), depth + 1, parts[octant]);
+    for (std::uint32_t octant = 0; octant < 8; ++octant) add(place(octant), depth + 1, parts[octant], out);
     return true;
   }
 

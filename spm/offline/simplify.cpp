@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <optional>
 
 #include "spm/offline/face_order.hpp"
@@ -15,16 +16,16 @@ constexpr std::uint32_t kShrink = 4;  // a round leaves one face in so many
 constexpr std::size_t kGrain = 1 << 16;
 
 /// Brings the mean edge to about 1 without a rounding.
-float scale_of(const TriangleMesh& mesh) {
-  double sum = 0;
-  for (const Triangle& f : mesh.faces) {
+float scale_of(const TriangleMesh& mesh, unsigned threads) {
+  const double sum = parallel_sum(mesh.faces.size(), threads, [&mesh](std::size_t i) {
+    const Triangle& f = mesh.faces[i];
     double length2 = 0;
     for (std::size_t axis = 0; axis < 3; ++axis) {
       const double along = double{mesh.positions[f[1]][axis]} - double{mesh.positions[f[0]][axis]};
       length2 += along * along;
     }
-    sum += std::sqrt(length2);
-  }
+    return std::sqrt(length2);
+  });
   const double mean = sum / static_cast<double>(mesh.faces.size());
   return mean > 0 && std::isfinite(mean) ? static_cast<float>(std::ldexp(1, -std::ilogb(mean))) : 1.0f;
 }
@@ -37,7 +38,7 @@ class Simplifier {
         options_{options},
         threads_{thread_count(threads)},
         progress_{progress},
-        surface_{mesh, mesh.faces, {}, {}, {}, {}, scale_of(mesh)},
+        surface_{mesh, mesh.faces, {}, {}, {}, {}, scale_of(mesh, threads_)},
         patches_(threads_) {
     options_.block_faces = std::max(options_.block_faces, 16u);
     surface_.state.assign(mesh.faces.size(), Surface::kAlive);
@@ -130,25 +131,49 @@ class Simplifier {
   void own_vertices(const std::vector<std::size_t>& blocks) {
     constexpr std::uint32_t kUnseen = kNone - 1;
     std::fill(surface_.owner.begin(), surface_.owner.end(), kUnseen);
-    for (std::uint32_t block = 0; block + 1 < blocks.size(); ++block) {
-      for (std::size_t i = blocks[block]; i < blocks[block + 1]; ++i) {
+    parallel_for(blocks.size() - 1, threads_, [&](std::size_t item, unsigned) {
+      const auto block = static_cast<std::uint32_t>(item);
+      for (std::size_t i = blocks[item]; i < blocks[item + 1]; ++i) {
         for (const std::uint32_t v : surface_.corners[living_[i]]) {
-          std::uint32_t& owner = surface_.owner[v];
-          owner = owner == kUnseen || owner == block ? block : Surface::kShared;
+          std::uint32_t* owner = &surface_.owner[v];
+          std::uint32_t seen = __atomic_load_n(owner, __ATOMIC_RELAXED);
+          if (seen == kUnseen &&
+              __atomic_compare_exchange_n(owner, &seen, block, false, __ATOMIC_RELAXED, __ATOMIC_RELAXED)) {
+            continue;
+          }
+          // Whoever comes first: with another block's name here, it is shared in the end.
+          if (seen != block && seen != Surface::kShared) __atomic_store_n(owner, Surface::kShared, __ATOMIC_RELAXED);
         }
       }
-    }
+    });
   }
 
   /// No patch sees all faces of a shared vertex while they are still the finest.
   void make_shared_quadrics() {
-    std::vector<std::array<std::uint32_t, 2>> stars;  // vertex, 4 * face + corner
-    for (std::uint32_t f = 0; f < mesh_.faces.size(); ++f) {
-      for (std::uint32_t k = 0; k < 3; ++k) {
-        if (surface_.owner[mesh_.faces[f][k]] == Surface::kShared) stars.push_back({mesh_.faces[f][k], 4 * f + k});
+    using Pair = std::array<std::uint32_t, 2>;
+    std::vector<std::vector<Pair>> found(mesh_.faces.size() / kGrain + 1);
+    parallel_ranges(mesh_.faces.size(), kGrain, threads_, [&](std::size_t first, std::size_t last) {
+      for (std::size_t f = first; f < last; ++f) {
+        for (std::uint32_t k = 0; k < 3; ++k) {
+          const std::uint32_t v = mesh_.faces[f][k];
+          if (surface_.owner[v] == Surface::kShared) {
+            found[first / kGrain].push_back({v, 4 * static_cast<std::uint32_t>(f) + k});
+          }
+        }
       }
-    }
-    std::sort(stars.begin(), stars.end());
+    });
+    std::vector<Pair> stars;  // vertex, 4 * face + corner
+    for (const std::vector<Pair>& some : found) stars.insert(stars.end(), some.begin(), some.end());
+    parallel_sort(stars, threads_, std::less<>{});
+    constexpr std::size_t kFewStars = 1 << 12;
+    const auto same_vertex = [&stars](std::size_t i) { return stars[i][0] == stars[i - 1][0]; };
+    parallel_groups(stars.size(), kFewStars, threads_, same_vertex, [&](std::size_t first, std::size_t last) {
+      make_quadrics({stars.data() + first, last - first});
+    });
+  }
+
+  /// Of vertices whose whole stars these are: vertex, 4 * face + corner; ascending.
+  void make_quadrics(Span<const std::array<std::uint32_t, 2>> stars) {
     std::vector<std::array<std::uint32_t, 2>> rim;  // neighbour, face
     for (std::size_t i = 0; i < stars.size();) {
       const std::uint32_t v = stars[i][0];

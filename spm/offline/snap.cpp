@@ -46,7 +46,7 @@ double step_of_grid(const TriangleMesh& mesh, unsigned bits) {
   return step;
 }
 
-CleanReport snap(TriangleMesh& mesh, double step) {
+CleanReport snap(TriangleMesh& mesh, double step, unsigned threads) {
   CleanReport report;
   // What falls away may take the lower bounds with it; the grid begins at those that remain.
   for (bool moved = true; moved && !mesh.positions.empty();) {
@@ -61,7 +61,7 @@ CleanReport snap(TriangleMesh& mesh, double step) {
         moved = moved || p[axis] != before;
       }
     }
-    report = report + clean(mesh);
+    report = report + clean(mesh, threads);
   }
   return report;
 }

@@ -12,6 +12,6 @@ namespace tactus::spm::offline {
 
 /// Moves each coordinate of a clean mesh to the nearest place of the grid of that step that begins at the lower bounds,
 /// as ModelSummary::position_step has it, and cleans what became one. Doing it again changes nothing.
-CleanReport snap(TriangleMesh& mesh, double step);
+CleanReport snap(TriangleMesh& mesh, double step, unsigned threads = 0);
 
 }  // namespace tactus::spm::offline
