@@ -37,18 +37,39 @@ struct Touches {
   alignas(64) Doubles depth;                         ///< radius less distance; where that is all of it, normal is NaN
 };
 
+/// A ball's straight way, bounded from outside.
+struct Way {
+  std::array<float, 3> middle;     ///< of a ball that holds all that is swept
+  float squared_reach;             ///< of that ball
+  std::array<float, 3> low, high;  ///< of a box that does
+  std::array<float, 3> direction;  ///< of the way; what is touched has a point with direction . point >= behind
+  float behind;
+};
+
+/// The same way exactly: of a ball whose centre goes from `from` by `motion`.
+struct Sweep {
+  std::array<double, 3> from, motion;
+  double radius, length;  ///< of the ball, of `motion`
+  double extent;          ///< greatest coordinate there may be: rounding is a share of it
+};
+
 struct Kernels {
   /// Squared distances of `p` to the boxes.
   void (*box_distances)(const Floats* boxes, const std::array<float, 3>& p, Floats& squared) noexcept;
   /// Bits of the boxes that come within the root of `squared_radius` of `p`.
   unsigned (*boxes_within)(const Floats* boxes, const std::array<float, 3>& p, float squared_radius) noexcept;
-  /// Bits of the boxes that meet the box from `low` to `high`.
-  unsigned (*boxes_meeting)(const Floats* boxes, const std::array<float, 3>& low,
-                            const std::array<float, 3>& high) noexcept;
+  /// Bits of the boxes that may be touched on the way.
+  unsigned (*boxes_on)(const Floats* boxes, const Way& way) noexcept;
   void (*bounds_of_boxes)(const Floats* boxes, Bounds& bounds) noexcept;
   void (*bounds_of_triangles)(const Floats* corners, Bounds& bounds) noexcept;
   /// Bits of the triangles whose boxes come within the root of `squared_radius` of `p`.
   unsigned (*triangles_within)(const Floats* corners, const std::array<float, 3>& p, float squared_radius) noexcept;
+  /// Bits of the triangles that may be touched on the way.
+  unsigned (*triangles_on)(const Floats* corners, const Way& way) noexcept;
+  /// Bits of the triangles of `wanted` that spm::swept_sphere may say are touched at a time of at most `limit`;
+  /// `earliest` then is not later than what it says; how much earlier differs between instruction sets. About 50 ns.
+  unsigned (*touched_by)(const Floats* corners, const Sweep& sweep, unsigned wanted, double limit,
+                         Doubles& earliest) noexcept;
   /// As spm::closest_point for each lane of `wanted`, up to rounding; others may be left out, their distances then NaN.
   /// About 50 ns.
   void (*closest_points)(const Floats* corners, const std::array<double, 3>& p, unsigned wanted, Closest& out) noexcept;

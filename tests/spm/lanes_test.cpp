@@ -43,6 +43,18 @@ Triangles random_triangles(std::mt19937_64& random) {
   return triangles;
 }
 
+Boxes boxes_of(const Triangles& triangles) {
+  Boxes boxes;
+  for (std::size_t lane = 0; lane < lanes::kLanes; ++lane)
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const float a = triangles[axis][lane], b = triangles[3 + axis][lane], c = triangles[6 + axis][lane];
+      const bool none = std::isnan(a);
+      boxes[axis][lane] = none ? kNothing : std::min({a, b, c});
+      boxes[3 + axis][lane] = none ? kNothing : std::max({a, b, c});
+    }
+  return boxes;
+}
+
 std::vector<Simd> available() {
   std::vector<Simd> all{Simd::kBase};
   if (best_simd() != Simd::kBase) all.push_back(Simd::kAvx2);
@@ -146,18 +158,10 @@ TEST_P(Lanes, TrianglesWithinAreThoseWhoseBoxesAre) {
   for (int round = 0; round < 5000; ++round) {
     const Triangles triangles = random_triangles(random);
     const std::array<float, 3> p{coordinate(random), coordinate(random), coordinate(random)};
-    Boxes boxes;
-    for (std::size_t lane = 0; lane < lanes::kLanes; ++lane)
-      for (std::size_t axis = 0; axis < 3; ++axis) {
-        const float a = triangles[axis][lane], b = triangles[3 + axis][lane], c = triangles[6 + axis][lane];
-        const bool none = std::isnan(a);
-        boxes[axis][lane] = none ? kNothing : std::min({a, b, c});
-        boxes[3 + axis][lane] = none ? kNothing : std::max({a, b, c});
-      }
 
     const unsigned found = kernels_.triangles_within(triangles.data(), p, 0.5f);
 
-    ASSERT_EQ(found, kernels_.boxes_within(boxes.data(), p, 0.5f)) << "round " << round;
+    ASSERT_EQ(found, kernels_.boxes_within(boxes_of(triangles).data(), p, 0.5f)) << "round " << round;
     within += found != 0 ? 1 : 0;
   }
   EXPECT_GT(within, 1000);
@@ -208,6 +212,63 @@ class LaneBoxes : public Lanes {
   }
 };
 
+TEST_P(Lanes, TrianglesOnAWayAreThoseWhoseBoxesAre) {
+  std::mt19937_64 random{6};
+  std::uniform_real_distribution<float> coordinate{-1, 1};
+  const auto point = [&] { return std::array<float, 3>{coordinate(random), coordinate(random), coordinate(random)}; };
+  int on_way = 0;
+  for (int round = 0; round < 5000; ++round) {
+    const Triangles triangles = random_triangles(random);
+    const lanes::Way way{point(), 1.f, {-0.8f, -0.8f, -0.8f}, {0.5f, 0.5f, 0.5f}, point(), coordinate(random)};
+
+    const unsigned found = kernels_.triangles_on(triangles.data(), way);
+
+    ASSERT_EQ(found, kernels_.boxes_on(boxes_of(triangles).data(), way)) << "round " << round;
+    on_way += found != 0 ? 1 : 0;
+  }
+  EXPECT_GT(on_way, 1000);
+}
+
+TEST_P(Lanes, NoTriangleThatASweptSphereTouchesInTimeIsLeftOut) {
+  std::mt19937_64 random{7};
+  std::uniform_real_distribution<double> coordinate{-1.5, 1.5}, share{0, 1};
+  int touched = 0, offered = 0;
+  for (int round = 0; round < 20000; ++round) {
+    const Triangles triangles = random_triangles(random);
+    const Vec3d from{coordinate(random), coordinate(random), coordinate(random)};
+    const double far = round % 2 == 0 ? 1 : 0.01;
+    const Vec3d motion = far * Vec3d{coordinate(random), coordinate(random), coordinate(random)};
+    double radius = 0.5 * share(random);
+    // Every third rests on a triangle, as a proxy does.
+    if (const std::size_t lane = random() % lanes::kLanes; round % 3 == 0 && !std::isnan(triangles[0][lane]))
+      radius = (1 - 1e-6) * std::sqrt(closest_point(from, corner(triangles, lane, 0), corner(triangles, lane, 1),
+                                                    corner(triangles, lane, 2))
+                                          .squared_distance);
+    const lanes::Sweep sweep{{from[0], from[1], from[2]}, {motion[0], motion[1], motion[2]}, radius, motion.norm(), 3};
+    const double limit = round % 5 == 0 ? share(random) : 1;
+
+    lanes::Doubles earliest;
+    const unsigned found = kernels_.touched_by(triangles.data(), sweep, lanes::kAllLanes, limit, earliest);
+
+    for (std::size_t lane = 0; lane < lanes::kLanes; ++lane) {
+      const bool here = (found >> lane & 1u) != 0;
+      offered += here ? 1 : 0;
+      SweepHit hit;
+      if (std::isnan(triangles[0][lane])) {
+        ASSERT_FALSE(here) << "round " << round;
+      } else if (swept_sphere(from, from + motion, radius, corner(triangles, lane, 0), corner(triangles, lane, 1),
+                              corner(triangles, lane, 2), hit) &&
+                 hit.time <= limit) {
+        ++touched;
+        ASSERT_TRUE(here) << "round " << round << " lane " << lane << " at " << hit.time;
+        ASSERT_LE(earliest[lane], hit.time) << "round " << round << " lane " << lane;
+      }
+    }
+  }
+  EXPECT_GT(touched, 5000);
+  EXPECT_LT(offered, touched * 3 / 2) << "what is never touched is left out as a rule";
+}
+
 TEST_P(LaneBoxes, DistancesMeetingsAndBoundsAreThoseOfOneBoxAtATime) {
   for (int round = 0; round < 5000; ++round) {
     const Boxes boxes = random_boxes();
@@ -218,7 +279,9 @@ TEST_P(LaneBoxes, DistancesMeetingsAndBoundsAreThoseOfOneBoxAtATime) {
       high[axis] = std::max(p[axis], q[axis]);
     }
     const float radius2 = 0.3f;
-    unsigned within = 0, meeting = 0;
+    const std::array<float, 3> direction = random_point();
+    const float behind = 0.5f * random_point()[0];
+    unsigned within = 0, on_way = 0;
     lanes::Floats expected{};
     lanes::Bounds all;
     all.low.fill(std::numeric_limits<float>::infinity());
@@ -229,15 +292,17 @@ TEST_P(LaneBoxes, DistancesMeetingsAndBoundsAreThoseOfOneBoxAtATime) {
         continue;
       }
       bool meets = true;
+      float ahead = 0;
       for (std::size_t axis = 0; axis < 3; ++axis) {
         const float d = std::max({boxes[axis][lane] - p[axis], p[axis] - boxes[3 + axis][lane], 0.f});
         expected[lane] += d * d;
         meets = meets && boxes[axis][lane] <= high[axis] && boxes[3 + axis][lane] >= low[axis];
+        ahead += std::max(boxes[axis][lane] * direction[axis], boxes[3 + axis][lane] * direction[axis]);
         all.low[axis] = std::min(all.low[axis], boxes[axis][lane]);
         all.high[axis] = std::max(all.high[axis], boxes[3 + axis][lane]);
       }
       within |= static_cast<unsigned>(expected[lane] <= radius2) << lane;
-      meeting |= static_cast<unsigned>(meets) << lane;
+      on_way |= static_cast<unsigned>(meets && expected[lane] <= radius2 && ahead >= behind) << lane;
     }
 
     lanes::Floats squared;
@@ -253,7 +318,8 @@ TEST_P(LaneBoxes, DistancesMeetingsAndBoundsAreThoseOfOneBoxAtATime) {
       }
     }
     ASSERT_EQ(kernels_.boxes_within(boxes.data(), p, radius2), within) << "round " << round;
-    ASSERT_EQ(kernels_.boxes_meeting(boxes.data(), low, high), meeting) << "round " << round;
+    const lanes::Way way{p, radius2, low, high, direction, behind};
+    ASSERT_EQ(kernels_.boxes_on(boxes.data(), way), on_way) << "round " << round;
     ASSERT_EQ(bounds.low, all.low) << "round " << round;
     ASSERT_EQ(bounds.high, all.high) << "round " << round;
   }

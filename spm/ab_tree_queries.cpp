@@ -1,0 +1,271 @@
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "spm/ab_tree.hpp"
+
+namespace tactus::spm {
+namespace {
+
+/// The query's centre, also as floats, and by how much a float distance computed with it may exceed the true one.
+struct FloatPoint {
+  explicit FloatPoint(const Vec3d& p) noexcept
+      : exact{p[0], p[1], p[2]},
+        at{static_cast<float>(p[0]), static_cast<float>(p[1]), static_cast<float>(p[2])},
+        slack{p.cwiseAbs().maxCoeff() * 4e-7} {}
+  std::array<double, 3> exact;
+  std::array<float, 3> at;
+  double slack;
+
+  /// Squared radius that finds at least all boxes within `radius` of the true centre.
+  [[nodiscard]] float squared(double radius) const noexcept {
+    const double grown = radius * (1 + 1e-6) + slack;
+    return static_cast<float>(grown * grown);
+  }
+};
+
+inline Vec3d corner(const TreeNode& node, unsigned lane, int number) noexcept {
+  return {node.lanes[3 * number][lane], node.lanes[3 * number + 1][lane], node.lanes[3 * number + 2][lane]};
+}
+
+inline unsigned lowest_bit(unsigned bits) noexcept { return static_cast<unsigned>(__builtin_ctz(bits)); }
+inline unsigned highest_bit(unsigned bits) noexcept { return 31u - static_cast<unsigned>(__builtin_clz(bits)); }
+
+[[gnu::noinline]] Vec3d upright(const TreeNode& node, unsigned lane) noexcept {
+  const Vec3d a = corner(node, lane, 0);
+  const Vec3d across = (corner(node, lane, 1) - a).cross(corner(node, lane, 2) - a);
+  const double length = across.norm();
+  return length > 0 ? Vec3d{across / length} : Vec3d::UnitZ();
+}
+
+}  // namespace
+
+/// Memory is what a query costs that runs once a millisecond: nodes of one level are taken together, so that what they
+/// lead to is on its way at the same time. Leaves take long enough that a few ahead will do; more would wait in line.
+template <class Visit>
+void AbTree::walk_near(const Vec3d& point, double radius, Visit&& visit) const noexcept {
+  if (root_ == kNone) return;
+  const FloatPoint p{point};
+  const float squared_radius = p.squared(radius);
+  constexpr std::uint32_t kTogether = 32, kLeavesAhead = 8;
+  struct Waiting {
+    std::uint32_t first = 0, last = 0;  // of `queue`
+  };
+  std::array<Waiting, kMaxHeight + 1> waiting{};  // by level; that of a level stands behind those above
+  std::array<std::uint32_t, 1 + TreeNode::kWidth * kTogether*(kMaxHeight - 1)> queue;
+  queue[0] = root_;
+  waiting[height_].last = 1;
+  for (std::uint32_t level = height_; level <= height_;) {
+    Waiting& here = waiting[level];
+    if (level == 1) {
+      for (; here.first < here.last; ++here.first) {
+        if (here.first + kLeavesAhead < here.last) prefetch(queue[here.first + kLeavesAhead]);
+        const TreeNode& node = nodes_[queue[here.first]];
+        const unsigned near = lanes::kBest.triangles_within(node.lanes.data(), p.at, squared_radius);
+        if (near != 0) visit(node, near);
+      }
+    }
+    if (here.first == here.last) {
+      ++level;
+      continue;
+    }
+    std::uint32_t behind = here.last;
+    Waiting& below = waiting[--level];
+    below.first = behind;
+    for (const std::uint32_t end = std::min(here.last, here.first + kTogether); here.first < end; ++here.first) {
+      const TreeNode& node = nodes_[queue[here.first]];
+      for (unsigned hit = lanes::kBest.boxes_within(node.lanes.data(), p.at, squared_radius); hit != 0;
+           hit &= hit - 1) {
+        const std::uint32_t child = node.child[lowest_bit(hit)];
+        if (level > 1 || behind < below.first + kLeavesAhead) prefetch(child);
+        queue[behind++] = child;
+      }
+    }
+    below.last = behind;
+  }
+}
+
+std::uint32_t AbTree::touching(const Vec3d& centre, double radius, Contact* out,
+                               std::uint32_t capacity) const noexcept {
+  struct Leaf {
+    const TreeNode* node = nullptr;
+    unsigned touched = 0;
+    lanes::Touches touches;
+  };
+  // Contacts are written one leaf later: what has just been stored by eight is slow to read one by one.
+  std::array<Leaf, 2> leaves;
+  unsigned current = 0;
+  std::uint32_t count = 0;
+  const auto write = [&](const Leaf& leaf) {
+    const lanes::Touches& touches = leaf.touches;
+    std::uint32_t at = count;
+    for (unsigned left = leaf.touched; left != 0; left &= left - 1, ++at) {
+      if (at >= capacity) continue;
+      const unsigned i = lowest_bit(left);
+      Contact& contact = out[at];
+      contact.face = FaceId{leaf.node->id * TreeNode::kWidth + i};
+      contact.last = (leaf.node->last >> i & 1u) != 0;
+      contact.point = {touches.point[0][i], touches.point[1][i], touches.point[2][i]};
+      contact.normal = {touches.normal[0][i], touches.normal[1][i], touches.normal[2][i]};
+      contact.depth = touches.depth[i];
+      contact.row = leaf.node->child[i];
+      if (contact.depth == radius) contact.normal = upright(*leaf.node, i);
+    }
+    count = at;
+  };
+  const std::array<double, 3> p{centre[0], centre[1], centre[2]};
+  walk_near(centre, radius, [&](const TreeNode& node, unsigned near) {
+    Leaf& leaf = leaves[current];
+    current ^= 1;
+    leaf.node = &node;
+    leaf.touched = lanes::kBest.touches(node.lanes.data(), p, near, radius, leaf.touches);
+    write(leaves[current]);
+  });
+  write(leaves[current ^ 1]);
+  return count;
+}
+
+bool AbTree::sweep(const Vec3d& from, const Vec3d& to, double radius, SweepContact& first) const noexcept {
+  if (root_ == kNone) return false;
+  const Vec3d motion = to - from;
+  const double length = motion.norm();
+  const double greatest = std::max(from.cwiseAbs().maxCoeff(), to.cwiseAbs().maxCoeff());
+  const lanes::Sweep swept{
+      {from[0], from[1], from[2]}, {motion[0], motion[1], motion[2]}, radius, length, greatest + radius};
+  lanes::Way way;
+  bool found = false;
+  double limit = 1;
+  const auto shorten = [&](double time) noexcept {
+    limit = time;
+    const double slack = 4e-7 * greatest, grown = radius * (1 + 1e-6) + slack;
+    const Vec3d end = from + time * motion;
+    const FloatPoint middle{(from + end) / 2};
+    way.middle = middle.at;
+    way.squared_reach = middle.squared(radius + time * length / 2);
+    double behind = 0;
+    for (int axis = 0; axis < 3; ++axis) {
+      way.low[axis] = static_cast<float>(std::min(from[axis], end[axis]) - grown);
+      way.high[axis] = static_cast<float>(std::max(from[axis], end[axis]) + grown);
+      way.direction[axis] = length > 0 ? static_cast<float>(motion[axis] / length) : 0;
+      behind += double{way.direction[axis]} * from[axis];
+    }
+    way.behind = static_cast<float>(behind - 4 * slack - 1e-6 * radius);
+  };
+  const auto search = [&](double time) noexcept {
+    shorten(time);
+    std::array<std::uint32_t, kStack> stack;
+    int depth = 0;
+    stack[depth++] = root_;
+    while (depth > 0) {
+      const TreeNode& node = nodes_[stack[--depth]];
+      if (node.level > 1) {
+        for (unsigned hit = lanes::kBest.boxes_on(node.lanes.data(), way); hit != 0; hit &= ~(1u << highest_bit(hit)))
+          stack[depth++] = node.child[highest_bit(hit)];
+        continue;
+      }
+      const unsigned near = lanes::kBest.triangles_on(node.lanes.data(), way);
+      if (near == 0) continue;
+      lanes::Doubles earliest;
+      for (unsigned left = lanes::kBest.touched_by(node.lanes.data(), swept, near, limit, earliest); left != 0;
+           left &= left - 1) {
+        const unsigned i = lowest_bit(left);
+        SweepHit touch;
+        if (earliest[i] > limit) continue;
+        if (!swept_sphere(from, to, radius, corner(node, i, 0), corner(node, i, 1), corner(node, i, 2), touch))
+          continue;
+        const FaceId face{node.id * TreeNode::kWidth + i};
+        if (found && !(touch.time < first.time || (touch.time == first.time && face < first.face))) continue;
+        found = true;
+        first = {face, touch.time, touch.point, touch.normal};
+        shorten(std::min(limit, touch.time));
+      }
+    }
+  };
+  // A proxy that rests on a surface is stopped at once: look there first, where few faces are.
+  constexpr double kAtOnce = 0.01;  // of the radius
+  const double at_once = length > 0 ? kAtOnce * radius / length : 1;
+  if (at_once < 0.5) {
+    search(at_once);
+    if (found && first.time <= at_once) return true;
+  }
+  search(found ? first.time : 1);
+  return found;
+}
+
+std::uint32_t AbTree::nearest(const Vec3d& point, double within, double more, NearestFace& best, std::uint32_t* rows,
+                              std::uint32_t capacity) const noexcept {
+  if (root_ == kNone) return 0;
+  const FloatPoint p{point};
+  best.squared_distance = within * within;
+  double squared_more = (within + more) * (within + more);
+  float squared_limit = p.squared(within + more);
+  struct Near {
+    std::uint32_t face, row;
+    double squared;
+  };
+  std::array<Near, kMostNearest> near_faces;
+  std::uint32_t near_count = 0;
+  capacity = std::min(capacity, kMostNearest);
+  const auto drop_far = [&]() noexcept {
+    std::uint32_t kept = 0;
+    for (std::uint32_t i = 0; i < near_count; ++i)
+      if (near_faces[i].squared <= squared_more) near_faces[kept++] = near_faces[i];
+    near_count = kept;
+  };
+  struct Entry {
+    std::uint32_t node;
+    float squared;
+  };
+  std::array<Entry, kStack> stack;
+  int depth = 0;
+  stack[depth++] = {root_, 0};
+  bool found = false;
+  while (depth > 0) {
+    const Entry entry = stack[--depth];
+    if (entry.squared > squared_limit) continue;
+    const TreeNode& node = nodes_[entry.node];
+    if (node.level > 1) {
+      lanes::Floats squared;
+      lanes::kBest.box_distances(node.lanes.data(), p.at, squared);
+      const int first = depth;
+      for (unsigned i = 0; i < TreeNode::kWidth; ++i) {
+        if (!(squared[i] <= squared_limit)) continue;
+        int place = depth++;  // farthest first, so that the nearest is taken next
+        for (; place > first && stack[place - 1].squared < squared[i]; --place) stack[place] = stack[place - 1];
+        stack[place] = {node.child[i], squared[i]};
+        prefetch(node.child[i]);
+      }
+      continue;
+    }
+    const unsigned near = lanes::kBest.triangles_within(node.lanes.data(), p.at, squared_limit);
+    if (near == 0) continue;
+    lanes::Closest closest;
+    lanes::kBest.closest_points(node.lanes.data(), p.exact, near, closest);
+    for (unsigned i = 0; i < TreeNode::kWidth; ++i) {
+      const double squared = closest.squared_distance[i];
+      if (!(squared <= squared_more)) continue;
+      const std::uint32_t face = node.id * TreeNode::kWidth + i;
+      const bool nearer =
+          squared < best.squared_distance || (squared == best.squared_distance && (!found || face < index(best.face)));
+      if (nearer) {
+        found = true;
+        best = {FaceId{face}, {closest.point[0][i], closest.point[1][i], closest.point[2][i]}, squared, node.child[i]};
+        const double limit = std::sqrt(squared) + more;
+        squared_more = std::max(squared, limit * limit);
+        squared_limit = p.squared(limit);
+      }
+      if (capacity == 0) continue;
+      if (near_count == capacity) drop_far();
+      if (near_count < capacity) near_faces[near_count++] = {face, node.child[i], squared};
+    }
+  }
+  if (!found) return 0;
+  drop_far();
+  std::sort(near_faces.begin(), near_faces.begin() + near_count,
+            [](const Near& a, const Near& b) { return a.face < b.face; });
+  for (std::uint32_t i = 0; i < near_count; ++i) rows[i] = near_faces[i].row;
+  return std::max(1u, near_count);
+}
+
+}  // namespace tactus::spm
