@@ -67,9 +67,9 @@ class SecondLoad {
 };
 
 struct Outcome {
-  Samples own, wall, own_alone, own_beside, budget, refine_refit, query, force;  // us, units
+  Samples own, wall, own_alone, own_beside, refine_refit, query, force, granted;  // us, units
   std::uint64_t cycles = 0, contact = 0, exact = 0, in_time = 0, spent = 0;
-  double unit_ns = 0, expected_us = 0, surprise_us = 0;
+  double refit_unit_ns = 0, surprise_us = 0;
   // Normal equations of refine + refit, ns, over 1, list entries visited and records changed.
   Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
   Eigen::Vector3d right = Eigen::Vector3d::Zero();
@@ -98,22 +98,23 @@ Outcome run_deadline(const spm::Model& model, const Settings& settings, const st
     load.set(beside);
     const Vec3d tip = path[i] * scale;
     run.prepare(tip, i + 1 < path.size() ? Vec3d{(path[i + 1] - path[i]) * scale / kPeriod} : Vec3d{Vec3d::Zero()});
-    const spm::Budget budget = governor.budget();
+    const hrtc_service::RefineLimit limit = governor.limit();
 
     Stopwatch watch;
     const double cpu_before = thread_cpu_us();
-    const hrtc_service::CycleResult& result = run.cycle(budget);
+    const hrtc_service::CycleResult& result = run.cycle(limit);
     const double own = thread_cpu_us() - cpu_before;
     const double wall = watch.lap();
 
     const hrtc_service::CycleCosts& costs = result.costs;
     const double own_ns = std::min(own * 1e3, static_cast<double>(costs.total()));
-    governor.observe(costs.visits * spm::Budget::kVisit + costs.changes * spm::Budget::kChange,
-                     std::min<double>(costs.refine + costs.refit, own_ns), own_ns);
+    if (costs.foreseen > 0)
+      governor.observe(costs.visits * spm::Budget::kVisit + costs.changes * spm::Budget::kChange, costs.refit, own_ns,
+                       costs.foreseen);
     outcome.own.add(own);
     outcome.wall.add(wall);
     (beside ? outcome.own_beside : outcome.own_alone).add(own);
-    outcome.budget.add(budget.units);
+    outcome.granted.add(costs.granted);
     outcome.refine_refit.add((costs.refine + costs.refit) * 1e-3);
     outcome.query.add(costs.query * 1e-3);
     outcome.force.add(costs.force * 1e-3);
@@ -129,8 +130,7 @@ Outcome run_deadline(const spm::Model& model, const Settings& settings, const st
     outcome.right += row * std::min<double>(costs.refine + costs.refit, own_ns);
   }
   load.set(false);
-  outcome.unit_ns = governor.unit_ns();
-  outcome.expected_us = governor.expected_ns() * 1e-3;
+  outcome.refit_unit_ns = governor.refit_unit_ns();
   outcome.surprise_us = governor.surprise_ns() * 1e-3;
   return outcome;
 }
@@ -170,12 +170,11 @@ int run(const Settings& settings) {
     report.row("  T_R + T_B", all, "us", outcome.refine_refit);
     report.row("  T_Q", all, "us", outcome.query);
     report.row("  force", all, "us", outcome.force);
-    report.row("budget", all, "unit", outcome.budget);
-    report.figure("cycles with the budget spent", all, "%",
+    report.row("granted", all, "unit", outcome.granted);
+    report.figure("cycles whose refinement was stopped", all, "%",
                   100.0 * static_cast<double>(outcome.spent) / static_cast<double>(outcome.cycles));
     report.figure("exact, of contact cycles", all, "%", outcome.share_exact());
-    report.figure("cost of a unit, as measured", all, "ns", outcome.unit_ns);
-    report.figure("all else: expected, at the end", all, "us", outcome.expected_us);
+    report.figure("refitting for a unit, as measured", all, "ns", outcome.refit_unit_ns);
     report.figure("surprise, at the end", all, "us", outcome.surprise_us);
     const Eigen::Vector3d fit = outcome.normal.ldlt().solve(outcome.right);
     report.figure("fitted: none, visit, change", all, "ns", fit[0]);

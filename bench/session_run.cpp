@@ -98,13 +98,23 @@ void SessionRun::exchange(const spm::Vec3d& tip) {
   }
 }
 
-const hrtc_service::CycleResult& SessionRun::cycle(spm::Budget budget) noexcept {
-  std::array<hrtc_service::Arrival, 64> arrived;
-  const auto count = static_cast<std::uint32_t>(arrivals_.pop(arrived.data(), arrived.size()));
-  const hrtc_service::CycleResult& result = cycle_.step(inputs_, now_, arrived.data(), count, budget);
+const hrtc_service::CycleResult& SessionRun::seen(const hrtc_service::CycleResult& result) noexcept {
   in_contact_ = (result.probes[0].status & session::kInContact) != 0;
   proxy_ = hrtc_service::vec(result.probes[0].proxy);
   return result;
+}
+
+const hrtc_service::CycleResult& SessionRun::cycle(spm::Budget budget) noexcept {
+  Arrivals arrived;
+  const std::uint32_t count = take(arrived);
+  return seen(cycle_.step(inputs_, now_, arrived.data(), count, budget));
+}
+
+const hrtc_service::CycleResult& SessionRun::cycle(const hrtc_service::RefineLimit& limit) noexcept {
+  Arrivals arrived;
+  const std::uint32_t count = take(arrived);
+  cycle_.touch(inputs_, now_, arrived.data(), count);
+  return seen(cycle_.refine(spm::Budget{1u << 20}, limit));
 }
 
 }  // namespace tactus::bench

@@ -50,6 +50,8 @@ class SessionRun {
   void prepare(const spm::Vec3d& tip, const spm::Vec3d& velocity);
   /// The haptic thread's part of the cycle that was prepared.
   const hrtc_service::CycleResult& cycle(spm::Budget budget) noexcept;
+  /// The same as a haptic thread has it: touch, then refine as long as that is allowed.
+  const hrtc_service::CycleResult& cycle(const hrtc_service::RefineLimit& limit) noexcept;
 
   [[nodiscard]] const hrtc_service::Loader& loader() const noexcept { return loader_; }
   [[nodiscard]] hrtc_service::Cycle& haptic() noexcept { return cycle_; }
@@ -64,6 +66,11 @@ class SessionRun {
     std::uint64_t due;
     Sample sample;
   };
+  using Arrivals = std::array<hrtc_service::Arrival, 64>;
+  [[nodiscard]] std::uint32_t take(Arrivals& arrived) noexcept {
+    return static_cast<std::uint32_t>(arrivals_.pop(arrived.data(), arrived.size()));
+  }
+  const hrtc_service::CycleResult& seen(const hrtc_service::CycleResult& result) noexcept;
   void exchange(const spm::Vec3d& tip);
 
   std::uint32_t delay_;

@@ -63,18 +63,18 @@ void Cycle::add_target(spm::RegionId region, double key) noexcept {
   if (target_count_ < kMaxTargets) targets_[target_count_++] = {region, key};
 }
 
-void Cycle::choose_targets(TouchObject& object, const std::array<ProbeInput, kMaxProbes>& probes) noexcept {
+void Cycle::choose_targets(TouchObject& object) noexcept {
   // First what a tip meets, then what it is about to meet, last what it has just left; in each by distance.
   constexpr double kSoon = 1e12, kLeft = 2e12;
   target_count_ = 0;
   const spm::Forest& forest = *object.forest;
   const double scale = object.placement.scale();
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
-    const ProbeInput& probe = probes[i];
     if (!is_near(i, object)) continue;
-    const Vec3d centre = object.placement.to_model(probe.device.position);
+    const Tip& tip = tips_[i];
+    const Vec3d centre = object.placement.to_model(tip.position + tip.velocity * settings_.period);
     const double radius = settings_.radius / scale;
-    const Vec3d ahead = object.placement.direction_to_model(probe.device.velocity) * (settings_.refine_ahead / scale);
+    const Vec3d ahead = object.placement.direction_to_model(tip.velocity) * (settings_.refine_ahead / scale);
     const double half = ahead.norm() / 2;
     const auto soon = [&](spm::RegionId region, double squared) { add_target(region, kSoon + squared); };
     forest.grid().for_each_meeting(centre, radius,
@@ -186,41 +186,18 @@ void Cycle::render(std::uint32_t number, const ProbeInput& input, ProbeOutput& o
   if (force.fault != haptics::Fault::kNone) output.status |= session::kFault;
 }
 
-const CycleResult& Cycle::step(const std::array<ProbeInput, kMaxProbes>& probes, std::int64_t now_ns,
-                               const Arrival* arrivals, std::uint32_t arrival_count, spm::Budget budget) noexcept {
-  std::int64_t mark = monotonic_ns();
-  CycleCosts costs;
+const CycleResult& Cycle::touch(const std::array<ProbeInput, kMaxProbes>& probes, std::int64_t now_ns,
+                                const Arrival* arrivals, std::uint32_t arrival_count) noexcept {
+  std::int64_t mark = touch_began_ns_ = monotonic_ns();
+  CycleCosts& costs = result_.costs;
   for (std::uint32_t i = 0; i < arrival_count; ++i) take(arrivals[i]);
   costs.arrivals = arrival_count;
   costs.load = since(mark);
-
-  for (std::uint32_t i = 0; i < kMaxProbes; ++i)
-    near_[i] = probes[i].active ? probes[i].near.at(probes[i].device.position) : 0;
-  result_.budget_spent = false;
-  result_.nodes_full = false;
-  for (TouchObject* object : objects_) {
-    const spm::ForestCounters before = object->forest->counters();
-    choose_targets(*object, probes);
-    const spm::Advance advance = object->forest->advance(budget);
-    result_.budget_spent = result_.budget_spent || advance == spm::Advance::kBudget;
-    result_.nodes_full = result_.nodes_full || advance == spm::Advance::kNodesFull;
-    const spm::ForestCounters& after = object->forest->counters();
-    const auto changes = static_cast<std::uint32_t>(after.splits - before.splits + after.collapses - before.collapses);
-    costs.visits += static_cast<std::uint32_t>(after.visits - before.visits);
-    costs.changes += changes;
-    ObjectState& state = states_[object->index];
-    state.changed = changes > 0;
-    state.since_change = changes > 0 ? 0 : state.since_change + 1;
-    for (std::uint32_t region;
-         departures_.write_available() > 0 && (region = object->forest->take_retired()) != spm::kNone;)
-      departures_.push({object->index, spm::RegionId{region}});
-  }
-  costs.refine = since(mark);
-  for (TouchObject* object : objects_) costs.nodes_marked += object->forest->refit().marked;
-  costs.refit = since(mark);
-
+  costs.query = costs.force = 0;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     const ProbeInput& input = probes[i];
+    near_[i] = input.active ? input.near.at(input.device.position) : 0;
+    tips_[i] = {input.device.position, input.device.velocity};
     ProbeOutput output;
     surfaces_[i].clear();
     if (!input.active) {
@@ -255,7 +232,56 @@ const CycleResult& Cycle::step(const std::array<ProbeInput, kMaxProbes>& probes,
     costs.force += since(mark);
     result_.probes[i] = output;
   }
-  result_.costs = costs;
+  return result_;
+}
+
+spm::Advance Cycle::advance(TouchObject& object, spm::Budget& budget, spm::Budget& granted, const RefineLimit& limit,
+                            std::int64_t began_ns) noexcept {
+  CycleCosts& costs = result_.costs;
+  const double began = static_cast<double>(began_ns - touch_began_ns_);
+  spm::Advance result = object.forest->advance(granted);  // what the object before has left over
+  while (result == spm::Advance::kBudget && budget.units > 0) {
+    const auto now = static_cast<double>(monotonic_ns() - touch_began_ns_);
+    const std::uint32_t spent = costs.granted - granted.units;
+    if (costs.granted > 0 && !limit.allows(began, now, spent)) break;
+    costs.foreseen = static_cast<std::uint32_t>(limit.end(now, spent));
+    const std::uint32_t portion = std::min(kPortion, budget.units);
+    budget.units -= portion;
+    granted.units += portion;
+    costs.granted += portion;
+    result = object.forest->advance(granted);
+  }
+  return result;
+}
+
+const CycleResult& Cycle::refine(spm::Budget budget, const RefineLimit& limit) noexcept {
+  const std::int64_t began_ns = monotonic_ns();
+  std::int64_t mark = began_ns;
+  CycleCosts& costs = result_.costs;
+  costs.visits = costs.changes = costs.nodes_marked = costs.granted = costs.foreseen = 0;
+  result_.budget_spent = false;
+  result_.nodes_full = false;
+  spm::Budget granted;
+  for (TouchObject* object : objects_) {
+    const spm::ForestCounters before = object->forest->counters();
+    choose_targets(*object);
+    const spm::Advance result = advance(*object, budget, granted, limit, began_ns);
+    result_.budget_spent = result_.budget_spent || result == spm::Advance::kBudget;
+    result_.nodes_full = result_.nodes_full || result == spm::Advance::kNodesFull;
+    const spm::ForestCounters& after = object->forest->counters();
+    const auto changes = static_cast<std::uint32_t>(after.splits - before.splits + after.collapses - before.collapses);
+    costs.visits += static_cast<std::uint32_t>(after.visits - before.visits);
+    costs.changes += changes;
+    ObjectState& state = states_[object->index];
+    state.changed = changes > 0;
+    state.since_change = changes > 0 ? 0 : state.since_change + 1;
+    for (std::uint32_t region;
+         departures_.write_available() > 0 && (region = object->forest->take_retired()) != spm::kNone;)
+      departures_.push({object->index, spm::RegionId{region}});
+  }
+  costs.refine = since(mark);
+  for (TouchObject* object : objects_) costs.nodes_marked += object->forest->refit().marked;
+  costs.refit = since(mark);
   return result_;
 }
 

@@ -1,10 +1,15 @@
 /// One haptic step: from the newest device positions to forces, and the mesh refined towards where they go.
 ///
-///   arrivals -> refine within the budget -> refit -> query -> proxy -> force
-///      T_L            T_R                    T_B      T_Q      T_F
+///   arrivals -> query -> proxy -> force  |  refine within the limit -> refit
+///      T_L       T_Q          T_F        |           T_R                T_B
+///   touch -------------------------------|- refine -------------------------
 ///
-/// `step` is a function of its arguments and of what earlier steps left: it reads no clock but to time itself, so
-/// inputs and budgets can be recorded and replayed to the bit. Realtime. The haptic thread's.
+/// Both are functions of their arguments and of what went before, but for the clock that may stop refinement. How much
+/// was granted until then is told, and with that as its budget and no clock it is the same to the bit: so inputs and
+/// grants can be recorded and replayed. Realtime. The haptic thread's.
+///
+/// We differ from the paper's order (refine, then query): forces are out sooner, and what they cost is known when
+/// refinement asks how long it may take. What it shows is touched a cycle later; it works for where the tip then is.
 #pragma once
 
 #include <array>
@@ -14,6 +19,7 @@
 
 #include "haptics/force.hpp"
 #include "haptics/proxy.hpp"
+#include "hrtc_service/governor.hpp"
 #include "hrtc_service/touch_object.hpp"
 #include "trace/contact_log.hpp"
 
@@ -55,6 +61,8 @@ struct ProbeOutput {
 struct CycleCosts {
   std::uint32_t load = 0, refine = 0, refit = 0, query = 0, force = 0;
   std::uint32_t arrivals = 0, visits = 0, changes = 0, nodes_marked = 0;
+  std::uint32_t granted = 0;   ///< units of Budget, in portions; as a budget without a limit they do the same again
+  std::uint32_t foreseen = 0;  ///< of the whole cycle, when the last portion began; 0 when none did
   [[nodiscard]] std::uint32_t total() const noexcept { return load + refine + refit + query + force; }
 };
 
@@ -74,9 +82,22 @@ class Cycle {
   Cycle(const CycleSettings& settings, const std::array<haptics::DeviceSpec, kMaxProbes>& specs,
         DepartureRing& departures, LogRing* log);
 
-  /// `now_ns` only dates the log. The result stays valid until the next step.
+  /// Takes in what arrived and makes the forces. `now_ns` only dates the log.
+  const CycleResult& touch(const std::array<ProbeInput, kMaxProbes>& probes, std::int64_t now_ns,
+                           const Arrival* arrivals, std::uint32_t arrival_count) noexcept;
+
+  /// Refines and refits, for the next `touch`, towards where the tips of the last one go.
+  const CycleResult& refine(spm::Budget budget, const RefineLimit& limit = {}) noexcept;
+
+  /// `refine`, then `touch`: the same sequence of calls, stopped where the mesh is the one that was touched.
   const CycleResult& step(const std::array<ProbeInput, kMaxProbes>& probes, std::int64_t now_ns,
-                          const Arrival* arrivals, std::uint32_t arrival_count, spm::Budget budget) noexcept;
+                          const Arrival* arrivals, std::uint32_t arrival_count, spm::Budget budget) noexcept {
+    refine(budget);
+    return touch(probes, now_ns, arrivals, arrival_count);
+  }
+
+  /// The result stays valid, and its parts as the last call of each function left them.
+  [[nodiscard]] const CycleResult& result() const noexcept { return result_; }
 
   /// Zero force on every probe until reset_faults. Realtime.
   void stop(haptics::Fault fault) noexcept;
@@ -89,6 +110,11 @@ class Cycle {
 
  private:
   static constexpr std::uint32_t kMaxTargets = 256;
+  /// Units granted at a time: eight records, a microsecond's work when they are in the cache.
+  static constexpr std::uint32_t kPortion = 8 * (spm::Budget::kVisit + spm::Budget::kChange);
+  struct Tip {
+    Vec3d position, velocity;  // world
+  };
   static constexpr std::uint32_t kMaxContacts = 2048;
   struct Target {
     spm::RegionId region;
@@ -105,7 +131,9 @@ class Cycle {
 
   void take(const Arrival& arrival) noexcept;
   void add_target(spm::RegionId region, double key) noexcept;
-  void choose_targets(TouchObject& object, const std::array<ProbeInput, kMaxProbes>& probes) noexcept;
+  void choose_targets(TouchObject& object) noexcept;
+  [[nodiscard]] spm::Advance advance(TouchObject& object, spm::Budget& budget, spm::Budget& granted,
+                                     const RefineLimit& limit, std::int64_t began_ns) noexcept;
   void query(std::uint32_t probe, const ProbeInput& input, std::int64_t now_ns, ProbeOutput& output) noexcept;
   void render(std::uint32_t probe, const ProbeInput& input, ProbeOutput& output) noexcept;
   void log(const TouchObject& object, std::uint32_t probe, std::int64_t now_ns, const Vec3d& centre, double radius,
@@ -117,6 +145,8 @@ class Cycle {
   std::vector<TouchObject*> objects_;              // reserved for kMaxObjects
   std::array<ObjectState, kMaxObjects> states_{};  // by object index
   std::array<std::uint64_t, kMaxProbes> near_{};   // objects that a tip could touch, by index bit
+  std::array<Tip, kMaxProbes> tips_{};             // of the last touch
+  std::int64_t touch_began_ns_ = 0;
   std::array<haptics::Proxy, kMaxProbes> proxies_;
   double reach_ = haptics::ProxySettings{}.reach;  // m, of the proxies; grows with the objects
   std::vector<haptics::ForceRenderer> forces_;     // by probe

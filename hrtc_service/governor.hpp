@@ -1,76 +1,96 @@
-/// How much refinement a cycle may do: from the measured cost of a unit of work, the measured cost of all else and
-/// the deadline that the application set.
+/// How long a cycle may refine: until the deadline that the application set, less what refining still leaves to do.
 ///
-///   deadline = expected + surprise + units x cost of a unit
+///   deadline:  |--- touch ---|- refine, in portions -|- refit -|- surprise -|
+///                                                    ^ last portion begins while this is not past the deadline
 ///
-/// `expected` is what the rest of the cycle lately cost, `surprise` a high quantile of how far a cycle has cost more
-/// than was foreseen, dear units included. So whatever share of cycles may miss the deadline is asked for as such, and
-/// nothing but the floor (kFloor) is tuned. Where all else leaves less than the floor, cycles do miss the deadline.
+/// Forces come first, so what they cost is known when refinement begins. What is ahead is foreseen: refitting, by its
+/// measured cost per unit of Budget refined, and `surprise`, by which cycles cost more than was foreseen when their
+/// last portion began. Two quantiles of that are measured, exceeded by a tenth and a hundredth of the cycles, and the
+/// rarer one that is asked for lies further along the same exponential tail. It is not measured itself: one cycle in
+/// some hundred is interrupted for longer than it works, whatever it does, and refinement would only give way to that.
+/// So nothing but the floor (kFloor) is tuned. Where forces leave less than the floor, cycles do miss the deadline.
 ///
-/// Realtime. Source: Liu, Georganas, Roth, 3DIM 2005, section 5 (time-critical refinement); the quantile by stochastic
-/// approximation (Robbins, Monro 1951), in the logarithm.
+/// Realtime. Source: Liu, Georganas, Roth, 3DIM 2005, section 5 (time-critical refinement); quantiles by stochastic
+/// approximation (Robbins, Monro 1951).
 #pragma once
 
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-
-#include "spm/forest.hpp"
+#include <limits>
 
 namespace tactus::hrtc_service {
+
+/// When refinement stops, whatever its Budget: ns, from where the cycle began.
+struct RefineLimit {
+  double until = std::numeric_limits<double>::infinity();
+  double at_least = 0;    ///< refinement may take so long in any case
+  double refit_unit = 0;  ///< what refitting costs for a unit refined
+
+  /// When the cycle will end, as far as can be foreseen, if no further portion begins.
+  [[nodiscard]] double end(double now, std::uint32_t units) const noexcept { return now + units * refit_unit; }
+  /// `began`: when refinement did. The first portion may always begin.
+  [[nodiscard]] bool allows(double began, double now, std::uint32_t units) const noexcept {
+    return end(now, units) < std::max(until, began + at_least);
+  }
+};
 
 class Governor {
  public:
   /// `deadline_ns`: the cycle's own work shall take no longer. `misses`: share of the cycles that may.
   explicit Governor(std::int64_t deadline_ns, double misses = 0.0005) noexcept
       : deadline_{static_cast<double>(deadline_ns)},
-        fall_{std::exp(-kStep * misses)},
-        rise_{std::exp(kStep * (1 - misses))},
-        expected_ns_{deadline_ / 4},
-        surprise_ns_{deadline_ / 4} {}
+        further_{std::log(kOften / misses) / std::log(kOften / kSeldom)},
+        often_{deadline_ / 10, kOften},
+        seldom_{deadline_ / 5, kSeldom} {}
 
   /// For the next cycle.
-  [[nodiscard]] spm::Budget budget() const noexcept {
-    const double left = std::max(deadline_ - expected_ns_ - surprise_ns_, kFloor * deadline_);
-    return {static_cast<std::uint32_t>(std::clamp(left / unit_ns(), kOneRecord, kMostUnits))};
+  [[nodiscard]] RefineLimit limit() const noexcept {
+    return {deadline_ - surprise_ns(), kFloor * deadline_, refit_unit_ns()};
   }
 
-  /// What the cycle did and took: units of Budget spent, ns of refining and refitting, ns of its whole own work.
-  void observe(std::uint32_t units, double refining_ns, double own_ns) noexcept {
-    const double other = own_ns - units * unit_ns();
-    surprise_ns_ *= other > expected_ns_ + surprise_ns_ ? rise_ : fall_;
-    surprise_ns_ = std::clamp(surprise_ns_, kLeastShare * deadline_, deadline_);
-    expected_ns_ += kRecent * (other - expected_ns_);
-    // Slope of cost over units; what a cycle costs without any is not part of it.
-    const double of_units = units - mean_units_, of_cost = refining_ns - mean_cost_;
-    mean_units_ += kMemory * of_units;
-    mean_cost_ += kMemory * of_cost;
-    both_ += kMemory * (of_units * of_cost - both_);
-    square_ += kMemory * (of_units * of_units - square_);
+  /// What the cycle did and took: units refined, ns of refitting, ns of its whole own work, and what that was foreseen
+  /// to be when its last portion began.
+  void observe(std::uint32_t units, double refit_ns, double own_ns, double foreseen_ns) noexcept {
+    const double least = kLeastShare * deadline_;
+    often_.see(own_ns - foreseen_ns, least, deadline_);
+    seldom_.see(own_ns - foreseen_ns, least, deadline_);
+    units_ += kMemory * (units - units_);
+    refit_ns_ += kMemory * (refit_ns - refit_ns_);
   }
 
-  [[nodiscard]] double unit_ns() const noexcept {
-    // Until cycles differ by more than some records' worth of units, a guess stands in.
-    constexpr double kGuess = 10, kWeight = 100.0 * 100.0;
-    return std::max((both_ + kGuess * kWeight) / (square_ + kWeight), 1.0);
+  [[nodiscard]] double refit_unit_ns() const noexcept {
+    constexpr double kGuess = 4, kWeight = 10;  // units; until there is something to measure
+    return (refit_ns_ + kGuess * kWeight) / (units_ + kWeight);
   }
-  [[nodiscard]] double expected_ns() const noexcept { return expected_ns_; }
-  [[nodiscard]] double surprise_ns() const noexcept { return surprise_ns_; }
+  [[nodiscard]] double surprise_ns() const noexcept {
+    const double apart = std::max(seldom_.value - often_.value, 0.0);
+    return std::min(often_.value + further_ * apart, deadline_);
+  }
 
  private:
   // How fast measurements are believed; what they converge to does not depend on these.
-  static constexpr double kStep = 0.3;     // of the quantile's logarithm
-  static constexpr double kRecent = 0.3;   // weight of the newest cycle
-  static constexpr double kMemory = 0.01;  // the same, in the cost of a unit
-  // Of the deadline. Interrupts and a hypervisor add to what a cycle is seen to cost, however little it refines; a tip
-  // that moves would outrun refinement that gave way to them.
+  static constexpr double kStep = 0.1;     // of a quantile's logarithm
+  static constexpr double kMemory = 0.01;  // weight of the newest cycle in the cost of refitting
+  static constexpr double kOften = 0.1, kSeldom = 0.01;
+  // Of the deadline. Forces may take all of it; a tip that moves would outrun refinement that gave way to them.
   static constexpr double kFloor = 0.18;
-  static constexpr double kLeastShare = 0.05;  // least surprise
-  static constexpr double kOneRecord = spm::Budget::kVisit + spm::Budget::kChange;
-  static constexpr double kMostUnits = 1 << 20;
-  double deadline_, fall_, rise_;
-  double expected_ns_, surprise_ns_;
-  double mean_units_ = 0, mean_cost_ = 0, both_ = 0, square_ = 0;
+  static constexpr double kLeastShare = 0.01;  // least quantile
+
+  /// What a share of the cycles exceeds.
+  struct Quantile {
+    Quantile(double start, double share) noexcept
+        : value{start}, rise{std::exp(kStep * (1 - share))}, fall{std::exp(-kStep * share)} {}
+    void see(double sample, double least, double most) noexcept {
+      value = std::clamp(value * (sample > value ? rise : fall), least, most);
+    }
+    double value, rise, fall;
+  };
+
+  double deadline_;
+  double further_;  // how far along the tail, in distances between the two
+  Quantile often_, seldom_;
+  double units_ = 0, refit_ns_ = 0;  // of a cycle, lately
 };
 
 }  // namespace tactus::hrtc_service

@@ -153,19 +153,20 @@ void HapticThread::run() {
     const auto arrived = static_cast<std::uint32_t>(arrivals_.pop(arrived_.data(), arrived_.size()));
     read_devices(now_ns);
 
-    const spm::Budget budget = snapshot_.under_way ? spm::Budget{0} : governor_.budget();
-    const CycleResult& result = cycle_.step(inputs_, now_ns, arrived_.data(), arrived, budget);
+    const CycleResult& result = cycle_.touch(inputs_, now_ns, arrived_.data(), arrived);
     write_forces(result);
 
     const ProbeReports reports{now_ns, ++cycles, result.probes};
     sender_reports_.post(reports);
     service_reports_.post(reports);
-    for (const TouchObject* object : cycle_.objects()) hashes_[object->index] = object->forest->mesh_hash();
-    mesh_hashes_.post(hashes_);
     const std::uint64_t one = 1;
     (void)!write(event_, &one, sizeof one);
 
-    // The forces are out; what follows is book-keeping.
+    // The forces are out.
+    constexpr spm::Budget kAll{1u << 20};
+    cycle_.refine(snapshot_.under_way ? spm::Budget{0} : kAll, governor_.limit());
+    for (const TouchObject* object : cycle_.objects()) hashes_[object->index] = object->forest->mesh_hash();
+    mesh_hashes_.post(hashes_);
     if (snapshot_.under_way) continue_snapshot();
     const std::int64_t end = monotonic_ns();
     const std::int64_t cpu_now = thread_cpu_ns();
@@ -188,8 +189,9 @@ void HapticThread::run() {
     skipped = clock.skipped();
     if (!traces_.push(trace)) traces_dropped_.fetch_add(1, std::memory_order_relaxed);
     const CycleCosts& costs = result.costs;
-    governor_.observe(costs.visits * spm::Budget::kVisit + costs.changes * spm::Budget::kChange,
-                      std::min<double>(costs.refine + costs.refit, own), own);
+    if (costs.foreseen > 0)
+      governor_.observe(costs.visits * spm::Budget::kVisit + costs.changes * spm::Budget::kChange, costs.refit, own,
+                        costs.foreseen);
   }
   for (haptics::Device* device : current_.devices)
     if (device != nullptr) device->write(Vec3d::Zero());

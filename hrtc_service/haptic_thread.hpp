@@ -1,7 +1,7 @@
 /// The thread in which forces are made: devices, cycle, budget, deadline.
 ///
-///   commands, objects near, arrivals  -->  read devices -> Cycle::step -> write forces  -->  reports, departures,
-///                                                                                           traces, log
+///   commands, objects near, arrivals  -->  read devices -> Cycle::touch -> write forces -> Cycle::refine  --> reports,
+///                                                                                      departures, traces, log
 ///
 /// In its loop nothing is allocated, locked or logged; its system calls are the sleep, one eventfd write after the
 /// forces are out, and one reading of its own CPU time, by which lateness is judged. docs/cycle.md follows one pose

@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <random>
 
 #include "spm/directory.hpp"
 #include "spm/offline/build.hpp"
@@ -20,6 +21,7 @@ using spm::Vec3d;
 using test_support::LocalSession;
 
 constexpr double kTip = 0.003;
+constexpr std::uint64_t kSeed = 17;
 
 spm::offline::BuiltModel organ(std::uint32_t faces) {
   return spm::offline::build_model(spm::offline::generate(spm::offline::Shape::kOrgan, faces, 3));
@@ -209,6 +211,63 @@ TEST_F(OrganSession, TheSameInputsGiveTheSameForcesToTheBit) {
     return forces;
   };
   EXPECT_EQ(run(), run());
+}
+
+TEST_F(OrganSession, WhatAClockStoppedIsTheSameToTheBitWithWhatWasGrantedAsItsBudget) {
+  constexpr int kCycles = 2000;
+  struct Seen {
+    hrtc_service::Plain3 force;
+    std::uint64_t mesh;
+    std::uint32_t status;
+    bool operator==(const Seen& o) const { return force == o.force && mesh == o.mesh && status == o.status; }
+  };
+  std::vector<std::uint32_t> granted;
+  int stopped = 0;
+  const auto run = [&](bool by_clock) {
+    LocalSession session{{built_->model()}, 1, spm::PoolSettings::for_slots(1 << 14)};
+    std::mt19937_64 random{kSeed};
+    std::vector<Seen> seen;
+    for (int cycle = 0; cycle < kCycles; ++cycle) {
+      const Vec3d at = position(4 * cycle);  // at 20 cm/s
+      session.prepare(at, (position(4 * (cycle + 1)) - at) * 1000);
+      hrtc_service::RefineLimit limit;  // anything from one portion to all there is to do
+      if (random() % 3 != 0) limit.until = 1000.0 * static_cast<double>(random() % 8);
+      const hrtc_service::ProbeOutput probe = session.touch().probes[0];
+      if (by_clock) {
+        const auto& result = session.cycle().refine(spm::Budget{1u << 20}, limit);
+        granted.push_back(result.costs.granted);
+        stopped += result.budget_spent ? 1 : 0;
+      } else {
+        session.cycle().refine(spm::Budget{granted[cycle]});
+      }
+      const auto& objects = session.cycle().objects();
+      seen.push_back({probe.force, objects.empty() ? 0 : objects.front()->forest->mesh_hash(), probe.status});
+    }
+    return seen;
+  };
+  const std::vector<Seen> recorded = run(true);
+  EXPECT_GT(stopped, 20) << "or the clock has no part in this";
+  EXPECT_LT(stopped, kCycles - 20);
+  const std::vector<Seen> replayed = run(false);
+  for (int cycle = 0; cycle < kCycles; ++cycle) ASSERT_TRUE(replayed[cycle] == recorded[cycle]) << "cycle " << cycle;
+}
+
+TEST_F(OrganSession, TouchingLeavesTheMeshAsItIs) {
+  LocalSession session{{built_->model()}, 1, spm::PoolSettings::for_slots(1 << 14)};
+  const auto hash = [&] {
+    const auto& objects = session.cycle().objects();
+    return objects.empty() ? 0 : objects.front()->forest->mesh_hash();
+  };
+  int refined = 0;
+  for (int cycle = 0; cycle < 1000; ++cycle) {
+    session.prepare(position(cycle), Vec3d::Zero());
+    const std::uint64_t before = hash();
+    (void)session.touch();
+    ASSERT_EQ(hash(), before) << "cycle " << cycle;
+    session.cycle().refine(spm::Budget{1000});
+    refined += hash() != before ? 1 : 0;
+  }
+  EXPECT_GT(refined, 20);
 }
 
 TEST_F(OrganSession, ASurfaceThatRefinesUnderATipKeepsTheProxyOutside) {

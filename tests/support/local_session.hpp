@@ -65,11 +65,15 @@ class LocalSession {
     inputs_[0].device.velocity = velocity;
     inputs_[0].near = near_[0];
   }
-  /// The second half: the haptic thread's.
+  /// The second half: the haptic thread's, from one look at the mesh that was touched to the next.
   const hrtc_service::CycleResult& run_cycle(std::uint32_t units) noexcept {
+    cycle_.refine(spm::Budget{units});
+    return touch();
+  }
+  const hrtc_service::CycleResult& touch() noexcept {
     std::array<hrtc_service::Arrival, 64> arrived;
     const auto count = static_cast<std::uint32_t>(arrivals_.pop(arrived.data(), arrived.size()));
-    const hrtc_service::CycleResult& result = cycle_.step(inputs_, now_, arrived.data(), count, spm::Budget{units});
+    const hrtc_service::CycleResult& result = cycle_.touch(inputs_, now_, arrived.data(), count);
     in_contact_ = (result.probes[0].status & session::kInContact) != 0;
     proxy_ = hrtc_service::vec(result.probes[0].proxy);
     return result;
