@@ -87,8 +87,9 @@ int Report::finish(const std::string& json) const {
 
 void Report::print() const {
   const Machine on = machine();
-  std::printf("%s: %s, %u faces, digest %s\n", subject_.benchmark.c_str(), subject_.model.c_str(), subject_.faces,
-              hex(subject_.digest).c_str());
+  std::printf("%s: %s", subject_.benchmark.c_str(), subject_.model.c_str());
+  if (subject_.faces > 0) std::printf(", %u faces, digest %s", subject_.faces, hex(subject_.digest).c_str());
+  std::printf("\n");
   std::printf("%s\n%u x %s, %s; %s, %s, commit %s\n\n", subject_.settings.c_str(), on.processors, on.processor.c_str(),
               on.kernel.c_str(), TACTUS_BUILD_TYPE, TACTUS_COMPILER, TACTUS_COMMIT);
   if (!rows_.empty()) {

@@ -35,8 +35,8 @@ struct Subject {
   std::string benchmark;
   std::string model;  ///< file or generator, with its seed
   std::uint64_t digest = 0;
-  std::uint32_t faces = 0;
-  std::string settings;  ///< radius, speed, budget: whatever the figures depend on
+  std::uint32_t faces = 0;  ///< 0: not about a model
+  std::string settings;     ///< radius, speed, budget: whatever the figures depend on
 };
 
 class Report {

@@ -54,7 +54,7 @@ std::string HapticThread::start() {
   running_ = true;
   thread_ = std::thread{[this, &granted] {
     pthread_setname_np(pthread_self(), "haptic");
-    granted.set_value(settings_.priority > 0 ? enter_realtime(settings_.priority)
+    granted.set_value(settings_.priority > 0 ? wire::enter_realtime("haptic thread", settings_.priority)
                                              : "haptic thread: no real-time priority asked for");
     run();
   }};

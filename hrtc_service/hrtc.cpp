@@ -74,7 +74,7 @@ class TimerBeside {
   }
   void run(std::int64_t period_ns, int priority) {
     pthread_setname_np(pthread_self(), "timer");
-    if (priority > 0) (void)enter_realtime(priority);
+    if (priority > 0) (void)wire::enter_realtime("timer", priority);
     const std::uint32_t steps = steps_of_work();
     for (PeriodicClock clock{period_ns}; running_;) {
       lateness_.push(static_cast<std::uint32_t>(clock.wait_next()));
@@ -638,7 +638,7 @@ void Hrtc::Impl::finish() {
 }
 
 int Hrtc::Impl::run(const std::atomic<bool>& stop) {
-  if (options.haptic.priority > 0) spdlog::info("{}", lock_memory());
+  if (options.haptic.priority > 0) spdlog::info("{}", wire::lock_memory());
   started_ns = monotonic_ns();
   haptic.commands().post(commands);
   spdlog::info("{}", haptic.start());

@@ -1,11 +1,10 @@
-/// What the haptic thread asks of the system: a real-time priority, locked memory, absolute deadlines.
+/// What the haptic thread asks of the system beside wire/realtime.hpp: its CPU time, and absolute deadlines.
 #pragma once
 
 #include <algorithm>
 #include <cstdint>
-#include <string>
 
-#include "wire/process.hpp"
+#include "wire/realtime.hpp"
 
 namespace tactus::hrtc_service {
 
@@ -19,13 +18,6 @@ using wire::monotonic_ns;
 [[nodiscard]] inline bool own_work(std::int64_t cpu_ns, std::int64_t passed_ns, std::int64_t period_ns) noexcept {
   return std::min(cpu_ns, passed_ns) > period_ns / 2;
 }
-
-/// Tries SCHED_FIFO at `priority` for the calling thread and touches its stack. Says in one line what was had and,
-/// where something was refused, which right is missing.
-[[nodiscard]] std::string enter_realtime(int priority);
-
-/// Locks the memory of the process, present and to come, as it is first touched. One line as above.
-[[nodiscard]] std::string lock_memory();
 
 /// Sleeps to the next multiple of the period; deadlines are absolute, so lateness does not add up. When more than a
 /// whole period was missed, the missed ticks are skipped and counted.

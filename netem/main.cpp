@@ -24,7 +24,7 @@ constexpr char kExamples[] = R"(
 Examples:
   tactus-link list
   tactus-link run --profile P4 -- tactus-host --session lab organ.spm -- tactus-hrtc --session lab
-  tactus-link run --delay 10 --loss 1 --rate 100 -- iperf3 -s -1 -- iperf3 -c 10.77.0.1 -u
+  tactus-link run --profile P0:delay=10:loss=1:rate=100 -- iperf3 -s -1 -- iperf3 -c 10.77.0.1 -u
   tactus-link up --profile P7          (until Ctrl-C; says how to enter)
 
 The first command runs in namespace a (10.77.0.1), the second in b (10.77.0.2). When the second ends, the first is asked
@@ -34,46 +34,30 @@ Exit status: that of the command, 127 when it cannot be run, 2 wrong input or mi
 
 struct Options {
   std::string profile = "P0";
-  std::optional<double> delay_ms, jitter_ms, loss_percent, rate_mbit;
-  std::optional<std::uint32_t> queue_bytes;
-  std::vector<double> burst;
-  bool reorder = false;
   std::uint64_t seed = 1;
 
   [[nodiscard]] LinkSettings settings() const {
-    LinkSettings link = named_link(profile);
-    for (LinkProfile* way : {&link.forth, &link.back}) {
-      if (delay_ms) way->delay_ms = *delay_ms;
-      if (jitter_ms) way->jitter_ms = *jitter_ms;
-      if (loss_percent) way->loss = *loss_percent / 100;
-      if (!burst.empty()) way->burst_start = burst[0], way->burst_end = burst[1];
-      if (rate_mbit) way->rate_mbit = *rate_mbit;
-      if (queue_bytes) way->queue_bytes = *queue_bytes;
-      if (reorder) way->reorder = true;
-    }
+    LinkSettings link = parse_link(profile);
     link.seed = seed;
     return link;
   }
 };
 
 void add_options(CLI::App& app, Options& options) {
-  app.add_option("--profile", options.profile, "Link to begin with, see `tactus-link list`")->capture_default_str();
-  app.add_option("--delay", options.delay_ms, "Mean delay one way, ms");
-  app.add_option("--jitter", options.jitter_ms, "Standard deviation of the delay, ms");
-  app.add_flag("--reorder", options.reorder, "Each frame draws a delay of its own and may overtake others");
-  app.add_option("--loss", options.loss_percent, "Frames lost outside bursts, %")->check(CLI::Range(0.0, 100.0));
-  app.add_option("--burst", options.burst,
-                 "Chance of a frame to begin a burst of losses, chance of it to end with each")
-      ->expected(2);
-  app.add_option("--rate", options.rate_mbit, "Mbit/s; 0: no limit");
-  app.add_option("--queue", options.queue_bytes, "Bytes that may wait for that rate");
+  app.add_option("--profile", options.profile, "Link, see `tactus-link list`; settings after colons change it")
+      ->capture_default_str();
   app.add_option("--seed", options.seed, "Of delays and losses")->capture_default_str();
 }
 
 void print_list() {
   for (const NamedLink& link : kNamedLinks)
     std::printf("%-5s %-52s %s\n", link.name, link.what, describe(link.each_way).c_str());
-  std::printf("\nP0a to P8a: the same with 70 %% of the round trip's delay and jitter on the way forth (a to b).\n");
+  std::printf(
+      "\nP0a to P8a: the same with 70 %% of the round trip's delay and jitter on the way forth (a to b).\n"
+      "P0:delay=10:jitter=2:reorder:loss=1:burst=0.01/0.25:rate=100:queue=300000: a link changed, any of these, both "
+      "ways: ms, ms,\nfrom frame to frame, %% outside bursts, chance of a frame to begin a burst of losses and of it "
+      "to "
+      "end with each, Mbit/s, bytes.\n");
 }
 
 void print_start(const LinkedPair& pair, const LinkSettings& link) {

@@ -160,7 +160,32 @@ std::string rate_script(const LinkProfile& way) {
   return text;
 }
 
+/// In the namespace of that descriptor; -1: in that of the caller.
+pid_t start_in(int where, std::vector<std::string> command) {
+  std::vector<char*> argv;
+  for (std::string& word : command) argv.push_back(word.data());
+  argv.push_back(nullptr);
+  const pid_t child = ::fork();
+  if (child < 0) refuse("cannot start '" + command[0] + "'", errno);
+  if (child == 0) {  // only what is safe in a child of several threads, until exec
+    ::setpgid(0, 0);
+    ::prctl(PR_SET_PDEATHSIG, SIGKILL);
+    sigset_t none;
+    sigemptyset(&none);
+    ::sigprocmask(SIG_SETMASK, &none, nullptr);
+    if (where < 0 || ::setns(where, CLONE_NEWNET) == 0) ::execvp(argv[0], argv.data());
+    constexpr char kWhat[] = ": cannot be run here\n";
+    (void)!::write(STDERR_FILENO, argv[0], std::strlen(argv[0]));
+    (void)!::write(STDERR_FILENO, kWhat, sizeof kWhat - 1);
+    ::_exit(127);
+  }
+  ::setpgid(child, child);  // whichever of the two comes first
+  return child;
+}
+
 }  // namespace
+
+pid_t start_program(std::vector<std::string> command) { return start_in(-1, std::move(command)); }
 
 std::string missing_right() try {
   // In a thread of its own, which takes the namespace with it when it ends.
@@ -278,26 +303,7 @@ const std::string& LinkedPair::name(Side side) const { return impl_->names[stati
 void LinkedPair::enter(Side side) const { set_namespace(impl_->namespaces[static_cast<std::size_t>(side)]); }
 
 pid_t LinkedPair::start(Side side, std::vector<std::string> command) const {
-  std::vector<char*> argv;
-  for (std::string& word : command) argv.push_back(word.data());
-  argv.push_back(nullptr);
-  const int where = impl_->namespaces[static_cast<std::size_t>(side)].get();
-  const pid_t child = ::fork();
-  if (child < 0) refuse("cannot start '" + command[0] + "'", errno);
-  if (child == 0) {  // only what is safe in a child of several threads, until exec
-    ::setpgid(0, 0);
-    ::prctl(PR_SET_PDEATHSIG, SIGKILL);
-    sigset_t none;
-    sigemptyset(&none);
-    ::sigprocmask(SIG_SETMASK, &none, nullptr);
-    if (::setns(where, CLONE_NEWNET) == 0) ::execvp(argv[0], argv.data());
-    constexpr char kWhat[] = ": cannot be run in the namespace\n";
-    (void)!::write(STDERR_FILENO, argv[0], std::strlen(argv[0]));
-    (void)!::write(STDERR_FILENO, kWhat, sizeof kWhat - 1);
-    ::_exit(127);
-  }
-  ::setpgid(child, child);  // whichever of the two comes first
-  return child;
+  return start_in(impl_->namespaces[static_cast<std::size_t>(side)].get(), std::move(command));
 }
 
 RelayFigures LinkedPair::figures() const { return impl_->relay != nullptr ? impl_->relay->figures() : RelayFigures{}; }

@@ -27,6 +27,10 @@ enum class Side { kA = 0, kB = 1 };
 /// Removes namespaces of pairs whose process is gone, and gives their names. Throws LinkError.
 std::vector<std::string> sweep_stale();
 
+/// Starts a program where the caller is, found as a shell finds it, in a process group of its own; the caller waits for
+/// it. It dies with the thread that started it. A program that cannot be run ends with 127. Throws LinkError.
+[[nodiscard]] pid_t start_program(std::vector<std::string> command);
+
 /// Owns both namespaces; destroying it removes their names, and the namespaces when nothing runs in them any more.
 /// Threads: that of its maker, but `enter` and `figures` any.
 class LinkedPair {
@@ -45,8 +49,7 @@ class LinkedPair {
   /// Moves the calling thread, and all that it starts from then on, into a namespace. Throws LinkError.
   void enter(Side side) const;
 
-  /// Starts a program there, found as a shell finds it, in a process group of its own; the caller waits for it. It dies
-  /// with the thread that started it. A program that cannot be run ends with 127.
+  /// As start_program, in a namespace.
   [[nodiscard]] pid_t start(Side side, std::vector<std::string> command) const;
 
   /// All zero with Medium::kVeth.

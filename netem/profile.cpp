@@ -1,7 +1,10 @@
 #include "netem/profile.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <sstream>
+#include <utility>
 
 namespace tactus::netem {
 namespace {
@@ -29,8 +32,6 @@ bool only_rate(const LinkProfile& way) {
   return way.delay_ms == 0 && way.jitter_ms == 0 && !way.reorder && way.mean_loss() == 0;
 }
 
-}  // namespace
-
 LinkSettings named_link(const std::string& name) {
   std::string expected;
   for (const NamedLink& link : kNamedLinks) {
@@ -47,7 +48,60 @@ LinkSettings named_link(const std::string& name) {
     return settings;
   }
   throw LinkError("no link '" + name + "'; expected " + expected +
-                  ", or one of P0 to P8 with an a behind it (70 % of the " + "delay on the way forth)");
+                  ", or one of P0 to P8 with an a behind it (70 % of the delay on the way forth)");
+}
+
+/// Applies "KEY=VALUE" of `link`.
+void change(LinkProfile& way, const std::string& link, const std::string& setting) {
+  const std::size_t equals = setting.find('=');
+  const std::string key = setting.substr(0, equals);
+  const std::string text = equals == std::string::npos ? "" : setting.substr(equals + 1);
+  if (key == "reorder" && equals == std::string::npos) {
+    way.reorder = true;
+    return;
+  }
+  const auto number = [&](const std::string& from) {
+    std::size_t used = 0;
+    double value = NAN;
+    try {
+      value = std::stod(from, &used);
+    } catch (const std::logic_error&) {  // said below
+    }
+    if (std::isnan(value) || used != from.size())
+      throw LinkError("link " + link + ": " + key + " is '" + from + "'; expected a number");
+    return value;
+  };
+  if (key == "delay")
+    way.delay_ms = number(text);
+  else if (key == "jitter")
+    way.jitter_ms = number(text);
+  else if (key == "loss")
+    way.loss = number(text) / 100;
+  else if (key == "rate")
+    way.rate_mbit = number(text);
+  else if (key == "queue")
+    way.queue_bytes = static_cast<std::uint32_t>(std::clamp(number(text), 0.0, 4e9));
+  else if (key == "burst" && text.find('/') != std::string::npos) {
+    way.burst_start = number(text.substr(0, text.find('/')));
+    way.burst_end = number(text.substr(text.find('/') + 1));
+  } else {
+    throw LinkError("link " + link + ": no setting '" + setting +
+                    "'; expected delay=MS, jitter=MS, reorder, loss=PERCENT, burst=P/R, rate=MBIT or queue=BYTES");
+  }
+}
+
+}  // namespace
+
+LinkSettings parse_link(const std::string& text) {
+  std::istringstream parts{text};
+  std::string part;
+  std::getline(parts, part, ':');
+  LinkSettings settings = named_link(part);
+  settings.name = text;
+  while (std::getline(parts, part, ':'))
+    for (LinkProfile* way : {&settings.forth, &settings.back}) change(*way, text, part);
+  check(settings);
+  return settings;
 }
 
 void check(const LinkSettings& settings) {

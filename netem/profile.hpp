@@ -77,9 +77,11 @@ struct LinkSettings {
   std::uint64_t seed = 1;
 };
 
-/// The link of that name; with an `a` behind it the asymmetric one, whose way forth has 70 % of the round trip's delay
-/// and jitter. Throws LinkError with the names that exist.
-[[nodiscard]] LinkSettings named_link(const std::string& name);
+/// The link that `text` says: a name of kNamedLinks; with an `a` behind it the asymmetric one, whose way forth has 70 %
+/// of the round trip's delay and jitter; then any of these, for both ways: `:delay=MS :jitter=MS :reorder :loss=PERCENT
+/// :burst=P/R :rate=MBIT :queue=BYTES`. "P4", "P4a", "P0:delay=10:loss=1:rate=100". Throws LinkError with what is
+/// expected.
+[[nodiscard]] LinkSettings parse_link(const std::string& text);
 
 /// Throws LinkError for a number out of its range, or one that the medium cannot do.
 void check(const LinkSettings& settings);

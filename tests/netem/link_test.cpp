@@ -145,7 +145,7 @@ TEST(ALink, LosesInBurstsWhoseLengthsAreGeometric) {
 }
 
 TEST(ALink, LosesTheSameFramesWhateverItsDelayAndWhenTheyCome) {
-  LinkProfile profile = named_link("P7").forth;
+  LinkProfile profile = parse_link("P7").forth;
   profile.rate_mbit = 0;
   Link one{profile, kSeed};
   profile.delay_ms = 1;
@@ -157,7 +157,7 @@ TEST(ALink, LosesTheSameFramesWhateverItsDelayAndWhenTheyCome) {
 }
 
 TEST(ALink, WithOneSeedIsAFunctionOfItsArrivalsAndWithAnotherDiffers) {
-  const LinkProfile profile = named_link("P3").forth;
+  const LinkProfile profile = parse_link("P3").forth;
   Link one{profile, 1}, same{profile, 1}, other{profile, 2};
   int different = 0;
   for (int i = 0; i < 1000; ++i) {
@@ -243,7 +243,7 @@ TEST(SmoothJitter, IsTheSameProcessHoweverOftenItIsAsked) {
 TEST(EveryNamedLink, IsAllowedAndNoneIsThereTwice) {
   std::vector<std::string> names;
   for (const NamedLink& link : kNamedLinks) {
-    EXPECT_NO_THROW(check(named_link(link.name))) << link.name;
+    EXPECT_NO_THROW(check(parse_link(link.name))) << link.name;
     names.push_back(link.name);
   }
   EXPECT_THAT(names, ElementsAre("veth", "P0", "P1", "P2", "P3", "P4", "P5", "P6", "P7", "P8"));
@@ -256,15 +256,49 @@ TEST(EveryNamedLink, LosesWhatStudiesHaveForIt) {
 }
 
 TEST(AnAsymmetricLink, HasTheSameRoundTripAndSevenTenthsOfItForth) {
-  const LinkSettings link = named_link("P5a");
+  const LinkSettings link = parse_link("P5a");
   EXPECT_DOUBLE_EQ(link.forth.delay_ms + link.back.delay_ms, 80);
   EXPECT_DOUBLE_EQ(link.forth.delay_ms, 56);
   EXPECT_DOUBLE_EQ(link.forth.jitter_ms, 7);
 }
 
+TEST(ALinkInWords, ChangesTheNamedOneBothWays) {
+  const LinkSettings link = parse_link("P4a:loss=2.5:burst=0.02/0.5:rate=20:queue=9000:jitter=1:reorder");
+  for (const LinkProfile* way : {&link.forth, &link.back}) {
+    EXPECT_DOUBLE_EQ(way->loss, 0.025);
+    EXPECT_DOUBLE_EQ(way->burst_start, 0.02);
+    EXPECT_DOUBLE_EQ(way->burst_end, 0.5);
+    EXPECT_DOUBLE_EQ(way->rate_mbit, 20);
+    EXPECT_EQ(way->queue_bytes, 9000u);
+    EXPECT_DOUBLE_EQ(way->jitter_ms, 1);
+    EXPECT_TRUE(way->reorder);
+  }
+  EXPECT_DOUBLE_EQ(link.forth.delay_ms, 21);
+  EXPECT_DOUBLE_EQ(link.back.delay_ms, 9);
+}
+
+std::string refusal_of(const std::string& text) {
+  try {
+    (void)parse_link(text);
+  } catch (const LinkError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST(ALinkInWords, IsRefusedWithTheSettingsThatExist) {
+  EXPECT_THAT(refusal_of("P0:dealy=3"), HasSubstr("no setting 'dealy=3'; expected delay=MS, jitter=MS"));
+  EXPECT_THAT(refusal_of("P0:delay=ten"), HasSubstr("delay is 'ten'; expected a number"));
+  EXPECT_THAT(refusal_of("P0:delay"), HasSubstr("delay is ''; expected a number"));
+  EXPECT_THAT(refusal_of("P0:burst=0.1"), HasSubstr("no setting 'burst=0.1'"));
+  EXPECT_THAT(refusal_of("P0:loss=101"), HasSubstr("loss is 1.01; expected 0 to 1"));
+  EXPECT_THAT(refusal_of("P0:rate=5Mbit"), HasSubstr("rate is '5Mbit'"));
+  EXPECT_THAT(refusal_of("P0:"), testing::IsEmpty());
+}
+
 template <class Change>
 std::string refusal(const char* name, Change change) {
-  LinkSettings link = named_link(name);
+  LinkSettings link = parse_link(name);
   change(link.forth);
   try {
     check(link);
@@ -283,8 +317,8 @@ TEST(AWrongLink, IsRefusedWithWhatWasFoundAndExpected) {
   EXPECT_THAT(refusal("P2", [](LinkProfile& way) { way.queue_bytes = 100; }), HasSubstr("queue, bytes, is 100"));
   EXPECT_THAT(refusal("P2", [](LinkProfile& way) { way.delay_ms = NAN; }), HasSubstr("delay"));
   EXPECT_THAT(refusal("veth", [](LinkProfile& way) { way.delay_ms = 1; }), HasSubstr("take P0"));
-  EXPECT_THROW((void)named_link("P9"), LinkError);
-  EXPECT_THROW((void)named_link("vetha"), LinkError);
+  EXPECT_THROW((void)parse_link("P9"), LinkError);
+  EXPECT_THROW((void)parse_link("vetha"), LinkError);
 }
 
 }  // namespace

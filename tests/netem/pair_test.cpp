@@ -83,7 +83,7 @@ class BothMedia : public PairTest, public testing::WithParamInterface<const char
 INSTANTIATE_TEST_SUITE_P(Links, BothMedia, testing::Values("veth", "P0"));
 
 TEST_P(BothMedia, CarryUnicastAndMulticastBothWays) {
-  const LinkedPair pair{named_link(GetParam())};
+  const LinkedPair pair{parse_link(GetParam())};
   const Socket a{pair, Side::kA}, b{pair, Side::kB};
   a.send("10.77.0.2", 1);
   EXPECT_EQ(b.next(), 1);
@@ -96,7 +96,7 @@ TEST_P(BothMedia, CarryUnicastAndMulticastBothWays) {
 }
 
 TEST_P(BothMedia, LetProgramsOfASessionFindEachOtherAndTalk) {
-  const LinkedPair pair{named_link(GetParam())};
+  const LinkedPair pair{parse_link(GetParam())};
   const auto join = [&](Side side, const char* name) {
     return std::async(std::launch::async, [&pair, side, name] {
       pair.enter(side);
@@ -127,7 +127,7 @@ TEST_P(BothMedia, LetProgramsOfASessionFindEachOtherAndTalk) {
 }
 
 TEST_F(PairTest, EachDirectionHasItsOwnProfile) {
-  LinkSettings link = named_link("P0");
+  LinkSettings link = parse_link("P0");
   link.forth.loss = 1;
   link.back.delay_ms = 40;
   const LinkedPair pair{link};
@@ -145,7 +145,7 @@ TEST_F(PairTest, EachDirectionHasItsOwnProfile) {
 TEST_F(PairTest, NamesAreGoneWithIt) {
   std::string a, b;
   {
-    const LinkedPair pair{named_link("P1")};
+    const LinkedPair pair{parse_link("P1")};
     a = pair.name(Side::kA);
     b = pair.name(Side::kB);
     EXPECT_TRUE(exists(a) && exists(b));
@@ -154,7 +154,7 @@ TEST_F(PairTest, NamesAreGoneWithIt) {
 }
 
 TEST_F(PairTest, TwoAtOnceDoNotMeet) {
-  const LinkedPair one{named_link("P0")}, two{named_link("P0")};
+  const LinkedPair one{parse_link("P0")}, two{parse_link("P0")};
   const Socket a{one, Side::kA}, b{one, Side::kB}, stranger{two, Side::kB};
   a.send("10.77.0.2", 9);
   EXPECT_EQ(b.next(), 9);
@@ -166,7 +166,7 @@ TEST_F(PairTest, WhatAKilledOneLeftIsSwept) {
   ASSERT_EQ(::pipe(pipe.data()), 0);
   const pid_t child = ::fork();
   if (child == 0) {
-    const LinkedPair pair{named_link("P0")};
+    const LinkedPair pair{parse_link("P0")};
     const std::string& name = pair.name(Side::kA);
     (void)!::write(pipe[1], name.data(), name.size());
     ::kill(::getpid(), SIGKILL);
@@ -179,7 +179,7 @@ TEST_F(PairTest, WhatAKilledOneLeftIsSwept) {
   ASSERT_GT(bytes, 0);
   const std::string name(text.data(), static_cast<std::size_t>(bytes));
   ASSERT_TRUE(exists(name));
-  const LinkedPair next{named_link("P0")};
+  const LinkedPair next{parse_link("P0")};
   EXPECT_FALSE(exists(name));
 }
 

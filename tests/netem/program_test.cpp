@@ -62,7 +62,7 @@ TEST_F(LinkProgram, InsistsOnACommandThatDoesNotListen) {
 TEST_F(LinkProgram, NamesACommandThatCannotBeRun) {
   Process run{link({"run", "--", "sleep", "1000", "--", "no-such-command"})};
   EXPECT_EQ(run.wait(), 127);
-  EXPECT_THAT(run.output(), HasSubstr("no-such-command: cannot be run"));
+  EXPECT_THAT(run.output(), HasSubstr("no-such-command: cannot be run here"));
 }
 
 TEST_F(LinkProgram, InterruptedStopsBothCommandsAndCleansUp) {
@@ -107,9 +107,8 @@ TEST(LinkProgramAnywhere, RefusesWrongInputNamingIt) {
   };
   refused({"run", "--profile", "P77", "--", "true", "--", "true"}, "no link 'P77'; expected veth, P0");
   refused({"run", "--", "true"}, "found 1 commands, expected two");
-  refused({"run", "--loss", "101", "--", "true", "--", "true"}, "101");
-  refused({"run", "--jitter", "5", "--", "true", "--", "true"}, "jitter, ms, is 5; expected 0 to 0");
-  refused({"run", "--delya", "5", "--", "true", "--", "true"}, "--delya");
+  refused({"run", "--profile", "P0:jitter=5", "--", "true", "--", "true"}, "jitter, ms, is 5; expected 0 to 0");
+  refused({"run", "--profil", "P5", "--", "true", "--", "true"}, "--profil");
   refused({}, "subcommand");
 }
 

@@ -24,13 +24,14 @@ constexpr std::array kCommands{
     Command{"host", "tactus-host", "serve models to a session (VE host)"},
     Command{"hrtc", "tactus-hrtc", "run haptic devices in a session (HRTC)"},
     Command{"sim", "tactus-sim", "simulated users that follow a scenario, and the session's report"},
+    Command{"latency", "tactus-latency", "measure latency, jitter and loss of a session's topics, and of a network"},
     Command{"link", "tactus-link", "emulated network links between two namespaces of this machine"},
     Command{"demo", "demo", "all of it on this machine, from models to report"},
 };
 
 void print_help(std::FILE* out) {
   std::fputs("Usage: tactus COMMAND [OPTION...]\n\n", out);
-  for (const Command& c : kCommands) std::fprintf(out, "  %-6s%s\n", c.name.data(), c.purpose.data());
+  for (const Command& c : kCommands) std::fprintf(out, "  %-9s%s\n", c.name.data(), c.purpose.data());
   std::fputs(
       "\nEach command has --help. Examples:\n"
       "  tactus mesh generate organ --faces 500000 --seed 1 organ.ply\n"

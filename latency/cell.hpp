@@ -1,0 +1,84 @@
+/// One combination of the axes of a latency test, and the grid of them that a command line asks for.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <nlohmann/json_fwd.hpp>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+namespace tactus::latency {
+
+/// A test that cannot be made: wrong settings, or another side that cannot be reached or does not answer.
+class LatencyError : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+enum class Transport {
+  kUdp,      ///< DDS over UDPv4 alone, which is what the profiles of qos/ have
+  kShm,      ///< DDS over shared memory alone
+  kBuiltin,  ///< DDS over what the library takes when nothing is said: shared memory and UDPv4
+  kRawUdp    ///< the reference: the same bytes in a datagram, without DDS
+};
+enum class Profile {
+  kTactus,  ///< as qos/ has it
+  kPlain    ///< the library's defaults: no policy, mark or limit is set
+};
+enum class Topic {
+  kProbeState,  ///< tactus_probe_state, traffic class probe
+  kRecords      ///< tactus_records, traffic class bulk: the carrier of regions
+};
+
+inline constexpr std::array kTransportNames{"udp", "shm", "builtin", "raw-udp"};
+inline constexpr std::array kProfileNames{"tactus", "plain"};
+inline constexpr std::array kTopicNames{"probe_state", "records"};
+
+inline constexpr std::uint32_t kProbeStateBytes = 232;  ///< a ProbeState encoded; its payload cannot be chosen
+inline constexpr std::uint32_t kLeastPayload = 32;      ///< of a raw datagram and of a record: the stamps
+inline constexpr double kUnpaced = -1;                  ///< load as fast as the writer takes it
+
+struct Cell {
+  Transport transport = Transport::kUdp;
+  Profile profile = Profile::kTactus;
+  Topic topic = Topic::kProbeState;
+  std::uint32_t payload = kProbeStateBytes;  ///< bytes of the sample, without headers of RTPS and UDP
+  double rate_hz = 1000;
+  std::uint32_t readers = 1;
+  double load_mbit = 0;  ///< of mesh records in the direction of the pings, payload; kUnpaced
+  std::string link = "none";
+  double seconds = 5;
+
+  [[nodiscard]] std::uint32_t pings() const noexcept { return static_cast<std::uint32_t>(rate_hz * seconds + 0.5); }
+};
+
+/// Throws LatencyError for a value out of range or a combination that has no meaning.
+void check(const Cell& cell);
+
+/// "udp tactus probe_state 232 B 1000 Hz x1, load 50 Mbit/s, link P4".
+[[nodiscard]] std::string describe(const Cell& cell);
+
+[[nodiscard]] nlohmann::ordered_json to_json(const Cell& cell);
+/// Throws LatencyError for a member that is missing or has no such value: the text came over the network.
+[[nodiscard]] Cell cell_from_json(const nlohmann::ordered_json& json);
+
+/// The values of each axis. Every combination is a cell, in the order of the members, but for those that would only
+/// repeat another: raw UDP has neither profile nor topic.
+struct Grid {
+  std::vector<Transport> transports{Transport::kUdp};
+  std::vector<Profile> profiles{Profile::kTactus};
+  std::vector<Topic> topics{Topic::kProbeState};
+  std::vector<std::uint32_t> payloads;  ///< empty: the size of a probe state
+  std::vector<double> rates{1000};
+  std::vector<std::uint32_t> readers{1};
+  std::vector<double> loads{0};
+  std::vector<std::string> links{"none"};
+  double seconds = 5;
+  std::uint32_t repeat = 1;  ///< of the whole grid, so that repeats alternate
+
+  /// Throws LatencyError as `check` does.
+  [[nodiscard]] std::vector<Cell> cells() const;
+};
+
+}  // namespace tactus::latency

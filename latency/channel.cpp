@@ -1,0 +1,146 @@
+#include "latency/channel.hpp"
+
+#include <netdb.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <poll.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <nlohmann/json.hpp>
+
+#include "latency/cell.hpp"
+
+namespace tactus::latency {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr std::size_t kLongestLine = 64 * 1024;
+constexpr int kLookAroundMs = 100;  // how often a waiting side looks at its stop flag
+
+/// Whether `socket` has something, asking until `patience` is over. Throws LatencyError when stopped.
+bool readable(int socket, std::chrono::milliseconds patience, const std::atomic<bool>& stop) {
+  const auto end = std::chrono::steady_clock::now() + patience;
+  do {
+    if (stop) throw LatencyError("interrupted");
+    pollfd on{socket, POLLIN, 0};
+    if (::poll(&on, 1, kLookAroundMs) == 1) return true;
+  } while (std::chrono::steady_clock::now() < end);
+  return false;
+}
+
+}  // namespace
+
+Channel::Channel(int socket, const std::atomic<bool>& stop) noexcept : socket_{socket}, stop_{stop} {}
+
+Channel::~Channel() { ::close(socket_); }
+
+void Channel::send(const nlohmann::ordered_json& message) {
+  const std::string line = message.dump() + "\n";
+  send_block(line.data(), line.size());
+}
+
+void Channel::send_block(const void* data, std::size_t bytes) {
+  for (const char* at = static_cast<const char*>(data); bytes > 0;) {
+    const ssize_t sent = ::send(socket_, at, bytes, MSG_NOSIGNAL);
+    if (sent < 0 && errno == EINTR) continue;
+    if (sent <= 0) throw LatencyError(std::string{"the other side is gone: "} + std::strerror(errno));
+    at += sent;
+    bytes -= static_cast<std::size_t>(sent);
+  }
+}
+
+void Channel::fill(std::chrono::milliseconds patience) {
+  if (!readable(socket_, patience, stop_))
+    throw LatencyError("no answer of the other side within " + std::to_string(patience.count()) + " ms");
+  std::array<char, 65536> block;
+  const ssize_t got = ::recv(socket_, block.data(), block.size(), 0);
+  if (got < 0 && errno == EINTR) return;
+  if (got <= 0) throw LatencyError("the other side is gone");
+  received_.append(block.data(), static_cast<std::size_t>(got));
+}
+
+nlohmann::ordered_json Channel::receive(std::chrono::milliseconds patience) {
+  std::size_t end = 0;
+  while ((end = received_.find('\n')) == std::string::npos) {
+    if (received_.size() > kLongestLine) throw LatencyError("the other side sends no line; is it a tactus-latency?");
+    fill(patience);
+  }
+  const std::string line = received_.substr(0, end);
+  received_.erase(0, end + 1);
+  try {
+    auto message = nlohmann::ordered_json::parse(line);
+    if (message.is_object() && message.contains("error"))
+      throw LatencyError("the other side: " + message.at("error").get<std::string>());
+    return message;
+  } catch (const nlohmann::json::exception& error) {
+    throw LatencyError(std::string{"the other side is no tactus-latency: "} + error.what());
+  }
+}
+
+bool Channel::wait() {
+  if (!received_.empty()) return true;
+  while (!readable(socket_, 1s, stop_)) {
+  }
+  char next = 0;
+  return ::recv(socket_, &next, 1, MSG_PEEK) == 1;
+}
+
+void Channel::receive_block(void* data, std::size_t bytes, std::chrono::milliseconds patience) {
+  while (received_.size() < bytes) fill(patience);
+  std::memcpy(data, received_.data(), bytes);
+  received_.erase(0, bytes);
+}
+
+int listen_at(std::uint16_t port) {
+  const int listener = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  const int yes = 1;
+  ::setsockopt(listener, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
+  sockaddr_in own{};
+  own.sin_family = AF_INET;
+  own.sin_port = htons(port);
+  if (::bind(listener, reinterpret_cast<sockaddr*>(&own), sizeof own) != 0 || ::listen(listener, 4) != 0) {
+    const int error = errno;
+    ::close(listener);
+    throw LatencyError("port " + std::to_string(port) + ": " + std::strerror(error) + "; expected a free one (--port)");
+  }
+  return listener;
+}
+
+int accept_from(int listener, const std::atomic<bool>& stop) {
+  while (!stop) {
+    pollfd on{listener, POLLIN, 0};
+    if (::poll(&on, 1, kLookAroundMs) != 1) continue;
+    const int made = ::accept4(listener, nullptr, nullptr, SOCK_CLOEXEC);
+    const int yes = 1;
+    if (made >= 0) ::setsockopt(made, IPPROTO_TCP, TCP_NODELAY, &yes, sizeof yes);
+    if (made >= 0) return made;
+  }
+  return -1;
+}
+
+int connect_to(const std::string& host, std::uint16_t port) {
+  addrinfo hints{}, *found = nullptr;
+  hints.ai_family = AF_INET;
+  hints.ai_socktype = SOCK_STREAM;
+  const std::string service = std::to_string(port);
+  if (const int error = ::getaddrinfo(host.c_str(), service.c_str(), &hints, &found); error != 0)
+    throw LatencyError("host '" + host + "': " + ::gai_strerror(error));
+  const int made = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  const int refused = ::connect(made, found->ai_addr, found->ai_addrlen) != 0 ? errno : 0;
+  ::freeaddrinfo(found);
+  if (refused != 0) {
+    ::close(made);
+    throw LatencyError(host + " port " + service + ": " + std::strerror(refused) +
+                       "; expected `tactus-latency serve` there, and no firewall between");
+  }
+  const int yes = 1;
+  ::setsockopt(made, IPPROTO_TCP, TCP_NODELAY, &yes, sizeof yes);
+  return made;
+}
+
+}  // namespace tactus::latency

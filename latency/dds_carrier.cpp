@@ -1,0 +1,160 @@
+#include <tinyxml2.h>
+#include <unistd.h>
+
+#include <cstdlib>
+#include <cstring>
+#include <fstream>
+
+#include "latency/carrier.hpp"
+#include "wire/ends.hpp"
+#include "wire/process.hpp"
+
+namespace tactus::latency {
+namespace {
+
+constexpr char kPings[] = "latency/pings", kEchoes[] = "latency/echoes";
+
+void encode(const Packet& packet, std::uint32_t, session::ProbeState& sample) {
+  sample.sequence = packet.sequence;
+  sample.probe = packet.reader;
+  sample.session_time_ns = packet.event_ns;
+}
+Packet decode(const session::ProbeState& sample) {
+  return {sample.sequence, sample.probe, sample.session_time_ns, sample.origin.time_ns};
+}
+
+void encode(const Packet& packet, std::uint32_t payload, session::BulkChunk& sample) {
+  sample.sequence = packet.sequence + 1;  // 0 is no number of a stream
+  sample.region = packet.reader;
+  sample.kind = session::BulkKind::kRegion;
+  sample.object_id = static_cast<std::uint64_t>(packet.event_ns);
+  sample.payload.resize(payload);
+}
+Packet decode(const session::BulkChunk& sample) {
+  return {sample.sequence - 1, sample.region, static_cast<std::int64_t>(sample.object_id), sample.origin.time_ns};
+}
+
+template <class Sample>
+class DdsCarrier final : public Carrier {
+ public:
+  DdsCarrier(Part part, std::uint32_t payload, wire::Links& links, const wire::TopicSpec<Sample>& topic,
+             OnPacket callback)
+      : payload_{payload},
+        links_{links},
+        callback_{std::move(callback)},
+        writer_{links, topic, {part == Part::kPinger ? kPings : kEchoes}},
+        reader_{links,
+                topic,
+                [this](Sample&& sample) { callback_(decode(sample), wire::monotonic_ns()); },
+                {part == Part::kPinger ? kEchoes : kPings}} {}
+
+  bool send(const Packet& packet) noexcept override {
+    sample_.origin = links_.origin();
+    sample_.origin.time_ns = packet.sent_ns;
+    encode(packet, payload_, sample_);
+    return writer_.send(sample_) == wire::SendStatus::kSent;
+  }
+  [[nodiscard]] std::uint32_t matched() const noexcept override {
+    return static_cast<std::uint32_t>(std::max(0, std::min(writer_.matched(), reader_.matched())));
+  }
+
+ private:
+  const std::uint32_t payload_;
+  wire::Links& links_;
+  const OnPacket callback_;
+  Sample sample_{};
+  wire::Writer<Sample> writer_;
+  wire::Reader<Sample> reader_;  // last: it calls back as soon as it is there
+};
+
+/// A copy of a qos directory, changed, which is gone with this.
+class QosCopy {
+ public:
+  QosCopy(const std::filesystem::path& from, Profile profile, Transport transport) {
+    std::string name = (std::filesystem::temp_directory_path() / "tactus-qos-XXXXXX").string();
+    if (::mkdtemp(name.data()) == nullptr)
+      throw LatencyError("no temporary directory: " + std::string{std::strerror(errno)});
+    path_ = name;
+    for (const char* file : {"session.xml", "probe.xml", "bulk.xml"}) {
+      tinyxml2::XMLDocument document;
+      if (document.LoadFile((from / file).c_str()) != tinyxml2::XML_SUCCESS)
+        throw LatencyError((from / file).string() + ": " + document.ErrorStr());
+      auto* const profiles = document.RootElement()->FirstChildElement("profiles");
+      if (profiles == nullptr) throw LatencyError((from / file).string() + ": no <profiles>; expected them");
+      if (profile == Profile::kPlain) strip(*profiles);
+      if (profile == Profile::kPlain || transport != Transport::kUdp)
+        set_transport(*profiles, transport, std::string{"latency_"} + file);
+      document.SaveFile((path_ / file).c_str());
+    }
+    if (profile == Profile::kPlain) {
+      std::ofstream{path_ / "flow.yaml"}
+          << "sockets: {session: {tos: 0, priority: 0}, probe: {tos: 0, priority: 0}, bulk: "
+             "{tos: 0, priority: 0}}\nbulk_limit: {bytes: 0, period_ms: 1}\n";
+    } else {
+      std::filesystem::copy_file(from / "flow.yaml", path_ / "flow.yaml");
+    }
+  }
+  ~QosCopy() {
+    std::error_code ignored;
+    std::filesystem::remove_all(path_, ignored);
+  }
+  QosCopy(const QosCopy&) = delete;
+  QosCopy& operator=(const QosCopy&) = delete;
+  [[nodiscard]] const std::filesystem::path& path() const noexcept { return path_; }
+
+ private:
+  using Element = tinyxml2::XMLElement;
+
+  /// Leaves of each profile its name: the library's defaults remain.
+  static void strip(Element& profiles) {
+    for (Element* profile = profiles.FirstChildElement(); profile != nullptr; profile = profile->NextSiblingElement()) {
+      if (profile->Attribute("profile_name") == nullptr) continue;
+      const bool participant = std::strcmp(profile->Name(), "participant") == 0;
+      profile->DeleteChildren();
+      if (participant) profile->InsertNewChildElement("rtps");
+    }
+  }
+
+  /// `id` must be another in each file: the library has one table of them.
+  static void set_transport(Element& profiles, Transport transport, const std::string& id) {
+    if (Element* const descriptors = profiles.FirstChildElement("transport_descriptors"))
+      profiles.DeleteChild(descriptors);
+    for (Element* part = profiles.FirstChildElement("participant"); part != nullptr;
+         part = part->NextSiblingElement("participant")) {
+      Element* const rtps = part->FirstChildElement("rtps");
+      for (const char* name : {"useBuiltinTransports", "userTransports"})
+        if (Element* const old = rtps->FirstChildElement(name)) rtps->DeleteChild(old);
+      if (transport == Transport::kBuiltin) continue;
+      rtps->InsertNewChildElement("useBuiltinTransports")->SetText("false");
+      rtps->InsertNewChildElement("userTransports")->InsertNewChildElement("transport_id")->SetText(id.c_str());
+    }
+    if (transport == Transport::kBuiltin) return;
+    Element* const descriptors = profiles.GetDocument()->NewElement("transport_descriptors");
+    profiles.InsertFirstChild(descriptors);
+    Element* const descriptor = descriptors->InsertNewChildElement("transport_descriptor");
+    descriptor->InsertNewChildElement("transport_id")->SetText(id.c_str());
+    descriptor->InsertNewChildElement("type")->SetText(transport == Transport::kShm ? "SHM" : "UDPv4");
+  }
+
+  std::filesystem::path path_;
+};
+
+}  // namespace
+
+std::unique_ptr<Carrier> make_dds(Part part, const Cell& cell, wire::Links& links, OnPacket callback) {
+  if (cell.topic == Topic::kProbeState)
+    return std::make_unique<DdsCarrier<session::ProbeState>>(part, cell.payload, links, wire::topics::kProbeState,
+                                                             std::move(callback));
+  return std::make_unique<DdsCarrier<session::BulkChunk>>(part, cell.payload, links, wire::topics::kRecords,
+                                                          std::move(callback));
+}
+
+std::unique_ptr<wire::Links> join(const Cell& cell, wire::SessionAddress address) {
+  if (cell.profile == Profile::kTactus && (cell.transport == Transport::kUdp || cell.transport == Transport::kRawUdp))
+    return std::make_unique<wire::Links>(std::move(address));
+  const QosCopy copy{address.qos, cell.profile, cell.transport};
+  address.qos = copy.path();
+  return std::make_unique<wire::Links>(std::move(address));
+}
+
+}  // namespace tactus::latency

@@ -1,0 +1,236 @@
+#include "latency/measure.hpp"
+
+#include <unistd.h>
+
+#include <chrono>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <thread>
+
+#include "latency/carrier.hpp"
+#include "latency/load.hpp"
+#include "wire/realtime.hpp"
+
+namespace tactus::latency {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr int kVersion = 1;  // of what the two sides say to each other
+constexpr auto kAnswer = 30s;
+constexpr auto kMeeting = 20s;  // discovery, at worst on a lossy link
+constexpr auto kLastEchoes = 2s;
+
+/// The same on two sides that read the same CLOCK_MONOTONIC: one start of one kernel, one time namespace.
+std::string clock_id() {
+  std::string id;
+  std::getline(std::ifstream{"/proc/sys/kernel/random/boot_id"}, id);
+  std::error_code none;
+  return id + std::filesystem::read_symlink("/proc/self/ns/time", none).string();
+}
+
+wire::SessionAddress address_of(const std::string& session, const std::string& who, const Place& place) {
+  wire::SessionAddress address;
+  address.session = session;
+  address.participant = who;
+  address.domain = place.domain;
+  address.qos = place.qos;
+  address.probe_priority = place.priority;
+  return address;
+}
+
+/// One reader: what it hears it notes and answers.
+class Echoer {
+ public:
+  Echoer(const Cell& cell, std::uint32_t number, const std::string& session, const Place& place) : number_{number} {
+    arrivals_.reserve(cell.pings() + cell.pings() / 4 + 1000);
+    const auto callback = [this](const Packet& ping, std::int64_t now) { answer(ping, now); };
+    if (cell.transport == Transport::kRawUdp) {
+      carrier_ = make_udp(Part::kEchoer, cell.payload, {{}, {}, place.priority}, callback);
+      port_ = port_of(*carrier_);
+    } else {
+      links_ = join(cell, address_of(session, "echo-" + std::to_string(number), place));
+      carrier_ = make_dds(Part::kEchoer, cell, *links_, callback);
+    }
+    ready_ = true;
+  }
+  [[nodiscard]] std::uint16_t port() const noexcept { return port_; }
+  [[nodiscard]] bool matched() const noexcept { return port_ != 0 || carrier_->matched() > 0; }
+  [[nodiscard]] bool realtime() const noexcept { return links_ == nullptr || links_->probe_is_realtime(); }
+  /// Listens no longer.
+  const std::vector<Arrival>& finish() {
+    carrier_.reset();
+    return arrivals_;
+  }
+
+ private:
+  void answer(const Packet& ping, std::int64_t now) {
+    if (!ready_) return;  // the carrier is not there yet to answer with
+    carrier_->send({ping.sequence, number_, now, wire::monotonic_ns()});
+    if (arrivals_.size() < arrivals_.capacity()) arrivals_.push_back({ping.sequence, number_, now});
+  }
+
+  const std::uint32_t number_;
+  std::atomic<bool> ready_{false};
+  std::vector<Arrival> arrivals_;
+  std::unique_ptr<wire::Links> links_;
+  std::unique_ptr<Carrier> carrier_;
+  std::uint16_t port_ = 0;
+};
+
+template <class Condition>
+bool wait_until(Condition&& condition, std::chrono::milliseconds patience, const std::atomic<bool>& stop) {
+  const auto end = std::chrono::steady_clock::now() + patience;
+  while (!condition()) {
+    if (stop) throw LatencyError("interrupted");
+    if (std::chrono::steady_clock::now() >= end) return false;
+    std::this_thread::sleep_for(5ms);
+  }
+  return true;
+}
+
+void serve_one(const nlohmann::ordered_json& asked, Channel& channel, Place place, const std::atomic<bool>& stop) {
+  if (asked.value("version", 0) != kVersion)
+    throw LatencyError("version " + std::to_string(asked.value("version", 0)) + " of the other side; expected " +
+                       std::to_string(kVersion) + ": take the same release on both");
+  const Cell cell = cell_from_json(asked.at("cell"));
+  const auto session = asked.at("session").get<std::string>();
+  asked.at("domain").get_to(place.domain);
+  asked.at("priority").get_to(place.priority);
+
+  std::vector<std::unique_ptr<Echoer>> echoers;
+  nlohmann::ordered_json ports = nlohmann::ordered_json::array();
+  bool realtime = true;
+  for (std::uint32_t i = 0; i < cell.readers; ++i) {
+    echoers.push_back(std::make_unique<Echoer>(cell, i, session, place));
+    ports.push_back(echoers.back()->port());
+    realtime &= echoers.back()->realtime();
+  }
+  std::optional<Sink> sink;
+  if (cell.load_mbit != 0) sink.emplace(cell, address_of(session, "sink", place));
+  channel.send({{"ports", ports}, {"clock", clock_id()}, {"realtime", realtime || place.priority == 0}});
+
+  (void)channel.receive(std::chrono::duration_cast<std::chrono::milliseconds>(kAnswer + kMeeting));
+  const bool met = wait_until(
+      [&] {
+        for (const auto& echoer : echoers)
+          if (!echoer->matched()) return false;
+        return true;
+      },
+      kMeeting, stop);
+  if (!met) throw LatencyError("echoers found no pinger within 20 s");
+  channel.send({{"matched", true}});
+
+  (void)channel.receive(std::chrono::milliseconds{static_cast<std::int64_t>(cell.seconds * 2e3) + 60'000});
+  std::vector<Arrival> arrivals;
+  for (const auto& echoer : echoers) {
+    const std::vector<Arrival>& own = echoer->finish();
+    arrivals.insert(arrivals.end(), own.begin(), own.end());
+  }
+  channel.send({{"arrivals", arrivals.size()}, {"load_bytes_per_s", sink ? sink->bytes_per_s() : 0.0}});
+  channel.send_block(arrivals.data(), arrivals.size() * sizeof(Arrival));
+}
+
+/// Sends the pings of a cell on time.
+void send_pings(const Cell& cell, Carrier& carrier, Stamps& stamps, const std::atomic<bool>& stop) {
+  const double period_ns = 1e9 / cell.rate_hz;
+  const std::int64_t start = wire::monotonic_ns() + 20'000'000;
+  const std::int64_t give_up = start + static_cast<std::int64_t>(cell.seconds * 1e9) + 1'000'000'000;
+  for (std::uint32_t i = 0; i < stamps.pings.size(); ++i)
+    stamps.pings[i].intended_ns = start + static_cast<std::int64_t>(i * period_ns);
+  for (std::uint32_t i = 0; i < stamps.pings.size(); ++i) {
+    Ping& ping = stamps.pings[i];
+    if (stop) throw LatencyError("interrupted");
+    if (wire::monotonic_ns() < ping.intended_ns) {
+      wire::sleep_until(ping.intended_ns);
+      ping.waited = true;
+    }
+    const std::int64_t now = wire::monotonic_ns();
+    if (now > give_up) return;
+    ping.sent_ns = now;
+    if (!carrier.send({i, 0, ping.intended_ns, now})) ++stamps.refused;
+  }
+}
+
+}  // namespace
+
+Stamps measure(const Cell& cell, Channel& channel, const Place& place, const std::atomic<bool>& stop) {
+  static std::atomic<int> count{0};
+  const std::string session = "latency." + std::to_string(::getpid()) + "." + std::to_string(++count);
+  channel.send({{"version", kVersion},
+                {"cell", to_json(cell)},
+                {"session", session},
+                {"domain", place.domain},
+                {"priority", place.priority}});
+  const auto other = channel.receive(kAnswer);
+
+  Stamps stamps;
+  stamps.cell = cell;
+  stamps.pings.resize(cell.pings());
+  stamps.one_clock = other.at("clock").get<std::string>() == clock_id();
+  if (!other.at("realtime").get<bool>()) stamps.notes.emplace_back("echoers: no real-time priority");
+
+  // Written by the carrier's thread, read when that has ended.
+  stamps.echoes.reserve(static_cast<std::size_t>(cell.pings()) * cell.readers * 5 / 4 + 1000);
+  std::atomic<std::size_t> heard{0};
+  const auto callback = [&](const Packet& echo, std::int64_t now) {
+    if (stamps.echoes.size() == stamps.echoes.capacity()) return;
+    stamps.echoes.push_back({echo.sequence, echo.reader, echo.event_ns, echo.sent_ns, now});
+    heard = stamps.echoes.size();
+  };
+  std::unique_ptr<wire::Links> links;
+  std::unique_ptr<Carrier> carrier;
+  if (cell.transport == Transport::kRawUdp) {
+    carrier =
+        make_udp(Part::kPinger, cell.payload,
+                 {place.echo_address, other.at("ports").get<std::vector<std::uint16_t>>(), place.priority}, callback);
+  } else {
+    links = join(cell, address_of(session, "ping", place));
+    carrier = make_dds(Part::kPinger, cell, *links, callback);
+  }
+  std::optional<Load> load;
+  if (cell.load_mbit != 0) load.emplace(cell, address_of(session, "load", place));
+  const auto met = [&] { return carrier->matched() >= cell.readers && (!load || load->matched()); };
+  if (!wait_until(met, kMeeting, stop))
+    throw LatencyError(
+        "found " + std::to_string(carrier->matched()) + " of " + std::to_string(cell.readers) +
+        " readers within 20 s; expected all: does multicast (239.255.0.1) pass, is the domain the same?");
+  channel.send({{"met", true}});
+  (void)channel.receive(std::chrono::duration_cast<std::chrono::milliseconds>(kAnswer + kMeeting));
+
+  if (load) load->start();
+  // Only now: threads that were made before would have inherited it.
+  stamps.notes.push_back(place.priority > 0 ? wire::enter_realtime("pinger", place.priority)
+                                            : "pinger: no real-time priority asked for");
+  send_pings(cell, *carrier, stamps, stop);
+  const std::size_t all = stamps.pings.size() * cell.readers;
+  (void)wait_until([&] { return heard >= all; }, kLastEchoes, stop);
+  load.reset();
+  carrier.reset();
+
+  channel.send({{"finish", true}});
+  const auto result = channel.receive(kAnswer);
+  const auto arrivals = result.at("arrivals").get<std::size_t>();
+  if (arrivals > 2 * all + 1000 * cell.readers)
+    throw LatencyError("the other side has " + std::to_string(arrivals) + " arrivals of " + std::to_string(all) +
+                       " pings");
+  stamps.arrivals.resize(arrivals);
+  channel.receive_block(stamps.arrivals.data(), arrivals * sizeof(Arrival), kAnswer);
+  result.at("load_bytes_per_s").get_to(stamps.load_bytes_per_s);
+  return stamps;
+}
+
+void serve(Channel& channel, const Place& place, const std::atomic<bool>& stop) {
+  try {
+    while (channel.wait()) serve_one(channel.receive(kAnswer), channel, place, stop);
+  } catch (const std::exception& error) {
+    try {
+      channel.send({{"error", error.what()}});
+    } catch (const LatencyError&) {  // gone: nobody to tell
+    }
+    throw LatencyError(error.what());
+  }
+}
+
+}  // namespace tactus::latency

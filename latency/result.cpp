@@ -1,0 +1,141 @@
+#include "latency/result.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "session/clock.hpp"
+
+namespace tactus::latency {
+namespace {
+
+constexpr std::size_t kMoments = 400;
+
+/// The echoer's clock as the pinger's: how the session clock stood when each ping was sent.
+class EchoerClock {
+ public:
+  explicit EchoerClock(const Stamps& stamps) {
+    if (stamps.one_clock) return;
+    const session::Origin pinger{1, 1, 1, 0}, echoer{1, 2, 1, 0};
+    session::ClockSettings settings;
+    settings.window = 256;
+    session::SessionClock clock{pinger, settings};
+    clock.set_reference(echoer.participant, echoer.incarnation, 0);
+    for (const Echo& echo : stamps.echoes) {
+      if (echo.reader != 0 || echo.sequence >= stamps.pings.size()) continue;
+      session::ClockSample sample = clock.request(stamps.pings[echo.sequence].sent_ns);
+      sample.origin = echoer;
+      sample.peer = pinger.participant;
+      sample.answer = true;
+      sample.t1_ns = echo.received_ns;
+      sample.t2_ns = echo.echoed_ns;
+      if (clock.on_answer(sample, echo.arrived_ns)) maps_.push_back(clock.map());
+    }
+    one_ = false;
+  }
+
+  /// The echoer's time at `local_ns`, and adds to the worst bound.
+  std::int64_t at(std::int64_t local_ns) {
+    if (one_) return local_ns;
+    if (maps_.empty()) {
+      bound_ns_ = session::kClockUnknown;
+      return local_ns;
+    }
+    auto next = std::upper_bound(maps_.begin(), maps_.end(), local_ns,
+                                 [](std::int64_t time, const session::ClockMap& map) { return time < map.local_ns; });
+    const session::ClockMap& map = next == maps_.begin() ? *next : *std::prev(next);
+    bound_ns_ = std::max(bound_ns_, map.bound(std::max(local_ns, map.local_ns)));
+    return map.session_time(local_ns);
+  }
+  [[nodiscard]] double bound_us() const noexcept { return static_cast<double>(bound_ns_) * 1e-3; }
+
+ private:
+  bool one_ = true;
+  std::vector<session::ClockMap> maps_;
+  std::int64_t bound_ns_ = 0;
+};
+
+}  // namespace
+
+const std::vector<double>& curve_shares() {
+  static const std::vector<double> shares = [] {
+    std::vector<double> all;
+    for (int i = 0; i <= 80; ++i) all.push_back(1 - std::pow(10.0, -i / 20.0));
+    return all;
+  }();
+  return shares;
+}
+
+std::uint32_t warm_up(const Cell& cell) noexcept {
+  constexpr double kSeconds = 0.3;
+  return std::min(static_cast<std::uint32_t>(kSeconds * cell.rate_hz), cell.pings() / 5);
+}
+
+Result evaluate(const Stamps& stamps) {
+  Result result;
+  result.cell = stamps.cell;
+  result.notes = stamps.notes;
+  result.refused = stamps.refused;
+  result.load_mbyte_per_s = stamps.load_bytes_per_s * 1e-6;
+  const std::uint32_t first = warm_up(stamps.cell);
+  const auto all = static_cast<std::uint32_t>(stamps.pings.size());
+  const std::uint32_t judged = all - first;
+  result.expected = static_cast<std::uint64_t>(judged) * stamps.cell.readers;
+
+  std::vector<double> timer;
+  for (std::uint32_t i = first; i < all; ++i) {
+    const Ping& ping = stamps.pings[i];
+    if (ping.sent_ns == 0) ++result.refused;
+    if (ping.waited) timer.push_back(static_cast<double>(ping.sent_ns - ping.intended_ns) * 1e-3);
+  }
+  result.timer = summarise(timer);
+
+  EchoerClock clock{stamps};
+  std::vector<SequenceTally> tallies(stamps.cell.readers, SequenceTally{judged});
+  std::vector<InterarrivalJitter> jitters(stamps.cell.readers);
+  std::vector<double> age;
+  for (const Arrival& arrival : stamps.arrivals) {
+    if (arrival.sequence < first || arrival.sequence >= all || arrival.reader >= stamps.cell.readers) continue;
+    if (!tallies[arrival.reader].add(arrival.sequence - first)) continue;
+    const Ping& ping = stamps.pings[arrival.sequence];
+    age.push_back(static_cast<double>(arrival.received_ns - clock.at(ping.intended_ns)) * 1e-3);
+    jitters[arrival.reader].add(ping.sent_ns, arrival.received_ns);
+  }
+  result.age = summarise(age);
+  result.clock_bound_us = clock.bound_us();
+  for (const SequenceTally& tally : tallies) {
+    result.lost += tally.lost();
+    result.reordered += tally.reordered();
+    result.duplicates += tally.duplicates();
+  }
+  for (const InterarrivalJitter& jitter : jitters) result.jitter_us = std::max(result.jitter_us, jitter.us());
+
+  std::vector<double> intended, sent;
+  std::vector<SequenceTally> answered(stamps.cell.readers, SequenceTally{judged});
+  std::vector<std::vector<double>> by_moment(std::min<std::size_t>(kMoments, std::max<std::uint32_t>(judged, 1)));
+  const auto moment_of = [&](std::uint32_t sequence) { return (sequence - first) * by_moment.size() / judged; };
+  for (const Echo& echo : stamps.echoes) {
+    if (echo.sequence < first || echo.sequence >= all || echo.reader >= stamps.cell.readers) continue;
+    if (!answered[echo.reader].add(echo.sequence - first)) continue;
+    const Ping& ping = stamps.pings[echo.sequence];
+    intended.push_back(static_cast<double>(echo.arrived_ns - ping.intended_ns) * 0.5e-3);
+    sent.push_back(static_cast<double>(echo.arrived_ns - ping.sent_ns) * 0.5e-3);
+    by_moment[moment_of(echo.sequence)].push_back(intended.back());
+  }
+  result.half_round_trip = summarise(intended);
+  result.half_round_trip_sent = summarise(sent);
+  result.echoes_lost =
+      result.expected - result.lost - std::min<std::uint64_t>(result.expected - result.lost, intended.size());
+  for (const double share : curve_shares()) result.curve.push_back(quantile(intended, share));
+  std::vector<std::uint32_t> pings_of(by_moment.size(), 0);
+  for (std::uint32_t i = first; i < all; ++i) ++pings_of[moment_of(i)];
+  for (std::size_t i = 0; i < by_moment.size(); ++i) {
+    const Summary summary = summarise(by_moment[i]);
+    const double at_s =
+        static_cast<double>(i) * stamps.cell.seconds * judged / all / static_cast<double>(by_moment.size());
+    result.moments.push_back({at_s, summary.p50, summary.max,
+                              pings_of[i] * stamps.cell.readers - static_cast<std::uint32_t>(summary.count)});
+  }
+  return result;
+}
+
+}  // namespace tactus::latency

@@ -1,0 +1,101 @@
+#include "latency/run.hpp"
+
+#include <fcntl.h>
+#include <signal.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <chrono>
+#include <exception>
+#include <filesystem>
+#include <optional>
+#include <thread>
+
+#include "netem/pair.hpp"
+
+namespace tactus::latency {
+namespace {
+
+/// A child that is gone with this: asked first, so that it leaves nothing in shared memory.
+class Child {
+ public:
+  explicit Child(pid_t pid) noexcept : pid_{pid} {}
+  ~Child() {
+    using namespace std::chrono_literals;
+    ::kill(pid_, SIGINT);
+    for (int i = 0; i < 150; ++i, std::this_thread::sleep_for(10ms))
+      if (::waitpid(pid_, nullptr, WNOHANG) != 0) return;
+    ::kill(-pid_, SIGKILL);
+    while (::waitpid(pid_, nullptr, 0) < 0 && errno == EINTR) {
+    }
+  }
+  Child(const Child&) = delete;
+  Child& operator=(const Child&) = delete;
+
+ private:
+  pid_t pid_;
+};
+
+std::string path_of(const std::string& program) {
+  if (program.find('/') != std::string::npos) return program;
+  return (std::filesystem::read_symlink("/proc/self/exe").parent_path() / program).string();
+}
+
+}  // namespace
+
+Result run_against(const Cell& cell, Channel& channel, const Place& place, const std::atomic<bool>& stop) {
+  // In a thread of its own, which takes its real-time priority with it when it ends.
+  Result result;
+  std::exception_ptr trouble;
+  std::thread{[&] {
+    try {
+      result = evaluate(measure(cell, channel, place, stop));
+    } catch (...) {
+      trouble = std::current_exception();
+    }
+  }}.join();
+  if (trouble != nullptr) std::rethrow_exception(trouble);
+  return result;
+}
+
+Result run_here(const Cell& cell, const RunSettings& settings, const std::atomic<bool>& stop) {
+  std::optional<netem::LinkedPair> pair;
+  std::string note;
+  if (cell.link != "none") {
+    netem::LinkSettings link = netem::parse_link(cell.link);
+    link.seed = settings.link_seed;
+    pair.emplace(link);
+    if (!pair->realtime()) note = "relay: no real-time priority, delays are less exact";
+  }
+  std::array<int, 2> ends{};
+  if (::socketpair(AF_UNIX, SOCK_STREAM, 0, ends.data()) != 0) throw LatencyError("no socket pair");
+  ::fcntl(ends[0], F_SETFD, FD_CLOEXEC);
+  Channel channel{ends[0], stop};
+  const std::vector<std::string> command{path_of(settings.echoer), "serve", "--control",
+                                         std::to_string(ends[1]),  "--qos", settings.place.qos.string()};
+  const Child echoer{pair ? pair->start(netem::Side::kB, command) : netem::start_program(command)};
+  ::close(ends[1]);
+
+  Place place = settings.place;
+  Result result;
+  std::exception_ptr trouble;
+  std::thread{[&] {
+    try {
+      if (pair) {
+        pair->enter(netem::Side::kA);
+        place.echo_address = netem::LinkedPair::address(netem::Side::kB);
+      }
+      result = run_against(cell, channel, place, stop);
+    } catch (...) {
+      trouble = std::current_exception();
+    }
+  }}.join();
+  if (trouble != nullptr) std::rethrow_exception(trouble);
+  if (!note.empty()) result.notes.push_back(note);
+  return result;
+}
+
+}  // namespace tactus::latency

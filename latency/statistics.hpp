@@ -1,0 +1,57 @@
+/// What a latency test says of its samples. Percentiles come from stored samples, nearest rank: nothing is rounded
+/// away.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+namespace tactus::latency {
+
+/// Smallest value that at least `share` (0..1) of all do not exceed; 0 without values. `sorted` ascends. O(1).
+[[nodiscard]] double quantile(const std::vector<double>& sorted, double share) noexcept;
+
+struct Summary {
+  std::size_t count = 0;
+  double mean = 0, p50 = 0, p90 = 0, p99 = 0, p999 = 0, max = 0;
+};
+/// Sorts `values`. O(n log n).
+[[nodiscard]] Summary summarise(std::vector<double>& values);
+
+/// What became of numbered samples, from the numbers of those that arrived.
+///
+/// A number heard before is a duplicate; a first hearing after a larger number is reordered; a number never heard is
+/// lost.
+class SequenceTally {
+ public:
+  /// Numbers from 0 to `expected` - 1; others are ignored. Allocates a bit for each.
+  explicit SequenceTally(std::uint32_t expected);
+  /// True for a first hearing. O(1), does not allocate.
+  bool add(std::uint32_t sequence) noexcept;
+
+  [[nodiscard]] std::uint32_t expected() const noexcept { return static_cast<std::uint32_t>(heard_.size()); }
+  [[nodiscard]] std::uint32_t unique() const noexcept { return unique_; }
+  [[nodiscard]] std::uint32_t lost() const noexcept { return expected() - unique_; }
+  [[nodiscard]] std::uint32_t duplicates() const noexcept { return duplicates_; }
+  [[nodiscard]] std::uint32_t reordered() const noexcept { return reordered_; }
+
+ private:
+  std::vector<bool> heard_;
+  std::uint32_t next_ = 0;  // above the largest heard
+  std::uint32_t unique_ = 0, duplicates_ = 0, reordered_ = 0;
+};
+
+/// Interarrival jitter: how much the spacing at the receiver differs from that at the sender, smoothed.
+/// Source: RFC 3550, section 6.4.1.
+class InterarrivalJitter {
+ public:
+  /// In order of arrival; one clock for each argument. O(1).
+  void add(std::int64_t sent_ns, std::int64_t received_ns) noexcept;
+  [[nodiscard]] double us() const noexcept { return jitter_ns_ * 1e-3; }
+
+ private:
+  bool started_ = false;
+  std::int64_t transit_ns_ = 0;
+  double jitter_ns_ = 0;
+};
+
+}  // namespace tactus::latency

@@ -1,0 +1,84 @@
+#include "latency/cell.hpp"
+
+#include <gmock/gmock.h>
+
+#include <nlohmann/json.hpp>
+#include <set>
+
+namespace tactus::latency {
+namespace {
+
+using testing::HasSubstr;
+
+template <class Change>
+std::string refusal(Change change) {
+  Cell cell;
+  change(cell);
+  try {
+    check(cell);
+  } catch (const LatencyError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST(ACell, IsRefusedWithTheValueFoundAndTheValuesExpected) {
+  EXPECT_EQ(refusal([](Cell&) {}), "");
+  EXPECT_THAT(refusal([](Cell& c) { c.rate_hz = 50'000; }), HasSubstr("rate, Hz, is 50000; expected 0.1 to 20000"));
+  EXPECT_THAT(refusal([](Cell& c) { c.readers = 0; }), HasSubstr("readers is 0; expected 1 to 64"));
+  EXPECT_THAT(refusal([](Cell& c) { c.seconds = 0; }), HasSubstr("seconds is 0"));
+  EXPECT_THAT(refusal([](Cell& c) { c.load_mbit = -3; }), HasSubstr("load, Mbit/s, is -3"));
+  EXPECT_THAT(refusal([](Cell& c) { c.payload = 64; }), HasSubstr("a probe state always has 232"));
+  EXPECT_THAT(refusal([](Cell& c) { c.topic = Topic::kRecords, c.payload = 1201; }), HasSubstr("expected 32 to 1200"));
+  EXPECT_THAT(refusal([](Cell& c) { c.transport = Transport::kShm, c.link = "P4"; }), HasSubstr("goes past link P4"));
+  EXPECT_THAT(refusal([](Cell& c) { c.seconds = 3600, c.readers = 64; }), HasSubstr("rate x seconds x readers"));
+}
+
+TEST(ACell, ComesBackFromJsonAsItWent) {
+  Cell cell;
+  cell.transport = Transport::kBuiltin;
+  cell.profile = Profile::kPlain;
+  cell.topic = Topic::kRecords;
+  cell.payload = 700;
+  cell.rate_hz = 12.5;
+  cell.readers = 3;
+  cell.load_mbit = kUnpaced;
+  cell.seconds = 2.25;
+  const Cell back = cell_from_json(to_json(cell));
+  EXPECT_EQ(describe(back), describe(cell));
+  EXPECT_EQ(to_json(back), to_json(cell));
+}
+
+TEST(ACell, FromTheNetworkIsCheckedBeforeItIsUsed) {
+  auto json = to_json(Cell{});
+  json["transport"] = "tcp";
+  EXPECT_THROW((void)cell_from_json(json), LatencyError);
+  json = to_json(Cell{});
+  json["readers"] = 1'000'000;
+  EXPECT_THROW((void)cell_from_json(json), LatencyError);
+  json = to_json(Cell{});
+  json["seconds"] = "long";
+  EXPECT_THROW((void)cell_from_json(json), LatencyError);
+  json.erase("link");
+  EXPECT_THROW((void)cell_from_json(json), LatencyError);
+  EXPECT_THROW((void)cell_from_json(nlohmann::ordered_json::array()), LatencyError);
+}
+
+TEST(AGrid, HasEveryCombinationAndRawUdpOnceForAllProfilesAndTopics) {
+  Grid grid;
+  grid.transports = {Transport::kRawUdp, Transport::kUdp};
+  grid.profiles = {Profile::kTactus, Profile::kPlain};
+  grid.rates = {100, 1000};
+  grid.loads = {0, 50};
+  grid.repeat = 2;
+  const std::vector<Cell> cells = grid.cells();
+  std::set<std::string> kinds;
+  for (const Cell& cell : cells) kinds.insert(describe(cell));
+  EXPECT_EQ(kinds.size(), (1u + 2u) * 2 * 2);
+  EXPECT_EQ(cells.size(), 2 * kinds.size());
+  // Repeats alternate: the second half is the first again.
+  for (std::size_t i = 0; i < kinds.size(); ++i) EXPECT_EQ(describe(cells[i]), describe(cells[i + kinds.size()]));
+}
+
+}  // namespace
+}  // namespace tactus::latency

@@ -1,0 +1,92 @@
+#include "latency/report.hpp"
+
+#include <gmock/gmock.h>
+#include <tinyxml2.h>
+
+#include <nlohmann/json.hpp>
+#include <regex>
+#include <sstream>
+
+#include "tests/support/temporary_folder.hpp"
+
+namespace tactus::latency {
+namespace {
+
+using testing::HasSubstr;
+using testing::Not;
+
+Result sample(double us) {
+  Stamps stamps;
+  stamps.cell.seconds = 2;
+  stamps.one_clock = true;
+  for (std::uint32_t i = 0; i < stamps.cell.pings(); ++i) {
+    const std::int64_t at = i * INT64_C(1'000'000);
+    const auto took = static_cast<std::int64_t>(us * 1e3 * (1 + i % 7));
+    stamps.pings.push_back({at, at, true});
+    if (i % 100 == 50) continue;
+    stamps.arrivals.push_back({i, 0, at + took});
+    stamps.echoes.push_back({i, 0, at + took, at + took, at + 2 * took});
+  }
+  stamps.notes = {"pinger: SCHED_FIFO 60"};
+  return evaluate(stamps);
+}
+
+class ReportTest : public testing::Test {
+ protected:
+  [[nodiscard]] std::string path(const char* name) const { return (folder_.path() / name).string(); }
+  test_support::TemporaryFolder folder_;
+  Subject subject_{"tactus-latency run --link \"<P4>\"", "2 x Something & Co", "0.1"};
+  std::vector<Result> results_{sample(40), sample(4000)};
+};
+
+TEST_F(ReportTest, TheTableHasALineForEachResultAndEachNoteOnce) {
+  results_[1].cell.link = "P4";
+  std::ostringstream out;
+  print_table(out, subject_, results_);
+  EXPECT_THAT(out.str(), HasSubstr("udp tactus probe_state 232 B 1000 Hz x1\n"));
+  EXPECT_THAT(out.str(), HasSubstr("udp tactus probe_state 232 B 1000 Hz x1, link P4"));
+  EXPECT_EQ(out.str().find("SCHED_FIFO 60"), out.str().rfind("SCHED_FIFO 60"));
+}
+
+TEST_F(ReportTest, JsonHasTheFiguresAndTheCurve) {
+  write_json(path("r.json"), subject_, results_);
+  const auto json = nlohmann::json::parse(test_support::read_bytes(path("r.json")));
+  ASSERT_EQ(json.at("cells").size(), 2u);
+  const auto& cell = json.at("cells")[0];
+  EXPECT_EQ(cell.at("half_round_trip").at("p50").get<double>(), results_[0].half_round_trip.p50);
+  EXPECT_EQ(cell.at("lost").get<std::uint64_t>(), 17u) << "of 1700, one in a hundred";
+  EXPECT_EQ(cell.at("curve").size(), json.at("curve_shares").size());
+}
+
+TEST_F(ReportTest, ThePageIsWellFormedAndNeedsNothingFromElsewhere) {
+  write_html(path("r.html"), subject_, results_);
+  const std::string page = test_support::read_bytes(path("r.html"));
+  EXPECT_THAT(page, Not(HasSubstr("<script")));
+  EXPECT_THAT(page, Not(HasSubstr("http")));
+  EXPECT_THAT(page, HasSubstr("&quot;&lt;P4&gt;&quot;"));
+  const std::regex drawing{"<svg[^]*?</svg>"};
+  int drawings = 0;
+  for (std::sregex_iterator at{page.begin(), page.end(), drawing}, end; at != end; ++at, ++drawings) {
+    tinyxml2::XMLDocument svg;
+    EXPECT_EQ(svg.Parse(at->str().c_str()), tinyxml2::XML_SUCCESS) << svg.ErrorStr();
+    EXPECT_THAT(at->str(), Not(HasSubstr("nan")));
+    EXPECT_THAT(at->str(), Not(HasSubstr("inf")));
+  }
+  EXPECT_EQ(drawings, 3) << "the distributions, and each run over time";
+}
+
+TEST_F(ReportTest, ThePageOfARunThatHeardNothingCanBeWritten) {
+  Stamps stamps;
+  stamps.pings.resize(stamps.cell.pings());
+  stamps.one_clock = true;
+  write_html(path("r.html"), subject_, {evaluate(stamps)});
+  EXPECT_THAT(test_support::read_bytes(path("r.html")), HasSubstr("100.000"));
+}
+
+TEST_F(ReportTest, AFileThatCannotBeWrittenIsNamed) {
+  EXPECT_THROW(write_json(path("no/such/r.json"), subject_, results_), LatencyError);
+  EXPECT_THROW(write_html(path("no/such/r.html"), subject_, results_), LatencyError);
+}
+
+}  // namespace
+}  // namespace tactus::latency

@@ -1,0 +1,154 @@
+/// tactus-latency as a user starts it: both sides here, over an emulated link, and against another machine.
+#include <gmock/gmock.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "netem/pair.hpp"
+#include "tests/e2e/process.hpp"
+#include "tests/support/temporary_folder.hpp"
+
+namespace tactus::latency {
+namespace {
+
+using e2e::Process;
+using namespace std::chrono_literals;
+using testing::HasSubstr;
+using Words = std::vector<std::string>;
+
+class LatencyRun : public testing::Test {
+ protected:
+  static Words latency(const std::string& command, Words more) {
+    Words words{TACTUS_LATENCY, command};
+    words.insert(words.end(), more.begin(), more.end());
+    return words;
+  }
+  /// A run of short tests at 200 Hz, whose figures are returned.
+  nlohmann::json run(Words more) {
+    const std::string json = path("figures.json"), html = path("page.html");
+    Words words = latency("run", {"--seconds", "1.5", "--rate", "200", "--json", json, "--html", html});
+    words.insert(words.end(), more.begin(), more.end());
+    Process process{words};
+    EXPECT_EQ(process.wait(60s), 0) << process.output();
+    EXPECT_THAT(test_support::read_bytes(html), HasSubstr("<svg"));
+    const std::string text = test_support::read_bytes(json);
+    return text.empty() ? nlohmann::json{} : nlohmann::json::parse(text);
+  }
+  static void expect_sound(const nlohmann::json& cell) {
+    const auto expected = cell.at("expected").get<std::uint64_t>();
+    EXPECT_EQ(expected, 240u * cell.at("readers").get<std::uint64_t>()) << "300 pings without 60 of warm-up";
+    EXPECT_EQ(cell.at("age").at("n").get<std::uint64_t>() + cell.at("lost").get<std::uint64_t>(), expected);
+    EXPECT_GT(cell.at("age").at("n").get<std::uint64_t>(), expected / 2);
+    EXPECT_GT(cell.at("half_round_trip").at("p50").get<double>(), 1);
+    EXPECT_GE(cell.at("half_round_trip").at("p50").get<double>(),
+              cell.at("half_round_trip_from_send").at("p50").get<double>());
+    EXPECT_EQ(cell.at("clock_bound").get<double>(), 0) << "one machine, one clock";
+    EXPECT_EQ(cell.at("duplicates").get<std::uint64_t>(), 0u);
+  }
+  [[nodiscard]] std::string path(const char* name) const { return (folder_.path() / name).string(); }
+
+  test_support::TemporaryFolder folder_;
+};
+
+TEST_F(LatencyRun, MeasuresEveryTransportAndProfile) {
+  const auto figures = run({"--transport", "raw-udp,udp,shm,builtin", "--profile", "tactus,plain"});
+  ASSERT_EQ(figures.at("cells").size(), 7u);
+  for (const auto& cell : figures.at("cells")) expect_sound(cell);
+}
+
+TEST_F(LatencyRun, MeasuresSeveralReadersBesideMeshRecords) {
+  const auto figures = run({"--readers", "3", "--load", "20"});
+  ASSERT_EQ(figures.at("cells").size(), 1u);
+  expect_sound(figures.at("cells")[0]);
+  EXPECT_GT(figures.at("cells")[0].at("mesh_mbyte_per_s").get<double>(), 0);
+}
+
+TEST_F(LatencyRun, MeasuresRecordsOfTheSizeAskedFor) {
+  const auto figures = run({"--topic", "records", "--payload", "64,1200"});
+  ASSERT_EQ(figures.at("cells").size(), 2u);
+  for (const auto& cell : figures.at("cells")) {
+    expect_sound(cell);
+    EXPECT_EQ(cell.at("lost").get<std::uint64_t>(), 0u) << "records are reliable";
+  }
+}
+
+TEST_F(LatencyRun, FindsTheDelayAndTheLossOfALink) {
+  if (const std::string reason = netem::missing_right(); !reason.empty()) GTEST_SKIP() << reason;
+  const auto figures = run({"--transport", "raw-udp,udp", "--link", "P0:delay=30:loss=20"});
+  ASSERT_EQ(figures.at("cells").size(), 2u);
+  for (const auto& cell : figures.at("cells")) {
+    EXPECT_GE(cell.at("half_round_trip").at("p50").get<double>(), 30'000);
+    EXPECT_GE(cell.at("age").at("p50").get<double>(), 30'000);
+    const auto expected = cell.at("expected").get<double>();
+    EXPECT_NEAR(cell.at("lost").get<double>(), 0.2 * expected, 5 * std::sqrt(expected * 0.2 * 0.8));
+  }
+}
+
+TEST_F(LatencyRun, OverSharedMemoryDoesNotPretendToCrossALink) {
+  Process process{latency("run", {"--transport", "shm", "--link", "P4"})};
+  EXPECT_EQ(process.wait(), 2);
+  EXPECT_THAT(process.output(), HasSubstr("goes past link P4"));
+}
+
+TEST_F(LatencyRun, MeasuresAgainstAnotherMachineSeveralTimesAndThatEndsWhenAsked) {
+  const std::string port = std::to_string(20'000 + ::getpid() % 10'000);
+  Process server{latency("serve", {"--port", port})};
+  ASSERT_TRUE(server.wait_for_line("listening at port " + port));
+  for (int round = 0; round < 2; ++round) {
+    const auto figures = run({"--to", "127.0.0.1", "--port", port, "--transport", "raw-udp,udp"});
+    ASSERT_EQ(figures.at("cells").size(), 2u);
+    for (const auto& cell : figures.at("cells")) expect_sound(cell);
+  }
+  server.signal(SIGINT);
+  EXPECT_EQ(server.wait(), 0);
+}
+
+TEST_F(LatencyRun, OfTwoClocksFindsTheAgeWithinItsBound) {
+  const std::string port = std::to_string(30'000 + ::getpid() % 10'000);
+  // Another clock on the same machine: 5000 s ahead.
+  Process server{{"/usr/bin/unshare", "--time", "--monotonic", "5000", "--fork", "--kill-child", TACTUS_LATENCY,
+                  "serve", "--port", port}};
+  if (!server.wait_for_line("listening")) GTEST_SKIP() << server.output();
+  const auto figures = run({"--to", "127.0.0.1", "--port", port, "--transport", "raw-udp,udp"});
+  ASSERT_EQ(figures.at("cells").size(), 2u);
+  for (const auto& cell : figures.at("cells")) {
+    const double bound = cell.at("clock_bound").get<double>();
+    EXPECT_GT(bound, 0);
+    EXPECT_LT(bound, 1e5) << "of a loopback, even on a busy machine";
+    EXPECT_GT(cell.at("age").at("p50").get<double>(), -bound);
+    EXPECT_LT(cell.at("age").at("p50").get<double>(), 2 * cell.at("half_round_trip").at("p50").get<double>() + bound);
+  }
+}
+
+TEST_F(LatencyRun, SaysWhatToDoWhenNobodyServes) {
+  Process process{latency("run", {"--to", "127.0.0.1", "--port", "1"})};
+  EXPECT_EQ(process.wait(), 2);
+  EXPECT_THAT(process.output(),
+              HasSubstr("127.0.0.1 port 1: Connection refused; expected `tactus-latency serve` there"));
+}
+
+TEST_F(LatencyRun, InterruptedEndsAtOnceAndReportsWhatItHas) {
+  Process process{latency("run", {"--seconds", "0.5", "--rate", "100,200", "--repeat", "500"})};
+  if (!process.wait_for_line("\\[2/1000\\]")) FAIL() << process.output();
+  process.signal(SIGINT);
+  EXPECT_EQ(process.wait(), 130);
+  EXPECT_THAT(process.output(), HasSubstr("half round trip"));
+}
+
+TEST_F(LatencyRun, RefusesWrongInputNamingIt) {
+  const auto refused = [](Words words, const char* part) {
+    Process process{latency("run", std::move(words))};
+    EXPECT_EQ(process.wait(), 2);
+    EXPECT_THAT(process.output(), HasSubstr(part));
+  };
+  refused({"--transport", "tcp"}, "tcp");
+  refused({"--load", "some"}, "load is 'some'; expected Mbit/s, at least 0, or max");
+  refused({"--payload", "64"}, "a probe state always has 232");
+  refused({"--link", "P0:dealy=3"}, "no setting 'dealy=3'");
+  refused({"--to", "here", "--link", "P4"}, "with --to the network is the link");
+  refused({"--qos", path("nowhere")}, "qos directory");
+}
+
+}  // namespace
+}  // namespace tactus::latency

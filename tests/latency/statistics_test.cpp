@@ -1,0 +1,105 @@
+#include "latency/statistics.hpp"
+
+#include <gmock/gmock.h>
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+#include <set>
+
+namespace tactus::latency {
+namespace {
+
+constexpr std::uint32_t kSeed = 20261121;
+
+TEST(Quantile, IsTheSmallestValueThatEnoughDoNotExceed) {
+  std::mt19937 random{kSeed};
+  for (int round = 0; round < 200; ++round) {
+    std::vector<double> values(std::uniform_int_distribution<std::size_t>{1, 300}(random));
+    for (double& v : values) v = std::uniform_int_distribution<int>{0, 40}(random);
+    std::vector<double> sorted = values;
+    std::sort(sorted.begin(), sorted.end());
+    for (const double share : {0.0, 0.01, 0.5, 0.9, 0.99, 0.999, 1.0}) {
+      const double found = quantile(sorted, share);
+      const auto not_above = [&](double limit) {
+        return static_cast<double>(std::count_if(values.begin(), values.end(), [&](double v) { return v <= limit; })) /
+               static_cast<double>(values.size());
+      };
+      ASSERT_GE(not_above(found), share - 1e-9) << share << ", seed " << kSeed;
+      for (const double smaller : values) {
+        if (smaller < found) {
+          ASSERT_LT(not_above(smaller), share + 1e-9) << share << ", seed " << kSeed;
+        }
+      }
+    }
+  }
+}
+
+TEST(Quantile, OfAThousandAtThreeNinesIsTheSecondLargest) {
+  std::vector<double> values(1000);
+  for (std::size_t i = 0; i < values.size(); ++i) values[i] = static_cast<double>(i);
+  EXPECT_EQ(quantile(values, 0.999), 998);
+}
+
+TEST(ASummary, AgreesWithBruteForceAndIsZeroWithoutValues) {
+  std::vector<double> values{5, 1, 4, 2, 3, 9, 7, 8, 6, 10};
+  const Summary summary = summarise(values);
+  EXPECT_EQ(summary.count, 10u);
+  EXPECT_DOUBLE_EQ(summary.mean, 5.5);
+  EXPECT_EQ(summary.p50, 5);
+  EXPECT_EQ(summary.p90, 9);
+  EXPECT_EQ(summary.p99, 10);
+  EXPECT_EQ(summary.max, 10);
+  std::vector<double> none;
+  EXPECT_EQ(summarise(none).count, 0u);
+}
+
+TEST(ATally, CountsAsASetWould) {
+  std::mt19937 random{kSeed};
+  for (int round = 0; round < 50; ++round) {
+    constexpr std::uint32_t kExpected = 200;
+    SequenceTally tally{kExpected};
+    std::set<std::uint32_t> heard;
+    std::uint32_t duplicates = 0, reordered = 0;
+    for (int i = 0; i < 300; ++i) {
+      const std::uint32_t sequence = std::uniform_int_distribution<std::uint32_t>{0, kExpected + 20}(random);
+      const bool first = sequence < kExpected && heard.count(sequence) == 0;
+      if (sequence < kExpected && !first) ++duplicates;
+      if (first && heard.upper_bound(sequence) != heard.end()) ++reordered;
+      if (first) heard.insert(sequence);
+      ASSERT_EQ(tally.add(sequence), first);
+    }
+    ASSERT_EQ(tally.unique(), heard.size());
+    ASSERT_EQ(tally.lost(), kExpected - heard.size());
+    ASSERT_EQ(tally.duplicates(), duplicates);
+    ASSERT_EQ(tally.reordered(), reordered);
+  }
+}
+
+TEST(InterarrivalJitterOfRfc3550, IsItsFormula) {
+  std::mt19937 random{kSeed};
+  InterarrivalJitter jitter;
+  double expected = 0;
+  std::int64_t last_sent = 0, last_received = 0;
+  for (int i = 0; i < 1000; ++i) {
+    const std::int64_t sent = i * 1'000'000;
+    const std::int64_t received = sent + std::uniform_int_distribution<int>{50'000, 900'000}(random);
+    jitter.add(sent, received);
+    if (i > 0) {
+      const double d = static_cast<double>((received - last_received) - (sent - last_sent));
+      expected += (std::abs(d) - expected) / 16;
+    }
+    last_sent = sent;
+    last_received = received;
+  }
+  EXPECT_NEAR(jitter.us(), expected * 1e-3, 1e-6);
+}
+
+TEST(InterarrivalJitterOfRfc3550, IsZeroWhenEverySampleTakesTheSame) {
+  InterarrivalJitter jitter;
+  for (int i = 0; i < 100; ++i) jitter.add(i * 777, i * 777 + 123'456'789);
+  EXPECT_EQ(jitter.us(), 0);
+}
+
+}  // namespace
+}  // namespace tactus::latency

@@ -1,0 +1,21 @@
+/// What a thread with deadlines asks of the system: a real-time priority, locked memory, absolute times to wake at.
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "wire/process.hpp"
+
+namespace tactus::wire {
+
+/// Tries SCHED_FIFO at `priority` for the calling thread and touches its stack. Says in one line, which begins with
+/// `who`, what was had and, where something was refused, which right is missing.
+[[nodiscard]] std::string enter_realtime(const std::string& who, int priority);
+
+/// Locks the memory of the process, present and to come, as it is first touched. One line as above.
+[[nodiscard]] std::string lock_memory();
+
+/// Sleeps until monotonic_ns() is `due_ns` or later. One system call.
+void sleep_until(std::int64_t due_ns) noexcept;
+
+}  // namespace tactus::wire
