@@ -3,9 +3,16 @@
 //
 // A tip goes along a surface path and back, so that all of it is met twice. The real host, loader and cycle; refinement
 // without a budget. T_L is what arrivals cost the haptic thread, loader time what they cost the thread that decodes.
+//
+// Time is virtual, so a run that is repeated loads the same regions in the same order. Whether loading is linear in
+// records is asked of each region's least time over the repeats: what else went on in the machine is no part of that.
+// It is asked for each cache alone, for a record takes longer where slots are further apart in memory.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
+#include <iterator>
+#include <stdexcept>
+#include <utility>
 #include <vector>
 
 #include "bench/controller.hpp"
@@ -30,6 +37,7 @@ struct Settings {
   double speed = 0.05;    // m/s
   double depth = 0.0002;  // m
   std::uint64_t seed = 1;
+  std::uint32_t repeats = 7;
   bool quick = false;
 };
 
@@ -38,7 +46,7 @@ struct Level {
   double pool_share;
   bool spare;  // keeps what nobody wants
 };
-constexpr Level kLevels[] = {{"no spare (figure 5b)", 0.25, false},
+constexpr Level kLevels[] = {{"no spare (figure 5b)", 1.0 / 16, false},
                              {"1/64 of the model", 1.0 / 64, true},
                              {"1/16 of the model", 1.0 / 16, true},
                              {"1/4 of the model", 0.25, true},
@@ -47,6 +55,7 @@ constexpr Level kLevels[] = {{"no spare (figure 5b)", 0.25, false},
 struct Outcome {
   Samples take, loader, records;  // us, us, records of a cycle
   Samples held_of_shown;          // slots in use for each record shown
+  std::vector<RegionLoad> loads;
   std::uint64_t received = 0, twice = 0, contact = 0, exact = 0;
   hrtc_service::LoaderFigures figures;
 };
@@ -72,7 +81,7 @@ Fit fit(const std::vector<RegionLoad>& loads) {
 }
 
 Outcome run_level(const spm::Model& model, const Settings& settings, const Level& level, const std::vector<Vec3d>& path,
-                  const Vec3d& away, std::vector<RegionLoad>& loads) {
+                  const Vec3d& away) {
   SessionSettings session;
   session.pool = spm::PoolSettings::for_slots(slots_for(model.summary, level.pool_share, 8192));
   session.cycle.radius = session.loader.radius = settings.radius;
@@ -88,7 +97,7 @@ Outcome run_level(const spm::Model& model, const Settings& settings, const Level
     std::uint64_t records = 0;
     for (const RegionLoad& load : run.loads()) {
       records += load.records;
-      loads.push_back(load);
+      outcome.loads.push_back(load);
     }
     outcome.take.add(result.costs.load * 1e-3);
     outcome.loader.add(run.loader_us());
@@ -111,6 +120,15 @@ Outcome run_level(const spm::Model& model, const Settings& settings, const Level
   return outcome;
 }
 
+/// The least time of each.
+void keep_least(std::vector<RegionLoad>& loads, const std::vector<RegionLoad>& again) {
+  if (again.size() != loads.size()) throw std::runtime_error("a run that was repeated loaded other regions");
+  for (std::size_t i = 0; i < loads.size(); ++i) {
+    if (again[i].records != loads[i].records) throw std::runtime_error("a run that was repeated loaded other records");
+    loads[i].us = std::min(loads[i].us, again[i].us);
+  }
+}
+
 int run(const Settings& settings) {
   std::fprintf(stderr, "making the model\n");
   LoadedModel subject = load_model(settings.model, settings.faces);
@@ -131,13 +149,19 @@ int run(const Settings& settings) {
   std::snprintf(text, sizeof text, "radius %g mm, %g cm/s, %g s out and back, path seed %llu", settings.radius * 1e3,
                 settings.speed * 1e2, settings.seconds, static_cast<unsigned long long>(settings.seed));
   Report report{{"cache", subject.name, summary.digest, summary.faces, text}};
-  std::vector<RegionLoad> loads;
   std::vector<Outcome> outcomes;
-  for (const Level& level : kLevels) {
-    std::fprintf(stderr, "%s\n", level.name);
-    outcomes.push_back(run_level(subject.model, settings, level, path, away, loads));
-    const Outcome& outcome = outcomes.back();
-    const std::string all = level.name;
+  for (std::uint32_t repeat = 0; repeat < settings.repeats; ++repeat)
+    for (std::size_t i = 0; i < std::size(kLevels); ++i) {
+      std::fprintf(stderr, "%s, %u of %u\n", kLevels[i].name, repeat + 1, settings.repeats);
+      Outcome outcome = run_level(subject.model, settings, kLevels[i], path, away);
+      if (repeat == 0)
+        outcomes.push_back(std::move(outcome));
+      else
+        keep_least(outcomes[i].loads, outcome.loads);
+    }
+  for (std::size_t i = 0; i < std::size(kLevels); ++i) {
+    const Outcome& outcome = outcomes[i];
+    const std::string all = kLevels[i].name;
     report.row("T_L", all, "us", outcome.take);
     report.row("loader time", all, "us", outcome.loader);
     report.row("records received", all, "", outcome.records);
@@ -151,18 +175,19 @@ int run(const Settings& settings) {
     report.figure("most slots in use", all, "", outcome.figures.slots_peak);
     report.figure("exact, of contact cycles", all, "%",
                   100.0 * static_cast<double>(outcome.exact) / static_cast<double>(outcome.contact));
+    const Fit line = fit(outcome.loads);
+    report.figure("loader time, line", all, "us a region", line.intercept);
+    report.figure("loader time, line", all, "us a record", line.slope);
+    // In between, slots come partly fresh from memory and partly from what was just let go.
+    const bool end = i == 0 || i + 1 == std::size(kLevels);
+    if (!settings.quick) report.at_least("loader time linear in records, r^2", all, "", line.r2, end ? 0.95 : 0.9);
+    report.at_least("regions loaded", all, "", static_cast<double>(outcome.loads.size()), 100);
   }
-  const Fit line = fit(loads);
-  report.figure("loader time", "a region", "us", line.intercept);
-  report.figure("loader time", "a record", "us", line.slope);
-
   const Outcome &none = outcomes.front(), &whole = outcomes.back();
-  report.at_least("regions loaded", "all sizes", "", static_cast<double>(loads.size()), 100);
   report.at_least("records received twice", "no spare", "", static_cast<double>(none.twice), 1);
   report.at_most("records received twice", "whole model", "", static_cast<double>(whole.twice), 0);
   report.at_most("records received, whole model / no spare", "all cycles", "times",
                  static_cast<double>(whole.received) / static_cast<double>(none.received), 1);
-  report.at_least("loader time linear in records, r^2", "regions loaded", "", line.r2, 0.9);
   return report.finish(settings.json);
 }
 
@@ -178,8 +203,10 @@ int main(int argc, char** argv) {
   app.add_option("--seconds", settings.seconds, "of the path, out and back")->check(CLI::Range(1.0, 3600.0));
   app.add_option("--speed", settings.speed, "of the tip, m/s")->check(CLI::Range(0.001, 2.0));
   app.add_option("--seed", settings.seed, "of the path");
+  app.add_option("--repeats", settings.repeats, "of each cache, for the least time of each load")
+      ->check(CLI::Range(1u, 100u));
   app.add_option("--json", settings.json, "the figures as JSON");
-  app.add_flag("--quick", settings.quick, "5 s, for CI");
+  app.add_flag("--quick", settings.quick, "5 s, without a bound on how linear, for CI");
   try {
     app.parse(argc, argv);
     if (settings.quick) settings.seconds = std::min(settings.seconds, 5.0);

@@ -40,6 +40,8 @@ struct Settings {
   double pool_share = 0.25;
   std::uint32_t budget = 1000;
   std::uint64_t seed = 1;
+  std::uint32_t compare_every = 1;  // cycles
+  bool curve = false, large = false;
   bool quick = false;
 };
 
@@ -58,9 +60,28 @@ struct Run {
   std::uint32_t settled = 0;  // cycles after the first regions had time to come
   std::uint32_t exact = 0;    // of these
   std::uint32_t truncated = 0;
-  std::uint32_t late = 0;  // cycles of more than a period, of which at least half were this thread's computing
+  std::uint32_t late = 0;          // cycles of more than a period, of which at least half were this thread's computing
+  std::vector<std::string> notes;  // on cycles of more than a period
   const char* priority = "";
+
+  [[nodiscard]] double percent_exact() const { return 100.0 * exact / settled; }
 };
+
+/// Says of a cycle of more than a period what took the time.
+void note_late(std::size_t cycle, const RefinedStep& step, double query, Run& run) {
+  const ThreadUse after = thread_use();
+  const double own = after.cpu_us - step.before.cpu_us;
+  if (own > kPeriod * 1e6 / 2) ++run.late;
+  char text[256];
+  std::snprintf(
+      text, sizeof text,
+      "cycle %zu: T_R %.0f, T_B %.0f, T_Q %.0f us for %llu list entries and %llu changes, %.0f us computed, %ld "
+      "page faults, preempted %ld times",
+      cycle, step.refine, step.refit, query, static_cast<unsigned long long>(step.visits),
+      static_cast<unsigned long long>(step.changes), own, after.faults - step.before.faults,
+      after.preemptions - step.before.preemptions);
+  run.notes.emplace_back(text);
+}
 
 Run run_cycles(const spm::Model& model, const Settings& settings, double unit, const std::vector<Vec3d>& path) {
   const double radius = settings.radius / unit;
@@ -73,7 +94,6 @@ Run run_cycles(const spm::Model& model, const Settings& settings, double unit, c
   const Priority priority;
   run.priority = priority.text();
   for (std::size_t i = 0; i < path.size(); ++i) {
-    const double cpu = thread_cpu_us();
     const RefinedStep step = refined.step(path[i], in_contact);
     Stopwatch watch;
     const std::uint32_t count = forest.tree().touching(path[i], radius, contacts.data(), kContacts);
@@ -84,8 +104,8 @@ Run run_cycles(const spm::Model& model, const Settings& settings, double unit, c
     run.refit.add(step.refit);
     run.query.add(query);
     run.sum.add(sum);
-    if (sum > kPeriod * 1e6 && thread_cpu_us() - cpu - step.load > kPeriod * 1e6 / 2) ++run.late;
-    if (step.changed) {
+    if (sum > kPeriod * 1e6) note_late(i, step, query, run);
+    if (step.changes > 0) {
       run.changed_refine.add(step.refine);
       run.changed_refit.add(step.refit);
       run.changed_query.add(query);
@@ -137,14 +157,14 @@ std::uint64_t differences(const std::vector<std::uint32_t>& theirs, const std::u
 }
 
 Comparison run_fcl(const LoadedModel& subject, spm::fcl::FixedMesh& finest, const std::vector<Vec3d>& path,
-                   double radius, double tangent, const Run& run) {
+                   double radius, double tangent, const Run& run, std::uint32_t every, int refits) {
   std::vector<std::array<std::uint32_t, 3>> base_faces;
   for (const spm::BaseFace& face : subject.model.base_faces) base_faces.push_back(face.corners);
   const spm::fcl::FixedMesh base{subject.model.positions.subspan(0, subject.model.summary.base_vertices), base_faces};
 
   Comparison result;
   std::vector<std::uint32_t> touching;
-  for (std::size_t i = 0; i < path.size(); ++i) {
+  for (std::size_t i = 0; i < path.size(); i += every) {
     Stopwatch watch;
     finest.touching(path[i], radius, touching);
     result.finest_query.add(watch.lap());
@@ -159,8 +179,7 @@ Comparison run_fcl(const LoadedModel& subject, spm::fcl::FixedMesh& finest, cons
     base.touching(path[i], radius, touching);
     result.base_query.add(watch.lap());
   }
-  constexpr int kRefits = 21;
-  for (int i = 0; i < kRefits; ++i) {
+  for (int i = 0; i < refits; ++i) {
     Stopwatch watch;
     finest.refit();
     result.finest_refit.add(watch.lap());
@@ -168,14 +187,14 @@ Comparison run_fcl(const LoadedModel& subject, spm::fcl::FixedMesh& finest, cons
   return result;
 }
 
-int run(const Settings& settings) {
-  std::fprintf(stderr, "making the model\n");
-  LoadedModel subject = load_model(settings.model, settings.faces);
-  // The paper's sizes stay 10 cm long; what is larger is generated as fine as a hand resolves.
-  if (settings.model.empty() && settings.faces > kSmall) scale_to_edge(subject, kHandEdge);
-  const spm::ModelSummary& summary = subject.model.summary;
-  const double unit = summary.metres_per_unit;
+struct Outcome {
+  Run ours;
+  Comparison theirs;
+  std::size_t cycles = 0;
+};
 
+Outcome measure(const LoadedModel& subject, const Settings& settings, int refits) {
+  const double unit = subject.model.summary.metres_per_unit;
   std::fprintf(stderr, "making the path\n");
   spm::fcl::FixedMesh finest{subject.model.positions, subject.finest};
   const PathSettings path_settings{settings.radius / unit, settings.depth / unit, settings.speed * kPeriod / unit,
@@ -184,9 +203,21 @@ int run(const Settings& settings) {
                                                [&](const Vec3d& p) { return finest.distance(p); });
 
   std::fprintf(stderr, "%zu cycles\n", path.size());
-  const Run ours = run_cycles(subject.model, settings, unit, path);
+  Outcome outcome{run_cycles(subject.model, settings, unit, path), {}, path.size()};
   std::fprintf(stderr, "FCL on the same poses\n");
-  const Comparison theirs = run_fcl(subject, finest, path, settings.radius / unit, kTangent / unit, ours);
+  outcome.theirs = run_fcl(subject, finest, path, settings.radius / unit, kTangent / unit, outcome.ours,
+                           settings.compare_every, refits);
+  return outcome;
+}
+
+int run(const Settings& settings) {
+  std::fprintf(stderr, "making the model\n");
+  LoadedModel subject = load_model(settings.model, settings.faces);
+  // The paper's sizes stay 10 cm long; what is larger is generated as fine as a hand resolves.
+  if (settings.model.empty() && settings.faces > kSmall) scale_to_edge(subject, kHandEdge);
+  const spm::ModelSummary& summary = subject.model.summary;
+  constexpr int kRefits = 21;
+  const auto [ours, theirs, path_size] = measure(subject, settings, kRefits);
 
   char text[256];
   std::snprintf(
@@ -195,7 +226,7 @@ int run(const Settings& settings) {
       settings.radius * 1e3, settings.speed * 1e2, settings.depth * 1e3, settings.seconds, settings.pool_share,
       settings.budget, static_cast<unsigned long long>(settings.seed), longest_side(summary), ours.priority);
   Report report{{"cycle", subject.name, summary.digest, summary.faces, text}};
-  const std::string all = "all cycles";
+  const std::string all = "all cycles", compared = "cycles compared";
   const std::string changed = "cycles with changes";
   report.row("T_R refine", all, "us", ours.refine);
   report.row("T_B refit", all, "us", ours.refit);
@@ -205,25 +236,27 @@ int run(const Settings& settings) {
   report.row("T_B refit", changed, "us", ours.changed_refit);
   report.row("T_Q query", changed, "us", ours.changed_query);
   report.row("T_R + T_B + T_Q", changed, "us", ours.changed_sum);
-  report.row("FCL query, finest mesh", all, "us", theirs.finest_query);
-  report.row("FCL query, base mesh", all, "us", theirs.base_query);
+  report.row("FCL query, finest mesh", compared, "us", theirs.finest_query);
+  report.row("FCL query, base mesh", compared, "us", theirs.base_query);
   report.row("FCL refit, finest mesh", "repeats", "us", theirs.finest_refit);
   const double changes = static_cast<double>(ours.splits + ours.collapses);
-  const double cycles = static_cast<double>(path.size());
+  const double cycles = static_cast<double>(path_size);
   report.figure("refining, mean of a change", all, "ns", 1e3 * ours.refine.mean() * cycles / changes);
   report.figure("refitting, mean of a change", all, "ns", 1e3 * ours.refit.mean() * cycles / changes);
   report.figure("list entries visited", all, "", static_cast<double>(ours.visits));
   report.figure("splits", all, "", static_cast<double>(ours.splits));
   report.figure("collapses", all, "", static_cast<double>(ours.collapses));
   report.figure("regions evicted", all, "", static_cast<double>(ours.evictions));
-  const double exact = 100.0 * ours.exact / ours.settled;
-  report.figure("exact", "after 0.2 s", "%", exact);
+  report.figure("exact", "after 0.2 s", "%", ours.percent_exact());
   report.figure("triangles excepted near tangency", "exact cycles", "", static_cast<double>(theirs.tangent));
+
+  for (const std::string& note : ours.notes) report.note(note);
+  report.figure("cycles over 1 ms on the wall", all, "", static_cast<double>(ours.notes.size()));
 
   report.at_most("cycles with other triangles than FCL", "exact cycles", "", static_cast<double>(theirs.mismatches), 0);
   report.at_most("queries truncated", all, "", ours.truncated, 0);
   const bool small = summary.faces <= kSmall;
-  report.at_least("exact", "after 0.2 s", "%", exact, small ? 99 : 99.9);
+  report.at_least("exact", "after 0.2 s", "%", ours.percent_exact(), small ? 99 : 99.9);
   report.at_most("cycles over 1 ms of our own work", all, "", ours.late, 0);
   if (summary.faces < kHuge) report.at_most("median of the sum", all, "us", ours.sum.percentile(50), small ? 5 : 10);
   report.at_most("p99 of the sum", all, "us", ours.sum.percentile(99), summary.faces < kHuge ? 60 : 100);
@@ -233,6 +266,63 @@ int run(const Settings& settings) {
   if (summary.faces >= kRefitSize) {
     report.at_least("median FCL full refit / median T_B", changed, "times",
                     theirs.finest_refit.percentile(50) / ours.changed_refit.percentile(50), 300);
+  }
+  return report.finish(settings.json);
+}
+
+/// One point of a curve.
+struct Size {
+  std::string name;
+  std::uint32_t faces = 0;
+  std::uint64_t digest = 0;
+  Outcome outcome;
+};
+
+/// The same tip on organs of one mean edge and of more and more faces. A cycle's median may grow as log n does: no size
+/// adds more a decade to the smallest one's than the first decade did.
+int run_curve(const Settings& settings) {
+  std::vector<std::uint32_t> sizes{10000, 100000, 1000000};
+  if (settings.large) sizes.insert(sizes.end(), {10000000, 28000000});
+  char text[256];
+  std::snprintf(
+      text, sizeof text,
+      "mean edge %g mm, radius %g mm, %g cm/s, %g mm deep, %g s, pool %g of the model, budget %u, path seed %llu",
+      kHandEdge * 1e3, settings.radius * 1e3, settings.speed * 1e2, settings.depth * 1e3, settings.seconds,
+      settings.pool_share, settings.budget, static_cast<unsigned long long>(settings.seed));
+  std::vector<Size> curve;
+  for (const std::uint32_t faces : sizes) {
+    std::fprintf(stderr, "making an organ of %u faces\n", faces);
+    LoadedModel subject = load_model("", faces);
+    scale_to_edge(subject, kHandEdge);
+    char name[64];
+    std::snprintf(name, sizeof name, "%.2g faces, %.2g cm", static_cast<double>(faces),
+                  100 * longest_side(subject.model.summary));
+    curve.push_back({name, faces, subject.model.summary.digest, measure(subject, settings, 0)});
+  }
+
+  Report report{{"cycle", "organs, seed 1", curve.back().digest, sizes.back(), text}};
+  for (const Size& size : curve) report.row("T_R + T_B + T_Q", size.name, "us", size.outcome.ours.sum);
+  for (const Size& size : curve) report.row("with changes", size.name, "us", size.outcome.ours.changed_sum);
+  for (const Size& size : curve) report.row("T_Q query", size.name, "us", size.outcome.ours.query);
+  for (const auto& [name, faces, digest, outcome] : curve) {
+    const Run& ours = outcome.ours;
+    const auto cycles = static_cast<double>(outcome.cycles),
+               changes = static_cast<double>(ours.splits + ours.collapses);
+    report.figure("changes a cycle, mean", name, "", changes / cycles);
+    report.figure("refining, mean of a change", name, "ns", 1e3 * ours.refine.mean() * cycles / changes);
+    report.figure("refitting, mean of a change", name, "ns", 1e3 * ours.refit.mean() * cycles / changes);
+    report.figure("median / log2 faces", name, "us", ours.sum.percentile(50) / std::log2(faces));
+    for (const std::string& note : ours.notes) report.note(name + ", " + note);
+  }
+  const auto median = [&curve](std::size_t i) { return curve[i].outcome.ours.sum.percentile(50); };
+  for (std::size_t i = 0; i < curve.size(); ++i) {
+    const auto& [name, faces, digest, outcome] = curve[i];
+    report.at_most("cycles with other triangles than FCL", name, "", static_cast<double>(outcome.theirs.mismatches), 0);
+    report.at_least("exact", name, "%", outcome.ours.percent_exact(), 99.9);
+    report.at_most("cycles over 1 ms of our own work", name, "", outcome.ours.late, 0);
+    if (i < 2) continue;
+    report.at_most("median, growth a decade since the smallest", name, "us",
+                   (median(i) - median(0)) / std::log10(static_cast<double>(faces) / sizes[0]), median(1) - median(0));
   }
   return report.finish(settings.json);
 }
@@ -252,12 +342,15 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(0.01, 1.0));
   app.add_option("--budget", settings.budget, "of a cycle, units of spm::Budget")->check(CLI::Range(100u, 1000000u));
   app.add_option("--seed", settings.seed, "of the path");
+  app.add_option("--compare-every", settings.compare_every, "with FCL, so many cycles")->check(CLI::Range(1u, 1000u));
+  CLI::Option* curve = app.add_flag("--curve", settings.curve, "organs of 10^4 to 10^6 faces of a mean edge of 0.2 mm");
+  app.add_flag("--large", settings.large, "the curve to 2.8x10^7 faces")->needs(curve);
   app.add_option("--json", settings.json, "the figures as JSON");
   app.add_flag("--quick", settings.quick, "5 s, for CI");
   try {
     app.parse(argc, argv);
     if (settings.quick) settings.seconds = std::min(settings.seconds, 5.0);
-    return tactus::bench::run(settings);
+    return settings.curve ? tactus::bench::run_curve(settings) : tactus::bench::run(settings);
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : 2;
   } catch (const std::exception& error) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <sched.h>
+#include <sys/resource.h>
 
 #include <ctime>
 
@@ -28,11 +29,24 @@ class Priority {
   bool granted_;
 };
 
+/// What of the calling thread the system has seen so far.
+struct ThreadUse {
+  double cpu_us = 0;     ///< computed
+  long faults = 0;       ///< pages that were mapped but not there, or not yet
+  long preemptions = 0;  ///< times that something else took its processor
+};
+
 /// What the calling thread has computed so far, us.
 [[nodiscard]] inline double thread_cpu_us() noexcept {
   timespec now{};
   clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
   return static_cast<double>(now.tv_sec) * 1e6 + static_cast<double>(now.tv_nsec) * 1e-3;
+}
+
+[[nodiscard]] inline ThreadUse thread_use() noexcept {
+  rusage used{};
+  getrusage(RUSAGE_THREAD, &used);
+  return {thread_cpu_us(), used.ru_minflt + used.ru_majflt, used.ru_nivcsw};
 }
 
 }  // namespace tactus::bench

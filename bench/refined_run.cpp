@@ -78,14 +78,16 @@ RefinedStep RefinedRun::step(const spm::Vec3d& tip, bool in_contact) {
 
   const spm::ForestCounters before = forest_.counters();
   spm::Budget budget{settings_.budget};
-  step.load = watch.lap();
+  step.before = thread_use();
+  (void)watch.lap();
   if (plan) forest_.target(target_.data(), static_cast<std::uint32_t>(target_.size()));
   static_cast<void>(forest_.advance(budget));
   step.refine = watch.lap();
   forest_.refit();
   step.refit = watch.lap();
   const spm::ForestCounters& after = forest_.counters();
-  step.changed = after.splits != before.splits || after.collapses != before.collapses;
+  step.visits = after.visits - before.visits;
+  step.changes = after.splits - before.splits + after.collapses - before.collapses;
   return step;
 }
 

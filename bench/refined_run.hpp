@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "bench/priority.hpp"
 #include "spm/cache.hpp"
 #include "spm/codec/model_codec.hpp"
 #include "spm/forest.hpp"
@@ -28,8 +29,9 @@ struct RefinedRunSettings {
 /// What one cycle did before its query.
 struct RefinedStep {
   double refine = 0, refit = 0;  ///< us
-  double load = 0;               ///< us of planning and loading before it, which are not the cycle's
-  bool changed = false;          ///< records were split or collapsed
+  ThreadUse before;              ///< after planning and loading, which are not the cycle's
+  std::uint64_t visits = 0;      ///< list entries looked at
+  std::uint64_t changes = 0;     ///< records split or collapsed
 };
 
 class RefinedRun {

@@ -172,7 +172,7 @@ Refined run_refined(const LoadedModel& subject, const Settings& settings, const 
     const double stylus = watch.lap();
     r.refine.add(step.refine);
     r.refit.add(step.refit);
-    if (step.changed) {
+    if (step.changes > 0) {
       r.changed_refine.add(step.refine);
       r.changed_refit.add(step.refit);
     }

@@ -30,7 +30,8 @@ struct PoolSettings {
   std::uint32_t slots = 1u << 16;        ///< at most kMaxSlots; exceeded: a region is refused and stays coarse
   std::uint32_t tree_nodes = 1u << 14;   ///< exceeded: refinement stops, PoolFull is flagged
   std::uint32_t list_blocks = 1u << 13;  ///< blocks of 62 list entries; exceeded: as slots
-  static PoolSettings for_slots(std::uint32_t slots) noexcept { return {slots, slots / 3 + 1024, slots / 10 + 256}; }
+  /// Nodes follow what is shown, slots what is held: beyond what the places touched show, slots are cache.
+  static PoolSettings for_slots(std::uint32_t slots) noexcept { return {slots, slots / 4 + 4096, slots / 10 + 256}; }
   /// As many slots as `bytes` hold, all that belongs to them included; 0 when not even one fits.
   static PoolSettings for_bytes(std::uint64_t bytes) noexcept;
   /// Bytes that a controller with these settings holds for its models, directories apart.
