@@ -178,10 +178,16 @@ bool Proxy::inside_from_start(const Surface& surface) const noexcept {
          hit.distance < (result_.outside_only ? settings_.radius : 0);
 }
 
+bool Proxy::closest(const Vec3d& x, const Surface& surface, SurfaceHit& hit) const noexcept {
+  // What holds a proxy is at hand; only in the air is it worth while to look far.
+  constexpr double kAtHand = 1e-5;  // m
+  return surface.closest(x, settings_.radius + kAtHand, hit) || surface.closest(x, settings_.reach, hit);
+}
+
 void Proxy::find_side(const Surface& surface) noexcept {
   SurfaceHit hit;
   side_ = Side::kUnknown;
-  if (surface.closest(result_.proxy, settings_.reach, hit) && hit.sided) {
+  if (closest(result_.proxy, surface, hit) && hit.sided) {
     side_ = hit.distance < 0 ? Side::kInner : Side::kOuter;
   }
 }
@@ -196,7 +202,7 @@ void Proxy::keep_side(const Surface& surface) noexcept {
     Vec3d x = result_.proxy;
     for (int push = 0; push < kMaxPushes; ++push) {
       SurfaceHit hit;
-      if (!surface.closest(x, settings_.reach, hit)) {
+      if (!closest(x, surface, hit)) {
         result_.proxy = x;
         return;
       }

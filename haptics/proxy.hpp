@@ -76,6 +76,7 @@ class Proxy {
   [[nodiscard]] Slide slide(const Vec3d& goal, const Surface& surface) const noexcept;
   [[nodiscard]] Slide slide_with_friction(const Vec3d& device, const Surface& surface) noexcept;
   [[nodiscard]] bool inside_from_start(const Surface& surface) const noexcept;
+  [[nodiscard]] bool closest(const Vec3d& x, const Surface& surface, SurfaceHit& hit) const noexcept;
   void keep_side(const Surface& surface) noexcept;
   void follow_change(const Surface& surface) noexcept;
   void find_side(const Surface& surface) noexcept;

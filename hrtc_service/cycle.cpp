@@ -8,6 +8,8 @@
 namespace tactus::hrtc_service {
 namespace {
 
+constexpr std::uint32_t kAllProbes = (1u << kMaxProbes) - 1;
+
 std::uint32_t since(std::int64_t& mark) noexcept {
   const std::int64_t now = monotonic_ns();
   const auto passed = static_cast<std::uint32_t>(now - mark);
@@ -154,7 +156,7 @@ void Cycle::render(std::uint32_t number, const ProbeInput& input, ProbeOutput& o
   haptics::Feel feel;
   const session::Material* material = nullptr;
   for (std::uint32_t i = 0; i < surface.count(); ++i) {
-    changed = changed || states_[surface[i].index].changed;
+    changed = changed || (states_[surface[i].index].changed >> number & 1u) != 0;
     if (material == nullptr || surface[i].index == proxies_[number].last().object) material = &surface[i].material;
   }
   if (material != nullptr) {
@@ -236,14 +238,16 @@ const CycleResult& Cycle::touch(const std::array<ProbeInput, kMaxProbes>& probes
 }
 
 spm::Advance Cycle::advance(TouchObject& object, spm::Budget& budget, spm::Budget& granted, const RefineLimit& limit,
-                            std::int64_t began_ns) noexcept {
+                            double& began) noexcept {
   CycleCosts& costs = result_.costs;
-  const double began = static_cast<double>(began_ns - touch_began_ns_);
   spm::Advance result = object.forest->advance(granted);  // what the object before has left over
   while (result == spm::Advance::kBudget && budget.units > 0) {
     const auto now = static_cast<double>(monotonic_ns() - touch_began_ns_);
     const std::uint32_t spent = costs.granted - granted.units;
-    if (costs.granted > 0 && !limit.allows(began, now, spent)) break;
+    if (costs.granted == 0)
+      began = now;
+    else if (!limit.allows(began, now, spent))
+      break;
     costs.foreseen = static_cast<std::uint32_t>(limit.end(now, spent));
     const std::uint32_t portion = std::min(kPortion, budget.units);
     budget.units -= portion;
@@ -254,9 +258,27 @@ spm::Advance Cycle::advance(TouchObject& object, spm::Budget& budget, spm::Budge
   return result;
 }
 
+std::uint32_t Cycle::refit(TouchObject& object) noexcept {
+  // A proxy rests within a hair of what holds it; what changes further away does not move it.
+  constexpr double kHair = 1.01;
+  const double scale = object.placement.scale();
+  std::array<spm::Watch, kMaxProbes> watches;
+  std::array<std::uint32_t, kMaxProbes> probes;
+  std::uint32_t count = 0;
+  for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
+    if (!is_near(i, object)) continue;
+    probes[count] = i;
+    watches[count++] = {object.placement.to_model(vec(result_.probes[i].proxy)), kHair * settings_.radius / scale};
+  }
+  const spm::RefitCount refitted = object.forest->refit(watches.data(), count);
+  for (std::uint32_t i = 0; i < count; ++i)
+    if (watches[i].met) states_[object.index].changed |= 1u << probes[i];
+  return refitted.marked;
+}
+
 const CycleResult& Cycle::refine(spm::Budget budget, const RefineLimit& limit) noexcept {
-  const std::int64_t began_ns = monotonic_ns();
-  std::int64_t mark = began_ns;
+  std::int64_t mark = monotonic_ns();
+  double began = 0;  // the first portion
   CycleCosts& costs = result_.costs;
   costs.visits = costs.changes = costs.nodes_marked = costs.granted = costs.foreseen = 0;
   result_.budget_spent = false;
@@ -264,8 +286,9 @@ const CycleResult& Cycle::refine(spm::Budget budget, const RefineLimit& limit) n
   spm::Budget granted;
   for (TouchObject* object : objects_) {
     const spm::ForestCounters before = object->forest->counters();
+    const bool shown = object->forest->base_shown();
     choose_targets(*object);
-    const spm::Advance result = advance(*object, budget, granted, limit, began_ns);
+    const spm::Advance result = advance(*object, budget, granted, limit, began);
     result_.budget_spent = result_.budget_spent || result == spm::Advance::kBudget;
     result_.nodes_full = result_.nodes_full || result == spm::Advance::kNodesFull;
     const spm::ForestCounters& after = object->forest->counters();
@@ -273,14 +296,14 @@ const CycleResult& Cycle::refine(spm::Budget budget, const RefineLimit& limit) n
     costs.visits += static_cast<std::uint32_t>(after.visits - before.visits);
     costs.changes += changes;
     ObjectState& state = states_[object->index];
-    state.changed = changes > 0;
+    state.changed = !shown && object->forest->base_shown() ? kAllProbes : 0;
     state.since_change = changes > 0 ? 0 : state.since_change + 1;
     for (std::uint32_t region;
          departures_.write_available() > 0 && (region = object->forest->take_retired()) != spm::kNone;)
       departures_.push({object->index, spm::RegionId{region}});
   }
   costs.refine = since(mark);
-  for (TouchObject* object : objects_) costs.nodes_marked += object->forest->refit().marked;
+  for (TouchObject* object : objects_) costs.nodes_marked += refit(*object);
   costs.refit = since(mark);
   return result_;
 }

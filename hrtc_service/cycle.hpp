@@ -126,14 +126,15 @@ class Cycle {
 
   struct ObjectState {
     std::uint32_t since_change = 0;
-    bool changed = false;
+    std::uint32_t changed = 0;  // near which proxies, by probe bit
   };
 
   void take(const Arrival& arrival) noexcept;
   void add_target(spm::RegionId region, double key) noexcept;
   void choose_targets(TouchObject& object) noexcept;
+  [[nodiscard]] std::uint32_t refit(TouchObject& object) noexcept;
   [[nodiscard]] spm::Advance advance(TouchObject& object, spm::Budget& budget, spm::Budget& granted,
-                                     const RefineLimit& limit, std::int64_t began_ns) noexcept;
+                                     const RefineLimit& limit, double& began) noexcept;
   void query(std::uint32_t probe, const ProbeInput& input, std::int64_t now_ns, ProbeOutput& output) noexcept;
   void render(std::uint32_t probe, const ProbeInput& input, ProbeOutput& output) noexcept;
   void log(const TouchObject& object, std::uint32_t probe, std::int64_t now_ns, const Vec3d& centre, double radius,

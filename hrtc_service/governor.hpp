@@ -29,7 +29,7 @@ struct RefineLimit {
 
   /// When the cycle will end, as far as can be foreseen, if no further portion begins.
   [[nodiscard]] double end(double now, std::uint32_t units) const noexcept { return now + units * refit_unit; }
-  /// `began`: when refinement did. The first portion may always begin.
+  /// `began`: when the first portion did, which may always.
   [[nodiscard]] bool allows(double began, double now, std::uint32_t units) const noexcept {
     return end(now, units) < std::max(until, began + at_least);
   }

@@ -44,6 +44,43 @@ bool set_box(TreeNode& node, unsigned child, const lanes::Bounds& bounds) noexce
   return changed;
 }
 
+constexpr float kFar = std::numeric_limits<float>::infinity();
+constexpr lanes::Bounds kNoBounds{{kFar, kFar, kFar}, {-kFar, -kFar, -kFar}};
+
+/// A child without a box adds nothing: of NaN and another the other is taken.
+void add(lanes::Bounds& all, const TreeNode& node, unsigned child) noexcept {
+  for (int axis = 0; axis < 3; ++axis) {
+    const float low = node.lanes[axis][child], high = node.lanes[3 + axis][child];
+    all.low[axis] = low < all.low[axis] ? low : all.low[axis];
+    all.high[axis] = high > all.high[axis] ? high : all.high[axis];
+  }
+}
+
+void add(lanes::Bounds& all, const lanes::Bounds& more) noexcept {
+  for (int axis = 0; axis < 3; ++axis) {
+    all.low[axis] = std::min(all.low[axis], more.low[axis]);
+    all.high[axis] = std::max(all.high[axis], more.high[axis]);
+  }
+}
+
+bool meets(const lanes::Bounds& box, const Watch& ball) noexcept {
+  double sum = 0;
+  for (int axis = 0; axis < 3; ++axis) {
+    const double below = box.low[axis] - ball.centre[axis], above = ball.centre[axis] - box.high[axis];
+    const double outside = below > above ? below : above;
+    sum += outside > 0 ? outside * outside : 0;
+  }
+  return sum <= ball.radius * ball.radius;
+}
+
+bool holds(const lanes::Bounds& box, const Watch& ball) noexcept {
+  bool inside = true;
+  for (int axis = 0; axis < 3; ++axis)
+    inside =
+        inside && box.low[axis] <= ball.centre[axis] - ball.radius && box.high[axis] >= ball.centre[axis] + ball.radius;
+  return inside;
+}
+
 inline unsigned lowest_bit(unsigned bits) noexcept { return static_cast<unsigned>(__builtin_ctz(bits)); }
 inline unsigned bit_count(std::uint8_t bits) noexcept {
   constexpr std::uint64_t kOfNibble = 0x4332322132212110u;
@@ -154,8 +191,15 @@ std::array<float, 9> AbTree::corners(std::uint32_t row_index) const noexcept {
   return corners;
 }
 
-RefitCount AbTree::refit() noexcept {
+RefitCount AbTree::refit(Watch* watches, std::uint32_t watch_count) noexcept {
   RefitCount count;
+  lanes::Bounds all = kNoBounds;
+  const auto tell = [&](const TreeNode* above, unsigned lane, const lanes::Bounds& now) noexcept {
+    lanes::Bounds changed = now;
+    if (above != nullptr) add(changed, *above, lane);  // as it was
+    add(all, changed);
+    for (std::uint32_t i = 0; i < watch_count; ++i) watches[i].met = watches[i].met || meets(changed, watches[i]);
+  };
   TreeNode* nodes = nodes_.nodes_.data();
   for (std::uint32_t level = 1; level <= height_; ++level) {
     std::uint32_t slot = marked_[level];
@@ -167,6 +211,8 @@ RefitCount AbTree::refit() noexcept {
       if (level == 1) count.changed += bit_count(node.dirty);
       node.dirty = 0;
       const unsigned lane = node.id & 7u;
+      const lanes::Bounds bounds = node.mask != 0 ? bounds_of(node) : kNoBounds;
+      if (level == 1 && watch_count > 0) tell(slot != root_ ? &nodes[node.parent] : nullptr, lane, bounds);
       if (node.mask == 0) {
         if (slot == root_) {
           root_ = kNone;
@@ -180,11 +226,14 @@ RefitCount AbTree::refit() noexcept {
         nodes_.free_.give(slot);
       } else if (slot != root_) {
         TreeNode& above = nodes[node.parent];
-        if (set_box(above, lane, bounds_of(node))) mark_child(node.parent, above, lane);
+        if (set_box(above, lane, bounds)) mark_child(node.parent, above, lane);
       }
       slot = next;
     }
   }
+  // What moves from one side of a ball to the other without a face near it leaves the ball within all that changed.
+  for (std::uint32_t i = 0; i < watch_count; ++i)
+    watches[i].met = watches[i].met || (count.marked > 0 && (height_ == 1 || holds(all, watches[i])));
   for (std::uint32_t level = 1; level <= height_; ++level) {
     const std::uint64_t of_level = (std::uint64_t{finest_faces_} + (1ull << 3 * level) - 1) >> 3 * level;
     count.bound += static_cast<std::uint32_t>(std::min<std::uint64_t>(count.changed, of_level));

@@ -94,6 +94,13 @@ struct NearestFace {
   std::uint32_t row = 0;  ///< face row
 };
 
+/// A ball that is to know whether the mesh in it may be another one.
+struct Watch {
+  Vec3d centre;
+  double radius = 0;
+  bool met = false;  ///< a node with a changed face was or is in it, or it is among changes all around
+};
+
 struct RefitCount {
   std::uint32_t changed = 0;  ///< faces marked since the last refit
   std::uint32_t marked = 0;   ///< nodes recomputed
@@ -143,8 +150,9 @@ class AbTree {
     __builtin_prefetch(&node.parent);
   }
 
-  /// Makes all boxes right again and frees the nodes that are empty. Must come before a query.
-  RefitCount refit() noexcept;
+  /// Makes all boxes right again and frees the nodes that are empty. Must come before a query. Tells the `count`
+  /// `watches` of changes since the last refit.
+  RefitCount refit(Watch* watches = nullptr, std::uint32_t count = 0) noexcept;
 
   /// All shown triangles within `radius` of `centre`, in tree order, at most `capacity` of them; returns how many there
   /// are in all (more than `capacity`: truncated).
@@ -193,12 +201,18 @@ class AbTree {
     for (int row = 0; row < lanes::kTriangleRows; row += 2) __builtin_prefetch(&at.lanes[row]);
     __builtin_prefetch(&at.parent);
   }
+  void prefetch_boxes(std::uint32_t node) const noexcept {
+    const TreeNode& at = nodes_.nodes_[node];
+    for (int row = 0; row < lanes::kBoxRows; row += 2) __builtin_prefetch(&at.lanes[row]);
+    __builtin_prefetch(&at.parent);
+  }
   /// The node of level 1 with this id, made with those above it where they are missing, near its siblings.
   [[nodiscard]] std::uint32_t make_leaf(std::uint32_t id) noexcept;
   void mark_child(std::uint32_t slot, TreeNode& node, unsigned child) noexcept {
     if (node.dirty == 0) {
       node.next_marked = marked_[node.level];
       marked_[node.level] = slot;
+      if (node.parent != kNone) prefetch_boxes(node.parent);  // refit writes this node's there
     }
     node.dirty = static_cast<std::uint8_t>(node.dirty | 1u << child);
   }

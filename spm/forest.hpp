@@ -72,7 +72,8 @@ class Forest {
 
   /// Works towards the target. Then refit before any query.
   [[nodiscard]] Advance advance(Budget& budget) noexcept;
-  RefitCount refit() noexcept { return tree_.refit(); }
+  /// See AbTree::refit.
+  RefitCount refit(Watch* watches = nullptr, std::uint32_t count = 0) noexcept { return tree_.refit(watches, count); }
 
   [[nodiscard]] bool base_shown() const noexcept { return base_cursor_ == base_.faces.size(); }
   [[nodiscard]] bool is_refined(RegionId region) const noexcept {

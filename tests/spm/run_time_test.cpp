@@ -3,8 +3,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <random>
 #include <set>
 
@@ -351,6 +353,65 @@ TEST_P(RunTime, QueriesFindWhatAllPairsFind) {
   EXPECT_GT(touched, 100u);
   EXPECT_GT(swept, 5u);
   EXPECT_GT(shared, 5u);
+}
+
+TEST_P(RunTime, ABallInWhichAnythingChangedOrAroundWhichAllDidIsToldSo) {
+  std::mt19937_64 random{GetParam()};
+  Controller controller{model_, roomy()};
+  for (const RegionId region : all_regions(model_)) ASSERT_EQ(controller.load(region), AcceptResult::kAccepted);
+  const spm::Vec3d low = Eigen::Map<const spm::Vec3f>(model_.summary.bounds_min.data()).cast<double>();
+  const spm::Vec3d high = Eigen::Map<const spm::Vec3f>(model_.summary.bounds_max.data()).cast<double>();
+  std::uniform_real_distribution<double> unit{0, 1};
+  const auto faces = [&] {
+    std::map<std::uint32_t, std::array<float, 9>> shown;
+    for (const std::uint32_t number : controller.forest().tree().shown())
+      shown[controller.row(number).face] = controller.forest().tree().corners(number);
+    return shown;
+  };
+  const auto differing = [](const auto& these, const auto& those) {
+    std::vector<std::array<float, 9>> found;
+    for (const auto& [face, corners] : these)
+      if (const auto other = those.find(face); other == those.end() || other->second != corners)
+        found.push_back(corners);
+    return found;
+  };
+  int changed_near = 0, changed_around = 0, unchanged = 0;
+  for (int round = 0; round < 200; ++round) {
+    std::vector<RegionId> wanted = all_regions(model_);
+    std::shuffle(wanted.begin(), wanted.end(), random);
+    wanted.resize(random() % 4);
+    std::array<spm::Watch, 8> watches;
+    for (spm::Watch& watch : watches) {
+      watch.centre = low + (high - low).cwiseProduct(spm::Vec3d{unit(random), unit(random), unit(random)});
+      watch.radius = unit(random) * 0.05 * (high - low).norm();
+    }
+    const auto before = faces();
+    (void)controller.refine(wanted, static_cast<std::uint32_t>(random() % 300), watches.data(), watches.size());
+    const auto after = faces();
+
+    std::vector<std::array<float, 9>> changed = differing(before, after);
+    for (const auto& corners : differing(after, before)) changed.push_back(corners);
+    Eigen::AlignedBox3d all;
+    for (const auto& c : changed)
+      for (int i = 0; i < 9; i += 3) all.extend(spm::Vec3d{c[i], c[i + 1], c[i + 2]});
+    for (const spm::Watch& watch : watches) {
+      bool near = false;
+      for (const auto& c : changed)
+        near = near || spm::closest_point(watch.centre, {c[0], c[1], c[2]}, {c[3], c[4], c[5]}, {c[6], c[7], c[8]})
+                               .squared_distance <= watch.radius * watch.radius;
+      const spm::Vec3d reach = spm::Vec3d::Constant(watch.radius);
+      const bool around = all.contains(watch.centre - reach) && all.contains(watch.centre + reach);
+      if (near || around) {
+        ASSERT_TRUE(watch.met) << "round " << round;
+      }
+      changed_near += near ? 1 : 0;
+      changed_around += around && !near ? 1 : 0;
+      unchanged += watch.met ? 0 : 1;
+    }
+  }
+  EXPECT_GT(changed_near, 20);
+  EXPECT_GT(changed_around, 20);
+  EXPECT_GT(unchanged, 200) << "a ball is told of what is near it, not of everything";
 }
 
 TEST_P(RunTime, LeavesCopiedInPartsAreAllThatIsShown) {
