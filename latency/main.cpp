@@ -89,6 +89,9 @@ void add_run(CLI::App& app, Options& o) {
 
 void add_serve(CLI::App& app, Options& o) {
   app.add_option("--port", o.port, "TCP port to listen at")->capture_default_str();
+  app.add_option("--priority", o.settings.place.priority, "SCHED_FIFO priority of receivers at most; 0: none")
+      ->capture_default_str()
+      ->check(CLI::Range(0, 98));
   app.add_option("--control", o.control, "Socket that is open already, instead of a port")->group("");
 }
 

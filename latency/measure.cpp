@@ -2,6 +2,7 @@
 
 #include <unistd.h>
 
+#include <algorithm>
 #include <chrono>
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -97,7 +98,7 @@ void serve_one(const nlohmann::ordered_json& asked, Channel& channel, Place plac
   const Cell cell = cell_from_json(asked.at("cell"));
   const auto session = asked.at("session").get<std::string>();
   asked.at("domain").get_to(place.domain);
-  asked.at("priority").get_to(place.priority);
+  place.priority = std::clamp(asked.at("priority").get<int>(), 0, place.priority);
 
   std::vector<std::unique_ptr<Echoer>> echoers;
   nlohmann::ordered_json ports = nlohmann::ordered_json::array();

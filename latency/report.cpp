@@ -99,6 +99,7 @@ void write_json(const std::string& file, const Subject& subject, const std::vect
     cell["half_round_trip"] = to_json(r.half_round_trip);
     cell["half_round_trip_from_send"] = to_json(r.half_round_trip_sent);
     cell["age"] = to_json(r.age);
+    cell["known_age"] = to_json(r.known_age);
     cell["clock_bound"] = r.clock_bound_us;
     cell["timer_late"] = to_json(r.timer);
     cell["jitter_rfc3550"] = r.jitter_us;

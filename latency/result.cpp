@@ -9,6 +9,7 @@ namespace tactus::latency {
 namespace {
 
 constexpr std::size_t kMoments = 400;
+constexpr std::int64_t kLookNs = 97'000;  // no divisor of usual periods, which would see the same moments each time
 
 /// The echoer's clock as the pinger's: how the session clock stood when each ping was sent.
 class EchoerClock {
@@ -92,15 +93,29 @@ Result evaluate(const Stamps& stamps) {
   EchoerClock clock{stamps};
   std::vector<SequenceTally> tallies(stamps.cell.readers, SequenceTally{judged});
   std::vector<InterarrivalJitter> jitters(stamps.cell.readers);
-  std::vector<double> age;
+  std::vector<double> age, known_age;
+  struct Newest {
+    std::int64_t sequence = -1, intended_ns = 0, looked_ns = 0;  // the echoer's clock
+  };
+  std::vector<Newest> newest(stamps.cell.readers);
   for (const Arrival& arrival : stamps.arrivals) {
     if (arrival.sequence < first || arrival.sequence >= all || arrival.reader >= stamps.cell.readers) continue;
     if (!tallies[arrival.reader].add(arrival.sequence - first)) continue;
     const Ping& ping = stamps.pings[arrival.sequence];
-    age.push_back(static_cast<double>(arrival.received_ns - clock.at(ping.intended_ns)) * 1e-3);
+    const std::int64_t intended_ns = clock.at(ping.intended_ns);
+    age.push_back(static_cast<double>(arrival.received_ns - intended_ns) * 1e-3);
+    Newest& known = newest[arrival.reader];
+    if (known.sequence >= 0) {
+      for (; known.looked_ns < arrival.received_ns; known.looked_ns += kLookNs)
+        known_age.push_back(static_cast<double>(known.looked_ns - known.intended_ns) * 1e-3);
+    } else {
+      known.looked_ns = arrival.received_ns;
+    }
+    if (known.sequence < arrival.sequence) known = {arrival.sequence, intended_ns, known.looked_ns};
     jitters[arrival.reader].add(ping.sent_ns, arrival.received_ns);
   }
   result.age = summarise(age);
+  result.known_age = summarise(known_age);
   result.clock_bound_us = clock.bound_us();
   for (const SequenceTally& tally : tallies) {
     result.lost += tally.lost();

@@ -21,15 +21,16 @@ struct Moment {
 /// counted.
 struct Result {
   Cell cell;
-  Summary half_round_trip;        ///< from when a ping was intended, half of it; echoes of all readers
-  Summary half_round_trip_sent;   ///< from when it was handed over: without the pinger's late wake-ups and hold-ups
-  Summary age;                    ///< one way, from when it was intended; arrivals at all readers
-  double clock_bound_us = 0;      ///< age is right to this; 0: both sides read one clock
-  Summary timer;                  ///< how late the system woke the pinger
-  double jitter_us = 0;           ///< RFC 3550, worst reader
-  std::uint64_t expected = 0;     ///< pings x readers
-  std::uint64_t lost = 0;         ///< did not arrive
-  std::uint64_t echoes_lost = 0;  ///< arrived, and their echo did not
+  Summary half_round_trip;       ///< from when a ping was intended, half of it; echoes of all readers
+  Summary half_round_trip_sent;  ///< from when it was handed over: without the pinger's late wake-ups and hold-ups
+  Summary age;                   ///< one way, from when it was intended; arrivals at all readers
+  Summary known_age;  ///< of the newest state that a reader has, looked at every 97 us: grows where pings are lost
+  double clock_bound_us = 0;                    ///< age is right to this; 0: both sides read one clock
+  Summary timer;                                ///< how late the system woke the pinger
+  double jitter_us = 0;                         ///< RFC 3550, worst reader
+  std::uint64_t expected = 0;                   ///< pings x readers
+  std::uint64_t lost = 0;                       ///< did not arrive
+  std::uint64_t echoes_lost = 0;                ///< arrived, and their echo did not
   std::uint64_t reordered = 0, duplicates = 0;  ///< of arrivals
   std::uint64_t refused = 0;                    ///< not taken by the carrier, or held up beyond the end
   double load_mbyte_per_s = 0;                  ///< mesh records that arrived beside

@@ -74,8 +74,14 @@ Result run_here(const Cell& cell, const RunSettings& settings, const std::atomic
   if (::socketpair(AF_UNIX, SOCK_STREAM, 0, ends.data()) != 0) throw LatencyError("no socket pair");
   ::fcntl(ends[0], F_SETFD, FD_CLOEXEC);
   Channel channel{ends[0], stop};
-  const std::vector<std::string> command{path_of(settings.echoer), "serve", "--control",
-                                         std::to_string(ends[1]),  "--qos", settings.place.qos.string()};
+  const std::vector<std::string> command{path_of(settings.echoer),
+                                         "serve",
+                                         "--control",
+                                         std::to_string(ends[1]),
+                                         "--qos",
+                                         settings.place.qos.string(),
+                                         "--priority",
+                                         std::to_string(settings.place.priority)};
   const Child echoer{pair ? pair->start(netem::Side::kB, command) : netem::start_program(command)};
   ::close(ends[1]);
 

@@ -82,6 +82,18 @@ TEST(AResult, CountsWhatIsLostReorderedAndDuplicatedAndLeavesOutTheWarmUp) {
   EXPECT_EQ(missing, 4u);
 }
 
+TEST(AResult, OfWhatAReaderKnowsGrowsWithEveryPingThatIsLost) {
+  Stamps stamps = regular(20, 50 * kUs, 50 * kUs);
+  const Result whole = evaluate(stamps);
+  EXPECT_NEAR(whole.known_age.p50, 550, 60) << "between 50 and 1050 us, evenly";
+  EXPECT_NEAR(whole.known_age.max, 1050, 100);
+  stamps.arrivals.erase(stamps.arrivals.begin() + 5000, stamps.arrivals.begin() + 5009);
+  EXPECT_NEAR(evaluate(stamps).known_age.max, 10'050, 100) << "nine in a row are lost";
+  std::swap(stamps.arrivals[8000], stamps.arrivals[8001]);  // the older one comes late and changes nothing
+  stamps.arrivals[8001].received_ns = stamps.arrivals[8000].received_ns + 1;
+  EXPECT_NEAR(evaluate(stamps).known_age.max, 10'050, 100);
+}
+
 TEST(AResult, IgnoresNumbersThatWereNeverSent) {
   Stamps stamps = regular(2, 20 * kUs, 20 * kUs);
   stamps.arrivals.push_back({999'999, 0, 5});

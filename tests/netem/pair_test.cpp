@@ -21,7 +21,6 @@ namespace tactus::netem {
 namespace {
 
 using namespace std::chrono_literals;
-using testing::Contains;
 
 constexpr int kPort = 5999;
 constexpr char kGroup[] = "239.255.0.77";

@@ -1,0 +1,77 @@
+// Probe states over a link that loses frames: how old is what a reader knows.
+#include <CLI/CLI.hpp>
+#include <cstdio>
+
+#include "bench/figures.hpp"
+#include "latency/run.hpp"
+#include "wire/links.hpp"
+#include "wire/process.hpp"
+
+namespace tactus::bench {
+namespace {
+
+struct Settings {
+  std::string json;
+  double seconds = 20;
+  std::uint64_t seed = 1;
+};
+
+struct Case {
+  double loss_percent;
+  double bound_ms;  ///< of the p99 of the age of what a reader knows
+};
+constexpr std::array kCases{Case{1, 1.5}, Case{5, 2.5}, Case{10, 3}, Case{30, 5}};
+
+int run(const Settings& settings) {
+  const std::atomic<bool>& stop = wire::stop_signal();
+  latency::RunSettings place;
+  place.place.qos = wire::default_qos_directory();
+  place.link_seed = settings.seed;
+
+  char text[128];
+  std::snprintf(text, sizeof text, "link P0 with loss both ways, %g s each, seed %llu", settings.seconds,
+                static_cast<unsigned long long>(settings.seed));
+  Report report{{"loss", "uncoded probe states at 1 kHz", 0, 0, text}};
+  for (const Case& c : kCases) {
+    std::fprintf(stderr, "loss %g %%\n", c.loss_percent);
+    latency::Cell cell;
+    cell.link = "P0:loss=" + std::to_string(c.loss_percent);
+    cell.seconds = settings.seconds;
+    const latency::Result result = latency::run_here(cell, place, stop);
+    char name[48];
+    std::snprintf(name, sizeof name, "loss %g %%: ", c.loss_percent);
+    const double lost = 100 * static_cast<double>(result.lost) / static_cast<double>(result.expected);
+    report.figure(std::string{name} + "lost", "probe states", "%", lost);
+    report.figure(std::string{name} + "age at arrival p99", "probe states", "ms", result.age.p99 * 1e-3);
+    report.figure(std::string{name} + "age known p50", "every 97 us", "ms", result.known_age.p50 * 1e-3);
+    report.figure(std::string{name} + "age known p99.9", "every 97 us", "ms", result.known_age.p999 * 1e-3);
+    report.figure(std::string{name} + "age known max", "every 97 us", "ms", result.known_age.max * 1e-3);
+    report.at_most(std::string{name} + "age known p99", "every 97 us", "ms", result.known_age.p99 * 1e-3, c.bound_ms);
+    report.at_least(std::string{name} + "lost, or the link did not lose", "probe states", "%", lost,
+                    0.7 * c.loss_percent);
+  }
+  return report.finish(settings.json);
+}
+
+}  // namespace
+}  // namespace tactus::bench
+
+int main(int argc, char** argv) {
+  tactus::bench::Settings settings;
+  bool quick = false;
+  CLI::App app{"Age of what a reader knows of a probe when the network loses 1 to 30 %; needs root for namespaces"};
+  app.add_option("--seconds", settings.seconds, "of each run")->check(CLI::Range(5.0, 600.0));
+  app.add_option("--seed", settings.seed, "of the losses");
+  app.add_option("--json", settings.json, "the figures as JSON");
+  app.add_flag("--quick", quick, "5 s each, for CI");
+  try {
+    app.parse(argc, argv);
+    if (quick) settings.seconds = 5;
+    return tactus::bench::run(settings);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : 2;
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "tactus-bench-loss: %s\n", error.what());
+    return tactus::wire::stop_signal() ? 130 : 2;
+  }
+}
