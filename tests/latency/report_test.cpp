@@ -4,7 +4,6 @@
 #include <tinyxml2.h>
 
 #include <nlohmann/json.hpp>
-#include <regex>
 #include <sstream>
 
 #include "tests/support/temporary_folder.hpp"
@@ -64,13 +63,13 @@ TEST_F(ReportTest, ThePageIsWellFormedAndNeedsNothingFromElsewhere) {
   EXPECT_THAT(page, Not(HasSubstr("<script")));
   EXPECT_THAT(page, Not(HasSubstr("http")));
   EXPECT_THAT(page, HasSubstr("&quot;&lt;P4&gt;&quot;"));
-  const std::regex drawing{"<svg[^]*?</svg>"};
   int drawings = 0;
-  for (std::sregex_iterator at{page.begin(), page.end(), drawing}, end; at != end; ++at, ++drawings) {
+  for (std::size_t at = 0; (at = page.find("<svg", at)) != std::string::npos; ++at, ++drawings) {
+    const std::string drawing = page.substr(at, page.find("</svg>", at) + 6 - at);
     tinyxml2::XMLDocument svg;
-    EXPECT_EQ(svg.Parse(at->str().c_str()), tinyxml2::XML_SUCCESS) << svg.ErrorStr();
-    EXPECT_THAT(at->str(), Not(HasSubstr("nan")));
-    EXPECT_THAT(at->str(), Not(HasSubstr("inf")));
+    EXPECT_EQ(svg.Parse(drawing.c_str()), tinyxml2::XML_SUCCESS) << svg.ErrorStr();
+    EXPECT_THAT(drawing, Not(HasSubstr("nan")));
+    EXPECT_THAT(drawing, Not(HasSubstr("inf")));
   }
   EXPECT_EQ(drawings, 3) << "the distributions, and each run over time";
 }
