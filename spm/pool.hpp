@@ -12,6 +12,7 @@
 /// accesses. The base mesh takes slots that are never given back.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <vector>
@@ -31,7 +32,9 @@ struct PoolSettings {
   std::uint32_t tree_nodes = 1u << 14;   ///< exceeded: refinement stops, PoolFull is flagged
   std::uint32_t list_blocks = 1u << 13;  ///< blocks of 62 list entries; exceeded: as slots
   /// Nodes follow what is shown, slots what is held: beyond what the places touched show, slots are cache.
-  static PoolSettings for_slots(std::uint32_t slots) noexcept { return {slots, slots / 4 + 4096, slots / 10 + 256}; }
+  static PoolSettings for_slots(std::uint32_t slots) noexcept {
+    return {slots, slots / 4 + std::min(slots / 4 + 1024, 4096u), slots / 10 + 256};
+  }
   /// As many slots as `bytes` hold, all that belongs to them included; 0 when not even one fits.
   static PoolSettings for_bytes(std::uint64_t bytes) noexcept;
   /// Bytes that a controller with these settings holds for its models, directories apart.
