@@ -113,10 +113,9 @@ Outcome run_level(const spm::Model& model, const Settings& settings, const Level
     const std::uint32_t base = slots_for(model.summary, 0);
     if (shown > 0) outcome.held_of_shown.add((run.loader().figures().slots_used - base) / shown);
   }
-  const spm::CacheCounters& cache = run.loader().cache_counters();
-  outcome.received = cache.records_accepted + cache.records_repeated;
-  outcome.twice = cache.records_returned + cache.records_repeated;
   outcome.figures = run.loader().figures();
+  outcome.received = outcome.figures.records_received;
+  outcome.twice = outcome.figures.records_returned;
   return outcome;
 }
 

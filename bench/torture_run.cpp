@@ -52,7 +52,8 @@ class Torture {
       : settings_{settings},
         controller_{model, pool_for(model.summary, settings.pool_share)},
         random_{settings.seed},
-        regions_{model.summary.regions} {}
+        regions_{model.summary.regions},
+        records_{model.summary.records} {}
 
   TortureResult run() {
     Stopwatch watch;
@@ -81,8 +82,8 @@ class Torture {
     const spm::CacheCounters& cache = controller_.cache().counters();
     result_.splits = forest.splits;
     result_.collapses = forest.collapses;
-    result_.reloaded = cache.records_returned;
-    result_.loaded = cache.records_accepted - cache.records_returned;
+    result_.loaded = std::min<std::uint64_t>(cache.records_accepted, records_);
+    result_.reloaded = cache.records_accepted - result_.loaded;  // at least
     result_.repeated = cache.records_repeated;
     result_.regions_evicted = cache.regions_released;
     return result_;
@@ -217,7 +218,7 @@ class Torture {
   TortureSettings settings_;
   Controller controller_;
   std::mt19937_64 random_;
-  std::uint32_t regions_;
+  std::uint32_t regions_, records_;
   std::vector<RegionId> wanted_;
   TortureResult result_;
 };

@@ -430,7 +430,6 @@ void Hrtc::Impl::send_metrics(bool all) {
     sample.figures.push_back({names::kRate, static_cast<double>(reports.cycle - first_cycle) * 1e9 /
                                                 static_cast<double>(reports.time_ns - first_cycle_ns)});
   const LoaderFigures figures = loader.figures();
-  const spm::CacheCounters& cache = loader.cache_counters();
   const auto& delivery = loader.delivery_counters();
   const std::pair<const char*, double> counts[] = {
       {names::kPoolUsed, figures.slots_used},
@@ -442,8 +441,8 @@ void Hrtc::Impl::send_metrics(bool all) {
       {names::kReloads, static_cast<double>(figures.regions_reloaded)},
       {names::kRefusedFull, static_cast<double>(figures.refused_full)},
       {names::kObjectsRefused, static_cast<double>(figures.objects_refused)},
-      {names::kRecordsReceived, static_cast<double>(cache.records_accepted + cache.records_repeated)},
-      {names::kRecordsReturned, static_cast<double>(cache.records_returned + cache.records_repeated)},
+      {names::kRecordsReceived, static_cast<double>(figures.records_received)},
+      {names::kRecordsReturned, static_cast<double>(figures.records_returned)},
       {names::kBytesReceived, static_cast<double>(delivery.payload_bytes)},
       {names::kLoadLatency, figures.load_latency * 1e6},
       {names::kHostChanges, static_cast<double>(delivery.host_changes)},

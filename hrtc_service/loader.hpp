@@ -1,17 +1,18 @@
-/// What an HRTC holds: asks for the regions that probes will meet, takes what arrives into the pool, evicts what nobody
-/// needs.
+/// What an HRTC holds: asks for the regions that probes will meet, keeps what arrives as it came, decodes what is met
+/// next into the pool, lets go what nobody needs.
 ///
-///   catalogue, chunks -> [assemble, decode, slots] -> arrivals ring -> haptic thread
-///   probe sights -> [predict] -> demand                 departures ring <-
+///   catalogue, chunks -> [assemble] -> store -> [decode, slots] -> arrivals ring -> haptic thread
+///   probe sights -> [predict] -> demand               departures ring <-
 ///
-/// A region leaves in two halves. What nobody has wanted for long is left out of `have` ahead of need, and is spare
-/// once the host has echoed that: touched as before, and taken back if wanted again. When room is needed, spare regions
-/// are coarsened by the haptic thread (departure) and freed, which waits for no network. The host gets credit for what
-/// is free and what has been left out of `have`, no more: its echo comes ahead of what it sends on that credit, so that
-/// room never has to be made of what it counts on.
+/// The store is what hosts are told of (`have`), the pool a cache of it: it gets soonest met first, and what leaves it
+/// leaves no further than the store, so that no network is waited for. A region leaves the store in two halves. What
+/// nobody has wanted for long is left out of `have` ahead of need, and is spare once the host has echoed that: kept as
+/// before, and taken back if wanted again; it is freed when room is needed. The host gets credit for what is free and
+/// what has been left out of `have`, no more: its echo comes ahead of what it sends on that credit, so that room never
+/// has to be made of what it counts on.
 ///
-/// One thread, not the haptic one. Allocates while decoding; what it keeps is bounded by the pool and by the number of
-/// regions of its objects.
+/// One thread, not the haptic one. Allocates while decoding; what it keeps is bounded by pool and store and by the
+/// number of regions of its objects.
 #pragma once
 
 #include <boost/lockfree/spsc_queue.hpp>
@@ -27,7 +28,7 @@
 #include "hrtc_service/touch_object.hpp"
 #include "session/delivery_client.hpp"
 #include "spm/cache.hpp"
-#include "spm/codec/record_codes.hpp"
+#include "spm/codec/coded_store.hpp"
 #include "spm/directory.hpp"
 #include "spm/fcl/broad_phase.hpp"
 #include "spm/prediction.hpp"
@@ -59,11 +60,15 @@ struct LoaderSettings {
 };
 
 struct LoaderFigures {
-  std::uint64_t regions_held = 0;
+  std::uint64_t regions_held = 0;   ///< in the store
   std::uint64_t regions_spare = 0;  ///< of those held: unknown to the host, so that they can go at any time
+  std::uint64_t regions_shown = 0;  ///< in the pool
   std::uint64_t regions_received = 0;
-  std::uint64_t regions_evicted = 0;
-  std::uint64_t regions_reloaded = 0;
+  std::uint64_t regions_evicted = 0;    ///< from the store
+  std::uint64_t regions_reloaded = 0;   ///< received again after that
+  std::uint64_t regions_coarsened = 0;  ///< gone from the pool
+  std::uint64_t records_received = 0;
+  std::uint64_t records_returned = 0;  ///< of these, which were here already or once
   std::uint64_t refused_full = 0;
   std::uint64_t refused_other = 0;
   std::uint64_t decode_errors = 0;
@@ -120,16 +125,25 @@ class Loader {
   [[nodiscard]] std::vector<std::uint32_t> predicted(std::uint32_t object_index) const;
 
  private:
-  enum class RegionState : std::uint8_t { kAbsent, kHeld, kLeaving, kSpare, kDeparting };
+  /// In the store: leaving is out of `have`, spare once hosts know that.
+  enum class Kept : std::uint8_t { kAbsent, kHeld, kLeaving, kSpare };
+  /// In the pool.
+  enum class Shown : std::uint8_t { kNot, kShown, kDeparting };
   /// One for each region of every object, so it is packed. Times are modulo some 50 days.
   struct RegionNote {
     std::uint32_t wanted;           // last time it was, in ms
     std::uint32_t met : 28;         // last time a tip met it, in 17 ms; 0: never
-    std::uint32_t state_bits : 4;   // RegionState
+    std::uint32_t kept_bits : 2;    // Kept
+    std::uint32_t shown_bits : 2;   // Shown
     std::uint32_t met_before : 28;  // the same of the visit before that one
-    std::uint32_t was_here : 4;
-    [[nodiscard]] RegionState state() const noexcept { return static_cast<RegionState>(state_bits); }
-    void set(RegionState state) noexcept { state_bits = static_cast<std::uint32_t>(state) & 7u; }
+    std::uint32_t was_here : 1;
+    std::uint32_t due : 1;     // met so soon that it belongs into the pool
+    std::uint32_t faulty : 1;  // what is kept contradicts the model
+    [[nodiscard]] Kept kept() const noexcept { return static_cast<Kept>(kept_bits); }
+    void set(Kept kept) noexcept { kept_bits = static_cast<std::uint32_t>(kept) & 3u; }
+    [[nodiscard]] Shown shown() const noexcept { return static_cast<Shown>(shown_bits); }
+    void set(Shown shown) noexcept { shown_bits = static_cast<std::uint32_t>(shown) & 3u; }
+    [[nodiscard]] bool absent() const noexcept { return kept() == Kept::kAbsent && shown() != Shown::kShown; }
     void want_at(std::int64_t now_ns) noexcept { wanted = static_cast<std::uint32_t>(now_ns / kMs); }
     /// Since it was wanted, ns.
     [[nodiscard]] std::int64_t unwanted_ns(std::int64_t now_ns) const noexcept {
@@ -157,8 +171,8 @@ class Loader {
   static_assert(sizeof(RegionNote) == spm::kRegionNoteBytes);
   /// Of a region that a tip is expected to meet.
   struct Wish {
-    std::int64_t since_ns = 0;      // since when it is wanted; 0: it is not, for want of room
-    std::uint32_t room_needed = 0;  // slots that its records took when they were refused for want of room
+    std::int64_t since_ns = 0;        // since when it is wanted; 0: it is not, for want of room
+    std::uint32_t blocks_needed = 0;  // that it would have taken when it was refused for want of room
   };
   struct Object {
     ObjectInfo info;
@@ -170,6 +184,7 @@ class Loader {
     std::map<std::uint32_t, Wish> wishes;
     std::vector<spm::Predictor> predictors;  // by probe
     std::vector<std::uint32_t> held;         // regions in that state
+    std::vector<std::uint32_t> shown;        // regions in the pool
     bool ready = false;                      // base mesh is in
     bool refused = false;                    // base mesh or directory does not fit
     [[nodiscard]] const spm::RegionGrid& grid() const noexcept { return touch.forest->grid(); }  // never changes
@@ -177,18 +192,35 @@ class Loader {
 
   [[nodiscard]] bool take_directory(Object& object);
   void take_base(Object& object, const std::vector<std::uint8_t>& bytes);
-  /// False when there is no room now, but will be.
-  [[nodiscard]] bool take_region(Object& object, const session::DeliveryClient::Message& message, std::int64_t now_ns);
-  void take_messages(std::int64_t now_ns);
-  /// That the records of a region take, more or less.
-  [[nodiscard]] double slots_of(const Object& object, std::uint32_t region) const noexcept;
-  [[nodiscard]] std::uint32_t blocks_of(const Object& object, std::uint32_t region) const noexcept;
   void predict(Object& object, const std::array<ProbeSight, kMaxProbes>& sights);
+
+  // The store (loader_store.cpp).
+  [[nodiscard]] std::uint32_t room_to_come() const noexcept { return store_.blocks_free() + store_.blocks_leaving(); }
+  /// What a region takes there, more or less.
+  [[nodiscard]] double coded_of(const Object& object, std::uint32_t region) const noexcept;
+  void take(Object& object, session::DeliveryClient::Message message, std::int64_t now_ns);
+  void take_parked(std::int64_t now_ns);
+  /// False when there is no room now, but will be.
+  [[nodiscard]] bool keep(Object& object, const session::DeliveryClient::Message& message, std::int64_t now_ns);
   void want(std::int64_t now_ns);
   void find_leavers();
-  void forget_leaver(const Object& object, std::uint32_t region);
   void take_back(Object& object, std::uint32_t region);
-  void let_go();
+  void take_released();
+  [[nodiscard]] bool free_spare();
+  struct Leaver {  // kLeaving or kSpare
+    Object* object;
+    std::uint32_t region;
+  };
+  std::deque<Leaver>::iterator free_now(std::deque<Leaver>::iterator leaver);
+
+  // The pool (loader_pool.cpp).
+  /// What a region's records take there, all of them or those that are not there yet, more or less.
+  [[nodiscard]] double slots_of(const Object& object, std::uint32_t region) const noexcept;
+  [[nodiscard]] spm::Cache::Room fresh_room_of(const Object& object, std::uint32_t region) const noexcept;
+  void show_due();
+  /// False when there is no room.
+  [[nodiscard]] bool show(Object& object, std::uint32_t region);
+  void coarsen();
   void take_departures();
   void hand_over();
   void find_near(const std::array<ProbeSight, kMaxProbes>& sights, std::array<NearObjects, kMaxProbes>& near);
@@ -202,16 +234,11 @@ class Loader {
   ArrivalRing& arrivals_;
   DepartureRing& departures_;
   spm::Cache cache_;
-  spm::Cache::Room reserve_;  // made ready ahead of need
+  spm::codec::CodedStore store_;
   session::DeliveryClient delivery_;
   spm::fcl::BroadPhase broad_phase_;
   std::map<std::uint64_t, std::unique_ptr<Object>> objects_;  // by id
   std::vector<Object*> by_index_;
-  struct Leaver {  // kLeaving, kSpare or kDeparting
-    Object* object;
-    std::uint32_t region;
-    spm::Cache::Room room;  // that it gives, at least
-  };
   struct Prospect {
     double doubt;       // see spm::PredictedRegion
     double order;       // s: when it is met, or later when it could only come too late for that
@@ -220,23 +247,37 @@ class Loader {
     std::uint32_t region;
     Wish* wish;
   };
-  struct Unplaced {
+  std::vector<Prospect> prospects_;  // of the last tick
+  std::deque<Arrival> waiting_;      // for room in the ring
+  struct Parked {
     Object* object;
     session::DeliveryClient::Message message;
   };
-  std::vector<Prospect> prospects_;  // of the last tick, soonest first
-  std::deque<Arrival> waiting_;      // for room in the ring
-  std::deque<Unplaced> unplaced_;    // for room in the pool; later ones may count on earlier ones
-  std::deque<Leaver> leavers_;       // first to go first
-  std::uint32_t departing_ = 0;
+  std::deque<Parked> parked_;  // for room in the store; later ones may count on earlier ones
+  std::size_t parked_bytes_ = 0;
+  std::deque<Leaver> leavers_;  // first to go first
+  std::uint32_t needed_ = 0;    // blocks, for what is wanted soonest and absent, more or less
+  std::uint32_t reserve_ = 0;   // blocks, made ready ahead of need
+  std::uint32_t faulty_ = 0;    // regions that are
+  struct Departing {
+    Object* object;
+    std::uint32_t region;
+    spm::Cache::Room room;  // that it gives, at least
+  };
+  std::vector<Departing> departing_;
+  spm::Cache::Room room_needed_;  // in the pool, for what is due, kept and not shown, more or less
+  struct Place {
+    Object* object;
+    std::uint32_t region;
+  };
+  std::vector<Place> due_;         // of the last tick
   std::int64_t wanted_at_ns_ = 0;  // of the last tick: what is wanted was wanted then
   std::uint32_t base_slots_ = 0;   // that base meshes take for good
   std::uint32_t base_nodes_ = 0;   // and of the tree, at least
   std::uint64_t directories_ = 0;  // bytes, of all objects
-  spm::Cache::Room leaving_;       // what all leavers give
-  spm::Cache::Room needed_;        // for what is wanted and absent, more or less
-  double fresh_share_ = 1;         // of a region's records, those that had to be sent; smoothed
-  double slot_bytes_ = 32;         // that a slot takes on its way; smoothed
+  double fresh_share_ = 1;         // of a region's records, those that had to be decoded; smoothed
+  double blocks_per_record_ = 1;   // of a region's list, that its message took; smoothed
+  double bytes_per_block_ = 12;    // on its way; smoothed
   LoaderFigures figures_;
 };
 

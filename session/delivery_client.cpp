@@ -172,9 +172,11 @@ void DeliveryClient::give_up_holes(std::int64_t now_ns) {
 }
 
 /// The last sequence before which nothing of this object is missing or waits for the caller's answer.
-std::uint32_t DeliveryClient::dealt_with(const Object& object, std::uint64_t host, const Stream& stream) {
+std::uint32_t DeliveryClient::dealt_with(const Object& object, std::uint64_t host, const Stream& stream,
+                                         bool or_parked) {
   std::uint32_t received = stream.received;
   for (const auto& [region, handed] : object.handed) {
+    if (or_parked && handed.parked) continue;
     if (handed.host == host && handed.last_sequence != 0) received = std::min(received, handed.last_sequence - 1);
   }
   return received;
@@ -243,7 +245,7 @@ std::optional<DeliveryClient::Message> DeliveryClient::assemble(Object& object, 
   for (const auto& [part, payload] : partial.payloads) {
     message.bytes.insert(message.bytes.end(), payload.begin(), payload.end());
   }
-  const Handed handed{partial.host, partial.epoch, partial.last_sequence};
+  const Handed handed{partial.host, partial.epoch, partial.last_sequence, false};
   drop_partial(object, at);
   if (XXH3_64bits(message.bytes.data(), message.bytes.size()) != chunk.checksum) {
     ++counters_.corrupt;
@@ -284,6 +286,12 @@ void DeliveryClient::set_room(std::uint64_t bytes) {
   constexpr std::uint64_t kWorthTelling = 8 * kMaxPayload;
   if (room_told_ >= settings_.credit || room_ < room_told_ + kWorthTelling) return;
   for (auto& [object_id, object] : objects_) object.acknowledge = object.acknowledge || owed(object);
+}
+
+std::uint64_t DeliveryClient::promised(std::int64_t now_ns) {
+  const std::int64_t known_ns = now_ns - round_trip_ns_ - 2 * settings_.demand_interval_ns;
+  while (told_.size() > 1 && told_[1].at_ns <= known_ns) told_.pop_front();
+  return told_.empty() ? 0 : told_.front().credit;
 }
 
 /// What arrives in a window, as a rate; the best of late, for a host that has nothing to send says nothing of the link.
@@ -334,6 +342,10 @@ void DeliveryClient::refused(std::uint64_t object_id, std::uint32_t region) {
   object.acknowledge = true;
 }
 
+void DeliveryClient::park(std::uint64_t object_id, std::uint32_t region) {
+  objects_.at(object_id).handed.at(region).parked = true;
+}
+
 bool DeliveryClient::retire(std::uint64_t object_id, std::uint32_t region) {
   Object& object = objects_.at(object_id);
   if (object.host != 0 && object.unannounced.count(region) != 0) return false;
@@ -349,12 +361,13 @@ std::vector<std::uint32_t> DeliveryClient::take_released(std::uint64_t object_id
   if (object.retiring.empty()) return released;
   const auto host = hosts_.find(object.host);
   const bool served = object.host != 0 && host != hosts_.end();
-  const std::uint32_t received = served ? dealt_with(object, object.host, host->second.stream) : 0;
+  const std::uint32_t received = served ? dealt_with(object, object.host, host->second.stream, true) : 0;
   for (auto at = object.retiring.begin(); at != object.retiring.end();) {
     const Retiring& retiring = at->second;
     const bool passed = retiring.echo_sequence != 0 && retiring.echo_sequence <= received;
-    const bool counted_on = std::any_of(object.handed.begin(), object.handed.end(),
-                                        [&](const auto& entry) { return entry.second.epoch < retiring.epoch; });
+    const bool counted_on = std::any_of(object.handed.begin(), object.handed.end(), [&](const auto& entry) {
+      return !entry.second.parked && entry.second.epoch < retiring.epoch;
+    });
     if ((served && !passed) || counted_on) {
       ++at;
       continue;
@@ -455,8 +468,10 @@ Demand DeliveryClient::make_demand(std::uint64_t object_id, Object& object, std:
   }
   const Stream& stream = hosts_.at(object.host).stream;
   demand.stream_incarnation = stream.incarnation;
-  demand.received = dealt_with(object, object.host, stream);
+  demand.received = dealt_with(object, object.host, stream, false);
   demand.credit = credit();
+  while (!told_.empty() && told_.back().credit <= demand.credit) told_.pop_back();
+  told_.push_back({now_ns, demand.credit});
   return demand;
 }
 

@@ -6,9 +6,10 @@
 ///     demand -> Demand                to publish               (demand)
 ///     take_released                   regions that may be freed
 ///
-/// Every message handed out must be answered: base_held or base_refused, held or refused. Until then `received` stays
-/// below it, so that a host never takes a region for lost that is only waiting to be decoded. What was refused and is
-/// still wanted comes again; a caller that has no room for it stops wanting it.
+/// Every message handed out must be answered: base_held or base_refused, held or refused, at once or, when it is
+/// parked, later. Until then `received` stays below it, so that a host never takes a region for lost that is only
+/// waiting to be decoded. What was refused and is still wanted comes again; a caller that has no room for it stops
+/// wanting it.
 ///
 /// A region that is retired leaves `have` at once, but what hosts sent before they knew may count on its records. It is
 /// released when the serving host has echoed that epoch and everything before the echo has been dealt with; or when no
@@ -22,6 +23,7 @@
 #pragma once
 
 #include <cstdint>
+#include <deque>
 #include <map>
 #include <optional>
 #include <set>
@@ -76,11 +78,16 @@ class DeliveryClient {
 
   /// Payload bytes of regions that the caller has room for; hosts send no more than that ahead. No limit at first.
   void set_room(std::uint64_t bytes);
+  /// Payload bytes that may be under way, for which room was told and must be kept.
+  [[nodiscard]] std::uint64_t promised(std::int64_t now_ns);
   void base_held(std::uint64_t object_id);
   void base_refused(std::uint64_t object_id);
   /// The region is in the cache. On a region that is retired and not released this takes it back.
   void held(std::uint64_t object_id, std::uint32_t region);
   void refused(std::uint64_t object_id, std::uint32_t region);
+  /// The answer must wait for room: regions are released as if it had been given, so the message may turn out to count
+  /// on what is gone. Hosts wait too: what waits is still under way to them.
+  void park(std::uint64_t object_id, std::uint32_t region);
   /// The region, held so far, shall be freed. Before take_released names it a message may still count on its records:
   /// who frees it earlier must be able to tell that they are missing, and refuse the message. False, and nothing has
   /// changed, while no demand has told that it is here: hosts would take it for lost, and what counts on it too.
@@ -145,6 +152,7 @@ class DeliveryClient {
     std::uint64_t host = 0;
     std::uint32_t epoch = 0;
     std::uint32_t last_sequence = 0;
+    bool parked = false;
   };
   struct Retiring {
     std::uint32_t epoch = 0;
@@ -175,7 +183,8 @@ class DeliveryClient {
   void change(Object& object);
   void begin_stream(std::uint64_t host, Host& state, std::uint64_t incarnation);
   static void note_sequence(Stream& stream, std::uint32_t sequence, std::int64_t now_ns);
-  [[nodiscard]] static std::uint32_t dealt_with(const Object& object, std::uint64_t host, const Stream& stream);
+  [[nodiscard]] static std::uint32_t dealt_with(const Object& object, std::uint64_t host, const Stream& stream,
+                                                bool or_parked);
   void note_echo(Object& object, const BulkChunk& chunk, std::int64_t now_ns);
   [[nodiscard]] std::optional<Message> assemble(Object& object, const BulkChunk& chunk, std::int64_t now_ns);
   void drop_partial(Object& object, std::map<std::uint32_t, Partial>::iterator at);
@@ -195,6 +204,11 @@ class DeliveryClient {
   std::size_t partial_bytes_ = 0;
   std::int64_t round_trip_ns_ = 0;
   std::uint64_t room_ = ~std::uint64_t{0}, room_told_ = 0;
+  struct Told {
+    std::int64_t at_ns;
+    std::uint32_t credit;
+  };
+  std::deque<Told> told_;  // within the last round trip, each less than the one before; and the last
   struct Window {
     std::int64_t begun_ns = 0;
     std::uint64_t bytes = 0;

@@ -100,7 +100,6 @@ Cache::Admitted Cache::admit(const BaseMesh& base) {
     object.seals.push_back(region.seal);
   }
   object.first_blocks.resize(base.regions.size(), kNone);
-  object.seen.resize(base.summary.records);
   objects_.push_back(std::move(object));
   return result;
 }
@@ -304,7 +303,7 @@ AcceptResult Cache::accept(ObjectIndex number, const RegionData& data, RegionLis
   std::uint32_t part = 0;
   std::uint32_t position = 0;
   std::uint32_t seal = 0;
-  std::uint64_t repeated = 0, fresh = 0, returned = 0;
+  std::uint64_t repeated = 0, fresh = 0;
   for (const Run& run : list) {
     for (std::uint32_t record = run.first; record < run.first + run.count; ++record) {
       const bool is_sent = in_runs(sent, record, hint);
@@ -323,7 +322,6 @@ AcceptResult Cache::accept(ObjectIndex number, const RegionData& data, RegionLis
           result = decode(number, record, data, part, data.offsets[position++]);
           if (result != AcceptResult::kAccepted && records_.find(key(number, record)) != kNone) forget(number, slot);
           ++fresh;
-          if (object.seen[record]) ++returned;
         }
       }
       if (result != AcceptResult::kAccepted) break;
@@ -340,11 +338,8 @@ AcceptResult Cache::accept(ObjectIndex number, const RegionData& data, RegionLis
     if (made.first_block != kNone) release_list(number, made);
     return result;
   }
-  for (const Run& run : sent)
-    std::fill(object.seen.begin() + run.first, object.seen.begin() + run.first + run.count, true);
   counters_.records_accepted += fresh;
   counters_.records_repeated += repeated;
-  counters_.records_returned += returned;
   object.first_blocks[index(data.region)] = made.first_block;
   out = made;
   return AcceptResult::kAccepted;

@@ -41,7 +41,6 @@ struct BaseSlots {
 struct CacheCounters {
   std::uint64_t records_accepted = 0;  ///< decoded into slots
   std::uint64_t records_repeated = 0;  ///< came although they were here
-  std::uint64_t records_returned = 0;  ///< decoded again after having been freed
   std::uint64_t regions_released = 0;
 };
 
@@ -65,9 +64,9 @@ class Cache {
   /// leaves the cache as it was. O(list + sent).
   [[nodiscard]] AcceptResult accept(ObjectIndex object, const RegionData& data, RegionList& list) noexcept;
 
-  /// What an object's regions and records take here, whatever of them is held.
+  /// What an object's regions take here, whatever of them is held.
   [[nodiscard]] static std::uint64_t directory_bytes(const ModelSummary& summary) noexcept {
-    return std::uint64_t{summary.regions} * 3 * sizeof(std::uint32_t) + summary.records / 8;
+    return std::uint64_t{summary.regions} * 3 * sizeof(std::uint32_t);
   }
 
   /// Frees the region's list and what only it needed. The haptic thread must have given the region back. O(list).
@@ -80,6 +79,10 @@ class Cache {
   [[nodiscard]] Room room_of(ObjectIndex object, RegionId region) const noexcept;
 
   [[nodiscard]] bool holds(ObjectIndex object, RegionId region) const noexcept;
+  /// Whether the record has a slot.
+  [[nodiscard]] bool has(ObjectIndex object, std::uint32_t record) const noexcept {
+    return records_.find(key(object, record)) != kNone;
+  }
   /// Length of the region's list, held or not.
   [[nodiscard]] std::uint32_t records_of(ObjectIndex object, RegionId region) const noexcept {
     return objects_[index(object)].record_counts[index(region)];
@@ -108,7 +111,6 @@ class Cache {
     [[nodiscard]] RegionList list(RegionId region) const noexcept {
       return {first_blocks[index(region)], record_counts[index(region)]};
     }
-    std::vector<bool> seen;  // by record: has been here before
   };
 
   [[nodiscard]] static std::uint64_t key(ObjectIndex object, std::uint32_t id) noexcept {

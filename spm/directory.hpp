@@ -13,10 +13,12 @@ namespace tactus::spm {
 
 /// Of each region, that a loader keeps (hrtc_service/loader.hpp).
 inline constexpr std::uint32_t kRegionNoteBytes = 12;
+/// Of each record: has been here (spm/codec/coded_store.hpp).
+inline constexpr std::uint32_t kRecordNoteBits = 1;
 
 [[nodiscard]] inline std::uint64_t directory_bytes(const ModelSummary& summary, const PoolSettings& pool) noexcept {
   return Cache::directory_bytes(summary) + Forest::directory_bytes(summary, pool) +
-         std::uint64_t{summary.regions} * kRegionNoteBytes;
+         std::uint64_t{summary.regions} * kRegionNoteBytes + std::uint64_t{summary.records} * kRecordNoteBits / 8;
 }
 
 /// Nodes of the tree over these of a model's finest faces, by FaceId (spm/ab_tree.hpp). O(n log n), allocates.

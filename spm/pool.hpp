@@ -31,9 +31,11 @@ struct PoolSettings {
   std::uint32_t slots = 1u << 16;        ///< at most kMaxSlots; exceeded: a region is refused and stays coarse
   std::uint32_t tree_nodes = 1u << 14;   ///< exceeded: refinement stops, PoolFull is flagged
   std::uint32_t list_blocks = 1u << 13;  ///< blocks of 62 list entries; exceeded: as slots
-  /// Nodes follow what is shown, slots what is held: beyond what the places touched show, slots are cache.
+  /// Beside the pool, for what is kept as it came: a record takes one, seldom two. Exceeded: a region is refused.
+  std::uint32_t coded_blocks = 1u << 18;
+  /// Nodes follow what is shown, slots what is decoded, blocks what may be met within a round trip.
   static PoolSettings for_slots(std::uint32_t slots) noexcept {
-    return {slots, slots / 4 + std::min(slots / 4 + 1024, 4096u), slots / 10 + 256};
+    return {slots, slots / 4 + std::min(slots / 4 + 1024, 4096u), slots / 10 + 256, std::min(6 * slots, kMaxSlots)};
   }
   /// As many slots as `bytes` hold, all that belongs to them included; 0 when not even one fits.
   static PoolSettings for_bytes(std::uint64_t bytes) noexcept;
@@ -57,6 +59,9 @@ static_assert(sizeof(FaceRow) == 32);
 
 /// Size of an AB-tree node, see spm/ab_tree.hpp.
 inline constexpr std::uint32_t kTreeNodeBytes = 384;
+
+/// Size of a block of what is kept coded, see spm/codec/coded_store.hpp, and of what belongs to it.
+inline constexpr std::uint32_t kCodedBlockBytes = 20;
 
 /// A region's list in memory: blocks of record slots, linked both ways, walked forwards to refine and backwards to
 /// coarsen.

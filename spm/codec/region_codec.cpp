@@ -51,8 +51,9 @@ std::string text(std::uint64_t value) { return std::to_string(value); }
 /// Decodes one message; the first thing found wrong stays in `error`.
 class RegionDecoder {
  public:
-  RegionDecoder(Span<const std::uint8_t> bytes, const ModelSummary& summary, const RecordTables& tables)
-      : in_{bytes}, summary_{summary}, tables_{tables}, records_{summary, tables} {}
+  RegionDecoder(Span<const std::uint8_t> bytes, const ModelSummary& summary, const RecordTables& tables,
+                std::vector<RecordCode>* codes)
+      : in_{bytes}, summary_{summary}, tables_{tables}, records_{summary, tables}, codes_{codes} {}
 
   Result<RegionData> decode() {
     const auto region = static_cast<std::uint32_t>(in_.get(kIdBits));
@@ -67,6 +68,7 @@ class RegionDecoder {
     if (in_.left() / RecordReader::kMinBits < sent) return refuse("records", sent, "in bits", in_.left());
     data_.offsets.resize(sent);
     data_.parts.reserve(sent);
+    if (codes_ != nullptr) codes_->reserve(sent);
     std::uint32_t at = 0;
     for (const Run& run : data_.sent) {
       for (std::uint32_t r = run.first; r != run.first + run.count; ++r) {
@@ -92,7 +94,10 @@ class RegionDecoder {
 
   bool get_record(std::uint32_t record, bool leads, std::array<std::uint32_t, 3>& offset) {
     anchor_ = leads ? records_.get_first_anchor(in_, anchor_) : records_.get_anchor(in_, anchor_);
-    if (records_.get(in_, record, anchor_, data_.parts, offset)) return true;
+    const std::uint64_t first = in_.at();
+    const bool good = records_.get(in_, record, anchor_, data_.parts, offset);
+    if (good && codes_ != nullptr) codes_->push_back({anchor_, first, in_.at() - first});
+    if (good) return true;
     error_ = where() + records_.error();
     return false;
   }
@@ -102,6 +107,7 @@ class RegionDecoder {
   const RecordTables& tables_;
   RecordReader records_;
   std::uint32_t anchor_ = 0;
+  std::vector<RecordCode>* codes_;
   RegionData data_;
   std::string error_;
 };
@@ -119,8 +125,9 @@ Bytes encode_region(const CodedModel& model, RegionId region, Span<const Run> mi
 }
 
 Result<RegionData> decode_region(Span<const std::uint8_t> bytes, const ModelSummary& summary,
-                                 const RecordTables& tables) {
-  return RegionDecoder{bytes, summary, tables}.decode();
+                                 const RecordTables& tables, std::vector<RecordCode>* codes) {
+  if (codes != nullptr) codes->clear();
+  return RegionDecoder{bytes, summary, tables, codes}.decode();
 }
 
 }  // namespace tactus::spm::codec

@@ -7,6 +7,8 @@
 /// anchor is told as the difference to that of the record before (see record_codes.hpp).
 #pragma once
 
+#include <vector>
+
 #include "spm/codec/coded_model.hpp"
 #include "spm/codec/result.hpp"
 #include "spm/region_data.hpp"
@@ -17,10 +19,16 @@ namespace tactus::spm::codec {
 /// see CodedModel::put_records for the cost.
 [[nodiscard]] Bytes encode_region(const CodedModel& model, RegionId region, Span<const Run> missing);
 
+/// Where a record's code is in a message, from behind its anchor on.
+struct RecordCode {
+  std::uint32_t anchor;
+  std::uint64_t first, bits;
+};
+
 /// Trusts nothing: memory stays within a small multiple of the input. Everything that can be known without the
 /// receiver's state is checked here: form and order of the runs, every code, every id against the counts of `summary`.
-/// Less than 0.1 us a record.
+/// Less than 0.1 us a record. `codes`, when given, gets those of the records in the message, in order.
 Result<RegionData> decode_region(Span<const std::uint8_t> bytes, const ModelSummary& summary,
-                                 const RecordTables& tables);
+                                 const RecordTables& tables, std::vector<RecordCode>* codes = nullptr);
 
 }  // namespace tactus::spm::codec

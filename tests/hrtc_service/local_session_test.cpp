@@ -157,7 +157,7 @@ TEST_F(OrganSession, WhatIsSpareIsTakenBackWithoutBeingSentAgain) {
   EXPECT_GT(there.regions_spare, 0u) << "a sixteenth of the pool is kept ready";
   EXPECT_EQ(back.regions_evicted, 0u) << "no room was needed";
   EXPECT_EQ(back.regions_reloaded, 0u);
-  EXPECT_EQ(session.loader().cache_counters().records_returned, 0u);
+  EXPECT_EQ(back.records_returned, 0u);
 }
 
 TEST_F(OrganSession, ASmallBudgetLeavesContactsFlaggedAndNeverWrong) {

@@ -260,6 +260,40 @@ TEST_F(DeliveryClientTest, ARetiredRegionIsReleasedOnceTheEchoOfThatEpochAndAllB
   EXPECT_THAT(client_.take_released(kObject), IsEmpty());
 }
 
+TEST_F(DeliveryClientTest, WhatWaitsForRoomIsStillUnderWayButHoldsUpNoRelease) {
+  hold(4);
+  publish();
+  client_.want(kObject, {{5, 0}});
+  ASSERT_TRUE(client_.retire(kObject, 4));
+  publish();
+  epoch_ -= 1;
+  const std::vector<BulkChunk> waits = chunks(BulkKind::kRegion, 5, "counts on region 4", 1);
+  epoch_ += 1;
+  ASSERT_TRUE(take(waits));
+  EXPECT_FALSE(client_.on_chunk(echo(), now_));
+  EXPECT_THAT(client_.take_released(kObject), IsEmpty());
+
+  client_.park(kObject, 5);
+
+  EXPECT_THAT(client_.take_released(kObject), ElementsAre(4u));
+  EXPECT_EQ(publish_after_change().received, waits.back().sequence - 1);
+  client_.refused(kObject, 5);
+  EXPECT_GT(publish().received, waits.back().sequence);
+}
+
+TEST_F(DeliveryClientTest, RoomIsPromisedForARoundTripAfterItWasToldWhateverIsToldSince) {
+  client_.set_room(200'000);
+  publish_after_change();
+  client_.set_room(50'000);
+  publish_after_change();
+  EXPECT_EQ(client_.promised(now_), 200'000u);
+  EXPECT_EQ(client_.promised(now_ + 1000 * kMs), 50'000u) << "the last one holds until another is told";
+
+  client_.set_room(80'000);
+  publish_after_change();
+  EXPECT_EQ(client_.promised(now_), 80'000u);
+}
+
 TEST_F(DeliveryClientTest, AMessageFromBeforeARetirementIsDroppedAfterTheRelease) {
   hold(4);
   publish();

@@ -221,6 +221,8 @@ class Simulation {
       if (auto message = hrtc.client->on_chunk(*chunk, now())) {
         const std::int64_t due = std::max<std::int64_t>(now_ms_ + below(faults_.decode_ms),
                                                         hrtc.answers.empty() ? 0 : hrtc.answers.back().due);
+        if (message->kind == BulkKind::kRegion && below(8) == 0)
+          hrtc.client->park(message->object_id, message->region);  // as if it waited for room
         hrtc.answers.push_back({due, std::move(*message)});
       }
       if (hrtc.client->partial_bytes() > 200'000) broken("incomplete messages over their bound");

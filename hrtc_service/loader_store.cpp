@@ -1,0 +1,241 @@
+// The loader's half that keeps what came: what is wanted of hosts, what is left out of `have`, what is freed.
+#include <algorithm>
+#include <tuple>
+
+#include "hrtc_service/loader.hpp"
+
+namespace tactus::hrtc_service {
+namespace {
+
+constexpr double kNsPerS = 1e9;
+constexpr double kSureOf = 0.9;  // of the room in the store: what comes may take more blocks for its bytes than most
+
+}  // namespace
+
+/// In the order in which they come.
+void Loader::take(Object& object, session::DeliveryClient::Message message, std::int64_t now_ns) {
+  if (parked_.empty() && keep(object, message, now_ns)) return;
+  if (parked_bytes_ + message.bytes.size() > settings_.delivery.most_credit) {  // more than was asked for
+    ++figures_.refused_full;
+    return delivery_.refused(object.info.id, message.region);
+  }
+  delivery_.park(object.info.id, message.region);
+  parked_bytes_ += message.bytes.size();
+  parked_.push_back({&object, std::move(message)});
+}
+
+void Loader::take_parked(std::int64_t now_ns) {
+  while (!parked_.empty() && keep(*parked_.front().object, parked_.front().message, now_ns)) {
+    parked_bytes_ -= parked_.front().message.bytes.size();
+    parked_.pop_front();
+  }
+}
+
+bool Loader::keep(Object& object, const session::DeliveryClient::Message& message, std::int64_t now_ns) {
+  using Status = spm::codec::CodedStore::Put::Status;
+  const auto refuse = [&] {
+    delivery_.refused(object.info.id, message.region);
+    return true;
+  };
+  if (!object.ready || message.region >= object.notes.size()) return refuse();
+  const spm::ObjectIndex number{object.info.index};
+  const spm::RegionId region{message.region};
+  const spm::Span<const std::uint8_t> bytes{message.bytes};
+  spm::codec::CodedStore::Put put = store_.put(number, region, bytes);
+  while (put.status == Status::kFull && free_spare())
+    if (store_.blocks_free() >= put.blocks) put = store_.put(number, region, bytes);
+
+  RegionNote& note = object.notes[message.region];
+  const auto wish = object.wishes.find(message.region);
+  switch (put.status) {
+    case Status::kKept:
+      break;
+    case Status::kHere:
+      if (note.kept() != Kept::kHeld) return refuse();  // on its way out; asked for again once it is gone
+      delivery_.held(object.info.id, message.region);
+      return true;
+    case Status::kFull:
+      if (!leavers_.empty()) return false;
+      if (wish != object.wishes.end()) wish->second.blocks_needed = put.blocks;
+      ++figures_.refused_full;
+      return refuse();
+    case Status::kIncomplete:
+      ++figures_.refused_other;
+      return refuse();
+    case Status::kMalformed:
+      ++figures_.decode_errors;
+      say("object " + object.info.name + ": region " + std::to_string(message.region) + " refused: " + put.error);
+      return refuse();
+  }
+  object.info.records_received += put.records;
+  object.info.records_returned += put.returned;
+  figures_.records_received += put.records;
+  figures_.records_returned += put.returned;
+  ++object.info.regions_received;
+  ++figures_.regions_received;
+  if (note.was_here) ++figures_.regions_reloaded;
+  if (wish != object.wishes.end() && wish->second.since_ns != 0) {
+    const double latency = static_cast<double>(now_ns - wish->second.since_ns) / kNsPerS;
+    figures_.load_latency += 0.1 * (latency - figures_.load_latency);
+  }
+  const std::uint32_t records = cache_.records_of(number, region);
+  if (records > 0) blocks_per_record_ += 0.1 * (static_cast<double>(put.blocks) / records - blocks_per_record_);
+  bytes_per_block_ += 0.1 * (static_cast<double>(message.bytes.size()) / put.whole - bytes_per_block_);
+  note.set(Kept::kHeld);
+  note.was_here = 1;
+  object.held.push_back(message.region);
+  delivery_.held(object.info.id, message.region);
+  const spm::Cache::Room room = fresh_room_of(object, message.region);
+  if (note.shown() == Shown::kNot && cache_.slots_free() >= room.slots && cache_.blocks_free() >= room.blocks)
+    static_cast<void>(show(object, message.region));
+  return true;
+}
+
+double Loader::coded_of(const Object& object, std::uint32_t region) const noexcept {
+  return blocks_per_record_ * cache_.records_of(spm::ObjectIndex{object.info.index}, spm::RegionId{region});
+}
+
+/// Wants what is met soonest, over all objects, as far as the store can hold it together: else what is met late would
+/// keep the room from what is met now.
+void Loader::want(std::int64_t now_ns) {
+  const double room = 0.9 * store_.blocks();
+  std::stable_sort(prospects_.begin(), prospects_.end(),
+                   [](const Prospect& a, const Prospect& b) { return a.doubt < b.doubt; });
+  // What comes in a round trip takes the place of what was left out of `have` one round trip before.
+  constexpr double kOnTheWay = 1.5;
+  double all = 0;  // blocks
+  const auto beyond = std::find_if(prospects_.begin(), prospects_.end(), [&](const Prospect& prospect) {
+    const bool absent = prospect.object->notes[prospect.region].absent();
+    all += (absent ? kOnTheWay : 1) * coded_of(*prospect.object, prospect.region);
+    return all > room && prospect.contact_in > 0;
+  });
+  prospects_.erase(beyond, prospects_.end());
+  std::stable_sort(prospects_.begin(), prospects_.end(),
+                   [](const Prospect& a, const Prospect& b) { return a.order < b.order; });
+  std::vector<std::vector<session::Wanted>> wanted(by_index_.size());
+  constexpr double kToFree = 0.01;  // s
+  const double soon = delivery_.rate() / bytes_per_block_ * kToFree;
+  double absent = 0;  // blocks of what of it is not held
+  needed_ = 0;
+  wanted_at_ns_ = now_ns;
+  const double promised = static_cast<double>(delivery_.promised(now_ns)) / (kSureOf * bytes_per_block_);
+  for (const Prospect& prospect : prospects_) {
+    RegionNote& note = prospect.object->notes[prospect.region];
+    Wish& wish = *prospect.wish;
+    note.want_at(now_ns);
+    if (wish.since_ns == 0) wish.since_ns = now_ns;
+    if (prospect.contact_in <= 0) note.meet_at(now_ns, settings_.idle_before_spare_ns);
+    const bool going = note.kept() == Kept::kLeaving || note.kept() == Kept::kSpare;
+    const double takes = coded_of(*prospect.object, prospect.region);
+    // Else its room is promised: it goes last, and may be shown until then.
+    if (going && !note.faulty && room_to_come() - takes > promised) take_back(*prospect.object, prospect.region);
+    if (!note.absent()) continue;
+    absent += takes;
+    if (needed_ == 0 || needed_ < soon) needed_ += std::max(static_cast<std::uint32_t>(takes), wish.blocks_needed);
+    // Refused before: it would only be sent in vain.
+    if (room_to_come() < wish.blocks_needed) continue;
+    wanted[prospect.object->info.index].push_back({prospect.region, static_cast<std::uint32_t>(prospect.order * 1e6)});
+  }
+  // What is absent comes within a round trip, and as much again will be wanted until then.
+  constexpr double kAhead = 2;
+  reserve_ = static_cast<std::uint32_t>(std::clamp(kAhead * absent, store_.blocks() / 16.0, store_.blocks() * 0.75));
+  const double coming = room_to_come();
+  // A base mesh is admitted or refused whatever regions take.
+  if (std::all_of(objects_.begin(), objects_.end(),
+                  [](const auto& entry) { return entry.second->ready || entry.second->refused; }))
+    delivery_.set_room(static_cast<std::uint64_t>(kSureOf * coming * bytes_per_block_));
+  for (Object* object : by_index_) delivery_.want(object->info.id, std::move(wanted[object->info.index]));
+}
+
+/// Leaves out of `have` what is least likely to be wanted again, until it gives room for the reserve. First what was
+/// fetched in vain; then what was visited once, longest unwanted first; then by the visit before the last, so that a
+/// tip that goes round and round keeps its round however much else passes by (O'Neil et al. 1993, LRU-2). What was
+/// wanted a moment ago goes only when nothing else is left and the room is needed now.
+void Loader::find_leavers() {
+  const auto gives = [&](std::uint32_t blocks) { return room_to_come() >= blocks; };
+  const bool enough = settings_.keep_unwanted && gives(reserve_) && gives(needed_);
+  if (enough && faulty_ == 0) return;
+
+  struct Candidate {
+    bool sound, recent, was_met;
+    std::int64_t visit_before_ns, wanted_ns;  // less when longer ago
+    Object* object;
+    std::uint32_t region;
+    [[nodiscard]] auto order() const {
+      return std::make_tuple(sound, recent, recent || was_met, recent ? 0 : visit_before_ns, wanted_ns);
+    }
+  };
+  std::vector<Candidate> candidates;
+  for (Object* object : by_index_)
+    for (const std::uint32_t region : object->held) {
+      const RegionNote& note = object->notes[region];
+      const std::int64_t unwanted_ns = note.unwanted_ns(wanted_at_ns_);
+      if (unwanted_ns == 0 && !note.faulty) continue;
+      const bool recent = unwanted_ns < settings_.idle_before_spare_ns;
+      candidates.push_back(
+          {note.faulty == 0, recent, note.met != 0, -note.since_visit_ns(wanted_at_ns_), -unwanted_ns, object, region});
+    }
+  std::sort(candidates.begin(), candidates.end(),
+            [](const Candidate& a, const Candidate& b) { return a.order() < b.order(); });
+  for (const Candidate& candidate : candidates) {
+    if (candidate.sound && settings_.keep_unwanted && gives(needed_) && gives(reserve_)) break;
+    Object& object = *candidate.object;
+    if (!delivery_.retire(object.info.id, candidate.region)) continue;
+    store_.leave(spm::ObjectIndex{object.info.index}, spm::RegionId{candidate.region});
+    object.notes[candidate.region].set(Kept::kLeaving);
+    object.held.erase(std::find(object.held.begin(), object.held.end(), candidate.region));
+    leavers_.push_back({&object, candidate.region});
+  }
+}
+
+void Loader::take_back(Object& object, std::uint32_t region) {
+  leavers_.erase(std::find_if(leavers_.begin(), leavers_.end(), [&](const Leaver& leaver) {
+    return leaver.object == &object && leaver.region == region;
+  }));
+  store_.stay(spm::ObjectIndex{object.info.index}, spm::RegionId{region});
+  object.notes[region].set(Kept::kHeld);
+  object.held.push_back(region);
+  delivery_.held(object.info.id, region);
+}
+
+void Loader::take_released() {
+  for (Object* object : by_index_)
+    for (const std::uint32_t region : delivery_.take_released(object->info.id))
+      if (object->notes[region].kept() == Kept::kLeaving) object->notes[region].set(Kept::kSpare);
+  const auto goes = [&](const Leaver& leaver) {
+    const RegionNote& note = leaver.object->notes[leaver.region];
+    return note.kept() == Kept::kSpare && (note.faulty != 0 || !settings_.keep_unwanted);
+  };
+  for (auto leaver = leavers_.begin(); leaver != leavers_.end();)
+    leaver = goes(*leaver) ? free_now(leaver) : std::next(leaver);
+}
+
+std::deque<Loader::Leaver>::iterator Loader::free_now(std::deque<Leaver>::iterator leaver) {
+  Object& object = *leaver->object;
+  store_.release(spm::ObjectIndex{object.info.index}, spm::RegionId{leaver->region});
+  RegionNote& note = object.notes[leaver->region];
+  note.set(Kept::kAbsent);
+  faulty_ -= note.faulty;
+  note.faulty = 0;
+  ++object.info.regions_released;
+  ++figures_.regions_evicted;
+  return leavers_.erase(leaver);
+}
+
+/// One that is not wanted again, if there is. False when none is spare.
+bool Loader::free_spare() {
+  auto spare = leavers_.end();
+  for (auto leaver = leavers_.begin(); leaver != leavers_.end(); ++leaver) {
+    const RegionNote& note = leaver->object->notes[leaver->region];
+    if (note.kept() != Kept::kSpare) continue;
+    if (spare == leavers_.end()) spare = leaver;
+    if (note.unwanted_ns(wanted_at_ns_) == 0) continue;
+    spare = leaver;
+    break;
+  }
+  if (spare == leavers_.end()) return false;
+  free_now(spare);
+  return true;
+}
+
+}  // namespace tactus::hrtc_service
