@@ -257,6 +257,8 @@ LoaderFigures Loader::figures() const {
   LoaderFigures figures = figures_;
   figures.slots_used = cache_.slots_used();
   figures.slots_limit = pool_.settings.slots;
+  figures.coded_used = store_.blocks() - store_.blocks_free();
+  figures.coded_limit = store_.blocks();
   for (const Object* object : by_index_) {
     figures.regions_held += object->held.size();
     figures.regions_shown += object->shown.size();

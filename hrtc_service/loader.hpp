@@ -75,6 +75,7 @@ struct LoaderFigures {
   std::uint64_t objects_refused = 0;  ///< for want of memory
   double load_latency = 0;            ///< s, from wanting a region to holding it; smoothed
   std::uint32_t slots_used = 0, slots_peak = 0, slots_limit = 0;
+  std::uint32_t coded_used = 0, coded_peak = 0, coded_limit = 0;  ///< blocks of the store
 };
 
 class Loader {
@@ -218,8 +219,8 @@ class Loader {
   [[nodiscard]] double slots_of(const Object& object, std::uint32_t region) const noexcept;
   [[nodiscard]] spm::Cache::Room fresh_room_of(const Object& object, std::uint32_t region) const noexcept;
   void show_due();
-  /// False when there is no room.
-  [[nodiscard]] bool show(Object& object, std::uint32_t region);
+  /// The room that it takes when there is not enough; nothing when it is done.
+  [[nodiscard]] spm::Cache::Room show(Object& object, std::uint32_t region);
   void coarsen();
   void take_departures();
   void hand_over();

@@ -51,26 +51,28 @@ void Loader::show_due() {
       if (spare && !full && before++ < kMostBefore) static_cast<void>(show(object, prospect.region));
       continue;
     }
-    if (!full && show(object, prospect.region)) continue;
-    full = true;
-    room_needed_.slots += takes.slots;
-    room_needed_.blocks += takes.blocks;
+    const spm::Cache::Room lacks = full ? takes : show(object, prospect.region);
+    full = lacks.slots > 0;
+    room_needed_.slots += lacks.slots;
+    room_needed_.blocks += lacks.blocks;
   }
 }
 
-bool Loader::show(Object& object, std::uint32_t region) {
+spm::Cache::Room Loader::show(Object& object, std::uint32_t region) {
   const spm::ObjectIndex number{object.info.index};
   RegionNote& note = object.notes[region];
   const spm::RegionData& data = store_.get(number, spm::RegionId{region}, cache_);
   spm::RegionList list;
   const spm::AcceptResult result = cache_.accept(number, data, list);
-  if (result == spm::AcceptResult::kPoolFull) return false;
+  if (result == spm::AcceptResult::kPoolFull)
+    return {std::max(static_cast<std::uint32_t>(data.parts.size()), 1u),
+            spm::ListBlock::blocks_for(cache_.records_of(number, spm::RegionId{region}))};
   if (result != spm::AcceptResult::kAccepted) {
     note.faulty = 1;
     ++faulty_;
     ++figures_.refused_other;
     say("object " + object.info.name + ": region " + std::to_string(region) + " contradicts what is here; asked anew");
-    return true;
+    return {};
   }
   const double whole = slots_of(object, region);
   if (whole > 0) fresh_share_ += 0.1 * (static_cast<double>(data.parts.size()) / whole - fresh_share_);
@@ -78,7 +80,7 @@ bool Loader::show(Object& object, std::uint32_t region) {
   object.shown.push_back(region);
   figures_.slots_peak = std::max(figures_.slots_peak, cache_.slots_used());
   waiting_.push_back({Arrival::Kind::kRegion, &object.touch, spm::RegionId{region}, list});
-  return true;
+  return {};
 }
 
 /// Has regions coarsened until there will be room for what is due and a little more, longest unwanted first.

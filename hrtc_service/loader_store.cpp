@@ -78,6 +78,7 @@ bool Loader::keep(Object& object, const session::DeliveryClient::Message& messag
     const double latency = static_cast<double>(now_ns - wish->second.since_ns) / kNsPerS;
     figures_.load_latency += 0.1 * (latency - figures_.load_latency);
   }
+  figures_.coded_peak = std::max(figures_.coded_peak, store_.blocks() - store_.blocks_free());
   const std::uint32_t records = cache_.records_of(number, region);
   if (records > 0) blocks_per_record_ += 0.1 * (static_cast<double>(put.blocks) / records - blocks_per_record_);
   bytes_per_block_ += 0.1 * (static_cast<double>(message.bytes.size()) / put.whole - bytes_per_block_);

@@ -104,7 +104,8 @@ Circling* OrganSession::path_ = nullptr;
 
 TEST_F(OrganSession, ExactContactsAreThoseOfTheFinestMeshWithAPoolOfAQuarter) {
   const spm::Model model = built_->model();
-  const spm::PoolSettings quarter = spm::PoolSettings::for_slots(model.summary.parts / 4 + 600);
+  spm::PoolSettings quarter = spm::PoolSettings::for_slots(model.summary.parts / 4 + 600);
+  quarter.coded_blocks = model.summary.records / 2;
   LocalSession session{{model}, 1, quarter};
   std::uint64_t contact = 0, exact = 0, audited = 0;
   for (int cycle = 0; cycle < 12000; ++cycle) {
@@ -130,9 +131,11 @@ TEST_F(OrganSession, ExactContactsAreThoseOfTheFinestMeshWithAPoolOfAQuarter) {
   const hrtc_service::LoaderFigures figures = session.loader().figures();
   EXPECT_GT(audited, 1000u);
   EXPECT_GT(static_cast<double>(exact), 0.99 * static_cast<double>(contact));
+  EXPECT_GT(figures.regions_coarsened, figures.regions_evicted);
   EXPECT_GT(figures.regions_evicted, 0u);
   EXPECT_GT(figures.regions_reloaded, 0u);
   EXPECT_LE(figures.slots_peak, quarter.slots);
+  EXPECT_LE(figures.coded_peak, quarter.coded_blocks);
   for (const hrtc_service::TouchObject* object : session.cycle().objects())
     EXPECT_THAT(object->forest->violations(), ::testing::IsEmpty());
 }
@@ -146,15 +149,17 @@ TEST_F(OrganSession, WhatIsSpareIsTakenBackWithoutBeingSentAgain) {
   LocalSession large{{built_->model()}, 1, spm::PoolSettings::for_slots(1 << 15)};
   to_and_fro(large, 0, kThere);
   to_and_fro(large, kThere, 0);
-  const std::uint32_t enough = large.loader().figures().slots_peak;
+  const std::uint32_t enough = large.loader().figures().coded_peak;
 
-  LocalSession session{{built_->model()}, 1, spm::PoolSettings::for_slots(enough + enough / 20)};
+  spm::PoolSettings settings = spm::PoolSettings::for_slots(1 << 15);
+  settings.coded_blocks = enough + enough / 20;
+  LocalSession session{{built_->model()}, 1, settings};
   to_and_fro(session, 0, kThere);
   const hrtc_service::LoaderFigures there = session.loader().figures();
   to_and_fro(session, kThere, 0);
   const hrtc_service::LoaderFigures back = session.loader().figures();
 
-  EXPECT_GT(there.regions_spare, 0u) << "a sixteenth of the pool is kept ready";
+  EXPECT_GT(there.regions_spare, 0u) << "a sixteenth of the store is kept ready";
   EXPECT_EQ(back.regions_evicted, 0u) << "no room was needed";
   EXPECT_EQ(back.regions_reloaded, 0u);
   EXPECT_EQ(back.records_returned, 0u);

@@ -68,7 +68,7 @@ TEST(Threads, AHandFeelsWhatALoaderBringsAndEvictsMeanwhile) {
   hrtc_service::ProbeReports reports;
   std::array<hrtc_service::ProbeSight, kMaxProbes> sights;
   // Until the hand has felt the finest surface long enough and regions have come and gone; the watchdog is ctest's.
-  while (exact < 200 || loader.figures().regions_evicted < 3 || haptic.snapshots_done() == 0) {
+  while (exact < 200 || loader.figures().regions_coarsened < 3 || haptic.snapshots_done() == 0) {
     const std::int64_t now = hrtc_service::monotonic_ns();
     // Round and round the equator, pressed 2 mm in, at some 10 cm/s.
     const double angle = static_cast<double>(now - start) * 1e-9 * 0.1 / radius;

@@ -221,8 +221,8 @@ class Simulation {
       if (auto message = hrtc.client->on_chunk(*chunk, now())) {
         const std::int64_t due = std::max<std::int64_t>(now_ms_ + below(faults_.decode_ms),
                                                         hrtc.answers.empty() ? 0 : hrtc.answers.back().due);
-        if (message->kind == BulkKind::kRegion && below(8) == 0)
-          hrtc.client->park(message->object_id, message->region);  // as if it waited for room
+        if (message->kind == BulkKind::kRegion && chance(faults_.parking))
+          hrtc.client->park(message->object_id, message->region);
         hrtc.answers.push_back({due, std::move(*message)});
       }
       if (hrtc.client->partial_bytes() > 200'000) broken("incomplete messages over their bound");
@@ -458,6 +458,7 @@ Faults random_faults(std::uint64_t seed) {
   f.hrtc_crash = one_of({0, 0, 0.5});
   f.partition = one_of({0, 0, 0.5});
   f.decode_ms = static_cast<int>(one_of({0, 10, 60}));
+  f.parking = one_of({0, 0.1});
   return f;
 }
 

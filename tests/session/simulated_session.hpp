@@ -21,6 +21,7 @@ struct Faults {
   double hrtc_crash = 0;  ///< per HRTC and second
   double partition = 0;   ///< of a host and an HRTC, per pair and second
   int decode_ms = 0;      ///< an HRTC answers for a message up to so much later
+  double parking = 0;     ///< of its messages, as if they waited for room
 };
 
 /// A mix that depends on the seed alone; among the mixes each kind of fault is sometimes missing.
