@@ -84,9 +84,12 @@ void write_hrtc(const ParticipantReport& hrtc, std::uint64_t records_total, std:
   const double contact = value(figures::kContactCycles);
   out += line("  contact cycles %.0f, exact %.2f %%\n", contact,
               contact > 0 ? 100 * value(figures::kExactCycles) / contact : 0.0);
-  out += line("  pool %.0f of %.0f slots (peak %.0f); regions evicted %.0f, reloaded %.0f, refused for room %.0f\n",
-              value(figures::kPoolUsed), value(figures::kPoolLimit), value(figures::kPoolPeak),
-              value(figures::kEvictions), value(figures::kReloads), value(figures::kRefusedFull));
+  out += line("  pool %.0f of %.0f slots (peak %.0f), %.0f regions made room there\n", value(figures::kPoolUsed),
+              value(figures::kPoolLimit), value(figures::kPoolPeak), value(figures::kRegionsCoarsened));
+  out += line(
+      "  kept coded: %.0f of %.0f blocks (peak %.0f); regions evicted %.0f, reloaded %.0f, refused for room %.0f\n",
+      value(figures::kCodedUsed), value(figures::kCodedLimit), value(figures::kCodedPeak), value(figures::kEvictions),
+      value(figures::kReloads), value(figures::kRefusedFull));
   const double records = value(figures::kRecordsReceived);
   out += line("  records received %.0f", records);
   if (records_total > 0) {
