@@ -1,20 +1,11 @@
 // Probe states on a link that mesh records fill, beside the idle link, in alternating pairs.
-#include <CLI/CLI.hpp>
 #include <cstdio>
 
 #include "bench/figures.hpp"
-#include "latency/run.hpp"
-#include "wire/links.hpp"
-#include "wire/process.hpp"
+#include "bench/latency_bench.hpp"
 
 namespace tactus::bench {
 namespace {
-
-struct Settings {
-  std::string json, link = "veth:rate=100";
-  int pairs = 10;
-  double seconds = 5;
-};
 
 /// Of each run of one kind.
 struct Runs {
@@ -32,10 +23,9 @@ struct Runs {
   }
 };
 
-int run(const Settings& settings) {
+int run(const PairSettings& settings) {
   const std::atomic<bool>& stop = wire::stop_signal();
-  latency::RunSettings place;
-  place.place.qos = wire::default_qos_directory();
+  const latency::RunSettings place = run_settings();
   const auto measure = [&](latency::Profile profile, double load) {
     latency::Cell cell;
     cell.profile = profile;
@@ -79,22 +69,14 @@ int run(const Settings& settings) {
 }  // namespace tactus::bench
 
 int main(int argc, char** argv) {
-  tactus::bench::Settings settings;
+  tactus::bench::PairSettings settings;
+  settings.link = "veth:rate=100";
   bool quick = false;
   CLI::App app{"Probe states on a 100 Mbit/s link that mesh records fill, beside the idle link; needs root"};
-  app.add_option("--pairs", settings.pairs, "alternating pairs of runs")->check(CLI::Range(1, 100));
-  app.add_option("--seconds", settings.seconds, "of each run")->check(CLI::Range(1.0, 60.0));
-  app.add_option("--link", settings.link, "between the namespaces, as in `tactus-link list`");
-  app.add_option("--json", settings.json, "the figures as JSON");
+  add_pair_options(app, settings, "between the namespaces, as in `tactus-link list`");
   app.add_flag("--quick", quick, "2 pairs of 2 s, for CI");
-  try {
-    app.parse(argc, argv);
+  return tactus::bench::latency_main(app, "tactus-bench-isolation", argc, argv, [&] {
     if (quick) settings.pairs = 2, settings.seconds = 2;
     return tactus::bench::run(settings);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "tactus-bench-isolation: %s\n", error.what());
-    return tactus::wire::stop_signal() ? 130 : 2;
-  }
+  });
 }

@@ -1,21 +1,11 @@
 // Idle latency of probe states beside raw UDP, in alternating pairs between two namespaces joined by a veth.
-#include <CLI/CLI.hpp>
 #include <cstdio>
 
 #include "bench/figures.hpp"
-#include "latency/run.hpp"
-#include "netem/profile.hpp"
-#include "wire/links.hpp"
-#include "wire/process.hpp"
+#include "bench/latency_bench.hpp"
 
 namespace tactus::bench {
 namespace {
-
-struct Settings {
-  std::string json, link = "veth";
-  int pairs = 10;
-  double seconds = 5;
-};
 
 /// Of each run of one transport.
 struct Runs {
@@ -35,10 +25,9 @@ struct Runs {
   }
 };
 
-int run(const Settings& settings) {
+int run(const PairSettings& settings) {
   const std::atomic<bool>& stop = wire::stop_signal();
-  latency::RunSettings place;
-  place.place.qos = wire::default_qos_directory();
+  const latency::RunSettings place = run_settings();
   latency::Cell raw, ours;
   raw.transport = latency::Transport::kRawUdp;
   raw.link = ours.link = settings.link;
@@ -88,23 +77,14 @@ int run(const Settings& settings) {
 }  // namespace tactus::bench
 
 int main(int argc, char** argv) {
-  tactus::bench::Settings settings;
+  tactus::bench::PairSettings settings;
+  settings.link = "veth";
   bool quick = false;
   CLI::App app{"Idle half round trip of a probe state at 1 kHz beside raw UDP's; needs root for namespaces"};
-  app.add_option("--pairs", settings.pairs, "alternating pairs of runs")->check(CLI::Range(1, 100));
-  app.add_option("--seconds", settings.seconds, "of each run")->check(CLI::Range(1.0, 60.0));
-  app.add_option("--link", settings.link,
-                 "between the namespaces, as in `tactus-link list`; none: loopback, without root");
-  app.add_option("--json", settings.json, "the figures as JSON");
+  add_pair_options(app, settings, "between the namespaces, as in `tactus-link list`; none: loopback, without root");
   app.add_flag("--quick", quick, "3 pairs of 2 s, for CI");
-  try {
-    app.parse(argc, argv);
+  return tactus::bench::latency_main(app, "tactus-bench-latency", argc, argv, [&] {
     if (quick) settings.pairs = 3, settings.seconds = 2;
     return tactus::bench::run(settings);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "tactus-bench-latency: %s\n", error.what());
-    return tactus::wire::stop_signal() ? 130 : 2;
-  }
+  });
 }

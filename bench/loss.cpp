@@ -1,11 +1,8 @@
 // Probe states over a link that loses frames: how old is what a reader knows.
-#include <CLI/CLI.hpp>
 #include <cstdio>
 
 #include "bench/figures.hpp"
-#include "latency/run.hpp"
-#include "wire/links.hpp"
-#include "wire/process.hpp"
+#include "bench/latency_bench.hpp"
 
 namespace tactus::bench {
 namespace {
@@ -24,8 +21,7 @@ constexpr std::array kCases{Case{1, 1.5}, Case{5, 2.5}, Case{10, 3}, Case{30, 5}
 
 int run(const Settings& settings) {
   const std::atomic<bool>& stop = wire::stop_signal();
-  latency::RunSettings place;
-  place.place.qos = wire::default_qos_directory();
+  latency::RunSettings place = run_settings();
   place.link_seed = settings.seed;
 
   char text[128];
@@ -64,14 +60,8 @@ int main(int argc, char** argv) {
   app.add_option("--seed", settings.seed, "of the losses");
   app.add_option("--json", settings.json, "the figures as JSON");
   app.add_flag("--quick", quick, "5 s each, for CI");
-  try {
-    app.parse(argc, argv);
+  return tactus::bench::latency_main(app, "tactus-bench-loss", argc, argv, [&] {
     if (quick) settings.seconds = 5;
     return tactus::bench::run(settings);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "tactus-bench-loss: %s\n", error.what());
-    return tactus::wire::stop_signal() ? 130 : 2;
-  }
+  });
 }

@@ -264,7 +264,7 @@ LoaderFigures Loader::figures() const {
     figures.regions_shown += object->shown.size();
   }
   figures.regions_held += leavers_.size();
-  for (const Leaver& leaver : leavers_)
+  for (const Place& leaver : leavers_)
     figures.regions_spare += leaver.object->notes[leaver.region].kept() == Kept::kSpare ? 1 : 0;
   return figures;
 }

@@ -208,11 +208,11 @@ class Loader {
   void take_back(Object& object, std::uint32_t region);
   void take_released();
   [[nodiscard]] bool free_spare();
-  struct Leaver {  // kLeaving or kSpare
+  struct Place {
     Object* object;
     std::uint32_t region;
   };
-  std::deque<Leaver>::iterator free_now(std::deque<Leaver>::iterator leaver);
+  std::deque<Place>::iterator free_now(std::deque<Place>::iterator leaver);
 
   // The pool (loader_pool.cpp).
   /// What a region's records take there, all of them or those that are not there yet, more or less.
@@ -256,21 +256,17 @@ class Loader {
   };
   std::deque<Parked> parked_;  // for room in the store; later ones may count on earlier ones
   std::size_t parked_bytes_ = 0;
-  std::deque<Leaver> leavers_;  // first to go first
-  std::uint32_t needed_ = 0;    // blocks, for what is wanted soonest and absent, more or less
-  std::uint32_t reserve_ = 0;   // blocks, made ready ahead of need
-  std::uint32_t faulty_ = 0;    // regions that are
+  std::deque<Place> leavers_;  // kLeaving or kSpare, first to go first
+  std::uint32_t needed_ = 0;   // blocks, for what is wanted soonest and absent, more or less
+  std::uint32_t reserve_ = 0;  // blocks, made ready ahead of need
+  std::uint32_t faulty_ = 0;   // regions that are
   struct Departing {
     Object* object;
     std::uint32_t region;
     spm::Cache::Room room;  // that it gives, at least
   };
   std::vector<Departing> departing_;
-  spm::Cache::Room room_needed_;  // in the pool, for what is due, kept and not shown, more or less
-  struct Place {
-    Object* object;
-    std::uint32_t region;
-  };
+  spm::Cache::Room room_needed_;   // in the pool, for what is due, kept and not shown, more or less
   std::vector<Place> due_;         // of the last tick
   std::int64_t wanted_at_ns_ = 0;  // of the last tick: what is wanted was wanted then
   std::uint32_t base_slots_ = 0;   // that base meshes take for good

@@ -190,7 +190,7 @@ void Loader::find_leavers() {
 }
 
 void Loader::take_back(Object& object, std::uint32_t region) {
-  leavers_.erase(std::find_if(leavers_.begin(), leavers_.end(), [&](const Leaver& leaver) {
+  leavers_.erase(std::find_if(leavers_.begin(), leavers_.end(), [&](const Place& leaver) {
     return leaver.object == &object && leaver.region == region;
   }));
   store_.stay(spm::ObjectIndex{object.info.index}, spm::RegionId{region});
@@ -203,7 +203,7 @@ void Loader::take_released() {
   for (Object* object : by_index_)
     for (const std::uint32_t region : delivery_.take_released(object->info.id))
       if (object->notes[region].kept() == Kept::kLeaving) object->notes[region].set(Kept::kSpare);
-  const auto goes = [&](const Leaver& leaver) {
+  const auto goes = [&](const Place& leaver) {
     const RegionNote& note = leaver.object->notes[leaver.region];
     return note.kept() == Kept::kSpare && (note.faulty != 0 || !settings_.keep_unwanted);
   };
@@ -211,7 +211,7 @@ void Loader::take_released() {
     leaver = goes(*leaver) ? free_now(leaver) : std::next(leaver);
 }
 
-std::deque<Loader::Leaver>::iterator Loader::free_now(std::deque<Leaver>::iterator leaver) {
+std::deque<Loader::Place>::iterator Loader::free_now(std::deque<Place>::iterator leaver) {
   Object& object = *leaver->object;
   store_.release(spm::ObjectIndex{object.info.index}, spm::RegionId{leaver->region});
   RegionNote& note = object.notes[leaver->region];

@@ -67,7 +67,8 @@ class DdsCarrier final : public Carrier {
   wire::Reader<Sample> reader_;  // last: it calls back as soon as it is there
 };
 
-/// A copy of a qos directory, changed, which is gone with this.
+/// A copy of a qos directory, changed, which is gone with this. On disk, because wire::Links and the library read
+/// profiles from files alone.
 class QosCopy {
  public:
   QosCopy(const std::filesystem::path& from, Profile profile, Transport transport) {

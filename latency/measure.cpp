@@ -86,7 +86,7 @@ bool wait_until(Condition&& condition, std::chrono::milliseconds patience, const
   while (!condition()) {
     if (stop) throw LatencyError("interrupted");
     if (std::chrono::steady_clock::now() >= end) return false;
-    std::this_thread::sleep_for(5ms);
+    std::this_thread::sleep_for(5ms);  // readers and writers match without telling; before anything is timed
   }
   return true;
 }

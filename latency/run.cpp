@@ -26,7 +26,7 @@ class Child {
   ~Child() {
     using namespace std::chrono_literals;
     ::kill(pid_, SIGINT);
-    for (int i = 0; i < 150; ++i, std::this_thread::sleep_for(10ms))
+    for (int i = 0; i < 150; ++i, std::this_thread::sleep_for(10ms))  // waitpid itself knows no patience
       if (::waitpid(pid_, nullptr, WNOHANG) != 0) return;
     ::kill(-pid_, SIGKILL);
     while (::waitpid(pid_, nullptr, 0) < 0 && errno == EINTR) {

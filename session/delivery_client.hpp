@@ -82,7 +82,7 @@ class DeliveryClient {
   [[nodiscard]] std::uint64_t promised(std::int64_t now_ns);
   void base_held(std::uint64_t object_id);
   void base_refused(std::uint64_t object_id);
-  /// The region is in the cache. On a region that is retired and not released this takes it back.
+  /// The region is kept. On a region that is retired and not released this takes it back.
   void held(std::uint64_t object_id, std::uint32_t region);
   void refused(std::uint64_t object_id, std::uint32_t region);
   /// The answer must wait for room: regions are released as if it had been given, so the message may turn out to count

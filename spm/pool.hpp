@@ -60,7 +60,7 @@ static_assert(sizeof(FaceRow) == 32);
 /// Size of an AB-tree node, see spm/ab_tree.hpp.
 inline constexpr std::uint32_t kTreeNodeBytes = 384;
 
-/// Size of a block of what is kept coded, see spm/codec/coded_store.hpp, and of what belongs to it.
+/// Size of a block of what is kept coded, see spm/codec/coded_store.hpp.
 inline constexpr std::uint32_t kCodedBlockBytes = 20;
 
 /// A region's list in memory: blocks of record slots, linked both ways, walked forwards to refine and backwards to

@@ -1,6 +1,6 @@
 /// Regions as they came: lists and records' codes, in memory of a fixed size.
 ///
-/// A record takes some 35 bytes here and ten times that in a pool, so a controller keeps more than it could show: what
+/// A record takes some 38 bytes here and ten times that in a pool, so a controller keeps more than it could show: what
 /// a tip may meet within a round trip of the network is here, what it meets in the next moments is decoded into the
 /// pool as well. A host is told that a controller has what is here.
 ///
@@ -48,8 +48,8 @@ class CodedStore {
     std::uint32_t whole = 0;     ///< blocks that list and records of the message take where none of them is
     std::string error;
   };
-  /// Takes a message of this region. Anything but kKept leaves the store as it was. Less than 0.2 us a record of its
-  /// list.
+  /// Takes a message of this region. Anything but kKept leaves the store as it was. O(list + message); what it
+  /// decodes to see that the message is one is not kept.
   [[nodiscard]] Put put(ObjectIndex object, RegionId region, Span<const std::uint8_t> message);
 
   [[nodiscard]] bool keeps(ObjectIndex object, RegionId region) const noexcept {

@@ -118,7 +118,7 @@ TEST(LinkProgramAnywhere, WithoutRightsSaysWhichAndHowToGetThem) {
     for (const char* word : {"--clear-groups", "65534", "--reuid", "/usr/bin/setpriv"})
       command.insert(command.begin(), word);
   } else if (missing_right().empty()) {
-    GTEST_SKIP() << "this user may make namespaces";
+    GTEST_SKIP() << "not root, yet with the rights that should be missing, and nobody to become";
   }
   Process run{command};
   EXPECT_EQ(run.wait(), 2);

@@ -39,6 +39,11 @@ class RunTime : public ::testing::TestWithParam<std::uint64_t> {
  protected:
   OwnedModel owned_ = random_model(GetParam(), kRecords, kCells);
   spm::Model model_ = owned_.view();
+
+  [[nodiscard]] std::pair<spm::Vec3d, spm::Vec3d> bounds() const {
+    const auto wide = [](const std::array<float, 3>& p) { return spm::Vec3d{p[0], p[1], p[2]}; };
+    return {wide(model_.summary.bounds_min), wide(model_.summary.bounds_max)};
+  }
 };
 
 TEST_P(RunTime, EveryRegionRefinedShowsTheFinestMesh) {
@@ -283,8 +288,7 @@ TEST_P(RunTime, QueriesFindWhatAllPairsFind) {
   std::mt19937_64 random{GetParam()};
   Controller controller{model_, roomy()};
   for (const RegionId region : all_regions(model_)) ASSERT_EQ(controller.load(region), AcceptResult::kAccepted);
-  const spm::Vec3d low = Eigen::Map<const spm::Vec3f>(model_.summary.bounds_min.data()).cast<double>();
-  const spm::Vec3d high = Eigen::Map<const spm::Vec3f>(model_.summary.bounds_max.data()).cast<double>();
+  const spm::Vec3d low = bounds().first, high = bounds().second;
   std::uniform_real_distribution<double> unit{0, 1};
   const auto point = [&]() -> spm::Vec3d {
     return low + (high - low).cwiseProduct(spm::Vec3d{unit(random), unit(random), unit(random)});
@@ -359,8 +363,7 @@ TEST_P(RunTime, ABallInWhichAnythingChangedOrAroundWhichAllDidIsToldSo) {
   std::mt19937_64 random{GetParam()};
   Controller controller{model_, roomy()};
   for (const RegionId region : all_regions(model_)) ASSERT_EQ(controller.load(region), AcceptResult::kAccepted);
-  const spm::Vec3d low = Eigen::Map<const spm::Vec3f>(model_.summary.bounds_min.data()).cast<double>();
-  const spm::Vec3d high = Eigen::Map<const spm::Vec3f>(model_.summary.bounds_max.data()).cast<double>();
+  const spm::Vec3d low = bounds().first, high = bounds().second;
   std::uniform_real_distribution<double> unit{0, 1};
   const auto faces = [&] {
     std::map<std::uint32_t, std::array<float, 9>> shown;
