@@ -5,10 +5,11 @@ set(TACTUS_SANITIZE "" CACHE STRING "Sanitizers for every target, e.g. address,u
 option(TACTUS_WERROR "Treat warnings as errors" OFF)
 
 add_library(tactus_options INTERFACE)
+set_target_properties(tactus_options PROPERTIES EXPORT_NAME options)
 target_compile_features(tactus_options INTERFACE cxx_std_17)
 # -ffp-contract=off: the same bits from every compiler; geometry is checked bit for bit.
-target_compile_options(tactus_options INTERFACE -Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wno-sign-conversion
-                       -ffp-contract=off $<$<BOOL:${TACTUS_WERROR}>:-Werror>)
+target_compile_options(tactus_options INTERFACE "$<BUILD_INTERFACE:-Wall;-Wextra;-Wpedantic;-Wshadow;-Wconversion;-Wno-sign-conversion>"
+                       -ffp-contract=off $<BUILD_INTERFACE:$<$<BOOL:${TACTUS_WERROR}>:-Werror>>)
 target_include_directories(tactus_options INTERFACE $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}>)
 if(TACTUS_SANITIZE)
   target_compile_options(tactus_options INTERFACE -fsanitize=${TACTUS_SANITIZE} -fno-sanitize-recover=all -fno-omit-frame-pointer)
@@ -22,6 +23,7 @@ function(tactus_module name)
   string(REPLACE "/" "::" alias ${name})
   add_library(${target} STATIC ${ARG_SOURCES})
   add_library(tactus::${alias} ALIAS ${target})
+  set_target_properties(${target} PROPERTIES EXPORT_NAME ${alias})
   target_link_libraries(${target} PUBLIC tactus_options ${ARG_LINK} PRIVATE ${ARG_PRIVATE_LINK})
 endfunction()
 

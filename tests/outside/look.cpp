@@ -1,0 +1,43 @@
+// Joins a session as a viewer and tells who is there, what there is to touch and where a probe is.
+#include <atomic>
+#include <iostream>
+#include <thread>
+
+#include "wire/ends.hpp"
+
+int main(int argc, char** argv) try {
+  using namespace tactus;
+  if (argc != 3) throw std::runtime_error("expected SESSION DOMAIN");
+  wire::SessionAddress address;
+  address.session = argv[1];
+  address.participant = "outside";
+  address.domain = std::stoi(argv[2]);
+  address.qos = TACTUS_QOS_DIR;
+  wire::Links links{address};
+  std::atomic<bool> someone{false}, something{false}, touching{false};
+  const auto tell = [](std::atomic<bool>& first, const std::string& what) {
+    if (!first.exchange(true)) std::cout << what << std::endl;
+  };
+  const wire::Reader<session::RosterEntry> roster{
+      links, wire::topics::kRoster, [&](session::RosterEntry&& entry) { tell(someone, "here: " + entry.name); }};
+  const wire::Reader<session::CatalogueEntry> catalogue{
+      links, wire::topics::kCatalogue,
+      [&](session::CatalogueEntry&& entry) { tell(something, "object: " + entry.object); }};
+  const wire::Reader<session::ProbeState> probes{
+      links, wire::topics::kProbeState,
+      [&](session::ProbeState&& state) { tell(touching, "probe at z = " + std::to_string(state.device.position[2])); }};
+  wire::Writer<session::RosterEntry> presence{links, wire::topics::kRoster};
+  session::RosterEntry self;
+  self.name = address.participant;
+  self.session = address.session;
+  for (int beat = 0; beat < 300 && !(someone && something && touching); ++beat) {
+    self.origin = links.origin();
+    self.heartbeat = static_cast<std::uint64_t>(beat);
+    if (presence.send(self) != wire::SendStatus::kSent) std::cerr << presence.last_fault() << '\n';
+    std::this_thread::sleep_for(std::chrono::milliseconds{100});
+  }
+  return someone && something && touching ? 0 : 1;
+} catch (const std::exception& error) {
+  std::cerr << error.what() << '\n';
+  return 2;
+}
