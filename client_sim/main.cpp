@@ -29,6 +29,7 @@ my.yaml:
         - retreat: {}
     - name: bob
       hrtc: "#2"
+      remote: true          # holds a device here, not in the HRTC
       repeat: true
       script:
         - tap: {object: "#1", count: 5, speed: 0.1, force: 1}

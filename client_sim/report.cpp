@@ -90,6 +90,11 @@ void write_hrtc(const ParticipantReport& hrtc, std::uint64_t records_total, std:
       "  kept coded: %.0f of %.0f blocks (peak %.0f); regions evicted %.0f, reloaded %.0f, refused for room %.0f\n",
       value(figures::kCodedUsed), value(figures::kCodedLimit), value(figures::kCodedPeak), value(figures::kEvictions),
       value(figures::kReloads), value(figures::kRefusedFull));
+  if (value(figures::kRemoteDevices) > 0)
+    out += line("  devices elsewhere %.0f, their loop taken for %.1f ms at most\n", value(figures::kRemoteDevices),
+                value(figures::kLoopDelay) * 1e-3);
+  if (value(figures::kStaleCycles) > 0)
+    out += line("  cycles with a pose too old, summed over probes: %.0f\n", value(figures::kStaleCycles));
   const double records = value(figures::kRecordsReceived);
   out += line("  records received %.0f", records);
   if (records_total > 0) {

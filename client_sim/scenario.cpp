@@ -201,7 +201,7 @@ Action parse_action(const Place& place, const YAML::Node& node) {
 }
 
 User parse_user(const Place& place, const YAML::Node& node) {
-  const Map map{place, node, {"name", "hrtc", "radius", "repeat", "script"}};
+  const Map map{place, node, {"name", "hrtc", "radius", "repeat", "remote", "script"}};
   User user;
   (void)map.required("name");
   map.name("name", user.name);
@@ -209,6 +209,7 @@ User parse_user(const Place& place, const YAML::Node& node) {
   map.name("hrtc", user.hrtc);
   map.number("radius", 1e-5, 0.05, user.radius);
   map.flag("repeat", user.repeat);
+  map.flag("remote", user.remote);
   const YAML::Node script = map.required("script");
   const Place at = map.place("script");
   if (!script.IsSequence() || script.size() == 0)

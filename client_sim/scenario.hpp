@@ -65,6 +65,7 @@ struct User {
   std::string hrtc;       ///< name or "#n"
   double radius = 0.003;  ///< m, of the probe
   bool repeat = false;    ///< begin the script anew until the session ends
+  bool remote = false;    ///< holds a device at this end of the network, not one in the HRTC
   std::vector<Action> script;
 };
 

@@ -5,6 +5,7 @@
 #include <variant>
 #include <vector>
 
+#include "client_sim/remote_hand.hpp"
 #include "session/clock.hpp"
 #include "wire/ends.hpp"
 #include "wire/inbox.hpp"
@@ -40,6 +41,12 @@ struct Presence {
   wire::Writer<session::Control> control;
   wire::Writer<session::ClockSample> clock;
   std::map<std::uint64_t, std::unique_ptr<wire::Writer<session::Intent>>> intents;  // by user
+};
+
+/// A user with a device of its own.
+struct Remote {
+  RemoteHandSettings settings;
+  std::unique_ptr<RemoteHand> hand;  // from its first wish on
 };
 
 }  // namespace
@@ -105,6 +112,13 @@ struct Sim::Impl {
     for (session::RosterEntry& entry : messages.roster) {
       Presence& from = presence_of(entry.origin.participant, entry.name);
       for (const std::string& user : entry.users) {
+        if (const User* const remote = find_remote(user)) {
+          RemoteHandSettings& hand = remotes[session::id_of(user)].settings;
+          hand.user = user;
+          hand.hrtc = entry.controller;
+          hand.radius = remote->radius;
+          continue;
+        }
         auto& writer = from.intents[session::id_of(user)];
         if (!writer)
           writer = std::make_unique<wire::Writer<session::Intent>>(from.links, wire::topics::kIntent,
@@ -119,8 +133,30 @@ struct Sim::Impl {
     }
     for (session::Intent& intent : messages.intents) {
       const auto other = others.find(intent.origin.participant);
-      (other == others.end() ? main : *other->second).send(std::move(intent));
+      Presence& from = other == others.end() ? main : *other->second;
+      const auto remote = remotes.find(intent.user_id);
+      if (remote == remotes.end())
+        from.send(std::move(intent));
+      else
+        wish(remote->second, from, intent);
     }
+  }
+
+  /// The user of that name if it holds a device here.
+  [[nodiscard]] const User* find_remote(const std::string& user) const {
+    for (const User& one : options.scenario.users)
+      if (one.name == user && one.remote) return &one;
+    return nullptr;
+  }
+
+  /// The first wish puts the hand there.
+  void wish(Remote& remote, Presence& from, const session::Intent& intent) {
+    if (!remote.hand) {
+      const std::array<double, 3>& start = intent.path.front().position;
+      remote.settings.hand.start = {start[0], start[1], start[2]};
+      remote.hand = std::make_unique<RemoteHand>(from.links, remote.settings);
+    }
+    remote.hand->wish(intent, clock.map());
   }
 
   void keep_time(std::int64_t now_ns) {
@@ -139,6 +175,7 @@ struct Sim::Impl {
   SimOptions options;
   Presence main;
   std::map<std::uint64_t, std::unique_ptr<Presence>> others;
+  std::map<std::uint64_t, Remote> remotes;  // by user
   SimCore core;
   session::SessionClock clock;
   session::Roster roster;

@@ -25,6 +25,11 @@ struct DeviceState {
   Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
   std::uint32_t buttons = 0;
   std::int64_t time_ns = 0;  ///< when it was so, on the clock given to `read`
+
+  // Of a device that is not on this machine.
+  std::uint32_t sequence = 0;  ///< that its maker gave the pose
+  double transit = 0;          ///< s that it took to come here: so much of its age is no silence
+  double loop_delay = 0;       ///< s from the pose to its force in the hand, beyond half a cycle
 };
 
 /// A device that cannot be opened; the message names device or file, line, what was found and what was expected.

@@ -5,9 +5,8 @@
 
 namespace tactus::haptics {
 
-double ForceRenderer::stiffness(const Feel& feel, double dt) const noexcept {
-  return std::min(
-      {feel.stiffness, spec_.max_stiffness, stable_stiffness(spec_.damping, feel.damping, dt, settings_.loop_delay)});
+double ForceRenderer::stiffness(const Feel& feel, double dt, double loop_delay) const noexcept {
+  return std::min({feel.stiffness, spec_.max_stiffness, stable_stiffness(spec_.damping, feel.damping, dt, loop_delay)});
 }
 
 void ForceRenderer::latch(Fault fault) noexcept {
@@ -42,7 +41,7 @@ const ForceResult& ForceRenderer::step(const ProxyResult& proxy, const DeviceSta
   if (result_.fault != Fault::kNone) return result_;
   const bool finite = proxy.anchor.allFinite() && proxy.normal.allFinite() && device.position.allFinite() &&
                       device.velocity.allFinite() && std::isfinite(pose_age) && std::isfinite(feel.stiffness) &&
-                      std::isfinite(feel.damping) && std::isfinite(dt);
+                      std::isfinite(feel.damping) && std::isfinite(dt) && std::isfinite(device.loop_delay);
   if (!finite) {
     latch(Fault::kInputNotFinite);
     return result_;
@@ -50,7 +49,7 @@ const ForceResult& ForceRenderer::step(const ProxyResult& proxy, const DeviceSta
   result_.bits = 0;
   const Vec3d before = result_.force;
 
-  const double stiffness = this->stiffness(feel, dt);
+  const double stiffness = this->stiffness(feel, dt, device.loop_delay);
   Vec3d force = stiffness * (proxy.anchor - device.position);
   const bool felt = !force.isZero(0);
   if (felt && stiffness < feel.stiffness) result_.bits |= kForceStiffnessCut;

@@ -37,7 +37,6 @@ struct ForceSettings {
   double recovery = 0.1;    ///< s from zero to full strength once poses are fresh again
   double hold = 0.010;      ///< s for which an old pose still counts
   double zero_by = 0.060;   ///< s of age at which the force is zero
-  double loop_delay = 0;    ///< s beyond half a cycle: of the way to and from a remote device
 };
 
 /// How the touched object feels along its normal.
@@ -64,10 +63,11 @@ class ForceRenderer {
   /// `spec` in world units (DeviceFrame::to_world).
   ForceRenderer(const ForceSettings& settings, const DeviceSpec& spec) noexcept : settings_{settings}, spec_{spec} {}
 
-  /// What is left of a material's stiffness on this device, at cycles of `dt` seconds. Give it to the proxy's grip too.
-  [[nodiscard]] double stiffness(const Feel& feel, double dt) const noexcept;
+  /// What is left of a material's stiffness on this device, at cycles of `dt` seconds and with DeviceState::loop_delay.
+  /// Give it to the proxy's grip too.
+  [[nodiscard]] double stiffness(const Feel& feel, double dt, double loop_delay = 0) const noexcept;
 
-  /// One cycle of `dt` seconds. `pose_age`: seconds since the device was where `device` says.
+  /// One cycle of `dt` seconds. `pose_age`: seconds since the device was where `device` says, without its transit.
   [[nodiscard]] const ForceResult& step(const ProxyResult& proxy, const DeviceState& device, const Feel& feel,
                                         double pose_age, double dt) noexcept;
 

@@ -161,11 +161,12 @@ void Cycle::render(std::uint32_t number, const ProbeInput& input, ProbeOutput& o
   }
   if (material != nullptr) {
     feel = {material->stiffness, material->damping};
-    proxies_[number].set_grip(
-        {material->static_friction, material->dynamic_friction, renderer.stiffness(feel, settings_.period)});
+    proxies_[number].set_grip({material->static_friction, material->dynamic_friction,
+                               renderer.stiffness(feel, settings_.period, input.device.loop_delay)});
   }
   const haptics::ProxyResult& proxy = proxies_[number].step(input.device.position, settings_.period, surface, changed);
-  const haptics::ForceResult& force = renderer.step(proxy, input.device, feel, input.pose_age, settings_.period);
+  const haptics::ForceResult& force =
+      renderer.step(proxy, input.device, feel, input.pose_age - input.device.transit, settings_.period);
 
   // The force is exact when the surface at the proxy is, too.
   if (proxy.in_contact && (output.status & session::kExact) != 0)
@@ -179,11 +180,13 @@ void Cycle::render(std::uint32_t number, const ProbeInput& input, ProbeOutput& o
   output.proxy = plain(proxy.proxy);
   output.force = plain(force.force);
   output.object = proxy.in_contact ? proxy.object : spm::kNone;
+  if (proxy.in_contact) output.normal = plain(proxy.normal);
   if (proxy.in_contact) output.status |= session::kInContact;
   if (proxy.surface_moved) output.status |= session::kSurfaceMoved;
   if ((force.bits & haptics::kForceSaturated) != 0) output.status |= session::kForceSaturated;
   if ((force.bits & (haptics::kForceSoftStart | haptics::kForceSurfaceRamp | haptics::kForceSlewLimited)) != 0)
     output.status |= session::kForceRamped;
+  if ((force.bits & haptics::kForceStiffnessCut) != 0) output.status |= session::kStiffnessCut;
   if ((force.bits & haptics::kForceStale) != 0) output.status |= session::kStalePose;
   if (force.fault != haptics::Fault::kNone) output.status |= session::kFault;
 }
@@ -222,6 +225,7 @@ const CycleResult& Cycle::touch(const std::array<ProbeInput, kMaxProbes>& probes
     output.device = plain(input.device.position);
     output.velocity = plain(input.device.velocity);
     output.pose_age = static_cast<float>(input.pose_age);
+    output.pose_sequence = input.device.sequence;
     if (result_.nodes_full) output.status |= session::kPoolFull;
     if (result_.budget_spent) output.status |= session::kBudgetSpent;
     query(i, input, now_ns, output);

@@ -50,11 +50,13 @@ struct ProbeOutput {
   Plain3 velocity{};
   Plain3 proxy{};
   Plain3 force{};                     ///< on the hand, world
+  Plain3 normal{};                    ///< of the contact, world; zero without one
   std::uint32_t object = spm::kNone;  ///< index of the one touched
   std::uint32_t status = 0;           ///< session::StatusBit
   std::uint32_t contacts = 0;
-  float error_bound = 0;  ///< m; the greatest of all numbers while an object near it is not shown yet
-  float pose_age = 0;     ///< s
+  float error_bound = 0;            ///< m; the greatest of all numbers while an object near it is not shown yet
+  float pose_age = 0;               ///< s
+  std::uint32_t pose_sequence = 0;  ///< haptics::DeviceState::sequence
 };
 
 /// Times in ns, counts of this cycle.

@@ -179,6 +179,7 @@ void HapticThread::run() {
     trace.late_is_ours = trace.late && own_work(cpu_now - cpu, end - now_ns, period_ns);
     for (const ProbeOutput& probe : result.probes) {
       trace.active = static_cast<std::uint8_t>(trace.active + (probe.active ? 1 : 0));
+      trace.stale = static_cast<std::uint8_t>(trace.stale + ((probe.status & session::kStalePose) != 0 ? 1 : 0));
       if ((probe.status & session::kInContact) == 0) continue;
       ++trace.in_contact;
       trace.exact = static_cast<std::uint8_t>(trace.exact + ((probe.status & session::kExact) != 0 ? 1 : 0));

@@ -53,6 +53,7 @@ struct CycleTrace {
   std::uint8_t active = 0;      ///< probes
   std::uint8_t in_contact = 0;
   std::uint8_t exact = 0;  ///< of those in contact
+  std::uint8_t stale = 0;  ///< probes whose pose was too old
 };
 
 /// A face of the mesh shown of one object; model frame, file units.

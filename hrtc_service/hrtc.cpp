@@ -6,9 +6,11 @@
 
 #include <algorithm>
 #include <map>
+#include <mutex>
 #include <thread>
 #include <variant>
 
+#include "haptics/remote_device.hpp"
 #include "haptics/replay_device.hpp"
 #include "haptics/simulated_device.hpp"
 #include "hrtc_service/loader.hpp"
@@ -36,7 +38,7 @@ constexpr int kMaxSnapshots = 5;
 
 using wire::Every;
 using Sample = std::variant<session::RosterEntry, session::CatalogueEntry, session::BulkChunk, session::Intent,
-                            session::ClockSample, session::Control, session::ProbeState>;
+                            session::DevicePose, session::ClockSample, session::Control, session::ProbeState>;
 using Inbox = wire::Inbox<Sample>;
 
 /// A thread that sleeps as the haptic one does and then computes for a fixed 30 us: what lateness the system itself
@@ -97,6 +99,10 @@ session::Pose pose_at(const Plain3& position) {
   return pose;
 }
 
+std::uint32_t age_us(const ProbeOutput& probe) {
+  return static_cast<std::uint32_t>(std::clamp(probe.pose_age * 1e6f, 0.0f, 4e9f));
+}
+
 }  // namespace
 
 struct Hrtc::Impl {
@@ -104,23 +110,28 @@ struct Hrtc::Impl {
   ~Impl();
   int run(const std::atomic<bool>& stop);
 
+  struct User;
+
   // Samples that arrive.
   void take(const session::RosterEntry& entry, std::int64_t now_ns);
   void take(const session::CatalogueEntry& entry, std::int64_t now_ns);
   void take(const session::BulkChunk& chunk, std::int64_t now_ns) { loader.on_chunk(chunk, now_ns); }
   void take(const session::Intent& intent, std::int64_t now_ns);
+  void take(const session::DevicePose& pose, std::int64_t now_ns);
   void take(const session::ClockSample& sample, std::int64_t now_ns);
   void take(const session::Control& control, std::int64_t now_ns);
   void take(const session::ProbeState& state, std::int64_t now_ns);
 
   void on_event(const session::RosterEvent& event);
   void seat(const session::RosterEntry& client);
+  void listen_to_device(User& user);
   void unseat(const std::string& user);
   void seat_replays();
   void choose_reference(std::int64_t now_ns);
   void send_roster(bool leaving);
   void send_metrics(bool all);
   void send_states();
+  void send_commands(const ProbeReports& latest);
   void serve(std::int64_t now_ns);
   void drain_rings();
   void snapshot(std::int64_t now_ns, const ProbeReports& reports);
@@ -131,7 +142,15 @@ struct Hrtc::Impl {
     std::uint64_t id = 0;
     std::uint64_t client = 0;                  // participant; 0: a replay of our own
     haptics::SimulatedDevice* hand = nullptr;  // once it has a wish
+    haptics::RemoteDevice* remote = nullptr;   // what takes its poses, if it sends any
     std::unique_ptr<wire::Reader<session::Intent>> intents;
+    std::unique_ptr<wire::Reader<session::DevicePose>> poses;
+  };
+  /// Where the forces of a remote device go.
+  struct RemoteEnd {
+    haptics::RemoteDevice* device = nullptr;  // null: this probe has none
+    std::uint64_t user_id = 0;
+    std::unique_ptr<wire::Writer<session::DeviceCommand>> commands;
   };
 
   HrtcOptions options;
@@ -148,6 +167,9 @@ struct Hrtc::Impl {
   std::vector<std::unique_ptr<haptics::Device>> devices;
   HapticCommands commands;
   haptics::Mailbox<session::ClockMap> sender_clock;
+  std::atomic<std::int64_t> session_offset_ns{0};  // session time less ours, for the threads that bring poses
+  std::mutex remote_mutex;                         // the service's and the sender's
+  std::array<RemoteEnd, kMaxProbes> remote_ends;
   std::array<std::atomic<std::uint64_t>, kMaxProbes> user_ids{};
   std::array<std::atomic<std::uint64_t>, kMaxObjects> object_ids{};
   std::map<std::pair<std::uint64_t, std::uint32_t>, std::int64_t> remote_probes;  // last seen
@@ -316,9 +338,35 @@ void Hrtc::Impl::seat(const session::RosterEntry& client) {
     user.intents = std::make_unique<wire::Reader<session::Intent>>(
         links, wire::topics::kIntent, [this](session::Intent&& intent) { inbox.put(std::move(intent)); },
         wire::EndOptions{wire::user_partition(name)});
+    listen_to_device(user);
     spdlog::info("user {} has probe {}", name, *slot);
   }
   heartbeat.at_once();
+}
+
+/// A device that its client sends the poses of: they go past the service, straight to where the haptic thread looks.
+void Hrtc::Impl::listen_to_device(User& user) {
+  auto device = std::make_unique<haptics::RemoteDevice>();
+  user.remote = device.get();
+  devices.push_back(std::move(device));
+  const auto on_pose = [this, remote = user.remote, id = user.id, client = user.client,
+                        known = false](const session::DevicePose& pose) mutable {
+    if (pose.user_id != id || pose.origin.participant != client) return;
+    haptics::RemotePose taken;
+    taken.position = pose.pose.position;
+    taken.orientation = pose.pose.orientation;
+    taken.velocity = pose.velocity;
+    taken.sequence = pose.sequence;
+    taken.buttons = pose.buttons;
+    taken.command_felt = pose.command_felt;
+    taken.taken_ns = pose.session_time_ns - session_offset_ns.load(std::memory_order_relaxed);
+    taken.arrived_ns = monotonic_ns();
+    (void)remote->on_pose(taken);
+    if (!known) inbox.put(pose);
+    known = true;
+  };
+  user.poses = std::make_unique<wire::Reader<session::DevicePose>>(links, wire::topics::kDevicePose, on_pose,
+                                                                   wire::EndOptions{wire::user_partition(user.name)});
 }
 
 void Hrtc::Impl::unseat(const std::string& name) {
@@ -326,6 +374,10 @@ void Hrtc::Impl::unseat(const std::string& name) {
     if (at->second.name != name || at->second.client == 0) continue;
     commands.devices[at->first] = nullptr;
     haptic.commands().post(commands);
+    {
+      const std::lock_guard lock{remote_mutex};
+      remote_ends[at->first] = {};
+    }
     user_ids[at->first] = 0;
     slots.release(name);
     users.erase(at);
@@ -340,6 +392,7 @@ void Hrtc::Impl::take(const session::CatalogueEntry& entry, std::int64_t) { load
 void Hrtc::Impl::take(const session::Intent& intent, std::int64_t now_ns) {
   for (auto& [slot, user] : users) {
     if (user.id != intent.user_id || user.client != intent.origin.participant || intent.path.empty()) continue;
+    if (commands.devices[slot] != nullptr && user.hand == nullptr) continue;  // it has a device of its own
     // Wishes are in session time, the hand's clock is ours.
     const std::int64_t session_now = clock.map().session_time(now_ns);
     haptics::HandPath path;
@@ -356,6 +409,25 @@ void Hrtc::Impl::take(const session::Intent& intent, std::int64_t now_ns) {
       haptic.commands().post(commands);
     }
     user.hand->wishes().post(path);
+  }
+}
+
+void Hrtc::Impl::take(const session::DevicePose& pose, std::int64_t) {
+  for (auto& [slot, user] : users) {
+    if (user.id != pose.user_id || user.client != pose.origin.participant || commands.devices[slot] != nullptr)
+      continue;
+    RemoteEnd end;
+    end.device = user.remote;
+    end.user_id = user.id;
+    end.commands = std::make_unique<wire::Writer<session::DeviceCommand>>(
+        links, wire::topics::kDeviceCommand, wire::EndOptions{wire::user_partition(user.name)});
+    {
+      const std::lock_guard lock{remote_mutex};
+      remote_ends[slot] = std::move(end);
+    }
+    commands.devices[slot] = user.remote;
+    haptic.commands().post(commands);
+    spdlog::info("user {} brings a device of its own", user.name);
   }
 }
 
@@ -431,6 +503,13 @@ void Hrtc::Impl::send_metrics(bool all) {
                                                 static_cast<double>(reports.time_ns - first_cycle_ns)});
   const LoaderFigures figures = loader.figures();
   const auto& delivery = loader.delivery_counters();
+  std::size_t remotes = 0;
+  double loop_delay = 0;
+  for (const auto& [slot, user] : users) {
+    if (user.remote == nullptr || commands.devices[slot] != user.remote) continue;
+    ++remotes;
+    loop_delay = std::max(loop_delay, user.remote->loop_delay());
+  }
   const std::pair<const char*, double> counts[] = {
       {names::kPoolUsed, figures.slots_used},
       {names::kPoolPeak, figures.slots_peak},
@@ -450,7 +529,9 @@ void Hrtc::Impl::send_metrics(bool all) {
       {names::kBytesReceived, static_cast<double>(delivery.payload_bytes)},
       {names::kLoadLatency, figures.load_latency * 1e6},
       {names::kHostChanges, static_cast<double>(delivery.host_changes)},
-      {names::kRemoteProbes, static_cast<double>(remote_probes.size())}};
+      {names::kRemoteProbes, static_cast<double>(remote_probes.size())},
+      {names::kRemoteDevices, static_cast<double>(remotes)},
+      {names::kLoopDelay, loop_delay * 1e6}};
   for (const auto& [name, value] : counts) sample.figures.push_back({name, value});
   static_assert(kMaxObjects <= session::kMaxMeshes);
   const MeshHashes& hashes = haptic.mesh_hashes().latest();
@@ -469,9 +550,11 @@ void Hrtc::Impl::send_states() {
     std::uint64_t cycles;
     (void)!read(haptic.event(), &cycles, sizeof cycles);
     ProbeReports latest;
-    if (!haptic.reports_for_sender().take(latest) || latest.time_ns - sent_ns < gap_ns) continue;
-    sent_ns = latest.time_ns;
+    if (!haptic.reports_for_sender().take(latest)) continue;
     const session::ClockMap map = sender_clock.latest();
+    send_commands(latest);
+    if (latest.time_ns - sent_ns < gap_ns) continue;
+    sent_ns = latest.time_ns;
     for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
       const ProbeOutput& probe = latest.probes[i];
       if (!probe.active) continue;
@@ -492,9 +575,30 @@ void Hrtc::Impl::send_states() {
       state.object_id = probe.object < kMaxObjects ? object_ids[probe.object].load(std::memory_order_relaxed) : 0;
       state.status = probe.status;
       state.error_bound = probe.error_bound;
-      state.data_age_us = static_cast<std::uint32_t>(std::clamp(probe.pose_age * 1e6f, 0.0f, 4e9f));
+      state.data_age_us = age_us(probe);
       (void)states_out.send(state);
     }
+  }
+}
+
+void Hrtc::Impl::send_commands(const ProbeReports& latest) {
+  const std::lock_guard lock{remote_mutex};
+  for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
+    const RemoteEnd& end = remote_ends[i];
+    const ProbeOutput& probe = latest.probes[i];
+    if (end.device == nullptr || !probe.active) continue;
+    session::DeviceCommand command;
+    command.origin = links.origin();
+    command.user_id = end.user_id;
+    command.probe = i;
+    command.sequence = end.device->on_command(latest.time_ns);
+    command.pose_answered = probe.pose_sequence;
+    command.force = probe.force;
+    command.normal = probe.normal;
+    command.status = probe.status;
+    command.error_bound = probe.error_bound;
+    command.data_age_us = age_us(probe);
+    (void)end.commands->send(command);
   }
 }
 
@@ -595,6 +699,7 @@ void Hrtc::Impl::serve(std::int64_t now_ns) {
     if (++clock_requests == 10) clock_request.set_period(kClockNs);
   }
   sender_clock.post(clock.map());
+  session_offset_ns = clock.map().session_time(now_ns) - now_ns;
   if (heartbeat.due(now_ns)) send_roster(false);
   if (metrics.due(now_ns)) send_metrics(all_metrics.due(now_ns));
   for (auto at = remote_probes.begin(); at != remote_probes.end();)

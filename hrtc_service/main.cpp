@@ -53,7 +53,8 @@ int main(int argc, char** argv) {
       ->capture_default_str();
   app.add_option("--qos", options.address.qos, "Directory of the QoS profiles")->capture_default_str();
   CLI::Option* pool =
-      app.add_option("--pool", slots, "Slots for mesh records, of all objects together; 64 Ki take 38 MiB with what is kept coded")
+      app.add_option("--pool", slots,
+                     "Slots for mesh records, of all objects together; 64 Ki take 38 MiB with what is kept coded")
           ->capture_default_str()
           ->check(CLI::Range(kLeastSlots, spm::kMaxSlots));
   CLI::Option* memory =

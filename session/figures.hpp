@@ -60,6 +60,11 @@ inline constexpr char kLoadLatency[] = "hrtc.load_latency_us";
 inline constexpr char kHostChanges[] = "hrtc.host_changes";
 inline constexpr char kRemoteProbes[] = "hrtc.remote_probes";
 
+// An HRTC: devices of its users that are not at its machine.
+inline constexpr char kRemoteDevices[] = "hrtc.remote_devices";
+inline constexpr char kLoopDelay[] = "hrtc.loop_us";         ///< the greatest of theirs now, as stiffness is cut to
+inline constexpr char kStaleCycles[] = "hrtc.stale_cycles";  ///< summed over all probes: force ramped for an old pose
+
 /// Followed by the topic's name and .rate, .lost_share, .age_us.p50, .age_us.p99 or .age_us.max: as its reader sees it.
 inline constexpr char kTopicPrefix[] = "topic.";
 

@@ -153,9 +153,10 @@ enum StatusBit : std::uint32_t {
   kForceRamped = 1u << 4,  ///< soft start, stale data or a surface that moved past the proxy
   kContactsTruncated = 1u << 5,
   kPoolFull = 1u << 6,
-  kBudgetSpent = 1u << 7,  ///< refinement goes on next cycle
-  kFault = 1u << 8,        ///< latched
-  kSurfaceMoved = 1u << 9  ///< refinement moved the surface past the proxy this cycle
+  kBudgetSpent = 1u << 7,   ///< refinement goes on next cycle
+  kFault = 1u << 8,         ///< latched
+  kSurfaceMoved = 1u << 9,  ///< refinement moved the surface past the proxy this cycle
+  kStiffnessCut = 1u << 10  ///< the material is stiffer than the device, or the loop to a remote one, can bear
 };
 
 /// Topic probe_state, keys user_id and probe: written by HRTCs only, each cycle or as the rate allows.

@@ -37,6 +37,7 @@ users:
     hrtc: left
     radius: 0.004
     repeat: true
+    remote: true
     script:
       - approach: {object: organ, direction: [0, 0, 2], point: [0.25, 0.5, 1], speed: 0.2, until_force: 0.75}
       - tap: {count: 3, speed: 0.5, force: 2, depth: 0.004}
@@ -57,6 +58,7 @@ users:
   EXPECT_EQ(ann.hrtc, "left");
   EXPECT_EQ(ann.radius, 0.004);
   EXPECT_TRUE(ann.repeat);
+  EXPECT_TRUE(ann.remote);
   ASSERT_EQ(ann.script.size(), 6u);
   EXPECT_EQ(ann.script[0].kind, ActionKind::kApproach);
   EXPECT_EQ(ann.script[0].object, "organ");
@@ -73,6 +75,7 @@ users:
   EXPECT_EQ(ann.script[5].kind, ActionKind::kRetreat);
   EXPECT_EQ(scenario.users[1].hrtc, "#1");
   EXPECT_FALSE(scenario.users[1].repeat);
+  EXPECT_FALSE(scenario.users[1].remote);
 }
 
 TEST(Scenario, BuiltInOnesAreSound) {

@@ -1,0 +1,79 @@
+#include "client_sim/remote_hand.hpp"
+
+#include <algorithm>
+#include <utility>
+
+#include "wire/realtime.hpp"
+
+namespace tactus::client_sim {
+namespace {
+
+constexpr double kHold = 0.010, kZeroBy = 0.060;  // s; as haptics::ForceSettings
+constexpr int kPriority = 40;
+
+}  // namespace
+
+RemoteHand::RemoteHand(wire::Links& links, const RemoteHandSettings& settings)
+    : links_{links},
+      settings_{settings},
+      user_id_{session::id_of(settings.user)},
+      hrtc_id_{session::id_of(settings.hrtc)},
+      device_{settings.hand},
+      poses_{links, wire::topics::kDevicePose, wire::EndOptions{wire::user_partition(settings.user)}},
+      commands_{links, wire::topics::kDeviceCommand, [this](session::DeviceCommand&& command) { on_command(command); },
+                wire::EndOptions{wire::user_partition(settings.user)}},
+      thread_{[this] { run(); }} {}
+
+RemoteHand::~RemoteHand() {
+  running_ = false;
+  thread_.join();
+}
+
+void RemoteHand::wish(const session::Intent& intent, const session::ClockMap& map) {
+  clock_.post(map);
+  const std::int64_t now_ns = wire::monotonic_ns();
+  const std::int64_t session_now_ns = map.session_time(now_ns);
+  haptics::HandPath path;
+  for (const session::Waypoint& waypoint : intent.path)
+    path.waypoints[path.count++] = {now_ns + (waypoint.session_time_ns - session_now_ns), waypoint.position};
+  device_.wishes().post(path);
+}
+
+void RemoteHand::on_command(const session::DeviceCommand& command) {
+  if (command.user_id != user_id_ || command.origin.participant != hrtc_id_) return;
+  if (command.origin.incarnation < incarnation_) return;
+  if (command.origin.incarnation > incarnation_) newest_ = 0;
+  incarnation_ = command.origin.incarnation;
+  if (command.sequence <= newest_) return;
+  newest_ = command.sequence;
+  felt_.post({command.force, command.sequence, wire::monotonic_ns()});
+}
+
+void RemoteHand::run() {
+  pthread_setname_np(pthread_self(), "remote hand");
+  (void)wire::enter_realtime("remote hand", kPriority);  // best effort: a late pose only softens what is felt
+  const auto period_ns = static_cast<std::int64_t>(1e9 / settings_.rate);
+  std::int64_t due_ns = wire::monotonic_ns();
+  session::DevicePose pose;
+  pose.user_id = user_id_;
+  pose.radius = settings_.radius;
+  while (running_) {
+    due_ns = std::max(due_ns + period_ns, wire::monotonic_ns());
+    wire::sleep_until(due_ns);
+    const std::int64_t now_ns = wire::monotonic_ns();
+    const Felt& felt = felt_.latest();
+    const double silent = static_cast<double>(now_ns - felt.arrived_ns) * 1e-9;
+    const double share = std::clamp((kZeroBy - silent) / (kZeroBy - kHold), 0.0, 1.0);
+    device_.write(share * haptics::Vec3d{felt.force[0], felt.force[1], felt.force[2]});
+    const haptics::DeviceState state = device_.read(now_ns);
+    pose.origin = links_.origin();
+    ++pose.sequence;
+    pose.session_time_ns = clock_.latest().session_time(now_ns);
+    pose.pose.position = {state.position.x(), state.position.y(), state.position.z()};
+    pose.velocity = {state.velocity.x(), state.velocity.y(), state.velocity.z()};
+    pose.command_felt = felt.sequence;
+    (void)poses_.send(pose);
+  }
+}
+
+}  // namespace tactus::client_sim

@@ -1,0 +1,64 @@
+/// A simulated user's hand on a device of its own: it sends poses to its HRTC and feels the commands that come back.
+///
+///     wishes --> simulated device --> device_pose (1 kHz) --> HRTC
+///                      ^ force <------- device_command <------'
+///
+/// A thread of its own keeps the rate. A force that no command renews is held for 10 ms and gone by 60 ms.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <thread>
+
+#include "haptics/mailbox.hpp"
+#include "haptics/simulated_device.hpp"
+#include "session/clock.hpp"
+#include "wire/ends.hpp"
+
+namespace tactus::client_sim {
+
+struct RemoteHandSettings {
+  std::string user;
+  std::string hrtc;  ///< whose commands count
+  double radius = 0.003;
+  double rate = 1000;  ///< Hz of poses
+  haptics::HandSettings hand;
+};
+
+class RemoteHand {
+ public:
+  /// `links` must outlive it. Throws wire::WireError.
+  RemoteHand(wire::Links& links, const RemoteHandSettings& settings);
+  ~RemoteHand();
+
+  /// Where the hand wants to be from now on, and session time as `map` tells it. One thread.
+  void wish(const session::Intent& intent, const session::ClockMap& map);
+
+ private:
+  /// The newest command.
+  struct Felt {
+    std::array<double, 3> force{};
+    std::uint32_t sequence = 0;
+    std::int64_t arrived_ns = 0;
+  };
+
+  void on_command(const session::DeviceCommand& command);
+  void run();
+
+  wire::Links& links_;
+  RemoteHandSettings settings_;
+  std::uint64_t user_id_, hrtc_id_;
+  haptics::SimulatedDevice device_;
+  haptics::Mailbox<session::ClockMap> clock_;
+  haptics::Mailbox<Felt> felt_;
+  std::uint64_t incarnation_ = 0;  // of the HRTC; the reader's
+  std::uint32_t newest_ = 0;       // command; the reader's
+  wire::Writer<session::DevicePose> poses_;
+  wire::Reader<session::DeviceCommand> commands_;
+  std::atomic<bool> running_{true};
+  std::thread thread_;
+};
+
+}  // namespace tactus::client_sim

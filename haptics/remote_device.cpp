@@ -1,0 +1,65 @@
+#include "haptics/remote_device.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace tactus::haptics {
+
+void LoopDelay::add(double seconds, double dt) noexcept {
+  if (mean_ < 0) {
+    mean_ = seconds;
+    deviation_ = seconds / 2;
+    value_ = mean_ + 4 * deviation_;
+    return;
+  }
+  const double off = seconds - mean_;
+  mean_ += off / 8;
+  deviation_ += (std::abs(off) - deviation_) / 4;
+  value_ = std::max(mean_ + 4 * deviation_, value_ * std::exp(-dt));
+}
+
+bool RemoteDevice::on_pose(RemotePose pose) noexcept {
+  if (started_ && static_cast<std::int32_t>(pose.sequence - newest_) <= 0) return false;
+  const double dt = started_ ? static_cast<double>(pose.arrived_ns - newest_ns_) * 1e-9 : 0;
+  started_ = true;
+  newest_ = pose.sequence;
+  newest_ns_ = pose.arrived_ns;
+  pose.taken_ns = std::min(pose.taken_ns, pose.arrived_ns);
+  const std::uint32_t sent = commands_.load(std::memory_order_acquire);
+  if (pose.command_felt != 0 && static_cast<std::int32_t>(sent - pose.command_felt) >= 0)
+    loop_delay_.add(static_cast<double>(pose.arrived_ns - sent_ns(pose.command_felt)) * 1e-9, dt);
+  shown_loop_delay_.store(loop_delay_.value(), std::memory_order_relaxed);
+  poses_.post({pose, loop_delay_.value()});
+  return true;
+}
+
+std::uint32_t RemoteDevice::on_command(std::int64_t cycle_ns) noexcept {
+  const std::uint32_t number = commands_.load(std::memory_order_relaxed) + 1;
+  sent_ns_[number % kRemembered].store(cycle_ns, std::memory_order_relaxed);
+  commands_.store(number, std::memory_order_release);
+  return number;
+}
+
+std::int64_t RemoteDevice::sent_ns(std::uint32_t command) const noexcept {
+  // The oldest may be overwritten meanwhile, by one that is younger: half of them are safely there.
+  const std::uint32_t sent = commands_.load(std::memory_order_acquire);
+  const std::uint32_t kept = sent - std::min(sent - command, kRemembered / 2);
+  return sent_ns_[kept % kRemembered].load(std::memory_order_relaxed);
+}
+
+DeviceState RemoteDevice::read(std::int64_t) noexcept {
+  const Mail& mail = poses_.latest();
+  const RemotePose& pose = mail.pose;
+  DeviceState state;
+  state.position = {pose.position[0], pose.position[1], pose.position[2]};
+  state.velocity = {pose.velocity[0], pose.velocity[1], pose.velocity[2]};
+  state.orientation = {pose.orientation[3], pose.orientation[0], pose.orientation[1], pose.orientation[2]};
+  state.buttons = pose.buttons;
+  state.time_ns = pose.taken_ns;
+  state.sequence = pose.sequence;
+  state.transit = static_cast<double>(pose.arrived_ns - pose.taken_ns) * 1e-9;
+  state.loop_delay = mail.loop_delay;
+  return state;
+}
+
+}  // namespace tactus::haptics

@@ -1,0 +1,193 @@
+#include "haptics/remote_device.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <deque>
+#include <memory>
+#include <random>
+#include <utility>
+
+#include "haptics/force.hpp"
+#include "haptics/simulated_device.hpp"
+
+namespace tactus::haptics {
+namespace {
+
+constexpr std::int64_t kMs = 1'000'000;
+constexpr double kCycle = 1e-3;
+
+RemotePose pose(std::uint32_t sequence, double x, std::int64_t arrived_ns, std::uint32_t felt = 0) {
+  RemotePose made;
+  made.sequence = sequence;
+  made.position = {x, 0, 0};
+  made.taken_ns = made.arrived_ns = arrived_ns;
+  made.command_felt = felt;
+  return made;
+}
+
+TEST(RemoteDevice, ShowsTheNewestPoseAndDropsOneThatWasOvertaken) {
+  RemoteDevice device;
+  EXPECT_TRUE(device.on_pose(pose(7, 0.7, kMs)));
+  EXPECT_FALSE(device.on_pose(pose(6, 0.6, 2 * kMs)));
+  EXPECT_FALSE(device.on_pose(pose(7, 0.9, 2 * kMs)));
+  const DeviceState state = device.read(3 * kMs);
+  EXPECT_EQ(state.position.x(), 0.7);
+  EXPECT_EQ(state.sequence, 7u);
+  EXPECT_EQ(state.time_ns, kMs);
+}
+
+TEST(RemoteDevice, GoesOnWhenTheNumbersOfPosesStartOver) {
+  RemoteDevice device;
+  EXPECT_TRUE(device.on_pose(pose(0xffffffff, 0.1, kMs)));
+  EXPECT_TRUE(device.on_pose(pose(0, 0.2, 2 * kMs)));
+  EXPECT_EQ(device.read(2 * kMs).position.x(), 0.2);
+}
+
+TEST(RemoteDevice, TellsTransitFromSilence) {
+  RemoteDevice device;
+  RemotePose sent = pose(1, 0, 50 * kMs);
+  sent.taken_ns = 20 * kMs;
+  (void)device.on_pose(sent);
+  const DeviceState state = device.read(58 * kMs);
+  EXPECT_EQ(state.time_ns, 20 * kMs);
+  EXPECT_NEAR(state.transit, 0.030, 1e-12);
+  // A clock that is wrong does not make a pose that lies in the future.
+  sent.sequence = 2;
+  sent.taken_ns = 90 * kMs;
+  (void)device.on_pose(sent);
+  EXPECT_EQ(device.read(58 * kMs).transit, 0);
+}
+
+TEST(RemoteDevice, MeasuresTheLoopByTheAgeOfTheForceThatWasFelt) {
+  RemoteDevice device;
+  EXPECT_EQ(device.loop_delay(), LoopDelay::kUnknown);
+  for (std::uint32_t i = 1; i <= 3000; ++i) {
+    EXPECT_EQ(device.on_command(i * kMs), i);
+    (void)device.on_pose(pose(i, 0, i * kMs, i > 20 ? i - 20 : 0));
+  }
+  EXPECT_NEAR(device.loop_delay(), 0.020, 0.005);
+  EXPECT_EQ(device.read(0).loop_delay, device.loop_delay());
+}
+
+TEST(RemoteDevice, AHandThatFeelsNothingNewIsALongLoop) {
+  RemoteDevice device;
+  for (std::uint32_t i = 1; i <= 1000; ++i) {
+    (void)device.on_command(i * kMs);
+    (void)device.on_pose(pose(i, 0, i * kMs, std::min(i, 500u)));
+  }
+  EXPECT_GT(device.loop_delay(), 0.45);
+}
+
+TEST(RemoteDevice, AClaimToHaveFeltWhatWasNeverSentIsNotBelieved) {
+  RemoteDevice device;
+  (void)device.on_command(kMs);
+  (void)device.on_pose(pose(1, 0, 2 * kMs, 99));
+  EXPECT_EQ(device.loop_delay(), LoopDelay::kUnknown);
+}
+
+TEST(LoopDelay, RisesWithinThreeSamplesAndFallsByAFactorEInASecond) {
+  LoopDelay delay;
+  for (int i = 0; i < 2000; ++i) delay.add(0.002, kCycle);
+  EXPECT_NEAR(delay.value(), 0.002, 1e-4);
+  for (int i = 0; i < 3; ++i) delay.add(0.05, kCycle);
+  EXPECT_GT(delay.value(), 0.05);
+  const double peak = delay.value();
+  for (int i = 0; i < 1000; ++i) delay.add(0.002, kCycle);
+  EXPECT_GT(delay.value(), peak / std::exp(1.0) * 0.99);
+}
+
+/// A hand pressed against a wall at x = 0 over a line that delays, jitters and loses, in steps of 1 ms.
+class PressedHand {
+ public:
+  PressedHand(double one_way, double jitter, double loss) : one_way_{one_way}, jitter_{jitter}, loss_{loss} {
+    HandSettings settings;
+    settings.start = {0.005, 0, 0};
+    hand_ = std::make_unique<SimulatedDevice>(settings);
+    HandPath path;
+    path.count = 1;
+    path.waypoints[0] = {0, {-0.005, 0, 0}};
+    hand_->wishes().post(path);
+  }
+
+  /// Greatest speed of the hand in the last second of `seconds`, m/s.
+  double run(double seconds, bool cut) {
+    double fastest = 0;
+    for (std::int64_t ms = 1; ms <= std::lround(seconds * 1000); ++ms) {
+      const std::int64_t now = ms * kMs;
+      while (!forces_.empty() && forces_.front().first <= now) {
+        if (forces_.front().second.first > felt_) {
+          felt_ = forces_.front().second.first;
+          hand_->write({forces_.front().second.second, 0, 0});
+        }
+        forces_.pop_front();
+      }
+      const DeviceState at_hand = hand_->read(now);
+      RemotePose sent = pose(static_cast<std::uint32_t>(ms), at_hand.position.x(), 0, felt_);
+      sent.velocity = {at_hand.velocity.x(), 0, 0};
+      sent.taken_ns = now;
+      if (arrives()) poses_.emplace_back(now + way(), sent);
+      while (!poses_.empty() && poses_.front().first <= now) {
+        poses_.front().second.arrived_ns = now;
+        (void)device_.on_pose(poses_.front().second);
+        poses_.pop_front();
+      }
+      DeviceState state = device_.read(now);
+      if (!cut) state.loop_delay = 0;
+      ProxyResult proxy;
+      proxy.normal = Vec3d::UnitX();
+      proxy.in_contact = state.position.x() < 0;
+      proxy.anchor = proxy.in_contact ? Vec3d::Zero() : state.position;
+      const double age = static_cast<double>(now - state.time_ns) * 1e-9 - state.transit;
+      const ForceResult& force = renderer_.step(proxy, state, Feel{1000, 1}, age, kCycle);
+      const std::uint32_t number = device_.on_command(now);
+      if (arrives()) forces_.emplace_back(now + way(), std::pair{number, force.force.x()});
+      if (ms > std::lround(seconds * 1000) - 1000) fastest = std::max(fastest, at_hand.velocity.norm());
+    }
+    return fastest;
+  }
+  [[nodiscard]] double loop_delay() const { return device_.loop_delay(); }
+
+ private:
+  [[nodiscard]] bool arrives() { return std::uniform_real_distribution<>{}(random_) >= loss_; }
+  /// In order: a later one waits for an earlier.
+  [[nodiscard]] std::int64_t way() {
+    const double seconds = one_way_ + std::abs(std::normal_distribution<>{0, 1}(random_)) * jitter_;
+    return std::llround(seconds * 1e9);
+  }
+
+  double one_way_, jitter_, loss_;
+  std::mt19937 random_{7};
+  std::unique_ptr<SimulatedDevice> hand_;
+  RemoteDevice device_;
+  ForceRenderer renderer_{{}, {}};
+  std::deque<std::pair<std::int64_t, RemotePose>> poses_;
+  std::deque<std::pair<std::int64_t, std::pair<std::uint32_t, double>>> forces_;
+  std::uint32_t felt_ = 0;
+};
+
+TEST(RemoteDevice, AHandPressedToAWallRestsWhateverTheDelayJitterAndLossOfTheLine) {
+  for (const double one_way : {0.0005, 0.005, 0.02, 0.06, 0.1})
+    for (const auto& [jitter, loss] : {std::pair{0.0, 0.0}, std::pair{0.2, 0.0}, std::pair{0.1, 0.2}}) {
+      PressedHand hand{one_way, jitter * one_way, loss};
+      // Jitter makes the force waver with the hand's speed; what grows reaches 50 mm/s.
+      EXPECT_LT(hand.run(12, true), 3e-3) << one_way << " s, jitter " << jitter << ", loss " << loss
+                                          << ", loop taken for " << hand.loop_delay() << " s";
+    }
+}
+
+TEST(RemoteDevice, WithoutTheCutItDoesNot) {
+  PressedHand hand{0.02, 0, 0};
+  EXPECT_GT(hand.run(12, false), 0.05);
+}
+
+TEST(RemoteDevice, AShortLoopLeavesTheMaterialAsItIs) {
+  PressedHand hand{0.0003, 0, 0};
+  (void)hand.run(12, true);
+  ForceRenderer renderer{{}, {}};
+  EXPECT_EQ(renderer.stiffness(Feel{1000, 1}, kCycle, hand.loop_delay()), 1000) << hand.loop_delay();
+}
+
+}  // namespace
+}  // namespace tactus::haptics
