@@ -15,7 +15,8 @@ void LoopDelay::add(double seconds, double dt) noexcept {
   const double off = seconds - mean_;
   mean_ += off / 8;
   deviation_ += (std::abs(off) - deviation_) / 4;
-  value_ = std::max(mean_ + 4 * deviation_, value_ * std::exp(-dt));
+  const double bound = mean_ + 4 * deviation_;
+  value_ += (bound - value_) * (1 - std::exp(-dt / (bound > value_ ? kRise : kFall)));
 }
 
 bool RemoteDevice::on_pose(RemotePose pose) noexcept {

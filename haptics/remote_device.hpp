@@ -20,8 +20,8 @@
 
 namespace tactus::haptics {
 
-/// A bound on a delay that varies: mean and four mean deviations, as TCP's timer has it (RFC 6298). It rises at once
-/// and falls slowly, by a factor e in a second, so that a stiffness made of it does not pump.
+/// A bound on a delay that varies: mean and four mean deviations, as TCP's timer has it (RFC 6298). It follows a rise
+/// in 50 ms, within which no instability grows far, and a fall in 1 s, so that a stiffness made of it does not pump.
 class LoopDelay {
  public:
   /// `seconds`: one delay seen; `dt`: since the one before.
@@ -31,7 +31,8 @@ class LoopDelay {
   static constexpr double kUnknown = 0.25;  ///< s; until something is known
 
  private:
-  double mean_ = -1;  // < 0: none yet
+  static constexpr double kRise = 0.05, kFall = 1;  // s, time constants
+  double mean_ = -1;                                // < 0: none yet
   double deviation_ = 0;
   double value_ = kUnknown;
 };
