@@ -1,6 +1,7 @@
 // Probe states on a link that mesh records fill, beside the idle link, in alternating pairs.
 #include <cstdio>
 
+#include "bench/coded_rows.hpp"
 #include "bench/figures.hpp"
 #include "bench/latency_bench.hpp"
 
@@ -62,6 +63,7 @@ int run(const PairSettings& settings) {
   report.at_most("age p99.9, loaded over idle", "medians of runs", "",
                  loaded.p999.percentile(50) / idle.p999.percentile(50), 2.5);
   report.at_least("mesh, loaded", "median of runs", "MB/s", loaded.mesh.percentile(50), 11);
+  add_coded_isolation(report, 2, 4 * settings.seconds, 20);
   return report.finish(settings.json);
 }
 

@@ -1,6 +1,7 @@
 // Probe states over a link that loses frames: how old is what a reader knows.
 #include <cstdio>
 
+#include "bench/coded_rows.hpp"
 #include "bench/figures.hpp"
 #include "bench/latency_bench.hpp"
 
@@ -46,6 +47,7 @@ int run(const Settings& settings) {
     report.at_least(std::string{name} + "lost, or the link did not lose", "probe states", "%", lost,
                     0.7 * c.loss_percent);
   }
+  for (const Case& c : kCases) add_coded_loss(report, c.loss_percent, settings.seconds, settings.seed);
   return report.finish(settings.json);
 }
 

@@ -180,7 +180,10 @@ void Cycle::render(std::uint32_t number, const ProbeInput& input, ProbeOutput& o
   output.proxy = plain(proxy.proxy);
   output.force = plain(force.force);
   output.object = proxy.in_contact ? proxy.object : spm::kNone;
-  if (proxy.in_contact) output.normal = plain(proxy.normal);
+  if (proxy.in_contact) {
+    output.normal = plain(proxy.normal);
+    output.stiffness = static_cast<float>(renderer.stiffness(feel, settings_.period, input.device.loop_delay));
+  }
   if (proxy.in_contact) output.status |= session::kInContact;
   if (proxy.surface_moved) output.status |= session::kSurfaceMoved;
   if ((force.bits & haptics::kForceSaturated) != 0) output.status |= session::kForceSaturated;

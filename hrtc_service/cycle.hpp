@@ -54,6 +54,7 @@ struct ProbeOutput {
   std::uint32_t object = spm::kNone;  ///< index of the one touched
   std::uint32_t status = 0;           ///< session::StatusBit
   std::uint32_t contacts = 0;
+  float stiffness = 0;              ///< N/m, with which the force was made; 0 without contact
   float error_bound = 0;            ///< m; the greatest of all numbers while an object near it is not shown yet
   float pose_age = 0;               ///< s
   std::uint32_t pose_sequence = 0;  ///< haptics::DeviceState::sequence

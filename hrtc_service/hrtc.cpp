@@ -576,6 +576,7 @@ void Hrtc::Impl::send_states() {
       state.status = probe.status;
       state.error_bound = probe.error_bound;
       state.data_age_us = age_us(probe);
+      state.stiffness = probe.stiffness;
       (void)states_out.send(state);
     }
   }

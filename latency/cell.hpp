@@ -35,7 +35,7 @@ inline constexpr std::array kTransportNames{"udp", "shm", "builtin", "raw-udp"};
 inline constexpr std::array kProfileNames{"tactus", "plain"};
 inline constexpr std::array kTopicNames{"probe_state", "records"};
 
-inline constexpr std::uint32_t kProbeStateBytes = 232;  ///< a ProbeState encoded; its payload cannot be chosen
+inline constexpr std::uint32_t kProbeStateBytes = 236;  ///< a ProbeState encoded; its payload cannot be chosen
 inline constexpr std::uint32_t kLeastPayload = 32;      ///< of a raw datagram and of a record: the stamps
 inline constexpr double kUnpaced = -1;                  ///< load as fast as the writer takes it
 
@@ -56,7 +56,7 @@ struct Cell {
 /// Throws LatencyError for a value out of range or a combination that has no meaning.
 void check(const Cell& cell);
 
-/// "udp tactus probe_state 232 B 1000 Hz x1, load 50 Mbit/s, link P4".
+/// "udp tactus probe_state 236 B 1000 Hz x1, load 50 Mbit/s, link P4".
 [[nodiscard]] std::string describe(const Cell& cell);
 
 [[nodiscard]] nlohmann::ordered_json to_json(const Cell& cell);

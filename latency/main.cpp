@@ -62,7 +62,7 @@ void add_run(CLI::App& app, Options& o) {
   add_axis(app, "--transport", o.grid.transports, kTransportNames, "How samples travel; raw-udp is the reference");
   add_axis(app, "--profile", o.grid.profiles, kProfileNames, "QoS: that of qos/, or the library's defaults");
   add_axis(app, "--topic", o.grid.topics, kTopicNames, "What is sent");
-  app.add_option("--payload", o.grid.payloads, "Bytes of a record or of a raw datagram; a probe state has 232")
+  app.add_option("--payload", o.grid.payloads, "Bytes of a record or of a raw datagram; a probe state has 236")
       ->delimiter(',');
   app.add_option("--rate", o.grid.rates, "Pings per second")->delimiter(',')->default_str("1000");
   app.add_option("--readers", o.grid.readers, "Readers, each of which answers")->delimiter(',')->default_str("1");

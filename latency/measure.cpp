@@ -133,15 +133,17 @@ void serve_one(const nlohmann::ordered_json& asked, Channel& channel, Place plac
   channel.send_block(arrivals.data(), arrivals.size() * sizeof(Arrival));
 }
 
-/// Sends the pings of a cell on time.
-void send_pings(const Cell& cell, Carrier& carrier, Stamps& stamps, const std::atomic<bool>& stop) {
+/// Sends the pings of a cell that `plan` names, or all, on time.
+void send_pings(const Cell& cell, const Plan& plan, Carrier& carrier, Stamps& stamps, const std::atomic<bool>& stop) {
   const double period_ns = 1e9 / cell.rate_hz;
   const std::int64_t start = wire::monotonic_ns() + 20'000'000;
   const std::int64_t give_up = start + static_cast<std::int64_t>(cell.seconds * 1e9) + 1'000'000'000;
   for (std::uint32_t i = 0; i < stamps.pings.size(); ++i)
     stamps.pings[i].intended_ns = start + static_cast<std::int64_t>(i * period_ns);
-  for (std::uint32_t i = 0; i < stamps.pings.size(); ++i) {
-    Ping& ping = stamps.pings[i];
+  const std::size_t count = plan.empty() ? stamps.pings.size() : plan.size();
+  for (std::uint32_t number = 0; number < count; ++number) {
+    const std::uint32_t i = plan.empty() ? number : plan[number];
+    Ping& ping = stamps.pings.at(i);
     if (stop) throw LatencyError("interrupted");
     if (wire::monotonic_ns() < ping.intended_ns) {
       wire::sleep_until(ping.intended_ns);
@@ -156,7 +158,8 @@ void send_pings(const Cell& cell, Carrier& carrier, Stamps& stamps, const std::a
 
 }  // namespace
 
-Stamps measure(const Cell& cell, Channel& channel, const Place& place, const std::atomic<bool>& stop) {
+Stamps measure(const Cell& cell, Channel& channel, const Place& place, const std::atomic<bool>& stop,
+               const Plan& plan) {
   static std::atomic<int> count{0};
   const std::string session = "latency." + std::to_string(::getpid()) + "." + std::to_string(++count);
   channel.send({{"version", kVersion},
@@ -204,8 +207,8 @@ Stamps measure(const Cell& cell, Channel& channel, const Place& place, const std
   // Only now: threads that were made before would have inherited it.
   stamps.notes.push_back(place.priority > 0 ? wire::enter_realtime("pinger", place.priority)
                                             : "pinger: no real-time priority asked for");
-  send_pings(cell, *carrier, stamps, stop);
-  const std::size_t all = stamps.pings.size() * cell.readers;
+  send_pings(cell, plan, *carrier, stamps, stop);
+  const std::size_t all = (plan.empty() ? stamps.pings.size() : plan.size()) * cell.readers;
   (void)wait_until([&] { return heard >= all; }, kLastEchoes, stop);
   load.reset();
   carrier.reset();

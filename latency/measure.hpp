@@ -54,9 +54,13 @@ struct Place {
   int priority = 60;  ///< SCHED_FIFO of the pinger and of receiving threads, 0: none
 };
 
+/// Which pings of a cell's schedule are sent, ascending, as a coder leaves some out; empty: all.
+using Plan = std::vector<std::uint32_t>;
+
 /// Runs the cell with the echoer at the other end of `channel`. Leaves its thread at real-time priority. Throws
 /// LatencyError and WireError.
-[[nodiscard]] Stamps measure(const Cell& cell, Channel& channel, const Place& place, const std::atomic<bool>& stop);
+[[nodiscard]] Stamps measure(const Cell& cell, Channel& channel, const Place& place, const std::atomic<bool>& stop,
+                             const Plan& plan = {});
 
 /// Answers pingers until the other end closes or `stop` is set. `place.domain` and `place.priority` come from the
 /// pinger. An error is told to the other end and thrown.

@@ -46,22 +46,35 @@ std::string path_of(const std::string& program) {
 
 }  // namespace
 
-Result run_against(const Cell& cell, Channel& channel, const Place& place, const std::atomic<bool>& stop) {
-  // In a thread of its own, which takes its real-time priority with it when it ends.
-  Result result;
+namespace {
+
+/// In a thread of its own, which takes its real-time priority and its namespace with it when it ends.
+template <class Work>
+void in_own_thread(Work&& work) {
   std::exception_ptr trouble;
   std::thread{[&] {
     try {
-      result = evaluate(measure(cell, channel, place, stop));
+      work();
     } catch (...) {
       trouble = std::current_exception();
     }
   }}.join();
   if (trouble != nullptr) std::rethrow_exception(trouble);
-  return result;
+}
+
+}  // namespace
+
+Result run_against(const Cell& cell, Channel& channel, const Place& place, const std::atomic<bool>& stop) {
+  Stamps stamps;
+  in_own_thread([&] { stamps = measure(cell, channel, place, stop); });
+  return evaluate(stamps);
 }
 
 Result run_here(const Cell& cell, const RunSettings& settings, const std::atomic<bool>& stop) {
+  return evaluate(stamp_here(cell, settings, stop, {}));
+}
+
+Stamps stamp_here(const Cell& cell, const RunSettings& settings, const std::atomic<bool>& stop, const Plan& plan) {
   std::optional<netem::LinkedPair> pair;
   std::string note;
   if (cell.link != "none") {
@@ -86,22 +99,16 @@ Result run_here(const Cell& cell, const RunSettings& settings, const std::atomic
   ::close(ends[1]);
 
   Place place = settings.place;
-  Result result;
-  std::exception_ptr trouble;
-  std::thread{[&] {
-    try {
-      if (pair) {
-        pair->enter(netem::Side::kA);
-        place.echo_address = netem::LinkedPair::address(netem::Side::kB);
-      }
-      result = run_against(cell, channel, place, stop);
-    } catch (...) {
-      trouble = std::current_exception();
+  Stamps stamps;
+  in_own_thread([&] {
+    if (pair) {
+      pair->enter(netem::Side::kA);
+      place.echo_address = netem::LinkedPair::address(netem::Side::kB);
     }
-  }}.join();
-  if (trouble != nullptr) std::rethrow_exception(trouble);
-  if (!note.empty()) result.notes.push_back(note);
-  return result;
+    stamps = measure(cell, channel, place, stop, plan);
+  });
+  if (!note.empty()) stamps.notes.push_back(note);
+  return stamps;
 }
 
 }  // namespace tactus::latency

@@ -20,6 +20,10 @@ struct RunSettings {
 /// Self-contained: nothing but this machine. Cells with a link need root. Throws LatencyError, WireError and LinkError.
 [[nodiscard]] Result run_here(const Cell& cell, const RunSettings& settings, const std::atomic<bool>& stop);
 
+/// The same, and only what was stamped.
+[[nodiscard]] Stamps stamp_here(const Cell& cell, const RunSettings& settings, const std::atomic<bool>& stop,
+                                const Plan& plan);
+
 /// With a `tactus-latency serve` that is connected to. Links are then the network itself: the cell's is a name for it.
 [[nodiscard]] Result run_against(const Cell& cell, Channel& channel, const Place& place, const std::atomic<bool>& stop);
 

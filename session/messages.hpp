@@ -16,7 +16,7 @@
 namespace tactus::session {
 
 /// Raised when a change makes older programs misread newer samples.
-inline constexpr std::uint32_t kProtocolVersion = 6;
+inline constexpr std::uint32_t kProtocolVersion = 7;
 
 // Bounds, also stated in idl/tactus.idl; a test compares the two.
 inline constexpr std::size_t kMaxName = 63;
@@ -176,6 +176,7 @@ struct ProbeState {
   std::uint32_t status = 0;       ///< StatusBit
   float error_bound = 0;          ///< m; how far the shown surface may be from the true one; 0 when exact
   std::uint32_t data_age_us = 0;  ///< age of the device pose used
+  float stiffness = 0;            ///< N/m, with which the force was made; 0 without contact
 };
 
 /// Topic device_pose, keys user_id and probe: a remote device to its HRTC.

@@ -161,6 +161,7 @@ const char* fault(const session::ProbeState& p) noexcept {
   if (!all_finite(p.force)) return "force: expected finite numbers";
   if (!not_negative(p.radius)) return "radius: expected finite, at least 0";
   if (!not_negative(p.error_bound)) return "error_bound: expected finite, at least 0";
+  if (!not_negative(p.stiffness)) return "stiffness: expected finite, at least 0";
   return nullptr;
 }
 

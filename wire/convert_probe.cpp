@@ -62,6 +62,7 @@ void to_idl(const session::ProbeState& from, idl::ProbeState& to) {
   to.status(from.status);
   to.error_bound(from.error_bound);
   to.data_age_us(from.data_age_us);
+  to.stiffness(from.stiffness);
 }
 
 void from_idl(const idl::ProbeState& from, session::ProbeState& to) {
@@ -80,6 +81,7 @@ void from_idl(const idl::ProbeState& from, session::ProbeState& to) {
   to.status = from.status();
   to.error_bound = from.error_bound();
   to.data_age_us = from.data_age_us();
+  to.stiffness = from.stiffness();
 }
 
 void to_idl(const session::DevicePose& from, idl::DevicePose& to) {

@@ -28,7 +28,7 @@ TEST(ACell, IsRefusedWithTheValueFoundAndTheValuesExpected) {
   EXPECT_THAT(refusal([](Cell& c) { c.readers = 0; }), HasSubstr("readers is 0; expected 1 to 64"));
   EXPECT_THAT(refusal([](Cell& c) { c.seconds = 0; }), HasSubstr("seconds is 0"));
   EXPECT_THAT(refusal([](Cell& c) { c.load_mbit = -3; }), HasSubstr("load, Mbit/s, is -3"));
-  EXPECT_THAT(refusal([](Cell& c) { c.payload = 64; }), HasSubstr("a probe state always has 232"));
+  EXPECT_THAT(refusal([](Cell& c) { c.payload = 64; }), HasSubstr("a probe state always has 236"));
   EXPECT_THAT(refusal([](Cell& c) { c.topic = Topic::kRecords, c.payload = 1201; }), HasSubstr("expected 32 to 1200"));
   EXPECT_THAT(refusal([](Cell& c) { c.transport = Transport::kShm, c.link = "P4"; }), HasSubstr("goes past link P4"));
   EXPECT_THAT(refusal([](Cell& c) { c.seconds = 3600, c.readers = 64; }), HasSubstr("rate x seconds x readers"));

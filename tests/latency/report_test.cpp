@@ -42,8 +42,8 @@ TEST_F(ReportTest, TheTableHasALineForEachResultAndEachNoteOnce) {
   results_[1].cell.link = "P4";
   std::ostringstream out;
   print_table(out, subject_, results_);
-  EXPECT_THAT(out.str(), HasSubstr("udp tactus probe_state 232 B 1000 Hz x1\n"));
-  EXPECT_THAT(out.str(), HasSubstr("udp tactus probe_state 232 B 1000 Hz x1, link P4"));
+  EXPECT_THAT(out.str(), HasSubstr("udp tactus probe_state 236 B 1000 Hz x1\n"));
+  EXPECT_THAT(out.str(), HasSubstr("udp tactus probe_state 236 B 1000 Hz x1, link P4"));
   EXPECT_EQ(out.str().find("SCHED_FIFO 60"), out.str().rfind("SCHED_FIFO 60"));
 }
 

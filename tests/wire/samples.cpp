@@ -99,6 +99,7 @@ ses::ProbeState full(const Links& from) {
   p.status = ses::kInContact | ses::kSurfaceMoved;
   p.error_bound = 0.25f;
   p.data_age_us = 47;
+  p.stiffness = 800.5f;
   return p;
 }
 

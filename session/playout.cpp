@@ -1,0 +1,76 @@
+#include "session/playout.hpp"
+
+#include <algorithm>
+
+namespace tactus::session {
+namespace {
+
+std::array<double, 3> between(const std::array<double, 3>& a, const std::array<double, 3>& b, double share) noexcept {
+  return {a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]), a[2] + share * (b[2] - a[2])};
+}
+
+}  // namespace
+
+void ProbePlayout::on_state(const ProbeState& state, std::int64_t session_now_ns) noexcept {
+  if (count_ > 0 && states_[0].origin.incarnation != state.origin.incarnation) *this = ProbePlayout{settings_};
+  keep(state);
+  watch(session_now_ns - state.session_time_ns, session_now_ns);
+}
+
+void ProbePlayout::keep(const ProbeState& state) noexcept {
+  const auto begin = states_.begin();
+  const auto by_sequence = [](const ProbeState& a, const ProbeState& b) { return a.sequence < b.sequence; };
+  if (count_ == kKept) {
+    if (by_sequence(state, states_[0])) return;
+    std::move(begin + 1, begin + kKept, begin);
+    --count_;
+  }
+  const auto at = std::lower_bound(begin, begin + count_, state, by_sequence);
+  if (at != begin + count_ && at->sequence == state.sequence) return;
+  std::move_backward(at, begin + count_, begin + count_ + 1);
+  *at = state;
+  ++count_;
+}
+
+void ProbePlayout::watch(std::int64_t transit_ns, std::int64_t now_ns) noexcept {
+  const std::int64_t number = now_ns / kTenthNs;
+  Tenth& tenth = tenths_[static_cast<std::size_t>(number) % kTenths];
+  if (tenth.number != number) tenth = {number, transit_ns};
+  tenth.transit_ns = std::max(tenth.transit_ns, transit_ns);
+  std::int64_t worst = 0, next = 0;
+  int filled = 0;
+  for (const Tenth& one : tenths_) {
+    if (one.number < 0 || one.number + static_cast<std::int64_t>(kTenths) <= number) continue;
+    ++filled;
+    next = std::max(next, std::min(worst, one.transit_ns));
+    worst = std::max(worst, one.transit_ns);
+  }
+  const std::int64_t wanted =
+      std::clamp<std::int64_t>((filled > 1 ? next : worst) + settings_.reserve_ns, 0, settings_.max_delay_ns);
+  const std::int64_t fall = started_ ? std::max<std::int64_t>(now_ns - moved_ns_, 0) / 100 : INT64_MAX;
+  delay_ns_ = wanted >= delay_ns_ - fall ? wanted : delay_ns_ - fall;
+  moved_ns_ = now_ns;
+  started_ = true;
+}
+
+Shown ProbePlayout::at(std::int64_t session_now_ns) noexcept {
+  Shown shown;
+  shown_ns_ = std::max(shown_ns_, session_now_ns - delay_ns_);
+  shown.at_ns = shown_ns_;
+  if (count_ == 0) return shown;
+  const auto begin = states_.begin(), end = begin + count_;
+  auto next = std::find_if(begin, end, [&](const ProbeState& state) { return state.session_time_ns > shown_ns_; });
+  const ProbeState& state = next == begin ? *begin : *(next - 1);
+  shown.state = state;
+  shown.stale = session_now_ns - states_[count_ - 1].session_time_ns > 3 * kKeepAliveNs + delay_ns_;
+  shown.view = reckon(state, shown_ns_);
+  if (next != begin && next != end && next->sequence != state.sequence + 1) {  // one between them was lost
+    const double share = static_cast<double>(shown_ns_ - state.session_time_ns) /
+                         static_cast<double>(next->session_time_ns - state.session_time_ns);
+    shown.view = {between(state.device.position, next->device.position, share),
+                  between(state.proxy, next->proxy, share), between(state.force, next->force, share)};
+  }
+  return shown;
+}
+
+}  // namespace tactus::session

@@ -1,0 +1,74 @@
+#include "session/probe_coding.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace tactus::session {
+namespace {
+
+using Vec = std::array<double, 3>;
+
+/// What everyone has to know at once when it changes.
+constexpr std::uint32_t kTold = kInContact | kExact | kStalePose | kFault;
+
+double dot(const Vec& a, const Vec& b) noexcept { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+Vec along(const Vec& from, const Vec& way, double share) noexcept {
+  return {from[0] + share * way[0], from[1] + share * way[1], from[2] + share * way[2]};
+}
+double distance(const Vec& a, const Vec& b) noexcept { return std::hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]); }
+
+/// Seconds of motion between two times.
+double motion(std::int64_t from_ns, std::int64_t to_ns) noexcept {
+  constexpr double kWhole = static_cast<double>(kKeepAliveNs) * 1e-9, kDying = 0.02;
+  const double seconds = static_cast<double>(to_ns - from_ns) * 1e-9;
+  return seconds <= kWhole ? std::max(seconds, -kWhole) : kWhole + kDying * (1 - std::exp((kWhole - seconds) / kDying));
+}
+
+}  // namespace
+
+double Jnd::of_force(const Vec& felt, const Vec& shown) const noexcept {
+  return distance(felt, shown) / std::max(force_share * std::sqrt(dot(felt, felt)), force_floor);
+}
+
+ProbeView reckon(const ProbeState& state, std::int64_t at_ns) noexcept {
+  const double seconds = motion(state.session_time_ns, at_ns);
+  ProbeView view{along(state.device.position, state.velocity, seconds), state.proxy, state.force};
+  const double depth = distance(state.proxy, state.device.position);
+  if ((state.status & kInContact) == 0 || depth == 0) {
+    view.proxy = along(state.proxy, state.velocity, seconds);
+    return view;
+  }
+  const Vec spring = along(state.proxy, state.device.position, -1);  // device to proxy
+  const double outwards = dot(state.velocity, spring) / depth;       // speed out of the surface
+  view.proxy = along(state.proxy, along(state.velocity, spring, -outwards / depth), seconds);
+  const double deeper = std::max(-depth, -outwards * seconds);
+  view.force = along(state.force, spring, static_cast<double>(state.stiffness) * deeper / depth);
+  return view;
+}
+
+bool ProbeEncoder::misleads(const ProbeState& sent, const ProbeState& state) const noexcept {
+  if (((sent.status ^ state.status) & kTold) != 0 || sent.object_id != state.object_id) return true;
+  const ProbeView view = reckon(sent, state.session_time_ns);
+  return settings_.jnd.of_force(state.force, view.force) > 1 ||
+         distance(state.device.position, view.device) > settings_.jnd.position ||
+         distance(state.proxy, view.proxy) > settings_.jnd.position;
+}
+
+bool ProbeEncoder::step(const ProbeState& state) noexcept {
+  bool send = count_ == 0;
+  if (!send) {
+    const ProbeState& last = sent_[(count_ - 1) % kSent];
+    send = state.session_time_ns - last.session_time_ns >= kKeepAliveNs;
+    // The receiver has the one sent `back` before the last with probability loss^back (1 - loss).
+    double likely = 1 - settings_.loss, misled = 0;
+    const std::size_t kept = std::min<std::uint64_t>(count_, kSent);
+    for (std::size_t back = 0; back < kept && likely > 0 && !send; ++back, likely *= settings_.loss) {
+      if (misleads(sent_[(count_ - 1 - back) % kSent], state)) misled += likely;
+      send = misled > settings_.risk;
+    }
+  }
+  if (send) sent_[count_++ % kSent] = state;
+  return send;
+}
+
+}  // namespace tactus::session

@@ -1,0 +1,134 @@
+#include "session/playout.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+namespace tactus::session {
+namespace {
+
+constexpr std::int64_t kMs = 1'000'000;
+
+PlayoutSettings without_reserve() {
+  PlayoutSettings settings;
+  settings.reserve_ns = 0;
+  return settings;
+}
+
+/// At x = its time in seconds, moving so.
+ProbeState moving(std::uint32_t sequence, std::int64_t at_ms) {
+  ProbeState state;
+  state.origin.incarnation = 1;
+  state.sequence = sequence;
+  state.session_time_ns = at_ms * kMs;
+  state.device.position = {static_cast<double>(at_ms) * 1e-3, 0, 0};
+  state.velocity = {1, 0, 0};
+  return state;
+}
+
+/// A state every 10 ms from `from_ms` on, each `transit_ms` under way.
+void feed(ProbePlayout& playout, std::int64_t from_ms, std::int64_t to_ms, std::int64_t transit_ms) {
+  for (std::int64_t ms = from_ms; ms < to_ms; ms += 10)
+    playout.on_state(moving(static_cast<std::uint32_t>(ms / 10 + 1), ms), (ms + transit_ms) * kMs);
+}
+
+TEST(ProbePlayout, HasNothingToShowBeforeAStateCame) {
+  ProbePlayout playout;
+  const Shown shown = playout.at(5 * kMs);
+  EXPECT_TRUE(shown.stale);
+  EXPECT_EQ(shown.state.sequence, 0u);
+}
+
+TEST(ProbePlayout, ShowsAProbeWhereItWasOneTransitAgo) {
+  ProbePlayout playout{without_reserve()};
+  feed(playout, 0, 3000, 30);
+  const Shown shown = playout.at(3025 * kMs);
+  EXPECT_EQ(playout.delay_ns(), 30 * kMs);
+  EXPECT_EQ(shown.at_ns, 2995 * kMs);
+  EXPECT_NEAR(shown.view.device[0], 2.995, 1e-12);
+  EXPECT_FALSE(shown.stale);
+}
+
+TEST(ProbePlayout, DoesNotWaitForALoneStallButForStallsThatComeAgain) {
+  ProbePlayout playout{without_reserve()};
+  feed(playout, 0, 1000, 5);
+  playout.on_state(moving(101, 1000), 1050 * kMs);
+  EXPECT_EQ(playout.delay_ns(), 5 * kMs);
+  feed(playout, 1060, 1500, 5);
+  playout.on_state(moving(151, 1500), 1540 * kMs);
+  EXPECT_EQ(playout.delay_ns(), 40 * kMs);
+}
+
+TEST(ProbePlayout, FallsBackSlowlyOnceTheTransitsAreShortAgain) {
+  ProbePlayout playout{without_reserve()};
+  feed(playout, 0, 2500, 40);
+  feed(playout, 2500, 4500, 5);  // the long ones are in the window until now
+  EXPECT_NEAR(static_cast<double>(playout.delay_ns()), 40e6, 1e6);
+  feed(playout, 4500, 5500, 5);
+  EXPECT_NEAR(static_cast<double>(playout.delay_ns()), 30e6, 2e6) << "1 % of a second";
+}
+
+TEST(ProbePlayout, NeverShowsAnEarlierMomentThanBefore) {
+  ProbePlayout playout{without_reserve()};
+  feed(playout, 0, 500, 5);
+  const std::int64_t before = playout.at(505 * kMs).at_ns;
+  feed(playout, 500, 1500, 60);
+  EXPECT_EQ(playout.delay_ns(), 60 * kMs);
+  EXPECT_GE(playout.at(506 * kMs).at_ns, before);
+}
+
+TEST(ProbePlayout, WaitsNoLongerThanItsBound) {
+  ProbePlayout playout;
+  feed(playout, 0, 1000, 500);
+  EXPECT_EQ(playout.delay_ns(), PlayoutSettings{}.max_delay_ns);
+}
+
+TEST(ProbePlayout, CarriesOnTheFirstOfTwoThatFollowEachOtherAndGoesStraightWhereOneIsMissing) {
+  PlayoutSettings settings;
+  settings.reserve_ns = 30 * kMs;
+  ProbePlayout whole{settings}, gap{settings};
+  ProbeState first = moving(1, 0), second = moving(2, 10);
+  first.velocity = {0, 0, 0};
+  for (ProbePlayout* const playout : {&whole, &gap}) playout->on_state(first, 0);
+  whole.on_state(second, 10 * kMs);
+  second.sequence = 3;
+  gap.on_state(second, 10 * kMs);
+  EXPECT_EQ(whole.at(35 * kMs).view.device[0], 0);
+  EXPECT_NEAR(gap.at(35 * kMs).view.device[0], 0.005, 1e-12);
+}
+
+TEST(ProbePlayout, PutsAnOvertakenStateInItsPlaceAndIgnoresARepetition) {
+  PlayoutSettings settings;
+  settings.reserve_ns = 50 * kMs;
+  ProbePlayout playout{settings};
+  playout.on_state(moving(1, 0), 0);
+  playout.on_state(moving(3, 20), 20 * kMs);
+  ProbeState overtaken = moving(2, 10);
+  overtaken.device.position = {7, 0, 0};
+  playout.on_state(overtaken, 21 * kMs);
+  overtaken.device.position = {8, 0, 0};
+  playout.on_state(overtaken, 22 * kMs);
+  const Shown shown = playout.at(60 * kMs + playout.delay_ns() - 50 * kMs);
+  EXPECT_EQ(shown.at_ns, 10 * kMs);
+  EXPECT_EQ(shown.view.device[0], 7);
+}
+
+TEST(ProbePlayout, IsStaleOnceThreeKeepAlivePeriodsWereSilent) {
+  ProbePlayout playout;
+  feed(playout, 0, 1000, 5);
+  EXPECT_FALSE(playout.at(1100 * kMs).stale);
+  EXPECT_TRUE(playout.at(1130 * kMs).stale);
+}
+
+TEST(ProbePlayout, StartsAnewWithAnotherIncarnation) {
+  ProbePlayout playout{without_reserve()};
+  feed(playout, 0, 1000, 60);
+  ProbeState reborn = moving(1, 1100);
+  reborn.origin.incarnation = 2;
+  playout.on_state(reborn, 1105 * kMs);
+  EXPECT_EQ(playout.delay_ns(), 5 * kMs);
+  EXPECT_EQ(playout.at(1105 * kMs).state.sequence, 1u);
+}
+
+}  // namespace
+}  // namespace tactus::session

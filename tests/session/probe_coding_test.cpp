@@ -1,0 +1,163 @@
+#include "session/probe_coding.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+#include <vector>
+
+namespace tactus::session {
+namespace {
+
+constexpr std::int64_t kMs = 1'000'000;
+
+double distance(const std::array<double, 3>& a, const std::array<double, 3>& b) {
+  return std::hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
+}
+
+/// Pressed `depth` into the plane z = 0 of 1000 N/m.
+ProbeState pressed(double depth, const std::array<double, 3>& velocity, std::int64_t at_ns) {
+  ProbeState state;
+  state.session_time_ns = at_ns;
+  state.device.position = {0.1, 0.2, -depth};
+  state.proxy = {0.1, 0.2, 0};
+  state.velocity = velocity;
+  state.stiffness = 1000;
+  state.force = {0, 0, 1000 * depth};
+  state.status = kInContact | kExact;
+  state.object_id = 1;
+  return state;
+}
+
+/// A hand that wanders over that plane, mostly in it, for `seconds`.
+std::vector<ProbeState> wander(double seconds, std::uint32_t seed) {
+  std::mt19937 random{seed};
+  std::normal_distribution<> push{0, 0.004};
+  std::array<double, 3> position{0, 0, -0.001}, velocity{0, 0, 0};
+  std::vector<ProbeState> states;
+  for (std::int64_t ms = 0; ms < std::lround(seconds * 1e3); ++ms) {
+    const double home[] = {0, 0, -0.001};
+    for (int axis = 0; axis < 3; ++axis) {
+      velocity[axis] += push(random) - 0.02 * velocity[axis] - 0.3 * (position[axis] - home[axis]);
+      position[axis] += 1e-3 * velocity[axis];
+    }
+    ProbeState state = pressed(std::max(0.0, -position[2]), velocity, ms * kMs);
+    state.device.position = state.proxy = position;
+    state.proxy[2] = std::max(0.0, position[2]);
+    if (position[2] > 0) {
+      state.status = kExact;
+      state.object_id = 0;
+      state.stiffness = 0;
+    }
+    states.push_back(state);
+  }
+  return states;
+}
+
+TEST(Reckon, CarriesAFreeProbeAlongItsVelocityBothWays) {
+  ProbeState state;
+  state.session_time_ns = 100 * kMs;
+  state.device.position = state.proxy = {1, 2, 3};
+  state.velocity = {0.1, 0, -0.2};
+  for (const std::int64_t ms : {-10, 0, 25}) {
+    const double seconds = static_cast<double>(ms) * 1e-3;
+    const ProbeView view = reckon(state, (100 + ms) * kMs);
+    EXPECT_NEAR(distance(view.device, {1 + 0.1 * seconds, 2, 3 - 0.2 * seconds}), 0, 1e-15);
+    EXPECT_NEAR(distance(view.proxy, view.device), 0, 1e-15);
+    EXPECT_EQ(distance(view.force, {0, 0, 0}), 0);
+  }
+}
+
+TEST(Reckon, IsWhatTheSpringAndThePlaneGiveForEvenMotion) {
+  const ProbeState state = pressed(0.002, {0.05, -0.02, -0.03}, 0);
+  const ProbeView view = reckon(state, 20 * kMs);
+  EXPECT_NEAR(distance(view.device, {0.101, 0.1996, -0.0026}), 0, 1e-12);
+  EXPECT_NEAR(distance(view.proxy, {0.101, 0.1996, 0}), 0, 1e-12) << "stays on the surface";
+  EXPECT_NEAR(distance(view.force, {0, 0, 2.6}), 0, 1e-9);
+}
+
+TEST(Reckon, LetsGoOfASurfaceThatIsLeftAndNeverPulls) {
+  const ProbeView view = reckon(pressed(0.001, {0, 0, 0.2}, 0), 30 * kMs);
+  EXPECT_NEAR(distance(view.force, {0, 0, 0}), 0, 1e-9);
+}
+
+TEST(Reckon, LetsMotionDieOutBeyondAKeepAlivePeriod) {
+  const ProbeState state = pressed(0.002, {0.1, 0, 0}, 0);
+  const double at_end = reckon(state, kKeepAliveNs).device[0], later = reckon(state, 60 * kKeepAliveNs).device[0];
+  EXPECT_NEAR(at_end, 0.1 + 0.1 * 0.04, 1e-12);
+  EXPECT_NEAR(later, at_end + 0.1 * 0.02, 1e-9);
+}
+
+TEST(ProbeEncoder, IsNeverSilentForLongerThanTheKeepAlive) {
+  ProbeEncoder encoder;
+  int sent = 0;
+  for (std::int64_t ms = 0; ms < 1000; ++ms) sent += encoder.step(pressed(0.001, {0, 0, 0}, ms * kMs)) ? 1 : 0;
+  EXPECT_EQ(sent, 25);
+}
+
+TEST(ProbeEncoder, KeepsAReceiverOfAllWithinTheNoticeableDifferenceAtEveryCycle) {
+  const Jnd jnd;
+  for (const std::uint32_t seed : {1u, 2u, 3u}) {
+    ProbeEncoder encoder;
+    ProbeState last;
+    std::size_t sent = 0;
+    const std::vector<ProbeState> states = wander(20, seed);
+    for (const ProbeState& state : states) {
+      if (encoder.step(state)) {
+        last = state;
+        ++sent;
+      }
+      const ProbeView view = reckon(last, state.session_time_ns);
+      const double size = std::hypot(state.force[0], state.force[1], state.force[2]);
+      ASSERT_LE(distance(view.force, state.force), std::max(0.1 * size, 0.05) * (1 + 1e-12)) << "seed " << seed;
+      ASSERT_LE(distance(view.device, state.device.position), 0.001 + 1e-12);
+      ASSERT_EQ(last.status, state.status);
+    }
+    EXPECT_LT(sent, states.size() / 3) << "seed " << seed;
+  }
+}
+
+TEST(ProbeEncoder, TellsAtOnceThatContactBeginsOrEnds) {
+  ProbeEncoder encoder;
+  ProbeState free = pressed(0, {0, 0, 0}, 0);
+  free.status = kExact;
+  free.object_id = 0;
+  EXPECT_TRUE(encoder.step(free));
+  free.session_time_ns = kMs;
+  EXPECT_FALSE(encoder.step(free));
+  EXPECT_TRUE(encoder.step(pressed(1e-6, {0, 0, 0}, 2 * kMs)));
+  free.session_time_ns = 3 * kMs;
+  EXPECT_TRUE(encoder.step(free));
+}
+
+/// Share of cycles at which one who loses states at random is misled by more than the noticeable difference.
+double misled(const std::vector<ProbeState>& states, double loss, double expected, std::size_t& sent) {
+  CodingSettings settings;
+  settings.loss = expected;
+  ProbeEncoder encoder{settings};
+  std::mt19937 random{11};
+  ProbeState last = states.front();
+  std::size_t wrong = 0;
+  sent = 0;
+  for (const ProbeState& state : states) {
+    if (encoder.step(state)) {
+      ++sent;
+      if (std::uniform_real_distribution<>{}(random) >= loss) last = state;
+    }
+    wrong += settings.jnd.of_force(state.force, reckon(last, state.session_time_ns).force) > 1 ? 1 : 0;
+  }
+  return static_cast<double>(wrong) / static_cast<double>(states.size());
+}
+
+TEST(ProbeEncoder, RepeatsWhereLossesAreExpectedUntilTheRiskIsSmall) {
+  const std::vector<ProbeState> states = wander(60, 5);
+  std::size_t plain = 0, repeated = 0;
+  const double unprepared = misled(states, 0.3, 0, plain), prepared = misled(states, 0.3, 0.3, repeated);
+  EXPECT_GT(unprepared, 0.1);
+  EXPECT_LT(prepared, 0.1 * unprepared + 0.02);
+  EXPECT_GT(repeated, plain);
+  EXPECT_LT(repeated, 6 * plain);
+}
+
+}  // namespace
+}  // namespace tactus::session
