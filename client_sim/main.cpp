@@ -7,6 +7,7 @@
 #include <iostream>
 
 #include "client_sim/sim.hpp"
+#include "wire/command_line.hpp"
 #include "wire/process.hpp"
 
 namespace {
@@ -80,12 +81,7 @@ int main(int argc, char** argv) {
   CLI::App app{"Simulated users: brings them to a session, lets them follow a scenario, ends it and reports.",
                "tactus-sim"};
   app.footer(kExamples);
-  app.add_option("--session", address.session, "Session to join")->capture_default_str();
-  app.add_option("--name", address.participant, "Name of this participant, unique in the session")
-      ->capture_default_str();
-  app.add_option("--domain", address.domain, "First of the three DDS domains that the session uses")
-      ->capture_default_str();
-  app.add_option("--qos", address.qos, "Directory of the QoS profiles")->capture_default_str();
+  wire::add_address_options(app, address, "participant");
   app.add_option("--scenario", scenario, "A built-in scenario or a YAML file")->capture_default_str();
   app.add_option("--seconds", seconds, "Run for so long instead of what the scenario says")
       ->check(CLI::Range(0.1, 86400.0));

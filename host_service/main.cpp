@@ -7,6 +7,7 @@
 
 #include "host_service/host.hpp"
 #include "host_service/model_store.hpp"
+#include "wire/command_line.hpp"
 #include "wire/process.hpp"
 
 namespace {
@@ -43,12 +44,7 @@ int main(int argc, char** argv) {
 
   CLI::App app{"VE host: serves models to a session, region by region.", "tactus-host"};
   app.footer(kExamples);
-  app.add_option("--session", options.address.session, "Session to join")->capture_default_str();
-  app.add_option("--name", options.address.participant, "Name of this host, unique in the session")
-      ->capture_default_str();
-  app.add_option("--domain", options.address.domain, "First of the three DDS domains that the session uses")
-      ->capture_default_str();
-  app.add_option("--qos", options.address.qos, "Directory of the QoS profiles")->capture_default_str();
+  wire::add_address_options(app, options.address, "host");
   app.add_option("--config", config, "YAML file that names objects with model, pose, scale and material");
   app.add_option("--cache", options.cache, "Directory for models that have to be built")->capture_default_str();
   app.add_option("--at", at, "Where the first MODEL stands, m; the next ones follow along x")

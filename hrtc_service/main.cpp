@@ -8,6 +8,7 @@
 
 #include "hrtc_service/hrtc.hpp"
 #include "spm/directory.hpp"
+#include "wire/command_line.hpp"
 #include "wire/process.hpp"
 
 namespace {
@@ -46,12 +47,7 @@ int main(int argc, char** argv) {
   CLI::App app{"Haptic real-time controller: refines near contact, finds collisions, renders forces at 1 kHz.",
                "tactus-hrtc"};
   app.footer(kExamples);
-  app.add_option("--session", options.address.session, "Session to join")->capture_default_str();
-  app.add_option("--name", options.address.participant, "Name of this controller, unique in the session")
-      ->capture_default_str();
-  app.add_option("--domain", options.address.domain, "First of the three DDS domains that the session uses")
-      ->capture_default_str();
-  app.add_option("--qos", options.address.qos, "Directory of the QoS profiles")->capture_default_str();
+  wire::add_address_options(app, options.address, "controller");
   CLI::Option* pool =
       app.add_option("--pool", slots,
                      "Slots for mesh records, of all objects together; 64 Ki take 38 MiB with what is kept coded")

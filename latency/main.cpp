@@ -9,6 +9,7 @@
 #include "latency/report.hpp"
 #include "latency/run.hpp"
 #include "netem/profile.hpp"
+#include "wire/command_line.hpp"
 #include "wire/links.hpp"
 #include "wire/process.hpp"
 
@@ -181,8 +182,10 @@ int main(int argc, char** argv) {
   CLI::App* const serve_command = app.add_subcommand("serve", "Answer a `run --to` on another machine, until Ctrl-C");
   add_run(*run_command, options);
   add_serve(*serve_command, options);
-  for (CLI::App* const command : {run_command, serve_command})
+  for (CLI::App* const command : {run_command, serve_command}) {
     command->add_option("--qos", options.settings.place.qos, "Directory of the QoS profiles");
+    tactus::wire::add_discovery_options(*command, options.settings.place.discovery);
+  }
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

@@ -36,6 +36,7 @@ wire::SessionAddress address_of(const std::string& session, const std::string& w
   address.session = session;
   address.participant = who;
   address.domain = place.domain;
+  address.discovery = place.discovery;
   address.qos = place.qos;
   address.probe_priority = place.priority;
   return address;
@@ -199,7 +200,7 @@ Stamps measure(const Cell& cell, Channel& channel, const Place& place, const std
   if (!wait_until(met, kMeeting, stop))
     throw LatencyError(
         "found " + std::to_string(carrier->matched()) + " of " + std::to_string(cell.readers) +
-        " readers within 20 s; expected all: does multicast (239.255.0.1) pass, is the domain the same?");
+        " readers within 20 s; expected all: does multicast (239.255.0.1) pass, are domain and discovery the same?");
   channel.send({{"met", true}});
   (void)channel.receive(std::chrono::duration_cast<std::chrono::milliseconds>(kAnswer + kMeeting));
 

@@ -16,6 +16,7 @@
 
 #include "latency/cell.hpp"
 #include "latency/channel.hpp"
+#include "wire/links.hpp"
 
 namespace tactus::latency {
 
@@ -50,6 +51,7 @@ struct Stamps {
 struct Place {
   std::string echo_address = "127.0.0.1";  ///< of the echoers' machine, as the pinger sees it
   int domain = 20;
+  wire::Discovery discovery;  ///< each side has its own; not used by raw-udp
   std::filesystem::path qos;
   int priority = 60;  ///< SCHED_FIFO of the pinger and of receiving threads, 0: none
 };

@@ -87,14 +87,17 @@ Stamps stamp_here(const Cell& cell, const RunSettings& settings, const std::atom
   if (::socketpair(AF_UNIX, SOCK_STREAM, 0, ends.data()) != 0) throw LatencyError("no socket pair");
   ::fcntl(ends[0], F_SETFD, FD_CLOEXEC);
   Channel channel{ends[0], stop};
-  const std::vector<std::string> command{path_of(settings.echoer),
-                                         "serve",
-                                         "--control",
-                                         std::to_string(ends[1]),
-                                         "--qos",
-                                         settings.place.qos.string(),
-                                         "--priority",
-                                         std::to_string(settings.place.priority)};
+  std::vector<std::string> command{path_of(settings.echoer),
+                                   "serve",
+                                   "--control",
+                                   std::to_string(ends[1]),
+                                   "--qos",
+                                   settings.place.qos.string(),
+                                   "--priority",
+                                   std::to_string(settings.place.priority)};
+  for (const std::string& peer : settings.place.discovery.peers) command.insert(command.end(), {"--peer", peer});
+  for (const std::string& server : settings.place.discovery.servers)
+    command.insert(command.end(), {"--discovery-server", server});
   const Child echoer{pair ? pair->start(netem::Side::kB, command) : netem::start_program(command)};
   ::close(ends[1]);
 

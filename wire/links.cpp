@@ -12,6 +12,7 @@
 #include <utility>
 
 #include "wire/dds.hpp"
+#include "wire/discovery.hpp"
 #include "wire/profiles.hpp"
 #include "wire/topics.hpp"
 
@@ -100,6 +101,7 @@ dds::DomainParticipant* join(Links::Impl& impl, TrafficClass traffic, LogCapture
   if (factory->get_participant_qos_from_profile(profile, qos) != ReturnCode_t::RETCODE_OK) {
     throw WireError(file_of(impl, traffic).string() + ": no participant profile '" + profile + "'; expected one");
   }
+  apply(impl.address.discovery, qos);
   const bool limited = traffic == TrafficClass::kBulk && impl.flow.bulk_bytes > 0;
   if (limited) {
     auto limit = std::make_shared<eprosima::fastdds::rtps::FlowControllerDescriptor>();
@@ -190,6 +192,7 @@ Links::Links(SessionAddress address) : impl_{std::make_unique<Impl>()} {
 
   const std::lock_guard<std::mutex> lock{factory_mutex()};
   LogCapture log;
+  ignore_environment();
   load_profiles(impl_->address.qos, log);
   impl_->flow = read_flow(impl_->address.qos / "flow.yaml");
   for (const TrafficClass traffic : {TrafficClass::kProbe, TrafficClass::kSession, TrafficClass::kBulk}) {

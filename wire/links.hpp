@@ -10,6 +10,7 @@
 #include <functional>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "session/messages.hpp"
 #include "wire/error.hpp"
@@ -28,11 +29,25 @@ inline constexpr int kDefaultDomain = 20;
 /// tree, else `share/tactus/qos` beside the program's `bin`.
 [[nodiscard]] std::filesystem::path default_qos_directory();
 
+inline constexpr std::uint16_t kDiscoveryServerPort = 11811;
+
+/// How a program finds the others. Nothing named: by multicast, which not every network passes.
+struct Discovery {
+  /// Machines where others are, by IPv4 address or name: asked one by one, and this machine with them, instead of the
+  /// multicast group. Of two that shall meet, one has to name the other.
+  std::vector<std::string> peers;
+  /// Discovery servers of Fast DDS (`fast-discovery-server -i N -p PORT`), HOST or HOST:PORT, in the order of their ids
+  /// from 0. One serves all three domains, and every session: it brings together whoever has a topic in common. Several
+  /// stand in for each other.
+  std::vector<std::string> servers;
+};
+
 /// Who a program is and where it meets the others.
 struct SessionAddress {
   std::string session;          ///< 1..kMaxName bytes, without control characters and * ? [ ] / backslash
   std::string participant;      ///< the same; unique in the session
   int domain = kDefaultDomain;  ///< base; the program also uses the next two
+  Discovery discovery;
   std::filesystem::path qos = default_qos_directory();
   std::uint64_t incarnation = 0;  ///< 0: nanoseconds of the system clock at start
   int probe_priority = 0;         ///< SCHED_FIFO priority of the probe participant's threads, 1..99; 0: as the caller's
@@ -42,7 +57,8 @@ struct SessionAddress {
 class Links {
  public:
   /// Reads `address.qos` and joins. Throws WireError for a name or domain out of bounds, a missing or broken profile
-  /// (naming file, profile and topic) and when DDS refuses to join. Takes some 10 ms.
+  /// (naming file, profile and topic), for a peer or server whose name does not resolve, and when DDS refuses to join.
+  /// Takes some 10 ms.
   explicit Links(SessionAddress address);
   ~Links();
   Links(const Links&) = delete;

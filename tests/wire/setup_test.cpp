@@ -111,6 +111,15 @@ TEST(Profiles, OfEveryTopicMakeAWriterAndAReader) {
   EXPECT_EQ(made, 13);
 }
 
+TEST(Environment, TurnsNoProgramIntoAClientOfADiscoveryServer) {
+  setenv("ROS_DISCOVERY_SERVER", "127.0.0.1:9", 1);
+  const std::string session = unique_session("environment");
+  Links one{address(session, "one")}, two{address(session, "two")};
+  const Writer<ses::Metrics> writer{one, topics::kMetrics};
+  const Reader<ses::Metrics> reader{two, topics::kMetrics, [](ses::Metrics&&) {}};
+  EXPECT_TRUE(eventually([&] { return writer.matched() == 1 && reader.matched() == 1; }));
+}
+
 TEST(ProbeSockets, AreMarkedAsFlowYamlSays) {
   const auto marked = [] {
     int n = 0;

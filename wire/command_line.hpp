@@ -1,0 +1,38 @@
+/// The options of every program that joins a session. Header only, for a `main` that uses CLI11.
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <string>
+
+#include "wire/links.hpp"
+
+namespace tactus::wire {
+
+/// --peer and --discovery-server.
+inline void add_discovery_options(CLI::App& app, Discovery& discovery) {
+  CLI::Option* const peers =
+      app.add_option("--peer", discovery.peers, "Look for the others at this HOST instead of by multicast; repeatable")
+          ->delimiter(',')
+          ->allow_extra_args(false)  // what follows may be a model
+          ->type_name("HOST");
+  app.add_option("--discovery-server", discovery.servers,
+                 "Meet the others through this discovery server of Fast DDS, port 11811 unless said; repeatable")
+      ->delimiter(',')
+      ->allow_extra_args(false)
+      ->type_name("HOST[:PORT]")
+      ->excludes(peers);
+}
+
+/// --session, --name, --domain, those of discovery, --qos; what `address` has is the default. `who` is named in the
+/// help.
+inline void add_address_options(CLI::App& app, SessionAddress& address, const std::string& who) {
+  app.add_option("--session", address.session, "Session to join")->capture_default_str();
+  app.add_option("--name", address.participant, "Name of this " + who + ", unique in the session")
+      ->capture_default_str();
+  app.add_option("--domain", address.domain, "First of the three DDS domains that the session uses")
+      ->capture_default_str();
+  add_discovery_options(app, address.discovery);
+  app.add_option("--qos", address.qos, "Directory of the QoS profiles")->capture_default_str();
+}
+
+}  // namespace tactus::wire

@@ -1,0 +1,72 @@
+#include "wire/discovery.hpp"
+
+#include <arpa/inet.h>
+#include <fastdds/rtps/attributes/ServerAttributes.h>
+#include <fastrtps/utils/IPLocator.h>
+#include <netdb.h>
+
+#include <charconv>
+#include <cstdlib>
+#include <memory>
+
+namespace tactus::wire {
+namespace {
+
+namespace rtps = eprosima::fastrtps::rtps;
+
+rtps::Locator_t locator(const std::string& host, std::uint32_t port) {
+  addrinfo hints{};
+  hints.ai_family = AF_INET;  // all transports of qos/ are UDPv4
+  hints.ai_socktype = SOCK_DGRAM;
+  addrinfo* found = nullptr;
+  if (const int error = getaddrinfo(host.c_str(), nullptr, &hints, &found); error != 0) {
+    throw WireError("'" + host + "' is no IPv4 address and no name of one: " + gai_strerror(error));
+  }
+  const std::unique_ptr<addrinfo, void (*)(addrinfo*)> owner{found, freeaddrinfo};
+  char text[INET_ADDRSTRLEN]{};
+  inet_ntop(AF_INET, &reinterpret_cast<const sockaddr_in*>(found->ai_addr)->sin_addr, text, sizeof text);
+  rtps::Locator_t made;
+  rtps::IPLocator::createLocator(LOCATOR_KIND_UDPv4, text, port, made);
+  return made;
+}
+
+/// "host" or "host:port".
+rtps::Locator_t server_locator(const std::string& server) {
+  const std::size_t colon = server.rfind(':');
+  if (colon == std::string::npos) return locator(server, kDiscoveryServerPort);
+  const std::string digits = server.substr(colon + 1);
+  std::uint16_t port = 0;
+  const auto [end, error] = std::from_chars(digits.data(), digits.data() + digits.size(), port);
+  if (error != std::errc{} || end != digits.data() + digits.size() || port == 0) {
+    throw WireError("discovery server '" + server + "' has port '" + digits + "'; expected 1 to 65535");
+  }
+  return locator(server.substr(0, colon), port);
+}
+
+}  // namespace
+
+void apply(const Discovery& discovery, eprosima::fastdds::dds::DomainParticipantQos& qos) {
+  if (!discovery.peers.empty() && !discovery.servers.empty()) {
+    throw WireError("both peers and a discovery server are named; expected one of the two");
+  }
+  rtps::BuiltinAttributes& builtin = qos.wire_protocol().builtin;
+  for (const std::string& peer : discovery.peers) {
+    builtin.initialPeersList.push_back(locator(peer, 0));  // 0: of this domain, of as many programs as the profile says
+  }
+  if (!discovery.peers.empty()) builtin.initialPeersList.push_back(locator("127.0.0.1", 0));
+
+  int id = 0;
+  for (const std::string& server : discovery.servers) {
+    eprosima::fastdds::rtps::RemoteServerAttributes remote;
+    remote.metatrafficUnicastLocatorList.push_back(server_locator(server));
+    if (!eprosima::fastdds::rtps::get_server_client_default_guidPrefix(id++, remote.guidPrefix)) {
+      throw WireError(std::to_string(discovery.servers.size()) + " discovery servers; expected at most 256");
+    }
+    builtin.discovery_config.m_DiscoveryServers.push_back(remote);
+    builtin.discovery_config.discoveryProtocol = rtps::DiscoveryProtocol_t::CLIENT;
+  }
+}
+
+void ignore_environment() { unsetenv(eprosima::fastdds::rtps::DEFAULT_ROS2_MASTER_URI); }
+
+}  // namespace tactus::wire
