@@ -1,0 +1,268 @@
+#include "tools/doctor/facts.hpp"
+
+#include <arpa/inet.h>
+#include <ifaddrs.h>
+#include <net/if.h>
+#include <netinet/in.h>
+#include <poll.h>
+#include <sys/ioctl.h>
+#include <sys/mman.h>
+#include <sys/resource.h>
+#include <sys/socket.h>
+#include <sys/utsname.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <chrono>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <memory>
+#include <set>
+#include <sstream>
+#include <thread>
+
+#include "wire/ends.hpp"
+#include "wire/realtime.hpp"
+
+namespace tactus::doctor {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr char kGroup[] = "239.255.0.1";  // of RTPS
+constexpr double kMeeting_s = 5;
+
+template <class Value>
+Value read(const fs::path& file, Value otherwise) {
+  Value value = otherwise;
+  return std::ifstream{file} >> value ? value : otherwise;
+}
+
+class Socket {
+ public:
+  Socket() : fd_{::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0)} {}
+  ~Socket() {
+    if (fd_ >= 0) ::close(fd_);
+  }
+  Socket(const Socket&) = delete;
+  Socket& operator=(const Socket&) = delete;
+  [[nodiscard]] int fd() const noexcept { return fd_; }
+
+  [[nodiscard]] bool bind(int port) const {
+    const sockaddr_in at = address("0.0.0.0", port);
+    return ::bind(fd_, reinterpret_cast<const sockaddr*>(&at), sizeof at) == 0;
+  }
+  [[nodiscard]] int port() const {
+    sockaddr_in at{};
+    socklen_t size = sizeof at;
+    ::getsockname(fd_, reinterpret_cast<sockaddr*>(&at), &size);
+    return ntohs(at.sin_port);
+  }
+  static sockaddr_in address(const char* host, int port) {
+    sockaddr_in at{};
+    at.sin_family = AF_INET;
+    at.sin_port = htons(static_cast<std::uint16_t>(port));
+    ::inet_pton(AF_INET, host, &at.sin_addr);
+    return at;
+  }
+
+ private:
+  int fd_;
+};
+
+/// Sent to the group through the interface with this address, does it come back? The network does not take part in it.
+bool is_heard(const std::string& interface) {
+  const Socket socket;
+  ip_mreq group{};
+  ::inet_pton(AF_INET, kGroup, &group.imr_multiaddr);
+  ::inet_pton(AF_INET, interface.c_str(), &group.imr_interface);
+  const unsigned char loop = 1, ttl = 1;
+  if (!socket.bind(0) || ::setsockopt(socket.fd(), IPPROTO_IP, IP_ADD_MEMBERSHIP, &group, sizeof group) != 0 ||
+      ::setsockopt(socket.fd(), IPPROTO_IP, IP_MULTICAST_IF, &group.imr_interface, sizeof group.imr_interface) != 0)
+    return false;
+  ::setsockopt(socket.fd(), IPPROTO_IP, IP_MULTICAST_LOOP, &loop, sizeof loop);
+  ::setsockopt(socket.fd(), IPPROTO_IP, IP_MULTICAST_TTL, &ttl, sizeof ttl);
+  const sockaddr_in to = Socket::address(kGroup, socket.port());
+  const char byte = 't';
+  pollfd in{socket.fd(), POLLIN, 0};
+  return ::sendto(socket.fd(), &byte, 1, 0, reinterpret_cast<const sockaddr*>(&to), sizeof to) == 1 &&
+         ::poll(&in, 1, 500) == 1;
+}
+
+std::vector<Interface> look_at_interfaces() {
+  ifaddrs* first = nullptr;
+  if (::getifaddrs(&first) != 0) return {};
+  const std::unique_ptr<ifaddrs, void (*)(ifaddrs*)> owner{first, ::freeifaddrs};
+  const Socket socket;
+  std::vector<Interface> found;
+  for (const ifaddrs* at = first; at != nullptr; at = at->ifa_next) {
+    if (at->ifa_addr == nullptr || at->ifa_addr->sa_family != AF_INET || (at->ifa_flags & IFF_UP) == 0) continue;
+    Interface made;
+    made.name = at->ifa_name;
+    char text[INET_ADDRSTRLEN]{};
+    ::inet_ntop(AF_INET, &reinterpret_cast<const sockaddr_in*>(at->ifa_addr)->sin_addr, text, sizeof text);
+    made.address = text;
+    ifreq request{};
+    std::strncpy(request.ifr_name, at->ifa_name, IFNAMSIZ - 1);
+    if (::ioctl(socket.fd(), SIOCGIFMTU, &request) == 0) made.mtu = request.ifr_mtu;
+    made.loopback = (at->ifa_flags & IFF_LOOPBACK) != 0;
+    made.multicast = (at->ifa_flags & IFF_MULTICAST) != 0;
+    made.heard = !made.loopback && is_heard(made.address);
+    found.push_back(std::move(made));
+  }
+  return found;
+}
+
+std::string multicast_route_error() {
+  const Socket socket;
+  const sockaddr_in to = Socket::address(kGroup, 7400);
+  return ::connect(socket.fd(), reinterpret_cast<const sockaddr*>(&to), sizeof to) == 0 ? std::string{}
+                                                                                        : std::strerror(errno);
+}
+
+/// In a thread of its own, which takes its priority with it.
+void measure_lateness(const Settings& settings, const std::atomic<bool>& stop, Facts& facts) {
+  std::thread{[&] {
+    sched_param wanted{};
+    wanted.sched_priority = settings.priority;
+    facts.priority = settings.priority;
+    facts.fifo = ::pthread_setschedparam(::pthread_self(), SCHED_FIFO, &wanted) == 0;
+    constexpr std::int64_t kPeriod_ns = 1'000'000;
+    std::vector<double> late_us;
+    std::int64_t due = wire::monotonic_ns();
+    for (const std::int64_t end = due + static_cast<std::int64_t>(settings.seconds * 1e9); due < end && !stop;) {
+      due = std::max(due + kPeriod_ns, wire::monotonic_ns());
+      wire::sleep_until(due);
+      late_us.push_back(static_cast<double>(wire::monotonic_ns() - due) * 1e-3);
+    }
+    std::sort(late_us.begin(), late_us.end());
+    const auto at = [&](double share) {
+      return late_us.empty() ? 0 : late_us[static_cast<std::size_t>(share * static_cast<double>(late_us.size() - 1))];
+    };
+    facts.lateness = {at(0.5), at(0.99), at(1)};
+  }}.join();
+}
+
+double clock_read_ns() {
+  constexpr int kReads = 10'000;
+  const std::int64_t begin = wire::monotonic_ns();
+  for (int i = 0; i < kReads; ++i) static_cast<void>(wire::monotonic_ns());
+  return static_cast<double>(wire::monotonic_ns() - begin) / kReads;
+}
+
+bool memory_locks() {
+  rlimit limit{};
+  if (::getrlimit(RLIMIT_MEMLOCK, &limit) != 0) return false;
+  constexpr rlim_t kEnough = 256u << 20;  // an HRTC with its default pool
+  return ::geteuid() == 0 || limit.rlim_cur == RLIM_INFINITY || limit.rlim_cur >= kEnough;
+}
+
+/// UDP ports of IPv4 that somebody in this network namespace has.
+std::set<int> bound_ports() {
+  std::set<int> ports;
+  std::ifstream file{"/proc/net/udp"};
+  std::string line, number, local;
+  while (std::getline(file, line)) {
+    std::istringstream words{line};
+    words >> number >> local;
+    const std::size_t colon = local.find(':');
+    if (colon != std::string::npos && local.size() == colon + 5)
+      ports.insert(static_cast<int>(std::strtol(local.c_str() + colon + 1, nullptr, 16)));
+  }
+  return ports;
+}
+
+void look_at_ports(int domain, Facts& facts) {
+  const std::set<int> bound = bound_ports();
+  facts.domain = domain;
+  for (int program = 0; program < 120; ++program)
+    facts.programs_here += static_cast<int>(bound.count(wire::own_port(domain, program)));
+  for (int traffic = 0; traffic < wire::kTrafficClasses; ++traffic) {
+    const int port = wire::discovery_port(domain + traffic);
+    const Socket socket;
+    const int on = 1;
+    ::setsockopt(socket.fd(), SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
+    if (!socket.bind(port)) facts.blocked_ports.push_back(port);
+  }
+  facts.ephemeral_from = read("/proc/sys/net/ipv4/ip_local_port_range", 32768);
+}
+
+/// Segments of the library that no program has mapped. Programs of other users cannot be looked into but by root.
+std::vector<std::string> leftovers() {
+  std::vector<std::string> found;
+  std::error_code ignored;
+  for (const auto& entry : fs::directory_iterator{"/dev/shm", ignored}) {
+    const std::string name = entry.path().filename().string();
+    if (name.rfind("fastrtps_", 0) == 0 || name.rfind("fast_datasharing_", 0) == 0) found.push_back(name);
+  }
+  if (found.empty()) return found;
+  std::string mapped;
+  for (const auto& process : fs::directory_iterator{"/proc", ignored}) {
+    std::ifstream maps{process.path() / "maps"};
+    for (std::string line; std::getline(maps, line);)
+      if (line.find("/dev/shm/fast") != std::string::npos) mapped += line + '\n';
+  }
+  found.erase(std::remove_if(found.begin(), found.end(),
+                             [&](const std::string& name) { return mapped.find(name) != std::string::npos; }),
+              found.end());
+  std::sort(found.begin(), found.end());
+  return found;
+}
+
+/// One topic of each class, from one participant to the other.
+void try_to_meet(const Settings& settings, const std::atomic<bool>& stop, Facts& facts) {
+  try {
+    wire::SessionAddress one = settings.address;
+    one.session = "doctor." + std::to_string(::getpid()) + "." + std::to_string(wire::monotonic_ns());
+    wire::SessionAddress two = one;
+    one.participant = "one";
+    two.participant = "two";
+    const std::int64_t begin = wire::monotonic_ns();
+    wire::Links from{one}, to{two};
+    const wire::Writer<session::Metrics> session_class{from, wire::topics::kMetrics};
+    const wire::Writer<session::ProbeState> probe_class{from, wire::topics::kProbeState};
+    const wire::Writer<session::BulkChunk> bulk_class{from, wire::topics::kBase};
+    const wire::Reader<session::Metrics> session_end{to, wire::topics::kMetrics, [](session::Metrics&&) {}};
+    const wire::Reader<session::ProbeState> probe_end{to, wire::topics::kProbeState, [](session::ProbeState&&) {}};
+    const wire::Reader<session::BulkChunk> bulk_end{to, wire::topics::kBase, [](session::BulkChunk&&) {}};
+    while (!stop) {
+      const double after = static_cast<double>(wire::monotonic_ns() - begin) * 1e-9;
+      if (session_class.matched() + probe_class.matched() + bulk_class.matched() == 3) facts.meeting_after = after;
+      if (facts.meeting_after || after > kMeeting_s) return;
+      std::this_thread::sleep_for(std::chrono::milliseconds{2});  // matches come without telling
+    }
+  } catch (const wire::WireError& error) {
+    facts.meeting_error = error.what();
+  }
+}
+
+}  // namespace
+
+Facts look(const Settings& settings, const std::atomic<bool>& stop) {
+  Facts facts;
+  facts.discovery = settings.address.discovery;
+  facts.wanted = wire::read_footprint(settings.address.qos);
+  for (const char* name : {"ROS_DISCOVERY_SERVER", "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_ENVIRONMENT_FILE"})
+    if (std::getenv(name) != nullptr) facts.variables.emplace_back(name);  // before a Links forgets them
+  facts.interfaces = look_at_interfaces();
+  facts.multicast_route_error = multicast_route_error();
+  facts.receive_buffer_max = read("/proc/sys/net/core/rmem_max", 0);
+  facts.send_buffer_max = read("/proc/sys/net/core/wmem_max", 0);
+  facts.memory_locks = memory_locks();
+  facts.rt_runtime_us = read("/proc/sys/kernel/sched_rt_runtime_us", 950000L);
+  measure_lateness(settings, stop, facts);
+  facts.clock_source = read("/sys/devices/system/clocksource/clocksource0/current_clocksource", std::string{});
+  facts.clock_read_ns = clock_read_ns();
+  look_at_ports(settings.address.domain, facts);
+  utsname system{};
+  if (::uname(&system) == 0) facts.kernel = system.release;
+  facts.library = wire::library_version();
+  facts.leftovers = leftovers();
+  try_to_meet(settings, stop, facts);
+  return facts;
+}
+
+}  // namespace tactus::doctor

@@ -1,0 +1,60 @@
+// tactus-doctor: whether this machine is fit for a session, and what mends it.
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <iostream>
+
+#include "tools/doctor/findings.hpp"
+#include "wire/command_line.hpp"
+#include "wire/process.hpp"
+
+namespace {
+
+constexpr char kExamples[] = R"(
+Examples:
+  tactus-doctor
+  tactus-doctor --domain 40 --json
+  tactus-doctor --discovery-server 10.0.0.5
+
+A fault keeps a session from working, an advice makes it better; behind -> stands what mends it.
+Exit status: 0 no fault, 1 a fault, 2 wrong input, 130 interrupted.)";
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  using namespace tactus;
+  doctor::Settings settings;
+  bool as_json = false;
+  CLI::App app{"Looks whether this machine is fit for a session: network, real time, clock, ports, versions.",
+               "tactus-doctor"};
+  app.footer(kExamples);
+  app.add_option("--domain", settings.address.domain, "First of the three DDS domains of the session")
+      ->capture_default_str()
+      ->check(CLI::Range(wire::kMinDomain, wire::kMaxDomain));
+  wire::add_discovery_options(app, settings.address.discovery);
+  app.add_option("--qos", settings.address.qos, "Directory of the QoS profiles")->capture_default_str();
+  app.add_option("--priority", settings.priority, "SCHED_FIFO priority to try")
+      ->capture_default_str()
+      ->check(CLI::Range(1, 98));
+  app.add_option("--seconds", settings.seconds, "How long wake-ups are measured")
+      ->capture_default_str()
+      ->check(CLI::Range(0.1, 3600.0));
+  app.add_flag("--json", as_json, "For machines: a list of findings");
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : 2;
+  }
+  const std::atomic<bool>& stop = wire::stop_signal();
+  try {
+    const std::vector<doctor::Finding> findings = doctor::judge(doctor::look(settings, stop));
+    if (stop) return 130;
+    std::cout << (as_json ? doctor::json(findings) : doctor::text(findings));
+    return std::any_of(findings.begin(), findings.end(),
+                       [](const doctor::Finding& f) { return f.severity == doctor::Severity::kFault; })
+               ? 1
+               : 0;
+  } catch (const std::exception& error) {
+    std::cerr << "tactus-doctor: " << error.what() << '\n';
+    return 2;
+  }
+}

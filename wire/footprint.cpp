@@ -1,0 +1,39 @@
+#include "wire/footprint.hpp"
+
+#include <fastrtps/config.h>
+#include <tinyxml2.h>
+
+#include <algorithm>
+
+#include "wire/error.hpp"
+
+namespace tactus::wire {
+
+Footprint read_footprint(const std::filesystem::path& qos) {
+  Footprint most;
+  for (const char* traffic : {"session", "probe", "bulk"}) {
+    const std::filesystem::path file = qos / (std::string{traffic} + ".xml");
+    tinyxml2::XMLDocument document;
+    document.LoadFile(file.c_str());
+    const tinyxml2::XMLElement* at = document.RootElement();
+    for (const char* name : {"profiles", "transport_descriptors", "transport_descriptor"}) {
+      if (at != nullptr) at = at->FirstChildElement(name);
+    }
+    const auto raise = [&](int& bytes, const char* name) {
+      const tinyxml2::XMLElement* const element = at != nullptr ? at->FirstChildElement(name) : nullptr;
+      int value = 0;
+      if (element == nullptr || element->QueryIntText(&value) != tinyxml2::XML_SUCCESS) {
+        throw WireError(file.string() + ": no <" + name + "> in its transport; expected bytes");
+      }
+      bytes = std::max(bytes, value);
+    };
+    raise(most.message, "maxMessageSize");
+    raise(most.receive_buffer, "receiveBufferSize");
+    raise(most.send_buffer, "sendBufferSize");
+  }
+  return most;
+}
+
+std::string library_version() { return FASTRTPS_VERSION_STR; }
+
+}  // namespace tactus::wire
