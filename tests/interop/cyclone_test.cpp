@@ -1,0 +1,41 @@
+/// A session with a program of another DDS in it.
+#include "tests/e2e/session_test.hpp"
+
+namespace tactus::e2e {
+namespace {
+
+using Seen = Observer::Seen;
+
+class CycloneTest : public SessionTest {};
+
+TEST_F(CycloneTest, ReadsTheSessionAndIsADeviceThatFeelsASurfaceAndThatOthersSee) {
+  Observer observer{address("observer")};
+  Process museum{host("museum", models().sphere)};
+  Process desk{hrtc("desk")};
+  Process carl{{TACTUS_CYCLONE_DEVICE, session_, std::to_string(domain_), "desk", "sphere"}};
+  for (const char* line : {"here: museum", "here: desk", "object: sphere of museum, 20000 faces", "slot: 0 of desk",
+                           "felt: .* N upwards", "seen: probe 0 at z"}) {
+    EXPECT_TRUE(carl.wait_for_line(line)) << line << "\n" << carl.output() << desk.output();
+  }
+  EXPECT_TRUE(desk.wait_for_line("user carl brings a device of its own")) << desk.output();
+  EXPECT_TRUE(observer.until([](const Seen& seen) {
+    const SeenStates state = seen.user("carl");
+    return seen.is_here("cyclone") && state.exact > 100 && state.last.force[2] > 0.5;
+  })) << carl.output();
+  const session::RosterEntry entry = observer.seen().roster.at("cyclone");
+  EXPECT_EQ(entry.role, session::Role::kClient);
+  EXPECT_THAT(entry.users, testing::ElementsAre("carl"));
+
+  wire::Writer<session::Control> control{observer.links(), wire::topics::kControl};
+  session::Control end;
+  end.origin = observer.links().origin();
+  end.kind = session::ControlKind::kEnd;
+  ASSERT_EQ(control.send(end), wire::SendStatus::kSent);
+  EXPECT_TRUE(observer.until([](const Seen& seen) { return seen.has_left("cyclone"); })) << carl.output();
+  EXPECT_EQ(carl.wait(), 0) << carl.output();
+  EXPECT_EQ(desk.wait(), 0);
+  EXPECT_EQ(museum.wait(), 0);
+}
+
+}  // namespace
+}  // namespace tactus::e2e
