@@ -49,6 +49,7 @@ int main(int argc, char** argv) {
   app.add_option("--cache", options.cache, "Directory for models that have to be built")->capture_default_str();
   app.add_option("--at", at, "Where the first MODEL stands, m; the next ones follow along x")
       ->expected(3)
+      ->allow_extra_args(false)  // what follows is a model
       ->capture_default_str();
   app.add_option("MODEL", models, ".spm files, or model files to build; served under their file names");
   try {

@@ -89,6 +89,20 @@ TEST_F(HostProgramTest, SignalsEndItWellAndSoon) {
   }
 }
 
+TEST_F(HostProgramTest, OptionsThatTakeSeveralValuesLeaveTheModelBehindThemAlone) {
+  for (const std::vector<std::string>& option :
+       {std::vector<std::string>{"--at", "0.5", "0", "0"}, std::vector<std::string>{"--peer", "127.0.0.1"},
+        std::vector<std::string>{"--discovery-server", "127.0.0.1"}}) {
+    std::vector<std::string> arguments{"--name", "h"};
+    arguments.insert(arguments.end(), option.begin(), option.end());
+    arguments.push_back(model_);
+    start(arguments);
+    EXPECT_TRUE(says("is in session")) << option.front() << ": " << said();
+    kill(pid_, SIGINT);
+    EXPECT_EQ(wait(), 0) << said();
+  }
+}
+
 TEST_F(HostProgramTest, WrongInputEndsWithTwoAndAMessageThatNamesIt) {
   EXPECT_EQ(run({"--colour", "red", model_}), 2);
   EXPECT_THAT(said(), HasSubstr("--colour"));
