@@ -176,7 +176,7 @@ void judge_domain(const Facts& facts, Findings& to) {
     to.fault("meeting", "two participants here did not meet " + how,
              facts.discovery.servers.empty()
                  ? "let a firewall pass UDP " + std::to_string(discovery_port(facts.domain)) + " and up, in and out"
-                 : "is the server there? fast-discovery-server -i 0 -x " + std::string{"QOS/discovery_server.xml"});
+                 : "is the server there? fast-discovery-server -i 0 -p 11811 -x " + std::string{"QOS/discovery_server.xml"});
   }
 }
 
