@@ -258,7 +258,7 @@ void Host::Impl::take(const session::ClockSample& sample, std::int64_t at_ns) {
   if (sample.peer != links.origin().participant) return;
   if (sample.answer) {
     clock.on_answer(sample, at_ns);
-  } else if (clock.synchronised()) {
+  } else if (clock.answers()) {
     (void)clock_out.send(clock.answer(sample, at_ns, monotonic_ns()));
   }
 }

@@ -319,7 +319,17 @@ void Hrtc::Impl::on_event(const session::RosterEvent& event) {
     for (const std::string& user : entry.users) unseat(user);
   const bool here = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted ||
                     event.change == RosterChange::kChanged;
-  if (here && entry.controller == options.address.participant) seat(entry);
+  const bool asks = here && entry.controller == options.address.participant;
+  // After a restart the others stay: a second program of that name may only have shown itself, and yield.
+  if (event.change == RosterChange::kChanged) {
+    std::vector<std::string> dismissed;
+    for (const auto& [slot, user] : users)
+      if (user.client == entry.origin.participant &&
+          !(asks && std::find(entry.users.begin(), entry.users.end(), user.name) != entry.users.end()))
+        dismissed.push_back(user.name);
+    for (const std::string& user : dismissed) unseat(user);
+  }
+  if (asks) seat(entry);
 }
 
 void Hrtc::Impl::seat(const session::RosterEntry& client) {
@@ -437,7 +447,7 @@ void Hrtc::Impl::take(const session::ClockSample& sample, std::int64_t now_ns) {
     clock.on_answer(sample, now_ns);
     return;
   }
-  if (!clock.synchronised()) return;
+  if (!clock.answers()) return;
   session::ClockSample answer = clock.answer(sample, now_ns, monotonic_ns());
   answer.origin = links.origin();
   (void)clock_out.send(answer);

@@ -25,6 +25,8 @@ SessionClock::SessionClock(const Origin& self, const ClockSettings& settings) : 
 
 void SessionClock::set_reference(std::uint64_t participant, std::uint64_t incarnation, std::int64_t local_now_ns) {
   if (participant == reference_ && incarnation == reference_incarnation_) return;
+  // Its own time was right by definition; how far it is from another's is not known before that one answers.
+  if (reference_ == self_.participant && participant != 0) map_.bound_ns = kClockUnknown;
   reference_ = participant;
   reference_incarnation_ = incarnation;
   window_.clear();
@@ -76,7 +78,7 @@ bool SessionClock::on_answer(const ClockSample& answer, std::int64_t local_now_n
   return true;
 }
 
-/// Points the map at the best measurement without a step, but for the very first.
+/// Points the map at the best measurement, without a step but for the first and when it is far.
 void SessionClock::steer(std::int64_t local_now_ns) {
   const auto bound_now = [&](const Measured& m) {
     return m.bound_ns + std::llround(static_cast<double>(local_now_ns - m.local_ns) * settings_.drift);
@@ -85,7 +87,9 @@ void SessionClock::steer(std::int64_t local_now_ns) {
     return bound_now(a) < bound_now(b);
   });
   const std::int64_t target = local_now_ns + best.offset_ns;
-  const std::int64_t session = synchronised_ ? map_.session_time(local_now_ns) : target;
+  const std::int64_t ran_on = map_.session_time(local_now_ns);
+  const bool far = std::abs(target - ran_on) > settings_.step_ns + bound_now(best);
+  const std::int64_t session = synchronised_ && !far ? ran_on : target;
   const std::int64_t error = target - session;
   const double slew = error > 0 ? settings_.max_slew : error < 0 ? -settings_.max_slew : 0;
   const auto duration = std::llround(static_cast<double>(std::abs(error)) / settings_.max_slew);

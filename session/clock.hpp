@@ -1,4 +1,4 @@
-/// One time for the session: estimated against a reference participant, and never stepping back.
+/// One time for the session: estimated against a reference participant, and steered without steps.
 ///
 ///     asker    t0 ----request---->  t1   reference
 ///     asker    t3 <---answer------  t2             offset = ((t1 - t0) + (t2 - t3)) / 2, right to (rtt / 2)
@@ -6,7 +6,8 @@
 /// t0 and t3 are the asker's monotonic clock, t1 and t2 the reference's session time, which is its own monotonic clock
 /// plus a constant; so the session's time goes on when another participant becomes the reference. The answer with the
 /// smallest bound in a window counts; the bound of an old one grows by what two crystals may drift apart.
-/// The first answer sets the clock; after that it runs a little faster or slower until it agrees.
+/// The first answer sets the clock; after that it runs a little faster or slower until it agrees. It steps only when it
+/// is proven wrong by more than `step_ns`: two times have met that began apart, each kept by programs that were alone.
 ///
 /// No clock in it: local monotonic nanoseconds come as arguments. One thread; a ClockMap may be copied to others.
 /// Source: RFC 5905, section 8 (four-stamp exchange) and its clock filter (lowest delay in a window).
@@ -20,9 +21,10 @@
 namespace tactus::session {
 
 struct ClockSettings {
-  std::size_t window = 16;                  ///< answers that are compared
-  double max_slew = 0.05;                   ///< how much faster or slower than the local clock session time may run
-  double drift = 200e-6;                    ///< how far two clocks may run apart, s/s
+  std::size_t window = 16;             ///< answers that are compared
+  double max_slew = 0.05;              ///< how much faster or slower than the local clock session time may run
+  std::int64_t step_ns = 100'000'000;  ///< an error above this, and above what both bounds allow, is no drift: step
+  double drift = 200e-6;               ///< how far two clocks may run apart, s/s
   std::int64_t max_rtt_ns = 1'000'000'000;  ///< answers that took longer are ignored
 };
 
@@ -38,7 +40,7 @@ struct ClockMap {
 
   /// Session time at a local time not before `local_ns`.
   [[nodiscard]] std::int64_t session_time(std::int64_t at_local_ns) const noexcept;
-  /// How far that may be from the reference's.
+  /// How far that may be from the reference's; from the one before it, until a new one has answered.
   [[nodiscard]] std::int64_t bound(std::int64_t at_local_ns) const noexcept;
 };
 
@@ -55,7 +57,10 @@ class SessionClock {
 
   /// To publish now and then when the reference is another.
   [[nodiscard]] ClockSample request(std::int64_t local_now_ns);
-  /// To publish at once when a request for this program arrives; `local_received_ns` when it came.
+  /// Whether requests for this program are to be answered: by the one who is the reference, and knows it. Any other's
+  /// time is still being steered.
+  [[nodiscard]] bool answers() const noexcept { return reference_ != 0 && reference_ == self_.participant; }
+  /// To publish at once when such a request arrives; `local_received_ns` when it came.
   [[nodiscard]] ClockSample answer(const ClockSample& request, std::int64_t local_received_ns,
                                    std::int64_t local_now_ns) const;
   /// An answer arrived at `local_now_ns`. False when it is not of the reference, not for this program, a repetition or

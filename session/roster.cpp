@@ -186,9 +186,7 @@ const RosterEntry* Roster::find(std::uint64_t participant) const {
 
 std::vector<RosterEntry> Roster::entries() const {
   std::vector<RosterEntry> all;
-  for (const auto& [id, known] : known_) {
-    if (known.here) all.push_back(known.entry);
-  }
+  for_each([&](const RosterEntry& entry) { all.push_back(entry); });
   return all;
 }
 
@@ -201,10 +199,10 @@ TimeReference time_reference(const Roster& roster, const Origin& self, Role role
   const auto keeps_time = [](Role of) { return of == Role::kHost || of == Role::kHrtc; };
   std::optional<std::pair<std::uint64_t, std::uint64_t>> oldest;
   if (keeps_time(role) && since_start_ns >= kReferenceSettleNs) oldest = {self.incarnation, self.participant};
-  for (const RosterEntry& entry : roster.entries()) {
+  roster.for_each([&](const RosterEntry& entry) {
     const std::pair<std::uint64_t, std::uint64_t> age{entry.origin.incarnation, entry.origin.participant};
     if (keeps_time(entry.role) && (!oldest || age < *oldest)) oldest = age;
-  }
+  });
   return oldest ? TimeReference{oldest->second, oldest->first} : TimeReference{};
 }
 

@@ -61,6 +61,12 @@ class Roster {
   [[nodiscard]] const RosterEntry* find(std::uint64_t participant) const;
   /// Everyone here but this program, by id.
   [[nodiscard]] std::vector<RosterEntry> entries() const;
+  /// Calls with each of these, without copies.
+  template <class Visit>
+  void for_each(Visit&& visit) const {
+    for (const auto& [id, known] : known_)
+      if (known.here) visit(known.entry);
+  }
   [[nodiscard]] bool is_late(std::uint64_t participant) const;
 
  private:

@@ -57,6 +57,42 @@ TEST_F(MeetingTest, TheLaterOfTwoProgramsWithOneNameEndsAndTheFirstGoesOn) {
   EXPECT_TRUE(ends_with(0, museum));
 }
 
+TEST_F(MeetingTest, AUserWhomHisClientBringsNoMoreGivesHisProbeBack) {
+  Observer observer{address("observer")};
+  Process desk{hrtc("desk")};
+  wire::Links links{address("visitor")};
+  wire::Writer<session::RosterEntry> roster{links, wire::topics::kRoster};
+  session::RosterEntry entry;
+  entry.role = session::Role::kClient;
+  entry.name = "visitor";
+  entry.session = session_;
+  const auto seated = [&](const std::string& controller, const std::vector<std::string>& users,
+                          const std::vector<std::string>& expected) {
+    entry.controller = controller;
+    entry.users = users;
+    const auto seen_so = [&](const Seen& seen) {
+      std::vector<std::string> there;
+      if (seen.is_here("desk"))
+        for (const session::UserSlot& slot : seen.roster.at("desk").slots) there.push_back(slot.user);
+      return seen.is_here("desk") && there == expected;
+    };
+    for (const auto end = std::chrono::steady_clock::now() + kWatchdog; std::chrono::steady_clock::now() < end;) {
+      entry.origin = links.origin();
+      ++entry.heartbeat;
+      EXPECT_EQ(roster.send(entry), wire::SendStatus::kSent);
+      if (observer.until(seen_so, 100ms)) return true;
+    }
+    return false;
+  };
+
+  EXPECT_TRUE(seated("desk", {"ann", "bob"}, {"ann", "bob"})) << desk.output();
+  EXPECT_TRUE(seated("desk", {"bob"}, {"bob"})) << desk.output();
+  EXPECT_TRUE(seated("desk", {"cid", "bob"}, {"cid", "bob"})) << desk.output();
+  EXPECT_TRUE(seated("another", {"cid", "bob"}, {})) << desk.output();
+  desk.signal(SIGINT);
+  EXPECT_TRUE(ends_with(0, desk));
+}
+
 TEST_F(MeetingTest, TheLaterOfTwoUsersProgramsWithOneNameEndsAndTheSessionGoesOn) {
   Observer observer{address("observer")};
   Process museum{host("museum", models().sphere)};

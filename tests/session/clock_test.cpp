@@ -108,6 +108,39 @@ TEST(SessionClock, ANewReferenceBringsNoStep) {
   EXPECT_GE(pair.asker_.map().bound(20 * kMs), 30 * kMs - 1) << "and says so until then";
 }
 
+TEST(SessionClock, StepsWhenItHasKeptATimeOfItsOwnAndMeetsAnOlderOne) {
+  Pair pair{3'600'000 * kMs, 0};
+  pair.asker_.set_reference(20, 1, pair.local(0));  // alone
+  ASSERT_EQ(pair.error(500 * kMs), 3'600'000 * kMs);
+
+  pair.asker_.set_reference(10, 1, pair.local(1000 * kMs));
+  EXPECT_EQ(pair.bound(1000 * kMs), kClockUnknown);
+  ASSERT_TRUE(pair.exchange(1000 * kMs, kMs, kMs));
+
+  EXPECT_LE(std::abs(pair.error(1010 * kMs)), pair.bound(1010 * kMs));
+  EXPECT_LT(pair.bound(1010 * kMs), 2 * kMs);
+}
+
+TEST(SessionClock, IsAskedInVainWhileItsOwnTimeIsStillSteered) {
+  SessionClock alone{kReference, {}};
+  EXPECT_FALSE(alone.answers());
+  alone.set_reference(20, 1, 0);
+  EXPECT_FALSE(alone.answers());
+  alone.set_reference(10, 1, 0);
+  EXPECT_TRUE(alone.answers());
+}
+
+TEST(SessionClock, DoesNotStepToAMeasurementThatIsALittleBetter) {
+  Pair pair{0, 0};
+  ASSERT_TRUE(pair.exchange(0, 80 * kMs, 0));  // 40 ms wrong, and says so
+  const std::int64_t before = pair.asker_.map().session_time(pair.local(999 * kMs));
+
+  ASSERT_TRUE(pair.exchange(998 * kMs, kMs, kMs));
+
+  EXPECT_NEAR(static_cast<double>(pair.asker_.map().session_time(pair.local(1001 * kMs)) - before), 2e6, 1e6);
+  EXPECT_GT(std::abs(pair.error(1001 * kMs)), 35 * kMs);
+}
+
 TEST(SessionClock, RefusesAnswersThatAreNotForItOrImpossible) {
   Pair pair{0, 0};
   const ClockSample request = pair.asker_.request(0);

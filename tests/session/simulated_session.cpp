@@ -1,469 +1,360 @@
 #include "tests/session/simulated_session.hpp"
 
 #include <algorithm>
-#include <map>
+#include <cstdio>
 #include <memory>
-#include <random>
+#include <numeric>
 #include <set>
-#include <variant>
+#include <utility>
 
-#include "session/delivery_client.hpp"
 #include "session/delivery_server.hpp"
-#include "session/roster.hpp"
-#include "spm/codec/model_codec.hpp"
-#include "spm/codec/region_codec.hpp"
-#include "tests/support/random_model.hpp"
 
 namespace tactus::test_support {
-namespace {
 
 using namespace session;
 
-constexpr std::int64_t kMs = 1'000'000;
-constexpr std::uint64_t kSession = 77;
-constexpr std::uint64_t kFirstHost = 100, kFirstHrtc = 200, kFirstObject = 300;
-constexpr int kHosts = 2, kObjects = 2;
-constexpr int kLatencyMs = 2;
+namespace {
+
+constexpr std::size_t kHosts = 2, kControllers = 3, kClients = 2, kPrograms = kHosts + kControllers + kClients;
+constexpr std::uint64_t kFirstHost = 100, kFirstController = 200, kFirstClient = 400;
 constexpr int kChunksPerMs = 12;
-constexpr int kQuietMs = 700;        // longer than the keep-alive
-constexpr std::uint32_t kReach = 2;  // regions wanted around the one that is touched
-constexpr std::uint32_t kKeep = 4;   // farther ones are retired
-constexpr std::uint32_t kCredit = 24 * 1024, kMostCredit = 2 * kCredit;
+constexpr std::int64_t kOnTheWayNs = 100 * kMs;  // after all is well an old demand may still arrive, and be answered
+constexpr std::int64_t kSilenceNs = 100 * kMs;   // then nothing is sent for so long
+constexpr std::int64_t kLookNs = 5 * kMs;        // whether all is well
 
-const std::vector<OwnedModel>& models() {
-  static const std::vector<OwnedModel> all{random_model(5, 700, 3), random_model(6, 300, 3)};
-  return all;
-}
+class SimulatedHost : public Program {
+ public:
+  SimulatedHost(World& world, std::uint64_t id) : Program{world, id, Role::kHost} {}
+  [[nodiscard]] std::uint64_t chunks() const noexcept { return chunks_; }
 
-const spm::codec::CodedModel& coded(std::uint64_t object) {
-  static const std::array<spm::codec::EncodedModel, 2> all{spm::codec::EncodedModel{models()[0].view()},
-                                                           spm::codec::EncodedModel{models()[1].view()}};
-  return all[object - kFirstObject].coded();
-}
+  /// Both hosts serve the first object, one of them the second.
+  [[nodiscard]] bool serves(std::uint64_t object) const { return object == kFirstObject || id() == kFirstHost; }
 
-std::vector<std::uint32_t> records_of(const std::vector<spm::Run>& runs) {
-  std::vector<std::uint32_t> records;
-  for (const spm::Run& run : runs) {
-    for (std::uint32_t r = run.first; r != run.first + run.count; ++r) records.push_back(r);
+ protected:
+  void begin() override {
+    server_ = std::make_unique<DeliveryServer>(self());
+    for (std::uint64_t object = kFirstObject; object < kFirstObject + kObjects; ++object)
+      if (serves(object)) server_->add(object, coded_of(object));
   }
-  return records;
-}
+  void hear(const Sample& sample) override {
+    const auto* demand = std::get_if<Demand>(&sample);
+    if (demand == nullptr) return;
+    if (server_->on_demand(*demand) == DeliveryServer::DemandResult::kMalformed) world_.broken("a malformed demand");
+    call_at(std::max(world_.now_ns, last_sent_ns_ + kMs));
+  }
+  void react(const RosterEvent& event) override {
+    const bool gone = event.change == RosterChange::kGone || event.change == RosterChange::kLeft;
+    if (event.entry.role == Role::kHrtc && gone) server_->on_hrtc_gone(event.entry.origin.participant);
+  }
+  std::int64_t work() override {
+    if (offers_.due(world_.now_ns)) offer();
+    for (int i = 0; i < kChunksPerMs; ++i) {
+      std::optional<Outgoing> out = server_->next(local_ns());
+      if (!out) return 10 * kMs;
+      ++chunks_;
+      if (!out->chunk.payload.empty() && world_.find(out->hrtc)->up()) world_.last_payload_ns = world_.now_ns;
+      if (server_->bytes_under_way(out->hrtc) > kMostCredit) world_.broken("more under way than the credit");
+      if (world_.sabotage == Sabotage::kSendTwice && world_.chance(0.02)) server_->on_hrtc_gone(out->hrtc);
+      send(out->hrtc, std::move(out->chunk));
+    }
+    last_sent_ns_ = world_.now_ns;
+    return kMs;
+  }
 
-/// The cache of an HRTC for one object, as a set of records counted by the regions that list them.
-struct CacheModel {
-  std::map<std::uint32_t, std::vector<std::uint32_t>> lists;  // held or retired regions
-  std::set<std::uint32_t> retired;
-  std::map<std::uint32_t, int> count;    // by record, over all lists
-  std::set<std::uint32_t> firm_regions;  // held and never retired: hosts count on them at all times
-  std::map<std::uint32_t, int> firm;     // by record, over those
-
-  static void add(std::map<std::uint32_t, int>& counts, const std::vector<std::uint32_t>& records, int by) {
-    for (const std::uint32_t r : records) {
-      if ((counts[r] += by) == 0) counts.erase(r);
+ private:
+  void offer() {
+    for (std::uint64_t object = kFirstObject; object < kFirstObject + kObjects; ++object) {
+      if (!serves(object)) continue;
+      CatalogueEntry offer;
+      offer.origin = self();
+      offer.object_id = object;
+      offer.summary = model_of(object).summary;
+      send_all(world_.programs, std::move(offer));
     }
   }
-};
 
-struct Answer {  // the decoder's, in time
-  std::int64_t due;
-  DeliveryClient::Message message;
+  std::unique_ptr<DeliveryServer> server_;
+  wire::Every offers_{100 * kMs};
+  std::int64_t last_sent_ns_ = 0;
+  std::uint64_t chunks_ = 0;
 };
-
-struct Hrtc {
-  std::uint64_t id = 0;
-  std::uint64_t incarnation = 0;
-  std::unique_ptr<DeliveryClient> client;
-  std::unique_ptr<Roster> roster;
-  std::map<std::uint64_t, CacheModel> caches;
-  std::map<std::uint64_t, std::uint32_t> touched;  // region by object
-  std::vector<Answer> answers;
-  std::uint64_t heartbeat = 0;
-  std::int64_t down_until = -1;
-};
-
-struct Host {
-  std::uint64_t id = 0;
-  std::uint64_t incarnation = 0;
-  std::unique_ptr<DeliveryServer> server;
-  std::unique_ptr<Roster> roster;
-  std::uint64_t heartbeat = 0;
-  std::int64_t down_until = -1;
-};
-
-using Sample = std::variant<RosterEntry, CatalogueEntry, Demand, BulkChunk>;
 
 class Simulation {
  public:
-  Simulation(std::uint64_t seed, const Faults& faults, int hrtcs) : random_{seed}, faults_{faults} {
-    for (int i = 0; i < kHosts; ++i) {
-      hosts_.emplace_back();
-      hosts_.back().id = kFirstHost + static_cast<std::uint64_t>(i);
-      start(hosts_.back());
+  Simulation(std::uint64_t seed, const Schedule& schedule, const std::function<void(const std::string&)>& trace)
+      : schedule_{schedule}, world_{seed, schedule.delay_ns, schedule.network, schedule.carrier}, trace_{trace} {
+    world_.sabotage = schedule.sabotage;
+    if (trace_) world_.network.trace = [this](std::int64_t, const std::string& line) { say(line); };
+    for (std::uint64_t i = 0; i < kHosts; ++i)
+      hosts_.push_back(std::make_unique<SimulatedHost>(world_, kFirstHost + i));
+    for (std::uint64_t i = 0; i < kControllers; ++i)
+      controllers_.push_back(
+          std::make_unique<SimulatedController>(world_, kFirstController + i, schedule_.controllers));
+    for (std::uint64_t i = 0; i < kClients; ++i)
+      clients_.push_back(std::make_unique<SimulatedClient>(world_, kFirstClient + i, kFirstController + i));
+    for (const auto& host : hosts_) world_.programs.push_back(host.get());
+    for (const auto& controller : controllers_) world_.programs.push_back(controller.get());
+    for (const auto& client : clients_) world_.programs.push_back(client.get());
+    for (Program* program : world_.programs) program->start();
+  }
+
+  SimulationResult run() {
+    std::stable_sort(schedule_.planned.begin(), schedule_.planned.end(),
+                     [](const PlannedFault& a, const PlannedFault& b) { return a.at_ns < b.at_ns; });
+    while (world_.now_ns < schedule_.wander_ns && world_.broken_things.empty()) step(schedule_.wander_ns);
+    heal();
+    const std::int64_t healed_from_ns = world_.now_ns;
+    while (world_.broken_things.empty()) {
+      step(world_.now_ns + kLookNs);
+      std::string missing = what_is_wrong();
+      if (missing.empty()) break;
+      result_.healed_ns = world_.now_ns - healed_from_ns;
+      if (result_.healed_ns > kHealNs) world_.broken("not healed: " + missing);
     }
-    for (int i = 0; i < hrtcs; ++i) {
-      hrtcs_.emplace_back();
-      hrtcs_.back().id = kFirstHrtc + static_cast<std::uint64_t>(i);
-      start(hrtcs_.back());
+    const std::int64_t from_ns = world_.now_ns + kOnTheWayNs, end_ns = from_ns + kSilenceNs;
+    while (world_.now_ns < end_ns && world_.broken_things.empty()) {
+      step(end_ns);
+      if (world_.last_payload_ns > from_ns) world_.broken("records are sent and nothing is wanted");
+    }
+    return result();
+  }
+
+ private:
+  void say(const std::string& line) const {
+    char at[24];
+    std::snprintf(at, sizeof at, "%10.3f ms  ", static_cast<double>(world_.now_ns) * 1e-6);
+    trace_(at + line);
+  }
+
+  /// To the next thing that happens, or to `until_ns`.
+  void step(std::int64_t until_ns) {
+    std::int64_t next_ns = std::min(until_ns, world_.network.next_ns());
+    for (const Program* program : world_.programs) next_ns = std::min(next_ns, program->next_tick_ns());
+    for (const auto& [at_ns, who] : returns_) next_ns = std::min(next_ns, at_ns);
+    if (planned_done_ < schedule_.planned.size()) next_ns = std::min(next_ns, schedule_.planned[planned_done_].at_ns);
+    world_.now_ns = std::max(world_.now_ns, next_ns);
+    if (world_.wandering) {
+      while (planned_done_ < schedule_.planned.size() && schedule_.planned[planned_done_].at_ns <= world_.now_ns)
+        happen(schedule_.planned[planned_done_++]);
+    }
+    while (!returns_.empty() && returns_.begin()->first <= world_.now_ns) come_back(returns_.begin());
+    while (world_.network.next_ns() <= world_.now_ns) {
+      const std::optional<SimulatedNetwork::Packet> packet = world_.network.take();
+      if (!packet) continue;
+      Program* to = world_.find(packet->to);
+      if (to->up()) to->take(*packet);
+    }
+    for (Program* program : world_.programs)
+      if (program->next_tick_ns() <= world_.now_ns) program->tick();
+  }
+
+  void happen(const PlannedFault& fault) {
+    for (std::size_t i = 0; i < kPrograms; ++i) {
+      if ((fault.programs >> i & 1u) == 0) continue;
+      Program& program = *world_.programs[i];
+      if (fault.kind == FaultKind::kPartition) {
+        cut_off(i, fault);
+      } else if (program.up()) {
+        if (trace_)
+          say(std::to_string(program.id()) + (fault.with_a_word ? " ends" : " is killed") +
+              (fault.for_good ? " for good" : ""));
+        ++result_.faults[static_cast<std::size_t>(fault.kind)];
+        world_.last_crash_ns = world_.now_ns;
+        program.stop(fault.with_a_word);
+        if (!fault.for_good) returns_.emplace(std::min(world_.now_ns + fault.lasts_ns, schedule_.wander_ns), &program);
+      }
     }
   }
 
-  SimulationResult run(int wander_ms) {
-    for (; now_ms_ < wander_ms && result_.broken.empty(); ++now_ms_) step(true);
-    faults_ = Faults{};
-    cuts_.clear();
-    for (Host& host : hosts_) host.down_until = std::min<std::int64_t>(host.down_until, now_ms_);
-    for (Hrtc& hrtc : hrtcs_) hrtc.down_until = std::min<std::int64_t>(hrtc.down_until, now_ms_);
-    const int end = now_ms_ + 10'000;
-    last_chunk_ms_ = now_ms_;
-    for (; now_ms_ < end && result_.broken.empty() && !result_.converged; ++now_ms_) {
-      step(false);
-      result_.converged = now_ms_ - last_chunk_ms_ >= kQuietMs && all_hold_what_they_want();
+  void cut_off(std::size_t place, const PlannedFault& fault) {
+    const std::uint64_t id = world_.programs[place]->id();
+    if (trace_)
+      say(std::to_string(id) + (fault.one_way ? " is not heard" : " is cut off") + " for " +
+          std::to_string(fault.lasts_ns / kMs) + " ms");
+    for (std::size_t i = 0; i < kPrograms; ++i) {
+      if ((fault.programs >> i & 1u) != 0) continue;
+      const std::int64_t until_ns = std::min(world_.now_ns + fault.lasts_ns, schedule_.wander_ns);
+      world_.network.cut(id, world_.programs[i]->id(), until_ns);
+      if (!fault.one_way) world_.network.cut(world_.programs[i]->id(), id, until_ns);
+    }
+  }
+
+  void come_back(std::multimap<std::int64_t, Program*>::iterator at) {
+    if (trace_) say(std::to_string(at->second->id()) + " starts again");
+    world_.last_crash_ns = world_.now_ns;
+    at->second->start();
+    returns_.erase(at);
+  }
+
+  void heal() {
+    if (trace_) say("no more faults");
+    world_.network.heal();
+    world_.wandering = false;
+    while (!returns_.empty()) come_back(returns_.begin());
+  }
+
+  [[nodiscard]] bool served(std::uint64_t object) const {
+    return std::any_of(hosts_.begin(), hosts_.end(),
+                       [object](const auto& host) { return host->up() && host->serves(object); });
+  }
+
+  /// Empty when all agree and hold what they want.
+  [[nodiscard]] std::string what_is_wrong() const {
+    for (const auto& controller : controllers_)
+      for (std::uint64_t object = kFirstObject; object < kFirstObject + kObjects; ++object)
+        if (controller->up() && served(object) && !controller->content_with(object))
+          return std::to_string(controller->id()) + " has not all that it wants of object " + std::to_string(object);
+    for (const Program* program : world_.programs) {
+      if (!program->up()) continue;
+      const std::string name = std::to_string(program->id());
+      if (!knows_all(*program)) return "the roster of " + name;
+      const Program* keeper = world_.find(program->clock().reference());
+      if (keeper == nullptr || !keeper->up() || keeper->clock().reference() != keeper->id())
+        return "the keeper of time of " + name;
+      if (!program->clock().synchronised() || program->clock_bound_ns() > kClockNs) return "the clock of " + name;
+    }
+    return slots_that_are_wrong();
+  }
+
+  [[nodiscard]] bool knows_all(const Program& program) const {
+    std::size_t known = 0;
+    for (const RosterEntry& entry : program.roster().entries()) {
+      const Program* other = world_.find(entry.origin.participant);
+      if (!other->up() || other->incarnation() != entry.origin.incarnation) return false;
+      ++known;
+    }
+    const auto up =
+        std::count_if(world_.programs.begin(), world_.programs.end(), [](const Program* other) { return other->up(); });
+    return known + 1 == static_cast<std::size_t>(up);
+  }
+
+  [[nodiscard]] std::string slots_that_are_wrong() const {
+    for (const auto& controller : controllers_) {
+      if (!controller->up()) continue;
+      std::set<std::string> asked, given;
+      for (const auto& client : clients_)
+        for (const std::string& user : client->users_at(controller->id())) asked.insert(user);
+      std::set<std::uint32_t> numbers;
+      for (const UserSlot& slot : controller->slots()) {
+        given.insert(slot.user);
+        numbers.insert(slot.slot);
+      }
+      if (asked != given || numbers.size() != given.size()) return "the users of " + std::to_string(controller->id());
+      for (const Program* program : world_.programs) {
+        if (!program->up() || program == controller.get()) continue;
+        std::set<std::string> told;
+        for (const UserSlot& slot : program->roster().find(controller->id())->slots) told.insert(slot.user);
+        if (told != given)
+          return "what " + std::to_string(program->id()) + " knows of the users of " + std::to_string(controller->id());
+      }
+    }
+    return {};
+  }
+
+  SimulationResult result() {
+    result_.broken = world_.broken_things;
+    result_.messages = world_.network.sent();
+    result_.virtual_ns = world_.now_ns;
+    for (std::size_t i = 0; i < kFaultKinds; ++i) result_.faults[i] += world_.network.faults_done()[i];
+    for (const auto& host : hosts_) result_.chunks += host->chunks();
+    for (const auto& controller : controllers_) {
+      const ControllerFigures& figures = controller->figures();
+      result_.controllers.regions_held += figures.regions_held;
+      result_.controllers.regions_refused += figures.regions_refused;
+      result_.controllers.regions_released += figures.regions_released;
+      result_.controllers.records_repeated += figures.records_repeated;
+      result_.host_changes += controller->delivery().counters().host_changes;
     }
     return result_;
   }
 
- private:
-  // ---- chance
-
-  bool chance(double p) { return p > 0 && std::uniform_real_distribution<double>{0, 1}(random_) < p; }
-  int below(int n) { return n <= 0 ? 0 : static_cast<int>(random_() % static_cast<std::uint64_t>(n)); }
-  [[nodiscard]] std::int64_t now() const { return std::int64_t{now_ms_} * kMs; }
-  void broken(std::string what) {
-    result_.broken.push_back("at " + std::to_string(now_ms_) + " ms: " + std::move(what));
-  }
-
-  // ---- programs
-
-  void start(Host& host) {
-    ++host.incarnation;
-    const Origin self{kSession, host.id, host.incarnation, 0};
-    host.server = std::make_unique<DeliveryServer>(self);
-    host.roster = std::make_unique<Roster>(self, RosterSettings{});
-    for (std::uint64_t i = 0; i < kObjects; ++i) {
-      if (serves(host.id, i)) host.server->add(kFirstObject + i, coded(kFirstObject + i));
-    }
-  }
-
-  /// Both hosts serve the first object, one of them the second.
-  static bool serves(std::uint64_t host, std::uint64_t object) { return object == 0 || host == kFirstHost; }
-
-  void start(Hrtc& hrtc) {
-    ++hrtc.incarnation;
-    const Origin self{kSession, hrtc.id, hrtc.incarnation, 0};
-    DeliverySettings settings;
-    settings.credit = kCredit;
-    settings.most_credit = kMostCredit;
-    settings.max_partial_bytes = 200'000;
-    hrtc.client = std::make_unique<DeliveryClient>(self, settings);
-    hrtc.roster = std::make_unique<Roster>(self, RosterSettings{});
-    hrtc.caches.clear();
-    hrtc.answers.clear();
-    for (std::uint64_t i = 0; i < kObjects; ++i) {
-      hrtc.client->open(kFirstObject + i, models()[i].summary.digest);
-      hrtc.touched[kFirstObject + i] = static_cast<std::uint32_t>(below(static_cast<int>(models()[i].summary.regions)));
-      wander(hrtc, kFirstObject + i);
-    }
-  }
-
-  // ---- network
-
-  void send(std::uint64_t from, std::uint64_t to, Sample sample) {
-    if (chance(faults_.loss)) return;
-    if (auto* chunk = std::get_if<BulkChunk>(&sample);
-        chunk != nullptr && !chunk->payload.empty() && chance(faults_.corruption)) {
-      chunk->payload[random_() % chunk->payload.size()] ^= static_cast<std::uint8_t>(1 + below(255));
-    }
-    for (int copies = chance(faults_.duplication) ? 2 : 1; copies > 0; --copies) {
-      const int late = chance(faults_.reordering) ? below(faults_.reorder_ms) : 0;
-      in_flight_.emplace(now_ms_ + kLatencyMs + late, Packet{from, to, sample});
-    }
-  }
-
-  void deliver() {
-    while (!in_flight_.empty() && in_flight_.begin()->first <= now_ms_) {
-      const Packet packet = std::move(in_flight_.extract(in_flight_.begin()).mapped());
-      const auto cut = cuts_.find(std::minmax(packet.from, packet.to));
-      if (cut != cuts_.end() && now_ms_ < cut->second) continue;
-      for (Host& host : hosts_) {
-        if (host.id == packet.to && up(host)) take(host, packet.sample);
-      }
-      for (Hrtc& hrtc : hrtcs_) {
-        if (hrtc.id == packet.to && up(hrtc)) take(hrtc, packet.sample);
-      }
-    }
-  }
-
-  template <class Program>
-  [[nodiscard]] bool up(const Program& program) const {
-    return program.down_until <= now_ms_;
-  }
-
-  void take(Host& host, const Sample& sample) {
-    if (const auto* entry = std::get_if<RosterEntry>(&sample)) react(host, host.roster->on_entry(*entry, now()));
-    if (const auto* demand = std::get_if<Demand>(&sample)) {
-      if (host.server->on_demand(*demand) == DeliveryServer::DemandResult::kMalformed) broken("a malformed demand");
-    }
-  }
-
-  void react(Host& host, const std::vector<RosterEvent>& events) {
-    for (const RosterEvent& event : events) {
-      if (event.change == RosterChange::kGone) host.server->on_hrtc_gone(event.entry.origin.participant);
-    }
-  }
-
-  void take(Hrtc& hrtc, const Sample& sample) {
-    if (const auto* entry = std::get_if<RosterEntry>(&sample)) {
-      (void)hrtc.roster->on_entry(*entry, now());
-      hrtc.client->host_seen(entry->origin.participant, entry->origin.incarnation, now());
-    }
-    if (const auto* offer = std::get_if<CatalogueEntry>(&sample)) hrtc.client->offer(*offer);
-    if (const auto* chunk = std::get_if<BulkChunk>(&sample)) {
-      if (auto message = hrtc.client->on_chunk(*chunk, now())) {
-        const std::int64_t due = std::max<std::int64_t>(now_ms_ + below(faults_.decode_ms),
-                                                        hrtc.answers.empty() ? 0 : hrtc.answers.back().due);
-        if (message->kind == BulkKind::kRegion && chance(faults_.parking))
-          hrtc.client->park(message->object_id, message->region);
-        hrtc.answers.push_back({due, std::move(*message)});
-      }
-      if (hrtc.client->partial_bytes() > 200'000) broken("incomplete messages over their bound");
-    }
-  }
-
-  // ---- what an HRTC does
-
-  void answer(Hrtc& hrtc) {
-    while (!hrtc.answers.empty() && hrtc.answers.front().due <= now_ms_) {
-      const DeliveryClient::Message message = std::move(hrtc.answers.front().message);
-      hrtc.answers.erase(hrtc.answers.begin());
-      const spm::Model model = models()[message.object_id - kFirstObject].view();
-      if (message.kind == BulkKind::kBase) {
-        const spm::Span<const std::uint8_t> base = coded(message.object_id).spans().base;
-        if (!std::equal(base.begin(), base.end(), message.bytes.begin(), message.bytes.end()))
-          broken("a base mesh that is not the model's");
-        hrtc.client->base_held(message.object_id);
-      } else {
-        accept(hrtc, message, model);
-      }
-    }
-  }
-
-  void accept(Hrtc& hrtc, const DeliveryClient::Message& message, const spm::Model& model) {
-    const spm::codec::CodedModel& whole = coded(message.object_id);
-    const auto data = spm::codec::decode_region(message.bytes, model.summary, whole.tables());
-    if (!data || message.bytes != spm::codec::encode_region(whole, data->region, data->sent) ||
-        spm::index(data->region) != message.region) {
-      broken("a region that is not the model's");
-      return;
-    }
-    CacheModel& cache = hrtc.caches[message.object_id];
-    if (cache.lists.count(message.region) != 0) broken("a region came that is here");
-    const std::vector<std::uint32_t> sent = records_of(data->sent);
-    const std::set<std::uint32_t> with_it(sent.begin(), sent.end());
-    const std::vector<std::uint32_t> list = records_of(data->list);
-    for (const std::uint32_t r : list) {
-      if (with_it.count(r) != 0 || cache.count.count(r) != 0) continue;
-      ++result_.regions_refused;
-      hrtc.client->refused(message.object_id, message.region);
-      return;
-    }
-    for (const std::uint32_t r : sent) result_.records_repeated += cache.firm.count(r);
-    CacheModel::add(cache.count, list, 1);
-    CacheModel::add(cache.firm, list, 1);
-    cache.lists[message.region] = list;
-    cache.firm_regions.insert(message.region);
-    hrtc.client->held(message.object_id, message.region);
-    ++result_.regions_held;
-  }
-
-  /// Regions stand on a ring; the touched one and its neighbours are wanted.
-  void wander(Hrtc& hrtc, std::uint64_t object) {
-    const std::uint32_t regions = models()[object - kFirstObject].summary.regions;
-    std::uint32_t& at = hrtc.touched[object];
-    const int move = below(40);
-    at = move == 0 ? static_cast<std::uint32_t>(below(static_cast<int>(regions)))
-                   : (at + regions + (move % 3) - 1) % regions;
-    std::vector<Wanted> wanted;
-    for (std::uint32_t away = 0; away <= kReach; ++away) {
-      wanted.push_back({(at + away) % regions, away * 20'000});
-      if (away != 0) wanted.push_back({(at + regions - away) % regions, away * 20'000 + 5'000});
-    }
-    hrtc.client->want(object, wanted);
-    CacheModel& cache = hrtc.caches[object];
-    for (const auto& [region, list] : cache.lists) {
-      const std::uint32_t ahead = (region + regions - at) % regions;
-      const std::uint32_t away = std::min(ahead, regions - ahead);
-      const bool retired = cache.retired.count(region) != 0;
-      if (away > kKeep && !retired) {
-        if (!hrtc.client->retire(object, region)) continue;
-        cache.retired.insert(region);
-        if (cache.firm_regions.erase(region) != 0) CacheModel::add(cache.firm, list, -1);
-      } else if (away <= kReach && retired && below(2) == 0) {
-        cache.retired.erase(region);
-        hrtc.client->held(object, region);
-      }
-    }
-  }
-
-  void release(Hrtc& hrtc, std::uint64_t object) {
-    CacheModel& cache = hrtc.caches[object];
-    for (const std::uint32_t region : hrtc.client->take_released(object)) {
-      if (cache.retired.erase(region) == 0) {
-        broken("a region was released that is not retired");
-        continue;
-      }
-      CacheModel::add(cache.count, cache.lists.at(region), -1);
-      cache.lists.erase(region);
-      ++result_.regions_released;
-    }
-  }
-
-  void publish(Hrtc& hrtc) {
-    while (const std::optional<Demand> demand = hrtc.client->demand(now())) {
-      const CacheModel& cache = hrtc.caches[demand->object_id];
-      for (const std::uint32_t region : records_of(demand->have)) {
-        if (cache.lists.count(region) == 0 || cache.retired.count(region) != 0) broken("a demand claims too much");
-      }
-      if (demand->wanted.size() > 2 * kReach + 1) broken("a demand wants too much");
-      for (const Host& host : hosts_) send(hrtc.id, host.id, *demand);
-    }
-  }
-
-  [[nodiscard]] bool all_hold_what_they_want() const {
-    return std::all_of(hrtcs_.begin(), hrtcs_.end(), [](const Hrtc& hrtc) {
-      for (const auto& [object, at] : hrtc.touched) {
-        const std::uint32_t regions = models()[object - kFirstObject].summary.regions;
-        const CacheModel& cache = hrtc.caches.at(object);
-        if (!cache.retired.empty()) return false;
-        for (std::uint32_t i = 0; i <= 2 * kReach; ++i) {
-          if (cache.lists.count((at + regions + i - kReach) % regions) == 0) return false;
-        }
-      }
-      return true;
-    });
-  }
-
-  // ---- one millisecond
-
-  void crash_and_cut() {
-    const auto crash = [&](auto& programs, double per_second) {
-      for (auto& program : programs) {
-        if (!up(program) || !chance(per_second / 1000)) continue;
-        program.down_until = now_ms_ + 1 + below(900);
-        ++result_.crashes;
-        start(program);
-      }
-    };
-    crash(hosts_, faults_.host_crash);
-    crash(hrtcs_, faults_.hrtc_crash);
-    for (const Host& host : hosts_) {
-      for (const Hrtc& hrtc : hrtcs_) {
-        if (chance(faults_.partition / 1000)) cuts_[{host.id, hrtc.id}] = now_ms_ + below(1500);
-      }
-    }
-  }
-
-  RosterEntry beat(std::uint64_t id, std::uint64_t incarnation, Role role, std::uint64_t heartbeat) const {
-    RosterEntry entry;
-    entry.origin = {kSession, id, incarnation, now()};
-    entry.role = role;
-    entry.name = std::to_string(id);
-    entry.heartbeat = heartbeat;
-    return entry;
-  }
-
-  void step(bool wandering) {
-    crash_and_cut();
-    deliver();
-    for (Host& host : hosts_) {
-      if (up(host)) step(host);
-    }
-    for (Hrtc& hrtc : hrtcs_) {
-      if (up(hrtc)) step(hrtc, wandering);
-    }
-  }
-
-  void step(Host& host) {
-    react(host, host.roster->tick(now()));
-    if (now_ms_ % 100 == 0) {
-      const RosterEntry entry = beat(host.id, host.incarnation, Role::kHost, ++host.heartbeat);
-      for (const Hrtc& hrtc : hrtcs_) {
-        send(host.id, hrtc.id, entry);
-        for (std::uint64_t i = 0; i < kObjects; ++i) {
-          if (!serves(host.id, i)) continue;
-          CatalogueEntry offer;
-          offer.origin = entry.origin;
-          offer.object_id = kFirstObject + i;
-          offer.summary = models()[i].summary;
-          send(host.id, hrtc.id, offer);
-        }
-      }
-    }
-    for (int i = 0; i < kChunksPerMs; ++i) {
-      std::optional<Outgoing> out = host.server->next(now());
-      if (!out) break;
-      ++result_.chunks;
-      last_chunk_ms_ = now_ms_;
-      if (host.server->bytes_under_way(out->hrtc) > kMostCredit) broken("more under way than the credit");
-      send(host.id, out->hrtc, std::move(out->chunk));
-    }
-  }
-
-  void step(Hrtc& hrtc, bool wandering) {
-    for (const RosterEvent& event : hrtc.roster->tick(now())) {
-      if (event.change == RosterChange::kGone) hrtc.client->host_gone(event.entry.origin.participant);
-    }
-    answer(hrtc);
-    for (std::uint64_t object = kFirstObject; object < kFirstObject + kObjects; ++object) {
-      release(hrtc, object);
-      if (wandering && now_ms_ % 15 == 0) wander(hrtc, object);
-    }
-    publish(hrtc);
-    if (now_ms_ % 100 == 50) {
-      const RosterEntry entry = beat(hrtc.id, hrtc.incarnation, Role::kHrtc, ++hrtc.heartbeat);
-      for (const Host& host : hosts_) send(hrtc.id, host.id, entry);
-    }
-    result_.host_changes = std::max(result_.host_changes, hrtc.client->counters().host_changes);
-  }
-
-  struct Packet {
-    std::uint64_t from, to;
-    Sample sample;
-  };
-
-  std::mt19937_64 random_;
-  Faults faults_;
-  std::vector<Host> hosts_;
-  std::vector<Hrtc> hrtcs_;
-  std::multimap<int, Packet> in_flight_;                         // by arrival
-  std::map<std::pair<std::uint64_t, std::uint64_t>, int> cuts_;  // host, HRTC -> until when
-  int now_ms_ = 0;
-  int last_chunk_ms_ = 0;
+  Schedule schedule_;
+  World world_;
+  std::function<void(const std::string&)> trace_;
+  std::vector<std::unique_ptr<SimulatedHost>> hosts_;
+  std::vector<std::unique_ptr<SimulatedController>> controllers_;
+  std::vector<std::unique_ptr<SimulatedClient>> clients_;
+  std::size_t planned_done_ = 0;
+  std::multimap<std::int64_t, Program*> returns_;  // by when
   SimulationResult result_;
 };
 
 }  // namespace
 
-Faults random_faults(std::uint64_t seed) {
-  std::mt19937_64 random{seed ^ 0x5eedull};
-  const auto one_of = [&](std::initializer_list<double> values) {
-    return *(values.begin() + random() % values.size());
-  };
-  Faults f;
-  f.loss = one_of({0, 0.01, 0.05, 0.2});
-  f.duplication = one_of({0, 0.02, 0.2});
-  f.corruption = one_of({0, 0, 0.02});
-  f.reordering = one_of({0, 0.05, 0.5});
-  f.reorder_ms = static_cast<int>(one_of({5, 30, 300}));
-  f.host_crash = one_of({0, 0, 0.5, 1.5});
-  f.hrtc_crash = one_of({0, 0, 0.5});
-  f.partition = one_of({0, 0, 0.5});
-  f.decode_ms = static_cast<int>(one_of({0, 10, 60}));
-  f.parking = one_of({0, 0.1});
-  return f;
+std::string Schedule::text() const {
+  char line[400];
+  std::snprintf(
+      line, sizeof line,
+      "%lld ms of wandering; %s carrier, %g ms one way; loss %g %%, duplication %g %%, reordering %g %% by up to "
+      "%g ms, corruption %g %%; decoding up to %g ms, parking %g %%; %zu crashes, restarts and partitions",
+      static_cast<long long>(wander_ns / kMs), carrier == SimulatedNetwork::Carrier::kLossy ? "lossy" : "reliable",
+      static_cast<double>(delay_ns) * 1e-6, 100 * network.loss, 100 * network.duplication, 100 * network.reordering,
+      static_cast<double>(network.reorder_ns) * 1e-6, 100 * network.corruption,
+      static_cast<double>(controllers.decode_ns) * 1e-6, 100 * controllers.parking, planned.size());
+  return line;
 }
 
-SimulationResult simulate(std::uint64_t seed, const Faults& faults, int hrtcs, int wander_ms) {
-  return Simulation{seed, faults, hrtcs}.run(wander_ms);
+Schedule random_schedule(std::uint64_t seed) {
+  std::mt19937_64 random{seed ^ 0x5eedull};
+  const auto below = [&](std::int64_t n) {
+    return static_cast<std::int64_t>(random() % static_cast<std::uint64_t>(n));
+  };
+  const auto one_of = [&](std::initializer_list<double> values) {
+    return *(values.begin() + below(static_cast<std::int64_t>(values.size())));
+  };
+  Schedule schedule;
+  schedule.wander_ns = static_cast<std::int64_t>(one_of({600, 600, 800, 1600})) * kMs;
+  schedule.delay_ns = static_cast<std::int64_t>(one_of({0.2, 1, 5, 20}) * 1e6);
+  if (below(3) == 0) schedule.carrier = SimulatedNetwork::Carrier::kReliable;
+  schedule.controllers.decode_ns = static_cast<std::int64_t>(one_of({0, 10, 60}) * 1e6);
+  schedule.controllers.parking = one_of({0, 0, 0.1});
+
+  std::vector<FaultKind> kinds{FaultKind::kCrash, FaultKind::kRestart, FaultKind::kPartition};
+  if (schedule.carrier == SimulatedNetwork::Carrier::kLossy)
+    kinds.insert(kinds.end(), {FaultKind::kReordering, FaultKind::kDuplication, FaultKind::kLoss});
+  else
+    kinds.push_back(FaultKind::kLoss);
+  std::shuffle(kinds.begin(), kinds.end(), random);
+  std::array<std::uint32_t, kPrograms> places;  // each is hit once
+  std::iota(places.begin(), places.end(), 0u);
+  std::shuffle(places.begin(), places.end(), random);
+  std::size_t hit = 0;
+  kinds.resize(3 + static_cast<std::size_t>(below(static_cast<std::int64_t>(kinds.size()) - 2)));
+  for (const FaultKind kind : kinds) {
+    if (kind == FaultKind::kLoss) {
+      schedule.network.loss = one_of({0.01, 0.05, 0.2});
+      if (schedule.carrier == SimulatedNetwork::Carrier::kLossy) schedule.network.corruption = one_of({0, 0, 0.02});
+    } else if (kind == FaultKind::kDuplication) {
+      schedule.network.duplication = one_of({0.02, 0.2});
+    } else if (kind == FaultKind::kReordering) {
+      schedule.network.reordering = one_of({0.05, 0.5});
+      schedule.network.reorder_ns = static_cast<std::int64_t>(one_of({5, 30, 300}) * 1e6);
+    } else {
+      for (std::int64_t i = 1 + below(2); i > 0; --i) {
+        PlannedFault fault;
+        fault.kind = kind;
+        fault.at_ns = 100 * kMs + below(schedule.wander_ns - 400 * kMs);
+        fault.lasts_ns = (kind == FaultKind::kRestart ? 1 + below(80) : 120 + below(1200)) * kMs;
+        fault.one_way = below(3) == 0;
+        fault.with_a_word = kind == FaultKind::kRestart && below(2) == 0;
+        fault.programs = 1u << places[hit++];
+        if (kind == FaultKind::kPartition && below(2) == 0) fault.programs |= 1u << below(kPrograms);
+        fault.for_good = kind == FaultKind::kCrash && below(4) == 0;
+        schedule.planned.push_back(fault);
+      }
+    }
+  }
+  return schedule;
+}
+
+std::size_t SimulationResult::kinds() const {
+  return static_cast<std::size_t>(
+      std::count_if(faults.begin(), faults.end(), [](std::uint64_t count) { return count != 0; }));
+}
+
+SimulationResult simulate(std::uint64_t seed, const Schedule& schedule,
+                          const std::function<void(const std::string&)>& trace) {
+  return Simulation{seed, schedule, trace}.run();
 }
 
 }  // namespace tactus::test_support

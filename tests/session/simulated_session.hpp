@@ -1,46 +1,76 @@
-/// A session of hosts and HRTCs in one thread, over a network that loses, delays, doubles and corrupts by a seed.
+/// A session of two hosts, three HRTCs and two clients in one thread and in virtual time, by a seed.
 ///
-/// The programs are DeliveryServer, DeliveryClient and Roster as they are; the network and the cache of an HRTC are
-/// models. Time goes in steps of one millisecond. Same seed, same run.
+/// The programs are DeliveryServer, DeliveryClient, Roster, SessionClock and UserSlots as they are; the network, the
+/// cache of an HRTC and the hands of users are models. Users wander over two objects (both hosts serve the first, one
+/// of them the second) while faults come as the schedule says; then all faults stop and the session has to heal:
+///
+///     what an HRTC takes into `have` decodes, is the model's and is closed          at all times
+///     no message counts on a region that was released before                        at all times
+///     nothing comes again, or incomplete, unless something was lost                 at all times
+///     a clock is right to its stated bound and never steps back                     at all times
+///     credit, incomplete messages and demands stay within their bounds              at all times
+///     each HRTC holds what it wants; rosters, slots and the keeper of time agree;   within kHealNs of the last fault
+///     clocks are good to kClockNs; then no record is sent any more
+///
+/// Same seed, same run.
 #pragma once
 
+#include <array>
 #include <cstdint>
+#include <functional>
 #include <string>
 #include <vector>
 
+#include "tests/session/simulated_controller.hpp"
+#include "tests/session/simulated_network.hpp"
+
 namespace tactus::test_support {
 
-/// Chances are per sample.
-struct Faults {
-  double loss = 0;
-  double duplication = 0;
-  double corruption = 0;  ///< of a chunk's payload
-  double reordering = 0;  ///< a further delay of up to `reorder_ms`
-  int reorder_ms = 0;
-  double host_crash = 0;  ///< per host and second
-  double hrtc_crash = 0;  ///< per HRTC and second
-  double partition = 0;   ///< of a host and an HRTC, per pair and second
-  int decode_ms = 0;      ///< an HRTC answers for a message up to so much later
-  double parking = 0;     ///< of its messages, as if they waited for room
+inline constexpr std::int64_t kHealNs = 2'000'000'000;
+inline constexpr std::int64_t kClockNs = 100'000'000;
+
+/// Something that happens to programs at a moment of the wandering.
+struct PlannedFault {
+  FaultKind kind = FaultKind::kRestart;  ///< kCrash, kRestart or kPartition
+  std::int64_t at_ns = 0;
+  std::int64_t lasts_ns = 0;   ///< no longer than the wandering does, but for those who are gone for good
+  std::uint32_t programs = 0;  ///< bit by place: those that end, or those cut off from the others
+  bool one_way = false;        ///< of a partition: they hear the others, but are not heard
+  bool with_a_word = false;    ///< of a restart: says that it leaves
+  bool for_good = false;       ///< of a crash
 };
 
-/// A mix that depends on the seed alone; among the mixes each kind of fault is sometimes missing.
-[[nodiscard]] Faults random_faults(std::uint64_t seed);
+struct Schedule {
+  std::int64_t wander_ns = 800'000'000;
+  std::int64_t delay_ns = 1'000'000;  ///< of the network, one way
+  SimulatedNetwork::Carrier carrier = SimulatedNetwork::Carrier::kLossy;
+  NetworkFaults network;
+  ControllerFaults controllers;
+  std::vector<PlannedFault> planned;
+  Sabotage sabotage = Sabotage::kNone;
+
+  /// One line.
+  [[nodiscard]] std::string text() const;
+};
+
+/// At least three kinds of fault.
+[[nodiscard]] Schedule random_schedule(std::uint64_t seed);
 
 struct SimulationResult {
-  std::vector<std::string> broken;  ///< what must never be and was, in words
-  bool converged = false;           ///< every HRTC holds all that it wants, and the network is silent
+  std::vector<std::string> broken;  ///< in words; empty: all holds
+  std::uint64_t messages = 0;       ///< samples sent
+  std::array<std::uint64_t, kFaultKinds> faults{};
+  std::int64_t healed_ns = 0;  ///< since the last fault
+  std::int64_t virtual_ns = 0;
   std::uint64_t chunks = 0;
-  std::uint64_t regions_held = 0;  ///< accepted by an HRTC's cache
-  std::uint64_t regions_refused = 0;
-  std::uint64_t records_repeated = 0;  ///< came although a region that was never retired had them
-  std::uint64_t regions_released = 0;
   std::uint64_t host_changes = 0;
-  std::uint64_t crashes = 0;
+  ControllerFigures controllers;  ///< of all, and all their incarnations
+
+  [[nodiscard]] std::size_t kinds() const;
 };
 
-/// `hrtcs` controllers wander over two objects for `wander_ms` among faults; then faults and wandering stop and the
-/// session has ten seconds to converge.
-[[nodiscard]] SimulationResult simulate(std::uint64_t seed, const Faults& faults, int hrtcs, int wander_ms);
+/// `trace` gets a line for each sample and event; null: none.
+[[nodiscard]] SimulationResult simulate(std::uint64_t seed, const Schedule& schedule,
+                                        const std::function<void(const std::string&)>& trace = {});
 
 }  // namespace tactus::test_support

@@ -1,9 +1,7 @@
-/// Whole sessions by seed. `TACTUS_SEED=n` replays one schedule, `TACTUS_SCHEDULES=n` runs more than the usual 300 (30
-/// under ThreadSanitizer: one thread alone runs here).
+/// Whole sessions by seed. `scripts/bench simulate` runs 10^5 of them and replays one with a trace (--seed N).
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <cstdlib>
 #include <string>
 
 #include "tests/session/simulated_session.hpp"
@@ -11,63 +9,80 @@
 namespace tactus::test_support {
 namespace {
 
-#ifdef __SANITIZE_THREAD__
-constexpr std::uint64_t kSchedules = 30;
+#if defined(__SANITIZE_THREAD__) || defined(__SANITIZE_ADDRESS__)
+constexpr std::uint64_t kSchedules = 200;
 #else
-constexpr std::uint64_t kSchedules = 300;
+constexpr std::uint64_t kSchedules = 2000;
 #endif
 
+using testing::HasSubstr;
 using testing::IsEmpty;
 
-std::uint64_t environment(const char* name, std::uint64_t otherwise) {
-  const char* value = std::getenv(name);
-  return value == nullptr ? otherwise : std::strtoull(value, nullptr, 10);
-}
-
-TEST(DeliverySimulation, WithoutFaultsNothingIsRefusedOrSentTwice) {
+TEST(SessionSimulation, WithoutFaultsNothingIsRefusedOrSentTwiceAndAllAgree) {
   for (std::uint64_t seed = 1; seed <= 20; ++seed) {
-    Faults none;
-    none.decode_ms = seed % 2 == 0 ? 30 : 0;
-    const SimulationResult result = simulate(seed, none, 2, 1500);
+    Schedule none;
+    none.controllers.decode_ns = seed % 2 == 0 ? 30 * kMs : 0;
+    const SimulationResult result = simulate(seed, none);
     ASSERT_THAT(result.broken, IsEmpty()) << "seed " << seed;
-    EXPECT_TRUE(result.converged) << "seed " << seed;
-    EXPECT_EQ(result.regions_refused, 0u) << "seed " << seed;
-    EXPECT_EQ(result.records_repeated, 0u) << "seed " << seed;
-    EXPECT_GT(result.regions_released, 50u) << "seed " << seed << ": nothing was ever retired";
+    EXPECT_EQ(result.controllers.regions_refused, 0u) << "seed " << seed;
+    EXPECT_EQ(result.controllers.records_repeated, 0u) << "seed " << seed;
+    EXPECT_GT(result.controllers.regions_released, 30u) << "seed " << seed << ": nothing was ever retired";
     EXPECT_EQ(result.host_changes, 0u) << "seed " << seed;
   }
 }
 
-TEST(DeliverySimulation, UnderFaultsAllHoldsAndConvergesAfterwards) {
-  const bool one = std::getenv("TACTUS_SEED") != nullptr;
-  const std::uint64_t first = environment("TACTUS_SEED", 1);
-  const std::uint64_t count = one ? 1 : environment("TACTUS_SCHEDULES", kSchedules);
+TEST(SessionSimulation, UnderThreeKindsOfFaultAllHoldsAndHealsInTime) {
   SimulationResult all;
-  for (std::uint64_t seed = first; seed < first + count; ++seed) {
-    const SimulationResult result = simulate(seed, random_faults(seed), 2 + static_cast<int>(seed % 2), 1500);
-    ASSERT_THAT(result.broken, IsEmpty()) << "replay with TACTUS_SEED=" << seed;
-    ASSERT_TRUE(result.converged) << "replay with TACTUS_SEED=" << seed;
-    all.regions_held += result.regions_held;
-    all.regions_refused += result.regions_refused;
-    all.regions_released += result.regions_released;
+  for (std::uint64_t seed = 1; seed <= kSchedules; ++seed) {
+    const SimulationResult result = simulate(seed, random_schedule(seed));
+    ASSERT_THAT(result.broken, IsEmpty()) << "replay with scripts/bench simulate --seed " << seed;
+    ASSERT_GE(result.messages, 300u) << "seed " << seed;
+    ASSERT_GE(result.kinds(), 3u) << "seed " << seed;
+    all.controllers.regions_refused += result.controllers.regions_refused;
     all.host_changes += result.host_changes;
-    all.crashes += result.crashes;
+    for (std::size_t kind = 0; kind < kFaultKinds; ++kind) all.faults[kind] += result.faults[kind];
   }
-  RecordProperty("regions_held", std::to_string(all.regions_held));
-  RecordProperty("regions_refused", std::to_string(all.regions_refused));
-  if (one) return;
-  EXPECT_GT(all.regions_refused, 0u) << "the faults never bite";
+  EXPECT_GT(all.controllers.regions_refused, 0u) << "the faults never bite";
   EXPECT_GT(all.host_changes, 0u);
-  EXPECT_GT(all.crashes, 0u);
+  for (std::size_t kind = 0; kind < kFaultKinds; ++kind) EXPECT_GT(all.faults[kind], 0u) << kFaultNames[kind];
 }
 
-TEST(DeliverySimulation, OneSeedGivesOneRun) {
-  const SimulationResult a = simulate(7, random_faults(7), 3, 800);
-  const SimulationResult b = simulate(7, random_faults(7), 3, 800);
-  EXPECT_EQ(a.chunks, b.chunks);
-  EXPECT_EQ(a.regions_held, b.regions_held);
-  EXPECT_EQ(a.regions_refused, b.regions_refused);
+TEST(SessionSimulation, OneSeedGivesOneRun) {
+  const auto log_of = [](std::uint64_t seed) {
+    std::string log;
+    (void)simulate(seed, random_schedule(seed), [&](const std::string& line) { log += line + '\n'; });
+    return log;
+  };
+  EXPECT_EQ(log_of(7), log_of(7));
+  EXPECT_NE(log_of(7), log_of(8));
 }
+
+struct Mistake {
+  const char* name;
+  Sabotage sabotage;
+  const char* noticed;
+};
+class EveryMistake : public testing::TestWithParam<Mistake> {};
+
+TEST_P(EveryMistake, IsNoticed) {
+  std::string all;
+  for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+    Schedule schedule;
+    schedule.controllers.decode_ns = 60 * kMs;
+    schedule.sabotage = GetParam().sabotage;
+    for (const std::string& what : simulate(seed, schedule).broken) all += what + '\n';
+  }
+  EXPECT_THAT(all, HasSubstr(GetParam().noticed));
+}
+
+constexpr Mistake kMistakes[] = {{"FreeEarly", Sabotage::kFreeEarly, "came without record"},
+                                 {"Forget", Sabotage::kForget, "is not here"},
+                                 {"RunFast", Sabotage::kRunFast, "is wrong by"},
+                                 {"SendTwice", Sabotage::kSendTwice, "here all along"},
+                                 {"Deaf", Sabotage::kDeaf, "the roster of"}};
+
+INSTANTIATE_TEST_SUITE_P(SessionSimulation, EveryMistake, testing::ValuesIn(kMistakes),
+                         [](const auto& instance) { return instance.param.name; });
 
 }  // namespace
 }  // namespace tactus::test_support

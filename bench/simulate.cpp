@@ -1,0 +1,142 @@
+// Sessions by seed, in virtual time: what must hold does, whatever is lost, doubled, killed or cut off.
+#include <CLI/CLI.hpp>
+#include <array>
+#include <atomic>
+#include <cstdio>
+#include <exception>
+#include <mutex>
+#include <thread>
+#include <vector>
+
+#include "bench/figures.hpp"
+#include "bench/stopwatch.hpp"
+#include "tests/session/simulated_session.hpp"
+
+namespace tactus::bench {
+namespace {
+
+using namespace test_support;
+
+struct Settings {
+  std::string json;
+  std::uint64_t schedules = 100'000;
+  std::uint64_t first = 1;
+  std::uint64_t seed = 0;
+  unsigned threads = 0;
+};
+
+constexpr double kMostSeconds = 300;
+constexpr std::size_t kMostReported = 10;
+
+int replay(std::uint64_t seed) {
+  const Schedule schedule = random_schedule(seed);
+  std::printf("seed %llu: %s\n\n", static_cast<unsigned long long>(seed), schedule.text().c_str());
+  const SimulationResult result =
+      simulate(seed, schedule, [](const std::string& line) { std::printf("%s\n", line.c_str()); });
+  std::printf("\n%llu messages in %.0f ms, healed %.0f ms after the last fault\n",
+              static_cast<unsigned long long>(result.messages), static_cast<double>(result.virtual_ns) * 1e-6,
+              static_cast<double>(result.healed_ns) * 1e-6);
+  for (const std::string& what : result.broken) std::printf("BROKEN %s\n", what.c_str());
+  return result.broken.empty() ? 0 : 1;
+}
+
+/// Of all schedules so far.
+struct Totals {
+  std::vector<std::uint64_t> failed;  // seeds
+  std::array<std::uint64_t, kFaultKinds> faults{};
+  std::uint64_t least_messages = ~std::uint64_t{0}, messages = 0;
+  std::size_t least_kinds = kFaultKinds;
+  std::uint64_t held = 0, refused = 0, released = 0, host_changes = 0;
+  double virtual_s = 0;
+  Samples healed_ms;
+
+  void add(std::uint64_t seed, const SimulationResult& result) {
+    if (!result.broken.empty()) {
+      failed.push_back(seed);
+      if (failed.size() <= kMostReported)
+        std::printf("seed %llu: %s\n", static_cast<unsigned long long>(seed), result.broken.front().c_str());
+    }
+    for (std::size_t kind = 0; kind < kFaultKinds; ++kind) faults[kind] += result.faults[kind];
+    least_messages = std::min(least_messages, result.messages);
+    least_kinds = std::min(least_kinds, result.kinds());
+    messages += result.messages;
+    held += result.controllers.regions_held;
+    refused += result.controllers.regions_refused;
+    released += result.controllers.regions_released;
+    host_changes += result.host_changes;
+    virtual_s += static_cast<double>(result.virtual_ns) * 1e-9;
+    healed_ms.add(static_cast<double>(result.healed_ns) * 1e-6);
+  }
+};
+
+int run(const Settings& settings) {
+  if (settings.seed != 0) return replay(settings.seed);
+  const unsigned threads = settings.threads != 0 ? settings.threads : std::max(1u, std::thread::hardware_concurrency());
+  Totals totals;
+  totals.healed_ms.reserve(settings.schedules);
+  std::mutex mutex;
+  std::atomic<std::uint64_t> next{settings.first};
+  const std::uint64_t end = settings.first + settings.schedules;
+  (void)coded_of(kFirstObject);  // made once, before threads share it
+  Stopwatch clock;
+  std::vector<std::thread> workers;
+  for (unsigned i = 0; i < threads; ++i) {
+    workers.emplace_back([&] {
+      for (std::uint64_t seed; (seed = next++) < end;) {
+        const SimulationResult result = simulate(seed, random_schedule(seed));
+        const std::lock_guard lock{mutex};
+        totals.add(seed, result);
+      }
+    });
+  }
+  for (std::thread& worker : workers) worker.join();
+  const double seconds = clock.lap() * 1e-6;
+
+  char text[160];
+  std::snprintf(text, sizeof text, "seeds %llu to %llu, %u threads; replay one with --seed N",
+                static_cast<unsigned long long>(settings.first), static_cast<unsigned long long>(end - 1), threads);
+  Report report{{"simulate", "2 hosts, 3 HRTCs, 2 clients in virtual time", 0, 0, text}};
+  const auto count = [](auto value) { return static_cast<double>(value); };
+  report.row("healed after the last fault", "schedules", "ms", totals.healed_ms);
+  report.figure("schedules", "", "", count(settings.schedules));
+  report.figure("virtual time", "all", "s", totals.virtual_s);
+  report.figure("messages", "all", "", count(totals.messages));
+  for (std::size_t kind = 0; kind < kFaultKinds; ++kind)
+    report.figure(std::string{"faults: "} + kFaultNames[kind], "all", "", count(totals.faults[kind]));
+  report.figure("regions held, released, refused", "held", "", count(totals.held));
+  report.figure("", "released", "", count(totals.released));
+  report.figure("", "refused, to come again", "", count(totals.refused));
+  report.figure("changes of host", "of an object at an HRTC", "", count(totals.host_changes));
+  report.at_most("schedules that broke something", "all", "", count(totals.failed.size()), 0);
+  report.at_most("time for 10^5 schedules", "by what these took", "s", seconds * 1e5 / count(settings.schedules),
+                 kMostSeconds);
+  report.at_least("messages", "in each schedule", "", count(totals.least_messages), 300);
+  report.at_least("kinds of fault", "in each schedule", "", count(totals.least_kinds), 3);
+  return report.finish(settings.json);
+}
+
+}  // namespace
+}  // namespace tactus::bench
+
+int main(int argc, char** argv) {
+  tactus::bench::Settings settings;
+  bool quick = false;
+  CLI::App app{"Seeded schedules of faults for a session of two hosts and three HRTCs, checked at every step"};
+  app.add_option("--schedules", settings.schedules, "how many seeds")->check(CLI::Range(1u, 100'000'000u));
+  app.add_option("--first", settings.first, "the first seed")->check(CLI::PositiveNumber);
+  app.add_option("--seed", settings.seed, "replay this one with a line for each message")->check(CLI::PositiveNumber);
+  app.add_option("--threads", settings.threads, "at once (default: one for each processor)")
+      ->check(CLI::Range(1u, 256u));
+  app.add_option("--json", settings.json, "the figures as JSON");
+  app.add_flag("--quick", quick, "2,000 schedules, for CI");
+  try {
+    app.parse(argc, argv);
+    if (quick) settings.schedules = 2000;
+    return tactus::bench::run(settings);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : 2;
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "tactus-bench-simulate: %s\n", error.what());
+    return 2;
+  }
+}

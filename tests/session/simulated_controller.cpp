@@ -1,0 +1,297 @@
+#include "tests/session/simulated_controller.hpp"
+
+#include <algorithm>
+#include <array>
+#include <utility>
+
+#include "spm/codec/model_codec.hpp"
+#include "spm/codec/region_codec.hpp"
+
+namespace tactus::test_support {
+
+using namespace session;
+
+namespace {
+
+constexpr std::int64_t kTickNs = 2 * kMs;
+constexpr std::size_t kSlots = 8;  // enough for all users there are
+
+std::vector<std::uint32_t> records_of(const std::vector<spm::Run>& runs) {
+  std::vector<std::uint32_t> records;
+  for (const spm::Run& run : runs)
+    for (std::uint32_t r = run.first; r != run.first + run.count; ++r) records.push_back(r);
+  return records;
+}
+
+std::uint32_t regions_of(std::uint64_t object) { return model_of(object).summary.regions; }
+
+std::string name_of(std::uint64_t object, std::uint32_t region) {
+  return "region " + std::to_string(region) + " of object " + std::to_string(object);
+}
+
+struct RegionRecords {
+  bool whole = false;  // the bytes are what a host makes of the model for this region
+  std::vector<std::uint32_t> list, sent;
+};
+
+/// A function of its arguments, so that one thread's schedules share what one of them has found out.
+const RegionRecords& decoded(std::uint64_t object, std::uint32_t region, const std::vector<std::uint8_t>& bytes) {
+  thread_local std::map<std::pair<std::uint64_t, std::vector<std::uint8_t>>, RegionRecords> known;
+  constexpr std::size_t kMostKnown = 20'000;
+  if (known.size() == kMostKnown) known.clear();
+  const auto [at, is_new] = known.try_emplace({object << 32 | region, bytes});
+  if (!is_new) return at->second;
+  const spm::codec::CodedModel& model = coded_of(object);
+  const auto data = spm::codec::decode_region(bytes, model_of(object).summary, model.tables());
+  if (data && spm::index(data->region) == region && bytes == spm::codec::encode_region(model, data->region, data->sent))
+    at->second = {true, records_of(data->list), records_of(data->sent)};
+  return at->second;
+}
+
+}  // namespace
+
+const OwnedModel& model_of(std::uint64_t object) {
+  static const std::array<OwnedModel, kObjects> all{random_model(5, 120, 3), random_model(6, 60, 3)};
+  return all[object - kFirstObject];
+}
+
+const spm::codec::CodedModel& coded_of(std::uint64_t object) {
+  static const std::array<spm::codec::EncodedModel, kObjects> all{
+      spm::codec::EncodedModel{model_of(kFirstObject).view()},
+      spm::codec::EncodedModel{model_of(kFirstObject + 1).view()}};
+  return all[object - kFirstObject].coded();
+}
+
+SimulatedController::SimulatedController(World& world, std::uint64_t id, const ControllerFaults& faults)
+    : Program{world, id, Role::kHrtc}, faults_{faults} {}
+
+void SimulatedController::begin() {
+  DeliverySettings settings;
+  settings.credit = kMostCredit / 2;
+  settings.most_credit = kMostCredit;
+  settings.max_partial_bytes = kMostPartialBytes;
+  client_ = std::make_unique<DeliveryClient>(self(), settings);
+  slots_ = std::make_unique<UserSlots>(kSlots);
+  client_of_.clear();
+  caches_.clear();
+  answers_.clear();
+  for (std::uint64_t object = kFirstObject; object < kFirstObject + kObjects; ++object) {
+    const spm::ModelSummary& summary = model_of(object).summary;
+    Cache& cache = caches_[object];
+    cache.count.assign(summary.records, 0);
+    cache.firm.assign(summary.records, 0);
+    cache.touched = static_cast<std::uint32_t>(world_.below(summary.regions));
+    client_->open(object, summary.digest);
+    wander(object);
+  }
+}
+
+void SimulatedController::hear(const Sample& sample) {
+  if (const auto* entry = std::get_if<RosterEntry>(&sample); entry != nullptr && entry->role == Role::kHost &&
+                                                             !entry->leaving &&
+                                                             roster().find(entry->origin.participant) != nullptr)
+    client_->host_seen(entry->origin.participant, entry->origin.incarnation, local_ns());
+  if (const auto* offer = std::get_if<CatalogueEntry>(&sample)) client_->offer(*offer);
+  if (const auto* chunk = std::get_if<BulkChunk>(&sample)) take_chunk(*chunk);
+}
+
+void SimulatedController::react(const RosterEvent& event) {
+  const RosterEntry& entry = event.entry;
+  const bool gone = event.change == RosterChange::kGone || event.change == RosterChange::kLeft;
+  if (entry.role == Role::kHost && gone) client_->host_gone(entry.origin.participant);
+  const bool news = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted ||
+                    event.change == RosterChange::kChanged;
+  if (entry.role != Role::kClient || (!gone && !news)) return;
+  const bool asks = !gone && entry.controller == std::to_string(id());
+  for (auto at = client_of_.begin(); at != client_of_.end();) {
+    const bool stays = asks && std::find(entry.users.begin(), entry.users.end(), at->first) != entry.users.end();
+    if (at->second == entry.origin.participant && !stays) {
+      slots_->release(at->first);
+      at = client_of_.erase(at);
+    } else {
+      ++at;
+    }
+  }
+  if (asks)
+    for (const std::string& user : entry.users)
+      if (slots_->grant(user)) client_of_[user] = entry.origin.participant;
+  say_presence_at_once();
+}
+
+void SimulatedController::describe(RosterEntry& entry) const { entry.slots = slots_->list(); }
+
+/// What is parked may turn out to count on what is gone meanwhile, and comes again with what counted on it.
+void SimulatedController::unless_excused(const std::string& what) {
+  if (faults_.parking == 0 && !world_.excused(id()))
+    world_.broken(std::to_string(id()) + ": " + what + ", and nothing had been lost");
+}
+
+void SimulatedController::take_chunk(const BulkChunk& chunk) {
+  if (auto message = client_->on_chunk(chunk, local_ns())) {
+    if (message->epoch < caches_.at(message->object_id).released_epoch)
+      world_.broken(name_of(message->object_id, message->region) + " came under epoch " +
+                    std::to_string(message->epoch) + " and may count on what was released before epoch " +
+                    std::to_string(caches_.at(message->object_id).released_epoch));
+    const std::int64_t due_ns = world_.now_ns + world_.below(faults_.decode_ns);
+    if (message->kind == BulkKind::kRegion && world_.chance(faults_.parking))
+      client_->park(message->object_id, message->region);
+    answers_.push_back({answers_.empty() ? due_ns : std::max(due_ns, answers_.back().due_ns), std::move(*message)});
+    answer();
+  }
+  if (client_->partial_bytes() > kMostPartialBytes) world_.broken("incomplete messages over their bound");
+}
+
+void SimulatedController::answer() {
+  while (!answers_.empty() && answers_.front().due_ns <= world_.now_ns) {
+    const DeliveryClient::Message message = std::move(answers_.front().message);
+    answers_.pop_front();
+    if (message.kind == BulkKind::kRegion) {
+      accept(message);
+      continue;
+    }
+    const spm::Span<const std::uint8_t> base = coded_of(message.object_id).spans().base;
+    if (!std::equal(base.begin(), base.end(), message.bytes.begin(), message.bytes.end()))
+      world_.broken("a base mesh that is not the model's");
+    client_->base_held(message.object_id);
+  }
+}
+
+/// As a cache does: a region is kept when each record of its list is here or in the message.
+void SimulatedController::accept(const DeliveryClient::Message& message) {
+  const std::string name = name_of(message.object_id, message.region);
+  const RegionRecords& records = decoded(message.object_id, message.region, message.bytes);
+  if (!records.whole) return world_.broken(name + " came and is not the model's");
+  Cache& cache = caches_[message.object_id];
+  if (cache.lists.count(message.region) != 0) world_.broken(name + " came and is here");
+  const std::vector<std::uint32_t>&sent = records.sent, &list = records.list;
+  for (std::size_t i = 0, s = 0; i < list.size(); ++i) {
+    const bool with_it = s < sent.size() && sent[s] == list[i];
+    if (with_it) ++s;
+    if (with_it || cache.count[list[i]] != 0) continue;
+    ++figures_.regions_refused;
+    unless_excused(name + " came without record " + std::to_string(list[i]));
+    return client_->refused(message.object_id, message.region);
+  }
+  const auto repeated = std::count_if(sent.begin(), sent.end(), [&](std::uint32_t r) { return cache.firm[r] != 0; });
+  figures_.records_repeated += static_cast<std::uint64_t>(repeated);
+  if (repeated != 0)
+    unless_excused(name + " came with " + std::to_string(repeated) + " records that were here all along");
+  for (const std::uint32_t r : list) {
+    ++cache.count[r];
+    ++cache.firm[r];
+  }
+  cache.lists[message.region] = list;
+  cache.firm_regions.insert(message.region);
+  client_->held(message.object_id, message.region);
+  ++figures_.regions_held;
+}
+
+void SimulatedController::wander(std::uint64_t object) {
+  const std::uint32_t regions = regions_of(object);
+  std::uint32_t& at = caches_[object].touched;
+  const auto move = static_cast<std::uint32_t>(world_.below(40));
+  at = move == 0 ? static_cast<std::uint32_t>(world_.below(regions)) : (at + regions + (move % 3) - 1) % regions;
+  std::vector<Wanted> wanted;
+  for (std::uint32_t away = 0; away <= kReach; ++away) {
+    wanted.push_back({(at + away) % regions, away * 20'000});
+    if (away != 0) wanted.push_back({(at + regions - away) % regions, away * 20'000 + 5'000});
+  }
+  client_->want(object, wanted);
+}
+
+void SimulatedController::retire_and_take_back(std::uint64_t object) {
+  Cache& cache = caches_[object];
+  const std::uint32_t regions = regions_of(object);
+  std::vector<std::uint32_t> freed;
+  for (const auto& [region, list] : cache.lists) {
+    const std::uint32_t ahead = (region + regions - cache.touched) % regions;
+    const std::uint32_t away = std::min(ahead, regions - ahead);
+    const bool retired = cache.retired.count(region) != 0;
+    if (away > kKeep && !retired) {
+      if (!client_->retire(object, region)) continue;
+      cache.retired[region] = 0;
+      if (cache.firm_regions.erase(region) != 0)
+        for (const std::uint32_t r : list) --cache.firm[r];
+      if (world_.sabotage == Sabotage::kFreeEarly) freed.push_back(region);
+    } else if (away <= kReach && retired && world_.below(2) == 0) {
+      cache.retired.erase(region);
+      client_->held(object, region);
+    }
+  }
+  for (const std::uint32_t region : freed) free(cache, region);
+  if (world_.sabotage == Sabotage::kForget && !cache.lists.empty() && world_.chance(0.1))
+    for (const std::uint32_t r : cache.lists.begin()->second) cache.count[r] = 0;
+}
+
+void SimulatedController::free(Cache& cache, std::uint32_t region) {
+  for (const std::uint32_t r : cache.lists.at(region))
+    if (cache.count[r] > 0) --cache.count[r];
+  cache.lists.erase(region);
+}
+
+void SimulatedController::release(std::uint64_t object) {
+  Cache& cache = caches_[object];
+  for (const std::uint32_t region : client_->take_released(object)) {
+    const auto retired = cache.retired.find(region);
+    if (retired == cache.retired.end()) {
+      world_.broken(name_of(object, region) + " was released and is not retired");
+      continue;
+    }
+    const std::uint32_t epoch = retired->second == 0 ? cache.epoch + 1 : retired->second;
+    cache.released_epoch = std::max(cache.released_epoch, epoch);
+    cache.retired.erase(retired);
+    if (cache.lists.count(region) != 0) free(cache, region);
+    ++figures_.regions_released;
+  }
+}
+
+void SimulatedController::publish() {
+  while (std::optional<Demand> demand = client_->demand(local_ns())) {
+    Cache& cache = caches_[demand->object_id];
+    for (const std::uint32_t region : records_of(demand->have)) {
+      const auto list = cache.lists.find(region);
+      const std::string name = name_of(demand->object_id, region);
+      if (list == cache.lists.end() || cache.retired.count(region) != 0) {
+        world_.broken("a demand claims " + name);
+        continue;
+      }
+      for (const std::uint32_t r : list->second)
+        if (cache.count[r] == 0)
+          world_.broken("a demand claims " + name + ", whose record " + std::to_string(r) + " is not here");
+    }
+    if (demand->wanted.size() > 2 * kReach + 1) world_.broken("a demand wants too much");
+    if (demand->credit > kMostCredit) world_.broken("a demand gives more credit than may be");
+    if (demand->epoch < cache.epoch) world_.broken("an epoch that steps back");
+    cache.epoch = demand->epoch;
+    for (auto& [region, epoch] : cache.retired)
+      if (epoch == 0) epoch = demand->epoch;
+    std::vector<Program*> hosts;
+    for (Program* program : world_.programs)
+      if (program->role() == Role::kHost) hosts.push_back(program);
+    send_all(hosts, std::move(*demand));
+  }
+}
+
+bool SimulatedController::content_with(std::uint64_t object) const {
+  const Cache& cache = caches_.at(object);
+  const std::uint32_t regions = regions_of(object);
+  if (!cache.retired.empty()) return false;
+  for (std::uint32_t i = 0; i <= 2 * kReach; ++i)
+    if (cache.lists.count((cache.touched + regions + i - kReach) % regions) == 0) return false;
+  return true;
+}
+
+std::int64_t SimulatedController::work() {
+  answer();
+  const bool moves = world_.wandering && wander_.due(world_.now_ns);
+  for (std::uint64_t object = kFirstObject; object < kFirstObject + kObjects; ++object) {
+    release(object);
+    if (!moves) continue;
+    wander(object);
+    retire_and_take_back(object);
+  }
+  publish();
+  return kTickNs;
+}
+
+}  // namespace tactus::test_support

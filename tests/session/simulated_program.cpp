@@ -1,0 +1,183 @@
+#include "tests/session/simulated_program.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <utility>
+
+namespace tactus::test_support {
+
+using namespace session;
+
+namespace {
+
+/// What may follow from a fault follows within this time: a hole given up, a demand, a round trip, a host that is late.
+constexpr std::int64_t kExcuseNs = 1500 * kMs;
+/// Of virtual time, in conversions between clocks.
+constexpr std::int64_t kRoundingNs = 2000;
+
+}  // namespace
+
+void World::broken(const std::string& what) {
+  broken_things.push_back("at " + std::to_string(static_cast<double>(now_ns) * 1e-6) + " ms: " + what);
+}
+
+bool World::excused(std::uint64_t program) const {
+  if (now_ns - last_crash_ns < kExcuseNs) return true;
+  return std::any_of(programs.begin(), programs.end(), [&](const Program* other) {
+    const std::int64_t harmed_ns = network.last_harm_ns(program, other->id());
+    return harmed_ns > now_ns - kExcuseNs;
+  });
+}
+
+Program* World::find(std::uint64_t id) const {
+  const auto at = std::find_if(programs.begin(), programs.end(), [id](const Program* p) { return p->id() == id; });
+  return at == programs.end() ? nullptr : *at;
+}
+
+Program::Program(World& world, std::uint64_t id, Role role) : world_{world}, id_{id}, role_{role} {
+  constexpr double kSecond = 1e9, kHour = 3600 * kSecond;
+  clock_start_ns_ = world_.below(static_cast<std::int64_t>(kHour));
+  clock_rate_ = 90e-6 * (static_cast<double>(world_.below(2001)) / 1000 - 1);
+}
+
+std::int64_t Program::local_ns() const noexcept {
+  const double rate = world_.sabotage == Sabotage::kRunFast ? clock_rate_ * 40 : clock_rate_;
+  return clock_start_ns_ + world_.now_ns + std::llround(static_cast<double>(world_.now_ns) * rate);
+}
+
+void Program::start() {
+  self_ = Origin{kSession, id_, ++world_.incarnations, 0};
+  up_ = true;
+  roster_ = std::make_unique<Roster>(self_, RosterSettings{});
+  clock_ = std::make_unique<SessionClock>(self_, ClockSettings{});
+  beat_ = wire::Every{100 * kMs};
+  request_ = wire::Every{20 * kMs};
+  requests_ = 0;
+  heartbeat_ = 0;
+  answered_by_ = {};
+  last_session_ns_ = std::numeric_limits<std::int64_t>::min() / 2;
+  started_ns_ = local_ns();
+  next_tick_ns_ = world_.now_ns + world_.below(5 * kMs);
+  begin();
+}
+
+void Program::stop(bool with_a_word) {
+  if (with_a_word) send_all(world_.programs, entry(true));
+  up_ = false;
+}
+
+RosterEntry Program::entry(bool leaving) {
+  RosterEntry entry;
+  entry.origin = self_;
+  entry.origin.time_ns = local_ns();
+  entry.role = role_;
+  entry.name = std::to_string(id_);
+  entry.heartbeat = ++heartbeat_;
+  entry.leaving = leaving;
+  describe(entry);
+  return entry;
+}
+
+void Program::send(std::uint64_t to, Sample sample) {
+  const bool stamps = std::holds_alternative<ClockSample>(sample);
+  world_.network.send(world_.now_ns, id_, to, std::make_shared<const Sample>(std::move(sample)),
+                      stamps ? SimulatedNetwork::Carrier::kLossy : world_.carrier);
+}
+
+void Program::send_all(const std::vector<Program*>& to, Sample sample) {
+  const auto shared = std::make_shared<const Sample>(std::move(sample));
+  for (const Program* program : to)
+    if (program != this) world_.network.send(world_.now_ns, id_, program->id(), shared, world_.carrier);
+}
+
+void Program::take(const SimulatedNetwork::Packet& packet) {
+  if (world_.sabotage == Sabotage::kDeaf && world_.programs.front() == this &&
+      packet.from == world_.programs.back()->id())
+    return;
+  if (const auto* entry = std::get_if<RosterEntry>(packet.sample.get())) {
+    for (const RosterEvent& event : roster_->on_entry(*entry, local_ns())) react(event);
+  }
+  if (const auto* sample = std::get_if<ClockSample>(packet.sample.get())) return hear_clock(*sample);
+  hear(*packet.sample);
+}
+
+void Program::hear_clock(const ClockSample& sample) {
+  if (sample.answer) {
+    if (!clock_->on_answer(sample, local_ns())) return;
+    answered_by_ = {sample.origin.participant, sample.origin.incarnation};
+    answered_ns_ = world_.now_ns;
+  } else if (clock_->answers()) {
+    send(sample.origin.participant, clock_->answer(sample, local_ns(), local_ns()));
+  }
+}
+
+void Program::keep_time() {
+  const TimeReference reference = time_reference(*roster_, self_, role_, local_ns() - started_ns_);
+  if (std::make_pair(reference.participant, reference.incarnation) != answered_by_) answered_by_ = {};
+  clock_->set_reference(reference.participant, reference.incarnation, local_ns());
+  if (reference.participant == 0 || reference.participant == id_ || !request_.due(local_ns())) return;
+  send(reference.participant, clock_->request(local_ns()));
+  if (++requests_ == 10) request_.set_period(200 * kMs);
+}
+
+void Program::check_clock() {
+  if (!clock_->synchronised()) return;
+  const std::int64_t session_ns = clock_->map().session_time(local_ns());
+  const std::uint64_t reference = clock_->reference();
+  const Program* keeper = reference == 0 ? nullptr : world_.find(reference);
+  // Against whom it says to be right: one that keeps its own time, and was heard since it was chosen and last stepped.
+  if (keeper != nullptr && keeper != this && keeper->up_ && keeper->clock_->reference() == reference &&
+      keeper->stepped_ns_ < answered_ns_ && answered_by_ == std::make_pair(reference, keeper->incarnation())) {
+    const std::int64_t wrong_ns = std::abs(session_ns - keeper->clock_->map().session_time(keeper->local_ns()));
+    if (wrong_ns > clock_bound_ns() + kRoundingNs)
+      world_.broken("the clock of " + std::to_string(id_) + " is wrong by " + std::to_string(wrong_ns) +
+                    " ns and says " + std::to_string(clock_bound_ns()));
+  }
+  // Against its own clock: it steps only to another time, and that is far away.
+  const std::int64_t gained_ns = session_ns - last_session_ns_ - (local_ns() - last_local_ns_);
+  if (session_ns < last_session_ns_ - kRoundingNs && -gained_ns < ClockSettings{}.step_ns)
+    world_.broken("the clock of " + std::to_string(id_) + " has stepped back by " + std::to_string(-gained_ns) + " ns");
+  if (std::abs(gained_ns) >= ClockSettings{}.step_ns) stepped_ns_ = world_.now_ns;
+  last_local_ns_ = local_ns();
+  last_session_ns_ = session_ns;
+}
+
+void Program::tick() {
+  for (const RosterEvent& event : roster_->tick(local_ns())) react(event);
+  keep_time();
+  check_clock();
+  if (beat_.due(local_ns())) send_all(world_.programs, entry(false));
+  next_tick_ns_ = std::numeric_limits<std::int64_t>::max();
+  call_at(world_.now_ns + work());
+}
+
+SimulatedClient::SimulatedClient(World& world, std::uint64_t id, std::uint64_t controller)
+    : Program{world, id, Role::kClient}, controller_{controller} {}
+
+void SimulatedClient::begin() {
+  users_.clear();
+  for (std::int64_t i = 1 + world_.below(3); i > 0; --i)
+    users_.push_back("user " + std::to_string(world_.below(4)) + " of " + std::to_string(id()));
+  std::sort(users_.begin(), users_.end());
+  users_.erase(std::unique(users_.begin(), users_.end()), users_.end());
+}
+
+std::vector<std::string> SimulatedClient::users_at(std::uint64_t controller) const {
+  return up() && controller == controller_ ? users_ : std::vector<std::string>{};
+}
+
+std::int64_t SimulatedClient::work() {
+  if (world_.wandering && world_.chance(0.02)) {
+    begin();
+    say_presence_at_once();
+  }
+  return 20 * kMs;
+}
+
+void SimulatedClient::describe(RosterEntry& entry) const {
+  entry.controller = std::to_string(controller_);
+  entry.users = users_;
+}
+
+}  // namespace tactus::test_support

@@ -1,0 +1,150 @@
+/// What every program of a simulated session does, and the clients: presence, session time, users.
+///
+/// Roster and SessionClock are the real ones. Each program has a clock of its own, which began somewhere and runs a
+/// little fast or slow; nothing but that time reaches the state machines.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <limits>
+#include <memory>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "session/clock.hpp"
+#include "session/roster.hpp"
+#include "tests/session/simulated_network.hpp"
+#include "wire/inbox.hpp"
+
+namespace tactus::test_support {
+
+inline constexpr std::uint64_t kSession = 77;
+inline constexpr std::int64_t kMs = 1'000'000;
+
+class Program;
+
+/// Mistakes that a program can be made to make, to see that they are noticed.
+enum class Sabotage : std::uint8_t {
+  kNone,
+  kFreeEarly,  ///< HRTCs free a region as soon as they retire it
+  kForget,     ///< HRTCs lose a record now and then and do not tell
+  kRunFast,    ///< clocks run apart by more than ClockSettings::drift
+  kSendTwice,  ///< hosts forget once what they have sent
+  kDeaf,       ///< a program misses all that one other says
+};
+
+/// What the programs of one session share.
+struct World {
+  World(std::uint64_t seed, std::int64_t delay_ns, const NetworkFaults& faults, SimulatedNetwork::Carrier carrier_)
+      : random{seed}, network{seed ^ 0x6e6574ull, delay_ns, faults}, carrier{carrier_} {}
+
+  [[nodiscard]] std::int64_t below(std::int64_t n) {
+    return n <= 0 ? 0 : static_cast<std::int64_t>(random() % static_cast<std::uint64_t>(n));
+  }
+  [[nodiscard]] bool chance(double p) { return p > 0 && static_cast<double>(random() >> 11) * 0x1p-53 < p; }
+  /// What must never be and is.
+  void broken(const std::string& what);
+  /// Whether something has happened of late that explains that this program gets again what it has, or what it cannot
+  /// use.
+  [[nodiscard]] bool excused(std::uint64_t program) const;
+  [[nodiscard]] Program* find(std::uint64_t id) const;
+
+  std::mt19937_64 random;
+  SimulatedNetwork network;
+  SimulatedNetwork::Carrier carrier;
+  Sabotage sabotage = Sabotage::kNone;
+  std::vector<Program*> programs;
+  std::int64_t now_ns = 0;
+  std::int64_t last_crash_ns = std::numeric_limits<std::int64_t>::min() / 2;
+  std::int64_t last_payload_ns = 0;  // that a host sent
+  bool wandering = true;             // users move
+  std::uint64_t incarnations = 0;
+  std::vector<std::string> broken_things;
+};
+
+class Program {
+ public:
+  Program(World& world, std::uint64_t id, session::Role role);
+  virtual ~Program() = default;
+  Program(const Program&) = delete;
+  Program& operator=(const Program&) = delete;
+
+  /// As a new incarnation that knows nothing.
+  void start();
+  void stop(bool with_a_word);
+  void take(const SimulatedNetwork::Packet& packet);
+  /// Whatever is due; says itself when it wants to be called again.
+  void tick();
+
+  [[nodiscard]] bool up() const noexcept { return up_; }
+  [[nodiscard]] std::uint64_t id() const noexcept { return id_; }
+  [[nodiscard]] std::uint64_t incarnation() const noexcept { return self_.incarnation; }
+  [[nodiscard]] session::Role role() const noexcept { return role_; }
+  [[nodiscard]] std::int64_t next_tick_ns() const noexcept {
+    return up_ ? next_tick_ns_ : std::numeric_limits<std::int64_t>::max();
+  }
+  [[nodiscard]] const session::Roster& roster() const noexcept { return *roster_; }
+  [[nodiscard]] const session::SessionClock& clock() const noexcept { return *clock_; }
+  /// What its own clock shows.
+  [[nodiscard]] std::int64_t local_ns() const noexcept;
+  /// Of the stated bound, now.
+  [[nodiscard]] std::int64_t clock_bound_ns() const noexcept { return clock_->map().bound(local_ns()); }
+  /// What it says of itself.
+  [[nodiscard]] session::RosterEntry entry(bool leaving);
+
+ protected:
+  virtual void begin() {}
+  virtual void hear(const Sample& sample) = 0;
+  virtual void react(const session::RosterEvent&) {}
+  /// When to be called again at the latest, ns from now.
+  virtual std::int64_t work() = 0;
+  virtual void describe(session::RosterEntry&) const {}
+
+  void send(std::uint64_t to, Sample sample);
+  void send_all(const std::vector<Program*>& to, Sample sample);
+  void say_presence_at_once() { beat_.at_once(); }
+  void call_at(std::int64_t at_ns) { next_tick_ns_ = std::min(next_tick_ns_, at_ns); }
+  [[nodiscard]] const session::Origin& self() const noexcept { return self_; }
+  World& world_;
+
+ private:
+  void keep_time();
+  void check_clock();
+  void hear_clock(const session::ClockSample& sample);
+
+  std::uint64_t id_;
+  session::Role role_;
+  session::Origin self_;
+  std::int64_t clock_start_ns_ = 0;
+  double clock_rate_ = 0;  // over true time, less one
+  bool up_ = false;
+  std::int64_t next_tick_ns_ = 0;
+  std::int64_t started_ns_ = 0;  // its own clock
+  std::unique_ptr<session::Roster> roster_;
+  std::unique_ptr<session::SessionClock> clock_;
+  wire::Every beat_{100 * kMs}, request_{20 * kMs};
+  int requests_ = 0;
+  std::uint64_t heartbeat_ = 0;
+  std::pair<std::uint64_t, std::uint64_t> answered_by_;  // participant, incarnation
+  std::int64_t last_session_ns_ = 0, last_local_ns_ = 0, answered_ns_ = 0, stepped_ns_ = 0;
+};
+
+/// Brings users to an HRTC, now and then others.
+class SimulatedClient : public Program {
+ public:
+  SimulatedClient(World& world, std::uint64_t id, std::uint64_t controller);
+  [[nodiscard]] std::vector<std::string> users_at(std::uint64_t controller) const;
+
+ protected:
+  void begin() override;
+  void hear(const Sample&) override {}
+  std::int64_t work() override;
+  void describe(session::RosterEntry& entry) const override;
+
+ private:
+  std::uint64_t controller_;
+  std::vector<std::string> users_;
+};
+
+}  // namespace tactus::test_support
