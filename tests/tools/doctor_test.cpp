@@ -78,6 +78,12 @@ INSTANTIATE_TEST_SUITE_P(
                 Severity::kAdvice, "interfaces", "wlan0 10.1.0.2", "take down"},
         Illness{"NoRoute", [](Facts& f) { f.multicast_route_error = "Network is unreachable"; }, Severity::kFault,
                 "multicast", "unreachable", "ip route add 239.0.0.0/8"},
+        Illness{"NoWayToAPeer",
+                [](Facts& f) {
+                  f.discovery.peers = {"10.9.9.9"};
+                  f.unreachable = {"10.9.9.9 (Network is unreachable)"};
+                },
+                Severity::kFault, "routes", "10.9.9.9", "ip route"},
         Illness{"Deaf", [](Facts& f) { f.interfaces[1].heard = false; }, Severity::kFault, "multicast", "eth0",
                 "--discovery-server"},
         Illness{"Narrow", [](Facts& f) { f.interfaces[1].mtu = 1400; }, Severity::kAdvice, "mtu", "eth0 1400",
@@ -134,7 +140,7 @@ TEST(Doctor, WritesEveryFindingAsTextAndAsJson) {
     EXPECT_EQ(parsed[i].at("mend"), findings[i].mend);
     EXPECT_THAT(text(findings), HasSubstr(findings[i].found));
   }
-  EXPECT_THAT(text(findings), HasSubstr("0 faults, 1 advices"));
+  EXPECT_THAT(text(findings), HasSubstr("faults: 0, advices: 1"));
 }
 
 TEST(DoctorProgram, EndsWithOneWhenItFoundAFaultAndElseWithZero) {

@@ -3,6 +3,7 @@
 #include <arpa/inet.h>
 #include <ifaddrs.h>
 #include <net/if.h>
+#include <netdb.h>
 #include <netinet/in.h>
 #include <poll.h>
 #include <sys/ioctl.h>
@@ -116,11 +117,29 @@ std::vector<Interface> look_at_interfaces() {
   return found;
 }
 
-std::string multicast_route_error() {
+/// Why the system does not know where to send to this address; empty when it does.
+std::string route_error(const sockaddr_in& to) {
   const Socket socket;
-  const sockaddr_in to = Socket::address(kGroup, 7400);
   return ::connect(socket.fd(), reinterpret_cast<const sockaddr*>(&to), sizeof to) == 0 ? std::string{}
                                                                                         : std::strerror(errno);
+}
+
+/// Peers and servers that have no address or no route.
+std::vector<std::string> unreachable(const wire::Discovery& discovery) {
+  std::vector<std::string> hosts = discovery.peers, found;
+  for (const std::string& server : discovery.servers) hosts.push_back(server.substr(0, server.rfind(':')));
+  for (const std::string& host : hosts) {
+    addrinfo hints{}, *first = nullptr;
+    hints.ai_family = AF_INET;
+    if (const int error = ::getaddrinfo(host.c_str(), "7400", &hints, &first); error != 0) {
+      found.push_back(host + " (" + ::gai_strerror(error) + ")");
+      continue;
+    }
+    const std::unique_ptr<addrinfo, void (*)(addrinfo*)> owner{first, ::freeaddrinfo};
+    const std::string error = route_error(*reinterpret_cast<const sockaddr_in*>(first->ai_addr));
+    if (!error.empty()) found.push_back(host + " (" + error + ")");
+  }
+  return found;
 }
 
 /// In a thread of its own, which takes its priority with it.
@@ -248,7 +267,8 @@ Facts look(const Settings& settings, const std::atomic<bool>& stop) {
   for (const char* name : {"ROS_DISCOVERY_SERVER", "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_ENVIRONMENT_FILE"})
     if (std::getenv(name) != nullptr) facts.variables.emplace_back(name);  // before a Links forgets them
   facts.interfaces = look_at_interfaces();
-  facts.multicast_route_error = multicast_route_error();
+  facts.multicast_route_error = route_error(Socket::address(kGroup, 7400));
+  facts.unreachable = unreachable(facts.discovery);
   facts.receive_buffer_max = read("/proc/sys/net/core/rmem_max", 0);
   facts.send_buffer_max = read("/proc/sys/net/core/wmem_max", 0);
   facts.memory_locks = memory_locks();

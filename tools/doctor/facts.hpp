@@ -29,6 +29,7 @@ struct Lateness {
 struct Facts {
   std::vector<Interface> interfaces;
   std::string multicast_route_error;                ///< empty: the system knows where to send to the discovery group
+  std::vector<std::string> unreachable;             ///< of the peers and servers asked for, with the reason
   wire::Footprint wanted;                           ///< by the profiles
   int receive_buffer_max = 0, send_buffer_max = 0;  ///< net.core.rmem_max, wmem_max
   bool fifo = false;                                ///< SCHED_FIFO at the priority asked for was had

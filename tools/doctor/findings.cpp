@@ -72,6 +72,12 @@ void judge_network(const Facts& facts, Findings& to) {
     to.good(multicast, "heard back on every interface; between machines: tactus latency serve, and run --to HOST");
   }
 
+  if (!facts.unreachable.empty()) {
+    to.fault("routes", "no way to " + joined(facts.unreachable), "see the names and ip route; ip route get ADDRESS");
+  } else if (!by_multicast(facts)) {
+    to.good("routes", "to every peer and server named");
+  }
+
   const std::string frame = std::to_string(facts.wanted.message + kHeaders);
   if (narrow.empty()) {
     to.good("mtu", "at least " + frame + " bytes, the largest datagram");
@@ -173,10 +179,11 @@ void judge_domain(const Facts& facts, Findings& to) {
     to.good("meeting", "two participants here met " + how + " in " + number(*facts.meeting_after * 1e3) +
                            " ms on all three classes");
   } else {
-    to.fault("meeting", "two participants here did not meet " + how,
-             facts.discovery.servers.empty()
-                 ? "let a firewall pass UDP " + std::to_string(discovery_port(facts.domain)) + " and up, in and out"
-                 : "is the server there? fast-discovery-server -i 0 -p 11811 -x " + std::string{"QOS/discovery_server.xml"});
+    to.fault(
+        "meeting", "two participants here did not meet " + how,
+        facts.discovery.servers.empty()
+            ? "let a firewall pass UDP " + std::to_string(discovery_port(facts.domain)) + " and up, in and out"
+            : "is the server there? fast-discovery-server -i 0 -p 11811 -x " + std::string{"QOS/discovery_server.xml"});
   }
 }
 
@@ -231,7 +238,7 @@ std::string text(const std::vector<Finding>& findings) {
     faults += f.severity == Severity::kFault ? 1 : 0;
     advices += f.severity == Severity::kAdvice ? 1 : 0;
   }
-  return all + std::to_string(faults) + " faults, " + std::to_string(advices) + " advices\n";
+  return all + "faults: " + std::to_string(faults) + ", advices: " + std::to_string(advices) + "\n";
 }
 
 std::string json(const std::vector<Finding>& findings) {
