@@ -42,9 +42,9 @@ std::string free_udp_port() {
 class DiscoveryTest : public SessionTest {
  protected:
   /// Debian's, with our profile.
-  [[nodiscard]] static Command server(const std::string& port) {
+  [[nodiscard]] static Command server(const std::string& port, const std::string& id = "0") {
     const std::string profile = wire::default_qos_directory() / "discovery_server.xml";
-    return {TACTUS_DISCOVERY_SERVER, "-i", "0", "-p", port, "-x", profile};
+    return {TACTUS_DISCOVERY_SERVER, "-i", id, "-p", port, "-x", profile};
   }
 };
 
@@ -76,6 +76,19 @@ TEST_F(DiscoveryTest, AServerThatStartsAgainAfterItsLeaseBringsTogetherOldAndNew
   std::this_thread::sleep_for(2s);  // the lease is 1 s of the clients' time; nothing tells that they have noticed
   meeting = std::make_unique<Process>(server(port));
   Process users{sim(kTouch) + by_server};
+  EXPECT_EQ(users.wait(40s), 0) << users.output() << desk.output() << museum.output();
+}
+
+TEST_F(DiscoveryTest, OneOfTwoServersIsEnoughForANewcomer) {
+  const std::string port = free_udp_port(), other_port = free_udp_port();
+  const Command by_both{"--discovery-server", "127.0.0.1:" + port, "--discovery-server", "127.0.0.1:" + other_port};
+  Process meeting{server(port)}, other_meeting{server(other_port, "1")};
+  Process museum{host("museum", models().sphere) + by_both};
+  Process desk{hrtc("desk") + by_both};
+  ASSERT_TRUE(desk.wait_for_line("host 'museum' joined")) << meeting.output();
+  meeting.signal(SIGKILL);
+  EXPECT_EQ(meeting.wait(), 128 + SIGKILL);
+  Process users{sim(kTouch) + by_both};
   EXPECT_EQ(users.wait(40s), 0) << users.output() << desk.output() << museum.output();
 }
 

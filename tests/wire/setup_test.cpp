@@ -9,6 +9,7 @@
 #include <string>
 
 #include "support.hpp"
+#include "wire/footprint.hpp"
 
 namespace tactus::wire::test {
 namespace {
@@ -109,6 +110,27 @@ TEST(Profiles, OfEveryTopicMakeAWriterAndAReader) {
   int made = 0;
   topics::for_each([&](const auto& topic) { made += make_both(links, topic) ? 1 : 0; });
   EXPECT_EQ(made, 13);
+}
+
+TEST(Footprint, IsWhatAProgramTakes) {
+  const Footprint most = read_footprint(default_qos_directory());
+  EXPECT_EQ(most.message, 1472) << "one Ethernet frame";
+  EXPECT_GE(most.receive_buffer, 1 << 20);
+  EXPECT_GE(most.send_buffer, 1 << 20);
+
+  const Links links{fresh("footprint")};
+  std::ifstream file{"/proc/net/udp"};
+  const std::string sockets{std::istreambuf_iterator<char>{file}, {}};
+  for (int traffic = 0; traffic < kTrafficClasses; ++traffic) {
+    char port[8];
+    std::snprintf(port, sizeof port, ":%04X ", static_cast<unsigned>(discovery_port(test_domain() + traffic)));
+    EXPECT_THAT(sockets, HasSubstr(port));
+  }
+}
+
+TEST_F(SpoiltQos, WithoutATransportHasNoFootprint) {
+  replace("bulk.xml", "<receiveBufferSize>", "<receiveBufferSighs>");
+  EXPECT_THROW((void)read_footprint(directory_), WireError);
 }
 
 TEST(Environment, TurnsNoProgramIntoAClientOfADiscoveryServer) {
