@@ -37,7 +37,11 @@ constexpr int kChunksPerRound = 64;          // then demands are looked at again
 constexpr std::size_t kInboxCapacity = 8192;
 constexpr double kGap = 0.05;  // m, between objects that are given no pose
 
-using Sample = std::variant<session::RosterEntry, session::Demand, session::ClockSample, session::Control>;
+/// A question of one HRTC, which watches over this host (session/vigil.hpp).
+struct Question {
+  session::ClockSample sample;
+};
+using Sample = std::variant<session::RosterEntry, session::Demand, session::ClockSample, session::Control, Question>;
 using Inbox = wire::Inbox<Sample>;
 /// The bulk writers of one HRTC.
 struct BulkLink {
@@ -56,6 +60,19 @@ struct BulkLink {
   wire::Writer<session::BulkChunk> base, records;
   std::optional<session::BulkChunk> waiting;  // not taken by the network
   std::int64_t retry_ns = 0;
+};
+
+/// Where one HRTC asks whether this host lives, and is told.
+struct VigilLink {
+  VigilLink(wire::Links& links, const std::string& hrtc, Inbox& inbox)
+      : answers{links, wire::topics::kClock, {wire::hrtc_partition(hrtc)}},
+        questions{links,
+                  wire::topics::kClock,
+                  [&inbox](session::ClockSample&& sample) { inbox.put(Question{std::move(sample)}); },
+                  {wire::hrtc_partition(hrtc)}} {}
+
+  wire::Writer<session::ClockSample> answers;
+  wire::Reader<session::ClockSample> questions;
 };
 
 struct Served {
@@ -126,6 +143,7 @@ struct Host::Impl {
   void take(const session::Demand& demand, std::int64_t at_ns);
   void take(const session::ClockSample& sample, std::int64_t at_ns);
   void take(const session::Control& control, std::int64_t at_ns);
+  void take(const Question& question, std::int64_t at_ns);
   void react(const session::RosterEvent& event);
   void keep_time(std::int64_t now_ns);
   [[nodiscard]] milliseconds send_chunks(std::int64_t now_ns);
@@ -150,6 +168,7 @@ struct Host::Impl {
   wire::Writer<session::Metrics> metrics_out{links, wire::topics::kMetrics};
   std::map<std::uint64_t, BulkLink> bulk;  // by HRTC
   Inbox inbox{kInboxCapacity};
+  std::map<std::uint64_t, VigilLink> vigils;  // by HRTC; after the inbox, which their callbacks fill
   std::int64_t started_ns = monotonic_ns();
   std::uint64_t heartbeat = 0;
   std::uint64_t demands_refused = 0;
@@ -239,9 +258,11 @@ void Host::Impl::react(const session::RosterEvent& event) {
   if (entry.role != session::Role::kHrtc) return;
   if (event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted) {
     bulk.try_emplace(id, links, entry.name);
+    vigils.try_emplace(id, links, entry.name, inbox);
   } else if (event.change == RosterChange::kLeft || event.change == RosterChange::kGone) {
     server.on_hrtc_gone(id);
     bulk.erase(id);
+    vigils.erase(id);
   }
 }
 
@@ -261,6 +282,12 @@ void Host::Impl::take(const session::ClockSample& sample, std::int64_t at_ns) {
   } else if (clock.answers()) {
     (void)clock_out.send(clock.answer(sample, at_ns, monotonic_ns()));
   }
+}
+
+void Host::Impl::take(const Question& question, std::int64_t at_ns) {
+  const auto link = vigils.find(question.sample.origin.participant);
+  if (link == vigils.end() || question.sample.answer || question.sample.peer != links.origin().participant) return;
+  (void)link->second.answers.send(clock.answer(question.sample, at_ns, monotonic_ns()));
 }
 
 void Host::Impl::take(const session::Control& control, std::int64_t) {

@@ -19,6 +19,7 @@
 #include "hrtc_service/statistics.hpp"
 #include "session/clock.hpp"
 #include "session/roster.hpp"
+#include "session/vigil.hpp"
 #include "wire/ends.hpp"
 #include "wire/inbox.hpp"
 
@@ -37,8 +38,13 @@ constexpr std::int64_t kSnapshotNs = 2000 * kMs;
 constexpr int kMaxSnapshots = 5;
 
 using wire::Every;
-using Sample = std::variant<session::RosterEntry, session::CatalogueEntry, session::BulkChunk, session::Intent,
-                            session::DevicePose, session::ClockSample, session::Control, session::ProbeState>;
+/// What a host answers when it is asked whether it lives (session/vigil.hpp).
+struct VigilAnswer {
+  session::ClockSample sample;
+};
+using Sample =
+    std::variant<VigilAnswer, session::RosterEntry, session::CatalogueEntry, session::BulkChunk, session::Intent,
+                 session::DevicePose, session::ClockSample, session::Control, session::ProbeState>;
 using Inbox = wire::Inbox<Sample>;
 
 /// A thread that sleeps as the haptic one does and then computes for a fixed 30 us: what lateness the system itself
@@ -119,6 +125,7 @@ struct Hrtc::Impl {
   void take(const session::Intent& intent, std::int64_t now_ns);
   void take(const session::DevicePose& pose, std::int64_t now_ns);
   void take(const session::ClockSample& sample, std::int64_t now_ns);
+  void take(const VigilAnswer& answer, std::int64_t now_ns) { vigil.on_answer(answer.sample, now_ns); }
   void take(const session::Control& control, std::int64_t now_ns);
   void take(const session::ProbeState& state, std::int64_t now_ns);
 
@@ -128,6 +135,8 @@ struct Hrtc::Impl {
   void unseat(const std::string& user);
   void seat_replays();
   void choose_reference(std::int64_t now_ns);
+  void keep_vigil(std::int64_t now_ns, const std::array<NearObjects, kMaxProbes>& near);
+  void tell_of_hosts(std::int64_t now_ns);
   void send_roster(bool leaving);
   void send_metrics(bool all);
   void send_states();
@@ -162,6 +171,7 @@ struct Hrtc::Impl {
   Loader loader;
   session::Roster roster;
   session::SessionClock clock;
+  session::Vigil vigil;
   session::UserSlots slots;
   std::map<std::uint32_t, User> users;  // by slot
   std::vector<std::unique_ptr<haptics::Device>> devices;
@@ -177,6 +187,7 @@ struct Hrtc::Impl {
   wire::Writer<session::RosterEntry> roster_out;
   wire::Writer<session::Demand> demand_out;
   wire::Writer<session::ClockSample> clock_out;
+  wire::Writer<session::ClockSample> vigil_out;
   wire::Writer<session::Metrics> metrics_out;
   wire::Writer<session::ProbeState> states_out;  // the sender thread's
 
@@ -201,6 +212,12 @@ struct Hrtc::Impl {
   std::array<ProbeSight, kMaxProbes> sights;
   std::int64_t contact_since_ns = 0, snapshot_asked_ns = 0;
   int snapshots_taken = 0;
+  struct Serving {
+    std::uint64_t host = 0;
+    std::int64_t since_ns = 0;  // of a change whose first records have not come
+    std::uint64_t regions_before = 0;
+  };
+  std::map<std::uint64_t, Serving> servings;  // by object
   std::array<std::vector<std::uint32_t>, kMaxObjects> snapshot_contacts, snapshot_predictions;
 
   std::thread sender;
@@ -243,10 +260,12 @@ Hrtc::Impl::Impl(HrtcOptions given)
       loader{pool, nodes, links.origin(), loader_settings(options), haptic.arrivals(), haptic.departures()},
       roster{links.origin(), {}},
       clock{links.origin(), {}},
+      vigil{links.origin(), {}},
       slots{std::min<std::size_t>(options.max_users, kMaxProbes)},
       roster_out{links, wire::topics::kRoster},
       demand_out{links, wire::topics::kDemand},
       clock_out{links, wire::topics::kClock},
+      vigil_out{links, wire::topics::kClock, {wire::hrtc_partition(options.address.participant)}},
       metrics_out{links, wire::topics::kMetrics},
       states_out{links, wire::topics::kProbeState} {
   loader.on_event = [](const std::string& text) { spdlog::info("{}", text); };
@@ -263,6 +282,9 @@ Hrtc::Impl::Impl(HrtcOptions given)
   const wire::EndOptions own{wire::hrtc_partition(options.address.participant)};
   listen(wire::topics::kBase, own);
   listen(wire::topics::kRecords, own);
+  readers.push_back(std::make_shared<wire::Reader<session::ClockSample>>(
+      links, wire::topics::kClock, [this](session::ClockSample&& answer) { inbox.put(VigilAnswer{std::move(answer)}); },
+      own));
 }
 
 Hrtc::Impl::~Impl() {
@@ -536,8 +558,10 @@ void Hrtc::Impl::send_metrics(bool all) {
       {names::kObjectsRefused, static_cast<double>(figures.objects_refused)},
       {names::kRecordsReceived, static_cast<double>(figures.records_received)},
       {names::kRecordsReturned, static_cast<double>(figures.records_returned)},
+      {names::kRecordsRepeated, static_cast<double>(figures.records_repeated)},
       {names::kBytesReceived, static_cast<double>(delivery.payload_bytes)},
       {names::kLoadLatency, figures.load_latency * 1e6},
+      {names::kFalseAlarms, static_cast<double>(vigil.false_alarms())},
       {names::kHostChanges, static_cast<double>(delivery.host_changes)},
       {names::kRemoteProbes, static_cast<double>(remote_probes.size())},
       {names::kRemoteDevices, static_cast<double>(remotes)},
@@ -679,6 +703,46 @@ void Hrtc::Impl::snapshot(std::int64_t now_ns, const ProbeReports& latest) {
   haptic.commands().post(commands);
 }
 
+/// Over the hosts of what tips are near.
+void Hrtc::Impl::keep_vigil(std::int64_t now_ns, const std::array<NearObjects, kMaxProbes>& near) {
+  std::uint64_t objects_near = 0;
+  for (const NearObjects& of_probe : near) objects_near |= of_probe.found;
+  std::vector<std::uint64_t> hosts;
+  for (const Loader::ObjectInfo& object : loader.objects()) {
+    const std::uint64_t host = loader.serving_host(object.id);
+    if (host != 0 && (objects_near >> object.index & 1u) != 0) hosts.push_back(host);
+  }
+  vigil.watch(hosts);
+  while (auto question = vigil.ask(now_ns)) {
+    question->origin = links.origin();
+    (void)vigil_out.send(*question);
+  }
+  for (const session::Vigil::Silent& silent : vigil.silent(now_ns)) {
+    const session::RosterEntry* host = roster.find(silent.host);
+    spdlog::warn("host '{}' has not answered for {} ms", host == nullptr ? "?" : host->name, silent.for_ns / kMs);
+    loader.on_host_silent(silent.host);
+  }
+  tell_of_hosts(now_ns);
+}
+
+/// A line when another host serves an object, and one when its first records are here.
+void Hrtc::Impl::tell_of_hosts(std::int64_t now_ns) {
+  for (const Loader::ObjectInfo& object : loader.objects()) {
+    Serving& serving = servings[object.id];
+    const std::uint64_t host = loader.serving_host(object.id);
+    if (host != serving.host && host != 0) {
+      const session::RosterEntry* entry = roster.find(host);
+      const std::string name = entry == nullptr ? "?" : entry->name;
+      if (serving.host != 0) spdlog::info("object {} is now served by host '{}'", object.name, name);
+      serving = {host, serving.host == 0 ? 0 : now_ns, object.regions_received};
+    }
+    if (serving.since_ns == 0 || object.regions_received == serving.regions_before) continue;
+    spdlog::info("records of object {} come again, {} ms after the change of host", object.name,
+                 (now_ns - serving.since_ns) / kMs);
+    serving.since_ns = 0;
+  }
+}
+
 void Hrtc::Impl::serve(std::int64_t now_ns) {
   for (const session::RosterEvent& event : roster.tick(now_ns)) on_event(event);
   if (haptic.reports_for_service().take(reports)) {
@@ -696,6 +760,7 @@ void Hrtc::Impl::serve(std::int64_t now_ns) {
   loader.tick(now_ns, sights, near);
   haptic.near().post(near);
   for (const Loader::ObjectInfo& object : loader.objects()) object_ids[object.index] = object.id;
+  keep_vigil(now_ns, near);
   while (auto demand = loader.demand(now_ns)) {
     demand->origin = links.origin();
     (void)demand_out.send(*demand);

@@ -69,6 +69,7 @@ struct LoaderFigures {
   std::uint64_t regions_coarsened = 0;  ///< gone from the pool
   std::uint64_t records_received = 0;
   std::uint64_t records_returned = 0;  ///< of these, which were here already or once
+  std::uint64_t records_repeated = 0;  ///< of these, which were here already
   std::uint64_t refused_full = 0;
   std::uint64_t refused_other = 0;
   std::uint64_t decode_errors = 0;
@@ -91,6 +92,7 @@ class Loader {
   void on_catalogue(const session::CatalogueEntry& entry);
   void on_host_seen(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns);
   void on_host_gone(std::uint64_t host);
+  void on_host_silent(std::uint64_t host);
   void on_chunk(const session::BulkChunk& chunk, std::int64_t now_ns);
 
   /// Predicts, evicts and hands over; every few milliseconds. `near` gets the objects near each probe.
@@ -116,6 +118,8 @@ class Loader {
     std::uint64_t records_received = 0, records_returned = 0, regions_received = 0, regions_released = 0;
   };
   [[nodiscard]] std::vector<ObjectInfo> objects() const;
+  /// 0 when nobody does.
+  [[nodiscard]] std::uint64_t serving_host(std::uint64_t object_id) const { return delivery_.serving_host(object_id); }
   /// Labelled cells that the tips meet.
   [[nodiscard]] std::vector<std::uint32_t> regions_met(std::uint32_t object_index,
                                                        const std::array<ProbeSight, kMaxProbes>& sights) const;

@@ -71,6 +71,7 @@ bool Loader::keep(Object& object, const session::DeliveryClient::Message& messag
   object.info.records_returned += put.returned;
   figures_.records_received += put.records;
   figures_.records_returned += put.returned;
+  figures_.records_repeated += put.repeated;
   ++object.info.regions_received;
   ++figures_.regions_received;
   if (note.was_here) ++figures_.regions_reloaded;

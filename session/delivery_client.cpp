@@ -47,6 +47,11 @@ void DeliveryClient::host_gone(std::uint64_t host) {
   if (at != hosts_.end()) at->second.live = false;
 }
 
+void DeliveryClient::host_silent(std::uint64_t host) {
+  const auto at = hosts_.find(host);
+  if (at != hosts_.end()) at->second.seen_ns -= settings_.host_late_ns;
+}
+
 void DeliveryClient::begin_stream(std::uint64_t host, Host& state, std::uint64_t incarnation) {
   state.stream = Stream{};
   state.stream.incarnation = incarnation;

@@ -60,6 +60,8 @@ class DeliveryClient {
   /// A heartbeat. A new incarnation begins a new stream.
   void host_seen(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns);
   void host_gone(std::uint64_t host);
+  /// It may be dead: until its next heartbeat another host is preferred. Costs nothing but the change when it is not.
+  void host_silent(std::uint64_t host);
 
   /// Begins with an object: its base mesh is wanted from now on. Chunks of other objects are ignored.
   void open(std::uint64_t object_id, std::uint64_t digest);

@@ -118,6 +118,7 @@ CodedStore::Put CodedStore::put(ObjectIndex number, RegionId region, Span<const 
   index_.insert(key_of(number, region), write(list.take()));
   static_cast<void>(for_each([&](std::uint32_t record, std::uint32_t block, const RecordCode* is_sent) {
     if (is_sent != nullptr && object.seen[record]) ++put.returned;
+    if (is_sent != nullptr && block != kNone) ++put.repeated;
     if (block == kNone) {
       BitWriter out;
       out.put(is_sent->anchor, kAnchorBits);

@@ -44,6 +44,7 @@ class CodedStore {
     Status status = Status::kMalformed;
     std::uint32_t records = 0;   ///< in the message
     std::uint32_t returned = 0;  ///< of these, which are here or were once
+    std::uint32_t repeated = 0;  ///< of these, which are here
     std::uint32_t blocks = 0;    ///< taken, or needed
     std::uint32_t whole = 0;     ///< blocks that list and records of the message take where none of them is
     std::string error;

@@ -1,0 +1,131 @@
+#include "bench/live_session.hpp"
+
+#include <unistd.h>
+
+#include <filesystem>
+#include <stdexcept>
+#include <thread>
+
+namespace tactus::bench {
+namespace {
+
+using std::chrono::milliseconds;
+
+void expect_to_go_on() {
+  if (wire::stop_signal()) throw std::runtime_error{"interrupted"};
+}
+
+}  // namespace
+
+struct LiveSession::Impl {
+  explicit Impl(const wire::SessionAddress& address)
+      : links{address},
+        roster{links, wire::topics::kRoster, keep<session::RosterEntry>()},
+        metrics{links, wire::topics::kMetrics, keep<session::Metrics>()},
+        demands{links, wire::topics::kDemand, keep<session::Demand>()},
+        states{links, wire::topics::kProbeState, keep<session::ProbeState>()} {}
+
+  template <class Sample>
+  std::function<void(Sample&&)> keep() {
+    return [this](Sample&& sample) {
+      const std::lock_guard lock{mutex};
+      take(sample);
+      news.notify_all();
+    };
+  }
+  void take(const session::RosterEntry& entry) { seen.roster[entry.origin.participant] = entry; }
+  void take(const session::Metrics& sample) { seen.metrics[sample.origin.participant] = sample; }
+  void take(const session::Demand& demand) {
+    if (demand.serving_host == seen.serving_host) return;
+    seen.serving_host = demand.serving_host;
+    seen.serving_since_ns = wire::monotonic_ns();
+  }
+  void take(const session::ProbeState& state) {
+    seen.states.push_back({state.user_id, state.sequence, state.status, state.force});
+  }
+
+  wire::Links links;
+  std::mutex mutex;
+  std::condition_variable news;
+  SeenSession seen;
+  // Last, so that no callback outlives what it fills.
+  wire::Reader<session::RosterEntry> roster;
+  wire::Reader<session::Metrics> metrics;
+  wire::Reader<session::Demand> demands;
+  wire::Reader<session::ProbeState> states;
+};
+
+double SeenSession::figure(const std::string& participant, const std::string& name) const {
+  const auto of = metrics.find(session::id_of(participant));
+  if (of == metrics.end()) return -1;
+  for (const session::Figure& figure : of->second.figures)
+    if (figure.name == name) return figure.value;
+  return -1;
+}
+
+LiveSession::LiveSession(const std::string& link)
+    : pair_{netem::parse_link(link)}, session_{"bench." + std::to_string(getpid())} {
+  pair_.enter(netem::Side::kB);
+  impl_ = std::make_unique<Impl>(address("observer"));
+}
+
+LiveSession::~LiveSession() = default;
+
+wire::SessionAddress LiveSession::address(const std::string& participant) const {
+  wire::SessionAddress address;
+  address.session = session_;
+  address.participant = participant;
+  return address;
+}
+
+std::unique_ptr<LiveSession::Process> LiveSession::start(netem::Side side, const std::string& name,
+                                                         std::vector<std::string> arguments) {
+  std::vector<std::string> command{"/usr/bin/nsenter", "--net=/run/netns/" + pair_.name(side), program_path(name)};
+  command.insert(command.end(), arguments.begin(), arguments.end());
+  command.insert(command.end(), {"--session", session_});
+  return std::make_unique<Process>(std::move(command));
+}
+
+SeenSession LiveSession::seen() const {
+  const std::lock_guard lock{impl_->mutex};
+  return impl_->seen;
+}
+
+void LiveSession::forget_states() {
+  const std::lock_guard lock{impl_->mutex};
+  impl_->seen.states.clear();
+}
+
+void LiveSession::until(const char* what, const std::function<bool(const SeenSession&)>& condition,
+                        milliseconds limit) {
+  const auto end = std::chrono::steady_clock::now() + limit;
+  std::unique_lock lock{impl_->mutex};
+  while (!condition(impl_->seen)) {
+    expect_to_go_on();
+    if (std::chrono::steady_clock::now() >= end) throw std::runtime_error{std::string{"waited in vain for "} + what};
+    impl_->news.wait_for(lock, milliseconds{50});
+  }
+}
+
+std::string program_path(const std::string& name) {
+  return std::filesystem::read_symlink("/proc/self/exe").parent_path() / ("tactus-" + name);
+}
+
+std::int64_t wait_for_text(const e2e::Process& process, std::size_t from, const std::string& text, milliseconds limit) {
+  const std::int64_t end_ns = wire::monotonic_ns() + std::chrono::nanoseconds{limit}.count();
+  while (wire::monotonic_ns() < end_ns) {
+    expect_to_go_on();
+    if (process.output().find(text, from) != std::string::npos) return wire::monotonic_ns();
+    std::this_thread::sleep_for(std::chrono::microseconds{300});
+  }
+  return 0;
+}
+
+void pause(milliseconds time) {
+  for (; time.count() > 0; time -= milliseconds{50}) {
+    expect_to_go_on();
+    std::this_thread::sleep_for(std::min(time, milliseconds{50}));
+  }
+}
+
+}  // namespace tactus::bench

@@ -1,0 +1,359 @@
+// The host that serves a touched object is killed: how soon that is noticed, how soon records come again, what is felt.
+#include <signal.h>
+
+#include <CLI/CLI.hpp>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <random>
+#include <thread>
+
+#include "bench/figures.hpp"
+#include "bench/latency_bench.hpp"
+#include "bench/live_session.hpp"
+#include "session/figures.hpp"
+#include "tests/support/temporary_folder.hpp"
+
+namespace tactus::bench {
+namespace {
+
+using namespace std::chrono_literals;
+namespace names = session::figures;
+using netem::Side;
+
+struct Settings {
+  std::string json;
+  std::string link = "veth";
+  int kills = 100;
+  int windows = 20;
+  int restarts = 5;
+  double calm_s = 20;
+  std::uint64_t seed = 1;
+};
+
+constexpr double kMaxForce = 8;  // N, the controller's limit as it comes
+constexpr auto kWindow = 600ms;  // after a kill: longer than anything that follows from it
+constexpr auto kMetricsPeriod = 500ms;
+constexpr const char* kHosts[] = {"east", "west"};
+/// Three users on their ways over the whole object, whose controller can keep a fraction of it: records always come.
+constexpr char kExploring[] = R"(name: exploring
+duration: 3600
+users:
+  - name: ann
+    hrtc: desk
+    repeat: true
+    script:
+      - approach: {object: organ, direction: [0, 0, 1], speed: 0.15, until_force: 0.5}
+      - follow: {speed: 0.05, force: 1, seconds: 3000, pattern: around}
+  - name: bob
+    hrtc: desk
+    repeat: true
+    script:
+      - approach: {object: organ, direction: [1, 0.3, 0], speed: 0.15, until_force: 0.5}
+      - follow: {speed: 0.05, force: 1, seconds: 3000, pattern: around}
+  - name: cid
+    hrtc: desk
+    repeat: true
+    script:
+      - approach: {object: organ, direction: [0, 1, 0.3], speed: 0.15, until_force: 0.5}
+      - follow: {speed: 0.05, force: 1, seconds: 3000, pattern: around}
+)";
+/// One whose controller can keep all of it.
+constexpr char kCollecting[] = R"(name: collecting
+duration: 3600
+users:
+  - name: dan
+    hrtc: shelf
+    repeat: true
+    script:
+      - approach: {object: organ, direction: [0, 0, -1], speed: 0.15, until_force: 0.5}
+      - follow: {speed: 0.05, force: 1, seconds: 3000, pattern: zigzag}
+)";
+
+/// Of one window in which probe states were kept.
+struct Felt {
+  double late_ours = 0;
+  double largest_step = 0;  // N/ms, between states that follow each other
+};
+
+class Takeover {
+ public:
+  explicit Takeover(const Settings& settings) : settings_{settings}, random_{settings.seed}, session_{settings.link} {
+    const std::string mesh = path("organ.ply");
+    run("mesh", {"generate", "organ", mesh, "--faces", "400000", "--seed", "7"});
+    run("mesh", {"build", mesh, path("organ.spm"), "--cell-faces", "100"});
+    test_support::write_bytes(path("exploring.yaml"), kExploring);
+    test_support::write_bytes(path("collecting.yaml"), kCollecting);
+  }
+
+  /// Both hosts, the controller and its user; until the object is touched and regions come and go.
+  void begin() {
+    start_host(0);
+    desk_ = session_.start(Side::kB, "hrtc", {"--name", "desk", "--pool", "4096"});
+    users_ = session_.start(Side::kB, "sim", {"--scenario", path("exploring.yaml")});
+    start_host(1);
+    session_.until(
+        "a touch", [](const SeenSession& seen) { return touching(seen); }, 60s);
+    pause(3s);
+  }
+  /// The same for what a controller that loses nothing is sent by a host alone.
+  void begin_alone() {
+    shelf_ = session_.start(Side::kB, "hrtc", {"--name", "shelf", "--pool", "524288"});
+    collector_ = session_.start(Side::kB, "sim", {"--name", "collector", "--scenario", path("collecting.yaml")});
+    session_.until(
+        "a second controller's records",
+        [](const SeenSession& seen) { return seen.figure("shelf", names::kRegionsReceived) > 20; }, 60s);
+  }
+
+  void kill_one(bool with_window) {
+    if (with_window) quiet_.push_back(watch([] {}));
+    pause(std::chrono::milliseconds{random_() % 200});
+    const SeenSession before = session_.seen();
+    const std::size_t serving = before.serving_host == session::id_of(kHosts[0]) ? 0 : 1;
+    std::int64_t killed_ns = 0;
+    killed_.push_back(watch([&] {
+      killed_ns = wire::monotonic_ns();
+      hosts_[serving]->signal(SIGKILL);
+    }));
+    const SeenSession after = session_.seen();
+    const bool moved = after.serving_host == session::id_of(kHosts[1 - serving]);
+    detected_ms.add(moved ? static_cast<double>(after.serving_since_ns - killed_ns) * 1e-6 : kNever);
+    flowing_ms.add(flowed_ns_ != 0 ? static_cast<double>(flowed_ns_ - killed_ns) * 1e-6 : kNever);
+    (void)hosts_[serving]->wait(5s);
+    restart(serving);
+  }
+
+  /// One host alone, killed and started again: what comes then must be new.
+  void restart_one() {
+    const SeenSession seen = session_.seen();
+    const std::size_t serving = seen.serving_host == session::id_of(kHosts[0]) ? 0 : 1;
+    if (hosts_[1 - serving]) {
+      hosts_[1 - serving]->signal(SIGINT);
+      (void)hosts_[1 - serving]->wait(5s);
+      hosts_[1 - serving].reset();
+      pause(1s);
+    }
+    const auto received = [](const SeenSession& now) { return now.figure("shelf", names::kRegionsReceived); };
+    const double before = received(session_.seen());
+    hosts_[serving]->signal(SIGKILL);
+    (void)hosts_[serving]->wait(5s);
+    pause(300ms);
+    restart(serving);
+    session_.until("records after a restart", [&](const SeenSession& now) { return received(now) > before + 1; });
+  }
+
+  /// Nobody is killed while the machine is busy with something else.
+  void busy_calm() {
+    std::atomic<bool> stop{false};
+    std::vector<std::thread> spinners;
+    for (unsigned i = 0; i < std::thread::hardware_concurrency(); ++i)
+      spinners.emplace_back([&stop] {
+        while (!stop) {
+        }
+      });
+    const double before = alarms();
+    pause(std::chrono::milliseconds{static_cast<int>(settings_.calm_s * 1e3)});
+    stop = true;
+    for (std::thread& spinner : spinners) spinner.join();
+    pause(2 * kMetricsPeriod);
+    busy_alarms_ = alarms() - before;
+  }
+  void calm() {
+    const double before = alarms();
+    pause(std::chrono::milliseconds{static_cast<int>(settings_.calm_s * 1e3)});
+    pause(2 * kMetricsPeriod);
+    calm_alarms_ = alarms() - before;
+  }
+
+  [[nodiscard]] double figure(const char* name, const char* controller = "desk") const {
+    return session_.seen().figure(controller, name);
+  }
+  /// Records received and, of these, those that were here already.
+  struct Sent {
+    double received, repeated;
+  };
+  [[nodiscard]] Sent sent() const { return {figure(names::kRecordsReceived), figure(names::kRecordsRepeated)}; }
+  [[nodiscard]] double alarms() const { return figure(names::kFalseAlarms); }
+  [[nodiscard]] double busy_alarms() const { return busy_alarms_; }
+  [[nodiscard]] double calm_alarms() const { return calm_alarms_; }
+  [[nodiscard]] const std::vector<Felt>& quiet() const { return quiet_; }
+  [[nodiscard]] const std::vector<Felt>& killed() const { return killed_; }
+  [[nodiscard]] std::string log() const { return desk_->output(); }
+
+  Samples detected_ms, flowing_ms;
+
+ private:
+  static constexpr double kNever = 1e6;
+
+  static bool touching(const SeenSession& seen) {
+    return seen.states.size() > 100 && (seen.states.back().status & session::kInContact) != 0;
+  }
+  [[nodiscard]] std::string path(const std::string& name) const { return folder_.path() / name; }
+  static void run(const std::string& name, std::vector<std::string> arguments) {
+    arguments.insert(arguments.begin(), program_path(name));
+    e2e::Process program{arguments};
+    if (program.wait(120s) != 0) throw std::runtime_error{"tactus-" + name + " failed: " + program.output()};
+  }
+  void start_host(std::size_t which) {
+    hosts_[which] =
+        session_.start(Side::kA, "host", {"--name", kHosts[which], "--cache", path("cache"), path("organ.spm")});
+    session_.until("a host", [&](const SeenSession& seen) {
+      const auto at = seen.roster.find(session::id_of(kHosts[which]));
+      return at != seen.roster.end() && !at->second.leaving;
+    });
+  }
+  /// Until its streams are found, which nobody outside can see.
+  void restart(std::size_t which) {
+    const std::uint64_t before = session_.seen().roster.at(session::id_of(kHosts[which])).origin.incarnation;
+    start_host(which);
+    session_.until("the new host", [&](const SeenSession& seen) {
+      return seen.roster.at(session::id_of(kHosts[which])).origin.incarnation > before;
+    });
+    pause(800ms);
+  }
+
+  template <class Happen>
+  Felt watch(const Happen& happen) {
+    const double late = settled(names::kLateOurs);
+    session_.forget_states();
+    const std::size_t printed = desk_->output().size();
+    happen();
+    const std::int64_t end_ns = wire::monotonic_ns() + std::chrono::nanoseconds{kWindow}.count();
+    flowed_ns_ = wait_for_text(*desk_, printed, "come again", kWindow);
+    while (wire::monotonic_ns() < end_ns) pause(10ms);
+    Felt felt;
+    const std::vector<SeenSession::State> states = session_.seen().states;
+    std::map<std::uint64_t, SeenSession::State> last;  // by user
+    for (const SeenSession::State& state : states) {
+      const auto [before, first] = last.try_emplace(state.user, state);
+      if (!first && state.sequence == before->second.sequence + 1) {
+        const std::array<double, 3>&a = before->second.force, &b = state.force;
+        felt.largest_step = std::max(felt.largest_step, std::hypot(b[0] - a[0], b[1] - a[1], b[2] - a[2]));
+      }
+      before->second = state;
+    }
+    felt.late_ours = settled(names::kLateOurs) - late;
+    return felt;
+  }
+  /// A figure as a metrics sample to come has it.
+  double settled(const char* name) {
+    const auto time = [](const SeenSession& seen) {
+      const auto at = seen.metrics.find(session::id_of("desk"));
+      return at == seen.metrics.end() ? 0 : at->second.origin.time_ns;
+    };
+    const std::int64_t before = time(session_.seen());
+    session_.until("metrics", [&](const SeenSession& seen) { return time(seen) > before; });
+    return figure(name);
+  }
+
+  const Settings& settings_;
+  test_support::TemporaryFolder folder_;
+  std::mt19937_64 random_;
+  LiveSession session_;
+  std::array<std::unique_ptr<e2e::Process>, 2> hosts_;
+  std::unique_ptr<e2e::Process> desk_, users_, shelf_, collector_;
+  std::vector<Felt> quiet_, killed_;
+  std::int64_t flowed_ns_ = 0;
+  double busy_alarms_ = 0, calm_alarms_ = 0;
+};
+
+double sum_late(const std::vector<Felt>& windows) {
+  double sum = 0;
+  for (const Felt& window : windows) sum += window.late_ours;
+  return sum;
+}
+
+Samples steps_of(const std::vector<Felt>& windows) {
+  Samples steps;
+  for (const Felt& window : windows) steps.add(window.largest_step);
+  return steps;
+}
+
+int run(const Settings& settings) {
+  char text[200];
+  std::snprintf(text, sizeof text, "%d kills, %d windows without, %d restarts of a host alone; link %s, seed %llu",
+                settings.kills, settings.windows, settings.restarts, settings.link.c_str(),
+                static_cast<unsigned long long>(settings.seed));
+  Report report{{"takeover", "a generated organ of 400,000 faces, three users at 5 cm/s", 0, 0, text}};
+  // A thread of its own, which stays in a namespace.
+  std::exception_ptr failure;
+  const auto measure = [&] {
+    Takeover takeover{settings};
+    takeover.begin();
+    const Takeover::Sent before = takeover.sent();
+    for (int i = 0; i < settings.kills; ++i) {
+      std::fprintf(stderr, "\rkill %d of %d ", i + 1, settings.kills);
+      takeover.kill_one(i < settings.windows);
+    }
+    std::fprintf(stderr, "\n");
+    const Takeover::Sent killed = takeover.sent();
+    const double alarms_while_killing = takeover.alarms();
+    takeover.calm();
+    const Takeover::Sent calm_too = takeover.sent();
+    takeover.busy_calm();
+    takeover.begin_alone();
+    for (int i = 0; i < settings.restarts; ++i) takeover.restart_one();
+    const auto share = [](const Takeover::Sent& from, const Takeover::Sent& to) {
+      return 100 * (to.repeated - from.repeated) / (to.received - from.received);
+    };
+
+    report.row("death detected", "from SIGKILL to the demand", "ms", takeover.detected_ms);
+    report.row("records flow again", "from SIGKILL", "ms", takeover.flowing_ms);
+    report.row("largest force step", "windows with a kill", "N/ms", steps_of(takeover.killed()));
+    report.row("largest force step", "windows without", "N/ms", steps_of(takeover.quiet()));
+    report.figure("late cycles, ours", "windows with a kill", "", sum_late(takeover.killed()));
+    report.figure("late cycles, ours", "windows without", "", sum_late(takeover.quiet()));
+    report.figure("records received", "while hosts were killed", "", killed.received - before.received);
+    report.figure("records that were here", "while hosts were killed", "%", share(before, killed));
+    report.figure("records that were here", "nobody killed", "%", share(killed, calm_too));
+    report.figure("false alarms", "while hosts were killed", "", alarms_while_killing);
+    char calm[64];
+    std::snprintf(calm, sizeof calm, "%g s, nobody killed", settings.calm_s);
+    report.figure("false alarms", calm, "", takeover.calm_alarms());
+    report.figure("false alarms", "the same, cores busy", "", takeover.busy_alarms());
+    report.at_most("death detected, p99", "kills", "ms", takeover.detected_ms.percentile(99), 50);
+    report.at_most("records flow again, p99", "kills", "ms", takeover.flowing_ms.percentile(99), 100);
+    const double windows = static_cast<double>(std::max<std::size_t>(1, takeover.quiet().size()));
+    report.at_most("late cycles, ours", "each window with a kill, over those without", "",
+                   sum_late(takeover.killed()) / static_cast<double>(takeover.killed().size()) -
+                       sum_late(takeover.quiet()) / windows,
+                   0);
+    report.at_most("records sent again", "of those received, over those without kills", "%",
+                   share(before, killed) - share(killed, calm_too), 1);
+    report.at_most("largest force step", "windows with a kill", "N/ms", steps_of(takeover.killed()).max(),
+                   0.05 * kMaxForce);
+    report.at_most("records sent again", "to one that keeps all, by a host alone that restarts", "",
+                   takeover.figure(names::kRecordsReturned, "shelf"), 0);
+  };
+  std::thread{[&] {
+    try {
+      measure();
+    } catch (...) {
+      failure = std::current_exception();
+    }
+  }}.join();
+  if (failure) std::rethrow_exception(failure);
+  return report.finish(settings.json);
+}
+
+}  // namespace
+}  // namespace tactus::bench
+
+int main(int argc, char** argv) {
+  tactus::bench::Settings settings;
+  bool quick = false;
+  CLI::App app{"Kills of the host that serves a touched object, with a second host present; needs root"};
+  app.add_option("--kills", settings.kills, "how many")->check(CLI::Range(1, 10000));
+  app.add_option("--windows", settings.windows, "without a kill, for comparison")->check(CLI::Range(1, 1000));
+  app.add_option("--restarts", settings.restarts, "of a host that is alone")->check(CLI::Range(0, 100));
+  app.add_option("--calm", settings.calm_s, "s in which false alarms are counted, twice")
+      ->check(CLI::Range(0.0, 3600.0));
+  app.add_option("--link", settings.link, "between hosts and controller, as in `tactus-link list`");
+  app.add_option("--seed", settings.seed, "of the moments of the kills");
+  app.add_option("--json", settings.json, "the figures as JSON");
+  app.add_flag("--quick", quick, "10 kills, for CI");
+  return tactus::bench::latency_main(app, "tactus-bench-takeover", argc, argv, [&] {
+    if (quick) settings.kills = 10, settings.windows = 4, settings.restarts = 2, settings.calm_s = 5;
+    return tactus::bench::run(settings);
+  });
+}
