@@ -7,6 +7,7 @@
 #include <iostream>
 
 #include "client_sim/sim.hpp"
+#include "session/modes.hpp"
 #include "wire/command_line.hpp"
 #include "wire/process.hpp"
 
@@ -76,6 +77,7 @@ int main(int argc, char** argv) {
   std::filesystem::path json;
   double seconds = 0;
   double patience = client_sim::SimSettings{}.patience;
+  std::string mode;
   bool list = false;
 
   CLI::App app{"Simulated users: brings them to a session, lets them follow a scenario, ends it and reports.",
@@ -89,6 +91,9 @@ int main(int argc, char** argv) {
                  "Give up when controllers, objects and slots are not there within so many seconds")
       ->capture_default_str()
       ->check(CLI::Range(0.1, 86400.0));
+  app.add_option("--mode", mode,
+                 "Tell the session how probe states travel: auto, or collaborate or large-scale, for everyone or "
+                 "followed by USER,USER...");
   app.add_option("--json", json, "Write the report here as well");
   app.add_flag("--list", list, "Name the built-in scenarios");
   try {
@@ -108,7 +113,8 @@ int main(int argc, char** argv) {
     if (address.participant.size() > session::kMaxName - kSuffix && address.participant.size() <= session::kMaxName)
       throw std::runtime_error("--name has " + std::to_string(address.participant.size()) + " bytes, expected 1 to " +
                                std::to_string(session::kMaxName - kSuffix));
-    client_sim::SimOptions options{address, client_sim::load_scenario(scenario), patience};
+    client_sim::SimOptions options{address, client_sim::load_scenario(scenario), patience, mode};
+    if (!mode.empty()) (void)session::parse_mode(mode);
     if (seconds > 0) options.scenario.duration = seconds;
     if (!json.empty()) expect_writable(json);
     client_sim::Sim sim{std::move(options)};

@@ -71,6 +71,7 @@ struct Sim::Impl {
     made.session = options.address.session;
     made.name = options.address.participant;
     made.patience = options.patience;
+    made.mode = options.mode;
     made.incarnation = main.links.origin().incarnation;
     return made;
   }

@@ -19,6 +19,7 @@ struct SimOptions {
   wire::SessionAddress address;
   Scenario scenario;
   double patience = SimSettings{}.patience;  ///< s to wait for HRTCs, objects and slots
+  std::string mode{};                        ///< SimSettings::mode
 };
 
 /// An older program in the session has the name of this one.

@@ -111,7 +111,7 @@ void SimCore::on_probe_state(const session::ProbeState& state, std::int64_t sess
   for (Seat& seat : seats_) {
     if (state.user_id != session::id_of(seat.mind.user().name)) continue;
     if (state.origin.participant != session::id_of(seat.hrtc)) return;
-    seat.mind.on_probe_state(state);
+    seat.probe.on_state(state, session::StateStream::kCoded, session_now_ns);
     if (state_ == SimState::kRunning) seat.touch.add(state, session_start_ns_, session_now_ns);
     return;
   }
@@ -152,7 +152,7 @@ void SimCore::assign_seats(const std::vector<std::string>& hrtcs) {
     Presence& presence = presences_[found->second];
     presence.entry.controller = hrtc;
     presence.entry.users.push_back(user.name);
-    seats_.push_back({Operator{user, settings_.hand}, {}, hrtc, found->second});
+    seats_.push_back({Operator{user, settings_.hand}, {}, session::RemoteProbe{{0, 0}}, hrtc, found->second});
   }
   for (Presence& presence : presences_) presence.sent_ns = INT64_MIN / 2;  // tell at once
 }
@@ -250,6 +250,7 @@ SimMessages SimCore::tick(std::int64_t now_ns, std::int64_t session_now_ns) {
       start_ns_ = now_ns;
       session_start_ns_ = session_now_ns;
       out.control.push_back(control(session::ControlKind::kStart, now_ns, scenario_.name));
+      if (!settings_.mode.empty()) out.control.push_back(control(session::ControlKind::kMode, now_ns, settings_.mode));
     }
   }
   if (state_ == SimState::kGathering || state_ == SimState::kJoining) {
@@ -263,6 +264,14 @@ SimMessages SimCore::tick(std::int64_t now_ns, std::int64_t session_now_ns) {
   }
   if (state_ == SimState::kRunning) {
     for (Seat& seat : seats_) {
+      if (const session::Shown shown = seat.probe.at(session_now_ns); shown.state.sequence != 0) {
+        session::ProbeState felt = shown.state;
+        felt.session_time_ns = shown.at_ns;
+        felt.device.position = shown.view.device;
+        felt.proxy = shown.view.proxy;
+        felt.force = shown.view.force;
+        seat.mind.on_probe_state(felt);
+      }
       if (auto intent = seat.mind.tick(session_now_ns, objects_)) {
         intent->origin = origin_of(seat.presence, now_ns);
         out.intents.push_back(std::move(*intent));

@@ -22,6 +22,7 @@
 #include "client_sim/report.hpp"
 #include "client_sim/scenario.hpp"
 #include "session/messages.hpp"
+#include "session/remote_probe.hpp"
 #include "session/roster.hpp"
 
 namespace tactus::client_sim {
@@ -30,6 +31,7 @@ struct SimSettings {
   std::string session;
   std::string name;  ///< of this participant; one that brings users of a second HRTC is `name.2`
   std::uint64_t incarnation = 0;
+  std::string mode;      ///< told to the session at the start, as session::parse_mode has it; empty: none
   double patience = 20;  ///< s to wait for HRTCs, objects and slots
   double hush = 1;       ///< s after the first sign of others before users join: time to hear that the name is taken
   double settle = 2;     ///< s after the first of them, then "#n" counts around those that are there
@@ -83,6 +85,7 @@ class SimCore {
   struct Seat {
     Operator mind;
     TouchTally touch;
+    session::RemoteProbe probe;  // shown at once: the hand goes by it
     std::string hrtc;
     std::size_t presence = 0;
   };

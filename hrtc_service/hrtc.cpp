@@ -14,6 +14,7 @@
 #include "haptics/replay_device.hpp"
 #include "haptics/simulated_device.hpp"
 #include "hrtc_service/loader.hpp"
+#include "hrtc_service/neighbours.hpp"
 #include "hrtc_service/realtime.hpp"
 #include "hrtc_service/snapshot.hpp"
 #include "hrtc_service/statistics.hpp"
@@ -32,7 +33,7 @@ constexpr std::int64_t kClockNs = 200 * kMs;
 constexpr std::int64_t kClockFastNs = 20 * kMs;
 constexpr std::int64_t kMetricsNs = 500 * kMs;
 constexpr std::int64_t kAllMetricsNs = 5000 * kMs;
-constexpr std::int64_t kRemoteProbeNs = 300 * kMs;  // silence after which another's probe is gone
+constexpr std::int64_t kModesNs = 20 * kMs;
 constexpr std::int64_t kNoHostNs = 5000 * kMs;
 constexpr std::int64_t kSnapshotNs = 2000 * kMs;
 constexpr int kMaxSnapshots = 5;
@@ -42,9 +43,14 @@ using wire::Every;
 struct VigilAnswer {
   session::ClockSample sample;
 };
+/// A probe state that came through the ends of a group.
+struct WholeState {
+  session::ProbeState state;
+};
 using Sample =
     std::variant<VigilAnswer, session::RosterEntry, session::CatalogueEntry, session::BulkChunk, session::Intent,
-                 session::DevicePose, session::ClockSample, session::Control, session::ProbeState>;
+                 session::DevicePose, session::ClockSample, session::Control, session::ProbeState, session::Metrics,
+                 WholeState>;
 using Inbox = wire::Inbox<Sample>;
 
 /// A thread that sleeps as the haptic one does and then computes for a fixed 30 us: what lateness the system itself
@@ -128,6 +134,8 @@ struct Hrtc::Impl {
   void take(const VigilAnswer& answer, std::int64_t now_ns) { vigil.on_answer(answer.sample, now_ns); }
   void take(const session::Control& control, std::int64_t now_ns);
   void take(const session::ProbeState& state, std::int64_t now_ns);
+  void take(const WholeState& whole, std::int64_t now_ns);
+  void take(const session::Metrics& told, std::int64_t now_ns) { neighbours.on_metrics(told, now_ns); }
 
   void on_event(const session::RosterEvent& event);
   void seat(const session::RosterEntry& client);
@@ -139,6 +147,10 @@ struct Hrtc::Impl {
   void tell_of_hosts(std::int64_t now_ns);
   void send_roster(bool leaving);
   void send_metrics(bool all);
+  void tick_modes(std::int64_t now_ns);
+  class StateSender;
+  [[nodiscard]] session::ProbeState state_of(const ProbeReports& latest, std::uint32_t probe,
+                                             const session::ClockMap& map);
   void send_states();
   void send_commands(const ProbeReports& latest);
   void serve(std::int64_t now_ns);
@@ -182,7 +194,6 @@ struct Hrtc::Impl {
   std::array<RemoteEnd, kMaxProbes> remote_ends;
   std::array<std::atomic<std::uint64_t>, kMaxProbes> user_ids{};
   std::array<std::atomic<std::uint64_t>, kMaxObjects> object_ids{};
-  std::map<std::pair<std::uint64_t, std::uint32_t>, std::int64_t> remote_probes;  // last seen
 
   wire::Writer<session::RosterEntry> roster_out;
   wire::Writer<session::Demand> demand_out;
@@ -190,6 +201,8 @@ struct Hrtc::Impl {
   wire::Writer<session::ClockSample> vigil_out;
   wire::Writer<session::Metrics> metrics_out;
   wire::Writer<session::ProbeState> states_out;  // the sender thread's
+  std::atomic<std::uint64_t> states_coded{0}, states_whole{0};
+  Neighbours neighbours;
 
   CycleStatistics statistics;
   Samples timer_samples{1'000'000};
@@ -199,7 +212,7 @@ struct Hrtc::Impl {
   trace::LoggedQuery logged;
 
   Every heartbeat{kHeartbeatNs}, clock_request{kClockFastNs}, metrics{kMetricsNs}, all_metrics{kAllMetricsNs},
-      no_host{kNoHostNs};
+      no_host{kNoHostNs}, modes{kModesNs};
   std::uint64_t beats = 0;
   std::uint32_t clock_requests = 0;
   std::int64_t started_ns = 0;
@@ -267,7 +280,8 @@ Hrtc::Impl::Impl(HrtcOptions given)
       clock_out{links, wire::topics::kClock},
       vigil_out{links, wire::topics::kClock, {wire::hrtc_partition(options.address.participant)}},
       metrics_out{links, wire::topics::kMetrics},
-      states_out{links, wire::topics::kProbeState} {
+      states_out{links, wire::topics::kProbeState},
+      neighbours{links, [this](session::ProbeState&& state) { inbox.put(WholeState{std::move(state)}); }} {
   loader.on_event = [](const std::string& text) { spdlog::info("{}", text); };
   seat_replays();
   // Last of what may be refused, so that nothing is left behind.
@@ -279,6 +293,7 @@ Hrtc::Impl::Impl(HrtcOptions given)
   listen(wire::topics::kClock);
   listen(wire::topics::kControl);
   listen(wire::topics::kProbeState);
+  listen(wire::topics::kMetrics);
   const wire::EndOptions own{wire::hrtc_partition(options.address.participant)};
   listen(wire::topics::kBase, own);
   listen(wire::topics::kRecords, own);
@@ -330,12 +345,7 @@ void Hrtc::Impl::on_event(const session::RosterEvent& event) {
     return;
   }
   if (entry.role == session::Role::kHost && gone) loader.on_host_gone(entry.origin.participant);
-  if (entry.role == session::Role::kHrtc && gone)
-    for (auto at = remote_probes.begin(); at != remote_probes.end();)
-      at = std::any_of(entry.slots.begin(), entry.slots.end(),
-                       [&](const session::UserSlot& slot) { return session::id_of(slot.user) == at->first.first; })
-               ? remote_probes.erase(at)
-               : std::next(at);
+  if (entry.role == session::Role::kHrtc && gone) neighbours.on_controller_gone(entry.origin.participant);
   if (entry.role != session::Role::kClient) return;
   if (gone || event.change == RosterChange::kRestarted)
     for (const std::string& user : entry.users) unseat(user);
@@ -411,6 +421,7 @@ void Hrtc::Impl::unseat(const std::string& name) {
       remote_ends[at->first] = {};
     }
     user_ids[at->first] = 0;
+    neighbours.on_user_left(at->second.id);
     slots.release(name);
     users.erase(at);
     spdlog::info("user {} has left", name);
@@ -419,7 +430,10 @@ void Hrtc::Impl::unseat(const std::string& name) {
   }
 }
 
-void Hrtc::Impl::take(const session::CatalogueEntry& entry, std::int64_t) { loader.on_catalogue(entry); }
+void Hrtc::Impl::take(const session::CatalogueEntry& entry, std::int64_t) {
+  loader.on_catalogue(entry);
+  neighbours.on_catalogue(entry);
+}
 
 void Hrtc::Impl::take(const session::Intent& intent, std::int64_t now_ns) {
   for (auto& [slot, user] : users) {
@@ -485,6 +499,12 @@ void Hrtc::Impl::take(const session::Control& control, std::int64_t) {
       ended = true;
       break;
     case session::ControlKind::kMode:
+      try {
+        neighbours.on_mode(control.text);
+        spdlog::info("mode: {}", control.text);
+      } catch (const std::invalid_argument& error) {
+        spdlog::warn("{}", error.what());
+      }
       break;
     case session::ControlKind::kEmergencyStop:
       spdlog::warn("emergency stop: {}", control.text);
@@ -499,7 +519,11 @@ void Hrtc::Impl::take(const session::Control& control, std::int64_t) {
 }
 
 void Hrtc::Impl::take(const session::ProbeState& state, std::int64_t now_ns) {
-  remote_probes[{state.user_id, state.probe}] = now_ns;
+  neighbours.on_state(state, session::StateStream::kCoded, now_ns, clock.map().session_time(now_ns));
+}
+
+void Hrtc::Impl::take(const WholeState& whole, std::int64_t now_ns) {
+  neighbours.on_state(whole.state, session::StateStream::kWhole, now_ns, clock.map().session_time(now_ns));
 }
 
 void Hrtc::Impl::choose_reference(std::int64_t now_ns) {
@@ -563,19 +587,93 @@ void Hrtc::Impl::send_metrics(bool all) {
       {names::kLoadLatency, figures.load_latency * 1e6},
       {names::kFalseAlarms, static_cast<double>(vigil.false_alarms())},
       {names::kHostChanges, static_cast<double>(delivery.host_changes)},
-      {names::kRemoteProbes, static_cast<double>(remote_probes.size())},
+      {names::kStatesCoded, static_cast<double>(states_coded)},
+      {names::kStatesWhole, static_cast<double>(states_whole)},
       {names::kRemoteDevices, static_cast<double>(remotes)},
       {names::kLoopDelay, loop_delay * 1e6}};
   for (const auto& [name, value] : counts) sample.figures.push_back({name, value});
+  neighbours.write(sample.figures);
   static_assert(kMaxObjects <= session::kMaxMeshes);
   const MeshHashes& hashes = haptic.mesh_hashes().latest();
   for (const Loader::ObjectInfo& object : loader.objects()) sample.meshes.push_back({object.id, hashes[object.index]});
   (void)metrics_out.send(sample);
 }
 
+void Hrtc::Impl::tick_modes(std::int64_t now_ns) {
+  std::array<std::uint64_t, kMaxProbes> ids{};
+  for (const auto& [slot, user] : users) {
+    ids[slot] = user.id;
+    if (reports.probes[slot].active) neighbours.on_own_probe(user.id, reports.probes[slot].device, now_ns);
+  }
+  neighbours.tick(now_ns, ids);
+}
+
+/// Whole to those who collaborate, coded to the session.
+class Hrtc::Impl::StateSender {
+ public:
+  explicit StateSender(Impl& hrtc) : hrtc_{hrtc} {}
+
+  void send(const ProbeReports& latest, const session::ClockMap& map) {
+    // Who has just been found shall see the probes now, not when they have moved.
+    const int matched = hrtc_.states_out.matched();
+    if (matched > matched_) coders_.fill(Coder{});
+    matched_ = matched;
+    for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
+      if (!latest.probes[i].active) continue;
+      const std::uint64_t user = hrtc_.user_ids[i].load(std::memory_order_relaxed);
+      if (user == 0) continue;
+      Coder& coder = coders_[i];
+      if (coder.user != user) coder = Coder{user, session::ProbeEncoder{}};
+      session::ProbeState state = hrtc_.state_of(latest, i, map);
+      state.user_id = user;
+      state.sequence = whole_[i] + 1;
+      if (hrtc_.neighbours.send_whole(i, state)) {
+        ++whole_[i];
+        ++hrtc_.states_whole;
+      }
+      coder.encoder.set_loss(hrtc_.neighbours.loss());
+      if (hrtc_.options.coding && !coder.encoder.step(state)) continue;
+      state.sequence = ++coded_[i];
+      (void)hrtc_.states_out.send(state);
+      ++hrtc_.states_coded;
+    }
+  }
+
+ private:
+  struct Coder {
+    std::uint64_t user = 0;
+    session::ProbeEncoder encoder{};
+  };
+  Impl& hrtc_;
+  int matched_ = 0;
+  std::array<Coder, kMaxProbes> coders_;
+  std::array<std::uint32_t, kMaxProbes> coded_{}, whole_{};  // numbers given
+};
+
+session::ProbeState Hrtc::Impl::state_of(const ProbeReports& latest, std::uint32_t i, const session::ClockMap& map) {
+  const ProbeOutput& probe = latest.probes[i];
+  session::ProbeState state;
+  state.origin = links.origin();
+  state.probe = i;
+  state.session_time_ns = map.session_time(latest.time_ns);
+  state.time_bound_us =
+      static_cast<std::uint32_t>(std::min<std::int64_t>(map.bound(latest.time_ns) / 1000, 0xffffffff));
+  state.device = pose_at(probe.device);
+  state.proxy = probe.proxy;
+  state.velocity = probe.velocity;
+  state.force = probe.force;
+  state.radius = options.haptic.cycle.radius;
+  state.object_id = probe.object < kMaxObjects ? object_ids[probe.object].load(std::memory_order_relaxed) : 0;
+  state.status = probe.status;
+  state.error_bound = probe.error_bound;
+  state.data_age_us = age_us(probe);
+  state.stiffness = probe.stiffness;
+  return state;
+}
+
 void Hrtc::Impl::send_states() {
   pthread_setname_np(pthread_self(), "sender");
-  std::array<std::uint32_t, kMaxProbes> sequences{};
+  const auto states = std::make_unique<StateSender>(*this);
   const auto gap_ns = static_cast<std::int64_t>(1e9 / options.state_rate) - kMs / 2;
   std::int64_t sent_ns = 0;
   pollfd ready{haptic.event(), POLLIN, 0};
@@ -585,34 +683,10 @@ void Hrtc::Impl::send_states() {
     (void)!read(haptic.event(), &cycles, sizeof cycles);
     ProbeReports latest;
     if (!haptic.reports_for_sender().take(latest)) continue;
-    const session::ClockMap map = sender_clock.latest();
     send_commands(latest);
     if (latest.time_ns - sent_ns < gap_ns) continue;
     sent_ns = latest.time_ns;
-    for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
-      const ProbeOutput& probe = latest.probes[i];
-      if (!probe.active) continue;
-      session::ProbeState state;
-      state.origin = links.origin();
-      state.user_id = user_ids[i].load(std::memory_order_relaxed);
-      if (state.user_id == 0) continue;
-      state.probe = i;
-      state.sequence = ++sequences[i];
-      state.session_time_ns = map.session_time(latest.time_ns);
-      state.time_bound_us =
-          static_cast<std::uint32_t>(std::min<std::int64_t>(map.bound(latest.time_ns) / 1000, 0xffffffff));
-      state.device = pose_at(probe.device);
-      state.proxy = probe.proxy;
-      state.velocity = probe.velocity;
-      state.force = probe.force;
-      state.radius = options.haptic.cycle.radius;
-      state.object_id = probe.object < kMaxObjects ? object_ids[probe.object].load(std::memory_order_relaxed) : 0;
-      state.status = probe.status;
-      state.error_bound = probe.error_bound;
-      state.data_age_us = age_us(probe);
-      state.stiffness = probe.stiffness;
-      (void)states_out.send(state);
-    }
+    states->send(latest, sender_clock.latest());
   }
 }
 
@@ -778,8 +852,7 @@ void Hrtc::Impl::serve(std::int64_t now_ns) {
   session_offset_ns = clock.map().session_time(now_ns) - now_ns;
   if (heartbeat.due(now_ns)) send_roster(false);
   if (metrics.due(now_ns)) send_metrics(all_metrics.due(now_ns));
-  for (auto at = remote_probes.begin(); at != remote_probes.end();)
-    at = now_ns - at->second > kRemoteProbeNs ? remote_probes.erase(at) : std::next(at);
+  if (modes.due(now_ns)) tick_modes(now_ns);
   drain_rings();
   snapshot(now_ns, reports);
   if (!host_seen && now_ns - started_ns > kNoHostNs && no_host.due(now_ns))

@@ -41,6 +41,7 @@ struct HrtcOptions {
   double host_patience = 0;        ///< s to wait for a first host; 0: for ever
   bool timer_beside = false;       ///< measure a bare timer of the same priority
   double state_rate = 1000;        ///< Hz of probe states, at most the cycle's
+  bool coding = true;              ///< to the session only states that a receiver would miss; false: all
 };
 
 class Hrtc {

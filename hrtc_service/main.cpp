@@ -92,6 +92,8 @@ int main(int argc, char** argv) {
   app.add_option("--state-rate", options.state_rate, "Probe states per second")
       ->capture_default_str()
       ->check(CLI::Range(1.0, 10000.0));
+  app.add_flag("--coding,!--no-coding", options.coding,
+               "Send the session only the probe states that a receiver would miss (the default)");
   app.add_flag("--timer-beside", options.timer_beside,
                "Measure a bare timer of the same priority beside the haptic thread");
   try {

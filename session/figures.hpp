@@ -60,7 +60,15 @@ inline constexpr char kBytesReceived[] = "hrtc.bytes_received";
 inline constexpr char kLoadLatency[] = "hrtc.load_latency_us";
 inline constexpr char kFalseAlarms[] = "hrtc.false_alarms";  ///< hosts that were given up and answered after all
 inline constexpr char kHostChanges[] = "hrtc.host_changes";
+
+// An HRTC: probe states, its own and those of others.
+inline constexpr char kStatesCoded[] = "hrtc.states_coded";  ///< sent to the session
+inline constexpr char kStatesWhole[] = "hrtc.states_whole";  ///< sent to a group
+inline constexpr char kTogether[] = "hrtc.together";         ///< of its users, that collaborate now
 inline constexpr char kRemoteProbes[] = "hrtc.remote_probes";
+inline constexpr char kPlayout[] = "hrtc.playout_us";  ///< the greatest delay at which it shows one of them
+/// Followed by a controller's id, 16 hexadecimal digits: the share of its coded states that did not come.
+inline constexpr char kLostOf[] = "lost.";
 
 // An HRTC: devices of its users that are not at its machine.
 inline constexpr char kRemoteDevices[] = "hrtc.remote_devices";

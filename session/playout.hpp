@@ -42,6 +42,8 @@ class ProbePlayout {
   void on_state(const ProbeState& state, std::int64_t session_now_ns) noexcept;
   /// What to show now; nothing yet when `stale` with a state of sequence 0. `session_now_ns` never goes back.
   [[nodiscard]] Shown at(std::int64_t session_now_ns) noexcept;
+  /// From now on; P follows as it would have.
+  void set(const PlayoutSettings& settings) noexcept { settings_ = settings; }
   /// P, now.
   [[nodiscard]] std::int64_t delay_ns() const noexcept { return delay_ns_; }
 

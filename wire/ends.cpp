@@ -1,5 +1,7 @@
 #include "wire/ends.hpp"
 
+#include <array>
+#include <cstdio>
 #include <utility>
 
 #include "wire/check.hpp"
@@ -27,6 +29,11 @@ Qos with_partition(const Links::Impl& links, const std::string& part, const Defa
 
 std::string user_partition(const std::string& user) { return "u/" + user; }
 std::string hrtc_partition(const std::string& hrtc) { return "h/" + hrtc; }
+std::string group_partition(std::uint64_t group) {
+  std::array<char, 24> text{};
+  std::snprintf(text.data(), text.size(), "g/%016llx", static_cast<unsigned long long>(group));
+  return text.data();
+}
 
 template <class Sample>
 struct Writer<Sample>::Impl final : dds::DataWriterListener {

@@ -21,6 +21,8 @@ struct EndOptions {
 [[nodiscard]] std::string user_partition(const std::string& user);
 /// Partition of the bulk stream from any host to one HRTC.
 [[nodiscard]] std::string hrtc_partition(const std::string& hrtc);
+/// Partition of the whole probe states of users who collaborate.
+[[nodiscard]] std::string group_partition(std::uint64_t group);
 
 enum class SendStatus {
   kSent,     ///< handed to DDS

@@ -26,6 +26,9 @@ inline constexpr TopicSpec<session::BulkChunk> kBase{"tactus_base", TrafficClass
 inline constexpr TopicSpec<session::BulkChunk> kRecords{"tactus_records", TrafficClass::kBulk, "records"};
 
 inline constexpr TopicSpec<session::ProbeState> kProbeState{"tactus_probe_state", TrafficClass::kProbe, "probe_state"};
+/// The same topic with the ends of mode `collaborate`, in a group's partition.
+inline constexpr TopicSpec<session::ProbeState> kProbeStateWhole{"tactus_probe_state", TrafficClass::kProbe,
+                                                                 "probe_state_whole"};
 inline constexpr TopicSpec<session::DevicePose> kDevicePose{"tactus_device_pose", TrafficClass::kProbe, "device_pose"};
 inline constexpr TopicSpec<session::DeviceCommand> kDeviceCommand{"tactus_device_command", TrafficClass::kProbe,
                                                                   "device_command"};
@@ -45,6 +48,7 @@ void for_each(Visit&& visit) {
   visit(kBase);
   visit(kRecords);
   visit(kProbeState);
+  visit(kProbeStateWhole);
   visit(kDevicePose);
   visit(kDeviceCommand);
   visit(kIntent);

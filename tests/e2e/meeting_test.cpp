@@ -169,7 +169,7 @@ TEST_F(MeetingTest, TwoSessionsOnOneDomainNeverMeetThoughAllNamesAreTheSame) {
   Process users{sim(kTouch)};
   EXPECT_EQ(users.wait(40s), 0) << users.output();
 
-  EXPECT_GT(observer.seen().user("ann").exact, 100u);
+  EXPECT_GT(observer.seen().user("ann").exact, 0u);
   EXPECT_TRUE(ends_with(0, desk));
   EXPECT_TRUE(ends_with(0, museum));
   EXPECT_THAT(desk.output(), HasSubstr("object organ found"));

@@ -128,7 +128,7 @@ std::vector<std::string> SessionTest::host(const std::string& name, const std::s
 }
 
 std::vector<std::string> SessionTest::hrtc(const std::string& name, const std::vector<std::string>& further) const {
-  std::vector<std::string> arguments{"--name", name};
+  std::vector<std::string> arguments{"--name", name, "--no-coding"};
   arguments.insert(arguments.end(), further.begin(), further.end());
   return in_session("hrtc", std::move(arguments));
 }

@@ -102,6 +102,7 @@ class SessionTest : public ::testing::Test {
   /// The same with the session and the domain of this test.
   [[nodiscard]] std::vector<std::string> in_session(const std::string& name, std::vector<std::string> arguments) const;
   [[nodiscard]] std::vector<std::string> host(const std::string& name, const std::string& model) const;
+  /// One that sends every probe state: tests count them.
   [[nodiscard]] std::vector<std::string> hrtc(const std::string& name,
                                               const std::vector<std::string>& further = {}) const;
   /// One that follows the scenario `text`.

@@ -1,0 +1,115 @@
+#include "hrtc_service/neighbours.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+
+#include "session/figures.hpp"
+
+namespace tactus::hrtc_service {
+namespace {
+
+constexpr std::int64_t kSilentNs = 300'000'000;    // after which another's probe is gone
+constexpr std::int64_t kMissedNs = 3'000'000'000;  // for which what a controller told of losses counts
+
+std::string lost_figure(std::uint64_t participant) {
+  return session::figures::kLostOf + fmt::format("{:016x}", participant);
+}
+
+}  // namespace
+
+Neighbours::Neighbours(wire::Links& links, OnWhole on_whole)
+    : links_{links}, on_whole_{std::move(on_whole)}, modes_{links.origin().participant} {}
+Neighbours::~Neighbours() = default;
+
+void Neighbours::on_state(const session::ProbeState& state, session::StateStream stream, std::int64_t now_ns,
+                          std::int64_t session_now_ns) {
+  Remote& remote = remotes_[{state.user_id, state.probe}];
+  remote.participant = state.origin.participant;
+  remote.seen_ns = now_ns;
+  remote.probe.on_state(state, stream, session_now_ns);
+  modes_.on_probe(state.user_id, state.origin.participant, state.device.position, now_ns);
+}
+
+void Neighbours::on_metrics(const session::Metrics& metrics, std::int64_t now_ns) {
+  const std::string ours = lost_figure(links_.origin().participant);
+  for (const session::Figure& figure : metrics.figures)
+    if (figure.name == ours) missed_[metrics.origin.participant] = {std::clamp(figure.value, 0.0, 0.5), now_ns};
+}
+
+void Neighbours::on_controller_gone(std::uint64_t participant) {
+  missed_.erase(participant);
+  for (auto at = remotes_.begin(); at != remotes_.end();) {
+    if (at->second.participant == participant) modes_.forget(at->first.first);
+    at = at->second.participant == participant ? remotes_.erase(at) : std::next(at);
+  }
+}
+
+void Neighbours::tick(std::int64_t now_ns, const std::array<std::uint64_t, kMaxProbes>& users) {
+  for (auto at = remotes_.begin(); at != remotes_.end();)
+    at = now_ns - at->second.seen_ns > kSilentNs ? remotes_.erase(at) : std::next(at);
+  double loss = 0;
+  for (auto at = missed_.begin(); at != missed_.end();) {
+    loss = std::max(loss, at->second.share);
+    at = now_ns - at->second.told_ns > kMissedNs ? missed_.erase(at) : std::next(at);
+  }
+  loss_.store(loss, std::memory_order_relaxed);
+  modes_.tick(now_ns);
+  sync_ends(users);
+}
+
+void Neighbours::sync_ends(const std::array<std::uint64_t, kMaxProbes>& users) {
+  const std::vector<std::uint64_t> groups = modes_.groups();
+  for (const std::uint64_t group : groups) {
+    Ends& ends = ends_[group];
+    if (ends.out == nullptr) {
+      const wire::EndOptions where{wire::group_partition(group)};
+      ends.out = std::make_unique<wire::Writer<session::ProbeState>>(links_, wire::topics::kProbeStateWhole, where);
+      ends.in =
+          std::make_unique<wire::Reader<session::ProbeState>>(links_, wire::topics::kProbeStateWhole, on_whole_, where);
+      spdlog::info("users come near: ends of group {:016x} are built", group);
+    }
+    modes_.on_peers(group, ends.out->matched() > 0 && ends.in->matched() > 0);
+  }
+  std::array<wire::Writer<session::ProbeState>*, kMaxProbes> whole{};
+  for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
+    const std::uint64_t group = users[i] == 0 ? 0 : modes_.group_of(users[i]);
+    whole[i] = group == 0 ? nullptr : ends_.at(group).out.get();
+  }
+  {
+    const std::lock_guard lock{mutex_};
+    whole_ = whole;
+  }
+  for (auto at = ends_.begin(); at != ends_.end();) {
+    const bool wanted = std::binary_search(groups.begin(), groups.end(), at->first);
+    if (!wanted) spdlog::info("users are apart: ends of group {:016x} are dropped", at->first);
+    at = wanted ? std::next(at) : ends_.erase(at);
+  }
+}
+
+bool Neighbours::send_whole(std::uint32_t probe, const session::ProbeState& state) {
+  const std::lock_guard lock{mutex_};
+  if (whole_[probe] == nullptr) return false;
+  (void)whole_[probe]->send(state);
+  return true;
+}
+
+void Neighbours::write(std::vector<session::Figure>& figures) const {
+  namespace names = session::figures;
+  std::int64_t playout_ns = 0;
+  std::map<std::uint64_t, double> lost;
+  for (const auto& [key, remote] : remotes_) {
+    playout_ns = std::max(playout_ns, remote.probe.delay_ns());
+    lost[remote.participant] = std::max(lost[remote.participant], remote.probe.lost());
+  }
+  figures.push_back({names::kRemoteProbes, static_cast<double>(remotes_.size())});
+  figures.push_back({names::kPlayout, static_cast<double>(playout_ns) * 1e-3});
+  figures.push_back({names::kTogether, static_cast<double>(std::count_if(whole_.begin(), whole_.end(),
+                                                                         [](auto* end) { return end != nullptr; }))});
+  for (const auto& [participant, share] : lost) {
+    if (figures.size() == session::kMaxFigures) return;
+    figures.push_back({lost_figure(participant), share});
+  }
+}
+
+}  // namespace tactus::hrtc_service

@@ -1,0 +1,138 @@
+#include "session/modes.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+namespace tactus::session {
+namespace {
+
+/// Of a command that concerns everyone; no object's, which is a hash of a name.
+constexpr std::uint64_t kEveryone = 1;
+
+}  // namespace
+
+ModeCommand parse_mode(const std::string& text) {
+  const std::size_t space = text.find(' ');
+  const std::string name = text.substr(0, space);
+  ModeCommand command;
+  if (name == "collaborate")
+    command.kind = ModeCommand::Kind::kCollaborate;
+  else if (name == "large-scale")
+    command.kind = ModeCommand::Kind::kLargeScale;
+  else if (text != "auto")
+    throw std::invalid_argument("mode '" + text +
+                                "': expected auto, collaborate or large-scale, the latter two followed by USER,USER... "
+                                "or by nothing");
+  for (std::size_t begin = space; begin != std::string::npos;) {
+    const std::size_t end = text.find(',', begin + 1);
+    const std::string user = text.substr(begin + 1, end == std::string::npos ? end : end - begin - 1);
+    if (user.empty()) throw std::invalid_argument("mode '" + text + "': found an empty user name");
+    command.users.insert(id_of(user));
+    begin = end;
+  }
+  return command;
+}
+
+double distance_from(const CatalogueEntry& object, const std::array<double, 3>& position) {
+  const auto& [x, y, z, w] = object.pose.orientation;
+  const double turn[3][3] = {{1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)},
+                             {2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)},
+                             {2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)}};
+  double squared = 0;
+  for (std::size_t axis = 0; axis < 3; ++axis) {  // of the object
+    double along = 0;
+    for (std::size_t row = 0; row < 3; ++row) along += turn[row][axis] * (position[row] - object.pose.position[row]);
+    const double low = object.scale * static_cast<double>(object.summary.bounds_min[axis]);
+    const double high = object.scale * static_cast<double>(object.summary.bounds_max[axis]);
+    squared += std::pow(std::max({low - along, along - high, 0.0}), 2);
+  }
+  return std::sqrt(squared);
+}
+
+void Modes::on_catalogue(const CatalogueEntry& entry) {
+  if (!entry.withdrawn) objects_[entry.object_id] = entry;  // another host may serve it still
+}
+
+void Modes::on_probe(std::uint64_t user, std::uint64_t participant, const std::array<double, 3>& position,
+                     std::int64_t now_ns) {
+  Probe& probe = probes_[user];
+  probe.participant = participant;
+  probe.position = position;
+  probe.seen_ns = now_ns;
+}
+
+void Modes::place(Probe& probe, std::int64_t now_ns) const {
+  const auto held = objects_.find(probe.object);
+  if (held != objects_.end()) {
+    if (distance_from(held->second, probe.position) <= settings_.apart) probe.near_ns = now_ns;
+    if (now_ns - probe.near_ns < settings_.dwell_ns) return;
+  }
+  probe.object = 0;
+  double nearest = settings_.near;
+  for (const auto& [id, object] : objects_) {
+    const double distance = distance_from(object, probe.position);
+    if (distance > nearest) continue;
+    nearest = distance;
+    probe.object = id;
+    probe.near_ns = now_ns;
+  }
+}
+
+std::uint64_t Modes::group_wanted(std::uint64_t user, const Probe& probe) const {
+  const bool named = command_.users.empty() || command_.users.count(user) != 0;
+  if (!named || command_.kind == ModeCommand::Kind::kAuto) return probe.object;
+  if (command_.kind == ModeCommand::Kind::kLargeScale) return 0;
+  std::uint64_t group = kEveryone;
+  for (const std::uint64_t one : command_.users) group = group * 0x9e3779b97f4a7c15u + one;
+  return group;
+}
+
+void Modes::tick(std::int64_t now_ns) {
+  for (auto at = probes_.begin(); at != probes_.end();)
+    at = now_ns - at->second.seen_ns > settings_.forget_ns ? probes_.erase(at) : std::next(at);
+  std::map<std::uint64_t, std::set<std::uint64_t>> ours;
+  std::set<std::uint64_t> others;  // groups that users of other controllers are in
+  for (auto& [user, probe] : probes_) {
+    place(probe, now_ns);
+    const std::uint64_t group = group_wanted(user, probe);
+    if (group == 0) continue;
+    if (probe.participant == self_)
+      ours[group].insert(user);
+    else
+      others.insert(group);
+  }
+  for (const auto& [group, users] : ours)
+    if (others.count(group) != 0) groups_[group].over = false;
+  for (auto at = groups_.begin(); at != groups_.end();) {
+    Group& group = at->second;
+    const auto own = ours.find(at->first);
+    if (own != ours.end() && others.count(at->first) != 0) {
+      group.ours = own->second;
+    } else if (!group.over) {
+      group.over = true;
+      group.over_ns = now_ns;
+      group.ours.clear();
+    }
+    at = group.over && now_ns - group.over_ns >= settings_.linger_ns ? groups_.erase(at) : std::next(at);
+  }
+}
+
+std::vector<std::uint64_t> Modes::groups() const {
+  std::vector<std::uint64_t> all;
+  for (const auto& [id, group] : groups_) all.push_back(id);
+  return all;
+}
+
+void Modes::on_peers(std::uint64_t group, bool matched) {
+  const auto at = groups_.find(group);
+  if (at != groups_.end()) at->second.matched = matched;
+}
+
+std::uint64_t Modes::group_of(std::uint64_t user) const {
+  for (const auto& [id, group] : groups_)
+    if (group.matched && group.ours.count(user) != 0) return id;
+  return 0;
+}
+
+}  // namespace tactus::session

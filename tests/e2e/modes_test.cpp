@@ -1,0 +1,70 @@
+/// Users who come near one object hear each other whole; the session hears them coded.
+#include "session/figures.hpp"
+#include "tests/e2e/session_test.hpp"
+
+namespace tactus::e2e {
+namespace {
+
+namespace figures = session::figures;
+using Seen = Observer::Seen;
+
+class ModesTest : public SessionTest {
+ protected:
+  [[nodiscard]] std::vector<std::string> coding(const std::string& name) const {
+    return in_session("hrtc", {"--name", name});
+  }
+};
+
+constexpr char kTwoAtOne[] = R"(name: two at one object
+duration: 60
+users:
+  - name: ann
+    hrtc: desk1
+    script: [{approach: {object: "#1", direction: [0, 0, 1], speed: 0.2}}, {hold: {seconds: 40, force: 1}}]
+  - name: bob
+    hrtc: desk2
+    script: [{approach: {object: "#1", direction: [0, 0.5, 1], speed: 0.2}}, {hold: {seconds: 40, force: 1}}]
+)";
+
+bool together(const Seen& seen, double users) {
+  return seen.figure("desk1", figures::kTogether) == users && seen.figure("desk2", figures::kTogether) == users;
+}
+
+TEST_F(ModesTest, UsersAtOneObjectCollaborateUntilTheyAreToldNotToAndTheSessionHearsThemCoded) {
+  Observer observer{address("observer")};
+  wire::Writer<session::Control> control{observer.links(), wire::topics::kControl};
+  Process museum{host("museum", models().sphere)};
+  Process desk1{coding("desk1")};
+  Process desk2{coding("desk2")};
+  Process users{sim(kTwoAtOne)};
+  ASSERT_TRUE(observer.until([](const Seen& seen) { return together(seen, 1); }))
+      << users.output() << desk1.output() << desk2.output();
+  const Seen met = observer.seen();
+  ASSERT_TRUE(observer.until([&](const Seen& seen) {
+    return seen.figure("desk1", figures::kStatesWhole) > met.figure("desk1", figures::kStatesWhole) &&
+           seen.figure("desk2", figures::kStatesWhole) > met.figure("desk2", figures::kStatesWhole) &&
+           seen.user("ann").exact > 0 && seen.user("bob").exact > 0;
+  }));
+  const Seen touching = observer.seen();
+  EXPECT_LT(touching.figure("desk1", figures::kStatesCoded), touching.figure("desk1", figures::kCycles) / 2);
+
+  session::Control command;
+  command.origin = observer.links().origin();
+  command.sequence = 1;
+  command.kind = session::ControlKind::kMode;
+  command.text = "large-scale";
+  ASSERT_EQ(control.send(command), wire::SendStatus::kSent);
+  EXPECT_TRUE(desk1.wait_for_line("mode: large-scale"));
+  EXPECT_TRUE(observer.until([](const Seen& seen) { return together(seen, 0); }));
+  observer.forget_states();
+  EXPECT_TRUE(observer.until([](const Seen& seen) { return seen.user("ann").exact > 0 && seen.user("bob").exact > 0; }))
+      << "both are still seen, and in touch";
+  users.signal(SIGINT);
+  EXPECT_TRUE(ends_with(1, users));
+  EXPECT_TRUE(ends_with(0, desk1));
+  EXPECT_TRUE(ends_with(0, desk2));
+  EXPECT_TRUE(ends_with(0, museum));
+}
+
+}  // namespace
+}  // namespace tactus::e2e

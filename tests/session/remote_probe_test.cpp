@@ -1,0 +1,129 @@
+#include "session/remote_probe.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <deque>
+#include <functional>
+#include <random>
+
+namespace tactus::session {
+namespace {
+
+constexpr std::int64_t kMs = 1'000'000;
+
+/// Presses and lets go, 0.5 to 1.5 N at 1 Hz.
+ProbeState pressing(std::int64_t at_ms) {
+  const double phase = 2 * M_PI * static_cast<double>(at_ms) * 1e-3;
+  ProbeState state;
+  state.origin.incarnation = 1;
+  state.session_time_ns = at_ms * kMs;
+  const double depth = 0.001 + 0.0005 * std::sin(phase);
+  state.device.position = {0, 0, -depth};
+  state.velocity = {0, 0, -0.0005 * 2 * M_PI * std::cos(phase)};
+  state.stiffness = 1000;
+  state.force = {0, 0, 1000 * depth};
+  state.status = kInContact | kExact;
+  return state;
+}
+
+/// What is shown of that, each millisecond, over a line of 15 ms +- 2, while whole states come from 1.5 s to 3 s.
+class Switching : public ::testing::Test {
+ protected:
+  struct Sent {
+    std::int64_t arrives_ns;
+    ProbeState state;
+    StateStream stream;
+  };
+  void run(const std::function<void(std::int64_t ms, const Shown&)>& look) {
+    std::mt19937 random{3};
+    std::uniform_real_distribution<> jitter{-2, 2};
+    ProbeEncoder encoder;
+    std::uint32_t coded = 0, whole = 0;
+    std::deque<Sent> lines[2];
+    for (std::int64_t ms = 0; ms < 5000; ++ms) {
+      ProbeState state = pressing(ms);
+      const auto arrives = ms * kMs + static_cast<std::int64_t>((15 + jitter(random)) * 1e6);
+      if (encoder.step(state)) {
+        state.sequence = ++coded;
+        lines[0].push_back({arrives, state, StateStream::kCoded});
+      }
+      if (ms >= 1500 && ms < 3000) {
+        state.sequence = ++whole;
+        lines[1].push_back({arrives, state, StateStream::kWhole});
+      }
+      for (auto& line : lines)
+        for (; !line.empty() && line.front().arrives_ns <= ms * kMs; line.pop_front())
+          probe_.on_state(line.front().state, line.front().stream, ms * kMs);
+      look(ms, probe_.at(ms * kMs));
+    }
+  }
+  RemoteProbe probe_;
+};
+
+TEST_F(Switching, ShowsNoForceStepAtEitherChangeOfStream) {
+  const Jnd jnd;
+  double before = 0, greatest = 0;
+  run([&](std::int64_t ms, const Shown& shown) {
+    const double force = shown.view.force[2];
+    if (ms > 1000) greatest = std::max(greatest, std::abs(force - before));
+    before = force;
+    if (ms < 1000) return;
+    const double felt = pressing(0).force[2] + 0.5 * std::sin(2 * M_PI * static_cast<double>(shown.at_ns) * 1e-9);
+    ASSERT_LE(std::abs(force - felt), 1.3 * std::max(0.1 * felt, jnd.force_floor)) << "at " << ms << " ms";
+  });
+  // The force itself changes by 3 mN in a millisecond; a coded one at most by what nobody notices, 0.15 N.
+  EXPECT_LE(greatest, 0.155);
+}
+
+TEST_F(Switching, GoesByWholeStatesWhileTheyComeAndShowsThemSooner) {
+  std::int64_t coded_delay = 0, whole_delay = 0;
+  run([&](std::int64_t ms, const Shown&) {
+    if (ms == 1400) {
+      EXPECT_EQ(probe_.stream(), StateStream::kCoded);
+      coded_delay = probe_.delay_ns();
+    }
+    if (ms == 2900) {
+      EXPECT_EQ(probe_.stream(), StateStream::kWhole);
+      whole_delay = probe_.delay_ns();
+    }
+    if (ms == 3100) {
+      EXPECT_EQ(probe_.stream(), StateStream::kCoded);
+    }
+  });
+  EXPECT_GT(coded_delay, 15 * kMs);
+  EXPECT_LT(whole_delay, coded_delay - 10 * kMs);
+}
+
+TEST(RemoteProbe, CountsTheShareOfCodedStatesThatDidNotCome) {
+  RemoteProbe probe;
+  std::mt19937 random{5};
+  EXPECT_EQ(probe.lost(), 0);
+  ProbeState state;
+  state.origin.incarnation = 1;
+  for (std::uint32_t i = 1; i <= 20000; ++i) {
+    state.sequence = i;
+    state.session_time_ns = i * 10 * kMs;
+    if (std::uniform_real_distribution<>{}(random) >= 0.2)
+      probe.on_state(state, StateStream::kCoded, state.session_time_ns);
+  }
+  EXPECT_NEAR(probe.lost(), 0.2, 0.1);
+}
+
+TEST(RemoteProbe, IgnoresStatesOfAnIncarnationThatIsOver) {
+  RemoteProbe probe;
+  ProbeState state;
+  state.origin.incarnation = 7;
+  state.sequence = 1;
+  state.radius = 1;
+  probe.on_state(state, StateStream::kCoded, 0);
+  state.origin.incarnation = 6;
+  state.sequence = 2;
+  state.radius = 2;
+  probe.on_state(state, StateStream::kCoded, kMs);
+  EXPECT_EQ(probe.at(2 * kMs).state.radius, 1);
+}
+
+}  // namespace
+}  // namespace tactus::session
