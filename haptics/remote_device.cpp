@@ -31,6 +31,7 @@ bool RemoteDevice::on_pose(RemotePose pose) noexcept {
     loop_delay_.add(static_cast<double>(pose.arrived_ns - sent_ns(pose.command_felt)) * 1e-9, dt);
   shown_loop_delay_.store(loop_delay_.value(), std::memory_order_relaxed);
   poses_.post({pose, loop_delay_.value()});
+  has_pose_.store(true, std::memory_order_release);
   return true;
 }
 

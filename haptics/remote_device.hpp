@@ -59,6 +59,8 @@ class RemoteDevice final : public Device {
   /// A command leaves for the device with the force of the cycle that began at `cycle_ns`; gives its number, from 1.
   /// One sending thread.
   [[nodiscard]] std::uint32_t on_command(std::int64_t cycle_ns) noexcept;
+  /// A pose has come; any thread.
+  [[nodiscard]] bool has_pose() const noexcept { return has_pose_.load(std::memory_order_acquire); }
   /// s; any thread.
   [[nodiscard]] double loop_delay() const noexcept { return shown_loop_delay_.load(std::memory_order_relaxed); }
 
@@ -81,6 +83,7 @@ class RemoteDevice final : public Device {
   Mailbox<Mail> poses_;
   std::array<std::atomic<std::int64_t>, kRemembered> sent_ns_{};  // by command, modulo
   std::atomic<std::uint32_t> commands_{0};
+  std::atomic<bool> has_pose_{false};
   std::atomic<double> shown_loop_delay_{LoopDelay::kUnknown};
   // The network thread's own.
   LoopDelay loop_delay_;

@@ -49,8 +49,7 @@ struct WholeState {
 };
 using Sample =
     std::variant<VigilAnswer, session::RosterEntry, session::CatalogueEntry, session::BulkChunk, session::Intent,
-                 session::DevicePose, session::ClockSample, session::Control, session::ProbeState, session::Metrics,
-                 WholeState>;
+                 session::ClockSample, session::Control, session::ProbeState, session::Metrics, WholeState>;
 using Inbox = wire::Inbox<Sample>;
 
 /// A thread that sleeps as the haptic one does and then computes for a fixed 30 us: what lateness the system itself
@@ -129,7 +128,6 @@ struct Hrtc::Impl {
   void take(const session::CatalogueEntry& entry, std::int64_t now_ns);
   void take(const session::BulkChunk& chunk, std::int64_t now_ns) { loader.on_chunk(chunk, now_ns); }
   void take(const session::Intent& intent, std::int64_t now_ns);
-  void take(const session::DevicePose& pose, std::int64_t now_ns);
   void take(const session::ClockSample& sample, std::int64_t now_ns);
   void take(const VigilAnswer& answer, std::int64_t now_ns) { vigil.on_answer(answer.sample, now_ns); }
   void take(const session::Control& control, std::int64_t now_ns);
@@ -140,6 +138,7 @@ struct Hrtc::Impl {
   void on_event(const session::RosterEvent& event);
   void seat(const session::RosterEntry& client);
   void listen_to_device(User& user);
+  void open_remote_devices();
   void unseat(const std::string& user);
   void seat_replays();
   void choose_reference(std::int64_t now_ns);
@@ -391,8 +390,8 @@ void Hrtc::Impl::listen_to_device(User& user) {
   auto device = std::make_unique<haptics::RemoteDevice>();
   user.remote = device.get();
   devices.push_back(std::move(device));
-  const auto on_pose = [this, remote = user.remote, id = user.id, client = user.client,
-                        known = false](const session::DevicePose& pose) mutable {
+  const auto on_pose = [this, remote = user.remote, id = user.id,
+                        client = user.client](const session::DevicePose& pose) {
     if (pose.user_id != id || pose.origin.participant != client) return;
     haptics::RemotePose taken;
     taken.position = pose.pose.position;
@@ -404,8 +403,6 @@ void Hrtc::Impl::listen_to_device(User& user) {
     taken.taken_ns = pose.session_time_ns - session_offset_ns.load(std::memory_order_relaxed);
     taken.arrived_ns = monotonic_ns();
     (void)remote->on_pose(taken);
-    if (!known) inbox.put(pose);
-    known = true;
   };
   user.poses = std::make_unique<wire::Reader<session::DevicePose>>(links, wire::topics::kDevicePose, on_pose,
                                                                    wire::EndOptions{wire::user_partition(user.name)});
@@ -458,10 +455,9 @@ void Hrtc::Impl::take(const session::Intent& intent, std::int64_t now_ns) {
   }
 }
 
-void Hrtc::Impl::take(const session::DevicePose& pose, std::int64_t) {
+void Hrtc::Impl::open_remote_devices() {
   for (auto& [slot, user] : users) {
-    if (user.id != pose.user_id || user.client != pose.origin.participant || commands.devices[slot] != nullptr)
-      continue;
+    if (user.remote == nullptr || !user.remote->has_pose() || commands.devices[slot] != nullptr) continue;
     RemoteEnd end;
     end.device = user.remote;
     end.user_id = user.id;
@@ -852,6 +848,7 @@ void Hrtc::Impl::serve(std::int64_t now_ns) {
   session_offset_ns = clock.map().session_time(now_ns) - now_ns;
   if (heartbeat.due(now_ns)) send_roster(false);
   if (metrics.due(now_ns)) send_metrics(all_metrics.due(now_ns));
+  open_remote_devices();
   if (modes.due(now_ns)) tick_modes(now_ns);
   drain_rings();
   snapshot(now_ns, reports);
