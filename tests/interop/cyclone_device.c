@@ -125,7 +125,8 @@ int main(int argc, char** argv) {
   presence.users._length = presence.users._maximum = 1;
   presence.users._buffer = users;
 
-  tactus_idl_ClockSample question = {.participant = self, .peer = hrtc_id};
+  tactus_idl_ClockSample question = {.participant = self};
+  uint64_t reference_incarnation = 0;
   tactus_idl_DevicePose pose = {
       .user_id = user, .participant = self, .radius = 0.003, .device = {.orientation = {0, 0, 0, 1}}};
   bool has_slot = false, has_object = false, has_time = false, felt = false, seen = false, ended = false;
@@ -141,6 +142,14 @@ int main(int argc, char** argv) {
     while (take(roster_in, &other)) {
       if (other.participant == self || other.protocol != tactus_idl_kProtocolVersion) continue;
       if (is_new(other.participant)) printf("here: %s\n", other.name);
+      /* The session's time is kept by whichever host or HRTC started first. */
+      const bool keeps_time =
+          other.participant_role == tactus_idl_kRoleHost || other.participant_role == tactus_idl_kRoleHrtc;
+      if (keeps_time && (question.peer == 0 || other.stamp.incarnation < reference_incarnation)) {
+        question.peer = other.participant;
+        reference_incarnation = other.stamp.incarnation;
+        best_round_ns = INT64_MAX;
+      }
       for (uint32_t i = 0; i < other.slots._length; ++i) {
         if (other.participant != hrtc_id || has_slot || strcmp(other.slots._buffer[i].user, kUser) != 0) continue;
         pose.probe = other.slots._buffer[i].slot_number;
@@ -160,7 +169,7 @@ int main(int argc, char** argv) {
       has_object = true;
       printf("object: %s of %s, %u faces\n", entry.object_name, entry.host, model->faces);
     }
-    if (has_slot && tick % 20 == 0) { /* the session's time, from the exchange with the shortest way */
+    if (question.peer != 0 && tick % 20 == 0) { /* the session's time, from the exchange with the shortest way */
       question.stamp = stamp(session_id, incarnation);
       ++question.sequence_number;
       question.t0_ns = now;
@@ -168,10 +177,13 @@ int main(int argc, char** argv) {
     }
     tactus_idl_ClockSample answer;
     while (take(clock_in, &answer)) {
-      const int64_t round_ns = now - answer.t0_ns - (answer.t2_ns - answer.t1_ns);
-      if (!answer.answer || answer.peer != self || answer.participant != hrtc_id || round_ns > best_round_ns) continue;
+      if (!answer.answer || answer.peer != self || answer.participant != question.peer) continue;
+      const int64_t arrived = now_ns(CLOCK_MONOTONIC),
+                    round_ns = arrived - answer.t0_ns - (answer.t2_ns - answer.t1_ns);
+      if (round_ns > best_round_ns) continue;
       best_round_ns = round_ns;
-      offset_ns = (answer.t1_ns - answer.t0_ns + answer.t2_ns - now) / 2;
+      offset_ns = (answer.t1_ns - answer.t0_ns + answer.t2_ns - arrived) / 2;
+      if (!has_time) printf("time: known, on a way of %lld us\n", (long long)round_ns / 2000);
       has_time = true;
     }
     tactus_idl_DeviceCommand command;

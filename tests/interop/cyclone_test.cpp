@@ -14,7 +14,7 @@ TEST_F(CycloneTest, ReadsTheSessionAndIsADeviceThatFeelsASurfaceAndThatOthersSee
   Process desk{hrtc("desk")};
   Process carl{{TACTUS_CYCLONE_DEVICE, session_, std::to_string(domain_), "desk", "sphere"}};
   for (const char* line : {"here: museum", "here: desk", "object: sphere of museum, 20000 faces", "slot: 0 of desk",
-                           "felt: .* N upwards", "seen: probe 0 at z"}) {
+                           "time: known", "felt: .* N upwards", "seen: probe 0 at z"}) {
     EXPECT_TRUE(carl.wait_for_line(line)) << line << "\n" << carl.output() << desk.output();
   }
   EXPECT_TRUE(desk.wait_for_line("user carl brings a device of its own")) << desk.output();
