@@ -171,6 +171,7 @@ struct Host::Impl {
   std::map<std::uint64_t, VigilLink> vigils;  // by HRTC; after the inbox, which their callbacks fill
   std::int64_t started_ns = monotonic_ns();
   std::uint64_t heartbeat = 0;
+  Every metrics_due{kMetricsNs};
   std::uint64_t demands_refused = 0;
   bool ended = false;
   int exit_code = 0;
@@ -213,7 +214,6 @@ int Host::Impl::run() {
   send_catalogue(false);
   Every beat{kHeartbeatNs};
   Every request{kClockNs};
-  Every metrics{kMetricsNs};
   milliseconds patience{0};
   while (!stop && !ended) {
     for (const Inbox::Arrived& arrived : inbox.take(patience)) take(arrived);
@@ -223,7 +223,7 @@ int Host::Impl::run() {
     if (beat.due(now_ns)) send_roster(false);
     const bool follows = clock.reference() != 0 && clock.reference() != links.origin().participant;
     if (follows && request.due(now_ns)) (void)clock_out.send(clock.request(now_ns));
-    if (metrics.due(now_ns)) send_metrics();
+    if (metrics_due.due(now_ns)) send_metrics();
     patience = send_chunks(now_ns);
   }
   if (stop) say("asked to stop");
@@ -255,6 +255,7 @@ void Host::Impl::react(const session::RosterEvent& event) {
     exit_code = 2;
     ended = true;
   }
+  metrics_due.at_once();  // whoever compares scenes need not wait
   if (entry.role != session::Role::kHrtc) return;
   if (event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted) {
     bulk.try_emplace(id, links, entry.name);
@@ -360,6 +361,7 @@ void Host::Impl::send_metrics() {
   const session::DeliveryCounters& all = server.counters();
   session::Metrics metrics;
   metrics.origin = links.origin();
+  metrics.scene = session::scene_hash(roster, links.origin(), session::Role::kHost);
   const auto add = [&](const std::string& name, double value) {
     if (metrics.figures.size() < session::kMaxFigures) {
       metrics.figures.push_back({name.substr(0, session::kMaxName), value});

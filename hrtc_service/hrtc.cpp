@@ -334,6 +334,7 @@ void Hrtc::Impl::on_event(const session::RosterEvent& event) {
   const session::RosterEntry& entry = event.entry;
   const bool gone = event.change == RosterChange::kGone || event.change == RosterChange::kLeft;
   if (event.change != RosterChange::kChanged) spdlog::info("{}", session::text(event));
+  metrics.at_once();  // whoever compares scenes need not wait
   if (event.change == RosterChange::kTwins && entry.origin.participant == links.origin().participant) {
     spdlog::error("another program named {} is in session {}; every name may be there once",
                   options.address.participant, options.address.session);
@@ -543,6 +544,7 @@ void Hrtc::Impl::send_metrics(bool all) {
   namespace names = session::figures;
   session::Metrics sample;
   sample.origin = links.origin();
+  sample.scene = session::scene_hash(roster, links.origin(), session::Role::kHrtc);
   statistics.write(sample.figures, all);
   if (all && !timer_samples.empty()) {
     sample.figures.push_back({names::kTimerP50, timer_samples.percentile_us(0.5)});

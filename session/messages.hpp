@@ -248,6 +248,7 @@ struct Metrics {
   Origin origin;
   std::vector<Figure> figures;
   std::vector<MeshHash> meshes{};  ///< HRTC only: one for each object
+  std::uint64_t scene = 0;         ///< scene_hash of its roster (session/roster.hpp)
 };
 
 enum class ControlKind : std::uint8_t { kStart = 0, kEnd = 1, kMode = 2, kEmergencyStop = 3, kReset = 4 };

@@ -1,5 +1,7 @@
 #include "session/roster.hpp"
 
+#include <xxhash.h>
+
 #include <algorithm>
 #include <stdexcept>
 
@@ -193,6 +195,17 @@ std::vector<RosterEntry> Roster::entries() const {
 bool Roster::is_late(std::uint64_t participant) const {
   const auto at = known_.find(participant);
   return at != known_.end() && at->second.here && at->second.late;
+}
+
+std::uint64_t scene_hash(const Roster& roster, const Origin& self, Role role) {
+  std::vector<std::pair<std::uint64_t, std::uint64_t>> there;
+  const auto add = [&](Role of, const Origin& origin) {
+    if (of == Role::kHost || of == Role::kHrtc) there.emplace_back(origin.participant, origin.incarnation);
+  };
+  add(role, self);
+  roster.for_each([&](const RosterEntry& entry) { add(entry.role, entry.origin); });
+  std::sort(there.begin(), there.end());
+  return XXH3_64bits(there.data(), there.size() * sizeof there[0]);
 }
 
 TimeReference time_reference(const Roster& roster, const Origin& self, Role role, std::int64_t since_start_ns) {

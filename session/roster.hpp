@@ -95,6 +95,10 @@ class Roster {
   std::map<std::pair<std::uint64_t, std::uint64_t>, std::uint32_t> refused_;  // participant, incarnation -> version
 };
 
+/// Of the hosts and HRTCs that are there and their incarnations, `self` with its `role` among them: equal wherever
+/// programs agree on who serves whom.
+[[nodiscard]] std::uint64_t scene_hash(const Roster& roster, const Origin& self, Role role);
+
 /// Whose clock the session goes by.
 struct TimeReference {
   std::uint64_t participant = 0;  ///< 0: nobody yet

@@ -105,6 +105,7 @@ void to_idl(const session::Metrics& from, idl::Metrics& to) {
     to.figures()[i].name(from.figures[i].name);
     to.figures()[i].value(from.figures[i].value);
   }
+  to.scene(from.scene);
   to.meshes().resize(from.meshes.size());
   for (std::size_t i = 0; i < from.meshes.size(); ++i) {
     to.meshes()[i].object_id(from.meshes[i].object_id);
@@ -118,6 +119,7 @@ void from_idl(const idl::Metrics& from, session::Metrics& to) {
   for (std::size_t i = 0; i < to.figures.size(); ++i) {
     to.figures[i] = {from.figures()[i].name().to_string(), from.figures()[i].value()};
   }
+  to.scene = from.scene();
   to.meshes.resize(from.meshes().size());
   for (std::size_t i = 0; i < to.meshes.size(); ++i) {
     to.meshes[i] = {from.meshes()[i].object_id(), from.meshes()[i].hash()};

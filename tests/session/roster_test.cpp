@@ -149,6 +149,20 @@ TEST_F(RosterTest, TheLongestRunningHostOrControllerKeepsTheTime) {
   EXPECT_EQ(keeper(0), id_of("older"));
 }
 
+TEST_F(RosterTest, TheSceneIsTheSameForAllWhoKnowTheSameHostsAndControllers) {
+  const Origin me{kSession, id_of("me"), 50, 0}, other{kSession, id_of("other"), 7, 0};
+  Roster others{other, RosterSettings{}};
+  RosterEntry client = entry("client", 10, 1);
+  client.role = Role::kClient;
+  (void)see(entry("other", 7, 1), 0);
+  (void)see(client, 0);
+  EXPECT_NE(scene_hash(roster_, me, Role::kHrtc), scene_hash(others, other, Role::kHrtc));
+  (void)others.on_entry(entry("me", 50, 1), 0);
+  EXPECT_EQ(scene_hash(roster_, me, Role::kHrtc), scene_hash(others, other, Role::kHrtc));
+  (void)see(entry("other", 8, 1), 0);
+  EXPECT_NE(scene_hash(roster_, me, Role::kHrtc), scene_hash(others, other, Role::kHrtc)) << "a new incarnation";
+}
+
 TEST(UserSlots, GrantEachUserOneSlotUpToTheCapacity) {
   UserSlots slots{2};
   EXPECT_EQ(slots.grant("ann"), 0u);

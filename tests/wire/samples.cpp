@@ -63,7 +63,7 @@ ses::Demand full(const Links& from) {
 
 template <>
 ses::Metrics full(const Links& from) {
-  return {from.origin(), {{"cycle_p99_us", 47.5}, {"late", -0.0}}, {{17, 0}, {18, 0xfedcba9876543210}}};
+  return {from.origin(), {{"cycle_p99_us", 47.5}, {"late", -0.0}}, {{17, 0}, {18, 0xfedcba9876543210}}, 19};
 }
 
 template <>

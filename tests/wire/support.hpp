@@ -126,7 +126,9 @@ inline auto fields(const ses::Demand& d) {
                     d.need_base,      fields(d.have), fields(d.wanted), d.stream_incarnation, d.received,
                     d.credit};
 }
-inline auto fields(const ses::Metrics& m) { return std::tuple{fields(m.origin), fields(m.figures), fields(m.meshes)}; }
+inline auto fields(const ses::Metrics& m) {
+  return std::tuple{fields(m.origin), fields(m.figures), fields(m.meshes), m.scene};
+}
 inline auto fields(const ses::Control& c) { return std::tuple{fields(c.origin), c.sequence, c.kind, c.text}; }
 inline auto fields(const ses::BulkChunk& b) {
   return std::tuple{fields(b.origin), b.hrtc,   b.object_id, b.digest, b.sequence, b.epoch,
