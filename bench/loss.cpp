@@ -1,9 +1,11 @@
-// Probe states over a link that loses frames: how old is what a reader knows.
+// Probe states and mesh records over a link that loses frames: how old is what a reader knows, how soon records are
+// here.
 #include <cstdio>
 
 #include "bench/coded_rows.hpp"
 #include "bench/figures.hpp"
 #include "bench/latency_bench.hpp"
+#include "bench/records_run.hpp"
 
 namespace tactus::bench {
 namespace {
@@ -16,9 +18,36 @@ struct Settings {
 
 struct Case {
   double loss_percent;
-  double bound_ms;  ///< of the p99 of the age of what a reader knows
+  double bound_ms;    ///< of the p99 of the age of what a reader knows
+  double records_ms;  ///< in which 50 kB of records complete, p99
 };
-constexpr std::array kCases{Case{1, 1.5}, Case{5, 2.5}, Case{10, 3}, Case{30, 5}};
+constexpr std::array kCases{Case{1, 1.5, 30}, Case{5, 2.5, 60}, Case{10, 3, 80}, Case{30, 5, 200}};
+
+void add_records(Report& report, const Settings& settings, const std::atomic<bool>& stop) {
+  for (const Case& c : kCases) {
+    std::fprintf(stderr, "records, loss %g %%\n", c.loss_percent);
+    const RecordsRun run =
+        run_records("P0:loss=" + std::to_string(c.loss_percent), settings.seconds, 50'000, settings.seed, stop);
+    char name[48];
+    std::snprintf(name, sizeof name, "loss %g %%: ", c.loss_percent);
+    report.row(std::string{name} + "records", "50 kB at once", "ms", run.burst_ms);
+    report.figure(std::string{name} + "records at once", "mean", "kB", run.burst_kb);
+    report.at_most(std::string{name} + "records, p99", "50 kB at once", "ms", run.burst_ms.percentile(99),
+                   c.records_ms);
+    const std::string share = std::string{name} + "bytes sent for one that came";
+    if (c.loss_percent <= 5)
+      report.at_most(share, "records", "", run.sent_share, 1.3);
+    else
+      report.figure(share, "records", "", run.sent_share);
+  }
+  for (const char* loss : {"0", "1"}) {
+    std::fprintf(stderr, "records, 10 ms, loss %s %%\n", loss);
+    const RecordsRun run =
+        run_records(std::string{"P0:delay=10:rate=100:loss="} + loss, settings.seconds, 0, settings.seed, stop);
+    report.at_least(std::string{"10 ms one way, 100 Mbit/s, loss "} + loss + " %", "records", "MB/s", run.mbyte_per_s,
+                    8);
+  }
+}
 
 int run(const Settings& settings) {
   const std::atomic<bool>& stop = wire::stop_signal();
@@ -28,7 +57,7 @@ int run(const Settings& settings) {
   char text[128];
   std::snprintf(text, sizeof text, "link P0 with loss both ways, %g s each, seed %llu", settings.seconds,
                 static_cast<unsigned long long>(settings.seed));
-  Report report{{"loss", "uncoded probe states at 1 kHz", 0, 0, text}};
+  Report report{{"loss", "probe states at 1 kHz, mesh records", 0, 0, text}};
   for (const Case& c : kCases) {
     std::fprintf(stderr, "loss %g %%\n", c.loss_percent);
     latency::Cell cell;
@@ -48,6 +77,7 @@ int run(const Settings& settings) {
                     0.7 * c.loss_percent);
   }
   for (const Case& c : kCases) add_coded_loss(report, c.loss_percent, settings.seconds, settings.seed);
+  add_records(report, settings, stop);
   return report.finish(settings.json);
 }
 

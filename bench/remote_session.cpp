@@ -53,7 +53,7 @@ void RemoteSession::network(std::int64_t until) {
   while (auto demand = loader_.demand(now_)) questions_.push_back({now_ + half, std::move(*demand)});
   for (; now_ < until; now_ += kNetworkStep) {
     while (!questions_.empty() && questions_.front().due <= now_) {
-      server_.on_demand(questions_.front().demand);
+      server_.on_demand(questions_.front().demand, now_);
       questions_.pop_front();
     }
     while (link_free_ <= now_) {
@@ -65,7 +65,7 @@ void RemoteSession::network(std::int64_t until) {
     }
     while (!chunks_.empty() && chunks_.front().due <= now_) {
       const session::BulkChunk& chunk = chunks_.front().chunk;
-      if (chunk.kind == session::BulkKind::kRegion) {
+      if (chunk.kind() == session::BulkKind::kRegion) {
         std::uint64_t& unmet = unmet_[chunk.region];
         if (chunk.part == 0) {
           traffic_.unused += unmet;

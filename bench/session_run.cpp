@@ -78,7 +78,7 @@ void SessionRun::exchange(const spm::Vec3d& tip) {
   while (auto demand = loader_.demand(now_)) demands_.push_back({cycles_ + delay_, std::move(*demand)});
   loader_us_ += lap();
   while (!demands_.empty() && demands_.front().due <= cycles_) {
-    server_.on_demand(demands_.front().sample);
+    server_.on_demand(demands_.front().sample, now_);
     demands_.pop_front();
   }
   while (auto chunk = server_.next(now_)) chunks_.push_back({cycles_ + delay_, std::move(chunk->chunk)});

@@ -21,6 +21,7 @@
 namespace tactus::host_service {
 namespace {
 
+using std::chrono::microseconds;
 using std::chrono::milliseconds;
 using wire::Every;
 using wire::monotonic_ns;
@@ -29,11 +30,10 @@ constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kHeartbeatNs = 100 * kMs;
 constexpr std::int64_t kClockNs = 500 * kMs;
 constexpr std::int64_t kMetricsNs = 1000 * kMs;
-constexpr std::int64_t kRetryNs = 10 * kMs;  // of a chunk that the network did not take
-constexpr milliseconds kPoll{5};             // while an HRTC's readers are not found yet
-constexpr milliseconds kPatience{50};        // so soon a signal is noticed
-constexpr milliseconds kFarewell{300};       // for the last words to arrive
-constexpr int kChunksPerRound = 64;          // then demands are looked at again
+constexpr milliseconds kPoll{5};        // while an HRTC's readers are not found yet
+constexpr milliseconds kPatience{50};   // so soon a signal is noticed
+constexpr milliseconds kFarewell{300};  // for the last words to arrive
+constexpr int kChunksPerRound = 64;     // then demands are looked at again
 constexpr std::size_t kInboxCapacity = 8192;
 constexpr double kGap = 0.05;  // m, between objects that are given no pose
 
@@ -51,15 +51,13 @@ struct BulkLink {
         records{links, wire::topics::kRecords, {wire::hrtc_partition(hrtc)}} {}
 
   /// What is sent before the readers are found is lost.
-  [[nodiscard]] bool ready() const { return !waiting && base.matched() > 0 && records.matched() > 0; }
+  [[nodiscard]] bool ready() const { return base.matched() > 0 && records.matched() > 0; }
   [[nodiscard]] wire::SendStatus send(const session::BulkChunk& chunk) {
-    return (chunk.kind == session::BulkKind::kBase ? base : records).send(chunk);
+    return (chunk.kind() == session::BulkKind::kBase ? base : records).send(chunk);
   }
 
   std::string name;
   wire::Writer<session::BulkChunk> base, records;
-  std::optional<session::BulkChunk> waiting;  // not taken by the network
-  std::int64_t retry_ns = 0;
 };
 
 /// Where one HRTC asks whether this host lives, and is told.
@@ -146,7 +144,7 @@ struct Host::Impl {
   void take(const Question& question, std::int64_t at_ns);
   void react(const session::RosterEvent& event);
   void keep_time(std::int64_t now_ns);
-  [[nodiscard]] milliseconds send_chunks(std::int64_t now_ns);
+  [[nodiscard]] microseconds send_chunks(std::int64_t now_ns);
   void send_roster(bool leaving);
   void send_catalogue(bool withdrawn);
   void send_metrics();
@@ -214,7 +212,7 @@ int Host::Impl::run() {
   send_catalogue(false);
   Every beat{kHeartbeatNs};
   Every request{kClockNs};
-  milliseconds patience{0};
+  microseconds patience{0};
   while (!stop && !ended) {
     for (const Inbox::Arrived& arrived : inbox.take(patience)) take(arrived);
     const std::int64_t now_ns = monotonic_ns();
@@ -267,9 +265,9 @@ void Host::Impl::react(const session::RosterEvent& event) {
   }
 }
 
-void Host::Impl::take(const session::Demand& demand, std::int64_t) {
+void Host::Impl::take(const session::Demand& demand, std::int64_t at_ns) {
   using Result = session::DeliveryServer::DemandResult;
-  const Result result = server.on_demand(demand);
+  const Result result = server.on_demand(demand, at_ns);
   if (result == Result::kMalformed && demands_refused++ == 0) {
     log(Severity::kWarning,
         "a demand names regions that its model does not have; such demands are dropped and counted");
@@ -304,36 +302,24 @@ void Host::Impl::keep_time(std::int64_t now_ns) {
 }
 
 /// Sends what is due and says how long to wait for news.
-milliseconds Host::Impl::send_chunks(std::int64_t now_ns) {
-  bool pending = false;
-  for (auto& [id, link] : bulk) {
-    if (link.waiting && now_ns >= link.retry_ns) {
-      link.retry_ns = now_ns + kRetryNs;
-      if (link.send(*link.waiting) != wire::SendStatus::kBlocked) link.waiting.reset();
-    }
-    pending = pending || !link.ready();
-  }
+microseconds Host::Impl::send_chunks(std::int64_t now_ns) {
+  const bool pending = std::any_of(bulk.begin(), bulk.end(), [](const auto& link) { return !link.second.ready(); });
   const auto can_send = [&](std::uint64_t hrtc) {
     const auto link = bulk.find(hrtc);
     return link != bulk.end() && link->second.ready();
   };
-  for (int i = 0; i < kChunksPerRound; ++i) {
+  for (int i = 0; i < kChunksPerRound; ++i, now_ns = monotonic_ns()) {
     std::optional<session::Outgoing> out = server.next(now_ns, can_send);
-    if (!out) return pending ? kPoll : kPatience;
-    BulkLink& link = bulk.at(out->hrtc);
-    switch (link.send(out->chunk)) {
-      case wire::SendStatus::kSent:
-        break;
-      case wire::SendStatus::kBlocked:
-        link.waiting = std::move(out->chunk);
-        link.retry_ns = now_ns + kRetryNs;
-        break;
-      case wire::SendStatus::kInvalid:
-        log(Severity::kError, "a chunk for '" + link.name + "' cannot be sent: " + link.records.last_fault());
-        break;
+    if (!out) {
+      const microseconds due{std::max<std::int64_t>(0, server.due_ns() - now_ns) / 1000};
+      return std::min<microseconds>(due, pending ? kPoll : kPatience);
     }
+    BulkLink& link = bulk.at(out->hrtc);
+    // What the network does not take is lost, and the demand will say so.
+    if (link.send(out->chunk) == wire::SendStatus::kInvalid)
+      log(Severity::kError, "a chunk for '" + link.name + "' cannot be sent: " + link.records.last_fault());
   }
-  return milliseconds{0};
+  return microseconds{0};
 }
 
 void Host::Impl::send_roster(bool leaving) {

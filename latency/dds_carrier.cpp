@@ -26,12 +26,16 @@ Packet decode(const session::ProbeState& sample) {
 void encode(const Packet& packet, std::uint32_t payload, session::BulkChunk& sample) {
   sample.sequence = packet.sequence + 1;  // 0 is no number of a stream
   sample.region = packet.reader;
-  sample.kind = session::BulkKind::kRegion;
-  sample.object_id = static_cast<std::uint64_t>(packet.event_ns);
+  sample.parts = 1;
+  sample.stream = static_cast<std::uint64_t>(packet.event_ns);
   sample.payload.resize(payload);
+  std::memcpy(sample.payload.data(), &packet.sent_ns, sizeof packet.sent_ns);
 }
 Packet decode(const session::BulkChunk& sample) {
-  return {sample.sequence - 1, sample.region, static_cast<std::int64_t>(sample.object_id), sample.origin.time_ns};
+  Packet packet{sample.sequence - 1, sample.region, static_cast<std::int64_t>(sample.stream), 0};
+  if (sample.payload.size() >= sizeof packet.sent_ns)
+    std::memcpy(&packet.sent_ns, sample.payload.data(), sizeof packet.sent_ns);
+  return packet;
 }
 
 template <class Sample>
@@ -49,8 +53,10 @@ class DdsCarrier final : public Carrier {
                 {part == Part::kPinger ? kEchoes : kPings}} {}
 
   bool send(const Packet& packet) noexcept override {
-    sample_.origin = links_.origin();
-    sample_.origin.time_ns = packet.sent_ns;
+    if constexpr (!std::is_same_v<Sample, session::BulkChunk>) {
+      sample_.origin = links_.origin();
+      sample_.origin.time_ns = packet.sent_ns;
+    }
     encode(packet, payload_, sample_);
     return writer_.send(sample_) == wire::SendStatus::kSent;
   }
@@ -90,7 +96,7 @@ class QosCopy {
     if (profile == Profile::kPlain) {
       std::ofstream{path_ / "flow.yaml"}
           << "sockets: {session: {tos: 0, priority: 0}, probe: {tos: 0, priority: 0}, bulk: "
-             "{tos: 0, priority: 0}}\nbulk_limit: {bytes: 0, period_ms: 1}\n";
+             "{tos: 0, priority: 0}}\n";
     } else {
       std::filesystem::copy_file(from / "flow.yaml", path_ / "flow.yaml");
     }

@@ -1,14 +1,24 @@
 #include "latency/load.hpp"
 
 #include <algorithm>
+#include <utility>
 
 #include "latency/carrier.hpp"
+#include "spm/codec/model_codec.hpp"
+#include "spm/offline/build.hpp"
+#include "spm/offline/generate.hpp"
 #include "wire/realtime.hpp"
 
 namespace tactus::latency {
 namespace {
 
-constexpr char kSinkName[] = "latency-sink";
+constexpr char kSinkName[] = "sink";
+constexpr char kObjectName[] = "load";
+constexpr std::uint32_t kFaces = 100'000;
+constexpr std::size_t kHeld = 16;           // regions; few, for what is held is not sent again
+constexpr std::size_t kWanted = 200;        // regions at once
+constexpr std::int64_t kRest = 20'000'000;  // between bursts
+constexpr std::chrono::microseconds kPatience{1000};
 
 /// The load goes over DDS also beside raw UDP.
 Cell of_load(Cell cell) {
@@ -16,13 +26,25 @@ Cell of_load(Cell cell) {
   return cell;
 }
 
+const spm::codec::CodedModel& model() {
+  static const spm::offline::BuiltModel built =
+      spm::offline::build_model(spm::offline::generate(spm::offline::Shape::kOrgan, kFaces));
+  static const spm::codec::EncodedModel encoded{built.model()};
+  return encoded.coded();
+}
+
 }  // namespace
 
 Load::Load(const Cell& cell, wire::SessionAddress address)
     : mbit_{cell.load_mbit},
+      plain_{cell.profile == Profile::kPlain},
       links_{join(of_load(cell), std::move(address))},
-      writer_{std::make_unique<wire::Writer<session::BulkChunk>>(*links_, wire::topics::kRecords,
-                                                                 wire::EndOptions{wire::hrtc_partition(kSinkName)})} {}
+      catalogue_{*links_, wire::topics::kCatalogue},
+      base_{*links_, wire::topics::kBase, {wire::hrtc_partition(kSinkName)}},
+      records_{*links_, wire::topics::kRecords, {wire::hrtc_partition(kSinkName)}},
+      reader_{*links_, wire::topics::kDemand, [this](session::Demand&& demand) { demands_.put(std::move(demand)); }} {
+  if (!plain_) (void)model();
+}
 
 Load::~Load() {
   stop_ = true;
@@ -30,14 +52,51 @@ Load::~Load() {
 }
 
 void Load::start() {
-  thread_ = std::thread{[this] { run(); }};
+  thread_ = std::thread{[this] { plain_ ? flood() : serve(); }};
 }
 
-void Load::run() {
+/// As host_service does. A rate that is asked for is a ceiling on top of the pacer.
+void Load::serve() {
+  session::DeliveryServer server{links_->origin()};
+  const std::uint64_t object = session::id_of(kObjectName);
+  server.add(object, model());
+  session::CatalogueEntry entry;
+  entry.origin = links_->origin();
+  entry.host = links_->address().participant;
+  entry.object = kObjectName;
+  entry.object_id = object;
+  entry.summary = model().summary();
+  entry.base_bytes = server.base_bytes(object);
+  (void)catalogue_.send(entry);
+  const double bytes_per_ns = mbit_ * 1e6 / 8 * 1e-9;
+  std::int64_t next_ns = wire::monotonic_ns();
+  std::chrono::microseconds patience{0};
+  while (!stop_) {
+    for (const auto& arrived : demands_.take(patience)) (void)server.on_demand(arrived.sample, arrived.at_ns);
+    patience = std::chrono::microseconds{0};
+    constexpr int kChunksPerRound = 64;
+    for (int i = 0; i < kChunksPerRound; ++i) {
+      const std::int64_t now_ns = wire::monotonic_ns();
+      const bool may = mbit_ == kUnpaced || now_ns >= next_ns;
+      const auto out = server.next(now_ns, [&](std::uint64_t) { return may; });
+      if (!out) {
+        const std::int64_t due = (may ? server.due_ns() : next_ns) - now_ns;
+        patience = std::clamp(std::chrono::microseconds{due / 1000}, std::chrono::microseconds{0}, 5 * kPatience);
+        break;
+      }
+      (void)(out->chunk.kind() == session::BulkKind::kBase ? base_ : records_).send(out->chunk);
+      sent_bytes_ += out->chunk.payload.size();
+      if (mbit_ != kUnpaced)
+        next_ns = std::max(next_ns, now_ns - 1'000'000) +
+                  static_cast<std::int64_t>(static_cast<double>(out->chunk.payload.size()) / bytes_per_ns);
+    }
+  }
+}
+
+void Load::flood() {
   constexpr std::int64_t kPeriodNs = 1'000'000;
   session::BulkChunk chunk;
-  chunk.hrtc = session::id_of(kSinkName);
-  chunk.kind = session::BulkKind::kRegion;
+  chunk.parts = 1;
   chunk.payload.assign(session::kMaxPayload, 0x5a);
   const double chunks_per_period = mbit_ * 1e6 / 8 * kPeriodNs * 1e-9 / session::kMaxPayload;
   double due = 0;  // chunks
@@ -46,30 +105,115 @@ void Load::run() {
     // What a full history holds up is not made up for: the rate is a ceiling.
     due = mbit_ == kUnpaced ? 1 : std::min(due + chunks_per_period, chunks_per_period + 1);
     for (; due >= 1 && !stop_; due -= 1) {
-      chunk.origin = links_->origin();
       ++chunk.sequence;
-      if (writer_->send(chunk) != wire::SendStatus::kSent) break;
+      if (records_.send(chunk) != wire::SendStatus::kSent) break;
+      sent_bytes_ += chunk.payload.size();
     }
   }
 }
 
-Sink::Sink(const Cell& cell, wire::SessionAddress address) : links_{join(of_load(cell), std::move(address))} {
-  reader_ = std::make_unique<wire::Reader<session::BulkChunk>>(
-      *links_, wire::topics::kRecords,
-      [this](session::BulkChunk&& chunk) {
-        const std::int64_t now = wire::monotonic_ns();
-        if (first_ns_ == 0)
-          first_ns_ = now;
-        else
-          bytes_ += chunk.payload.size();
-        last_ns_ = now;
-      },
-      wire::EndOptions{wire::hrtc_partition(kSinkName)});
+Sink::Sink(const Cell& cell, wire::SessionAddress address, std::size_t burst_bytes)
+    : least_burst_{burst_bytes},
+      plain_{cell.profile == Profile::kPlain},
+      links_{join(of_load(cell),
+                  [&] {
+                    address.participant = kSinkName;
+                    return address;
+                  }())},
+      client_{links_->origin(), {}},
+      demand_{*links_, wire::topics::kDemand},
+      catalogue_{*links_, wire::topics::kCatalogue, into_inbox<session::CatalogueEntry>()},
+      base_{*links_, wire::topics::kBase, into_inbox<session::BulkChunk>(), {wire::hrtc_partition(kSinkName)}},
+      records_{*links_, wire::topics::kRecords, into_inbox<session::BulkChunk>(), {wire::hrtc_partition(kSinkName)}},
+      thread_{[this] { run(); }} {}
+
+Sink::~Sink() {
+  stop_ = true;
+  thread_.join();
+}
+
+void Sink::run() {
+  while (!stop_) {
+    for (const auto& arrived : inbox_.take(kPatience))
+      std::visit([&](const auto& sample) { take(sample, arrived.at_ns); }, arrived.sample);
+    if (host_ == 0) continue;
+    const std::int64_t now_ns = wire::monotonic_ns();
+    client_.host_seen(host_, host_incarnation_, now_ns);
+    go_round(now_ns);
+    while (auto demand = client_.demand(now_ns)) {
+      demand->origin = links_->origin();
+      (void)demand_.send(*demand);
+    }
+  }
+}
+
+void Sink::take(const session::CatalogueEntry& entry, std::int64_t at_ns) {
+  if (plain_ || host_ != 0) return;
+  host_ = entry.origin.participant;
+  host_incarnation_ = entry.origin.incarnation;
+  regions_ = entry.summary.regions;
+  client_.host_seen(host_, host_incarnation_, at_ns);
+  client_.offer(entry);
+  client_.open(entry.object_id, entry.summary.digest);
+}
+
+void Sink::take(const session::BulkChunk& chunk, std::int64_t at_ns) {
+  if (plain_) return note(chunk.payload.size(), at_ns);
+  const auto message = client_.on_chunk(chunk, at_ns);
+  if (!message) return;
+  if (message->kind == session::BulkKind::kBase) {
+    client_.base_held(message->object_id);
+    for (std::uint32_t region = 0; region < regions_; ++region) absent_.push_back(region);
+    return;
+  }
+  note(message->bytes.size(), at_ns);
+  client_.held(message->object_id, message->region);
+  held_.push_back(message->region);
+  wanted_.erase(std::remove(wanted_.begin(), wanted_.end(), message->region), wanted_.end());
+  burst_bytes_ += message->bytes.size();
+  if (least_burst_ == 0 || !wanted_.empty()) return;
+  {
+    const std::lock_guard lock{mutex_};
+    bursts_.push_back({static_cast<double>(at_ns - burst_ns_) * 1e-6, burst_bytes_});
+  }
+  if (burst_bytes_ < least_burst_) ++burst_regions_;
+  rest_until_ns_ = at_ns + kRest;
+}
+
+void Sink::note(std::size_t bytes, std::int64_t at_ns) {
+  if (first_ns_ == 0)
+    first_ns_ = at_ns;
+  else
+    bytes_ += bytes;
+  last_ns_ = at_ns;
+}
+
+/// Keeps the regions that came last; what goes is wanted again when its turn comes.
+void Sink::go_round(std::int64_t now_ns) {
+  const std::uint64_t object = session::id_of(kObjectName);
+  while (held_.size() > kHeld && client_.retire(object, held_.front())) held_.erase(held_.begin());
+  for (const std::uint32_t region : client_.take_released(object)) absent_.push_back(region);
+  const std::size_t most = least_burst_ == 0 ? kWanted : burst_regions_;
+  const bool may = least_burst_ == 0 || (wanted_.empty() && now_ns >= rest_until_ns_);
+  if (!may || wanted_.size() >= most || absent_.size() < (least_burst_ == 0 ? 1 : most)) return;
+  const std::size_t count = std::min(most - wanted_.size(), absent_.size());
+  wanted_.insert(wanted_.end(), absent_.begin(), absent_.begin() + static_cast<std::ptrdiff_t>(count));
+  absent_.erase(absent_.begin(), absent_.begin() + static_cast<std::ptrdiff_t>(count));
+  burst_ns_ = now_ns;
+  burst_bytes_ = 0;
+  std::vector<session::Wanted> all;
+  for (const std::uint32_t region : wanted_) all.push_back({region, static_cast<std::uint32_t>(all.size())});
+  client_.want(object, std::move(all));
 }
 
 double Sink::bytes_per_s() const noexcept {
   const std::int64_t passed = last_ns_ - first_ns_;
   return passed > 0 ? static_cast<double>(bytes_) * 1e9 / static_cast<double>(passed) : 0;
+}
+
+std::vector<Sink::Burst> Sink::take_bursts() {
+  const std::lock_guard lock{mutex_};
+  return std::exchange(bursts_, {});
 }
 
 }  // namespace tactus::latency

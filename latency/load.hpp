@@ -1,17 +1,25 @@
-/// Mesh records beside the pings: the bulk stream of a host to an HRTC, with the same ends, profiles and chunk size.
+/// Mesh records beside the pings, as a host and an HRTC have them: demand, delivery, pacer and topics are those of the
+/// programs. With `Profile::kPlain` as many chunks as a writer of the library's defaults takes, with nothing above it.
 #pragma once
 
 #include <atomic>
 #include <cstdint>
+#include <functional>
 #include <memory>
+#include <mutex>
 #include <thread>
+#include <variant>
+#include <vector>
 
 #include "latency/cell.hpp"
+#include "session/delivery_client.hpp"
+#include "session/delivery_server.hpp"
 #include "wire/ends.hpp"
+#include "wire/inbox.hpp"
 
 namespace tactus::latency {
 
-/// Sends full chunks at cell.load_mbit until it is destroyed; joins the session by itself. A thread of usual priority.
+/// A host of one generated model, in a thread of usual priority, until it is destroyed; joins the session by itself.
 class Load {
  public:
   Load(const Cell& cell, wire::SessionAddress address);
@@ -19,32 +27,79 @@ class Load {
   Load(const Load&) = delete;
   Load& operator=(const Load&) = delete;
 
-  [[nodiscard]] bool matched() const noexcept { return writer_->matched() > 0; }
+  [[nodiscard]] bool matched() const noexcept { return records_.matched() > 0; }
   /// Once, after matched().
   void start();
+  /// Bytes of payload handed to the network so far.
+  [[nodiscard]] std::uint64_t sent_bytes() const noexcept { return sent_bytes_; }
 
  private:
-  void run();
+  void serve();
+  void flood();
 
   const double mbit_;
+  const bool plain_;
   std::unique_ptr<wire::Links> links_;
-  std::unique_ptr<wire::Writer<session::BulkChunk>> writer_;
+  wire::Writer<session::CatalogueEntry> catalogue_;
+  wire::Writer<session::BulkChunk> base_, records_;
+  wire::Inbox<session::Demand> demands_{1024};
+  wire::Reader<session::Demand> reader_;
+  std::atomic<std::uint64_t> sent_bytes_{0};
   std::atomic<bool> stop_{false};
   std::thread thread_;
 };
 
-/// Counts what a Load sends.
+/// The HRTC to it: goes round the model, so that something is always wanted.
 class Sink {
  public:
-  Sink(const Cell& cell, wire::SessionAddress address);
-  /// Payload between the first and the last chunk, by the time between them; 0 with fewer than two.
+  /// `burst_bytes` 0: without end, as fast as it comes. Else about so many bytes at once, and again when they are here.
+  Sink(const Cell& cell, wire::SessionAddress address, std::size_t burst_bytes = 0);
+  ~Sink();
+  Sink(const Sink&) = delete;
+  Sink& operator=(const Sink&) = delete;
+
+  /// Payload of whole messages between the first and the last, by the time between them; 0 with fewer than two.
   [[nodiscard]] double bytes_per_s() const noexcept;
+  [[nodiscard]] std::uint64_t bytes() const noexcept { return bytes_; }
+  struct Burst {
+    double ms;
+    std::size_t bytes;
+  };
+  /// Since the last call; from wanting to holding the last.
+  [[nodiscard]] std::vector<Burst> take_bursts();
 
  private:
+  using Sample = std::variant<session::CatalogueEntry, session::BulkChunk>;
+  void run();
+  void take(const session::CatalogueEntry& entry, std::int64_t at_ns);
+  void take(const session::BulkChunk& chunk, std::int64_t at_ns);
+  void note(std::size_t bytes, std::int64_t at_ns);
+  void go_round(std::int64_t now_ns);
+  template <class T>
+  [[nodiscard]] std::function<void(T&&)> into_inbox() {
+    return [this](T&& sample) { inbox_.put(std::move(sample)); };
+  }
+
+  const std::size_t least_burst_;  // bytes
+  const bool plain_;
   std::unique_ptr<wire::Links> links_;
+  session::DeliveryClient client_;
+  std::uint64_t host_ = 0, host_incarnation_ = 0;
+  std::vector<std::uint32_t> absent_, wanted_;  // regions, soonest first
+  std::vector<std::uint32_t> held_;             // oldest first
+  std::uint32_t regions_ = 0;
+  std::int64_t burst_ns_ = 0, rest_until_ns_ = 0;
+  std::size_t burst_bytes_ = 0, burst_regions_ = 8;
+  std::mutex mutex_;
+  std::vector<Burst> bursts_;
   std::atomic<std::uint64_t> bytes_{0};
   std::atomic<std::int64_t> first_ns_{0}, last_ns_{0};
-  std::unique_ptr<wire::Reader<session::BulkChunk>> reader_;
+  std::atomic<bool> stop_{false};
+  wire::Writer<session::Demand> demand_;
+  wire::Inbox<Sample> inbox_{8192};
+  wire::Reader<session::CatalogueEntry> catalogue_;
+  wire::Reader<session::BulkChunk> base_, records_;
+  std::thread thread_;
 };
 
 }  // namespace tactus::latency

@@ -1,26 +1,22 @@
 #include "session/delivery_client.hpp"
 
-#include <xxhash.h>
-
 #include <algorithm>
+#include <utility>
 
 namespace tactus::session {
 namespace {
 
-constexpr std::size_t kMaxRunsAhead = 1024;
+constexpr std::size_t kMaxHoles = 1024;  // of a stream
 /// What a payload costs beside its bytes.
 constexpr std::size_t kPayloadOverhead = 96;
+constexpr std::int64_t kNsPerUs = 1000;
 
 bool well_formed(const BulkChunk& chunk) {
-  return chunk.sequence != 0 && chunk.part < chunk.parts && chunk.payload.size() <= kMaxPayload &&
-         (chunk.kind == BulkKind::kEcho || (chunk.kind == BulkKind::kRegion) == (chunk.region != spm::kNone));
+  return chunk.sequence != 0 && (chunk.kind() == BulkKind::kEcho || chunk.part < chunk.parts) &&
+         chunk.payload.size() <= kMaxPayload;
 }
 
 }  // namespace
-
-std::uint32_t first_epoch(std::uint64_t incarnation) noexcept {
-  return static_cast<std::uint32_t>(XXH3_64bits(&incarnation, sizeof incarnation) & 0x7fffffffu);
-}
 
 DeliveryClient::DeliveryClient(const Origin& self, const DeliverySettings& settings)
     : self_{self}, settings_{settings} {}
@@ -36,8 +32,8 @@ void DeliveryClient::offer(const CatalogueEntry& entry) {
 
 void DeliveryClient::host_seen(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns) {
   Host& state = hosts_[host];
-  if (incarnation < state.stream.incarnation && state.live) return;  // else a twin has yielded its name to it
-  if (incarnation != state.stream.incarnation) begin_stream(host, state, incarnation);
+  if (incarnation < state.incarnation && state.live) return;  // else a twin has yielded its name to it
+  if (incarnation != state.incarnation) begin_streams(host, incarnation);
   state.live = true;
   state.seen_ns = now_ns;
 }
@@ -52,24 +48,36 @@ void DeliveryClient::host_silent(std::uint64_t host) {
   if (at != hosts_.end()) at->second.seen_ns -= settings_.host_late_ns;
 }
 
-void DeliveryClient::begin_stream(std::uint64_t host, Host& state, std::uint64_t incarnation) {
-  state.stream = Stream{};
-  state.stream.incarnation = incarnation;
+void DeliveryClient::begin_streams(std::uint64_t host, std::uint64_t incarnation) {
+  for (auto at = streams_.begin(); at != streams_.end();) {
+    at = at->second.host == host ? streams_.erase(at) : std::next(at);
+  }
+  Host& state = hosts_[host];
+  state.incarnation = incarnation;
+  state.arrivals = 0;
   for (auto& [object_id, object] : objects_) {
-    for (auto& [region, handed] : object.handed) {
-      if (handed.host == host) handed.last_sequence = 0;
-    }
+    begin_stream(host, object_id);
     if (object.host != host) continue;
     for (auto& [region, retiring] : object.retiring) retiring.echo_sequence = 0;
     change(object);
   }
 }
 
+void DeliveryClient::begin_stream(std::uint64_t host, std::uint64_t object_id) {
+  Stream& stream = streams_[stream_from(host, object_id)];
+  stream.host = host;
+  stream.object_id = object_id;
+}
+
+std::uint64_t DeliveryClient::stream_from(std::uint64_t host, std::uint64_t object_id) const {
+  return stream_id({self_.session, host, hosts_.at(host).incarnation, 0}, self_, object_id);
+}
+
 void DeliveryClient::open(std::uint64_t object_id, std::uint64_t digest) {
   const auto [at, is_new] = objects_.try_emplace(object_id);
   if (!is_new) return;
   at->second.digest = digest;
-  at->second.epoch = first_epoch(self_.incarnation);
+  for (const auto& [host, state] : hosts_) begin_stream(host, object_id);
   change(at->second);
 }
 
@@ -101,94 +109,88 @@ void DeliveryClient::want(std::uint64_t object_id, std::vector<Wanted> wanted) {
 std::optional<DeliveryClient::Message> DeliveryClient::on_chunk(const BulkChunk& chunk, std::int64_t now_ns) {
   ++counters_.chunks;
   counters_.payload_bytes += chunk.payload.size();
-  const auto object_at = objects_.find(chunk.object_id);
-  const auto host_at = hosts_.find(chunk.origin.participant);
-  if (chunk.origin.session != self_.session || chunk.hrtc != self_.participant || host_at == hosts_.end() ||
-      chunk.origin.incarnation < host_at->second.stream.incarnation || !well_formed(chunk)) {
+  const auto at = streams_.find(chunk.stream);
+  if (at == streams_.end() || !well_formed(chunk) || chunk.epoch > objects_.at(at->second.object_id).epoch) {
     ++counters_.foreign;
     return std::nullopt;
   }
-  Host& host = host_at->second;
-  if (chunk.origin.incarnation > host.stream.incarnation) {
-    begin_stream(chunk.origin.participant, host, chunk.origin.incarnation);
-  }
-  note_sequence(host.stream, chunk.sequence, now_ns);
-  if (object_at == objects_.end() || chunk.digest != object_at->second.digest ||
-      chunk.epoch < first_epoch(self_.incarnation) || chunk.epoch > object_at->second.epoch) {
-    ++counters_.foreign;
-    return std::nullopt;
-  }
-  Object& object = object_at->second;
-  object.progress_ns = now_ns;
+  Stream& stream = at->second;
+  Object& object = objects_.at(stream.object_id);
+  Host& host = hosts_.at(stream.host);
+  const std::uint32_t one_way_us = static_cast<std::uint32_t>(now_ns / kNsPerUs) - chunk.sent_us;
+  const bool least = static_cast<std::int32_t>(one_way_us - host.one_way_us) < 0;
+  if (host.arrivals++ == 0 || least) host.one_way_us = one_way_us;
+  note_sequence(stream, chunk, now_ns);
   note_rate(chunk.payload.size(), now_ns);
-  note_echo(object, chunk, now_ns);
-  if (chunk.kind == BulkKind::kEcho) return std::nullopt;
+  note_echo(object, stream, chunk, now_ns);
+  if (chunk.kind() == BulkKind::kEcho) return std::nullopt;
   object.acknowledge = true;
-  return assemble(object, chunk, now_ns);
+  return assemble(object, stream.object_id, chunk, now_ns);
 }
 
-void DeliveryClient::note_sequence(Stream& stream, std::uint32_t sequence, std::int64_t now_ns) {
-  if (!stream.begun) {
-    // What came before was for an earlier incarnation of this HRTC, or is nothing.
-    stream.begun = true;
-    stream.received = sequence - 1;
-  }
-  if (sequence <= stream.received) return;
-  auto after = stream.ahead.upper_bound(sequence);
-  std::uint32_t first = sequence;
-  Stream::Run run{sequence, now_ns};
-  if (after != stream.ahead.begin()) {
-    const auto before = std::prev(after);
-    if (sequence <= before->second.last) return;
-    if (sequence == before->second.last + 1) {
-      first = before->first;
-      run.since_ns = before->second.since_ns;
-      stream.ahead.erase(before);
+void DeliveryClient::note_sequence(Stream& stream, const BulkChunk& chunk, std::int64_t now_ns) const {
+  const std::uint32_t sequence = chunk.sequence;
+  if (sequence > stream.newest) {
+    if (sequence != stream.newest + 1) stream.holes[stream.newest + 1] = {sequence - 1, now_ns, 0};
+    stream.newest = sequence;
+  } else if (auto after = stream.holes.upper_bound(sequence); after != stream.holes.begin()) {
+    const auto at = std::prev(after);
+    const Stream::Hole hole = at->second;
+    if (sequence <= hole.last) {
+      if (sequence < hole.last) stream.holes.emplace(sequence + 1, hole);
+      if (at->first < sequence) {
+        at->second.last = sequence - 1;
+      } else {
+        stream.holes.erase(at);
+      }
     }
   }
-  if (after != stream.ahead.end() && after->first == sequence + 1) {
-    run.last = after->second.last;
-    run.since_ns = std::min(run.since_ns, after->second.since_ns);
-    stream.ahead.erase(after);
-  }
-  stream.ahead.emplace(first, run);
-  while (!stream.ahead.empty() &&
-         (stream.ahead.begin()->first == stream.received + 1 || stream.ahead.size() > kMaxRunsAhead)) {
-    stream.received = stream.ahead.begin()->second.last;
-    stream.ahead.erase(stream.ahead.begin());
+  for (auto at = stream.holes.begin(); at != stream.holes.end();) {
+    const bool known = at->second.told_epoch != 0 && at->second.told_epoch <= chunk.epoch;
+    if (!known && stream.holes.size() <= kMaxHoles) {
+      ++at;
+    } else {
+      at = stream.holes.erase(at);
+    }
   }
 }
 
-void DeliveryClient::give_up_holes(std::int64_t now_ns) {
-  for (auto& [host_id, host] : hosts_) {
-    Stream& stream = host.stream;
-    const std::uint32_t before = stream.received;
-    while (!stream.ahead.empty() && (stream.ahead.begin()->first == stream.received + 1 ||
-                                     now_ns - stream.ahead.begin()->second.since_ns >= settings_.hole_timeout_ns)) {
-      if (stream.ahead.begin()->first != stream.received + 1) ++counters_.holes;
-      stream.received = stream.ahead.begin()->second.last;
-      stream.ahead.erase(stream.ahead.begin());
+/// Whether a hole has become a gap that no demand has told.
+bool DeliveryClient::has_news(const Stream& stream, std::int64_t now_ns) const {
+  return std::any_of(stream.holes.begin(), stream.holes.end(), [&](const auto& hole) {
+    return hole.second.told_epoch == 0 && now_ns - hole.second.since_ns >= settings_.overtaking_ns;
+  });
+}
+
+/// What is told ends before the first hole that may still fill by itself.
+void DeliveryClient::tell_gaps(Object& object, Stream& stream, Demand& demand, std::int64_t now_ns) {
+  demand.newest = stream.newest;
+  for (auto& [first, hole] : stream.holes) {
+    const bool young = hole.told_epoch == 0 && now_ns - hole.since_ns < settings_.overtaking_ns;
+    if (young || demand.gaps.size() == kMaxGaps) {
+      demand.newest = first - 1;
+      return;
     }
-    if (stream.received == before) continue;
-    for (auto& [object_id, object] : objects_) {
-      if (object.host == host_id) object.acknowledge = true;
+    if (hole.told_epoch == 0) {
+      hole.told_epoch = object.epoch;
+      counters_.lost += hole.last - first + 1;
     }
+    demand.gaps.push_back({first, hole.last - first + 1});
   }
 }
 
 /// The last sequence before which nothing of this object is missing or waits for the caller's answer.
-std::uint32_t DeliveryClient::dealt_with(const Object& object, std::uint64_t host, const Stream& stream,
-                                         bool or_parked) {
-  std::uint32_t received = stream.received;
+std::uint32_t DeliveryClient::dealt_with(const Object& object, std::uint64_t stream, bool or_parked) const {
+  std::uint32_t received = streams_.at(stream).received();
   for (const auto& [region, handed] : object.handed) {
     if (or_parked && handed.parked) continue;
-    if (handed.host == host && handed.last_sequence != 0) received = std::min(received, handed.last_sequence - 1);
+    if (handed.stream == stream) received = std::min(received, handed.last_sequence - 1);
   }
   return received;
 }
 
-void DeliveryClient::note_echo(Object& object, const BulkChunk& chunk, std::int64_t now_ns) {
-  if (chunk.origin.participant != object.host) return;
+void DeliveryClient::note_echo(Object& object, const Stream& stream, const BulkChunk& chunk, std::int64_t now_ns) {
+  if (stream.host != object.host) return;
   if (object.timed_ns != 0 && chunk.epoch >= object.timed_epoch) {
     constexpr std::int64_t kSmoothing = 8;
     const std::int64_t took = now_ns - object.timed_ns;
@@ -200,9 +202,9 @@ void DeliveryClient::note_echo(Object& object, const BulkChunk& chunk, std::int6
   }
 }
 
-std::optional<DeliveryClient::Message> DeliveryClient::assemble(Object& object, const BulkChunk& chunk,
-                                                                std::int64_t now_ns) {
-  const bool here = chunk.kind == BulkKind::kBase
+std::optional<DeliveryClient::Message> DeliveryClient::assemble(Object& object, std::uint64_t object_id,
+                                                                const BulkChunk& chunk, std::int64_t now_ns) {
+  const bool here = chunk.kind() == BulkKind::kBase
                         ? object.has_base
                         : object.have.count(chunk.region) != 0 || object.retiring.count(chunk.region) != 0;
   if (here || object.handed.count(chunk.region) != 0) {
@@ -227,8 +229,8 @@ std::optional<DeliveryClient::Message> DeliveryClient::assemble(Object& object, 
   }
   Partial& partial = at->second;
   partial.epoch = std::max(partial.epoch, chunk.epoch);
-  if (partial.host != chunk.origin.participant) partial.last_sequence = 0;
-  partial.host = chunk.origin.participant;
+  if (partial.stream != chunk.stream) partial.last_sequence = 0;
+  partial.stream = chunk.stream;
   partial.last_sequence = std::max(partial.last_sequence, chunk.sequence);
   partial.touched_ns = now_ns;
   if (partial.payloads.emplace(chunk.part, chunk.payload).second) {
@@ -245,14 +247,14 @@ std::optional<DeliveryClient::Message> DeliveryClient::assemble(Object& object, 
     ++counters_.stale;
     return std::nullopt;
   }
-  Message message{chunk.object_id, chunk.kind, chunk.region, partial.epoch, {}};
+  Message message{object_id, chunk.kind(), chunk.region, partial.epoch, {}};
   message.bytes.reserve(partial.bytes);
   for (const auto& [part, payload] : partial.payloads) {
     message.bytes.insert(message.bytes.end(), payload.begin(), payload.end());
   }
-  const Handed handed{partial.host, partial.epoch, partial.last_sequence, false};
+  const Handed handed{partial.stream, partial.epoch, partial.last_sequence, false};
   drop_partial(object, at);
-  if (XXH3_64bits(message.bytes.data(), message.bytes.size()) != chunk.checksum) {
+  if (checksum_of(message.bytes) != chunk.checksum) {
     ++counters_.corrupt;
     return std::nullopt;
   }
@@ -364,9 +366,8 @@ std::vector<std::uint32_t> DeliveryClient::take_released(std::uint64_t object_id
   Object& object = objects_.at(object_id);
   std::vector<std::uint32_t> released;
   if (object.retiring.empty()) return released;
-  const auto host = hosts_.find(object.host);
-  const bool served = object.host != 0 && host != hosts_.end();
-  const std::uint32_t received = served ? dealt_with(object, object.host, host->second.stream, true) : 0;
+  const bool served = object.host != 0;
+  const std::uint32_t received = served ? dealt_with(object, stream_from(object.host, object_id), true) : 0;
   for (auto at = object.retiring.begin(); at != object.retiring.end();) {
     const Retiring& retiring = at->second;
     const bool passed = retiring.echo_sequence != 0 && retiring.echo_sequence <= received;
@@ -394,16 +395,15 @@ void DeliveryClient::choose_host(std::uint64_t object_id, Object& object, std::i
   if (serving && now_ns - current->second.seen_ns < settings_.host_late_ns) return;
   for (const auto& [id, host] : hosts_) {
     if (!offers(host) || now_ns - host.seen_ns >= settings_.host_late_ns) continue;
-    serve_from(object, id, now_ns);
+    serve_from(object, id);
     return;
   }
-  if (!serving && object.host != 0) serve_from(object, 0, now_ns);
+  if (!serving && object.host != 0) serve_from(object, 0);
 }
 
-void DeliveryClient::serve_from(Object& object, std::uint64_t host, std::int64_t now_ns) {
+void DeliveryClient::serve_from(Object& object, std::uint64_t host) {
   if (object.host != 0) ++counters_.host_changes;
   object.host = host;
-  object.progress_ns = now_ns;
   object.timed_ns = 0;
   for (auto& [region, retiring] : object.retiring) retiring.echo_sequence = 0;
   change(object);
@@ -420,20 +420,20 @@ bool DeliveryClient::owed(const Object& object) const {
 }
 
 std::optional<Demand> DeliveryClient::demand(std::int64_t now_ns) {
-  give_up_holes(now_ns);
   bound_partials(now_ns);
   for (auto& [object_id, object] : objects_) {
     choose_host(object_id, object, now_ns);
     if (object.host == 0) continue;
-    if (!owed(object)) object.progress_ns = now_ns;
-    if (now_ns - object.progress_ns >= settings_.silence_ns) {
-      object.progress_ns = now_ns;
+    if (has_news(streams_.at(stream_from(object.host, object_id)), now_ns)) {
       change(object);
+      object.urgent = true;
     }
     const std::int64_t since = now_ns - object.sent_ns;
     const std::int64_t interval = object.urgent ? settings_.urgent_interval_ns : settings_.demand_interval_ns;
     const bool news = (object.changed || object.acknowledge) && since >= interval;
-    if (object.sent_once && !news && since < settings_.keep_alive_ns) continue;
+    const bool asks_again = owed(object) && since >= settings_.repeat_ns;
+    if (object.sent_once && !news && !asks_again && since < settings_.keep_alive_ns) continue;
+    if (asks_again) change(object);  // so that the host answers again
     return make_demand(object_id, object, now_ns);
   }
   return std::nullopt;
@@ -471,9 +471,12 @@ Demand DeliveryClient::make_demand(std::uint64_t object_id, Object& object, std:
     if (object.have.count(wanted.region) != 0 || object.retiring.count(wanted.region) != 0) continue;
     demand.wanted.push_back(wanted);
   }
-  const Stream& stream = hosts_.at(object.host).stream;
-  demand.stream_incarnation = stream.incarnation;
-  demand.received = dealt_with(object, object.host, stream, false);
+  demand.stream = stream_from(object.host, object_id);
+  demand.received = dealt_with(object, demand.stream, false);
+  tell_gaps(object, streams_.at(demand.stream), demand, now_ns);
+  Host& host = hosts_.at(object.host);
+  demand.arrivals = std::exchange(host.arrivals, 0);
+  demand.one_way_us = host.one_way_us;
   demand.credit = credit();
   while (!told_.empty() && told_.back().credit <= demand.credit) told_.pop_back();
   told_.push_back({now_ns, demand.credit});

@@ -16,8 +16,10 @@
 /// host serves. From then on messages of earlier epochs are dropped, however late they come; one that was begun before
 /// counts when its last chunk is of a later epoch, for then its host has found that it still holds.
 ///
-/// What gets lost heals by the demand alone: a hole in the stream counts as dealt with after `hole_timeout_ns`, which
-/// makes the host send again; when nothing comes at all the epoch grows, and the host's echo shows the hole.
+/// What gets lost heals by the demand alone. Each stream numbers its chunks, whatever is sent again included; numbers
+/// that did not come are holes. Once a hole is older than chunks that overtake each other explain, a demand of a new
+/// epoch tells it as a gap; an answer to that epoch or a later one shows that the host knows, and the hole is closed:
+/// what was in it comes under other numbers. Whatever else is lost, a demand asks again while something is owed.
 ///
 /// No clock, socket or thread in it; one thread at a time.
 #pragma once
@@ -34,21 +36,18 @@
 namespace tactus::session {
 
 struct DeliverySettings {
-  std::int64_t hole_timeout_ns = 100'000'000;   ///< then a hole in the stream counts as dealt with
+  std::int64_t overtaking_ns = 3'000'000;       ///< then a hole in the stream is told as a gap
   std::int64_t demand_interval_ns = 5'000'000;  ///< of one object: changes wait for the next
   std::int64_t urgent_interval_ns = 2'000'000;  ///< instead, when something new is wanted within `urgent_us`
   std::uint32_t urgent_us = 25'000;
-  std::int64_t keep_alive_ns = 500'000'000;  ///< of one object: unchanged demands repeat
+  std::int64_t repeat_ns = 20'000'000;       ///< of one object: asks again, under a new epoch, while something is owed
+  std::int64_t keep_alive_ns = 500'000'000;  ///< unchanged demands repeat
   std::int64_t host_late_ns = 250'000'000;   ///< without heartbeat; then another host is chosen if there is one
-  std::int64_t silence_ns = 200'000'000;     ///< something is owed and nothing comes: ask again under a new epoch
   std::int64_t partial_timeout_ns = 2'000'000'000;  ///< incomplete messages without a new chunk are dropped
   std::uint32_t credit = 256 * 1024;                ///< bytes that a host may have under way to this HRTC, at first
   std::uint32_t most_credit = 8u << 20;             ///< grows so far where rate and round trip ask for it
   std::size_t max_partial_bytes = 64u << 20;  ///< of incomplete messages; above it the longest untouched are dropped
 };
-
-/// Where the epochs of an incarnation begin: far from those of the one before, so that chunks meant for it are known.
-[[nodiscard]] std::uint32_t first_epoch(std::uint64_t incarnation) noexcept;
 
 class DeliveryClient {
  public:
@@ -57,7 +56,7 @@ class DeliveryClient {
 
   /// A host offers an object, or withdraws it.
   void offer(const CatalogueEntry& entry);
-  /// A heartbeat. A new incarnation begins a new stream.
+  /// A heartbeat. A new incarnation begins new streams.
   void host_seen(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns);
   void host_gone(std::uint64_t host);
   /// It may be dead: until its next heartbeat another host is preferred. Costs nothing but the change when it is not.
@@ -113,45 +112,47 @@ class DeliveryClient {
     std::uint64_t chunks = 0;
     std::uint64_t payload_bytes = 0;
     std::uint64_t messages = 0;
-    std::uint64_t foreign = 0;       ///< chunks of another session, object, digest, incarnation or epoch, or malformed
+    std::uint64_t foreign = 0;       ///< chunks of an unknown stream, an epoch to come, or malformed
     std::uint64_t stale = 0;         ///< chunks that count on what is released, or of regions that are here
     std::uint64_t corrupt = 0;       ///< messages whose checksum is wrong
-    std::uint64_t holes = 0;         ///< holes given up
+    std::uint64_t lost = 0;          ///< chunks told as gaps
     std::uint64_t refused = 0;       ///< messages refused by the caller
     std::uint64_t host_changes = 0;  ///< serving host replaced by another or lost
   };
   [[nodiscard]] const Counters& counters() const noexcept { return counters_; }
 
  private:
-  /// Received sequences above `received`, which is the last without a hole before it.
+  /// From one life of a host, about one object.
   struct Stream {
-    struct Run {
+    struct Hole {
       std::uint32_t last;
-      std::int64_t since_ns;  // when the hole before it was noticed
+      std::int64_t since_ns;     // when it was noticed
+      std::uint32_t told_epoch;  // that told it first; 0: none has
     };
-    std::uint64_t incarnation = 0;
-    bool begun = false;
-    std::uint32_t received = 0;
-    std::map<std::uint32_t, Run> ahead;  // by first
+    std::uint64_t host = 0, object_id = 0;
+    std::uint32_t newest = 0;             // sequence that came
+    std::map<std::uint32_t, Hole> holes;  // below, by first
+    [[nodiscard]] std::uint32_t received() const noexcept { return holes.empty() ? newest : holes.begin()->first - 1; }
   };
   struct Host {
     bool live = false;
     std::int64_t seen_ns = 0;
-    Stream stream;
+    std::uint64_t incarnation = 0;
     std::map<std::uint64_t, std::uint64_t> offers;  // object -> digest
+    std::uint32_t arrivals = 0, one_way_us = 0;     // as in Demand
   };
   struct Partial {
-    std::uint64_t checksum = 0;
+    std::uint32_t checksum = 0;
     std::uint32_t parts = 1;
     std::uint32_t epoch = 0;
-    std::uint64_t host = 0;
+    std::uint64_t stream = 0;
     std::uint32_t last_sequence = 0;
     std::int64_t touched_ns = 0;
     std::size_t bytes = 0;
     std::map<std::uint32_t, std::vector<std::uint8_t>> payloads;  // by part
   };
   struct Handed {  // a message that waits for the caller's answer
-    std::uint64_t host = 0;
+    std::uint64_t stream = 0;
     std::uint32_t epoch = 0;
     std::uint32_t last_sequence = 0;
     bool parked = false;
@@ -177,23 +178,25 @@ class DeliveryClient {
     bool urgent = false;               // something is wanted soon that the last demand did not name
     bool sent_once = false;
     std::int64_t sent_ns = 0;
-    std::int64_t progress_ns = 0;
     std::uint32_t timed_epoch = 0;  // its way is timed,
     std::int64_t timed_ns = 0;      // since then; 0: none is
   };
 
   void change(Object& object);
-  void begin_stream(std::uint64_t host, Host& state, std::uint64_t incarnation);
-  static void note_sequence(Stream& stream, std::uint32_t sequence, std::int64_t now_ns);
-  [[nodiscard]] static std::uint32_t dealt_with(const Object& object, std::uint64_t host, const Stream& stream,
-                                                bool or_parked);
-  void note_echo(Object& object, const BulkChunk& chunk, std::int64_t now_ns);
-  [[nodiscard]] std::optional<Message> assemble(Object& object, const BulkChunk& chunk, std::int64_t now_ns);
+  void begin_streams(std::uint64_t host, std::uint64_t incarnation);
+  void begin_stream(std::uint64_t host, std::uint64_t object_id);
+  [[nodiscard]] std::uint64_t stream_from(std::uint64_t host, std::uint64_t object_id) const;
+  void note_sequence(Stream& stream, const BulkChunk& chunk, std::int64_t now_ns) const;
+  [[nodiscard]] bool has_news(const Stream& stream, std::int64_t now_ns) const;
+  void tell_gaps(Object& object, Stream& stream, Demand& demand, std::int64_t now_ns);
+  [[nodiscard]] std::uint32_t dealt_with(const Object& object, std::uint64_t stream, bool or_parked) const;
+  void note_echo(Object& object, const Stream& stream, const BulkChunk& chunk, std::int64_t now_ns);
+  [[nodiscard]] std::optional<Message> assemble(Object& object, std::uint64_t object_id, const BulkChunk& chunk,
+                                                std::int64_t now_ns);
   void drop_partial(Object& object, std::map<std::uint32_t, Partial>::iterator at);
   void bound_partials(std::int64_t now_ns);
-  void give_up_holes(std::int64_t now_ns);
   void choose_host(std::uint64_t object_id, Object& object, std::int64_t now_ns);
-  void serve_from(Object& object, std::uint64_t host, std::int64_t now_ns);
+  void serve_from(Object& object, std::uint64_t host);
   void note_rate(std::size_t bytes, std::int64_t now_ns);
   [[nodiscard]] std::uint32_t credit() const;
   [[nodiscard]] bool owed(const Object& object) const;
@@ -203,6 +206,7 @@ class DeliveryClient {
   DeliverySettings settings_;
   std::map<std::uint64_t, Host> hosts_;
   std::map<std::uint64_t, Object> objects_;
+  std::map<std::uint64_t, Stream> streams_;  // by stream_id
   std::size_t partial_bytes_ = 0;
   std::int64_t round_trip_ns_ = 0;
   std::uint64_t room_ = ~std::uint64_t{0}, room_told_ = 0;

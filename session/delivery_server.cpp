@@ -1,8 +1,7 @@
 #include "session/delivery_server.hpp"
 
-#include <xxhash.h>
-
 #include <algorithm>
+#include <limits>
 #include <set>
 #include <utility>
 
@@ -13,6 +12,8 @@ namespace {
 
 /// A base mesh goes behind regions that are touched sooner than this, and ahead of all prefetching.
 constexpr std::uint32_t kBaseContactUs = 100'000;
+/// After the last chunk, longer each time.
+constexpr std::int64_t kFirstMark = 4'000'000, kLastMark = 128'000'000;
 
 std::uint32_t end_of(const spm::Run& run) { return run.first + run.count; }
 
@@ -42,8 +43,8 @@ bool contains_all(const std::vector<spm::Run>& outer, const std::vector<spm::Run
   return true;
 }
 
-std::uint32_t parts_of(std::size_t bytes) {
-  return static_cast<std::uint32_t>(std::max<std::size_t>(1, (bytes + kMaxPayload - 1) / kMaxPayload));
+std::uint16_t parts_of(std::size_t bytes) {
+  return static_cast<std::uint16_t>(std::max<std::size_t>(1, (bytes + kMaxPayload - 1) / kMaxPayload));
 }
 
 std::uint64_t count_records(const std::vector<spm::Run>& runs) {
@@ -58,7 +59,7 @@ DeliveryServer::DeliveryServer(const Origin& self) : self_{self} {}
 
 void DeliveryServer::add(std::uint64_t object_id, const spm::codec::CodedModel& model) {
   const spm::Span<const std::uint8_t> base = model.spans().base;
-  objects_.insert_or_assign(object_id, Object{model, XXH3_64bits(base.data(), base.size())});
+  objects_.insert_or_assign(object_id, Object{model, checksum_of(base)});
 }
 
 std::uint32_t DeliveryServer::base_bytes(std::uint64_t object_id) const {
@@ -71,7 +72,7 @@ bool DeliveryServer::well_formed(const Demand& demand, const spm::ModelSummary& 
                      [&](const Wanted& wanted) { return wanted.region < summary.regions; });
 }
 
-DeliveryServer::DemandResult DeliveryServer::on_demand(const Demand& demand) {
+DeliveryServer::DemandResult DeliveryServer::on_demand(const Demand& demand, std::int64_t now_ns) {
   const auto object = objects_.find(demand.object_id);
   if (demand.origin.session != self_.session || object == objects_.end() ||
       demand.digest != object->second.model.summary().digest) {
@@ -79,96 +80,133 @@ DeliveryServer::DemandResult DeliveryServer::on_demand(const Demand& demand) {
   }
   if (!well_formed(demand, object->second.model.summary())) return DemandResult::kMalformed;
 
-  const auto [at, is_new] = streams_.try_emplace(demand.origin.participant);
-  Stream& stream = at->second;
-  if (is_new) {
-    stream.sequence = highest_forgotten_;
-    stream.hrtc_incarnation = demand.origin.incarnation;
+  Controller& controller = controllers_.try_emplace(demand.origin.participant).first->second;
+  if (demand.origin.incarnation < controller.incarnation) return DemandResult::kNotNewer;
+  if (demand.origin.incarnation > controller.incarnation) {
+    Controller fresh;
+    fresh.incarnation = demand.origin.incarnation;
+    fresh.counters = controller.counters;
+    controller = std::move(fresh);
   }
-  if (demand.origin.incarnation < stream.hrtc_incarnation) return DemandResult::kNotNewer;
-  if (demand.origin.incarnation > stream.hrtc_incarnation) {
-    Stream fresh;
-    fresh.hrtc_incarnation = demand.origin.incarnation;
-    fresh.sequence = stream.sequence;
-    fresh.counters = stream.counters;
-    stream = std::move(fresh);
-  }
-
-  const auto [found, first] = stream.services.try_emplace(demand.object_id);
+  const auto [found, first] = controller.services.try_emplace(demand.object_id);
   Service& service = found->second;
+  if (first) {
+    service.stream = stream_id(self_, demand.origin, demand.object_id);
+    service.sequence = highest_forgotten_;
+  }
   const auto age = [](const Demand& d) { return std::make_pair(d.epoch, d.origin.time_ns); };
   if (!first && age(demand) <= age(service.demand)) return DemandResult::kNotNewer;
 
-  if (demand.origin.time_ns >= stream.credit_time_ns) {
-    stream.credit_time_ns = demand.origin.time_ns;
-    stream.credit = demand.credit;
+  if (demand.origin.time_ns >= controller.credit_time_ns) {
+    controller.credit_time_ns = demand.origin.time_ns;
+    controller.credit = demand.credit;
   }
-  const bool mine = demand.serving_host == self_.participant;
-  const bool of_my_stream = mine && demand.stream_incarnation == self_.incarnation;
-  const std::uint32_t received = of_my_stream ? std::min(demand.received, stream.sequence) : 0;
-  acknowledge(stream, received);
-
-  if (!mine) {
-    if (service.under_way) count(stream, [](DeliveryCounters& c) { ++c.messages_dropped; });
-    service = Service{};
-    service.demand = demand;
+  if (demand.serving_host != self_.participant) {
+    if (service.begun() != nullptr) count(controller, [](DeliveryCounters& c) { ++c.messages_dropped; });
+    for (const Sent& sent : service.under_way) controller.pacer.forget(sent.bytes);
+    Service silent;
+    silent.stream = service.stream;
+    silent.sequence = service.sequence;
+    silent.planned = service.planned;
+    silent.demand = demand;
+    service = std::move(silent);
     return DemandResult::kTaken;
   }
   service.echo_owed = service.echo_owed || !service.serving || demand.epoch != service.demand.epoch;
   const bool can_build_on = service.serving;
   service.serving = true;
   const Demand before = std::exchange(service.demand, demand);
-  compare(service, object->second, can_build_on ? &before.have : nullptr, received, stream);
+  if (demand.stream != service.stream) service.demand.received = service.demand.newest = 0;
+  acknowledge(controller, service, now_ns);
+  compare(controller, service, object->second, can_build_on ? &before.have : nullptr);
   return DemandResult::kTaken;
 }
 
-void DeliveryServer::acknowledge(Stream& stream, std::uint32_t received) const {
-  while (!stream.unacknowledged.empty() && stream.unacknowledged.front().first <= received) {
-    stream.unacknowledged_bytes -= stream.unacknowledged.front().second;
-    stream.unacknowledged.pop_front();
+/// Takes out of what is under way all that the demand tells of.
+void DeliveryServer::acknowledge(Controller& controller, Service& service, std::int64_t now_ns) {
+  constexpr std::int64_t kNsPerUs = 1000;
+  const Demand& demand = service.demand;
+  const auto now_us = static_cast<std::uint32_t>(now_ns / kNsPerUs);
+  const auto passed = [&](const Sent& sent) { return sent.sequence <= std::max(demand.newest, demand.received); };
+  Pacer::Feedback feedback;
+  std::uint32_t waited_us = 0;
+  for (; !service.under_way.empty() && passed(service.under_way.front()); service.under_way.pop_front()) {
+    const Sent& sent = service.under_way.front();
+    const auto message = std::lower_bound(service.messages.begin(), service.messages.end(), sent.message,
+                                          [](const Message& m, std::uint32_t number) { return m.number < number; });
+    const bool is_here = message != service.messages.end() && message->number == sent.message;
+    if (is_here) --message->under_way;
+    if (sent.sequence > demand.received && contains(demand.gaps, sent.sequence)) {
+      feedback.lost_bytes += sent.bytes;
+      if (is_here) message->lost.push_back(sent.part);
+    } else {
+      feedback.arrived_bytes += sent.bytes;
+      waited_us = std::max(waited_us, now_us - sent.at_us);
+    }
   }
+  feedback.loop_ns = std::int64_t{waited_us} * kNsPerUs;
+  if (demand.arrivals != 0 && demand.stream == service.stream) feedback.one_way_us = demand.one_way_us;
+  controller.pacer.on_feedback(feedback, now_ns);
 }
 
-/// Brings `sent`, the records covered, the message under way and the regions to send in line with the newest demand.
-/// What is covered grows in place while nothing of `had`, the demand before, and nothing sent was lost.
-void DeliveryServer::compare(Service& service, const Object& object, const std::vector<spm::Run>* had,
-                             std::uint32_t received, Stream& stream) {
+/// Brings the messages, the records covered and the regions to send in line with the newest demand. What is covered
+/// grows in place while nothing of `had`, the demand before, was taken back and no message was refused or lost a part.
+void DeliveryServer::compare(Controller& controller, Service& service, const Object& object,
+                             const std::vector<spm::Run>* had) {
   const Demand& demand = service.demand;
-  bool only_more = had != nullptr && contains_all(demand.have, *had);
-  for (auto it = service.sent.begin(); it != service.sent.end();) {
-    const bool taken = contains(demand.have, it->first);
-    const bool lost = !taken && it->second <= received;
-    only_more = only_more && !lost;
-    // What is under way may have counted on it, and be refused in its turn.
-    if (lost) service.count_on_after = stream.sequence;
-    it = taken || lost ? service.sent.erase(it) : std::next(it);
-  }
-  if (!demand.need_base || (service.base_sent && *service.base_sent <= received)) service.base_sent.reset();
+  bool refused = false;
+  const auto wanted = [&](const Message& message) {
+    return std::any_of(demand.wanted.begin(), demand.wanted.end(),
+                       [&](const Wanted& w) { return w.region == message.region; });
+  };
+  const auto ends = [&](const Message& message) {
+    const bool base = message.region == spm::kNone;
+    if (base ? !demand.need_base : contains(demand.have, message.region)) return true;  // taken
+    if (message.arrived() && message.last_sequence <= demand.received) return refused = true;
+    const bool cancelled = !message.sent() && (base != demand.need_base || (!base && !wanted(message)));
+    if (cancelled) count(controller, [](DeliveryCounters& c) { ++c.messages_dropped; });
+    return cancelled;
+  };
+  const auto erase_if = [&](const auto& condition) {
+    service.messages.erase(std::remove_if(service.messages.begin(), service.messages.end(), condition),
+                           service.messages.end());
+  };
+  erase_if(ends);
 
+  const bool only_more =
+      had != nullptr && contains_all(demand.have, *had) && !refused && first_lost(service) == nullptr;
   if (!only_more) service.covered.assign((object.model.summary().records + 63) / 64, 0);
   for (const spm::Run& run : demand.have) {
     for (std::uint32_t region = run.first; region != end_of(run); ++region) {
       if (!only_more || !contains(*had, region)) cover(service, object.model, region);
     }
   }
-  if (!only_more) {
-    for (const auto& [region, last] : service.sent)
-      if (last > service.count_on_after) cover(service, object.model, region);
-  }
+  // What was taken back stays with the HRTC until it has dealt with all that was sent before it knew. So a message that
+  // was sent whole is doubtful only when one before it was not taken; but a part that is sent now must hold now.
+  erase_if([&](Message& message) {
+    if (only_more || message.region == spm::kNone) return false;
+    const bool parts_to_come = !message.sent() || !message.lost.empty();
+    if (parts_to_come || refused) {
+      message.doubtful = !contains_all(message.records, missing(service, object.model, message.region));
+      if (message.doubtful && parts_to_come) {
+        refused = refused || message.sent();
+        count(controller, [](DeliveryCounters& c) { ++c.messages_dropped; });
+        return true;
+      }
+    }
+    if (message.sent() && !message.doubtful) cover(service, object.model, message.region);
+    return false;
+  });
 
-  if (service.under_way && !still_holds(service, object.model)) {
-    service.under_way.reset();
-    count(stream, [](DeliveryCounters& c) { ++c.messages_dropped; });
-  }
   service.to_send.clear();
   if (demand.need_base) return;
   std::set<std::uint32_t> seen;
-  for (const Wanted& wanted : demand.wanted) {
-    if (!seen.insert(wanted.region).second) continue;
-    const bool under_way = service.under_way && service.under_way->region == wanted.region;
-    if (under_way) service.under_way->contact_in_us = wanted.contact_in_us;
-    if (under_way || contains(demand.have, wanted.region) || service.sent.count(wanted.region) != 0) continue;
-    service.to_send.push_back(wanted);
+  for (const Message& message : service.messages) seen.insert(message.region);
+  for (const Wanted& w : demand.wanted) {
+    if (Message* begun = service.begun(); begun != nullptr && begun->region == w.region)
+      begun->contact_in_us = w.contact_in_us;
+    if (contains(demand.have, w.region) || !seen.insert(w.region).second) continue;
+    service.to_send.push_back(w);
   }
   std::stable_sort(service.to_send.begin(), service.to_send.end(),
                    [](const Wanted& a, const Wanted& b) { return a.contact_in_us > b.contact_in_us; });
@@ -202,152 +240,191 @@ std::vector<spm::Run> DeliveryServer::missing(const Service& service, const spm:
   return runs;
 }
 
-/// Whether the message under way is still wanted, and enough together with what is covered now.
-bool DeliveryServer::still_holds(const Service& service, const spm::codec::CodedModel& model) const {
-  const UnderWay& message = *service.under_way;
-  const Demand& demand = service.demand;
-  if (message.kind == BulkKind::kBase) return demand.need_base;
-  const bool wanted = std::any_of(demand.wanted.begin(), demand.wanted.end(),
-                                  [&](const Wanted& w) { return w.region == message.region; });
-  return wanted && !demand.need_base && !contains(demand.have, message.region) &&
-         contains_all(message.records, missing(service, model, message.region));
+DeliveryServer::Message* DeliveryServer::first_lost(Service& service) {
+  const auto at = std::find_if(service.messages.begin(), service.messages.end(),
+                               [](const Message& message) { return !message.lost.empty(); });
+  return at == service.messages.end() ? nullptr : &*at;
 }
 
 /// Time to contact of what this service would send next.
-std::optional<std::uint32_t> DeliveryServer::urgency(const Service& service) {
+std::optional<std::uint32_t> DeliveryServer::urgency(Service& service) {
   if (!service.serving) return std::nullopt;
-  if (service.under_way) return service.under_way->contact_in_us;
+  if (const Message* lost = first_lost(service)) return lost->contact_in_us;
+  if (const Message* begun = service.begun()) return begun->contact_in_us;
   if (service.demand.need_base) {
-    return service.base_sent ? std::nullopt : std::optional<std::uint32_t>{kBaseContactUs};
+    return service.messages.empty() ? std::optional<std::uint32_t>{kBaseContactUs} : std::nullopt;
   }
   if (service.to_send.empty()) return std::nullopt;
   return service.to_send.back().contact_in_us;
 }
 
-void DeliveryServer::begin(Service& service, const Object& object) const {
-  UnderWay message;
+void DeliveryServer::plan(Service& service, const Object& object) const {
+  Message message;
+  message.number = ++service.planned;
   if (service.demand.need_base) {
     message.contact_in_us = kBaseContactUs;
+    message.bytes = static_cast<std::uint32_t>(object.model.spans().base.size());
     message.checksum = object.base_checksum;
-    message.parts = parts_of(object.model.spans().base.size());
   } else {
     const Wanted wanted = service.to_send.back();
     service.to_send.pop_back();
-    message.kind = BulkKind::kRegion;
     message.region = wanted.region;
     message.contact_in_us = wanted.contact_in_us;
     message.records = missing(service, object.model, wanted.region);
-    message.bytes = spm::codec::encode_region(object.model, spm::RegionId{wanted.region}, message.records);
-    message.checksum = XXH3_64bits(message.bytes.data(), message.bytes.size());
-    message.parts = parts_of(message.bytes.size());
+    service.encoded = spm::codec::encode_region(object.model, spm::RegionId{wanted.region}, message.records);
+    message.bytes = static_cast<std::uint32_t>(service.encoded.size());
+    message.checksum = checksum_of(service.encoded);
   }
-  service.under_way = std::move(message);
+  message.parts = parts_of(message.bytes);
+  service.messages.push_back(std::move(message));
+}
+
+/// Chunks that are under way, and messages that have come and wait for room.
+std::uint64_t DeliveryServer::unanswered(const Controller& controller) {
+  std::uint64_t bytes = controller.pacer.under_way();
+  for (const auto& [object_id, service] : controller.services) {
+    for (const Message& message : service.messages) bytes += message.arrived() ? message.bytes : 0;
+  }
+  return bytes;
 }
 
 std::optional<Outgoing> DeliveryServer::next(std::int64_t now_ns, const CanSend& can_send) {
-  auto at = streams_.upper_bound(last_served_);
-  for (std::size_t tried = 0; tried < streams_.size(); ++tried, ++at) {
-    if (at == streams_.end()) at = streams_.begin();
-    auto& [hrtc, stream] = *at;
-    if (can_send && !can_send(hrtc)) continue;
-    std::optional<std::uint64_t> soonest;
-    if (stream.unacknowledged_bytes + kMaxPayload <= stream.credit) {
-      std::uint32_t contact_in_us = 0;
-      for (const auto& [object_id, service] : stream.services) {
-        const std::optional<std::uint32_t> own = urgency(service);
-        if (!own || (soonest && *own >= contact_in_us)) continue;
-        soonest = object_id;
-        contact_in_us = *own;
-      }
-    }
-    // An epoch that would wait behind another object's data is told alone: memory is freed by it.
-    for (auto& [object_id, service] : stream.services) {
-      if (!service.echo_owed || object_id == soonest) continue;
-      last_served_ = hrtc;
-      count(stream, [](DeliveryCounters& c) { ++c.echoes; });
-      BulkChunk echo = make_chunk(hrtc, stream, object_id, service, now_ns);
-      echo.checksum = XXH3_64bits(nullptr, 0);
-      return Outgoing{hrtc, std::move(echo)};
-    }
-    if (soonest) {
-      last_served_ = hrtc;
-      return send_part(hrtc, stream, *soonest, now_ns);
+  due_ns_ = std::numeric_limits<std::int64_t>::max();
+  auto at = controllers_.upper_bound(last_served_);
+  for (std::size_t tried = 0; tried < controllers_.size(); ++tried, ++at) {
+    if (at == controllers_.end()) at = controllers_.begin();
+    if (can_send && !can_send(at->first)) continue;
+    if (auto out = next(at->first, at->second, now_ns)) {
+      last_served_ = at->first;
+      return out;
     }
   }
   return std::nullopt;
 }
 
-BulkChunk DeliveryServer::make_chunk(std::uint64_t hrtc, Stream& stream, std::uint64_t object_id, Service& service,
-                                     std::int64_t now_ns) {
+std::optional<Outgoing> DeliveryServer::next(std::uint64_t hrtc, Controller& controller, std::int64_t now_ns) {
+  std::optional<std::uint64_t> soonest;
+  std::uint32_t contact_in_us = 0;
+  for (auto& [object_id, service] : controller.services) {
+    const std::optional<std::uint32_t> own = urgency(service);
+    if (!own || (soonest && *own >= contact_in_us)) continue;
+    soonest = object_id;
+    contact_in_us = *own;
+  }
+  if (soonest && unanswered(controller) + kMaxPayload > controller.credit) soonest.reset();
+  if (!soonest) controller.pacer.rest();
+  // The object that sends next, now or as soon as its pace allows: its chunk is its echo.
+  const std::optional<std::uint64_t> speaks = soonest;
+  if (soonest && !controller.pacer.may_send(kMaxPayload, now_ns)) {
+    soonest.reset();
+    if (controller.pacer.next_ns() > now_ns) due_ns_ = std::min(due_ns_, controller.pacer.next_ns());
+  }
+  // An epoch that would wait behind another object's data, or for the window, is told alone: memory is freed by it.
+  for (auto& [object_id, service] : controller.services) {
+    const bool soon = object_id == speaks && (soonest || controller.pacer.next_ns() > now_ns);
+    const bool marks = service.serving && !service.under_way.empty() && now_ns >= service.mark_ns;
+    if ((service.echo_owed || marks) && !soon) return send_echo(hrtc, controller, service, now_ns);
+    if (!service.under_way.empty()) due_ns_ = std::min(due_ns_, service.mark_ns);
+  }
+  if (!soonest) return std::nullopt;
+  return send_part(hrtc, controller, *soonest, now_ns);
+}
+
+BulkChunk DeliveryServer::make_chunk(Controller& controller, Service& service, std::int64_t now_ns) {
   BulkChunk chunk;
-  chunk.origin = self_;
-  chunk.origin.time_ns = now_ns;
-  chunk.hrtc = hrtc;
-  chunk.object_id = object_id;
-  chunk.digest = service.demand.digest;
-  chunk.sequence = ++stream.sequence;
+  chunk.stream = service.stream;
+  chunk.sequence = ++service.sequence;
   chunk.epoch = service.demand.epoch;
-  chunk.region = spm::kNone;
+  chunk.sent_us = static_cast<std::uint32_t>(now_ns / 1000);
   service.echo_owed = false;
-  count(stream, [](DeliveryCounters& c) { ++c.chunks; });
+  count(controller, [](DeliveryCounters& c) { ++c.chunks; });
   return chunk;
 }
 
-Outgoing DeliveryServer::send_part(std::uint64_t hrtc, Stream& stream, std::uint64_t object_id, std::int64_t now_ns) {
-  Service& service = stream.services.at(object_id);
-  const Object& object = objects_.at(object_id);
-  if (!service.under_way) begin(service, object);
-  UnderWay& message = *service.under_way;
-  const spm::Span<const std::uint8_t> bytes =
-      message.kind == BulkKind::kBase ? object.model.spans().base : spm::Span<const std::uint8_t>{message.bytes};
+Outgoing DeliveryServer::send_echo(std::uint64_t hrtc, Controller& controller, Service& service, std::int64_t now_ns) {
+  if (now_ns >= service.mark_ns) service.mark_interval_ns = std::min(2 * service.mark_interval_ns, kLastMark);
+  service.mark_ns = now_ns + service.mark_interval_ns;
+  count(controller, [](DeliveryCounters& c) { ++c.echoes; });
+  return {hrtc, make_chunk(controller, service, now_ns)};
+}
 
-  BulkChunk chunk = make_chunk(hrtc, stream, object_id, service, now_ns);
-  chunk.kind = message.kind;
-  chunk.region = message.region;
-  chunk.part = message.part++;
-  chunk.parts = message.parts;
-  chunk.checksum = message.checksum;
+Outgoing DeliveryServer::send_part(std::uint64_t hrtc, Controller& controller, std::uint64_t object_id,
+                                   std::int64_t now_ns) {
+  Service& service = controller.services.at(object_id);
+  const Object& object = objects_.at(object_id);
+  Message* message = first_lost(service);
+  const bool again = message != nullptr;
+  if (!again && service.begun() == nullptr) plan(service, object);
+  if (!again) message = service.begun();
+
+  BulkChunk chunk = make_chunk(controller, service, now_ns);
+  chunk.region = message->region;
+  chunk.parts = message->parts;
+  chunk.checksum = message->checksum;
+  std::vector<std::uint8_t> encoded;
+  spm::Span<const std::uint8_t> bytes{service.encoded};
+  if (message->region == spm::kNone) {
+    bytes = object.model.spans().base;
+  } else if (again && message != service.begun()) {
+    encoded = spm::codec::encode_region(object.model, spm::RegionId{message->region}, message->records);
+    bytes = spm::Span<const std::uint8_t>{encoded};
+  }
+  if (again) {
+    chunk.part = message->lost.back();
+    message->lost.pop_back();
+    count(controller, [](DeliveryCounters& c) { ++c.repeated; });
+  } else {
+    chunk.part = message->begun++;
+  }
   const std::size_t from = std::size_t{chunk.part} * kMaxPayload;
   const std::size_t to = std::min(from + kMaxPayload, bytes.size());
   chunk.payload.assign(bytes.begin() + from, bytes.begin() + to);
-  const auto size = static_cast<std::uint32_t>(chunk.payload.size());
-  stream.unacknowledged.emplace_back(chunk.sequence, size);
-  stream.unacknowledged_bytes += size;
-  count(stream, [&](DeliveryCounters& c) { c.payload_bytes += size; });
+  const auto size = static_cast<std::uint16_t>(chunk.payload.size());
+  message->last_sequence = chunk.sequence;
+  ++message->under_way;
+  service.under_way.push_back({chunk.sequence, message->number, chunk.sent_us, chunk.part, size});
+  controller.pacer.sent(size, now_ns);
+  service.mark_interval_ns = kFirstMark;
+  service.mark_ns = now_ns + kFirstMark;
+  count(controller, [&](DeliveryCounters& c) { c.payload_bytes += size; });
 
-  if (message.part == message.parts) {
-    if (message.kind == BulkKind::kBase) {
-      service.base_sent = chunk.sequence;
-      count(stream, [](DeliveryCounters& c) { ++c.bases; });
+  if (!again && message->sent()) {
+    service.encoded.clear();
+    if (message->region == spm::kNone) {
+      count(controller, [](DeliveryCounters& c) { ++c.bases; });
     } else {
-      service.sent[message.region] = chunk.sequence;
-      cover(service, object.model, message.region);
-      const std::uint64_t records = count_records(message.records);
-      count(stream, [&](DeliveryCounters& c) {
+      cover(service, object.model, message->region);
+      const std::uint64_t records = count_records(message->records);
+      count(controller, [&](DeliveryCounters& c) {
         ++c.regions;
         c.records += records;
       });
     }
-    service.under_way.reset();
   }
   return {hrtc, std::move(chunk)};
 }
 
 void DeliveryServer::on_hrtc_gone(std::uint64_t hrtc) {
-  const auto stream = streams_.find(hrtc);
-  if (stream == streams_.end()) return;
-  highest_forgotten_ = std::max(highest_forgotten_, stream->second.sequence);
-  streams_.erase(stream);
+  const auto controller = controllers_.find(hrtc);
+  if (controller == controllers_.end()) return;
+  for (const auto& [object_id, service] : controller->second.services)
+    highest_forgotten_ = std::max(highest_forgotten_, service.sequence);
+  controllers_.erase(controller);
 }
 
 std::uint64_t DeliveryServer::bytes_under_way(std::uint64_t hrtc) const {
-  const auto stream = streams_.find(hrtc);
-  return stream == streams_.end() ? 0 : stream->second.unacknowledged_bytes;
+  const auto controller = controllers_.find(hrtc);
+  return controller == controllers_.end() ? 0 : unanswered(controller->second);
+}
+
+const Pacer* DeliveryServer::pacer(std::uint64_t hrtc) const {
+  const auto controller = controllers_.find(hrtc);
+  return controller == controllers_.end() ? nullptr : &controller->second.pacer;
 }
 
 std::map<std::uint64_t, DeliveryCounters> DeliveryServer::counters_by_hrtc() const {
   std::map<std::uint64_t, DeliveryCounters> all;
-  for (const auto& [hrtc, stream] : streams_) all.emplace(hrtc, stream.counters);
+  for (const auto& [hrtc, controller] : controllers_) all.emplace(hrtc, controller.counters);
   return all;
 }
 

@@ -3,21 +3,25 @@
 /// State, not commands: the newest demand of each HRTC for each object is all that counts, so lost demands, a restarted
 /// host and an HRTC that comes back need no special case. Per HRTC and object it keeps
 ///
-///     have   the regions that the newest demand names
-///     sent   regions sent since and not yet in `have`, each with the stream sequence of its last chunk
+///     have      the regions that the newest demand names
+///     messages  regions planned since and not yet in `have`: which records, which of its parts are to be sent
+///     under way the chunks sent and not yet told of: sequence, message, part
 ///
-/// A wanted region travels as its list and the records that no list of `have` or `sent` holds. A sent region that the
-/// HRTC has passed (`received`) without taking it into `have` was lost or refused there and is sent again if still
-/// wanted.
+/// A wanted region travels as its list and the records that no list of `have` or of a message sent holds. The demand is
+/// the only repair. A chunk that it tells missing is sent again under a new sequence, its payload encoded anew from the
+/// message's records; a message that has come whole and was passed (`received`) without being taken into `have` was
+/// refused there and is planned anew if still wanted. While chunks are under way and nothing else is to be sent, an
+/// echo now and then shows the HRTC whether the last of them are missing.
 ///
-/// One message at a time per HRTC and object. A newer demand may find one under way: it goes on when its region is
+/// One message at a time is begun per HRTC and object. A newer demand may find one begun: it goes on when its region is
 /// still wanted and still carries all that is missing; otherwise the rest of it is never sent and it is planned anew.
-/// So every chunk holds under the epoch it carries, which is the newest seen: whatever left `have` at that epoch or
-/// before is not counted on. Order: round robin between HRTCs chunk by chunk; within one, soonest contact first over
-/// its objects.
+/// So does one whose last parts were lost. So every chunk holds under the epoch it carries, which is the newest seen:
+/// whatever left `have` at that epoch or before is not counted on. Order: round robin between HRTCs chunk by chunk;
+/// within one, soonest contact first over its objects, and what was lost before what is new. A Pacer for each HRTC says
+/// how much and how fast.
 ///
-/// No clock, socket or thread in it; one thread at a time. Memory: a bit per record and the message under way, for each
-/// HRTC and object served.
+/// No clock, socket or thread in it; one thread at a time. Memory: a bit per record and the messages under way, for
+/// each HRTC and object served.
 #pragma once
 
 #include <cstdint>
@@ -28,6 +32,7 @@
 #include <vector>
 
 #include "session/messages.hpp"
+#include "session/pacer.hpp"
 #include "spm/codec/coded_model.hpp"
 #include "spm/model.hpp"
 
@@ -43,6 +48,7 @@ struct DeliveryCounters {
   std::uint64_t chunks = 0;
   std::uint64_t payload_bytes = 0;
   std::uint64_t echoes = 0;            ///< of the chunks, those without payload
+  std::uint64_t repeated = 0;          ///< and those sent again
   std::uint64_t bases = 0;             ///< base meshes sent to their end
   std::uint64_t regions = 0;           ///< regions sent to their end
   std::uint64_t records = 0;           ///< records in them
@@ -66,18 +72,22 @@ class DeliveryServer {
     kNotServed,  ///< another session, an unknown object or another digest
     kMalformed   ///< runs out of order, regions that the model does not have
   };
-  DemandResult on_demand(const Demand& demand);
+  DemandResult on_demand(const Demand& demand, std::int64_t now_ns);
 
   /// Forgets what it knew of this HRTC. Its next stream goes on above every sequence used so far.
   void on_hrtc_gone(std::uint64_t hrtc);
 
   /// Whether a chunk could be handed to the network for this HRTC now.
   using CanSend = std::function<bool(std::uint64_t hrtc)>;
-  /// The next chunk to send, or none until a demand arrives. Nothing is planned for an HRTC that `can_send` denies.
+  /// The next chunk to send, or none until `due_ns` or a demand. Nothing is planned for an HRTC that `can_send` denies.
   [[nodiscard]] std::optional<Outgoing> next(std::int64_t now_ns, const CanSend& can_send = {});
+  /// After `next` gave none: when it may give one though no demand comes.
+  [[nodiscard]] std::int64_t due_ns() const noexcept { return due_ns_; }
 
-  /// Bytes sent to this HRTC that it has not yet acknowledged; never above the credit that it gave.
+  /// Bytes sent to this HRTC that it has not answered; never above the credit that it gave.
   [[nodiscard]] std::uint64_t bytes_under_way(std::uint64_t hrtc) const;
+  /// That of an HRTC which has sent a demand; none for others.
+  [[nodiscard]] const Pacer* pacer(std::uint64_t hrtc) const;
   /// Since the HRTC was first heard of; HRTCs that are gone are left out.
   [[nodiscard]] std::map<std::uint64_t, DeliveryCounters> counters_by_hrtc() const;
   /// Of all HRTCs since the start.
@@ -86,64 +96,81 @@ class DeliveryServer {
  private:
   struct Object {
     spm::codec::CodedModel model;
-    std::uint64_t base_checksum = 0;
+    std::uint32_t base_checksum = 0;
   };
-  struct UnderWay {
-    BulkKind kind = BulkKind::kBase;
-    std::uint32_t region = spm::kNone;
+  struct Message {
+    std::uint32_t number = 0;           // in the order of planning
+    std::uint32_t region = spm::kNone;  // kNone: the base mesh
     std::uint32_t contact_in_us = 0;
-    std::vector<std::uint8_t> bytes;  // empty for a base mesh: the object's are used
+    std::uint32_t bytes = 0, checksum = 0;
+    std::uint16_t parts = 1, begun = 0;  // parts sent at least once
+    bool doubtful = false;               // counts on what the HRTC may not have any more
+    std::uint32_t under_way = 0;         // chunks
+    std::uint32_t last_sequence = 0;
+    std::vector<std::uint16_t> lost;  // parts to be sent again
     std::vector<spm::Run> records;
-    std::uint64_t checksum = 0;
-    std::uint32_t part = 0, parts = 1;
+    [[nodiscard]] bool sent() const noexcept { return begun == parts; }
+    [[nodiscard]] bool arrived() const noexcept { return sent() && under_way == 0 && lost.empty(); }
+  };
+  struct Sent {
+    std::uint32_t sequence, message, at_us;
+    std::uint16_t part, bytes;
   };
   /// One object to one HRTC.
   struct Service {
     Demand demand;
     bool serving = false;
     bool echo_owed = false;
-    std::map<std::uint32_t, std::uint32_t> sent;  // region -> sequence of its last chunk
-    std::uint32_t count_on_after = 0;             // what was sent up to here may be refused
-    std::optional<std::uint32_t> base_sent;       // sequence of the last chunk of the base mesh
-    std::vector<std::uint64_t> covered;           // bit per record: listed by a region of have, or sent and counted on
-    std::vector<Wanted> to_send;                  // soonest last
-    std::optional<UnderWay> under_way;
-  };
-  struct Stream {
-    std::uint64_t hrtc_incarnation = 0;
+    std::uint64_t stream = 0;
     std::uint32_t sequence = 0;  // last used
+    std::int64_t mark_ns = 0;    // when an echo shows what is missing
+    std::int64_t mark_interval_ns = 0;
+    std::deque<Sent> under_way;          // by sequence
+    std::uint32_t planned = 0;           // messages
+    std::vector<Message> messages;       // by number; none but the last is not sent()
+    std::vector<std::uint8_t> encoded;   // payload of the last while it is not
+    std::vector<std::uint64_t> covered;  // bit per record: listed by a region of have or of a message that is sent()
+    std::vector<Wanted> to_send;         // soonest last
+    [[nodiscard]] Message* begun() noexcept {
+      return messages.empty() || messages.back().sent() ? nullptr : &messages.back();
+    }
+  };
+  struct Controller {
+    std::uint64_t incarnation = 0;
     std::int64_t credit_time_ns = 0;
     std::uint32_t credit = 0;
-    std::deque<std::pair<std::uint32_t, std::uint32_t>> unacknowledged;  // sequence, bytes
-    std::uint64_t unacknowledged_bytes = 0;
+    Pacer pacer;
     std::map<std::uint64_t, Service> services;  // by object
     DeliveryCounters counters;
   };
 
   [[nodiscard]] bool well_formed(const Demand& demand, const spm::ModelSummary& summary) const;
-  void acknowledge(Stream& stream, std::uint32_t received) const;
-  void compare(Service& service, const Object& object, const std::vector<spm::Run>* had, std::uint32_t received,
-               Stream& stream);
+  void acknowledge(Controller& controller, Service& service, std::int64_t now_ns);
+  void compare(Controller& controller, Service& service, const Object& object, const std::vector<spm::Run>* had);
   void cover(Service& service, const spm::codec::CodedModel& model, std::uint32_t region) const;
   [[nodiscard]] std::vector<spm::Run> missing(const Service& service, const spm::codec::CodedModel& model,
                                               std::uint32_t region) const;
-  [[nodiscard]] bool still_holds(const Service& service, const spm::codec::CodedModel& model) const;
-  [[nodiscard]] static std::optional<std::uint32_t> urgency(const Service& service);
-  void begin(Service& service, const Object& object) const;
-  [[nodiscard]] Outgoing send_part(std::uint64_t hrtc, Stream& stream, std::uint64_t object_id, std::int64_t now_ns);
-  [[nodiscard]] BulkChunk make_chunk(std::uint64_t hrtc, Stream& stream, std::uint64_t object_id, Service& service,
-                                     std::int64_t now_ns);
+  [[nodiscard]] static Message* first_lost(Service& service);
+  [[nodiscard]] static std::optional<std::uint32_t> urgency(Service& service);
+  void plan(Service& service, const Object& object) const;
+  [[nodiscard]] static std::uint64_t unanswered(const Controller& controller);
+  [[nodiscard]] std::optional<Outgoing> next(std::uint64_t hrtc, Controller& controller, std::int64_t now_ns);
+  [[nodiscard]] Outgoing send_echo(std::uint64_t hrtc, Controller& controller, Service& service, std::int64_t now_ns);
+  [[nodiscard]] Outgoing send_part(std::uint64_t hrtc, Controller& controller, std::uint64_t object_id,
+                                   std::int64_t now_ns);
+  [[nodiscard]] BulkChunk make_chunk(Controller& controller, Service& service, std::int64_t now_ns);
   template <class Count>
-  void count(Stream& stream, Count add) {
-    add(stream.counters);
+  void count(Controller& controller, Count add) {
+    add(controller.counters);
     add(counters_);
   }
 
   Origin self_;
   std::map<std::uint64_t, Object> objects_;
-  std::map<std::uint64_t, Stream> streams_;  // by HRTC
+  std::map<std::uint64_t, Controller> controllers_;  // by HRTC
   std::uint64_t last_served_ = 0;
-  std::uint32_t highest_forgotten_ = 0;  // sequence used by a stream that is gone
+  std::uint32_t highest_forgotten_ = 0;  // sequence used in a stream to an HRTC that is gone
+  std::int64_t due_ns_ = 0;
   DeliveryCounters counters_;
 };
 

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "spm/model.hpp"
+#include "spm/span.hpp"
 
 namespace tactus::session {
 
@@ -24,7 +25,8 @@ inline constexpr std::size_t kMaxText = 255;
 inline constexpr std::size_t kMaxSlots = 64;  ///< users in one HRTC
 inline constexpr std::size_t kMaxHaveRuns = 1024;
 inline constexpr std::size_t kMaxWanted = 256;
-inline constexpr std::size_t kMaxPayload = 1200;  ///< a bulk sample fits one Ethernet frame
+inline constexpr std::size_t kMaxGaps = 128;
+inline constexpr std::size_t kMaxPayload = 1384;  ///< a bulk sample fills one Ethernet frame
 inline constexpr std::size_t kMaxFigures = 128;
 inline constexpr std::size_t kMaxMeshes = 64;  ///< objects of one HRTC
 inline constexpr std::size_t kMaxWaypoints = 16;
@@ -88,26 +90,33 @@ struct CatalogueEntry {
   bool withdrawn = false;
 };
 
-/// One bulk stream, from one host to one HRTC, counts its chunks from 1 in each host incarnation.
-/// Topics base and records share this form; `kind` tells what the joined payload is.
+/// What the joined payload of a message is.
 enum class BulkKind : std::uint8_t {
-  kBase = 0,    ///< an encoded base mesh; `region` is kNone
+  kBase = 0,    ///< an encoded base mesh
   kRegion = 1,  ///< an encoded region list with the records that the HRTC lacks
-  kEcho = 2     ///< no payload: only tells the epoch
+  kEcho = 2     ///< no payload: only tells epoch and sequence
 };
+
+/// Topics base and records: a chunk of a message, or an echo. Its header is small because it comes with each frame:
+/// what all chunks from one host to one HRTC about one object have in common is one number, `stream_id`.
 struct BulkChunk {
-  Origin origin;
-  std::uint64_t hrtc = 0;  ///< id_of(receiver)
-  std::uint64_t object_id = 0;
-  std::uint64_t digest = 0;    ///< of the model
-  std::uint32_t sequence = 0;  ///< of the stream, from 1
-  std::uint32_t epoch = 0;     ///< newest demand epoch that the host had seen of this HRTC and object
-  BulkKind kind = BulkKind::kEcho;
-  std::uint32_t region = 0;
-  std::uint32_t part = 0, parts = 1;  ///< this chunk of the message, and how many there are
-  std::uint64_t checksum = 0;         ///< XXH3-64 of the whole joined payload
+  std::uint64_t stream = 0;
+  std::uint32_t sequence = 0;         ///< of the stream, from 1; what is sent again gets a new one
+  std::uint32_t epoch = 0;            ///< newest demand epoch that the host had seen of this HRTC and object
+  std::uint32_t region = spm::kNone;  ///< kNone: a base mesh, or an echo
+  std::uint16_t part = 0, parts = 0;  ///< this chunk of the message, and how many there are; 0: an echo
+  std::uint32_t sent_us = 0;          ///< sender's monotonic clock, modulo 2^32
+  std::uint32_t checksum = 0;         ///< `checksum_of` the whole joined payload
   std::vector<std::uint8_t> payload;  ///< at most kMaxPayload
+
+  [[nodiscard]] BulkKind kind() const noexcept {
+    return parts == 0 ? BulkKind::kEcho : region == spm::kNone ? BulkKind::kBase : BulkKind::kRegion;
+  }
 };
+
+/// Names the chunks that one life of a host sends to one life of an HRTC about one object.
+[[nodiscard]] std::uint64_t stream_id(const Origin& host, const Origin& hrtc, std::uint64_t object_id) noexcept;
+[[nodiscard]] std::uint32_t checksum_of(spm::Span<const std::uint8_t> payload) noexcept;
 
 /// A wanted region and how soon: smaller is sooner.
 struct Wanted {
@@ -123,11 +132,15 @@ struct Demand {
   std::uint64_t serving_host = 0;  ///< participant that shall answer; others stay silent
   std::uint32_t epoch = 0;         ///< grows with every change
   bool need_base = false;
-  std::vector<spm::Run> have;            ///< regions held, as ascending runs of RegionIds
-  std::vector<Wanted> wanted;            ///< soonest first
-  std::uint64_t stream_incarnation = 0;  ///< of the host whose stream `received` counts
-  std::uint32_t received = 0;            ///< all chunks of that stream up to this sequence have been dealt with
-  std::uint32_t credit = 0;              ///< bytes the host may have under way to this HRTC
+  std::vector<spm::Run> have;    ///< regions held, as ascending runs of RegionIds
+  std::vector<Wanted> wanted;    ///< soonest first
+  std::uint64_t stream = 0;      ///< stream_id that the following is about
+  std::uint32_t received = 0;    ///< all chunks up to this sequence have been dealt with
+  std::uint32_t newest = 0;      ///< highest sequence that came, or as far as `gaps` tell
+  std::vector<spm::Run> gaps;    ///< sequences between these two that did not come, as ascending runs
+  std::uint32_t credit = 0;      ///< bytes the host may have under way to this HRTC
+  std::uint32_t arrivals = 0;    ///< chunks of the host since the last demand that it is told of
+  std::uint32_t one_way_us = 0;  ///< the least of their arrival - sent_us, modulo 2^32
 };
 
 struct Waypoint {

@@ -25,6 +25,16 @@ bool fits(const std::string& text, std::size_t bound) noexcept {
 }
 bool is_name(const std::string& text) noexcept { return !text.empty() && fits(text, session::kMaxName); }
 
+bool ascending(const std::vector<spm::Run>& runs) noexcept {
+  std::uint64_t next = 0;
+  for (const spm::Run& run : runs) {
+    if (run.count == 0 || run.first < next) return false;
+    next = std::uint64_t{run.first} + run.count;
+    if (next > spm::kNone) return false;
+  }
+  return true;
+}
+
 const char* fault(const session::Pose& pose) noexcept {
   if (!all_finite(pose.position)) return "pose.position: expected finite numbers";
   double square = 0;
@@ -98,12 +108,9 @@ const char* fault(const session::CatalogueEntry& c) noexcept {
 
 const char* fault(const session::Demand& d) noexcept {
   if (d.have.size() > session::kMaxHaveRuns) return "have: expected at most 1024 runs";
-  std::uint64_t next = 0;
-  for (const spm::Run& run : d.have) {
-    if (run.count == 0 || run.first < next) return "have: expected ascending runs of at least one region";
-    next = std::uint64_t{run.first} + run.count;
-    if (next > spm::kNone) return "have: expected regions below 0xffffffff";
-  }
+  if (!ascending(d.have)) return "have: expected ascending runs of regions below 0xffffffff";
+  if (d.gaps.size() > session::kMaxGaps) return "gaps: expected at most 128 runs";
+  if (!ascending(d.gaps)) return "gaps: expected ascending runs of sequences below 0xffffffff";
   if (d.wanted.size() > session::kMaxWanted) return "wanted: expected at most 256 regions";
   return nullptr;
 }
@@ -125,22 +132,14 @@ const char* fault(const session::Control& c) noexcept {
 }
 
 const char* fault(const session::BulkChunk& b) noexcept {
-  if (b.kind > session::BulkKind::kEcho) return "kind: expected 0..2";
   if (b.sequence == 0) return "sequence: expected at least 1";
-  if (b.parts == 0 || b.part >= b.parts) return "part: expected below parts";
-  if (b.payload.size() > session::kMaxPayload) return "payload: expected at most 1200 bytes";
-  switch (b.kind) {
-    case session::BulkKind::kEcho:
-      if (!b.payload.empty() || b.parts != 1) return "payload: expected none in an echo";
-      break;
-    case session::BulkKind::kBase:
-      if (b.region != spm::kNone) return "region: expected none with a base mesh";
-      if (b.payload.empty()) return "payload: expected at least one byte";
-      break;
-    case session::BulkKind::kRegion:
-      if (b.region == spm::kNone) return "region: expected one";
-      if (b.payload.empty()) return "payload: expected at least one byte";
-      break;
+  if (b.payload.size() > session::kMaxPayload) return "payload: expected at most 1384 bytes";
+  if (b.kind() == session::BulkKind::kEcho) {
+    if (!b.payload.empty()) return "payload: expected none in an echo";
+    if (b.part != 0 || b.region != spm::kNone) return "part: expected neither part nor region in an echo";
+  } else {
+    if (b.part >= b.parts) return "part: expected below parts";
+    if (b.payload.empty()) return "payload: expected at least one byte";
   }
   return nullptr;
 }

@@ -13,6 +13,10 @@ namespace {
 
 using eprosima::fastrtps::types::ReturnCode_t;
 
+/// A chunk has its stream instead, which session/ knows.
+template <class Sample>
+constexpr bool kNamesOrigin = !std::is_same_v<Sample, session::BulkChunk>;
+
 template <class Sample>
 dds::Topic& topic_of(Links& links, const TopicSpec<Sample>& spec) {
   return links.impl().topic(spec.name, spec.traffic, dds::TypeSupport{new Guarded<typename IdlOf<Sample>::Support>});
@@ -85,9 +89,11 @@ template <class Sample>
 SendStatus Writer<Sample>::send(const Sample& sample) noexcept try {
   const Links::Impl& links = impl_->links.impl();
   const char* wrong = fault(sample);
-  if (wrong == nullptr &&
-      (sample.origin.session != links.session_id || sample.origin.participant != links.participant_id)) {
-    wrong = "origin: expected session and participant of this program";
+  if constexpr (kNamesOrigin<Sample>) {
+    if (wrong == nullptr &&
+        (sample.origin.session != links.session_id || sample.origin.participant != links.participant_id)) {
+      wrong = "origin: expected session and participant of this program";
+    }
   }
   if (wrong != nullptr) {
     impl_->last_fault = wrong;
@@ -159,9 +165,11 @@ struct Reader<Sample>::Impl final : dds::DataReaderListener {
 
   void take(const dds::SampleInfo& info) {
     if (info.sample_identity.writer_guid().guidPrefix == participant.guid().guidPrefix) return;
-    if (encoded.stamp().session() != links.impl().session_id) {
-      ++foreign;
-      return;
+    if constexpr (kNamesOrigin<Sample>) {
+      if (encoded.stamp().session() != links.impl().session_id) {
+        ++foreign;
+        return;
+      }
     }
     from_idl(encoded, sample);
     if (const char* wrong = fault(sample)) {

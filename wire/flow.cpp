@@ -3,7 +3,6 @@
 #include <yaml-cpp/yaml.h>
 
 #include <initializer_list>
-#include <limits>
 #include <string>
 
 namespace tactus::wire {
@@ -51,7 +50,7 @@ class Section {
 }  // namespace
 
 Flow read_flow(const std::filesystem::path& file) try {
-  const Section top{file, "flow", YAML::LoadFile(file.string()), {"sockets", "bulk_limit"}};
+  const Section top{file, "flow", YAML::LoadFile(file.string()), {"sockets"}};
   const Section sockets{file, "sockets", top["sockets"], {"session", "probe", "bulk"}};
   Flow flow;
   for (const auto& [traffic, name] :
@@ -60,9 +59,6 @@ Flow read_flow(const std::filesystem::path& file) try {
     const Section marks{file, std::string{"sockets."} + name, sockets[name], {"tos", "priority"}};
     flow.sockets[static_cast<std::size_t>(traffic)] = {marks.number("tos", 0, 255), marks.number("priority", 0, 6)};
   }
-  const Section limit{file, "bulk_limit", top["bulk_limit"], {"bytes", "period_ms"}};
-  flow.bulk_bytes = limit.number("bytes", 0, std::numeric_limits<std::int32_t>::max());
-  flow.bulk_period_ms = limit.number("period_ms", 1, 1000);
   return flow;
 } catch (const YAML::BadFile&) {
   throw WireError(file.string() + ": cannot be read; expected the flow settings of this qos directory");

@@ -17,8 +17,6 @@ struct SocketMarks {
 
 struct Flow {
   std::array<SocketMarks, kTrafficClasses> sockets;  ///< by TrafficClass
-  std::int32_t bulk_bytes = 0;                       ///< in every period; 0: no ceiling
-  std::int32_t bulk_period_ms = 1;                   ///< 1..1000
 };
 
 /// Throws WireError naming file and key for a missing file or key, an unknown key or a value out of bounds.

@@ -13,6 +13,7 @@
 
 #include "wire/dds.hpp"
 #include "wire/discovery.hpp"
+#include "wire/lean_transport.hpp"
 #include "wire/profiles.hpp"
 #include "wire/topics.hpp"
 
@@ -20,8 +21,6 @@ namespace tactus::wire {
 namespace {
 
 using eprosima::fastrtps::types::ReturnCode_t;
-
-constexpr const char* kBulkLimit = "tactus_bulk_limit";
 
 /// Profiles live in one global table of the library, so one Links at a time fills and reads it.
 std::mutex& factory_mutex() {
@@ -102,14 +101,9 @@ dds::DomainParticipant* join(Links::Impl& impl, TrafficClass traffic, LogCapture
     throw WireError(file_of(impl, traffic).string() + ": no participant profile '" + profile + "'; expected one");
   }
   apply(impl.address.discovery, qos);
-  const bool limited = traffic == TrafficClass::kBulk && impl.flow.bulk_bytes > 0;
-  if (limited) {
-    auto limit = std::make_shared<eprosima::fastdds::rtps::FlowControllerDescriptor>();
-    limit->name = kBulkLimit;
-    limit->max_bytes_per_period = impl.flow.bulk_bytes;
-    limit->period_ms = static_cast<std::uint64_t>(impl.flow.bulk_period_ms);
-    qos.flow_controllers().push_back(std::move(limit));
-  }
+  if (traffic == TrafficClass::kBulk)
+    for (auto& transport : qos.transport().user_transports)
+      transport = std::make_shared<LeanTransportDescriptor>(transport);
   const std::set<int> before = datagram_sockets();
   const auto domain = static_cast<dds::DomainId_t>(impl.address.domain + static_cast<int>(place));
   dds::DomainParticipant* made = nullptr;
@@ -147,10 +141,6 @@ void copy_profiles(Links::Impl& impl, TrafficClass traffic) {
       missing = file_of(impl, traffic).string() + ": no profile '" + name + end + "' for topic " + topic.name +
                 "; expected one";
       return;
-    }
-    if (traffic == TrafficClass::kBulk && impl.flow.bulk_bytes > 0) {
-      writer.publish_mode().kind = dds::ASYNCHRONOUS_PUBLISH_MODE;
-      writer.publish_mode().flow_controller_name = kBulkLimit;
     }
     impl.writer_qos[name] = writer;
     impl.reader_qos[name] = reader;

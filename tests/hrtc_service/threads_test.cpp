@@ -93,7 +93,7 @@ TEST(Threads, AHandFeelsWhatALoaderBringsAndEvictsMeanwhile) {
     std::array<hrtc_service::NearObjects, kMaxProbes> near;
     loader.tick(now, sights, near);
     haptic.near().post(near);
-    while (auto demand = loader.demand(now)) server.on_demand(*demand);
+    while (auto demand = loader.demand(now)) (void)server.on_demand(*demand, now);
     while (auto chunk = server.next(now)) loader.on_chunk(chunk->chunk, now);
     hrtc_service::CycleTrace trace;
     while (haptic.traces().pop(trace)) {

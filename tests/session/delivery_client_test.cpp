@@ -2,7 +2,8 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <xxhash.h>
+
+#include <functional>
 
 namespace tactus::session {
 namespace {
@@ -11,11 +12,12 @@ using testing::ElementsAre;
 using testing::IsEmpty;
 
 constexpr std::uint64_t kSession = 1, kHost = 10, kOtherHost = 11, kHrtc = 20, kObject = 30, kDigest = 99;
+constexpr Origin kSelf{kSession, kHrtc, 7, 0};
 constexpr std::int64_t kMs = 1'000'000;
 
 class DeliveryClientTest : public testing::Test {
  protected:
-  DeliveryClientTest() : client_{{kSession, kHrtc, 7, 0}, DeliverySettings{}} {
+  DeliveryClientTest() : client_{kSelf, DeliverySettings{}} {
     for (const std::uint64_t host : {kHost, kOtherHost}) client_.offer(entry(host));
     client_.host_seen(kHost, 5, now_);
     client_.open(kObject, kDigest);
@@ -32,36 +34,33 @@ class DeliveryClientTest : public testing::Test {
 
   void give_base() {
     ASSERT_TRUE(client_.demand(now_)->need_base);
-    ASSERT_TRUE(client_.on_chunk(chunks(BulkKind::kBase, spm::kNone, "base", 1).at(0), now_));
+    ASSERT_TRUE(client_.on_chunk(chunks(spm::kNone, "base", 1).at(0), now_));
     client_.base_held(kObject);
   }
 
   /// Chunks of one message that holds `text`.
-  std::vector<BulkChunk> chunks(BulkKind kind, std::uint32_t region, const std::string& text, std::uint32_t parts) {
+  std::vector<BulkChunk> chunks(std::uint32_t region, const std::string& text, std::uint32_t parts) {
     std::vector<BulkChunk> all(parts);
+    const std::vector<std::uint8_t> bytes(text.begin(), text.end());
     const std::size_t size = (text.size() + parts - 1) / parts;
     for (std::uint32_t i = 0; i < parts; ++i) {
       BulkChunk& c = all[i];
-      c.origin = {kSession, kHost, 5, 0};
-      c.hrtc = kHrtc;
-      c.object_id = kObject;
-      c.digest = kDigest;
+      c.stream = stream_id({kSession, kHost, 5, 0}, kSelf, kObject);
+      c.sent_us = static_cast<std::uint32_t>(now_ / 1000);
       c.sequence = ++sequence_;
       c.epoch = epoch_;
-      c.kind = kind;
       c.region = region;
-      c.part = i;
-      c.parts = parts;
-      c.checksum = XXH3_64bits(text.data(), text.size());
+      c.part = static_cast<std::uint16_t>(i);
+      c.parts = static_cast<std::uint16_t>(parts);
+      c.checksum = checksum_of(bytes);
       const std::string part = text.substr(std::min(text.size(), i * size), size);
       c.payload.assign(part.begin(), part.end());
     }
     return all;
   }
   BulkChunk echo() {
-    BulkChunk c = chunks(BulkKind::kRegion, 0, "", 1).at(0);
-    c.kind = BulkKind::kEcho;
-    c.region = spm::kNone;
+    BulkChunk c = chunks(spm::kNone, "", 1).at(0);
+    c.parts = 0;
     return c;
   }
 
@@ -90,14 +89,14 @@ class DeliveryClientTest : public testing::Test {
   }
 
   void hold(std::uint32_t region) {
-    ASSERT_TRUE(take(chunks(BulkKind::kRegion, region, "region " + std::to_string(region), 2)));
+    ASSERT_TRUE(take(chunks(region, "region " + std::to_string(region), 2)));
     client_.held(kObject, region);
   }
 
   std::int64_t now_ = 1'000 * kMs;
   std::uint32_t sequence_ = 0;
   std::uint32_t next_region_ = 100;
-  std::uint32_t epoch_ = first_epoch(7) + 1;
+  std::uint32_t epoch_ = 1;
   DeliveryClient client_;
 };
 
@@ -127,8 +126,7 @@ TEST_F(DeliveryClientTest, CreditGrowsWithRateTimesRoundTripAndEndsAtTheRoom) {
     credit = demand.credit;
     now_ += 90 * kMs;
     // 20 MB/s: all of the credit and more, as far as the link goes.
-    for (std::uint32_t sent = 0; sent < std::min(credit, 2'000'000u); sent += 1100)
-      take(chunks(BulkKind::kRegion, 1000, text, 2000));
+    for (std::uint32_t sent = 0; sent < std::min(credit, 2'000'000u); sent += 1100) take(chunks(1000, text, 2000));
   }
   client_.set_room(70'000);
   const std::uint32_t without_room = publish_after_change().credit;
@@ -169,7 +167,7 @@ TEST_F(DeliveryClientTest, WhatIsTouchedSoonIsAskedForSoonerThanTheRest) {
 TEST_F(DeliveryClientTest, JoinsChunksInAnyOrderAndOnce) {
   client_.want(kObject, {{4, 0}});
   publish();
-  std::vector<BulkChunk> all = chunks(BulkKind::kRegion, 4, "what the region holds", 5);
+  std::vector<BulkChunk> all = chunks(4, "what the region holds", 5);
   std::swap(all[0], all[3]);
   std::swap(all[2], all[4]);
   all.insert(all.begin() + 2, all[1]);
@@ -184,7 +182,7 @@ TEST_F(DeliveryClientTest, JoinsChunksInAnyOrderAndOnce) {
 }
 
 TEST_F(DeliveryClientTest, DropsAMessageWhoseChecksumIsWrong) {
-  std::vector<BulkChunk> all = chunks(BulkKind::kRegion, 4, "what the region holds", 3);
+  std::vector<BulkChunk> all = chunks(4, "what the region holds", 3);
   all[1].payload[0] ^= 1;
 
   EXPECT_FALSE(take(all));
@@ -192,18 +190,21 @@ TEST_F(DeliveryClientTest, DropsAMessageWhoseChecksumIsWrong) {
 }
 
 TEST_F(DeliveryClientTest, IgnoresWhatIsNotForIt) {
-  const auto variations = std::vector<void (*)(BulkChunk&)>{[](BulkChunk& c) { c.origin.session = 2; },
-                                                            [](BulkChunk& c) { c.hrtc = 21; },
-                                                            [](BulkChunk& c) { c.object_id = 31; },
-                                                            [](BulkChunk& c) { c.digest = 98; },
-                                                            [](BulkChunk& c) { c.origin.incarnation = 4; },
-                                                            [](BulkChunk& c) { c.origin.participant = 12; },
-                                                            [](BulkChunk& c) { c.part = 1; },
-                                                            [](BulkChunk& c) { c.epoch += 100; },
-                                                            [](BulkChunk& c) { c.epoch = 0; },
-                                                            [](BulkChunk& c) { c.payload.resize(kMaxPayload + 1); }};
+  const auto other = [](std::uint64_t session, std::uint64_t host, std::uint64_t incarnation, std::uint64_t hrtc,
+                        std::uint64_t object) {
+    return stream_id({session, host, incarnation, 0}, {session, hrtc, 7, 0}, object);
+  };
+  const auto variations = std::vector<std::function<void(BulkChunk&)>>{
+      [&](BulkChunk& c) { c.stream = other(2, kHost, 5, kHrtc, kObject); },
+      [&](BulkChunk& c) { c.stream = other(kSession, kHost, 5, 21, kObject); },
+      [&](BulkChunk& c) { c.stream = other(kSession, kHost, 5, kHrtc, 31); },
+      [&](BulkChunk& c) { c.stream = other(kSession, kHost, 4, kHrtc, kObject); },
+      [&](BulkChunk& c) { c.stream = other(kSession, 12, 5, kHrtc, kObject); },
+      [](BulkChunk& c) { c.part = 1; },
+      [](BulkChunk& c) { c.epoch += 100; },
+      [](BulkChunk& c) { c.payload.resize(kMaxPayload + 1); }};
   for (const auto& vary : variations) {
-    std::vector<BulkChunk> all = chunks(BulkKind::kRegion, 4, "x", 1);
+    std::vector<BulkChunk> all = chunks(4, "x", 1);
     vary(all[0]);
     EXPECT_FALSE(take(all));
   }
@@ -213,7 +214,7 @@ TEST_F(DeliveryClientTest, IgnoresWhatIsNotForIt) {
 TEST_F(DeliveryClientTest, WhatIsHandedOutIsNotReceivedUntilAnswered) {
   client_.want(kObject, {{4, 0}});
   publish();
-  const std::vector<BulkChunk> all = chunks(BulkKind::kRegion, 4, "abc", 3);
+  const std::vector<BulkChunk> all = chunks(4, "abc", 3);
   ASSERT_TRUE(take(all));
   EXPECT_EQ(publish().received, all.back().sequence - 1);
 
@@ -225,19 +226,59 @@ TEST_F(DeliveryClientTest, WhatIsHandedOutIsNotReceivedUntilAnswered) {
   EXPECT_THAT(d.wanted, IsEmpty());
 }
 
-TEST_F(DeliveryClientTest, AHoleCountsAsDealtWithAfterItsTimeout) {
+TEST_F(DeliveryClientTest, AHoleIsToldOnceItIsOldAndDealtWithOnceTheHostKnows) {
   client_.want(kObject, {{4, 0}});
   publish();
-  std::vector<BulkChunk> all = chunks(BulkKind::kRegion, 4, "abcd", 4);
+  std::vector<BulkChunk> all = chunks(4, "abcd", 4);
   const std::uint32_t first = all[0].sequence;
   all.erase(all.begin() + 1);
   EXPECT_FALSE(take(all));
-  EXPECT_EQ(publish().received, first);
+  const std::optional<Demand> young = client_.demand(now_ + DeliverySettings{}.urgent_interval_ns);
+  EXPECT_FALSE(young) << "chunks may overtake each other";
 
-  now_ += 100 * kMs;
+  const Demand d = publish();
 
-  EXPECT_EQ(publish().received, first + 3);
-  EXPECT_EQ(client_.counters().holes, 1u);
+  EXPECT_EQ(d.received, first);
+  EXPECT_EQ(d.newest, first + 3);
+  ASSERT_EQ(d.gaps.size(), 1u);
+  EXPECT_EQ(d.gaps[0].first, first + 1);
+  EXPECT_EQ(d.gaps[0].count, 1u);
+  EXPECT_EQ(client_.counters().lost, 1u);
+  EXPECT_EQ(publish_after_change().gaps.size(), 1u) << "until the host answers";
+  (void)client_.on_chunk(echo(), now_);
+  const Demand after = publish_after_change();
+  EXPECT_EQ(after.received, first + 4);
+  EXPECT_TRUE(after.gaps.empty());
+}
+
+TEST_F(DeliveryClientTest, WhatFillsAHoleIsNotTold) {
+  client_.want(kObject, {{4, 0}});
+  publish();
+  std::vector<BulkChunk> all = chunks(4, "abcde", 5);
+  const std::uint32_t last = all.back().sequence;
+  EXPECT_FALSE(take({all[4], all[0]}));
+  EXPECT_FALSE(take({all[2]}));
+  EXPECT_TRUE(take({all[3], all[1]}));
+  client_.held(kObject, 4);
+
+  const Demand d = publish();
+  EXPECT_EQ(d.received, last);
+  EXPECT_TRUE(d.gaps.empty());
+}
+
+TEST_F(DeliveryClientTest, TellsTheLeastWayOfTheChunksSinceTheLastDemand) {
+  publish_after_change();
+  std::vector<BulkChunk> all = chunks(4, "abc", 3);
+  const auto sent_us = static_cast<std::uint32_t>(now_ / 1000);
+  all[0].sent_us = sent_us - 700;
+  all[1].sent_us = sent_us + 5;  // the clocks have nothing to do with each other
+  all[2].sent_us = sent_us - 20;
+  take(all);
+
+  const Demand d = publish();
+  EXPECT_EQ(d.arrivals, 3u);
+  EXPECT_EQ(static_cast<std::int32_t>(d.one_way_us), -5);
+  EXPECT_EQ(publish_after_change().arrivals, 0u);
 }
 
 TEST_F(DeliveryClientTest, ARetiredRegionIsReleasedOnceTheEchoOfThatEpochAndAllBeforeItAreHere) {
@@ -248,7 +289,7 @@ TEST_F(DeliveryClientTest, ARetiredRegionIsReleasedOnceTheEchoOfThatEpochAndAllB
   EXPECT_THAT(client_.take_released(kObject), IsEmpty());
 
   epoch_ -= 1;
-  const std::vector<BulkChunk> before = chunks(BulkKind::kRegion, 5, "counts on region 4", 1);
+  const std::vector<BulkChunk> before = chunks(5, "counts on region 4", 1);
   epoch_ += 1;
   EXPECT_FALSE(client_.on_chunk(echo(), now_));
   EXPECT_THAT(client_.take_released(kObject), IsEmpty()) << "a message before the echo is still on its way";
@@ -267,7 +308,7 @@ TEST_F(DeliveryClientTest, WhatWaitsForRoomIsStillUnderWayButHoldsUpNoRelease) {
   ASSERT_TRUE(client_.retire(kObject, 4));
   publish();
   epoch_ -= 1;
-  const std::vector<BulkChunk> waits = chunks(BulkKind::kRegion, 5, "counts on region 4", 1);
+  const std::vector<BulkChunk> waits = chunks(5, "counts on region 4", 1);
   epoch_ += 1;
   ASSERT_TRUE(take(waits));
   EXPECT_FALSE(client_.on_chunk(echo(), now_));
@@ -305,14 +346,14 @@ TEST_F(DeliveryClientTest, AMessageFromBeforeARetirementIsDroppedAfterTheRelease
 
   epoch_ = old_epoch;
 
-  EXPECT_FALSE(take(chunks(BulkKind::kRegion, 5, "counts on region 4", 1)));
+  EXPECT_FALSE(take(chunks(5, "counts on region 4", 1)));
   EXPECT_EQ(client_.counters().stale, 1u);
 }
 
 TEST_F(DeliveryClientTest, AMessageBegunBeforeARetirementCountsWhenItsHostGoesOnWithItAfterwards) {
   hold(4);
   publish();
-  const std::vector<BulkChunk> begun = chunks(BulkKind::kRegion, 5, "counts on nothing of region 4", 2);
+  const std::vector<BulkChunk> begun = chunks(5, "counts on nothing of region 4", 2);
   (void)client_.on_chunk(begun[0], now_);
   ASSERT_TRUE(client_.retire(kObject, 4));
   publish();
@@ -371,7 +412,7 @@ TEST_F(DeliveryClientTest, ALateHostIsReplacedByOneThatServesTheSame) {
   const std::uint32_t epoch_before = epoch_;
   const Demand d = publish();
   EXPECT_EQ(d.serving_host, kOtherHost);
-  EXPECT_EQ(d.stream_incarnation, 3u);
+  EXPECT_EQ(d.stream, stream_id({kSession, kOtherHost, 3, 0}, kSelf, kObject));
   EXPECT_GT(d.epoch, epoch_before);
 }
 
@@ -394,21 +435,23 @@ TEST_F(DeliveryClientTest, ARestartedHostBeginsANewStream) {
   const Demand d = publish();
 
   EXPECT_GT(before.received, 0u);
-  EXPECT_EQ(d.stream_incarnation, 6u);
+  EXPECT_EQ(d.stream, stream_id({kSession, kHost, 6, 0}, kSelf, kObject));
   EXPECT_EQ(d.received, 0u);
   EXPECT_EQ(d.have.size(), 1u);
 }
 
-TEST_F(DeliveryClientTest, SilenceRaisesTheEpochWhileSomethingIsOwed) {
+TEST_F(DeliveryClientTest, AsksAgainSoonWhileSomethingIsOwed) {
   client_.want(kObject, {{4, 0}});
   const Demand d = publish();
-  now_ += 200 * kMs;
-  client_.host_seen(kHost, 5, now_);
+  EXPECT_FALSE(client_.demand(now_ + DeliverySettings{}.repeat_ns - 1));
 
-  EXPECT_EQ(publish().epoch, d.epoch + 1);
+  const std::optional<Demand> again = client_.demand(now_ + DeliverySettings{}.repeat_ns);
+
+  ASSERT_TRUE(again);
+  EXPECT_EQ(again->epoch, d.epoch + 1) << "else the host would not answer a second time";
 }
 
-TEST_F(DeliveryClientTest, AnUnchangedDemandRepeatsAtTheKeepAliveOnly) {
+TEST_F(DeliveryClientTest, AnUnchangedDemandRepeatsAtTheKeepAliveWhenNothingIsOwed) {
   const Demand d = publish();
   EXPECT_FALSE(client_.demand(now_ + 499 * kMs));
   client_.host_seen(kHost, 5, now_ + 499 * kMs);
@@ -438,12 +481,12 @@ TEST_F(DeliveryClientTest, ChangesWaitForTheInterval) {
 TEST_F(DeliveryClientTest, IncompleteMessagesStayWithinTheirBound) {
   DeliverySettings settings;
   settings.max_partial_bytes = 10'000;
-  DeliveryClient client{{kSession, kHrtc, 7, 0}, settings};
+  DeliveryClient client{kSelf, settings};
   client.offer(entry(kHost));
   client.host_seen(kHost, 5, now_);
   client.open(kObject, kDigest);
   for (std::uint32_t region = 0; region < 1000; ++region) {
-    (void)client.on_chunk(chunks(BulkKind::kRegion, region, std::string(2000, 'x'), 2).at(0), now_ + region);
+    (void)client.on_chunk(chunks(region, std::string(2000, 'x'), 2).at(0), now_ + region);
     ASSERT_LE(client.partial_bytes(), settings.max_partial_bytes);
   }
   EXPECT_GT(client.partial_bytes(), 5'000u);

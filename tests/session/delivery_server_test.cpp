@@ -15,11 +15,13 @@ namespace {
 using test_support::OwnedModel;
 using test_support::random_model;
 
+constexpr std::int64_t kMs = 1'000'000;
 constexpr std::uint64_t kSession = 1, kHost = 10, kHrtc = 20, kOtherHrtc = 21, kObject = 30;
+constexpr Origin kSelf{kSession, kHost, 5, 0};
 
 class DeliveryServerTest : public testing::Test {
  protected:
-  DeliveryServerTest() : owned_{random_model(1, 2000, 3)}, model_{owned_.view()}, server_{{kSession, kHost, 5, 0}} {
+  DeliveryServerTest() : owned_{random_model(1, 2000, 3)}, model_{owned_.view()}, server_{kSelf} {
     server_.add(kObject, encoded_.coded());
   }
 
@@ -31,17 +33,45 @@ class DeliveryServerTest : public testing::Test {
     d.serving_host = kHost;
     d.epoch = epoch;
     for (const std::uint32_t region : wanted) d.wanted.push_back({region, static_cast<std::uint32_t>(d.wanted.size())});
-    d.stream_incarnation = 5;
+    d.stream = stream_id(kSelf, d.origin, kObject);
     d.credit = 1u << 20;
     return d;
   }
 
-  std::vector<BulkChunk> drain(std::size_t limit = 100'000) {
+  DeliveryServer::DemandResult tell(const Demand& d) {
+    newest_demand_[d.origin.participant] = d;
+    return server_.on_demand(d, now_);
+  }
+  /// The next chunk, when the pace allows it.
+  std::optional<Outgoing> next() {
+    std::optional<Outgoing> out = server_.next(now_);
+    if (!out && server_.due_ns() - now_ < kMs) out = server_.next(now_ = server_.due_ns());
+    if (out) last_[out->hrtc] = out->chunk.sequence;
+    return out;
+  }
+  /// What is sent without an answer.
+  std::vector<BulkChunk> drain_window(std::size_t limit = 100'000) {
     std::vector<BulkChunk> chunks;
     while (chunks.size() < limit) {
-      std::optional<Outgoing> out = server_.next(0);
+      std::optional<Outgoing> out = next();
       if (!out) break;
       chunks.push_back(std::move(out->chunk));
+    }
+    return chunks;
+  }
+  /// What is sent when each chunk is told to have come.
+  std::vector<BulkChunk> drain(std::size_t limit = 100'000) {
+    std::vector<BulkChunk> chunks;
+    for (std::size_t before = 1; chunks.size() != before && chunks.size() < limit;) {
+      before = chunks.size();
+      for (BulkChunk& chunk : drain_window(limit - before)) chunks.push_back(std::move(chunk));
+      now_ += kMs;
+      for (const auto& [hrtc, sequence] : last_) {
+        Demand d = newest_demand_.at(hrtc);
+        d.origin.time_ns = ++time_;
+        d.newest = sequence;
+        server_.on_demand(d, now_);
+      }
     }
     return chunks;
   }
@@ -51,7 +81,7 @@ class DeliveryServerTest : public testing::Test {
     std::vector<std::pair<std::uint32_t, std::set<std::uint32_t>>> regions;
     std::vector<std::uint8_t> bytes;
     for (const BulkChunk& chunk : chunks) {
-      if (chunk.kind != BulkKind::kRegion) continue;
+      if (chunk.kind() != BulkKind::kRegion) continue;
       if (chunk.part == 0) bytes.clear();
       bytes.insert(bytes.end(), chunk.payload.begin(), chunk.payload.end());
       if (chunk.part + 1 != chunk.parts) continue;
@@ -81,11 +111,13 @@ class DeliveryServerTest : public testing::Test {
   spm::Model model_;
   spm::codec::EncodedModel encoded_{model_};
   DeliveryServer server_;
-  std::int64_t time_ = 0;
+  std::int64_t time_ = 0, now_ = 1'000 * kMs;
+  std::map<std::uint64_t, Demand> newest_demand_;  // by HRTC
+  std::map<std::uint64_t, std::uint32_t> last_;    // sequence, by HRTC
 };
 
 TEST_F(DeliveryServerTest, SendsWhatIsWantedSoonestFirstAndEveryRecordOnce) {
-  server_.on_demand(demand(1, {4, 2, 7}));
+  tell(demand(1, {4, 2, 7}));
 
   const auto regions = regions_in(drain());
 
@@ -105,7 +137,7 @@ TEST_F(DeliveryServerTest, SendsWhatIsWantedSoonestFirstAndEveryRecordOnce) {
 TEST_F(DeliveryServerTest, CountsOnWhatTheDemandSaysIsThere) {
   Demand d = demand(1, {3});
   d.have = {{0, 2}};
-  server_.on_demand(d);
+  tell(d);
 
   const auto regions = regions_in(drain());
 
@@ -117,27 +149,31 @@ TEST_F(DeliveryServerTest, CountsOnWhatTheDemandSaysIsThere) {
 }
 
 TEST_F(DeliveryServerTest, SendsAgainWhatWasPassedAndNotTaken) {
-  server_.on_demand(demand(1, {3}));
+  tell(demand(1, {3}));
   const std::vector<BulkChunk> sent = drain();
   Demand d = demand(1, {3});
   d.received = sent.back().sequence - 1;
-  server_.on_demand(d);
+  d.newest = sent.back().sequence;
+  tell(d);
   EXPECT_THAT(drain(), testing::IsEmpty()) << "its last chunk has not been passed";
 
   d = demand(1, {3});
   d.received = sent.back().sequence;
-  server_.on_demand(d);
+  tell(d);
 
   EXPECT_EQ(regions_in(drain()).size(), 1u);
 }
 
 TEST_F(DeliveryServerTest, CountsOnNothingThatWasUnderWayWhenSomethingWasLost) {
-  server_.on_demand(demand(1, {0, 1, 2}));
+  tell(demand(1, {0, 1, 2}));
   Demand lost = demand(2, {0, 1, 2, 3});
-  for (const BulkChunk& chunk : drain())
-    if (chunk.region == 0) lost.received = chunk.sequence;  // refused; 1 and 2, which may count on it, are on their way
+  for (const BulkChunk& chunk : drain()) {
+    lost.newest = chunk.sequence;
+    if (chunk.region == 0)
+      lost.received = chunk.sequence;  // refused; 1 and 2, which may count on it, wait for their answers
+  }
 
-  server_.on_demand(lost);
+  tell(lost);
   const auto regions = regions_in(drain());
 
   ASSERT_EQ(regions.size(), 2u);
@@ -150,24 +186,84 @@ TEST_F(DeliveryServerTest, CountsOnNothingThatWasUnderWayWhenSomethingWasLost) {
   EXPECT_EQ(regions[1].second, missing);
 }
 
-TEST_F(DeliveryServerTest, DoesNotCountOnAnIncarnationOfItsStreamThatIsNotThis) {
-  server_.on_demand(demand(1, {3}));
-  const std::vector<BulkChunk> sent = drain();
+TEST_F(DeliveryServerTest, BelievesNothingThatIsToldOfAnotherStream) {
+  tell(demand(1, {3}));
+  const std::vector<BulkChunk> sent = drain_window();
 
   Demand d = demand(2, {3});
-  d.received = sent.back().sequence;
-  d.stream_incarnation = 4;
-  server_.on_demand(d);
+  d.received = d.newest = sent.back().sequence;
+  d.stream = stream_id({kSession, kHost, 4, 0}, d.origin, kObject);
+  tell(d);
 
-  EXPECT_THAT(regions_in(drain()), testing::IsEmpty());
+  EXPECT_THAT(regions_in(drain_window()), testing::IsEmpty());
+}
+
+TEST_F(DeliveryServerTest, SendsAMissingChunkAgainAsItWasUnderANewSequence) {
+  tell(demand(1, {3}));
+  const std::vector<BulkChunk> sent = drain_window(3);
+  ASSERT_GT(sent.back().parts, sent.size());
+
+  Demand d = demand(2, {3});
+  d.received = sent[0].sequence;
+  d.newest = sent.back().sequence;
+  d.gaps = {{sent[1].sequence, 1}};
+  tell(d);
+  const std::vector<BulkChunk> again = drain_window(1);
+
+  ASSERT_EQ(again.size(), 1u);
+  for (const BulkChunk& chunk : again) {
+    const auto first = std::find_if(
+        sent.begin(), sent.end(), [&](const BulkChunk& c) { return c.region == chunk.region && c.part == chunk.part; });
+    ASSERT_NE(first, sent.end()) << "part " << chunk.part << " of region " << chunk.region << ", " << chunk.parts;
+    EXPECT_EQ(chunk.payload, first->payload);
+    EXPECT_EQ(chunk.checksum, first->checksum);
+    EXPECT_GT(chunk.sequence, sent.back().sequence);
+    EXPECT_EQ(chunk.epoch, 2u);
+  }
+  EXPECT_EQ(server_.counters().repeated, 1u);
+  d.origin.time_ns = ++time_;
+  tell(d);
+  EXPECT_EQ(drain_window(1).at(0).part, sent.back().part + 1) << "what was told missing was sent again once";
+}
+
+TEST_F(DeliveryServerTest, AMissingChunkOfAMessageThatCountsOnARetiredRegionIsNotSentAgain) {
+  Demand d = demand(1, {3});
+  d.have = {{0, 2}};
+  tell(d);
+  const std::vector<BulkChunk> sent = drain_window();
+  ASSERT_GT(sent.size(), 1u);
+
+  d = demand(2, {3});
+  d.newest = sent.back().sequence;
+  d.gaps = {{sent[0].sequence, 1}};
+  tell(d);
+
+  const auto regions = regions_in(drain());
+  ASSERT_EQ(regions.size(), 1u);
+  EXPECT_EQ(regions[0].second, list_of(3));
+}
+
+TEST_F(DeliveryServerTest, AnEchoShowsThatTheLastChunksAreMissing) {
+  tell(demand(1, {3}));
+  const std::vector<BulkChunk> sent = drain_window();
+  ASSERT_FALSE(server_.next(now_));
+
+  now_ = server_.due_ns();
+  const std::optional<Outgoing> echo = server_.next(now_);
+
+  ASSERT_TRUE(echo);
+  EXPECT_EQ(echo->chunk.kind(), BulkKind::kEcho);
+  EXPECT_EQ(echo->chunk.sequence, sent.back().sequence + 1);
+  EXPECT_FALSE(server_.next(now_)) << "one is enough for now";
+  EXPECT_GT(server_.due_ns(), now_);
 }
 
 TEST_F(DeliveryServerTest, AnOmittedRegionIsNotFinished) {
-  server_.on_demand(demand(1, {3, 5}));
+  tell(demand(1, {3, 5}));
   const std::vector<BulkChunk> begun = drain(1);
   ASSERT_GT(begun[0].parts, 1u);
 
-  server_.on_demand(demand(2, {5}));
+  tell(demand(2, {5}));
 
   const std::vector<BulkChunk> chunks = drain();
   const auto regions = regions_in(chunks);
@@ -180,11 +276,11 @@ TEST_F(DeliveryServerTest, AnOmittedRegionIsNotFinished) {
 TEST_F(DeliveryServerTest, AMessageThatCountsOnARetiredRegionIsPlannedAnew) {
   Demand d = demand(1, {3});
   d.have = {{0, 2}};
-  server_.on_demand(d);
+  tell(d);
   const std::vector<BulkChunk> begun = drain(1);
   ASSERT_GT(begun[0].parts, 1u);
 
-  server_.on_demand(demand(2, {3}));
+  tell(demand(2, {3}));
 
   const std::vector<BulkChunk> chunks = drain();
   const auto regions = regions_in(chunks);
@@ -196,130 +292,144 @@ TEST_F(DeliveryServerTest, AMessageThatCountsOnARetiredRegionIsPlannedAnew) {
 TEST_F(DeliveryServerTest, StaysWithinTheCredit) {
   Demand d = demand(1, {0, 1, 2, 3, 4, 5});
   d.credit = 3 * kMaxPayload;
-  server_.on_demand(d);
+  tell(d);
 
-  const std::vector<BulkChunk> first = drain();
+  const std::vector<BulkChunk> first = drain_window();
 
-  EXPECT_EQ(first.size(), 3u);
+  EXPECT_GE(first.size(), 3u);
   EXPECT_LE(server_.bytes_under_way(kHrtc), d.credit);
-  d = demand(1, {0, 1, 2, 3, 4, 5});
-  d.credit = 3 * kMaxPayload;
-  d.received = first[0].sequence;
-  server_.on_demand(d);
-  EXPECT_EQ(drain().size(), 1u);
+  d.origin.time_ns = ++time_;
+  d.received = d.newest = first[0].sequence;
+  tell(d);
+  EXPECT_GE(drain_window().size(), 1u);
+  EXPECT_LE(server_.bytes_under_way(kHrtc), d.credit);
+}
+
+TEST_F(DeliveryServerTest, WhatHasComeAndWaitsForRoomIsStillUnderWay) {
+  tell(demand(1, {3}));
+  std::size_t bytes = 0;
+  for (const BulkChunk& chunk : drain()) bytes += chunk.payload.size();  // all came, and `received` is before it
+
+  EXPECT_EQ(server_.bytes_under_way(kHrtc), bytes);
 }
 
 TEST_F(DeliveryServerTest, TellsAnEpochThatBringsNothingToSendOnce) {
-  server_.on_demand(demand(4, {}));
+  tell(demand(4, {}));
 
   const std::vector<BulkChunk> chunks = drain();
 
   ASSERT_EQ(chunks.size(), 1u);
-  EXPECT_EQ(chunks[0].kind, BulkKind::kEcho);
+  EXPECT_EQ(chunks[0].kind(), BulkKind::kEcho);
   EXPECT_EQ(chunks[0].epoch, 4u);
-  server_.on_demand(demand(4, {}));
+  tell(demand(4, {}));
   EXPECT_THAT(drain(), testing::IsEmpty()) << "a keep-alive is no news";
 }
 
 TEST_F(DeliveryServerTest, TellsANewEpochEvenWithoutCredit) {
   Demand d = demand(1, {0, 1, 2});
   d.credit = kMaxPayload;
-  server_.on_demand(d);
+  tell(d);
   drain();
   d = demand(2, {0, 1, 2});
   d.credit = kMaxPayload;
-  server_.on_demand(d);
+  tell(d);
 
   const std::vector<BulkChunk> chunks = drain();
 
   ASSERT_EQ(chunks.size(), 1u);
-  EXPECT_EQ(chunks[0].kind, BulkKind::kEcho);
+  EXPECT_EQ(chunks[0].kind(), BulkKind::kEcho);
   EXPECT_EQ(chunks[0].epoch, 2u);
 }
 
 TEST_F(DeliveryServerTest, SendsTheBaseMeshFirstAndAgainWhenItWasPassed) {
   Demand d = demand(1, {3});
   d.need_base = true;
-  server_.on_demand(d);
+  tell(d);
   const std::vector<BulkChunk> base = drain();
   ASSERT_FALSE(base.empty());
   std::size_t bytes = 0;
   for (const BulkChunk& chunk : base) {
-    EXPECT_EQ(chunk.kind, BulkKind::kBase);
+    EXPECT_EQ(chunk.kind(), BulkKind::kBase);
     bytes += chunk.payload.size();
   }
   EXPECT_EQ(bytes, server_.base_bytes(kObject));
 
   d = demand(1, {3});
   d.need_base = true;
-  d.received = base.back().sequence;
-  server_.on_demand(d);
+  d.received = d.newest = base.back().sequence;
+  tell(d);
   EXPECT_EQ(drain().size(), base.size());
 
-  server_.on_demand(demand(2, {3}));
+  tell(demand(2, {3}));
   EXPECT_EQ(regions_in(drain()).size(), 1u);
 }
 
 TEST_F(DeliveryServerTest, IsSilentWhenAnotherHostServes) {
-  server_.on_demand(demand(1, {3}));
+  tell(demand(1, {3}));
   drain(1);
   Demand d = demand(2, {3});
   d.serving_host = 11;
-  server_.on_demand(d);
+  tell(d);
   EXPECT_THAT(drain(), testing::IsEmpty());
 
-  server_.on_demand(demand(1, {3}));
+  tell(demand(1, {3}));
   EXPECT_THAT(drain(), testing::IsEmpty()) << "an older demand must not bring it back";
 
-  server_.on_demand(demand(3, {3}));
+  tell(demand(3, {3}));
   EXPECT_EQ(regions_in(drain()).at(0).second, list_of(3));
 }
 
 TEST_F(DeliveryServerTest, SharesChunkByChunkBetweenControllers) {
-  server_.on_demand(demand(1, {0, 1, 2, 3}));
-  server_.on_demand(demand(1, {3, 2, 1, 0}, kOtherHrtc));
+  tell(demand(1, {0, 1, 2, 3}));
+  tell(demand(1, {3, 2, 1, 0}, kOtherHrtc));
 
-  const std::vector<BulkChunk> chunks = drain(10);
-
-  ASSERT_EQ(chunks.size(), 10u);
-  for (std::size_t i = 1; i < 10; ++i) EXPECT_NE(chunks[i].hrtc, chunks[i - 1].hrtc) << "chunk " << i;
+  std::uint64_t before = 0;
+  for (int i = 0; i < 10; ++i) {
+    now_ += kMs;  // both may send
+    const std::optional<Outgoing> out = server_.next(now_);
+    ASSERT_TRUE(out);
+    EXPECT_NE(out->hrtc, before) << "chunk " << i;
+    before = out->hrtc;
+  }
 }
 
 TEST_F(DeliveryServerTest, ABlockedControllerGetsNothingAndHoldsNobodyUp) {
-  server_.on_demand(demand(1, {0}));
-  server_.on_demand(demand(1, {0}, kOtherHrtc));
+  tell(demand(1, {0}));
+  tell(demand(1, {0}, kOtherHrtc));
 
   const auto not_to_first = [](std::uint64_t hrtc) { return hrtc != kHrtc; };
-  const std::optional<Outgoing> first = server_.next(0, not_to_first);
-  const std::optional<Outgoing> second = server_.next(0, not_to_first);
+  const std::optional<Outgoing> first = server_.next(now_, not_to_first);
+  const std::optional<Outgoing> second = server_.next(now_ + kMs, not_to_first);
 
   ASSERT_TRUE(first && second);
   EXPECT_EQ(first->hrtc, kOtherHrtc);
   EXPECT_EQ(second->hrtc, kOtherHrtc);
-  EXPECT_FALSE(server_.next(0, [](std::uint64_t) { return false; }));
+  EXPECT_FALSE(server_.next(now_, [](std::uint64_t) { return false; }));
 }
 
 TEST_F(DeliveryServerTest, ANewIncarnationOfAControllerStartsFromNothing) {
-  server_.on_demand(demand(9, {3}));
+  tell(demand(9, {3}));
   const std::vector<BulkChunk> before = drain();
   Demand d = demand(1, {3});
   d.origin.incarnation = 8;
-  server_.on_demand(d);
+  d.stream = stream_id(kSelf, d.origin, kObject);
+  last_.clear();
+  tell(d);
 
   const std::vector<BulkChunk> after = drain();
 
   EXPECT_EQ(regions_in(after).at(0).second, list_of(3));
-  EXPECT_GT(after.front().sequence, before.back().sequence) << "the stream counts on";
-  EXPECT_EQ(server_.on_demand(demand(10, {3})), DeliveryServer::DemandResult::kNotNewer) << "of the old incarnation";
+  EXPECT_NE(after.front().stream, before.back().stream);
+  EXPECT_EQ(tell(demand(10, {3})), DeliveryServer::DemandResult::kNotNewer) << "of the old incarnation";
 }
 
 TEST_F(DeliveryServerTest, AControllerThatComesBackHearsHigherSequences) {
-  server_.on_demand(demand(1, {3}));
+  tell(demand(1, {3}));
   const std::vector<BulkChunk> before = drain();
   server_.on_hrtc_gone(kHrtc);
-  EXPECT_FALSE(server_.next(0));
+  EXPECT_FALSE(server_.next(now_));
 
-  server_.on_demand(demand(1, {3}));
+  tell(demand(1, {3}));
 
   const std::vector<BulkChunk> after = drain();
   ASSERT_FALSE(after.empty());
@@ -330,21 +440,21 @@ TEST_F(DeliveryServerTest, RefusesDemandsThatMakeNoSense) {
   using Result = DeliveryServer::DemandResult;
   const std::uint32_t regions = model_.summary.regions;
   Demand d = demand(1, {regions});
-  EXPECT_EQ(server_.on_demand(d), Result::kMalformed);
+  EXPECT_EQ(tell(d), Result::kMalformed);
   d = demand(1, {});
   d.have = {{5, 0xffffffffu}};
-  EXPECT_EQ(server_.on_demand(d), Result::kMalformed);
+  EXPECT_EQ(tell(d), Result::kMalformed);
   d.have = {{5, 1}, {4, 1}};
-  EXPECT_EQ(server_.on_demand(d), Result::kMalformed);
+  EXPECT_EQ(tell(d), Result::kMalformed);
   d.have = {{4, 1}, {5, 1}};
-  EXPECT_EQ(server_.on_demand(d), Result::kMalformed) << "runs that touch";
+  EXPECT_EQ(tell(d), Result::kMalformed) << "runs that touch";
   d = demand(1, {});
   d.digest ^= 1;
-  EXPECT_EQ(server_.on_demand(d), Result::kNotServed);
+  EXPECT_EQ(tell(d), Result::kNotServed);
   d = demand(1, {});
   d.origin.session = 2;
-  EXPECT_EQ(server_.on_demand(d), Result::kNotServed);
-  EXPECT_FALSE(server_.next(0));
+  EXPECT_EQ(tell(d), Result::kNotServed);
+  EXPECT_FALSE(server_.next(now_));
 }
 
 }  // namespace

@@ -28,13 +28,15 @@ struct Text {
     }
     line += demand.need_base ? ", wants the base mesh" : ", wants";
     for (const Wanted& wanted : demand.wanted) line += ' ' + std::to_string(wanted.region);
-    return line + ", received " + std::to_string(demand.received) + ", credit " + std::to_string(demand.credit);
+    line += ", received " + std::to_string(demand.received) + " of " + std::to_string(demand.newest) + ", " +
+            std::to_string(demand.gaps.size()) + " gaps";
+    return line + ", credit " + std::to_string(demand.credit);
   }
   std::string operator()(const BulkChunk& chunk) const {
-    std::string line = "chunk " + std::to_string(chunk.sequence) + " of object " + std::to_string(chunk.object_id) +
+    std::string line = "chunk " + std::to_string(chunk.sequence) + " of stream " + std::to_string(chunk.stream) +
                        " under epoch " + std::to_string(chunk.epoch) + ": ";
-    if (chunk.kind == BulkKind::kEcho) return line + "echo";
-    line += chunk.kind == BulkKind::kBase ? "base mesh" : "region " + std::to_string(chunk.region);
+    if (chunk.kind() == BulkKind::kEcho) return line + "echo";
+    line += chunk.kind() == BulkKind::kBase ? "base mesh" : "region " + std::to_string(chunk.region);
     return line + " part " + std::to_string(chunk.part + 1) + " of " + std::to_string(chunk.parts);
   }
   std::string operator()(const ClockSample& sample) const {

@@ -39,7 +39,8 @@ class SimulatedHost : public Program {
   void hear(const Sample& sample) override {
     const auto* demand = std::get_if<Demand>(&sample);
     if (demand == nullptr) return;
-    if (server_->on_demand(*demand) == DeliveryServer::DemandResult::kMalformed) world_.broken("a malformed demand");
+    if (server_->on_demand(*demand, local_ns()) == DeliveryServer::DemandResult::kMalformed)
+      world_.broken("a malformed demand");
     call_at(std::max(world_.now_ns, last_sent_ns_ + kMs));
   }
   void react(const RosterEvent& event) override {

@@ -111,7 +111,7 @@ class LocalSession {
     while (auto demand = loader_.demand(now_))
       if (connected) demands_.push_back({cycles_ + delay_, std::move(*demand)});
     while (!demands_.empty() && demands_.front().due <= cycles_) {
-      server_.on_demand(demands_.front().sample);
+      server_.on_demand(demands_.front().sample, now_);
       demands_.pop_front();
     }
     while (auto chunk = server_.next(now_))

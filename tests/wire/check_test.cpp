@@ -43,8 +43,9 @@ ses::CatalogueEntry catalogue() {
 
 ses::BulkChunk chunk() {
   ses::BulkChunk b;
-  b.kind = ses::BulkKind::kRegion;
   b.sequence = 1;
+  b.region = 3;
+  b.parts = 1;
   b.payload = {1};
   return b;
 }
@@ -111,21 +112,25 @@ TEST(Check, NamesTheWrongFieldOfADemand) {
   expect_fault(ses::Demand{}, "have", [](auto& d) { d.have = {{5, 2}, {6, 1}}; });
   expect_fault(ses::Demand{}, "have", [](auto& d) { d.have = {{0xfffffff0u, 0x20}}; });
   expect_fault(ses::Demand{}, "wanted", [](auto& d) { d.wanted.resize(257); });
+  expect_fault(ses::Demand{}, "gaps", [](auto& d) { d.gaps = {{5, 1}, {5, 1}}; });
+  expect_fault(ses::Demand{}, "gaps", [](auto& d) {
+    for (std::uint32_t i = 0; i < 129; ++i) d.gaps.push_back({2 * i, 1});
+  });
   expect_fault(ses::Demand{}, "have", [](auto& d) {
     for (std::uint32_t i = 0; i < 1025; ++i) d.have.push_back({2 * i, 1});
   });
 }
 
 TEST(Check, NamesTheWrongFieldOfABulkChunk) {
-  expect_fault(chunk(), "kind", [](auto& b) { b.kind = static_cast<ses::BulkKind>(3); });
   expect_fault(chunk(), "sequence", [](auto& b) { b.sequence = 0; });
-  expect_fault(chunk(), "part", [](auto& b) { b.parts = 0; });
   expect_fault(chunk(), "part", [](auto& b) { b.part = 1; });
   expect_fault(chunk(), "payload", [](auto& b) { b.payload.resize(ses::kMaxPayload + 1); });
   expect_fault(chunk(), "payload", [](auto& b) { b.payload.clear(); });
-  expect_fault(chunk(), "payload", [](auto& b) { b.kind = ses::BulkKind::kEcho; });
-  expect_fault(chunk(), "region", [](auto& b) { b.kind = ses::BulkKind::kBase; });
-  expect_fault(chunk(), "region", [](auto& b) { b.region = spm::kNone; });
+  expect_fault(chunk(), "payload", [](auto& b) { b.parts = 0; });
+  expect_fault(chunk(), "part", [](auto& b) {
+    b.parts = 0;
+    b.payload.clear();
+  });
 }
 
 TEST(Check, NamesTheWrongFieldOfWhatMoves) {

@@ -58,7 +58,8 @@ ses::CatalogueEntry full(const Links& from) {
 
 template <>
 ses::Demand full(const Links& from) {
-  return {from.origin(), 11, 12, 13, 14, true, {{0, 3}, {5, 1}, {9, 20}}, {{4, 1500}, {6, 2500}}, 15, 16, 17};
+  return {from.origin(),      11, 12, 13, 14, true, {{0, 3}, {5, 1}, {9, 20}}, {{4, 1500}, {6, 2500}}, 15, 16, 30,
+          {{17, 2}, {21, 1}}, 17, 18, 19};
 }
 
 template <>
@@ -72,8 +73,8 @@ ses::Control full(const Links& from) {
 }
 
 template <>
-ses::BulkChunk full(const Links& from) {
-  return {from.origin(), 21, 22, 23, 24, 25, ses::BulkKind::kRegion, 26, 2, 9, 27, {1, 2, 3, 0, 255}};
+ses::BulkChunk full(const Links&) {
+  return {21, 24, 25, 26, 2, 9, 28, 27, {1, 2, 3, 0, 255}};
 }
 
 template <>

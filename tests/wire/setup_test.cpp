@@ -237,28 +237,5 @@ TEST_F(SpoiltQos, AChangeOfAProfileTakesEffectInTheSameProcess) {
   EXPECT_NE(refusal(address_), "");
 }
 
-TEST_F(SpoiltQos, WithACeilingTheBulkStreamStillArrives) {
-  replace("flow.yaml", "bytes: 0", "bytes: 50000");
-  Links a{address_};
-  auto there = address_;
-  there.participant = "q";
-  Links b{there};
-  Inbox<ses::BulkChunk> inbox;
-  Reader<ses::BulkChunk> reader{b, topics::kRecords, inbox.callback()};
-  Writer<ses::BulkChunk> writer{a, topics::kRecords};
-  ASSERT_TRUE(eventually([&] { return writer.matched() == 1 && reader.matched() == 1; }));
-  auto chunk = full<ses::BulkChunk>(a);
-  chunk.payload.assign(ses::kMaxPayload, 7);
-  for (std::uint32_t i = 1; i <= 200; ++i) {
-    chunk.sequence = i;
-    ASSERT_EQ(writer.send(chunk), SendStatus::kSent);
-  }
-  for (std::uint32_t i = 1; i <= 200; ++i) {
-    const auto got = inbox.next();
-    ASSERT_TRUE(got.has_value());
-    ASSERT_EQ(got->sequence, i);
-  }
-}
-
 }  // namespace
 }  // namespace tactus::wire::test

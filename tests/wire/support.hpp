@@ -122,17 +122,16 @@ inline auto fields(const ses::CatalogueEntry& c) {
       std::tuple{c.material.stiffness, c.material.damping, c.material.static_friction, c.material.dynamic_friction});
 }
 inline auto fields(const ses::Demand& d) {
-  return std::tuple{fields(d.origin), d.object_id,    d.digest,         d.serving_host,       d.epoch,
-                    d.need_base,      fields(d.have), fields(d.wanted), d.stream_incarnation, d.received,
-                    d.credit};
+  return std::tuple{fields(d.origin), d.object_id,    d.digest,         d.serving_host, d.epoch,
+                    d.need_base,      fields(d.have), fields(d.wanted), d.stream,       d.received,
+                    d.newest,         fields(d.gaps), d.credit,         d.arrivals,     d.one_way_us};
 }
 inline auto fields(const ses::Metrics& m) {
   return std::tuple{fields(m.origin), fields(m.figures), fields(m.meshes), m.scene};
 }
 inline auto fields(const ses::Control& c) { return std::tuple{fields(c.origin), c.sequence, c.kind, c.text}; }
 inline auto fields(const ses::BulkChunk& b) {
-  return std::tuple{fields(b.origin), b.hrtc,   b.object_id, b.digest, b.sequence, b.epoch,
-                    b.kind,           b.region, b.part,      b.parts,  b.checksum, b.payload};
+  return std::tuple{b.stream, b.sequence, b.epoch, b.region, b.part, b.parts, b.sent_us, b.checksum, b.payload};
 }
 inline auto fields(const ses::Intent& i) {
   return std::tuple{fields(i.origin), i.user_id, i.probe, i.sequence, fields(i.path)};

@@ -69,31 +69,32 @@ TEST_F(TwoPrograms, EveryFieldOfEveryTopicArrives) {
 TEST_F(TwoPrograms, ALateJoinerGetsTheStateThatLasts) {
   expect_late_joiner_gets(topics::kRoster);
   expect_late_joiner_gets(topics::kCatalogue);
-  expect_late_joiner_gets(topics::kDemand);
   expect_late_joiner_gets(topics::kControl);
 }
 
 TEST_F(TwoPrograms, ALateJoinerGetsTheNewestOfEachObject) {
-  Writer<ses::Demand> writer{alpha_, topics::kDemand};
-  auto demand = full<ses::Demand>(alpha_);
-  for (const std::uint64_t object : {1u, 2u, 3u}) {
-    for (const std::uint32_t epoch : {1u, 2u}) {
-      demand.object_id = object;
-      demand.epoch = epoch;
-      ASSERT_EQ(writer.send(demand), SendStatus::kSent);
+  Writer<ses::CatalogueEntry> writer{alpha_, topics::kCatalogue};
+  auto entry = full<ses::CatalogueEntry>(alpha_);
+  for (const char* object : {"a", "b", "c"}) {
+    for (const std::uint32_t base_bytes : {1u, 2u}) {
+      entry.object = object;
+      entry.object_id = ses::id_of(object);
+      entry.base_bytes = base_bytes;
+      ASSERT_EQ(writer.send(entry), SendStatus::kSent);
     }
   }
 
-  Inbox<ses::Demand> inbox;
-  Reader<ses::Demand> reader{beta_, topics::kDemand, inbox.callback()};
+  Inbox<ses::CatalogueEntry> inbox;
+  Reader<ses::CatalogueEntry> reader{beta_, topics::kCatalogue, inbox.callback()};
 
-  std::vector<std::pair<std::uint64_t, std::uint32_t>> got;
+  std::vector<std::pair<std::string, std::uint32_t>> got;
   for (int i = 0; i < 3; ++i) {
     const auto d = inbox.next();
     ASSERT_TRUE(d.has_value()) << "after " << i;
-    got.emplace_back(d->object_id, d->epoch);
+    got.emplace_back(d->object, d->base_bytes);
   }
-  EXPECT_THAT(got, testing::UnorderedElementsAre(testing::Pair(1u, 2u), testing::Pair(2u, 2u), testing::Pair(3u, 2u)));
+  EXPECT_THAT(got,
+              testing::UnorderedElementsAre(testing::Pair("a", 2u), testing::Pair("b", 2u), testing::Pair("c", 2u)));
 }
 
 TEST_F(TwoPrograms, TheLargestSamplesArrive) {
@@ -105,6 +106,8 @@ TEST_F(TwoPrograms, TheLargestSamplesArrive) {
   demand.have.clear();
   for (std::uint32_t i = 0; i < ses::kMaxHaveRuns; ++i) demand.have.push_back({3 * i, 2});
   demand.wanted.assign(ses::kMaxWanted, {7, 8});
+  demand.gaps.clear();
+  for (std::uint32_t i = 0; i < ses::kMaxGaps; ++i) demand.gaps.push_back({2 * i, 1});
   auto metrics = full<ses::Metrics>(alpha_);
   metrics.figures.assign(ses::kMaxFigures, {name, 1.5});
   metrics.meshes.assign(ses::kMaxMeshes, {~std::uint64_t{0}, ~std::uint64_t{0}});
@@ -134,7 +137,7 @@ TEST_F(TwoPrograms, TheLargestSamplesArrive) {
   arrives(topics::kRecords, chunk);
 }
 
-TEST_F(TwoPrograms, EveryChunkOfALongStreamArrivesOnceAndInOrder) {
+TEST_F(TwoPrograms, ChunksOfALongStreamArriveAtMostOnceAndInOrder) {
   constexpr std::uint32_t kChunks = 5000;
   Inbox<ses::BulkChunk> inbox;
   Reader<ses::BulkChunk> reader{beta_, topics::kRecords, inbox.callback(), {hrtc_partition("beta")}};
@@ -145,15 +148,20 @@ TEST_F(TwoPrograms, EveryChunkOfALongStreamArrivesOnceAndInOrder) {
   chunk.payload.assign(ses::kMaxPayload, 1);
   for (std::uint32_t i = 1; i <= kChunks; ++i) {
     chunk.sequence = i;
-    ASSERT_TRUE(eventually([&] { return writer.send(chunk) == SendStatus::kSent; })) << "chunk " << i;
+    ASSERT_EQ(writer.send(chunk), SendStatus::kSent) << "chunk " << i;
   }
 
-  for (std::uint32_t i = 1; i <= kChunks; ++i) {
-    const auto got = inbox.next();
-    ASSERT_TRUE(got.has_value()) << "chunk " << i;
-    ASSERT_EQ(got->sequence, i);
+  std::uint32_t last = 0;
+  while (last <= kChunks) {
+    const auto got = inbox.next(100ms);
+    if (!got) {  // the last ones were lost
+      chunk.sequence = kChunks + 1;
+      ASSERT_EQ(writer.send(chunk), SendStatus::kSent);
+      continue;
+    }
+    ASSERT_GT(got->sequence, last);
+    last = got->sequence;
   }
-  EXPECT_TRUE(writer.wait_acknowledged(10s));
 }
 
 TEST_F(TwoPrograms, AWriterWithoutAReaderNeverBlocks) {
@@ -165,7 +173,7 @@ TEST_F(TwoPrograms, AWriterWithoutAReaderNeverBlocks) {
   }
 }
 
-TEST_F(TwoPrograms, AStuckReaderOfOneStreamHoldsBackNeitherTheSenderForLongNorAnotherStream) {
+TEST_F(TwoPrograms, AStuckReaderOfOneStreamHoldsBackNeitherTheSenderNorAnotherStream) {
   std::mutex stuck;
   std::unique_lock<std::mutex> hold{stuck};
   Inbox<ses::BulkChunk> inbox;
@@ -180,12 +188,10 @@ TEST_F(TwoPrograms, AStuckReaderOfOneStreamHoldsBackNeitherTheSenderForLongNorAn
   ASSERT_TRUE(eventually([&] { return to_frozen.matched() == 1 && to_healthy.matched() == 1; }));
 
   auto chunk = full<ses::BulkChunk>(alpha_);
-  bool blocked = false;
-  for (std::uint32_t i = 1; i <= 20000 && !blocked; ++i) {
+  for (std::uint32_t i = 1; i <= 20000; ++i) {
     chunk.sequence = i;
-    blocked = to_frozen.send(chunk) == SendStatus::kBlocked;
+    ASSERT_EQ(to_frozen.send(chunk), SendStatus::kSent) << "chunk " << i;
   }
-  EXPECT_TRUE(blocked) << "20000 unacknowledged chunks were accepted: the history has no bound";
   EXPECT_TRUE(send_until_received(to_healthy, inbox, chunk).has_value());
   hold.unlock();
 }

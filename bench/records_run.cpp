@@ -1,0 +1,74 @@
+#include "bench/records_run.hpp"
+
+#include <unistd.h>
+
+#include <exception>
+#include <memory>
+#include <thread>
+
+#include "latency/load.hpp"
+#include "netem/pair.hpp"
+#include "wire/process.hpp"
+
+namespace tactus::bench {
+namespace {
+
+/// Makes a T in a thread that is in the namespace, so that all its sockets are there, and keeps it.
+template <class T, class... Arguments>
+std::unique_ptr<T> make_there(const netem::LinkedPair& pair, netem::Side side, Arguments&&... arguments) {
+  std::unique_ptr<T> made;
+  std::exception_ptr trouble;
+  std::thread{[&] {
+    try {
+      pair.enter(side);
+      made = std::make_unique<T>(std::forward<Arguments>(arguments)...);
+    } catch (...) {
+      trouble = std::current_exception();
+    }
+  }}.join();
+  if (trouble != nullptr) std::rethrow_exception(trouble);
+  return made;
+}
+
+void wait(double seconds, const std::atomic<bool>& stop) {
+  const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
+  while (std::chrono::steady_clock::now() < end && !stop) std::this_thread::sleep_for(std::chrono::milliseconds{10});
+}
+
+}  // namespace
+
+RecordsRun run_records(const std::string& link, double seconds, std::size_t burst_bytes, std::uint64_t seed,
+                       const std::atomic<bool>& stop) {
+  netem::LinkSettings settings = netem::parse_link(link);
+  settings.seed = seed;
+  const netem::LinkedPair pair{settings};
+  wire::SessionAddress address;
+  address.session = "records." + std::to_string(::getpid());
+  address.participant = "host";
+  latency::Cell cell;
+  cell.load_mbit = latency::kUnpaced;
+  const auto sink = make_there<latency::Sink>(pair, netem::Side::kB, cell, address, burst_bytes);
+  const auto load = make_there<latency::Load>(pair, netem::Side::kA, cell, address);
+  for (int i = 0; i < 2000 && !load->matched() && !stop; ++i) wait(0.01, stop);
+  if (!load->matched()) throw netem::LinkError("the two ends have not found each other over " + link);
+  load->start();
+  wait(seconds / 5, stop);
+
+  (void)sink->take_bursts();
+  const std::uint64_t came = sink->bytes(), sent = load->sent_bytes();
+  const std::int64_t began = wire::monotonic_ns();
+  wait(seconds, stop);
+  RecordsRun run;
+  const auto bytes = static_cast<double>(sink->bytes() - came);
+  run.mbyte_per_s = bytes * 1e3 / static_cast<double>(wire::monotonic_ns() - began);
+  run.sent_share = bytes > 0 ? static_cast<double>(load->sent_bytes() - sent) / bytes : 0;
+  Samples sizes;
+  for (const latency::Sink::Burst& burst : sink->take_bursts()) {
+    run.burst_ms.add(burst.ms);
+    sizes.add(static_cast<double>(burst.bytes) * 1e-3);
+  }
+  run.burst_kb = sizes.mean();
+  return run;
+}
+
+}  // namespace tactus::bench

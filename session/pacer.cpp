@@ -1,0 +1,109 @@
+#include "session/pacer.hpp"
+
+#include <algorithm>
+
+#include "session/messages.hpp"
+
+namespace tactus::session {
+namespace {
+
+constexpr std::int64_t kMs = 1'000'000;
+constexpr double kFirstWindow = 10 * kMaxPayload;  // RFC 6928
+constexpr double kLeastWindow = 2 * kMaxPayload;
+constexpr double kMostWindow = 16e6;
+constexpr std::int64_t kFirstLoop = 10 * kMs;
+constexpr std::int64_t kLeastLoop = kMs;
+
+// Queueing that is aimed at: some, the more the later its effect is seen, and what one chunk takes by itself.
+constexpr std::int64_t kTarget = kMs / 2;
+constexpr std::int64_t kTargetShare = 8;  // of a loop
+constexpr double kMostChunkTime = 8e6;
+// Of the window in a loop, at most; with the target's share of it this keeps the loop stable.
+constexpr double kGain = 1.0 / 8;
+constexpr double kSteepest = 4;  // times that, downwards
+
+constexpr double kPaceStarting = 2, kPace = 1.2;  // windows per loop
+constexpr std::int64_t kCatchUp = 4 * kMs;        // of the pace, when the sender was held up
+constexpr std::int64_t kSpan = 10'000 * kMs;
+constexpr std::int64_t kDrainEvery = 2'000 * kMs;
+constexpr std::int64_t kDrainEveryLoops = 40;
+
+}  // namespace
+
+Pacer::Pacer() noexcept : window_{kFirstWindow}, least_us_{0, 0} {}
+
+double Pacer::pace() const noexcept {
+  const std::int64_t loop = loop_ns_ == 0 ? kFirstLoop : std::max(loop_ns_, kLeastLoop);
+  return (starting_ ? kPaceStarting : kPace) * window_ / static_cast<double>(loop);
+}
+
+std::int64_t Pacer::target_ns() const noexcept {
+  const double chunk = std::min(static_cast<double>(kMaxPayload * loop_ns_) / window_ / 2, kMostChunkTime);
+  return kTarget + loop_ns_ / kTargetShare + static_cast<std::int64_t>(chunk);
+}
+
+bool Pacer::may_send(std::uint32_t bytes, std::int64_t now_ns) {
+  // Time in which nothing was to be sent, or no more was allowed, is not made up for.
+  if (!paced_) next_ns_ = std::max(next_ns_, now_ns);
+  const double window = now_ns < drain_until_ns_ ? window_ / 2 : window_;
+  if (under_way_ != 0 && under_way_ + bytes > window) {
+    held_up_ = true;
+    paced_ = false;
+    return false;
+  }
+  if (now_ns >= next_ns_) return true;
+  held_up_ = paced_ = true;
+  return false;
+}
+
+void Pacer::sent(std::uint32_t bytes, std::int64_t now_ns) {
+  under_way_ += bytes;
+  next_ns_ = std::max(next_ns_, now_ns - kCatchUp) + static_cast<std::int64_t>(bytes / pace());
+}
+
+void Pacer::note_one_way(std::uint32_t one_way_us, std::int64_t now_ns) {
+  if (!first_us_) {
+    first_us_ = one_way_us;
+    span_ns_ = empty_ns_ = now_ns;
+  }
+  const auto us = static_cast<std::int32_t>(one_way_us - *first_us_);
+  if (now_ns - span_ns_ >= kSpan) {
+    least_us_[1] = std::exchange(least_us_[0], us);
+    span_ns_ = now_ns;
+  }
+  least_us_[0] = std::min(least_us_[0], us);
+  queueing_ns_ = std::int64_t{us - std::min(least_us_[0], least_us_[1])} * 1000;
+  if (queueing_ns_ < target_ns() / 4) empty_ns_ = now_ns;
+}
+
+void Pacer::on_feedback(const Feedback& feedback, std::int64_t now_ns) {
+  // The pace may keep what is under way below the window; far below it the sender had nothing more to send.
+  const bool used = std::exchange(held_up_, false) && under_way_ > window_ / 3;
+  under_way_ -= feedback.arrived_bytes + feedback.lost_bytes;
+  if (feedback.arrived_bytes == 0) return;
+  constexpr std::int64_t kSmoothing = 8;
+  loop_ns_ += loop_ns_ == 0 ? feedback.loop_ns : (feedback.loop_ns - loop_ns_) / kSmoothing;
+  round_arrived_ += feedback.arrived_bytes;
+  round_lost_ += feedback.lost_bytes;
+  if (now_ns - round_ns_ >= loop_ns_) {
+    // No link is like that: it is a queue too short to show as delay.
+    if (round_lost_ > round_arrived_) window_ = std::max(window_ / 2, kLeastWindow);
+    round_ns_ = now_ns;
+    round_arrived_ = round_lost_ = 0;
+  }
+  if (!feedback.one_way_us) return;
+  note_one_way(*feedback.one_way_us, now_ns);
+
+  if (now_ns < drain_until_ns_) return;
+  if (now_ns - empty_ns_ >= std::max(kDrainEvery, kDrainEveryLoops * loop_ns_)) {
+    drain_until_ns_ = now_ns + loop_ns_;
+    empty_ns_ = drain_until_ns_;
+  }
+  const auto target = static_cast<double>(target_ns());
+  const double off = std::clamp((target - static_cast<double>(queueing_ns_)) / target, -kSteepest, 1.0);
+  starting_ = starting_ && off > 0.25;
+  if (off > 0 && !used) return;
+  window_ = std::clamp(window_ + (starting_ ? 1 : kGain * off) * feedback.arrived_bytes, kLeastWindow, kMostWindow);
+}
+
+}  // namespace tactus::session
