@@ -176,6 +176,7 @@ void Sink::take(const session::BulkChunk& chunk, std::int64_t at_ns) {
     const std::lock_guard lock{mutex_};
     bursts_.push_back({static_cast<double>(at_ns - burst_ns_) * 1e-6, burst_bytes_});
   }
+  client_.want(message->object_id, {});  // else what goes meanwhile would come again
   if (burst_bytes_ < least_burst_) ++burst_regions_;
   rest_until_ns_ = at_ns + kRest;
 }
