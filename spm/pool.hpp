@@ -35,7 +35,7 @@ struct PoolSettings {
   std::uint32_t coded_blocks = 1u << 18;
   /// Nodes follow what is shown, slots what is decoded, blocks what may be met within a round trip.
   static PoolSettings for_slots(std::uint32_t slots) noexcept {
-    return {slots, slots / 4 + std::min(slots / 4 + 1024, 4096u), slots / 10 + 256, std::min(6 * slots, kMaxSlots)};
+    return {slots, slots / 4 + std::min(slots / 2 + 1024, 6144u), slots / 10 + 256, std::min(6 * slots, kMaxSlots)};
   }
   /// As many slots as `bytes` hold, all that belongs to them included; 0 when not even one fits.
   static PoolSettings for_bytes(std::uint64_t bytes) noexcept;
