@@ -28,6 +28,9 @@ namespace tactus::hrtc_service {
 namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
+constexpr std::int64_t kServiceNs = 2 * kMs;  // from one pass to the next, at least; so many times a pass; at most
+constexpr std::int64_t kServiceRest = 10;
+constexpr std::int64_t kServiceMostNs = 10 * kMs;
 constexpr std::int64_t kHeartbeatNs = 100 * kMs;
 constexpr std::int64_t kClockNs = 200 * kMs;
 constexpr std::int64_t kClockFastNs = 20 * kMs;
@@ -908,10 +911,17 @@ int Hrtc::Impl::run(const std::atomic<bool>& stop) {
       options.directory_bytes == ~std::uint64_t{0}
           ? std::string{}
           : fmt::format(", and {:.1f} MiB for directories", static_cast<double>(options.directory_bytes) / (1 << 20)));
+  // However many samples come, for their number grows with the square of a session's size; and a share of a core at
+  // most, for on a machine that is short of time answers come later, so that more has to be told ahead, which takes
+  // time.
+  Every due{kServiceNs};
   while (!stop && !ended) {
-    for (const Inbox::Arrived& arrived : inbox.take(std::chrono::microseconds{2000}))
+    for (const Inbox::Arrived& arrived : inbox.take(due.left(monotonic_ns())))
       std::visit([&](const auto& sample) { take(sample, arrived.at_ns); }, arrived.sample);
-    serve(monotonic_ns());
+    const std::int64_t now_ns = monotonic_ns();
+    if (!due.due(now_ns)) continue;
+    serve(now_ns);
+    due.set_period(std::clamp(kServiceRest * (monotonic_ns() - now_ns), kServiceNs, kServiceMostNs));
   }
   finish();
   return exit_code;

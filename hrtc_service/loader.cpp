@@ -170,8 +170,31 @@ void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {
   broad_phase_.put(touch.index, world_box(touch.bounds, touch.placement));
   by_index_.push_back(&object);
   object.ready = true;
+  predicted_ns_ = 0;
   waiting_.push_back({Arrival::Kind::kObject, &touch, {}, {}});
   delivery_.base_held(object.info.id);
+}
+
+/// Whether what was predicted last still does: the tips have hardly moved since.
+bool Loader::still_ahead(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights) const {
+  constexpr std::int64_t kStaleNs = 10'000'000;
+  constexpr double kHardly = 0.1;  // of the tip's radius
+  if (now_ns - predicted_ns_ >= kStaleNs) return false;
+  for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
+    const ProbeSight &before = predicted_for_[i], &sight = sights[i];
+    if (sight.active != before.active || sight.in_contact != before.in_contact) return false;
+    if (sight.active && !((sight.device - before.device).norm() <= kHardly * settings_.radius)) return false;
+  }
+  return true;
+}
+
+void Loader::observe(Object& object, const std::array<ProbeSight, kMaxProbes>& sights) {
+  for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
+    const ProbeSight& sight = sights[i];
+    if (sight.active)
+      object.predictors[i].observe(static_cast<double>(sight.time_ns) / kNsPerS,
+                                   object.touch.placement.to_model(sight.device), sight.in_contact);
+  }
 }
 
 void Loader::predict(Object& object, const std::array<ProbeSight, kMaxProbes>& sights) {
@@ -188,10 +211,8 @@ void Loader::predict(Object& object, const std::array<ProbeSight, kMaxProbes>& s
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     const ProbeSight& sight = sights[i];
     if (!sight.active) continue;
-    spm::Predictor& predictor = object.predictors[i];
-    predictor.observe(static_cast<double>(sight.time_ns) / kNsPerS, placement.to_model(sight.device), sight.in_contact);
     spm::Predictor::Answer answer;
-    predictor.predict(lead, answer);
+    object.predictors[i].predict(lead, answer);
     if (sight
             .in_contact)  // the proxy lags behind a device that is pressed in, and must stand on the finest surface too
       object.grid().for_each_meeting(placement.to_model(sight.proxy),
@@ -245,8 +266,13 @@ void Loader::tick(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>&
   take_departures();
   take_released();
   take_parked(now_ns);
-  prospects_.clear();
-  for (Object* object : by_index_) predict(*object, sights);
+  for (Object* object : by_index_) observe(*object, sights);
+  if (!still_ahead(now_ns, sights)) {
+    predicted_ns_ = now_ns;
+    predicted_for_ = sights;
+    prospects_.clear();
+    for (Object* object : by_index_) predict(*object, sights);
+  }
   want(now_ns);
   find_leavers();
   show_due();

@@ -197,6 +197,8 @@ class Loader {
 
   [[nodiscard]] bool take_directory(Object& object);
   void take_base(Object& object, const std::vector<std::uint8_t>& bytes);
+  [[nodiscard]] bool still_ahead(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights) const;
+  static void observe(Object& object, const std::array<ProbeSight, kMaxProbes>& sights);
   void predict(Object& object, const std::array<ProbeSight, kMaxProbes>& sights);
 
   // The store (loader_store.cpp).
@@ -252,8 +254,10 @@ class Loader {
     std::uint32_t region;
     Wish* wish;
   };
-  std::vector<Prospect> prospects_;  // of the last tick
-  std::deque<Arrival> waiting_;      // for room in the ring
+  std::vector<Prospect> prospects_;  // of the last prediction
+  std::int64_t predicted_ns_ = 0;
+  std::array<ProbeSight, kMaxProbes> predicted_for_{};
+  std::deque<Arrival> waiting_;  // for room in the ring
   struct Parked {
     Object* object;
     session::DeliveryClient::Message message;

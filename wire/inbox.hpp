@@ -64,6 +64,10 @@ class Every {
     next_ns_ = now_ns + period_ns_;
     return true;
   }
+  /// Until it is due; 0 when it is.
+  [[nodiscard]] std::chrono::microseconds left(std::int64_t now_ns) const {
+    return std::chrono::microseconds{now_ns < next_ns_ ? (next_ns_ - now_ns + 999) / 1000 : 0};
+  }
   void at_once() { next_ns_ = 0; }
   void set_period(std::int64_t period_ns) { period_ns_ = period_ns; }
 

@@ -1,0 +1,444 @@
+// What many HRTCs do to a host and to each other: tactus-host and tactus-hrtc as a user starts them.
+//
+//   trouble   one HRTC is frozen, or gets a tenth of its time: what that does to the records and probe states of others
+//   joining   32 HRTCs start within a second: when the last of them touches exactly
+//   crowding  8 HRTCs follow one path: the host's bytes, beside those for one
+//   state     32 HRTCs, 10,000 regions: the heap that a host's half of delivery takes for them
+#include <malloc.h>
+#include <signal.h>
+
+#include <CLI/CLI.hpp>
+#include <array>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <thread>
+#include <vector>
+
+#include "bench/fetcher.hpp"
+#include "bench/figures.hpp"
+#include "bench/models.hpp"
+#include "bench/surface_path.hpp"
+#include "session/delivery_server.hpp"
+#include "session/figures.hpp"
+#include "spm/codec/model_codec.hpp"
+#include "spm/fcl/fixed_mesh.hpp"
+#include "spm/offline/model_file.hpp"
+#include "tests/e2e/process.hpp"
+#include "tests/support/temporary_folder.hpp"
+
+namespace tactus::bench {
+namespace {
+
+using e2e::Process;
+using spm::Vec3d;
+using std::chrono::milliseconds;
+
+constexpr double kPeriod = 0.001;  // s
+constexpr double kRadius = 0.003;  // m
+constexpr double kDepth = 0.0003;  // m
+constexpr double kSpeed = 0.05;    // m/s
+constexpr double kFast = 0.3;      // m/s, of those that load the host
+constexpr std::int64_t kSecond = 1'000'000'000;
+
+struct Settings {
+  std::string json, part;
+  std::uint32_t faces = 1'000'000;
+  int domain = 40;
+  int pairs = 10;
+  double seconds = 2;  // of each window
+  int joining = 32;
+  std::uint32_t regions_faces = 2'950'000;  // of a model of some 10,000 regions
+};
+
+/// CPU time of a running process, s; 0 when it is gone.
+double cpu_seconds(int pid) {
+  std::ifstream file{"/proc/" + std::to_string(pid) + "/stat"};
+  std::string text;
+  std::getline(file, text);
+  const std::size_t name_end = text.rfind(')');
+  if (name_end == std::string::npos) return 0;
+  std::istringstream fields{text.substr(name_end + 2)};
+  std::string skipped;
+  for (int i = 0; i < 11; ++i) fields >> skipped;
+  double user = 0, system = 0;
+  fields >> user >> system;
+  return (user + system) / static_cast<double>(::sysconf(_SC_CLK_TCK));
+}
+
+/// Sees probe states and metrics of all in the session.
+class Watch {
+ public:
+  explicit Watch(const wire::SessionAddress& address)
+      : links_{address},
+        states_{links_, wire::topics::kProbeState, [this](session::ProbeState&& state) { take(state); }},
+        metrics_{links_, wire::topics::kMetrics, [this](session::Metrics&& metrics) { take(metrics); }} {}
+
+  /// Ages of the probe states of `user` from now on; null: of nobody.
+  void follow(const std::string& user, Samples* ages) {
+    const std::lock_guard lock{mutex_};
+    followed_ = session::id_of(user);
+    ages_ = ages;
+  }
+  /// Users that have touched exactly.
+  [[nodiscard]] std::size_t touching() const {
+    const std::lock_guard lock{mutex_};
+    return touching_.size();
+  }
+  /// The newest figure of that name of a participant; 0 when none has come.
+  [[nodiscard]] double figure(const std::string& participant, const std::string& name) const {
+    const std::lock_guard lock{mutex_};
+    const auto found = figures_.find({session::id_of(participant), name});
+    return found == figures_.end() ? 0 : found->second;
+  }
+
+ private:
+  void take(const session::ProbeState& state) {
+    const std::lock_guard lock{mutex_};
+    if (ages_ != nullptr && state.user_id == followed_)
+      ages_->add(static_cast<double>(wire::monotonic_ns() - state.origin.time_ns) / 1e3);
+    constexpr std::uint32_t kTouches = session::kInContact | session::kExact;
+    if ((state.status & kTouches) == kTouches) touching_.insert(state.user_id);
+  }
+  void take(const session::Metrics& metrics) {
+    const std::lock_guard lock{mutex_};
+    for (const auto& [name, value] : metrics.figures) figures_[{metrics.origin.participant, name}] = value;
+  }
+
+  mutable std::mutex mutex_;
+  std::uint64_t followed_ = 0;
+  Samples* ages_ = nullptr;
+  std::set<std::uint64_t> touching_;
+  std::map<std::pair<std::uint64_t, std::string>, double> figures_;
+  wire::Links links_;
+  wire::Reader<session::ProbeState> states_;
+  wire::Reader<session::Metrics> metrics_;
+};
+
+/// A model, two paths on it, and programs around them in sessions of their own.
+class Laboratory {
+ public:
+  explicit Laboratory(const Settings& settings) : settings_{settings} {
+    std::fprintf(stderr, "making the model and paths\n");
+    LoadedModel subject = load_model({}, settings.faces);
+    digest_ = subject.model.summary.digest;
+    spm::offline::write_model(folder_.path() / "model.spm", subject.model, {});
+    scale_to_edge(subject, kHandEdge);
+    std::ofstream config{folder_.path() / "host.yaml"};
+    config.precision(17);
+    config << "objects:\n  - name: object\n    model: " << (folder_.path() / "model.spm").string()
+           << "\n    position: [0, 0, 0]\n    scale: " << subject.model.summary.metres_per_unit << '\n';
+    if (!config.flush()) throw std::runtime_error("cannot write " + (folder_.path() / "host.yaml").string());
+    record("slow.csv", subject, kSpeed);
+    record("fast.csv", subject, kFast);
+    programs_ = std::filesystem::read_symlink("/proc/self/exe").parent_path();
+  }
+
+  [[nodiscard]] std::uint64_t digest() const noexcept { return digest_; }
+
+  /// Serving, in `session`.
+  [[nodiscard]] std::unique_ptr<Process> host(const std::string& session) const {
+    auto host = start("tactus-host", session, {"--name", "host", "--config", (folder_.path() / "host.yaml").string()});
+    if (!host->wait_for_line("serving 'object'", std::chrono::seconds{60}))
+      throw std::runtime_error("the host does not serve:\n" + host->output());
+    return host;
+  }
+  /// With a user of the same name that follows a recording, "slow" or "fast".
+  [[nodiscard]] std::unique_ptr<Process> hrtc(const std::string& session, const std::string& name,
+                                              const std::string& path, std::vector<std::string> more = {}) const {
+    more.insert(more.end(), {"--name", name, "--replay", name + "=" + (folder_.path() / (path + ".csv")).string()});
+    return start("tactus-hrtc", session, more);
+  }
+  [[nodiscard]] wire::SessionAddress address(const std::string& session, const std::string& participant) const {
+    wire::SessionAddress address;
+    address.session = session;
+    address.participant = participant;
+    address.domain = settings_.domain;
+    address.qos = wire::default_qos_directory();
+    return address;
+  }
+
+ private:
+  [[nodiscard]] std::unique_ptr<Process> start(const std::string& program, const std::string& session,
+                                               const std::vector<std::string>& more) const {
+    std::vector<std::string> command{(programs_ / program).string(), "--session", session, "--domain",
+                                     std::to_string(settings_.domain)};
+    command.insert(command.end(), more.begin(), more.end());
+    return std::make_unique<Process>(std::move(command));
+  }
+  void record(const std::string& name, const LoadedModel& subject, double speed) const {
+    const double unit = subject.model.summary.metres_per_unit;
+    const spm::fcl::FixedMesh finest{subject.model.positions, subject.finest};
+    const PathSettings path{kRadius / unit, kDepth / unit, speed * kPeriod / unit, 30'000, 1};
+    std::ofstream out{folder_.path() / name};
+    out.precision(9);
+    double time = 0;
+    for (const Vec3d& at : surface_path(subject.model.positions, subject.finest, path,
+                                        [&](const Vec3d& p) { return finest.distance(p); })) {
+      out << time << ',' << at[0] * unit << ',' << at[1] * unit << ',' << at[2] * unit << '\n';
+      time += kPeriod;
+    }
+    if (!out.flush()) throw std::runtime_error("cannot write " + name);
+  }
+
+  Settings settings_;
+  std::uint64_t digest_ = 0;
+  test_support::TemporaryFolder folder_;
+  std::filesystem::path programs_;
+};
+
+void end(Process& program) {
+  program.signal(SIGTERM);
+  (void)program.wait();
+}
+
+/// Waits for `done`, looking every few ms; false when `limit` passes first.
+template <class Done>
+bool wait_until(std::int64_t limit_ns, Done&& done) {
+  for (const std::int64_t until = wire::monotonic_ns() + limit_ns; !done();
+       std::this_thread::sleep_for(milliseconds{5}))
+    if (wire::monotonic_ns() > until || wire::stop_signal()) return false;
+  return true;
+}
+
+// ---- trouble
+
+enum class Trouble { kNone, kFrozen, kSlow };
+
+struct TroubleRuns {
+  Samples records_p99, age_p99;  // of each window, ms and us
+};
+
+/// Lets a process run for a tenth of the time.
+class Throttle {
+ public:
+  explicit Throttle(Process& program)
+      : thread_{[this, &program] {
+          while (!done_) {
+            program.signal(SIGSTOP);
+            std::this_thread::sleep_for(milliseconds{90});
+            program.signal(SIGCONT);
+            std::this_thread::sleep_for(milliseconds{10});
+          }
+        }} {}
+  ~Throttle() {
+    done_ = true;
+    thread_.join();
+  }
+
+ private:
+  std::atomic<bool> done_{false};
+  std::thread thread_;
+};
+
+std::array<TroubleRuns, 3> run_trouble(const Laboratory& lab, const Settings& settings) {
+  const std::string session = "trouble";
+  const auto host = lab.host(session);
+  const auto calm = lab.hrtc(session, "calm", "slow");
+  const auto other = lab.hrtc(session, "other", "fast");
+  Watch watch{lab.address(session, "watch")};
+  Fetcher fetcher{lab.address(session, "fetcher")};
+  const auto go_on = [&](double seconds, Samples* times) {
+    fetcher.run(wire::monotonic_ns() + static_cast<std::int64_t>(seconds * 1e9), times);
+  };
+  for (int tries = 0; !(fetcher.ready() && watch.touching() >= 2); ++tries) {
+    if (tries > 100) throw std::runtime_error("the HRTCs do not touch:\n" + calm->output() + other->output());
+    go_on(0.1, nullptr);
+  }
+  std::array<TroubleRuns, 3> runs;
+  for (int pair = 0; pair < settings.pairs && !wire::stop_signal(); ++pair) {
+    std::fprintf(stderr, "trouble: %d of %d\n", pair + 1, settings.pairs);
+    for (const Trouble trouble : {Trouble::kNone, Trouble::kFrozen, Trouble::kSlow}) {
+      go_on(1, nullptr);  // until all are back
+      Samples times, ages;
+      watch.follow("calm", &ages);
+      {
+        std::optional<Throttle> throttle;
+        if (trouble == Trouble::kFrozen) other->signal(SIGSTOP);
+        if (trouble == Trouble::kSlow) throttle.emplace(*other);
+        go_on(settings.seconds, &times);
+      }
+      watch.follow("calm", nullptr);
+      other->signal(SIGCONT);
+      TroubleRuns& run = runs[static_cast<std::size_t>(trouble)];
+      run.records_p99.add(times.percentile(99));
+      run.age_p99.add(ages.percentile(99));
+    }
+  }
+  for (const auto& program : {host.get(), calm.get(), other.get()}) end(*program);
+  return runs;
+}
+
+// ---- joining
+
+struct Joining {
+  double started = 0, ready = 0, cpu = 0;  // s
+  std::size_t touching = 0;
+};
+
+Joining run_joining(const Laboratory& lab, const Settings& settings) {
+  std::fprintf(stderr, "joining: %d HRTCs\n", settings.joining);
+  const std::string session = "joining";
+  const auto host = lab.host(session);
+  Watch watch{lab.address(session, "watch")};
+  std::vector<std::unique_ptr<Process>> hrtcs;
+  const std::int64_t began = wire::monotonic_ns();
+  for (int i = 0; i < settings.joining; ++i)
+    hrtcs.push_back(
+        lab.hrtc(session, "hrtc-" + std::to_string(i), "slow",
+                 {"--priority", "0", "--users", "1", "--pool", "16384", "--rate", "100", "--state-rate", "20"}));
+  Joining joining;
+  joining.started = static_cast<double>(wire::monotonic_ns() - began) / 1e9;
+  (void)wait_until(60 * kSecond, [&] { return watch.touching() >= hrtcs.size(); });
+  joining.ready = static_cast<double>(wire::monotonic_ns() - began) / 1e9;
+  joining.touching = watch.touching();
+  joining.cpu = cpu_seconds(host->pid());
+  for (const auto& hrtc : hrtcs) joining.cpu += cpu_seconds(hrtc->pid());
+  for (const auto& hrtc : hrtcs) hrtc->signal(SIGTERM);
+  for (const auto& hrtc : hrtcs) (void)hrtc->wait();
+  end(*host);
+  return joining;
+}
+
+// ---- crowding
+
+/// Bytes that a host sends to so many HRTCs on one path.
+double run_crowd(const Laboratory& lab, int hrtcs) {
+  std::fprintf(stderr, "crowding: %d HRTCs\n", hrtcs);
+  const std::string session = "crowd-" + std::to_string(hrtcs);
+  const auto host = lab.host(session);
+  Watch watch{lab.address(session, "watch")};
+  std::vector<std::unique_ptr<Process>> crowd;
+  for (int i = 0; i < hrtcs; ++i)
+    crowd.push_back(lab.hrtc(session, "hrtc-" + std::to_string(i), "slow", {"--users", "1", "--state-rate", "50"}));
+  (void)wait_until(20 * kSecond, [&] { return watch.touching() >= crowd.size(); });
+  std::this_thread::sleep_for(std::chrono::seconds{6});  // of following the path
+  const double bytes = watch.figure("host", session::figures::kHostBytes);
+  for (const auto& hrtc : crowd) end(*hrtc);
+  end(*host);
+  return bytes;
+}
+
+// ---- state
+
+struct State {
+  std::uint32_t regions = 0;
+  double bytes = 0;
+};
+
+/// Each HRTC says that it has a thousand runs of regions, wants more and gets some of them.
+State run_state(const Settings& settings) {
+  std::fprintf(stderr, "state: 32 HRTCs\n");
+  constexpr std::uint64_t kSession = 1, kObject = 2, kHost = 3;
+  const LoadedModel subject = load_model({}, settings.regions_faces);
+  const spm::codec::EncodedModel encoded{subject.model};
+  const session::Origin host{kSession, kHost, 1, 0};
+  session::DeliveryServer server{host};
+  server.add(kObject, encoded.coded());
+  const std::uint32_t regions = subject.model.summary.regions;
+  const auto before = static_cast<double>(mallinfo2().uordblks);
+  for (std::uint64_t hrtc = 100; hrtc < 132; ++hrtc) {
+    session::Demand demand;
+    demand.origin = {kSession, hrtc, 1, 0};
+    demand.object_id = kObject;
+    demand.digest = subject.model.summary.digest;
+    demand.serving_host = kHost;
+    demand.epoch = 1;
+    demand.stream = session::stream_id(host, demand.origin, kObject);
+    demand.credit = 1 << 20;
+    // Every second half of a stretch is held; in some of the others the first region is wanted.
+    const std::uint32_t runs = std::min<std::uint32_t>(session::kMaxHaveRuns, regions / 4);
+    const std::uint32_t stretch = regions / runs;
+    for (std::uint32_t run = 0; run < runs; ++run) demand.have.push_back({run * stretch + stretch / 2, stretch / 4});
+    for (std::uint32_t run = hrtc % 4; run < runs && demand.wanted.size() < session::kMaxWanted; run += 4)
+      demand.wanted.push_back({run * stretch, run * 1000});
+    if (server.on_demand(demand, 0) != session::DeliveryServer::DemandResult::kTaken)
+      throw std::runtime_error("the server does not take a demand");
+  }
+  for (int chunk = 0; chunk < 3200; ++chunk) (void)server.next(chunk * INT64_C(100'000));
+  return {regions, static_cast<double>(mallinfo2().uordblks) - before};
+}
+
+void report_trouble(const Laboratory& lab, const Settings& settings, Report& report) {
+  const std::array<TroubleRuns, 3> trouble = run_trouble(lab, settings);
+  const std::array<const char*, 3> names{"all run", "one frozen", "one has a tenth of its time"};
+  for (std::size_t i = 0; i < 3; ++i) {
+    report.row("a region's records, p99", std::string{names[i]} + ", windows", "ms", trouble[i].records_p99);
+    report.row("probe states, age p99", std::string{names[i]} + ", windows", "us", trouble[i].age_p99);
+  }
+  for (std::size_t i = 1; i < 3; ++i) {
+    report.at_most("a region's records, p99, over that when all run", names[i], "",
+                   trouble[i].records_p99.percentile(50) / trouble[0].records_p99.percentile(50), 1.1);
+    report.at_most("probe states, age p99, over that when all run", names[i], "",
+                   trouble[i].age_p99.percentile(50) / trouble[0].age_p99.percentile(50), 1.1);
+  }
+}
+
+void report_joining(const Laboratory& lab, const Settings& settings, Report& report) {
+  const Joining joining = run_joining(lab, settings);
+  const std::string many = std::to_string(settings.joining) + " HRTCs";
+  report.figure("all started after", many, "s", joining.started);
+  report.figure("CPU time until then, host and HRTCs", many, "s", joining.cpu);
+  report.at_least("touch exactly", many, "", static_cast<double>(joining.touching), settings.joining);
+  report.at_most("the last touches exactly after", many, "s", joining.ready, 5);
+}
+
+void report_crowding(const Laboratory& lab, const Settings&, Report& report) {
+  const double one = run_crowd(lab, 1), eight = run_crowd(lab, 8);
+  report.figure("bytes of a host for 8 HRTCs on one path", "over those for one", "times", eight / one);
+}
+
+void report_state(const Settings& settings, Report& report) {
+  const State state = run_state(settings);
+  report.figure("regions of the model", "state", "", state.regions);
+  report.at_most("heap of a host's half of delivery", "32 HRTCs", "MiB", state.bytes / (1 << 20), 1);
+}
+
+int run(const Settings& settings) {
+  const auto wanted = [&](const char* part) { return settings.part.empty() || settings.part == part; };
+  const Laboratory lab{settings};
+  char text[160];
+  std::snprintf(text, sizeof text, "organ of %u faces, %d windows of %g s of each kind, tips at 5 and 30 cm/s",
+                settings.faces, settings.pairs, settings.seconds);
+  Report report{{"scale", "organ", lab.digest(), settings.faces, text}};
+  if (wanted("trouble")) report_trouble(lab, settings, report);
+  if (wanted("joining")) report_joining(lab, settings, report);
+  if (wanted("crowding")) report_crowding(lab, settings, report);
+  if (wanted("state")) report_state(settings, report);
+  return report.finish(settings.json);
+}
+
+}  // namespace
+}  // namespace tactus::bench
+
+int main(int argc, char** argv) {
+  tactus::bench::Settings settings;
+  CLI::App app{"Many HRTCs at one host: one in trouble, 32 joining, 8 crowding, the host's state"};
+  app.add_option("--faces", settings.faces, "of the generated organ")->check(CLI::Range(10'000, 10'000'000));
+  app.add_option("--pairs", settings.pairs, "windows of each kind")->check(CLI::Range(1, 100));
+  app.add_option("--seconds", settings.seconds, "of each window")->check(CLI::Range(0.5, 60.0));
+  app.add_option("--joining", settings.joining, "HRTCs that join within a second")->check(CLI::Range(1, 64));
+  app.add_option("--domain", settings.domain, "first of the three DDS domains used")->check(CLI::Range(1, 95));
+  app.add_option("--part", settings.part, "only this one")
+      ->check(CLI::IsMember({"trouble", "joining", "crowding", "state"}));
+  app.add_option("--json", settings.json, "the figures as JSON");
+  bool quick = false;
+  app.add_flag("--quick", quick, "smaller models, 2 windows and 4 HRTCs, for CI");
+  try {
+    app.parse(argc, argv);
+    if (quick) {
+      settings.faces = settings.regions_faces = 200'000;
+      settings.pairs = 2;
+      settings.joining = 4;
+    }
+    return tactus::bench::run(settings);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : 2;
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "tactus-bench-scale: %s\n", error.what());
+    return tactus::wire::stop_signal() ? 130 : 2;
+  }
+}
