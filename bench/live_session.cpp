@@ -2,6 +2,7 @@
 
 #include <unistd.h>
 
+#include <exception>
 #include <filesystem>
 #include <stdexcept>
 #include <thread>
@@ -107,6 +108,18 @@ void LiveSession::until(const char* what, const std::function<bool(const SeenSes
   }
 }
 
+void in_own_thread(const std::function<void()>& work) {
+  std::exception_ptr failure;
+  std::thread{[&] {
+    try {
+      work();
+    } catch (...) {
+      failure = std::current_exception();
+    }
+  }}.join();
+  if (failure) std::rethrow_exception(failure);
+}
+
 std::string program_path(const std::string& name) {
   return std::filesystem::read_symlink("/proc/self/exe").parent_path() / ("tactus-" + name);
 }
@@ -116,7 +129,7 @@ std::int64_t wait_for_text(const e2e::Process& process, std::size_t from, const 
   while (wire::monotonic_ns() < end_ns) {
     expect_to_go_on();
     if (process.output().find(text, from) != std::string::npos) return wire::monotonic_ns();
-    std::this_thread::sleep_for(std::chrono::microseconds{300});
+    std::this_thread::sleep_for(std::chrono::microseconds{300});  // what a line's time is right to
   }
   return 0;
 }
@@ -124,7 +137,7 @@ std::int64_t wait_for_text(const e2e::Process& process, std::size_t from, const 
 void pause(milliseconds time) {
   for (; time.count() > 0; time -= milliseconds{50}) {
     expect_to_go_on();
-    std::this_thread::sleep_for(std::min(time, milliseconds{50}));
+    std::this_thread::sleep_for(std::min(time, milliseconds{50}));  // then look whether to stop
   }
 }
 

@@ -66,6 +66,9 @@ class LiveSession {
   std::unique_ptr<Impl> impl_;
 };
 
+/// Runs `work` in a thread made for it, which may move into a namespace, and throws what that throws.
+void in_own_thread(const std::function<void()>& work);
+
 /// Programs are beside this one.
 [[nodiscard]] std::string program_path(const std::string& name);
 

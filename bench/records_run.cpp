@@ -32,7 +32,9 @@ std::unique_ptr<T> make_there(const netem::LinkedPair& pair, netem::Side side, A
 
 void wait(double seconds, const std::atomic<bool>& stop) {
   const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
-  while (std::chrono::steady_clock::now() < end && !stop) std::this_thread::sleep_for(std::chrono::milliseconds{10});
+  while (std::chrono::steady_clock::now() < end && !stop)
+    std::this_thread::sleep_for(
+        std::chrono::milliseconds{10});  // other threads measure; this one looks whether to stop
 }
 
 }  // namespace

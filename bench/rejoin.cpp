@@ -48,6 +48,7 @@ int join(const std::string& session) {
                                                      std::int64_t none = 0;
                                                      heard_ns.compare_exchange_strong(none, wire::monotonic_ns());
                                                    }};
+    // The time is the callback's; this only ends the program soon after.
     while (heard_ns == 0 && wire::monotonic_ns() - began_ns < 10'000'000'000) std::this_thread::sleep_for(500us);
     std::printf("made %.3f heard %.3f\n", static_cast<double>(made_ns - began_ns) * 1e-6,
                 heard_ns == 0 ? kNever : static_cast<double>(heard_ns - began_ns) * 1e-6);
@@ -176,7 +177,6 @@ int run(const Settings& settings) {
   char text[120];
   std::snprintf(text, sizeof text, "%d joins, %d rounds of each partition; veth", settings.joins, settings.rounds);
   Report report{{"rejoin", "a host, two HRTCs whose users hold one place, 50,000 faces", 0, 0, text}};
-  std::exception_ptr failure;
   const auto measure = [&] {
     Rejoin rejoin;
     Samples made, heard, after;
@@ -211,14 +211,7 @@ int run(const Settings& settings) {
     rounds("new incarnation", [&] { return rejoin.partition_with_restart(); });
     std::fprintf(stderr, "\n");
   };
-  std::thread{[&] {
-    try {
-      measure();
-    } catch (...) {
-      failure = std::current_exception();
-    }
-  }}.join();
-  if (failure) std::rethrow_exception(failure);
+  in_own_thread(measure);
   return report.finish(settings.json);
 }
 

@@ -195,7 +195,7 @@ void end(Process& program) {
   (void)program.wait();
 }
 
-/// Waits for `done`, looking every few ms; false when `limit` passes first.
+/// Waits for `done`, looking every 5 ms, to which joining is then known; false when `limit` passes first.
 template <class Done>
 bool wait_until(std::int64_t limit_ns, Done&& done) {
   for (const std::int64_t until = wire::monotonic_ns() + limit_ns; !done();
@@ -212,7 +212,7 @@ struct TroubleRuns {
   Samples records_p99, age_p99;  // of each window, ms and us
 };
 
-/// Lets a process run for a tenth of the time.
+/// Lets a process run for a tenth of the time; its pauses are what is measured.
 class Throttle {
  public:
   explicit Throttle(Process& program)

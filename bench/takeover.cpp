@@ -276,7 +276,6 @@ int run(const Settings& settings) {
                 static_cast<unsigned long long>(settings.seed));
   Report report{{"takeover", "a generated organ of 400,000 faces, three users at 5 cm/s", 0, 0, text}};
   // A thread of its own, which stays in a namespace.
-  std::exception_ptr failure;
   const auto measure = [&] {
     Takeover takeover{settings};
     takeover.begin();
@@ -325,14 +324,7 @@ int run(const Settings& settings) {
     report.at_most("records sent again", "to one that keeps all, by a host alone that restarts", "",
                    takeover.figure(names::kRecordsReturned, "shelf"), 0);
   };
-  std::thread{[&] {
-    try {
-      measure();
-    } catch (...) {
-      failure = std::current_exception();
-    }
-  }}.join();
-  if (failure) std::rethrow_exception(failure);
+  in_own_thread(measure);
   return report.finish(settings.json);
 }
 
