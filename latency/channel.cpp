@@ -111,6 +111,13 @@ int listen_at(std::uint16_t port) {
   return listener;
 }
 
+std::uint16_t port_of(int listener) {
+  sockaddr_in own{};
+  socklen_t size = sizeof own;
+  ::getsockname(listener, reinterpret_cast<sockaddr*>(&own), &size);
+  return ntohs(own.sin_port);
+}
+
 int accept_from(int listener, const std::atomic<bool>& stop) {
   while (!stop) {
     pollfd on{listener, POLLIN, 0};

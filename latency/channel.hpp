@@ -37,8 +37,10 @@ class Channel {
   std::string received_;  // and not taken yet
 };
 
-/// A socket that listens at `port` of all interfaces. Throws LatencyError.
+/// A socket that listens at `port` of all interfaces, 0: at one that is free. Throws LatencyError.
 [[nodiscard]] int listen_at(std::uint16_t port);
+/// The port of such a socket, which the system chose if 0 was asked for.
+[[nodiscard]] std::uint16_t port_of(int listener);
 /// The next one who connects; -1 when `stop` was set first.
 [[nodiscard]] int accept_from(int listener, const std::atomic<bool>& stop);
 /// Throws LatencyError naming host and port.

@@ -89,7 +89,7 @@ void add_run(CLI::App& app, Options& o) {
 }
 
 void add_serve(CLI::App& app, Options& o) {
-  app.add_option("--port", o.port, "TCP port to listen at")->capture_default_str();
+  app.add_option("--port", o.port, "TCP port to listen at; 0: one that is free")->capture_default_str();
   app.add_option("--priority", o.settings.place.priority, "SCHED_FIFO priority of receivers at most; 0: none")
       ->capture_default_str()
       ->check(CLI::Range(0, 98));
@@ -152,7 +152,7 @@ int serve_all(const Options& o, const std::atomic<bool>& stop) {
     return 0;
   }
   const int listener = listen_at(o.port);
-  std::cerr << "listening at port " << o.port << "; the other side: tactus-latency run --to HOST\n";
+  std::cerr << "listening at port " << port_of(listener) << "; the other side: tactus-latency run --to HOST\n";
   for (int socket; (socket = accept_from(listener, stop)) >= 0;) {
     std::cerr << "a pinger is here\n";
     Channel channel{socket, stop};

@@ -14,10 +14,10 @@ using Seen = Observer::Seen;
 using testing::HasSubstr;
 
 constexpr char kTouch[] = R"(name: one touch
-duration: 20
+duration: 30
 users:
   - name: ann
-    script: [{approach: {object: "#1", speed: 0.2}}, {hold: {seconds: 0.3, force: 1}}]
+    script: [{approach: {object: "#1", speed: 0.2}}, {hold: {seconds: 2, force: 1}}]
 )";
 
 using Command = std::vector<std::string>;
@@ -59,7 +59,7 @@ TEST_F(DiscoveryTest, ThoseOfOneServerMeetAndOneWhoGoesByMulticastSeesNobody) {
   Process museum{host("museum", models().sphere) + by_server};
   Process desk{hrtc("desk") + by_server};
   Process users{sim(kTouch) + by_server};
-  EXPECT_EQ(users.wait(40s), 0) << users.output() << desk.output() << museum.output() << meeting.output();
+  EXPECT_EQ(users.wait(60s), 0) << users.output() << desk.output() << museum.output() << meeting.output();
   EXPECT_GT(insider.seen().user("ann").exact, 0u);
   EXPECT_TRUE(outsider.seen().roster.empty());
 }
@@ -90,7 +90,7 @@ TEST_F(DiscoveryTest, OneOfTwoServersIsEnoughForANewcomer) {
   meeting.signal(SIGKILL);
   EXPECT_EQ(meeting.wait(), 128 + SIGKILL);
   Process users{sim(kTouch) + by_both};
-  EXPECT_EQ(users.wait(40s), 0) << users.output() << desk.output() << museum.output();
+  EXPECT_EQ(users.wait(60s), 0) << users.output() << desk.output() << museum.output();
 }
 
 TEST_F(DiscoveryTest, AWrongServerOrPeerIsNamed) {
@@ -132,7 +132,7 @@ class WithoutMulticast : public DiscoveryTest {
     Process museum{program_in(netem::Side::kA, host("museum", models().sphere) + options_a)};
     Process desk{program_in(netem::Side::kB, hrtc("desk") + options_b)};
     Process users{program_in(netem::Side::kB, sim(kTouch) + options_b)};
-    EXPECT_EQ(users.wait(40s), 0) << users.output() << desk.output() << museum.output();
+    EXPECT_EQ(users.wait(60s), 0) << users.output() << desk.output() << museum.output();
   }
 
   const std::filesystem::path qos_ = path("qos");

@@ -16,14 +16,14 @@ class ModesTest : public SessionTest {
 };
 
 constexpr char kTwoAtOne[] = R"(name: two at one object
-duration: 60
+duration: 120
 users:
   - name: ann
     hrtc: desk1
-    script: [{approach: {object: "#1", direction: [0, 0, 1], speed: 0.2}}, {hold: {seconds: 40, force: 1}}]
+    script: [{approach: {object: "#1", direction: [0, 0, 1], speed: 0.2}}, {hold: {seconds: 110, force: 1}}]
   - name: bob
     hrtc: desk2
-    script: [{approach: {object: "#1", direction: [0, 0.5, 1], speed: 0.2}}, {hold: {seconds: 40, force: 1}}]
+    script: [{approach: {object: "#1", direction: [0, 0.5, 1], speed: 0.2}}, {hold: {seconds: 110, force: 1}}]
 )";
 
 bool together(const Seen& seen, double users) {

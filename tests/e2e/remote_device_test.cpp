@@ -11,11 +11,11 @@ using Seen = Observer::Seen;
 class RemoteDeviceTest : public SessionTest {};
 
 constexpr char kTouch[] = R"(name: a device elsewhere
-duration: 40
+duration: 120
 users:
   - name: ann
     remote: true
-    script: [{approach: {object: "#1", speed: 0.2}}, {hold: {seconds: 10, force: 1}}]
+    script: [{approach: {object: "#1", speed: 0.2}}, {hold: {seconds: 100, force: 1}}]
 )";
 
 bool is_at_rest(const session::ProbeState& state) {

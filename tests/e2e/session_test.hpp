@@ -45,6 +45,7 @@ class Observer {
 
     [[nodiscard]] bool is_here(const std::string& name) const;
     [[nodiscard]] bool has_left(const std::string& name) const;
+    [[nodiscard]] std::uint64_t metrics_of(const std::string& name) const;
     [[nodiscard]] double figure(const std::string& participant, const std::string& name) const;
     [[nodiscard]] SeenStates user(const std::string& name) const;
   };
@@ -115,7 +116,7 @@ class SessionTest : public ::testing::Test {
   std::string session_;
 };
 
-/// Ends within 2 s, the time that a signal or the end of a session may take, and leaves nothing running.
+/// Ends so within the watchdog's time, and leaves nothing running.
 testing::AssertionResult ends_with(int status, Process& process);
 
 }  // namespace tactus::e2e

@@ -75,16 +75,14 @@ class HostProgramTest : public testing::Test {
   pid_t pid_ = 0;
 };
 
-TEST_F(HostProgramTest, SignalsEndItWellAndSoon) {
+TEST_F(HostProgramTest, SignalsEndItWell) {
   for (const int signal : {SIGINT, SIGTERM}) {
     start({"--name", "h", model_});
     ASSERT_TRUE(says("is in session")) << said();
-    const auto asked = Clock::now();
     kill(pid_, signal);
 
     EXPECT_EQ(wait(), 0) << said();
 
-    EXPECT_LT(Clock::now() - asked, 2s);
     EXPECT_THAT(said(), HasSubstr("left the session"));
   }
 }

@@ -2,9 +2,10 @@
  *
  *     cyclone-device SESSION DOMAIN HRTC OBJECT
  *
- * Joins as client "cyclone" with user "carl", whose device it is: a tip that comes down on the top of OBJECT at 5 cm/s,
- * stops where a force of 0.5 N pushes it up, and stays until the session ends. Tells what it learns, one line each.
- * Exit status 0 when the session ended after the force was felt, 1 otherwise. docs/wire.md is all that it had to know.
+ * Joins as client "cyclone" with user "carl", whose device it is: a tip that waits above OBJECT until its HRTC answers
+ * its poses and shows the object, comes down on its top at 5 cm/s, stops where a force of 0.5 N pushes it up, and stays
+ * until the session ends. Tells what it learns, one line each. Exit status 0 when the session ended after the force was
+ * felt, 1 otherwise. docs/wire.md is all that it had to know.
  */
 #include <signal.h>
 #include <stdio.h>
@@ -105,6 +106,7 @@ int main(int argc, char** argv) {
   const dds_entity_t catalogue_in =
       end_of(kReader, slow, &tactus_idl_CatalogueEntry_desc, "tactus_catalogue", session, true);
   const dds_entity_t control_in = end_of(kReader, slow, &tactus_idl_Control_desc, "tactus_control", session, true);
+  const dds_entity_t metrics_in = end_of(kReader, slow, &tactus_idl_Metrics_desc, "tactus_metrics", session, false);
   const dds_entity_t clock_in = end_of(kReader, fast, &tactus_idl_ClockSample_desc, "tactus_clock", session, false);
   const dds_entity_t clock_out = end_of(kWriter, fast, &tactus_idl_ClockSample_desc, "tactus_clock", session, false);
   const dds_entity_t states_in =
@@ -129,7 +131,8 @@ int main(int argc, char** argv) {
   uint64_t reference_incarnation = 0;
   tactus_idl_DevicePose pose = {
       .user_id = user, .participant = self, .radius = 0.003, .device = {.orientation = {0, 0, 0, 1}}};
-  bool has_slot = false, has_object = false, has_time = false, felt = false, seen = false, ended = false;
+  bool has_slot = false, has_object = false, has_time = false, shown = false, answered = false;
+  bool felt = false, seen = false, ended = false;
   int64_t offset_ns = 0, best_round_ns = INT64_MAX; /* session time less ours */
 
   for (long tick = 0; !stopped && !ended; ++tick) {
@@ -186,11 +189,19 @@ int main(int argc, char** argv) {
       if (!has_time) printf("time: known, on a way of %lld us\n", (long long)round_ns / 2000);
       has_time = true;
     }
+    static tactus_idl_Metrics metrics;
+    while (!shown && take(metrics_in, &metrics)) {
+      if (metrics.participant != hrtc_id) continue;
+      for (uint32_t i = 0; i < metrics.meshes._length; ++i)
+        shown |= metrics.meshes._buffer[i].object_id == id_of(object);
+      if (shown) printf("shown: %s by %s\n", object, hrtc);
+    }
     tactus_idl_DeviceCommand command;
     double up = 0;
     while (take(commands_in, &command)) {
       if (command.participant != hrtc_id) continue;
       pose.command_felt = command.sequence_number;
+      answered = true;
       up = command.force[2];
       if (!felt && up > 0.5) printf("felt: %.2f N upwards, answering pose %u\n", up, command.pose_answered);
       felt |= up > 0.5;
@@ -205,7 +216,7 @@ int main(int argc, char** argv) {
       pose.stamp = stamp(session_id, incarnation);
       ++pose.sequence_number;
       pose.session_time_ns = now + offset_ns;
-      pose.velocity[2] = felt ? 0 : -0.05;
+      pose.velocity[2] = felt || !answered || !shown ? 0 : -0.05;
       pose.device.position[2] += pose.velocity[2] * 0.001;
       dds_write(poses_out, &pose);
     }

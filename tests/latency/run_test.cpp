@@ -1,6 +1,5 @@
 /// tactus-latency as a user starts it: both sides here, over an emulated link, and against another machine.
 #include <gmock/gmock.h>
-#include <unistd.h>
 
 #include <cmath>
 #include <nlohmann/json.hpp>
@@ -45,6 +44,13 @@ class LatencyRun : public testing::Test {
               cell.at("half_round_trip_from_send").at("p50").get<double>());
     EXPECT_EQ(cell.at("clock_bound").get<double>(), 0) << "one machine, one clock";
     EXPECT_EQ(cell.at("duplicates").get<std::uint64_t>(), 0u);
+  }
+  /// The port that a server says it listens at, one that was free.
+  static std::string port_of(const Process& server) {
+    if (!server.wait_for_line("listening at port [0-9]")) return "none: " + server.output();
+    const std::string said = server.output(), before = "listening at port ";
+    const std::size_t at = said.find(before) + before.size();
+    return said.substr(at, said.find(';', at) - at);
   }
   [[nodiscard]] std::string path(const char* name) const { return (folder_.path() / name).string(); }
 
@@ -92,9 +98,8 @@ TEST_F(LatencyRun, OverSharedMemoryDoesNotPretendToCrossALink) {
 }
 
 TEST_F(LatencyRun, MeasuresAgainstAnotherMachineSeveralTimesAndThatEndsWhenAsked) {
-  const std::string port = std::to_string(20'000 + ::getpid() % 10'000);
-  Process server{latency("serve", {"--port", port})};
-  ASSERT_TRUE(server.wait_for_line("listening at port " + port));
+  Process server{latency("serve", {"--port", "0"})};
+  const std::string port = port_of(server);
   for (int round = 0; round < 2; ++round) {
     const auto figures = run({"--to", "127.0.0.1", "--port", port, "--transport", "raw-udp,udp"});
     ASSERT_EQ(figures.at("cells").size(), 2u);
@@ -105,16 +110,15 @@ TEST_F(LatencyRun, MeasuresAgainstAnotherMachineSeveralTimesAndThatEndsWhenAsked
 }
 
 TEST_F(LatencyRun, OfTwoClocksFindsTheAgeWithinItsBound) {
-  const std::string port = std::to_string(30'000 + ::getpid() % 10'000);
   // Another clock on the same machine: 5000 s ahead.
   Words elsewhere{"/usr/bin/unshare", "--time", "--monotonic", "5000", "--fork", "--kill-child"};
   Words probe = elsewhere;
   probe.emplace_back("true");
   Process allowed{probe};
   if (allowed.wait() != 0) GTEST_SKIP() << "no time namespace for this user or kernel: " << allowed.output();
-  for (const std::string& word : latency("serve", {"--port", port})) elsewhere.push_back(word);
+  for (const std::string& word : latency("serve", {"--port", "0"})) elsewhere.push_back(word);
   Process server{elsewhere};
-  ASSERT_TRUE(server.wait_for_line("listening")) << server.output();
+  const std::string port = port_of(server);
   const auto figures = run({"--to", "127.0.0.1", "--port", port, "--transport", "raw-udp,udp"});
   ASSERT_EQ(figures.at("cells").size(), 2u);
   for (const auto& cell : figures.at("cells")) {

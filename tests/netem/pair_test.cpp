@@ -177,7 +177,7 @@ TEST_F(PairTest, WhatAKilledOneLeftIsSwept) {
   ::close(pipe[0]);
   ASSERT_GT(bytes, 0);
   const std::string name(text.data(), static_cast<std::size_t>(bytes));
-  ASSERT_TRUE(exists(name));
+  // Whether it is still there now depends on what other programs make: they sweep, too.
   const LinkedPair next{parse_link("P0")};
   EXPECT_FALSE(exists(name));
 }
