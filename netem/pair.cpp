@@ -10,11 +10,13 @@
 #include <sys/ioctl.h>
 #include <sys/mman.h>
 #include <sys/prctl.h>
+#include <sys/socket.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <array>
 #include <cerrno>
+#include <chrono>
 #include <cstdio>
 #include <cstring>
 #include <filesystem>
@@ -150,6 +152,20 @@ std::string device_script(Side side) {
          device + "\n";
 }
 
+/// Waits until the device passes frames, where the calling thread is: a while after both its ends are up.
+void wait_running() {
+  const Descriptor any{::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0)};
+  ifreq request{};
+  std::strcpy(request.ifr_name, kDevice);
+  constexpr auto kPatience = std::chrono::seconds{10};
+  for (const auto end = std::chrono::steady_clock::now() + kPatience; std::chrono::steady_clock::now() < end;) {
+    if (::ioctl(any.get(), SIOCGIFFLAGS, &request) != 0) refuse("cannot look at device " + std::string{kDevice}, errno);
+    if ((request.ifr_flags & IFF_RUNNING) != 0) return;
+    std::this_thread::sleep_for(std::chrono::milliseconds{1});
+  }
+  throw LinkError("device " + std::string{kDevice} + " passes no frames 10 s after it was brought up");
+}
+
 /// The kernel's token bucket, with three bands by socket priority inside.
 std::string rate_script(const LinkProfile& way) {
   char text[256];
@@ -209,19 +225,20 @@ std::string missing_right() try {
 }
 
 std::vector<std::string> sweep_stale() {
-  std::vector<std::string> stale;
-  std::string script;
+  std::vector<std::string> swept;
   std::error_code error;
   for (const auto& entry : std::filesystem::directory_iterator{kNamespaces, error}) {
     const std::string name = entry.path().filename().string();
     int pid = 0;
     if (std::sscanf(name.c_str(), "tactus-link-%d-", &pid) != 1 || pid <= 0) continue;
     if (::kill(pid, 0) == 0 || errno != ESRCH) continue;
-    stale.push_back(name);
-    script += "netns del " + name + "\n";
+    try {
+      batch({"ip"}, "netns del " + name + "\n");
+      swept.push_back(name);
+    } catch (const LinkError&) {  // another program was quicker
+    }
   }
-  if (!stale.empty()) batch({"ip"}, script);
-  return stale;
+  return swept;
 }
 
 struct LinkedPair::Impl {
@@ -276,6 +293,16 @@ struct LinkedPair::Impl {
     } else {
       if (settings.forth.rate_mbit > 0) batch({"tc", "-n", names[0]}, rate_script(settings.forth));
       if (settings.back.rate_mbit > 0) batch({"tc", "-n", names[1]}, rate_script(settings.back));
+    }
+    for (const Descriptor& where : namespaces) {
+      set_namespace(where);
+      try {
+        wait_running();
+      } catch (...) {
+        set_namespace(home);
+        throw;
+      }
+      set_namespace(home);
     }
   }
 

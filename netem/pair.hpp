@@ -24,7 +24,7 @@ enum class Side { kA = 0, kB = 1 };
 /// Why this process cannot make namespaces here, with the mend; empty when it can. Leaves nothing behind.
 [[nodiscard]] std::string missing_right();
 
-/// Removes namespaces of pairs whose process is gone, and gives their names. Throws LinkError.
+/// Removes namespaces of pairs whose process is gone, and gives their names; what others sweep meanwhile is theirs.
 std::vector<std::string> sweep_stale();
 
 /// Starts a program where the caller is, found as a shell finds it, in a process group of its own; the caller waits for
