@@ -1,7 +1,8 @@
 // What many HRTCs do to a host and to each other: tactus-host and tactus-hrtc as a user starts them.
 //
 //   trouble   one HRTC is frozen, or gets a tenth of its time: what that does to the records and probe states of others
-//   joining   32 HRTCs start within a second: when the last of them touches exactly
+//   joining   32 HRTCs start within a second, their tips resting at as many places: when the last touches exactly;
+//             beside it, by their number, the same and with moving tips
 //   crowding  8 HRTCs follow one path: the host's bytes, beside those for one
 //   state     32 HRTCs, 10,000 regions: the heap that a host's half of delivery takes for them
 #include <malloc.h>
@@ -134,6 +135,7 @@ class Laboratory {
     if (!config.flush()) throw std::runtime_error("cannot write " + (folder_.path() / "host.yaml").string());
     record("slow.csv", subject, kSpeed);
     record("fast.csv", subject, kFast);
+    for (int place = 0; place < settings.joining; ++place) rest(place);
     programs_ = std::filesystem::read_symlink("/proc/self/exe").parent_path();
   }
 
@@ -152,6 +154,8 @@ class Laboratory {
     more.insert(more.end(), {"--name", name, "--replay", name + "=" + (folder_.path() / (path + ".csv")).string()});
     return start("tactus-hrtc", session, more);
   }
+  /// The recording of a tip that stays at a place.
+  [[nodiscard]] static std::string resting(int place) { return "rest-" + std::to_string(place); }
   [[nodiscard]] wire::SessionAddress address(const std::string& session, const std::string& participant) const {
     wire::SessionAddress address;
     address.session = session;
@@ -169,23 +173,38 @@ class Laboratory {
     command.insert(command.end(), more.begin(), more.end());
     return std::make_unique<Process>(std::move(command));
   }
-  void record(const std::string& name, const LoadedModel& subject, double speed) const {
+  void record(const std::string& name, const LoadedModel& subject, double speed) {
     const double unit = subject.model.summary.metres_per_unit;
     const spm::fcl::FixedMesh finest{subject.model.positions, subject.finest};
     const PathSettings path{kRadius / unit, kDepth / unit, speed * kPeriod / unit, 30'000, 1};
     std::ofstream out{folder_.path() / name};
     out.precision(9);
     double time = 0;
+    way_.clear();
     for (const Vec3d& at : surface_path(subject.model.positions, subject.finest, path,
                                         [&](const Vec3d& p) { return finest.distance(p); })) {
-      out << time << ',' << at[0] * unit << ',' << at[1] * unit << ',' << at[2] * unit << '\n';
+      way_.push_back(at * unit);
+      write_row(out, time, way_.back());
       time += kPeriod;
     }
     if (!out.flush()) throw std::runtime_error("cannot write " + name);
   }
+  /// A tip that stays at one of as many places as there are HRTCs on the way recorded last.
+  void rest(int place) const {
+    const std::string name = resting(place) + ".csv";
+    std::ofstream out{folder_.path() / name};
+    out.precision(9);
+    const std::size_t at = way_.size() * static_cast<std::size_t>(place) / static_cast<std::size_t>(settings_.joining);
+    for (const double time : {0.0, 60.0}) write_row(out, time, way_[at]);
+    if (!out.flush()) throw std::runtime_error("cannot write " + name);
+  }
+  static void write_row(std::ofstream& out, double time, const Vec3d& at) {
+    out << time << ',' << at[0] << ',' << at[1] << ',' << at[2] << '\n';
+  }
 
   Settings settings_;
   std::uint64_t digest_ = 0;
+  std::vector<Vec3d> way_;  // recorded last
   test_support::TemporaryFolder folder_;
   std::filesystem::path programs_;
 };
@@ -279,20 +298,22 @@ struct Joining {
   std::size_t touching = 0;
 };
 
-Joining run_joining(const Laboratory& lab, const Settings& settings) {
-  std::fprintf(stderr, "joining: %d HRTCs\n", settings.joining);
+enum class Tips { kRest, kMove };
+
+Joining run_joining(const Laboratory& lab, int many, Tips tips) {
+  std::fprintf(stderr, "joining: %d HRTCs\n", many);
   const std::string session = "joining";
   const auto host = lab.host(session);
   Watch watch{lab.address(session, "watch")};
   std::vector<std::unique_ptr<Process>> hrtcs;
   const std::int64_t began = wire::monotonic_ns();
-  for (int i = 0; i < settings.joining; ++i)
+  for (int i = 0; i < many; ++i)
     hrtcs.push_back(
-        lab.hrtc(session, "hrtc-" + std::to_string(i), "slow",
+        lab.hrtc(session, "hrtc-" + std::to_string(i), tips == Tips::kMove ? "slow" : Laboratory::resting(i),
                  {"--priority", "0", "--users", "1", "--pool", "16384", "--rate", "100", "--state-rate", "20"}));
   Joining joining;
   joining.started = static_cast<double>(wire::monotonic_ns() - began) / 1e9;
-  (void)wait_until(60 * kSecond, [&] { return watch.touching() >= hrtcs.size(); });
+  (void)wait_until(20 * kSecond, [&] { return watch.touching() >= hrtcs.size(); });
   joining.ready = static_cast<double>(wire::monotonic_ns() - began) / 1e9;
   joining.touching = watch.touching();
   joining.cpu = cpu_seconds(host->pid());
@@ -378,12 +399,22 @@ void report_trouble(const Laboratory& lab, const Settings& settings, Report& rep
 }
 
 void report_joining(const Laboratory& lab, const Settings& settings, Report& report) {
-  const Joining joining = run_joining(lab, settings);
-  const std::string many = std::to_string(settings.joining) + " HRTCs";
-  report.figure("all started after", many, "s", joining.started);
-  report.figure("CPU time until then, host and HRTCs", many, "s", joining.cpu);
-  report.at_least("touch exactly", many, "", static_cast<double>(joining.touching), settings.joining);
-  report.at_most("the last touches exactly after", many, "s", joining.ready, 5);
+  for (const Tips tips : {Tips::kRest, Tips::kMove}) {
+    const int most = tips == Tips::kRest ? settings.joining : settings.joining / 2;
+    for (int many = std::max(settings.joining / 8, 1); many <= most && !wire::stop_signal(); many *= 2) {
+      const Joining joining = run_joining(lab, many, tips);
+      const std::string who = std::to_string(many) + " HRTCs, tips " + (tips == Tips::kRest ? "resting" : "at 5 cm/s");
+      report.figure("all started after", who, "s", joining.started);
+      report.figure("CPU time until then, host and HRTCs", who, "s", joining.cpu);
+      if (tips == Tips::kRest && many == settings.joining) {
+        report.at_least("touch exactly", who, "", static_cast<double>(joining.touching), many);
+        report.at_most("the last touches exactly after", who, "s", joining.ready, 5);
+      } else {
+        report.figure("touch exactly", who, "", static_cast<double>(joining.touching));
+        report.figure("the last touches exactly after", who, "s", joining.ready);
+      }
+    }
+  }
 }
 
 void report_crowding(const Laboratory& lab, const Settings&, Report& report) {

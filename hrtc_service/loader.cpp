@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cstdio>
 
+#include "hrtc_service/realtime.hpp"
 #include "spm/codec/base_codec.hpp"
 
 namespace tactus::hrtc_service {
@@ -170,22 +171,23 @@ void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {
   broad_phase_.put(touch.index, world_box(touch.bounds, touch.placement));
   by_index_.push_back(&object);
   object.ready = true;
-  predicted_ns_ = 0;
+  predicted_ns_ = predict_next_ns_ = 0;
   waiting_.push_back({Arrival::Kind::kObject, &touch, {}, {}});
   delivery_.base_held(object.info.id);
 }
 
-/// Whether what was predicted last still does: the tips have hardly moved since.
+/// Whether what was predicted last still does: the tips have hardly moved since, or predicting would take more than its
+/// share of the time. (On a machine with too little of it loading takes longer, so that there is more to predict.)
 bool Loader::still_ahead(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights) const {
   constexpr std::int64_t kStaleNs = 10'000'000;
   constexpr double kHardly = 0.1;  // of the tip's radius
-  if (now_ns - predicted_ns_ >= kStaleNs) return false;
+  bool moved = now_ns - predicted_ns_ >= kStaleNs;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     const ProbeSight &before = predicted_for_[i], &sight = sights[i];
     if (sight.active != before.active || sight.in_contact != before.in_contact) return false;
-    if (sight.active && !((sight.device - before.device).norm() <= kHardly * settings_.radius)) return false;
+    moved = moved || (sight.active && !((sight.device - before.device).norm() <= kHardly * settings_.radius));
   }
-  return true;
+  return !moved || now_ns < predict_next_ns_;
 }
 
 void Loader::observe(Object& object, const std::array<ProbeSight, kMaxProbes>& sights) {
@@ -197,12 +199,29 @@ void Loader::observe(Object& object, const std::array<ProbeSight, kMaxProbes>& s
   }
 }
 
-void Loader::predict(Object& object, const std::array<ProbeSight, kMaxProbes>& sights) {
-  const Placement& placement = object.touch.placement;
+/// s; how far ahead is predicted.
+double Loader::lead(double round_trip) const {
   // A demand waits for the next one due, its answer for the next tick and cycle.
   constexpr double kTurnaround = 0.015;  // s
+  return std::clamp(1.25 * round_trip + kTurnaround, settings_.least_lead, settings_.most_lead);
+}
+
+void Loader::predict(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights) {
+  constexpr std::int64_t kRest = 20;  // times what it took
+  constexpr double kMostRest = 0.25;  // of how far ahead
+  const std::int64_t began = monotonic_ns();
   const double round_trip = static_cast<double>(delivery_.round_trip_ns()) / kNsPerS;
-  const double lead = std::clamp(1.25 * round_trip + kTurnaround, settings_.least_lead, settings_.most_lead);
+  const double ahead = lead(round_trip);
+  predicted_ns_ = now_ns;
+  predicted_for_ = sights;
+  prospects_.clear();
+  for (Object* object : by_index_) predict(*object, sights, round_trip, ahead);
+  predict_next_ns_ =
+      now_ns + std::min(kRest * (monotonic_ns() - began), static_cast<std::int64_t>(kMostRest * ahead * kNsPerS));
+}
+
+void Loader::predict(Object& object, const std::array<ProbeSight, kMaxProbes>& sights, double round_trip, double lead) {
+  const Placement& placement = object.touch.placement;
   struct Contact {
     double in, until;  // s
     double doubt;
@@ -267,12 +286,7 @@ void Loader::tick(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>&
   take_released();
   take_parked(now_ns);
   for (Object* object : by_index_) observe(*object, sights);
-  if (!still_ahead(now_ns, sights)) {
-    predicted_ns_ = now_ns;
-    predicted_for_ = sights;
-    prospects_.clear();
-    for (Object* object : by_index_) predict(*object, sights);
-  }
+  if (!still_ahead(now_ns, sights)) predict(now_ns, sights);
   want(now_ns);
   find_leavers();
   show_due();

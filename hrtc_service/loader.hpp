@@ -199,7 +199,9 @@ class Loader {
   void take_base(Object& object, const std::vector<std::uint8_t>& bytes);
   [[nodiscard]] bool still_ahead(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights) const;
   static void observe(Object& object, const std::array<ProbeSight, kMaxProbes>& sights);
-  void predict(Object& object, const std::array<ProbeSight, kMaxProbes>& sights);
+  [[nodiscard]] double lead(double round_trip) const;
+  void predict(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights);
+  void predict(Object& object, const std::array<ProbeSight, kMaxProbes>& sights, double round_trip, double lead);
 
   // The store (loader_store.cpp).
   [[nodiscard]] std::uint32_t room_to_come() const noexcept { return store_.blocks_free() + store_.blocks_leaving(); }
@@ -255,7 +257,7 @@ class Loader {
     Wish* wish;
   };
   std::vector<Prospect> prospects_;  // of the last prediction
-  std::int64_t predicted_ns_ = 0;
+  std::int64_t predicted_ns_ = 0, predict_next_ns_ = 0;
   std::array<ProbeSight, kMaxProbes> predicted_for_{};
   std::deque<Arrival> waiting_;  // for room in the ring
   struct Parked {

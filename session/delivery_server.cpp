@@ -47,6 +47,10 @@ std::uint16_t parts_of(std::size_t bytes) {
   return static_cast<std::uint16_t>(std::max<std::size_t>(1, (bytes + kMaxPayload - 1) / kMaxPayload));
 }
 
+std::vector<spm::Run> list_of(const spm::codec::CodedModel& model, std::uint32_t region) {
+  return model.runs_of(spm::RegionId{region});
+}
+
 std::uint64_t count_records(const std::vector<spm::Run>& runs) {
   std::uint64_t count = 0;
   for (const spm::Run& run : runs) count += run.count;
@@ -175,10 +179,10 @@ void DeliveryServer::compare(Controller& controller, Service& service, const Obj
 
   const bool only_more =
       had != nullptr && contains_all(demand.have, *had) && !refused && first_lost(service) == nullptr;
-  if (!only_more) service.covered.assign((object.model.summary().records + 63) / 64, 0);
+  if (!only_more) service.covered.clear();
   for (const spm::Run& run : demand.have) {
     for (std::uint32_t region = run.first; region != end_of(run); ++region) {
-      if (!only_more || !contains(*had, region)) cover(service, object.model, region);
+      if (!only_more || !contains(*had, region)) service.covered.add(list_of(object.model, region));
     }
   }
   // What was taken back stays with the HRTC until it has dealt with all that was sent before it knew. So a message that
@@ -187,14 +191,14 @@ void DeliveryServer::compare(Controller& controller, Service& service, const Obj
     if (only_more || message.region == spm::kNone) return false;
     const bool parts_to_come = !message.sent() || !message.lost.empty();
     if (parts_to_come || refused) {
-      message.doubtful = !contains_all(message.records, missing(service, object.model, message.region));
+      message.doubtful = !contains_all(message.records, service.covered.missing(list_of(object.model, message.region)));
       if (message.doubtful && parts_to_come) {
         refused = refused || message.sent();
         count(controller, [](DeliveryCounters& c) { ++c.messages_dropped; });
         return true;
       }
     }
-    if (message.sent() && !message.doubtful) cover(service, object.model, message.region);
+    if (message.sent() && !message.doubtful) service.covered.add(list_of(object.model, message.region));
     return false;
   });
 
@@ -210,34 +214,6 @@ void DeliveryServer::compare(Controller& controller, Service& service, const Obj
   }
   std::stable_sort(service.to_send.begin(), service.to_send.end(),
                    [](const Wanted& a, const Wanted& b) { return a.contact_in_us > b.contact_in_us; });
-}
-
-void DeliveryServer::cover(Service& service, const spm::codec::CodedModel& model, std::uint32_t region) const {
-  for (const spm::Run& run : model.runs_of(spm::RegionId{region})) {
-    for (std::uint32_t r = run.first; r != end_of(run);) {
-      const std::uint32_t bit = r % 64;
-      const std::uint32_t count = std::min(64 - bit, end_of(run) - r);
-      const std::uint64_t mask = count == 64 ? ~std::uint64_t{0} : ((std::uint64_t{1} << count) - 1) << bit;
-      service.covered[r / 64] |= mask;
-      r += count;
-    }
-  }
-}
-
-std::vector<spm::Run> DeliveryServer::missing(const Service& service, const spm::codec::CodedModel& model,
-                                              std::uint32_t region) const {
-  std::vector<spm::Run> runs;
-  for (const spm::Run& run : model.runs_of(spm::RegionId{region})) {
-    for (std::uint32_t r = run.first; r != end_of(run); ++r) {
-      if ((service.covered[r / 64] >> r % 64 & 1u) != 0) continue;
-      if (!runs.empty() && end_of(runs.back()) == r) {
-        ++runs.back().count;
-      } else {
-        runs.push_back({r, 1});
-      }
-    }
-  }
-  return runs;
 }
 
 DeliveryServer::Message* DeliveryServer::first_lost(Service& service) {
@@ -270,7 +246,7 @@ void DeliveryServer::plan(Service& service, const Object& object) const {
     service.to_send.pop_back();
     message.region = wanted.region;
     message.contact_in_us = wanted.contact_in_us;
-    message.records = missing(service, object.model, wanted.region);
+    message.records = service.covered.missing(list_of(object.model, wanted.region));
     service.encoded = spm::codec::encode_region(object.model, spm::RegionId{wanted.region}, message.records);
     message.bytes = static_cast<std::uint32_t>(service.encoded.size());
     message.checksum = checksum_of(service.encoded);
@@ -393,7 +369,7 @@ Outgoing DeliveryServer::send_part(std::uint64_t hrtc, Controller& controller, s
     if (message->region == spm::kNone) {
       count(controller, [](DeliveryCounters& c) { ++c.bases; });
     } else {
-      cover(service, object.model, message->region);
+      service.covered.add(list_of(object.model, message->region));
       const std::uint64_t records = count_records(message->records);
       count(controller, [&](DeliveryCounters& c) {
         ++c.regions;

@@ -20,8 +20,8 @@
 /// within one, soonest contact first over its objects, and what was lost before what is new. A Pacer for each HRTC says
 /// how much and how fast.
 ///
-/// No clock, socket or thread in it; one thread at a time. Memory: a bit per record and the messages under way, for
-/// each HRTC and object served.
+/// No clock, socket or thread in it; one thread at a time. Memory for each HRTC and object served: the demand, the
+/// messages under way and what they and `have` cover as runs of records (spm/run_set.hpp), some 30 KiB.
 #pragma once
 
 #include <cstdint>
@@ -35,6 +35,7 @@
 #include "session/pacer.hpp"
 #include "spm/codec/coded_model.hpp"
 #include "spm/model.hpp"
+#include "spm/run_set.hpp"
 
 namespace tactus::session {
 
@@ -125,12 +126,12 @@ class DeliveryServer {
     std::uint32_t sequence = 0;  // last used
     std::int64_t mark_ns = 0;    // when an echo shows what is missing
     std::int64_t mark_interval_ns = 0;
-    std::deque<Sent> under_way;          // by sequence
-    std::uint32_t planned = 0;           // messages
-    std::vector<Message> messages;       // by number; none but the last is not sent()
-    std::vector<std::uint8_t> encoded;   // payload of the last while it is not
-    std::vector<std::uint64_t> covered;  // bit per record: listed by a region of have or of a message that is sent()
-    std::vector<Wanted> to_send;         // soonest last
+    std::deque<Sent> under_way;         // by sequence
+    std::uint32_t planned = 0;          // messages
+    std::vector<Message> messages;      // by number; none but the last is not sent()
+    std::vector<std::uint8_t> encoded;  // payload of the last while it is not
+    spm::RunSet covered;                // records that a region of have lists, or a message that is sent()
+    std::vector<Wanted> to_send;        // soonest last
     [[nodiscard]] Message* begun() noexcept {
       return messages.empty() || messages.back().sent() ? nullptr : &messages.back();
     }
@@ -147,9 +148,6 @@ class DeliveryServer {
   [[nodiscard]] bool well_formed(const Demand& demand, const spm::ModelSummary& summary) const;
   void acknowledge(Controller& controller, Service& service, std::int64_t now_ns);
   void compare(Controller& controller, Service& service, const Object& object, const std::vector<spm::Run>* had);
-  void cover(Service& service, const spm::codec::CodedModel& model, std::uint32_t region) const;
-  [[nodiscard]] std::vector<spm::Run> missing(const Service& service, const spm::codec::CodedModel& model,
-                                              std::uint32_t region) const;
   [[nodiscard]] static Message* first_lost(Service& service);
   [[nodiscard]] static std::optional<std::uint32_t> urgency(Service& service);
   void plan(Service& service, const Object& object) const;

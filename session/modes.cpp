@@ -79,9 +79,12 @@ void Modes::place(Probe& probe, std::int64_t now_ns) const {
   }
 }
 
+bool Modes::commanded(std::uint64_t user) const {
+  return command_.kind != ModeCommand::Kind::kAuto && (command_.users.empty() || command_.users.count(user) != 0);
+}
+
 std::uint64_t Modes::group_wanted(std::uint64_t user, const Probe& probe) const {
-  const bool named = command_.users.empty() || command_.users.count(user) != 0;
-  if (!named || command_.kind == ModeCommand::Kind::kAuto) return probe.object;
+  if (!commanded(user)) return probe.object;
   if (command_.kind == ModeCommand::Kind::kLargeScale) return 0;
   std::uint64_t group = kEveryone;
   for (const std::uint64_t one : command_.users) group = group * 0x9e3779b97f4a7c15u + one;
@@ -92,11 +95,15 @@ void Modes::tick(std::int64_t now_ns) {
   for (auto at = probes_.begin(); at != probes_.end();)
     at = now_ns - at->second.seen_ns > settings_.forget_ns ? probes_.erase(at) : std::next(at);
   std::map<std::uint64_t, std::set<std::uint64_t>> ours;
-  std::set<std::uint64_t> others;  // groups that users of other controllers are in
+  std::set<std::uint64_t> others;                 // groups that users of other controllers are in
+  std::map<std::uint64_t, std::size_t> together;  // users by object
   for (auto& [user, probe] : probes_) {
     place(probe, now_ns);
+    if (!commanded(user)) ++together[probe.object];
+  }
+  for (const auto& [user, probe] : probes_) {
     const std::uint64_t group = group_wanted(user, probe);
-    if (group == 0) continue;
+    if (group == 0 || (!commanded(user) && together[group] > settings_.most_together)) continue;
     if (probe.participant == self_)
       ours[group].insert(user);
     else

@@ -1,8 +1,7 @@
 /// In which mode each user's probe states travel, and which ends of topics that takes.
 ///
 ///     large-scale   every user's, to the whole session: coded, played out by those who hear them. Always there, so
-///     that
-///                   everybody sees everybody, late comers too.
+///                   that everybody sees everybody, late comers too.
 ///     collaborate   those of users near one object, among their controllers: every cycle's, shown at once.
 ///
 ///                near, or told to                 peers matched
@@ -34,6 +33,7 @@ namespace tactus::session {
 struct ModeSettings {
   double near = 0.05;                    ///< m from an object's bounds at which a probe comes near
   double apart = 0.10;                   ///< m at which it no longer is
+  std::size_t most_together = 8;         ///< users near one object, beyond which all of them stay apart
   std::int64_t dwell_ns = 500'000'000;   ///< for which it has to be apart
   std::int64_t linger_ns = 200'000'000;  ///< for which the ends of a group that is over stay
   std::int64_t forget_ns = 300'000'000;  ///< silence after which a probe is gone
@@ -88,6 +88,7 @@ class Modes {
   };
 
   void place(Probe& probe, std::int64_t now_ns) const;
+  [[nodiscard]] bool commanded(std::uint64_t user) const;
   [[nodiscard]] std::uint64_t group_wanted(std::uint64_t user, const Probe& probe) const;
 
   std::uint64_t self_;

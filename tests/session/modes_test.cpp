@@ -72,6 +72,24 @@ TEST_F(TwoControllers, DoNotMeetAtDifferentObjects) {
   EXPECT_THAT(here_.groups(), IsEmpty());
 }
 
+TEST_F(TwoControllers, StayApartInACrowdAtOneObjectUntilTheyAreTold) {
+  const std::size_t most = ModeSettings{}.most_together;
+  const auto crowd = [&](std::size_t others) {
+    for (int i = 0; i < 50; ++i, now_ += 20 * kMs) {
+      here_.on_probe(kAnn, kHere, {0.1, 0, 0}, now_);
+      for (std::size_t other = 0; other < others; ++other) here_.on_probe(1000 + other, kThere, {0.1, 0, 0}, now_);
+      here_.tick(now_);
+    }
+  };
+  crowd(most - 1);
+  EXPECT_THAT(here_.groups(), ElementsAre(100));
+  crowd(most);
+  EXPECT_THAT(here_.groups(), IsEmpty());
+  here_.command(parse_mode("collaborate"));
+  crowd(most);
+  EXPECT_THAT(here_.groups(), ::testing::SizeIs(1));
+}
+
 TEST_F(TwoControllers, StayTogetherWhileAUserWaversBetweenNearAndApart) {
   stay(100, 0.14, 0.14);
   match();
