@@ -261,6 +261,7 @@ LoaderSettings loader_settings(const HrtcOptions& options) {
   settings.radius = options.haptic.cycle.radius;
   settings.strategy = options.prediction;
   settings.directory_bytes = options.directory_bytes;
+  settings.clock = monotonic_ns;
   return settings;
 }
 

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cstdio>
 
-#include "hrtc_service/realtime.hpp"
 #include "spm/codec/base_codec.hpp"
 
 namespace tactus::hrtc_service {
@@ -209,7 +208,8 @@ double Loader::lead(double round_trip) const {
 void Loader::predict(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights) {
   constexpr std::int64_t kRest = 20;  // times what it took
   constexpr double kMostRest = 0.25;  // of how far ahead
-  const std::int64_t began = monotonic_ns();
+  const auto clock_ns = [this] { return settings_.clock == nullptr ? 0 : settings_.clock(); };
+  const std::int64_t began = clock_ns();
   const double round_trip = static_cast<double>(delivery_.round_trip_ns()) / kNsPerS;
   const double ahead = lead(round_trip);
   predicted_ns_ = now_ns;
@@ -217,7 +217,7 @@ void Loader::predict(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbe
   prospects_.clear();
   for (Object* object : by_index_) predict(*object, sights, round_trip, ahead);
   predict_next_ns_ =
-      now_ns + std::min(kRest * (monotonic_ns() - began), static_cast<std::int64_t>(kMostRest * ahead * kNsPerS));
+      now_ns + std::min(kRest * (clock_ns() - began), static_cast<std::int64_t>(kMostRest * ahead * kNsPerS));
 }
 
 void Loader::predict(Object& object, const std::array<ProbeSight, kMaxProbes>& sights, double round_trip, double lead) {

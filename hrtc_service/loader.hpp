@@ -54,6 +54,8 @@ struct LoaderSettings {
   double most_lead = 0.5;      ///< s
   std::int64_t idle_before_spare_ns = 300'000'000;  ///< of a region nobody wants, unless the room is needed now
   bool keep_unwanted = true;                        ///< false: what nobody wants goes at once
+  /// ns; tells what predicting costs, of which it takes a share of the time only. Null: it costs nothing.
+  std::int64_t (*clock)() = nullptr;
   /// For the directories of all objects together (spm/directory.hpp); an object whose own does not fit is refused.
   std::uint64_t directory_bytes = ~std::uint64_t{0};
   session::DeliverySettings delivery;
