@@ -42,7 +42,7 @@ struct LiveSession::Impl {
     seen.serving_since_ns = wire::monotonic_ns();
   }
   void take(const session::ProbeState& state) {
-    seen.states.push_back({state.user_id, state.sequence, state.status, state.force});
+    seen.states.push_back({state.user_id, state.sequence, state.status, state.session_time_ns, state.force});
   }
 
   wire::Links links;

@@ -31,6 +31,7 @@ struct SeenSession {
     std::uint64_t user;
     std::uint32_t sequence;
     std::uint32_t status;
+    std::int64_t time_ns;  ///< of the cycle, session time
     std::array<double, 3> force;
   };
   std::vector<State> states;  ///< probe states since the last forget_states

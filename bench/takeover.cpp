@@ -73,7 +73,7 @@ users:
 /// Of one window in which probe states were kept.
 struct Felt {
   double late_ours = 0;
-  double largest_step = 0;  // N/ms, between states that follow each other
+  double largest_step = 0;  // N/ms, between states that follow each other, of a cycle each
 };
 
 class Takeover {
@@ -89,7 +89,7 @@ class Takeover {
   /// Both hosts, the controller and its user; until the object is touched and regions come and go.
   void begin() {
     start_host(0);
-    desk_ = session_.start(Side::kB, "hrtc", {"--name", "desk", "--pool", "4096"});
+    desk_ = session_.start(Side::kB, "hrtc", {"--name", "desk", "--pool", "4096", "--no-coding"});
     users_ = session_.start(Side::kB, "sim", {"--scenario", path("exploring.yaml")});
     start_host(1);
     session_.until(
@@ -228,7 +228,8 @@ class Takeover {
       const auto [before, first] = last.try_emplace(state.user, state);
       if (!first && state.sequence == before->second.sequence + 1) {
         const std::array<double, 3>&a = before->second.force, &b = state.force;
-        felt.largest_step = std::max(felt.largest_step, std::hypot(b[0] - a[0], b[1] - a[1], b[2] - a[2]));
+        const double ms = std::max(1.0, static_cast<double>(state.time_ns - before->second.time_ns) * 1e-6);
+        felt.largest_step = std::max(felt.largest_step, std::hypot(b[0] - a[0], b[1] - a[1], b[2] - a[2]) / ms);
       }
       before->second = state;
     }

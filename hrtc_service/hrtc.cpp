@@ -31,6 +31,7 @@ constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kServiceNs = 2 * kMs;  // from one pass to the next, at least; so many times a pass; at most
 constexpr std::int64_t kServiceRest = 10;
 constexpr std::int64_t kServiceMostNs = 10 * kMs;
+constexpr std::int64_t kVigilNs = 2 * kMs;
 constexpr std::int64_t kHeartbeatNs = 100 * kMs;
 constexpr std::int64_t kClockNs = 200 * kMs;
 constexpr std::int64_t kClockFastNs = 20 * kMs;
@@ -145,7 +146,8 @@ struct Hrtc::Impl {
   void unseat(const std::string& user);
   void seat_replays();
   void choose_reference(std::int64_t now_ns);
-  void keep_vigil(std::int64_t now_ns, const std::array<NearObjects, kMaxProbes>& near);
+  void choose_whom_to_watch(const std::array<NearObjects, kMaxProbes>& near);
+  [[nodiscard]] bool keep_vigil(std::int64_t now_ns);
   void tell_of_hosts(std::int64_t now_ns);
   void send_roster(bool leaving);
   void send_metrics(bool all);
@@ -780,7 +782,7 @@ void Hrtc::Impl::snapshot(std::int64_t now_ns, const ProbeReports& latest) {
 }
 
 /// Over the hosts of what tips are near.
-void Hrtc::Impl::keep_vigil(std::int64_t now_ns, const std::array<NearObjects, kMaxProbes>& near) {
+void Hrtc::Impl::choose_whom_to_watch(const std::array<NearObjects, kMaxProbes>& near) {
   std::uint64_t objects_near = 0;
   for (const NearObjects& of_probe : near) objects_near |= of_probe.found;
   std::vector<std::uint64_t> hosts;
@@ -789,16 +791,21 @@ void Hrtc::Impl::keep_vigil(std::int64_t now_ns, const std::array<NearObjects, k
     if (host != 0 && (objects_near >> object.index & 1u) != 0) hosts.push_back(host);
   }
   vigil.watch(hosts);
+}
+
+/// True when a host has just been found silent.
+bool Hrtc::Impl::keep_vigil(std::int64_t now_ns) {
   while (auto question = vigil.ask(now_ns)) {
     question->origin = links.origin();
     (void)vigil_out.send(*question);
   }
-  for (const session::Vigil::Silent& silent : vigil.silent(now_ns)) {
+  const std::vector<session::Vigil::Silent> all_silent = vigil.silent(now_ns);
+  for (const session::Vigil::Silent& silent : all_silent) {
     const session::RosterEntry* host = roster.find(silent.host);
     spdlog::warn("host '{}' has not answered for {} ms", host == nullptr ? "?" : host->name, silent.for_ns / kMs);
     loader.on_host_silent(silent.host);
   }
-  tell_of_hosts(now_ns);
+  return !all_silent.empty();
 }
 
 /// A line when another host serves an object, and one when its first records are here.
@@ -836,7 +843,8 @@ void Hrtc::Impl::serve(std::int64_t now_ns) {
   loader.tick(now_ns, sights, near);
   haptic.near().post(near);
   for (const Loader::ObjectInfo& object : loader.objects()) object_ids[object.index] = object.id;
-  keep_vigil(now_ns, near);
+  choose_whom_to_watch(near);
+  tell_of_hosts(now_ns);
   while (auto demand = loader.demand(now_ns)) {
     demand->origin = links.origin();
     (void)demand_out.send(*demand);
@@ -914,12 +922,15 @@ int Hrtc::Impl::run(const std::atomic<bool>& stop) {
           : fmt::format(", and {:.1f} MiB for directories", static_cast<double>(options.directory_bytes) / (1 << 20)));
   // However many samples come, for their number grows with the square of a session's size; and a share of a core at
   // most, for on a machine that is short of time answers come later, so that more has to be told ahead, which takes
-  // time.
-  Every due{kServiceNs};
+  // time. Whether hosts live is asked between passes, too.
+  Every due{kServiceNs}, look{kVigilNs};
   while (!stop && !ended) {
-    for (const Inbox::Arrived& arrived : inbox.take(due.left(monotonic_ns())))
+    const std::int64_t before_ns = monotonic_ns();
+    const auto patience = vigil.watches() ? std::min(due.left(before_ns), look.left(before_ns)) : due.left(before_ns);
+    for (const Inbox::Arrived& arrived : inbox.take(patience))
       std::visit([&](const auto& sample) { take(sample, arrived.at_ns); }, arrived.sample);
     const std::int64_t now_ns = monotonic_ns();
+    if (vigil.watches() && look.due(now_ns) && keep_vigil(now_ns)) due.at_once();
     if (!due.due(now_ns)) continue;
     serve(now_ns);
     due.set_period(std::clamp(kServiceRest * (monotonic_ns() - now_ns), kServiceNs, kServiceMostNs));

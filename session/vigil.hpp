@@ -41,6 +41,8 @@ class Vigil {
 
   /// These and no others from now on.
   void watch(const std::vector<std::uint64_t>& hosts);
+  [[nodiscard]] bool watches() const noexcept { return !hosts_.empty(); }
+  [[nodiscard]] bool watches(std::uint64_t host) const { return hosts_.count(host) != 0; }
   /// The next question that is due, or none; a clock request as the topic has it.
   [[nodiscard]] std::optional<ClockSample> ask(std::int64_t now_ns);
   void on_answer(const ClockSample& answer, std::int64_t now_ns);
