@@ -25,6 +25,9 @@ std::vector<std::uint32_t> records_of(const std::vector<spm::Run>& runs) {
 
 std::uint32_t regions_of(std::uint64_t object) { return model_of(object).summary.regions; }
 
+/// A look is late by a tick at most, and counts from the one before the answer.
+constexpr std::int64_t kMostSilenceNs = VigilSettings{}.most_patience_ns + 4 * kTickNs;
+
 std::string name_of(std::uint64_t object, std::uint32_t region) {
   return "region " + std::to_string(region) + " of object " + std::to_string(object);
 }
@@ -71,6 +74,9 @@ void SimulatedController::begin() {
   settings.most_credit = kMostCredit;
   settings.max_partial_bytes = kMostPartialBytes;
   client_ = std::make_unique<DeliveryClient>(self(), settings);
+  vigil_ = std::make_unique<Vigil>(self(), VigilSettings{});
+  answered_ns_.clear();
+  silent_.clear();
   slots_ = std::make_unique<UserSlots>(kSlots);
   client_of_.clear();
   caches_.clear();
@@ -91,6 +97,13 @@ void SimulatedController::hear(const Sample& sample) {
                                                              !entry->leaving &&
                                                              roster().find(entry->origin.participant) != nullptr)
     client_->host_seen(entry->origin.participant, entry->origin.incarnation, local_ns());
+  if (const auto* vigil = std::get_if<VigilSample>(&sample)) {
+    const std::uint64_t host = vigil->sample.origin.participant, before = vigil_->false_alarms();
+    vigil_->on_answer(vigil->sample, local_ns());
+    figures_.false_alarms += vigil_->false_alarms() - before;
+    if (vigil_->watches(host)) answered_ns_[host] = world_.now_ns;
+    silent_.erase(host);
+  }
   if (const auto* offer = std::get_if<CatalogueEntry>(&sample)) client_->offer(*offer);
   if (const auto* chunk = std::get_if<BulkChunk>(&sample)) take_chunk(*chunk);
 }
@@ -126,6 +139,31 @@ void SimulatedController::unless_excused(const std::string& what) {
     world_.broken(std::to_string(id()) + ": " + what + ", and nothing had been lost");
 }
 
+void SimulatedController::keep_vigil() {
+  std::vector<std::uint64_t> hosts;
+  for (std::uint64_t object = kFirstObject; object < kFirstObject + kObjects; ++object)
+    if (const std::uint64_t host = client_->serving_host(object); host != 0) hosts.push_back(host);
+  vigil_->watch(hosts);
+  for (auto at = answered_ns_.begin(); at != answered_ns_.end();)
+    at = vigil_->watches(at->first) ? std::next(at) : answered_ns_.erase(at);
+  while (const std::optional<ClockSample> question = vigil_->ask(local_ns()))
+    send(question->peer, VigilSample{*question});
+  if (world_.sabotage != Sabotage::kTrusting) {
+    for (const Vigil::Silent& silent : vigil_->silent(local_ns())) {
+      silent_.insert(silent.host);
+      client_->host_silent(silent.host);
+      const Program* host = world_.find(silent.host);
+      if (host->up()) continue;
+      ++figures_.deaths_noticed;
+      figures_.noticed_ns = std::max(figures_.noticed_ns, world_.now_ns - host->stopped_ns());
+    }
+  }
+  for (const auto& [host, answered_ns] : answered_ns_)
+    if (world_.now_ns - answered_ns > kMostSilenceNs && silent_.count(host) == 0)
+      world_.broken(std::to_string(id()) + " counts on host " + std::to_string(host) + ", which has not answered for " +
+                    std::to_string((world_.now_ns - answered_ns) / kMs) + " ms");
+}
+
 void SimulatedController::take_chunk(const BulkChunk& chunk) {
   if (auto message = client_->on_chunk(chunk, local_ns())) {
     if (message->epoch < caches_.at(message->object_id).released_epoch)
@@ -158,24 +196,24 @@ void SimulatedController::answer() {
 
 /// As a cache does: a region is kept when each record of its list is here or in the message.
 void SimulatedController::accept(const DeliveryClient::Message& message) {
-  const std::string name = name_of(message.object_id, message.region);
+  const auto name = [&] { return name_of(message.object_id, message.region); };
   const RegionRecords& records = decoded(message.object_id, message.region, message.bytes);
-  if (!records.whole) return world_.broken(name + " came and is not the model's");
+  if (!records.whole) return world_.broken(name() + " came and is not the model's");
   Cache& cache = caches_[message.object_id];
-  if (cache.lists.count(message.region) != 0) world_.broken(name + " came and is here");
+  if (cache.lists.count(message.region) != 0) world_.broken(name() + " came and is here");
   const std::vector<std::uint32_t>&sent = records.sent, &list = records.list;
   for (std::size_t i = 0, s = 0; i < list.size(); ++i) {
     const bool with_it = s < sent.size() && sent[s] == list[i];
     if (with_it) ++s;
     if (with_it || cache.count[list[i]] != 0) continue;
     ++figures_.regions_refused;
-    unless_excused(name + " came without record " + std::to_string(list[i]));
+    unless_excused(name() + " came without record " + std::to_string(list[i]));
     return client_->refused(message.object_id, message.region);
   }
   const auto repeated = std::count_if(sent.begin(), sent.end(), [&](std::uint32_t r) { return cache.firm[r] != 0; });
   figures_.records_repeated += static_cast<std::uint64_t>(repeated);
   if (repeated != 0)
-    unless_excused(name + " came with " + std::to_string(repeated) + " records that were here all along");
+    unless_excused(name() + " came with " + std::to_string(repeated) + " records that were here all along");
   for (const std::uint32_t r : list) {
     ++cache.count[r];
     ++cache.firm[r];
@@ -250,14 +288,14 @@ void SimulatedController::publish() {
     Cache& cache = caches_[demand->object_id];
     for (const std::uint32_t region : records_of(demand->have)) {
       const auto list = cache.lists.find(region);
-      const std::string name = name_of(demand->object_id, region);
+      const auto name = [&] { return name_of(demand->object_id, region); };
       if (list == cache.lists.end() || cache.retired.count(region) != 0) {
-        world_.broken("a demand claims " + name);
+        world_.broken("a demand claims " + name());
         continue;
       }
       for (const std::uint32_t r : list->second)
         if (cache.count[r] == 0)
-          world_.broken("a demand claims " + name + ", whose record " + std::to_string(r) + " is not here");
+          world_.broken("a demand claims " + name() + ", whose record " + std::to_string(r) + " is not here");
     }
     if (demand->wanted.size() > 2 * kReach + 1) world_.broken("a demand wants too much");
     if (demand->credit > kMostCredit) world_.broken("a demand gives more credit than may be");
@@ -283,6 +321,7 @@ bool SimulatedController::content_with(std::uint64_t object) const {
 
 std::int64_t SimulatedController::work() {
   answer();
+  keep_vigil();
   const bool moves = world_.wandering && wander_.due(world_.now_ns);
   for (std::uint64_t object = kFirstObject; object < kFirstObject + kObjects; ++object) {
     release(object);

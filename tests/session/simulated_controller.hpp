@@ -1,4 +1,5 @@
-/// An HRTC of a simulated session: DeliveryClient and UserSlots as they are, its cache and its users' hands as models.
+/// An HRTC of a simulated session: DeliveryClient, Vigil and UserSlots as they are, its cache and its users' hands as
+/// models.
 ///
 /// The cache is the brute-force one: a count for each record of the regions here that list it. It looks at each message
 /// that it is handed and at each demand that it publishes, and says what must not be.
@@ -13,6 +14,7 @@
 #include <vector>
 
 #include "session/delivery_client.hpp"
+#include "session/vigil.hpp"
 #include "spm/codec/coded_model.hpp"
 #include "tests/session/simulated_program.hpp"
 #include "tests/support/random_model.hpp"
@@ -40,6 +42,9 @@ struct ControllerFigures {
   std::uint64_t regions_refused = 0;
   std::uint64_t regions_released = 0;
   std::uint64_t records_repeated = 0;  ///< came although a region that was never retired had them
+  std::uint64_t deaths_noticed = 0;    ///< of hosts that were counted on, by their silence
+  std::int64_t noticed_ns = 0;         ///< the longest that took
+  std::uint64_t false_alarms = 0;      ///< hosts that lived
 };
 
 class SimulatedController : public Program {
@@ -75,6 +80,7 @@ class SimulatedController : public Program {
     session::DeliveryClient::Message message;
   };
 
+  void keep_vigil();
   void take_chunk(const session::BulkChunk& chunk);
   void answer();
   void accept(const session::DeliveryClient::Message& message);
@@ -87,6 +93,9 @@ class SimulatedController : public Program {
 
   ControllerFaults faults_;
   std::unique_ptr<session::DeliveryClient> client_;
+  std::unique_ptr<session::Vigil> vigil_;
+  std::map<std::uint64_t, std::int64_t> answered_ns_;  // by host that is watched and has answered
+  std::set<std::uint64_t> silent_;                     // of these
   std::unique_ptr<session::UserSlots> slots_;
   std::map<std::string, std::uint64_t> client_of_;  // by user
   std::map<std::uint64_t, Cache> caches_;           // by object

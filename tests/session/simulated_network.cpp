@@ -42,6 +42,9 @@ struct Text {
   std::string operator()(const ClockSample& sample) const {
     return (sample.answer ? "clock answer " : "clock request ") + std::to_string(sample.sequence);
   }
+  std::string operator()(const VigilSample& vigil) const {
+    return (vigil.sample.answer ? "lives, answer " : "lives, question ") + std::to_string(vigil.sample.sequence);
+  }
 };
 
 /// What a newer sample replaces in its writer's history; 0: nothing does.

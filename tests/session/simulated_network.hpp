@@ -35,8 +35,12 @@ struct NetworkFaults {
   std::int64_t reorder_ns = 0;
 };
 
+/// Whether a host lives (session/vigil.hpp): over ends of its own, so that it is no question for the time.
+struct VigilSample {
+  session::ClockSample sample;
+};
 using Sample = std::variant<session::RosterEntry, session::CatalogueEntry, session::Demand, session::BulkChunk,
-                            session::ClockSample>;
+                            session::ClockSample, VigilSample>;
 /// One line of a log.
 [[nodiscard]] std::string text(const Sample& sample);
 

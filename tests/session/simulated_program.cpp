@@ -65,6 +65,7 @@ void Program::start() {
 void Program::stop(bool with_a_word) {
   if (with_a_word) send_all(world_.programs, entry(true));
   up_ = false;
+  stopped_ns_ = world_.now_ns;
 }
 
 RosterEntry Program::entry(bool leaving) {
@@ -80,7 +81,7 @@ RosterEntry Program::entry(bool leaving) {
 }
 
 void Program::send(std::uint64_t to, Sample sample) {
-  const bool stamps = std::holds_alternative<ClockSample>(sample);
+  const bool stamps = std::holds_alternative<ClockSample>(sample) || std::holds_alternative<VigilSample>(sample);
   world_.network.send(world_.now_ns, id_, to, std::make_shared<const Sample>(std::move(sample)),
                       stamps ? SimulatedNetwork::Carrier::kLossy : world_.carrier);
 }

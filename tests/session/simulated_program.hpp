@@ -32,6 +32,7 @@ enum class Sabotage : std::uint8_t {
   kRunFast,    ///< clocks run apart by more than ClockSettings::drift
   kSendTwice,  ///< hosts forget once what they have sent
   kDeaf,       ///< a program misses all that one other says
+  kTrusting,   ///< HRTCs do not look whether hosts are silent
 };
 
 /// What the programs of one session share.
@@ -78,6 +79,8 @@ class Program {
   void tick();
 
   [[nodiscard]] bool up() const noexcept { return up_; }
+  /// When it ended, of one that is not up.
+  [[nodiscard]] std::int64_t stopped_ns() const noexcept { return stopped_ns_; }
   [[nodiscard]] std::uint64_t id() const noexcept { return id_; }
   [[nodiscard]] std::uint64_t incarnation() const noexcept { return self_.incarnation; }
   [[nodiscard]] session::Role role() const noexcept { return role_; }
@@ -119,6 +122,7 @@ class Program {
   std::int64_t clock_start_ns_ = 0;
   double clock_rate_ = 0;  // over true time, less one
   bool up_ = false;
+  std::int64_t stopped_ns_ = 0;
   std::int64_t next_tick_ns_ = 0;
   std::int64_t started_ns_ = 0;  // its own clock
   std::unique_ptr<session::Roster> roster_;

@@ -18,9 +18,10 @@ namespace {
 constexpr std::size_t kHosts = 2, kControllers = 3, kClients = 2, kPrograms = kHosts + kControllers + kClients;
 constexpr std::uint64_t kFirstHost = 100, kFirstController = 200, kFirstClient = 400;
 constexpr int kChunksPerMs = 12;
-constexpr std::int64_t kOnTheWayNs = 100 * kMs;  // after all is well an old demand may still arrive, and be answered
-constexpr std::int64_t kSilenceNs = 100 * kMs;   // then nothing is sent for so long
-constexpr std::int64_t kLookNs = 5 * kMs;        // whether all is well
+/// After all is well a host may have missed the last demand, and repair what is wanted no more, until that is repeated.
+constexpr std::int64_t kOnTheWayNs = DeliverySettings{}.keep_alive_ns + 100 * kMs;
+constexpr std::int64_t kSilenceNs = 100 * kMs;  // then nothing is sent for so long
+constexpr std::int64_t kLookNs = 5 * kMs;       // whether all is well
 
 class SimulatedHost : public Program {
  public:
@@ -37,6 +38,8 @@ class SimulatedHost : public Program {
       if (serves(object)) server_->add(object, coded_of(object));
   }
   void hear(const Sample& sample) override {
+    if (const auto* question = std::get_if<VigilSample>(&sample); question != nullptr && !question->sample.answer)
+      send(question->sample.origin.participant, VigilSample{clock().answer(question->sample, local_ns(), local_ns())});
     const auto* demand = std::get_if<Demand>(&sample);
     if (demand == nullptr) return;
     if (server_->on_demand(*demand, local_ns()) == DeliveryServer::DemandResult::kMalformed)
@@ -219,14 +222,15 @@ class Simulation {
 
   [[nodiscard]] bool knows_all(const Program& program) const {
     std::size_t known = 0;
-    for (const RosterEntry& entry : program.roster().entries()) {
+    bool right = true;
+    program.roster().for_each([&](const RosterEntry& entry) {
       const Program* other = world_.find(entry.origin.participant);
-      if (!other->up() || other->incarnation() != entry.origin.incarnation) return false;
+      right = right && other->up() && other->incarnation() == entry.origin.incarnation;
       ++known;
-    }
+    });
     const auto up =
         std::count_if(world_.programs.begin(), world_.programs.end(), [](const Program* other) { return other->up(); });
-    return known + 1 == static_cast<std::size_t>(up);
+    return right && known + 1 == static_cast<std::size_t>(up);
   }
 
   [[nodiscard]] std::string slots_that_are_wrong() const {
@@ -264,6 +268,9 @@ class Simulation {
       result_.controllers.regions_refused += figures.regions_refused;
       result_.controllers.regions_released += figures.regions_released;
       result_.controllers.records_repeated += figures.records_repeated;
+      result_.controllers.deaths_noticed += figures.deaths_noticed;
+      result_.controllers.noticed_ns = std::max(result_.controllers.noticed_ns, figures.noticed_ns);
+      result_.controllers.false_alarms += figures.false_alarms;
       result_.host_changes += controller->delivery().counters().host_changes;
     }
     return result_;

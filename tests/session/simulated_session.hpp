@@ -1,14 +1,15 @@
 /// A session of two hosts, three HRTCs and two clients in one thread and in virtual time, by a seed.
 ///
-/// The programs are DeliveryServer, DeliveryClient, Roster, SessionClock and UserSlots as they are; the network, the
-/// cache of an HRTC and the hands of users are models. Users wander over two objects (both hosts serve the first, one
-/// of them the second) while faults come as the schedule says; then all faults stop and the session has to heal:
+/// The programs are DeliveryServer, DeliveryClient, Roster, Vigil, SessionClock and UserSlots as they are; the network,
+/// the cache of an HRTC and the hands of users are models. Users wander over two objects (both hosts serve the first,
+/// one of them the second) while faults come as the schedule says; then all faults stop and the session has to heal:
 ///
 ///     what an HRTC takes into `have` decodes, is the model's and is closed          at all times
 ///     no message counts on a region that was released before                        at all times
 ///     nothing comes again, or incomplete, unless something was lost                 at all times
 ///     a clock is right to its stated bound and never steps back                     at all times
 ///     credit, incomplete messages and demands stay within their bounds              at all times
+///     an HRTC that counts on a host notices its silence within 250 ms               at all times
 ///     each HRTC holds what it wants; rosters, slots and the keeper of time agree;   within kHealNs of the last fault
 ///     clocks are good to kClockNs; then no record is sent any more
 ///

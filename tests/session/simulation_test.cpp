@@ -18,6 +18,15 @@ constexpr std::uint64_t kSchedules = 2000;
 using testing::HasSubstr;
 using testing::IsEmpty;
 
+PlannedFault death_of_the_first_host() {
+  PlannedFault fault;
+  fault.kind = FaultKind::kCrash;
+  fault.at_ns = 400 * kMs;
+  fault.lasts_ns = 2000 * kMs;
+  fault.programs = 1;
+  return fault;
+}
+
 TEST(SessionSimulation, WithoutFaultsNothingIsRefusedOrSentTwiceAndAllAgree) {
   for (std::uint64_t seed = 1; seed <= 20; ++seed) {
     Schedule none;
@@ -28,7 +37,21 @@ TEST(SessionSimulation, WithoutFaultsNothingIsRefusedOrSentTwiceAndAllAgree) {
     EXPECT_EQ(result.controllers.records_repeated, 0u) << "seed " << seed;
     EXPECT_GT(result.controllers.regions_released, 30u) << "seed " << seed << ": nothing was ever retired";
     EXPECT_EQ(result.host_changes, 0u) << "seed " << seed;
+    EXPECT_EQ(result.controllers.false_alarms, 0u) << "seed " << seed;
   }
+}
+
+TEST(SessionSimulation, TheDeathOfAHostIsNoticedByItsSilenceLongBeforeTheRosterTellsOfIt) {
+  std::uint64_t noticed = 0;
+  for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+    Schedule crash;
+    crash.planned.push_back(death_of_the_first_host());
+    const SimulationResult result = simulate(seed, crash);
+    ASSERT_THAT(result.broken, IsEmpty()) << "seed " << seed;
+    EXPECT_LE(result.controllers.noticed_ns, 50 * kMs) << "seed " << seed;
+    noticed += result.controllers.deaths_noticed;
+  }
+  EXPECT_GE(noticed, 20u) << "or nobody counted on it";
 }
 
 TEST(SessionSimulation, UnderThreeKindsOfFaultAllHoldsAndHealsInTime) {
@@ -70,6 +93,7 @@ TEST_P(EveryMistake, IsNoticed) {
     Schedule schedule;
     schedule.controllers.decode_ns = 60 * kMs;
     schedule.sabotage = GetParam().sabotage;
+    if (GetParam().sabotage == Sabotage::kTrusting) schedule.planned.push_back(death_of_the_first_host());
     for (const std::string& what : simulate(seed, schedule).broken) all += what + '\n';
   }
   EXPECT_THAT(all, HasSubstr(GetParam().noticed));
@@ -79,7 +103,8 @@ constexpr Mistake kMistakes[] = {{"FreeEarly", Sabotage::kFreeEarly, "came witho
                                  {"Forget", Sabotage::kForget, "is not here"},
                                  {"RunFast", Sabotage::kRunFast, "is wrong by"},
                                  {"SendTwice", Sabotage::kSendTwice, "here all along"},
-                                 {"Deaf", Sabotage::kDeaf, "the roster of"}};
+                                 {"Deaf", Sabotage::kDeaf, "the roster of"},
+                                 {"Trusting", Sabotage::kTrusting, "which has not answered for"}};
 
 INSTANTIATE_TEST_SUITE_P(SessionSimulation, EveryMistake, testing::ValuesIn(kMistakes),
                          [](const auto& instance) { return instance.param.name; });
