@@ -114,6 +114,12 @@ session::Pose pose_at(const Plain3& position) {
   return pose;
 }
 
+bool touches_exactly(const ProbeReports& reports) {
+  constexpr std::uint32_t kTouching = session::kInContact | session::kExact;
+  return std::any_of(reports.probes.begin(), reports.probes.end(),
+                     [](const ProbeOutput& probe) { return (probe.status & kTouching) == kTouching; });
+}
+
 std::uint32_t age_us(const ProbeOutput& probe) {
   return static_cast<std::uint32_t>(std::clamp(probe.pose_age * 1e6f, 0.0f, 4e9f));
 }
@@ -146,6 +152,7 @@ struct Hrtc::Impl {
   void unseat(const std::string& user);
   void seat_replays();
   void choose_reference(std::int64_t now_ns);
+  void note_first_touch(std::int64_t now_ns);
   void choose_whom_to_watch(const std::array<NearObjects, kMaxProbes>& near);
   [[nodiscard]] bool keep_vigil(std::int64_t now_ns);
   void tell_of_hosts(std::int64_t now_ns);
@@ -236,6 +243,10 @@ struct Hrtc::Impl {
   };
   std::map<std::uint64_t, Serving> servings;  // by object
   std::array<std::vector<std::uint32_t>, kMaxObjects> snapshot_contacts, snapshot_predictions;
+  struct {
+    std::int64_t catalogue_ns = 0, base_ns = 0, exact_ns = 0;  // when first, each; 0: not yet
+    std::uint64_t bytes = 0;                                   // of payload, until the last
+  } first;
 
   std::thread sender;
   std::atomic<bool> sending{false};
@@ -434,7 +445,8 @@ void Hrtc::Impl::unseat(const std::string& name) {
   }
 }
 
-void Hrtc::Impl::take(const session::CatalogueEntry& entry, std::int64_t) {
+void Hrtc::Impl::take(const session::CatalogueEntry& entry, std::int64_t now_ns) {
+  if (first.catalogue_ns == 0) first.catalogue_ns = now_ns;
   loader.on_catalogue(entry);
   neighbours.on_catalogue(entry);
 }
@@ -596,6 +608,12 @@ void Hrtc::Impl::send_metrics(bool all) {
       {names::kRemoteDevices, static_cast<double>(remotes)},
       {names::kLoopDelay, loop_delay * 1e6}};
   for (const auto& [name, value] : counts) sample.figures.push_back({name, value});
+  const auto since_catalogue = [&](const char* name, std::int64_t at_ns) {
+    if (at_ns != 0) sample.figures.push_back({name, static_cast<double>(at_ns - first.catalogue_ns) * 1e-3});
+  };
+  since_catalogue(names::kFirstBase, first.base_ns);
+  since_catalogue(names::kFirstExact, first.exact_ns);
+  if (first.exact_ns != 0) sample.figures.push_back({names::kFirstExactBytes, static_cast<double>(first.bytes)});
   neighbours.write(sample.figures);
   static_assert(kMaxObjects <= session::kMaxMeshes);
   const MeshHashes& hashes = haptic.mesh_hashes().latest();
@@ -761,10 +779,7 @@ void Hrtc::Impl::snapshot(std::int64_t now_ns, const ProbeReports& latest) {
     contact_since_ns = 0;
     return;
   }
-  constexpr std::uint32_t kTouching = session::kInContact | session::kExact;
-  const bool touching = std::any_of(latest.probes.begin(), latest.probes.end(),
-                                    [](const ProbeOutput& probe) { return (probe.status & kTouching) == kTouching; });
-  if (!touching) {
+  if (!touches_exactly(latest)) {
     contact_since_ns = 0;
     return;
   }
@@ -779,6 +794,13 @@ void Hrtc::Impl::snapshot(std::int64_t now_ns, const ProbeReports& latest) {
   ++commands.snapshots;
   snapshot_asked_ns = now_ns;
   haptic.commands().post(commands);
+}
+
+void Hrtc::Impl::note_first_touch(std::int64_t now_ns) {
+  if (first.base_ns == 0 && !loader.objects().empty()) first.base_ns = now_ns;
+  if (first.exact_ns != 0 || !touches_exactly(reports)) return;
+  first.exact_ns = reports.time_ns;
+  first.bytes = loader.delivery_counters().payload_bytes;
 }
 
 /// Over the hosts of what tips are near.
@@ -840,6 +862,7 @@ void Hrtc::Impl::serve(std::int64_t now_ns) {
     }
   }
   std::array<NearObjects, kMaxProbes> near;
+  note_first_touch(now_ns);
   loader.tick(now_ns, sights, near);
   haptic.near().post(near);
   for (const Loader::ObjectInfo& object : loader.objects()) object_ids[object.index] = object.id;

@@ -60,6 +60,10 @@ inline constexpr char kBytesReceived[] = "hrtc.bytes_received";
 inline constexpr char kLoadLatency[] = "hrtc.load_latency_us";
 inline constexpr char kFalseAlarms[] = "hrtc.false_alarms";  ///< hosts that were given up and answered after all
 inline constexpr char kHostChanges[] = "hrtc.host_changes";
+// From the first catalogue entry to the first base mesh held, and to the first exact contact; payload until then.
+inline constexpr char kFirstBase[] = "hrtc.first_base_us";
+inline constexpr char kFirstExact[] = "hrtc.first_exact_us";
+inline constexpr char kFirstExactBytes[] = "hrtc.first_exact_bytes";
 
 // An HRTC: probe states, its own and those of others.
 inline constexpr char kStatesCoded[] = "hrtc.states_coded";  ///< sent to the session
