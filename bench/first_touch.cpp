@@ -1,4 +1,4 @@
-// From the first catalogue entry to the first exact contact of a tip that rests on a large model: real programs, a new
+// From the first catalogue entry to the first exact contact of a tip that knocks at a large model: real programs, a new
 // controller each time, on a local and on a long narrow link. Beside it, the whole mesh over the same link.
 #include <arpa/inet.h>
 #include <signal.h>
@@ -41,6 +41,8 @@ struct Settings {
 constexpr double kRadius = 0.003;  // m, of the tip
 constexpr double kDepth = 0.0003;  // m
 constexpr double kApart = 0.005;   // m along the surface, from one place to the next
+constexpr double kKnock = 0.02;    // s, from one to the next
+constexpr double kPatience = 30;   // s
 
 struct LinkCase {
   const char* name;
@@ -67,20 +69,32 @@ class Subject {
            << "\n    position: [0, 0, 0]\n    scale: " << unit << '\n';
     if (!config.flush()) throw std::runtime_error("cannot write " + path("host.yaml"));
     const spm::fcl::FixedMesh finest{loaded.model.positions, loaded.finest};
-    const PathSettings walk{kRadius / unit, kDepth / unit, kApart / unit, static_cast<std::uint32_t>(settings.tries),
+    const auto tries = static_cast<std::size_t>(settings.tries);
+    const auto distance = [&](const Vec3d& at) { return finest.distance(at); };
+    // Only places that a hand reaches from outside, and where it then touches: not in folds that hold the tip.
+    constexpr std::uint32_t kSpare = 20;
+    constexpr double kFree = 0.01;  // m above the place, where nothing is near
+    const PathSettings walk{kRadius / unit, kDepth / unit, kApart / unit, kSpare * static_cast<std::uint32_t>(tries),
                             1};
-    for (const Vec3d& at :
-         surface_path(loaded.model.positions, loaded.finest, walk, [&](const Vec3d& p) { return finest.distance(p); }))
-      places.push_back(at * unit);
+    for (const SurfacePose& pose : surface_poses(loaded.model.positions, loaded.finest, walk, distance)) {
+      const bool touches = distance(pose.centre) * unit < kRadius - kDepth / 2;
+      const bool open = distance(pose.centre + pose.normal * (kFree / unit)) * unit > 0.9 * (kRadius + kFree);
+      if (touches && open && places.size() < tries) places.push_back({pose.centre * unit, pose.normal});
+    }
+    if (places.size() < tries) throw std::runtime_error("found too few places in which the tip touches");
   }
 
-  /// A device that rests at a place.
-  [[nodiscard]] std::string resting(std::size_t place) const {
-    const std::string file = path("rest-" + std::to_string(place) + ".csv");
+  /// A device that knocks at a place: in and out again within kKnock.
+  [[nodiscard]] std::string knocking(std::size_t place) const {
+    const std::string file = path("knock-" + std::to_string(place) + ".csv");
     std::ofstream out{file};
     out.precision(9);
-    const Vec3d& at = places.at(place);
-    for (const char* time : {"0", "3600"}) out << time << ',' << at[0] << ',' << at[1] << ',' << at[2] << '\n';
+    const auto& [in, normal] = places.at(place);
+    for (int knock = 0; knock * kKnock < kPatience; ++knock)
+      for (const double share : {0.0, 0.5}) {
+        const Vec3d at = share == 0 ? Vec3d{in + 2 * kDepth * normal} : in;
+        out << (knock + share) * kKnock << ',' << at[0] << ',' << at[1] << ',' << at[2] << '\n';
+      }
     if (!out.flush()) throw std::runtime_error("cannot write " + file);
     return file;
   }
@@ -89,7 +103,7 @@ class Subject {
   std::string name;
   spm::ModelSummary summary;
   double mesh_bytes = 0;
-  std::vector<Vec3d> places;  // world, m
+  std::vector<SurfacePose> places;  // world, m
 
  private:
   test_support::TemporaryFolder folder_;
@@ -173,7 +187,7 @@ struct Touches {
   Samples base_ms, exact_ms, bytes;
 };
 
-/// A controller for each try, whose tip rests on the surface before anything of the model is there.
+/// A controller for each try, whose tip knocks at the surface before anything of the model is there.
 Touches touch(LiveSession& session, const Subject& subject) {
   const auto host = session.start(Side::kA, "host", {"--name", "host", "--config", subject.path("host.yaml")});
   session.until("the host", [](const SeenSession& seen) { return seen.roster.count(session::id_of("host")) != 0; });
@@ -182,9 +196,13 @@ Touches touch(LiveSession& session, const Subject& subject) {
     std::fprintf(stderr, "\rtouch %zu of %zu ", i + 1, subject.places.size());
     const std::string name = "desk-" + std::to_string(i);
     const auto hrtc =
-        session.start(Side::kB, "hrtc", {"--name", name, "--users", "1", "--replay", name + "=" + subject.resting(i)});
-    session.until("an exact contact",
-                  [&](const SeenSession& seen) { return seen.figure(name, names::kFirstExact) >= 0; });
+        session.start(Side::kB, "hrtc", {"--name", name, "--users", "1", "--replay", name + "=" + subject.knocking(i)});
+    try {
+      session.until("an exact contact",
+                    [&](const SeenSession& seen) { return seen.figure(name, names::kFirstExact) >= 0; });
+    } catch (const std::runtime_error& error) {
+      throw std::runtime_error(error.what() + std::string{"\n"} + hrtc->output());
+    }
     const SeenSession seen = session.seen();
     touches.base_ms.add(seen.figure(name, names::kFirstBase) * 1e-3);
     touches.exact_ms.add(seen.figure(name, names::kFirstExact) * 1e-3);
@@ -202,7 +220,8 @@ int run(const Settings& settings) {
   std::fprintf(stderr, "making the model\n");
   const Subject subject{settings};
   char text[120];
-  std::snprintf(text, sizeof text, "a 3 mm tip that rests on the surface, %d controllers on each link", settings.tries);
+  std::snprintf(text, sizeof text, "a 3 mm tip that knocks at the surface, %d controllers on each link",
+                settings.tries);
   Report report{{"first-touch", subject.name, subject.summary.digest, subject.summary.faces, text}};
   report.figure("indexed mesh of floats", "12 B a vertex and a face", "kB", subject.mesh_bytes * 1e-3);
   for (const LinkCase& link : kLinks) {
