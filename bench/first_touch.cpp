@@ -57,11 +57,11 @@ class Subject {
  public:
   explicit Subject(const Settings& settings) {
     LoadedModel loaded = load_model(settings.model, settings.faces);
-    if (settings.model.empty()) scale_to_edge(loaded, kHandEdge);
     name = loaded.name;
-    summary = loaded.model.summary;
-    mesh_bytes = 12.0 * (static_cast<double>(loaded.model.positions.size()) + summary.faces);
+    mesh_bytes = 12.0 * (static_cast<double>(loaded.model.positions.size()) + loaded.model.summary.faces);
     spm::offline::write_model(folder_.path() / "model.spm", loaded.model, {});
+    if (settings.model.empty()) scale_to_edge(loaded, kHandEdge);  // the host's scale, not in the file
+    summary = loaded.model.summary;
     const double unit = summary.metres_per_unit;
     std::ofstream config{path("host.yaml")};
     config.precision(17);
@@ -138,6 +138,7 @@ sockaddr_in address_of(Side side) {
 /// ms from connecting to the last of so many bytes, by TCP from a to b.
 double download(const netem::LinkedPair& pair, std::size_t bytes) {
   std::promise<void> listening;
+  bool listens = false;
   std::exception_ptr trouble;
   std::thread sender{[&] {
     try {
@@ -148,6 +149,7 @@ double download(const netem::LinkedPair& pair, std::size_t bytes) {
       ::setsockopt(server.number(), SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
       Socket::expect(::bind(server.number(), reinterpret_cast<const sockaddr*>(&here), sizeof here) == 0, "bind");
       Socket::expect(::listen(server.number(), 1) == 0, "listen");
+      listens = true;
       listening.set_value();
       const Socket peer{::accept(server.number(), nullptr, nullptr)};
       const std::vector<char> block(1 << 16, 'm');
@@ -157,12 +159,15 @@ double download(const netem::LinkedPair& pair, std::size_t bytes) {
         left -= static_cast<std::size_t>(sent);
       }
     } catch (...) {
-      trouble = std::current_exception();
+      if (listens)
+        trouble = std::current_exception();
+      else
+        listening.set_exception(std::current_exception());
     }
   }};
   double ms = 0;
-  listening.get_future().wait();
-  in_own_thread([&] {
+  const auto receive = [&] {
+    listening.get_future().get();
     pair.enter(Side::kB);
     const Socket socket;
     const sockaddr_in there = address_of(Side::kA);
@@ -175,7 +180,12 @@ double download(const netem::LinkedPair& pair, std::size_t bytes) {
       came += static_cast<std::size_t>(got);
     }
     ms = static_cast<double>(wire::monotonic_ns() - began_ns) * 1e-6;
-  });
+  };
+  try {
+    in_own_thread(receive);
+  } catch (...) {
+    trouble = std::current_exception();
+  }
   sender.join();
   if (trouble) std::rethrow_exception(trouble);
   return ms;
@@ -190,19 +200,22 @@ struct Touches {
 /// A controller for each try, whose tip knocks at the surface before anything of the model is there.
 Touches touch(LiveSession& session, const Subject& subject) {
   const auto host = session.start(Side::kA, "host", {"--name", "host", "--config", subject.path("host.yaml")});
-  session.until("the host", [](const SeenSession& seen) { return seen.roster.count(session::id_of("host")) != 0; });
+  const auto await = [&](const e2e::Process& program, const char* what, const auto& condition) {
+    try {
+      session.until(what, condition);
+    } catch (const std::runtime_error& error) {
+      throw std::runtime_error(error.what() + std::string{"\n"} + program.output());
+    }
+  };
+  await(*host, "the host", [](const SeenSession& seen) { return seen.roster.count(session::id_of("host")) != 0; });
   Touches touches;
   for (std::size_t i = 0; i < subject.places.size(); ++i) {
     std::fprintf(stderr, "\rtouch %zu of %zu ", i + 1, subject.places.size());
     const std::string name = "desk-" + std::to_string(i);
     const auto hrtc =
         session.start(Side::kB, "hrtc", {"--name", name, "--users", "1", "--replay", name + "=" + subject.knocking(i)});
-    try {
-      session.until("an exact contact",
-                    [&](const SeenSession& seen) { return seen.figure(name, names::kFirstExact) >= 0; });
-    } catch (const std::runtime_error& error) {
-      throw std::runtime_error(error.what() + std::string{"\n"} + hrtc->output());
-    }
+    await(*hrtc, "an exact contact",
+          [&](const SeenSession& seen) { return seen.figure(name, names::kFirstExact) >= 0; });
     const SeenSession seen = session.seen();
     touches.base_ms.add(seen.figure(name, names::kFirstBase) * 1e-3);
     touches.exact_ms.add(seen.figure(name, names::kFirstExact) * 1e-3);

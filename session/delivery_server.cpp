@@ -167,9 +167,12 @@ void DeliveryServer::compare(Controller& controller, Service& service, const Obj
     const bool base = message.region == spm::kNone;
     if (base ? !demand.need_base : contains(demand.have, message.region)) return true;  // taken
     if (message.arrived() && message.last_sequence <= demand.received) return refused = true;
-    const bool cancelled = !message.sent() && (base != demand.need_base || (!base && !wanted(message)));
-    if (cancelled) count(controller, [](DeliveryCounters& c) { ++c.messages_dropped; });
-    return cancelled;
+    const bool parts_to_come = !message.sent() || !message.lost.empty();
+    const bool cancelled = parts_to_come && (base != demand.need_base || (!base && !wanted(message)));
+    if (!cancelled) return false;
+    count(controller, [](DeliveryCounters& c) { ++c.messages_dropped; });
+    refused = refused || message.sent();  // what was counted on is not there
+    return true;
   };
   const auto erase_if = [&](const auto& condition) {
     service.messages.erase(std::remove_if(service.messages.begin(), service.messages.end(), condition),

@@ -27,6 +27,13 @@ constexpr std::int64_t kCatchUp = 4 * kMs;        // of the pace, when the sende
 constexpr std::int64_t kSpan = 10'000 * kMs;
 constexpr std::int64_t kDrainEvery = 2'000 * kMs;
 constexpr std::int64_t kDrainEveryLoops = 40;
+constexpr std::int64_t kDrainLoops = 3;  // one until less is under way, one until that shows, one to see it
+constexpr double kDrainShare = 0.25;
+
+constexpr std::int64_t kUsualOver = 1'000 * kMs;
+constexpr std::int64_t kMostUsual = 2;  // loops over this, above the least: a queue may be in it
+constexpr double kForgetBest = 0.99;    // of the best rate, in a loop
+constexpr std::uint32_t kMostLossSeen = 8 * kMaxPayload;
 
 }  // namespace
 
@@ -45,7 +52,7 @@ std::int64_t Pacer::target_ns() const noexcept {
 bool Pacer::may_send(std::uint32_t bytes, std::int64_t now_ns) {
   // Time in which nothing was to be sent, or no more was allowed, is not made up for.
   if (!paced_) next_ns_ = std::max(next_ns_, now_ns);
-  const double window = now_ns < drain_until_ns_ ? window_ / 2 : window_;
+  const double window = now_ns < drain_until_ns_ ? kDrainShare * window_ : window_;
   if (under_way_ != 0 && under_way_ + bytes > window) {
     held_up_ = true;
     paced_ = false;
@@ -72,37 +79,59 @@ void Pacer::note_one_way(std::uint32_t one_way_us, std::int64_t now_ns) {
     span_ns_ = now_ns;
   }
   least_us_[0] = std::min(least_us_[0], us);
-  queueing_ns_ = std::int64_t{us - std::min(least_us_[0], least_us_[1])} * 1000;
-  if (queueing_ns_ < target_ns() / 4) empty_ns_ = now_ns;
+  const std::int32_t least = std::min(least_us_[0], least_us_[1]);
+  if (now_ns >= loaded_until_ns_) {
+    const double share = std::min(1.0, static_cast<double>(now_ns - usual_ns_) / kUsualOver);
+    usual_us_ = usual_us_ ? *usual_us_ + share * (us - *usual_us_) : us;
+  }
+  usual_ns_ = now_ns;
+  double none = least;
+  if (usual_us_) {
+    const double most = static_cast<double>(loop_ns_ / kMostUsual) * 1e-3;
+    none = std::clamp(*usual_us_, none, none + most);
+  }
+  queueing_ns_ = static_cast<std::int64_t>((us - none) * 1e3);
+  if ((us - least) * std::int64_t{1000} < target_ns() / 4) empty_ns_ = now_ns;
+}
+
+/// What arrives in a loop, and how much of what was sent does.
+void Pacer::note_round(const Feedback& feedback, std::int64_t now_ns) {
+  round_arrived_ += feedback.arrived_bytes;
+  round_lost_ += feedback.lost_bytes;
+  const std::int64_t lasted = now_ns - round_ns_;
+  if (lasted < loop_ns_) return;
+  // No link is like that: it is a queue too short to show as delay.
+  if (round_lost_ > std::max<std::uint64_t>(round_arrived_, kMostLossSeen))
+    window_ = std::max(window_ / 2, kLeastWindow);
+  best_ = std::max(kForgetBest * best_, static_cast<double>(round_arrived_) / static_cast<double>(lasted));
+  round_ns_ = now_ns;
+  round_arrived_ = round_lost_ = 0;
 }
 
 void Pacer::on_feedback(const Feedback& feedback, std::int64_t now_ns) {
-  // The pace may keep what is under way below the window; far below it the sender had nothing more to send.
-  const bool used = std::exchange(held_up_, false) && under_way_ > window_ / 3;
+  // The pace may keep what is under way below the window; far below it the sender had nothing more to send, and what
+  // waits in queues is not ours.
+  const bool ours = under_way_ > window_ / 3;
+  const bool used = std::exchange(held_up_, false) && ours;
+  if (under_way_ > best_ * static_cast<double>(loop_ns_) / 2) loaded_until_ns_ = now_ns + 2 * loop_ns_;
   under_way_ -= feedback.arrived_bytes + feedback.lost_bytes;
   if (feedback.arrived_bytes == 0) return;
   constexpr std::int64_t kSmoothing = 8;
   loop_ns_ += loop_ns_ == 0 ? feedback.loop_ns : (feedback.loop_ns - loop_ns_) / kSmoothing;
-  round_arrived_ += feedback.arrived_bytes;
-  round_lost_ += feedback.lost_bytes;
-  if (now_ns - round_ns_ >= loop_ns_) {
-    // No link is like that: it is a queue too short to show as delay.
-    if (round_lost_ > round_arrived_) window_ = std::max(window_ / 2, kLeastWindow);
-    round_ns_ = now_ns;
-    round_arrived_ = round_lost_ = 0;
-  }
+  note_round(feedback, now_ns);
   if (!feedback.one_way_us) return;
   note_one_way(*feedback.one_way_us, now_ns);
 
   if (now_ns < drain_until_ns_) return;
-  if (now_ns - empty_ns_ >= std::max(kDrainEvery, kDrainEveryLoops * loop_ns_)) {
-    drain_until_ns_ = now_ns + loop_ns_;
+  const std::int64_t known = usual_us_ ? std::max(kDrainEvery, kDrainEveryLoops * loop_ns_) : kDrainEvery;
+  if (now_ns - empty_ns_ >= known) {
+    drain_until_ns_ = now_ns + kDrainLoops * loop_ns_;
     empty_ns_ = drain_until_ns_;
   }
   const auto target = static_cast<double>(target_ns());
   const double off = std::clamp((target - static_cast<double>(queueing_ns_)) / target, -kSteepest, 1.0);
   starting_ = starting_ && off > 0.25;
-  if (off > 0 && !used) return;
+  if (off > 0 ? !used : !ours) return;
   window_ = std::clamp(window_ + (starting_ ? 1 : kGain * off) * feedback.arrived_bytes, kLeastWindow, kMostWindow);
 }
 

@@ -1,13 +1,15 @@
 /// How much a host may have under way to one HRTC, and how fast it sends that: delay-based, with nothing to set.
 ///
 /// Each demand tells the least time that a chunk took since the one before, from the host's clock to the HRTC's; what
-/// that is above the least of the last seconds is time spent in queues, whatever the clocks. The window grows and
+/// that is above what is usual while little is sent is time spent in queues, whatever the clocks. The window grows and
 /// shrinks so that this stays at a target of about a millisecond, more on long ways. That fills a link of any rate, and
 /// leaves probe states that share its queue little to wait for; loss alone says nothing, for a link that loses is not
 /// full. Chunks leave evenly spread over the time in which a window is answered.
 ///
-/// Source: LEDBAT, RFC 6817. Different here: the target; the window moves in proportion to what is acknowledged; the
-/// queue is emptied every few seconds, so that the least time is known however long the link is full (LEDBAT++).
+/// Source: LEDBAT, RFC 6817. Different here: the target; the window moves in proportion to what is acknowledged, and
+/// only while it is in use; it is a quarter for some moments every few seconds, so that what is usual is known however
+/// long the link is full (LEDBAT++). What is usual is a mean, not the least: where delays wander by themselves, most
+/// are far above the least of some seconds, and a window that took that for a queue would close.
 ///
 /// No clock in it: times are nanoseconds of the host's monotonic clock. One thread at a time.
 #pragma once
@@ -45,6 +47,7 @@ class Pacer {
  private:
   [[nodiscard]] double pace() const noexcept;  // bytes/ns
   [[nodiscard]] std::int64_t target_ns() const noexcept;
+  void note_round(const Feedback& feedback, std::int64_t now_ns);
   void note_one_way(std::uint32_t one_way_us, std::int64_t now_ns);
 
   double window_;  // bytes
@@ -60,7 +63,12 @@ class Pacer {
   std::int64_t span_ns_ = 0;
   std::int64_t queueing_ns_ = 0;
   std::int64_t empty_ns_ = 0;        // when the queue was last seen empty
-  std::int64_t drain_until_ns_ = 0;  // half the window until then
+  std::int64_t drain_until_ns_ = 0;  // a quarter of the window until then
+  // While so little is sent that no queue can be ours: mean over the last second, us; since when that has not been.
+  std::optional<double> usual_us_;
+  std::int64_t usual_ns_ = 0;
+  std::int64_t loaded_until_ns_ = 0;
+  double best_ = 0;  // bytes/ns that arrived in the best of the last loops
   // Of the current loop.
   std::int64_t round_ns_ = 0;
   std::uint64_t round_arrived_ = 0, round_lost_ = 0;

@@ -5,9 +5,12 @@
 
 #include <algorithm>
 #include <deque>
+#include <optional>
 #include <random>
+#include <string>
 #include <vector>
 
+#include "netem/link.hpp"
 #include "session/messages.hpp"
 
 namespace tactus::session {
@@ -98,6 +101,87 @@ TEST(Pacer, FillsALongLinkThatLoses) {
   EXPECT_GT(fill(path, 12).share, 0.9);
   path.loss = 0.3;
   EXPECT_GT(fill(path, 12).share, 0.9);
+}
+
+struct NamedOutcome {
+  double share;   // of the link's rate that arrives in the last two thirds
+  double window;  // at the end, bytes
+};
+
+/// Data over a named link for `seconds`: endless, or `burst` bytes every 200 ms.
+NamedOutcome send_named(const netem::NamedLink& named, double seconds, std::uint32_t burst = 0) {
+  struct Chunk {
+    std::int64_t sent;
+    std::optional<std::int64_t> arrives;
+  };
+  netem::Link forth{named.each_way, 1}, back{named.each_way, 2};
+  Pacer pacer;
+  std::deque<Chunk> under_way;
+  struct Told {
+    std::int64_t at;
+    Pacer::Feedback feedback;
+    std::int64_t first_sent;
+  };
+  std::deque<Told> told;
+  Told untold{0, {}, 0};
+  double arrived = 0;
+  const auto end = static_cast<std::int64_t>(seconds * 1e9);
+  std::int64_t next_demand = 0;
+  std::uint32_t to_send = 0;
+  for (std::int64_t now = 0; now < end; now += 50'000) {
+    if (burst == 0 || now % (200 * kMs) == 0) to_send = burst == 0 ? kChunk : burst;
+    if (now >= next_demand) {
+      next_demand = now + 5 * kMs;
+      // Chunks stay in order, so one that is lost is known when the next one comes.
+      const auto newest = std::find_if(under_way.rbegin(), under_way.rend(),
+                                       [&](const Chunk& chunk) { return chunk.arrives && *chunk.arrives <= now; });
+      for (auto left = under_way.rend() - newest; left > 0; --left, under_way.pop_front()) {
+        const Chunk& chunk = under_way.front();
+        Pacer::Feedback& feedback = untold.feedback;
+        (chunk.arrives ? feedback.arrived_bytes : feedback.lost_bytes) += kChunk;
+        if (!chunk.arrives) continue;
+        if (now > end / 3) arrived += kChunk + kHeaders;
+        const auto way = static_cast<std::uint32_t>((*chunk.arrives - chunk.sent) / 1000);
+        if (!feedback.one_way_us) untold.first_sent = chunk.sent;
+        feedback.one_way_us = std::min(feedback.one_way_us.value_or(way), way);
+      }
+      if (untold.feedback.one_way_us) {
+        // What a lost demand would have told goes with the next.
+        if (const auto at = back.departure(now, 300)) {
+          untold.at = *at;
+          told.push_back(std::exchange(untold, Told{0, {}, 0}));
+        }
+      }
+    }
+    for (; !told.empty() && told.front().at <= now; told.pop_front()) {
+      told.front().feedback.loop_ns = now - told.front().first_sent;
+      pacer.on_feedback(told.front().feedback, now);
+    }
+    while (to_send >= kChunk && pacer.may_send(kChunk, now)) {
+      pacer.sent(kChunk, now);
+      if (burst != 0) to_send -= kChunk;
+      under_way.push_back({now, forth.departure(now, kChunk + static_cast<std::size_t>(kHeaders))});
+    }
+    if (to_send < kChunk) pacer.rest();
+  }
+  const double rate = named.each_way.rate_mbit * 1e6 / 8 * (1 - named.each_way.mean_loss());
+  return {arrived / (rate * seconds * 2 / 3), pacer.window()};
+}
+
+TEST(Pacer, FillsLinksWhoseDelayWanders) {
+  for (const netem::NamedLink& link : netem::kNamedLinks) {
+    if (link.each_way.rate_mbit == 0) continue;
+    const double least = std::string{link.name} == "P7" ? 0.4 : 0.9;
+    EXPECT_GT(send_named(link, 60).share, least) << link.name << ", " << link.what;
+  }
+}
+
+TEST(Pacer, KeepsRoomForABurstWhereDelaysWander) {
+  constexpr std::uint32_t kBurst = 4 * kChunk;
+  for (const netem::NamedLink& link : netem::kNamedLinks) {
+    if (link.each_way.rate_mbit == 0) continue;
+    EXPECT_GE(send_named(link, 60, kBurst).window, kBurst) << link.name << ", " << link.what;
+  }
 }
 
 TEST(Pacer, SendsNoMoreThanItsWindowUntilItIsAnswered) {
