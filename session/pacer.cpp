@@ -27,8 +27,10 @@ constexpr std::int64_t kCatchUp = 4 * kMs;        // of the pace, when the sende
 constexpr std::int64_t kSpan = 10'000 * kMs;
 constexpr std::int64_t kDrainEvery = 2'000 * kMs;
 constexpr std::int64_t kDrainEveryLoops = 40;
-constexpr std::int64_t kDrainLoops = 3;  // one until less is under way, one until that shows, one to see it
-constexpr double kDrainShare = 0.25;
+constexpr double kDrainShare = 0.5;  // of the window, for a loop
+// Where what is usual has to be known: one until less is under way, one until that shows, one to see it.
+constexpr std::int64_t kDeepDrainLoops = 3;
+constexpr double kDeepDrainShare = 0.25;
 
 constexpr std::int64_t kUsualOver = 1'000 * kMs;
 constexpr std::int64_t kMostUsual = 2;  // loops over this, above the least: a queue may be in it
@@ -52,7 +54,7 @@ std::int64_t Pacer::target_ns() const noexcept {
 bool Pacer::may_send(std::uint32_t bytes, std::int64_t now_ns) {
   // Time in which nothing was to be sent, or no more was allowed, is not made up for.
   if (!paced_) next_ns_ = std::max(next_ns_, now_ns);
-  const double window = now_ns < drain_until_ns_ ? kDrainShare * window_ : window_;
+  const double window = now_ns < drain_until_ns_ ? drain_share_ * window_ : window_;
   if (under_way_ != 0 && under_way_ + bytes > window) {
     held_up_ = true;
     paced_ = false;
@@ -89,6 +91,7 @@ void Pacer::note_one_way(std::uint32_t one_way_us, std::int64_t now_ns) {
   if (usual_us_) {
     const double most = static_cast<double>(loop_ns_ / kMostUsual) * 1e-3;
     none = std::clamp(*usual_us_, none, none + most);
+    wander_ns_ = static_cast<std::int64_t>((none - least) * 1e3);
   }
   queueing_ns_ = static_cast<std::int64_t>((us - none) * 1e3);
   if ((us - least) * std::int64_t{1000} < target_ns() / 4) empty_ns_ = now_ns;
@@ -125,7 +128,9 @@ void Pacer::on_feedback(const Feedback& feedback, std::int64_t now_ns) {
   if (now_ns < drain_until_ns_) return;
   const std::int64_t known = usual_us_ ? std::max(kDrainEvery, kDrainEveryLoops * loop_ns_) : kDrainEvery;
   if (now_ns - empty_ns_ >= known) {
-    drain_until_ns_ = now_ns + kDrainLoops * loop_ns_;
+    const bool deep = !usual_us_ || wander_ns_ > target_ns() / 4;
+    drain_share_ = deep ? kDeepDrainShare : kDrainShare;
+    drain_until_ns_ = now_ns + (deep ? kDeepDrainLoops : 1) * loop_ns_;
     empty_ns_ = drain_until_ns_;
   }
   const auto target = static_cast<double>(target_ns());

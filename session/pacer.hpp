@@ -7,7 +7,7 @@
 /// full. Chunks leave evenly spread over the time in which a window is answered.
 ///
 /// Source: LEDBAT, RFC 6817. Different here: the target; the window moves in proportion to what is acknowledged, and
-/// only while it is in use; it is a quarter for some moments every few seconds, so that what is usual is known however
+/// only while it is in use; it is a part for some moments every few seconds, so that what is usual is known however
 /// long the link is full (LEDBAT++). What is usual is a mean, not the least: where delays wander by themselves, most
 /// are far above the least of some seconds, and a window that took that for a queue would close.
 ///
@@ -63,10 +63,12 @@ class Pacer {
   std::int64_t span_ns_ = 0;
   std::int64_t queueing_ns_ = 0;
   std::int64_t empty_ns_ = 0;        // when the queue was last seen empty
-  std::int64_t drain_until_ns_ = 0;  // a quarter of the window until then
+  std::int64_t drain_until_ns_ = 0;  // `drain_share_` of the window until then
+  double drain_share_ = 1;
   // While so little is sent that no queue can be ours: mean over the last second, us; since when that has not been.
   std::optional<double> usual_us_;
   std::int64_t usual_ns_ = 0;
+  std::int64_t wander_ns_ = 0;  // what it is above the least
   std::int64_t loaded_until_ns_ = 0;
   double best_ = 0;  // bytes/ns that arrived in the best of the last loops
   // Of the current loop.
