@@ -186,6 +186,26 @@ TEST_F(DeliveryServerTest, CountsOnNothingThatWasUnderWayWhenSomethingWasLost) {
   EXPECT_EQ(regions[1].second, missing);
 }
 
+TEST_F(DeliveryServerTest, SendsNothingAgainOfWhatIsNotWantedAnyMore) {
+  tell(demand(1, {0, 3}));
+  Demand lost = demand(2, {});
+  for (const BulkChunk& chunk : drain_window()) {
+    lost.newest = chunk.sequence;
+    if (chunk.region == 0) lost.gaps = {{1, chunk.sequence}};
+  }
+  ASSERT_FALSE(lost.gaps.empty());
+
+  tell(lost);
+  EXPECT_THAT(regions_in(drain()), testing::IsEmpty());
+  Demand again = demand(3, {0});
+  again.newest = lost.newest;
+  tell(again);
+
+  const auto regions = regions_in(drain());
+  ASSERT_EQ(regions.size(), 1u);
+  EXPECT_EQ(regions[0].second, list_of(0)) << "whole: nothing of it had come";
+}
+
 TEST_F(DeliveryServerTest, BelievesNothingThatIsToldOfAnotherStream) {
   tell(demand(1, {3}));
   const std::vector<BulkChunk> sent = drain_window();
