@@ -238,7 +238,7 @@ class Throttle {
       : thread_{[this, &program] {
           while (!done_) {
             program.signal(SIGSTOP);
-            std::this_thread::sleep_for(milliseconds{90});
+            std::this_thread::sleep_for(milliseconds{90});  // a tenth of the time is left to it
             program.signal(SIGCONT);
             std::this_thread::sleep_for(milliseconds{10});
           }
@@ -336,7 +336,7 @@ double run_crowd(const Laboratory& lab, int hrtcs) {
   for (int i = 0; i < hrtcs; ++i)
     crowd.push_back(lab.hrtc(session, "hrtc-" + std::to_string(i), "slow", {"--users", "1", "--state-rate", "50"}));
   (void)wait_until(20 * kSecond, [&] { return watch.touching() >= crowd.size(); });
-  std::this_thread::sleep_for(std::chrono::seconds{6});  // of following the path
+  std::this_thread::sleep_for(std::chrono::seconds{6});  // of following the path: the bytes of so long are compared
   const double bytes = watch.figure("host", session::figures::kHostBytes);
   for (const auto& hrtc : crowd) end(*hrtc);
   end(*host);

@@ -162,7 +162,7 @@ void wait_running() {
   for (const auto end = std::chrono::steady_clock::now() + kPatience; std::chrono::steady_clock::now() < end;) {
     if (::ioctl(any.get(), SIOCGIFFLAGS, &request) != 0) refuse("cannot look at device " + std::string{kDevice}, errno);
     if ((request.ifr_flags & IFF_RUNNING) != 0) return;
-    std::this_thread::sleep_for(std::chrono::milliseconds{1});
+    std::this_thread::sleep_for(std::chrono::milliseconds{1});  // nothing that this thread could wait for tells of it
   }
   throw LinkError("device " + std::string{kDevice} + " passes no frames 10 s after it was brought up");
 }

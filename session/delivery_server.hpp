@@ -21,7 +21,8 @@
 /// how much and how fast.
 ///
 /// No clock, socket or thread in it; one thread at a time. Memory for each HRTC and object served: the demand, the
-/// messages under way and what they and `have` cover as runs of records (spm/run_set.hpp), some 30 KiB.
+/// messages under way and what they and `have` cover as runs of records (spm/run_set.hpp), some 30 KiB. Of an HRTC that
+/// holds more scattered regions than these runs can tell, records that others of its regions list are sent again.
 #pragma once
 
 #include <cstdint>
