@@ -35,15 +35,17 @@ void Fetcher::take(const session::RosterEntry& entry, std::int64_t at_ns) {
 }
 
 void Fetcher::take(const session::BulkChunk& chunk, std::int64_t at_ns) {
-  const std::optional<session::DeliveryClient::Message> message = client_.on_chunk(chunk, at_ns);
-  if (!message) return;
-  if (message->kind == session::BulkKind::kBase) {
-    client_.base_held(message->object_id);
+  for (const session::DeliveryClient::Message& message : client_.on_chunk(chunk, at_ns)) take(message, at_ns);
+}
+
+void Fetcher::take(const session::DeliveryClient::Message& message, std::int64_t at_ns) {
+  if (message.kind == session::BulkKind::kBase) {
+    client_.base_held(message.object_id);
     ready_ = true;
     return;
   }
-  client_.held(message->object_id, message->region);
-  if (wanted_ != message->region) return;
+  client_.held(message.object_id, message.region);
+  if (wanted_ != message.region) return;
   if (times_ != nullptr) times_->add(static_cast<double>(at_ns - wanted_ns_) / 1e6);
   held_ = std::exchange(wanted_, std::nullopt);
 }

@@ -36,6 +36,7 @@ class Fetcher {
   void take(const session::CatalogueEntry& entry, std::int64_t at_ns);
   void take(const session::RosterEntry& entry, std::int64_t at_ns);
   void take(const session::BulkChunk& chunk, std::int64_t at_ns);
+  void take(const session::DeliveryClient::Message& message, std::int64_t at_ns);
   void beat();
   void want_next();
 

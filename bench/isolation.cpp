@@ -8,6 +8,8 @@
 namespace tactus::bench {
 namespace {
 
+constexpr char kOneQueue[] = "P0:rate=100";  // what waits for the rate goes in the order in which it came
+
 /// Of each run of one kind.
 struct Runs {
   Samples p50, p99, p999, max, mesh;
@@ -27,28 +29,40 @@ struct Runs {
 int run(const PairSettings& settings) {
   const std::atomic<bool>& stop = wire::stop_signal();
   const latency::RunSettings place = run_settings();
-  const auto measure = [&](latency::Profile profile, double load) {
+  const auto measure_on = [&](const std::string& link, latency::Profile profile, double load) {
     latency::Cell cell;
     cell.profile = profile;
     cell.load_mbit = load;
-    cell.link = settings.link;
+    cell.link = link;
     cell.seconds = settings.seconds;
     return latency::run_here(cell, place, stop);
   };
+  const auto measure = [&](latency::Profile profile, double load) { return measure_on(settings.link, profile, load); };
 
-  Runs idle, loaded, plain;
+  Runs idle, loaded, plain, shared, paced, slow, slow_paced;
   for (int pair = 0; pair < settings.pairs; ++pair) {
     std::fprintf(stderr, "pair %d of %d\n", pair + 1, settings.pairs);
     idle.add(measure(latency::Profile::kTactus, 0));
     loaded.add(measure(latency::Profile::kTactus, latency::kUnpaced));
-    if (pair % 5 == 0) plain.add(measure(latency::Profile::kPlain, latency::kUnpaced));
+    if (pair % 5 != 0) continue;
+    plain.add(measure(latency::Profile::kPlain, latency::kUnpaced));
+    shared.add(measure(latency::Profile::kShared, latency::kUnpaced));
+    for (const auto& [link, runs] :
+         {std::pair{kOneQueue, &paced}, {"veth:rate=10", &slow}, {"P0:rate=10", &slow_paced}})
+      runs->add(measure_on(link, latency::Profile::kTactus, latency::kUnpaced));
   }
 
   char text[160];
   std::snprintf(text, sizeof text, "link %s, %d alternating pairs of %g s, SCHED_FIFO where allowed",
                 settings.link.c_str(), settings.pairs, settings.seconds);
   Report report{{"isolation", "probe states at 1 kHz beside mesh records", 0, 0, text}};
-  for (const auto& [name, runs] : {std::pair{"idle", &idle}, {"loaded", &loaded}, {"loaded, plain profiles", &plain}}) {
+  for (const auto& [name, runs] : {std::pair{"idle", &idle},
+                                   {"loaded", &loaded},
+                                   {"loaded, plain profiles", &plain},
+                                   {"loaded, plain profiles, one participant", &shared},
+                                   {"loaded, one queue for all", &paced},
+                                   {"loaded, 10 Mbit/s", &slow},
+                                   {"loaded, 10 Mbit/s, one queue for all", &slow_paced}}) {
     report.row(std::string{name} + ": age p50", "one way, runs", "us", runs->p50);
     report.row(std::string{name} + ": age p99", "one way, runs", "us", runs->p99);
     report.row(std::string{name} + ": age p99.9", "one way, runs", "us", runs->p999);
@@ -63,6 +77,10 @@ int run(const PairSettings& settings) {
   report.at_most("age p99.9, loaded over idle", "medians of runs", "",
                  loaded.p999.percentile(50) / idle.p999.percentile(50), 2.5);
   report.at_least("mesh, loaded", "median of runs", "MB/s", loaded.mesh.percentile(50), 11);
+  constexpr double kMs = 1e-3, kMbyte = 1 / 8.0;  // in us, of a Mbit
+  report.at_most("one queue for all: age p99", "median of runs", "ms", kMs * paced.p99.percentile(50), 3);
+  report.at_least("one queue for all: mesh", "median of runs", "MB/s", paced.mesh.percentile(50), 0.7 * 100 * kMbyte);
+  report.at_most("10 Mbit/s: age p99", "median of runs", "ms", kMs * slow.p99.percentile(50), 5);
   add_coded_isolation(report, 2, 4 * settings.seconds, 20);
   return report.finish(settings.json);
 }

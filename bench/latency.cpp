@@ -1,4 +1,4 @@
-// Idle latency of probe states beside raw UDP, in alternating pairs between two namespaces joined by a veth.
+// Idle latency of probe states beside raw UDP and Cyclone DDS, in turn between two namespaces joined by a veth.
 #include <cstdio>
 
 #include "bench/figures.hpp"
@@ -33,11 +33,14 @@ int run(const PairSettings& settings) {
   raw.link = ours.link = settings.link;
   raw.seconds = ours.seconds = settings.seconds;
 
-  Runs of_raw, of_ours;
+  Runs of_raw, of_ours, of_cyclone;
+  latency::Cell cyclone = ours;
+  cyclone.transport = latency::Transport::kCyclone;
   std::string realtime;
   for (int pair = 0; pair < settings.pairs; ++pair) {
     std::fprintf(stderr, "pair %d of %d\n", pair + 1, settings.pairs);
     of_raw.add(latency::run_here(raw, place, stop));
+    if (latency::has_cyclone()) of_cyclone.add(latency::run_here(cyclone, place, stop));
     const latency::Result result = latency::run_here(ours, place, stop);
     of_ours.add(result);
     realtime = result.notes.front();
@@ -60,6 +63,7 @@ int run(const PairSettings& settings) {
   };
   rows("raw UDP", of_raw);
   rows("probe state", of_ours);
+  if (latency::has_cyclone()) rows("Cyclone DDS", of_cyclone);
   report.note(
       "Rows are over runs: their p50 is the median that the bounds compare. Half round trips count from when a");
   report.note(
@@ -69,6 +73,16 @@ int run(const PairSettings& settings) {
   report.at_most("p99 over raw UDP's", "medians of runs", "", ratio(of_ours.p99, of_raw.p99), 2);
   report.at_most("p50 from send over raw UDP's", "medians of runs", "", ratio(of_ours.sent_p50, of_raw.sent_p50), 1.3);
   report.at_most("p99 from send over raw UDP's", "medians of runs", "", ratio(of_ours.sent_p99, of_raw.sent_p99), 2);
+  if (latency::has_cyclone()) {
+    report.at_most("p50 over Cyclone DDS's", "medians of runs", "", ratio(of_ours.p50, of_cyclone.p50), 1);
+    report.at_most("p99 over Cyclone DDS's", "medians of runs", "", ratio(of_ours.p99, of_cyclone.p99), 1);
+    report.at_most("p50 from send over Cyclone DDS's", "medians of runs", "",
+                   ratio(of_ours.sent_p50, of_cyclone.sent_p50), 1);
+    report.at_most("p99 from send over Cyclone DDS's", "medians of runs", "",
+                   ratio(of_ours.sent_p99, of_cyclone.sent_p99), 1);
+  } else {
+    report.note("Without Cyclone DDS, which was not there to build with.");
+  }
   report.at_most("pings or echoes lost", "all runs", "", of_ours.lost, 0);
   return report.finish(settings.json);
 }

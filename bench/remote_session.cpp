@@ -59,21 +59,22 @@ void RemoteSession::network(std::int64_t until) {
     while (link_free_ <= now_) {
       auto out = server_.next(now_);
       if (!out) break;
-      const double bits = 8 * (static_cast<double>(out->chunk.payload.size()) + kOverhead);
+      const double bits = 8 * (static_cast<double>(out->chunk.payload_bytes()) + kOverhead);
       link_free_ = std::max(link_free_, now_ - kNetworkStep) + static_cast<std::int64_t>(bits / settings_.rate * 1e9);
       chunks_.push_back({link_free_ + half, std::move(out->chunk)});
     }
     while (!chunks_.empty() && chunks_.front().due <= now_) {
       const session::BulkChunk& chunk = chunks_.front().chunk;
-      if (chunk.kind() == session::BulkKind::kRegion) {
-        std::uint64_t& unmet = unmet_[chunk.region];
-        if (chunk.part == 0) {
+      for (const session::BulkPiece& piece : chunk.pieces) {
+        if (piece.region == spm::kNone) continue;
+        std::uint64_t& unmet = unmet_[piece.region];
+        if (piece.part == 0) {
           traffic_.unused += unmet;
           unmet = 0;
           ++traffic_.regions;
         }
-        unmet += chunk.payload.size();
-        traffic_.bytes += chunk.payload.size();
+        unmet += piece.payload.size();
+        traffic_.bytes += piece.payload.size();
       }
       loader_.on_chunk(chunk, now_);
       chunks_.pop_front();

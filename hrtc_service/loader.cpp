@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <utility>
 
 #include "spm/codec/base_codec.hpp"
 
@@ -97,18 +98,17 @@ void Loader::on_host_gone(std::uint64_t host) { delivery_.host_gone(host); }
 void Loader::on_host_silent(std::uint64_t host) { delivery_.host_silent(host); }
 
 void Loader::on_chunk(const session::BulkChunk& chunk, std::int64_t now_ns) {
-  auto message = delivery_.on_chunk(chunk, now_ns);
-  if (!message) return;
-  const auto found = objects_.find(message->object_id);
-  if (found == objects_.end()) return;
-  if (message->kind == session::BulkKind::kBase) {
-    take_base(*found->second, message->bytes);
-    message.reset();
-    malloc_trim(0);  // what a base mesh comes and is decoded in is as large as what stays of it
-  } else {
-    take(*found->second, std::move(*message), now_ns);
+  for (session::DeliveryClient::Message& message : delivery_.on_chunk(chunk, now_ns)) {
+    const auto found = objects_.find(message.object_id);
+    if (found == objects_.end()) continue;
+    if (message.kind == session::BulkKind::kBase) {
+      take_base(*found->second, std::exchange(message.bytes, {}));
+      malloc_trim(0);  // what a base mesh comes and is decoded in is as large as what stays of it
+    } else {
+      take(*found->second, std::move(message), now_ns);
+    }
+    hand_over();
   }
-  hand_over();
 }
 
 void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {

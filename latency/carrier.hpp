@@ -46,6 +46,10 @@ struct UdpPlace {
 /// The port that an echoer made by make_udp listens at.
 [[nodiscard]] std::uint16_t port_of(const Carrier& udp);
 
+/// Probe states by Cyclone DDS, from the same IDL, with its own defaults otherwise. Threads get SCHED_FIFO `priority`
+/// where allowed. Throws LatencyError; only where has_cyclone().
+[[nodiscard]] std::unique_ptr<Carrier> make_cyclone(Part part, int domain, int priority, OnPacket callback);
+
 /// On the topic of `cell`, with that topic's own profiles; `links` must outlive it. Pings and echoes have a partition
 /// each. Throws WireError.
 [[nodiscard]] std::unique_ptr<Carrier> make_dds(Part part, const Cell& cell, wire::Links& links, OnPacket callback);

@@ -25,9 +25,16 @@ Enum from_name(const char* axis, const std::string& name, const std::array<const
 
 }  // namespace
 
+bool has_cyclone() noexcept { return TACTUS_HAS_CYCLONE != 0; }
+
 void check(const Cell& cell) {
   constexpr double kMostArrivals = 1e7;  // what both sides keep, 24 bytes each
   const bool raw = cell.transport == Transport::kRawUdp;
+  if (cell.transport == Transport::kCyclone) {
+    if (!has_cyclone()) throw LatencyError("transport cyclone: built without Cyclone DDS (Debian: cyclonedds-dev)");
+    if (cell.topic != Topic::kProbeState || cell.load_mbit != 0)
+      throw LatencyError("transport cyclone: expected topic probe_state, and no load");
+  }
   check_range("rate, Hz,", cell.rate_hz, 0.1, 20'000);
   check_range("readers", cell.readers, 1, 64);
   check_range("seconds", cell.seconds, 0.1, 3600);
@@ -52,7 +59,7 @@ void check(const Cell& cell) {
 std::string describe(const Cell& cell) {
   char text[160];
   std::string label = kTransportNames[static_cast<std::size_t>(cell.transport)];
-  if (cell.transport != Transport::kRawUdp)
+  if (cell.transport != Transport::kRawUdp && cell.transport != Transport::kCyclone)
     label += std::string{" "} + kProfileNames[static_cast<std::size_t>(cell.profile)] + " " +
              kTopicNames[static_cast<std::size_t>(cell.topic)];
   std::snprintf(text, sizeof text, " %u B %g Hz x%u", cell.payload, cell.rate_hz, cell.readers);
@@ -113,8 +120,8 @@ std::vector<Cell> Grid::cells() const {
               for (const Transport transport : transports)
                 for (const Profile profile : profiles)
                   for (const Topic topic : topics) {
-                    const bool repeats =
-                        transport == Transport::kRawUdp && (profile != profiles.front() || topic != topics.front());
+                    const bool repeats = (transport == Transport::kRawUdp || transport == Transport::kCyclone) &&
+                                         (profile != profiles.front() || topic != topics.front());
                     if (repeats) continue;
                     cell.transport = transport;
                     cell.profile = profile;

@@ -20,19 +20,21 @@ enum class Transport {
   kUdp,      ///< DDS over UDPv4 alone, which is what the profiles of qos/ have
   kShm,      ///< DDS over shared memory alone
   kBuiltin,  ///< DDS over what the library takes when nothing is said: shared memory and UDPv4
-  kRawUdp    ///< the reference: the same bytes in a datagram, without DDS
+  kRawUdp,   ///< the reference: the same bytes in a datagram, without DDS
+  kCyclone   ///< probe states by Cyclone DDS, where it was there to build with
 };
 enum class Profile {
   kTactus,  ///< as qos/ has it
-  kPlain    ///< the library's defaults: no policy, mark or limit is set
+  kPlain,   ///< the library's defaults: no policy, mark or limit is set
+  kShared   ///< these, with one participant for all that a program sends
 };
 enum class Topic {
   kProbeState,  ///< tactus_probe_state, traffic class probe
   kRecords      ///< tactus_records, traffic class bulk: the carrier of regions
 };
 
-inline constexpr std::array kTransportNames{"udp", "shm", "builtin", "raw-udp"};
-inline constexpr std::array kProfileNames{"tactus", "plain"};
+inline constexpr std::array kTransportNames{"udp", "shm", "builtin", "raw-udp", "cyclone"};
+inline constexpr std::array kProfileNames{"tactus", "plain", "shared"};
 inline constexpr std::array kTopicNames{"probe_state", "records"};
 
 inline constexpr std::uint32_t kProbeStateBytes = 236;  ///< a ProbeState encoded; its payload cannot be chosen
@@ -52,6 +54,9 @@ struct Cell {
 
   [[nodiscard]] std::uint32_t pings() const noexcept { return static_cast<std::uint32_t>(rate_hz * seconds + 0.5); }
 };
+
+/// Whether Transport::kCyclone can be had.
+[[nodiscard]] bool has_cyclone() noexcept;
 
 /// Throws LatencyError for a value out of range or a combination that has no meaning.
 void check(const Cell& cell);

@@ -25,16 +25,20 @@ Packet decode(const session::ProbeState& sample) {
 
 void encode(const Packet& packet, std::uint32_t payload, session::BulkChunk& sample) {
   sample.sequence = packet.sequence + 1;  // 0 is no number of a stream
-  sample.region = packet.reader;
-  sample.parts = 1;
   sample.stream = static_cast<std::uint64_t>(packet.event_ns);
-  sample.payload.resize(payload);
-  std::memcpy(sample.payload.data(), &packet.sent_ns, sizeof packet.sent_ns);
+  sample.pieces.resize(1);
+  session::BulkPiece& piece = sample.pieces.front();
+  piece.region = packet.reader;
+  piece.payload.resize(payload);
+  std::memcpy(piece.payload.data(), &packet.sent_ns, sizeof packet.sent_ns);
 }
 Packet decode(const session::BulkChunk& sample) {
-  Packet packet{sample.sequence - 1, sample.region, static_cast<std::int64_t>(sample.stream), 0};
-  if (sample.payload.size() >= sizeof packet.sent_ns)
-    std::memcpy(&packet.sent_ns, sample.payload.data(), sizeof packet.sent_ns);
+  Packet packet{sample.sequence - 1, 0, static_cast<std::int64_t>(sample.stream), 0};
+  if (sample.pieces.empty()) return packet;
+  const session::BulkPiece& piece = sample.pieces.front();
+  packet.reader = piece.region;
+  if (piece.payload.size() >= sizeof packet.sent_ns)
+    std::memcpy(&packet.sent_ns, piece.payload.data(), sizeof packet.sent_ns);
   return packet;
 }
 
@@ -88,12 +92,12 @@ class QosCopy {
         throw LatencyError((from / file).string() + ": " + document.ErrorStr());
       auto* const profiles = document.RootElement()->FirstChildElement("profiles");
       if (profiles == nullptr) throw LatencyError((from / file).string() + ": no <profiles>; expected them");
-      if (profile == Profile::kPlain) strip(*profiles);
-      if (profile == Profile::kPlain || transport != Transport::kUdp)
+      if (profile != Profile::kTactus) strip(*profiles);
+      if (profile != Profile::kTactus || transport != Transport::kUdp)
         set_transport(*profiles, transport, std::string{"latency_"} + file);
       document.SaveFile((path_ / file).c_str());
     }
-    if (profile == Profile::kPlain) {
+    if (profile != Profile::kTactus) {
       std::ofstream{path_ / "flow.yaml"}
           << "sockets: {session: {tos: 0, priority: 0}, probe: {tos: 0, priority: 0}, bulk: "
              "{tos: 0, priority: 0}}\n";
@@ -161,6 +165,7 @@ std::unique_ptr<wire::Links> join(const Cell& cell, wire::SessionAddress address
     return std::make_unique<wire::Links>(std::move(address));
   const QosCopy copy{address.qos, cell.profile, cell.transport};
   address.qos = copy.path();
+  address.one_participant = cell.profile == Profile::kShared;
   return std::make_unique<wire::Links>(std::move(address));
 }
 

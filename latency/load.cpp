@@ -15,15 +15,20 @@ namespace {
 constexpr char kSinkName[] = "sink";
 constexpr char kObjectName[] = "load";
 constexpr std::uint32_t kFaces = 100'000;
-constexpr std::size_t kHeld = 16;           // regions; few, for what is held is not sent again
-constexpr std::size_t kWanted = 200;        // regions at once
-constexpr std::int64_t kRest = 20'000'000;  // between bursts
+constexpr std::size_t kLeastHeld = 60, kMostHeld = 200;  // regions; not all, for what is held is not sent again
+constexpr std::size_t kWanted = 100;                     // regions at once
+constexpr std::int64_t kRest = 20'000'000;               // between bursts
 constexpr std::chrono::microseconds kPatience{1000};
 
 /// The load goes over DDS also beside raw UDP.
 Cell of_load(Cell cell) {
   if (cell.transport == Transport::kRawUdp) cell.transport = Transport::kUdp;
   return cell;
+}
+
+wire::SessionAddress named(wire::SessionAddress address, const char* participant) {
+  address.participant = participant;
+  return address;
 }
 
 const spm::codec::CodedModel& model() {
@@ -35,14 +40,15 @@ const spm::codec::CodedModel& model() {
 
 }  // namespace
 
-Load::Load(const Cell& cell, wire::SessionAddress address)
+Load::Load(const Cell& cell, wire::SessionAddress address, wire::Links* shared)
     : mbit_{cell.load_mbit},
-      plain_{cell.profile == Profile::kPlain},
-      links_{join(of_load(cell), std::move(address))},
-      catalogue_{*links_, wire::topics::kCatalogue},
-      base_{*links_, wire::topics::kBase, {wire::hrtc_partition(kSinkName)}},
-      records_{*links_, wire::topics::kRecords, {wire::hrtc_partition(kSinkName)}},
-      reader_{*links_, wire::topics::kDemand, [this](session::Demand&& demand) { demands_.put(std::move(demand)); }} {
+      plain_{cell.profile != Profile::kTactus},
+      own_links_{shared == nullptr ? join(of_load(cell), std::move(address)) : nullptr},
+      links_{shared == nullptr ? *own_links_ : *shared},
+      catalogue_{links_, wire::topics::kCatalogue},
+      base_{links_, wire::topics::kBase, {wire::hrtc_partition(kSinkName)}},
+      records_{links_, wire::topics::kRecords, {wire::hrtc_partition(kSinkName)}},
+      reader_{links_, wire::topics::kDemand, [this](session::Demand&& demand) { demands_.put(std::move(demand)); }} {
   if (!plain_) (void)model();
 }
 
@@ -57,12 +63,12 @@ void Load::start() {
 
 /// As host_service does. A rate that is asked for is a ceiling on top of the pacer.
 void Load::serve() {
-  session::DeliveryServer server{links_->origin()};
+  session::DeliveryServer server{links_.origin()};
   const std::uint64_t object = session::id_of(kObjectName);
   server.add(object, model());
   session::CatalogueEntry entry;
-  entry.origin = links_->origin();
-  entry.host = links_->address().participant;
+  entry.origin = links_.origin();
+  entry.host = links_.address().participant;
   entry.object = kObjectName;
   entry.object_id = object;
   entry.summary = model().summary();
@@ -85,10 +91,10 @@ void Load::serve() {
         break;
       }
       (void)(out->chunk.kind() == session::BulkKind::kBase ? base_ : records_).send(out->chunk);
-      sent_bytes_ += out->chunk.payload.size();
+      sent_bytes_ += out->chunk.payload_bytes();
       if (mbit_ != kUnpaced)
         next_ns = std::max(next_ns, now_ns - 1'000'000) +
-                  static_cast<std::int64_t>(static_cast<double>(out->chunk.payload.size()) / bytes_per_ns);
+                  static_cast<std::int64_t>(static_cast<double>(out->chunk.payload_bytes()) / bytes_per_ns);
     }
   }
 }
@@ -96,9 +102,10 @@ void Load::serve() {
 void Load::flood() {
   constexpr std::int64_t kPeriodNs = 1'000'000;
   session::BulkChunk chunk;
-  chunk.parts = 1;
-  chunk.payload.assign(session::kMaxPayload, 0x5a);
-  const double chunks_per_period = mbit_ * 1e6 / 8 * kPeriodNs * 1e-9 / session::kMaxPayload;
+  chunk.pieces.resize(1);
+  const std::size_t size = session::kMaxPayload - session::head_bytes(chunk.pieces[0].region, 1);
+  chunk.pieces[0].payload.assign(size, 0x5a);
+  const double chunks_per_period = mbit_ * 1e6 / 8 * kPeriodNs * 1e-9 / static_cast<double>(size);
   double due = 0;  // chunks
   for (std::int64_t next = wire::monotonic_ns(); !stop_; next += kPeriodNs) {
     if (mbit_ != kUnpaced) wire::sleep_until(next);
@@ -107,24 +114,21 @@ void Load::flood() {
     for (; due >= 1 && !stop_; due -= 1) {
       ++chunk.sequence;
       if (records_.send(chunk) != wire::SendStatus::kSent) break;
-      sent_bytes_ += chunk.payload.size();
+      sent_bytes_ += size;
     }
   }
 }
 
-Sink::Sink(const Cell& cell, wire::SessionAddress address, std::size_t burst_bytes)
+Sink::Sink(const Cell& cell, wire::SessionAddress address, std::size_t burst_bytes, wire::Links* shared)
     : least_burst_{burst_bytes},
-      plain_{cell.profile == Profile::kPlain},
-      links_{join(of_load(cell),
-                  [&] {
-                    address.participant = kSinkName;
-                    return address;
-                  }())},
-      client_{links_->origin(), {}},
-      demand_{*links_, wire::topics::kDemand},
-      catalogue_{*links_, wire::topics::kCatalogue, into_inbox<session::CatalogueEntry>()},
-      base_{*links_, wire::topics::kBase, into_inbox<session::BulkChunk>(), {wire::hrtc_partition(kSinkName)}},
-      records_{*links_, wire::topics::kRecords, into_inbox<session::BulkChunk>(), {wire::hrtc_partition(kSinkName)}},
+      plain_{cell.profile != Profile::kTactus},
+      own_links_{shared == nullptr ? join(of_load(cell), named(std::move(address), kSinkName)) : nullptr},
+      links_{shared == nullptr ? *own_links_ : *shared},
+      client_{links_.origin(), {}},
+      demand_{links_, wire::topics::kDemand},
+      catalogue_{links_, wire::topics::kCatalogue, into_inbox<session::CatalogueEntry>()},
+      base_{links_, wire::topics::kBase, into_inbox<session::BulkChunk>(), {wire::hrtc_partition(kSinkName)}},
+      records_{links_, wire::topics::kRecords, into_inbox<session::BulkChunk>(), {wire::hrtc_partition(kSinkName)}},
       thread_{[this] { run(); }} {}
 
 Sink::~Sink() {
@@ -141,7 +145,7 @@ void Sink::run() {
     client_.host_seen(host_, host_incarnation_, now_ns);
     go_round(now_ns);
     while (auto demand = client_.demand(now_ns)) {
-      demand->origin = links_->origin();
+      demand->origin = links_.origin();
       (void)demand_.send(*demand);
     }
   }
@@ -158,25 +162,27 @@ void Sink::take(const session::CatalogueEntry& entry, std::int64_t at_ns) {
 }
 
 void Sink::take(const session::BulkChunk& chunk, std::int64_t at_ns) {
-  if (plain_) return note(chunk.payload.size(), at_ns);
-  const auto message = client_.on_chunk(chunk, at_ns);
-  if (!message) return;
-  if (message->kind == session::BulkKind::kBase) {
-    client_.base_held(message->object_id);
+  if (plain_) return note(chunk.payload_bytes(), at_ns);
+  for (const session::DeliveryClient::Message& message : client_.on_chunk(chunk, at_ns)) take(message, at_ns);
+}
+
+void Sink::take(const session::DeliveryClient::Message& message, std::int64_t at_ns) {
+  if (message.kind == session::BulkKind::kBase) {
+    client_.base_held(message.object_id);
     for (std::uint32_t region = 0; region < regions_; ++region) absent_.push_back(region);
     return;
   }
-  note(message->bytes.size(), at_ns);
-  client_.held(message->object_id, message->region);
-  held_.push_back(message->region);
-  wanted_.erase(std::remove(wanted_.begin(), wanted_.end(), message->region), wanted_.end());
-  burst_bytes_ += message->bytes.size();
+  note(message.bytes.size(), at_ns);
+  client_.held(message.object_id, message.region);
+  held_.push_back(message.region);
+  wanted_.erase(std::remove(wanted_.begin(), wanted_.end(), message.region), wanted_.end());
+  burst_bytes_ += message.bytes.size();
   if (least_burst_ == 0 || !wanted_.empty()) return;
   {
     const std::lock_guard lock{mutex_};
     bursts_.push_back({static_cast<double>(at_ns - burst_ns_) * 1e-6, burst_bytes_});
   }
-  client_.want(message->object_id, {});  // else what goes meanwhile would come again
+  client_.want(message.object_id, {});  // else what goes meanwhile would come again
   if (burst_bytes_ < least_burst_) ++burst_regions_;
   rest_until_ns_ = at_ns + kRest;
 }
@@ -192,7 +198,8 @@ void Sink::note(std::size_t bytes, std::int64_t at_ns) {
 /// Keeps the regions that came last; what goes is wanted again when its turn comes.
 void Sink::go_round(std::int64_t now_ns) {
   const std::uint64_t object = session::id_of(kObjectName);
-  while (held_.size() > kHeld && client_.retire(object, held_.front())) held_.erase(held_.begin());
+  retiring_ = held_.size() > (retiring_ ? kLeastHeld : kMostHeld);
+  while (retiring_ && held_.size() > kLeastHeld && client_.retire(object, held_.front())) held_.erase(held_.begin());
   for (const std::uint32_t region : client_.take_released(object)) absent_.push_back(region);
   const std::size_t most = least_burst_ == 0 ? kWanted : burst_regions_;
   const bool may = least_burst_ == 0 || (wanted_.empty() && now_ns >= rest_until_ns_);

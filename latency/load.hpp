@@ -1,5 +1,5 @@
 /// Mesh records beside the pings, as a host and an HRTC have them: demand, delivery, pacer and topics are those of the
-/// programs. With `Profile::kPlain` as many chunks as a writer of the library's defaults takes, with nothing above it.
+/// programs. With other profiles as many chunks as a writer of the library's defaults takes, with nothing above it.
 #pragma once
 
 #include <atomic>
@@ -22,7 +22,8 @@ namespace tactus::latency {
 /// A host of one generated model, in a thread of usual priority, until it is destroyed; joins the session by itself.
 class Load {
  public:
-  Load(const Cell& cell, wire::SessionAddress address);
+  /// With Profile::kShared its ends are in `shared`, which must outlive it.
+  Load(const Cell& cell, wire::SessionAddress address, wire::Links* shared = nullptr);
   ~Load();
   Load(const Load&) = delete;
   Load& operator=(const Load&) = delete;
@@ -39,7 +40,8 @@ class Load {
 
   const double mbit_;
   const bool plain_;
-  std::unique_ptr<wire::Links> links_;
+  const std::unique_ptr<wire::Links> own_links_;
+  wire::Links& links_;
   wire::Writer<session::CatalogueEntry> catalogue_;
   wire::Writer<session::BulkChunk> base_, records_;
   wire::Inbox<session::Demand> demands_{1024};
@@ -53,7 +55,7 @@ class Load {
 class Sink {
  public:
   /// `burst_bytes` 0: without end, as fast as it comes. Else about so many bytes at once, and again when they are here.
-  Sink(const Cell& cell, wire::SessionAddress address, std::size_t burst_bytes = 0);
+  Sink(const Cell& cell, wire::SessionAddress address, std::size_t burst_bytes = 0, wire::Links* shared = nullptr);
   ~Sink();
   Sink(const Sink&) = delete;
   Sink& operator=(const Sink&) = delete;
@@ -73,6 +75,7 @@ class Sink {
   void run();
   void take(const session::CatalogueEntry& entry, std::int64_t at_ns);
   void take(const session::BulkChunk& chunk, std::int64_t at_ns);
+  void take(const session::DeliveryClient::Message& message, std::int64_t at_ns);
   void note(std::size_t bytes, std::int64_t at_ns);
   void go_round(std::int64_t now_ns);
   template <class T>
@@ -82,11 +85,13 @@ class Sink {
 
   const std::size_t least_burst_;  // bytes
   const bool plain_;
-  std::unique_ptr<wire::Links> links_;
+  const std::unique_ptr<wire::Links> own_links_;
+  wire::Links& links_;
   session::DeliveryClient client_;
   std::uint64_t host_ = 0, host_incarnation_ = 0;
   std::vector<std::uint32_t> absent_, wanted_;  // regions, soonest first
   std::vector<std::uint32_t> held_;             // oldest first
+  bool retiring_ = false;                       // many at a time, as a cache does
   std::uint32_t regions_ = 0;
   std::int64_t burst_ns_ = 0, rest_until_ns_ = 0;
   std::size_t burst_bytes_ = 0, burst_regions_ = 8;

@@ -61,7 +61,8 @@ struct Options {
 
 void add_run(CLI::App& app, Options& o) {
   add_axis(app, "--transport", o.grid.transports, kTransportNames, "How samples travel; raw-udp is the reference");
-  add_axis(app, "--profile", o.grid.profiles, kProfileNames, "QoS: that of qos/, or the library's defaults");
+  add_axis(app, "--profile", o.grid.profiles, kProfileNames,
+           "QoS: that of qos/, the library's defaults, or these and one participant");
   add_axis(app, "--topic", o.grid.topics, kTopicNames, "What is sent");
   app.add_option("--payload", o.grid.payloads, "Bytes of a record or of a raw datagram; a probe state has 236")
       ->delimiter(',');

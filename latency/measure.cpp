@@ -42,6 +42,15 @@ wire::SessionAddress address_of(const std::string& session, const std::string& w
   return address;
 }
 
+std::unique_ptr<Carrier> cyclone([[maybe_unused]] Part part, [[maybe_unused]] const Place& place,
+                                 [[maybe_unused]] OnPacket callback) {
+#if TACTUS_HAS_CYCLONE
+  return make_cyclone(part, place.domain, place.priority, std::move(callback));
+#else
+  throw LatencyError("built without Cyclone DDS");
+#endif
+}
+
 /// One reader: what it hears it notes and answers.
 class Echoer {
  public:
@@ -51,6 +60,8 @@ class Echoer {
     if (cell.transport == Transport::kRawUdp) {
       carrier_ = make_udp(Part::kEchoer, cell.payload, {{}, {}, place.priority}, callback);
       port_ = port_of(*carrier_);
+    } else if (cell.transport == Transport::kCyclone) {
+      carrier_ = cyclone(Part::kEchoer, place, callback);
     } else {
       links_ = join(cell, address_of(session, "echo-" + std::to_string(number), place));
       carrier_ = make_dds(Part::kEchoer, cell, *links_, callback);
@@ -58,6 +69,7 @@ class Echoer {
     ready_ = true;
   }
   [[nodiscard]] std::uint16_t port() const noexcept { return port_; }
+  [[nodiscard]] wire::Links* links() const noexcept { return links_.get(); }  ///< none with raw UDP
   [[nodiscard]] bool matched() const noexcept { return port_ != 0 || carrier_->matched() > 0; }
   [[nodiscard]] bool realtime() const noexcept { return links_ == nullptr || links_->probe_is_realtime(); }
   /// Listens no longer.
@@ -110,7 +122,8 @@ void serve_one(const nlohmann::ordered_json& asked, Channel& channel, Place plac
     realtime &= echoers.back()->realtime();
   }
   std::optional<Sink> sink;
-  if (cell.load_mbit != 0) sink.emplace(cell, address_of(session, "sink", place));
+  wire::Links* const shared = cell.profile == Profile::kShared ? echoers.front()->links() : nullptr;
+  if (cell.load_mbit != 0) sink.emplace(cell, address_of(session, "sink", place), 0, shared);
   channel.send({{"ports", ports}, {"clock", clock_id()}, {"realtime", realtime || place.priority == 0}});
 
   (void)channel.receive(std::chrono::duration_cast<std::chrono::milliseconds>(kAnswer + kMeeting));
@@ -190,12 +203,15 @@ Stamps measure(const Cell& cell, Channel& channel, const Place& place, const std
     carrier =
         make_udp(Part::kPinger, cell.payload,
                  {place.echo_address, other.at("ports").get<std::vector<std::uint16_t>>(), place.priority}, callback);
+  } else if (cell.transport == Transport::kCyclone) {
+    carrier = cyclone(Part::kPinger, place, callback);
   } else {
     links = join(cell, address_of(session, "ping", place));
     carrier = make_dds(Part::kPinger, cell, *links, callback);
   }
   std::optional<Load> load;
-  if (cell.load_mbit != 0) load.emplace(cell, address_of(session, "load", place));
+  wire::Links* const shared = cell.profile == Profile::kShared ? links.get() : nullptr;
+  if (cell.load_mbit != 0) load.emplace(cell, address_of(session, "load", place), shared);
   const auto met = [&] { return carrier->matched() >= cell.readers && (!load || load->matched()); };
   if (!wait_until(met, kMeeting, stop))
     throw LatencyError(

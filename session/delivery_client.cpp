@@ -12,8 +12,10 @@ constexpr std::size_t kPayloadOverhead = 96;
 constexpr std::int64_t kNsPerUs = 1000;
 
 bool well_formed(const BulkChunk& chunk) {
-  return chunk.sequence != 0 && (chunk.kind() == BulkKind::kEcho || chunk.part < chunk.parts) &&
-         chunk.payload.size() <= kMaxPayload;
+  return chunk.sequence != 0 && chunk.payload_bytes() <= kMaxPayload &&
+         std::all_of(chunk.pieces.begin(), chunk.pieces.end(), [&](const BulkPiece& piece) {
+           return piece.part < piece.parts && (piece.region == spm::kNone) == (chunk.kind() == BulkKind::kBase);
+         });
 }
 
 }  // namespace
@@ -106,13 +108,13 @@ void DeliveryClient::want(std::uint64_t object_id, std::vector<Wanted> wanted) {
   object.wanted = std::move(wanted);
 }
 
-std::optional<DeliveryClient::Message> DeliveryClient::on_chunk(const BulkChunk& chunk, std::int64_t now_ns) {
+std::vector<DeliveryClient::Message> DeliveryClient::on_chunk(const BulkChunk& chunk, std::int64_t now_ns) {
   ++counters_.chunks;
-  counters_.payload_bytes += chunk.payload.size();
+  counters_.payload_bytes += chunk.payload_bytes();
   const auto at = streams_.find(chunk.stream);
   if (at == streams_.end() || !well_formed(chunk) || chunk.epoch > objects_.at(at->second.object_id).epoch) {
     ++counters_.foreign;
-    return std::nullopt;
+    return {};
   }
   Stream& stream = at->second;
   Object& object = objects_.at(stream.object_id);
@@ -121,11 +123,15 @@ std::optional<DeliveryClient::Message> DeliveryClient::on_chunk(const BulkChunk&
   const bool least = static_cast<std::int32_t>(one_way_us - host.one_way_us) < 0;
   if (host.arrivals++ == 0 || least) host.one_way_us = one_way_us;
   note_sequence(stream, chunk, now_ns);
-  note_rate(chunk.payload.size(), now_ns);
+  note_rate(chunk.payload_bytes(), now_ns);
   note_echo(object, stream, chunk, now_ns);
-  if (chunk.kind() == BulkKind::kEcho) return std::nullopt;
-  object.acknowledge = true;
-  return assemble(object, stream.object_id, chunk, now_ns);
+  std::vector<Message> messages;
+  for (const BulkPiece& piece : chunk.pieces) {
+    object.acknowledge = true;
+    if (auto message = assemble(object, stream.object_id, chunk, piece, now_ns))
+      messages.push_back(std::move(*message));
+  }
+  return messages;
 }
 
 void DeliveryClient::note_sequence(Stream& stream, const BulkChunk& chunk, std::int64_t now_ns) const {
@@ -203,16 +209,17 @@ void DeliveryClient::note_echo(Object& object, const Stream& stream, const BulkC
 }
 
 std::optional<DeliveryClient::Message> DeliveryClient::assemble(Object& object, std::uint64_t object_id,
-                                                                const BulkChunk& chunk, std::int64_t now_ns) {
+                                                                const BulkChunk& chunk, const BulkPiece& piece,
+                                                                std::int64_t now_ns) {
   const bool here = chunk.kind() == BulkKind::kBase
                         ? object.has_base
-                        : object.have.count(chunk.region) != 0 || object.retiring.count(chunk.region) != 0;
-  if (here || object.handed.count(chunk.region) != 0) {
+                        : object.have.count(piece.region) != 0 || object.retiring.count(piece.region) != 0;
+  if (here || object.handed.count(piece.region) != 0) {
     ++counters_.stale;
     return std::nullopt;
   }
-  auto at = object.partials.find(chunk.region);
-  const auto other = [&] { return at->second.checksum != chunk.checksum || at->second.parts != chunk.parts; };
+  auto at = object.partials.find(piece.region);
+  const auto other = [&] { return at->second.checksum != piece.checksum || at->second.parts != piece.parts; };
   if (at != object.partials.end() && other()) {
     const auto age = std::make_pair(at->second.epoch, at->second.last_sequence);
     if (std::make_pair(chunk.epoch, chunk.sequence) < age) {
@@ -223,9 +230,9 @@ std::optional<DeliveryClient::Message> DeliveryClient::assemble(Object& object, 
     at = object.partials.end();
   }
   if (at == object.partials.end()) {
-    at = object.partials.try_emplace(chunk.region).first;
-    at->second.checksum = chunk.checksum;
-    at->second.parts = chunk.parts;
+    at = object.partials.try_emplace(piece.region).first;
+    at->second.checksum = piece.checksum;
+    at->second.parts = piece.parts;
   }
   Partial& partial = at->second;
   partial.epoch = std::max(partial.epoch, chunk.epoch);
@@ -233,9 +240,9 @@ std::optional<DeliveryClient::Message> DeliveryClient::assemble(Object& object, 
   partial.stream = chunk.stream;
   partial.last_sequence = std::max(partial.last_sequence, chunk.sequence);
   partial.touched_ns = now_ns;
-  if (partial.payloads.emplace(chunk.part, chunk.payload).second) {
-    partial.bytes += chunk.payload.size() + kPayloadOverhead;
-    partial_bytes_ += chunk.payload.size() + kPayloadOverhead;
+  if (partial.payloads.emplace(piece.part, piece.payload).second) {
+    partial.bytes += piece.payload.size() + kPayloadOverhead;
+    partial_bytes_ += piece.payload.size() + kPayloadOverhead;
   }
   if (partial.payloads.size() < partial.parts) {
     if (partial_bytes_ > settings_.max_partial_bytes) bound_partials(now_ns);
@@ -247,18 +254,18 @@ std::optional<DeliveryClient::Message> DeliveryClient::assemble(Object& object, 
     ++counters_.stale;
     return std::nullopt;
   }
-  Message message{object_id, chunk.kind(), chunk.region, partial.epoch, {}};
+  Message message{object_id, chunk.kind(), piece.region, partial.epoch, {}};
   message.bytes.reserve(partial.bytes);
   for (const auto& [part, payload] : partial.payloads) {
     message.bytes.insert(message.bytes.end(), payload.begin(), payload.end());
   }
   const Handed handed{partial.stream, partial.epoch, partial.last_sequence, false};
   drop_partial(object, at);
-  if (checksum_of(message.bytes) != chunk.checksum) {
+  if (checksum_of(message.bytes) != piece.checksum) {
     ++counters_.corrupt;
     return std::nullopt;
   }
-  object.handed.emplace(chunk.region, handed);
+  object.handed.emplace(piece.region, handed);
   ++counters_.messages;
   return message;
 }

@@ -2,7 +2,7 @@
 ///
 ///     offer, host_seen, host_gone     who serves what          (catalogue, roster)
 ///     want, held, refused, retire     what the HRTC decides    (prediction, cache)
-///     on_chunk -> Message             a message is complete    (base, records)
+///     on_chunk -> Messages            that are complete        (base, records)
 ///     demand -> Demand                to publish               (demand)
 ///     take_released                   regions that may be freed
 ///
@@ -74,8 +74,9 @@ class DeliveryClient {
     std::uint32_t epoch = 0;
     std::vector<std::uint8_t> bytes;
   };
-  /// Takes a chunk of topic base or records; gives the message that it completes, in the order of completion.
-  [[nodiscard]] std::optional<Message> on_chunk(const BulkChunk& chunk, std::int64_t now_ns);
+  /// Takes a chunk of topic base or records; gives the messages that it completes, each of which must be answered, in
+  /// this order.
+  [[nodiscard]] std::vector<Message> on_chunk(const BulkChunk& chunk, std::int64_t now_ns);
 
   /// Payload bytes of regions that the caller has room for; hosts send no more than that ahead. No limit at first.
   void set_room(std::uint64_t bytes);
@@ -192,7 +193,7 @@ class DeliveryClient {
   [[nodiscard]] std::uint32_t dealt_with(const Object& object, std::uint64_t stream, bool or_parked) const;
   void note_echo(Object& object, const Stream& stream, const BulkChunk& chunk, std::int64_t now_ns);
   [[nodiscard]] std::optional<Message> assemble(Object& object, std::uint64_t object_id, const BulkChunk& chunk,
-                                                std::int64_t now_ns);
+                                                const BulkPiece& piece, std::int64_t now_ns);
   void drop_partial(Object& object, std::map<std::uint32_t, Partial>::iterator at);
   void bound_partials(std::int64_t now_ns);
   void choose_host(std::uint64_t object_id, Object& object, std::int64_t now_ns);

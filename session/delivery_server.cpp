@@ -12,6 +12,8 @@ namespace {
 
 /// A base mesh goes behind regions that are touched sooner than this, and ahead of all prefetching.
 constexpr std::uint32_t kBaseContactUs = 100'000;
+/// Less room in a chunk is not worth a part of its own.
+constexpr std::size_t kLeastRoom = 64;
 /// After the last chunk, longer each time.
 constexpr std::int64_t kFirstMark = 4'000'000, kLastMark = 128'000'000;
 
@@ -41,10 +43,6 @@ bool contains_all(const std::vector<spm::Run>& outer, const std::vector<spm::Run
     if (i == outer.size() || run.first < outer[i].first || end_of(run) > end_of(outer[i])) return false;
   }
   return true;
-}
-
-std::uint16_t parts_of(std::size_t bytes) {
-  return static_cast<std::uint16_t>(std::max<std::size_t>(1, (bytes + kMaxPayload - 1) / kMaxPayload));
 }
 
 std::vector<spm::Run> list_of(const spm::codec::CodedModel& model, std::uint32_t region) {
@@ -219,9 +217,21 @@ void DeliveryServer::compare(Controller& controller, Service& service, const Obj
                    [](const Wanted& a, const Wanted& b) { return a.contact_in_us > b.contact_in_us; });
 }
 
-DeliveryServer::Message* DeliveryServer::first_lost(Service& service) {
-  const auto at = std::find_if(service.messages.begin(), service.messages.end(),
-                               [](const Message& message) { return !message.lost.empty(); });
+std::pair<std::size_t, std::size_t> DeliveryServer::Message::range(std::uint16_t part) const noexcept {
+  if (part == 0) return {0, first_bytes};
+  const std::size_t from = first_bytes + std::size_t{part_bytes} * (part - 1u);
+  return {from, std::min<std::size_t>(from + part_bytes, bytes)};
+}
+
+bool DeliveryServer::Message::fits(std::uint16_t part, std::size_t room) const noexcept {
+  const auto [from, to] = range(part);
+  return head_bytes(region, parts) + to - from <= room;
+}
+
+DeliveryServer::Message* DeliveryServer::first_lost(Service& service, std::size_t room) {
+  const auto at = std::find_if(service.messages.begin(), service.messages.end(), [&](const Message& message) {
+    return !message.lost.empty() && message.fits(message.lost.back(), room);
+  });
   return at == service.messages.end() ? nullptr : &*at;
 }
 
@@ -237,7 +247,8 @@ std::optional<std::uint32_t> DeliveryServer::urgency(Service& service) {
   return service.to_send.back().contact_in_us;
 }
 
-void DeliveryServer::plan(Service& service, const Object& object) const {
+/// The first part is cut to `room`.
+void DeliveryServer::plan(Service& service, const Object& object, std::size_t room) const {
   Message message;
   message.number = ++service.planned;
   if (service.demand.need_base) {
@@ -254,7 +265,12 @@ void DeliveryServer::plan(Service& service, const Object& object) const {
     message.bytes = static_cast<std::uint32_t>(service.encoded.size());
     message.checksum = checksum_of(service.encoded);
   }
-  message.parts = parts_of(message.bytes);
+  const std::size_t most_parts = message.bytes / (kMaxPayload / 2) + 2;
+  const std::size_t head = head_bytes(message.region, static_cast<std::uint32_t>(most_parts));
+  message.part_bytes = static_cast<std::uint16_t>(kMaxPayload - head);
+  message.first_bytes = static_cast<std::uint16_t>(std::min<std::size_t>(message.bytes, room - head));
+  const std::size_t rest = message.bytes - message.first_bytes;
+  message.parts = static_cast<std::uint16_t>(1 + (rest + message.part_bytes - 1) / message.part_bytes);
   service.messages.push_back(std::move(message));
 }
 
@@ -306,7 +322,7 @@ std::optional<Outgoing> DeliveryServer::next(std::uint64_t hrtc, Controller& con
     if (!service.under_way.empty()) due_ns_ = std::min(due_ns_, service.mark_ns);
   }
   if (!soonest) return std::nullopt;
-  return send_part(hrtc, controller, *soonest, now_ns);
+  return send_parts(hrtc, controller, *soonest, now_ns);
 }
 
 BulkChunk DeliveryServer::make_chunk(Controller& controller, Service& service, std::int64_t now_ns) {
@@ -327,19 +343,42 @@ Outgoing DeliveryServer::send_echo(std::uint64_t hrtc, Controller& controller, S
   return {hrtc, make_chunk(controller, service, now_ns)};
 }
 
-Outgoing DeliveryServer::send_part(std::uint64_t hrtc, Controller& controller, std::uint64_t object_id,
-                                   std::int64_t now_ns) {
+Outgoing DeliveryServer::send_parts(std::uint64_t hrtc, Controller& controller, std::uint64_t object_id,
+                                    std::int64_t now_ns) {
   Service& service = controller.services.at(object_id);
   const Object& object = objects_.at(object_id);
-  Message* message = first_lost(service);
-  const bool again = message != nullptr;
-  if (!again && service.begun() == nullptr) plan(service, object);
-  if (!again) message = service.begun();
-
   BulkChunk chunk = make_chunk(controller, service, now_ns);
-  chunk.region = message->region;
-  chunk.parts = message->parts;
-  chunk.checksum = message->checksum;
+  std::size_t room = kMaxPayload;
+  while (auto piece = next_piece(controller, service, object, chunk, room)) {
+    room -= head_bytes(piece->region, piece->parts) + piece->payload.size();
+    chunk.pieces.push_back(std::move(*piece));
+    if (chunk.kind() == BulkKind::kBase) break;  // regions count on it
+  }
+  controller.pacer.sent(static_cast<std::uint32_t>(chunk.payload_bytes()), now_ns);
+  service.mark_interval_ns = kFirstMark;
+  service.mark_ns = now_ns + kFirstMark;
+  count(controller, [&](DeliveryCounters& c) { c.payload_bytes += chunk.payload_bytes(); });
+  return {hrtc, std::move(chunk)};
+}
+
+/// What goes next into a chunk with so much room left, taken as sent with it.
+std::optional<BulkPiece> DeliveryServer::next_piece(Controller& controller, Service& service, const Object& object,
+                                                    const BulkChunk& chunk, std::size_t room) {
+  if (room < kLeastRoom) return std::nullopt;
+  Message* message = first_lost(service, room);
+  const bool again = message != nullptr;
+  if (!again && service.begun() == nullptr) {
+    if (!chunk.pieces.empty() && (service.demand.need_base || service.to_send.empty())) return std::nullopt;
+    plan(service, object, room);
+  }
+  if (!again) message = service.begun();
+  if (!chunk.pieces.empty() && message->region == spm::kNone) return std::nullopt;
+  if (!again && !message->fits(message->begun, room)) return std::nullopt;
+
+  BulkPiece piece;
+  piece.region = message->region;
+  piece.parts = message->parts;
+  piece.checksum = message->checksum;
   std::vector<std::uint8_t> encoded;
   spm::Span<const std::uint8_t> bytes{service.encoded};
   if (message->region == spm::kNone) {
@@ -349,23 +388,18 @@ Outgoing DeliveryServer::send_part(std::uint64_t hrtc, Controller& controller, s
     bytes = spm::Span<const std::uint8_t>{encoded};
   }
   if (again) {
-    chunk.part = message->lost.back();
+    piece.part = message->lost.back();
     message->lost.pop_back();
     count(controller, [](DeliveryCounters& c) { ++c.repeated; });
   } else {
-    chunk.part = message->begun++;
+    piece.part = message->begun++;
   }
-  const std::size_t from = std::size_t{chunk.part} * kMaxPayload;
-  const std::size_t to = std::min(from + kMaxPayload, bytes.size());
-  chunk.payload.assign(bytes.begin() + from, bytes.begin() + to);
-  const auto size = static_cast<std::uint16_t>(chunk.payload.size());
+  const auto [from, to] = message->range(piece.part);
+  piece.payload.assign(bytes.begin() + from, bytes.begin() + to);
   message->last_sequence = chunk.sequence;
   ++message->under_way;
-  service.under_way.push_back({chunk.sequence, message->number, chunk.sent_us, chunk.part, size});
-  controller.pacer.sent(size, now_ns);
-  service.mark_interval_ns = kFirstMark;
-  service.mark_ns = now_ns + kFirstMark;
-  count(controller, [&](DeliveryCounters& c) { c.payload_bytes += size; });
+  const auto size = static_cast<std::uint16_t>(piece.payload.size());
+  service.under_way.push_back({chunk.sequence, message->number, chunk.sent_us, piece.part, size});
 
   if (!again && message->sent()) {
     service.encoded.clear();
@@ -380,7 +414,7 @@ Outgoing DeliveryServer::send_part(std::uint64_t hrtc, Controller& controller, s
       });
     }
   }
-  return {hrtc, std::move(chunk)};
+  return piece;
 }
 
 void DeliveryServer::on_hrtc_gone(std::uint64_t hrtc) {

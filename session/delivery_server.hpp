@@ -5,7 +5,7 @@
 ///
 ///     have      the regions that the newest demand names
 ///     messages  regions planned since and not yet in `have`: which records, which of its parts are to be sent
-///     under way the chunks sent and not yet told of: sequence, message, part
+///     under way the parts sent and not yet told of: sequence of the chunk, message, part
 ///
 /// A wanted region travels as its list and the records that no list of `have` or of a message sent holds. The demand is
 /// the only repair. A chunk that it tells missing is sent again under a new sequence, its payload encoded anew from the
@@ -13,12 +13,13 @@
 /// refused there and is planned anew if still wanted. While chunks are under way and nothing else is to be sent, an
 /// echo now and then shows the HRTC whether the last of them are missing.
 ///
-/// One message at a time is begun per HRTC and object. A newer demand may find one begun: it goes on when its region is
-/// still wanted and still carries all that is missing; otherwise the rest of it is never sent and it is planned anew.
-/// So does one whose last parts were lost. So every chunk holds under the epoch it carries, which is the newest seen:
-/// whatever left `have` at that epoch or before is not counted on. Order: round robin between HRTCs chunk by chunk;
-/// within one, soonest contact first over its objects, and what was lost before what is new. A Pacer for each HRTC says
-/// how much and how fast.
+/// A chunk is filled: with parts that were lost, the rest of a message, the next ones whole, and the first part of one
+/// more, cut to what room is left. One message at a time is begun per HRTC and object. A newer demand may find one
+/// begun: it goes on when its region is still wanted and still carries all that is missing; otherwise the rest of it is
+/// never sent and it is planned anew. So does one whose last parts were lost. So every chunk holds under the epoch it
+/// carries, which is the newest seen: whatever left `have` at that epoch or before is not counted on. Order: round
+/// robin between HRTCs chunk by chunk; within one, soonest contact first over its objects, and what was lost before
+/// what is new. A Pacer for each HRTC says how much and how fast.
 ///
 /// No clock, socket or thread in it; one thread at a time. Memory for each HRTC and object served: the demand, the
 /// messages under way and what they and `have` cover as runs of records (spm/run_set.hpp), some 30 KiB. Of an HRTC that
@@ -105,14 +106,17 @@ class DeliveryServer {
     std::uint32_t region = spm::kNone;  // kNone: the base mesh
     std::uint32_t contact_in_us = 0;
     std::uint32_t bytes = 0, checksum = 0;
-    std::uint16_t parts = 1, begun = 0;  // parts sent at least once
-    bool doubtful = false;               // counts on what the HRTC may not have any more
-    std::uint32_t under_way = 0;         // chunks
+    std::uint16_t first_bytes = 0, part_bytes = 0;  // of the first part, which fills up a chunk, and of those after it
+    std::uint16_t parts = 1, begun = 0;             // parts sent at least once
+    bool doubtful = false;                          // counts on what the HRTC may not have any more
+    std::uint32_t under_way = 0;                    // chunks
     std::uint32_t last_sequence = 0;
     std::vector<std::uint16_t> lost;  // parts to be sent again
     std::vector<spm::Run> records;
     [[nodiscard]] bool sent() const noexcept { return begun == parts; }
     [[nodiscard]] bool arrived() const noexcept { return sent() && under_way == 0 && lost.empty(); }
+    [[nodiscard]] std::pair<std::size_t, std::size_t> range(std::uint16_t part) const noexcept;  // from, to
+    [[nodiscard]] bool fits(std::uint16_t part, std::size_t room) const noexcept;
   };
   struct Sent {
     std::uint32_t sequence, message, at_us;
@@ -149,14 +153,16 @@ class DeliveryServer {
   [[nodiscard]] bool well_formed(const Demand& demand, const spm::ModelSummary& summary) const;
   void acknowledge(Controller& controller, Service& service, std::int64_t now_ns);
   void compare(Controller& controller, Service& service, const Object& object, const std::vector<spm::Run>* had);
-  [[nodiscard]] static Message* first_lost(Service& service);
+  [[nodiscard]] static Message* first_lost(Service& service, std::size_t room = kMaxPayload);
   [[nodiscard]] static std::optional<std::uint32_t> urgency(Service& service);
-  void plan(Service& service, const Object& object) const;
+  void plan(Service& service, const Object& object, std::size_t room) const;
   [[nodiscard]] static std::uint64_t unanswered(const Controller& controller);
   [[nodiscard]] std::optional<Outgoing> next(std::uint64_t hrtc, Controller& controller, std::int64_t now_ns);
   [[nodiscard]] Outgoing send_echo(std::uint64_t hrtc, Controller& controller, Service& service, std::int64_t now_ns);
-  [[nodiscard]] Outgoing send_part(std::uint64_t hrtc, Controller& controller, std::uint64_t object_id,
-                                   std::int64_t now_ns);
+  [[nodiscard]] Outgoing send_parts(std::uint64_t hrtc, Controller& controller, std::uint64_t object_id,
+                                    std::int64_t now_ns);
+  [[nodiscard]] std::optional<BulkPiece> next_piece(Controller& controller, Service& service, const Object& object,
+                                                    const BulkChunk& chunk, std::size_t room);
   [[nodiscard]] BulkChunk make_chunk(Controller& controller, Service& service, std::int64_t now_ns);
   template <class Count>
   void count(Controller& controller, Count add) {

@@ -14,6 +14,21 @@ std::uint64_t stream_id(const Origin& host, const Origin& hrtc, std::uint64_t ob
   return XXH3_64bits(names.data(), sizeof names);
 }
 
+std::size_t head_bytes(std::uint32_t region, std::uint32_t parts) noexcept {
+  const auto varint = [](std::uint64_t value) {
+    std::size_t bytes = 1;
+    for (; value >= 0x80; value >>= 7) ++bytes;
+    return bytes;
+  };
+  return varint(std::uint64_t{region} + 1) + 2 * varint(parts) + varint(kMaxPayload) + sizeof(BulkPiece::checksum);
+}
+
+std::size_t BulkChunk::payload_bytes() const noexcept {
+  std::size_t bytes = 0;
+  for (const BulkPiece& piece : pieces) bytes += piece.payload.size();
+  return bytes;
+}
+
 std::uint32_t checksum_of(spm::Span<const std::uint8_t> payload) noexcept {
   return static_cast<std::uint32_t>(XXH3_64bits(payload.data(), payload.size()));
 }

@@ -26,7 +26,7 @@ inline constexpr std::size_t kMaxSlots = 64;  ///< users in one HRTC
 inline constexpr std::size_t kMaxHaveRuns = 1024;
 inline constexpr std::size_t kMaxWanted = 256;
 inline constexpr std::size_t kMaxGaps = 128;
-inline constexpr std::size_t kMaxPayload = 1384;  ///< a bulk sample fills one Ethernet frame
+inline constexpr std::size_t kMaxPayload = 1396;  ///< pieces of a chunk as they travel: they fill one Ethernet frame
 inline constexpr std::size_t kMaxFigures = 128;
 inline constexpr std::size_t kMaxMeshes = 64;  ///< objects of one HRTC
 inline constexpr std::size_t kMaxWaypoints = 16;
@@ -97,21 +97,32 @@ enum class BulkKind : std::uint8_t {
   kEcho = 2     ///< no payload: only tells epoch and sequence
 };
 
-/// Topics base and records: a chunk of a message, or an echo. Its header is small because it comes with each frame:
-/// what all chunks from one host to one HRTC about one object have in common is one number, `stream_id`.
+/// A part of a message.
+struct BulkPiece {
+  std::uint32_t region = spm::kNone;  ///< kNone: a base mesh
+  std::uint16_t part = 0, parts = 1;  ///< which of the message, and how many there are
+  std::uint32_t checksum = 0;         ///< `checksum_of` the whole joined payload
+  std::vector<std::uint8_t> payload;
+};
+
+/// What a piece takes of kMaxPayload beside its payload, at most.
+[[nodiscard]] std::size_t head_bytes(std::uint32_t region, std::uint32_t parts) noexcept;
+
+/// Topics base and records: pieces of messages, or an echo. A frame holds the end of one message and the beginning of
+/// the next, so that it is full however long they are. What all chunks from one host to one HRTC about one object have
+/// in common is one number, `stream_id`.
 struct BulkChunk {
   std::uint64_t stream = 0;
-  std::uint32_t sequence = 0;         ///< of the stream, from 1; what is sent again gets a new one
-  std::uint32_t epoch = 0;            ///< newest demand epoch that the host had seen of this HRTC and object
-  std::uint32_t region = spm::kNone;  ///< kNone: a base mesh, or an echo
-  std::uint16_t part = 0, parts = 0;  ///< this chunk of the message, and how many there are; 0: an echo
-  std::uint32_t sent_us = 0;          ///< sender's monotonic clock, modulo 2^32
-  std::uint32_t checksum = 0;         ///< `checksum_of` the whole joined payload
-  std::vector<std::uint8_t> payload;  ///< at most kMaxPayload
+  std::uint32_t sequence = 0;     ///< of the stream, from 1; what is sent again gets a new one
+  std::uint32_t epoch = 0;        ///< newest demand epoch that the host had seen of this HRTC and object
+  std::uint32_t sent_us = 0;      ///< sender's monotonic clock, modulo 2^32
+  std::vector<BulkPiece> pieces;  ///< of base meshes or of regions, not both; none: an echo
 
   [[nodiscard]] BulkKind kind() const noexcept {
-    return parts == 0 ? BulkKind::kEcho : region == spm::kNone ? BulkKind::kBase : BulkKind::kRegion;
+    return pieces.empty() ? BulkKind::kEcho : pieces.front().region == spm::kNone ? BulkKind::kBase : BulkKind::kRegion;
   }
+  /// Of messages, without heads.
+  [[nodiscard]] std::size_t payload_bytes() const noexcept;
 };
 
 /// Names the chunks that one life of a host sends to one life of an HRTC about one object.

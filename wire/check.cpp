@@ -133,14 +133,15 @@ const char* fault(const session::Control& c) noexcept {
 
 const char* fault(const session::BulkChunk& b) noexcept {
   if (b.sequence == 0) return "sequence: expected at least 1";
-  if (b.payload.size() > session::kMaxPayload) return "payload: expected at most 1384 bytes";
-  if (b.kind() == session::BulkKind::kEcho) {
-    if (!b.payload.empty()) return "payload: expected none in an echo";
-    if (b.part != 0 || b.region != spm::kNone) return "part: expected neither part nor region in an echo";
-  } else {
-    if (b.part >= b.parts) return "part: expected below parts";
-    if (b.payload.empty()) return "payload: expected at least one byte";
+  std::size_t bytes = 0;
+  for (const session::BulkPiece& piece : b.pieces) {
+    if (piece.part >= piece.parts) return "pieces.part: expected below parts";
+    if (piece.payload.empty()) return "pieces.payload: expected at least one byte";
+    if ((piece.region == spm::kNone) != (b.kind() == session::BulkKind::kBase))
+      return "pieces.region: expected none of a base mesh beside regions";
+    bytes += session::head_bytes(piece.region, piece.parts) + piece.payload.size();
   }
+  if (bytes > session::kMaxPayload) return "pieces: expected at most 1396 bytes with their heads";
   return nullptr;
 }
 

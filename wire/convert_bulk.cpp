@@ -1,3 +1,7 @@
+#include <limits>
+#include <optional>
+#include <utility>
+
 #include "wire/convert.hpp"
 
 namespace tactus::wire {
@@ -10,6 +14,49 @@ void runs_to_idl(const std::vector<spm::Run>& from, std::vector<idl::RunValue>& 
     to[i].length(from[i].count);
   }
 }
+
+// A varint has 7 bits a byte, low ones first, the top bit set where more follow.
+void put_varint(std::vector<std::uint8_t>& to, std::uint64_t value) {
+  for (; value >= 0x80; value >>= 7) to.push_back(static_cast<std::uint8_t>(value | 0x80));
+  to.push_back(static_cast<std::uint8_t>(value));
+}
+
+class PieceReader {
+ public:
+  explicit PieceReader(const std::vector<std::uint8_t>& bytes) : at_{bytes.data()}, end_{at_ + bytes.size()} {}
+  [[nodiscard]] bool done() const noexcept { return at_ == end_; }
+
+  /// None where bytes are missing or a number is too large.
+  [[nodiscard]] std::optional<session::BulkPiece> next() {
+    session::BulkPiece piece;
+    constexpr std::uint64_t kMost16 = std::numeric_limits<std::uint16_t>::max();
+    const auto region = varint(std::uint64_t{spm::kNone} + 1), part = varint(kMost16), parts = varint(kMost16),
+               size = varint(session::kMaxPayload);
+    if (!region || *region == 0 || !part || !parts || !size) return std::nullopt;
+    if (static_cast<std::size_t>(end_ - at_) < sizeof piece.checksum + *size) return std::nullopt;
+    piece.region = static_cast<std::uint32_t>(*region - 1);
+    piece.part = static_cast<std::uint16_t>(*part);
+    piece.parts = static_cast<std::uint16_t>(*parts);
+    for (unsigned shift = 0; shift < 32; shift += 8) piece.checksum |= std::uint32_t{*at_++} << shift;
+    piece.payload.assign(at_, at_ + *size);
+    at_ += *size;
+    return piece;
+  }
+
+ private:
+  [[nodiscard]] std::optional<std::uint64_t> varint(std::uint64_t most) noexcept {
+    std::uint64_t value = 0;
+    for (unsigned shift = 0; at_ != end_ && shift < 35; shift += 7) {
+      const std::uint8_t byte = *at_++;
+      value |= std::uint64_t{byte & 0x7fu} << shift;
+      if (byte < 0x80) return value <= most ? std::optional{value} : std::nullopt;
+    }
+    return std::nullopt;
+  }
+
+  const std::uint8_t* at_;
+  const std::uint8_t* end_;
+};
 
 void runs_from_idl(const std::vector<idl::RunValue>& from, std::vector<spm::Run>& to) {
   to.resize(from.size());
@@ -65,24 +112,31 @@ void to_idl(const session::BulkChunk& from, idl::BulkChunk& to) {
   to.stream(from.stream);
   to.sequence_number(from.sequence);
   to.epoch(from.epoch);
-  to.region(from.region);
-  to.part(from.part);
-  to.part_count(from.parts);
   to.sent_us(from.sent_us);
-  to.checksum(from.checksum);
-  to.payload(from.payload);
+  std::vector<std::uint8_t>& bytes = to.payload();
+  bytes.clear();
+  for (const session::BulkPiece& piece : from.pieces) {
+    put_varint(bytes, std::uint64_t{piece.region} + 1);
+    put_varint(bytes, piece.part);
+    put_varint(bytes, piece.parts);
+    put_varint(bytes, piece.payload.size());
+    for (unsigned shift = 0; shift < 32; shift += 8)
+      bytes.push_back(static_cast<std::uint8_t>(piece.checksum >> shift));
+    bytes.insert(bytes.end(), piece.payload.begin(), piece.payload.end());
+  }
 }
 
 void from_idl(const idl::BulkChunk& from, session::BulkChunk& to) {
   to.stream = from.stream();
   to.sequence = from.sequence_number();
   to.epoch = from.epoch();
-  to.region = from.region();
-  to.part = from.part();
-  to.parts = from.part_count();
   to.sent_us = from.sent_us();
-  to.checksum = from.checksum();
-  to.payload = from.payload();
+  to.pieces.clear();
+  for (PieceReader reader{from.payload()}; !reader.done();) {
+    auto piece = reader.next();
+    to.pieces.push_back(piece ? std::move(*piece) : session::BulkPiece{});  // one without bytes is a fault
+    if (!piece) return;
+  }
 }
 
 }  // namespace tactus::wire

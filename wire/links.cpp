@@ -101,7 +101,7 @@ dds::DomainParticipant* join(Links::Impl& impl, TrafficClass traffic, LogCapture
     throw WireError(file_of(impl, traffic).string() + ": no participant profile '" + profile + "'; expected one");
   }
   apply(impl.address.discovery, qos);
-  if (traffic == TrafficClass::kBulk)
+  if (traffic != TrafficClass::kSession)
     for (auto& transport : qos.transport().user_transports)
       transport = std::make_shared<LeanTransportDescriptor>(transport);
   const std::set<int> before = datagram_sockets();
@@ -186,7 +186,10 @@ Links::Links(SessionAddress address) : impl_{std::make_unique<Impl>()} {
   load_profiles(impl_->address.qos, log);
   impl_->flow = read_flow(impl_->address.qos / "flow.yaml");
   for (const TrafficClass traffic : {TrafficClass::kProbe, TrafficClass::kSession, TrafficClass::kBulk}) {
-    impl_->participants[static_cast<std::size_t>(traffic)] = join(*impl_, traffic, log);
+    if (!impl_->address.one_participant)
+      impl_->participants[static_cast<std::size_t>(traffic)] = join(*impl_, traffic, log);
+    else if (impl_->participants[0] == nullptr)
+      impl_->participants.fill(join(*impl_, TrafficClass::kSession, log));
     copy_profiles(*impl_, traffic);
   }
 }
@@ -203,7 +206,8 @@ session::Origin Links::origin() const noexcept {
 bool Links::probe_is_realtime() const noexcept { return impl_->probe_realtime; }
 
 Links::Impl::~Impl() {
-  for (dds::DomainParticipant* participant : participants) {
+  for (dds::DomainParticipant* participant :
+       std::set<dds::DomainParticipant*>{participants.begin(), participants.end()}) {
     if (participant == nullptr) continue;
     participant->delete_contained_entities();
     dds::DomainParticipantFactory::get_instance()->delete_participant(participant);

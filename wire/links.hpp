@@ -50,6 +50,7 @@ struct SessionAddress {
   Discovery discovery;
   std::filesystem::path qos = default_qos_directory();
   std::uint64_t incarnation = 0;  ///< 0: nanoseconds of the system clock at start
+  bool one_participant = false;   ///< for all classes, with the profile of class session: to show what that costs
   int probe_priority = 0;         ///< SCHED_FIFO priority of the probe participant's threads, 1..99; 0: as the caller's
 };
 

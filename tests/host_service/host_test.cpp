@@ -152,23 +152,24 @@ class Controller {
     for (const session::Figure& figure : metrics.figures) figures_[figure.name] = figure.value;
   }
   void take(const session::BulkChunk& chunk) {
-    const auto message = client_.on_chunk(chunk, now_ns());
-    if (!message) return;
-    if (message->kind == BulkKind::kBase) {
-      auto base = spm::codec::decode_base(message->bytes);
+    for (const auto& message : client_.on_chunk(chunk, now_ns())) take(message);
+  }
+  void take(const session::DeliveryClient::Message& message) {
+    if (message.kind == BulkKind::kBase) {
+      auto base = spm::codec::decode_base(message.bytes);
       ASSERT_TRUE(base) << base.error().text;
       base_ = std::move(*base);
-      client_.base_held(message->object_id);
+      client_.base_held(message.object_id);
       std::vector<session::Wanted> wanted;
       for (std::uint32_t r = 0; r < base_->mesh.summary.regions; ++r) wanted.push_back({r, r});
-      client_.want(message->object_id, wanted);
+      client_.want(message.object_id, wanted);
       return;
     }
-    auto region = spm::codec::decode_region(message->bytes, base_->mesh.summary, base_->tables);
+    auto region = spm::codec::decode_region(message.bytes, base_->mesh.summary, base_->tables);
     ASSERT_TRUE(region) << region.error().text;
     records_ += region->offsets.size();
-    held_[message->region] = std::move(*region);
-    client_.held(message->object_id, message->region);
+    held_[message.region] = std::move(*region);
+    client_.held(message.object_id, message.region);
   }
 
   wire::Links links_;

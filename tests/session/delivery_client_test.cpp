@@ -34,7 +34,7 @@ class DeliveryClientTest : public testing::Test {
 
   void give_base() {
     ASSERT_TRUE(client_.demand(now_)->need_base);
-    ASSERT_TRUE(client_.on_chunk(chunks(spm::kNone, "base", 1).at(0), now_));
+    ASSERT_TRUE(take(chunks(spm::kNone, "base", 1)));
     client_.base_held(kObject);
   }
 
@@ -49,18 +49,18 @@ class DeliveryClientTest : public testing::Test {
       c.sent_us = static_cast<std::uint32_t>(now_ / 1000);
       c.sequence = ++sequence_;
       c.epoch = epoch_;
-      c.region = region;
-      c.part = static_cast<std::uint16_t>(i);
-      c.parts = static_cast<std::uint16_t>(parts);
-      c.checksum = checksum_of(bytes);
       const std::string part = text.substr(std::min(text.size(), i * size), size);
-      c.payload.assign(part.begin(), part.end());
+      c.pieces.push_back({region,
+                          static_cast<std::uint16_t>(i),
+                          static_cast<std::uint16_t>(parts),
+                          checksum_of(bytes),
+                          {part.begin(), part.end()}});
     }
     return all;
   }
   BulkChunk echo() {
     BulkChunk c = chunks(spm::kNone, "", 1).at(0);
-    c.parts = 0;
+    c.pieces.clear();
     return c;
   }
 
@@ -83,7 +83,7 @@ class DeliveryClientTest : public testing::Test {
   std::optional<DeliveryClient::Message> take(const std::vector<BulkChunk>& all) {
     std::optional<DeliveryClient::Message> message;
     for (const BulkChunk& c : all) {
-      if (auto complete = client_.on_chunk(c, now_)) message = complete;
+      for (DeliveryClient::Message& complete : client_.on_chunk(c, now_)) message = std::move(complete);
     }
     return message;
   }
@@ -181,9 +181,30 @@ TEST_F(DeliveryClientTest, JoinsChunksInAnyOrderAndOnce) {
   EXPECT_EQ(client_.partial_bytes(), 0u);
 }
 
+TEST_F(DeliveryClientTest, AChunkCompletesSeveralMessagesAndBeginsAnother) {
+  client_.want(kObject, {{4, 0}, {5, 0}, {6, 0}});
+  publish();
+  std::vector<BulkChunk> first = chunks(4, "begun before", 2);
+  const std::vector<BulkChunk> whole = chunks(5, "whole", 1), last = chunks(6, "ends later", 2);
+  ASSERT_FALSE(take({first[0]}));
+  first[1].pieces.push_back(whole[0].pieces[0]);
+  first[1].pieces.push_back(last[0].pieces[0]);
+
+  const std::vector<DeliveryClient::Message> messages = client_.on_chunk(first[1], now_);
+
+  ASSERT_EQ(messages.size(), 2u);
+  EXPECT_EQ(messages[0].region, 4u);
+  EXPECT_EQ(messages[1].region, 5u);
+  client_.held(kObject, 4);
+  EXPECT_EQ(publish().received, first[1].sequence - 1) << "region 5 waits for its answer";
+  client_.held(kObject, 5);
+  EXPECT_EQ(publish().received, first[1].sequence);
+  EXPECT_TRUE(take({last[1]}));
+}
+
 TEST_F(DeliveryClientTest, DropsAMessageWhoseChecksumIsWrong) {
   std::vector<BulkChunk> all = chunks(4, "what the region holds", 3);
-  all[1].payload[0] ^= 1;
+  all[1].pieces[0].payload[0] ^= 1;
 
   EXPECT_FALSE(take(all));
   EXPECT_EQ(client_.counters().corrupt, 1u);
@@ -200,9 +221,12 @@ TEST_F(DeliveryClientTest, IgnoresWhatIsNotForIt) {
       [&](BulkChunk& c) { c.stream = other(kSession, kHost, 5, kHrtc, 31); },
       [&](BulkChunk& c) { c.stream = other(kSession, kHost, 4, kHrtc, kObject); },
       [&](BulkChunk& c) { c.stream = other(kSession, 12, 5, kHrtc, kObject); },
-      [](BulkChunk& c) { c.part = 1; },
+      [](BulkChunk& c) { c.pieces[0].part = 1; },
+      [](BulkChunk& c) {
+        c.pieces.push_back({spm::kNone, 0, 1, 0, {1}});
+      },
       [](BulkChunk& c) { c.epoch += 100; },
-      [](BulkChunk& c) { c.payload.resize(kMaxPayload + 1); }};
+      [](BulkChunk& c) { c.pieces[0].payload.resize(kMaxPayload + 1); }};
   for (const auto& vary : variations) {
     std::vector<BulkChunk> all = chunks(4, "x", 1);
     vary(all[0]);
@@ -291,7 +315,7 @@ TEST_F(DeliveryClientTest, ARetiredRegionIsReleasedOnceTheEchoOfThatEpochAndAllB
   epoch_ -= 1;
   const std::vector<BulkChunk> before = chunks(5, "counts on region 4", 1);
   epoch_ += 1;
-  EXPECT_FALSE(client_.on_chunk(echo(), now_));
+  EXPECT_FALSE(take({echo()}));
   EXPECT_THAT(client_.take_released(kObject), IsEmpty()) << "a message before the echo is still on its way";
 
   EXPECT_TRUE(take(before));
@@ -311,7 +335,7 @@ TEST_F(DeliveryClientTest, WhatWaitsForRoomIsStillUnderWayButHoldsUpNoRelease) {
   const std::vector<BulkChunk> waits = chunks(5, "counts on region 4", 1);
   epoch_ += 1;
   ASSERT_TRUE(take(waits));
-  EXPECT_FALSE(client_.on_chunk(echo(), now_));
+  EXPECT_FALSE(take({echo()}));
   EXPECT_THAT(client_.take_released(kObject), IsEmpty());
 
   client_.park(kObject, 5);
@@ -365,7 +389,7 @@ TEST_F(DeliveryClientTest, AMessageBegunBeforeARetirementCountsWhenItsHostGoesOn
   rest.epoch = epoch_;
   rest.sequence = ++sequence_;
 
-  EXPECT_TRUE(client_.on_chunk(rest, now_));
+  EXPECT_TRUE(take({rest}));
 }
 
 TEST_F(DeliveryClientTest, WhatNoDemandHasToldOfIsNotRetired) {

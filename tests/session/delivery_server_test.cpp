@@ -76,15 +76,21 @@ class DeliveryServerTest : public testing::Test {
     return chunks;
   }
 
+  static std::vector<BulkPiece> pieces_in(const std::vector<BulkChunk>& chunks) {
+    std::vector<BulkPiece> pieces;
+    for (const BulkChunk& chunk : chunks) pieces.insert(pieces.end(), chunk.pieces.begin(), chunk.pieces.end());
+    return pieces;
+  }
+
   /// The regions in the order in which their last chunks went, each with the records sent.
   std::vector<std::pair<std::uint32_t, std::set<std::uint32_t>>> regions_in(const std::vector<BulkChunk>& chunks) {
     std::vector<std::pair<std::uint32_t, std::set<std::uint32_t>>> regions;
     std::vector<std::uint8_t> bytes;
-    for (const BulkChunk& chunk : chunks) {
-      if (chunk.kind() != BulkKind::kRegion) continue;
-      if (chunk.part == 0) bytes.clear();
-      bytes.insert(bytes.end(), chunk.payload.begin(), chunk.payload.end());
-      if (chunk.part + 1 != chunk.parts) continue;
+    for (const BulkPiece& piece : pieces_in(chunks)) {
+      if (piece.region == spm::kNone) continue;
+      if (piece.part == 0) bytes.clear();
+      bytes.insert(bytes.end(), piece.payload.begin(), piece.payload.end());
+      if (piece.part + 1 != piece.parts) continue;
       const auto data = spm::codec::decode_region(bytes, model_.summary, encoded_.coded().tables());
       if (!data) {
         ADD_FAILURE() << data.error().text;
@@ -94,7 +100,7 @@ class DeliveryServerTest : public testing::Test {
       for (const spm::Run& run : data->sent) {
         for (std::uint32_t r = run.first; r != run.first + run.count; ++r) records.insert(r);
       }
-      regions.emplace_back(chunk.region, records);
+      regions.emplace_back(piece.region, records);
     }
     return regions;
   }
@@ -134,6 +140,25 @@ TEST_F(DeliveryServerTest, SendsWhatIsWantedSoonestFirstAndEveryRecordOnce) {
   }
 }
 
+TEST_F(DeliveryServerTest, FillsEveryChunkButTheLast) {
+  tell(demand(1, {4, 2, 7, 1, 5}));
+
+  const std::vector<BulkChunk> chunks = drain();
+
+  ASSERT_GT(chunks.size(), 5u);
+  std::set<std::uint32_t> shared;
+  for (const BulkChunk& chunk : chunks) {
+    std::size_t bytes = 0;
+    for (const BulkPiece& piece : chunk.pieces) bytes += head_bytes(piece.region, piece.parts) + piece.payload.size();
+    EXPECT_LE(bytes, kMaxPayload);
+    if (&chunk != &chunks.back()) {
+      EXPECT_GT(bytes, kMaxPayload - 64) << "chunk " << chunk.sequence;
+    }
+    if (chunk.pieces.size() > 1) shared.insert(chunk.sequence);
+  }
+  EXPECT_GE(shared.size(), 3u) << "the end of one and the beginning of the next";
+}
+
 TEST_F(DeliveryServerTest, CountsOnWhatTheDemandSaysIsThere) {
   Demand d = demand(1, {3});
   d.have = {{0, 2}};
@@ -169,8 +194,9 @@ TEST_F(DeliveryServerTest, CountsOnNothingThatWasUnderWayWhenSomethingWasLost) {
   Demand lost = demand(2, {0, 1, 2, 3});
   for (const BulkChunk& chunk : drain()) {
     lost.newest = chunk.sequence;
-    if (chunk.region == 0)
-      lost.received = chunk.sequence;  // refused; 1 and 2, which may count on it, wait for their answers
+    for (const BulkPiece& piece : chunk.pieces)
+      if (piece.region == 0)
+        lost.received = chunk.sequence;  // refused; 1 and 2, which may count on it, wait for their answers
   }
 
   tell(lost);
@@ -221,7 +247,8 @@ TEST_F(DeliveryServerTest, BelievesNothingThatIsToldOfAnotherStream) {
 TEST_F(DeliveryServerTest, SendsAMissingChunkAgainAsItWasUnderANewSequence) {
   tell(demand(1, {3}));
   const std::vector<BulkChunk> sent = drain_window(3);
-  ASSERT_GT(sent.back().parts, sent.size());
+  ASSERT_EQ(pieces_in(sent).size(), sent.size());
+  ASSERT_GT(sent.back().pieces[0].parts, sent.size());
 
   Demand d = demand(2, {3});
   d.received = sent[0].sequence;
@@ -231,19 +258,18 @@ TEST_F(DeliveryServerTest, SendsAMissingChunkAgainAsItWasUnderANewSequence) {
   const std::vector<BulkChunk> again = drain_window(1);
 
   ASSERT_EQ(again.size(), 1u);
-  for (const BulkChunk& chunk : again) {
-    const auto first = std::find_if(
-        sent.begin(), sent.end(), [&](const BulkChunk& c) { return c.region == chunk.region && c.part == chunk.part; });
-    ASSERT_NE(first, sent.end()) << "part " << chunk.part << " of region " << chunk.region << ", " << chunk.parts;
-    EXPECT_EQ(chunk.payload, first->payload);
-    EXPECT_EQ(chunk.checksum, first->checksum);
-    EXPECT_GT(chunk.sequence, sent.back().sequence);
-    EXPECT_EQ(chunk.epoch, 2u);
-  }
+  const BulkPiece &lost = sent[1].pieces[0], &repeated = again[0].pieces.at(0);
+  EXPECT_EQ(repeated.region, lost.region);
+  EXPECT_EQ(repeated.part, lost.part);
+  EXPECT_EQ(repeated.payload, lost.payload);
+  EXPECT_EQ(repeated.checksum, lost.checksum);
+  EXPECT_GT(again[0].sequence, sent.back().sequence);
+  EXPECT_EQ(again[0].epoch, 2u);
   EXPECT_EQ(server_.counters().repeated, 1u);
   d.origin.time_ns = ++time_;
   tell(d);
-  EXPECT_EQ(drain_window(1).at(0).part, sent.back().part + 1) << "what was told missing was sent again once";
+  EXPECT_EQ(drain_window(1).at(0).pieces.at(0).part, sent.back().pieces[0].part + 1)
+      << "what was told missing was sent again once";
 }
 
 TEST_F(DeliveryServerTest, AMissingChunkOfAMessageThatCountsOnARetiredRegionIsNotSentAgain) {
@@ -281,7 +307,7 @@ TEST_F(DeliveryServerTest, AnEchoShowsThatTheLastChunksAreMissing) {
 TEST_F(DeliveryServerTest, AnOmittedRegionIsNotFinished) {
   tell(demand(1, {3, 5}));
   const std::vector<BulkChunk> begun = drain(1);
-  ASSERT_GT(begun[0].parts, 1u);
+  ASSERT_GT(begun[0].pieces.at(0).parts, 1u);
 
   tell(demand(2, {5}));
 
@@ -298,7 +324,7 @@ TEST_F(DeliveryServerTest, AMessageThatCountsOnARetiredRegionIsPlannedAnew) {
   d.have = {{0, 2}};
   tell(d);
   const std::vector<BulkChunk> begun = drain(1);
-  ASSERT_GT(begun[0].parts, 1u);
+  ASSERT_GT(begun[0].pieces.at(0).parts, 1u);
 
   tell(demand(2, {3}));
 
@@ -328,7 +354,7 @@ TEST_F(DeliveryServerTest, StaysWithinTheCredit) {
 TEST_F(DeliveryServerTest, WhatHasComeAndWaitsForRoomIsStillUnderWay) {
   tell(demand(1, {3}));
   std::size_t bytes = 0;
-  for (const BulkChunk& chunk : drain()) bytes += chunk.payload.size();  // all came, and `received` is before it
+  for (const BulkChunk& chunk : drain()) bytes += chunk.payload_bytes();  // all came, and `received` is before it
 
   EXPECT_EQ(server_.bytes_under_way(kHrtc), bytes);
 }
@@ -370,7 +396,7 @@ TEST_F(DeliveryServerTest, SendsTheBaseMeshFirstAndAgainWhenItWasPassed) {
   std::size_t bytes = 0;
   for (const BulkChunk& chunk : base) {
     EXPECT_EQ(chunk.kind(), BulkKind::kBase);
-    bytes += chunk.payload.size();
+    bytes += chunk.payload_bytes();
   }
   EXPECT_EQ(bytes, server_.base_bytes(kObject));
 

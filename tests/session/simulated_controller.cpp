@@ -165,15 +165,15 @@ void SimulatedController::keep_vigil() {
 }
 
 void SimulatedController::take_chunk(const BulkChunk& chunk) {
-  if (auto message = client_->on_chunk(chunk, local_ns())) {
-    if (message->epoch < caches_.at(message->object_id).released_epoch)
-      world_.broken(name_of(message->object_id, message->region) + " came under epoch " +
-                    std::to_string(message->epoch) + " and may count on what was released before epoch " +
-                    std::to_string(caches_.at(message->object_id).released_epoch));
+  for (DeliveryClient::Message& message : client_->on_chunk(chunk, local_ns())) {
+    if (message.epoch < caches_.at(message.object_id).released_epoch)
+      world_.broken(name_of(message.object_id, message.region) + " came under epoch " + std::to_string(message.epoch) +
+                    " and may count on what was released before epoch " +
+                    std::to_string(caches_.at(message.object_id).released_epoch));
     const std::int64_t due_ns = world_.now_ns + world_.below(faults_.decode_ns);
-    if (message->kind == BulkKind::kRegion && world_.chance(faults_.parking))
-      client_->park(message->object_id, message->region);
-    answers_.push_back({answers_.empty() ? due_ns : std::max(due_ns, answers_.back().due_ns), std::move(*message)});
+    if (message.kind == BulkKind::kRegion && world_.chance(faults_.parking))
+      client_->park(message.object_id, message.region);
+    answers_.push_back({answers_.empty() ? due_ns : std::max(due_ns, answers_.back().due_ns), std::move(message)});
     answer();
   }
   if (client_->partial_bytes() > kMostPartialBytes) world_.broken("incomplete messages over their bound");

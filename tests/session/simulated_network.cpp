@@ -36,8 +36,12 @@ struct Text {
     std::string line = "chunk " + std::to_string(chunk.sequence) + " of stream " + std::to_string(chunk.stream) +
                        " under epoch " + std::to_string(chunk.epoch) + ": ";
     if (chunk.kind() == BulkKind::kEcho) return line + "echo";
-    line += chunk.kind() == BulkKind::kBase ? "base mesh" : "region " + std::to_string(chunk.region);
-    return line + " part " + std::to_string(chunk.part + 1) + " of " + std::to_string(chunk.parts);
+    for (const BulkPiece& piece : chunk.pieces) {
+      if (&piece != chunk.pieces.data()) line += ", ";
+      line += piece.region == spm::kNone ? "base mesh" : "region " + std::to_string(piece.region);
+      line += " part " + std::to_string(piece.part + 1) + " of " + std::to_string(piece.parts);
+    }
+    return line;
   }
   std::string operator()(const ClockSample& sample) const {
     return (sample.answer ? "clock answer " : "clock request ") + std::to_string(sample.sequence);
@@ -121,9 +125,10 @@ void SimulatedNetwork::send(std::int64_t now_ns, std::uint64_t from, std::uint64
     fate = " [lost]";
   } else {
     const auto* chunk = std::get_if<BulkChunk>(sample.get());
-    if (chunk != nullptr && !chunk->payload.empty() && chance(faults_.corruption)) {
+    if (chunk != nullptr && !chunk->pieces.empty() && chance(faults_.corruption)) {
       BulkChunk damaged = *chunk;
-      damaged.payload[random_() % damaged.payload.size()] ^= static_cast<std::uint8_t>(1 + below(255));
+      std::vector<std::uint8_t>& payload = damaged.pieces[random_() % damaged.pieces.size()].payload;
+      payload[random_() % payload.size()] ^= static_cast<std::uint8_t>(1 + below(255));
       sample = std::make_shared<Sample>(std::move(damaged));
       count(FaultKind::kCorruption);
       harm(way, now_ns);

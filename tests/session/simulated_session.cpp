@@ -56,7 +56,7 @@ class SimulatedHost : public Program {
       std::optional<Outgoing> out = server_->next(local_ns());
       if (!out) return 10 * kMs;
       ++chunks_;
-      if (!out->chunk.payload.empty() && world_.find(out->hrtc)->up()) world_.last_payload_ns = world_.now_ns;
+      if (!out->chunk.pieces.empty() && world_.find(out->hrtc)->up()) world_.last_payload_ns = world_.now_ns;
       if (server_->bytes_under_way(out->hrtc) > kMostCredit) world_.broken("more under way than the credit");
       if (world_.sabotage == Sabotage::kSendTwice && world_.chance(0.02)) server_->on_hrtc_gone(out->hrtc);
       send(out->hrtc, std::move(out->chunk));

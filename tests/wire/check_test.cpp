@@ -44,9 +44,7 @@ ses::CatalogueEntry catalogue() {
 ses::BulkChunk chunk() {
   ses::BulkChunk b;
   b.sequence = 1;
-  b.region = 3;
-  b.parts = 1;
-  b.payload = {1};
+  b.pieces = {{3, 0, 1, 0, {1}}};
   return b;
 }
 
@@ -123,14 +121,11 @@ TEST(Check, NamesTheWrongFieldOfADemand) {
 
 TEST(Check, NamesTheWrongFieldOfABulkChunk) {
   expect_fault(chunk(), "sequence", [](auto& b) { b.sequence = 0; });
-  expect_fault(chunk(), "part", [](auto& b) { b.part = 1; });
-  expect_fault(chunk(), "payload", [](auto& b) { b.payload.resize(ses::kMaxPayload + 1); });
-  expect_fault(chunk(), "payload", [](auto& b) { b.payload.clear(); });
-  expect_fault(chunk(), "payload", [](auto& b) { b.parts = 0; });
-  expect_fault(chunk(), "part", [](auto& b) {
-    b.parts = 0;
-    b.payload.clear();
-  });
+  expect_fault(chunk(), "pieces.part", [](auto& b) { b.pieces[0].part = 1; });
+  expect_fault(chunk(), "pieces.part", [](auto& b) { b.pieces[0].parts = 0; });
+  expect_fault(chunk(), "pieces", [](auto& b) { b.pieces[0].payload.resize(ses::kMaxPayload - 2); });
+  expect_fault(chunk(), "pieces.payload", [](auto& b) { b.pieces[0].payload.clear(); });
+  expect_fault(chunk(), "pieces.region", [](auto& b) { b.pieces.push_back({spm::kNone, 0, 1, 0, {1}}); });
 }
 
 TEST(Check, NamesTheWrongFieldOfWhatMoves) {

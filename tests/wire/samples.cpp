@@ -74,7 +74,7 @@ ses::Control full(const Links& from) {
 
 template <>
 ses::BulkChunk full(const Links&) {
-  return {21, 24, 25, 26, 2, 9, 28, 27, {1, 2, 3, 0, 255}};
+  return {21, 24, 25, 28, {{26, 2, 9, 27, {1, 2, 3, 0, 255}}, {70'000, 130, 300, ~0u, {128}}, {0, 0, 1, 5, {0, 128}}}};
 }
 
 template <>

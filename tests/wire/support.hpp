@@ -102,11 +102,15 @@ inline auto fields(const ses::MeshHash& m) { return std::tuple{m.object_id, m.ha
 inline auto fields(const ses::Waypoint& w) { return std::tuple{w.session_time_ns, w.position}; }
 inline auto fields(const ses::Wanted& w) { return std::tuple{w.region, w.contact_in_us}; }
 inline auto fields(const spm::Run& r) { return std::tuple{r.first, r.count}; }
+inline auto fields(const ses::BulkPiece& p) { return std::tuple{p.region, p.part, p.parts, p.checksum, p.payload}; }
 template <class T>
 auto fields(const std::vector<T>& list) {
   std::vector<decltype(fields(list.front()))> all;
   for (const T& item : list) all.push_back(fields(item));
   return all;
+}
+inline auto fields(const ses::BulkChunk& b) {
+  return std::tuple{b.stream, b.sequence, b.epoch, b.sent_us, fields(b.pieces)};
 }
 inline auto fields(const ses::RosterEntry& r) {
   return std::tuple{fields(r.origin), r.protocol, r.role,          r.name,      r.session,
@@ -130,9 +134,6 @@ inline auto fields(const ses::Metrics& m) {
   return std::tuple{fields(m.origin), fields(m.figures), fields(m.meshes), m.scene};
 }
 inline auto fields(const ses::Control& c) { return std::tuple{fields(c.origin), c.sequence, c.kind, c.text}; }
-inline auto fields(const ses::BulkChunk& b) {
-  return std::tuple{b.stream, b.sequence, b.epoch, b.region, b.part, b.parts, b.sent_us, b.checksum, b.payload};
-}
 inline auto fields(const ses::Intent& i) {
   return std::tuple{fields(i.origin), i.user_id, i.probe, i.sequence, fields(i.path)};
 }
