@@ -1,5 +1,6 @@
 #include "wire/links.hpp"
 
+#include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
 #include <netinet/in.h>
 #include <netinet/ip.h>
 #include <pthread.h>
@@ -21,6 +22,7 @@ namespace tactus::wire {
 namespace {
 
 using eprosima::fastrtps::types::ReturnCode_t;
+namespace fdds = eprosima::fastdds::rtps;
 
 /// Profiles live in one global table of the library, so one Links at a time fills and reads it.
 std::mutex& factory_mutex() {
@@ -103,7 +105,8 @@ dds::DomainParticipant* join(Links::Impl& impl, TrafficClass traffic, LogCapture
   apply(impl.address.discovery, qos);
   if (traffic != TrafficClass::kSession)
     for (auto& transport : qos.transport().user_transports)
-      transport = std::make_shared<LeanTransportDescriptor>(transport);
+      if (std::dynamic_pointer_cast<fdds::UDPv4TransportDescriptor>(transport) != nullptr)
+        transport = std::make_shared<LeanTransportDescriptor>(transport);
   const std::set<int> before = datagram_sockets();
   const auto domain = static_cast<dds::DomainId_t>(impl.address.domain + static_cast<int>(place));
   dds::DomainParticipant* made = nullptr;
