@@ -217,7 +217,8 @@ TEST_F(DeliveryServerTest, SendsNothingAgainOfWhatIsNotWantedAnyMore) {
   Demand lost = demand(2, {});
   for (const BulkChunk& chunk : drain_window()) {
     lost.newest = chunk.sequence;
-    if (chunk.region == 0) lost.gaps = {{1, chunk.sequence}};
+    for (const BulkPiece& piece : chunk.pieces)
+      if (piece.region == 0) lost.gaps = {{1, chunk.sequence}};
   }
   ASSERT_FALSE(lost.gaps.empty());
 
