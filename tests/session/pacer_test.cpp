@@ -109,12 +109,14 @@ struct NamedOutcome {
 };
 
 /// Data over a named link for `seconds`: endless, or `burst` bytes every 200 ms.
-NamedOutcome send_named(const netem::NamedLink& named, double seconds, std::uint32_t burst = 0) {
+NamedOutcome send_named(const netem::NamedLink& named, double seconds, std::uint64_t seed, std::uint32_t burst = 0) {
+  constexpr std::int64_t kEcho = 100 * kMs;  // without anything sent, when what is under way is asked for
   struct Chunk {
     std::int64_t sent;
+    std::uint32_t bytes;
     std::optional<std::int64_t> arrives;
   };
-  netem::Link forth{named.each_way, 1}, back{named.each_way, 2};
+  netem::Link forth{named.each_way, 2 * seed + 1}, back{named.each_way, 2 * seed + 2};
   Pacer pacer;
   std::deque<Chunk> under_way;
   struct Told {
@@ -126,8 +128,12 @@ NamedOutcome send_named(const netem::NamedLink& named, double seconds, std::uint
   Told untold{0, {}, 0};
   double arrived = 0;
   const auto end = static_cast<std::int64_t>(seconds * 1e9);
-  std::int64_t next_demand = 0;
+  std::int64_t next_demand = 0, next_echo = 0;
   std::uint32_t to_send = 0;
+  const auto send = [&](std::uint32_t bytes, std::int64_t now) {
+    under_way.push_back({now, bytes, forth.departure(now, bytes + static_cast<std::size_t>(kHeaders))});
+    next_echo = now + kEcho;
+  };
   for (std::int64_t now = 0; now < end; now += 50'000) {
     if (burst == 0 || now % (200 * kMs) == 0) to_send = burst == 0 ? kChunk : burst;
     if (now >= next_demand) {
@@ -138,14 +144,14 @@ NamedOutcome send_named(const netem::NamedLink& named, double seconds, std::uint
       for (auto left = under_way.rend() - newest; left > 0; --left, under_way.pop_front()) {
         const Chunk& chunk = under_way.front();
         Pacer::Feedback& feedback = untold.feedback;
-        (chunk.arrives ? feedback.arrived_bytes : feedback.lost_bytes) += kChunk;
-        if (!chunk.arrives) continue;
-        if (now > end / 3) arrived += kChunk + kHeaders;
+        (chunk.arrives ? feedback.arrived_bytes : feedback.lost_bytes) += chunk.bytes;
+        if (!chunk.arrives || chunk.bytes == 0) continue;
+        if (now > end / 3) arrived += chunk.bytes + kHeaders;
         const auto way = static_cast<std::uint32_t>((*chunk.arrives - chunk.sent) / 1000);
         if (!feedback.one_way_us) untold.first_sent = chunk.sent;
         feedback.one_way_us = std::min(feedback.one_way_us.value_or(way), way);
       }
-      if (untold.feedback.one_way_us) {
+      if (untold.feedback.arrived_bytes != 0 || untold.feedback.lost_bytes != 0) {
         // What a lost demand would have told goes with the next.
         if (const auto at = back.departure(now, 300)) {
           untold.at = *at;
@@ -160,8 +166,9 @@ NamedOutcome send_named(const netem::NamedLink& named, double seconds, std::uint
     while (to_send >= kChunk && pacer.may_send(kChunk, now)) {
       pacer.sent(kChunk, now);
       if (burst != 0) to_send -= kChunk;
-      under_way.push_back({now, forth.departure(now, kChunk + static_cast<std::size_t>(kHeaders))});
+      send(kChunk, now);
     }
+    if (!under_way.empty() && now >= next_echo) send(0, now);
     if (to_send < kChunk) pacer.rest();
   }
   const double rate = named.each_way.rate_mbit * 1e6 / 8 * (1 - named.each_way.mean_loss());
@@ -171,8 +178,12 @@ NamedOutcome send_named(const netem::NamedLink& named, double seconds, std::uint
 TEST(Pacer, FillsLinksWhoseDelayWanders) {
   for (const netem::NamedLink& link : netem::kNamedLinks) {
     if (link.each_way.rate_mbit == 0) continue;
-    const double least = std::string{link.name} == "P7" ? 0.4 : 0.9;
-    EXPECT_GT(send_named(link, 60).share, least) << link.name << ", " << link.what;
+    std::vector<double> shares;
+    for (std::uint64_t seed = 0; seed < 5; ++seed) shares.push_back(send_named(link, 60, seed).share);
+    std::sort(shares.begin(), shares.end());
+    const bool loses_in_bursts = std::string{link.name} == "P7";
+    EXPECT_GT(shares[shares.size() / 2], loses_in_bursts ? 0.8 : 0.9) << link.name << ", " << link.what;
+    EXPECT_GT(shares.front(), loses_in_bursts ? 0.4 : 0.85) << link.name << ", " << link.what;
   }
 }
 
@@ -180,7 +191,7 @@ TEST(Pacer, KeepsRoomForABurstWhereDelaysWander) {
   constexpr std::uint32_t kBurst = 4 * kChunk;
   for (const netem::NamedLink& link : netem::kNamedLinks) {
     if (link.each_way.rate_mbit == 0) continue;
-    EXPECT_GE(send_named(link, 60, kBurst).window, kBurst) << link.name << ", " << link.what;
+    EXPECT_GE(send_named(link, 60, 0, kBurst).window, kBurst) << link.name << ", " << link.what;
   }
 }
 
