@@ -15,6 +15,7 @@
 #include "wire/dds.hpp"
 #include "wire/discovery.hpp"
 #include "wire/lean_transport.hpp"
+#include "wire/patient_transport.hpp"
 #include "wire/profiles.hpp"
 #include "wire/topics.hpp"
 
@@ -103,16 +104,19 @@ dds::DomainParticipant* join(Links::Impl& impl, TrafficClass traffic, LogCapture
     throw WireError(file_of(impl, traffic).string() + ": no participant profile '" + profile + "'; expected one");
   }
   apply(impl.address.discovery, qos);
-  if (traffic != TrafficClass::kSession)
-    for (auto& transport : qos.transport().user_transports)
-      if (std::dynamic_pointer_cast<fdds::UDPv4TransportDescriptor>(transport) != nullptr)
-        transport = std::make_shared<LeanTransportDescriptor>(transport);
+  const auto gate = std::make_shared<Gate>();
+  for (auto& transport : qos.transport().user_transports) {
+    if (std::dynamic_pointer_cast<fdds::UDPv4TransportDescriptor>(transport) == nullptr) continue;
+    transport = std::make_shared<PatientTransportDescriptor>(transport, gate);
+    if (traffic != TrafficClass::kSession) transport = std::make_shared<LeanTransportDescriptor>(transport);
+  }
   const std::set<int> before = datagram_sockets();
   const auto domain = static_cast<dds::DomainId_t>(impl.address.domain + static_cast<int>(place));
   dds::DomainParticipant* made = nullptr;
   {
     const InheritedPriority priority{traffic == TrafficClass::kProbe ? impl.address.probe_priority : 0};
     made = factory->create_participant(domain, qos);
+    gate->open();
     if (traffic == TrafficClass::kProbe) impl.probe_realtime = priority.applied();
   }
   if (made == nullptr) {

@@ -1,0 +1,45 @@
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <thread>
+
+#include "wire/patient_transport.hpp"
+
+namespace tactus::wire {
+namespace {
+
+using namespace std::chrono_literals;
+
+TEST(GateTest, NobodyPassesBeforeItIsOpened) {
+  Gate gate{24h};
+  std::atomic<bool> opening{false};
+  std::thread opener{[&] {
+    std::this_thread::yield();
+    opening = true;
+    gate.open();
+  }};
+
+  gate.pass();
+
+  EXPECT_TRUE(opening);
+  opener.join();
+}
+
+TEST(GateTest, EverybodyPassesOnceItIsOpen) {
+  Gate gate{24h};
+  gate.open();
+  std::thread other{[&] { gate.pass(); }};
+
+  gate.pass();
+
+  other.join();  // the test ends
+}
+
+TEST(GateTest, WhoWaitsForAGateThatNobodyOpensPassesInTheEnd) {
+  Gate gate{1ms};
+
+  gate.pass();  // the test ends
+}
+
+}  // namespace
+}  // namespace tactus::wire
