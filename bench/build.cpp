@@ -8,6 +8,7 @@
 #include <limits>
 #include <string>
 
+#include "bench/bench_main.hpp"
 #include "bench/figures.hpp"
 #include "spm/offline/generate.hpp"
 #include "spm/offline/import.hpp"
@@ -168,17 +169,11 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(1u, 100u));
   app.add_option("--json", settings.json, "the figures as JSON");
   app.add_flag("--quick", settings.quick, "one build of 200,000 faces, without a bound on speed, for CI");
-  try {
-    app.parse(argc, argv);
+  return tactus::bench::bench_main(app, "tactus-bench-build", argc, argv, [&] {
     if (settings.quick) {
       settings.faces = std::min(settings.faces, 200000u);
       settings.repeats = 1;
     }
     return tactus::bench::run(settings);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "tactus-bench-build: %s\n", error.what());
-    return 2;
-  }
+  });
 }

@@ -15,6 +15,7 @@
 #include <utility>
 #include <vector>
 
+#include "bench/bench_main.hpp"
 #include "bench/controller.hpp"
 #include "bench/figures.hpp"
 #include "bench/models.hpp"
@@ -206,14 +207,8 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(1u, 100u));
   app.add_option("--json", settings.json, "the figures as JSON");
   app.add_flag("--quick", settings.quick, "5 s, without a bound on how linear, for CI");
-  try {
-    app.parse(argc, argv);
+  return tactus::bench::bench_main(app, "tactus-bench-cache", argc, argv, [&] {
     if (settings.quick) settings.seconds = std::min(settings.seconds, 5.0);
     return tactus::bench::run(settings);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "tactus-bench-cache: %s\n", error.what());
-    return 2;
-  }
+  });
 }

@@ -9,6 +9,7 @@
 #include <cstdio>
 #include <vector>
 
+#include "bench/bench_main.hpp"
 #include "bench/controller.hpp"
 #include "bench/figures.hpp"
 #include "bench/models.hpp"
@@ -214,14 +215,8 @@ int main(int argc, char** argv) {
   app.add_option("--seed", settings.seed, "of the path");
   app.add_option("--json", settings.json, "the figures as JSON");
   app.add_flag("--quick", settings.quick, "5 s, for CI");
-  try {
-    app.parse(argc, argv);
+  return tactus::bench::bench_main(app, "tactus-bench-change", argc, argv, [&] {
     if (settings.quick) settings.seconds = std::min(settings.seconds, 5.0);
     return tactus::bench::run(settings);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "tactus-bench-change: %s\n", error.what());
-    return 2;
-  }
+  });
 }

@@ -10,6 +10,7 @@
 #include <cstdio>
 #include <vector>
 
+#include "bench/bench_main.hpp"
 #include "bench/figures.hpp"
 #include "bench/models.hpp"
 #include "bench/priority.hpp"
@@ -347,14 +348,8 @@ int main(int argc, char** argv) {
   app.add_flag("--large", settings.large, "the curve to 2.8x10^7 faces")->needs(curve);
   app.add_option("--json", settings.json, "the figures as JSON");
   app.add_flag("--quick", settings.quick, "5 s, for CI");
-  try {
-    app.parse(argc, argv);
+  return tactus::bench::bench_main(app, "tactus-bench-cycle", argc, argv, [&] {
     if (settings.quick) settings.seconds = std::min(settings.seconds, 5.0);
     return settings.curve ? tactus::bench::run_curve(settings) : tactus::bench::run(settings);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "tactus-bench-cycle: %s\n", error.what());
-    return 2;
-  }
+  });
 }

@@ -3,10 +3,9 @@
 /// Between two namespaces, which needs root; times in microseconds as latency/run.hpp has them. One thread.
 #pragma once
 
-#include <CLI/CLI.hpp>
-#include <cstdio>
 #include <string>
 
+#include "bench/bench_main.hpp"
 #include "latency/run.hpp"
 #include "wire/links.hpp"
 #include "wire/process.hpp"
@@ -33,18 +32,11 @@ inline void add_pair_options(CLI::App& app, PairSettings& settings, const char* 
   return settings;
 }
 
-/// Parses, calls `run` and gives the exit status: 2 for wrong input and for what went wrong, 130 when interrupted.
+/// bench_main for what may be interrupted: 130 then.
 template <class Run>
 int latency_main(CLI::App& app, const char* program, int argc, char** argv, Run&& run) {
-  try {
-    app.parse(argc, argv);
-    return run();
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "%s: %s\n", program, error.what());
-    return wire::stop_signal() ? 130 : 2;
-  }
+  const int status = bench_main(app, program, argc, argv, run);
+  return status == 2 && wire::stop_signal() ? 130 : status;
 }
 
 }  // namespace tactus::bench

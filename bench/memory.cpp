@@ -15,6 +15,7 @@
 #include <memory>
 #include <vector>
 
+#include "bench/bench_main.hpp"
 #include "bench/controller.hpp"
 #include "bench/figures.hpp"
 #include "bench/models.hpp"
@@ -348,18 +349,12 @@ int main(int argc, char** argv) {
   app.add_option("--seed", settings.seed, "of the path");
   app.add_option("--json", settings.json, "the figures as JSON");
   app.add_flag("--quick", settings.quick, "300 k faces and 6 s, for CI");
-  try {
-    app.parse(argc, argv);
+  return tactus::bench::bench_main(app, "tactus-bench-memory", argc, argv, [&] {
     if (settings.quick) {
       settings.seconds = std::min(settings.seconds, 6.0);
       if (faces->count() == 0) settings.faces = 300'000;
     }
     if (settings.model.empty() && edge->count() == 0) settings.edge = tactus::bench::kHandEdge;
     return tactus::bench::run(settings);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "tactus-bench-memory: %s\n", error.what());
-    return 2;
-  }
+  });
 }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstdio>
 
+#include "bench/bench_main.hpp"
 #include "bench/figures.hpp"
 #include "bench/remote_session.hpp"
 #include "bench/strokes.hpp"
@@ -107,17 +108,11 @@ int main(int argc, char** argv) {
   app.add_option("--seed", settings.seed, "of the paths");
   app.add_option("--json", settings.json, "the figures as JSON");
   app.add_flag("--quick", settings.quick, "3 s each on 200,000 faces, for CI");
-  try {
-    app.parse(argc, argv);
+  return tactus::bench::bench_main(app, "tactus-bench-prediction", argc, argv, [&] {
     if (settings.quick) {
       settings.seconds = std::min(settings.seconds, 3.0);
       settings.faces = std::min(settings.faces, 200000u);
     }
     return tactus::bench::run(settings);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "tactus-bench-prediction: %s\n", error.what());
-    return 2;
-  }
+  });
 }

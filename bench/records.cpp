@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "bench/bench_main.hpp"
 #include "bench/figures.hpp"
 #include "bench/models.hpp"
 #include "spm/offline/closure.hpp"
@@ -301,14 +302,8 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(1000u, 10000000u));
   app.add_option("--json", settings.json, "the figures as JSON");
   app.add_flag("--quick", settings.quick, "8192 faces, for CI");
-  try {
-    app.parse(argc, argv);
+  return tactus::bench::bench_main(app, "tactus-bench-records", argc, argv, [&] {
     if (settings.quick) settings.faces = std::min(settings.faces, 8192u);
     return tactus::bench::run(settings);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "tactus-bench-records: %s\n", error.what());
-    return 2;
-  }
+  });
 }

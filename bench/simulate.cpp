@@ -8,6 +8,7 @@
 #include <thread>
 #include <vector>
 
+#include "bench/bench_main.hpp"
 #include "bench/figures.hpp"
 #include "bench/stopwatch.hpp"
 #include "tests/session/simulated_session.hpp"
@@ -133,14 +134,8 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(1u, 256u));
   app.add_option("--json", settings.json, "the figures as JSON");
   app.add_flag("--quick", quick, "2,000 schedules, for CI");
-  try {
-    app.parse(argc, argv);
+  return tactus::bench::bench_main(app, "tactus-bench-simulate", argc, argv, [&] {
     if (quick) settings.schedules = 2000;
     return tactus::bench::run(settings);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "tactus-bench-simulate: %s\n", error.what());
-    return 2;
-  }
+  });
 }

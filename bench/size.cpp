@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "bench/bench_main.hpp"
 #include "bench/figures.hpp"
 #include "spm/codec/model_codec.hpp"
 #include "spm/codec/region_codec.hpp"
@@ -136,14 +137,8 @@ int main(int argc, char** argv) {
   app.add_option("--repeats", settings.repeats, "of which the best counts")->check(CLI::Range(1u, 100u));
   app.add_option("--json", settings.json, "the figures as JSON");
   app.add_flag("--quick", settings.quick, "the smaller organ alone, without bounds on speed, for CI");
-  try {
-    app.parse(argc, argv);
+  return tactus::bench::bench_main(app, "tactus-bench-size", argc, argv, [&] {
     if (settings.quick) settings.repeats = 1;
     return tactus::bench::run(settings);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "tactus-bench-size: %s\n", error.what());
-    return 2;
-  }
+  });
 }

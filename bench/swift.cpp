@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cstdio>
 
+#include "bench/bench_main.hpp"
 #include "bench/figures.hpp"
 #include "bench/remote_session.hpp"
 #include "bench/strokes.hpp"
@@ -221,18 +222,12 @@ int main(int argc, char** argv) {
   app.add_option("--seed", settings.seed, "of the path");
   app.add_option("--json", settings.json, "the figures as JSON");
   app.add_flag("--quick", settings.quick, "10^5 cycles on a million faces, for CI");
-  try {
-    app.parse(argc, argv);
+  return tactus::bench::bench_main(app, "tactus-bench-swift", argc, argv, [&] {
     if (settings.quick) {
       settings.cycles = std::min(settings.cycles, 100000u);
       settings.faces = std::min(settings.faces, 1000000u);
       settings.brute = std::min(settings.brute, 1000u);
     }
     return tactus::bench::run(settings);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "tactus-bench-swift: %s\n", error.what());
-    return 2;
-  }
+  });
 }

@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "bench/bench_main.hpp"
 #include "bench/figures.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/certificate.hpp"
@@ -190,13 +191,6 @@ int main(int argc, char** argv) {
       ->check(CLI::ExistingFile);
   app.add_option("--json", settings.json, "the figures as JSON");
   app.add_flag("--quick", settings.quick, "no difference: it takes a second");
-  try {
-    app.parse(argc, argv);
-    return tactus::bench::run(settings);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "tactus-bench-table1: %s\n", error.what());
-    return 2;
-  }
+  return tactus::bench::bench_main(app, "tactus-bench-table1", argc, argv,
+                                   [&] { return tactus::bench::run(settings); });
 }

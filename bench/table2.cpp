@@ -9,6 +9,7 @@
 #include <functional>
 #include <vector>
 
+#include "bench/bench_main.hpp"
 #include "bench/embree_mesh.hpp"
 #include "bench/figures.hpp"
 #include "bench/finest_tree.hpp"
@@ -293,14 +294,8 @@ int main(int argc, char** argv) {
   app.add_option("--seed", settings.seed, "of the path");
   app.add_option("--json", settings.json, "the figures as JSON");
   app.add_flag("--quick", settings.quick, "2 s, for CI");
-  try {
-    app.parse(argc, argv);
+  return tactus::bench::bench_main(app, "tactus-bench-table2", argc, argv, [&] {
     if (settings.quick) settings.seconds = std::min(settings.seconds, 2.0);
     return tactus::bench::run(settings);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "tactus-bench-table2: %s\n", error.what());
-    return 2;
-  }
+  });
 }

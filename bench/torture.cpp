@@ -2,6 +2,7 @@
 #include <CLI/CLI.hpp>
 #include <cstdio>
 
+#include "bench/bench_main.hpp"
 #include "bench/figures.hpp"
 #include "bench/models.hpp"
 #include "bench/torture_run.hpp"
@@ -78,14 +79,8 @@ int main(int argc, char** argv) {
   app.add_option("--seed", settings.torture.seed, "of the order");
   app.add_option("--json", settings.json, "the figures as JSON");
   app.add_flag("--quick", settings.quick, "10^6 operations, for CI");
-  try {
-    app.parse(argc, argv);
+  return tactus::bench::bench_main(app, "tactus-bench-torture", argc, argv, [&] {
     if (settings.quick) settings.torture.operations = std::min<std::uint64_t>(settings.torture.operations, 1'000'000);
     return tactus::bench::run(settings);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "tactus-bench-torture: %s\n", error.what());
-    return 2;
-  }
+  });
 }

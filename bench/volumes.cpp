@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "bench/bench_main.hpp"
 #include "bench/figures.hpp"
 #include "bench/finest_tree.hpp"
 #include "bench/models.hpp"
@@ -301,14 +302,8 @@ int main(int argc, char** argv) {
   CLI::Option* poses = app.add_option("--poses", settings.poses, "of the path")->check(CLI::Range(10u, 100000u));
   app.add_option("--json", settings.json, "the figures as JSON");
   app.add_flag("--quick", settings.quick, "200 poses, for CI");
-  try {
-    app.parse(argc, argv);
+  return tactus::bench::bench_main(app, "tactus-bench-volumes", argc, argv, [&] {
     if (settings.quick && poses->count() == 0) settings.poses = 200;
     return tactus::bench::run(settings);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "tactus-bench-volumes: %s\n", error.what());
-    return 2;
-  }
+  });
 }

@@ -44,11 +44,18 @@ void write_users(const Report& report, std::string& out) {
              touch.contact, 100 * touch.exact_share(), touch.force_mean(), touch.force_max, touch.touches, user.taps);
     if (touch.states == 0) out += "    no probe state was received\n";
     if (user.approaches_missed + user.contacts_lost + touch.faults > 0) {
-      out += line("    approaches that met nothing %u, contacts lost while following %u, faults %u\n",
+      out += line("    approaches that met nothing %u, contacts lost while following %u, faults %u",
                   user.approaches_missed, user.contacts_lost, touch.faults);
+      out += touch.faults > 0 ? " (the last: " + touch.fault_reason + ")\n" : "\n";
     }
   }
 }
+
+constexpr std::pair<const char*, const char*> kInterventions[] = {
+    {figures::kInterventions[0], "limit"},         {figures::kInterventions[1], "slew"},
+    {figures::kInterventions[2], "soft start"},    {figures::kInterventions[3], "old pose"},
+    {figures::kInterventions[4], "moved surface"}, {figures::kInterventions[5], "stiffness cut"},
+    {figures::kInterventions[6], "FAULT"}};
 
 void write_hrtc(const ParticipantReport& hrtc, std::uint64_t records_total, std::string& out) {
   const auto value = [&](const std::string& name) { return value_of(hrtc, name); };
@@ -95,6 +102,10 @@ void write_hrtc(const ParticipantReport& hrtc, std::uint64_t records_total, std:
                 value(figures::kLoopDelay) * 1e-3);
   if (value(figures::kStaleCycles) > 0)
     out += line("  cycles with a pose too old, summed over probes: %.0f\n", value(figures::kStaleCycles));
+  std::string interventions;
+  for (const auto& [name, label] : kInterventions)
+    if (value(name) > 0) interventions += line("%s%s %.0f", interventions.empty() ? "" : ", ", label, value(name));
+  if (!interventions.empty()) out += "  forces held back, times begun: " + interventions + "\n";
   const double records = value(figures::kRecordsReceived);
   out += line("  records received %.0f", records);
   if (records_total > 0) {
@@ -180,7 +191,10 @@ void TouchTally::add(const session::ProbeState& state, std::int64_t start_ns, st
     }
   }
   const bool fault_before = started_ && (last_.status & session::kFault) != 0;
-  if ((state.status & session::kFault) != 0 && !fault_before) ++faults;
+  if ((state.status & session::kFault) != 0 && !fault_before) {
+    ++faults;
+    fault_reason = session::fault_reason(state.status);
+  }
   if (contact_now) {
     const bool held = started_ && (last_.status & session::kInContact) != 0;
     if (left_ns_ == INT64_MIN || (!held && state.session_time_ns - left_ns_ >= kNewTouch)) ++touches;
@@ -235,6 +249,7 @@ std::string json(const Report& report) {
                      {"contacts_lost", user.contacts_lost},
                      {"following_s", user.following},
                      {"faults", touch.faults},
+                     {"fault_reason", touch.fault_reason},
                      {"probe_states",
                       {{"received", touch.states},
                        {"lost", touch.states_lost},

@@ -43,6 +43,7 @@ class TouchTally {
   double force_max = 0;           ///< N
   std::uint32_t touches = 0;      ///< times that contact began, after 20 ms or more without
   std::uint32_t faults = 0;       ///< times that a fault was latched
+  std::string fault_reason;       ///< of the last
   Samples age_us;                 ///< of probe states when they came
 
   [[nodiscard]] double force_mean() const noexcept { return contact > 0 ? force_seconds_ / contact : 0; }

@@ -112,7 +112,11 @@ void SimCore::on_probe_state(const session::ProbeState& state, std::int64_t sess
     if (state.user_id != session::id_of(seat.mind.user().name)) continue;
     if (state.origin.participant != session::id_of(seat.hrtc)) return;
     seat.probe.on_state(state, session::StateStream::kCoded, session_now_ns);
-    if (state_ == SimState::kRunning) seat.touch.add(state, session_start_ns_, session_now_ns);
+    if (state_ != SimState::kRunning) return;
+    const std::uint32_t faults = seat.touch.faults;
+    seat.touch.add(state, session_start_ns_, session_now_ns);
+    if (seat.touch.faults > faults)
+      note("the force of " + seat.mind.user().name + " is off: " + seat.touch.fault_reason);
     return;
   }
 }

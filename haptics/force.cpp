@@ -4,6 +4,11 @@
 #include <cmath>
 
 namespace tactus::haptics {
+namespace {
+
+constexpr double kRounding = 1e-9;  // s; ages are differences of times that may be long ago
+
+}  // namespace
 
 double ForceRenderer::stiffness(const Feel& feel, double dt, double loop_delay) const noexcept {
   return std::min({feel.stiffness, spec_.max_stiffness, stable_stiffness(spec_.damping, feel.damping, dt, loop_delay)});
@@ -15,11 +20,7 @@ void ForceRenderer::latch(Fault fault) noexcept {
   result_.bits = kForceFault;
 }
 
-void ForceRenderer::reset() noexcept {
-  result_ = ForceResult{};
-  gain_ = 0;
-  rise_time_ = -1;
-}
+void ForceRenderer::reset() noexcept { *this = ForceRenderer{settings_, spec_}; }
 
 void ForceRenderer::advance_gain(double pose_age, double dt) noexcept {
   const double fresh = std::clamp((settings_.zero_by - pose_age) / (settings_.zero_by - settings_.hold), 0.0, 1.0);
@@ -36,18 +37,36 @@ void ForceRenderer::advance_gain(double pose_age, double dt) noexcept {
   }
 }
 
+double ForceRenderer::speed_of(const DeviceState& device, double dt) noexcept {
+  double speed = device.velocity.norm();
+  if (placed_) {
+    // A pose that is the one of before tells nothing, one that was late covers more than a cycle.
+    const double passed = std::max(dt, static_cast<double>(device.time_ns - time_ns_) * 1e-9);
+    speed = std::max(speed, (device.position - position_).norm() / passed);
+  }
+  placed_ = true;
+  position_ = device.position;
+  time_ns_ = device.time_ns;
+  return speed;
+}
+
 const ForceResult& ForceRenderer::step(const ProxyResult& proxy, const DeviceState& device, const Feel& feel,
                                        double pose_age, double dt) noexcept {
-  if (result_.fault != Fault::kNone) return result_;
+  if (result_.fault == Fault::kNone) render(proxy, device, feel, pose_age, dt);
+  result_.began = result_.bits & ~bits_before_;
+  bits_before_ = result_.bits;
+  return result_;
+}
+
+void ForceRenderer::render(const ProxyResult& proxy, const DeviceState& device, const Feel& feel, double pose_age,
+                           double dt) noexcept {
   const bool finite = proxy.anchor.allFinite() && proxy.normal.allFinite() && device.position.allFinite() &&
                       device.velocity.allFinite() && std::isfinite(pose_age) && std::isfinite(feel.stiffness) &&
                       std::isfinite(feel.damping) && std::isfinite(dt) && std::isfinite(device.loop_delay);
-  if (!finite) {
-    latch(Fault::kInputNotFinite);
-    return result_;
-  }
-  result_.bits = 0;
+  if (!finite) return latch(Fault::kInputNotFinite);
   const Vec3d before = result_.force;
+  if (speed_of(device, dt) > settings_.max_speed && !before.isZero(0)) return latch(Fault::kTooFast);
+  result_.bits = 0;
 
   const double stiffness = this->stiffness(feel, dt, device.loop_delay);
   Vec3d force = stiffness * (proxy.anchor - device.position);
@@ -75,13 +94,9 @@ const ForceResult& ForceRenderer::step(const ProxyResult& proxy, const DeviceSta
     force = before + change * (largest / size);
     result_.bits |= kForceSlewLimited;
   }
-  if (pose_age >= settings_.zero_by) force.setZero();
-  if (!force.allFinite()) {
-    latch(Fault::kForceNotFinite);
-    return result_;
-  }
+  if (pose_age >= settings_.zero_by - kRounding) force.setZero();
+  if (!force.allFinite()) return latch(Fault::kForceNotFinite);
   result_.force = force;
-  return result_;
 }
 
 }  // namespace tactus::haptics

@@ -2,6 +2,7 @@
 ///
 /// force = stiffness (anchor - device) - damping * velocity along the contact normal, then limited. Every limit that
 /// acts sets its bit, so that an operator can be told. World frame, SI. One thread at a time. Realtime.
+/// docs/safety.md has the rules and what they are tested with.
 #pragma once
 
 #include <cstdint>
@@ -11,7 +12,7 @@
 
 namespace tactus::haptics {
 
-/// What acted on a force, and why; a cycle's bits are or-ed.
+/// What acted on a force, and why; a cycle's bits are or-ed. kForceBits of them.
 enum ForceBit : std::uint32_t {
   kForceSaturated = 1u << 0,     ///< |force| was above the limit
   kForceSlewLimited = 1u << 1,   ///< it changed faster than allowed
@@ -21,13 +22,17 @@ enum ForceBit : std::uint32_t {
   kForceStiffnessCut = 1u << 5,  ///< the material is stiffer than this device can render stably
   kForceFault = 1u << 6          ///< latched: zero until reset
 };
+constexpr std::uint32_t kForceBits = 7;
+
+/// Why a force is off until reset. The numbers go over the network (session::fault_of).
 
 enum class Fault : std::uint8_t {
-  kNone,
-  kInputNotFinite,  ///< a pose, velocity or surface figure was NaN or infinite
-  kForceNotFinite,  ///< the force would have been
-  kDeviceFailed,
-  kEmergencyStop
+  kNone = 0,
+  kInputNotFinite = 1,  ///< a pose, velocity or surface figure was NaN or infinite
+  kForceNotFinite = 2,  ///< the force would have been
+  kDeviceFailed = 3,    ///< DeviceHealth::kFailed
+  kEmergencyStop = 4,
+  kTooFast = 5  ///< the tip moved faster than ForceSettings::max_speed while a force acted on it
 };
 
 struct ForceSettings {
@@ -37,6 +42,9 @@ struct ForceSettings {
   double recovery = 0.1;    ///< s from zero to full strength once poses are fresh again
   double hold = 0.010;      ///< s for which an old pose still counts
   double zero_by = 0.060;   ///< s of age at which the force is zero
+  /// m/s, as the device tells it and as its positions do. A hand does not move so fast against a force, a device that
+  /// has come loose does; in the air nothing is tripped.
+  double max_speed = 1.5;
 };
 
 /// How the touched object feels along its normal.
@@ -48,6 +56,7 @@ struct Feel {
 struct ForceResult {
   Vec3d force = Vec3d::Zero();  ///< on the user's hand
   std::uint32_t bits = 0;       ///< ForceBit
+  std::uint32_t began = 0;      ///< those that the step before did not have
   Fault fault = Fault::kNone;
 };
 
@@ -68,6 +77,7 @@ class ForceRenderer {
   [[nodiscard]] double stiffness(const Feel& feel, double dt, double loop_delay = 0) const noexcept;
 
   /// One cycle of `dt` seconds. `pose_age`: seconds since the device was where `device` says, without its transit.
+  /// Whatever comes in, the force is finite and within its limits, and zero from the first fault on.
   [[nodiscard]] const ForceResult& step(const ProxyResult& proxy, const DeviceState& device, const Feel& feel,
                                         double pose_age, double dt) noexcept;
 
@@ -78,13 +88,20 @@ class ForceRenderer {
   void reset() noexcept;
 
  private:
+  void render(const ProxyResult& proxy, const DeviceState& device, const Feel& feel, double pose_age,
+              double dt) noexcept;
   void advance_gain(double pose_age, double dt) noexcept;
+  [[nodiscard]] double speed_of(const DeviceState& device, double dt) noexcept;
 
   ForceSettings settings_;
   DeviceSpec spec_;
   ForceResult result_;
   double gain_ = 0;        // share of full strength
   double rise_time_ = -1;  // s from zero to full strength; < 0: as at the start
+  std::uint32_t bits_before_ = 0;
+  bool placed_ = false;  // the next two are known
+  Vec3d position_ = Vec3d::Zero();
+  std::int64_t time_ns_ = 0;
 };
 
 }  // namespace tactus::haptics

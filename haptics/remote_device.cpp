@@ -20,12 +20,13 @@ void LoopDelay::add(double seconds, double dt) noexcept {
 }
 
 bool RemoteDevice::on_pose(RemotePose pose) noexcept {
-  if (started_ && static_cast<std::int32_t>(pose.sequence - newest_) <= 0) return false;
+  const auto ahead = static_cast<std::int32_t>(pose.sequence - newest_);
+  if (started_ && (ahead <= 0 || ahead > kAhead) && pose.arrived_ns - newest_ns_ < kForget) return false;
   const double dt = started_ ? static_cast<double>(pose.arrived_ns - newest_ns_) * 1e-9 : 0;
   started_ = true;
   newest_ = pose.sequence;
   newest_ns_ = pose.arrived_ns;
-  pose.taken_ns = std::min(pose.taken_ns, pose.arrived_ns);
+  pose.taken_ns = std::clamp(pose.taken_ns, pose.arrived_ns - kOldest, pose.arrived_ns);
   const std::uint32_t sent = commands_.load(std::memory_order_acquire);
   if (pose.command_felt != 0 && static_cast<std::int32_t>(sent - pose.command_felt) >= 0)
     loop_delay_.add(static_cast<double>(pose.arrived_ns - sent_ns(pose.command_felt)) * 1e-9, dt);

@@ -54,8 +54,12 @@ class RemoteDevice final : public Device {
   /// `spec` is what its maker vouches for.
   explicit RemoteDevice(const DeviceSpec& spec = {}) : spec_{spec} {}
 
-  /// False when a newer one has arrived before. One network thread at a time.
+  /// False when a newer one has arrived, or when its number is further ahead than kAhead. After a silence of kForget
+  /// any number is taken: a device that has restarted, or one wrong number, must not make it deaf. One network thread
+  /// at a time.
   bool on_pose(RemotePose pose) noexcept;
+  static constexpr std::int32_t kAhead = 4096;
+  static constexpr std::int64_t kForget = 250'000'000;  ///< ns
   /// A command leaves for the device with the force of the cycle that began at `cycle_ns`; gives its number, from 1.
   /// One sending thread.
   [[nodiscard]] std::uint32_t on_command(std::int64_t cycle_ns) noexcept;
@@ -71,7 +75,8 @@ class RemoteDevice final : public Device {
   [[nodiscard]] DeviceHealth health() const noexcept override { return DeviceHealth::kReady; }
 
  private:
-  static constexpr std::uint32_t kRemembered = 1024;  // commands; older ones count as the oldest of these
+  static constexpr std::int64_t kOldest = 10'000'000'000;  // ns of transit; more is a clock that is wrong
+  static constexpr std::uint32_t kRemembered = 1024;       // commands; older ones count as the oldest of these
   struct Mail {
     RemotePose pose;
     double loop_delay = LoopDelay::kUnknown;

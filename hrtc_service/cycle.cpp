@@ -32,10 +32,12 @@ Cycle::Cycle(const CycleSettings& settings, const std::array<haptics::DeviceSpec
 }
 
 void Cycle::stop(haptics::Fault fault) noexcept {
+  stopped_ = fault;
   for (haptics::ForceRenderer& force : forces_) force.latch(fault);
 }
 
 void Cycle::reset_faults() noexcept {
+  stopped_ = haptics::Fault::kNone;
   for (haptics::ForceRenderer& force : forces_) force.reset();
 }
 
@@ -165,6 +167,7 @@ void Cycle::render(std::uint32_t number, const ProbeInput& input, ProbeOutput& o
                                renderer.stiffness(feel, settings_.period, input.device.loop_delay)});
   }
   const haptics::ProxyResult& proxy = proxies_[number].step(input.device.position, settings_.period, surface, changed);
+  if (input.failed) renderer.latch(haptics::Fault::kDeviceFailed);
   const haptics::ForceResult& force =
       renderer.step(proxy, input.device, feel, input.pose_age - input.device.transit, settings_.period);
 
@@ -191,7 +194,10 @@ void Cycle::render(std::uint32_t number, const ProbeInput& input, ProbeOutput& o
     output.status |= session::kForceRamped;
   if ((force.bits & haptics::kForceStiffnessCut) != 0) output.status |= session::kStiffnessCut;
   if ((force.bits & haptics::kForceStale) != 0) output.status |= session::kStalePose;
-  if (force.fault != haptics::Fault::kNone) output.status |= session::kFault;
+  if (force.fault != haptics::Fault::kNone)
+    output.status |= session::kFault | static_cast<std::uint32_t>(force.fault) << session::kFaultReasonShift;
+  if (force.began != 0)
+    for (std::uint32_t bit = 0; bit < haptics::kForceBits; ++bit) result_.interventions[bit] += force.began >> bit & 1u;
 }
 
 const CycleResult& Cycle::touch(const std::array<ProbeInput, kMaxProbes>& probes, std::int64_t now_ns,
@@ -212,6 +218,7 @@ const CycleResult& Cycle::touch(const std::array<ProbeInput, kMaxProbes>& probes
       if (result_.probes[i].active) {
         proxies_[i].reset();
         forces_[i].reset();
+        if (stopped_ != haptics::Fault::kNone) forces_[i].latch(stopped_);
       }
       result_.probes[i] = output;
       continue;

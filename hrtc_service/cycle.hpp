@@ -42,6 +42,7 @@ struct ProbeInput {
   haptics::DeviceState device;  ///< tip, world
   double pose_age = 0;          ///< s
   NearObjects near;             ///< from the broad phase
+  bool failed = false;          ///< the device did; latches a fault
 };
 
 struct ProbeOutput {
@@ -72,6 +73,8 @@ struct CycleCosts {
 struct CycleResult {
   std::array<ProbeOutput, kMaxProbes> probes;
   CycleCosts costs;
+  /// How often each haptics::ForceBit has begun to act, since the start and over all probes.
+  std::array<std::uint32_t, haptics::kForceBits> interventions{};
   bool budget_spent = false;
   bool nodes_full = false;
 };
@@ -102,7 +105,7 @@ class Cycle {
   /// The result stays valid, and its parts as the last call of each function left them.
   [[nodiscard]] const CycleResult& result() const noexcept { return result_; }
 
-  /// Zero force on every probe until reset_faults. Realtime.
+  /// Zero force on every probe until reset_faults, those that come later included. Realtime.
   void stop(haptics::Fault fault) noexcept;
   /// Ends the faults; forces start softly again.
   void reset_faults() noexcept;
@@ -152,8 +155,9 @@ class Cycle {
   std::array<Tip, kMaxProbes> tips_{};             // of the last touch
   std::int64_t touch_began_ns_ = 0;
   std::array<haptics::Proxy, kMaxProbes> proxies_;
-  double reach_ = haptics::ProxySettings{}.reach;  // m, of the proxies; grows with the objects
-  std::vector<haptics::ForceRenderer> forces_;     // by probe
+  double reach_ = haptics::ProxySettings{}.reach;   // m, of the proxies; grows with the objects
+  std::vector<haptics::ForceRenderer> forces_;      // by probe
+  haptics::Fault stopped_ = haptics::Fault::kNone;  // all of them
   std::array<ObjectsSurface, kMaxProbes> surfaces_;
   std::array<Target, kMaxTargets> targets_;
   std::uint32_t target_count_ = 0;

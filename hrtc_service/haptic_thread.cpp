@@ -86,6 +86,7 @@ void HapticThread::read_devices(std::int64_t now_ns) noexcept {
     input.active = current_.devices[i] != nullptr;
     if (!input.active) continue;
     input.device = current_.devices[i]->read(now_ns);
+    input.failed = current_.devices[i]->health() == haptics::DeviceHealth::kFailed;
     input.pose_age = static_cast<double>(now_ns - input.device.time_ns) * 1e-9;
     if (current_.framed[i])
       input.device = frames_[i].to_world(input.device, (input.device.buttons & kClutchButton) != 0);
@@ -156,7 +157,7 @@ void HapticThread::run() {
     const CycleResult& result = cycle_.touch(inputs_, now_ns, arrived_.data(), arrived);
     write_forces(result);
 
-    const ProbeReports reports{now_ns, ++cycles, result.probes};
+    const ProbeReports reports{now_ns, ++cycles, result.probes, result.interventions};
     sender_reports_.post(reports);
     service_reports_.post(reports);
     const std::uint64_t one = 1;

@@ -37,6 +37,7 @@ struct ProbeReports {
   std::int64_t time_ns = 0;
   std::uint64_t cycle = 0;
   std::array<ProbeOutput, kMaxProbes> probes;
+  std::array<std::uint32_t, haptics::kForceBits> interventions{};  ///< of CycleResult
 };
 
 /// Forest::mesh_hash of the mesh shown of each object, by object index; 0 where there is none.

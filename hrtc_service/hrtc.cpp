@@ -146,6 +146,7 @@ struct Hrtc::Impl {
   void take(const session::Metrics& told, std::int64_t now_ns) { neighbours.on_metrics(told, now_ns); }
 
   void on_event(const session::RosterEvent& event);
+  void tell_of_fault(std::uint32_t slot, std::uint32_t status);
   void seat(const session::RosterEntry& client);
   void listen_to_device(User& user);
   void open_remote_devices();
@@ -231,6 +232,7 @@ struct Hrtc::Impl {
   bool ended = false;
   int exit_code = 0;
   ProbeReports reports;
+  std::array<bool, kMaxProbes> faults_told{};
   std::uint64_t first_cycle = 0;  // seen; 0: none yet
   std::int64_t first_cycle_ns = 0;
   std::array<ProbeSight, kMaxProbes> sights;
@@ -527,6 +529,7 @@ void Hrtc::Impl::take(const session::Control& control, std::int64_t) {
       haptic.commands().post(commands);
       break;
     case session::ControlKind::kReset:
+      spdlog::info("forces are reset: {}", control.text);
       ++commands.resets;
       haptic.commands().post(commands);
       break;
@@ -608,6 +611,9 @@ void Hrtc::Impl::send_metrics(bool all) {
       {names::kRemoteDevices, static_cast<double>(remotes)},
       {names::kLoopDelay, loop_delay * 1e6}};
   for (const auto& [name, value] : counts) sample.figures.push_back({name, value});
+  static_assert(std::size(names::kInterventions) == haptics::kForceBits);
+  for (std::size_t i = 0; i < haptics::kForceBits; ++i)
+    sample.figures.push_back({names::kInterventions[i], static_cast<double>(reports.interventions[i])});
   const auto since_catalogue = [&](const char* name, std::int64_t at_ns) {
     if (at_ns != 0) sample.figures.push_back({name, static_cast<double>(at_ns - first.catalogue_ns) * 1e-3});
   };
@@ -848,6 +854,18 @@ void Hrtc::Impl::tell_of_hosts(std::int64_t now_ns) {
   }
 }
 
+void Hrtc::Impl::tell_of_fault(std::uint32_t slot, std::uint32_t status) {
+  const bool fault = (status & session::kFault) != 0;
+  if (fault == faults_told[slot]) return;
+  faults_told[slot] = fault;
+  const auto user = users.find(slot);
+  const std::string& name = user == users.end() ? "nobody" : user->second.name;
+  if (fault)
+    spdlog::warn("the force of user {} is off until it is reset: {}", name, session::fault_reason(status));
+  else
+    spdlog::info("the force of user {} is on again", name);
+}
+
 void Hrtc::Impl::serve(std::int64_t now_ns) {
   for (const session::RosterEvent& event : roster.tick(now_ns)) on_event(event);
   if (haptic.reports_for_service().take(reports)) {
@@ -859,6 +877,7 @@ void Hrtc::Impl::serve(std::int64_t now_ns) {
       const ProbeOutput& probe = reports.probes[i];
       sights[i] = {probe.active, (probe.status & session::kInContact) != 0, reports.time_ns, vec(probe.device),
                    vec(probe.proxy)};
+      tell_of_fault(i, probe.status);
     }
   }
   std::array<NearObjects, kMaxProbes> near;

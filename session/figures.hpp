@@ -79,6 +79,11 @@ inline constexpr char kRemoteDevices[] = "hrtc.remote_devices";
 inline constexpr char kLoopDelay[] = "hrtc.loop_us";         ///< the greatest of theirs now, as stiffness is cut to
 inline constexpr char kStaleCycles[] = "hrtc.stale_cycles";  ///< summed over all probes: force ramped for an old pose
 
+// An HRTC: how often what keeps forces safe has begun to act, over all its probes; in the order of haptics::ForceBit.
+inline constexpr const char* kInterventions[] = {"safety.saturated",   "safety.slew_limited",  "safety.soft_starts",
+                                                 "safety.stale_poses", "safety.surface_ramps", "safety.stiffness_cuts",
+                                                 "safety.faults"};
+
 /// Followed by the topic's name and .rate, .lost_share, .age_us.p50, .age_us.p99 or .age_us.max: as its reader sees it.
 inline constexpr char kTopicPrefix[] = "topic.";
 

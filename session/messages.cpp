@@ -33,4 +33,22 @@ std::uint32_t checksum_of(spm::Span<const std::uint8_t> payload) noexcept {
   return static_cast<std::uint32_t>(XXH3_64bits(payload.data(), payload.size()));
 }
 
+const char* fault_reason(std::uint32_t status) noexcept {
+  if ((status & kFault) == 0) return "";
+  switch ((status & kFaultReason) >> kFaultReasonShift) {
+    case 1:
+      return "a pose or a surface was not a number";
+    case 2:
+      return "the force would not have been a number";
+    case 3:
+      return "the device failed";
+    case 4:
+      return "emergency stop";
+    case 5:
+      return "the tip moved too fast against a force";
+    default:
+      return "unknown";
+  }
+}
+
 }  // namespace tactus::session

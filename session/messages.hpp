@@ -177,11 +177,16 @@ enum StatusBit : std::uint32_t {
   kForceRamped = 1u << 4,  ///< soft start, stale data or a surface that moved past the proxy
   kContactsTruncated = 1u << 5,
   kPoolFull = 1u << 6,
-  kBudgetSpent = 1u << 7,   ///< refinement goes on next cycle
-  kFault = 1u << 8,         ///< latched
-  kSurfaceMoved = 1u << 9,  ///< refinement moved the surface past the proxy this cycle
-  kStiffnessCut = 1u << 10  ///< the material is stiffer than the device, or the loop to a remote one, can bear
+  kBudgetSpent = 1u << 7,    ///< refinement goes on next cycle
+  kFault = 1u << 8,          ///< latched
+  kSurfaceMoved = 1u << 9,   ///< refinement moved the surface past the proxy this cycle
+  kStiffnessCut = 1u << 10,  ///< the material is stiffer than the device, or the loop to a remote one, can bear
+  kFaultReason = 0xfu << 24  ///< why kFault is set: haptics::Fault; fault_reason says it in words
 };
+constexpr unsigned kFaultReasonShift = 24;
+
+/// Why the forces of a probe with this status are off; static text, empty without kFault.
+[[nodiscard]] const char* fault_reason(std::uint32_t status) noexcept;
 
 /// Topic probe_state, keys user_id and probe: written by HRTCs only, each cycle or as the rate allows.
 struct ProbeState {

@@ -16,6 +16,10 @@ bool all_finite(const Array& values) noexcept {
   return true;
 }
 
+/// Such times may be subtracted from each other, and from those of any clock here, without overflow.
+bool is_time(std::int64_t ns) noexcept { return ns > -(std::int64_t{1} << 61) && ns < std::int64_t{1} << 61; }
+constexpr char kNoTime[] = "session_time_ns: expected within 2^61 ns of zero";
+
 bool not_negative(double v) noexcept { return std::isfinite(v) && v >= 0; }
 bool positive(double v) noexcept { return std::isfinite(v) && v > 0; }
 
@@ -148,6 +152,7 @@ const char* fault(const session::BulkChunk& b) noexcept {
 const char* fault(const session::Intent& i) noexcept {
   if (i.path.empty() || i.path.size() > session::kMaxWaypoints) return "path: expected 1..16 waypoints";
   for (std::size_t k = 0; k < i.path.size(); ++k) {
+    if (!is_time(i.path[k].session_time_ns)) return "path.session_time_ns: expected within 2^61 ns of zero";
     if (!all_finite(i.path[k].position)) return "path.position: expected finite numbers";
     if (k > 0 && i.path[k].session_time_ns <= i.path[k - 1].session_time_ns) return "path: expected ascending times";
   }
@@ -155,6 +160,7 @@ const char* fault(const session::Intent& i) noexcept {
 }
 
 const char* fault(const session::ProbeState& p) noexcept {
+  if (!is_time(p.session_time_ns)) return kNoTime;
   if (const char* f = fault(p.device)) return f;
   if (!all_finite(p.proxy)) return "proxy: expected finite numbers";
   if (!all_finite(p.velocity)) return "velocity: expected finite numbers";
@@ -166,6 +172,7 @@ const char* fault(const session::ProbeState& p) noexcept {
 }
 
 const char* fault(const session::DevicePose& d) noexcept {
+  if (!is_time(d.session_time_ns)) return kNoTime;
   if (const char* f = fault(d.pose)) return f;
   if (!all_finite(d.velocity)) return "velocity: expected finite numbers";
   if (!not_negative(d.radius)) return "radius: expected finite, at least 0";
@@ -181,6 +188,7 @@ const char* fault(const session::DeviceCommand& d) noexcept {
 }
 
 const char* fault(const session::ObjectPose& o) noexcept {
+  if (!is_time(o.session_time_ns)) return kNoTime;
   if (const char* f = fault(o.pose)) return f;
   if (!all_finite(o.velocity)) return "velocity: expected finite numbers";
   if (!all_finite(o.spin)) return "spin: expected finite numbers";

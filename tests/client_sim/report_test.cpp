@@ -73,10 +73,11 @@ TEST(TouchTally, DoesNotTakeABounceForATouchNorASilenceForContact) {
 TEST(TouchTally, CountsEachLatchedFaultOnce) {
   TouchTally tally;
   for (int ms = 0; ms < 10; ++ms) {
-    const std::uint32_t fault = session::kFault;
+    const std::uint32_t fault = session::kFault | 4u << session::kFaultReasonShift;
     tally.add(state_at(ms, ms >= 2 && ms < 6 ? fault : 0u, 0), kStart, kStart);
   }
   EXPECT_EQ(tally.faults, 1u);
+  EXPECT_EQ(tally.fault_reason, "emergency stop");
 }
 
 TEST(Samples, GiveThePercentilesOfASortedList) {

@@ -133,6 +133,45 @@ TEST(Force, ReportsTheFirstFaultUntilReset) {
   EXPECT_EQ(renderer.step(floor_contact(1), DeviceState{}, {}, kFresh, kCycle).fault, Fault::kEmergencyStop);
 }
 
+TEST(Force, LatchesWhenTheTipRunsAwayAgainstAForceButNotInTheAir) {
+  ForceSettings settings = at_full_strength();
+  DeviceState fast = device_moving(0);
+  fast.velocity = {settings.max_speed + 0.1, 0, 0};
+  ForceRenderer told{settings, DeviceSpec{}};
+  EXPECT_EQ(told.step(ProxyResult{}, fast, {1000, 0}, kFresh, kCycle).fault, Fault::kNone);
+  EXPECT_EQ(told.step(floor_contact(0.002), fast, {1000, 0}, kFresh, kCycle).fault, Fault::kNone);
+  const ForceResult& result = told.step(floor_contact(0.002), fast, {1000, 0}, kFresh, kCycle);
+  EXPECT_EQ(result.fault, Fault::kTooFast);
+  EXPECT_EQ(result.force, Vec3d(Vec3d::Zero()));
+
+  // A device that says it stands still while its positions jump.
+  ForceRenderer seen{settings, DeviceSpec{}};
+  DeviceState jumping;
+  EXPECT_EQ(seen.step(floor_contact(0.002), jumping, {1000, 0}, kFresh, kCycle).fault, Fault::kNone);
+  jumping.position.x() += (settings.max_speed + 0.1) * kCycle;
+  EXPECT_EQ(seen.step(floor_contact(0.002), jumping, {1000, 0}, kFresh, kCycle).fault, Fault::kTooFast);
+}
+
+TEST(Force, APoseThatCoversALongerTimeMayBeFurtherAway) {
+  ForceRenderer renderer{at_full_strength(), DeviceSpec{}};
+  DeviceState device;
+  (void)renderer.step(floor_contact(0.002), device, {1000, 0}, kFresh, kCycle);
+  device.position.x() += 0.01;
+  device.time_ns += 20'000'000;
+  EXPECT_EQ(renderer.step(floor_contact(0.002), device, {1000, 0}, kFresh, kCycle).fault, Fault::kNone);
+}
+
+TEST(Force, TellsOfEachBitOnceWhenItBegins) {
+  ForceSettings settings = at_full_strength();
+  settings.max_force = 1;
+  ForceRenderer renderer{settings, DeviceSpec{}};
+  EXPECT_EQ(renderer.step(floor_contact(0.002), DeviceState{}, {1000, 0}, kFresh, kCycle).began, kForceSaturated);
+  EXPECT_EQ(renderer.step(floor_contact(0.002), DeviceState{}, {1000, 0}, kFresh, kCycle).began, 0u);
+  renderer.latch(Fault::kEmergencyStop);
+  EXPECT_EQ(renderer.step(floor_contact(0.002), DeviceState{}, {1000, 0}, kFresh, kCycle).began, kForceFault);
+  EXPECT_EQ(renderer.step(floor_contact(0.002), DeviceState{}, {1000, 0}, kFresh, kCycle).began, 0u);
+}
+
 TEST(Force, CutsAStiffnessThatTheDeviceCannotRenderStably) {
   ForceSettings settings = at_full_strength();
   settings.max_force = 1e9;

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <deque>
+#include <limits>
 #include <memory>
 #include <random>
 #include <utility>
@@ -43,6 +44,36 @@ TEST(RemoteDevice, GoesOnWhenTheNumbersOfPosesStartOver) {
   EXPECT_TRUE(device.on_pose(pose(0xffffffff, 0.1, kMs)));
   EXPECT_TRUE(device.on_pose(pose(0, 0.2, 2 * kMs)));
   EXPECT_EQ(device.read(2 * kMs).position.x(), 0.2);
+}
+
+TEST(RemoteDevice, ANumberFarAheadIsNotTakenAndDoesNotMakeItDeaf) {
+  RemoteDevice device;
+  EXPECT_TRUE(device.on_pose(pose(7, 0.1, kMs)));
+  EXPECT_FALSE(device.on_pose(pose(7 + RemoteDevice::kAhead + 1, 0.2, 2 * kMs)));
+  EXPECT_TRUE(device.on_pose(pose(8, 0.3, 3 * kMs)));
+  EXPECT_EQ(device.read(3 * kMs).position.x(), 0.3);
+}
+
+TEST(RemoteDevice, ThatHasRestartedIsHeardAfterASilence) {
+  RemoteDevice device;
+  EXPECT_TRUE(device.on_pose(pose(70'000, 0.1, kMs)));
+  EXPECT_FALSE(device.on_pose(pose(1, 0.2, RemoteDevice::kForget)));
+  EXPECT_TRUE(device.on_pose(pose(2, 0.3, kMs + RemoteDevice::kForget)));
+  EXPECT_TRUE(device.on_pose(pose(3, 0.4, 2 * kMs + RemoteDevice::kForget)));
+  EXPECT_EQ(device.read(2 * kMs + RemoteDevice::kForget).position.x(), 0.4);
+}
+
+TEST(RemoteDevice, AClockThatIsWrongMakesNoTransitWithoutBound) {
+  RemoteDevice device;
+  RemotePose sent = pose(1, 0, 50 * kMs);
+  for (const std::int64_t taken :
+       {std::numeric_limits<std::int64_t>::min(), std::numeric_limits<std::int64_t>::max()}) {
+    ++sent.sequence;
+    sent.taken_ns = taken;
+    ASSERT_TRUE(device.on_pose(sent));
+    EXPECT_GE(device.read(51 * kMs).transit, 0);
+    EXPECT_LE(device.read(51 * kMs).transit, 10);
+  }
 }
 
 TEST(RemoteDevice, TellsTransitFromSilence) {

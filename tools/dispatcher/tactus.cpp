@@ -24,6 +24,7 @@ constexpr std::array kCommands{
     Command{"host", "tactus-host", "serve models to a session (VE host)"},
     Command{"hrtc", "tactus-hrtc", "run haptic devices in a session (HRTC)"},
     Command{"sim", "tactus-sim", "simulated users that follow a scenario, and the session's report"},
+    Command{"control", "tactus-control", "emergency stop, reset, session mode and end, from anywhere"},
     Command{"latency", "tactus-latency", "measure latency, jitter and loss of a session's topics, and of a network"},
     Command{"doctor", "tactus-doctor", "whether this machine is fit for a session, and what mends it"},
     Command{"link", "tactus-link", "emulated network links between two namespaces of this machine"},

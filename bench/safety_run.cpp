@@ -1,0 +1,295 @@
+#include "bench/safety_run.hpp"
+
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <memory>
+#include <random>
+
+#include "haptics/remote_device.hpp"
+#include "tests/haptics/triangle_surface.hpp"
+#include "wire/check.hpp"
+#include "wire/convert.hpp"
+
+namespace tactus::bench {
+namespace {
+
+using haptics::Vec3d;
+using Bytes = std::vector<std::uint8_t>;
+
+constexpr double kCycle = 1e-3;
+constexpr std::int64_t kCycleNs = 1'000'000;
+constexpr std::size_t kLatest = 512;  // cycles by which a sample is late at most
+constexpr std::size_t kProblems = 10;
+
+/// What happens to samples, as shares of all.
+constexpr double kFlipped = 0.1, kCut = 0.02, kExtreme = 0.05, kDoubled = 0.02, kVeryLate = 0.01, kLost = 0.03;
+constexpr double kSilence = 1e-4, kStop = 2e-6, kFailure = 2e-6, kRunaway = 1e-5;  // begins, a cycle
+
+class Random {
+ public:
+  explicit Random(std::uint64_t seed) : engine_{seed} {}
+  [[nodiscard]] bool chance(double share) { return unit() < share; }
+  [[nodiscard]] double unit() { return static_cast<double>(engine_() >> 11) * 0x1p-53; }
+  [[nodiscard]] std::size_t below(std::size_t bound) { return static_cast<std::size_t>(engine_() % bound); }
+
+ private:
+  std::mt19937_64 engine_;
+};
+
+/// A hand that rubs and presses a box, at 0.2 m/s or so, and now and then runs away against the force.
+class Hand {
+ public:
+  [[nodiscard]] session::DevicePose next(std::int64_t now_ns, Random& random) {
+    const double t = static_cast<double>(now_ns) * 1e-9;
+    if (random.chance(kRunaway)) runaway_ = 20;
+    session::DevicePose pose;
+    pose.sequence = ++sequence_;
+    pose.session_time_ns = now_ns;
+    Vec3d place{0.05 * std::sin(1.3 * t), 0.05 * std::sin(1.7 * t + 1), 0.001 * std::sin(9 * t) - 0.001};
+    if (runaway_ > 0) place.z() -= 0.003 * (20 - --runaway_);
+    pose.pose.position = {place.x(), place.y(), place.z()};
+    const Vec3d velocity = (place - before_) / kCycle;
+    pose.velocity = {velocity.x(), velocity.y(), velocity.z()};
+    pose.radius = 0.003;
+    before_ = place;
+    return pose;
+  }
+
+ private:
+  Vec3d before_ = Vec3d::Zero();
+  std::uint32_t sequence_ = 0;
+  int runaway_ = 0;
+};
+
+/// The encoding that Fast DDS would carry, both ways.
+class Encoding {
+ public:
+  [[nodiscard]] Bytes bytes(const session::DevicePose& pose) {
+    wire::to_idl(pose, sample_);
+    payload_.length = 0;
+    type_.serialize(&sample_, &payload_);
+    return {payload_.data, payload_.data + payload_.length};
+  }
+  [[nodiscard]] bool pose(const Bytes& bytes, session::DevicePose& pose) {
+    std::memcpy(payload_.data, bytes.data(), bytes.size());
+    payload_.length = static_cast<std::uint32_t>(bytes.size());
+    try {
+      if (!type_.deserialize(&payload_, &sample_)) return false;
+    } catch (const std::exception&) {  // as the type of a Reader has it
+      return false;
+    }
+    wire::from_idl(sample_, pose);
+    return true;
+  }
+
+ private:
+  wire::IdlOf<session::DevicePose>::Support type_;
+  wire::IdlOf<session::DevicePose>::Type sample_;
+  eprosima::fastrtps::rtps::SerializedPayload_t payload_{1024};
+};
+
+/// Loses, delays, doubles and spoils.
+class Channel {
+ public:
+  Channel(Random& random, SafetyResult& result) : random_{random}, result_{result}, due_(kLatest) {}
+
+  void send(const Bytes& bytes, std::uint64_t cycle) {
+    if (silent_ > 0) --silent_;
+    if (random_.chance(kSilence)) silent_ = 1 + static_cast<int>(random_.below(300));
+    if (silent_ > 0 || random_.chance(kLost)) {
+      ++result_.lost;
+      return;
+    }
+    std::size_t delay = random_.below(3);
+    if (random_.chance(kVeryLate)) {
+      delay = random_.below(kLatest);
+      ++result_.late;
+    }
+    Bytes spoilt = bytes;
+    spoil(spoilt);
+    if (random_.chance(kDoubled)) {
+      due_[(cycle + random_.below(kLatest)) % kLatest].push_back(spoilt);
+      ++result_.doubled;
+    }
+    due_[(cycle + delay) % kLatest].push_back(std::move(spoilt));
+  }
+
+  /// What arrives in this cycle; to be cleared by the caller.
+  [[nodiscard]] std::vector<Bytes>& arrivals(std::uint64_t cycle) { return due_[cycle % kLatest]; }
+
+ private:
+  void spoil(Bytes& bytes) {
+    const Bytes before = bytes;
+    if (random_.chance(kFlipped))
+      for (std::size_t flips = 1 + random_.below(16); flips > 0; --flips)
+        bytes[random_.below(bytes.size())] ^= static_cast<std::uint8_t>(1u << random_.below(8));
+    if (random_.chance(kExtreme)) {
+      constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+      constexpr double kInfinite = std::numeric_limits<double>::infinity();
+      constexpr std::array kNumbers{kNan, kInfinite, -kInfinite, 1e308, -1e308, 1e9, -1e3, 0.2, 5e-324, -0.0};
+      const double number = kNumbers[random_.below(kNumbers.size())];
+      // After the encapsulation of 4 bytes, doubles lie 8 apart.
+      std::memcpy(bytes.data() + 4 + 8 * random_.below((bytes.size() - 4) / 8), &number, sizeof number);
+    }
+    if (random_.chance(kCut)) bytes.resize(random_.below(bytes.size()));
+    if (bytes != before) ++result_.corrupted;
+  }
+
+  Random& random_;
+  SafetyResult& result_;
+  std::vector<std::vector<Bytes>> due_;
+  int silent_ = 0;
+};
+
+/// Judges each force by the limits alone.
+class Watcher {
+ public:
+  Watcher(const SafetySettings& settings, double device_limit, SafetyResult& result)
+      : settings_{settings}, limit_{std::min(settings.force.max_force, device_limit)}, result_{result} {}
+
+  void on_reset(std::uint64_t cycle) {
+    reset_cycle_ = cycle;
+    latched_ = false;
+  }
+
+  /// `silence`: s since the newest sample that was taken; `reason`: of the fault, none when empty.
+  void judge(std::uint64_t cycle, const Vec3d& force, double silence, bool fault, const std::string& reason) {
+    constexpr double kRounding = 1e-9;
+    const double size = force.norm();
+    const double step = (force - before_).norm();
+    if (!force.allFinite()) tell(result_.not_finite, cycle, "the force is not finite");
+    if (size > limit_ + kRounding) tell(result_.over_limit, cycle, "the force is over its limit");
+    const bool ends_in_time = silence >= settings_.force.zero_by && size == 0;
+    if (!fault && !ends_in_time) {
+      result_.largest_step = std::max(result_.largest_step, step);
+      if (step > settings_.force.max_slew * kCycle + kRounding) tell(result_.over_slew, cycle, "the force jumped");
+    }
+    if (size > 0) result_.oldest_force = std::max(result_.oldest_force, silence);
+    if (size > 0 && silence >= settings_.force.zero_by) tell(result_.too_old, cycle, "the force is of an old pose");
+    const double since_reset = static_cast<double>(cycle - reset_cycle_ + 1) * kCycle;
+    if (size > limit_ * since_reset / settings_.force.soft_start + kRounding)
+      tell(result_.too_soon, cycle, "the force is stronger than the soft start allows");
+    if (fault && size > 0) tell(result_.despite_fault, cycle, "a force despite a fault");
+    if (fault && (reason.empty() || reason == "unknown")) tell(result_.without_reason, cycle, "a fault without reason");
+    if (latched_ && !fault) tell(result_.ended_by_itself, cycle, "a fault ended without a reset");
+    latched_ = fault;
+    result_.largest_force = std::max(result_.largest_force, size);
+    before_ = force;
+  }
+
+ private:
+  void tell(std::uint64_t& count, std::uint64_t cycle, const char* what) {
+    ++count;
+    if (result_.problems.size() < kProblems)
+      result_.problems.push_back("seed " + std::to_string(settings_.seed) + ", cycle " + std::to_string(cycle) + ": " +
+                                 what);
+  }
+
+  const SafetySettings& settings_;
+  double limit_;
+  SafetyResult& result_;
+  Vec3d before_ = Vec3d::Zero();
+  std::uint64_t reset_cycle_ = 0;
+  bool latched_ = false;
+};
+
+}  // namespace
+
+SafetyResult run_safety(const SafetySettings& settings) {
+  SafetyResult result;
+  Random random{settings.seed};
+  Hand hand;
+  Encoding encoding;
+  Channel channel{random, result};
+  // A box, 0.3 m wide, below z = 0: corners and edges are within reach of wrong positions.
+  std::vector<haptics::testing::Triangle> box;
+  const auto add = [&](const Vec3d& corner, const Vec3d& u, const Vec3d& v) {
+    for (const auto& triangle : haptics::testing::sheet(corner, u, v)) box.push_back(triangle);
+  };
+  const Vec3d low{-0.15, -0.15, -0.3};
+  const Vec3d x{0.3, 0, 0}, y{0, 0.3, 0}, z{0, 0, 0.3};
+  add(low + z, x, y);
+  add(low, y, x);
+  add(low, x, z);
+  add(low + y, z, x);
+  add(low, z, y);
+  add(low + x, y, z);
+  const haptics::testing::TriangleSurface surface{box};
+
+  auto device = std::make_unique<haptics::RemoteDevice>();
+  haptics::Proxy proxy;
+  const haptics::Feel feel{1000, 1};
+  haptics::ForceRenderer renderer{settings.force, device->spec()};
+  Watcher watcher{settings, device->spec().max_force, result};
+  std::int64_t heard_ns = -1;
+  std::uint64_t reset_at = 0;  // cycle; 0: no fault
+  std::uint32_t felt = 0;
+
+  for (std::uint64_t cycle = 1; result.arrived < settings.samples; ++cycle) {
+    const std::int64_t now_ns = static_cast<std::int64_t>(cycle) * kCycleNs;
+    session::DevicePose pose = hand.next(now_ns, random);
+    pose.pose.orientation = {0, 0, 0, 1};
+    pose.command_felt = felt > 3 ? felt - 3 : 0;
+    channel.send(encoding.bytes(pose), cycle);
+    for (const Bytes& bytes : channel.arrivals(cycle)) {
+      ++result.arrived;
+      session::DevicePose arrived;
+      if (!encoding.pose(bytes, arrived)) {
+        ++result.undecodable;
+        continue;
+      }
+      if (wire::fault(arrived) != nullptr) {
+        ++result.refused;
+        if (!random.chance(settings.unchecked)) continue;
+        ++result.unchecked;
+      }
+      haptics::RemotePose taken;
+      taken.position = arrived.pose.position;
+      taken.orientation = arrived.pose.orientation;
+      taken.velocity = arrived.velocity;
+      taken.sequence = arrived.sequence;
+      taken.buttons = arrived.buttons;
+      taken.command_felt = arrived.command_felt;
+      taken.taken_ns = arrived.session_time_ns;
+      taken.arrived_ns = now_ns;
+      const bool newest = device->on_pose(taken);
+      ++(newest ? result.taken : result.overtaken);
+      if (newest) heard_ns = now_ns;
+    }
+    channel.arrivals(cycle).clear();
+    if (heard_ns < 0) continue;  // as in an HRTC, where a device without a pose is not served
+
+    const haptics::DeviceState state = device->read(now_ns);
+    const double age = static_cast<double>(now_ns - state.time_ns) * 1e-9;
+    if (random.chance(kStop)) renderer.latch(haptics::Fault::kEmergencyStop);
+    if (random.chance(kFailure)) renderer.latch(haptics::Fault::kDeviceFailed);
+    proxy.set_grip({0.5, 0.4, renderer.stiffness(feel, kCycle, state.loop_delay)});
+    const haptics::ProxyResult& touch = proxy.step(state.position, kCycle, surface, false);
+    const haptics::ForceResult& force = renderer.step(touch, state, feel, age - state.transit, kCycle);
+    felt = device->on_command(now_ns);
+
+    ++result.cycles;
+    result.contact_cycles += touch.in_contact ? 1 : 0;
+    result.force_cycles += force.force.isZero(0) ? 0 : 1;
+    for (std::uint32_t bit = 0; bit < haptics::kForceBits; ++bit) result.interventions[bit] += force.began >> bit & 1u;
+    const bool fault = force.fault != haptics::Fault::kNone;
+    const std::uint32_t status =
+        fault ? session::kFault | static_cast<std::uint32_t>(force.fault) << session::kFaultReasonShift : 0;
+    watcher.judge(cycle, force.force, static_cast<double>(now_ns - heard_ns) * 1e-9, fault,
+                  session::fault_reason(status));
+    if (fault && reset_at == 0) {
+      ++result.faults[static_cast<std::size_t>(force.fault)];
+      reset_at = cycle + 20 + random.below(200);
+    }
+    if (cycle == reset_at) {
+      renderer.reset();
+      proxy.reset();
+      watcher.on_reset(cycle + 1);
+      reset_at = 0;
+    }
+  }
+  return result;
+}
+
+}  // namespace tactus::bench
