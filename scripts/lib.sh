@@ -57,12 +57,13 @@ trap 'exit 143' TERM HUP
 
 # ---- packages ----
 
-# packages SECTION...: the names listed in those sections of packages.txt.
+# packages SECTION...: the lines of those sections of packages.txt, without spaces around them.
 packages() {
   local wanted=" $* " section='' line
   while read -r line; do
     line=${line%%#*}
-    line=${line//[[:space:]]/}
+    line=${line#"${line%%[![:space:]]*}"}
+    line=${line%"${line##*[![:space:]]}"}
     case $line in
       '') ;;
       '['*']') section=${line:1:-1} ;;
@@ -101,6 +102,20 @@ ensure_packages() {
     fail "could not install packages; the whole output is in $log"
   fi
   say "packages installed"
+}
+
+# ensure_npm: the npm packages into build/npm/node_modules. What needs them is left out when they cannot be had.
+ensure_npm() {
+  local -a missing=()
+  local name version integrity
+  while read -r name version integrity; do
+    [[ -e $root/build/npm/node_modules/$name/package.json ]] || missing+=("$name" "$version" "$integrity")
+  done < <(packages npm)
+  [[ ${#missing[@]} -gt 0 ]] || return 0
+  say "fetching $((${#missing[@]} / 3)) npm packages"
+  mkdir -p "$root/build/npm"
+  run node "$root/scripts/npm.js" "$root/build/npm" "${missing[@]}" >&2 ||
+    say "no npm packages: the tests of recordings will be left out"
 }
 
 # ---- build ----

@@ -35,7 +35,7 @@ inline thread_local std::uint64_t decode_failures = 0;
 /// A generated type made safe for what the network may bring, and for several ends in several threads: no exception
 /// leaves the decoder, and the key is computed on the stack instead of in a buffer that all ends share.
 template <class Support>
-class Guarded final : public Support {
+class Guarded : public Support {
  public:
   using Type = typename Support::type;
 

@@ -29,15 +29,11 @@ class LeanTransport final : public fdds::ChainingTransport {
 
   bool send(rtps::SenderResource* low, const rtps::octet* message, std::uint32_t size, rtps::LocatorsIterator* first,
             rtps::LocatorsIterator* last, const std::chrono::steady_clock::time_point& until) override {
-    constexpr std::uint32_t kSample = kHeader + kInfoDestination + kInfoTime;
     std::array<rtps::octet, 2048> trimmed;
-    const bool lone_sample = size > kSample + kStatistics && size <= trimmed.size() &&
-                             message[size - kStatistics] == kStatisticsId && message[kHeader] == kInfoDestinationId &&
-                             message[kHeader + kInfoDestination] == kInfoTimeId && message[kSample] == kDataId &&
-                             ends_there(message + kSample, size - kSample - kStatistics);
-    if (!lone_sample) return low->send(message, size, first, last, until);
+    const std::uint32_t sample = sample_in(message, size);
+    if (sample == 0 || size > trimmed.size()) return low->send(message, size, first, last, until);
     auto end = std::copy(message, message + kHeader, trimmed.begin());
-    end = std::copy(message + kSample, message + size - kStatistics, end);
+    end = std::copy(message + sample, message + size - kStatistics, end);
     // What looks like statistics there the transport below would fill in, and the receiver take off: padding moves it.
     while (end[-std::ptrdiff_t{kStatistics}] == kStatisticsId) end = std::copy(kPadding.begin(), kPadding.end(), end);
     return low->send(trimmed.data(), static_cast<std::uint32_t>(end - trimmed.begin()), first, last, until);
@@ -49,6 +45,21 @@ class LeanTransport final : public fdds::ChainingTransport {
   }
 
  private:
+  /// Where the one sample of a message begins that has nothing else but its time, perhaps its destination (none when
+  /// several readers have found the writer) and statistics; 0 when it has more.
+  static std::uint32_t sample_in(const rtps::octet* message, std::uint32_t size) noexcept {
+    if (size <= kHeader + kInfoDestination + kInfoTime + kStatistics) return 0;
+    const bool to_one = message[kHeader] == kInfoDestinationId;
+    const std::uint32_t time = kHeader + (to_one ? kInfoDestination : 0);
+    const std::uint32_t sample = time + kInfoTime;
+    const bool alone = message[time] == kInfoTimeId && message[sample] == kDataId &&
+                       message[size - kStatistics] == kStatisticsId &&
+                       ends_there(message + sample, size - sample - kStatistics);
+    // Discovery's own samples to everybody stay as they are: the kind of their writer says that it is built in.
+    constexpr std::uint32_t kWriterKind = 15;
+    const bool built_in = alone && (message[sample + kWriterKind] & 0xc0) != 0;
+    return alone && (to_one || !built_in) ? sample : 0;
+  }
   /// Whether a submessage is the last of so many bytes.
   static bool ends_there(const rtps::octet* submessage, std::uint32_t size) noexcept {
     const bool little = (submessage[1] & 1) != 0;

@@ -1,7 +1,7 @@
-/// The library's UDP for samples that each go to one reader, without what nobody reads: Debian's build of Fast DDS ends
-/// every RTPS message with a submessage of its vendor's statistics, 60 bytes; and each sample is preceded by its
-/// destination and its time, 28 bytes, which its one receiver assumes or does not ask for. What goes out is standard
-/// RTPS as before.
+/// The library's UDP for samples of one reader, or of several that each get a datagram, without what nobody reads:
+/// Debian's build of Fast DDS ends every RTPS message with a submessage of its vendor's statistics, 60 bytes; and each
+/// sample is preceded by its destination and its time, 28 bytes, which its one receiver assumes or does not ask for.
+/// What goes out is standard RTPS as before.
 #pragma once
 
 #include <fastdds/rtps/transport/ChainingTransportDescriptor.h>

@@ -25,6 +25,7 @@ constexpr std::array kCommands{
     Command{"hrtc", "tactus-hrtc", "run haptic devices in a session (HRTC)"},
     Command{"sim", "tactus-sim", "simulated users that follow a scenario, and the session's report"},
     Command{"control", "tactus-control", "emergency stop, reset, session mode and end, from anywhere"},
+    Command{"record", "tactus-record", "every topic of a session into an MCAP file"},
     Command{"latency", "tactus-latency", "measure latency, jitter and loss of a session's topics, and of a network"},
     Command{"doctor", "tactus-doctor", "whether this machine is fit for a session, and what mends it"},
     Command{"link", "tactus-link", "emulated network links between two namespaces of this machine"},

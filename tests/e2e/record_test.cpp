@@ -1,0 +1,86 @@
+/// A session recorded as a user records it, read by the reference reader of the format.
+#include <nlohmann/json.hpp>
+
+#include "tests/e2e/session_test.hpp"
+#include "tests/trace/read_mcap.hpp"
+
+namespace tactus::e2e {
+namespace {
+
+using nlohmann::json;
+using Seen = Observer::Seen;
+
+class RecordTest : public SessionTest {
+ protected:
+  [[nodiscard]] std::vector<std::string> record(const std::string& file) const {
+    return in_session("record", {path(file)});
+  }
+  [[nodiscard]] json decoded(const std::string& how, const std::string& file) const {
+    const std::string text = trace::read_mcap("decoded " + how + " '" + path(file) + "'");
+    EXPECT_TRUE(json::accept(text)) << text.substr(0, 2000);
+    return json::accept(text) ? json::parse(text) : json::object();
+  }
+};
+
+constexpr char kTwo[] = R"(name: recorded
+duration: 120
+users:
+  - name: ann
+    script: [{approach: {object: "#1", direction: [0, 0, 1], speed: 0.2}}, {hold: {seconds: 110, force: 1}}]
+  - name: bob
+    remote: true
+    script: [{approach: {object: "#1", direction: [0, 1, 0], speed: 0.2}}, {hold: {seconds: 110, force: 1}}]
+)";
+
+TEST_F(RecordTest, HasEveryTopicOfASessionThatGoesOnAsWithoutIt) {
+  Observer observer{address("observer")};
+  Process recorder{record("all.mcap")};
+  ASSERT_TRUE(recorder.wait_for_line("recording session"));
+  Process cut{record("cut.mcap")};
+  ASSERT_TRUE(cut.wait_for_line("recording session"));
+  Process museum{host("museum", models().sphere)};
+  Process desk{hrtc("desk")};
+  Process users{sim(kTwo)};
+  ASSERT_TRUE(observer.until([](const Seen& seen) {
+    return seen.user("ann").exact > 100 && seen.user("bob").exact > 100 && seen.metrics_of("desk") > 1;
+  })) << users.output()
+      << desk.output();
+  // It writes to the file once a second at least.
+  const std::uint64_t metrics = observer.seen().metrics_of("desk");
+  ASSERT_TRUE(observer.until([&](const Seen& seen) { return seen.metrics_of("desk") > metrics + 4; }));
+  cut.signal(SIGKILL);
+  users.signal(SIGINT);
+  EXPECT_TRUE(ends_with(1, users));
+  EXPECT_TRUE(ends_with(0, desk));
+  EXPECT_TRUE(ends_with(0, museum));
+  recorder.signal(SIGINT);
+  EXPECT_TRUE(ends_with(0, recorder));
+
+  const json all = decoded("", "all.mcap");
+  std::uint64_t messages = 0;
+  for (const auto& [topic, of] : all.items()) messages += of["count"].get<std::uint64_t>();
+  EXPECT_THAT(recorder.output(), testing::HasSubstr(std::to_string(messages) + " messages, "));
+  for (const char* const topic :
+       {"tactus_roster", "tactus_catalogue", "tactus_demand", "tactus_metrics", "tactus_control", "tactus_records",
+        "tactus_probe_state", "tactus_intent", "tactus_device_pose", "tactus_device_command", "tactus_clock"})
+    EXPECT_TRUE(all.contains(topic)) << topic;
+  ASSERT_TRUE(all.contains("tactus_device_pose"));
+  const json& pose = all["tactus_device_pose"];
+  EXPECT_EQ(pose["schema"], "tactus::idl::DevicePose");
+  EXPECT_EQ(pose["last"]["user_id"], std::to_string(session::id_of("bob")));
+  EXPECT_NEAR(pose["last"]["device"]["orientation"][3].get<double>(), 1, 1);
+  EXPECT_EQ(all["tactus_catalogue"]["last"]["object_name"], "sphere");
+
+  const json until_killed = decoded("stream", "cut.mcap");
+  EXPECT_GT(until_killed["tactus_probe_state"]["count"], 0);
+  EXPECT_EQ(until_killed["tactus_catalogue"]["last"]["object_name"], "sphere");
+}
+
+TEST_F(RecordTest, AFileThatCannotBeWrittenIsWrongInput) {
+  Process recorder{record("none/x.mcap")};
+  EXPECT_TRUE(ends_with(2, recorder));
+  EXPECT_THAT(recorder.output(), testing::HasSubstr("none/x.mcap: No such file or directory"));
+}
+
+}  // namespace
+}  // namespace tactus::e2e

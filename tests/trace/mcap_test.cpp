@@ -1,0 +1,89 @@
+#include "trace/mcap.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <random>
+
+#include "tests/support/temporary_folder.hpp"
+#include "tests/trace/read_mcap.hpp"
+
+namespace tactus::trace {
+namespace {
+
+constexpr unsigned kSeed = 3;
+
+class Mcap : public ::testing::Test {
+ protected:
+  /// Messages of any size on two topics, times going up and, now and then, back; more than two chunks. Gives what the
+  /// reader has to print of them.
+  std::string fill(McapWriter& writer) {
+    const McapWriter::Schema schema = writer.add_schema("demo::Blob", "omgidl", "struct Blob { octet x; };");
+    const McapWriter::Channel channels[] = {writer.add_channel(schema, "a", "cdr", {{"key", "value"}}),
+                                            writer.add_channel(schema, "b", "cdr")};
+    const char* const names[] = {"a", "b"};
+    std::mt19937 random{kSeed};
+    std::string expected;
+    std::uint64_t time = 1'700'000'000'000'000'000;
+    for (std::uint32_t i = 0; i < 900; ++i) {
+      std::vector<std::uint8_t> message(random() % 6000);
+      for (std::uint8_t& byte : message) byte = static_cast<std::uint8_t>(random());
+      const std::size_t which = random() % 2;
+      time += 1000;
+      writer.write(channels[which], time, time - 7, i, {message.data(), message.size()});
+      char head[96];
+      std::snprintf(head, sizeof head, "%s %u %llu %llu ", names[which], i, static_cast<unsigned long long>(time),
+                    static_cast<unsigned long long>(time - 7));
+      expected += head;
+      for (const std::uint8_t byte : message) {
+        std::snprintf(head, sizeof head, "%02x", byte);
+        expected += head;
+      }
+      expected += '\n';
+    }
+    return expected;
+  }
+
+  test_support::TemporaryFolder folder_;
+  std::string file_ = (folder_.path() / "made.mcap").string();
+};
+
+TEST_F(Mcap, TheReferenceReaderFindsEveryMessageByTheIndex) {
+  std::string expected;
+  {
+    McapWriter writer{file_, "test"};
+    expected = fill(writer);
+    EXPECT_EQ(writer.messages(), 900u);
+  }
+  EXPECT_EQ(read_mcap("lines '" + file_ + "'"), expected) << "seed " << kSeed;
+}
+
+TEST_F(Mcap, AFileWithoutItsEndKeepsWhatWasFlushed) {
+  McapWriter writer{file_, "test"};
+  const std::string expected = fill(writer);
+  writer.flush();
+  EXPECT_EQ(read_mcap("lines stream '" + file_ + "'"), expected) << "seed " << kSeed;
+}
+
+TEST_F(Mcap, AnEmptyFileIsOne) {
+  { McapWriter writer{file_, "test"}; }
+  EXPECT_EQ(read_mcap("lines '" + file_ + "'"), "");
+}
+
+TEST_F(Mcap, AFileThatCannotBeWrittenIsNamed) {
+  const std::string nowhere = (folder_.path() / "none" / "x.mcap").string();
+  try {
+    const McapWriter writer{nowhere, "test"};
+    FAIL() << "expected an error";
+  } catch (const McapError& error) {
+    EXPECT_THAT(error.what(), testing::HasSubstr(nowhere));
+  }
+}
+
+TEST_F(Mcap, AFullDiskIsTold) {
+  McapWriter writer{"/dev/full", "test"};
+  EXPECT_THROW(fill(writer), McapError);
+}
+
+}  // namespace
+}  // namespace tactus::trace

@@ -1,0 +1,22 @@
+/// What the reference reader of MCAP prints of a file.
+#pragma once
+
+#include <array>
+#include <cstdio>
+#include <memory>
+#include <string>
+
+namespace tactus::trace {
+
+/// The output of tests/trace/read_mcap.js with these arguments; its errors come with it.
+inline std::string read_mcap(const std::string& arguments) {
+  const std::string command = TACTUS_READ_MCAP " " + arguments + " 2>&1";
+  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> pipe{popen(command.c_str(), "r"), &pclose};
+  std::string output;
+  std::array<char, 4096> part{};
+  for (std::size_t got; (got = std::fread(part.data(), 1, part.size(), pipe.get())) > 0;)
+    output.append(part.data(), got);
+  return output;
+}
+
+}  // namespace tactus::trace

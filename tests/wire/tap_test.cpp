@@ -1,0 +1,78 @@
+#include "wire/tap.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "support.hpp"
+
+namespace tactus::wire::test {
+namespace {
+
+class TapTest : public ::testing::Test {
+ protected:
+  /// Sends until the tap has heard something on the topic, and gives that.
+  template <class Sample>
+  std::vector<std::uint8_t> heard(const TopicSpec<Sample>& topic, const EndOptions& options = {}) {
+    SCOPED_TRACE(topic.name);
+    Writer<Sample> writer{alpha_, topic, options};
+    const Sample sample = full<Sample>(alpha_);
+    const auto end = std::chrono::steady_clock::now() + kWatchdog;
+    for (std::optional<Heard> got; std::chrono::steady_clock::now() < end;) {
+      EXPECT_EQ(writer.send(sample), SendStatus::kSent) << writer.last_fault();
+      while ((got = inbox_.next(10ms)))
+        if (tap_.topics()[got->topic].name == topic.name) return got->bytes;
+    }
+    ADD_FAILURE() << "nothing came of " << topic.name;
+    return {};
+  }
+
+  struct Heard {
+    std::size_t topic;
+    std::vector<std::uint8_t> bytes;
+  };
+  Links alpha_{address(unique_session("tap"), "alpha")};
+  Links beta_{address(alpha_.address().session, "beta")};
+  Inbox<Heard> inbox_;
+  Tap tap_{beta_, true, [this](std::size_t topic, spm::Span<const std::uint8_t> bytes) {
+             inbox_.callback()(Heard{topic, {bytes.begin(), bytes.end()}});
+           }};
+};
+
+TEST_F(TapTest, HearsEveryTopicInEveryPartition) {
+  const std::string name = alpha_.address().participant;
+  for (const std::vector<std::uint8_t>& bytes :
+       {heard(topics::kRoster), heard(topics::kCatalogue), heard(topics::kDemand), heard(topics::kMetrics),
+        heard(topics::kControl), heard(topics::kBase, {hrtc_partition("desk")}),
+        heard(topics::kRecords, {hrtc_partition("desk")}), heard(topics::kProbeState),
+        heard(topics::kProbeStateWhole, {group_partition(7)}), heard(topics::kDevicePose, {user_partition("ann")}),
+        heard(topics::kDeviceCommand, {user_partition("ann")}), heard(topics::kIntent, {user_partition("ann")}),
+        heard(topics::kObjectPose), heard(topics::kClock), heard(topics::kClock, {hrtc_partition("desk")})}) {
+    ASSERT_GT(bytes.size(), 4u);
+    EXPECT_THAT(std::vector<std::uint8_t>(bytes.begin(), bytes.begin() + 4), testing::ElementsAre(0, 1, 0, 0))
+        << "CDR, little-endian";
+  }
+}
+
+TEST_F(TapTest, KnowsEachTopicByATypeOfTheIdl) {
+  for (const TapTopic& topic : tap_.topics()) {
+    const std::string type = topic.type.substr(topic.type.rfind(':') + 1);
+    EXPECT_THAT(idl_text(), testing::HasSubstr("struct " + type + " {")) << topic.name;
+  }
+}
+
+TEST_F(TapTest, DoesNotTakeTheFullChunksOfTheOneWhomTheyAreFor) {
+  Links gamma{address(alpha_.address().session, "gamma")};
+  Inbox<ses::BulkChunk> inbox;
+  Reader<ses::BulkChunk> reader{gamma, topics::kRecords, inbox.callback(), {hrtc_partition("gamma")}};
+  Writer<ses::BulkChunk> writer{alpha_, topics::kRecords, {hrtc_partition("gamma")}};
+  ASSERT_TRUE(eventually([&] { return writer.matched() == 2; }));
+  auto chunk = full<ses::BulkChunk>(alpha_);
+  chunk.pieces = {{1, 0, 1, 2, {}}};
+  chunk.pieces[0].payload.assign(ses::kMaxPayload - ses::head_bytes(1, 1), 0xa5);
+  const auto got = send_until_received(writer, inbox, chunk);
+  ASSERT_TRUE(got.has_value());
+  EXPECT_EQ(fields(*got), fields(chunk));
+}
+
+}  // namespace
+}  // namespace tactus::wire::test

@@ -1,0 +1,156 @@
+// tactus-record: every topic of a session into one MCAP file, encoded as it came, with its IDL.
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <chrono>
+#include <iostream>
+#include <mutex>
+#include <thread>
+
+#include "trace/mcap.hpp"
+#include "wire/command_line.hpp"
+#include "wire/process.hpp"
+#include "wire/tap.hpp"
+
+namespace {
+
+using namespace tactus;
+using Clock = std::chrono::steady_clock;
+
+constexpr char kExamples[] = R"(
+Examples:
+  tactus-record lab.mcap --session lab --domain 40
+  tactus-record probes.mcap --session lab --domain 40 --without-bulk --seconds 60
+
+Ends with Ctrl-C, or after --seconds. Messages are CDR, schemas the IDL of Tactus: what reads MCAP with omgidl shows them.
+Recording counts as one more HRTC for hosts' links unless --without-bulk leaves the meshes out.
+Exit status: 0 recorded, 1 the file could not be written to its end, 2 wrong input, 130 interrupted before anything came.)";
+
+constexpr auto kFlush = std::chrono::seconds{1};  // what a killed recorder loses at most
+
+std::uint64_t since_1970() {
+  const auto now = std::chrono::system_clock::now().time_since_epoch();
+  return static_cast<std::uint64_t>(std::chrono::duration_cast<std::chrono::nanoseconds>(now).count());
+}
+
+/// The file, its channels, and what went wrong with it.
+class Recording {
+ public:
+  explicit Recording(const std::string& file) : mcap_{file, "tactus " TACTUS_VERSION} {}
+
+  void set_topics(const std::vector<wire::TapTopic>& topics) {
+    const std::lock_guard lock{mutex_};
+    std::map<std::string, trace::McapWriter::Schema> schemas;
+    for (const wire::TapTopic& topic : topics) {
+      const auto [schema, is_new] = schemas.try_emplace(topic.type);
+      if (is_new) schema->second = mcap_.add_schema(topic.type, "omgidl", wire::idl_text());
+      channels_.push_back(mcap_.add_channel(schema->second, topic.name, "cdr", {{"partitions", topic.partitions}}));
+    }
+    sequences_.resize(channels_.size());
+  }
+
+  void add(std::size_t topic, spm::Span<const std::uint8_t> encoded) {
+    const std::lock_guard lock{mutex_};
+    if (!trouble_.empty() || topic >= channels_.size()) return;
+    const std::uint64_t now = since_1970();
+    guarded([&] { mcap_.write(channels_[topic], now, now, ++sequences_[topic], encoded); });
+  }
+
+  void flush() {
+    const std::lock_guard lock{mutex_};
+    if (trouble_.empty()) guarded([&] { mcap_.flush(); });
+  }
+  void close() {
+    const std::lock_guard lock{mutex_};
+    if (trouble_.empty()) guarded([&] { mcap_.close(); });
+  }
+
+  [[nodiscard]] std::string trouble() const {
+    const std::lock_guard lock{mutex_};
+    return trouble_;
+  }
+  [[nodiscard]] std::uint64_t messages() const {
+    const std::lock_guard lock{mutex_};
+    return mcap_.messages();
+  }
+  [[nodiscard]] std::uint64_t bytes() const {
+    const std::lock_guard lock{mutex_};
+    return mcap_.bytes();
+  }
+
+ private:
+  template <class Write>
+  void guarded(Write&& write) {
+    try {
+      write();
+    } catch (const trace::McapError& error) {
+      trouble_ = error.what();
+    }
+  }
+
+  mutable std::mutex mutex_;
+  trace::McapWriter mcap_;
+  std::vector<trace::McapWriter::Channel> channels_;
+  std::vector<std::uint32_t> sequences_;
+  std::string trouble_;
+};
+
+int record(const wire::SessionAddress& address, const std::string& file, double seconds, bool bulk,
+           const std::atomic<bool>& stop) {
+  Recording recording{file};
+  wire::Links links{address};
+  {
+    // Samples that come before the channels are known are left out; nothing is matched that soon.
+    wire::Tap tap{links, bulk,
+                  [&](std::size_t topic, spm::Span<const std::uint8_t> encoded) { recording.add(topic, encoded); }};
+    recording.set_topics(tap.topics());
+    std::cout << "recording session " << address.session << " into " << file << std::endl;
+    const auto begin = Clock::now();
+    auto flushed = begin;
+    while (!stop && recording.trouble().empty() &&
+           (seconds == 0 || Clock::now() - begin < std::chrono::duration<double>{seconds})) {
+      // Callbacks do the work; this thread only ends it and makes it durable.
+      std::this_thread::sleep_for(std::chrono::milliseconds{50});
+      if (Clock::now() - flushed < kFlush) continue;
+      recording.flush();
+      flushed = Clock::now();
+    }
+  }
+  recording.close();
+  std::cout << recording.messages() << " messages, " << recording.bytes() << " bytes\n";
+  if (const std::string trouble = recording.trouble(); !trouble.empty()) {
+    std::cerr << "tactus-record: " << trouble << '\n';
+    return 1;
+  }
+  return stop && recording.messages() == 0 ? 130 : 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  wire::SessionAddress address;
+  address.participant = "record-" + std::to_string(getpid());
+  std::string file;
+  double seconds = 0;
+  bool without_bulk = false;
+  CLI::App app{"Records every topic of a session into an MCAP file.", "tactus-record"};
+  app.footer(kExamples);
+  app.add_option("FILE", file, "The recording, *.mcap; replaced when it is there")->required();
+  wire::add_address_options(app, address, "program");
+  app.add_option("--seconds", seconds, "End after so long; 0: with Ctrl-C")
+      ->capture_default_str()
+      ->check(CLI::Range(0.0, 1e6));
+  app.add_flag("--without-bulk", without_bulk, "Leave out base meshes and records");
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : 2;
+  }
+  const std::atomic<bool>& stop = wire::stop_signal();
+  try {
+    return record(address, file, seconds, !without_bulk, stop);
+  } catch (const std::exception& error) {
+    std::cerr << "tactus-record: " << error.what() << '\n';
+    return 2;
+  }
+}

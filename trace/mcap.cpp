@@ -1,0 +1,253 @@
+#include "trace/mcap.hpp"
+
+#include <zlib.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstring>
+
+namespace tactus::trace {
+namespace {
+
+using Bytes = std::vector<std::uint8_t>;
+
+constexpr std::array<std::uint8_t, 8> kMagic{0x89, 'M', 'C', 'A', 'P', '0', '\r', '\n'};
+
+enum Opcode : std::uint8_t {
+  kHeader = 0x01,
+  kFooter = 0x02,
+  kSchema = 0x03,
+  kChannel = 0x04,
+  kMessage = 0x05,
+  kChunk = 0x06,
+  kMessageIndex = 0x07,
+  kChunkIndex = 0x08,
+  kStatistics = 0x0B,
+  kSummaryOffset = 0x0E,
+  kDataEnd = 0x0F
+};
+
+/// Little-endian, as MCAP has everything.
+class Encoder {
+ public:
+  template <class Number>
+  Encoder& number(Number value) {
+    for (std::size_t i = 0; i < sizeof(Number); ++i)
+      bytes_.push_back(static_cast<std::uint8_t>(static_cast<std::uint64_t>(value) >> (8 * i)));
+    return *this;
+  }
+  Encoder& raw(const void* from, std::size_t size) {
+    const auto* const begin = static_cast<const std::uint8_t*>(from);
+    bytes_.insert(bytes_.end(), begin, begin + size);
+    return *this;
+  }
+  Encoder& text(const std::string& value) {
+    return number(static_cast<std::uint32_t>(value.size())).raw(value.data(), value.size());
+  }
+  /// A map or an array: the bytes that `fill` appends, after their count.
+  template <class Fill>
+  Encoder& sized(Fill&& fill) {
+    const std::size_t at = bytes_.size();
+    number(std::uint32_t{0});
+    fill(*this);
+    const auto size = static_cast<std::uint32_t>(bytes_.size() - at - sizeof(std::uint32_t));
+    for (std::size_t i = 0; i < sizeof size; ++i) bytes_[at + i] = static_cast<std::uint8_t>(size >> (8 * i));
+    return *this;
+  }
+  /// What was encoded, as the content of a record.
+  [[nodiscard]] Bytes record(Opcode opcode) const {
+    Encoder whole;
+    whole.number(static_cast<std::uint8_t>(opcode)).number(static_cast<std::uint64_t>(bytes_.size()));
+    whole.raw(bytes_.data(), bytes_.size());
+    return std::move(whole.bytes_);
+  }
+
+ private:
+  Bytes bytes_;
+};
+
+std::uint32_t crc_of(const Bytes& bytes, std::uint32_t before = 0) {
+  return static_cast<std::uint32_t>(crc32(before, bytes.data(), static_cast<uInt>(bytes.size())));
+}
+
+}  // namespace
+
+McapWriter::McapWriter(std::filesystem::path file, const std::string& library)
+    : name_{std::move(file)}, file_{std::fopen(name_.c_str(), "wb"), &std::fclose} {
+  if (!file_) throw McapError("cannot write " + name_.string() + ": " + std::strerror(errno));
+  put({kMagic.begin(), kMagic.end()});
+  put(Encoder{}.text("").text(library).record(kHeader));
+}
+
+McapWriter::~McapWriter() {
+  try {
+    close();
+  } catch (const McapError&) {  // as the header says
+  }
+}
+
+void McapWriter::put(const Bytes& bytes) {
+  if (std::fwrite(bytes.data(), 1, bytes.size(), file_.get()) != bytes.size())
+    throw McapError("cannot write " + name_.string() + ": " + std::strerror(errno));
+  offset_ += bytes.size();
+}
+
+McapWriter::Schema McapWriter::add_schema(const std::string& name, const std::string& encoding,
+                                          const std::string& text) {
+  const auto id = static_cast<std::uint16_t>(schemas_.size() + 1);
+  schemas_.push_back(Encoder{}.number(id).text(name).text(encoding).text(text).record(kSchema));
+  return Schema{id};
+}
+
+McapWriter::Channel McapWriter::add_channel(Schema schema, const std::string& topic,
+                                            const std::string& message_encoding,
+                                            const std::map<std::string, std::string>& metadata) {
+  const auto id = static_cast<std::uint16_t>(channels_.size() + 1);
+  const auto of = static_cast<std::uint16_t>(schema);
+  channels_.push_back(Encoder{}
+                          .number(id)
+                          .number(of)
+                          .text(topic)
+                          .text(message_encoding)
+                          .sized([&](Encoder& map) {
+                            for (const auto& [key, value] : metadata) map.text(key).text(value);
+                          })
+                          .record(kChannel));
+  schema_of_.push_back(of);
+  counts_.push_back(0);
+  told_.push_back(false);
+  return Channel{id};
+}
+
+void McapWriter::write(Channel channel, std::uint64_t log_time, std::uint64_t publish_time, std::uint32_t sequence,
+                       spm::Span<const std::uint8_t> message) {
+  const auto id = static_cast<std::uint16_t>(channel);
+  const auto append = [&](const Bytes& record) { chunk_.insert(chunk_.end(), record.begin(), record.end()); };
+  if (!told_[id - 1u]) {  // a reader of the stream meets schema and channel before the first message
+    append(schemas_[schema_of_[id - 1u] - 1u]);
+    append(channels_[id - 1u]);
+    told_[id - 1u] = true;
+  }
+  if (chunk_messages_.empty()) chunk_first_ = chunk_last_ = log_time;
+  chunk_first_ = std::min(chunk_first_, log_time);
+  chunk_last_ = std::max(chunk_last_, log_time);
+  chunk_messages_[id].push_back({log_time, chunk_.size()});
+  append(Encoder{}
+             .number(id)
+             .number(sequence)
+             .number(log_time)
+             .number(publish_time)
+             .raw(message.data(), message.size())
+             .record(kMessage));
+  ++counts_[id - 1u];
+  ++messages_;
+  if (chunk_.size() >= kChunkBytes) flush();
+}
+
+void McapWriter::flush() {
+  if (!chunk_messages_.empty()) {
+    ChunkIndex index{chunk_first_, chunk_last_, offset_, 0, 0, chunk_.size(), {}};
+    if (chunks_.empty()) first_ = chunk_first_;
+    first_ = std::min(first_, chunk_first_);
+    last_ = std::max(last_, chunk_last_);
+    put(Encoder{}
+            .number(chunk_first_)
+            .number(chunk_last_)
+            .number(static_cast<std::uint64_t>(chunk_.size()))
+            .number(crc_of(chunk_))
+            .text("")
+            .number(static_cast<std::uint64_t>(chunk_.size()))
+            .raw(chunk_.data(), chunk_.size())
+            .record(kChunk));
+    index.length = offset_ - index.start;
+    const std::uint64_t indices = offset_;
+    for (const auto& [channel, messages] : chunk_messages_) {
+      index.message_indices[channel] = offset_;
+      put(Encoder{}
+              .number(channel)
+              .sized([&messages = messages](Encoder& array) {
+                for (const Index& message : messages) array.number(message.time).number(message.offset);
+              })
+              .record(kMessageIndex));
+    }
+    index.index_length = offset_ - indices;
+    chunks_.push_back(std::move(index));
+    chunk_.clear();
+    chunk_messages_.clear();
+  }
+  if (std::fflush(file_.get()) != 0) throw McapError("cannot write " + name_.string() + ": " + std::strerror(errno));
+}
+
+void McapWriter::close() {
+  if (closed_) return;
+  closed_ = true;
+  flush();
+  put(Encoder{}.number(std::uint32_t{0}).record(kDataEnd));
+
+  Bytes summary;
+  struct Group {
+    Opcode opcode;
+    std::uint64_t start, length;
+  };
+  std::vector<Group> groups;
+  const std::uint64_t start = offset_;
+  const auto group = [&](Opcode opcode, const std::vector<Bytes>& records) {
+    const std::uint64_t at = start + summary.size();
+    for (const Bytes& record : records) summary.insert(summary.end(), record.begin(), record.end());
+    if (!records.empty()) groups.push_back({opcode, at, start + summary.size() - at});
+  };
+  group(kSchema, schemas_);
+  group(kChannel, channels_);
+  group(kStatistics, {Encoder{}
+                          .number(messages_)
+                          .number(static_cast<std::uint16_t>(schemas_.size()))
+                          .number(static_cast<std::uint32_t>(channels_.size()))
+                          .number(std::uint32_t{0})
+                          .number(std::uint32_t{0})
+                          .number(static_cast<std::uint32_t>(chunks_.size()))
+                          .number(first_)
+                          .number(last_)
+                          .sized([&](Encoder& map) {
+                            for (std::size_t i = 0; i < counts_.size(); ++i)
+                              map.number(static_cast<std::uint16_t>(i + 1)).number(counts_[i]);
+                          })
+                          .record(kStatistics)});
+  std::vector<Bytes> indices;
+  for (const ChunkIndex& chunk : chunks_)
+    indices.push_back(Encoder{}
+                          .number(chunk.first_time)
+                          .number(chunk.last_time)
+                          .number(chunk.start)
+                          .number(chunk.length)
+                          .sized([&](Encoder& map) {
+                            for (const auto& [channel, at] : chunk.message_indices) map.number(channel).number(at);
+                          })
+                          .number(chunk.index_length)
+                          .text("")
+                          .number(chunk.size)
+                          .number(chunk.size)
+                          .record(kChunkIndex));
+  group(kChunkIndex, indices);
+
+  const std::uint64_t offsets = start + summary.size();
+  for (const Group& of : groups) {
+    const Bytes record = Encoder{}
+                             .number(static_cast<std::uint8_t>(of.opcode))
+                             .number(of.start)
+                             .number(of.length)
+                             .record(kSummaryOffset);
+    summary.insert(summary.end(), record.begin(), record.end());
+  }
+  // The checksum covers the footer too, up to itself.
+  Bytes footer = Encoder{}.number(start).number(offsets).number(std::uint32_t{0}).record(kFooter);
+  const Bytes covered{footer.begin(), footer.end() - sizeof(std::uint32_t)};
+  const std::uint32_t crc = crc_of(covered, crc_of(summary));
+  for (std::size_t i = 0; i < sizeof crc; ++i) footer[covered.size() + i] = static_cast<std::uint8_t>(crc >> (8 * i));
+  put(summary);
+  put(footer);
+  put({kMagic.begin(), kMagic.end()});
+  if (std::fflush(file_.get()) != 0) throw McapError("cannot write " + name_.string() + ": " + std::strerror(errno));
+}
+
+}  // namespace tactus::trace

@@ -1,0 +1,84 @@
+/// Writes MCAP files: timed messages of any encoding, with the schemas to read them (https://mcap.dev/spec, version 0).
+///
+///   header | chunk, its message indices | chunk ... | data end | schemas, channels, statistics, chunk indices | footer
+///
+/// A chunk is written when it is full or asked for, so a file whose writer was killed keeps all chunks before; what
+/// reads a stream reads those. Chunks are not compressed. One thread at a time; not for a haptic thread.
+#pragma once
+
+#include <cstdint>
+#include <cstdio>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "spm/span.hpp"
+
+namespace tactus::trace {
+
+class McapError : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+class McapWriter {
+ public:
+  enum class Schema : std::uint16_t {};
+  enum class Channel : std::uint16_t {};
+  static constexpr std::size_t kChunkBytes = 1 << 20;
+
+  /// Replaces the file. Throws McapError naming it.
+  McapWriter(std::filesystem::path file, const std::string& library);
+  /// Closes; what cannot be written then is lost silently.
+  ~McapWriter();
+  McapWriter(const McapWriter&) = delete;
+  McapWriter& operator=(const McapWriter&) = delete;
+
+  /// `encoding` as MCAP registers it, e.g. omgidl; `name` that of the type in `text`.
+  [[nodiscard]] Schema add_schema(const std::string& name, const std::string& encoding, const std::string& text);
+  [[nodiscard]] Channel add_channel(Schema schema, const std::string& topic, const std::string& message_encoding,
+                                    const std::map<std::string, std::string>& metadata = {});
+
+  /// Times in ns since 1970. Throws McapError when the file cannot be written.
+  void write(Channel channel, std::uint64_t log_time, std::uint64_t publish_time, std::uint32_t sequence,
+             spm::Span<const std::uint8_t> message);
+  /// Ends the chunk, so that all until now is in the file.
+  void flush();
+  /// Summary and footer; nothing may be written afterwards. Throws McapError.
+  void close();
+
+  [[nodiscard]] std::uint64_t messages() const noexcept { return messages_; }
+  [[nodiscard]] std::uint64_t bytes() const noexcept { return offset_; }
+
+ private:
+  using Bytes = std::vector<std::uint8_t>;
+  struct Index {
+    std::uint64_t time, offset;
+  };
+  struct ChunkIndex {
+    std::uint64_t first_time, last_time, start, length, index_length, size;
+    std::map<std::uint16_t, std::uint64_t> message_indices;  // places in the file, by channel
+  };
+
+  void put(const Bytes& bytes);
+
+  std::filesystem::path name_;
+  std::unique_ptr<std::FILE, int (*)(std::FILE*)> file_;
+  std::uint64_t offset_ = 0;
+  std::uint64_t messages_ = 0;
+  std::vector<Bytes> schemas_, channels_;  // their records
+  std::vector<std::uint64_t> counts_;      // by channel - 1
+  std::vector<bool> told_;                 // by channel - 1: in the file already
+  Bytes chunk_;
+  std::uint64_t chunk_first_ = 0, chunk_last_ = 0;
+  std::uint64_t first_ = 0, last_ = 0;
+  std::map<std::uint16_t, std::vector<Index>> chunk_messages_;
+  std::vector<ChunkIndex> chunks_;
+  std::vector<std::uint16_t> schema_of_;  // by channel - 1
+  bool closed_ = false;
+};
+
+}  // namespace tactus::trace

@@ -1,0 +1,147 @@
+#include "wire/tap.hpp"
+
+#include <mutex>
+
+#include "wire/convert.hpp"
+#include "wire/dds.hpp"
+#include "wire/idl_text.hpp"
+#include "wire/topics.hpp"
+
+namespace tactus::wire {
+namespace {
+
+using eprosima::fastrtps::types::ReturnCode_t;
+using Bytes = std::vector<std::uint8_t>;
+
+/// What is known of a sample without its type: samples are made and passed as this.
+struct Encoded {
+  Bytes bytes;
+};
+
+/// The generated type under its name, whose samples keep their encoding.
+template <class Support>
+class Raw final : public Guarded<Support> {
+ public:
+  bool deserialize(eprosima::fastrtps::rtps::SerializedPayload_t* payload, void* data) override {
+    Sample& sample = of(data);
+    if (!Guarded<Support>::deserialize(payload, &sample.decoded)) return false;
+    sample.bytes.assign(payload->data, payload->data + payload->length);
+    return true;
+  }
+  bool getKey(void* data, eprosima::fastrtps::rtps::InstanceHandle_t* handle, bool force) override {
+    return Guarded<Support>::getKey(&of(data).decoded, handle, force);
+  }
+  bool serialize(void*, eprosima::fastrtps::rtps::SerializedPayload_t*) override { return false; }
+  void* createData() override { return static_cast<Encoded*>(new Sample); }
+  void deleteData(void* data) override { delete &of(data); }
+
+ private:
+  /// Decoded as well, because its key is in there.
+  struct Sample : Encoded {
+    typename Support::type decoded;
+  };
+  [[nodiscard]] static Sample& of(void* data) { return *static_cast<Sample*>(static_cast<Encoded*>(data)); }
+};
+
+/// One end; the type's name is all that differs, so that the rest exists once.
+class RawReader final : public dds::DataReaderListener {
+ public:
+  RawReader(dds::DomainParticipant& participant, dds::Topic& topic, const std::vector<std::string>& partitions,
+            dds::DataReaderQos qos, std::function<void(spm::Span<const std::uint8_t>)> on_sample)
+      : participant_{participant}, data_{topic}, on_sample_{std::move(on_sample)} {
+    dds::SubscriberQos subscriber = dds::SUBSCRIBER_QOS_DEFAULT;
+    for (const std::string& partition : partitions) subscriber.partition().push_back(partition.c_str());
+    // None may overwrite another before it is taken.
+    qos.history().kind = dds::KEEP_ALL_HISTORY_QOS;
+    subscriber_ = participant_.create_subscriber(subscriber);
+    if (subscriber_ != nullptr) reader_ = subscriber_->create_datareader(&topic, qos, this);
+    if (reader_ != nullptr) return;
+    if (subscriber_ != nullptr) participant_.delete_subscriber(subscriber_);
+    throw WireError("topic " + topic.get_name() + ": DDS makes no reader to record it");
+  }
+  ~RawReader() override {
+    reader_->set_listener(nullptr);
+    {
+      const std::lock_guard lock{mutex_};  // waits for a callback that runs, stops one that is about to
+      closed_ = true;
+    }
+    subscriber_->delete_datareader(reader_);
+    participant_.delete_subscriber(subscriber_);
+  }
+
+  void on_data_available(dds::DataReader* from) override {
+    const std::lock_guard lock{mutex_};
+    if (closed_) return;
+    dds::SampleInfo info;
+    while (from->take_next_sample(data_.get(), &info) == ReturnCode_t::RETCODE_OK)
+      if (info.valid_data) on_sample_(static_cast<const Encoded*>(data_.get())->bytes);
+  }
+
+ private:
+  /// A sample of the topic's type.
+  class Data {
+   public:
+    explicit Data(const dds::Topic& topic) : type_{topic.get_participant()->find_type(topic.get_type_name())} {
+      sample_ = type_.create_data();
+    }
+    ~Data() { type_.delete_data(sample_); }
+    Data(const Data&) = delete;
+    Data& operator=(const Data&) = delete;
+    [[nodiscard]] void* get() const noexcept { return sample_; }
+
+   private:
+    dds::TypeSupport type_;
+    void* sample_ = nullptr;
+  };
+
+  dds::DomainParticipant& participant_;
+  dds::Subscriber* subscriber_ = nullptr;
+  dds::DataReader* reader_ = nullptr;
+  std::mutex mutex_;
+  bool closed_ = false;
+  Data data_;
+  std::function<void(spm::Span<const std::uint8_t>)> on_sample_;
+};
+
+}  // namespace
+
+struct Tap::Impl {
+  Impl(Links& links, bool bulk, OnSample on_sample) {
+    Links::Impl& in = links.impl();
+    const std::string& session = links.address().session;
+    topics::for_each([&](const auto& spec) {
+      if (spec.traffic == TrafficClass::kBulk && !bulk) return;
+      using Sample = std::decay_t<decltype(sample_of(spec))>;
+      using Support = typename IdlOf<Sample>::Support;
+      dds::Topic& topic = in.topic(spec.name, spec.traffic, dds::TypeSupport{new Raw<Support>});
+      // Whole probe states are in the partitions of groups, with a profile of their own.
+      const bool of_groups = std::string{spec.profile} == topics::kProbeStateWhole.profile;
+      const std::vector<std::string> parts =
+          of_groups ? std::vector<std::string>{"/g/*"} : std::vector<std::string>{"", "/u/*", "/h/*"};
+      std::vector<std::string> partitions;
+      for (const std::string& part : parts) partitions.push_back(session + part);
+      const std::size_t number = known.size();
+      known.push_back({spec.name, topic.get_type_name(), of_groups ? "g/*" : ", u/*, h/*"});
+      readers.push_back(std::make_unique<RawReader>(
+          in.participant(spec.traffic), topic, partitions, in.reader_qos.at(spec.profile),
+          [on_sample, number](spm::Span<const std::uint8_t> encoded) { on_sample(number, encoded); }));
+    });
+  }
+
+  /// For its type alone.
+  template <class Sample>
+  static Sample sample_of(const TopicSpec<Sample>&);
+
+  std::vector<TapTopic> known;
+  std::vector<std::unique_ptr<RawReader>> readers;
+};
+
+Tap::Tap(Links& links, bool bulk, OnSample on_sample)
+    : impl_{std::make_unique<Impl>(links, bulk, std::move(on_sample))} {}
+Tap::~Tap() = default;
+
+const std::vector<TapTopic>& Tap::topics() const noexcept { return impl_->known; }
+
+const char* idl_text() noexcept { return kIdlText; }
+
+}  // namespace tactus::wire
