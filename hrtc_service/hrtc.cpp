@@ -11,7 +11,6 @@
 #include <variant>
 
 #include "haptics/remote_device.hpp"
-#include "haptics/replay_device.hpp"
 #include "haptics/simulated_device.hpp"
 #include "hrtc_service/loader.hpp"
 #include "hrtc_service/neighbours.hpp"
@@ -151,7 +150,7 @@ struct Hrtc::Impl {
   void listen_to_device(User& user);
   void open_remote_devices();
   void unseat(const std::string& user);
-  void seat_replays();
+  void seat_local_users();
   void choose_reference(std::int64_t now_ns);
   void note_first_touch(std::int64_t now_ns);
   void choose_whom_to_watch(const std::array<NearObjects, kMaxProbes>& near);
@@ -173,7 +172,7 @@ struct Hrtc::Impl {
   struct User {
     std::string name;
     std::uint64_t id = 0;
-    std::uint64_t client = 0;                  // participant; 0: a replay of our own
+    std::uint64_t client = 0;                  // participant; 0: a device of our own
     haptics::SimulatedDevice* hand = nullptr;  // once it has a wish
     haptics::RemoteDevice* remote = nullptr;   // what takes its poses, if it sends any
     std::unique_ptr<wire::Reader<session::Intent>> intents;
@@ -267,7 +266,7 @@ namespace {
 std::array<haptics::DeviceSpec, kMaxProbes> specs_of(const HrtcOptions& options) {
   std::array<haptics::DeviceSpec, kMaxProbes> specs;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i)
-    if (i < options.replays.size()) specs[i] = options.haptic.frame.to_world(haptics::DeviceSpec{});
+    if (i < options.local_users.size()) specs[i] = options.haptic.frame.to_world(options.local_users[i].device->spec());
   return specs;
 }
 
@@ -301,7 +300,7 @@ Hrtc::Impl::Impl(HrtcOptions given)
       states_out{links, wire::topics::kProbeState},
       neighbours{links, [this](session::ProbeState&& state) { inbox.put(WholeState{std::move(state)}); }} {
   loader.on_event = [](const std::string& text) { spdlog::info("{}", text); };
-  seat_replays();
+  seat_local_users();
   // Last of what may be refused, so that nothing is left behind.
   if (!options.snapshot.empty()) expect_snapshot_directory(options.snapshot);
   if (!options.log.empty()) log = std::make_unique<trace::ContactLogWriter>(options.log);
@@ -326,16 +325,16 @@ Hrtc::Impl::~Impl() {
   if (sender.joinable()) sender.join();
 }
 
-void Hrtc::Impl::seat_replays() {
-  for (const ReplayUser& replay : options.replays) {
-    const std::optional<std::uint32_t> slot = slots.grant(replay.user);
-    if (!slot) throw haptics::DeviceError("no slot left for the replayed user " + replay.user);
-    devices.push_back(std::make_unique<haptics::ReplayDevice>(replay.recording.string()));
+void Hrtc::Impl::seat_local_users() {
+  for (LocalUser& local : options.local_users) {
+    const std::optional<std::uint32_t> slot = slots.grant(local.user);
+    if (!slot) throw haptics::DeviceError("no slot left for user " + local.user);
+    devices.push_back(std::move(local.device));
     commands.devices[*slot] = devices.back().get();
     commands.framed[*slot] = true;
     User& user = users[*slot];
-    user.name = replay.user;
-    user.id = session::id_of(replay.user);
+    user.name = local.user;
+    user.id = session::id_of(local.user);
     user_ids[*slot] = user.id;
   }
 }

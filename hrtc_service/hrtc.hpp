@@ -22,10 +22,10 @@
 
 namespace tactus::hrtc_service {
 
-/// A user of this HRTC whose device replays a recording.
-struct ReplayUser {
+/// A user of this HRTC whose device is at this machine.
+struct LocalUser {
   std::string user;
-  std::filesystem::path recording;
+  std::unique_ptr<haptics::Device> device;
 };
 
 struct HrtcOptions {
@@ -35,7 +35,7 @@ struct HrtcOptions {
   HapticSettings haptic;
   spm::Strategy prediction = spm::Strategy::kMixture;
   std::uint32_t max_users = kMaxProbes;
-  std::vector<ReplayUser> replays;
+  std::vector<LocalUser> local_users;
   std::filesystem::path log;       ///< contact log; empty: none
   std::filesystem::path snapshot;  ///< directory for the shown meshes; empty: none
   double host_patience = 0;        ///< s to wait for a first host; 0: for ever

@@ -6,6 +6,8 @@
 #include <iostream>
 #include <map>
 
+#include "haptics/plugin_device.hpp"
+#include "haptics/replay_device.hpp"
 #include "hrtc_service/hrtc.hpp"
 #include "spm/directory.hpp"
 #include "wire/command_line.hpp"
@@ -18,15 +20,25 @@ Examples:
   tactus-hrtc --session lab --name desk1
   tactus-hrtc --session lab --name desk2 --pool 30000 --log desk2.log --snapshot shots
   tactus-hrtc --session lab --name desk3 --replay alice=poses.csv
+  tactus-hrtc --session lab --name desk4 --device bob=./mydevice.so,/dev/ttyACM0
 
 Exit status: 0 ended by the session or a signal, 1 given up or output lost, 2 wrong input or a name that is taken.)";
 
-/// "user=file"
-tactus::hrtc_service::ReplayUser parse_replay(const std::string& text) {
+/// What stands before and after the first `=`; empty parts are refused.
+std::pair<std::string, std::string> parts_of(const std::string& text, const char* option, const char* expected) {
   const std::size_t equals = text.find('=');
   if (equals == std::string::npos || equals == 0 || equals + 1 == text.size())
-    throw CLI::ValidationError("--replay", "found " + text + ", expected USER=FILE");
+    throw CLI::ValidationError(option, "found " + text + ", expected " + expected);
   return {text.substr(0, equals), text.substr(equals + 1)};
+}
+
+/// A device that its driver opens by "FILE" or "FILE,CONFIG".
+std::unique_ptr<tactus::haptics::Device> open_plugin(const std::string& text) {
+  const std::size_t comma = text.find(',');
+  const std::string config = comma == std::string::npos ? "" : text.substr(comma + 1);
+  auto device = std::make_unique<tactus::haptics::PluginDevice>(text.substr(0, comma), config);
+  spdlog::info("device {}", device->name());
+  return device;
 }
 
 }  // namespace
@@ -41,8 +53,10 @@ int main(int argc, char** argv) {
   std::uint64_t memory_bytes = 0;
   double rate = 1000, deadline_us = 250, radius_mm = 3, frame_scale = 1;
   std::vector<double> frame_offset{0, 0, 0};
-  std::vector<std::string> replays;
+  std::vector<std::string> replays, plugins;
   double max_force = options.haptic.cycle.force.max_force;
+
+  std::vector<std::pair<std::string, std::string>> local;  // replays, then plug-ins
 
   CLI::App app{"Haptic real-time controller: refines near contact, finds collisions, renders forces at 1 kHz.",
                "tactus-hrtc"};
@@ -79,10 +93,12 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(0.1, 100.0));
   app.add_option("--max-force", max_force, "Largest force, N")->capture_default_str()->check(CLI::Range(0.1, 100.0));
   app.add_option("--replay", replays, "USER=FILE: a user whose device replays lines time_s,x,y,z");
-  app.add_option("--device-scale", frame_scale, "World metres per device metre, for replayed devices")
+  app.add_option("--device", plugins,
+                 "USER=DRIVER[,CONFIG]: a user whose device is here, opened by this shared library (docs/devices.md)");
+  app.add_option("--device-scale", frame_scale, "World metres per device metre, for devices that are here")
       ->capture_default_str()
       ->check(CLI::Range(1e-3, 1e3));
-  app.add_option("--device-offset", frame_offset, "Where the origin of a replayed device is in the world, m")
+  app.add_option("--device-offset", frame_offset, "Where the origin of a device that is here lies in the world, m")
       ->expected(3);
   app.add_option("--log", options.log, "Contact log, for tactus-mesh audit");
   app.add_option("--snapshot", options.snapshot,
@@ -98,7 +114,8 @@ int main(int argc, char** argv) {
                "Measure a bare timer of the same priority beside the haptic thread");
   try {
     app.parse(argc, argv);
-    for (const std::string& replay : replays) options.replays.push_back(parse_replay(replay));
+    for (const std::string& replay : replays) local.push_back(parts_of(replay, "--replay", "USER=FILE"));
+    for (const std::string& plugin : plugins) local.push_back(parts_of(plugin, "--device", "USER=DRIVER[,CONFIG]"));
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : 2;
   }
@@ -130,6 +147,11 @@ int main(int argc, char** argv) {
   wire::set_log_sink([](const std::string& text) { spdlog::warn("dds: {}", text); });
   const std::atomic<bool>& stop = wire::stop_signal();
   try {
+    for (const auto& [user, device] : local) {
+      const bool replayed = options.local_users.size() < replays.size();
+      options.local_users.push_back(
+          {user, replayed ? std::make_unique<haptics::ReplayDevice>(device) : open_plugin(device)});
+    }
     hrtc_service::Hrtc hrtc{std::move(options)};
     return hrtc.run(stop);
   } catch (const std::exception& error) {

@@ -1,0 +1,103 @@
+#include "haptics/plugin_device.hpp"
+
+#include <dlfcn.h>
+
+#include <array>
+#include <cmath>
+
+#include "haptics/device_plugin.h"
+
+namespace tactus::haptics {
+namespace {
+
+using Entry = const tactus_device_driver* (*)();
+
+std::unique_ptr<void, int (*)(void*)> load(const std::string& library) {
+  void* const handle = dlopen(library.c_str(), RTLD_NOW | RTLD_LOCAL);
+  if (handle == nullptr) throw DeviceError(std::string{"device driver "} + dlerror());
+  return {handle, &dlclose};
+}
+
+const tactus_device_driver& driver_in(void* handle, const std::string& library) {
+  const auto entry = reinterpret_cast<Entry>(dlsym(handle, "tactus_device_entry"));
+  if (entry == nullptr) throw DeviceError("device driver " + library + ": found no function tactus_device_entry");
+  const tactus_device_driver* const driver = entry();
+  if (driver == nullptr) throw DeviceError("device driver " + library + ": tactus_device_entry gives none");
+  if (driver->abi != TACTUS_DEVICE_ABI)
+    throw DeviceError("device driver " + library + ": found ABI " + std::to_string(driver->abi) + ", expected " +
+                      std::to_string(TACTUS_DEVICE_ABI));
+  if (driver->open == nullptr || driver->close == nullptr || driver->spec == nullptr || driver->read == nullptr ||
+      driver->write == nullptr)
+    throw DeviceError("device driver " + library + ": expected open, close, spec, read and write, found one missing");
+  return *driver;
+}
+
+/// What a driver says that its device can do, or the reason why that cannot be.
+DeviceSpec checked(const tactus_device_spec& said, const std::string& library) {
+  const auto positive = [&](double value, const char* what) {
+    if (!(std::isfinite(value) && value > 0))
+      throw DeviceError("device driver " + library + ": " + what + ": found " + std::to_string(value) +
+                        ", expected a number above 0");
+    return value;
+  };
+  return {positive(said.max_force, "max_force"), positive(said.max_stiffness, "max_stiffness"),
+          positive(said.damping, "damping"), positive(said.workspace_radius, "workspace_radius")};
+}
+
+}  // namespace
+
+PluginDevice::PluginDevice(const std::string& library, const std::string& config)
+    : library_{load(library)}, driver_{&driver_in(library_.get(), library)} {
+  name_ = driver_->name == nullptr ? library : driver_->name;
+  std::array<char, 256> error{};
+  device_ = driver_->open(config.c_str(), error.data(), error.size());
+  error.back() = '\0';
+  if (device_ == nullptr) throw DeviceError("device " + name_ + ", config '" + config + "': " + error.data());
+  tactus_device_spec said{spec_.max_force, spec_.max_stiffness, spec_.damping, spec_.workspace_radius, 0};
+  driver_->spec(device_, &said);
+  has_velocity_ = (said.flags & TACTUS_DEVICE_HAS_VELOCITY) != 0;
+  try {
+    spec_ = checked(said, library);
+  } catch (const DeviceError&) {
+    driver_->close(device_);
+    throw;
+  }
+}
+
+PluginDevice::~PluginDevice() {
+  write(Vec3d::Zero());
+  driver_->close(device_);
+}
+
+DeviceState PluginDevice::read(std::int64_t now_ns) noexcept {
+  if (failed_) return state_;
+  tactus_device_pose pose{};
+  pose.orientation[3] = 1;
+  pose.time_ns = now_ns;
+  const int result = driver_->read(device_, now_ns, &pose);
+  if (result == TACTUS_DEVICE_NO_NEWS) return state_;
+  if (result != TACTUS_DEVICE_POSE) {
+    failed_ = true;
+    return state_;
+  }
+  const Vec3d position{pose.position[0], pose.position[1], pose.position[2]};
+  const double passed = static_cast<double>(pose.time_ns - state_.time_ns) * 1e-9;
+  if (has_velocity_)
+    state_.velocity = {pose.velocity[0], pose.velocity[1], pose.velocity[2]};
+  else if (placed_ && passed > 0)
+    state_.velocity += ((position - state_.position) / passed - state_.velocity) * (1 - std::exp(-passed / kSmoothing));
+  placed_ = true;
+  state_.position = position;
+  state_.orientation = {pose.orientation[3], pose.orientation[0], pose.orientation[1], pose.orientation[2]};
+  state_.time_ns = pose.time_ns;
+  state_.buttons = pose.buttons;
+  return state_;
+}
+
+void PluginDevice::write(const Vec3d& force) noexcept {
+  if (failed_ && !force.isZero(0)) return;  // one that may still hear is told to let go
+  const double value[3] = {force.x(), force.y(), force.z()};
+  failed_ = driver_->write(device_, value) != 0 || failed_;
+}
+
+}  // namespace tactus::haptics

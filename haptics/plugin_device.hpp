@@ -1,0 +1,46 @@
+/// A device whose driver is a shared library, loaded at run time.
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "haptics/device.hpp"
+
+struct tactus_device;         // haptics/device_plugin.h
+struct tactus_device_driver;  // the same
+
+namespace tactus::haptics {
+
+class PluginDevice final : public Device {
+ public:
+  /// Loads `library` (a path; a bare name is looked for where the system's libraries are) and opens the device that
+  /// `config` means to its driver. Throws DeviceError with the driver's reason.
+  PluginDevice(const std::string& library, const std::string& config);
+  /// Writes zero force, closes the device, unloads the driver.
+  ~PluginDevice() override;
+  PluginDevice(const PluginDevice&) = delete;
+  PluginDevice& operator=(const PluginDevice&) = delete;
+
+  [[nodiscard]] const std::string& name() const noexcept { return name_; }
+  [[nodiscard]] const DeviceSpec& spec() const noexcept override { return spec_; }
+  [[nodiscard]] DeviceState read(std::int64_t now_ns) noexcept override;
+  void write(const Vec3d& force) noexcept override;
+  [[nodiscard]] DeviceHealth health() const noexcept override {
+    return failed_ ? DeviceHealth::kFailed : DeviceHealth::kReady;
+  }
+
+ private:
+  static constexpr double kSmoothing = 0.005;  // s; of a velocity that is made of positions
+
+  std::unique_ptr<void, int (*)(void*)> library_;
+  const tactus_device_driver* driver_ = nullptr;
+  tactus_device* device_ = nullptr;
+  std::string name_;
+  DeviceSpec spec_;
+  bool has_velocity_ = false;
+  DeviceState state_;
+  bool placed_ = false;
+  bool failed_ = false;
+};
+
+}  // namespace tactus::haptics

@@ -1,0 +1,76 @@
+/* Drivers that each have one thing wrong, chosen when they are compiled. */
+#include <math.h>
+#include <stdio.h>
+
+#include "haptics/device_plugin.h"
+
+struct tactus_device {
+  int reads;
+  double force;
+};
+static struct tactus_device the_device;
+
+static struct tactus_device* open_device(const char* config, char* error, size_t error_size) {
+  if (*config == '!') {
+    snprintf(error, error_size, "found '%s', expected nothing to shout about", config);
+    return NULL;
+  }
+  the_device.reads = 0;
+  the_device.force = 0;
+  return &the_device;
+}
+static void close_device(struct tactus_device* device) { (void)device; }
+static void spec_of(struct tactus_device* device, struct tactus_device_spec* spec) {
+  (void)device;
+#ifdef DRIVER_BAD_SPEC
+  spec->max_force = -1;
+#else
+  (void)spec;
+#endif
+}
+static int read_device(struct tactus_device* device, int64_t now_ns, struct tactus_device_pose* pose) {
+  (void)now_ns;
+  ++device->reads;
+  pose->position[0] = 0.001 * device->reads; /* 1 m/s at 1 kHz */
+  pose->position[1] = device->force;         /* what was written, to be seen */
+#ifdef DRIVER_NOT_A_NUMBER
+  if (device->reads > 3) pose->position[2] = NAN;
+#endif
+#ifdef DRIVER_FAILS
+  if (device->reads > 3) return TACTUS_DEVICE_FAILED;
+#endif
+#ifdef DRIVER_STALE
+  if (device->reads > 3) return TACTUS_DEVICE_NO_NEWS;
+#endif
+  return TACTUS_DEVICE_POSE;
+}
+static int write_device(struct tactus_device* device, const double force[3]) {
+  device->force = force[0];
+  return 0;
+}
+
+#ifndef DRIVER_NO_ENTRY
+const struct tactus_device_driver* tactus_device_entry(void) {
+  static const struct tactus_device_driver driver = {
+#ifdef DRIVER_OLD_ABI
+      TACTUS_DEVICE_ABI - 1,
+#else
+      TACTUS_DEVICE_ABI,
+#endif
+      "test",
+      open_device,
+      close_device,
+      spec_of,
+#ifdef DRIVER_NO_READ
+      NULL,
+#else
+      read_device,
+#endif
+      write_device};
+  return &driver;
+}
+#endif
+
+/* Keeps the parts in use in every variant. */
+void* tactus_test_driver_parts[] = {(void*)open_device, (void*)close_device, (void*)spec_of, (void*)read_device,
+                                    (void*)write_device};

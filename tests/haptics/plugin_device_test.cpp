@@ -1,0 +1,89 @@
+#include "haptics/plugin_device.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+namespace tactus::haptics {
+namespace {
+
+using testing::HasSubstr;
+
+constexpr std::int64_t kMs = 1'000'000;
+
+std::string refusal(const std::string& library, const std::string& config) {
+  try {
+    const PluginDevice device{library, config};
+  } catch (const DeviceError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST(PluginDevice, TheExampleSinksUntilItIsHeldByItsWeight) {
+  PluginDevice device{WEIGHT, "0.25"};
+  EXPECT_EQ(device.name(), "weight in oil");
+  EXPECT_EQ(device.spec().max_force, 5);
+  EXPECT_EQ(device.spec().damping, 5);
+  DeviceState state = device.read(kMs);
+  EXPECT_EQ(state.position.z(), 0.25);
+  const double floor = 0.2;
+  double force = 0;
+  for (int ms = 2; ms < 3000; ++ms) {
+    force = 1000 * std::max(0.0, floor - state.position.z());
+    device.write({0, 0, force});
+    state = device.read(ms * kMs);
+  }
+  EXPECT_NEAR(force, 0.981, 1e-6);
+  EXPECT_NEAR(state.velocity.z(), 0, 1e-6);
+  EXPECT_EQ(device.health(), DeviceHealth::kReady);
+}
+
+TEST(PluginDevice, ThatCannotBeOpenedSaysWhatWasFoundAndExpected) {
+  EXPECT_THAT(refusal("/nowhere/driver.so", ""), HasSubstr("/nowhere/driver.so: cannot open shared object file"));
+  EXPECT_THAT(refusal(NO_ENTRY, ""), HasSubstr("found no function tactus_device_entry"));
+  EXPECT_THAT(refusal(OLD_ABI, ""), HasSubstr("found ABI 0, expected 1"));
+  EXPECT_THAT(refusal(NO_READ, ""), HasSubstr("expected open, close, spec, read and write"));
+  EXPECT_THAT(refusal(BAD_SPEC, ""), HasSubstr("max_force: found -1.000000, expected a number above 0"));
+  EXPECT_EQ(refusal(FAILS, "!x"), "device test, config '!x': found '!x', expected nothing to shout about");
+  EXPECT_EQ(refusal(WEIGHT, "high"), "device weight in oil, config 'high': found 'high', expected a height in metres");
+}
+
+TEST(PluginDevice, WithoutVelocitiesHasThoseOfItsPositions) {
+  PluginDevice device{STALE, ""};
+  DeviceState state;
+  for (int ms = 1; ms <= 3; ++ms) state = device.read(ms * kMs);
+  // Two steps of a first-order lag of 5 ms towards 1 m/s.
+  EXPECT_NEAR(state.velocity.x(), 1 - std::exp(-2 / 5.0), 1e-9);
+}
+
+TEST(PluginDevice, WithoutNewsGrowsOldAndIsNotFailed) {
+  PluginDevice device{STALE, ""};
+  for (int ms = 1; ms <= 10; ++ms) (void)device.read(ms * kMs);
+  const DeviceState state = device.read(11 * kMs);
+  EXPECT_EQ(state.time_ns, 3 * kMs);
+  EXPECT_NEAR(state.position.x(), 0.003, 1e-12);
+  EXPECT_EQ(device.health(), DeviceHealth::kReady);
+}
+
+TEST(PluginDevice, ThatHasFailedStaysSoAndIsOnlyToldToLetGo) {
+  PluginDevice device{FAILS, ""};
+  device.write({2, 0, 0});
+  for (int ms = 1; ms <= 3; ++ms) EXPECT_EQ(device.read(ms * kMs).position.y(), 2) << "it felt the force";
+  EXPECT_EQ(device.health(), DeviceHealth::kReady);
+  (void)device.read(4 * kMs);
+  EXPECT_EQ(device.health(), DeviceHealth::kFailed);
+  device.write({3, 0, 0});
+  device.write(Vec3d::Zero());
+  EXPECT_EQ(device.health(), DeviceHealth::kFailed);
+}
+
+TEST(PluginDevice, ANumberThatIsNoneComesThroughForTheForceToBeLatched) {
+  PluginDevice device{NOT_A_NUMBER, ""};
+  for (int ms = 1; ms <= 3; ++ms) EXPECT_TRUE(device.read(ms * kMs).position.allFinite());
+  EXPECT_FALSE(device.read(4 * kMs).position.allFinite());
+}
+
+}  // namespace
+}  // namespace tactus::haptics
