@@ -219,7 +219,14 @@ std::optional<DeliveryClient::Message> DeliveryClient::assemble(Object& object, 
     return std::nullopt;
   }
   auto at = object.partials.find(piece.region);
-  const auto other = [&] { return at->second.checksum != piece.checksum || at->second.parts != piece.parts; };
+  // A message that was cancelled and is sent after all is cut anew, to the room of another chunk: its first part tells.
+  const auto cut_anew = [&] {
+    const auto first = at->second.payloads.find(0);
+    return piece.part == 0 && first != at->second.payloads.end() && first->second.size() != piece.payload.size();
+  };
+  const auto other = [&] {
+    return at->second.checksum != piece.checksum || at->second.parts != piece.parts || cut_anew();
+  };
   if (at != object.partials.end() && other()) {
     const auto age = std::make_pair(at->second.epoch, at->second.last_sequence);
     if (std::make_pair(chunk.epoch, chunk.sequence) < age) {

@@ -202,6 +202,27 @@ TEST_F(DeliveryClientTest, AChunkCompletesSeveralMessagesAndBeginsAnother) {
   EXPECT_TRUE(take({last[1]}));
 }
 
+TEST_F(DeliveryClientTest, AMessageThatWasCancelledMayComeAfterAllCutElsewhere) {
+  client_.want(kObject, {{4, 0}});
+  publish();
+  const std::string text = "what region four has to say";
+  // As many parts of as many bytes in all, the first of them shorter.
+  std::vector<BulkChunk> again = chunks(4, text, 2);
+  const std::vector<BulkChunk> cancelled = chunks(4, text, 2);
+  std::vector<std::uint8_t>& first = again[0].pieces[0].payload;
+  std::vector<std::uint8_t>& second = again[1].pieces[0].payload;
+  second.insert(second.begin(), first.end() - 5, first.end());
+  first.resize(first.size() - 5);
+  for (BulkChunk& chunk : again) chunk.sequence = ++sequence_;
+
+  ASSERT_FALSE(take({cancelled[0]}));
+  const auto message = take(again);
+
+  ASSERT_TRUE(message);
+  EXPECT_EQ(std::string(message->bytes.begin(), message->bytes.end()), text);
+  EXPECT_EQ(client_.counters().corrupt, 0u);
+}
+
 TEST_F(DeliveryClientTest, DropsAMessageWhoseChecksumIsWrong) {
   std::vector<BulkChunk> all = chunks(4, "what the region holds", 3);
   all[1].pieces[0].payload[0] ^= 1;
