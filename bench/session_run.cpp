@@ -8,7 +8,8 @@ namespace {
 
 constexpr std::uint64_t kHost = 10, kHrtc = 20, kSession = 30, kObject = 100;
 
-session::CatalogueEntry entry_for(const spm::Model& model, double scale, std::uint32_t base_bytes) {
+session::CatalogueEntry entry_for(const spm::Model& model, double scale, const session::Material& material,
+                                  std::uint32_t base_bytes) {
   session::CatalogueEntry entry;
   entry.origin = {kSession, kHost, 1, 0};
   entry.host = "host";
@@ -16,6 +17,7 @@ session::CatalogueEntry entry_for(const spm::Model& model, double scale, std::ui
   entry.object_id = kObject;
   entry.summary = model.summary;
   entry.scale = scale;
+  entry.material = material;
   entry.base_bytes = base_bytes;
   return entry;
 }
@@ -38,7 +40,7 @@ SessionRun::SessionRun(const spm::Model& model, double scale, const SessionSetti
       cycle_{settings.cycle, {}, departures_, nullptr} {
   server_.add(kObject, encoded_.coded());
   loader_.on_host_seen(kHost, 1, now_);
-  loader_.on_catalogue(entry_for(model, scale, server_.base_bytes(kObject)));
+  loader_.on_catalogue(entry_for(model, scale, settings.material, server_.base_bytes(kObject)));
 }
 
 void SessionRun::settle(const spm::Vec3d& away) {

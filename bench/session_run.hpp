@@ -25,6 +25,7 @@ struct SessionSettings {
   spm::PoolSettings pool;
   hrtc_service::LoaderSettings loader;
   hrtc_service::CycleSettings cycle;
+  session::Material material;
   std::uint32_t delay_cycles = 2;
 };
 

@@ -76,7 +76,8 @@ void ForceRenderer::render(const ProxyResult& proxy, const DeviceState& device, 
   if (proxy.in_contact) {
     // Damping may cancel the push of the surface, not turn it into a pull.
     const double push = std::max(0.0, force.dot(proxy.normal));
-    const double damping = std::max(-push, -feel.damping * device.velocity.dot(proxy.normal));
+    const double damping =
+        std::max(-push, -feel.damping * (device.velocity - proxy.surface_velocity).dot(proxy.normal));
     force += damping * proxy.normal;
   }
 

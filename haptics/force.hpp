@@ -1,6 +1,7 @@
 /// From proxy and device to a force that is safe to feel.
 ///
-/// force = stiffness (anchor - device) - damping * velocity along the contact normal, then limited. Every limit that
+/// force = stiffness (anchor - device) - damping * velocity along the contact normal, relative to what is touched, then
+/// limited. Every limit that
 /// acts sets its bit, so that an operator can be told. World frame, SI. One thread at a time. Realtime.
 /// docs/safety.md has the rules and what they are tested with.
 #pragma once

@@ -1,5 +1,6 @@
 #include "haptics/proxy.hpp"
 
+#include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <algorithm>
 #include <array>
@@ -10,9 +11,10 @@ namespace tactus::haptics {
 namespace {
 
 constexpr int kMaxSweeps = 6;
-constexpr double kSkin = 1e-6;           // m kept between proxy and surface: far above rounding, far below feeling
-constexpr double kSamePlane = 1 - 1e-6;  // cosine
-constexpr double kNoMotion = 1e-9;       // m
+constexpr double kSkin = 1e-6;            // m kept between proxy and surface: far above rounding, far below feeling
+constexpr double kSamePlane = 1 - 1e-6;   // cosine
+constexpr double kNoMotion = 1e-9;        // m
+constexpr double kLeastShare = 1.0 / 16;  // of the radius, that a proxy without room for all of it keeps
 
 /// Keeps the centre at normal . x >= offset.
 struct Plane {
@@ -20,6 +22,10 @@ struct Plane {
   double offset;
   std::uint32_t object, face;
 };
+
+Plane plane_at(const SurfaceHit& hit, double radius) noexcept {
+  return {hit.normal, hit.normal.dot(hit.point) + radius + kSkin, hit.object, hit.face};
+}
 
 /// At most three planes and the point allowed by them that is nearest to a goal.
 class Planes {
@@ -114,12 +120,22 @@ struct Proxy::Slide {
   bool held = false;
   std::uint32_t object = spm::kNone;
   std::uint32_t face = spm::kNone;
+  [[nodiscard]] Vec3d normal() const noexcept { return (end - goal).normalized(); }
 };
 
-Proxy::Slide Proxy::slide(const Vec3d& goal, const Surface& surface) const noexcept {
-  Slide slide{goal, result_.proxy};
+/// What friction makes of the goal.
+struct Proxy::Grasp {
+  Vec3d goal;
+  bool sticking;
+};
+
+Proxy::Slide Proxy::slide(const Vec3d& start, const Vec3d& goal, const Surface& surface,
+                          const SurfaceHit* known) const noexcept {
+  Slide slide{goal, start};
   Planes planes;
   Vec3d target = goal;
+  if (known != nullptr && !(planes.add(plane_at(*known, settings_.radius)) && planes.nearest(goal, target)))
+    return slide;
   for (int sweep = 0; sweep < kMaxSweeps; ++sweep) {
     SurfaceHit hit;
     if (!surface.sweep(slide.end, target, settings_.radius, hit)) {
@@ -129,8 +145,7 @@ Proxy::Slide Proxy::slide(const Vec3d& goal, const Surface& surface) const noexc
     const Vec3d motion = target - slide.end;
     const double closing = -motion.dot(hit.normal);
     if (closing > 0) slide.end += motion * std::max(0.0, hit.time - kSkin / closing);
-    const double offset = hit.normal.dot(hit.point) + settings_.radius + kSkin;
-    if (!planes.add({hit.normal, offset, hit.object, hit.face})) break;
+    if (!planes.add(plane_at(hit, settings_.radius))) break;
     if (!planes.nearest(goal, target)) break;
   }
   if (const Plane* plane = planes.holding(goal); plane != nullptr && (slide.end - goal).norm() > kNoMotion) {
@@ -141,38 +156,70 @@ Proxy::Slide Proxy::slide(const Vec3d& goal, const Surface& surface) const noexc
   return slide;
 }
 
-Proxy::Slide Proxy::slide_with_friction(const Vec3d& device, const Surface& surface) noexcept {
-  const Slide free = slide(device, surface);
-  result_.sticking = false;
-  if (!free.held || !(grip_.static_friction > 0)) {
-    slipping_ = false;
-    return free;
-  }
-  // The reaction of a frictionless surface gives normal and depth; friction then pulls the goal back towards the
-  // proxy's foot, inside the cone of friction or to its rim.
-  const Vec3d reaction = free.end - device;
-  const double depth = reaction.norm();
-  const Vec3d normal = reaction / depth;
+Proxy::Grasp Proxy::grasp(const Vec3d& device, const Vec3d& normal, const Vec3d& held_at,
+                          double stick_within) const noexcept {
+  const double depth = std::max(0.0, normal.dot(held_at - device));
   const Vec3d wish = device - result_.proxy;
   const Vec3d along = wish - normal * normal.dot(wish);
   const double length = along.norm();
+  if (length <= stick_within * depth) return {device - along, true};
+  return {device - along * std::min(1.0, grip_.dynamic_friction * depth / length), false};
+}
+
+bool Proxy::slide_in_cone(const Vec3d& device, Vec3d normal, const Vec3d& held_at, const Surface& surface,
+                          Slide& found) noexcept {
+  constexpr int kMaxRounds = 2;
+  constexpr double kTurned = 5e-4, kTurnedFar = 5e-3;  // rad
+  constexpr double kOne = 0.99;                        // cosine
   // A sliding proxy trails on the dynamic cone, so it may stick again only within that, and well within the static one
   // where the two are close: it does not flicker between the states.
   constexpr double kStickAgain = 0.7;
   const double coefficient =
       slipping_ ? std::min(kStickAgain * grip_.static_friction, grip_.dynamic_friction) : grip_.static_friction;
-  const double cone = coefficient * depth;
-  if (length <= cone) {
-    slipping_ = false;
-    result_.sticking = true;
-    return slide(device - along, surface);
+  Grasp grasp = this->grasp(device, normal, held_at, coefficient);
+  found = slide(result_.proxy, grasp.goal, surface);
+  if (!found.held) return false;
+  way_ = {result_.proxy, grasp.goal};
+  // It has gone along the tangent of where it was; what is under it now may slope otherwise, and be further down.
+  for (int round = 0; round < kMaxRounds && !grasp.sticking; ++round) {
+    SurfaceHit under;
+    // Several surfaces hold it where what is under it is not what holds it: then their sum is upright.
+    const bool one =
+        surface.sweep(found.end, grasp.goal, settings_.radius, under) && under.normal.dot(found.normal()) > kOne;
+    const Vec3d upright = one ? under.normal : found.normal();
+    const double turned = upright.cross(normal).norm();
+    if (turned < kTurned) break;
+    const Vec3d there = one ? Vec3d(under.point + upright * (settings_.radius + kSkin)) : found.end;
+    const Grasp right = this->grasp(device, upright, there, 0);  // it slips, whatever it finds there
+    const Slide better = slide(found.end, right.goal, surface, one ? &under : nullptr);
+    if (!better.held) break;
+    way_ = {found.end, right.goal, one, grasp.goal, under};
+    found = better;
+    grasp = right;
+    normal = upright;
+    if (turned < kTurnedFar) break;
   }
-  slipping_ = true;
-  const double drag = std::min(1.0, grip_.dynamic_friction * depth / length);
-  return slide(device - along * drag, surface);
+  result_.sticking = grasp.sticking;
+  slipping_ = !grasp.sticking;
+  return true;
 }
 
-bool Proxy::inside_from_start(const Surface& surface) const noexcept {
+Proxy::Slide Proxy::slide_with_friction(const Vec3d& device, const Surface& surface) noexcept {
+  // The cone of friction stands on the normal of the contact, which is known when the proxy has gone there. The first
+  // guess is that of the last step, else that of a surface without friction.
+  const bool rough = grip_.static_friction > 0;
+  Slide found;
+  if (rough && result_.in_contact && result_.normal.dot(result_.proxy - device) > 0 &&
+      slide_in_cone(device, result_.normal, result_.proxy, surface, found))
+    return found;
+  const Slide free = slide(result_.proxy, device, surface);
+  if (rough && free.held && slide_in_cone(device, free.normal(), free.end, surface, found)) return found;
+  result_.sticking = slipping_ = false;
+  way_ = {result_.proxy, device};
+  return free;
+}
+
+bool Proxy::inside(const Surface& surface) const noexcept {
   SurfaceHit hit;
   return surface.closest(result_.proxy, settings_.start_reach, hit) && hit.sided &&
          hit.distance < (result_.outside_only ? settings_.radius : 0);
@@ -194,8 +241,7 @@ void Proxy::find_side(const Surface& surface) noexcept {
 
 void Proxy::keep_side(const Surface& surface) noexcept {
   constexpr int kMaxPushes = 8;
-  constexpr double kLeastShare = 1.0 / 16;
-  const double sign = static_cast<double>(side_);
+  const double sign = side_ == Side::kInner ? -1 : 1;
   // Where the gap is narrower than the proxy, its centre at least comes to the right side.
   for (double share = 1; share >= kLeastShare; share /= 2) {
     const double room = settings_.radius * share;
@@ -207,7 +253,7 @@ void Proxy::keep_side(const Surface& surface) noexcept {
         return;
       }
       const double distance = hit.sided ? sign * hit.distance : std::abs(hit.distance);
-      if (distance >= room) {
+      if (distance >= room - kSkin) {
         result_.proxy = x;
         return;
       }
@@ -222,49 +268,101 @@ void Proxy::keep_side(const Surface& surface) noexcept {
   }
 }
 
-void Proxy::follow_change(const Surface& surface) noexcept {
-  if (side_ == Side::kUnknown) {
-    result_.outside_only = inside_from_start(surface);
-    if (result_.outside_only) return;
-  } else {
-    keep_side(surface);
+bool Proxy::holds_still(const Surface& surface) const noexcept {
+  SurfaceHit under;
+  if (way_.probed) {
+    if (!surface.sweep(way_.start, way_.probe, settings_.radius, under)) return false;
+    constexpr double kSameNormal = 1e-6;
+    if ((under.point - way_.under.point).norm() > kSkin || (under.normal - way_.under.normal).norm() > kSameNormal)
+      return false;
   }
+  const Slide again = slide(way_.start, way_.goal, surface, way_.probed ? &under : nullptr);
+  return again.held && (again.end - result_.proxy).norm() <= kSkin;
+}
+
+void Proxy::follow_change(const Surface& surface) noexcept {
+  // What held it holds it there still: nothing has changed that it touches, and it stays where it is to the bit.
+  if (result_.in_contact && holds_still(surface)) return;
+  // Where the new surface puts the proxy for the goal of the last step: that difference is the change's doing alone.
+  const Vec3d before = result_.proxy;
+  if (side_ == Side::kUnknown) {
+    result_.outside_only = inside(surface);
+    if (result_.outside_only) return;
+  }
+  keep_side(surface);
+  result_.proxy = slide(result_.proxy, way_.goal, surface).end;
+  const Vec3d change = result_.proxy - before;
+  if (change.norm() > kSkin) {
+    offset_ += change;
+    result_.surface_moved = true;
+  }
+}
+
+bool Proxy::push(const Vec3d& wish, double radius, const Surface& surface, Vec3d& to) const noexcept {
+  Planes planes;
+  to = wish;
+  SurfaceHit hit;
+  for (int sweep = 0; sweep < kMaxSweeps; ++sweep) {
+    if (!surface.sweep_moving(result_.proxy, to, radius, hit)) return true;
+    if (!planes.add(plane_at(hit, radius)) || !planes.nearest(wish, to)) break;
+  }
+  // As far as it can go along with what is in its way, if that is all there is.
+  const Vec3d at = surface.carried(hit.object, result_.proxy);
+  const Vec3d motion = to - at;
+  const double closing = -motion.dot(hit.normal);
+  to = at;
+  if (closing > 0) to += motion * std::max(0.0, hit.time - kSkin / closing);
+  return !surface.sweep_moving(result_.proxy, to, radius, hit);
+}
+
+void Proxy::carry(double dt, const Surface& surface) noexcept {
+  const bool held = result_.in_contact;
+  const Vec3d wish = held ? surface.carried(result_.object, result_.proxy) : result_.proxy;
+  if (dt > 0) result_.surface_velocity = (wish - result_.proxy) / dt;
+  // Where objects close on it the centre at least stays outside.
+  for (double share = 1; share >= kLeastShare; share /= 4) {
+    Vec3d to;
+    if (!push(wish, settings_.radius * share, surface, to)) continue;
+    result_.proxy = to;
+    if (held) {
+      for (Vec3d* point : {&way_.start, &way_.goal, &way_.probe, &way_.under.point})
+        *point = surface.carried(result_.object, *point);
+      for (Vec3d* direction : {&result_.normal, &way_.under.normal})
+        *direction = surface.turned(result_.object, *direction);
+    }
+    return;
+  }
+  result_.outside_only = true;
 }
 
 const ProxyResult& Proxy::step(const Vec3d& device, double dt, const Surface& surface, bool surface_changed) noexcept {
   if (!device.allFinite()) return result_;
   result_.surface_moved = false;
+  result_.surface_velocity.setZero();
   if (!started_) {
     started_ = true;
-    result_.proxy = goal_ = device;
-    result_.outside_only = inside_from_start(surface);
-  } else if (surface_changed && !result_.outside_only) {
-    // Where the new surface puts the proxy for the goal of the last step: that difference is the change's doing alone.
-    const Vec3d before = result_.proxy;
-    follow_change(surface);
-    if (!result_.outside_only) result_.proxy = slide(goal_, surface).end;
-    const Vec3d change = result_.proxy - before;
-    if (change.norm() > kSkin) {
-      offset_ += change;
-      result_.surface_moved = true;
-    }
+    result_.proxy = way_.goal = device;
+    surface_changed = true;  // from none
+  } else if (surface.moving() && !result_.outside_only) {
+    carry(dt, surface);
   }
+  if (surface_changed && !result_.outside_only) follow_change(surface);
 
   if (result_.outside_only) {
-    result_.proxy = goal_ = device;
-    result_.in_contact = result_.sticking = false;
+    result_.proxy = way_.goal = device;
+    result_.in_contact = result_.sticking = slipping_ = false;
     result_.object = result_.face = spm::kNone;
-    result_.outside_only = inside_from_start(surface);
+    result_.outside_only = inside(surface);
+    side_ = Side::kUnknown;
   } else {
     const Slide slide = slide_with_friction(device, surface);
     result_.proxy = slide.end;
-    goal_ = slide.goal;
     result_.in_contact = slide.held;
     result_.object = slide.object;
     result_.face = slide.face;
-    if (slide.held) result_.normal = (slide.end - slide.goal).normalized();
+    if (slide.held) result_.normal = slide.normal();
+    find_side(surface);
   }
-  if (!result_.outside_only) find_side(surface);
 
   const double step = settings_.ramp * dt / grip_.stiffness;
   const double length = offset_.norm();

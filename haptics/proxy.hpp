@@ -6,9 +6,19 @@
 ///                                                o->    device; force = stiffness (proxy - device)
 ///
 /// World frame, metres, seconds. The proxy moves by sweeps that stop before the time of impact, so it passes through no
-/// surface at any speed. One thread at a time. Realtime: at most 13 sweeps and 43 closest points a step, usually 2
-/// and 1. Source: Zilles, Salisbury 1995 (god-object, constraint planes); Ruspini, Kolarov, Khatib 1997 (spherical
-/// proxy); Salisbury et al. 1995 (friction cone with stick and slip).
+/// surface at any speed.
+///
+/// - Where objects move, it first goes along with the one that it touches, as if it were part of it, and in front of
+///   any that comes its way: by sweeps relative to each object, so that none passes it at any speed either.
+/// - Friction pulls the goal of a slide back towards where the proxy was, to the rim of the cone or, while it sticks,
+/// all
+///   the way. The cone stands on the normal where the slide ends, which the last one foretells.
+/// - When the surface changes, the last slide is done again. If it ends in the same place, nothing that matters has
+///   changed, and the proxy is to the bit what it would have been; else the difference is ramped.
+///
+/// One thread at a time. Realtime: at most 45 sweeps and 43 closest points a step, 21 sweeps more when something moves;
+/// usually 2 (with friction and slipping 3 to 5) and 1. Source: Zilles, Salisbury 1995 (god-object, constraint planes);
+/// Ruspini, Kolarov, Khatib 1997 (spherical proxy); Salisbury et al. 1995 (friction cone with stick and slip).
 #pragma once
 
 #include "haptics/surface.hpp"
@@ -37,6 +47,7 @@ struct ProxyResult {
   Vec3d proxy = Vec3d::Zero();    ///< centre, where the surface lets it be
   Vec3d anchor = Vec3d::Zero();   ///< pulls the device; differs from `proxy` while a change of the surface is ramped
   Vec3d normal = Vec3d::UnitZ();  ///< of the contact, or of the last one
+  Vec3d surface_velocity = Vec3d::Zero();  ///< m/s, of the object that was touched, where the proxy was
   bool in_contact = false;
   bool sticking = false;       ///< held by static friction
   bool surface_moved = false;  ///< in this step a changed surface moved the proxy
@@ -61,9 +72,12 @@ class Proxy {
   /// One cycle of `dt` seconds with the device's tip at `device`. `surface_changed`: the surface near the tip is not
   /// the one of the last step. A position that is not finite leaves everything as it was. Realtime.
   ///
-  /// - A proxy that a changed surface has passed or overlaps returns to the side it was on.
-  /// - A proxy that starts inside, or around which a surface appears, touches nothing until it has come out; an open
-  ///   sheet counts as inside from behind. It cannot be trapped.
+  /// - A proxy that a changed surface has passed or overlaps returns to the side it was on, and so does one that starts
+  ///   with its centre outside, or outside of a surface that appears: it is in contact at once, and the force ramps.
+  /// - A proxy whose centre starts inside, or around which a surface appears, touches nothing until it has come out; an
+  ///   open sheet counts as inside from behind. It cannot be trapped.
+  /// - Where objects that move leave no room for the proxy, its centre stays outside while there is room for a
+  ///   sixteenth of its radius; without that it touches nothing until it has come out.
   [[nodiscard]] const ProxyResult& step(const Vec3d& device, double dt, const Surface& surface,
                                         bool surface_changed) noexcept;
 
@@ -72,19 +86,35 @@ class Proxy {
  private:
   enum class Side : std::int8_t { kInner = -1, kUnknown = 0, kOuter = 1 };
   struct Slide;
+  struct Grasp;
+  /// How the proxy came where it is: the last slide, and what its first plane was had from.
+  struct Way {
+    Vec3d start = Vec3d::Zero(), goal = Vec3d::Zero();
+    bool probed = false;
+    Vec3d probe = Vec3d::Zero();
+    SurfaceHit under{};
+  };
 
-  [[nodiscard]] Slide slide(const Vec3d& goal, const Surface& surface) const noexcept;
+  [[nodiscard]] Slide slide(const Vec3d& start, const Vec3d& goal, const Surface& surface,
+                            const SurfaceHit* known = nullptr) const noexcept;
+  [[nodiscard]] Grasp grasp(const Vec3d& device, const Vec3d& normal, const Vec3d& held_at,
+                            double stick_within) const noexcept;
+  [[nodiscard]] bool slide_in_cone(const Vec3d& device, Vec3d normal, const Vec3d& held_at, const Surface& surface,
+                                   Slide& found) noexcept;
   [[nodiscard]] Slide slide_with_friction(const Vec3d& device, const Surface& surface) noexcept;
-  [[nodiscard]] bool inside_from_start(const Surface& surface) const noexcept;
+  [[nodiscard]] bool push(const Vec3d& wish, double radius, const Surface& surface, Vec3d& to) const noexcept;
+  void carry(double dt, const Surface& surface) noexcept;
+  [[nodiscard]] bool inside(const Surface& surface) const noexcept;
   [[nodiscard]] bool closest(const Vec3d& x, const Surface& surface, SurfaceHit& hit) const noexcept;
   void keep_side(const Surface& surface) noexcept;
+  [[nodiscard]] bool holds_still(const Surface& surface) const noexcept;
   void follow_change(const Surface& surface) noexcept;
   void find_side(const Surface& surface) noexcept;
 
   ProxySettings settings_;
   Grip grip_;
   ProxyResult result_;
-  Vec3d goal_ = Vec3d::Zero();    // of the last slide
+  Way way_;
   Vec3d offset_ = Vec3d::Zero();  // proxy - anchor
   Side side_ = Side::kUnknown;    // of the surface within reach
   bool started_ = false;

@@ -11,7 +11,7 @@ void FirstTouch::offer(const Vec3d& a, const Vec3d& b, const Vec3d& c, std::uint
                        std::uint32_t face) noexcept {
   spm::SweepHit hit;
   if (!spm::swept_sphere(from_, to_, radius_, a, b, c, hit)) return;
-  if (found_ && hit.time >= best_.time) return;
+  if (found_ && (hit.time > best_.time || (hit.time == best_.time && !comes_before(object, face)))) return;
   found_ = true;
   best_.time = hit.time;
   best_.point = hit.point;

@@ -32,12 +32,32 @@ class Surface {
   [[nodiscard]] virtual bool sweep(const Vec3d& from, const Vec3d& to, double radius,
                                    SurfaceHit& hit) const noexcept = 0;
 
+  /// Whether something stands elsewhere than in the last step. What does is asked for by the three functions below.
+  [[nodiscard]] virtual bool moving() const noexcept { return false; }
+  /// The earliest touch of a sphere whose centre was at `from` when everything stood as in the last step, and is to be
+  /// at `to` as it stands now. Relative to each object it goes straight, and what it touches goes along: `hit` tells it
+  /// as it is now. Realtime.
+  [[nodiscard]] virtual bool sweep_moving(const Vec3d& from, const Vec3d& to, double radius,
+                                          SurfaceHit& hit) const noexcept {
+    return sweep(from, to, radius, hit);
+  }
+  /// Where the place on `object` that was at `point` in the last step is now; and a direction. Realtime.
+  [[nodiscard]] virtual Vec3d carried(std::uint32_t object, const Vec3d& point) const noexcept {
+    static_cast<void>(object);
+    return point;
+  }
+  [[nodiscard]] virtual Vec3d turned(std::uint32_t object, const Vec3d& direction) const noexcept {
+    static_cast<void>(object);
+    return direction;
+  }
+
   /// The closest point of all surfaces and the side that `point` is on; false when none is nearer than `within`.
   /// Realtime.
   [[nodiscard]] virtual bool closest(const Vec3d& point, double within, SurfaceHit& hit) const noexcept = 0;
 };
 
-/// The earliest of the touches offered. Offer at least every triangle whose box meets the swept sphere's.
+/// The earliest of the touches offered, of several at once that of the first object and face. Offer at least every
+/// triangle whose box meets the swept sphere's.
 class FirstTouch {
  public:
   FirstTouch(const Vec3d& from, const Vec3d& to, double radius) noexcept : from_{from}, to_{to}, radius_{radius} {}
@@ -50,6 +70,10 @@ class FirstTouch {
   [[nodiscard]] bool result(SurfaceHit& hit) const noexcept;
 
  private:
+  [[nodiscard]] bool comes_before(std::uint32_t object, std::uint32_t face) const noexcept {
+    return object != best_.object ? object < best_.object : face < best_.face;
+  }
+
   Vec3d from_, to_;
   double radius_;
   SurfaceHit best_;

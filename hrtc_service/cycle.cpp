@@ -41,10 +41,20 @@ void Cycle::reset_faults() noexcept {
   for (haptics::ForceRenderer& force : forces_) force.reset();
 }
 
+void Cycle::move(const TouchObject& object, const Placement& placement) noexcept {
+  if (!placement.finite()) return;
+  ObjectState& state = states_[object.index];
+  if (!state.moved) state.before = state.placement;
+  state.moved = true;
+  state.placement = placement;
+  wandering_ |= std::uint64_t{1} << object.index;
+}
+
 void Cycle::take(const Arrival& arrival) noexcept {
   switch (arrival.kind) {
     case Arrival::Kind::kObject:
       if (objects_.size() < kMaxObjects) objects_.push_back(arrival.object);
+      states_[arrival.object->index].placement = arrival.object->placement;
       // A region that refines may move the surface by as much as the object deviates.
       reach_ = std::max(reach_, arrival.object->deviation * arrival.object->placement.scale() + settings_.radius);
       for (haptics::Proxy& proxy : proxies_) proxy.set_reach(reach_);
@@ -72,20 +82,21 @@ void Cycle::choose_targets(TouchObject& object) noexcept {
   constexpr double kSoon = 1e12, kLeft = 2e12;
   target_count_ = 0;
   const spm::Forest& forest = *object.forest;
-  const double scale = object.placement.scale();
+  const Placement& placement = this->placement(object);
+  const double scale = placement.scale();
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     if (!is_near(i, object)) continue;
     const Tip& tip = tips_[i];
-    const Vec3d centre = object.placement.to_model(tip.position + tip.velocity * settings_.period);
+    const Vec3d centre = placement.to_model(tip.position + tip.velocity * settings_.period);
     const double radius = settings_.radius / scale;
-    const Vec3d ahead = object.placement.direction_to_model(tip.velocity) * (settings_.refine_ahead / scale);
+    const Vec3d ahead = placement.direction_to_model(tip.velocity) * (settings_.refine_ahead / scale);
     const double half = ahead.norm() / 2;
     const auto soon = [&](spm::RegionId region, double squared) { add_target(region, kSoon + squared); };
     forest.grid().for_each_meeting(centre, radius,
                                    [&](spm::RegionId region, double squared) { add_target(region, squared); });
     forest.grid().for_each_meeting(centre + ahead / 2, radius + half + settings_.refine_margin / scale, soon);
     if (result_.probes[i].object == object.index)  // the proxy lags behind a device that is pressed in
-      forest.grid().for_each_meeting(object.placement.to_model(vec(result_.probes[i].proxy)),
+      forest.grid().for_each_meeting(placement.to_model(vec(result_.probes[i].proxy)),
                                      radius + settings_.refine_margin / scale, soon);
     forest.grid().for_each_meeting(centre, radius + half + settings_.keep_margin / scale,
                                    [&](spm::RegionId region, double squared) {
@@ -123,8 +134,9 @@ void Cycle::query(std::uint32_t number, const ProbeInput& input, std::int64_t no
   const ObjectsSurface& surface = surfaces_[number];
   for (std::uint32_t i = 0; i < surface.count(); ++i) {
     const TouchObject& object = surface[i];
-    const double scale = object.placement.scale();
-    const Vec3d centre = object.placement.to_model(input.device.position);
+    const Placement& placement = surface.placement(i);
+    const double scale = placement.scale();
+    const Vec3d centre = placement.to_model(input.device.position);
     const double radius = settings_.radius / scale;
     const bool object_exact = object.forest->exact(centre, radius);
     std::uint32_t found = object.forest->tree().touching(centre, radius, contacts_.data(), kMaxContacts);
@@ -175,8 +187,8 @@ void Cycle::render(std::uint32_t number, const ProbeInput& input, ProbeOutput& o
   if (proxy.in_contact && (output.status & session::kExact) != 0)
     for (std::uint32_t i = 0; i < surface.count(); ++i) {
       const TouchObject& object = surface[i];
-      const double scale = object.placement.scale();
-      if (object.forest->exact(object.placement.to_model(proxy.proxy), settings_.radius / scale)) continue;
+      const double scale = surface.placement(i).scale();
+      if (object.forest->exact(surface.placement(i).to_model(proxy.proxy), settings_.radius / scale)) continue;
       output.status &= ~static_cast<std::uint32_t>(session::kExact);
       output.error_bound = std::max(output.error_bound, static_cast<float>(object.deviation * scale));
     }
@@ -210,7 +222,7 @@ const CycleResult& Cycle::touch(const std::array<ProbeInput, kMaxProbes>& probes
   costs.query = costs.force = 0;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     const ProbeInput& input = probes[i];
-    near_[i] = input.active ? input.near.at(input.device.position) : 0;
+    near_[i] = input.active ? input.near.at(input.device.position) | wandering_ : 0;
     tips_[i] = {input.device.position, input.device.velocity};
     ProbeOutput output;
     surfaces_[i].clear();
@@ -226,8 +238,9 @@ const CycleResult& Cycle::touch(const std::array<ProbeInput, kMaxProbes>& probes
     bool all_shown = true;
     for (const TouchObject* object : objects_) {
       if (!is_near(i, *object)) continue;
+      const ObjectState& state = states_[object->index];
       if (object->forest->base_shown())
-        surfaces_[i].add(*object);
+        surfaces_[i].add(*object, state.placement, state.moved ? &state.before : nullptr);
       else
         all_shown = false;
     }
@@ -248,6 +261,7 @@ const CycleResult& Cycle::touch(const std::array<ProbeInput, kMaxProbes>& probes
     costs.force += since(mark);
     result_.probes[i] = output;
   }
+  for (const TouchObject* object : objects_) states_[object->index].moved = false;
   return result_;
 }
 
@@ -275,14 +289,16 @@ spm::Advance Cycle::advance(TouchObject& object, spm::Budget& budget, spm::Budge
 std::uint32_t Cycle::refit(TouchObject& object) noexcept {
   // A proxy rests within a hair of what holds it; what changes further away does not move it.
   constexpr double kHair = 1.01;
-  const double scale = object.placement.scale();
+  const ObjectState& state = states_[object.index];
+  const Placement& placement = state.moved ? state.before : state.placement;  // as of the last touch
+  const double scale = placement.scale();
   std::array<spm::Watch, kMaxProbes> watches;
   std::array<std::uint32_t, kMaxProbes> probes;
   std::uint32_t count = 0;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     if (!is_near(i, object)) continue;
     probes[count] = i;
-    watches[count++] = {object.placement.to_model(vec(result_.probes[i].proxy)), kHair * settings_.radius / scale};
+    watches[count++] = {placement.to_model(vec(result_.probes[i].proxy)), kHair * settings_.radius / scale};
   }
   const spm::RefitCount refitted = object.forest->refit(watches.data(), count);
   for (std::uint32_t i = 0; i < count; ++i)

@@ -88,6 +88,10 @@ class Cycle {
   Cycle(const CycleSettings& settings, const std::array<haptics::DeviceSpec, kMaxProbes>& specs,
         DepartureRing& departures, LogRing* log);
 
+  /// Where an object stands from the next `touch` on: its probes go along or are pushed. May come before each `touch`.
+  /// What is not finite is passed over. The object counts as near to every tip from then on. Realtime.
+  void move(const TouchObject& object, const Placement& placement) noexcept;
+
   /// Takes in what arrived and makes the forces. `now_ns` only dates the log.
   const CycleResult& touch(const std::array<ProbeInput, kMaxProbes>& probes, std::int64_t now_ns,
                            const Arrival* arrivals, std::uint32_t arrival_count) noexcept;
@@ -111,6 +115,11 @@ class Cycle {
   void reset_faults() noexcept;
 
   [[nodiscard]] const std::vector<TouchObject*>& objects() const noexcept { return objects_; }
+  /// What the last `touch` left of a probe: copies of these tell what another pose or another mesh would have made of
+  /// it. The surface is valid until the next.
+  [[nodiscard]] const haptics::Proxy& proxy(std::uint32_t probe) const noexcept { return proxies_[probe]; }
+  [[nodiscard]] const haptics::ForceRenderer& renderer(std::uint32_t probe) const noexcept { return forces_[probe]; }
+  [[nodiscard]] const haptics::Surface& surface(std::uint32_t probe) const noexcept { return surfaces_[probe]; }
   /// Log entries that found the ring full.
   [[nodiscard]] std::uint64_t log_dropped() const noexcept { return log_dropped_; }
 
@@ -133,7 +142,12 @@ class Cycle {
   struct ObjectState {
     std::uint32_t since_change = 0;
     std::uint32_t changed = 0;  // near which proxies, by probe bit
+    Placement placement, before;
+    bool moved = false;  // since the last touch
   };
+  [[nodiscard]] const Placement& placement(const TouchObject& object) const noexcept {
+    return states_[object.index].placement;
+  }
 
   void take(const Arrival& arrival) noexcept;
   void add_target(spm::RegionId region, double key) noexcept;
@@ -152,6 +166,7 @@ class Cycle {
   std::vector<TouchObject*> objects_;              // reserved for kMaxObjects
   std::array<ObjectState, kMaxObjects> states_{};  // by object index
   std::array<std::uint64_t, kMaxProbes> near_{};   // objects that a tip could touch, by index bit
+  std::uint64_t wandering_ = 0;                    // objects that have moved, by index bit
   std::array<Tip, kMaxProbes> tips_{};             // of the last touch
   std::int64_t touch_began_ns_ = 0;
   std::array<haptics::Proxy, kMaxProbes> proxies_;

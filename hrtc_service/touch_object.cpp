@@ -4,25 +4,56 @@
 
 namespace tactus::hrtc_service {
 
+void ObjectsSurface::take_earlier(const Entry& entry, const Vec3d& from_model, const Vec3d& to_model, double radius,
+                                  bool& found, haptics::SurfaceHit& hit) noexcept {
+  const Placement& placement = *entry.now;
+  spm::SweepContact touch;
+  if (!entry.object->forest->tree().sweep(from_model, to_model, radius / placement.scale(), touch)) return;
+  if (found && !(touch.time < hit.time)) return;
+  found = true;
+  hit = {};
+  hit.time = touch.time;
+  hit.point = placement.to_world(touch.point);
+  hit.normal = placement.direction_to_world(touch.normal);
+  hit.object = entry.object->index;
+  hit.face = spm::index(touch.face);
+}
+
 bool ObjectsSurface::sweep(const Vec3d& from, const Vec3d& to, double radius, haptics::SurfaceHit& hit) const noexcept {
   bool found = false;
   for (std::uint32_t i = 0; i < count_; ++i) {
-    const TouchObject& object = *objects_[i];
-    const Placement& placement = object.placement;
-    spm::SweepContact touch;
-    if (!object.forest->tree().sweep(placement.to_model(from), placement.to_model(to), radius / placement.scale(),
-                                     touch))
-      continue;
-    if (found && !(touch.time < hit.time)) continue;
-    found = true;
-    hit = {};
-    hit.time = touch.time;
-    hit.point = placement.to_world(touch.point);
-    hit.normal = placement.direction_to_world(touch.normal);
-    hit.object = object.index;
-    hit.face = spm::index(touch.face);
+    const Placement& placement = *entries_[i].now;
+    take_earlier(entries_[i], placement.to_model(from), placement.to_model(to), radius, found, hit);
   }
   return found;
+}
+
+bool ObjectsSurface::sweep_moving(const Vec3d& from, const Vec3d& to, double radius,
+                                  haptics::SurfaceHit& hit) const noexcept {
+  bool found = false;
+  for (std::uint32_t i = 0; i < count_; ++i) {
+    const Entry& entry = entries_[i];
+    const Placement& before = entry.before != nullptr ? *entry.before : *entry.now;
+    take_earlier(entry, before.to_model(from), entry.now->to_model(to), radius, found, hit);
+  }
+  return found;
+}
+
+const ObjectsSurface::Entry* ObjectsSurface::moved(std::uint32_t object) const noexcept {
+  if (moving_ > 0)
+    for (std::uint32_t i = 0; i < count_; ++i)
+      if (entries_[i].object->index == object) return entries_[i].before != nullptr ? &entries_[i] : nullptr;
+  return nullptr;
+}
+
+Vec3d ObjectsSurface::carried(std::uint32_t object, const Vec3d& point) const noexcept {
+  const Entry* entry = moved(object);
+  return entry != nullptr ? entry->now->to_world(entry->before->to_model(point)) : point;
+}
+
+Vec3d ObjectsSurface::turned(std::uint32_t object, const Vec3d& direction) const noexcept {
+  const Entry* entry = moved(object);
+  return entry != nullptr ? entry->now->direction_to_world(entry->before->direction_to_model(direction)) : direction;
 }
 
 bool ObjectsSurface::closest(const Vec3d& point, double within, haptics::SurfaceHit& hit) const noexcept {
@@ -32,31 +63,31 @@ bool ObjectsSurface::closest(const Vec3d& point, double within, haptics::Surface
   using Rows = std::array<std::uint32_t, spm::AbTree::kMostNearest>;
   Rows rows;
   std::uint32_t found = 0;
-  const TouchObject* nearest = nullptr;
+  const Entry* nearest = nullptr;
   double reach = within;
   for (std::uint32_t i = 0; i < count_; ++i) {
-    const TouchObject& object = *objects_[i];
-    const double scale = object.placement.scale();
+    const Placement& placement = *entries_[i].now;
+    const double scale = placement.scale();
     spm::NearestFace face;
     Rows here;
-    const std::uint32_t count = object.forest->tree().nearest(object.placement.to_model(point), reach / scale,
-                                                              hair / scale, face, here.data(), here.size());
+    const std::uint32_t count = entries_[i].object->forest->tree().nearest(
+        placement.to_model(point), reach / scale, hair / scale, face, here.data(), here.size());
     if (count == 0) continue;
-    nearest = &object;
+    nearest = &entries_[i];
     reach = std::sqrt(face.squared_distance) * scale;
     found = count;
     std::copy_n(here.begin(), count, rows.begin());
   }
   if (nearest == nullptr) return false;
   haptics::ClosestSide side{point, std::min(within, reach + hair)};
-  const Placement& placement = nearest->placement;
-  const spm::AbTree& tree = nearest->forest->tree();
+  const Placement& placement = *nearest->now;
+  const spm::AbTree& tree = nearest->object->forest->tree();
   for (std::uint32_t i = 0; i < found; ++i) {
     const std::array<float, 9> corners = tree.corners(rows[i]);
     const auto corner = [&](int c) {
       return placement.to_world({corners[3 * c], corners[3 * c + 1], corners[3 * c + 2]});
     };
-    side.offer(corner(0), corner(1), corner(2), nearest->index, tree.row(rows[i]).face);
+    side.offer(corner(0), corner(1), corner(2), nearest->object->index, tree.row(rows[i]).face);
   }
   return side.result(hit);
 }

@@ -4,6 +4,7 @@
 #include <Eigen/Geometry>
 #include <array>
 #include <boost/lockfree/spsc_queue.hpp>
+#include <cmath>
 #include <cstdint>
 #include <memory>
 
@@ -45,6 +46,9 @@ class Placement {
   [[nodiscard]] Vec3d direction_to_world(const Vec3d& model) const noexcept { return rotation_ * model; }
   [[nodiscard]] Vec3d direction_to_model(const Vec3d& world) const noexcept { return rotation_.transpose() * world; }
   [[nodiscard]] double scale() const noexcept { return scale_; }
+  [[nodiscard]] bool finite() const noexcept {
+    return std::isfinite(scale_) && rotation_.allFinite() && translation_.allFinite();
+  }
 
  private:
   double scale_ = 1;
@@ -57,7 +61,7 @@ class Placement {
 struct TouchObject {
   std::uint32_t index = 0;  ///< of the cache, and bit in NearObjects
   std::uint64_t id = 0;
-  Placement placement;
+  Placement placement;  ///< where it stood when it came
   session::Material material;
   spm::CellBox bounds;   ///< model frame
   double deviation = 0;  ///< file units; no version of the mesh is further from the finest
@@ -95,21 +99,45 @@ struct Departure {
 using ArrivalRing = boost::lockfree::spsc_queue<Arrival>;
 using DepartureRing = boost::lockfree::spsc_queue<Departure>;
 
-/// The surfaces of several objects as one. Borrows them for a cycle. Realtime.
+/// The surfaces of several objects as one, where they stand and where they stood in the last cycle. Borrows all it is
+/// given for a cycle. Realtime.
 class ObjectsSurface final : public haptics::Surface {
  public:
-  void clear() noexcept { count_ = 0; }
-  void add(const TouchObject& object) noexcept { objects_[count_++] = &object; }
+  void clear() noexcept {
+    count_ = 0;
+    moving_ = 0;
+  }
+  /// `before` null: the object has not moved.
+  void add(const TouchObject& object, const Placement& now, const Placement* before) noexcept {
+    entries_[count_++] = {&object, &now, before};
+    if (before != nullptr) ++moving_;
+  }
   [[nodiscard]] std::uint32_t count() const noexcept { return count_; }
-  [[nodiscard]] const TouchObject& operator[](std::uint32_t i) const noexcept { return *objects_[i]; }
+  [[nodiscard]] const TouchObject& operator[](std::uint32_t i) const noexcept { return *entries_[i].object; }
+  [[nodiscard]] const Placement& placement(std::uint32_t i) const noexcept { return *entries_[i].now; }
 
   [[nodiscard]] bool sweep(const Vec3d& from, const Vec3d& to, double radius,
                            haptics::SurfaceHit& hit) const noexcept override;
   [[nodiscard]] bool closest(const Vec3d& point, double within, haptics::SurfaceHit& hit) const noexcept override;
+  [[nodiscard]] bool moving() const noexcept override { return moving_ > 0; }
+  [[nodiscard]] bool sweep_moving(const Vec3d& from, const Vec3d& to, double radius,
+                                  haptics::SurfaceHit& hit) const noexcept override;
+  [[nodiscard]] Vec3d carried(std::uint32_t object, const Vec3d& point) const noexcept override;
+  [[nodiscard]] Vec3d turned(std::uint32_t object, const Vec3d& direction) const noexcept override;
 
  private:
-  std::array<const TouchObject*, kMaxObjects> objects_{};
+  struct Entry {
+    const TouchObject* object = nullptr;
+    const Placement* now = nullptr;
+    const Placement* before = nullptr;
+  };
+  static void take_earlier(const Entry& entry, const Vec3d& from_model, const Vec3d& to_model, double radius,
+                           bool& found, haptics::SurfaceHit& hit) noexcept;
+  [[nodiscard]] const Entry* moved(std::uint32_t object) const noexcept;
+
+  std::array<Entry, kMaxObjects> entries_{};
   std::uint32_t count_ = 0;
+  std::uint32_t moving_ = 0;
 };
 
 }  // namespace tactus::hrtc_service

@@ -180,6 +180,46 @@ TEST(Proxy, InsideASurfaceThatAppearsTouchesNothingUntilItIsOut) {
   EXPECT_EQ(result.anchor, Vec3d(0, 0, 0.03));
 }
 
+TEST(Proxy, ThatAlreadyRestsInASurfaceWhenThatAppearsIsPushedOutLittleByLittle) {
+  const TriangleSurface nothing;
+  const TriangleSurface surface{sphere(0.1, 2)};
+  const Vec3d device{0, 0, 0.1 + kRadius - 0.0005};  // half a millimetre deep
+  for (const bool from_start : {false, true}) {
+    Proxy proxy;
+    proxy.set_grip({0, 0, 2000});
+    if (!from_start) (void)proxy.step(device, kCycle, nothing, false);
+    double force = 0;
+    for (int i = 0; i < 40; ++i) {
+      const ProxyResult& result = proxy.step(device, kCycle, surface, i == 0);
+      ASSERT_TRUE(result.in_contact) << "cycle " << i;
+      const double next = 2000 * (result.anchor - device).z();
+      ASSERT_LE(next - force, 0.0501) << "cycle " << i;
+      force = next;
+    }
+    EXPECT_NEAR(force, 1, 0.01);
+  }
+}
+
+TEST(Proxy, StaysToTheBitWhereItIsWhenTheSurfaceIsSaidToHaveChangedAndHasNot) {
+  const TriangleSurface surface{bumpy(0.05, 2, 0.2)};
+  for (const double friction : {0.0, 0.5}) {
+    Proxy told, not_told;
+    const Vec3d start{0.02, -0.01, 0.12};
+    Wanderer hand{kSeed, start, 0.2, 0.07};
+    int contacts = 0;
+    for (int i = 0; i < 5000; ++i) {
+      const Vec3d device = hand.next();
+      for (Proxy* proxy : {&told, &not_told}) proxy->set_grip({friction, 0.8 * friction, 1000});
+      const ProxyResult& one = told.step(device, kCycle, surface, i % 3 == 0);
+      const ProxyResult& other = not_told.step(device, kCycle, surface, false);
+      ASSERT_EQ(one.proxy, other.proxy) << "seed " << kSeed << " cycle " << i;
+      ASSERT_EQ(one.anchor, other.anchor) << "seed " << kSeed << " cycle " << i;
+      contacts += one.in_contact ? 1 : 0;
+    }
+    EXPECT_GT(contacts, 500);
+  }
+}
+
 TEST(Proxy, NeverEntersAClosedSurface) {
   // 10^5 cycles of hands that wander through bodies at up to 0.5 m/s.
   for (const auto& triangles : {tetrahedron(0.05), sphere(0.05, 2), bumpy(0.05, 2, 0.25)}) {

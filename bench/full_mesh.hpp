@@ -1,0 +1,55 @@
+/// A model's finest mesh as a surface, all of it and always: what a proxy on a refined one is compared with.
+///
+/// Knows nothing of trees, forests, pools and refinement: faces in the cells of an even grid, each offered by itself.
+/// World frame and metres outside, the model's inside, as in a controller. Allocates.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "haptics/surface.hpp"
+#include "hrtc_service/touch_object.hpp"
+#include "spm/span.hpp"
+
+namespace tactus::bench {
+
+class FullMesh final : public haptics::Surface {
+ public:
+  /// `faces` by FaceId; `cell`: edge of the grid's cells, m, best about the radius of what is swept.
+  FullMesh(spm::Span<const std::array<float, 3>> vertices, spm::Span<const std::array<std::uint32_t, 3>> faces,
+           const hrtc_service::Placement& placement, double cell);
+
+  [[nodiscard]] bool sweep(const spm::Vec3d& from, const spm::Vec3d& to, double radius,
+                           haptics::SurfaceHit& hit) const noexcept override;
+  [[nodiscard]] bool closest(const spm::Vec3d& point, double within, haptics::SurfaceHit& hit) const noexcept override;
+
+ private:
+  using Cell = std::array<std::int32_t, 3>;
+  struct Entry {
+    std::uint32_t face;
+    spm::CellBox box;
+  };
+  struct Corners {
+    spm::Vec3d a, b, c;
+  };
+
+  [[nodiscard]] Cell cell_of(const spm::Vec3d& p) const noexcept;
+  /// Calls `visit(entry)` once for each face whose box comes within `reach` of `middle`, model frame;
+  /// `visit` may make that smaller.
+  template <class Visit>
+  void for_each_near(const spm::Vec3d& middle, const double& reach, Visit&& visit) const noexcept;
+  [[nodiscard]] spm::CellBox box_of(std::uint32_t face) const noexcept;
+  [[nodiscard]] Corners corners(std::uint32_t face) const noexcept;
+
+  hrtc_service::Placement placement_;
+  spm::Span<const std::array<float, 3>> vertices_;
+  spm::Span<const std::array<std::uint32_t, 3>> faces_;
+  double cell_;
+  spm::Vec3d origin_;
+  Cell size_{};
+  std::vector<std::uint32_t> starts_;  // by cell: of `entries_`
+  std::vector<Entry> entries_;
+};
+
+}  // namespace tactus::bench
