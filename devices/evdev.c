@@ -1,0 +1,199 @@
+/* A mouse or a gamepad as a device: Linux input events move the tip, the force is felt as rumble where there is any.
+ *
+ *   tactus-hrtc --device ann=tactus-evdev.so,mouse:/dev/input/event3
+ *   tactus-hrtc --device bob=tactus-evdev.so,gamepad:/dev/input/event7
+ *
+ * mouse    moves x and y by 0.1 mm a count, the wheel z by 2 mm a notch; the left button is the clutch
+ * gamepad  the left stick moves x and y, the right one z, at up to 0.15 m/s; the south button is the clutch
+ *
+ * The tip stays in a cube of 0.4 m. Neither can push back, so its surfaces are soft; a gamepad rumbles with |force|.
+ * What is unplugged has failed. Positions are the driver's own sum, so no SDK and no desktop is asked; reading
+ * /dev/input takes membership of the group `input`. */
+#include <errno.h>
+#include <fcntl.h>
+#include <linux/input.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/ioctl.h>
+#include <unistd.h>
+
+#include "haptics/device_plugin.h"
+
+enum { kAxes = 3, kEvents = 32, kReads = 4 };
+
+static const double kHalf = 0.2;   /* m, of the cube */
+static const double kCount = 1e-4; /* m, of a mouse */
+static const double kNotch = 2e-3; /* m, of its wheel */
+static const double kSpeed = 0.15; /* m/s, of a stick at its end */
+static const double kFollow = 0.5; /* m/s along each axis: a flick of a mouse is no device that has come loose */
+static const double kDead = 0.1;   /* of a stick's way, around its middle */
+static const double kMaxForce = 5; /* N; full rumble */
+static const double kRumbleStep = 0.05;
+static const int64_t kRumbleNs = 20000000; /* between two orders: each is a system call */
+
+struct axis {
+  double middle, half; /* of its values */
+  double value;        /* -1..1 */
+};
+
+struct tactus_device {
+  int fd;
+  int is_mouse, can_rumble, effect;
+  double target[kAxes], position[kAxes]; /* m; the tip follows at kFollow */
+  struct axis sticks[kAxes];
+  uint32_t buttons;
+  double rumble, wished;
+  int64_t time_ns, rumbled_ns;
+};
+
+static const unsigned kStickCodes[kAxes] = {ABS_X, ABS_Y, ABS_RY};
+
+static void find_axes(struct tactus_device* device) {
+  for (int i = 0; i < kAxes; ++i) {
+    struct input_absinfo info;
+    device->sticks[i].middle = 0;
+    device->sticks[i].half = 32767;
+    if (ioctl(device->fd, EVIOCGABS(kStickCodes[i]), &info) < 0 || info.maximum <= info.minimum) continue;
+    device->sticks[i].middle = (info.maximum + (double)info.minimum) / 2;
+    device->sticks[i].half = (info.maximum - (double)info.minimum) / 2;
+  }
+}
+
+static void find_rumble(struct tactus_device* device) {
+  unsigned char bits[FF_MAX / 8 + 1] = {0};
+  device->can_rumble =
+      ioctl(device->fd, EVIOCGBIT(EV_FF, sizeof bits), bits) >= 0 && (bits[FF_RUMBLE / 8] >> (FF_RUMBLE % 8) & 1) != 0;
+}
+
+static struct tactus_device* open_input(const char* config, char* error, size_t error_size) {
+  const int is_mouse = strncmp(config, "mouse:", 6) == 0;
+  const int is_gamepad = strncmp(config, "gamepad:", 8) == 0;
+  const char* const path = strchr(config, ':') == NULL ? "" : strchr(config, ':') + 1;
+  if ((!is_mouse && !is_gamepad) || *path == '\0') {
+    snprintf(error, error_size, "found '%s', expected mouse:FILE or gamepad:FILE, FILE as in /dev/input", config);
+    return NULL;
+  }
+  int fd = open(path, O_RDWR | O_NONBLOCK | O_CLOEXEC); /* writing is for rumble */
+  if (fd < 0 && errno == EACCES) fd = open(path, O_RDONLY | O_NONBLOCK | O_CLOEXEC);
+  if (fd < 0) {
+    snprintf(error, error_size, "cannot open %s: %s", path, strerror(errno));
+    return NULL;
+  }
+  struct tactus_device* device = calloc(1, sizeof *device);
+  if (device == NULL) {
+    close(fd);
+    snprintf(error, error_size, "no memory");
+    return NULL;
+  }
+  device->fd = fd;
+  device->is_mouse = is_mouse;
+  device->effect = -1;
+  if (is_gamepad) find_axes(device);
+  if (is_gamepad) find_rumble(device);
+  return device;
+}
+
+static void close_input(struct tactus_device* device) {
+  if (device->effect >= 0) ioctl(device->fd, EVIOCRMFF, device->effect);
+  close(device->fd);
+  free(device);
+}
+
+static void spec_of_input(struct tactus_device* device, struct tactus_device_spec* spec) {
+  (void)device;
+  spec->max_force = kMaxForce;
+  spec->max_stiffness = 500;
+  spec->damping = 2;
+  spec->workspace_radius = kHalf;
+}
+
+static void set_clutch(struct tactus_device* device, int down) {
+  device->buttons = down ? device->buttons | 1u : device->buttons & ~1u;
+}
+
+static void take(struct tactus_device* device, const struct input_event* event) {
+  if (event->type == EV_KEY && event->code == (device->is_mouse ? BTN_LEFT : BTN_SOUTH))
+    set_clutch(device, event->value);
+  if (device->is_mouse && event->type == EV_REL) {
+    if (event->code == REL_X) device->target[0] += kCount * event->value;
+    if (event->code == REL_Y) device->target[1] -= kCount * event->value; /* screens count downwards */
+    if (event->code == REL_WHEEL) device->target[2] += kNotch * event->value;
+  }
+  if (device->is_mouse || event->type != EV_ABS) return;
+  for (int i = 0; i < kAxes; ++i) {
+    struct axis* const stick = &device->sticks[i];
+    if (event->code != kStickCodes[i]) continue;
+    const double value = (event->value - stick->middle) / stick->half;
+    const double clipped = value > 1 ? 1 : value < -1 ? -1 : value;
+    const double beyond = fabs(clipped) < kDead ? 0 : (fabs(clipped) - kDead) / (1 - kDead);
+    stick->value = copysign(beyond, i == 0 ? clipped : -clipped); /* up is towards -1 */
+  }
+}
+
+static int read_input(struct tactus_device* device, int64_t now_ns, struct tactus_device_pose* pose) {
+  struct input_event events[kEvents];
+  for (int round = 0; round < kReads; ++round) {
+    const ssize_t got = read(device->fd, events, sizeof events);
+    if (got < 0 && errno != EAGAIN && errno != EINTR) return TACTUS_DEVICE_FAILED; /* ENODEV: unplugged */
+    if (got <= 0) break;
+    for (size_t i = 0; i < (size_t)got / sizeof *events; ++i) take(device, &events[i]);
+    if ((size_t)got < sizeof events) break;
+  }
+  const double dt = device->time_ns == 0 ? 0 : (double)(now_ns - device->time_ns) * 1e-9;
+  device->time_ns = now_ns;
+  const double passed = dt < 0.01 ? dt : 0.01;
+  for (int i = 0; i < kAxes; ++i) {
+    device->target[i] += kSpeed * device->sticks[i].value * passed;
+    if (device->target[i] > kHalf) device->target[i] = kHalf;
+    if (device->target[i] < -kHalf) device->target[i] = -kHalf;
+    const double left = device->target[i] - device->position[i];
+    const double step = fabs(left) < kFollow * passed ? left : copysign(kFollow * passed, left);
+    device->position[i] += step;
+    pose->position[i] = device->position[i];
+  }
+  pose->buttons = device->buttons;
+  return TACTUS_DEVICE_POSE; /* what rests sends nothing and is where it was */
+}
+
+/* Failure to rumble is no failure of the device: it has stopped nobody's hand. */
+static void set_rumble(struct tactus_device* device, double strength) {
+  struct ff_effect effect;
+  memset(&effect, 0, sizeof effect);
+  effect.type = FF_RUMBLE;
+  effect.id = (int16_t)device->effect;
+  effect.u.rumble.strong_magnitude = (uint16_t)(strength * 0xffff);
+  effect.u.rumble.weak_magnitude = effect.u.rumble.strong_magnitude;
+  effect.replay.length = 200; /* ms: ends by itself when nobody orders any more */
+  if (ioctl(device->fd, EVIOCSFF, &effect) < 0) {
+    device->can_rumble = 0;
+    return;
+  }
+  device->effect = effect.id;
+  struct input_event play;
+  memset(&play, 0, sizeof play);
+  play.type = EV_FF;
+  play.code = (uint16_t)effect.id;
+  play.value = strength > 0;
+  if (write(device->fd, &play, sizeof play) != (ssize_t)sizeof play) device->can_rumble = 0;
+}
+
+static int write_input(struct tactus_device* device, const double force[3]) {
+  const double size = sqrt(force[0] * force[0] + force[1] * force[1] + force[2] * force[2]);
+  device->wished = size < kMaxForce ? size / kMaxForce : 1;
+  if (!device->can_rumble) return 0;
+  const int same = fabs(device->wished - device->rumble) < kRumbleStep && (device->wished > 0) == (device->rumble > 0);
+  const int64_t since = device->time_ns - device->rumbled_ns;
+  if (since < kRumbleNs || (same && (device->rumble == 0 || since < 5 * kRumbleNs))) return 0;
+  set_rumble(device, device->wished);
+  device->rumble = device->wished;
+  device->rumbled_ns = device->time_ns;
+  return 0;
+}
+
+const struct tactus_device_driver* tactus_device_entry(void) {
+  static const struct tactus_device_driver driver = {TACTUS_DEVICE_ABI, "input events", open_input, close_input,
+                                                     spec_of_input,     read_input,     write_input};
+  return &driver;
+}

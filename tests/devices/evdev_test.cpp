@@ -1,0 +1,112 @@
+/// The driver of mice and gamepads, fed through a pipe with a name: a machine that runs tests has neither.
+#include <fcntl.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <linux/input.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "haptics/plugin_device.hpp"
+#include "tests/support/temporary_folder.hpp"
+
+namespace tactus::haptics {
+namespace {
+
+constexpr std::int64_t kMs = 1'000'000;
+
+class Evdev : public testing::Test {
+ protected:
+  Evdev() {
+    EXPECT_EQ(mkfifo(pipe_.c_str(), 0600), 0);
+    end_ = open(pipe_.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC);
+  }
+  ~Evdev() override { close(end_); }
+
+  /// Its state after some cycles from `from_ms` on: the tip follows at 0.5 m/s.
+  static DeviceState after(PluginDevice& device, int cycles, int from_ms = 1) {
+    DeviceState state;
+    for (int ms = from_ms; ms < from_ms + cycles; ++ms) state = device.read(ms * kMs);
+    return state;
+  }
+
+  void send(unsigned type, unsigned code, int value) const {
+    input_event event{};
+    event.type = static_cast<std::uint16_t>(type);
+    event.code = static_cast<std::uint16_t>(code);
+    event.value = value;
+    ASSERT_EQ(write(end_, &event, sizeof event), static_cast<ssize_t>(sizeof event));
+  }
+
+  test_support::TemporaryFolder folder_;
+  std::string pipe_ = (folder_.path() / "events").string();
+  int end_ = -1;
+};
+
+std::string refusal(const std::string& config) {
+  try {
+    const PluginDevice device{EVDEV, config};
+  } catch (const DeviceError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST_F(Evdev, AMouseMovesTheTipByItsCounts) {
+  PluginDevice mouse{EVDEV, "mouse:" + pipe_};
+  (void)mouse.read(kMs);
+  send(EV_REL, REL_X, 30);
+  send(EV_REL, REL_Y, 20);
+  send(EV_REL, REL_WHEEL, -2);
+  send(EV_KEY, BTN_LEFT, 1);
+  send(EV_SYN, SYN_REPORT, 0);
+  EXPECT_NEAR(mouse.read(2 * kMs).position.x(), 0.5e-3, 1e-12) << "not at once";
+  const DeviceState state = after(mouse, 8, 3);
+  EXPECT_LT((state.position - Vec3d(0.003, -0.002, -0.004)).norm(), 1e-12);
+  EXPECT_EQ(state.buttons, 1u);
+  EXPECT_EQ(state.time_ns, 10 * kMs);
+  EXPECT_EQ(mouse.read(11 * kMs).time_ns, 11 * kMs) << "one that rests is not old";
+}
+
+TEST_F(Evdev, TheTipStaysInItsCube) {
+  PluginDevice mouse{EVDEV, "mouse:" + pipe_};
+  send(EV_REL, REL_X, 1'000'000);
+  EXPECT_EQ(after(mouse, 450).position.x(), 0.2);
+  send(EV_REL, REL_X, -1);
+  EXPECT_NEAR(after(mouse, 2, 451).position.x(), 0.2 - 1e-4, 1e-12);
+}
+
+TEST_F(Evdev, AStickMovesTheTipWhileItIsHeld) {
+  PluginDevice gamepad{EVDEV, "gamepad:" + pipe_};
+  (void)gamepad.read(kMs);
+  send(EV_ABS, ABS_X, 32767);
+  send(EV_ABS, ABS_Y, 1000);  // within what counts as the middle
+  DeviceState state;
+  for (int ms = 2; ms <= 101; ++ms) state = gamepad.read(ms * kMs);
+  EXPECT_NEAR(state.position.x(), 0.015, 1e-9);
+  EXPECT_EQ(state.position.y(), 0);
+  send(EV_ABS, ABS_X, 0);
+  for (int ms = 102; ms <= 201; ++ms) state = gamepad.read(ms * kMs);
+  EXPECT_NEAR(state.position.x(), 0.015, 1e-9);
+}
+
+TEST_F(Evdev, ManyEventsInOneCycleAreAllTakenInAFew) {
+  PluginDevice mouse{EVDEV, "mouse:" + pipe_};
+  for (int i = 0; i < 500; ++i) send(EV_REL, REL_X, 1);
+  EXPECT_NEAR(after(mouse, 120).position.x(), 0.05, 1e-12);
+}
+
+TEST_F(Evdev, AForceIsNoFailureWhereNothingRumbles) {
+  PluginDevice gamepad{EVDEV, "gamepad:" + pipe_};
+  (void)gamepad.read(kMs);
+  gamepad.write({3, 0, 0});
+  EXPECT_EQ(gamepad.health(), DeviceHealth::kReady);
+}
+
+TEST_F(Evdev, WhatIsNoDeviceIsNamed) {
+  EXPECT_THAT(refusal("joystick:/dev/input/js0"), testing::HasSubstr("expected mouse:FILE or gamepad:FILE"));
+  EXPECT_THAT(refusal(""), testing::HasSubstr("expected mouse:FILE or gamepad:FILE"));
+  EXPECT_THAT(refusal("mouse:/nowhere/event0"), testing::HasSubstr("cannot open /nowhere/event0: No such file"));
+}
+
+}  // namespace
+}  // namespace tactus::haptics
