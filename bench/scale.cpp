@@ -52,6 +52,7 @@ struct Settings {
   int pairs = 10;
   double seconds = 2;  // of each window
   int joining = 32;
+  int fewest = 0;                           // joining together; 0: an eighth of joining
   std::uint32_t regions_faces = 2'950'000;  // of a model of some 10,000 regions
 };
 
@@ -295,6 +296,7 @@ std::array<TroubleRuns, 3> run_trouble(const Laboratory& lab, const Settings& se
 
 struct Joining {
   double started = 0, ready = 0, cpu = 0;  // s
+  double cores = 0;                        // that host and HRTCs take, once all touch
   std::size_t touching = 0;
 };
 
@@ -316,8 +318,15 @@ Joining run_joining(const Laboratory& lab, int many, Tips tips) {
   (void)wait_until(20 * kSecond, [&] { return watch.touching() >= hrtcs.size(); });
   joining.ready = static_cast<double>(wire::monotonic_ns() - began) / 1e9;
   joining.touching = watch.touching();
-  joining.cpu = cpu_seconds(host->pid());
-  for (const auto& hrtc : hrtcs) joining.cpu += cpu_seconds(hrtc->pid());
+  const auto cpu_of_all = [&] {
+    double sum = cpu_seconds(host->pid());
+    for (const auto& hrtc : hrtcs) sum += cpu_seconds(hrtc->pid());
+    return sum;
+  };
+  joining.cpu = cpu_of_all();
+  constexpr int kSteady = 2;  // s
+  std::this_thread::sleep_for(std::chrono::seconds{kSteady});
+  joining.cores = (cpu_of_all() - joining.cpu) / kSteady;
   for (const auto& hrtc : hrtcs) hrtc->signal(SIGTERM);
   for (const auto& hrtc : hrtcs) (void)hrtc->wait();
   end(*host);
@@ -401,11 +410,13 @@ void report_trouble(const Laboratory& lab, const Settings& settings, Report& rep
 void report_joining(const Laboratory& lab, const Settings& settings, Report& report) {
   for (const Tips tips : {Tips::kRest, Tips::kMove}) {
     const int most = tips == Tips::kRest ? settings.joining : settings.joining / 2;
-    for (int many = std::max(settings.joining / 8, 1); many <= most && !wire::stop_signal(); many *= 2) {
+    const int fewest = settings.fewest > 0 ? settings.fewest : std::max(settings.joining / 8, 1);
+    for (int many = fewest; many <= most && !wire::stop_signal(); many *= 2) {
       const Joining joining = run_joining(lab, many, tips);
       const std::string who = std::to_string(many) + " HRTCs, tips " + (tips == Tips::kRest ? "resting" : "at 5 cm/s");
       report.figure("all started after", who, "s", joining.started);
       report.figure("CPU time until then, host and HRTCs", who, "s", joining.cpu);
+      report.figure("CPU time a second after that", who, "s", joining.cores);
       if (tips == Tips::kRest && many == settings.joining) {
         report.at_least("touch exactly", who, "", static_cast<double>(joining.touching), many);
         report.at_most("the last touches exactly after", who, "s", joining.ready, 5);
@@ -452,6 +463,8 @@ int main(int argc, char** argv) {
   app.add_option("--pairs", settings.pairs, "windows of each kind")->check(CLI::Range(1, 100));
   app.add_option("--seconds", settings.seconds, "of each window")->check(CLI::Range(0.5, 60.0));
   app.add_option("--joining", settings.joining, "HRTCs that join within a second")->check(CLI::Range(1, 64));
+  app.add_option("--fewest", settings.fewest,
+                 "HRTCs that join together, doubled until --joining; else an eighth of it");
   app.add_option("--domain", settings.domain, "first of the three DDS domains used")->check(CLI::Range(1, 95));
   app.add_option("--part", settings.part, "only this one")
       ->check(CLI::IsMember({"trouble", "joining", "crowding", "state"}));

@@ -7,6 +7,7 @@
 #include <mutex>
 #include <optional>
 #include <set>
+#include <thread>
 #include <utility>
 #include <variant>
 
@@ -30,10 +31,13 @@ constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kHeartbeatNs = 100 * kMs;
 constexpr std::int64_t kClockNs = 500 * kMs;
 constexpr std::int64_t kMetricsNs = 1000 * kMs;
+constexpr std::int64_t kMetricsSoonNs = 100 * kMs;
 constexpr milliseconds kPoll{5};        // while an HRTC's readers are not found yet
 constexpr milliseconds kPatience{50};   // so soon a signal is noticed
 constexpr milliseconds kFarewell{300};  // for the last words to arrive
-constexpr int kChunksPerRound = 64;     // then demands are looked at again
+constexpr int kFarewells = 3;           // to the roster, whose samples are acknowledged once a second
+constexpr milliseconds kBetweenFarewells{10};
+constexpr int kChunksPerRound = 64;  // then demands are looked at again
 constexpr std::size_t kInboxCapacity = 8192;
 constexpr double kGap = 0.05;  // m, between objects that are given no pose
 
@@ -142,7 +146,7 @@ struct Host::Impl {
   void take(const session::ClockSample& sample, std::int64_t at_ns);
   void take(const session::Control& control, std::int64_t at_ns);
   void take(const Question& question, std::int64_t at_ns);
-  void react(const session::RosterEvent& event);
+  void react(const session::RosterEvent& event, std::int64_t now_ns);
   void keep_time(std::int64_t now_ns);
   [[nodiscard]] microseconds send_chunks(std::int64_t now_ns);
   void send_roster(bool leaving);
@@ -216,7 +220,7 @@ int Host::Impl::run() {
   while (!stop && !ended) {
     for (const Inbox::Arrived& arrived : inbox.take(patience)) take(arrived);
     const std::int64_t now_ns = monotonic_ns();
-    for (const session::RosterEvent& event : roster.tick(now_ns)) react(event);
+    for (const session::RosterEvent& event : roster.tick(now_ns)) react(event, now_ns);
     keep_time(now_ns);
     if (beat.due(now_ns)) send_roster(false);
     const bool follows = clock.reference() != 0 && clock.reference() != links.origin().participant;
@@ -234,10 +238,10 @@ void Host::Impl::take(const Inbox::Arrived& arrived) {
 }
 
 void Host::Impl::take(const session::RosterEntry& entry, std::int64_t at_ns) {
-  for (const session::RosterEvent& event : roster.on_entry(entry, at_ns)) react(event);
+  for (const session::RosterEvent& event : roster.on_entry(entry, at_ns)) react(event, at_ns);
 }
 
-void Host::Impl::react(const session::RosterEvent& event) {
+void Host::Impl::react(const session::RosterEvent& event, std::int64_t now_ns) {
   using session::RosterChange;
   const session::RosterEntry& entry = event.entry;
   const std::uint64_t id = entry.origin.participant;
@@ -253,7 +257,7 @@ void Host::Impl::react(const session::RosterEvent& event) {
     exit_code = 2;
     ended = true;
   }
-  metrics_due.at_once();  // whoever compares scenes need not wait
+  metrics_due.hasten(now_ns, kMetricsSoonNs);  // whoever compares scenes need not wait long
   if (entry.role != session::Role::kHrtc) return;
   if (event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted) {
     bulk.try_emplace(id, links, entry.name);
@@ -286,7 +290,9 @@ void Host::Impl::take(const session::ClockSample& sample, std::int64_t at_ns) {
 void Host::Impl::take(const Question& question, std::int64_t at_ns) {
   const auto link = vigils.find(question.sample.origin.participant);
   if (link == vigils.end() || question.sample.answer || question.sample.peer != links.origin().participant) return;
-  (void)link->second.answers.send(clock.answer(question.sample, at_ns, monotonic_ns()));
+  session::ClockSample answer = clock.answer(question.sample, at_ns, monotonic_ns());
+  if (!clock.answers()) answer.t1_ns = answer.t2_ns = session::kClockUnknown;  // a sign of life, but no time
+  (void)link->second.answers.send(answer);
 }
 
 void Host::Impl::take(const session::Control& control, std::int64_t) {
@@ -370,9 +376,11 @@ void Host::Impl::send_metrics() {
 
 void Host::Impl::leave() {
   send_catalogue(true);
-  send_roster(true);
   send_metrics();
-  (void)roster_out.wait_acknowledged(kFarewell);
+  for (int i = 0; i < kFarewells; ++i) {
+    send_roster(true);
+    std::this_thread::sleep_for(kBetweenFarewells);
+  }
   (void)catalogue_out.wait_acknowledged(kFarewell);
   const session::DeliveryCounters& all = server.counters();
   say("left the session after sending " + std::to_string(all.regions) + " regions with " + std::to_string(all.records) +

@@ -8,6 +8,7 @@
 #include <map>
 #include <mutex>
 #include <thread>
+#include <type_traits>
 #include <variant>
 
 #include "haptics/remote_device.hpp"
@@ -35,6 +36,7 @@ constexpr std::int64_t kHeartbeatNs = 100 * kMs;
 constexpr std::int64_t kClockNs = 200 * kMs;
 constexpr std::int64_t kClockFastNs = 20 * kMs;
 constexpr std::int64_t kMetricsNs = 500 * kMs;
+constexpr std::int64_t kMetricsSoonNs = 100 * kMs;
 constexpr std::int64_t kAllMetricsNs = 5000 * kMs;
 constexpr std::int64_t kModesNs = 20 * kMs;
 constexpr std::int64_t kNoHostNs = 5000 * kMs;
@@ -42,7 +44,7 @@ constexpr std::int64_t kSnapshotNs = 2000 * kMs;
 constexpr int kMaxSnapshots = 5;
 
 using wire::Every;
-/// What a host answers when it is asked whether it lives (session/vigil.hpp).
+/// What a host answers when it is asked whether it lives (session/vigil.hpp), or for the time.
 struct VigilAnswer {
   session::ClockSample sample;
 };
@@ -138,13 +140,16 @@ struct Hrtc::Impl {
   void take(const session::BulkChunk& chunk, std::int64_t now_ns) { loader.on_chunk(chunk, now_ns); }
   void take(const session::Intent& intent, std::int64_t now_ns);
   void take(const session::ClockSample& sample, std::int64_t now_ns);
-  void take(const VigilAnswer& answer, std::int64_t now_ns) { vigil.on_answer(answer.sample, now_ns); }
+  void take(const VigilAnswer& answer, std::int64_t now_ns) {
+    vigil.on_answer(answer.sample, now_ns);
+    clock.on_answer(answer.sample, now_ns);
+  }
   void take(const session::Control& control, std::int64_t now_ns);
   void take(const session::ProbeState& state, std::int64_t now_ns);
   void take(const WholeState& whole, std::int64_t now_ns);
   void take(const session::Metrics& told, std::int64_t now_ns) { neighbours.on_metrics(told, now_ns); }
 
-  void on_event(const session::RosterEvent& event);
+  void on_event(const session::RosterEvent& event, std::int64_t now_ns);
   void tell_of_fault(std::uint32_t slot, std::uint32_t status);
   void seat(const session::RosterEntry& client);
   void listen_to_device(User& user);
@@ -210,7 +215,7 @@ struct Hrtc::Impl {
   wire::Writer<session::Demand> demand_out;
   wire::Writer<session::ClockSample> clock_out;
   wire::Writer<session::ClockSample> vigil_out;
-  wire::Writer<session::Metrics> metrics_out;
+  wire::Writer<session::Metrics> metrics_out, losses_out;
   wire::Writer<session::ProbeState> states_out;  // the sender thread's
   std::atomic<std::uint64_t> states_coded{0}, states_whole{0};
   Neighbours neighbours;
@@ -254,10 +259,15 @@ struct Hrtc::Impl {
 
   // Last, so that no callback outlives what it fills.
   std::vector<std::shared_ptr<void>> readers;
+  /// What everyone sends to everyone can wait for the service's next pass: there is much of it in a large session.
+  template <class Typed>
+  static constexpr bool kUrgent =
+      !(std::is_same_v<Typed, session::RosterEntry> || std::is_same_v<Typed, session::ClockSample> ||
+        std::is_same_v<Typed, session::ProbeState> || std::is_same_v<Typed, session::Metrics>);
   template <class Typed>
   void listen(const wire::TopicSpec<Typed>& topic, const wire::EndOptions& where = {}) {
     readers.push_back(std::make_shared<wire::Reader<Typed>>(
-        links, topic, [this](Typed&& sample) { inbox.put(std::move(sample)); }, where));
+        links, topic, [this](Typed&& sample) { inbox.put(std::move(sample), kUrgent<Typed>); }, where));
   }
 };
 
@@ -297,6 +307,7 @@ Hrtc::Impl::Impl(HrtcOptions given)
       clock_out{links, wire::topics::kClock},
       vigil_out{links, wire::topics::kClock, {wire::hrtc_partition(options.address.participant)}},
       metrics_out{links, wire::topics::kMetrics},
+      losses_out{links, wire::topics::kMetrics, {wire::kLossesPartition}},
       states_out{links, wire::topics::kProbeState},
       neighbours{links, [this](session::ProbeState&& state) { inbox.put(WholeState{std::move(state)}); }} {
   loader.on_event = [](const std::string& text) { spdlog::info("{}", text); };
@@ -310,7 +321,7 @@ Hrtc::Impl::Impl(HrtcOptions given)
   listen(wire::topics::kClock);
   listen(wire::topics::kControl);
   listen(wire::topics::kProbeState);
-  listen(wire::topics::kMetrics);
+  listen(wire::topics::kMetrics, {wire::kLossesPartition});
   const wire::EndOptions own{wire::hrtc_partition(options.address.participant)};
   listen(wire::topics::kBase, own);
   listen(wire::topics::kRecords, own);
@@ -340,19 +351,19 @@ void Hrtc::Impl::seat_local_users() {
 }
 
 void Hrtc::Impl::take(const session::RosterEntry& entry, std::int64_t now_ns) {
-  for (const session::RosterEvent& event : roster.on_entry(entry, now_ns)) on_event(event);
+  for (const session::RosterEvent& event : roster.on_entry(entry, now_ns)) on_event(event, now_ns);
   if (entry.role == session::Role::kHost && roster.find(entry.origin.participant) != nullptr && !entry.leaving) {
     host_seen = true;
     loader.on_host_seen(entry.origin.participant, entry.origin.incarnation, now_ns);
   }
 }
 
-void Hrtc::Impl::on_event(const session::RosterEvent& event) {
+void Hrtc::Impl::on_event(const session::RosterEvent& event, std::int64_t now_ns) {
   using session::RosterChange;
   const session::RosterEntry& entry = event.entry;
   const bool gone = event.change == RosterChange::kGone || event.change == RosterChange::kLeft;
   if (event.change != RosterChange::kChanged) spdlog::info("{}", session::text(event));
-  metrics.at_once();  // whoever compares scenes need not wait
+  metrics.hasten(now_ns, kMetricsSoonNs);  // whoever compares scenes need not wait long
   if (event.change == RosterChange::kTwins && entry.origin.participant == links.origin().participant) {
     spdlog::error("another program named {} is in session {}; every name may be there once",
                   options.address.participant, options.address.session);
@@ -624,6 +635,9 @@ void Hrtc::Impl::send_metrics(bool all) {
   const MeshHashes& hashes = haptic.mesh_hashes().latest();
   for (const Loader::ObjectInfo& object : loader.objects()) sample.meshes.push_back({object.id, hashes[object.index]});
   (void)metrics_out.send(sample);
+  sample.meshes.clear();
+  sample.figures = neighbours.losses();
+  if (!sample.figures.empty()) (void)losses_out.send(sample);
 }
 
 void Hrtc::Impl::tick_modes(std::int64_t now_ns) {
@@ -866,7 +880,7 @@ void Hrtc::Impl::tell_of_fault(std::uint32_t slot, std::uint32_t status) {
 }
 
 void Hrtc::Impl::serve(std::int64_t now_ns) {
-  for (const session::RosterEvent& event : roster.tick(now_ns)) on_event(event);
+  for (const session::RosterEvent& event : roster.tick(now_ns)) on_event(event, now_ns);
   if (haptic.reports_for_service().take(reports)) {
     if (first_cycle == 0) {
       first_cycle = reports.cycle;
@@ -896,7 +910,9 @@ void Hrtc::Impl::serve(std::int64_t now_ns) {
     const std::int64_t sent = request.t0_ns;
     request.origin = links.origin();
     request.t0_ns = sent;
-    (void)clock_out.send(request);
+    // A host hears it where nobody else listens.
+    const session::RosterEntry* const keeper = roster.find(clock.reference());
+    (void)(keeper != nullptr && keeper->role == session::Role::kHost ? vigil_out : clock_out).send(request);
     if (++clock_requests == 10) clock_request.set_period(kClockNs);
   }
   sender_clock.post(clock.map());
@@ -942,8 +958,10 @@ void Hrtc::Impl::finish() {
     send_metrics(true);
     std::this_thread::sleep_for(std::chrono::milliseconds{20});
   }
-  send_roster(true);
-  roster_out.wait_acknowledged(std::chrono::milliseconds{200});
+  for (int i = 0; i < 3; ++i) {  // it is acknowledged once a second
+    send_roster(true);
+    std::this_thread::sleep_for(std::chrono::milliseconds{10});
+  }
 }
 
 int Hrtc::Impl::run(const std::atomic<bool>& stop) {

@@ -10,6 +10,7 @@ namespace tactus::hrtc_service {
 namespace {
 
 constexpr std::int64_t kSilentNs = 300'000'000;    // after which another's probe is gone
+constexpr double kLeastLoss = 1e-3;                // that is worth telling
 constexpr std::int64_t kMissedNs = 3'000'000'000;  // for which what a controller told of losses counts
 
 std::string lost_figure(std::uint64_t participant) {
@@ -97,19 +98,23 @@ bool Neighbours::send_whole(std::uint32_t probe, const session::ProbeState& stat
 void Neighbours::write(std::vector<session::Figure>& figures) const {
   namespace names = session::figures;
   std::int64_t playout_ns = 0;
-  std::map<std::uint64_t, double> lost;
-  for (const auto& [key, remote] : remotes_) {
-    playout_ns = std::max(playout_ns, remote.probe.delay_ns());
-    lost[remote.participant] = std::max(lost[remote.participant], remote.probe.lost());
-  }
+  for (const auto& [key, remote] : remotes_) playout_ns = std::max(playout_ns, remote.probe.delay_ns());
   figures.push_back({names::kRemoteProbes, static_cast<double>(remotes_.size())});
   figures.push_back({names::kPlayout, static_cast<double>(playout_ns) * 1e-3});
   figures.push_back({names::kTogether, static_cast<double>(std::count_if(whole_.begin(), whole_.end(),
                                                                          [](auto* end) { return end != nullptr; }))});
-  for (const auto& [participant, share] : lost) {
-    if (figures.size() == session::kMaxFigures) return;
-    figures.push_back({lost_figure(participant), share});
+}
+
+std::vector<session::Figure> Neighbours::losses() const {
+  std::map<std::uint64_t, double> lost;
+  for (const auto& [key, remote] : remotes_) {
+    const double share = remote.probe.lost();
+    if (share > kLeastLoss) lost[remote.participant] = std::max(lost[remote.participant], share);
   }
+  std::vector<session::Figure> figures;
+  for (const auto& [participant, share] : lost)
+    if (figures.size() < session::kMaxFigures) figures.push_back({lost_figure(participant), share});
+  return figures;
 }
 
 }  // namespace tactus::hrtc_service

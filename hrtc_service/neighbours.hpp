@@ -51,6 +51,8 @@ class Neighbours {
   [[nodiscard]] double loss() const noexcept { return loss_.load(std::memory_order_relaxed); }
 
   void write(std::vector<session::Figure>& figures) const;
+  /// For kLossesPartition: whose coded states get lost on their way here, and which share; empty when nobody's.
+  [[nodiscard]] std::vector<session::Figure> losses() const;
 
  private:
   struct Remote {

@@ -13,6 +13,7 @@
 /// Source: RFC 5905, section 8 (four-stamp exchange) and its clock filter (lowest delay in a window).
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <deque>
 
@@ -63,8 +64,8 @@ class SessionClock {
   /// To publish at once when such a request arrives; `local_received_ns` when it came.
   [[nodiscard]] ClockSample answer(const ClockSample& request, std::int64_t local_received_ns,
                                    std::int64_t local_now_ns) const;
-  /// An answer arrived at `local_now_ns`. False when it is not of the reference, not for this program, a repetition or
-  /// impossible.
+  /// An answer arrived at `local_now_ns`. False when it is not of the reference, not to a request of this clock, a
+  /// repetition or impossible.
   bool on_answer(const ClockSample& answer, std::int64_t local_now_ns);
 
   /// Whether session time means something: this is the reference, or has heard it.
@@ -85,7 +86,8 @@ class SessionClock {
   std::uint64_t reference_incarnation_ = 0;
   bool synchronised_ = false;
   std::uint32_t sequence_ = 0;
-  std::uint32_t answered_ = 0;  // newest request answered
+  std::array<std::int64_t, 16> asked_ns_{};  // local, of the newest requests by their number
+  std::uint32_t answered_ = 0;               // newest request answered
   std::deque<Measured> window_;
   ClockMap map_;
 };

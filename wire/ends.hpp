@@ -21,6 +21,8 @@ struct EndOptions {
 [[nodiscard]] std::string user_partition(const std::string& user);
 /// Partition of the bulk stream from any host to one HRTC.
 [[nodiscard]] std::string hrtc_partition(const std::string& hrtc);
+/// Partition of metrics that tell which controllers' coded probe states get lost; sent only while some do.
+inline constexpr const char* kLossesPartition = "losses";
 /// Partition of the whole probe states of users who collaborate.
 [[nodiscard]] std::string group_partition(std::uint64_t group);
 

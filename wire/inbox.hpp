@@ -1,6 +1,7 @@
 /// Where the callbacks of readers leave samples for a program's one thread, and how that thread keeps its appointments.
 #pragma once
 
+#include <algorithm>
 #include <chrono>
 #include <condition_variable>
 #include <cstdint>
@@ -23,7 +24,8 @@ class Inbox {
 
   explicit Inbox(std::size_t capacity) : capacity_{capacity} {}
 
-  void put(Sample sample) {
+  /// What is not urgent wakes nobody: it waits until the thread has run out of patience.
+  void put(Sample sample, bool urgent = true) {
     {
       const std::lock_guard lock{mutex_};
       if (samples_.size() >= capacity_) {
@@ -32,7 +34,7 @@ class Inbox {
       }
       samples_.push_back({monotonic_ns(), std::move(sample)});
     }
-    arrived_.notify_one();
+    if (urgent) arrived_.notify_one();
   }
 
   /// All that has come, in order, after waiting at most `patience` for a first one.
@@ -69,6 +71,8 @@ class Every {
     return std::chrono::microseconds{now_ns < next_ns_ ? (next_ns_ - now_ns + 999) / 1000 : 0};
   }
   void at_once() { next_ns_ = 0; }
+  /// Within so long: however often it is asked to hurry, it is due once in that time.
+  void hasten(std::int64_t now_ns, std::int64_t within_ns) { next_ns_ = std::min(next_ns_, now_ns + within_ns); }
   void set_period(std::int64_t period_ns) { period_ns_ = period_ns; }
 
  private:

@@ -2,7 +2,13 @@
 
 #include <fastdds/rtps/transport/ChainingTransport.h>
 
+#include <fastdds/rtps/common/LocatorList.hpp>
+#include <optional>
 #include <utility>
+#include <vector>
+
+#include "wire/announcements.hpp"
+#include "wire/process.hpp"
 
 namespace tactus::wire {
 namespace {
@@ -19,7 +25,14 @@ class PatientTransport final : public fdds::ChainingTransport {
 
   bool send(rtps::SenderResource* low, const rtps::octet* message, std::uint32_t size, rtps::LocatorsIterator* first,
             rtps::LocatorsIterator* last, const std::chrono::steady_clock::time_point& until) override {
-    return low->send(message, size, first, last, until);
+    const std::optional<std::uint64_t> announcement = Announcements::sequence_of(message, size);
+    if (!announcement) return low->send(message, size, first, last, until);
+    std::vector<rtps::Locator_t> to;
+    for (; *first != *last; ++*first) to.push_back(**first);
+    const std::vector<rtps::Locator_t> due = announcements_.due(low, *announcement, to, monotonic_ns());
+    if (due.empty()) return true;
+    rtps::Locators from{due.begin()}, end{due.end()};
+    return low->send(message, size, &from, &end, until);
   }
 
   void receive(fdds::TransportReceiverInterface* next, const rtps::octet* message, std::uint32_t size,
@@ -30,6 +43,7 @@ class PatientTransport final : public fdds::ChainingTransport {
 
  private:
   PatientTransportDescriptor descriptor_;
+  Announcements announcements_;
 };
 
 }  // namespace

@@ -1,0 +1,87 @@
+#include "wire/announcements.hpp"
+
+#include <fastrtps/utils/IPLocator.h>
+#include <gtest/gtest.h>
+
+namespace tactus::wire {
+namespace {
+
+using eprosima::fastrtps::rtps::IPLocator;
+using Locator = Announcements::Locator;
+
+constexpr std::int64_t kMs = 1'000'000;
+
+Locator at(const char* address, std::uint32_t port) {
+  Locator made;
+  IPLocator::createLocator(LOCATOR_KIND_UDPv4, address, port, made);
+  return made;
+}
+
+/// An RTPS message of a time and a sample, little-endian, as the library sends it.
+std::vector<std::uint8_t> message(std::uint8_t writer_kind, std::uint8_t sequence) {
+  std::vector<std::uint8_t> bytes(20, 0);                                                  // header
+  bytes.insert(bytes.end(), {0x09, 0x01, 8, 0, 0, 0, 0, 0, 0, 0, 0, 0});                   // time
+  bytes.insert(bytes.end(), {0x15, 0x05, 24, 0, 0, 0, 16, 0, 0, 1, 0, 0xc7});              // sample, reader
+  bytes.insert(bytes.end(), {0, 1, 0, writer_kind, 0, 0, 0, 0, sequence, 0, 0, 0, 1, 2});  // writer, number
+  bytes.insert(bytes.end(), {3, 4});
+  return bytes;
+}
+
+const Locator kGroup = at("239.255.0.1", 7400);
+const Locator kAnn = at("10.0.0.1", 7410);
+const Locator kBob = at("10.0.0.2", 7410);
+const int kSocket = 0, kOtherSocket = 0;
+
+TEST(AnnouncementsTest, OnlyASampleOfTheParticipantsWriterIsOne) {
+  const std::vector<std::uint8_t> announcement = message(0xc2, 7);
+  const std::vector<std::uint8_t> sample = message(0x02, 7);
+
+  EXPECT_EQ(Announcements::sequence_of(announcement.data(), static_cast<std::uint32_t>(announcement.size())), 7u);
+  EXPECT_FALSE(Announcements::sequence_of(sample.data(), static_cast<std::uint32_t>(sample.size())));
+}
+
+TEST(AnnouncementsTest, NoPartOfAMessageIsReadBeyondItsEnd) {
+  const std::vector<std::uint8_t> whole = message(0xc2, 7);
+  for (std::uint32_t size = 0; size < whole.size() - 4; ++size) {
+    const std::vector<std::uint8_t> cut(whole.begin(), whole.begin() + size);
+    EXPECT_FALSE(Announcements::sequence_of(cut.data(), size)) << size;
+  }
+}
+
+TEST(AnnouncementsTest, WhoHasJustBeenFoundIsToldAtOnceAndTheOthersAreNotToldAgain) {
+  Announcements announcements;
+  (void)announcements.due(&kSocket, 1, {kGroup, kAnn}, 0);
+
+  EXPECT_EQ(announcements.due(&kSocket, 1, {kGroup, kAnn, kBob}, 10 * kMs), (std::vector<Locator>{kBob}));
+}
+
+TEST(AnnouncementsTest, TheGroupIsToldAgainAfterItsRest) {
+  Announcements announcements;
+  (void)announcements.due(&kSocket, 1, {kGroup, kAnn}, 0);
+
+  EXPECT_EQ(announcements.due(&kSocket, 1, {kGroup, kAnn}, 100 * kMs), (std::vector<Locator>{kGroup}));
+}
+
+TEST(AnnouncementsTest, WithoutAGroupEveryoneIsToldAgainAsSoon) {
+  Announcements announcements;
+  (void)announcements.due(&kSocket, 1, {kAnn, kBob}, 0);
+
+  EXPECT_EQ(announcements.due(&kSocket, 1, {kAnn, kBob}, 100 * kMs), (std::vector<Locator>{kAnn, kBob}));
+}
+
+TEST(AnnouncementsTest, WhatHasChangedIsToldEveryoneAtOnce) {
+  Announcements announcements;
+  (void)announcements.due(&kSocket, 1, {kGroup, kAnn}, 0);
+
+  EXPECT_EQ(announcements.due(&kSocket, 2, {kGroup, kAnn}, 1 * kMs), (std::vector<Locator>{kGroup, kAnn}));
+}
+
+TEST(AnnouncementsTest, EachInterfaceSpeaksForItself) {
+  Announcements announcements;
+  (void)announcements.due(&kSocket, 1, {kGroup}, 0);
+
+  EXPECT_EQ(announcements.due(&kOtherSocket, 1, {kGroup}, 1 * kMs), (std::vector<Locator>{kGroup}));
+}
+
+}  // namespace
+}  // namespace tactus::wire

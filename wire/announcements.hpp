@@ -1,0 +1,41 @@
+/// Which announcements of a participant are worth sending.
+///
+/// Fast DDS 2.9.1 announces a participant to the group and to everyone it knows whenever it finds one: where n join
+/// together that is n^3 datagrams, nearly all of which tell what their receiver was told a moment ago.
+#pragma once
+
+#include <fastdds/rtps/common/Locator.h>
+
+#include <cstdint>
+#include <map>
+#include <mutex>
+#include <optional>
+#include <utility>
+#include <vector>
+
+namespace tactus::wire {
+
+/// What has been announced to whom. Threads: any.
+class Announcements {
+ public:
+  using Locator = eprosima::fastrtps::rtps::Locator_t;
+  static constexpr std::int64_t kGroupRestNs = 90'000'000;     ///< to a group, or where no group is
+  static constexpr std::int64_t kKnownRestNs = 1'900'000'000;  ///< to one whom the group reaches too
+
+  /// Sequence number of the announcement that an RTPS message carries; none when it is no announcement.
+  [[nodiscard]] static std::optional<std::uint64_t> sequence_of(const std::uint8_t* message, std::uint32_t size);
+
+  /// Those of `to` who have not been sent this announcement by this sender (an address) of late.
+  [[nodiscard]] std::vector<Locator> due(const void* sender, std::uint64_t sequence, const std::vector<Locator>& to,
+                                         std::int64_t now_ns);
+
+ private:
+  struct Sent {
+    std::uint64_t sequence;
+    std::int64_t time_ns;
+  };
+  std::mutex mutex_;
+  std::map<std::pair<const void*, Locator>, Sent> sent_;
+};
+
+}  // namespace tactus::wire
