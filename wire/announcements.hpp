@@ -6,10 +6,12 @@
 
 #include <fastdds/rtps/common/Locator.h>
 
+#include <array>
 #include <cstdint>
 #include <map>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <utility>
 #include <vector>
 
@@ -29,13 +31,20 @@ class Announcements {
   [[nodiscard]] std::vector<Locator> due(const void* sender, std::uint64_t sequence, const std::vector<Locator>& to,
                                          std::int64_t now_ns);
 
+  /// A message came. When it is the first announcement of a participant, who it is has been told nothing, though
+  /// another before it may have listened at the same place.
+  void on_received(const std::uint8_t* message, std::uint32_t size);
+
  private:
+  void forget(std::uint32_t port, const std::uint8_t* address);
+
   struct Sent {
     std::uint64_t sequence;
     std::int64_t time_ns;
   };
   std::mutex mutex_;
   std::map<std::pair<const void*, Locator>, Sent> sent_;
+  std::set<std::array<std::uint8_t, 12>> met_;
 };
 
 }  // namespace tactus::wire

@@ -38,6 +38,7 @@ class PatientTransport final : public fdds::ChainingTransport {
   void receive(fdds::TransportReceiverInterface* next, const rtps::octet* message, std::uint32_t size,
                const rtps::Locator_t& local, const rtps::Locator_t& remote) override {
     descriptor_.gate->pass();
+    announcements_.on_received(message, size);
     next->OnDataReceived(message, size, local, remote);
   }
 

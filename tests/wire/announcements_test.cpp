@@ -17,13 +17,15 @@ Locator at(const char* address, std::uint32_t port) {
   return made;
 }
 
-/// An RTPS message of a time and a sample, little-endian, as the library sends it.
-std::vector<std::uint8_t> message(std::uint8_t writer_kind, std::uint8_t sequence) {
-  std::vector<std::uint8_t> bytes(20, 0);                                                  // header
-  bytes.insert(bytes.end(), {0x09, 0x01, 8, 0, 0, 0, 0, 0, 0, 0, 0, 0});                   // time
-  bytes.insert(bytes.end(), {0x15, 0x05, 24, 0, 0, 0, 16, 0, 0, 1, 0, 0xc7});              // sample, reader
-  bytes.insert(bytes.end(), {0, 1, 0, writer_kind, 0, 0, 0, 0, sequence, 0, 0, 0, 1, 2});  // writer, number
-  bytes.insert(bytes.end(), {3, 4});
+/// An RTPS message of a time and a sample, little-endian, as the library sends it; of a participant that listens at
+/// 10.0.0.1:7410.
+std::vector<std::uint8_t> message(std::uint8_t writer_kind, std::uint8_t sequence, std::uint8_t sender = 1) {
+  std::vector<std::uint8_t> bytes(20, sender);                                            // header
+  bytes.insert(bytes.end(), {0x09, 0x01, 8, 0, 0, 0, 0, 0, 0, 0, 0, 0});                  // time
+  bytes.insert(bytes.end(), {0x15, 0x05, 56, 0, 0, 0, 16, 0, 0, 1, 0, 0xc7});             // sample, reader
+  bytes.insert(bytes.end(), {0, 1, 0, writer_kind, 0, 0, 0, 0, sequence, 0, 0, 0});       // writer, number
+  bytes.insert(bytes.end(), {0, 3, 0, 0, 0x32, 0, 24, 0, 1, 0, 0, 0, 0xf2, 0x1c, 0, 0});  // parameter, kind, port
+  bytes.insert(bytes.end(), {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 10, 0, 0, 1, 1, 0, 0, 0});
   return bytes;
 }
 
@@ -42,9 +44,12 @@ TEST(AnnouncementsTest, OnlyASampleOfTheParticipantsWriterIsOne) {
 
 TEST(AnnouncementsTest, NoPartOfAMessageIsReadBeyondItsEnd) {
   const std::vector<std::uint8_t> whole = message(0xc2, 7);
-  for (std::uint32_t size = 0; size < whole.size() - 4; ++size) {
+  Announcements announcements;
+  for (std::uint32_t size = 0; size < whole.size(); ++size) {
     const std::vector<std::uint8_t> cut(whole.begin(), whole.begin() + size);
-    EXPECT_FALSE(Announcements::sequence_of(cut.data(), size)) << size;
+    const std::uint32_t read_to = 20 + 12 + 4 + 20;
+    EXPECT_EQ(Announcements::sequence_of(cut.data(), size).has_value(), size >= read_to) << size;
+    announcements.on_received(cut.data(), size);  // sanitizers would tell
   }
 }
 
@@ -74,6 +79,22 @@ TEST(AnnouncementsTest, WhatHasChangedIsToldEveryoneAtOnce) {
   (void)announcements.due(&kSocket, 1, {kGroup, kAnn}, 0);
 
   EXPECT_EQ(announcements.due(&kSocket, 2, {kGroup, kAnn}, 1 * kMs), (std::vector<Locator>{kGroup, kAnn}));
+}
+
+TEST(AnnouncementsTest, WhoStartsWhereAnotherHasListenedIsToldAtOnce) {
+  const std::vector<std::uint8_t> first = message(0xc2, 1, 1), second = message(0xc2, 1, 2);
+  Announcements announcements;
+  const auto hear = [&](const std::vector<std::uint8_t>& from) {
+    announcements.on_received(from.data(), static_cast<std::uint32_t>(from.size()));
+  };
+  hear(first);
+  (void)announcements.due(&kSocket, 1, {kGroup, kAnn, kBob}, 0);
+  hear(first);
+  EXPECT_TRUE(announcements.due(&kSocket, 1, {kGroup, kAnn, kBob}, 1 * kMs).empty());
+
+  hear(second);
+
+  EXPECT_EQ(announcements.due(&kSocket, 1, {kGroup, kAnn, kBob}, 2 * kMs), (std::vector<Locator>{kAnn}));
 }
 
 TEST(AnnouncementsTest, EachInterfaceSpeaksForItself) {
