@@ -250,4 +250,138 @@ void McapWriter::close() {
   if (std::fflush(file_.get()) != 0) throw McapError("cannot write " + name_.string() + ": " + std::strerror(errno));
 }
 
+namespace {
+
+/// The fields of a record, in order.
+class Fields {
+ public:
+  Fields(spm::Span<const std::uint8_t> bytes, bool& broken) : bytes_{bytes}, broken_{broken} {}
+
+  template <class Number>
+  [[nodiscard]] Number number() {
+    std::uint64_t value = 0;
+    if (!has(sizeof(Number))) return {};
+    for (std::size_t i = 0; i < sizeof(Number); ++i) value |= std::uint64_t{bytes_[at_ + i]} << (8 * i);
+    at_ += sizeof(Number);
+    return static_cast<Number>(value);
+  }
+  [[nodiscard]] std::string text() {
+    const auto size = number<std::uint32_t>();
+    if (!has(size)) return {};
+    std::string value;
+    for (std::uint32_t i = 0; i < size; ++i) value += static_cast<char>(bytes_[at_ + i]);
+    at_ += size;
+    return value;
+  }
+  [[nodiscard]] Bytes rest() {
+    Bytes value{bytes_.begin() + at_, bytes_.end()};
+    at_ = bytes_.size();
+    return value;
+  }
+
+ private:
+  bool has(std::size_t size) {
+    if (broken_ || size > bytes_.size() - at_) broken_ = true;
+    return !broken_;
+  }
+  spm::Span<const std::uint8_t> bytes_;
+  bool& broken_;
+  std::size_t at_ = 0;
+};
+
+constexpr std::size_t kRecordHead = 9;  // opcode and length
+
+}  // namespace
+
+McapReader::McapReader(std::filesystem::path file)
+    : name_{std::move(file)}, file_{std::fopen(name_.c_str(), "rb"), &std::fclose} {
+  if (!file_) throw McapError("cannot read " + name_.string() + ": " + std::strerror(errno));
+  std::array<std::uint8_t, kMagic.size()> magic{};
+  offset_ = std::fread(magic.data(), 1, magic.size(), file_.get());
+  if (magic != kMagic) throw McapError(name_.string() + ": expected an MCAP file, found other first bytes");
+}
+
+void McapReader::fail(const std::string& what) const {
+  throw McapError(name_.string() + ", at byte " + std::to_string(offset_) + ": " + what);
+}
+
+/// Reads records until a chunk has messages.
+bool McapReader::fill() {
+  while (!ended_) {
+    std::array<std::uint8_t, kRecordHead> head{};
+    const std::size_t got = std::fread(head.data(), 1, head.size(), file_.get());
+    cut_ = got < head.size();
+    if (cut_) return false;
+    bool broken = false;
+    Fields fields{{head.data() + 1, head.size() - 1}, broken};
+    const auto length = fields.number<std::uint64_t>();
+    // Of what a file can hold: a broken length must not ask for all memory.
+    constexpr std::uint64_t kMost = 1u << 30;
+    if (length > kMost) fail("found a record of " + std::to_string(length) + " bytes, expected at most 2^30");
+    Bytes content(length);
+    cut_ = std::fread(content.data(), 1, content.size(), file_.get()) < content.size();
+    if (cut_) return false;
+    offset_ += head.size() + length;
+    ended_ = head[0] == kDataEnd;
+    if (head[0] != kChunk) continue;
+    Fields chunk{{content.data(), content.size()}, broken};
+    (void)chunk.number<std::uint64_t>();  // first and last time
+    (void)chunk.number<std::uint64_t>();
+    const auto size = chunk.number<std::uint64_t>();
+    const auto crc = chunk.number<std::uint32_t>();
+    const std::string compression = chunk.text();
+    if (!broken && !compression.empty()) fail("found a chunk compressed by " + compression + ", expected none");
+    (void)chunk.number<std::uint64_t>();
+    chunk_ = chunk.rest();
+    in_chunk_ = 0;
+    if (broken || chunk_.size() != size || (crc != 0 && crc_of(chunk_) != crc)) fail("found a broken chunk");
+    return true;
+  }
+  return false;
+}
+
+bool McapReader::next(McapMessage& message) {
+  for (;;) {
+    if (in_chunk_ == chunk_.size() && !fill()) return false;
+    bool broken = chunk_.size() - in_chunk_ < kRecordHead;
+    Fields fields{{chunk_.data() + in_chunk_, chunk_.size() - in_chunk_}, broken};
+    const auto opcode = fields.number<std::uint8_t>();
+    const auto length = fields.number<std::uint64_t>();
+    if (broken || length > chunk_.size() - in_chunk_ - kRecordHead) fail("found a broken record in a chunk");
+    const std::uint8_t* const content = chunk_.data() + in_chunk_ + kRecordHead;
+    in_chunk_ += kRecordHead + length;
+    if (take(opcode, {content, length}, message)) return true;
+  }
+}
+
+bool McapReader::take(std::uint8_t opcode, spm::Span<const std::uint8_t> content, McapMessage& message) {
+  bool broken = false;
+  Fields fields{content, broken};
+  if (opcode == kSchema) {
+    Schema& schema = schemas_[fields.number<std::uint16_t>()];
+    schema.name = fields.text();
+    schema.encoding = fields.text();
+    schema.text = fields.text();
+  } else if (opcode == kChannel) {
+    Channel& channel = channels_[fields.number<std::uint16_t>()];
+    channel.schema = fields.number<std::uint16_t>();
+    channel.topic = fields.text();
+  } else if (opcode == kMessage) {
+    message.channel = fields.number<std::uint16_t>();
+    message.sequence = fields.number<std::uint32_t>();
+    message.log_time = fields.number<std::uint64_t>();
+    message.publish_time = fields.number<std::uint64_t>();
+    if (!broken) message.bytes = fields.rest();
+    const auto channel = channels_.find(message.channel);
+    const auto schema = channel == channels_.end() ? schemas_.end() : schemas_.find(channel->second.schema);
+    if (schema == schemas_.end()) fail("found a message before its channel and schema");
+    message.topic = channel->second.topic;
+    message.schema = schema->second.name;
+    message.schema_encoding = schema->second.encoding;
+    message.schema_text = &schema->second.text;
+  }
+  if (broken) fail("found a record that is too short");
+  return opcode == kMessage;
+}
+
 }  // namespace tactus::trace

@@ -81,4 +81,49 @@ class McapWriter {
   bool closed_ = false;
 };
 
+struct McapMessage {
+  std::string topic;
+  std::uint16_t channel = 0;
+  std::string schema, schema_encoding;       ///< name and encoding
+  const std::string* schema_text = nullptr;  ///< as long as the reader
+  std::uint32_t sequence = 0;
+  std::uint64_t log_time = 0, publish_time = 0;  ///< ns since 1970
+  std::vector<std::uint8_t> bytes;
+};
+
+/// Reads MCAP files from front to end, so those too whose writer was killed: what comes last may be cut. Chunks must
+/// not be compressed. One thread at a time.
+class McapReader {
+ public:
+  /// Throws McapError naming the file, when it cannot be read or is none.
+  explicit McapReader(std::filesystem::path file);
+
+  /// False at the end. Throws McapError for a broken file, with the place.
+  [[nodiscard]] bool next(McapMessage& message);
+  /// The file ends without its end.
+  [[nodiscard]] bool is_cut() const noexcept { return cut_; }
+
+ private:
+  struct Schema {
+    std::string name, encoding, text;
+  };
+  struct Channel {
+    std::uint16_t schema = 0;
+    std::string topic;
+  };
+
+  [[nodiscard]] bool fill();
+  [[nodiscard]] bool take(std::uint8_t opcode, spm::Span<const std::uint8_t> content, McapMessage& message);
+  [[noreturn]] void fail(const std::string& what) const;
+
+  std::filesystem::path name_;
+  std::unique_ptr<std::FILE, int (*)(std::FILE*)> file_;
+  std::uint64_t offset_ = 0;
+  std::map<std::uint16_t, Schema> schemas_;
+  std::map<std::uint16_t, Channel> channels_;
+  std::vector<std::uint8_t> chunk_;
+  std::size_t in_chunk_ = 0;
+  bool cut_ = false, ended_ = false;
+};
+
 }  // namespace tactus::trace

@@ -1,4 +1,7 @@
 /// A session recorded as a user records it, read by the reference reader of the format.
+#include <array>
+#include <charconv>
+#include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "tests/e2e/session_test.hpp"
@@ -70,6 +73,24 @@ TEST_F(RecordTest, HasEveryTopicOfASessionThatGoesOnAsWithoutIt) {
   EXPECT_EQ(pose["last"]["user_id"], std::to_string(session::id_of("bob")));
   EXPECT_NEAR(pose["last"]["device"]["orientation"][3].get<double>(), 1, 1);
   EXPECT_EQ(all["tactus_catalogue"]["last"]["object_name"], "sphere");
+
+  // As tables: every message, and the numbers that the reference reader has.
+  Process export_all{in_session("record", {path("all.mcap"), "--to-csv", path("tables")})};
+  EXPECT_TRUE(ends_with(0, export_all));
+  for (const auto& [topic, of] : all.items())
+    EXPECT_THAT(export_all.output(), testing::HasSubstr(topic + ".csv: ")) << export_all.output();
+  std::ifstream table{path("tables/tactus_device_pose.csv")};
+  std::string header, row, last;
+  std::getline(table, header);
+  while (std::getline(table, row)) last = row;
+  EXPECT_THAT(header, testing::StartsWith("log_time_ns,sequence,user_id,probe,participant,"));
+  std::string position;
+  for (const json& number : pose["last"]["device"]["position"]) {
+    std::array<char, 32> digits{};
+    position.append(",").append(digits.data(), std::to_chars(digits.begin(), digits.end(), number.get<double>()).ptr);
+  }
+  EXPECT_THAT(last, testing::HasSubstr(position + ","));
+  EXPECT_THAT(last, testing::HasSubstr("," + pose["last"]["stamp"]["time_ns"].get<std::string>() + ","));
 
   const json until_killed = decoded("stream", "cut.mcap");
   EXPECT_GT(until_killed["tactus_probe_state"]["count"], 0);

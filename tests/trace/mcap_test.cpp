@@ -44,6 +44,27 @@ class Mcap : public ::testing::Test {
     return expected;
   }
 
+  /// The same of what our reader finds.
+  std::string lines(bool* cut = nullptr) const {
+    McapReader reader{file_};
+    std::string all;
+    McapMessage message;
+    while (reader.next(message)) {
+      EXPECT_EQ(message.schema, "demo::Blob");
+      EXPECT_EQ(*message.schema_text, "struct Blob { octet x; };");
+      all += message.topic + ' ' + std::to_string(message.sequence) + ' ' + std::to_string(message.log_time) + ' ' +
+             std::to_string(message.publish_time) + ' ';
+      for (const std::uint8_t byte : message.bytes) {
+        constexpr char kDigits[] = "0123456789abcdef";
+        all += kDigits[byte >> 4];
+        all += kDigits[byte & 15];
+      }
+      all += '\n';
+    }
+    if (cut != nullptr) *cut = reader.is_cut();
+    return all;
+  }
+
   test_support::TemporaryFolder folder_;
   std::string file_ = (folder_.path() / "made.mcap").string();
 };
@@ -56,6 +77,37 @@ TEST_F(Mcap, TheReferenceReaderFindsEveryMessageByTheIndex) {
     EXPECT_EQ(writer.messages(), 900u);
   }
   EXPECT_EQ(read_mcap("lines '" + file_ + "'"), expected) << "seed " << kSeed;
+  EXPECT_EQ(lines(), expected) << "and so does ours, seed " << kSeed;
+}
+
+TEST_F(Mcap, AFileCutAnywhereIsReadUntilThere) {
+  std::string expected;
+  {
+    McapWriter writer{file_, "test"};
+    expected = fill(writer);
+  }
+  const auto size = std::filesystem::file_size(file_);
+  for (std::size_t left = size - 1; left > 8; left = left * 3 / 4) {
+    std::filesystem::resize_file(file_, left);
+    bool cut = false;
+    const std::string found = lines(&cut);
+    EXPECT_EQ(found, expected.substr(0, found.size())) << left;
+    EXPECT_TRUE(cut || found == expected) << left;
+  }
+}
+
+TEST_F(Mcap, AFlippedByteIsFoundByTheChecksum) {
+  {
+    McapWriter writer{file_, "test"};
+    (void)fill(writer);
+  }
+  std::FILE* const file = std::fopen(file_.c_str(), "r+b");
+  std::fseek(file, 100'000, SEEK_SET);
+  const int byte = std::fgetc(file);
+  std::fseek(file, 100'000, SEEK_SET);
+  std::fputc(byte ^ 1, file);
+  std::fclose(file);
+  EXPECT_THROW((void)lines(), McapError);
 }
 
 TEST_F(Mcap, AFileWithoutItsEndKeepsWhatWasFlushed) {

@@ -3,10 +3,14 @@
 
 #include <CLI/CLI.hpp>
 #include <chrono>
+#include <filesystem>
+#include <fstream>
 #include <iostream>
+#include <map>
 #include <mutex>
 #include <thread>
 
+#include "trace/idl_schema.hpp"
 #include "trace/mcap.hpp"
 #include "wire/command_line.hpp"
 #include "wire/process.hpp"
@@ -21,6 +25,8 @@ constexpr char kExamples[] = R"(
 Examples:
   tactus-record lab.mcap --session lab --domain 40
   tactus-record probes.mcap --session lab --domain 40 --without-bulk --seconds 60
+
+  tactus-record lab.mcap --to-csv lab.csv
 
 Ends with Ctrl-C, or after --seconds. Messages are CDR, schemas the IDL of Tactus: what reads MCAP with omgidl shows them.
 Recording counts as one more HRTC for hosts' links unless --without-bulk leaves the meshes out.
@@ -125,6 +131,56 @@ int record(const wire::SessionAddress& address, const std::string& file, double 
   return stop && recording.messages() == 0 ? 130 : 0;
 }
 
+/// One table for each channel, DIRECTORY/TOPIC.csv: arrival in ns since 1970, number, then a column for each number of
+/// the IDL. A topic's second channel (whole probe states) is TOPIC-2.csv.
+int to_csv(const std::string& file, const std::filesystem::path& directory) {
+  trace::McapReader reader{file};
+  std::filesystem::create_directories(directory);
+  std::map<const std::string*, trace::IdlSchema> schemas;
+  struct Table {
+    std::ofstream out;
+    std::filesystem::path path;
+    std::uint64_t rows = 0;
+  };
+  std::map<std::uint16_t, Table> tables;
+  std::map<std::string, int> used;
+  const auto quoted = [](const std::string& cell) {
+    if (cell.find_first_of(",\"\n\r") == std::string::npos) return cell;
+    std::string text = "\"";
+    for (const char c : cell) text += c == '"' ? "\"\"" : std::string{c};
+    return text + '"';
+  };
+  trace::McapMessage message;
+  while (reader.next(message)) {
+    if (message.schema_encoding != "omgidl")
+      throw std::runtime_error(file + ", topic " + message.topic + ": found schema encoding " +
+                               message.schema_encoding + ", expected omgidl");
+    const trace::IdlSchema& schema = schemas.try_emplace(message.schema_text, *message.schema_text).first->second;
+    const auto [table, is_new] = tables.try_emplace(message.channel);
+    if (is_new) {
+      const int number = ++used[message.topic];
+      table->second.path = directory / (message.topic + (number > 1 ? "-" + std::to_string(number) : "") + ".csv");
+      table->second.out.open(table->second.path);
+      table->second.out << "log_time_ns,sequence";
+      for (const std::string& column : schema.columns(message.schema)) table->second.out << ',' << column;
+      table->second.out << '\n';
+    }
+    std::ofstream& out = table->second.out;
+    out << message.log_time << ',' << message.sequence;
+    for (const std::string& cell : schema.cells(message.schema, {message.bytes.data(), message.bytes.size()}))
+      out << ',' << quoted(cell);
+    out << '\n';
+    ++table->second.rows;
+  }
+  for (auto& [channel, table] : tables) {
+    table.out.close();
+    if (!table.out) throw std::runtime_error("cannot write " + table.path.string());
+    std::cout << table.path.string() << ": " << table.rows << " rows\n";
+  }
+  if (reader.is_cut()) std::cout << file << " has no end; all before is there\n";
+  return 0;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -133,6 +189,7 @@ int main(int argc, char** argv) {
   std::string file;
   double seconds = 0;
   bool without_bulk = false;
+  std::string csv;
   CLI::App app{"Records every topic of a session into an MCAP file.", "tactus-record"};
   app.footer(kExamples);
   app.add_option("FILE", file, "The recording, *.mcap; replaced when it is there")->required();
@@ -141,6 +198,7 @@ int main(int argc, char** argv) {
       ->capture_default_str()
       ->check(CLI::Range(0.0, 1e6));
   app.add_flag("--without-bulk", without_bulk, "Leave out base meshes and records");
+  app.add_option("--to-csv", csv, "Record nothing: write each topic of FILE as a table into this directory");
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
@@ -148,6 +206,7 @@ int main(int argc, char** argv) {
   }
   const std::atomic<bool>& stop = wire::stop_signal();
   try {
+    if (!csv.empty()) return to_csv(file, csv);
     return record(address, file, seconds, !without_bulk, stop);
   } catch (const std::exception& error) {
     std::cerr << "tactus-record: " << error.what() << '\n';

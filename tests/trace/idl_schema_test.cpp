@@ -1,0 +1,114 @@
+#include "trace/idl_schema.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cstring>
+
+namespace tactus::trace {
+namespace {
+
+using testing::ElementsAre;
+using testing::HasSubstr;
+
+constexpr char kText[] = R"(// A comment with struct { in it.
+module a {
+module b {
+const unsigned long kMost = 3;
+typedef double Pair[2];
+typedef string<kMost> Short;
+enum Colour { kRed, kGreen };
+@final
+struct Inner {
+  Pair where;   // two numbers
+  Colour colour;
+};
+struct Outer {
+  @key unsigned long long id;
+  boolean on;
+  Inner inner;
+  Short name;
+  sequence<Inner, kMost> more;
+  float grid[2][2];
+  short last;
+};
+};
+};
+)";
+
+/// Plain CDR by hand, little-endian.
+class Encoded {
+ public:
+  template <class Value>
+  Encoded& add(Value value) {
+    while ((bytes_.size() - 4) % sizeof(Value) != 0) bytes_.push_back(0xee);  // padding may hold anything
+    const auto* const raw = reinterpret_cast<const std::uint8_t*>(&value);
+    bytes_.insert(bytes_.end(), raw, raw + sizeof value);
+    return *this;
+  }
+  Encoded& text(const std::string& value) {
+    add(static_cast<std::uint32_t>(value.size() + 1));
+    bytes_.insert(bytes_.end(), value.c_str(), value.c_str() + value.size() + 1);
+    return *this;
+  }
+  [[nodiscard]] spm::Span<const std::uint8_t> bytes(std::size_t cut = 0) const {
+    return {bytes_.data(), bytes_.size() - cut};
+  }
+
+ private:
+  std::vector<std::uint8_t> bytes_{0, 1, 0, 0};
+};
+
+Encoded sample() {
+  Encoded e;
+  e.add(std::uint64_t{1} << 63).add(std::uint8_t{1});
+  e.add(0.1).add(-2.5e-300).add(std::uint32_t{1});
+  e.text("n\"1");
+  e.add(std::uint32_t{1}).add(3.0).add(4.0).add(std::uint32_t{7});
+  for (const float value : {1.5f, 0.1f, -0.0f, 4.0f}) e.add(value);
+  e.add(std::int16_t{-2});
+  return e;
+}
+
+TEST(IdlSchema, NamesAColumnForEachNumber) {
+  EXPECT_THAT(IdlSchema{kText}.columns("a::b::Outer"),
+              ElementsAre("id", "on", "inner.where.0", "inner.where.1", "inner.colour", "name", "more", "grid.0.0",
+                          "grid.0.1", "grid.1.0", "grid.1.1", "last"));
+}
+
+TEST(IdlSchema, ReadsASampleAlongThem) {
+  EXPECT_THAT(IdlSchema{kText}.cells("a::b::Outer", sample().bytes()),
+              ElementsAre("9223372036854775808", "true", "0.1", "-2.5e-300", "kGreen", "n\"1",
+                          R"([{"where":[3,4],"colour":"7"}])", "1.5", "0.1", "-0", "4", "-2"));
+}
+
+TEST(IdlSchema, ASampleThatIsCutAnywhereIsRefused) {
+  const IdlSchema schema{kText};
+  const Encoded whole = sample();
+  for (std::size_t cut = 1; cut <= whole.bytes().size(); ++cut)
+    EXPECT_THROW((void)schema.cells("a::b::Outer", whole.bytes(cut)), SchemaError) << cut;
+}
+
+TEST(IdlSchema, CountsThatCannotBeAreRefusedBeforeAnythingIsMade) {
+  Encoded e;
+  e.add(std::uint64_t{1}).add(std::uint8_t{1}).add(0.1).add(0.1).add(std::uint32_t{1}).text("x").add(0xffffffffu);
+  EXPECT_THROW((void)IdlSchema{kText}.cells("a::b::Outer", e.bytes()), SchemaError);
+}
+
+TEST(IdlSchema, BrokenTextIsRefusedWithItsLine) {
+  const auto refusal = [](const std::string& text) -> std::string {
+    try {
+      const IdlSchema schema{text};
+    } catch (const SchemaError& error) {
+      return error.what();
+    }
+    return "";
+  };
+  EXPECT_EQ(refusal("module a {\nstruct B {\n  what x;\n};\n};\n"), "IDL, line 3: found 'what', expected a type");
+  EXPECT_EQ(refusal("module a {"), "IDL, line 1: found the end, expected module, const, typedef, enum or struct");
+  EXPECT_EQ(refusal("struct A { double x[k]; };"), "IDL, line 1: found 'k', expected a number");
+  EXPECT_THROW((void)IdlSchema{kText}.columns("a::b::Nothing"), SchemaError);
+}
+
+}  // namespace
+}  // namespace tactus::trace
