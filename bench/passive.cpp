@@ -1,0 +1,137 @@
+// Energy of a hand's port at 2,000 N/m, at a wall and on a shared object, at any round trip with loss; in virtual time.
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <exception>
+#include <string>
+
+#include "bench/figures.hpp"
+#include "bench/shared_world.hpp"
+#include "haptics/passivity.hpp"
+#include "haptics/simulated_device.hpp"
+
+namespace tactus::bench {
+namespace {
+
+using namespace haptics;
+
+struct Settings {
+  std::string json;
+  double stiffness = 2000;
+  double damping = 6;
+  int seconds = 60;
+  bool quick = false;
+};
+
+constexpr double kDt = 1e-3;
+constexpr double kLeast = -1e-6;  // J
+
+struct Port {
+  double lowest = 0, withholding = 0, peak = 0, refused_share = 0;
+};
+
+/// Taps and presses on a fixed wall by a trembling hand, on a device with hardly any damping of its own.
+Port tap(double stiffness, double speed, int seconds, bool control, unsigned seed) {
+  DeviceSpec spec;
+  spec.damping = 0.2;
+  HandSettings hand;
+  hand.start = {0, 0, 0.02};
+  hand.tremor = 3e-4;
+  hand.encoder_step = 1e-5;
+  hand.seed = seed;
+  SimulatedDevice device{hand, spec};
+  PassivityController controller;
+  Port port;
+  Vec3d force = Vec3d::Zero(), before = hand.start;
+  double energy = 0;
+  for (int cycle = 0; cycle < seconds * 1000; ++cycle) {
+    HandPath path;
+    path.count = 1;
+    const double phase = std::fmod(cycle * kDt * speed / 0.06, 1.0);
+    path.waypoints[0] = {0, {0, 0, 0.02 - 0.06 * (phase < 0.5 ? phase : 1 - phase)}};
+    device.wishes().post(path);
+    const DeviceState state = device.read(cycle * 1'000'000LL);
+    energy -= force.dot(state.position - before);  // counted here, not by the controller
+    before = state.position;
+    port.lowest = std::min(port.lowest, energy);
+    const Vec3d wall{0, 0, stiffness * std::max(0.0, -state.position.z())};
+    force = controller.step(wall, state.position, 0, kDt, control);
+    device.write(force);
+    port.peak = std::max(port.peak, force.norm());
+  }
+  port.withholding = static_cast<double>(controller.ledger().withholding) / (1000.0 * seconds);
+  return port;
+}
+
+template <class... Values>
+std::string line(const char* format, Values... values) {
+  char text[200];
+  std::snprintf(text, sizeof text, format, values...);
+  return text;
+}
+
+int run(const Settings& settings) {
+  char text[120];
+  std::snprintf(text, sizeof text, "%.0f N/m, 1 kHz; encoder steps of 10 um at the wall; 10 %% lost in bursts of 4",
+                settings.stiffness);
+  Report report{{"passive", "a wall; a box of 0.5 kg held by several users", 0, 0, text}};
+  double lowest_wall = 0, lowest_shared = 0, lowest_tank = 0;
+  const int seconds = settings.quick ? 5 : settings.seconds;
+  report.note("                                        lowest energy, J         cycles in which");
+  report.note("                                     without        with      force was withheld");
+  for (const double speed : {0.02, 0.1, 0.3, 0.6}) {
+    const Port without = tap(settings.stiffness, speed, seconds, false, 1);
+    const Port with = tap(settings.stiffness, speed, seconds, true, 1);
+    lowest_wall = std::min(lowest_wall, with.lowest);
+    report.note(line("  wall, hand at %.2f m/s       %12.2e %12.2e %14.2f %%", speed, without.lowest, with.lowest,
+                     with.withholding * 100));
+  }
+  for (const double round_trip : {0.0, 20.0, 50.0, 100.0, 200.0, 500.0}) {
+    for (const std::size_t users : {std::size_t{2}, std::size_t{4}}) {
+      if (settings.quick && users != 2) continue;
+      WorldSettings world;
+      world.users = users;
+      world.grip = settings.stiffness;
+      world.grip_damping = settings.damping;
+      world.link = {round_trip / 2, round_trip / 20};
+      world.link.burst_end = 0.25;
+      world.link.burst_start = 0.25 * 0.1 / 0.9;
+      world.playout = round_trip / 2000 * 1.25 + 0.002;
+      world.port_control = false;
+      const CarryResult without = carry(world, 12);
+      world.port_control = true;
+      const CarryResult with = carry(world, 12);
+      lowest_shared = std::min(lowest_shared, with.port_lowest);
+      lowest_tank = std::min(lowest_tank, with.tank_lowest);
+      report.note(line("  object, %zu users, %3.0f ms      %12.2e %12.2e %14.2f %%", users, round_trip,
+                       without.port_lowest, with.port_lowest, with.withholding * 100));
+    }
+  }
+  report.at_least("energy of the hand's port", "wall, lowest", "J", lowest_wall, kLeast);
+  report.at_least("energy of a hand's port", "shared object, 0-500 ms, lowest", "J", lowest_shared, kLeast);
+  report.at_least("energy of a copy's tank", "shared object, 0-500 ms, lowest", "J", lowest_tank, -1e-12);
+  return report.finish(settings.json);
+}
+
+}  // namespace
+}  // namespace tactus::bench
+
+int main(int argc, char** argv) {
+  tactus::bench::Settings settings;
+  CLI::App app{"Energy of the ports at 2,000 N/m, at 0 to 500 ms there and back and 10 % loss, in virtual time."};
+  app.add_option("--stiffness", settings.stiffness, "N/m")->check(CLI::Range(100.0, 5000.0));
+  app.add_option("--damping", settings.damping, "N s/m between a hand and what it holds")->check(CLI::Range(0.0, 20.0));
+  app.add_option("--seconds", settings.seconds, "of tapping, at each speed")->check(CLI::Range(1, 3600));
+  app.add_flag("--quick", settings.quick, "5 s, fewer rows");
+  app.add_option("--json", settings.json, "the figures as JSON");
+  try {
+    app.parse(argc, argv);
+    return tactus::bench::run(settings);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : 2;
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "tactus-bench-passive: %s\n", error.what());
+    return 2;
+  }
+}

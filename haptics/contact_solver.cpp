@@ -1,0 +1,234 @@
+#include "haptics/contact_solver.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+namespace tactus::haptics {
+
+namespace {
+
+/// Two unit vectors that make a right-handed frame with the unit vector `n`.
+void tangents_of(const Vec3d& n, Vec3d& t1, Vec3d& t2) noexcept {
+  const Vec3d side = std::abs(n.x()) < 0.6 ? Vec3d::UnitX() : Vec3d::UnitY();
+  t1 = n.cross(side).normalized();
+  t2 = n.cross(t1);
+}
+
+/// The point of the disc |x| <= radius that minimises sum a_i (x_i - c_i)^2, for a_i > 0 and c outside of it.
+void closest_in_disc(const double a[2], const double c[2], double radius, double x[2]) noexcept {
+  // x_i = a_i c_i / (a_i + m); |x| falls as m grows, and |x| = radius is found by Newton's method on 1 / |x|, which
+  // is concave in m: from m = 0 it never overshoots.
+  double m = 0;
+  for (int step = 0; step < 20; ++step) {
+    x[0] = a[0] * c[0] / (a[0] + m);
+    x[1] = a[1] * c[1] / (a[1] + m);
+    const double size = std::hypot(x[0], x[1]);
+    if (size <= radius * (1 + 1e-12)) break;
+    const double slope = x[0] * x[0] / (a[0] + m) + x[1] * x[1] / (a[1] + m);
+    m += (size - radius) / radius * size * size / slope;
+  }
+  if (const double size = std::hypot(x[0], x[1]); size > radius) {
+    x[0] *= radius / size;
+    x[1] *= radius / size;
+  }
+}
+
+}  // namespace
+
+void ContactSolver::begin() noexcept {
+  candidate_count_ = 0;
+  overflow_ = 0;
+}
+
+void ContactSolver::add(const Contact& contact) noexcept {
+  if (candidate_count_ == kMaxCandidateContacts) {
+    ++overflow_;
+    return;
+  }
+  candidates_[candidate_count_++] = contact;
+}
+
+// The deepest first; then, again and again, the one that differs most from all those taken, in place or in direction:
+// what carries a body are the outermost points of each face that it stands on.
+void ContactSolver::reduce() noexcept {
+  if (candidate_count_ <= kMaxContacts) {
+    std::copy_n(candidates_.begin(), candidate_count_, kept_.begin());
+    kept_count_ = candidate_count_;
+    return;
+  }
+  double extent = 0;
+  std::size_t next = 0;
+  for (std::size_t i = 0; i < candidate_count_; ++i) {
+    extent = std::max(extent, (candidates_[i].point - candidates_[0].point).norm());
+    if (candidates_[i].gap < candidates_[next].gap) next = i;
+  }
+  std::array<double, kMaxCandidateContacts> apart;
+  apart.fill(std::numeric_limits<double>::infinity());
+  kept_count_ = 0;
+  while (kept_count_ < kMaxContacts) {
+    const Contact& taken = kept_[kept_count_++] = candidates_[next];
+    apart[next] = -1;
+    for (std::size_t i = 0; i < candidate_count_; ++i) {
+      const bool same_pair = candidates_[i].a == taken.a && candidates_[i].b == taken.b;
+      if (apart[i] < 0 || !same_pair) continue;
+      apart[i] = std::min(apart[i], (candidates_[i].point - taken.point).squaredNorm() +
+                                        extent * extent * (candidates_[i].normal - taken.normal).squaredNorm());
+    }
+    next = static_cast<std::size_t>(std::max_element(apart.begin(), apart.begin() + candidate_count_) - apart.begin());
+  }
+}
+
+ContactSolver::Row ContactSolver::row_of(const Contact& contact, const Vec3d& axis,
+                                         spm::Span<const SolverBody> bodies) noexcept {
+  Row row;
+  row.on_a << axis, contact.arm_a.cross(axis);
+  row.change_a = bodies[contact.a].inverse_mass * row.on_a;
+  row.diagonal = row.on_a.dot(row.change_a);
+  if (contact.b != spm::kNone) {
+    row.on_b << -axis, -contact.arm_b.cross(axis);
+    row.change_b = bodies[contact.b].inverse_mass * row.on_b;
+    row.diagonal += row.on_b.dot(row.change_b);
+  } else {
+    row.on_b.setZero();
+    row.change_b.setZero();
+  }
+  return row;
+}
+
+void ContactSolver::build(Block& block, const Contact& contact, spm::Span<const SolverBody> bodies,
+                          double dt) const noexcept {
+  block.axes[0] = contact.normal;
+  block.rows[0] = row_of(contact, contact.normal, bodies);
+  Vec3d t1, t2;
+  tangents_of(contact.normal, t1, t2);
+  const Row first = row_of(contact, t1, bodies);
+  const Row second = row_of(contact, t2, bodies);
+  const double mixed = first.on_a.dot(second.change_a) + first.on_b.dot(second.change_b);
+  const double angle = 0.5 * std::atan2(2 * mixed, first.diagonal - second.diagonal);
+  block.axes[1] = std::cos(angle) * t1 + std::sin(angle) * t2;
+  block.axes[2] = std::cos(angle) * t2 - std::sin(angle) * t1;
+  block.rows[1] = row_of(contact, block.axes[1], bodies);
+  block.rows[2] = row_of(contact, block.axes[2], bodies);
+  for (int axis = 0; axis < 3; ++axis) {
+    const Row& row = block.rows[axis];
+    block.free[axis] = row.on_a.dot(bodies[contact.a].velocity);
+    if (contact.b != spm::kNone) block.free[axis] += row.on_b.dot(bodies[contact.b].velocity);
+  }
+  if (contact.gap >= 0) {
+    block.target = contact.gap / dt;
+  } else {
+    const double overlap = std::max(0.0, -contact.gap - settings_.touching);
+    block.target = -std::min({settings_.push_out, settings_.push_out_rate * overlap, overlap / dt});
+  }
+}
+
+const SolverResult& ContactSolver::solve(spm::Span<SolverBody> bodies, double dt) noexcept {
+  reduce();
+  result_ = SolverResult{};
+  result_.contacts = static_cast<std::uint32_t>(kept_count_);
+  result_.dropped = overflow_ + static_cast<std::uint32_t>(candidate_count_ - kept_count_);
+
+  const auto apply = [&](const Contact& contact, const Row& row, double impulse) {
+    bodies[contact.a].velocity += row.change_a * impulse;
+    if (contact.b != spm::kNone) bodies[contact.b].velocity += row.change_b * impulse;
+  };
+  const auto velocity = [&](const Contact& contact, const Row& row) {
+    double along = row.on_a.dot(bodies[contact.a].velocity);
+    if (contact.b != spm::kNone) along += row.on_b.dot(bodies[contact.b].velocity);
+    return along;
+  };
+
+  for (std::size_t i = 0; i < kept_count_; ++i) build(blocks_[i], kept_[i], bodies, dt);
+  for (std::size_t i = 0; i < kept_count_; ++i) {
+    Block& block = blocks_[i];
+    block.lambda.fill(0);
+    const Remembered* const end = remembered_.data() + remembered_count_;
+    const Remembered* const found =
+        std::find_if(std::as_const(remembered_).data(), end, [&](const Remembered& r) { return r.id == kept_[i].id; });
+    if (found == end) continue;
+    block.lambda[0] = std::max(0.0, found->impulse.dot(block.axes[0]));
+    block.lambda[1] = found->impulse.dot(block.axes[1]);
+    block.lambda[2] = found->impulse.dot(block.axes[2]);
+    const double most = kept_[i].friction * block.lambda[0];
+    if (const double size = std::hypot(block.lambda[1], block.lambda[2]); size > most) {
+      block.lambda[1] *= size > 0 ? most / size : 0;
+      block.lambda[2] *= size > 0 ? most / size : 0;
+    }
+    for (int axis = 0; axis < 3; ++axis) apply(kept_[i], block.rows[axis], block.lambda[axis]);
+  }
+
+  result_.quiet = kept_count_ == 0;
+  while (!result_.quiet && result_.sweeps < settings_.sweeps) {
+    ++result_.sweeps;
+    double largest = 0;
+    for (std::size_t i = 0; i < kept_count_; ++i) {
+      const Contact& contact = kept_[i];
+      Block& block = blocks_[i];
+      const Row& normal = block.rows[0];
+      if (normal.diagonal > 0) {
+        const double wanted = block.lambda[0] - (velocity(contact, normal) + block.target) / normal.diagonal;
+        const double change = std::max(0.0, wanted) - block.lambda[0];
+        block.lambda[0] += change;
+        apply(contact, normal, change);
+        largest = std::max(largest, std::abs(change) * normal.diagonal);
+      }
+      const Row& first = block.rows[1];
+      const Row& second = block.rows[2];
+      if (contact.friction <= 0 || first.diagonal <= 0 || second.diagonal <= 0) continue;
+      const double most = contact.friction * block.lambda[0];
+      const double a[2] = {first.diagonal, second.diagonal};
+      double x[2] = {block.lambda[1] - velocity(contact, first) / a[0],
+                     block.lambda[2] - velocity(contact, second) / a[1]};
+      if (most <= 0) {
+        x[0] = x[1] = 0;
+      } else if (std::hypot(x[0], x[1]) > most) {
+        const double c[2] = {x[0], x[1]};
+        closest_in_disc(a, c, most, x);
+      }
+      for (int t = 0; t < 2; ++t) {
+        const double change = x[t] - block.lambda[1 + t];
+        block.lambda[1 + t] = x[t];
+        apply(contact, block.rows[1 + t], change);
+        largest = std::max(largest, std::abs(change) * a[t]);
+      }
+    }
+    result_.quiet = largest <= settings_.quiet;
+  }
+
+  // The objective along the ray s * lambda is s * linear + s^2 * quadratic.
+  double linear = 0, quadratic = 0;
+  for (std::size_t i = 0; i < kept_count_; ++i) {
+    const Block& block = blocks_[i];
+    linear += block.lambda[0] * block.target;
+    for (int axis = 0; axis < 3; ++axis) {
+      linear += block.lambda[axis] * block.free[axis];
+      quadratic += 0.5 * block.lambda[axis] * (velocity(kept_[i], block.rows[axis]) - block.free[axis]);
+    }
+  }
+  result_.objective = linear + quadratic;
+  if (result_.objective > 0 && quadratic > 0) {
+    const double share = std::clamp(-linear / (2 * quadratic), 0.0, 1.0);
+    for (std::size_t i = 0; i < kept_count_; ++i) {
+      for (int axis = 0; axis < 3; ++axis) {
+        const double before = blocks_[i].lambda[axis];
+        blocks_[i].lambda[axis] *= share;
+        apply(kept_[i], blocks_[i].rows[axis], blocks_[i].lambda[axis] - before);
+      }
+    }
+    result_.scaled = true;
+    result_.objective = share * linear + share * share * quadratic;
+  }
+
+  remembered_count_ = kept_count_;
+  for (std::size_t i = 0; i < kept_count_; ++i) {
+    const Block& block = blocks_[i];
+    impulses_[i] = block.lambda[0] * block.axes[0] + block.lambda[1] * block.axes[1] + block.lambda[2] * block.axes[2];
+    remembered_[i] = {kept_[i].id, impulses_[i]};
+    if (kept_[i].b == spm::kNone) result_.impulse += impulses_[i];
+  }
+  return result_;
+}
+
+}  // namespace tactus::haptics

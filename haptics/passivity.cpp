@@ -1,0 +1,51 @@
+#include "haptics/passivity.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace tactus::haptics {
+
+Vec3d PassivityController::step(const Vec3d& force, const Vec3d& position, double passed_on, double dt,
+                                bool control) noexcept {
+  if (!force.allFinite() || !position.allFinite() || !std::isfinite(passed_on) || !(dt > 0)) {
+    ++ledger_.refused;
+    force_.setZero();
+    return force_;
+  }
+  const Vec3d way = started_ ? Vec3d(position - position_) : Vec3d(Vec3d::Zero());
+  started_ = true;
+  position_ = position;
+  ledger_.energy -= force_.dot(way) + passed_on;
+  ledger_.lowest = std::min(ledger_.lowest, ledger_.energy);
+  if (const double above = ledger_.energy - settings_.credit; above > 0) {
+    ledger_.forgotten += above;
+    ledger_.energy = settings_.credit;
+  }
+  force_ = force;
+  if (!control) return force_;
+
+  // The next way is this one, give or take what the hand accelerates.
+  const double turn = settings_.acceleration * dt * dt;
+  const double left = std::max(0.0, ledger_.energy + settings_.allowance);
+  const double length = way.norm();
+  const auto drawn = [&](const Vec3d& f) { return f.dot(way) + f.norm() * turn; };
+  if (const double wanted = drawn(force_); wanted > left) {
+    ++ledger_.withholding;
+    if (const double along = length > 0 ? force_.dot(way) / length : 0.0; along > 0) {
+      // First of what pushes along with the motion; its direction is the likeliest.
+      const double less = std::min(along, (wanted - left) / length);
+      force_ -= less / length * way;
+    }
+    if (const double still = drawn(force_); still > left) force_ *= std::max(0.0, left / still);
+    ledger_.withheld += wanted - drawn(force_);
+  }
+  if (ledger_.energy < -settings_.allowance && length > settings_.least_speed * dt) {
+    ++ledger_.damping;
+    // Damping b takes b v^2 dt = b length^2 / dt.
+    const double enough = -ledger_.energy * dt / (length * length);
+    force_ -= std::min(enough, settings_.device_mass / dt) / dt * way;
+  }
+  return force_;
+}
+
+}  // namespace tactus::haptics

@@ -1,0 +1,48 @@
+#include "haptics/shared_object.hpp"
+
+namespace tactus::haptics {
+
+void SharedObject::follow() noexcept {
+  coupling_.reset();
+  body_.change(whole_);
+  following_ = true;
+}
+
+void SharedObject::own() noexcept {
+  coupling_.reset();
+  body_.change(whole_);
+  following_ = false;
+  still_ = 0;
+}
+
+void SharedObject::couple(const CouplingSettings& settings, std::size_t place) noexcept {
+  coupling_.emplace(settings, place, whole_);
+  body_.change(coupling_->share());
+  following_ = false;
+  still_ = 0;
+}
+
+void SharedObject::step(std::int64_t now_ns, spm::Span<const PointSpring> springs, const Surroundings& surroundings,
+                        double dt, const ImplicitForce* more) noexcept {
+  if (following_) return;
+  if (!springs.empty() || more != nullptr) still_ = 0;
+  if (asleep()) return;
+
+  body_.begin(dt);
+  for (const PointSpring& spring : springs) body_.add_spring(spring);
+  if (more != nullptr) body_.add_implicit(more->mass, more->impulse);
+  if (coupling_) coupling_->begin(now_ns, dt, body_);
+  SolverBody moving = body_.free();
+  solver_.begin();
+  if (surroundings.ground) add_ground_contacts(body_, 0, surroundings.ground_height, solver_);
+  if (surroundings.scene != nullptr) add_surface_contacts(body_, 0, *surroundings.scene, solver_);
+  const bool supported = solver_.solve({&moving, 1}, dt).contacts > 0;
+  body_.finish(moving.velocity);
+  if (coupling_) coupling_->finish(moving.velocity, body_);
+
+  const bool may_sleep = supported && springs.empty() && more == nullptr && !coupling_;
+  still_ = may_sleep && body_.top_speed() < kRestSpeed ? still_ + dt : 0;
+  if (asleep()) body_.rest();
+}
+
+}  // namespace tactus::haptics

@@ -1,0 +1,168 @@
+/// Who simulates a shared object: the host while nobody holds it, then the first who touches it, then all who do.
+///
+///     nobody            host simulates
+///     one toucher       it owns: its poses are the object's
+///     two and more      each simulates a copy (haptics/coupling.hpp); the one that has held longest leads: its poses
+///     are
+///                       the object's for everyone else
+///
+/// Touchers claim, again and again while they touch; the host answers with a grant, again and again too: both are
+/// states, so what is lost, doubled or late needs no case of its own. Each change of those who simulate gets a larger
+/// fencing number, and a pose counts only under the largest one seen: a former owner that does not know yet, or that
+/// was asleep, cannot move the object any more.
+///
+///     toucher   claim 7 ---------->  host      lease until arrival + lease
+///               <-- grant 12: you, claim 7     toucher may simulate until it sent claim 7 + lease
+///
+/// So a toucher's lease ends before the host takes the object back, without synchronised clocks. A host that starts
+/// waits for one lease before it simulates itself and learns the fencing numbers in use from claims and poses.
+///
+/// A toucher does not wait for the grant to feel: it simulates at once for itself (Holder::Role::kAsking), and what it
+/// has by then becomes the object.
+///
+/// No clock, socket or thread in it; one thread at a time.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "session/messages.hpp"
+
+namespace tactus::session {
+
+inline constexpr std::size_t kMaxTouchers = 8;
+
+struct OwnershipSettings {
+  std::int64_t lease_ns = 250'000'000;
+  std::int64_t period_ns = 20'000'000;  ///< between claims, and between grants
+};
+
+/// Of a controller whose user touches the object, or has let go.
+struct Claim {
+  Origin origin;
+  std::uint64_t object_id = 0;
+  std::uint32_t sequence = 0;
+  bool touching = false;
+  std::uint64_t fencing = 0;    ///< largest that it has seen
+  std::int64_t one_way_ns = 0;  ///< it measures from its peers at most, jitter included
+};
+
+struct Toucher {
+  std::uint64_t participant = 0, incarnation = 0;
+  std::uint32_t claim = 0;  ///< newest of its claims that arrived
+};
+
+/// Of the host.
+struct Grant {
+  Origin origin;
+  std::uint64_t object_id = 0;
+  std::uint32_t sequence = 0;
+  std::uint64_t fencing = 0;
+  std::int64_t line_ns = 0;       ///< delay of the line between copies, the same for all
+  std::vector<Toucher> touchers;  ///< longest holder first; none: the host simulates
+};
+
+/// The host's side, for one object.
+class Arbiter {
+ public:
+  Arbiter(const Origin& self, std::uint64_t object_id, const OwnershipSettings& settings, std::int64_t now_ns);
+
+  void on_claim(const Claim& claim, std::int64_t now_ns);
+  /// A pose of the object from somebody else, with which fencing number.
+  void on_pose(std::uint64_t fencing);
+  /// The grant to publish now; none when nothing has changed and none is due.
+  [[nodiscard]] std::optional<Grant> tick(std::int64_t now_ns);
+
+  /// Whether the host itself is to simulate, under `fencing()`.
+  [[nodiscard]] bool owns(std::int64_t now_ns) const noexcept;
+  [[nodiscard]] std::uint64_t fencing() const noexcept { return fencing_; }
+
+ private:
+  struct Held {
+    Toucher toucher;
+    std::int64_t until_ns;
+    std::int64_t one_way_ns;
+  };
+  void change();
+
+  Origin self_;
+  std::uint64_t object_id_;
+  OwnershipSettings settings_;
+  std::int64_t quiet_until_ns_;  // a lease after the start: somebody may hold one from before
+  std::uint64_t fencing_ = 0;
+  std::vector<Held> held_;       // longest first
+  std::vector<Toucher> let_go_;  // newest claim of those who did, so that an old one does not bring them back
+  std::int64_t line_ns_ = 0;
+  std::uint32_t sequence_ = 0;
+  std::int64_t granted_ns_ = 0;
+  bool changed_ = true;
+};
+
+/// A controller's side, for one object.
+class Holder {
+ public:
+  enum class Role : std::uint8_t {
+    kWatching,  ///< shows the poses of whoever simulates
+    kAsking,    ///< touches, not granted yet: simulates for itself, publishes nothing
+    kOwner,     ///< simulates alone, publishes
+    kLeader,    ///< one of several copies, publishes
+    kCopy       ///< one of several copies
+  };
+
+  Holder(const Origin& self, std::uint64_t object_id, const OwnershipSettings& settings);
+
+  void touch(bool touching) noexcept;
+  void set_one_way(std::int64_t one_way_ns) noexcept { one_way_ns_ = one_way_ns; }
+  /// A pose of the object was accepted.
+  void on_pose(std::uint64_t fencing) noexcept { seen_ = std::max(seen_, fencing); }
+  void on_grant(const Grant& grant, std::int64_t now_ns);
+  /// The claim to send now; none when none is due.
+  [[nodiscard]] std::optional<Claim> tick(std::int64_t now_ns);
+
+  [[nodiscard]] Role role(std::int64_t now_ns) const noexcept;
+  /// To publish poses with, as owner or leader.
+  [[nodiscard]] std::uint64_t fencing() const noexcept { return granted_.fencing; }
+  /// Of the copies, this one included; what the coupling is to be built from. A new group whenever `fencing` changes.
+  [[nodiscard]] const Grant& grant() const noexcept { return granted_; }
+  /// Its own number among the copies.
+  [[nodiscard]] std::size_t place() const noexcept { return place_; }
+
+ private:
+  Origin self_;
+  std::uint64_t object_id_;
+  OwnershipSettings settings_;
+  bool touching_ = false;
+  std::uint32_t sequence_ = 0;
+  std::int64_t claimed_ns_ = 0;
+  bool changed_ = false;
+  struct Sent {
+    std::uint32_t sequence;
+    std::int64_t at_ns;
+    bool touching;
+  };
+  std::array<Sent, 64> sent_{};  // claims, by sequence
+  Grant granted_;                // with the largest fencing number seen
+  std::uint64_t seen_ = 0;       // fencing number, of grants and poses
+  std::size_t place_ = kMaxTouchers;
+  std::int64_t until_ns_ = 0;  // end of the lease, by when its claim was sent
+  std::int64_t one_way_ns_ = 0;
+  int farewells_ = 0;  // claims to send after letting go
+};
+
+/// Which poses of an object count, for whoever shows it.
+class PoseGate {
+ public:
+  /// False: an older owner's, or an older pose of the same.
+  [[nodiscard]] bool accept(const ObjectPose& pose) noexcept;
+  [[nodiscard]] std::uint64_t fencing() const noexcept { return fencing_; }
+
+ private:
+  std::uint64_t fencing_ = 0, participant_ = 0, incarnation_ = 0;
+  std::uint32_t sequence_ = 0;
+  bool any_ = false;
+};
+
+}  // namespace tactus::session

@@ -1,0 +1,272 @@
+#include "haptics/contact_solver.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <random>
+#include <vector>
+
+namespace tactus::haptics {
+namespace {
+
+constexpr double kDt = 1e-3;
+
+/// Bodies and contacts by a seed: masses of 0.05 to 2 kg, full 6 x 6 matrices as springs make them.
+class Problem {
+ public:
+  Problem(unsigned seed, std::size_t body_count, std::size_t contact_count, double friction) : random_{seed} {
+    for (std::size_t i = 0; i < body_count; ++i) {
+      Mat6d mass = Mat6d::Zero();
+      mass.diagonal() << Vec3d::Constant(uniform(0.05, 2)), 1e-3 * uniform(0.1, 2), 1e-3 * uniform(0.1, 2),
+          1e-3 * uniform(0.1, 2);
+      const Eigen::Matrix<double, 3, 6> jacobian = jacobian_of(vector(0.05));
+      mass += jacobian.transpose() * jacobian * uniform(0, 0.1);
+      SolverBody body;
+      body.inverse_mass = mass.inverse();
+      body.velocity << vector(0.3), vector(5);
+      bodies.push_back(body);
+    }
+    for (std::size_t i = 0; i < contact_count; ++i) {
+      Contact contact;
+      contact.id = i + 1;
+      contact.a = static_cast<std::uint32_t>(i % body_count);
+      if (body_count > 1 && i % 2 == 1) contact.b = static_cast<std::uint32_t>((i + 1) % body_count);
+      if (contact.b == contact.a) contact.b = spm::kNone;
+      contact.arm_a = vector(0.05);
+      contact.arm_b = vector(0.05);
+      contact.normal = vector(1).normalized();
+      contact.gap = uniform(0, 1e-4);
+      contact.friction = friction;
+      contacts.push_back(contact);
+    }
+  }
+
+  double uniform(double low, double high) { return std::uniform_real_distribution<double>{low, high}(random_); }
+  Vec3d vector(double size) { return {uniform(-size, size), uniform(-size, size), uniform(-size, size)}; }
+
+  static Eigen::Matrix<double, 3, 6> jacobian_of(const Vec3d& arm) {
+    Eigen::Matrix<double, 3, 6> jacobian;
+    jacobian << Eigen::Matrix3d::Identity(), -skew(arm);
+    return jacobian;
+  }
+  static Eigen::Matrix3d skew(const Vec3d& v) {
+    Eigen::Matrix3d m;
+    m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
+    return m;
+  }
+
+  /// Normal rows of all contacts over all bodies' velocities, one below the other.
+  [[nodiscard]] Eigen::MatrixXd normals() const {
+    Eigen::MatrixXd rows = Eigen::MatrixXd::Zero(contacts.size(), 6 * bodies.size());
+    for (std::size_t i = 0; i < contacts.size(); ++i) {
+      const Contact& c = contacts[i];
+      rows.block<1, 6>(i, 6 * c.a) = c.normal.transpose() * jacobian_of(c.arm_a);
+      if (c.b != spm::kNone) rows.block<1, 6>(i, 6 * c.b) = -c.normal.transpose() * jacobian_of(c.arm_b);
+    }
+    return rows;
+  }
+  [[nodiscard]] Eigen::MatrixXd inverse_mass() const {
+    Eigen::MatrixXd w = Eigen::MatrixXd::Zero(6 * bodies.size(), 6 * bodies.size());
+    for (std::size_t i = 0; i < bodies.size(); ++i) w.block<6, 6>(6 * i, 6 * i) = bodies[i].inverse_mass;
+    return w;
+  }
+  [[nodiscard]] Eigen::VectorXd velocity() const {
+    Eigen::VectorXd v(6 * bodies.size());
+    for (std::size_t i = 0; i < bodies.size(); ++i) v.segment<6>(6 * i) = bodies[i].velocity;
+    return v;
+  }
+
+  SolverResult solve(ContactSolver& solver) {
+    solver.begin();
+    for (const Contact& contact : contacts) solver.add(contact);
+    return solver.solve(bodies, kDt);
+  }
+
+  std::vector<SolverBody> bodies;
+  std::vector<Contact> contacts;
+
+ private:
+  std::mt19937 random_;
+};
+
+SolverSettings exact() {
+  SolverSettings settings;
+  settings.sweeps = 200'000;
+  settings.quiet = 1e-13;
+  return settings;
+}
+
+/// The velocity that satisfies the constraints, by trying every set of active ones; empty: none does.
+Eigen::VectorXd by_enumeration(const Problem& problem) {
+  const Eigen::MatrixXd rows = problem.normals();
+  const Eigen::MatrixXd w = problem.inverse_mass();
+  const Eigen::VectorXd u = problem.velocity();
+  Eigen::VectorXd target(rows.rows());
+  for (int i = 0; i < target.size(); ++i) target[i] = problem.contacts[i].gap / kDt;
+  for (unsigned set = 0; set < 1u << rows.rows(); ++set) {
+    std::vector<int> active;
+    for (int i = 0; i < rows.rows(); ++i) {
+      if (set >> i & 1) active.push_back(i);
+    }
+    Eigen::MatrixXd j(active.size(), rows.cols());
+    Eigen::VectorXd need(active.size());
+    for (std::size_t k = 0; k < active.size(); ++k) {
+      j.row(k) = rows.row(active[k]);
+      need[k] = -(rows.row(active[k]).dot(u) + target[active[k]]);
+    }
+    const Eigen::MatrixXd a = j * w * j.transpose();
+    const Eigen::FullPivLU<Eigen::MatrixXd> lu{a};
+    if (!active.empty() && !lu.isInvertible()) continue;
+    const Eigen::VectorXd lambda = active.empty() ? Eigen::VectorXd(0) : Eigen::VectorXd(lu.solve(need));
+    if (lambda.size() > 0 && lambda.minCoeff() < 0) continue;
+    const Eigen::VectorXd v = active.empty() ? u : Eigen::VectorXd(u + w * j.transpose() * lambda);
+    if (((rows * v + target).array() >= -1e-10).all()) return v;
+  }
+  return {};
+}
+
+TEST(ContactSolver, AgreesWithTryingEverySetOfActiveContacts) {
+  int moved = 0;
+  for (unsigned seed = 1; seed <= 300; ++seed) {
+    Problem problem{seed, 1 + seed % 3, 1 + seed % 7, 0};
+    const Eigen::VectorXd expected = by_enumeration(problem);
+    const Eigen::VectorXd before = problem.velocity();
+    if (expected.size() == 0) continue;  // no velocity satisfies all of them
+    ContactSolver solver{exact()};
+    const SolverResult result = problem.solve(solver);
+    ASSERT_TRUE(result.quiet) << "seed " << seed;
+    ASSERT_LT((problem.velocity() - expected).norm(), 1e-6 * (1 + expected.norm())) << "seed " << seed;
+    if ((expected - before).norm() > 1e-3) ++moved;
+  }
+  EXPECT_GT(moved, 150);
+}
+
+TEST(ContactSolver, FrictionOpposesSlidingAtTheConeAndHoldsWithinIt) {
+  int slid = 0, stuck = 0;
+  for (unsigned seed = 1; seed <= 400; ++seed) {
+    Problem problem{seed, 1 + seed % 2, 1 + seed % 3, 0.1 + 0.1 * (seed % 8)};
+    ContactSolver solver{exact()};
+    if (!problem.solve(solver).quiet) continue;
+    for (std::size_t i = 0; i < problem.contacts.size(); ++i) {
+      const Contact& c = problem.contacts[i];
+      Vec3d v = Problem::jacobian_of(c.arm_a) * problem.bodies[c.a].velocity;
+      if (c.b != spm::kNone) v -= Problem::jacobian_of(c.arm_b) * problem.bodies[c.b].velocity;
+      const double pressing = solver.impulse(i).dot(c.normal);
+      const Vec3d rubbing = solver.impulse(i) - pressing * c.normal;
+      const Vec3d sliding = v - v.dot(c.normal) * c.normal;
+      ASSERT_GE(pressing, 0) << "seed " << seed;
+      ASSERT_GE(v.dot(c.normal) + c.gap / kDt, -1e-9) << "seed " << seed;
+      ASSERT_LE(rubbing.norm(), c.friction * pressing * (1 + 1e-9)) << "seed " << seed;
+      if (pressing < 1e-9) continue;
+      if (sliding.norm() > 1e-6) {
+        ASSERT_LT((rubbing + c.friction * pressing * sliding.normalized()).norm(), 1e-5 * pressing) << "seed " << seed;
+        ++slid;
+      } else {
+        ++stuck;
+      }
+    }
+  }
+  EXPECT_GT(slid, 50);
+  EXPECT_GT(stuck, 20);
+}
+
+TEST(ContactSolver, NeverAddsEnergyHoweverFewSweepsAndWhateverItRemembers) {
+  for (unsigned seed = 1; seed <= 300; ++seed) {
+    SolverSettings settings;
+    settings.sweeps = static_cast<int>(seed % 4);
+    ContactSolver solver{settings};
+    Problem other{seed + 1000, 2, 12, 0.5};
+    (void)other.solve(solver);  // impulses under the same ids, of something else
+    Problem problem{seed, 2, 12, 0.5};
+    const auto energy = [&] {
+      double sum = 0;
+      for (const SolverBody& body : problem.bodies)
+        sum += 0.5 * body.velocity.dot(Mat6d(body.inverse_mass.inverse()) * body.velocity);
+      return sum;
+    };
+    const double before = energy();
+    const SolverResult result = problem.solve(solver);
+    ASSERT_LE(result.objective, 0) << "seed " << seed;
+    ASSERT_LE(energy(), before * (1 + 1e-9)) << "seed " << seed;
+  }
+}
+
+TEST(ContactSolver, StartsFromTheImpulsesOfTheLastStep) {
+  int fewer = 0;
+  for (unsigned seed = 1; seed <= 50; ++seed) {
+    Problem problem{seed, 1, 8, 0.3};
+    const std::vector<SolverBody> bodies = problem.bodies;
+    SolverSettings settings;
+    settings.sweeps = 5000;
+    ContactSolver solver{settings};
+    const int cold = problem.solve(solver).sweeps;
+    problem.bodies = bodies;
+    const int warm = problem.solve(solver).sweeps;
+    ASSERT_LE(warm, cold) << "seed " << seed;
+    if (warm <= 3 && cold > 5) ++fewer;
+  }
+  EXPECT_GT(fewer, 30);
+}
+
+TEST(ContactSolver, KeepsTheDeepestAndTheOutermostContactsAndCountsTheRest) {
+  SolverBody body;
+  body.inverse_mass.setIdentity();
+  body.inverse_mass.bottomRightCorner<3, 3>() *= 1000;
+  body.velocity << 0, 0, -1, 0, 0, 0;
+  ContactSolver solver;
+  solver.begin();
+  // A plate of 10 x 10 points, the deepest in its middle.
+  for (int x = 0; x < 10; ++x) {
+    for (int y = 0; y < 10; ++y) {
+      Contact contact;
+      contact.id = static_cast<std::uint64_t>(10 * x + y);
+      contact.arm_a = contact.point = {0.01 * (x - 4.5), 0.01 * (y - 4.5), 0};
+      contact.gap = x == 4 && y == 4 ? -1e-5 : 0;
+      solver.add(contact);
+    }
+  }
+  const SolverResult& result = solver.solve({&body, 1}, kDt);
+  EXPECT_EQ(result.contacts, kMaxContacts);
+  EXPECT_EQ(result.dropped, 100 - kMaxContacts);
+  int corners = 0;
+  bool deepest = false;
+  for (const Contact& contact : solver.contacts()) {
+    if (std::abs(std::abs(contact.point.x()) - 0.045) < 1e-9 && std::abs(std::abs(contact.point.y()) - 0.045) < 1e-9)
+      ++corners;
+    if (contact.gap < 0) deepest = true;
+  }
+  EXPECT_EQ(corners, 4);
+  EXPECT_TRUE(deepest);
+  EXPECT_NEAR(body.velocity[2], 0, 1e-4);
+  EXPECT_LT(body.velocity.tail<3>().norm(), 1e-2);
+}
+
+TEST(ContactSolver, CandidatesBeyondItsRoomAreCountedToo) {
+  SolverBody body;
+  body.inverse_mass.setIdentity();
+  ContactSolver solver;
+  solver.begin();
+  for (std::size_t i = 0; i < kMaxCandidateContacts + 10; ++i) {
+    Contact contact;
+    contact.id = i;
+    contact.point.x() = static_cast<double>(i);
+    solver.add(contact);
+  }
+  EXPECT_EQ(solver.solve({&body, 1}, kDt).dropped, kMaxCandidateContacts + 10 - kMaxContacts);
+}
+
+TEST(ContactSolver, AnOverlapIsUndoneSlowly) {
+  SolverBody body;
+  body.inverse_mass.setIdentity();
+  ContactSolver solver;
+  solver.begin();
+  Contact contact;
+  contact.gap = -0.01;
+  solver.add(contact);
+  (void)solver.solve({&body, 1}, kDt);
+  EXPECT_NEAR(body.velocity[2], SolverSettings{}.push_out, 1e-12);
+}
+
+}  // namespace
+}  // namespace tactus::haptics

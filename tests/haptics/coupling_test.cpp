@@ -1,0 +1,229 @@
+#include "haptics/coupling.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <deque>
+#include <memory>
+#include <random>
+#include <vector>
+
+#include "haptics/shared_object.hpp"
+
+namespace tactus::haptics {
+namespace {
+
+constexpr double kDt = 1e-3;
+constexpr std::int64_t kCycleNs = 1'000'000;
+
+BodySettings floating_box(double mass) {
+  BodySettings settings = box_body(mass, {0.05, 0.05, 0.05});
+  settings.gravity.setZero();
+  return settings;
+}
+
+/// Copies of a box and a network that does to their samples what `network` says.
+class Copies {
+ public:
+  struct Network {
+    double delay_ms = 20;
+    double spread_ms = 0;  ///< each sample draws its own: they overtake each other
+    double loss = 0;
+    double repeated = 0;
+  };
+
+  Copies(std::size_t count, const CouplingSettings& settings, const BodySettings& whole, const Network& network,
+         unsigned seed)
+      : network_{network}, random_{seed} {
+    CouplingSettings all = settings;
+    all.copies = count;
+    for (std::size_t i = 0; i < count; ++i) {
+      objects_.push_back(std::make_unique<SharedObject>(whole));
+      objects_.back()->couple(all, i);
+    }
+  }
+
+  void step(const std::vector<Vec3d>& forces, double lever = 0) {
+    for (std::size_t i = 0; i < under_way_.size();) {
+      if (under_way_[i].at > now_ns_) {
+        ++i;
+        continue;
+      }
+      objects_[under_way_[i].to]->coupling()->on_sample(under_way_[i].from, under_way_[i].sample);
+      under_way_.erase(under_way_.begin() + static_cast<long>(i));
+    }
+    Surroundings nothing;
+    nothing.ground = false;
+    for (std::size_t i = 0; i < objects_.size(); ++i) {
+      ImplicitForce force;
+      force.impulse.head<3>() = kDt * forces[i];
+      force.impulse.tail<3>() = kDt * lever * forces[i].reverse();
+      objects_[i]->step(now_ns_, {}, nothing, kDt, &force);
+      for (std::size_t to = 0; to < objects_.size(); ++to) {
+        if (to == i || uniform() < network_.loss) continue;
+        for (int times = uniform() < network_.repeated ? 2 : 1; times > 0; --times) {
+          const double delay_ms = network_.delay_ms + network_.spread_ms * uniform();
+          under_way_.push_back(
+              {now_ns_ + static_cast<std::int64_t>(delay_ms * 1e6), i, to, objects_[i]->coupling()->sample()});
+        }
+      }
+    }
+    now_ns_ += kCycleNs;
+  }
+
+  [[nodiscard]] SharedObject& operator[](std::size_t i) { return *objects_[i]; }
+  [[nodiscard]] double given() {
+    double sum = 0;
+    for (const auto& object : objects_) sum += object->coupling()->ledger().given;
+    return sum;
+  }
+  double uniform() { return std::uniform_real_distribution<double>{0, 1}(random_); }
+
+ private:
+  struct Packet {
+    std::int64_t at;
+    std::size_t from, to;
+    CopySample sample;
+  };
+  Network network_;
+  std::mt19937 random_;
+  std::vector<std::unique_ptr<SharedObject>> objects_;
+  std::deque<Packet> under_way_;
+  std::int64_t now_ns_ = kCycleNs;
+};
+
+TEST(Coupling, CopiesAccelerateAsOneBodyOfTheWholeMass) {
+  for (const std::size_t count : {2u, 3u, 5u}) {
+    CouplingSettings settings;
+    settings.delay = 0.021;
+    settings.drag = 0;
+    settings.least_stiffness = 0;
+    Copies copies{count, settings, floating_box(1), {}, 1};
+    std::vector<Vec3d> forces(count, Vec3d::Zero());
+    // A fifth of a second for the waves to spread, then one in which it gains what F / m says.
+    forces[0] = {0.3, 0, 0};
+    for (int i = 0; i < 200; ++i) copies.step(forces);
+    const double before = copies[0].state().velocity.x();
+    for (int i = 0; i < 1000; ++i) copies.step(forces);
+    EXPECT_NEAR(copies[0].state().velocity.x() - before, 0.3, 0.04) << count << " copies";
+    for (std::size_t i = 1; i < count; ++i)
+      EXPECT_NEAR(copies[i].state().velocity.x(), copies[0].state().velocity.x(), 0.06) << count << " copies";
+  }
+}
+
+TEST(Coupling, GivesNoMoreEnergyThanWasPutInWhateverTheNetworkDoes) {
+  for (unsigned seed = 1; seed <= 8; ++seed) {
+    std::mt19937 random{seed};
+    std::uniform_real_distribution<double> unit{0, 1};
+    Copies::Network network;
+    network.delay_ms = 150 * unit(random);
+    network.spread_ms = 100 * unit(random);
+    network.loss = 0.4 * unit(random);
+    network.repeated = 0.3 * unit(random);
+    CouplingSettings settings;
+    settings.delay = 0.2 * unit(random) + 0.002;  // right or wrong
+    settings.stiffness = 100 + 3000 * unit(random);
+    const std::size_t count = 2 + seed % 4;
+    Copies copies{count, settings, floating_box(0.2 + unit(random)), network, seed};
+    std::vector<Vec3d> forces(count);
+    double most = 0;
+    for (int i = 0; i < 3000; ++i) {
+      if (i % 97 == 0) {
+        for (Vec3d& force : forces) force = 4 * Vec3d{unit(random) - 0.5, unit(random) - 0.5, unit(random) - 0.5};
+      }
+      copies.step(forces, 0.002);
+      most = std::max(most, copies.given() - settings.initial - settings.allowance * i * kDt);
+      for (std::size_t k = 0; k < count; ++k) {
+        ASSERT_GE(copies[k].coupling()->ledger().tank, 0) << "seed " << seed;
+        ASSERT_TRUE(copies[k].state().position.allFinite()) << "seed " << seed;
+      }
+    }
+    EXPECT_LE(most, 1e-12) << "seed " << seed;
+  }
+}
+
+TEST(Coupling, WavesWithoutEnergyMoveNothing) {
+  // A peer that claims to have put nothing into the line and yet shakes it.
+  CouplingSettings settings;
+  settings.allowance = settings.initial = 0;
+  settings.delay = 0.01;
+  SharedObject object{floating_box(0.5)};
+  object.couple(settings, 0);
+  Surroundings nothing;
+  nothing.ground = false;
+  for (int i = 1; i <= 2000; ++i) {
+    CopySample sample;
+    sample.time_ns = i * kCycleNs;
+    sample.body = object.state();
+    sample.waves[0].setConstant(0.1 * std::sin(0.05 * i));
+    object.coupling()->on_sample(1, sample);
+    object.step(i * kCycleNs, {}, nothing, kDt);
+  }
+  EXPECT_EQ(object.state().velocity.norm(), 0);
+  EXPECT_GT(object.coupling()->ledger().held, 1500u);
+}
+
+TEST(Coupling, CopiesThatStartApartComeTogether) {
+  CouplingSettings settings;
+  settings.delay = 0.021;
+  settings.allowance = 1e-3;
+  const Copies::Network network;
+  Copies copies{2, settings, floating_box(0.5), network, 1};
+  BodyState moved;
+  moved.position = {0.004, 0, 0.002};
+  moved.orientation = rotation_by({0, 0.05, 0});
+  copies[1].place(moved);
+  for (int i = 0; i < 5000; ++i) copies.step(std::vector<Vec3d>(2, Vec3d::Zero()));
+  EXPECT_LT((copies[0].state().position - copies[1].state().position).norm(), 5e-4);
+  EXPECT_LT(turn_of(copies[0].state().orientation.conjugate() * copies[1].state().orientation).norm(), 5e-3);
+}
+
+TEST(Coupling, AMovingObjectGoesOnWhenItIsCutIntoCopies) {
+  for (const std::size_t count : {2u, 4u}) {
+    CouplingSettings settings;
+    settings.delay = 0.03;
+    settings.drag = 0;
+    Copies copies{count, settings, floating_box(0.5), {}, 1};
+    BodyState moving;
+    moving.velocity = {0.2, 0, -0.1};
+    moving.spin = {0, 1, 0};
+    for (std::size_t i = 0; i < count; ++i) copies[i].place(moving);
+    for (int i = 0; i < 1000; ++i) {
+      copies.step(std::vector<Vec3d>(count, Vec3d::Zero()));
+      for (std::size_t k = 0; k < count; ++k)
+        ASSERT_LT((copies[k].state().velocity - moving.velocity).norm(), 0.04) << count << " copies, cycle " << i;
+    }
+  }
+}
+
+TEST(SharedObject, AnOwnedObjectFallsAsleepOnTheGroundAndWakesWhenTouched) {
+  BodyState state;
+  state.position.z() = 0.06;
+  SharedObject object{box_body(0.3, {0.05, 0.05, 0.05}), state};
+  object.own();
+  for (int i = 0; i < 1000; ++i) object.step(i * kCycleNs, {}, {}, kDt);
+  EXPECT_TRUE(object.asleep());
+  const BodyState still = object.state();
+  for (int i = 1000; i < 1100; ++i) object.step(i * kCycleNs, {}, {}, kDt);
+  EXPECT_EQ(object.state().position, still.position);
+  PointSpring spring;
+  spring.point = object.state().position;
+  spring.target = spring.point + Vec3d{0.02, 0, 0};
+  spring.stiffness = 500;
+  object.step(1100 * kCycleNs, {&spring, 1}, {}, kDt);
+  EXPECT_FALSE(object.asleep());
+  EXPECT_GT(object.state().velocity.x(), 0);
+}
+
+TEST(SharedObject, FollowingItStandsWhereItIsPut) {
+  SharedObject object{box_body(0.3, {0.05, 0.05, 0.05})};
+  object.follow();
+  BodyState state;
+  state.position = {1, 2, 3};
+  object.place(state);
+  for (int i = 0; i < 100; ++i) object.step(i * kCycleNs, {}, {}, kDt);
+  EXPECT_EQ(object.state().position, state.position);
+}
+
+}  // namespace
+}  // namespace tactus::haptics

@@ -1,0 +1,125 @@
+#include "haptics/passivity.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+
+#include "haptics/simulated_device.hpp"
+
+namespace tactus::haptics {
+namespace {
+
+constexpr double kDt = 1e-3;
+
+struct Pressed {
+  double lowest, peak_force, withheld_share;
+};
+
+/// A hand presses and leaves a sampled wall, again and again; the device's damping is too small for the wall's
+/// stiffness.
+Pressed press(double stiffness, double speed, bool control, unsigned seed) {
+  DeviceSpec spec;
+  spec.damping = 0.2;
+  HandSettings hand;
+  hand.start = {0, 0, 0.02};
+  hand.tremor = 2e-4;
+  hand.seed = seed;
+  SimulatedDevice device{hand, spec};
+  PassivityController port;
+  double peak = 0, energy = 0, lowest = 0;
+  Vec3d force = Vec3d::Zero(), before = hand.start;
+  const int cycles = 8000;
+  for (int i = 0; i < cycles; ++i) {
+    HandPath path;
+    path.count = 1;
+    const double phase = std::fmod(i * kDt * speed / 0.06, 1.0);
+    path.waypoints[0] = {0, {0, 0, 0.02 - 0.06 * (phase < 0.5 ? phase : 1 - phase)}};
+    device.wishes().post(path);
+    const DeviceState state = device.read(i * 1'000'000LL);
+    // What the hand got, counted here again.
+    energy -= force.dot(state.position - before);
+    lowest = std::min(lowest, energy);
+    before = state.position;
+    const Vec3d wall{0, 0, stiffness * std::max(0.0, -state.position.z())};
+    force = port.step(wall, state.position, 0, kDt, control);
+    device.write(force);
+    peak = std::max(peak, force.norm());
+  }
+  return {lowest, peak, static_cast<double>(port.ledger().withholding) / cycles};
+}
+
+TEST(Passivity, ASampledWallGivesMoreThanItTookAndTheControllerHoldsThatBack) {
+  for (const double stiffness : {500.0, 2000.0, 4000.0}) {
+    for (const double speed : {0.05, 0.2, 0.5}) {
+      const Pressed plain = press(stiffness, speed, false, 1);
+      const Pressed held = press(stiffness, speed, true, 1);
+      EXPECT_LT(plain.lowest, -1e-5) << stiffness << " N/m at " << speed << " m/s";
+      EXPECT_GT(held.lowest, -1e-6) << stiffness << " N/m at " << speed << " m/s";
+      EXPECT_GT(held.peak_force, 0.7 * plain.peak_force) << stiffness << " N/m at " << speed << " m/s";
+    }
+  }
+}
+
+TEST(Passivity, EnergyThatComesFromElsewhereMayBeGivenToTheHand) {
+  PassivityController port;
+  const Vec3d force{2, 0, 0};
+  Vec3d position = Vec3d::Zero();
+  Vec3d given = port.step(force, position, 0, kDt);
+  // A body pushes the hand along and loses what the hand gets.
+  for (int i = 0; i < 1000; ++i) {
+    position.x() += 1e-4;
+    given = port.step(force, position, -2e-4 - 1e-6, kDt);
+  }
+  EXPECT_EQ(given, force);
+  EXPECT_GE(port.ledger().lowest, -1e-6);
+}
+
+TEST(Passivity, WithoutEnergyAnOutgoingForceIsWithheldAndOthersAreNot) {
+  PassivityController port;
+  Vec3d position = Vec3d::Zero();
+  (void)port.step(Vec3d::Zero(), position, 0, kDt);
+  position.x() += 1e-4;
+  EXPECT_LT(port.step({2, 0, 0}, position, 0, kDt).norm(), 0.01);
+  position.x() += 1e-4;
+  EXPECT_EQ(port.step({-2, 0, 0}, position, 0, kDt), Vec3d(-2, 0, 0));
+}
+
+TEST(Passivity, ADeficitIsPaidBackByDampingWithinTheDevicesMeans) {
+  const PassivitySettings settings;
+  PassivityController port{settings};
+  Vec3d position = Vec3d::Zero();
+  (void)port.step(Vec3d::Zero(), position, 0, kDt);
+  position.x() += 1e-4;
+  const Vec3d braking = port.step(Vec3d::Zero(), position, 1e-3, kDt);  // lost a millijoule elsewhere
+  EXPECT_LT(braking.x(), 0);
+  EXPECT_LE(braking.norm(), settings.device_mass / kDt * 0.1 * (1 + 1e-9));
+  double before = port.ledger().energy;
+  for (int i = 0; i < 200; ++i) {
+    position.x() += 1e-4;
+    (void)port.step(Vec3d::Zero(), position, 0, kDt);
+    ASSERT_GE(port.ledger().energy, before);
+    before = port.ledger().energy;
+  }
+  EXPECT_GT(before, -1e-6);
+}
+
+TEST(Passivity, CreditIsBoundedAndWhatIsNotFiniteGivesNothing) {
+  PassivityController port;
+  Vec3d position = Vec3d::Zero();
+  (void)port.step({-5, 0, 0}, position, 0, kDt);
+  for (int i = 0; i < 1000; ++i) {
+    position.x() += 1e-4;
+    (void)port.step({-5, 0, 0}, position, 0, kDt);
+  }
+  EXPECT_EQ(port.ledger().energy, PassivitySettings{}.credit);
+  EXPECT_NEAR(port.ledger().forgotten, 0.5 - PassivitySettings{}.credit, 1e-3);
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_EQ(port.step({nan, 0, 0}, position, 0, kDt).norm(), 0);
+  EXPECT_EQ(port.step({1, 0, 0}, {nan, 0, 0}, 0, kDt).norm(), 0);
+  EXPECT_EQ(port.ledger().refused, 2u);
+  EXPECT_TRUE(std::isfinite(port.ledger().energy));
+}
+
+}  // namespace
+}  // namespace tactus::haptics

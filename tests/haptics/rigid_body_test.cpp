@@ -1,0 +1,234 @@
+#include "haptics/rigid_body.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+
+#include "haptics/body_touch.hpp"
+#include "tests/haptics/triangle_surface.hpp"
+
+namespace tactus::haptics {
+namespace {
+
+constexpr double kDt = 1e-3;
+const Vec3d kHalf{0.04, 0.03, 0.05};
+
+/// One step of a body on the ground z = 0.
+void step(RigidBody& body, ContactSolver& solver) {
+  body.begin(kDt);
+  SolverBody moving = body.free();
+  solver.begin();
+  add_ground_contacts(body, 0, 0, solver);
+  (void)solver.solve({&moving, 1}, kDt);
+  body.finish(moving.velocity);
+}
+
+TEST(RigidBody, FallsAsGravitySays) {
+  RigidBody body{box_body(0.3, kHalf)};
+  for (int i = 0; i < 500; ++i) {
+    body.begin(kDt);
+    body.finish(body.free().velocity);
+  }
+  EXPECT_NEAR(body.state().velocity.z(), -9.81 * 0.5, 1e-12);
+  EXPECT_NEAR(body.state().position.z(), -0.5 * 9.81 * 0.5 * (0.5 + kDt), 1e-12);
+}
+
+TEST(RigidBody, SpinningFreelyItKeepsItsMomentumAndItsEnergy) {
+  BodySettings settings = box_body(0.3, kHalf);
+  settings.gravity.setZero();
+  BodyState state;
+  state.spin = {0.3, 12, 0.2};  // about the middle axis or near it: tumbles
+  RigidBody body{settings, state};
+  const Vec3d momentum = body.inertia_world() * state.spin;
+  const double energy = body.kinetic_energy();
+  double furthest = 0;
+  for (int i = 0; i < 20'000; ++i) {
+    body.begin(kDt);
+    body.finish(body.free().velocity);
+    furthest = std::max(furthest, std::abs(body.kinetic_energy() / energy - 1));
+  }
+  EXPECT_LT((body.inertia_world() * body.state().spin - momentum).norm(), 1e-9 * momentum.norm());
+  EXPECT_LT(furthest, 0.01);
+}
+
+TEST(RigidBody, ASpringAddsNoEnergyAtAnyStiffness) {
+  std::mt19937 random{7};
+  std::uniform_real_distribution<double> unit{-1, 1};
+  const auto vector = [&](double size) { return Vec3d{size * unit(random), size * unit(random), size * unit(random)}; };
+  for (const double stiffness : {1e2, 1e4, 1e6, 1e8}) {
+    BodySettings settings = box_body(0.1, kHalf);
+    settings.gravity.setZero();
+    BodyState state;
+    state.velocity = vector(0.5);
+    RigidBody body{settings, state};
+    const Vec3d target = vector(0.01);
+    const auto energy = [&] {
+      return body.kinetic_energy() + 0.5 * stiffness * (target - body.state().position).squaredNorm();
+    };
+    double before = energy();
+    for (int i = 0; i < 3000; ++i) {
+      body.begin(kDt);
+      PointSpring spring;
+      spring.point = body.state().position;
+      spring.target = target;
+      spring.stiffness = stiffness;
+      body.add_spring(spring);
+      body.finish(body.free().velocity);
+      ASSERT_LE(energy(), before * (1 + 1e-12) + 1e-20) << stiffness << " N/m, step " << i;
+      before = energy();
+    }
+  }
+}
+
+TEST(RigidBody, ThrownOnTheGroundItLosesEnergyAndComesToRest) {
+  for (unsigned seed = 1; seed <= 20; ++seed) {
+    std::mt19937 random{seed};
+    std::uniform_real_distribution<double> unit{-1, 1};
+    BodyState state;
+    state.position = {0, 0, 0.2};
+    state.velocity = {unit(random), unit(random), unit(random)};
+    state.spin = 10 * Vec3d{unit(random), unit(random), unit(random)};
+    state.orientation = rotation_by(3 * Vec3d{unit(random), unit(random), unit(random)});
+    RigidBody body{box_body(0.3, kHalf), state};
+    ContactSolver solver;
+    double lowest = 1, most = body.kinetic_energy() + body.potential_energy();
+    for (int i = 0; i < 3000; ++i) {
+      step(body, solver);
+      const double energy = body.kinetic_energy() + body.potential_energy();
+      ASSERT_LE(energy, most + 2e-4) << "seed " << seed << ", step " << i;
+      most = std::min(most, energy);
+      for (std::uint32_t k = 0; k < 8; ++k)
+        lowest = std::min(lowest, body.state().to_world(body.settings().points[k]).z());
+    }
+    EXPECT_LT(body.top_speed(), 1e-4) << "seed " << seed;
+    EXPECT_GT(lowest, -5e-4) << "seed " << seed;
+  }
+}
+
+TEST(RigidBody, OnASlopeItSticksOrSlidesAsItsFrictionSays) {
+  for (const double friction : {0.3, 0.6}) {
+    BodySettings settings = box_body(0.3, {0.05, 0.05, 0.02});
+    settings.friction = friction;
+    const double slope = std::atan(0.45);
+    settings.gravity = 9.81 * Vec3d{std::sin(slope), 0, -std::cos(slope)};
+    BodyState state;
+    state.position.z() = 0.02;
+    RigidBody body{settings, state};
+    ContactSolver solver;
+    for (int i = 0; i < 1000; ++i) step(body, solver);
+    const double expected = std::max(0.0, 9.81 * (std::sin(slope) - friction * std::cos(slope)));
+    EXPECT_NEAR(body.state().velocity.x(), expected, 0.005 * 9.81) << friction;
+  }
+}
+
+TEST(RigidBody, RestsOnStaticGeometry) {
+  const testing::TriangleSurface table{testing::square(0.3, 0.1)};
+  BodyState state;
+  state.position = {0.01, 0, 0.17};
+  RigidBody body{box_body(0.3, kHalf), state};
+  ContactSolver solver;
+  for (int i = 0; i < 1000; ++i) {
+    body.begin(kDt);
+    SolverBody moving = body.free();
+    solver.begin();
+    add_surface_contacts(body, 0, table, solver);
+    (void)solver.solve({&moving, 1}, kDt);
+    body.finish(moving.velocity);
+  }
+  EXPECT_NEAR(body.state().position.z(), 0.15, 1e-4);
+  EXPECT_LT(body.top_speed(), 1e-5);
+}
+
+TEST(RigidBody, ATurnComesBackFromItsQuaternion) {
+  std::mt19937 random{3};
+  std::uniform_real_distribution<double> unit{-1, 1};
+  for (int i = 0; i < 200; ++i) {
+    const Vec3d turn = (i % 2 == 0 ? 1.7 : 1e-10) * Vec3d{unit(random), unit(random), unit(random)};
+    EXPECT_LT((turn_of(rotation_by(turn)) - turn).norm(), 1e-12);
+  }
+}
+
+/// A box on the ground and probes that press it, as far as the hand's scripts want.
+class Handling {
+ public:
+  explicit Handling(double mass, double friction) : body_{box_body(mass, kHalf), resting()} {
+    for (BodyTouch& touch : touches_) touch.set_grip({friction, friction, kFeel.stiffness});
+  }
+
+  void step(const Vec3d& left, const Vec3d& right, bool grab = false) {
+    const std::array<Vec3d, 2> wanted{left, right};
+    body_.begin(kDt);
+    for (std::size_t i = 0; i < 2; ++i) {
+      DeviceState device;
+      device.position = wanted[i];
+      touches_[i].step(device, grab, body_.state(), shape_, kFeel, kDt);
+      if (touches_[i].touching()) body_.add_spring(touches_[i].spring());
+    }
+    SolverBody moving = body_.free();
+    solver_.begin();
+    add_ground_contacts(body_, 0, 0, solver_);
+    (void)solver_.solve({&moving, 1}, kDt);
+    body_.finish(moving.velocity);
+  }
+  [[nodiscard]] const BodyState& state() const { return body_.state(); }
+  [[nodiscard]] const BodyTouch& touch(std::size_t i) const { return touches_[i]; }
+
+  static BodyState resting() {
+    BodyState state;
+    state.position.z() = kHalf.z();
+    return state;
+  }
+  static constexpr Feel kFeel{1000, 2};
+
+ private:
+  RigidBody body_;
+  BoxSurface shape_{kHalf};
+  ContactSolver solver_;
+  std::array<BodyTouch, 2> touches_;
+};
+
+/// Presses from both sides in x by `depth`, then lifts by 0.1 m; the box's height over the ground at the end.
+double lifted(Handling& handling, double depth) {
+  const double outside = kHalf.x() + 0.003;
+  for (int i = 0; i < 3000; ++i) {
+    const double squeeze = (outside + 0.005) - std::min(1.0, i / 500.0) * (0.005 + depth);
+    const double height = kHalf.z() + 0.1 * std::clamp((i - 700) / 1000.0, 0.0, 1.0);
+    handling.step({-squeeze, 0, height}, {squeeze, 0, height});
+  }
+  return handling.state().position.z() - kHalf.z();
+}
+
+TEST(BodyTouch, TwoProbesLiftABoxWhenTheirFrictionCarriesIt) {
+  // 3 N from each side; with friction 0.8 they carry 4.8 N, with 0.3 only 1.8 N of the box's 2.9 N.
+  Handling firm{0.3, 0.8}, slippery{0.3, 0.3};
+  EXPECT_NEAR(lifted(firm, 0.003), 0.1, 0.004);
+  EXPECT_LT(lifted(slippery, 0.003), 0.01);
+}
+
+TEST(BodyTouch, OneProbePushesTheBoxAndDoesNotPullIt) {
+  Handling handling{0.1, 0.1};
+  const Vec3d away{1, 0, kHalf.z()};
+  double x = -(kHalf.x() + 0.004);
+  for (int i = 0; i < 1000; ++i) handling.step({x += 5e-5, 0, kHalf.z()}, away);
+  const double pushed = handling.state().position.x();
+  EXPECT_GT(pushed, 0.04);
+  for (int i = 0; i < 1000; ++i) handling.step({x -= 5e-5, 0, kHalf.z()}, away);
+  EXPECT_NEAR(handling.state().position.x(), pushed, 0.005);
+  EXPECT_FALSE(handling.touch(0).touching());
+}
+
+TEST(BodyTouch, AGrabPullsUntilItIsLetGo) {
+  Handling handling{0.1, 0.1};
+  const Vec3d away{1, 0, kHalf.z()};
+  double x = -(kHalf.x() + 0.0025);  // pressed in by half a millimetre
+  handling.step({x - 0.001, 0, kHalf.z()}, away);
+  for (int i = 0; i < 1000; ++i) handling.step({x -= 5e-5, 0, kHalf.z()}, away, true);
+  EXPECT_TRUE(handling.touch(0).holding());
+  EXPECT_NEAR(handling.state().position.x(), -0.05, 0.005);
+  handling.step({x, 0, kHalf.z()}, away);
+  EXPECT_FALSE(handling.touch(0).holding());
+}
+
+}  // namespace
+}  // namespace tactus::haptics

@@ -1,0 +1,372 @@
+#include "session/ownership.hpp"
+
+#include <gtest/gtest.h>
+
+#include <map>
+#include <memory>
+#include <queue>
+#include <random>
+#include <set>
+#include <variant>
+
+namespace tactus::session {
+namespace {
+
+constexpr std::int64_t kMs = 1'000'000;
+constexpr std::uint64_t kSession = 1, kObject = 5, kHost = 100;
+constexpr std::size_t kControllers = 4;
+
+Origin origin_of(std::uint64_t participant, std::uint64_t incarnation) {
+  Origin origin;
+  origin.session = kSession;
+  origin.participant = participant;
+  origin.incarnation = incarnation;
+  return origin;
+}
+
+struct ContestFaults {
+  double loss = 0, repeated = 0;
+  std::int64_t delay_ms = 5, spread_ms = 0;
+};
+
+/// A host, controllers and a viewer over a network that loses, doubles and reorders; each publishes poses while it may.
+class Contest {
+ public:
+  explicit Contest(unsigned seed, const ContestFaults& faults = {}) : faults_{faults}, random_{seed} {
+    start_host();
+    for (std::size_t i = 0; i < kControllers; ++i) start_controller(i);
+    gates_.resize(kControllers + 2);  // controllers, host, viewer
+  }
+
+  void start_host() {
+    host_ = std::make_unique<Arbiter>(origin_of(kHost, ++host_incarnation_), kObject, settings_, now_);
+    host_ran_ = true;
+  }
+  void start_controller(std::size_t i) {
+    controllers_[i].incarnation = ++incarnations_;
+    controllers_[i].holder = std::make_unique<Holder>(origin_of(i + 1, incarnations_), kObject, settings_);
+    controllers_[i].sequence = 0;
+  }
+
+  Holder& holder(std::size_t i) { return *controllers_[i].holder; }
+  Holder::Role role(std::size_t i) { return controllers_[i].holder->role(now_); }
+  Arbiter& host() { return *host_; }
+  /// Until then it neither sends nor receives.
+  void cut_off(std::size_t program, std::int64_t until) { cut_[program] = until; }
+  /// Until then it does not run; then it goes on, and publishes once before it looks at what has come.
+  void sleep(std::size_t i, std::int64_t until) {
+    controllers_[i].asleep_until = until;
+    controllers_[i].dreams = role(i);
+    controllers_[i].dreamt_fencing = holder(i).fencing();
+  }
+  void set_faults(const ContestFaults& faults) { faults_ = faults; }
+
+  void run(std::int64_t ms) {
+    for (const std::int64_t end = now_ + ms * kMs; now_ < end;) step();
+  }
+
+  /// What must hold at all times.
+  void check() const {
+    for (const auto& [fencing, authors] : authors_)
+      ASSERT_LE(authors.size(), 1u) << "poses of two owners were accepted under fencing number " << fencing;
+    if (host_incarnation_ > 1) return;  // a host that starts again may overlap with a lease, not with its number
+    int owners = host_->owns(now_) ? 1 : 0;
+    for (const Controller& controller : controllers_) {
+      const Holder::Role role = controller.holder->role(now_);
+      if (role == Holder::Role::kOwner && controller.asleep_until <= now_) ++owners;
+    }
+    ASSERT_LE(owners, 1) << "at " << now_ / kMs << " ms";
+  }
+
+  [[nodiscard]] std::uint64_t refused() const { return refused_; }
+  [[nodiscard]] std::int64_t now() const { return now_; }
+  /// When the viewer last accepted a pose.
+  [[nodiscard]] std::int64_t seen_ns() const { return seen_ns_; }
+  [[nodiscard]] std::uint64_t seen_author() const { return seen_author_; }
+
+ private:
+  using Message = std::variant<Claim, Grant, ObjectPose>;
+  struct Packet {
+    std::int64_t at;
+    std::uint64_t order;
+    std::size_t to;
+    Message message;
+    bool operator>(const Packet& o) const { return at != o.at ? at > o.at : order > o.order; }
+  };
+  struct Controller {
+    std::unique_ptr<Holder> holder;
+    std::uint64_t incarnation = 0;
+    std::uint32_t sequence = 0;
+    std::int64_t asleep_until = 0;
+    Holder::Role dreams = Holder::Role::kWatching;
+    std::uint64_t dreamt_fencing = 0;
+  };
+  static constexpr std::size_t kHostPlace = kControllers, kViewer = kControllers + 1;
+
+  double uniform() { return std::uniform_real_distribution<double>{0, 1}(random_); }
+  [[nodiscard]] bool cut(std::size_t program) const {
+    const auto at = cut_.find(program);
+    return at != cut_.end() && at->second > now_;
+  }
+
+  void send(std::size_t from, std::size_t to, const Message& message) {
+    if (cut(from) || cut(to) || uniform() < faults_.loss) return;
+    for (int times = uniform() < faults_.repeated ? 2 : 1; times > 0; --times) {
+      const auto spread = static_cast<std::int64_t>(uniform() * static_cast<double>(faults_.spread_ms * kMs));
+      under_way_.push({now_ + faults_.delay_ms * kMs + spread, ++order_, to, message});
+    }
+  }
+  void publish(std::size_t from, std::uint64_t participant, std::uint64_t incarnation, std::uint64_t fencing,
+               std::uint32_t& sequence) {
+    ObjectPose pose;
+    pose.origin = origin_of(participant, incarnation);
+    pose.object_id = kObject;
+    pose.fencing = fencing;
+    pose.sequence = ++sequence;
+    for (std::size_t to = 0; to <= kViewer; ++to) {
+      if (to != from) send(from, to, pose);
+    }
+  }
+
+  void receive(const Packet& packet) {
+    if (const auto* claim = std::get_if<Claim>(&packet.message)) {
+      if (host_ran_) host_->on_claim(*claim, now_);
+    } else if (const auto* grant = std::get_if<Grant>(&packet.message)) {
+      controllers_[packet.to].holder->on_grant(*grant, now_);
+    } else if (const auto* pose = std::get_if<ObjectPose>(&packet.message)) {
+      if (!gates_[packet.to].accept(*pose)) {
+        if (pose->fencing < gates_[packet.to].fencing()) ++refused_;
+        return;
+      }
+      authors_[pose->fencing].insert({pose->origin.participant, pose->origin.incarnation});
+      if (packet.to == kHostPlace) host_->on_pose(pose->fencing);
+      if (packet.to < kControllers) controllers_[packet.to].holder->on_pose(pose->fencing);
+      if (packet.to == kViewer) {
+        seen_ns_ = now_;
+        seen_author_ = pose->origin.participant;
+      }
+    }
+  }
+
+  void step() {
+    now_ += kMs;
+    std::vector<Packet> later;
+    while (!under_way_.empty() && under_way_.top().at <= now_) {
+      const Packet packet = under_way_.top();
+      under_way_.pop();
+      if (packet.to < kControllers && controllers_[packet.to].asleep_until > now_) {
+        later.push_back(packet);  // waits in its queue
+        later.back().at = controllers_[packet.to].asleep_until + kMs;
+        continue;
+      }
+      receive(packet);
+    }
+    for (const Packet& packet : later) under_way_.push(packet);
+
+    for (std::size_t i = 0; i < kControllers; ++i) {
+      Controller& controller = controllers_[i];
+      if (controller.asleep_until > now_) continue;
+      if (controller.asleep_until == now_ && controller.dreams == Holder::Role::kOwner) {
+        publish(i, i + 1, controller.incarnation, controller.dreamt_fencing, controller.sequence);
+      }
+      if (const auto claim = controller.holder->tick(now_)) send(i, kHostPlace, *claim);
+      const Holder::Role role = controller.holder->role(now_);
+      if (role == Holder::Role::kOwner || role == Holder::Role::kLeader)
+        publish(i, i + 1, controller.incarnation, controller.holder->fencing(), controller.sequence);
+    }
+    if (const auto grant = host_->tick(now_)) {
+      for (std::size_t i = 0; i < kControllers; ++i) send(kHostPlace, i, *grant);
+    }
+    if (host_->owns(now_)) publish(kHostPlace, kHost, host_incarnation_, host_->fencing(), host_sequence_);
+  }
+
+  OwnershipSettings settings_;
+  ContestFaults faults_;
+  std::mt19937 random_;
+  std::int64_t now_ = 0;
+  std::unique_ptr<Arbiter> host_;
+  bool host_ran_ = false;
+  std::uint64_t host_incarnation_ = 0, incarnations_ = 0, order_ = 0, refused_ = 0;
+  std::uint32_t host_sequence_ = 0;
+  std::array<Controller, kControllers> controllers_;
+  std::vector<PoseGate> gates_;
+  std::priority_queue<Packet, std::vector<Packet>, std::greater<>> under_way_;
+  std::map<std::size_t, std::int64_t> cut_;
+  std::map<std::uint64_t, std::set<std::pair<std::uint64_t, std::uint64_t>>> authors_;
+  std::int64_t seen_ns_ = 0;
+  std::uint64_t seen_author_ = 0;
+};
+
+TEST(Ownership, TheHostOwnsUntilSomebodyTouchesAndAgainAfterThat) {
+  Contest contest{1};
+  contest.run(300);
+  EXPECT_EQ(contest.seen_author(), kHost);
+  contest.holder(0).touch(true);
+  EXPECT_EQ(contest.role(0), Holder::Role::kAsking);
+  contest.run(30);
+  EXPECT_EQ(contest.role(0), Holder::Role::kOwner);
+  EXPECT_EQ(contest.seen_author(), 1u);
+  EXPECT_FALSE(contest.host().owns(contest.now()));
+  contest.holder(0).touch(false);
+  EXPECT_EQ(contest.role(0), Holder::Role::kWatching);
+  contest.run(30);
+  EXPECT_EQ(contest.seen_author(), kHost);
+}
+
+TEST(Ownership, TwoTouchersSimulateCopiesAndTheLongestHolderLeads) {
+  Contest contest{1};
+  contest.run(300);
+  contest.holder(2).set_one_way(40 * kMs);
+  contest.holder(2).touch(true);
+  contest.run(30);
+  const std::uint64_t alone = contest.holder(2).fencing();
+  contest.holder(1).touch(true);
+  contest.run(30);
+  EXPECT_EQ(contest.role(2), Holder::Role::kLeader);
+  EXPECT_EQ(contest.role(1), Holder::Role::kCopy);
+  EXPECT_GT(contest.holder(1).fencing(), alone);
+  EXPECT_EQ(contest.holder(1).grant().line_ns, 40 * kMs);
+  EXPECT_NE(contest.holder(1).place(), contest.holder(2).place());
+  EXPECT_EQ(contest.seen_author(), 3u);
+  contest.holder(2).touch(false);
+  contest.run(30);
+  EXPECT_EQ(contest.role(1), Holder::Role::kOwner);
+  EXPECT_EQ(contest.seen_author(), 2u);
+}
+
+TEST(Ownership, ALostOwnerGivesWayWithinItsLeaseAndItsPosesNoLongerCount) {
+  Contest contest{1};
+  contest.run(300);
+  contest.holder(0).touch(true);
+  contest.run(30);
+  ASSERT_EQ(contest.role(0), Holder::Role::kOwner);
+  contest.sleep(0, contest.now() + 600 * kMs);
+  contest.run(300);
+  EXPECT_TRUE(contest.host().owns(contest.now()));
+  EXPECT_EQ(contest.seen_author(), kHost);
+  const std::uint64_t before = contest.refused();
+  contest.run(310);  // it wakes and still sends a pose
+  EXPECT_GT(contest.refused(), before);
+  contest.run(50);
+  EXPECT_EQ(contest.role(0), Holder::Role::kOwner);  // it touches still, so it is granted again
+  contest.check();
+}
+
+TEST(Ownership, AnOwnerThatIsCutOffStopsBeforeTheHostTakesTheObjectBack) {
+  Contest contest{1};
+  contest.run(300);
+  contest.holder(0).touch(true);
+  contest.run(30);
+  contest.cut_off(0, contest.now() + 1000 * kMs);
+  std::int64_t stopped = 0, taken = 0;
+  for (int ms = 0; ms < 500; ++ms) {
+    contest.run(1);
+    if (stopped == 0 && contest.role(0) != Holder::Role::kOwner) stopped = contest.now();
+    if (taken == 0 && contest.host().owns(contest.now())) taken = contest.now();
+  }
+  ASSERT_GT(stopped, 0);
+  ASSERT_GT(taken, 0);
+  EXPECT_LE(stopped, taken);
+}
+
+TEST(Ownership, AHostThatStartsAgainFindsALargerNumber) {
+  Contest contest{1};
+  contest.run(300);
+  contest.holder(0).touch(true);
+  contest.run(30);
+  contest.holder(1).touch(true);
+  contest.run(30);
+  const std::uint64_t before = contest.holder(0).fencing();
+  contest.start_host();
+  contest.run(400);
+  EXPECT_GT(contest.holder(0).fencing(), before);
+  const std::set<Holder::Role> roles{contest.role(0), contest.role(1)};
+  EXPECT_EQ(roles, (std::set<Holder::Role>{Holder::Role::kLeader, Holder::Role::kCopy}));
+  contest.check();
+}
+
+TEST(Ownership, UnderAnyFaultsOneOwnerCountsPerNumberAndOneIsThereAgainAfterThem) {
+  std::uint64_t refused = 0;
+  for (unsigned seed = 1; seed <= 150; ++seed) {
+    std::mt19937 random{seed};
+    const auto below = [&](int n) { return static_cast<int>(random() % static_cast<unsigned>(n)); };
+    ContestFaults faults;
+    faults.loss = 0.01 * below(40);
+    faults.repeated = 0.01 * below(30);
+    faults.delay_ms = below(100);
+    faults.spread_ms = below(80);
+    Contest contest{seed, faults};
+    std::array<bool, kControllers> touches{};
+    for (int event = 0; event < 60; ++event) {
+      const auto who = static_cast<std::size_t>(below(kControllers));
+      switch (below(10)) {
+        case 0:
+          contest.cut_off(static_cast<std::size_t>(below(kControllers + 1)), contest.now() + below(600) * kMs);
+          break;
+        case 1:
+          contest.sleep(who, contest.now() + below(500) * kMs);
+          break;
+        case 2:
+          contest.start_controller(who);
+          touches[who] = false;
+          break;
+        case 3:
+          if (seed % 3 == 0) contest.start_host();
+          break;
+        default:
+          contest.holder(who).touch(touches[who] = !touches[who]);
+      }
+      for (int ms = below(150); ms > 0; --ms) {
+        contest.run(1);
+        contest.check();
+        if (HasFatalFailure()) FAIL() << "seed " << seed;
+      }
+    }
+    refused += contest.refused();
+
+    // All faults end; whoever touches still, touches.
+    contest.set_faults({});
+    for (std::size_t program = 0; program <= kControllers; ++program) contest.cut_off(program, 0);
+    contest.run(1500);
+    contest.check();
+    int touching = 0, simulating = 0, leading = 0;
+    for (std::size_t i = 0; i < kControllers; ++i) {
+      touching += touches[i] ? 1 : 0;
+      const Holder::Role role = contest.role(i);
+      if (role == Holder::Role::kCopy || role == Holder::Role::kLeader || role == Holder::Role::kOwner) ++simulating;
+      if (role == Holder::Role::kLeader || role == Holder::Role::kOwner) ++leading;
+    }
+    EXPECT_EQ(simulating, touching) << "seed " << seed;
+    EXPECT_EQ(leading, touching > 0 ? 1 : 0) << "seed " << seed;
+    EXPECT_EQ(contest.host().owns(contest.now()), touching == 0) << "seed " << seed;
+    EXPECT_GT(contest.seen_ns(), contest.now() - 50 * kMs) << "seed " << seed << ": nobody moves the object";
+    if (HasFailure()) return;
+  }
+  EXPECT_GT(refused, 100u);
+}
+
+TEST(PoseGate, AnOlderNumberAnOlderPoseAndASecondAuthorAreRefused) {
+  PoseGate gate;
+  ObjectPose pose;
+  pose.origin = origin_of(1, 1);
+  pose.fencing = 3;
+  pose.sequence = 7;
+  EXPECT_TRUE(gate.accept(pose));
+  EXPECT_FALSE(gate.accept(pose));
+  pose.sequence = 6;
+  EXPECT_FALSE(gate.accept(pose));
+  ObjectPose other = pose;
+  other.origin = origin_of(2, 1);
+  other.sequence = 9;
+  EXPECT_FALSE(gate.accept(other));
+  other.fencing = 2;
+  EXPECT_FALSE(gate.accept(other));
+  other.fencing = 4;
+  other.sequence = 1;
+  EXPECT_TRUE(gate.accept(other));
+  pose.sequence = 20;
+  EXPECT_FALSE(gate.accept(pose));
+}
+
+}  // namespace
+}  // namespace tactus::session
