@@ -2,9 +2,13 @@
 
 #include <atomic>
 #include <cstdlib>
+#include <memory>
 #include <new>
 
+#include "haptics/body_touch.hpp"
 #include "haptics/force.hpp"
+#include "haptics/passivity.hpp"
+#include "haptics/shared_object.hpp"
 #include "haptics/simulated_device.hpp"
 #include "tests/haptics/triangle_surface.hpp"
 
@@ -58,6 +62,34 @@ TEST(Realtime, DeviceProxyAndForceDoNotAllocate) {
   }
   EXPECT_EQ(g_allocations, before);
   EXPECT_GT(contacts, 500);
+}
+
+TEST(Realtime, ATouchedSharedObjectDoesNotAllocate) {
+  const Vec3d half{0.05, 0.05, 0.05};
+  BodyState start;
+  start.position.z() = 0.05;
+  const auto object = std::make_unique<SharedObject>(box_body(0.5, half), start);
+  object->couple({}, 0);
+  const BoxSurface shape{half};
+  BodyTouch touch;
+  PassivityController port;
+  int touched = 0;
+
+  const long before = g_allocations;
+  for (int ms = 1; ms <= 1000; ++ms) {
+    DeviceState device;
+    device.position = {-0.06 + 2e-5 * ms, 0, 0.05};
+    touch.step(device, ms > 500, object->state(), shape, {1000, 2}, 1e-3);
+    (void)port.step(1000 * (touch.touch().anchor - device.position), device.position, 0, 1e-3);
+    CopySample sample;
+    sample.time_ns = ms * 1'000'000LL;
+    sample.body = start;
+    object->coupling()->on_sample(1, sample);
+    object->step(ms * 1'000'000LL, {&touch.spring(), touch.touching() ? 1u : 0u}, {}, 1e-3);
+    if (touch.touching()) ++touched;
+  }
+  EXPECT_EQ(g_allocations, before);
+  EXPECT_GT(touched, 300);
 }
 
 }  // namespace
