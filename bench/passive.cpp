@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <exception>
 #include <string>
 
 #include "bench/figures.hpp"
+#include "bench/program.hpp"
 #include "bench/shared_world.hpp"
 #include "haptics/passivity.hpp"
 #include "haptics/simulated_device.hpp"
@@ -28,7 +28,7 @@ constexpr double kDt = 1e-3;
 constexpr double kLeast = -1e-6;  // J
 
 struct Port {
-  double lowest = 0, withholding = 0, peak = 0, refused_share = 0;
+  double lowest = 0, withholding = 0, peak = 0;
 };
 
 /// Taps and presses on a fixed wall by a trembling hand, on a device with hardly any damping of its own.
@@ -125,13 +125,6 @@ int main(int argc, char** argv) {
   app.add_option("--seconds", settings.seconds, "of tapping, at each speed")->check(CLI::Range(1, 3600));
   app.add_flag("--quick", settings.quick, "5 s, fewer rows");
   app.add_option("--json", settings.json, "the figures as JSON");
-  try {
-    app.parse(argc, argv);
-    return tactus::bench::run(settings);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "tactus-bench-passive: %s\n", error.what());
-    return 2;
-  }
+  return tactus::bench::run_program(app, "tactus-bench-passive", argc, argv,
+                                    [&] { return tactus::bench::run(settings); });
 }

@@ -3,11 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <exception>
 #include <string>
 #include <vector>
 
 #include "bench/figures.hpp"
+#include "bench/program.hpp"
 #include "bench/shared_world.hpp"
 
 namespace tactus::bench {
@@ -155,13 +155,6 @@ int main(int argc, char** argv) {
   app.add_option("--seeds", settings.seeds, "runs of each cell")->check(CLI::Range(1, 1000));
   app.add_flag("--quick", settings.quick, "fewer cells, one seed");
   app.add_option("--json", settings.json, "the figures as JSON");
-  try {
-    app.parse(argc, argv);
-    return tactus::bench::run(settings);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "tactus-bench-shared: %s\n", error.what());
-    return 2;
-  }
+  return tactus::bench::run_program(app, "tactus-bench-shared", argc, argv,
+                                    [&] { return tactus::bench::run(settings); });
 }

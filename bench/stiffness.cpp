@@ -4,11 +4,11 @@
 #include <cmath>
 #include <cstdio>
 #include <deque>
-#include <exception>
 #include <string>
 #include <vector>
 
 #include "bench/figures.hpp"
+#include "bench/program.hpp"
 #include "bench/shared_world.hpp"
 #include "haptics/force.hpp"
 #include "haptics/passivity.hpp"
@@ -130,13 +130,6 @@ int main(int argc, char** argv) {
   CLI::App app{"The largest stable stiffness against the round trip, for each method beside its analytic bound."};
   app.add_flag("--quick", settings.quick, "three round trips");
   app.add_option("--json", settings.json, "the figures as JSON");
-  try {
-    app.parse(argc, argv);
-    return tactus::bench::run(settings);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "tactus-bench-stiffness: %s\n", error.what());
-    return 2;
-  }
+  return tactus::bench::run_program(app, "tactus-bench-stiffness", argc, argv,
+                                    [&] { return tactus::bench::run(settings); });
 }
