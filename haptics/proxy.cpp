@@ -283,19 +283,14 @@ bool Proxy::holds_still(const Surface& surface) const noexcept {
 void Proxy::follow_change(const Surface& surface) noexcept {
   // What held it holds it there still: nothing has changed that it touches, and it stays where it is to the bit.
   if (result_.in_contact && holds_still(surface)) return;
-  // Where the new surface puts the proxy for the goal of the last step: that difference is the change's doing alone.
-  const Vec3d before = result_.proxy;
   if (side_ == Side::kUnknown) {
     result_.outside_only = inside(surface);
     if (result_.outside_only) return;
   }
+  const Vec3d before = result_.proxy;
   keep_side(surface);
   result_.proxy = slide(result_.proxy, way_.goal, surface).end;
-  const Vec3d change = result_.proxy - before;
-  if (change.norm() > kSkin) {
-    offset_ += change;
-    result_.surface_moved = true;
-  }
+  result_.surface_moved = (result_.proxy - before).norm() > kSkin;
 }
 
 bool Proxy::push(const Vec3d& wish, double radius, const Surface& surface, Vec3d& to) const noexcept {
@@ -337,6 +332,8 @@ void Proxy::carry(double dt, const Surface& surface) noexcept {
 
 const ProxyResult& Proxy::step(const Vec3d& device, double dt, const Surface& surface, bool surface_changed) noexcept {
   if (!device.allFinite()) return result_;
+  // Without a change a proxy that sticks would stay, any other would go on as it went.
+  const Vec3d goes_on = result_.sticking ? Vec3d(result_.proxy - press_ - device) : pressed_by_;
   result_.surface_moved = false;
   result_.surface_velocity.setZero();
   if (!started_) {
@@ -363,6 +360,15 @@ const ProxyResult& Proxy::step(const Vec3d& device, double dt, const Surface& su
     if (slide.held) result_.normal = slide.normal();
     find_side(surface);
   }
+
+  // What the change of the surface does is how far the proxy is from where it would have been without: as far from the
+  // device as it was, or on as it went before. The difference is ramped.
+  const Vec3d press = result_.proxy - device;
+  if (result_.surface_moved)
+    offset_ += press - (press_ + goes_on);
+  else
+    pressed_by_ = press - press_;
+  press_ = press;
 
   const double step = settings_.ramp * dt / grip_.stiffness;
   const double length = offset_.norm();

@@ -14,7 +14,8 @@
 /// all
 ///   the way. The cone stands on the normal where the slide ends, which the last one foretells.
 /// - When the surface changes, the last slide is done again. If it ends in the same place, nothing that matters has
-///   changed, and the proxy is to the bit what it would have been; else the difference is ramped.
+///   changed, and the proxy is to the bit what it would have been; else the force goes on as it went, and the
+///   difference is ramped.
 ///
 /// One thread at a time. Realtime: at most 45 sweeps and 43 closest points a step, 21 sweeps more when something moves;
 /// usually 2 (with friction and slipping 3 to 5) and 1. Source: Zilles, Salisbury 1995 (god-object, constraint planes);
@@ -32,8 +33,8 @@ struct ProxySettings {
   double reach = 0.01;
   /// How far to look for the surface around a proxy that starts, or around which an object appears, inside.
   double start_reach = 1;
-  /// N/s: the most by which the force may change because the surface did.
-  double ramp = 50;
+  /// N/s: how fast what a change of the surface does to the force is let through.
+  double ramp = 25;
 };
 
 /// How the touched object feels, as far as the proxy is concerned.
@@ -115,8 +116,10 @@ class Proxy {
   Grip grip_;
   ProxyResult result_;
   Way way_;
-  Vec3d offset_ = Vec3d::Zero();  // proxy - anchor
-  Side side_ = Side::kUnknown;    // of the surface within reach
+  Vec3d offset_ = Vec3d::Zero();      // proxy - anchor
+  Vec3d press_ = Vec3d::Zero();       // from device to proxy
+  Vec3d pressed_by_ = Vec3d::Zero();  // by how much that last changed on a surface that did not
+  Side side_ = Side::kUnknown;        // of the surface within reach
   bool started_ = false;
   bool slipping_ = false;
 };
