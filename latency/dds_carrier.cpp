@@ -1,6 +1,7 @@
 #include <tinyxml2.h>
 #include <unistd.h>
 
+#include <array>
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
@@ -25,20 +26,22 @@ Packet decode(const session::ProbeState& sample) {
 
 void encode(const Packet& packet, std::uint32_t payload, session::BulkChunk& sample) {
   sample.sequence = packet.sequence + 1;  // 0 is no number of a stream
-  sample.stream = static_cast<std::uint64_t>(packet.event_ns);
   sample.pieces.resize(1);
   session::BulkPiece& piece = sample.pieces.front();
   piece.region = packet.reader;
   piece.payload.resize(payload);
-  std::memcpy(piece.payload.data(), &packet.sent_ns, sizeof packet.sent_ns);
+  const std::array<std::int64_t, 2> times{packet.event_ns, packet.sent_ns};
+  std::memcpy(piece.payload.data(), times.data(), sizeof times);
 }
 Packet decode(const session::BulkChunk& sample) {
-  Packet packet{sample.sequence - 1, 0, static_cast<std::int64_t>(sample.stream), 0};
+  Packet packet{sample.sequence - 1, 0, 0, 0};
   if (sample.pieces.empty()) return packet;
   const session::BulkPiece& piece = sample.pieces.front();
   packet.reader = piece.region;
-  if (piece.payload.size() >= sizeof packet.sent_ns)
-    std::memcpy(&packet.sent_ns, piece.payload.data(), sizeof packet.sent_ns);
+  std::array<std::int64_t, 2> times{};
+  if (piece.payload.size() >= sizeof times) std::memcpy(times.data(), piece.payload.data(), sizeof times);
+  packet.event_ns = times[0];
+  packet.sent_ns = times[1];
   return packet;
 }
 

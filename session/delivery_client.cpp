@@ -71,7 +71,7 @@ void DeliveryClient::begin_stream(std::uint64_t host, std::uint64_t object_id) {
   stream.object_id = object_id;
 }
 
-std::uint64_t DeliveryClient::stream_from(std::uint64_t host, std::uint64_t object_id) const {
+std::uint32_t DeliveryClient::stream_from(std::uint64_t host, std::uint64_t object_id) const {
   return stream_id({self_.session, host, hosts_.at(host).incarnation, 0}, self_, object_id);
 }
 
@@ -186,7 +186,7 @@ void DeliveryClient::tell_gaps(Object& object, Stream& stream, Demand& demand, s
 }
 
 /// The last sequence before which nothing of this object is missing or waits for the caller's answer.
-std::uint32_t DeliveryClient::dealt_with(const Object& object, std::uint64_t stream, bool or_parked) const {
+std::uint32_t DeliveryClient::dealt_with(const Object& object, std::uint32_t stream, bool or_parked) const {
   std::uint32_t received = streams_.at(stream).received();
   for (const auto& [region, handed] : object.handed) {
     if (or_parked && handed.parked) continue;

@@ -146,14 +146,14 @@ class DeliveryClient {
     std::uint32_t checksum = 0;
     std::uint32_t parts = 1;
     std::uint32_t epoch = 0;
-    std::uint64_t stream = 0;
+    std::uint32_t stream = 0;
     std::uint32_t last_sequence = 0;
     std::int64_t touched_ns = 0;
     std::size_t bytes = 0;
     std::map<std::uint32_t, std::vector<std::uint8_t>> payloads;  // by part
   };
   struct Handed {  // a message that waits for the caller's answer
-    std::uint64_t stream = 0;
+    std::uint32_t stream = 0;
     std::uint32_t epoch = 0;
     std::uint32_t last_sequence = 0;
     bool parked = false;
@@ -186,11 +186,11 @@ class DeliveryClient {
   void change(Object& object);
   void begin_streams(std::uint64_t host, std::uint64_t incarnation);
   void begin_stream(std::uint64_t host, std::uint64_t object_id);
-  [[nodiscard]] std::uint64_t stream_from(std::uint64_t host, std::uint64_t object_id) const;
+  [[nodiscard]] std::uint32_t stream_from(std::uint64_t host, std::uint64_t object_id) const;
   void note_sequence(Stream& stream, const BulkChunk& chunk, std::int64_t now_ns) const;
   [[nodiscard]] bool has_news(const Stream& stream, std::int64_t now_ns) const;
   void tell_gaps(Object& object, Stream& stream, Demand& demand, std::int64_t now_ns);
-  [[nodiscard]] std::uint32_t dealt_with(const Object& object, std::uint64_t stream, bool or_parked) const;
+  [[nodiscard]] std::uint32_t dealt_with(const Object& object, std::uint32_t stream, bool or_parked) const;
   void note_echo(Object& object, const Stream& stream, const BulkChunk& chunk, std::int64_t now_ns);
   [[nodiscard]] std::optional<Message> assemble(Object& object, std::uint64_t object_id, const BulkChunk& chunk,
                                                 const BulkPiece& piece, std::int64_t now_ns);
@@ -207,7 +207,7 @@ class DeliveryClient {
   DeliverySettings settings_;
   std::map<std::uint64_t, Host> hosts_;
   std::map<std::uint64_t, Object> objects_;
-  std::map<std::uint64_t, Stream> streams_;  // by stream_id
+  std::map<std::uint32_t, Stream> streams_;  // by stream_id
   std::size_t partial_bytes_ = 0;
   std::int64_t round_trip_ns_ = 0;
   std::uint64_t room_ = ~std::uint64_t{0}, room_told_ = 0;

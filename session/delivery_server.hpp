@@ -127,7 +127,7 @@ class DeliveryServer {
     Demand demand;
     bool serving = false;
     bool echo_owed = false;
-    std::uint64_t stream = 0;
+    std::uint32_t stream = 0;
     std::uint32_t sequence = 0;  // last used
     std::int64_t mark_ns = 0;    // when an echo shows what is missing
     std::int64_t mark_interval_ns = 0;

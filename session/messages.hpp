@@ -26,7 +26,7 @@ inline constexpr std::size_t kMaxSlots = 64;  ///< users in one HRTC
 inline constexpr std::size_t kMaxHaveRuns = 1024;
 inline constexpr std::size_t kMaxWanted = 256;
 inline constexpr std::size_t kMaxGaps = 128;
-inline constexpr std::size_t kMaxPayload = 1396;  ///< pieces of a chunk as they travel: they fill one Ethernet frame
+inline constexpr std::size_t kMaxPayload = 1400;  ///< pieces of a chunk as they travel: they fill one Ethernet frame
 inline constexpr std::size_t kMaxFigures = 128;
 inline constexpr std::size_t kMaxMeshes = 64;  ///< objects of one HRTC
 inline constexpr std::size_t kMaxWaypoints = 16;
@@ -112,7 +112,7 @@ struct BulkPiece {
 /// the next, so that it is full however long they are. What all chunks from one host to one HRTC about one object have
 /// in common is one number, `stream_id`.
 struct BulkChunk {
-  std::uint64_t stream = 0;
+  std::uint32_t stream = 0;
   std::uint32_t sequence = 0;     ///< of the stream, from 1; what is sent again gets a new one
   std::uint32_t epoch = 0;        ///< newest demand epoch that the host had seen of this HRTC and object
   std::uint32_t sent_us = 0;      ///< sender's monotonic clock, modulo 2^32
@@ -126,7 +126,7 @@ struct BulkChunk {
 };
 
 /// Names the chunks that one life of a host sends to one life of an HRTC about one object.
-[[nodiscard]] std::uint64_t stream_id(const Origin& host, const Origin& hrtc, std::uint64_t object_id) noexcept;
+[[nodiscard]] std::uint32_t stream_id(const Origin& host, const Origin& hrtc, std::uint64_t object_id) noexcept;
 [[nodiscard]] std::uint32_t checksum_of(spm::Span<const std::uint8_t> payload) noexcept;
 
 /// A wanted region and how soon: smaller is sooner.
@@ -145,7 +145,7 @@ struct Demand {
   bool need_base = false;
   std::vector<spm::Run> have;    ///< regions held, as ascending runs of RegionIds
   std::vector<Wanted> wanted;    ///< soonest first
-  std::uint64_t stream = 0;      ///< stream_id that the following is about
+  std::uint32_t stream = 0;      ///< stream_id that the following is about
   std::uint32_t received = 0;    ///< all chunks up to this sequence have been dealt with
   std::uint32_t newest = 0;      ///< highest sequence that came, or as far as `gaps` tell
   std::vector<spm::Run> gaps;    ///< sequences between these two that did not come, as ascending runs

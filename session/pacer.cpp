@@ -15,12 +15,13 @@ constexpr std::int64_t kFirstLoop = 10 * kMs;
 constexpr std::int64_t kLeastLoop = kMs;
 
 // Queueing that is aimed at: some, the more the later its effect is seen, and what one chunk takes by itself.
-constexpr std::int64_t kTarget = kMs / 2;
+constexpr std::int64_t kTarget = kMs / 4;
 constexpr std::int64_t kTargetShare = 8;  // of a loop
 constexpr double kMostChunkTime = 8e6;
-// Of the window in a loop, at most; with the target's share of it this keeps the loop stable.
-constexpr double kGain = 1.0 / 8;
-constexpr double kSteepest = 4;  // times that, downwards
+// Of the window in a loop, at most; with the target's share of it this keeps the loop stable. A demand that is late
+// makes the queue seem empty, so up is slow, but where half has been found to fit before.
+constexpr double kGain = 1.0 / 16, kKnownGain = 1.0 / 8;
+constexpr double kSteepest = 8;  // times kGain, downwards
 
 constexpr double kPaceStarting = 2, kPace = 1.2;  // windows per loop
 constexpr std::int64_t kCatchUp = 4 * kMs;        // of the pace, when the sender was held up
@@ -137,7 +138,9 @@ void Pacer::on_feedback(const Feedback& feedback, std::int64_t now_ns) {
   const double off = std::clamp((target - static_cast<double>(queueing_ns_)) / target, -kSteepest, 1.0);
   starting_ = starting_ && off > 0.25;
   if (off > 0 ? !used : !ours) return;
-  window_ = std::clamp(window_ + (starting_ ? 1 : kGain * off) * feedback.arrived_bytes, kLeastWindow, kMostWindow);
+  const bool known_to_fit = off > 0 && window_ < best_ * static_cast<double>(loop_ns_) / 2;
+  const double gain = starting_ ? 1 : (known_to_fit ? kKnownGain : kGain) * off;
+  window_ = std::clamp(window_ + gain * feedback.arrived_bytes, kLeastWindow, kMostWindow);
 }
 
 }  // namespace tactus::session

@@ -145,7 +145,7 @@ const char* fault(const session::BulkChunk& b) noexcept {
       return "pieces.region: expected none of a base mesh beside regions";
     bytes += session::head_bytes(piece.region, piece.parts) + piece.payload.size();
   }
-  if (bytes > session::kMaxPayload) return "pieces: expected at most 1396 bytes with their heads";
+  if (bytes > session::kMaxPayload) return "pieces: expected at most 1400 bytes with their heads";
   return nullptr;
 }
 
