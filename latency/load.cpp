@@ -14,9 +14,9 @@ namespace {
 
 constexpr char kSinkName[] = "sink";
 constexpr char kObjectName[] = "load";
-constexpr std::uint32_t kFaces = 100'000;
+constexpr std::uint32_t kFaces = 200'000;
 constexpr std::size_t kLeastHeld = 60, kMostHeld = 200;  // regions; not all, for what is held is not sent again
-constexpr std::size_t kWanted = 100;                     // regions at once
+constexpr std::size_t kWanted = 200;                     // regions at once
 constexpr std::int64_t kRest = 20'000'000;               // between bursts
 constexpr std::chrono::microseconds kPatience{1000};
 

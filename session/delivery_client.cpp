@@ -433,6 +433,14 @@ bool DeliveryClient::owed(const Object& object) const {
   });
 }
 
+/// A demand or its answer is lost more often than late, so the first repetition is soon; a host that has none to give
+/// is asked no more often than every `repeat_ns`.
+std::int64_t DeliveryClient::repeat_after(const Object& object) const {
+  constexpr unsigned kMostDoublings = 8;
+  const std::int64_t first = 2 * round_trip_ns_ + settings_.demand_interval_ns;
+  return std::min(first << std::min(object.repeats, kMostDoublings), settings_.repeat_ns);
+}
+
 std::optional<Demand> DeliveryClient::demand(std::int64_t now_ns) {
   bound_partials(now_ns);
   for (auto& [object_id, object] : objects_) {
@@ -445,9 +453,10 @@ std::optional<Demand> DeliveryClient::demand(std::int64_t now_ns) {
     const std::int64_t since = now_ns - object.sent_ns;
     const std::int64_t interval = object.urgent ? settings_.urgent_interval_ns : settings_.demand_interval_ns;
     const bool news = (object.changed || object.acknowledge) && since >= interval;
-    const bool asks_again = owed(object) && since >= settings_.repeat_ns;
+    const bool asks_again = owed(object) && since >= (news ? settings_.repeat_ns : repeat_after(object));
     if (object.sent_once && !news && !asks_again && since < settings_.keep_alive_ns) continue;
     if (asks_again) change(object);  // so that the host answers again
+    object.repeats = news ? 0 : object.repeats + 1;
     return make_demand(object_id, object, now_ns);
   }
   return std::nullopt;

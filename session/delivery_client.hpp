@@ -40,9 +40,11 @@ struct DeliverySettings {
   std::int64_t demand_interval_ns = 5'000'000;  ///< of one object: changes wait for the next
   std::int64_t urgent_interval_ns = 2'000'000;  ///< instead, when something new is wanted within `urgent_us`
   std::uint32_t urgent_us = 25'000;
-  std::int64_t repeat_ns = 20'000'000;       ///< of one object: asks again, under a new epoch, while something is owed
-  std::int64_t keep_alive_ns = 500'000'000;  ///< unchanged demands repeat
-  std::int64_t host_late_ns = 250'000'000;   ///< without heartbeat; then another host is chosen if there is one
+  /// Of one object: asks again, under a new epoch, while something is owed. Sooner at first where round trips are
+  /// short.
+  std::int64_t repeat_ns = 20'000'000;
+  std::int64_t keep_alive_ns = 500'000'000;         ///< unchanged demands repeat
+  std::int64_t host_late_ns = 250'000'000;          ///< without heartbeat; then another host is chosen if there is one
   std::int64_t partial_timeout_ns = 2'000'000'000;  ///< incomplete messages without a new chunk are dropped
   std::uint32_t credit = 256 * 1024;                ///< bytes that a host may have under way to this HRTC, at first
   std::uint32_t most_credit = 8u << 20;             ///< grows so far where rate and round trip ask for it
@@ -179,6 +181,7 @@ class DeliveryClient {
     bool urgent = false;               // something is wanted soon that the last demand did not name
     bool sent_once = false;
     std::int64_t sent_ns = 0;
+    unsigned repeats = 0;           // of the demand, since it had news
     std::uint32_t timed_epoch = 0;  // its way is timed,
     std::int64_t timed_ns = 0;      // since then; 0: none is
   };
@@ -201,6 +204,7 @@ class DeliveryClient {
   void note_rate(std::size_t bytes, std::int64_t now_ns);
   [[nodiscard]] std::uint32_t credit() const;
   [[nodiscard]] bool owed(const Object& object) const;
+  [[nodiscard]] std::int64_t repeat_after(const Object& object) const;
   [[nodiscard]] Demand make_demand(std::uint64_t object_id, Object& object, std::int64_t now_ns);
 
   Origin self_;

@@ -175,15 +175,22 @@ NamedOutcome send_named(const netem::NamedLink& named, double seconds, std::uint
   return {arrived / (rate * seconds * 2 / 3), pacer.window()};
 }
 
+/// Of several seeds, ascending: one alone is luck where losses come in bursts.
+template <class Value>
+std::vector<double> of_seeds(const Value& value) {
+  std::vector<double> all;
+  for (std::uint64_t seed = 0; seed < 5; ++seed) all.push_back(value(seed));
+  std::sort(all.begin(), all.end());
+  return all;
+}
+
 TEST(Pacer, FillsLinksWhoseDelayWanders) {
   for (const netem::NamedLink& link : netem::kNamedLinks) {
     if (link.each_way.rate_mbit == 0) continue;
-    std::vector<double> shares;
-    for (std::uint64_t seed = 0; seed < 5; ++seed) shares.push_back(send_named(link, 60, seed).share);
-    std::sort(shares.begin(), shares.end());
+    const std::vector<double> shares = of_seeds([&](std::uint64_t seed) { return send_named(link, 60, seed).share; });
     const bool loses_in_bursts = std::string{link.name} == "P7";
-    EXPECT_GT(shares[shares.size() / 2], loses_in_bursts ? 0.8 : 0.9) << link.name << ", " << link.what;
-    EXPECT_GT(shares.front(), loses_in_bursts ? 0.4 : 0.85) << link.name << ", " << link.what;
+    EXPECT_GT(shares[2], loses_in_bursts ? 0.8 : 0.9) << link.name << ", " << link.what;
+    EXPECT_GT(shares[0], loses_in_bursts ? 0.4 : 0.85) << link.name << ", " << link.what;
   }
 }
 
@@ -191,7 +198,10 @@ TEST(Pacer, KeepsRoomForABurstWhereDelaysWander) {
   constexpr std::uint32_t kBurst = 4 * kChunk;
   for (const netem::NamedLink& link : netem::kNamedLinks) {
     if (link.each_way.rate_mbit == 0) continue;
-    EXPECT_GE(send_named(link, 60, 0, kBurst).window, kBurst) << link.name << ", " << link.what;
+    const std::vector<double> windows =
+        of_seeds([&](std::uint64_t seed) { return send_named(link, 60, seed, kBurst).window; });
+    EXPECT_GE(windows[2], 2 * kBurst) << link.name << ", " << link.what;
+    EXPECT_GE(windows[0], kBurst / 2) << link.name << ", " << link.what;
   }
 }
 
