@@ -5,8 +5,8 @@
 #include <cstdio>
 #include <string>
 
+#include "bench/bench_main.hpp"
 #include "bench/figures.hpp"
-#include "bench/program.hpp"
 #include "bench/shared_world.hpp"
 #include "haptics/passivity.hpp"
 #include "haptics/simulated_device.hpp"
@@ -125,6 +125,6 @@ int main(int argc, char** argv) {
   app.add_option("--seconds", settings.seconds, "of tapping, at each speed")->check(CLI::Range(1, 3600));
   app.add_flag("--quick", settings.quick, "5 s, fewer rows");
   app.add_option("--json", settings.json, "the figures as JSON");
-  return tactus::bench::run_program(app, "tactus-bench-passive", argc, argv,
-                                    [&] { return tactus::bench::run(settings); });
+  return tactus::bench::bench_main(app, "tactus-bench-passive", argc, argv,
+                                   [&] { return tactus::bench::run(settings); });
 }

@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
+#include "bench/bench_main.hpp"
 #include "bench/figures.hpp"
-#include "bench/program.hpp"
 #include "bench/shared_world.hpp"
 
 namespace tactus::bench {
@@ -155,6 +155,6 @@ int main(int argc, char** argv) {
   app.add_option("--seeds", settings.seeds, "runs of each cell")->check(CLI::Range(1, 1000));
   app.add_flag("--quick", settings.quick, "fewer cells, one seed");
   app.add_option("--json", settings.json, "the figures as JSON");
-  return tactus::bench::run_program(app, "tactus-bench-shared", argc, argv,
-                                    [&] { return tactus::bench::run(settings); });
+  return tactus::bench::bench_main(app, "tactus-bench-shared", argc, argv,
+                                   [&] { return tactus::bench::run(settings); });
 }

@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
+#include "bench/bench_main.hpp"
 #include "bench/figures.hpp"
-#include "bench/program.hpp"
 #include "bench/shared_world.hpp"
 #include "haptics/force.hpp"
 #include "haptics/passivity.hpp"
@@ -130,6 +130,6 @@ int main(int argc, char** argv) {
   CLI::App app{"The largest stable stiffness against the round trip, for each method beside its analytic bound."};
   app.add_flag("--quick", settings.quick, "three round trips");
   app.add_option("--json", settings.json, "the figures as JSON");
-  return tactus::bench::run_program(app, "tactus-bench-stiffness", argc, argv,
-                                    [&] { return tactus::bench::run(settings); });
+  return tactus::bench::bench_main(app, "tactus-bench-stiffness", argc, argv,
+                                   [&] { return tactus::bench::run(settings); });
 }
