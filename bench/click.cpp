@@ -8,6 +8,7 @@
 #include <cstdio>
 #include <vector>
 
+#include "bench/bench_main.hpp"
 #include "bench/controller.hpp"
 #include "bench/figures.hpp"
 #include "bench/models.hpp"
@@ -131,17 +132,11 @@ int main(int argc, char** argv) {
   app.add_option("--seed", settings.seed, "of the path");
   app.add_option("--json", settings.json, "the figures as JSON");
   app.add_flag("--quick", settings.quick, "10,000 cycles on 200,000 faces, for CI");
-  try {
-    app.parse(argc, argv);
+  return tactus::bench::bench_main(app, "tactus-bench-click", argc, argv, [&] {
     if (settings.quick) {
       settings.cycles = std::min(settings.cycles, 10'000u);
       settings.faces = std::min(settings.faces, 200'000u);
     }
     return tactus::bench::run(settings);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "tactus-bench-click: %s\n", error.what());
-    return 2;
-  }
+  });
 }

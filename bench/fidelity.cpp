@@ -9,6 +9,7 @@
 #include <cstring>
 #include <utility>
 
+#include "bench/bench_main.hpp"
 #include "bench/controller.hpp"
 #include "bench/figures.hpp"
 #include "bench/full_mesh.hpp"
@@ -204,18 +205,12 @@ int main(int argc, char** argv) {
   app.add_option("--seed", settings.seed, "of path and motions");
   app.add_option("--json", settings.json, "the figures as JSON");
   app.add_flag("--quick", settings.quick, "20,000 cycles, 10^5 motions, for CI");
-  try {
-    app.parse(argc, argv);
+  return tactus::bench::bench_main(app, "tactus-bench-fidelity", argc, argv, [&] {
     if (settings.quick) {
       settings.cycles = std::min(settings.cycles, 20'000u);
       settings.motions = std::min<std::uint64_t>(settings.motions, 100'000);
       settings.strokes = 20'000;
     }
     return tactus::bench::run(settings);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "tactus-bench-fidelity: %s\n", error.what());
-    return 2;
-  }
+  });
 }

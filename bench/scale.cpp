@@ -324,8 +324,8 @@ Joining run_joining(const Laboratory& lab, int many, Tips tips) {
     return sum;
   };
   joining.cpu = cpu_of_all();
-  constexpr int kSteady = 2;  // s
-  std::this_thread::sleep_for(std::chrono::seconds{kSteady});
+  constexpr int kSteady = 2;                                   // s
+  std::this_thread::sleep_for(std::chrono::seconds{kSteady});  // the CPU time of so long is what is asked for
   joining.cores = (cpu_of_all() - joining.cpu) / kSteady;
   for (const auto& hrtc : hrtcs) hrtc->signal(SIGTERM);
   for (const auto& hrtc : hrtcs) (void)hrtc->wait();

@@ -32,12 +32,12 @@ constexpr std::int64_t kHeartbeatNs = 100 * kMs;
 constexpr std::int64_t kClockNs = 500 * kMs;
 constexpr std::int64_t kMetricsNs = 1000 * kMs;
 constexpr std::int64_t kMetricsSoonNs = 100 * kMs;
-constexpr milliseconds kPoll{5};        // while an HRTC's readers are not found yet
-constexpr milliseconds kPatience{50};   // so soon a signal is noticed
-constexpr milliseconds kFarewell{300};  // for the last words to arrive
-constexpr int kFarewells = 3;           // to the roster, whose samples are acknowledged once a second
-constexpr milliseconds kBetweenFarewells{10};
-constexpr int kChunksPerRound = 64;  // then demands are looked at again
+constexpr milliseconds kPoll{5};               // while an HRTC's readers are not found yet
+constexpr milliseconds kPatience{50};          // so soon a signal is noticed
+constexpr milliseconds kFarewell{300};         // for the last words to arrive
+constexpr int kFarewells = 3;                  // to the roster, whose samples are acknowledged once a second
+constexpr milliseconds kBetweenFarewells{10};  // so that one burst of loss does not take all
+constexpr int kChunksPerRound = 64;            // then demands are looked at again
 constexpr std::size_t kInboxCapacity = 8192;
 constexpr double kGap = 0.05;  // m, between objects that are given no pose
 

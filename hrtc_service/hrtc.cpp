@@ -960,7 +960,7 @@ void Hrtc::Impl::finish() {
   }
   for (int i = 0; i < 3; ++i) {  // it is acknowledged once a second
     send_roster(true);
-    std::this_thread::sleep_for(std::chrono::milliseconds{10});
+    std::this_thread::sleep_for(std::chrono::milliseconds{10});  // so that one burst of loss does not take all
   }
 }
 

@@ -107,14 +107,18 @@ ensure_packages() {
 # ensure_npm: the npm packages into build/npm/node_modules. What needs them is left out when they cannot be had.
 ensure_npm() {
   local -a missing=()
-  local name version integrity
+  local name version integrity registry=''
   while read -r name version integrity; do
+    if [[ $name == registry ]]; then
+      registry=${npm_config_registry:-https://$version}
+      continue
+    fi
     [[ -e $root/build/npm/node_modules/$name/package.json ]] || missing+=("$name" "$version" "$integrity")
   done < <(packages npm)
   [[ ${#missing[@]} -gt 0 ]] || return 0
   say "fetching $((${#missing[@]} / 3)) npm packages"
   mkdir -p "$root/build/npm"
-  run node "$root/scripts/npm.js" "$root/build/npm" "${missing[@]}" >&2 ||
+  run node "$root/scripts/npm.js" "$registry" "$root/build/npm" "${missing[@]}" >&2 ||
     say "no npm packages: the tests of recordings will be left out"
 }
 

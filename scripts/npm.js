@@ -1,13 +1,13 @@
-// npm.js DIRECTORY [NAME VERSION INTEGRITY]...: fetches npm packages into DIRECTORY/node_modules. Instead of npm itself,
-// which brings some 400 Debian packages; dependencies are listed, not resolved.
+// npm.js REGISTRY DIRECTORY [NAME VERSION INTEGRITY]...: fetches npm packages into DIRECTORY/node_modules. Instead of npm
+// itself, which brings some 400 Debian packages; dependencies are listed, not resolved.
 "use strict";
 const { createHash } = require("crypto");
 const { execFileSync } = require("child_process");
 const { mkdirSync, rmSync, renameSync, writeFileSync } = require("fs");
 const { basename, dirname, join } = require("path");
 
-async function fetchPackage(directory, name, version, integrity) {
-  const url = `https://registry.npmjs.org/${name}/-/${basename(name)}-${version}.tgz`;
+async function fetchPackage(registry, directory, name, version, integrity) {
+  const url = `${registry.replace(/\/+$/, "")}/${name}/-/${basename(name)}-${version}.tgz`;
   const answer = await fetch(url, { signal: AbortSignal.timeout(60000) });
   if (!answer.ok) throw new Error(`${url}: ${answer.status}`);
   const archive = Buffer.from(await answer.arrayBuffer());
@@ -25,8 +25,8 @@ async function fetchPackage(directory, name, version, integrity) {
   renameSync(part, place);
 }
 
-async function main([directory, ...packages]) {
-  for (let i = 0; i + 2 < packages.length; i += 3) await fetchPackage(directory, ...packages.slice(i, i + 3));
+async function main([registry, directory, ...packages]) {
+  for (let i = 0; i + 2 < packages.length; i += 3) await fetchPackage(registry, directory, ...packages.slice(i, i + 3));
 }
 
 main(process.argv.slice(2)).catch((error) => {
