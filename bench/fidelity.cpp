@@ -12,10 +12,10 @@
 #include "bench/bench_main.hpp"
 #include "bench/controller.hpp"
 #include "bench/figures.hpp"
-#include "bench/full_mesh.hpp"
 #include "bench/models.hpp"
 #include "bench/session_run.hpp"
 #include "bench/touch_path.hpp"
+#include "study/full_mesh.hpp"
 #include "tests/haptics/friction_strokes.hpp"
 #include "tests/haptics/random_motions.hpp"
 
@@ -59,7 +59,8 @@ Outcome compare(const LoadedModel& subject, const Settings& settings, const std:
   SessionRun run{subject.model, scale, session};
   run.settle(path.front());
 
-  const FullMesh full{subject.model.positions, subject.finest, hrtc_service::Placement{{}, scale}, settings.radius / 2};
+  const study::FullMesh full{subject.model.positions, subject.finest, hrtc_service::Placement{{}, scale},
+                             settings.radius / 2};
   haptics::Proxy proxy = run.haptic().proxy(0);
   haptics::ForceRenderer renderer = run.haptic().renderer(0);
   const haptics::Feel feel{settings.material.stiffness, settings.material.damping};

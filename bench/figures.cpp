@@ -10,7 +10,7 @@
 #include <stdexcept>
 #include <thread>
 
-#include "bench/commit.hpp"
+#include "tactus/commit.hpp"
 
 namespace tactus::bench {
 

@@ -63,10 +63,92 @@ users:
       - retreat: {}
 )";
 
+// Of studies. Each tap of a scan meets a place that nothing has touched before.
+
+constexpr char kTapWall[] = R"(name: tap-wall
+measures: forces
+truth: analytic
+spread: 0.2
+duration: 20
+users:
+  - name: ann
+    script:
+      - tap: {object: wall, count: 3, speed: 0.05, force: 1.5}
+      - tap: {count: 3, speed: 0.15, force: 1.5}
+      - tap: {count: 3, speed: 0.5, force: 1.5}
+)";
+
+constexpr char kTapWallRemote[] = R"(name: tap-wall-remote
+measures: forces
+truth: analytic
+spread: 0.2
+duration: 30
+users:
+  - name: ann
+    remote: true
+    script:
+      - tap: {object: wall, count: 3, speed: 0.05, force: 1.5}
+      - tap: {count: 3, speed: 0.15, force: 1.5}
+      - tap: {count: 3, speed: 0.5, force: 1.5}
+)";
+
+constexpr char kTapScan[] = R"(name: tap-scan
+measures: forces
+truth: full-mesh
+spread: 0.15
+duration: 25
+users:
+  - name: ann
+    script:
+      - tap: {object: scan, direction: [0, 0, 1], point: [0.35, 0.35, 0.5], count: 1, speed: 0.05, force: 1.5}
+      - tap: {direction: [0.2, 0.1, 1], point: [0.65, 0.4, 0.5], count: 1, speed: 0.1, force: 1.5}
+      - tap: {direction: [0, 0.3, 1], point: [0.5, 0.65, 0.5], count: 1, speed: 0.2, force: 1.5}
+      - tap: {direction: [0.6, 0, 1], point: [0.5, 0.5, 0.5], count: 1, speed: 0.3, force: 1.5}
+      - tap: {direction: [-0.6, 0.2, 1], point: [0.4, 0.5, 0.5], count: 1, speed: 0.4, force: 1.5}
+      - tap: {direction: [-0.2, -0.6, 1], point: [0.55, 0.4, 0.5], count: 1, speed: 0.5, force: 1.5}
+)";
+
+constexpr char kFollowScan[] = R"(name: follow-scan
+measures: forces
+truth: full-mesh
+spread: 0.15
+duration: 25
+users:
+  - name: ann
+    script:
+      - approach: {object: scan, direction: [0, 0, 1], speed: 0.1, until_force: 0.5}
+      - follow: {speed: 0.05, force: 1.5, seconds: 4, pattern: circle, extent: 0.02}
+      - retreat: {}
+      - follow: {direction: [0.5, 0.2, 1], point: [0.6, 0.5, 0.5], speed: 0.1, force: 1.5, seconds: 4,
+                 pattern: zigzag, extent: 0.03}
+      - retreat: {}
+      - follow: {direction: [-0.3, 0.2, 1], point: [0.4, 0.5, 0.5], speed: 0.15, force: 1.5, seconds: 4,
+                 pattern: around}
+)";
+
+constexpr char kColdStart[] = R"(name: cold-start
+measures: first-touch
+truth: full-mesh
+spread: 0.15
+duration: 6
+users:
+  - name: ann
+    script:
+      - approach: {object: scan, direction: [0, 0, 1], speed: 0.2, until_force: 0.5}
+      - follow: {speed: 0.05, force: 1.5, seconds: 2, pattern: zigzag, extent: 0.02}
+)";
+
 }  // namespace
 
 const std::vector<BuiltInScenario>& built_in_scenarios() {
-  static const std::vector<BuiltInScenario> kScenarios{{"touch", kTouch}, {"follow", kFollow}, {"demo", kDemo}};
+  static const std::vector<BuiltInScenario> kScenarios{{"touch", kTouch},
+                                                       {"follow", kFollow},
+                                                       {"demo", kDemo},
+                                                       {"tap-wall", kTapWall},
+                                                       {"tap-wall-remote", kTapWallRemote},
+                                                       {"tap-scan", kTapScan},
+                                                       {"follow-scan", kFollowScan},
+                                                       {"cold-start", kColdStart}};
   return kScenarios;
 }
 

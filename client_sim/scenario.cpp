@@ -1,140 +1,24 @@
 #include "client_sim/scenario.hpp"
 
-#include <yaml-cpp/yaml.h>
-
 #include <algorithm>
 #include <cerrno>
-#include <cmath>
 #include <cstring>
 #include <fstream>
-#include <initializer_list>
+#include <random>
 #include <set>
 #include <sstream>
-#include <utility>
 
+#include "client_sim/yaml.hpp"
 #include "session/messages.hpp"
 
 namespace tactus::client_sim {
 
 namespace {
 
-/// A place in the text, for messages.
-class Place {
- public:
-  Place(const std::string& source, std::string key) : source_{source}, key_{std::move(key)} {}
-  [[nodiscard]] Place below(const std::string& key) const { return {source_, key_.empty() ? key : key_ + "." + key}; }
-  [[nodiscard]] Place at(std::size_t i) const { return {source_, key_ + "[" + std::to_string(i) + "]"}; }
-
-  [[noreturn]] void fail(const YAML::Mark& mark, const std::string& what) const {
-    throw ScenarioError{source_ + ":" + std::to_string(mark.line + 1) + ":" + std::to_string(mark.column + 1) + ": " +
-                        (key_.empty() ? "" : key_ + ": ") + what};
-  }
-
- private:
-  const std::string& source_;
-  std::string key_;
-};
-
-std::string shown(const YAML::Node& node) {
-  if (node.IsScalar()) return "'" + node.Scalar().substr(0, 60) + "'";
-  if (node.IsMap()) return "a map";
-  return node.IsSequence() ? "a list" : "nothing";
-}
-
-std::string number_text(double value) {
-  std::ostringstream text;
-  text << value;
-  return text.str();
-}
-
-std::string joined(const std::vector<std::string>& names) {
-  std::string all;
-  for (const std::string& name : names) all += (all.empty() ? "" : ", ") + name;
-  return all;
-}
-
-/// A map all of whose keys are known.
-class Map {
- public:
-  Map(const Place& place, const YAML::Node& node, const std::vector<std::string>& known) : place_{place}, node_{node} {
-    // `retreat:` with nothing after it is an empty map.
-    if (node.IsNull()) return;
-    if (!node.IsMap()) place.fail(node.Mark(), "found " + shown(node) + ", expected a map of " + joined(known));
-    std::set<std::string> seen;
-    for (const auto& pair : node) {
-      if (!pair.first.IsScalar()) place.fail(pair.first.Mark(), "found " + shown(pair.first) + ", expected a key");
-      const std::string& key = pair.first.Scalar();
-      if (std::find(known.begin(), known.end(), key) == known.end()) {
-        place.fail(pair.first.Mark(), "unknown key '" + key.substr(0, 60) + "', expected one of " + joined(known));
-      }
-      if (!seen.insert(key).second) place.fail(pair.first.Mark(), "key '" + key + "' occurs twice");
-    }
-  }
-
-  [[nodiscard]] bool has(const char* key) const { return node_.IsMap() && node_[key].IsDefined(); }
-  [[nodiscard]] YAML::Node child(const char* key) const { return node_[key]; }
-  [[nodiscard]] YAML::Node required(const char* key) const {
-    if (!has(key)) place_.fail(node_.Mark(), "key '" + std::string{key} + "' is missing");
-    return node_[key];
-  }
-  [[nodiscard]] Place place(const char* key) const { return place_.below(key); }
-
-  void number(const char* key, double low, double high, double& value) const {
-    if (!has(key)) return;
-    value = parse_number(place(key), node_[key], low, high);
-  }
-
-  template <class Integer>
-  void integer(const char* key, double low, double high, Integer& value) const {
-    if (!has(key)) return;
-    const double number = parse_number(place(key), node_[key], low, high);
-    if (number != std::floor(number))
-      place(key).fail(node_[key].Mark(), "found " + shown(node_[key]) + ", expected a whole number");
-    value = static_cast<Integer>(number);
-  }
-
-  void name(const char* key, std::string& value) const {
-    if (!has(key)) return;
-    const YAML::Node node = node_[key];
-    if (!node.IsScalar() || node.Scalar().empty() || node.Scalar().size() > session::kMaxName) {
-      place(key).fail(node.Mark(), "found " + shown(node) + ", expected a name of 1 to " +
-                                       std::to_string(session::kMaxName) + " bytes");
-    }
-    value = node.Scalar();
-  }
-
-  void flag(const char* key, bool& value) const {
-    if (!has(key)) return;
-    if (!node_[key].IsScalar() || !YAML::convert<bool>::decode(node_[key], value)) {
-      place(key).fail(node_[key].Mark(), "found " + shown(node_[key]) + ", expected true or false");
-    }
-  }
-
-  void vector(const char* key, double low, double high, Vec3d& value) const {
-    if (!has(key)) return;
-    const YAML::Node node = node_[key];
-    if (!node.IsSequence() || node.size() != 3) {
-      place(key).fail(node.Mark(), "found " + shown(node) + ", expected a list of three numbers");
-    }
-    for (std::size_t i = 0; i < 3; ++i) {
-      value[static_cast<Eigen::Index>(i)] = parse_number(place(key).at(i), node[i], low, high);
-    }
-  }
-
- private:
-  static double parse_number(const Place& place, const YAML::Node& node, double low, double high) {
-    double value = 0;
-    const bool is_number = node.IsScalar() && YAML::convert<double>::decode(node, value);
-    if (!is_number || !(value >= low && value <= high)) {
-      place.fail(node.Mark(),
-                 "found " + shown(node) + ", expected a number from " + number_text(low) + " to " + number_text(high));
-    }
-    return value;
-  }
-
-  Place place_;
-  YAML::Node node_;
-};
+using yaml::joined;
+using yaml::Map;
+using yaml::Place;
+using yaml::shown;
 
 constexpr double kLongest = 86400;  // s
 constexpr double kFastest = 0.5;    // m/s: the proxy is tested up to this
@@ -189,14 +73,7 @@ Action parse_action(const Place& place, const YAML::Node& node) {
   map.number("seconds", 0, kLongest, action.seconds);
   map.integer("count", 1, 10000, action.count);
   map.number("extent", 1e-4, 100, action.extent);
-  if (map.has("pattern")) {
-    const YAML::Node pattern = map.child("pattern");
-    const std::string text = pattern.IsScalar() ? pattern.Scalar() : "";
-    if (text != "circle" && text != "zigzag" && text != "around") {
-      map.place("pattern").fail(pattern.Mark(), "found " + shown(pattern) + ", expected circle, zigzag or around");
-    }
-    action.pattern = text == "circle" ? Pattern::kCircle : text == "zigzag" ? Pattern::kZigzag : Pattern::kAround;
-  }
+  map.choice("pattern", {"circle", "zigzag", "around"}, action.pattern);
   return action;
 }
 
@@ -233,17 +110,21 @@ User parse_user(const Place& place, const YAML::Node& node) {
 
 Scenario parse_scenario(const std::string& text, const std::string& source) {
   const Place top{source, ""};
-  YAML::Node root;
-  try {
-    root = YAML::Load(text);
-  } catch (const YAML::Exception& error) {
-    top.fail(error.mark.is_null() ? YAML::Mark{} : error.mark, "not YAML: " + error.msg);
-  }
+  const YAML::Node root = yaml::load(text, top);
   if (!root.IsMap()) top.fail(root.Mark(), "found " + shown(root) + ", expected a map with name and users");
-  const Map map{top, root, {"name", "duration", "seed", "users"}};
+  const Map map{top, root, {"name", "measures", "truth", "duration", "seed", "spread", "users"}};
   Scenario scenario;
+  scenario.digest = session::id_of(text);
   (void)map.required("name");
   map.name("name", scenario.name);
+  map.choice("measures", {"nothing", "forces", "first-touch"}, scenario.measures);
+  if (scenario.measures != Measure::kNone) (void)map.required("truth");
+  map.choice("truth", {"none", "full-mesh", "analytic"}, scenario.truth);
+  if ((scenario.measures == Measure::kNone) != (scenario.truth == Truth::kNone)) {
+    map.place("truth").fail(map.child("truth").Mark(),
+                            "found " + shown(map.child("truth")) + ", which does not go with what it measures");
+  }
+  map.number("spread", 0, 0.5, scenario.spread);
   map.number("duration", 0.1, kLongest, scenario.duration);
   map.integer("seed", 0, 1e15, scenario.seed);
   const YAML::Node users = map.required("users");
@@ -257,6 +138,16 @@ Scenario parse_scenario(const std::string& text, const std::string& source) {
       at.at(i).fail(users[i].Mark(), "name '" + scenario.users.back().name + "' occurs twice");
     }
   }
+  return scenario;
+}
+
+Scenario varied(Scenario scenario, std::uint64_t seed) {
+  std::mt19937_64 random{seed};
+  std::uniform_real_distribution<double> share{-scenario.spread, scenario.spread};
+  scenario.seed = seed;
+  for (User& user : scenario.users)
+    for (Action& action : user.script)
+      for (double& coordinate : action.point) coordinate = std::clamp(coordinate + share(random), 0.0, 1.0);
   return scenario;
 }
 

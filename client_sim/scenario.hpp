@@ -1,6 +1,8 @@
 /// What simulated users shall do, read from YAML.
 ///
 ///     name: touch
+///     measures: forces        # of a study (docs/studies.md); with it goes what they are held against
+///     truth: full-mesh
 ///     duration: 10            # s
 ///     users:
 ///       - name: ann
@@ -69,9 +71,26 @@ struct User {
   std::vector<Action> script;
 };
 
+/// What a study takes from a run of the scenario.
+enum class Measure : std::uint8_t {
+  kNone,       ///< nothing: it only runs
+  kForces,     ///< what hands feel, at each of their places
+  kFirstTouch  ///< the same, and when what is touched is here, of a controller that has just come
+};
+/// What that is held against.
+enum class Truth : std::uint8_t {
+  kNone,
+  kFullMesh,  ///< all faces of the object touched, in the same process: a second proxy follows the same hand there
+  kAnalytic   ///< the same, against a box with the object's bounds
+};
+
 struct Scenario {
   std::string name;
-  double duration = 10;  ///< s from the moment all users are served
+  std::uint64_t digest = 0;  ///< of its text
+  Measure measures = Measure::kNone;
+  Truth truth = Truth::kNone;  ///< none only when nothing is measured
+  double spread = 0;           ///< `varied` moves each point aimed at by up to so much, as a share of the bounds
+  double duration = 10;        ///< s from the moment all users are served
   std::uint64_t seed = 1;
   std::vector<User> users;
 };
@@ -79,11 +98,14 @@ struct Scenario {
 /// Reads `text`; `source` names it in messages. Unknown keys, wrong types and values out of range throw ScenarioError.
 [[nodiscard]] Scenario parse_scenario(const std::string& text, const std::string& source);
 
+/// The scenario as `seed` has it: other places within its spread, the same for the same seed.
+[[nodiscard]] Scenario varied(Scenario scenario, std::uint64_t seed);
+
 /// A built-in scenario's name, or else a file's path. Throws ScenarioError, naming the built-in ones when there is
 /// neither.
 [[nodiscard]] Scenario load_scenario(const std::string& name_or_path);
 
-/// `touch`, `follow` and `demo`: name and YAML text.
+/// `touch`, `follow`, `demo`, and those of studies (docs/studies.md): name and YAML text.
 struct BuiltInScenario {
   const char* name;
   const char* text;

@@ -262,11 +262,12 @@ class CommandLine {
     verify_->add_flag("--json", settings_.json, "Report as JSON");
   }
   void add_generate() {
-    generate_ = app_.add_subcommand("generate", "Make a mesh: sphere, torus, organ or terrain, about 0.1 m in size");
+    generate_ =
+        app_.add_subcommand("generate", "Make a mesh: sphere, torus, organ, terrain or wall, about 0.1 m in size");
     generate_->footer("Example: tactus-mesh generate terrain --faces 200000 --seed 3 terrain.stl");
     std::vector<std::string> shapes;
     for (const std::string_view name : shape_names()) shapes.emplace_back(name);
-    generate_->add_option("SHAPE", settings_.shape, "sphere, torus, organ or terrain")
+    generate_->add_option("SHAPE", settings_.shape, "sphere, torus, organ, terrain or wall")
         ->required()
         ->check(CLI::IsMember(shapes));
     generate_->add_option("OUT", settings_.out, "The file to write: .ply, .obj, .stl or .spm")->required();

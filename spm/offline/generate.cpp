@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <string>
 
 #include "spm/model.hpp"
@@ -16,8 +17,11 @@ struct NamedShape {
   std::string_view name;
   Shape shape;
 };
-constexpr std::array<NamedShape, 4> kShapes{
-    {{"sphere", Shape::kSphere}, {"torus", Shape::kTorus}, {"organ", Shape::kOrgan}, {"terrain", Shape::kTerrain}}};
+constexpr std::array<NamedShape, 5> kShapes{{{"sphere", Shape::kSphere},
+                                             {"torus", Shape::kTorus},
+                                             {"organ", Shape::kOrgan},
+                                             {"terrain", Shape::kTerrain},
+                                             {"wall", Shape::kWall}}};
 
 /// Smooth noise over space in [-1, 1]: random values at integer points, blended by quintics. Source: Perlin 2002.
 class Noise {
@@ -232,6 +236,47 @@ TriangleMesh terrain(std::uint32_t faces, std::uint64_t seed) {
   return mesh;
 }
 
+/// A lattice of cubes, five times as wide as high, of which the outer squares are taken.
+TriangleMesh wall(std::uint32_t faces) {
+  // 2 w^2 + 4 w h squares of two faces each, with w = 5 h.
+  const std::int64_t high = std::max<std::int64_t>(1, std::llround(std::sqrt(faces / 140.0)));
+  const std::array<std::int64_t, 3> count{5 * high, 5 * high, high};
+  TriangleMesh mesh;
+  std::map<std::array<std::int64_t, 3>, std::uint32_t> numbers;
+  const auto vertex = [&](const std::array<std::int64_t, 3>& at) {
+    const auto [found, is_new] = numbers.try_emplace(at, static_cast<std::uint32_t>(mesh.positions.size()));
+    if (is_new) {
+      const double edge = 0.02 / static_cast<double>(high);
+      Vec3d p;
+      for (std::size_t axis = 0; axis < 3; ++axis)
+        p[static_cast<Eigen::Index>(axis)] =
+            edge * (static_cast<double>(at[axis]) - 0.5 * static_cast<double>(count[axis]));
+      mesh.positions.push_back(rounded(p));
+    }
+    return found->second;
+  };
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const std::size_t u = (axis + 1) % 3, v = (axis + 2) % 3;
+    for (const bool upper : {false, true}) {
+      std::array<std::int64_t, 3> at{};
+      at[axis] = upper ? count[axis] : 0;
+      for (std::int64_t i = 0; i < count[u]; ++i) {
+        for (std::int64_t k = 0; k < count[v]; ++k) {
+          const auto corner = [&](std::int64_t du, std::int64_t dv) {
+            at[u] = i + du;
+            at[v] = k + dv;
+            return vertex(at);
+          };
+          const std::uint32_t a = corner(0, 0), b = corner(1, 0), c = corner(1, 1), d = corner(0, 1);
+          mesh.faces.push_back(upper ? Triangle{a, b, c} : Triangle{a, c, b});
+          mesh.faces.push_back(upper ? Triangle{a, c, d} : Triangle{a, d, c});
+        }
+      }
+    }
+  }
+  return mesh;
+}
+
 }  // namespace
 
 TriangleMesh stylus() {
@@ -275,7 +320,7 @@ Shape shape_from_name(std::string_view name) {
   for (const NamedShape& shape : kShapes) {
     if (shape.name == name) return shape.shape;
   }
-  throw ModelError{"shape: found \"" + std::string{name} + "\", expected sphere, torus, organ or terrain"};
+  throw ModelError{"shape: found \"" + std::string{name} + "\", expected sphere, torus, organ, terrain or wall"};
 }
 
 TriangleMesh generate(Shape shape, std::uint32_t faces, std::uint64_t seed) {
@@ -291,6 +336,8 @@ TriangleMesh generate(Shape shape, std::uint32_t faces, std::uint64_t seed) {
       return organ(faces, seed);
     case Shape::kTerrain:
       return terrain(faces, seed);
+    case Shape::kWall:
+      return wall(faces);
   }
   throw ModelError{"shape: unknown"};
 }

@@ -14,13 +14,14 @@ enum class Shape {
   kTorus,    ///< radii 0.05 and 0.02, axis z
   kOrgan,    ///< closed and star-shaped, with bumps and folds in several octaves; as many faces as a sphere
   kTerrain,  ///< 0.1 x 0.1 in x and y, a height field in z with a border
+  kWall,     ///< a closed block of 0.1 x 0.1 x 0.02 about the origin; its sides are as flat as floats allow
 };
 
 /// A stylus to probe with, closed and convex: half a ball of 3 mm radius about the origin, and from there a round shaft
 /// of the same radius, 25 mm along +z. 720 triangles, 362 vertices, metres.
 [[nodiscard]] TriangleMesh stylus();
 
-/// The names a user types: sphere, torus, organ, terrain.
+/// The names a user types: sphere, torus, organ, terrain, wall.
 [[nodiscard]] std::vector<std::string_view> shape_names();
 /// Throws ModelError naming the shapes there are.
 [[nodiscard]] Shape shape_from_name(std::string_view name);

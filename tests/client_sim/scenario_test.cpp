@@ -86,6 +86,28 @@ TEST(Scenario, BuiltInOnesAreSound) {
   EXPECT_EQ(load_scenario("demo").users.size(), 3u);
 }
 
+TEST(Scenario, SaysWhatIsMeasuredAgainstWhat) {
+  const std::string users = "users: [{name: ann, script: [wait: {}]}]\n";
+  const Scenario scenario = parse_scenario("name: t\nmeasures: forces\ntruth: analytic\n" + users, "s.yaml");
+  EXPECT_EQ(scenario.measures, Measure::kForces);
+  EXPECT_EQ(scenario.truth, Truth::kAnalytic);
+  EXPECT_THAT(error_of("name: t\nmeasures: forces\n" + users), HasSubstr("key 'truth' is missing"));
+  EXPECT_THAT(error_of("name: t\ntruth: full-mesh\n" + users), HasSubstr("s.yaml:2:8: truth: found 'full-mesh'"));
+  EXPECT_THAT(error_of("name: t\nmeasures: joy\ntruth: analytic\n" + users),
+              HasSubstr("measures: found 'joy', expected one of nothing, forces, first-touch"));
+}
+
+TEST(Scenario, VariesWithTheSeedAndWithinItsSpread) {
+  const Scenario scenario = load_scenario("tap-scan");
+  const Scenario first = varied(scenario, 1), again = varied(scenario, 1), second = varied(scenario, 2);
+  for (std::size_t i = 0; i < scenario.users[0].script.size(); ++i) {
+    const Vec3d& point = first.users[0].script[i].point;
+    EXPECT_EQ(point, again.users[0].script[i].point);
+    EXPECT_NE(point, second.users[0].script[i].point);
+    EXPECT_LE((point - scenario.users[0].script[i].point).cwiseAbs().maxCoeff(), scenario.spread);
+  }
+}
+
 TEST(Scenario, ErrorsNamePlaceKeyFindingAndExpectation) {
   EXPECT_EQ(error_of(with_action("tap: {object: a, speed: 9}")),
             "s.yaml:5:33: users[0].script[0].tap.speed: found '9', expected a number from 0.0001 to 0.5");
@@ -96,7 +118,8 @@ TEST(Scenario, ErrorsNamePlaceKeyFindingAndExpectation) {
             "s.yaml:5:9: users[0].script[0]: unknown key 'poke', expected one of approach, tap, follow, hold, wait, "
             "retreat");
   EXPECT_EQ(error_of("name: t\nuser: 3\n"),
-            "s.yaml:2:1: unknown key 'user', expected one of name, duration, seed, users");
+            "s.yaml:2:1: unknown key 'user', expected one of name, measures, truth, duration, "
+            "seed, spread, users");
 }
 
 TEST(Scenario, RefusesValuesThatAreNotWhatTheyShouldBe) {
@@ -111,7 +134,8 @@ TEST(Scenario, RefusesValuesThatAreNotWhatTheyShouldBe) {
   EXPECT_THAT(error_of(with_action("tap: {object: a, point: [0, 0, 2]}")), HasSubstr("tap.point[2]: found '2'"));
   EXPECT_THAT(error_of(with_action("tap: {object: [a]}")), HasSubstr("object: found a list, expected a name"));
   EXPECT_THAT(error_of(with_action("tap: {object: " + std::string(64, 'x') + "}")), HasSubstr("1 to 63 bytes"));
-  EXPECT_THAT(error_of(with_action("follow: {object: a, pattern: spiral}")), HasSubstr("circle, zigzag or around"));
+  EXPECT_THAT(error_of(with_action("follow: {object: a, pattern: spiral}")),
+              HasSubstr("one of circle, zigzag, around"));
   EXPECT_THAT(error_of(with_action("tap: 3")), HasSubstr("tap: found '3', expected a map"));
   EXPECT_THAT(error_of(with_action("tap")), HasSubstr("found 'tap', expected a map"));
   EXPECT_THAT(error_of(with_action("{tap: {object: a}, wait: {}}")), HasSubstr("expected one action"));
@@ -137,7 +161,7 @@ TEST(Scenario, ThatIsNeitherBuiltInNorAFileNamesTheBuiltInOnes) {
     (void)load_scenario("/nowhere/x.yaml");
     FAIL();
   } catch (const ScenarioError& error) {
-    EXPECT_THAT(error.what(), HasSubstr("(touch, follow, demo)"));
+    EXPECT_THAT(error.what(), HasSubstr("(touch, follow, demo, tap-wall, "));
   }
 }
 

@@ -15,7 +15,7 @@ namespace {
 constexpr int kWrongInput = 2;
 
 struct Command {
-  std::string_view name;
+  std::string_view name;     // one word, or two
   std::string_view program;  // beside this one; the demo is in the scripts folder
   std::string_view purpose;
 };
@@ -23,6 +23,7 @@ constexpr std::array kCommands{
     Command{"mesh", "tactus-mesh", "build, inspect, verify, generate and audit models"},
     Command{"host", "tactus-host", "serve models to a session (VE host)"},
     Command{"hrtc", "tactus-hrtc", "run haptic devices in a session (HRTC)"},
+    Command{"sim study", "tactus-study", "profiles by scenarios by seeds, against ground truth, as tables"},
     Command{"sim", "tactus-sim", "simulated users that follow a scenario, and the session's report"},
     Command{"control", "tactus-control", "emergency stop, reset, session mode and end, from anywhere"},
     Command{"record", "tactus-record", "every topic of a session into an MCAP file"},
@@ -34,7 +35,7 @@ constexpr std::array kCommands{
 
 void print_help(std::FILE* out) {
   std::fputs("Usage: tactus COMMAND [OPTION...]\n\n", out);
-  for (const Command& c : kCommands) std::fprintf(out, "  %-9s%s\n", c.name.data(), c.purpose.data());
+  for (const Command& c : kCommands) std::fprintf(out, "  %-11s%s\n", c.name.data(), c.purpose.data());
   std::fputs(
       "\nEach command has --help. Examples:\n"
       "  tactus mesh generate organ --faces 500000 --seed 1 organ.ply\n"
@@ -63,11 +64,13 @@ int main(int argc, char** argv) {
     print_help(stdout);
     return 0;
   }
+  const std::string two_words = std::string{wanted} + " " + (argc > 2 ? argv[2] : "");
   for (const Command& command : kCommands) {
-    if (command.name != wanted) continue;
+    const int words = command.name == two_words ? 2 : 1;
+    if (words == 1 && command.name != wanted) continue;
     const std::string program = path_of(command).string();
-    std::vector<char*> arguments(argv + 1, argv + argc + 1);  // with the null that ends argv
-    std::string name = "tactus " + std::string{wanted};
+    std::vector<char*> arguments(argv + words, argv + argc + 1);  // with the null that ends argv
+    std::string name = "tactus " + std::string{command.name};
     arguments[0] = name.data();
     execv(program.c_str(), arguments.data());
     std::fprintf(stderr, "tactus: cannot start '%s': %s\n", program.c_str(), std::strerror(errno));

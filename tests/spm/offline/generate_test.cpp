@@ -55,8 +55,8 @@ TEST(Generate, TorusAndTerrainComeWithinAPercent) {
   }
 }
 
-TEST(Generate, SphereTorusAndOrganAreClosedAndFaceOutward) {
-  for (const Shape shape : {Shape::kSphere, Shape::kTorus, Shape::kOrgan}) {
+TEST(Generate, AllButTheTerrainAreClosedAndFaceOutward) {
+  for (const Shape shape : {Shape::kSphere, Shape::kTorus, Shape::kOrgan, Shape::kWall}) {
     for (const std::uint32_t faces : {18u, 100u, 4096u, 20000u}) {
       const TriangleMesh mesh = generate(shape, faces);
       EXPECT_TRUE(closed_and_oriented(mesh)) << faces;
@@ -70,6 +70,14 @@ TEST(Generate, TheSphereHasTheVolumeOfASphere) {
   EXPECT_NEAR(volume(generate(Shape::kSphere, 20000)), exact, 0.002 * exact);
 }
 
+TEST(Generate, TheWallIsABlock) {
+  const TriangleMesh mesh = generate(Shape::kWall, 14'000);
+  EXPECT_EQ(mesh.faces.size(), 14'000u);
+  EXPECT_NEAR(volume(mesh), 0.1 * 0.1 * 0.02, 1e-9);
+  for (const std::array<float, 3>& p : mesh.positions)
+    EXPECT_TRUE(std::abs(p[0]) == 0.05f || std::abs(p[1]) == 0.05f || std::abs(p[2]) == 0.01f);
+}
+
 TEST(Generate, TheTerrainHasOneBorder) {
   const TriangleMesh mesh = generate(Shape::kTerrain, 800);
   const auto uses = edges(mesh);
@@ -80,7 +88,7 @@ TEST(Generate, TheTerrainHasOneBorder) {
 }
 
 TEST(Generate, NothingOfItNeedsCleaning) {
-  for (const Shape shape : {Shape::kSphere, Shape::kTorus, Shape::kOrgan, Shape::kTerrain}) {
+  for (const Shape shape : {Shape::kSphere, Shape::kTorus, Shape::kOrgan, Shape::kTerrain, Shape::kWall}) {
     TriangleMesh mesh = generate(shape, 30000);
     const std::size_t vertices = mesh.positions.size(), faces = mesh.faces.size();
     clean(mesh);

@@ -12,7 +12,7 @@
 #include "hrtc_service/touch_object.hpp"
 #include "spm/span.hpp"
 
-namespace tactus::bench {
+namespace tactus::study {
 
 class FullMesh final : public haptics::Surface {
  public:
@@ -52,4 +52,4 @@ class FullMesh final : public haptics::Surface {
   std::vector<Entry> entries_;
 };
 
-}  // namespace tactus::bench
+}  // namespace tactus::study

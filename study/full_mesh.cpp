@@ -1,9 +1,9 @@
-#include "bench/full_mesh.hpp"
+#include "study/full_mesh.hpp"
 
 #include <algorithm>
 #include <cmath>
 
-namespace tactus::bench {
+namespace tactus::study {
 
 using spm::Vec3d;
 
@@ -115,4 +115,4 @@ bool FullMesh::closest(const Vec3d& point, double within, haptics::SurfaceHit& h
   return side.result(hit);
 }
 
-}  // namespace tactus::bench
+}  // namespace tactus::study

@@ -1,0 +1,100 @@
+#include "study/fidelity.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace tactus::study {
+namespace {
+
+constexpr double kDt = 1e-3;           // s
+constexpr std::size_t kNewTouch = 20;  // ms without; less is a bounce
+
+haptics::ProxySettings proxy_settings(double radius) {
+  haptics::ProxySettings settings;
+  settings.radius = radius;
+  return settings;
+}
+
+}  // namespace
+
+TrueForce::TrueForce(const haptics::Surface& surface, double radius, const session::Material& material,
+                     const haptics::ForceSettings& settings)
+    : surface_{surface},
+      feel_{material.stiffness, material.damping},
+      proxy_{proxy_settings(radius)},
+      renderer_{settings, haptics::DeviceSpec{}} {
+  proxy_.set_grip({material.static_friction, material.dynamic_friction, renderer_.stiffness(feel_, kDt)});
+}
+
+Vec3d TrueForce::at(const haptics::DeviceState& device) {
+  const haptics::ProxyResult& proxy = proxy_.step(device.position, kDt, surface_, false);
+  return renderer_.step(proxy, device, feel_, 0, kDt).force;
+}
+
+double jnd_of(double force) noexcept { return std::max(0.1 * force, kLeastForce); }
+
+void Fidelity::Touches::add(std::size_t ms, const Vec3d& place, double force) {
+  if (force < kLeastForce) return;
+  if (all.empty() || ms >= all.back().ended + kNewTouch) all.push_back({ms, ms, place, 0});
+  all.back().ended = ms + 1;
+  all.back().peak = std::max(all.back().peak, force);
+}
+
+const Fidelity::Touch* Fidelity::Touches::overlapping(const Touch& other) const {
+  const auto found = std::find_if(all.begin(), all.end(), [&](const Touch& touch) {
+    return touch.began < other.ended && other.began < touch.ended;
+  });
+  return found == all.end() ? nullptr : &*found;
+}
+
+void Fidelity::add(const Vec3d& place, const Vec3d& felt, const Vec3d& truth, bool exact) {
+  const double size = truth.norm();
+  felt_.add(ms_, place, felt.norm());
+  truth_.add(ms_, place, size);
+  ++ms_;
+  if (felt.norm() >= kLeastForce) {
+    ++felt_ms_;
+    exact_ += exact ? 1 : 0;
+  } else if (size < kLeastForce) {
+    return;
+  }
+  const double error = (felt - truth).norm();
+  ++contact_;
+  squares_ += error * error;
+  most_ = std::max(most_, error);
+  above_ += error > jnd_of(size) ? 1 : 0;
+}
+
+Figures Fidelity::figures() const {
+  const auto count = static_cast<double>(std::max<std::size_t>(contact_, 1));
+  double late = 0, off = 0, ratio = 0;
+  std::size_t paired = 0, missed = 0;
+  const Touch* last = nullptr;
+  for (const Touch& truth : truth_.all) {
+    const Touch* const felt = felt_.overlapping(truth);
+    if (felt == nullptr) ++missed;
+    if (felt == nullptr || felt == last) continue;  // one that goes on from the touch before has no beginning here
+    last = felt;
+    ++paired;
+    late += std::abs(static_cast<double>(felt->began) - static_cast<double>(truth.began));
+    off += (felt->place - truth.place).norm() * 1e3;
+    ratio += felt->peak / truth.peak;
+  }
+  const auto unfounded = std::count_if(felt_.all.begin(), felt_.all.end(),
+                                       [&](const Touch& felt) { return truth_.overlapping(felt) == nullptr; });
+  const auto each = static_cast<double>(std::max<std::size_t>(paired, 1));
+  const auto number = [](std::size_t value) { return static_cast<double>(value); };
+  return {{"contact", "s", number(felt_ms_) * kDt},
+          {"exact", "%", 100 * number(exact_) / number(std::max<std::size_t>(felt_ms_, 1))},
+          {"force error rms", "N", std::sqrt(squares_ / count)},
+          {"force error max", "N", most_},
+          {"above 1 JND", "%", 100 * number(above_) / count},
+          {"touches", "", number(truth_.all.size())},
+          {"onset off by", "ms", late / each},
+          {"onset off by", "mm", off / each},
+          {"peak force ratio", "", paired > 0 ? ratio / each : 0},
+          {"missed", "", number(missed)},
+          {"false", "", static_cast<double>(unfounded)}};
+}
+
+}  // namespace tactus::study

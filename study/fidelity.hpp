@@ -1,0 +1,72 @@
+/// What a hand felt beside what it would have felt where everything is at hand: the figures of a study.
+///
+/// docs/studies.md has what each figure means. Pure; one thread.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "haptics/force.hpp"
+#include "session/messages.hpp"
+
+namespace tactus::study {
+
+using spm::Vec3d;
+
+/// One number of one run.
+struct Figure {
+  std::string name, unit;
+  double value = 0;
+};
+using Figures = std::vector<Figure>;
+
+/// The force that a hand would feel: a proxy of its own that follows the hand over a surface.
+class TrueForce {
+ public:
+  /// `surface` must outlive it.
+  TrueForce(const haptics::Surface& surface, double radius, const session::Material& material,
+            const haptics::ForceSettings& settings);
+  /// One millisecond later.
+  [[nodiscard]] Vec3d at(const haptics::DeviceState& device);
+
+ private:
+  const haptics::Surface& surface_;
+  haptics::Feel feel_;
+  haptics::Proxy proxy_;
+  haptics::ForceRenderer renderer_;
+};
+
+/// Less is not felt, N: the floor of a just noticeable difference.
+inline constexpr double kLeastForce = 0.05;
+/// Just noticeable difference from a force, N.
+[[nodiscard]] double jnd_of(double force) noexcept;
+
+class Fidelity {
+ public:
+  /// A millisecond of one hand; `exact`: the contact is on the finest mesh.
+  void add(const Vec3d& place, const Vec3d& felt, const Vec3d& truth, bool exact);
+  /// What comes next is another hand's.
+  void let_go() noexcept { ms_ += kApart; }
+  [[nodiscard]] Figures figures() const;
+
+ private:
+  struct Touch {
+    std::size_t began = 0, ended = 0;  // ms
+    Vec3d place = Vec3d::Zero();       // where the hand was
+    double peak = 0;                   // N
+  };
+  static constexpr std::size_t kApart = 1000;  // ms between hands
+  /// Touches of one of the two forces.
+  struct Touches {
+    std::vector<Touch> all;
+    void add(std::size_t ms, const Vec3d& place, double force);
+    /// The first that does; null when none does.
+    [[nodiscard]] const Touch* overlapping(const Touch& other) const;
+  };
+
+  std::size_t ms_ = 0, contact_ = 0, felt_ms_ = 0, exact_ = 0, above_ = 0;
+  double squares_ = 0, most_ = 0;
+  Touches felt_, truth_;
+};
+
+}  // namespace tactus::study

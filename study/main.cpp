@@ -1,0 +1,229 @@
+#include <sys/utsname.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <atomic>
+#include <cstdio>
+#include <iostream>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "study/results.hpp"
+#include "study/scenario_run.hpp"
+#include "study/study.hpp"
+#include "tactus/commit.hpp"
+#include "wire/process.hpp"
+
+namespace {
+
+using namespace tactus;
+using namespace tactus::study;
+
+constexpr int kWrongInput = 2, kInterrupted = 130;
+
+constexpr char kExamples[] = R"(
+Examples:
+  tactus sim study --out out
+  tactus sim study my-study.yaml --out out
+  tactus sim study --scenarios tap-scan --profiles P4 --seeds 1 --first-seed 3 --trace --out one
+
+my-study.yaml:
+  name: mine
+  profiles: [P0, P4, "P0:delay=25:loss=1"]
+  scenarios: [tap-scan, follow-scan, my.yaml]
+  seeds: 30
+  scan: {model: dragon.ply, size: 0.2}
+
+Everything runs in virtual time. A study that was interrupted goes on in the same folder. docs/studies.md has how
+scenarios say what is measured, and what each figure means.
+Exit status: 0 done, 2 wrong input, 130 interrupted; what is finished is kept and written.)";
+
+struct Options {
+  std::string file, out = "study", scan;
+  std::vector<std::string> profiles, scenarios;
+  std::uint32_t seeds = 0, faces = 0;
+  std::uint64_t first_seed = 0;
+  unsigned jobs = 0;
+  bool trace = false;
+};
+
+Study study_of(const Options& options) {
+  Study study = options.file.empty() ? Study{} : load_study(options.file);
+  if (!options.profiles.empty()) study.profiles = options.profiles;
+  if (!options.scenarios.empty()) study.scenarios = options.scenarios;
+  if (options.seeds > 0) study.seeds = options.seeds;
+  if (options.first_seed > 0) study.first_seed = options.first_seed;
+  if (!options.scan.empty()) study.scan.model = options.scan;
+  if (options.faces > 0) study.scan.faces = options.faces;
+  return study;
+}
+
+std::string machine() {
+  utsname names{};
+  (void)uname(&names);
+  return std::to_string(std::thread::hardware_concurrency()) + " processors, " + names.sysname + " " + names.release;
+}
+
+/// What makes two runs with one scenario, link and seed the same.
+std::string identity_of(const Study& study, const std::vector<client_sim::Scenario>& scenarios, const Subject* scan) {
+  nlohmann::ordered_json identity{{"study", study.name}, {"commit", TACTUS_COMMIT}};
+  if (scan != nullptr)
+    identity["scan"] = {{"source", scan->source}, {"size", study.scan.size}, {"digest", scan->model.summary.digest}};
+  for (const client_sim::Scenario& scenario : scenarios) identity["scenarios"][scenario.name] = scenario.digest;
+  return identity.dump();
+}
+
+void write_traces(const std::filesystem::path& folder, const Run& run, const ScenarioRun& traces) {
+  std::filesystem::create_directories(folder);
+  for (std::size_t user = 0; user < traces.hands.size(); ++user) {
+    std::string text = "time_s,x,y,z,force_x,force_y,force_z,true_x,true_y,true_z,exact\n";
+    for (std::size_t ms = 0; ms < traces.hands[user].size(); ++ms) {
+      const Sample& s = traces.hands[user][ms];
+      char line[256];
+      std::snprintf(line, sizeof line, "%.3f,%.7g,%.7g,%.7g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%d\n",
+                    static_cast<double>(ms) * 1e-3, s.place.x(), s.place.y(), s.place.z(), s.felt.x(), s.felt.y(),
+                    s.felt.z(), s.truth.x(), s.truth.y(), s.truth.z(), s.exact ? 1 : 0);
+      text += line;
+    }
+    write_file(folder / (run.scenario + "-" + run.profile + "-" + std::to_string(run.seed) + "-" +
+                         std::to_string(user + 1) + ".csv"),
+               text);
+  }
+}
+
+/// The runs that are left, by as many threads as there are jobs; seeds outermost, so that what is there when it is
+/// interrupted is a smaller study.
+class Runner {
+ public:
+  Runner(const Options& options, const Study& study, const std::vector<client_sim::Scenario>& scenarios,
+         const std::vector<Subject>& subjects, RunLog& log)
+      : options_{options}, subjects_{subjects}, log_{log} {
+    for (std::uint64_t seed = study.first_seed; seed < study.first_seed + study.seeds; ++seed)
+      for (const client_sim::Scenario& scenario : scenarios)
+        for (const std::string& profile : study.profiles)
+          if (!log.has(scenario.name, profile, seed)) left_.push_back({&scenario, profile, seed});
+  }
+  [[nodiscard]] std::size_t left() const noexcept { return left_.size(); }
+  /// Throws what the first run that failed threw.
+  void run(const std::atomic<bool>& stop) {
+    const unsigned jobs = options_.jobs > 0 ? options_.jobs : std::max(1u, std::thread::hardware_concurrency());
+    std::vector<std::thread> threads;
+    for (unsigned i = 0; i < jobs; ++i) threads.emplace_back([&] { work(stop); });
+    for (std::thread& thread : threads) thread.join();
+    if (failure_) std::rethrow_exception(failure_);
+  }
+
+ private:
+  struct Task {
+    const client_sim::Scenario* scenario;
+    std::string profile;
+    std::uint64_t seed;
+  };
+  void work(const std::atomic<bool>& stop) {
+    for (std::size_t i = next_++; i < left_.size() && !stop && !failed_; i = next_++) {
+      const Task& task = left_[i];
+      try {
+        const std::string object = object_of(*task.scenario);
+        const Subject& subject =
+            *std::find_if(subjects_.begin(), subjects_.end(), [&](const Subject& one) { return one.name == object; });
+        const ScenarioRun result =
+            run_scenario(*task.scenario, subject, netem::parse_link(task.profile), task.seed, stop);
+        if (stop) return;
+        const Run run{task.scenario->name, task.profile, task.seed, result.figures};
+        if (options_.trace) write_traces(std::filesystem::path{options_.out} / "traces", run, result);
+        const std::lock_guard lock{mutex_};
+        log_.add(run);
+        std::fprintf(stderr, "[%zu/%zu] %s over %s, seed %llu\n", ++done_, left_.size(), run.scenario.c_str(),
+                     run.profile.c_str(), static_cast<unsigned long long>(run.seed));
+      } catch (...) {
+        const std::lock_guard lock{mutex_};
+        if (!failed_) failure_ = std::current_exception();
+        failed_ = true;
+      }
+    }
+  }
+
+  const Options& options_;
+  const std::vector<Subject>& subjects_;
+  RunLog& log_;
+  std::vector<Task> left_;
+  std::atomic<std::size_t> next_{0};
+  std::atomic<bool> failed_{false};
+  std::mutex mutex_;  // for what follows, and the log
+  std::size_t done_ = 0;
+  std::exception_ptr failure_;
+};
+
+int run(const Options& options, const std::string& command, const std::atomic<bool>& stop) {
+  Study study = study_of(options);
+  const std::vector<client_sim::Scenario> scenarios = check(study);
+  std::vector<Subject> subjects;
+  for (const client_sim::Scenario& scenario : scenarios) {
+    const std::string object = object_of(scenario);
+    if (std::any_of(subjects.begin(), subjects.end(), [&](const Subject& one) { return one.name == object; })) continue;
+    std::fprintf(stderr, "making the %s\n", object.c_str());
+    subjects.push_back(object == "wall" ? make_subject("wall", "wall", 20'000, 0.2)
+                                        : make_subject("scan", study.scan.model, study.scan.faces, study.scan.size));
+  }
+  const auto scan =
+      std::find_if(subjects.begin(), subjects.end(), [](const Subject& one) { return one.name == "scan"; });
+  const std::filesystem::path folder{options.out};
+  RunLog log{folder, identity_of(study, scenarios, scan == subjects.end() ? nullptr : &*scan)};
+  Runner runner{options, study, scenarios, subjects, log};
+  runner.run(stop);
+
+  About about{study.name, command, machine(), TACTUS_COMMIT, {}};
+  if (scan != subjects.end()) about.notes.push_back("The scan: " + scan->source + ".");
+  about.notes.push_back(
+      "Virtual time: what the programs run, without threads, sockets, discovery and what a machine does to them. Each "
+      "figure is a mean over seeds, with its 95 % confidence; one run of it again: `tactus sim study --scenarios NAME "
+      "--profiles LINK --seeds 1 --first-seed SEED --trace --out FOLDER`.");
+  if (stop) about.notes.push_back("Interrupted: some seeds are missing.");
+  std::vector<std::string> names;
+  for (const client_sim::Scenario& scenario : scenarios) names.push_back(scenario.name);
+  const std::vector<Cell> cells = cells_of(log.runs(), names, study.profiles);
+  const std::string tables = markdown(about, cells);
+  write_file(folder / "tables.md", tables);
+  write_file(folder / "cells.csv", csv(cells));
+  write_file(folder / "study.json", json(about, cells));
+  std::cout << tables;
+  if (stop) std::fprintf(stderr, "tactus-study: interrupted; what is finished is in %s\n", folder.c_str());
+  return stop ? kInterrupted : 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  Options options;
+  CLI::App app{"Profiles by scenarios by seeds: what hands feel, against its ground truth, as tables.",
+               "tactus sim study"};
+  app.footer(kExamples);
+  app.add_option("STUDY", options.file, "A study in YAML; without one a small study of about a minute");
+  app.add_option("--out", options.out, "Folder for runs and tables")->capture_default_str();
+  app.add_option("--profiles", options.profiles, "Instead of the study's: links as in `tactus link list`")
+      ->delimiter(',');
+  app.add_option("--scenarios", options.scenarios, "Instead of the study's: built-in ones or YAML files")
+      ->delimiter(',');
+  app.add_option("--seeds", options.seeds, "Instead of the study's: how many")->check(CLI::Range(1, 10000));
+  app.add_option("--first-seed", options.first_seed, "Instead of the study's")->check(CLI::Range(1, 1000000000));
+  app.add_option("--scan", options.scan, "Instead of the study's: a model file or a generated shape");
+  app.add_option("--faces", options.faces, "Of a generated scan")->check(CLI::Range(1000, 30000000));
+  app.add_option("--jobs", options.jobs, "Runs at a time; 0: as many as there are processors")
+      ->check(CLI::Range(0, 256));
+  app.add_flag("--trace", options.trace, "Write each hand's places and forces too, a line each millisecond");
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : kWrongInput;
+  }
+  std::string command = "tactus sim study";
+  for (int i = 1; i < argc; ++i) command += std::string{" "} + argv[i];
+  const std::atomic<bool>& stop = wire::stop_signal();
+  try {
+    return run(options, command, stop);
+  } catch (const std::exception& error) {
+    std::cerr << "tactus-study: " << error.what() << '\n';
+    return kWrongInput;
+  }
+}

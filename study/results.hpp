@@ -1,0 +1,69 @@
+/// The runs of a study in a folder, and the tables made of them.
+///
+///     runs.jsonl    a line for the study, then one for each run: what is finished stays finished
+///     tables.md     for people          cells.csv, study.json    for machines
+///
+/// Not realtime.
+#pragma once
+
+#include <filesystem>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include "study/fidelity.hpp"
+#include "study/statistics.hpp"
+
+namespace tactus::study {
+
+struct Run {
+  std::string scenario, profile;
+  std::uint64_t seed = 0;
+  Figures figures;
+};
+
+/// One thread at a time.
+class RunLog {
+ public:
+  /// Goes on with the runs that are there. `study`: a line that tells one study from another. Throws
+  /// std::runtime_error when the folder cannot be written or has runs of another study.
+  RunLog(const std::filesystem::path& folder, const std::string& study);
+
+  [[nodiscard]] bool has(const std::string& scenario, const std::string& profile, std::uint64_t seed) const;
+  /// On disk when it returns. Throws std::runtime_error.
+  void add(const Run& run);
+  [[nodiscard]] const std::vector<Run>& runs() const noexcept { return runs_; }
+
+ private:
+  std::filesystem::path file_;
+  std::ofstream out_;
+  std::vector<Run> runs_;
+};
+
+/// A figure over the seeds of a cell.
+struct CellFigure {
+  std::string name, unit;
+  Estimate value;
+  Estimate difference;  ///< from the baseline's run of the same seed; no values in the baseline's own cell
+};
+struct Cell {
+  std::string scenario, profile;
+  std::vector<CellFigure> figures;
+};
+/// In the order in which scenarios and profiles are given; those without a run are left out.
+[[nodiscard]] std::vector<Cell> cells_of(const std::vector<Run>& runs, const std::vector<std::string>& scenarios,
+                                         const std::vector<std::string>& profiles);
+
+/// What a reader has to know beside the figures.
+struct About {
+  std::string study, command, machine, build;
+  std::vector<std::string> notes;
+};
+[[nodiscard]] std::string markdown(const About& about, const std::vector<Cell>& cells);
+[[nodiscard]] std::string csv(const std::vector<Cell>& cells);
+[[nodiscard]] std::string json(const About& about, const std::vector<Cell>& cells);
+
+/// Beside `file`, then renamed. Throws std::runtime_error.
+void write_file(const std::filesystem::path& file, const std::string& text);
+
+}  // namespace tactus::study

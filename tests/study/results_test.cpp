@@ -1,0 +1,72 @@
+#include "study/results.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <sstream>
+
+#include "tests/support/temporary_folder.hpp"
+
+namespace tactus::study {
+namespace {
+
+using ::testing::HasSubstr;
+
+Run run_of(const std::string& profile, std::uint64_t seed, double error) {
+  return {"tap", profile, seed, {{"force error rms", "N", error}, {"above 1 JND", "%", 10 * error}}};
+}
+
+TEST(Cells, ArePairedByTheirSeeds) {
+  // Seeds differ by more than links do: only pairing shows that P4 is worse by 0.5 each time.
+  const std::vector<study::Run> runs{run_of("P0", 1, 1), run_of("P0", 2, 5), run_of("P4", 2, 5.5), run_of("P4", 1, 1.5),
+                                     run_of("P4", 3, 9)};
+  const std::vector<Cell> cells = cells_of(runs, {"tap"}, {"P0", "P4", "P6"});
+  ASSERT_EQ(cells.size(), 2u);
+  EXPECT_EQ(cells[0].profile, "P0");
+  EXPECT_EQ(cells[0].figures[0].value.mean, 3);
+  EXPECT_EQ(cells[0].figures[0].difference.count, 0u);
+  EXPECT_EQ(cells[1].figures[0].value.count, 3u);
+  EXPECT_EQ(cells[1].figures[0].difference.count, 2u);
+  EXPECT_EQ(cells[1].figures[0].difference.mean, 0.5);
+  EXPECT_EQ(cells[1].figures[0].difference.low, 0.5);
+  EXPECT_EQ(cells[1].figures[0].difference.high, 0.5);
+}
+
+TEST(Tables, HaveProfilesAsRowsAndScenariosAsColumns) {
+  const std::vector<Cell> cells = cells_of({run_of("P0", 1, 0), run_of("P4", 1, 0.123456)}, {"tap"}, {"P0", "P4"});
+  const std::string text = markdown({"s", "tactus sim study", "machine", "abc", {"a note"}}, cells);
+  EXPECT_THAT(text, HasSubstr("| force error rms, N | tap |\n|---|--:|\n| P0 | 0 |\n| P4 | 0.123 |\n"));
+  EXPECT_THAT(text, HasSubstr("a note"));
+  EXPECT_THAT(csv(cells), HasSubstr("tap,P4,\"force error rms\",N,1,0.123456,0.123456,0.123456,1,0.123456"));
+}
+
+class Log : public ::testing::Test {
+ protected:
+  test_support::TemporaryFolder folder_;
+};
+
+TEST_F(Log, GoesOnWithWhatIsFinished) {
+  {
+    RunLog log{folder_.path(), "study A"};
+    log.add(run_of("P0", 1, 0.25));
+    log.add(run_of("P4", 1, 0.1));
+  }
+  std::ofstream{folder_.path() / "runs.jsonl", std::ios::app} << "{\"scenario\":\"tap\",\"pro";  // killed while writing
+  RunLog log{folder_.path(), "study A"};
+  EXPECT_EQ(log.runs().size(), 2u);
+  EXPECT_TRUE(log.has("tap", "P4", 1));
+  EXPECT_FALSE(log.has("tap", "P4", 2));
+  EXPECT_EQ(log.runs()[1].figures[0].value, 0.1);
+  log.add(run_of("P4", 2, 3));
+  EXPECT_EQ(RunLog(folder_.path(), "study A").runs().size(), 3u);
+}
+
+TEST_F(Log, RefusesTheRunsOfAnotherStudy) {
+  RunLog{folder_.path(), "study A"}.add(run_of("P0", 1, 0));
+  EXPECT_THROW((RunLog{folder_.path(), "study B"}), std::runtime_error);
+  EXPECT_THROW((RunLog{"/proc/nowhere", "study A"}), std::runtime_error);
+}
+
+}  // namespace
+}  // namespace tactus::study

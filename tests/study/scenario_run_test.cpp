@@ -1,0 +1,87 @@
+#include "study/scenario_run.hpp"
+
+#include <gtest/gtest.h>
+
+namespace tactus::study {
+namespace {
+
+const std::atomic<bool> kNoStop{false};
+
+double value_of(const ScenarioRun& run, const std::string& name) {
+  for (const Figure& figure : run.figures)
+    if (figure.name == name) return figure.value;
+  ADD_FAILURE() << name;
+  return -1;
+}
+
+client_sim::Scenario short_one(const std::string& script, const std::string& head) {
+  return client_sim::parse_scenario(
+      "name: t\nspread: 0.1\nduration: 8\n" + head + "users:\n  - name: ann\n    script:\n" + script, "t.yaml");
+}
+
+class OnAScan : public ::testing::Test {
+ protected:
+  static ScenarioRun run(const client_sim::Scenario& scenario, const std::string& link, std::uint64_t seed = 1) {
+    static const Subject scan = make_subject("scan", "organ", 40'000, 0.1);
+    return run_scenario(scenario, scan, netem::parse_link(link), seed, kNoStop);
+  }
+};
+
+TEST_F(OnAScan, WithoutDelayForcesAreThoseOfTheFullMeshToTheBit) {
+  const ScenarioRun run = OnAScan::run(client_sim::load_scenario("tap-scan"), "P0");
+  EXPECT_EQ(value_of(run, "touches"), 6);
+  EXPECT_EQ(value_of(run, "exact"), 100);
+  EXPECT_EQ(value_of(run, "force error max"), 0);
+  EXPECT_GT(value_of(run, "contact"), 0.2);
+}
+
+TEST_F(OnAScan, TheSameSeedGivesTheSameRunAndAnotherAnother) {
+  const client_sim::Scenario scenario =
+      short_one("      - tap: {object: scan, count: 1, speed: 0.5}\n", "measures: forces\ntruth: full-mesh\n");
+  const ScenarioRun first = run(scenario, "P7", 5), again = run(scenario, "P7", 5), other = run(scenario, "P7", 6);
+  ASSERT_EQ(first.figures.size(), again.figures.size());
+  for (std::size_t i = 0; i < first.figures.size(); ++i) EXPECT_EQ(first.figures[i].value, again.figures[i].value);
+  ASSERT_EQ(first.hands[0].size(), again.hands[0].size());
+  EXPECT_NE(first.hands[0].back().place, other.hands[0].back().place);
+}
+
+TEST_F(OnAScan, AColdStartTakesAsLongAsTheLink) {
+  const client_sim::Scenario scenario = client_sim::load_scenario("cold-start");
+  const ScenarioRun near = run(scenario, "P0"), far = run(scenario, "P0:delay=40");
+  // The catalogue comes one way, then two demands go there and what they want comes back.
+  EXPECT_LT(value_of(near, "base mesh shown after"), 20);
+  EXPECT_GT(value_of(far, "base mesh shown after"), 3 * 40);
+  EXPECT_LT(value_of(far, "base mesh shown after"), 400);
+  EXPECT_GT(value_of(near, "received until then"), 1);
+}
+
+TEST(OnAWall, AHandBeyondTheLinkFeelsItLateAndOneAtTheControllerAtOnce) {
+  const Subject wall = make_subject("wall", "wall", 2000, 0.2);
+  const std::string tap = "      - tap: {object: wall, count: 2, speed: 0.2}\n";
+  const std::string head = "measures: forces\ntruth: analytic\n";
+  client_sim::Scenario scenario = short_one(tap, head);
+  const netem::LinkSettings link = netem::parse_link("P0:delay=20");
+  const ScenarioRun here = run_scenario(scenario, wall, link, 1, kNoStop);
+  scenario.users[0].remote = true;
+  const ScenarioRun there = run_scenario(scenario, wall, link, 1, kNoStop);
+  EXPECT_EQ(value_of(here, "touches"), 2);
+  EXPECT_EQ(value_of(here, "onset off by"), 0);
+  EXPECT_LT(value_of(here, "force error max"), 1e-6);
+  EXPECT_NEAR(value_of(there, "onset off by"), 40, 5);  // there and back
+  EXPECT_GT(value_of(there, "above 1 JND"), 90);
+}
+
+TEST(ObjectOf, IsTheOneThatUsersTouch) {
+  EXPECT_EQ(object_of(client_sim::load_scenario("tap-wall")), "wall");
+  EXPECT_THROW((void)object_of(client_sim::load_scenario("demo")), client_sim::ScenarioError);
+}
+
+TEST(Run, EndsOnceItIsStopped) {
+  const Subject wall = make_subject("wall", "wall", 2000, 0.2);
+  const std::atomic<bool> stop{true};
+  EXPECT_TRUE(
+      run_scenario(client_sim::load_scenario("tap-wall"), wall, netem::parse_link("P0"), 1, stop).figures.empty());
+}
+
+}  // namespace
+}  // namespace tactus::study
