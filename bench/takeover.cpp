@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdio>
 #include <random>
+#include <sstream>
 #include <thread>
 
 #include "bench/figures.hpp"
@@ -70,8 +71,22 @@ users:
       - follow: {speed: 0.05, force: 1, seconds: 3000, pattern: zigzag}
 )";
 
+/// Records received; of these, those that were here already; of these, those that hosts had been told of.
+struct Sent {
+  double received = 0, repeated = 0, told = 0;
+  Sent& operator+=(const Sent& other) {
+    received += other.received, repeated += other.repeated, told += other.told;
+    return *this;
+  }
+  friend Sent operator-(const Sent& a, const Sent& b) {
+    return {a.received - b.received, a.repeated - b.repeated, a.told - b.told};
+  }
+  [[nodiscard]] double share(double of) const { return received == 0 ? 0 : 100 * of / received; }  // %
+};
+
 /// Of one window in which probe states were kept.
 struct Felt {
+  Sent sent;
   double late_ours = 0;
   double largest_step = 0;  // N/ms, between states that follow each other, of a cycle each
 };
@@ -89,7 +104,7 @@ class Takeover {
   /// Both hosts, the controller and its user; until the object is touched and regions come and go.
   void begin() {
     start_host(0);
-    desk_ = session_.start(Side::kB, "hrtc", {"--name", "desk", "--pool", "4096", "--no-coding"});
+    desk_ = session_.start(Side::kB, "hrtc", {"--name", "desk", "--pool", "4096", "--no-coding", "--timer-beside"});
     users_ = session_.start(Side::kB, "sim", {"--scenario", path("exploring.yaml")});
     start_host(1);
     session_.until(
@@ -168,17 +183,22 @@ class Takeover {
   [[nodiscard]] double figure(const char* name, const char* controller = "desk") const {
     return session_.seen().figure(controller, name);
   }
-  /// Records received and, of these, those that were here already.
-  struct Sent {
-    double received, repeated;
-  };
-  [[nodiscard]] Sent sent() const { return {figure(names::kRecordsReceived), figure(names::kRecordsRepeated)}; }
+  [[nodiscard]] Sent sent() const {
+    return {figure(names::kRecordsReceived), figure(names::kRecordsRepeated), figure(names::kRecordsTold)};
+  }
   [[nodiscard]] double alarms() const { return figure(names::kFalseAlarms); }
   [[nodiscard]] double busy_alarms() const { return busy_alarms_; }
   [[nodiscard]] double calm_alarms() const { return calm_alarms_; }
   [[nodiscard]] const std::vector<Felt>& quiet() const { return quiet_; }
   [[nodiscard]] const std::vector<Felt>& killed() const { return killed_; }
-  [[nodiscard]] std::string log() const { return desk_->output(); }
+  /// What the controller said of cycles that were late of their own.
+  [[nodiscard]] std::vector<std::string> late_cycles() const {
+    std::vector<std::string> lines;
+    std::istringstream log{desk_->output()};
+    for (std::string line; std::getline(log, line);)
+      if (line.find("late of its own") != std::string::npos) lines.push_back(line);
+    return lines;
+  }
 
   Samples detected_ms, flowing_ms;
 
@@ -215,6 +235,7 @@ class Takeover {
   template <class Happen>
   Felt watch(const Happen& happen) {
     const double late = settled(names::kLateOurs);
+    const Sent sent_before = sent();
     session_.forget_states();
     const std::size_t printed = desk_->output().size();
     happen();
@@ -234,6 +255,7 @@ class Takeover {
       before->second = state;
     }
     felt.late_ours = settled(names::kLateOurs) - late;
+    felt.sent = sent() - sent_before;
     return felt;
   }
   /// A figure as a metrics sample to come has it.
@@ -280,22 +302,22 @@ int run(const Settings& settings) {
   const auto measure = [&] {
     Takeover takeover{settings};
     takeover.begin();
-    const Takeover::Sent before = takeover.sent();
+    const double late_before = takeover.figure(names::kLateOurs);
+    const Sent before = takeover.sent();
     for (int i = 0; i < settings.kills; ++i) {
       std::fprintf(stderr, "\rkill %d of %d ", i + 1, settings.kills);
       takeover.kill_one(i < settings.windows);
     }
     std::fprintf(stderr, "\n");
-    const Takeover::Sent killed = takeover.sent();
+    Sent in_windows;  // that follow a kill, and what came between them in the same minutes
+    for (const Felt& window : takeover.killed()) in_windows += window.sent;
+    const Sent between = takeover.sent() - before - in_windows;
     const double alarms_while_killing = takeover.alarms();
+    const double late_while_killing = takeover.figure(names::kLateOurs) - late_before;
     takeover.calm();
-    const Takeover::Sent calm_too = takeover.sent();
     takeover.busy_calm();
     takeover.begin_alone();
     for (int i = 0; i < settings.restarts; ++i) takeover.restart_one();
-    const auto share = [](const Takeover::Sent& from, const Takeover::Sent& to) {
-      return 100 * (to.repeated - from.repeated) / (to.received - from.received);
-    };
 
     report.row("death detected", "from SIGKILL to the demand", "ms", takeover.detected_ms);
     report.row("records flow again", "from SIGKILL", "ms", takeover.flowing_ms);
@@ -303,14 +325,19 @@ int run(const Settings& settings) {
     report.row("largest force step", "windows without", "N/ms", steps_of(takeover.quiet()));
     report.figure("late cycles, ours", "windows with a kill", "", sum_late(takeover.killed()));
     report.figure("late cycles, ours", "windows without", "", sum_late(takeover.quiet()));
-    report.figure("records received", "while hosts were killed", "", killed.received - before.received);
-    report.figure("records that were here", "while hosts were killed", "%", share(before, killed));
-    report.figure("records that were here", "nobody killed", "%", share(killed, calm_too));
+    report.figure("late cycles, ours", "windows and the time between them", "", late_while_killing);
+    report.figure("late cycles of a bare 30 us of work", "the whole run", "", takeover.figure(names::kTimerLate));
+    for (const auto& [when, sent] : {std::pair{"windows with a kill", in_windows}, {"the time between", between}}) {
+      report.figure("records received", when, "", sent.received);
+      report.figure("records that were here", when, "%", sent.share(sent.repeated));
+      report.figure("records that hosts had been told of", when, "%", sent.share(sent.told));
+    }
     report.figure("false alarms", "while hosts were killed", "", alarms_while_killing);
     char calm[64];
     std::snprintf(calm, sizeof calm, "%g s, nobody killed", settings.calm_s);
     report.figure("false alarms", calm, "", takeover.calm_alarms());
     report.figure("false alarms", "the same, cores busy", "", takeover.busy_alarms());
+    for (const std::string& line : takeover.late_cycles()) report.note(line);
     report.at_most("death detected, p99", "kills", "ms", takeover.detected_ms.percentile(99), 50);
     report.at_most("records flow again, p99", "kills", "ms", takeover.flowing_ms.percentile(99), 100);
     const double windows = static_cast<double>(std::max<std::size_t>(1, takeover.quiet().size()));
@@ -318,8 +345,10 @@ int run(const Settings& settings) {
                    sum_late(takeover.killed()) / static_cast<double>(takeover.killed().size()) -
                        sum_late(takeover.quiet()) / windows,
                    0);
-    report.at_most("records sent again", "of those received, over those without kills", "%",
-                   share(before, killed) - share(killed, calm_too), 1);
+    report.at_most("records sent again", "in windows with a kill, over the time between", "%",
+                   in_windows.share(in_windows.repeated) - between.share(between.repeated), 1);
+    report.at_most("records sent again", "that hosts had been told of, in windows with a kill", "%",
+                   in_windows.share(in_windows.told), 1);
     report.at_most("largest force step", "windows with a kill", "N/ms", steps_of(takeover.killed()).max(),
                    0.05 * kMaxForce);
     report.at_most("records sent again", "to one that keeps all, by a host alone that restarts", "",

@@ -161,7 +161,9 @@ void HapticThread::run() {
     sender_reports_.post(reports);
     service_reports_.post(reports);
     const std::uint64_t one = 1;
+    const std::int64_t notify = monotonic_ns();
     (void)!write(event_, &one, sizeof one);
+    const std::int64_t notified = monotonic_ns();
 
     // The forces are out.
     constexpr spm::Budget kAll{1u << 20};
@@ -175,6 +177,7 @@ void HapticThread::run() {
     trace.costs = result.costs;
     trace.wake_late = static_cast<std::uint32_t>(wake_late);
     trace.cpu = static_cast<std::uint32_t>(cpu_now - cpu);
+    trace.notify = static_cast<std::uint32_t>(notified - notify);
     trace.skipped = static_cast<std::uint32_t>(clock.skipped() - skipped);
     trace.late = end > clock.due_ns() || trace.skipped > 0;
     trace.late_is_ours = trace.late && own_work(cpu_now - cpu, end - now_ns, period_ns);

@@ -48,6 +48,7 @@ struct CycleTrace {
   CycleCosts costs;
   std::uint32_t wake_late = 0;  ///< after its due time
   std::uint32_t cpu = 0;        ///< of the thread, since the cycle before
+  std::uint32_t notify = 0;     ///< waking the sender, a system call
   std::uint32_t skipped = 0;    ///< ticks missed altogether before it
   bool late = false;            ///< forces were not out before the next cycle was due
   bool late_is_ours = false;    ///< and the thread itself used more than half the period

@@ -38,6 +38,7 @@ constexpr std::int64_t kClockFastNs = 20 * kMs;
 constexpr std::int64_t kMetricsNs = 500 * kMs;
 constexpr std::int64_t kMetricsSoonNs = 100 * kMs;
 constexpr std::int64_t kAllMetricsNs = 5000 * kMs;
+constexpr std::int64_t kLateToldNs = 1000 * kMs;
 constexpr std::int64_t kModesNs = 20 * kMs;
 constexpr std::int64_t kNoHostNs = 5000 * kMs;
 constexpr std::int64_t kSnapshotNs = 2000 * kMs;
@@ -170,6 +171,7 @@ struct Hrtc::Impl {
   void send_states();
   void send_commands(const ProbeReports& latest);
   void serve(std::int64_t now_ns);
+  void tell_of_late(const CycleTrace& trace);
   void drain_rings();
   void snapshot(std::int64_t now_ns, const ProbeReports& reports);
   void finish();
@@ -237,6 +239,8 @@ struct Hrtc::Impl {
   int exit_code = 0;
   ProbeReports reports;
   std::array<bool, kMaxProbes> faults_told{};
+  Every late_told{kLateToldNs};
+  std::uint32_t late_untold = 0;  // cycles
   std::uint64_t first_cycle = 0;  // seen; 0: none yet
   std::int64_t first_cycle_ns = 0;
   std::array<ProbeSight, kMaxProbes> sights;
@@ -581,8 +585,8 @@ void Hrtc::Impl::send_metrics(bool all) {
     sample.figures.push_back({names::kTimerP50, timer_samples.percentile_us(0.5)});
     sample.figures.push_back({names::kTimerP99, timer_samples.percentile_us(0.99)});
     sample.figures.push_back({names::kTimerMax, timer_samples.percentile_us(1)});
-    if (timer != nullptr) sample.figures.push_back({names::kTimerLate, static_cast<double>(timer->late())});
   }
+  if (timer != nullptr) sample.figures.push_back({names::kTimerLate, static_cast<double>(timer->late())});
   if (reports.cycle > first_cycle)
     sample.figures.push_back({names::kRate, static_cast<double>(reports.cycle - first_cycle) * 1e9 /
                                                 static_cast<double>(reports.time_ns - first_cycle_ns)});
@@ -612,6 +616,7 @@ void Hrtc::Impl::send_metrics(bool all) {
       {names::kRecordsReceived, static_cast<double>(figures.records_received)},
       {names::kRecordsReturned, static_cast<double>(figures.records_returned)},
       {names::kRecordsRepeated, static_cast<double>(figures.records_repeated)},
+      {names::kRecordsTold, static_cast<double>(figures.records_told)},
       {names::kBytesReceived, static_cast<double>(delivery.payload_bytes)},
       {names::kLoadLatency, figures.load_latency * 1e6},
       {names::kFalseAlarms, static_cast<double>(vigil.false_alarms())},
@@ -752,9 +757,27 @@ void Hrtc::Impl::send_commands(const ProbeReports& latest) {
   }
 }
 
+/// What a cycle did that was late by its own work; where several are, one line a second.
+void Hrtc::Impl::tell_of_late(const CycleTrace& trace) {
+  ++late_untold;
+  if (!late_told.due(monotonic_ns())) return;
+  const CycleCosts& costs = trace.costs;
+  const auto us = [](std::uint32_t ns) { return ns / 1000; };
+  spdlog::warn(
+      "{} late of its own: {} us of CPU time, of these {} loading, {} refining ({} visits, {} changes), {} refitting, "
+      "{} querying, {} on forces, {} waking the sender; {} regions came, {} of {} probes in contact",
+      late_untold == 1 ? std::string{"a cycle was"} : fmt::format("{} cycles were, the last", late_untold),
+      us(trace.cpu), us(costs.load), us(costs.refine), costs.visits, costs.changes, us(costs.refit), us(costs.query),
+      us(costs.force), us(trace.notify), costs.arrivals, trace.in_contact, trace.active);
+  late_untold = 0;
+}
+
 void Hrtc::Impl::drain_rings() {
   CycleTrace trace;
-  while (haptic.traces().pop(trace)) statistics.add(trace);
+  while (haptic.traces().pop(trace)) {
+    statistics.add(trace);
+    if (trace.late && trace.late_is_ours) tell_of_late(trace);
+  }
   if (timer) timer->drain(timer_samples);
   if (!log) return;
   const std::vector<Loader::ObjectInfo> objects = loader.objects();

@@ -72,6 +72,7 @@ struct LoaderFigures {
   std::uint64_t records_received = 0;
   std::uint64_t records_returned = 0;  ///< of these, which were here already or once
   std::uint64_t records_repeated = 0;  ///< of these, which were here already
+  std::uint64_t records_told = 0;      ///< of these, in regions that hosts are told of
   std::uint64_t refused_full = 0;
   std::uint64_t refused_other = 0;
   std::uint64_t decode_errors = 0;

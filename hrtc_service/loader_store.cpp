@@ -72,6 +72,7 @@ bool Loader::keep(Object& object, const session::DeliveryClient::Message& messag
   figures_.records_received += put.records;
   figures_.records_returned += put.returned;
   figures_.records_repeated += put.repeated;
+  figures_.records_told += put.told;
   ++object.info.regions_received;
   ++figures_.regions_received;
   if (note.was_here) ++figures_.regions_reloaded;

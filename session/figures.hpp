@@ -56,6 +56,7 @@ inline constexpr char kObjectsRefused[] = "hrtc.objects_refused";
 inline constexpr char kRecordsReceived[] = "hrtc.records_received";
 inline constexpr char kRecordsReturned[] = "hrtc.records_returned";
 inline constexpr char kRecordsRepeated[] = "hrtc.records_repeated";  ///< received although they were here
+inline constexpr char kRecordsTold[] = "hrtc.records_told";          ///< of these, in regions that hosts are told of
 inline constexpr char kBytesReceived[] = "hrtc.bytes_received";
 inline constexpr char kLoadLatency[] = "hrtc.load_latency_us";
 inline constexpr char kFalseAlarms[] = "hrtc.false_alarms";  ///< hosts that were given up and answered after all

@@ -119,6 +119,7 @@ CodedStore::Put CodedStore::put(ObjectIndex number, RegionId region, Span<const 
   static_cast<void>(for_each([&](std::uint32_t record, std::uint32_t block, const RecordCode* is_sent) {
     if (is_sent != nullptr && object.seen[record]) ++put.returned;
     if (is_sent != nullptr && block != kNone) ++put.repeated;
+    if (is_sent != nullptr && block != kNone && staying_[block] > 0) ++put.told;
     if (block == kNone) {
       BitWriter out;
       out.put(is_sent->anchor, kAnchorBits);

@@ -211,6 +211,7 @@ void SimulatedController::accept(const DeliveryClient::Message& message) {
     return client_->refused(message.object_id, message.region);
   }
   const auto repeated = std::count_if(sent.begin(), sent.end(), [&](std::uint32_t r) { return cache.firm[r] != 0; });
+  figures_.records_received += sent.size();
   figures_.records_repeated += static_cast<std::uint64_t>(repeated);
   if (repeated != 0)
     unless_excused(name() + " came with " + std::to_string(repeated) + " records that were here all along");

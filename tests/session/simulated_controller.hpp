@@ -41,6 +41,7 @@ struct ControllerFigures {
   std::uint64_t regions_held = 0;  ///< accepted by the cache
   std::uint64_t regions_refused = 0;
   std::uint64_t regions_released = 0;
+  std::uint64_t records_received = 0;
   std::uint64_t records_repeated = 0;  ///< came although a region that was never retired had them
   std::uint64_t deaths_noticed = 0;    ///< of hosts that were counted on, by their silence
   std::int64_t noticed_ns = 0;         ///< the longest that took

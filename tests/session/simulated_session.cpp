@@ -267,6 +267,7 @@ class Simulation {
       result_.controllers.regions_held += figures.regions_held;
       result_.controllers.regions_refused += figures.regions_refused;
       result_.controllers.regions_released += figures.regions_released;
+      result_.controllers.records_received += figures.records_received;
       result_.controllers.records_repeated += figures.records_repeated;
       result_.controllers.deaths_noticed += figures.deaths_noticed;
       result_.controllers.noticed_ns = std::max(result_.controllers.noticed_ns, figures.noticed_ns);

@@ -54,6 +54,22 @@ TEST(SessionSimulation, TheDeathOfAHostIsNoticedByItsSilenceLongBeforeTheRosterT
   EXPECT_GE(noticed, 20u) << "or nobody counted on it";
 }
 
+TEST(SessionSimulation, ATakeoverSendsNoRecordAgainThatTheNewHostWasToldOf) {
+  SimulationResult all;
+  for (std::uint64_t seed = 1; seed <= 40; ++seed) {
+    Schedule crash;
+    crash.planned.push_back(death_of_the_first_host());
+    crash.controllers.decode_ns = seed % 2 == 0 ? 30 * kMs : 0;
+    const SimulationResult result = simulate(seed, crash);
+    ASSERT_THAT(result.broken, IsEmpty()) << "seed " << seed;
+    all.controllers.records_received += result.controllers.records_received;
+    all.controllers.records_repeated += result.controllers.records_repeated;
+    all.host_changes += result.host_changes;
+  }
+  EXPECT_GT(all.host_changes, 40u);
+  EXPECT_EQ(all.controllers.records_repeated, 0u) << "of " << all.controllers.records_received;
+}
+
 TEST(SessionSimulation, UnderThreeKindsOfFaultAllHoldsAndHealsInTime) {
   SimulationResult all;
   for (std::uint64_t seed = 1; seed <= kSchedules; ++seed) {

@@ -115,25 +115,32 @@ TEST_F(CodedStoreTest, CountsWhatIsFreeAndWhatLeavesAsSetsOfRecordsDo) {
   }
 
   std::mt19937_64 random{kSeed};
-  int left = 0, taken_back = 0, returned = 0;
+  int left = 0, taken_back = 0, returned = 0, left_out = 0;
   std::set<std::uint32_t> seen;
   for (int step = 0; step < 800; ++step) {
     const auto region = static_cast<std::uint32_t>(random() % regions());
     const auto at = kept.find(region);
     if (at == kept.end()) {
-      const std::set<std::uint32_t> have = all(random() % 2 == 0);
+      const std::set<std::uint32_t> staying = all(true);
+      const std::set<std::uint32_t> have =
+          random() % 8 == 0 ? std::set<std::uint32_t>{} : all(random() % 2 == 0);  // as the host knows it
       const std::uint32_t free = store_.blocks_free();
       const CodedStore::Put put = this->put(region, have);
       ASSERT_EQ(put.status, Status::kKept) << "step " << step << ", seed " << kSeed;
       EXPECT_EQ(free - store_.blocks_free(), put.blocks);
-      std::uint32_t again = 0, fresh = 0;
+      std::uint32_t again = 0, fresh = 0, repeated = 0, told = 0;
       const std::set<std::uint32_t> here = all(false);
       for (const std::uint32_t r : records_of(region)) {
         if (have.count(r) == 0) again += static_cast<std::uint32_t>(seen.count(r));
+        if (have.count(r) == 0) repeated += static_cast<std::uint32_t>(here.count(r));
+        if (have.count(r) == 0) told += static_cast<std::uint32_t>(staying.count(r));
         if (here.count(r) == 0) fresh += record_blocks.at(r);
         seen.insert(r);
       }
       EXPECT_EQ(put.returned, again);
+      EXPECT_EQ(put.repeated, repeated);
+      EXPECT_EQ(put.told, told);
+      left_out += put.repeated > put.told ? 1 : 0;
       returned += put.returned > 0 ? 1 : 0;
       kept[region] = {records_of(region), put.blocks - fresh, false};
     } else if (at->second.leaves && random() % 2 == 0) {
@@ -158,6 +165,7 @@ TEST_F(CodedStoreTest, CountsWhatIsFreeAndWhatLeavesAsSetsOfRecordsDo) {
   EXPECT_GT(left, 100);
   EXPECT_GT(taken_back, 100);
   EXPECT_GT(returned, 100);
+  EXPECT_GT(left_out, 50);
 }
 
 TEST_F(CodedStoreTest, AMessageThatCountsOnWhatIsNotHereIsIncompleteAndChangesNothing) {
