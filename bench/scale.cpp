@@ -3,6 +3,9 @@
 //   trouble   one HRTC is frozen, or gets a tenth of its time: what that does to the records and probe states of others
 //   joining   32 HRTCs start within a second, their tips resting at as many places: when the last touches exactly;
 //             beside it, by their number, the same and with moving tips
+//   coded     64 probes at 1 kHz, 8 to an HRTC, each on a way of its own: what a listener hears of their coded states,
+//   and
+//             what that costs; beside it fewer, as a curve
 //   crowding  8 HRTCs follow one path: the host's bytes, beside those for one
 //   state     32 HRTCs, 10,000 regions: the heap that a host's half of delivery takes for them
 #include <malloc.h>
@@ -53,6 +56,7 @@ struct Settings {
   double seconds = 2;  // of each window
   int joining = 32;
   int fewest = 0;                           // joining together; 0: an eighth of joining
+  int probes = 64;                          // that are coded, 8 to an HRTC
   std::uint32_t regions_faces = 2'950'000;  // of a model of some 10,000 regions
 };
 
@@ -71,6 +75,13 @@ double cpu_seconds(int pid) {
   return (user + system) / static_cast<double>(::sysconf(_SC_CLK_TCK));
 }
 
+/// What has been heard of coded probe states, of all users.
+struct Heard {
+  Samples ages;            // us, from being sent to being decoded
+  std::uint64_t came = 0;  // states, and
+  std::uint64_t sent = 0;  // their numbers between the first and the last of each user
+};
+
 /// Sees probe states and metrics of all in the session.
 class Watch {
  public:
@@ -84,6 +95,19 @@ class Watch {
     const std::lock_guard lock{mutex_};
     followed_ = session::id_of(user);
     ages_ = ages;
+  }
+  /// What is heard from now on, of everybody, until `heard` is called.
+  void hear_all() {
+    const std::lock_guard lock{mutex_};
+    hearing_ = true;
+    heard_ = {};
+    numbers_.clear();
+  }
+  [[nodiscard]] Heard heard() {
+    const std::lock_guard lock{mutex_};
+    hearing_ = false;
+    for (const auto& [user, numbers] : numbers_) heard_.sent += numbers.second - numbers.first + 1;
+    return std::exchange(heard_, {});
   }
   /// Users that have touched exactly.
   [[nodiscard]] std::size_t touching() const {
@@ -100,8 +124,15 @@ class Watch {
  private:
   void take(const session::ProbeState& state) {
     const std::lock_guard lock{mutex_};
-    if (ages_ != nullptr && state.user_id == followed_)
-      ages_->add(static_cast<double>(wire::monotonic_ns() - state.origin.time_ns) / 1e3);
+    const double age_us = static_cast<double>(wire::monotonic_ns() - state.origin.time_ns) / 1e3;
+    if (ages_ != nullptr && state.user_id == followed_) ages_->add(age_us);
+    if (hearing_) {
+      heard_.ages.add(age_us);
+      ++heard_.came;
+      auto& [first, last] = numbers_.try_emplace(state.user_id, state.sequence, state.sequence).first->second;
+      first = std::min(first, state.sequence);
+      last = std::max(last, state.sequence);
+    }
     constexpr std::uint32_t kTouches = session::kInContact | session::kExact;
     if ((state.status & kTouches) == kTouches) touching_.insert(state.user_id);
   }
@@ -113,6 +144,9 @@ class Watch {
   mutable std::mutex mutex_;
   std::uint64_t followed_ = 0;
   Samples* ages_ = nullptr;
+  bool hearing_ = false;
+  Heard heard_;
+  std::map<std::uint64_t, std::pair<std::uint32_t, std::uint32_t>> numbers_;  // of states, by user: first, last
   std::set<std::uint64_t> touching_;
   std::map<std::pair<std::uint64_t, std::string>, double> figures_;
   wire::Links links_;
@@ -135,6 +169,7 @@ class Laboratory {
            << "\n    position: [0, 0, 0]\n    scale: " << subject.model.summary.metres_per_unit << '\n';
     if (!config.flush()) throw std::runtime_error("cannot write " + (folder_.path() / "host.yaml").string());
     record("slow.csv", subject, kSpeed);
+    for (int place = 0; place < settings.probes; ++place) wander(place);
     record("fast.csv", subject, kFast);
     for (int place = 0; place < settings.joining; ++place) rest(place);
     programs_ = std::filesystem::read_symlink("/proc/self/exe").parent_path();
@@ -155,6 +190,17 @@ class Laboratory {
     more.insert(more.end(), {"--name", name, "--replay", name + "=" + (folder_.path() / (path + ".csv")).string()});
     return start("tactus-hrtc", session, more);
   }
+  /// With users that follow the given recordings, and are named like these and the HRTC.
+  [[nodiscard]] std::unique_ptr<Process> hrtc(const std::string& session, const std::string& name,
+                                              const std::vector<std::string>& paths) const {
+    std::vector<std::string> arguments{"--name", name};
+    for (const std::string& path : paths)
+      arguments.insert(arguments.end(),
+                       {"--replay", name + "-" + path + "=" + (folder_.path() / (path + ".csv")).string()});
+    return start("tactus-hrtc", session, arguments);
+  }
+  /// The recording of a tip that wanders from a place on.
+  [[nodiscard]] static std::string wandering(int place) { return "way-" + std::to_string(place); }
   /// The recording of a tip that stays at a place.
   [[nodiscard]] static std::string resting(int place) { return "rest-" + std::to_string(place); }
   [[nodiscard]] wire::SessionAddress address(const std::string& session, const std::string& participant) const {
@@ -197,6 +243,18 @@ class Laboratory {
     out.precision(9);
     const std::size_t at = way_.size() * static_cast<std::size_t>(place) / static_cast<std::size_t>(settings_.joining);
     for (const double time : {0.0, 60.0}) write_row(out, time, way_[at]);
+    if (!out.flush()) throw std::runtime_error("cannot write " + name);
+  }
+  /// A tip that follows the way recorded last from a place of its own.
+  void wander(int place) const {
+    const std::string name = wandering(place) + ".csv";
+    std::ofstream out{folder_.path() / name};
+    out.precision(9);
+    constexpr std::size_t kSteps = 20'000, kStride = 5;
+    const std::size_t steps = std::min(kSteps, way_.size());
+    const std::size_t from =
+        (way_.size() - steps) * static_cast<std::size_t>(place) / static_cast<std::size_t>(settings_.probes);
+    for (std::size_t i = 0; i < steps; i += kStride) write_row(out, static_cast<double>(i) * kPeriod, way_[from + i]);
     if (!out.flush()) throw std::runtime_error("cannot write " + name);
   }
   static void write_row(std::ofstream& out, double time, const Vec3d& at) {
@@ -333,6 +391,62 @@ Joining run_joining(const Laboratory& lab, int many, Tips tips) {
   return joining;
 }
 
+// ---- coded
+
+struct Coded {
+  Heard heard;
+  double seconds = 0;
+  double touching = 0;  // probes that have touched exactly
+  double cores = 0;     // that host and HRTCs take
+  double cycles = 0;    // of all HRTCs, and of these
+  double late_ours = 0, late_stolen = 0, skipped = 0;
+};
+
+Coded run_coded(const Laboratory& lab, const Settings& settings, int probes) {
+  constexpr int kEach = 8;  // what an HRTC takes at most
+  std::fprintf(stderr, "coded: %d probes\n", probes);
+  const std::string session = "coded-" + std::to_string(probes);
+  const auto host = lab.host(session);
+  Watch watch{lab.address(session, "watch")};
+  std::vector<std::unique_ptr<Process>> hrtcs;
+  std::vector<std::string> names;
+  for (int first = 0; first < probes; first += kEach) {
+    std::vector<std::string> ways;
+    for (int place = first; place < std::min(first + kEach, probes); ++place)
+      ways.push_back(Laboratory::wandering(place * settings.probes / probes));
+    names.push_back("hrtc-" + std::to_string(names.size()));
+    hrtcs.push_back(lab.hrtc(session, names.back(), ways));
+  }
+  (void)wait_until(10 * kSecond, [&] { return watch.touching() >= static_cast<std::size_t>(probes); });
+  std::this_thread::sleep_for(std::chrono::seconds{1});
+  Coded coded;
+  coded.touching = static_cast<double>(watch.touching());
+  const auto of_all = [&](const char* figure) {
+    double sum = 0;
+    for (const std::string& name : names) sum += watch.figure(name, figure);
+    return sum;
+  };
+  const auto take = [&](double sign) {
+    coded.cores += sign * cpu_seconds(host->pid());
+    for (const auto& hrtc : hrtcs) coded.cores += sign * cpu_seconds(hrtc->pid());
+    coded.seconds += sign * static_cast<double>(wire::monotonic_ns()) / 1e9;
+    coded.cycles += sign * of_all(session::figures::kCycles);
+    coded.late_ours += sign * of_all(session::figures::kLateOurs);
+    coded.late_stolen += sign * of_all(session::figures::kLateStolen);
+    coded.skipped += sign * of_all(session::figures::kSkipped);
+  };
+  take(-1);
+  watch.hear_all();
+  std::this_thread::sleep_for(std::chrono::duration<double>{settings.seconds});
+  coded.heard = watch.heard();
+  take(1);
+  coded.cores /= coded.seconds;
+  for (const auto& hrtc : hrtcs) hrtc->signal(SIGTERM);
+  for (const auto& hrtc : hrtcs) (void)hrtc->wait();
+  end(*host);
+  return coded;
+}
+
 // ---- crowding
 
 /// Bytes that a host sends to so many HRTCs on one path.
@@ -428,6 +542,28 @@ void report_joining(const Laboratory& lab, const Settings& settings, Report& rep
   }
 }
 
+void report_coded(const Laboratory& lab, const Settings& settings, Report& report) {
+  for (int probes = std::max(settings.probes / 8, 1); probes <= settings.probes && !wire::stop_signal(); probes *= 2) {
+    const Coded coded = run_coded(lab, settings, probes);
+    const std::string who = std::to_string(probes) + " coded probes at 5 cm/s";
+    report.row("coded states, age", who, "us", coded.heard.ages);
+    report.figure("coded states a second", "of each of " + who, "",
+                  static_cast<double>(coded.heard.came) / coded.seconds / probes);
+    report.figure("cores, host and HRTCs", who, "", coded.cores);
+    report.figure("cycles late of our own", who, "%", 100 * coded.late_ours / coded.cycles);
+    report.figure("cycles late, stolen", who, "%", 100 * coded.late_stolen / coded.cycles);
+    report.figure("cycles skipped", who, "%", 100 * coded.skipped / coded.cycles);
+    report.figure("touch exactly", who, "", coded.touching);
+    const double share = 100 * static_cast<double>(coded.heard.came) / static_cast<double>(coded.heard.sent);
+    if (probes == settings.probes) {
+      report.at_least("coded states delivered", who, "%", share, 99.9);
+      report.at_least("touch exactly", who, "", coded.touching, probes);
+    } else {
+      report.figure("coded states delivered", who, "%", share);
+    }
+  }
+}
+
 void report_crowding(const Laboratory& lab, const Settings&, Report& report) {
   const double one = run_crowd(lab, 1), eight = run_crowd(lab, 8);
   report.figure("bytes of a host for 8 HRTCs on one path", "over those for one", "times", eight / one);
@@ -448,6 +584,7 @@ int run(const Settings& settings) {
   Report report{{"scale", "organ", lab.digest(), settings.faces, text}};
   if (wanted("trouble")) report_trouble(lab, settings, report);
   if (wanted("joining")) report_joining(lab, settings, report);
+  if (wanted("coded")) report_coded(lab, settings, report);
   if (wanted("crowding")) report_crowding(lab, settings, report);
   if (wanted("state")) report_state(settings, report);
   return report.finish(settings.json);
@@ -458,16 +595,17 @@ int run(const Settings& settings) {
 
 int main(int argc, char** argv) {
   tactus::bench::Settings settings;
-  CLI::App app{"Many HRTCs at one host: one in trouble, 32 joining, 8 crowding, the host's state"};
+  CLI::App app{"Many HRTCs at one host: one in trouble, 32 joining, 64 coded probes, 8 crowding, the host's state"};
   app.add_option("--faces", settings.faces, "of the generated organ")->check(CLI::Range(10'000, 10'000'000));
   app.add_option("--pairs", settings.pairs, "windows of each kind")->check(CLI::Range(1, 100));
   app.add_option("--seconds", settings.seconds, "of each window")->check(CLI::Range(0.5, 60.0));
   app.add_option("--joining", settings.joining, "HRTCs that join within a second")->check(CLI::Range(1, 64));
   app.add_option("--fewest", settings.fewest,
                  "HRTCs that join together, doubled until --joining; else an eighth of it");
+  app.add_option("--probes", settings.probes, "that are coded, 8 to an HRTC")->check(CLI::Range(1, 64));
   app.add_option("--domain", settings.domain, "first of the three DDS domains used")->check(CLI::Range(1, 95));
   app.add_option("--part", settings.part, "only this one")
-      ->check(CLI::IsMember({"trouble", "joining", "crowding", "state"}));
+      ->check(CLI::IsMember({"trouble", "joining", "coded", "crowding", "state"}));
   app.add_option("--json", settings.json, "the figures as JSON");
   bool quick = false;
   app.add_flag("--quick", quick, "smaller models, 2 windows and 4 HRTCs, for CI");
@@ -477,6 +615,7 @@ int main(int argc, char** argv) {
       settings.faces = settings.regions_faces = 200'000;
       settings.pairs = 2;
       settings.joining = 4;
+      settings.probes = 8;
     }
     return tactus::bench::run(settings);
   } catch (const CLI::ParseError& error) {
