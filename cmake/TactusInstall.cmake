@@ -26,4 +26,4 @@ configure_package_config_file(cmake/tactusConfig.cmake.in ${PROJECT_BINARY_DIR}/
 write_basic_package_version_file(${PROJECT_BINARY_DIR}/tactusConfigVersion.cmake COMPATIBILITY SameMinorVersion)
 install(FILES ${PROJECT_BINARY_DIR}/tactusConfig.cmake ${PROJECT_BINARY_DIR}/tactusConfigVersion.cmake DESTINATION ${package})
 install(DIRECTORY qos/ DESTINATION ${CMAKE_INSTALL_DATADIR}/tactus/qos)
-install(FILES idl/tactus.idl DESTINATION ${CMAKE_INSTALL_DATADIR}/tactus/idl)
+install(FILES idl/tactus.idl idl/flight.idl DESTINATION ${CMAKE_INSTALL_DATADIR}/tactus/idl)

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <limits>
 
+#include "hrtc_service/flight_recorder.hpp"
 #include "hrtc_service/realtime.hpp"
 
 namespace tactus::hrtc_service {
@@ -32,17 +33,20 @@ Cycle::Cycle(const CycleSettings& settings, const std::array<haptics::DeviceSpec
 }
 
 void Cycle::stop(haptics::Fault fault) noexcept {
+  if (recorder_ != nullptr) recorder_->stopped(fault);
   stopped_ = fault;
   for (haptics::ForceRenderer& force : forces_) force.latch(fault);
 }
 
 void Cycle::reset_faults() noexcept {
+  if (recorder_ != nullptr) recorder_->reset();
   stopped_ = haptics::Fault::kNone;
   for (haptics::ForceRenderer& force : forces_) force.reset();
 }
 
 void Cycle::move(const TouchObject& object, const Placement& placement) noexcept {
   if (!placement.finite()) return;
+  if (recorder_ != nullptr) recorder_->moved(object, placement);
   ObjectState& state = states_[object.index];
   if (!state.moved) state.before = state.placement;
   state.moved = true;
@@ -262,6 +266,7 @@ const CycleResult& Cycle::touch(const std::array<ProbeInput, kMaxProbes>& probes
     result_.probes[i] = output;
   }
   for (const TouchObject* object : objects_) states_[object->index].moved = false;
+  if (recorder_ != nullptr) recorder_->touched(probes, now_ns, arrivals, arrival_count, result_);
   return result_;
 }
 
@@ -329,12 +334,15 @@ const CycleResult& Cycle::refine(spm::Budget budget, const RefineLimit& limit) n
     state.changed = !shown && object->forest->base_shown() ? kAllProbes : 0;
     state.since_change = changes > 0 ? 0 : state.since_change + 1;
     for (std::uint32_t region;
-         departures_.write_available() > 0 && (region = object->forest->take_retired()) != spm::kNone;)
+         departures_.write_available() > 0 && (region = object->forest->take_retired()) != spm::kNone;) {
       departures_.push({object->index, spm::RegionId{region}});
+      if (recorder_ != nullptr) recorder_->left(*object, spm::RegionId{region});
+    }
   }
   costs.refine = since(mark);
   for (TouchObject* object : objects_) costs.nodes_marked += refit(*object);
   costs.refit = since(mark);
+  if (recorder_ != nullptr) recorder_->refined(*this, departures_.write_available() > 0);
   return result_;
 }
 

@@ -6,7 +6,7 @@
 ///
 /// Both are functions of their arguments and of what went before, but for the clock that may stop refinement. How much
 /// was granted until then is told, and with that as its budget and no clock it is the same to the bit: so inputs and
-/// grants can be recorded and replayed. Realtime. The haptic thread's.
+/// grants can be recorded and replayed (flight_recorder.hpp). Realtime. The haptic thread's.
 ///
 /// We differ from the paper's order (refine, then query): forces are out sooner, and what they cost is known when
 /// refinement asks how long it may take. What it shows is touched a cycle later; it works for where the tip then is.
@@ -15,6 +15,7 @@
 #include <array>
 #include <boost/lockfree/spsc_queue.hpp>
 #include <cstdint>
+#include <type_traits>
 #include <vector>
 
 #include "haptics/force.hpp"
@@ -24,6 +25,8 @@
 #include "trace/contact_log.hpp"
 
 namespace tactus::hrtc_service {
+
+class FlightRecorder;
 
 struct CycleSettings {
   double period = 0.001;  ///< s
@@ -87,6 +90,24 @@ class Cycle {
   /// `specs`: what each probe's device bears, in world units.
   Cycle(const CycleSettings& settings, const std::array<haptics::DeviceSpec, kMaxProbes>& specs,
         DepartureRing& departures, LogRing* log);
+
+  /// Is told of every call that follows; must outlive the cycle. Not realtime.
+  void set_recorder(FlightRecorder* recorder) noexcept { recorder_ = recorder; }
+  /// Everything that one cycle leaves to the next beside the meshes, as `visit(place, bytes)`; a cycle of the same
+  /// build and settings with the same objects that has these bytes written into the same places goes on as this one
+  /// does. A member that outlives a cycle belongs here. Realtime if `visit` is.
+  template <class Visit>
+  void for_each_carried(Visit&& visit) noexcept {
+    const auto part = [&](auto& value) {
+      using Part = std::remove_reference_t<decltype(value)>;
+      static_assert(!std::is_polymorphic_v<Part> && std::is_trivially_destructible_v<Part>, "plain numbers only");
+      visit(static_cast<void*>(&value), sizeof value);
+    };
+    for (std::size_t i = 0; i < objects_.size(); ++i) part(states_[i]);
+    part(near_), part(wandering_), part(tips_), part(proxies_), part(reach_);
+    for (haptics::ForceRenderer& force : forces_) part(force);
+    part(stopped_), part(result_);
+  }
 
   /// Where an object stands from the next `touch` on: its probes go along or are pushed. May come before each `touch`.
   /// What is not finite is passed over. The object counts as near to every tip from then on. Realtime.
@@ -163,6 +184,7 @@ class Cycle {
   CycleSettings settings_;
   DepartureRing& departures_;
   LogRing* log_;
+  FlightRecorder* recorder_ = nullptr;
   std::vector<TouchObject*> objects_;              // reserved for kMaxObjects
   std::array<ObjectState, kMaxObjects> states_{};  // by object index
   std::array<std::uint64_t, kMaxProbes> near_{};   // objects that a tip could touch, by index bit

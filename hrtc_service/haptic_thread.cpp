@@ -35,6 +35,7 @@ HapticThread::HapticThread(const HapticSettings& settings, const std::array<hapt
       cycle_{settings.cycle, specs, departures_, settings.log ? &log_ : nullptr},
       governor_{settings.deadline_ns},
       event_{eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)} {
+  cycle_.set_recorder(settings.recorder);
   touch(arrivals_);
   touch(departures_);
   touch(traces_);

@@ -70,7 +70,8 @@ struct HapticSettings {
   int priority = 60;                   ///< SCHED_FIFO; 0: do not ask
   haptics::DeviceFrame frame;          ///< of devices that have one of their own
   bool log = false;
-  std::uint32_t snapshot_nodes = 0;  ///< tree nodes of the pool when snapshots will be asked for; 0: never
+  FlightRecorder* recorder = nullptr;  ///< told of every cycle; outlives the thread
+  std::uint32_t snapshot_nodes = 0;    ///< tree nodes of the pool when snapshots will be asked for; 0: never
 
   [[nodiscard]] std::int64_t period_ns() const noexcept { return std::llround(cycle.period * 1e9); }
 };

@@ -197,6 +197,7 @@ struct Hrtc::Impl {
   Inbox inbox{1u << 14};
   spm::Pool pool;
   spm::NodePool nodes;
+  std::unique_ptr<FlightKeeper> flight;  // null: nothing is recorded
   HapticThread haptic;
   Loader loader;
   session::Roster roster;
@@ -246,6 +247,7 @@ struct Hrtc::Impl {
   std::array<ProbeSight, kMaxProbes> sights;
   std::int64_t contact_since_ns = 0, snapshot_asked_ns = 0;
   int snapshots_taken = 0;
+  std::uint32_t saves_seen = 0;
   struct Serving {
     std::uint64_t host = 0;
     std::int64_t since_ns = 0;  // of a change whose first records have not come
@@ -284,6 +286,19 @@ std::array<haptics::DeviceSpec, kMaxProbes> specs_of(const HrtcOptions& options)
   return specs;
 }
 
+std::unique_ptr<FlightKeeper> flight_keeper(const HrtcOptions& options) {
+  if (options.flight.seconds <= 0) return nullptr;
+  return std::make_unique<FlightKeeper>(
+      options.flight, flight_start(options.address.participant, options.haptic.cycle, options.pool, specs_of(options)),
+      static_cast<std::uint32_t>(std::min<std::size_t>(options.max_users, kMaxProbes)));
+}
+
+HapticSettings haptic_settings(const HrtcOptions& options, FlightKeeper* flight) {
+  HapticSettings settings = options.haptic;
+  if (flight != nullptr) settings.recorder = &flight->recorder();
+  return settings;
+}
+
 LoaderSettings loader_settings(const HrtcOptions& options) {
   LoaderSettings settings;
   settings.radius = options.haptic.cycle.radius;
@@ -300,7 +315,8 @@ Hrtc::Impl::Impl(HrtcOptions given)
       links{options.address},
       pool{options.pool},
       nodes{options.pool.tree_nodes},
-      haptic{options.haptic, specs_of(options)},
+      flight{flight_keeper(options)},
+      haptic{haptic_settings(options, flight.get()), specs_of(options)},
       loader{pool, nodes, links.origin(), loader_settings(options), haptic.arrivals(), haptic.departures()},
       roster{links.origin(), {}},
       clock{links.origin(), {}},
@@ -338,6 +354,7 @@ Hrtc::Impl::~Impl() {
   haptic.stop();
   sending = false;
   if (sender.joinable()) sender.join();
+  if (flight) static_cast<void>(flight->stop());  // while the objects are there
 }
 
 void Hrtc::Impl::seat_local_users() {
@@ -540,6 +557,7 @@ void Hrtc::Impl::take(const session::Control& control, std::int64_t) {
     case session::ControlKind::kEmergencyStop:
       spdlog::warn("emergency stop: {}", control.text);
       ++commands.stops;
+      if (flight) flight->save("emergency stop", false);
       haptic.commands().post(commands);
       break;
     case session::ControlKind::kReset:
@@ -896,9 +914,10 @@ void Hrtc::Impl::tell_of_fault(std::uint32_t slot, std::uint32_t status) {
   faults_told[slot] = fault;
   const auto user = users.find(slot);
   const std::string& name = user == users.end() ? "nobody" : user->second.name;
-  if (fault)
+  if (fault) {
     spdlog::warn("the force of user {} is off until it is reset: {}", name, session::fault_reason(status));
-  else
+    if (flight) flight->save(session::fault_reason(status), false);
+  } else
     spdlog::info("the force of user {} is on again", name);
 }
 
@@ -945,6 +964,10 @@ void Hrtc::Impl::serve(std::int64_t now_ns) {
   open_remote_devices();
   if (modes.due(now_ns)) tick_modes(now_ns);
   drain_rings();
+  if (options.saves != nullptr && saves_seen != *options.saves) {
+    saves_seen = *options.saves;
+    if (flight) flight->save("asked for by a signal", true);
+  }
   snapshot(now_ns, reports);
   if (!host_seen && now_ns - started_ns > kNoHostNs && no_host.due(now_ns))
     spdlog::warn(
@@ -966,6 +989,7 @@ void Hrtc::Impl::finish() {
   sending = false;
   if (sender.joinable()) sender.join();
   drain_rings();
+  if (flight && !flight->stop()) exit_code = 1;
   if (haptic.traces_dropped() > 0)
     spdlog::warn("{} cycles are missing in the figures: the service fell behind", haptic.traces_dropped());
   if (inbox.dropped() > 0) spdlog::warn("{} samples found the inbox full and were dropped", inbox.dropped());
@@ -991,6 +1015,14 @@ int Hrtc::Impl::run(const std::atomic<bool>& stop) {
   if (options.haptic.priority > 0) spdlog::info("{}", wire::lock_memory());
   started_ns = monotonic_ns();
   haptic.commands().post(commands);
+  if (flight) {
+    flight->on_event = [](bool trouble, const std::string& text) {
+      spdlog::log(trouble ? spdlog::level::warn : spdlog::level::info, "{}", text);
+    };
+    flight->start();
+    spdlog::info("flight recorder: the last {:g} s, {:.1f} MiB at most", options.flight.seconds,
+                 static_cast<double>(flight->most_bytes()) / (1 << 20));
+  }
   spdlog::info("{}", haptic.start());
   if (options.timer_beside) timer = std::make_unique<TimerBeside>(options.haptic.period_ns(), options.haptic.priority);
   sending = true;

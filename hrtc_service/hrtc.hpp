@@ -4,6 +4,7 @@
 ///   haptic   devices, cycle                                    its period
 ///   sender   probe states                                      the haptic thread's eventfd
 ///   service  roster, clock, loader, metrics, log               samples that arrive, else every 2 ms
+///   flight   what is kept of the last cycles                   20 ms
 ///   (DDS)    callbacks that copy a sample into the inbox       the network
 #pragma once
 
@@ -15,6 +16,7 @@
 #include <string>
 #include <vector>
 
+#include "hrtc_service/flight_keeper.hpp"
 #include "hrtc_service/haptic_thread.hpp"
 #include "spm/pool.hpp"
 #include "spm/prediction.hpp"
@@ -38,10 +40,13 @@ struct HrtcOptions {
   std::vector<LocalUser> local_users;
   std::filesystem::path log;       ///< contact log; empty: none
   std::filesystem::path snapshot;  ///< directory for the shown meshes; empty: none
-  double host_patience = 0;        ///< s to wait for a first host; 0: for ever
-  bool timer_beside = false;       ///< measure a bare timer of the same priority
-  double state_rate = 1000;        ///< Hz of probe states, at most the cycle's
-  bool coding = true;              ///< to the session only states that a receiver would miss; false: all
+  FlightOptions flight;            ///< what is kept of the last cycles
+  /// Grows when what is kept of the last cycles shall be written; null: nobody asks.
+  const std::atomic<std::uint32_t>* saves = nullptr;
+  double host_patience = 0;   ///< s to wait for a first host; 0: for ever
+  bool timer_beside = false;  ///< measure a bare timer of the same priority
+  double state_rate = 1000;   ///< Hz of probe states, at most the cycle's
+  bool coding = true;         ///< to the session only states that a receiver would miss; false: all
 };
 
 class Hrtc {

@@ -156,6 +156,8 @@ void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {
   TouchObject& touch = object.touch;
   touch.index = object.info.index;
   touch.id = object.info.id;
+  touch.digest = object.info.digest;
+  touch.name = object.info.name;
   touch.placement = Placement{object.entry.pose, object.entry.scale};
   touch.material = object.entry.material;
   touch.bounds = {wide(object.summary.bounds_min), wide(object.summary.bounds_max)};

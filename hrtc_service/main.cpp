@@ -48,6 +48,8 @@ int main(int argc, char** argv) {
   hrtc_service::HrtcOptions options;
   options.address.session = "tactus";
   options.address.participant = "hrtc";
+  options.flight.folder = std::filesystem::temp_directory_path() / "tactus-flight";
+  options.saves = &wire::save_signals();
   constexpr std::uint32_t kLeastSlots = 256;
   std::uint32_t slots = 1u << 16;
   std::uint64_t memory_bytes = 0;
@@ -103,6 +105,14 @@ int main(int argc, char** argv) {
   app.add_option("--log", options.log, "Contact log, for tactus-mesh audit");
   app.add_option("--snapshot", options.snapshot,
                  "Directory for PLY files of the active mesh while something is touched");
+  app.add_option(
+         "--flight-recorder", options.flight.seconds,
+         "Seconds of cycles that are kept in memory and written, for tactus replay, after a fault, an emergency "
+         "stop or SIGUSR1; 0: none")
+      ->capture_default_str()
+      ->check(CLI::Range(0.0, 3600.0));
+  app.add_option("--flight-folder", options.flight.folder, "Where to")->capture_default_str();
+  app.add_option("--flight-file", options.flight.file, "What is kept at the end goes here, too");
   app.add_option("--wait-host", options.host_patience,
                  "Give up when no host is found within so many seconds; 0: never");
   app.add_option("--state-rate", options.state_rate, "Probe states per second")

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstdint>
 #include <memory>
+#include <string>
 
 #include "haptics/surface.hpp"
 #include "session/messages.hpp"
@@ -46,6 +47,22 @@ class Placement {
   [[nodiscard]] Vec3d direction_to_world(const Vec3d& model) const noexcept { return rotation_ * model; }
   [[nodiscard]] Vec3d direction_to_model(const Vec3d& world) const noexcept { return rotation_.transpose() * world; }
   [[nodiscard]] double scale() const noexcept { return scale_; }
+  /// scale, rotation row by row, translation; the same placement to the bit comes of them.
+  using Numbers = std::array<double, 13>;
+  [[nodiscard]] Numbers numbers() const noexcept {
+    Numbers all{scale_};
+    for (int row = 0; row < 3; ++row) {
+      for (int column = 0; column < 3; ++column) all[1 + 3 * row + column] = rotation_(row, column);
+      all[10 + row] = translation_[row];
+    }
+    return all;
+  }
+  explicit Placement(const Numbers& all) noexcept : scale_{all[0]} {
+    for (int row = 0; row < 3; ++row) {
+      for (int column = 0; column < 3; ++column) rotation_(row, column) = all[1 + 3 * row + column];
+      translation_[row] = all[10 + row];
+    }
+  }
   [[nodiscard]] bool finite() const noexcept {
     return std::isfinite(scale_) && rotation_.allFinite() && translation_.allFinite();
   }
@@ -61,7 +78,9 @@ class Placement {
 struct TouchObject {
   std::uint32_t index = 0;  ///< of the cache, and bit in NearObjects
   std::uint64_t id = 0;
-  Placement placement;  ///< where it stood when it came
+  std::uint64_t digest = 0;  ///< of the model
+  std::string name;          ///< in the session; for people
+  Placement placement;       ///< where it stood when it came
   session::Material material;
   spm::CellBox bounds;   ///< model frame
   double deviation = 0;  ///< file units; no version of the mesh is further from the finest

@@ -267,6 +267,35 @@ Advance Forest::advance(Budget& budget) noexcept {
   return refining;
 }
 
+std::uint32_t Forest::in_use(InUse* out, std::uint32_t capacity) const noexcept {
+  for (std::uint32_t i = 0; i < in_use_count_ && i < capacity; ++i) {
+    const State& state = state_of(in_use_[i]);
+    out[i] = {in_use_[i], state.cursor, state.retiring};
+  }
+  return in_use_count_;
+}
+
+bool Forest::restore(std::uint32_t base_faces, const InUse* regions, std::uint32_t count) noexcept {
+  if (base_faces > base_.faces.size() || base_cursor_ > 0) return false;
+  for (; base_cursor_ < base_faces; ++base_cursor_) tree_.insert(base_.faces[base_cursor_]);
+  for (std::uint32_t i = 0; i < count; ++i) {
+    const RegionId region = regions[i].region;
+    if (index(region) >= place_.size() || !is_here(region)) return false;
+    State& state = state_of(region);
+    if (state.in_use_at != kNone || regions[i].applied > state.list.length) return false;
+    use(region);
+    for (; state.cursor < regions[i].applied; ++state.cursor) {
+      const std::uint32_t slot = *entry(state, state.cursor);
+      SlotState& record = pool_.state[slot];
+      if (!record.shown()) split(slot);
+      ++record.bits;
+    }
+    if (regions[i].retiring) retire(region);
+  }
+  static_cast<void>(tree_.refit());
+  return true;
+}
+
 bool Forest::exact(const Vec3d& centre, double radius) const noexcept {
   bool all = base_shown();
   const bool seen =

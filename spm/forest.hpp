@@ -85,6 +85,20 @@ class Forest {
   [[nodiscard]] bool is_retiring(RegionId region) const noexcept {
     return is_here(region) && state_of(region).retiring;
   }
+  /// What one cycle leaves to the next, beside the regions that are here: those that were worked on, in the order in
+  /// which they are coarsened. Copies at most `capacity`; returns how many there are. O(regions in use).
+  struct InUse {
+    RegionId region{};
+    std::uint32_t applied = 0;  ///< entries of its list
+    bool retiring = false;
+  };
+  [[nodiscard]] std::uint32_t in_use(InUse* out, std::uint32_t capacity) const noexcept;
+  [[nodiscard]] std::uint32_t base_faces_shown() const noexcept { return static_cast<std::uint32_t>(base_cursor_); }
+  /// Makes a forest in which nothing has been shown yet what another one of the same model and settings was when it
+  /// told these, to the bit. The regions that were here must be. False when these cannot have been told: then it is of
+  /// no more use. Not realtime: O(all that is shown).
+  [[nodiscard]] bool restore(std::uint32_t base_faces, const InUse* regions, std::uint32_t count) noexcept;
+
   /// A query of that ball is exact: every labelled cell it meets is refined.
   [[nodiscard]] bool exact(const Vec3d& centre, double radius) const noexcept;
 

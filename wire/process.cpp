@@ -10,6 +10,11 @@ static_assert(std::atomic<bool>::is_always_lock_free, "set in a signal handler")
 
 void ask_to_stop(int) { stop_asked = true; }
 
+std::atomic<std::uint32_t> saves_asked{0};
+static_assert(std::atomic<std::uint32_t>::is_always_lock_free, "changed in a signal handler");
+
+void ask_to_save(int) { ++saves_asked; }
+
 }  // namespace
 
 const std::atomic<bool>& stop_signal() {
@@ -18,6 +23,14 @@ const std::atomic<bool>& stop_signal() {
   sigaction(SIGINT, &action, nullptr);
   sigaction(SIGTERM, &action, nullptr);
   return stop_asked;
+}
+
+const std::atomic<std::uint32_t>& save_signals() {
+  struct sigaction action {};
+  action.sa_handler = ask_to_save;
+  action.sa_flags = SA_RESTART;
+  sigaction(SIGUSR1, &action, nullptr);
+  return saves_asked;
 }
 
 }  // namespace tactus::wire

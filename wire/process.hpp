@@ -17,4 +17,7 @@ namespace tactus::wire {
 /// the program to look at it often enough to end within 2 s.
 [[nodiscard]] const std::atomic<bool>& stop_signal();
 
+/// How often SIGUSR1 has come, from the first call on: by it an operator asks for what a program keeps to be saved.
+[[nodiscard]] const std::atomic<std::uint32_t>& save_signals();
+
 }  // namespace tactus::wire

@@ -117,9 +117,9 @@ std::string SessionTest::write(const std::string& name, const std::string& text)
 }
 
 std::vector<std::string> SessionTest::program(const std::string& name, std::vector<std::string> arguments) {
-  static const std::map<std::string, std::string> kPrograms{{"host", TACTUS_HOST},       {"hrtc", TACTUS_HRTC},
-                                                            {"sim", TACTUS_SIM},         {"mesh", TACTUS_MESH},
-                                                            {"control", TACTUS_CONTROL}, {"record", TACTUS_RECORD}};
+  static const std::map<std::string, std::string> kPrograms{
+      {"host", TACTUS_HOST},       {"hrtc", TACTUS_HRTC},     {"sim", TACTUS_SIM},      {"mesh", TACTUS_MESH},
+      {"control", TACTUS_CONTROL}, {"record", TACTUS_RECORD}, {"replay", TACTUS_REPLAY}};
   arguments.insert(arguments.begin(), kPrograms.at(name));
   return arguments;
 }
@@ -134,7 +134,7 @@ std::vector<std::string> SessionTest::host(const std::string& name, const std::s
 }
 
 std::vector<std::string> SessionTest::hrtc(const std::string& name, const std::vector<std::string>& further) const {
-  std::vector<std::string> arguments{"--name", name, "--no-coding"};
+  std::vector<std::string> arguments{"--name", name, "--no-coding", "--flight-folder", path("flight")};
   arguments.insert(arguments.end(), further.begin(), further.end());
   return in_session("hrtc", std::move(arguments));
 }

@@ -7,6 +7,7 @@
 #include <memory>
 #include <vector>
 
+#include "hrtc_service/flight_recorder.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
 #include "tests/support/local_session.hpp"
@@ -86,7 +87,10 @@ TEST(Allocation, SixtySecondsOfCyclesAllocateNothing) {
   const spm::Model model = built.model();
   const double radius = (model.summary.bounds_max[0] - model.summary.bounds_min[0]) / 2;
   test_support::LocalSession session{{model}, 1, spm::PoolSettings::for_slots(model.summary.parts / 2)};
-  std::uint64_t contact = 0, changes = 0, allocations = 0;
+  hrtc_service::FlightRecorder recorder{1000};
+  session.cycle().set_recorder(&recorder);
+  hrtc_service::FlightRecord record;
+  std::uint64_t contact = 0, changes = 0, allocations = 0, recorded = 0;
   const auto position = [&](int cycle) -> Vec3d {
     const double angle = cycle * 0.05e-3 / radius;
     return (radius + 0.0025) *
@@ -95,15 +99,20 @@ TEST(Allocation, SixtySecondsOfCyclesAllocateNothing) {
   for (int cycle = 0; cycle < 60000; ++cycle) {
     const Vec3d at = position(cycle);
     session.prepare(at, (position(cycle + 1) - at) * 1000);
-    const test_support::NoAlloc guard;
-    const hrtc_service::CycleResult& result = session.run_cycle(4000);
-    allocations += guard.count();
+    const hrtc_service::CycleResult& result = [&]() -> const hrtc_service::CycleResult& {
+      const test_support::NoAlloc guard;
+      const hrtc_service::CycleResult& made = session.run_cycle(4000);
+      allocations += guard.count();
+      return made;
+    }();
+    recorded += recorder.next(record) ? 1 : 0;
     contact += (result.probes[0].status & session::kInContact) != 0 ? 1 : 0;
     changes += result.costs.changes;
   }
   EXPECT_EQ(allocations, 0u);
   EXPECT_GT(contact, 50000u);
   EXPECT_GT(changes, 10000u);
+  EXPECT_EQ(recorded, 60000u);
 }
 
 }  // namespace

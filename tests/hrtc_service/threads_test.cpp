@@ -9,6 +9,8 @@
 #include <thread>
 
 #include "haptics/simulated_device.hpp"
+#include "hrtc_service/flight_keeper.hpp"
+#include "hrtc_service/flight_replay.hpp"
 #include "hrtc_service/haptic_thread.hpp"
 #include "hrtc_service/loader.hpp"
 #include "hrtc_service/realtime.hpp"
@@ -16,6 +18,7 @@
 #include "spm/codec/model_codec.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
+#include "tests/support/temporary_folder.hpp"
 
 namespace tactus {
 namespace {
@@ -37,6 +40,13 @@ TEST(Threads, AHandFeelsWhatALoaderBringsAndEvictsMeanwhile) {
   haptic_settings.priority = 0;
   haptic_settings.log = true;
   haptic_settings.snapshot_nodes = settings.tree_nodes;
+  const test_support::TemporaryFolder folder;
+  hrtc_service::FlightOptions flight_options;
+  flight_options.folder = folder.path();
+  flight_options.file = folder.path() / "end.mcap";
+  hrtc_service::FlightKeeper flight{flight_options,
+                                    hrtc_service::flight_start("desk", haptic_settings.cycle, settings, {}), 1};
+  haptic_settings.recorder = &flight.recorder();
   hrtc_service::HapticThread haptic{haptic_settings, {}};
   session::DeliveryServer server{session::Origin{kSession, kHost, 1, 0}};
   const spm::codec::EncodedModel encoded{model};
@@ -59,6 +69,7 @@ TEST(Threads, AHandFeelsWhatALoaderBringsAndEvictsMeanwhile) {
   hrtc_service::HapticCommands commands;
   commands.devices[0] = &device;
   haptic.commands().post(commands);
+  flight.start();
   (void)haptic.start();
 
   const std::int64_t start = hrtc_service::monotonic_ns();
@@ -105,7 +116,12 @@ TEST(Threads, AHandFeelsWhatALoaderBringsAndEvictsMeanwhile) {
     std::this_thread::yield();
   }
   haptic.stop();
+  EXPECT_TRUE(flight.stop());
+  const hrtc_service::FlightReport replayed =
+      hrtc_service::replay_flight(flight_options.file, {[&](std::uint64_t) { return &encoded.coded(); }, {}, false});
 
+  EXPECT_EQ(replayed.differ, 0u) << replayed.first_difference;
+  EXPECT_GT(replayed.in_contact, 100u);
   EXPECT_GT(logged, exact);
   EXPECT_GT(hashes.size(), 2u);
   EXPECT_FALSE(haptic.snapshot(0).empty());

@@ -22,7 +22,8 @@ class LocalSession {
   /// `models` must outlive the session; scale in metres per file unit. `delay_cycles`: chunks and demands are that long
   /// under way.
   LocalSession(const std::vector<spm::Model>& models, double scale, spm::PoolSettings settings,
-               std::uint32_t delay_cycles = 2, const hrtc_service::LoaderSettings& loader = {})
+               std::uint32_t delay_cycles = 2, const hrtc_service::LoaderSettings& loader = {},
+               const session::Material& material = {})
       : models_{models},
         pool_{settings},
         nodes_{settings.tree_nodes},
@@ -42,6 +43,7 @@ class LocalSession {
       entry.object_id = id;
       entry.summary = models_[i].summary;
       entry.scale = scale;
+      entry.material = material;
       entry.pose.position = {static_cast<double>(i), 0, 0};
       entry.base_bytes = server_.base_bytes(id);
       loader_.on_host_seen(kHost, 1, now_);
@@ -82,9 +84,17 @@ class LocalSession {
   /// The next log entry; false when there is none.
   bool take_log(trace::LoggedQuery& entry) { return log_.pop(entry); }
 
+  /// What the next `touch` is given: that of the first probe is set by `prepare`, others are whose test it is.
+  [[nodiscard]] std::array<hrtc_service::ProbeInput, hrtc_service::kMaxProbes>& inputs() { return inputs_; }
   [[nodiscard]] hrtc_service::Cycle& cycle() { return cycle_; }
   [[nodiscard]] hrtc_service::Loader& loader() { return loader_; }
   [[nodiscard]] session::DeliveryServer& server() { return server_; }
+  static hrtc_service::CycleSettings cycle_settings() {
+    hrtc_service::CycleSettings settings;
+    settings.force.soft_start = 0.01;
+    return settings;
+  }
+
   /// What the loader said.
   std::vector<std::string> events;
   /// While false nothing passes between host and loader.
@@ -96,12 +106,6 @@ class LocalSession {
     std::uint64_t due;
     Sample sample;
   };
-
-  static hrtc_service::CycleSettings cycle_settings() {
-    hrtc_service::CycleSettings settings;
-    settings.force.soft_start = 0.01;
-    return settings;
-  }
 
   void exchange(const spm::Vec3d& device) {
     std::array<hrtc_service::ProbeSight, hrtc_service::kMaxProbes> sights;

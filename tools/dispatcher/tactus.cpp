@@ -27,6 +27,7 @@ constexpr std::array kCommands{
     Command{"sim", "tactus-sim", "simulated users that follow a scenario, and the session's report"},
     Command{"control", "tactus-control", "emergency stop, reset, session mode and end, from anywhere"},
     Command{"record", "tactus-record", "every topic of a session into an MCAP file"},
+    Command{"replay", "tactus-replay", "make the forces of a flight recording again, to the bit"},
     Command{"latency", "tactus-latency", "measure latency, jitter and loss of a session's topics, and of a network"},
     Command{"doctor", "tactus-doctor", "whether this machine is fit for a session, and what mends it"},
     Command{"link", "tactus-link", "emulated network links between two namespaces of this machine"},

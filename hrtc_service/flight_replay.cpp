@@ -1,0 +1,415 @@
+#include "hrtc_service/flight_replay.hpp"
+
+#include <xmmintrin.h>
+
+#include <cstdio>
+#include <cstring>
+#include <map>
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include "hrtc_service/build_id.hpp"
+#include "hrtc_service/flight_recorder.hpp"
+#include "spm/cache.hpp"
+#include "spm/codec/region_codec.hpp"
+
+namespace tactus::hrtc_service {
+namespace {
+
+using trace::FlightError;
+
+/// A call that a cycle which went astray cannot get.
+class Astray : public FlightError {
+ public:
+  using FlightError::FlightError;
+};
+
+/// What the processor does with denormals and rounding, while it lives.
+class FloatControl {
+ public:
+  FloatControl() : before_{_mm_getcsr()} {}
+  ~FloatControl() { _mm_setcsr(before_); }
+  FloatControl(const FloatControl&) = delete;
+  FloatControl& operator=(const FloatControl&) = delete;
+  void set(std::uint32_t control) noexcept { _mm_setcsr((_mm_getcsr() & ~0xffc0u) | (control & 0xffc0u)); }
+
+ private:
+  unsigned before_;
+};
+
+std::string text(const std::array<double, 3>& v) {
+  std::array<char, 96> out{};
+  std::snprintf(out.data(), out.size(), "(%.17g, %.17g, %.17g)", v[0], v[1], v[2]);
+  return out.data();
+}
+
+template <class Value>
+bool same(const Value& a, const Value& b) noexcept {
+  return std::memcmp(&a, &b, sizeof a) == 0;
+}
+
+CycleSettings settings_of(const trace::FlightStart& start) {
+  CycleSettings settings;
+  settings.period = start.period;
+  settings.radius = start.tip_radius;
+  settings.refine_margin = start.refine_margin;
+  settings.keep_margin = start.keep_margin;
+  settings.refine_ahead = start.refine_ahead;
+  settings.force = {start.max_force, start.max_slew, start.soft_start, start.recovery,
+                    start.hold,      start.zero_by,  start.max_speed};
+  return settings;
+}
+
+std::array<haptics::DeviceSpec, kMaxProbes> specs_of(const trace::FlightStart& start) {
+  if (start.devices.size() != kMaxProbes)
+    throw FlightError("found " + std::to_string(start.devices.size()) + " devices, expected " +
+                      std::to_string(kMaxProbes));
+  std::array<haptics::DeviceSpec, kMaxProbes> specs;
+  for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
+    const trace::FlightLimits& limits = start.devices[i];
+    specs[i] = {limits.max_force, limits.max_stiffness, limits.damping, limits.workspace_radius};
+  }
+  return specs;
+}
+
+ProbeInput input_of(const trace::FlightProbe& probe) {
+  ProbeInput input;
+  input.active = true;
+  input.device.position = vec(probe.position);
+  input.device.velocity = vec(probe.velocity);
+  input.device.orientation =
+      Eigen::Quaterniond{probe.orientation[3], probe.orientation[0], probe.orientation[1], probe.orientation[2]};
+  input.device.buttons = probe.buttons;
+  input.device.time_ns = probe.pose_time_ns;
+  input.device.sequence = probe.pose_sequence;
+  input.device.transit = probe.transit;
+  input.device.loop_delay = probe.loop_delay;
+  input.pose_age = probe.pose_age;
+  input.near = {probe.near_found, probe.near_sought, probe.near_centre, probe.near_moved};
+  input.failed = probe.failed != 0;
+  return input;
+}
+
+/// A controller's haptic half, with models in place of a loader.
+class World {
+ public:
+  explicit World(const trace::FlightStart& start)
+      : pool_{pool_settings(start)},
+        nodes_{start.tree_nodes},
+        cache_{pool_},
+        cycle_{settings_of(start), specs_of(start), departures_, nullptr} {}
+
+  [[nodiscard]] Cycle& cycle() noexcept { return cycle_; }
+
+  [[nodiscard]] TouchObject& object(std::uint32_t number) {
+    if (number >= objects_.size()) throw FlightError("found object " + std::to_string(number) + ", which has not come");
+    return objects_[number]->touch;
+  }
+
+  [[nodiscard]] Arrival add(const trace::FlightObject& described, const spm::codec::CodedModel& model) {
+    const spm::BaseMesh& base = model.base();
+    spm::Cache::Admitted admitted = cache_.admit(base);
+    if (!admitted.fits || spm::index(admitted.object) != described.object)
+      throw FlightError("object '" + described.name + "' does not fit as it did");
+    auto& object = *objects_.emplace_back(std::make_unique<Object>());
+    object.model = &model;
+    TouchObject& touch = object.touch;
+    touch.index = described.object;
+    touch.id = described.id;
+    touch.digest = described.digest;
+    touch.name = described.name;
+    touch.placement = Placement{described.placement};
+    touch.material = {described.stiffness, described.damping, described.static_friction, described.dynamic_friction};
+    const auto wide = [](const std::array<float, 3>& p) { return Vec3d{p[0], p[1], p[2]}; };
+    touch.bounds = {wide(base.summary.bounds_min), wide(base.summary.bounds_max)};
+    touch.deviation = base.summary.deviation;
+    touch.forest =
+        std::make_unique<spm::Forest>(pool_, nodes_, touch.index, base.summary,
+                                      spm::RegionGrid{base.summary.grid, base.regions}, std::move(admitted.base));
+    return {Arrival::Kind::kObject, &touch, {}, {}};
+  }
+
+  [[nodiscard]] Arrival region(std::uint32_t number, spm::RegionId region) {
+    TouchObject& touch = object(number);
+    const spm::codec::CodedModel& model = *objects_[number]->model;
+    if (spm::index(region) >= model.summary().regions || touch.forest->is_here(region))
+      throw Astray("region " + std::to_string(spm::index(region)) + " of object '" + touch.name + "' cannot have come");
+    const spm::ObjectIndex index{number};
+    std::vector<spm::Run> missing;
+    for (const spm::Run& run : model.runs_of(region))
+      for (std::uint32_t record = run.first; record < run.first + run.count; ++record) {
+        if (cache_.has(index, record)) continue;
+        if (!missing.empty() && missing.back().first + missing.back().count == record)
+          ++missing.back().count;
+        else
+          missing.push_back({record, 1});
+      }
+    const spm::codec::Bytes message = spm::codec::encode_region(model, region, missing);
+    const auto decoded = spm::codec::decode_region(message, model.summary(), model.tables());
+    spm::RegionList list;
+    if (!decoded || cache_.accept(index, *decoded, list) != spm::AcceptResult::kAccepted)
+      throw Astray("region " + std::to_string(spm::index(region)) + " of object '" + touch.name +
+                   "' does not fit as it did");
+    return {Arrival::Kind::kRegion, &touch, region, list};
+  }
+
+  [[nodiscard]] Arrival retirement(std::uint32_t number, spm::RegionId region) {
+    TouchObject& touch = object(number);
+    if (spm::index(region) >= touch.forest->grid().size() || !touch.forest->is_here(region) ||
+        touch.forest->is_retiring(region))
+      throw Astray("region " + std::to_string(spm::index(region)) + " of object '" + touch.name +
+                   "' is not here to be retired");
+    return {Arrival::Kind::kRetire, &touch, region, {}};
+  }
+
+  /// What the haptic thread has given back is freed at once: no later than it was.
+  std::uint64_t release() {
+    std::uint64_t released = 0;
+    for (Departure departure; departures_.pop(departure); ++released)
+      cache_.release(spm::ObjectIndex{departure.object}, departure.region);
+    return released;
+  }
+
+  void touch(const std::array<ProbeInput, kMaxProbes>& probes, std::int64_t now_ns,
+             const std::vector<Arrival>& arrivals) {
+    static_cast<void>(cycle_.touch(probes, now_ns, arrivals.data(), static_cast<std::uint32_t>(arrivals.size())));
+  }
+
+  /// Objects have come, nothing else.
+  void restore(const trace::FlightState& state) {
+    for (const trace::FlightObjectState& told : state.objects) {
+      spm::Forest& forest = *object(told.object).forest;
+      for (const std::uint32_t here : told.here)
+        forest.add(spm::RegionId{here}, region(told.object, spm::RegionId{here}).list);
+      std::vector<spm::Forest::InUse> in_use;
+      for (const trace::FlightRegion& one : told.in_use)
+        in_use.push_back({spm::RegionId{one.region}, one.applied, one.retiring});
+      if (!forest.restore(told.base_faces, in_use.data(), static_cast<std::uint32_t>(in_use.size())) ||
+          forest.mesh_hash() != told.mesh_hash)
+        throw FlightError("object '" + object(told.object).name + "' cannot be brought to the state of cycle " +
+                          std::to_string(state.cycle));
+    }
+    std::size_t bytes = 0;
+    cycle_.for_each_carried([&](void*, std::size_t size) { bytes += size; });
+    if (bytes != state.carried.size())
+      throw FlightError("found a state of " + std::to_string(state.carried.size()) + " bytes, expected " +
+                        std::to_string(bytes));
+    const std::uint8_t* from = state.carried.data();
+    cycle_.for_each_carried([&](void* part, std::size_t size) {
+      std::memcpy(part, from, size);
+      from += size;
+    });
+  }
+
+ private:
+  struct Object {
+    TouchObject touch;
+    const spm::codec::CodedModel* model = nullptr;
+  };
+  static spm::PoolSettings pool_settings(const trace::FlightStart& start) {
+    spm::PoolSettings settings = spm::PoolSettings::for_slots(start.slots);
+    settings.tree_nodes = start.tree_nodes;
+    settings.list_blocks = start.list_blocks;
+    return settings;
+  }
+
+  spm::Pool pool_;
+  spm::NodePool nodes_;
+  spm::Cache cache_;
+  DepartureRing departures_{1u << 16};
+  std::vector<std::unique_ptr<Object>> objects_;
+  Cycle cycle_;
+};
+
+class Replay {
+ public:
+  Replay(const std::filesystem::path& file, const FlightReplayOptions& options)
+      : options_{options}, name_{file.string()}, reader_{file} {}
+
+  FlightReport run() {
+    trace::FlightMessage message;
+    try {
+      while (reader_.next(message)) std::visit([this](const auto& value) { take(value); }, message);
+    } catch (const Astray& error) {
+      if (report_.differ == 0)
+        throw FlightError(name_ + ", after cycle " + std::to_string(cycle_) + ": " + error.what());
+      report_.given_up = "cycle " + std::to_string(cycle_) + ", " + error.what();
+    } catch (const FlightError& error) {
+      throw FlightError(name_ + ", after cycle " + std::to_string(cycle_) + ": " + error.what());
+    }
+    if (!started_) throw FlightError(name_ + ": found no flight recording in it");
+    report_.cut = reader_.is_cut();
+    report_.seconds = static_cast<double>(last_ns_ - first_ns_) * 1e-9;
+    return std::move(report_);
+  }
+
+ private:
+  void take(const trace::FlightStart& start) {
+    if (started_) throw FlightError("found a second start");
+    started_ = true;
+    report_.start = start;
+    report_.from_the_beginning = true;  // until there is a state
+    if (start.build != build_id() && !options_.any_build)
+      throw FlightError("recorded by build " + start.build + ", this is build " + build_id() +
+                        ": only the same one makes the same forces to the bit");
+    world_ = std::make_unique<World>(start);
+  }
+
+  void take(const trace::FlightObject& object) { described_[object.object] = object; }
+
+  void take(const trace::FlightState& state) {
+    if (report_.cycles == 0) report_.from_the_beginning = false;
+    if (report_.start.build != build_id())
+      throw FlightError("begins in the midst, with a state that only build " + report_.start.build + " reads");
+    if (state.lost > 0) ++report_.gaps;
+    report_.lost += state.lost;
+    world_ = std::make_unique<World>(report_.start);
+    std::vector<Arrival> objects;
+    for (const trace::FlightObjectState& object : state.objects) objects.push_back(come(object.object));
+    world_->touch({}, 0, objects);
+    world_->restore(state);
+    inputs_ = {};
+    probes_.clear();
+    arrivals_.clear();
+  }
+
+  void take(const trace::FlightEvent& event) {
+    expect_start();
+    using Kind = trace::FlightEvent::Kind;
+    const spm::RegionId region{event.region};
+    switch (event.kind) {
+      case Kind::kStopped:
+        ++report_.stops;
+        return world().stop(static_cast<haptics::Fault>(event.fault));
+      case Kind::kReset:
+        ++report_.resets;
+        return world().reset_faults();
+      case Kind::kObjectCame:
+        arrivals_.push_back(come(event.object));
+        return;
+      case Kind::kRegionCame:
+        ++report_.regions_came;
+        arrivals_.push_back(world_->region(event.object, region));
+        return;
+      case Kind::kRegionRetired:
+        arrivals_.push_back(world_->retirement(event.object, region));
+        return;
+      case Kind::kRegionLeft:
+        ++left_;
+        return;
+    }
+    throw FlightError("found an unknown event");
+  }
+
+  void take(const trace::FlightMove& move) {
+    expect_start();
+    ++report_.moves;
+    world().move(world_->object(move.object), Placement{move.placement});
+  }
+
+  void take(const trace::FlightProbe& probe) {
+    if (probe.probe >= kMaxProbes) throw FlightError("found probe " + std::to_string(probe.probe));
+    inputs_[probe.probe] = input_of(probe);
+    probes_.push_back(probe);
+  }
+
+  void take(const trace::FlightTouch& touch) {
+    expect_start();
+    cycle_ = touch.cycle;
+    control_.set(touch.float_control);
+    world_->touch(inputs_, touch.time_ns, arrivals_);
+    for (const trace::FlightProbe& probe : probes_) compare(touch, probe, world().result().probes[probe.probe]);
+    if (first_ns_ == 0) first_ns_ = touch.time_ns;
+    last_ns_ = touch.time_ns;
+    inputs_ = {};
+    probes_.clear();
+    arrivals_.clear();
+  }
+
+  void take(const trace::FlightRefine& refine) {
+    expect_start();
+    cycle_ = refine.cycle;
+    const CycleResult& result = world().refine(spm::Budget{refine.granted});
+    std::uint64_t hash = 0;
+    for (const TouchObject* object : world().objects()) hash = flight_hash(hash, object->forest->mesh_hash());
+    const std::uint64_t left = world_->release();
+    if (hash != refine.mesh_hash) note("the mesh is another one");
+    if (left != left_) note(std::to_string(left_) + " regions left, had " + std::to_string(left));
+    if (result.costs.granted != refine.granted || result.budget_spent != (refine.budget_spent != 0) ||
+        result.nodes_full != (refine.nodes_full != 0))
+      note("refinement went otherwise");
+    report_.regions_left += left;
+    report_.budget_spent += result.budget_spent ? 1 : 0;
+    left_ = 0;
+    ++report_.cycles;
+    if (differs_) ++report_.differ;
+    differs_ = false;
+  }
+
+  void compare(const trace::FlightTouch& touch, const trace::FlightProbe& recorded, const ProbeOutput& had) {
+    const std::string who = "probe " + std::to_string(recorded.probe) + ": ";
+    if (!same(recorded.force, had.force))
+      note(who + "force was " + text(recorded.force) + " N, had " + text(had.force));
+    else if (!same(recorded.proxy, had.proxy))
+      note(who + "proxy was at " + text(recorded.proxy) + " m, had " + text(had.proxy));
+    else if (recorded.status != had.status || recorded.touched_object != had.object ||
+             recorded.contacts != had.contacts)
+      note(who + "status, object or contacts differ");
+    const auto has = [&](std::uint32_t bits) { return (recorded.status & bits) == bits ? 1u : 0u; };
+    ++report_.probe_cycles;
+    report_.in_contact += has(session::kInContact);
+    report_.exact += has(session::kInContact | session::kExact);
+    report_.stale += has(session::kStalePose);
+    report_.faulted += has(session::kFault);
+    if (options_.on_probe) options_.on_probe(touch, recorded, had);
+  }
+
+  void note(const std::string& what) {
+    differs_ = true;
+    if (report_.first_difference.empty()) report_.first_difference = "cycle " + std::to_string(cycle_) + ", " + what;
+  }
+
+  Arrival come(std::uint32_t number) {
+    const auto described = described_.find(number);
+    if (described == described_.end())
+      throw FlightError("found object " + std::to_string(number) + ", which is not described");
+    const trace::FlightObject& object = described->second;
+    const spm::codec::CodedModel* const model = options_.model(object.digest);
+    if (model == nullptr) {
+      std::array<char, 32> digest{};
+      std::snprintf(digest.data(), digest.size(), "%016llx", static_cast<unsigned long long>(object.digest));
+      throw FlightError("object '" + object.name + "' is of the model with digest " + digest.data() +
+                        ", which is not among those given");
+    }
+    ++report_.objects;
+    return world_->add(object, *model);
+  }
+
+  void expect_start() const {
+    if (!started_) throw FlightError("found a cycle before the start");
+  }
+  [[nodiscard]] Cycle& world() noexcept { return world_->cycle(); }
+
+  const FlightReplayOptions& options_;
+  std::string name_;
+  trace::FlightFileReader reader_;
+  FloatControl control_;
+  FlightReport report_;
+  bool started_ = false, differs_ = false;
+  std::unique_ptr<World> world_;
+  std::map<std::uint32_t, trace::FlightObject> described_;
+  std::array<ProbeInput, kMaxProbes> inputs_;
+  std::vector<trace::FlightProbe> probes_;
+  std::vector<Arrival> arrivals_;
+  std::uint64_t cycle_ = 0, left_ = 0;
+  std::int64_t first_ns_ = 0, last_ns_ = 0;
+};
+
+}  // namespace
+
+FlightReport replay_flight(const std::filesystem::path& file, const FlightReplayOptions& options) {
+  return Replay{file, options}.run();
+}
+
+}  // namespace tactus::hrtc_service

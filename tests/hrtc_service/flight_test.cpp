@@ -1,0 +1,252 @@
+// Flight recordings: what a cycle did is done again, to the bit, from its beginning and from the midst, and what is not
+// the same is found.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <xmmintrin.h>
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <random>
+
+#include "hrtc_service/flight_replay.hpp"
+#include "hrtc_service/flight_store.hpp"
+#include "spm/offline/build.hpp"
+#include "spm/offline/generate.hpp"
+#include "tests/support/local_session.hpp"
+#include "tests/support/temporary_folder.hpp"
+
+namespace tactus {
+namespace {
+
+using hrtc_service::FlightReport;
+using spm::Vec3d;
+using test_support::LocalSession;
+
+constexpr std::uint32_t kSecond = 1000;  // cycles
+constexpr std::uint64_t kSeed = 5;
+
+/// Two tips on a sphere with friction, in a pool of a fifth: regions come and go all the while, refinement is cut short
+/// by chance, poses grow old, an emergency stop and a device that fails end in resets, the object moves.
+class Flight : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    built_ = new spm::offline::BuiltModel{
+        spm::offline::build_model(spm::offline::generate(spm::offline::Shape::kSphere, 24000))};
+    encoded_ = new spm::codec::EncodedModel{built_->model()};
+  }
+  static void TearDownTestSuite() {
+    delete encoded_;
+    delete built_;
+  }
+
+  /// `drains`: whether the store looks for records after this cycle.
+  void record(
+      int cycles, double seconds, const std::function<bool(int)>& drains = [](int) { return true; }) {
+    const spm::Model model = built_->model();
+    const double radius = (model.summary.bounds_max[0] - model.summary.bounds_min[0]) / 2;
+    const spm::PoolSettings pool = spm::PoolSettings::for_slots(model.summary.parts / 6 + 600);
+    session::Material material;
+    material.static_friction = 0.5;
+    material.dynamic_friction = 0.4;
+    LocalSession session{{model}, 0.05 / radius, pool, 2, {}, material};
+    hrtc_service::FlightRecorder recorder{kSecond};
+    session.cycle().set_recorder(&recorder);
+    hrtc_service::FlightStore store{recorder,
+                                    hrtc_service::flight_start("desk", LocalSession::cycle_settings(), pool, {}),
+                                    seconds, hrtc_service::FlightStore::bytes_for(seconds, 0.001, 2)};
+    std::mt19937_64 random{kSeed};
+    const auto at = [](double cycle, double turn) -> Vec3d {
+      const double angle = cycle * 3e-3 + turn;
+      return 0.0525 *
+             Vec3d{std::cos(angle), std::sin(angle) * std::cos(angle / 7), std::sin(angle) * std::sin(angle / 7)};
+    };
+    std::uint64_t contact = 0;
+    for (int cycle = 0; cycle < cycles; ++cycle) {
+      const auto velocity = [&](double turn) -> Vec3d { return (at(cycle + 1, turn) - at(cycle, turn)) * 1000; };
+      session.prepare(at(cycle, 0), velocity(0));
+      hrtc_service::ProbeInput& other = session.inputs()[1];
+      other.active = cycle % 3000 > 400;
+      other.device.position = at(cycle, 2);
+      other.device.velocity = velocity(2);
+      other.failed = cycle == 2600;
+      session.inputs()[0].pose_age = cycle % 1500 > 1300 && cycle % 1500 < 1400 ? 0.001 * (cycle % 1500 - 1300) : 0;
+      if (cycle % 2000 == 1800) session.cycle().stop(haptics::Fault::kEmergencyStop);
+      if (cycle % 2000 == 1900 || cycle == 2700) session.cycle().reset_faults();
+      if (cycle > 2000 && cycle % 1000 < 300 && !session.cycle().objects().empty()) {
+        session::Pose pose;
+        pose.position = {1e-5 * (cycle % 1000), 0, 0};
+        session.cycle().move(*session.cycle().objects().front(), hrtc_service::Placement{pose, 0.05 / radius});
+      }
+      const std::uint32_t budget = random() % 4 == 0 ? static_cast<std::uint32_t>(random() % 500) : 1u << 20;
+      contact += (session.run_cycle(budget).probes[0].status & session::kInContact) != 0 ? 1 : 0;
+      if (drains(cycle)) store.drain();
+    }
+    EXPECT_GT(contact, static_cast<std::uint64_t>(cycles) / 2);
+    EXPECT_LE(store.bytes(), hrtc_service::FlightStore::bytes_for(seconds, 0.001, 2));
+    (void)store.write(file_, "a test");
+  }
+
+  [[nodiscard]] static hrtc_service::FlightReplayOptions options() {
+    hrtc_service::FlightReplayOptions options;
+    options.model = [](std::uint64_t digest) {
+      return digest == encoded_->coded().summary().digest ? &encoded_->coded() : nullptr;
+    };
+    return options;
+  }
+  [[nodiscard]] FlightReport replay() const { return hrtc_service::replay_flight(file_, options()); }
+  [[nodiscard]] std::string refusal() const {
+    try {
+      (void)replay();
+    } catch (const std::exception& error) {
+      return error.what();
+    }
+    return "replayed";
+  }
+  /// Writes the recording once more, with each message as `change` leaves it.
+  void rewrite(const std::function<void(trace::FlightMessage&)>& change) const {
+    std::vector<trace::FlightMessage> all;
+    {
+      trace::FlightFileReader reader{file_};
+      for (trace::FlightMessage message; reader.next(message);) all.push_back(message);
+    }
+    trace::FlightFileWriter writer{file_};
+    for (trace::FlightMessage& message : all) {
+      change(message);
+      writer.write(message);
+    }
+    writer.close();
+  }
+
+  test_support::TemporaryFolder folder_;
+  std::filesystem::path file_ = folder_.path() / "flight.mcap";
+  static spm::offline::BuiltModel* built_;
+  static spm::codec::EncodedModel* encoded_;
+};
+spm::offline::BuiltModel* Flight::built_ = nullptr;
+spm::codec::EncodedModel* Flight::encoded_ = nullptr;
+
+TEST_F(Flight, AWholeSessionIsReplayedToTheBit) {
+  record(5000, 30);
+  const FlightReport report = replay();
+  EXPECT_EQ(report.differ, 0u) << report.first_difference;
+  EXPECT_TRUE(report.from_the_beginning);
+  EXPECT_EQ(report.cycles, 5000u);
+  EXPECT_GT(report.in_contact, 5000u);
+  EXPECT_GT(report.stale, 50u);
+  EXPECT_GT(report.faulted, 100u);
+  EXPECT_EQ(report.stops, 2u);
+  EXPECT_EQ(report.resets, 3u);
+  EXPECT_GT(report.moves, 500u);
+  EXPECT_GT(report.regions_left, 40u);
+  EXPECT_GT(report.budget_spent, 20u);
+  EXPECT_EQ(report.lost, 0u);
+}
+
+TEST_F(Flight, TheLastSecondsAreReplayedToTheBitFromTheMidst) {
+  // Begins where a stop is in force, where the object is on its way, where refinement was cut short.
+  for (const int cycles : {3850, 4250, 5999}) {
+    SCOPED_TRACE(cycles);
+    record(cycles, 2);
+    const FlightReport report = replay();
+    EXPECT_EQ(report.differ, 0u) << report.first_difference;
+    EXPECT_FALSE(report.from_the_beginning);
+    EXPECT_GE(report.cycles, 2000u);
+    EXPECT_LE(report.cycles, 3000u);
+    EXPECT_GT(report.regions_left, 20u);
+  }
+}
+
+TEST_F(Flight, WhatTheProcessorDoesWithDenormalsIsDoneAgain) {
+  const unsigned before = _mm_getcsr();
+  _mm_setcsr(before | 0x8040);
+  record(1500, 30);
+  _mm_setcsr(before);
+  const FlightReport report = replay();
+  EXPECT_EQ(report.differ, 0u) << report.first_difference;
+  EXPECT_EQ(_mm_getcsr(), before) << "and left as it was";
+}
+
+TEST_F(Flight, ItGoesOnAfterCyclesThatWereLost) {
+  record(11000, 30, [](int cycle) { return cycle < 2000 || cycle > 8000; });
+  const FlightReport report = replay();
+  EXPECT_EQ(report.differ, 0u) << report.first_difference;
+  EXPECT_EQ(report.gaps, 1u);
+  EXPECT_GT(report.lost, 500u);
+  EXPECT_EQ(report.cycles + report.lost, 11000u);
+}
+
+TEST_F(Flight, OneBitOfOneInputIsFound) {
+  record(2500, 30);
+  rewrite([](trace::FlightMessage& message) {
+    auto* const probe = std::get_if<trace::FlightProbe>(&message);
+    if (probe != nullptr && probe->cycle == 1234 && probe->probe == 0)
+      probe->position[1] = std::nextafter(probe->position[1], 1.0);
+  });
+  const FlightReport report = replay();
+  EXPECT_GT(report.differ, 0u);
+  EXPECT_THAT(report.first_difference, testing::StartsWith("cycle 1234, probe 0: force was ("));
+}
+
+TEST_F(Flight, OnePortionOfWorkLessIsFound) {
+  record(2500, 30);
+  bool less = false;
+  rewrite([&](trace::FlightMessage& message) {
+    auto* const refine = std::get_if<trace::FlightRefine>(&message);
+    if (refine == nullptr || less || refine->cycle < 1000 || refine->granted < 2000) return;
+    refine->granted /= 2;
+    less = true;
+  });
+  ASSERT_TRUE(less);
+  const FlightReport report = replay();
+  EXPECT_GT(report.differ, 0u);
+  EXPECT_THAT(report.first_difference, testing::HasSubstr(", the mesh is another one"));
+}
+
+TEST_F(Flight, ACutFileIsReplayedToWhereItIsCut) {
+  record(2500, 30);
+  std::filesystem::resize_file(file_, std::filesystem::file_size(file_) * 2 / 3);
+  const FlightReport report = replay();
+  EXPECT_TRUE(report.cut);
+  EXPECT_EQ(report.differ, 0u) << report.first_difference;
+  EXPECT_GT(report.cycles, 500u);
+}
+
+TEST_F(Flight, WhatCannotBeReplayedIsRefusedWithTheReason) {
+  record(1200, 30);
+  const auto changed = [&](const std::function<void(trace::FlightMessage&)>& change) {
+    rewrite(change);
+    return refusal();
+  };
+  EXPECT_THAT(changed([](trace::FlightMessage& message) {
+                if (auto* object = std::get_if<trace::FlightObject>(&message)) object->digest ^= 1;
+              }),
+              testing::HasSubstr("object 'object0' is of the model with digest "));
+  EXPECT_THAT(changed([](trace::FlightMessage& message) {
+                if (auto* start = std::get_if<trace::FlightStart>(&message)) start->build = "another";
+              }),
+              testing::HasSubstr("recorded by build another, this is build "));
+  { trace::McapWriter empty{file_, "test"}; }
+  EXPECT_THAT(refusal(), testing::HasSubstr("found no flight recording in it"));
+  {
+    trace::McapWriter other{file_, "test"};
+    other.write(other.add_channel(other.add_schema("x::Y", "omgidl", ""), "probes", "cdr"), 1, 1, 1, {});
+  }
+  EXPECT_THAT(refusal(), testing::HasSubstr("topic probes, message 1: no topic of a flight recording"));
+  std::filesystem::remove(file_);
+  EXPECT_THAT(refusal(), testing::HasSubstr(file_.string()));
+}
+
+TEST_F(Flight, AnotherBuildsRecordingIsReplayedFromItsBeginningWhenThatIsAskedFor) {
+  record(1200, 30);
+  rewrite([](trace::FlightMessage& message) {
+    if (auto* start = std::get_if<trace::FlightStart>(&message)) start->build = "another";
+  });
+  hrtc_service::FlightReplayOptions any = options();
+  any.any_build = true;
+  EXPECT_EQ(hrtc_service::replay_flight(file_, any).differ, 0u);
+}
+
+}  // namespace
+}  // namespace tactus

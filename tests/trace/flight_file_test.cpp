@@ -1,0 +1,136 @@
+#include "trace/flight_file.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "tests/support/temporary_folder.hpp"
+#include "trace/cdr.hpp"
+#include "trace/idl_schema.hpp"
+#include "trace/mcap.hpp"
+#ifdef TACTUS_READ_MCAP
+#include "tests/trace/read_mcap.hpp"
+#endif
+
+namespace tactus::trace {
+namespace {
+
+/// One of each, no field as it is by default.
+std::vector<FlightMessage> one_of_each() {
+  FlightStart start;
+  start.build = "abc";
+  start.participant = "desk";
+  start.reason = "why";
+  start.first_cycle = 7;
+  start.period = 0.001;
+  start.devices = {{1, 2, 3, 4}, {5, 6, 7, 8}};
+  start.slots = 11;
+  start.list_blocks = 13;
+  FlightObject object{3, 1ull << 60, 2, "organ", {}, 800, 1, 0.5, 0.4};
+  object.placement[12] = -0.1;
+  FlightState state;
+  state.cycle = 99;
+  state.lost = 5;
+  state.objects = {{3, 20, 1ull << 63, {1, 2, 3}, {{2, 40, true}, {1, 0, false}}}, {4, 0, 0, {}, {}}};
+  state.carried = {0, 255, 7};
+  FlightProbe probe;
+  probe.cycle = 100;
+  probe.pose_time_ns = -5;
+  probe.position = {0.1, -0.0, 1e-310};
+  probe.orientation = {0, 0, 0, 1};
+  probe.force = {1.0 / 3, 2, 3};
+  probe.contacts = 17;
+  return {start,
+          object,
+          state,
+          FlightEvent{100, FlightEvent::Kind::kRegionRetired, 3, 2, 0},
+          FlightMove{100, 3, {1, 2}},
+          probe,
+          FlightTouch{100, 12345, 0x9fc0},
+          FlightRefine{100, 55, 160, 1, 0}};
+}
+
+std::vector<std::uint8_t> encoded(const FlightMessage& message) {
+  CdrWriter writer;
+  std::visit([&](const auto& value) { writer(value); }, message);
+  return {writer.bytes().begin(), writer.bytes().end()};
+}
+
+class FlightFile : public ::testing::Test {
+ protected:
+  void write() const {
+    FlightFileWriter writer{file_};
+    for (const FlightMessage& message : one_of_each()) writer.write(message);
+    writer.close();
+  }
+  test_support::TemporaryFolder folder_;
+  std::string file_ = (folder_.path() / "flight.mcap").string();
+};
+
+TEST_F(FlightFile, GivesBackWhatWasWritten) {
+  write();
+  FlightFileReader reader{file_};
+  FlightMessage found;
+  for (const FlightMessage& message : one_of_each()) {
+    ASSERT_TRUE(reader.next(found));
+    EXPECT_EQ(found.index(), message.index());
+    EXPECT_EQ(encoded(found), encoded(message)) << "type " << message.index();
+  }
+  EXPECT_FALSE(reader.next(found));
+  EXPECT_FALSE(reader.is_cut());
+}
+
+TEST_F(FlightFile, IsWhatItsIdlSays) {
+  write();
+  McapReader reader{file_};
+  std::map<std::string, std::string> values;  // by topic and column
+  for (McapMessage message; reader.next(message);) {
+    const IdlSchema schema{*message.schema_text};
+    const std::vector<std::string> columns = schema.columns(message.schema);
+    const std::vector<std::string> cells = schema.cells(message.schema, {message.bytes.data(), message.bytes.size()});
+    ASSERT_EQ(cells.size(), columns.size()) << message.topic;
+    for (std::size_t i = 0; i < cells.size(); ++i) values[message.topic + " " + columns[i]] = cells[i];
+  }
+  EXPECT_EQ(values["flight_start reason"], "why");
+  EXPECT_EQ(values["flight_start list_blocks"], "13");
+  EXPECT_EQ(values["flight_object dynamic_friction"], "0.4");
+  EXPECT_EQ(values["flight_state carried"], "[0,255,7]");
+  EXPECT_THAT(values["flight_state objects"],
+              testing::StartsWith(R"([{"object":3,"base_faces":20,"mesh_hash":9223372036854775808,"here":[1,2,3],)"
+                                  R"("in_use":[{"region":2,"applied":40,"retiring":true},)"));
+  EXPECT_EQ(values["flight_event kind"], "kRegionRetired");
+  EXPECT_EQ(values["flight_move placement.1"], "2");
+  EXPECT_EQ(values["flight_probe force.0"], "0.3333333333333333");
+  EXPECT_EQ(values["flight_probe position.1"], "-0");
+  EXPECT_EQ(values["flight_probe contacts"], "17");
+  EXPECT_EQ(values["flight_touch float_control"], "40896");
+  EXPECT_EQ(values["flight_refine budget_spent"], "1");
+}
+
+TEST_F(FlightFile, AMessageThatEndsTooSoonIsRefusedWhereverItEnds) {
+  for (const FlightMessage& message : one_of_each()) {
+    const std::vector<std::uint8_t> whole = encoded(message);
+    for (std::size_t size = 0; size < whole.size(); ++size) {
+      std::visit(
+          [&](auto value) {
+            EXPECT_THROW((CdrReader{{whole.data(), size}}(value)), CdrError) << message.index() << ", " << size;
+          },
+          message);
+    }
+  }
+}
+
+#ifdef TACTUS_READ_MCAP
+TEST_F(FlightFile, TheReferenceReaderDecodesEveryTypeByTheSchemaInTheFile) {
+  write();
+  const std::string found = read_mcap("decoded '" + file_ + "'");
+  for (const char* const expected :
+       {R"("flight_start":{"count":1,"schema":"tactus::flight::Start")", R"("reason":"why")", R"("list_blocks":13)",
+        R"("flight_state":{"count":1)", R"("carried":[0,255,7])", R"({"region":2,"applied":40,"retiring":true})",
+        R"("flight_event":{"count":1)", R"("flight_move":{"count":1)", R"("force":[0.3333333333333333,2,3])",
+        R"("float_control":40896)", R"("granted":160)"})
+    EXPECT_THAT(found, testing::HasSubstr(expected));
+}
+#endif
+
+}  // namespace
+}  // namespace tactus::trace

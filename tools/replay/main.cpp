@@ -1,0 +1,111 @@
+// tactus-replay: makes the forces of a flight recording again and compares them to the bit.
+#include <CLI/CLI.hpp>
+#include <filesystem>
+#include <fstream>
+#include <iostream>
+#include <map>
+#include <vector>
+
+#include "hrtc_service/flight_replay.hpp"
+#include "spm/offline/model_file.hpp"
+
+namespace {
+
+using namespace tactus;
+
+constexpr char kExamples[] = R"(
+Examples:
+  tactus-replay desk-20261122T101500Z-1.mcap --model organ.spm --model tool.spm
+  tactus-replay desk.mcap --model organ.spm --to-csv forces.csv
+
+Exit status: 0 every force is the same to the bit, 1 some differ, 2 wrong input: no flight recording, of another build, or
+of a model that is not given.)";
+
+/// One line for each probe in each cycle.
+class Table {
+ public:
+  explicit Table(const std::string& file) : file_{file}, out_{file} {
+    out_ << "cycle,time_ns,probe,x,y,z,status,force_x,force_y,force_z,replayed_x,replayed_y,replayed_z\n";
+    out_.precision(17);
+  }
+  void add(const trace::FlightTouch& touch, const trace::FlightProbe& probe, const hrtc_service::ProbeOutput& had) {
+    out_ << touch.cycle << ',' << touch.time_ns << ',' << probe.probe;
+    for (const double x : probe.position) out_ << ',' << x;
+    out_ << ',' << probe.status;
+    for (const double x : probe.force) out_ << ',' << x;
+    for (const double x : had.force) out_ << ',' << x;
+    out_ << '\n';
+  }
+  void close() {
+    out_.close();
+    if (!out_) throw std::runtime_error("cannot write " + file_);
+  }
+
+ private:
+  std::string file_;
+  std::ofstream out_;
+};
+
+void print(const hrtc_service::FlightReport& report) {
+  std::cout << report.start.participant << ", " << report.cycles << " cycles in " << report.seconds << " s, from "
+            << (report.from_the_beginning ? "the beginning" : "cycle " + std::to_string(report.start.first_cycle))
+            << "; written for: " << report.start.reason << "\nbuild " << report.start.build << '\n'
+            << report.probe_cycles << " forces, of these " << report.in_contact << " in contact (" << report.exact
+            << " exact), " << report.stale << " of stale poses, " << report.faulted << " off by a fault\n"
+            << report.objects << " objects; " << report.regions_came << " regions came, " << report.regions_left
+            << " left; " << report.budget_spent << " cycles cut short by the deadline; " << report.moves << " moves, "
+            << report.stops << " stops, " << report.resets << " resets\n";
+  if (report.gaps > 0)
+    std::cout << report.gaps << " gaps of " << report.lost << " cycles: replayed on from where they end\n";
+  if (report.cut) std::cout << "the file has no end; all before is replayed\n";
+  if (report.differ == 0)
+    std::cout << "every force is the same to the bit\n";
+  else
+    std::cout << report.differ << " cycles differ, first " << report.first_difference << '\n';
+  if (!report.given_up.empty()) std::cout << "given up after " << report.given_up << '\n';
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  std::string file, csv;
+  std::vector<std::string> model_files;
+  hrtc_service::FlightReplayOptions options;
+  CLI::App app{"Makes the forces of a flight recording again and compares them to the bit.", "tactus-replay"};
+  app.footer(kExamples);
+  app.add_option("FILE", file, "A flight recording, as tactus-hrtc writes it")->required();
+  app.add_option("--model", model_files, "The .spm file of an object that was touched; repeatable")
+      ->allow_extra_args(false);
+  app.add_option("--to-csv", csv, "Write each pose with its force, recorded and replayed, into this file");
+  app.add_flag("--any-build", options.any_build,
+               "Replay what another build recorded from its beginning, to see where this one differs");
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : 2;
+  }
+  try {
+    std::map<std::uint64_t, spm::offline::MappedModel> models;
+    for (const std::string& model : model_files) {
+      spm::offline::MappedModel mapped{model};
+      const std::uint64_t digest = mapped.summary().digest;
+      models.emplace(digest, std::move(mapped));
+    }
+    options.model = [&](std::uint64_t digest) -> const spm::codec::CodedModel* {
+      const auto found = models.find(digest);
+      return found == models.end() ? nullptr : &found->second.coded();
+    };
+    std::unique_ptr<Table> table;
+    if (!csv.empty()) {
+      table = std::make_unique<Table>(csv);
+      options.on_probe = [&](const auto&... told) { table->add(told...); };
+    }
+    const hrtc_service::FlightReport report = hrtc_service::replay_flight(file, options);
+    if (table) table->close();
+    print(report);
+    return report.differ == 0 ? 0 : 1;
+  } catch (const std::exception& error) {
+    std::cerr << "tactus-replay: " << error.what() << '\n';
+    return 2;
+  }
+}

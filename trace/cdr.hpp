@@ -1,0 +1,126 @@
+/// Plain CDR (XCDR version 1, little-endian, with its encapsulation) of our own structs, as recordings hold it.
+///
+/// A struct is read and written by one function that names its fields in the order of its IDL:
+///
+///     template <class Self, class Visit>
+///     static void fields(Self& self, Visit&& visit) { visit(self.cycle), visit(self.name); }
+///
+/// Fields: numbers, enums (as 32 bits), bool, std::string, std::array, std::vector, and such structs. Allocates.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <cstring>
+#include <stdexcept>
+#include <string>
+#include <type_traits>
+#include <vector>
+
+#include "spm/span.hpp"
+
+namespace tactus::trace {
+
+/// A message that ends before its type does, or has a length that it cannot have.
+class CdrError : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+namespace cdr {
+template <class T>
+struct IsArray : std::false_type {};
+template <class T, std::size_t size>
+struct IsArray<std::array<T, size>> : std::true_type {};
+template <class T>
+struct IsVector : std::false_type {};
+template <class T>
+struct IsVector<std::vector<T>> : std::true_type {};
+inline constexpr std::size_t kHead = 4;  // encapsulation; alignment counts from behind it
+}  // namespace cdr
+
+class CdrWriter {
+ public:
+  template <class T>
+  void operator()(const T& value) {
+    if constexpr (std::is_enum_v<T>) {
+      put(static_cast<std::uint32_t>(value));
+    } else if constexpr (std::is_arithmetic_v<T>) {
+      put(value);
+    } else if constexpr (std::is_same_v<T, std::string>) {
+      put(static_cast<std::uint32_t>(value.size() + 1));
+      bytes_.insert(bytes_.end(), value.begin(), value.end());
+      bytes_.push_back(0);
+    } else if constexpr (cdr::IsArray<T>::value) {
+      for (const auto& element : value) (*this)(element);
+    } else if constexpr (cdr::IsVector<T>::value) {
+      put(static_cast<std::uint32_t>(value.size()));
+      for (const auto& element : value) (*this)(element);
+    } else {
+      T::fields(value, *this);
+    }
+  }
+  /// Valid until the next value; `clear` begins another message.
+  [[nodiscard]] spm::Span<const std::uint8_t> bytes() const noexcept { return {bytes_.data(), bytes_.size()}; }
+  void clear() { bytes_.resize(cdr::kHead); }
+
+ private:
+  template <class Number>
+  void put(Number value) {
+    const std::size_t to = cdr::kHead + (bytes_.size() - cdr::kHead + sizeof value - 1) / sizeof value * sizeof value;
+    bytes_.resize(to + sizeof value);
+    std::memcpy(bytes_.data() + to, &value, sizeof value);  // little-endian, as spm/ requires
+  }
+  std::vector<std::uint8_t> bytes_{0, 1, 0, 0};
+};
+
+class CdrReader {
+ public:
+  /// Throws CdrError for another encoding, and in what follows for what ends too soon.
+  explicit CdrReader(spm::Span<const std::uint8_t> bytes) : bytes_{bytes} {
+    if (bytes.size() < cdr::kHead || bytes[0] != 0 || bytes[1] != 1)
+      throw CdrError("found another encoding, expected little-endian CDR");
+  }
+  template <class T>
+  void operator()(T& value) {
+    if constexpr (std::is_enum_v<T>) {
+      value = static_cast<T>(take<std::uint32_t>());
+    } else if constexpr (std::is_same_v<T, bool>) {
+      value = take<std::uint8_t>() != 0;
+    } else if constexpr (std::is_arithmetic_v<T>) {
+      value = take<T>();
+    } else if constexpr (std::is_same_v<T, std::string>) {
+      const std::size_t size = count();
+      if (size == 0) throw CdrError("found a text without its end");
+      value.assign(reinterpret_cast<const char*>(bytes_.data() + at_), size - 1);
+      at_ += size;
+    } else if constexpr (cdr::IsArray<T>::value) {
+      for (auto& element : value) (*this)(element);
+    } else if constexpr (cdr::IsVector<T>::value) {
+      value.resize(count());
+      for (auto& element : value) (*this)(element);
+    } else {
+      T::fields(value, *this);
+    }
+  }
+
+ private:
+  template <class Number>
+  Number take() {
+    const std::size_t from = cdr::kHead + (at_ - cdr::kHead + sizeof(Number) - 1) / sizeof(Number) * sizeof(Number);
+    if (from + sizeof(Number) > bytes_.size()) throw CdrError("ends too soon");
+    at_ = from + sizeof(Number);
+    Number value;
+    std::memcpy(&value, bytes_.data() + from, sizeof value);
+    return value;
+  }
+  /// Of elements that take a byte at least.
+  std::size_t count() {
+    const auto elements = take<std::uint32_t>();
+    if (elements > bytes_.size() - at_) throw CdrError("found " + std::to_string(elements) + " elements, has no room");
+    return elements;
+  }
+  spm::Span<const std::uint8_t> bytes_;
+  std::size_t at_ = cdr::kHead;
+};
+
+}  // namespace tactus::trace

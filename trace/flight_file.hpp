@@ -1,0 +1,201 @@
+/// The file of a flight recorder: every call that reached a controller's cycle, and the forces that came of it.
+///
+/// An MCAP file with one channel for each struct below, as CDR, described by idl/flight.idl, which it carries. Messages
+/// stand in the order of the calls; times in the file are of the cycle, in ns since 1970. From its calls a cycle's
+/// forces can be made again, to the bit (hrtc_service/flight_replay.hpp). Units and frames: the IDL has them.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "trace/mcap.hpp"
+
+namespace tactus::trace {
+
+/// scale, rotation row by row, translation.
+using PlacementNumbers = std::array<double, 13>;
+
+struct FlightLimits {
+  double max_force = 0, max_stiffness = 0, damping = 0, workspace_radius = 0;
+  template <class Self, class Visit>
+  static void fields(Self& self, Visit&& visit) {
+    visit(self.max_force), visit(self.max_stiffness), visit(self.damping), visit(self.workspace_radius);
+  }
+};
+
+struct FlightStart {
+  std::string build, participant, reason;
+  std::uint64_t first_cycle = 0;
+  double period = 0, tip_radius = 0, refine_margin = 0, keep_margin = 0, refine_ahead = 0;
+  double max_force = 0, max_slew = 0, soft_start = 0, recovery = 0, hold = 0, zero_by = 0, max_speed = 0;
+  std::vector<FlightLimits> devices;  ///< by probe
+  std::uint32_t slots = 0, tree_nodes = 0, list_blocks = 0;
+  template <class Self, class Visit>
+  static void fields(Self& self, Visit&& visit) {
+    visit(self.build), visit(self.participant), visit(self.reason), visit(self.first_cycle);
+    visit(self.period), visit(self.tip_radius), visit(self.refine_margin), visit(self.keep_margin);
+    visit(self.refine_ahead), visit(self.max_force), visit(self.max_slew), visit(self.soft_start);
+    visit(self.recovery), visit(self.hold), visit(self.zero_by), visit(self.max_speed), visit(self.devices);
+    visit(self.slots), visit(self.tree_nodes), visit(self.list_blocks);
+  }
+};
+
+struct FlightObject {
+  std::uint32_t object = 0;
+  std::uint64_t id = 0, digest = 0;
+  std::string name;
+  PlacementNumbers placement{};
+  double stiffness = 0, damping = 0, static_friction = 0, dynamic_friction = 0;
+  template <class Self, class Visit>
+  static void fields(Self& self, Visit&& visit) {
+    visit(self.object), visit(self.id), visit(self.digest), visit(self.name), visit(self.placement);
+    visit(self.stiffness), visit(self.damping), visit(self.static_friction), visit(self.dynamic_friction);
+  }
+};
+
+struct FlightRegion {
+  std::uint32_t region = 0, applied = 0;
+  bool retiring = false;
+  template <class Self, class Visit>
+  static void fields(Self& self, Visit&& visit) {
+    visit(self.region), visit(self.applied), visit(self.retiring);
+  }
+};
+
+struct FlightObjectState {
+  std::uint32_t object = 0, base_faces = 0;
+  std::uint64_t mesh_hash = 0;
+  std::vector<std::uint32_t> here;
+  std::vector<FlightRegion> in_use;
+  template <class Self, class Visit>
+  static void fields(Self& self, Visit&& visit) {
+    visit(self.object), visit(self.base_faces), visit(self.mesh_hash), visit(self.here), visit(self.in_use);
+  }
+};
+
+/// What a cycle left to the next.
+struct FlightState {
+  std::uint64_t cycle = 0, lost = 0;
+  std::vector<FlightObjectState> objects;
+  std::vector<std::uint8_t> carried;
+  template <class Self, class Visit>
+  static void fields(Self& self, Visit&& visit) {
+    visit(self.cycle), visit(self.lost), visit(self.objects), visit(self.carried);
+  }
+};
+
+// The structs of each cycle are plain, so that the haptic thread can copy them.
+
+struct FlightEvent {
+  enum class Kind : std::uint32_t { kStopped, kReset, kObjectCame, kRegionCame, kRegionRetired, kRegionLeft };
+  std::uint64_t cycle = 0;
+  Kind kind = Kind::kStopped;
+  std::uint32_t object = 0, region = 0, fault = 0;
+  template <class Self, class Visit>
+  static void fields(Self& self, Visit&& visit) {
+    visit(self.cycle), visit(self.kind), visit(self.object), visit(self.region), visit(self.fault);
+  }
+};
+
+struct FlightMove {
+  std::uint64_t cycle = 0;
+  std::uint32_t object = 0;
+  PlacementNumbers placement{};
+  template <class Self, class Visit>
+  static void fields(Self& self, Visit&& visit) {
+    visit(self.cycle), visit(self.object), visit(self.placement);
+  }
+};
+
+struct FlightProbe {
+  std::uint64_t cycle = 0;
+  std::int64_t pose_time_ns = 0;
+  std::array<double, 3> position{}, velocity{};
+  std::array<double, 4> orientation{};
+  double transit = 0, loop_delay = 0, pose_age = 0;
+  std::uint64_t near_found = 0, near_sought = 0;
+  std::array<double, 3> near_centre{};
+  double near_moved = 0;
+  std::array<double, 3> force{}, proxy{};
+  std::uint32_t probe = 0, buttons = 0, pose_sequence = 0, failed = 0;
+  std::uint32_t touched_object = 0, status = 0, contacts = 0;
+  template <class Self, class Visit>
+  static void fields(Self& self, Visit&& visit) {
+    visit(self.cycle), visit(self.pose_time_ns), visit(self.position), visit(self.velocity), visit(self.orientation);
+    visit(self.transit), visit(self.loop_delay), visit(self.pose_age), visit(self.near_found), visit(self.near_sought);
+    visit(self.near_centre), visit(self.near_moved), visit(self.force), visit(self.proxy), visit(self.probe);
+    visit(self.buttons), visit(self.pose_sequence), visit(self.failed), visit(self.touched_object);
+    visit(self.status), visit(self.contacts);
+  }
+};
+
+struct FlightTouch {
+  std::uint64_t cycle = 0;
+  std::int64_t time_ns = 0;
+  std::uint32_t float_control = 0;
+  template <class Self, class Visit>
+  static void fields(Self& self, Visit&& visit) {
+    visit(self.cycle), visit(self.time_ns), visit(self.float_control);
+  }
+};
+
+struct FlightRefine {
+  std::uint64_t cycle = 0, mesh_hash = 0;
+  std::uint32_t granted = 0, budget_spent = 0, nodes_full = 0;
+  template <class Self, class Visit>
+  static void fields(Self& self, Visit&& visit) {
+    visit(self.cycle), visit(self.mesh_hash), visit(self.granted), visit(self.budget_spent), visit(self.nodes_full);
+  }
+};
+
+using FlightMessage = std::variant<FlightStart, FlightObject, FlightState, FlightEvent, FlightMove, FlightProbe,
+                                   FlightTouch, FlightRefine>;
+
+/// A recording that is none, is broken or was made otherwise: says what, where, found and expected.
+class FlightError : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+/// Allocates, blocks; not for the haptic thread.
+class FlightFileWriter {
+ public:
+  /// Replaces the file. Throws McapError naming it, as the others do when the file cannot be written.
+  explicit FlightFileWriter(std::filesystem::path file);
+  ~FlightFileWriter();
+
+  /// Of what is written from now on, ns since 1970.
+  void set_time(std::uint64_t since_1970_ns) noexcept;
+  void write(const FlightMessage& message);
+  void close();
+  [[nodiscard]] std::uint64_t messages() const noexcept;
+  [[nodiscard]] std::uint64_t bytes() const noexcept;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+class FlightFileReader {
+ public:
+  /// Throws McapError naming a file that cannot be read or is no MCAP file.
+  explicit FlightFileReader(const std::filesystem::path& file);
+  ~FlightFileReader();
+
+  /// False at the end. Throws FlightError, and McapError for a broken file.
+  [[nodiscard]] bool next(FlightMessage& message);
+  /// The file ends without its end.
+  [[nodiscard]] bool is_cut() const noexcept;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace tactus::trace
