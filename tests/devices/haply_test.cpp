@@ -1,0 +1,259 @@
+/// The driver of Haply devices against a peer that speaks as their service does, in version 3.5 of its public protocol.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/beast/core.hpp>
+#include <boost/beast/websocket.hpp>
+#include <chrono>
+#include <functional>
+#include <limits>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "haptics/plugin_device.hpp"
+
+namespace tactus::haptics {
+namespace {
+
+namespace asio = boost::asio;
+namespace beast = boost::beast;
+using Json = nlohmann::json;
+using namespace std::chrono_literals;
+
+std::int64_t now_ns() {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch())
+      .count();
+}
+
+/// A service for one connection: an inventory, then an answer to each message until it gives none.
+class Peer {
+ public:
+  static constexpr const char* kInventory =
+      R"({"session_id": 7, "inverse3": [{"device_id": "04A1", "config": {"type": "inverse3"}, "state": {}, "status": {}},
+                                        {"device_id": "049D", "config": {"type": "inverse3"}, "state": {}, "status": {}}]})";
+
+  /// What to say to the message of this number; nothing ends the connection without a word.
+  using Answer = std::function<std::string(std::size_t number)>;
+  explicit Peer(Answer answer, std::string inventory = kInventory)
+      : answer_{std::move(answer)}, inventory_{std::move(inventory)}, thread_{[this] { serve(); }} {}
+  ~Peer() {
+    beast::error_code ignored;
+    acceptor_.close(ignored);
+    if (!accepted_) asio::ip::tcp::socket{context_}.connect(acceptor_at_, ignored);  // wakes who accepts
+    thread_.join();
+  }
+
+  [[nodiscard]] std::string place() const { return "127.0.0.1:" + std::to_string(acceptor_at_.port()); }
+  [[nodiscard]] std::vector<Json> heard() const {
+    const std::lock_guard lock{mutex_};
+    return heard_;
+  }
+  [[nodiscard]] bool hears(const std::function<bool(const std::vector<Json>&)>& condition) const {
+    for (const auto end = std::chrono::steady_clock::now() + 10s; std::chrono::steady_clock::now() < end;
+         std::this_thread::sleep_for(1ms))
+      if (condition(heard())) return true;
+    return false;
+  }
+
+  /// A state of both devices; x of the second grows with the number.
+  static std::string state(std::size_t number) {
+    Json message = Json::parse(kInventory);
+    for (Json& device : message["inverse3"]) {
+      device.erase("config");
+      device["state"]["cursor_position"] = {{"x", 9}, {"y", 9}, {"z", 9}};
+      device["state"]["cursor_velocity"] = {{"x", 0}, {"y", 0}, {"z", 0}};
+    }
+    Json& own = message["inverse3"][1]["state"];
+    own["cursor_position"] = {{"x", 1e-6 * static_cast<double>(number)}, {"y", -0.12}, {"z", 0.15}};
+    own["cursor_velocity"] = {{"x", 0.25}, {"y", 0}, {"z", 0}};
+    return message.dump();
+  }
+
+ private:
+  void serve() {
+    beast::error_code error;
+    asio::ip::tcp::socket socket{context_};
+    acceptor_.accept(socket, error);
+    accepted_ = true;
+    if (error) return;
+    beast::websocket::stream<asio::ip::tcp::socket> stream{std::move(socket)};
+    stream.accept(error);
+    stream.text(true);
+    if (!error) stream.write(asio::buffer(inventory_), error);
+    for (std::size_t number = 0; !error; ++number) {
+      beast::flat_buffer buffer;
+      stream.read(buffer, error);
+      if (error) return;
+      const std::string text = beast::buffers_to_string(buffer.data());
+      {
+        const std::lock_guard lock{mutex_};
+        heard_.push_back(Json::parse(text));
+      }
+      const std::string answer = answer_(number);
+      if (answer.empty()) return;
+      if (answer == "silence") {
+        stream.read(buffer, error);  // until the other end gives up
+        return;
+      }
+      stream.write(asio::buffer(answer), error);
+    }
+  }
+
+  Answer answer_;
+  std::string inventory_;
+  asio::io_context context_;
+  asio::ip::tcp::acceptor acceptor_{context_, {asio::ip::address_v4::loopback(), 0}};
+  asio::ip::tcp::endpoint acceptor_at_ = acceptor_.local_endpoint();
+  std::atomic<bool> accepted_{false};
+  mutable std::mutex mutex_;
+  std::vector<Json> heard_;
+  std::thread thread_;
+};
+
+std::string refusal(const std::string& config) {
+  try {
+    const PluginDevice device{HAPLY, config};
+  } catch (const DeviceError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+/// As a haptic thread would, until something is so.
+bool runs_until(PluginDevice& device, const Vec3d& force, const std::function<bool(const DeviceState&)>& condition) {
+  for (const auto end = std::chrono::steady_clock::now() + 10s; std::chrono::steady_clock::now() < end;
+       std::this_thread::sleep_for(1ms)) {
+    const DeviceState state = device.read(now_ns());
+    device.write(force);
+    if (condition(state)) return true;
+  }
+  return false;
+}
+
+double force_of(const Json& message, const char* axis) {
+  return message["inverse3"][0]["commands"]["set_cursor_force"]["vector"][axis];
+}
+bool is_zero(const Json& message) {
+  return force_of(message, "x") == 0 && force_of(message, "y") == 0 && force_of(message, "z") == 0;
+}
+
+TEST(Haply, PositionsComeAndForcesGoToTheDeviceThatIsAskedFor) {
+  Peer peer{Peer::state};
+  {
+    PluginDevice device{HAPLY, peer.place() + "/049D"};
+    EXPECT_LT(device.spec().max_force, 10);
+    const std::int64_t begun = now_ns();
+    ASSERT_TRUE(
+        runs_until(device, {0.5, -1, 1.0 / 3}, [](const DeviceState& state) { return state.position.x() > 20e-6; }));
+    const DeviceState state = device.read(now_ns());
+    EXPECT_EQ(state.position.y(), -0.12);
+    EXPECT_EQ(state.position.z(), 0.15);
+    EXPECT_EQ(state.velocity.x(), 0.25);
+    EXPECT_GE(state.time_ns, begun);
+    EXPECT_LE(state.time_ns, now_ns());
+    EXPECT_EQ(device.health(), DeviceHealth::kReady);
+    EXPECT_TRUE(peer.hears([](const auto& all) { return !all.empty() && force_of(all.back(), "x") == 0.5; }));
+  }
+  const std::vector<Json> heard = peer.heard();
+  EXPECT_EQ(heard[0]["session"]["configure"]["profile"]["name"], "tactus:hrtc");
+  EXPECT_TRUE(is_zero(heard[0])) << "before anybody has written one";
+  EXPECT_TRUE(is_zero(heard.back())) << "and at the end";
+  const Json& later = heard[heard.size() - 3];
+  EXPECT_EQ(later, Json::parse(R"({"inverse3": [{"device_id": "049D", "commands": {"set_cursor_force": {"vector":
+                                    {"x": 0.5, "y": -1.0, "z": 0.3333333333333333}}}}]})"));
+}
+
+TEST(Haply, TheFirstDeviceIsTakenWhenNoneIsNamed) {
+  Peer peer{Peer::state};
+  PluginDevice device{HAPLY, peer.place()};
+  EXPECT_TRUE(runs_until(device, Vec3d::Zero(), [](const DeviceState& state) { return state.position.x() == 9; }));
+}
+
+TEST(Haply, WhatCannotBeOpenedSaysWhatWasFoundAndExpected) {
+  std::string nowhere;
+  {
+    Peer other{Peer::state};
+    EXPECT_THAT(refusal(other.place() + "/0000"), testing::HasSubstr("found Inverse3 04A1, 049D, expected 0000"));
+    nowhere = other.place();
+  }
+  EXPECT_THAT(refusal(nowhere), testing::HasSubstr("refused; is the service running?"));
+  EXPECT_THAT(refusal("nonsense"), testing::HasSubstr("found 'nonsense', expected HOST:PORT"));
+  Peer empty{Peer::state, R"({"session_id": 1, "inverse3": []})"};
+  EXPECT_THAT(refusal(empty.place()), testing::HasSubstr("found no Inverse3, expected one"));
+}
+
+TEST(Haply, NonsenseIsPassedOverAndTheLastPoseStays) {
+  const std::vector<std::string> nonsense{
+      "not JSON",
+      "[]",
+      "3",
+      "null",
+      "{}",
+      R"({"inverse3": 5})",
+      R"({"error": "what?"})",
+      R"({"inverse3": [5, {"device_id": 4}, {"device_id": "049D"}]})",
+      R"({"inverse3": [{"device_id": "049D", "state": {"cursor_position": {"x": 1, "y": 1}}}]})",
+      R"({"inverse3": [{"device_id": "049D", "state": {"cursor_position": {"x": "1", "y": 1, "z": 1}, "cursor_velocity": {"x": 0, "y": 0, "z": 0}}}]})",
+      R"({"inverse3": [{"device_id": "049D", "state": {"cursor_position": {"x": 1e999, "y": 1, "z": 1}, "cursor_velocity": {"x": 0, "y": 0, "z": 0}}}]})",
+      R"({"inverse3": [{"device_id": "049D", "state": {"cursor_position": {"x": null, "y": 1, "z": 1}, "cursor_velocity": {"x": 0, "y": 0, "z": 0}}}]})",
+      std::string(5000, '['),
+      std::string("{\"inverse3\":\0", 13)};
+  const auto answer = [&](std::size_t number) {
+    return number % 20 < nonsense.size() && number >= 20 ? nonsense[number % 20] : Peer::state(number);
+  };
+  Peer peer{answer};
+  PluginDevice device{HAPLY, peer.place() + "/049D"};
+  double farthest = 0;
+  EXPECT_TRUE(runs_until(device, {0, 0, 1}, [&](const DeviceState& state) {
+    farthest = std::max(farthest, state.position.cwiseAbs().maxCoeff());
+    return state.position.x() > 100e-6;
+  }));
+  EXPECT_LE(farthest, 0.15) << "nothing of it was taken";
+  EXPECT_EQ(device.health(), DeviceHealth::kReady);
+}
+
+TEST(Haply, NothingButNonsenseHasFailed) {
+  Peer peer{[](std::size_t number) { return number < 5 ? Peer::state(number) : std::string{"nonsense"}; }};
+  PluginDevice device{HAPLY, peer.place() + "/049D"};
+  EXPECT_TRUE(runs_until(device, Vec3d::Zero(), [&](const auto&) { return device.health() == DeviceHealth::kFailed; }));
+}
+
+TEST(Haply, AConnectionThatEndsHasFailed) {
+  Peer peer{[](std::size_t number) { return number < 30 ? Peer::state(number) : std::string{}; }};
+  PluginDevice device{HAPLY, peer.place() + "/049D"};
+  EXPECT_TRUE(runs_until(device, {1, 0, 0}, [&](const auto&) { return device.health() == DeviceHealth::kFailed; }));
+  const std::int64_t last_ns = device.read(now_ns()).time_ns;
+  EXPECT_EQ(device.read(now_ns() + 1'000'000).time_ns, last_ns) << "and the pose grows old";
+}
+
+TEST(Haply, AServiceThatFallsSilentHasFailedWithinASecond) {
+  Peer peer{[](std::size_t number) { return number < 30 ? Peer::state(number) : std::string{"silence"}; }};
+  PluginDevice device{HAPLY, peer.place() + "/049D"};
+  const std::int64_t begun = now_ns();
+  EXPECT_TRUE(runs_until(device, {1, 0, 0}, [&](const auto&) { return device.health() == DeviceHealth::kFailed; }));
+  EXPECT_GT(now_ns() - begun, 900'000'000) << "a moment's silence is none";
+}
+
+TEST(Haply, ADeviceThatIsUnpluggedHasFailed) {
+  Peer peer{[](std::size_t number) {
+    return number < 30 ? Peer::state(number) : R"({"inverse3": [{"device_id": "04A1", "state": {}}]})";
+  }};
+  PluginDevice device{HAPLY, peer.place() + "/049D"};
+  EXPECT_TRUE(runs_until(device, {1, 0, 0}, [&](const auto&) { return device.health() == DeviceHealth::kFailed; }));
+}
+
+TEST(Haply, AForceThatNobodyRenewsEnds) {
+  Peer peer{Peer::state};
+  PluginDevice device{HAPLY, peer.place() + "/049D"};
+  device.write({2, 0, 0});
+  ASSERT_TRUE(peer.hears([](const auto& all) { return !all.empty() && force_of(all.back(), "x") == 2; }));
+  EXPECT_TRUE(peer.hears([](const auto& all) { return is_zero(all.back()); }));
+}
+
+}  // namespace
+}  // namespace tactus::haptics
