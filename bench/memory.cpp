@@ -157,7 +157,9 @@ class Programs {
                                      "--replay",
                                      "tip=" + poses().string(),
                                      "--log",
-                                     log(name).string()};
+                                     log(name).string(),
+                                     "--flight-recorder",  // whose memory grows for 30 s, whatever the models'
+                                     "0"};
     command.insert(command.end(), memory.begin(), memory.end());
     return command;
   }

@@ -147,6 +147,7 @@ TEST(Haply, PositionsComeAndForcesGoToTheDeviceThatIsAskedFor) {
   {
     PluginDevice device{HAPLY, peer.place() + "/049D"};
     EXPECT_LT(device.spec().max_force, 10);
+    ASSERT_TRUE(peer.hears([](const auto& all) { return !all.empty(); }));
     const std::int64_t begun = now_ns();
     ASSERT_TRUE(
         runs_until(device, {0.5, -1, 1.0 / 3}, [](const DeviceState& state) { return state.position.x() > 20e-6; }));
