@@ -28,6 +28,7 @@ struct Settings {
   std::string json;
   double seconds = 180;
   std::string keep;  // folder
+  std::string part = "all";
 };
 
 constexpr char kObjects[] = R"(objects:
@@ -203,13 +204,7 @@ void measure_cost(Report& report) {
   }
 }
 
-int run(const Settings& settings) {
-  char text[160];
-  std::snprintf(
-      text, sizeof text,
-      "%g s, 5 users (2 with remote devices) of 2 controllers with pools of 4096 and 5000 slots, friction 0.4 and 0.3",
-      settings.seconds);
-  Report report{{"replay", "a generated organ of 400,000 faces", 0, 0, text}};
+void replay_session(Report& report, const Settings& settings) {
   const test_support::TemporaryFolder folder;
   const std::filesystem::path at = settings.keep.empty() ? folder.path() : std::filesystem::path{settings.keep};
   std::filesystem::create_directories(at);
@@ -223,7 +218,17 @@ int run(const Settings& settings) {
   replay(report, "whole session", at / "whole.mcap", model.coded(), true);
   replay(report, "30 s before a stop", of_stop, model.coded(), false);
   replay(report, "30 s before the end", at / "end.mcap", model.coded(), false);
-  measure_cost(report);
+}
+
+int run(const Settings& settings) {
+  char text[160];
+  std::snprintf(
+      text, sizeof text,
+      "%g s, 5 users (2 with remote devices) of 2 controllers with pools of 4096 and 5000 slots, friction 0.4 and 0.3",
+      settings.seconds);
+  Report report{{"replay", "a generated organ of 400,000 faces", 0, 0, text}};
+  if (settings.part != "cost") replay_session(report, settings);
+  if (settings.part != "session") measure_cost(report);
   return report.finish(settings.json);
 }
 
@@ -236,6 +241,8 @@ int main(int argc, char** argv) {
   CLI::App app{"Flight recordings of a real session, replayed to the bit; needs root"};
   app.add_option("--seconds", settings.seconds, "of the session")->check(CLI::Range(5.0, 3600.0));
   app.add_option("--keep", settings.keep, "folder for models and recordings, which stay there");
+  app.add_option("--part", settings.part, "session: record and replay one; cost: what recording takes; all")
+      ->check(CLI::IsMember({"all", "session", "cost"}));
   app.add_option("--json", settings.json, "the figures as JSON");
   app.add_flag("--quick", quick, "90 s, for CI");
   return tactus::bench::latency_main(app, "tactus-bench-replay", argc, argv, [&] {
