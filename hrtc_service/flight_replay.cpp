@@ -2,6 +2,7 @@
 
 #include <xmmintrin.h>
 
+#include <algorithm>
 #include <cstdio>
 #include <cstring>
 #include <map>
@@ -154,10 +155,16 @@ class World {
     return {Arrival::Kind::kRegion, &touch, region, list};
   }
 
-  [[nodiscard]] Arrival retirement(std::uint32_t number, spm::RegionId region) {
+  /// `arrivals`: those that came in the same cycle, it may be among them.
+  [[nodiscard]] Arrival retirement(std::uint32_t number, spm::RegionId region, const std::vector<Arrival>& arrivals) {
     TouchObject& touch = object(number);
-    if (spm::index(region) >= touch.forest->grid().size() || !touch.forest->is_here(region) ||
-        touch.forest->is_retiring(region))
+    const spm::Forest& forest = *touch.forest;
+    const bool comes = std::any_of(arrivals.begin(), arrivals.end(), [&](const Arrival& arrival) {
+      return arrival.kind == Arrival::Kind::kRegion && arrival.object == &touch && arrival.region == region;
+    });
+    const bool here =
+        spm::index(region) < forest.grid().size() && forest.is_here(region) && !forest.is_retiring(region);
+    if (!comes && !here)
       throw Astray("region " + std::to_string(spm::index(region)) + " of object '" + touch.name +
                    "' is not here to be retired");
     return {Arrival::Kind::kRetire, &touch, region, {}};
@@ -293,7 +300,7 @@ class Replay {
         arrivals_.push_back(world_->region(event.object, region));
         return;
       case Kind::kRegionRetired:
-        arrivals_.push_back(world_->retirement(event.object, region));
+        arrivals_.push_back(world_->retirement(event.object, region, arrivals_));
         return;
       case Kind::kRegionLeft:
         ++left_;

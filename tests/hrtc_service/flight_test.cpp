@@ -64,6 +64,8 @@ class Flight : public ::testing::Test {
     };
     std::uint64_t contact = 0;
     for (int cycle = 0; cycle < cycles; ++cycle) {
+      if (cycle % 700 == 650)  // the haptic thread does not come to run: what comes and goes meanwhile arrives at once
+        for (int i = 0; i < 200; ++i) session.prepare(at(cycle + 2 * i, 0), Vec3d::Zero());
       const auto velocity = [&](double turn) -> Vec3d { return (at(cycle + 1, turn) - at(cycle, turn)) * 1000; };
       session.prepare(at(cycle, 0), velocity(0));
       hrtc_service::ProbeInput& other = session.inputs()[1];
@@ -152,7 +154,7 @@ TEST_F(Flight, TheLastSecondsAreReplayedToTheBitFromTheMidst) {
     const FlightReport report = replay();
     EXPECT_EQ(report.differ, 0u) << report.first_difference;
     EXPECT_FALSE(report.from_the_beginning);
-    EXPECT_GE(report.cycles, 2000u);
+    EXPECT_GE(report.cycles, 1500u);
     EXPECT_LE(report.cycles, 3000u);
     EXPECT_GT(report.regions_left, 20u);
   }
