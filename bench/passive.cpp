@@ -7,14 +7,15 @@
 
 #include "bench/bench_main.hpp"
 #include "bench/figures.hpp"
-#include "bench/shared_world.hpp"
 #include "haptics/passivity.hpp"
 #include "haptics/simulated_device.hpp"
+#include "study/shared_world.hpp"
 
 namespace tactus::bench {
 namespace {
 
 using namespace haptics;
+using namespace study;
 
 struct Settings {
   std::string json;

@@ -8,10 +8,12 @@
 
 #include "bench/bench_main.hpp"
 #include "bench/figures.hpp"
-#include "bench/shared_world.hpp"
+#include "study/shared_world.hpp"
 
 namespace tactus::bench {
 namespace {
+
+using namespace study;
 
 struct Settings {
   std::string json;

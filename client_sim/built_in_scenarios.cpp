@@ -138,6 +138,62 @@ users:
       - follow: {speed: 0.05, force: 1.5, seconds: 2, pattern: zigzag, extent: 0.02}
 )";
 
+constexpr char kTargetForce[] = R"(name: target-force
+measures: target
+truth: analytic
+within: 0.2
+duration: 12
+users:
+  - name: ann
+    script:
+      - approach: {object: box, direction: [1, 0, 0], speed: 0.1, until_force: 0.2}
+      - hold: {force: 2, seconds: 8}
+  - name: bob
+    hrtc: "#2"
+    script:
+      - approach: {object: box, direction: [-1, 0, 0], speed: 0.1, until_force: 0.2}
+      - hold: {force: 2, seconds: 8}
+)";
+
+constexpr char kHandOver[] = R"(name: hand-over
+measures: hand-over
+truth: state-machine
+duration: 30
+users:
+  - name: ann
+    hrtc: "#1"
+    repeat: true
+    script:
+      - approach: {object: box, direction: [1, 0, 0], speed: 0.2, until_force: 0.3}
+      - hold: {force: 1, seconds: 1}
+      - retreat: {speed: 0.2}
+      - wait: {seconds: 1}
+  - name: bob
+    hrtc: "#2"
+    repeat: true
+    script:
+      - approach: {object: box, direction: [-1, 0, 0], speed: 0.2, until_force: 0.3}
+      - hold: {force: 1, seconds: 1}
+      - retreat: {speed: 0.2}
+      - wait: {seconds: 1}
+  - name: cyn
+    hrtc: "#3"
+    repeat: true
+    script:
+      - approach: {object: box, direction: [0, 1, 0], speed: 0.2, until_force: 0.3}
+      - hold: {force: 1, seconds: 1}
+      - retreat: {speed: 0.2}
+      - wait: {seconds: 1}
+  - name: dan
+    hrtc: "#4"
+    repeat: true
+    script:
+      - approach: {object: box, direction: [0, -1, 0], speed: 0.2, until_force: 0.3}
+      - hold: {force: 1, seconds: 1}
+      - retreat: {speed: 0.2}
+      - wait: {seconds: 1}
+)";
+
 }  // namespace
 
 const std::vector<BuiltInScenario>& built_in_scenarios() {
@@ -148,7 +204,9 @@ const std::vector<BuiltInScenario>& built_in_scenarios() {
                                                        {"tap-wall-remote", kTapWallRemote},
                                                        {"tap-scan", kTapScan},
                                                        {"follow-scan", kFollowScan},
-                                                       {"cold-start", kColdStart}};
+                                                       {"cold-start", kColdStart},
+                                                       {"target-force", kTargetForce},
+                                                       {"hand-over", kHandOver}};
   return kScenarios;
 }
 

@@ -106,24 +106,40 @@ User parse_user(const Place& place, const YAML::Node& node) {
   return user;
 }
 
+bool goes_with(Truth truth, Measure measure) {
+  switch (measure) {
+    case Measure::kNone:
+      return truth == Truth::kNone;
+    case Measure::kForces:
+    case Measure::kFirstTouch:
+      return truth == Truth::kFullMesh || truth == Truth::kAnalytic;
+    case Measure::kTarget:
+      return truth == Truth::kAnalytic;
+    case Measure::kHandOver:
+      return truth == Truth::kStateMachine;
+  }
+  return false;
+}
+
 }  // namespace
 
 Scenario parse_scenario(const std::string& text, const std::string& source) {
   const Place top{source, ""};
   const YAML::Node root = yaml::load(text, top);
   if (!root.IsMap()) top.fail(root.Mark(), "found " + shown(root) + ", expected a map with name and users");
-  const Map map{top, root, {"name", "measures", "truth", "duration", "seed", "spread", "users"}};
+  const Map map{top, root, {"name", "measures", "truth", "within", "duration", "seed", "spread", "users"}};
   Scenario scenario;
   scenario.digest = session::id_of(text);
   (void)map.required("name");
   map.name("name", scenario.name);
-  map.choice("measures", {"nothing", "forces", "first-touch"}, scenario.measures);
+  map.choice("measures", {"nothing", "forces", "first-touch", "target", "hand-over"}, scenario.measures);
   if (scenario.measures != Measure::kNone) (void)map.required("truth");
-  map.choice("truth", {"none", "full-mesh", "analytic"}, scenario.truth);
-  if ((scenario.measures == Measure::kNone) != (scenario.truth == Truth::kNone)) {
+  map.choice("truth", {"none", "full-mesh", "analytic", "state-machine"}, scenario.truth);
+  if (!goes_with(scenario.truth, scenario.measures)) {
     map.place("truth").fail(map.child("truth").Mark(),
                             "found " + shown(map.child("truth")) + ", which does not go with what it measures");
   }
+  map.number("within", 0.01, 10, scenario.within);
   map.number("spread", 0, 0.5, scenario.spread);
   map.number("duration", 0.1, kLongest, scenario.duration);
   map.integer("seed", 0, 1e15, scenario.seed);

@@ -73,15 +73,18 @@ struct User {
 
 /// What a study takes from a run of the scenario.
 enum class Measure : std::uint8_t {
-  kNone,       ///< nothing: it only runs
-  kForces,     ///< what hands feel, at each of their places
-  kFirstTouch  ///< the same, and when what is touched is here, of a controller that has just come
+  kNone,        ///< nothing: it only runs
+  kForces,      ///< what hands feel, at each of their places
+  kFirstTouch,  ///< the same, and when what is touched is here, of a controller that has just come
+  kTarget,      ///< how well users who press one body from several sides keep the force that they want
+  kHandOver     ///< how users who take a body from each other get it
 };
 /// What that is held against.
 enum class Truth : std::uint8_t {
   kNone,
-  kFullMesh,  ///< all faces of the object touched, in the same process: a second proxy follows the same hand there
-  kAnalytic   ///< the same, against a box with the object's bounds
+  kFullMesh,     ///< all faces of the object touched, in the same process: a second proxy follows the same hand there
+  kAnalytic,     ///< the same, against a box with the object's bounds; of a target, the force itself
+  kStateMachine  ///< under one fencing number one program simulates (session/ownership.hpp)
 };
 
 struct Scenario {
@@ -89,6 +92,7 @@ struct Scenario {
   std::uint64_t digest = 0;  ///< of its text
   Measure measures = Measure::kNone;
   Truth truth = Truth::kNone;  ///< none only when nothing is measured
+  double within = 0.2;         ///< N; a force so near to its target is on it
   double spread = 0;           ///< `varied` moves each point aimed at by up to so much, as a share of the bounds
   double duration = 10;        ///< s from the moment all users are served
   std::uint64_t seed = 1;

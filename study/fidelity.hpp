@@ -16,7 +16,7 @@ using spm::Vec3d;
 /// One number of one run.
 struct Figure {
   std::string name, unit;
-  double value = 0;
+  double value = 0;  ///< NaN: this run has none
 };
 using Figures = std::vector<Figure>;
 

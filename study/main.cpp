@@ -12,6 +12,7 @@
 #include "study/results.hpp"
 #include "study/scenario_run.hpp"
 #include "study/study.hpp"
+#include "study/tables.hpp"
 #include "tactus/commit.hpp"
 #include "wire/process.hpp"
 
@@ -65,12 +66,11 @@ std::string machine() {
   return std::to_string(std::thread::hardware_concurrency()) + " processors, " + names.sysname + " " + names.release;
 }
 
-/// What makes two runs with one scenario, link and seed the same.
-std::string identity_of(const Study& study, const std::vector<client_sim::Scenario>& scenarios, const Subject* scan) {
+/// What makes two runs with one experiment, link and seed the same.
+std::string identity_of(const Study& study, const Experiments& experiments) {
   nlohmann::ordered_json identity{{"study", study.name}, {"commit", TACTUS_COMMIT}};
-  if (scan != nullptr)
-    identity["scan"] = {{"source", scan->source}, {"size", study.scan.size}, {"digest", scan->model.summary.digest}};
-  for (const client_sim::Scenario& scenario : scenarios) identity["scenarios"][scenario.name] = scenario.digest;
+  for (const Subject& subject : experiments.subjects) identity["models"][subject.name] = subject.model.summary.digest;
+  for (const Experiment& experiment : experiments.all) identity["experiments"][experiment.name] = experiment.digest;
   return identity.dump();
 }
 
@@ -96,15 +96,14 @@ void write_traces(const std::filesystem::path& folder, const Run& run, const Sce
 /// interrupted is a smaller study.
 class Runner {
  public:
-  Runner(const Options& options, const Study& study, const std::vector<client_sim::Scenario>& scenarios,
-         const std::vector<Subject>& subjects, RunLog& log)
-      : options_{options}, subjects_{subjects}, log_{log} {
-    for (std::uint64_t seed = study.first_seed; seed < study.first_seed + study.seeds; ++seed)
-      for (const client_sim::Scenario& scenario : scenarios)
-        for (const std::string& profile : study.profiles)
-          if (!log.has(scenario.name, profile, seed)) left_.push_back({&scenario, profile, seed});
+  Runner(const Options& options, const Study& study, const Experiments& experiments, RunLog& log)
+      : options_{options}, log_{log} {
+    for (std::uint32_t i = 0; i < study.seeds; ++i)
+      for (const Experiment& experiment : experiments.all)
+        for (const std::string& profile : experiment.profiles)
+          if (i < experiment.seeds && !log.has(experiment.name, profile, study.first_seed + i))
+            left_.push_back({&experiment, profile, study.first_seed + i});
   }
-  [[nodiscard]] std::size_t left() const noexcept { return left_.size(); }
   /// Throws what the first run that failed threw.
   void run(const std::atomic<bool>& stop) {
     const unsigned jobs = options_.jobs > 0 ? options_.jobs : std::max(1u, std::thread::hardware_concurrency());
@@ -116,7 +115,7 @@ class Runner {
 
  private:
   struct Task {
-    const client_sim::Scenario* scenario;
+    const Experiment* experiment;
     std::string profile;
     std::uint64_t seed;
   };
@@ -124,13 +123,9 @@ class Runner {
     for (std::size_t i = next_++; i < left_.size() && !stop && !failed_; i = next_++) {
       const Task& task = left_[i];
       try {
-        const std::string object = object_of(*task.scenario);
-        const Subject& subject =
-            *std::find_if(subjects_.begin(), subjects_.end(), [&](const Subject& one) { return one.name == object; });
-        const ScenarioRun result =
-            run_scenario(*task.scenario, subject, netem::parse_link(task.profile), task.seed, stop);
+        const ScenarioRun result = task.experiment->run(netem::parse_link(task.profile), task.seed, stop);
         if (stop) return;
-        const Run run{task.scenario->name, task.profile, task.seed, result.figures};
+        const Run run{task.experiment->name, task.profile, task.seed, result.figures};
         if (options_.trace) write_traces(std::filesystem::path{options_.out} / "traces", run, result);
         const std::lock_guard lock{mutex_};
         log_.add(run);
@@ -145,7 +140,6 @@ class Runner {
   }
 
   const Options& options_;
-  const std::vector<Subject>& subjects_;
   RunLog& log_;
   std::vector<Task> left_;
   std::atomic<std::size_t> next_{0};
@@ -158,33 +152,29 @@ class Runner {
 int run(const Options& options, const std::string& command, const std::atomic<bool>& stop) {
   Study study = study_of(options);
   const std::vector<client_sim::Scenario> scenarios = check(study);
-  std::vector<Subject> subjects;
-  for (const client_sim::Scenario& scenario : scenarios) {
-    const std::string object = object_of(scenario);
-    if (std::any_of(subjects.begin(), subjects.end(), [&](const Subject& one) { return one.name == object; })) continue;
-    std::fprintf(stderr, "making the %s\n", object.c_str());
-    subjects.push_back(object == "wall" ? make_subject("wall", "wall", 20'000, 0.2)
-                                        : make_subject("scan", study.scan.model, study.scan.faces, study.scan.size));
-  }
-  const auto scan =
-      std::find_if(subjects.begin(), subjects.end(), [](const Subject& one) { return one.name == "scan"; });
+  std::fprintf(stderr, "making the models\n");
+  const Experiments experiments = experiments_of(study, scenarios);
   const std::filesystem::path folder{options.out};
-  RunLog log{folder, identity_of(study, scenarios, scan == subjects.end() ? nullptr : &*scan)};
-  Runner runner{options, study, scenarios, subjects, log};
+  RunLog log{folder, identity_of(study, experiments)};
+  Runner runner{options, study, experiments, log};
   runner.run(stop);
 
   About about{study.name, command, machine(), TACTUS_COMMIT, {}};
-  if (scan != subjects.end()) about.notes.push_back("The scan: " + scan->source + ".");
+  for (const Subject& subject : experiments.subjects)
+    about.notes.push_back("The " + subject.name + ": " + subject.source + ".");
   about.notes.push_back(
       "Virtual time: what the programs run, without threads, sockets, discovery and what a machine does to them. Each "
       "figure is a mean over seeds, with its 95 % confidence; one run of it again: `tactus sim study --scenarios NAME "
       "--profiles LINK --seeds 1 --first-seed SEED --trace --out FOLDER`.");
   if (stop) about.notes.push_back("Interrupted: some seeds are missing.");
-  std::vector<std::string> names;
-  for (const client_sim::Scenario& scenario : scenarios) names.push_back(scenario.name);
-  const std::vector<Cell> cells = cells_of(log.runs(), names, study.profiles);
+  const std::vector<Cell> cells = cells_of(log.runs(), experiments.all);
+  if (cells.empty()) {
+    std::fprintf(stderr, "tactus-study: interrupted before anything was finished\n");
+    return kInterrupted;
+  }
   const std::string tables = markdown(about, cells);
   write_file(folder / "tables.md", tables);
+  write_file(folder / "index.html", html(about, cells));
   write_file(folder / "cells.csv", csv(cells));
   write_file(folder / "study.json", json(about, cells));
   std::cout << tables;

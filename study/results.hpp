@@ -1,7 +1,4 @@
-/// The runs of a study in a folder, and the tables made of them.
-///
-///     runs.jsonl    a line for the study, then one for each run: what is finished stays finished
-///     tables.md     for people          cells.csv, study.json    for machines
+/// The runs of a study in a folder, a line each, so that what is finished stays finished; and their cells.
 ///
 /// Not realtime.
 #pragma once
@@ -11,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "study/fidelity.hpp"
+#include "study/experiments.hpp"
 #include "study/statistics.hpp"
 
 namespace tactus::study {
@@ -48,20 +45,11 @@ struct CellFigure {
 };
 struct Cell {
   std::string scenario, profile;
+  Topic topic = Topic::kForces;
   std::vector<CellFigure> figures;
 };
-/// In the order in which scenarios and profiles are given; those without a run are left out.
-[[nodiscard]] std::vector<Cell> cells_of(const std::vector<Run>& runs, const std::vector<std::string>& scenarios,
-                                         const std::vector<std::string>& profiles);
-
-/// What a reader has to know beside the figures.
-struct About {
-  std::string study, command, machine, build;
-  std::vector<std::string> notes;
-};
-[[nodiscard]] std::string markdown(const About& about, const std::vector<Cell>& cells);
-[[nodiscard]] std::string csv(const std::vector<Cell>& cells);
-[[nodiscard]] std::string json(const About& about, const std::vector<Cell>& cells);
+/// In the order of experiments and their links; those without a run are left out.
+[[nodiscard]] std::vector<Cell> cells_of(const std::vector<Run>& runs, const std::vector<Experiment>& experiments);
 
 /// Beside `file`, then renamed. Throws std::runtime_error.
 void write_file(const std::filesystem::path& file, const std::string& text);

@@ -23,7 +23,8 @@ Study parse_study(const std::string& text, const std::string& source) {
   if (!root.IsMap()) {
     top.fail(root.Mark(), "found " + client_sim::yaml::shown(root) + ", expected a map with name and scenarios");
   }
-  const Map map{top, root, {"name", "profiles", "scenarios", "seeds", "first_seed", "scan"}};
+  const Map map{
+      top, root, {"name", "profiles", "scenarios", "seeds", "first_seed", "scan", "collaboration", "stiffness"}};
   Study study;
   (void)map.required("name");
   map.name("name", study.name);
@@ -31,6 +32,8 @@ Study parse_study(const std::string& text, const std::string& source) {
   map.texts("scenarios", study.scenarios);
   map.integer("seeds", 1, 10'000, study.seeds);
   map.integer("first_seed", 1, 1e9, study.first_seed);
+  map.flag("collaboration", study.collaboration);
+  map.flag("stiffness", study.stiffness);
   if (map.has("scan")) {
     const Map scan{map.place("scan"), map.child("scan"), {"model", "faces", "size"}};
     scan.text("model", study.scan.model);
@@ -47,27 +50,51 @@ Study load_study(const std::string& file) {
   return parse_study(text.str(), file);
 }
 
-std::vector<client_sim::Scenario> check(Study& study) {
-  const auto refuse = [](const client_sim::Scenario& scenario, const std::string& what) {
-    throw ScenarioError{"scenario '" + scenario.name + "': " + what};
-  };
+namespace {
+
+using client_sim::ActionKind;
+using client_sim::Measure;
+using client_sim::Scenario;
+
+/// What keeps a study from running it, or nothing.
+std::string trouble_with(const Scenario& scenario) {
+  if (scenario.measures == Measure::kNone) return "measures nothing; expected 'measures' and 'truth'";
+  const std::size_t most = hrtc_service::kMaxProbes;
+  if (scenario.users.size() > most)
+    return "has " + std::to_string(scenario.users.size()) + " users, expected at most " + std::to_string(most);
+  const std::string object = object_of(scenario);
+  if (scenario.measures == Measure::kTarget || scenario.measures == Measure::kHandOver) {
+    if (object != "box") return "touches '" + object + "', expected box, the body that users share";
+    if (scenario.users.size() < 2) return "has one user, expected two or more";
+    const auto has = [&](ActionKind kind) {
+      return std::all_of(scenario.users.begin(), scenario.users.end(), [&](const client_sim::User& user) {
+        return std::any_of(user.script.begin(), user.script.end(),
+                           [&](const auto& action) { return action.kind == kind; });
+      });
+    };
+    if (!has(ActionKind::kHold)) return "has a user who does not hold the box";
+    if (scenario.measures == Measure::kHandOver && !has(ActionKind::kWait))
+      return "has a user who does not wait between touches";
+    return "";
+  }
+  if (object != "wall" && object != "scan") return "touches '" + object + "', expected wall or scan";
+  if (object != "wall" && scenario.truth == client_sim::Truth::kAnalytic)
+    return "its truth is analytic, which is known of the wall alone";
+  return "";
+}
+
+}  // namespace
+
+std::vector<Scenario> check(Study& study) {
   const auto at = std::find(study.profiles.begin(), study.profiles.end(), kBaseline);
   if (at != study.profiles.end()) study.profiles.erase(at);
   study.profiles.insert(study.profiles.begin(), kBaseline);
   for (const std::string& profile : study.profiles) (void)netem::parse_link(profile);
-  std::vector<client_sim::Scenario> scenarios;
+  std::vector<Scenario> scenarios;
   for (const std::string& name : study.scenarios) {
-    const client_sim::Scenario scenario = client_sim::load_scenario(name);
-    if (scenario.measures == client_sim::Measure::kNone)
-      refuse(scenario, "measures nothing; expected 'measures' and 'truth'");
-    const std::string object = object_of(scenario);
-    if (object != "wall" && object != "scan") refuse(scenario, "touches '" + object + "', expected wall or scan");
-    if (object != "wall" && scenario.truth == client_sim::Truth::kAnalytic)
-      refuse(scenario, "its truth is analytic, which is known of the wall alone");
-    if (scenario.users.size() > hrtc_service::kMaxProbes)
-      refuse(scenario, "has " + std::to_string(scenario.users.size()) + " users, expected at most " +
-                           std::to_string(hrtc_service::kMaxProbes));
-    scenarios.push_back(scenario);
+    scenarios.push_back(client_sim::load_scenario(name));
+    const std::string trouble = trouble_with(scenarios.back());
+    if (!trouble.empty()) throw ScenarioError{"scenario '" + scenarios.back().name + "': " + trouble};
   }
   return scenarios;
 }

@@ -5,6 +5,8 @@
 ///     scenarios: [tap-scan, follow-scan, my.yaml]
 ///     seeds: 10
 ///     scan: {model: organ, faces: 200000, size: 0.2}
+///     collaboration: true
+///     stiffness: true
 ///
 /// docs/studies.md has the rest.
 #pragma once
@@ -27,10 +29,13 @@ struct Scan {
 struct Study {
   std::string name = "quick";
   std::vector<std::string> profiles{"P0", "P2", "P4", "P6", "P7", "P8"};
-  std::vector<std::string> scenarios{"tap-wall", "tap-wall-remote", "tap-scan", "follow-scan", "cold-start"};
-  std::uint32_t seeds = 10;
+  std::vector<std::string> scenarios{"tap-wall",   "tap-wall-remote", "tap-scan", "follow-scan",
+                                     "cold-start", "target-force",    "hand-over"};
+  std::uint32_t seeds = 5;
   std::uint64_t first_seed = 1;
   Scan scan;
+  bool collaboration = true;  ///< the table of ways to simulate a shared object
+  bool stiffness = true;      ///< that of the largest stable stiffness
 };
 
 /// The zero-delay link, with which runs of other links and the same seed are paired.

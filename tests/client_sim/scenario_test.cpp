@@ -94,7 +94,7 @@ TEST(Scenario, SaysWhatIsMeasuredAgainstWhat) {
   EXPECT_THAT(error_of("name: t\nmeasures: forces\n" + users), HasSubstr("key 'truth' is missing"));
   EXPECT_THAT(error_of("name: t\ntruth: full-mesh\n" + users), HasSubstr("s.yaml:2:8: truth: found 'full-mesh'"));
   EXPECT_THAT(error_of("name: t\nmeasures: joy\ntruth: analytic\n" + users),
-              HasSubstr("measures: found 'joy', expected one of nothing, forces, first-touch"));
+              HasSubstr("measures: found 'joy', expected one of nothing, forces, first-touch, target"));
 }
 
 TEST(Scenario, VariesWithTheSeedAndWithinItsSpread) {
@@ -118,7 +118,7 @@ TEST(Scenario, ErrorsNamePlaceKeyFindingAndExpectation) {
             "s.yaml:5:9: users[0].script[0]: unknown key 'poke', expected one of approach, tap, follow, hold, wait, "
             "retreat");
   EXPECT_EQ(error_of("name: t\nuser: 3\n"),
-            "s.yaml:2:1: unknown key 'user', expected one of name, measures, truth, duration, "
+            "s.yaml:2:1: unknown key 'user', expected one of name, measures, truth, within, duration, "
             "seed, spread, users");
 }
 

@@ -1,27 +1,32 @@
-#include "study/results.hpp"
-
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <fstream>
 #include <sstream>
 
+#include "study/tables.hpp"
 #include "tests/support/temporary_folder.hpp"
 
 namespace tactus::study {
 namespace {
 
 using ::testing::HasSubstr;
+using ::testing::Not;
 
 Run run_of(const std::string& profile, std::uint64_t seed, double error) {
   return {"tap", profile, seed, {{"force error rms", "N", error}, {"above 1 JND", "%", 10 * error}}};
+}
+
+Experiment tap_over(std::vector<std::string> profiles) {
+  return {"tap", Topic::kForces, 0, std::move(profiles), 3, {}};
 }
 
 TEST(Cells, ArePairedByTheirSeeds) {
   // Seeds differ by more than links do: only pairing shows that P4 is worse by 0.5 each time.
   const std::vector<study::Run> runs{run_of("P0", 1, 1), run_of("P0", 2, 5), run_of("P4", 2, 5.5), run_of("P4", 1, 1.5),
                                      run_of("P4", 3, 9)};
-  const std::vector<Cell> cells = cells_of(runs, {"tap"}, {"P0", "P4", "P6"});
+  const std::vector<Cell> cells = cells_of(runs, {tap_over({"P0", "P4", "P6"})});
   ASSERT_EQ(cells.size(), 2u);
   EXPECT_EQ(cells[0].profile, "P0");
   EXPECT_EQ(cells[0].figures[0].value.mean, 3);
@@ -33,12 +38,40 @@ TEST(Cells, ArePairedByTheirSeeds) {
   EXPECT_EQ(cells[1].figures[0].difference.high, 0.5);
 }
 
+TEST(Cells, LeaveOutRunsThatHaveNoSuchFigure) {
+  const std::vector<Cell> cells =
+      cells_of({run_of("P0", 1, 1), run_of("P4", 1, std::nan("")), run_of("P4", 2, 3)}, {tap_over({"P0", "P4"})});
+  EXPECT_EQ(cells[1].figures[0].value.count, 1u);
+  EXPECT_EQ(cells[1].figures[0].value.mean, 3);
+  EXPECT_EQ(cells[1].figures[0].difference.count, 0u);
+}
+
 TEST(Tables, HaveProfilesAsRowsAndScenariosAsColumns) {
-  const std::vector<Cell> cells = cells_of({run_of("P0", 1, 0), run_of("P4", 1, 0.123456)}, {"tap"}, {"P0", "P4"});
+  const std::vector<Cell> cells = cells_of({run_of("P0", 1, 0), run_of("P4", 1, 0.123456)}, {tap_over({"P0", "P4"})});
   const std::string text = markdown({"s", "tactus sim study", "machine", "abc", {"a note"}}, cells);
   EXPECT_THAT(text, HasSubstr("| force error rms, N | tap |\n|---|--:|\n| P0 | 0 |\n| P4 | 0.123 |\n"));
   EXPECT_THAT(text, HasSubstr("a note"));
-  EXPECT_THAT(csv(cells), HasSubstr("tap,P4,\"force error rms\",N,1,0.123456,0.123456,0.123456,1,0.123456"));
+  EXPECT_THAT(csv(cells), HasSubstr("\"tap\",P4,\"force error rms\",N,1,0.123456,0.123456,0.123456,1,0.123456"));
+}
+
+TEST(Page, HasAPlotForWhatIsThereAndNeedsNothingFromElsewhere) {
+  const std::vector<Cell> cells =
+      cells_of({run_of("P0", 1, 0), run_of("P4", 1, 0.2), run_of("P4", 2, std::nan(""))}, {tap_over({"P0", "P4"})});
+  const std::string page = html({"<s>", "tactus sim study", "machine", "abc", {}}, cells);
+  EXPECT_THAT(page, HasSubstr("<h1>Study &lt;s&gt;</h1>"));
+  EXPECT_THAT(page, HasSubstr("<h2>Force fidelity</h2>"));
+  EXPECT_THAT(page, HasSubstr("<th>force error rms, N</th>"));
+  EXPECT_THAT(page, Not(HasSubstr("Stiffness")));
+  EXPECT_THAT(page, Not(HasSubstr("<script")));
+  EXPECT_THAT(page, Not(HasSubstr("http")));
+  std::size_t drawings = 0;
+  for (std::size_t at = 0; (at = page.find("<svg", at)) != std::string::npos; ++at, ++drawings) {
+    const std::string drawing = page.substr(at, page.find("</svg>", at) - at);
+    EXPECT_THAT(drawing, Not(HasSubstr("nan")));
+    EXPECT_THAT(drawing, Not(HasSubstr("inf")));
+    EXPECT_THAT(drawing, HasSubstr("<polyline"));
+  }
+  EXPECT_EQ(drawings, 2u) << "of rms and of what is above a JND; onsets are not among these figures";
 }
 
 class Log : public ::testing::Test {
@@ -59,7 +92,10 @@ TEST_F(Log, GoesOnWithWhatIsFinished) {
   EXPECT_FALSE(log.has("tap", "P4", 2));
   EXPECT_EQ(log.runs()[1].figures[0].value, 0.1);
   log.add(run_of("P4", 2, 3));
-  EXPECT_EQ(RunLog(folder_.path(), "study A").runs().size(), 3u);
+  log.add(run_of("P4", 3, std::nan("")));
+  const RunLog again{folder_.path(), "study A"};
+  ASSERT_EQ(again.runs().size(), 4u);
+  EXPECT_TRUE(std::isnan(again.runs()[3].figures[0].value));
 }
 
 TEST_F(Log, RefusesTheRunsOfAnotherStudy) {

@@ -1,4 +1,4 @@
-#include "bench/shared_world.hpp"
+#include "study/shared_world.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -6,20 +6,23 @@
 #include <random>
 #include <vector>
 
-#include "bench/virtual_link.hpp"
+#include "client_sim/operator.hpp"
 #include "haptics/body_touch.hpp"
 #include "haptics/passivity.hpp"
 #include "haptics/shared_object.hpp"
 #include "haptics/simulated_device.hpp"
+#include "study/way.hpp"
 
-namespace tactus::bench {
+namespace tactus::study {
 namespace {
 
 using namespace haptics;
 constexpr double kDt = 1e-3;
 constexpr double kPi = 3.14159265358979323846;
 constexpr std::int64_t kCycleNs = 1'000'000;
-constexpr double kRest = 6;  // s, when the hands' targets stop
+constexpr std::size_t kBytes = 400;  // a copy's state or a hand's, with its heads
+constexpr double kTremor = 1e-4;     // m rms, of a resting hand
+constexpr double kRest = 6;          // s, when the hands' targets stop
 const Vec3d kHalf{0.06, 0.06, 0.04};
 
 /// What travels: a copy's state, or that of a hand.
@@ -160,7 +163,7 @@ class World {
     outgoing_.device = device;
     outgoing_.grab = grab;
     if (server()) {
-      links_[user][settings_.users].send(now_ns_, outgoing_);
+      links_[user][settings_.users].send(now_ns_, outgoing_, kBytes);
     }
     Vec3d force = Vec3d::Zero();
     if (touch.touching())
@@ -269,14 +272,14 @@ class World {
     }
     for (std::size_t to = 0; to < objects_.size(); ++to) {
       if (to == i || (server() && i != settings_.users)) continue;
-      links_[i][to].send(now_ns_, packet);
+      links_[i][to].send(now_ns_, packet, kBytes);
     }
   }
 
   WorldSettings settings_;
   BoxSurface shape_;
   std::vector<std::unique_ptr<SharedObject>> objects_;
-  std::vector<std::vector<VirtualLink<Packet>>> links_;  // from, to
+  std::vector<std::vector<Way<Packet>>> links_;  // from, to
   std::vector<BodyTouch> touches_, remote_touches_;
   std::vector<Packet> remote_;
   std::vector<std::vector<PointSpring>> springs_;
@@ -389,6 +392,70 @@ CarryResult carry(const WorldSettings& settings, double seconds) {
   return result;
 }
 
+std::vector<std::vector<double>> press(const WorldSettings& settings, const std::vector<client_sim::User>& users,
+                                       double seconds) {
+  struct Presser {
+    client_sim::Operator mind;
+    HandSettings hand;
+    std::unique_ptr<SimulatedDevice> device;  // once it is known where it begins
+  };
+  BodyState start;
+  start.position.z() = kHalf.z();
+  World world{settings, whole_of(settings), start};
+  client_sim::ObjectView view;
+  view.id = 1;
+  view.centre = start.position;
+  view.half = kHalf;
+  const client_sim::Objects objects{{"box", view}};
+  std::vector<Presser> pressers;
+  for (const client_sim::User& user : users) {
+    pressers.push_back({client_sim::Operator{user, {}}, {}, nullptr});
+    pressers.back().hand.seed = static_cast<std::uint32_t>(settings.seed * 16 + pressers.size());
+    pressers.back().hand.tremor = kTremor;
+  }
+  std::vector<std::vector<double>> forces(users.size());
+  const int cycles = static_cast<int>(seconds / kDt);
+  for (int cycle = 0; cycle < cycles; ++cycle) {
+    const std::int64_t now_ns = world.now_ns();
+    for (std::size_t i = 0; i < pressers.size(); ++i) {
+      Presser& one = pressers[i];
+      if (const auto intent = one.mind.tick(now_ns, objects)) {
+        HandPath path;
+        for (const session::Waypoint& point : intent->path)
+          path.waypoints[path.count++] = {point.session_time_ns, point.position};
+        if (one.device == nullptr) {
+          const auto& first = intent->path.front().position;
+          one.hand.start = {first[0], first[1], first[2]};
+          one.device = std::make_unique<SimulatedDevice>(one.hand);
+        }
+        one.device->wishes().post(path);
+      }
+      if (one.device == nullptr) {
+        forces[i].push_back(0);
+        continue;
+      }
+      const DeviceState device = one.device->read(now_ns);
+      const Vec3d force = world.hold(i, device, false);
+      one.device->write(force);
+      forces[i].push_back(force.norm());
+      session::ProbeState felt;
+      felt.user_id = session::id_of(one.mind.user().name);
+      felt.session_time_ns = now_ns;
+      const Vec3d& proxy = world.touch(i).touch().proxy;
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        const auto at = static_cast<Eigen::Index>(axis);
+        felt.device.position[axis] = device.position[at];
+        felt.proxy[axis] = proxy[at];
+        felt.force[axis] = force[at];
+      }
+      if (world.touch(i).touching()) felt.status |= session::kInContact;
+      one.mind.on_probe_state(felt);
+    }
+    world.step({});
+  }
+  return forces;
+}
+
 bool settles(const WorldSettings& settings) {
   BodySettings whole = whole_of(settings);
   whole.gravity.setZero();
@@ -442,4 +509,4 @@ MassResult apparent_mass(const WorldSettings& settings, double frequency) {
   return {amplitude * in_phase / size / turn, amplitude * out_of_phase / size};
 }
 
-}  // namespace tactus::bench
+}  // namespace tactus::study

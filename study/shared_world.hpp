@@ -6,11 +6,13 @@
 #pragma once
 
 #include <cstdint>
+#include <vector>
 
+#include "client_sim/scenario.hpp"
 #include "haptics/coupling.hpp"
 #include "netem/profile.hpp"
 
-namespace tactus::bench {
+namespace tactus::study {
 
 enum class Method {
   kLine,    ///< copies on a passive line (haptics/coupling.hpp)
@@ -30,7 +32,7 @@ struct WorldSettings {
   netem::LinkProfile link;  ///< each way
   double playout = 0.03;    ///< s, the line's delay
   std::uint64_t seed = 1;
-  bool port_control = false;      ///< a passivity controller between each touch and its hand
+  bool port_control = false;     ///< a passivity controller between each touch and its hand
   double disagreement = 0.0005;  ///< m, standard deviation of where the hands think the object is
 };
 
@@ -49,6 +51,11 @@ struct CarryResult {
 /// The users grab the object, carry it along a path of some 6 s, and rest until `seconds`.
 [[nodiscard]] CarryResult carry(const WorldSettings& settings, double seconds);
 
+/// Users of a scenario press the box, which is the object `box` to them, without grabbing it; the force on each hand,
+/// N, by user and millisecond.
+[[nodiscard]] std::vector<std::vector<double>> press(const WorldSettings& settings,
+                                                     const std::vector<client_sim::User>& users, double seconds);
+
 struct MassResult {
   double mass = 0;     ///< kg, in phase with the acceleration
   double damping = 0;  ///< N s/m, in phase with the velocity
@@ -59,4 +66,4 @@ struct MassResult {
 /// What the object weighs to a force of `frequency` on one copy while nobody holds the others.
 [[nodiscard]] MassResult apparent_mass(const WorldSettings& settings, double frequency);
 
-}  // namespace tactus::bench
+}  // namespace tactus::study

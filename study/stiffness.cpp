@@ -1,0 +1,84 @@
+#include "study/stiffness.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <deque>
+
+#include "haptics/force.hpp"
+#include "haptics/passivity.hpp"
+#include "study/shared_world.hpp"
+
+namespace tactus::study {
+namespace {
+
+using haptics::Vec3d;
+
+constexpr double kDt = 1e-3;
+constexpr int kSubsteps = 10;
+
+/// A mass pressed into a wall by 1 N, whose force comes `delay` later; whether it comes to rest.
+bool rests_on_wall(double stiffness, double delay, bool control) {
+  const auto cycles = static_cast<std::size_t>(std::lround(delay / kDt));
+  std::deque<Vec3d> under_way(cycles, Vec3d::Zero());
+  haptics::PassivityController controller;
+  double x = 0.001, v = 0, early = 0, late = 0;
+  const int total = 20'000;
+  for (int cycle = 0; cycle < total; ++cycle) {
+    // Nothing hinders the wall from pulling: its linear limit is what the bound is about.
+    under_way.push_back({-stiffness * x, 0, 0});
+    Vec3d force = under_way.front();
+    under_way.pop_front();
+    if (control) force = controller.step(force, {x, 0, 0}, 0, kDt);
+    for (int i = 0; i < kSubsteps; ++i) {
+      const double h = kDt / kSubsteps;
+      v = (v + h / kDeviceMass * (force.x() + 1)) / (1 + h / kDeviceMass * kDeviceDamping);
+      x += h * v;
+    }
+    if (!(std::abs(v) < 1e3)) return false;
+    if (cycle > total / 4 && cycle <= total / 2) early = std::max(early, std::abs(v));
+    if (cycle > 3 * total / 4) late = std::max(late, std::abs(v));
+  }
+  return late < 1e-4 || late < 0.9 * early;
+}
+
+/// The largest stiffness up to kStiffest at which `stable` holds, by bisection of its logarithm; 0: none from 5 N/m on.
+template <class Stable>
+double largest(Stable&& stable, int steps) {
+  if (stable(kStiffest)) return kStiffest;
+  double low = std::log(5.0), high = std::log(kStiffest);
+  if (!stable(5)) return 0;
+  for (int i = 0; i < steps; ++i) {
+    const double middle = (low + high) / 2;
+    (stable(std::exp(middle)) ? low : high) = middle;
+  }
+  return std::exp(low);
+}
+
+}  // namespace
+
+Stiffness largest_stable(double round_trip, int steps) {
+  constexpr double kCopyDamping = 3;  // N s/m
+  Stiffness found;
+  found.wall_bound = haptics::stable_stiffness(kDeviceDamping, 0, kDt, round_trip);
+  found.wall = largest([&](double k) { return rests_on_wall(k, round_trip, false); }, steps);
+  found.wall_passivity = largest([&](double k) { return rests_on_wall(k, round_trip, true); }, steps);
+  found.copies_bound = 0.8 * 2 * kCopyDamping / (round_trip + kDt);
+  const auto copies = [&](Method method) {
+    WorldSettings world;
+    world.method = method;
+    world.link = {round_trip / 2 * 1e3, 0};
+    world.playout = round_trip / 2 + 0.001;
+    return largest(
+        [&](double k) {
+          world.coupling = k;
+          return settles(world);
+        },
+        steps);
+  };
+  found.copies_naive = copies(Method::kNaive);
+  found.copies_set = copies(Method::kSpring);
+  found.copies_line = copies(Method::kLine);
+  return found;
+}
+
+}  // namespace tactus::study

@@ -1,0 +1,24 @@
+/// A study's cells as tables and as a page with plots.
+///
+/// Not realtime.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "study/results.hpp"
+
+namespace tactus::study {
+
+/// What a reader has to know beside the figures.
+struct About {
+  std::string study, command, machine, build;
+  std::vector<std::string> notes;
+};
+[[nodiscard]] std::string markdown(const About& about, const std::vector<Cell>& cells);
+/// The tables with plots before them, for a browser; needs nothing from elsewhere.
+[[nodiscard]] std::string html(const About& about, const std::vector<Cell>& cells);
+[[nodiscard]] std::string csv(const std::vector<Cell>& cells);
+[[nodiscard]] std::string json(const About& about, const std::vector<Cell>& cells);
+
+}  // namespace tactus::study

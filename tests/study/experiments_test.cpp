@@ -1,0 +1,63 @@
+#include "study/experiments.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+namespace tactus::study {
+namespace {
+
+const std::atomic<bool> kNoStop{false};
+
+double value_of(const ScenarioRun& run, const std::string& name) {
+  for (const Figure& figure : run.figures)
+    if (figure.name == name) return figure.value;
+  ADD_FAILURE() << name;
+  return -1;
+}
+
+class AllOfThem : public ::testing::Test {
+ protected:
+  static Experiments made() {
+    Study study;
+    study.scenarios = {"target-force", "hand-over"};
+    return experiments_of(study, check(study));
+  }
+  ScenarioRun run(const std::string& name, const std::string& link, std::uint64_t seed = 1) const {
+    for (const Experiment& experiment : experiments_.all)
+      if (experiment.name == name) return experiment.run(netem::parse_link(link), seed, kNoStop);
+    throw std::invalid_argument(name);
+  }
+  const Experiments experiments_ = made();
+};
+
+TEST_F(AllOfThem, ShareTheBaseline) {
+  for (const Experiment& experiment : experiments_.all) EXPECT_EQ(experiment.profiles.front(), kBaseline);
+}
+
+TEST_F(AllOfThem, TwoUsersComeToTheForceThatTheyWant) {
+  const ScenarioRun near = run("target-force", "P0");
+  EXPECT_GT(value_of(near, "on target"), 99);
+  EXPECT_LT(value_of(near, "off target by, rms"), 0.05);
+  EXPECT_EQ(value_of(near, "contact lost"), 0);
+}
+
+TEST_F(AllOfThem, FourUsersNeverPublishUnderOneNumberAndWaitARoundTrip) {
+  const ScenarioRun far = run("hand-over", "P4");
+  EXPECT_GT(value_of(far, "touches"), 40);
+  EXPECT_EQ(value_of(far, "two under one number"), 0);
+  EXPECT_NEAR(value_of(far, "granted after, mean"), 32, 6);
+}
+
+TEST_F(AllOfThem, WhatRunsAwayIsCountedAndHasNoFigures) {
+  const ScenarioRun naive = run("carry, naive", "P6");
+  EXPECT_EQ(value_of(naive, "runs without end"), 100);
+  EXPECT_TRUE(std::isnan(value_of(naive, "copies apart, most")));
+  const ScenarioRun line = run("carry, line", "P6");
+  EXPECT_EQ(value_of(line, "runs without end"), 0);
+  EXPECT_LT(value_of(line, "settled after"), 2);
+  EXPECT_LT(value_of(line, "copies apart 1 s later"), 5);
+}
+
+}  // namespace
+}  // namespace tactus::study
