@@ -27,7 +27,7 @@ constexpr char kExamples[] = R"(
 Examples:
   tactus sim study --out out
   tactus sim study my-study.yaml --out out
-  tactus sim study --scenarios tap-scan --profiles P4 --seeds 1 --first-seed 3 --trace --out one
+  tactus sim study --only tap-scan --profiles P4 --seeds 1 --first-seed 3 --trace --out one
 
 my-study.yaml:
   name: mine
@@ -42,7 +42,7 @@ Exit status: 0 done, 2 wrong input, 130 interrupted; what is finished is kept an
 
 struct Options {
   std::string file, out = "study", scan;
-  std::vector<std::string> profiles, scenarios;
+  std::vector<std::string> profiles, scenarios, only;
   std::uint32_t seeds = 0, faces = 0;
   std::uint64_t first_seed = 0;
   unsigned jobs = 0;
@@ -64,6 +64,23 @@ std::string machine() {
   utsname names{};
   (void)uname(&names);
   return std::to_string(std::thread::hardware_concurrency()) + " processors, " + names.sysname + " " + names.release;
+}
+
+/// Those of `names`, or all when there are none. Throws client_sim::ScenarioError for a name that nothing has.
+void keep_only(const std::vector<std::string>& names, std::vector<Experiment>& experiments) {
+  if (names.empty()) return;
+  std::vector<Experiment> kept;
+  for (const std::string& name : names) {
+    const auto found = std::find_if(experiments.begin(), experiments.end(),
+                                    [&](const Experiment& experiment) { return experiment.name == name; });
+    if (found == experiments.end()) {
+      std::string known;
+      for (const Experiment& experiment : experiments) known += (known.empty() ? "" : "; ") + experiment.name;
+      throw client_sim::ScenarioError{"--only: found '" + name + "', expected one of: " + known};
+    }
+    kept.push_back(*found);
+  }
+  experiments = std::move(kept);
 }
 
 /// What makes two runs with one experiment, link and seed the same.
@@ -153,7 +170,8 @@ int run(const Options& options, const std::string& command, const std::atomic<bo
   Study study = study_of(options);
   const std::vector<client_sim::Scenario> scenarios = check(study);
   std::fprintf(stderr, "making the models\n");
-  const Experiments experiments = experiments_of(study, scenarios);
+  Experiments experiments = experiments_of(study, scenarios);
+  keep_only(options.only, experiments.all);
   const std::filesystem::path folder{options.out};
   RunLog log{folder, identity_of(study, experiments)};
   Runner runner{options, study, experiments, log};
@@ -162,10 +180,13 @@ int run(const Options& options, const std::string& command, const std::atomic<bo
   About about{study.name, command, machine(), TACTUS_COMMIT, {}};
   for (const Subject& subject : experiments.subjects)
     about.notes.push_back("The " + subject.name + ": " + subject.source + ".");
+  const std::string file = options.file.empty() ? "" : options.file + " ";
   about.notes.push_back(
-      "Virtual time: what the programs run, without threads, sockets, discovery and what a machine does to them. Each "
-      "figure is a mean over seeds, with its 95 % confidence; one run of it again: `tactus sim study --scenarios NAME "
-      "--profiles LINK --seeds 1 --first-seed SEED --trace --out FOLDER`.");
+      "Virtual time: what the programs run, without threads, sockets, discovery and what a machine does to them. For "
+      "live sessions over the same links there is `scripts/bench wide-area`.");
+  about.notes.push_back(
+      "Each figure is a mean over seeds, with its 95 % confidence; one run of it again: `tactus sim study " + file +
+      "--only NAME --profiles LINK --seeds 1 --first-seed SEED --trace --out FOLDER`.");
   if (stop) about.notes.push_back("Interrupted: some seeds are missing.");
   const std::vector<Cell> cells = cells_of(log.runs(), experiments.all);
   if (cells.empty()) {
@@ -195,6 +216,12 @@ int main(int argc, char** argv) {
       ->delimiter(',');
   app.add_option("--scenarios", options.scenarios, "Instead of the study's: built-in ones or YAML files")
       ->delimiter(',');
+  app.add_option(
+         "--only", options.only,
+         "Of the study only the experiment of this name, such as tap-scan, 'carry, line' or stiffness; again for "
+         "more")
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
   app.add_option("--seeds", options.seeds, "Instead of the study's: how many")->check(CLI::Range(1, 10000));
   app.add_option("--first-seed", options.first_seed, "Instead of the study's")->check(CLI::Range(1, 1000000000));
   app.add_option("--scan", options.scan, "Instead of the study's: a model file or a generated shape");
@@ -208,7 +235,10 @@ int main(int argc, char** argv) {
     return app.exit(error) == 0 ? 0 : kWrongInput;
   }
   std::string command = "tactus sim study";
-  for (int i = 1; i < argc; ++i) command += std::string{" "} + argv[i];
+  for (int i = 1; i < argc; ++i) {
+    const std::string word = argv[i];
+    command += word.find(' ') == std::string::npos ? " " + word : " '" + word + "'";
+  }
   const std::atomic<bool>& stop = wire::stop_signal();
   try {
     return run(options, command, stop);
