@@ -64,8 +64,7 @@ Outcome compare(const LoadedModel& subject, const Settings& settings, const std:
   haptics::Proxy proxy = run.haptic().proxy(0);
   haptics::ForceRenderer renderer = run.haptic().renderer(0);
   const haptics::Feel feel{settings.material.stiffness, settings.material.damping};
-  proxy.set_grip(
-      {settings.material.static_friction, settings.material.dynamic_friction, renderer.stiffness(feel, kPeriod)});
+  proxy.set_grip({settings.material.static_friction, settings.material.dynamic_friction});
 
   Outcome outcome;
   bool resident = true;

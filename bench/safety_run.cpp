@@ -264,7 +264,7 @@ SafetyResult run_safety(const SafetySettings& settings) {
     const double age = static_cast<double>(now_ns - state.time_ns) * 1e-9;
     if (random.chance(kStop)) renderer.latch(haptics::Fault::kEmergencyStop);
     if (random.chance(kFailure)) renderer.latch(haptics::Fault::kDeviceFailed);
-    proxy.set_grip({0.5, 0.4, renderer.stiffness(feel, kCycle, state.loop_delay)});
+    proxy.set_grip({0.5, 0.4});
     const haptics::ProxyResult& touch = proxy.step(state.position, kCycle, surface, false);
     const haptics::ForceResult& force = renderer.step(touch, state, feel, age - state.transit, kCycle);
     felt = device->on_command(now_ns);

@@ -40,17 +40,23 @@ bool BoxSurface::closest(const Vec3d& point, double within, SurfaceHit& hit) con
 
 void BodyTouch::step(const DeviceState& device, bool grab, const BodyState& body, const Surface& shape_body,
                      const Feel& feel, double dt) noexcept {
-  const ProxyResult& local = proxy_.step(body.to_body(device.position), dt, shape_body, false);
+  constexpr double kRamp = 25;  // N/s
+  const Vec3d device_body = body.to_body(device.position);
+  const ProxyResult& local = proxy_.step(device_body, dt, shape_body, false);
+  ramp_body_.advance(kRamp * dt / feel.stiffness);
+  if (local.surface_moved) ramp_body_.set(local.proxy - device_body);
+  if (!local.in_contact) ramp_body_ = {};
+  const Vec3d anchor_body = local.proxy - ramp_body_.left();
   if (!grab) {
     grabbed_ = false;
   } else if (!grabbed_ && local.in_contact) {
     grabbed_ = true;
-    anchor_body_ = local.anchor;
+    anchor_body_ = anchor_body;
   }
   touch_ = local;
   touch_.in_contact = local.in_contact || grabbed_;
   touch_.proxy = body.to_world(local.proxy);
-  touch_.anchor = body.to_world(grabbed_ ? anchor_body_ : local.anchor);
+  touch_.anchor = body.to_world(grabbed_ ? anchor_body_ : anchor_body);
   touch_.normal = body.orientation * local.normal;
   relative_ = device;
   relative_.velocity -= body.velocity_at(touch_.anchor);

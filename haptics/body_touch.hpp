@@ -14,6 +14,7 @@
 #include "haptics/device.hpp"
 #include "haptics/force.hpp"
 #include "haptics/proxy.hpp"
+#include "haptics/ramp.hpp"
 #include "haptics/rigid_body.hpp"
 
 namespace tactus::haptics {
@@ -34,7 +35,7 @@ class BodyTouch {
   explicit BodyTouch(const ProxySettings& settings = {}) noexcept : proxy_{settings} {}
 
   void set_grip(const Grip& grip) noexcept { proxy_.set_grip(grip); }
-  void reset() noexcept { proxy_.reset(), grabbed_ = false; }
+  void reset() noexcept { proxy_.reset(), grabbed_ = false, ramp_body_ = {}; }
 
   /// One cycle with the device where `device` says, in the world. `grab`: hold on to where it touches. Realtime.
   void step(const DeviceState& device, bool grab, const BodyState& body, const Surface& shape_body, const Feel& feel,
@@ -56,6 +57,7 @@ class BodyTouch {
   PointSpring spring_;
   DeviceState relative_;
   Vec3d anchor_body_ = Vec3d::Zero();
+  Ramp ramp_body_;  // m: a probe that begins in the body's surface is not pushed out at once, nor the body away
   bool grabbed_ = false;
 };
 

@@ -8,6 +8,24 @@ namespace {
 
 constexpr double kRounding = 1e-9;  // s; ages are differences of times that may be long ago
 
+/// What is within `limit` stays to the bit.
+Vec3d limited(const Vec3d& force, double limit) noexcept {
+  const double size = force.norm();
+  return size > limit ? Vec3d(force * (limit / size)) : force;
+}
+
+/// What spring and damper of a contact make.
+Vec3d pressing(const ProxyResult& proxy, const DeviceState& device, double stiffness, double damping) noexcept {
+  Vec3d force = stiffness * (proxy.anchor - device.position);
+  if (proxy.in_contact) {
+    // Damping may cancel the push of the surface, not turn it into a pull.
+    const double push = std::max(0.0, force.dot(proxy.normal));
+    const double damped = std::max(-push, -damping * (device.velocity - proxy.surface_velocity).dot(proxy.normal));
+    force += damped * proxy.normal;
+  }
+  return force;
+}
+
 }  // namespace
 
 double ForceRenderer::stiffness(const Feel& feel, double dt, double loop_delay) const noexcept {
@@ -51,42 +69,63 @@ double ForceRenderer::speed_of(const DeviceState& device, double dt) noexcept {
 }
 
 const ForceResult& ForceRenderer::step(const ProxyResult& proxy, const DeviceState& device, const Feel& feel,
-                                       double pose_age, double dt) noexcept {
-  if (result_.fault == Fault::kNone) render(proxy, device, feel, pose_age, dt);
+                                       double pose_age, double dt, const ProxyResult* unchanged) noexcept {
+  if (result_.fault == Fault::kNone) render(proxy, device, feel, pose_age, dt, unchanged);
   result_.began = result_.bits & ~bits_before_;
   bits_before_ = result_.bits;
   return result_;
 }
 
+Vec3d ForceRenderer::ramped(const Vec3d& pressed, const Vec3d& normal) noexcept {
+  if (ramp_.over()) return pressed;
+  // What pushed before the change may pull on what is there now: that fades with the ramp, and never grows.
+  const double most = std::max(0.0, -last_.dot(normal));
+  const double pull = -(pressed - ramp_.left()).dot(normal);
+  if (pull > most) ramp_.set(ramp_.left() - normal * (pull - most));
+  return pressed - ramp_.left();
+}
+
 void ForceRenderer::render(const ProxyResult& proxy, const DeviceState& device, const Feel& feel, double pose_age,
-                           double dt) noexcept {
-  const bool finite = proxy.anchor.allFinite() && proxy.normal.allFinite() && device.position.allFinite() &&
-                      device.velocity.allFinite() && std::isfinite(pose_age) && std::isfinite(feel.stiffness) &&
-                      std::isfinite(feel.damping) && std::isfinite(dt) && std::isfinite(device.loop_delay);
+                           double dt, const ProxyResult* unchanged) noexcept {
+  const auto is_finite = [](const ProxyResult& at) { return at.anchor.allFinite() && at.normal.allFinite(); };
+  const bool finite = is_finite(proxy) && (unchanged == nullptr || is_finite(*unchanged)) &&
+                      device.position.allFinite() && device.velocity.allFinite() && std::isfinite(pose_age) &&
+                      std::isfinite(feel.stiffness) && std::isfinite(feel.damping) && std::isfinite(dt) &&
+                      std::isfinite(device.loop_delay);
   if (!finite) return latch(Fault::kInputNotFinite);
   const Vec3d before = result_.force;
   if (speed_of(device, dt) > settings_.max_speed && !before.isZero(0)) return latch(Fault::kTooFast);
   result_.bits = 0;
 
   const double stiffness = this->stiffness(feel, dt, device.loop_delay);
-  Vec3d force = stiffness * (proxy.anchor - device.position);
+  const double limit = std::min(settings_.max_force, spec_.max_force);
+  // Limited before it is ramped, too: what is beyond is not felt, and would take long.
+  bool saturated = false;
+  const auto pressed = [&](const ProxyResult& at) noexcept {
+    const Vec3d whole = pressing(at, device, stiffness, feel.damping);
+    const Vec3d within = limited(whole, limit);
+    saturated = saturated || within != whole;
+    return within;
+  };
+  Vec3d force = pressed(proxy);
+  ramp_.advance(kSurfaceRamp * dt);
+  const Vec3d without = unchanged != nullptr ? pressed(*unchanged) : force;
+  if (unchanged == nullptr || (without == force && unchanged->normal == proxy.normal)) {
+    force = ramped(force, proxy.normal);
+  } else {
+    const Vec3d goes_on = ramped(without, unchanged->normal);
+    ramp_.set(force - goes_on);
+    force = goes_on;
+  }
+  last_ = force;
   const bool felt = !force.isZero(0);
   if (felt && stiffness < feel.stiffness) result_.bits |= kForceStiffnessCut;
-  if (felt && proxy.ramping) result_.bits |= kForceSurfaceRamp;
-  if (proxy.in_contact) {
-    // Damping may cancel the push of the surface, not turn it into a pull.
-    const double push = std::max(0.0, force.dot(proxy.normal));
-    const double damping =
-        std::max(-push, -feel.damping * (device.velocity - proxy.surface_velocity).dot(proxy.normal));
-    force += damping * proxy.normal;
-  }
+  if (!ramp_.over()) result_.bits |= kForceSurfaceRamp;
 
   advance_gain(pose_age, dt);
-  const double limit = std::min(settings_.max_force, spec_.max_force);
-  if (const double size = force.norm(); size > limit) {
-    force *= limit / size;
-    result_.bits |= kForceSaturated;
-  }
+  const Vec3d within = limited(force, limit);
+  if (saturated || within != force) result_.bits |= kForceSaturated;
+  force = within;
   force *= gain_;
   if (gain_ < 1 && felt) result_.bits |= kForceSoftStart;
   const Vec3d change = force - before;

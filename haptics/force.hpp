@@ -1,15 +1,20 @@
 /// From proxy and device to a force that is safe to feel.
 ///
 /// force = stiffness (anchor - device) - damping * velocity along the contact normal, relative to what is touched, then
-/// limited. Every limit that
-/// acts sets its bit, so that an operator can be told. World frame, SI. One thread at a time. Realtime.
-/// docs/safety.md has the rules and what they are tested with.
+/// limited. Every limit that acts sets its bit, so that an operator can be told.
+///
+/// When the surface has changed, the force goes on as it would have without: the difference between the two, whatever
+/// it comes from, is taken off and let through at a steady rate. So there is no step, and the force is soon the one of
+/// the surface. Meanwhile it may push less or more than that would, but not pull the hand in.
+///
+/// World frame, SI. One thread at a time. Realtime. docs/safety.md has the rules and what they are tested with.
 #pragma once
 
 #include <cstdint>
 
 #include "haptics/device.hpp"
 #include "haptics/proxy.hpp"
+#include "haptics/ramp.hpp"
 
 namespace tactus::haptics {
 
@@ -35,6 +40,9 @@ enum class Fault : std::uint8_t {
   kEmergencyStop = 4,
   kTooFast = 5  ///< the tip moved faster than ForceSettings::max_speed while a force acted on it
 };
+
+/// N/s: how fast what a change of the surface does to the force is let through.
+inline constexpr double kSurfaceRamp = 45;
 
 struct ForceSettings {
   double max_force = 8;     ///< N; the device's own limit holds too
@@ -78,9 +86,10 @@ class ForceRenderer {
   [[nodiscard]] double stiffness(const Feel& feel, double dt, double loop_delay = 0) const noexcept;
 
   /// One cycle of `dt` seconds. `pose_age`: seconds since the device was where `device` says, without its transit.
+  /// `unchanged`: where the proxy would be had the surface not changed in this cycle (Proxy::unchanged); null: there.
   /// Whatever comes in, the force is finite and within its limits, and zero from the first fault on.
   [[nodiscard]] const ForceResult& step(const ProxyResult& proxy, const DeviceState& device, const Feel& feel,
-                                        double pose_age, double dt) noexcept;
+                                        double pose_age, double dt, const ProxyResult* unchanged = nullptr) noexcept;
 
   /// Zero force from now on. The first fault since the reset is the one reported.
   void latch(Fault fault) noexcept;
@@ -89,8 +98,10 @@ class ForceRenderer {
   void reset() noexcept;
 
  private:
-  void render(const ProxyResult& proxy, const DeviceState& device, const Feel& feel, double pose_age,
-              double dt) noexcept;
+  void render(const ProxyResult& proxy, const DeviceState& device, const Feel& feel, double pose_age, double dt,
+              const ProxyResult* unchanged) noexcept;
+  /// What is felt of what presses while a ramp is under way.
+  [[nodiscard]] Vec3d ramped(const Vec3d& pressed, const Vec3d& normal) noexcept;
   void advance_gain(double pose_age, double dt) noexcept;
   [[nodiscard]] double speed_of(const DeviceState& device, double dt) noexcept;
 
@@ -100,7 +111,9 @@ class ForceRenderer {
   double gain_ = 0;        // share of full strength
   double rise_time_ = -1;  // s from zero to full strength; < 0: as at the start
   std::uint32_t bits_before_ = 0;
-  bool placed_ = false;  // the next two are known
+  Ramp ramp_;                   // N
+  Vec3d last_ = Vec3d::Zero();  // N, as ramped, before the limits
+  bool placed_ = false;         // the next two are known
   Vec3d position_ = Vec3d::Zero();
   std::int64_t time_ns_ = 0;
 };

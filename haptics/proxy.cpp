@@ -234,7 +234,8 @@ bool Proxy::closest(const Vec3d& x, const Surface& surface, SurfaceHit& hit) con
 void Proxy::find_side(const Surface& surface) noexcept {
   SurfaceHit hit;
   side_ = Side::kUnknown;
-  if (closest(result_.proxy, surface, hit) && hit.sided) {
+  result_.near_surface = closest(result_.proxy, surface, hit);
+  if (result_.near_surface && hit.sided) {
     side_ = hit.distance < 0 ? Side::kInner : Side::kOuter;
   }
 }
@@ -330,10 +331,33 @@ void Proxy::carry(double dt, const Surface& surface) noexcept {
   result_.outside_only = true;
 }
 
+void Proxy::follow(const Vec3d& device, const Surface& surface) noexcept {
+  const Slide slide = slide_with_friction(device, surface);
+  result_.proxy = slide.end;
+  result_.in_contact = slide.held;
+  result_.object = slide.object;
+  result_.face = slide.face;
+  if (slide.held) result_.normal = slide.normal();
+}
+
+ProxyResult Proxy::unchanged(const Vec3d& device, double dt, const Surface& before) const noexcept {
+  if (!device.allFinite()) return result_;
+  Proxy there = *this;
+  there.result_.surface_velocity.setZero();
+  if (!started_) there.result_.outside_only = true;
+  if (before.moving() && !there.result_.outside_only) there.carry(dt, before);
+  if (there.result_.outside_only) {
+    there.result_.proxy = device;
+    there.result_.in_contact = false;
+  } else {
+    there.follow(device, before);
+  }
+  there.result_.anchor = there.result_.proxy;
+  return there.result_;
+}
+
 const ProxyResult& Proxy::step(const Vec3d& device, double dt, const Surface& surface, bool surface_changed) noexcept {
   if (!device.allFinite()) return result_;
-  // Without a change a proxy that sticks would stay, any other would go on as it went.
-  const Vec3d goes_on = result_.sticking ? Vec3d(result_.proxy - press_ - device) : pressed_by_;
   result_.surface_moved = false;
   result_.surface_velocity.setZero();
   if (!started_) {
@@ -347,37 +371,15 @@ const ProxyResult& Proxy::step(const Vec3d& device, double dt, const Surface& su
 
   if (result_.outside_only) {
     result_.proxy = way_.goal = device;
-    result_.in_contact = result_.sticking = slipping_ = false;
+    result_.in_contact = result_.near_surface = result_.sticking = slipping_ = false;
     result_.object = result_.face = spm::kNone;
     result_.outside_only = inside(surface);
     side_ = Side::kUnknown;
   } else {
-    const Slide slide = slide_with_friction(device, surface);
-    result_.proxy = slide.end;
-    result_.in_contact = slide.held;
-    result_.object = slide.object;
-    result_.face = slide.face;
-    if (slide.held) result_.normal = slide.normal();
+    follow(device, surface);
     find_side(surface);
   }
-
-  // What the change of the surface does is how far the proxy is from where it would have been without: as far from the
-  // device as it was, or on as it went before. The difference is ramped.
-  const Vec3d press = result_.proxy - device;
-  if (result_.surface_moved)
-    offset_ += press - (press_ + goes_on);
-  else
-    pressed_by_ = press - press_;
-  press_ = press;
-
-  const double step = settings_.ramp * dt / grip_.stiffness;
-  const double length = offset_.norm();
-  offset_ = length > step ? Vec3d(offset_ * (1 - step / length)) : Vec3d::Zero();
-  // A ramp may press less than the surface would, but never pull.
-  const double pull = (result_.proxy - offset_ - device).dot(result_.normal);
-  if (pull < 0 && length > 0) offset_ += result_.normal * pull;
-  result_.ramping = !offset_.isZero(0);
-  result_.anchor = result_.proxy - offset_;
+  result_.anchor = result_.proxy;
   return result_;
 }
 

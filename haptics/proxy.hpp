@@ -11,11 +11,11 @@
 /// - Where objects move, it first goes along with the one that it touches, as if it were part of it, and in front of
 ///   any that comes its way: by sweeps relative to each object, so that none passes it at any speed either.
 /// - Friction pulls the goal of a slide back towards where the proxy was, to the rim of the cone or, while it sticks,
-/// all
-///   the way. The cone stands on the normal where the slide ends, which the last one foretells.
+///   all the way. The cone stands on the normal where the slide ends, which the last one foretells.
 /// - When the surface changes, the last slide is done again. If it ends in the same place, nothing that matters has
-///   changed, and the proxy is to the bit what it would have been; else the force goes on as it went, and the
-///   difference is ramped.
+///   changed, and the proxy is to the bit what it would have been; else it keeps its side and is pushed out. What the
+///   hand feels of that is for ForceRenderer to ramp, which needs to know where the proxy would be without the change:
+///   see `unchanged`.
 ///
 /// One thread at a time. Realtime: at most 45 sweeps and 43 closest points a step, 21 sweeps more when something moves;
 /// usually 2 (with friction and slipping 3 to 5) and 1. Source: Zilles, Salisbury 1995 (god-object, constraint planes);
@@ -33,26 +33,23 @@ struct ProxySettings {
   double reach = 0.01;
   /// How far to look for the surface around a proxy that starts, or around which an object appears, inside.
   double start_reach = 1;
-  /// N/s: how fast what a change of the surface does to the force is let through.
-  double ramp = 25;
 };
 
 /// How the touched object feels, as far as the proxy is concerned.
 struct Grip {
   double static_friction = 0;
   double dynamic_friction = 0;  ///< at most the static one
-  double stiffness = 1000;      ///< N/m, with which the force will be computed; sets the ramp
 };
 
 struct ProxyResult {
   Vec3d proxy = Vec3d::Zero();    ///< centre, where the surface lets it be
-  Vec3d anchor = Vec3d::Zero();   ///< pulls the device; differs from `proxy` while a change of the surface is ramped
+  Vec3d anchor = Vec3d::Zero();   ///< pulls the device; the proxy, unless something else holds the hand (BodyTouch)
   Vec3d normal = Vec3d::UnitZ();  ///< of the contact, or of the last one
   Vec3d surface_velocity = Vec3d::Zero();  ///< m/s, of the object that was touched, where the proxy was
   bool in_contact = false;
   bool sticking = false;       ///< held by static friction
-  bool surface_moved = false;  ///< in this step a changed surface moved the proxy
-  bool ramping = false;        ///< `anchor` differs from `proxy`
+  bool surface_moved = false;  ///< in this step a changed surface, or the first one, moved the proxy
+  bool near_surface = false;   ///< there is one within ProxySettings::reach
   bool outside_only = false;   ///< inside a surface since it started or the surface appeared: touches nothing until out
   std::uint32_t object = spm::kNone;  ///< touched
   std::uint32_t face = spm::kNone;
@@ -74,7 +71,7 @@ class Proxy {
   /// the one of the last step. A position that is not finite leaves everything as it was. Realtime.
   ///
   /// - A proxy that a changed surface has passed or overlaps returns to the side it was on, and so does one that starts
-  ///   with its centre outside, or outside of a surface that appears: it is in contact at once, and the force ramps.
+  ///   with its centre outside, or outside of a surface that appears: it is in contact at once.
   /// - A proxy whose centre starts inside, or around which a surface appears, touches nothing until it has come out; an
   ///   open sheet counts as inside from behind. It cannot be trapped.
   /// - Where objects that move leave no room for the proxy, its centre stays outside while there is room for a
@@ -82,6 +79,11 @@ class Proxy {
   [[nodiscard]] const ProxyResult& step(const Vec3d& device, double dt, const Surface& surface,
                                         bool surface_changed) noexcept;
 
+  /// Where `step` would take it on a surface that has not changed. Called before the step, with the surface as it was.
+  /// A proxy that has not started would be in the air. Realtime.
+  [[nodiscard]] ProxyResult unchanged(const Vec3d& device, double dt, const Surface& before) const noexcept;
+
+  [[nodiscard]] bool started() const noexcept { return started_; }
   [[nodiscard]] const ProxyResult& last() const noexcept { return result_; }
 
  private:
@@ -111,15 +113,13 @@ class Proxy {
   [[nodiscard]] bool holds_still(const Surface& surface) const noexcept;
   void follow_change(const Surface& surface) noexcept;
   void find_side(const Surface& surface) noexcept;
+  void follow(const Vec3d& device, const Surface& surface) noexcept;
 
   ProxySettings settings_;
   Grip grip_;
   ProxyResult result_;
   Way way_;
-  Vec3d offset_ = Vec3d::Zero();      // proxy - anchor
-  Vec3d press_ = Vec3d::Zero();       // from device to proxy
-  Vec3d pressed_by_ = Vec3d::Zero();  // by how much that last changed on a surface that did not
-  Side side_ = Side::kUnknown;        // of the surface within reach
+  Side side_ = Side::kUnknown;  // of the surface within reach
   bool started_ = false;
   bool slipping_ = false;
 };

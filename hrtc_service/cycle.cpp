@@ -179,13 +179,18 @@ void Cycle::render(std::uint32_t number, const ProbeInput& input, ProbeOutput& o
   }
   if (material != nullptr) {
     feel = {material->stiffness, material->damping};
-    proxies_[number].set_grip({material->static_friction, material->dynamic_friction,
-                               renderer.stiffness(feel, settings_.period, input.device.loop_delay)});
+    proxies_[number].set_grip({material->static_friction, material->dynamic_friction});
   }
+  const haptics::Proxy before = proxies_[number];
+  const bool starts = !before.started();
   const haptics::ProxyResult& proxy = proxies_[number].step(input.device.position, settings_.period, surface, changed);
   if (input.failed) renderer.latch(haptics::Fault::kDeviceFailed);
-  const haptics::ForceResult& force =
-      renderer.step(proxy, input.device, feel, input.pose_age - input.device.transit, settings_.period);
+  // Of what refinement has changed under the tip, what matters is where the proxy would be without.
+  haptics::ProxyResult unchanged;
+  const bool felt = changed || starts || surface.met_change();
+  if (felt) unchanged = before.unchanged(input.device.position, settings_.period, surface.on_meshes_before());
+  const haptics::ForceResult& force = renderer.step(proxy, input.device, feel, input.pose_age - input.device.transit,
+                                                    settings_.period, felt ? &unchanged : nullptr);
 
   // The force is exact when the surface at the proxy is, too.
   if (proxy.in_contact && (output.status & session::kExact) != 0)
@@ -244,7 +249,7 @@ const CycleResult& Cycle::touch(const std::array<ProbeInput, kMaxProbes>& probes
       if (!is_near(i, *object)) continue;
       const ObjectState& state = states_[object->index];
       if (object->forest->base_shown())
-        surfaces_[i].add(*object, state.placement, state.moved ? &state.before : nullptr);
+        surfaces_[i].add(*object, state.placement, state.moved ? &state.before : nullptr, state.unchanged[i]);
       else
         all_shown = false;
     }
@@ -306,8 +311,12 @@ std::uint32_t Cycle::refit(TouchObject& object) noexcept {
     watches[count++] = {placement.to_model(vec(result_.probes[i].proxy)), kHair * settings_.radius / scale};
   }
   const spm::RefitCount refitted = object.forest->refit(watches.data(), count);
-  for (std::uint32_t i = 0; i < count; ++i)
+  for (std::uint32_t i = 0; i < count; ++i) {
     if (watches[i].met) states_[object.index].changed |= 1u << probes[i];
+    Unchanged& unchanged = states_[object.index].unchanged[probes[i]];
+    unchanged.centre = plain(watches[i].centre);
+    unchanged.squared_radius = watches[i].squared_distance;
+  }
   return refitted.marked;
 }
 
@@ -319,19 +328,27 @@ const CycleResult& Cycle::refine(spm::Budget budget, const RefineLimit& limit) n
   result_.budget_spent = false;
   result_.nodes_full = false;
   spm::Budget granted;
+  bool felt = false;  // what changes may be
+  for (const haptics::Proxy& proxy : proxies_) felt = felt || proxy.last().near_surface;
+  if (!objects_.empty()) objects_.front()->forest->keep(felt);
   for (TouchObject* object : objects_) {
     const spm::ForestCounters before = object->forest->counters();
     const bool shown = object->forest->base_shown();
     choose_targets(*object);
     const spm::Advance result = advance(*object, budget, granted, limit, began);
-    result_.budget_spent = result_.budget_spent || result == spm::Advance::kBudget;
+    result_.budget_spent = result_.budget_spent || result == spm::Advance::kBudget || result == spm::Advance::kKeptFull;
     result_.nodes_full = result_.nodes_full || result == spm::Advance::kNodesFull;
     const spm::ForestCounters& after = object->forest->counters();
     const auto changes = static_cast<std::uint32_t>(after.splits - before.splits + after.collapses - before.collapses);
     costs.visits += static_cast<std::uint32_t>(after.visits - before.visits);
     costs.changes += changes;
     ObjectState& state = states_[object->index];
-    state.changed = !shown && object->forest->base_shown() ? kAllProbes : 0;
+    const bool appeared = !shown && object->forest->base_shown();
+    state.changed = appeared ? kAllProbes : 0;
+    for (Unchanged& unchanged : state.unchanged) {
+      unchanged = Unchanged{};
+      unchanged.appeared = appeared;
+    }
     state.since_change = changes > 0 ? 0 : state.since_change + 1;
     for (std::uint32_t region;
          departures_.write_available() > 0 && (region = object->forest->take_retired()) != spm::kNone;) {

@@ -162,7 +162,8 @@ class Cycle {
 
   struct ObjectState {
     std::uint32_t since_change = 0;
-    std::uint32_t changed = 0;  // near which proxies, by probe bit
+    std::uint32_t changed = 0;                      // near which proxies, by probe bit
+    std::array<Unchanged, kMaxProbes> unchanged{};  // around them
     Placement placement, before;
     bool moved = false;  // since the last touch
   };

@@ -4,11 +4,32 @@
 
 namespace tactus::hrtc_service {
 
+ObjectsSurface ObjectsSurface::on_meshes_before() const noexcept {
+  ObjectsSurface before;
+  for (std::uint32_t i = 0; i < count_; ++i) {
+    const Entry& entry = entries_[i];
+    if (!entry.unchanged.appeared) before.add(*entry.object, *entry.now, entry.before, {});
+  }
+  before.version_ = spm::Version::kKept;
+  return before;
+}
+
 void ObjectsSurface::take_earlier(const Entry& entry, const Vec3d& from_model, const Vec3d& to_model, double radius,
-                                  bool& found, haptics::SurfaceHit& hit) noexcept {
+                                  bool& found, haptics::SurfaceHit& hit) const noexcept {
   const Placement& placement = *entry.now;
+  const double radius_model = radius / placement.scale();
   spm::SweepContact touch;
-  if (!entry.object->forest->tree().sweep(from_model, to_model, radius / placement.scale(), touch)) return;
+  const bool touches = entry.object->forest->tree().sweep(from_model, to_model, radius_model, touch, version_);
+  const Unchanged& unchanged = entry.unchanged;
+  if (unchanged.squared_radius < std::numeric_limits<double>::infinity()) {
+    constexpr double kRounding = 1e-6;
+    const Vec3d end = touches ? Vec3d(from_model + touch.time * (to_model - from_model)) : to_model;
+    const Vec3d centre = vec(unchanged.centre);
+    const double far = std::max((from_model - centre).norm(), (end - centre).norm());
+    const double reach = (far + radius_model) * (1 + kRounding);
+    met_change_ = met_change_ || reach * reach >= unchanged.squared_radius;
+  }
+  if (!touches) return;
   if (found && !(touch.time < hit.time)) return;
   found = true;
   hit = {};

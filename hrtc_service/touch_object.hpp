@@ -6,6 +6,7 @@
 #include <boost/lockfree/spsc_queue.hpp>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <string>
 
@@ -118,6 +119,13 @@ struct Departure {
 using ArrivalRing = boost::lockfree::spsc_queue<Arrival>;
 using DepartureRing = boost::lockfree::spsc_queue<Departure>;
 
+/// Around what place an object's mesh is what it was in the last cycle. Model frame.
+struct Unchanged {
+  Plain3 centre{};
+  double squared_radius = std::numeric_limits<double>::infinity();
+  bool appeared = false;  ///< in the last cycle there was no mesh
+};
+
 /// The surfaces of several objects as one, where they stand and where they stood in the last cycle. Borrows all it is
 /// given for a cycle. Realtime.
 class ObjectsSurface final : public haptics::Surface {
@@ -125,12 +133,19 @@ class ObjectsSurface final : public haptics::Surface {
   void clear() noexcept {
     count_ = 0;
     moving_ = 0;
+    met_change_ = false;
+    version_ = spm::Version::kNow;
   }
   /// `before` null: the object has not moved.
-  void add(const TouchObject& object, const Placement& now, const Placement* before) noexcept {
-    entries_[count_++] = {&object, &now, before};
+  void add(const TouchObject& object, const Placement& now, const Placement* before,
+           const Unchanged& unchanged) noexcept {
+    entries_[count_++] = {&object, &now, before, unchanged};
     if (before != nullptr) ++moving_;
   }
+  /// The objects where they stand, with the meshes as they were in the last cycle. For sweeps alone.
+  [[nodiscard]] ObjectsSurface on_meshes_before() const noexcept;
+  /// Some sweep has come where a mesh is not known to be what it was.
+  [[nodiscard]] bool met_change() const noexcept { return met_change_; }
   [[nodiscard]] std::uint32_t count() const noexcept { return count_; }
   [[nodiscard]] const TouchObject& operator[](std::uint32_t i) const noexcept { return *entries_[i].object; }
   [[nodiscard]] const Placement& placement(std::uint32_t i) const noexcept { return *entries_[i].now; }
@@ -149,14 +164,17 @@ class ObjectsSurface final : public haptics::Surface {
     const TouchObject* object = nullptr;
     const Placement* now = nullptr;
     const Placement* before = nullptr;
+    Unchanged unchanged;
   };
-  static void take_earlier(const Entry& entry, const Vec3d& from_model, const Vec3d& to_model, double radius,
-                           bool& found, haptics::SurfaceHit& hit) noexcept;
+  void take_earlier(const Entry& entry, const Vec3d& from_model, const Vec3d& to_model, double radius, bool& found,
+                    haptics::SurfaceHit& hit) const noexcept;
   [[nodiscard]] const Entry* moved(std::uint32_t object) const noexcept;
 
   std::array<Entry, kMaxObjects> entries_{};
   std::uint32_t count_ = 0;
   std::uint32_t moving_ = 0;
+  spm::Version version_ = spm::Version::kNow;
+  mutable bool met_change_ = false;
 };
 
 }  // namespace tactus::hrtc_service

@@ -63,14 +63,14 @@ void add(lanes::Bounds& all, const lanes::Bounds& more) noexcept {
   }
 }
 
-bool meets(const lanes::Bounds& box, const Watch& ball) noexcept {
+double squared_distance(const lanes::Bounds& box, const Vec3d& point) noexcept {
   double sum = 0;
   for (int axis = 0; axis < 3; ++axis) {
-    const double below = box.low[axis] - ball.centre[axis], above = ball.centre[axis] - box.high[axis];
+    const double below = box.low[axis] - point[axis], above = point[axis] - box.high[axis];
     const double outside = below > above ? below : above;
     sum += outside > 0 ? outside * outside : 0;
   }
-  return sum <= ball.radius * ball.radius;
+  return sum;
 }
 
 bool holds(const lanes::Bounds& box, const Watch& ball) noexcept {
@@ -91,7 +91,8 @@ inline unsigned highest_bit(unsigned bits) noexcept { return 31u - static_cast<u
 
 }  // namespace
 
-NodePool::NodePool(std::uint32_t nodes) : nodes_(nodes), free_{nodes}, index_{nodes} {}
+NodePool::NodePool(std::uint32_t nodes)
+    : nodes_(nodes), free_{nodes}, index_{nodes}, kept_(kKeptNodes), kept_of_(kKeptNodes) {}
 
 AbTree::AbTree(Pool& pool, NodePool& nodes, std::uint32_t object, std::uint32_t finest_faces)
     : pool_{pool}, nodes_{nodes}, object_{object}, finest_faces_{finest_faces} {
@@ -121,6 +122,8 @@ std::uint32_t AbTree::make_leaf(std::uint32_t id) noexcept {
     node.mask = 0;
     node.dirty = 0;
     node.last = 0;
+    node.kept = nodes_.keeping_number_;  // there was nothing
+    nodes_.changed_ = true;
     nodes_.index_.insert(key(level), slot);
     if (above == kNone) {
       root_ = slot;
@@ -138,6 +141,7 @@ void AbTree::insert(std::uint32_t row_index) noexcept {
   TACTUS_ASSERT(row.node == kNone && row.face < finest_faces_);
   const std::uint32_t slot = make_leaf(row.face >> 3);
   TreeNode& node = nodes_.nodes_[slot];
+  keep(node);
   const unsigned lane = row.face & 7u;
   node.child[lane] = row_index;
   node.mask = static_cast<std::uint8_t>(node.mask | 1u << lane);
@@ -152,6 +156,7 @@ void AbTree::remove(std::uint32_t row_index) noexcept {
   FaceRow& row = pool_.faces[row_index];
   TACTUS_ASSERT(row.node != kNone);
   TreeNode& node = nodes_.nodes_[row.node];
+  keep(node);
   const unsigned lane = row.face & 7u;
   node.mask = static_cast<std::uint8_t>(node.mask & ~(1u << lane));
   clear_lane(node, lane);
@@ -198,7 +203,8 @@ RefitCount AbTree::refit(Watch* watches, std::uint32_t watch_count) noexcept {
     lanes::Bounds changed = now;
     if (above != nullptr) add(changed, *above, lane);  // as it was
     add(all, changed);
-    for (std::uint32_t i = 0; i < watch_count; ++i) watches[i].met = watches[i].met || meets(changed, watches[i]);
+    for (std::uint32_t i = 0; i < watch_count; ++i)
+      watches[i].squared_distance = std::min(watches[i].squared_distance, squared_distance(changed, watches[i].centre));
   };
   TreeNode* nodes = nodes_.nodes_.data();
   for (std::uint32_t level = 1; level <= height_; ++level) {
@@ -232,8 +238,11 @@ RefitCount AbTree::refit(Watch* watches, std::uint32_t watch_count) noexcept {
     }
   }
   // What moves from one side of a ball to the other without a face near it leaves the ball within all that changed.
-  for (std::uint32_t i = 0; i < watch_count; ++i)
-    watches[i].met = watches[i].met || (count.marked > 0 && (height_ == 1 || holds(all, watches[i])));
+  for (std::uint32_t i = 0; i < watch_count && count.marked > 0; ++i) {
+    Watch& watch = watches[i];
+    if (height_ == 1) watch.squared_distance = 0;
+    watch.met = watch.met || watch.squared_distance <= watch.radius * watch.radius || holds(all, watch);
+  }
   for (std::uint32_t level = 1; level <= height_; ++level) {
     const std::uint64_t of_level = (std::uint64_t{finest_faces_} + (1ull << 3 * level) - 1) >> 3 * level;
     count.bound += static_cast<std::uint32_t>(std::min<std::uint64_t>(count.changed, of_level));

@@ -15,6 +15,7 @@
 
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -40,6 +41,7 @@ struct alignas(64) TreeNode {
   std::uint8_t mask;   ///< children that exist
   std::uint8_t dirty;  ///< children that have changed; not 0: this node is marked
   std::uint8_t last;   ///< at level 1: faces in their finest version
+  std::uint64_t kept;  ///< at level 1: NodePool's keeping in which what it was has been kept
 
   void set_corner(unsigned lane, std::uint32_t corner, const Vertex& vertex) noexcept {
     lanes[3 * corner][lane] = vertex.position[0];
@@ -52,13 +54,27 @@ struct alignas(64) TreeNode {
 };
 static_assert(sizeof(TreeNode) == kTreeNodeBytes);
 
-/// The nodes of all trees, and the table that finds one by (object, level, id).
+/// The nodes of all trees, and the table that finds one by (object, level, id). Of leaf nodes that change it can keep
+/// what they were, so that a sweep may be asked for on the meshes as they were when keeping began.
 class NodePool {
  public:
   explicit NodePool(std::uint32_t nodes);
   [[nodiscard]] std::uint32_t free() const noexcept { return free_.count(); }
   [[nodiscard]] std::uint32_t used() const noexcept { return free_.size() - free_.count(); }
   [[nodiscard]] const TreeNode& operator[](std::uint32_t node) const noexcept { return nodes_[node]; }
+
+  /// Drops what was kept, and from here on keeps again, or does not: then there are only the meshes as they are.
+  /// Realtime.
+  void keep(bool keeping) noexcept {
+    keeping_ = keeping;
+    changed_ = false;
+    ++keeping_number_;
+    kept_count_ = 0;
+  }
+  /// The meshes that are kept are not those of now.
+  [[nodiscard]] bool kept_differ() const noexcept { return keeping_ && changed_; }
+  /// How many more nodes may change without being lost.
+  [[nodiscard]] std::uint32_t room_to_keep() const noexcept { return keeping_ ? kKeptNodes - kept_count_ : kNone; }
 
  private:
   friend class AbTree;
@@ -68,6 +84,12 @@ class NodePool {
   std::vector<TreeNode> nodes_;
   FreeSet free_;
   FlatIndex index_;
+  std::vector<TreeNode> kept_;
+  std::vector<std::uint32_t> kept_of_;  // object, by number in kept_
+  std::uint32_t kept_count_ = 0;
+  std::uint64_t keeping_number_ = 1;
+  bool keeping_ = false;
+  bool changed_ = false;  // something, since keeping began
 };
 
 /// A triangle that a ball touches.
@@ -99,6 +121,14 @@ struct Watch {
   Vec3d centre;
   double radius = 0;
   bool met = false;  ///< a node with a changed face was or is in it, or it is among changes all around
+  /// Squared distance of the centre to the nearest node with a changed face, as it was or is.
+  double squared_distance = std::numeric_limits<double>::infinity();
+};
+
+/// Which mesh a sweep meets.
+enum class Version : std::uint8_t {
+  kNow,
+  kKept  ///< as it was when NodePool::keep began
 };
 
 struct RefitCount {
@@ -124,6 +154,7 @@ class AbTree {
   void update(const FaceRow& row, std::uint32_t corner, const Vertex& vertex, bool last) noexcept {
     TACTUS_ASSERT(row.node != kNone);
     TreeNode& node = nodes_.nodes_[row.node];
+    keep(node);
     const unsigned lane = row.face & 7u;
     node.set_corner(lane, corner, vertex);
     node.set_last(lane, last);
@@ -160,8 +191,9 @@ class AbTree {
                                        std::uint32_t capacity) const noexcept;
 
   /// Earliest touch of a ball moving from `from` to `to`; false when there is none. Triangles that it touches already
-  /// count only while it moves into them.
-  [[nodiscard]] bool sweep(const Vec3d& from, const Vec3d& to, double radius, SweepContact& first) const noexcept;
+  /// count only while it moves into them. On the kept mesh a sweep looks through all that was kept.
+  [[nodiscard]] bool sweep(const Vec3d& from, const Vec3d& to, double radius, SweepContact& first,
+                           Version version = Version::kNow) const noexcept;
 
   /// The nearest shown triangle within `within`; false when there is none. Of equally near ones, that of the smallest
   /// id.
@@ -205,6 +237,15 @@ class AbTree {
     const TreeNode& at = nodes_.nodes_[node];
     for (int row = 0; row < lanes::kBoxRows; row += 2) __builtin_prefetch(&at.lanes[row]);
     __builtin_prefetch(&at.parent);
+  }
+  /// What a node of level 1 is, before it first changes. There must be room.
+  void keep(TreeNode& node) noexcept {
+    if (!nodes_.keeping_ || node.kept == nodes_.keeping_number_) return;
+    TACTUS_ASSERT(nodes_.kept_count_ < kKeptNodes);
+    node.kept = nodes_.keeping_number_;
+    nodes_.changed_ = true;
+    nodes_.kept_of_[nodes_.kept_count_] = object_;
+    nodes_.kept_[nodes_.kept_count_++] = node;
   }
   /// The node of level 1 with this id, made with those above it where they are missing, near its siblings.
   [[nodiscard]] std::uint32_t make_leaf(std::uint32_t id) noexcept;

@@ -126,8 +126,10 @@ std::uint32_t AbTree::touching(const Vec3d& centre, double radius, Contact* out,
   return count;
 }
 
-bool AbTree::sweep(const Vec3d& from, const Vec3d& to, double radius, SweepContact& first) const noexcept {
-  if (root_ == kNone) return false;
+bool AbTree::sweep(const Vec3d& from, const Vec3d& to, double radius, SweepContact& first,
+                   Version version) const noexcept {
+  const bool kept = version == Version::kKept && nodes_.keeping_;
+  if (root_ == kNone && !kept) return false;
   const Vec3d motion = to - from;
   const double length = motion.norm();
   const double greatest = std::max(from.cwiseAbs().maxCoeff(), to.cwiseAbs().maxCoeff());
@@ -152,35 +154,39 @@ bool AbTree::sweep(const Vec3d& from, const Vec3d& to, double radius, SweepConta
     }
     way.behind = static_cast<float>(behind - 4 * slack - 1e-6 * radius);
   };
+  const auto offer = [&](const TreeNode& node) noexcept {
+    const unsigned near = lanes::kBest.triangles_on(node.lanes.data(), way);
+    if (near == 0) return;
+    lanes::Doubles earliest;
+    for (unsigned left = lanes::kBest.touched_by(node.lanes.data(), swept, near, limit, earliest); left != 0;
+         left &= left - 1) {
+      const unsigned i = lowest_bit(left);
+      SweepHit touch;
+      if (earliest[i] > limit) continue;
+      if (!swept_sphere(from, to, radius, corner(node, i, 0), corner(node, i, 1), corner(node, i, 2), touch)) continue;
+      const FaceId face{node.id * TreeNode::kWidth + i};
+      if (found && !(touch.time < first.time || (touch.time == first.time && face < first.face))) continue;
+      found = true;
+      first = {face, touch.time, touch.point, touch.normal};
+      shorten(std::min(limit, touch.time));
+    }
+  };
   const auto search = [&](double time) noexcept {
     shorten(time);
     std::array<std::uint32_t, kStack> stack;
     int depth = 0;
-    stack[depth++] = root_;
+    if (root_ != kNone) stack[depth++] = root_;
     while (depth > 0) {
       const TreeNode& node = nodes_[stack[--depth]];
-      if (node.level > 1) {
-        for (unsigned hit = lanes::kBest.boxes_on(node.lanes.data(), way); hit != 0; hit &= ~(1u << highest_bit(hit)))
-          stack[depth++] = node.child[highest_bit(hit)];
+      if (node.level == 1) {
+        if (!kept || node.kept != nodes_.keeping_number_) offer(node);
         continue;
       }
-      const unsigned near = lanes::kBest.triangles_on(node.lanes.data(), way);
-      if (near == 0) continue;
-      lanes::Doubles earliest;
-      for (unsigned left = lanes::kBest.touched_by(node.lanes.data(), swept, near, limit, earliest); left != 0;
-           left &= left - 1) {
-        const unsigned i = lowest_bit(left);
-        SweepHit touch;
-        if (earliest[i] > limit) continue;
-        if (!swept_sphere(from, to, radius, corner(node, i, 0), corner(node, i, 1), corner(node, i, 2), touch))
-          continue;
-        const FaceId face{node.id * TreeNode::kWidth + i};
-        if (found && !(touch.time < first.time || (touch.time == first.time && face < first.face))) continue;
-        found = true;
-        first = {face, touch.time, touch.point, touch.normal};
-        shorten(std::min(limit, touch.time));
-      }
+      for (unsigned hit = lanes::kBest.boxes_on(node.lanes.data(), way); hit != 0; hit &= ~(1u << highest_bit(hit)))
+        stack[depth++] = node.child[highest_bit(hit)];
     }
+    for (std::uint32_t i = 0; kept && i < nodes_.kept_count_; ++i)
+      if (nodes_.kept_of_[i] == object_) offer(nodes_.kept_[i]);
   };
   // A proxy that rests on a surface is stopped at once: look there first, where few faces are.
   constexpr double kAtOnce = 0.01;  // of the radius

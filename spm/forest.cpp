@@ -146,6 +146,13 @@ bool Forest::room_for(std::uint32_t slot) const noexcept {
   return nodes_.free() >= faces * tree_.height();
 }
 
+bool Forest::room_to_keep(std::uint32_t slot) const noexcept {
+  std::uint32_t faces = 0;
+  for (; slot != kNone; slot = pool_.parts[slot].next)
+    faces += std::uint32_t{pool_.parts[slot].born_count} + pool_.parts[slot].deformed_count;
+  return nodes_.room_to_keep() >= faces;
+}
+
 void Forest::split(std::uint32_t slot) noexcept {
   const RecordPart* parts = pool_.parts.data();
   FaceRow* rows = pool_.faces.data();
@@ -208,6 +215,7 @@ Advance Forest::refine(State& state, Budget& budget) noexcept {
       if (!record.shown()) {
         if (budget.units < Budget::kVisit + Budget::kChange) return Advance::kBudget;
         if (!room_for(slots[i])) return Advance::kNodesFull;
+        if (!room_to_keep(slots[i])) return Advance::kKeptFull;
         split(slots[i]);
         budget.units -= Budget::kChange;
       }
@@ -231,6 +239,7 @@ Advance Forest::coarsen(State& state, Budget& budget) noexcept {
       const std::uint32_t slot = *(last - i);
       SlotState& record = pool_.state[slot];
       TACTUS_ASSERT(record.wanted() > 0 && record.shown());
+      if (record.wanted() == 1 && !room_to_keep(slot)) return Advance::kKeptFull;
       --record.bits;
       --state.cursor;
       budget.units -= Budget::kVisit;
@@ -247,6 +256,7 @@ Advance Forest::advance(Budget& budget) noexcept {
   for (; !base_shown(); ++base_cursor_) {
     if (budget.units < Budget::kChange) return Advance::kBudget;
     if (nodes_.free() < tree_.height()) return Advance::kNodesFull;
+    if (nodes_.room_to_keep() == 0) return Advance::kKeptFull;
     tree_.insert(base_.faces[base_cursor_]);
     budget.units -= Budget::kChange;
   }
@@ -255,13 +265,13 @@ Advance Forest::advance(Budget& budget) noexcept {
     if (!is_here(order_[i])) continue;  // retired and gone since it was asked for
     if (State& state = state_of(order_[i]); wants(state)) refining = refine(state, budget);
   }
-  if (refining == Advance::kBudget) return refining;
+  if (refining == Advance::kBudget || refining == Advance::kKeptFull) return refining;
 
   for (std::uint32_t i = in_use_count_; i-- > 0;) {
     const RegionId region = in_use_[i];
     State& state = state_of(region);
     if (wants(state)) continue;
-    if (coarsen(state, budget) == Advance::kBudget) return Advance::kBudget;
+    if (const Advance coarsening = coarsen(state, budget); coarsening != Advance::kDone) return coarsening;
     if (!state.retiring) unuse(region);
   }
   return refining;

@@ -43,6 +43,7 @@ struct ForestCounters {
 enum class Advance : std::uint8_t {
   kDone,      ///< everything stands as asked
   kBudget,    ///< stopped by the budget
+  kKeptFull,  ///< stopped for want of room to keep what changes; see NodePool::keep
   kNodesFull  ///< no tree node left: some regions stay coarse
 };
 
@@ -72,6 +73,9 @@ class Forest {
 
   /// Works towards the target. Then refit before any query.
   [[nodiscard]] Advance advance(Budget& budget) noexcept;
+  /// See NodePool::keep; for all forests of the pool.
+  void keep(bool keeping) noexcept { nodes_.keep(keeping); }
+  [[nodiscard]] bool kept_differ() const noexcept { return nodes_.kept_differ(); }
   /// See AbTree::refit.
   RefitCount refit(Watch* watches = nullptr, std::uint32_t count = 0) noexcept { return tree_.refit(watches, count); }
 
@@ -137,6 +141,7 @@ class Forest {
   [[nodiscard]] Advance coarsen(State& state, Budget& budget) noexcept;
   [[nodiscard]] const std::uint32_t* entry(State& state, std::uint32_t number) noexcept;
   [[nodiscard]] bool room_for(std::uint32_t slot) const noexcept;
+  [[nodiscard]] bool room_to_keep(std::uint32_t slot) const noexcept;
   void split(std::uint32_t slot) noexcept;
   void collapse(std::uint32_t slot) noexcept;
   void fetch(const std::uint32_t* slots, std::uint32_t count, bool splitting) const noexcept;

@@ -59,6 +59,8 @@ static_assert(sizeof(FaceRow) == 32);
 
 /// Size of an AB-tree node, see spm/ab_tree.hpp.
 inline constexpr std::uint32_t kTreeNodeBytes = 384;
+/// Leaf nodes that may change in a cycle while they are kept as they were. Exceeded: refinement goes on in the next.
+inline constexpr std::uint32_t kKeptNodes = 1024;
 
 /// Size of a block of what is kept coded, see spm/codec/coded_store.hpp.
 inline constexpr std::uint32_t kCodedBlockBytes = 20;

@@ -23,7 +23,7 @@ TrueForce::TrueForce(const haptics::Surface& surface, double radius, const sessi
       feel_{material.stiffness, material.damping},
       proxy_{proxy_settings(radius)},
       renderer_{settings, haptics::DeviceSpec{}} {
-  proxy_.set_grip({material.static_friction, material.dynamic_friction, renderer_.stiffness(feel_, kDt)});
+  proxy_.set_grip({material.static_friction, material.dynamic_friction});
 }
 
 Vec3d TrueForce::at(const haptics::DeviceState& device) {

@@ -128,8 +128,8 @@ class World {
     remote_touches_.resize(settings.users);
     springs_.resize(places);
     pushes_.resize(places, Vec3d::Zero());
-    for (BodyTouch& touch : touches_) touch.set_grip({0.8, 0.8, settings.grip});
-    for (BodyTouch& touch : remote_touches_) touch.set_grip({0.8, 0.8, settings.grip});
+    for (BodyTouch& touch : touches_) touch.set_grip({0.8, 0.8});
+    for (BodyTouch& touch : remote_touches_) touch.set_grip({0.8, 0.8});
     CouplingSettings coupling;
     coupling.copies = settings.users;
     coupling.stiffness = settings.coupling;

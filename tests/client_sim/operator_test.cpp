@@ -82,7 +82,7 @@ class ClosedLoop {
     }
     const haptics::DeviceState device = device_->read(now_ns_);
     const haptics::Feel feel{1000, 1};
-    proxy_.set_grip({friction_, 0.8 * friction_, force_->stiffness(feel, 1e-3)});
+    proxy_.set_grip({friction_, 0.8 * friction_});
     const haptics::ProxyResult& touch = proxy_.step(device.position, 1e-3, surface_, false);
     state_.force = force_->step(touch, device, feel, 0, 1e-3).force;
     state_.contact = touch.in_contact;

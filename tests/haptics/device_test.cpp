@@ -167,7 +167,7 @@ TEST(SimulatedDevice, RestsOnAFloorWithoutLimitCycle) {
   ForceRenderer renderer{limits, device.spec()};
   const Feel feel{1e6, 0};
   Proxy proxy;
-  proxy.set_grip({0, 0, renderer.stiffness(feel, kCycle)});
+  proxy.set_grip({0, 0});
   HandPath path;
   path.count = 2;
   path.waypoints[0] = {0, {0, 0, 0.05}};

@@ -187,9 +187,12 @@ TEST(Force, CutsAStiffnessThatTheDeviceCannotRenderStably) {
 
 TEST(Force, MarksTheRampOfASurfaceThatMoved) {
   ForceRenderer renderer{at_full_strength(), DeviceSpec{}};
-  ProxyResult proxy = floor_contact(0.001);
-  proxy.ramping = true;
-  EXPECT_TRUE(renderer.step(proxy, DeviceState{}, {}, kFresh, kCycle).bits & kForceSurfaceRamp);
+  const ProxyResult risen = floor_contact(0.001), before = floor_contact(0.0009);
+  EXPECT_FALSE(renderer.step(before, DeviceState{}, {1000, 0}, kFresh, kCycle).bits & kForceSurfaceRamp);
+  EXPECT_TRUE(renderer.step(risen, DeviceState{}, {1000, 0}, kFresh, kCycle, &before).bits & kForceSurfaceRamp);
+  for (int i = 0; i < 2; ++i)  // 0.1 N at 45 N/s
+    EXPECT_TRUE(renderer.step(risen, DeviceState{}, {1000, 0}, kFresh, kCycle).bits & kForceSurfaceRamp);
+  EXPECT_FALSE(renderer.step(risen, DeviceState{}, {1000, 0}, kFresh, kCycle).bits & kForceSurfaceRamp);
 }
 
 TEST(Force, KeepsItsLimitsWhateverComesIn) {
@@ -212,7 +215,10 @@ TEST(Force, KeepsItsLimitsWhateverComesIn) {
     device.position = {wild(), wild(), wild()};
     device.velocity = {wild(), wild(), wild()};
     const double age = std::abs(wild()) * 1e-3;
-    const ForceResult& result = renderer.step(proxy, device, {std::abs(wild()), std::abs(wild())}, age, kCycle);
+    ProxyResult unchanged = proxy;
+    if (i % 5 == 0) unchanged.anchor = {wild(), wild(), wild()};
+    const ForceResult& result = renderer.step(proxy, device, {std::abs(wild()), std::abs(wild())}, age, kCycle,
+                                              i % 5 == 0 ? &unchanged : nullptr);
     ASSERT_TRUE(result.force.allFinite()) << "seed " << kSeed << " step " << i;
     ASSERT_LE(result.force.norm(), settings.max_force + 1e-9) << "seed " << kSeed << " step " << i;
     if (age >= settings.zero_by) {

@@ -52,7 +52,7 @@ FrictionResult stroke(const AnalyticBall& ball, double static_friction, double d
   std::normal_distribution<double> normal;
   std::uniform_real_distribution<double> uniform;
   Proxy proxy;
-  proxy.set_grip({static_friction, dynamic_friction, 1000});
+  proxy.set_grip({static_friction, dynamic_friction});
   FrictionResult result;
 
   // The way on the surface goes along great circles that turn slowly; the hand is below it.

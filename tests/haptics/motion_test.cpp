@@ -70,7 +70,7 @@ TEST(MovingBodies, TakeAlongWhatSticksToThem) {
   MovingBodies bodies;
   bodies.add(box(0.05));
   Proxy proxy;
-  proxy.set_grip({0.8, 0.6, 1000});
+  proxy.set_grip({0.8, 0.6});
   const double resting = 0.05 + kRadius;
   (void)proxy.step({0, 0, 0.06}, kCycle, bodies, false);
   const double depth = 0.002;

@@ -6,6 +6,7 @@
 #include <limits>
 #include <random>
 
+#include "haptics/force.hpp"
 #include "tests/haptics/triangle_surface.hpp"
 
 namespace tactus::haptics {
@@ -55,6 +56,36 @@ ProxyResult press(Proxy& proxy, const Surface& surface, const Vec3d& start, cons
   for (int i = 0; i < cycles; ++i) (void)proxy.step(goal, kCycle, surface, false);
   return proxy.last();
 }
+
+/// A proxy and the force that a hand at rest or led feels of it.
+struct Felt {
+  explicit Felt(const Feel& how) : feel{how} {}
+  /// `before`: what the surface was until now, where it has changed.
+  Vec3d step(const Vec3d& at, const Surface& surface, const Surface* before = nullptr) {
+    DeviceState device;
+    device.position = at;
+    if (proxy.started()) device.velocity = (at - last) / kCycle;
+    last = at;
+    const bool starts = !proxy.started();
+    ProxyResult unchanged;
+    if (before != nullptr || starts) unchanged = proxy.unchanged(at, kCycle, before != nullptr ? *before : surface);
+    const ProxyResult& result = proxy.step(at, kCycle, surface, before != nullptr);
+    force_ = renderer.step(result, device, feel, 0, kCycle, before != nullptr || starts ? &unchanged : nullptr).force;
+    return force_;
+  }
+  [[nodiscard]] const Vec3d& force() const { return force_; }
+
+  Feel feel;
+  Proxy proxy;
+  ForceRenderer renderer{[] {
+                           ForceSettings settings;
+                           settings.soft_start = 0;
+                           settings.max_slew = settings.max_speed = 1e9;
+                           return settings;
+                         }(),
+                         DeviceSpec{}};
+  Vec3d last = Vec3d::Zero(), force_ = Vec3d::Zero();
+};
 
 TEST(Proxy, IsTheDeviceInTheAir) {
   const TriangleSurface surface{square(1, 0)};
@@ -185,15 +216,13 @@ TEST(Proxy, ThatAlreadyRestsInASurfaceWhenThatAppearsIsPushedOutLittleByLittle) 
   const TriangleSurface surface{sphere(0.1, 2)};
   const Vec3d device{0, 0, 0.1 + kRadius - 0.0005};  // half a millimetre deep
   for (const bool from_start : {false, true}) {
-    Proxy proxy;
-    proxy.set_grip({0, 0, 2000});
-    if (!from_start) (void)proxy.step(device, kCycle, nothing, false);
+    Felt felt{{2000, 0}};
+    if (!from_start) (void)felt.step(device, nothing);
     double force = 0;
     for (int i = 0; i < 40; ++i) {
-      const ProxyResult& result = proxy.step(device, kCycle, surface, i == 0);
-      ASSERT_TRUE(result.in_contact) << "cycle " << i;
-      const double next = 2000 * (result.anchor - device).z();
-      ASSERT_LE(next - force, 0.0501) << "cycle " << i;
+      const double next = felt.step(device, surface, i == 0 ? &nothing : nullptr).z();
+      ASSERT_TRUE(felt.proxy.last().in_contact) << "cycle " << i;
+      ASSERT_LE(next - force, 0.0451) << "cycle " << i;
       force = next;
     }
     EXPECT_NEAR(force, 1, 0.01);
@@ -209,7 +238,7 @@ TEST(Proxy, StaysToTheBitWhereItIsWhenTheSurfaceIsSaidToHaveChangedAndHasNot) {
     int contacts = 0;
     for (int i = 0; i < 5000; ++i) {
       const Vec3d device = hand.next();
-      for (Proxy* proxy : {&told, &not_told}) proxy->set_grip({friction, 0.8 * friction, 1000});
+      for (Proxy* proxy : {&told, &not_told}) proxy->set_grip({friction, 0.8 * friction});
       const ProxyResult& one = told.step(device, kCycle, surface, i % 3 == 0);
       const ProxyResult& other = not_told.step(device, kCycle, surface, false);
       ASSERT_EQ(one.proxy, other.proxy) << "seed " << kSeed << " cycle " << i;
@@ -227,7 +256,7 @@ TEST(Proxy, NeverEntersAClosedSurface) {
     for (const double friction : {0.0, 0.6}) {
       for (unsigned seed = 0; seed < 4; ++seed) {
         Proxy proxy;
-        proxy.set_grip({friction, 0.7 * friction, 1000});
+        proxy.set_grip({friction, 0.7 * friction});
         const Vec3d start{0.02, -0.01, 0.12};
         Wanderer hand{kSeed + seed, start, 0.05 + 0.15 * seed, 0.08};
         (void)proxy.step(start, kCycle, surface, false);
@@ -322,47 +351,76 @@ TEST(Proxy, KeepsItsCentreOutsideWhereRefinementLeavesLessRoomThanItsSize) {
 TEST(Proxy, RampsTheForceWhenTheSurfaceRisesOrFallsUnderAHeldDevice) {
   const TriangleSurface low{square(1, 0)};
   const TriangleSurface high{square(1, 0.004)};
-  Proxy proxy;
-  const Grip grip{0, 0, 2000};
-  proxy.set_grip(grip);
+  Felt felt{{2000, 0}};
   const Vec3d device{0, 0, 0.001};
-  (void)press(proxy, low, {0, 0, 0.05}, device, 50);
-  double force = grip.stiffness * (proxy.last().anchor - device).z();
+  for (int i = 0; i < 100; ++i) (void)felt.step(device + Vec3d{0, 0, 0.05 * (1 - i / 99.0)}, low);
+  double force = felt.force().z();
   EXPECT_NEAR(force, 2000 * (kRadius - 0.001), 0.01);
+  const TriangleSurface* shown = &low;
   const auto change_to = [&](const TriangleSurface& surface) {
     double largest = 0;
     for (int i = 0; i < 400; ++i) {
-      const ProxyResult& result = proxy.step(device, kCycle, surface, i == 0);
-      EXPECT_EQ(result.surface_moved, i == 0);
-      const double next = grip.stiffness * (result.anchor - device).z();
+      const double next = felt.step(device, surface, i == 0 ? shown : nullptr).z();
+      EXPECT_EQ(felt.proxy.last().surface_moved, i == 0);
       largest = std::max(largest, std::abs(next - force));
       force = next;
     }
+    shown = &surface;
     return largest;
   };
-  EXPECT_LE(change_to(high), 0.0501);
-  EXPECT_NEAR(force, 2000 * (0.004 + kRadius - 0.001), 0.01);
-  EXPECT_FALSE(proxy.last().ramping);
-  EXPECT_LE(change_to(low), 0.0501);
+  EXPECT_LE(change_to(high), 0.0451);
+  EXPECT_NEAR(force, 8, 0.01);  // as much as there may be, for 12 N
+  EXPECT_LE(change_to(low), 0.0451);
   EXPECT_NEAR(force, 2000 * (kRadius - 0.001), 0.01);
 }
 
 TEST(Proxy, NeverPullsWhileItRampsAndTheDeviceLeaves) {
   const TriangleSurface low{square(1, 0)};
   const TriangleSurface high{square(1, 0.004)};
-  Proxy proxy;
-  (void)press(proxy, low, {0, 0, 0.05}, {0, 0, 0.001}, 50);
-  for (int i = 0; i < 100; ++i) {
-    const Vec3d device{0, 0, 0.001 + i * 2e-4};
-    const ProxyResult& result = proxy.step(device, kCycle, high, i == 0);
-    ASSERT_GE((result.anchor - device).z(), -1e-12) << "cycle " << i;
+  Felt felt{{2000, 0}};
+  for (int i = 0; i < 100; ++i) (void)felt.step({0, 0, 0.001 + 0.05 * (1 - i / 99.0)}, low);
+  for (int i = 0; i < 100; ++i)
+    ASSERT_GE(felt.step({0, 0, 0.001 + i * 2e-4}, high, i == 0 ? &low : nullptr).z(), -1e-9) << "cycle " << i;
+}
+
+TEST(Proxy, WhatIsFeltGoesOnAsOnTheSurfaceBeforeWhateverTheChangeDoes) {
+  // A hand that wanders through a body which becomes finer and coarser: in the cycle of a change the force is the one
+  // that a copy feels which is not told, and from then on it changes as the hand moves it and by the ramp.
+  const auto coarse = bumpy(0.05, 1, 0.1);
+  const auto fine = bumpy(0.05, 3, 0.1);
+  const TriangleSurface surfaces[2]{TriangleSurface{coarse}, TriangleSurface{fine}};
+  int changes = 0, jumps = 0;
+  for (unsigned seed = 0; seed < 4; ++seed) {
+    Felt felt{{2000, 1}};
+    felt.proxy.set_grip({0.5, 0.4});
+    const Vec3d start{0.02, -0.01, 0.12};
+    Wanderer hand{kSeed + seed, start, 0.2, 0.07};
+    int shown = 0;
+    (void)felt.step(start, surfaces[shown]);
+    for (int i = 0; i < 3000; ++i) {
+      const Vec3d device = hand.next();
+      if (i % 50 != 49) {
+        (void)felt.step(device, surfaces[shown]);
+        continue;
+      }
+      Felt without = felt, at_once = felt;
+      (void)without.step(device, surfaces[shown]);
+      (void)at_once.proxy.step(device, kCycle, surfaces[1 - shown], true);
+      (void)felt.step(device, surfaces[1 - shown], &surfaces[shown]);
+      shown = 1 - shown;
+      ASSERT_LT((felt.force() - without.force()).norm(), 1e-12) << "seed " << kSeed + seed << " cycle " << i;
+      ++changes;
+      jumps += (at_once.proxy.last().proxy - without.proxy.last().proxy).norm() > 1e-4 ? 1 : 0;
+    }
   }
+  EXPECT_GT(changes, 200);
+  EXPECT_GT(jumps, 20) << "else there was nothing to ramp";
 }
 
 TEST(Proxy, SticksInsideTheFrictionConeAndSlipsOutsideIt) {
   const TriangleSurface surface{square(1, 0)};
   Proxy proxy;
-  proxy.set_grip({0.5, 0.3, 1000});
+  proxy.set_grip({0.5, 0.3});
   const double depth = 0.01;
   (void)press(proxy, surface, {0, 0, 0.02}, {0, 0, kRadius - depth}, 30);
   ProxyResult result = press(proxy, surface, {0, 0, kRadius - depth}, {0.0045, 0, kRadius - depth}, 30);
@@ -380,7 +438,7 @@ TEST(Proxy, SticksInsideTheFrictionConeAndSlipsOutsideIt) {
 TEST(Proxy, StaysInsideTheDynamicConeUntilItIsWellInsideTheStaticOne) {
   const TriangleSurface surface{square(1, 0)};
   Proxy proxy;
-  proxy.set_grip({0.5, 0.45, 1000});
+  proxy.set_grip({0.5, 0.45});
   const double z = kRadius - 0.01;
   (void)press(proxy, surface, {0, 0, 0.02}, {0, 0, z}, 30);
   (void)press(proxy, surface, {0, 0, z}, {0.05, 0, z}, 100);

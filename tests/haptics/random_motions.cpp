@@ -72,7 +72,7 @@ class MotionRun {
       ways_.emplace_back(body.speed, kBodyRange, random_);
       turns_.emplace_back(Vec3d::UnitZ(), Eigen::Quaterniond::Identity());
     }
-    proxy_.set_grip({friction, 0.7 * friction, 1000});
+    proxy_.set_grip({friction, 0.7 * friction});
   }
 
   MotionResult run(std::uint64_t motions) {

@@ -45,7 +45,7 @@ TEST(Realtime, DeviceProxyAndForceDoNotAllocate) {
   SimulatedDevice device{hand};
   ForceRenderer renderer{{}, device.spec()};
   Proxy proxy;
-  proxy.set_grip({0.5, 0.3, 1000});
+  proxy.set_grip({0.5, 0.3});
   HandPath path;
   path.count = 2;
   path.waypoints[0] = {0, {0, 0, 0.08}};

@@ -153,7 +153,7 @@ TEST(RigidBody, ATurnComesBackFromItsQuaternion) {
 class Handling {
  public:
   explicit Handling(double mass, double friction) : body_{box_body(mass, kHalf), resting()} {
-    for (BodyTouch& touch : touches_) touch.set_grip({friction, friction, kFeel.stiffness});
+    for (BodyTouch& touch : touches_) touch.set_grip({friction, friction});
   }
 
   void step(const Vec3d& left, const Vec3d& right, bool grab = false) {

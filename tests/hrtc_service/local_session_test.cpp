@@ -275,7 +275,8 @@ TEST_F(OrganSession, TouchingLeavesTheMeshAsItIs) {
   EXPECT_GT(refined, 20);
 }
 
-TEST_F(OrganSession, ASurfaceThatRefinesUnderATipKeepsTheProxyOutside) {
+TEST_F(OrganSession, ASurfaceThatRefinesUnderATipKeepsTheProxyOutsideAndTheForceSteady) {
+  int moved = 0;
   for (std::size_t stop = 0; stop < path_->stops().size(); stop += 50) {
     SCOPED_TRACE("stop " + std::to_string(stop));
     LocalSession session{{built_->model()}, 1, spm::PoolSettings::for_slots(1 << 14)};
@@ -288,7 +289,13 @@ TEST_F(OrganSession, ASurfaceThatRefinesUnderATipKeepsTheProxyOutside) {
     for (int cycle = 0; cycle < 1200; ++cycle) probe = session.step(approach(cycle), -away * 0.1).probes[0];
     ASSERT_EQ(probe.status & session::kExact, 0u) << "the base mesh is all there is";
     session.connected = true;
-    for (int cycle = 0; cycle < 1500; ++cycle) probe = session.step(goal, Vec3d::Zero()).probes[0];
+    probe = session.step(goal, Vec3d::Zero()).probes[0];
+    for (int cycle = 0; cycle < 1500; ++cycle) {
+      const Vec3d before = hrtc_service::vec(probe.force);
+      probe = session.step(goal, Vec3d::Zero()).probes[0];
+      moved += (probe.status & session::kSurfaceMoved) != 0 ? 1 : 0;
+      ASSERT_LE((hrtc_service::vec(probe.force) - before).norm(), 0.05) << "a hand at rest feels no step";
+    }
 
     constexpr std::uint32_t kTouching = session::kInContact | session::kExact;
     EXPECT_EQ(probe.status & kTouching, kTouching);
@@ -299,6 +306,7 @@ TEST_F(OrganSession, ASurfaceThatRefinesUnderATipKeepsTheProxyOutside) {
     EXPECT_GT((proxy - goal).dot(away), 0) << "further out than the device, which is half a millimetre in";
     EXPECT_NEAR((proxy - goal).norm(), 0.0005, 0.0003);
   }
+  EXPECT_GT(moved, 10);
 }
 
 TEST_F(OrganSession, APoolTenTimesTooSmallIsCoarserAndFlaggedAndNeverSaidToBeExactWhereItIsNot) {

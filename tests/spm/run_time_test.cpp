@@ -417,6 +417,71 @@ TEST_P(RunTime, ABallInWhichAnythingChangedOrAroundWhichAllDidIsToldSo) {
   EXPECT_GT(unchanged, 200) << "a ball is told of what is near it, not of everything";
 }
 
+TEST_P(RunTime, SweepsOnTheKeptMeshMeetTheMeshAsItWas) {
+  std::mt19937_64 random{GetParam()};
+  Controller controller{model_, roomy()};
+  for (const RegionId region : all_regions(model_)) ASSERT_EQ(controller.load(region), AcceptResult::kAccepted);
+  const spm::Vec3d low = bounds().first, high = bounds().second;
+  std::uniform_real_distribution<double> unit{0, 1};
+  const auto point = [&] {
+    return spm::Vec3d{low + (high - low).cwiseProduct(spm::Vec3d{unit(random), unit(random), unit(random)})};
+  };
+  const spm::AbTree& tree = controller.forest().tree();
+  struct Sweep {
+    spm::Vec3d from, to;
+    double radius;
+    bool hit;
+    spm::SweepContact contact;
+  };
+  int differed = 0;
+  for (int round = 0; round < 100; ++round) {
+    std::vector<Sweep> sweeps(20);
+    for (Sweep& sweep : sweeps) {
+      sweep.from = point();
+      sweep.to = point();
+      sweep.radius = unit(random) * 0.05 * (high - low).norm();
+      sweep.hit = tree.sweep(sweep.from, sweep.to, sweep.radius, sweep.contact);
+    }
+    std::vector<RegionId> wanted = all_regions(model_);
+    std::shuffle(wanted.begin(), wanted.end(), random);
+    wanted.resize(random() % 4);
+    controller.forest().keep(true);
+    for (int part = 0; part < 2; ++part) {  // several refits may follow
+      const spm::Advance result = controller.refine(wanted, static_cast<std::uint32_t>(random() % 2000));
+      ASSERT_NE(result, spm::Advance::kKeptFull);
+    }
+    for (const Sweep& sweep : sweeps) {
+      spm::SweepContact contact, now;
+      ASSERT_EQ(tree.sweep(sweep.from, sweep.to, sweep.radius, contact, spm::Version::kKept), sweep.hit);
+      const bool hits_now = tree.sweep(sweep.from, sweep.to, sweep.radius, now);
+      if (!sweep.hit) continue;
+      ASSERT_EQ(contact.face, sweep.contact.face) << "round " << round;
+      ASSERT_EQ(contact.time, sweep.contact.time);
+      ASSERT_EQ(contact.point, sweep.contact.point);
+      differed += hits_now && now.time == contact.time ? 0 : 1;
+    }
+    controller.forest().keep(false);
+  }
+  EXPECT_GT(differed, 20) << "else nothing was kept that mattered";
+}
+
+TEST_P(RunTime, RefinementStopsWhenWhatItChangesCanNoLongerBeKept) {
+  const OwnedModel large = random_model(GetParam(), 16 * kRecords, kCells);
+  Controller controller{large.view(), spm::PoolSettings::for_slots(4 * 8192)};
+  const std::vector<RegionId> all = all_regions(large.view());
+  for (const RegionId region : all) ASSERT_EQ(controller.load(region), AcceptResult::kAccepted);
+  ASSERT_EQ(controller.refine(all), spm::Advance::kDone);
+  int rounds = 0;
+  spm::Advance result = spm::Advance::kKeptFull;
+  for (; result == spm::Advance::kKeptFull && rounds < 1000; ++rounds) {
+    controller.forest().keep(true);
+    result = controller.refine({});
+    ASSERT_THAT(controller.forest().violations(), IsEmpty()) << "round " << rounds;
+  }
+  EXPECT_EQ(result, spm::Advance::kDone);
+  EXPECT_GT(rounds, 1);
+}
+
 TEST_P(RunTime, LeavesCopiedInPartsAreAllThatIsShown) {
   std::mt19937_64 random{GetParam()};
   Controller controller{model_, roomy()};
