@@ -169,7 +169,8 @@ class Laboratory {
            << "\n    position: [0, 0, 0]\n    scale: " << subject.model.summary.metres_per_unit << '\n';
     if (!config.flush()) throw std::runtime_error("cannot write " + (folder_.path() / "host.yaml").string());
     record("slow.csv", subject, kSpeed);
-    for (int place = 0; place < settings.probes; ++place) wander(place);
+    if (settings.part.empty() || settings.part == "coded")
+      for (int place = 0; place < settings.probes; ++place) wander(place);
     record("fast.csv", subject, kFast);
     for (int place = 0; place < settings.joining; ++place) rest(place);
     programs_ = std::filesystem::read_symlink("/proc/self/exe").parent_path();

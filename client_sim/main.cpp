@@ -71,6 +71,7 @@ void expect_writable(const std::filesystem::path& file) {
 int main(int argc, char** argv) {
   using namespace tactus;
   wire::SessionAddress address;
+  address.only_reads_bulk = true;
   address.session = "tactus";
   address.participant = "sim";
   std::string scenario = "demo";

@@ -31,7 +31,8 @@ constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kServiceNs = 2 * kMs;  // from one pass to the next, at least; so many times a pass; at most
 constexpr std::int64_t kServiceRest = 10;
 constexpr std::int64_t kServiceMostNs = 10 * kMs;
-constexpr std::int64_t kVigilNs = 2 * kMs;
+constexpr std::int64_t kServiceRestingNs = 8 * kMs;  // at least, where no tip moves and all that is wanted is here
+constexpr std::int64_t kVigilNs = 2 * kMs, kVigilEaseNs = 4 * kMs;
 constexpr std::int64_t kHeartbeatNs = 100 * kMs;
 constexpr std::int64_t kClockNs = 200 * kMs;
 constexpr std::int64_t kClockFastNs = 20 * kMs;
@@ -53,6 +54,11 @@ struct VigilAnswer {
 struct WholeState {
   session::ProbeState state;
 };
+wire::SessionAddress reads_bulk(wire::SessionAddress address) {
+  address.only_reads_bulk = true;
+  return address;
+}
+
 using Sample =
     std::variant<VigilAnswer, session::RosterEntry, session::CatalogueEntry, session::BulkChunk, session::Intent,
                  session::ClockSample, session::Control, session::ProbeState, session::Metrics, WholeState>;
@@ -312,7 +318,7 @@ LoaderSettings loader_settings(const HrtcOptions& options) {
 
 Hrtc::Impl::Impl(HrtcOptions given)
     : options{std::move(given)},
-      links{options.address},
+      links{reads_bulk(options.address)},
       pool{options.pool},
       nodes{options.pool.tree_nodes},
       flight{flight_keeper(options)},
@@ -1045,9 +1051,11 @@ int Hrtc::Impl::run(const std::atomic<bool>& stop) {
       std::visit([&](const auto& sample) { take(sample, arrived.at_ns); }, arrived.sample);
     const std::int64_t now_ns = monotonic_ns();
     if (vigil.watches() && look.due(now_ns) && keep_vigil(now_ns)) due.at_once();
+    look.set_period(vigil.at_ease() ? kVigilEaseNs : kVigilNs);
     if (!due.due(now_ns)) continue;
     serve(now_ns);
-    due.set_period(std::clamp(kServiceRest * (monotonic_ns() - now_ns), kServiceNs, kServiceMostNs));
+    const std::int64_t least_ns = loader.at_rest() ? kServiceRestingNs : kServiceNs;
+    due.set_period(std::clamp(kServiceRest * (monotonic_ns() - now_ns), least_ns, kServiceMostNs));
   }
   finish();
   return exit_code;

@@ -12,6 +12,7 @@ namespace tactus::hrtc_service {
 namespace {
 
 constexpr double kNsPerS = 1e9;
+constexpr std::int64_t kStaleNs = 50'000'000;  // then tips are predicted anew that have hardly moved
 
 spm::fcl::WorldBox world_box(const spm::CellBox& box, const Placement& placement) {
   spm::fcl::WorldBox world{Vec3d::Constant(1e300), Vec3d::Constant(-1e300)};
@@ -180,7 +181,6 @@ void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {
 /// Whether what was predicted last still does: the tips have hardly moved since, or predicting would take more than its
 /// share of the time. (On a machine with too little of it loading takes longer, so that there is more to predict.)
 bool Loader::still_ahead(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights) const {
-  constexpr std::int64_t kStaleNs = 10'000'000;
   constexpr double kHardly = 0.1;  // of the tip's radius
   bool moved = now_ns - predicted_ns_ >= kStaleNs;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
@@ -288,8 +288,13 @@ void Loader::tick(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>&
   take_released();
   take_parked(now_ns);
   for (Object* object : by_index_) observe(*object, sights);
-  if (!still_ahead(now_ns, sights)) predict(now_ns, sights);
+  constexpr std::int64_t kAtRestNs = 100'000'000;
+  if (!still_ahead(now_ns, sights)) {
+    if (now_ns - predicted_ns_ < kStaleNs) moved_ns_ = now_ns;
+    predict(now_ns, sights);
+  }
   want(now_ns);
+  at_rest_ = needed_ == 0 && now_ns - moved_ns_ >= kAtRestNs;
   find_leavers();
   show_due();
   coarsen();

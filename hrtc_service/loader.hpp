@@ -105,6 +105,9 @@ class Loader {
   /// The next demand to publish, until none is due.
   [[nodiscard]] std::optional<session::Demand> demand(std::int64_t now_ns) { return delivery_.demand(now_ns); }
 
+  /// In the last tick no tip had moved for a while, and all that was wanted was here.
+  [[nodiscard]] bool at_rest() const noexcept { return at_rest_; }
+
   [[nodiscard]] LoaderFigures figures() const;
   [[nodiscard]] const spm::CacheCounters& cache_counters() const noexcept { return cache_.counters(); }
   [[nodiscard]] const session::DeliveryClient::Counters& delivery_counters() const noexcept {
@@ -261,6 +264,8 @@ class Loader {
   };
   std::vector<Prospect> prospects_;  // of the last prediction
   std::int64_t predicted_ns_ = 0, predict_next_ns_ = 0;
+  std::int64_t moved_ns_ = 0;  // when a tip last left what was predicted
+  bool at_rest_ = false;
   std::array<ProbeSight, kMaxProbes> predicted_for_{};
   std::deque<Arrival> waiting_;  // for room in the ring
   struct Parked {

@@ -54,6 +54,12 @@ std::int64_t Vigil::patience_ns(const Watched& host) const noexcept {
                     static_cast<long long>(settings_.most_patience_ns));
 }
 
+bool Vigil::at_ease() const noexcept {
+  return std::all_of(hosts_.begin(), hosts_.end(), [this](const auto& watched) {
+    return watched.second.missed || watched.second.silent_ns <= settings_.period_ns;
+  });
+}
+
 std::vector<Vigil::Silent> Vigil::silent(std::int64_t now_ns) {
   const std::int64_t passed_ns = std::clamp<std::int64_t>(now_ns - looked_ns_, 0, settings_.most_unwatched_ns);
   looked_ns_ = now_ns;

@@ -32,7 +32,7 @@ struct VigilSettings {
   std::int64_t most_patience_ns = 250'000'000;  ///< then the roster has noticed as well
   double margin = 2;                            ///< patience, as a multiple of the longest silence that ended of late
   double half_life_s = 10;                      ///< in which a long silence is half forgotten
-  std::int64_t most_unwatched_ns = 4'000'000;   ///< between two looks; what is longer was this program's own sleep
+  std::int64_t most_unwatched_ns = 6'000'000;   ///< between two looks; what is longer was this program's own sleep
 };
 
 class Vigil {
@@ -42,6 +42,8 @@ class Vigil {
   /// These and no others from now on.
   void watch(const std::vector<std::uint64_t>& hosts);
   [[nodiscard]] bool watches() const noexcept { return !hosts_.empty(); }
+  /// No host has left a question unanswered: looking half as often is enough.
+  [[nodiscard]] bool at_ease() const noexcept;
   [[nodiscard]] bool watches(std::uint64_t host) const { return hosts_.count(host) != 0; }
   /// The next question that is due, or none; a clock request as the topic has it.
   [[nodiscard]] std::optional<ClockSample> ask(std::int64_t now_ns);

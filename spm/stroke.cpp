@@ -82,7 +82,9 @@ void Stroke::observe(const RegionGrid& grid, double reach, const Vec3d& position
   const bool step = ++since_step_ >= kPerStep || count_ == 0;
   const Vec3d before = count_ > 0 ? sample(0).normal : Vec3d::UnitZ();
   newest_ = (newest_ + 1) % kPast;
-  past_[newest_] = {position, step ? plane_normal(grid, position, reach, before) : before};
+  const bool still = count_ > 0 && (position - plane_at_).norm() <= kSlowest * reach;
+  past_[newest_] = {position, step && !still ? plane_normal(grid, position, reach, before) : before};
+  if (step && !still) plane_at_ = position;
   count_ = std::min(count_ + 1, kPast);
   if (!step) return;
   since_step_ = 0;

@@ -57,6 +57,7 @@ class Stroke {
 
   std::array<Sample, kPast> past_;
   std::uint32_t newest_ = 0, count_ = 0, since_step_ = 0;
+  Vec3d plane_at_ = Vec3d::Zero();  // where the newest normal is of
   Eigen::Matrix<double, kTurns, kTurns> squares_ = Eigen::Matrix<double, kTurns, kTurns>::Zero();
   Eigen::Matrix<double, kTurns, kSteps> products_ = Eigen::Matrix<double, kTurns, kSteps>::Zero();
   Eigen::Matrix<double, kTurns, kSteps> rule_ = Eigen::Matrix<double, kTurns, kSteps>::Zero();

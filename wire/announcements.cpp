@@ -15,8 +15,8 @@ using eprosima::fastrtps::rtps::IPLocator;
 // sample begins with, then its encapsulation and parameters.
 constexpr std::uint32_t kHeader = 20, kSenderAt = 8, kSubmessage = 4, kWriterAt = 8, kSequenceAt = 12;
 constexpr std::uint32_t kSampleHeader = 20, kEncapsulation = 4, kParameter = 4, kLocator = 24;
-constexpr std::uint8_t kDataId = 0x15, kInlineQos = 0x02;
-constexpr std::uint32_t kMetatrafficUnicast = 0x32;                        // a parameter (9.6.2)
+constexpr std::uint8_t kDataId = 0x15, kInlineQos = 0x02, kHasData = 0x04;
+constexpr std::uint32_t kSentinel = 0x01, kMetatrafficUnicast = 0x32, kName = 0x62;  // parameters (9.6.2)
 constexpr std::array<std::uint8_t, 4> kAnnouncer{0x00, 0x01, 0x00, 0xc2};  // the writer of participants (9.3.1.5)
 constexpr std::size_t kMany = 4096;
 
@@ -31,8 +31,8 @@ struct Bytes {
   }
 };
 
-/// The sample of a message that announces a participant.
-std::optional<Bytes> announcement_of(const std::uint8_t* message, std::uint32_t size, bool& inline_qos) {
+/// The sample of a message that announces a participant, and its flags.
+std::optional<Bytes> announcement_of(const std::uint8_t* message, std::uint32_t size, std::uint8_t& flags) {
   for (std::uint32_t at = kHeader; at + kSubmessage <= size;) {
     const Bytes submessage{message + at, size - at, (message[at + 1] & 1u) != 0};
     const std::uint32_t length = submessage.number(2, 2);
@@ -41,7 +41,7 @@ std::optional<Bytes> announcement_of(const std::uint8_t* message, std::uint32_t 
                          submessage.little};
       if (sample.size < kSampleHeader || !std::equal(kAnnouncer.begin(), kAnnouncer.end(), sample.at + kWriterAt))
         return std::nullopt;
-      inline_qos = (message[at + 1] & kInlineQos) != 0;
+      flags = message[at + 1];
       return sample;
     }
     if (length == 0) return std::nullopt;  // the last one
@@ -50,33 +50,53 @@ std::optional<Bytes> announcement_of(const std::uint8_t* message, std::uint32_t 
   return std::nullopt;
 }
 
+/// Where what is said of the participant begins in a sample: behind what the library says of the sample itself.
+std::uint32_t said_at(const Bytes& sample, std::uint8_t flags) {
+  std::uint32_t at = kSampleHeader;
+  if ((flags & kInlineQos) == 0) return at;
+  while (at + kParameter <= sample.size) {
+    const bool last = sample.number(at, 2) == kSentinel;
+    at += kParameter + (last ? 0 : sample.number(at + 2, 2));
+    if (last) break;
+  }
+  return at;
+}
+
 }  // namespace
 
 std::optional<std::uint64_t> Announcements::sequence_of(const std::uint8_t* message, std::uint32_t size) {
-  bool inline_qos = false;
-  const std::optional<Bytes> sample = announcement_of(message, size, inline_qos);
+  std::uint8_t flags = 0;
+  const std::optional<Bytes> sample = announcement_of(message, size, flags);
   if (!sample) return std::nullopt;
   return std::uint64_t{sample->number(kSequenceAt, 4)} << 32u | sample->number(kSequenceAt + 4, 4);
 }
 
-void Announcements::on_received(const std::uint8_t* message, std::uint32_t size) {
-  bool inline_qos = false;
-  const std::optional<Bytes> sample = announcement_of(message, size, inline_qos);
-  if (!sample || inline_qos) return;
+bool Announcements::on_received(const std::uint8_t* message, std::uint32_t size) {
+  std::uint8_t flags = 0;
+  const std::optional<Bytes> sample = announcement_of(message, size, flags);
+  if (!sample || (flags & kHasData) == 0) return true;
   std::array<std::uint8_t, 12> sender;
   std::copy_n(message + kSenderAt, sender.size(), sender.begin());
   const std::lock_guard<std::mutex> lock{mutex_};
   if (met_.size() > kMany) met_.clear();
-  if (!met_.insert(sender).second || sample->size < kSampleHeader + kEncapsulation) return;
-  const Bytes list{sample->at + kSampleHeader, sample->size - kSampleHeader, (sample->at[kSampleHeader + 1] & 1u) != 0};
+  const auto [met, is_new] = met_.try_emplace(sender, true);
+  const std::uint32_t said = said_at(*sample, flags);
+  if (!is_new || sample->size < said + kEncapsulation) return met->second;
+  const Bytes list{sample->at + said, sample->size - said, (sample->at[said + 1] & 1u) != 0};
   for (std::uint32_t at = kEncapsulation; at + kParameter <= list.size;) {
     const std::uint32_t id = list.number(at, 2), length = list.number(at + 2, 2);
     if (id == kMetatrafficUnicast && length == kLocator && at + kParameter + kLocator <= list.size) {
       const std::uint8_t* const address = list.at + at + kParameter + 8;
       forget(list.number(at + kParameter + 4, 4), address);
     }
+    // A text is its length, the zero at its end included, and its bytes.
+    const std::uint32_t text = at + kParameter + 4, bytes = static_cast<std::uint32_t>(ignored_name_.size());
+    if (id == kName && bytes != 0 && length > 4 + bytes && text + bytes < list.size &&
+        list.number(text - 4, 4) == bytes + 1 && std::equal(ignored_name_.begin(), ignored_name_.end(), list.at + text))
+      met->second = false;
     at += kParameter + length;
   }
+  return met->second;
 }
 
 /// Whoever was there before. Participants of this machine are reached through its loopback.

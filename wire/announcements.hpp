@@ -11,7 +11,7 @@
 #include <map>
 #include <mutex>
 #include <optional>
-#include <set>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -31,9 +31,12 @@ class Announcements {
   [[nodiscard]] std::vector<Locator> due(const void* sender, std::uint64_t sequence, const std::vector<Locator>& to,
                                          std::int64_t now_ns);
 
+  /// `ignored`: participants of this name are not to be met; empty: all are.
+  explicit Announcements(std::string ignored = {}) : ignored_name_{std::move(ignored)} {}
+
   /// A message came. When it is the first announcement of a participant, who it is has been told nothing, though
-  /// another before it may have listened at the same place.
-  void on_received(const std::uint8_t* message, std::uint32_t size);
+  /// another before it may have listened at the same place. False when it announces one who is not to be met.
+  [[nodiscard]] bool on_received(const std::uint8_t* message, std::uint32_t size);
 
  private:
   void forget(std::uint32_t port, const std::uint8_t* address);
@@ -44,7 +47,8 @@ class Announcements {
   };
   std::mutex mutex_;
   std::map<std::pair<const void*, Locator>, Sent> sent_;
-  std::set<std::array<std::uint8_t, 12>> met_;
+  std::string ignored_name_;
+  std::map<std::array<std::uint8_t, 12>, bool> met_;  // whether it is to be met
 };
 
 }  // namespace tactus::wire

@@ -25,6 +25,9 @@ namespace {
 using eprosima::fastrtps::types::ReturnCode_t;
 namespace fdds = eprosima::fastdds::rtps;
 
+/// Name of participants that only read bulk; they do not meet each other.
+constexpr char kReadsBulk[] = "tactus_bulk_reader";
+
 /// Profiles live in one global table of the library, so one Links at a time fills and reads it.
 std::mutex& factory_mutex() {
   static std::mutex mutex;
@@ -104,10 +107,15 @@ dds::DomainParticipant* join(Links::Impl& impl, TrafficClass traffic, LogCapture
     throw WireError(file_of(impl, traffic).string() + ": no participant profile '" + profile + "'; expected one");
   }
   apply(impl.address.discovery, qos);
+  std::string ignored;
+  if (traffic == TrafficClass::kBulk && impl.address.only_reads_bulk && impl.address.discovery.servers.empty()) {
+    ignored = kReadsBulk;
+    qos.name(kReadsBulk);
+  }
   const auto gate = std::make_shared<Gate>();
   for (auto& transport : qos.transport().user_transports) {
     if (std::dynamic_pointer_cast<fdds::UDPv4TransportDescriptor>(transport) == nullptr) continue;
-    transport = std::make_shared<PatientTransportDescriptor>(transport, gate);
+    transport = std::make_shared<PatientTransportDescriptor>(transport, gate, ignored);
     if (traffic != TrafficClass::kSession) transport = std::make_shared<LeanTransportDescriptor>(transport);
   }
   const std::set<int> before = datagram_sockets();

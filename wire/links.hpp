@@ -51,7 +51,10 @@ struct SessionAddress {
   std::filesystem::path qos = default_qos_directory();
   std::uint64_t incarnation = 0;  ///< 0: nanoseconds of the system clock at start
   bool one_participant = false;   ///< for all classes, with the profile of class session: to show what that costs
-  int probe_priority = 0;         ///< SCHED_FIFO priority of the probe participant's threads, 1..99; 0: as the caller's
+  /// Has no end that writes bulk, so that it need not meet others that have none, of whom there may be many. Where a
+  /// discovery server brings together whom it knows, it meets them all the same.
+  bool only_reads_bulk = false;
+  int probe_priority = 0;  ///< SCHED_FIFO priority of the probe participant's threads, 1..99; 0: as the caller's
 };
 
 /// Owns the three participants and the profiles of every topic end. Must outlive its Writers and Readers. Threads: any.

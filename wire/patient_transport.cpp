@@ -19,7 +19,7 @@ namespace rtps = eprosima::fastrtps::rtps;
 class PatientTransport final : public fdds::ChainingTransport {
  public:
   explicit PatientTransport(const PatientTransportDescriptor& descriptor)
-      : ChainingTransport{descriptor}, descriptor_{descriptor} {}
+      : ChainingTransport{descriptor}, descriptor_{descriptor}, announcements_{descriptor.ignored} {}
 
   [[nodiscard]] fdds::TransportDescriptorInterface* get_configuration() override { return &descriptor_; }
 
@@ -38,7 +38,7 @@ class PatientTransport final : public fdds::ChainingTransport {
   void receive(fdds::TransportReceiverInterface* next, const rtps::octet* message, std::uint32_t size,
                const rtps::Locator_t& local, const rtps::Locator_t& remote) override {
     descriptor_.gate->pass();
-    announcements_.on_received(message, size);
+    if (!announcements_.on_received(message, size)) return;
     next->OnDataReceived(message, size, local, remote);
   }
 
@@ -62,8 +62,8 @@ void Gate::pass() {
 }
 
 PatientTransportDescriptor::PatientTransportDescriptor(std::shared_ptr<fdds::TransportDescriptorInterface> low,
-                                                       std::shared_ptr<Gate> gate_of)
-    : ChainingTransportDescriptor{std::move(low)}, gate{std::move(gate_of)} {}
+                                                       std::shared_ptr<Gate> gate_of, std::string ignored_name)
+    : ChainingTransportDescriptor{std::move(low)}, gate{std::move(gate_of)}, ignored{std::move(ignored_name)} {}
 
 fdds::TransportInterface* PatientTransportDescriptor::create_transport() const { return new PatientTransport{*this}; }
 

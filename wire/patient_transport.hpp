@@ -11,6 +11,7 @@
 #include <condition_variable>
 #include <memory>
 #include <mutex>
+#include <string>
 
 namespace tactus::wire {
 
@@ -32,10 +33,11 @@ class Gate {
 /// Wraps a descriptor of the profiles. The gate is opened by whoever makes the participant, once it is made.
 struct PatientTransportDescriptor final : eprosima::fastdds::rtps::ChainingTransportDescriptor {
   PatientTransportDescriptor(std::shared_ptr<eprosima::fastdds::rtps::TransportDescriptorInterface> low,
-                             std::shared_ptr<Gate> gate);
+                             std::shared_ptr<Gate> gate, std::string ignored = {});
   [[nodiscard]] eprosima::fastdds::rtps::TransportInterface* create_transport() const override;
 
   std::shared_ptr<Gate> gate;
+  std::string ignored;  ///< name of participants that are not met; empty: all are
 };
 
 }  // namespace tactus::wire

@@ -3,6 +3,9 @@
 #include <fastrtps/utils/IPLocator.h>
 #include <gtest/gtest.h>
 
+#include <string>
+#include <vector>
+
 namespace tactus::wire {
 namespace {
 
@@ -18,14 +21,24 @@ Locator at(const char* address, std::uint32_t port) {
 }
 
 /// An RTPS message of a time and a sample, little-endian, as the library sends it; of a participant that listens at
-/// 10.0.0.1:7410.
-std::vector<std::uint8_t> message(std::uint8_t writer_kind, std::uint8_t sequence, std::uint8_t sender = 1) {
-  std::vector<std::uint8_t> bytes(20, sender);                                            // header
-  bytes.insert(bytes.end(), {0x09, 0x01, 8, 0, 0, 0, 0, 0, 0, 0, 0, 0});                  // time
-  bytes.insert(bytes.end(), {0x15, 0x05, 56, 0, 0, 0, 16, 0, 0, 1, 0, 0xc7});             // sample, reader
-  bytes.insert(bytes.end(), {0, 1, 0, writer_kind, 0, 0, 0, 0, sequence, 0, 0, 0});       // writer, number
-  bytes.insert(bytes.end(), {0, 3, 0, 0, 0x32, 0, 24, 0, 1, 0, 0, 0, 0xf2, 0x1c, 0, 0});  // parameter, kind, port
-  bytes.insert(bytes.end(), {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 10, 0, 0, 1, 1, 0, 0, 0});
+/// 10.0.0.1:7410 and has a name of four letters or none.
+std::vector<std::uint8_t> message(std::uint8_t writer_kind, std::uint8_t sequence, std::uint8_t sender = 1,
+                                  const std::string& name = {}, bool says_of_itself = false) {
+  const auto length = static_cast<std::uint8_t>((name.empty() ? 56 : 72) + (says_of_itself ? 12 : 0));
+  const std::uint8_t flags = says_of_itself ? 0x07 : 0x05;
+  std::vector<std::uint8_t> bytes(20, sender);                                                // header
+  bytes.insert(bytes.end(), {0x09, 0x01, 8, 0, 0, 0, 0, 0, 0, 0, 0, 0});                      // time
+  bytes.insert(bytes.end(), {0x15, flags, length, 0, 0, 0, 16, 0, 0, 1, 0, 0xc7});            // sample, reader
+  bytes.insert(bytes.end(), {0, 1, 0, writer_kind, 0, 0, 0, 0, sequence, 0, 0, 0});           // writer, number
+  if (says_of_itself) bytes.insert(bytes.end(), {0x0f, 0x80, 4, 0, 9, 9, 9, 9, 1, 0, 0, 0});  // of the sample
+  bytes.insert(bytes.end(), {0, 3, 0, 0, 0x32, 0, 24, 0, 1, 0, 0, 0, 0xf2, 0x1c, 0, 0});      // parameter, kind, port
+  bytes.insert(bytes.end(), {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 10, 0, 0, 1});
+  if (!name.empty()) {
+    bytes.insert(bytes.end(), {0x62, 0, 12, 0, 5, 0, 0, 0});
+    bytes.insert(bytes.end(), name.begin(), name.end());
+    bytes.insert(bytes.end(), {0, 0, 0, 0});
+  }
+  bytes.insert(bytes.end(), {1, 0, 0, 0});
   return bytes;
 }
 
@@ -49,7 +62,7 @@ TEST(AnnouncementsTest, NoPartOfAMessageIsReadBeyondItsEnd) {
     const std::vector<std::uint8_t> cut(whole.begin(), whole.begin() + size);
     const std::uint32_t read_to = 20 + 12 + 4 + 20;
     EXPECT_EQ(Announcements::sequence_of(cut.data(), size).has_value(), size >= read_to) << size;
-    announcements.on_received(cut.data(), size);  // sanitizers would tell
+    (void)announcements.on_received(cut.data(), size);  // sanitizers would tell
   }
 }
 
@@ -85,7 +98,7 @@ TEST(AnnouncementsTest, WhoStartsWhereAnotherHasListenedIsToldAtOnce) {
   const std::vector<std::uint8_t> first = message(0xc2, 1, 1), second = message(0xc2, 1, 2);
   Announcements announcements;
   const auto hear = [&](const std::vector<std::uint8_t>& from) {
-    announcements.on_received(from.data(), static_cast<std::uint32_t>(from.size()));
+    (void)announcements.on_received(from.data(), static_cast<std::uint32_t>(from.size()));
   };
   hear(first);
   (void)announcements.due(&kSocket, 1, {kGroup, kAnn, kBob}, 0);
@@ -95,6 +108,20 @@ TEST(AnnouncementsTest, WhoStartsWhereAnotherHasListenedIsToldAtOnce) {
   hear(second);
 
   EXPECT_EQ(announcements.due(&kSocket, 1, {kGroup, kAnn, kBob}, 2 * kMs), (std::vector<Locator>{kAnn}));
+}
+
+TEST(AnnouncementsTest, OnlyThoseOfTheNameThatIsIgnoredAreNotMet) {
+  Announcements announcements{"crew"};
+  const auto is_met = [&](const std::vector<std::uint8_t>& from) {
+    return announcements.on_received(from.data(), static_cast<std::uint32_t>(from.size()));
+  };
+
+  EXPECT_FALSE(is_met(message(0xc2, 1, 1, "crew")));
+  EXPECT_FALSE(is_met(message(0xc2, 2, 1, "crew"))) << "nor later";
+  EXPECT_FALSE(is_met(message(0xc2, 1, 4, "crew", true))) << "as the library sends it";
+  EXPECT_TRUE(is_met(message(0xc2, 1, 2, "crow")));
+  EXPECT_TRUE(is_met(message(0xc2, 1, 3)));
+  EXPECT_TRUE(is_met(message(0x02, 1, 1, "crew"))) << "another writer's sample";
 }
 
 TEST(AnnouncementsTest, EachInterfaceSpeaksForItself) {
