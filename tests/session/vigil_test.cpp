@@ -48,6 +48,13 @@ TEST_F(VigilTest, NamesADeadHostOnceWithin40Ms) {
   EXPECT_EQ(vigil_.false_alarms(), 0u);
 }
 
+TEST_F(VigilTest, IsAtEaseWhileQuestionsAreAnswered) {
+  ASSERT_TRUE(run(2000 * kMs, [] { return true; }).empty());
+  EXPECT_TRUE(vigil_.at_ease());
+  ASSERT_TRUE(run(2014 * kMs, [] { return false; }).empty());
+  EXPECT_FALSE(vigil_.at_ease()) << "14 ms of silence";
+}
+
 TEST_F(VigilTest, DoesNotMissWhoHasNeverAnswered) {
   EXPECT_TRUE(run(5000 * kMs, [] { return false; }).empty());
 }
