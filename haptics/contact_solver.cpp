@@ -16,6 +16,9 @@ void tangents_of(const Vec3d& n, Vec3d& t1, Vec3d& t2) noexcept {
   t2 = n.cross(t1);
 }
 
+/// std::hypot guards against overflow, at ten times the cost.
+double length_of(double x, double y) noexcept { return std::sqrt(x * x + y * y); }
+
 /// The point of the disc |x| <= radius that minimises sum a_i (x_i - c_i)^2, for a_i > 0 and c outside of it.
 void closest_in_disc(const double a[2], const double c[2], double radius, double x[2]) noexcept {
   // x_i = a_i c_i / (a_i + m); |x| falls as m grows, and |x| = radius is found by Newton's method on 1 / |x|, which
@@ -24,12 +27,12 @@ void closest_in_disc(const double a[2], const double c[2], double radius, double
   for (int step = 0; step < 20; ++step) {
     x[0] = a[0] * c[0] / (a[0] + m);
     x[1] = a[1] * c[1] / (a[1] + m);
-    const double size = std::hypot(x[0], x[1]);
+    const double size = length_of(x[0], x[1]);
     if (size <= radius * (1 + 1e-12)) break;
     const double slope = x[0] * x[0] / (a[0] + m) + x[1] * x[1] / (a[1] + m);
     m += (size - radius) / radius * size * size / slope;
   }
-  if (const double size = std::hypot(x[0], x[1]); size > radius) {
+  if (const double size = length_of(x[0], x[1]); size > radius) {
     x[0] *= radius / size;
     x[1] *= radius / size;
   }
@@ -152,7 +155,7 @@ const SolverResult& ContactSolver::solve(spm::Span<SolverBody> bodies, double dt
     block.lambda[1] = found->impulse.dot(block.axes[1]);
     block.lambda[2] = found->impulse.dot(block.axes[2]);
     const double most = kept_[i].friction * block.lambda[0];
-    if (const double size = std::hypot(block.lambda[1], block.lambda[2]); size > most) {
+    if (const double size = length_of(block.lambda[1], block.lambda[2]); size > most) {
       block.lambda[1] *= size > 0 ? most / size : 0;
       block.lambda[2] *= size > 0 ? most / size : 0;
     }
@@ -183,7 +186,7 @@ const SolverResult& ContactSolver::solve(spm::Span<SolverBody> bodies, double dt
                      block.lambda[2] - velocity(contact, second) / a[1]};
       if (most <= 0) {
         x[0] = x[1] = 0;
-      } else if (std::hypot(x[0], x[1]) > most) {
+      } else if (length_of(x[0], x[1]) > most) {
         const double c[2] = {x[0], x[1]};
         closest_in_disc(a, c, most, x);
       }

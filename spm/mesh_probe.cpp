@@ -140,9 +140,11 @@ struct ProbeWalk {
 
   const AbTree& tree;
   PlacedProbe& probe;
-  MeshContact* out;
+  MeshContact* out;  // or, null,
+  NearPairs* near;   // what comes within the margin
   std::uint32_t capacity;
   std::uint32_t most_work;
+  float margin;
 
   const MeshProbe::Node* nodes = probe.probe_.nodes_.data();
   PlacedNode* placed = probe.nodes_.data();
@@ -152,22 +154,26 @@ struct ProbeWalk {
   std::uint32_t pairs = 0;  // waiting in probe.pairs_
   std::array<std::uint32_t, TrianglePairs::kWidth> rows{}, triangles{};
   float rotation[3][3]{}, inverse[3][3]{}, translation[3]{}, back[3]{};  // back: object's origin in the probe's frame
-  float reach = 0;                                                       // no placed coordinate is larger
-  float slack = 0;
+  float scale = 1;
+  float reach = 0;                      // no placed coordinate is larger
+  float slack = 0, slack_in_probe = 0;  // with the margin
   MeshTouch result{};
 
   void aim() noexcept {
-    const Vec3d origin = -(probe.rotation_.transpose() * probe.translation_);
+    scale = static_cast<float>(probe.scale_);
+    const Vec3d origin = -(probe.rotation_.transpose() * probe.translation_) / probe.scale_;
     for (int i = 0; i < 3; ++i) {
       for (int j = 0; j < 3; ++j) {
-        rotation[i][j] = static_cast<float>(probe.rotation_(i, j));
-        inverse[j][i] = rotation[i][j];
+        rotation[i][j] = static_cast<float>(probe.scale_ * probe.rotation_(i, j));
+        inverse[j][i] = static_cast<float>(probe.rotation_(i, j) / probe.scale_);
       }
       translation[i] = static_cast<float>(probe.translation_[i]);
       back[i] = static_cast<float>(origin[i]);
     }
-    reach = static_cast<float>((probe.translation_.cwiseAbs().maxCoeff() + probe.probe_.radius_) * (1 + 1e-6));
-    slack = kSlack * reach;
+    reach = static_cast<float>((probe.translation_.cwiseAbs().maxCoeff() + probe.scale_ * probe.probe_.radius_) *
+                               (1 + 1e-6));
+    slack = kSlack * reach + margin;
+    slack_in_probe = slack / scale;
   }
 
   void push(std::uint32_t object_node, std::uint32_t probe_node, float size) noexcept {
@@ -193,6 +199,7 @@ struct ProbeWalk {
   }
 
   void add(const TreeNode& leaf, unsigned lane, std::uint32_t triangle) noexcept {
+    if (near != nullptr) return add_near(leaf, lane, triangle);
     TrianglePairs& batch = probe.pairs_;
     const std::array<std::uint32_t, 3>& corners = probe.probe_.corners_[triangle];
     for (int i = 0; i < 3; ++i)
@@ -203,6 +210,21 @@ struct ProbeWalk {
     rows[pairs] = leaf.child[lane];
     triangles[pairs] = triangle;
     if (++pairs == TrianglePairs::kWidth) flush();
+  }
+
+  void add_near(const TreeNode& leaf, unsigned lane, std::uint32_t triangle) noexcept {
+    const std::uint32_t at = result.contacts++;
+    ++result.work;
+    if (at >= capacity) {
+      most_work = 0;
+      return;
+    }
+    NearPairs& pairs_here = near[at / NearPairs::kWidth];
+    const unsigned to = at % NearPairs::kWidth;
+    for (int i = 0; i < 3; ++i)
+      for (int axis = 0; axis < 3; ++axis) pairs_here.face.corner[i][axis][to] = leaf.lanes[3 * i + axis][lane];
+    pairs_here.row[to] = leaf.child[lane];
+    pairs_here.triangle[to] = triangle;
   }
 
   void flush() noexcept {
@@ -271,16 +293,20 @@ PlacedProbe::PlacedProbe(const MeshProbe& probe, Simd simd)
   place(Eigen::Isometry3d::Identity());
 }
 
-void PlacedProbe::place(const Eigen::Isometry3d& pose) noexcept {
-  if (++pose_ == 0) {  // all numbers used: none may look current
-    for (Node& node : nodes_) node.pose = 0;
-    ++pose_;
-  }
+void PlacedProbe::begin_pose() noexcept {
+  if (++pose_ != 0) return;
+  for (Node& node : nodes_) node.pose = 0;  // all numbers used: none may look current
+  ++pose_;
+}
+
+void PlacedProbe::place(const Eigen::Isometry3d& pose, double scale) noexcept {
+  begin_pose();
+  scale_ = scale;
   rotation_ = pose.linear();
   translation_ = pose.translation();
   Placing placing{probe_.vertices_[0].size(), {}, {}, {}, {}, {}};
   for (int i = 0; i < 3; ++i) {
-    for (int j = 0; j < 3; ++j) placing.rotation[i][j] = rotation_(i, j);
+    for (int j = 0; j < 3; ++j) placing.rotation[i][j] = scale * rotation_(i, j);
     placing.translation[i] = translation_[i];
     placing.from[i] = probe_.vertices_[i].data();
     placing.to[i] = vertices_[i].data();
@@ -303,8 +329,20 @@ Triangle3d PlacedProbe::triangle(std::uint32_t number) const noexcept {
 
 MeshTouch PlacedProbe::touching(const AbTree& tree, MeshContact* out, std::uint32_t capacity,
                                 std::uint32_t most_work) noexcept {
+  return walk(tree, out, nullptr, capacity, most_work, 0);
+}
+
+MeshTouch PlacedProbe::near(const AbTree& tree, double margin, NearPairs* out, std::uint32_t capacity,
+                            std::uint32_t most_work) noexcept {
+  return walk(tree, nullptr, out, capacity, most_work, static_cast<float>(margin * (1 + 1e-6)));
+}
+
+MeshTouch PlacedProbe::walk(const AbTree& tree, MeshContact* out, NearPairs* near, std::uint32_t capacity,
+                            std::uint32_t most_work, float margin) noexcept {
   if (tree.root() == kNone) return {};
-  ProbeWalk walk{tree, *this, out, capacity, most_work};
+  if (margin != margin_) begin_pose();  // boxes were placed with the room of another
+  margin_ = margin;
+  ProbeWalk walk{tree, *this, out, near, capacity, most_work, margin};
   walk.aim();
   walk.push(tree.root(), probe_.root_, kInfinity);
 #ifdef TACTUS_HAS_TARGETS

@@ -1,4 +1,5 @@
-/// A rigid mesh as a probe: all pairs of its triangles and shown faces that meet, with point, normal and depth.
+/// A rigid mesh as a probe: all pairs of its triangles and shown faces that meet, with point, normal and depth; or all
+/// that are near each other.
 ///
 ///   MeshProbe     the mesh and a static 8-wide tree over it, built once at start; shared by whoever uses it
 ///   PlacedProbe   the same in one pose in one object's frame, and the room a query works in; one for each user of it
@@ -8,7 +9,7 @@
 /// (triangle_pair.hpp). What is pruned is pruned with room for float rounding: the contacts are those of all pairs of
 /// shown faces and placed triangles, one by one.
 ///
-/// Object's model frame and file units; the probe in the same unit, in a frame of its own.
+/// Object's model frame and file units; the probe in a frame and unit of its own.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -19,6 +20,7 @@
 #include "spm/ab_tree.hpp"
 #include "spm/simd.hpp"
 #include "spm/span.hpp"
+#include "spm/triangle_gap.hpp"
 #include "spm/triangle_pair.hpp"
 
 namespace tactus::spm {
@@ -33,9 +35,17 @@ struct MeshContact {
   std::uint32_t row = 0;  ///< face row
 };
 
+/// Eight pairs that may be near each other: the shown faces' corners, model frame, and which they are.
+struct alignas(64) NearPairs {
+  static constexpr std::uint32_t kWidth = TriangleLanes::kWidth;
+  TriangleLanes face;
+  std::array<std::uint32_t, kWidth> row;       ///< face row
+  std::array<std::uint32_t, kWidth> triangle;  ///< of the probe, in tree order (MeshProbe::corners)
+};
+
 /// What a query came to.
 struct MeshTouch {
-  std::uint32_t contacts = 0;  ///< in all; more than the capacity: truncated
+  std::uint32_t contacts = 0;  ///< in all, or pairs; more than the capacity: truncated
   std::uint32_t work = 0;      ///< pairs of nodes visited and pairs of triangles decided
   bool complete = true;        ///< false: stopped at the limit of work, more may meet
 };
@@ -53,6 +63,14 @@ class MeshProbe {
   [[nodiscard]] std::uint32_t triangles() const noexcept { return static_cast<std::uint32_t>(corners_.size()); }
   /// Greatest distance of a vertex from the probe's origin.
   [[nodiscard]] double radius() const noexcept { return radius_; }
+
+  /// By axis, filled up with zeros to whole vectors of eight.
+  [[nodiscard]] const std::array<std::vector<double>, 3>& vertices() const noexcept { return vertices_; }
+  /// Vertices of a triangle, in tree order; and its number as it was given.
+  [[nodiscard]] const std::array<std::uint32_t, 3>& corners(std::uint32_t in_tree) const noexcept {
+    return corners_[in_tree];
+  }
+  [[nodiscard]] std::uint32_t number(std::uint32_t in_tree) const noexcept { return number_[in_tree]; }
 
  private:
   friend class PlacedProbe;
@@ -87,9 +105,10 @@ class PlacedProbe {
   /// `probe` must outlive it. Allocates. Every `simd` that the processor has gives the same bits.
   explicit PlacedProbe(const MeshProbe& probe, Simd simd = best_simd());
 
-  /// Takes probe coordinates to object coordinates by `pose`, a rotation (to 1e-7) and a translation. Each vertex is
-  /// rounded to double once, (r0 x + r1 y) + r2 z + t from left to right. Realtime.
-  void place(const Eigen::Isometry3d& pose) noexcept;
+  /// Takes probe coordinates to object coordinates by `pose`, a rotation (to 1e-7) and a translation, after `scale`:
+  /// object units in a probe unit. Each vertex is rounded to double once, (r0 x + r1 y) + r2 z + t from left to right.
+  /// Realtime.
+  void place(const Eigen::Isometry3d& pose, double scale = 1) noexcept;
 
   /// A triangle as placed.
   [[nodiscard]] Triangle3d triangle(std::uint32_t number) const noexcept;
@@ -99,8 +118,17 @@ class PlacedProbe {
   MeshTouch touching(const AbTree& tree, MeshContact* out, std::uint32_t capacity,
                      std::uint32_t most_work = 1u << 31) noexcept;
 
+  /// Eight by eight, all pairs that are at most `margin` apart (object units, above 0) and others whose boxes and
+  /// planes do not tell that they are further: `contacts` of them, as many as `capacity` has room for. Stops after
+  /// `most_work` or when full, and says so. Realtime.
+  MeshTouch near(const AbTree& tree, double margin, NearPairs* out, std::uint32_t capacity,
+                 std::uint32_t most_work = 1u << 31) noexcept;
+
  private:
   friend struct ProbeWalk;
+  void begin_pose() noexcept;
+  MeshTouch walk(const AbTree& tree, MeshContact* out, NearPairs* near, std::uint32_t capacity, std::uint32_t most_work,
+                 float margin) noexcept;
   static constexpr int kWidth = MeshProbe::kWidth;
   static constexpr int kStack = 64 * (AbTree::kMaxHeight + MeshProbe::kMaxHeight);
 
@@ -120,6 +148,8 @@ class PlacedProbe {
   const MeshProbe& probe_;
   Simd simd_;
   std::uint32_t pose_ = 0;
+  float margin_ = 0;  // of the last query
+  double scale_ = 1;
   Eigen::Matrix3d rotation_ = Eigen::Matrix3d::Identity();
   Vec3d translation_ = Vec3d::Zero();
   std::array<std::vector<double>, 3> vertices_;  // as placed, by axis

@@ -1,0 +1,294 @@
+// A stylus of 720 triangles with six degrees of freedom, slid, turned, tapped and pressed over a scan.
+//
+// What judges is not what steers: exact pairs of triangles on the full mesh at every cycle and half-way between, FCL's
+// in a sample, and, when any pair meets, how deep the tool's surface is below the mesh.
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <optional>
+#include <utility>
+
+#include "bench/bench_main.hpp"
+#include "bench/figures.hpp"
+#include "bench/finest_tree.hpp"
+#include "bench/models.hpp"
+#include "bench/refined_run.hpp"
+#include "bench/stopwatch.hpp"
+#include "bench/tool_path.hpp"
+#include "haptics/rigid_body.hpp"
+#include "spm/fcl/fixed_mesh.hpp"
+#include "spm/offline/generate.hpp"
+#include "study/full_mesh.hpp"
+
+namespace tactus::bench {
+namespace {
+
+using spm::Vec3d;
+
+constexpr double kPeriod = 0.001;  // s
+
+struct Settings {
+  std::string model, json;
+  std::uint32_t faces = 300'000;
+  double seconds = 60;
+  double speed = 0.3;   // m/s
+  double depth = 0.03;  // m
+  double friction = 0.3;
+  haptics::ToolGrip grip;
+  std::uint32_t budget = 2000;  // of refinement, units of spm::Budget
+  std::uint64_t seed = 1;
+  bool refined = false;
+  bool quick = false;
+};
+
+/// How far the tool is in the mesh, by all that the tool's own code does not use.
+class Judge {
+ public:
+  Judge(const LoadedModel& subject, const spm::offline::TriangleMesh& stylus, const spm::MeshProbe& probe)
+      : unit_{subject.model.summary.metres_per_unit},
+        finest_{subject.model.positions, subject.finest},
+        full_{subject.model.positions, subject.finest, hrtc_service::Placement{{}, unit_}, 0.001},
+        fcl_{subject.model.positions, subject.finest},
+        stylus_{stylus},
+        fcl_stylus_{stylus.positions, stylus.faces},
+        placed_{probe},
+        contacts_(1u << 16) {
+    // Corners, and points between them no further apart than this.
+    constexpr double kSpacing = 0.00025;
+    for (const auto& face : stylus.faces) {
+      const auto corner = [&](std::size_t i) {
+        const auto& p = stylus.positions[face[i]];
+        return Vec3d{p[0], p[1], p[2]};
+      };
+      const Vec3d a = corner(0), ab = corner(1) - a, ac = corner(2) - a;
+      const int n = 1 + static_cast<int>(std::max({ab.norm(), ac.norm(), (ab - ac).norm()}) / kSpacing);
+      for (int i = 0; i <= n; ++i)
+        for (int j = 0; i + j <= n; ++j) samples_.push_back(a + ab * (double(i) / n) + ac * (double(j) / n));
+    }
+  }
+
+  /// m; 0 when no triangle of the tool meets one of the mesh.
+  double depth(const haptics::ToolPose& pose) {
+    placed_.place(in_model(pose), 1 / unit_);
+    const spm::MeshTouch touch = placed_.touching(finest_.tree(), contacts_.data(), 1u << 16);
+    if (touch.contacts == 0) return 0;
+    double deepest = 0;
+    for (std::uint32_t i = 0; i < std::min(touch.contacts, 1u << 16); ++i)
+      deepest = std::max(deepest, contacts_[i].depth * unit_);
+    for (const Vec3d& sample : samples_) {
+      haptics::SurfaceHit hit;
+      const Vec3d at = pose.position + pose.orientation * sample;
+      if (full_.closest(at, 0.003, hit) && hit.sided) deepest = std::max(deepest, -hit.distance);
+    }
+    return deepest;
+  }
+  /// Pairs that meet, by FCL.
+  std::size_t by_fcl(const haptics::ToolPose& pose) {
+    const Eigen::Isometry3d at = in_model(pose);
+    std::vector<std::array<float, 3>> moved;
+    for (const auto& p : stylus_.positions) {
+      const Vec3d x = at * (Vec3d{p[0], p[1], p[2]} / unit_);
+      moved.push_back({static_cast<float>(x[0]), static_cast<float>(x[1]), static_cast<float>(x[2])});
+    }
+    fcl_stylus_.move(moved);
+    fcl_stylus_.refit();
+    fcl_.intersecting(fcl_stylus_, pairs_);
+    return pairs_.size();
+  }
+  [[nodiscard]] const spm::AbTree& tree() const { return finest_.tree(); }
+
+ private:
+  [[nodiscard]] Eigen::Isometry3d in_model(const haptics::ToolPose& pose) const {
+    Eigen::Isometry3d at = Eigen::Isometry3d::Identity();
+    at.linear() = pose.orientation.toRotationMatrix();
+    at.translation() = pose.position / unit_;
+    return at;
+  }
+
+  double unit_;
+  FinestTree finest_;
+  study::FullMesh full_;
+  spm::fcl::FixedMesh fcl_;
+  spm::offline::TriangleMesh stylus_;
+  spm::fcl::FixedMesh fcl_stylus_;
+  spm::PlacedProbe placed_;
+  std::vector<spm::MeshContact> contacts_;
+  std::vector<Vec3d> samples_;
+  std::vector<std::array<std::uint32_t, 2>> pairs_;
+};
+
+// A ball around the stylus, and how much further is refined.
+constexpr double kMiddle = 0.011, kReach = 0.0145, kAhead = 0.0015;  // m
+
+Vec3d middle_of(const haptics::ToolPose& pose) { return pose.position + pose.orientation * Vec3d{0, 0, kMiddle}; }
+
+haptics::ToolPose between(const haptics::ToolPose& a, const haptics::ToolPose& b) {
+  return {(a.position + b.position) / 2, a.orientation.slerp(0.5, b.orientation)};
+}
+
+struct Outcome {
+  Samples cpu, wall, refining, contacts, force_step, torque_step;
+  double deepest = 0, energy = 0, lowest = 0;
+  std::uint64_t cycles = 0, touching = 0, lagging = 0, dropped = 0, meeting = 0, exact = 0;
+  std::uint64_t by_fcl = 0, fcl_meeting = 0;
+};
+
+enum class On { kWhole, kWholeAsIfChanging, kRefined };
+
+/// On a mesh that stays, on one of which nothing is known from the last cycle, or on one that a controller refines.
+Outcome slide(const Settings& settings, const LoadedModel& subject, const std::vector<ToolPathPose>& path,
+              const spm::MeshProbe& probe, On on, Judge& judge) {
+  constexpr std::size_t kByFcl = 20;  // every so many cycles
+  Outcome outcome;
+  haptics::Tool tool{probe};
+  tool.set_grip(settings.grip);
+  haptics::ToolObject object;
+  object.tree = &judge.tree();
+  const double unit = subject.model.summary.metres_per_unit;
+  std::optional<RefinedRun> refined;
+  if (on == On::kRefined) {
+    refined.emplace(subject.model,
+                    RefinedRunSettings{(kReach + kAhead) / unit, settings.speed / unit, 1, settings.budget});
+    object.tree = &refined->forest().tree();
+    // The first regions come while the tool is still away.
+    for (int i = 0; i < 400; ++i) static_cast<void>(refined->step(middle_of(path.front().device) / unit, false));
+  }
+  object.scale = subject.model.summary.metres_per_unit;
+  object.friction = settings.friction;
+  haptics::ToolPose before = path.front().device, device_before = before;
+  Vec3d force = Vec3d::Zero(), torque = Vec3d::Zero();
+  for (std::size_t i = 0; i < path.size(); ++i) {
+    const haptics::ToolPose& device = path[i].device;
+    double refining = 0;
+    if (refined) {
+      const RefinedStep step = refined->step(middle_of(before) / unit, tool.last().in_contact);
+      refining = step.refine + step.refit;
+      outcome.refining.add(refining);
+      outcome.exact += refined->forest().exact(middle_of(device) / unit, kReach / unit) ? 1 : 0;
+    }
+    const double began = thread_cpu_us();
+    Stopwatch watch;
+    const haptics::ToolResult& at = tool.step(device, kPeriod, {&object, 1}, on != On::kWhole || i == 0);
+    outcome.wall.add(watch.lap() + refining);
+    outcome.cpu.add(thread_cpu_us() - began + refining);
+
+    ++outcome.cycles;
+    outcome.touching += at.in_contact ? 1 : 0;
+    outcome.lagging += at.lagging ? 1 : 0;
+    outcome.dropped += at.dropped;
+    outcome.contacts.add(at.contacts);
+    const double depth = std::max(judge.depth(at.pose), i == 0 ? 0 : judge.depth(between(before, at.pose)));
+    outcome.deepest = std::max(outcome.deepest, depth);
+    outcome.meeting += depth > 0 ? 1 : 0;
+    if (i % kByFcl == 0) {
+      ++outcome.by_fcl;
+      outcome.fcl_meeting += judge.by_fcl(at.pose) > 0 ? 1 : 0;
+    }
+
+    // What the port took from the hand since the last pose: exact, as a wrench is held for a cycle.
+    outcome.energy -= force.dot(device.position - device_before.position) +
+                      torque.dot(haptics::turn_of(device.orientation * device_before.orientation.conjugate()));
+    outcome.lowest = std::min(outcome.lowest, outcome.energy);
+    const Vec3d force_before = force, torque_before = torque;
+    force = settings.grip.stiffness * at.way;
+    torque = settings.grip.torsion * at.turn;
+    if (path[i].at_rest && at.in_contact) {
+      outcome.force_step.add((force - force_before).norm());
+      outcome.torque_step.add((torque - torque_before).norm() * 1e3);
+    }
+    before = at.pose;
+    device_before = device;
+  }
+  return outcome;
+}
+
+void tell(Outcome& outcome, const std::string& on, Report& report) {
+  report.row("cycle, CPU time", on, "us", outcome.cpu);
+  report.row("cycle, wall time", on, "us", outcome.wall);
+  if (outcome.refining.size() > 0) {
+    report.row("  of that, refinement and refit", on, "us", outcome.refining);
+    report.figure("cycles with the finest mesh all around the tool", on, "%",
+                  100.0 * static_cast<double>(outcome.exact) / static_cast<double>(outcome.cycles));
+  }
+  report.row("contacts that press", on, "", outcome.contacts);
+  report.row("force's step in 1 ms at rest", on, "N", outcome.force_step);
+  report.row("torque's step in 1 ms at rest", on, "mN m", outcome.torque_step);
+  const auto share = [&](std::uint64_t part) {
+    return 100.0 * static_cast<double>(part) / static_cast<double>(outcome.cycles);
+  };
+  report.figure("cycles in contact", on, "%", share(outcome.touching));
+  report.figure("cycles in which the tool did not get where it was pulled", on, "%", share(outcome.lagging));
+  report.figure("contacts without room", on, "", static_cast<double>(outcome.dropped));
+  report.figure("energy that the port took", on, "J", outcome.energy);
+  report.figure("cycles looked at by FCL", on, "", static_cast<double>(outcome.by_fcl));
+  report.at_most("interpenetration", on, "mm", outcome.deepest * 1e3, 0.05);
+  report.at_most("cycles in which FCL finds triangles that meet", on, "", static_cast<double>(outcome.fcl_meeting), 0);
+  report.at_most("cycle, p99.9, CPU time", on, "us", outcome.cpu.percentile(99.9), 500);
+  report.at_most("force's step in 1 ms at rest", on, "N", outcome.force_step.max(), 0.05);
+  report.at_least("energy of the port, lowest", on, "J", outcome.lowest, -1e-6);
+}
+
+int run(const Settings& settings) {
+  std::fprintf(stderr, "making the model\n");
+  const LoadedModel subject = load_model(settings.model, settings.faces);
+  const spm::ModelSummary& summary = subject.model.summary;
+  std::fprintf(stderr, "making the path\n");
+  ToolPathSettings path_settings;
+  path_settings.speed = settings.speed;
+  path_settings.depth = settings.depth;
+  path_settings.poses = static_cast<std::uint32_t>(settings.seconds / kPeriod);
+  path_settings.seed = settings.seed;
+  const std::vector<ToolPathPose> path = tool_path(subject, path_settings);
+  const spm::offline::TriangleMesh stylus = spm::offline::stylus();
+  const spm::MeshProbe probe{stylus.positions, stylus.faces};
+  Judge judge{subject, stylus, probe};
+
+  double fastest = 0, turning = 0;
+  for (std::size_t i = 1; i < path.size(); ++i) {
+    const haptics::ToolPose &a = path[i - 1].device, &b = path[i].device;
+    fastest = std::max(fastest, (b.position - a.position).norm() / kPeriod);
+    turning = std::max(turning, haptics::turn_of(b.orientation * a.orientation.conjugate()).norm() / kPeriod);
+  }
+  char text[256];
+  std::snprintf(text, sizeof text,
+                "stylus of %zu triangles, %g s, along the surface up to %g m/s, tip up to %.2f m/s, turning up to "
+                "%.1f rad/s, pressed up to %g cm, friction %g, %g N/m, %g N m/rad, rounding %g mm, seed %llu",
+                stylus.faces.size(), settings.seconds, settings.speed, fastest, turning, settings.depth * 1e2,
+                settings.friction, settings.grip.stiffness, settings.grip.torsion,
+                haptics::ToolSettings{}.rounding * 1e3, static_cast<unsigned long long>(settings.seed));
+  Report report{{"tool", subject.name, summary.digest, summary.faces, text}};
+  for (const auto& [on, name] : {std::pair{On::kWhole, "whole mesh"},
+                                 {On::kWholeAsIfChanging, "whole, as if changing"},
+                                 {On::kRefined, "refined"}}) {
+    if (on == On::kRefined && !settings.refined) continue;
+    std::fprintf(stderr, "%s\n", name);
+    Outcome outcome = slide(settings, subject, path, probe, on, judge);
+    tell(outcome, name, report);
+  }
+  return report.finish(settings.json);
+}
+
+}  // namespace
+}  // namespace tactus::bench
+
+int main(int argc, char** argv) {
+  tactus::bench::Settings settings;
+  CLI::App app{"A stylus with six degrees of freedom over a scan"};
+  app.add_option("--model", settings.model, "model file of any kind, or .spm (default: a generated organ)")
+      ->check(CLI::ExistingFile);
+  app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 30000000u));
+  app.add_option("--seconds", settings.seconds, "length of the path")->check(CLI::Range(1.0, 3600.0));
+  app.add_option("--speed", settings.speed, "along the surface, m/s")->check(CLI::Range(0.001, 1.0));
+  app.add_option("--depth", settings.depth, "by which the device is pressed in, m")->check(CLI::Range(0.0, 0.1));
+  app.add_option("--friction", settings.friction, "coefficient")->check(CLI::Range(0.0, 2.0));
+  app.add_option("--budget", settings.budget, "of refinement in a cycle")->check(CLI::Range(100u, 1000000u));
+  app.add_option("--seed", settings.seed, "of the path");
+  app.add_option("--json", settings.json, "the figures as JSON");
+  app.add_flag("--refined", settings.refined, "also on a mesh that a controller refines around the tool");
+  app.add_flag("--quick", settings.quick, "5 s, for CI");
+  return tactus::bench::bench_main(app, "tactus-bench-tool", argc, argv, [&] {
+    if (settings.quick) settings.seconds = std::min(settings.seconds, 5.0);
+    return tactus::bench::run(settings);
+  });
+}

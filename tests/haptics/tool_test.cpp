@@ -1,0 +1,321 @@
+#include "haptics/tool.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstring>
+#include <random>
+#include <utility>
+
+#include "haptics/rigid_body.hpp"
+#include "tests/haptics/tool_shapes.hpp"
+
+namespace tactus::haptics {
+namespace {
+
+using namespace testing;
+using test_support::ShownMesh;
+
+constexpr double kCycle = 1e-3;
+constexpr double kHalf = 0.01;  // of the box, m
+const double kRounding = ToolSettings{}.rounding;
+
+spm::MeshProbe probe_of(const TriangleMesh& mesh) { return spm::MeshProbe{mesh.positions, mesh.faces}; }
+TriangleMesh cube() { return box_mesh(Vec3d::Constant(-kHalf), Vec3d::Constant(kHalf)); }
+ToolPose at(double x, double y, double z, const Vec3d& turn = Vec3d::Zero()) { return {{x, y, z}, rotation_by(turn)}; }
+
+/// A tool before objects of which each is one mesh in metres.
+struct Scene {
+  Scene(const TriangleMesh& tool_mesh, const TriangleMesh& mesh, double friction = 0, const ToolSettings& settings = {})
+      : tool_shape{tool_mesh},
+        shape{mesh},
+        probe{probe_of(tool_mesh)},
+        shown{mesh},
+        tool{probe, settings},
+        object{object_of(shown, friction)} {}
+  const ToolResult& step(const ToolPose& device) {
+    const bool now = std::exchange(changed, false);
+    return tool.step(device, kCycle, {&object, 1}, now);
+  }
+  const ToolResult& hold(const ToolPose& device, int cycles) {
+    for (int i = 0; i < cycles; ++i) step(device);
+    return tool.last();
+  }
+  /// Straight and evenly.
+  const ToolResult& lead(const ToolPose& from, const ToolPose& to, int cycles) {
+    for (int i = 1; i <= cycles; ++i) {
+      const double part = static_cast<double>(i) / cycles;
+      step({from.position + part * (to.position - from.position), from.orientation.slerp(part, to.orientation)});
+    }
+    return tool.last();
+  }
+  [[nodiscard]] std::size_t meets() const { return meeting(shape, tool_shape, tool.last().pose); }
+
+  TriangleMesh tool_shape, shape;
+  spm::MeshProbe probe;
+  ShownMesh shown;
+  Tool tool;
+  ToolObject object;
+  bool changed = true;  // the shown mesh, since the last step
+};
+
+TEST(Tool, FollowsTheDeviceToTheBitInTheAir) {
+  Scene scene{cube(), sheet(0.1, 0)};
+  for (int i = 0; i < 100; ++i) {
+    const ToolPose device = at(0.0005 * i, 0, 0.03 + 0.0002 * i, {0.02 * i, std::sin(0.05 * i), -0.01 * i});
+    const ToolResult& result = scene.step(device);
+    EXPECT_LT(result.way.norm(), 1e-15);
+    EXPECT_LT(result.turn.norm(), 1e-12);
+    EXPECT_FALSE(result.in_contact);
+    EXPECT_FALSE(result.lagging);
+  }
+}
+
+TEST(Tool, BoxRestsOnAPlaneWhereItsRoundingTouches) {
+  Scene scene{cube(), sheet(0.1, 0, 7)};
+  scene.lead(at(0, 0, 0.015), at(0.002, 0.001, 0.005), 100);
+  const ToolResult& result = scene.hold(at(0.002, 0.001, 0.005), 50);
+  EXPECT_TRUE(result.in_contact);
+  EXPECT_NEAR(result.pose.position.z(), kHalf + kRounding, 0.15 * kRounding);
+  EXPECT_NEAR(result.way.x(), 0, 1e-6);
+  EXPECT_NEAR(result.way.y(), 0, 1e-6);
+  EXPECT_LT(result.turn.norm(), 1e-4);
+  EXPECT_GT(result.normal.z(), 1 - 1e-6);
+  EXPECT_EQ(scene.meets(), 0u);
+}
+
+TEST(Tool, BoxTiltsAsFarAsSpringAndTorsionBalance) {
+  Scene scene{cube(), sheet(0.1, 0, 5)};
+  ToolGrip grip;
+  scene.tool.set_grip(grip);
+  const double lean = 0.4, height = 0.008;
+  const ToolPose device = at(0, 0, height, {lean, 0, 0});
+  scene.lead(at(0, 0, 0.03, {lean, 0, 0}), device, 100);
+  const ToolResult& result = scene.hold(device, 200);
+  // The least energy over all leans of the tool, its lowest edge on the plane.
+  double best = 1e9, expected = 0;
+  for (double angle = 0; angle < lean; angle += 1e-5) {
+    const double z = kHalf * (std::cos(angle) + std::sin(angle)) + kRounding;
+    const double energy = grip.stiffness * std::pow(z - height, 2) + grip.torsion * std::pow(lean - angle, 2);
+    if (energy < best) {
+      best = energy;
+      expected = angle;
+    }
+  }
+  EXPECT_NEAR(turn_of(result.pose.orientation).x(), expected, 2e-3);
+  EXPECT_NEAR(result.turn.x(), expected - lean, 2e-3);
+  EXPECT_EQ(scene.meets(), 0u);
+}
+
+TEST(Tool, PegGoesDownAHoleWithHalfAMillimetreToSpare) {
+  // Walls of a square shaft, and a rim around it; clearance 0.25 mm on either side.
+  TriangleMesh hole;
+  const double in = 0.00525, out = 0.03, deep = -0.03;
+  add_box(hole, {-out, -out, deep}, {-in, out, 0});
+  add_box(hole, {in, -out, deep}, {out, out, 0});
+  add_box(hole, {-in, -out, deep}, {in, -in, 0});
+  add_box(hole, {-in, in, deep}, {in, out, 0});
+  Scene scene{box_mesh({-0.005, -0.005, -0.02}, {0.005, 0.005, 0.02}), hole};
+  // The hand is off by a millimetre and leans.
+  const Vec3d lean{0.03, -0.02, 0.05};
+  scene.lead(at(0, 0, 0.025), at(0, 0, 0.015), 100);
+  scene.lead(at(0, 0, 0.015), at(0.001, -0.001, -0.002, lean), 400);
+  const ToolResult& result = scene.hold(at(0.001, -0.001, -0.002, lean), 100);
+  EXPECT_LT(result.pose.position.z(), 0);
+  EXPECT_LT(std::abs(result.pose.position.x()), 0.0006);
+  EXPECT_LT(turn_of(result.pose.orientation).norm(), 0.08);
+  EXPECT_GT(result.contacts, 1u);
+  EXPECT_EQ(scene.meets(), 0u);
+}
+
+TEST(Tool, EdgeInAWedgeIsHeldByBothSides) {
+  TriangleMesh wedge;  // opens upwards at a right angle, along y
+  add_quad(wedge, {0, -0.05, 0}, {0, 0.05, 0}, {-0.05, 0.05, 0.05}, {-0.05, -0.05, 0.05});
+  add_quad(wedge, {0, 0.05, 0}, {0, -0.05, 0}, {0.05, -0.05, 0.05}, {0.05, 0.05, 0.05});
+  Scene scene{cube(), wedge};
+  const Vec3d diagonal{0, 3.14159265358979323846 / 4, 0};
+  scene.lead(at(0, 0, 0.03, diagonal), at(0.002, 0.003, 0.005, diagonal), 200);
+  const ToolResult& result = scene.hold(at(0.002, 0.003, 0.005, diagonal), 100);
+  const double rest = std::sqrt(2) * (kHalf + kRounding);  // of the centre over the groove
+  EXPECT_NEAR(result.pose.position.x(), 0, 0.3 * kRounding);
+  EXPECT_NEAR(result.pose.position.y(), 0.003, 1e-5);
+  EXPECT_NEAR(result.pose.position.z(), rest, 0.3 * kRounding);
+  EXPECT_EQ(scene.meets(), 0u);
+}
+
+TEST(Tool, FrictionHoldsWithinItsConeAndSlidesOnItsRim) {
+  constexpr double kFriction = 0.4;
+  Scene scene{cube(), sheet(0.1, 0, 5), kFriction};
+  scene.lead(at(0, 0, 0.015), at(0, 0, 0.005), 100);
+  const double pressed = scene.hold(at(0, 0, 0.005), 20).way.z();
+  const double before = scene.tool.last().pose.position.x();
+  scene.lead(at(0, 0, 0.005), at(0.8 * kFriction * pressed, 0, 0.005), 50);
+  EXPECT_NEAR(scene.tool.last().pose.position.x(), before, 2e-5);
+  const ToolResult& result = scene.lead(at(0.8 * kFriction * pressed, 0, 0.005), at(0.02, 0, 0.005), 200);
+  EXPECT_GT(result.pose.position.x(), before + 0.01);
+  EXPECT_NEAR(-result.way.x() / result.way.z(), kFriction, 0.05 * kFriction);
+}
+
+TEST(Tool, NoJumpOfTheDeviceCarriesItThroughASheet) {
+  for (const int parts : {1, 4}) {
+    Scene scene{spm::offline::stylus(), sheet(0.1, 0, parts)};
+    scene.step(at(0, 0, 0.004));
+    std::mt19937_64 random{3};
+    std::uniform_real_distribution<double> along{-1, 1};
+    for (int i = 0; i < 800; ++i) {
+      if (i % 100 == 50) scene.hold(at(0, 0, 0.05), 60);  // up again
+      const Vec3d turn = 1.5 * Vec3d{along(random), along(random), along(random)};
+      scene.step(at(0.02 * along(random), 0.02 * along(random), -0.05, turn));
+      if (i % 8 == 0) {
+        ASSERT_EQ(scene.meets(), 0u) << i;
+      }
+      for (const auto& p : scene.tool_shape.positions)
+        ASSERT_GT((scene.tool.last().pose.position + scene.tool.last().pose.orientation * Vec3d{p[0], p[1], p[2]}).z(),
+                  0)
+            << i;
+    }
+  }
+}
+
+TEST(Tool, StaysInAClosedBoxWhateverTheDeviceDoes) {
+  const double room = 0.025;
+  Scene scene{box_mesh({-0.002, -0.004, -0.01}, {0.003, 0.004, 0.012}),
+              box_mesh(Vec3d::Constant(-room), Vec3d::Constant(room), true)};
+  scene.step(at(0, 0, 0));
+  std::mt19937_64 random{4};
+  std::normal_distribution<double> normal;
+  ToolPose device = at(0, 0, 0);
+  int contacts = 0;
+  for (int i = 0; i < 4000; ++i) {
+    if (i % 20 == 0) {
+      device.position = 0.04 * Vec3d{normal(random), normal(random), normal(random)};
+      device.orientation =
+          Eigen::Quaterniond{normal(random), normal(random), normal(random), normal(random)}.normalized();
+    }
+    const ToolResult& result = scene.step(device);
+    contacts += result.in_contact ? 1 : 0;
+    ASSERT_EQ(scene.meets(), 0u) << i;
+    ASSERT_LT(result.pose.position.cwiseAbs().maxCoeff(), room) << i;
+  }
+  EXPECT_GT(contacts, 1000);
+}
+
+TEST(Tool, RandomMotionsNeverMeetABumpyBodyEvenWithHardlyAnyBudget) {
+  const TriangleMesh organ = spm::offline::generate(spm::offline::Shape::kOrgan, 6000);
+  for (const std::uint32_t work : {ToolSettings{}.work, 700u}) {
+    ToolSettings settings;
+    settings.work = work;
+    Scene scene{spm::offline::stylus(), organ, 0.3, settings};
+    std::mt19937_64 random{5};
+    std::normal_distribution<double> normal;
+    ToolPose device = at(0, 0, 0.15);
+    scene.step(device);
+    ToolPose goal = device;
+    int contacts = 0, lagging = 0;
+    for (int i = 0; i < 3000; ++i) {
+      if (i % 150 == 0) {
+        goal.position = 0.04 * Vec3d{normal(random), normal(random), normal(random)};
+        goal.orientation =
+            Eigen::Quaterniond{normal(random), normal(random), normal(random), normal(random)}.normalized();
+      }
+      const Vec3d way = goal.position - device.position;
+      device.position += way * std::min(1.0, 0.0006 / std::max(way.norm(), 1e-9));
+      device.orientation = device.orientation.slerp(0.01, goal.orientation);
+      const ToolResult& result = scene.step(device);
+      contacts += result.in_contact ? 1 : 0;
+      lagging += result.lagging ? 1 : 0;
+      if (i % 60 == 0) {
+        ASSERT_EQ(scene.meets(), 0u) << i << " work " << work;
+      }
+      ASSERT_LE(result.work, work + 1500);
+    }
+    EXPECT_GT(contacts, 500);
+    if (work < 1000) {
+      EXPECT_GT(lagging, 100);
+    }
+  }
+}
+
+TEST(Tool, IsPushedOutWhereASurfaceRisesUnderItWithoutAJump) {
+  TriangleMesh both = sheet(0.05, 0, 4);
+  const std::size_t lower = both.faces.size();
+  const double rise = 0.0003;
+  const TriangleMesh upper = sheet(0.05, rise, 4);
+  for (const auto& p : upper.positions) both.positions.push_back(p);
+  for (const auto& f : upper.faces)
+    both.faces.push_back({f[0] + static_cast<std::uint32_t>(upper.positions.size()),
+                          f[1] + static_cast<std::uint32_t>(upper.positions.size()),
+                          f[2] + static_cast<std::uint32_t>(upper.positions.size())});
+  static_cast<void>(lower);
+  Scene scene{cube(), both};
+  const auto is_upper = [&](std::uint32_t face) {
+    for (const std::uint32_t row : scene.shown.tree().shown())
+      if (scene.shown.tree().row(row).face == face) return scene.shown.triangle(row)[0].z() > rise / 2;
+    return false;
+  };
+  std::vector<bool> high;
+  for (std::uint32_t f = 0; f < both.faces.size(); ++f) high.push_back(is_upper(f));
+  scene.shown.show([&](std::uint32_t f) { return !high[f]; });
+  scene.changed = true;
+  scene.lead(at(0, 0, 0.012), at(0, 0, 0.008), 100);
+  scene.hold(at(0, 0, 0.008), 20);
+  scene.shown.show([&](std::uint32_t f) { return high[f]; });
+  scene.changed = true;
+  double before = scene.tool.last().pose.position.z(), highest = 0;
+  bool told = false;
+  for (int i = 0; i < 100; ++i) {
+    const ToolResult& result = scene.step(at(0, 0, 0.008));
+    told = told || result.too_near;
+    highest = std::max(highest, result.pose.position.z() - before);
+    EXPECT_GE(result.pose.position.z() - before, -1e-6);
+    before = result.pose.position.z();
+  }
+  EXPECT_TRUE(told);
+  EXPECT_LT(highest, 1.05 * ToolSettings{}.push_out * kCycle);
+  EXPECT_NEAR(before, kHalf + rise + kRounding, 0.3 * kRounding);
+}
+
+TEST(Tool, ThatStartsInASurfaceTouchesNothingUntilItIsOut) {
+  Scene scene{cube(), sheet(0.1, 0, 3)};
+  EXPECT_TRUE(scene.step(at(0, 0, 0.005)).outside_only);
+  EXPECT_EQ(scene.tool.last().way.norm(), 0);
+  EXPECT_TRUE(scene.hold(at(0, 0, 0.0), 10).outside_only);
+  EXPECT_FALSE(scene.step(at(0, 0, 0.011)).outside_only);
+  EXPECT_GT(scene.lead(at(0, 0, 0.011), at(0, 0, 0.005), 50).way.z(), 0.004);
+}
+
+TEST(Tool, WhatIsNotFiniteChangesNothing) {
+  Scene scene{cube(), sheet(0.1, 0, 3)};
+  scene.lead(at(0, 0, 0.02), at(0, 0, 0.005), 50);
+  const ToolResult before = scene.tool.last();
+  for (ToolPose bad : {at(NAN, 0, 0), at(0, INFINITY, 0), at(0, 0, 0.005)}) {
+    if (bad.position.allFinite()) bad.orientation.coeffs().setConstant(NAN);
+    scene.step(bad);
+    EXPECT_EQ(scene.tool.last().pose.position, before.pose.position);
+    EXPECT_EQ(scene.tool.last().way, before.way);
+  }
+}
+
+TEST(Tool, DoesTheSameToTheBitAgain) {
+  const TriangleMesh organ = spm::offline::generate(spm::offline::Shape::kOrgan, 6000);
+  std::vector<double> first;
+  for (int run = 0; run < 2; ++run) {
+    Scene scene{spm::offline::stylus(), organ, 0.3};
+    scene.step(at(0, 0, 0.1));
+    std::size_t i = 0;
+    for (int ms = 0; ms < 600; ++ms) {
+      const double t = ms * kCycle;
+      const ToolResult& result = scene.step(at(0.01 * std::sin(9 * t), 0, 0.1 - 0.15 * t, {3 * t, std::sin(7 * t), t}));
+      for (const double x : {result.way[0], result.way[1], result.way[2], result.turn[0], result.turn[1]}) {
+        if (run == 0)
+          first.push_back(x);
+        else
+          ASSERT_EQ(std::memcmp(&x, &first[i++], sizeof x), 0) << ms;
+      }
+    }
+    EXPECT_TRUE(scene.tool.last().in_contact);
+  }
+}
+
+}  // namespace
+}  // namespace tactus::haptics

@@ -1,0 +1,164 @@
+// Distances of triangles in float lanes beside double ones, and a probe's near pairs beside all pairs.
+
+#include "spm/triangle_gap.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+#include <set>
+#include <utility>
+
+#include "spm/mesh_probe.hpp"
+#include "spm/offline/generate.hpp"
+#include "spm/triangle.hpp"
+#include "tests/support/shown_mesh.hpp"
+
+namespace tactus::spm {
+namespace {
+
+/// Of two segments, by the corners of the parameters' square and the stationary points on its sides and inside.
+double segments_apart(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) {
+  const auto to_segment = [](const Vec3d& p, const Vec3d& from, const Vec3d& to) {
+    const Vec3d way = to - from;
+    const double length2 = way.squaredNorm();
+    const double t = length2 > 0 ? std::clamp(way.dot(p - from) / length2, 0.0, 1.0) : 0;
+    return (from + t * way - p).norm();
+  };
+  double least = std::min({to_segment(a, c, d), to_segment(b, c, d), to_segment(c, a, b), to_segment(d, a, b)});
+  const Vec3d u = b - a, v = d - c, w = a - c;
+  const double uu = u.dot(u), uv = u.dot(v), vv = v.dot(v), denominator = uu * vv - uv * uv;
+  if (!(denominator > 1e-12 * uu * vv)) return least;
+  const double s = (uv * v.dot(w) - vv * u.dot(w)) / denominator, t = (uu * v.dot(w) - uv * u.dot(w)) / denominator;
+  if (s >= 0 && s <= 1 && t >= 0 && t <= 1) least = std::min(least, (w + s * u - t * v).norm());
+  return least;
+}
+
+double apart(const Triangle3d& f, const Triangle3d& g) {
+  double least = 1e300;
+  for (int i = 0; i < 3; ++i) {
+    least = std::min(least, std::sqrt(closest_point(g[i], f[0], f[1], f[2]).squared_distance));
+    least = std::min(least, std::sqrt(closest_point(f[i], g[0], g[1], g[2]).squared_distance));
+    for (int j = 0; j < 3; ++j) least = std::min(least, segments_apart(f[i], f[(i + 1) % 3], g[j], g[(j + 1) % 3]));
+  }
+  return least;
+}
+
+Triangle3d lane_of(const TriangleLanes& lanes, unsigned lane) {
+  Triangle3d t;
+  for (int i = 0; i < 3; ++i)
+    for (int axis = 0; axis < 3; ++axis) t[i][axis] = lanes.corner[i][axis][lane];
+  return t;
+}
+
+/// Of all kinds: any, needles, without area, parallel to each other, on a coarse grid where much coincides.
+TriangleLanes random_triangles(std::mt19937_64& random, int kind, double away) {
+  std::uniform_real_distribution<double> along{-1, 1};
+  TriangleLanes lanes;
+  for (unsigned lane = 0; lane < 8; ++lane)
+    for (int i = 0; i < 3; ++i)
+      for (int axis = 0; axis < 3; ++axis) {
+        double x = along(random) + (axis == 2 ? away : 0);
+        if (kind == 1 && i == 2) x = lanes.corner[0][axis][lane] + 1e-4 * along(random);
+        if (kind == 2 && i > 0) x = lanes.corner[0][axis][lane] + (axis == 0 ? static_cast<float>(i) : 0);
+        if (kind == 3) x = std::round(2 * x) / 2;
+        if (kind == 4 && axis == 2) x = away;
+        lanes.corner[i][axis][lane] = static_cast<float>(x);
+      }
+  return lanes;
+}
+
+TEST(TriangleGap, IsTheDistanceOfTheNearestPointsUnlessTheyMayMeet) {
+  std::mt19937_64 random{7};
+  std::size_t compared = 0, met = 0;
+  for (int round = 0; round < 4000; ++round) {
+    const double away = round % 3 == 0 ? 0 : round % 3 == 1 ? 0.5 : 2.5;
+    const TriangleLanes f = random_triangles(random, round % 5, 0), g = random_triangles(random, round / 5 % 5, away);
+    TriangleGaps gap;
+    gaps(f, g, gap, best_simd());
+    for (unsigned lane = 0; lane < 8; ++lane) {
+      const Triangle3d ft = lane_of(f, lane), gt = lane_of(g, lane);
+      const double expected = apart(ft, gt);
+      PairContact contact;
+      if (meet(ft, gt, contact)) {
+        // Or the gap is as good as none.
+        ASSERT_TRUE((gap.may_meet >> lane & 1u) != 0 || gap.distance[lane] < 1e-5) << round << ' ' << lane;
+        ++met;
+        continue;
+      }
+      ++compared;
+      ASSERT_NEAR(gap.distance[lane], expected, 5e-6) << round << ' ' << lane;
+      const Vec3d on_f{gap.on_object[0][lane], gap.on_object[1][lane], gap.on_object[2][lane]};
+      const Vec3d on_g{gap.on_probe[0][lane], gap.on_probe[1][lane], gap.on_probe[2][lane]};
+      ASSERT_LT(closest_point(on_f, ft[0], ft[1], ft[2]).squared_distance, 1e-10) << round << ' ' << lane;
+      ASSERT_LT(closest_point(on_g, gt[0], gt[1], gt[2]).squared_distance, 1e-10) << round << ' ' << lane;
+      ASSERT_NEAR((on_g - on_f).norm(), gap.distance[lane], 1e-6) << round << ' ' << lane;
+    }
+  }
+  EXPECT_GT(compared, 10000u);
+  EXPECT_GT(met, 1000u);
+}
+
+TEST(TriangleGap, IsTheSameForEveryInstructionSet) {
+  std::mt19937_64 random{8};
+  for (int round = 0; round < 500; ++round) {
+    const TriangleLanes f = random_triangles(random, round % 5, 0), g = random_triangles(random, round / 5 % 5, 0.3);
+    TriangleGaps a, b;
+    gaps(f, g, a, Simd::kBase);
+    gaps(f, g, b, best_simd());
+    ASSERT_EQ(a.may_meet, b.may_meet);
+    for (unsigned lane = 0; lane < 8; ++lane) ASSERT_EQ(a.distance[lane], b.distance[lane]);
+  }
+}
+
+TEST(NearPairs, AreAllWithinTheMarginInAnyPoseAndScale) {
+  const offline::TriangleMesh organ = offline::generate(offline::Shape::kOrgan, 4000);
+  const test_support::ShownMesh shown{organ};
+  const offline::TriangleMesh stylus = offline::stylus();
+  std::mt19937_64 random{9};
+  std::normal_distribution<double> normal;
+  std::vector<NearPairs> pairs(4096);
+  std::size_t near = 0, told = 0;
+  for (int round = 0; round < 10; ++round) {
+    const double scale = round % 2 == 0 ? 1 : 3.5;  // object units in a probe unit
+    offline::TriangleMesh tool = stylus;
+    for (auto& p : tool.positions)
+      for (float& x : p) x = static_cast<float>(x / scale);
+    const MeshProbe probe{tool.positions, tool.faces};
+    PlacedProbe placed{probe};
+    Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
+    pose.linear() = Eigen::Quaterniond{normal(random), normal(random), normal(random), normal(random)}
+                        .normalized()
+                        .toRotationMatrix();
+    const auto& p = organ.positions[random() % organ.positions.size()];
+    pose.translation() = Vec3d{p[0], p[1], p[2]} + 0.003 * Vec3d{normal(random), normal(random), normal(random)};
+    placed.place(pose, scale);
+    for (const double margin : {0.0001, 0.001}) {
+      const MeshTouch touch = placed.near(shown.tree(), margin, pairs.data(), 8 * 4096);
+      ASSERT_TRUE(touch.complete);
+      std::set<std::pair<std::uint32_t, std::uint32_t>> found;
+      for (std::uint32_t i = 0; i < touch.contacts; ++i)
+        found.emplace(pairs[i / 8].row[i % 8], probe.number(pairs[i / 8].triangle[i % 8]));
+      told += found.size();
+      for (const std::uint32_t row : shown.tree().shown()) {
+        const Triangle3d face = shown.triangle(row);
+        if ((face[0] - pose.translation()).norm() > 0.04) continue;
+        for (std::uint32_t t = 0; t < probe.triangles(); ++t) {
+          const Triangle3d triangle = placed.triangle(t);
+          const double between = std::max({(triangle[0] - triangle[1]).norm(), (triangle[0] - triangle[2]).norm()});
+          if ((face[0] - triangle[0]).norm() > between + 0.01) continue;
+          PairContact contact;
+          if (apart(face, triangle) > margin * (1 - 1e-6) && !meet(face, triangle, contact)) continue;
+          ++near;
+          ASSERT_EQ(found.count({row, t}), 1u) << "round " << round << ", margin " << margin;
+        }
+      }
+    }
+  }
+  EXPECT_GT(near, 1000u);
+  EXPECT_LT(told, 8 * near);
+}
+
+}  // namespace
+}  // namespace tactus::spm
