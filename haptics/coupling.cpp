@@ -120,6 +120,7 @@ void CopyCoupling::begin(std::int64_t now_ns, double dt, RigidBody& body) noexce
   Heard own;
   bool all = at(heard_[place_], then_ns, own);
   Vec6d apart = Vec6d::Zero();
+  double furthest = 0;
   for (std::size_t i = 0; i < settings_.copies; ++i) {
     if (i == place_) continue;
     Line& line = lines_[i];
@@ -129,6 +130,7 @@ void CopyCoupling::begin(std::int64_t now_ns, double dt, RigidBody& body) noexce
       line.heard = true;
       line.wanted = peer.wave + line.offset;
       if (all) {
+        furthest = std::max(furthest, (peer.position - own.position).norm());
         apart.head<3>() += (peer.position - own.position) / copies;
         apart.tail<3>() += turn_of(own.orientation.conjugate() * peer.orientation) / copies;
       }
@@ -137,6 +139,7 @@ void CopyCoupling::begin(std::int64_t now_ns, double dt, RigidBody& body) noexce
       if (!line.heard && now_ns - start_ns_ <= kPatienceNs) line.wanted += dt * start_speed_;  // as one body goes on
     }
   }
+  if (all) ledger_.apart = furthest;
   if (all) homed_ += apart * (settings_.homing * dt / line_delay_);
   for (std::size_t i = 0; i < settings_.copies; ++i) {
     if (i == place_) continue;

@@ -74,6 +74,8 @@ class CopyCoupling {
   /// credited to the tank, because the copies have been cut out of one body.
   void start(std::int64_t now_ns, const BodyState& body) noexcept;
 
+  [[nodiscard]] std::size_t copies() const noexcept { return settings_.copies; }
+  [[nodiscard]] std::size_t place() const noexcept { return place_; }
   /// What this copy is to be simulated as.
   [[nodiscard]] const BodySettings& share() const noexcept { return share_; }
 
@@ -94,6 +96,7 @@ class CopyCoupling {
     double received = 0;     ///< J from peers and allowance
     std::uint64_t held = 0;  ///< cycles in which the tank could not pay the whole way
     double behind = 0;       ///< m, of the set position
+    double apart = 0;        ///< m, of the centres of this copy and the one furthest from it, the line's delay ago
   };
   [[nodiscard]] const Ledger& ledger() const noexcept { return ledger_; }
 

@@ -16,7 +16,7 @@ namespace tactus::haptics {
 
 template <class T>
 class Mailbox {
-  static_assert(std::is_trivially_copyable_v<T>, "a value is copied while the other thread runs");
+  static_assert(std::is_trivially_destructible_v<T>, "posting copies, and may not allocate");
 
  public:
   /// Until the first post, `latest` is `initial`.

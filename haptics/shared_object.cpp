@@ -3,20 +3,20 @@
 namespace tactus::haptics {
 
 void SharedObject::follow() noexcept {
-  coupling_.reset();
+  coupling_ = nullptr;
   body_.change(whole_);
   following_ = true;
 }
 
 void SharedObject::own() noexcept {
-  coupling_.reset();
+  coupling_ = nullptr;
   body_.change(whole_);
   following_ = false;
   still_ = 0;
 }
 
-void SharedObject::couple(const CouplingSettings& settings, std::size_t place) noexcept {
-  coupling_.emplace(settings, place, whole_);
+void SharedObject::couple(CopyCoupling& coupling) noexcept {
+  coupling_ = &coupling;
   body_.change(coupling_->share());
   following_ = false;
   still_ = 0;
@@ -31,16 +31,16 @@ void SharedObject::step(std::int64_t now_ns, spm::Span<const PointSpring> spring
   body_.begin(dt);
   for (const PointSpring& spring : springs) body_.add_spring(spring);
   if (more != nullptr) body_.add_implicit(more->mass, more->impulse);
-  if (coupling_) coupling_->begin(now_ns, dt, body_);
+  if (coupling_ != nullptr) coupling_->begin(now_ns, dt, body_);
   SolverBody moving = body_.free();
   solver_.begin();
   if (surroundings.ground) add_ground_contacts(body_, 0, surroundings.ground_height, solver_);
   if (surroundings.scene != nullptr) add_surface_contacts(body_, 0, *surroundings.scene, solver_);
   const bool supported = solver_.solve({&moving, 1}, dt).contacts > 0;
   body_.finish(moving.velocity);
-  if (coupling_) coupling_->finish(moving.velocity, body_);
+  if (coupling_ != nullptr) coupling_->finish(moving.velocity, body_);
 
-  const bool may_sleep = supported && springs.empty() && more == nullptr && !coupling_;
+  const bool may_sleep = supported && springs.empty() && more == nullptr && coupling_ == nullptr;
   still_ = may_sleep && body_.top_speed() < kRestSpeed ? still_ + dt : 0;
   if (asleep()) body_.rest();
 }

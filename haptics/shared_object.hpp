@@ -7,10 +7,8 @@
 /// Host and controllers use the same: who does what says the owner of the moment (session/ownership.hpp). A host that
 /// never gives an object away is the server-authoritative form.
 ///
-/// World frame, SI. One thread at a time. Realtime, but for the change to `couple`, which fills histories.
+/// World frame, SI. One thread at a time. Realtime; a coupling is made elsewhere, because that fills histories.
 #pragma once
-
-#include <optional>
 
 #include "haptics/coupling.hpp"
 
@@ -35,7 +33,8 @@ class SharedObject {
 
   void follow() noexcept;
   void own() noexcept;
-  void couple(const CouplingSettings& settings, std::size_t place) noexcept;
+  /// `coupling`, made for the same body, must outlive what follows until the next of these three.
+  void couple(CopyCoupling& coupling) noexcept;
 
   /// Where it is while another simulates it.
   void place(const BodyState& state) noexcept { body_.place(state); }
@@ -46,8 +45,8 @@ class SharedObject {
   [[nodiscard]] const BodyState& state() const noexcept { return body_.state(); }
   [[nodiscard]] const RigidBody& body() const noexcept { return body_; }
   /// Null unless coupled.
-  [[nodiscard]] CopyCoupling* coupling() noexcept { return coupling_ ? &*coupling_ : nullptr; }
-  [[nodiscard]] const CopyCoupling* coupling() const noexcept { return coupling_ ? &*coupling_ : nullptr; }
+  [[nodiscard]] CopyCoupling* coupling() noexcept { return coupling_; }
+  [[nodiscard]] const CopyCoupling* coupling() const noexcept { return coupling_; }
   [[nodiscard]] const SolverResult& contacts() const noexcept { return solver_.last(); }
   /// Owned, at rest on something and touched by nobody: it is not moved until that changes.
   [[nodiscard]] bool asleep() const noexcept { return still_ >= kStill; }
@@ -59,7 +58,7 @@ class SharedObject {
   BodySettings whole_;
   RigidBody body_;
   ContactSolver solver_;
-  std::optional<CopyCoupling> coupling_;
+  CopyCoupling* coupling_ = nullptr;
   bool following_ = false;
   double still_ = 0;  // s for which it has hardly moved
 };

@@ -11,6 +11,7 @@
 #include <utility>
 #include <variant>
 
+#include "host_service/keeper.hpp"
 #include "host_service/model_store.hpp"
 #include "session/clock.hpp"
 #include "session/delivery_server.hpp"
@@ -34,6 +35,8 @@ constexpr std::int64_t kMetricsNs = 1000 * kMs;
 constexpr std::int64_t kMetricsSoonNs = 100 * kMs;
 constexpr milliseconds kPoll{5};               // while an HRTC's readers are not found yet
 constexpr milliseconds kPatience{50};          // so soon a signal is noticed
+constexpr milliseconds kStep{1};               // while an object moves by itself
+constexpr milliseconds kHeld{5};               // while somebody holds one
 constexpr milliseconds kFarewell{300};         // for the last words to arrive
 constexpr int kFarewells = 3;                  // to the roster, whose samples are acknowledged once a second
 constexpr milliseconds kBetweenFarewells{10};  // so that one burst of loss does not take all
@@ -45,7 +48,8 @@ constexpr double kGap = 0.05;  // m, between objects that are given no pose
 struct Question {
   session::ClockSample sample;
 };
-using Sample = std::variant<session::RosterEntry, session::Demand, session::ClockSample, session::Control, Question>;
+using Sample = std::variant<session::RosterEntry, session::Demand, session::ClockSample, session::Control, Question,
+                            session::CatalogueEntry, session::ObjectClaim, session::ObjectPose>;
 using Inbox = wire::Inbox<Sample>;
 /// The bulk writers of one HRTC.
 struct BulkLink {
@@ -126,6 +130,14 @@ struct Host::Impl {
       server.add(session::id_of(object.config.name), object.model.coded());
     }
     make_catalogue();
+    for (const session::CatalogueEntry& entry : catalogue) keeper.add(entry, started_ns);
+    if (!keeper.empty()) {
+      listen(wire::topics::kCatalogue);
+      listen(wire::topics::kObjectClaim);
+      listen(wire::topics::kObjectPose);
+      grants_out.emplace(links, wire::topics::kObjectGrant);
+      poses_out.emplace(links, wire::topics::kObjectPose);
+    }
     listen(wire::topics::kRoster);
     listen(wire::topics::kDemand);
     listen(wire::topics::kClock);
@@ -146,9 +158,15 @@ struct Host::Impl {
   void take(const session::ClockSample& sample, std::int64_t at_ns);
   void take(const session::Control& control, std::int64_t at_ns);
   void take(const Question& question, std::int64_t at_ns);
+  void take(const session::CatalogueEntry& entry, std::int64_t at_ns) { keeper.on_catalogue(entry, at_ns); }
+  void take(const session::ObjectClaim& claim, std::int64_t at_ns) { keeper.on_claim(claim, at_ns); }
+  void take(const session::ObjectPose& pose, std::int64_t at_ns) {
+    keeper.on_pose(pose, clock.map().session_time(at_ns));
+  }
   void react(const session::RosterEvent& event, std::int64_t now_ns);
   void keep_time(std::int64_t now_ns);
   [[nodiscard]] microseconds send_chunks(std::int64_t now_ns);
+  [[nodiscard]] microseconds keep_objects(std::int64_t now_ns);
   void send_roster(bool leaving);
   void send_catalogue(bool withdrawn);
   void send_metrics();
@@ -163,6 +181,9 @@ struct Host::Impl {
   session::DeliveryServer server{links.origin()};
   session::Roster roster{links.origin(), {}};
   session::SessionClock clock{links.origin(), {}};
+  Keeper keeper{links.origin()};
+  std::optional<wire::Writer<session::ObjectGrant>> grants_out;  // when it has objects that move
+  std::optional<wire::Writer<session::ObjectPose>> poses_out;
   std::vector<session::CatalogueEntry> catalogue;
   wire::Writer<session::RosterEntry> roster_out{links, wire::topics::kRoster};
   wire::Writer<session::CatalogueEntry> catalogue_out{links, wire::topics::kCatalogue};
@@ -193,6 +214,9 @@ void Host::Impl::make_catalogue() {
     entry.scale = scale_of(object);
     entry.material = object.config.material;
     entry.base_bytes = server.base_bytes(entry.object_id);
+    if (const std::optional<BodyConfig>& body = object.config.body)
+      entry.body = {body->mass, body->inertia.value_or(sharing::inertia_of_bounds(summary, entry.scale, body->mass)),
+                    body->friction, body->ground};
     if (object.config.pose) {
       entry.pose = *object.config.pose;
     } else {
@@ -226,7 +250,8 @@ int Host::Impl::run() {
     const bool follows = clock.reference() != 0 && clock.reference() != links.origin().participant;
     if (follows && request.due(now_ns)) (void)clock_out.send(clock.request(now_ns));
     if (metrics_due.due(now_ns)) send_metrics();
-    patience = send_chunks(now_ns);
+    const microseconds objects_due = keep_objects(now_ns);
+    patience = std::min(objects_due, send_chunks(now_ns));
   }
   if (stop) say("asked to stop");
   leave();
@@ -258,6 +283,9 @@ void Host::Impl::react(const session::RosterEvent& event, std::int64_t now_ns) {
     ended = true;
   }
   metrics_due.hasten(now_ns, kMetricsSoonNs);  // whoever compares scenes need not wait long
+  if (entry.role == session::Role::kHost &&
+      (event.change == RosterChange::kLeft || event.change == RosterChange::kGone))
+    keeper.on_host_gone(id, now_ns);
   if (entry.role != session::Role::kHrtc) return;
   if (event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted) {
     bulk.try_emplace(id, links, entry.name);
@@ -305,6 +333,15 @@ void Host::Impl::keep_time(std::int64_t now_ns) {
   const session::TimeReference reference =
       session::time_reference(roster, links.origin(), session::Role::kHost, now_ns - started_ns);
   clock.set_reference(reference.participant, reference.incarnation, now_ns);
+}
+
+/// Moves what nobody holds, tells of it, and says how long that may wait.
+microseconds Host::Impl::keep_objects(std::int64_t now_ns) {
+  if (keeper.empty()) return kPatience;
+  const Keeper::Messages& messages = keeper.tick(now_ns, clock.map().session_time(now_ns));
+  for (const session::ObjectGrant& grant : messages.grants) (void)grants_out->send(grant);
+  for (const session::ObjectPose& pose : messages.poses) (void)poses_out->send(pose);
+  return keeper.busy() ? kStep : keeper.held() ? kHeld : kPatience;
 }
 
 /// Sends what is due and says how long to wait for news.
@@ -365,6 +402,7 @@ void Host::Impl::send_metrics() {
   add(names::kHostRegions, static_cast<double>(all.regions));
   add(names::kHostRecords, static_cast<double>(all.records));
   add(names::kHostControllers, static_cast<double>(bulk.size()));
+  if (!keeper.empty()) add(names::kHostBodySteps, static_cast<double>(keeper.steps()));
   for (const auto& [id, counters] : server.counters_by_hrtc()) {
     const auto link = bulk.find(id);
     if (link == bulk.end()) continue;

@@ -20,13 +20,16 @@ class ConfigReader {
 
   std::vector<ObjectConfig> read() const {
     const YAML::Node root = load();
-    expect_keys(root, {"objects"});
+    expect_keys(root, {"objects", "ground"});
+    double ground = 0;
+    if (const YAML::Node node = root["ground"]) ground = number(node, "ground", -HUGE_VAL);
     const YAML::Node list = root["objects"];
     if (!list || !list.IsSequence() || list.size() == 0) fail(root, "'objects' must be a list of at least one object");
     std::vector<ObjectConfig> objects;
     std::set<std::string> names;
     for (const YAML::Node& node : list) {
       objects.push_back(read_object(node));
+      if (objects.back().body) objects.back().body->ground = ground;
       if (!names.insert(objects.back().name).second) fail(node, "a second object '" + objects.back().name + "'");
     }
     return objects;
@@ -84,7 +87,7 @@ class ConfigReader {
   }
 
   ObjectConfig read_object(const YAML::Node& node) const {
-    expect_keys(node, {"name", "model", "position", "rotation", "rpy_degrees", "scale", "size", "material"});
+    expect_keys(node, {"name", "model", "position", "rotation", "rpy_degrees", "scale", "size", "material", "body"});
     if (!node["model"] || !node["model"].IsScalar()) fail(node, "an object without 'model'");
     std::filesystem::path model = node["model"].Scalar();
     if (model.is_relative()) model = file_.parent_path() / model;
@@ -98,7 +101,28 @@ class ConfigReader {
     if (const YAML::Node scale = node["scale"]) object.scale = number(scale, "scale", 1e-12);
     if (const YAML::Node size = node["size"]) object.size = number(size, "size", 1e-6);
     if (const YAML::Node material = node["material"]) object.material = read_material(material);
+    if (const YAML::Node body = node["body"]) object.body = read_body(body);
     return object;
+  }
+
+  BodyConfig read_body(const YAML::Node& node) const {
+    constexpr double kLightest = 1e-3, kLeastInertia = 1e-9, kRounding = 1e-9;
+    expect_keys(node, {"mass", "inertia", "friction"});
+    BodyConfig body;
+    if (!node["mass"]) fail(node, "a body without 'mass'");
+    body.mass = number(node["mass"], "mass", kLightest);
+    if (const YAML::Node child = node["friction"]) body.friction = number(child, "friction", 0);
+    const YAML::Node inertia = node["inertia"];
+    if (!inertia) return body;
+    body.inertia = numbers<3>(inertia, "inertia");
+    const auto& i = *body.inertia;
+    if (*std::min_element(i.begin(), i.end()) < kLeastInertia) {
+      fail(inertia, "'inertia' has a moment below 1e-9 kg m^2, expected three above that");
+    }
+    if (i[0] + i[1] + i[2] < (2 - kRounding) * *std::max_element(i.begin(), i.end())) {
+      fail(inertia, "'inertia' has a moment larger than the other two together, which no body has");
+    }
+    return body;
   }
 
   session::Pose read_pose(const YAML::Node& node) const {

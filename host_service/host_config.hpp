@@ -7,6 +7,9 @@
 ///         rotation: [0, 0, 0, 1]       # quaternion x, y, z, w; or rpy_degrees: [roll, pitch, yaw]
 ///         size: 0.2                    # m, longest side of its bounds; or scale: metres per file unit
 ///         material: {stiffness: 800, damping: 2, static_friction: 0.3, dynamic_friction: 0.2}
+///       - model: crate.spm
+///         body: {mass: 0.8, friction: 0.6}   # it can be moved; inertia: [x, y, z] that of a box of its bounds else
+///     ground: 0                        # m, height of the plane on which such objects come to rest
 #pragma once
 
 #include <array>
@@ -26,6 +29,14 @@ class HostError : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
+/// What makes an object move; docs/shared-objects.md.
+struct BodyConfig {
+  double mass = 1;                               ///< kg
+  std::optional<std::array<double, 3>> inertia;  ///< kg m^2, about the model's axes; else of a box of its bounds
+  double friction = session::Body{}.friction;    ///< coefficient, against the ground
+  double ground = 0;                             ///< m, height of the ground plane
+};
+
 struct ObjectConfig {
   std::string name;
   std::filesystem::path model;
@@ -33,6 +44,7 @@ struct ObjectConfig {
   std::optional<double> scale;        ///< metres per file unit; without it and `size` the model's own suggestion
   std::optional<double> size;         ///< metres of the longest side of the bounds
   session::Material material;
+  std::optional<BodyConfig> body;  ///< it can be moved
 };
 
 /// Throws HostError as `file:line: ...` for what is missing, unknown or out of bounds.

@@ -26,6 +26,9 @@ lab.yaml:
       rpy_degrees: [0, 0, 90]
       size: 0.2
       material: {stiffness: 800, damping: 2, static_friction: 0.3, dynamic_friction: 0.2}
+    - model: crate.spm
+      body: {mass: 0.8, friction: 0.6}
+  ground: 0
 
 A model file that is no .spm is built first and kept by its content in the cache directory.
 Exit status: 0 ended by the session or a signal, 2 wrong input or a name that is taken.)";
@@ -45,7 +48,7 @@ int main(int argc, char** argv) {
   CLI::App app{"VE host: serves models to a session, region by region.", "tactus-host"};
   app.footer(kExamples);
   wire::add_address_options(app, options.address, "host");
-  app.add_option("--config", config, "YAML file that names objects with model, pose, scale and material");
+  app.add_option("--config", config, "YAML file that names objects with model, pose, scale, material and body");
   app.add_option("--cache", options.cache, "Directory for models that have to be built")->capture_default_str();
   app.add_option("--at", at, "Where the first MODEL stands, m; the next ones follow along x")
       ->expected(3)

@@ -33,6 +33,7 @@ HapticThread::HapticThread(const HapticSettings& settings, const std::array<hapt
       traces_{2 * kRingEntries},
       log_{settings.log ? kRingEntries : 1},
       cycle_{settings.cycle, specs, departures_, settings.log ? &log_ : nullptr},
+      bodies_{settings.cycle},
       governor_{settings.deadline_ns},
       event_{eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)} {
   cycle_.set_recorder(settings.recorder);
@@ -95,10 +96,10 @@ void HapticThread::read_devices(std::int64_t now_ns) noexcept {
   }
 }
 
-void HapticThread::write_forces(const CycleResult& result) noexcept {
+void HapticThread::write_forces() noexcept {
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     if (current_.devices[i] == nullptr) continue;
-    const Vec3d force = vec(result.probes[i].force);
+    const Vec3d force = vec(outputs_[i].force);
     current_.devices[i]->write(current_.framed[i] ? frames_[i].force_to_device(force) : force);
   }
 }
@@ -155,10 +156,14 @@ void HapticThread::run() {
     const auto arrived = static_cast<std::uint32_t>(arrivals_.pop(arrived_.data(), arrived_.size()));
     read_devices(now_ns);
 
+    bodies_.place(cycle_, now_ns);
     const CycleResult& result = cycle_.touch(inputs_, now_ns, arrived_.data(), arrived);
-    write_forces(result);
+    outputs_ = result.probes;
+    bodies_.limit(cycle_, inputs_, outputs_);
+    write_forces();
+    bodies_.step(cycle_, now_ns);
 
-    const ProbeReports reports{now_ns, ++cycles, result.probes, result.interventions};
+    const ProbeReports reports{now_ns, ++cycles, outputs_, result.interventions};
     sender_reports_.post(reports);
     service_reports_.post(reports);
     const std::uint64_t one = 1;

@@ -1,7 +1,8 @@
 /// The thread in which forces are made: devices, cycle, budget, deadline.
 ///
 ///   commands, objects near, arrivals  -->  read devices -> Cycle::touch -> write forces -> Cycle::refine  --> reports,
-///                                                                                      departures, traces, log
+///   orders for bodies                        Bodies::place       Bodies::limit   Bodies::step     departures, traces,
+///   log
 ///
 /// In its loop nothing is allocated, locked or logged; its system calls are the sleep, one eventfd write after the
 /// forces are out, and one reading of its own CPU time, by which lateness is judged. docs/cycle.md follows one pose
@@ -19,6 +20,7 @@
 
 #include "haptics/device.hpp"
 #include "haptics/mailbox.hpp"
+#include "hrtc_service/bodies.hpp"
 #include "hrtc_service/cycle.hpp"
 #include "hrtc_service/governor.hpp"
 
@@ -95,6 +97,8 @@ class HapticThread {
   [[nodiscard]] haptics::Mailbox<ProbeReports>& reports_for_sender() noexcept { return sender_reports_; }
   [[nodiscard]] haptics::Mailbox<ProbeReports>& reports_for_service() noexcept { return service_reports_; }
   [[nodiscard]] haptics::Mailbox<MeshHashes>& mesh_hashes() noexcept { return mesh_hashes_; }
+  /// What can move: its mailboxes and its ring.
+  [[nodiscard]] Bodies& bodies() noexcept { return bodies_; }
   [[nodiscard]] TraceRing& traces() noexcept { return traces_; }
   [[nodiscard]] Cycle::LogRing& log() noexcept { return log_; }
   /// Readable (poll) after each cycle; reading it clears it.
@@ -117,7 +121,7 @@ class HapticThread {
   void run();
   void obey(const HapticCommands& commands) noexcept;
   void read_devices(std::int64_t now_ns) noexcept;
-  void write_forces(const CycleResult& result) noexcept;
+  void write_forces() noexcept;
   void continue_snapshot() noexcept;
 
   HapticSettings settings_;
@@ -130,6 +134,7 @@ class HapticThread {
   TraceRing traces_;
   Cycle::LogRing log_;
   Cycle cycle_;
+  Bodies bodies_;
   Governor governor_;
   int event_ = -1;
   std::thread thread_;
@@ -150,6 +155,7 @@ class HapticThread {
   HapticCommands current_;
   std::array<haptics::DeviceFrame, kMaxProbes> frames_;
   std::array<ProbeInput, kMaxProbes> inputs_;
+  std::array<ProbeOutput, kMaxProbes> outputs_;  // of the touch, with what bodies change of it
   std::array<Arrival, 64> arrived_;
   MeshHashes hashes_{};
 };

@@ -13,6 +13,7 @@
 
 #include "haptics/remote_device.hpp"
 #include "haptics/simulated_device.hpp"
+#include "hrtc_service/body_exchange.hpp"
 #include "hrtc_service/loader.hpp"
 #include "hrtc_service/neighbours.hpp"
 #include "hrtc_service/realtime.hpp"
@@ -59,9 +60,9 @@ wire::SessionAddress reads_bulk(wire::SessionAddress address) {
   return address;
 }
 
-using Sample =
-    std::variant<VigilAnswer, session::RosterEntry, session::CatalogueEntry, session::BulkChunk, session::Intent,
-                 session::ClockSample, session::Control, session::ProbeState, session::Metrics, WholeState>;
+using Sample = std::variant<VigilAnswer, session::RosterEntry, session::CatalogueEntry, session::BulkChunk,
+                            session::Intent, session::ClockSample, session::Control, session::ProbeState,
+                            session::Metrics, WholeState, session::ObjectGrant, session::ObjectPose>;
 using Inbox = wire::Inbox<Sample>;
 
 /// A thread that sleeps as the haptic one does and then computes for a fixed 30 us: what lateness the system itself
@@ -155,6 +156,10 @@ struct Hrtc::Impl {
   void take(const session::ProbeState& state, std::int64_t now_ns);
   void take(const WholeState& whole, std::int64_t now_ns);
   void take(const session::Metrics& told, std::int64_t now_ns) { neighbours.on_metrics(told, now_ns); }
+  void take(const session::ObjectGrant& grant, std::int64_t now_ns) { exchange.on_grant(grant, now_ns); }
+  void take(const session::ObjectPose& pose, std::int64_t now_ns) {
+    exchange.on_pose(pose, clock.map().session_time(now_ns));
+  }
 
   void on_event(const session::RosterEvent& event, std::int64_t now_ns);
   void tell_of_fault(std::uint32_t slot, std::uint32_t status);
@@ -171,6 +176,7 @@ struct Hrtc::Impl {
   void send_roster(bool leaving);
   void send_metrics(bool all);
   void tick_modes(std::int64_t now_ns);
+  void tick_bodies(std::int64_t now_ns);
   class StateSender;
   [[nodiscard]] session::ProbeState state_of(const ProbeReports& latest, std::uint32_t probe,
                                              const session::ClockMap& map);
@@ -228,6 +234,8 @@ struct Hrtc::Impl {
   wire::Writer<session::ProbeState> states_out;  // the sender thread's
   std::atomic<std::uint64_t> states_coded{0}, states_whole{0};
   Neighbours neighbours;
+  BodyExchange exchange;
+  std::map<std::uint64_t, session::CatalogueEntry> movable;  // by object, where each stands
 
   CycleStatistics statistics;
   Samples timer_samples{1'000'000};
@@ -237,7 +245,7 @@ struct Hrtc::Impl {
   trace::LoggedQuery logged;
 
   Every heartbeat{kHeartbeatNs}, clock_request{kClockFastNs}, metrics{kMetricsNs}, all_metrics{kAllMetricsNs},
-      no_host{kNoHostNs}, modes{kModesNs};
+      no_host{kNoHostNs}, modes{kModesNs}, bodies_told{kModesNs};
   std::uint64_t beats = 0;
   std::uint32_t clock_requests = 0;
   std::int64_t started_ns = 0;
@@ -335,8 +343,13 @@ Hrtc::Impl::Impl(HrtcOptions given)
       metrics_out{links, wire::topics::kMetrics},
       losses_out{links, wire::topics::kMetrics, {wire::kLossesPartition}},
       states_out{links, wire::topics::kProbeState},
-      neighbours{links, [this](session::ProbeState&& state) { inbox.put(WholeState{std::move(state)}); }} {
+      neighbours{links, [this](session::ProbeState&& state) { inbox.put(WholeState{std::move(state)}); }},
+      exchange{links, haptic.bodies()} {
   loader.on_event = [](const std::string& text) { spdlog::info("{}", text); };
+  loader.on_object = [this](const TouchObject& object) {
+    if (object.body && !exchange.add(object))
+      spdlog::warn("an object that can move will stay where it is: an HRTC moves {} at most", kMaxBodies);
+  };
   seat_local_users();
   // Last of what may be refused, so that nothing is left behind.
   if (!options.snapshot.empty()) expect_snapshot_directory(options.snapshot);
@@ -347,6 +360,8 @@ Hrtc::Impl::Impl(HrtcOptions given)
   listen(wire::topics::kClock);
   listen(wire::topics::kControl);
   listen(wire::topics::kProbeState);
+  listen(wire::topics::kObjectGrant);
+  listen(wire::topics::kObjectPose);
   listen(wire::topics::kMetrics, {wire::kLossesPartition});
   const wire::EndOptions own{wire::hrtc_partition(options.address.participant)};
   listen(wire::topics::kBase, own);
@@ -488,6 +503,7 @@ void Hrtc::Impl::take(const session::CatalogueEntry& entry, std::int64_t now_ns)
   if (first.catalogue_ns == 0) first.catalogue_ns = now_ns;
   loader.on_catalogue(entry);
   neighbours.on_catalogue(entry);
+  if (sharing::can_move(entry) && !entry.withdrawn) movable.try_emplace(entry.object_id, entry);
 }
 
 void Hrtc::Impl::take(const session::Intent& intent, std::int64_t now_ns) {
@@ -575,11 +591,15 @@ void Hrtc::Impl::take(const session::Control& control, std::int64_t) {
 }
 
 void Hrtc::Impl::take(const session::ProbeState& state, std::int64_t now_ns) {
-  neighbours.on_state(state, session::StateStream::kCoded, now_ns, clock.map().session_time(now_ns));
+  const std::int64_t session_ns = clock.map().session_time(now_ns);
+  neighbours.on_state(state, session::StateStream::kCoded, now_ns, session_ns);
+  exchange.on_transit(session_ns - state.session_time_ns, session_ns);
 }
 
 void Hrtc::Impl::take(const WholeState& whole, std::int64_t now_ns) {
-  neighbours.on_state(whole.state, session::StateStream::kWhole, now_ns, clock.map().session_time(now_ns));
+  const std::int64_t session_ns = clock.map().session_time(now_ns);
+  neighbours.on_state(whole.state, session::StateStream::kWhole, now_ns, session_ns);
+  exchange.on_transit(session_ns - whole.state.session_time_ns, session_ns);
 }
 
 void Hrtc::Impl::choose_reference(std::int64_t now_ns) {
@@ -660,6 +680,7 @@ void Hrtc::Impl::send_metrics(bool all) {
   since_catalogue(names::kFirstExact, first.exact_ns);
   if (first.exact_ns != 0) sample.figures.push_back({names::kFirstExactBytes, static_cast<double>(first.bytes)});
   neighbours.write(sample.figures);
+  exchange.holdings().write(sample.figures);
   static_assert(kMaxObjects <= session::kMaxMeshes);
   const MeshHashes& hashes = haptic.mesh_hashes().latest();
   for (const Loader::ObjectInfo& object : loader.objects()) sample.meshes.push_back({object.id, hashes[object.index]});
@@ -676,6 +697,19 @@ void Hrtc::Impl::tick_modes(std::int64_t now_ns) {
     if (reports.probes[slot].active) neighbours.on_own_probe(user.id, reports.probes[slot].device, now_ns);
   }
   neighbours.tick(now_ns, ids);
+}
+
+/// What moves is known to move: to those who look for what is near, here and among users.
+void Hrtc::Impl::tick_bodies(std::int64_t now_ns) {
+  exchange.tick(now_ns, clock.map());
+  const bool tell_modes = bodies_told.due(now_ns);
+  for (const Holdings::Held& body : exchange.holdings().bodies()) {
+    const auto known = movable.find(body.id);
+    if (known == movable.end()) continue;
+    loader.on_moved(body.object, Placement{body.pose, known->second.scale});
+    known->second.pose = body.pose;
+    if (tell_modes) neighbours.on_catalogue(known->second);
+  }
 }
 
 /// Whole to those who collaborate, coded to the session.
@@ -754,6 +788,7 @@ void Hrtc::Impl::send_states() {
     ProbeReports latest;
     if (!haptic.reports_for_sender().take(latest)) continue;
     send_commands(latest);
+    exchange.send();
     if (latest.time_ns - sent_ns < gap_ns) continue;
     sent_ns = latest.time_ns;
     states->send(latest, sender_clock.latest());
@@ -943,6 +978,7 @@ void Hrtc::Impl::serve(std::int64_t now_ns) {
   }
   std::array<NearObjects, kMaxProbes> near;
   note_first_touch(now_ns);
+  tick_bodies(now_ns);
   loader.tick(now_ns, sights, near);
   haptic.near().post(near);
   for (const Loader::ObjectInfo& object : loader.objects()) object_ids[object.index] = object.id;

@@ -13,6 +13,7 @@ namespace {
 
 constexpr double kNsPerS = 1e9;
 constexpr std::int64_t kStaleNs = 50'000'000;  // then tips are predicted anew that have hardly moved
+constexpr double kLeastDamping = 3e-3;  // s; a body's material has so much of its stiffness: docs/shared-objects.md
 
 spm::fcl::WorldBox world_box(const spm::CellBox& box, const Placement& placement) {
   spm::fcl::WorldBox world{Vec3d::Constant(1e300), Vec3d::Constant(-1e300)};
@@ -161,6 +162,11 @@ void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {
   touch.name = object.info.name;
   touch.placement = Placement{object.entry.pose, object.entry.scale};
   touch.material = object.entry.material;
+  if (sharing::can_move(object.entry)) {
+    touch.body = sharing::body_of(object.entry);
+    touch.material.damping = std::max(touch.material.damping, kLeastDamping * touch.material.stiffness);
+  }
+  object.placement = touch.placement;
   touch.bounds = {wide(object.summary.bounds_min), wide(object.summary.bounds_max)};
   touch.deviation = object.summary.deviation;
   touch.forest =
@@ -175,6 +181,7 @@ void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {
   object.ready = true;
   predicted_ns_ = predict_next_ns_ = 0;
   waiting_.push_back({Arrival::Kind::kObject, &touch, {}, {}});
+  if (on_object) on_object(touch);
   delivery_.base_held(object.info.id);
 }
 
@@ -196,7 +203,7 @@ void Loader::observe(Object& object, const std::array<ProbeSight, kMaxProbes>& s
     const ProbeSight& sight = sights[i];
     if (sight.active)
       object.predictors[i].observe(static_cast<double>(sight.time_ns) / kNsPerS,
-                                   object.touch.placement.to_model(sight.device), sight.in_contact);
+                                   object.placement.to_model(sight.device), sight.in_contact);
   }
 }
 
@@ -223,7 +230,7 @@ void Loader::predict(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbe
 }
 
 void Loader::predict(Object& object, const std::array<ProbeSight, kMaxProbes>& sights, double round_trip, double lead) {
-  const Placement& placement = object.touch.placement;
+  const Placement& placement = object.placement;
   struct Contact {
     double in, until;  // s
     double doubt;
@@ -260,6 +267,14 @@ void Loader::predict(Object& object, const std::array<ProbeSight, kMaxProbes>& s
     prospects_.push_back({contact.doubt + (in_time ? 0 : kTooLate), in_time ? contact.in : lead + contact.in,
                           contact.in, &object, region, &object.wishes[region]});
   }
+}
+
+void Loader::on_moved(std::uint32_t object_index, const Placement& placement) {
+  if (object_index >= by_index_.size() || !placement.finite()) return;
+  Object& object = *by_index_[object_index];
+  object.placement = placement;
+  predicted_ns_ = 0;  // a tip that rests may be met
+  broad_phase_.put(object_index, world_box(object.touch.bounds, placement));
 }
 
 void Loader::hand_over() {
@@ -328,7 +343,7 @@ std::vector<std::uint32_t> Loader::regions_met(std::uint32_t object_index,
                                                const std::array<ProbeSight, kMaxProbes>& sights) const {
   std::vector<std::uint32_t> met;
   const Object& object = *by_index_[object_index];
-  const Placement& placement = object.touch.placement;
+  const Placement& placement = object.placement;
   for (const ProbeSight& sight : sights)
     if (sight.active)
       object.grid().for_each_meeting(placement.to_model(sight.device), settings_.radius / placement.scale(),

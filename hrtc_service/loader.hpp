@@ -92,11 +92,17 @@ class Loader {
   /// Called with one line for each event that an operator should see.
   std::function<void(const std::string&)> on_event;
 
+  /// Called with each object that is handed to the haptic thread, in the same order.
+  std::function<void(const TouchObject&)> on_object;
+
   void on_catalogue(const session::CatalogueEntry& entry);
   void on_host_seen(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns);
   void on_host_gone(std::uint64_t host);
   void on_host_silent(std::uint64_t host);
   void on_chunk(const session::BulkChunk& chunk, std::int64_t now_ns);
+
+  /// An object stands there from now on: predictions, the broad phase and `regions_met` go by it.
+  void on_moved(std::uint32_t object_index, const Placement& placement);
 
   /// Predicts, evicts and hands over; every few milliseconds. `near` gets the objects near each probe.
   void tick(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights,
@@ -191,6 +197,7 @@ class Loader {
     spm::ModelSummary summary;
     spm::codec::RecordTables tables;
     TouchObject touch;
+    Placement placement;            // where it stands now
     std::vector<RegionNote> notes;  // by region
     std::map<std::uint32_t, Wish> wishes;
     std::vector<spm::Predictor> predictors;  // by probe

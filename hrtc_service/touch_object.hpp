@@ -8,10 +8,12 @@
 #include <cstdint>
 #include <limits>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "haptics/surface.hpp"
 #include "session/messages.hpp"
+#include "sharing/body.hpp"
 #include "spm/forest.hpp"
 
 namespace tactus::hrtc_service {
@@ -83,8 +85,9 @@ struct TouchObject {
   std::string name;          ///< in the session; for people
   Placement placement;       ///< where it stood when it came
   session::Material material;
-  spm::CellBox bounds;   ///< model frame
-  double deviation = 0;  ///< file units; no version of the mesh is further from the finest
+  std::optional<sharing::SharedBody> body;  ///< when it can move
+  spm::CellBox bounds;                      ///< model frame
+  double deviation = 0;                     ///< file units; no version of the mesh is further from the finest
   std::unique_ptr<spm::Forest> forest;
 };
 

@@ -12,6 +12,7 @@ inline constexpr char kHostBytes[] = "host.bytes";
 inline constexpr char kHostRegions[] = "host.regions";
 inline constexpr char kHostRecords[] = "host.records";
 inline constexpr char kHostControllers[] = "host.controllers";
+inline constexpr char kHostBodySteps[] = "host.body_steps";  ///< of 1 ms, of objects that moved by themselves
 
 // An HRTC: cycles.
 inline constexpr char kCycles[] = "hrtc.cycles";
@@ -79,6 +80,19 @@ inline constexpr char kLostOf[] = "lost.";
 inline constexpr char kRemoteDevices[] = "hrtc.remote_devices";
 inline constexpr char kLoopDelay[] = "hrtc.loop_us";         ///< the greatest of theirs now, as stiffness is cut to
 inline constexpr char kStaleCycles[] = "hrtc.stale_cycles";  ///< summed over all probes: force ramped for an old pose
+
+// An HRTC: objects that its users can move, where there are any; uJ and um. docs/shared-objects.md.
+inline constexpr char kBodiesHeld[] = "hrtc.bodies_held";
+inline constexpr char kBodiesCoupled[] = "hrtc.bodies_coupled";  ///< of these, held elsewhere too
+inline constexpr char kCopyGroups[] = "hrtc.copy_groups";        ///< that it has been in
+inline constexpr char kCopiesApart[] = "hrtc.copies_apart_um";   ///< at most, of its copies' centres and a peer's
+inline constexpr char kCopyGiven[] = "hrtc.copy_given_uj";       ///< by couplings to its copies, less what they took
+inline constexpr char kCopyGivenMost[] = "hrtc.copy_given_most_uj";
+inline constexpr char kCopyReceived[] = "hrtc.copy_received_uj";  ///< by its couplings, from peers and allowance
+inline constexpr char kCopyTank[] = "hrtc.copy_tank_uj";
+inline constexpr char kPortEnergy[] = "hrtc.port_energy_uj";      ///< of its users' hands on bodies, summed
+inline constexpr char kPortLowest[] = "hrtc.port_lowest_uj";      ///< of any hand
+inline constexpr char kPortWithheld[] = "hrtc.port_withheld_uj";  ///< that forces would have drawn and did not
 
 // An HRTC: how often what keeps forces safe has begun to act, over all its probes; in the order of haptics::ForceBit.
 inline constexpr const char* kInterventions[] = {"safety.saturated",   "safety.slew_limited",  "safety.soft_starts",

@@ -17,7 +17,7 @@
 namespace tactus::session {
 
 /// Raised when a change makes older programs misread newer samples.
-inline constexpr std::uint32_t kProtocolVersion = 8;
+inline constexpr std::uint32_t kProtocolVersion = 9;
 
 // Bounds, also stated in idl/tactus.idl; a test compares the two.
 inline constexpr std::size_t kMaxName = 63;
@@ -30,6 +30,7 @@ inline constexpr std::size_t kMaxPayload = 1400;  ///< pieces of a chunk as they
 inline constexpr std::size_t kMaxFigures = 128;
 inline constexpr std::size_t kMaxMeshes = 64;  ///< objects of one HRTC
 inline constexpr std::size_t kMaxWaypoints = 16;
+inline constexpr std::size_t kMaxTouchers = 8;  ///< controllers that simulate one object together
 
 /// Stable 64-bit name of a name: XXH3-64 of its bytes. Keys on the wire are these; the roster carries the text.
 [[nodiscard]] std::uint64_t id_of(const std::string& name) noexcept;
@@ -76,6 +77,14 @@ struct Material {
   double dynamic_friction = 0;  ///< coefficient, at most the static one
 };
 
+/// What an object is to those who simulate it: its axes are the model's, its centre of mass that of its bounds.
+struct Body {
+  double mass = 0;                  ///< kg; 0: the object never moves, and the rest says nothing
+  std::array<double, 3> inertia{};  ///< kg m^2, about these axes
+  double friction = 0.5;            ///< coefficient, against the ground
+  double ground = 0;                ///< m, height of the ground plane
+};
+
 /// Topic catalogue, keys origin.participant (the host) and object_id: a model in the world.
 struct CatalogueEntry {
   Origin origin;
@@ -84,8 +93,9 @@ struct CatalogueEntry {
   std::uint64_t object_id = 0;  ///< id_of(object)
   spm::ModelSummary summary;    ///< digest, counts, bounds, grid
   double scale = 1;             ///< metres per file unit
-  Pose pose;                    ///< model frame (scaled) to world
+  Pose pose;                    ///< model frame (scaled) to world; of an object that moves, where it stood at first
   Material material;
+  Body body;
   std::uint32_t base_bytes = 0;  ///< size of the encoded base mesh
   bool withdrawn = false;
 };
@@ -244,8 +254,56 @@ struct ObjectPose {
   std::uint32_t sequence = 0;
   std::uint64_t fencing = 0;  ///< a larger number takes over; smaller ones are ignored from then on
   std::int64_t session_time_ns = 0;
-  Pose pose;
-  std::array<double, 3> velocity{0, 0, 0}, spin{0, 0, 0};
+  Pose pose;                                ///< model frame (scaled) to world
+  std::array<double, 3> velocity{0, 0, 0};  ///< of that frame's origin
+  std::array<double, 3> spin{0, 0, 0};      ///< rad/s
+};
+
+/// Topic object_claim, keys origin.participant and object_id: of a controller whose user touches an object that can
+/// move, or has let go (session/ownership.hpp).
+struct ObjectClaim {
+  Origin origin;
+  std::uint64_t object_id = 0;
+  std::uint32_t sequence = 0;
+  bool touching = false;
+  std::uint64_t fencing = 0;    ///< largest that it has seen
+  std::int64_t one_way_ns = 0;  ///< it measures from its peers at most, jitter included
+};
+
+struct Toucher {
+  std::uint64_t participant = 0, incarnation = 0;
+  std::uint32_t claim = 0;  ///< newest of its claims that arrived
+};
+
+/// Topic object_grant, keys origin.participant (the host) and object_id: who simulates the object.
+struct ObjectGrant {
+  Origin origin;
+  std::uint64_t object_id = 0;
+  std::uint32_t sequence = 0;
+  std::uint64_t fencing = 0;
+  std::int64_t line_ns = 0;       ///< delay of the line between copies, the same for all
+  std::vector<Toucher> touchers;  ///< longest holder first; none: the host simulates
+};
+
+/// Between a copy and one of its peers, since the group began.
+struct CopyLine {
+  std::array<double, 6> wave{};  ///< what leaves for it, as an integral: m in the world, then rad about the body's axes
+  double energy = 0;             ///< J put into the line, never falls
+};
+
+/// Topic object_copy, keys origin.participant and object_id: one of several simulations of an object to the others,
+/// each cycle while there are several (haptics/coupling.hpp).
+struct ObjectCopy {
+  Origin origin;
+  std::uint64_t object_id = 0;
+  std::uint32_t sequence = 0;
+  std::uint64_t fencing = 0;  ///< of the grant that made the group
+  std::uint32_t place = 0;    ///< its own in the grant's list
+  std::int64_t session_time_ns = 0;
+  Pose body;                                ///< of the centre of mass, with the model's axes
+  std::array<double, 3> velocity{0, 0, 0};  ///< of that centre
+  std::array<double, 3> spin{0, 0, 0};      ///< rad/s
+  std::vector<CopyLine> lines;              ///< one for each place of the grant's list; its own says nothing
 };
 
 /// Topic clock, keys origin.participant and peer: four-stamp exchange. An answer repeats the request's sequence and t0.

@@ -22,7 +22,8 @@ Arbiter::Arbiter(const Origin& self, std::uint64_t object_id, const OwnershipSet
     : self_{self}, object_id_{object_id}, settings_{settings}, quiet_until_ns_{now_ns + settings.lease_ns} {}
 
 void Arbiter::change() {
-  ++fencing_;
+  // Larger than any number that this host may have given in an earlier life and nobody has told it of.
+  fencing_ = std::max(fencing_, self_.incarnation) + 1;
   changed_ = true;
   line_ns_ = 0;
   for (const Held& held : held_) line_ns_ = std::max(line_ns_, held.one_way_ns);
@@ -34,7 +35,7 @@ void Arbiter::on_pose(std::uint64_t fencing) {
   change();
 }
 
-void Arbiter::on_claim(const Claim& claim, std::int64_t now_ns) {
+void Arbiter::on_claim(const ObjectClaim& claim, std::int64_t now_ns) {
   if (claim.object_id != object_id_ || claim.origin.session != self_.session) return;
   on_pose(claim.fencing);
   const std::uint64_t participant = claim.origin.participant;
@@ -61,7 +62,7 @@ void Arbiter::on_claim(const Claim& claim, std::int64_t now_ns) {
   }
 }
 
-std::optional<Grant> Arbiter::tick(std::int64_t now_ns) {
+std::optional<ObjectGrant> Arbiter::tick(std::int64_t now_ns) {
   const auto over = std::remove_if(held_.begin(), held_.end(), [&](const Held& held) {
     if (held.until_ns > now_ns) return false;
     if (let_go_.size() == kMaxLetGo) let_go_.erase(let_go_.begin());
@@ -72,11 +73,12 @@ std::optional<Grant> Arbiter::tick(std::int64_t now_ns) {
     held_.erase(over, held_.end());
     change();
   }
-  if (now_ns < quiet_until_ns_ || (!changed_ && now_ns - granted_ns_ < settings_.period_ns)) return std::nullopt;
+  const std::int64_t period_ns = held_.empty() ? settings_.idle_ns : settings_.period_ns;
+  if (now_ns < quiet_until_ns_ || (!changed_ && now_ns - granted_ns_ < period_ns)) return std::nullopt;
   if (fencing_ == 0) change();
   changed_ = false;
   granted_ns_ = now_ns;
-  Grant grant;
+  ObjectGrant grant;
   grant.origin = self_;
   grant.origin.time_ns = now_ns;
   grant.object_id = object_id_;
@@ -104,12 +106,15 @@ void Holder::touch(bool touching) noexcept {
   farewells_ = touching ? 0 : static_cast<int>(settings_.lease_ns / settings_.period_ns) + 1;
 }
 
-void Holder::on_grant(const Grant& grant, std::int64_t now_ns) {
+void Holder::on_grant(const ObjectGrant& grant, std::int64_t now_ns) {
   if (grant.object_id != object_id_ || grant.origin.session != self_.session || grant.fencing < seen_) return;
   const bool same = grant.fencing == granted_.fencing && grant.origin.incarnation == granted_.origin.incarnation;
   if (same && grant.sequence <= granted_.sequence) return;
-  // One number is granted once: the second who uses it is a host that does not know yet.
-  if (!same && grant.fencing == granted_.fencing) return;
+  // One number is granted once: the second who uses it is a host that does not know yet, and is told by the next claim.
+  if (!same && grant.fencing == granted_.fencing) {
+    seen_ = grant.fencing + 1;
+    return;
+  }
   granted_ = grant;
   seen_ = grant.fencing;
   place_ = kMaxTouchers;
@@ -123,13 +128,13 @@ void Holder::on_grant(const Grant& grant, std::int64_t now_ns) {
   }
 }
 
-std::optional<Claim> Holder::tick(std::int64_t now_ns) {
+std::optional<ObjectClaim> Holder::tick(std::int64_t now_ns) {
   if (!touching_ && farewells_ == 0) return std::nullopt;
   if (!changed_ && now_ns - claimed_ns_ < settings_.period_ns) return std::nullopt;
   changed_ = false;
   claimed_ns_ = now_ns;
   if (!touching_) --farewells_;
-  Claim claim;
+  ObjectClaim claim;
   claim.origin = self_;
   claim.origin.time_ns = now_ns;
   claim.object_id = object_id_;

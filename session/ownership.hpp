@@ -33,36 +33,10 @@
 
 namespace tactus::session {
 
-inline constexpr std::size_t kMaxTouchers = 8;
-
 struct OwnershipSettings {
   std::int64_t lease_ns = 250'000'000;
-  std::int64_t period_ns = 20'000'000;  ///< between claims, and between grants
-};
-
-/// Of a controller whose user touches the object, or has let go.
-struct Claim {
-  Origin origin;
-  std::uint64_t object_id = 0;
-  std::uint32_t sequence = 0;
-  bool touching = false;
-  std::uint64_t fencing = 0;    ///< largest that it has seen
-  std::int64_t one_way_ns = 0;  ///< it measures from its peers at most, jitter included
-};
-
-struct Toucher {
-  std::uint64_t participant = 0, incarnation = 0;
-  std::uint32_t claim = 0;  ///< newest of its claims that arrived
-};
-
-/// Of the host.
-struct Grant {
-  Origin origin;
-  std::uint64_t object_id = 0;
-  std::uint32_t sequence = 0;
-  std::uint64_t fencing = 0;
-  std::int64_t line_ns = 0;       ///< delay of the line between copies, the same for all
-  std::vector<Toucher> touchers;  ///< longest holder first; none: the host simulates
+  std::int64_t period_ns = 20'000'000;  ///< between claims, and between grants while somebody holds the object
+  std::int64_t idle_ns = 500'000'000;   ///< between grants while nobody does
 };
 
 /// The host's side, for one object.
@@ -70,11 +44,11 @@ class Arbiter {
  public:
   Arbiter(const Origin& self, std::uint64_t object_id, const OwnershipSettings& settings, std::int64_t now_ns);
 
-  void on_claim(const Claim& claim, std::int64_t now_ns);
+  void on_claim(const ObjectClaim& claim, std::int64_t now_ns);
   /// A pose of the object from somebody else, with which fencing number.
   void on_pose(std::uint64_t fencing);
   /// The grant to publish now; none when nothing has changed and none is due.
-  [[nodiscard]] std::optional<Grant> tick(std::int64_t now_ns);
+  [[nodiscard]] std::optional<ObjectGrant> tick(std::int64_t now_ns);
 
   /// Whether the host itself is to simulate, under `fencing()`.
   [[nodiscard]] bool owns(std::int64_t now_ns) const noexcept;
@@ -118,15 +92,15 @@ class Holder {
   void set_one_way(std::int64_t one_way_ns) noexcept { one_way_ns_ = one_way_ns; }
   /// A pose of the object was accepted.
   void on_pose(std::uint64_t fencing) noexcept { seen_ = std::max(seen_, fencing); }
-  void on_grant(const Grant& grant, std::int64_t now_ns);
+  void on_grant(const ObjectGrant& grant, std::int64_t now_ns);
   /// The claim to send now; none when none is due.
-  [[nodiscard]] std::optional<Claim> tick(std::int64_t now_ns);
+  [[nodiscard]] std::optional<ObjectClaim> tick(std::int64_t now_ns);
 
   [[nodiscard]] Role role(std::int64_t now_ns) const noexcept;
   /// To publish poses with, as owner or leader.
   [[nodiscard]] std::uint64_t fencing() const noexcept { return granted_.fencing; }
   /// Of the copies, this one included; what the coupling is to be built from. A new group whenever `fencing` changes.
-  [[nodiscard]] const Grant& grant() const noexcept { return granted_; }
+  [[nodiscard]] const ObjectGrant& grant() const noexcept { return granted_; }
   /// Its own number among the copies.
   [[nodiscard]] std::size_t place() const noexcept { return place_; }
 
@@ -144,7 +118,7 @@ class Holder {
     bool touching;
   };
   std::array<Sent, 64> sent_{};  // claims, by sequence
-  Grant granted_;                // with the largest fencing number seen
+  ObjectGrant granted_;          // with the largest fencing number seen
   std::uint64_t seen_ = 0;       // fencing number, of grants and poses
   std::size_t place_ = kMaxTouchers;
   std::int64_t until_ns_ = 0;  // end of the lease, by when its claim was sent

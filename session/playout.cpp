@@ -33,20 +33,9 @@ void ProbePlayout::keep(const ProbeState& state) noexcept {
 }
 
 void ProbePlayout::watch(std::int64_t transit_ns, std::int64_t now_ns) noexcept {
-  const std::int64_t number = now_ns / kTenthNs;
-  Tenth& tenth = tenths_[static_cast<std::size_t>(number) % kTenths];
-  if (tenth.number != number) tenth = {number, transit_ns};
-  tenth.transit_ns = std::max(tenth.transit_ns, transit_ns);
-  std::int64_t worst = 0, next = 0;
-  int filled = 0;
-  for (const Tenth& one : tenths_) {
-    if (one.number < 0 || one.number + static_cast<std::int64_t>(kTenths) <= number) continue;
-    ++filled;
-    next = std::max(next, std::min(worst, one.transit_ns));
-    worst = std::max(worst, one.transit_ns);
-  }
+  transit_.on_transit(transit_ns, now_ns);
   const std::int64_t wanted =
-      std::clamp<std::int64_t>((filled > 1 ? next : worst) + settings_.reserve_ns, 0, settings_.max_delay_ns);
+      std::clamp<std::int64_t>(transit_.most_ns() + settings_.reserve_ns, 0, settings_.max_delay_ns);
   const std::int64_t fall = started_ ? std::max<std::int64_t>(now_ns - moved_ns_, 0) / 100 : INT64_MAX;
   delay_ns_ = wanted >= delay_ns_ - fall ? wanted : delay_ns_ - fall;
   moved_ns_ = now_ns;

@@ -3,11 +3,10 @@
 ///     state of 10 ms   -----> arrives 15.2        shown at 10 + P
 ///     state of 20 ms   ------------> arrives 27   shown at 20 + P       P: how long nearly all are under way
 ///
-/// The delay P is the greatest transit of the last two seconds, without that of their worst tenth of a second: a lone
-/// stall is not worth waiting for. It rises at once and falls by 1 % of the time passed. So what is shown is a true
-/// past, in even time, and how far past is known. Between two states that follow each other by number the first is
-/// carried on (`reckon`), which the sender has seen to be right; where one between them was lost, what is shown goes
-/// straight from one to the other.
+/// The delay P is how long nearly all states are under way (session/transit.hpp). It rises at once and falls by 1 % of
+/// the time passed. So what is shown is a true past, in even time, and how far past is known. Between two states that
+/// follow each other by number the first is carried on (`reckon`), which the sender has seen to be right; where one
+/// between them was lost, what is shown goes straight from one to the other.
 ///
 /// For one probe. Times are session time; transit is as good as its bounds at both ends, and only its changes matter.
 /// One thread at a time. Does not allocate.
@@ -19,6 +18,7 @@
 #include <cstdint>
 
 #include "session/probe_coding.hpp"
+#include "session/transit.hpp"
 
 namespace tactus::session {
 
@@ -49,19 +49,13 @@ class ProbePlayout {
 
  private:
   static constexpr std::size_t kKept = 128;
-  static constexpr std::size_t kTenths = 20;
-  static constexpr std::int64_t kTenthNs = 100'000'000;
   void keep(const ProbeState& state) noexcept;
   void watch(std::int64_t transit_ns, std::int64_t now_ns) noexcept;
 
   PlayoutSettings settings_;
   std::array<ProbeState, kKept> states_;  // ascending by sequence
   std::size_t count_ = 0;
-  struct Tenth {
-    std::int64_t number = -1;  // of session time
-    std::int64_t transit_ns = 0;
-  };
-  std::array<Tenth, kTenths> tenths_;  // the greatest transit in each
+  TransitWatch transit_;
   std::int64_t delay_ns_ = 0, moved_ns_ = 0, shown_ns_ = INT64_MIN;
   bool started_ = false;
 };

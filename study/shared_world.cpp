@@ -138,7 +138,8 @@ class World {
       if (server()) {
         objects_[i]->follow();
       } else if (settings.method == Method::kLine) {
-        objects_[i]->couple(coupling, i);
+        couplings_.push_back(std::make_unique<CopyCoupling>(coupling, i, whole));
+        objects_[i]->couple(*couplings_.back());
       } else {
         BodySettings share = whole;
         share.mass /= static_cast<double>(settings.users);
@@ -278,6 +279,7 @@ class World {
 
   WorldSettings settings_;
   BoxSurface shape_;
+  std::vector<std::unique_ptr<CopyCoupling>> couplings_;
   std::vector<std::unique_ptr<SharedObject>> objects_;
   std::vector<std::vector<Way<Packet>>> links_;  // from, to
   std::vector<BodyTouch> touches_, remote_touches_;

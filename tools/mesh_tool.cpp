@@ -263,11 +263,11 @@ class CommandLine {
   }
   void add_generate() {
     generate_ =
-        app_.add_subcommand("generate", "Make a mesh: sphere, torus, organ, terrain or wall, about 0.1 m in size");
+        app_.add_subcommand("generate", "Make a mesh: sphere, torus, organ, terrain, wall or box, about 0.1 m in size");
     generate_->footer("Example: tactus-mesh generate terrain --faces 200000 --seed 3 terrain.stl");
     std::vector<std::string> shapes;
     for (const std::string_view name : shape_names()) shapes.emplace_back(name);
-    generate_->add_option("SHAPE", settings_.shape, "sphere, torus, organ, terrain or wall")
+    generate_->add_option("SHAPE", settings_.shape, "sphere, torus, organ, terrain, wall or box")
         ->required()
         ->check(CLI::IsMember(shapes));
     generate_->add_option("OUT", settings_.out, "The file to write: .ply, .obj, .stl or .spm")->required();

@@ -1,5 +1,6 @@
 #include "wire/check.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 
@@ -57,6 +58,22 @@ const char* fault(const session::Material& m) noexcept {
   return nullptr;
 }
 
+const char* fault(const session::Body& b) noexcept {
+  if (!not_negative(b.mass)) return "body.mass: expected finite, at least 0";
+  if (b.mass == 0) return nullptr;  // the rest says nothing
+  const auto& i = b.inertia;
+  for (const double about : i) {
+    if (!positive(about)) return "body.inertia: expected finite, above 0";
+  }
+  constexpr double kRounding = 1e-9;
+  if (i[0] + i[1] + i[2] < (2 - kRounding) * std::max({i[0], i[1], i[2]})) {
+    return "body.inertia: expected no moment larger than the other two together";
+  }
+  if (!not_negative(b.friction)) return "body.friction: expected finite, at least 0";
+  if (!std::isfinite(b.ground)) return "body.ground: expected a finite number";
+  return nullptr;
+}
+
 const char* fault(const spm::ModelSummary& s) noexcept {
   if (s.base_vertices > s.vertices || s.records != s.vertices - s.base_vertices) {
     return "summary.records: expected vertices - base_vertices";
@@ -107,7 +124,8 @@ const char* fault(const session::CatalogueEntry& c) noexcept {
   if (!positive(c.scale)) return "scale: expected finite, above 0";
   if (const char* f = fault(c.summary)) return f;
   if (const char* f = fault(c.pose)) return f;
-  return fault(c.material);
+  if (const char* f = fault(c.material)) return f;
+  return fault(c.body);
 }
 
 const char* fault(const session::Demand& d) noexcept {
@@ -192,6 +210,38 @@ const char* fault(const session::ObjectPose& o) noexcept {
   if (const char* f = fault(o.pose)) return f;
   if (!all_finite(o.velocity)) return "velocity: expected finite numbers";
   if (!all_finite(o.spin)) return "spin: expected finite numbers";
+  return nullptr;
+}
+
+const char* fault(const session::ObjectClaim& c) noexcept {
+  constexpr std::int64_t kLongest = std::int64_t{1} << 40;  // ns, some 18 minutes
+  if (c.one_way_ns < 0 || c.one_way_ns > kLongest) return "one_way_ns: expected 0 up to 2^40";
+  return nullptr;
+}
+
+const char* fault(const session::ObjectGrant& g) noexcept {
+  constexpr std::int64_t kLongest = std::int64_t{1} << 40;
+  if (g.line_ns < 0 || g.line_ns > kLongest) return "line_ns: expected 0 up to 2^40";
+  if (g.touchers.size() > session::kMaxTouchers) return "touchers: expected at most 8";
+  for (std::size_t i = 0; i < g.touchers.size(); ++i) {
+    for (std::size_t k = 0; k < i; ++k) {
+      if (g.touchers[k].participant == g.touchers[i].participant) return "touchers: expected each participant once";
+    }
+  }
+  return nullptr;
+}
+
+const char* fault(const session::ObjectCopy& c) noexcept {
+  if (c.session_time_ns < 0 || !is_time(c.session_time_ns)) return "session_time_ns: expected 0 up to 2^61";
+  if (c.lines.size() < 2 || c.lines.size() > session::kMaxTouchers) return "lines: expected 2 to 8";
+  if (c.place >= c.lines.size()) return "place: expected below the number of lines";
+  if (const char* f = fault(c.body)) return f;
+  if (!all_finite(c.velocity)) return "velocity: expected finite numbers";
+  if (!all_finite(c.spin)) return "spin: expected finite numbers";
+  for (const session::CopyLine& line : c.lines) {
+    if (!all_finite(line.wave)) return "lines.wave: expected finite numbers";
+    if (!not_negative(line.energy)) return "lines.energy: expected finite, at least 0";
+  }
   return nullptr;
 }
 

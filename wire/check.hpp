@@ -19,6 +19,9 @@ namespace tactus::wire {
 [[nodiscard]] const char* fault(const session::DevicePose& sample) noexcept;
 [[nodiscard]] const char* fault(const session::DeviceCommand& sample) noexcept;
 [[nodiscard]] const char* fault(const session::ObjectPose& sample) noexcept;
+[[nodiscard]] const char* fault(const session::ObjectClaim& sample) noexcept;
+[[nodiscard]] const char* fault(const session::ObjectGrant& sample) noexcept;
+[[nodiscard]] const char* fault(const session::ObjectCopy& sample) noexcept;
 [[nodiscard]] const char* fault(const session::ClockSample& sample) noexcept;
 
 }  // namespace tactus::wire

@@ -34,6 +34,9 @@ TACTUS_WIRE_TYPE(ProbeState, ProbeState);
 TACTUS_WIRE_TYPE(DevicePose, DevicePose);
 TACTUS_WIRE_TYPE(DeviceCommand, DeviceCommand);
 TACTUS_WIRE_TYPE(ObjectPose, ObjectPose);
+TACTUS_WIRE_TYPE(ObjectClaim, ObjectClaim);
+TACTUS_WIRE_TYPE(ObjectGrant, ObjectGrant);
+TACTUS_WIRE_TYPE(ObjectCopy, ObjectCopy);
 TACTUS_WIRE_TYPE(ClockSample, ClockSample);
 #undef TACTUS_WIRE_TYPE
 

@@ -13,6 +13,7 @@ static_assert(idl::kMaxPayload == session::kMaxPayload);
 static_assert(idl::kMaxFigures == session::kMaxFigures);
 static_assert(idl::kMaxMeshes == session::kMaxMeshes);
 static_assert(idl::kMaxWaypoints == session::kMaxWaypoints);
+static_assert(idl::kMaxTouchers == session::kMaxTouchers);
 
 idl::PoseValue pose_to_idl(const session::Pose& from) {
   idl::PoseValue to;
@@ -158,6 +159,82 @@ void from_idl(const idl::ObjectPose& from, session::ObjectPose& to) {
   to.pose = pose_from_idl(from.placement());
   to.velocity = from.velocity();
   to.spin = from.spin();
+}
+
+void to_idl(const session::ObjectClaim& from, idl::ObjectClaim& to) {
+  origin_to_idl(from.origin, to);
+  to.object_id(from.object_id);
+  to.sequence_number(from.sequence);
+  to.touching(from.touching);
+  to.fencing(from.fencing);
+  to.one_way_ns(from.one_way_ns);
+}
+
+void from_idl(const idl::ObjectClaim& from, session::ObjectClaim& to) {
+  to.origin = origin_from_idl(from);
+  to.object_id = from.object_id();
+  to.sequence = from.sequence_number();
+  to.touching = from.touching();
+  to.fencing = from.fencing();
+  to.one_way_ns = from.one_way_ns();
+}
+
+void to_idl(const session::ObjectGrant& from, idl::ObjectGrant& to) {
+  origin_to_idl(from.origin, to);
+  to.object_id(from.object_id);
+  to.sequence_number(from.sequence);
+  to.fencing(from.fencing);
+  to.line_ns(from.line_ns);
+  to.touchers().resize(from.touchers.size());
+  for (std::size_t i = 0; i < from.touchers.size(); ++i) {
+    to.touchers()[i].participant(from.touchers[i].participant);
+    to.touchers()[i].incarnation(from.touchers[i].incarnation);
+    to.touchers()[i].claim(from.touchers[i].claim);
+  }
+}
+
+void from_idl(const idl::ObjectGrant& from, session::ObjectGrant& to) {
+  to.origin = origin_from_idl(from);
+  to.object_id = from.object_id();
+  to.sequence = from.sequence_number();
+  to.fencing = from.fencing();
+  to.line_ns = from.line_ns();
+  to.touchers.resize(from.touchers().size());
+  for (std::size_t i = 0; i < to.touchers.size(); ++i) {
+    const idl::ToucherValue& toucher = from.touchers()[i];
+    to.touchers[i] = {toucher.participant(), toucher.incarnation(), toucher.claim()};
+  }
+}
+
+void to_idl(const session::ObjectCopy& from, idl::ObjectCopy& to) {
+  origin_to_idl(from.origin, to);
+  to.object_id(from.object_id);
+  to.sequence_number(from.sequence);
+  to.fencing(from.fencing);
+  to.place(from.place);
+  to.session_time_ns(from.session_time_ns);
+  to.body(pose_to_idl(from.body));
+  to.velocity(from.velocity);
+  to.spin(from.spin);
+  to.lines().resize(from.lines.size());
+  for (std::size_t i = 0; i < from.lines.size(); ++i) {
+    to.lines()[i].wave(from.lines[i].wave);
+    to.lines()[i].energy(from.lines[i].energy);
+  }
+}
+
+void from_idl(const idl::ObjectCopy& from, session::ObjectCopy& to) {
+  to.origin = origin_from_idl(from);
+  to.object_id = from.object_id();
+  to.sequence = from.sequence_number();
+  to.fencing = from.fencing();
+  to.place = from.place();
+  to.session_time_ns = from.session_time_ns();
+  to.body = pose_from_idl(from.body());
+  to.velocity = from.velocity();
+  to.spin = from.spin();
+  to.lines.resize(from.lines().size());
+  for (std::size_t i = 0; i < to.lines.size(); ++i) to.lines[i] = {from.lines()[i].wave(), from.lines()[i].energy()};
 }
 
 void to_idl(const session::ClockSample& from, idl::ClockSample& to) {

@@ -65,6 +65,10 @@ void to_idl(const session::CatalogueEntry& from, idl::CatalogueEntry& to) {
   to.surface().damping(from.material.damping);
   to.surface().static_friction(from.material.static_friction);
   to.surface().dynamic_friction(from.material.dynamic_friction);
+  to.body().mass(from.body.mass);
+  to.body().inertia(from.body.inertia);
+  to.body().friction(from.body.friction);
+  to.body().ground(from.body.ground);
   to.base_bytes(from.base_bytes);
   to.withdrawn(from.withdrawn);
 }
@@ -94,6 +98,7 @@ void from_idl(const idl::CatalogueEntry& from, session::CatalogueEntry& to) {
   to.pose = pose_from_idl(from.placement());
   to.material = {from.surface().stiffness(), from.surface().damping(), from.surface().static_friction(),
                  from.surface().dynamic_friction()};
+  to.body = {from.body().mass(), from.body().inertia(), from.body().friction(), from.body().ground()};
   to.base_bytes = from.base_bytes();
   to.withdrawn = from.withdrawn();
 }

@@ -242,6 +242,9 @@ TACTUS_WIRE_ENDS(ProbeState);
 TACTUS_WIRE_ENDS(DevicePose);
 TACTUS_WIRE_ENDS(DeviceCommand);
 TACTUS_WIRE_ENDS(ObjectPose);
+TACTUS_WIRE_ENDS(ObjectClaim);
+TACTUS_WIRE_ENDS(ObjectGrant);
+TACTUS_WIRE_ENDS(ObjectCopy);
 TACTUS_WIRE_ENDS(ClockSample);
 #undef TACTUS_WIRE_ENDS
 

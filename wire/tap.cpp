@@ -114,8 +114,9 @@ struct Tap::Impl {
       using Sample = std::decay_t<decltype(sample_of(spec))>;
       using Support = typename IdlOf<Sample>::Support;
       dds::Topic& topic = in.topic(spec.name, spec.traffic, dds::TypeSupport{new Raw<Support>});
-      // Whole probe states are in the partitions of groups, with a profile of their own.
-      const bool of_groups = std::string{spec.profile} == topics::kProbeStateWhole.profile;
+      // Whole probe states and copies of objects are in the partitions of groups, with profiles of their own.
+      const std::string profile = spec.profile;
+      const bool of_groups = profile == topics::kProbeStateWhole.profile || profile == topics::kObjectCopy.profile;
       const std::vector<std::string> parts =
           of_groups ? std::vector<std::string>{"/g/*"} : std::vector<std::string>{"", "/u/*", "/h/*"};
       std::vector<std::string> partitions;

@@ -34,6 +34,11 @@ inline constexpr TopicSpec<session::DeviceCommand> kDeviceCommand{"tactus_device
                                                                   "device_command"};
 inline constexpr TopicSpec<session::Intent> kIntent{"tactus_intent", TrafficClass::kProbe, "intent"};
 inline constexpr TopicSpec<session::ObjectPose> kObjectPose{"tactus_object_pose", TrafficClass::kProbe, "object_pose"};
+inline constexpr TopicSpec<session::ObjectClaim> kObjectClaim{"tactus_object_claim", TrafficClass::kProbe,
+                                                              "object_claim"};
+inline constexpr TopicSpec<session::ObjectGrant> kObjectGrant{"tactus_object_grant", TrafficClass::kProbe,
+                                                              "object_grant"};
+inline constexpr TopicSpec<session::ObjectCopy> kObjectCopy{"tactus_object_copy", TrafficClass::kProbe, "object_copy"};
 /// In the probe class, because it dates probe states and must wait in the queues that they wait in.
 inline constexpr TopicSpec<session::ClockSample> kClock{"tactus_clock", TrafficClass::kProbe, "clock"};
 
@@ -53,6 +58,9 @@ void for_each(Visit&& visit) {
   visit(kDeviceCommand);
   visit(kIntent);
   visit(kObjectPose);
+  visit(kObjectClaim);
+  visit(kObjectGrant);
+  visit(kObjectCopy);
   visit(kClock);
 }
 

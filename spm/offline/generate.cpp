@@ -17,11 +17,12 @@ struct NamedShape {
   std::string_view name;
   Shape shape;
 };
-constexpr std::array<NamedShape, 5> kShapes{{{"sphere", Shape::kSphere},
+constexpr std::array<NamedShape, 6> kShapes{{{"sphere", Shape::kSphere},
                                              {"torus", Shape::kTorus},
                                              {"organ", Shape::kOrgan},
                                              {"terrain", Shape::kTerrain},
-                                             {"wall", Shape::kWall}}};
+                                             {"wall", Shape::kWall},
+                                             {"box", Shape::kBox}}};
 
 /// Smooth noise over space in [-1, 1]: random values at integer points, blended by quintics. Source: Perlin 2002.
 class Noise {
@@ -236,17 +237,18 @@ TriangleMesh terrain(std::uint32_t faces, std::uint64_t seed) {
   return mesh;
 }
 
-/// A lattice of cubes, five times as wide as high, of which the outer squares are taken.
-TriangleMesh wall(std::uint32_t faces) {
-  // 2 w^2 + 4 w h squares of two faces each, with w = 5 h.
-  const std::int64_t high = std::max<std::int64_t>(1, std::llround(std::sqrt(faces / 140.0)));
-  const std::array<std::int64_t, 3> count{5 * high, 5 * high, high};
+/// A lattice of cubes, `wide` times as wide as high, of which the outer squares are taken.
+TriangleMesh block(std::uint32_t faces, std::int64_t wide) {
+  // 2 w^2 + 4 w h squares of two faces each, with w = `wide` h.
+  const double least = static_cast<double>(4 * wide * wide + 8 * wide);
+  const std::int64_t high = std::max<std::int64_t>(1, std::llround(std::sqrt(faces / least)));
+  const std::array<std::int64_t, 3> count{wide * high, wide * high, high};
   TriangleMesh mesh;
   std::map<std::array<std::int64_t, 3>, std::uint32_t> numbers;
   const auto vertex = [&](const std::array<std::int64_t, 3>& at) {
     const auto [found, is_new] = numbers.try_emplace(at, static_cast<std::uint32_t>(mesh.positions.size()));
     if (is_new) {
-      const double edge = 0.02 / static_cast<double>(high);
+      const double edge = 0.1 / static_cast<double>(wide) / static_cast<double>(high);
       Vec3d p;
       for (std::size_t axis = 0; axis < 3; ++axis)
         p[static_cast<Eigen::Index>(axis)] =
@@ -320,7 +322,7 @@ Shape shape_from_name(std::string_view name) {
   for (const NamedShape& shape : kShapes) {
     if (shape.name == name) return shape.shape;
   }
-  throw ModelError{"shape: found \"" + std::string{name} + "\", expected sphere, torus, organ, terrain or wall"};
+  throw ModelError{"shape: found \"" + std::string{name} + "\", expected sphere, torus, organ, terrain, wall or box"};
 }
 
 TriangleMesh generate(Shape shape, std::uint32_t faces, std::uint64_t seed) {
@@ -337,7 +339,9 @@ TriangleMesh generate(Shape shape, std::uint32_t faces, std::uint64_t seed) {
     case Shape::kTerrain:
       return terrain(faces, seed);
     case Shape::kWall:
-      return wall(faces);
+      return block(faces, 5);
+    case Shape::kBox:
+      return block(faces, 1);
   }
   throw ModelError{"shape: unknown"};
 }

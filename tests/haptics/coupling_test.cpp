@@ -39,7 +39,8 @@ class Copies {
     all.copies = count;
     for (std::size_t i = 0; i < count; ++i) {
       objects_.push_back(std::make_unique<SharedObject>(whole));
-      objects_.back()->couple(all, i);
+      couplings_.push_back(std::make_unique<CopyCoupling>(all, i, whole));
+      objects_.back()->couple(*couplings_.back());
     }
   }
 
@@ -87,6 +88,7 @@ class Copies {
   };
   Network network_;
   std::mt19937 random_;
+  std::vector<std::unique_ptr<CopyCoupling>> couplings_;
   std::vector<std::unique_ptr<SharedObject>> objects_;
   std::deque<Packet> under_way_;
   std::int64_t now_ns_ = kCycleNs;
@@ -148,7 +150,8 @@ TEST(Coupling, WavesWithoutEnergyMoveNothing) {
   settings.allowance = settings.initial = 0;
   settings.delay = 0.01;
   SharedObject object{floating_box(0.5)};
-  object.couple(settings, 0);
+  CopyCoupling coupling{settings, 0, object.body().settings()};
+  object.couple(coupling);
   Surroundings nothing;
   nothing.ground = false;
   for (int i = 1; i <= 2000; ++i) {

@@ -69,7 +69,8 @@ TEST(Realtime, ATouchedSharedObjectDoesNotAllocate) {
   BodyState start;
   start.position.z() = 0.05;
   const auto object = std::make_unique<SharedObject>(box_body(0.5, half), start);
-  object->couple({}, 0);
+  const auto coupling = std::make_unique<CopyCoupling>(CouplingSettings{}, 0, object->body().settings());
+  object->couple(*coupling);
   const BoxSurface shape{half};
   BodyTouch touch;
   PassivityController port;

@@ -63,6 +63,38 @@ TEST_F(HostConfigTest, ReadsEveryKey) {
   EXPECT_FALSE(objects[1].pose);
 }
 
+TEST_F(HostConfigTest, ReadsWhatMakesAnObjectMove) {
+  const auto objects = read(R"(ground: -0.5
+objects:
+  - model: crate.spm
+    body: {mass: 0.8, friction: 0.6}
+  - model: top.spm
+    body: {mass: 1, inertia: [0.001, 0.002, 0.003]}
+  - model: wall.spm
+)");
+  ASSERT_TRUE(objects[0].body);
+  EXPECT_EQ(objects[0].body->mass, 0.8);
+  EXPECT_EQ(objects[0].body->friction, 0.6);
+  EXPECT_EQ(objects[0].body->ground, -0.5);
+  EXPECT_FALSE(objects[0].body->inertia);
+  EXPECT_EQ(objects[1].body->inertia, (std::array<double, 3>{0.001, 0.002, 0.003}));
+  EXPECT_FALSE(objects[2].body);
+}
+
+TEST_F(HostConfigTest, RefusesABodyThatCannotBe) {
+  const auto with = [&](const std::string& body) {
+    return complaint("objects:\n  - model: a.spm\n    body: " + body + "\n");
+  };
+  EXPECT_THAT(with("{friction: 1}"), AllOf(StartsWith("3: "), HasSubstr("without 'mass'")));
+  EXPECT_THAT(with("{mass: 0}"), HasSubstr("'mass' is '0'"));
+  EXPECT_THAT(with("{mass: 1, friction: -1}"), HasSubstr("'friction' is '-1'"));
+  EXPECT_THAT(with("{mass: 1, inertia: [1, 1]}"), HasSubstr("list of 3 numbers"));
+  EXPECT_THAT(with("{mass: 1, inertia: [1, 1, 0]}"), HasSubstr("a moment below"));
+  EXPECT_THAT(with("{mass: 1, inertia: [1, 1, 3]}"), HasSubstr("larger than the other two"));
+  EXPECT_THAT(with("{weight: 1}"), HasSubstr("unknown key 'weight'"));
+  EXPECT_THAT(complaint("ground: deep\nobjects:\n  - model: a.spm\n"), HasSubstr("'ground' is 'deep'"));
+}
+
 TEST_F(HostConfigTest, TurnsRollThenPitchThenYawAboutFixedAxes) {
   const auto object = read("objects: [{model: a.spm, rpy_degrees: [90, 0, 90]}]").at(0);
   // x goes to y by the yaw; y goes to z by the roll and stays there.

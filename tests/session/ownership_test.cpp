@@ -14,6 +14,8 @@ namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
 constexpr std::uint64_t kSession = 1, kObject = 5, kHost = 100;
+/// Between the incarnations of a host, which are nanoseconds: more than the numbers that one life gives.
+constexpr std::uint64_t kHostLife = 1'000'000;
 constexpr std::size_t kControllers = 4;
 
 Origin origin_of(std::uint64_t participant, std::uint64_t incarnation) {
@@ -39,7 +41,7 @@ class Contest {
   }
 
   void start_host() {
-    host_ = std::make_unique<Arbiter>(origin_of(kHost, ++host_incarnation_), kObject, settings_, now_);
+    host_ = std::make_unique<Arbiter>(origin_of(kHost, ++host_incarnation_ * kHostLife), kObject, settings_, now_);
     host_ran_ = true;
   }
   void start_controller(std::size_t i) {
@@ -85,7 +87,7 @@ class Contest {
   [[nodiscard]] std::uint64_t seen_author() const { return seen_author_; }
 
  private:
-  using Message = std::variant<Claim, Grant, ObjectPose>;
+  using Message = std::variant<ObjectClaim, ObjectGrant, ObjectPose>;
   struct Packet {
     std::int64_t at;
     std::uint64_t order;
@@ -129,9 +131,9 @@ class Contest {
   }
 
   void receive(const Packet& packet) {
-    if (const auto* claim = std::get_if<Claim>(&packet.message)) {
+    if (const auto* claim = std::get_if<ObjectClaim>(&packet.message)) {
       if (host_ran_) host_->on_claim(*claim, now_);
-    } else if (const auto* grant = std::get_if<Grant>(&packet.message)) {
+    } else if (const auto* grant = std::get_if<ObjectGrant>(&packet.message)) {
       controllers_[packet.to].holder->on_grant(*grant, now_);
     } else if (const auto* pose = std::get_if<ObjectPose>(&packet.message)) {
       if (!gates_[packet.to].accept(*pose)) {
@@ -177,7 +179,7 @@ class Contest {
     if (const auto grant = host_->tick(now_)) {
       for (std::size_t i = 0; i < kControllers; ++i) send(kHostPlace, i, *grant);
     }
-    if (host_->owns(now_)) publish(kHostPlace, kHost, host_incarnation_, host_->fencing(), host_sequence_);
+    if (host_->owns(now_)) publish(kHostPlace, kHost, host_incarnation_ * kHostLife, host_->fencing(), host_sequence_);
   }
 
   OwnershipSettings settings_;

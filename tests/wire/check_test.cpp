@@ -41,6 +41,20 @@ ses::CatalogueEntry catalogue() {
   return c;
 }
 
+ses::CatalogueEntry body() {
+  ses::CatalogueEntry c = catalogue();
+  c.scale = 1;
+  c.body = {0.5, {1e-3, 2e-3, 3e-3}, 0.5, 0};
+  return c;
+}
+
+ses::ObjectCopy copy() {
+  ses::ObjectCopy c;
+  c.place = 1;
+  c.lines.resize(2);
+  return c;
+}
+
 ses::BulkChunk chunk() {
   ses::BulkChunk b;
   b.sequence = 1;
@@ -151,6 +165,33 @@ TEST(Check, NamesTheWrongFieldOfWhatMoves) {
   expect_fault(ses::ObjectPose{}, "velocity", [](auto& o) { o.velocity[0] = kNan; });
   expect_fault(ses::ObjectPose{}, "spin", [](auto& o) { o.spin[0] = kNan; });
   expect_fault(ses::ObjectPose{}, "orientation", [](auto& o) { o.pose.orientation[3] = -1.002; });
+}
+
+TEST(Check, NamesTheWrongFieldOfWhatSharesAnObject) {
+  expect_fault(body(), "body.mass", [](auto& c) { c.body.mass = -1; });
+  expect_fault(body(), "body.mass", [](auto& c) { c.body.mass = kNan; });
+  expect_fault(body(), "body.inertia", [](auto& c) { c.body.inertia[1] = 0; });
+  expect_fault(body(), "body.inertia", [](auto& c) { c.body.inertia[2] = 0.01; });
+  expect_fault(body(), "body.friction", [](auto& c) { c.body.friction = -0.1; });
+  expect_fault(body(), "body.ground", [](auto& c) { c.body.ground = kInf; });
+  expect_fault(ses::ObjectClaim{}, "one_way_ns", [](auto& c) { c.one_way_ns = -1; });
+  expect_fault(ses::ObjectGrant{}, "line_ns", [](auto& g) { g.line_ns = std::int64_t{1} << 50; });
+  expect_fault(ses::ObjectGrant{}, "touchers", [](auto& g) { g.touchers.resize(9); });
+  expect_fault(ses::ObjectGrant{}, "touchers", [](auto& g) { g.touchers = {{1, 2, 3}, {1, 3, 3}}; });
+  expect_fault(copy(), "session_time_ns", [](auto& c) { c.session_time_ns = -1; });
+  expect_fault(copy(), "lines", [](auto& c) { c.lines.resize(9); });
+  expect_fault(copy(), "place", [](auto& c) { c.place = 2; });
+  expect_fault(copy(), "orientation", [](auto& c) { c.body.orientation[3] = 0; });
+  expect_fault(copy(), "velocity", [](auto& c) { c.velocity[2] = kNan; });
+  expect_fault(copy(), "spin", [](auto& c) { c.spin[2] = kNan; });
+  expect_fault(copy(), "lines.wave", [](auto& c) { c.lines[0].wave[5] = kInf; });
+  expect_fault(copy(), "lines.energy", [](auto& c) { c.lines[1].energy = -1e-9; });
+}
+
+TEST(Check, SaysNothingOfTheBodyOfWhatCannotMove) {
+  ses::CatalogueEntry c = body();
+  c.body = {0, {-1, kNan, 0}, -1, kNan};
+  EXPECT_THAT(fault(c), IsNull());
 }
 
 TEST(Check, AcceptsAQuaternionWithinTheTolerance) {

@@ -52,6 +52,7 @@ ses::CatalogueEntry full(const Links& from) {
   c.scale = 0.002;
   c.pose = kPose;
   c.material = {1234.5, 2.5, 0.75, 0.5};
+  c.body = {0.875, {0.002, 0.003, 0.0045}, 0.625, -0.25};
   c.base_bytes = 4711;
   return c;
 }
@@ -117,6 +118,30 @@ ses::DeviceCommand full(const Links& from) {
 template <>
 ses::ObjectPose full(const Links& from) {
   return {from.origin(), 71, 72, 73, 74, kPose, {1, 2, 3}, {4, 5, 6}};
+}
+
+template <>
+ses::ObjectClaim full(const Links& from) {
+  return {from.origin(), 91, 92, true, 93, 94};
+}
+
+template <>
+ses::ObjectGrant full(const Links& from) {
+  return {from.origin(), 101, 102, 103, 104, {{105, 106, 107}, {108, 109, 110}}};
+}
+
+template <>
+ses::ObjectCopy full(const Links& from) {
+  return {from.origin(),
+          111,
+          112,
+          113,
+          2,
+          114,
+          kPose,
+          {1, 2, 3},
+          {4, 5, 6},
+          {{{1, 2, 3, 4, 5, 6}, 0.5}, {{-1, -2, -3, -4, -5, -6}, 1.5}, {{7, 8, 9, 10, 11, 12}, 2.5}}};
 }
 
 template <>

@@ -101,6 +101,8 @@ inline auto fields(const ses::Figure& f) { return std::tuple{f.name, f.value}; }
 inline auto fields(const ses::MeshHash& m) { return std::tuple{m.object_id, m.hash}; }
 inline auto fields(const ses::Waypoint& w) { return std::tuple{w.session_time_ns, w.position}; }
 inline auto fields(const ses::Wanted& w) { return std::tuple{w.region, w.contact_in_us}; }
+inline auto fields(const ses::Toucher& t) { return std::tuple{t.participant, t.incarnation, t.claim}; }
+inline auto fields(const ses::CopyLine& l) { return std::tuple{l.wave, l.energy}; }
 inline auto fields(const spm::Run& r) { return std::tuple{r.first, r.count}; }
 inline auto fields(const ses::BulkPiece& p) { return std::tuple{p.region, p.part, p.parts, p.checksum, p.payload}; }
 template <class T>
@@ -123,7 +125,8 @@ inline auto fields(const ses::CatalogueEntry& c) {
       std::tuple{s.digest, s.vertices, s.faces, s.base_vertices, s.base_faces, s.records, s.parts, s.regions},
       std::tuple{s.max_level, s.bounds_min, s.bounds_max, s.grid.origin, s.grid.cell_size, s.metres_per_unit,
                  s.deviation, s.position_step},
-      std::tuple{c.material.stiffness, c.material.damping, c.material.static_friction, c.material.dynamic_friction});
+      std::tuple{c.material.stiffness, c.material.damping, c.material.static_friction, c.material.dynamic_friction},
+      std::tuple{c.body.mass, c.body.inertia, c.body.friction, c.body.ground});
 }
 inline auto fields(const ses::Demand& d) {
   return std::tuple{fields(d.origin), d.object_id,    d.digest,         d.serving_host, d.epoch,
@@ -153,6 +156,16 @@ inline auto fields(const ses::DeviceCommand& d) {
 inline auto fields(const ses::ObjectPose& o) {
   return std::tuple{fields(o.origin),  o.object_id,    o.sequence, o.fencing,
                     o.session_time_ns, fields(o.pose), o.velocity, o.spin};
+}
+inline auto fields(const ses::ObjectClaim& c) {
+  return std::tuple{fields(c.origin), c.object_id, c.sequence, c.touching, c.fencing, c.one_way_ns};
+}
+inline auto fields(const ses::ObjectGrant& g) {
+  return std::tuple{fields(g.origin), g.object_id, g.sequence, g.fencing, g.line_ns, fields(g.touchers)};
+}
+inline auto fields(const ses::ObjectCopy& c) {
+  return std::tuple{fields(c.origin),  c.object_id,    c.sequence, c.fencing, c.place,
+                    c.session_time_ns, fields(c.body), c.velocity, c.spin,    fields(c.lines)};
 }
 inline auto fields(const ses::ClockSample& c) {
   return std::tuple{fields(c.origin), c.peer, c.sequence, c.answer, c.t0_ns, c.t1_ns, c.t2_ns};

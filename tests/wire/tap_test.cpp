@@ -46,7 +46,9 @@ TEST_F(TapTest, HearsEveryTopicInEveryPartition) {
         heard(topics::kRecords, {hrtc_partition("desk")}), heard(topics::kProbeState),
         heard(topics::kProbeStateWhole, {group_partition(7)}), heard(topics::kDevicePose, {user_partition("ann")}),
         heard(topics::kDeviceCommand, {user_partition("ann")}), heard(topics::kIntent, {user_partition("ann")}),
-        heard(topics::kObjectPose), heard(topics::kClock), heard(topics::kClock, {hrtc_partition("desk")})}) {
+        heard(topics::kObjectPose), heard(topics::kObjectClaim), heard(topics::kObjectGrant),
+        heard(topics::kObjectCopy, {group_partition(7)}), heard(topics::kClock),
+        heard(topics::kClock, {hrtc_partition("desk")})}) {
     ASSERT_GT(bytes.size(), 4u);
     EXPECT_THAT(std::vector<std::uint8_t>(bytes.begin(), bytes.begin() + 4), testing::ElementsAre(0, 1, 0, 0))
         << "CDR, little-endian";

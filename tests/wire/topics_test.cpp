@@ -63,6 +63,9 @@ TEST_F(TwoPrograms, EveryFieldOfEveryTopicArrives) {
   expect_round_trip(topics::kDeviceCommand, {user_partition("alice")});
   expect_round_trip(topics::kIntent, {user_partition("alice")});
   expect_round_trip(topics::kObjectPose);
+  expect_round_trip(topics::kObjectClaim);
+  expect_round_trip(topics::kObjectGrant);
+  expect_round_trip(topics::kObjectCopy);
   expect_round_trip(topics::kClock);
 }
 

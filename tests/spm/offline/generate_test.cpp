@@ -56,7 +56,7 @@ TEST(Generate, TorusAndTerrainComeWithinAPercent) {
 }
 
 TEST(Generate, AllButTheTerrainAreClosedAndFaceOutward) {
-  for (const Shape shape : {Shape::kSphere, Shape::kTorus, Shape::kOrgan, Shape::kWall}) {
+  for (const Shape shape : {Shape::kSphere, Shape::kTorus, Shape::kOrgan, Shape::kWall, Shape::kBox}) {
     for (const std::uint32_t faces : {18u, 100u, 4096u, 20000u}) {
       const TriangleMesh mesh = generate(shape, faces);
       EXPECT_TRUE(closed_and_oriented(mesh)) << faces;
@@ -88,7 +88,7 @@ TEST(Generate, TheTerrainHasOneBorder) {
 }
 
 TEST(Generate, NothingOfItNeedsCleaning) {
-  for (const Shape shape : {Shape::kSphere, Shape::kTorus, Shape::kOrgan, Shape::kTerrain, Shape::kWall}) {
+  for (const Shape shape : {Shape::kSphere, Shape::kTorus, Shape::kOrgan, Shape::kTerrain, Shape::kWall, Shape::kBox}) {
     TriangleMesh mesh = generate(shape, 30000);
     const std::size_t vertices = mesh.positions.size(), faces = mesh.faces.size();
     clean(mesh);

@@ -1,0 +1,116 @@
+#include "host_service/keeper.hpp"
+
+#include <algorithm>
+
+namespace tactus::host_service {
+
+namespace {
+
+constexpr std::int64_t kStepNs = 1'000'000;
+constexpr std::int64_t kMostNs = 50'000'000;  // that a tick catches up
+
+}  // namespace
+
+void Keeper::add(const session::CatalogueEntry& entry, std::int64_t now_ns) {
+  if (!sharing::can_move(entry)) return;
+  const sharing::SharedBody body = sharing::body_of(entry);
+  const auto [at, fresh] = objects_.try_emplace(entry.object_id, body);
+  at->second.simulated.follow();
+  if (fresh) choose_keeper(entry.object_id, at->second, now_ns);
+}
+
+void Keeper::choose_keeper(std::uint64_t id, Object& object, std::int64_t now_ns) {
+  if (!object.older.empty()) {
+    object.arbiter.reset();
+    if (object.owned) object.simulated.follow();
+    object.owned = false;
+  } else if (object.arbiter == nullptr) {
+    object.arbiter = std::make_unique<session::Arbiter>(self_, id, settings_.ownership, now_ns);
+    object.arbiter->on_pose(object.gate.fencing());
+  }
+}
+
+void Keeper::on_catalogue(const session::CatalogueEntry& entry, std::int64_t now_ns) {
+  const std::uint64_t host = entry.origin.participant;
+  const auto at = objects_.find(entry.object_id);
+  if (at == objects_.end() || host == self_.participant || entry.origin.session != self_.session) return;
+  at->second.older.erase(host);
+  if (!entry.withdrawn && entry.origin.incarnation < self_.incarnation)
+    at->second.older[host] = entry.origin.incarnation;
+  choose_keeper(at->first, at->second, now_ns);
+}
+
+void Keeper::on_host_gone(std::uint64_t host, std::int64_t now_ns) {
+  for (auto& [id, object] : objects_)
+    if (object.older.erase(host) > 0) choose_keeper(id, object, now_ns);
+}
+
+void Keeper::on_claim(const session::ObjectClaim& claim, std::int64_t now_ns) {
+  const auto at = objects_.find(claim.object_id);
+  if (at != objects_.end() && at->second.arbiter != nullptr) at->second.arbiter->on_claim(claim, now_ns);
+}
+
+void Keeper::on_pose(const session::ObjectPose& pose, std::int64_t session_now_ns) {
+  const auto at = objects_.find(pose.object_id);
+  if (at == objects_.end() || pose.origin.participant == self_.participant) return;
+  Object& object = at->second;
+  if (object.arbiter != nullptr && pose.fencing < object.arbiter->fencing()) return;
+  if (!object.gate.accept(pose)) return;
+  if (object.arbiter != nullptr) object.arbiter->on_pose(pose.fencing);
+  object.picture.on_pose({sharing::state_of(pose, object.body.centre), pose.session_time_ns, ++object.heard},
+                         session_now_ns);
+}
+
+void Keeper::simulate(Object& object, std::int64_t now_ns, std::int64_t session_now_ns) {
+  if (!object.owned) {
+    object.owned = true;
+    object.simulated.place(object.picture.at(session_now_ns));
+    object.simulated.own();
+    object.stepped_ns = now_ns;
+    object.told_ns = now_ns - settings_.rest_ns;
+  }
+  object.stepped_ns = std::max(object.stepped_ns, now_ns - kMostNs);
+  const haptics::Surroundings around{true, object.body.ground, nullptr};
+  while (object.stepped_ns + kStepNs <= now_ns) {
+    object.stepped_ns += kStepNs;
+    if (object.simulated.asleep()) continue;
+    object.simulated.step(session_now_ns, {}, around, 1e-9 * static_cast<double>(kStepNs));
+    ++steps_;
+  }
+  object.picture.show(object.simulated.state(), session_now_ns);
+}
+
+const Keeper::Messages& Keeper::tick(std::int64_t now_ns, std::int64_t session_now_ns) {
+  messages_.grants.clear();
+  messages_.poses.clear();
+  busy_ = held_ = false;
+  for (auto& [id, object] : objects_) {
+    if (object.arbiter == nullptr) continue;
+    if (auto grant = object.arbiter->tick(now_ns)) messages_.grants.push_back(std::move(*grant));
+    if (!object.arbiter->owns(now_ns)) {
+      if (object.owned) object.simulated.follow();
+      object.owned = false;
+      held_ = true;
+      continue;
+    }
+    const bool slept = object.owned && object.simulated.asleep();
+    simulate(object, now_ns, session_now_ns);
+    const bool asleep = object.simulated.asleep();
+    busy_ = busy_ || !asleep;
+    const std::int64_t period_ns = asleep && slept ? settings_.rest_ns : settings_.pose_ns;
+    if (now_ns - object.told_ns < period_ns) continue;
+    object.told_ns = now_ns;
+    session::ObjectPose pose;
+    pose.origin = self_;
+    pose.origin.time_ns = now_ns;
+    pose.object_id = id;
+    pose.sequence = ++object.sequence;
+    pose.fencing = object.arbiter->fencing();
+    pose.session_time_ns = session_now_ns - (now_ns - object.stepped_ns);
+    sharing::put_state(object.simulated.state(), object.body.centre, pose);
+    messages_.poses.push_back(pose);
+  }
+  return messages_;
+}
+
+}  // namespace tactus::host_service

@@ -1,0 +1,88 @@
+/// A host's objects that can move: who simulates each of them, and the simulation while nobody holds it.
+///
+///     claims, poses of others -->  Arbiter  --> grants
+///                                  SharedObject, 1 kHz while it moves --> poses
+///
+/// An object at rest that nobody holds costs a pose and a grant now and then, so that late comers learn where it is. Of
+/// several hosts with one object the oldest keeps it; when that is gone the next goes on from where the object was last
+/// seen. An object that nobody holds when its only host starts anew stands where the catalogue says.
+///
+/// Times come as arguments; no DDS, no thread. One thread at a time. Not realtime.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include "haptics/shared_object.hpp"
+#include "session/ownership.hpp"
+#include "sharing/picture.hpp"
+
+namespace tactus::host_service {
+
+struct KeeperSettings {
+  session::OwnershipSettings ownership;
+  std::int64_t pose_ns = 4'000'000;    ///< between poses of what moves
+  std::int64_t rest_ns = 200'000'000;  ///< between those of what rests
+};
+
+class Keeper {
+ public:
+  explicit Keeper(const session::Origin& self, const KeeperSettings& settings = {})
+      : self_{self}, settings_{settings} {}
+
+  /// What this host serves; what cannot move is passed over.
+  void add(const session::CatalogueEntry& entry, std::int64_t now_ns);
+
+  /// Other hosts' entries tell who else has an object.
+  void on_catalogue(const session::CatalogueEntry& entry, std::int64_t now_ns);
+  void on_host_gone(std::uint64_t host, std::int64_t now_ns);
+  void on_claim(const session::ObjectClaim& claim, std::int64_t now_ns);
+  void on_pose(const session::ObjectPose& pose, std::int64_t session_now_ns);
+
+  struct Messages {
+    std::vector<session::ObjectGrant> grants;
+    std::vector<session::ObjectPose> poses;
+  };
+  /// Simulates up to now, 50 ms at most; what it leaves is to be published. Until the next tick.
+  [[nodiscard]] const Messages& tick(std::int64_t now_ns, std::int64_t session_now_ns);
+
+  /// Something moves here: the next tick is due within a millisecond.
+  [[nodiscard]] bool busy() const noexcept { return busy_; }
+  /// Somebody holds something: within some milliseconds.
+  [[nodiscard]] bool held() const noexcept { return held_; }
+  [[nodiscard]] bool empty() const noexcept { return objects_.empty(); }
+  /// 1 kHz steps taken, over all objects.
+  [[nodiscard]] std::uint64_t steps() const noexcept { return steps_; }
+
+ private:
+  struct Object {
+    sharing::SharedBody body;
+    std::unique_ptr<session::Arbiter> arbiter;  // null: an older host keeps it
+    haptics::SharedObject simulated;
+    sharing::Picture picture;
+    session::PoseGate gate;
+    std::map<std::uint64_t, std::uint64_t> older;  // hosts, with their incarnations
+    bool owned = false;
+    std::int64_t stepped_ns = 0, told_ns = 0;
+    std::uint32_t sequence = 0;
+    std::uint64_t heard = 0;
+
+    explicit Object(const sharing::SharedBody& with)
+        : body{with}, simulated{with.settings, with.start}, picture{with.start} {}
+  };
+
+  void choose_keeper(std::uint64_t id, Object& object, std::int64_t now_ns);
+  void simulate(Object& object, std::int64_t now_ns, std::int64_t session_now_ns);
+
+  session::Origin self_;
+  KeeperSettings settings_;
+  std::map<std::uint64_t, Object> objects_;  // by id
+  Messages messages_;
+  bool busy_ = false, held_ = false;
+  std::uint64_t steps_ = 0;
+};
+
+}  // namespace tactus::host_service

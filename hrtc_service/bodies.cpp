@@ -1,0 +1,219 @@
+#include "hrtc_service/bodies.hpp"
+
+#include <algorithm>
+#include <utility>
+
+namespace tactus::hrtc_service {
+namespace {
+
+constexpr std::int64_t kHoldNs = 100'000'000;   // after the last touch that a body is held: a bounce lets nothing go
+constexpr std::int64_t kAloneNs = 300'000'000;  // after that, that its new owner is waited for: longer than a lease
+
+Placement placement_of(const haptics::BodyState& state, const TouchObject& object) {
+  return Placement{sharing::pose_of(state, object.body->centre), object.placement.scale()};
+}
+
+}  // namespace
+
+Bodies::Bodies(const CycleSettings& settings) : settings_{settings} {
+  simulated_.resize(kMaxBodies, haptics::SharedObject{haptics::BodySettings{}});
+  while (copies_.push(CopyArrival{})) {  // the haptic thread is not the first to touch its memory
+  }
+  copies_.consume_all([](const CopyArrival&) {});
+}
+
+std::uint32_t Bodies::body_of(std::uint32_t object) const noexcept {
+  for (std::uint32_t i = 0; i < count_; ++i)
+    if (bodies_[i].object->index == object) return i;
+  return kMaxBodies;
+}
+
+void Bodies::find_new(const Cycle& cycle) noexcept {
+  const std::vector<TouchObject*>& objects = cycle.objects();
+  for (; objects_seen_ < objects.size(); ++objects_seen_) {
+    const TouchObject& object = *objects[objects_seen_];
+    if (!object.body || count_ == kMaxBodies) continue;
+    Body& body = bodies_[count_];
+    body.object = &object;
+    body.placed = object.body->start;
+    body.picture.show(body.placed, 0);
+    simulated_[count_] = haptics::SharedObject{object.body->settings, body.placed};
+    simulated_[count_].follow();
+    ++count_;
+  }
+}
+
+void Bodies::simulate_as_ordered(std::uint32_t i) noexcept {
+  Body& body = bodies_[i];
+  haptics::CopyCoupling* const coupling = body.mode == Mode::kHeld ? body.order.coupling : nullptr;
+  if (coupling == body.coupling) return;
+  body.coupling = coupling;
+  if (coupling != nullptr)
+    simulated_[i].couple(*coupling);
+  else
+    simulated_[i].own();
+}
+
+void Bodies::take_orders() noexcept {
+  if (orders_.take(current_)) {
+    for (std::uint32_t k = 0; k < current_.count; ++k) {
+      const std::uint32_t i = body_of(current_.bodies[k].object);
+      if (i == kMaxBodies) continue;
+      bodies_[i].order = current_.bodies[k];
+      if (bodies_[i].mode != Mode::kFollows) simulate_as_ordered(i);
+    }
+    reports_.orders_seen = current_.number;
+  }
+  while (copies_.pop(arrival_)) {
+    const std::uint32_t i = body_of(arrival_.object);
+    if (i == kMaxBodies || bodies_[i].order.coupling == nullptr || bodies_[i].order.group != arrival_.group) continue;
+    bodies_[i].order.coupling->on_sample(arrival_.place, arrival_.sample);
+  }
+}
+
+void Bodies::show(Cycle& cycle, Body& body, const haptics::BodyState& state) const noexcept {
+  const bool moved =
+      state.position != body.placed.position || state.orientation.coeffs() != body.placed.orientation.coeffs();
+  body.placed = state;
+  if (moved) cycle.move(*body.object, placement_of(state, *body.object));
+}
+
+void Bodies::follow_if_told(Body& body, haptics::SharedObject& simulated, std::int64_t now_ns,
+                            std::int64_t session_ns) noexcept {
+  const bool taken_on = body.order.heard.number > body.heard_at_release;
+  if (!taken_on && now_ns - body.let_go_ns < kAloneNs) return;
+  body.mode = Mode::kFollows;
+  body.picture.show(simulated.state(), session_ns);
+  body.pictured = body.heard_at_release;
+  simulated.follow();
+}
+
+void Bodies::place(Cycle& cycle, std::int64_t now_ns) noexcept {
+  find_new(cycle);
+  if (count_ == 0) return;
+  take_orders();
+  const std::int64_t session_ns = current_.clock.session_time(now_ns);
+  for (std::uint32_t i = 0; i < count_; ++i) {
+    Body& body = bodies_[i];
+    if (body.mode == Mode::kLetGo) follow_if_told(body, simulated_[i], now_ns, session_ns);
+    if (body.mode != Mode::kFollows) continue;
+    if (body.order.heard.number > body.pictured) {
+      // The first tells where it has been all the time.
+      if (body.pictured == 0) body.picture.show(body.order.heard.state, body.order.heard.session_ns);
+      body.pictured = body.order.heard.number;
+      body.picture.on_pose(body.order.heard, session_ns);
+    }
+    show(cycle, body, body.picture.at(session_ns));
+  }
+}
+
+void Bodies::limit(const Cycle& cycle, const std::array<ProbeInput, kMaxProbes>& inputs,
+                   std::array<ProbeOutput, kMaxProbes>& outputs) noexcept {
+  if (count_ == 0) return;
+  for (std::uint32_t p = 0; p < kMaxProbes; ++p) {
+    ProbeOutput& output = outputs[p];
+    Spring& pulled = springs_[p];
+    pulled.body = kMaxBodies;
+    const double passed_on = std::exchange(passed_on_[p], 0);
+    if (!output.active) continue;
+    const haptics::DeviceState& device = inputs[p].device;
+    if ((output.status & session::kInContact) != 0) pulled.body = body_of(output.object);
+    if (pulled.body == kMaxBodies) {
+      (void)ports_[p].step(Vec3d::Zero(), device.position, passed_on, settings_.period, false);
+      continue;
+    }
+    const TouchObject& object = *bodies_[pulled.body].object;
+    const haptics::ProxyResult& touch = cycle.proxy(p).last();
+    const double stiffness = output.stiffness;
+    const double damping = object.material.damping;
+    const Vec3d relative = device.velocity - touch.surface_velocity;
+
+    // The force before limits, as haptics/force.hpp has it: so much of it is left.
+    Vec3d wanted = stiffness * (touch.anchor - device.position);
+    const double push = std::max(0.0, wanted.dot(touch.normal));
+    wanted += std::max(-push, -damping * relative.dot(touch.normal)) * touch.normal;
+    Vec3d force = vec(output.force);
+    const double full = wanted.norm();
+    const double share = full > 0 ? std::min(1.0, force.norm() / full) : 0.0;
+
+    // The body's damper acts along the surface, too, so the hand's does.
+    force -= share * damping * (relative - relative.dot(touch.normal) * touch.normal);
+    force = ports_[p].step(force, device.position, passed_on, settings_.period);
+    if (const double size = force.norm(); size > settings_.force.max_force) force *= settings_.force.max_force / size;
+    if ((output.status & session::kFault) != 0) force.setZero();
+    ports_[p].limited(force);
+    output.force = plain(force);
+    pulled.spring = {touch.anchor, device.position, device.velocity, share * stiffness, share * damping};
+  }
+}
+
+void Bodies::step(Cycle& cycle, std::int64_t now_ns) noexcept {
+  if (count_ == 0) return;
+  const std::int64_t session_ns = current_.clock.session_time(now_ns);
+  for (std::uint32_t i = 0; i < count_; ++i) {
+    Body& body = bodies_[i];
+    std::array<haptics::PointSpring, kMaxProbes> springs;
+    std::array<std::uint32_t, kMaxProbes> probes{};
+    std::uint32_t count = 0;
+    for (std::uint32_t p = 0; p < kMaxProbes; ++p) {
+      if (springs_[p].body != i) continue;
+      probes[count] = p;
+      springs[count++] = springs_[p].spring;
+    }
+    haptics::SharedObject& simulated = simulated_[i];
+    if (count > 0) {
+      body.touched_ns = now_ns;
+      if (body.mode == Mode::kFollows) {
+        simulated.place(body.placed);
+        simulated.own();
+        body.coupling = nullptr;
+      }
+      body.mode = Mode::kHeld;
+      simulate_as_ordered(i);
+    } else if (body.mode == Mode::kHeld && now_ns - body.touched_ns > kHoldNs) {
+      body.mode = Mode::kLetGo;
+      body.let_go_ns = now_ns;
+      body.heard_at_release = body.order.heard.number;
+      simulate_as_ordered(i);
+    }
+    if (body.mode == Mode::kFollows) continue;
+
+    const haptics::BodyState before = simulated.state();
+    const haptics::Surroundings around{true, body.object->body->ground, nullptr};
+    simulated.step(session_ns, {springs.data(), count}, around, settings_.period);
+    const haptics::BodyState& after = simulated.state();
+    for (std::uint32_t k = 0; k < count; ++k) {
+      const Vec3d velocity = after.velocity + after.spin.cross(springs[k].point - before.position);
+      passed_on_[probes[k]] += springs[k].force(velocity, settings_.period).dot(settings_.period * velocity);
+    }
+    if (body.coupling != nullptr) body.ledger = body.coupling->ledger();
+    show(cycle, body, after);
+  }
+  report(now_ns, session_ns);
+}
+
+void Bodies::report(std::int64_t now_ns, std::int64_t session_ns) noexcept {
+  reports_.time_ns = now_ns;
+  reports_.session_ns = session_ns;
+  reports_.count = count_;
+  for (std::uint32_t i = 0; i < count_; ++i) {
+    const Body& body = bodies_[i];
+    BodyReport& report = reports_.bodies[i];
+    report.object = body.object->index;
+    report.held = body.mode == Mode::kHeld;
+    report.simulated = body.mode != Mode::kFollows;
+    report.publish = report.held ? body.order.publish : 0;
+    report.group = body.order.group;
+    report.state = body.placed;
+    report.ledger = body.ledger;
+    report.copies = body.coupling != nullptr ? static_cast<std::uint32_t>(body.coupling->copies()) : 0;
+    if (report.copies == 0) continue;
+    report.place = static_cast<std::uint32_t>(body.coupling->place());
+    report.sample = body.coupling->sample();
+  }
+  for (std::uint32_t p = 0; p < kMaxProbes; ++p) reports_.ports[p] = ports_[p].ledger();
+  sender_reports_.post(reports_);
+  service_reports_.post(reports_);
+}
+
+}  // namespace tactus::hrtc_service

@@ -1,0 +1,134 @@
+/// Objects that can move, in the haptic thread: where they stand, what probes do to them, what they do to hands.
+///
+///     place:  orders, copies of peers, poses heard --> Cycle::move          before Cycle::touch
+///     limit:  forces of the touch --[ port's energy ]--> forces on hands    after it
+///     step:   springs of the touch --> SharedObject --> Cycle::move         once the forces are out
+///
+/// A body that a probe touches is simulated here at once, alone or as one of several copies as the orders say, and for
+/// a moment after it was let go, until poses tell that somebody else has taken it on. All others follow the poses
+/// heard. The spring between hand and body is the cycle's own proxy: what the hand feels is what the body gets, scaled
+/// as limits scaled it, so what passes is counted on both sides (haptics/passivity.hpp).
+///
+/// Everything is allocated at construction. Realtime; the haptic thread's, but for the mailboxes and the ring.
+#pragma once
+
+#include <array>
+#include <boost/lockfree/spsc_queue.hpp>
+#include <cstdint>
+#include <vector>
+
+#include "haptics/mailbox.hpp"
+#include "haptics/passivity.hpp"
+#include "haptics/shared_object.hpp"
+#include "hrtc_service/cycle.hpp"
+#include "session/clock.hpp"
+#include "sharing/picture.hpp"
+
+namespace tactus::hrtc_service {
+
+inline constexpr std::uint32_t kMaxBodies = 8;
+
+/// What the service wants of one body.
+struct BodyOrder {
+  std::uint32_t object = spm::kNone;          ///< index
+  haptics::CopyCoupling* coupling = nullptr;  ///< to simulate it with while it is held here; null: alone
+  std::uint64_t group = 0;                    ///< fencing number of the coupling's group
+  std::uint64_t publish = 0;                  ///< fencing number under which its poses count; 0: they do not
+  sharing::HeardPose heard;                   ///< the newest of somebody else
+};
+
+struct BodyOrders {
+  std::uint64_t number = 0;  ///< grows with each
+  session::ClockMap clock;
+  std::uint32_t count = 0;
+  std::array<BodyOrder, kMaxBodies> bodies;
+};
+
+/// A peer's sample on its way to the haptic thread.
+struct CopyArrival {
+  std::uint32_t object = 0, place = 0;
+  std::uint64_t group = 0;
+  haptics::CopySample sample;
+};
+using CopyRing = boost::lockfree::spsc_queue<CopyArrival>;
+
+struct BodyReport {
+  std::uint32_t object = 0;
+  bool held = false;       ///< a probe touches it, or did a moment ago
+  bool simulated = false;  ///< here
+  std::uint64_t publish = 0, group = 0;
+  std::uint32_t copies = 0, place = 0;  ///< of its group, and its own number there; no copies: alone
+  haptics::BodyState state;
+  haptics::CopyCoupling::Ledger ledger;  ///< of the group it is or last was in
+  haptics::CopySample sample;            ///< to send, when it has copies
+};
+
+struct BodyReports {
+  std::uint64_t orders_seen = 0;  ///< number of the newest taken: what only older ones named is no longer used
+  std::int64_t time_ns = 0;
+  std::int64_t session_ns = 0;
+  std::uint32_t count = 0;
+  std::array<BodyReport, kMaxBodies> bodies;
+  std::array<haptics::PassivityController::Ledger, kMaxProbes> ports;  ///< of hands, on bodies
+};
+
+class Bodies {
+ public:
+  explicit Bodies(const CycleSettings& settings);
+
+  void place(Cycle& cycle, std::int64_t now_ns) noexcept;
+  /// `outputs` as the touch left them.
+  void limit(const Cycle& cycle, const std::array<ProbeInput, kMaxProbes>& inputs,
+             std::array<ProbeOutput, kMaxProbes>& outputs) noexcept;
+  /// Moves what is simulated here for the next touch, and reports.
+  void step(Cycle& cycle, std::int64_t now_ns) noexcept;
+
+  [[nodiscard]] haptics::Mailbox<BodyOrders>& orders() noexcept { return orders_; }
+  [[nodiscard]] CopyRing& copies() noexcept { return copies_; }
+  [[nodiscard]] haptics::Mailbox<BodyReports>& reports_for_sender() noexcept { return sender_reports_; }
+  [[nodiscard]] haptics::Mailbox<BodyReports>& reports_for_service() noexcept { return service_reports_; }
+  [[nodiscard]] bool empty() const noexcept { return count_ == 0; }
+
+ private:
+  enum class Mode : std::uint8_t { kFollows, kHeld, kLetGo };
+  struct Body {
+    const TouchObject* object = nullptr;
+    Mode mode = Mode::kFollows;
+    BodyOrder order;
+    haptics::CopyCoupling* coupling = nullptr;  // in use
+    sharing::Picture picture;
+    std::int64_t touched_ns = 0, let_go_ns = 0;
+    std::uint64_t heard_at_release = 0, pictured = 0;
+    haptics::CopyCoupling::Ledger ledger;
+    haptics::BodyState placed;  // as the cycle knows it
+  };
+  struct Spring {
+    std::uint32_t body = kMaxBodies;  // none
+    haptics::PointSpring spring;
+  };
+
+  void find_new(const Cycle& cycle) noexcept;
+  void take_orders() noexcept;
+  void simulate_as_ordered(std::uint32_t i) noexcept;
+  void follow_if_told(Body& body, haptics::SharedObject& simulated, std::int64_t now_ns,
+                      std::int64_t session_ns) noexcept;
+  void show(Cycle& cycle, Body& body, const haptics::BodyState& state) const noexcept;
+  void report(std::int64_t now_ns, std::int64_t session_ns) noexcept;
+  [[nodiscard]] std::uint32_t body_of(std::uint32_t object) const noexcept;
+
+  CycleSettings settings_;
+  haptics::Mailbox<BodyOrders> orders_;
+  haptics::Mailbox<BodyReports> sender_reports_, service_reports_;
+  CopyRing copies_{1024};
+  BodyOrders current_;
+  std::uint32_t objects_seen_ = 0, count_ = 0;
+  std::array<Body, kMaxBodies> bodies_;
+  std::vector<haptics::SharedObject> simulated_;  // beside bodies_, kMaxBodies
+  std::array<haptics::PassivityController, kMaxProbes> ports_;
+  std::array<double, kMaxProbes> passed_on_{};  // J to a body since the port's last step
+  std::array<Spring, kMaxProbes> springs_;
+  BodyReports reports_;
+  CopyArrival arrival_;
+};
+
+}  // namespace tactus::hrtc_service

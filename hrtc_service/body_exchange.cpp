@@ -1,0 +1,128 @@
+#include "hrtc_service/body_exchange.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+
+#include "hrtc_service/realtime.hpp"
+
+namespace tactus::hrtc_service {
+namespace {
+
+constexpr std::int64_t kMs = 1'000'000;
+constexpr std::int64_t kPoseNs = 4 * kMs;        // between poses of what moves here
+constexpr std::int64_t kLingerNs = 2000 * kMs;   // for which the ends of what was let go stay
+constexpr std::int64_t kMarginNs = 2 * kMs;      // beyond the transit: threads that are woken late
+constexpr std::int64_t kLongestNs = 1000 * kMs;  // more is no transit but a clock that is not set yet
+
+}  // namespace
+
+BodyExchange::BodyExchange(wire::Links& links, Bodies& bodies)
+    : links_{links},
+      bodies_{bodies},
+      holdings_{links.origin(), bodies.orders()},
+      claims_out_{links, wire::topics::kObjectClaim},
+      poses_out_{links, wire::topics::kObjectPose} {}
+BodyExchange::~BodyExchange() = default;
+
+bool BodyExchange::add(const TouchObject& object) {
+  if (!holdings_.add(object.index, object.id, *object.body)) return false;
+  const std::lock_guard lock{slots_mutex_};
+  slots_[object.index].id = object.id;
+  slots_[object.index].centre = object.body->centre;
+  return true;
+}
+
+void BodyExchange::on_pose(const session::ObjectPose& pose, std::int64_t session_now_ns) {
+  on_transit(session_now_ns - pose.session_time_ns, session_now_ns);
+  holdings_.on_pose(pose);
+}
+
+void BodyExchange::on_transit(std::int64_t transit_ns, std::int64_t now_ns) noexcept {
+  if (transit_ns >= 0 && transit_ns < kLongestNs) transit_.on_transit(transit_ns, now_ns);
+}
+
+void BodyExchange::on_copy(std::uint32_t object, const session::ObjectCopy& copy) {
+  if (copy.origin.participant == links_.origin().participant) return;
+  const std::int64_t now_ns = monotonic_ns();
+  copy_heard_ns_[object].store(now_ns, std::memory_order_relaxed);
+  const std::int64_t transit_ns = now_ns + session_offset_ns_.load(std::memory_order_relaxed) - copy.session_time_ns;
+  if (transit_ns > copy_transit_ns_.load(std::memory_order_relaxed))
+    copy_transit_ns_.store(transit_ns, std::memory_order_relaxed);
+  const std::lock_guard lock{ring_mutex_};
+  (void)bodies_.copies().push({object, copy.place, copy.fencing, sharing::sample_of(copy)});
+}
+
+void BodyExchange::sync_ends(std::int64_t now_ns) {
+  for (const Holdings::Held& body : holdings_.bodies()) {
+    if (!body.held) continue;
+    Ends& ends = ends_[body.id];
+    ends.held_ns = now_ns;
+    if (ends.out != nullptr) continue;
+    ends.object = body.object;
+    const wire::EndOptions where{wire::group_partition(body.id)};
+    ends.out = std::make_unique<wire::Writer<session::ObjectCopy>>(links_, wire::topics::kObjectCopy, where);
+    ends.in = std::make_unique<wire::Reader<session::ObjectCopy>>(
+        links_, wire::topics::kObjectCopy,
+        [this, object = body.object](session::ObjectCopy&& copy) { on_copy(object, copy); }, where);
+    const std::lock_guard lock{slots_mutex_};
+    slots_[body.object].copies = ends.out.get();
+  }
+  for (auto at = ends_.begin(); at != ends_.end();) {
+    if (now_ns - at->second.held_ns < kLingerNs) {
+      ++at;
+      continue;
+    }
+    {
+      const std::lock_guard lock{slots_mutex_};
+      slots_[at->second.object].copies = nullptr;
+    }
+    at = ends_.erase(at);
+  }
+}
+
+void BodyExchange::tick(std::int64_t now_ns, const session::ClockMap& clock) {
+  if (holdings_.bodies().empty()) return;
+  session_offset_ns_ = clock.session_time(now_ns) - now_ns;
+  if (BodyReports reports; bodies_.reports_for_service().take(reports)) holdings_.on_reports(reports);
+  sync_ends(now_ns);
+  for (const auto& [id, ends] : ends_)
+    holdings_.on_peer_heard(ends.object, copy_heard_ns_[ends.object].load(std::memory_order_relaxed));
+  if (const std::int64_t transit_ns = copy_transit_ns_.exchange(-1); transit_ns >= 0)
+    on_transit(transit_ns, clock.session_time(now_ns));
+  holdings_.set_one_way(transit_.most_ns() + kMarginNs);
+  for (session::ObjectClaim& claim : holdings_.tick(now_ns, clock)) (void)claims_out_.send(claim);
+}
+
+void BodyExchange::send() {
+  BodyReports reports;
+  if (!bodies_.reports_for_sender().take(reports)) return;
+  const std::lock_guard lock{slots_mutex_};
+  for (std::uint32_t i = 0; i < reports.count; ++i) {
+    const BodyReport& body = reports.bodies[i];
+    Slot& slot = slots_[body.object];
+    if (slot.id == 0) continue;
+    if (body.copies > 0 && slot.copies != nullptr) {
+      session::ObjectCopy copy;
+      copy.origin = links_.origin();
+      copy.object_id = slot.id;
+      copy.sequence = ++slot.copy_sequence;
+      copy.fencing = body.group;
+      copy.place = body.place;
+      sharing::put_sample(body.sample, body.copies, copy);
+      (void)slot.copies->send(copy);
+    }
+    if (body.publish == 0 || reports.time_ns - slot.pose_sent_ns < kPoseNs) continue;
+    slot.pose_sent_ns = reports.time_ns;
+    session::ObjectPose pose;
+    pose.origin = links_.origin();
+    pose.object_id = slot.id;
+    pose.sequence = ++slot.pose_sequence;
+    pose.fencing = body.publish;
+    pose.session_time_ns = reports.session_ns;
+    sharing::put_state(body.state, slot.centre, pose);
+    (void)poses_out_.send(pose);
+  }
+}
+
+}  // namespace tactus::hrtc_service

@@ -1,0 +1,78 @@
+/// What an HRTC and the others tell each other of objects that can move: the DDS half of Holdings and Bodies.
+///
+///     object_grant, object_pose  --> service's inbox     service  --> object_claim
+///     object_copy of peers       --> haptic thread's ring     sender --> object_copy, object_pose
+///
+/// The ends for copies of an object are in a partition of its own, and only there while a user here holds it: nobody
+/// else is burdened with a sample from each holder each cycle.
+///
+/// Service thread, but for what says otherwise.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <vector>
+
+#include "hrtc_service/holdings.hpp"
+#include "session/transit.hpp"
+#include "wire/ends.hpp"
+
+namespace tactus::hrtc_service {
+
+class BodyExchange {
+ public:
+  /// Both must outlive it.
+  BodyExchange(wire::Links& links, Bodies& bodies);
+  ~BodyExchange();
+
+  /// An object that can move; false when there are too many.
+  bool add(const TouchObject& object);
+  void on_grant(const session::ObjectGrant& grant, std::int64_t now_ns) { holdings_.on_grant(grant, now_ns); }
+  void on_pose(const session::ObjectPose& pose, std::int64_t session_now_ns);
+  /// How long any sample of a peer's probe class was under way.
+  void on_transit(std::int64_t transit_ns, std::int64_t now_ns) noexcept;
+  void tick(std::int64_t now_ns, const session::ClockMap& clock);
+  [[nodiscard]] const Holdings& holdings() const noexcept { return holdings_; }
+
+  /// Sender's thread: what the haptic thread reported of its last cycle.
+  void send();
+
+ private:
+  struct Ends {
+    std::uint32_t object = 0;  // index
+    std::unique_ptr<wire::Writer<session::ObjectCopy>> out;
+    std::unique_ptr<wire::Reader<session::ObjectCopy>> in;
+    std::int64_t held_ns = 0;
+  };
+  /// Of one object index, for the threads of DDS and the sender.
+  struct Slot {
+    std::uint64_t id = 0;
+    Vec3d centre = Vec3d::Zero();
+    wire::Writer<session::ObjectCopy>* copies = nullptr;
+    std::uint32_t copy_sequence = 0, pose_sequence = 0;
+    std::int64_t pose_sent_ns = 0;
+  };
+
+  void sync_ends(std::int64_t now_ns);
+  void on_copy(std::uint32_t object, const session::ObjectCopy& copy);
+
+  wire::Links& links_;
+  Bodies& bodies_;
+  Holdings holdings_;
+  session::TransitWatch transit_;
+  wire::Writer<session::ObjectClaim> claims_out_;
+  wire::Writer<session::ObjectPose> poses_out_;  // the sender's
+  std::map<std::uint64_t, Ends> ends_;           // by object
+  std::mutex ring_mutex_;                        // of those who fill the haptic thread's ring
+  std::array<std::atomic<std::int64_t>, kMaxObjects> copy_heard_ns_{};
+  std::atomic<std::int64_t> session_offset_ns_{0};
+  std::atomic<std::int64_t> copy_transit_ns_{-1};  // the greatest since the service last looked; -1: none came
+  std::mutex slots_mutex_;                         // of what follows, the service's and the sender's
+  std::array<Slot, kMaxObjects> slots_;
+};
+
+}  // namespace tactus::hrtc_service

@@ -1,0 +1,30 @@
+/// How long samples are under way, nearly all of them: the greatest transit of the last two seconds without that of
+/// their worst tenth of a second, because a lone stall is not worth waiting for.
+///
+/// One thread at a time. Does not allocate.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+namespace tactus::session {
+
+class TransitWatch {
+ public:
+  void on_transit(std::int64_t transit_ns, std::int64_t now_ns) noexcept;
+  /// As of the last sample; 0 when there was none.
+  [[nodiscard]] std::int64_t most_ns() const noexcept { return most_ns_; }
+
+ private:
+  static constexpr std::size_t kTenths = 20;
+  static constexpr std::int64_t kTenthNs = 100'000'000;
+  struct Tenth {
+    std::int64_t number = -1;
+    std::int64_t transit_ns = 0;
+  };
+  std::array<Tenth, kTenths> tenths_;  // the greatest transit in each
+  std::int64_t most_ns_ = 0;
+};
+
+}  // namespace tactus::session
