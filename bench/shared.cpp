@@ -65,7 +65,7 @@ int run(const Settings& settings) {
   const std::vector<std::size_t> users =
       settings.quick ? std::vector<std::size_t>{2, 8} : std::vector<std::size_t>{2, 3, 4, 8};
   const std::vector<double> couplings =
-      settings.quick ? std::vector<double>{2000} : std::vector<double>{500, 1000, 2000};
+      settings.quick ? std::vector<double>{2000, 10000} : std::vector<double>{500, 1000, 2000, 10000};
   const int seeds = settings.quick ? 1 : settings.seeds;
   Report report{{"shared", "a box of 0.5 kg, 12 x 12 x 8 cm, held at its sides", 0, 0,
                  line("%d seeds, 1 kHz; 200 ms there and back, 50 ms jitter (two standard deviations, each way), 20 %% "

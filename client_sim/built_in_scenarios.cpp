@@ -27,6 +27,19 @@ users:
       - retreat: {}
 )";
 
+constexpr char kLift[] = R"(name: lift
+duration: 20
+users:
+  - name: dan
+    hrtc: "#1"
+    script:
+      - lift: {object: crate, direction: [1, 0, 0], height: 0.1, seconds: 2}
+  - name: eve
+    hrtc: "#2"
+    script:
+      - lift: {object: crate, direction: [-1, 0, 0], height: 0.1, seconds: 2}
+)";
+
 constexpr char kDemo[] = R"(name: demo
 duration: 20
 users:
@@ -199,6 +212,7 @@ users:
 const std::vector<BuiltInScenario>& built_in_scenarios() {
   static const std::vector<BuiltInScenario> kScenarios{{"touch", kTouch},
                                                        {"follow", kFollow},
+                                                       {"lift", kLift},
                                                        {"demo", kDemo},
                                                        {"tap-wall", kTapWall},
                                                        {"tap-wall-remote", kTapWallRemote},

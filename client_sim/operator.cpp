@@ -12,6 +12,8 @@ namespace {
 constexpr double kTouch = 0.03;      // N; less is no contact to a user
 constexpr double kSmoothing = 0.02;  // s, of what is felt
 constexpr std::uint32_t kMaxAttempts = 5;
+constexpr double kLightTouch = 0.5;  // N, at which an object waits for others to press
+constexpr double kLost = 0.1;        // s without contact
 
 Vec3d vector_of(const std::array<double, 3>& a) { return {a[0], a[1], a[2]}; }
 
@@ -84,6 +86,7 @@ void Operator::on_probe_state(const session::ProbeState& state) {
   if (!felt_) hand_ = device_;
   felt_ = true;
   felt_ns_ = state.session_time_ns;
+  felt_force_ += share * (force - felt_force_);
   raw_force_ = force.norm();
   force_ += share * (raw_force_ - force_);
   const bool contact = (state.status & session::kInContact) != 0 && raw_force_ > kTouch;
@@ -100,6 +103,11 @@ void Operator::on_probe_state(const session::ProbeState& state) {
     normal_ = in_contact_ ? Vec3d((normal_ + share * (normal - normal_)).normalized()) : normal;
   }
   in_contact_ = contact;
+}
+
+void Operator::on_other(const session::ProbeState& state) {
+  if (state.user_id == user_id_) return;
+  others_[state.user_id] = {state.object_id, vector_of(state.force).norm(), state.session_time_ns};
 }
 
 std::optional<session::Intent> Operator::tick(std::int64_t session_now_ns, const Objects& objects) {
@@ -152,7 +160,8 @@ void Operator::act(double dt, const Objects& objects) {
       constexpr double kNear = 0.002;
       constexpr double kPatience = 1;
       if ((device_ - hand_).norm() > kNear && clock_ < kPatience) return;
-      if (action.kind == ActionKind::kRetreat) {
+      if (action.kind == ActionKind::kRetreat || released_) {
+        released_ = false;
         next_action();
       } else {
         stage_ = Stage::kPressIn;
@@ -173,6 +182,12 @@ void Operator::act(double dt, const Objects& objects) {
         follow(action, dt);
       }
       return;
+    case Stage::kGrip:
+      grip(action, dt);
+      return;
+    case Stage::kCarry:
+      carry(action, dt);
+      return;
     case Stage::kStill:
       if (clock_ >= action.seconds) next_action();
       return;
@@ -189,6 +204,7 @@ bool Operator::begin(const Action& action, const Objects& objects) {
   if (view == nullptr) return false;  // not there yet, or gone: wait for it
   const bool same_object = view->id == view_.id;
   view_ = *view;
+  released_ = false;
   if (action.kind == ActionKind::kHold || (action.kind == ActionKind::kFollow && same_object && touching())) {
     start_following(action);
     return true;
@@ -273,13 +289,17 @@ void Operator::press_in(const Action& action, double dt) {
     touched_ = proxy_;
   }
   const bool deep = action.depth > 0 && has_touched_ && (touched_ - device_).dot(outwards_) > action.depth;
-  const double wanted = action.kind == ActionKind::kFollow ? 0.3 * action.force : action.force;
+  const double wanted = action.kind == ActionKind::kFollow ? 0.3 * action.force
+                        : action.kind == ActionKind::kLift ? kLightTouch
+                                                           : action.force;
   if (touching() && (deep || (action.depth == 0 && raw_force_ >= wanted))) {
     clock_ = 0;
     if (action.kind == ActionKind::kTap) {
       stage_ = Stage::kLiftOff;
     } else if (action.kind == ActionKind::kFollow) {
       start_following(action);
+    } else if (action.kind == ActionKind::kLift) {
+      start_gripping();
     } else {
       next_action();
     }
@@ -397,6 +417,85 @@ void Operator::follow(const Action& action, double dt) {
   cursor_ += drift * dt;
   hand_ = cursor_ - normal_ * push_;
   hand_velocity_ = drift;
+}
+
+bool Operator::others_press(const Action& action, double force) const {
+  constexpr std::int64_t kFresh = 200'000'000;
+  const auto count = std::count_if(others_.begin(), others_.end(), [&](const auto& entry) {
+    const Other& other = entry.second;
+    return other.object == view_.id && other.force >= force && felt_ns_ - other.at_ns < kFresh;
+  });
+  return count >= static_cast<std::ptrdiff_t>(action.others);
+}
+
+void Operator::start_gripping() {
+  stage_ = Stage::kGrip;
+  clock_ = both_ = lost_ = 0;
+  gripped_ = device_;
+  load_.setZero();
+  push_ = std::max(0.0, (device_ - hand_).dot(outwards_));
+}
+
+/// Until the object is pressed so hard.
+void Operator::press_with(double force, double settling, double dt) {
+  constexpr double kMostPush = 0.08;  // m
+  push_ += (force - felt_force_.dot(outwards_)) / settings_.hand_stiffness * std::min(1.0, dt / settling);
+  push_ = std::clamp(push_, 0.0, kMostPush);
+}
+
+void Operator::grip(const Action& action, double dt) {
+  constexpr double kAll = 0.85;       // of the force, that each has to come to
+  constexpr double kSteady = 0.2;     // s for which they have to
+  constexpr double kGripping = 0.25;  // s
+  lost_ = touching() ? 0 : lost_ + dt;
+  if (lost_ > kLost) {
+    ++tally_.lifts_lost;
+    stage_ = Stage::kBegin;
+    return;
+  }
+  // Alone it would push the object away: so only once the others are there.
+  const bool together = others_press(action, 0.3 * kLightTouch);
+  press_with(together ? action.force : kLightTouch, kGripping, dt);
+  const bool pressed =
+      together && felt_force_.dot(outwards_) > kAll * action.force && others_press(action, kAll * action.force);
+  both_ = pressed ? both_ + dt : 0;
+  hand_ = gripped_ - outwards_ * push_;
+  if (both_ < kSteady) return;
+  stage_ = Stage::kCarry;
+  clock_ = 0;
+}
+
+/// Up, for a while, and down again; the arm comes to bear what it feels.
+void Operator::carry(const Action& action, double dt) {
+  constexpr double kBearing = 0.12;  // s
+  constexpr double kShare = 0.9;     // of the load: more would answer itself
+  constexpr double kKeeping = 0.5;   // s
+  constexpr double kDown = 0.3;      // s on the ground before it is let go
+  lost_ = touching() ? 0 : lost_ + dt;
+  if (lost_ > kLost) {
+    ++tally_.lifts_lost;
+    stage_ = Stage::kBegin;
+    return;
+  }
+  const double way = action.height / action.speed * 1.5;  // s; the fastest is in the middle
+  const auto smooth = [](double share) {
+    const double s = std::clamp(share, 0.0, 1.0);
+    return s * s * (3 - 2 * s);
+  };
+  const double down = way + action.seconds;
+  const double raised = action.height * (smooth(clock_ / way) - smooth((clock_ - down) / way));
+  press_with(action.force, kKeeping, dt);
+  const Vec3d before = hand_;
+  const Vec3d across_press = felt_force_ - outwards_ * felt_force_.dot(outwards_);
+  load_ += (across_press - load_) * std::min(1.0, dt / kBearing);
+  hand_ = gripped_ - outwards_ * push_ + Vec3d::UnitZ() * raised - load_ * (kShare / settings_.hand_stiffness);
+  hand_velocity_ = (hand_ - before) / dt;
+  if (clock_ < down + way + kDown) return;
+  ++tally_.lifts;
+  way_ = {device_ + outwards_ * (settings_.clearance + user_.radius)};
+  hand_ = device_;
+  stage_ = Stage::kTravel;
+  released_ = true;
 }
 
 }  // namespace tactus::client_sim

@@ -1,7 +1,8 @@
 /// A simulated user's mind: it knows where objects are and what its hand feels, and says where the hand wants to be.
 ///
-/// It sees no mesh. Of an object it knows the catalogue's bounds and pose; of the contact the probe states of its own
-/// probe. World frame, SI; times are session time. One thread at a time. Not realtime.
+/// It sees no mesh. Of an object it knows the catalogue's bounds and where it is; of the contact the probe states of
+/// its own probe, and of others how hard they press. World frame, SI; times are session time. One thread at a time. Not
+/// realtime.
 #pragma once
 
 #include <Eigen/Core>
@@ -45,6 +46,8 @@ struct OperatorTally {
   std::uint32_t approaches_missed = 0;  ///< went through where the object should be and felt nothing
   std::uint32_t contacts_lost = 0;      ///< while following
   double following = 0;                 ///< s
+  std::uint32_t lifts = 0;              ///< objects raised, held and put down
+  std::uint32_t lifts_lost = 0;         ///< contact was lost meanwhile
 };
 
 class Operator {
@@ -53,6 +56,8 @@ class Operator {
 
   /// Of this user's probe; others are ignored, and so are samples older than one already felt.
   void on_probe_state(const session::ProbeState& state);
+  /// Of somebody else's probe, as it comes.
+  void on_other(const session::ProbeState& state);
 
   /// Goes on with the script; an intent whenever one is due. Until the first probe state it asks for a place clear of
   /// the first object, where a controller may put the hand. `origin` is
@@ -67,7 +72,7 @@ class Operator {
   [[nodiscard]] bool following() const noexcept { return stage_ == Stage::kFollow; }
 
  private:
-  enum class Stage : std::uint8_t { kBegin, kTravel, kSteady, kPressIn, kLiftOff, kFollow, kStill };
+  enum class Stage : std::uint8_t { kBegin, kTravel, kSteady, kPressIn, kLiftOff, kFollow, kGrip, kCarry, kStill };
 
   void act(double dt, const Objects& objects);
   [[nodiscard]] bool begin(const Action& action, const Objects& objects);
@@ -78,6 +83,11 @@ class Operator {
   void press_in(const Action& action, double dt);
   void lift_off(const Action& action, double dt);
   void follow(const Action& action, double dt);
+  void start_gripping();
+  void grip(const Action& action, double dt);
+  void carry(const Action& action, double dt);
+  void press_with(double force, double settling, double dt);
+  [[nodiscard]] bool others_press(const Action& action, double force) const;
   void start_following(const Action& action);
   [[nodiscard]] bool go_to(const Vec3d& target, double speed, double dt);
   [[nodiscard]] Vec3d tangent(const Action& action);
@@ -98,6 +108,13 @@ class Operator {
   double force_ = 0;               // N, smoothed
   double raw_force_ = 0;
   bool in_contact_ = false;
+  Vec3d felt_force_ = Vec3d::Zero();  // N, smoothed
+  struct Other {
+    std::uint64_t object = 0;
+    double force = 0;  // N
+    std::int64_t at_ns = 0;
+  };
+  std::map<std::uint64_t, Other> others_;  // by user
 
   // What is wanted.
   std::size_t action_ = 0;
@@ -126,6 +143,12 @@ class Operator {
   double extent_ = 0;
   double row_ = 0, row_step_ = 0, heading_ = 1;  // zigzag
   double plane_ = 0;                             // around: distance of the path's plane from the centre
+
+  // Lifting.
+  Vec3d gripped_ = Vec3d::Zero();  // where the device was when both pressed
+  Vec3d load_ = Vec3d::Zero();     // N, across the press, as the arm has come to bear it
+  double both_ = 0;                // s for which all have pressed
+  bool released_ = false;          // the way that is travelled leads away from the object
 };
 
 }  // namespace tactus::client_sim

@@ -43,11 +43,22 @@ void write_users(const Report& report, std::string& out) {
              user.hrtc.substr(0, 16).c_str(), moment(touch.first_touch).c_str(), moment(touch.first_exact).c_str(),
              touch.contact, 100 * touch.exact_share(), touch.force_mean(), touch.force_max, touch.touches, user.taps);
     if (touch.states == 0) out += "    no probe state was received\n";
+    if (user.lifts + user.lifts_lost > 0) out += line("    lifts %u, lost meanwhile %u\n", user.lifts, user.lifts_lost);
     if (user.approaches_missed + user.contacts_lost + touch.faults > 0) {
       out += line("    approaches that met nothing %u, contacts lost while following %u, faults %u",
                   user.approaches_missed, user.contacts_lost, touch.faults);
       out += touch.faults > 0 ? " (the last: " + touch.fault_reason + ")\n" : "\n";
     }
+  }
+}
+
+void write_objects(const Report& report, std::string& out) {
+  if (report.objects.empty()) return;
+  out += "\nObjects that move      raised mm  held s  left at mm    poses  taken on\n";
+  for (const ObjectReport& object : report.objects) {
+    const MoveTally& moved = object.moved;
+    out += line("  %-18s  %10.1f  %6.2f  %10.1f  %7llu  %8u\n", object.name.substr(0, 18).c_str(), 1e3 * moved.raised,
+                moved.held(), 1e3 * moved.left, static_cast<unsigned long long>(moved.poses), moved.simulators);
   }
 }
 
@@ -100,6 +111,13 @@ void write_hrtc(const ParticipantReport& hrtc, std::uint64_t records_total, std:
   if (value(figures::kRemoteDevices) > 0)
     out += line("  devices elsewhere %.0f, their loop taken for %.1f ms at most\n", value(figures::kRemoteDevices),
                 value(figures::kLoopDelay) * 1e-3);
+  if (value(figures::kPortEnergy) != 0 || value(figures::kCopyGroups) > 0)
+    out += line(
+        "  objects moved: copies apart at most %.2f mm, couplings gave at most %.3f mJ of the %.3f mJ received;\n"
+        "    hands' ports hold %.2f mJ, lowest %.6f mJ, withheld %.3f mJ\n",
+        value(figures::kCopiesApart) * 1e-3, value(figures::kCopyGivenMost) * 1e-3,
+        value(figures::kCopyReceived) * 1e-3, value(figures::kPortEnergy) * 1e-3, value(figures::kPortLowest) * 1e-3,
+        value(figures::kPortWithheld) * 1e-3);
   if (value(figures::kStaleCycles) > 0)
     out += line("  cycles with a pose too old, summed over probes: %.0f\n", value(figures::kStaleCycles));
   std::string interventions;
@@ -208,11 +226,39 @@ void TouchTally::add(const session::ProbeState& state, std::int64_t start_ns, st
   started_ = true;
 }
 
+void MoveTally::add(const session::ObjectPose& pose, double height) {
+  constexpr std::int64_t kApart = 10'000'000;
+  constexpr std::size_t kMost = 1'000'000;
+  if (poses++ == 0) first_ = height;
+  if (poses > 1 && pose.origin.participant != last_.origin.participant) ++simulators;
+  left = height - first_;
+  raised = std::max(raised, left);
+  last_ = pose;
+  if (way_.size() < kMost && (way_.empty() || pose.session_time_ns - way_.back().ns >= kApart))
+    way_.push_back({pose.session_time_ns, left});
+}
+
+double MoveTally::held() const {
+  constexpr double kLeast = 0.005;  // m; less is no lift
+  if (raised < kLeast) return 0;
+  std::int64_t longest = 0, since = -1;
+  for (const Sample& sample : way_) {
+    if (sample.raised < 0.9 * raised)
+      since = -1;
+    else if (since < 0)
+      since = sample.ns;
+    else
+      longest = std::max(longest, sample.ns - since);
+  }
+  return 1e-9 * static_cast<double>(longest);
+}
+
 std::string text(const Report& report) {
   std::string out =
       line("Session %s, scenario %s: %.1f s\n", report.session.c_str(), report.scenario.c_str(), report.duration);
   if (!report.trouble.empty()) out += "Not to its end: " + report.trouble + "\n";
   write_users(report, out);
+  write_objects(report, out);
   for (const ParticipantReport& participant : report.participants) {
     if (participant.role == session::Role::kHrtc) write_hrtc(participant, report.records_total, out);
   }
@@ -248,6 +294,8 @@ std::string json(const Report& report) {
                      {"approaches_missed", user.approaches_missed},
                      {"contacts_lost", user.contacts_lost},
                      {"following_s", user.following},
+                     {"lifts", user.lifts},
+                     {"lifts_lost", user.lifts_lost},
                      {"faults", touch.faults},
                      {"fault_reason", touch.fault_reason},
                      {"probe_states",
@@ -260,6 +308,15 @@ std::string json(const Report& report) {
                          {"p999", touch.age_us.percentile(0.999)},
                          {"max", touch.age_us.percentile(1)}}}}}});
   }
+  json objects = json::array();
+  for (const ObjectReport& object : report.objects) {
+    objects.push_back({{"name", object.name},
+                       {"raised_m", object.moved.raised},
+                       {"held_s", object.moved.held()},
+                       {"left_m", object.moved.left},
+                       {"poses", object.moved.poses},
+                       {"taken_on", object.moved.simulators}});
+  }
   json participants = json::array();
   for (const ParticipantReport& participant : report.participants) {
     participants.push_back({{"name", participant.name},
@@ -269,14 +326,9 @@ std::string json(const Report& report) {
   }
   json events = json::array();
   for (const ReportEvent& event : report.events) events.push_back({{"time_s", event.time}, {"text", event.text}});
-  const json all{{"session", report.session},
-                 {"scenario", report.scenario},
-                 {"duration_s", report.duration},
-                 {"trouble", report.trouble},
-                 {"records_total", report.records_total},
-                 {"users", users},
-                 {"participants", participants},
-                 {"events", events}};
+  const json all{{"session", report.session}, {"scenario", report.scenario},           {"duration_s", report.duration},
+                 {"trouble", report.trouble}, {"records_total", report.records_total}, {"users", users},
+                 {"objects", objects},        {"participants", participants},          {"events", events}};
   // Names come from the network: what is not UTF-8 is replaced, not refused.
   return all.dump(2, ' ', false, json::error_handler_t::replace) + "\n";
 }

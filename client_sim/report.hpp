@@ -56,6 +56,34 @@ class TouchTally {
   bool started_ = false;
 };
 
+/// Adds up what the poses of an object that can be moved tell.
+class MoveTally {
+ public:
+  /// `height` of its centre, m.
+  void add(const session::ObjectPose& pose, double height);
+
+  std::uint64_t poses = 0;
+  std::uint32_t simulators = 0;  ///< times that somebody else took it on
+  double raised = 0;             ///< m above where it was first seen, at most
+  double left = 0;               ///< m above where it was first seen, at the end
+  /// s, the longest time without a break for which it was raised by nine tenths of `raised`. O(time).
+  [[nodiscard]] double held() const;
+
+ private:
+  double first_ = 0;
+  session::ObjectPose last_;
+  struct Sample {
+    std::int64_t ns;
+    double raised;
+  };
+  std::vector<Sample> way_;  // since the start, one in 10 ms while it moves
+};
+
+struct ObjectReport {
+  std::string name;
+  MoveTally moved;
+};
+
 struct UserReport {
   std::string name;
   std::string hrtc;
@@ -64,6 +92,7 @@ struct UserReport {
   std::uint32_t approaches_missed = 0;
   std::uint32_t contacts_lost = 0;
   double following = 0;  ///< s
+  std::uint32_t lifts = 0, lifts_lost = 0;
 };
 
 struct ParticipantReport {
@@ -85,6 +114,7 @@ struct Report {
   std::string trouble;              ///< why it did not run to its end; empty when it did
   std::uint64_t records_total = 0;  ///< of all models in the catalogue
   std::vector<UserReport> users;
+  std::vector<ObjectReport> objects;            ///< that can be moved
   std::vector<ParticipantReport> participants;  ///< hosts and HRTCs
   std::vector<ReportEvent> events;
 };

@@ -38,11 +38,20 @@ const std::vector<Verb>& verbs() {
       {"follow",
        ActionKind::kFollow,
        {"object", "direction", "point", "speed", "force", "seconds", "pattern", "extent"}},
+      {"lift", ActionKind::kLift, {"object", "direction", "point", "speed", "force", "seconds", "height", "others"}},
       {"hold", ActionKind::kHold, {"seconds", "force"}},
       {"wait", ActionKind::kWait, {"seconds"}},
       {"retreat", ActionKind::kRetreat, {"speed"}},
   };
   return kVerbs;
+}
+
+/// What is not said of a lift.
+Action lifting(Action action) {
+  action.force = 6;
+  action.speed = 0.08;
+  action.seconds = 2;
+  return action;
 }
 
 Action parse_action(const Place& place, const YAML::Node& node) {
@@ -59,6 +68,7 @@ Action parse_action(const Place& place, const YAML::Node& node) {
   if (verb.kind == ActionKind::kFollow) action.speed = 0.05;
   if (verb.kind == ActionKind::kApproach) action.force = 0.3;
   if (verb.kind == ActionKind::kHold) action.force = 0;
+  if (verb.kind == ActionKind::kLift) action = lifting(action);
   map.name("object", action.object);
   map.vector("direction", -1e6, 1e6, action.direction);
   if (!(action.direction.norm() > 1e-9)) {
@@ -72,6 +82,8 @@ Action parse_action(const Place& place, const YAML::Node& node) {
   map.number("depth", 0, 0.05, action.depth);
   map.number("seconds", 0, kLongest, action.seconds);
   map.integer("count", 1, 10000, action.count);
+  map.number("height", 0.001, 1, action.height);
+  map.integer("others", 0, 7, action.others);
   map.number("extent", 1e-4, 100, action.extent);
   map.choice("pattern", {"circle", "zigzag", "around"}, action.pattern);
   return action;

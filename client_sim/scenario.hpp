@@ -38,6 +38,7 @@ enum class ActionKind : std::uint8_t {
   kFollow,    ///< along the surface at `speed`, pressed on with `force`, for `seconds`
   kHold,      ///< pressed on with `force` (0: just still) for `seconds`
   kWait,      ///< hand still for `seconds`
+  kLift,      ///< with others: presses with `force`, raises the object by `height`, holds it `seconds`, puts it down
   kRetreat    ///< out of the object's bounds the way it came
 };
 
@@ -58,6 +59,8 @@ struct Action {
   double depth = 0;                    ///< tap: m beyond the first touch at which it turns; 0: at `force`
   double seconds = 1;
   std::uint32_t count = 1;
+  double height = 0.1;       ///< lift: m
+  std::uint32_t others = 1;  ///< lift: who have to press, too, before it begins
   Pattern pattern = Pattern::kCircle;
   double extent = 0;  ///< m; 0: a third of what the bounds give
 };
@@ -109,7 +112,7 @@ struct Scenario {
 /// neither.
 [[nodiscard]] Scenario load_scenario(const std::string& name_or_path);
 
-/// `touch`, `follow`, `demo`, and those of studies (docs/studies.md): name and YAML text.
+/// `touch`, `follow`, `lift`, `demo`, and those of studies (docs/studies.md): name and YAML text.
 struct BuiltInScenario {
   const char* name;
   const char* text;

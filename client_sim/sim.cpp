@@ -16,7 +16,7 @@ namespace {
 using wire::monotonic_ns;
 
 using Sample = std::variant<session::RosterEntry, session::CatalogueEntry, session::ProbeState, session::Metrics,
-                            session::Control, session::ClockSample>;
+                            session::Control, session::ClockSample, session::ObjectPose>;
 using Inbox = wire::Inbox<Sample>;
 
 constexpr std::int64_t kClockNs = 100'000'000;
@@ -62,6 +62,7 @@ struct Sim::Impl {
     listen(wire::topics::kCatalogue);
     listen(wire::topics::kProbeState);
     listen(wire::topics::kMetrics);
+    listen(wire::topics::kObjectPose);
     listen(wire::topics::kControl);
     listen(wire::topics::kClock);
   }
@@ -92,6 +93,7 @@ struct Sim::Impl {
   }
   void take(const session::Metrics& metrics, std::int64_t now_ns) { core.on_metrics(metrics, now_ns); }
   void take(const session::Control& control, std::int64_t) { core.on_control(control); }
+  void take(const session::ObjectPose& pose, std::int64_t) { core.on_object_pose(pose); }
   void take(const session::ClockSample& sample, std::int64_t now_ns) {
     if (sample.answer && sample.peer == main.links.origin().participant) clock.on_answer(sample, now_ns);
   }

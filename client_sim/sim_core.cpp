@@ -63,7 +63,8 @@ void SimCore::note(const std::string& text) {
 void SimCore::on_catalogue(const session::CatalogueEntry& entry) {
   if (entry.origin.session != self_.session) return;
   if (entry.withdrawn) return;  // another host may serve it, and users may touch what is loaded
-  objects_[entry.object] = view_of(entry);
+  if (movables_.count(entry.object_id) == 0) objects_[entry.object] = view_of(entry);  // else it moves since
+  if (entry.body.mass > 0) movables_.try_emplace(entry.object_id, Movable{entry, {}, {}});
   record_counts_[entry.object] = entry.summary.records;
 }
 
@@ -108,6 +109,7 @@ void SimCore::take_events(const std::vector<session::RosterEvent>& events) {
 
 void SimCore::on_probe_state(const session::ProbeState& state, std::int64_t session_now_ns) {
   if (state.origin.session != self_.session) return;
+  for (Seat& seat : seats_) seat.mind.on_other(state);
   for (Seat& seat : seats_) {
     if (state.user_id != session::id_of(seat.mind.user().name)) continue;
     if (state.origin.participant != session::id_of(seat.hrtc)) return;
@@ -119,6 +121,15 @@ void SimCore::on_probe_state(const session::ProbeState& state, std::int64_t sess
       note("the force of " + seat.mind.user().name + " is off: " + seat.touch.fault_reason);
     return;
   }
+}
+
+void SimCore::on_object_pose(const session::ObjectPose& pose) {
+  const auto at = movables_.find(pose.object_id);
+  if (pose.origin.session != self_.session || at == movables_.end() || !at->second.gate.accept(pose)) return;
+  at->second.entry.pose = pose.pose;
+  const ObjectView view = view_of(at->second.entry);
+  objects_[at->second.entry.object] = view;
+  at->second.tally.add(pose, view.centre.z());
 }
 
 void SimCore::on_metrics(const session::Metrics& metrics, std::int64_t now_ns) {
@@ -303,8 +314,10 @@ Report SimCore::report() const {
   for (const Seat& seat : seats_) {
     const OperatorTally& tally = seat.mind.tally();
     report.users.push_back({seat.mind.user().name, seat.hrtc, seat.touch, tally.taps, tally.approaches_missed,
-                            tally.contacts_lost, tally.following});
+                            tally.contacts_lost, tally.following, tally.lifts, tally.lifts_lost});
   }
+  for (const auto& [id, movable] : movables_)
+    if (movable.tally.poses > 0) report.objects.push_back({movable.entry.object, movable.tally});
   for (const auto& [id, peer] : peers_)
     report.participants.push_back({peer.name, peer.role, peer.stayed, peer.figures});
   std::sort(report.participants.begin(), report.participants.end(),

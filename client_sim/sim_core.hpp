@@ -22,6 +22,7 @@
 #include "client_sim/report.hpp"
 #include "client_sim/scenario.hpp"
 #include "session/messages.hpp"
+#include "session/ownership.hpp"
 #include "session/remote_probe.hpp"
 #include "session/roster.hpp"
 
@@ -59,6 +60,7 @@ class SimCore {
   void on_roster(const session::RosterEntry& entry, std::int64_t now_ns);
   void on_probe_state(const session::ProbeState& state, std::int64_t session_now_ns);
   void on_metrics(const session::Metrics& metrics, std::int64_t now_ns);
+  void on_object_pose(const session::ObjectPose& pose);
   /// An emergency stop or an end that another participant asks for.
   void on_control(const session::Control& control);
 
@@ -120,7 +122,14 @@ class SimCore {
   std::string taken_;  // the name that an older program has
   std::vector<Presence> presences_;
   std::vector<Seat> seats_;
+  struct Movable {
+    session::CatalogueEntry entry;  // with its newest pose
+    session::PoseGate gate;
+    MoveTally tally;
+  };
+
   Objects objects_;
+  std::map<std::uint64_t, Movable> movables_;                 // by object
   std::map<std::string, std::uint64_t> record_counts_;        // by object
   std::map<std::uint64_t, Peer> peers_;                       // hosts and HRTCs ever seen, by participant
   std::vector<std::pair<std::int64_t, std::string>> events_;  // by this program's clock

@@ -140,7 +140,7 @@ void CopyCoupling::begin(std::int64_t now_ns, double dt, RigidBody& body) noexce
     }
   }
   if (all) ledger_.apart = furthest;
-  if (all) homed_ += apart * (settings_.homing * dt / line_delay_);
+  if (all && paid_) homed_ += apart * (settings_.homing * dt / line_delay_);
   for (std::size_t i = 0; i < settings_.copies; ++i) {
     if (i == place_) continue;
     lines_[i].filtered += (lines_[i].wanted + homed_ - lines_[i].filtered) * (dt / (filter_ + dt));
@@ -160,7 +160,8 @@ void CopyCoupling::begin(std::int64_t now_ns, double dt, RigidBody& body) noexce
     cost += impedance_.dot(line.step.cwiseAbs2()) / (4 * dt);
   }
   double share = 1;
-  if (cost > ledger_.tank) {
+  paid_ = cost <= ledger_.tank;
+  if (!paid_) {
     share = std::sqrt(std::max(0.0, ledger_.tank) / cost);
     ++ledger_.held;
   }

@@ -131,6 +131,7 @@ class CopyCoupling {
   Vec6d moved_ = Vec6d::Zero();  // u: integral of the copy's velocity
   Vec6d end_ = Vec6d::Zero();    // e, likewise
   Vec6d homed_ = Vec6d::Zero();  // added to each y
+  bool paid_ = true;             // the tank could, in the last cycle
   struct Line {
     bool heard = false;              // the peer, at the line's delay
     Vec6d offset = Vec6d::Zero();    // of its wave: the groups of two peers do not begin at one moment

@@ -5,6 +5,7 @@
 namespace tactus::hrtc_service {
 namespace {
 
+constexpr double kStiffness = 10'000;          // N/m: two who press with 6 N from opposite sides are 1.2 mm apart by it
 constexpr std::int64_t kPeerNs = 100'000'000;  // of silence after which copies without a grant part
 constexpr std::int64_t kLeastLineNs = 3'000'000, kMostLineNs = 400'000'000;  // what histories hold, and what is stable
 
@@ -85,6 +86,7 @@ void Holdings::choose_group(Object& object, std::int64_t now_ns) {
   const session::ObjectGrant& grant = object.holder.grant();
   haptics::CouplingSettings settings;
   settings.copies = grant.touchers.size();
+  settings.stiffness = kStiffness;
   settings.delay = 1e-9 * static_cast<double>(std::clamp(grant.line_ns, kLeastLineNs, kMostLineNs));
   object.groups.push_back(
       {grant.fencing, std::make_unique<haptics::CopyCoupling>(settings, object.holder.place(), object.body.settings),

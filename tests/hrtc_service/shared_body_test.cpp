@@ -1,0 +1,181 @@
+// An object that several controllers hold, through all that host and controllers do but DDS, in virtual time.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <set>
+
+#include "session/figures.hpp"
+#include "tests/support/shared_session.hpp"
+
+namespace tactus {
+namespace {
+
+using session::Holder;
+using spm::Vec3d;
+using test_support::SharedSession;
+
+constexpr double kTip = 0.003;
+constexpr double kHalf = SharedSession::kHalf;
+
+std::vector<client_sim::Action> lift_from(const Vec3d& side) {
+  client_sim::Action lift;
+  lift.kind = client_sim::ActionKind::kLift;
+  lift.object = "crate";
+  lift.direction = side;
+  lift.force = 6;
+  lift.speed = 0.08;
+  lift.height = 0.1;
+  lift.seconds = 2;
+  return {lift};
+}
+
+double height(const SharedSession& session) { return session.seen().pose.position[2] - kHalf; }
+
+TEST(SharedBody, APushIsFeltAtOnceAndMovesTheObjectForAll) {
+  SharedSession session{{20}};
+  session.add_controller();
+  session.add_controller();
+  const std::size_t ann = session.add_user(0, {kHalf + 0.03, 0, kHalf});
+  session.run(1);
+  ASSERT_EQ(session.role(0), Holder::Role::kWatching);
+  double before_grant = 0;
+  Vec3d hand{kHalf + 0.03, 0, kHalf};
+  session.run(1.5, [&] {
+    hand.x() -= 6e-5;
+    session.move_hand(ann, hand);
+    if (session.role(0) == Holder::Role::kAsking)
+      before_grant = std::max(before_grant, hrtc_service::vec(session.probe(ann).force).norm());
+  });
+  EXPECT_GT(before_grant, 0.1) << "nobody waits for a grant to feel";
+  EXPECT_EQ(session.role(0), Holder::Role::kOwner);
+  EXPECT_TRUE(session.body(0).held);
+  const double pushed = session.body(0).state.position.x();
+  EXPECT_LT(pushed, -0.01);
+  EXPECT_NEAR(session.body(1).state.position.x(), pushed, 0.002) << "the other controller shows it there";
+  EXPECT_FALSE(session.body(1).simulated);
+
+  session.move_hand(ann, {kHalf + 0.1, 0, kHalf});
+  session.run(1.5);
+  EXPECT_EQ(session.role(0), Holder::Role::kWatching);
+  EXPECT_FALSE(session.body(0).simulated);
+  EXPECT_NEAR(session.body(0).state.position.x(), session.body(1).state.position.x(), 1e-6);
+  EXPECT_FALSE(session.keeper().busy());
+  EXPECT_NEAR(height(session), 0, 1e-3);
+  EXPECT_GE(session.port(ann).lowest, -1e-6);
+}
+
+/// What came of a lift by two.
+struct Lift {
+  double highest = 0, held = 0, peak_force = 0, apart_mm = 0, given_mj = 0, lowest = 0, left = 0;
+  std::uint32_t lifts = 0;
+};
+
+Lift lift(bool two_controllers, std::int64_t delay_ms) {
+  SharedSession session{{delay_ms}};
+  session.add_controller();
+  if (two_controllers) session.add_controller();
+  const std::size_t ann = session.add_user(0, {kHalf + 0.1, 0, kHalf}, lift_from({1, 0, 0}));
+  const std::size_t bob = session.add_user(two_controllers ? 1 : 0, {-kHalf - 0.1, 0, kHalf}, lift_from({-1, 0, 0}));
+  Lift result;
+  session.run(1);
+  session.run(11, [&] {
+    result.highest = std::max(result.highest, height(session));
+    result.held += height(session) > 0.09 ? 1e-3 : 0;
+    for (const std::size_t user : {ann, bob})
+      result.peak_force = std::max(result.peak_force, hrtc_service::vec(session.probe(user).force).norm());
+  });
+  for (const std::size_t user : {ann, bob}) {
+    result.lowest = std::min(result.lowest, session.port(user).lowest);
+    result.lifts += session.mind(user).tally().lifts;
+  }
+  for (std::size_t i = 0; i < (two_controllers ? 2u : 1u); ++i) {
+    result.apart_mm = std::max(result.apart_mm, 1e-3 * session.figure(i, session::figures::kCopiesApart));
+    result.given_mj += 1e-3 * session.figure(i, session::figures::kCopyGiven);
+  }
+  result.left = height(session);
+  return result;
+}
+
+TEST(SharedBody, TwoLiftACrateTogetherAsTheyWouldAtOneController) {
+  const Lift truth = lift(false, 2);
+  EXPECT_EQ(truth.lifts, 2u);
+  EXPECT_NEAR(truth.highest, 0.1, 0.015);
+  EXPECT_GT(truth.held, 1.9);
+  EXPECT_EQ(truth.apart_mm, 0) << "there is one only";
+  for (const std::int64_t delay_ms : {2, 10}) {
+    SCOPED_TRACE(delay_ms);
+    const Lift shared = lift(true, delay_ms);
+    EXPECT_EQ(shared.lifts, 2u);
+    EXPECT_NEAR(shared.highest, truth.highest, 0.01);
+    EXPECT_NEAR(shared.held, truth.held, 0.5);
+    EXPECT_NEAR(shared.left, 0, 0.002);
+    EXPECT_GT(shared.apart_mm, 0);
+    EXPECT_LT(shared.apart_mm, 5);
+    EXPECT_LT(shared.given_mj, 1);
+    EXPECT_GE(shared.lowest, -1e-6);
+    EXPECT_LT(shared.peak_force, 8.001);
+  }
+}
+
+/// Two who hold the crate in the air.
+class HeldByTwo : public ::testing::Test {
+ protected:
+  HeldByTwo() {
+    session_.add_controller();
+    session_.add_controller();
+    std::vector<client_sim::Action> left = lift_from({-1, 0, 0}), right = lift_from({1, 0, 0});
+    left[0].seconds = right[0].seconds = 100;
+    session_.add_user(0, {kHalf + 0.1, 0, kHalf}, right);
+    session_.add_user(1, {-kHalf - 0.1, 0, kHalf}, left);
+    session_.run(6);
+  }
+  [[nodiscard]] bool both_hold() const { return session_.body(0).held && session_.body(1).held; }
+  /// Between the two copies, m.
+  [[nodiscard]] double apart() const {
+    return (session_.body(0).state.position - session_.body(1).state.position).norm();
+  }
+
+  SharedSession session_{{5}};
+};
+
+TEST_F(HeldByTwo, CopiesGoOnWithoutTheirHostAndItTakesTheClaimsUpWhenItStartsAgain) {
+  ASSERT_TRUE(both_hold());
+  ASSERT_GT(height(session_), 0.08);
+  const std::uint64_t before = session_.seen().fencing;
+  session_.stop_host();
+  double lowest = 1, furthest = 0;
+  session_.run(1, [&] {
+    lowest = std::min(lowest, session_.body(0).state.position.z());
+    furthest = std::max(furthest, apart());
+  });
+  EXPECT_EQ(session_.role(0), Holder::Role::kAsking);
+  EXPECT_EQ(session_.body(0).copies, 2u);
+  session_.start_host(2000);
+  session_.run(1, [&] {
+    lowest = std::min(lowest, session_.body(0).state.position.z());
+    furthest = std::max(furthest, apart());
+  });
+  EXPECT_TRUE(both_hold());
+  EXPECT_GT(lowest, kHalf + 0.08) << "nobody let it fall";
+  EXPECT_LT(furthest, 0.005);
+  EXPECT_GT(session_.seen().fencing, before);
+  EXPECT_EQ((std::set{session_.role(0), session_.role(1)}), (std::set{Holder::Role::kLeader, Holder::Role::kCopy}));
+  EXPECT_GT(session_.seen().session_time_ns, session_.now() - 20 * SharedSession::kMs);
+}
+
+TEST_F(HeldByTwo, TheOneWhoIsLeftKeepsTheObject) {
+  ASSERT_TRUE(both_hold());
+  session_.kill_controller(0);
+  session_.run(0.3);
+  EXPECT_EQ(session_.role(1), Holder::Role::kOwner);
+  EXPECT_EQ(session_.body(1).copies, 0u);
+  session_.run(3);  // with one hand it cannot be held up
+  EXPECT_EQ(session_.role(1), Holder::Role::kWatching);
+  EXPECT_NEAR(height(session_), 0, 0.005);
+  EXPECT_NEAR(session_.body(1).state.position.z(), kHalf, 0.005);
+}
+
+}  // namespace
+}  // namespace tactus
