@@ -27,10 +27,8 @@ users:
       - retreat: {}
 )";
 
-constexpr char kLift[] = R"(name: lift
-duration: 20
-users:
-  - name: dan
+/// Who lift a crate, for the end of a list of users.
+constexpr char kLifters[] = R"(  - name: dan
     hrtc: "#1"
     script:
       - lift: {object: crate, direction: [1, 0, 0], height: 0.1, seconds: 2}
@@ -38,6 +36,11 @@ users:
     hrtc: "#2"
     script:
       - lift: {object: crate, direction: [-1, 0, 0], height: 0.1, seconds: 2}
+)";
+
+constexpr char kLift[] = R"(name: lift
+duration: 20
+users:
 )";
 
 constexpr char kDemo[] = R"(name: demo
@@ -210,10 +213,13 @@ users:
 }  // namespace
 
 const std::vector<BuiltInScenario>& built_in_scenarios() {
+  static const std::string kLiftText = std::string{kLift} + kLifters;
+  static const std::string kDemoLiftText = std::string{kDemo} + kLifters;
   static const std::vector<BuiltInScenario> kScenarios{{"touch", kTouch},
                                                        {"follow", kFollow},
-                                                       {"lift", kLift},
+                                                       {"lift", kLiftText.c_str()},
                                                        {"demo", kDemo},
+                                                       {"demo-lift", kDemoLiftText.c_str()},
                                                        {"tap-wall", kTapWall},
                                                        {"tap-wall-remote", kTapWallRemote},
                                                        {"tap-scan", kTapScan},

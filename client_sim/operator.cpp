@@ -3,7 +3,6 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <iterator>
 
 namespace tactus::client_sim {
 
@@ -55,15 +54,18 @@ ObjectView view_of(const session::CatalogueEntry& entry) {
     view.half[axis] = 0.5 * entry.scale * (static_cast<double>(high[axis]) - static_cast<double>(low[axis]));
   }
   view.id = entry.object_id;
+  view.moves = entry.body.mass > 0;
   view.rotation = turn.normalized().toRotationMatrix();
   view.centre = view.rotation * (entry.scale * centre) + vector_of(entry.pose.position);
   return view;
 }
 
 const ObjectView* find_object(const Objects& objects, const std::string& reference) {
-  if (objects.empty()) return nullptr;
   if (const std::uint32_t place = place_of(reference); place > 0) {
-    return &std::next(objects.begin(), static_cast<std::ptrdiff_t>((place - 1) % objects.size()))->second;
+    std::vector<const ObjectView*> fixed;
+    for (const auto& [name, view] : objects)
+      if (!view.moves) fixed.push_back(&view);
+    return fixed.empty() ? nullptr : fixed[(place - 1) % fixed.size()];
   }
   const auto found = objects.find(reference);
   return found == objects.end() ? nullptr : &found->second;

@@ -23,13 +23,15 @@ struct ObjectView {
   Vec3d centre = Vec3d::Zero();                            ///< world, m
   Vec3d half = Vec3d::Zero();                              ///< half edges along the object's axes, m
   Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();  ///< object's axes to world
+  bool moves = false;                                      ///< it can be moved
 };
 [[nodiscard]] ObjectView view_of(const session::CatalogueEntry& entry);
 
 /// By object name.
 using Objects = std::map<std::string, ObjectView>;
 
-/// The object that a scenario means: by name, or for "#n" the n-th by name, counted around. Null when there is none.
+/// The object that a scenario means: by name, or for "#n" the n-th by name of those that cannot be moved, counted
+/// around. Null when there is none.
 [[nodiscard]] const ObjectView* find_object(const Objects& objects, const std::string& reference);
 
 struct OperatorSettings {

@@ -60,6 +60,7 @@ void write_objects(const Report& report, std::string& out) {
     out += line("  %-18s  %10.1f  %6.2f  %10.1f  %7llu  %8u\n", object.name.substr(0, 18).c_str(), 1e3 * moved.raised,
                 moved.held(), 1e3 * moved.left, static_cast<unsigned long long>(moved.poses), moved.simulators);
   }
+  out += line("  energy injected between copies: %.4f mJ\n", 1e3 * injected(report));
 }
 
 constexpr std::pair<const char*, const char*> kInterventions[] = {
@@ -113,11 +114,11 @@ void write_hrtc(const ParticipantReport& hrtc, std::uint64_t records_total, std:
                 value(figures::kLoopDelay) * 1e-3);
   if (value(figures::kPortEnergy) != 0 || value(figures::kCopyGroups) > 0)
     out += line(
-        "  objects moved: copies apart at most %.2f mm, couplings gave at most %.3f mJ of the %.3f mJ received;\n"
-        "    hands' ports hold %.2f mJ, lowest %.6f mJ, withheld %.3f mJ\n",
-        value(figures::kCopiesApart) * 1e-3, value(figures::kCopyGivenMost) * 1e-3,
-        value(figures::kCopyReceived) * 1e-3, value(figures::kPortEnergy) * 1e-3, value(figures::kPortLowest) * 1e-3,
-        value(figures::kPortWithheld) * 1e-3);
+        "  objects moved: copies apart at most %.2f mm, couplings gave %.3f mJ and had %.3f mJ; hands' ports hold %.2f "
+        "mJ,\n"
+        "    the lowest held %.6f mJ, and %.3f mJ were withheld\n",
+        value(figures::kCopiesApart) * 1e-3, value(figures::kCopyGiven) * 1e-3, value(figures::kCopyReceived) * 1e-3,
+        value(figures::kPortEnergy) * 1e-3, value(figures::kPortLowest) * 1e-3, value(figures::kPortWithheld) * 1e-3);
   if (value(figures::kStaleCycles) > 0)
     out += line("  cycles with a pose too old, summed over probes: %.0f\n", value(figures::kStaleCycles));
   std::string interventions;
@@ -253,6 +254,12 @@ double MoveTally::held() const {
   return 1e-9 * static_cast<double>(longest);
 }
 
+double injected(const Report& report) {
+  double given = 0;
+  for (const ParticipantReport& participant : report.participants) given += value_of(participant, figures::kCopyGiven);
+  return 1e-6 * std::max(0.0, given);
+}
+
 std::string text(const Report& report) {
   std::string out =
       line("Session %s, scenario %s: %.1f s\n", report.session.c_str(), report.scenario.c_str(), report.duration);
@@ -328,7 +335,8 @@ std::string json(const Report& report) {
   for (const ReportEvent& event : report.events) events.push_back({{"time_s", event.time}, {"text", event.text}});
   const json all{{"session", report.session}, {"scenario", report.scenario},           {"duration_s", report.duration},
                  {"trouble", report.trouble}, {"records_total", report.records_total}, {"users", users},
-                 {"objects", objects},        {"participants", participants},          {"events", events}};
+                 {"objects", objects},        {"injected_j", injected(report)},        {"participants", participants},
+                 {"events", events}};
   // Names come from the network: what is not UTF-8 is replaced, not refused.
   return all.dump(2, ' ', false, json::error_handler_t::replace) + "\n";
 }

@@ -119,6 +119,9 @@ struct Report {
   std::vector<ReportEvent> events;
 };
 
+/// J that couplings gave to the copies of all controllers together, less what they took: the network's own energy.
+[[nodiscard]] double injected(const Report& report);
+
 /// Lines of at most 120 columns.
 [[nodiscard]] std::string text(const Report& report);
 /// One JSON object; every figure of every participant under its own name.

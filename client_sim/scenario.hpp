@@ -112,7 +112,7 @@ struct Scenario {
 /// neither.
 [[nodiscard]] Scenario load_scenario(const std::string& name_or_path);
 
-/// `touch`, `follow`, `lift`, `demo`, and those of studies (docs/studies.md): name and YAML text.
+/// `touch`, `follow`, `lift`, `demo`, `demo-lift`, and those of studies (docs/studies.md): name and YAML text.
 struct BuiltInScenario {
   const char* name;
   const char* text;

@@ -11,14 +11,15 @@ constexpr std::size_t kMaxEvents = 1000;
 
 double seconds(std::int64_t ns) { return static_cast<double>(ns) * 1e-9; }
 
-/// The references that `names` does not fulfil: names that are absent, and "#n" while fewer than n are there.
+/// The references that `names` does not fulfil: names that are absent, and "#n" while fewer than n of `counted` are
+/// there.
 std::string unfulfilled(const std::set<std::string>& references, const std::vector<std::string>& names,
-                        bool count_around) {
+                        std::size_t counted, bool count_around) {
   std::string missing;
   for (const std::string& reference : references) {
     const std::uint32_t place = place_of(reference);
     const bool there = place == 0 ? std::find(names.begin(), names.end(), reference) != names.end()
-                                  : names.size() >= place || (count_around && !names.empty());
+                                  : counted >= place || (count_around && counted > 0);
     if (!there) missing += (missing.empty() ? "" : ", ") + reference;
   }
   return missing;
@@ -179,11 +180,15 @@ void SimCore::gather(std::int64_t now_ns) {
   }
   std::sort(hrtcs.begin(), hrtcs.end());
   std::vector<std::string> objects;
-  for (const auto& [name, view] : objects_) objects.push_back(name);
+  std::size_t fixed = 0;
+  for (const auto& [name, view] : objects_) {
+    objects.push_back(name);
+    fixed += view.moves ? 0 : 1;
+  }
   if (found_ns_ < 0 && !hrtcs.empty() && !objects.empty()) found_ns_ = now_ns;
   const bool settled = found_ns_ >= 0 && seconds(now_ns - found_ns_) >= settings_.settle;
-  const std::string no_hrtc = unfulfilled(hrtc_references(scenario_), hrtcs, settled);
-  const std::string no_object = unfulfilled(object_references(scenario_), objects, settled);
+  const std::string no_hrtc = unfulfilled(hrtc_references(scenario_), hrtcs, hrtcs.size(), settled);
+  const std::string no_object = unfulfilled(object_references(scenario_), objects, fixed, settled);
   trouble_.clear();
   if (!no_hrtc.empty()) trouble_ = "no HRTC " + no_hrtc + " in session '" + settings_.session + "'";
   if (!no_object.empty()) trouble_ += (trouble_.empty() ? "" : "; ") + ("no host serves object " + no_object);

@@ -42,9 +42,11 @@ CopyCoupling::CopyCoupling(const CouplingSettings& settings, std::size_t place, 
   Vec6d per_spring;
   per_spring << Vec3d::Ones(), 3 * whole.inertia / whole.mass;
   stiffness_ = per_spring * settings_.stiffness;
+  Vec6d least;
+  least << Vec3d::Constant(settings_.least_stiffness), Vec3d::Constant(settings_.least_turning_stiffness);
   const double pairs = copies * (copies - 1) / 2;
   impedance_ = (per_mass * (phi * whole.mass * scale / (pairs * line_delay_)))
-                   .cwiseMax(per_spring * (settings_.least_stiffness * line_delay_ / pairs));
+                   .cwiseMax(per_spring.cwiseProduct(least) * (line_delay_ / pairs));
   drag_ = per_mass * (settings_.drag / copies);
   ledger_.tank = ledger_.received = settings_.initial / copies;
   own_.time_ns = -1;

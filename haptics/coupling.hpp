@@ -55,6 +55,8 @@ struct CouplingSettings {
   double line_share = 0.85;  ///< of the mass that is in the line
   /// N/m between two copies under a held force, at least; makes long lines heavier than the object.
   double least_stiffness = 60;
+  /// N/m, the same for turning, where a box has its corners: who holds an object by one point turns it by its weight.
+  double least_turning_stiffness = 4000;
   double drag = 0.6;               ///< N s/m of the whole object
   double credited = 0.5;           ///< share of what the drag takes that may be given again
   double tank = 0.1;               ///< J at most; more is lost

@@ -147,6 +147,17 @@ void Bodies::limit(const Cycle& cycle, const std::array<ProbeInput, kMaxProbes>&
   }
 }
 
+std::uint32_t Bodies::steps_due(Body& body, std::int64_t session_ns) const noexcept {
+  constexpr std::int64_t kMost = 10;
+  const auto period_ns = static_cast<std::int64_t>(settings_.period * 1e9 + 0.5);
+  const std::int64_t due = (session_ns - body.simulated_ns + period_ns / 2) / period_ns;
+  if (due < 0 || due > kMost) {  // it has just been touched, or a clock has stepped
+    body.simulated_ns = session_ns - period_ns;
+    return 1;
+  }
+  return static_cast<std::uint32_t>(due);
+}
+
 void Bodies::step(Cycle& cycle, std::int64_t now_ns) noexcept {
   if (count_ == 0) return;
   const std::int64_t session_ns = current_.clock.session_time(now_ns);
@@ -178,16 +189,22 @@ void Bodies::step(Cycle& cycle, std::int64_t now_ns) noexcept {
     }
     if (body.mode == Mode::kFollows) continue;
 
-    const haptics::BodyState before = simulated.state();
     const haptics::Surroundings around{true, body.object->body->ground, nullptr};
-    simulated.step(session_ns, {springs.data(), count}, around, settings_.period);
-    const haptics::BodyState& after = simulated.state();
-    for (std::uint32_t k = 0; k < count; ++k) {
-      const Vec3d velocity = after.velocity + after.spin.cross(springs[k].point - before.position);
-      passed_on_[probes[k]] += springs[k].force(velocity, settings_.period).dot(settings_.period * velocity);
+    for (std::uint32_t left = steps_due(body, session_ns); left > 0; --left) {
+      body.simulated_ns += static_cast<std::int64_t>(settings_.period * 1e9 + 0.5);
+      const haptics::BodyState before = simulated.state();
+      simulated.step(body.simulated_ns, {springs.data(), count}, around, settings_.period);
+      const haptics::BodyState& after = simulated.state();
+      for (std::uint32_t k = 0; k < count; ++k) {
+        const Vec3d velocity = after.velocity + after.spin.cross(springs[k].point - before.position);
+        const Vec3d way = settings_.period * velocity;
+        passed_on_[probes[k]] += springs[k].force(velocity, settings_.period).dot(way);
+        springs[k].point += way;  // where the next step finds them
+        springs[k].target += settings_.period * springs[k].target_velocity;
+      }
     }
     if (body.coupling != nullptr) body.ledger = body.coupling->ledger();
-    show(cycle, body, after);
+    show(cycle, body, simulated.state());
   }
   report(now_ns, session_ns);
 }

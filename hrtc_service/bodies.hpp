@@ -9,6 +9,9 @@
 /// heard. The spring between hand and body is the cycle's own proxy: what the hand feels is what the body gets, scaled
 /// as limits scaled it, so what passes is counted on both sides (haptics/passivity.hpp).
 ///
+/// Time goes in steps of a period by session time: a cycle that was skipped is made up for, and one that is late by
+/// less than half a period changes nothing, so that the waves of peers are played evenly.
+///
 /// Everything is allocated at construction. Realtime; the haptic thread's, but for the mailboxes and the ring.
 #pragma once
 
@@ -98,6 +101,7 @@ class Bodies {
     haptics::CopyCoupling* coupling = nullptr;  // in use
     sharing::Picture picture;
     std::int64_t touched_ns = 0, let_go_ns = 0;
+    std::int64_t simulated_ns = 0;  // session time to which it has been
     std::uint64_t heard_at_release = 0, pictured = 0;
     haptics::CopyCoupling::Ledger ledger;
     haptics::BodyState placed;  // as the cycle knows it
@@ -110,6 +114,8 @@ class Bodies {
   void find_new(const Cycle& cycle) noexcept;
   void take_orders() noexcept;
   void simulate_as_ordered(std::uint32_t i) noexcept;
+  /// Steps from where it was simulated to, to now.
+  [[nodiscard]] std::uint32_t steps_due(Body& body, std::int64_t session_ns) const noexcept;
   void follow_if_told(Body& body, haptics::SharedObject& simulated, std::int64_t now_ns,
                       std::int64_t session_ns) noexcept;
   void show(Cycle& cycle, Body& body, const haptics::BodyState& state) const noexcept;

@@ -68,7 +68,6 @@ void Holdings::on_reports(const BodyReports& reports) {
     }
     object.ledger = report.ledger;
     apart_most_ = std::max(apart_most_, object.ledger.apart);
-    given_most_ = std::max(given_most_, object.given_before + object.ledger.given);
   }
 }
 
@@ -158,7 +157,6 @@ void Holdings::write(std::vector<session::Figure>& figures) const {
                                                 {names::kCopyGroups, static_cast<double>(groups_made_)},
                                                 {names::kCopiesApart, 1e6 * apart_most_},
                                                 {names::kCopyGiven, 1e6 * given},
-                                                {names::kCopyGivenMost, 1e6 * given_most_},
                                                 {names::kCopyReceived, 1e6 * received},
                                                 {names::kCopyTank, 1e6 * tank},
                                                 {names::kPortEnergy, 1e6 * port_energy},

@@ -88,7 +88,7 @@ class Holdings {
   std::vector<Held> shown_;
   std::int64_t one_way_ns_ = 0;
   BodyReports reports_;
-  double apart_most_ = 0, given_most_ = 0;
+  double apart_most_ = 0;
   std::uint64_t groups_made_ = 0;
 };
 

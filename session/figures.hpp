@@ -87,7 +87,6 @@ inline constexpr char kBodiesCoupled[] = "hrtc.bodies_coupled";  ///< of these, 
 inline constexpr char kCopyGroups[] = "hrtc.copy_groups";        ///< that it has been in
 inline constexpr char kCopiesApart[] = "hrtc.copies_apart_um";   ///< at most, of its copies' centres and a peer's
 inline constexpr char kCopyGiven[] = "hrtc.copy_given_uj";       ///< by couplings to its copies, less what they took
-inline constexpr char kCopyGivenMost[] = "hrtc.copy_given_most_uj";
 inline constexpr char kCopyReceived[] = "hrtc.copy_received_uj";  ///< by its couplings, from peers and allowance
 inline constexpr char kCopyTank[] = "hrtc.copy_tank_uj";
 inline constexpr char kPortEnergy[] = "hrtc.port_energy_uj";      ///< of its users' hands on bodies, summed

@@ -104,7 +104,7 @@ TEST(SharedBody, TwoLiftACrateTogetherAsTheyWouldAtOneController) {
   EXPECT_NEAR(truth.highest, 0.1, 0.015);
   EXPECT_GT(truth.held, 1.9);
   EXPECT_EQ(truth.apart_mm, 0) << "there is one only";
-  for (const std::int64_t delay_ms : {2, 10}) {
+  for (const std::int64_t delay_ms : {2, 25}) {
     SCOPED_TRACE(delay_ms);
     const Lift shared = lift(true, delay_ms);
     EXPECT_EQ(shared.lifts, 2u);
@@ -112,7 +112,7 @@ TEST(SharedBody, TwoLiftACrateTogetherAsTheyWouldAtOneController) {
     EXPECT_NEAR(shared.held, truth.held, 0.5);
     EXPECT_NEAR(shared.left, 0, 0.002);
     EXPECT_GT(shared.apart_mm, 0);
-    EXPECT_LT(shared.apart_mm, 5);
+    EXPECT_LT(shared.apart_mm, 1.5 + 0.3 * static_cast<double>(delay_ms)) << "pressed together by 6 N";
     EXPECT_LT(shared.given_mj, 1);
     EXPECT_GE(shared.lowest, -1e-6);
     EXPECT_LT(shared.peak_force, 8.001);

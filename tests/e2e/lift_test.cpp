@@ -1,0 +1,70 @@
+/// Two users at two controllers lift a crate that neither could lift alone.
+#include <nlohmann/json.hpp>
+
+#include "session/figures.hpp"
+#include "tests/e2e/session_test.hpp"
+
+namespace tactus::e2e {
+namespace {
+
+namespace figures = session::figures;
+using Seen = Observer::Seen;
+
+constexpr char kLift[] = R"(name: lift
+duration: 8
+users:
+  - name: dan
+    hrtc: desk1
+    script: [{lift: {object: crate, direction: [1, 0, 0], height: 0.05, seconds: 0.5, speed: 0.15}}]
+  - name: eve
+    hrtc: desk2
+    script: [{lift: {object: crate, direction: [-1, 0, 0], height: 0.05, seconds: 0.5, speed: 0.15}}]
+)";
+
+class LiftTest : public SessionTest {
+ protected:
+  /// A host of one crate of 0.8 kg and 12 cm that stands on the ground.
+  [[nodiscard]] std::vector<std::string> crate_host() const {
+    const std::string crate = path("crate.spm");
+    EXPECT_EQ(Process{program("mesh", {"generate", "box", "--faces", "1200", path("crate.ply")})}.wait(), 0);
+    EXPECT_EQ(Process{program("mesh", {"build", path("crate.ply"), crate, "--size", "0.12"})}.wait(), 0);
+    write("store.yaml",
+          "objects:\n  - model: crate.spm\n    position: [0, 0, 0.06]\n"
+          "    material: {stiffness: 1000, static_friction: 0.9, dynamic_friction: 0.8}\n"
+          "    body: {mass: 0.8, friction: 0.6}\n");
+    return in_session("host", {"--name", "store", "--config", path("store.yaml")});
+  }
+};
+
+TEST_F(LiftTest, TwoAtTwoControllersRaiseACrateHoldItAndPutItDown) {
+  Process store{crate_host()};
+  Process desk1{in_session("hrtc", {"--name", "desk1"})};
+  Process desk2{in_session("hrtc", {"--name", "desk2"})};
+  const std::string report = path("report.json");
+  Process users{in_session("sim", {"--scenario", write("lift.yaml", kLift), "--json", report})};
+  ASSERT_TRUE(ends_with(0, users)) << users.output();
+  EXPECT_TRUE(ends_with(0, desk1));
+  EXPECT_TRUE(ends_with(0, desk2));
+  EXPECT_TRUE(ends_with(0, store));
+
+  std::ifstream file{report};
+  const nlohmann::json all = nlohmann::json::parse(file);
+  for (const auto& user : all["users"]) EXPECT_EQ(user["lifts"], 1) << all.dump(1);
+  ASSERT_EQ(all["objects"].size(), 1u);
+  const auto& crate = all["objects"][0];
+  EXPECT_NEAR(crate["raised_m"].get<double>(), 0.05, 0.01);
+  EXPECT_GT(crate["held_s"].get<double>(), 0.4);
+  EXPECT_NEAR(crate["left_m"].get<double>(), 0, 0.003);
+  EXPECT_GE(crate["taken_on"].get<int>(), 1);
+  EXPECT_LT(all["injected_j"].get<double>(), 1e-3);
+  for (const auto& participant : all["participants"]) {
+    if (participant["role"] != "hrtc") continue;
+    const auto& told = participant["figures"];
+    EXPECT_GE(told[figures::kCopyGroups].get<double>(), 1);
+    EXPECT_LT(told[figures::kCopiesApart].get<double>(), 5000);
+    EXPECT_GE(told[figures::kPortLowest].get<double>(), -1);
+  }
+}
+
+}  // namespace
+}  // namespace tactus::e2e
