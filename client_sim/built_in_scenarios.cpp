@@ -38,15 +38,7 @@ constexpr char kLifters[] = R"(  - name: dan
       - lift: {object: crate, direction: [-1, 0, 0], height: 0.1, seconds: 2}
 )";
 
-constexpr char kLift[] = R"(name: lift
-duration: 20
-users:
-)";
-
-constexpr char kDemo[] = R"(name: demo
-duration: 20
-users:
-  - name: ann
+constexpr char kDemoUsers[] = R"(  - name: ann
     hrtc: "#1"
     repeat: true
     script:
@@ -213,13 +205,17 @@ users:
 }  // namespace
 
 const std::vector<BuiltInScenario>& built_in_scenarios() {
-  static const std::string kLiftText = std::string{kLift} + kLifters;
-  static const std::string kDemoLiftText = std::string{kDemo} + kLifters;
+  const auto with = [](const char* name, const std::string& users) {
+    return "name: " + std::string{name} + "\nduration: 20\nusers:\n" + users;
+  };
+  static const std::string kLift = with("lift", kLifters);
+  static const std::string kDemo = with("demo", kDemoUsers);
+  static const std::string kDemoLift = with("demo-lift", std::string{kDemoUsers} + kLifters);
   static const std::vector<BuiltInScenario> kScenarios{{"touch", kTouch},
                                                        {"follow", kFollow},
-                                                       {"lift", kLiftText.c_str()},
-                                                       {"demo", kDemo},
-                                                       {"demo-lift", kDemoLiftText.c_str()},
+                                                       {"lift", kLift.c_str()},
+                                                       {"demo", kDemo.c_str()},
+                                                       {"demo-lift", kDemoLift.c_str()},
                                                        {"tap-wall", kTapWall},
                                                        {"tap-wall-remote", kTapWallRemote},
                                                        {"tap-scan", kTapScan},

@@ -9,6 +9,7 @@
 #include <mutex>
 #include <thread>
 #include <type_traits>
+#include <utility>
 #include <variant>
 
 #include "haptics/remote_device.hpp"
@@ -235,7 +236,11 @@ struct Hrtc::Impl {
   std::atomic<std::uint64_t> states_coded{0}, states_whole{0};
   Neighbours neighbours;
   BodyExchange exchange;
-  std::map<std::uint64_t, session::CatalogueEntry> movable;  // by object, where each stands
+  struct Movable {
+    session::CatalogueEntry entry;  // where it stands
+    bool moved = false;             // since the modes were told
+  };
+  std::map<std::uint64_t, Movable> movable;  // by object
 
   CycleStatistics statistics;
   Samples timer_samples{1'000'000};
@@ -503,7 +508,7 @@ void Hrtc::Impl::take(const session::CatalogueEntry& entry, std::int64_t now_ns)
   if (first.catalogue_ns == 0) first.catalogue_ns = now_ns;
   loader.on_catalogue(entry);
   neighbours.on_catalogue(entry);
-  if (sharing::can_move(entry) && !entry.withdrawn) movable.try_emplace(entry.object_id, entry);
+  if (sharing::can_move(entry) && !entry.withdrawn) movable.try_emplace(entry.object_id, Movable{entry});
 }
 
 void Hrtc::Impl::take(const session::Intent& intent, std::int64_t now_ns) {
@@ -706,9 +711,13 @@ void Hrtc::Impl::tick_bodies(std::int64_t now_ns) {
   for (const Holdings::Held& body : exchange.holdings().bodies()) {
     const auto known = movable.find(body.id);
     if (known == movable.end()) continue;
-    loader.on_moved(body.object, Placement{body.pose, known->second.scale});
-    known->second.pose = body.pose;
-    if (tell_modes) neighbours.on_catalogue(known->second);
+    auto& [entry, moved] = known->second;
+    if (body.pose.position != entry.pose.position || body.pose.orientation != entry.pose.orientation) {
+      moved = true;
+      entry.pose = body.pose;
+      loader.on_moved(body.object, Placement{entry.pose, entry.scale});
+    }
+    if (tell_modes && std::exchange(moved, false)) neighbours.on_catalogue(entry);
   }
 }
 

@@ -84,6 +84,20 @@ TEST(Scenario, BuiltInOnesAreSound) {
     EXPECT_EQ(scenario.name, built_in.name);
   }
   EXPECT_EQ(load_scenario("demo").users.size(), 3u);
+  EXPECT_EQ(load_scenario("demo-lift").users.size(), 5u);
+}
+
+TEST(Scenario, ReadsALift) {
+  const Scenario scenario = load_scenario("lift");
+  ASSERT_EQ(scenario.users.size(), 2u);
+  const Action& lift = scenario.users[1].script.at(0);
+  EXPECT_EQ(lift.kind, ActionKind::kLift);
+  EXPECT_EQ(lift.object, "crate");
+  EXPECT_EQ(lift.direction, -Vec3d::UnitX());
+  EXPECT_EQ(lift.force, 6);
+  EXPECT_EQ(lift.height, 0.1);
+  EXPECT_EQ(lift.seconds, 2);
+  EXPECT_EQ(lift.others, 1u);
 }
 
 TEST(Scenario, SaysWhatIsMeasuredAgainstWhat) {
@@ -115,8 +129,8 @@ TEST(Scenario, ErrorsNamePlaceKeyFindingAndExpectation) {
             "s.yaml:5:26: users[0].script[0].tap: unknown key 'sped', expected one of object, direction, point, count, "
             "speed, force, depth");
   EXPECT_EQ(error_of(with_action("poke: {}")),
-            "s.yaml:5:9: users[0].script[0]: unknown key 'poke', expected one of approach, tap, follow, hold, wait, "
-            "retreat");
+            "s.yaml:5:9: users[0].script[0]: unknown key 'poke', expected one of approach, tap, follow, lift, hold, "
+            "wait, retreat");
   EXPECT_EQ(error_of("name: t\nuser: 3\n"),
             "s.yaml:2:1: unknown key 'user', expected one of name, measures, truth, within, duration, "
             "seed, spread, users");
@@ -161,7 +175,7 @@ TEST(Scenario, ThatIsNeitherBuiltInNorAFileNamesTheBuiltInOnes) {
     (void)load_scenario("/nowhere/x.yaml");
     FAIL();
   } catch (const ScenarioError& error) {
-    EXPECT_THAT(error.what(), HasSubstr("(touch, follow, demo, tap-wall, "));
+    EXPECT_THAT(error.what(), HasSubstr("(touch, follow, lift, demo, demo-lift, tap-wall, "));
   }
 }
 
