@@ -19,8 +19,8 @@ constexpr std::int64_t kCycleNs = 1'000'000;
 constexpr std::size_t kBytes = 250;  // a claim, grant or pose with its heads
 
 struct Mail {
-  std::optional<session::Claim> claim;
-  std::optional<session::Grant> grant;
+  std::optional<session::ObjectClaim> claim;
+  std::optional<session::ObjectGrant> grant;
   std::optional<session::ObjectPose> pose;
 };
 
