@@ -21,7 +21,7 @@ LoadedModel load_model(const std::string& path, std::uint32_t faces) {
   using namespace spm::offline;
   LoadedModel loaded;
   if (!path.empty() && is_model_file(path)) {
-    const auto decoded = std::make_shared<spm::codec::DecodedModel>();
+    const auto decoded = std::make_shared<spm::OwnedModel>();
     static_cast<void>(MappedModel{path, decoded.get()});
     loaded.name = path;
     loaded.model = decoded->model();

@@ -477,25 +477,15 @@ std::vector<std::string> violations(const BaseMesh& base) {
   return findings.take();
 }
 
-std::vector<std::array<std::uint32_t, 3>> finest_faces(const Model& model) {
+std::vector<std::array<std::uint32_t, 3>> base_corners(const Model& model) {
   std::vector<std::array<std::uint32_t, 3>> corners(model.summary.faces);
-  for (const BaseFace& f : model.base_faces) corners[f.face] = f.corners;
-  for (std::uint32_t r = 0; r < model.summary.records; ++r) {
-    const std::uint32_t u = model.summary.base_vertices + r;
-    for (std::uint32_t p = r; p != kNone; p = model.parts[p].next) {
-      const RecordPart& part = model.parts[p];
-      for (int i = 0; i < part.born_count; ++i) {
-        const BornCorners at = born_corners(part.born[i].order());
-        std::array<std::uint32_t, 3>& face = corners[part.born[i].face()];
-        face[static_cast<std::size_t>(at.u)] = u;
-        face[static_cast<std::size_t>(at.t)] = part.parent;
-        face[static_cast<std::size_t>(at.x)] = part.born_x[i];
-      }
-      for (int i = 0; i < part.deformed_count; ++i) {
-        corners[part.deformed[i].face()][part.deformed[i].corner()] = u;
-      }
-    }
-  }
+  for (const BaseFace& face : model.base_faces) corners[face.face] = face.corners;
+  return corners;
+}
+
+std::vector<std::array<std::uint32_t, 3>> finest_faces(const Model& model) {
+  std::vector<std::array<std::uint32_t, 3>> corners = base_corners(model);
+  for (std::uint32_t r = 0; r < model.summary.records; ++r) apply_record(model, r, corners, [](std::uint32_t) {});
   return corners;
 }
 

@@ -94,6 +94,19 @@ struct Model {
   }
 };
 
+/// A model that owns its arrays.
+struct OwnedModel {
+  ModelSummary summary{};
+  std::vector<std::array<float, 3>> positions;
+  std::vector<std::uint16_t> base_radii;
+  std::vector<BaseFace> base_faces;
+  std::vector<RecordPart> parts;
+  std::vector<Region> regions;
+  std::vector<Run> runs;
+
+  [[nodiscard]] Model model() const { return {summary, positions, base_radii, base_faces, parts, regions, runs}; }
+};
+
 /// Everything a controller needs of a model before its first record: the base mesh and the labelled cells.
 struct BaseMesh {
   ModelSummary summary;
@@ -117,6 +130,34 @@ struct BaseMesh {
 /// on, so that a hostile file or stream cannot lead it out of its arrays. O(size x forest depth), allocates.
 [[nodiscard]] std::vector<std::string> violations(const Model& model);
 [[nodiscard]] std::vector<std::string> violations(const BaseMesh& base);
+
+/// The corners of the base mesh's faces, by FaceId, as VertexIds; those of faces that a record bears are 0. Allocates.
+[[nodiscard]] std::vector<std::array<std::uint32_t, 3>> base_corners(const Model& model);
+
+/// Applies record `r` to the corners that all before it have left; `met` gets each corner beside the new vertex or its
+/// parent, in faces moved over and in faces born, some of them several times.
+template <class Met>
+void apply_record(const Model& model, std::uint32_t r, std::vector<std::array<std::uint32_t, 3>>& corners, Met met) {
+  const std::uint32_t u = model.summary.base_vertices + r;
+  for (std::uint32_t p = r; p != kNone; p = model.parts[p].next) {
+    const RecordPart& part = model.parts[p];
+    for (int i = 0; i < part.deformed_count; ++i) {
+      const std::uint32_t corner = part.deformed[i].corner();
+      std::array<std::uint32_t, 3>& face = corners[part.deformed[i].face()];
+      met(face[(corner + 1) % 3]);
+      met(face[(corner + 2) % 3]);
+      face[corner] = u;
+    }
+    for (int i = 0; i < part.born_count; ++i) {
+      const BornCorners at = born_corners(part.born[i].order());
+      std::array<std::uint32_t, 3>& face = corners[part.born[i].face()];
+      face[static_cast<std::size_t>(at.u)] = u;
+      face[static_cast<std::size_t>(at.t)] = part.parent;
+      face[static_cast<std::size_t>(at.x)] = part.born_x[i];
+      met(part.born_x[i]);
+    }
+  }
+}
 
 /// The corners of every finest face, by FaceId, as VertexIds: all records applied in order. O(size), allocates.
 [[nodiscard]] std::vector<std::array<std::uint32_t, 3>> finest_faces(const Model& model);

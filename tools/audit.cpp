@@ -284,7 +284,7 @@ AuditReport audit_files(const std::filesystem::path& log_path, const std::filesy
   if (is_spm && !spm_path.empty())
     throw AuditError(model_path.string() + ": an .spm file itself; expected a mesh beside " + spm_path.string());
   const bool has_spm = is_spm || !spm_path.empty();
-  spm::codec::DecodedModel decoded;
+  spm::OwnedModel decoded;
   if (has_spm) static_cast<void>(spm::offline::MappedModel{is_spm ? model_path : spm_path, &decoded});
   Original original{model_path.stem().string(), {}, {}};
   if (has_spm) original.model = decoded.model();

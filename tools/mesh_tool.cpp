@@ -137,7 +137,7 @@ int build(const Settings& settings, bool sized, const ToolStreams& streams) {
 }
 
 int info(const Settings& settings, const ToolStreams& streams) {
-  spm::codec::DecodedModel decoded;
+  spm::OwnedModel decoded;
   const MappedModel mapped{settings.file, &decoded};
   const Certificate certificate = certificate_of(settings, decoded.model());
   if (settings.json) {
@@ -149,7 +149,7 @@ int info(const Settings& settings, const ToolStreams& streams) {
 }
 
 int check(const Settings& settings, const ToolStreams& streams) {
-  spm::codec::DecodedModel decoded;
+  spm::OwnedModel decoded;
   const MappedModel mapped{settings.file, &decoded};
   TriangleMesh original = import_mesh(settings.model);
   Verification result;

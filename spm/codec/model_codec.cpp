@@ -18,7 +18,7 @@ namespace {
 /// Completes records in ascending order, as Cache does, but by id.
 class Resolver {
  public:
-  explicit Resolver(DecodedModel& model) : model_{model}, front_{base_front(model.summary, model.base_faces)} {}
+  explicit Resolver(OwnedModel& model) : model_{model}, front_{base_front(model.summary, model.base_faces)} {}
 
   /// What the record names is not there, or not what it has to be: false.
   [[nodiscard]] bool add(std::uint32_t record, std::vector<RecordPart>& parts,
@@ -115,7 +115,7 @@ class Resolver {
     return ExpectedPlace{model_.summary, ring, position_of}.place(offset, model_.positions[u]);
   }
 
-  DecodedModel& model_;
+  OwnedModel& model_;
   LoadedFront front_;
   LoadedFront::At last_{kNone, 0};  // deformed by the record
   std::vector<RecordPart> rest_;
@@ -145,9 +145,9 @@ EncodedModel::EncodedModel(const Model& model) {
   coded_ = std::move(*coded);
 }
 
-Result<DecodedModel> decode_model(const CodedModel& coded) {
+Result<OwnedModel> decode_model(const CodedModel& coded) {
   const ModelSpans& bytes = coded.spans();
-  DecodedModel model;
+  OwnedModel model;
   const ModelSummary& s = model.summary = coded.summary();
   const std::uint64_t bits = 8 * std::uint64_t{bytes.codes.size()};
   if (bits / RecordReader::kMinBits < s.parts) {

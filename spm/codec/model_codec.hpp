@@ -1,9 +1,6 @@
 /// A whole model as arrays to a whole model as bytes, and back.
 #pragma once
 
-#include <array>
-#include <vector>
-
 #include "spm/codec/coded_model.hpp"
 #include "spm/model.hpp"
 
@@ -25,22 +22,9 @@ class EncodedModel {
   CodedModel coded_;
 };
 
-/// Owns what its model() borrows.
-struct DecodedModel {
-  ModelSummary summary{};
-  std::vector<std::array<float, 3>> positions;
-  std::vector<std::uint16_t> base_radii;
-  std::vector<BaseFace> base_faces;
-  std::vector<RecordPart> parts;
-  std::vector<Region> regions;
-  std::vector<Run> runs;
-
-  [[nodiscard]] Model model() const { return {summary, positions, base_radii, base_faces, parts, regions, runs}; }
-};
-
 /// Trusts nothing; memory stays within what the summary and the input allow for. Names every parent and third corner
 /// and puts every vertex in its place, but leaves it to violations() to say whether records and lists make a sound
 /// model. About 0.3 us a record.
-Result<DecodedModel> decode_model(const CodedModel& coded);
+Result<OwnedModel> decode_model(const CodedModel& coded);
 
 }  // namespace tactus::spm::codec

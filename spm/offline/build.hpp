@@ -31,18 +31,8 @@ struct BuildOptions {
 /// Stages are, in this order: read, clean, order, simplify, depend, divide, number, list, sum up.
 using Progress = std::function<void(std::string_view stage, double done)>;
 
-/// Owns what a Model borrows.
-struct BuiltModel {
-  ModelSummary summary;
-  std::vector<std::array<float, 3>> positions;
-  std::vector<std::uint16_t> base_radii;
-  std::vector<BaseFace> base_faces;
-  std::vector<RecordPart> parts;
-  std::vector<Region> regions;
-  std::vector<Run> runs;
+struct BuiltModel : OwnedModel {
   CleanReport cleaned;
-
-  [[nodiscard]] Model model() const { return {summary, positions, base_radii, base_faces, parts, regions, runs}; }
 };
 
 /// The same mesh and options give the same bytes. Cleans first. Throws ModelError when no face is left after that, or

@@ -204,7 +204,7 @@ MappedModel::MappedModel(MappedModel&&) noexcept = default;
 MappedModel& MappedModel::operator=(MappedModel&&) noexcept = default;
 MappedModel::~MappedModel() = default;
 
-MappedModel::MappedModel(const std::filesystem::path& path, codec::DecodedModel* arrays) {
+MappedModel::MappedModel(const std::filesystem::path& path, OwnedModel* arrays) {
   const File file{path};
   if (file.fd < 0) fail(path, "cannot be read: " + std::string{std::strerror(errno)});
   struct stat status {};

@@ -42,7 +42,7 @@ class MappedModel {
  public:
   /// Who needs the model as arrays gets those that were checked. Throws ModelError naming the file, what was found and
   /// what was expected.
-  explicit MappedModel(const std::filesystem::path& path, codec::DecodedModel* arrays = nullptr);
+  explicit MappedModel(const std::filesystem::path& path, OwnedModel* arrays = nullptr);
   MappedModel(MappedModel&&) noexcept;
   MappedModel& operator=(MappedModel&&) noexcept;
   ~MappedModel();

@@ -34,12 +34,12 @@ TEST(Torture, AMillionOperationsOnASimplifiedModelEndWhereItsRegionsSay) {
 }
 
 TEST(Torture, SoDoTheyOnARandomModelWithRecordsOfManyParts) {
-  const test_support::OwnedModel model = test_support::random_model(9, 4000, 6);
+  const spm::OwnedModel model = test_support::random_model(9, 4000, 6);
   TortureSettings settings;
   settings.operations = 300'000;
   settings.checks = 10;
   settings.pool_share = 0.6;
-  expect_determined(torture(model.view(), settings), settings);
+  expect_determined(torture(model.model(), settings), settings);
 }
 
 }  // namespace

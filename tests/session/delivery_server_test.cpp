@@ -12,7 +12,7 @@
 namespace tactus::session {
 namespace {
 
-using test_support::OwnedModel;
+using spm::OwnedModel;
 using test_support::random_model;
 
 constexpr std::int64_t kMs = 1'000'000;
@@ -21,7 +21,7 @@ constexpr Origin kSelf{kSession, kHost, 5, 0};
 
 class DeliveryServerTest : public testing::Test {
  protected:
-  DeliveryServerTest() : owned_{random_model(1, 2000, 3)}, model_{owned_.view()}, server_{kSelf} {
+  DeliveryServerTest() : owned_{random_model(1, 2000, 3)}, model_{owned_.model()}, server_{kSelf} {
     server_.add(kObject, encoded_.coded());
   }
 

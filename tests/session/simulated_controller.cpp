@@ -53,15 +53,15 @@ const RegionRecords& decoded(std::uint64_t object, std::uint32_t region, const s
 
 }  // namespace
 
-const OwnedModel& model_of(std::uint64_t object) {
-  static const std::array<OwnedModel, kObjects> all{random_model(5, 120, 3), random_model(6, 60, 3)};
+const spm::OwnedModel& model_of(std::uint64_t object) {
+  static const std::array<spm::OwnedModel, kObjects> all{random_model(5, 120, 3), random_model(6, 60, 3)};
   return all[object - kFirstObject];
 }
 
 const spm::codec::CodedModel& coded_of(std::uint64_t object) {
   static const std::array<spm::codec::EncodedModel, kObjects> all{
-      spm::codec::EncodedModel{model_of(kFirstObject).view()},
-      spm::codec::EncodedModel{model_of(kFirstObject + 1).view()}};
+      spm::codec::EncodedModel{model_of(kFirstObject).model()},
+      spm::codec::EncodedModel{model_of(kFirstObject + 1).model()}};
   return all[object - kFirstObject].coded();
 }
 

@@ -28,7 +28,7 @@ inline constexpr std::uint32_t kReach = 2;  ///< regions wanted around the one t
 inline constexpr std::uint32_t kKeep = 4;   ///< farther ones are retired
 inline constexpr std::uint32_t kMostCredit = 48 * 1024;
 inline constexpr std::size_t kMostPartialBytes = 200'000;
-[[nodiscard]] const OwnedModel& model_of(std::uint64_t object);
+[[nodiscard]] const spm::OwnedModel& model_of(std::uint64_t object);
 [[nodiscard]] const spm::codec::CodedModel& coded_of(std::uint64_t object);
 
 /// How its decoder and its memory treat messages.

@@ -19,9 +19,9 @@ namespace {
 
 using spm::AcceptResult;
 using spm::Advance;
+using spm::OwnedModel;
 using spm::RegionId;
 using test_support::Controller;
-using test_support::OwnedModel;
 using test_support::random_model;
 using ::testing::IsEmpty;
 
@@ -38,7 +38,7 @@ std::vector<RegionId> all_regions(const spm::Model& model) {
 class RunTime : public ::testing::TestWithParam<std::uint64_t> {
  protected:
   OwnedModel owned_ = random_model(GetParam(), kRecords, kCells);
-  spm::Model model_ = owned_.view();
+  spm::Model model_ = owned_.model();
 
   [[nodiscard]] std::pair<spm::Vec3d, spm::Vec3d> bounds() const {
     const auto wide = [](const std::array<float, 3>& p) { return spm::Vec3d{p[0], p[1], p[2]}; };
@@ -467,8 +467,8 @@ TEST_P(RunTime, SweepsOnTheKeptMeshMeetTheMeshAsItWas) {
 
 TEST_P(RunTime, RefinementStopsWhenWhatItChangesCanNoLongerBeKept) {
   const OwnedModel large = random_model(GetParam(), 16 * kRecords, kCells);
-  Controller controller{large.view(), spm::PoolSettings::for_slots(4 * 8192)};
-  const std::vector<RegionId> all = all_regions(large.view());
+  Controller controller{large.model(), spm::PoolSettings::for_slots(4 * 8192)};
+  const std::vector<RegionId> all = all_regions(large.model());
   for (const RegionId region : all) ASSERT_EQ(controller.load(region), AcceptResult::kAccepted);
   ASSERT_EQ(controller.refine(all), spm::Advance::kDone);
   int rounds = 0;

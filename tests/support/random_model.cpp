@@ -32,7 +32,7 @@ class Maker {
     for (std::uint32_t r = 0; r < records; ++r) split(r);
   }
 
-  OwnedModel finish(std::uint64_t seed, std::uint32_t cells) {
+  spm::OwnedModel finish(std::uint64_t seed, std::uint32_t cells) {
     mark_last();
     spm::ModelSummary& s = model_.summary;
     s.digest = seed * 0x9e3779b97f4a7c15ull + records_;
@@ -220,7 +220,7 @@ class Maker {
       add_region(cell, list, static_cast<std::uint32_t>(faces.size()));
     }
     s.regions = static_cast<std::uint32_t>(model_.regions.size());
-    const std::vector<std::uint32_t> seals = spm::region_seals(model_.view());
+    const std::vector<std::uint32_t> seals = spm::region_seals(model_.model());
     for (std::size_t i = 0; i < seals.size(); ++i) model_.regions[i].seal = seals[i];
   }
 
@@ -245,7 +245,7 @@ class Maker {
 
   std::mt19937_64 random_;
   std::uint32_t records_;
-  OwnedModel model_;
+  spm::OwnedModel model_;
   std::vector<RecordPart> parts_;
   std::vector<std::set<std::uint32_t>> needs_;  // by record
   std::vector<std::uint32_t> level_;            // by record
@@ -257,7 +257,7 @@ class Maker {
 
 }  // namespace
 
-OwnedModel random_model(std::uint64_t seed, std::uint32_t records, std::uint32_t cells) {
+spm::OwnedModel random_model(std::uint64_t seed, std::uint32_t records, std::uint32_t cells) {
   return Maker{seed, records}.finish(seed, cells);
 }
 

@@ -16,7 +16,6 @@
 namespace tactus::spm::codec {
 namespace {
 
-using test_support::OwnedModel;
 using test_support::random_model;
 using testing::HasSubstr;
 using testing::IsEmpty;
@@ -119,19 +118,19 @@ Bytes mutated(Bytes bytes, std::mt19937_64& random) {
 
 TEST(RandomModel, HasNoViolations) {
   const OwnedModel owned = random_model(kSeed, 2000, 3);
-  EXPECT_THAT(violations(owned.view()), IsEmpty());
+  EXPECT_THAT(violations(owned.model()), IsEmpty());
   EXPECT_GT(owned.summary.parts, owned.summary.records) << "no chain among them";
   EXPECT_GT(owned.summary.regions, 5u);
 }
 
 TEST(BaseCodec, GivesBackTheBaseMeshToTheBit) {
   const OwnedModel owned = random_model(kSeed, 500, 3);
-  const EncodedModel encoded{owned.view()};
+  const EncodedModel encoded{owned.model()};
 
   const Result<DecodedBase> decoded = decode_base(encoded.coded().spans().base);
 
   ASSERT_TRUE(decoded) << decoded.error().text;
-  const BaseMesh expected = base_mesh_of(owned.view());
+  const BaseMesh expected = base_mesh_of(owned.model());
   EXPECT_EQ(decoded->mesh.summary.digest, expected.summary.digest);
   EXPECT_EQ(decoded->mesh.summary.parts, expected.summary.parts);
   EXPECT_EQ(decoded->mesh.summary.grid.cell_size, expected.summary.grid.cell_size);
@@ -149,7 +148,7 @@ TEST(BaseCodec, GivesBackTheBaseMeshToTheBit) {
 
 Bytes base_bytes(std::uint32_t records) {
   const OwnedModel owned = random_model(kSeed, records, 2);
-  const EncodedModel encoded{owned.view()};
+  const EncodedModel encoded{owned.model()};
   const Span<const std::uint8_t> base = encoded.coded().spans().base;
   return {base.begin(), base.end()};
 }
@@ -194,7 +193,7 @@ class RegionCodec : public ::testing::Test {
   }
 
   OwnedModel owned_;
-  Model model_{owned_.view()};
+  Model model_{owned_.model()};
   EncodedModel encoded_{model_};
 };
 
@@ -285,9 +284,9 @@ TEST_F(RegionCodec, DoesNotAllocateForRecordsThatCannotBeThere) {
 
 TEST(ModelCodec, GivesBackAWholeModelToTheBit) {
   const OwnedModel owned = random_model(kSeed, 2000, 3);
-  const EncodedModel encoded{owned.view()};
+  const EncodedModel encoded{owned.model()};
 
-  const Result<DecodedModel> decoded = decode_model(encoded.coded());
+  const Result<OwnedModel> decoded = decode_model(encoded.coded());
 
   ASSERT_TRUE(decoded) << decoded.error().text;
   const auto same = [](const auto& a, const auto& b) {
@@ -304,15 +303,15 @@ TEST(ModelCodec, GivesBackAWholeModelToTheBit) {
 
 TEST(ModelCodec, ListsAreFoundWithoutThoseBefore) {
   const OwnedModel owned = random_model(kSeed, 2000, 3);
-  const EncodedModel encoded{owned.view()};
+  const EncodedModel encoded{owned.model()};
   for (std::uint32_t region = owned.summary.regions; region-- > 0;) {
-    EXPECT_TRUE(same_runs(encoded.coded().runs_of(RegionId{region}), owned.view().runs_of(RegionId{region})));
+    EXPECT_TRUE(same_runs(encoded.coded().runs_of(RegionId{region}), owned.model().runs_of(RegionId{region})));
   }
 }
 
 TEST(ModelCodec, MutatedBytesGiveNoModelOrOneThatViolationsCanJudge) {
   const OwnedModel owned = random_model(kSeed, 200, 2);
-  const EncodedModel encoded{owned.view()};
+  const EncodedModel encoded{owned.model()};
   const ModelSpans& whole = encoded.coded().spans();
   std::mt19937_64 random{kSeed};
   int sound = 0, unsound = 0;
@@ -328,7 +327,7 @@ TEST(ModelCodec, MutatedBytesGiveNoModelOrOneThatViolationsCanJudge) {
     for (std::uint32_t region = 0; round % 16 == 0 && region < coded->summary().regions; ++region) {
       static_cast<void>(encode_region(*coded, RegionId{region}, coded->runs_of(RegionId{region})));
     }
-    const Result<DecodedModel> decoded = decode_model(*coded);
+    const Result<OwnedModel> decoded = decode_model(*coded);
     if (decoded) ++(violations(decoded->model()).empty() ? sound : unsound);
   }
   EXPECT_GT(sound + unsound, kMutations / 1000) << "the mutations never reach past the checks";

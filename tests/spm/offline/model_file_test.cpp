@@ -45,7 +45,7 @@ class ModelFile : public ::testing::Test {
 };
 
 TEST_F(ModelFile, GivesBackWhatWasWritten) {
-  codec::DecodedModel model;
+  OwnedModel model;
   const MappedModel mapped{path_, &model};
   const auto same = [](const auto& a, const auto& b) {
     return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(a[0])) == 0;
