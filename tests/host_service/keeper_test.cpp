@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <optional>
 
 namespace tactus::host_service {
@@ -106,7 +107,7 @@ TEST_F(KeeperTest, GivesTheObjectToWhoTouchesItAndTakesItBackWhereItWasLeft) {
     moved.sequence = i;
     moved.fencing = grant_->fencing;
     moved.session_time_ns = now_;
-    moved.pose.position = {1, 2, 0.001 * i};
+    moved.pose.position = {1, 2, 0.002 * std::min(i, 25u)};  // for its last 100 ms it is held still
     keeper_.on_pose(moved, now_);
     run(4);
   }
