@@ -419,7 +419,7 @@ Coded run_coded(const Laboratory& lab, const Settings& settings, int probes) {
     hrtcs.push_back(lab.hrtc(session, names.back(), ways));
   }
   (void)wait_until(10 * kSecond, [&] { return watch.touching() >= static_cast<std::size_t>(probes); });
-  std::this_thread::sleep_for(std::chrono::seconds{1});
+  std::this_thread::sleep_for(std::chrono::seconds{1});  // what joining has left to do is not what is measured
   Coded coded;
   coded.touching = static_cast<double>(watch.touching());
   const auto of_all = [&](const char* figure) {
@@ -438,7 +438,7 @@ Coded run_coded(const Laboratory& lab, const Settings& settings, int probes) {
   };
   take(-1);
   watch.hear_all();
-  std::this_thread::sleep_for(std::chrono::duration<double>{settings.seconds});
+  std::this_thread::sleep_for(std::chrono::duration<double>{settings.seconds});  // the states of so long are counted
   coded.heard = watch.heard();
   take(1);
   coded.cores /= coded.seconds;

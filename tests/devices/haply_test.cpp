@@ -55,7 +55,7 @@ class Peer {
   }
   [[nodiscard]] bool hears(const std::function<bool(const std::vector<Json>&)>& condition) const {
     for (const auto end = std::chrono::steady_clock::now() + 10s; std::chrono::steady_clock::now() < end;
-         std::this_thread::sleep_for(1ms))
+         std::this_thread::sleep_for(1ms))  // the peer's thread hears; nobody else tells
       if (condition(heard())) return true;
     return false;
   }
@@ -127,7 +127,7 @@ std::string refusal(const std::string& config) {
 /// As a haptic thread would, until something is so.
 bool runs_until(PluginDevice& device, const Vec3d& force, const std::function<bool(const DeviceState&)>& condition) {
   for (const auto end = std::chrono::steady_clock::now() + 10s; std::chrono::steady_clock::now() < end;
-       std::this_thread::sleep_for(1ms)) {
+       std::this_thread::sleep_for(1ms)) {  // a haptic thread's period
     const DeviceState state = device.read(now_ns());
     device.write(force);
     if (condition(state)) return true;
