@@ -11,6 +11,12 @@ bool newer(const Origin& origin, std::uint32_t sequence, const Toucher& than) no
   return origin.incarnation != than.incarnation ? origin.incarnation > than.incarnation : sequence > than.claim;
 }
 
+/// From a claim with that way to the host and as long a one back.
+std::int64_t lease_of(const OwnershipSettings& settings, std::int64_t one_way_ns) noexcept {
+  constexpr std::int64_t kLongestNs = 500'000'000;
+  return settings.lease_ns + 2 * std::clamp<std::int64_t>(one_way_ns, 0, kLongestNs);
+}
+
 template <class List, class Id>
 auto find_participant(List& list, std::uint64_t participant, Id id) {
   return std::find_if(list.begin(), list.end(), [&](const auto& entry) { return id(entry) == participant; });
@@ -49,7 +55,9 @@ void Arbiter::on_claim(const ObjectClaim& claim, std::int64_t now_ns) {
     held_.erase(held);
     change();
   } else if (held != held_.end()) {
-    *held = {toucher, now_ns + settings_.lease_ns, claim.one_way_ns};
+    // No earlier than what an older claim was granted for.
+    const std::int64_t until_ns = std::max(held->until_ns, now_ns + lease_of(settings_, claim.one_way_ns));
+    *held = {toucher, until_ns, claim.one_way_ns};
     return;
   }
   if (gone != let_go_.end()) let_go_.erase(gone);
@@ -57,7 +65,7 @@ void Arbiter::on_claim(const ObjectClaim& claim, std::int64_t now_ns) {
     if (let_go_.size() == kMaxLetGo) let_go_.erase(let_go_.begin());
     let_go_.push_back(toucher);
   } else if (held_.size() < kMaxTouchers) {
-    held_.push_back({toucher, now_ns + settings_.lease_ns, claim.one_way_ns});
+    held_.push_back({toucher, now_ns + lease_of(settings_, claim.one_way_ns), claim.one_way_ns});
     change();
   }
 }
@@ -103,7 +111,7 @@ void Holder::touch(bool touching) noexcept {
   until_ns_ = 0;
   sent_ = {};  // a grant that answers a claim of an earlier touch is none for this one
   // Until the host has heard it or the lease is over anyway.
-  farewells_ = touching ? 0 : static_cast<int>(settings_.lease_ns / settings_.period_ns) + 1;
+  farewells_ = touching ? 0 : static_cast<int>(lease_of(settings_, one_way_ns_) / settings_.period_ns) + 1;
 }
 
 void Holder::on_grant(const ObjectGrant& grant, std::int64_t now_ns) {
@@ -124,7 +132,7 @@ void Holder::on_grant(const ObjectGrant& grant, std::int64_t now_ns) {
     place_ = i;
     const Sent& sent = sent_[toucher.claim % sent_.size()];
     if (touching_ && sent.sequence == toucher.claim && sent.touching && sent.at_ns <= now_ns)
-      until_ns_ = std::max(until_ns_, sent.at_ns + settings_.lease_ns);
+      until_ns_ = std::max(until_ns_, sent.at_ns + sent.lease_ns);
   }
 }
 
@@ -142,7 +150,7 @@ std::optional<ObjectClaim> Holder::tick(std::int64_t now_ns) {
   claim.touching = touching_;
   claim.fencing = seen_;
   claim.one_way_ns = one_way_ns_;
-  sent_[sequence_ % sent_.size()] = {sequence_, now_ns, touching_};
+  sent_[sequence_ % sent_.size()] = {sequence_, now_ns, touching_, lease_of(settings_, one_way_ns_)};
   return claim;
 }
 

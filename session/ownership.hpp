@@ -14,7 +14,9 @@
 ///     toucher   claim 7 ---------->  host      lease until arrival + lease
 ///               <-- grant 12: you, claim 7     toucher may simulate until it sent claim 7 + lease
 ///
-/// So a toucher's lease ends before the host takes the object back, without synchronised clocks. A host that starts
+/// where the lease is longer by the way there and back that claim 7 tells of, or else no grant would come in time.
+///
+/// A toucher's lease ends before the host takes the object back, without synchronised clocks. A host that starts
 /// waits for one lease before it simulates itself and learns the fencing numbers in use from claims and poses.
 ///
 /// A toucher does not wait for the grant to feel: it simulates at once for itself (Holder::Role::kAsking), and what it
@@ -34,7 +36,7 @@
 namespace tactus::session {
 
 struct OwnershipSettings {
-  std::int64_t lease_ns = 250'000'000;
+  std::int64_t lease_ns = 250'000'000;  ///< beyond the way of claim and grant, as the claim tells it
   std::int64_t period_ns = 20'000'000;  ///< between claims, and between grants while somebody holds the object
   std::int64_t idle_ns = 500'000'000;   ///< between grants while nobody does
 };
@@ -116,6 +118,7 @@ class Holder {
     std::uint32_t sequence;
     std::int64_t at_ns;
     bool touching;
+    std::int64_t lease_ns;
   };
   std::array<Sent, 64> sent_{};  // claims, by sequence
   ObjectGrant granted_;          // with the largest fencing number seen

@@ -48,6 +48,7 @@ class Contest {
     controllers_[i].incarnation = ++incarnations_;
     controllers_[i].holder = std::make_unique<Holder>(origin_of(i + 1, incarnations_), kObject, settings_);
     controllers_[i].sequence = 0;
+    controllers_[i].dreams = Holder::Role::kWatching;
   }
 
   Holder& holder(std::size_t i) { return *controllers_[i].holder; }
@@ -254,6 +255,23 @@ TEST(Ownership, ALostOwnerGivesWayWithinItsLeaseAndItsPosesNoLongerCount) {
   contest.check();
 }
 
+TEST(Ownership, AGrantFromFartherThanALeaseComesInTimeAndALostOwnerGivesWayAsMuchLater) {
+  Contest contest{1, {0, 0, 300, 0}};
+  contest.run(700);
+  for (const std::size_t i : {0u, 1u}) contest.holder(i).set_one_way(300 * kMs);
+  contest.holder(0).touch(true);
+  contest.run(610);
+  EXPECT_EQ(contest.role(0), Holder::Role::kOwner);
+  contest.run(1000);
+  EXPECT_EQ(contest.role(0), Holder::Role::kOwner) << "as long as it touches";
+  contest.cut_off(0, contest.now() + 3000 * kMs);
+  contest.run(850);
+  EXPECT_EQ(contest.role(0), Holder::Role::kAsking);
+  contest.run(400);
+  EXPECT_TRUE(contest.host().owns(contest.now()));
+  contest.check();
+}
+
 TEST(Ownership, AnOwnerThatIsCutOffStopsBeforeTheHostTakesTheObjectBack) {
   Contest contest{1};
   contest.run(300);
@@ -311,6 +329,7 @@ TEST(Ownership, UnderAnyFaultsOneOwnerCountsPerNumberAndOneIsThereAgainAfterThem
         case 2:
           contest.start_controller(who);
           touches[who] = false;
+          contest.holder(who).set_one_way(below(400) * kMs);  // whatever it takes it for, one owner counts
           break;
         case 3:
           if (seed % 3 == 0) contest.start_host();
@@ -329,7 +348,7 @@ TEST(Ownership, UnderAnyFaultsOneOwnerCountsPerNumberAndOneIsThereAgainAfterThem
     // All faults end; whoever touches still, touches.
     contest.set_faults({});
     for (std::size_t program = 0; program <= kControllers; ++program) contest.cut_off(program, 0);
-    contest.run(1500);
+    contest.run(2500);
     contest.check();
     int touching = 0, simulating = 0, leading = 0;
     for (std::size_t i = 0; i < kControllers; ++i) {
