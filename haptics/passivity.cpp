@@ -5,9 +5,9 @@
 
 namespace tactus::haptics {
 
-Vec3d PassivityController::step(const Vec3d& force, const Vec3d& position, double passed_on, double dt,
-                                bool control) noexcept {
-  if (!force.allFinite() || !position.allFinite() || !std::isfinite(passed_on) || !(dt > 0)) {
+Vec3d PassivityController::step(const Vec3d& force, const Vec3d& position, double passed_on, double dt, bool control,
+                                double stored) noexcept {
+  if (!force.allFinite() || !position.allFinite() || !std::isfinite(passed_on + stored) || !(dt > 0)) {
     ++ledger_.refused;
     force_.setZero();
     return force_;
@@ -17,9 +17,9 @@ Vec3d PassivityController::step(const Vec3d& force, const Vec3d& position, doubl
   position_ = position;
   ledger_.energy -= force_.dot(way) + passed_on;
   ledger_.lowest = std::min(ledger_.lowest, ledger_.energy);
-  if (const double above = ledger_.energy - settings_.credit; above > 0) {
+  if (const double above = ledger_.energy - settings_.credit - stored; above > 0) {
     ledger_.forgotten += above;
-    ledger_.energy = settings_.credit;
+    ledger_.energy -= above;
   }
   force_ = force;
   if (!control) return force_;

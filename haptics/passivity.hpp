@@ -30,7 +30,7 @@ using spm::Vec3d;
 struct PassivitySettings {
   double allowance = 5e-7;    ///< J by which E may be negative: without it nothing could begin
   double acceleration = 50;   ///< m/s^2, that a hand may have within a cycle
-  double credit = 0.05;       ///< J at most
+  double credit = 0.05;       ///< J at most, beyond what a spring at the port stores
   double least_speed = 1e-3;  ///< m/s below which nothing is damped
   double device_mass = 0.1;   ///< kg at the least: bounds the damping at half of 2 m / T
 };
@@ -43,9 +43,10 @@ class PassivityController {
   void reset() noexcept { *this = PassivityController{settings_}; }
 
   /// One cycle: the device's pose, the work `passed_on` since the last one, and the force wanted on the hand. Gives the
-  /// force to hold until the next. False for `control`: counts only.
-  [[nodiscard]] Vec3d step(const Vec3d& force, const Vec3d& position, double passed_on, double dt,
-                           bool control = true) noexcept;
+  /// force to hold until the next. False for `control`: counts only. `stored`: J that the spring behind the force gives
+  /// back when hand and body part, which is not forgotten.
+  [[nodiscard]] Vec3d step(const Vec3d& force, const Vec3d& position, double passed_on, double dt, bool control = true,
+                           double stored = 0) noexcept;
   /// What the hand was given after all, when limits came after `step`.
   void limited(const Vec3d& force) noexcept { force_ = force; }
 

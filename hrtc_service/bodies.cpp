@@ -13,6 +13,12 @@ Placement placement_of(const haptics::BodyState& state, const TouchObject& objec
   return Placement{sharing::pose_of(state, object.body->centre), object.placement.scale()};
 }
 
+/// J in a spring that is stretched so far and pulls with so much at most.
+double stored_in(double stiffness, double stretch, double max_force) noexcept {
+  const double within = std::min(stretch, max_force / std::max(stiffness, 1e-9));
+  return 0.5 * stiffness * within * within + max_force * (stretch - within);
+}
+
 }  // namespace
 
 Bodies::Bodies(const CycleSettings& settings) : settings_{settings} {
@@ -138,7 +144,8 @@ void Bodies::limit(const Cycle& cycle, const std::array<ProbeInput, kMaxProbes>&
 
     // The body's damper acts along the surface, too, so the hand's does.
     force -= share * damping * (relative - relative.dot(touch.normal) * touch.normal);
-    force = ports_[p].step(force, device.position, passed_on, settings_.period);
+    const double stored = stored_in(stiffness, (touch.anchor - device.position).norm(), settings_.force.max_force);
+    force = ports_[p].step(force, device.position, passed_on, settings_.period, true, stored);
     if (const double size = force.norm(); size > settings_.force.max_force) force *= settings_.force.max_force / size;
     if ((output.status & session::kFault) != 0) force.setZero();
     ports_[p].limited(force);

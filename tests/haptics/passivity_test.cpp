@@ -104,6 +104,24 @@ TEST(Passivity, ADeficitIsPaidBackByDampingWithinTheDevicesMeans) {
   EXPECT_GT(before, -1e-6);
 }
 
+TEST(Passivity, WhatASpringStoresIsNotForgottenHoweverFarItIsStretched) {
+  constexpr double kStiffness = 1000;
+  PassivityController port;
+  Vec3d position = Vec3d::Zero(), given = Vec3d::Zero();
+  const auto press = [&](double to) {
+    position.x() = to;
+    given = port.step({-kStiffness * to, 0, 0}, position, 0, kDt, true, 0.5 * kStiffness * to * to);
+  };
+  constexpr double kDeep = 0.02;  // m: 0.2 J, more than may be kept otherwise
+  for (int i = 0; i <= 2000; ++i) press(kDeep * i / 2000);
+  EXPECT_GT(port.ledger().energy, 0.19);
+  for (int i = 2000; i >= 200; --i) {
+    press(kDeep * i / 2000);
+    ASSERT_EQ(given.x(), -kStiffness * position.x()) << "at " << position.x();
+  }
+  EXPECT_GE(port.ledger().lowest, -1e-6);
+}
+
 TEST(Passivity, CreditIsBoundedAndWhatIsNotFiniteGivesNothing) {
   PassivityController port;
   Vec3d position = Vec3d::Zero();
