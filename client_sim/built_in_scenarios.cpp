@@ -154,12 +154,12 @@ duration: 12
 users:
   - name: ann
     script:
-      - approach: {object: box, direction: [1, 0, 0], speed: 0.1, until_force: 0.2}
+      - approach: {object: crate, direction: [1, 0, 0], speed: 0.1, until_force: 0.2}
       - hold: {force: 2, seconds: 8}
   - name: bob
     hrtc: "#2"
     script:
-      - approach: {object: box, direction: [-1, 0, 0], speed: 0.1, until_force: 0.2}
+      - approach: {object: crate, direction: [-1, 0, 0], speed: 0.1, until_force: 0.2}
       - hold: {force: 2, seconds: 8}
 )";
 
@@ -172,7 +172,7 @@ users:
     hrtc: "#1"
     repeat: true
     script:
-      - approach: {object: box, direction: [1, 0, 0], speed: 0.2, until_force: 0.3}
+      - approach: {object: crate, direction: [1, 0, 0], speed: 0.2, until_force: 0.3}
       - hold: {force: 1, seconds: 1}
       - retreat: {speed: 0.2}
       - wait: {seconds: 1}
@@ -180,7 +180,7 @@ users:
     hrtc: "#2"
     repeat: true
     script:
-      - approach: {object: box, direction: [-1, 0, 0], speed: 0.2, until_force: 0.3}
+      - approach: {object: crate, direction: [-1, 0, 0], speed: 0.2, until_force: 0.3}
       - hold: {force: 1, seconds: 1}
       - retreat: {speed: 0.2}
       - wait: {seconds: 1}
@@ -188,7 +188,7 @@ users:
     hrtc: "#3"
     repeat: true
     script:
-      - approach: {object: box, direction: [0, 1, 0], speed: 0.2, until_force: 0.3}
+      - approach: {object: crate, direction: [0, 1, 0], speed: 0.2, until_force: 0.3}
       - hold: {force: 1, seconds: 1}
       - retreat: {speed: 0.2}
       - wait: {seconds: 1}
@@ -196,7 +196,7 @@ users:
     hrtc: "#4"
     repeat: true
     script:
-      - approach: {object: box, direction: [0, -1, 0], speed: 0.2, until_force: 0.3}
+      - approach: {object: crate, direction: [0, -1, 0], speed: 0.2, until_force: 0.3}
       - hold: {force: 1, seconds: 1}
       - retreat: {speed: 0.2}
       - wait: {seconds: 1}
@@ -208,7 +208,8 @@ const std::vector<BuiltInScenario>& built_in_scenarios() {
   const auto with = [](const char* name, const std::string& users) {
     return "name: " + std::string{name} + "\nduration: 20\nusers:\n" + users;
   };
-  static const std::string kLift = with("lift", kLifters);
+  static const std::string kLift =
+      "name: lift\nmeasures: lift\ntruth: analytic\nspread: 0.1\nduration: 20\nusers:\n" + std::string{kLifters};
   static const std::string kDemo = with("demo", kDemoUsers);
   static const std::string kDemoLift = with("demo-lift", std::string{kDemoUsers} + kLifters);
   static const std::vector<BuiltInScenario> kScenarios{{"touch", kTouch},

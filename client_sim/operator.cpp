@@ -109,7 +109,7 @@ void Operator::on_probe_state(const session::ProbeState& state) {
 
 void Operator::on_other(const session::ProbeState& state) {
   if (state.user_id == user_id_) return;
-  others_[state.user_id] = {state.object_id, vector_of(state.force).norm(), state.session_time_ns};
+  others_[state.user_id] = {state.object_id, vector_of(state.force).norm(), felt_ns_};
 }
 
 std::optional<session::Intent> Operator::tick(std::int64_t session_now_ns, const Objects& objects) {
@@ -425,7 +425,7 @@ bool Operator::others_press(const Action& action, double force) const {
   constexpr std::int64_t kFresh = 200'000'000;
   const auto count = std::count_if(others_.begin(), others_.end(), [&](const auto& entry) {
     const Other& other = entry.second;
-    return other.object == view_.id && other.force >= force && felt_ns_ - other.at_ns < kFresh;
+    return other.object == view_.id && other.force >= force && felt_ns_ - other.heard_ns < kFresh;
   });
   return count >= static_cast<std::ptrdiff_t>(action.others);
 }

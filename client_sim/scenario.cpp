@@ -126,6 +126,7 @@ bool goes_with(Truth truth, Measure measure) {
     case Measure::kFirstTouch:
       return truth == Truth::kFullMesh || truth == Truth::kAnalytic;
     case Measure::kTarget:
+    case Measure::kLift:
       return truth == Truth::kAnalytic;
     case Measure::kHandOver:
       return truth == Truth::kStateMachine;
@@ -144,7 +145,7 @@ Scenario parse_scenario(const std::string& text, const std::string& source) {
   scenario.digest = session::id_of(text);
   (void)map.required("name");
   map.name("name", scenario.name);
-  map.choice("measures", {"nothing", "forces", "first-touch", "target", "hand-over"}, scenario.measures);
+  map.choice("measures", {"nothing", "forces", "first-touch", "target", "lift", "hand-over"}, scenario.measures);
   if (scenario.measures != Measure::kNone) (void)map.required("truth");
   map.choice("truth", {"none", "full-mesh", "analytic", "state-machine"}, scenario.truth);
   if (!goes_with(scenario.truth, scenario.measures)) {

@@ -80,13 +80,14 @@ enum class Measure : std::uint8_t {
   kForces,      ///< what hands feel, at each of their places
   kFirstTouch,  ///< the same, and when what is touched is here, of a controller that has just come
   kTarget,      ///< how well users who press one body from several sides keep the force that they want
+  kLift,        ///< what becomes of a body that users lift together
   kHandOver     ///< how users who take a body from each other get it
 };
 /// What that is held against.
 enum class Truth : std::uint8_t {
   kNone,
   kFullMesh,     ///< all faces of the object touched, in the same process: a second proxy follows the same hand there
-  kAnalytic,     ///< the same, against a box with the object's bounds; of a target, the force itself
+  kAnalytic,     ///< the same, against a box with the object's bounds; of a target and a lift, what the script asks for
   kStateMachine  ///< under one fencing number one program simulates (session/ownership.hpp)
 };
 

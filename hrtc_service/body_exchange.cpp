@@ -10,9 +10,8 @@ namespace tactus::hrtc_service {
 namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
-constexpr std::int64_t kPoseNs = 4 * kMs;       // between poses of what moves here
-constexpr std::int64_t kLingerNs = 2000 * kMs;  // for which the ends of what was let go stay
-constexpr std::int64_t kMarginNs = 4 * kMs;     // beyond half as much again as the transit: threads that are woken late
+constexpr std::int64_t kPoseNs = 4 * kMs;        // between poses of what moves here
+constexpr std::int64_t kLingerNs = 2000 * kMs;   // for which the ends of what was let go stay
 constexpr std::int64_t kLongestNs = 1000 * kMs;  // more is no transit but a clock that is not set yet
 
 }  // namespace
@@ -90,7 +89,7 @@ void BodyExchange::tick(std::int64_t now_ns, const session::ClockMap& clock) {
     holdings_.on_peer_heard(ends.object, copy_heard_ns_[ends.object].load(std::memory_order_relaxed));
   if (const std::int64_t transit_ns = copy_transit_ns_.exchange(-1); transit_ns >= 0)
     on_transit(transit_ns, clock.session_time(now_ns));
-  holdings_.set_one_way(transit_.most_ns() + transit_.most_ns() / 2 + kMarginNs);
+  holdings_.on_transits(transit_);
   for (session::ObjectClaim& claim : holdings_.tick(now_ns, clock)) (void)claims_out_.send(claim);
 }
 

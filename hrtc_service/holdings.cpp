@@ -7,6 +7,7 @@ namespace {
 
 constexpr double kStiffness = 10'000;          // N/m: two who press with 6 N from opposite sides are 1.2 mm apart by it
 constexpr std::int64_t kPeerNs = 100'000'000;  // of silence after which copies without a grant part
+constexpr std::int64_t kMarginNs = 4'000'000;  // beyond the transit: threads that are woken late
 constexpr std::int64_t kLeastLineNs = 3'000'000, kMostLineNs = 400'000'000;  // what histories hold, and what is stable
 
 }  // namespace
@@ -43,6 +44,11 @@ void Holdings::on_pose(const session::ObjectPose& pose) {
 void Holdings::on_peer_heard(std::uint32_t object_index, std::int64_t now_ns) {
   for (const auto& object : objects_)
     if (object->index == object_index) object->peer_heard_ns = now_ns;
+}
+
+void Holdings::on_transits(const session::TransitWatch& transits) noexcept {
+  // Half as much again: waves that come too late pull, and a line as long as the transits differ need is damped less.
+  one_way_ns_ = transits.most_ns() + transits.most_ns() / 2 + kMarginNs;
 }
 
 void Holdings::on_reports(const BodyReports& reports) {

@@ -19,6 +19,7 @@
 #include "hrtc_service/bodies.hpp"
 #include "session/figures.hpp"
 #include "session/ownership.hpp"
+#include "session/transit.hpp"
 
 namespace tactus::hrtc_service {
 
@@ -36,8 +37,8 @@ class Holdings {
   void on_pose(const session::ObjectPose& pose);
   /// A peer's sample came, in any thread of its own: tell it here now and then.
   void on_peer_heard(std::uint32_t object_index, std::int64_t now_ns);
-  /// That samples are under way from the peers at most.
-  void set_one_way(std::int64_t one_way_ns) noexcept { one_way_ns_ = one_way_ns; }
+  /// How long samples are under way from the peers: what claims tell of.
+  void on_transits(const session::TransitWatch& transits) noexcept;
 
   void on_reports(const BodyReports& reports);
   /// Posts orders; the claims to send now.

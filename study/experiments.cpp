@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "study/hand_over.hpp"
+#include "study/shared_run.hpp"
 #include "study/shared_world.hpp"
 #include "study/stiffness.hpp"
 
@@ -15,8 +16,6 @@ using client_sim::ActionKind;
 using client_sim::Measure;
 using client_sim::Scenario;
 
-constexpr double kDt = 1e-3;  // s
-
 /// The object's copies on links like the slower of the two ways.
 WorldSettings world_for(const netem::LinkSettings& link, std::size_t users, std::uint64_t seed) {
   // Where the line's delay comes from in a session: what arrives at all arrives by then, but for a hundredth.
@@ -24,55 +23,9 @@ WorldSettings world_for(const netem::LinkSettings& link, std::size_t users, std:
   WorldSettings world;
   world.users = users;
   world.link = link.forth.delay_ms >= link.back.delay_ms ? link.forth : link.back;
-  world.playout = (world.link.delay_ms + kDeviations * world.link.jitter_ms) * 1e-3 + kDt;
+  world.playout = (world.link.delay_ms + kDeviations * world.link.jitter_ms + 1) * 1e-3;  // and a cycle
   world.seed = seed;
   return world;
-}
-
-/// The user's first action of that kind. `check` has seen to it that there is one.
-const client_sim::Action& action_of(const client_sim::User& user, ActionKind kind) {
-  return *std::find_if(user.script.begin(), user.script.end(),
-                       [&](const client_sim::Action& action) { return action.kind == kind; });
-}
-
-ScenarioRun press_to_target(const Scenario& scenario, const netem::LinkSettings& link, std::uint64_t seed) {
-  constexpr std::size_t kSettling = 1000, kKept = 200;  // ms
-  const double target = action_of(scenario.users.front(), ActionKind::kHold).force;
-  const double seconds = action_of(scenario.users.front(), ActionKind::kHold).seconds;
-  const std::vector<std::vector<double>> forces =
-      press(world_for(link, scenario.users.size(), seed), scenario.users, scenario.duration);
-  const std::size_t end = forces.front().size();
-  const auto all = [&](std::size_t ms, auto&& holds) {
-    return std::all_of(forces.begin(), forces.end(), [&](const std::vector<double>& user) { return holds(user[ms]); });
-  };
-  std::size_t begin = 0;
-  while (begin < end && !all(begin, [](double force) { return force >= kLeastForce; })) ++begin;
-  std::size_t reached = begin;
-  for (std::size_t kept = 0; reached < end && kept < kKept; ++reached)
-    kept = all(reached, [&](double force) { return std::abs(force - target) <= scenario.within; }) ? kept + 1 : 0;
-  double squares = 0, most = 0;
-  std::size_t on_target = 0, lost = 0, judged = 0;
-  const std::size_t last = std::min(end, begin + static_cast<std::size_t>(seconds / kDt));
-  for (std::size_t ms = begin + kSettling; ms < last; ++ms) {
-    for (const std::vector<double>& user : forces) {
-      const double off = std::abs(user[ms] - target);
-      squares += off * off;
-      most = std::max(most, off);
-      on_target += off <= scenario.within ? 1 : 0;
-      lost += user[ms] < kLeastForce ? 1 : 0;
-      ++judged;
-    }
-  }
-  const auto count = static_cast<double>(std::max<std::size_t>(judged, 1));
-  const auto percent = [&](std::size_t of) { return 100 * static_cast<double>(of) / count; };
-  const auto ms_from = [&](std::size_t from, std::size_t to) { return static_cast<double>(to - from); };
-  return {{{"both touch after", "ms", ms_from(0, begin)},
-           {"on target after", "ms", ms_from(begin, reached)},
-           {"on target", "%", percent(on_target)},
-           {"off target by, rms", "N", std::sqrt(squares / count)},
-           {"off target by, most", "N", most},
-           {"contact lost", "%", percent(lost)}},
-          {}};
 }
 
 ScenarioRun take_turns(const Scenario& scenario, const netem::LinkSettings& link, std::uint64_t seed) {
@@ -125,19 +78,34 @@ Experiments experiments_of(const Study& study, const std::vector<Scenario>& scen
     const std::string object = object_of(scenario);
     const bool is_there = std::any_of(experiments.subjects.begin(), experiments.subjects.end(),
                                       [&](const Subject& subject) { return subject.name == object; });
-    if (is_there || object == "box") continue;
-    experiments.subjects.push_back(object == "wall"
-                                       ? make_subject("wall", "wall", 20'000, 0.2)
+    if (is_there) continue;
+    experiments.subjects.push_back(object == "wall" ? make_subject("wall", "wall", 20'000, 0.2)
+                                   : object == "crate"
+                                       ? make_subject("crate", "box", 1200, 0.1)
                                        : make_subject("scan", study.scan.model, study.scan.faces, study.scan.size));
   }
   for (const Scenario& scenario : scenarios) {
     Experiment experiment{scenario.name, Topic::kForces, scenario.digest, study.profiles, study.seeds, {}};
+    // Subjects do not move any more: what they own stays where it is when the list is handed on.
+    const Subject* const subject = experiments.subjects.data() +
+                                   (std::find_if(experiments.subjects.begin(), experiments.subjects.end(),
+                                                 [&](const Subject& one) { return one.name == object_of(scenario); }) -
+                                    experiments.subjects.begin());
+    const auto run_by = [&, subject](auto* run) {
+      return
+          [scenario, subject, run](const netem::LinkSettings& link, std::uint64_t seed, const std::atomic<bool>& stop) {
+            return run(scenario, *subject, link, seed, stop);
+          };
+    };
+    experiment.run = run_by(run_scenario);
     switch (scenario.measures) {
       case Measure::kTarget:
         experiment.topic = Topic::kTarget;
-        experiment.run = [scenario](const netem::LinkSettings& link, std::uint64_t seed, const std::atomic<bool>&) {
-          return press_to_target(scenario, link, seed);
-        };
+        experiment.run = run_by(press_to_target);
+        break;
+      case Measure::kLift:
+        experiment.topic = Topic::kLift;
+        experiment.run = run_by(lift_together);
         break;
       case Measure::kHandOver:
         experiment.topic = Topic::kHandOver;
@@ -147,20 +115,10 @@ Experiments experiments_of(const Study& study, const std::vector<Scenario>& scen
         break;
       case Measure::kFirstTouch:
         experiment.topic = Topic::kFirstTouch;
-        [[fallthrough]];
+        break;
       case Measure::kForces:
-      case Measure::kNone: {
-        // Subjects do not move any more: what they own stays where it is when the list is handed on.
-        const auto subject =
-            static_cast<std::size_t>(std::find_if(experiments.subjects.begin(), experiments.subjects.end(),
-                                                  [&](const Subject& one) { return one.name == object_of(scenario); }) -
-                                     experiments.subjects.begin());
-        const Subject* const at = experiments.subjects.data() + subject;
-        experiment.run = [scenario, at](const netem::LinkSettings& link, std::uint64_t seed,
-                                        const std::atomic<bool>& stop) {
-          return run_scenario(scenario, *at, link, seed, stop);
-        };
-      }
+      case Measure::kNone:
+        break;
     }
     experiments.all.push_back(std::move(experiment));
   }

@@ -12,8 +12,8 @@
 namespace tactus::study {
 
 /// To which table an experiment belongs.
-enum class Topic : std::uint8_t { kForces, kFirstTouch, kTarget, kHandOver, kCollaboration, kStiffness };
-inline constexpr const char* kTopicNames[]{"Force fidelity", "Cold start",    "Target force",
+enum class Topic : std::uint8_t { kForces, kFirstTouch, kTarget, kLift, kHandOver, kCollaboration, kStiffness };
+inline constexpr const char* kTopicNames[]{"Force fidelity", "Cold start",    "Target force", "Lift",
                                            "Hand-over",      "Collaboration", "Stiffness against round trip"};
 
 /// Of the stiffness experiment: the figure that its others are drawn over.

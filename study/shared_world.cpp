@@ -6,7 +6,6 @@
 #include <random>
 #include <vector>
 
-#include "client_sim/operator.hpp"
 #include "haptics/body_touch.hpp"
 #include "haptics/passivity.hpp"
 #include "haptics/shared_object.hpp"
@@ -21,7 +20,6 @@ constexpr double kDt = 1e-3;
 constexpr double kPi = 3.14159265358979323846;
 constexpr std::int64_t kCycleNs = 1'000'000;
 constexpr std::size_t kBytes = 400;  // a copy's state or a hand's, with its heads
-constexpr double kTremor = 1e-4;     // m rms, of a resting hand
 constexpr double kRest = 6;          // s, when the hands' targets stop
 const Vec3d kHalf{0.06, 0.06, 0.04};
 
@@ -170,7 +168,9 @@ class World {
     if (touch.touching())
       force =
           settings_.grip * (touch.touch().anchor - device.position) - settings_.grip_damping * touch.device().velocity;
-    force = ports_[user].step(force, device.position, passed_on_[user], kDt, settings_.port_control);
+    const double stored =
+        touch.touching() ? 0.5 * settings_.grip * (touch.touch().anchor - device.position).squaredNorm() : 0.0;
+    force = ports_[user].step(force, device.position, passed_on_[user], kDt, settings_.port_control, stored);
     passed_on_[user] = 0;
     if (!server() && touch.touching()) springs_[user].push_back(touch.spring());
     return force;
@@ -392,70 +392,6 @@ CarryResult carry(const WorldSettings& settings, double seconds) {
     result.withholding += static_cast<double>(port.withholding) / cycles / static_cast<double>(settings.users);
   }
   return result;
-}
-
-std::vector<std::vector<double>> press(const WorldSettings& settings, const std::vector<client_sim::User>& users,
-                                       double seconds) {
-  struct Presser {
-    client_sim::Operator mind;
-    HandSettings hand;
-    std::unique_ptr<SimulatedDevice> device;  // once it is known where it begins
-  };
-  BodyState start;
-  start.position.z() = kHalf.z();
-  World world{settings, whole_of(settings), start};
-  client_sim::ObjectView view;
-  view.id = 1;
-  view.centre = start.position;
-  view.half = kHalf;
-  const client_sim::Objects objects{{"box", view}};
-  std::vector<Presser> pressers;
-  for (const client_sim::User& user : users) {
-    pressers.push_back({client_sim::Operator{user, {}}, {}, nullptr});
-    pressers.back().hand.seed = static_cast<std::uint32_t>(settings.seed * 16 + pressers.size());
-    pressers.back().hand.tremor = kTremor;
-  }
-  std::vector<std::vector<double>> forces(users.size());
-  const int cycles = static_cast<int>(seconds / kDt);
-  for (int cycle = 0; cycle < cycles; ++cycle) {
-    const std::int64_t now_ns = world.now_ns();
-    for (std::size_t i = 0; i < pressers.size(); ++i) {
-      Presser& one = pressers[i];
-      if (const auto intent = one.mind.tick(now_ns, objects)) {
-        HandPath path;
-        for (const session::Waypoint& point : intent->path)
-          path.waypoints[path.count++] = {point.session_time_ns, point.position};
-        if (one.device == nullptr) {
-          const auto& first = intent->path.front().position;
-          one.hand.start = {first[0], first[1], first[2]};
-          one.device = std::make_unique<SimulatedDevice>(one.hand);
-        }
-        one.device->wishes().post(path);
-      }
-      if (one.device == nullptr) {
-        forces[i].push_back(0);
-        continue;
-      }
-      const DeviceState device = one.device->read(now_ns);
-      const Vec3d force = world.hold(i, device, false);
-      one.device->write(force);
-      forces[i].push_back(force.norm());
-      session::ProbeState felt;
-      felt.user_id = session::id_of(one.mind.user().name);
-      felt.session_time_ns = now_ns;
-      const Vec3d& proxy = world.touch(i).touch().proxy;
-      for (std::size_t axis = 0; axis < 3; ++axis) {
-        const auto at = static_cast<Eigen::Index>(axis);
-        felt.device.position[axis] = device.position[at];
-        felt.proxy[axis] = proxy[at];
-        felt.force[axis] = force[at];
-      }
-      if (world.touch(i).touching()) felt.status |= session::kInContact;
-      one.mind.on_probe_state(felt);
-    }
-    world.step({});
-  }
-  return forces;
 }
 
 bool settles(const WorldSettings& settings) {

@@ -6,9 +6,7 @@
 #pragma once
 
 #include <cstdint>
-#include <vector>
 
-#include "client_sim/scenario.hpp"
 #include "haptics/coupling.hpp"
 #include "netem/profile.hpp"
 
@@ -50,11 +48,6 @@ struct CarryResult {
 };
 /// The users grab the object, carry it along a path of some 6 s, and rest until `seconds`.
 [[nodiscard]] CarryResult carry(const WorldSettings& settings, double seconds);
-
-/// Users of a scenario press the box, which is the object `box` to them, without grabbing it; the force on each hand,
-/// N, by user and millisecond.
-[[nodiscard]] std::vector<std::vector<double>> press(const WorldSettings& settings,
-                                                     const std::vector<client_sim::User>& users, double seconds);
 
 struct MassResult {
   double mass = 0;     ///< kg, in phase with the acceleration

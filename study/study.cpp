@@ -63,8 +63,9 @@ std::string trouble_with(const Scenario& scenario) {
   if (scenario.users.size() > most)
     return "has " + std::to_string(scenario.users.size()) + " users, expected at most " + std::to_string(most);
   const std::string object = object_of(scenario);
-  if (scenario.measures == Measure::kTarget || scenario.measures == Measure::kHandOver) {
-    if (object != "box") return "touches '" + object + "', expected box, the body that users share";
+  if (scenario.measures == Measure::kTarget || scenario.measures == Measure::kLift ||
+      scenario.measures == Measure::kHandOver) {
+    if (object != "crate") return "touches '" + object + "', expected crate, the body that users share";
     if (scenario.users.size() < 2) return "has one user, expected two or more";
     const auto has = [&](ActionKind kind) {
       return std::all_of(scenario.users.begin(), scenario.users.end(), [&](const client_sim::User& user) {
@@ -72,7 +73,8 @@ std::string trouble_with(const Scenario& scenario) {
                            [&](const auto& action) { return action.kind == kind; });
       });
     };
-    if (!has(ActionKind::kHold)) return "has a user who does not hold the box";
+    if (scenario.measures == Measure::kLift) return has(ActionKind::kLift) ? "" : "has a user who does not lift";
+    if (!has(ActionKind::kHold)) return "has a user who does not hold the crate";
     if (scenario.measures == Measure::kHandOver && !has(ActionKind::kWait))
       return "has a user who does not wait between touches";
     return "";

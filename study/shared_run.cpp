@@ -1,0 +1,158 @@
+#include "study/shared_run.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "session/figures.hpp"
+#include "study/shared_session.hpp"
+
+namespace tactus::study {
+namespace {
+
+using client_sim::ActionKind;
+using client_sim::Scenario;
+
+constexpr double kDt = 1e-3;      // s
+constexpr double kTremor = 1e-4;  // m rms, of a resting hand
+constexpr double kDegree = 3.14159265358979323846 / 180;
+
+SharedSessionSettings settings_of(const netem::LinkSettings& link, std::uint64_t seed) {
+  SharedSessionSettings settings;
+  settings.link = link;
+  settings.seed = seed;
+  settings.tremor = kTremor;
+  return settings;
+}
+
+/// Users with one name for their controller share it.
+void let_in(SharedSession& session, const Scenario& scenario) {
+  std::map<std::string, std::size_t> controllers;
+  for (const client_sim::User& user : scenario.users) {
+    if (controllers.find(user.hrtc) == controllers.end()) controllers[user.hrtc] = session.add_controller();
+    (void)session.add_user(controllers[user.hrtc], user);
+  }
+}
+
+double force_on(const SharedSession& session, std::size_t user) {
+  return hrtc_service::vec(session.probe(user).force).norm();
+}
+
+/// Between the corners that are furthest apart, m.
+double apart(const SharedSession& session) {
+  double most = 0;
+  const haptics::BodySettings& shape = session.shared().settings;
+  for (std::size_t a = 0; a < session.controllers(); ++a)
+    for (std::size_t b = 0; b < a; ++b) {
+      const auto *one = session.body(a), *other = session.body(b);
+      if (one == nullptr || other == nullptr || !one->simulated || !other->simulated) continue;
+      for (std::uint32_t i = 0; i < shape.point_count; ++i)
+        most = std::max(most, (one->state.to_world(shape.points[i]) - other->state.to_world(shape.points[i])).norm());
+    }
+  return most;
+}
+
+double lowest_port(const SharedSession& session, std::size_t users) {
+  double lowest = 0;
+  for (std::size_t user = 0; user < users; ++user) lowest = std::min(lowest, session.port(user).lowest);
+  return lowest;
+}
+
+}  // namespace
+
+const client_sim::Action& action_of(const client_sim::User& user, ActionKind kind) {
+  return *std::find_if(user.script.begin(), user.script.end(),
+                       [&](const client_sim::Action& action) { return action.kind == kind; });
+}
+
+ScenarioRun press_to_target(const Scenario& scenario, const Subject& subject, const netem::LinkSettings& link,
+                            std::uint64_t seed, const std::atomic<bool>& stop) {
+  constexpr std::size_t kSettling = 1000, kKept = 200;  // ms
+  const double target = action_of(scenario.users.front(), ActionKind::kHold).force;
+  const double seconds = action_of(scenario.users.front(), ActionKind::kHold).seconds;
+  SharedSession session{subject, settings_of(link, seed)};
+  let_in(session, scenario);
+  std::vector<std::vector<double>> forces(scenario.users.size());
+  for (double time = 0; time < scenario.duration; time += kDt) {
+    if (stop) return {};
+    session.step();
+    for (std::size_t user = 0; user < forces.size(); ++user) forces[user].push_back(force_on(session, user));
+  }
+
+  const std::size_t end = forces.front().size();
+  const auto all = [&](std::size_t ms, auto&& holds) {
+    return std::all_of(forces.begin(), forces.end(), [&](const std::vector<double>& user) { return holds(user[ms]); });
+  };
+  std::size_t begin = 0;
+  while (begin < end && !all(begin, [](double force) { return force >= kLeastForce; })) ++begin;
+  std::size_t reached = begin;
+  for (std::size_t kept = 0; reached < end && kept < kKept; ++reached)
+    kept = all(reached, [&](double force) { return std::abs(force - target) <= scenario.within; }) ? kept + 1 : 0;
+  double squares = 0, most = 0;
+  std::size_t on_target = 0, lost = 0, judged = 0;
+  const std::size_t last = std::min(end, begin + static_cast<std::size_t>(seconds / kDt));
+  for (std::size_t ms = begin + kSettling; ms < last; ++ms) {
+    for (const std::vector<double>& user : forces) {
+      const double off = std::abs(user[ms] - target);
+      squares += off * off;
+      most = std::max(most, off);
+      on_target += off <= scenario.within ? 1 : 0;
+      lost += user[ms] < kLeastForce ? 1 : 0;
+      ++judged;
+    }
+  }
+  const auto count = static_cast<double>(std::max<std::size_t>(judged, 1));
+  const auto percent = [&](std::size_t of) { return 100 * static_cast<double>(of) / count; };
+  const auto ms_from = [&](std::size_t from, std::size_t to) { return static_cast<double>(to - from); };
+  return {{{"both touch after", "ms", ms_from(0, begin)},
+           {"on target after", "ms", ms_from(begin, reached)},
+           {"on target", "%", percent(on_target)},
+           {"off target by, rms", "N", std::sqrt(squares / count)},
+           {"off target by, most", "N", most},
+           {"contact lost", "%", percent(lost)},
+           {"lowest port", "mJ", 1e3 * lowest_port(session, scenario.users.size())}},
+          {}};
+}
+
+ScenarioRun lift_together(const Scenario& scenario, const Subject& subject, const netem::LinkSettings& link,
+                          std::uint64_t seed, const std::atomic<bool>& stop) {
+  constexpr double kNearly = 0.9;  // of the height: held up there
+  const double wanted = action_of(scenario.users.front(), ActionKind::kLift).height;
+  SharedSession session{subject, settings_of(link, seed)};
+  let_in(session, scenario);
+  const double ground = session.shared().start.position.z();
+  double highest = 0, held = 0, tilt = 0, furthest = 0, peak = 0;
+  for (double time = 0; time < scenario.duration; time += kDt) {
+    if (stop) return {};
+    session.step();
+    furthest = std::max(furthest, apart(session));
+    for (std::size_t user = 0; user < scenario.users.size(); ++user) peak = std::max(peak, force_on(session, user));
+    if (session.seen().fencing == 0) continue;
+    const haptics::BodyState seen = sharing::state_of(session.seen(), session.shared().centre);
+    const double height = seen.position.z() - ground;
+    highest = std::max(highest, height);
+    held += height >= kNearly * wanted ? kDt : 0;
+    tilt = std::max(tilt, std::acos(std::clamp((seen.orientation * Vec3d::UnitZ()).z(), -1.0, 1.0)) / kDegree);
+  }
+  std::uint32_t lifts = 0, lost = 0;
+  for (std::size_t user = 0; user < scenario.users.size(); ++user) {
+    lifts += session.mind(user).tally().lifts;
+    lost += session.mind(user).tally().lifts_lost;
+  }
+  double given = 0;
+  for (std::size_t i = 0; i < session.controllers(); ++i) given += session.figure(i, session::figures::kCopyGiven);
+  const haptics::BodyState left = sharing::state_of(session.seen(), session.shared().centre);
+  return {{{"lifts of users ended", "", static_cast<double>(lifts)},
+           {"lost", "", static_cast<double>(lost)},
+           {"raised by, most", "mm", 1e3 * highest},
+           {"held up for", "s", held},
+           {"tilted by, most", "degrees", tilt},
+           {"copies apart, most", "mm", 1e3 * furthest},
+           {"injected", "mJ", 1e-3 * given},
+           {"peak force", "N", peak},
+           {"lowest port", "mJ", 1e3 * lowest_port(session, scenario.users.size())},
+           {"stands off the ground at the end by", "mm", 1e3 * (left.position.z() - ground)}},
+          {}};
+}
+
+}  // namespace tactus::study
