@@ -6,16 +6,17 @@
 #include <array>
 #include <iterator>
 
+#include "wire/rtps_message.hpp"
+
 namespace tactus::wire {
 namespace {
 
 using eprosima::fastrtps::rtps::IPLocator;
 
-// RTPS 2.2, 8.3.3 and 9.4: the header of a message, with who sends it; id, flags and length of each submessage; what a
-// sample begins with, then its encapsulation and parameters.
-constexpr std::uint32_t kHeader = 20, kSenderAt = 8, kSubmessage = 4, kWriterAt = 8, kSequenceAt = 12;
+// RTPS 2.2, 8.3.3 and 9.4: who sends a message; what a sample begins with, then its encapsulation and parameters.
+constexpr std::uint32_t kSenderAt = 8, kWriterAt = 8, kSequenceAt = 12;
 constexpr std::uint32_t kSampleHeader = 20, kEncapsulation = 4, kParameter = 4, kLocator = 24;
-constexpr std::uint8_t kDataId = 0x15, kInlineQos = 0x02, kHasData = 0x04;
+constexpr std::uint8_t kInlineQos = 0x02, kHasData = 0x04;
 constexpr std::uint32_t kSentinel = 0x01, kMetatrafficUnicast = 0x32, kName = 0x62;  // parameters (9.6.2)
 constexpr std::array<std::uint8_t, 4> kAnnouncer{0x00, 0x01, 0x00, 0xc2};  // the writer of participants (9.3.1.5)
 constexpr std::size_t kMany = 4096;
@@ -33,19 +34,16 @@ struct Bytes {
 
 /// The sample of a message that announces a participant, and its flags.
 std::optional<Bytes> announcement_of(const std::uint8_t* message, std::uint32_t size, std::uint8_t& flags) {
-  for (std::uint32_t at = kHeader; at + kSubmessage <= size;) {
-    const Bytes submessage{message + at, size - at, (message[at + 1] & 1u) != 0};
-    const std::uint32_t length = submessage.number(2, 2);
-    if (message[at] == kDataId) {
-      const Bytes sample{submessage.at + kSubmessage, std::min(length, submessage.size - kSubmessage),
-                         submessage.little};
-      if (sample.size < kSampleHeader || !std::equal(kAnnouncer.begin(), kAnnouncer.end(), sample.at + kWriterAt))
+  std::uint32_t at = kRtpsHeader;
+  while (const std::optional<Submessage> found = submessage_at(message, size, at)) {
+    if (found->id == kDataId) {
+      if (found->size < kSampleHeader || !std::equal(kAnnouncer.begin(), kAnnouncer.end(), found->body + kWriterAt))
         return std::nullopt;
-      flags = message[at + 1];
-      return sample;
+      flags = found->flags;
+      return Bytes{found->body, found->size, found->little_endian()};
     }
-    if (length == 0) return std::nullopt;  // the last one
-    at += kSubmessage + length;
+    if (found->last) return std::nullopt;
+    at = found->next;
   }
   return std::nullopt;
 }

@@ -4,7 +4,10 @@
 
 #include <algorithm>
 #include <array>
+#include <optional>
 #include <utility>
+
+#include "wire/rtps_message.hpp"
 
 namespace tactus::wire {
 namespace {
@@ -12,10 +15,9 @@ namespace {
 namespace fdds = eprosima::fastdds::rtps;
 namespace rtps = eprosima::fastrtps::rtps;
 
-// Lengths of a message's header and of submessages with theirs; their ids (RTPS 2.2, 9.4.5).
-constexpr std::uint32_t kHeader = 20, kInfoDestination = 16, kInfoTime = 12, kStatistics = 60;
-constexpr rtps::octet kInfoDestinationId = 0x0e, kInfoTimeId = 0x09, kDataId = 0x15, kStatisticsId = 0x80;
-constexpr std::array<rtps::octet, 4> kPadding{1, 1, 0, 0};  // the shortest submessage
+// Lengths of submessages with their heads.
+constexpr std::uint32_t kInfoDestination = 16, kInfoTime = 12, kStatistics = 60;
+constexpr std::array<rtps::octet, 4> kPadding{kPadId, 1, 0, 0};  // the shortest submessage
 /// When the library reckons whether a sample goes whole into a message it counts a heartbeat and the longer header of a
 /// fragment, which messages of best effort samples do not have.
 constexpr std::uint32_t kNeverSent = 32 + 12;
@@ -32,7 +34,7 @@ class LeanTransport final : public fdds::ChainingTransport {
     std::array<rtps::octet, 2048> trimmed;
     const std::uint32_t sample = sample_in(message, size);
     if (sample == 0 || size > trimmed.size()) return low->send(message, size, first, last, until);
-    auto end = std::copy(message, message + kHeader, trimmed.begin());
+    auto end = std::copy(message, message + kRtpsHeader, trimmed.begin());
     end = std::copy(message + sample, message + size - kStatistics, end);
     // What looks like statistics there the transport below would fill in, and the receiver take off: padding moves it.
     while (end[-std::ptrdiff_t{kStatistics}] == kStatisticsId) end = std::copy(kPadding.begin(), kPadding.end(), end);
@@ -48,23 +50,17 @@ class LeanTransport final : public fdds::ChainingTransport {
   /// Where the one sample of a message begins that has nothing else but its time, perhaps its destination (none when
   /// several readers have found the writer) and statistics; 0 when it has more.
   static std::uint32_t sample_in(const rtps::octet* message, std::uint32_t size) noexcept {
-    if (size <= kHeader + kInfoDestination + kInfoTime + kStatistics) return 0;
-    const bool to_one = message[kHeader] == kInfoDestinationId;
-    const std::uint32_t time = kHeader + (to_one ? kInfoDestination : 0);
+    if (size <= kRtpsHeader + kInfoDestination + kInfoTime + kStatistics) return 0;
+    const bool to_one = message[kRtpsHeader] == kInfoDestinationId;
+    const std::uint32_t time = kRtpsHeader + (to_one ? kInfoDestination : 0);
     const std::uint32_t sample = time + kInfoTime;
-    const bool alone = message[time] == kInfoTimeId && message[sample] == kDataId &&
-                       message[size - kStatistics] == kStatisticsId &&
-                       ends_there(message + sample, size - sample - kStatistics);
+    const std::optional<Submessage> data = submessage_at(message, size, sample);
+    const bool alone = message[time] == kInfoTimeId && data->id == kDataId && data->next == size - kStatistics &&
+                       message[data->next] == kStatisticsId;
     // Discovery's own samples to everybody stay as they are: the kind of their writer says that it is built in.
     constexpr std::uint32_t kWriterKind = 15;
     const bool built_in = alone && (message[sample + kWriterKind] & 0xc0) != 0;
     return alone && (to_one || !built_in) ? sample : 0;
-  }
-  /// Whether a submessage is the last of so many bytes.
-  static bool ends_there(const rtps::octet* submessage, std::uint32_t size) noexcept {
-    const bool little = (submessage[1] & 1) != 0;
-    const std::uint32_t length = little ? submessage[2] + 256u * submessage[3] : submessage[3] + 256u * submessage[2];
-    return length + 4 == size;
   }
 
   LeanTransportDescriptor descriptor_;

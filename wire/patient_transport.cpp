@@ -9,6 +9,7 @@
 
 #include "wire/announcements.hpp"
 #include "wire/process.hpp"
+#include "wire/rtps_message.hpp"
 
 namespace tactus::wire {
 namespace {
@@ -39,7 +40,7 @@ class PatientTransport final : public fdds::ChainingTransport {
                const rtps::Locator_t& local, const rtps::Locator_t& remote) override {
     descriptor_.gate->pass();
     if (!announcements_.on_received(message, size)) return;
-    next->OnDataReceived(message, size, local, remote);
+    next->OnDataReceived(message, size_without_statistics(message, size), local, remote);
   }
 
  private:

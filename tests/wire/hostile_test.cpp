@@ -1,5 +1,7 @@
+#include <arpa/inet.h>
 #include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
 #include <gmock/gmock.h>
+#include <sys/socket.h>
 
 #include <limits>
 #include <string>
@@ -190,6 +192,54 @@ TEST(Hostile, ASampleLargerThanItsTypeIsSurvived) {
   std::string large = encoding(full<ses::BulkChunk>(somewhere));
   large.resize(60000, 'x');
   expect_survival(topics::kRecords, {large}, 0);  // refused by DDS, before decoding
+}
+
+/// Sends datagrams to every port of this machine at which participants of the session's domains listen.
+class Stranger {
+ public:
+  explicit Stranger(int domain) : domain_{domain}, socket_{socket(AF_INET, SOCK_DGRAM, 0)} {
+    const in_addr here{htonl(INADDR_LOOPBACK)};
+    setsockopt(socket_, IPPROTO_IP, IP_MULTICAST_IF, &here, sizeof here);
+  }
+  ~Stranger() { close(socket_); }
+  Stranger(const Stranger&) = delete;
+  Stranger& operator=(const Stranger&) = delete;
+
+  void send(const std::string& datagram) const {
+    constexpr int kClasses = 3, kParticipants = 20;
+    for (int domain = domain_; domain < domain_ + kClasses; ++domain) {
+      const int base = 7400 + 250 * domain;  // RTPS 2.2, 9.6.1.1
+      send(datagram, inet_addr("239.255.0.1"), base);
+      for (int port = base + 10; port < base + 10 + 2 * kParticipants; ++port)
+        send(datagram, htonl(INADDR_LOOPBACK), port);
+    }
+  }
+
+ private:
+  void send(const std::string& datagram, in_addr_t address, int port) const {
+    sockaddr_in to{};
+    to.sin_family = AF_INET;
+    to.sin_addr.s_addr = address;
+    to.sin_port = htons(static_cast<std::uint16_t>(port));
+    sendto(socket_, datagram.data(), datagram.size(), 0, reinterpret_cast<const sockaddr*>(&to), sizeof to);
+  }
+
+  int domain_, socket_;
+};
+
+TEST(Hostile, StatisticsThatAreNotTheLastOfAMessageDoNotEndTheProcess) {
+  Victim<ses::Control> victim{topics::kControl};
+  const std::string from{"RTPS\x02\x03\x01\x0f stranger...", 20};  // of the library's vendor
+  std::string statistics{"\x80\x01\x38\x00", 4};
+  statistics.resize(60);
+  const std::string padding{"\x01\x01\x04\x00....", 8};
+  const Stranger stranger{victim.links.address().domain};
+  stranger.send(from + statistics + padding);
+  stranger.send(from + padding + statistics + statistics);
+  stranger.send(from + statistics.substr(0, 10));
+
+  Writer<ses::Control> writer{victim.friendly, topics::kControl};
+  EXPECT_TRUE(send_until_received(writer, victim.inbox, full<ses::Control>(victim.friendly)));
 }
 
 }  // namespace
