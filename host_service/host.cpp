@@ -194,6 +194,8 @@ struct Host::Impl {
   std::map<std::uint64_t, VigilLink> vigils;  // by HRTC; after the inbox, which their callbacks fill
   std::int64_t started_ns = monotonic_ns();
   std::uint64_t heartbeat = 0;
+  Every beat{kHeartbeatNs};
+  bool stopped = false;  // the session is, by an emergency stop: whoever comes is told
   Every metrics_due{kMetricsNs};
   std::uint64_t demands_refused = 0;
   bool ended = false;
@@ -238,7 +240,6 @@ int Host::Impl::run() {
   say("host '" + options.address.participant + "' is in session '" + options.address.session + "' on domain " +
       std::to_string(options.address.domain));
   send_catalogue(false);
-  Every beat{kHeartbeatNs};
   Every request{kClockNs};
   microseconds patience{0};
   while (!stop && !ended) {
@@ -283,6 +284,10 @@ void Host::Impl::react(const session::RosterEvent& event, std::int64_t now_ns) {
     ended = true;
   }
   metrics_due.hasten(now_ns, kMetricsSoonNs);  // whoever compares scenes need not wait long
+  if (event.change == RosterChange::kStopped && !stopped) {
+    stopped = true;
+    beat.at_once();
+  }
   if (entry.role == session::Role::kHost &&
       (event.change == RosterChange::kLeft || event.change == RosterChange::kGone))
     keeper.on_host_gone(id, now_ns);
@@ -324,6 +329,10 @@ void Host::Impl::take(const Question& question, std::int64_t at_ns) {
 }
 
 void Host::Impl::take(const session::Control& control, std::int64_t) {
+  if (control.kind == session::ControlKind::kEmergencyStop || control.kind == session::ControlKind::kReset) {
+    stopped = control.kind == session::ControlKind::kEmergencyStop;
+    beat.at_once();
+  }
   if (control.kind != session::ControlKind::kEnd) return;
   say("the session ends" + (control.text.empty() ? std::string{} : ": " + control.text));
   ended = true;
@@ -373,6 +382,7 @@ void Host::Impl::send_roster(bool leaving) {
   entry.session = options.address.session;
   entry.heartbeat = ++heartbeat;
   entry.leaving = leaving;
+  entry.stopped = stopped;
   (void)roster_out.send(entry);
 }
 

@@ -154,6 +154,7 @@ struct Hrtc::Impl {
     clock.on_answer(answer.sample, now_ns);
   }
   void take(const session::Control& control, std::int64_t now_ns);
+  void stop_forces();
   void take(const session::ProbeState& state, std::int64_t now_ns);
   void take(const WholeState& whole, std::int64_t now_ns);
   void take(const session::Metrics& told, std::int64_t now_ns) { neighbours.on_metrics(told, now_ns); }
@@ -220,6 +221,7 @@ struct Hrtc::Impl {
   std::map<std::uint32_t, User> users;  // by slot
   std::vector<std::unique_ptr<haptics::Device>> devices;
   HapticCommands commands;
+  bool stopped = false;  // by an emergency stop, heard or told of; no reset since
   haptics::Mailbox<session::ClockMap> sender_clock;
   std::atomic<std::int64_t> session_offset_ns{0};  // session time less ours, for the threads that bring poses
   std::mutex remote_mutex;                         // the service's and the sender's
@@ -411,6 +413,7 @@ void Hrtc::Impl::on_event(const session::RosterEvent& event, std::int64_t now_ns
   const bool gone = event.change == RosterChange::kGone || event.change == RosterChange::kLeft;
   if (event.change != RosterChange::kChanged) spdlog::info("{}", session::text(event));
   metrics.hasten(now_ns, kMetricsSoonNs);  // whoever compares scenes need not wait long
+  if (event.change == RosterChange::kStopped) stop_forces();
   if (event.change == RosterChange::kTwins && entry.origin.participant == links.origin().participant) {
     spdlog::error("another program named {} is in session {}; every name may be there once",
                   options.address.participant, options.address.session);
@@ -583,16 +586,26 @@ void Hrtc::Impl::take(const session::Control& control, std::int64_t) {
       break;
     case session::ControlKind::kEmergencyStop:
       spdlog::warn("emergency stop: {}", control.text);
-      ++commands.stops;
-      if (flight) flight->save("emergency stop", false);
-      haptic.commands().post(commands);
+      stop_forces();
       break;
     case session::ControlKind::kReset:
       spdlog::info("forces are reset: {}", control.text);
+      stopped = false;
+      heartbeat.at_once();
       ++commands.resets;
       haptic.commands().post(commands);
       break;
   }
+}
+
+/// Once, however many tell of it, until a reset; and tells whoever comes.
+void Hrtc::Impl::stop_forces() {
+  if (stopped) return;
+  stopped = true;
+  heartbeat.at_once();
+  ++commands.stops;
+  if (flight) flight->save("emergency stop", false);
+  haptic.commands().post(commands);
 }
 
 void Hrtc::Impl::take(const session::ProbeState& state, std::int64_t now_ns) {
@@ -621,6 +634,7 @@ void Hrtc::Impl::send_roster(bool leaving) {
   entry.slots = slots.list();
   entry.heartbeat = ++beats;
   entry.leaving = leaving;
+  entry.stopped = stopped;
   (void)roster_out.send(entry);
 }
 

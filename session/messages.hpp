@@ -17,7 +17,7 @@
 namespace tactus::session {
 
 /// Raised when a change makes older programs misread newer samples.
-inline constexpr std::uint32_t kProtocolVersion = 9;
+inline constexpr std::uint32_t kProtocolVersion = 10;
 
 // Bounds, also stated in idl/tactus.idl; a test compares the two.
 inline constexpr std::size_t kMaxName = 63;
@@ -63,6 +63,7 @@ struct RosterEntry {
   std::vector<UserSlot> slots;     ///< HRTC only: users accepted
   std::uint64_t heartbeat = 0;     ///< grows by one each sample
   bool leaving = false;
+  bool stopped = false;  ///< host and HRTC: has heard an emergency stop, and no reset since
 };
 
 struct Pose {

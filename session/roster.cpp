@@ -55,6 +55,8 @@ std::string text(const RosterEvent& event) {
     case RosterChange::kWrongVersion:
       return who + " refused: it speaks protocol version " + std::to_string(event.other) + ", we speak version " +
              std::to_string(kProtocolVersion);
+    case RosterChange::kStopped:
+      return who + " says that the session is stopped";
     case RosterChange::kTwins:
       return who + " is there twice: incarnations " + std::to_string(event.entry.origin.incarnation) + " and " +
              std::to_string(event.other) + " both beat under this name; give one of them another --name";
@@ -71,6 +73,7 @@ Roster::Roster(const Origin& self, const RosterSettings& settings) : self_{self}
 
 std::vector<RosterEvent> Roster::on_entry(const RosterEntry& entry, std::int64_t now_ns) {
   std::vector<RosterEvent> events;
+  const auto tell = [&](RosterChange change) { events.push_back({change, entry, 0}); };
   if (entry.origin.session != self_.session) return events;
   const std::uint64_t id = entry.origin.participant;
   const std::uint64_t incarnation = entry.origin.incarnation;
@@ -94,14 +97,15 @@ std::vector<RosterEvent> Roster::on_entry(const RosterEntry& entry, std::int64_t
     if (known_.size() == kMaxParticipants) {
       if (refused_.size() == kMaxRefused) refused_.clear();
       const bool is_new = refused_.emplace(std::make_pair(id, incarnation), entry.protocol).second;
-      if (is_new) events.push_back({RosterChange::kFull, entry, 0});
+      if (is_new) tell(RosterChange::kFull);
       return events;
     }
     at = known_.try_emplace(id).first;
     at->second.entry = entry;
     at->second.here = true;
     at->second.seen_ns = now_ns;
-    events.push_back({RosterChange::kJoined, entry, 0});
+    tell(RosterChange::kJoined);
+    if (entry.stopped) tell(RosterChange::kStopped);
     return events;
   }
 
@@ -114,27 +118,30 @@ std::vector<RosterEvent> Roster::on_entry(const RosterEntry& entry, std::int64_t
       known.entry = entry;
       known.here = true;
       known.seen_ns = now_ns;
-      events.push_back({RosterChange::kJoined, entry, 0});
+      tell(RosterChange::kJoined);
+      if (entry.stopped) tell(RosterChange::kStopped);
     }
     return events;
   }
   if (incarnation == before && (known.left || entry.heartbeat < known.entry.heartbeat)) return events;
   if (entry.leaving) {
-    if (known.here) events.push_back({RosterChange::kLeft, entry, 0});
+    if (known.here) tell(RosterChange::kLeft);
     known = Known{};
     known.entry = entry;
     known.left = true;
     return events;
   }
+  const bool told = known.here && incarnation == before && known.entry.stopped;
   if (!known.here) {
-    events.push_back({RosterChange::kJoined, entry, 0});
+    tell(RosterChange::kJoined);
   } else if (incarnation > before) {
-    events.push_back({RosterChange::kRestarted, entry, 0});
+    tell(RosterChange::kRestarted);
     if (known.rivals.size() < kMaxRivals) known.rivals[before] = {known.entry.heartbeat, 0, false};
   } else {
-    if (known.late) events.push_back({RosterChange::kBack, entry, 0});
-    if (!same_users(entry, known.entry)) events.push_back({RosterChange::kChanged, entry, 0});
+    if (known.late) tell(RosterChange::kBack);
+    if (!same_users(entry, known.entry)) tell(RosterChange::kChanged);
   }
+  if (entry.stopped && !told) tell(RosterChange::kStopped);
   known.here = true;
   known.left = known.late = false;
   known.entry = entry;

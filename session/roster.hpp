@@ -34,6 +34,7 @@ enum class RosterChange : std::uint8_t {
   kLeft,          ///< said so
   kGone,          ///< silent for too long
   kWrongVersion,  ///< refused; `other` is its protocol version
+  kStopped,       ///< says now that the session is stopped, or did when it came
   kTwins,         ///< two programs beat under this name; `other` is the incarnation of the second
   kFull           ///< no room for it
 };

@@ -18,6 +18,7 @@ void to_idl(const session::RosterEntry& from, idl::RosterEntry& to) {
   }
   to.heartbeat(from.heartbeat);
   to.leaving(from.leaving);
+  to.stopped(from.stopped);
 }
 
 void from_idl(const idl::RosterEntry& from, session::RosterEntry& to) {
@@ -35,6 +36,7 @@ void from_idl(const idl::RosterEntry& from, session::RosterEntry& to) {
   }
   to.heartbeat = from.heartbeat();
   to.leaving = from.leaving();
+  to.stopped = from.stopped();
 }
 
 void to_idl(const session::CatalogueEntry& from, idl::CatalogueEntry& to) {

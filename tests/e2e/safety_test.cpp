@@ -63,6 +63,29 @@ TEST_F(SafetyTest, AStopTakesEveryForceAndSaysWhyUntilAReset) {
   EXPECT_THAT(users.output(), testing::HasSubstr("FAULT 2"));
 }
 
+TEST_F(SafetyTest, AStopHoldsForAnHrtcThatStartsAfterItUntilAReset) {
+  Observer observer{address("observer")};
+  Process museum{host("museum", models().sphere)};
+  Process stop{control({"stop", "--reason", "needle bent"})};
+  ASSERT_TRUE(ends_with(1, stop)) << "no HRTC was there, and it says so: " << stop.output();
+
+  Process desk{hrtc("desk")};  // only the host can tell it
+  ASSERT_TRUE(desk.wait_for_line("host 'museum' says that the session is stopped"));
+  Process users{sim(kTwoHold)};
+  EXPECT_TRUE(observer.until([](const Seen& seen) { return is_off(seen, "ann") && is_off(seen, "bob"); }))
+      << users.output() << desk.output();
+  museum.signal(SIGKILL);
+  Process gallery{host("gallery", models().sphere)};  // only the HRTC can tell it
+  ASSERT_TRUE(gallery.wait_for_line("HRTC 'desk' says that the session is stopped"));
+
+  Process reset{control({"reset"})};
+  EXPECT_TRUE(observer.until([](const Seen& seen) { return feels(seen, "ann") && feels(seen, "bob"); }))
+      << users.output() << desk.output();
+  Process table{hrtc("table")};
+  EXPECT_TRUE(table.wait_for_line("HRTC 'desk' joined"));
+  EXPECT_THAT(table.output(), testing::Not(testing::HasSubstr("stopped")));
+}
+
 TEST_F(SafetyTest, AStopThatNobodyHearsFails) {
   Process stop{control({"stop", "--patience", "0.2"})};
   EXPECT_TRUE(ends_with(1, stop));

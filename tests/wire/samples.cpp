@@ -38,6 +38,7 @@ ses::RosterEntry full(const Links& from) {
           {"alice", "bob"},
           {{"carol", 3}, {"dave", 63}},
           77,
+          true,
           true};
 }
 

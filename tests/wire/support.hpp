@@ -115,8 +115,8 @@ inline auto fields(const ses::BulkChunk& b) {
   return std::tuple{b.stream, b.sequence, b.epoch, b.sent_us, fields(b.pieces)};
 }
 inline auto fields(const ses::RosterEntry& r) {
-  return std::tuple{fields(r.origin), r.protocol, r.role,          r.name,      r.session,
-                    r.controller,     r.users,    fields(r.slots), r.heartbeat, r.leaving};
+  return std::tuple{fields(r.origin), r.protocol,      r.role,      r.name,    r.session, r.controller,
+                    r.users,          fields(r.slots), r.heartbeat, r.leaving, r.stopped};
 }
 inline auto fields(const ses::CatalogueEntry& c) {
   const spm::ModelSummary& s = c.summary;
