@@ -98,7 +98,7 @@ std::filesystem::path file_of(const Links::Impl& impl, TrafficClass traffic) {
   return impl.address.qos / (std::string{kClassNames[static_cast<std::size_t>(traffic)]} + ".xml");
 }
 
-dds::DomainParticipant* join(Links::Impl& impl, TrafficClass traffic, LogCapture& log) {
+dds::DomainParticipant* join(Links::Impl& impl, TrafficClass traffic, const Durations& durations, LogCapture& log) {
   auto* factory = dds::DomainParticipantFactory::get_instance();
   const auto place = static_cast<std::size_t>(traffic);
   const std::string profile = std::string{kClassNames[place]} + "_participant";
@@ -106,6 +106,7 @@ dds::DomainParticipant* join(Links::Impl& impl, TrafficClass traffic, LogCapture
   if (factory->get_participant_qos_from_profile(profile, qos) != ReturnCode_t::RETCODE_OK) {
     throw WireError(file_of(impl, traffic).string() + ": no participant profile '" + profile + "'; expected one");
   }
+  durations.apply(profile, qos);
   apply(impl.address.discovery, qos);
   std::string ignored;
   if (traffic == TrafficClass::kBulk && impl.address.only_reads_bulk && impl.address.discovery.servers.empty()) {
@@ -136,7 +137,7 @@ dds::DomainParticipant* join(Links::Impl& impl, TrafficClass traffic, LogCapture
 }
 
 /// Copies the profiles of every topic of one class out of the library's table.
-void copy_profiles(Links::Impl& impl, TrafficClass traffic) {
+void copy_profiles(Links::Impl& impl, TrafficClass traffic, const Durations& durations) {
   dds::DomainParticipant& participant = impl.participant(traffic);
   dds::Publisher* publisher = participant.create_publisher(dds::PUBLISHER_QOS_DEFAULT);
   dds::Subscriber* subscriber = participant.create_subscriber(dds::SUBSCRIBER_QOS_DEFAULT);
@@ -157,6 +158,8 @@ void copy_profiles(Links::Impl& impl, TrafficClass traffic) {
                 "; expected one";
       return;
     }
+    durations.apply(name + "_writer", writer);
+    durations.apply(name + "_reader", reader);
     impl.writer_qos[name] = writer;
     impl.reader_qos[name] = reader;
   });
@@ -198,14 +201,14 @@ Links::Links(SessionAddress address) : impl_{std::make_unique<Impl>()} {
   const std::lock_guard<std::mutex> lock{factory_mutex()};
   LogCapture log;
   ignore_environment();
-  load_profiles(impl_->address.qos, log);
+  const Durations durations = load_profiles(impl_->address.qos, log);
   impl_->flow = read_flow(impl_->address.qos / "flow.yaml");
   for (const TrafficClass traffic : {TrafficClass::kProbe, TrafficClass::kSession, TrafficClass::kBulk}) {
     if (!impl_->address.one_participant)
-      impl_->participants[static_cast<std::size_t>(traffic)] = join(*impl_, traffic, log);
+      impl_->participants[static_cast<std::size_t>(traffic)] = join(*impl_, traffic, durations, log);
     else if (impl_->participants[0] == nullptr)
-      impl_->participants.fill(join(*impl_, TrafficClass::kSession, log));
-    copy_profiles(*impl_, traffic);
+      impl_->participants.fill(join(*impl_, TrafficClass::kSession, durations, log));
+    copy_profiles(*impl_, traffic, durations);
   }
 }
 

@@ -1,0 +1,59 @@
+#include "wire/profiles.hpp"
+
+#include <fastrtps/xmlparser/XMLProfileManager.h>
+#include <gtest/gtest.h>
+
+#include "support.hpp"
+
+namespace tactus::wire::test {
+namespace {
+
+using eprosima::fastrtps::types::ReturnCode_t;
+using eprosima::fastrtps::xmlparser::XMLProfileManager;
+
+/// What the library makes of the files by itself.
+class ProfilesTest : public testing::Test {
+ protected:
+  ProfilesTest() {
+    XMLProfileManager::DeleteInstance();
+    for (const char* name : kClassNames)
+      factory().load_XML_profiles_file((links_.address().qos / (std::string{name} + ".xml")).string());
+  }
+  static dds::DomainParticipantFactory& factory() { return *dds::DomainParticipantFactory::get_instance(); }
+
+  Links links_{address(unique_session("profiles"), "x")};
+};
+
+TEST_F(ProfilesTest, OfEveryTopicAreWhatTheLibraryReads) {
+  topics::for_each([&](const auto& topic) {
+    dds::DomainParticipant& participant = links_.impl().participant(topic.traffic);
+    const std::string name = topic.profile;
+    dds::DataWriterQos writer;
+    dds::DataReaderQos reader;
+    dds::Publisher* const publisher = participant.create_publisher(dds::PUBLISHER_QOS_DEFAULT);
+    dds::Subscriber* const subscriber = participant.create_subscriber(dds::SUBSCRIBER_QOS_DEFAULT);
+    EXPECT_EQ(publisher->get_datawriter_qos_from_profile(name + "_writer", writer), ReturnCode_t::RETCODE_OK);
+    EXPECT_EQ(subscriber->get_datareader_qos_from_profile(name + "_reader", reader), ReturnCode_t::RETCODE_OK);
+    EXPECT_TRUE(links_.impl().writer_qos.at(name) == writer) << name;
+    EXPECT_TRUE(links_.impl().reader_qos.at(name) == reader) << name;
+    participant.delete_publisher(publisher);
+    participant.delete_subscriber(subscriber);
+  });
+}
+
+TEST_F(ProfilesTest, OfParticipantsTellTheTimesOfDiscoveryThatTheLibraryReads) {
+  for (std::size_t place = 0; place < kTrafficClasses; ++place) {
+    dds::DomainParticipantQos read;
+    ASSERT_EQ(factory().get_participant_qos_from_profile(std::string{kClassNames[place]} + "_participant", read),
+              ReturnCode_t::RETCODE_OK);
+    const auto& expected = read.wire_protocol().builtin.discovery_config;
+    const auto& found = links_.impl().participants[place]->get_qos().wire_protocol().builtin.discovery_config;
+    EXPECT_TRUE(found.leaseDuration == expected.leaseDuration);
+    EXPECT_TRUE(found.leaseDuration_announcementperiod == expected.leaseDuration_announcementperiod);
+    EXPECT_TRUE(found.discoveryServer_client_syncperiod == expected.discoveryServer_client_syncperiod);
+    EXPECT_TRUE(found.initial_announcements.period == expected.initial_announcements.period);
+  }
+}
+
+}  // namespace
+}  // namespace tactus::wire::test
