@@ -22,6 +22,7 @@ constexpr double kMargin = 0.4;     // how far beyond it pairs are gathered
 constexpr double kShort = 0.8;      // a way for which more are gathered at once
 constexpr double kUseful = 2.6;     // gaps that matter in the next step
 
+constexpr double kAlong = 1.2;       // ways of the device that the tool goes in a cycle, beside what it yields
 constexpr double kPress = 1e-3;      // m of a press that is told the solver
 constexpr double kLinear = 2e-7;     // m by which an answer of the solver may miss a gap
 constexpr double kMeeting = 1e-6;    // m; nearer than this the face's normal tells the direction
@@ -65,7 +66,6 @@ Tool::Tool(const spm::MeshProbe& probe, const ToolSettings& settings)
 void Tool::reset() noexcept {
   started_ = false;
   have_here_ = false;
-  went_ = 0;
   row_count_ = 0;
   result_ = ToolResult{};
 }
@@ -428,7 +428,7 @@ void Tool::find_overlaps() noexcept {
     for (std::uint32_t pair = part.first * kWidth; pair < part.last * kWidth; ++pair) {
       const float distance = here_->distance[pair];
       if (distance == kNone) continue;
-      if (overlapping_ && here_->inner[pair] != 0)
+      if (distance <= kMeeting || (overlapping_ && here_->inner[pair] != 0))
         overlaps_.push_back({here_->found->id(part, pair), -kNone});
       else if (distance < known)
         overlaps_.push_back({here_->found->id(part, pair), distance});
@@ -522,28 +522,28 @@ const ToolResult& Tool::step(const ToolPose& at, double dt, spm::Span<const Tool
     const double margin = settings_.rounding + kFloatRoom;
     result_.outside_only = !gather(pose_, margin, ~0u, ~0u, objects, *here_) || here_->nearest < settings_.rounding;
     started_ = true;
-    went_ = 0;
+    owed_ = 0;
     held_back_ = Way{};
     row_count_ = 0;
   } else {
     device_went_ = longest({device.position - device_before_.position,
                             turn_of(device.orientation * device_before_.orientation.conjugate())});
-    const double limit =
-        std::min(settings_.longest_way, std::max(1.5 * went_, 1.2 * device_went_) + settings_.rounding / 2);
-    went_ = 0;
+    if (was_in_contact) owed_ = 0;
+    owed_ += kAlong * device_went_;
+    const double limit = std::min(settings_.longest_way, owed_ + settings_.most_yield / grip_.stiffness * dt);
     const Way wish = to_device(device);
     const double need = longest(wish);
-    if (!was_in_contact && need <= limit && go_freely(wish, settings_.rounding + need + kFloatRoom, objects)) {
-      went_ = need;
-    } else {
-      for (std::uint32_t i = 0; i < settings_.steps; ++i) {
-        push_ = i == 0;
-        const Step step = step_towards(device, dt, limit - went_, objects);
-        went_ += step.length;
-        result_.lagging = step.cut;
-        if (!step.cut || step.length <= 0 || went_ >= 0.99 * limit) break;
-      }
+    const bool free =
+        !was_in_contact && need <= limit && go_freely(wish, settings_.rounding + need + kFloatRoom, objects);
+    double went = free ? need : 0;
+    for (std::uint32_t i = 0; !free && i < settings_.steps; ++i) {
+      push_ = i == 0;
+      const Step step = step_towards(device, dt, limit - went, objects);
+      went += step.length;
+      result_.lagging = step.cut;
+      if (!step.cut || step.length <= 0 || went >= 0.99 * limit) break;
     }
+    owed_ = result_.lagging ? std::max(0.0, owed_ - went) : 0;
   }
   device_before_ = device;
   tell(device);

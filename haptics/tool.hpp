@@ -41,9 +41,12 @@
 namespace tactus::haptics {
 
 struct ToolSettings {
-  double rounding = 1e-4;      ///< m by which the tool is thicker than its triangles
-  double longest_way = 2e-3;   ///< m that any of its points goes in one cycle
-  double push_out = 0.02;      ///< m/s
+  double rounding = 1e-4;     ///< m by which the tool is thicker than its triangles
+  double longest_way = 2e-3;  ///< m that any of its points goes in one cycle
+  double push_out = 0.02;     ///< m/s
+  /// N/s; how fast the tool may ease the coupling by what it does of its own, as when it slips off an edge under a hand
+  /// at rest. Beyond that it goes as far as the device.
+  double most_yield = 40;
   std::uint32_t steps = 8;     ///< in a cycle
   std::uint32_t pairs = 2048;  ///< of triangles within the margin; with more steps become shorter
   std::uint32_t work = 3000;   ///< in a cycle: pairs of nodes and of triangles met, rows swept by the solver (of
@@ -197,8 +200,8 @@ class Tool {
   ToolResult result_;
   ToolPose pose_, device_before_;
   bool started_ = false;
-  double went_ = 0;         // m, longest way of a point in the last cycle
-  double device_went_ = 0;  // the device's in this one
+  double device_went_ = 0;  // m, longest way of a point of the device in this cycle
+  double owed_ = 0;         // m, of the device's ways those that the tool has not gone yet, through air
   Way held_back_;           // what surfaces did of the last wish
 
   spm::PlacedProbe placed_;

@@ -275,6 +275,27 @@ TEST(Tool, IsPushedOutWhereASurfaceRisesUnderItWithoutAJump) {
   EXPECT_NEAR(before, kHalf + rise + kRounding, 0.3 * kRounding);
 }
 
+TEST(Tool, WhatHeldItGivesWayAndTheForceFallsNoFasterThanItMay) {
+  Scene scene{cube(), sheet(0.1, 0, 3)};
+  ToolGrip grip;
+  grip.stiffness = 2000;
+  scene.tool.set_grip(grip);
+  scene.lead(at(0, 0, 0.015), at(0, 0, 0.008), 100);
+  double before = grip.stiffness * scene.tool.last().way.norm(), largest = 0;
+  ASSERT_GT(before, 4);
+  scene.shown.show([](std::uint32_t) { return false; });
+  scene.changed = true;
+  int cycles = 0;
+  for (; before > 1e-6 && cycles < 1000; ++cycles) {
+    const double force = grip.stiffness * scene.step(at(0, 0, 0.008)).way.norm();
+    largest = std::max(largest, before - force);
+    before = force;
+  }
+  const double most = ToolSettings{}.most_yield * kCycle;
+  EXPECT_LT(largest, 1.01 * most);
+  EXPECT_LT(cycles, 1.3 * 4.2 / most);
+}
+
 TEST(Tool, ThatStartsInASurfaceTouchesNothingUntilItIsOut) {
   Scene scene{cube(), sheet(0.1, 0, 3)};
   EXPECT_TRUE(scene.step(at(0, 0, 0.005)).outside_only);
