@@ -2,6 +2,7 @@
 
 #include <cstdio>
 #include <nlohmann/json.hpp>
+#include <utility>
 
 namespace tactus::latency {
 namespace {
@@ -36,6 +37,8 @@ void check(const Cell& cell) {
       throw LatencyError("transport cyclone: expected topic probe_state, and no load");
   }
   check_range("rate, Hz,", cell.rate_hz, 0.1, 20'000);
+  if (cell.coding == Coding::kCoded && cell.topic != Topic::kProbeState)
+    throw LatencyError("coding coded: expected topic probe_state");
   check_range("readers", cell.readers, 1, 64);
   check_range("seconds", cell.seconds, 0.1, 3600);
   check_range("rate x seconds", cell.rate_hz * cell.seconds, 10, kMostArrivals);
@@ -62,7 +65,8 @@ std::string describe(const Cell& cell) {
   if (cell.transport != Transport::kRawUdp && cell.transport != Transport::kCyclone)
     label += std::string{" "} + kProfileNames[static_cast<std::size_t>(cell.profile)] + " " +
              kTopicNames[static_cast<std::size_t>(cell.topic)];
-  std::snprintf(text, sizeof text, " %u B %g Hz x%u", cell.payload, cell.rate_hz, cell.readers);
+  const char* const coded = cell.coding == Coding::kCoded ? " coded" : "";
+  std::snprintf(text, sizeof text, " %u B %g Hz%s x%u", cell.payload, cell.rate_hz, coded, cell.readers);
   label += text;
   if (cell.load_mbit == kUnpaced) {
     label += ", load unpaced";
@@ -79,6 +83,7 @@ nlohmann::ordered_json to_json(const Cell& cell) {
           {"topic", kTopicNames[static_cast<std::size_t>(cell.topic)]},
           {"payload", cell.payload},
           {"rate_hz", cell.rate_hz},
+          {"coding", kCodingNames[static_cast<std::size_t>(cell.coding)]},
           {"readers", cell.readers},
           {"load_mbit", cell.load_mbit},
           {"link", cell.link},
@@ -92,6 +97,7 @@ Cell cell_from_json(const nlohmann::ordered_json& json) try {
   cell.topic = from_name<Topic>("topic", json.at("topic").get<std::string>(), kTopicNames);
   json.at("payload").get_to(cell.payload);
   json.at("rate_hz").get_to(cell.rate_hz);
+  cell.coding = from_name<Coding>("coding", json.at("coding").get<std::string>(), kCodingNames);
   json.at("readers").get_to(cell.readers);
   json.at("load_mbit").get_to(cell.load_mbit);
   json.at("link").get_to(cell.link);
@@ -111,11 +117,14 @@ std::vector<Cell> Grid::cells() const {
     all.push_back(cell);
   };
   const std::vector<std::uint32_t> sizes = payloads.empty() ? std::vector<std::uint32_t>{kProbeStateBytes} : payloads;
+  std::vector<std::pair<double, Coding>> paces;
+  for (const double rate : rates)
+    for (const Coding coding : codings) paces.emplace_back(rate, coding);
   for (std::uint32_t round = 0; round < repeat; ++round)
     for (const std::string& link : links)
       for (const double load : loads)
         for (const std::uint32_t count : readers)
-          for (const double rate : rates)
+          for (const auto& [rate, coding] : paces)
             for (const std::uint32_t size : sizes)
               for (const Transport transport : transports)
                 for (const Profile profile : profiles)
@@ -128,6 +137,7 @@ std::vector<Cell> Grid::cells() const {
                     cell.topic = topic;
                     cell.payload = size;
                     cell.rate_hz = rate;
+                    cell.coding = coding;
                     cell.readers = count;
                     cell.load_mbit = load;
                     cell.link = link;

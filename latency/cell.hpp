@@ -33,9 +33,15 @@ enum class Topic {
   kRecords      ///< tactus_records, traffic class bulk: the carrier of regions
 };
 
+enum class Coding {
+  kNone,  ///< a ping in each tick of the rate
+  kCoded  ///< those of a hand that coding would send (latency/schedule.hpp)
+};
+
 inline constexpr std::array kTransportNames{"udp", "shm", "builtin", "raw-udp", "cyclone"};
 inline constexpr std::array kProfileNames{"tactus", "plain", "shared"};
 inline constexpr std::array kTopicNames{"probe_state", "records"};
+inline constexpr std::array kCodingNames{"none", "coded"};
 
 inline constexpr std::uint32_t kProbeStateBytes = 236;  ///< a ProbeState encoded; its payload cannot be chosen
 inline constexpr std::uint32_t kLeastPayload = 32;      ///< of a raw datagram and of a record: the stamps
@@ -47,11 +53,13 @@ struct Cell {
   Topic topic = Topic::kProbeState;
   std::uint32_t payload = kProbeStateBytes;  ///< bytes of the sample, without headers of RTPS and UDP
   double rate_hz = 1000;
+  Coding coding = Coding::kNone;
   std::uint32_t readers = 1;
   double load_mbit = 0;  ///< of mesh records in the direction of the pings, payload; kUnpaced
   std::string link = "none";
   double seconds = 5;
 
+  /// Ticks of the rate; how many pings these make without coding.
   [[nodiscard]] std::uint32_t pings() const noexcept { return static_cast<std::uint32_t>(rate_hz * seconds + 0.5); }
 };
 
@@ -76,6 +84,7 @@ struct Grid {
   std::vector<Topic> topics{Topic::kProbeState};
   std::vector<std::uint32_t> payloads;  ///< empty: the size of a probe state
   std::vector<double> rates{1000};
+  std::vector<Coding> codings{Coding::kNone};
   std::vector<std::uint32_t> readers{1};
   std::vector<double> loads{0};
   std::vector<std::string> links{"none"};

@@ -67,6 +67,8 @@ void add_run(CLI::App& app, Options& o) {
   app.add_option("--payload", o.grid.payloads, "Bytes of a record or of a raw datagram; a probe state has 236")
       ->delimiter(',');
   app.add_option("--rate", o.grid.rates, "Pings per second")->delimiter(',')->default_str("1000");
+  add_axis(app, "--coding", o.grid.codings, kCodingNames,
+           "Which of them are sent: all, or those of a hand that a controller would send");
   app.add_option("--readers", o.grid.readers, "Readers, each of which answers")->delimiter(',')->default_str("1");
   app.add_option("--load", o.loads, "Mbit/s of mesh records beside the pings, or max")
       ->delimiter(',')

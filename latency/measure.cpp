@@ -11,6 +11,7 @@
 
 #include "latency/carrier.hpp"
 #include "latency/load.hpp"
+#include "latency/schedule.hpp"
 #include "wire/realtime.hpp"
 
 namespace tactus::latency {
@@ -18,7 +19,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
-constexpr int kVersion = 1;  // of what the two sides say to each other
+constexpr int kVersion = 2;  // of what the two sides say to each other
 constexpr auto kAnswer = 30s;
 constexpr auto kMeeting = 20s;  // discovery, at worst on a lossy link
 constexpr auto kLastEchoes = 2s;
@@ -152,8 +153,9 @@ void send_pings(const Cell& cell, const Plan& plan, Carrier& carrier, Stamps& st
   const double period_ns = 1e9 / cell.rate_hz;
   const std::int64_t start = wire::monotonic_ns() + 20'000'000;
   const std::int64_t give_up = start + static_cast<std::int64_t>(cell.seconds * 1e9) + 1'000'000'000;
-  for (std::uint32_t i = 0; i < stamps.pings.size(); ++i)
-    stamps.pings[i].intended_ns = start + static_cast<std::int64_t>(i * period_ns);
+  const std::vector<std::uint32_t> ticks = ticks_of(cell);
+  for (std::size_t i = 0; i < stamps.pings.size(); ++i)
+    stamps.pings[i].intended_ns = start + static_cast<std::int64_t>(ticks[i] * period_ns);
   const std::size_t count = plan.empty() ? stamps.pings.size() : plan.size();
   for (std::uint32_t number = 0; number < count; ++number) {
     const std::uint32_t i = plan.empty() ? number : plan[number];
@@ -185,7 +187,7 @@ Stamps measure(const Cell& cell, Channel& channel, const Place& place, const std
 
   Stamps stamps;
   stamps.cell = cell;
-  stamps.pings.resize(cell.pings());
+  stamps.pings.resize(ticks_of(cell).size());
   stamps.one_clock = other.at("clock").get<std::string>() == clock_id();
   if (!other.at("realtime").get<bool>()) stamps.notes.emplace_back("echoers: no real-time priority");
 

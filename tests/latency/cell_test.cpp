@@ -5,6 +5,8 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "latency/schedule.hpp"
+
 namespace tactus::latency {
 namespace {
 
@@ -31,6 +33,8 @@ TEST(ACell, IsRefusedWithTheValueFoundAndTheValuesExpected) {
   EXPECT_THAT(refusal([](Cell& c) { c.payload = 64; }), HasSubstr("a probe state always has 236"));
   EXPECT_THAT(refusal([](Cell& c) { c.topic = Topic::kRecords, c.payload = 1201; }), HasSubstr("expected 32 to 1200"));
   EXPECT_THAT(refusal([](Cell& c) { c.transport = Transport::kShm, c.link = "P4"; }), HasSubstr("goes past link P4"));
+  EXPECT_THAT(refusal([](Cell& c) { c.topic = Topic::kRecords, c.payload = 64, c.coding = Coding::kCoded; }),
+              HasSubstr("expected topic probe_state"));
   EXPECT_THAT(refusal([](Cell& c) { c.seconds = 3600, c.readers = 64; }), HasSubstr("rate x seconds x readers"));
 }
 
@@ -47,6 +51,21 @@ TEST(ACell, ComesBackFromJsonAsItWent) {
   const Cell back = cell_from_json(to_json(cell));
   EXPECT_EQ(describe(back), describe(cell));
   EXPECT_EQ(to_json(back), to_json(cell));
+  Cell coded;
+  coded.coding = Coding::kCoded;
+  EXPECT_THAT(describe(cell_from_json(to_json(coded))), HasSubstr("1000 Hz coded x1"));
+}
+
+TEST(ATest, HasAPingInEachTickOrWhereCodingSendsOneAndNeverLeavesAKeepAlivePeriodWithout) {
+  Cell cell;
+  EXPECT_THAT(ticks_of(cell), testing::SizeIs(5000));
+  cell.coding = Coding::kCoded;
+  const std::vector<std::uint32_t> ticks = ticks_of(cell);
+  EXPECT_GT(ticks.size(), 5000u / 40);
+  EXPECT_LT(ticks.size(), 5000u / 4);
+  std::uint32_t longest = 0;
+  for (std::size_t i = 1; i < ticks.size(); ++i) longest = std::max(longest, ticks[i] - ticks[i - 1]);
+  EXPECT_LE(longest, 40u);
 }
 
 TEST(ACell, FromTheNetworkIsCheckedBeforeItIsUsed) {

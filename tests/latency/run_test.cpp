@@ -63,6 +63,17 @@ TEST_F(LatencyRun, MeasuresEveryTransportAndProfile) {
   for (const auto& cell : figures.at("cells")) expect_sound(cell);
 }
 
+TEST_F(LatencyRun, MeasuresCodedStatesWhichAreFewer) {
+  const auto figures = run({"--coding", "coded"});
+  ASSERT_EQ(figures.at("cells").size(), 1u);
+  const auto& coded = figures.at("cells")[0];
+  const auto expected = coded.at("expected").get<std::uint64_t>();
+  EXPECT_EQ(coded.at("coding").get<std::string>(), "coded");
+  EXPECT_LT(expected, 240u * 3 / 4);
+  EXPECT_GT(expected, 240u / 8) << "one in 40 ms at least";
+  EXPECT_EQ(coded.at("age").at("n").get<std::uint64_t>() + coded.at("lost").get<std::uint64_t>(), expected);
+}
+
 TEST_F(LatencyRun, MeasuresSeveralReadersBesideMeshRecords) {
   const auto figures = run({"--readers", "3", "--load", "20"});
   ASSERT_EQ(figures.at("cells").size(), 1u);
