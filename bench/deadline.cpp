@@ -90,6 +90,7 @@ class BareWork {
 
 struct Outcome {
   Samples bare, own, wall, own_alone, own_beside, refine_refit, query, force, granted;  // us, units
+  Samples late_touch, late_refine;                                                      // of cycles past the deadline
   std::uint64_t cycles = 0, contact = 0, exact = 0, in_time = 0, spent = 0;
   double refit_unit_ns = 0, surprise_us = 0;
   // Normal equations of refine + refit, ns, over 1, list entries visited and records changed.
@@ -143,7 +144,12 @@ Outcome run_deadline(const spm::Model& model, const Settings& settings, const st
     outcome.query.add(costs.query * 1e-3);
     outcome.force.add(costs.force * 1e-3);
     ++outcome.cycles;
-    if (own < deadline_us) ++outcome.in_time;
+    if (own < deadline_us) {
+      ++outcome.in_time;
+    } else {
+      outcome.late_touch.add((costs.query + costs.force) * 1e-3);
+      outcome.late_refine.add((costs.refine + costs.refit) * 1e-3);
+    }
     if (result.budget_spent) ++outcome.spent;
     if ((result.probes[0].status & session::kInContact) != 0) {
       ++outcome.contact;
@@ -194,6 +200,10 @@ int run(const Settings& settings) {
     report.row("  T_R + T_B", all, "us", outcome.refine_refit);
     report.row("  T_Q", all, "us", outcome.query);
     report.row("  force", all, "us", outcome.force);
+    if (outcome.late_touch.size() > 0) {
+      report.row("T_Q + force of late cycles", all, "us", outcome.late_touch);
+      report.row("T_R + T_B of late cycles", all, "us", outcome.late_refine);
+    }
     report.row("bare computing after each cycle", all, "us", outcome.bare);
     report.row("granted", all, "unit", outcome.granted);
     report.figure("cycles whose refinement was stopped", all, "%",

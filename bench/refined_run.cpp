@@ -80,7 +80,7 @@ RefinedStep RefinedRun::step(const spm::Vec3d& tip, bool in_contact) {
   spm::Budget budget{settings_.budget};
   step.before = thread_use();
   (void)watch.lap();
-  if (plan) forest_.target(target_.data(), static_cast<std::uint32_t>(target_.size()));
+  if (plan) forest_.target(target_.data(), static_cast<std::uint32_t>(target_.size()), spm::Unasked::kRest);
   static_cast<void>(forest_.advance(budget));
   step.refine = watch.lap();
   forest_.refit();

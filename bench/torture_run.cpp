@@ -103,7 +103,8 @@ class Torture {
       case 4: {
         wanted_.clear();
         for (std::uint64_t more = any(kMostWanted + 1); more > 0; --more) wanted_.push_back(any_region());
-        controller_.forest().target(wanted_.data(), static_cast<std::uint32_t>(wanted_.size()));
+        controller_.forest().target(wanted_.data(), static_cast<std::uint32_t>(wanted_.size()),
+                                    any(2) == 0 ? spm::Unasked::kCoarsen : spm::Unasked::kRest);
         break;
       }
       default:

@@ -111,7 +111,7 @@ void Cycle::choose_targets(TouchObject& object) noexcept {
     return a.key != b.key ? a.key < b.key : spm::index(a.region) < spm::index(b.region);
   });
   for (std::uint32_t i = 0; i < target_count_; ++i) target_regions_[i] = targets_[i].region;
-  object.forest->target(target_regions_.data(), target_count_);
+  object.forest->target(target_regions_.data(), target_count_, spm::Unasked::kRest);
 }
 
 void Cycle::log(const TouchObject& object, std::uint32_t probe, std::int64_t now_ns, const Vec3d& centre, double radius,

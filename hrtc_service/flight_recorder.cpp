@@ -126,8 +126,8 @@ void FlightRecorder::left(const TouchObject& object, spm::RegionId region) noexc
 }
 
 /// Bytes of what is carried, 64 bits, and these; then how many objects, and of each number and base faces, mesh hash,
-/// how many regions are in use, and of each region and applied, with retiring in the top bit. What does not fit is
-/// left out altogether.
+/// how many regions were worked on, and of each region and applied, with retiring and resting in the top bits. What
+/// does not fit is left out altogether.
 bool FlightRecorder::put_state(Cycle& cycle) noexcept {
   // What the next touch may ask of the meshes before is not told: a state waits for a cycle that left them as they
   // were.
@@ -162,8 +162,8 @@ bool FlightRecorder::put_state(Cycle& cycle) noexcept {
     }
     for (std::uint32_t i = 0; i < in_use; ++i) {
       const spm::Forest::InUse& region = in_use_[i];
-      words_[count_++] =
-          std::uint64_t{region.retiring} << 63 | std::uint64_t{region.applied} << 32 | spm::index(region.region);
+      words_[count_++] = std::uint64_t{region.retiring} << 63 | std::uint64_t{region.resting} << 62 |
+                         std::uint64_t{region.applied} << 32 | spm::index(region.region);
     }
   }
   if (broken_) {

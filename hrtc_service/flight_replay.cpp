@@ -191,7 +191,7 @@ class World {
         forest.add(spm::RegionId{here}, region(told.object, spm::RegionId{here}).list);
       std::vector<spm::Forest::InUse> in_use;
       for (const trace::FlightRegion& one : told.in_use)
-        in_use.push_back({spm::RegionId{one.region}, one.applied, one.retiring});
+        in_use.push_back({spm::RegionId{one.region}, one.applied, one.retiring, one.resting});
       if (!forest.restore(told.base_faces, in_use.data(), static_cast<std::uint32_t>(in_use.size())) ||
           forest.mesh_hash() != told.mesh_hash)
         throw FlightError("object '" + object(told.object).name + "' cannot be brought to the state of cycle " +

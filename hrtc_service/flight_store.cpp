@@ -214,8 +214,8 @@ trace::FlightState FlightStore::state_of(const Segment& segment, const Known& kn
     const std::set<std::uint32_t>& here = known.here[object.object];
     object.here.assign(here.begin(), here.end());
     for (std::uint64_t regions = *at++; regions > 0; --regions, ++at)
-      object.in_use.push_back(
-          {static_cast<std::uint32_t>(*at), static_cast<std::uint32_t>(*at >> 32) & 0x7fffffffu, (*at >> 63) != 0});
+      object.in_use.push_back({static_cast<std::uint32_t>(*at), static_cast<std::uint32_t>(*at >> 32) & 0x3fffffffu,
+                               (*at >> 63) != 0, (*at >> 62 & 1u) != 0});
   }
   return state;
 }

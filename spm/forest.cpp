@@ -35,6 +35,7 @@ std::uint64_t Forest::hash_of(std::uint32_t vertex_id) noexcept {
 
 void Forest::use(RegionId region) noexcept {
   State& state = state_of(region);
+  if (state.resting) wake(region);
   if (state.in_use_at != kNone) return;
   state.in_use_at = in_use_count_;
   in_use_[in_use_count_++] = region;
@@ -46,6 +47,31 @@ void Forest::unuse(RegionId region) noexcept {
   in_use_[state.in_use_at] = last;
   state_of(last).in_use_at = state.in_use_at;
   state.in_use_at = kNone;
+}
+
+void Forest::rest(RegionId region) noexcept {
+  unuse(region);
+  State& state = state_of(region);
+  if (state.cursor == 0) return;
+  state.resting = true;
+  state.older = newest_;
+  state.newer = kNone;
+  (newest_ != kNone ? state_of(RegionId{newest_}).newer : oldest_) = index(region);
+  newest_ = index(region);
+}
+
+void Forest::wake(RegionId region) noexcept {
+  State& state = state_of(region);
+  (state.older != kNone ? state_of(RegionId{state.older}).newer : oldest_) = state.newer;
+  (state.newer != kNone ? state_of(RegionId{state.newer}).older : newest_) = state.older;
+  state.resting = false;
+}
+
+/// One for each node that is too many: what was left to rest goes about as fast as new regions come.
+std::uint32_t Forest::overdue() const noexcept {
+  if (unasked_ == Unasked::kCoarsen) return ~0u;
+  const std::uint32_t most = most_resting(pool_.settings);
+  return nodes_.used() > most ? nodes_.used() - most : 0;
 }
 
 void Forest::add(RegionId region, RegionList list) noexcept {
@@ -80,8 +106,9 @@ std::uint32_t Forest::take_retired() noexcept {
   return kNone;
 }
 
-void Forest::target(const RegionId* regions, std::uint32_t count) noexcept {
+void Forest::target(const RegionId* regions, std::uint32_t count, Unasked unasked) noexcept {
   ++stamp_;
+  unasked_ = unasked;
   order_count_ = 0;
   for (std::uint32_t i = 0; i < count; ++i) {
     if (!is_here(regions[i])) continue;
@@ -91,6 +118,7 @@ void Forest::target(const RegionId* regions, std::uint32_t count) noexcept {
     use(regions[i]);
     order_[order_count_++] = regions[i];
   }
+  overdue_ = oldest_ != kNone ? overdue() : 0;
 }
 
 const std::uint32_t* Forest::entry(State& state, std::uint32_t number) noexcept {
@@ -229,10 +257,11 @@ Advance Forest::refine(State& state, Budget& budget) noexcept {
   return Advance::kDone;
 }
 
-Advance Forest::coarsen(State& state, Budget& budget) noexcept {
-  while (state.cursor > 0) {
+/// Takes back at most `entries`, and counts them off.
+Advance Forest::coarsen(State& state, Budget& budget, std::uint32_t& entries) noexcept {
+  while (state.cursor > 0 && entries > 0) {
     const std::uint32_t* last = entry(state, state.cursor - 1);
-    const std::uint32_t count = std::min(kFetched, (state.cursor - 1) % ListBlock::kEntries + 1);
+    const std::uint32_t count = std::min({kFetched, (state.cursor - 1) % ListBlock::kEntries + 1, entries});
     fetch(last - (count - 1), count, false);
     for (std::uint32_t i = 0; i < count; ++i) {
       if (budget.units < Budget::kVisit + Budget::kChange) return Advance::kBudget;
@@ -242,6 +271,7 @@ Advance Forest::coarsen(State& state, Budget& budget) noexcept {
       if (record.wanted() == 1 && !room_to_keep(slot)) return Advance::kKeptFull;
       --record.bits;
       --state.cursor;
+      --entries;
       budget.units -= Budget::kVisit;
       ++counters_.visits;
       if (record.wanted() > 0) continue;
@@ -271,8 +301,20 @@ Advance Forest::advance(Budget& budget) noexcept {
     const RegionId region = in_use_[i];
     State& state = state_of(region);
     if (wants(state)) continue;
-    if (const Advance coarsening = coarsen(state, budget); coarsening != Advance::kDone) return coarsening;
+    if (unasked_ == Unasked::kRest && !state.retiring) {
+      rest(region);
+      continue;
+    }
+    std::uint32_t all = ~0u;
+    if (const Advance coarsening = coarsen(state, budget, all); coarsening != Advance::kDone) return coarsening;
     if (!state.retiring) unuse(region);
+  }
+  if (refining == Advance::kNodesFull) overdue_ = ~0u;  // nothing rests while what is asked for lacks a node
+  while (oldest_ != kNone && overdue_ > 0) {
+    const RegionId region{oldest_};
+    State& state = state_of(region);
+    if (const Advance coarsening = coarsen(state, budget, overdue_); coarsening != Advance::kDone) return coarsening;
+    if (state.cursor == 0) wake(region);
   }
   return refining;
 }
@@ -280,9 +322,15 @@ Advance Forest::advance(Budget& budget) noexcept {
 std::uint32_t Forest::in_use(InUse* out, std::uint32_t capacity) const noexcept {
   for (std::uint32_t i = 0; i < in_use_count_ && i < capacity; ++i) {
     const State& state = state_of(in_use_[i]);
-    out[i] = {in_use_[i], state.cursor, state.retiring};
+    out[i] = {in_use_[i], state.cursor, state.retiring, false};
   }
-  return in_use_count_;
+  std::uint32_t count = in_use_count_;
+  for (std::uint32_t region = oldest_; region != kNone; ++count) {
+    const State& state = state_of(RegionId{region});
+    if (count < capacity) out[count] = {RegionId{region}, state.cursor, false, true};
+    region = state.newer;
+  }
+  return count;
 }
 
 bool Forest::restore(std::uint32_t base_faces, const InUse* regions, std::uint32_t count) noexcept {
@@ -292,7 +340,8 @@ bool Forest::restore(std::uint32_t base_faces, const InUse* regions, std::uint32
     const RegionId region = regions[i].region;
     if (index(region) >= place_.size() || !is_here(region)) return false;
     State& state = state_of(region);
-    if (state.in_use_at != kNone || regions[i].applied > state.list.length) return false;
+    if (state.in_use_at != kNone || state.resting || regions[i].applied > state.list.length) return false;
+    if (regions[i].resting && (regions[i].retiring || regions[i].applied == 0)) return false;
     use(region);
     for (; state.cursor < regions[i].applied; ++state.cursor) {
       const std::uint32_t slot = *entry(state, state.cursor);
@@ -301,6 +350,7 @@ bool Forest::restore(std::uint32_t base_faces, const InUse* regions, std::uint32
       ++record.bits;
     }
     if (regions[i].retiring) retire(region);
+    if (regions[i].resting) rest(region);
   }
   static_cast<void>(tree_.refit());
   return true;
@@ -320,7 +370,7 @@ std::vector<std::string> Forest::violations() const {
     if (!is_here(RegionId{region})) continue;
     const State& state = state_of(RegionId{region});
     if (state.cursor > state.list.length) found.push_back("region " + std::to_string(region) + " is past its end");
-    if (state.cursor > 0 && state.in_use_at == kNone)
+    if (state.cursor > 0 && state.in_use_at == kNone && !state.resting)
       found.push_back("region " + std::to_string(region) + " is refined and not in use");
     std::uint32_t left = state.cursor;
     for (std::uint32_t block = state.list.first_block; left > 0; block = pool_.blocks[block].after)

@@ -10,12 +10,14 @@
 ///            0      cursor      length
 ///
 /// Refining goes first, in the order asked for, and coarsening after it, so that what old and new regions share never
-/// moves. We differ from the paper's order (collapse, then split) because faces have their own rows: there is no pool
-/// to free first; only tree nodes are taken, and when these run out coarsening goes first. Realtime after construction,
-/// but for the functions marked otherwise. One thread at a time. Source: Liu, Georganas, Roth, 3DIM 2005, section 3
-/// (vertex forest, two-phase local refinement).
+/// moves. A region that is no longer asked for may *rest*, refined as far as it is, until its tree nodes are needed or
+/// it is retired: a tip that comes back finds it as it was left. We differ from the paper's order (collapse, then
+/// split) because faces have their own rows: there is no pool to free first; only tree nodes are taken, and when these
+/// run out coarsening goes first. Realtime after construction, but for the functions marked otherwise. One thread at a
+/// time. Source: Liu, Georganas, Roth, 3DIM 2005, section 3 (vertex forest, two-phase local refinement).
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -47,6 +49,12 @@ enum class Advance : std::uint8_t {
   kNodesFull  ///< no tree node left: some regions stay coarse
 };
 
+/// What becomes of regions that are not asked for.
+enum class Unasked : std::uint8_t {
+  kCoarsen,
+  kRest  ///< until they are retired, or more nodes are in use than Forest::most_resting
+};
+
 class Forest {
  public:
   /// `grid` is copied; `pool` and `nodes` must outlive the forest. Not realtime: allocates.
@@ -60,6 +68,12 @@ class Forest {
            std::uint64_t{most_held(summary.regions, pool)} * kPerHeld;
   }
 
+  /// Nodes in use beyond which regions that rest are coarsened, the one longest unasked for first: half of what the
+  /// slots can show. The other half is for what is met next, and what a loader gives back first is coarse by then.
+  [[nodiscard]] static std::uint32_t most_resting(const PoolSettings& pool) noexcept {
+    return std::min(pool.slots / 8, pool.tree_nodes / 2);
+  }
+
   /// A region has been loaded. It stays coarse until asked for.
   void add(RegionId region, RegionList list) noexcept;
   /// It is to be unloaded: coarsened as the budget allows, then reported by `take_retired`.
@@ -67,9 +81,9 @@ class Forest {
   /// A retired region of which nothing is applied any more, or kNone. The loader may free it.
   [[nodiscard]] std::uint32_t take_retired() noexcept;
 
-  /// Says which regions shall be refined, first comes first; all others are to be coarse. Regions that are not here are
-  /// passed over. O(regions asked for + regions in use).
-  void target(const RegionId* regions, std::uint32_t count) noexcept;
+  /// Says which regions shall be refined, first comes first, and what is to become of all others. Regions that are not
+  /// here are passed over. O(regions asked for).
+  void target(const RegionId* regions, std::uint32_t count, Unasked unasked = Unasked::kCoarsen) noexcept;
 
   /// Works towards the target. Then refit before any query.
   [[nodiscard]] Advance advance(Budget& budget) noexcept;
@@ -89,12 +103,14 @@ class Forest {
   [[nodiscard]] bool is_retiring(RegionId region) const noexcept {
     return is_here(region) && state_of(region).retiring;
   }
-  /// What one cycle leaves to the next, beside the regions that are here: those that were worked on, in the order in
-  /// which they are coarsened. Copies at most `capacity`; returns how many there are. O(regions in use).
+  /// What one cycle leaves to the next, beside the regions that are here: those that were worked on. First those in
+  /// use, from the last of which on they are coarsened or laid to rest, then those that rest, the oldest first. Copies
+  /// at most `capacity`; returns how many there are. O(regions in use and resting).
   struct InUse {
     RegionId region{};
     std::uint32_t applied = 0;  ///< entries of its list
     bool retiring = false;
+    bool resting = false;
   };
   [[nodiscard]] std::uint32_t in_use(InUse* out, std::uint32_t capacity) const noexcept;
   [[nodiscard]] std::uint32_t base_faces_shown() const noexcept { return static_cast<std::uint32_t>(base_cursor_); }
@@ -123,9 +139,11 @@ class Forest {
     std::uint32_t cursor = 0;     // entries applied
     std::uint32_t block = kNone;  // the block last used, and its place in the list
     std::uint32_t block_number = 0;
-    std::uint32_t asked = 0;          // stamp of the target that asked for it
-    std::uint32_t in_use_at = kNone;  // place in in_use_
+    std::uint32_t asked = 0;                     // stamp of the target that asked for it
+    std::uint32_t in_use_at = kNone;             // place in in_use_
+    std::uint32_t older = kNone, newer = kNone;  // of those that rest, its neighbours
     bool retiring = false;
+    bool resting = false;
   };
 
   /// Each region that is here takes a list block at least.
@@ -137,8 +155,11 @@ class Forest {
   [[nodiscard]] bool wants(const State& state) const noexcept { return state.asked == stamp_ && !state.retiring; }
   void use(RegionId region) noexcept;
   void unuse(RegionId region) noexcept;
+  void rest(RegionId region) noexcept;
+  void wake(RegionId region) noexcept;
   [[nodiscard]] Advance refine(State& state, Budget& budget) noexcept;
-  [[nodiscard]] Advance coarsen(State& state, Budget& budget) noexcept;
+  [[nodiscard]] Advance coarsen(State& state, Budget& budget, std::uint32_t& entries) noexcept;
+  [[nodiscard]] std::uint32_t overdue() const noexcept;
   [[nodiscard]] const std::uint32_t* entry(State& state, std::uint32_t number) noexcept;
   [[nodiscard]] bool room_for(std::uint32_t slot) const noexcept;
   [[nodiscard]] bool room_to_keep(std::uint32_t slot) const noexcept;
@@ -155,8 +176,11 @@ class Forest {
   std::vector<std::uint32_t> place_;  // by region: in states_, kNone when it is not here
   std::vector<State> states_;         // of regions that are here
   std::vector<std::uint32_t> free_states_;
-  std::vector<RegionId> in_use_;  // regions with a cursor above 0, or asked for, or retiring; fixed capacity
+  std::vector<RegionId> in_use_;  // asked for, retiring, or left with a cursor above 0 since; fixed capacity
   std::uint32_t in_use_count_ = 0;
+  std::uint32_t oldest_ = kNone, newest_ = kNone;  // of the regions that rest: a cursor above 0, and not in use
+  Unasked unasked_ = Unasked::kCoarsen;
+  std::uint32_t overdue_ = 0;    // entries of what rests that are to be taken back for this target
   std::vector<RegionId> order_;  // regions asked for, in order
   std::uint32_t order_count_ = 0;
   std::uint32_t retiring_count_ = 0;

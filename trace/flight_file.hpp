@@ -61,10 +61,10 @@ struct FlightObject {
 
 struct FlightRegion {
   std::uint32_t region = 0, applied = 0;
-  bool retiring = false;
+  bool retiring = false, resting = false;
   template <class Self, class Visit>
   static void fields(Self& self, Visit&& visit) {
-    visit(self.region), visit(self.applied), visit(self.retiring);
+    visit(self.region), visit(self.applied), visit(self.retiring), visit(self.resting);
   }
 };
 

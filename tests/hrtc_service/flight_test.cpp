@@ -26,6 +26,7 @@ using test_support::LocalSession;
 
 constexpr std::uint32_t kSecond = 1000;  // cycles
 constexpr std::uint64_t kSeed = 5;
+constexpr double kScarce = 0.17, kRestful = 1.5;  // of the model's records in slots: half of what these show may rest
 
 /// Two tips on a sphere with friction, in a pool of a fifth: regions come and go all the while, refinement is cut short
 /// by chance, poses grow old, an emergency stop and a device that fails end in resets, the object moves.
@@ -43,10 +44,12 @@ class Flight : public ::testing::Test {
 
   /// `drains`: whether the store looks for records after this cycle.
   void record(
-      int cycles, double seconds, const std::function<bool(int)>& drains = [](int) { return true; }) {
+      int cycles, double seconds, const std::function<bool(int)>& drains = [](int) { return true; },
+      double share = kScarce) {
     const spm::Model model = built_->model();
     const double radius = (model.summary.bounds_max[0] - model.summary.bounds_min[0]) / 2;
-    const spm::PoolSettings pool = spm::PoolSettings::for_slots(model.summary.parts / 6 + 600);
+    const spm::PoolSettings pool =
+        spm::PoolSettings::for_slots(static_cast<std::uint32_t>(share * model.summary.parts) + 600);
     session::Material material;
     material.static_friction = 0.5;
     material.dynamic_friction = 0.4;
@@ -158,6 +161,27 @@ TEST_F(Flight, TheLastSecondsAreReplayedToTheBitFromTheMidst) {
     EXPECT_LE(report.cycles, 3000u);
     EXPECT_GT(report.regions_left, 20u);
   }
+}
+
+TEST_F(Flight, AnotherOrderOfWhatRestsIsFound) {
+  record(
+      4250, 2, [](int) { return true; }, kRestful);
+  EXPECT_EQ(replay().differ, 0u);
+  std::uint32_t resting = 0;
+  rewrite([&](trace::FlightMessage& message) {
+    auto* const state = std::get_if<trace::FlightState>(&message);
+    if (state == nullptr) return;
+    for (trace::FlightObjectState& object : state->objects) {
+      const auto first = std::find_if(object.in_use.begin(), object.in_use.end(),
+                                      [](const trace::FlightRegion& region) { return region.resting; });
+      resting += static_cast<std::uint32_t>(object.in_use.end() - first);
+      std::reverse(first, object.in_use.end());
+    }
+  });
+  EXPECT_GT(resting, 3u);
+  const FlightReport report = replay();
+  EXPECT_GT(report.differ, 0u);
+  EXPECT_THAT(report.first_difference, testing::HasSubstr(", the mesh is another one"));
 }
 
 TEST_F(Flight, WhatTheProcessorDoesWithDenormalsIsDoneAgain) {

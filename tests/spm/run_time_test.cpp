@@ -163,7 +163,8 @@ TEST_P(RunTime, StaysSoundUnderAnySequenceOfLoadRefineCoarsenAndRelease) {
         wanted.clear();
         for (std::uint64_t i = random() % 6; i > 0; --i) wanted.push_back(any_region());
     }
-    (void)controller.refine(wanted, static_cast<std::uint32_t>(random() % 3000));
+    (void)controller.refine(wanted, static_cast<std::uint32_t>(random() % 3000), nullptr, 0,
+                            random() % 2 == 0 ? spm::Unasked::kCoarsen : spm::Unasked::kRest);
     controller.release_retired();
     ASSERT_THAT(controller.forest().violations(), IsEmpty());
     ASSERT_THAT(controller.cache().violations(), IsEmpty());

@@ -69,8 +69,9 @@ class Controller {
 
   /// Refines just these as far as `units` allow, and refits.
   spm::Advance refine(const std::vector<spm::RegionId>& regions, std::uint32_t units = 1u << 30,
-                      spm::Watch* watches = nullptr, std::uint32_t watch_count = 0) {
-    forest_->target(regions.data(), static_cast<std::uint32_t>(regions.size()));
+                      spm::Watch* watches = nullptr, std::uint32_t watch_count = 0,
+                      spm::Unasked unasked = spm::Unasked::kCoarsen) {
+    forest_->target(regions.data(), static_cast<std::uint32_t>(regions.size()), unasked);
     spm::Budget budget{units};
     const spm::Advance result = forest_->advance(budget);
     forest_->refit(watches, watch_count);

@@ -1,5 +1,6 @@
 #include "spm/offline/certificate.hpp"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -243,6 +244,39 @@ TEST_F(Verify, FindsAMissingRegion) {
   --broken.summary.regions;
   ASSERT_TRUE(violations(broken.model()).empty());
   EXPECT_FALSE(verify(broken.model(), mesh_).mismatches.empty());
+}
+
+TEST(Certificate, TheNodesThatItSaysAreEnoughWhateverRests) {
+  const BuiltModel built = organ();
+  const Model model = built.model();
+  const RegionGrid grid{model.summary.grid, model.regions};
+  constexpr double kRadius = 0.003;
+  PoolSettings settings = PoolSettings::for_slots(8 * model.summary.vertices);
+  // A record may only be split when each face that it bears could have a branch of its own.
+  constexpr std::uint32_t kBranches = 6 * 7;
+  settings.tree_nodes = certify(model, kRadius, 0.05).nodes + kBranches;
+  test_support::Controller controller{model, settings};
+  for (std::uint32_t r = 0; r < model.summary.regions; ++r)
+    ASSERT_EQ(controller.load(RegionId{r}), AcceptResult::kAccepted);
+  std::mt19937 random{17};
+  std::uint32_t full = 0;
+  for (int i = 0; i < 300; ++i) {
+    const std::array<float, 3>& near = model.positions[random() % model.summary.vertices];
+    std::vector<RegionId> regions;
+    ASSERT_TRUE(grid.for_each_meeting(Vec3d{near[0], near[1], near[2]}, kRadius,
+                                      [&](RegionId region, double) { regions.push_back(region); }));
+    const auto ask = [&] { return controller.refine(regions, 1u << 30, nullptr, 0, Unasked::kRest); };
+    Advance advance = ask();
+    if (advance == Advance::kNodesFull) {  // those of what rested are free after the refit
+      ++full;
+      advance = ask();
+    }
+    ASSERT_EQ(advance, Advance::kDone) << i;
+    for (const RegionId region : regions) ASSERT_TRUE(controller.forest().is_refined(region));
+  }
+  EXPECT_GT(full, 10u) << "nodes were never short";
+  EXPECT_LT(full, 290u) << "nothing ever rested";
+  EXPECT_THAT(controller.forest().violations(), ::testing::IsEmpty());
 }
 
 }  // namespace
