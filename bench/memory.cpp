@@ -39,7 +39,7 @@ using spm::Vec3d;
 constexpr double kPeriod = 0.001;  // s
 constexpr double kMiB = 1 << 20;
 constexpr double kAway = 6;  // s before the recording touches: until host and HRTC have met
-constexpr std::uint64_t kIdleMemory = 2u << 20;
+constexpr std::uint64_t kIdleMemory = 3u << 20;
 constexpr double kSame = 1e-6;  // m, that distances may differ
 
 struct Settings {
