@@ -33,7 +33,8 @@ int run(const SafetySettings& settings, const std::string& json) {
   count("taken", "samples that arrived", result.taken);
   count("cycles", "all", result.cycles);
   count("in contact", "cycles", result.contact_cycles);
-  count("with a force", "cycles", result.force_cycles);
+  count("with a force", "cycles of ball and tool", result.force_cycles);
+  count("with a torque", "cycles", result.torque_cycles);
   for (std::size_t bit = 0; bit < haptics::kForceBits; ++bit)
     count(session::figures::kInterventions[bit], "times begun", result.interventions[bit]);
   for (std::size_t fault = 1; fault < result.faults.size(); ++fault) {
@@ -44,10 +45,13 @@ int run(const SafetySettings& settings, const std::string& json) {
 
   report.at_least("arrived", "samples", "", static_cast<double>(result.arrived), static_cast<double>(settings.samples));
   report.at_least("share with a force", "cycles", "%",
-                  100 * static_cast<double>(result.force_cycles) / static_cast<double>(result.cycles), 5);
+                  50 * static_cast<double>(result.force_cycles) / static_cast<double>(result.cycles), 5);
   report.at_most("greatest force", "cycles", "N", result.largest_force, settings.force.max_force * (1 + 1e-9));
   report.at_most("greatest step of the force", "cycles without a fault", "N", result.largest_step,
                  settings.force.max_slew * 1e-3 * (1 + 1e-9));
+  report.at_most("greatest torque", "cycles", "N m", result.largest_torque, settings.force.max_torque * (1 + 1e-9));
+  report.at_most("greatest step of the torque", "cycles without a fault", "N m", result.largest_torque_step,
+                 settings.force.max_torque_slew * 1e-3 * (1 + 1e-9));
   report.at_most("oldest pose with a force", "cycles", "ms of silence", result.oldest_force * 1e3,
                  settings.force.zero_by * 1e3);
   const auto none = [&](const char* what, std::uint64_t value) {

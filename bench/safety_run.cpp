@@ -7,6 +7,7 @@
 #include <random>
 
 #include "haptics/remote_device.hpp"
+#include "haptics/rigid_body.hpp"
 #include "tests/haptics/triangle_surface.hpp"
 #include "wire/check.hpp"
 #include "wire/convert.hpp"
@@ -52,6 +53,8 @@ class Hand {
     const Vec3d velocity = (place - before_) / kCycle;
     pose.velocity = {velocity.x(), velocity.y(), velocity.z()};
     pose.radius = 0.003;
+    const Eigen::Quaterniond turn = haptics::rotation_by({0.9 * std::sin(2.3 * t), 0.7 * std::sin(3.1 * t), 0});
+    pose.pose.orientation = {turn.x(), turn.y(), turn.z(), turn.w()};
     before_ = place;
     return pose;
   }
@@ -142,11 +145,16 @@ class Channel {
   int silent_ = 0;
 };
 
-/// Judges each force by the limits alone.
+/// Judges each force, or each torque, by the limits alone.
 class Watcher {
  public:
-  Watcher(const SafetySettings& settings, double device_limit, SafetyResult& result)
-      : settings_{settings}, limit_{std::min(settings.force.max_force, device_limit)}, result_{result} {}
+  struct Limits {
+    const char* what;
+    double most, slew;  // N, N/s or the same of torques
+  };
+  Watcher(const SafetySettings& settings, const Limits& limits, SafetyResult& result, double& largest,
+          double& largest_step)
+      : settings_{settings}, limits_{limits}, result_{result}, largest_{largest}, largest_step_{largest_step} {}
 
   void on_reset(std::uint64_t cycle) {
     reset_cycle_ = cycle;
@@ -158,40 +166,100 @@ class Watcher {
     constexpr double kRounding = 1e-9;
     const double size = force.norm();
     const double step = (force - before_).norm();
-    if (!force.allFinite()) tell(result_.not_finite, cycle, "the force is not finite");
-    if (size > limit_ + kRounding) tell(result_.over_limit, cycle, "the force is over its limit");
+    if (!force.allFinite()) tell(result_.not_finite, cycle, "is not finite");
+    if (size > limits_.most + kRounding) tell(result_.over_limit, cycle, "is over its limit");
     const bool ends_in_time = silence >= settings_.force.zero_by && size == 0;
     if (!fault && !ends_in_time) {
-      result_.largest_step = std::max(result_.largest_step, step);
-      if (step > settings_.force.max_slew * kCycle + kRounding) tell(result_.over_slew, cycle, "the force jumped");
+      largest_step_ = std::max(largest_step_, step);
+      if (step > limits_.slew * kCycle + kRounding) tell(result_.over_slew, cycle, "jumped");
     }
     if (size > 0) result_.oldest_force = std::max(result_.oldest_force, silence);
-    if (size > 0 && silence >= settings_.force.zero_by) tell(result_.too_old, cycle, "the force is of an old pose");
+    if (size > 0 && silence >= settings_.force.zero_by) tell(result_.too_old, cycle, "is of an old pose");
     const double since_reset = static_cast<double>(cycle - reset_cycle_ + 1) * kCycle;
-    if (size > limit_ * since_reset / settings_.force.soft_start + kRounding)
-      tell(result_.too_soon, cycle, "the force is stronger than the soft start allows");
-    if (fault && size > 0) tell(result_.despite_fault, cycle, "a force despite a fault");
-    if (fault && (reason.empty() || reason == "unknown")) tell(result_.without_reason, cycle, "a fault without reason");
-    if (latched_ && !fault) tell(result_.ended_by_itself, cycle, "a fault ended without a reset");
+    if (size > limits_.most * since_reset / settings_.force.soft_start + kRounding)
+      tell(result_.too_soon, cycle, "is stronger than the soft start allows");
+    if (fault && size > 0) tell(result_.despite_fault, cycle, "acts despite a fault");
+    if (fault && (reason.empty() || reason == "unknown")) tell(result_.without_reason, cycle, "is off without reason");
+    if (latched_ && !fault) tell(result_.ended_by_itself, cycle, "is on again without a reset");
     latched_ = fault;
-    result_.largest_force = std::max(result_.largest_force, size);
+    largest_ = std::max(largest_, size);
     before_ = force;
   }
 
  private:
-  void tell(std::uint64_t& count, std::uint64_t cycle, const char* what) {
+  void tell(std::uint64_t& count, std::uint64_t cycle, const char* how) {
     ++count;
     if (result_.problems.size() < kProblems)
-      result_.problems.push_back("seed " + std::to_string(settings_.seed) + ", cycle " + std::to_string(cycle) + ": " +
-                                 what);
+      result_.problems.push_back("seed " + std::to_string(settings_.seed) + ", cycle " + std::to_string(cycle) +
+                                 ": the " + limits_.what + " " + how);
   }
 
   const SafetySettings& settings_;
-  double limit_;
+  Limits limits_;
   SafetyResult& result_;
+  double& largest_;
+  double& largest_step_;
   Vec3d before_ = Vec3d::Zero();
   std::uint64_t reset_cycle_ = 0;
   bool latched_ = false;
+};
+
+/// Where a tool would be that a plane holds up and level: below it a force and a torque act.
+haptics::ToolResult held_level(const haptics::DeviceState& device) {
+  haptics::ToolResult tool;
+  tool.pose = {device.position, device.orientation};
+  tool.in_contact = !(device.position.z() >= 0);
+  if (!tool.in_contact) return tool;
+  tool.way.z() = -device.position.z();
+  tool.turn = haptics::turn_of(device.orientation.conjugate());
+  return tool;
+}
+
+/// A renderer with what it is judged by, whose faults are reset after a while.
+class Judged {
+ public:
+  haptics::ForceRenderer renderer;
+
+  Judged(const SafetySettings& settings, const haptics::DeviceSpec& spec, SafetyResult& result)
+      : renderer{settings.force, spec},
+        result_{result},
+        force_{settings,
+               {"force", std::min(settings.force.max_force, spec.max_force), settings.force.max_slew},
+               result,
+               result.largest_force,
+               result.largest_step},
+        torque_{settings,
+                {"torque", std::min(settings.force.max_torque, spec.max_torque), settings.force.max_torque_slew},
+                result,
+                result.largest_torque,
+                result.largest_torque_step} {}
+
+  /// True when the fault has been reset.
+  bool judge(std::uint64_t cycle, const haptics::ForceResult& force, double silence, Random& random) {
+    result_.force_cycles += force.force.isZero(0) ? 0 : 1;
+    result_.torque_cycles += force.torque.isZero(0) ? 0 : 1;
+    for (std::uint32_t bit = 0; bit < haptics::kForceBits; ++bit) result_.interventions[bit] += force.began >> bit & 1u;
+    const bool fault = force.fault != haptics::Fault::kNone;
+    const std::uint32_t status =
+        fault ? session::kFault | static_cast<std::uint32_t>(force.fault) << session::kFaultReasonShift : 0;
+    force_.judge(cycle, force.force, silence, fault, session::fault_reason(status));
+    torque_.judge(cycle, force.torque, silence, fault, session::fault_reason(status));
+    if (fault && reset_at_ == 0) {
+      ++result_.faults[static_cast<std::size_t>(force.fault)];
+      reset_at_ = cycle + 20 + random.below(200);
+    }
+    if (cycle != reset_at_) return false;
+    renderer.reset();
+    force_.on_reset(cycle + 1);
+    torque_.on_reset(cycle + 1);
+    reset_at_ = 0;
+    return true;
+  }
+
+ private:
+  SafetyResult& result_;
+  Watcher force_, torque_;
+  std::uint64_t reset_at_ = 0;  // cycle; 0: no fault
 };
 
 }  // namespace
@@ -217,19 +285,19 @@ SafetyResult run_safety(const SafetySettings& settings) {
   add(low + x, y, z);
   const haptics::testing::TriangleSurface surface{box};
 
-  auto device = std::make_unique<haptics::RemoteDevice>();
+  haptics::DeviceSpec spec;
+  spec.max_torque = 2 * settings.force.max_torque;
+  auto device = std::make_unique<haptics::RemoteDevice>(spec);
   haptics::Proxy proxy;
   const haptics::Feel feel{1000, 1};
-  haptics::ForceRenderer renderer{settings.force, device->spec()};
-  Watcher watcher{settings, device->spec().max_force, result};
+  // The same hand, with a ball and with a tool.
+  Judged tip{settings, device->spec(), result}, tool{settings, device->spec(), result};
   std::int64_t heard_ns = -1;
-  std::uint64_t reset_at = 0;  // cycle; 0: no fault
   std::uint32_t felt = 0;
 
   for (std::uint64_t cycle = 1; result.arrived < settings.samples; ++cycle) {
     const std::int64_t now_ns = static_cast<std::int64_t>(cycle) * kCycleNs;
     session::DevicePose pose = hand.next(now_ns, random);
-    pose.pose.orientation = {0, 0, 0, 1};
     pose.command_felt = felt > 3 ? felt - 3 : 0;
     channel.send(encoding.bytes(pose), cycle);
     for (const Bytes& bytes : channel.arrivals(cycle)) {
@@ -262,32 +330,21 @@ SafetyResult run_safety(const SafetySettings& settings) {
 
     const haptics::DeviceState state = device->read(now_ns);
     const double age = static_cast<double>(now_ns - state.time_ns) * 1e-9;
-    if (random.chance(kStop)) renderer.latch(haptics::Fault::kEmergencyStop);
-    if (random.chance(kFailure)) renderer.latch(haptics::Fault::kDeviceFailed);
+    for (Judged* one : {&tip, &tool}) {
+      if (random.chance(kStop)) one->renderer.latch(haptics::Fault::kEmergencyStop);
+      if (random.chance(kFailure)) one->renderer.latch(haptics::Fault::kDeviceFailed);
+    }
     proxy.set_grip({0.5, 0.4});
     const haptics::ProxyResult& touch = proxy.step(state.position, kCycle, surface, false);
-    const haptics::ForceResult& force = renderer.step(touch, state, feel, age - state.transit, kCycle);
-    felt = device->on_command(now_ns);
-
     ++result.cycles;
     result.contact_cycles += touch.in_contact ? 1 : 0;
-    result.force_cycles += force.force.isZero(0) ? 0 : 1;
-    for (std::uint32_t bit = 0; bit < haptics::kForceBits; ++bit) result.interventions[bit] += force.began >> bit & 1u;
-    const bool fault = force.fault != haptics::Fault::kNone;
-    const std::uint32_t status =
-        fault ? session::kFault | static_cast<std::uint32_t>(force.fault) << session::kFaultReasonShift : 0;
-    watcher.judge(cycle, force.force, static_cast<double>(now_ns - heard_ns) * 1e-9, fault,
-                  session::fault_reason(status));
-    if (fault && reset_at == 0) {
-      ++result.faults[static_cast<std::size_t>(force.fault)];
-      reset_at = cycle + 20 + random.below(200);
-    }
-    if (cycle == reset_at) {
-      renderer.reset();
-      proxy.reset();
-      watcher.on_reset(cycle + 1);
-      reset_at = 0;
-    }
+    const double silence = static_cast<double>(now_ns - heard_ns) * 1e-9, silent = age - state.transit;
+    const haptics::ForceResult& by_tip = tip.renderer.step(touch, state, feel, silent, kCycle);
+    if (tip.judge(cycle, by_tip, silence, random)) proxy.reset();
+    const haptics::ToolGrip grip = tool.renderer.grip(feel, kCycle, state.loop_delay);
+    const haptics::ForceResult& by_tool = tool.renderer.step(held_level(state), grip, state, feel, silent, kCycle);
+    static_cast<void>(tool.judge(cycle, by_tool, silence, random));
+    felt = device->on_command(now_ns);
   }
   return result;
 }

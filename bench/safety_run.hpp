@@ -29,8 +29,10 @@ struct SafetyResult {
   std::uint64_t cycles = 0, contact_cycles = 0, force_cycles = 0;
   std::array<std::uint64_t, haptics::kForceBits> interventions{};  ///< times begun
   std::array<std::uint64_t, 16> faults{};                          ///< latched, by haptics::Fault
-  double largest_force = 0, largest_step = 0;                      ///< N; N in a cycle while nothing was latched
-  double oldest_force = 0;                                         ///< s of silence with a force
+  std::uint64_t torque_cycles = 0;
+  double largest_force = 0, largest_step = 0;          ///< N; N in a cycle while nothing was latched
+  double largest_torque = 0, largest_torque_step = 0;  ///< the same, N m
+  double oldest_force = 0;                             ///< s of silence with a force
   std::uint64_t over_limit = 0, over_slew = 0, not_finite = 0, too_old = 0, too_soon = 0, despite_fault = 0,
                 without_reason = 0, ended_by_itself = 0;
   std::vector<std::string> problems;  ///< the first few, with seed and cycle

@@ -22,6 +22,12 @@ session::CatalogueEntry entry_for(const spm::Model& model, double scale, const s
   return entry;
 }
 
+std::array<haptics::DeviceSpec, hrtc_service::kMaxProbes> specs_of(const haptics::DeviceSpec& spec) {
+  std::array<haptics::DeviceSpec, hrtc_service::kMaxProbes> specs;
+  specs.fill(spec);
+  return specs;
+}
+
 }  // namespace
 
 double thread_cpu_us() {
@@ -37,7 +43,7 @@ SessionRun::SessionRun(const spm::Model& model, double scale, const SessionSetti
       encoded_{model},
       server_{session::Origin{kSession, kHost, 1, 0}},
       loader_{pool_, nodes_, session::Origin{kSession, kHrtc, 1, 0}, settings.loader, arrivals_, departures_},
-      cycle_{settings.cycle, {}, departures_, nullptr} {
+      cycle_{settings.cycle, specs_of(settings.device), departures_, nullptr} {
   server_.add(kObject, encoded_.coded());
   loader_.on_host_seen(kHost, 1, now_);
   loader_.on_catalogue(entry_for(model, scale, settings.material, server_.base_bytes(kObject)));
@@ -54,7 +60,7 @@ void SessionRun::settle(const spm::Vec3d& away) {
   throw std::runtime_error("the base mesh does not fit the pool of " + std::to_string(pool_.settings.slots) + " slots");
 }
 
-void SessionRun::prepare(const spm::Vec3d& tip, const spm::Vec3d& velocity) {
+void SessionRun::prepare(const spm::Vec3d& tip, const spm::Vec3d& velocity, const Eigen::Quaterniond& orientation) {
   now_ += kPeriodNs;
   ++cycles_;
   loader_us_ = 0;
@@ -63,12 +69,13 @@ void SessionRun::prepare(const spm::Vec3d& tip, const spm::Vec3d& velocity) {
   inputs_[0].active = true;
   inputs_[0].device.position = tip;
   inputs_[0].device.velocity = velocity;
+  inputs_[0].device.orientation = orientation;
   inputs_[0].near = near_[0];
 }
 
 void SessionRun::exchange(const spm::Vec3d& tip) {
   std::array<hrtc_service::ProbeSight, hrtc_service::kMaxProbes> sights;
-  sights[0] = {true, in_contact_, now_, tip, proxy_};
+  sights[0] = {true, in_contact_, now_, tip, proxy_, orientation_};
   double mark = thread_cpu_us();
   const auto lap = [&mark] {
     const double before = mark;
@@ -103,6 +110,7 @@ void SessionRun::exchange(const spm::Vec3d& tip) {
 const hrtc_service::CycleResult& SessionRun::seen(const hrtc_service::CycleResult& result) noexcept {
   in_contact_ = (result.probes[0].status & session::kInContact) != 0;
   proxy_ = hrtc_service::vec(result.probes[0].proxy);
+  orientation_ = hrtc_service::quaternion(result.probes[0].orientation);
   return result;
 }
 

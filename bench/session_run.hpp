@@ -25,6 +25,7 @@ struct SessionSettings {
   spm::PoolSettings pool;
   hrtc_service::LoaderSettings loader;
   hrtc_service::CycleSettings cycle;
+  haptics::DeviceSpec device;
   session::Material material;
   std::uint32_t delay_cycles = 2;
 };
@@ -48,7 +49,8 @@ class SessionRun {
   void settle(const spm::Vec3d& away);
 
   /// All but the haptic thread's part: host and loader work in every second cycle.
-  void prepare(const spm::Vec3d& tip, const spm::Vec3d& velocity);
+  void prepare(const spm::Vec3d& tip, const spm::Vec3d& velocity,
+               const Eigen::Quaterniond& orientation = Eigen::Quaterniond::Identity());
   /// The haptic thread's part of the cycle that was prepared.
   const hrtc_service::CycleResult& cycle(spm::Budget budget) noexcept;
   /// The same as a haptic thread has it: touch, then refine as long as that is allowed.
@@ -91,6 +93,7 @@ class SessionRun {
   std::uint64_t cycles_ = 0;
   bool in_contact_ = false;
   spm::Vec3d proxy_ = spm::Vec3d::Zero();
+  Eigen::Quaterniond orientation_ = Eigen::Quaterniond::Identity();
   double loader_us_ = 0;
   std::vector<RegionLoad> loads_;
 };

@@ -10,10 +10,11 @@
 #include <utility>
 
 #include "bench/bench_main.hpp"
+#include "bench/controller.hpp"
 #include "bench/figures.hpp"
 #include "bench/finest_tree.hpp"
 #include "bench/models.hpp"
-#include "bench/refined_run.hpp"
+#include "bench/session_run.hpp"
 #include "bench/stopwatch.hpp"
 #include "bench/tool_path.hpp"
 #include "haptics/rigid_body.hpp"
@@ -36,7 +37,9 @@ struct Settings {
   double depth = 0.03;  // m
   double friction = 0.3;
   haptics::ToolGrip grip;
-  std::uint32_t budget = 2000;  // of refinement, units of spm::Budget
+  double deadline_us = 400;  // by which the controller refines
+  double pool_share = 0.5;
+  std::uint32_t delay = 2;  // cycles that demands and records are under way, each
   std::uint64_t seed = 1;
   bool refined = false;
   bool quick = false;
@@ -118,23 +121,66 @@ class Judge {
   std::vector<std::array<std::uint32_t, 2>> pairs_;
 };
 
-// A ball around the stylus, and how much further is refined.
-constexpr double kMiddle = 0.011, kReach = 0.0145, kAhead = 0.0015;  // m
-
-Vec3d middle_of(const haptics::ToolPose& pose) { return pose.position + pose.orientation * Vec3d{0, 0, kMiddle}; }
-
 haptics::ToolPose between(const haptics::ToolPose& a, const haptics::ToolPose& b) {
   return {(a.position + b.position) / 2, a.orientation.slerp(0.5, b.orientation)};
 }
 
 struct Outcome {
-  Samples cpu, wall, refining, contacts, force_step, torque_step;
+  Samples cpu, wall, refining, changes, loader, work, contacts, force_step, torque_step;
   double deepest = 0, energy = 0, lowest = 0;
-  std::uint64_t cycles = 0, touching = 0, lagging = 0, dropped = 0, meeting = 0, exact = 0;
+  std::uint64_t cycles = 0, touching = 0, lagging = 0, dropped = 0, meeting = 0, exact = 0, spent = 0;
   std::uint64_t by_fcl = 0, fcl_meeting = 0;
 };
 
 enum class On { kWhole, kWholeAsIfChanging, kRefined };
+
+/// A controller at a host that keeps the mesh fine along the tool, as a service has it.
+class Refined {
+ public:
+  Refined(const Settings& settings, const LoadedModel& subject, const spm::MeshProbe& probe,
+          const haptics::ToolPose& from)
+      : run_{subject.model, subject.model.summary.metres_per_unit, settings_of(settings, subject, probe)},
+        governor_{std::llround(settings.deadline_us * 1e3)} {
+    run_.settle(from.position);
+    // The first regions come while the tool is still away.
+    for (int i = 0; i < 400; ++i) step(from, from);
+  }
+  /// The haptic thread's part; CPU time, us.
+  void step(const haptics::ToolPose& before, const haptics::ToolPose& device) {
+    run_.prepare(device.position, (device.position - before.position) / kPeriod, device.orientation);
+    const double began = thread_cpu_us();
+    Stopwatch watch;
+    result_ = &run_.cycle(governor_.limit());
+    wall_ = watch.lap();
+    cpu_ = thread_cpu_us() - began;
+    const hrtc_service::CycleCosts& costs = result_->costs;
+    if (costs.foreseen > 0)
+      governor_.observe(costs.visits * spm::Budget::kVisit + costs.changes * spm::Budget::kChange, costs.refit,
+                        std::min(cpu_ * 1e3, static_cast<double>(costs.total())), costs.foreseen);
+  }
+  [[nodiscard]] const hrtc_service::CycleResult& result() const { return *result_; }
+  [[nodiscard]] const haptics::ToolResult& tool() { return run_.haptic().tool(0)->last(); }
+  [[nodiscard]] double cpu() const { return cpu_; }
+  [[nodiscard]] double wall() const { return wall_; }
+  [[nodiscard]] double loader() const { return run_.loader_us(); }
+
+ private:
+  static SessionSettings settings_of(const Settings& settings, const LoadedModel& subject,
+                                     const spm::MeshProbe& probe) {
+    SessionSettings session;
+    session.pool = spm::PoolSettings::for_slots(slots_for(subject.model.summary, settings.pool_share, 8192));
+    session.cycle.tool = session.loader.tool = &probe;
+    session.material = {settings.grip.stiffness, 1, settings.friction, settings.friction};
+    session.device.max_torque = session.cycle.force.max_torque;
+    session.delay_cycles = settings.delay;
+    return session;
+  }
+
+  SessionRun run_;
+  hrtc_service::Governor governor_;
+  const hrtc_service::CycleResult* result_ = nullptr;
+  double cpu_ = 0, wall_ = 0;
+};
 
 /// On a mesh that stays, on one of which nothing is known from the last cycle, or on one that a controller refines.
 Outcome slide(const Settings& settings, const LoadedModel& subject, const std::vector<ToolPathPose>& path,
@@ -145,46 +191,43 @@ Outcome slide(const Settings& settings, const LoadedModel& subject, const std::v
   tool.set_grip(settings.grip);
   haptics::ToolObject object;
   object.tree = &judge.tree();
-  const double unit = subject.model.summary.metres_per_unit;
-  std::optional<RefinedRun> refined;
-  if (on == On::kRefined) {
-    refined.emplace(subject.model,
-                    RefinedRunSettings{(kReach + kAhead) / unit, settings.speed / unit, 1, settings.budget});
-    object.tree = &refined->forest().tree();
-    // The first regions come while the tool is still away.
-    for (int i = 0; i < 400; ++i) static_cast<void>(refined->step(middle_of(path.front().device) / unit, false));
-  }
   object.scale = subject.model.summary.metres_per_unit;
   object.friction = settings.friction;
-  haptics::ToolPose before = path.front().device, device_before = before;
+  haptics::ToolPose device_before = path.front().device;
+  std::optional<Refined> refined;
+  if (on == On::kRefined) refined.emplace(settings, subject, probe, device_before);
   Vec3d force = Vec3d::Zero(), torque = Vec3d::Zero();
+  std::vector<haptics::ToolPose> poses;
+  poses.reserve(path.size());
   for (std::size_t i = 0; i < path.size(); ++i) {
     const haptics::ToolPose& device = path[i].device;
-    double refining = 0;
     if (refined) {
-      const RefinedStep step = refined->step(middle_of(before) / unit, tool.last().in_contact);
-      refining = step.refine + step.refit;
-      outcome.refining.add(refining);
-      outcome.exact += refined->forest().exact(middle_of(device) / unit, kReach / unit) ? 1 : 0;
+      refined->step(device_before, device);
+      const hrtc_service::CycleResult& result = refined->result();
+      outcome.refining.add((result.costs.refine + result.costs.refit) * 1e-3);
+      outcome.changes.add(result.costs.changes);
+      outcome.loader.add(refined->loader());
+      outcome.wall.add(refined->wall());
+      outcome.cpu.add(refined->cpu());
+      const std::uint32_t status = result.probes[0].status;
+      if ((status & session::kInContact) != 0) outcome.exact += (status & session::kExact) != 0 ? 1 : 0;
+      outcome.spent += result.budget_spent ? 1 : 0;
+    } else {
+      const double began = thread_cpu_us();
+      Stopwatch watch;
+      tool.step(device, kPeriod, {&object, 1}, on != On::kWhole || i == 0);
+      outcome.wall.add(watch.lap());
+      outcome.cpu.add(thread_cpu_us() - began);
     }
-    const double began = thread_cpu_us();
-    Stopwatch watch;
-    const haptics::ToolResult& at = tool.step(device, kPeriod, {&object, 1}, on != On::kWhole || i == 0);
-    outcome.wall.add(watch.lap() + refining);
-    outcome.cpu.add(thread_cpu_us() - began + refining);
+    const haptics::ToolResult& at = refined ? refined->tool() : tool.last();
 
     ++outcome.cycles;
     outcome.touching += at.in_contact ? 1 : 0;
     outcome.lagging += at.lagging ? 1 : 0;
     outcome.dropped += at.dropped;
     outcome.contacts.add(at.contacts);
-    const double depth = std::max(judge.depth(at.pose), i == 0 ? 0 : judge.depth(between(before, at.pose)));
-    outcome.deepest = std::max(outcome.deepest, depth);
-    outcome.meeting += depth > 0 ? 1 : 0;
-    if (i % kByFcl == 0) {
-      ++outcome.by_fcl;
-      outcome.fcl_meeting += judge.by_fcl(at.pose) > 0 ? 1 : 0;
-    }
+    outcome.work.add(at.work);
+    poses.push_back(at.pose);
 
     // What the port took from the hand since the last pose: exact, as a wrench is held for a cycle.
     outcome.energy -= force.dot(device.position - device_before.position) +
@@ -197,8 +240,16 @@ Outcome slide(const Settings& settings, const LoadedModel& subject, const std::v
       outcome.force_step.add((force - force_before).norm());
       outcome.torque_step.add((torque - torque_before).norm() * 1e3);
     }
-    before = at.pose;
     device_before = device;
+  }
+  // Apart from what is timed, which would find its memory gone from the caches.
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    const double depth = std::max(judge.depth(poses[i]), i == 0 ? 0 : judge.depth(between(poses[i - 1], poses[i])));
+    outcome.deepest = std::max(outcome.deepest, depth);
+    outcome.meeting += depth > 0 ? 1 : 0;
+    if (i % kByFcl != 0) continue;
+    ++outcome.by_fcl;
+    outcome.fcl_meeting += judge.by_fcl(poses[i]) > 0 ? 1 : 0;
   }
   return outcome;
 }
@@ -208,9 +259,10 @@ void tell(Outcome& outcome, const std::string& on, Report& report) {
   report.row("cycle, wall time", on, "us", outcome.wall);
   if (outcome.refining.size() > 0) {
     report.row("  of that, refinement and refit", on, "us", outcome.refining);
-    report.figure("cycles with the finest mesh all around the tool", on, "%",
-                  100.0 * static_cast<double>(outcome.exact) / static_cast<double>(outcome.cycles));
+    report.row("records split and collapsed in a cycle", on, "", outcome.changes);
+    report.row("loader's tick, CPU time", on, "us", outcome.loader);
   }
+  report.row("work of the tool", on, "", outcome.work);
   report.row("contacts that press", on, "", outcome.contacts);
   report.row("force's step in 1 ms at rest", on, "N", outcome.force_step);
   report.row("torque's step in 1 ms at rest", on, "mN m", outcome.torque_step);
@@ -218,6 +270,13 @@ void tell(Outcome& outcome, const std::string& on, Report& report) {
     return 100.0 * static_cast<double>(part) / static_cast<double>(outcome.cycles);
   };
   report.figure("cycles in contact", on, "%", share(outcome.touching));
+  if (outcome.refining.size() > 0) {
+    report.figure("cycles whose time to refine was over first", on, "%", share(outcome.spent));
+    report.at_least(
+        "cycles in contact with the finest mesh all along the tool", on, "%",
+        100.0 * static_cast<double>(outcome.exact) / static_cast<double>(std::max<std::uint64_t>(outcome.touching, 1)),
+        99);
+  }
   report.figure("cycles in which the tool did not get where it was pulled", on, "%", share(outcome.lagging));
   report.figure("contacts without room", on, "", static_cast<double>(outcome.dropped));
   report.figure("energy that the port took", on, "J", outcome.energy);
@@ -282,7 +341,10 @@ int main(int argc, char** argv) {
   app.add_option("--speed", settings.speed, "along the surface, m/s")->check(CLI::Range(0.001, 1.0));
   app.add_option("--depth", settings.depth, "by which the device is pressed in, m")->check(CLI::Range(0.0, 0.1));
   app.add_option("--friction", settings.friction, "coefficient")->check(CLI::Range(0.0, 2.0));
-  app.add_option("--budget", settings.budget, "of refinement in a cycle")->check(CLI::Range(100u, 1000000u));
+  app.add_option("--deadline", settings.deadline_us, "of the controller's cycle, us")->check(CLI::Range(10.0, 10000.0));
+  app.add_option("--pool-share", settings.pool_share, "of the model's records that the controller has room for")
+      ->check(CLI::Range(0.01, 1.0));
+  app.add_option("--delay", settings.delay, "of demands and records, ms each")->check(CLI::Range(0u, 500u));
   app.add_option("--seed", settings.seed, "of the path");
   app.add_option("--json", settings.json, "the figures as JSON");
   app.add_flag("--refined", settings.refined, "also on a mesh that a controller refines around the tool");

@@ -193,7 +193,7 @@ static int write_input(struct tactus_device* device, const double force[3]) {
 }
 
 const struct tactus_device_driver* tactus_device_entry(void) {
-  static const struct tactus_device_driver driver = {TACTUS_DEVICE_ABI, "input events", open_input, close_input,
-                                                     spec_of_input,     read_input,     write_input};
+  static const struct tactus_device_driver driver = {TACTUS_DEVICE_ABI, "input events", open_input,  close_input,
+                                                     spec_of_input,     read_input,     write_input, NULL};
   return &driver;
 }

@@ -362,7 +362,7 @@ int write_haply(tactus_device* device, const double force[3]) {
 }  // namespace
 
 extern "C" const tactus_device_driver* tactus_device_entry() {
-  static const tactus_device_driver driver{TACTUS_DEVICE_ABI, "Haply Inverse3", open_haply, close_haply,
-                                           spec_of_haply,     read_haply,       write_haply};
+  static const tactus_device_driver driver{TACTUS_DEVICE_ABI, "Haply Inverse3", open_haply,  close_haply,
+                                           spec_of_haply,     read_haply,       write_haply, nullptr};
   return &driver;
 }

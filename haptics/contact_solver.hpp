@@ -89,6 +89,12 @@ class ContactSolver {
   [[nodiscard]] spm::Span<const Contact> contacts() const noexcept { return {kept_.data(), kept_count_}; }
   [[nodiscard]] const Vec3d& impulse(std::size_t kept) const noexcept { return impulses_[kept]; }
 
+  /// What the next `solve`, and `impulse` until then, go by, as `visit(value)` of plain numbers.
+  template <class Visit>
+  void for_each_carried(Visit&& visit) noexcept {
+    visit(impulses_), visit(kept_count_), visit(remembered_), visit(remembered_count_);
+  }
+
  private:
   struct Row {                 // along one direction
     Vec6d on_a, on_b;          // J

@@ -17,6 +17,8 @@ struct DeviceSpec {
   double max_stiffness = 5000;    ///< N/m that the maker vouches for
   double damping = 3;             ///< N s/m, physical, at the least; sets the stiffness that stays stable
   double workspace_radius = 0.2;  ///< m
+  double max_torque = 0;          ///< N m; 0: it bears forces only
+  double max_torsion = 1;         ///< N m/rad that the maker vouches for
 };
 
 struct DeviceState {
@@ -54,6 +56,8 @@ class Device {
   [[nodiscard]] virtual DeviceState read(std::int64_t now_ns) noexcept = 0;
   /// The force on the user's hand, N in the device's frame, held until the next write.
   virtual void write(const Vec3d& force) noexcept = 0;
+  /// The same with a torque about the tip, N m, for devices that bear one; called in its place.
+  virtual void write_wrench(const Vec3d& force, const Vec3d& /*torque*/) noexcept { write(force); }
   [[nodiscard]] virtual DeviceHealth health() const noexcept = 0;
 };
 
@@ -87,11 +91,20 @@ class DeviceFrame {
     if (clutched_) return Vec3d::Zero();
     return scale_ * (rotation_.conjugate() * force_world);
   }
+  /// The same of a torque: turns are not scaled.
+  [[nodiscard]] Vec3d torque_to_device(const Vec3d& torque_world) const noexcept {
+    if (clutched_) return Vec3d::Zero();
+    return rotation_.conjugate() * torque_world;
+  }
 
   /// The device's limits as the world meets them.
   [[nodiscard]] DeviceSpec to_world(const DeviceSpec& spec) const noexcept {
-    return {spec.max_force / scale_, spec.max_stiffness / (scale_ * scale_), spec.damping / (scale_ * scale_),
-            spec.workspace_radius * scale_};
+    return {spec.max_force / scale_,
+            spec.max_stiffness / (scale_ * scale_),
+            spec.damping / (scale_ * scale_),
+            spec.workspace_radius * scale_,
+            spec.max_torque,
+            spec.max_torsion};
   }
 
  private:

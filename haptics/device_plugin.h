@@ -19,8 +19,8 @@
 extern "C" {
 #endif
 
-/* Grows when an older driver would be misread. */
-#define TACTUS_DEVICE_ABI 1u
+/* Grows with this header. Drivers of ABI 1, which end where it says so below, are loaded as they are. */
+#define TACTUS_DEVICE_ABI 2u
 
 /* What read returns. */
 #define TACTUS_DEVICE_POSE 0    /* a pose */
@@ -40,6 +40,9 @@ struct tactus_device_spec {
   double damping;          /* N s/m, physical, at the least: sets how stiff a surface can be without trembling */
   double workspace_radius; /* m */
   uint32_t flags;
+  /* ABI 1 ends here. */
+  double max_torque;  /* N m; 0, as filled: it bears forces only */
+  double max_torsion; /* N m/rad that the maker vouches for */
 };
 
 /* Where it is. Filled with zeros, no rotation and the time of the call before `read` is called. */
@@ -65,6 +68,9 @@ struct tactus_device_driver {
   /* The force on the user's hand, N, until the next write; once each cycle, after read. 0, or not when it failed for
    * good. */
   int (*write)(struct tactus_device* device, const double force[3]);
+  /* ABI 1 ends here. */
+  /* The same with a torque about the tip, N m; called in place of write. NULL: forces only. */
+  int (*write_wrench)(struct tactus_device* device, const double force[3], const double torque[3]);
 };
 
 /* The one function that a driver has. The same at each call, and valid as long as the library is loaded. */

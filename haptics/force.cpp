@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "haptics/rigid_body.hpp"
+
 namespace tactus::haptics {
 namespace {
 
@@ -14,15 +16,21 @@ Vec3d limited(const Vec3d& force, double limit) noexcept {
   return size > limit ? Vec3d(force * (limit / size)) : force;
 }
 
+/// What a damper adds along a contact's normal: it may cancel the push of the surface, not turn it into a pull.
+double damped(const Vec3d& force, const Vec3d& normal, const Vec3d& velocity, double damping) noexcept {
+  return std::max(-std::max(0.0, force.dot(normal)), -damping * velocity.dot(normal));
+}
+
+bool is_unit(const Eigen::Quaterniond& orientation) noexcept {
+  constexpr double kTolerance = 1e-3;
+  return std::abs(orientation.norm() - 1) <= kTolerance;
+}
+
 /// What spring and damper of a contact make.
 Vec3d pressing(const ProxyResult& proxy, const DeviceState& device, double stiffness, double damping) noexcept {
   Vec3d force = stiffness * (proxy.anchor - device.position);
-  if (proxy.in_contact) {
-    // Damping may cancel the push of the surface, not turn it into a pull.
-    const double push = std::max(0.0, force.dot(proxy.normal));
-    const double damped = std::max(-push, -damping * (device.velocity - proxy.surface_velocity).dot(proxy.normal));
-    force += damped * proxy.normal;
-  }
+  if (proxy.in_contact)
+    force += damped(force, proxy.normal, device.velocity - proxy.surface_velocity, damping) * proxy.normal;
   return force;
 }
 
@@ -32,9 +40,16 @@ double ForceRenderer::stiffness(const Feel& feel, double dt, double loop_delay) 
   return std::min({feel.stiffness, spec_.max_stiffness, stable_stiffness(spec_.damping, feel.damping, dt, loop_delay)});
 }
 
+ToolGrip ForceRenderer::grip(const Feel& feel, double dt, double loop_delay) const noexcept {
+  constexpr double kArm = 0.01;  // m
+  const double stiffness = this->stiffness(feel, dt, loop_delay);
+  return {stiffness, std::min(stiffness * kArm * kArm, spec_.max_torsion)};
+}
+
 void ForceRenderer::latch(Fault fault) noexcept {
   if (result_.fault == Fault::kNone) result_.fault = fault;
   result_.force.setZero();
+  result_.torque.setZero();
   result_.bits = kForceFault;
 }
 
@@ -55,25 +70,39 @@ void ForceRenderer::advance_gain(double pose_age, double dt) noexcept {
   }
 }
 
-double ForceRenderer::speed_of(const DeviceState& device, double dt) noexcept {
-  double speed = device.velocity.norm();
+/// Whether the device moves as no hand does while something acts on it.
+bool ForceRenderer::too_fast(const DeviceState& device, double dt) noexcept {
+  double speed = device.velocity.norm(), spin = 0;
   if (placed_) {
     // A pose that is the one of before tells nothing, one that was late covers more than a cycle.
     const double passed = std::max(dt, static_cast<double>(device.time_ns - time_ns_) * 1e-9);
     speed = std::max(speed, (device.position - position_).norm() / passed);
+    if (!result_.torque.isZero(0)) spin = turn_of(device.orientation * orientation_.conjugate()).norm() / passed;
   }
   placed_ = true;
   position_ = device.position;
+  orientation_ = device.orientation;
   time_ns_ = device.time_ns;
-  return speed;
+  const bool acts = !result_.force.isZero(0) || !result_.torque.isZero(0);
+  return acts && (speed > settings_.max_speed || spin > settings_.max_spin);
+}
+
+const ForceResult& ForceRenderer::told() noexcept {
+  result_.began = result_.bits & ~bits_before_;
+  bits_before_ = result_.bits;
+  return result_;
 }
 
 const ForceResult& ForceRenderer::step(const ProxyResult& proxy, const DeviceState& device, const Feel& feel,
                                        double pose_age, double dt, const ProxyResult* unchanged) noexcept {
   if (result_.fault == Fault::kNone) render(proxy, device, feel, pose_age, dt, unchanged);
-  result_.began = result_.bits & ~bits_before_;
-  bits_before_ = result_.bits;
-  return result_;
+  return told();
+}
+
+const ForceResult& ForceRenderer::step(const ToolResult& tool, const ToolGrip& grip, const DeviceState& device,
+                                       const Feel& feel, double pose_age, double dt) noexcept {
+  if (result_.fault == Fault::kNone) render(tool, grip, device, feel, pose_age, dt);
+  return told();
 }
 
 Vec3d ForceRenderer::ramped(const Vec3d& pressed, const Vec3d& normal) noexcept {
@@ -85,25 +114,34 @@ Vec3d ForceRenderer::ramped(const Vec3d& pressed, const Vec3d& normal) noexcept 
   return pressed - ramp_.left();
 }
 
+bool ForceRenderer::admit(const DeviceState& device, const Feel& feel, double pose_age, double dt) noexcept {
+  const bool finite = device.position.allFinite() && device.velocity.allFinite() && std::isfinite(pose_age) &&
+                      std::isfinite(feel.stiffness) && std::isfinite(feel.damping) && std::isfinite(dt) &&
+                      std::isfinite(device.loop_delay);
+  if (!finite) {
+    latch(Fault::kInputNotFinite);
+    return false;
+  }
+  if (too_fast(device, dt)) {
+    latch(Fault::kTooFast);
+    return false;
+  }
+  result_.bits = 0;
+  return true;
+}
+
 void ForceRenderer::render(const ProxyResult& proxy, const DeviceState& device, const Feel& feel, double pose_age,
                            double dt, const ProxyResult* unchanged) noexcept {
   const auto is_finite = [](const ProxyResult& at) { return at.anchor.allFinite() && at.normal.allFinite(); };
-  const bool finite = is_finite(proxy) && (unchanged == nullptr || is_finite(*unchanged)) &&
-                      device.position.allFinite() && device.velocity.allFinite() && std::isfinite(pose_age) &&
-                      std::isfinite(feel.stiffness) && std::isfinite(feel.damping) && std::isfinite(dt) &&
-                      std::isfinite(device.loop_delay);
-  if (!finite) return latch(Fault::kInputNotFinite);
-  const Vec3d before = result_.force;
-  if (speed_of(device, dt) > settings_.max_speed && !before.isZero(0)) return latch(Fault::kTooFast);
-  result_.bits = 0;
+  if (!is_finite(proxy) || (unchanged != nullptr && !is_finite(*unchanged))) return latch(Fault::kInputNotFinite);
+  if (!admit(device, feel, pose_age, dt)) return;
 
   const double stiffness = this->stiffness(feel, dt, device.loop_delay);
-  const double limit = std::min(settings_.max_force, spec_.max_force);
   // Limited before it is ramped, too: what is beyond is not felt, and would take long.
   bool saturated = false;
   const auto pressed = [&](const ProxyResult& at) noexcept {
     const Vec3d whole = pressing(at, device, stiffness, feel.damping);
-    const Vec3d within = limited(whole, limit);
+    const Vec3d within = limited(whole, most_force());
     saturated = saturated || within != whole;
     return within;
   };
@@ -118,25 +156,48 @@ void ForceRenderer::render(const ProxyResult& proxy, const DeviceState& device, 
     force = goes_on;
   }
   last_ = force;
-  const bool felt = !force.isZero(0);
-  if (felt && stiffness < feel.stiffness) result_.bits |= kForceStiffnessCut;
+  if (saturated) result_.bits |= kForceSaturated;
+  if (!force.isZero(0) && stiffness < feel.stiffness) result_.bits |= kForceStiffnessCut;
   if (!ramp_.over()) result_.bits |= kForceSurfaceRamp;
+  limit(force, Vec3d::Zero(), pose_age, dt);
+}
 
+void ForceRenderer::render(const ToolResult& tool, const ToolGrip& grip, const DeviceState& device, const Feel& feel,
+                           double pose_age, double dt) noexcept {
+  const bool finite = tool.way.allFinite() && tool.turn.allFinite() && tool.normal.allFinite() &&
+                      std::isfinite(grip.stiffness) && std::isfinite(grip.torsion) && is_unit(device.orientation);
+  if (!finite) return latch(Fault::kInputNotFinite);
+  if (!admit(device, feel, pose_age, dt)) return;
+  Vec3d force = grip.stiffness * tool.way;
+  if (tool.in_contact) force += damped(force, tool.normal, device.velocity, feel.damping) * tool.normal;
+  if (!force.isZero(0) && grip.stiffness < feel.stiffness) result_.bits |= kForceStiffnessCut;
+  limit(force, grip.torsion * tool.turn, pose_age, dt);
+}
+
+Vec3d ForceRenderer::slewed(const Vec3d& wanted, const Vec3d& before, double largest) noexcept {
+  const Vec3d change = wanted - before;
+  const double size = change.norm();
+  if (!(size > largest)) return wanted;
+  result_.bits |= kForceSlewLimited;
+  return before + change * (largest / size);
+}
+
+void ForceRenderer::limit(const Vec3d& force, const Vec3d& torque, double pose_age, double dt) noexcept {
   advance_gain(pose_age, dt);
-  const Vec3d within = limited(force, limit);
-  if (saturated || within != force) result_.bits |= kForceSaturated;
-  force = within;
-  force *= gain_;
+  const bool felt = !force.isZero(0) || !torque.isZero(0);
+  const Vec3d within = limited(force, most_force()), turning = limited(torque, most_torque());
+  // A device that bears no torque misses it, without that being an event.
+  if (within != force || (most_torque() > 0 && turning != torque)) result_.bits |= kForceSaturated;
   if (gain_ < 1 && felt) result_.bits |= kForceSoftStart;
-  const Vec3d change = force - before;
-  const double largest = settings_.max_slew * dt;
-  if (const double size = change.norm(); size > largest) {
-    force = before + change * (largest / size);
-    result_.bits |= kForceSlewLimited;
+  Vec3d out = slewed(within * gain_, result_.force, settings_.max_slew * dt);
+  Vec3d turn = slewed(turning * gain_, result_.torque, settings_.max_torque_slew * dt);
+  if (pose_age >= settings_.zero_by - kRounding) {
+    out.setZero();
+    turn.setZero();
   }
-  if (pose_age >= settings_.zero_by - kRounding) force.setZero();
-  if (!force.allFinite()) return latch(Fault::kForceNotFinite);
-  result_.force = force;
+  if (!out.allFinite() || !turn.allFinite()) return latch(Fault::kForceNotFinite);
+  result_.force = out;
+  result_.torque = turn;
 }
 
 }  // namespace tactus::haptics

@@ -7,14 +7,19 @@
 /// it comes from, is taken off and let through at a steady rate. So there is no step, and the force is soon the one of
 /// the surface. Meanwhile it may push less or more than that would, but not pull the hand in.
 ///
+/// A tool has a torque too: stiffness times way, torsion times turn (haptics/tool.hpp, which sees to it that neither
+/// jumps when a surface changes). Each of the two is limited by itself; the bits are those of either.
+///
 /// World frame, SI. One thread at a time. Realtime. docs/safety.md has the rules and what they are tested with.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 
 #include "haptics/device.hpp"
 #include "haptics/proxy.hpp"
 #include "haptics/ramp.hpp"
+#include "haptics/tool.hpp"
 
 namespace tactus::haptics {
 
@@ -54,6 +59,9 @@ struct ForceSettings {
   /// m/s, as the device tells it and as its positions do. A hand does not move so fast against a force, a device that
   /// has come loose does; in the air nothing is tripped.
   double max_speed = 1.5;
+  double max_torque = 0.3;       ///< N m; the device's own limit holds too
+  double max_torque_slew = 150;  ///< N m/s
+  double max_spin = 40;          ///< rad/s, as its orientations tell it; as max_speed
 };
 
 /// How the touched object feels along its normal.
@@ -63,9 +71,10 @@ struct Feel {
 };
 
 struct ForceResult {
-  Vec3d force = Vec3d::Zero();  ///< on the user's hand
-  std::uint32_t bits = 0;       ///< ForceBit
-  std::uint32_t began = 0;      ///< those that the step before did not have
+  Vec3d force = Vec3d::Zero();   ///< on the user's hand
+  Vec3d torque = Vec3d::Zero();  ///< the same, about the tip; zero without a tool
+  std::uint32_t bits = 0;        ///< ForceBit
+  std::uint32_t began = 0;       ///< those that the step before did not have
   Fault fault = Fault::kNone;
 };
 
@@ -85,11 +94,17 @@ class ForceRenderer {
   /// Give it to the proxy's grip too.
   [[nodiscard]] double stiffness(const Feel& feel, double dt, double loop_delay = 0) const noexcept;
 
+  /// The same for a tool, by which its coupling is to be held; 1,000 N/m go with 0.1 N m/rad.
+  [[nodiscard]] ToolGrip grip(const Feel& feel, double dt, double loop_delay = 0) const noexcept;
+
   /// One cycle of `dt` seconds. `pose_age`: seconds since the device was where `device` says, without its transit.
   /// `unchanged`: where the proxy would be had the surface not changed in this cycle (Proxy::unchanged); null: there.
   /// Whatever comes in, the force is finite and within its limits, and zero from the first fault on.
   [[nodiscard]] const ForceResult& step(const ProxyResult& proxy, const DeviceState& device, const Feel& feel,
                                         double pose_age, double dt, const ProxyResult* unchanged = nullptr) noexcept;
+  /// The same of a tool that was held by `grip`.
+  [[nodiscard]] const ForceResult& step(const ToolResult& tool, const ToolGrip& grip, const DeviceState& device,
+                                        const Feel& feel, double pose_age, double dt) noexcept;
 
   /// Zero force from now on. The first fault since the reset is the one reported.
   void latch(Fault fault) noexcept;
@@ -100,10 +115,20 @@ class ForceRenderer {
  private:
   void render(const ProxyResult& proxy, const DeviceState& device, const Feel& feel, double pose_age, double dt,
               const ProxyResult* unchanged) noexcept;
+  void render(const ToolResult& tool, const ToolGrip& grip, const DeviceState& device, const Feel& feel,
+              double pose_age, double dt) noexcept;
+  [[nodiscard]] const ForceResult& told() noexcept;
+  /// False when a fault is latched: one of these is no number, or the device is too fast.
+  [[nodiscard]] bool admit(const DeviceState& device, const Feel& feel, double pose_age, double dt) noexcept;
+  /// What the limits leave of a force and a torque.
+  void limit(const Vec3d& force, const Vec3d& torque, double pose_age, double dt) noexcept;
+  [[nodiscard]] Vec3d slewed(const Vec3d& wanted, const Vec3d& before, double largest) noexcept;
+  [[nodiscard]] double most_force() const noexcept { return std::min(settings_.max_force, spec_.max_force); }
+  [[nodiscard]] double most_torque() const noexcept { return std::min(settings_.max_torque, spec_.max_torque); }
   /// What is felt of what presses while a ramp is under way.
   [[nodiscard]] Vec3d ramped(const Vec3d& pressed, const Vec3d& normal) noexcept;
   void advance_gain(double pose_age, double dt) noexcept;
-  [[nodiscard]] double speed_of(const DeviceState& device, double dt) noexcept;
+  [[nodiscard]] bool too_fast(const DeviceState& device, double dt) noexcept;
 
   ForceSettings settings_;
   DeviceSpec spec_;
@@ -113,8 +138,9 @@ class ForceRenderer {
   std::uint32_t bits_before_ = 0;
   Ramp ramp_;                   // N
   Vec3d last_ = Vec3d::Zero();  // N, as ramped, before the limits
-  bool placed_ = false;         // the next two are known
+  bool placed_ = false;         // the next three are known
   Vec3d position_ = Vec3d::Zero();
+  Eigen::Quaterniond orientation_ = Eigen::Quaterniond::Identity();
   std::int64_t time_ns_ = 0;
 };
 

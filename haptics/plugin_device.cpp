@@ -23,8 +23,8 @@ const tactus_device_driver& driver_in(void* handle, const std::string& library) 
   if (entry == nullptr) throw DeviceError("device driver " + library + ": found no function tactus_device_entry");
   const tactus_device_driver* const driver = entry();
   if (driver == nullptr) throw DeviceError("device driver " + library + ": tactus_device_entry gives none");
-  if (driver->abi != TACTUS_DEVICE_ABI)
-    throw DeviceError("device driver " + library + ": found ABI " + std::to_string(driver->abi) + ", expected " +
+  if (driver->abi < 1 || driver->abi > TACTUS_DEVICE_ABI)
+    throw DeviceError("device driver " + library + ": found ABI " + std::to_string(driver->abi) + ", expected 1 to " +
                       std::to_string(TACTUS_DEVICE_ABI));
   if (driver->open == nullptr || driver->close == nullptr || driver->spec == nullptr || driver->read == nullptr ||
       driver->write == nullptr)
@@ -40,8 +40,15 @@ DeviceSpec checked(const tactus_device_spec& said, const std::string& library) {
                         ", expected a number above 0");
     return value;
   };
-  return {positive(said.max_force, "max_force"), positive(said.max_stiffness, "max_stiffness"),
-          positive(said.damping, "damping"), positive(said.workspace_radius, "workspace_radius")};
+  if (!(std::isfinite(said.max_torque) && said.max_torque >= 0))
+    throw DeviceError("device driver " + library + ": max_torque: found " + std::to_string(said.max_torque) +
+                      ", expected a number that is not below 0");
+  return {positive(said.max_force, "max_force"),
+          positive(said.max_stiffness, "max_stiffness"),
+          positive(said.damping, "damping"),
+          positive(said.workspace_radius, "workspace_radius"),
+          said.max_torque,
+          positive(said.max_torsion, "max_torsion")};
 }
 
 }  // namespace
@@ -53,9 +60,12 @@ PluginDevice::PluginDevice(const std::string& library, const std::string& config
   device_ = driver_->open(config.c_str(), error.data(), error.size());
   error.back() = '\0';
   if (device_ == nullptr) throw DeviceError("device " + name_ + ", config '" + config + "': " + error.data());
-  tactus_device_spec said{spec_.max_force, spec_.max_stiffness, spec_.damping, spec_.workspace_radius, 0};
+  tactus_device_spec said{spec_.max_force,  spec_.max_stiffness, spec_.damping, spec_.workspace_radius, 0, 0,
+                          spec_.max_torsion};
   driver_->spec(device_, &said);
   has_velocity_ = (said.flags & TACTUS_DEVICE_HAS_VELOCITY) != 0;
+  bears_torque_ = driver_->abi >= 2 && driver_->write_wrench != nullptr;
+  if (!bears_torque_) said.max_torque = 0;
   try {
     spec_ = checked(said, library);
   } catch (const DeviceError&) {
@@ -94,10 +104,11 @@ DeviceState PluginDevice::read(std::int64_t now_ns) noexcept {
   return state_;
 }
 
-void PluginDevice::write(const Vec3d& force) noexcept {
-  if (failed_ && !force.isZero(0)) return;  // one that may still hear is told to let go
-  const double value[3] = {force.x(), force.y(), force.z()};
-  failed_ = driver_->write(device_, value) != 0 || failed_;
+void PluginDevice::write_wrench(const Vec3d& force, const Vec3d& torque) noexcept {
+  if (failed_ && !(force.isZero(0) && torque.isZero(0))) return;  // one that may still hear is told to let go
+  const double value[3] = {force.x(), force.y(), force.z()}, turning[3] = {torque.x(), torque.y(), torque.z()};
+  const int result = bears_torque_ ? driver_->write_wrench(device_, value, turning) : driver_->write(device_, value);
+  failed_ = result != 0 || failed_;
 }
 
 }  // namespace tactus::haptics

@@ -24,7 +24,8 @@ class PluginDevice final : public Device {
   [[nodiscard]] const std::string& name() const noexcept { return name_; }
   [[nodiscard]] const DeviceSpec& spec() const noexcept override { return spec_; }
   [[nodiscard]] DeviceState read(std::int64_t now_ns) noexcept override;
-  void write(const Vec3d& force) noexcept override;
+  void write(const Vec3d& force) noexcept override { write_wrench(force, Vec3d::Zero()); }
+  void write_wrench(const Vec3d& force, const Vec3d& torque) noexcept override;
   [[nodiscard]] DeviceHealth health() const noexcept override {
     return failed_ ? DeviceHealth::kFailed : DeviceHealth::kReady;
   }
@@ -38,6 +39,7 @@ class PluginDevice final : public Device {
   std::string name_;
   DeviceSpec spec_;
   bool has_velocity_ = false;
+  bool bears_torque_ = false;
   DeviceState state_;
   bool placed_ = false;
   bool failed_ = false;

@@ -24,6 +24,7 @@ constexpr double kUseful = 2.6;     // gaps that matter in the next step
 
 constexpr double kAlong = 1.2;       // ways of the device that the tool goes in a cycle, beside what it yields
 constexpr double kPress = 1e-3;      // m of a press that is told the solver
+constexpr std::uint32_t kWalks = 2;  // pairs of nodes that take as long as a row swept
 constexpr double kLinear = 2e-7;     // m by which an answer of the solver may miss a gap
 constexpr double kMeeting = 1e-6;    // m; nearer than this the face's normal tells the direction
 constexpr double kFloatRoom = 1e-6;  // m; what float coordinates may be off, many times over
@@ -96,7 +97,7 @@ const Tool::Part& Tool::Found::part(std::uint32_t pair) const noexcept {
 std::uint64_t Tool::Found::id(const Part& part, std::uint32_t pair) const noexcept {
   const spm::NearPairs& eight = blocks[pair / kWidth];
   return std::uint64_t{part.object->index} << 56 | std::uint64_t{eight.triangle[pair % kWidth]} << 32 |
-         eight.row[pair % kWidth];
+         eight.face_id[pair % kWidth];
 }
 
 /// What is near `pose`. False when not all was found: no room, or no work left.
@@ -123,9 +124,9 @@ bool Tool::gather(const ToolPose& pose, double margin, std::uint32_t most_pairs,
     in_model.translation() = object.rotation.transpose() * (pose.position - object.translation) / object.scale;
     placed_.place(in_model, 1 / object.scale);
     const std::uint32_t room = (capacity - block) * kWidth;
-    const spm::MeshTouch touch =
-        placed_.near(*object.tree, margin / object.scale, found.blocks.data() + block, room, work_end - result_.work);
-    result_.work += touch.work;
+    const spm::MeshTouch touch = placed_.near(*object.tree, margin / object.scale, found.blocks.data() + block, room,
+                                              kWalks * (work_end - result_.work));
+    result_.work += touch.contacts + (touch.work - std::min(touch.work, touch.contacts)) / kWalks;
     if (!touch.complete || touch.contacts > room) return false;
     if (touch.contacts == 0) continue;
 
@@ -138,7 +139,7 @@ bool Tool::gather(const ToolPose& pose, double margin, std::uint32_t most_pairs,
       spm::NearPairs& pairs = found.blocks[block];
       const std::uint32_t here = std::min(kWidth, touch.contacts - (block - part.first) * kWidth);
       for (std::uint32_t lane = here; lane < kWidth; ++lane) {
-        pairs.row[lane] = spm::kNone;
+        pairs.face_id[lane] = spm::kNone;
         pairs.triangle[lane] = pairs.triangle[0];
         for (auto& corner : pairs.face.corner)
           for (auto& axis : corner) axis[lane] = axis[0];
@@ -183,7 +184,7 @@ void Tool::measure(const Part& part, double within, std::uint32_t block, Nearby&
     const std::uint32_t pair = block * kWidth + lane;
     into.distance[pair] = kNone;
     const bool near = gaps_.distance[lane] <= within || (gaps_.may_meet >> lane & 1u) != 0;
-    if (!near || pairs.row[lane] == spm::kNone) continue;
+    if (!near || pairs.face_id[lane] == spm::kNone) continue;
     const Gap gap = gap_of(part, pairs.face, lane);
     if (gap.distance > within) continue;
     into.nearest = std::min(into.nearest, gap.distance);
@@ -567,7 +568,7 @@ void Tool::tell(const ToolPose& device) noexcept {
     if (press <= most) continue;
     most = press;
     result_.object = static_cast<std::uint32_t>(rows_[i].id >> 56);
-    result_.row = static_cast<std::uint32_t>(rows_[i].id);
+    result_.face = static_cast<std::uint32_t>(rows_[i].id);
   }
   result_.in_contact = result_.contacts > 0;
   if (!result_.in_contact) return;

@@ -49,8 +49,9 @@ struct ToolSettings {
   double most_yield = 40;
   std::uint32_t steps = 8;     ///< in a cycle
   std::uint32_t pairs = 2048;  ///< of triangles within the margin; with more steps become shorter
-  std::uint32_t work = 3000;   ///< in a cycle: pairs of nodes and of triangles met, rows swept by the solver (of
-                               /// its last run beyond); some 0.1 us each
+  /// In a cycle: pairs of triangles looked at again and rows swept by the solver (of its last run beyond), some 0.1 us
+  /// each; pairs of nodes met while searching count half.
+  std::uint32_t work = 2400;
 };
 
 /// How strongly the tool is held, and how the object feels.
@@ -89,13 +90,15 @@ struct ToolResult {
   std::uint32_t dropped = 0;   ///< that the solver had no room for
   std::uint32_t steps = 0, solves = 0, pairs = 0, work = 0;  ///< pairs: of the last step
   std::uint32_t object = spm::kNone;                         ///< that is pressed most
-  std::uint32_t row = spm::kNone;                            ///< its face row
+  std::uint32_t face = spm::kNone;                           ///< its FaceId
 };
 
 class Tool {
  public:
   /// `probe` in metres; must outlive it. Allocates.
   explicit Tool(const spm::MeshProbe& probe, const ToolSettings& settings = {});
+  Tool(const Tool&) = delete;
+  Tool& operator=(const Tool&) = delete;
 
   /// From the next step on. Realtime.
   void set_grip(const ToolGrip& grip) noexcept { grip_ = grip; }
@@ -109,12 +112,25 @@ class Tool {
                          bool surface_changed) noexcept;
 
   [[nodiscard]] const ToolResult& last() const noexcept { return result_; }
+
+  /// The next step looks anew at what is around it. Realtime.
+  void forget_surroundings() noexcept { have_here_ = false; }
+  /// What one step leaves to the next, as `visit(value)` of plain numbers, but for its surroundings, which are
+  /// forgotten. So does a tool of the same shape and settings whose numbers these become. Realtime if `visit`
+  /// is.
+  template <class Visit>
+  void for_each_carried(Visit&& visit) noexcept {
+    have_here_ = false;
+    visit(grip_), visit(result_), visit(pose_), visit(device_before_), visit(started_), visit(device_went_);
+    visit(owed_), visit(held_back_), visit(rows_), visit(row_count_);
+    solver_.for_each_carried(visit);
+  }
   [[nodiscard]] const spm::MeshProbe& probe() const noexcept { return probe_; }
   [[nodiscard]] const ToolSettings& settings() const noexcept { return settings_; }
 
  private:
   static constexpr std::uint32_t kWidth = spm::NearPairs::kWidth;
-  /// A contact's id: object, how often it was looked at again, triangle of the tool, face row.
+  /// A contact's id: object, how often it was looked at again, triangle of the tool, face.
   static constexpr int kAgainShift = 52;
   static constexpr std::uint64_t kPairOfId = ~(std::uint64_t{15} << kAgainShift);
   struct Way {

@@ -29,6 +29,7 @@ Cycle::Cycle(const CycleSettings& settings, const std::array<haptics::DeviceSpec
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     proxies_[i] = haptics::Proxy{proxy};
     forces_.emplace_back(settings.force, specs[i]);
+    if (settings.tool != nullptr) tools_.emplace_back(*settings.tool);
   }
 }
 
@@ -81,15 +82,43 @@ void Cycle::add_target(spm::RegionId region, double key) noexcept {
   if (target_count_ < kMaxTargets) targets_[target_count_++] = {region, key};
 }
 
+constexpr double kSoon = 1e12, kLeft = 2e12;  // what orders targets by how urgent they are
+
+/// As for a tip, for each of the balls that a tool consists of; one look at the grid has to do for each.
+void Cycle::choose_targets_along(const ToolTouch& tool, const TouchObject& object) noexcept {
+  const spm::Forest& forest = *object.forest;
+  const Placement& placement = this->placement(object);
+  const double scale = placement.scale();
+  for (std::uint32_t b = 0; b < tool.balls(); ++b) {
+    const ToolTouch::Ball ball = tool.ball(b);
+    const Vec3d centre = placement.to_model(ball.centre + ball.velocity * settings_.period);
+    const Vec3d ahead = placement.direction_to_model(ball.velocity) * (settings_.refine_ahead / scale);
+    const double radius = ball.radius / scale, reach = radius + ahead.norm() / 2;
+    const double soon = reach + settings_.refine_margin / scale;
+    forest.grid().for_each_meeting(centre + ahead / 2, reach + settings_.keep_margin / scale,
+                                   [&](spm::RegionId region, double squared) {
+                                     if (squared > soon * soon) {
+                                       if (forest.is_refined(region)) add_target(region, kLeft + squared);
+                                       return;
+                                     }
+                                     const double now = forest.grid().squared_distance(region, centre);
+                                     add_target(region, now <= radius * radius ? now : kSoon + squared);
+                                   });
+  }
+}
+
 void Cycle::choose_targets(TouchObject& object) noexcept {
   // First what a tip meets, then what it is about to meet, last what it has just left; in each by distance.
-  constexpr double kSoon = 1e12, kLeft = 2e12;
   target_count_ = 0;
   const spm::Forest& forest = *object.forest;
   const Placement& placement = this->placement(object);
   const double scale = placement.scale();
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     if (!is_near(i, object)) continue;
+    if (!tools_.empty()) {
+      choose_targets_along(tools_[i], object);
+      continue;
+    }
     const Tip& tip = tips_[i];
     const Vec3d centre = placement.to_model(tip.position + tip.velocity * settings_.period);
     const double radius = settings_.radius / scale;
@@ -132,7 +161,7 @@ void Cycle::log(const TouchObject& object, std::uint32_t probe, std::int64_t now
   if (!log_->push(entry_)) ++log_dropped_;
 }
 
-void Cycle::query(std::uint32_t number, const ProbeInput& input, std::int64_t now_ns, ProbeOutput& output) noexcept {
+void Cycle::query(std::uint32_t number, const Vec3d& tip, std::int64_t now_ns, ProbeOutput& output) noexcept {
   bool exact = true;
   float bound = 0;
   const ObjectsSurface& surface = surfaces_[number];
@@ -140,7 +169,7 @@ void Cycle::query(std::uint32_t number, const ProbeInput& input, std::int64_t no
     const TouchObject& object = surface[i];
     const Placement& placement = surface.placement(i);
     const double scale = placement.scale();
-    const Vec3d centre = placement.to_model(input.device.position);
+    const Vec3d centre = placement.to_model(tip);
     const double radius = settings_.radius / scale;
     const bool object_exact = object.forest->exact(centre, radius);
     std::uint32_t found = object.forest->tree().touching(centre, radius, contacts_.data(), kMaxContacts);
@@ -194,13 +223,7 @@ void Cycle::render(std::uint32_t number, const ProbeInput& input, ProbeOutput& o
 
   // The force is exact when the surface at the proxy is, too.
   if (proxy.in_contact && (output.status & session::kExact) != 0)
-    for (std::uint32_t i = 0; i < surface.count(); ++i) {
-      const TouchObject& object = surface[i];
-      const double scale = surface.placement(i).scale();
-      if (object.forest->exact(surface.placement(i).to_model(proxy.proxy), settings_.radius / scale)) continue;
-      output.status &= ~static_cast<std::uint32_t>(session::kExact);
-      output.error_bound = std::max(output.error_bound, static_cast<float>(object.deviation * scale));
-    }
+    tell_where_coarse(proxy.proxy, settings_.radius, number, output);
   output.proxy = plain(proxy.proxy);
   output.force = plain(force.force);
   output.object = proxy.in_contact ? proxy.object : spm::kNone;
@@ -210,6 +233,62 @@ void Cycle::render(std::uint32_t number, const ProbeInput& input, ProbeOutput& o
   }
   if (proxy.in_contact) output.status |= session::kInContact;
   if (proxy.surface_moved) output.status |= session::kSurfaceMoved;
+  tell(force, output);
+}
+
+/// Not exact where some object is not the finest within `radius`.
+void Cycle::tell_where_coarse(const Vec3d& centre, double radius, std::uint32_t number,
+                              ProbeOutput& output) const noexcept {
+  const ObjectsSurface& surface = surfaces_[number];
+  for (std::uint32_t i = 0; i < surface.count(); ++i) {
+    const TouchObject& object = surface[i];
+    const double scale = surface.placement(i).scale();
+    if (object.forest->exact(surface.placement(i).to_model(centre), radius / scale)) continue;
+    output.status &= ~static_cast<std::uint32_t>(session::kExact);
+    output.error_bound = std::max(output.error_bound, static_cast<float>(object.deviation * scale));
+  }
+}
+
+void Cycle::render_tool(std::uint32_t number, const ProbeInput& input, ProbeOutput& output) noexcept {
+  const ObjectsSurface& surface = surfaces_[number];
+  haptics::ForceRenderer& renderer = forces_[number];
+  ToolTouch& touch = tools_[number];
+  bool changed = false;
+  const session::Material* material = nullptr;
+  for (std::uint32_t i = 0; i < surface.count(); ++i) {
+    changed = changed || states_[surface[i].index].since_change == 0;
+    if (material == nullptr || surface[i].index == touch.last().object) material = &surface[i].material;
+  }
+  const haptics::Feel feel =
+      material != nullptr ? haptics::Feel{material->stiffness, material->damping} : haptics::Feel{};
+  const haptics::ToolGrip grip = renderer.grip(feel, settings_.period, input.device.loop_delay);
+  const haptics::ToolResult& tool =
+      touch.step({input.device.position, input.device.orientation}, settings_.period, grip, surface, changed);
+  if (input.failed) renderer.latch(haptics::Fault::kDeviceFailed);
+  const haptics::ForceResult& force =
+      renderer.step(tool, grip, input.device, feel, input.pose_age - input.device.transit, settings_.period);
+  output.status |= session::kExact;
+  output.error_bound = 0;
+  for (std::uint32_t b = 0; b < touch.balls(); ++b) {
+    const ToolTouch::Ball ball = touch.ball(b);
+    tell_where_coarse(ball.centre, ball.radius, number, output);
+  }
+  output.proxy = plain(tool.pose.position);
+  output.orientation = plain(tool.pose.orientation);
+  output.force = plain(force.force);
+  output.torque = plain(force.torque);
+  output.contacts = tool.contacts;
+  output.object = tool.in_contact ? tool.object : spm::kNone;
+  if (tool.in_contact) {
+    output.normal = plain(tool.normal);
+    output.stiffness = static_cast<float>(grip.stiffness);
+    output.status |= session::kInContact;
+  }
+  if (tool.too_near) output.status |= session::kSurfaceMoved;
+  tell(force, output);
+}
+
+void Cycle::tell(const haptics::ForceResult& force, ProbeOutput& output) noexcept {
   if ((force.bits & haptics::kForceSaturated) != 0) output.status |= session::kForceSaturated;
   if ((force.bits & (haptics::kForceSoftStart | haptics::kForceSurfaceRamp | haptics::kForceSlewLimited)) != 0)
     output.status |= session::kForceRamped;
@@ -238,6 +317,7 @@ const CycleResult& Cycle::touch(const std::array<ProbeInput, kMaxProbes>& probes
     if (!input.active) {
       if (result_.probes[i].active) {
         proxies_[i].reset();
+        if (!tools_.empty()) tools_[i].reset();
         forces_[i].reset();
         if (stopped_ != haptics::Fault::kNone) forces_[i].latch(stopped_);
       }
@@ -260,13 +340,19 @@ const CycleResult& Cycle::touch(const std::array<ProbeInput, kMaxProbes>& probes
     output.pose_sequence = input.device.sequence;
     if (result_.nodes_full) output.status |= session::kPoolFull;
     if (result_.budget_spent) output.status |= session::kBudgetSpent;
-    query(i, input, now_ns, output);
+    if (tools_.empty())
+      query(i, input.device.position, now_ns, output);
+    else if (log_ != nullptr)
+      query(i, tools_[i].last().pose.position, now_ns, output);
+    costs.query += since(mark);
+    if (tools_.empty())
+      render(i, input, output);
+    else
+      render_tool(i, input, output);
     if (!all_shown) {
       output.status &= ~static_cast<std::uint32_t>(session::kExact);
       output.error_bound = std::numeric_limits<float>::max();
     }
-    costs.query += since(mark);
-    render(i, input, output);
     costs.force += since(mark);
     result_.probes[i] = output;
   }
@@ -306,7 +392,7 @@ std::uint32_t Cycle::refit(TouchObject& object) noexcept {
   std::array<std::uint32_t, kMaxProbes> probes;
   std::uint32_t count = 0;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
-    if (!is_near(i, object)) continue;
+    if (!is_near(i, object) || !tools_.empty()) continue;  // a tool looks for itself
     probes[count] = i;
     watches[count++] = {placement.to_model(vec(result_.probes[i].proxy)), kHair * settings_.radius / scale};
   }

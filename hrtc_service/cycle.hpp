@@ -15,12 +15,14 @@
 #include <array>
 #include <boost/lockfree/spsc_queue.hpp>
 #include <cstdint>
+#include <deque>
 #include <type_traits>
 #include <vector>
 
 #include "haptics/force.hpp"
 #include "haptics/proxy.hpp"
 #include "hrtc_service/governor.hpp"
+#include "hrtc_service/tool_touch.hpp"
 #include "hrtc_service/touch_object.hpp"
 #include "trace/contact_log.hpp"
 
@@ -31,6 +33,8 @@ class FlightRecorder;
 struct CycleSettings {
   double period = 0.001;  ///< s
   double radius = 0.003;  ///< m, of every tip
+  /// What every probe holds in place of such a ball, m; outlives the cycle. Null: nothing.
+  const spm::MeshProbe* tool = nullptr;
   /// m; cells this near to a tip are refined although not met, so that they are ready when they are.
   double refine_margin = 0.0005;
   /// m; cells refined stay so until the tip is this far: a tip that wavers does not split and collapse in turn.
@@ -52,8 +56,10 @@ struct ProbeOutput {
   bool active = false;
   Plain3 device{};  ///< tip, world
   Plain3 velocity{};
-  Plain3 proxy{};
+  Plain3 proxy{};                     ///< or the tool's origin
+  Plain4 orientation{0, 0, 0, 1};     ///< of the tool, x, y, z, w
   Plain3 force{};                     ///< on the hand, world
+  Plain3 torque{};                    ///< the same, about the tip, N m
   Plain3 normal{};                    ///< of the contact, world; zero without one
   std::uint32_t object = spm::kNone;  ///< index of the one touched
   std::uint32_t status = 0;           ///< session::StatusBit
@@ -93,6 +99,10 @@ class Cycle {
 
   /// Is told of every call that follows; must outlive the cycle. Not realtime.
   void set_recorder(FlightRecorder* recorder) noexcept { recorder_ = recorder; }
+  /// Tools look anew at what is around them, as they do after `for_each_carried`. Realtime.
+  void forget_surroundings() noexcept {
+    for (ToolTouch& tool : tools_) tool.tool().forget_surroundings();
+  }
   /// Everything that one cycle leaves to the next beside the meshes, as `visit(place, bytes)`; a cycle of the same
   /// build and settings with the same objects that has these bytes written into the same places goes on as this one
   /// does. A member that outlives a cycle belongs here. Realtime if `visit` is.
@@ -107,6 +117,7 @@ class Cycle {
     part(near_), part(wandering_), part(tips_), part(proxies_), part(reach_);
     for (haptics::ForceRenderer& force : forces_) part(force);
     part(stopped_), part(result_);
+    for (ToolTouch& tool : tools_) tool.for_each_carried(part);
   }
 
   /// Where an object stands from the next `touch` on: its probes go along or are pushed. May come before each `touch`.
@@ -139,6 +150,10 @@ class Cycle {
   /// What the last `touch` left of a probe: copies of these tell what another pose or another mesh would have made of
   /// it. The surface is valid until the next.
   [[nodiscard]] const haptics::Proxy& proxy(std::uint32_t probe) const noexcept { return proxies_[probe]; }
+  /// Null without one.
+  [[nodiscard]] const ToolTouch* tool(std::uint32_t probe) const noexcept {
+    return tools_.empty() ? nullptr : &tools_[probe];
+  }
   [[nodiscard]] const haptics::ForceRenderer& renderer(std::uint32_t probe) const noexcept { return forces_[probe]; }
   [[nodiscard]] const haptics::Surface& surface(std::uint32_t probe) const noexcept { return surfaces_[probe]; }
   /// Log entries that found the ring full.
@@ -174,11 +189,15 @@ class Cycle {
   void take(const Arrival& arrival) noexcept;
   void add_target(spm::RegionId region, double key) noexcept;
   void choose_targets(TouchObject& object) noexcept;
+  void choose_targets_along(const ToolTouch& tool, const TouchObject& object) noexcept;
   [[nodiscard]] std::uint32_t refit(TouchObject& object) noexcept;
   [[nodiscard]] spm::Advance advance(TouchObject& object, spm::Budget& budget, spm::Budget& granted,
                                      const RefineLimit& limit, double& began) noexcept;
-  void query(std::uint32_t probe, const ProbeInput& input, std::int64_t now_ns, ProbeOutput& output) noexcept;
+  void query(std::uint32_t probe, const Vec3d& tip, std::int64_t now_ns, ProbeOutput& output) noexcept;
   void render(std::uint32_t probe, const ProbeInput& input, ProbeOutput& output) noexcept;
+  void render_tool(std::uint32_t probe, const ProbeInput& input, ProbeOutput& output) noexcept;
+  void tell(const haptics::ForceResult& force, ProbeOutput& output) noexcept;
+  void tell_where_coarse(const Vec3d& centre, double radius, std::uint32_t probe, ProbeOutput& output) const noexcept;
   void log(const TouchObject& object, std::uint32_t probe, std::int64_t now_ns, const Vec3d& centre, double radius,
            bool exact, std::uint32_t found, bool truncated) noexcept;
 
@@ -194,6 +213,7 @@ class Cycle {
   std::int64_t touch_began_ns_ = 0;
   std::array<haptics::Proxy, kMaxProbes> proxies_;
   double reach_ = haptics::ProxySettings{}.reach;   // m, of the proxies; grows with the objects
+  std::deque<ToolTouch> tools_;                     // by probe; none without a tool
   std::vector<haptics::ForceRenderer> forces_;      // by probe
   haptics::Fault stopped_ = haptics::Fault::kNone;  // all of them
   std::array<ObjectsSurface, kMaxProbes> surfaces_;

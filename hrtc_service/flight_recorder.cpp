@@ -108,7 +108,9 @@ void FlightRecorder::touched(const std::array<ProbeInput, kMaxProbes>& probes, s
     probe.near_centre = input.near.centre;
     probe.near_moved = input.near.moved;
     probe.force = output.force;
+    probe.torque = output.torque;
     probe.proxy = output.proxy;
+    probe.proxy_orientation = output.orientation;
     probe.probe = i;
     probe.buttons = input.device.buttons;
     probe.pose_sequence = input.device.sequence;
@@ -189,10 +191,13 @@ void FlightRecorder::refined(Cycle& cycle, bool departures_fit) noexcept {
     const CycleResult& result = cycle.result();
     std::uint64_t hash = 0;
     for (const TouchObject* object : cycle.objects()) hash = flight_hash(hash, object->forest->mesh_hash());
+    const bool state_due = departures_fit && lost_ == 0 && ++since_state_ >= state_every_;
     put(FlightEntry::kRefine, trace::FlightRefine{cycle_, hash, result.costs.granted, result.budget_spent ? 1u : 0u,
-                                                  result.nodes_full ? 1u : 0u});
+                                                  result.nodes_full ? 1u : 0u, state_due ? 1u : 0u});
+    // Whoever goes on from the state knows of no surroundings, and nor must who goes on from here.
+    if (state_due) cycle.forget_surroundings();
     const bool whole = !broken_ && departures_fit && lost_ == 0;
-    if (whole && ++since_state_ >= state_every_) static_cast<void>(put_state(cycle));
+    if (whole && state_due) static_cast<void>(put_state(cycle));
     if (!whole || !push()) {
       ++lost_;
       // It goes on when there is room for a while.

@@ -50,15 +50,16 @@ bool same(const Value& a, const Value& b) noexcept {
   return std::memcmp(&a, &b, sizeof a) == 0;
 }
 
-CycleSettings settings_of(const trace::FlightStart& start) {
+CycleSettings settings_of(const trace::FlightStart& start, const spm::MeshProbe* tool) {
   CycleSettings settings;
   settings.period = start.period;
   settings.radius = start.tip_radius;
+  settings.tool = tool;
   settings.refine_margin = start.refine_margin;
   settings.keep_margin = start.keep_margin;
   settings.refine_ahead = start.refine_ahead;
-  settings.force = {start.max_force, start.max_slew, start.soft_start, start.recovery,
-                    start.hold,      start.zero_by,  start.max_speed};
+  settings.force = {start.max_force, start.max_slew,  start.soft_start, start.recovery,        start.hold,
+                    start.zero_by,   start.max_speed, start.max_torque, start.max_torque_slew, start.max_spin};
   return settings;
 }
 
@@ -69,9 +70,23 @@ std::array<haptics::DeviceSpec, kMaxProbes> specs_of(const trace::FlightStart& s
   std::array<haptics::DeviceSpec, kMaxProbes> specs;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     const trace::FlightLimits& limits = start.devices[i];
-    specs[i] = {limits.max_force, limits.max_stiffness, limits.damping, limits.workspace_radius};
+    specs[i] = {limits.max_force,        limits.max_stiffness, limits.damping,
+                limits.workspace_radius, limits.max_torque,    limits.max_torsion};
   }
   return specs;
+}
+
+std::unique_ptr<const spm::MeshProbe> tool_of(const trace::FlightStart& start) {
+  if (start.tool_triangles.empty()) return nullptr;
+  std::vector<std::array<float, 3>> vertices(start.tool_vertices.size() / 3);
+  std::vector<std::array<std::uint32_t, 3>> triangles(start.tool_triangles.size() / 3);
+  for (std::size_t i = 0; i < 3 * vertices.size(); ++i) vertices[i / 3][i % 3] = start.tool_vertices[i];
+  for (std::size_t i = 0; i < 3 * triangles.size(); ++i) triangles[i / 3][i % 3] = start.tool_triangles[i];
+  try {
+    return std::make_unique<const spm::MeshProbe>(vertices, triangles);
+  } catch (const std::invalid_argument& error) {
+    throw FlightError(std::string{"found no tool: "} + error.what());
+  }
 }
 
 ProbeInput input_of(const trace::FlightProbe& probe) {
@@ -99,7 +114,8 @@ class World {
       : pool_{pool_settings(start)},
         nodes_{start.tree_nodes},
         cache_{pool_},
-        cycle_{settings_of(start), specs_of(start), departures_, nullptr} {}
+        tool_{tool_of(start)},
+        cycle_{settings_of(start, tool_.get()), specs_of(start), departures_, nullptr} {}
 
   [[nodiscard]] Cycle& cycle() noexcept { return cycle_; }
 
@@ -224,6 +240,7 @@ class World {
   spm::Pool pool_;
   spm::NodePool nodes_;
   spm::Cache cache_;
+  std::unique_ptr<const spm::MeshProbe> tool_;
   DepartureRing departures_{1u << 16};
   std::vector<std::unique_ptr<Object>> objects_;
   Cycle cycle_;
@@ -340,6 +357,7 @@ class Replay {
     const CycleResult& result = world().refine(spm::Budget{refine.granted});
     std::uint64_t hash = 0;
     for (const TouchObject* object : world().objects()) hash = flight_hash(hash, object->forest->mesh_hash());
+    if (refine.forgot != 0) world().forget_surroundings();
     const std::uint64_t left = world_->release();
     if (hash != refine.mesh_hash) note("the mesh is another one");
     if (left != left_) note(std::to_string(left_) + " regions left, had " + std::to_string(left));
@@ -358,7 +376,9 @@ class Replay {
     const std::string who = "probe " + std::to_string(recorded.probe) + ": ";
     if (!same(recorded.force, had.force))
       note(who + "force was " + text(recorded.force) + " N, had " + text(had.force));
-    else if (!same(recorded.proxy, had.proxy))
+    else if (!same(recorded.torque, had.torque))
+      note(who + "torque was " + text(recorded.torque) + " N m, had " + text(had.torque));
+    else if (!same(recorded.proxy, had.proxy) || !same(recorded.proxy_orientation, had.orientation))
       note(who + "proxy was at " + text(recorded.proxy) + " m, had " + text(had.proxy));
     else if (recorded.status != had.status || recorded.touched_object != had.object ||
              recorded.contacts != had.contacts)

@@ -47,7 +47,7 @@ std::int64_t since_1970_less_ours() {
 
 }  // namespace
 
-static_assert(sizeof(CycleSettings) == 96, "record the new setting");
+static_assert(sizeof(CycleSettings) == 128, "record the new setting");
 
 trace::FlightStart flight_start(const std::string& participant, const CycleSettings& settings,
                                 const spm::PoolSettings& pool,
@@ -68,8 +68,18 @@ trace::FlightStart flight_start(const std::string& participant, const CycleSetti
   start.hold = force.hold;
   start.zero_by = force.zero_by;
   start.max_speed = force.max_speed;
+  start.max_torque = force.max_torque;
+  start.max_torque_slew = force.max_torque_slew;
+  start.max_spin = force.max_spin;
   for (const haptics::DeviceSpec& spec : specs)
-    start.devices.push_back({spec.max_force, spec.max_stiffness, spec.damping, spec.workspace_radius});
+    start.devices.push_back(
+        {spec.max_force, spec.max_stiffness, spec.damping, spec.workspace_radius, spec.max_torque, spec.max_torsion});
+  if (settings.tool != nullptr) {
+    for (const std::array<float, 3>& vertex : settings.tool->given_vertices())
+      start.tool_vertices.insert(start.tool_vertices.end(), vertex.begin(), vertex.end());
+    for (const std::array<std::uint32_t, 3>& triangle : settings.tool->given_triangles())
+      start.tool_triangles.insert(start.tool_triangles.end(), triangle.begin(), triangle.end());
+  }
   start.slots = pool.slots;
   start.tree_nodes = pool.tree_nodes;
   start.list_blocks = pool.list_blocks;

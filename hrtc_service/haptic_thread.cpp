@@ -77,7 +77,7 @@ void HapticThread::obey(const HapticCommands& commands) noexcept {
   }
   for (std::uint32_t i = 0; i < kMaxProbes; ++i)
     if (current_.devices[i] != nullptr && commands.devices[i] != current_.devices[i])
-      current_.devices[i]->write(Vec3d::Zero());
+      current_.devices[i]->write_wrench(Vec3d::Zero(), Vec3d::Zero());
   current_ = commands;
 }
 
@@ -99,8 +99,11 @@ void HapticThread::read_devices(std::int64_t now_ns) noexcept {
 void HapticThread::write_forces() noexcept {
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     if (current_.devices[i] == nullptr) continue;
-    const Vec3d force = vec(outputs_[i].force);
-    current_.devices[i]->write(current_.framed[i] ? frames_[i].force_to_device(force) : force);
+    const Vec3d force = vec(outputs_[i].force), torque = vec(outputs_[i].torque);
+    if (current_.framed[i])
+      current_.devices[i]->write_wrench(frames_[i].force_to_device(force), frames_[i].torque_to_device(torque));
+    else
+      current_.devices[i]->write_wrench(force, torque);
   }
 }
 

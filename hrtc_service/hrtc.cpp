@@ -303,7 +303,10 @@ namespace {
 std::array<haptics::DeviceSpec, kMaxProbes> specs_of(const HrtcOptions& options) {
   std::array<haptics::DeviceSpec, kMaxProbes> specs;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i)
-    if (i < options.local_users.size()) specs[i] = options.haptic.frame.to_world(options.local_users[i].device->spec());
+    if (i < options.local_users.size())
+      specs[i] = options.haptic.frame.to_world(options.local_users[i].device->spec());
+    else if (options.haptic.cycle.tool != nullptr)  // a client takes of a command what its device bears
+      specs[i].max_torque = options.haptic.cycle.force.max_torque;
   return specs;
 }
 
@@ -323,6 +326,7 @@ HapticSettings haptic_settings(const HrtcOptions& options, FlightKeeper* flight)
 LoaderSettings loader_settings(const HrtcOptions& options) {
   LoaderSettings settings;
   settings.radius = options.haptic.cycle.radius;
+  settings.tool = options.haptic.cycle.tool;
   settings.strategy = options.prediction;
   settings.directory_bytes = options.directory_bytes;
   settings.clock = monotonic_ns;
@@ -831,6 +835,7 @@ void Hrtc::Impl::send_commands(const ProbeReports& latest) {
     command.sequence = end.device->on_command(latest.time_ns);
     command.pose_answered = probe.pose_sequence;
     command.force = probe.force;
+    command.torque = probe.torque;
     command.normal = probe.normal;
     command.status = probe.status;
     command.error_bound = probe.error_bound;
@@ -994,8 +999,9 @@ void Hrtc::Impl::serve(std::int64_t now_ns) {
     }
     for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
       const ProbeOutput& probe = reports.probes[i];
-      sights[i] = {probe.active, (probe.status & session::kInContact) != 0, reports.time_ns, vec(probe.device),
-                   vec(probe.proxy)};
+      sights[i] = {probe.active,     (probe.status & session::kInContact) != 0,
+                   reports.time_ns,  vec(probe.device),
+                   vec(probe.proxy), quaternion(probe.orientation)};
       tell_of_fault(i, probe.status);
     }
   }

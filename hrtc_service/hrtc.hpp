@@ -31,6 +31,8 @@ struct LocalUser {
 };
 
 struct HrtcOptions {
+  /// What every user holds in place of a ball, m; HapticSettings::cycle::tool is to be this one. Null: nothing.
+  std::unique_ptr<const spm::MeshProbe> tool;
   wire::SessionAddress address;
   spm::PoolSettings pool;
   std::uint64_t directory_bytes = ~std::uint64_t{0};  ///< for where the regions of all objects are

@@ -36,6 +36,7 @@ Loader::Loader(spm::Pool& pool, spm::NodePool& nodes, const session::Origin& sel
     : pool_{pool},
       nodes_{nodes},
       settings_{settings},
+      tool_{balls_of_tool(settings.tool)},
       arrivals_{arrivals},
       departures_{departures},
       cache_{pool},
@@ -173,9 +174,11 @@ void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {
       std::make_unique<spm::Forest>(pool_, nodes_, touch.index, object.summary,
                                     spm::RegionGrid{object.summary.grid, base.regions}, std::move(admitted.base));
   const double scale = object.entry.scale;
-  object.predictors.assign(kMaxProbes, spm::Predictor{object.grid(),
-                                                      {settings_.radius / scale, settings_.margin / scale,
-                                                       settings_.least_speed / scale, settings_.strategy}});
+  for (std::uint32_t i = 0; i < kMaxProbes; ++i)
+    for (std::uint32_t b = 0; b < balls(); ++b)
+      object.predictors.emplace_back(object.grid(),
+                                     spm::PredictionSettings{ball({}, b).radius / scale, settings_.margin / scale,
+                                                             settings_.least_speed / scale, settings_.strategy});
   broad_phase_.put(touch.index, world_box(touch.bounds, touch.placement));
   by_index_.push_back(&object);
   object.ready = true;
@@ -193,18 +196,32 @@ bool Loader::still_ahead(std::int64_t now_ns, const std::array<ProbeSight, kMaxP
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     const ProbeSight &before = predicted_for_[i], &sight = sights[i];
     if (sight.active != before.active || sight.in_contact != before.in_contact) return false;
-    moved = moved || (sight.active && !((sight.device - before.device).norm() <= kHardly * settings_.radius));
+    moved = moved || (sight.active && !(this->moved(sight, before) <= kHardly * settings_.radius));
   }
   return !moved || now_ns < predict_next_ns_;
 }
 
-void Loader::observe(Object& object, const std::array<ProbeSight, kMaxProbes>& sights) {
-  for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
-    const ProbeSight& sight = sights[i];
-    if (sight.active)
-      object.predictors[i].observe(static_cast<double>(sight.time_ns) / kNsPerS,
-                                   object.placement.to_model(sight.device), sight.in_contact);
-  }
+/// m, in the world.
+spm::ProbeBall Loader::ball(const ProbeSight& sight, std::uint32_t number) const noexcept {
+  if (tool_.empty()) return {sight.device, settings_.radius};
+  const spm::ProbeBall& ball = tool_[number];
+  return {sight.proxy + sight.orientation * ball.centre, ball.radius};
+}
+
+/// m; the way of what has gone furthest.
+double Loader::moved(const ProbeSight& sight, const ProbeSight& before) const noexcept {
+  double furthest = 0;
+  for (std::uint32_t b = 0; b < balls(); ++b)
+    furthest = std::max(furthest, (ball(sight, b).centre - ball(before, b).centre).norm());
+  return furthest;
+}
+
+void Loader::observe(Object& object, const std::array<ProbeSight, kMaxProbes>& sights) const {
+  for (std::uint32_t i = 0; i < kMaxProbes; ++i)
+    for (std::uint32_t b = 0; sights[i].active && b < balls(); ++b)
+      object.predictors[i * balls() + b].observe(static_cast<double>(sights[i].time_ns) / kNsPerS,
+                                                 object.placement.to_model(ball(sights[i], b).centre),
+                                                 sights[i].in_contact);
 }
 
 /// s; how far ahead is predicted.
@@ -239,23 +256,25 @@ void Loader::predict(Object& object, const std::array<ProbeSight, kMaxProbes>& s
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     const ProbeSight& sight = sights[i];
     if (!sight.active) continue;
-    spm::Predictor::Answer answer;
-    object.predictors[i].predict(lead, answer);
-    if (sight
-            .in_contact)  // the proxy lags behind a device that is pressed in, and must stand on the finest surface too
+    if (sight.in_contact &&
+        tool_.empty())  // the proxy lags behind a device that is pressed in, and must stand on the finest surface too
       object.grid().for_each_meeting(placement.to_model(sight.proxy),
                                      (settings_.radius + settings_.margin) / placement.scale(),
                                      [&](spm::RegionId region, double) {
                                        contacts[spm::index(region)] = {0, lead, 0};
                                      });
-    for (std::uint32_t k = 0; k < answer.count; ++k) {
-      const spm::PredictedRegion& met = answer.regions[k];
-      const Contact contact{met.contact_in, met.contact_until, met.doubt};
-      const auto [at, fresh] = contacts.try_emplace(spm::index(met.region), contact);
-      if (fresh) continue;
-      at->second.in = std::min(at->second.in, contact.in);
-      at->second.until = std::max(at->second.until, contact.until);
-      at->second.doubt = std::min(at->second.doubt, contact.doubt);
+    for (std::uint32_t b = 0; b < balls(); ++b) {
+      spm::Predictor::Answer answer;
+      object.predictors[i * balls() + b].predict(lead, answer);
+      for (std::uint32_t k = 0; k < answer.count; ++k) {
+        const spm::PredictedRegion& met = answer.regions[k];
+        const Contact contact{met.contact_in, met.contact_until, met.doubt};
+        const auto [at, fresh] = contacts.try_emplace(spm::index(met.region), contact);
+        if (fresh) continue;
+        at->second.in = std::min(at->second.in, contact.in);
+        at->second.until = std::max(at->second.until, contact.until);
+        at->second.doubt = std::min(at->second.doubt, contact.doubt);
+      }
     }
   }
   for (auto wish = object.wishes.begin(); wish != object.wishes.end();)
@@ -290,7 +309,9 @@ void Loader::find_near(const std::array<ProbeSight, kMaxProbes>& sights, std::ar
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     if (!sights[i].active || !sights[i].device.allFinite()) continue;
     near[i] = {0, sought, plain(sights[i].device), settings_.near_distance / 2};  // the proxy lags behind the device
-    balls.push_back({sights[i].device, settings_.radius + settings_.near_distance});
+    double reach = settings_.radius;
+    for (const spm::ProbeBall& ball : tool_) reach = std::max(reach, ball.centre.norm() + ball.radius);
+    balls.push_back({sights[i].device, reach + settings_.near_distance});
     numbers.push_back(i);
   }
   for (const spm::fcl::NearPair& pair : broad_phase_.near(spm::Span<const spm::fcl::ProbeBall>{balls}))
@@ -345,8 +366,9 @@ std::vector<std::uint32_t> Loader::regions_met(std::uint32_t object_index,
   const Object& object = *by_index_[object_index];
   const Placement& placement = object.placement;
   for (const ProbeSight& sight : sights)
-    if (sight.active)
-      object.grid().for_each_meeting(placement.to_model(sight.device), settings_.radius / placement.scale(),
+    for (std::uint32_t b = 0; sight.active && b < balls(); ++b)
+      object.grid().for_each_meeting(placement.to_model(ball(sight, b).centre),
+                                     ball(sight, b).radius / placement.scale(),
                                      [&](spm::RegionId region, double) { met.push_back(spm::index(region)); });
   return met;
 }

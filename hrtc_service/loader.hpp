@@ -25,7 +25,7 @@
 #include <string>
 #include <vector>
 
-#include "hrtc_service/touch_object.hpp"
+#include "hrtc_service/tool_touch.hpp"
 #include "session/delivery_client.hpp"
 #include "spm/cache.hpp"
 #include "spm/codec/coded_store.hpp"
@@ -41,11 +41,14 @@ struct ProbeSight {
   bool in_contact = false;
   std::int64_t time_ns = 0;
   Vec3d device = Vec3d::Zero();
-  Vec3d proxy = Vec3d::Zero();  ///< where the force comes from, while in contact
+  Vec3d proxy = Vec3d::Zero();  ///< where the force comes from, while in contact; always where a tool is
+  Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();  ///< of the tool
 };
 
 struct LoaderSettings {
   double radius = 0.003;  ///< m, of the tips
+  /// What every probe holds in place of such a ball, m. Null: nothing.
+  const spm::MeshProbe* tool = nullptr;
   spm::Strategy strategy = spm::Strategy::kMixture;
   double margin = 0.0005;      ///< m; cells this near to a tip's path are loaded
   double least_speed = 0.05;   ///< m/s; a tip at rest is expected to start with this
@@ -200,7 +203,7 @@ class Loader {
     Placement placement;            // where it stands now
     std::vector<RegionNote> notes;  // by region
     std::map<std::uint32_t, Wish> wishes;
-    std::vector<spm::Predictor> predictors;  // by probe
+    std::vector<spm::Predictor> predictors;  // by probe, and of each by ball
     std::vector<std::uint32_t> held;         // regions in that state
     std::vector<std::uint32_t> shown;        // regions in the pool
     bool ready = false;                      // base mesh is in
@@ -211,7 +214,11 @@ class Loader {
   [[nodiscard]] bool take_directory(Object& object);
   void take_base(Object& object, const std::vector<std::uint8_t>& bytes);
   [[nodiscard]] bool still_ahead(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights) const;
-  static void observe(Object& object, const std::array<ProbeSight, kMaxProbes>& sights);
+  void observe(Object& object, const std::array<ProbeSight, kMaxProbes>& sights) const;
+  /// Of a probe; one ball when it is a tip.
+  [[nodiscard]] std::uint32_t balls() const noexcept { return std::max(1u, static_cast<std::uint32_t>(tool_.size())); }
+  [[nodiscard]] spm::ProbeBall ball(const ProbeSight& sight, std::uint32_t number) const noexcept;
+  [[nodiscard]] double moved(const ProbeSight& sight, const ProbeSight& before) const noexcept;
   [[nodiscard]] double lead(double round_trip) const;
   void predict(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights);
   void predict(Object& object, const std::array<ProbeSight, kMaxProbes>& sights, double round_trip, double lead);
@@ -253,6 +260,7 @@ class Loader {
   spm::Pool& pool_;
   spm::NodePool& nodes_;
   LoaderSettings settings_;
+  std::vector<spm::ProbeBall> tool_;  // what stands for it; m, its frame
   ArrivalRing& arrivals_;
   DepartureRing& departures_;
   spm::Cache cache_;

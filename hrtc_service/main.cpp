@@ -10,6 +10,8 @@
 #include "haptics/replay_device.hpp"
 #include "hrtc_service/hrtc.hpp"
 #include "spm/directory.hpp"
+#include "spm/offline/generate.hpp"
+#include "spm/offline/import.hpp"
 #include "wire/command_line.hpp"
 #include "wire/process.hpp"
 
@@ -21,6 +23,7 @@ Examples:
   tactus-hrtc --session lab --name desk2 --pool 30000 --log desk2.log --snapshot shots
   tactus-hrtc --session lab --name desk3 --replay alice=poses.csv
   tactus-hrtc --session lab --name desk4 --device bob=./mydevice.so,/dev/ttyACM0
+  tactus-hrtc --session lab --name desk5 --tool stylus
 
 Exit status: 0 ended by the session or a signal, 1 given up or output lost, 2 wrong input or a name that is taken.)";
 
@@ -41,6 +44,18 @@ std::unique_ptr<tactus::haptics::Device> open_plugin(const std::string& text) {
   return device;
 }
 
+/// A mesh by its file, or the one that has a name.
+std::unique_ptr<const tactus::spm::MeshProbe> open_tool(const std::string& name) {
+  using namespace tactus::spm;
+  constexpr double kLargest = 1;  // m; more is a file in another unit
+  const offline::TriangleMesh mesh = name == "stylus" ? offline::stylus() : offline::import_mesh(name);
+  auto tool = std::make_unique<const MeshProbe>(mesh.positions, mesh.faces);
+  if (tool->radius() > kLargest)
+    throw std::runtime_error("--tool " + name + ": found a vertex " + std::to_string(tool->radius()) +
+                             " from the origin, expected metres, at most " + std::to_string(kLargest));
+  return tool;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -51,12 +66,15 @@ int main(int argc, char** argv) {
   options.flight.folder = std::filesystem::temp_directory_path() / "tactus-flight";
   options.saves = &wire::save_signals();
   constexpr std::uint32_t kLeastSlots = 256;
+  constexpr double kToolDeadline = 400;  // us; of which a tool itself may take more than half
   std::uint32_t slots = 1u << 16;
   std::uint64_t memory_bytes = 0;
   double rate = 1000, deadline_us = 250, radius_mm = 3, frame_scale = 1;
   std::vector<double> frame_offset{0, 0, 0};
   std::vector<std::string> replays, plugins;
   double max_force = options.haptic.cycle.force.max_force;
+  double max_torque = options.haptic.cycle.force.max_torque;
+  std::string tool;
 
   std::vector<std::pair<std::string, std::string>> local;  // replays, then plug-ins
 
@@ -84,9 +102,11 @@ int main(int argc, char** argv) {
       ->capture_default_str()
       ->check(CLI::Range(1u, hrtc_service::kMaxProbes));
   app.add_option("--rate", rate, "Cycles per second")->capture_default_str()->check(CLI::Range(100.0, 10000.0));
-  app.add_option("--deadline", deadline_us, "Microseconds that a cycle's own work may take; sets the refinement budget")
-      ->capture_default_str()
-      ->check(CLI::Range(20.0, 10000.0));
+  const CLI::Option* deadline =
+      app.add_option("--deadline", deadline_us,
+                     "Microseconds that a cycle's own work may take; sets the refinement budget (400 with a tool)")
+          ->capture_default_str()
+          ->check(CLI::Range(20.0, 10000.0));
   app.add_option("--priority", options.haptic.priority, "SCHED_FIFO priority of the haptic thread; 0: none")
       ->capture_default_str()
       ->check(CLI::Range(0, 98));
@@ -94,6 +114,12 @@ int main(int argc, char** argv) {
       ->capture_default_str()
       ->check(CLI::Range(0.1, 100.0));
   app.add_option("--max-force", max_force, "Largest force, N")->capture_default_str()->check(CLI::Range(0.1, 100.0));
+  app.add_option("--tool", tool,
+                 "What every user holds in place of a ball, with six degrees of freedom: a mesh file in metres, its "
+                 "origin the device's tip, or stylus");
+  app.add_option("--max-torque", max_torque, "Largest torque, N m")
+      ->capture_default_str()
+      ->check(CLI::Range(0.001, 10.0));
   app.add_option("--replay", replays, "USER=FILE: a user whose device replays lines time_s,x,y,z");
   app.add_option("--device", plugins,
                  "USER=DRIVER[,CONFIG]: a user whose device is here, opened by this shared library (docs/devices.md)");
@@ -145,6 +171,8 @@ int main(int argc, char** argv) {
   options.haptic.cycle.period = 1 / rate;
   options.haptic.cycle.radius = radius_mm * 1e-3;
   options.haptic.cycle.force.max_force = max_force;
+  options.haptic.cycle.force.max_torque = max_torque;
+  if (!tool.empty() && deadline->count() == 0) deadline_us = kToolDeadline;
   options.haptic.deadline_ns = static_cast<std::int64_t>(deadline_us * 1e3);
   options.haptic.frame = haptics::DeviceFrame{
       Eigen::Quaterniond::Identity(), {frame_offset[0], frame_offset[1], frame_offset[2]}, frame_scale};
@@ -161,6 +189,12 @@ int main(int argc, char** argv) {
       const bool replayed = options.local_users.size() < replays.size();
       options.local_users.push_back(
           {user, replayed ? std::make_unique<haptics::ReplayDevice>(device) : open_plugin(device)});
+    }
+    if (!tool.empty()) {
+      options.tool = open_tool(tool);
+      options.haptic.cycle.tool = options.tool.get();
+      spdlog::info("tool {}: {} triangles, {:.1f} mm from the tip at most", tool, options.tool->triangles(),
+                   options.tool->radius() * 1e3);
     }
     hrtc_service::Hrtc hrtc{std::move(options)};
     return hrtc.run(stop);

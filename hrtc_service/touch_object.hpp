@@ -22,7 +22,11 @@ using spm::Vec3d;
 
 /// A vector as plain numbers, for what threads copy.
 using Plain3 = std::array<double, 3>;
+using Plain4 = std::array<double, 4>;
 [[nodiscard]] inline Plain3 plain(const Vec3d& v) noexcept { return {v[0], v[1], v[2]}; }
+/// x, y, z, w.
+[[nodiscard]] inline Plain4 plain(const Eigen::Quaterniond& q) noexcept { return {q.x(), q.y(), q.z(), q.w()}; }
+[[nodiscard]] inline Eigen::Quaterniond quaternion(const Plain4& q) noexcept { return {q[3], q[0], q[1], q[2]}; }
 [[nodiscard]] inline Vec3d vec(const Plain3& v) noexcept { return {v[0], v[1], v[2]}; }
 
 inline constexpr std::uint32_t kMaxProbes = 8;
@@ -50,6 +54,8 @@ class Placement {
   [[nodiscard]] Vec3d direction_to_world(const Vec3d& model) const noexcept { return rotation_ * model; }
   [[nodiscard]] Vec3d direction_to_model(const Vec3d& world) const noexcept { return rotation_.transpose() * world; }
   [[nodiscard]] double scale() const noexcept { return scale_; }
+  [[nodiscard]] const Eigen::Matrix3d& rotation() const noexcept { return rotation_; }
+  [[nodiscard]] const Vec3d& translation() const noexcept { return translation_; }
   /// scale, rotation row by row, translation; the same placement to the bit comes of them.
   using Numbers = std::array<double, 13>;
   [[nodiscard]] Numbers numbers() const noexcept {

@@ -33,6 +33,7 @@ MeshProbe::MeshProbe(Span<const std::array<float, 3>> vertices, Span<const std::
     for (int axis = 0; axis < 3; ++axis) vertices_[axis].push_back(p[axis]);
     radius_ = std::max(radius_, p.norm());
   }
+  given_ = vertices.size();
   for (std::vector<double>& filled : vertices_) filled.resize((filled.size() + 7) / 8 * 8, 0);
   for (std::size_t t = 0; t < triangles.size(); ++t)
     for (const std::uint32_t corner : triangles[t])
@@ -223,7 +224,7 @@ struct ProbeWalk {
     const unsigned to = at % NearPairs::kWidth;
     for (int i = 0; i < 3; ++i)
       for (int axis = 0; axis < 3; ++axis) pairs_here.face.corner[i][axis][to] = leaf.lanes[3 * i + axis][lane];
-    pairs_here.row[to] = leaf.child[lane];
+    pairs_here.face_id[to] = leaf.id << 3 | lane;
     pairs_here.triangle[to] = triangle;
   }
 
@@ -280,6 +281,19 @@ TACTUS_TARGET_END
 #endif
 
 }  // namespace
+
+std::vector<std::array<float, 3>> MeshProbe::given_vertices() const {
+  std::vector<std::array<float, 3>> vertices(given_);
+  for (std::size_t v = 0; v < given_; ++v)
+    for (std::size_t axis = 0; axis < 3; ++axis) vertices[v][axis] = static_cast<float>(vertices_[axis][v]);
+  return vertices;
+}
+
+std::vector<std::array<std::uint32_t, 3>> MeshProbe::given_triangles() const {
+  std::vector<std::array<std::uint32_t, 3>> given(corners_.size());
+  for (std::size_t t = 0; t < corners_.size(); ++t) given[number_[t]] = corners_[t];
+  return given;
+}
 
 PlacedProbe::PlacedProbe(const MeshProbe& probe, Simd simd)
     : probe_{probe},

@@ -39,7 +39,7 @@ struct MeshContact {
 struct alignas(64) NearPairs {
   static constexpr std::uint32_t kWidth = TriangleLanes::kWidth;
   TriangleLanes face;
-  std::array<std::uint32_t, kWidth> row;       ///< face row
+  std::array<std::uint32_t, kWidth> face_id;   ///< FaceId
   std::array<std::uint32_t, kWidth> triangle;  ///< of the probe, in tree order (MeshProbe::corners)
 };
 
@@ -71,6 +71,9 @@ class MeshProbe {
     return corners_[in_tree];
   }
   [[nodiscard]] std::uint32_t number(std::uint32_t in_tree) const noexcept { return number_[in_tree]; }
+  /// What makes the same probe again. Allocate.
+  [[nodiscard]] std::vector<std::array<float, 3>> given_vertices() const;
+  [[nodiscard]] std::vector<std::array<std::uint32_t, 3>> given_triangles() const;
 
  private:
   friend class PlacedProbe;
@@ -93,6 +96,7 @@ class MeshProbe {
                       Span<const std::array<std::uint32_t, 3>> triangles);
 
   std::array<std::vector<double>, 3> vertices_;        // by axis, filled up to whole vectors
+  std::size_t given_ = 0;                              // of these
   std::vector<std::array<std::uint32_t, 3>> corners_;  // by triangle in tree order
   std::vector<std::uint32_t> number_;                  // as given, by the same
   std::vector<Node> nodes_;

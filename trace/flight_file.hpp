@@ -22,10 +22,11 @@ namespace tactus::trace {
 using PlacementNumbers = std::array<double, 13>;
 
 struct FlightLimits {
-  double max_force = 0, max_stiffness = 0, damping = 0, workspace_radius = 0;
+  double max_force = 0, max_stiffness = 0, damping = 0, workspace_radius = 0, max_torque = 0, max_torsion = 0;
   template <class Self, class Visit>
   static void fields(Self& self, Visit&& visit) {
     visit(self.max_force), visit(self.max_stiffness), visit(self.damping), visit(self.workspace_radius);
+    visit(self.max_torque), visit(self.max_torsion);
   }
 };
 
@@ -34,14 +35,19 @@ struct FlightStart {
   std::uint64_t first_cycle = 0;
   double period = 0, tip_radius = 0, refine_margin = 0, keep_margin = 0, refine_ahead = 0;
   double max_force = 0, max_slew = 0, soft_start = 0, recovery = 0, hold = 0, zero_by = 0, max_speed = 0;
+  double max_torque = 0, max_torque_slew = 0, max_spin = 0;
   std::vector<FlightLimits> devices;  ///< by probe
+  std::vector<float> tool_vertices;
+  std::vector<std::uint32_t> tool_triangles;
   std::uint32_t slots = 0, tree_nodes = 0, list_blocks = 0;
   template <class Self, class Visit>
   static void fields(Self& self, Visit&& visit) {
     visit(self.build), visit(self.participant), visit(self.reason), visit(self.first_cycle);
     visit(self.period), visit(self.tip_radius), visit(self.refine_margin), visit(self.keep_margin);
     visit(self.refine_ahead), visit(self.max_force), visit(self.max_slew), visit(self.soft_start);
-    visit(self.recovery), visit(self.hold), visit(self.zero_by), visit(self.max_speed), visit(self.devices);
+    visit(self.recovery), visit(self.hold), visit(self.zero_by), visit(self.max_speed), visit(self.max_torque);
+    visit(self.max_torque_slew), visit(self.max_spin), visit(self.devices), visit(self.tool_vertices),
+        visit(self.tool_triangles);
     visit(self.slots), visit(self.tree_nodes), visit(self.list_blocks);
   }
 };
@@ -122,14 +128,16 @@ struct FlightProbe {
   std::uint64_t near_found = 0, near_sought = 0;
   std::array<double, 3> near_centre{};
   double near_moved = 0;
-  std::array<double, 3> force{}, proxy{};
+  std::array<double, 3> force{}, torque{}, proxy{};
+  std::array<double, 4> proxy_orientation{};
   std::uint32_t probe = 0, buttons = 0, pose_sequence = 0, failed = 0;
   std::uint32_t touched_object = 0, status = 0, contacts = 0;
   template <class Self, class Visit>
   static void fields(Self& self, Visit&& visit) {
     visit(self.cycle), visit(self.pose_time_ns), visit(self.position), visit(self.velocity), visit(self.orientation);
     visit(self.transit), visit(self.loop_delay), visit(self.pose_age), visit(self.near_found), visit(self.near_sought);
-    visit(self.near_centre), visit(self.near_moved), visit(self.force), visit(self.proxy), visit(self.probe);
+    visit(self.near_centre), visit(self.near_moved), visit(self.force), visit(self.torque), visit(self.proxy),
+        visit(self.proxy_orientation), visit(self.probe);
     visit(self.buttons), visit(self.pose_sequence), visit(self.failed), visit(self.touched_object);
     visit(self.status), visit(self.contacts);
   }
@@ -147,10 +155,11 @@ struct FlightTouch {
 
 struct FlightRefine {
   std::uint64_t cycle = 0, mesh_hash = 0;
-  std::uint32_t granted = 0, budget_spent = 0, nodes_full = 0;
+  std::uint32_t granted = 0, budget_spent = 0, nodes_full = 0, forgot = 0;
   template <class Self, class Visit>
   static void fields(Self& self, Visit&& visit) {
-    visit(self.cycle), visit(self.mesh_hash), visit(self.granted), visit(self.budget_spent), visit(self.nodes_full);
+    visit(self.cycle), visit(self.mesh_hash), visit(self.granted), visit(self.budget_spent), visit(self.nodes_full),
+        visit(self.forgot);
   }
 };
 

@@ -64,7 +64,7 @@ static int write_weight(struct tactus_device* weight, const double force[3]) {
 }
 
 const struct tactus_device_driver* tactus_device_entry(void) {
-  static const struct tactus_device_driver driver = {TACTUS_DEVICE_ABI, "weight in oil", open_weight, close_weight,
-                                                     spec_of_weight,    read_weight,     write_weight};
+  static const struct tactus_device_driver driver = {TACTUS_DEVICE_ABI, "weight in oil", open_weight,  close_weight,
+                                                     spec_of_weight,    read_weight,     write_weight, NULL};
   return &driver;
 }

@@ -25,7 +25,7 @@ static void spec_of(struct tactus_device* device, struct tactus_device_spec* spe
 #ifdef DRIVER_BAD_SPEC
   spec->max_force = -1;
 #else
-  (void)spec;
+  spec->max_torque = 0.25;
 #endif
 }
 static int read_device(struct tactus_device* device, int64_t now_ns, struct tactus_device_pose* pose) {
@@ -49,28 +49,37 @@ static int write_device(struct tactus_device* device, const double force[3]) {
   return 0;
 }
 
+static int write_wrench(struct tactus_device* device, const double force[3], const double torque[3]) {
+  device->force = force[0] + torque[2];
+  return 0;
+}
+
 #ifndef DRIVER_NO_ENTRY
 const struct tactus_device_driver* tactus_device_entry(void) {
   static const struct tactus_device_driver driver = {
-#ifdef DRIVER_OLD_ABI
-      TACTUS_DEVICE_ABI - 1,
+#if defined(DRIVER_OLD_ABI)
+    1,
+#elif defined(DRIVER_NEW_ABI)
+    TACTUS_DEVICE_ABI + 1,
 #else
-      TACTUS_DEVICE_ABI,
+    TACTUS_DEVICE_ABI,
 #endif
-      "test",
-      open_device,
-      close_device,
-      spec_of,
+    "test",
+    open_device,
+    close_device,
+    spec_of,
 #ifdef DRIVER_NO_READ
-      NULL,
+    NULL,
 #else
-      read_device,
+    read_device,
 #endif
-      write_device};
+    write_device,
+    write_wrench
+  };
   return &driver;
 }
 #endif
 
 /* Keeps the parts in use in every variant. */
-void* tactus_test_driver_parts[] = {(void*)open_device, (void*)close_device, (void*)spec_of, (void*)read_device,
-                                    (void*)write_device};
+void* tactus_test_driver_parts[] = {(void*)open_device, (void*)close_device, (void*)spec_of,
+                                    (void*)read_device, (void*)write_device, (void*)write_wrench};

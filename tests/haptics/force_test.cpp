@@ -6,6 +6,8 @@
 #include <limits>
 #include <random>
 
+#include "haptics/rigid_body.hpp"
+
 namespace tactus::haptics {
 namespace {
 
@@ -230,6 +232,79 @@ TEST(Force, KeepsItsLimitsWhateverComesIn) {
     before = result.force;
     if (result.fault != Fault::kNone) renderer.reset();
   }
+}
+
+// ---- of a tool ----
+
+ToolResult pressed_tool(double depth, double angle) {
+  ToolResult tool;
+  tool.in_contact = true;
+  tool.way = {0, 0, depth};
+  tool.turn = {angle, 0, 0};
+  return tool;
+}
+
+DeviceSpec bearing(double torque) {
+  DeviceSpec spec;
+  spec.max_torque = torque;
+  return spec;
+}
+
+TEST(Force, OfAToolIsAWrenchOfItsCoupling) {
+  ForceSettings settings = at_full_strength();
+  settings.max_torque_slew = 1e9;
+  ForceRenderer renderer{settings, bearing(1)};
+  const Feel feel{1000, 0};
+  const ToolGrip grip = renderer.grip(feel, kCycle);
+  EXPECT_EQ(grip.stiffness, 1000);
+  EXPECT_NEAR(grip.torsion, 0.1, 1e-15);
+  const ForceResult& result = renderer.step(pressed_tool(0.002, 0.5), grip, DeviceState{}, feel, kFresh, kCycle);
+  EXPECT_LT((result.force - Vec3d(0, 0, 2)).norm(), 1e-12);
+  EXPECT_LT((result.torque - Vec3d(0.05, 0, 0)).norm(), 1e-12);
+  EXPECT_EQ(result.bits, 0u);
+}
+
+TEST(Force, LimitsATorqueAndItsChangeAndGivesNoneToADeviceThatBearsNone) {
+  ForceSettings settings = at_full_strength();
+  settings.max_torque = 0.08;
+  settings.max_torque_slew = 20;
+  const Feel feel{1000, 0};
+  ForceRenderer renderer{settings, bearing(1)}, weak{settings, bearing(0.05)}, none{settings, bearing(0)};
+  const ToolGrip grip = renderer.grip(feel, kCycle);
+  const ToolResult tool = pressed_tool(0, 2);
+  EXPECT_NEAR(renderer.step(tool, grip, {}, feel, kFresh, kCycle).torque.norm(), 0.02, 1e-12);
+  EXPECT_NE(renderer.step(tool, grip, {}, feel, kFresh, kCycle).bits & kForceSlewLimited, 0u);
+  for (int i = 0; i < 10; ++i) {
+    static_cast<void>(renderer.step(tool, grip, {}, feel, kFresh, kCycle));
+    static_cast<void>(weak.step(tool, grip, {}, feel, kFresh, kCycle));
+  }
+  const ForceResult& result = renderer.step(tool, grip, {}, feel, kFresh, kCycle);
+  EXPECT_NEAR(result.torque.norm(), 0.08, 1e-12);
+  EXPECT_EQ(result.bits, std::uint32_t{kForceSaturated});
+  EXPECT_NEAR(weak.step(tool, grip, {}, feel, kFresh, kCycle).torque.norm(), 0.05, 1e-12);
+  EXPECT_TRUE(none.step(tool, grip, {}, feel, kFresh, kCycle).torque.isZero(0));
+  EXPECT_EQ(none.step(tool, grip, {}, feel, kFresh, kCycle).bits, 0u);
+}
+
+TEST(Force, ATorqueEndsWithAFaultAndIsOneOfWhatTripsIt) {
+  const Feel feel{1000, 0};
+  const auto felt = [&](ForceRenderer& renderer, const DeviceState& device, double pose_age) -> const ForceResult& {
+    return renderer.step(pressed_tool(0, 0.5), renderer.grip(feel, kCycle), device, feel, pose_age, kCycle);
+  };
+  DeviceState turned;
+  turned.orientation = rotation_by({0, 0, 0.1});  // in a millisecond
+  turned.time_ns = 1'000'000;
+  DeviceState broken;
+  broken.orientation.coeffs().setZero();
+  for (const auto& [device, fault] : {std::pair{turned, Fault::kTooFast}, std::pair{broken, Fault::kInputNotFinite}}) {
+    ForceRenderer renderer{at_full_strength(), bearing(1)};
+    EXPECT_GT(felt(renderer, {}, kFresh).torque.norm(), 0.01);
+    EXPECT_EQ(felt(renderer, device, kFresh).fault, fault);
+    EXPECT_TRUE(felt(renderer, {}, kFresh).torque.isZero(0));
+  }
+  ForceRenderer stale{at_full_strength(), bearing(1)};
+  EXPECT_GT(felt(stale, {}, kFresh).torque.norm(), 0.01);
+  EXPECT_TRUE(felt(stale, {}, 0.06).torque.isZero(0));
 }
 
 }  // namespace

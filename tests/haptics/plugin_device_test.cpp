@@ -43,11 +43,22 @@ TEST(PluginDevice, TheExampleSinksUntilItIsHeldByItsWeight) {
 TEST(PluginDevice, ThatCannotBeOpenedSaysWhatWasFoundAndExpected) {
   EXPECT_THAT(refusal("/nowhere/driver.so", ""), HasSubstr("/nowhere/driver.so: cannot open shared object file"));
   EXPECT_THAT(refusal(NO_ENTRY, ""), HasSubstr("found no function tactus_device_entry"));
-  EXPECT_THAT(refusal(OLD_ABI, ""), HasSubstr("found ABI 0, expected 1"));
+  EXPECT_THAT(refusal(NEW_ABI, ""), HasSubstr("found ABI 3, expected 1 to 2"));
   EXPECT_THAT(refusal(NO_READ, ""), HasSubstr("expected open, close, spec, read and write"));
   EXPECT_THAT(refusal(BAD_SPEC, ""), HasSubstr("max_force: found -1.000000, expected a number above 0"));
   EXPECT_EQ(refusal(FAILS, "!x"), "device test, config '!x': found '!x', expected nothing to shout about");
   EXPECT_EQ(refusal(WEIGHT, "high"), "device weight in oil, config 'high': found 'high', expected a height in metres");
+}
+
+TEST(PluginDevice, ThatBearsTorquesGetsThemAndOneOfTheFirstAbiForcesAlone) {
+  PluginDevice device{FAILS, ""};
+  EXPECT_EQ(device.spec().max_torque, 0.25);
+  device.write_wrench({2, 0, 0}, {0, 0, 0.125});
+  EXPECT_EQ(device.read(kMs).position.y(), 2.125) << "it felt both";
+  PluginDevice old{OLD_ABI, ""};
+  EXPECT_EQ(old.spec().max_torque, 0);
+  old.write_wrench({2, 0, 0}, {0, 0, 0.125});
+  EXPECT_EQ(old.read(kMs).position.y(), 2);
 }
 
 TEST(PluginDevice, WithoutVelocitiesHasThoseOfItsPositions) {

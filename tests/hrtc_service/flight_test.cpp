@@ -53,12 +53,14 @@ class Flight : public ::testing::Test {
     session::Material material;
     material.static_friction = 0.5;
     material.dynamic_friction = 0.4;
-    LocalSession session{{model}, 0.05 / radius, pool, 2, {}, material};
+    hrtc_service::LoaderSettings loader;
+    loader.tool = tool_;
+    LocalSession session{{model}, 0.05 / radius, pool, 2, loader, material};
     hrtc_service::FlightRecorder recorder{kSecond};
     session.cycle().set_recorder(&recorder);
-    hrtc_service::FlightStore store{recorder,
-                                    hrtc_service::flight_start("desk", LocalSession::cycle_settings(), pool, {}),
-                                    seconds, hrtc_service::FlightStore::bytes_for(seconds, 0.001, 2)};
+    hrtc_service::FlightStore store{
+        recorder, hrtc_service::flight_start("desk", LocalSession::cycle_settings(tool_), pool, LocalSession::specs()),
+        seconds, hrtc_service::FlightStore::bytes_for(seconds, 0.001, 2)};
     std::mt19937_64 random{kSeed};
     const auto at = [](double cycle, double turn) -> Vec3d {
       const double angle = cycle * 3e-3 + turn;
@@ -71,7 +73,12 @@ class Flight : public ::testing::Test {
         for (int i = 0; i < 200; ++i) session.prepare(at(cycle + 2 * i, 0), Vec3d::Zero());
       const auto velocity = [&](double turn) -> Vec3d { return (at(cycle + 1, turn) - at(cycle, turn)) * 1000; };
       session.prepare(at(cycle, 0), velocity(0));
+      const auto leaning = [&](double turn) {
+        return Eigen::Quaterniond::FromTwoVectors(Vec3d::UnitZ(), at(cycle, turn) + Vec3d{0.03, 0, 0});
+      };
+      session.inputs()[0].device.orientation = leaning(0);
       hrtc_service::ProbeInput& other = session.inputs()[1];
+      other.device.orientation = leaning(2);
       other.active = cycle % 3000 > 400;
       other.device.position = at(cycle, 2);
       other.device.velocity = velocity(2);
@@ -124,6 +131,7 @@ class Flight : public ::testing::Test {
     writer.close();
   }
 
+  const spm::MeshProbe* tool_ = nullptr;
   test_support::TemporaryFolder folder_;
   std::filesystem::path file_ = folder_.path() / "flight.mcap";
   static spm::offline::BuiltModel* built_;
@@ -182,6 +190,21 @@ TEST_F(Flight, AnotherOrderOfWhatRestsIsFound) {
   const FlightReport report = replay();
   EXPECT_GT(report.differ, 0u);
   EXPECT_THAT(report.first_difference, testing::HasSubstr(", the mesh is another one"));
+}
+
+TEST_F(Flight, ToolsAreReplayedToTheBitFromTheBeginningAndFromTheMidst) {
+  const spm::offline::TriangleMesh stylus = spm::offline::stylus();
+  const spm::MeshProbe probe{stylus.positions, stylus.faces};
+  tool_ = &probe;
+  for (const double seconds : {30.0, 2.0}) {
+    SCOPED_TRACE(seconds);
+    record(3800, seconds);
+    const FlightReport report = replay();
+    EXPECT_EQ(report.differ, 0u) << report.first_difference;
+    EXPECT_EQ(report.from_the_beginning, seconds > 3);
+    EXPECT_EQ(report.start.tool_triangles.size(), 3 * 720u);
+    EXPECT_GT(report.in_contact, 1000u);
+  }
 }
 
 TEST_F(Flight, WhatTheProcessorDoesWithDenormalsIsDoneAgain) {

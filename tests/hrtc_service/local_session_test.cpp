@@ -257,6 +257,41 @@ TEST_F(OrganSession, WhatAClockStoppedIsTheSameToTheBitWithWhatWasGrantedAsItsBu
   for (int cycle = 0; cycle < kCycles; ++cycle) ASSERT_TRUE(replayed[cycle] == recorded[cycle]) << "cycle " << cycle;
 }
 
+TEST_F(OrganSession, AStylusLiesOnTheFinestMeshAlongAllOfItAndIsTurnedByIt) {
+  const spm::offline::TriangleMesh stylus = spm::offline::stylus();
+  const spm::MeshProbe probe{stylus.positions, stylus.faces};
+  hrtc_service::LoaderSettings loader;
+  loader.tool = &probe;
+  const spm::Model model = built_->model();
+  LocalSession session{{model}, 1, spm::PoolSettings::for_slots(model.summary.parts), 2, loader};
+  spm::PlacedProbe placed{probe};
+  std::array<spm::MeshContact, 8> meeting;
+  int contact = 0, exact = 0, turned = 0;
+  for (int cycle = 0; cycle < 1500; ++cycle) {
+    // Down to 3 mm deep, its shaft half along the surface.
+    const Vec3d out = position(cycle).normalized();
+    const Vec3d at = position(cycle) + out * std::max(-0.0025, 0.03 - 1e-4 * cycle);
+    session.prepare(at, Vec3d::Zero());
+    session.inputs()[0].device.orientation =
+        Eigen::Quaterniond::FromTwoVectors(Vec3d::UnitZ(), out + 1.5 * out.unitOrthogonal());
+    const hrtc_service::ProbeOutput& probed = session.run_cycle(20'000).probes[0];
+    ASSERT_TRUE(hrtc_service::vec(probed.force).allFinite() && hrtc_service::vec(probed.torque).allFinite());
+    if ((probed.status & session::kInContact) == 0) continue;
+    ++contact;
+    exact += (probed.status & session::kExact) != 0 ? 1 : 0;
+    turned += hrtc_service::vec(probed.torque).norm() > 1e-3 ? 1 : 0;
+    Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
+    pose.linear() = hrtc_service::quaternion(probed.orientation).toRotationMatrix();
+    pose.translation() = hrtc_service::vec(probed.proxy);
+    placed.place(pose);
+    const spm::AbTree& shown = session.cycle().objects().front()->forest->tree();
+    ASSERT_EQ(placed.touching(shown, meeting.data(), 8).contacts, 0u) << cycle;
+  }
+  EXPECT_GT(contact, 800);
+  EXPECT_GE(exact, contact * 99 / 100);
+  EXPECT_GT(turned, 100);
+}
+
 TEST_F(OrganSession, TouchingLeavesTheMeshAsItIs) {
   LocalSession session{{built_->model()}, 1, spm::PoolSettings::for_slots(1 << 14)};
   const auto hash = [&] {

@@ -10,6 +10,7 @@
 #include <tuple>
 
 #include "spm/offline/generate.hpp"
+#include "spm/probe_balls.hpp"
 #include "tests/support/mesh_zoo.hpp"
 #include "tests/support/shown_mesh.hpp"
 
@@ -222,6 +223,31 @@ TEST(MeshProbe, RefusesWhatIsNoMesh) {
   infinite[1][0] = INFINITY;
   EXPECT_THROW((MeshProbe{infinite, sound}), std::invalid_argument);
   EXPECT_EQ((MeshProbe{corners, sound}).triangles(), 1u);
+}
+
+TEST(ProbeBalls, HoldEveryTriangleAndStartAtTheTip) {
+  const offline::TriangleMesh stylus = offline::stylus();
+  const MeshProbe probe{stylus.positions, stylus.faces};
+  const std::vector<ProbeBall> balls = balls_of(probe, 8);
+  ASSERT_EQ(balls.size(), 8u);
+  EXPECT_LT(balls.front().centre.norm(), 0.002);
+  double largest = 0;
+  for (const ProbeBall& ball : balls) largest = std::max(largest, ball.radius);
+  EXPECT_LT(largest, 0.0042) << "hardly thicker than the stylus";
+  std::mt19937_64 random{3};
+  std::uniform_real_distribution<double> share{0, 1};
+  for (const auto& face : stylus.faces)
+    for (int i = 0; i < 20; ++i) {
+      const auto corner = [&](std::size_t c) {
+        const auto& p = stylus.positions[face[c]];
+        return Vec3d{p[0], p[1], p[2]};
+      };
+      const double a = share(random), b = share(random) * (1 - a);
+      const Vec3d p = corner(0) + a * (corner(1) - corner(0)) + b * (corner(2) - corner(0));
+      EXPECT_TRUE(std::any_of(balls.begin(), balls.end(),
+                              [&](const ProbeBall& ball) { return (p - ball.centre).norm() <= ball.radius; }));
+    }
+  EXPECT_EQ(balls_of(probe, 1).size(), 1u);
 }
 
 }  // namespace

@@ -139,7 +139,7 @@ TEST(NearPairs, AreAllWithinTheMarginInAnyPoseAndScale) {
       ASSERT_TRUE(touch.complete);
       std::set<std::pair<std::uint32_t, std::uint32_t>> found;
       for (std::uint32_t i = 0; i < touch.contacts; ++i)
-        found.emplace(pairs[i / 8].row[i % 8], probe.number(pairs[i / 8].triangle[i % 8]));
+        found.emplace(pairs[i / 8].face_id[i % 8], probe.number(pairs[i / 8].triangle[i % 8]));
       told += found.size();
       for (const std::uint32_t row : shown.tree().shown()) {
         const Triangle3d face = shown.triangle(row);
@@ -151,7 +151,7 @@ TEST(NearPairs, AreAllWithinTheMarginInAnyPoseAndScale) {
           PairContact contact;
           if (apart(face, triangle) > margin * (1 - 1e-6) && !meet(face, triangle, contact)) continue;
           ++near;
-          ASSERT_EQ(found.count({row, t}), 1u) << "round " << round << ", margin " << margin;
+          ASSERT_EQ(found.count({shown.tree().row(row).face, t}), 1u) << "round " << round << ", margin " << margin;
         }
       }
     }

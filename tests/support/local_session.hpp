@@ -20,7 +20,7 @@ class LocalSession {
   static constexpr std::int64_t kPeriodNs = 1'000'000;
 
   /// `models` must outlive the session; scale in metres per file unit. `delay_cycles`: chunks and demands are that long
-  /// under way.
+  /// under way. A tool of the loader's is the cycle's, too.
   LocalSession(const std::vector<spm::Model>& models, double scale, spm::PoolSettings settings,
                std::uint32_t delay_cycles = 2, const hrtc_service::LoaderSettings& loader = {},
                const session::Material& material = {})
@@ -29,7 +29,7 @@ class LocalSession {
         nodes_{settings.tree_nodes},
         server_{session::Origin{kSession, kHost, 1, 0}},
         loader_{pool_, nodes_, session::Origin{kSession, kHrtc, 1, 0}, loader, arrivals_, departures_},
-        cycle_{cycle_settings(), {}, departures_, &log_},
+        cycle_{cycle_settings(loader.tool), specs(), departures_, &log_},
         delay_{delay_cycles} {
     loader_.on_event = [this](const std::string& text) { events.push_back(text); };
     for (std::size_t i = 0; i < models_.size(); ++i) {
@@ -78,6 +78,7 @@ class LocalSession {
     const hrtc_service::CycleResult& result = cycle_.touch(inputs_, now_, arrived.data(), count);
     in_contact_ = (result.probes[0].status & session::kInContact) != 0;
     proxy_ = hrtc_service::vec(result.probes[0].proxy);
+    orientation_ = hrtc_service::quaternion(result.probes[0].orientation);
     return result;
   }
 
@@ -89,10 +90,16 @@ class LocalSession {
   [[nodiscard]] hrtc_service::Cycle& cycle() { return cycle_; }
   [[nodiscard]] hrtc_service::Loader& loader() { return loader_; }
   [[nodiscard]] session::DeliveryServer& server() { return server_; }
-  static hrtc_service::CycleSettings cycle_settings() {
+  static hrtc_service::CycleSettings cycle_settings(const spm::MeshProbe* tool = nullptr) {
     hrtc_service::CycleSettings settings;
     settings.force.soft_start = 0.01;
+    settings.tool = tool;
     return settings;
+  }
+  static std::array<haptics::DeviceSpec, hrtc_service::kMaxProbes> specs() {
+    std::array<haptics::DeviceSpec, hrtc_service::kMaxProbes> specs;
+    for (haptics::DeviceSpec& spec : specs) spec.max_torque = 1;
+    return specs;
   }
 
   /// What the loader said.
@@ -109,7 +116,7 @@ class LocalSession {
 
   void exchange(const spm::Vec3d& device) {
     std::array<hrtc_service::ProbeSight, hrtc_service::kMaxProbes> sights;
-    sights[0] = {true, in_contact_, now_, device, proxy_};
+    sights[0] = {true, in_contact_, now_, device, proxy_, orientation_};
     loader_.on_host_seen(kHost, 1, now_);
     loader_.tick(now_, sights, near_);
     while (auto demand = loader_.demand(now_))
@@ -141,6 +148,7 @@ class LocalSession {
   std::uint64_t cycles_ = 0;
   bool in_contact_ = false;
   spm::Vec3d proxy_ = spm::Vec3d::Zero();
+  Eigen::Quaterniond orientation_ = Eigen::Quaterniond::Identity();
   std::array<hrtc_service::ProbeInput, hrtc_service::kMaxProbes> inputs_;
   std::array<hrtc_service::NearObjects, hrtc_service::kMaxProbes> near_;
   std::deque<Delayed<session::Demand>> demands_;

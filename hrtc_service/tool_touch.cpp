@@ -1,0 +1,53 @@
+#include "hrtc_service/tool_touch.hpp"
+
+#include <algorithm>
+
+#include "haptics/rigid_body.hpp"
+
+namespace tactus::hrtc_service {
+
+std::vector<spm::ProbeBall> balls_of_tool(const spm::MeshProbe* tool) {
+  std::vector<spm::ProbeBall> balls;
+  if (tool != nullptr) balls = spm::balls_of(*tool, kMaxBalls);
+  for (spm::ProbeBall& ball : balls) ball.radius += haptics::ToolSettings{}.rounding;
+  return balls;
+}
+
+ToolTouch::ToolTouch(const spm::MeshProbe& probe) : tool_{probe}, balls_{balls_of_tool(&probe)} {}
+
+void ToolTouch::reset() noexcept {
+  tool_.reset();
+  objects_before_ = 0;
+  linear_.setZero();
+  spin_.setZero();
+}
+
+const haptics::ToolResult& ToolTouch::step(const haptics::ToolPose& device, double dt, const haptics::ToolGrip& grip,
+                                           const ObjectsSurface& surface, bool changed) noexcept {
+  std::uint64_t near = 0;
+  for (std::uint32_t i = 0; i < surface.count(); ++i) {
+    const TouchObject& object = surface[i];
+    const Placement& placement = surface.placement(i);
+    objects_[i] = {&object.forest->tree(),           placement.rotation(), placement.translation(), placement.scale(),
+                   object.material.dynamic_friction, object.index};
+    near |= std::uint64_t{1} << object.index;
+  }
+  const haptics::ToolPose before = tool_.last().pose;
+  tool_.set_grip(grip);
+  const haptics::ToolResult& result = tool_.step(device, dt, {objects_.data(), surface.count()},
+                                                 changed || surface.moving() || near != objects_before_);
+  objects_before_ = near;
+  constexpr double kSmoothing = 0.008;  // s
+  const double share = std::min(1.0, dt / kSmoothing);
+  linear_ += share * ((result.pose.position - before.position) / dt - linear_);
+  spin_ += share * (haptics::turn_of(result.pose.orientation * before.orientation.conjugate()) / dt - spin_);
+  return result;
+}
+
+ToolTouch::Ball ToolTouch::ball(std::uint32_t number) const noexcept {
+  const haptics::ToolPose& pose = tool_.last().pose;
+  const Vec3d arm = pose.orientation * balls_[number].centre;
+  return {pose.position + arm, linear_ + spin_.cross(arm), balls_[number].radius};
+}
+
+}  // namespace tactus::hrtc_service
