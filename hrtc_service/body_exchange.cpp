@@ -10,7 +10,6 @@ namespace tactus::hrtc_service {
 namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
-constexpr std::int64_t kPoseNs = 4 * kMs;        // between poses of what moves here
 constexpr std::int64_t kLingerNs = 2000 * kMs;   // for which the ends of what was let go stay
 constexpr std::int64_t kLongestNs = 1000 * kMs;  // more is no transit but a clock that is not set yet
 
@@ -111,7 +110,7 @@ void BodyExchange::send() {
       sharing::put_sample(body.sample, body.copies, copy);
       (void)slot.copies->send(copy);
     }
-    if (body.publish == 0 || reports.time_ns - slot.pose_sent_ns < kPoseNs) continue;
+    if (body.publish == 0 || reports.time_ns - slot.pose_sent_ns < kBodyPoseNs) continue;
     slot.pose_sent_ns = reports.time_ns;
     session::ObjectPose pose;
     pose.origin = links_.origin();

@@ -23,6 +23,8 @@
 
 namespace tactus::hrtc_service {
 
+inline constexpr std::int64_t kBodyPoseNs = 4'000'000;  ///< between poses of what moves here
+
 class Holdings {
  public:
   /// `orders` is the haptic thread's, and must outlive this.

@@ -17,7 +17,7 @@
 /// where the lease is longer by the way there and back that claim 7 tells of, or else no grant would come in time.
 ///
 /// A toucher's lease ends before the host takes the object back, without synchronised clocks. A host that starts
-/// waits for one lease before it simulates itself and learns the fencing numbers in use from claims and poses.
+/// waits for the shortest lease before it simulates itself and learns the fencing numbers in use from claims and poses.
 ///
 /// A toucher does not wait for the grant to feel: it simulates at once for itself (Holder::Role::kAsking), and what it
 /// has by then becomes the object.

@@ -15,9 +15,8 @@ using spm::Vec3d;
 
 constexpr std::uint64_t kSession = 30, kHost = 100, kObject = 5;
 constexpr std::size_t kHostPlace = 0, kViewerPlace = 1, kFirstPlace = 2;
-constexpr std::int64_t kPoseNs = 4'000'000;  // between poses of what moves, as body_exchange has it
-constexpr std::size_t kHeads = 170;          // bytes around a payload: Ethernet, IP, UDP, RTPS, ours
-constexpr std::size_t kSmallBytes = 250;     // a claim, grant or pose, heads and all
+constexpr std::size_t kHeads = 170;       // bytes around a payload: Ethernet, IP, UDP, RTPS, ours
+constexpr std::size_t kSmallBytes = 250;  // a claim, grant or pose, heads and all
 constexpr std::size_t kCopyBytes = 400, kStateBytes = 330;
 
 session::Origin origin_of(std::uint64_t participant, std::uint64_t incarnation) {
@@ -268,7 +267,7 @@ void SharedSession::send_reports(std::size_t i) {
                     peer.holdings.on_peer_heard(peer.index, now_ns_);
                   });
   }
-  if (body.publish == 0 || now_ns_ - c.posed_ns < kPoseNs) return;
+  if (body.publish == 0 || now_ns_ - c.posed_ns < hrtc_service::kBodyPoseNs) return;
   c.posed_ns = now_ns_;
   session::ObjectPose pose;
   pose.origin = c.origin;
