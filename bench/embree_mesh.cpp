@@ -106,10 +106,7 @@ void EmbreeMesh::touching(const Vec3d& centre, double radius, std::vector<spm::C
                 c = q.scene.corner(args->primID, 2);
     const spm::ClosestPoint closest = spm::closest_point(q.centre, a, b, c);
     if (!(closest.squared_distance <= q.radius * q.radius)) return false;
-    const double distance = std::sqrt(closest.squared_distance);
-    const Vec3d normal =
-        distance > 0 ? Vec3d{(q.centre - closest.point) / distance} : (b - a).cross(c - a).normalized();
-    q.out.push_back({spm::FaceId{args->primID}, true, closest.point, normal, q.radius - distance, args->primID});
+    q.out.push_back({closest.point, spm::FaceId{args->primID}, 0, 1});
     return false;  // the radius stays
   };
   RTCPointQuery at{};

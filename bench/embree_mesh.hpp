@@ -28,7 +28,7 @@ class EmbreeMesh {
   EmbreeMesh(const EmbreeMesh&) = delete;
   EmbreeMesh& operator=(const EmbreeMesh&) = delete;
 
-  /// All triangles within `radius` of `centre`: face, point, normal and depth as AbTree::touching has them.
+  /// All triangles within `radius` of `centre`: face and point as AbTree::touching has them.
   void touching(const spm::Vec3d& centre, double radius, std::vector<spm::Contact>& out) const;
 
   /// A mesh to probe with; its tree is refitted to each pose, as Embree has no rigid motion of user geometry.

@@ -193,7 +193,7 @@ double shown_distance(const spm::Forest& forest, const Vec3d& centre, double rad
       std::min<std::uint32_t>(forest.tree().touching(centre, radius, contacts.data(), 2048), 2048);
   double depth = -1e300;
   for (std::uint32_t i = 0; i < count; ++i)
-    if (contacts[i].last) depth = std::max(depth, contacts[i].depth);
+    if (contacts[i].last) depth = std::max(depth, contacts[i].depth(centre, radius));
   return radius - depth;
 }
 

@@ -156,14 +156,14 @@ double distance_to(const std::array<Vec3d, 3>& face, const Vec3d& p) {
 /// Shown faces that the ball touches by all of them one by one and not by the query, or the reverse.
 std::uint64_t wrong_by_all(const Bench& bench, const spm::AbTree& tree, const Vec3d& centre,
                            const std::vector<spm::Contact>& contacts, std::uint32_t count) {
-  std::vector<std::uint32_t> rows;
-  for (std::uint32_t c = 0; c < count; ++c) rows.push_back(contacts[c].row);
-  std::sort(rows.begin(), rows.end());
+  std::vector<std::uint32_t> faces;
+  for (std::uint32_t c = 0; c < count; ++c) faces.push_back(index(contacts[c].face));
+  std::sort(faces.begin(), faces.end());
   std::uint64_t wrong = 0;
   for (const std::uint32_t row : tree.shown()) {
     const double off = distance_to(shown_corners(tree, row), centre) - bench.radius;
     if (std::abs(off) * bench.unit < kTangent) continue;
-    wrong += (off < 0) != std::binary_search(rows.begin(), rows.end(), row) ? 1 : 0;
+    wrong += (off < 0) != std::binary_search(faces.begin(), faces.end(), tree.row(row).face) ? 1 : 0;
   }
   return wrong;
 }

@@ -156,8 +156,8 @@ void Cycle::log(const TouchObject& object, std::uint32_t probe, std::int64_t now
   entry_.truncated = truncated || found > trace::LoggedQuery::kMaxContacts;
   entry_.contact_count = std::min(found, trace::LoggedQuery::kMaxContacts);
   for (std::uint32_t i = 0; i < entry_.contact_count; ++i)
-    entry_.contacts[i] = {trace::triangle_key(object.forest->tree().corners(contacts_[i].row)),
-                          static_cast<float>(contacts_[i].depth)};
+    entry_.contacts[i] = {trace::triangle_key(object.forest->tree().corners(contacts_[i])),
+                          static_cast<float>(contacts_[i].depth(centre, radius))};
   if (!log_->push(entry_)) ++log_dropped_;
 }
 

@@ -188,12 +188,22 @@ std::uint32_t AbTree::copy_leaves(std::uint32_t from, TreeNode* out, std::uint32
   return copied;
 }
 
+namespace {
+std::array<float, 9> corners_of(const TreeNode& node, unsigned lane) noexcept {
+  std::array<float, 9> corners;
+  for (std::size_t i = 0; i < corners.size(); ++i) corners[i] = node.lanes[i][lane];
+  return corners;
+}
+}  // namespace
+
 std::array<float, 9> AbTree::corners(std::uint32_t row_index) const noexcept {
   const FaceRow& row = pool_.faces[row_index];
   TACTUS_ASSERT(row.node != kNone);
-  std::array<float, 9> corners;
-  for (std::size_t i = 0; i < corners.size(); ++i) corners[i] = nodes_[row.node].lanes[i][row.face & 7u];
-  return corners;
+  return corners_of(nodes_[row.node], row.face & 7u);
+}
+
+std::array<float, 9> AbTree::corners(const Contact& contact) const noexcept {
+  return corners_of(nodes_[contact.node], index(contact.face) & 7u);
 }
 
 RefitCount AbTree::refit(Watch* watches, std::uint32_t watch_count) noexcept {

@@ -19,6 +19,7 @@
 #include <string>
 #include <vector>
 
+#include "spm/contact.hpp"
 #include "spm/flat_index.hpp"
 #include "spm/free_set.hpp"
 #include "spm/lanes.hpp"
@@ -29,12 +30,11 @@
 namespace tactus::spm {
 
 /// Above level 1 a node holds the boxes of its children, at level 1 the triangles themselves: what a query reads of
-/// eight neighbours lies in five cache lines. Lanes without a child are NaN (see spm/lanes.hpp).
+/// eight neighbours lies in four or five cache lines. Lanes without a child are NaN (see spm/lanes.hpp).
 struct alignas(64) TreeNode {
   static constexpr int kWidth = lanes::kLanes;
   std::array<lanes::Floats, lanes::kTriangleRows> lanes;
-  std::array<std::uint32_t, kWidth> child;  ///< node, or face row at level 1
-  std::uint32_t parent;                     ///< node; kNone at the root
+  std::uint32_t parent;  ///< node; kNone at the root
   std::uint32_t id;
   std::uint32_t next_marked;
   std::uint8_t level;
@@ -42,6 +42,7 @@ struct alignas(64) TreeNode {
   std::uint8_t dirty;  ///< children that have changed; not 0: this node is marked
   std::uint8_t last;   ///< at level 1: faces in their finest version
   std::uint64_t kept;  ///< at level 1: NodePool's keeping in which what it was has been kept
+  alignas(64) std::array<std::uint32_t, kWidth> child;  ///< node, or face row at level 1
 
   void set_corner(unsigned lane, std::uint32_t corner, const Vertex& vertex) noexcept {
     lanes[3 * corner][lane] = vertex.position[0];
@@ -90,16 +91,6 @@ class NodePool {
   std::uint64_t keeping_number_ = 1;
   bool keeping_ = false;
   bool changed_ = false;  // something, since keeping began
-};
-
-/// A triangle that a ball touches.
-struct Contact {
-  FaceId face{};
-  bool last = false;      ///< finest version
-  Vec3d point;            ///< nearest to the centre
-  Vec3d normal;           ///< unit, from the point to the centre; the face's own where they coincide
-  double depth = 0;       ///< radius less distance
-  std::uint32_t row = 0;  ///< face row
 };
 
 /// First touch of a moving ball.
@@ -209,6 +200,8 @@ class AbTree {
   [[nodiscard]] const FaceRow& row(std::uint32_t number) const noexcept { return pool_.faces[number]; }
   /// x y z of its three corners; it must be shown.
   [[nodiscard]] std::array<float, 9> corners(std::uint32_t row) const noexcept;
+  /// Those of a face that a query since the last change has met.
+  [[nodiscard]] std::array<float, 9> corners(const Contact& contact) const noexcept;
   /// Copies nodes of level 1 with ids from `from` on, ascending, at most `capacity`, and returns how many: fewer than
   /// that when no more are left. O(copied x height).
   [[nodiscard]] std::uint32_t copy_leaves(std::uint32_t from, TreeNode* out, std::uint32_t capacity) const noexcept;
@@ -224,19 +217,26 @@ class AbTree {
  private:
   static constexpr int kStack = 7 * kMaxHeight + 8;
 
-  /// Calls `visit(node, bits)` for each node of level 1 with triangles whose boxes come within `radius` of `point`, in
-  /// tree order.
+  /// Calls `visit(node's number, node, bits)` for each node of level 1 with triangles whose boxes come within `radius`
+  /// of `point`, in tree order.
   template <class Visit>
   void walk_near(const Vec3d& point, double radius, Visit&& visit) const noexcept;
-  void prefetch(std::uint32_t node) const noexcept {
-    const TreeNode& at = nodes_.nodes_[node];
-    for (int row = 0; row < lanes::kTriangleRows; row += 2) __builtin_prefetch(&at.lanes[row]);
-    __builtin_prefetch(&at.parent);
+  /// What queries read of a node of level 1, and of one above.
+  void prefetch_triangles(std::uint32_t node) const noexcept {
+    for (int row = 0; row < lanes::kTriangleRows; row += 2) __builtin_prefetch(&nodes_[node].lanes[row]);
   }
+  void prefetch_children(std::uint32_t node) const noexcept {
+    for (int row = 0; row < lanes::kBoxRows; row += 2) __builtin_prefetch(&nodes_[node].lanes[row]);
+    __builtin_prefetch(&nodes_[node].child);
+  }
+  void prefetch(std::uint32_t node) const noexcept {
+    prefetch_triangles(node);
+    __builtin_prefetch(&nodes_[node].child);
+  }
+  /// What refit does.
   void prefetch_boxes(std::uint32_t node) const noexcept {
-    const TreeNode& at = nodes_.nodes_[node];
-    for (int row = 0; row < lanes::kBoxRows; row += 2) __builtin_prefetch(&at.lanes[row]);
-    __builtin_prefetch(&at.parent);
+    for (int row = 0; row < lanes::kBoxRows; row += 2) __builtin_prefetch(&nodes_[node].lanes[row]);
+    __builtin_prefetch(&nodes_[node].parent);
   }
   /// What a node of level 1 is, before it first changes. There must be room.
   void keep(TreeNode& node) noexcept {

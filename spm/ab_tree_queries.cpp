@@ -32,13 +32,6 @@ inline Vec3d corner(const TreeNode& node, unsigned lane, int number) noexcept {
 inline unsigned lowest_bit(unsigned bits) noexcept { return static_cast<unsigned>(__builtin_ctz(bits)); }
 inline unsigned highest_bit(unsigned bits) noexcept { return 31u - static_cast<unsigned>(__builtin_clz(bits)); }
 
-[[gnu::noinline]] Vec3d upright(const TreeNode& node, unsigned lane) noexcept {
-  const Vec3d a = corner(node, lane, 0);
-  const Vec3d across = (corner(node, lane, 1) - a).cross(corner(node, lane, 2) - a);
-  const double length = across.norm();
-  return length > 0 ? Vec3d{across / length} : Vec3d::UnitZ();
-}
-
 }  // namespace
 
 /// Memory is what a query costs that runs once a millisecond: nodes of one level are taken together, so that what they
@@ -60,10 +53,11 @@ void AbTree::walk_near(const Vec3d& point, double radius, Visit&& visit) const n
     Waiting& here = waiting[level];
     if (level == 1) {
       for (; here.first < here.last; ++here.first) {
-        if (here.first + kLeavesAhead < here.last) prefetch(queue[here.first + kLeavesAhead]);
-        const TreeNode& node = nodes_[queue[here.first]];
+        if (here.first + kLeavesAhead < here.last) prefetch_triangles(queue[here.first + kLeavesAhead]);
+        const std::uint32_t number = queue[here.first];
+        const TreeNode& node = nodes_[number];
         const unsigned near = lanes::kBest.triangles_within(node.lanes.data(), p.at, squared_radius);
-        if (near != 0) visit(node, near);
+        if (near != 0) visit(number, node, near);
       }
     }
     if (here.first == here.last) {
@@ -78,7 +72,11 @@ void AbTree::walk_near(const Vec3d& point, double radius, Visit&& visit) const n
       for (unsigned hit = lanes::kBest.boxes_within(node.lanes.data(), p.at, squared_radius); hit != 0;
            hit &= hit - 1) {
         const std::uint32_t child = node.child[lowest_bit(hit)];
-        if (level > 1 || behind < below.first + kLeavesAhead) prefetch(child);
+        if (level > 1) {
+          prefetch_children(child);
+        } else if (behind < below.first + kLeavesAhead) {
+          prefetch_triangles(child);
+        }
         queue[behind++] = child;
       }
     }
@@ -88,41 +86,17 @@ void AbTree::walk_near(const Vec3d& point, double radius, Visit&& visit) const n
 
 std::uint32_t AbTree::touching(const Vec3d& centre, double radius, Contact* out,
                                std::uint32_t capacity) const noexcept {
-  struct Leaf {
-    const TreeNode* node = nullptr;
-    unsigned touched = 0;
-    lanes::Touches touches;
-  };
-  // Contacts are written one leaf later: what has just been stored by eight is slow to read one by one.
-  std::array<Leaf, 2> leaves;
-  unsigned current = 0;
-  std::uint32_t count = 0;
-  const auto write = [&](const Leaf& leaf) {
-    const lanes::Touches& touches = leaf.touches;
-    std::uint32_t at = count;
-    for (unsigned left = leaf.touched; left != 0; left &= left - 1, ++at) {
-      if (at >= capacity) continue;
-      const unsigned i = lowest_bit(left);
-      Contact& contact = out[at];
-      contact.face = FaceId{leaf.node->id * TreeNode::kWidth + i};
-      contact.last = (leaf.node->last >> i & 1u) != 0;
-      contact.point = {touches.point[0][i], touches.point[1][i], touches.point[2][i]};
-      contact.normal = {touches.normal[0][i], touches.normal[1][i], touches.normal[2][i]};
-      contact.depth = touches.depth[i];
-      contact.row = leaf.node->child[i];
-      if (contact.depth == radius) contact.normal = upright(*leaf.node, i);
-    }
-    count = at;
-  };
   const std::array<double, 3> p{centre[0], centre[1], centre[2]};
-  walk_near(centre, radius, [&](const TreeNode& node, unsigned near) {
-    Leaf& leaf = leaves[current];
-    current ^= 1;
-    leaf.node = &node;
-    leaf.touched = lanes::kBest.touches(node.lanes.data(), p, near, radius, leaf.touches);
-    write(leaves[current]);
+  std::array<Contact, TreeNode::kWidth> aside;
+  std::uint32_t count = 0;
+  walk_near(centre, radius, [&](std::uint32_t number, const TreeNode& node, unsigned near) {
+    const bool room = std::uint64_t{count} + TreeNode::kWidth <= capacity;
+    Contact* at = room ? out + count : aside.data();
+    const std::uint32_t found =
+        lanes::kBest.touches({node.lanes.data(), node.id * TreeNode::kWidth, number, node.last}, p, near, radius, at);
+    if (!room && count < capacity) std::copy_n(at, std::min(found, capacity - count), out + count);
+    count += found;
   });
-  write(leaves[current ^ 1]);
   return count;
 }
 

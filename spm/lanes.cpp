@@ -1,6 +1,12 @@
 #include "spm/lanes.hpp"
 
+#include <algorithm>
 #include <limits>
+#include <utility>
+
+#ifdef TACTUS_HAS_TARGETS
+#include <immintrin.h>
+#endif
 
 namespace tactus::spm::lanes {
 namespace {
@@ -19,7 +25,10 @@ TACTUS_TARGET_END
 TACTUS_TARGET_AVX512
 namespace avx512 {
 constexpr int kDoubles = 8;
+// In one instruction: g++ 12 takes four for eight at once.
+#define TACTUS_WIDENED(floats) _mm512_maskz_cvtps_pd(0xff, _mm256_loadu_ps(floats))
 #include "spm/lanes_kernel.inc"  // NOLINT(readability-duplicate-include): for each instruction set
+#undef TACTUS_WIDENED
 }  // namespace avx512
 TACTUS_TARGET_END
 #endif
