@@ -19,6 +19,7 @@
 #include "session/roster.hpp"
 #include "wire/ends.hpp"
 #include "wire/inbox.hpp"
+#include "wire/realtime.hpp"
 
 namespace tactus::host_service {
 namespace {
@@ -117,6 +118,12 @@ std::vector<Served> open_models(const HostOptions& options, const Log& log, cons
   return served;
 }
 
+/// Once the models are there, which may have taken all processors for minutes.
+const wire::SessionAddress& in_turn(const HostOptions& options, const Log& log) {
+  if (options.before_others) log(Severity::kInfo, wire::go_before_others("host '" + options.address.participant + "'"));
+  return options.address;
+}
+
 }  // namespace
 
 struct Host::Impl {
@@ -125,7 +132,7 @@ struct Host::Impl {
         log{std::move(to)},
         stop{until},
         served{open_models(options, log, stop)},
-        links{options.address} {
+        links{in_turn(options, log)} {
     for (const Served& object : served) {
       server.add(session::id_of(object.config.name), object.model.coded());
     }

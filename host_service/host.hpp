@@ -28,6 +28,10 @@ struct HostOptions {
   std::vector<ObjectConfig> objects;
   std::filesystem::path cache;        ///< for models that have to be built
   std::array<double, 3> at{0, 0, 0};  ///< m, where the first object without a pose stands; others follow along x
+  /// From when the models are there, the calling thread and the threads of DDS get more of a short machine than others,
+  /// where that is allowed. All controllers wait for these few, and where a crowd of them shares the machine, equal
+  /// shares would leave each waiting.
+  bool before_others = false;
 };
 
 class Host {

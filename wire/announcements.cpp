@@ -109,9 +109,10 @@ void Announcements::forget(std::uint32_t port, const std::uint8_t* address) {
 std::vector<Announcements::Locator> Announcements::due(const void* sender, std::uint64_t sequence,
                                                        const std::vector<Locator>& to, std::int64_t now_ns) {
   const auto is_group = [](const Locator& locator) { return IPLocator::isMulticast(locator); };
-  const bool has_group = std::any_of(to.begin(), to.end(), is_group);
   std::vector<Locator> due;
   const std::lock_guard<std::mutex> lock{mutex_};
+  if (std::any_of(to.begin(), to.end(), is_group)) group_ns_ = now_ns;
+  const bool has_group = group_ns_ && now_ns - *group_ns_ < kKnownRestNs;
   if (sent_.size() > kMany) sent_.clear();
   for (const Locator& locator : to) {
     const std::int64_t rest_ns = has_group && !is_group(locator) ? kKnownRestNs : kGroupRestNs;

@@ -27,7 +27,8 @@ class Announcements {
   /// Sequence number of the announcement that an RTPS message carries; none when it is no announcement.
   [[nodiscard]] static std::optional<std::uint64_t> sequence_of(const std::uint8_t* message, std::uint32_t size);
 
-  /// Those of `to` who have not been sent this announcement by this sender (an address) of late.
+  /// Those of `to` who have not been sent this announcement by this sender (an address) of late. The library sends to
+  /// single ones and to the group one after the other: there is a group when one was among `to` of late.
   [[nodiscard]] std::vector<Locator> due(const void* sender, std::uint64_t sequence, const std::vector<Locator>& to,
                                          std::int64_t now_ns);
 
@@ -47,6 +48,7 @@ class Announcements {
   };
   std::mutex mutex_;
   std::map<std::pair<const void*, Locator>, Sent> sent_;
+  std::optional<std::int64_t> group_ns_;  // when it was to be sent to the group last
   std::string ignored_name_;
   std::map<std::array<std::uint8_t, 12>, bool> met_;  // whether it is to be met
 };

@@ -80,6 +80,21 @@ TEST(AnnouncementsTest, TheGroupIsToldAgainAfterItsRest) {
   EXPECT_EQ(announcements.due(&kSocket, 1, {kGroup, kAnn}, 100 * kMs), (std::vector<Locator>{kGroup}));
 }
 
+TEST(AnnouncementsTest, WhoIsToldApartFromTheGroupIsNotToldAgainAsSoonAsTheGroup) {
+  Announcements announcements;
+  const auto tell = [&](std::int64_t now_ns) {
+    const auto told = announcements.due(&kSocket, 1, {kAnn}, now_ns);
+    (void)announcements.due(&kSocket, 1, {kGroup}, now_ns);
+    return told.size();
+  };
+  (void)announcements.due(&kSocket, 1, {kGroup}, 0);
+  std::size_t told = 0;
+
+  for (std::int64_t ms = 500; ms <= 4500; ms += 500) told += tell(ms * kMs);
+
+  EXPECT_EQ(told, 3u);  // at 0.5, 2.5 and 4.5 s
+}
+
 TEST(AnnouncementsTest, WithoutAGroupEveryoneIsToldAgainAsSoon) {
   Announcements announcements;
   (void)announcements.due(&kSocket, 1, {kAnn, kBob}, 0);
