@@ -27,6 +27,26 @@ users:
       - retreat: {}
 )";
 
+/// One takes a crate from above, another gets hold of it in the air and puts it down where the first has let go.
+constexpr char kGrab[] = R"(name: grab
+duration: 20
+users:
+  - name: ann
+    hrtc: "#1"
+    script:
+      - grab: {object: crate, direction: [0, 0, 1], point: [0.3, 0.5, 0.5]}
+      - move: {by: [0, 0, 0.1], speed: 0.1, seconds: 3}
+      - release: {}
+  - name: bob
+    hrtc: "#2"
+    script:
+      - wait: {seconds: 3.5}
+      - grab: {object: crate, direction: [0, 0, 1], point: [0.7, 0.5, 0.5], speed: 0.05}
+      - wait: {seconds: 2.5}
+      - move: {by: [0.05, 0, -0.1], speed: 0.1, seconds: 0.5}
+      - release: {}
+)";
+
 /// Who lift a crate, for the end of a list of users.
 constexpr char kLifters[] = R"(  - name: dan
     hrtc: "#1"
@@ -212,17 +232,12 @@ const std::vector<BuiltInScenario>& built_in_scenarios() {
       "name: lift\nmeasures: lift\ntruth: analytic\nspread: 0.1\nduration: 20\nusers:\n" + std::string{kLifters};
   static const std::string kDemo = with("demo", kDemoUsers);
   static const std::string kDemoLift = with("demo-lift", std::string{kDemoUsers} + kLifters);
-  static const std::vector<BuiltInScenario> kScenarios{{"touch", kTouch},
-                                                       {"follow", kFollow},
-                                                       {"lift", kLift.c_str()},
-                                                       {"demo", kDemo.c_str()},
-                                                       {"demo-lift", kDemoLift.c_str()},
-                                                       {"tap-wall", kTapWall},
-                                                       {"tap-wall-remote", kTapWallRemote},
-                                                       {"tap-scan", kTapScan},
-                                                       {"follow-scan", kFollowScan},
-                                                       {"cold-start", kColdStart},
-                                                       {"target-force", kTargetForce},
+  static const std::vector<BuiltInScenario> kScenarios{{"touch", kTouch},          {"follow", kFollow},
+                                                       {"lift", kLift.c_str()},    {"grab", kGrab},
+                                                       {"demo", kDemo.c_str()},    {"demo-lift", kDemoLift.c_str()},
+                                                       {"tap-wall", kTapWall},     {"tap-wall-remote", kTapWallRemote},
+                                                       {"tap-scan", kTapScan},     {"follow-scan", kFollowScan},
+                                                       {"cold-start", kColdStart}, {"target-force", kTargetForce},
                                                        {"hand-over", kHandOver}};
   return kScenarios;
 }

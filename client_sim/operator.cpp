@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "haptics/device.hpp"
+
 namespace tactus::client_sim {
 
 namespace {
@@ -13,6 +15,13 @@ constexpr double kSmoothing = 0.02;  // s, of what is felt
 constexpr std::uint32_t kMaxAttempts = 5;
 constexpr double kLightTouch = 0.5;  // N, at which an object waits for others to press
 constexpr double kLost = 0.1;        // s without contact
+constexpr double kShare = 0.9;       // of a load, that an arm comes to bear: more would answer itself
+
+/// From 0 to 1 as `share` does, with no jump of the speed.
+double smooth(double share) {
+  const double s = std::clamp(share, 0.0, 1.0);
+  return s * s * (3 - 2 * s);
+}
 
 Vec3d vector_of(const std::array<double, 3>& a) { return {a[0], a[1], a[2]}; }
 
@@ -105,6 +114,8 @@ void Operator::on_probe_state(const session::ProbeState& state) {
     normal_ = in_contact_ ? Vec3d((normal_ + share * (normal - normal_)).normalized()) : normal;
   }
   in_contact_ = contact;
+  holding_ = (state.status & session::kHolding) != 0;
+  refused_ = (state.status & session::kHoldRefused) != 0;
 }
 
 void Operator::on_other(const session::ProbeState& state) {
@@ -125,6 +136,7 @@ std::optional<session::Intent> Operator::tick(std::int64_t session_now_ns, const
   session::Intent intent;
   intent.user_id = user_id_;
   intent.sequence = ++sequence_;
+  intent.buttons = buttons_;
   const Vec3d ahead = hand_ + hand_velocity_ * (static_cast<double>(settings_.lookahead_ns) * 1e-9);
   intent.path = {{session_now_ns, {hand_.x(), hand_.y(), hand_.z()}},
                  {session_now_ns + settings_.lookahead_ns, {ahead.x(), ahead.y(), ahead.z()}}};
@@ -190,6 +202,15 @@ void Operator::act(double dt, const Objects& objects) {
     case Stage::kCarry:
       carry(action, dt);
       return;
+    case Stage::kClose:
+      close_hand(dt);
+      return;
+    case Stage::kMove:
+      move_held(action, dt);
+      return;
+    case Stage::kOpen:
+      open_hand();
+      return;
     case Stage::kStill:
       if (clock_ >= action.seconds) next_action();
       return;
@@ -199,6 +220,17 @@ void Operator::act(double dt, const Objects& objects) {
 bool Operator::begin(const Action& action, const Objects& objects) {
   if (action.kind == ActionKind::kWait || (action.kind == ActionKind::kHold && action.force == 0)) {
     stage_ = Stage::kStill;
+    return true;
+  }
+  if (action.kind == ActionKind::kMove || action.kind == ActionKind::kRelease) {
+    if (buttons_ == 0) {
+      next_action();
+      return true;
+    }
+    const bool moves = action.kind == ActionKind::kMove;
+    stage_ = moves ? Stage::kMove : Stage::kOpen;
+    if (!moves) buttons_ = 0;
+    gripped_ = hand_ + load_ * (kShare / settings_.hand_stiffness);
     return true;
   }
   if (!action.object.empty()) object_ = action.object;
@@ -302,6 +334,10 @@ void Operator::press_in(const Action& action, double dt) {
       start_following(action);
     } else if (action.kind == ActionKind::kLift) {
       start_gripping();
+    } else if (action.kind == ActionKind::kGrab) {
+      stage_ = Stage::kClose;
+      buttons_ = haptics::kGrabButton;
+      load_.setZero();
     } else {
       next_action();
     }
@@ -467,12 +503,56 @@ void Operator::grip(const Action& action, double dt) {
   clock_ = 0;
 }
 
+void Operator::bear(const Vec3d& load, double dt) {
+  constexpr double kBearing = 0.12;  // s
+  load_ += (load - load_) * std::min(1.0, dt / kBearing);
+}
+
+/// Until the controller says whether it has hold.
+void Operator::close_hand(double dt) {
+  constexpr double kPatience = 0.5;  // s
+  lost_ = touching() ? 0 : lost_ + dt;
+  if (holding_) {
+    ++tally_.grabs;
+    next_action();
+  } else if (refused_ || clock_ > kPatience) {
+    ++tally_.grabs_refused;
+    give_up_holding();
+  }
+}
+
+/// What the script would do with it is passed over.
+void Operator::give_up_holding() {
+  buttons_ = 0;
+  next_action();
+}
+
+void Operator::move_held(const Action& action, double dt) {
+  lost_ = holding_ ? 0 : lost_ + dt;
+  if (lost_ > kLost) {
+    ++tally_.grabs_lost;
+    return give_up_holding();
+  }
+  const double way = action.by.norm() / action.speed * 1.5;  // s; the fastest is in the middle
+  const Vec3d before = hand_;
+  bear(felt_force_, dt);
+  hand_ = gripped_ + action.by * (way > 0 ? smooth(clock_ / way) : 1.0) - load_ * (kShare / settings_.hand_stiffness);
+  hand_velocity_ = (hand_ - before) / dt;
+  if (clock_ >= way + action.seconds) next_action();
+}
+
+void Operator::open_hand() {
+  if (holding_ && clock_ < 1) return;
+  way_ = {device_ + outwards_ * (settings_.clearance + user_.radius)};
+  hand_ = device_;
+  stage_ = Stage::kTravel;
+  released_ = true;
+}
+
 /// Up, for a while, and down again; the arm comes to bear what it feels.
 void Operator::carry(const Action& action, double dt) {
-  constexpr double kBearing = 0.12;  // s
-  constexpr double kShare = 0.9;     // of the load: more would answer itself
-  constexpr double kKeeping = 0.5;   // s
-  constexpr double kDown = 0.3;      // s on the ground before it is let go
+  constexpr double kKeeping = 0.5;  // s
+  constexpr double kDown = 0.3;     // s on the ground before it is let go
   lost_ = touching() ? 0 : lost_ + dt;
   if (lost_ > kLost) {
     ++tally_.lifts_lost;
@@ -480,16 +560,11 @@ void Operator::carry(const Action& action, double dt) {
     return;
   }
   const double way = action.height / action.speed * 1.5;  // s; the fastest is in the middle
-  const auto smooth = [](double share) {
-    const double s = std::clamp(share, 0.0, 1.0);
-    return s * s * (3 - 2 * s);
-  };
   const double down = way + action.seconds;
   const double raised = action.height * (smooth(clock_ / way) - smooth((clock_ - down) / way));
   press_with(action.force, kKeeping, dt);
   const Vec3d before = hand_;
-  const Vec3d across_press = felt_force_ - outwards_ * felt_force_.dot(outwards_);
-  load_ += (across_press - load_) * std::min(1.0, dt / kBearing);
+  bear(felt_force_ - outwards_ * felt_force_.dot(outwards_), dt);
   hand_ = gripped_ - outwards_ * push_ + Vec3d::UnitZ() * raised - load_ * (kShare / settings_.hand_stiffness);
   hand_velocity_ = (hand_ - before) / dt;
   if (clock_ < down + way + kDown) return;

@@ -50,6 +50,9 @@ struct OperatorTally {
   double following = 0;                 ///< s
   std::uint32_t lifts = 0;              ///< objects raised, held and put down
   std::uint32_t lifts_lost = 0;         ///< contact was lost meanwhile
+  std::uint32_t grabs = 0;              ///< objects that the hand got hold of
+  std::uint32_t grabs_refused = 0;      ///< that it touched and could not hold
+  std::uint32_t grabs_lost = 0;         ///< that it held and did not let go of
 };
 
 class Operator {
@@ -74,7 +77,20 @@ class Operator {
   [[nodiscard]] bool following() const noexcept { return stage_ == Stage::kFollow; }
 
  private:
-  enum class Stage : std::uint8_t { kBegin, kTravel, kSteady, kPressIn, kLiftOff, kFollow, kGrip, kCarry, kStill };
+  enum class Stage : std::uint8_t {
+    kBegin,
+    kTravel,
+    kSteady,
+    kPressIn,
+    kLiftOff,
+    kFollow,
+    kGrip,
+    kCarry,
+    kClose,
+    kMove,
+    kOpen,
+    kStill
+  };
 
   void act(double dt, const Objects& objects);
   [[nodiscard]] bool begin(const Action& action, const Objects& objects);
@@ -88,6 +104,11 @@ class Operator {
   void start_gripping();
   void grip(const Action& action, double dt);
   void carry(const Action& action, double dt);
+  void close_hand(double dt);
+  void move_held(const Action& action, double dt);
+  void open_hand();
+  void give_up_holding();
+  void bear(const Vec3d& load, double dt);
   void press_with(double force, double settling, double dt);
   [[nodiscard]] bool others_press(const Action& action, double force) const;
   void start_following(const Action& action);
@@ -110,7 +131,8 @@ class Operator {
   double force_ = 0;               // N, smoothed
   double raw_force_ = 0;
   bool in_contact_ = false;
-  Vec3d felt_force_ = Vec3d::Zero();  // N, smoothed
+  bool holding_ = false, refused_ = false;  // as the controller tells
+  Vec3d felt_force_ = Vec3d::Zero();        // N, smoothed
   struct Other {
     std::uint64_t object = 0;
     double force = 0;           // N
@@ -128,6 +150,7 @@ class Operator {
   double followed_ = 0;  // s of this action
   std::uint32_t attempts_ = 0, taps_ = 0;
   std::vector<Vec3d> way_;  // still to pass, last first
+  std::uint32_t buttons_ = 0;
 
   // The object of the action.
   std::string object_;
@@ -147,7 +170,7 @@ class Operator {
   double plane_ = 0;                             // around: distance of the path's plane from the centre
 
   // Lifting.
-  Vec3d gripped_ = Vec3d::Zero();  // where the device was when both pressed
+  Vec3d gripped_ = Vec3d::Zero();  // where the device was when both pressed, or when it had hold
   Vec3d load_ = Vec3d::Zero();     // N, across the press, as the arm has come to bear it
   double both_ = 0;                // s for which all have pressed
   bool released_ = false;          // the way that is travelled leads away from the object

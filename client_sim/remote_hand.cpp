@@ -34,6 +34,7 @@ void RemoteHand::wish(const session::Intent& intent, const session::ClockMap& ma
   const std::int64_t now_ns = wire::monotonic_ns();
   const std::int64_t session_now_ns = map.session_time(now_ns);
   haptics::HandPath path;
+  path.buttons = intent.buttons;
   for (const session::Waypoint& waypoint : intent.path)
     path.waypoints[path.count++] = {now_ns + (waypoint.session_time_ns - session_now_ns), waypoint.position};
   device_.wishes().post(path);
@@ -71,6 +72,7 @@ void RemoteHand::run() {
     pose.session_time_ns = clock_.latest().session_time(now_ns);
     pose.pose.position = {state.position.x(), state.position.y(), state.position.z()};
     pose.velocity = {state.velocity.x(), state.velocity.y(), state.velocity.z()};
+    pose.buttons = state.buttons;
     pose.command_felt = felt.sequence;
     (void)poses_.send(pose);
   }

@@ -44,6 +44,8 @@ void write_users(const Report& report, std::string& out) {
              touch.contact, 100 * touch.exact_share(), touch.force_mean(), touch.force_max, touch.touches, user.taps);
     if (touch.states == 0) out += "    no probe state was received\n";
     if (user.lifts + user.lifts_lost > 0) out += line("    lifts %u, lost meanwhile %u\n", user.lifts, user.lifts_lost);
+    if (user.grabs + user.grabs_refused > 0)
+      out += line("    grabs %u, refused %u, lost meanwhile %u\n", user.grabs, user.grabs_refused, user.grabs_lost);
     if (user.approaches_missed + user.contacts_lost + touch.faults > 0) {
       out += line("    approaches that met nothing %u, contacts lost while following %u, faults %u",
                   user.approaches_missed, user.contacts_lost, touch.faults);
@@ -303,6 +305,9 @@ std::string json(const Report& report) {
                      {"following_s", user.following},
                      {"lifts", user.lifts},
                      {"lifts_lost", user.lifts_lost},
+                     {"grabs", user.grabs},
+                     {"grabs_refused", user.grabs_refused},
+                     {"grabs_lost", user.grabs_lost},
                      {"faults", touch.faults},
                      {"fault_reason", touch.fault_reason},
                      {"probe_states",

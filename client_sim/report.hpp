@@ -93,6 +93,7 @@ struct UserReport {
   std::uint32_t contacts_lost = 0;
   double following = 0;  ///< s
   std::uint32_t lifts = 0, lifts_lost = 0;
+  std::uint32_t grabs = 0, grabs_refused = 0, grabs_lost = 0;
 };
 
 struct ParticipantReport {

@@ -39,6 +39,9 @@ const std::vector<Verb>& verbs() {
        ActionKind::kFollow,
        {"object", "direction", "point", "speed", "force", "seconds", "pattern", "extent"}},
       {"lift", ActionKind::kLift, {"object", "direction", "point", "speed", "force", "seconds", "height", "others"}},
+      {"grab", ActionKind::kGrab, {"object", "direction", "point", "speed", "until_force"}},
+      {"move", ActionKind::kMove, {"by", "speed", "seconds"}},
+      {"release", ActionKind::kRelease, {}},
       {"hold", ActionKind::kHold, {"seconds", "force"}},
       {"wait", ActionKind::kWait, {"seconds"}},
       {"retreat", ActionKind::kRetreat, {"speed"}},
@@ -66,7 +69,7 @@ Action parse_action(const Place& place, const YAML::Node& node) {
   action.kind = verb.kind;
   if (verb.kind == ActionKind::kTap) action.speed = 0.2;
   if (verb.kind == ActionKind::kFollow) action.speed = 0.05;
-  if (verb.kind == ActionKind::kApproach) action.force = 0.3;
+  if (verb.kind == ActionKind::kApproach || verb.kind == ActionKind::kGrab) action.force = 0.3;
   if (verb.kind == ActionKind::kHold) action.force = 0;
   if (verb.kind == ActionKind::kLift) action = lifting(action);
   map.name("object", action.object);
@@ -77,12 +80,14 @@ Action parse_action(const Place& place, const YAML::Node& node) {
   action.direction.normalize();
   map.vector("point", 0, 1, action.point);
   map.number("speed", kSlowest, kFastest, action.speed);
-  map.number(verb.kind == ActionKind::kApproach ? "until_force" : "force", verb.kind == ActionKind::kHold ? 0 : 0.05,
-             kStrongest, action.force);
+  const bool approaches = verb.kind == ActionKind::kApproach || verb.kind == ActionKind::kGrab;
+  map.number(approaches ? "until_force" : "force", verb.kind == ActionKind::kHold ? 0 : 0.05, kStrongest, action.force);
   map.number("depth", 0, 0.05, action.depth);
   map.number("seconds", 0, kLongest, action.seconds);
   map.integer("count", 1, 10000, action.count);
   map.number("height", 0.001, 1, action.height);
+  if (verb.kind == ActionKind::kMove) (void)map.required("by");
+  map.vector("by", -2, 2, action.by);
   map.integer("others", 0, 7, action.others);
   map.number("extent", 1e-4, 100, action.extent);
   map.choice("pattern", {"circle", "zigzag", "around"}, action.pattern);
@@ -105,6 +110,7 @@ User parse_user(const Place& place, const YAML::Node& node) {
     at.fail(script.Mark(), "found " + shown(script) + ", expected a list of actions");
   bool aimed = false;
   bool takes_time = false;
+  bool holds = false;
   for (std::size_t i = 0; i < script.size(); ++i) {
     const Action action = parse_action(at.at(i), script[i]);
     aimed = aimed || !action.object.empty();
@@ -112,6 +118,12 @@ User parse_user(const Place& place, const YAML::Node& node) {
     if (!aimed && action.kind != ActionKind::kWait) {
       at.at(i).fail(script[i].Mark(), "names no object, and no action before it does");
     }
+    const bool open = action.kind != ActionKind::kMove && action.kind != ActionKind::kRelease;
+    if (open && holds && action.kind != ActionKind::kWait) {
+      at.at(i).fail(script[i].Mark(), "the hand holds something: expected move, wait or release");
+    }
+    if (!open && !holds) at.at(i).fail(script[i].Mark(), "the hand holds nothing: expected grab before it");
+    holds = action.kind == ActionKind::kGrab || (holds && action.kind != ActionKind::kRelease);
     user.script.push_back(action);
   }
   if (user.repeat && !takes_time) at.fail(script.Mark(), "takes no time, so it cannot repeat");

@@ -39,6 +39,9 @@ enum class ActionKind : std::uint8_t {
   kHold,      ///< pressed on with `force` (0: just still) for `seconds`
   kWait,      ///< hand still for `seconds`
   kLift,      ///< with others: presses with `force`, raises the object by `height`, holds it `seconds`, puts it down
+  kGrab,      ///< approaches, and closes the hand on the object where it touches
+  kMove,      ///< with what it holds, by `by`, and stays there for `seconds`
+  kRelease,   ///< opens the hand and takes it away
   kRetreat    ///< out of the object's bounds the way it came
 };
 
@@ -60,6 +63,7 @@ struct Action {
   double seconds = 1;
   std::uint32_t count = 1;
   double height = 0.1;       ///< lift: m
+  Vec3d by = Vec3d::Zero();  ///< move: m, world
   std::uint32_t others = 1;  ///< lift: who have to press, too, before it begins
   Pattern pattern = Pattern::kCircle;
   double extent = 0;  ///< m; 0: a third of what the bounds give
@@ -113,7 +117,7 @@ struct Scenario {
 /// neither.
 [[nodiscard]] Scenario load_scenario(const std::string& name_or_path);
 
-/// `touch`, `follow`, `lift`, `demo`, `demo-lift`, and those of studies (docs/studies.md): name and YAML text.
+/// `touch`, `follow`, `lift`, `grab`, `demo`, `demo-lift`, and those of studies (docs/studies.md): name and YAML text.
 struct BuiltInScenario {
   const char* name;
   const char* text;

@@ -319,7 +319,8 @@ Report SimCore::report() const {
   for (const Seat& seat : seats_) {
     const OperatorTally& tally = seat.mind.tally();
     report.users.push_back({seat.mind.user().name, seat.hrtc, seat.touch, tally.taps, tally.approaches_missed,
-                            tally.contacts_lost, tally.following, tally.lifts, tally.lifts_lost});
+                            tally.contacts_lost, tally.following, tally.lifts, tally.lifts_lost, tally.grabs,
+                            tally.grabs_refused, tally.grabs_lost});
   }
   for (const auto& [id, movable] : movables_)
     if (movable.tally.poses > 0) report.objects.push_back({movable.entry.object, movable.tally});

@@ -3,8 +3,10 @@
  *   tactus-hrtc --device ann=tactus-evdev.so,mouse:/dev/input/event3
  *   tactus-hrtc --device bob=tactus-evdev.so,gamepad:/dev/input/event7
  *
- * mouse    moves x and y by 0.1 mm a count, the wheel z by 2 mm a notch; the left button is the clutch
- * gamepad  the left stick moves x and y, the right one z, at up to 0.15 m/s; the south button is the clutch
+ * mouse    moves x and y by 0.1 mm a count, the wheel z by 2 mm a notch; the left button is the clutch, the right one
+ *          grabs
+ * gamepad  the left stick moves x and y, the right one z, at up to 0.15 m/s; the south button is the clutch, the east
+ *          one grabs
  *
  * The tip stays in a cube of 0.4 m. Neither can push back, so its surfaces are soft; a gamepad rumbles with |force|.
  * What is unplugged has failed. Positions are the driver's own sum, so no SDK and no desktop is asked; reading
@@ -109,13 +111,15 @@ static void spec_of_input(struct tactus_device* device, struct tactus_device_spe
   spec->workspace_radius = kHalf;
 }
 
-static void set_clutch(struct tactus_device* device, int down) {
-  device->buttons = down ? device->buttons | 1u : device->buttons & ~1u;
+static void set_button(struct tactus_device* device, uint32_t button, int down) {
+  device->buttons = down ? device->buttons | button : device->buttons & ~button;
 }
 
 static void take(struct tactus_device* device, const struct input_event* event) {
   if (event->type == EV_KEY && event->code == (device->is_mouse ? BTN_LEFT : BTN_SOUTH))
-    set_clutch(device, event->value);
+    set_button(device, 1u, event->value); /* the clutch */
+  if (event->type == EV_KEY && event->code == (device->is_mouse ? BTN_RIGHT : BTN_EAST))
+    set_button(device, 2u, event->value); /* the grab */
   if (device->is_mouse && event->type == EV_REL) {
     if (event->code == REL_X) device->target[0] += kCount * event->value;
     if (event->code == REL_Y) device->target[1] -= kCount * event->value; /* screens count downwards */

@@ -21,12 +21,18 @@ struct DeviceSpec {
   double max_torsion = 1;         ///< N m/rad that the maker vouches for
 };
 
+/// Bits of DeviceState::buttons.
+enum Button : std::uint32_t {
+  kClutchButton = 1u << 0,  ///< while it is down the device moves and the tip does not
+  kGrabButton = 1u << 1     ///< while it is down the hand holds on to what it touches, if that can move
+};
+
 struct DeviceState {
   Vec3d position = Vec3d::Zero();  ///< of the tip, m
   Vec3d velocity = Vec3d::Zero();  ///< m/s
   Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
-  std::uint32_t buttons = 0;
-  std::int64_t time_ns = 0;  ///< when it was so, on the clock given to `read`
+  std::uint32_t buttons = 0;  ///< Button
+  std::int64_t time_ns = 0;   ///< when it was so, on the clock given to `read`
 
   // Of a device that is not on this machine.
   std::uint32_t sequence = 0;  ///< that its maker gave the pose

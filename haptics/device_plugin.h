@@ -51,7 +51,8 @@ struct tactus_device_pose {
   double velocity[3];    /* m/s */
   double orientation[4]; /* x, y, z, w, of unit length */
   int64_t time_ns;       /* when it was so, CLOCK_MONOTONIC */
-  uint32_t buttons;      /* bit 0: the clutch: the device moves and the tip does not */
+  uint32_t buttons;      /* bit 0: the clutch: the device moves and the tip does not;
+                          * bit 1: the grab: the hand holds on to what it touches, if that can move */
 };
 
 struct tactus_device_driver {

@@ -26,6 +26,10 @@ bool is_unit(const Eigen::Quaterniond& orientation) noexcept {
   return std::abs(orientation.norm() - 1) <= kTolerance;
 }
 
+Vec3d turn_between(const Eigen::Quaterniond& from, const Eigen::Quaterniond& to) noexcept {
+  return turn_of(to * from.conjugate());
+}
+
 /// What spring and damper of a contact make.
 Vec3d pressing(const ProxyResult& proxy, const DeviceState& device, double stiffness, double damping) noexcept {
   Vec3d force = stiffness * (proxy.anchor - device.position);
@@ -36,14 +40,37 @@ Vec3d pressing(const ProxyResult& proxy, const DeviceState& device, double stiff
 
 }  // namespace
 
+Vec3d turn_to(const Hold& hold, const DeviceState& device) noexcept {
+  return turn_between(device.orientation, hold.pose.orientation);
+}
+
+Wrench pull_of(const Hold& hold, const ToolGrip& grip, double damping, const DeviceState& device,
+               const Vec3d& spin) noexcept {
+  return {grip.stiffness * (hold.pose.position - device.position) + damping * (hold.velocity - device.velocity),
+          grip.torsion * turn_to(hold, device) + grip.spin_damping * (hold.spin - spin)};
+}
+
 double ForceRenderer::stiffness(const Feel& feel, double dt, double loop_delay) const noexcept {
   return std::min({feel.stiffness, spec_.max_stiffness, stable_stiffness(spec_.damping, feel.damping, dt, loop_delay)});
 }
 
+ToolGrip ForceRenderer::grip_with(double arm, const Feel& feel, double dt, double loop_delay) const noexcept {
+  constexpr double kSpinDamping = 0.01;  // s, of the torsion
+  const double stiffness = this->stiffness(feel, dt, loop_delay);
+  const double torsion = stiffness * arm * arm;
+  // A device that bears no torque cannot be unstable by it.
+  const double borne = bears_torque() ? std::min(torsion, spec_.max_torsion) : torsion;
+  return {stiffness, borne, kSpinDamping * borne};
+}
+
 ToolGrip ForceRenderer::grip(const Feel& feel, double dt, double loop_delay) const noexcept {
   constexpr double kArm = 0.01;  // m
-  const double stiffness = this->stiffness(feel, dt, loop_delay);
-  return {stiffness, std::min(stiffness * kArm * kArm, spec_.max_torsion)};
+  return grip_with(kArm, feel, dt, loop_delay);
+}
+
+ToolGrip ForceRenderer::hold(const Feel& feel, double dt, double loop_delay) const noexcept {
+  constexpr double kArm = 0.05;  // m
+  return grip_with(kArm, feel, dt, loop_delay);
 }
 
 void ForceRenderer::latch(Fault fault) noexcept {
@@ -77,7 +104,11 @@ bool ForceRenderer::too_fast(const DeviceState& device, double dt) noexcept {
     // A pose that is the one of before tells nothing, one that was late covers more than a cycle.
     const double passed = std::max(dt, static_cast<double>(device.time_ns - time_ns_) * 1e-9);
     speed = std::max(speed, (device.position - position_).norm() / passed);
-    if (!result_.torque.isZero(0)) spin = turn_of(device.orientation * orientation_.conjugate()).norm() / passed;
+    const bool turns = is_unit(device.orientation) && is_unit(orientation_);
+    const Vec3d turned = turns ? turn_between(orientation_, device.orientation) : Vec3d(Vec3d::Zero());
+    constexpr double kSmoothing = 0.005;  // s
+    spin_ += (turned / passed - spin_) * (dt / (kSmoothing + dt));
+    if (!result_.torque.isZero(0)) spin = turned.norm() / passed;
   }
   placed_ = true;
   position_ = device.position;
@@ -102,6 +133,12 @@ const ForceResult& ForceRenderer::step(const ProxyResult& proxy, const DeviceSta
 const ForceResult& ForceRenderer::step(const ToolResult& tool, const ToolGrip& grip, const DeviceState& device,
                                        const Feel& feel, double pose_age, double dt) noexcept {
   if (result_.fault == Fault::kNone) render(tool, grip, device, feel, pose_age, dt);
+  return told();
+}
+
+const ForceResult& ForceRenderer::step(const Hold& hold, const ToolGrip& grip, const DeviceState& device,
+                                       const Feel& feel, double pose_age, double dt) noexcept {
+  if (result_.fault == Fault::kNone) render(hold, grip, device, feel, pose_age, dt);
   return told();
 }
 
@@ -172,6 +209,18 @@ void ForceRenderer::render(const ToolResult& tool, const ToolGrip& grip, const D
   if (tool.in_contact) force += damped(force, tool.normal, device.velocity, feel.damping) * tool.normal;
   if (!force.isZero(0) && grip.stiffness < feel.stiffness) result_.bits |= kForceStiffnessCut;
   limit(force, grip.torsion * tool.turn, pose_age, dt);
+}
+
+void ForceRenderer::render(const Hold& hold, const ToolGrip& grip, const DeviceState& device, const Feel& feel,
+                           double pose_age, double dt) noexcept {
+  const bool finite = hold.pose.position.allFinite() && is_unit(hold.pose.orientation) && hold.velocity.allFinite() &&
+                      hold.spin.allFinite() && std::isfinite(grip.stiffness) && std::isfinite(grip.torsion) &&
+                      std::isfinite(grip.spin_damping) && is_unit(device.orientation);
+  if (!finite) return latch(Fault::kInputNotFinite);
+  if (!admit(device, feel, pose_age, dt)) return;
+  const Wrench pull = pull_of(hold, grip, feel.damping, device, spin_);
+  if (!pull.force.isZero(0) && grip.stiffness < feel.stiffness) result_.bits |= kForceStiffnessCut;
+  limit(pull.force, pull.torque, pose_age, dt);
 }
 
 Vec3d ForceRenderer::slewed(const Vec3d& wanted, const Vec3d& before, double largest) noexcept {

@@ -23,6 +23,17 @@
 
 namespace tactus::haptics {
 
+/// A place on something that moves, which a hand holds on to with all six degrees of freedom. World frame.
+struct Hold {
+  ToolPose pose;                   ///< that the device is pulled to
+  Vec3d velocity = Vec3d::Zero();  ///< of that place, m/s
+  Vec3d spin = Vec3d::Zero();      ///< of the object, rad/s
+};
+
+struct Wrench {
+  Vec3d force = Vec3d::Zero(), torque = Vec3d::Zero();  ///< N; N m about the tip
+};
+
 /// What acted on a force, and why; a cycle's bits are or-ed. kForceBits of them.
 enum ForceBit : std::uint32_t {
   kForceSaturated = 1u << 0,     ///< |force| was above the limit
@@ -78,6 +89,12 @@ struct ForceResult {
   Fault fault = Fault::kNone;
 };
 
+/// From the device to what it holds, rad along the axis.
+[[nodiscard]] Vec3d turn_to(const Hold& hold, const DeviceState& device) noexcept;
+/// What springs and dampers of a hold exert on the hand before limits, on a device that turns with `spin`.
+[[nodiscard]] Wrench pull_of(const Hold& hold, const ToolGrip& grip, double damping, const DeviceState& device,
+                             const Vec3d& spin) noexcept;
+
 /// The stiffness that stays stable on a device of damping b: (b + B) / (T / 2 + td), with B the virtual damping, T the
 /// cycle and td the loop's further delay. Source: Hulin, Preusche, Hirzinger 2006; 5-45 % conservative.
 [[nodiscard]] constexpr double stable_stiffness(double device_damping, double damping, double cycle,
@@ -96,6 +113,8 @@ class ForceRenderer {
 
   /// The same for a tool, by which its coupling is to be held; 1,000 N/m go with 0.1 N m/rad.
   [[nodiscard]] ToolGrip grip(const Feel& feel, double dt, double loop_delay = 0) const noexcept;
+  /// The same for what a hand holds, as with fingers 10 cm apart: 1,000 N/m go with 2.5 N m/rad.
+  [[nodiscard]] ToolGrip hold(const Feel& feel, double dt, double loop_delay = 0) const noexcept;
 
   /// One cycle of `dt` seconds. `pose_age`: seconds since the device was where `device` says, without its transit.
   /// `unchanged`: where the proxy would be had the surface not changed in this cycle (Proxy::unchanged); null: there.
@@ -105,6 +124,15 @@ class ForceRenderer {
   /// The same of a tool that was held by `grip`.
   [[nodiscard]] const ForceResult& step(const ToolResult& tool, const ToolGrip& grip, const DeviceState& device,
                                         const Feel& feel, double pose_age, double dt) noexcept;
+
+  /// The same of a hand that holds something by `grip`.
+  [[nodiscard]] const ForceResult& step(const Hold& hold, const ToolGrip& grip, const DeviceState& device,
+                                        const Feel& feel, double pose_age, double dt) noexcept;
+  /// Of the device as its orientations tell it, smoothed; rad/s.
+  [[nodiscard]] const Vec3d& spin() const noexcept { return spin_; }
+  /// Share of full strength: below 1 while forces start softly or poses are old.
+  [[nodiscard]] double strength() const noexcept { return gain_; }
+  [[nodiscard]] bool bears_torque() const noexcept { return most_torque() > 0; }
 
   /// Zero force from now on. The first fault since the reset is the one reported.
   void latch(Fault fault) noexcept;
@@ -117,6 +145,9 @@ class ForceRenderer {
               const ProxyResult* unchanged) noexcept;
   void render(const ToolResult& tool, const ToolGrip& grip, const DeviceState& device, const Feel& feel,
               double pose_age, double dt) noexcept;
+  void render(const Hold& hold, const ToolGrip& grip, const DeviceState& device, const Feel& feel, double pose_age,
+              double dt) noexcept;
+  [[nodiscard]] ToolGrip grip_with(double arm, const Feel& feel, double dt, double loop_delay) const noexcept;
   [[nodiscard]] const ForceResult& told() noexcept;
   /// False when a fault is latched: one of these is no number, or the device is too fast.
   [[nodiscard]] bool admit(const DeviceState& device, const Feel& feel, double pose_age, double dt) noexcept;
@@ -142,6 +173,7 @@ class ForceRenderer {
   Vec3d position_ = Vec3d::Zero();
   Eigen::Quaterniond orientation_ = Eigen::Quaterniond::Identity();
   std::int64_t time_ns_ = 0;
+  Vec3d spin_ = Vec3d::Zero();
 };
 
 }  // namespace tactus::haptics

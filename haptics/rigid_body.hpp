@@ -70,6 +70,19 @@ struct PointSpring {
   }
 };
 
+/// Turns the body to where `turn` leads, which moves on with its spin.
+struct TurnSpring {
+  Vec3d turn = Vec3d::Zero();  ///< rad along the axis, from the body to the target, world frame
+  Vec3d target_spin = Vec3d::Zero();
+  double stiffness = 0;  ///< N m/rad
+  double damping = 0;    ///< N m s, on the spin relative to the target's
+
+  /// What it exerts on the body over a step of `dt` that ends with the spin `spin`.
+  [[nodiscard]] Vec3d torque(const Vec3d& spin, double dt) const noexcept {
+    return stiffness * (turn + dt * (target_spin - spin)) + damping * (target_spin - spin);
+  }
+};
+
 class RigidBody {
  public:
   explicit RigidBody(const BodySettings& settings, const BodyState& state = {}) noexcept
@@ -85,6 +98,7 @@ class RigidBody {
   void begin(double dt) noexcept;
   void add_force(const Vec3d& point_world, const Vec3d& force) noexcept;
   void add_spring(const PointSpring& spring) noexcept;
+  void add_spring(const TurnSpring& spring) noexcept;
   /// Whatever else acts in this step: the impulse `impulse` - `mass` * velocity at the end.
   void add_implicit(const Mat6d& mass, const Vec6d& impulse) noexcept;
   /// The velocity without contacts, and the inverse of the mass with all that was added.

@@ -23,13 +23,14 @@ void SharedObject::couple(CopyCoupling& coupling) noexcept {
 }
 
 void SharedObject::step(std::int64_t now_ns, spm::Span<const PointSpring> springs, const Surroundings& surroundings,
-                        double dt, const ImplicitForce* more) noexcept {
+                        double dt, const ImplicitForce* more, spm::Span<const TurnSpring> turns) noexcept {
   if (following_) return;
   if (!springs.empty() || more != nullptr) still_ = 0;
   if (asleep()) return;
 
   body_.begin(dt);
   for (const PointSpring& spring : springs) body_.add_spring(spring);
+  for (const TurnSpring& turn : turns) body_.add_spring(turn);
   if (more != nullptr) body_.add_implicit(more->mass, more->impulse);
   if (coupling_ != nullptr) coupling_->begin(now_ns, dt, body_);
   SolverBody moving = body_.free();

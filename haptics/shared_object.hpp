@@ -38,9 +38,9 @@ class SharedObject {
 
   /// Where it is while another simulates it.
   void place(const BodyState& state) noexcept { body_.place(state); }
-  /// One cycle; `springs` of the probes that touch it. Does nothing while following.
+  /// One cycle; `springs` of the probes that touch it, `turns` of those that hold it. Does nothing while following.
   void step(std::int64_t now_ns, spm::Span<const PointSpring> springs, const Surroundings& surroundings, double dt,
-            const ImplicitForce* more = nullptr) noexcept;
+            const ImplicitForce* more = nullptr, spm::Span<const TurnSpring> turns = {}) noexcept;
 
   [[nodiscard]] const BodyState& state() const noexcept { return body_.state(); }
   [[nodiscard]] const RigidBody& body() const noexcept { return body_; }

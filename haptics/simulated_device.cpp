@@ -105,6 +105,7 @@ DeviceState SimulatedDevice::read(std::int64_t now_ns) noexcept {
   DeviceState state;
   state.position = measured_position_;
   state.velocity = measured_velocity_;
+  state.buttons = path_.buttons;
   state.time_ns = now_ns;
   return state;
 }

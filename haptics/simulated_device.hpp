@@ -24,7 +24,8 @@ struct HandPath {
     std::array<double, 3> position;
   };
   std::array<Waypoint, kMaxHandWaypoints> waypoints{};
-  std::uint32_t count = 0;  ///< 0: no wish; the hand keeps the one it had
+  std::uint32_t count = 0;    ///< 0: no wish; the hand keeps the one it had
+  std::uint32_t buttons = 0;  ///< that it holds down meanwhile, Button
 
   /// Position and velocity wanted at a time; `count` must not be 0. Realtime.
   void at(std::int64_t time_ns, Vec3d& position, Vec3d& velocity) const noexcept;

@@ -56,8 +56,9 @@ struct ToolSettings {
 
 /// How strongly the tool is held, and how the object feels.
 struct ToolGrip {
-  double stiffness = 1000;  ///< N/m
-  double torsion = 0.1;     ///< N m/rad
+  double stiffness = 1000;     ///< N/m
+  double torsion = 0.1;        ///< N m/rad
+  double spin_damping = 1e-3;  ///< N m s; of the torque on the hand alone
 };
 
 struct ToolPose {

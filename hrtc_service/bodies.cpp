@@ -19,9 +19,25 @@ double stored_in(double stiffness, double stretch, double max_force) noexcept {
   return 0.5 * stiffness * within * within + max_force * (stretch - within);
 }
 
+/// Of what was wanted, so much is left.
+double share_of(double left, double wanted) noexcept { return wanted > 0 ? std::min(1.0, left / wanted) : 0.0; }
+
+/// To this share of itself a size has to shrink to be within `most`.
+double shortened(double size, double most) noexcept { return size > most ? most / size : 1.0; }
+
+/// The same guards for turning: a hand's wrist, a grip of some centimetres.
+haptics::PassivitySettings of_turning() noexcept {
+  haptics::PassivitySettings settings;
+  settings.acceleration = 500;  // rad/s^2
+  settings.least_speed = 0.02;  // rad/s
+  settings.device_mass = 1e-4;  // kg m^2
+  return settings;
+}
+
 }  // namespace
 
 Bodies::Bodies(const CycleSettings& settings) : settings_{settings} {
+  for (Turning& turning : turning_) turning.port = haptics::PassivityController{of_turning()};
   simulated_.resize(kMaxBodies, haptics::SharedObject{haptics::BodySettings{}});
   while (copies_.push(CopyArrival{})) {  // the haptic thread is not the first to touch its memory
   }
@@ -113,44 +129,106 @@ void Bodies::place(Cycle& cycle, std::int64_t now_ns) noexcept {
   }
 }
 
+Vec3d Bodies::through_port(std::uint32_t probe, const Vec3d& force, const haptics::DeviceState& device,
+                           double passed_on, double stored, const ProbeOutput& output) noexcept {
+  Vec3d left = ports_[probe].step(force, device.position, passed_on, settings_.period, true, stored);
+  left *= shortened(left.norm(), settings_.force.max_force);
+  if ((output.status & session::kFault) != 0) left.setZero();
+  ports_[probe].limited(left);
+  return left;
+}
+
+Vec3d Bodies::through_turn_port(std::uint32_t probe, const Vec3d& torque, bool control, double stored,
+                                const ProbeOutput& output) noexcept {
+  Turning& turning = turning_[probe];
+  const double passed_on = std::exchange(turning.passed_on, 0);
+  Vec3d left = turning.port.step(torque, turning.angle, passed_on, settings_.period, control, stored);
+  left *= shortened(left.norm(), settings_.force.max_torque);
+  if ((output.status & session::kFault) != 0) left.setZero();
+  turning.port.limited(left);
+  return left;
+}
+
+/// A push: what the surface does to the hand, the body gets.
+void Bodies::limit_touch(const Cycle& cycle, std::uint32_t p, const haptics::DeviceState& device, double passed_on,
+                         ProbeOutput& output) noexcept {
+  Spring& pulled = springs_[p];
+  const TouchObject& object = *bodies_[pulled.body].object;
+  const haptics::ProxyResult& touch = cycle.proxy(p).last();
+  const double stiffness = output.stiffness;
+  const double damping = object.material.damping;
+  const Vec3d relative = device.velocity - touch.surface_velocity;
+
+  // The force before limits, as haptics/force.hpp has it: so much of it is left.
+  Vec3d wanted = stiffness * (touch.anchor - device.position);
+  const double push = std::max(0.0, wanted.dot(touch.normal));
+  wanted += std::max(-push, -damping * relative.dot(touch.normal)) * touch.normal;
+  Vec3d force = vec(output.force);
+  const double share = share_of(force.norm(), wanted.norm());
+
+  // The body's damper acts along the surface, too, so the hand's does.
+  force -= share * damping * (relative - relative.dot(touch.normal) * touch.normal);
+  const double stored = stored_in(stiffness, (touch.anchor - device.position).norm(), settings_.force.max_force);
+  output.force = plain(through_port(p, force, device, passed_on, stored, output));
+  pulled.spring = {touch.anchor, device.position, device.velocity, share * stiffness, share * damping};
+}
+
+/// A hold: the same with all six degrees of freedom. A device that bears no torque turns what it holds nevertheless.
+void Bodies::limit_held(const Cycle& cycle, std::uint32_t p, const haptics::DeviceState& device, double passed_on,
+                        ProbeOutput& output) noexcept {
+  Spring& pulled = springs_[p];
+  const Cycle::Held& held = cycle.held(p);
+  const haptics::ForceRenderer& renderer = cycle.renderer(p);
+  const double damping = bodies_[pulled.body].object->material.damping;
+  const Vec3d force = vec(output.force), torque = vec(output.torque);
+  const Vec3d turn = haptics::turn_to(held.hold, device);
+  const double max_torque = settings_.force.max_torque, wanted = held.pull.torque.norm();
+  const double share = share_of(force.norm(), held.pull.force.norm());
+  const double turn_share =
+      renderer.bears_torque() ? share_of(torque.norm(), wanted) : renderer.strength() * shortened(wanted, max_torque);
+  const haptics::ToolGrip& grip = held.grip;
+  const double stretch = (held.hold.pose.position - device.position).norm();
+  const double stored = stored_in(grip.stiffness, stretch, settings_.force.max_force);
+  output.force = plain(through_port(p, force, device, passed_on, stored, output));
+  if (renderer.bears_torque())
+    output.torque = plain(through_turn_port(p, torque, true, stored_in(grip.torsion, turn.norm(), max_torque), output));
+  pulled.spring = {held.hold.pose.position, device.position, device.velocity, share * grip.stiffness, share * damping};
+  pulled.turn = {-turn, renderer.spin(), turn_share * grip.torsion, turn_share * grip.spin_damping};
+}
+
 void Bodies::limit(const Cycle& cycle, const std::array<ProbeInput, kMaxProbes>& inputs,
                    std::array<ProbeOutput, kMaxProbes>& outputs) noexcept {
+  for (std::uint32_t p = 0; p < kMaxProbes; ++p) {
+    const std::uint32_t began = outputs[p].status & ~std::exchange(status_before_[p], outputs[p].status);
+    reports_.grabs += (began & session::kHolding) != 0 ? 1 : 0;
+    reports_.refused += (began & session::kHoldRefused) != 0 ? 1 : 0;
+  }
   if (count_ == 0) return;
   for (std::uint32_t p = 0; p < kMaxProbes; ++p) {
     ProbeOutput& output = outputs[p];
     Spring& pulled = springs_[p];
     pulled.body = kMaxBodies;
     const double passed_on = std::exchange(passed_on_[p], 0);
-    if (!output.active) continue;
-    const haptics::DeviceState& device = inputs[p].device;
-    if ((output.status & session::kInContact) != 0) pulled.body = body_of(output.object);
-    if (pulled.body == kMaxBodies) {
-      (void)ports_[p].step(Vec3d::Zero(), device.position, passed_on, settings_.period, false);
+    if (!output.active) {  // whoever comes next stands elsewhere
+      ports_[p].limited(Vec3d::Zero());
+      turning_[p].port.limited(Vec3d::Zero());
       continue;
     }
-    const TouchObject& object = *bodies_[pulled.body].object;
-    const haptics::ProxyResult& touch = cycle.proxy(p).last();
-    const double stiffness = output.stiffness;
-    const double damping = object.material.damping;
-    const Vec3d relative = device.velocity - touch.surface_velocity;
-
-    // The force before limits, as haptics/force.hpp has it: so much of it is left.
-    Vec3d wanted = stiffness * (touch.anchor - device.position);
-    const double push = std::max(0.0, wanted.dot(touch.normal));
-    wanted += std::max(-push, -damping * relative.dot(touch.normal)) * touch.normal;
-    Vec3d force = vec(output.force);
-    const double full = wanted.norm();
-    const double share = full > 0 ? std::min(1.0, force.norm() / full) : 0.0;
-
-    // The body's damper acts along the surface, too, so the hand's does.
-    force -= share * damping * (relative - relative.dot(touch.normal) * touch.normal);
-    const double stored = stored_in(stiffness, (touch.anchor - device.position).norm(), settings_.force.max_force);
-    force = ports_[p].step(force, device.position, passed_on, settings_.period, true, stored);
-    if (const double size = force.norm(); size > settings_.force.max_force) force *= settings_.force.max_force / size;
-    if ((output.status & session::kFault) != 0) force.setZero();
-    ports_[p].limited(force);
-    output.force = plain(force);
-    pulled.spring = {touch.anchor, device.position, device.velocity, share * stiffness, share * damping};
+    const haptics::DeviceState& device = inputs[p].device;
+    Turning& turning = turning_[p];
+    turning.angle += haptics::turn_of(device.orientation * turning.orientation.conjugate());
+    turning.orientation = device.orientation;
+    pulled.holds = (output.status & session::kHolding) != 0;
+    if ((output.status & session::kInContact) != 0 && (cycle.tool(p) == nullptr || pulled.holds))
+      pulled.body = body_of(output.object);
+    if (pulled.body == kMaxBodies) {
+      (void)ports_[p].step(Vec3d::Zero(), device.position, passed_on, settings_.period, false);
+    } else if (pulled.holds) {
+      limit_held(cycle, p, device, passed_on, output);
+    } else {
+      limit_touch(cycle, p, device, passed_on, output);
+    }
+    if (!pulled.holds || pulled.body == kMaxBodies) (void)through_turn_port(p, Vec3d::Zero(), false, 0, output);
   }
 }
 
@@ -171,12 +249,16 @@ void Bodies::step(Cycle& cycle, std::int64_t now_ns) noexcept {
   for (std::uint32_t i = 0; i < count_; ++i) {
     Body& body = bodies_[i];
     std::array<haptics::PointSpring, kMaxProbes> springs;
-    std::array<std::uint32_t, kMaxProbes> probes{};
-    std::uint32_t count = 0;
+    std::array<haptics::TurnSpring, kMaxProbes> turns;
+    std::array<std::uint32_t, kMaxProbes> probes{}, holders{};
+    std::uint32_t count = 0, holding = 0;
     for (std::uint32_t p = 0; p < kMaxProbes; ++p) {
       if (springs_[p].body != i) continue;
       probes[count] = p;
       springs[count++] = springs_[p].spring;
+      if (!springs_[p].holds) continue;
+      holders[holding] = p;
+      turns[holding++] = springs_[p].turn;
     }
     haptics::SharedObject& simulated = simulated_[i];
     if (count > 0) {
@@ -200,7 +282,8 @@ void Bodies::step(Cycle& cycle, std::int64_t now_ns) noexcept {
     for (std::uint32_t left = steps_due(body, session_ns); left > 0; --left) {
       body.simulated_ns += static_cast<std::int64_t>(settings_.period * 1e9 + 0.5);
       const haptics::BodyState before = simulated.state();
-      simulated.step(body.simulated_ns, {springs.data(), count}, around, settings_.period);
+      simulated.step(body.simulated_ns, {springs.data(), count}, around, settings_.period, nullptr,
+                     {turns.data(), holding});
       const haptics::BodyState& after = simulated.state();
       for (std::uint32_t k = 0; k < count; ++k) {
         const Vec3d velocity = after.velocity + after.spin.cross(springs[k].point - before.position);
@@ -208,6 +291,11 @@ void Bodies::step(Cycle& cycle, std::int64_t now_ns) noexcept {
         passed_on_[probes[k]] += springs[k].force(velocity, settings_.period).dot(way);
         springs[k].point += way;  // where the next step finds them
         springs[k].target += settings_.period * springs[k].target_velocity;
+      }
+      for (std::uint32_t k = 0; k < holding; ++k) {
+        const Vec3d torque = turns[k].torque(after.spin, settings_.period);
+        turning_[holders[k]].passed_on += settings_.period * torque.dot(after.spin);
+        turns[k].turn += settings_.period * (turns[k].target_spin - after.spin);
       }
     }
     if (body.coupling != nullptr) body.ledger = body.coupling->ledger();
@@ -236,6 +324,7 @@ void Bodies::report(std::int64_t now_ns, std::int64_t session_ns) noexcept {
     report.sample = body.coupling->sample();
   }
   for (std::uint32_t p = 0; p < kMaxProbes; ++p) reports_.ports[p] = ports_[p].ledger();
+  for (std::uint32_t p = 0; p < kMaxProbes; ++p) reports_.turns[p] = turning_[p].port.ledger();
   sender_reports_.post(reports_);
   service_reports_.post(reports_);
 }

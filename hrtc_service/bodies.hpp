@@ -29,8 +29,6 @@
 
 namespace tactus::hrtc_service {
 
-inline constexpr std::uint32_t kMaxBodies = 8;
-
 /// What the service wants of one body.
 struct BodyOrder {
   std::uint32_t object = spm::kNone;          ///< index
@@ -73,6 +71,8 @@ struct BodyReports {
   std::uint32_t count = 0;
   std::array<BodyReport, kMaxBodies> bodies;
   std::array<haptics::PassivityController::Ledger, kMaxProbes> ports;  ///< of hands, on bodies
+  std::array<haptics::PassivityController::Ledger, kMaxProbes> turns;  ///< the same, of their torques
+  std::uint64_t grabs = 0, refused = 0;  ///< times that a hand has closed on something and held it, or could not
 };
 
 class Bodies {
@@ -109,9 +109,21 @@ class Bodies {
   struct Spring {
     std::uint32_t body = kMaxBodies;  // none
     haptics::PointSpring spring;
+    bool holds = false;
+    haptics::TurnSpring turn;  // while it holds
   };
 
   void find_new(const Cycle& cycle) noexcept;
+  void limit_touch(const Cycle& cycle, std::uint32_t probe, const haptics::DeviceState& device, double passed_on,
+                   ProbeOutput& output) noexcept;
+  void limit_held(const Cycle& cycle, std::uint32_t probe, const haptics::DeviceState& device, double passed_on,
+                  ProbeOutput& output) noexcept;
+  /// What the port leaves of a force on the hand.
+  [[nodiscard]] Vec3d through_port(std::uint32_t probe, const Vec3d& force, const haptics::DeviceState& device,
+                                   double passed_on, double stored, const ProbeOutput& output) noexcept;
+  /// What the port of turning leaves of a torque.
+  [[nodiscard]] Vec3d through_turn_port(std::uint32_t probe, const Vec3d& torque, bool control, double stored,
+                                        const ProbeOutput& output) noexcept;
   void take_orders() noexcept;
   void simulate_as_ordered(std::uint32_t i) noexcept;
   /// Steps from where it was simulated to, to now.
@@ -132,6 +144,14 @@ class Bodies {
   std::vector<haptics::SharedObject> simulated_;  // beside bodies_, kMaxBodies
   std::array<haptics::PassivityController, kMaxProbes> ports_;
   std::array<double, kMaxProbes> passed_on_{};  // J to a body since the port's last step
+  struct Turning {
+    haptics::PassivityController port;
+    double passed_on = 0;         // J
+    Vec3d angle = Vec3d::Zero();  // rad, of the device, summed over its turns
+    Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
+  };
+  std::array<Turning, kMaxProbes> turning_;
+  std::array<std::uint32_t, kMaxProbes> status_before_{};
   std::array<Spring, kMaxProbes> springs_;
   BodyReports reports_;
   CopyArrival arrival_;

@@ -60,6 +60,10 @@ void Cycle::take(const Arrival& arrival) noexcept {
     case Arrival::Kind::kObject:
       if (objects_.size() < kMaxObjects) objects_.push_back(arrival.object);
       states_[arrival.object->index].placement = arrival.object->placement;
+      if (arrival.object->body && movable_count_ < kMaxBodies) {
+        ++movable_count_;
+        movable_ |= std::uint64_t{1} << arrival.object->index;
+      }
       // A region that refines may move the surface by as much as the object deviates.
       reach_ = std::max(reach_, arrival.object->deviation * arrival.object->placement.scale() + settings_.radius);
       for (haptics::Proxy& proxy : proxies_) proxy.set_reach(reach_);
@@ -196,6 +200,69 @@ void Cycle::query(std::uint32_t number, const Vec3d& tip, std::int64_t now_ns, P
   output.error_bound = bound;
 }
 
+/// Where what the hand holds has come to; false when it holds nothing.
+bool Cycle::find_held(std::uint32_t number, const ProbeInput& input) noexcept {
+  Grasp& grasp = grasps_[number];
+  Held& held = held_[number];
+  held.object = spm::kNone;
+  if ((input.device.buttons & haptics::kGrabButton) == 0) grasp = {};
+  if (grasp.object == spm::kNone) return false;
+  const auto object =
+      std::find_if(objects_.begin(), objects_.end(), [&](const auto* one) { return one->index == grasp.object; });
+  const ObjectState& state = states_[grasp.object];
+  const Placement& now = state.placement;
+  const Placement& before = state.moved ? state.before : now;
+  const Eigen::Quaterniond turn{now.rotation()}, turn_before{before.rotation()};
+  const Vec3d place = vec(grasp.place);
+  held.object = grasp.object;
+  held.hold.pose = {now.to_world(place), (turn * quaternion(grasp.orientation)).normalized()};
+  held.hold.velocity = (held.hold.pose.position - before.to_world(place)) / settings_.period;
+  held.hold.spin = haptics::turn_of(turn * turn_before.conjugate()) / settings_.period;
+  const session::Material& material = (*object)->material;
+  held.grip = forces_[number].hold({material.stiffness, material.damping}, settings_.period, input.device.loop_delay);
+  return true;
+}
+
+/// The force of what is held in place of that of the surface.
+void Cycle::render_held(std::uint32_t number, const ProbeInput& input, ProbeOutput& output) noexcept {
+  Held& held = held_[number];
+  haptics::ForceRenderer& renderer = forces_[number];
+  if (input.failed) renderer.latch(haptics::Fault::kDeviceFailed);
+  const auto object =
+      std::find_if(objects_.begin(), objects_.end(), [&](const auto* one) { return one->index == held.object; });
+  const haptics::Feel feel{(*object)->material.stiffness, (*object)->material.damping};
+  const double age = input.pose_age - input.device.transit;
+  const haptics::ForceResult& force = renderer.step(held.hold, held.grip, input.device, feel, age, settings_.period);
+  held.pull = haptics::pull_of(held.hold, held.grip, feel.damping, input.device, renderer.spin());
+  output.proxy = plain(held.hold.pose.position);
+  output.force = plain(force.force);
+  output.torque = plain(force.torque);
+  output.object = held.object;
+  output.stiffness = static_cast<float>(held.grip.stiffness);
+  output.status |= session::kInContact | session::kHolding;
+  tell(force, output);
+  // A hand that feels nothing any more holds nothing, or what it held would be far away when it feels again.
+  if (force.fault == haptics::Fault::kNone && age < settings_.force.zero_by) return;
+  grasps_[number] = {};
+  grasps_[number].spent = true;
+}
+
+/// Takes hold of what was touched at `place`, for the next touch.
+void Cycle::close_hand(std::uint32_t number, const ProbeInput& input, const Vec3d& place,
+                       ProbeOutput& output) noexcept {
+  Grasp& grasp = grasps_[number];
+  if ((input.device.buttons & haptics::kGrabButton) == 0 || output.object == spm::kNone) return;
+  const bool feels = (output.status & session::kFault) == 0;
+  if (grasp.spent || !feels || (movable_ >> output.object & 1u) == 0) {
+    output.status |= session::kHoldRefused;
+    return;
+  }
+  const Placement& placement = states_[output.object].placement;
+  grasp.object = output.object;
+  grasp.place = plain(placement.to_model(place));
+  grasp.orientation = plain(Eigen::Quaterniond{placement.rotation()}.conjugate() * input.device.orientation);
+}
+
 void Cycle::render(std::uint32_t number, const ProbeInput& input, ProbeOutput& output) noexcept {
   const ObjectsSurface& surface = surfaces_[number];
   haptics::ForceRenderer& renderer = forces_[number];
@@ -213,6 +280,7 @@ void Cycle::render(std::uint32_t number, const ProbeInput& input, ProbeOutput& o
   const haptics::Proxy before = proxies_[number];
   const bool starts = !before.started();
   const haptics::ProxyResult& proxy = proxies_[number].step(input.device.position, settings_.period, surface, changed);
+  if (find_held(number, input)) return render_held(number, input, output);
   if (input.failed) renderer.latch(haptics::Fault::kDeviceFailed);
   // Of what refinement has changed under the tip, what matters is where the proxy would be without.
   haptics::ProxyResult unchanged;
@@ -234,6 +302,7 @@ void Cycle::render(std::uint32_t number, const ProbeInput& input, ProbeOutput& o
   if (proxy.in_contact) output.status |= session::kInContact;
   if (proxy.surface_moved) output.status |= session::kSurfaceMoved;
   tell(force, output);
+  close_hand(number, input, proxy.anchor, output);
 }
 
 /// Not exact where some object is not the finest within `radius`.
@@ -262,8 +331,15 @@ void Cycle::render_tool(std::uint32_t number, const ProbeInput& input, ProbeOutp
   const haptics::Feel feel =
       material != nullptr ? haptics::Feel{material->stiffness, material->damping} : haptics::Feel{};
   const haptics::ToolGrip grip = renderer.grip(feel, settings_.period, input.device.loop_delay);
-  const haptics::ToolResult& tool =
-      touch.step({input.device.position, input.device.orientation}, settings_.period, grip, surface, changed);
+  // A tool that holds something goes along with that.
+  const bool holds = find_held(number, input);
+  const haptics::ToolPose goal =
+      holds ? held_[number].hold.pose : haptics::ToolPose{input.device.position, input.device.orientation};
+  const haptics::ToolResult& tool = touch.step(goal, settings_.period, grip, surface, changed);
+  if (holds) {
+    output.orientation = plain(tool.pose.orientation);
+    return render_held(number, input, output);
+  }
   if (input.failed) renderer.latch(haptics::Fault::kDeviceFailed);
   const haptics::ForceResult& force =
       renderer.step(tool, grip, input.device, feel, input.pose_age - input.device.transit, settings_.period);
@@ -286,6 +362,7 @@ void Cycle::render_tool(std::uint32_t number, const ProbeInput& input, ProbeOutp
   }
   if (tool.too_near) output.status |= session::kSurfaceMoved;
   tell(force, output);
+  close_hand(number, input, tool.pose.position, output);
 }
 
 void Cycle::tell(const haptics::ForceResult& force, ProbeOutput& output) noexcept {
@@ -315,6 +392,8 @@ const CycleResult& Cycle::touch(const std::array<ProbeInput, kMaxProbes>& probes
     ProbeOutput output;
     surfaces_[i].clear();
     if (!input.active) {
+      grasps_[i] = {};
+      held_[i].object = spm::kNone;
       if (result_.probes[i].active) {
         proxies_[i].reset();
         if (!tools_.empty()) tools_[i].reset();

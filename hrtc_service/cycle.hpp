@@ -4,6 +4,9 @@
 ///      T_L       T_Q          T_F        |           T_R                T_B
 ///   touch -------------------------------|- refine -------------------------
 ///
+/// A hand whose grab button is down holds on to what it touches, if that can move: from the next touch on it is coupled
+/// to that place of the object and to how the object is turned, and no longer to the surface, until the button is up.
+///
 /// Both are functions of their arguments and of what went before, but for the clock that may stop refinement. How much
 /// was granted until then is told, and with that as its budget and no clock it is the same to the bit: so inputs and
 /// grants can be recorded and replayed (flight_recorder.hpp). Realtime. The haptic thread's.
@@ -114,7 +117,7 @@ class Cycle {
       visit(static_cast<void*>(&value), sizeof value);
     };
     for (std::size_t i = 0; i < objects_.size(); ++i) part(states_[i]);
-    part(near_), part(wandering_), part(tips_), part(proxies_), part(reach_);
+    part(near_), part(wandering_), part(tips_), part(proxies_), part(reach_), part(grasps_);
     for (haptics::ForceRenderer& force : forces_) part(force);
     part(stopped_), part(result_);
     for (ToolTouch& tool : tools_) tool.for_each_carried(part);
@@ -150,6 +153,14 @@ class Cycle {
   /// What the last `touch` left of a probe: copies of these tell what another pose or another mesh would have made of
   /// it. The surface is valid until the next.
   [[nodiscard]] const haptics::Proxy& proxy(std::uint32_t probe) const noexcept { return proxies_[probe]; }
+  /// What a probe held on to in the last touch.
+  struct Held {
+    std::uint32_t object = spm::kNone;  ///< index; none: it held nothing
+    haptics::Hold hold;
+    haptics::ToolGrip grip;
+    haptics::Wrench pull;  ///< on the hand, before limits
+  };
+  [[nodiscard]] const Held& held(std::uint32_t probe) const noexcept { return held_[probe]; }
   /// Null without one.
   [[nodiscard]] const ToolTouch* tool(std::uint32_t probe) const noexcept {
     return tools_.empty() ? nullptr : &tools_[probe];
@@ -175,6 +186,14 @@ class Cycle {
     return (near_[probe] >> object.index & 1u) != 0;
   }
 
+  /// What a hand has closed on, from one touch to the next.
+  struct Grasp {
+    std::uint32_t object = spm::kNone;  // index
+    bool spent = false;                 // has lost it, and has to open before it can close again
+    Plain3 place{};                     // where, model frame
+    Plain4 orientation{};               // of the device in the object's axes
+  };
+
   struct ObjectState {
     std::uint32_t since_change = 0;
     std::uint32_t changed = 0;                      // near which proxies, by probe bit
@@ -196,6 +215,9 @@ class Cycle {
   void query(std::uint32_t probe, const Vec3d& tip, std::int64_t now_ns, ProbeOutput& output) noexcept;
   void render(std::uint32_t probe, const ProbeInput& input, ProbeOutput& output) noexcept;
   void render_tool(std::uint32_t probe, const ProbeInput& input, ProbeOutput& output) noexcept;
+  [[nodiscard]] bool find_held(std::uint32_t probe, const ProbeInput& input) noexcept;
+  void render_held(std::uint32_t probe, const ProbeInput& input, ProbeOutput& output) noexcept;
+  void close_hand(std::uint32_t probe, const ProbeInput& input, const Vec3d& place, ProbeOutput& output) noexcept;
   void tell(const haptics::ForceResult& force, ProbeOutput& output) noexcept;
   void tell_where_coarse(const Vec3d& centre, double radius, std::uint32_t probe, ProbeOutput& output) const noexcept;
   void log(const TouchObject& object, std::uint32_t probe, std::int64_t now_ns, const Vec3d& centre, double radius,
@@ -211,6 +233,10 @@ class Cycle {
   std::uint64_t wandering_ = 0;                    // objects that have moved, by index bit
   std::array<Tip, kMaxProbes> tips_{};             // of the last touch
   std::int64_t touch_began_ns_ = 0;
+  std::uint64_t movable_ = 0;  // objects, by index bit; known from how they came
+  std::uint32_t movable_count_ = 0;
+  std::array<Grasp, kMaxProbes> grasps_;
+  std::array<Held, kMaxProbes> held_;
   std::array<haptics::Proxy, kMaxProbes> proxies_;
   double reach_ = haptics::ProxySettings{}.reach;   // m, of the proxies; grows with the objects
   std::deque<ToolTouch> tools_;                     // by probe; none without a tool

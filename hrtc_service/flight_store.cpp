@@ -203,7 +203,8 @@ trace::FlightObject FlightStore::describe(const TouchObject& object) {
           object.material.stiffness,
           object.material.damping,
           object.material.static_friction,
-          object.material.dynamic_friction};
+          object.material.dynamic_friction,
+          object.body.has_value()};
 }
 
 /// See FlightRecorder::put_state.

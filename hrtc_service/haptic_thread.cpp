@@ -13,7 +13,6 @@ namespace tactus::hrtc_service {
 namespace {
 
 constexpr std::size_t kRingEntries = 4096;
-constexpr std::uint32_t kClutchButton = 1;
 
 /// Touches all of a ring's memory, so that the haptic thread is never the first to.
 template <class Entry>
@@ -91,7 +90,7 @@ void HapticThread::read_devices(std::int64_t now_ns) noexcept {
     input.failed = current_.devices[i]->health() == haptics::DeviceHealth::kFailed;
     input.pose_age = static_cast<double>(now_ns - input.device.time_ns) * 1e-9;
     if (current_.framed[i])
-      input.device = frames_[i].to_world(input.device, (input.device.buttons & kClutchButton) != 0);
+      input.device = frames_[i].to_world(input.device, (input.device.buttons & haptics::kClutchButton) != 0);
     input.near = near[i];
   }
 }

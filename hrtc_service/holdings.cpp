@@ -158,6 +158,11 @@ void Holdings::write(std::vector<session::Figure>& figures) const {
     port_lowest = std::min(port_lowest, port.lowest);
     withheld += port.withheld;
   }
+  for (const haptics::PassivityController::Ledger& port : reports_.turns) {
+    port_energy += port.energy;
+    port_lowest = std::min(port_lowest, port.lowest);
+    withheld += port.withheld;
+  }
   const std::pair<const char*, double> all[] = {{names::kBodiesHeld, held},
                                                 {names::kBodiesCoupled, coupled},
                                                 {names::kCopyGroups, static_cast<double>(groups_made_)},
@@ -165,6 +170,8 @@ void Holdings::write(std::vector<session::Figure>& figures) const {
                                                 {names::kCopyGiven, 1e6 * given},
                                                 {names::kCopyReceived, 1e6 * received},
                                                 {names::kCopyTank, 1e6 * tank},
+                                                {names::kGrabs, static_cast<double>(reports_.grabs)},
+                                                {names::kGrabsRefused, static_cast<double>(reports_.refused)},
                                                 {names::kPortEnergy, 1e6 * port_energy},
                                                 {names::kPortLowest, 1e6 * port_lowest},
                                                 {names::kPortWithheld, 1e6 * withheld}};

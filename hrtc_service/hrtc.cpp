@@ -165,6 +165,7 @@ struct Hrtc::Impl {
 
   void on_event(const session::RosterEvent& event, std::int64_t now_ns);
   void tell_of_fault(std::uint32_t slot, std::uint32_t status);
+  void tell_of_hold(std::uint32_t slot, const ProbeOutput& probe);
   void seat(const session::RosterEntry& client);
   void listen_to_device(User& user);
   void open_remote_devices();
@@ -261,6 +262,7 @@ struct Hrtc::Impl {
   int exit_code = 0;
   ProbeReports reports;
   std::array<bool, kMaxProbes> faults_told{};
+  std::array<std::uint32_t, kMaxProbes> holds_told{};  // status bits
   Every late_told{kLateToldNs};
   std::uint32_t late_untold = 0;  // cycles
   std::uint64_t first_cycle = 0;  // seen; 0: none yet
@@ -525,6 +527,7 @@ void Hrtc::Impl::take(const session::Intent& intent, std::int64_t now_ns) {
     // Wishes are in session time, the hand's clock is ours.
     const std::int64_t session_now = clock.map().session_time(now_ns);
     haptics::HandPath path;
+    path.buttons = intent.buttons;
     for (const session::Waypoint& waypoint : intent.path)
       path.waypoints[path.count++] = {now_ns + (waypoint.session_time_ns - session_now), waypoint.position};
     if (user.hand == nullptr) {
@@ -990,6 +993,24 @@ void Hrtc::Impl::tell_of_fault(std::uint32_t slot, std::uint32_t status) {
     spdlog::info("the force of user {} is on again", name);
 }
 
+void Hrtc::Impl::tell_of_hold(std::uint32_t slot, const ProbeOutput& probe) {
+  constexpr std::uint32_t kHold = session::kHolding | session::kHoldRefused;
+  const std::uint32_t now = probe.status & kHold, before = std::exchange(holds_told[slot], now);
+  const auto user = users.find(slot);
+  if (now == before || user == users.end()) return;
+  std::string name = "something";
+  for (const Loader::ObjectInfo& object : loader.objects())
+    if (object.index == probe.object) name = "'" + object.name + "'";
+  if ((now & session::kHolding) != 0) {
+    spdlog::info("user {} holds {}", user->second.name, name);
+  } else if ((before & session::kHolding) != 0) {
+    spdlog::info("user {} has let go", user->second.name);
+  } else if ((now & session::kHoldRefused) != 0) {
+    spdlog::warn("user {} cannot hold {}: it does not move here, or forces were off since the hand has closed",
+                 user->second.name, name);
+  }
+}
+
 void Hrtc::Impl::serve(std::int64_t now_ns) {
   for (const session::RosterEvent& event : roster.tick(now_ns)) on_event(event, now_ns);
   if (haptic.reports_for_service().take(reports)) {
@@ -1003,6 +1024,7 @@ void Hrtc::Impl::serve(std::int64_t now_ns) {
                    reports.time_ns,  vec(probe.device),
                    vec(probe.proxy), quaternion(probe.orientation)};
       tell_of_fault(i, probe.status);
+      tell_of_hold(i, probe);
     }
   }
   std::array<NearObjects, kMaxProbes> near;

@@ -31,6 +31,7 @@ using Plain4 = std::array<double, 4>;
 
 inline constexpr std::uint32_t kMaxProbes = 8;
 inline constexpr std::uint32_t kMaxObjects = spm::kMaxObjects;
+inline constexpr std::uint32_t kMaxBodies = 8;  ///< objects that an HRTC moves; further ones stay where they are
 static_assert(kMaxObjects <= 64, "bits in NearObjects");
 
 /// Where a model stands: world = rotation * (scale * model) + translation. Metres in the world, file units in the

@@ -83,14 +83,16 @@ inline constexpr char kStaleCycles[] = "hrtc.stale_cycles";  ///< summed over al
 
 // An HRTC: objects that its users can move, where there are any; uJ and um. docs/shared-objects.md.
 inline constexpr char kBodiesHeld[] = "hrtc.bodies_held";
-inline constexpr char kBodiesCoupled[] = "hrtc.bodies_coupled";  ///< of these, held elsewhere too
-inline constexpr char kCopyGroups[] = "hrtc.copy_groups";        ///< that it has been in
-inline constexpr char kCopiesApart[] = "hrtc.copies_apart_um";   ///< at most, of its copies' centres and a peer's
-inline constexpr char kCopyGiven[] = "hrtc.copy_given_uj";       ///< by couplings to its copies, less what they took
+inline constexpr char kBodiesCoupled[] = "hrtc.bodies_coupled";   ///< of these, held elsewhere too
+inline constexpr char kCopyGroups[] = "hrtc.copy_groups";         ///< that it has been in
+inline constexpr char kCopiesApart[] = "hrtc.copies_apart_um";    ///< at most, of its copies' centres and a peer's
+inline constexpr char kCopyGiven[] = "hrtc.copy_given_uj";        ///< by couplings to its copies, less what they took
 inline constexpr char kCopyReceived[] = "hrtc.copy_received_uj";  ///< by its couplings, from peers and allowance
 inline constexpr char kCopyTank[] = "hrtc.copy_tank_uj";
+inline constexpr char kGrabs[] = "hrtc.grabs";                    ///< times that a hand has got hold of something
+inline constexpr char kGrabsRefused[] = "hrtc.grabs_refused";     ///< and that it could not have what it touched
 inline constexpr char kPortEnergy[] = "hrtc.port_energy_uj";      ///< of its users' hands on bodies, summed
-inline constexpr char kPortLowest[] = "hrtc.port_lowest_uj";      ///< of any hand
+inline constexpr char kPortLowest[] = "hrtc.port_lowest_uj";      ///< of any hand, its torque's included
 inline constexpr char kPortWithheld[] = "hrtc.port_withheld_uj";  ///< that forces would have drawn and did not
 
 // An HRTC: how often what keeps forces safe has begun to act, over all its probes; in the order of haptics::ForceBit.

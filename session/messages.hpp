@@ -17,7 +17,7 @@
 namespace tactus::session {
 
 /// Raised when a change makes older programs misread newer samples.
-inline constexpr std::uint32_t kProtocolVersion = 10;
+inline constexpr std::uint32_t kProtocolVersion = 11;
 
 // Bounds, also stated in idl/tactus.idl; a test compares the two.
 inline constexpr std::size_t kMaxName = 63;
@@ -176,6 +176,7 @@ struct Intent {
   std::uint64_t user_id = 0;
   std::uint32_t probe = 0;
   std::uint32_t sequence = 0;
+  std::uint32_t buttons = 0;   ///< of the hand's device, as in DevicePose
   std::vector<Waypoint> path;  ///< ascending times, 1..kMaxWaypoints
 };
 
@@ -192,6 +193,8 @@ enum StatusBit : std::uint32_t {
   kFault = 1u << 8,          ///< latched
   kSurfaceMoved = 1u << 9,   ///< refinement moved the surface past the proxy this cycle
   kStiffnessCut = 1u << 10,  ///< the material is stiffer than the device, or the loop to a remote one, can bear
+  kHolding = 1u << 11,       ///< the hand holds on to the object, which goes where it goes
+  kHoldRefused = 1u << 12,   ///< it would, but what it touches does not move, or the force is off
   kFaultReason = 0xfu << 24  ///< why kFault is set: haptics::Fault; fault_reason says it in words
 };
 constexpr unsigned kFaultReasonShift = 24;
@@ -229,7 +232,7 @@ struct DevicePose {
   Pose pose;
   std::array<double, 3> velocity{0, 0, 0};
   double radius = 0;
-  std::uint32_t buttons = 0;
+  std::uint32_t buttons = 0;       ///< haptics::Button
   std::uint32_t command_felt = 0;  ///< sequence of the newest device_command felt
 };
 

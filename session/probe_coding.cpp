@@ -9,7 +9,7 @@ namespace {
 using Vec = std::array<double, 3>;
 
 /// What everyone has to know at once when it changes.
-constexpr std::uint32_t kTold = kInContact | kExact | kStalePose | kFault | kFaultReason;
+constexpr std::uint32_t kTold = kInContact | kExact | kStalePose | kHolding | kHoldRefused | kFault | kFaultReason;
 
 double dot(const Vec& a, const Vec& b) noexcept { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 Vec along(const Vec& from, const Vec& way, double share) noexcept {

@@ -336,6 +336,7 @@ void SharedSession::act(User& user) {
     user.device = std::make_unique<haptics::SimulatedDevice>(user.hand);
   }
   haptics::HandPath path;
+  path.buttons = intent->buttons;
   for (const session::Waypoint& waypoint : intent->path)
     path.waypoints[path.count++] = {waypoint.session_time_ns, waypoint.position};
   user.device->wishes().post(path);

@@ -117,6 +117,7 @@ void VirtualSession::think(Hand& hand) {
   const std::optional<session::Intent> intent = hand.mind.tick(now_ns_, objects_);
   if (!intent) return;
   haptics::HandPath path;
+  path.buttons = intent->buttons;
   for (const session::Waypoint& point : intent->path)
     path.waypoints[path.count++] = {point.session_time_ns, point.position};
   if (!hand.device) {
@@ -146,6 +147,7 @@ void VirtualSession::move_remote(Hand& hand) {
   haptics::RemotePose pose;
   pose.position = plain(state.position);
   pose.velocity = plain(state.velocity);
+  pose.buttons = state.buttons;
   pose.sequence = ++hand.numbered;
   pose.command_felt = hand.newest.number;
   pose.taken_ns = now_ns_;

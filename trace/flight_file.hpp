@@ -58,10 +58,12 @@ struct FlightObject {
   std::string name;
   PlacementNumbers placement{};
   double stiffness = 0, damping = 0, static_friction = 0, dynamic_friction = 0;
+  bool movable = false;
   template <class Self, class Visit>
   static void fields(Self& self, Visit&& visit) {
     visit(self.object), visit(self.id), visit(self.digest), visit(self.name), visit(self.placement);
     visit(self.stiffness), visit(self.damping), visit(self.static_friction), visit(self.dynamic_friction);
+    visit(self.movable);
   }
 };
 

@@ -29,6 +29,7 @@ void to_idl(const session::Intent& from, idl::Intent& to) {
   to.user_id(from.user_id);
   to.probe(from.probe);
   to.sequence_number(from.sequence);
+  to.buttons(from.buttons);
   to.path().resize(from.path.size());
   for (std::size_t i = 0; i < from.path.size(); ++i) {
     to.path()[i].session_time_ns(from.path[i].session_time_ns);
@@ -41,6 +42,7 @@ void from_idl(const idl::Intent& from, session::Intent& to) {
   to.user_id = from.user_id();
   to.probe = from.probe();
   to.sequence = from.sequence_number();
+  to.buttons = from.buttons();
   to.path.resize(from.path().size());
   for (std::size_t i = 0; i < to.path.size(); ++i) {
     to.path[i] = {from.path()[i].session_time_ns(), from.path()[i].position()};

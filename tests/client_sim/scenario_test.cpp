@@ -100,6 +100,24 @@ TEST(Scenario, ReadsALift) {
   EXPECT_EQ(lift.others, 1u);
 }
 
+TEST(Scenario, ReadsAGrabAndWhatIsDoneWithIt) {
+  const auto script = [](const std::string& actions) {
+    return parse_scenario("name: x\nusers:\n  - name: ann\n    script:\n" + actions, "test").users[0].script;
+  };
+  const std::vector<Action> read = script(
+      "      - grab: {object: crate, until_force: 0.4}\n      - move: {by: [0, 0, 0.1], speed: 0.2}\n"
+      "      - wait: {}\n      - release: {}\n      - retreat: {}\n");
+  EXPECT_EQ(read[0].kind, ActionKind::kGrab);
+  EXPECT_EQ(read[0].force, 0.4);
+  EXPECT_EQ(read[1].kind, ActionKind::kMove);
+  EXPECT_EQ(read[1].by, Vec3d(0, 0, 0.1));
+  EXPECT_EQ(read[1].speed, 0.2);
+  EXPECT_EQ(read[3].kind, ActionKind::kRelease);
+  EXPECT_THROW(script("      - approach: {object: crate}\n      - release: {}\n"), ScenarioError);
+  EXPECT_THROW(script("      - grab: {object: crate}\n      - tap: {}\n"), ScenarioError);
+  EXPECT_THROW(script("      - grab: {object: crate}\n      - move: {speed: 1}\n"), ScenarioError);
+}
+
 TEST(Scenario, SaysWhatIsMeasuredAgainstWhat) {
   const std::string users = "users: [{name: ann, script: [wait: {}]}]\n";
   const Scenario scenario = parse_scenario("name: t\nmeasures: forces\ntruth: analytic\n" + users, "s.yaml");
@@ -128,9 +146,10 @@ TEST(Scenario, ErrorsNamePlaceKeyFindingAndExpectation) {
   EXPECT_EQ(error_of(with_action("tap: {object: a, sped: 9}")),
             "s.yaml:5:26: users[0].script[0].tap: unknown key 'sped', expected one of object, direction, point, count, "
             "speed, force, depth");
-  EXPECT_EQ(error_of(with_action("poke: {}")),
-            "s.yaml:5:9: users[0].script[0]: unknown key 'poke', expected one of approach, tap, follow, lift, hold, "
-            "wait, retreat");
+  EXPECT_EQ(
+      error_of(with_action("poke: {}")),
+      "s.yaml:5:9: users[0].script[0]: unknown key 'poke', expected one of approach, tap, follow, lift, grab, move, "
+      "release, hold, wait, retreat");
   EXPECT_EQ(error_of("name: t\nuser: 3\n"),
             "s.yaml:2:1: unknown key 'user', expected one of name, measures, truth, within, duration, "
             "seed, spread, users");
@@ -175,7 +194,7 @@ TEST(Scenario, ThatIsNeitherBuiltInNorAFileNamesTheBuiltInOnes) {
     (void)load_scenario("/nowhere/x.yaml");
     FAIL();
   } catch (const ScenarioError& error) {
-    EXPECT_THAT(error.what(), HasSubstr("(touch, follow, lift, demo, demo-lift, tap-wall, "));
+    EXPECT_THAT(error.what(), HasSubstr("(touch, follow, lift, grab, demo, demo-lift, tap-wall, "));
   }
 }
 

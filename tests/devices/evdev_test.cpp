@@ -62,9 +62,12 @@ TEST_F(Evdev, AMouseMovesTheTipByItsCounts) {
   EXPECT_NEAR(mouse.read(2 * kMs).position.x(), 0.5e-3, 1e-12) << "not at once";
   const DeviceState state = after(mouse, 8, 3);
   EXPECT_LT((state.position - Vec3d(0.003, -0.002, -0.004)).norm(), 1e-12);
-  EXPECT_EQ(state.buttons, 1u);
+  EXPECT_EQ(state.buttons, kClutchButton);
   EXPECT_EQ(state.time_ns, 10 * kMs);
   EXPECT_EQ(mouse.read(11 * kMs).time_ns, 11 * kMs) << "one that rests is not old";
+  send(EV_KEY, BTN_LEFT, 0);
+  send(EV_KEY, BTN_RIGHT, 1);
+  EXPECT_EQ(mouse.read(12 * kMs).buttons, kGrabButton);
 }
 
 TEST_F(Evdev, TheTipStaysInItsCube) {

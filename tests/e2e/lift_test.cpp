@@ -67,5 +67,81 @@ TEST_F(LiftTest, TwoAtTwoControllersRaiseACrateHoldItAndPutItDown) {
   }
 }
 
+constexpr char kGrab[] = R"(name: grab
+duration: 7
+users:
+  - name: dan
+    script:
+      - grab: {object: "#1", direction: [0, 0, 1]}
+      - release: {}
+      - grab: {object: crate, direction: [0, 0, 1]}
+      - move: {by: [0, 0, 0.05], speed: 0.1, seconds: 0.4}
+      - move: {by: [0, 0, -0.05], speed: 0.1, seconds: 0.2}
+      - release: {}
+)";
+
+TEST_F(LiftTest, OneGrabsACrateRaisesItAndLetsItGoAndCannotHaveATable) {
+  std::vector<std::string> host = crate_host();
+  write("store.yaml",
+        "objects:\n  - model: crate.spm\n    position: [0, 0, 0.06]\n"
+        "    material: {stiffness: 1000, static_friction: 0.9, dynamic_friction: 0.8}\n"
+        "    body: {mass: 0.4, friction: 0.6}\n"
+        "  - {name: table, model: crate.spm, position: [0.3, 0, 0.06]}\n");
+  Process store{host};
+  Process desk{in_session("hrtc", {"--name", "desk"})};
+  const std::string report = path("report.json");
+  Process users{in_session("sim", {"--scenario", write("grab.yaml", kGrab), "--json", report})};
+  ASSERT_TRUE(ends_with(0, users)) << users.output();
+  EXPECT_TRUE(ends_with(0, desk));
+  EXPECT_TRUE(ends_with(0, store));
+  EXPECT_THAT(desk.output(), testing::HasSubstr("user dan cannot hold 'table'"));
+  EXPECT_THAT(desk.output(), testing::HasSubstr("user dan holds 'crate'"));
+
+  std::ifstream file{report};
+  const nlohmann::json all = nlohmann::json::parse(file);
+  const auto& dan = all["users"][0];
+  EXPECT_EQ(dan["grabs"], 1) << all.dump(1);
+  EXPECT_EQ(dan["grabs_refused"], 1);
+  EXPECT_EQ(dan["grabs_lost"], 0);
+  EXPECT_LT(dan["force_max_n"].get<double>(), 8.001);
+  const auto& crate = all["objects"][0];
+  EXPECT_NEAR(crate["raised_m"].get<double>(), 0.05, 0.015);
+  EXPECT_NEAR(crate["left_m"].get<double>(), 0, 0.003);
+  for (const auto& participant : all["participants"]) {
+    if (participant["role"] != "hrtc") continue;
+    EXPECT_EQ(participant["figures"][figures::kGrabs], 1);
+    EXPECT_GE(participant["figures"][figures::kPortLowest].get<double>(), -1);
+  }
+}
+
+constexpr char kHoldForLong[] = R"(name: hold
+duration: 4
+users:
+  - name: dan
+    script: [{grab: {object: crate, direction: [0, 0, 1]}}, {move: {by: [0, 0, 0.05], speed: 0.1, seconds: 60}}]
+)";
+
+TEST_F(LiftTest, WhatAKilledControllerHeldIsPutDownByItsHost) {
+  Process store{crate_host()};
+  Process desk{in_session("hrtc", {"--name", "desk"})};
+  Observer observer{address("observer")};
+  const std::string report = path("report.json");
+  Process users{in_session("sim", {"--scenario", write("hold.yaml", kHoldForLong), "--json", report})};
+  ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.figure("desk", figures::kGrabs) == 1; }));
+  const std::uint64_t told = observer.seen().metrics_of("desk");
+  ASSERT_TRUE(observer.until([&](const Seen& seen) { return seen.metrics_of("desk") > told; }))
+      << "half a second later";
+  desk.signal(SIGKILL);
+  (void)users.wait();
+  EXPECT_TRUE(ends_with(0, store));
+  std::ifstream file{report};
+  const nlohmann::json all = nlohmann::json::parse(file);
+  ASSERT_EQ(all["objects"].size(), 1u) << all.dump(1);
+  const auto& crate = all["objects"][0];
+  EXPECT_GT(crate["raised_m"].get<double>(), 0.005);
+  EXPECT_NEAR(crate["left_m"].get<double>(), 0, 0.003);
+  EXPECT_GE(crate["taken_on"].get<int>(), 2) << "by the desk, and by the host again";
+}
+
 }  // namespace
 }  // namespace tactus::e2e

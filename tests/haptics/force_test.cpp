@@ -264,6 +264,33 @@ TEST(Force, OfAToolIsAWrenchOfItsCoupling) {
   EXPECT_EQ(result.bits, 0u);
 }
 
+TEST(Force, OfAHoldPullsAllWaysAndIsDampedByHowTheHandMovesAgainstIt) {
+  ForceSettings settings = at_full_strength();
+  settings.max_torque_slew = 1e9;
+  ForceRenderer renderer{settings, bearing(1)}, weak{settings, bearing(0)};
+  const Feel feel{1000, 3};
+  const ToolGrip grip = renderer.hold(feel, kCycle);
+  EXPECT_EQ(grip.torsion, 1) << "what its maker vouches for";
+  EXPECT_NEAR(weak.hold(feel, kCycle).torsion, 2.5, 1e-12) << "does not matter where none is borne";
+  Hold hold;
+  hold.pose.position = {0.001, 0, -0.002};
+  hold.pose.orientation = rotation_by({0, 0.1, 0});
+  hold.velocity = {0, 0.1, 0};
+  hold.spin = {0, 0, 2};
+  DeviceState device;
+  device.velocity = {0, 0, 0.2};
+  const ForceResult& result = renderer.step(hold, grip, device, feel, kFresh, kCycle);
+  EXPECT_LT((result.force - Vec3d(1, 0.3, -2.6)).norm(), 1e-12);
+  EXPECT_LT((result.torque - Vec3d(0, 0.1, 0.02)).norm(), 1e-12);
+  EXPECT_EQ(result.bits, 0u);
+  EXPECT_TRUE(weak.step(hold, grip, device, feel, kFresh, kCycle).torque.isZero(0));
+  hold.pose.position.x() = 1;
+  EXPECT_NEAR(renderer.step(hold, grip, device, feel, kFresh, kCycle).force.norm(), settings.max_force, 1e-9);
+  hold.spin.x() = std::nan("");
+  EXPECT_EQ(renderer.step(hold, grip, device, feel, kFresh, kCycle).fault, Fault::kInputNotFinite);
+  EXPECT_TRUE(renderer.step(Hold{}, grip, device, feel, kFresh, kCycle).force.isZero(0));
+}
+
 TEST(Force, LimitsATorqueAndItsChangeAndGivesNoneToADeviceThatBearsNone) {
   ForceSettings settings = at_full_strength();
   settings.max_torque = 0.08;

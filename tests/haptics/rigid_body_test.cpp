@@ -149,6 +149,32 @@ TEST(RigidBody, ATurnComesBackFromItsQuaternion) {
   }
 }
 
+TEST(RigidBody, ATurnSpringBringsItToItsTargetAndAddsNoEnergy) {
+  BodySettings settings = box_body(0.3, kHalf);
+  settings.gravity.setZero();
+  for (const double stiffness : {2.5, 250.0, 25000.0}) {  // the last is far beyond what an explicit step bears
+    SCOPED_TRACE(stiffness);
+    BodyState start;
+    start.orientation = rotation_by({0.7, -0.4, 0.9});
+    start.spin = {3, 5, -4};
+    RigidBody body{settings, start};
+    const auto energy = [&] {
+      return body.kinetic_energy() + 0.5 * stiffness * turn_of(body.state().orientation).squaredNorm();
+    };
+    double before = energy();
+    const double most = before;
+    for (int i = 0; i < 5000; ++i) {
+      body.begin(kDt);
+      body.add_spring(TurnSpring{-turn_of(body.state().orientation), Vec3d::Zero(), stiffness, 0.01 * stiffness});
+      body.finish(body.free().velocity);
+      EXPECT_LE(energy(), before + 1e-3 * most) << i;
+      before = energy();
+    }
+    EXPECT_LT(turn_of(body.state().orientation).norm(), 1e-6);
+    EXPECT_LT(body.state().spin.norm(), 1e-5);
+  }
+}
+
 /// A box on the ground and probes that press it, as far as the hand's scripts want.
 class Handling {
  public:

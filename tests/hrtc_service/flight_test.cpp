@@ -55,7 +55,7 @@ class Flight : public ::testing::Test {
     material.dynamic_friction = 0.4;
     hrtc_service::LoaderSettings loader;
     loader.tool = tool_;
-    LocalSession session{{model}, 0.05 / radius, pool, 2, loader, material};
+    LocalSession session{{model}, 0.05 / radius, pool, 2, loader, material, movable_ ? 0.5 : 0};
     hrtc_service::FlightRecorder recorder{kSecond};
     session.cycle().set_recorder(&recorder);
     hrtc_service::FlightStore store{
@@ -84,6 +84,8 @@ class Flight : public ::testing::Test {
       other.device.velocity = velocity(2);
       other.failed = cycle == 2600;
       session.inputs()[0].pose_age = cycle % 1500 > 1300 && cycle % 1500 < 1400 ? 0.001 * (cycle % 1500 - 1300) : 0;
+      if (movable_ && cycle % 700 > 300) session.inputs()[0].device.buttons = haptics::kGrabButton;
+      if (cycle % 700 == 0) session.inputs()[0].device.buttons = 0;
       if (cycle % 2000 == 1800) session.cycle().stop(haptics::Fault::kEmergencyStop);
       if (cycle % 2000 == 1900 || cycle == 2700) session.cycle().reset_faults();
       if (cycle > 2000 && cycle % 1000 < 300 && !session.cycle().objects().empty()) {
@@ -92,7 +94,9 @@ class Flight : public ::testing::Test {
         session.cycle().move(*session.cycle().objects().front(), hrtc_service::Placement{pose, 0.05 / radius});
       }
       const std::uint32_t budget = random() % 4 == 0 ? static_cast<std::uint32_t>(random() % 500) : 1u << 20;
-      contact += (session.run_cycle(budget).probes[0].status & session::kInContact) != 0 ? 1 : 0;
+      const std::uint32_t status = session.run_cycle(budget).probes[0].status;
+      contact += (status & session::kInContact) != 0 ? 1 : 0;
+      held_ += (status & session::kHolding) != 0 ? 1 : 0;
       if (drains(cycle)) store.drain();
     }
     EXPECT_GT(contact, static_cast<std::uint64_t>(cycles) / 2);
@@ -132,6 +136,8 @@ class Flight : public ::testing::Test {
   }
 
   const spm::MeshProbe* tool_ = nullptr;
+  bool movable_ = false;  // and held now and then
+  int held_ = 0;          // cycles
   test_support::TemporaryFolder folder_;
   std::filesystem::path file_ = folder_.path() / "flight.mcap";
   static spm::offline::BuiltModel* built_;
@@ -205,6 +211,16 @@ TEST_F(Flight, ToolsAreReplayedToTheBitFromTheBeginningAndFromTheMidst) {
     EXPECT_EQ(report.start.tool_triangles.size(), 3 * 720u);
     EXPECT_GT(report.in_contact, 1000u);
   }
+}
+
+TEST_F(Flight, HoldsAreReplayedToTheBitFromTheMidst) {
+  movable_ = true;
+  record(5300, 2);
+  EXPECT_GT(held_, 1000);
+  const FlightReport report = replay();
+  EXPECT_FALSE(report.from_the_beginning);
+  EXPECT_GT(report.cycles, 1000u);
+  EXPECT_EQ(report.differ, 0u);
 }
 
 TEST_F(Flight, WhatTheProcessorDoesWithDenormalsIsDoneAgain) {

@@ -12,6 +12,7 @@
 namespace tactus {
 namespace {
 
+using hrtc_service::BodyReport;
 using session::Holder;
 using spm::Vec3d;
 using study::SharedSession;
@@ -21,7 +22,7 @@ constexpr double kHalf = 0.05;  // m, of the crate's edges
 /// A crate of 0.8 kg and users around it, `delay_ms` from each other and from the host.
 class Session : public SharedSession {
  public:
-  explicit Session(std::int64_t delay_ms) : SharedSession{crate(), settings(delay_ms)} {}
+  explicit Session(std::int64_t delay_ms, double mass = 0.8) : SharedSession{crate(), settings(delay_ms, mass)} {}
 
   void run(
       double seconds, const std::function<void()>& each_ms = [] {}) {
@@ -36,10 +37,10 @@ class Session : public SharedSession {
     static const study::Subject kCrate = study::make_subject("crate", "box", 1200, 2 * kHalf);
     return kCrate;
   }
-  static study::SharedSessionSettings settings(std::int64_t delay_ms) {
+  static study::SharedSessionSettings settings(std::int64_t delay_ms, double mass) {
     study::SharedSessionSettings settings;
     settings.link = netem::parse_link("P0:delay=" + std::to_string(delay_ms));
-    settings.mass = 0.8;
+    settings.mass = mass;
     return settings;
   }
 };
@@ -145,6 +146,96 @@ TEST(SharedBody, TwoLiftACrateTogetherAsTheyWouldAtOneController) {
     EXPECT_GE(shared.lowest, -1e-6);
     EXPECT_LT(shared.peak_force, 8.001);
   }
+}
+
+/// A user who takes the crate from above, at a third or two of its way along x.
+client_sim::User grabber(const std::string& name, double along, const std::string& then) {
+  const std::string text = "name: grab\nusers:\n  - name: " + name +
+                           "\n    script:\n      - grab: {object: crate, direction: [0, 0, 1], point: [" +
+                           std::to_string(along) + ", 0.5, 0.5]}\n" + then;
+  return client_sim::parse_scenario(text, "test").users.front();
+}
+
+double tilt_of(const BodyReport& body) {
+  return std::acos(std::clamp((body.state.orientation * Vec3d::UnitZ()).z(), -1.0, 1.0));
+}
+
+TEST(SharedBody, WhatAHandHoldsGoesWhereItGoesUntilItLetsGo) {
+  Session session{5};
+  session.add_controller();
+  session.add_controller();
+  const std::size_t ann = session.add_user(0, grabber("ann", 0.3,
+                                                      "      - move: {by: [0.05, 0, 0.1], speed: 0.1, seconds: 1}\n"
+                                                      "      - move: {by: [0, 0, -0.1], speed: 0.1, seconds: 0.3}\n"
+                                                      "      - release: {}\n"));
+  double highest = 0, tilted = 0, peak_force = 0, raised_at = 0;
+  session.run(8, [&] {
+    highest = std::max(highest, height(session));
+    peak_force = std::max(peak_force, hrtc_service::vec(session.probe(ann).force).norm());
+    if (height(session) > 0.09) raised_at = session.body(1)->state.position.x();
+    if (session.body(0) != nullptr) tilted = std::max(tilted, tilt_of(*session.body(0)));
+  });
+  EXPECT_EQ(session.mind(ann).tally().grabs, 1u);
+  EXPECT_EQ(session.mind(ann).tally().grabs_lost, 0u);
+  EXPECT_NEAR(highest, 0.1, 0.01);
+  EXPECT_NEAR(raised_at, 0.05, 0.005) << "as the other controller shows it";
+  EXPECT_GT(peak_force, 0.8 * 9.81 - 0.5) << "its weight is felt";
+  EXPECT_LT(peak_force, 8.001);
+  EXPECT_LT(tilted, 0.15) << "0.16 N m of its weight, borne with 2.5 N m/rad";
+  EXPECT_NEAR(height(session), 0, 1e-3);
+  EXPECT_EQ(session.role(0), Holder::Role::kWatching);
+  EXPECT_FALSE(session.body(0)->held);
+  EXPECT_GE(session.port(ann).lowest, -1e-6);
+  EXPECT_EQ(session.figure(0, session::figures::kGrabs), 1);
+  EXPECT_EQ(session.figure(0, session::figures::kGrabsRefused), 0);
+}
+
+TEST(SharedBody, ASecondHandHoldsACopyAndKeepsTheCrateWhenTheFirstLetsGo) {
+  Session session{5, 0.4};
+  session.add_controller();
+  session.add_controller();
+  const std::size_t ann = session.add_user(0, grabber("ann", 0.3,
+                                                      "      - move: {by: [0, 0, 0.1], speed: 0.1, seconds: 3}\n"
+                                                      "      - release: {}\n"));
+  const std::size_t bob = session.add_user(1, grabber("bob", 0.7,
+                                                      "      - move: {by: [0, 0, 0.1], speed: 0.1, seconds: 6}\n"
+                                                      "      - release: {}\n"));
+  double lowest_after = 1;
+  bool both = false;
+  session.run(1);
+  session.run(7, [&] {
+    both = both || (session.body(0)->copies == 2 && session.body(1)->copies == 2);
+    if (session.mind(ann).done()) lowest_after = std::min(lowest_after, height(session));
+  });
+  EXPECT_TRUE(both);
+  EXPECT_LT(session.figure(0, session::figures::kCopiesApart), 10'000);
+  EXPECT_EQ(session.role(0), Holder::Role::kWatching);
+  EXPECT_EQ(session.role(1), Holder::Role::kOwner);
+  EXPECT_GT(lowest_after, 0.06) << "bob holds it alone";
+  session.run(3);
+  EXPECT_EQ(session.mind(bob).tally().grabs, 1u);
+  EXPECT_EQ(session.mind(bob).tally().grabs_lost, 0u);
+  EXPECT_EQ(session.role(1), Holder::Role::kWatching);
+  EXPECT_NEAR(height(session), 0, 2e-3);
+  for (const std::size_t user : {ann, bob}) EXPECT_GE(session.port(user).lowest, -1e-6);
+}
+
+TEST(SharedBody, WhatAControllerHeldWhenItDiedFallsWhenItsLeaseEnds) {
+  Session session{5};
+  session.add_controller();
+  session.add_controller();
+  (void)session.add_user(0, grabber("ann", 0.5, "      - move: {by: [0, 0, 0.1], speed: 0.1, seconds: 20}\n"));
+  session.run(4);
+  ASSERT_EQ(session.role(0), Holder::Role::kOwner);
+  ASSERT_NEAR(height(session), 0.1, 0.02);
+  const std::uint64_t fencing = session.seen().fencing;
+  session.kill_controller(0);
+  session.run(0.2);
+  EXPECT_EQ(session.seen().fencing, fencing) << "the lease is 250 ms at least";
+  session.run(0.8);
+  EXPECT_GT(session.seen().fencing, fencing);
+  EXPECT_NEAR(height(session), 0, 1e-3);
+  EXPECT_NEAR(session.body(1)->state.position.z(), kHalf, 1e-3);
 }
 
 /// Two who hold the crate in the air.

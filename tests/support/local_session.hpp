@@ -20,10 +20,10 @@ class LocalSession {
   static constexpr std::int64_t kPeriodNs = 1'000'000;
 
   /// `models` must outlive the session; scale in metres per file unit. `delay_cycles`: chunks and demands are that long
-  /// under way. A tool of the loader's is the cycle's, too.
+  /// under way. A tool of the loader's is the cycle's, too. With a `mass`, kg, objects can move.
   LocalSession(const std::vector<spm::Model>& models, double scale, spm::PoolSettings settings,
                std::uint32_t delay_cycles = 2, const hrtc_service::LoaderSettings& loader = {},
-               const session::Material& material = {})
+               const session::Material& material = {}, double mass = 0)
       : models_{models},
         pool_{settings},
         nodes_{settings.tree_nodes},
@@ -44,6 +44,7 @@ class LocalSession {
       entry.summary = models_[i].summary;
       entry.scale = scale;
       entry.material = material;
+      if (mass > 0) entry.body = {mass, sharing::inertia_of_bounds(entry.summary, scale, mass), 0.5, -1};
       entry.pose.position = {static_cast<double>(i), 0, 0};
       entry.base_bytes = server_.base_bytes(id);
       loader_.on_host_seen(kHost, 1, now_);

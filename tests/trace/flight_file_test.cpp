@@ -25,7 +25,7 @@ std::vector<FlightMessage> one_of_each() {
   start.devices = {{1, 2, 3, 4}, {5, 6, 7, 8}};
   start.slots = 11;
   start.list_blocks = 13;
-  FlightObject object{3, 1ull << 60, 2, "organ", {}, 800, 1, 0.5, 0.4};
+  FlightObject object{3, 1ull << 60, 2, "organ", {}, 800, 1, 0.5, 0.4, true};
   object.placement[12] = -0.1;
   FlightState state;
   state.cycle = 99;
@@ -125,9 +125,10 @@ TEST_F(FlightFile, TheReferenceReaderDecodesEveryTypeByTheSchemaInTheFile) {
   const std::string found = read_mcap("decoded '" + file_ + "'");
   for (const char* const expected :
        {R"("flight_start":{"count":1,"schema":"tactus::flight::Start")", R"("reason":"why")", R"("list_blocks":13)",
-        R"("flight_state":{"count":1)", R"("carried":[0,255,7])", R"({"region":2,"applied":40,"retiring":true,"resting":false})",
-        R"("flight_event":{"count":1)", R"("flight_move":{"count":1)", R"("force":[0.3333333333333333,2,3])",
-        R"("float_control":40896)", R"("granted":160)"})
+        R"("flight_state":{"count":1)", R"("carried":[0,255,7])",
+        R"({"region":2,"applied":40,"retiring":true,"resting":false})", R"("flight_event":{"count":1)",
+        R"("flight_move":{"count":1)", R"("force":[0.3333333333333333,2,3])", R"("float_control":40896)",
+        R"("granted":160)"})
     EXPECT_THAT(found, testing::HasSubstr(expected));
 }
 #endif

@@ -138,7 +138,7 @@ inline auto fields(const ses::Metrics& m) {
 }
 inline auto fields(const ses::Control& c) { return std::tuple{fields(c.origin), c.sequence, c.kind, c.text}; }
 inline auto fields(const ses::Intent& i) {
-  return std::tuple{fields(i.origin), i.user_id, i.probe, i.sequence, fields(i.path)};
+  return std::tuple{fields(i.origin), i.user_id, i.probe, i.sequence, i.buttons, fields(i.path)};
 }
 inline auto fields(const ses::ProbeState& p) {
   return std::tuple{fields(p.origin), p.user_id,        p.probe,  p.sequence,    p.session_time_ns,
