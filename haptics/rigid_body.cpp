@@ -24,6 +24,7 @@ BodySettings box_body(double mass, const Vec3d& half_extents) noexcept {
   const Vec3d squares = half_extents.cwiseAbs2();
   settings.inertia = mass / 3 * (Vec3d::Constant(squares.sum()) - squares);
   settings.point_count = 8;
+  settings.half = half_extents;
   for (int corner = 0; corner < 8; ++corner) {
     const Vec3d signs{corner & 1 ? 1.0 : -1.0, corner & 2 ? 1.0 : -1.0, corner & 4 ? 1.0 : -1.0};
     settings.points[static_cast<std::size_t>(corner)] = half_extents.cwiseProduct(signs);
@@ -130,23 +131,128 @@ void add_ground_contacts(const RigidBody& body, std::uint32_t index, double heig
   }
 }
 
-void add_surface_contacts(const RigidBody& body, std::uint32_t index, const Surface& surface,
-                          ContactSolver& solver) noexcept {
-  const BodySettings& settings = body.settings();
-  for (std::uint32_t i = 0; i < settings.point_count; ++i) {
-    const Vec3d point = body.state().to_world(settings.points[i]);
-    SurfaceHit hit;
-    if (!surface.closest(point, kContactReach, hit) || !hit.sided) continue;
-    Contact contact;
-    contact.id = (std::uint64_t{index} << 32) | (2u << 24) | i;
-    contact.a = index;
-    contact.point = point;
-    contact.arm_a = point - body.state().position;
-    contact.normal = hit.normal;
-    contact.gap = hit.distance;
-    contact.friction = settings.friction;
-    solver.add(contact);
+namespace {
+
+/// What of a body's box meets a surface; ids, and contacts that are not there already.
+class BoxContacts {
+ public:
+  BoxContacts(const RigidBody& body, std::uint32_t index, const SurfaceDistance& surface,
+              ContactSolver& solver) noexcept
+      : body_{body}, index_{index}, surface_{surface}, solver_{solver}, half_{body.settings().half} {
+    constexpr double kMostSeek = 0.03;  // m
+    seek_ = kContactReach + std::min(kMostSeek, 0.25 * half_.maxCoeff());
   }
+
+  void add() noexcept {
+    SurfaceHit hit;
+    if (!surface_.closest(body_.state().position, half_.norm() + kContactReach, hit)) return;
+    for (int corner = 0; corner < 8; ++corner)
+      meet({corner & 1 ? 1.0 : -1.0, corner & 2 ? 1.0 : -1.0, corner & 4 ? 1.0 : -1.0});
+    for (int axis = 0; axis < 3; ++axis)
+      for (int edge = 0; edge < 4; ++edge) meet_edge(axis, edge & 1 ? 1.0 : -1.0, edge & 2 ? 1.0 : -1.0);
+    for (int axis = 0; axis < 3; ++axis)
+      for (const double side : {-1.0, 1.0}) {
+        meet_face(axis, side, 0, 0);
+        for (int quarter = 0; quarter < 4; ++quarter)
+          meet_face(axis, side, quarter & 1 ? 0.5 : -0.5, quarter & 2 ? 0.5 : -0.5);
+      }
+  }
+
+ private:
+  [[nodiscard]] bool closest(const Vec3d& point_body, double within, SurfaceHit& hit) const noexcept {
+    return surface_.closest(body_.state().to_world(point_body), within, hit) && hit.sided;
+  }
+
+  /// `at`: shares of the half edges.
+  void meet(const Vec3d& at) noexcept {
+    SurfaceHit hit;
+    const Vec3d point = half_.cwiseProduct(at);
+    ++number_;
+    if (closest(point, kContactReach, hit)) add(body_.state().to_world(point), hit.normal, hit.distance);
+  }
+
+  void meet_edge(int axis, double side, double other_side) noexcept {
+    Vec3d at = Vec3d::Zero();
+    at[(axis + 1) % 3] = side;
+    at[(axis + 2) % 3] = other_side;
+    SurfaceHit hit;
+    if (!closest(half_.cwiseProduct(at), seek_, hit)) {
+      ++number_;
+      return;
+    }
+    at[axis] = std::clamp(body_.state().to_body(hit.point)[axis] / half_[axis], -1.0, 1.0);
+    meet(at);
+  }
+
+  /// Uphill from a place of the face, to where what is before it comes nearest to the face, or reaches furthest in.
+  void meet_face(int axis, double side, double u, double v) noexcept {
+    constexpr double kFacing = 0.1;  // cosine; what turns its back is another face's, or a corner's
+    constexpr double kStill = 1e-5;  // m
+    constexpr int kTimes = 6;
+    ++number_;
+    const int across = (axis + 1) % 3, along = (axis + 2) % 3;
+    Vec3d at, outwards = Vec3d::Zero(), uphill_before = Vec3d::Zero();
+    at[axis] = side * half_[axis];
+    at[across] = u * half_[across];
+    at[along] = v * half_[along];
+    outwards[axis] = side;
+    double step = 0.25 * std::max(half_[across], half_[along]), nearest = kContactReach;
+    Vec3d place = at;
+    SurfaceHit hit;
+    for (int time = 0; time < kTimes && closest(at, seek_, hit); ++time) {
+      const Vec3d normal = body_.state().orientation.conjugate() * hit.normal;
+      const double facing = -normal.dot(outwards);
+      if (facing < kFacing) break;
+      const double gap = hit.distance / facing;  // straight on, as far as it is a plane
+      if (gap < nearest && gap > -kContactReach) {
+        nearest = gap;
+        place = at;
+      }
+      Vec3d uphill = -(normal + facing * outwards);
+      const double steepness = uphill.norm() / facing;
+      if (uphill.dot(uphill_before) < 0) step /= 2;
+      const double way = std::min(step, std::abs(gap) / std::max(steepness, 1e-9));
+      if (way < kStill || steepness < 1e-6) break;
+      uphill_before = uphill;
+      at = (at + way * uphill.normalized()).cwiseMax(-half_).cwiseMin(half_);
+    }
+    if (nearest < kContactReach) add(body_.state().to_world(place), body_.state().orientation * -outwards, nearest);
+  }
+
+  void add(const Vec3d& point, const Vec3d& normal, double gap) noexcept {
+    constexpr double kSame = 1e-4, kParallel = 0.99;  // m, cosine
+    for (std::uint32_t i = 0; i < count_; ++i)
+      if ((points_[i] - point).squaredNorm() < kSame * kSame && normals_[i].dot(normal) > kParallel) return;
+    points_[count_] = point;
+    normals_[count_++] = normal;
+    Contact contact;
+    contact.id = (std::uint64_t{index_} << 32) | (2u << 24) | number_;
+    contact.a = index_;
+    contact.point = point;
+    contact.arm_a = point - body_.state().position;
+    contact.normal = normal;
+    contact.gap = gap;
+    contact.friction = body_.settings().friction;
+    solver_.add(contact);
+  }
+
+  static constexpr std::uint32_t kMost = 8 + 12 + 30;
+  const RigidBody& body_;
+  std::uint32_t index_;
+  const SurfaceDistance& surface_;
+  ContactSolver& solver_;
+  Vec3d half_;
+  double seek_ = 0;           // m
+  std::uint32_t number_ = 0;  // of what is looked at
+  std::array<Vec3d, kMost> points_, normals_;
+  std::uint32_t count_ = 0;
+};
+
+}  // namespace
+
+void add_surface_contacts(const RigidBody& body, std::uint32_t index, const SurfaceDistance& surface,
+                          ContactSolver& solver) noexcept {
+  if (body.settings().half.minCoeff() > 0) BoxContacts{body, index, surface, solver}.add();
 }
 
 }  // namespace tactus::haptics

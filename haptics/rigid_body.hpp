@@ -29,8 +29,9 @@ struct BodySettings {
   double damping = 0;                          ///< N s/m, on the velocity: air, so that what floats comes to rest
   double spin_damping = 0;                     ///< N m s
   double friction = 0.5;                       ///< coefficient, against ground and static geometry
-  std::array<Vec3d, kMaxBodyPoints> points{};  ///< body frame: corners that meet ground and static geometry
+  std::array<Vec3d, kMaxBodyPoints> points{};  ///< body frame: corners that meet the ground
   std::uint32_t point_count = 0;
+  Vec3d half = Vec3d::Zero();  ///< m, half edges of the box that meets static geometry; zero: nothing does
 };
 
 /// A box of uniform density.
@@ -126,10 +127,32 @@ class RigidBody {
   Vec6d momentum_ = Vec6d::Zero();
 };
 
+/// Calls `visit(place)`, body frame, for the places all over a box from which `add_surface_contacts` begins to look.
+template <class Visit>
+void for_each_box_place(const Vec3d& half, Visit&& visit) noexcept {
+  for (int x = -1; x <= 1; ++x)
+    for (int y = -1; y <= 1; ++y)
+      for (int z = -1; z <= 1; ++z)
+        if (x != 0 || y != 0 || z != 0) visit(Vec3d{x * half.x(), y * half.y(), z * half.z()});
+  for (int axis = 0; axis < 3; ++axis)
+    for (int corner = 0; corner < 8; ++corner) {
+      Vec3d place{corner & 1 ? 0.5 : -0.5, corner & 2 ? 0.5 : -0.5, corner & 4 ? 0.5 : -0.5};
+      place[axis] *= 2;
+      visit(Vec3d(half.cwiseProduct(place)));
+    }
+}
+
 /// Offers the solver the points of `body`, its number `index`, that are near the plane z = `height`.
 void add_ground_contacts(const RigidBody& body, std::uint32_t index, double height, ContactSolver& solver) noexcept;
-/// The same for static geometry. Points only: an edge of the scene that pokes a face of the body is not met.
-void add_surface_contacts(const RigidBody& body, std::uint32_t index, const Surface& surface,
+/// The same for static geometry, of the body's box:
+///
+///     corners      8: each meets what is closest to it
+///     edges       12: each, where it is closest to what is closest to its middle
+///     faces    6 x 5: uphill from its centre and its quarters' centres to what comes nearest to it
+///
+/// So a bump in a face's midst is met, and an edge of the scene across one of the body's; of several bumps in one
+/// quarter only one is. At most 213 closest points, some 60 on something flat, and one when nothing is near.
+void add_surface_contacts(const RigidBody& body, std::uint32_t index, const SurfaceDistance& surface,
                           ContactSolver& solver) noexcept;
 
 }  // namespace tactus::haptics

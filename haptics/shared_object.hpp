@@ -17,7 +17,7 @@ namespace tactus::haptics {
 struct Surroundings {
   bool ground = true;
   double ground_height = 0;
-  const Surface* scene = nullptr;  ///< static geometry, or null
+  const SurfaceDistance* scene = nullptr;  ///< static geometry, or null
 };
 
 /// What acts on a body beside its springs: the impulse `impulse` - `mass` * velocity.
@@ -48,6 +48,8 @@ class SharedObject {
   [[nodiscard]] CopyCoupling* coupling() noexcept { return coupling_; }
   [[nodiscard]] const CopyCoupling* coupling() const noexcept { return coupling_; }
   [[nodiscard]] const SolverResult& contacts() const noexcept { return solver_.last(); }
+  /// With what does not move, of the last step: all that it may have touched in it.
+  [[nodiscard]] spm::Span<const Contact> contacts_met() const noexcept { return solver_.contacts(); }
   /// Owned, at rest on something and touched by nobody: it is not moved until that changes.
   [[nodiscard]] bool asleep() const noexcept { return still_ >= kStill; }
 

@@ -23,10 +23,18 @@ struct SurfaceHit {
   std::uint32_t face = spm::kNone;  ///< FaceId
 };
 
-class Surface {
+/// What bodies stand on and bump into.
+class SurfaceDistance {
  public:
-  virtual ~Surface() = default;
+  virtual ~SurfaceDistance() = default;
 
+  /// The closest point of all surfaces and the side that `point` is on; false when none is nearer than `within`.
+  /// Realtime.
+  [[nodiscard]] virtual bool closest(const Vec3d& point, double within, SurfaceHit& hit) const noexcept = 0;
+};
+
+class Surface : public SurfaceDistance {
+ public:
   /// The earliest touch of a sphere whose centre goes straight from `from` to `to`, over everything that exists, both
   /// sides alike; by the rules of spm::swept_sphere a sphere that rests on a triangle may slide and leave. Realtime.
   [[nodiscard]] virtual bool sweep(const Vec3d& from, const Vec3d& to, double radius,
@@ -50,10 +58,6 @@ class Surface {
     static_cast<void>(object);
     return direction;
   }
-
-  /// The closest point of all surfaces and the side that `point` is on; false when none is nearer than `within`.
-  /// Realtime.
-  [[nodiscard]] virtual bool closest(const Vec3d& point, double within, SurfaceHit& hit) const noexcept = 0;
 };
 
 /// The earliest of the touches offered, of several at once that of the first object and face. Offer at least every

@@ -13,6 +13,7 @@
 
 #include "host_service/keeper.hpp"
 #include "host_service/model_store.hpp"
+#include "host_service/scenery.hpp"
 #include "session/clock.hpp"
 #include "session/delivery_server.hpp"
 #include "session/figures.hpp"
@@ -139,6 +140,7 @@ struct Host::Impl {
     make_catalogue();
     for (const session::CatalogueEntry& entry : catalogue) keeper.add(entry, started_ns);
     if (!keeper.empty()) {
+      make_scenery();
       listen(wire::topics::kCatalogue);
       listen(wire::topics::kObjectClaim);
       listen(wire::topics::kObjectPose);
@@ -158,6 +160,7 @@ struct Host::Impl {
   }
 
   void make_catalogue();
+  void make_scenery();
   int run();
   void take(const Inbox::Arrived& arrived);
   void take(const session::RosterEntry& entry, std::int64_t at_ns);
@@ -188,6 +191,7 @@ struct Host::Impl {
   session::DeliveryServer server{links.origin()};
   session::Roster roster{links.origin(), {}};
   session::SessionClock clock{links.origin(), {}};
+  std::optional<Scenery> scenery;  // when it has objects that move, and others
   Keeper keeper{links.origin()};
   std::optional<wire::Writer<session::ObjectGrant>> grants_out;  // when it has objects that move
   std::optional<wire::Writer<session::ObjectPose>> poses_out;
@@ -236,6 +240,17 @@ void Host::Impl::make_catalogue() {
     }
     catalogue.push_back(entry);
   }
+}
+
+/// What its bodies meet beside the ground.
+void Host::Impl::make_scenery() {
+  std::vector<StandingObject> standing;
+  for (std::size_t i = 0; i < served.size(); ++i)
+    if (!sharing::can_move(catalogue[i]))
+      standing.push_back({catalogue[i].pose, catalogue[i].scale, &served[i].model.coded()});
+  if (standing.empty()) return;
+  scenery.emplace(standing);
+  keeper.stand_among(&*scenery);
 }
 
 int Host::Impl::run() {

@@ -70,13 +70,14 @@ void Keeper::simulate(Object& object, std::int64_t now_ns, std::int64_t session_
     object.told_ns = now_ns - settings_.rest_ns;
   }
   object.stepped_ns = std::max(object.stepped_ns, now_ns - kMostNs);
-  const haptics::Surroundings around{true, object.body.ground, nullptr};
+  const haptics::Surroundings around{true, object.body.ground, scenery_ == nullptr ? nullptr : &scenery_->surface()};
   while (object.stepped_ns + kStepNs <= now_ns) {
     object.stepped_ns += kStepNs;
     if (object.simulated.asleep()) continue;
     object.simulated.step(session_now_ns, {}, around, 1e-9 * static_cast<double>(kStepNs));
     ++steps_;
   }
+  for (const haptics::Contact& contact : object.simulated.contacts_met()) met_.push_back(contact.point);
   object.picture.show(object.simulated.state(), session_now_ns);
 }
 
@@ -84,6 +85,7 @@ const Keeper::Messages& Keeper::tick(std::int64_t now_ns, std::int64_t session_n
   messages_.grants.clear();
   messages_.poses.clear();
   busy_ = held_ = false;
+  met_.clear();
   for (auto& [id, object] : objects_) {
     if (object.arbiter == nullptr) continue;
     if (auto grant = object.arbiter->tick(now_ns)) messages_.grants.push_back(std::move(*grant));
@@ -110,6 +112,7 @@ const Keeper::Messages& Keeper::tick(std::int64_t now_ns, std::int64_t session_n
     sharing::put_state(object.simulated.state(), object.body.centre, pose);
     messages_.poses.push_back(pose);
   }
+  if (scenery_ != nullptr && busy_) scenery_->look(met_);
   return messages_;
 }
 

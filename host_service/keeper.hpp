@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "haptics/shared_object.hpp"
+#include "host_service/scenery.hpp"
 #include "session/ownership.hpp"
 #include "sharing/picture.hpp"
 
@@ -33,6 +34,8 @@ class Keeper {
   explicit Keeper(const session::Origin& self, const KeeperSettings& settings = {})
       : self_{self}, settings_{settings} {}
 
+  /// What bodies meet beside the ground; none without. Must outlive the keeper.
+  void stand_among(Scenery* scenery) noexcept { scenery_ = scenery; }
   /// What this host serves; what cannot move is passed over.
   void add(const session::CatalogueEntry& entry, std::int64_t now_ns);
 
@@ -79,6 +82,8 @@ class Keeper {
 
   session::Origin self_;
   KeeperSettings settings_;
+  Scenery* scenery_ = nullptr;
+  std::vector<haptics::Vec3d> met_;          // by all bodies, in this tick
   std::map<std::uint64_t, Object> objects_;  // by id
   Messages messages_;
   bool busy_ = false, held_ = false;

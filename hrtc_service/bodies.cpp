@@ -243,6 +243,17 @@ std::uint32_t Bodies::steps_due(Body& body, std::int64_t session_ns) const noexc
   return static_cast<std::uint32_t>(due);
 }
 
+const haptics::SurfaceDistance* Bodies::scene_around(const Cycle& cycle, const haptics::RigidBody& body) noexcept {
+  constexpr double kMargin = 0.02;  // m: what it may go until the next cycle, and meets before it touches
+  scene_.clear();
+  const double reach = body.settings().half.norm() + kMargin;
+  for (const TouchObject* object : cycle.objects())
+    if (!object->body && object->forest->base_shown() &&
+        sharing::near_bounds(object->placement, object->bounds, body.state().position, reach))
+      scene_.add({&object->forest->tree(), &object->placement, object->index});
+  return scene_.empty() ? nullptr : &scene_;
+}
+
 void Bodies::step(Cycle& cycle, std::int64_t now_ns) noexcept {
   if (count_ == 0) return;
   const std::int64_t session_ns = current_.clock.session_time(now_ns);
@@ -278,7 +289,7 @@ void Bodies::step(Cycle& cycle, std::int64_t now_ns) noexcept {
     }
     if (body.mode == Mode::kFollows) continue;
 
-    const haptics::Surroundings around{true, body.object->body->ground, nullptr};
+    const haptics::Surroundings around{true, body.object->body->ground, scene_around(cycle, simulated.body())};
     for (std::uint32_t left = steps_due(body, session_ns); left > 0; --left) {
       body.simulated_ns += static_cast<std::int64_t>(settings_.period * 1e9 + 0.5);
       const haptics::BodyState before = simulated.state();

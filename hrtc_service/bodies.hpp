@@ -130,6 +130,9 @@ class Bodies {
   [[nodiscard]] std::uint32_t steps_due(Body& body, std::int64_t session_ns) const noexcept;
   void follow_if_told(Body& body, haptics::SharedObject& simulated, std::int64_t now_ns,
                       std::int64_t session_ns) noexcept;
+  /// Objects that stand near a body, with the meshes that the cycle shows; null for none.
+  [[nodiscard]] const haptics::SurfaceDistance* scene_around(const Cycle& cycle,
+                                                             const haptics::RigidBody& body) noexcept;
   void show(Cycle& cycle, Body& body, const haptics::BodyState& state) const noexcept;
   void report(std::int64_t now_ns, std::int64_t session_ns) noexcept;
   [[nodiscard]] std::uint32_t body_of(std::uint32_t object) const noexcept;
@@ -153,6 +156,7 @@ class Bodies {
   std::array<Turning, kMaxProbes> turning_;
   std::array<std::uint32_t, kMaxProbes> status_before_{};
   std::array<Spring, kMaxProbes> springs_;
+  sharing::Scene scene_;
   BodyReports reports_;
   CopyArrival arrival_;
 };

@@ -111,6 +111,27 @@ void Cycle::choose_targets_along(const ToolTouch& tool, const TouchObject& objec
   }
 }
 
+/// What stands is to be fine where bodies near a hand stand on it.
+void Cycle::choose_targets_under_bodies(const TouchObject& object) noexcept {
+  if (object.body || movable_ == 0) return;
+  const Placement& stands = placement(object);
+  const double around = sharing::kAroundBody / stands.scale();
+  for (const TouchObject* const body : objects_) {
+    if ((movable_ >> body->index & 1u) == 0) continue;
+    const Placement& moved = placement(*body);
+    const double near = body->body->settings.half.norm() + kHandNear;
+    const Vec3d centre = sharing::centre_of(*body->body, moved);
+    bool handled = false;
+    for (std::uint32_t i = 0; i < kMaxProbes; ++i)
+      handled = handled || (result_.probes[i].active && (tips_[i].position - centre).squaredNorm() < near * near);
+    if (!handled) continue;
+    sharing::for_each_place_beside(*body->body, moved, stands, object.bounds, [&](const Vec3d& place) {
+      object.forest->grid().for_each_meeting(
+          place, around, [&](spm::RegionId region, double squared) { add_target(region, kSoon + squared); });
+    });
+  }
+}
+
 void Cycle::choose_targets(TouchObject& object) noexcept {
   // First what a tip meets, then what it is about to meet, last what it has just left; in each by distance.
   target_count_ = 0;
@@ -140,6 +161,7 @@ void Cycle::choose_targets(TouchObject& object) noexcept {
                                      if (forest.is_refined(region)) add_target(region, kLeft + squared);
                                    });
   }
+  choose_targets_under_bodies(object);
   std::sort(targets_.begin(), targets_.begin() + target_count_, [](const Target& a, const Target& b) {
     return a.key != b.key ? a.key < b.key : spm::index(a.region) < spm::index(b.region);
   });

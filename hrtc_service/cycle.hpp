@@ -208,6 +208,7 @@ class Cycle {
   void take(const Arrival& arrival) noexcept;
   void add_target(spm::RegionId region, double key) noexcept;
   void choose_targets(TouchObject& object) noexcept;
+  void choose_targets_under_bodies(const TouchObject& object) noexcept;
   void choose_targets_along(const ToolTouch& tool, const TouchObject& object) noexcept;
   [[nodiscard]] std::uint32_t refit(TouchObject& object) noexcept;
   [[nodiscard]] spm::Advance advance(TouchObject& object, spm::Budget& budget, spm::Budget& granted,

@@ -277,6 +277,23 @@ void Loader::predict(Object& object, const std::array<ProbeSight, kMaxProbes>& s
       }
     }
   }
+  // Where bodies that a hand is near stand on it.
+  for (const Object* const other : by_index_) {
+    const std::optional<sharing::SharedBody>& body = other->touch.body;
+    if (!body || object.touch.body) continue;
+    const Vec3d centre = sharing::centre_of(*body, other->placement);
+    const double near = body->settings.half.norm() + kHandNear;
+    if (std::none_of(sights.begin(), sights.end(), [&](const ProbeSight& sight) {
+          return sight.active && (sight.device - centre).squaredNorm() < near * near;
+        }))
+      continue;
+    sharing::for_each_place_beside(*body, other->placement, placement, object.touch.bounds, [&](const Vec3d& place) {
+      object.grid().for_each_meeting(place, sharing::kAroundBody / placement.scale(),
+                                     [&](spm::RegionId region, double) {
+                                       contacts[spm::index(region)] = {0, lead, 0};
+                                     });
+    });
+  }
   for (auto wish = object.wishes.begin(); wish != object.wishes.end();)
     wish = contacts.count(wish->first) == 0 ? object.wishes.erase(wish) : std::next(wish);
   for (const auto& [region, contact] : contacts) {

@@ -78,39 +78,10 @@ Vec3d ObjectsSurface::turned(std::uint32_t object, const Vec3d& direction) const
 }
 
 bool ObjectsSurface::closest(const Vec3d& point, double within, haptics::SurfaceHit& hit) const noexcept {
-  // All faces that share the nearest point lie within a hair of its distance; more of them than fit share no vertex.
-  constexpr double kHair = 1e-9;
-  const double hair = kHair * (1 + within);
-  using Rows = std::array<std::uint32_t, spm::AbTree::kMostNearest>;
-  Rows rows;
-  std::uint32_t found = 0;
-  const Entry* nearest = nullptr;
-  double reach = within;
-  for (std::uint32_t i = 0; i < count_; ++i) {
-    const Placement& placement = *entries_[i].now;
-    const double scale = placement.scale();
-    spm::NearestFace face;
-    Rows here;
-    const std::uint32_t count = entries_[i].object->forest->tree().nearest(
-        placement.to_model(point), reach / scale, hair / scale, face, here.data(), here.size());
-    if (count == 0) continue;
-    nearest = &entries_[i];
-    reach = std::sqrt(face.squared_distance) * scale;
-    found = count;
-    std::copy_n(here.begin(), count, rows.begin());
-  }
-  if (nearest == nullptr) return false;
-  haptics::ClosestSide side{point, std::min(within, reach + hair)};
-  const Placement& placement = *nearest->now;
-  const spm::AbTree& tree = nearest->object->forest->tree();
-  for (std::uint32_t i = 0; i < found; ++i) {
-    const std::array<float, 9> corners = tree.corners(rows[i]);
-    const auto corner = [&](int c) {
-      return placement.to_world({corners[3 * c], corners[3 * c + 1], corners[3 * c + 2]});
-    };
-    side.offer(corner(0), corner(1), corner(2), nearest->object->index, tree.row(rows[i]).face);
-  }
-  return side.result(hit);
+  std::array<sharing::ScenePart, kMaxObjects> parts;
+  for (std::uint32_t i = 0; i < count_; ++i)
+    parts[i] = {&entries_[i].object->forest->tree(), entries_[i].now, entries_[i].object->index};
+  return sharing::closest_of({parts.data(), count_}, point, within, hit);
 }
 
 }  // namespace tactus::hrtc_service

@@ -14,6 +14,7 @@
 #include "haptics/surface.hpp"
 #include "session/messages.hpp"
 #include "sharing/body.hpp"
+#include "sharing/scene.hpp"
 #include "spm/forest.hpp"
 
 namespace tactus::hrtc_service {
@@ -32,56 +33,10 @@ using Plain4 = std::array<double, 4>;
 inline constexpr std::uint32_t kMaxProbes = 8;
 inline constexpr std::uint32_t kMaxObjects = spm::kMaxObjects;
 inline constexpr std::uint32_t kMaxBodies = 8;  ///< objects that an HRTC moves; further ones stay where they are
+inline constexpr double kHandNear = 0.15;       ///< m, of a body: then what is around it shall be fine
 static_assert(kMaxObjects <= 64, "bits in NearObjects");
 
-/// Where a model stands: world = rotation * (scale * model) + translation. Metres in the world, file units in the
-/// model.
-class Placement {
- public:
-  Placement() = default;
-  Placement(const session::Pose& pose, double scale)
-      : scale_{scale},
-        rotation_{Eigen::Quaterniond{pose.orientation[3], pose.orientation[0], pose.orientation[1], pose.orientation[2]}
-                      .normalized()
-                      .toRotationMatrix()},
-        translation_{pose.position[0], pose.position[1], pose.position[2]} {}
-
-  [[nodiscard]] Vec3d to_model(const Vec3d& world) const noexcept {
-    return rotation_.transpose() * (world - translation_) / scale_;
-  }
-  [[nodiscard]] Vec3d to_world(const Vec3d& model) const noexcept {
-    return rotation_ * (scale_ * model) + translation_;
-  }
-  [[nodiscard]] Vec3d direction_to_world(const Vec3d& model) const noexcept { return rotation_ * model; }
-  [[nodiscard]] Vec3d direction_to_model(const Vec3d& world) const noexcept { return rotation_.transpose() * world; }
-  [[nodiscard]] double scale() const noexcept { return scale_; }
-  [[nodiscard]] const Eigen::Matrix3d& rotation() const noexcept { return rotation_; }
-  [[nodiscard]] const Vec3d& translation() const noexcept { return translation_; }
-  /// scale, rotation row by row, translation; the same placement to the bit comes of them.
-  using Numbers = std::array<double, 13>;
-  [[nodiscard]] Numbers numbers() const noexcept {
-    Numbers all{scale_};
-    for (int row = 0; row < 3; ++row) {
-      for (int column = 0; column < 3; ++column) all[1 + 3 * row + column] = rotation_(row, column);
-      all[10 + row] = translation_[row];
-    }
-    return all;
-  }
-  explicit Placement(const Numbers& all) noexcept : scale_{all[0]} {
-    for (int row = 0; row < 3; ++row) {
-      for (int column = 0; column < 3; ++column) rotation_(row, column) = all[1 + 3 * row + column];
-      translation_[row] = all[10 + row];
-    }
-  }
-  [[nodiscard]] bool finite() const noexcept {
-    return std::isfinite(scale_) && rotation_.allFinite() && translation_.allFinite();
-  }
-
- private:
-  double scale_ = 1;
-  Eigen::Matrix3d rotation_ = Eigen::Matrix3d::Identity();
-  Vec3d translation_ = Vec3d::Zero();
-};
+using sharing::Placement;
 
 /// Made by the loader, which also destroys it, after the haptic thread has ended. In between only the haptic thread
 /// touches `forest`.

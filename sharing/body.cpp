@@ -28,15 +28,20 @@ std::array<double, 3> inertia_of_bounds(const spm::ModelSummary& summary, double
   return plain(haptics::box_body(mass, half_of(summary, scale)).inertia);
 }
 
-SharedBody body_of(const session::CatalogueEntry& entry) noexcept {
+SharedBody body_within(const spm::ModelSummary& summary, double scale) noexcept {
   SharedBody body;
-  body.settings = haptics::box_body(entry.body.mass, half_of(entry.summary, entry.scale));
+  body.settings = haptics::box_body(body.settings.mass, half_of(summary, scale));
+  for (int axis = 0; axis < 3; ++axis)
+    body.centre[axis] = 0.5 * scale * (double{summary.bounds_max[axis]} + double{summary.bounds_min[axis]});
+  return body;
+}
+
+SharedBody body_of(const session::CatalogueEntry& entry) noexcept {
+  SharedBody body = body_within(entry.summary, entry.scale);
+  body.settings.mass = entry.body.mass;
   body.settings.inertia = vec(entry.body.inertia);
   body.settings.friction = entry.body.friction;
   body.ground = entry.body.ground;
-  for (int axis = 0; axis < 3; ++axis)
-    body.centre[axis] =
-        0.5 * entry.scale * (double{entry.summary.bounds_max[axis]} + double{entry.summary.bounds_min[axis]});
   body.start = state_at(entry.pose, body.centre);
   return body;
 }

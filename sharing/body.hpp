@@ -25,6 +25,8 @@ struct SharedBody {
 };
 
 [[nodiscard]] inline bool can_move(const session::CatalogueEntry& entry) noexcept { return entry.body.mass > 0; }
+/// Its box and where its middle is; mass and all else as they are unless said.
+[[nodiscard]] SharedBody body_within(const spm::ModelSummary& summary, double scale) noexcept;
 /// Of an entry that can move.
 [[nodiscard]] SharedBody body_of(const session::CatalogueEntry& entry) noexcept;
 /// Principal moments of a box of uniform density that has the size of the bounds, kg m^2.

@@ -122,22 +122,83 @@ TEST(RigidBody, OnASlopeItSticksOrSlidesAsItsFrictionSays) {
   }
 }
 
+void step_on(RigidBody& body, ContactSolver& solver, const SurfaceDistance& surface) {
+  body.begin(kDt);
+  SolverBody moving = body.free();
+  solver.begin();
+  add_surface_contacts(body, 0, surface, solver);
+  (void)solver.solve({&moving, 1}, kDt);
+  body.finish(moving.velocity);
+}
+
 TEST(RigidBody, RestsOnStaticGeometry) {
   const testing::TriangleSurface table{testing::square(0.3, 0.1)};
   BodyState state;
   state.position = {0.01, 0, 0.17};
   RigidBody body{box_body(0.3, kHalf), state};
   ContactSolver solver;
-  for (int i = 0; i < 1000; ++i) {
-    body.begin(kDt);
-    SolverBody moving = body.free();
-    solver.begin();
-    add_surface_contacts(body, 0, table, solver);
-    (void)solver.solve({&moving, 1}, kDt);
-    body.finish(moving.velocity);
-  }
+  for (int i = 0; i < 1000; ++i) step_on(body, solver, table);
   EXPECT_NEAR(body.state().position.z(), 0.15, 1e-4);
   EXPECT_LT(body.top_speed(), 1e-5);
+}
+
+/// A plane through the origin that falls towards +x by `slope`, of squares cut in two, some millimetres to centimetres.
+testing::TriangleSurface tessellated_slope(double slope) {
+  constexpr int kCells = 9;
+  const auto at = [&](int i, int j) -> Vec3d {
+    const double along = 0.4 * (std::pow(static_cast<double>(i) / kCells, 1.5) - 0.3);
+    return {along * std::cos(slope), 0.3 * (static_cast<double>(j) / kCells - 0.5), -along * std::sin(slope)};
+  };
+  std::vector<testing::Triangle> triangles;
+  for (int i = 0; i < kCells; ++i)
+    for (int j = 0; j < kCells; ++j) {
+      triangles.push_back({at(i, j), at(i + 1, j), at(i + 1, j + 1)});
+      triangles.push_back({at(i, j), at(i + 1, j + 1), at(i, j + 1)});
+    }
+  return testing::TriangleSurface{std::move(triangles)};
+}
+
+TEST(RigidBody, OnATessellatedSlopeItSticksOrSlidesAsItsFrictionSays) {
+  for (const double friction : {0.3, 0.44, 0.46, 0.6}) {
+    SCOPED_TRACE(friction);
+    const double slope = std::atan(0.45);
+    const testing::TriangleSurface surface = tessellated_slope(slope);
+    BodySettings settings = box_body(0.3, {0.05, 0.03, 0.02});
+    settings.friction = friction;
+    BodyState state;
+    state.orientation = Eigen::AngleAxisd{slope, Vec3d::UnitY()} * Eigen::AngleAxisd{0.3, Vec3d::UnitZ()};
+    const Vec3d normal = Eigen::AngleAxisd{slope, Vec3d::UnitY()} * Vec3d::UnitZ();
+    state.position = 0.0201 * normal;
+    RigidBody body{settings, state};
+    ContactSolver solver;
+    for (int i = 0; i < 300; ++i) step_on(body, solver, surface);
+    const Vec3d downhill{std::cos(slope), 0, -std::sin(slope)};
+    const double expected = 0.3 * std::max(0.0, 9.81 * (std::sin(slope) - friction * std::cos(slope)));
+    EXPECT_NEAR(body.state().velocity.dot(downhill), expected, 0.003 * 9.81);
+    EXPECT_NEAR(body.state().position.dot(normal), 0.02, 1e-4);
+    EXPECT_LT(body.state().spin.norm(), 0.02);
+  }
+}
+
+TEST(RigidBody, ABumpInTheMidstOfAFaceCarriesIt) {
+  // A pyramid of 23 degrees whose tip is under none of the box's corners and edges, and under none of the places where
+  // it looks.
+  const Vec3d tip{0.004, -0.007, 0.05};
+  constexpr double kFoot = 0.12;
+  std::array<Vec3d, 4> foot;
+  for (int i = 0; i < 4; ++i) foot[i] = {i == 1 || i == 2 ? kFoot : -kFoot, i >= 2 ? kFoot : -kFoot, 0};
+  std::vector<testing::Triangle> triangles;
+  for (int i = 0; i < 4; ++i) triangles.push_back({foot[i], foot[(i + 1) % 4], tip});
+  const testing::TriangleSurface pyramid{std::move(triangles)};
+  BodySettings settings = box_body(0.3, {0.04, 0.03, 0.01});
+  BodyState state;
+  state.position = {0.0, 0.0, 0.0615};
+  RigidBody body{settings, state};
+  ContactSolver solver;
+  for (int i = 0; i < 60; ++i) step_on(body, solver, pyramid);  // then it tips over, as its centre is beside the tip
+  EXPECT_GT(body.state().to_body(tip).z(), -0.0101);
+  EXPECT_LT(body.state().to_body(tip).z(), -0.0099);
+  EXPECT_GT(solver.last().contacts, 0u);
 }
 
 TEST(RigidBody, ATurnComesBackFromItsQuaternion) {

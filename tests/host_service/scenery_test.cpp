@@ -1,0 +1,116 @@
+#include "host_service/scenery.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "host_service/keeper.hpp"
+#include "spm/codec/model_codec.hpp"
+#include "spm/offline/build.hpp"
+#include "spm/offline/generate.hpp"
+
+namespace tactus::host_service {
+namespace {
+
+using haptics::Vec3d;
+
+constexpr std::int64_t kMs = 1'000'000;
+constexpr std::uint32_t kFaces = 40'000;
+
+/// The generated organ, 20 cm long, at the origin.
+struct Organ {
+  spm::offline::TriangleMesh mesh = spm::offline::generate(spm::offline::Shape::kOrgan, kFaces);
+  spm::offline::BuiltModel built{spm::offline::build_model(mesh)};
+  spm::codec::EncodedModel encoded{built.model()};
+  double scale = 1;
+  std::vector<Vec3d> vertices;  // m
+
+  Organ() {
+    const spm::ModelSummary& summary = encoded.coded().summary();
+    double longest = 0;
+    for (int axis = 0; axis < 3; ++axis)
+      longest = std::max(longest, double{summary.bounds_max[axis]} - double{summary.bounds_min[axis]});
+    scale = 0.2 / longest;
+    for (const auto& p : mesh.positions) vertices.push_back(scale * Vec3d{p[0], p[1], p[2]});
+  }
+  [[nodiscard]] StandingObject standing() const { return {{}, scale, &encoded.coded()}; }
+  [[nodiscard]] Vec3d top() const {
+    return *std::max_element(vertices.begin(), vertices.end(),
+                             [](const Vec3d& a, const Vec3d& b) { return a.z() < b.z(); });
+  }
+};
+const Organ& organ() {
+  static const Organ kOrgan;
+  return kOrgan;
+}
+
+/// A box of these half edges in mm and 0.2 kg, its middle at `place`; the ground is far below.
+session::CatalogueEntry box(const Vec3d& half_mm, const Vec3d& place, double friction) {
+  session::CatalogueEntry entry;
+  entry.origin.session = 1;
+  entry.origin.participant = 100;
+  entry.origin.incarnation = 1000;
+  entry.object_id = 5;
+  for (int axis = 0; axis < 3; ++axis) {
+    entry.summary.bounds_max[axis] = static_cast<float>(half_mm[axis]);
+    entry.summary.bounds_min[axis] = -entry.summary.bounds_max[axis];
+  }
+  entry.scale = 0.001;
+  entry.pose.position = {place.x(), place.y(), place.z()};
+  entry.body = {0.2, sharing::inertia_of_bounds(entry.summary, entry.scale, 0.2), friction, -1};
+  return entry;
+}
+
+TEST(Scenery, ABoxDroppedOnTheOrganComesToRestOnItsFinestMesh) {
+  const Vec3d half{0.02, 0.015, 0.01};
+  Scenery scenery{{organ().standing()}};
+  const session::CatalogueEntry entry = box(1e3 * half, organ().top() + Vec3d{0, 0, 0.04}, 0.9);
+  Keeper keeper{entry.origin};
+  keeper.stand_among(&scenery);
+  keeper.add(entry, 0);
+  session::Pose pose = entry.pose;
+  for (std::int64_t now = kMs; now < 4000 * kMs; now += kMs)
+    for (const session::ObjectPose& told : keeper.tick(now, now).poses) pose = told.pose;
+  EXPECT_FALSE(keeper.busy()) << "it rests";
+  const haptics::BodyState state = sharing::state_at(pose, Vec3d::Zero());
+  EXPECT_GT(state.position.z(), organ().top().z() - 0.005);
+
+  double deepest = 1;
+  for (const Vec3d& vertex : organ().vertices) {
+    const Vec3d beyond = state.to_body(vertex).cwiseAbs() - half;
+    deepest = std::min(deepest, beyond.maxCoeff());
+  }
+  EXPECT_GT(deepest, -3e-4) << "of the vertices of the finest mesh none is in the box";
+  EXPECT_LT(deepest, 3e-4) << "and it lies on some";
+  EXPECT_GT(scenery.regions_loaded(), 0u);
+  EXPECT_TRUE(scenery.exact(state.position - Vec3d{0, 0, half.z()}, 0.003));
+}
+
+TEST(Scenery, WithTooLittleRoomItStaysCoarserAndABoxRestsAllTheSame) {
+  Scenery scenery{{organ().standing()}, 200};
+  const session::CatalogueEntry entry = box({20, 15, 10}, organ().top() + Vec3d{0, 0, 0.03}, 0.9);
+  Keeper keeper{entry.origin};
+  keeper.stand_among(&scenery);
+  keeper.add(entry, 0);
+  session::Pose pose = entry.pose;
+  for (std::int64_t now = kMs; now < 4000 * kMs; now += kMs)
+    for (const session::ObjectPose& told : keeper.tick(now, now).poses) pose = told.pose;
+  EXPECT_FALSE(keeper.busy());
+  EXPECT_NEAR(pose.position[2], organ().top().z() + 0.01, 0.004);
+}
+
+TEST(Scenery, RegionsThatNobodyStandsOnGiveTheirRoomToOthers) {
+  Scenery scenery{{organ().standing()}, 6000};
+  std::uint64_t exact = 0, asked = 0;
+  for (std::size_t i = 0; i < organ().vertices.size(); i += 211) {
+    for (int look = 0; look < 12; ++look) scenery.look({organ().vertices[i]});
+    ++asked;
+    exact += scenery.exact(organ().vertices[i], 0.002) ? 1 : 0;
+  }
+  EXPECT_EQ(exact, asked);
+  EXPECT_GT(scenery.regions_loaded(), organ().encoded.coded().summary().regions / 3);
+}
+
+}  // namespace
+}  // namespace tactus::host_service
