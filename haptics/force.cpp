@@ -16,7 +16,7 @@ Vec3d limited(const Vec3d& force, double limit) noexcept {
   return size > limit ? Vec3d(force * (limit / size)) : force;
 }
 
-/// What a damper adds along a contact's normal: it may cancel the push of the surface, not turn it into a pull.
+/// What a damper adds along a contact's normal, or a torque's axis: it may cancel the push, not turn it into a pull.
 double damped(const Vec3d& force, const Vec3d& normal, const Vec3d& velocity, double damping) noexcept {
   return std::max(-std::max(0.0, force.dot(normal)), -damping * velocity.dot(normal));
 }
@@ -208,7 +208,12 @@ void ForceRenderer::render(const ToolResult& tool, const ToolGrip& grip, const D
   Vec3d force = grip.stiffness * tool.way;
   if (tool.in_contact) force += damped(force, tool.normal, device.velocity, feel.damping) * tool.normal;
   if (!force.isZero(0) && grip.stiffness < feel.stiffness) result_.bits |= kForceStiffnessCut;
-  limit(force, grip.torsion * tool.turn, pose_age, dt);
+  Vec3d torque = grip.torsion * tool.turn;
+  if (const double size = torque.norm(); tool.in_contact && size > 0) {
+    const Vec3d axis = torque / size;
+    torque += damped(torque, axis, spin_, grip.spin_damping) * axis;
+  }
+  limit(force, torque, pose_age, dt);
 }
 
 void ForceRenderer::render(const Hold& hold, const ToolGrip& grip, const DeviceState& device, const Feel& feel,

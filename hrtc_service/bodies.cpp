@@ -173,6 +173,34 @@ void Bodies::limit_touch(const Cycle& cycle, std::uint32_t p, const haptics::Dev
   pulled.spring = {touch.anchor, device.position, device.velocity, share * stiffness, share * damping};
 }
 
+/// A push by a tool: its coupling, as a spring where it touches and the torque that is left about that place.
+void Bodies::limit_tool(const Cycle& cycle, std::uint32_t p, const haptics::DeviceState& device, double passed_on,
+                        ProbeOutput& output) noexcept {
+  Spring& pulled = springs_[p];
+  const Body& body = bodies_[pulled.body];
+  const haptics::ToolResult& tool = cycle.tool(p)->last();
+  const haptics::ForceRenderer& renderer = cycle.renderer(p);
+  const double stiffness = output.stiffness, damping = body.object->material.damping;
+  const Vec3d relative = device.velocity - body.placed.velocity_at(tool.point);
+  const Vec3d wanted = stiffness * tool.way;
+  const double push = std::max(0.0, wanted.dot(tool.normal));
+  const Vec3d damped = wanted + std::max(-push, -damping * relative.dot(tool.normal)) * tool.normal;
+  Vec3d force = vec(output.force);
+  const double share = share_of(force.norm(), damped.norm());
+  force -= share * damping * (relative - relative.dot(tool.normal) * tool.normal);
+  const double stored = stored_in(stiffness, tool.way.norm(), settings_.force.max_force);
+  output.force = plain(through_port(p, force, device, passed_on, stored, output));
+  pulled.spring = {tool.point, tool.point - tool.way, device.velocity, share * stiffness, share * damping};
+
+  const haptics::Feel feel{body.object->material.stiffness, damping};
+  const Vec3d turning = renderer.grip(feel, settings_.period, device.loop_delay).torsion * tool.turn;
+  const Vec3d torque =
+      renderer.bears_torque()
+          ? vec(output.torque)
+          : Vec3d(renderer.strength() * shortened(turning.norm(), settings_.force.max_torque) * turning);
+  pulled.torque = -torque - (tool.pose.position - tool.point).cross(share * wanted);
+}
+
 /// A hold: the same with all six degrees of freedom. A device that bears no torque turns what it holds nevertheless.
 void Bodies::limit_held(const Cycle& cycle, std::uint32_t p, const haptics::DeviceState& device, double passed_on,
                         ProbeOutput& output) noexcept {
@@ -219,12 +247,14 @@ void Bodies::limit(const Cycle& cycle, const std::array<ProbeInput, kMaxProbes>&
     turning.angle += haptics::turn_of(device.orientation * turning.orientation.conjugate());
     turning.orientation = device.orientation;
     pulled.holds = (output.status & session::kHolding) != 0;
-    if ((output.status & session::kInContact) != 0 && (cycle.tool(p) == nullptr || pulled.holds))
-      pulled.body = body_of(output.object);
+    if ((output.status & session::kInContact) != 0) pulled.body = body_of(output.object);
+    pulled.torque.setZero();
     if (pulled.body == kMaxBodies) {
       (void)ports_[p].step(Vec3d::Zero(), device.position, passed_on, settings_.period, false);
     } else if (pulled.holds) {
       limit_held(cycle, p, device, passed_on, output);
+    } else if (cycle.tool(p) != nullptr) {
+      limit_tool(cycle, p, device, passed_on, output);
     } else {
       limit_touch(cycle, p, device, passed_on, output);
     }
@@ -263,10 +293,12 @@ void Bodies::step(Cycle& cycle, std::int64_t now_ns) noexcept {
     std::array<haptics::TurnSpring, kMaxProbes> turns;
     std::array<std::uint32_t, kMaxProbes> probes{}, holders{};
     std::uint32_t count = 0, holding = 0;
+    haptics::ImplicitForce pushing;
     for (std::uint32_t p = 0; p < kMaxProbes; ++p) {
       if (springs_[p].body != i) continue;
       probes[count] = p;
       springs[count++] = springs_[p].spring;
+      pushing.impulse.tail<3>() += settings_.period * springs_[p].torque;
       if (!springs_[p].holds) continue;
       holders[holding] = p;
       turns[holding++] = springs_[p].turn;
@@ -293,13 +325,14 @@ void Bodies::step(Cycle& cycle, std::int64_t now_ns) noexcept {
     for (std::uint32_t left = steps_due(body, session_ns); left > 0; --left) {
       body.simulated_ns += static_cast<std::int64_t>(settings_.period * 1e9 + 0.5);
       const haptics::BodyState before = simulated.state();
-      simulated.step(body.simulated_ns, {springs.data(), count}, around, settings_.period, nullptr,
-                     {turns.data(), holding});
+      simulated.step(body.simulated_ns, {springs.data(), count}, around, settings_.period,
+                     count > 0 ? &pushing : nullptr, {turns.data(), holding});
       const haptics::BodyState& after = simulated.state();
       for (std::uint32_t k = 0; k < count; ++k) {
         const Vec3d velocity = after.velocity + after.spin.cross(springs[k].point - before.position);
         const Vec3d way = settings_.period * velocity;
         passed_on_[probes[k]] += springs[k].force(velocity, settings_.period).dot(way);
+        passed_on_[probes[k]] += settings_.period * springs_[probes[k]].torque.dot(after.spin);
         springs[k].point += way;  // where the next step finds them
         springs[k].target += settings_.period * springs[k].target_velocity;
       }

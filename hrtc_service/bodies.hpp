@@ -110,12 +110,15 @@ class Bodies {
     std::uint32_t body = kMaxBodies;  // none
     haptics::PointSpring spring;
     bool holds = false;
-    haptics::TurnSpring turn;  // while it holds
+    haptics::TurnSpring turn;      // while it holds
+    Vec3d torque = Vec3d::Zero();  // N m on the body, of a tool that pushes
   };
 
   void find_new(const Cycle& cycle) noexcept;
   void limit_touch(const Cycle& cycle, std::uint32_t probe, const haptics::DeviceState& device, double passed_on,
                    ProbeOutput& output) noexcept;
+  void limit_tool(const Cycle& cycle, std::uint32_t probe, const haptics::DeviceState& device, double passed_on,
+                  ProbeOutput& output) noexcept;
   void limit_held(const Cycle& cycle, std::uint32_t probe, const haptics::DeviceState& device, double passed_on,
                   ProbeOutput& output) noexcept;
   /// What the port leaves of a force on the hand.

@@ -363,8 +363,12 @@ void Cycle::render_tool(std::uint32_t number, const ProbeInput& input, ProbeOutp
     return render_held(number, input, output);
   }
   if (input.failed) renderer.latch(haptics::Fault::kDeviceFailed);
+  // The damper rides along with what moves.
+  haptics::DeviceState device = input.device;
+  if (tool.in_contact)
+    device.velocity -= (tool.point - surface.carried_from(tool.object, tool.point)) / settings_.period;
   const haptics::ForceResult& force =
-      renderer.step(tool, grip, input.device, feel, input.pose_age - input.device.transit, settings_.period);
+      renderer.step(tool, grip, device, feel, input.pose_age - input.device.transit, settings_.period);
   output.status |= session::kExact;
   output.error_bound = 0;
   for (std::uint32_t b = 0; b < touch.balls(); ++b) {

@@ -28,8 +28,10 @@ const haptics::ToolResult& ToolTouch::step(const haptics::ToolPose& device, doub
   for (std::uint32_t i = 0; i < surface.count(); ++i) {
     const TouchObject& object = surface[i];
     const Placement& placement = surface.placement(i);
-    objects_[i] = {&object.forest->tree(),           placement.rotation(), placement.translation(), placement.scale(),
-                   object.material.dynamic_friction, object.index};
+    // What moves would carry a tool that sticks to it; a tool does not go along, so it slides.
+    const double friction = object.body ? 0 : object.material.dynamic_friction;
+    objects_[i] = {&object.forest->tree(), placement.rotation(), placement.translation(), placement.scale(), friction,
+                   object.index};
     near |= std::uint64_t{1} << object.index;
   }
   const haptics::ToolPose before = tool_.last().pose;

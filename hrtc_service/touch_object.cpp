@@ -72,6 +72,11 @@ Vec3d ObjectsSurface::carried(std::uint32_t object, const Vec3d& point) const no
   return entry != nullptr ? entry->now->to_world(entry->before->to_model(point)) : point;
 }
 
+Vec3d ObjectsSurface::carried_from(std::uint32_t object, const Vec3d& point) const noexcept {
+  const Entry* entry = moved(object);
+  return entry != nullptr ? entry->before->to_world(entry->now->to_model(point)) : point;
+}
+
 Vec3d ObjectsSurface::turned(std::uint32_t object, const Vec3d& direction) const noexcept {
   const Entry* entry = moved(object);
   return entry != nullptr ? entry->now->direction_to_world(entry->before->direction_to_model(direction)) : direction;

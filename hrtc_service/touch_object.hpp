@@ -122,6 +122,8 @@ class ObjectsSurface final : public haptics::Surface {
   [[nodiscard]] bool sweep_moving(const Vec3d& from, const Vec3d& to, double radius,
                                   haptics::SurfaceHit& hit) const noexcept override;
   [[nodiscard]] Vec3d carried(std::uint32_t object, const Vec3d& point) const noexcept override;
+  /// Where the place that is at `point` now was in the last step.
+  [[nodiscard]] Vec3d carried_from(std::uint32_t object, const Vec3d& point) const noexcept;
   [[nodiscard]] Vec3d turned(std::uint32_t object, const Vec3d& direction) const noexcept override;
 
  private:

@@ -264,6 +264,31 @@ TEST(Force, OfAToolIsAWrenchOfItsCoupling) {
   EXPECT_EQ(result.bits, 0u);
 }
 
+/// rad; how far a device of 10^-4 kg m^2 without a damper of its own still swings about a tool that is held, after 1 s.
+double swings(double spin_damping) {
+  ForceSettings settings = at_full_strength();
+  ForceRenderer renderer{settings, bearing(1)};
+  const Feel feel{1000, 0};
+  ToolGrip grip = renderer.grip(feel, kCycle);
+  grip.spin_damping *= spin_damping;
+  double angle = 0.2, spin = 0, widest = 0;
+  for (int i = 0; i < 1200; ++i) {
+    DeviceState device;
+    device.orientation = rotation_by({angle, 0, 0});
+    device.time_ns = 1'000'000 * i;
+    const Vec3d torque = renderer.step(pressed_tool(0.001, -angle), grip, device, feel, kFresh, kCycle).torque;
+    spin += kCycle * torque.x() / 1e-4;
+    angle += kCycle * spin;
+    if (i >= 1000) widest = std::max(widest, std::abs(angle));
+  }
+  return widest;
+}
+
+TEST(Force, ADeviceThatIsTurnedAgainstAToolComesToRest) {
+  EXPECT_GT(swings(0), 0.15);
+  EXPECT_LT(swings(1), 0.02);
+}
+
 TEST(Force, OfAHoldPullsAllWaysAndIsDampedByHowTheHandMovesAgainstIt) {
   ForceSettings settings = at_full_strength();
   settings.max_torque_slew = 1e9;

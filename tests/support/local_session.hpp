@@ -20,7 +20,7 @@ class LocalSession {
   static constexpr std::int64_t kPeriodNs = 1'000'000;
 
   /// `models` must outlive the session; scale in metres per file unit. `delay_cycles`: chunks and demands are that long
-  /// under way. A tool of the loader's is the cycle's, too. With a `mass`, kg, objects can move.
+  /// under way. A tool of the loader's is the cycle's, too. With a `mass`, kg, the last object can move.
   LocalSession(const std::vector<spm::Model>& models, double scale, spm::PoolSettings settings,
                std::uint32_t delay_cycles = 2, const hrtc_service::LoaderSettings& loader = {},
                const session::Material& material = {}, double mass = 0)
@@ -44,11 +44,13 @@ class LocalSession {
       entry.summary = models_[i].summary;
       entry.scale = scale;
       entry.material = material;
-      if (mass > 0) entry.body = {mass, sharing::inertia_of_bounds(entry.summary, scale, mass), 0.5, -1};
+      if (mass > 0 && i + 1 == models_.size())
+        entry.body = {mass, sharing::inertia_of_bounds(entry.summary, scale, mass), 0.5, -1};
       entry.pose.position = {static_cast<double>(i), 0, 0};
       entry.base_bytes = server_.base_bytes(id);
       loader_.on_host_seen(kHost, 1, now_);
       loader_.on_catalogue(entry);
+      entries_.push_back(entry);
     }
   }
 
@@ -88,6 +90,7 @@ class LocalSession {
 
   /// What the next `touch` is given: that of the first probe is set by `prepare`, others are whose test it is.
   [[nodiscard]] std::array<hrtc_service::ProbeInput, hrtc_service::kMaxProbes>& inputs() { return inputs_; }
+  [[nodiscard]] const session::CatalogueEntry& entry(std::size_t object) const { return entries_[object]; }
   [[nodiscard]] hrtc_service::Cycle& cycle() { return cycle_; }
   [[nodiscard]] hrtc_service::Loader& loader() { return loader_; }
   [[nodiscard]] session::DeliveryServer& server() { return server_; }
@@ -141,6 +144,7 @@ class LocalSession {
   hrtc_service::DepartureRing departures_{4096};
   hrtc_service::Cycle::LogRing log_{256};
   std::vector<spm::codec::EncodedModel> encoded_;
+  std::vector<session::CatalogueEntry> entries_;
   session::DeliveryServer server_;
   hrtc_service::Loader loader_;
   hrtc_service::Cycle cycle_;
