@@ -504,7 +504,7 @@ void Operator::grip(const Action& action, double dt) {
 }
 
 void Operator::bear(const Vec3d& load, double dt) {
-  constexpr double kBearing = 0.12;  // s
+  constexpr double kBearing = 1;  // s; an arm that came to bear a load at once would drive what swings
   load_ += (load - load_) * std::min(1.0, dt / kBearing);
 }
 

@@ -11,6 +11,8 @@ constexpr double kPi = 3.14159265358979323846;
 constexpr int kLongestGap = 100;                   // cycles without a sample over which waves are interpolated
 constexpr std::int64_t kPatienceNs = 500'000'000;  // for which a peer that has said nothing is taken to move along
 constexpr double kSharing = 0.05;                  // of what is above the reserve, a cycle
+constexpr double kSpare = 3;                       // times what a cycle's waves cost, with which copies are homed
+constexpr double kSmoothing = 0.02;                // s, of what users do
 
 }  // namespace
 
@@ -50,6 +52,7 @@ CopyCoupling::CopyCoupling(const CouplingSettings& settings, std::size_t place, 
   drag_ = per_mass * (settings_.drag / copies);
   ledger_.tank = ledger_.received = settings_.initial / copies;
   own_.time_ns = -1;
+  pressed_.fill(Vec3d::Zero());
 }
 
 void CopyCoupling::keep(History& history, const CopySample& sample, std::size_t to) noexcept {
@@ -85,6 +88,10 @@ bool CopyCoupling::at(const History& history, std::int64_t time_ns, Heard& found
 void CopyCoupling::on_sample(std::size_t peer, const CopySample& sample) noexcept {
   if (peer >= settings_.copies || peer == place_ || sample.time_ns < 0) return;
   keep(heard_[peer], sample, place_);
+  if (sample.time_ns > pressed_ns_[peer]) {
+    pressed_ns_[peer] = sample.time_ns;
+    pressed_[peer] = sample.pressed;
+  }
   const double arrived = sample.energy[place_] - energy_heard_[peer];
   if (!(arrived > 0)) return;
   energy_heard_[peer] = sample.energy[place_];
@@ -106,13 +113,27 @@ void CopyCoupling::start(std::int64_t now_ns, const BodyState& body) noexcept {
   ledger_.received += lacking;
 }
 
+/// A line at rest carries 1 / N of the difference of what its two ends' users do, and is stretched by D / b of that.
+Mat6d CopyCoupling::impedance_to(std::size_t peer) const noexcept {
+  Mat6d impedance = impedance_.asDiagonal();
+  const Vec3d between = pressed_[place_] - pressed_[peer];
+  const double size = between.norm();
+  if (size < settings_.slight) return impedance;
+  const Vec3d along = between / size;
+  const double opposed = std::min(pressed_[place_].dot(along), -pressed_[peer].dot(along));
+  const double carried = 2 * std::max(0.0, opposed - settings_.slight) / static_cast<double>(settings_.copies);
+  const double wanted = std::min(carried * line_delay_ / settings_.give, settings_.most_mass / line_delay_);
+  if (const double more = wanted - impedance_[0]; more > 0)
+    impedance.topLeftCorner<3, 3>() += more * along * along.transpose();
+  return impedance;
+}
+
 void CopyCoupling::begin(std::int64_t now_ns, double dt, RigidBody& body) noexcept {
   if (!started_) start(now_ns, body.state());
   now_ns_ = now_ns;
   dt_ = dt;
   axes_ = body.state().orientation;
   step_.setZero();
-  pull_.setZero();
   const double copies = static_cast<double>(settings_.copies);
   const double allowed = settings_.allowance / copies * dt;
   ledger_.received += allowed;
@@ -142,7 +163,7 @@ void CopyCoupling::begin(std::int64_t now_ns, double dt, RigidBody& body) noexce
     }
   }
   if (all) ledger_.apart = furthest;
-  if (all && paid_) homed_ += apart * (settings_.homing * dt / line_delay_);
+  if (all && may_home_) homed_ += apart * (settings_.homing * dt / line_delay_);
   for (std::size_t i = 0; i < settings_.copies; ++i) {
     if (i == place_) continue;
     lines_[i].filtered += (lines_[i].wanted + homed_ - lines_[i].filtered) * (dt / (filter_ + dt));
@@ -151,6 +172,7 @@ void CopyCoupling::begin(std::int64_t now_ns, double dt, RigidBody& body) noexce
   // As far as speed and tank allow.
   const double arm = std::sqrt(share_.inertia.maxCoeff() / share_.mass);
   double cost = 0;
+  Mat6d impedances = Mat6d::Zero();
   ledger_.behind = 0;
   for (std::size_t i = 0; i < settings_.copies; ++i) {
     if (i == place_) continue;
@@ -159,11 +181,13 @@ void CopyCoupling::begin(std::int64_t now_ns, double dt, RigidBody& body) noexce
     ledger_.behind = std::max(ledger_.behind, line.step.head<3>().norm());
     const double fastest = std::max(line.step.head<3>().norm(), arm * line.step.tail<3>().norm()) / dt;
     if (fastest > settings_.max_speed) line.step *= settings_.max_speed / fastest;
-    cost += impedance_.dot(line.step.cwiseAbs2()) / (4 * dt);
+    line.impedance = impedance_to(i);
+    impedances += line.impedance;
+    cost += line.step.dot(line.impedance * line.step) / (4 * dt);
   }
   double share = 1;
-  paid_ = cost <= ledger_.tank;
-  if (!paid_) {
+  may_home_ = kSpare * cost <= ledger_.tank;
+  if (cost > ledger_.tank) {
     share = std::sqrt(std::max(0.0, ledger_.tank) / cost);
     ++ledger_.held;
   }
@@ -172,41 +196,47 @@ void CopyCoupling::begin(std::int64_t now_ns, double dt, RigidBody& body) noexce
     if (i == place_) continue;
     lines_[i].step *= share;
     lines_[i].arrived += lines_[i].step;
-    step_ += lines_[i].step / (copies - 1);
+    step_ += lines_[i].impedance * lines_[i].step;
   }
+  admittance_ = impedances.inverse();
+  step_ = admittance_ * step_;
 
-  // Spring and line in series, at the end of the step: F = K (e + step - F dt / b - u - dt v).
-  pull_ = stiffness_.cwiseQuotient(Vec6d::Ones() + dt * stiffness_.cwiseQuotient((copies - 1) * impedance_));
-  const Vec6d mass = dt * dt * pull_ + dt * drag_;
-  const Vec6d impulse = dt * pull_.cwiseProduct(end_ + step_ - moved_);
+  // Spring and lines in series, at the end of the step: F = K (e + step - F dt / b - u - dt v).
+  pull_ = (Mat6d(stiffness_.cwiseInverse().asDiagonal()) + dt * admittance_).inverse();
+  const Mat6d mass = dt * dt * pull_ + dt * Mat6d(drag_.asDiagonal());
+  const Vec6d impulse = dt * pull_ * (end_ + step_ - moved_);
   const Eigen::Matrix3d axes = axes_.toRotationMatrix();
   Mat6d mass_world = Mat6d::Zero();
-  mass_world.topLeftCorner<3, 3>() = mass.head<3>().asDiagonal();
-  mass_world.bottomRightCorner<3, 3>() = axes * mass.tail<3>().asDiagonal() * axes.transpose();
+  mass_world.topLeftCorner<3, 3>() = mass.topLeftCorner<3, 3>();
+  mass_world.bottomRightCorner<3, 3>() = axes * mass.bottomRightCorner<3, 3>() * axes.transpose();
   Vec6d impulse_world;
   impulse_world << impulse.head<3>(), axes * impulse.tail<3>();
   body.add_implicit(mass_world, impulse_world);
 }
 
-void CopyCoupling::finish(const Vec6d& velocity, const RigidBody& body) noexcept {
+void CopyCoupling::finish(const Vec6d& velocity, const RigidBody& body, const Vec3d& pressed) noexcept {
   if (started_) {
     Vec6d own;
     own << velocity.head<3>(), axes_.conjugate() * velocity.tail<3>();
     const Vec6d way = dt_ * own;
-    const Vec6d force = pull_.cwiseProduct(end_ + step_ - moved_ - way);
+    const Vec6d force = pull_ * (end_ + step_ - moved_ - way);
     const double lines = static_cast<double>(settings_.copies - 1);
-    const Vec6d end_step = step_ - dt_ * force.cwiseQuotient(lines * impedance_);
+    const Vec6d end_step = step_ - dt_ * admittance_ * force;
     const double dragged = drag_.dot(own.cwiseProduct(way));
     ledger_.given += force.dot(way) - dragged;
     ledger_.tank += settings_.credited * dragged;
     end_ += end_step;
     moved_ += way;
-    ledger_.stored = 0.5 * stiffness_.dot((end_ - moved_).cwiseAbs2());
+    // What lines put into the spring and it neither gave nor kept. Not credited, it is lost where a tank that is short
+    // makes the set position tremble, which leaves the tank shorter still.
+    const double stored = 0.5 * stiffness_.dot((end_ - moved_).cwiseAbs2());
+    ledger_.tank += std::max(0.0, force.dot(end_step - way) - (stored - ledger_.stored));
+    ledger_.stored = stored;
 
     for (std::size_t i = 0; i < settings_.copies; ++i) {
       if (i == place_) continue;
       const Vec6d leaving = end_step - lines_[i].step / 2;  // times dt
-      own_.energy[i] += impedance_.dot(leaving.cwiseAbs2()) / dt_;
+      own_.energy[i] += leaving.dot(lines_[i].impedance * leaving) / dt_;
       own_.waves[i] = 2 * end_ - lines_[i].arrived;
     }
     if (const double spare = kSharing * (ledger_.tank - settings_.reserve); spare > 0) {
@@ -216,6 +246,8 @@ void CopyCoupling::finish(const Vec6d& velocity, const RigidBody& body) noexcept
       }
     }
   }
+  pressed_[place_] += (pressed - pressed_[place_]) * (dt_ / (kSmoothing + dt_));
+  own_.pressed = pressed_[place_];
   own_.time_ns = now_ns_;
   own_.body = body.state();
   keep(heard_[place_], own_, place_);

@@ -10,16 +10,18 @@
 /// as an integral, is z_j = 2 e - y_j, which is y at the other end D later. So
 ///   - free of contact the copies move as one body of the shares' mass plus b D for each line: b is chosen so that
 ///     this makes the whole; no force opposes a steady motion;
-///   - a force that is held against a peer's stretches the line: two are apart by F (D / b + 2 / K);
+///   - a force that is held against a peer's stretches the line: two are apart by F (D / b + 2 / K). So a line is made
+///     stiffer along the direction in which its two copies' users press against each other, and heavier, in that alone;
 ///   - losses need no repair, because waves come as integrals, and jitter ends at D: samples are interpolated there.
 ///
 /// Energy: a wave of velocity a costs b a^2 dt where it arrives. It is paid from a tank that is filled by what the
-/// peers say they put into the line (a counter in each sample: loss, order and repetition do not matter) and by half of
-/// what the drag takes. A set position that the tank cannot pay moves less and catches up later. So, whatever the
-/// network does, all copies together give at most what was put in: sum of `given` <= initial + allowance * time.
-/// Nothing in it is assumed about delays or clocks; those make it good, not passive.
+/// peers say they put into the line (a counter in each sample: loss, order and repetition do not matter), by half of
+/// what the drag takes, and by what the spring loses because it is taken implicitly. A set position that the tank
+/// cannot pay moves less and catches up later. So, whatever the network does, all copies together give at most what was
+/// put in: sum of `given` <= initial + allowance * time. Nothing in it is assumed about delays or clocks; those make it
+/// good, not passive.
 ///
-/// Translation in the world, rotation about the body's axes; six scalar lines. Session time as argument. One thread at
+/// Translation in the world, rotation about the body's axes. Session time as argument. One thread at
 /// a time. Realtime. Source: Niemeyer, Slotine 1991 (wave variables, integrals of waves against drift); Lee, Huang 2010
 /// (passive set-position modulation: spring, tank, credited share of the damping).
 #pragma once
@@ -37,6 +39,7 @@ inline constexpr std::size_t kMaxCopies = 8;
 struct CopySample {
   std::int64_t time_ns = 0;  ///< session time
   BodyState body;
+  Vec3d pressed = Vec3d::Zero();  ///< N, world frame: what its own users do to it, smoothed
   /// By the peer's place: z, m and rad since the group began, and J put into the line to it, which never falls.
   std::array<Vec6d, kMaxCopies> waves = zero_waves();
   std::array<double, kMaxCopies> energy{};
@@ -57,6 +60,9 @@ struct CouplingSettings {
   double least_stiffness = 60;
   /// N/m, the same for turning, where a box has its corners: who holds an object by one point turns it by its weight.
   double least_turning_stiffness = 4000;
+  double give = 0.01;              ///< m, by which a line yields where users press against each other, if it may weigh
+  double most_mass = 25;           ///< kg, of a line along that direction
+  double slight = 0.3;             ///< N; who press against each other with less hold nothing
   double drag = 0.6;               ///< N s/m of the whole object
   double credited = 0.5;           ///< share of what the drag takes that may be given again
   double tank = 0.1;               ///< J at most; more is lost
@@ -86,8 +92,8 @@ class CopyCoupling {
 
   /// Moves the set position and adds its spring to the step that `body` has begun.
   void begin(std::int64_t now_ns, double dt, RigidBody& body) noexcept;
-  /// After the body's step, with the velocity that the solver found.
-  void finish(const Vec6d& velocity, const RigidBody& body) noexcept;
+  /// After the body's step, with the velocity that the solver found and the force of the users here on the body.
+  void finish(const Vec6d& velocity, const RigidBody& body, const Vec3d& pressed) noexcept;
   /// To send, after `finish`.
   [[nodiscard]] const CopySample& sample() const noexcept { return own_; }
 
@@ -113,19 +119,22 @@ class CopyCoupling {
   };
   using History = std::array<Heard, kHistory>;
 
+  [[nodiscard]] Mat6d impedance_to(std::size_t peer) const noexcept;
   static void keep(History& history, const CopySample& sample, std::size_t to) noexcept;
   [[nodiscard]] static bool at(const History& history, std::int64_t time_ns, Heard& found) noexcept;
 
   CouplingSettings settings_;
   std::size_t place_;
   BodySettings share_;
-  Vec6d whole_ = Vec6d::Zero();  // mass and inertia
-  Vec6d stiffness_, impedance_, drag_;
-  double line_delay_ = 0;  // s, D with the filter
-  double filter_ = 0;      // s
+  Vec6d whole_ = Vec6d::Zero();         // mass and inertia
+  Vec6d stiffness_, impedance_, drag_;  // impedance: of each line while nobody presses against anybody
+  double line_delay_ = 0;               // s, D with the filter
+  double filter_ = 0;                   // s
 
   std::array<History, kMaxCopies> heard_;  // [place_]: of this copy itself
   std::array<double, kMaxCopies> energy_heard_{};
+  std::array<Vec3d, kMaxCopies> pressed_;  // N, by the users of each, as last heard
+  std::array<std::int64_t, kMaxCopies> pressed_ns_{};
   bool started_ = false;
   std::int64_t start_ns_ = 0;
   Vec6d start_speed_ = Vec6d::Zero();
@@ -133,7 +142,7 @@ class CopyCoupling {
   Vec6d moved_ = Vec6d::Zero();  // u: integral of the copy's velocity
   Vec6d end_ = Vec6d::Zero();    // e, likewise
   Vec6d homed_ = Vec6d::Zero();  // added to each y
-  bool paid_ = true;             // the tank could, in the last cycle
+  bool may_home_ = true;         // the tank had enough beside the waves, in the last cycle
   struct Line {
     bool heard = false;              // the peer, at the line's delay
     Vec6d offset = Vec6d::Zero();    // of its wave: the groups of two peers do not begin at one moment
@@ -141,10 +150,12 @@ class CopyCoupling {
     Vec6d wanted = Vec6d::Zero();    // y as it came
     Vec6d filtered = Vec6d::Zero();  // and without ringing
     Vec6d step = Vec6d::Zero();      // of y in this cycle
+    Mat6d impedance = Mat6d::Zero();
   };
   std::array<Line, kMaxCopies> lines_;
-  Vec6d step_ = Vec6d::Zero();  // mean of theirs
-  Vec6d pull_ = Vec6d::Zero();  // stiffness in this cycle
+  Vec6d step_ = Vec6d::Zero();        // mean of theirs, by their impedance
+  Mat6d admittance_ = Mat6d::Zero();  // of all lines together
+  Mat6d pull_ = Mat6d::Zero();        // stiffness in this cycle
   Eigen::Quaterniond axes_ = Eigen::Quaterniond::Identity();
   double dt_ = 0;
   std::int64_t now_ns_ = 0;

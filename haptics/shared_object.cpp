@@ -28,6 +28,7 @@ void SharedObject::step(std::int64_t now_ns, spm::Span<const PointSpring> spring
   if (!springs.empty() || more != nullptr) still_ = 0;
   if (asleep()) return;
 
+  const Vec3d centre = body_.state().position;
   body_.begin(dt);
   for (const PointSpring& spring : springs) body_.add_spring(spring);
   for (const TurnSpring& turn : turns) body_.add_spring(turn);
@@ -39,7 +40,14 @@ void SharedObject::step(std::int64_t now_ns, spm::Span<const PointSpring> spring
   if (surroundings.scene != nullptr) add_surface_contacts(body_, 0, *surroundings.scene, solver_);
   const bool supported = solver_.solve({&moving, 1}, dt).contacts > 0;
   body_.finish(moving.velocity);
-  if (coupling_ != nullptr) coupling_->finish(moving.velocity, body_);
+  if (coupling_ != nullptr) {
+    Vec3d pressed = Vec3d::Zero();
+    for (const PointSpring& spring : springs) {
+      const Vec3d arm = spring.point - centre;
+      pressed += spring.force(moving.velocity.head<3>() + moving.velocity.tail<3>().cross(arm), dt);
+    }
+    coupling_->finish(moving.velocity, body_, pressed);
+  }
 
   const bool may_sleep = supported && springs.empty() && more == nullptr && coupling_ == nullptr;
   still_ = may_sleep && body_.top_speed() < kRestSpeed ? still_ + dt : 0;

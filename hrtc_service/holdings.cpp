@@ -47,8 +47,9 @@ void Holdings::on_peer_heard(std::uint32_t object_index, std::int64_t now_ns) {
 }
 
 void Holdings::on_transits(const session::TransitWatch& transits) noexcept {
-  // Half as much again: waves that come too late pull, and a line as long as the transits differ need is damped less.
-  one_way_ns_ = transits.most_ns() + transits.most_ns() / 2 + kMarginNs;
+  // A fifth more: waves that come too late pull, but what a line weighs or gives way grows with the square of its
+  // delay.
+  one_way_ns_ = transits.most_ns() + transits.most_ns() / 5 + kMarginNs;
 }
 
 void Holdings::on_reports(const BodyReports& reports) {

@@ -307,6 +307,7 @@ struct ObjectCopy {
   Pose body;                                ///< of the centre of mass, with the model's axes
   std::array<double, 3> velocity{0, 0, 0};  ///< of that centre
   std::array<double, 3> spin{0, 0, 0};      ///< rad/s
+  std::array<double, 3> pressed{0, 0, 0};   ///< N, by its own users
   std::vector<CopyLine> lines;              ///< one for each place of the grant's list; its own says nothing
 };
 

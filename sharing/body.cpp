@@ -77,6 +77,7 @@ haptics::CopySample sample_of(const session::ObjectCopy& copy) noexcept {
   sample.body.orientation = turn(copy.body.orientation);
   sample.body.velocity = vec(copy.velocity);
   sample.body.spin = vec(copy.spin);
+  sample.pressed = vec(copy.pressed);
   const std::size_t count = std::min(copy.lines.size(), haptics::kMaxCopies);
   for (std::size_t i = 0; i < count; ++i) {
     sample.waves[i] = Eigen::Map<const haptics::Vec6d>(copy.lines[i].wave.data());
@@ -90,6 +91,7 @@ void put_sample(const haptics::CopySample& sample, std::size_t count, session::O
   copy.body = {plain(sample.body.position), plain(sample.body.orientation)};
   copy.velocity = plain(sample.body.velocity);
   copy.spin = plain(sample.body.spin);
+  copy.pressed = plain(sample.pressed);
   copy.lines.resize(std::min(count, haptics::kMaxCopies));
   for (std::size_t i = 0; i < copy.lines.size(); ++i) {
     Eigen::Map<haptics::Vec6d>(copy.lines[i].wave.data()) = sample.waves[i];

@@ -44,7 +44,7 @@ void put_state(const BodyState& state, const Vec3d& centre, session::ObjectPose&
 
 /// Of a sample without fault.
 [[nodiscard]] haptics::CopySample sample_of(const session::ObjectCopy& copy) noexcept;
-/// Fills time, body and `count` lines; the rest is the caller's.
+/// Fills time, body, press and `count` lines; the rest is the caller's.
 void put_sample(const haptics::CopySample& sample, std::size_t count, session::ObjectCopy& copy);
 
 /// `state` as it goes on by itself for `seconds`.

@@ -238,6 +238,7 @@ const char* fault(const session::ObjectCopy& c) noexcept {
   if (const char* f = fault(c.body)) return f;
   if (!all_finite(c.velocity)) return "velocity: expected finite numbers";
   if (!all_finite(c.spin)) return "spin: expected finite numbers";
+  if (!all_finite(c.pressed)) return "pressed: expected finite numbers";
   for (const session::CopyLine& line : c.lines) {
     if (!all_finite(line.wave)) return "lines.wave: expected finite numbers";
     if (!not_negative(line.energy)) return "lines.energy: expected finite, at least 0";

@@ -218,6 +218,7 @@ void to_idl(const session::ObjectCopy& from, idl::ObjectCopy& to) {
   to.body(pose_to_idl(from.body));
   to.velocity(from.velocity);
   to.spin(from.spin);
+  to.pressed(from.pressed);
   to.lines().resize(from.lines.size());
   for (std::size_t i = 0; i < from.lines.size(); ++i) {
     to.lines()[i].wave(from.lines[i].wave);
@@ -235,6 +236,7 @@ void from_idl(const idl::ObjectCopy& from, session::ObjectCopy& to) {
   to.body = pose_from_idl(from.body());
   to.velocity = from.velocity();
   to.spin = from.spin();
+  to.pressed = from.pressed();
   to.lines.resize(from.lines().size());
   for (std::size_t i = 0; i < to.lines.size(); ++i) to.lines[i] = {from.lines()[i].wave(), from.lines()[i].energy()};
 }

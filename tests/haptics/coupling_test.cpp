@@ -46,7 +46,8 @@ class Copies {
     }
   }
 
-  void step(const std::vector<Vec3d>& forces, double lever = 0) {
+  /// `hands`: of each copy one, or none at all.
+  void step(const std::vector<Vec3d>& forces, double lever = 0, const std::vector<PointSpring>& hands = {}) {
     for (std::size_t i = 0; i < under_way_.size();) {
       if (under_way_[i].at > now_ns_) {
         ++i;
@@ -61,7 +62,8 @@ class Copies {
       ImplicitForce force;
       force.impulse.head<3>() = kDt * forces[i];
       force.impulse.tail<3>() = kDt * lever * forces[i].reverse();
-      objects_[i]->step(now_ns_, {}, nothing, kDt, &force);
+      objects_[i]->step(now_ns_, {hands.data() + (hands.empty() ? 0 : i), hands.empty() ? 0u : 1u}, nothing, kDt,
+                        &force);
       for (std::size_t to = 0; to < objects_.size(); ++to) {
         if (to == i || uniform() < network_.loss) continue;
         for (int times = uniform() < network_.repeated ? 2 : 1; times > 0; --times) {
@@ -166,6 +168,63 @@ TEST(Coupling, WavesWithoutEnergyMoveNothing) {
   }
   EXPECT_EQ(object.state().velocity.norm(), 0);
   EXPECT_GT(object.coupling()->ledger().held, 1500u);
+}
+
+/// Two who press a box from both sides over 60 ms each way, with what comes to 6 N, and whom a force pushes sideways.
+struct Squeeze {
+  double apart = 0;        ///< m, along the press, at most
+  double apart_early = 0;  ///< m, a second after they press in full
+  double apart_late = 0;   ///< m, four seconds later
+  double sideways = 0;     ///< m/s, gained from 0.3 N in the last second
+  double given = 0;        ///< J
+};
+Squeeze squeeze(const CouplingSettings& settings, double force) {
+  constexpr double kHand = 200;      // N/m
+  constexpr double kPressing = 500;  // cycles
+  Copies copies{2, settings, floating_box(0.5), {60, 5, 0.01, 0}, 3};
+  Squeeze result;
+  std::vector<Vec3d> forces(2, Vec3d::Zero());
+  for (int i = 0; i < 7500; ++i) {
+    // A light touch for a second, then all of it.
+    const double pressed = force / kHand * std::clamp((i - 1000) / kPressing, 0.1, 1.0);
+    std::vector<PointSpring> hands(2);
+    for (std::size_t k = 0; k < 2; ++k) {
+      hands[k].point = copies[k].state().position;
+      hands[k].target = hands[k].point;  // free sideways
+      hands[k].target.x() = k == 0 ? pressed : -pressed;
+      hands[k].target_velocity = copies[k].state().velocity;
+      hands[k].target_velocity.x() = 0;
+      hands[k].stiffness = kHand;
+      hands[k].damping = 5;
+    }
+    if (i == 6500) forces[0] = forces[1] = {0, 0.15, 0};
+    copies.step(forces, 0, hands);
+    const double apart = copies[0].state().position.x() - copies[1].state().position.x();
+    result.apart = std::max(result.apart, apart);
+    if (i == 2500) result.apart_early = apart;
+    if (i == 6499) result.apart_late = apart;
+    result.given = std::max(result.given, copies.given());
+  }
+  result.sideways = copies[0].state().velocity.y();
+  return result;
+}
+
+TEST(Coupling, CopiesOfWhatIsPressedFromBothSidesStayTogether) {
+  CouplingSettings settings;
+  settings.delay = 0.075;
+  const Squeeze pressed = squeeze(settings, 6);
+  EXPECT_LT(pressed.apart_late, pressed.apart_early + 0.0015);  // and do not creep apart
+  EXPECT_LE(pressed.given, settings.initial);
+  settings.give = 1;  // as if nobody pressed
+  EXPECT_LT(pressed.apart, 0.8 * squeeze(settings, 6).apart);
+}
+
+TEST(Coupling, WhatIsPressedFromBothSidesStillMovesSideways) {
+  CouplingSettings settings;
+  settings.delay = 0.075;
+  const double free = squeeze(settings, 0).sideways;
+  EXPECT_GT(free, 0.25);
+  EXPECT_GT(squeeze(settings, 6).sideways, 0.6 * free);  // along the press it weighs ten times as much
 }
 
 TEST(Coupling, CopiesThatStartApartComeTogether) {

@@ -20,7 +20,7 @@ class AllOfThem : public ::testing::Test {
  protected:
   static Experiments made() {
     Study study;
-    study.scenarios = {"target-force", "hand-over"};
+    study.scenarios = {"target-force", "lift", "hand-over"};
     return experiments_of(study, check(study));
   }
   ScenarioRun run(const std::string& name, const std::string& link, std::uint64_t seed = 1) const {
@@ -40,6 +40,19 @@ TEST_F(AllOfThem, TwoUsersComeToTheForceThatTheyWant) {
   EXPECT_GT(value_of(near, "on target"), 99);
   EXPECT_LT(value_of(near, "off target by, rms"), 0.05);
   EXPECT_EQ(value_of(near, "contact lost"), 0);
+}
+
+TEST_F(AllOfThem, CopiesOfACrateThatTwoLiftStayTogetherAcrossAnOcean) {
+  for (const auto& [link, most_apart] : {std::pair{"P4", 15.0}, std::pair{"P6", 25.0}}) {
+    SCOPED_TRACE(link);
+    const ScenarioRun far = run("lift", link);
+    EXPECT_EQ(value_of(far, "lifts of users ended"), 2);
+    EXPECT_EQ(value_of(far, "lost"), 0);
+    EXPECT_LT(value_of(far, "copies apart, most"), most_apart);
+    EXPECT_LT(value_of(far, "tilted by, most"), 20);
+    EXPECT_LT(value_of(far, "injected"), 1);
+    EXPECT_GE(value_of(far, "lowest port"), -1e-3);
+  }
 }
 
 TEST_F(AllOfThem, FourUsersNeverPublishUnderOneNumberAndWaitARoundTrip) {

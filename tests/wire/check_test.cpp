@@ -184,6 +184,7 @@ TEST(Check, NamesTheWrongFieldOfWhatSharesAnObject) {
   expect_fault(copy(), "orientation", [](auto& c) { c.body.orientation[3] = 0; });
   expect_fault(copy(), "velocity", [](auto& c) { c.velocity[2] = kNan; });
   expect_fault(copy(), "spin", [](auto& c) { c.spin[2] = kNan; });
+  expect_fault(copy(), "pressed", [](auto& c) { c.pressed[1] = kInf; });
   expect_fault(copy(), "lines.wave", [](auto& c) { c.lines[0].wave[5] = kInf; });
   expect_fault(copy(), "lines.energy", [](auto& c) { c.lines[1].energy = -1e-9; });
 }

@@ -164,8 +164,8 @@ inline auto fields(const ses::ObjectGrant& g) {
   return std::tuple{fields(g.origin), g.object_id, g.sequence, g.fencing, g.line_ns, fields(g.touchers)};
 }
 inline auto fields(const ses::ObjectCopy& c) {
-  return std::tuple{fields(c.origin),  c.object_id,    c.sequence, c.fencing, c.place,
-                    c.session_time_ns, fields(c.body), c.velocity, c.spin,    fields(c.lines)};
+  return std::tuple{fields(c.origin), c.object_id, c.sequence, c.fencing, c.place,        c.session_time_ns,
+                    fields(c.body),   c.velocity,  c.spin,     c.pressed, fields(c.lines)};
 }
 inline auto fields(const ses::ClockSample& c) {
   return std::tuple{fields(c.origin), c.peer, c.sequence, c.answer, c.t0_ns, c.t1_ns, c.t2_ns};
