@@ -15,10 +15,10 @@ duration: 8
 users:
   - name: dan
     hrtc: desk1
-    script: [{lift: {object: crate, direction: [1, 0, 0], height: 0.05, seconds: 0.5, speed: 0.15}}]
+    script: [{lift: {object: crate, direction: [1, 0, 0], height: 0.05, seconds: 1, speed: 0.15}}]
   - name: eve
     hrtc: desk2
-    script: [{lift: {object: crate, direction: [-1, 0, 0], height: 0.05, seconds: 0.5, speed: 0.15}}]
+    script: [{lift: {object: crate, direction: [-1, 0, 0], height: 0.05, seconds: 1, speed: 0.15}}]
 )";
 
 class LiftTest : public SessionTest {
@@ -52,8 +52,8 @@ TEST_F(LiftTest, TwoAtTwoControllersRaiseACrateHoldItAndPutItDown) {
   for (const auto& user : all["users"]) EXPECT_EQ(user["lifts"], 1) << all.dump(1);
   ASSERT_EQ(all["objects"].size(), 1u);
   const auto& crate = all["objects"][0];
-  // What a machine that is short of time leaves of it; bench shared and hrtc_shared_body say how near it comes.
-  EXPECT_NEAR(crate["raised_m"].get<double>(), 0.05, 0.025);
+  // An arm takes a second to bear what it lifts.
+  EXPECT_NEAR(crate["raised_m"].get<double>(), 0.05, 0.015);
   EXPECT_NEAR(crate["left_m"].get<double>(), 0, 0.003);
   EXPECT_GE(crate["taken_on"].get<int>(), 1);
   EXPECT_LT(all["injected_j"].get<double>(), 1e-3);
@@ -62,7 +62,7 @@ TEST_F(LiftTest, TwoAtTwoControllersRaiseACrateHoldItAndPutItDown) {
     const auto& told = participant["figures"];
     EXPECT_GE(told[figures::kCopyGroups].get<double>(), 1);
     EXPECT_GT(told[figures::kCopiesApart].get<double>(), 0);
-    EXPECT_LT(told[figures::kCopiesApart].get<double>(), 50'000);
+    EXPECT_LT(told[figures::kCopiesApart].get<double>(), 15'000);
     EXPECT_GE(told[figures::kPortLowest].get<double>(), -1);
   }
 }
