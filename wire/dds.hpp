@@ -22,6 +22,7 @@
 #include <mutex>
 #include <string>
 
+#include "wire/direct.hpp"
 #include "wire/flow.hpp"
 #include "wire/links.hpp"
 
@@ -65,6 +66,8 @@ struct Links::Impl {
   std::uint64_t participant_id = 0;
   bool probe_realtime = false;
   Flow flow;
+  std::shared_ptr<DirectPath>
+      direct;  ///< of class probe; null where it has other ways than UDP or no participant of its own
   std::array<dds::DomainParticipant*, kTrafficClasses> participants{};
   std::map<std::string, dds::DataWriterQos> writer_qos;  ///< by profile, as TopicSpec::profile
   std::map<std::string, dds::DataReaderQos> reader_qos;
@@ -72,6 +75,13 @@ struct Links::Impl {
 
   [[nodiscard]] dds::DomainParticipant& participant(TrafficClass traffic) const {
     return *participants[static_cast<std::size_t>(traffic)];
+  }
+  /// Null for ends whose samples the library keeps, orders or repeats, and for classes that have none.
+  template <class Qos>
+  [[nodiscard]] DirectPath* direct_for(TrafficClass traffic, const Qos& qos) const {
+    const bool not_kept = qos.reliability().kind == dds::BEST_EFFORT_RELIABILITY_QOS &&
+                          qos.durability().kind == dds::VOLATILE_DURABILITY_QOS;
+    return traffic == TrafficClass::kProbe && not_kept ? direct.get() : nullptr;
   }
   /// The topic, made with `type` when this is its first end. Throws WireError.
   dds::Topic& topic(const char* name, TrafficClass traffic, dds::TypeSupport type);
@@ -81,13 +91,17 @@ struct Links::Impl {
   ~Impl();
 };
 
+inline eprosima::fastrtps::rtps::GUID_t guid_of(const eprosima::fastrtps::rtps::InstanceHandle_t& handle) {
+  eprosima::fastrtps::rtps::GUID_t guid;
+  eprosima::fastrtps::rtps::iHandle2GUID(guid, handle);
+  return guid;
+}
+
 /// Counts the ends found on the other side, without those of the same participant.
 class MatchCount {
  public:
   void change(const eprosima::fastrtps::rtps::InstanceHandle_t& other, int by, const dds::DomainParticipant& own) {
-    eprosima::fastrtps::rtps::GUID_t guid;
-    eprosima::fastrtps::rtps::iHandle2GUID(guid, other);
-    if (guid.guidPrefix != own.guid().guidPrefix) count_ += by;
+    if (guid_of(other).guidPrefix != own.guid().guidPrefix) count_ += by;
   }
   [[nodiscard]] int get() const noexcept { return count_.load(); }
 

@@ -16,8 +16,7 @@ namespace fdds = eprosima::fastdds::rtps;
 namespace rtps = eprosima::fastrtps::rtps;
 
 // Lengths of submessages with their heads.
-constexpr std::uint32_t kInfoDestination = 16, kInfoTime = 12, kStatistics = 60;
-constexpr std::array<rtps::octet, 4> kPadding{kPadId, 1, 0, 0};  // the shortest submessage
+constexpr std::uint32_t kInfoDestination = 16, kInfoTime = 12, kStatistics = kStatisticsSize;
 /// When the library reckons whether a sample goes whole into a message it counts a heartbeat and the longer header of a
 /// fragment, which messages of best effort samples do not have.
 constexpr std::uint32_t kNeverSent = 32 + 12;
@@ -33,12 +32,12 @@ class LeanTransport final : public fdds::ChainingTransport {
             rtps::LocatorsIterator* last, const std::chrono::steady_clock::time_point& until) override {
     std::array<rtps::octet, 2048> trimmed;
     const std::uint32_t sample = sample_in(message, size);
-    if (sample == 0 || size > trimmed.size()) return low->send(message, size, first, last, until);
+    if (sample == 0 || size + kMostPaddings > trimmed.size()) return low->send(message, size, first, last, until);
     auto end = std::copy(message, message + kRtpsHeader, trimmed.begin());
     end = std::copy(message + sample, message + size - kStatistics, end);
-    // What looks like statistics there the transport below would fill in, and the receiver take off: padding moves it.
-    while (end[-std::ptrdiff_t{kStatistics}] == kStatisticsId) end = std::copy(kPadding.begin(), kPadding.end(), end);
-    return low->send(trimmed.data(), static_cast<std::uint32_t>(end - trimmed.begin()), first, last, until);
+    const std::uint32_t padded =
+        pad_what_looks_like_statistics(trimmed.data(), static_cast<std::uint32_t>(end - trimmed.begin()));
+    return low->send(trimmed.data(), padded, first, last, until);
   }
 
   void receive(fdds::TransportReceiverInterface* next, const rtps::octet* message, std::uint32_t size,
@@ -70,8 +69,7 @@ class LeanTransport final : public fdds::ChainingTransport {
 
 LeanTransportDescriptor::LeanTransportDescriptor(std::shared_ptr<fdds::TransportDescriptorInterface> low)
     : ChainingTransportDescriptor{std::move(low)} {
-  maxMessageSize +=
-      kStatistics + kInfoDestination + kInfoTime + kNeverSent - static_cast<std::uint32_t>(kPadding.size());
+  maxMessageSize += kStatistics + kInfoDestination + kInfoTime + kNeverSent - kSubmessageHead;
 }
 
 fdds::TransportInterface* LeanTransportDescriptor::create_transport() const { return new LeanTransport{*this}; }

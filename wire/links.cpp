@@ -7,6 +7,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <chrono>
 #include <set>
 #include <system_error>
@@ -98,6 +99,15 @@ std::filesystem::path file_of(const Links::Impl& impl, TrafficClass traffic) {
   return impl.address.qos / (std::string{kClassNames[static_cast<std::size_t>(traffic)]} + ".xml");
 }
 
+bool is_udp(const std::shared_ptr<fdds::TransportDescriptorInterface>& transport) {
+  return std::dynamic_pointer_cast<fdds::UDPv4TransportDescriptor>(transport) != nullptr;
+}
+/// Not where a profile asks for shared memory or the library's own choice.
+bool only_udp(const dds::DomainParticipantQos& qos) {
+  const auto& transports = qos.transport().user_transports;
+  return !qos.transport().use_builtin_transports && std::all_of(transports.begin(), transports.end(), is_udp);
+}
+
 dds::DomainParticipant* join(Links::Impl& impl, TrafficClass traffic, const Durations& durations, LogCapture& log) {
   auto* factory = dds::DomainParticipantFactory::get_instance();
   const auto place = static_cast<std::size_t>(traffic);
@@ -114,17 +124,20 @@ dds::DomainParticipant* join(Links::Impl& impl, TrafficClass traffic, const Dura
     qos.name(kReadsBulk);
   }
   const auto gate = std::make_shared<Gate>();
+  const std::set<int> before = datagram_sockets();
+  std::shared_ptr<DirectPath> direct;
+  if (traffic == TrafficClass::kProbe && only_udp(qos)) direct = impl.direct = std::make_shared<DirectPath>();
   for (auto& transport : qos.transport().user_transports) {
-    if (std::dynamic_pointer_cast<fdds::UDPv4TransportDescriptor>(transport) == nullptr) continue;
-    transport = std::make_shared<PatientTransportDescriptor>(transport, gate, ignored);
+    if (!is_udp(transport)) continue;
+    transport = std::make_shared<PatientTransportDescriptor>(transport, gate, ignored, direct);
     if (traffic != TrafficClass::kSession) transport = std::make_shared<LeanTransportDescriptor>(transport);
   }
-  const std::set<int> before = datagram_sockets();
   const auto domain = static_cast<dds::DomainId_t>(impl.address.domain + static_cast<int>(place));
   dds::DomainParticipant* made = nullptr;
   {
     const InheritedPriority priority{traffic == TrafficClass::kProbe ? impl.address.probe_priority : 0};
-    made = factory->create_participant(domain, qos);
+    made = factory->create_participant(domain, qos, direct.get(), dds::StatusMask::none());
+    if (made != nullptr && direct) direct->set_own(made->guid().guidPrefix);
     gate->open();
     if (traffic == TrafficClass::kProbe) impl.probe_realtime = priority.applied();
   }

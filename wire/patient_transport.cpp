@@ -39,6 +39,7 @@ class PatientTransport final : public fdds::ChainingTransport {
   void receive(fdds::TransportReceiverInterface* next, const rtps::octet* message, std::uint32_t size,
                const rtps::Locator_t& local, const rtps::Locator_t& remote) override {
     descriptor_.gate->pass();
+    if (descriptor_.direct && descriptor_.direct->on_received(message, size)) return;
     if (!announcements_.on_received(message, size)) return;
     next->OnDataReceived(message, size_without_statistics(message, size), local, remote);
   }
@@ -63,8 +64,12 @@ void Gate::pass() {
 }
 
 PatientTransportDescriptor::PatientTransportDescriptor(std::shared_ptr<fdds::TransportDescriptorInterface> low,
-                                                       std::shared_ptr<Gate> gate_of, std::string ignored_name)
-    : ChainingTransportDescriptor{std::move(low)}, gate{std::move(gate_of)}, ignored{std::move(ignored_name)} {}
+                                                       std::shared_ptr<Gate> gate_of, std::string ignored_name,
+                                                       std::shared_ptr<DirectPath> direct_path)
+    : ChainingTransportDescriptor{std::move(low)},
+      gate{std::move(gate_of)},
+      direct{std::move(direct_path)},
+      ignored{std::move(ignored_name)} {}
 
 fdds::TransportInterface* PatientTransportDescriptor::create_transport() const { return new PatientTransport{*this}; }
 

@@ -13,6 +13,8 @@
 #include <mutex>
 #include <string>
 
+#include "wire/direct.hpp"
+
 namespace tactus::wire {
 
 /// Closed until opened, for ever open then. Threads: any.
@@ -33,11 +35,13 @@ class Gate {
 /// Wraps a descriptor of the profiles. The gate is opened by whoever makes the participant, once it is made.
 struct PatientTransportDescriptor final : eprosima::fastdds::rtps::ChainingTransportDescriptor {
   PatientTransportDescriptor(std::shared_ptr<eprosima::fastdds::rtps::TransportDescriptorInterface> low,
-                             std::shared_ptr<Gate> gate, std::string ignored = {});
+                             std::shared_ptr<Gate> gate, std::string ignored = {},
+                             std::shared_ptr<DirectPath> direct = {});
   [[nodiscard]] eprosima::fastdds::rtps::TransportInterface* create_transport() const override;
 
   std::shared_ptr<Gate> gate;
-  std::string ignored;  ///< name of participants that are not met; empty: all are
+  std::shared_ptr<DirectPath> direct;  ///< is offered what comes before the library; null: none
+  std::string ignored;                 ///< name of participants that are not met; empty: all are
 };
 
 }  // namespace tactus::wire

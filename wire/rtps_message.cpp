@@ -1,6 +1,7 @@
 #include "wire/rtps_message.hpp"
 
 #include <algorithm>
+#include <array>
 
 namespace tactus::wire {
 
@@ -15,6 +16,15 @@ std::optional<Submessage> submessage_at(const std::uint8_t* message, std::uint32
   constexpr std::uint32_t kAlignment = 4;
   found.next = at + kSubmessageHead + (length + kAlignment - 1) / kAlignment * kAlignment;
   return found;
+}
+
+std::uint32_t pad_what_looks_like_statistics(std::uint8_t* message, std::uint32_t size) noexcept {
+  constexpr std::array<std::uint8_t, kSubmessageHead> kPadding{kPadId, 1, 0, 0};  // the shortest submessage
+  while (size >= kStatisticsSize && message[size - kStatisticsSize] == kStatisticsId) {
+    std::copy(kPadding.begin(), kPadding.end(), message + size);
+    size += kSubmessageHead;
+  }
+  return size;
 }
 
 std::uint32_t size_without_statistics(const std::uint8_t* message, std::uint32_t size) noexcept {

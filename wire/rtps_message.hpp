@@ -25,6 +25,12 @@ struct Submessage {
 [[nodiscard]] std::optional<Submessage> submessage_at(const std::uint8_t* message, std::uint32_t size,
                                                       std::uint32_t at) noexcept;
 
+/// A message that goes out with something that looks like such statistics at its end, which they always are there: the
+/// library fills them in, and takes them off where it arrives. Paddings move it: the size with these, kMostPaddings
+/// bytes more at most, for which there is room. `size` is a multiple of four.
+inline constexpr std::uint32_t kStatisticsSize = 60, kMostPaddings = 64;
+[[nodiscard]] std::uint32_t pad_what_looks_like_statistics(std::uint8_t* message, std::uint32_t size) noexcept;
+
 /// How much of a message comes before the first statistics of the library in it; all of it when there are none. Nobody
 /// here reads them, and where they are not the last of a message the library, which Debian builds with assertions, ends
 /// the process.

@@ -44,6 +44,18 @@ TEST(RtpsMessageTest, AMessageWithoutThemIsWhole) {
   EXPECT_EQ(kept({{kDataId, 1, 200, 80}}), 20u + 84u) << "longer than the message";
 }
 
+TEST(RtpsMessageTest, WhatLooksLikeStatisticsAtTheEndIsMovedByPaddings) {
+  std::vector<std::uint8_t> plain(200, 1), alike(200, kStatisticsId);
+  plain.resize(200 + kMostPaddings);
+  alike.resize(200 + kMostPaddings);
+
+  EXPECT_EQ(pad_what_looks_like_statistics(plain.data(), 200), 200u);
+  const std::uint32_t size = pad_what_looks_like_statistics(alike.data(), 200);
+
+  EXPECT_EQ(size, 200u + 60);  // only the first padding is no 0x80 there
+  EXPECT_NE(alike[size - 60], kStatisticsId);
+}
+
 TEST(RtpsMessageTest, NothingIsReadBeyondTheEnd) {
   const std::vector<std::uint8_t> whole = message({{kPadId, 1, 4, 4}, {kDataId, 1, 8, 8}, {kStatisticsId, 1, 56, 56}});
   for (std::uint32_t size = 0; size <= whole.size(); ++size) {
