@@ -120,6 +120,7 @@ void DirectPath::on_subscriber_discovery(eprosima::fastdds::dds::DomainParticipa
   const std::lock_guard lock{mutex_};
   if (found.status == rtps::ReaderDiscoveryInfo::REMOVED_READER) {
     places_.erase(found.info.guid());
+    ++changes_;
     return;
   }
   std::vector<sockaddr_in>& places = places_[found.info.guid()];
@@ -130,6 +131,7 @@ void DirectPath::on_subscriber_discovery(eprosima::fastdds::dds::DomainParticipa
   };
   add(found.info.remote_locators().unicast);
   if (places.empty()) add(found.info.remote_locators().multicast);
+  ++changes_;
 }
 
 void DirectPath::set_own(const rtps::GuidPrefix_t& own) {
@@ -194,7 +196,7 @@ DirectWriter::DirectWriter(const DirectPath& path, const Guid& writer) : path_{p
 
 void DirectWriter::on_reader(const Guid& reader) {
   const std::lock_guard lock{mutex_};
-  readers_[reader] = path_.places_of(reader);
+  readers_.insert(reader);
   collect_places();
 }
 
@@ -205,9 +207,10 @@ void DirectWriter::on_reader_lost(const Guid& reader) {
 }
 
 void DirectWriter::collect_places() {
+  changes_ = path_.changes();
   places_.clear();
-  for (const auto& [guid, places] : readers_)
-    for (const sockaddr_in& place : places)
+  for (const Guid& reader : readers_)
+    for (const sockaddr_in& place : path_.places_of(reader))
       if (std::none_of(places_.begin(), places_.end(), [&](const auto& other) { return same(other, place); }))
         places_.push_back(place);
 }
@@ -220,6 +223,7 @@ bool DirectWriter::send(std::size_t size) noexcept {
   put(sample + kSubmessageHead + kSequenceAt, static_cast<std::uint32_t>(sequence_ >> 32u), 4);
   put(sample + kSubmessageHead + kSequenceAt + 4, static_cast<std::uint32_t>(sequence_), 4);
   const std::lock_guard lock{mutex_};
+  if (changes_ != path_.changes()) collect_places();
   bool any = places_.empty();
   iovec bytes{message_.data(),
               pad_what_looks_like_statistics(message_.data(), static_cast<std::uint32_t>(kHead + size))};

@@ -14,6 +14,7 @@
 #include <netinet/in.h>
 
 #include <array>
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <fastdds/dds/domain/DomainParticipantListener.hpp>
@@ -22,6 +23,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <vector>
 
 #include "wire/rtps_message.hpp"
@@ -73,6 +75,8 @@ class DirectPath final : public eprosima::fastdds::dds::DomainParticipantListene
 
   [[nodiscard]] int socket() const noexcept { return socket_; }
   [[nodiscard]] std::vector<sockaddr_in> places_of(const Guid& reader) const;
+  /// Grows with each change of places: a reader may be matched before it is known where it listens.
+  [[nodiscard]] std::uint64_t changes() const noexcept { return changes_; }
 
   void on_writer(const Guid& writer, const std::shared_ptr<DirectTaker>& taker);
   void on_writer_lost(const Guid& writer, const std::shared_ptr<DirectTaker>& taker);
@@ -94,6 +98,7 @@ class DirectPath final : public eprosima::fastdds::dds::DomainParticipantListene
   };
 
   int socket_ = -1;
+  std::atomic<std::uint64_t> changes_{0};
   mutable std::mutex mutex_;
   eprosima::fastrtps::rtps::GuidPrefix_t own_;
   std::map<Guid, std::vector<sockaddr_in>> places_;  // by reader
@@ -126,8 +131,9 @@ class DirectWriter {
   alignas(
       8) std::array<std::uint8_t, kMostBytes + kMostPaddings> message_{};  // and what moves it, see rtps_message.hpp
   std::mutex mutex_;                                                       // for what follows
-  std::map<Guid, std::vector<sockaddr_in>> readers_;
+  std::set<Guid> readers_;
   std::vector<sockaddr_in> places_;  // of all of them, each once
+  std::uint64_t changes_ = 0;        // of the path that places_ know
 };
 
 }  // namespace tactus::wire
