@@ -503,9 +503,8 @@ void Operator::grip(const Action& action, double dt) {
   clock_ = 0;
 }
 
-void Operator::bear(const Vec3d& load, double dt) {
-  constexpr double kBearing = 1;  // s; an arm that came to bear a load at once would drive what swings
-  load_ += (load - load_) * std::min(1.0, dt / kBearing);
+void Operator::bear(const Vec3d& load, double within, double dt) {
+  load_ += (load - load_) * std::min(1.0, dt / within);
 }
 
 /// Until the controller says whether it has hold.
@@ -528,6 +527,7 @@ void Operator::give_up_holding() {
 }
 
 void Operator::move_held(const Action& action, double dt) {
+  constexpr double kBearing = 0.12;  // s
   lost_ = holding_ ? 0 : lost_ + dt;
   if (lost_ > kLost) {
     ++tally_.grabs_lost;
@@ -535,7 +535,7 @@ void Operator::move_held(const Action& action, double dt) {
   }
   const double way = action.by.norm() / action.speed * 1.5;  // s; the fastest is in the middle
   const Vec3d before = hand_;
-  bear(felt_force_, dt);
+  bear(felt_force_, kBearing, dt);
   hand_ = gripped_ + action.by * (way > 0 ? smooth(clock_ / way) : 1.0) - load_ * (kShare / settings_.hand_stiffness);
   hand_velocity_ = (hand_ - before) / dt;
   if (clock_ >= way + action.seconds) next_action();
@@ -551,6 +551,7 @@ void Operator::open_hand() {
 
 /// Up, for a while, and down again; the arm comes to bear what it feels.
 void Operator::carry(const Action& action, double dt) {
+  constexpr double kBearing = 1;    // s; what is held by points swings, and an arm that answered at once would drive it
   constexpr double kKeeping = 0.5;  // s
   constexpr double kDown = 0.3;     // s on the ground before it is let go
   lost_ = touching() ? 0 : lost_ + dt;
@@ -564,7 +565,7 @@ void Operator::carry(const Action& action, double dt) {
   const double raised = action.height * (smooth(clock_ / way) - smooth((clock_ - down) / way));
   press_with(action.force, kKeeping, dt);
   const Vec3d before = hand_;
-  bear(felt_force_ - outwards_ * felt_force_.dot(outwards_), dt);
+  bear(felt_force_ - outwards_ * felt_force_.dot(outwards_), kBearing, dt);
   hand_ = gripped_ - outwards_ * push_ + Vec3d::UnitZ() * raised - load_ * (kShare / settings_.hand_stiffness);
   hand_velocity_ = (hand_ - before) / dt;
   if (clock_ < down + way + kDown) return;

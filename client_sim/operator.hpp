@@ -108,7 +108,7 @@ class Operator {
   void move_held(const Action& action, double dt);
   void open_hand();
   void give_up_holding();
-  void bear(const Vec3d& load, double dt);
+  void bear(const Vec3d& load, double within, double dt);
   void press_with(double force, double settling, double dt);
   [[nodiscard]] bool others_press(const Action& action, double force) const;
   void start_following(const Action& action);

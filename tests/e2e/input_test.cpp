@@ -182,7 +182,7 @@ TEST_F(InputTest, OfTheUsersIsRefused) {
                             {{"surplus"}, {"surplus"}},
                             {{"--seconds", "0"}, {"--seconds", "0.1"}},
                             {{"--patience", "-1"}, {"--patience", "0.1"}},
-                            {{"--scenario", "dmeo"}, {"'dmeo'", "touch, follow, lift, demo", "nor a readable file"}},
+                            {{"--scenario", "dmeo"}, {"'dmeo'", "touch, follow, lift, grab, demo", "nor a readable file"}},
                             {{"--scenario", path("key.yaml")}, {"key.yaml:5:", "unknown key 'spede'", "expected"}},
                             {{"--scenario", path("list.yaml")}, {"list.yaml:1:", "expected a map"}},
                             {{"--scenario", path("nonsense.spm")}, {"nonsense.spm:1:"}},
