@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "spm/codec/region_codec.hpp"
+#include "spm/codec/take_region.hpp"
 
 namespace tactus::host_service {
 
@@ -13,7 +13,6 @@ using haptics::Vec3d;
 
 constexpr double kAround = sharing::kAroundBody;
 constexpr int kMostNew = 8;  // regions decoded in a look
-constexpr spm::Budget kAll{1u << 22};
 
 std::uint32_t base_slots(const std::vector<StandingObject>& objects) {
   std::uint32_t slots = 0;
@@ -29,10 +28,18 @@ spm::PoolSettings pool_for(const std::vector<StandingObject>& objects, std::uint
   return settings;
 }
 
+/// All at once: nobody waits for a cycle here.
+void refine(spm::Forest& forest) {
+  spm::Budget budget{1u << 22};
+  (void)forest.advance(budget);
+  (void)forest.refit();
+}
+
 }  // namespace
 
 struct Scenery::Object {
   const spm::codec::CodedModel* model;
+  spm::ObjectIndex index;
   sharing::Placement placement;
   spm::CellBox bounds;
   std::unique_ptr<spm::Forest> forest;
@@ -49,36 +56,21 @@ Scenery::Scenery(const std::vector<StandingObject>& objects, std::uint32_t slots
     if (!admitted.fits) continue;
     auto& object = *objects_.emplace_back(std::make_unique<Object>());
     object.model = standing.model;
+    object.index = admitted.object;
     object.placement = sharing::Placement{standing.pose, standing.scale};
     object.bounds = {wide(base.summary.bounds_min), wide(base.summary.bounds_max)};
     object.forest =
         std::make_unique<spm::Forest>(pool_, nodes_, spm::index(admitted.object), base.summary,
                                       spm::RegionGrid{base.summary.grid, base.regions}, std::move(admitted.base));
-    spm::Budget budget = kAll;
-    (void)object.forest->advance(budget);
-    (void)object.forest->refit();
+    refine(*object.forest);
     scene_.add({&object.forest->tree(), &object.placement, spm::index(admitted.object)});
   }
 }
 Scenery::~Scenery() = default;
 
 bool Scenery::load(Object& object, spm::RegionId region) {
-  const auto place =
-      std::find_if(objects_.begin(), objects_.end(), [&](const auto& one) { return one.get() == &object; });
-  const spm::ObjectIndex index{static_cast<std::uint32_t>(place - objects_.begin())};
-  std::vector<spm::Run> missing;
-  for (const spm::Run& run : object.model->runs_of(region))
-    for (std::uint32_t record = run.first; record < run.first + run.count; ++record) {
-      if (cache_.has(index, record)) continue;
-      if (!missing.empty() && missing.back().first + missing.back().count == record)
-        ++missing.back().count;
-      else
-        missing.push_back({record, 1});
-    }
-  const spm::codec::Bytes message = spm::codec::encode_region(*object.model, region, missing);
-  const auto decoded = spm::codec::decode_region(message, object.model->summary(), object.model->tables());
   spm::RegionList list;
-  if (!decoded || cache_.accept(index, *decoded, list) != spm::AcceptResult::kAccepted) return false;
+  if (!spm::codec::take_region(*object.model, region, cache_, object.index, list)) return false;
   object.forest->add(region, list);
   object.here.push_back(region);
   ++regions_loaded_;
@@ -91,11 +83,9 @@ void Scenery::give_back(const std::vector<std::vector<spm::RegionId>>& wanted) {
     Object& object = *objects_[i];
     for (const spm::RegionId region : object.here)
       if (!std::binary_search(wanted[i].begin(), wanted[i].end(), region)) object.forest->retire(region);
-    spm::Budget budget = kAll;
-    (void)object.forest->advance(budget);
-    (void)object.forest->refit();
+    refine(*object.forest);
     for (std::uint32_t region; (region = object.forest->take_retired()) != spm::kNone;) {
-      cache_.release(spm::ObjectIndex{static_cast<std::uint32_t>(i)}, spm::RegionId{region});
+      cache_.release(object.index, spm::RegionId{region});
       object.here.erase(std::remove(object.here.begin(), object.here.end(), spm::RegionId{region}), object.here.end());
     }
   }
@@ -129,9 +119,7 @@ void Scenery::look(const std::vector<Vec3d>& places) {
     Object& object = *objects_[i];
     if (wanted[i].empty()) continue;
     object.forest->target(wanted[i].data(), static_cast<std::uint32_t>(wanted[i].size()), spm::Unasked::kRest);
-    spm::Budget budget = kAll;
-    (void)object.forest->advance(budget);
-    (void)object.forest->refit();
+    refine(*object.forest);
   }
 }
 

@@ -13,7 +13,7 @@
 #include "hrtc_service/build_id.hpp"
 #include "hrtc_service/flight_recorder.hpp"
 #include "spm/cache.hpp"
-#include "spm/codec/region_codec.hpp"
+#include "spm/codec/take_region.hpp"
 
 namespace tactus::hrtc_service {
 namespace {
@@ -154,19 +154,8 @@ class World {
     if (spm::index(region) >= model.summary().regions || touch.forest->is_here(region))
       throw Astray("region " + std::to_string(spm::index(region)) + " of object '" + touch.name + "' cannot have come");
     const spm::ObjectIndex index{number};
-    std::vector<spm::Run> missing;
-    for (const spm::Run& run : model.runs_of(region))
-      for (std::uint32_t record = run.first; record < run.first + run.count; ++record) {
-        if (cache_.has(index, record)) continue;
-        if (!missing.empty() && missing.back().first + missing.back().count == record)
-          ++missing.back().count;
-        else
-          missing.push_back({record, 1});
-      }
-    const spm::codec::Bytes message = spm::codec::encode_region(model, region, missing);
-    const auto decoded = spm::codec::decode_region(message, model.summary(), model.tables());
     spm::RegionList list;
-    if (!decoded || cache_.accept(index, *decoded, list) != spm::AcceptResult::kAccepted)
+    if (!spm::codec::take_region(model, region, cache_, index, list))
       throw Astray("region " + std::to_string(spm::index(region)) + " of object '" + touch.name +
                    "' does not fit as it did");
     return {Arrival::Kind::kRegion, &touch, region, list};

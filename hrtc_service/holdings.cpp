@@ -154,16 +154,12 @@ void Holdings::write(std::vector<session::Figure>& figures) const {
     received += object->received_before + object->ledger.received;
     given += object->given_before + object->ledger.given;
   }
-  for (const haptics::PassivityController::Ledger& port : reports_.ports) {
-    port_energy += port.energy;
-    port_lowest = std::min(port_lowest, port.lowest);
-    withheld += port.withheld;
-  }
-  for (const haptics::PassivityController::Ledger& port : reports_.turns) {
-    port_energy += port.energy;
-    port_lowest = std::min(port_lowest, port.lowest);
-    withheld += port.withheld;
-  }
+  for (const auto* const ports : {&reports_.ports, &reports_.turns})
+    for (const haptics::PassivityController::Ledger& port : *ports) {
+      port_energy += port.energy;
+      port_lowest = std::min(port_lowest, port.lowest);
+      withheld += port.withheld;
+    }
   const std::pair<const char*, double> all[] = {{names::kBodiesHeld, held},
                                                 {names::kBodiesCoupled, coupled},
                                                 {names::kCopyGroups, static_cast<double>(groups_made_)},

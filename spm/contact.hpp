@@ -1,4 +1,4 @@
-/// What a ball meets of a triangle.
+/// What a ball meets of a triangle. Model frame, file units.
 #pragma once
 
 #include <cstdint>

@@ -62,10 +62,8 @@ session::CatalogueEntry box(const Vec3d& half_mm, const Vec3d& place, double fri
   return entry;
 }
 
-TEST(Scenery, ABoxDroppedOnTheOrganComesToRestOnItsFinestMesh) {
-  const Vec3d half{0.02, 0.015, 0.01};
-  Scenery scenery{{organ().standing()}};
-  const session::CatalogueEntry entry = box(1e3 * half, organ().top() + Vec3d{0, 0, 0.04}, 0.9);
+/// Where it is after 4 s, by when it has to rest.
+session::Pose dropped(const session::CatalogueEntry& entry, Scenery& scenery) {
   Keeper keeper{entry.origin};
   keeper.stand_among(&scenery);
   keeper.add(entry, 0);
@@ -73,6 +71,14 @@ TEST(Scenery, ABoxDroppedOnTheOrganComesToRestOnItsFinestMesh) {
   for (std::int64_t now = kMs; now < 4000 * kMs; now += kMs)
     for (const session::ObjectPose& told : keeper.tick(now, now).poses) pose = told.pose;
   EXPECT_FALSE(keeper.busy()) << "it rests";
+  return pose;
+}
+
+TEST(Scenery, ABoxDroppedOnTheOrganComesToRestOnItsFinestMesh) {
+  const Vec3d half{0.02, 0.015, 0.01};
+  Scenery scenery{{organ().standing()}};
+  const session::CatalogueEntry entry = box(1e3 * half, organ().top() + Vec3d{0, 0, 0.04}, 0.9);
+  const session::Pose pose = dropped(entry, scenery);
   const haptics::BodyState state = sharing::state_at(pose, Vec3d::Zero());
   EXPECT_GT(state.position.z(), organ().top().z() - 0.005);
 
@@ -90,13 +96,7 @@ TEST(Scenery, ABoxDroppedOnTheOrganComesToRestOnItsFinestMesh) {
 TEST(Scenery, WithTooLittleRoomItStaysCoarserAndABoxRestsAllTheSame) {
   Scenery scenery{{organ().standing()}, 200};
   const session::CatalogueEntry entry = box({20, 15, 10}, organ().top() + Vec3d{0, 0, 0.03}, 0.9);
-  Keeper keeper{entry.origin};
-  keeper.stand_among(&scenery);
-  keeper.add(entry, 0);
-  session::Pose pose = entry.pose;
-  for (std::int64_t now = kMs; now < 4000 * kMs; now += kMs)
-    for (const session::ObjectPose& told : keeper.tick(now, now).poses) pose = told.pose;
-  EXPECT_FALSE(keeper.busy());
+  const session::Pose pose = dropped(entry, scenery);
   EXPECT_NEAR(pose.position[2], organ().top().z() + 0.01, 0.004);
 }
 

@@ -1,0 +1,24 @@
+#include "spm/codec/take_region.hpp"
+
+#include <vector>
+
+#include "spm/codec/region_codec.hpp"
+
+namespace tactus::spm::codec {
+
+bool take_region(const CodedModel& model, RegionId region, Cache& cache, ObjectIndex object, RegionList& list) {
+  std::vector<Run> missing;
+  for (const Run& run : model.runs_of(region))
+    for (std::uint32_t record = run.first; record < run.first + run.count; ++record) {
+      if (cache.has(object, record)) continue;
+      if (!missing.empty() && missing.back().first + missing.back().count == record)
+        ++missing.back().count;
+      else
+        missing.push_back({record, 1});
+    }
+  const Bytes message = encode_region(model, region, missing);
+  const auto decoded = decode_region(message, model.summary(), model.tables());
+  return decoded && cache.accept(object, *decoded, list) == AcceptResult::kAccepted;
+}
+
+}  // namespace tactus::spm::codec
