@@ -6,6 +6,7 @@
 #include "client_sim/operator.hpp"
 #include "client_sim/scenario.hpp"
 #include "haptics/simulated_device.hpp"
+#include "sharing/hand_path.hpp"
 
 namespace tactus::bench {
 namespace {
@@ -52,13 +53,6 @@ session::ProbeState state_of(const hrtc_service::ProbeOutput& probe) {
   state.status = probe.status;
   state.stiffness = probe.stiffness;
   return state;
-}
-
-haptics::HandPath path_of(const session::Intent& intent) {
-  haptics::HandPath path;
-  for (const session::Waypoint& waypoint : intent.path)
-    path.waypoints[path.count++] = {waypoint.session_time_ns, waypoint.position};
-  return path;
 }
 
 }  // namespace
@@ -108,7 +102,7 @@ std::vector<session::ProbeState> record(const spm::Model& model, double scale, c
     session::ProbeState state = state_of(probe);
     state.session_time_ns = now;
     mind.on_probe_state(state);
-    if (const auto intent = mind.tick(now, objects)) hand.wishes().post(path_of(*intent));
+    if (const auto intent = mind.tick(now, objects)) hand.wishes().post(sharing::hand_path(*intent, 0));
     touched = touched || (probe.status & session::kInContact) != 0;
     if (!touched) continue;
     state.session_time_ns = static_cast<std::int64_t>(states.size()) * kMs;

@@ -16,13 +16,13 @@
 #include "bench/bench_main.hpp"
 #include "bench/embree_mesh.hpp"
 #include "bench/figures.hpp"
-#include "bench/finest_tree.hpp"
 #include "bench/models.hpp"
 #include "bench/refined_run.hpp"
 #include "bench/stopwatch.hpp"
 #include "bench/stylus.hpp"
 #include "bench/surface_path.hpp"
 #include "spm/fcl/fixed_mesh.hpp"
+#include "spm/finest_tree.hpp"
 #include "spm/mesh_probe.hpp"
 #include "spm/triangle.hpp"
 
@@ -161,7 +161,7 @@ std::uint64_t wrong_by_all(const Bench& bench, const spm::AbTree& tree, const Ve
   std::sort(faces.begin(), faces.end());
   std::uint64_t wrong = 0;
   for (const std::uint32_t row : tree.shown()) {
-    const double off = distance_to(shown_corners(tree, row), centre) - bench.radius;
+    const double off = distance_to(spm::shown_corners(tree, row), centre) - bench.radius;
     if (std::abs(off) * bench.unit < kTangent) continue;
     wrong += (off < 0) != std::binary_search(faces.begin(), faces.end(), tree.row(row).face) ? 1 : 0;
   }
@@ -298,7 +298,7 @@ Digest by_all_pairs(const spm::AbTree& tree, const spm::PlacedProbe& probe, std:
   }
   Digest digest;
   for (const std::uint32_t row : tree.shown()) {
-    const spm::Triangle3d face = shown_corners(tree, row);
+    const spm::Triangle3d face = spm::shown_corners(tree, row);
     const Vec3d face_low = face[0].cwiseMin(face[1]).cwiseMin(face[2]);
     const Vec3d face_high = face[0].cwiseMax(face[1]).cwiseMax(face[2]);
     if ((face_low.array() > high.array()).any() || (face_high.array() < low.array()).any()) continue;
@@ -322,7 +322,7 @@ Stylus run_stylus(const Bench& bench, const EmbreeMesh& embree, std::size_t cold
   const spm::MeshProbe probe{bench.stylus.positions, bench.stylus.faces};
   spm::PlacedProbe placed{probe};
   EmbreeMesh::Probe embree_probe{embree, bench.stylus.positions, bench.stylus.faces};
-  const FinestTree finest{bench.subject.model.positions, bench.subject.finest};
+  const spm::FinestTree finest{bench.subject.model.positions, bench.subject.finest};
   std::vector<spm::MeshContact> contacts(kContacts), theirs;
   theirs.reserve(kContacts);
   const std::size_t sample = std::max<std::size_t>(1, poses / 50);

@@ -5,9 +5,9 @@
 #include <cmath>
 #include <vector>
 
-#include "bench/finest_tree.hpp"
 #include "bench/models.hpp"
 #include "bench/surface_path.hpp"
+#include "spm/finest_tree.hpp"
 
 namespace tactus::bench {
 
@@ -19,7 +19,7 @@ constexpr double kStrokeDepth = 0.0002;  ///< m
 /// A generated organ, or a file, with a mean edge of kHandEdge.
 struct StrokedModel {
   LoadedModel subject;
-  FinestTree finest;
+  spm::FinestTree finest;
   double unit;  ///< metres per unit
 
   StrokedModel(const std::string& path, std::uint32_t faces)

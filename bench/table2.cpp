@@ -12,12 +12,12 @@
 #include "bench/bench_main.hpp"
 #include "bench/embree_mesh.hpp"
 #include "bench/figures.hpp"
-#include "bench/finest_tree.hpp"
 #include "bench/models.hpp"
 #include "bench/refined_run.hpp"
 #include "bench/stopwatch.hpp"
 #include "bench/stylus.hpp"
 #include "spm/fcl/fixed_mesh.hpp"
+#include "spm/finest_tree.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/import.hpp"
 
@@ -88,7 +88,7 @@ struct Fixed {
   spm::fcl::FixedMesh fcl;
   EmbreeMesh embree;
   EmbreeMesh::Probe embree_stylus;
-  FinestTree ours;
+  spm::FinestTree ours;
   Samples fcl_sphere, fcl_stylus, embree_sphere_us, embree_stylus_us, ours_sphere, ours_stylus;
   std::vector<std::uint32_t> sphere_count, stylus_count;  // contacts of ours, by pose
   std::uint64_t other_counts = 0;                         // queries in which FCL or Embree count differently

@@ -12,13 +12,13 @@
 #include "bench/bench_main.hpp"
 #include "bench/controller.hpp"
 #include "bench/figures.hpp"
-#include "bench/finest_tree.hpp"
 #include "bench/models.hpp"
 #include "bench/session_run.hpp"
 #include "bench/stopwatch.hpp"
 #include "bench/tool_path.hpp"
 #include "haptics/rigid_body.hpp"
 #include "spm/fcl/fixed_mesh.hpp"
+#include "spm/finest_tree.hpp"
 #include "spm/offline/generate.hpp"
 #include "study/full_mesh.hpp"
 
@@ -110,7 +110,7 @@ class Judge {
   }
 
   double unit_;
-  FinestTree finest_;
+  spm::FinestTree finest_;
   study::FullMesh full_;
   spm::fcl::FixedMesh fcl_;
   spm::offline::TriangleMesh stylus_;

@@ -10,11 +10,11 @@
 
 #include "bench/bench_main.hpp"
 #include "bench/figures.hpp"
-#include "bench/finest_tree.hpp"
 #include "bench/models.hpp"
 #include "bench/stopwatch.hpp"
 #include "bench/stylus.hpp"
 #include "bench/surface_path.hpp"
+#include "spm/finest_tree.hpp"
 #include "spm/offline/face_order.hpp"
 #include "spm/triangle.hpp"
 #include "spm/triangle_pair.hpp"
@@ -243,7 +243,7 @@ int run(const Settings& settings) {
   std::fprintf(stderr, "making the model\n");
   const LoadedModel subject = load_model(settings.model, settings.faces);
   const double unit = subject.model.summary.metres_per_unit;
-  const FinestTree finest{subject.model.positions, subject.finest};
+  const spm::FinestTree finest{subject.model.positions, subject.finest};
   spm::offline::TriangleMesh stylus = stylus_in(unit);
   std::vector<std::array<std::uint32_t, 3>> ordered;
   for (const std::uint32_t face : face_order(stylus)) ordered.push_back(stylus.faces[face]);

@@ -154,6 +154,23 @@ users:
                  pattern: around}
 )";
 
+constexpr char kToolScan[] = R"(name: tool-scan
+measures: forces
+truth: full-mesh
+tool: stylus
+spread: 0.15
+duration: 20
+users:
+  - name: ann
+    script:
+      - approach: {object: scan, direction: [0, 0, 1], speed: 0.1, until_force: 0.5}
+      - follow: {speed: 0.05, force: 1.5, seconds: 4, pattern: circle, extent: 0.02, lean: 1.6}
+      - retreat: {}
+      - follow: {direction: [0.5, 0.2, 1], point: [0.6, 0.5, 0.5], speed: 0.1, force: 1.5, seconds: 4,
+                 pattern: zigzag, extent: 0.03, lean: 1.6}
+      - retreat: {}
+)";
+
 constexpr char kColdStart[] = R"(name: cold-start
 measures: first-touch
 truth: full-mesh
@@ -232,12 +249,19 @@ const std::vector<BuiltInScenario>& built_in_scenarios() {
       "name: lift\nmeasures: lift\ntruth: analytic\nspread: 0.1\nduration: 20\nusers:\n" + std::string{kLifters};
   static const std::string kDemo = with("demo", kDemoUsers);
   static const std::string kDemoLift = with("demo-lift", std::string{kDemoUsers} + kLifters);
-  static const std::vector<BuiltInScenario> kScenarios{{"touch", kTouch},          {"follow", kFollow},
-                                                       {"lift", kLift.c_str()},    {"grab", kGrab},
-                                                       {"demo", kDemo.c_str()},    {"demo-lift", kDemoLift.c_str()},
-                                                       {"tap-wall", kTapWall},     {"tap-wall-remote", kTapWallRemote},
-                                                       {"tap-scan", kTapScan},     {"follow-scan", kFollowScan},
-                                                       {"cold-start", kColdStart}, {"target-force", kTargetForce},
+  static const std::vector<BuiltInScenario> kScenarios{{"touch", kTouch},
+                                                       {"follow", kFollow},
+                                                       {"lift", kLift.c_str()},
+                                                       {"grab", kGrab},
+                                                       {"demo", kDemo.c_str()},
+                                                       {"demo-lift", kDemoLift.c_str()},
+                                                       {"tap-wall", kTapWall},
+                                                       {"tap-wall-remote", kTapWallRemote},
+                                                       {"tap-scan", kTapScan},
+                                                       {"follow-scan", kFollowScan},
+                                                       {"tool-scan", kToolScan},
+                                                       {"cold-start", kColdStart},
+                                                       {"target-force", kTargetForce},
                                                        {"hand-over", kHandOver}};
   return kScenarios;
 }

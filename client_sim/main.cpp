@@ -37,7 +37,8 @@ my.yaml:
         - tap: {object: "#1", count: 5, speed: 0.1, force: 1}
         - wait: {seconds: 1}
 
-"#n" is the n-th there, by name. Patterns: circle, zigzag, around. Actions: approach, follow, tap, hold, lift, retreat, wait;
+"#n" is the n-th there, by name. Patterns: circle, zigzag, around; lean: 0.5 has the hand lean and turn as it follows.
+Actions: approach, follow, tap, hold, lift, retreat, wait;
 grab, and then move, wait, release.
 Exit status: 0 the scenario ran, 1 it did not run to its end, 2 wrong input or a name that is taken.)";
 

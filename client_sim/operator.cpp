@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "haptics/device.hpp"
+#include "haptics/rigid_body.hpp"
 
 namespace tactus::client_sim {
 
@@ -24,6 +25,18 @@ double smooth(double share) {
 }
 
 Vec3d vector_of(const std::array<double, 3>& a) { return {a[0], a[1], a[2]}; }
+
+session::Pose pose_of(const Vec3d& position, const Eigen::Quaterniond& turned) {
+  return {{position.x(), position.y(), position.z()}, {turned.x(), turned.y(), turned.z(), turned.w()}};
+}
+
+/// How a hand leans after `seconds`, up to `most` each way about two axes and twice that about the tool's own.
+Eigen::Quaterniond leaning(double most, double seconds) {
+  constexpr double kTurn = 6.283185307179586;
+  constexpr double kRates[3]{0.31, 0.23, 0.17};  // Hz, so that nothing comes again soon
+  const auto swing = [&](int axis) { return std::sin(kTurn * kRates[axis] * seconds); };
+  return haptics::rotation_by(most * Vec3d{swing(0), swing(1), 2 * swing(2)});
+}
 
 /// A unit vector across `axis`, the same for the same axis.
 Vec3d across(const Vec3d& axis) {
@@ -81,7 +94,11 @@ const ObjectView* find_object(const Objects& objects, const std::string& referen
 }
 
 Operator::Operator(const User& user, const OperatorSettings& settings)
-    : user_{user}, settings_{settings}, user_id_{session::id_of(user.name)} {}
+    : user_{user},
+      settings_{settings},
+      user_id_{session::id_of(user.name)},
+      leans_{
+          std::any_of(user.script.begin(), user.script.end(), [](const Action& action) { return action.lean > 0; })} {}
 
 bool Operator::touching() const noexcept { return in_contact_ && raw_force_ > kTouch; }
 
@@ -132,15 +149,31 @@ std::optional<session::Intent> Operator::tick(std::int64_t session_now_ns, const
   ticked_ns_ = session_now_ns;
   hand_velocity_.setZero();
   act(dt, objects);
+  if (leans_) turn_hand(dt);
 
   session::Intent intent;
   intent.user_id = user_id_;
   intent.sequence = ++sequence_;
   intent.buttons = buttons_;
   const Vec3d ahead = hand_ + hand_velocity_ * (static_cast<double>(settings_.lookahead_ns) * 1e-9);
-  intent.path = {{session_now_ns, {hand_.x(), hand_.y(), hand_.z()}},
-                 {session_now_ns + settings_.lookahead_ns, {ahead.x(), ahead.y(), ahead.z()}}};
+  intent.path = {{session_now_ns, pose_of(hand_, orientation_)},
+                 {session_now_ns + settings_.lookahead_ns, pose_of(ahead, ahead_)}};
   return intent;
+}
+
+/// Upright on where the hand comes from, or on the surface that it follows, and off that as far as it leans.
+void Operator::turn_hand(double dt) {
+  constexpr double kWrist = 0.25;  // s, of what smooths
+  const bool follows = stage_ == Stage::kFollow && !done_;
+  const Vec3d before = upright_;
+  upright_ = (upright_ + std::min(1.0, dt / kWrist) * ((follows ? normal_ : outwards_) - upright_)).normalized();
+  base_ = (Eigen::Quaterniond::FromTwoVectors(before, upright_) * base_).normalized();  // without twist
+  const double lean = follows ? user_.script[action_].lean : 0;
+  const double lookahead = static_cast<double>(settings_.lookahead_ns) * 1e-9;
+  const Eigen::Quaterniond from = orientation_, goal = base_ * leaning(lean, followed_);
+  // No step where a lean ends.
+  orientation_ = from.slerp(std::min(1.0, dt / kWrist), goal).normalized();
+  ahead_ = from.slerp(std::min(1.0, (dt + lookahead) / kWrist), base_ * leaning(lean, followed_ + lookahead));
 }
 
 void Operator::next_action() {
@@ -276,7 +309,11 @@ std::optional<session::Intent> Operator::first_wish(std::int64_t session_now_ns,
     session::Intent intent;
     intent.user_id = user_id_;
     intent.sequence = ++sequence_;
-    intent.path = {{session_now_ns, {start.x(), start.y(), start.z()}}};
+    if (leans_) {  // already as it will come
+      upright_ = (view->rotation * action.direction).normalized();
+      base_ = orientation_ = ahead_ = Eigen::Quaterniond::FromTwoVectors(Vec3d::UnitZ(), upright_);
+    }
+    intent.path = {{session_now_ns, pose_of(start, orientation_)}};
     return intent;
   }
   return std::nullopt;

@@ -5,7 +5,7 @@
 /// realtime.
 #pragma once
 
-#include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <cstdint>
 #include <map>
 #include <optional>
@@ -93,6 +93,7 @@ class Operator {
   };
 
   void act(double dt, const Objects& objects);
+  void turn_hand(double dt);
   [[nodiscard]] bool begin(const Action& action, const Objects& objects);
   [[nodiscard]] Vec3d start_of(const Action& action, const ObjectView& view) const;
   [[nodiscard]] std::optional<session::Intent> first_wish(std::int64_t session_now_ns, const Objects& objects);
@@ -139,6 +140,12 @@ class Operator {
     std::int64_t heard_ns = 0;  // when, however old it was
   };
   std::map<std::uint64_t, Other> others_;  // by user
+
+  // How the hand is turned, when the script has it lean.
+  bool leans_ = false;
+  Vec3d upright_ = Vec3d::UnitZ();                            // the surface's normal, as slowly as a wrist follows it
+  Eigen::Quaterniond base_ = Eigen::Quaterniond::Identity();  // z along it
+  Eigen::Quaterniond orientation_ = Eigen::Quaterniond::Identity(), ahead_ = Eigen::Quaterniond::Identity();
 
   // What is wanted.
   std::size_t action_ = 0;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "sharing/hand_path.hpp"
 #include "wire/realtime.hpp"
 
 namespace tactus::client_sim {
@@ -32,12 +33,7 @@ RemoteHand::~RemoteHand() {
 void RemoteHand::wish(const session::Intent& intent, const session::ClockMap& map) {
   clock_.post(map);
   const std::int64_t now_ns = wire::monotonic_ns();
-  const std::int64_t session_now_ns = map.session_time(now_ns);
-  haptics::HandPath path;
-  path.buttons = intent.buttons;
-  for (const session::Waypoint& waypoint : intent.path)
-    path.waypoints[path.count++] = {now_ns + (waypoint.session_time_ns - session_now_ns), waypoint.position};
-  device_.wishes().post(path);
+  device_.wishes().post(sharing::hand_path(intent, now_ns - map.session_time(now_ns)));
 }
 
 void RemoteHand::on_command(const session::DeviceCommand& command) {
@@ -47,7 +43,7 @@ void RemoteHand::on_command(const session::DeviceCommand& command) {
   incarnation_ = command.origin.incarnation;
   if (command.sequence <= newest_) return;
   newest_ = command.sequence;
-  felt_.post({command.force, command.sequence, wire::monotonic_ns()});
+  felt_.post({command.force, command.torque, command.sequence, wire::monotonic_ns()});
 }
 
 void RemoteHand::run() {
@@ -65,12 +61,15 @@ void RemoteHand::run() {
     const Felt& felt = felt_.latest();
     const double silent = static_cast<double>(now_ns - felt.arrived_ns) * 1e-9;
     const double share = std::clamp((kZeroBy - silent) / (kZeroBy - kHold), 0.0, 1.0);
-    device_.write(share * haptics::Vec3d{felt.force[0], felt.force[1], felt.force[2]});
+    device_.write_wrench(share * haptics::Vec3d{felt.force[0], felt.force[1], felt.force[2]},
+                         share * haptics::Vec3d{felt.torque[0], felt.torque[1], felt.torque[2]});
     const haptics::DeviceState state = device_.read(now_ns);
     pose.origin = links_.origin();
     ++pose.sequence;
     pose.session_time_ns = clock_.latest().session_time(now_ns);
     pose.pose.position = {state.position.x(), state.position.y(), state.position.z()};
+    pose.pose.orientation = {state.orientation.x(), state.orientation.y(), state.orientation.z(),
+                             state.orientation.w()};
     pose.velocity = {state.velocity.x(), state.velocity.y(), state.velocity.z()};
     pose.buttons = state.buttons;
     pose.command_felt = felt.sequence;

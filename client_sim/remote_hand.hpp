@@ -39,7 +39,7 @@ class RemoteHand {
  private:
   /// The newest command.
   struct Felt {
-    std::array<double, 3> force{};
+    std::array<double, 3> force{}, torque{};
     std::uint32_t sequence = 0;
     std::int64_t arrived_ns = 0;
   };

@@ -37,7 +37,7 @@ const std::vector<Verb>& verbs() {
       {"tap", ActionKind::kTap, {"object", "direction", "point", "count", "speed", "force", "depth"}},
       {"follow",
        ActionKind::kFollow,
-       {"object", "direction", "point", "speed", "force", "seconds", "pattern", "extent"}},
+       {"object", "direction", "point", "speed", "force", "seconds", "pattern", "extent", "lean"}},
       {"lift", ActionKind::kLift, {"object", "direction", "point", "speed", "force", "seconds", "height", "others"}},
       {"grab", ActionKind::kGrab, {"object", "direction", "point", "speed", "until_force"}},
       {"move", ActionKind::kMove, {"by", "speed", "seconds"}},
@@ -90,6 +90,7 @@ Action parse_action(const Place& place, const YAML::Node& node) {
   map.vector("by", -2, 2, action.by);
   map.integer("others", 0, 7, action.others);
   map.number("extent", 1e-4, 100, action.extent);
+  map.number("lean", 0, 2, action.lean);
   map.choice("pattern", {"circle", "zigzag", "around"}, action.pattern);
   return action;
 }
@@ -152,7 +153,7 @@ Scenario parse_scenario(const std::string& text, const std::string& source) {
   const Place top{source, ""};
   const YAML::Node root = yaml::load(text, top);
   if (!root.IsMap()) top.fail(root.Mark(), "found " + shown(root) + ", expected a map with name and users");
-  const Map map{top, root, {"name", "measures", "truth", "within", "duration", "seed", "spread", "users"}};
+  const Map map{top, root, {"name", "measures", "truth", "within", "tool", "duration", "seed", "spread", "users"}};
   Scenario scenario;
   scenario.digest = session::id_of(text);
   (void)map.required("name");
@@ -164,6 +165,7 @@ Scenario parse_scenario(const std::string& text, const std::string& source) {
     map.place("truth").fail(map.child("truth").Mark(),
                             "found " + shown(map.child("truth")) + ", which does not go with what it measures");
   }
+  map.choice("tool", {"ball", "stylus"}, scenario.tool);
   map.number("within", 0.01, 10, scenario.within);
   map.number("spread", 0, 0.5, scenario.spread);
   map.number("duration", 0.1, kLongest, scenario.duration);

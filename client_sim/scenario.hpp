@@ -3,6 +3,7 @@
 ///     name: touch
 ///     measures: forces        # of a study (docs/studies.md); with it goes what they are held against
 ///     truth: full-mesh
+///     tool: stylus            # what users hold there; a ball unless told
 ///     duration: 10            # s
 ///     users:
 ///       - name: ann
@@ -67,6 +68,7 @@ struct Action {
   std::uint32_t others = 1;  ///< lift: who have to press, too, before it begins
   Pattern pattern = Pattern::kCircle;
   double extent = 0;  ///< m; 0: a third of what the bounds give
+  double lean = 0;    ///< follow: rad off the surface's normal by which the hand leans to and fro, and twice about it
 };
 
 struct User {
@@ -95,14 +97,21 @@ enum class Truth : std::uint8_t {
   kStateMachine  ///< under one fencing number one program simulates (session/ownership.hpp)
 };
 
+/// What each user holds in a study; in a live session the controller's --tool says so.
+enum class Tool : std::uint8_t {
+  kBall,   ///< User::radius
+  kStylus  ///< spm::offline::stylus
+};
+
 struct Scenario {
   std::string name;
   std::uint64_t digest = 0;  ///< of its text
   Measure measures = Measure::kNone;
   Truth truth = Truth::kNone;  ///< none only when nothing is measured
-  double within = 0.2;         ///< N; a force so near to its target is on it
-  double spread = 0;           ///< `varied` moves each point aimed at by up to so much, as a share of the bounds
-  double duration = 10;        ///< s from the moment all users are served
+  Tool tool = Tool::kBall;
+  double within = 0.2;   ///< N; a force so near to its target is on it
+  double spread = 0;     ///< `varied` moves each point aimed at by up to so much, as a share of the bounds
+  double duration = 10;  ///< s from the moment all users are served
   std::uint64_t seed = 1;
   std::vector<User> users;
 };

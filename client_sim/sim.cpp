@@ -7,6 +7,7 @@
 
 #include "client_sim/remote_hand.hpp"
 #include "session/clock.hpp"
+#include "sharing/hand_path.hpp"
 #include "wire/ends.hpp"
 #include "wire/inbox.hpp"
 
@@ -155,8 +156,7 @@ struct Sim::Impl {
   /// The first wish puts the hand there.
   void wish(Remote& remote, Presence& from, const session::Intent& intent) {
     if (!remote.hand) {
-      const std::array<double, 3>& start = intent.path.front().position;
-      remote.settings.hand.start = {start[0], start[1], start[2]};
+      sharing::begin_at(intent, remote.settings.hand);
       remote.hand = std::make_unique<RemoteHand>(from.links, remote.settings);
     }
     remote.hand->wish(intent, clock.map());

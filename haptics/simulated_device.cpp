@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "haptics/rigid_body.hpp"
+
 namespace tactus::haptics {
 
 namespace {
@@ -12,23 +14,35 @@ constexpr std::int64_t kSubstepNs = 250'000;
 constexpr std::int64_t kLongestGapNs = 50'000'000;
 
 Vec3d vector_of(const std::array<double, 3>& a) noexcept { return {a[0], a[1], a[2]}; }
+Eigen::Quaterniond turn_from(const std::array<double, 4>& q) noexcept { return {q[3], q[0], q[1], q[2]}; }
 
 }  // namespace
 
-void HandPath::at(std::int64_t time_ns, Vec3d& position, Vec3d& velocity) const noexcept {
-  velocity.setZero();
+HandPath::Place HandPath::place_at(std::int64_t time_ns) const noexcept {
   const Waypoint* const end = waypoints.data() + count;
   const Waypoint* const next =
       std::find_if(waypoints.data(), end, [&](const Waypoint& waypoint) { return waypoint.time_ns > time_ns; });
   if (next == waypoints.data() || next == end) {
-    position = vector_of((next == end ? next - 1 : next)->position);
-    return;
+    const Waypoint* const only = next == end ? next - 1 : next;
+    return {only, only, 0, 0};
   }
-  const Waypoint& before = *(next - 1);
-  const double span = static_cast<double>(next->time_ns - before.time_ns);
-  const Vec3d way = vector_of(next->position) - vector_of(before.position);
-  position = vector_of(before.position) + way * (static_cast<double>(time_ns - before.time_ns) / span);
-  velocity = way * (1e9 / span);
+  const Waypoint* const before = next - 1;
+  const double span = static_cast<double>(next->time_ns - before->time_ns);
+  return {before, next, static_cast<double>(time_ns - before->time_ns) / span, 1e9 / span};
+}
+
+void HandPath::at(std::int64_t time_ns, Vec3d& position, Vec3d& velocity) const noexcept {
+  const Place place = place_at(time_ns);
+  const Vec3d way = vector_of(place.to->position) - vector_of(place.from->position);
+  position = vector_of(place.from->position) + way * place.share;
+  velocity = way * place.rate;
+}
+
+Eigen::Quaterniond HandPath::turned_at(std::int64_t time_ns) const noexcept {
+  const Place place = place_at(time_ns);
+  const Eigen::Quaterniond from = turn_from(place.from->orientation);
+  if (place.from->orientation == place.to->orientation) return from;
+  return from.slerp(place.share, turn_from(place.to->orientation)).normalized();
 }
 
 SimulatedDevice::SimulatedDevice(const HandSettings& settings, const DeviceSpec& spec)
@@ -36,6 +50,7 @@ SimulatedDevice::SimulatedDevice(const HandSettings& settings, const DeviceSpec&
       settings_{settings},
       random_{settings.seed},
       position_{settings.start},
+      orientation_{settings.start_turned},
       measured_position_{settings.start} {
   std::uniform_real_distribution<double> frequency{2 * kPi * 8, 2 * kPi * 12};
   std::uniform_real_distribution<double> phase{0, 2 * kPi};
@@ -84,13 +99,20 @@ DeviceState SimulatedDevice::read(std::int64_t now_ns) noexcept {
     const double step = static_cast<double>(step_ns) * 1e-9;
     Vec3d target = settings_.start;
     Vec3d target_velocity = Vec3d::Zero();
-    if (path_.count > 0) path_.at(time_ns_, target, target_velocity);
+    Eigen::Quaterniond turned = settings_.start_turned;
+    if (path_.count > 0) {
+      path_.at(time_ns_, target, target_velocity);
+      turned = path_.turned_at(time_ns_);
+    }
     if (settings_.tremor > 0) target += tremor_at(time_ns_);
     const Vec3d pull = settings_.hand_stiffness * (target - position_) + settings_.hand_damping * target_velocity;
     // Dampers implicit, spring explicit, position by the new velocity.
     const double dampers = spec_.damping + settings_.hand_damping;
     velocity_ = (velocity_ + step / settings_.mass * (pull + force_)) / (1 + step / settings_.mass * dampers);
     position_ += step * velocity_;
+    const Vec3d twist = settings_.wrist_stiffness * turn_of(turned * orientation_.conjugate()) + torque_;
+    spin_ = (spin_ + step / settings_.inertia * twist) / (1 + step / settings_.inertia * settings_.wrist_damping);
+    orientation_ = (rotation_by(step * spin_) * orientation_).normalized();
   }
 
   if (elapsed > 0) {
@@ -105,6 +127,7 @@ DeviceState SimulatedDevice::read(std::int64_t now_ns) noexcept {
   DeviceState state;
   state.position = measured_position_;
   state.velocity = measured_velocity_;
+  state.orientation = orientation_;
   state.buttons = path_.buttons;
   state.time_ns = now_ns;
   return state;

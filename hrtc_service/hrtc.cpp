@@ -23,6 +23,7 @@
 #include "session/clock.hpp"
 #include "session/roster.hpp"
 #include "session/vigil.hpp"
+#include "sharing/hand_path.hpp"
 #include "wire/ends.hpp"
 #include "wire/inbox.hpp"
 
@@ -526,13 +527,10 @@ void Hrtc::Impl::take(const session::Intent& intent, std::int64_t now_ns) {
     if (commands.devices[slot] != nullptr && user.hand == nullptr) continue;  // it has a device of its own
     // Wishes are in session time, the hand's clock is ours.
     const std::int64_t session_now = clock.map().session_time(now_ns);
-    haptics::HandPath path;
-    path.buttons = intent.buttons;
-    for (const session::Waypoint& waypoint : intent.path)
-      path.waypoints[path.count++] = {now_ns + (waypoint.session_time_ns - session_now), waypoint.position};
+    const haptics::HandPath path = sharing::hand_path(intent, now_ns - session_now);
     if (user.hand == nullptr) {
       haptics::HandSettings hand;
-      hand.start = vec(intent.path.front().position);
+      sharing::begin_at(intent, hand);
       hand.seed = slot + 1;
       auto device = std::make_unique<haptics::SimulatedDevice>(hand);
       user.hand = device.get();

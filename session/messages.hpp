@@ -17,7 +17,7 @@
 namespace tactus::session {
 
 /// Raised when a change makes older programs misread newer samples.
-inline constexpr std::uint32_t kProtocolVersion = 11;
+inline constexpr std::uint32_t kProtocolVersion = 12;
 
 // Bounds, also stated in idl/tactus.idl; a test compares the two.
 inline constexpr std::size_t kMaxName = 63;
@@ -167,10 +167,10 @@ struct Demand {
 
 struct Waypoint {
   std::int64_t session_time_ns = 0;
-  std::array<double, 3> position{0, 0, 0};
+  Pose pose;
 };
 
-/// Topic intent, keys user_id and probe: where a simulated hand wants to be. Linear between waypoints; holds the last.
+/// Topic intent, keys user_id and probe: where a simulated hand wants to be. Even between waypoints; holds the last.
 struct Intent {
   Origin origin;
   std::uint64_t user_id = 0;

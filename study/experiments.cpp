@@ -117,6 +117,8 @@ Experiments experiments_of(const Study& study, const std::vector<Scenario>& scen
         experiment.topic = Topic::kFirstTouch;
         break;
       case Measure::kForces:
+        if (scenario.tool != client_sim::Tool::kBall) experiment.topic = Topic::kTool;
+        break;
       case Measure::kNone:
         break;
     }

@@ -12,9 +12,10 @@
 namespace tactus::study {
 
 /// To which table an experiment belongs.
-enum class Topic : std::uint8_t { kForces, kFirstTouch, kTarget, kLift, kHandOver, kCollaboration, kStiffness };
-inline constexpr const char* kTopicNames[]{"Force fidelity", "Cold start",    "Target force", "Lift",
-                                           "Hand-over",      "Collaboration", "Stiffness against round trip"};
+enum class Topic : std::uint8_t { kForces, kTool, kFirstTouch, kTarget, kLift, kHandOver, kCollaboration, kStiffness };
+inline constexpr const char* kTopicNames[]{
+    "Force fidelity", "Force and torque of a tool",  "Cold start", "Target force", "Lift", "Hand-over",
+    "Collaboration",  "Stiffness against round trip"};
 
 /// Of the stiffness experiment: the figure that its others are drawn over.
 inline constexpr const char* kRoundTrip = "round trip";

@@ -9,29 +9,11 @@ namespace {
 constexpr double kDt = 1e-3;           // s
 constexpr std::size_t kNewTouch = 20;  // ms without; less is a bounce
 
-haptics::ProxySettings proxy_settings(double radius) {
-  haptics::ProxySettings settings;
-  settings.radius = radius;
-  return settings;
-}
-
 }  // namespace
 
-TrueForce::TrueForce(const haptics::Surface& surface, double radius, const session::Material& material,
-                     const haptics::ForceSettings& settings)
-    : surface_{surface},
-      feel_{material.stiffness, material.damping},
-      proxy_{proxy_settings(radius)},
-      renderer_{settings, haptics::DeviceSpec{}} {
-  proxy_.set_grip({material.static_friction, material.dynamic_friction});
-}
-
-Vec3d TrueForce::at(const haptics::DeviceState& device) {
-  const haptics::ProxyResult& proxy = proxy_.step(device.position, kDt, surface_, false);
-  return renderer_.step(proxy, device, feel_, 0, kDt).force;
-}
-
 double jnd_of(double force) noexcept { return std::max(0.1 * force, kLeastForce); }
+
+double torque_jnd_of(double torque) noexcept { return std::max(0.13 * torque, kLeastTorque); }
 
 void Fidelity::Touches::add(std::size_t ms, const Vec3d& place, double force) {
   if (force < kLeastForce) return;
@@ -47,22 +29,27 @@ const Fidelity::Touch* Fidelity::Touches::overlapping(const Touch& other) const 
   return found == all.end() ? nullptr : &*found;
 }
 
-void Fidelity::add(const Vec3d& place, const Vec3d& felt, const Vec3d& truth, bool exact) {
-  const double size = truth.norm();
-  felt_.add(ms_, place, felt.norm());
+void Fidelity::add(const Vec3d& place, const haptics::Wrench& felt, const haptics::Wrench& truth, bool exact) {
+  const double size = truth.force.norm();
+  felt_.add(ms_, place, felt.force.norm());
   truth_.add(ms_, place, size);
   ++ms_;
-  if (felt.norm() >= kLeastForce) {
+  if (felt.force.norm() >= kLeastForce) {
     ++felt_ms_;
     exact_ += exact ? 1 : 0;
   } else if (size < kLeastForce) {
     return;
   }
-  const double error = (felt - truth).norm();
   ++contact_;
+  const double error = (felt.force - truth.force).norm();
   squares_ += error * error;
   most_ = std::max(most_, error);
   above_ += error > jnd_of(size) ? 1 : 0;
+  const double torque = truth.torque.norm(), torque_error = (felt.torque - truth.torque).norm();
+  true_torque_squares_ += torque * torque;
+  torque_squares_ += torque_error * torque_error;
+  torque_most_ = std::max(torque_most_, torque_error);
+  torque_above_ += torque_error > torque_jnd_of(torque) ? 1 : 0;
 }
 
 Figures Fidelity::figures() const {
@@ -95,6 +82,14 @@ Figures Fidelity::figures() const {
           {"peak force ratio", "", paired > 0 ? ratio / each : 0},
           {"missed", "", number(missed)},
           {"false", "", static_cast<double>(unfounded)}};
+}
+
+Figures Fidelity::torque_figures() const {
+  const auto count = static_cast<double>(std::max<std::size_t>(contact_, 1));
+  return {{"torque error rms", "mN m", 1e3 * std::sqrt(torque_squares_ / count)},
+          {"torque error max", "mN m", 1e3 * torque_most_},
+          {"torque above 1 JND", "%", 100 * static_cast<double>(torque_above_) / count},
+          {"true torque rms", "mN m", 1e3 * std::sqrt(true_torque_squares_ / count)}};
 }
 
 }  // namespace tactus::study

@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "haptics/force.hpp"
-#include "session/messages.hpp"
 
 namespace tactus::study {
 
@@ -20,34 +19,24 @@ struct Figure {
 };
 using Figures = std::vector<Figure>;
 
-/// The force that a hand would feel: a proxy of its own that follows the hand over a surface.
-class TrueForce {
- public:
-  /// `surface` must outlive it.
-  TrueForce(const haptics::Surface& surface, double radius, const session::Material& material,
-            const haptics::ForceSettings& settings);
-  /// One millisecond later.
-  [[nodiscard]] Vec3d at(const haptics::DeviceState& device);
-
- private:
-  const haptics::Surface& surface_;
-  haptics::Feel feel_;
-  haptics::Proxy proxy_;
-  haptics::ForceRenderer renderer_;
-};
-
 /// Less is not felt, N: the floor of a just noticeable difference.
 inline constexpr double kLeastForce = 0.05;
 /// Just noticeable difference from a force, N.
 [[nodiscard]] double jnd_of(double force) noexcept;
+/// The same at the end of a stylus of 25 mm, N m.
+inline constexpr double kLeastTorque = 0.025 * kLeastForce;
+/// From a torque, N m.
+[[nodiscard]] double torque_jnd_of(double torque) noexcept;
 
 class Fidelity {
  public:
   /// A millisecond of one hand; `exact`: the contact is on the finest mesh.
-  void add(const Vec3d& place, const Vec3d& felt, const Vec3d& truth, bool exact);
+  void add(const Vec3d& place, const haptics::Wrench& felt, const haptics::Wrench& truth, bool exact);
   /// What comes next is another hand's.
   void let_go() noexcept { ms_ += kApart; }
   [[nodiscard]] Figures figures() const;
+  /// What a tool adds to them; torques count while forces do.
+  [[nodiscard]] Figures torque_figures() const;
 
  private:
   struct Touch {
@@ -66,6 +55,8 @@ class Fidelity {
 
   std::size_t ms_ = 0, contact_ = 0, felt_ms_ = 0, exact_ = 0, above_ = 0;
   double squares_ = 0, most_ = 0;
+  std::size_t torque_above_ = 0;
+  double torque_squares_ = 0, torque_most_ = 0, true_torque_squares_ = 0;
   Touches felt_, truth_;
 };
 

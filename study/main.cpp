@@ -94,13 +94,18 @@ std::string identity_of(const Study& study, const Experiments& experiments) {
 void write_traces(const std::filesystem::path& folder, const Run& run, const ScenarioRun& traces) {
   std::filesystem::create_directories(folder);
   for (std::size_t user = 0; user < traces.hands.size(); ++user) {
-    std::string text = "time_s,x,y,z,force_x,force_y,force_z,true_x,true_y,true_z,exact\n";
+    std::string text =
+        "time_s,x,y,z,force_x,force_y,force_z,true_x,true_y,true_z,exact,"
+        "torque_x,torque_y,torque_z,true_torque_x,true_torque_y,true_torque_z\n";
     for (std::size_t ms = 0; ms < traces.hands[user].size(); ++ms) {
       const Sample& s = traces.hands[user][ms];
-      char line[256];
-      std::snprintf(line, sizeof line, "%.3f,%.7g,%.7g,%.7g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%d\n",
-                    static_cast<double>(ms) * 1e-3, s.place.x(), s.place.y(), s.place.z(), s.felt.x(), s.felt.y(),
-                    s.felt.z(), s.truth.x(), s.truth.y(), s.truth.z(), s.exact ? 1 : 0);
+      const haptics::Wrench &f = s.felt, &t = s.truth;
+      char line[400];
+      std::snprintf(line, sizeof line,
+                    "%.3f,%.7g,%.7g,%.7g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%d,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n",
+                    static_cast<double>(ms) * 1e-3, s.place.x(), s.place.y(), s.place.z(), f.force.x(), f.force.y(),
+                    f.force.z(), t.force.x(), t.force.y(), t.force.z(), s.exact ? 1 : 0, f.torque.x(), f.torque.y(),
+                    f.torque.z(), t.torque.x(), t.torque.y(), t.torque.z());
       text += line;
     }
     write_file(folder / (run.scenario + "-" + run.profile + "-" + std::to_string(run.seed) + "-" +
@@ -210,7 +215,7 @@ int main(int argc, char** argv) {
   CLI::App app{"Profiles by scenarios by seeds: what hands feel, against its ground truth, as tables.",
                "tactus sim study"};
   app.footer(kExamples);
-  app.add_option("STUDY", options.file, "A study in YAML; without one a small study of about a minute");
+  app.add_option("STUDY", options.file, "A study in YAML; without one a small study of two minutes");
   app.add_option("--out", options.out, "Folder for runs and tables")->capture_default_str();
   app.add_option("--profiles", options.profiles, "Instead of the study's: links as in `tactus link list`")
       ->delimiter(',');

@@ -1,10 +1,14 @@
 #include "study/scenario_run.hpp"
 
 #include <memory>
+#include <optional>
 #include <set>
 
 #include "haptics/body_touch.hpp"
+#include "spm/finest_tree.hpp"
+#include "spm/offline/generate.hpp"
 #include "study/full_mesh.hpp"
+#include "study/true_hand.hpp"
 #include "study/virtual_session.hpp"
 
 namespace tactus::study {
@@ -15,16 +19,45 @@ using spm::Vec3d;
 
 constexpr double kDt = 1e-3;
 
-std::unique_ptr<const haptics::Surface> true_surface(const client_sim::Scenario& scenario, const Subject& subject) {
-  const spm::ModelSummary& summary = subject.model.summary;
-  const double scale = summary.metres_per_unit;
-  if (scenario.truth == client_sim::Truth::kAnalytic) {
-    Vec3d half;
-    for (int axis = 0; axis < 3; ++axis) half[axis] = scale * double{summary.bounds_max[axis]};
-    return std::make_unique<haptics::BoxSurface>(half);
+/// Where everything is at hand: what true hands touch, and what they hold.
+class Truth {
+ public:
+  Truth(const client_sim::Scenario& scenario, const Subject& subject, const spm::MeshProbe* tool,
+        const SessionSettings& settings)
+      : scale_{subject.model.summary.metres_per_unit},
+        radius_{scenario.users.front().radius},
+        tool_{tool},
+        settings_{settings} {
+    const spm::ModelSummary& summary = subject.model.summary;
+    if (tool != nullptr) {
+      tree_ = std::make_unique<spm::FinestTree>(subject.model.positions, subject.finest);
+    } else if (scenario.truth == client_sim::Truth::kAnalytic) {
+      Vec3d half;
+      for (int axis = 0; axis < 3; ++axis) half[axis] = scale_ * double{summary.bounds_max[axis]};
+      surface_ = std::make_unique<haptics::BoxSurface>(half);
+    } else {
+      surface_ = std::make_unique<FullMesh>(subject.model.positions, subject.finest,
+                                            hrtc_service::Placement{{}, scale_}, radius_ / 2);
+    }
   }
-  return std::make_unique<FullMesh>(subject.model.positions, subject.finest, hrtc_service::Placement{{}, scale},
-                                    scenario.users.front().radius / 2);
+  [[nodiscard]] std::unique_ptr<TrueHand> hand() const {
+    const haptics::ForceSettings& force = settings_.cycle.force;
+    if (tool_ == nullptr) return std::make_unique<TrueBall>(*surface_, radius_, settings_.material, force);
+    return std::make_unique<TrueTool>(*tree_, scale_, *tool_, settings_.material, force, settings_.device_spec());
+  }
+
+ private:
+  double scale_, radius_;
+  const spm::MeshProbe* tool_;
+  const SessionSettings& settings_;
+  std::unique_ptr<const haptics::Surface> surface_;
+  std::unique_ptr<const spm::FinestTree> tree_;
+};
+
+std::optional<spm::MeshProbe> probe_of(client_sim::Tool tool) {
+  if (tool == client_sim::Tool::kBall) return std::nullopt;
+  const spm::offline::TriangleMesh mesh = spm::offline::stylus();
+  return spm::MeshProbe{mesh.positions, mesh.faces};
 }
 
 }  // namespace
@@ -48,15 +81,17 @@ ScenarioRun run_scenario(const client_sim::Scenario& given, const Subject& subje
   SessionSettings settings;
   settings.link = link;
   settings.seed = seed;
+  const std::optional<spm::MeshProbe> tool = probe_of(scenario.tool);
+  settings.cycle.tool = tool ? &*tool : nullptr;
   VirtualSession session{subject, scenario, settings};
-  const std::unique_ptr<const haptics::Surface> surface = true_surface(scenario, subject);
+  const Truth truth{scenario, subject, settings.cycle.tool, settings};
   const bool cold = scenario.measures == Measure::kFirstTouch;
   cold ? session.begin() : session.settle();
 
   ScenarioRun run;
   run.hands.resize(scenario.users.size());
-  std::vector<TrueForce> truths(scenario.users.size(), TrueForce{*surface, scenario.users.front().radius,
-                                                                 settings.material, settings.cycle.force});
+  std::vector<std::unique_ptr<TrueHand>> true_hands;
+  for (std::size_t user = 0; user < scenario.users.size(); ++user) true_hands.push_back(truth.hand());
   double base = -1, touched = -1, exact = -1, kbyte = 0;
   for (double time = 0; time < scenario.duration && !session.done(); time += kDt) {
     if (stop) return {};
@@ -65,10 +100,10 @@ ScenarioRun run_scenario(const client_sim::Scenario& given, const Subject& subje
     for (std::size_t user = 0; user < run.hands.size(); ++user) {
       if (!session.is_here(user)) continue;
       const Felt& felt = session.felt(user);
-      const Vec3d truth = truths[user].at(felt.device);
-      run.hands[user].push_back({felt.device.position, felt.force, truth, felt.exact});
-      if (touched < 0 && truth.norm() >= kLeastForce) touched = time;
-      if (exact >= 0 || !felt.exact || felt.force.norm() < kLeastForce) continue;
+      const haptics::Wrench true_wrench = true_hands[user]->at(felt.device, session.looked_anew());
+      run.hands[user].push_back({felt.device.position, felt.wrench, true_wrench, felt.exact});
+      if (touched < 0 && true_wrench.force.norm() >= kLeastForce) touched = time;
+      if (exact >= 0 || !felt.exact || felt.wrench.force.norm() < kLeastForce) continue;
       exact = time;
       kbyte = static_cast<double>(session.bytes_received()) * 1e-3;
     }
@@ -90,6 +125,8 @@ ScenarioRun run_scenario(const client_sim::Scenario& given, const Subject& subje
                     100.0 * static_cast<double>(session.records_received()) / subject.model.summary.records}};
   }
   for (Figure& figure : fidelity.figures()) run.figures.push_back(std::move(figure));
+  if (tool)
+    for (Figure& figure : fidelity.torque_figures()) run.figures.push_back(std::move(figure));
   return run;
 }
 

@@ -12,7 +12,8 @@ namespace tactus::study {
 
 /// Of one hand, each millisecond from when it was there.
 struct Sample {
-  spm::Vec3d place, felt, truth;
+  spm::Vec3d place;
+  haptics::Wrench felt, truth;
   bool exact;
 };
 struct ScenarioRun {

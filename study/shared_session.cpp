@@ -6,6 +6,7 @@
 #include "hrtc_service/loader.hpp"
 #include "session/figures.hpp"
 #include "session/transit.hpp"
+#include "sharing/hand_path.hpp"
 
 namespace tactus::study {
 namespace {
@@ -331,15 +332,10 @@ void SharedSession::act(User& user) {
   const std::optional<session::Intent> intent = user.mind->tick(now_ns_, view_);
   if (!intent) return;
   if (user.device == nullptr) {
-    const auto& start = intent->path.front().position;
-    user.hand.start = {start[0], start[1], start[2]};
+    sharing::begin_at(*intent, user.hand);
     user.device = std::make_unique<haptics::SimulatedDevice>(user.hand);
   }
-  haptics::HandPath path;
-  path.buttons = intent->buttons;
-  for (const session::Waypoint& waypoint : intent->path)
-    path.waypoints[path.count++] = {waypoint.session_time_ns, waypoint.position};
-  user.device->wishes().post(path);
+  user.device->wishes().post(sharing::hand_path(*intent, 0));
 }
 
 void SharedSession::host_tick() {

@@ -62,6 +62,9 @@ std::string trouble_with(const Scenario& scenario) {
   const std::size_t most = hrtc_service::kMaxProbes;
   if (scenario.users.size() > most)
     return "has " + std::to_string(scenario.users.size()) + " users, expected at most " + std::to_string(most);
+  const bool of_a_tool = scenario.measures == Measure::kForces && scenario.truth == client_sim::Truth::kFullMesh;
+  if (scenario.tool != client_sim::Tool::kBall && !of_a_tool)
+    return "has a tool, which is measured by its forces against the full mesh alone";
   const std::string object = object_of(scenario);
   if (scenario.measures == Measure::kTarget || scenario.measures == Measure::kLift ||
       scenario.measures == Measure::kHandOver) {

@@ -29,7 +29,7 @@ struct Scan {
 struct Study {
   std::string name = "quick";
   std::vector<std::string> profiles{"P0", "P2", "P4", "P6", "P7", "P8"};
-  std::vector<std::string> scenarios{"tap-wall",   "tap-wall-remote", "tap-scan", "follow-scan",
+  std::vector<std::string> scenarios{"tap-wall",   "tap-wall-remote", "tap-scan", "follow-scan", "tool-scan",
                                      "cold-start", "target-force",    "lift",     "hand-over"};
   std::uint32_t seeds = 5;
   std::uint64_t first_seed = 1;

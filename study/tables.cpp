@@ -92,8 +92,12 @@ Table details(const std::string& caption, const std::vector<Cell>& cells, Estima
 
 std::vector<Table> tables_of(const std::vector<Cell>& cells, Topic topic) {
   std::vector<Table> tables;
-  if (topic == Topic::kForces)
+  if (topic == Topic::kForces || topic == Topic::kTool)
     tables = {overview(cells, "force error rms", "N"), overview(cells, "above 1 JND", "% of contact")};
+  if (topic == Topic::kTool) {
+    tables.push_back(overview(cells, "torque error rms", "mN m"));
+    tables.push_back(overview(cells, "torque above 1 JND", "% of contact"));
+  }
   tables.push_back(details("", cells, &CellFigure::value));
   if (topic != Topic::kStiffness && distinct(cells, &Cell::profile).size() > 1)
     tables.push_back(
@@ -124,6 +128,10 @@ struct Drawing {
 constexpr Drawing kDrawings[]{{Topic::kForces, "above 1 JND", false},
                               {Topic::kForces, "force error rms", false},
                               {Topic::kForces, "onset off by", true},
+                              {Topic::kTool, "above 1 JND", false},
+                              {Topic::kTool, "torque above 1 JND", false},
+                              {Topic::kTool, "force error rms", false},
+                              {Topic::kTool, "torque error rms", false},
                               {Topic::kFirstTouch, "first exact contact after", true},
                               {Topic::kFirstTouch, "above 1 JND", false},
                               {Topic::kTarget, "on target", false},

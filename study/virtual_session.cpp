@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <stdexcept>
 
+#include "sharing/hand_path.hpp"
+
 namespace tactus::study {
 namespace {
 
@@ -28,9 +30,10 @@ session::CatalogueEntry entry_for(const Subject& subject, const session::Materia
   return entry;
 }
 
-hrtc_service::LoaderSettings loader_settings(double radius) {
+hrtc_service::LoaderSettings loader_settings(double radius, const spm::MeshProbe* tool) {
   hrtc_service::LoaderSettings settings;
   settings.radius = radius;
+  settings.tool = tool;
   return settings;
 }
 
@@ -39,7 +42,11 @@ hrtc_service::CycleSettings cycle_settings(hrtc_service::CycleSettings settings,
   return settings;
 }
 
-std::array<double, 3> plain(const Vec3d& v) { return {v.x(), v.y(), v.z()}; }
+std::array<haptics::DeviceSpec, hrtc_service::kMaxProbes> specs_of(const SessionSettings& settings) {
+  std::array<haptics::DeviceSpec, hrtc_service::kMaxProbes> specs;
+  specs.fill(settings.device_spec());
+  return specs;
+}
 
 std::size_t bytes_of(const session::Demand& demand) {
   return kHeads + 100 + 8 * (demand.have.size() + demand.wanted.size() + demand.gaps.size());
@@ -51,7 +58,7 @@ VirtualSession::Hand::Hand(const client_sim::User& user, const SessionSettings& 
     : mind{user, {}}, poses{session.link.forth, 4 * seed}, commands{session.link.back, 4 * seed + 1} {
   settings.tremor = kTremor;
   settings.seed = static_cast<std::uint32_t>(seed);
-  if (user.remote) remote = std::make_unique<haptics::RemoteDevice>();
+  if (user.remote) remote = std::make_unique<haptics::RemoteDevice>(session.device_spec());
 }
 
 VirtualSession::VirtualSession(const Subject& subject, const client_sim::Scenario& scenario,
@@ -60,10 +67,13 @@ VirtualSession::VirtualSession(const Subject& subject, const client_sim::Scenari
       pool_{spm::PoolSettings::for_slots(settings.slots)},
       nodes_{pool_.settings.tree_nodes},
       server_{session::Origin{kSession, kHost, 1, 0}},
-      loader_{
-          pool_,     nodes_,     session::Origin{kSession, kHrtc, 1, 0}, loader_settings(scenario.users.front().radius),
-          arrivals_, departures_},
-      cycle_{cycle_settings(settings.cycle, scenario.users.front().radius), {}, departures_, nullptr},
+      loader_{pool_,
+              nodes_,
+              session::Origin{kSession, kHrtc, 1, 0},
+              loader_settings(scenario.users.front().radius, settings.cycle.tool),
+              arrivals_,
+              departures_},
+      cycle_{cycle_settings(settings.cycle, scenario.users.front().radius), specs_of(settings), departures_, nullptr},
       records_{settings.link.forth, 4 * settings.seed + 2},
       demands_{settings.link.back, 4 * settings.seed + 3},
       catalogue_ns_{now_ns_ + static_cast<std::int64_t>(settings.link.forth.delay_ms * 1e6)} {
@@ -116,16 +126,11 @@ void VirtualSession::move_network(std::int64_t until_ns) {
 void VirtualSession::think(Hand& hand) {
   const std::optional<session::Intent> intent = hand.mind.tick(now_ns_, objects_);
   if (!intent) return;
-  haptics::HandPath path;
-  path.buttons = intent->buttons;
-  for (const session::Waypoint& point : intent->path)
-    path.waypoints[path.count++] = {point.session_time_ns, point.position};
   if (!hand.device) {
-    const auto& start = intent->path.front().position;
-    hand.settings.start = {start[0], start[1], start[2]};
-    hand.device.emplace(hand.settings);
+    sharing::begin_at(*intent, hand.settings);
+    hand.device.emplace(hand.settings, settings_.device_spec());
   }
-  hand.device->wishes().post(path);
+  hand.device->wishes().post(sharing::hand_path(*intent, 0));
 }
 
 /// What client_sim/remote_hand does, with a clock that is known to both ends.
@@ -139,14 +144,15 @@ void VirtualSession::move_remote(Hand& hand) {
   }
   const double silent = static_cast<double>(now_ns_ - hand.newest_ns) * 1e-9;
   const double share = std::clamp((kZeroBy - silent) / (kZeroBy - kHold), 0.0, 1.0);
-  hand.felt.force = share * hrtc_service::vec(hand.newest.state.force);
+  hand.felt.wrench = {share * hand.newest.wrench.force, share * hand.newest.wrench.torque};
   hand.felt.exact = (hand.newest.state.status & session::kExact) != 0;
-  hand.device->write(hand.felt.force);
+  hand.device->write_wrench(hand.felt.wrench.force, hand.felt.wrench.torque);
   const haptics::DeviceState state = hand.device->read(now_ns_);
   hand.felt.device = state;
   haptics::RemotePose pose;
-  pose.position = plain(state.position);
-  pose.velocity = plain(state.velocity);
+  pose.position = hrtc_service::plain(state.position);
+  pose.velocity = hrtc_service::plain(state.velocity);
+  pose.orientation = hrtc_service::plain(state.orientation);
   pose.buttons = state.buttons;
   pose.sequence = ++hand.numbered;
   pose.command_felt = hand.newest.number;
@@ -186,13 +192,14 @@ void VirtualSession::report(std::size_t user, const hrtc_service::ProbeOutput& o
   state.velocity = output.velocity;
   state.force = output.force;
   state.status = output.status;
+  const haptics::Wrench wrench{hrtc_service::vec(output.force), hrtc_service::vec(output.torque)};
   if (hand.remote) {
-    hand.commands.send(now_ns_, {state, hand.remote->on_command(now_ns_)}, kPoseBytes);
+    hand.commands.send(now_ns_, {state, wrench, hand.remote->on_command(now_ns_)}, kPoseBytes);
     return;
   }
-  hand.felt.force = hrtc_service::vec(output.force);
+  hand.felt.wrench = wrench;
   hand.felt.exact = (output.status & session::kExact) != 0;
-  hand.device->write(hand.felt.force);
+  hand.device->write_wrench(wrench.force, wrench.torque);
   hand.mind.on_probe_state(state);
 }
 
@@ -218,10 +225,15 @@ void VirtualSession::step() {
   for (std::size_t user = 0; user < hands_.size(); ++user) {
     const hrtc_service::ProbeOutput& output = result.probes[user];
     report(user, output);
-    sights_[user] = {output.active, (output.status & session::kInContact) != 0, now_ns_, inputs_[user].device.position,
-                     hrtc_service::vec(output.proxy)};
+    sights_[user] = {output.active,
+                     (output.status & session::kInContact) != 0,
+                     now_ns_,
+                     inputs_[user].device.position,
+                     hrtc_service::vec(output.proxy),
+                     hrtc_service::quaternion(output.orientation)};
   }
-  (void)cycle_.refine(spm::Budget{settings_.budget});
+  looked_anew_ = changed_;
+  changed_ = cycle_.refine(spm::Budget{settings_.budget}).costs.changes > 0;
 }
 
 }  // namespace tactus::study

@@ -34,14 +34,21 @@ struct SessionSettings {
   std::uint32_t slots = 1 << 16;   ///< of the controller's pool, what tactus-hrtc takes unless told
   std::uint32_t budget = 1 << 14;  ///< of a cycle's refinement, units of spm::Budget
   session::Material material;
-  hrtc_service::CycleSettings cycle;
+  hrtc_service::CycleSettings cycle;  ///< with the tool that all users hold, if any
+
+  /// Of every hand's device: one that bears a torque where there is a tool.
+  [[nodiscard]] haptics::DeviceSpec device_spec() const {
+    haptics::DeviceSpec spec;
+    if (cycle.tool != nullptr) spec.max_torque = cycle.force.max_torque;
+    return spec;
+  }
 };
 
 /// One millisecond of a hand.
 struct Felt {
-  haptics::DeviceState device;            ///< where it is, world
-  spm::Vec3d force = spm::Vec3d::Zero();  ///< on it
-  bool exact = false;                     ///< a contact on the finest mesh; of a remote hand, as it was told
+  haptics::DeviceState device;  ///< where it is, world
+  haptics::Wrench wrench;       ///< on it
+  bool exact = false;           ///< a contact on the finest mesh; of a remote hand, as it was told
 };
 
 class VirtualSession {
@@ -65,6 +72,8 @@ class VirtualSession {
   /// All scripts have ended.
   [[nodiscard]] bool done() const;
   [[nodiscard]] bool base_shown() const;
+  /// The last step was the first on another mesh, where tools look anew for what is near.
+  [[nodiscard]] bool looked_anew() const noexcept { return looked_anew_; }
   /// Of regions and base mesh, payload.
   [[nodiscard]] std::uint64_t bytes_received() const { return loader_.delivery_counters().payload_bytes; }
   [[nodiscard]] std::uint64_t records_received() const { return loader_.figures().records_received; }
@@ -72,6 +81,7 @@ class VirtualSession {
  private:
   struct Command {
     session::ProbeState state;
+    haptics::Wrench wrench;
     std::uint32_t number = 0;
   };
   /// A user with hand and mind.
@@ -113,6 +123,7 @@ class VirtualSession {
   std::int64_t catalogue_ns_;
   std::uint64_t cycles_ = 0;
   bool acting_ = false;
+  bool changed_ = true, looked_anew_ = true;
   std::array<hrtc_service::ProbeInput, hrtc_service::kMaxProbes> inputs_;
   std::array<hrtc_service::ProbeSight, hrtc_service::kMaxProbes> sights_;
   std::array<hrtc_service::NearObjects, hrtc_service::kMaxProbes> near_;

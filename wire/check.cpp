@@ -171,7 +171,7 @@ const char* fault(const session::Intent& i) noexcept {
   if (i.path.empty() || i.path.size() > session::kMaxWaypoints) return "path: expected 1..16 waypoints";
   for (std::size_t k = 0; k < i.path.size(); ++k) {
     if (!is_time(i.path[k].session_time_ns)) return "path.session_time_ns: expected within 2^61 ns of zero";
-    if (!all_finite(i.path[k].position)) return "path.position: expected finite numbers";
+    if (const char* f = fault(i.path[k].pose)) return f;
     if (k > 0 && i.path[k].session_time_ns <= i.path[k - 1].session_time_ns) return "path: expected ascending times";
   }
   return nullptr;

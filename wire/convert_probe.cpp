@@ -33,7 +33,7 @@ void to_idl(const session::Intent& from, idl::Intent& to) {
   to.path().resize(from.path.size());
   for (std::size_t i = 0; i < from.path.size(); ++i) {
     to.path()[i].session_time_ns(from.path[i].session_time_ns);
-    to.path()[i].position(from.path[i].position);
+    to.path()[i].pose(pose_to_idl(from.path[i].pose));
   }
 }
 
@@ -45,7 +45,7 @@ void from_idl(const idl::Intent& from, session::Intent& to) {
   to.buttons = from.buttons();
   to.path.resize(from.path().size());
   for (std::size_t i = 0; i < to.path.size(); ++i) {
-    to.path[i] = {from.path()[i].session_time_ns(), from.path()[i].position()};
+    to.path[i] = {from.path()[i].session_time_ns(), pose_from_idl(from.path()[i].pose())};
   }
 }
 

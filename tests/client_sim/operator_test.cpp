@@ -10,6 +10,7 @@
 
 #include "haptics/force.hpp"
 #include "haptics/simulated_device.hpp"
+#include "sharing/hand_path.hpp"
 #include "tests/haptics/triangle_surface.hpp"
 
 namespace tactus::client_sim {
@@ -73,11 +74,7 @@ class ClosedLoop {
 
   void cycle() {
     while (!intents_.empty() && intents_.front().first <= now_ns_) {
-      haptics::HandPath wish;
-      for (const session::Waypoint& waypoint : intents_.front().second.path) {
-        wish.waypoints[wish.count++] = {waypoint.session_time_ns, waypoint.position};
-      }
-      device_->wishes().post(wish);
+      device_->wishes().post(sharing::hand_path(intents_.front().second, 0));
       intents_.pop_front();
     }
     const haptics::DeviceState device = device_->read(now_ns_);
@@ -139,6 +136,45 @@ TEST(Operator, SaysNothingBeforeItFeelsItsProbe) {
   EXPECT_FALSE(ann.tick(1'000'000'000, {}).has_value());
 }
 
+TEST(Operator, LeansAsItFollowsAndComesUprightWithoutAStep) {
+  Operator ann{user_with("      - follow: {object: body, seconds: 6, lean: 0.8}\n      - retreat: {}\n"), {}};
+  ObjectView view;
+  view.half = {0.1, 0.1, 0.1};
+  session::ProbeState state;
+  state.user_id = session::id_of("ann");
+  const auto turned = [](const session::Waypoint& waypoint) {
+    const auto& q = waypoint.pose.orientation;
+    return Eigen::Quaterniond{q[3], q[0], q[1], q[2]};
+  };
+  Eigen::Quaterniond before = Eigen::Quaterniond::Identity();
+  double most = 0, step = 0, off = 0, last = 0;
+  for (std::int64_t now = 1'000'000'000; now < 14'000'000'000; now += 10'000'000) {
+    const auto intent = ann.tick(now, {{"body", view}});
+    if (!intent) continue;
+    const Eigen::Quaterniond at = turned(intent->path[0]);
+    step = std::max(step, at.angularDistance(before));
+    last = at.angularDistance(Eigen::Quaterniond::Identity());
+    most = std::max(most, last);
+    before = at;
+    if (intent->path.size() > 1) off = std::max(off, turned(intent->path[1]).angularDistance(at));
+    // A table at 0.1 m.
+    const auto& wish = intent->path[0].pose.position;
+    state.session_time_ns = now;
+    state.device.position = wish;
+    const double depth = 0.1 - wish[2];
+    state.proxy = {wish[0], wish[1], std::max(wish[2], 0.1)};
+    state.force = {0, 0, std::max(0.0, 250 * depth)};
+    state.status = depth > 0 ? session::kInContact : 0u;
+    ann.on_probe_state(state);
+  }
+  EXPECT_TRUE(ann.done());
+  EXPECT_GT(most, 0.8);
+  EXPECT_LT(most, 0.8 * std::sqrt(6.0));  // about three axes, twice as far about the last
+  EXPECT_LT(step, 0.1);
+  EXPECT_LT(off, 0.4);
+  EXPECT_LT(last, 0.05);
+}
+
 TEST(Operator, SpeaksAHundredTimesASecondAndALittleAhead) {
   Operator ann{user_with("      - approach: {object: body}\n"), {}};
   session::ProbeState state;
@@ -170,7 +206,7 @@ TEST(Operator, WaitsForAnObjectThatIsNotThere) {
   ann.on_probe_state(state);
   const auto intent = ann.tick(1'000'000'000, {});
   ASSERT_TRUE(intent);
-  EXPECT_EQ(intent->path.back().position, state.device.position);
+  EXPECT_EQ(intent->path.back().pose.position, state.device.position);
 }
 
 TEST(Operator, ApproachesUntilItFeelsTheForceAskedFor) {

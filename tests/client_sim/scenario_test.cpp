@@ -87,6 +87,14 @@ TEST(Scenario, BuiltInOnesAreSound) {
   EXPECT_EQ(load_scenario("demo-lift").users.size(), 5u);
 }
 
+TEST(Scenario, ReadsWhatUsersHoldAndHowTheyLean) {
+  const Scenario scenario = load_scenario("tool-scan");
+  EXPECT_EQ(scenario.tool, Tool::kStylus);
+  EXPECT_EQ(scenario.users[0].script[1].lean, 1.6);
+  EXPECT_EQ(load_scenario("follow-scan").tool, Tool::kBall);
+  EXPECT_EQ(load_scenario("follow-scan").users[0].script[1].lean, 0);
+}
+
 TEST(Scenario, ReadsALift) {
   const Scenario scenario = load_scenario("lift");
   ASSERT_EQ(scenario.users.size(), 2u);
@@ -151,7 +159,7 @@ TEST(Scenario, ErrorsNamePlaceKeyFindingAndExpectation) {
       "s.yaml:5:9: users[0].script[0]: unknown key 'poke', expected one of approach, tap, follow, lift, grab, move, "
       "release, hold, wait, retreat");
   EXPECT_EQ(error_of("name: t\nuser: 3\n"),
-            "s.yaml:2:1: unknown key 'user', expected one of name, measures, truth, within, duration, "
+            "s.yaml:2:1: unknown key 'user', expected one of name, measures, truth, within, tool, duration, "
             "seed, spread, users");
 }
 

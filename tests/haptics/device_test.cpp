@@ -98,6 +98,39 @@ TEST(SimulatedDevice, ComesToRestAtItsTarget) {
   EXPECT_LT(state.velocity.norm(), 1e-5);
 }
 
+TEST(HandPath, TurnsEvenlyBetweenWaypoints) {
+  HandPath path;
+  path.count = 2;
+  path.waypoints[0] = {10 * kMs, {0, 0, 0}};
+  path.waypoints[1] = {20 * kMs, {0, 0, 0}, {0, 0, std::sin(0.4), std::cos(0.4)}};
+  EXPECT_EQ(path.turned_at(0).angularDistance(Eigen::Quaterniond::Identity()), 0);
+  const Eigen::Quaterniond half{Eigen::AngleAxisd{0.4, Vec3d::UnitZ()}};
+  EXPECT_LT(path.turned_at(15 * kMs).angularDistance(half), 1e-12);
+  EXPECT_LT(path.turned_at(99 * kMs).angularDistance(half * half), 1e-12);
+}
+
+TEST(SimulatedDevice, TurnsWithItsWristAndYieldsToATorque) {
+  HandSettings settings;
+  SimulatedDevice device{settings};
+  HandPath path = path_to(Vec3d::Zero());
+  path.waypoints[0].orientation = {std::sin(0.3), 0, 0, std::cos(0.3)};
+  device.wishes().post(path);
+  const Eigen::Quaterniond wanted{Eigen::AngleAxisd{0.6, Vec3d::UnitX()}};
+  DeviceState state;
+  double most = 0;
+  for (int ms = 0; ms <= 500; ++ms) {
+    state = device.read(ms * kMs);
+    most = std::max(most, state.orientation.angularDistance(Eigen::Quaterniond::Identity()));
+  }
+  EXPECT_LT(state.orientation.angularDistance(wanted), 1e-6);
+  EXPECT_LT(most, 0.6 * 1.1);
+  const Vec3d torque{0, 0.02, 0};
+  device.write_wrench(Vec3d::Zero(), torque);
+  for (int ms = 501; ms <= 1500; ++ms) state = device.read(ms * kMs);
+  const Eigen::Quaterniond pushed{Eigen::AngleAxisd{0.02 / settings.wrist_stiffness, Vec3d::UnitY()}};
+  EXPECT_LT(state.orientation.angularDistance(pushed * wanted), 1e-6);
+}
+
 TEST(SimulatedDevice, YieldsToAForceByItsHandsStiffness) {
   HandSettings settings;
   SimulatedDevice device{settings};

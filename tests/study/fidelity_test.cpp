@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include "haptics/body_touch.hpp"
+#include "study/true_hand.hpp"
 
 namespace tactus::study {
 namespace {
@@ -18,7 +18,8 @@ double value_of(const Figures& figures, const std::string& name, const std::stri
 class Hand {
  public:
   void feel(int ms, double felt, double truth, bool exact = true) {
-    for (int i = 0; i < ms; ++i) fidelity.add({1e-3 * at_++, 0, 0}, {0, 0, felt}, {0, 0, truth}, exact);
+    for (int i = 0; i < ms; ++i)
+      fidelity.add({1e-3 * at_++, 0, 0}, {{0, 0, felt}, Vec3d::Zero()}, {{0, 0, truth}, Vec3d::Zero()}, exact);
   }
   [[nodiscard]] Figures figures() const { return fidelity.figures(); }
   Fidelity fidelity;
@@ -88,6 +89,21 @@ TEST(Fidelity, CountsWhatIsMissedAndWhatIsFalse) {
   EXPECT_EQ(value_of(figures, "onset off by", "ms"), 0);
 }
 
+TEST(Fidelity, JudgesTorquesWhileForcesAreFelt) {
+  EXPECT_NEAR(torque_jnd_of(0), 0.00125, 1e-12);
+  EXPECT_NEAR(torque_jnd_of(0.1), 0.013, 1e-12);
+  Fidelity fidelity;
+  const Vec3d here = Vec3d::Zero(), force{0, 0, 1};
+  for (int i = 0; i < 30; ++i) fidelity.add(here, {force, {0, 0.112, 0}}, {force, {0, 0.1, 0}}, true);
+  for (int i = 0; i < 10; ++i) fidelity.add(here, {force, {0.02, 0.1, 0}}, {force, {0, 0.1, 0}}, true);
+  for (int i = 0; i < 99; ++i) fidelity.add(here, {here, {0, 1, 0}}, {here, here}, true);  // in the air
+  const Figures figures = fidelity.torque_figures();
+  EXPECT_NEAR(value_of(figures, "torque error rms"), std::sqrt((30 * 12.0 * 12 + 10 * 20.0 * 20) / 40), 1e-9);
+  EXPECT_NEAR(value_of(figures, "torque error max"), 20, 1e-9);
+  EXPECT_EQ(value_of(figures, "torque above 1 JND"), 25);
+  EXPECT_NEAR(value_of(figures, "true torque rms"), 100, 1e-9);
+}
+
 TEST(Fidelity, KeepsHandsApart) {
   Hand hand;
   hand.feel(20, 1, 1);
@@ -96,20 +112,20 @@ TEST(Fidelity, KeepsHandsApart) {
   EXPECT_EQ(value_of(hand.figures(), "touches"), 2);
 }
 
-TEST(TrueForce, OnABoxIsStiffnessTimesDepth) {
+TEST(TrueBall, OnABoxIsStiffnessTimesDepth) {
   const haptics::BoxSurface box{{0.1, 0.1, 0.01}};
   haptics::ForceSettings settings;
   settings.soft_start = 0;
   const session::Material material;  // 1000 N/m
-  TrueForce truth{box, 0.003, material, settings};
+  TrueBall truth{box, 0.003, material, settings};
   haptics::DeviceState device;
   device.position = {0, 0, 0.02};
-  EXPECT_EQ(truth.at(device).norm(), 0);
+  EXPECT_EQ(truth.at(device, false).force.norm(), 0);
   Vec3d force;
   for (int ms = 0; ms < 50; ++ms) {
     device.position.z() = std::max(0.012, 0.02 - 0.001 * ms);
     device.time_ns += 1'000'000;
-    force = truth.at(device);
+    force = truth.at(device, false).force;
   }
   EXPECT_NEAR(force.z(), 1.0, 2e-3);  // 1 mm below where the ball of 3 mm may be, and a micron that proxies stand off
   EXPECT_NEAR(force.head<2>().norm(), 0, 1e-9);

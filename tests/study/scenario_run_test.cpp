@@ -35,6 +35,33 @@ TEST_F(OnAScan, WithoutDelayForcesAreThoseOfTheFullMeshToTheBit) {
   EXPECT_GT(value_of(run, "contact"), 0.2);
 }
 
+TEST_F(OnAScan, AToolFeelsForceAndTorqueOfTheFullMeshToTheBitWithoutDelay) {
+  const client_sim::Scenario scenario = client_sim::load_scenario("tool-scan");
+  const ScenarioRun near = OnAScan::run(scenario, "P0"), far = OnAScan::run(scenario, "P0:delay=300");
+  EXPECT_EQ(value_of(near, "exact"), 100);
+  EXPECT_EQ(value_of(near, "force error max"), 0);
+  EXPECT_EQ(value_of(near, "torque error max"), 0);
+  EXPECT_GT(value_of(near, "contact"), 6);
+  EXPECT_GT(value_of(near, "true torque rms"), 2);
+  // What is compared does depend on the mesh.
+  EXPECT_LT(value_of(far, "exact"), 98);
+  EXPECT_GT(value_of(far, "force error max"), 0.1);
+  EXPECT_GT(value_of(far, "torque error max"), 0.5);
+}
+
+TEST_F(OnAScan, AHandThatLeansBeyondTheLinkFeelsItsToolLate) {
+  client_sim::Scenario scenario = short_one(
+      "      - approach: {object: scan}\n      - follow: {seconds: 2, pattern: circle, extent: 0.01, lean: 1.6}\n",
+      "measures: forces\ntruth: full-mesh\ntool: stylus\n");
+  scenario.users[0].remote = true;
+  const ScenarioRun there = run(scenario, "P0:delay=20");
+  EXPECT_GT(value_of(there, "contact"), 1);
+  EXPECT_GT(value_of(there, "torque error max"), 0.1);
+  double turned = 0;
+  for (const Sample& sample : there.hands[0]) turned = std::max(turned, sample.felt.torque.norm());
+  EXPECT_GT(turned, 1e-5);
+}
+
 TEST_F(OnAScan, TheSameSeedGivesTheSameRunAndAnotherAnother) {
   const client_sim::Scenario scenario =
       short_one("      - tap: {object: scan, count: 1, speed: 0.5}\n", "measures: forces\ntruth: full-mesh\n");

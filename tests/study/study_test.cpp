@@ -3,7 +3,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <fstream>
+
 #include "netem/profile.hpp"
+#include "tests/support/temporary_folder.hpp"
 
 namespace tactus::study {
 namespace {
@@ -56,12 +59,17 @@ TEST(Study, HasTheBaselineFirstAndOnce) {
 }
 
 TEST(Study, RefusesWhatItCannotRun) {
+  const test_support::TemporaryFolder folder;
   Study study;
   study.profiles = {"P99"};
   EXPECT_THROW((void)check(study), netem::LinkError);
   study = {};
   study.scenarios = {"demo"};
   EXPECT_THROW((void)check(study), client_sim::ScenarioError);  // measures nothing
+  std::ofstream{folder.path() / "t.yaml"} << "name: t\nmeasures: forces\ntruth: analytic\ntool: stylus\n"
+                                             "users:\n  - {name: ann, script: [{tap: {object: wall}}]}\n";
+  study.scenarios = {(folder.path() / "t.yaml").string()};
+  EXPECT_THROW((void)check(study), client_sim::ScenarioError);  // of a tool on a box nobody knows the truth
   study.scenarios = {"nowhere.yaml"};
   EXPECT_THROW((void)check(study), client_sim::ScenarioError);
 }

@@ -144,11 +144,12 @@ TEST(Check, NamesTheWrongFieldOfABulkChunk) {
 
 TEST(Check, NamesTheWrongFieldOfWhatMoves) {
   ses::Intent intent;
-  intent.path = {{1, {0, 0, 0}}, {2, {0, 0, 0}}};
+  intent.path = {{1, {}}, {2, {}}};
   expect_fault(intent, "path", [](auto& i) { i.path.clear(); });
   expect_fault(intent, "path", [](auto& i) { i.path.resize(17); });
   expect_fault(intent, "path", [](auto& i) { i.path[1].session_time_ns = 1; });
-  expect_fault(intent, "position", [](auto& i) { i.path[0].position[1] = kNan; });
+  expect_fault(intent, "position", [](auto& i) { i.path[0].pose.position[1] = kNan; });
+  expect_fault(intent, "orientation", [](auto& i) { i.path[1].pose.orientation = {0, 0, 0, 1.1}; });
   expect_fault(ses::ProbeState{}, "orientation", [](auto& p) { p.device.orientation = {0, 0, 0, 0}; });
   expect_fault(ses::ProbeState{}, "proxy", [](auto& p) { p.proxy[0] = kNan; });
   expect_fault(ses::ProbeState{}, "velocity", [](auto& p) { p.velocity[1] = kInf; });

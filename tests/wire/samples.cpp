@@ -81,7 +81,7 @@ ses::BulkChunk full(const Links&) {
 
 template <>
 ses::Intent full(const Links& from) {
-  return {from.origin(), 31, 2, 33, 34, {{100, {1, 2, 3}}, {200, {-4, 5, -6}}}};
+  return {from.origin(), 31, 2, 33, 34, {{100, kPose}, {200, {{-4, 5, -6}, {0, 0.6, 0, 0.8}}}}};
 }
 
 template <>

@@ -99,7 +99,7 @@ inline auto fields(const ses::Pose& p) { return std::tuple{p.position, p.orienta
 inline auto fields(const ses::UserSlot& u) { return std::tuple{u.user, u.slot}; }
 inline auto fields(const ses::Figure& f) { return std::tuple{f.name, f.value}; }
 inline auto fields(const ses::MeshHash& m) { return std::tuple{m.object_id, m.hash}; }
-inline auto fields(const ses::Waypoint& w) { return std::tuple{w.session_time_ns, w.position}; }
+inline auto fields(const ses::Waypoint& w) { return std::tuple{w.session_time_ns, fields(w.pose)}; }
 inline auto fields(const ses::Wanted& w) { return std::tuple{w.region, w.contact_in_us}; }
 inline auto fields(const ses::Toucher& t) { return std::tuple{t.participant, t.incarnation, t.claim}; }
 inline auto fields(const ses::CopyLine& l) { return std::tuple{l.wave, l.energy}; }

@@ -118,7 +118,8 @@ TEST_F(TwoPrograms, TheLargestSamplesArrive) {
   control.text.assign(ses::kMaxText, 't');
   auto intent = full<ses::Intent>(alpha_);
   intent.path.clear();
-  for (std::size_t i = 0; i < ses::kMaxWaypoints; ++i) intent.path.push_back({static_cast<std::int64_t>(i), {1, 2, 3}});
+  for (std::size_t i = 0; i < ses::kMaxWaypoints; ++i)
+    intent.path.push_back({static_cast<std::int64_t>(i), {{1, 2, 3}}});
   auto chunk = full<ses::BulkChunk>(alpha_);
   chunk.pieces = {{1, 0, 1, 2, {}}};
   chunk.pieces[0].payload.assign(ses::kMaxPayload - ses::head_bytes(1, 1), 0xa5);

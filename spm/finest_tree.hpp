@@ -9,38 +9,38 @@
 #include "spm/ab_tree.hpp"
 #include "spm/span.hpp"
 
-namespace tactus::bench {
+namespace tactus::spm {
 
 /// The corners of a shown face.
-[[nodiscard]] inline std::array<spm::Vec3d, 3> shown_corners(const spm::AbTree& tree, std::uint32_t row) {
+[[nodiscard]] inline std::array<Vec3d, 3> shown_corners(const AbTree& tree, std::uint32_t row) {
   const std::array<float, 9> c = tree.corners(row);
-  return {spm::Vec3d{c[0], c[1], c[2]}, spm::Vec3d{c[3], c[4], c[5]}, spm::Vec3d{c[6], c[7], c[8]}};
+  return {Vec3d{c[0], c[1], c[2]}, Vec3d{c[3], c[4], c[5]}, Vec3d{c[6], c[7], c[8]}};
 }
 
 class FinestTree {
  public:
   /// `faces` by FaceId. Face rows have the numbers of their faces.
-  FinestTree(spm::Span<const std::array<float, 3>> positions, spm::Span<const std::array<std::uint32_t, 3>> faces)
+  FinestTree(Span<const std::array<float, 3>> positions, Span<const std::array<std::uint32_t, 3>> faces)
       : pool_{{static_cast<std::uint32_t>(std::max(faces.size() / 2 + 1, positions.size())), 1, 1}},
         nodes_{static_cast<std::uint32_t>(faces.size()) / 6 + 64},
         tree_{pool_, nodes_, 0, static_cast<std::uint32_t>(faces.size())} {
     for (std::uint32_t v = 0; v < positions.size(); ++v) pool_.vertices[v] = {positions[v], v};
     for (std::uint32_t f = 0; f < faces.size(); ++f) {
-      spm::FaceRow& row = pool_.faces[f];
+      FaceRow& row = pool_.faces[f];
       row.vertices = faces[f];
       row.face = f;
-      row.node = spm::kNone;
+      row.node = kNone;
       row.last = 1;
       tree_.insert(f);
     }
     tree_.refit();
   }
-  [[nodiscard]] const spm::AbTree& tree() const noexcept { return tree_; }
+  [[nodiscard]] const AbTree& tree() const noexcept { return tree_; }
 
  private:
-  spm::Pool pool_;
-  spm::NodePool nodes_;
-  spm::AbTree tree_;
+  Pool pool_;
+  NodePool nodes_;
+  AbTree tree_;
 };
 
-}  // namespace tactus::bench
+}  // namespace tactus::spm
