@@ -66,13 +66,13 @@ class BodyExchange {
   session::TransitWatch transit_;
   wire::Writer<session::ObjectClaim> claims_out_;
   wire::Writer<session::ObjectPose> poses_out_;  // the sender's
-  std::map<std::uint64_t, Ends> ends_;           // by object
   std::mutex ring_mutex_;                        // of those who fill the haptic thread's ring
   std::array<std::atomic<std::int64_t>, kMaxObjects> copy_heard_ns_{};
   std::atomic<std::int64_t> session_offset_ns_{0};
   std::atomic<std::int64_t> copy_transit_ns_{-1};  // the greatest since the service last looked; -1: none came
   std::mutex slots_mutex_;                         // of what follows, the service's and the sender's
   std::array<Slot, kMaxObjects> slots_;
+  std::map<std::uint64_t, Ends> ends_;  // by object; last, so that no callback outlives what it fills
 };
 
 }  // namespace tactus::hrtc_service

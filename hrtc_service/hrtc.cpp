@@ -220,7 +220,6 @@ struct Hrtc::Impl {
   session::SessionClock clock;
   session::Vigil vigil;
   session::UserSlots slots;
-  std::map<std::uint32_t, User> users;  // by slot
   std::vector<std::unique_ptr<haptics::Device>> devices;
   HapticCommands commands;
   bool stopped = false;  // by an emergency stop, heard or told of; no reset since
@@ -289,6 +288,7 @@ struct Hrtc::Impl {
 
   // Last, so that no callback outlives what it fills.
   std::vector<std::shared_ptr<void>> readers;
+  std::map<std::uint32_t, User> users;  // by slot; theirs bring poses to devices
   /// What everyone sends to everyone can wait for the service's next pass: there is much of it in a large session.
   template <class Typed>
   static constexpr bool kUrgent =
