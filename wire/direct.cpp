@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <limits>
 #include <system_error>
 
 #include "wire/rtps_message.hpp"
@@ -21,7 +22,8 @@ constexpr int kSendBuffer = 1 << 20;  // bytes, as qos/probe.xml has it
 constexpr std::size_t kPrefix = 12, kSenderAt = 8;
 constexpr std::uint32_t kToInlineQosAt = 2, kWriterAt = 8, kSequenceAt = 12, kSampleHead = 20, kUsualToInlineQos = 16;
 constexpr std::uint8_t kLittleEndian = 0x01, kInlineQos = 0x02, kHasData = 0x04;
-constexpr std::uint8_t kBuiltIn = 0xc0;  // of an entity's kind
+constexpr std::uint8_t kBuiltIn = 0xc0;                                            // of an entity's kind
+constexpr std::uint64_t kLastSequence = std::numeric_limits<std::int64_t>::max();  // they are signed, from 1 (8.3.5.4)
 
 sockaddr_in address_of(const rtps::Locator_t& locator) {
   sockaddr_in address{};
@@ -74,6 +76,7 @@ std::optional<EncodedSample> sole_sample(const std::uint8_t* message, std::uint3
       std::copy_n(body + kWriterAt, 4, sample->writer.entityId.value);
       sample->sequence = std::uint64_t{number(body + kSequenceAt, 4, found->little_endian())} << 32u |
                          number(body + kSequenceAt + 4, 4, found->little_endian());
+      if (sample->sequence == 0 || sample->sequence > kLastSequence) return std::nullopt;
       sample->bytes = body + kSampleHead;
       sample->size = found->size - kSampleHead;
     } else if (found->id != kInfoTimeId && found->id != kPadId && found->id != kStatisticsId) {

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <memory>
+#include <random>
 #include <string>
 #include <vector>
 
@@ -62,6 +64,11 @@ TEST(DirectTest, WhatIsOfAnotherShapeIsLeftToTheLibrary) {
   EXPECT_FALSE(sole(message({sample(kWithInlineQos)})));
   EXPECT_FALSE(sole(message({sample(kKeyOnly)})));
   EXPECT_FALSE(sole(message({sample(0x05, kBuiltInWriter)})));
+  for (const Bytes& number : {Bytes(8, 0), Bytes(8, 0xff)}) {
+    Bytes no_number = sample();
+    std::copy(number.begin(), number.end(), no_number.begin() + 16);
+    EXPECT_FALSE(sole(message({no_number}))) << "no sample has the number 0 or a negative one";
+  }
   EXPECT_FALSE(sole(message({to(8), sample()}))) << "is for another participant";
   EXPECT_TRUE(sole(message({to(0), sample()}))) << "is for any";
 }
@@ -73,6 +80,36 @@ TEST(DirectTest, NoPartOfAMessageIsReadBeyondItsEnd) {
     const std::optional<EncodedSample> found = sole(cut);  // sanitizers would tell
     EXPECT_TRUE(!found || found->bytes + found->size == cut.data() + cut.size()) << size;
   }
+}
+
+TEST(DirectTest, WhateverChangesInAMessageItsSampleIsWithinIt) {
+  const Bytes whole = message({to(9), kTime, sample(), kHeartbeat});
+  DirectPath path;
+  path.set_own(prefix(9));
+  std::minstd_rand random{7};
+  std::uint32_t found = 0, bytes_seen = 0;
+  const auto taker = std::make_shared<DirectTaker>([&](const std::uint8_t* bytes, std::uint32_t size) {
+    for (std::uint32_t i = 0; i < size; ++i) bytes_seen += bytes[i];  // sanitizers would tell
+  });
+  DirectPath::Guid writer;
+  writer.guidPrefix = prefix(1);
+  writer.entityId = {0x00000302};
+  for (int i = 0; i < 20000; ++i) {
+    Bytes changed(whole.begin(), whole.end() - static_cast<std::ptrdiff_t>(random() % 40));
+    for (std::size_t left = random() % 3; left > 0; --left)
+      changed[random() % changed.size()] = static_cast<std::uint8_t>(random() % 2 == 0 ? random() : random() % 32);
+    const std::optional<EncodedSample> one = sole(changed);
+    found += one ? 1 : 0;
+    if (one) {
+      ASSERT_GE(one->bytes, changed.data());
+      ASSERT_LE(one->bytes + one->size, changed.data() + changed.size());
+    }
+    path.on_writer(writer, taker);
+    (void)path.on_received(changed.data(), static_cast<std::uint32_t>(changed.size()));
+    path.on_writer_lost(writer, taker);  // or one high number would be the last taken
+  }
+  EXPECT_GT(found, 1000u);
+  EXPECT_GT(bytes_seen, 1000u);
 }
 
 TEST(DirectTest, ATakerGetsWhatIsNewerAndCountsWhatWasLeftOut) {

@@ -141,9 +141,9 @@ inline auto fields(const ses::Intent& i) {
   return std::tuple{fields(i.origin), i.user_id, i.probe, i.sequence, i.buttons, fields(i.path)};
 }
 inline auto fields(const ses::ProbeState& p) {
-  return std::tuple{fields(p.origin), p.user_id,        p.probe,  p.sequence,    p.session_time_ns,
-                    p.time_bound_us,  fields(p.device), p.proxy,  p.velocity,    p.force,
-                    p.radius,         p.object_id,      p.status, p.error_bound, p.data_age_us};
+  return std::tuple{fields(p.origin), p.user_id,     p.probe,       p.sequence, p.session_time_ns, p.time_bound_us,
+                    fields(p.device), p.proxy,       p.velocity,    p.force,    p.radius,          p.object_id,
+                    p.status,         p.error_bound, p.data_age_us, p.stiffness};
 }
 inline auto fields(const ses::DevicePose& d) {
   return std::tuple{fields(d.origin), d.user_id,  d.probe,  d.sequence, d.session_time_ns,
