@@ -2,6 +2,8 @@
 
 #include <chrono>
 #include <map>
+#include <thread>
+#include <utility>
 #include <variant>
 #include <vector>
 
@@ -130,6 +132,7 @@ struct Sim::Impl {
       }
       entry.origin = from.links.origin();
       (void)from.roster.send(entry);
+      if (entry.leaving) last_words.emplace_back(&from, entry);
     }
     for (session::Control& control : messages.control) {
       control.origin = main.links.origin();
@@ -175,10 +178,21 @@ struct Sim::Impl {
     (void)main.clock.send(request);
   }
 
+  /// The roster acknowledges nothing: what it is told last it is told three times.
+  void take_leave() {
+    constexpr std::chrono::milliseconds kBetween{10};  // so that one burst of loss does not take all
+    for (int i = 0; i < 2; ++i) {
+      std::this_thread::sleep_for(kBetween);
+      for (const auto& [from, entry] : last_words) (void)from->roster.send(entry);
+    }
+    (void)main.control.wait_acknowledged(std::chrono::milliseconds{200});
+  }
+
   SimOptions options;
   Presence main;
   std::map<std::uint64_t, std::unique_ptr<Presence>> others;
   std::map<std::uint64_t, Remote> remotes;  // by user
+  std::vector<std::pair<Presence*, session::RosterEntry>> last_words;
   SimCore core;
   session::SessionClock clock;
   session::Roster roster;
@@ -211,7 +225,7 @@ Report Sim::run(const std::atomic<bool>& stop, const std::function<void(const st
       if (!said.empty()) say(stopped || sim.core.finished() ? said : "waiting: " + said);
     }
   }
-  sim.main.roster.wait_acknowledged(std::chrono::milliseconds{200});
+  sim.take_leave();
   if (sim.core.name_taken()) throw NameTaken(sim.core.trouble());
   return sim.core.report();
 }

@@ -39,8 +39,8 @@ constexpr milliseconds kPoll{5};               // while an HRTC's readers are no
 constexpr milliseconds kPatience{50};          // so soon a signal is noticed
 constexpr milliseconds kStep{1};               // while an object moves by itself
 constexpr milliseconds kHeld{5};               // while somebody holds one
-constexpr milliseconds kFarewell{300};         // for the last words to arrive
-constexpr int kFarewells = 3;                  // to the roster, whose samples are acknowledged once a second
+constexpr milliseconds kFarewell{300};         // for the catalogue's last words to arrive
+constexpr int kFarewells = 3;                  // to the roster, which acknowledges none
 constexpr milliseconds kBetweenFarewells{10};  // so that one burst of loss does not take all
 constexpr int kChunksPerRound = 64;            // then demands are looked at again
 constexpr std::size_t kInboxCapacity = 8192;
@@ -205,7 +205,7 @@ struct Host::Impl {
   std::map<std::uint64_t, VigilLink> vigils;  // by HRTC; after the inbox, which their callbacks fill
   std::int64_t started_ns = monotonic_ns();
   std::uint64_t heartbeat = 0;
-  Every beat{kHeartbeatNs};
+  wire::Heartbeat beat{kHeartbeatNs};
   bool stopped = false;  // the session is, by an emergency stop: whoever comes is told
   Every metrics_due{kMetricsNs};
   std::uint64_t demands_refused = 0;
@@ -315,6 +315,7 @@ void Host::Impl::react(const session::RosterEvent& event, std::int64_t now_ns) {
     keeper.on_host_gone(id, now_ns);
   if (entry.role != session::Role::kHrtc) return;
   if (event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted) {
+    beat.insist();  // it asks for nothing before it knows of us
     bulk.try_emplace(id, links, entry.name);
     vigils.try_emplace(id, links, entry.name, inbox);
   } else if (event.change == RosterChange::kLeft || event.change == RosterChange::kGone) {

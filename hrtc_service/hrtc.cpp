@@ -252,8 +252,9 @@ struct Hrtc::Impl {
   std::vector<bool> object_logged;
   trace::LoggedQuery logged;
 
-  Every heartbeat{kHeartbeatNs}, clock_request{kClockFastNs}, metrics{kMetricsNs}, all_metrics{kAllMetricsNs},
-      no_host{kNoHostNs}, modes{kModesNs}, bodies_told{kModesNs};
+  wire::Heartbeat heartbeat{kHeartbeatNs};
+  Every clock_request{kClockFastNs}, metrics{kMetricsNs}, all_metrics{kAllMetricsNs}, no_host{kNoHostNs},
+      modes{kModesNs}, bodies_told{kModesNs};
   std::uint64_t beats = 0;
   std::uint32_t clock_requests = 0;
   std::int64_t started_ns = 0;
@@ -421,6 +422,8 @@ void Hrtc::Impl::on_event(const session::RosterEvent& event, std::int64_t now_ns
   if (event.change != RosterChange::kChanged) spdlog::info("{}", session::text(event));
   metrics.hasten(now_ns, kMetricsSoonNs);  // whoever compares scenes need not wait long
   if (event.change == RosterChange::kStopped) stop_forces();
+  const bool is_new = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted;
+  if (entry.role == session::Role::kHost && is_new) heartbeat.insist();  // whom it had not yet found before
   if (event.change == RosterChange::kTwins && entry.origin.participant == links.origin().participant) {
     spdlog::error("another program named {} is in session {}; every name may be there once",
                   options.address.participant, options.address.session);
@@ -516,6 +519,7 @@ void Hrtc::Impl::unseat(const std::string& name) {
 
 void Hrtc::Impl::take(const session::CatalogueEntry& entry, std::int64_t now_ns) {
   if (first.catalogue_ns == 0) first.catalogue_ns = now_ns;
+  heartbeat.insist();  // a host makes the ends of an HRTC's bulk once it knows of it
   loader.on_catalogue(entry);
   neighbours.on_catalogue(entry);
   if (sharing::can_move(entry) && !entry.withdrawn) movable.try_emplace(entry.object_id, Movable{entry});
@@ -1096,7 +1100,7 @@ void Hrtc::Impl::finish() {
     send_metrics(true);
     std::this_thread::sleep_for(std::chrono::milliseconds{20});
   }
-  for (int i = 0; i < 3; ++i) {  // it is acknowledged once a second
+  for (int i = 0; i < 3; ++i) {
     send_roster(true);
     std::this_thread::sleep_for(std::chrono::milliseconds{10});  // so that one burst of loss does not take all
   }

@@ -80,4 +80,25 @@ class Every {
   std::int64_t next_ns_ = 0;
 };
 
+/// When to tell the roster that one is there.
+class Heartbeat : public Every {
+ public:
+  using Every::Every;
+  [[nodiscard]] bool due(std::int64_t now_ns) {
+    if (!Every::due(now_ns)) return false;
+    if (insisting_ > 0 && --insisting_ > 0) hasten(now_ns, kInsistNs);
+    return true;
+  }
+  /// To somebody just met who should know soon: now and again, as one may hear another before being found by it.
+  void insist() {
+    insisting_ = kInsistBeats;
+    at_once();
+  }
+
+ private:
+  static constexpr std::int64_t kInsistNs = 20'000'000;
+  static constexpr int kInsistBeats = 4;
+  int insisting_ = 0;
+};
+
 }  // namespace tactus::wire
