@@ -9,6 +9,7 @@
 /// through it.
 #pragma once
 
+#include <algorithm>
 #include <atomic>
 #include <boost/lockfree/spsc_queue.hpp>
 #include <cmath>
@@ -41,6 +42,11 @@ struct ProbeReports {
   std::array<ProbeOutput, kMaxProbes> probes;
   std::array<std::uint32_t, haptics::kForceBits> interventions{};  ///< of CycleResult
 };
+
+/// Of the pose that a report is of, as messages tell it.
+[[nodiscard]] inline std::uint32_t age_us(const ProbeOutput& probe) noexcept {
+  return static_cast<std::uint32_t>(std::clamp(probe.pose_age * 1e6f, 0.0f, 4e9f));
+}
 
 /// Forest::mesh_hash of the mesh shown of each object, by object index; 0 where there is none.
 using MeshHashes = std::array<std::uint64_t, kMaxObjects>;
@@ -158,6 +164,23 @@ class HapticThread {
   std::array<ProbeOutput, kMaxProbes> outputs_;  // of the touch, with what bodies change of it
   std::array<Arrival, 64> arrived_;
   MeshHashes hashes_{};
+};
+
+/// What a haptic thread is told: all of it again with each change. One thread.
+class HapticOrders {
+ public:
+  explicit HapticOrders(HapticThread& to) : to_{to.commands()} {}
+
+  template <class Change>
+  void tell(Change&& change) {
+    change(commands_);
+    to_.post(commands_);
+  }
+  [[nodiscard]] const HapticCommands& now() const noexcept { return commands_; }
+
+ private:
+  haptics::Mailbox<HapticCommands>& to_;
+  HapticCommands commands_;
 };
 
 }  // namespace tactus::hrtc_service

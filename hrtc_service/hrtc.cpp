@@ -12,18 +12,18 @@
 #include <utility>
 #include <variant>
 
-#include "haptics/remote_device.hpp"
-#include "haptics/simulated_device.hpp"
 #include "hrtc_service/body_exchange.hpp"
 #include "hrtc_service/loader.hpp"
 #include "hrtc_service/neighbours.hpp"
 #include "hrtc_service/realtime.hpp"
+#include "hrtc_service/seats.hpp"
 #include "hrtc_service/snapshot.hpp"
+#include "hrtc_service/state_sender.hpp"
 #include "hrtc_service/statistics.hpp"
+#include "hrtc_service/timer_beside.hpp"
 #include "session/clock.hpp"
 #include "session/roster.hpp"
 #include "session/vigil.hpp"
-#include "sharing/hand_path.hpp"
 #include "wire/ends.hpp"
 #include "wire/inbox.hpp"
 
@@ -45,8 +45,6 @@ constexpr std::int64_t kAllMetricsNs = 5000 * kMs;
 constexpr std::int64_t kLateToldNs = 1000 * kMs;
 constexpr std::int64_t kModesNs = 20 * kMs;
 constexpr std::int64_t kNoHostNs = 5000 * kMs;
-constexpr std::int64_t kSnapshotNs = 2000 * kMs;
-constexpr int kMaxSnapshots = 5;
 
 using wire::Every;
 /// What a host answers when it is asked whether it lives (session/vigil.hpp), or for the time.
@@ -67,72 +65,10 @@ using Sample = std::variant<VigilAnswer, session::RosterEntry, session::Catalogu
                             session::Metrics, WholeState, session::ObjectGrant, session::ObjectPose>;
 using Inbox = wire::Inbox<Sample>;
 
-/// A thread that sleeps as the haptic one does and then computes for a fixed 30 us: what lateness the system itself
-/// brings, and how often it makes little work look like much.
-class TimerBeside {
- public:
-  TimerBeside(std::int64_t period_ns, int priority)
-      : thread_{[this, period_ns, priority] { run(period_ns, priority); }} {}
-  ~TimerBeside() {
-    running_ = false;
-    thread_.join();
-  }
-  void drain(Samples& samples) {
-    std::uint32_t late;
-    while (lateness_.pop(late)) samples.add(late);
-  }
-  /// Its cycles that were late as if by their own work.
-  [[nodiscard]] std::uint64_t late() const noexcept { return late_; }
-
- private:
-  static constexpr std::int64_t kWorkNs = 30'000;
-
-  void compute(std::uint32_t steps) noexcept {
-    for (std::uint32_t i = 0; i < steps; ++i) number_ = number_ * 6364136223846793005u + 1442695040888963407u;
-  }
-  [[nodiscard]] std::uint32_t steps_of_work() noexcept {
-    constexpr std::uint32_t kTried = 10000;
-    std::int64_t best = kWorkNs;
-    for (int round = 0; round < 8; ++round) {
-      const std::int64_t began = monotonic_ns();
-      compute(kTried);
-      best = std::min(best, monotonic_ns() - began);
-    }
-    return static_cast<std::uint32_t>(kTried * kWorkNs / std::max<std::int64_t>(best, 1));
-  }
-  void run(std::int64_t period_ns, int priority) {
-    pthread_setname_np(pthread_self(), "timer");
-    if (priority > 0) (void)wire::enter_realtime("timer", priority);
-    const std::uint32_t steps = steps_of_work();
-    for (PeriodicClock clock{period_ns}; running_;) {
-      lateness_.push(static_cast<std::uint32_t>(clock.wait_next()));
-      const std::int64_t began = monotonic_ns(), cpu = thread_cpu_ns();
-      compute(steps);
-      const std::int64_t end = monotonic_ns();
-      if (end > clock.due_ns() && own_work(thread_cpu_ns() - cpu, end - began, period_ns)) ++late_;
-    }
-  }
-  std::atomic<bool> running_{true};
-  std::atomic<std::uint64_t> late_{0};
-  volatile std::uint64_t number_ = 1;
-  boost::lockfree::spsc_queue<std::uint32_t> lateness_{8192};
-  std::thread thread_;
-};
-
-session::Pose pose_at(const Plain3& position) {
-  session::Pose pose;
-  pose.position = position;
-  return pose;
-}
-
 bool touches_exactly(const ProbeReports& reports) {
   constexpr std::uint32_t kTouching = session::kInContact | session::kExact;
   return std::any_of(reports.probes.begin(), reports.probes.end(),
                      [](const ProbeOutput& probe) { return (probe.status & kTouching) == kTouching; });
-}
-
-std::uint32_t age_us(const ProbeOutput& probe) {
-  return static_cast<std::uint32_t>(std::clamp(probe.pose_age * 1e6f, 0.0f, 4e9f));
 }
 
 }  // namespace
@@ -141,8 +77,6 @@ struct Hrtc::Impl {
   explicit Impl(HrtcOptions given);
   ~Impl();
   int run(const std::atomic<bool>& stop);
-
-  struct User;
 
   // Samples that arrive.
   void take(const session::RosterEntry& entry, std::int64_t now_ns);
@@ -167,9 +101,6 @@ struct Hrtc::Impl {
   void on_event(const session::RosterEvent& event, std::int64_t now_ns);
   void tell_of_fault(std::uint32_t slot, std::uint32_t status);
   void tell_of_hold(std::uint32_t slot, const ProbeOutput& probe);
-  void seat(const session::RosterEntry& client);
-  void listen_to_device(User& user);
-  void open_remote_devices();
   void unseat(const std::string& user);
   void seat_local_users();
   void choose_reference(std::int64_t now_ns);
@@ -181,32 +112,12 @@ struct Hrtc::Impl {
   void send_metrics(bool all);
   void tick_modes(std::int64_t now_ns);
   void tick_bodies(std::int64_t now_ns);
-  class StateSender;
-  [[nodiscard]] session::ProbeState state_of(const ProbeReports& latest, std::uint32_t probe,
-                                             const session::ClockMap& map);
   void send_states();
-  void send_commands(const ProbeReports& latest);
   void serve(std::int64_t now_ns);
   void tell_of_late(const CycleTrace& trace);
   void drain_rings();
-  void snapshot(std::int64_t now_ns, const ProbeReports& reports);
+  void take_snapshots(std::int64_t now_ns);
   void finish();
-
-  struct User {
-    std::string name;
-    std::uint64_t id = 0;
-    std::uint64_t client = 0;                  // participant; 0: a device of our own
-    haptics::SimulatedDevice* hand = nullptr;  // once it has a wish
-    haptics::RemoteDevice* remote = nullptr;   // what takes its poses, if it sends any
-    std::unique_ptr<wire::Reader<session::Intent>> intents;
-    std::unique_ptr<wire::Reader<session::DevicePose>> poses;
-  };
-  /// Where the forces of a remote device go.
-  struct RemoteEnd {
-    haptics::RemoteDevice* device = nullptr;  // null: this probe has none
-    std::uint64_t user_id = 0;
-    std::unique_ptr<wire::Writer<session::DeviceCommand>> commands;
-  };
 
   HrtcOptions options;
   wire::Links links;
@@ -219,25 +130,18 @@ struct Hrtc::Impl {
   session::Roster roster;
   session::SessionClock clock;
   session::Vigil vigil;
-  session::UserSlots slots;
-  std::vector<std::unique_ptr<haptics::Device>> devices;
-  HapticCommands commands;
+  HapticOrders orders{haptic};
+  Seats seats;
   bool stopped = false;  // by an emergency stop, heard or told of; no reset since
   haptics::Mailbox<session::ClockMap> sender_clock;
-  std::atomic<std::int64_t> session_offset_ns{0};  // session time less ours, for the threads that bring poses
-  std::mutex remote_mutex;                         // the service's and the sender's
-  std::array<RemoteEnd, kMaxProbes> remote_ends;
-  std::array<std::atomic<std::uint64_t>, kMaxProbes> user_ids{};
-  std::array<std::atomic<std::uint64_t>, kMaxObjects> object_ids{};
 
   wire::Writer<session::RosterEntry> roster_out;
   wire::Writer<session::Demand> demand_out;
   wire::Writer<session::ClockSample> clock_out;
   wire::Writer<session::ClockSample> vigil_out;
   wire::Writer<session::Metrics> metrics_out, losses_out;
-  wire::Writer<session::ProbeState> states_out;  // the sender thread's
-  std::atomic<std::uint64_t> states_coded{0}, states_whole{0};
   Neighbours neighbours;
+  StateSender states;
   BodyExchange exchange;
   struct Movable {
     session::CatalogueEntry entry;  // where it stands
@@ -269,8 +173,7 @@ struct Hrtc::Impl {
   std::uint64_t first_cycle = 0;  // seen; 0: none yet
   std::int64_t first_cycle_ns = 0;
   std::array<ProbeSight, kMaxProbes> sights;
-  std::int64_t contact_since_ns = 0, snapshot_asked_ns = 0;
-  int snapshots_taken = 0;
+  std::optional<SnapshotTaker> snapshots;  // when they are asked for
   std::uint32_t saves_seen = 0;
   struct Serving {
     std::uint64_t host = 0;
@@ -278,7 +181,6 @@ struct Hrtc::Impl {
     std::uint64_t regions_before = 0;
   };
   std::map<std::uint64_t, Serving> servings;  // by object
-  std::array<std::vector<std::uint32_t>, kMaxObjects> snapshot_contacts, snapshot_predictions;
   struct {
     std::int64_t catalogue_ns = 0, base_ns = 0, exact_ns = 0;  // when first, each; 0: not yet
     std::uint64_t bytes = 0;                                   // of payload, until the last
@@ -289,7 +191,6 @@ struct Hrtc::Impl {
 
   // Last, so that no callback outlives what it fills.
   std::vector<std::shared_ptr<void>> readers;
-  std::map<std::uint32_t, User> users;  // by slot; theirs bring poses to devices
   /// What everyone sends to everyone can wait for the service's next pass: there is much of it in a large session.
   template <class Typed>
   static constexpr bool kUrgent =
@@ -350,15 +251,16 @@ Hrtc::Impl::Impl(HrtcOptions given)
       roster{links.origin(), {}},
       clock{links.origin(), {}},
       vigil{links.origin(), {}},
-      slots{std::min<std::size_t>(options.max_users, kMaxProbes)},
+      seats{links, std::min<std::size_t>(options.max_users, kMaxProbes), orders,
+            [this](session::Intent&& intent) { inbox.put(std::move(intent)); }},
       roster_out{links, wire::topics::kRoster},
       demand_out{links, wire::topics::kDemand},
       clock_out{links, wire::topics::kClock},
       vigil_out{links, wire::topics::kClock, {wire::hrtc_partition(options.address.participant)}},
       metrics_out{links, wire::topics::kMetrics},
       losses_out{links, wire::topics::kMetrics, {wire::kLossesPartition}},
-      states_out{links, wire::topics::kProbeState},
       neighbours{links, [this](session::ProbeState&& state) { inbox.put(WholeState{std::move(state)}); }},
+      states{links, options.haptic.cycle.radius, options.coding, seats, neighbours},
       exchange{links, haptic.bodies()} {
   loader.on_event = [](const std::string& text) { spdlog::info("{}", text); };
   loader.on_object = [this](const TouchObject& object) {
@@ -369,7 +271,10 @@ Hrtc::Impl::Impl(HrtcOptions given)
   // Last of what may be refused, so that nothing is left behind.
   if (!options.snapshot.empty()) expect_snapshot_directory(options.snapshot);
   if (!options.log.empty()) log = std::make_unique<trace::ContactLogWriter>(options.log);
-  if (!options.snapshot.empty()) std::filesystem::create_directories(options.snapshot);
+  if (!options.snapshot.empty()) {
+    std::filesystem::create_directories(options.snapshot);
+    snapshots.emplace(options.snapshot, options.address.participant, loader);
+  }
   listen(wire::topics::kRoster);
   listen(wire::topics::kCatalogue);
   listen(wire::topics::kClock);
@@ -394,17 +299,9 @@ Hrtc::Impl::~Impl() {
 }
 
 void Hrtc::Impl::seat_local_users() {
-  for (LocalUser& local : options.local_users) {
-    const std::optional<std::uint32_t> slot = slots.grant(local.user);
-    if (!slot) throw haptics::DeviceError("no slot left for user " + local.user);
-    devices.push_back(std::move(local.device));
-    commands.devices[*slot] = devices.back().get();
-    commands.framed[*slot] = true;
-    User& user = users[*slot];
-    user.name = local.user;
-    user.id = session::id_of(local.user);
-    user_ids[*slot] = user.id;
-  }
+  for (LocalUser& local : options.local_users)
+    if (!seats.seat_here(local.user, std::move(local.device)))
+      throw haptics::DeviceError("no slot left for user " + local.user);
 }
 
 void Hrtc::Impl::take(const session::RosterEntry& entry, std::int64_t now_ns) {
@@ -443,78 +340,19 @@ void Hrtc::Impl::on_event(const session::RosterEvent& event, std::int64_t now_ns
   const bool asks = here && entry.controller == options.address.participant;
   // After a restart the others stay: a second program of that name may only have shown itself, and yield.
   if (event.change == RosterChange::kChanged) {
-    std::vector<std::string> dismissed;
-    for (const auto& [slot, user] : users)
-      if (user.client == entry.origin.participant &&
-          !(asks && std::find(entry.users.begin(), entry.users.end(), user.name) != entry.users.end()))
-        dismissed.push_back(user.name);
-    for (const std::string& user : dismissed) unseat(user);
+    for (const std::string& user : seats.users_of(entry.origin.participant))
+      if (!(asks && std::find(entry.users.begin(), entry.users.end(), user) != entry.users.end())) unseat(user);
   }
-  if (asks) seat(entry);
-}
-
-void Hrtc::Impl::seat(const session::RosterEntry& client) {
-  for (const std::string& name : client.users) {
-    const std::optional<std::uint32_t> slot = slots.grant(name);
-    if (!slot) {
-      spdlog::warn("user {} refused: all {} probes are taken; raise --users", name, slots.list().size());
-      continue;
-    }
-    User& user = users[*slot];
-    if (user.intents) continue;
-    user.name = name;
-    user.id = session::id_of(name);
-    user.client = client.origin.participant;
-    user_ids[*slot] = user.id;
-    user.intents = std::make_unique<wire::Reader<session::Intent>>(
-        links, wire::topics::kIntent, [this](session::Intent&& intent) { inbox.put(std::move(intent)); },
-        wire::EndOptions{wire::user_partition(name)});
-    listen_to_device(user);
-    spdlog::info("user {} has probe {}", name, *slot);
-  }
+  if (!asks) return;
+  seats.seat(entry);
   heartbeat.at_once();
 }
 
-/// A device that its client sends the poses of: they go past the service, straight to where the haptic thread looks.
-void Hrtc::Impl::listen_to_device(User& user) {
-  auto device = std::make_unique<haptics::RemoteDevice>();
-  user.remote = device.get();
-  devices.push_back(std::move(device));
-  const auto on_pose = [this, remote = user.remote, id = user.id,
-                        client = user.client](const session::DevicePose& pose) {
-    if (pose.user_id != id || pose.origin.participant != client) return;
-    haptics::RemotePose taken;
-    taken.position = pose.pose.position;
-    taken.orientation = pose.pose.orientation;
-    taken.velocity = pose.velocity;
-    taken.sequence = pose.sequence;
-    taken.buttons = pose.buttons;
-    taken.command_felt = pose.command_felt;
-    taken.taken_ns = pose.session_time_ns - session_offset_ns.load(std::memory_order_relaxed);
-    taken.arrived_ns = monotonic_ns();
-    (void)remote->on_pose(taken);
-  };
-  user.poses = std::make_unique<wire::Reader<session::DevicePose>>(links, wire::topics::kDevicePose, on_pose,
-                                                                   wire::EndOptions{wire::user_partition(user.name)});
-}
-
-void Hrtc::Impl::unseat(const std::string& name) {
-  for (auto at = users.begin(); at != users.end(); ++at) {
-    if (at->second.name != name || at->second.client == 0) continue;
-    commands.devices[at->first] = nullptr;
-    haptic.commands().post(commands);
-    {
-      const std::lock_guard lock{remote_mutex};
-      remote_ends[at->first] = {};
-    }
-    user_ids[at->first] = 0;
-    neighbours.on_user_left(at->second.id);
-    slots.release(name);
-    users.erase(at);
-    spdlog::info("user {} has left", name);
-    heartbeat.at_once();
-    return;
-  }
+void Hrtc::Impl::unseat(const std::string& user) {
+  const std::optional<std::uint64_t> left = seats.unseat(user);
+  if (!left) return;
+  neighbours.on_user_left(*left);
+  heartbeat.at_once();
 }
 
 void Hrtc::Impl::take(const session::CatalogueEntry& entry, std::int64_t now_ns) {
@@ -525,43 +363,9 @@ void Hrtc::Impl::take(const session::CatalogueEntry& entry, std::int64_t now_ns)
   if (sharing::can_move(entry) && !entry.withdrawn) movable.try_emplace(entry.object_id, Movable{entry});
 }
 
+/// Wishes are in session time, the hand's clock is ours.
 void Hrtc::Impl::take(const session::Intent& intent, std::int64_t now_ns) {
-  for (auto& [slot, user] : users) {
-    if (user.id != intent.user_id || user.client != intent.origin.participant || intent.path.empty()) continue;
-    if (commands.devices[slot] != nullptr && user.hand == nullptr) continue;  // it has a device of its own
-    // Wishes are in session time, the hand's clock is ours.
-    const std::int64_t session_now = clock.map().session_time(now_ns);
-    const haptics::HandPath path = sharing::hand_path(intent, now_ns - session_now);
-    if (user.hand == nullptr) {
-      haptics::HandSettings hand;
-      sharing::begin_at(intent, hand);
-      hand.seed = slot + 1;
-      auto device = std::make_unique<haptics::SimulatedDevice>(hand);
-      user.hand = device.get();
-      commands.devices[slot] = device.get();
-      devices.push_back(std::move(device));
-      haptic.commands().post(commands);
-    }
-    user.hand->wishes().post(path);
-  }
-}
-
-void Hrtc::Impl::open_remote_devices() {
-  for (auto& [slot, user] : users) {
-    if (user.remote == nullptr || !user.remote->has_pose() || commands.devices[slot] != nullptr) continue;
-    RemoteEnd end;
-    end.device = user.remote;
-    end.user_id = user.id;
-    end.commands = std::make_unique<wire::Writer<session::DeviceCommand>>(
-        links, wire::topics::kDeviceCommand, wire::EndOptions{wire::user_partition(user.name)});
-    {
-      const std::lock_guard lock{remote_mutex};
-      remote_ends[slot] = std::move(end);
-    }
-    commands.devices[slot] = user.remote;
-    haptic.commands().post(commands);
-    spdlog::info("user {} brings a device of its own", user.name);
-  }
+  seats.on_intent(intent, now_ns - clock.map().session_time(now_ns));
 }
 
 void Hrtc::Impl::take(const session::ClockSample& sample, std::int64_t now_ns) {
@@ -601,8 +405,7 @@ void Hrtc::Impl::take(const session::Control& control, std::int64_t) {
       spdlog::info("forces are reset: {}", control.text);
       stopped = false;
       heartbeat.at_once();
-      ++commands.resets;
-      haptic.commands().post(commands);
+      orders.tell([](HapticCommands& commands) { ++commands.resets; });
       break;
   }
 }
@@ -612,9 +415,8 @@ void Hrtc::Impl::stop_forces() {
   if (stopped) return;
   stopped = true;
   heartbeat.at_once();
-  ++commands.stops;
+  orders.tell([](HapticCommands& commands) { ++commands.stops; });
   if (flight) flight->save("emergency stop", false);
-  haptic.commands().post(commands);
 }
 
 void Hrtc::Impl::take(const session::ProbeState& state, std::int64_t now_ns) {
@@ -640,7 +442,7 @@ void Hrtc::Impl::send_roster(bool leaving) {
   entry.role = session::Role::kHrtc;
   entry.name = options.address.participant;
   entry.session = options.address.session;
-  entry.slots = slots.list();
+  entry.slots = seats.slots();
   entry.heartbeat = ++beats;
   entry.leaving = leaving;
   entry.stopped = stopped;
@@ -664,13 +466,6 @@ void Hrtc::Impl::send_metrics(bool all) {
                                                 static_cast<double>(reports.time_ns - first_cycle_ns)});
   const LoaderFigures figures = loader.figures();
   const auto& delivery = loader.delivery_counters();
-  std::size_t remotes = 0;
-  double loop_delay = 0;
-  for (const auto& [slot, user] : users) {
-    if (user.remote == nullptr || commands.devices[slot] != user.remote) continue;
-    ++remotes;
-    loop_delay = std::max(loop_delay, user.remote->loop_delay());
-  }
   const std::pair<const char*, double> counts[] = {
       {names::kPoolUsed, figures.slots_used},
       {names::kPoolPeak, figures.slots_peak},
@@ -692,12 +487,10 @@ void Hrtc::Impl::send_metrics(bool all) {
       {names::kBytesReceived, static_cast<double>(delivery.payload_bytes)},
       {names::kLoadLatency, figures.load_latency * 1e6},
       {names::kFalseAlarms, static_cast<double>(vigil.false_alarms())},
-      {names::kHostChanges, static_cast<double>(delivery.host_changes)},
-      {names::kStatesCoded, static_cast<double>(states_coded)},
-      {names::kStatesWhole, static_cast<double>(states_whole)},
-      {names::kRemoteDevices, static_cast<double>(remotes)},
-      {names::kLoopDelay, loop_delay * 1e6}};
+      {names::kHostChanges, static_cast<double>(delivery.host_changes)}};
   for (const auto& [name, value] : counts) sample.figures.push_back({name, value});
+  states.write(sample.figures);
+  seats.write(sample.figures);
   static_assert(std::size(names::kInterventions) == haptics::kForceBits);
   for (std::size_t i = 0; i < haptics::kForceBits; ++i)
     sample.figures.push_back({names::kInterventions[i], static_cast<double>(reports.interventions[i])});
@@ -720,9 +513,9 @@ void Hrtc::Impl::send_metrics(bool all) {
 
 void Hrtc::Impl::tick_modes(std::int64_t now_ns) {
   std::array<std::uint64_t, kMaxProbes> ids{};
-  for (const auto& [slot, user] : users) {
-    ids[slot] = user.id;
-    if (reports.probes[slot].active) neighbours.on_own_probe(user.id, reports.probes[slot].device, now_ns);
+  for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
+    ids[i] = seats.user_at(i);
+    if (ids[i] != 0 && reports.probes[i].active) neighbours.on_own_probe(ids[i], reports.probes[i].device, now_ns);
   }
   neighbours.tick(now_ns, ids);
 }
@@ -744,72 +537,8 @@ void Hrtc::Impl::tick_bodies(std::int64_t now_ns) {
   }
 }
 
-/// Whole to those who collaborate, coded to the session.
-class Hrtc::Impl::StateSender {
- public:
-  explicit StateSender(Impl& hrtc) : hrtc_{hrtc} {}
-
-  void send(const ProbeReports& latest, const session::ClockMap& map) {
-    // Who has just been found shall see the probes now, not when they have moved.
-    const int matched = hrtc_.states_out.matched();
-    if (matched > matched_) coders_.fill(Coder{});
-    matched_ = matched;
-    for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
-      if (!latest.probes[i].active) continue;
-      const std::uint64_t user = hrtc_.user_ids[i].load(std::memory_order_relaxed);
-      if (user == 0) continue;
-      Coder& coder = coders_[i];
-      if (coder.user != user) coder = Coder{user, session::ProbeEncoder{}};
-      session::ProbeState state = hrtc_.state_of(latest, i, map);
-      state.user_id = user;
-      state.sequence = whole_[i] + 1;
-      if (hrtc_.neighbours.send_whole(i, state)) {
-        ++whole_[i];
-        ++hrtc_.states_whole;
-      }
-      coder.encoder.set_loss(hrtc_.neighbours.loss());
-      if (hrtc_.options.coding && !coder.encoder.step(state)) continue;
-      state.sequence = ++coded_[i];
-      (void)hrtc_.states_out.send(state);
-      ++hrtc_.states_coded;
-    }
-  }
-
- private:
-  struct Coder {
-    std::uint64_t user = 0;
-    session::ProbeEncoder encoder{};
-  };
-  Impl& hrtc_;
-  int matched_ = 0;
-  std::array<Coder, kMaxProbes> coders_;
-  std::array<std::uint32_t, kMaxProbes> coded_{}, whole_{};  // numbers given
-};
-
-session::ProbeState Hrtc::Impl::state_of(const ProbeReports& latest, std::uint32_t i, const session::ClockMap& map) {
-  const ProbeOutput& probe = latest.probes[i];
-  session::ProbeState state;
-  state.origin = links.origin();
-  state.probe = i;
-  state.session_time_ns = map.session_time(latest.time_ns);
-  state.time_bound_us =
-      static_cast<std::uint32_t>(std::min<std::int64_t>(map.bound(latest.time_ns) / 1000, 0xffffffff));
-  state.device = pose_at(probe.device);
-  state.proxy = probe.proxy;
-  state.velocity = probe.velocity;
-  state.force = probe.force;
-  state.radius = options.haptic.cycle.radius;
-  state.object_id = probe.object < kMaxObjects ? object_ids[probe.object].load(std::memory_order_relaxed) : 0;
-  state.status = probe.status;
-  state.error_bound = probe.error_bound;
-  state.data_age_us = age_us(probe);
-  state.stiffness = probe.stiffness;
-  return state;
-}
-
 void Hrtc::Impl::send_states() {
   pthread_setname_np(pthread_self(), "sender");
-  const auto states = std::make_unique<StateSender>(*this);
   const auto gap_ns = static_cast<std::int64_t>(1e9 / options.state_rate) - kMs / 2;
   std::int64_t sent_ns = 0;
   pollfd ready{haptic.event(), POLLIN, 0};
@@ -819,33 +548,11 @@ void Hrtc::Impl::send_states() {
     (void)!read(haptic.event(), &cycles, sizeof cycles);
     ProbeReports latest;
     if (!haptic.reports_for_sender().take(latest)) continue;
-    send_commands(latest);
+    seats.send_commands(latest);
     exchange.send();
     if (latest.time_ns - sent_ns < gap_ns) continue;
     sent_ns = latest.time_ns;
-    states->send(latest, sender_clock.latest());
-  }
-}
-
-void Hrtc::Impl::send_commands(const ProbeReports& latest) {
-  const std::lock_guard lock{remote_mutex};
-  for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
-    const RemoteEnd& end = remote_ends[i];
-    const ProbeOutput& probe = latest.probes[i];
-    if (end.device == nullptr || !probe.active) continue;
-    session::DeviceCommand command;
-    command.origin = links.origin();
-    command.user_id = end.user_id;
-    command.probe = i;
-    command.sequence = end.device->on_command(latest.time_ns);
-    command.pose_answered = probe.pose_sequence;
-    command.force = probe.force;
-    command.torque = probe.torque;
-    command.normal = probe.normal;
-    command.status = probe.status;
-    command.error_bound = probe.error_bound;
-    command.data_age_us = age_us(probe);
-    (void)end.commands->send(command);
+    states.send(latest, sender_clock.latest());
   }
 }
 
@@ -888,46 +595,15 @@ void Hrtc::Impl::drain_rings() {
   }
 }
 
-void Hrtc::Impl::snapshot(std::int64_t now_ns, const ProbeReports& latest) {
-  if (options.snapshot.empty()) return;
-  if (snapshot_asked_ns != 0) {  // one is being copied
-    if (haptic.snapshots_done() != commands.snapshots) return;
-    for (const Loader::ObjectInfo& object : loader.objects()) {
-      const std::vector<SnapshotFace> faces = haptic.snapshot(object.index);
-      if (faces.empty()) continue;
-      const std::filesystem::path file = options.snapshot / (options.address.participant + "-" + object.name + "-" +
-                                                             std::to_string(commands.snapshots) + ".ply");
-      try {
-        write_snapshot(file, faces, loader.grid(object.index), snapshot_contacts[object.index],
-                       snapshot_predictions[object.index]);
-      } catch (const std::runtime_error& error) {
-        spdlog::error("{}", error.what());
-        exit_code = 1;
-        options.snapshot.clear();
-        return;
-      }
-      spdlog::info("snapshot {} ({} faces)", file.string(), faces.size());
-    }
-    snapshot_asked_ns = 0;
-    ++snapshots_taken;
-    contact_since_ns = 0;
-    return;
+void Hrtc::Impl::take_snapshots(std::int64_t now_ns) {
+  if (!snapshots) return;
+  try {
+    snapshots->tick(now_ns, touches_exactly(reports), sights, haptic, orders);
+  } catch (const std::runtime_error& error) {
+    spdlog::error("{}", error.what());
+    exit_code = 1;
+    snapshots.reset();
   }
-  if (!touches_exactly(latest)) {
-    contact_since_ns = 0;
-    return;
-  }
-  if (contact_since_ns == 0) contact_since_ns = now_ns;
-  if (now_ns - contact_since_ns < (snapshots_taken == 0 ? kSnapshotNs / 4 : kSnapshotNs) ||
-      snapshots_taken >= kMaxSnapshots)
-    return;
-  for (const Loader::ObjectInfo& object : loader.objects()) {
-    snapshot_contacts[object.index] = loader.regions_met(object.index, sights);
-    snapshot_predictions[object.index] = loader.predicted(object.index);
-  }
-  ++commands.snapshots;
-  snapshot_asked_ns = now_ns;
-  haptic.commands().post(commands);
 }
 
 void Hrtc::Impl::note_first_touch(std::int64_t now_ns) {
@@ -986,8 +662,7 @@ void Hrtc::Impl::tell_of_fault(std::uint32_t slot, std::uint32_t status) {
   const bool fault = (status & session::kFault) != 0;
   if (fault == faults_told[slot]) return;
   faults_told[slot] = fault;
-  const auto user = users.find(slot);
-  const std::string& name = user == users.end() ? "nobody" : user->second.name;
+  const std::string& name = seats.name_at(slot);
   if (fault) {
     spdlog::warn("the force of user {} is off until it is reset: {}", name, session::fault_reason(status));
     if (flight) flight->save(session::fault_reason(status), false);
@@ -998,18 +673,17 @@ void Hrtc::Impl::tell_of_fault(std::uint32_t slot, std::uint32_t status) {
 void Hrtc::Impl::tell_of_hold(std::uint32_t slot, const ProbeOutput& probe) {
   constexpr std::uint32_t kHold = session::kHolding | session::kHoldRefused;
   const std::uint32_t now = probe.status & kHold, before = std::exchange(holds_told[slot], now);
-  const auto user = users.find(slot);
-  if (now == before || user == users.end()) return;
+  if (now == before || !seats.taken(slot)) return;
   std::string name = "something";
   for (const Loader::ObjectInfo& object : loader.objects())
     if (object.index == probe.object) name = "'" + object.name + "'";
   if ((now & session::kHolding) != 0) {
-    spdlog::info("user {} holds {}", user->second.name, name);
+    spdlog::info("user {} holds {}", seats.name_at(slot), name);
   } else if ((before & session::kHolding) != 0) {
-    spdlog::info("user {} has let go", user->second.name);
+    spdlog::info("user {} has let go", seats.name_at(slot));
   } else if ((now & session::kHoldRefused) != 0) {
     spdlog::warn("user {} cannot hold {}: it does not move here, or forces were off since the hand has closed",
-                 user->second.name, name);
+                 seats.name_at(slot), name);
   }
 }
 
@@ -1034,7 +708,7 @@ void Hrtc::Impl::serve(std::int64_t now_ns) {
   tick_bodies(now_ns);
   loader.tick(now_ns, sights, near);
   haptic.near().post(near);
-  for (const Loader::ObjectInfo& object : loader.objects()) object_ids[object.index] = object.id;
+  for (const Loader::ObjectInfo& object : loader.objects()) states.on_object(object.index, object.id);
   choose_whom_to_watch(near);
   tell_of_hosts(now_ns);
   while (auto demand = loader.demand(now_ns)) {
@@ -1053,17 +727,17 @@ void Hrtc::Impl::serve(std::int64_t now_ns) {
     if (++clock_requests == 10) clock_request.set_period(kClockNs);
   }
   sender_clock.post(clock.map());
-  session_offset_ns = clock.map().session_time(now_ns) - now_ns;
+  seats.on_clock(clock.map().session_time(now_ns) - now_ns);
   if (heartbeat.due(now_ns)) send_roster(false);
   if (metrics.due(now_ns)) send_metrics(all_metrics.due(now_ns));
-  open_remote_devices();
+  seats.open_remote_devices();
   if (modes.due(now_ns)) tick_modes(now_ns);
   drain_rings();
   if (options.saves != nullptr && saves_seen != *options.saves) {
     saves_seen = *options.saves;
     if (flight) flight->save("asked for by a signal", true);
   }
-  snapshot(now_ns, reports);
+  take_snapshots(now_ns);
   if (!host_seen && now_ns - started_ns > kNoHostNs && no_host.due(now_ns))
     spdlog::warn(
         "no host found in session {} on domain {}; still looking (is tactus-host running with the same --session and "
@@ -1109,7 +783,6 @@ void Hrtc::Impl::finish() {
 int Hrtc::Impl::run(const std::atomic<bool>& stop) {
   if (options.haptic.priority > 0) spdlog::info("{}", wire::lock_memory());
   started_ns = monotonic_ns();
-  haptic.commands().post(commands);
   if (flight) {
     flight->on_event = [](bool trouble, const std::string& text) {
       spdlog::log(trouble ? spdlog::level::warn : spdlog::level::info, "{}", text);

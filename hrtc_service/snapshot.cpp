@@ -1,5 +1,6 @@
 #include "hrtc_service/snapshot.hpp"
 
+#include <spdlog/spdlog.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -13,6 +14,8 @@
 
 namespace tactus::hrtc_service {
 namespace {
+
+constexpr std::int64_t kContactNs = 2'000'000'000;  // from one snapshot to the next; the first comes sooner
 
 struct Colour {
   unsigned char red, green, blue;
@@ -85,6 +88,43 @@ void write_snapshot(const std::filesystem::path& file, const std::vector<Snapsho
     std::filesystem::remove(temporary, error);
     throw std::runtime_error("cannot write the snapshot " + file.string());
   }
+}
+
+SnapshotTaker::SnapshotTaker(std::filesystem::path directory, std::string name, const Loader& loader)
+    : directory_{std::move(directory)}, name_{std::move(name)}, loader_{loader} {}
+
+void SnapshotTaker::write(const HapticThread& haptic, std::uint32_t number) const {
+  for (const Loader::ObjectInfo& object : loader_.objects()) {
+    const std::vector<SnapshotFace> faces = haptic.snapshot(object.index);
+    if (faces.empty()) continue;
+    const std::filesystem::path file = directory_ / (name_ + "-" + object.name + "-" + std::to_string(number) + ".ply");
+    write_snapshot(file, faces, loader_.grid(object.index), contacts_[object.index], predictions_[object.index]);
+    spdlog::info("snapshot {} ({} faces)", file.string(), faces.size());
+  }
+}
+
+void SnapshotTaker::tick(std::int64_t now_ns, bool touches_exactly, const std::array<ProbeSight, kMaxProbes>& sights,
+                         HapticThread& haptic, HapticOrders& orders) {
+  if (asked_) {
+    if (haptic.snapshots_done() != orders.now().snapshots) return;
+    write(haptic, orders.now().snapshots);
+    asked_ = false;
+    ++taken_;
+    contact_since_ns_ = 0;
+    return;
+  }
+  if (!touches_exactly) {
+    contact_since_ns_ = 0;
+    return;
+  }
+  if (contact_since_ns_ == 0) contact_since_ns_ = now_ns;
+  if (now_ns - contact_since_ns_ < (taken_ == 0 ? kContactNs / 4 : kContactNs) || taken_ >= kMost) return;
+  for (const Loader::ObjectInfo& object : loader_.objects()) {
+    contacts_[object.index] = loader_.regions_met(object.index, sights);
+    predictions_[object.index] = loader_.predicted(object.index);
+  }
+  asked_ = true;
+  orders.tell([](HapticCommands& commands) { ++commands.snapshots; });
 }
 
 }  // namespace tactus::hrtc_service

@@ -1,11 +1,14 @@
 /// The shown mesh as a coloured PLY: the paper's figures 5, 9a and 9b.
 #pragma once
 
+#include <array>
+#include <cstdint>
 #include <filesystem>
 #include <string>
 #include <vector>
 
 #include "hrtc_service/haptic_thread.hpp"
+#include "hrtc_service/loader.hpp"
 #include "spm/region_grid.hpp"
 
 namespace tactus::hrtc_service {
@@ -20,5 +23,30 @@ void expect_snapshot_directory(const std::filesystem::path& directory);
 void write_snapshot(const std::filesystem::path& file, const std::vector<SnapshotFace>& faces,
                     const spm::RegionGrid& grid, const std::vector<std::uint32_t>& contact_regions,
                     const std::vector<std::uint32_t>& predicted_regions);
+
+/// Takes a few, two seconds apart, while a tip touches at full resolution. Service's thread.
+class SnapshotTaker {
+ public:
+  static constexpr int kMost = 5;
+
+  /// Of an HRTC of this name. `loader` must outlive it.
+  SnapshotTaker(std::filesystem::path directory, std::string name, const Loader& loader);
+
+  /// The newest reports and what follows from them. Writes one at times, which takes milliseconds. Throws as
+  /// write_snapshot.
+  void tick(std::int64_t now_ns, bool touches_exactly, const std::array<ProbeSight, kMaxProbes>& sights,
+            HapticThread& haptic, HapticOrders& orders);
+
+ private:
+  void write(const HapticThread& haptic, std::uint32_t number) const;
+
+  std::filesystem::path directory_;
+  std::string name_;
+  const Loader& loader_;
+  std::int64_t contact_since_ns_ = 0;
+  int taken_ = 0;
+  bool asked_ = false;  // one is being copied
+  std::array<std::vector<std::uint32_t>, kMaxObjects> contacts_, predictions_;
+};
 
 }  // namespace tactus::hrtc_service

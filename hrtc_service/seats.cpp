@@ -1,0 +1,176 @@
+#include "hrtc_service/seats.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+
+#include "hrtc_service/realtime.hpp"
+#include "session/figures.hpp"
+#include "sharing/hand_path.hpp"
+
+namespace tactus::hrtc_service {
+
+Seats::Seats(wire::Links& links, std::size_t probes, HapticOrders& orders, OnIntent on_intent)
+    : links_{links}, orders_{orders}, on_intent_{std::move(on_intent)}, slots_{probes} {}
+Seats::~Seats() = default;
+
+void Seats::give_device(std::uint32_t probe, haptics::Device* device) {
+  orders_.tell([&](HapticCommands& commands) { commands.devices[probe] = device; });
+}
+
+bool Seats::seat_here(const std::string& name, std::unique_ptr<haptics::Device> device) {
+  const std::optional<std::uint32_t> slot = slots_.grant(name);
+  if (!slot) return false;
+  devices_.push_back(std::move(device));
+  orders_.tell([&](HapticCommands& commands) { commands.framed[*slot] = true; });
+  give_device(*slot, devices_.back().get());
+  User& user = users_[*slot];
+  user.name = name;
+  user.id = session::id_of(name);
+  user_ids_[*slot] = user.id;
+  return true;
+}
+
+void Seats::seat(const session::RosterEntry& client) {
+  for (const std::string& name : client.users) {
+    const std::optional<std::uint32_t> slot = slots_.grant(name);
+    if (!slot) {
+      spdlog::warn("user {} refused: all {} probes are taken; raise --users", name, slots_.list().size());
+      continue;
+    }
+    User& user = users_[*slot];
+    if (user.intents) continue;
+    user.name = name;
+    user.id = session::id_of(name);
+    user.client = client.origin.participant;
+    user_ids_[*slot] = user.id;
+    user.intents = std::make_unique<wire::Reader<session::Intent>>(links_, wire::topics::kIntent, on_intent_,
+                                                                   wire::EndOptions{wire::user_partition(name)});
+    listen_to_device(user);
+    spdlog::info("user {} has probe {}", name, *slot);
+  }
+}
+
+/// A device that its client sends the poses of: they go past the service, straight to where the haptic thread looks.
+void Seats::listen_to_device(User& user) {
+  auto device = std::make_unique<haptics::RemoteDevice>();
+  user.remote = device.get();
+  devices_.push_back(std::move(device));
+  const auto on_pose = [this, remote = user.remote, id = user.id,
+                        client = user.client](const session::DevicePose& pose) {
+    if (pose.user_id != id || pose.origin.participant != client) return;
+    haptics::RemotePose taken;
+    taken.position = pose.pose.position;
+    taken.orientation = pose.pose.orientation;
+    taken.velocity = pose.velocity;
+    taken.sequence = pose.sequence;
+    taken.buttons = pose.buttons;
+    taken.command_felt = pose.command_felt;
+    taken.taken_ns = pose.session_time_ns - session_offset_ns_.load(std::memory_order_relaxed);
+    taken.arrived_ns = monotonic_ns();
+    (void)remote->on_pose(taken);
+  };
+  user.poses = std::make_unique<wire::Reader<session::DevicePose>>(links_, wire::topics::kDevicePose, on_pose,
+                                                                   wire::EndOptions{wire::user_partition(user.name)});
+}
+
+std::optional<std::uint64_t> Seats::unseat(const std::string& name) {
+  const auto at = std::find_if(users_.begin(), users_.end(),
+                               [&](const auto& seat) { return seat.second.name == name && seat.second.client != 0; });
+  if (at == users_.end()) return std::nullopt;
+  const auto& [slot, user] = *at;
+  const std::uint64_t id = user.id;
+  give_device(slot, nullptr);
+  {
+    const std::lock_guard lock{remote_mutex_};
+    remote_ends_[slot] = {};
+  }
+  user_ids_[slot] = 0;
+  slots_.release(name);
+  spdlog::info("user {} has left", name);
+  users_.erase(at);
+  return id;
+}
+
+std::vector<std::string> Seats::users_of(std::uint64_t client) const {
+  std::vector<std::string> names;
+  for (const auto& [slot, user] : users_)
+    if (user.client == client) names.push_back(user.name);
+  return names;
+}
+
+void Seats::on_intent(const session::Intent& intent, std::int64_t ahead_ns) {
+  for (auto& [slot, user] : users_) {
+    if (user.id != intent.user_id || user.client != intent.origin.participant || intent.path.empty()) continue;
+    if (orders_.now().devices[slot] != nullptr && user.hand == nullptr) continue;  // it has a device of its own
+    if (user.hand == nullptr) {
+      haptics::HandSettings hand;
+      sharing::begin_at(intent, hand);
+      hand.seed = slot + 1;
+      auto device = std::make_unique<haptics::SimulatedDevice>(hand);
+      user.hand = device.get();
+      devices_.push_back(std::move(device));
+      give_device(slot, user.hand);
+    }
+    user.hand->wishes().post(sharing::hand_path(intent, ahead_ns));
+  }
+}
+
+void Seats::open_remote_devices() {
+  for (auto& [slot, user] : users_) {
+    if (user.remote == nullptr || !user.remote->has_pose() || orders_.now().devices[slot] != nullptr) continue;
+    RemoteEnd end;
+    end.device = user.remote;
+    end.user_id = user.id;
+    end.commands = std::make_unique<wire::Writer<session::DeviceCommand>>(
+        links_, wire::topics::kDeviceCommand, wire::EndOptions{wire::user_partition(user.name)});
+    {
+      const std::lock_guard lock{remote_mutex_};
+      remote_ends_[slot] = std::move(end);
+    }
+    give_device(slot, user.remote);
+    spdlog::info("user {} brings a device of its own", user.name);
+  }
+}
+
+const std::string& Seats::name_at(std::uint32_t probe) const {
+  static const std::string kNobody = "nobody";
+  const auto user = users_.find(probe);
+  return user == users_.end() ? kNobody : user->second.name;
+}
+
+void Seats::write(std::vector<session::Figure>& figures) const {
+  namespace names = session::figures;
+  double remotes = 0, loop_delay = 0;
+  for (const auto& [slot, user] : users_) {
+    if (user.remote == nullptr || orders_.now().devices[slot] != user.remote) continue;
+    ++remotes;
+    loop_delay = std::max(loop_delay, user.remote->loop_delay());
+  }
+  figures.push_back({names::kRemoteDevices, remotes});
+  figures.push_back({names::kLoopDelay, loop_delay * 1e6});
+}
+
+void Seats::send_commands(const ProbeReports& latest) {
+  const std::lock_guard lock{remote_mutex_};
+  for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
+    const RemoteEnd& end = remote_ends_[i];
+    const ProbeOutput& probe = latest.probes[i];
+    if (end.device == nullptr || !probe.active) continue;
+    session::DeviceCommand command;
+    command.origin = links_.origin();
+    command.user_id = end.user_id;
+    command.probe = i;
+    command.sequence = end.device->on_command(latest.time_ns);
+    command.pose_answered = probe.pose_sequence;
+    command.force = probe.force;
+    command.torque = probe.torque;
+    command.normal = probe.normal;
+    command.status = probe.status;
+    command.error_bound = probe.error_bound;
+    command.data_age_us = age_us(probe);
+    (void)end.commands->send(command);
+  }
+}
+
+}  // namespace tactus::hrtc_service

@@ -1,0 +1,99 @@
+/// Who sits at the probes of an HRTC, and the devices that move these.
+///
+///     at this machine               LocalUser                                  --> Device
+///     at a client, simulated here   intent          --> service's inbox        --> SimulatedDevice
+///     at a client                   device_pose     --> (DDS)                  --> RemoteDevice
+///                                   device_command  <-- sender <-- reports     <--
+///
+/// The haptic thread is told of devices by its orders; they stay until this goes, for it may still read one that has
+/// been taken from it. Service's thread, but for what says otherwise.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "haptics/remote_device.hpp"
+#include "haptics/simulated_device.hpp"
+#include "hrtc_service/haptic_thread.hpp"
+#include "session/roster.hpp"
+#include "wire/ends.hpp"
+
+namespace tactus::hrtc_service {
+
+class Seats {
+ public:
+  using OnIntent = std::function<void(session::Intent&&)>;
+  /// `on_intent`: what a user who sits here wishes; called by the threads of DDS. `links`, `orders` and what
+  /// `on_intent` uses must outlive this.
+  Seats(wire::Links& links, std::size_t probes, HapticOrders& orders, OnIntent on_intent);
+  ~Seats();
+
+  /// A user whose device is at this machine. False when all probes are taken.
+  [[nodiscard]] bool seat_here(const std::string& user, std::unique_ptr<haptics::Device> device);
+  /// Those users of a client that do not sit yet, as far as there are probes.
+  void seat(const session::RosterEntry& client);
+  /// The id of a client's user who has left now; none for all others.
+  std::optional<std::uint64_t> unseat(const std::string& user);
+  [[nodiscard]] std::vector<std::string> users_of(std::uint64_t client) const;
+
+  /// From a sample that has come; session time is so far behind our clock.
+  void on_intent(const session::Intent& intent, std::int64_t ahead_ns);
+  /// Hands to the haptic thread what has sent its first pose since the last call.
+  void open_remote_devices();
+  /// How far session time is ahead of our clock, for the poses that come from now on.
+  void on_clock(std::int64_t session_offset_ns) noexcept { session_offset_ns_ = session_offset_ns; }
+
+  [[nodiscard]] std::vector<session::UserSlot> slots() const { return slots_.list(); }
+  /// "nobody" where nobody sits.
+  [[nodiscard]] const std::string& name_at(std::uint32_t probe) const;
+  [[nodiscard]] bool taken(std::uint32_t probe) const { return users_.count(probe) != 0; }
+  void write(std::vector<session::Figure>& figures) const;
+
+  /// Any thread: 0 where nobody sits.
+  [[nodiscard]] std::uint64_t user_at(std::uint32_t probe) const noexcept {
+    return user_ids_[probe].load(std::memory_order_relaxed);
+  }
+  /// Sender's thread: what the haptic thread reported of its last cycle, to the devices at clients.
+  void send_commands(const ProbeReports& latest);
+
+ private:
+  struct User {
+    std::string name;
+    std::uint64_t id = 0;
+    std::uint64_t client = 0;                  // participant; 0: a device of our own
+    haptics::SimulatedDevice* hand = nullptr;  // once it has a wish
+    haptics::RemoteDevice* remote = nullptr;   // what takes its poses, if it sends any
+    std::unique_ptr<wire::Reader<session::Intent>> intents;
+    std::unique_ptr<wire::Reader<session::DevicePose>> poses;
+  };
+  /// Where the forces of a remote device go.
+  struct RemoteEnd {
+    haptics::RemoteDevice* device = nullptr;  // null: this probe has none
+    std::uint64_t user_id = 0;
+    std::unique_ptr<wire::Writer<session::DeviceCommand>> commands;
+  };
+
+  void listen_to_device(User& user);
+  void give_device(std::uint32_t probe, haptics::Device* device);
+
+  wire::Links& links_;
+  HapticOrders& orders_;
+  OnIntent on_intent_;
+  session::UserSlots slots_;
+  std::vector<std::unique_ptr<haptics::Device>> devices_;
+  std::array<std::atomic<std::uint64_t>, kMaxProbes> user_ids_{};
+  std::atomic<std::int64_t> session_offset_ns_{0};
+  std::mutex remote_mutex_;  // the service's and the sender's
+  std::array<RemoteEnd, kMaxProbes> remote_ends_;
+  std::map<std::uint32_t, User> users_;  // by slot; last, so that no callback outlives what it fills
+};
+
+}  // namespace tactus::hrtc_service

@@ -1,0 +1,71 @@
+#include "hrtc_service/state_sender.hpp"
+
+#include <algorithm>
+
+#include "session/figures.hpp"
+
+namespace tactus::hrtc_service {
+
+StateSender::StateSender(wire::Links& links, double radius, bool coding, const Seats& seats, Neighbours& neighbours)
+    : links_{links},
+      radius_{radius},
+      coding_{coding},
+      seats_{seats},
+      neighbours_{neighbours},
+      out_{links, wire::topics::kProbeState} {}
+
+void StateSender::send(const ProbeReports& latest, const session::ClockMap& map) {
+  // Who has just been found shall see the probes now, not when they have moved.
+  const int matched = out_.matched();
+  if (matched > matched_) coders_.fill(Coder{});
+  matched_ = matched;
+  for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
+    if (!latest.probes[i].active) continue;
+    const std::uint64_t user = seats_.user_at(i);
+    if (user == 0) continue;
+    Coder& coder = coders_[i];
+    if (coder.user != user) coder = Coder{user, session::ProbeEncoder{}};
+    session::ProbeState state = state_of(latest, i, map);
+    state.user_id = user;
+    state.sequence = whole_[i] + 1;
+    if (neighbours_.send_whole(i, state)) {
+      ++whole_[i];
+      ++sent_whole_;
+    }
+    coder.encoder.set_loss(neighbours_.loss());
+    if (coding_ && !coder.encoder.step(state)) continue;
+    state.sequence = ++coded_[i];
+    (void)out_.send(state);
+    ++sent_coded_;
+  }
+}
+
+session::ProbeState StateSender::state_of(const ProbeReports& latest, std::uint32_t i,
+                                          const session::ClockMap& map) const {
+  const ProbeOutput& probe = latest.probes[i];
+  session::ProbeState state;
+  state.origin = links_.origin();
+  state.probe = i;
+  state.session_time_ns = map.session_time(latest.time_ns);
+  state.time_bound_us =
+      static_cast<std::uint32_t>(std::min<std::int64_t>(map.bound(latest.time_ns) / 1000, 0xffffffff));
+  state.device.position = probe.device;
+  state.proxy = probe.proxy;
+  state.velocity = probe.velocity;
+  state.force = probe.force;
+  state.radius = radius_;
+  state.object_id = probe.object < kMaxObjects ? object_ids_[probe.object].load(std::memory_order_relaxed) : 0;
+  state.status = probe.status;
+  state.error_bound = probe.error_bound;
+  state.data_age_us = age_us(probe);
+  state.stiffness = probe.stiffness;
+  return state;
+}
+
+void StateSender::write(std::vector<session::Figure>& figures) const {
+  namespace names = session::figures;
+  figures.push_back({names::kStatesCoded, static_cast<double>(sent_coded_)});
+  figures.push_back({names::kStatesWhole, static_cast<double>(sent_whole_)});
+}
+
+}  // namespace tactus::hrtc_service

@@ -1,0 +1,56 @@
+/// What others see of the probes here: probe states, whole to those who collaborate, coded to the session.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstdint>
+#include <vector>
+
+#include "hrtc_service/haptic_thread.hpp"
+#include "hrtc_service/neighbours.hpp"
+#include "hrtc_service/seats.hpp"
+#include "session/clock.hpp"
+#include "session/probe_coding.hpp"
+#include "wire/ends.hpp"
+
+namespace tactus::hrtc_service {
+
+class StateSender {
+ public:
+  /// `radius`: of the tips, m. `coding`: to the session only states that a receiver would miss; false: all. What is
+  /// referred to must outlive it.
+  StateSender(wire::Links& links, double radius, bool coding, const Seats& seats, Neighbours& neighbours);
+
+  /// Sender's thread. `map`: session time of `latest`.
+  void send(const ProbeReports& latest, const session::ClockMap& map);
+
+  /// Service's: states that touch the object of this index from now on name it.
+  void on_object(std::uint32_t index, std::uint64_t id) noexcept { object_ids_[index] = id; }
+  /// Any thread.
+  void write(std::vector<session::Figure>& figures) const;
+
+ private:
+  struct Coder {
+    std::uint64_t user = 0;
+    session::ProbeEncoder encoder{};
+  };
+
+  [[nodiscard]] session::ProbeState state_of(const ProbeReports& latest, std::uint32_t probe,
+                                             const session::ClockMap& map) const;
+
+  const wire::Links& links_;
+  const double radius_;
+  const bool coding_;
+  const Seats& seats_;
+  Neighbours& neighbours_;
+  wire::Writer<session::ProbeState> out_;
+  std::array<std::atomic<std::uint64_t>, kMaxObjects> object_ids_{};
+  std::atomic<std::uint64_t> sent_coded_{0}, sent_whole_{0};
+
+  // The sender's own.
+  int matched_ = 0;
+  std::array<Coder, kMaxProbes> coders_;
+  std::array<std::uint32_t, kMaxProbes> coded_{}, whole_{};  // numbers given
+};
+
+}  // namespace tactus::hrtc_service
