@@ -10,6 +10,7 @@ namespace tactus::spm {
 namespace {
 
 constexpr std::uint16_t kPinned = 0xffff;
+constexpr std::uint16_t kMostLists = 0x7fff;  // that count a record: so many a forest can count, see SlotState
 
 bool in_runs(Span<const Run> runs, std::uint32_t id, std::size_t& hint) noexcept {
   while (hint < runs.size() && id >= runs[hint].first + runs[hint].count) ++hint;
@@ -324,6 +325,7 @@ AcceptResult Cache::accept(ObjectIndex number, const RegionData& data, RegionLis
           ++fresh;
         }
       }
+      if (result == AcceptResult::kAccepted && loaded_[slot] == kMostLists) result = AcceptResult::kPoolFull;
       if (result != AcceptResult::kAccepted) break;
       ++loaded_[slot];
       seal += seals_[slot];

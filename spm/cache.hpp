@@ -28,7 +28,7 @@ enum class ObjectIndex : std::uint32_t {};
 enum class AcceptResult : std::uint8_t {
   kAccepted,
   kHeld,        ///< the region is here already
-  kPoolFull,    ///< no slot or list block left: release something and ask again
+  kPoolFull,    ///< no slot or list block left, or a record is in 32,767 held lists: release something and ask again
   kIncomplete,  ///< a record it depends on is neither here nor in the message: ask again
   kMalformed    ///< contradicts the model or what is held, or a record's needs are not in the list
 };

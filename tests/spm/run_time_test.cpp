@@ -215,6 +215,39 @@ TEST_P(RunTime, AFullPoolRefusesARegionAndLeavesAllAsItWas) {
   EXPECT_GT(refused, 0u);
 }
 
+TEST(CacheCounts, ARecordThatMoreRegionsListThanCanBeCountedIsRefusedUntilOneIsReleased) {
+  const OwnedModel owned = random_model(1, kRecords, kCells);
+  const spm::Model model = owned.model();
+  const auto shorter = [](const spm::Region& a, const spm::Region& b) {
+    return (a.record_count == 0 ? ~0u : a.record_count) < (b.record_count == 0 ? ~0u : b.record_count);
+  };
+  const auto* const least = std::min_element(model.regions.begin(), model.regions.end(), shorter);
+  const RegionId region{static_cast<std::uint32_t>(least - model.regions.begin())};
+  spm::RegionData data = Controller{model, roomy()}.message(region);
+  spm::BaseMesh base = spm::base_mesh_of(model);
+  constexpr std::uint32_t kMost = 32767;
+  base.regions.assign(kMost + 1, *least);  // all with the same list
+  spm::PoolSettings settings = roomy();
+  settings.list_blocks = (kMost + 1) * spm::ListBlock::blocks_for(least->record_count);
+  spm::Pool pool{settings};
+  spm::Cache cache{pool};
+  const spm::Cache::Admitted admitted = cache.admit(base);
+  spm::RegionList list;
+  const auto accept = [&](std::uint32_t number) {
+    data.region = RegionId{number};
+    return cache.accept(admitted.object, data, list);
+  };
+  for (std::uint32_t i = 0; i < kMost; ++i) ASSERT_EQ(accept(i), AcceptResult::kAccepted) << i;
+  const std::uint32_t blocks_free = cache.blocks_free();
+
+  EXPECT_EQ(accept(kMost), AcceptResult::kPoolFull);
+  EXPECT_EQ(cache.blocks_free(), blocks_free);
+  EXPECT_THAT(cache.violations(), IsEmpty());
+
+  cache.release(admitted.object, RegionId{0});
+  EXPECT_EQ(accept(kMost), AcceptResult::kAccepted);
+}
+
 TEST_P(RunTime, AMessageWithoutARecordItNeedsIsIncompleteAndLeavesNothing) {
   Controller controller{model_, roomy()};
   spm::RegionData data;
