@@ -16,7 +16,7 @@ constexpr std::uint32_t kMostObjects = 255;
 // Shares of the rounding.
 constexpr double kTouching = 0.1;   // what a contact may overlap for good
 constexpr double kLookAgain = 0.2;  // what it may before a way is solved for again
-constexpr double kBlocked = 0.5;    // never more
+constexpr double kBlocked = 0.5;    // never more; Tool::blocked
 constexpr double kStep = 1.5;       // the longest step in contact
 constexpr double kMargin = 0.4;     // how far beyond it pairs are gathered
 constexpr double kShort = 0.8;      // a way for which more are gathered at once
@@ -66,7 +66,7 @@ Tool::Tool(const spm::MeshProbe& probe, const ToolSettings& settings)
 
 void Tool::reset() noexcept {
   started_ = false;
-  have_here_ = false;
+  have_here_ = caught_ = stuck_ = false;
   row_count_ = 0;
   result_ = ToolResult{};
 }
@@ -437,6 +437,43 @@ void Tool::find_overlaps() noexcept {
   std::sort(overlaps_.begin(), overlaps_.end(), [](const Overlap& a, const Overlap& b) { return a.id < b.id; });
 }
 
+/// Along the normals of what is too near, outer ones where it meets, and with the device where that leads nearer to
+/// nothing. Without turning, without the solver, which such a tool keeps busy until the budget is gone, and without a
+/// look where it leads, which finds every way blocked.
+Tool::Step Tool::come_out(const ToolPose& device, double dt, double limit) noexcept {
+  constexpr int kPasses = 2;
+  Vec3d out = Vec3d::Zero(), along = to_device(device).linear;
+  double nearest = std::numeric_limits<double>::infinity();
+  for (int pass = 0; pass < kPasses; ++pass)
+    for (const Part& part : here_->found->parts)
+      for (std::uint32_t pair = part.first * kWidth; pair < part.last * kWidth; ++pair) {
+        const double distance = here_->distance[pair];
+        if (distance == kNone || (overlapping_ && distance > 0 && here_->inner[pair] != 0)) continue;
+        const Gap gap = here_->gap(pair);
+        along -= std::min(0.0, along.dot(gap.normal)) * gap.normal;
+        if (pass > 0 || distance >= blocked()) continue;
+        out += (settings_.rounding - distance) * gap.normal;
+        if (distance >= nearest) continue;
+        nearest = distance;
+        result_.object = part.object->index;
+        result_.face = here_->found->blocks[pair / kWidth].face_id[pair % kWidth];
+        result_.point = pose_.position + gap.arm;
+      }
+  const double most = std::min(limit, settings_.rounding), size = along.norm();
+  Way way;
+  way.linear = size > most ? Vec3d(along * (most / size)) : along;
+  if (out.squaredNorm() > 0) {
+    result_.normal = out.normalized();
+    way.linear += settings_.push_out * dt * result_.normal;
+  }
+  result_.contacts = 1;
+  pose_ = moved(pose_, way);
+  have_here_ = false;
+  held_back_ = Way{};
+  row_count_ = 0;
+  return {longest(way), true};
+}
+
 Tool::Step Tool::step_towards(const ToolPose& device, double dt, double limit,
                               spm::Span<const ToolObject> objects) noexcept {
   constexpr int kRounds = 10, kLooks = 3, kHalvings = 3;
@@ -452,6 +489,8 @@ Tool::Step Tool::step_towards(const ToolPose& device, double dt, double limit,
   find_overlaps();
   const bool too_near = here_->nearest < (1 - 2 * kLookAgain) * rounding;
   result_.too_near = result_.too_near || too_near;
+  caught_ = here_->nearest < blocked() && (caught_ || stuck_);
+  if (caught_) return come_out(device, dt, limit);
 
   Way wish = to_device(device);
   const double need = longest(wish);
@@ -523,6 +562,7 @@ const ToolResult& Tool::step(const ToolPose& at, double dt, spm::Span<const Tool
     const double margin = settings_.rounding + kFloatRoom;
     result_.outside_only = !gather(pose_, margin, ~0u, ~0u, objects, *here_) || here_->nearest < settings_.rounding;
     started_ = true;
+    caught_ = stuck_ = false;
     owed_ = 0;
     held_back_ = Way{};
     row_count_ = 0;
@@ -542,8 +582,10 @@ const ToolResult& Tool::step(const ToolPose& at, double dt, spm::Span<const Tool
       const Step step = step_towards(device, dt, limit - went, objects);
       went += step.length;
       result_.lagging = step.cut;
+      if (caught_) break;
       if (!step.cut || step.length <= 0 || went >= 0.99 * limit) break;
     }
+    stuck_ = have_here_ && went <= 0 && here_->nearest < blocked();
     owed_ = result_.lagging ? std::max(0.0, owed_ - went) : 0;
   }
   device_before_ = device;
@@ -558,6 +600,8 @@ void Tool::tell(const ToolPose& device) noexcept {
   result_.turn = turn_of(pose_.orientation * device.orientation.conjugate());
   Vec3d normal = Vec3d::Zero(), point = Vec3d::Zero();
   double whole = 0, most = 0;
+  result_.in_contact = caught_;
+  if (caught_) return;
   for (std::size_t i = 0; i < row_count_ && i < solver_.contacts().size(); ++i) {
     const double press = solver_.impulse(i).dot(rows_[i].normal);
     if (!(press > 0)) continue;

@@ -21,8 +21,9 @@
 /// says so.
 ///
 /// Where a change of a surface leaves the tool too near, or in it, it is pushed out along the faces' outer normals at
-/// `push_out` at most, so that the force does not jump. A tool that starts in a surface touches nothing until it has
-/// come out. Surfaces have two sides, but for that.
+/// `push_out` at most, so that the force does not jump; where contacts leave no way out, as where a surface has risen
+/// far into it, it comes out without them, and the hand may pull it out. A tool that starts in a surface touches
+/// nothing until it has come out. Surfaces have two sides, but for that.
 ///
 /// World frame, SI. One thread at a time. Realtime: its work is bounded by the settings. Same input, same bits.
 /// Source: Ortega, Redon, Coquillart 2007 (god-object with six degrees of freedom by Gauss's principle); Colgate et al.
@@ -123,7 +124,8 @@ class Tool {
   void for_each_carried(Visit&& visit) noexcept {
     have_here_ = false;
     visit(grip_), visit(result_), visit(pose_), visit(device_before_), visit(started_), visit(device_went_);
-    visit(owed_), visit(held_back_), visit(rows_), visit(row_count_);
+    visit(owed_), visit(stuck_), visit(caught_), visit(held_back_), visit(rows_),
+        visit(row_count_);
     solver_.for_each_carried(visit);
   }
   [[nodiscard]] const spm::MeshProbe& probe() const noexcept { return probe_; }
@@ -184,6 +186,8 @@ class Tool {
   };
   enum class Look : std::uint8_t { kFree, kTooNear, kBlocked };
 
+  /// m; no way leads nearer.
+  [[nodiscard]] double blocked() const noexcept { return 0.5 * settings_.rounding; }
   /// No point of the tool goes further.
   [[nodiscard]] double longest(const Way& way) const noexcept {
     return way.linear.norm() + way.turn.norm() * probe_.radius();
@@ -208,6 +212,7 @@ class Tool {
   [[nodiscard]] Look look(const Way& way, int again, spm::Span<const ToolObject> objects) noexcept;
   [[nodiscard]] Step step_towards(const ToolPose& device, double dt, double limit,
                                   spm::Span<const ToolObject> objects) noexcept;
+  [[nodiscard]] Step come_out(const ToolPose& device, double dt, double limit) noexcept;
   [[nodiscard]] bool go_freely(const Way& wish, double margin, spm::Span<const ToolObject> objects) noexcept;
   void tell(const ToolPose& device) noexcept;
 
@@ -219,6 +224,8 @@ class Tool {
   bool started_ = false;
   double device_went_ = 0;  // m, longest way of a point of the device in this cycle
   double owed_ = 0;         // m, of the device's ways those that the tool has not gone yet, through air
+  bool stuck_ = false;      // too near a surface, it found no way in the last step
+  bool caught_ = false;     // since then, until it is out
   Way held_back_;           // what surfaces did of the last wish
 
   spm::PlacedProbe placed_;

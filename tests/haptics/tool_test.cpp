@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "haptics/rigid_body.hpp"
+#include "spm/offline/generate.hpp"
 #include "tests/haptics/tool_shapes.hpp"
 
 namespace tactus::haptics {
@@ -273,6 +274,34 @@ TEST(Tool, IsPushedOutWhereASurfaceRisesUnderItWithoutAJump) {
   EXPECT_TRUE(told);
   EXPECT_LT(highest, 1.05 * ToolSettings{}.push_out * kCycle);
   EXPECT_NEAR(before, kHalf + rise + kRounding, 0.3 * kRounding);
+}
+
+/// What refinement over a slow link does to a tool that is pressed on: the surface rises through it.
+TEST(Tool, ComesOutOfASurfaceThatHasRisenFarIntoIt) {
+  for (const double rise : {0.001, 0.002, 0.004, 0.008}) {
+    for (const double lean : {0.0, 0.5, 1.0}) {
+      SCOPED_TRACE(std::to_string(rise) + " m, leaning by " + std::to_string(lean));
+      Scene scene{spm::offline::stylus(), sheet(0.04, 0, 160)};
+      const Vec3d turn{lean, 0, 0.3};
+      scene.hold(at(0, 0, 0.006, turn), 1);
+      scene.lead(at(0, 0, 0.006, turn), at(0, 0, 0.001, turn), 50);
+      scene.object.translation.z() = rise;
+      scene.changed = true;
+      double before = scene.tool.last().pose.position.z(), fastest = 0;
+      for (int i = 0; i < 1000; ++i) {
+        const double z = scene.step(at(0, 0, 0.001, turn)).pose.position.z();
+        fastest = std::max(fastest, z - before);
+        before = z;
+      }
+      ToolPose pose = scene.tool.last().pose;
+      pose.position.z() -= rise;
+      EXPECT_EQ(meeting(scene.shape, scene.tool_shape, pose), 0u) << before;
+      EXPECT_LT(fastest, 1.1 * ToolSettings{}.push_out * kCycle);
+      EXPECT_FALSE(scene.tool.last().outside_only);
+      // And it leaves freely.
+      EXPECT_LT(scene.lead(at(0, 0, 0.001, turn), at(0, 0, 0.03, turn), 300).way.norm(), 1e-9);
+    }
+  }
 }
 
 TEST(Tool, WhatHeldItGivesWayAndTheForceFallsNoFasterThanItMay) {
