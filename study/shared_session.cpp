@@ -241,6 +241,7 @@ void SharedSession::haptic_cycle(std::size_t i) {
     input.device = user.device->read(now_ns_);
     input.near = c.near[user.probe];
   }
+  if (settings_.watch != nullptr) settings_.watch->begins();
   c.bodies.place(c.cycle, now_ns_);
   c.outputs = c.cycle.touch(c.inputs, now_ns_, arrived.data(), count).probes;
   c.bodies.limit(c.cycle, c.inputs, c.outputs);
@@ -249,6 +250,7 @@ void SharedSession::haptic_cycle(std::size_t i) {
       user.device->write(hrtc_service::vec(c.outputs[user.probe].force));
   c.bodies.step(c.cycle, now_ns_);
   (void)c.cycle.refine(spm::Budget{1u << 20});
+  if (settings_.watch != nullptr) settings_.watch->ends();
   if (hrtc_service::BodyReports reports; c.bodies.reports_for_sender().take(reports)) c.reports = reports;
 }
 

@@ -23,7 +23,16 @@
 
 namespace tactus::study {
 
+/// Is told when a controller's haptic thread would begin with a cycle's bodies and forces, and when it has ended.
+class CycleWatch {
+ public:
+  virtual ~CycleWatch() = default;
+  virtual void begins() = 0;
+  virtual void ends() = 0;
+};
+
 struct SharedSessionSettings {
+  CycleWatch* watch = nullptr;  ///< outlives the session; null: nobody
   netem::LinkSettings
       link;  ///< from host to controllers and the viewer and, as each of the two ways, between controllers
   std::uint64_t seed = 1;  ///< of the link's losses and delays and of the hands

@@ -5,11 +5,13 @@
 
 #include <cmath>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "hrtc_service/flight_recorder.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
+#include "study/shared_session.hpp"
 #include "tests/support/local_session.hpp"
 #include "tests/support/no_alloc.hpp"
 
@@ -113,6 +115,53 @@ TEST(Allocation, SixtySecondsOfCyclesAllocateNothing) {
   EXPECT_GT(contact, 50000u);
   EXPECT_GT(changes, 10000u);
   EXPECT_EQ(recorded, 60000u);
+}
+
+/// Allocations in what haptic threads do.
+class Allocations final : public study::CycleWatch {
+ public:
+  void begins() override { guard_.emplace(); }
+  void ends() override {
+    count += guard_->count();
+    guard_.reset();
+    ++cycles;
+  }
+  std::uint64_t count = 0, cycles = 0;
+
+ private:
+  std::optional<test_support::NoAlloc> guard_;
+};
+
+/// Ann grabs a crate, bob takes it over in the air from another controller and puts it down, and a third one pushes it.
+TEST(Allocation, HoldsAndBodiesAllocateNothingWhileACrateIsGrabbedHandedOverReleasedAndPushed) {
+  const study::Subject crate = study::make_subject("crate", "box", 1200, 0.1);
+  Allocations allocations;
+  study::SharedSessionSettings settings;
+  settings.link = netem::parse_link("P0:delay=5");
+  settings.mass = 0.5;
+  settings.watch = &allocations;
+  study::SharedSession session{crate, settings};
+  const client_sim::Scenario scenario = client_sim::load_scenario("grab");
+  session.add_controller();
+  session.add_controller();
+  const std::size_t ann = session.add_user(0, scenario.users[0]), bob = session.add_user(1, scenario.users[1]);
+  Vec3d hand{0.3, 0, 0.05};
+  const std::size_t pusher = session.add_hand(0, hand);
+  bool held_by_both = false, coupled = false, pushed = false;
+  for (int ms = 0; ms < 18'000; ++ms) {
+    if (session.done() && hand.x() > 0) session.move_hand(pusher, hand -= Vec3d{1e-4, 0, 0});
+    session.step();
+    const hrtc_service::BodyReport *a = session.body(0), *b = session.body(1);
+    if (a == nullptr || b == nullptr) continue;
+    held_by_both = held_by_both || (a->held && b->held);
+    coupled = coupled || a->copies > 0;
+    pushed = pushed || (session.probe(pusher).status & session::kInContact) != 0;
+  }
+  EXPECT_EQ(allocations.count, 0u);
+  EXPECT_GE(allocations.cycles, 36'000u);
+  EXPECT_EQ(session.mind(ann).tally().grabs, 1u);
+  EXPECT_EQ(session.mind(bob).tally().grabs, 1u);
+  EXPECT_TRUE(held_by_both && coupled && pushed) << held_by_both << coupled << pushed;
 }
 
 }  // namespace
