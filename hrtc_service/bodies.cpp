@@ -207,7 +207,7 @@ void Bodies::limit_held(const Cycle& cycle, std::uint32_t p, const haptics::Devi
   Spring& pulled = springs_[p];
   const Cycle::Held& held = cycle.held(p);
   const haptics::ForceRenderer& renderer = cycle.renderer(p);
-  const double damping = bodies_[pulled.body].object->material.damping;
+  const double damping = held.feel.damping;
   const Vec3d force = vec(output.force), torque = vec(output.torque);
   const Vec3d turn = haptics::turn_to(held.hold, device);
   const double max_torque = settings_.force.max_torque, wanted = held.pull.torque.norm();

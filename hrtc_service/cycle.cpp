@@ -241,7 +241,8 @@ bool Cycle::find_held(std::uint32_t number, const ProbeInput& input) noexcept {
   held.hold.velocity = (held.hold.pose.position - before.to_world(place)) / settings_.period;
   held.hold.spin = haptics::turn_of(turn * turn_before.conjugate()) / settings_.period;
   const session::Material& material = (*object)->material;
-  held.grip = forces_[number].hold({material.stiffness, material.damping}, settings_.period, input.device.loop_delay);
+  held.feel = {material.stiffness, material.damping};
+  held.grip = forces_[number].hold(held.feel, settings_.period, input.device.loop_delay);
   return true;
 }
 
@@ -250,12 +251,10 @@ void Cycle::render_held(std::uint32_t number, const ProbeInput& input, ProbeOutp
   Held& held = held_[number];
   haptics::ForceRenderer& renderer = forces_[number];
   if (input.failed) renderer.latch(haptics::Fault::kDeviceFailed);
-  const auto object =
-      std::find_if(objects_.begin(), objects_.end(), [&](const auto* one) { return one->index == held.object; });
-  const haptics::Feel feel{(*object)->material.stiffness, (*object)->material.damping};
   const double age = input.pose_age - input.device.transit;
-  const haptics::ForceResult& force = renderer.step(held.hold, held.grip, input.device, feel, age, settings_.period);
-  held.pull = haptics::pull_of(held.hold, held.grip, feel.damping, input.device, renderer.spin());
+  const haptics::ForceResult& force =
+      renderer.step(held.hold, held.grip, input.device, held.feel, age, settings_.period);
+  held.pull = haptics::pull_of(held.hold, held.grip, held.feel.damping, input.device, renderer.spin());
   output.proxy = plain(held.hold.pose.position);
   output.force = plain(force.force);
   output.torque = plain(force.torque);

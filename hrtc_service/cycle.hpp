@@ -157,6 +157,7 @@ class Cycle {
   struct Held {
     std::uint32_t object = spm::kNone;  ///< index; none: it held nothing
     haptics::Hold hold;
+    haptics::Feel feel;  ///< of the object
     haptics::ToolGrip grip;
     haptics::Wrench pull;  ///< on the hand, before limits
   };
