@@ -183,9 +183,28 @@ users:
       - follow: {speed: 0.05, force: 1.5, seconds: 2, pattern: zigzag, extent: 0.02}
 )";
 
+/// By points above its middle: what turns about the line between two points is held by its weight alone, which hangs
+/// below the line then, and would stand on it otherwise.
+constexpr char kLift[] = R"(name: lift
+measures: lift
+truth: analytic
+spread: 0.03
+duration: 20
+users:
+  - name: dan
+    hrtc: "#1"
+    script:
+      - lift: {object: crate, direction: [1, 0, 0], point: [0.5, 0.5, 0.7], height: 0.1, seconds: 2}
+  - name: eve
+    hrtc: "#2"
+    script:
+      - lift: {object: crate, direction: [-1, 0, 0], point: [0.5, 0.5, 0.7], height: 0.1, seconds: 2}
+)";
+
 constexpr char kTargetForce[] = R"(name: target-force
 measures: target
 truth: analytic
+spread: 0.03
 within: 0.2
 duration: 12
 users:
@@ -245,13 +264,11 @@ const std::vector<BuiltInScenario>& built_in_scenarios() {
   const auto with = [](const char* name, const std::string& users) {
     return "name: " + std::string{name} + "\nduration: 20\nusers:\n" + users;
   };
-  static const std::string kLift =
-      "name: lift\nmeasures: lift\ntruth: analytic\nspread: 0.1\nduration: 20\nusers:\n" + std::string{kLifters};
   static const std::string kDemo = with("demo", kDemoUsers);
   static const std::string kDemoLift = with("demo-lift", std::string{kDemoUsers} + kLifters);
   static const std::vector<BuiltInScenario> kScenarios{{"touch", kTouch},
                                                        {"follow", kFollow},
-                                                       {"lift", kLift.c_str()},
+                                                       {"lift", kLift},
                                                        {"grab", kGrab},
                                                        {"demo", kDemo.c_str()},
                                                        {"demo-lift", kDemoLift.c_str()},

@@ -124,8 +124,7 @@ class Tool {
   void for_each_carried(Visit&& visit) noexcept {
     have_here_ = false;
     visit(grip_), visit(result_), visit(pose_), visit(device_before_), visit(started_), visit(device_went_);
-    visit(owed_), visit(stuck_), visit(caught_), visit(held_back_), visit(rows_),
-        visit(row_count_);
+    visit(owed_), visit(stuck_), visit(caught_), visit(held_back_), visit(rows_), visit(row_count_);
     solver_.for_each_carried(visit);
   }
   [[nodiscard]] const spm::MeshProbe& probe() const noexcept { return probe_; }

@@ -71,7 +71,7 @@ ScenarioRun press_to_target(const Scenario& scenario, const Subject& subject, co
   const double target = action_of(scenario.users.front(), ActionKind::kHold).force;
   const double seconds = action_of(scenario.users.front(), ActionKind::kHold).seconds;
   SharedSession session{subject, settings_of(link, seed)};
-  let_in(session, scenario);
+  let_in(session, client_sim::varied(scenario, seed));
   std::vector<std::vector<double>> forces(scenario.users.size());
   for (double time = 0; time < scenario.duration; time += kDt) {
     if (stop) return {};
@@ -119,7 +119,7 @@ ScenarioRun lift_together(const Scenario& scenario, const Subject& subject, cons
   constexpr double kNearly = 0.9;  // of the height: held up there
   const double wanted = action_of(scenario.users.front(), ActionKind::kLift).height;
   SharedSession session{subject, settings_of(link, seed)};
-  let_in(session, scenario);
+  let_in(session, client_sim::varied(scenario, seed));
   const double ground = session.shared().start.position.z();
   double highest = 0, held = 0, tilt = 0, furthest = 0, peak = 0;
   for (double time = 0; time < scenario.duration; time += kDt) {
