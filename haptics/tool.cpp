@@ -16,7 +16,7 @@ constexpr std::uint32_t kMostObjects = 255;
 // Shares of the rounding.
 constexpr double kTouching = 0.1;   // what a contact may overlap for good
 constexpr double kLookAgain = 0.2;  // what it may before a way is solved for again
-constexpr double kBlocked = 0.5;    // never more; Tool::blocked
+constexpr double kBlocked = 0.5;    // never more
 constexpr double kStep = 1.5;       // the longest step in contact
 constexpr double kMargin = 0.4;     // how far beyond it pairs are gathered
 constexpr double kShort = 0.8;      // a way for which more are gathered at once
@@ -70,6 +70,8 @@ void Tool::reset() noexcept {
   row_count_ = 0;
   result_ = ToolResult{};
 }
+
+double Tool::blocked() const noexcept { return (1 - kBlocked) * settings_.rounding; }
 
 ToolPose Tool::moved(const ToolPose& pose, const Way& way) noexcept {
   return {pose.position + way.linear, (rotation_by(way.turn) * pose.orientation).normalized()};
@@ -437,9 +439,9 @@ void Tool::find_overlaps() noexcept {
   std::sort(overlaps_.begin(), overlaps_.end(), [](const Overlap& a, const Overlap& b) { return a.id < b.id; });
 }
 
-/// Along the normals of what is too near, outer ones where it meets, and with the device where that leads nearer to
-/// nothing. Without turning, without the solver, which such a tool keeps busy until the budget is gone, and without a
-/// look where it leads, which finds every way blocked.
+/// Along the normals of what is too near, outer ones where it meets, at `push_out`, and with the device where that
+/// leads nearer to nothing, no faster out than the device pulls. Without turning, without the solver, which such a tool
+/// keeps busy until the budget is gone, and without a look where it leads, which finds every way blocked.
 Tool::Step Tool::come_out(const ToolPose& device, double dt, double limit) noexcept {
   constexpr int kPasses = 2;
   Vec3d out = Vec3d::Zero(), along = to_device(device).linear;
@@ -459,13 +461,15 @@ Tool::Step Tool::come_out(const ToolPose& device, double dt, double limit) noexc
         result_.face = here_->found->blocks[pair / kWidth].face_id[pair % kWidth];
         result_.point = pose_.position + gap.arm;
       }
-  const double most = std::min(limit, settings_.rounding), size = along.norm();
   Way way;
-  way.linear = size > most ? Vec3d(along * (most / size)) : along;
   if (out.squaredNorm() > 0) {
     result_.normal = out.normalized();
-    way.linear += settings_.push_out * dt * result_.normal;
+    way.linear = settings_.push_out * dt * result_.normal;
+    const double pulled = std::max(0.0, to_device(device).linear.dot(result_.normal));
+    along -= std::max(0.0, along.dot(result_.normal) - pulled) * result_.normal;
   }
+  const double most = std::min(limit, settings_.rounding), size = along.norm();
+  way.linear += size > most ? Vec3d(along * (most / size)) : along;
   result_.contacts = 1;
   pose_ = moved(pose_, way);
   have_here_ = false;

@@ -186,7 +186,7 @@ class Tool {
   enum class Look : std::uint8_t { kFree, kTooNear, kBlocked };
 
   /// m; no way leads nearer.
-  [[nodiscard]] double blocked() const noexcept { return 0.5 * settings_.rounding; }
+  [[nodiscard]] double blocked() const noexcept;
   /// No point of the tool goes further.
   [[nodiscard]] double longest(const Way& way) const noexcept {
     return way.linear.norm() + way.turn.norm() * probe_.radius();

@@ -17,6 +17,13 @@ bool all_finite(const Array& values) noexcept {
   return true;
 }
 
+/// What is integrated must stay finite where it is added up and multiplied.
+constexpr double kMost = 1e9;
+template <class Array>
+bool all_moderate(const Array& values) noexcept {
+  return std::all_of(values.begin(), values.end(), [](double v) { return std::abs(v) <= kMost; });  // no NaN either
+}
+
 /// Such times may be subtracted from each other, and from those of any clock here, without overflow.
 bool is_time(std::int64_t ns) noexcept { return ns > -(std::int64_t{1} << 61) && ns < std::int64_t{1} << 61; }
 constexpr char kNoTime[] = "session_time_ns: expected within 2^61 ns of zero";
@@ -236,12 +243,13 @@ const char* fault(const session::ObjectCopy& c) noexcept {
   if (c.lines.size() < 2 || c.lines.size() > session::kMaxTouchers) return "lines: expected 2 to 8";
   if (c.place >= c.lines.size()) return "place: expected below the number of lines";
   if (const char* f = fault(c.body)) return f;
-  if (!all_finite(c.velocity)) return "velocity: expected finite numbers";
-  if (!all_finite(c.spin)) return "spin: expected finite numbers";
-  if (!all_finite(c.pressed)) return "pressed: expected finite numbers";
+  if (!all_moderate(c.body.position)) return "body.position: expected at most 1e9";
+  if (!all_moderate(c.velocity)) return "velocity: expected at most 1e9";
+  if (!all_moderate(c.spin)) return "spin: expected at most 1e9";
+  if (!all_moderate(c.pressed)) return "pressed: expected at most 1e9";
   for (const session::CopyLine& line : c.lines) {
-    if (!all_finite(line.wave)) return "lines.wave: expected finite numbers";
-    if (!not_negative(line.energy)) return "lines.energy: expected finite, at least 0";
+    if (!all_moderate(line.wave)) return "lines.wave: expected at most 1e9";
+    if (!not_negative(line.energy) || line.energy > kMost) return "lines.energy: expected 0 up to 1e9";
   }
   return nullptr;
 }

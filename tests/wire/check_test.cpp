@@ -187,6 +187,8 @@ TEST(Check, NamesTheWrongFieldOfWhatSharesAnObject) {
   expect_fault(copy(), "spin", [](auto& c) { c.spin[2] = kNan; });
   expect_fault(copy(), "pressed", [](auto& c) { c.pressed[1] = kInf; });
   expect_fault(copy(), "lines.wave", [](auto& c) { c.lines[0].wave[5] = kInf; });
+  expect_fault(copy(), "lines.wave", [](auto& c) { c.lines[1].wave[0] = -1e308; });
+  expect_fault(copy(), "lines.energy", [](auto& c) { c.lines[1].energy = 1e10; });
   expect_fault(copy(), "lines.energy", [](auto& c) { c.lines[1].energy = -1e-9; });
 }
 
