@@ -2,7 +2,6 @@
 
 #include <chrono>
 #include <map>
-#include <thread>
 #include <utility>
 #include <variant>
 #include <vector>
@@ -178,13 +177,10 @@ struct Sim::Impl {
     (void)main.clock.send(request);
   }
 
-  /// The roster acknowledges nothing: what it is told last it is told three times.
   void take_leave() {
-    constexpr std::chrono::milliseconds kBetween{10};  // so that one burst of loss does not take all
-    for (int i = 0; i < 2; ++i) {
-      std::this_thread::sleep_for(kBetween);
+    wire::say_last_words([this] {
       for (const auto& [from, entry] : last_words) (void)from->roster.send(entry);
-    }
+    });
     (void)main.control.wait_acknowledged(std::chrono::milliseconds{200});
   }
 

@@ -35,14 +35,12 @@ constexpr std::int64_t kHeartbeatNs = 100 * kMs;
 constexpr std::int64_t kClockNs = 500 * kMs;
 constexpr std::int64_t kMetricsNs = 1000 * kMs;
 constexpr std::int64_t kMetricsSoonNs = 100 * kMs;
-constexpr milliseconds kPoll{5};               // while an HRTC's readers are not found yet
-constexpr milliseconds kPatience{50};          // so soon a signal is noticed
-constexpr milliseconds kStep{1};               // while an object moves by itself
-constexpr milliseconds kHeld{5};               // while somebody holds one
-constexpr milliseconds kFarewell{300};         // for the catalogue's last words to arrive
-constexpr int kFarewells = 3;                  // to the roster, which acknowledges none
-constexpr milliseconds kBetweenFarewells{10};  // so that one burst of loss does not take all
-constexpr int kChunksPerRound = 64;            // then demands are looked at again
+constexpr milliseconds kPoll{5};        // while an HRTC's readers are not found yet
+constexpr milliseconds kPatience{50};   // so soon a signal is noticed
+constexpr milliseconds kStep{1};        // while an object moves by itself
+constexpr milliseconds kHeld{5};        // while somebody holds one
+constexpr milliseconds kFarewell{300};  // for the catalogue's last words to arrive
+constexpr int kChunksPerRound = 64;     // then demands are looked at again
 constexpr std::size_t kInboxCapacity = 8192;
 constexpr double kGap = 0.05;  // m, between objects that are given no pose
 
@@ -448,10 +446,7 @@ void Host::Impl::send_metrics() {
 void Host::Impl::leave() {
   send_catalogue(true);
   send_metrics();
-  for (int i = 0; i < kFarewells; ++i) {
-    send_roster(true);
-    std::this_thread::sleep_for(kBetweenFarewells);
-  }
+  wire::say_last_words([this] { send_roster(true); });
   (void)catalogue_out.wait_acknowledged(kFarewell);
   const session::DeliveryCounters& all = server.counters();
   say("left the session after sending " + std::to_string(all.regions) + " regions with " + std::to_string(all.records) +

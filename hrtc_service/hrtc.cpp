@@ -774,10 +774,7 @@ void Hrtc::Impl::finish() {
     send_metrics(true);
     std::this_thread::sleep_for(std::chrono::milliseconds{20});
   }
-  for (int i = 0; i < 3; ++i) {
-    send_roster(true);
-    std::this_thread::sleep_for(std::chrono::milliseconds{10});  // so that one burst of loss does not take all
-  }
+  wire::say_last_words([this] { send_roster(true); });
 }
 
 int Hrtc::Impl::run(const std::atomic<bool>& stop) {

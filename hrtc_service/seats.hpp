@@ -44,11 +44,11 @@ class Seats {
   std::optional<std::uint64_t> unseat(const std::string& user);
   [[nodiscard]] std::vector<std::string> users_of(std::uint64_t client) const;
 
-  /// From a sample that has come; session time is so far behind our clock.
+  /// What a user wishes of a simulated hand. `ahead_ns`: our clock less session time.
   void on_intent(const session::Intent& intent, std::int64_t ahead_ns);
   /// Hands to the haptic thread what has sent its first pose since the last call.
   void open_remote_devices();
-  /// How far session time is ahead of our clock, for the poses that come from now on.
+  /// Session time less our clock, for the poses that come from now on.
   void on_clock(std::int64_t session_offset_ns) noexcept { session_offset_ns_ = session_offset_ns; }
 
   [[nodiscard]] std::vector<session::UserSlot> slots() const { return slots_.list(); }
