@@ -91,7 +91,7 @@ class BareWork {
 struct Outcome {
   Samples bare, own, wall, own_alone, own_beside, refine_refit, query, force, granted;  // us, units
   Samples late_touch, late_refine;                                                      // of cycles past the deadline
-  std::uint64_t cycles = 0, contact = 0, exact = 0, in_time = 0, spent = 0;
+  std::uint64_t cycles = 0, contact = 0, exact = 0, in_time = 0, bare_in_time = 0, spent = 0;
   double refit_unit_ns = 0, surprise_us = 0;
   // Normal equations of refine + refit, ns, over 1, list entries visited and records changed.
   Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
@@ -135,7 +135,9 @@ Outcome run_deadline(const spm::Model& model, const Settings& settings, const st
     if (costs.foreseen > 0)
       governor.observe(costs.visits * spm::Budget::kVisit + costs.changes * spm::Budget::kChange, costs.refit, own_ns,
                        costs.foreseen);
-    outcome.bare.add(bare.run());
+    const double bare_us = bare.run();
+    outcome.bare.add(bare_us);
+    if (bare_us < deadline_us) ++outcome.bare_in_time;
     outcome.own.add(own);
     outcome.wall.add(wall);
     (beside ? outcome.own_beside : outcome.own_alone).add(own);
@@ -205,6 +207,8 @@ int run(const Settings& settings) {
       report.row("T_R + T_B of late cycles", all, "us", outcome.late_refine);
     }
     report.row("bare computing after each cycle", all, "us", outcome.bare);
+    report.figure("  within the deadline", all, "% of all cycles",
+                  100.0 * static_cast<double>(outcome.bare_in_time) / static_cast<double>(outcome.cycles));
     report.row("granted", all, "unit", outcome.granted);
     report.figure("cycles whose refinement was stopped", all, "%",
                   100.0 * static_cast<double>(outcome.spent) / static_cast<double>(outcome.cycles));

@@ -92,7 +92,7 @@ inline unsigned highest_bit(unsigned bits) noexcept { return 31u - static_cast<u
 }  // namespace
 
 NodePool::NodePool(std::uint32_t nodes)
-    : nodes_(nodes), free_{nodes}, index_{nodes}, kept_(kKeptNodes), kept_of_(kKeptNodes) {}
+    : nodes_(nodes), free_{nodes}, index_{nodes}, kept_(kKeptNodes), kept_of_(kKeptNodes), vicinities_(kVicinities) {}
 
 AbTree::AbTree(Pool& pool, NodePool& nodes, std::uint32_t object, std::uint32_t finest_faces)
     : pool_{pool}, nodes_{nodes}, object_{object}, finest_faces_{finest_faces} {
@@ -247,6 +247,7 @@ RefitCount AbTree::refit(Watch* watches, std::uint32_t watch_count) noexcept {
       slot = next;
     }
   }
+  if (count.marked > 0) ++nodes_.refits_;
   // What moves from one side of a ball to the other without a face near it leaves the ball within all that changed.
   for (std::uint32_t i = 0; i < watch_count && count.marked > 0; ++i) {
     Watch& watch = watches[i];

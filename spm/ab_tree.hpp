@@ -26,6 +26,7 @@
 #include "spm/model.hpp"
 #include "spm/pool.hpp"
 #include "spm/triangle.hpp"
+#include "spm/vicinity.hpp"
 
 namespace tactus::spm {
 
@@ -91,6 +92,9 @@ class NodePool {
   std::uint64_t keeping_number_ = 1;
   bool keeping_ = false;
   bool changed_ = false;  // something, since keeping began
+  std::uint64_t refits_ = 1;
+  std::vector<Vicinity> vicinities_;
+  std::uint64_t vicinities_used_ = 0;
 };
 
 /// First touch of a moving ball.
@@ -221,6 +225,12 @@ class AbTree {
   /// of `point`, in tree order.
   template <class Visit>
   void walk_near(const Vec3d& point, double radius, Visit&& visit) const noexcept;
+  /// Where a sweep on the mesh of now, or on the kept one, finds what is around a ball; null where that is too much. Of
+  /// what nothing knows yet it is sought.
+  [[nodiscard]] const Vicinity* vicinity(const Vec3d& centre, double radius, bool kept, double slack) const noexcept;
+  /// One that knows all within `within` of `point`; null when there is none.
+  [[nodiscard]] const Vicinity* known_vicinity(const Vec3d& point, double within, bool kept) const noexcept;
+  void fill(Vicinity& around, double within, bool kept) const noexcept;
   /// What queries read of a node of level 1, and of one above.
   void prefetch_triangles(std::uint32_t node) const noexcept {
     for (int row = 0; row < lanes::kTriangleRows; row += 2) __builtin_prefetch(&nodes_[node].lanes[row]);

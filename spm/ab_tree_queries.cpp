@@ -100,13 +100,75 @@ std::uint32_t AbTree::touching(const Vec3d& centre, double radius, Contact* out,
   return count;
 }
 
+const Vicinity* AbTree::known_vicinity(const Vec3d& point, double within, bool kept) const noexcept {
+  const std::uint64_t keeping = kept ? nodes_.keeping_number_ : 0;
+  for (Vicinity& around : nodes_.vicinities_) {
+    if (around.object != object_ || around.refit != nodes_.refits_ || around.keeping != keeping ||
+        !(around.known_around(point) >= within))
+      continue;
+    around.used = ++nodes_.vicinities_used_;
+    return &around;
+  }
+  return nullptr;
+}
+
+void AbTree::fill(Vicinity& around, double within, bool kept) const noexcept {
+  around.object = object_;
+  around.refit = nodes_.refits_;
+  around.keeping = kept ? nodes_.keeping_number_ : 0;
+  around.used = ++nodes_.vicinities_used_;
+  around.reach = within;
+  around.crowded = false;
+  around.count = 0;
+  const FloatPoint p{around.centre};
+  const auto take = [&](const TreeNode& node, unsigned near) noexcept {
+    lanes::Closest closest;
+    lanes::kBest.closest_points(node.lanes.data(), p.exact, near, closest);
+    double nearest = within * within;
+    unsigned reached = 0;
+    for (unsigned lane = 0; lane < TreeNode::kWidth; ++lane) {
+      if (!(closest.squared_distance[lane] <= within * within)) continue;
+      reached |= 1u << lane;
+      nearest = std::min(nearest, closest.squared_distance[lane]);
+    }
+    if (reached == 0) return;
+    if (around.count < Vicinity::kMostLeaves)
+      around.leaves[around.count++] = {&node, std::sqrt(nearest), reached};
+    else
+      around.crowded = true;
+  };
+  walk_near(around.centre, within, [&](std::uint32_t, const TreeNode& node, unsigned near) {
+    if (!kept || node.kept != nodes_.keeping_number_) take(node, near);
+  });
+  for (std::uint32_t i = 0; kept && i < nodes_.kept_count_; ++i) {
+    if (nodes_.kept_of_[i] != object_) continue;
+    const TreeNode& node = nodes_.kept_[i];
+    const unsigned near = lanes::kBest.triangles_within(node.lanes.data(), p.at, p.squared(within));
+    if (near != 0) take(node, near);
+  }
+}
+
+const Vicinity* AbTree::vicinity(const Vec3d& centre, double radius, bool kept, double slack) const noexcept {
+  constexpr double kWorthwhile = Vicinity::kAround / 4;
+  const Vicinity* found = known_vicinity(centre, radius * (1 + kWorthwhile) + slack, kept);
+  if (found == nullptr) {
+    Vicinity& oldest = *std::min_element(nodes_.vicinities_.begin(), nodes_.vicinities_.end(),
+                                         [](const Vicinity& a, const Vicinity& b) noexcept { return a.used < b.used; });
+    oldest.centre = centre;
+    fill(oldest, radius * (1 + Vicinity::kAround) + slack, kept);
+    found = &oldest;
+  }
+  return found->crowded ? nullptr : found;
+}
+
 bool AbTree::sweep(const Vec3d& from, const Vec3d& to, double radius, SweepContact& first,
                    Version version) const noexcept {
-  const bool kept = version == Version::kKept && nodes_.keeping_;
-  if (root_ == kNone && !kept) return false;
+  const bool kept = version == Version::kKept && nodes_.kept_differ();
   const Vec3d motion = to - from;
   const double length = motion.norm();
+  if (!(length > 0) || (root_ == kNone && !kept)) return false;
   const double greatest = std::max(from.cwiseAbs().maxCoeff(), to.cwiseAbs().maxCoeff());
+  const double slack = 4e-7 * greatest + 1e-6 * radius;
   const lanes::Sweep swept{
       {from[0], from[1], from[2]}, {motion[0], motion[1], motion[2]}, radius, length, greatest + radius};
   lanes::Way way;
@@ -114,7 +176,7 @@ bool AbTree::sweep(const Vec3d& from, const Vec3d& to, double radius, SweepConta
   double limit = 1;
   const auto shorten = [&](double time) noexcept {
     limit = time;
-    const double slack = 4e-7 * greatest, grown = radius * (1 + 1e-6) + slack;
+    const double grown = radius + slack;
     const Vec3d end = from + time * motion;
     const FloatPoint middle{(from + end) / 2};
     way.middle = middle.at;
@@ -123,20 +185,23 @@ bool AbTree::sweep(const Vec3d& from, const Vec3d& to, double radius, SweepConta
     for (int axis = 0; axis < 3; ++axis) {
       way.low[axis] = static_cast<float>(std::min(from[axis], end[axis]) - grown);
       way.high[axis] = static_cast<float>(std::max(from[axis], end[axis]) + grown);
-      way.direction[axis] = length > 0 ? static_cast<float>(motion[axis] / length) : 0;
+      way.direction[axis] = static_cast<float>(motion[axis] / length);
       behind += double{way.direction[axis]} * from[axis];
     }
-    way.behind = static_cast<float>(behind - 4 * slack - 1e-6 * radius);
+    way.behind = static_cast<float>(behind - 4 * slack);
   };
-  const auto offer = [&](const TreeNode& node) noexcept {
-    const unsigned near = lanes::kBest.triangles_on(node.lanes.data(), way);
+  const auto offer = [&](const TreeNode& node, unsigned wanted) noexcept {
+    const unsigned near = lanes::kBest.triangles_on(node.lanes.data(), way) & wanted;
     if (near == 0) return;
     lanes::Doubles earliest;
-    for (unsigned left = lanes::kBest.touched_by(node.lanes.data(), swept, near, limit, earliest); left != 0;
-         left &= left - 1) {
-      const unsigned i = lowest_bit(left);
+    unsigned left = lanes::kBest.touched_by(node.lanes.data(), swept, near, limit, earliest);
+    while (left != 0) {
+      unsigned i = lowest_bit(left);  // what may be first is, most often, and leaves the others nothing to find
+      for (unsigned others = left & (left - 1); others != 0; others &= others - 1)
+        if (earliest[lowest_bit(others)] < earliest[i]) i = lowest_bit(others);
+      if (earliest[i] > limit) return;
+      left &= ~(1u << i);
       SweepHit touch;
-      if (earliest[i] > limit) continue;
       if (!swept_sphere(from, to, radius, corner(node, i, 0), corner(node, i, 1), corner(node, i, 2), touch)) continue;
       const FaceId face{node.id * TreeNode::kWidth + i};
       if (found && !(touch.time < first.time || (touch.time == first.time && face < first.face))) continue;
@@ -153,24 +218,35 @@ bool AbTree::sweep(const Vec3d& from, const Vec3d& to, double radius, SweepConta
     while (depth > 0) {
       const TreeNode& node = nodes_[stack[--depth]];
       if (node.level == 1) {
-        if (!kept || node.kept != nodes_.keeping_number_) offer(node);
+        if (!kept || node.kept != nodes_.keeping_number_) offer(node, lanes::kAllLanes);
         continue;
       }
       for (unsigned hit = lanes::kBest.boxes_on(node.lanes.data(), way); hit != 0; hit &= ~(1u << highest_bit(hit)))
         stack[depth++] = node.child[highest_bit(hit)];
     }
     for (std::uint32_t i = 0; kept && i < nodes_.kept_count_; ++i)
-      if (nodes_.kept_of_[i] == object_) offer(nodes_.kept_[i]);
+      if (nodes_.kept_of_[i] == object_) offer(nodes_.kept_[i], lanes::kAllLanes);
   };
-  // A proxy that rests on a surface is stopped at once: look there first, where few faces are.
-  constexpr double kAtOnce = 0.01;  // of the radius
-  const double at_once = length > 0 ? kAtOnce * radius / length : 1;
-  if (at_once < 0.5) {
-    search(at_once);
-    if (found && first.time <= at_once) return true;
+  // A proxy that rests on a surface is stopped at once: look there first, where few faces are, and then ever further.
+  constexpr double kAtOnce = 0.002, kNear = 0.01;  // of the radius
+  constexpr double kFurther = 4;
+  double time = radius > 0 ? std::min(1.0, kNear * radius / length) : 1;
+  if (const Vicinity* around = radius > 0 ? vicinity(from, radius, kept, slack) : nullptr; around != nullptr) {
+    const double moved = (from - around->centre).norm() + radius + slack;
+    const double known = std::min(1.0, (around->reach - moved) / length);
+    for (const double until : {std::min(known, kAtOnce * radius / length), known}) {
+      shorten(found ? first.time : until);
+      for (std::uint32_t i = 0; i < around->count; ++i)
+        if (around->leaves[i].distance <= moved + limit * length)
+          offer(*around->leaves[i].node, around->leaves[i].lanes);
+      if ((found && first.time <= until) || until >= 1) return found;
+    }
+    time = std::min(1.0, kFurther * known);
   }
-  search(found ? first.time : 1);
-  return found;
+  for (;; time = std::min(1.0, kFurther * time)) {
+    search(found ? std::min(time, first.time) : time);
+    if ((found && first.time <= time) || time >= 1) return found;
+  }
 }
 
 std::uint32_t AbTree::nearest(const Vec3d& point, double within, double more, NearestFace& best, std::uint32_t* rows,
@@ -178,8 +254,9 @@ std::uint32_t AbTree::nearest(const Vec3d& point, double within, double more, Ne
   if (root_ == kNone) return 0;
   const FloatPoint p{point};
   best.squared_distance = within * within;
-  double squared_more = (within + more) * (within + more);
-  float squared_limit = p.squared(within + more);
+  double reach = within + more;
+  double squared_more = reach * reach;
+  float squared_limit = p.squared(reach);
   struct Near {
     std::uint32_t face, row;
     double squared;
@@ -193,33 +270,10 @@ std::uint32_t AbTree::nearest(const Vec3d& point, double within, double more, Ne
       if (near_faces[i].squared <= squared_more) near_faces[kept++] = near_faces[i];
     near_count = kept;
   };
-  struct Entry {
-    std::uint32_t node;
-    float squared;
-  };
-  std::array<Entry, kStack> stack;
-  int depth = 0;
-  stack[depth++] = {root_, 0};
   bool found = false;
-  while (depth > 0) {
-    const Entry entry = stack[--depth];
-    if (entry.squared > squared_limit) continue;
-    const TreeNode& node = nodes_[entry.node];
-    if (node.level > 1) {
-      lanes::Floats squared;
-      lanes::kBest.box_distances(node.lanes.data(), p.at, squared);
-      const int first = depth;
-      for (unsigned i = 0; i < TreeNode::kWidth; ++i) {
-        if (!(squared[i] <= squared_limit)) continue;
-        int place = depth++;  // farthest first, so that the nearest is taken next
-        for (; place > first && stack[place - 1].squared < squared[i]; --place) stack[place] = stack[place - 1];
-        stack[place] = {node.child[i], squared[i]};
-        prefetch(node.child[i]);
-      }
-      continue;
-    }
+  const auto offer = [&](const TreeNode& node) noexcept {
     const unsigned near = lanes::kBest.triangles_within(node.lanes.data(), p.at, squared_limit);
-    if (near == 0) continue;
+    if (near == 0) return;
     lanes::Closest closest;
     lanes::kBest.closest_points(node.lanes.data(), p.exact, near, closest);
     for (unsigned i = 0; i < TreeNode::kWidth; ++i) {
@@ -231,14 +285,50 @@ std::uint32_t AbTree::nearest(const Vec3d& point, double within, double more, Ne
       if (nearer) {
         found = true;
         best = {FaceId{face}, {closest.point[0][i], closest.point[1][i], closest.point[2][i]}, squared, node.child[i]};
-        const double limit = std::sqrt(squared) + more;
-        squared_more = std::max(squared, limit * limit);
-        squared_limit = p.squared(limit);
+        reach = std::sqrt(squared) + more;
+        squared_more = std::max(squared, reach * reach);
+        squared_limit = p.squared(reach);
       }
       if (capacity == 0) continue;
       if (near_count == capacity) drop_far();
       if (near_count < capacity) near_faces[near_count++] = {face, node.child[i], squared};
     }
+  };
+  const auto search = [&]() noexcept {
+    struct Entry {
+      std::uint32_t node;
+      float squared;
+    };
+    std::array<Entry, kStack> stack;
+    int depth = 0;
+    stack[depth++] = {root_, 0};
+    while (depth > 0) {
+      const Entry entry = stack[--depth];
+      if (entry.squared > squared_limit) continue;
+      const TreeNode& node = nodes_[entry.node];
+      if (node.level == 1) {
+        offer(node);
+        continue;
+      }
+      lanes::Floats squared;
+      lanes::kBest.box_distances(node.lanes.data(), p.at, squared);
+      const int first = depth;
+      for (unsigned i = 0; i < TreeNode::kWidth; ++i) {
+        if (!(squared[i] <= squared_limit)) continue;
+        int place = depth++;  // farthest first, so that the nearest is taken next
+        for (; place > first && stack[place - 1].squared < squared[i]; --place) stack[place] = stack[place - 1];
+        stack[place] = {node.child[i], squared[i]};
+        prefetch(node.child[i]);
+      }
+    }
+  };
+  const Vicinity* around = known_vicinity(point, within + more + p.slack, false);
+  if (around == nullptr || around->crowded) {
+    search();
+  } else {
+    const double moved = (point - around->centre).norm() + p.slack;
+    for (std::uint32_t i = 0; i < around->count; ++i)
+      if (around->leaves[i].distance <= moved + reach) offer(*around->leaves[i].node);
   }
   if (!found) return 0;
   drop_far();

@@ -3,6 +3,7 @@
 #include "spm/flat_index.hpp"
 #include "spm/free_set.hpp"
 #include "spm/loaded_front.hpp"
+#include "spm/vicinity.hpp"
 
 namespace tactus::spm {
 
@@ -15,8 +16,9 @@ std::uint64_t PoolSettings::bytes() const noexcept {
                                  sizeof(std::uint32_t);
   return per_slot * slots + FlatIndex::bytes(slots) + FlatIndex::bytes(2 * slots) + FreeSet::bytes(slots) +
          std::uint64_t{kTreeNodeBytes} * tree_nodes +
-         (kTreeNodeBytes + sizeof(std::uint32_t)) * std::uint64_t{kKeptNodes} + FlatIndex::bytes(tree_nodes) +
-         FreeSet::bytes(tree_nodes) + (sizeof(ListBlock) + sizeof(std::uint32_t)) * list_blocks +
+         (kTreeNodeBytes + sizeof(std::uint32_t)) * std::uint64_t{kKeptNodes} + kVicinities * sizeof(Vicinity) +
+         FlatIndex::bytes(tree_nodes) + FreeSet::bytes(tree_nodes) +
+         (sizeof(ListBlock) + sizeof(std::uint32_t)) * list_blocks +
          (kCodedBlockBytes + 2 * sizeof(std::uint16_t)) * std::uint64_t{coded_blocks} + FlatIndex::bytes(coded_blocks);
 }
 

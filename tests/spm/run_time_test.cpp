@@ -499,6 +499,77 @@ TEST_P(RunTime, SweepsOnTheKeptMeshMeetTheMeshAsItWas) {
   EXPECT_GT(differed, 20) << "else nothing was kept that mattered";
 }
 
+TEST_P(RunTime, BallsThatSlideMeetWhatBruteForceSaysOnEitherMesh) {
+  std::mt19937_64 random{GetParam()};
+  Controller controller{model_, roomy()};
+  for (const RegionId region : all_regions(model_)) ASSERT_EQ(controller.load(region), AcceptResult::kAccepted);
+  ASSERT_EQ(controller.refine({}), spm::Advance::kDone);
+  const spm::Vec3d low = bounds().first, high = bounds().second;
+  std::uniform_real_distribution<double> unit{0, 1};
+  const auto point = [&] {
+    return spm::Vec3d{low + (high - low).cwiseProduct(spm::Vec3d{unit(random), unit(random), unit(random)})};
+  };
+  const spm::AbTree& tree = controller.forest().tree();
+  using Triangles = std::vector<std::array<spm::Vec3d, 3>>;
+  const auto triangles = [&] {
+    Triangles all;
+    for (const std::uint32_t number : tree.shown()) {
+      const std::array<float, 9> c = tree.corners(number);
+      all.push_back({spm::Vec3d{c[0], c[1], c[2]}, spm::Vec3d{c[3], c[4], c[5]}, spm::Vec3d{c[6], c[7], c[8]}});
+    }
+    return all;
+  };
+  const auto distance = [](const Triangles& all, const spm::Vec3d& p) {
+    double squared = 1e300;
+    for (const auto& [a, b, c] : all) squared = std::min(squared, spm::closest_point(p, a, b, c).squared_distance);
+    return std::sqrt(squared);
+  };
+  spm::Vec3d at = point();
+  int met = 0, passed = 0, met_far = 0;
+  for (int round = 0; round < 60; ++round) {
+    const Triangles before = triangles();
+    std::vector<RegionId> wanted = all_regions(model_);
+    std::shuffle(wanted.begin(), wanted.end(), random);
+    wanted.resize(random() % 6);
+    controller.forest().keep(true);
+    ASSERT_NE(controller.refine(wanted, static_cast<std::uint32_t>(random() % 4000)), spm::Advance::kKeptFull);
+    const Triangles after = triangles();
+    for (const spm::Version version : {spm::Version::kNow, spm::Version::kKept, spm::Version::kNow}) {
+      const Triangles& all = version == spm::Version::kNow ? after : before;
+      if (random() % 2 == 0) at = point();  // else where the last one ended, whatever has changed around it
+      const double radius = std::max(distance(all, at) * (1 - 1e-4), 1e-3 * (high - low).norm());
+      for (int step = 0; step < 8; ++step) {
+        // From a thousandth of the radius to four times it, as it is when a proxy is stopped, slides, or comes free.
+        const double length = radius * std::pow(10.0, -3 + 3.6 * unit(random));
+        const spm::Vec3d to = at + length * (point() - point()).normalized();
+        double first = 2;
+        for (const auto& [a, b, c] : all) {
+          spm::SweepHit hit;
+          if (spm::swept_sphere(at, to, radius, a, b, c, hit)) first = std::min(first, hit.time);
+        }
+        spm::SweepContact contact;
+        ASSERT_EQ(tree.sweep(at, to, radius, contact, version), first <= 1) << "round " << round << ", step " << step;
+        if (first <= 1) {
+          ASSERT_EQ(contact.time, first) << "round " << round << ", step " << step;
+        }
+        ++(first > 1 ? passed : first * length > 0.1 * radius ? met_far : met);
+        at += std::min(1.0, first) * (1 - 1e-6) * (to - at);
+        spm::NearestFace near;
+        const double nearest = distance(after, at);
+        if (tree.nearest(at, 1.003 * radius, near)) {
+          ASSERT_NEAR(std::sqrt(near.squared_distance), nearest, 1e-7 * (high - low).norm());
+        } else {
+          ASSERT_GT(nearest, 1.002 * radius);
+        }
+      }
+    }
+    controller.forest().keep(false);
+  }
+  EXPECT_GT(met, 100);
+  EXPECT_GT(passed, 100);
+  EXPECT_GT(met_far, 20);
+}
+
 TEST_P(RunTime, RefinementStopsWhenWhatItChangesCanNoLongerBeKept) {
   const OwnedModel large = random_model(GetParam(), 16 * kRecords, kCells);
   Controller controller{large.model(), spm::PoolSettings::for_slots(4 * 8192)};
