@@ -25,6 +25,7 @@
 #include "spm/lanes.hpp"
 #include "spm/model.hpp"
 #include "spm/pool.hpp"
+#include "spm/prefetch.hpp"
 #include "spm/triangle.hpp"
 #include "spm/vicinity.hpp"
 
@@ -171,9 +172,9 @@ class AbTree {
   void prefetch_update(const FaceRow& row, std::uint32_t corner) const noexcept {
     if (row.node == kNone) return;
     const TreeNode& node = nodes_.nodes_[row.node];
-    __builtin_prefetch(&node.lanes[3 * corner]);
-    __builtin_prefetch(&node.lanes[3 * corner + 2]);
-    __builtin_prefetch(&node.parent);
+    spm::prefetch(&node.lanes[3 * corner]);
+    spm::prefetch(&node.lanes[3 * corner + 2]);
+    spm::prefetch(&node.parent);
   }
 
   /// Makes all boxes right again and frees the nodes that are empty. Must come before a query. Tells the `count`
@@ -233,20 +234,20 @@ class AbTree {
   void fill(Vicinity& around, double within, bool kept) const noexcept;
   /// What queries read of a node of level 1, and of one above.
   void prefetch_triangles(std::uint32_t node) const noexcept {
-    for (int row = 0; row < lanes::kTriangleRows; row += 2) __builtin_prefetch(&nodes_[node].lanes[row]);
+    for (int row = 0; row < lanes::kTriangleRows; row += 2) spm::prefetch(&nodes_[node].lanes[row]);
   }
   void prefetch_children(std::uint32_t node) const noexcept {
-    for (int row = 0; row < lanes::kBoxRows; row += 2) __builtin_prefetch(&nodes_[node].lanes[row]);
-    __builtin_prefetch(&nodes_[node].child);
+    for (int row = 0; row < lanes::kBoxRows; row += 2) spm::prefetch(&nodes_[node].lanes[row]);
+    spm::prefetch(&nodes_[node].child);
   }
   void prefetch(std::uint32_t node) const noexcept {
     prefetch_triangles(node);
-    __builtin_prefetch(&nodes_[node].child);
+    spm::prefetch(&nodes_[node].child);
   }
   /// What refit does.
   void prefetch_boxes(std::uint32_t node) const noexcept {
-    for (int row = 0; row < lanes::kBoxRows; row += 2) __builtin_prefetch(&nodes_[node].lanes[row]);
-    __builtin_prefetch(&nodes_[node].parent);
+    for (int row = 0; row < lanes::kBoxRows; row += 2) spm::prefetch(&nodes_[node].lanes[row]);
+    spm::prefetch(&nodes_[node].parent);
   }
   /// What a node of level 1 is, before it first changes. There must be room.
   void keep(TreeNode& node) noexcept {

@@ -9,6 +9,7 @@
 
 #include "spm/assert.hpp"
 #include "spm/ids.hpp"
+#include "spm/prefetch.hpp"
 
 namespace tactus::spm {
 
@@ -34,7 +35,7 @@ class FlatIndex {
   }
 
   /// Brings the place where `key` is looked for first into the cache.
-  void prefetch(std::uint64_t key) const noexcept { __builtin_prefetch(&places_[home(key)]); }
+  void prefetch(std::uint64_t key) const noexcept { spm::prefetch(&places_[home(key)]); }
 
   /// `key` must be absent; key and value must fit their bits, and the key not be all ones.
   void insert(std::uint64_t key, std::uint32_t value) noexcept {

@@ -4,6 +4,8 @@
 #include <array>
 #include <map>
 
+#include "spm/prefetch.hpp"
+
 namespace tactus::spm {
 namespace {
 
@@ -139,19 +141,19 @@ void Forest::fetch(const std::uint32_t* slots, std::uint32_t count, bool splitti
   for (std::uint32_t i = 0; i < count; ++i) {
     const SlotState state = pool_.state[slots[i]];
     if (splitting ? state.shown() : state.wanted() > 1) continue;
-    __builtin_prefetch(&parts[slots[i]]);
+    prefetch(&parts[slots[i]]);
     changing[changes++] = slots[i];
   }
   for (std::uint32_t i = 0; i < changes; ++i) {
     const std::uint32_t slot = changing[i];
     const RecordPart& part = parts[slot];
-    __builtin_prefetch(&rows[2 * slot]);
-    __builtin_prefetch(&vertices[splitting ? slot : part.parent]);
-    for (int k = 0; k < part.deformed_count; ++k) __builtin_prefetch(&rows[part.deformed[k].face()]);
+    prefetch(&rows[2 * slot]);
+    prefetch(&vertices[splitting ? slot : part.parent]);
+    for (int k = 0; k < part.deformed_count; ++k) prefetch(&rows[part.deformed[k].face()]);
     if (!splitting) continue;
     for (int k = 0; k < part.born_count; ++k) {
       tree_.prefetch_entry(part.born[k].face());
-      __builtin_prefetch(&vertices[part.born_x[k]]);
+      prefetch(&vertices[part.born_x[k]]);
     }
   }
   for (std::uint32_t i = 0; i < changes; ++i) {

@@ -7,6 +7,7 @@
 
 #include "spm/ids.hpp"
 #include "spm/offline/parallel.hpp"
+#include "spm/prefetch.hpp"
 
 namespace tactus::spm::offline {
 namespace {
@@ -42,7 +43,7 @@ std::vector<std::uint32_t> first_equals(std::size_t count, unsigned threads, Has
     std::vector<std::uint32_t> table(size, kNone);
     constexpr std::size_t kAhead = 16;  // their places are on their way from memory
     for (std::size_t i = 0; i < count; ++i) {
-      if (i + kAhead < count && is_own(i + kAhead)) __builtin_prefetch(&table[hashes[i + kAhead] & mask]);
+      if (i + kAhead < count && is_own(i + kAhead)) prefetch(&table[hashes[i + kAhead] & mask]);
       if (!is_own(i)) continue;
       const auto item = static_cast<std::uint32_t>(i);
       std::size_t at = hashes[i] & mask;
