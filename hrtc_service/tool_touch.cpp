@@ -30,7 +30,11 @@ const haptics::ToolResult& ToolTouch::step(const haptics::ToolPose& device, doub
     const Placement& placement = surface.placement(i);
     // What moves would carry a tool that sticks to it; a tool does not go along, so it slides.
     const double friction = object.body ? 0 : object.material.dynamic_friction;
-    objects_[i] = {&object.forest->tree(), placement.rotation(), placement.translation(), placement.scale(), friction,
+    objects_[i] = {&object.forest->tree(),
+                   placement.rotation(),
+                   placement.translation(),
+                   placement.scale(),
+                   friction,
                    object.index};
     near |= std::uint64_t{1} << object.index;
   }

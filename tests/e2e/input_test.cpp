@@ -178,18 +178,19 @@ TEST_F(InputTest, OfTheControllerIsRefused) {
 
 TEST_F(InputTest, OfTheUsersIsRefused) {
   expect_refused("sim", wrong_addresses({"--json", path("new.json")}));
-  expect_refused("sim", {
-                            {{"surplus"}, {"surplus"}},
-                            {{"--seconds", "0"}, {"--seconds", "0.1"}},
-                            {{"--patience", "-1"}, {"--patience", "0.1"}},
-                            {{"--scenario", "dmeo"}, {"'dmeo'", "touch, follow, lift, grab, demo", "nor a readable file"}},
-                            {{"--scenario", path("key.yaml")}, {"key.yaml:5:", "unknown key 'spede'", "expected"}},
-                            {{"--scenario", path("list.yaml")}, {"list.yaml:1:", "expected a map"}},
-                            {{"--scenario", path("nonsense.spm")}, {"nonsense.spm:1:"}},
-                            {{"--scenario", path("empty_qos")}, {"empty_qos"}},
-                            {{"--json", path("no/such.json")}, {"no/such.json", "cannot write"}},
-                            {{"--json", path("empty_qos")}, {"empty_qos", "cannot write"}},
-                        });
+  expect_refused("sim",
+                 {
+                     {{"surplus"}, {"surplus"}},
+                     {{"--seconds", "0"}, {"--seconds", "0.1"}},
+                     {{"--patience", "-1"}, {"--patience", "0.1"}},
+                     {{"--scenario", "dmeo"}, {"'dmeo'", "touch, follow, lift, grab, demo", "nor a readable file"}},
+                     {{"--scenario", path("key.yaml")}, {"key.yaml:5:", "unknown key 'spede'", "expected"}},
+                     {{"--scenario", path("list.yaml")}, {"list.yaml:1:", "expected a map"}},
+                     {{"--scenario", path("nonsense.spm")}, {"nonsense.spm:1:"}},
+                     {{"--scenario", path("empty_qos")}, {"empty_qos"}},
+                     {{"--json", path("no/such.json")}, {"no/such.json", "cannot write"}},
+                     {{"--json", path("empty_qos")}, {"empty_qos", "cannot write"}},
+                 });
 }
 
 TEST_F(InputTest, OfTheMeshToolIsRefused) {

@@ -69,8 +69,7 @@ TEST_F(RosterTest, ThatTheSessionIsStoppedIsNewsOnceFromEachUntilItSaysOtherwise
   EXPECT_THAT(see(says(1, 5), 40), ElementsAre(RosterChange::kStopped));
   EXPECT_THAT(see(says(2, 1), 50), ElementsAre(RosterChange::kRestarted, RosterChange::kStopped));
   EXPECT_THAT(changes(roster_.tick(600 * kMs)), ElementsAre(RosterChange::kGone));
-  EXPECT_THAT(see(says(2, 2), 700 * kMs), ElementsAre(RosterChange::kJoined, RosterChange::kStopped))
-      << "a partition";
+  EXPECT_THAT(see(says(2, 2), 700 * kMs), ElementsAre(RosterChange::kJoined, RosterChange::kStopped)) << "a partition";
 }
 
 TEST_F(RosterTest, RefusesAnotherProtocolVersionNamingBothOnce) {
