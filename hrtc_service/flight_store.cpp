@@ -30,7 +30,7 @@ Value value_of(const std::uint64_t* entry) noexcept {
 /// Of a kObject.
 const TouchObject& object_of(const std::uint64_t* entry) noexcept {
   const TouchObject* object = nullptr;
-  std::memcpy(&object, entry + size_of(entry) - 1, sizeof object);
+  std::memcpy(&object, entry + size_of(entry) - 1, sizeof(void*));
   return *object;
 }
 
