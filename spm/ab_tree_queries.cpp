@@ -229,8 +229,8 @@ bool AbTree::sweep(const Vec3d& from, const Vec3d& to, double radius, SweepConta
   };
   // A proxy that rests on a surface is stopped at once: look there first, where few faces are, and then ever further.
   constexpr double kAtOnce = 0.002, kNear = 0.01;  // of the radius
-  constexpr double kFurther = 4;
-  double time = radius > 0 ? std::min(1.0, kNear * radius / length) : 1;
+  constexpr double kFurther = 4, kLeast = 1.0 / 1024;  // of the way before, of all of it: at most five more
+  double time = radius > 0 ? std::clamp(kNear * radius / length, kLeast, 1.0) : 1;
   if (const Vicinity* around = radius > 0 ? vicinity(from, radius, kept, slack) : nullptr; around != nullptr) {
     const double moved = (from - around->centre).norm() + radius + slack;
     const double known = std::min(1.0, (around->reach - moved) / length);
@@ -241,7 +241,7 @@ bool AbTree::sweep(const Vec3d& from, const Vec3d& to, double radius, SweepConta
           offer(*around->leaves[i].node, around->leaves[i].lanes);
       if ((found && first.time <= until) || until >= 1) return found;
     }
-    time = std::min(1.0, kFurther * known);
+    time = std::clamp(kFurther * known, kLeast, 1.0);
   }
   for (;; time = std::min(1.0, kFurther * time)) {
     search(found ? std::min(time, first.time) : time);
