@@ -153,6 +153,7 @@ class DeliveryServer {
   [[nodiscard]] bool well_formed(const Demand& demand, const spm::ModelSummary& summary) const;
   void acknowledge(Controller& controller, Service& service, std::int64_t now_ns);
   void compare(Controller& controller, Service& service, const Object& object, const std::vector<spm::Run>* had);
+  void cover(Service& service, const Object& object, std::uint32_t region) const;
   [[nodiscard]] static Message* first_lost(Service& service, std::size_t room = kMaxPayload);
   [[nodiscard]] static std::optional<std::uint32_t> urgency(Service& service);
   void plan(Service& service, const Object& object, std::size_t room) const;

@@ -10,7 +10,7 @@ std::uint32_t end_of(const Run& run) { return run.first + run.count; }
 
 }  // namespace
 
-void RunSet::add(Span<const Run> added) {
+void RunSet::add(Span<const Run> added, std::size_t most) {
   std::vector<Run> all;
   all.reserve(runs_.size() + added.size());
   const auto append = [&](const Run& run) {
@@ -25,15 +25,14 @@ void RunSet::add(Span<const Run> added) {
     append(run);
   }
   for (; own != runs_.end(); ++own) append(*own);
-  runs_.assign(all.begin(), all.end());  // no more memory than it takes
-  if (runs_.size() > kMost) forget_shortest();
+  runs_.assign(all.begin(), all.end());                    // no more memory than it takes
+  if (runs_.size() > most) forget_shortest(most / 4 * 3);  // so that this is seldom done
 }
 
-void RunSet::forget_shortest() {
-  constexpr std::size_t kLeft = kMost / 4 * 3;  // so that this is seldom done
+void RunSet::forget_shortest(std::size_t left) {
   std::vector<std::uint32_t> counts;
   for (const Run& run : runs_) counts.push_back(run.count);
-  const auto kept = counts.begin() + static_cast<std::ptrdiff_t>(kLeft - 1);
+  const auto kept = counts.begin() + static_cast<std::ptrdiff_t>(left - 1);
   std::nth_element(counts.begin(), kept, counts.end(), std::greater<>{});
   auto equal = std::count(counts.begin(), kept + 1, *kept);  // of those as short as the shortest that stays
   const auto forgotten = [&](const Run& run) {

@@ -45,7 +45,7 @@ TEST(RunSetTest, HoldsAllThatWasAddedAndMissesAllElse) {
     std::set<std::uint32_t> held;
     for (int round = 0; round < 8; ++round) {
       const Runs added = random.runs(500, 1 + random.below(60), 1 + random.below(30));
-      set.add(Span<const spm::Run>{added});
+      set.add(Span<const spm::Run>{added}, 10'000);
       held.merge(members(added));
       ASSERT_EQ(members(set.runs()), held) << "seed " << seed;
       expect_separate(set.runs());
@@ -61,11 +61,12 @@ TEST(RunSetTest, HoldsAllThatWasAddedAndMissesAllElse) {
 }
 
 TEST(RunSetTest, ForgetsTheShortestWhenThereAreTooMany) {
+  constexpr std::size_t kMost = 1280;
   Runs runs;
-  for (std::uint32_t i = 0; i <= RunSet::kMost; ++i) runs.push_back({i * 10, 1 + i % 8});
+  for (std::uint32_t i = 0; i <= kMost; ++i) runs.push_back({i * 10, 1 + i % 8});
   RunSet set;
-  set.add(Span<const spm::Run>{runs});
-  EXPECT_EQ(set.runs().size(), RunSet::kMost / 4 * 3);
+  set.add(Span<const spm::Run>{runs}, kMost);
+  EXPECT_EQ(set.runs().size(), kMost / 4 * 3);
   const std::set<std::uint32_t> added = members(runs);
   std::size_t longest = 0;
   for (const spm::Run& run : set.runs()) {
@@ -73,7 +74,7 @@ TEST(RunSetTest, ForgetsTheShortestWhenThereAreTooMany) {
     EXPECT_GE(run.count, 2u) << "the eighth of length 1 go first";
     longest += run.count == 8 ? 1 : 0;
   }
-  EXPECT_EQ(longest, RunSet::kMost / 8) << "no long one was forgotten";
+  EXPECT_EQ(longest, kMost / 8) << "no long one was forgotten";
 }
 
 }  // namespace
