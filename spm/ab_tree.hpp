@@ -187,8 +187,8 @@ class AbTree {
                                        std::uint32_t capacity) const noexcept;
 
   /// Earliest touch of a ball moving from `from` to `to`; false when there is none. Triangles that it touches already
-  /// count only while it moves into them. One that starts where one before did, or within a hair of it, on a mesh that has
-  /// not changed, finds what is around it in a Vicinity: some 1 us, 2 to 5 without.
+  /// count only while it moves into them. One that starts where one before did, or within a hair of it, on a mesh that
+  /// has not changed, finds what is around it in a Vicinity: some 1 us, 2 to 5 without.
   [[nodiscard]] bool sweep(const Vec3d& from, const Vec3d& to, double radius, SweepContact& first,
                            Version version = Version::kNow) const noexcept;
 

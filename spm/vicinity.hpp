@@ -32,7 +32,7 @@ struct Vicinity {
 
   Vec3d centre = Vec3d::Zero();
   double reach = -1;     ///< every triangle no further from the centre is in a leaf here
-  bool crowded = false;  ///< there are more leaves than fit, and none is here
+  bool crowded = false;  ///< there are more leaves than fit: what is here is not all
   std::uint32_t count = 0;
   std::array<Leaf, kMostLeaves> leaves;
 
