@@ -15,7 +15,7 @@
 #include <vector>
 
 #include "netem/pair.hpp"
-#include "tests/e2e/process.hpp"
+#include "tests/support/process.hpp"
 #include "wire/ends.hpp"
 #include "wire/process.hpp"
 

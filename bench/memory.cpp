@@ -25,7 +25,7 @@
 #include "spm/fcl/fixed_mesh.hpp"
 #include "spm/offline/certificate.hpp"
 #include "spm/offline/model_file.hpp"
-#include "tests/e2e/process.hpp"
+#include "tests/support/process.hpp"
 #include "tests/support/no_alloc.hpp"
 #include "tests/support/temporary_folder.hpp"
 #include "trace/contact_log.hpp"

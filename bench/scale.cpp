@@ -33,7 +33,7 @@
 #include "spm/codec/model_codec.hpp"
 #include "spm/fcl/fixed_mesh.hpp"
 #include "spm/offline/model_file.hpp"
-#include "tests/e2e/process.hpp"
+#include "tests/support/process.hpp"
 #include "tests/support/temporary_folder.hpp"
 
 namespace tactus::bench {

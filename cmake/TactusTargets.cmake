@@ -16,6 +16,16 @@ if(TACTUS_SANITIZE)
   target_link_options(tactus_options INTERFACE -fsanitize=${TACTUS_SANITIZE})
 endif()
 
+# Headers of libraries that most sources include, compiled once for all: for libraries here, for tests in tests/CMakeLists.txt.
+# The project's own headers stay out, so that each source still says what it uses.
+find_package(Eigen3 3.4 REQUIRED NO_MODULE)
+file(CONFIGURE OUTPUT ${CMAKE_CURRENT_BINARY_DIR}/generated/precompiled.cpp CONTENT "\n")
+add_library(tactus_precompiled STATIC ${CMAKE_CURRENT_BINARY_DIR}/generated/precompiled.cpp)
+target_link_libraries(tactus_precompiled PRIVATE tactus_options Eigen3::Eigen)
+target_precompile_headers(tactus_precompiled PRIVATE
+  <Eigen/Core> <Eigen/Geometry> <algorithm> <array> <atomic> <cmath> <cstdint> <functional> <map> <memory> <mutex> <optional>
+  <string> <string_view> <unordered_map> <utility> <vector>)
+
 # tactus_module(spm SOURCES a.cpp b.cpp LINK Eigen3::Eigen): library tactus_spm, alias tactus::spm.
 function(tactus_module name)
   cmake_parse_arguments(ARG "" "" "SOURCES;LINK;PRIVATE_LINK" ${ARGN})
@@ -25,29 +35,16 @@ function(tactus_module name)
   add_library(tactus::${alias} ALIAS ${target})
   set_target_properties(${target} PROPERTIES EXPORT_NAME ${alias})
   target_link_libraries(${target} PUBLIC tactus_options ${ARG_LINK} PRIVATE ${ARG_PRIVATE_LINK})
+  target_precompile_headers(${target} REUSE_FROM tactus_precompiled)
 endfunction()
 
-# tactus_program(tactus-host SOURCES main.cpp LINK tactus::host_service): a program that is installed.
+# tactus_program(tactus-host SOURCES main.cpp LINK tactus::host_service): a program that is installed. A file called main.cpp
+# reads flags once, so it is compiled for a quick build.
 function(tactus_program name)
   cmake_parse_arguments(ARG "" "" "SOURCES;LINK" ${ARGN})
+  set_source_files_properties(main.cpp PROPERTIES COMPILE_OPTIONS -O1)
   add_executable(${name} ${ARG_SOURCES})
   target_link_libraries(${name} PRIVATE tactus_options ${ARG_LINK})
   set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/bin)
   install(TARGETS ${name} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
-endfunction()
-
-# tactus_test(spm_forest LABEL unit SOURCES forest_test.cpp LINK tactus::spm): one GoogleTest program, one ctest entry.
-function(tactus_test name)
-  cmake_parse_arguments(ARG "" "LABEL;TIMEOUT" "SOURCES;LINK" ${ARGN})
-  add_executable(${name}_test ${ARG_SOURCES})
-  target_link_libraries(${name}_test PRIVATE tactus_options ${ARG_LINK} GTest::gmock GTest::gtest_main)
-  set_target_properties(${name}_test PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/tests)
-  add_test(NAME ${name} COMMAND ${name}_test)
-  if(NOT ARG_TIMEOUT)
-    set(ARG_TIMEOUT 120)
-  endif()
-  if(TACTUS_SANITIZE)  # slower by a factor, and that on machines that do other things
-    math(EXPR ARG_TIMEOUT "${ARG_TIMEOUT} * 5")
-  endif()
-  set_tests_properties(${name} PROPERTIES LABELS ${ARG_LABEL} TIMEOUT ${ARG_TIMEOUT})
 endfunction()

@@ -44,7 +44,7 @@ class Evdev : public testing::Test {
 
 std::string refusal(const std::string& config) {
   try {
-    const PluginDevice device{EVDEV, config};
+    const PluginDevice device{TACTUS_EVDEV, config};
   } catch (const DeviceError& error) {
     return error.what();
   }
@@ -52,7 +52,7 @@ std::string refusal(const std::string& config) {
 }
 
 TEST_F(Evdev, AMouseMovesTheTipByItsCounts) {
-  PluginDevice mouse{EVDEV, "mouse:" + pipe_};
+  PluginDevice mouse{TACTUS_EVDEV, "mouse:" + pipe_};
   (void)mouse.read(kMs);
   send(EV_REL, REL_X, 30);
   send(EV_REL, REL_Y, 20);
@@ -71,7 +71,7 @@ TEST_F(Evdev, AMouseMovesTheTipByItsCounts) {
 }
 
 TEST_F(Evdev, TheTipStaysInItsCube) {
-  PluginDevice mouse{EVDEV, "mouse:" + pipe_};
+  PluginDevice mouse{TACTUS_EVDEV, "mouse:" + pipe_};
   send(EV_REL, REL_X, 1'000'000);
   EXPECT_EQ(after(mouse, 450).position.x(), 0.2);
   send(EV_REL, REL_X, -1);
@@ -79,7 +79,7 @@ TEST_F(Evdev, TheTipStaysInItsCube) {
 }
 
 TEST_F(Evdev, AStickMovesTheTipWhileItIsHeld) {
-  PluginDevice gamepad{EVDEV, "gamepad:" + pipe_};
+  PluginDevice gamepad{TACTUS_EVDEV, "gamepad:" + pipe_};
   (void)gamepad.read(kMs);
   send(EV_ABS, ABS_X, 32767);
   send(EV_ABS, ABS_Y, 1000);  // within what counts as the middle
@@ -93,13 +93,13 @@ TEST_F(Evdev, AStickMovesTheTipWhileItIsHeld) {
 }
 
 TEST_F(Evdev, ManyEventsInOneCycleAreAllTakenInAFew) {
-  PluginDevice mouse{EVDEV, "mouse:" + pipe_};
+  PluginDevice mouse{TACTUS_EVDEV, "mouse:" + pipe_};
   for (int i = 0; i < 500; ++i) send(EV_REL, REL_X, 1);
   EXPECT_NEAR(after(mouse, 120).position.x(), 0.05, 1e-12);
 }
 
 TEST_F(Evdev, AForceIsNoFailureWhereNothingRumbles) {
-  PluginDevice gamepad{EVDEV, "gamepad:" + pipe_};
+  PluginDevice gamepad{TACTUS_EVDEV, "gamepad:" + pipe_};
   (void)gamepad.read(kMs);
   gamepad.write({3, 0, 0});
   EXPECT_EQ(gamepad.health(), DeviceHealth::kReady);

@@ -117,7 +117,7 @@ class Peer {
 
 std::string refusal(const std::string& config) {
   try {
-    const PluginDevice device{HAPLY, config};
+    const PluginDevice device{TACTUS_HAPLY, config};
   } catch (const DeviceError& error) {
     return error.what();
   }
@@ -145,7 +145,7 @@ bool is_zero(const Json& message) {
 TEST(Haply, PositionsComeAndForcesGoToTheDeviceThatIsAskedFor) {
   Peer peer{Peer::state};
   {
-    PluginDevice device{HAPLY, peer.place() + "/049D"};
+    PluginDevice device{TACTUS_HAPLY, peer.place() + "/049D"};
     EXPECT_LT(device.spec().max_force, 10);
     ASSERT_TRUE(peer.hears([](const auto& all) { return !all.empty(); }));
     const std::int64_t begun = now_ns();
@@ -171,7 +171,7 @@ TEST(Haply, PositionsComeAndForcesGoToTheDeviceThatIsAskedFor) {
 
 TEST(Haply, TheFirstDeviceIsTakenWhenNoneIsNamed) {
   Peer peer{Peer::state};
-  PluginDevice device{HAPLY, peer.place()};
+  PluginDevice device{TACTUS_HAPLY, peer.place()};
   EXPECT_TRUE(runs_until(device, Vec3d::Zero(), [](const DeviceState& state) { return state.position.x() == 9; }));
 }
 
@@ -208,7 +208,7 @@ TEST(Haply, NonsenseIsPassedOverAndTheLastPoseStays) {
     return number % 20 < nonsense.size() && number >= 20 ? nonsense[number % 20] : Peer::state(number);
   };
   Peer peer{answer};
-  PluginDevice device{HAPLY, peer.place() + "/049D"};
+  PluginDevice device{TACTUS_HAPLY, peer.place() + "/049D"};
   double farthest = 0;
   EXPECT_TRUE(runs_until(device, {0, 0, 1}, [&](const DeviceState& state) {
     farthest = std::max(farthest, state.position.cwiseAbs().maxCoeff());
@@ -220,13 +220,13 @@ TEST(Haply, NonsenseIsPassedOverAndTheLastPoseStays) {
 
 TEST(Haply, NothingButNonsenseHasFailed) {
   Peer peer{[](std::size_t number) { return number < 5 ? Peer::state(number) : std::string{"nonsense"}; }};
-  PluginDevice device{HAPLY, peer.place() + "/049D"};
+  PluginDevice device{TACTUS_HAPLY, peer.place() + "/049D"};
   EXPECT_TRUE(runs_until(device, Vec3d::Zero(), [&](const auto&) { return device.health() == DeviceHealth::kFailed; }));
 }
 
 TEST(Haply, AConnectionThatEndsHasFailed) {
   Peer peer{[](std::size_t number) { return number < 30 ? Peer::state(number) : std::string{}; }};
-  PluginDevice device{HAPLY, peer.place() + "/049D"};
+  PluginDevice device{TACTUS_HAPLY, peer.place() + "/049D"};
   EXPECT_TRUE(runs_until(device, {1, 0, 0}, [&](const auto&) { return device.health() == DeviceHealth::kFailed; }));
   const std::int64_t last_ns = device.read(now_ns()).time_ns;
   EXPECT_EQ(device.read(now_ns() + 1'000'000).time_ns, last_ns) << "and the pose grows old";
@@ -234,7 +234,7 @@ TEST(Haply, AConnectionThatEndsHasFailed) {
 
 TEST(Haply, AServiceThatFallsSilentHasFailedWithinASecond) {
   Peer peer{[](std::size_t number) { return number < 30 ? Peer::state(number) : std::string{"silence"}; }};
-  PluginDevice device{HAPLY, peer.place() + "/049D"};
+  PluginDevice device{TACTUS_HAPLY, peer.place() + "/049D"};
   const std::int64_t begun = now_ns();
   EXPECT_TRUE(runs_until(device, {1, 0, 0}, [&](const auto&) { return device.health() == DeviceHealth::kFailed; }));
   EXPECT_GT(now_ns() - begun, 900'000'000) << "a moment's silence is none";
@@ -244,13 +244,13 @@ TEST(Haply, ADeviceThatIsUnpluggedHasFailed) {
   Peer peer{[](std::size_t number) {
     return number < 30 ? Peer::state(number) : R"({"inverse3": [{"device_id": "04A1", "state": {}}]})";
   }};
-  PluginDevice device{HAPLY, peer.place() + "/049D"};
+  PluginDevice device{TACTUS_HAPLY, peer.place() + "/049D"};
   EXPECT_TRUE(runs_until(device, {1, 0, 0}, [&](const auto&) { return device.health() == DeviceHealth::kFailed; }));
 }
 
 TEST(Haply, AForceThatNobodyRenewsEnds) {
   Peer peer{Peer::state};
-  PluginDevice device{HAPLY, peer.place() + "/049D"};
+  PluginDevice device{TACTUS_HAPLY, peer.place() + "/049D"};
   device.write({2, 0, 0});
   ASSERT_TRUE(peer.hears([](const auto& all) { return !all.empty() && force_of(all.back(), "x") == 2; }));
   EXPECT_TRUE(peer.hears([](const auto& all) { return is_zero(all.back()); }));

@@ -7,6 +7,10 @@
 #include "netem/pair.hpp"
 #include "tests/e2e/session_test.hpp"
 
+#ifndef TACTUS_DISCOVERY_SERVER
+#define TACTUS_DISCOVERY_SERVER ""
+#endif
+
 namespace tactus::e2e {
 namespace {
 
@@ -41,6 +45,10 @@ std::string free_udp_port() {
 
 class DiscoveryTest : public SessionTest {
  protected:
+  /// Why there is no server to start here, or an empty text.
+  [[nodiscard]] static std::string missing_server() {
+    return *TACTUS_DISCOVERY_SERVER != '\0' ? "" : "no fast-discovery-server (Debian: fastdds-tools)";
+  }
   /// Debian's, with our profile.
   [[nodiscard]] static Command server(const std::string& port, const std::string& id = "0") {
     const std::string profile = wire::default_qos_directory() / "discovery_server.xml";
@@ -49,6 +57,7 @@ class DiscoveryTest : public SessionTest {
 };
 
 TEST_F(DiscoveryTest, ThoseOfOneServerMeetAndOneWhoGoesByMulticastSeesNobody) {
+  if (const std::string reason = missing_server(); !reason.empty()) GTEST_SKIP() << reason;
   const std::string port = free_udp_port();
   const Command by_server{"--discovery-server", "127.0.0.1:" + port};
   Process meeting{server(port)};
@@ -65,6 +74,7 @@ TEST_F(DiscoveryTest, ThoseOfOneServerMeetAndOneWhoGoesByMulticastSeesNobody) {
 }
 
 TEST_F(DiscoveryTest, AServerThatStartsAgainAfterItsLeaseBringsTogetherOldAndNew) {
+  if (const std::string reason = missing_server(); !reason.empty()) GTEST_SKIP() << reason;
   const std::string port = free_udp_port();
   const Command by_server{"--discovery-server", "127.0.0.1:" + port};
   auto meeting = std::make_unique<Process>(server(port));
@@ -81,6 +91,7 @@ TEST_F(DiscoveryTest, AServerThatStartsAgainAfterItsLeaseBringsTogetherOldAndNew
 }
 
 TEST_F(DiscoveryTest, OneOfTwoServersIsEnoughForANewcomer) {
+  if (const std::string reason = missing_server(); !reason.empty()) GTEST_SKIP() << reason;
   const std::string port = free_udp_port(), other_port = free_udp_port();
   const Command by_both{"--discovery-server", "127.0.0.1:" + port, "--discovery-server", "127.0.0.1:" + other_port};
   Process meeting{server(port)}, other_meeting{server(other_port, "1")};
@@ -153,6 +164,7 @@ TEST_F(WithoutMulticast, PeersMeetWhenEitherNamesTheOther) {
 }
 
 TEST_F(WithoutMulticast, ThoseOfOneServerMeet) {
+  if (const std::string reason = missing_server(); !reason.empty()) GTEST_SKIP() << reason;
   Process meeting{in(netem::Side::kA, server("11811"))};
   const Command by_server{"--discovery-server", netem::LinkedPair::address(netem::Side::kA)};
   expect_a_session(by_server, by_server);

@@ -5,7 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "netem/pair.hpp"
-#include "tests/e2e/process.hpp"
+#include "tests/support/process.hpp"
 #include "tests/support/temporary_folder.hpp"
 
 namespace tactus::latency {

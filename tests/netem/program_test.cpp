@@ -6,7 +6,7 @@
 #include <thread>
 
 #include "netem/pair.hpp"
-#include "tests/e2e/process.hpp"
+#include "tests/support/process.hpp"
 
 namespace tactus::netem {
 namespace {

@@ -3,7 +3,7 @@
 #include <functional>
 #include <nlohmann/json.hpp>
 
-#include "tests/e2e/process.hpp"
+#include "tests/support/process.hpp"
 #include "tools/doctor/findings.hpp"
 
 namespace tactus::doctor {

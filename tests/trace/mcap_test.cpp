@@ -70,6 +70,7 @@ class Mcap : public ::testing::Test {
 };
 
 TEST_F(Mcap, TheReferenceReaderFindsEveryMessageByTheIndex) {
+  if (const std::string reason = missing_mcap_reader(); !reason.empty()) GTEST_SKIP() << reason;
   std::string expected;
   {
     McapWriter writer{file_, "test"};
@@ -111,6 +112,7 @@ TEST_F(Mcap, AFlippedByteIsFoundByTheChecksum) {
 }
 
 TEST_F(Mcap, AFileWithoutItsEndKeepsWhatWasFlushed) {
+  if (const std::string reason = missing_mcap_reader(); !reason.empty()) GTEST_SKIP() << reason;
   McapWriter writer{file_, "test"};
   const std::string expected = fill(writer);
   writer.flush();
@@ -118,6 +120,7 @@ TEST_F(Mcap, AFileWithoutItsEndKeepsWhatWasFlushed) {
 }
 
 TEST_F(Mcap, AnEmptyFileIsOne) {
+  if (const std::string reason = missing_mcap_reader(); !reason.empty()) GTEST_SKIP() << reason;
   { McapWriter writer{file_, "test"}; }
   EXPECT_EQ(read_mcap("lines '" + file_ + "'"), "");
 }

@@ -6,7 +6,16 @@
 #include <memory>
 #include <string>
 
+#ifndef TACTUS_READ_MCAP
+#define TACTUS_READ_MCAP ""
+#endif
+
 namespace tactus::trace {
+
+/// Why read_mcap() cannot be called here, or an empty text.
+inline std::string missing_mcap_reader() {
+  return *TACTUS_READ_MCAP != '\0' ? "" : "no reader of MCAP files: Node.js and the packages of package-lock.json are needed";
+}
 
 /// The output of tests/trace/read_mcap.js with these arguments; its errors come with it.
 inline std::string read_mcap(const std::string& arguments) {

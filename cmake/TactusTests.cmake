@@ -1,0 +1,74 @@
+# How every test program is made.
+find_package(GTest 1.12 REQUIRED)
+
+# As tactus_precompiled, for programs. Tests and what they share are compiled to build quickly; what they test is not.
+set(TACTUS_TEST_OPTIONS $<$<CONFIG:Release>:-O1>)
+add_executable(tactus_test_precompiled ${PROJECT_BINARY_DIR}/generated/precompiled.cpp)
+target_link_libraries(tactus_test_precompiled PRIVATE tactus_options Eigen3::Eigen GTest::gmock GTest::gtest_main)
+target_compile_options(tactus_test_precompiled PRIVATE ${TACTUS_TEST_OPTIONS})
+target_precompile_headers(tactus_test_precompiled PRIVATE
+  <gmock/gmock.h> <gtest/gtest.h> <Eigen/Core> <Eigen/Geometry> <algorithm> <array> <atomic> <chrono> <cmath> <cstdint> <cstring>
+  <filesystem> <fstream> <functional> <map> <memory> <optional> <random> <set> <sstream> <string> <string_view> <thread> <vector>)
+
+# tactus_test(spm LABEL unit SOURCES forest_test.cpp LINK tactus::spm): the GoogleTest program spm_test and its ctest entry.
+#   PROGRAMS tactus-host ...      programs that it starts; the macro TACTUS_HOST ("tactus-" left out) has the path
+#   SHARDS n                      n ctest entries, so that a long program uses several processors
+#   TIMEOUT s                     default 120; five times as long under a sanitizer
+# Tests with label dds mostly wait for each other's programs: two of them count as one processor (scripts/test).
+# The report of each entry goes to reports/ENTRY.xml in the build folder, where scripts/test counts cases.
+function(tactus_test name)
+  cmake_parse_arguments(ARG "" "LABEL;TIMEOUT;SHARDS" "SOURCES;LINK;PROGRAMS" ${ARGN})
+  set(target ${name}_test)
+  add_executable(${target} ${ARG_SOURCES})
+  target_link_libraries(${target} PRIVATE tactus_options ${ARG_LINK} GTest::gmock GTest::gtest_main)
+  target_compile_options(${target} PRIVATE ${TACTUS_TEST_OPTIONS})
+  target_precompile_headers(${target} REUSE_FROM tactus_test_precompiled)
+  set_target_properties(${target} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/tests)
+  tactus_starts(${target} ${ARG_PROGRAMS})
+  if(NOT ARG_TIMEOUT)
+    set(ARG_TIMEOUT 120)
+  endif()
+  if(TACTUS_SANITIZE)
+    math(EXPR ARG_TIMEOUT "${ARG_TIMEOUT} * 5")
+  endif()
+  if(NOT ARG_SHARDS)
+    set(ARG_SHARDS 1)
+  endif()
+  foreach(shard RANGE 1 ${ARG_SHARDS})
+    set(entry ${name})
+    if(ARG_SHARDS GREATER 1)
+      set(entry ${name}_${shard})
+    endif()
+    math(EXPR index "${shard} - 1")
+    add_test(NAME ${entry} COMMAND ${target})
+    set(cost 1)
+    set(processors 2)
+    if(ARG_LABEL STREQUAL "dds")  # the longest, so they begin first
+      set(cost 10)
+      set(processors 1)
+    endif()
+    set_tests_properties(${entry} PROPERTIES LABELS ${ARG_LABEL} TIMEOUT ${ARG_TIMEOUT} COST ${cost} PROCESSORS ${processors}
+      ENVIRONMENT "GTEST_OUTPUT=xml:${PROJECT_BINARY_DIR}/reports/${entry}.xml;GTEST_TOTAL_SHARDS=${ARG_SHARDS};GTEST_SHARD_INDEX=${index}")
+  endforeach()
+endfunction()
+
+# tactus_starts(TARGET tactus-host ...): TARGET starts these programs; they are built first, macros have their paths.
+function(tactus_starts target)
+  foreach(program IN LISTS ARGN)
+    string(REGEX REPLACE "^tactus-" "" macro ${program})
+    string(MAKE_C_IDENTIFIER ${macro} macro)
+    string(TOUPPER ${macro} macro)
+    target_compile_definitions(${target} PRIVATE TACTUS_${macro}="$<TARGET_FILE:${program}>")
+    add_dependencies(${target} ${program})
+  endforeach()
+endfunction()
+
+# tactus_test_support(spm SOURCES mesh_zoo.cpp LINK tactus::spm::offline): library tactus_spm_test_support of test helpers.
+function(tactus_test_support name)
+  cmake_parse_arguments(ARG "" "" "SOURCES;LINK;PROGRAMS" ${ARGN})
+  set(target tactus_${name}_test_support)
+  add_library(${target} STATIC ${ARG_SOURCES})
+  target_link_libraries(${target} PUBLIC tactus_options ${ARG_LINK} PRIVATE GTest::gmock)
+  target_compile_options(${target} PRIVATE ${TACTUS_TEST_OPTIONS})
+  tactus_starts(${target} ${ARG_PROGRAMS})
+endfunction()
