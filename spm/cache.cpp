@@ -251,10 +251,10 @@ void Cache::forget(ObjectIndex number, std::uint32_t first_slot) noexcept {
   records_.erase(key(number, pool_.vertices[first_slot].id - object.summary.base_vertices));
   for (std::uint32_t slot = first_slot; slot != kNone;) {
     const RecordPart& part = pool_.parts[slot];
-    TACTUS_ASSERT(pool_.state[slot].bits == 0);
+    TACTUS_CHECK(pool_.state[slot].bits == 0);
     for (int i = 0; i < part.deformed_count; ++i) {
       std::uint32_t& corner = front_.corners(part.deformed[i].face())[part.deformed[i].corner()];
-      TACTUS_ASSERT(corner == first_slot);
+      TACTUS_CHECK(corner == first_slot);
       corner = part.parent;
     }
     for (int i = 0; i < part.born_count; ++i) {

@@ -4,6 +4,7 @@
 #include <map>
 #include <memory>
 #include <random>
+#include <variant>
 #include <vector>
 
 #include "session/ownership.hpp"
@@ -18,11 +19,7 @@ constexpr std::uint64_t kSession = 30, kObject = 100;
 constexpr std::int64_t kCycleNs = 1'000'000;
 constexpr std::size_t kBytes = 250;  // a claim, grant or pose with its heads
 
-struct Mail {
-  std::optional<session::ObjectClaim> claim;
-  std::optional<session::ObjectGrant> grant;
-  std::optional<session::ObjectPose> pose;
-};
+using Mail = std::variant<session::ObjectClaim, session::ObjectGrant, session::ObjectPose>;
 
 /// Host or controller.
 struct Program {
@@ -80,18 +77,19 @@ Figures hand_over(const std::vector<Toucher>& users, double seconds, const netem
     pose.fencing = fencing;
     pose.sequence = ++program.poses;
     (void)program.gate.accept(pose);
-    tell(place, {std::nullopt, std::nullopt, pose});
+    tell(place, pose);
   };
   for (const std::int64_t end_ns = now_ns + static_cast<std::int64_t>(seconds * 1e9); now_ns < end_ns;
        now_ns += kCycleNs, ++ms) {
     for (std::size_t from = 1; from < places; ++from) {
       while (const auto mail = ways[from][0].take(now_ns)) {
-        if (mail->claim) arbiter.on_claim(*mail->claim, now_ns);
-        if (mail->pose && host.gate.accept(*mail->pose)) arbiter.on_pose(mail->pose->fencing);
+        if (const auto* const claim = std::get_if<session::ObjectClaim>(&*mail)) arbiter.on_claim(*claim, now_ns);
+        const auto* const pose = std::get_if<session::ObjectPose>(&*mail);
+        if (pose != nullptr && host.gate.accept(*pose)) arbiter.on_pose(pose->fencing);
       }
     }
     std::size_t publishing = 0;
-    if (const auto grant = arbiter.tick(now_ns)) tell(0, {std::nullopt, *grant, std::nullopt});
+    if (const auto grant = arbiter.tick(now_ns)) tell(0, *grant);
     if (arbiter.owns(now_ns)) {
       ++publishing;
       publish(0, host, arbiter.fencing());
@@ -101,8 +99,9 @@ Figures hand_over(const std::vector<Toucher>& users, double seconds, const netem
       for (std::size_t from = 0; from < places; ++from) {
         if (from == place) continue;
         while (const auto mail = ways[from][place].take(now_ns)) {
-          if (mail->grant) one.holder.on_grant(*mail->grant, now_ns);
-          if (mail->pose && one.gate.accept(*mail->pose)) one.holder.on_pose(mail->pose->fencing);
+          if (const auto* const grant = std::get_if<session::ObjectGrant>(&*mail)) one.holder.on_grant(*grant, now_ns);
+          const auto* const pose = std::get_if<session::ObjectPose>(&*mail);
+          if (pose != nullptr && one.gate.accept(*pose)) one.holder.on_pose(pose->fencing);
         }
       }
       if (now_ns >= one.change_ns) {
@@ -112,7 +111,7 @@ Figures hand_over(const std::vector<Toucher>& users, double seconds, const netem
         touches += one.touching ? 1 : 0;
         one.touched_ns = one.touching ? now_ns : -1;
       }
-      if (const auto claim = one.holder.tick(now_ns)) ways[place][0].send(now_ns, {*claim, {}, {}}, kBytes);
+      if (const auto claim = one.holder.tick(now_ns)) ways[place][0].send(now_ns, *claim, kBytes);
       const Holder::Role role = one.holder.role(now_ns);
       if (one.touched_ns >= 0 && role != Holder::Role::kAsking) {
         waits.push_back(static_cast<double>(now_ns - one.touched_ns) * 1e-6);

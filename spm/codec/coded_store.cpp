@@ -32,7 +32,7 @@ std::uint32_t CodedStore::write(const Bytes& bytes) noexcept {
   std::uint32_t last = kNone;
   for (std::size_t at = 0; at < bytes.size(); at += kPayload) {
     last = first_free_;
-    TACTUS_ASSERT(last != kNone);
+    TACTUS_CHECK(last != kNone);
     Block& block = blocks_[last];
     first_free_ = block.next;
     --free_;
@@ -61,8 +61,8 @@ void CodedStore::read_list(ObjectIndex object, RegionId region) {
   read(index_.find(key_of(object, region)));
   BitReader in{buffer_};
   std::uint32_t total = 0;
-  [[maybe_unused]] const std::string error = get_runs(in, *of.tables, of.summary->records, list_, total);
-  TACTUS_ASSERT(error.empty());
+  const std::string error = get_runs(in, *of.tables, of.summary->records, list_, total);
+  TACTUS_CHECK(error.empty());
 }
 
 CodedStore::Put CodedStore::put(ObjectIndex number, RegionId region, Span<const std::uint8_t> message) {
@@ -151,8 +151,8 @@ const RegionData& CodedStore::get(ObjectIndex number, RegionId region, const Cac
       BitReader in{buffer_};
       const auto anchor = static_cast<std::uint32_t>(in.get(kAnchorBits));
       data_.offsets.emplace_back();
-      [[maybe_unused]] const bool good = object.reader.get(in, record, anchor, data_.parts, data_.offsets.back());
-      TACTUS_ASSERT(good);
+      const bool good = object.reader.get(in, record, anchor, data_.parts, data_.offsets.back());
+      TACTUS_CHECK(good);
       if (!data_.sent.empty() && data_.sent.back().first + data_.sent.back().count == record) {
         ++data_.sent.back().count;
       } else {

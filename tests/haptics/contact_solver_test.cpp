@@ -109,6 +109,10 @@ Eigen::VectorXd by_enumeration(const Problem& problem) {
     for (int i = 0; i < rows.rows(); ++i) {
       if (set >> i & 1) active.push_back(i);
     }
+    if (active.empty()) {
+      if (((rows * u + target).array() >= -1e-10).all()) return u;
+      continue;
+    }
     Eigen::MatrixXd j(active.size(), rows.cols());
     Eigen::VectorXd need(active.size());
     for (std::size_t k = 0; k < active.size(); ++k) {
@@ -117,10 +121,10 @@ Eigen::VectorXd by_enumeration(const Problem& problem) {
     }
     const Eigen::MatrixXd a = j * w * j.transpose();
     const Eigen::FullPivLU<Eigen::MatrixXd> lu{a};
-    if (!active.empty() && !lu.isInvertible()) continue;
-    const Eigen::VectorXd lambda = active.empty() ? Eigen::VectorXd(0) : Eigen::VectorXd(lu.solve(need));
-    if (lambda.size() > 0 && lambda.minCoeff() < 0) continue;
-    const Eigen::VectorXd v = active.empty() ? u : Eigen::VectorXd(u + w * j.transpose() * lambda);
+    if (!lu.isInvertible()) continue;
+    const Eigen::VectorXd lambda = lu.solve(need);
+    if (lambda.minCoeff() < 0) continue;
+    const Eigen::VectorXd v = u + w * j.transpose() * lambda;
     if (((rows * v + target).array() >= -1e-10).all()) return v;
   }
   return {};
