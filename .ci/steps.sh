@@ -1,0 +1,30 @@
+# Steps of a CI run: each is shown, timed and counted. Sourced, not run.
+
+passed=0
+failed=0
+broken=()
+
+# step COMMAND...: runs it and counts how it ended; a signal ends the whole run.
+step() {
+  local began=$SECONDS status=0
+  printf '==== %s\n' "$*"
+  "$@" </dev/null || status=$?
+  ((status < 128)) || exit "$status"
+  if ((status == 0)); then
+    passed=$((passed + 1))
+  else
+    failed=$((failed + 1))
+    broken+=("$*")
+  fi
+  printf '==== %s: status %d after %d s\n' "$*" "$status" "$((SECONDS - began))"
+}
+
+# marked_run FILE: the commands, a line each, of its code blocks that begin with ```sh run.
+marked_run() { awk '/^```sh run$/ { inside = 1; next } /^```/ { inside = 0 } inside && NF' "$1"; }
+
+finish() {
+  local name
+  for name in "${broken[@]}"; do printf 'failed: %s\n' "$name"; done
+  printf '%d passed, %d failed\n' "$passed" "$failed"
+  ((failed == 0))
+}
