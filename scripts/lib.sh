@@ -90,14 +90,17 @@ ensure_packages() {
     command -v sudo >/dev/null || fail "these Debian packages are missing and need root or sudo to install: ${missing[*]}"
     as_root=(sudo)
   fi
-  say "installing ${#missing[@]} Debian packages: ${missing[*]}"
+  say "downloading ${#missing[@]} Debian packages and what they need: ${missing[*]}"
   mkdir -p "$root/build"
+  local -a install=("${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -q -y --no-install-recommends)
   # In the foreground: sudo may ask for a password, and dpkg should end its step even when interrupted.
   if ! {
     "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive dpkg --configure -a &&
       "${as_root[@]}" apt-get update -q &&
-      "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -q -y --no-install-recommends "${missing[@]}"
-  } >"$log" 2>&1; then
+      "${install[@]}" --download-only "${missing[@]}" &&
+      say "installing them" 2>&3 &&
+      "${install[@]}" "${missing[@]}"
+  } 3>&2 >"$log" 2>&1; then
     tail -n 15 "$log" >&2
     fail "could not install packages; the whole output is in $log"
   fi
