@@ -18,7 +18,8 @@ namespace {
 using wire::monotonic_ns;
 
 using Sample = std::variant<session::RosterEntry, session::CatalogueEntry, session::ProbeState, session::Metrics,
-                            session::Control, session::ClockSample, session::ObjectPose>;
+                            session::EmergencyStop, session::ForceReset, session::SessionEnd, session::ClockSample,
+                            session::ObjectPose>;
 using Inbox = wire::Inbox<Sample>;
 
 constexpr std::int64_t kClockNs = 100'000'000;
@@ -27,10 +28,7 @@ constexpr auto kTick = std::chrono::milliseconds{2};
 /// One participant that the core plays.
 struct Presence {
   explicit Presence(const wire::SessionAddress& address)
-      : links{address},
-        roster{links, wire::topics::kRoster},
-        control{links, wire::topics::kControl},
-        clock{links, wire::topics::kClock} {}
+      : links{address}, roster{links, wire::topics::kRoster}, clock{links, wire::topics::kClock} {}
 
   void send(session::Intent intent) {
     auto& writer = intents[intent.user_id];
@@ -40,7 +38,6 @@ struct Presence {
 
   wire::Links links;
   wire::Writer<session::RosterEntry> roster;
-  wire::Writer<session::Control> control;
   wire::Writer<session::ClockSample> clock;
   std::map<std::uint64_t, std::unique_ptr<wire::Writer<session::Intent>>> intents;  // by user
 };
@@ -65,7 +62,9 @@ struct Sim::Impl {
     listen(wire::topics::kProbeState);
     listen(wire::topics::kMetrics);
     listen(wire::topics::kObjectPose);
-    listen(wire::topics::kControl);
+    listen(wire::topics::kStop);
+    listen(wire::topics::kReset);
+    listen(wire::topics::kEnd);
     listen(wire::topics::kClock);
   }
 
@@ -94,7 +93,9 @@ struct Sim::Impl {
     core.on_probe_state(state, clock.map().session_time(now_ns));
   }
   void take(const session::Metrics& metrics, std::int64_t now_ns) { core.on_metrics(metrics, now_ns); }
-  void take(const session::Control& control, std::int64_t) { core.on_control(control); }
+  void take(const session::EmergencyStop& stop, std::int64_t) { core.on_stop(stop); }
+  void take(const session::ForceReset& reset, std::int64_t) { core.on_reset(reset); }
+  void take(const session::SessionEnd& end, std::int64_t) { core.on_end(end); }
   void take(const session::ObjectPose& pose, std::int64_t) { core.on_object_pose(pose); }
   void take(const session::ClockSample& sample, std::int64_t now_ns) {
     if (sample.answer && sample.peer == main.links.origin().participant) clock.on_answer(sample, now_ns);
@@ -135,7 +136,11 @@ struct Sim::Impl {
     }
     for (session::Control& control : messages.control) {
       control.origin = main.links.origin();
-      (void)main.control.send(control);
+      (void)control_out.send(control);
+    }
+    for (session::SessionEnd& end : messages.ends) {
+      end.origin = main.links.origin();
+      (void)end_out.send(end);
     }
     for (session::Intent& intent : messages.intents) {
       const auto other = others.find(intent.origin.participant);
@@ -181,11 +186,13 @@ struct Sim::Impl {
     wire::say_last_words([this] {
       for (const auto& [from, entry] : last_words) (void)from->roster.send(entry);
     });
-    (void)main.control.wait_acknowledged(std::chrono::milliseconds{200});
+    (void)end_out.wait_acknowledged(std::chrono::milliseconds{200});
   }
 
   SimOptions options;
   Presence main;
+  wire::Writer<session::Control> control_out{main.links, wire::topics::kControl};
+  wire::Writer<session::SessionEnd> end_out{main.links, wire::topics::kEnd};
   std::map<std::uint64_t, std::unique_ptr<Presence>> others;
   std::map<std::uint64_t, Remote> remotes;  // by user
   std::vector<std::pair<Presence*, session::RosterEntry>> last_words;

@@ -47,7 +47,8 @@ SimCore::SimCore(const Scenario& scenario, const SimSettings& settings)
     : scenario_{scenario},
       settings_{settings},
       self_{session::id_of(settings.session), session::id_of(settings.name), settings.incarnation, 0},
-      roster_{self_, settings.roster} {
+      roster_{self_, settings.roster},
+      stops_{self_} {
   Presence first;
   first.entry.origin = self_;
   first.entry.role = session::Role::kClient;
@@ -73,6 +74,7 @@ void SimCore::on_roster(const session::RosterEntry& entry, std::int64_t now_ns) 
   if (entry.origin.session != self_.session) return;
   now_ns_ = std::max(now_ns_, now_ns);
   if (heard_ns_ < 0 && !is_own(entry.origin.participant)) heard_ns_ = now_ns;
+  if (stops_.on_roster(entry)) note("emergency stop: " + session::text(entry) + " has it");
   take_events(roster_.on_entry(entry, now_ns));
 }
 
@@ -141,10 +143,17 @@ void SimCore::on_metrics(const session::Metrics& metrics, std::int64_t now_ns) {
   found->second.figures_ns = now_ns;
 }
 
-void SimCore::on_control(const session::Control& control) {
-  if (control.origin.session != self_.session || control.origin.participant == self_.participant) return;
-  if (control.kind == session::ControlKind::kEmergencyStop) note("emergency stop: " + control.text);
-  if (control.kind == session::ControlKind::kEnd) stop("ended by another participant: " + control.text);
+void SimCore::on_stop(const session::EmergencyStop& stop) {
+  if (stop.origin.session == self_.session && stops_.on_stop(stop.name())) note("emergency stop: " + stop.text);
+}
+
+void SimCore::on_reset(const session::ForceReset& reset) {
+  if (reset.origin.session == self_.session) (void)stops_.on_reset(reset);
+}
+
+void SimCore::on_end(const session::SessionEnd& end) {
+  if (end.origin.session != self_.session || end.origin.participant == self_.participant) return;
+  stop("ended by another participant: " + end.text);
 }
 
 void SimCore::stop(const std::string& reason) {
@@ -240,7 +249,8 @@ void SimCore::beat(std::int64_t now_ns, bool leaving, SimMessages& out) {
 void SimCore::begin_ending(std::int64_t now_ns, SimMessages& out) {
   state_ = SimState::kEnding;
   end_ns_ = now_ns;
-  out.control.push_back(control(session::ControlKind::kEnd, now_ns, stopped_.empty() ? "scenario done" : stopped_));
+  const std::string reason = stopped_.empty() ? "scenario done" : stopped_;
+  out.ends.push_back({origin_of(0, now_ns), reason.substr(0, session::kMaxText)});
 }
 
 bool SimCore::last_figures_are_in() const {

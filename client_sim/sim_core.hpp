@@ -25,6 +25,7 @@
 #include "session/ownership.hpp"
 #include "session/remote_probe.hpp"
 #include "session/roster.hpp"
+#include "session/stop_latch.hpp"
 
 namespace tactus::client_sim {
 
@@ -46,6 +47,7 @@ struct SimSettings {
 struct SimMessages {
   std::vector<session::RosterEntry> roster;
   std::vector<session::Control> control;
+  std::vector<session::SessionEnd> ends;
   std::vector<session::Intent> intents;
 };
 
@@ -61,8 +63,10 @@ class SimCore {
   void on_probe_state(const session::ProbeState& state, std::int64_t session_now_ns);
   void on_metrics(const session::Metrics& metrics, std::int64_t now_ns);
   void on_object_pose(const session::ObjectPose& pose);
-  /// An emergency stop or an end that another participant asks for.
-  void on_control(const session::Control& control);
+  void on_stop(const session::EmergencyStop& stop);
+  void on_reset(const session::ForceReset& reset);
+  /// Ends this program too, when it is of another participant.
+  void on_end(const session::SessionEnd& end);
 
   /// Every few milliseconds.
   [[nodiscard]] SimMessages tick(std::int64_t now_ns, std::int64_t session_now_ns);
@@ -117,6 +121,7 @@ class SimCore {
   SimSettings settings_;
   session::Origin self_;
   session::Roster roster_;
+  session::StopLatch stops_;
   SimState state_ = SimState::kGathering;
   std::string trouble_, stopped_;
   std::string taken_;  // the name that an older program has

@@ -18,6 +18,7 @@
 #include "session/delivery_server.hpp"
 #include "session/figures.hpp"
 #include "session/roster.hpp"
+#include "session/stop_latch.hpp"
 #include "wire/ends.hpp"
 #include "wire/inbox.hpp"
 #include "wire/realtime.hpp"
@@ -48,8 +49,9 @@ constexpr double kGap = 0.05;  // m, between objects that are given no pose
 struct Question {
   session::ClockSample sample;
 };
-using Sample = std::variant<session::RosterEntry, session::Demand, session::ClockSample, session::Control, Question,
-                            session::CatalogueEntry, session::ObjectClaim, session::ObjectPose>;
+using Sample = std::variant<session::RosterEntry, session::Demand, session::ClockSample, session::EmergencyStop,
+                            session::ForceReset, session::SessionEnd, Question, session::CatalogueEntry,
+                            session::ObjectClaim, session::ObjectPose>;
 using Inbox = wire::Inbox<Sample>;
 /// The bulk writers of one HRTC.
 struct BulkLink {
@@ -148,7 +150,9 @@ struct Host::Impl {
     listen(wire::topics::kRoster);
     listen(wire::topics::kDemand);
     listen(wire::topics::kClock);
-    listen(wire::topics::kControl);
+    listen(wire::topics::kStop);
+    listen(wire::topics::kReset);
+    listen(wire::topics::kEnd);
   }
 
   template <class T>
@@ -164,7 +168,9 @@ struct Host::Impl {
   void take(const session::RosterEntry& entry, std::int64_t at_ns);
   void take(const session::Demand& demand, std::int64_t at_ns);
   void take(const session::ClockSample& sample, std::int64_t at_ns);
-  void take(const session::Control& control, std::int64_t at_ns);
+  void take(const session::EmergencyStop& sample, std::int64_t) { (void)stops.on_stop(sample.name()); }
+  void take(const session::ForceReset& reset, std::int64_t) { (void)stops.on_reset(reset); }
+  void take(const session::SessionEnd& end, std::int64_t at_ns);
   void take(const Question& question, std::int64_t at_ns);
   void take(const session::CatalogueEntry& entry, std::int64_t at_ns) { keeper.on_catalogue(entry, at_ns); }
   void take(const session::ObjectClaim& claim, std::int64_t at_ns) { keeper.on_claim(claim, at_ns); }
@@ -204,7 +210,8 @@ struct Host::Impl {
   std::int64_t started_ns = monotonic_ns();
   std::uint64_t heartbeat = 0;
   wire::Heartbeat beat{kHeartbeatNs};
-  bool stopped = false;  // the session is, by an emergency stop: whoever comes is told
+  session::StopLatch stops{links.origin()};  // for HRTCs that start after a stop
+  std::uint64_t stops_announced = 0;         // StopLatch::changes
   Every metrics_due{kMetricsNs};
   std::uint64_t demands_refused = 0;
   bool ended = false;
@@ -267,6 +274,7 @@ int Host::Impl::run() {
     const std::int64_t now_ns = monotonic_ns();
     for (const session::RosterEvent& event : roster.tick(now_ns)) react(event, now_ns);
     keep_time(now_ns);
+    if (std::exchange(stops_announced, stops.changes()) != stops.changes()) beat.at_once();
     if (beat.due(now_ns)) send_roster(false);
     const bool follows = clock.reference() != 0 && clock.reference() != links.origin().participant;
     if (follows && request.due(now_ns)) (void)clock_out.send(clock.request(now_ns));
@@ -284,6 +292,7 @@ void Host::Impl::take(const Inbox::Arrived& arrived) {
 }
 
 void Host::Impl::take(const session::RosterEntry& entry, std::int64_t at_ns) {
+  if (stops.on_roster(entry)) log(Severity::kWarning, "emergency stop: " + session::text(entry) + " has it");
   for (const session::RosterEvent& event : roster.on_entry(entry, at_ns)) react(event, at_ns);
 }
 
@@ -304,10 +313,6 @@ void Host::Impl::react(const session::RosterEvent& event, std::int64_t now_ns) {
     ended = true;
   }
   metrics_due.hasten(now_ns, kMetricsSoonNs);  // whoever compares scenes need not wait long
-  if (event.change == RosterChange::kStopped && !stopped) {
-    stopped = true;
-    beat.at_once();
-  }
   if (entry.role == session::Role::kHost &&
       (event.change == RosterChange::kLeft || event.change == RosterChange::kGone))
     keeper.on_host_gone(id, now_ns);
@@ -349,13 +354,8 @@ void Host::Impl::take(const Question& question, std::int64_t at_ns) {
   (void)link->second.answers.send(answer);
 }
 
-void Host::Impl::take(const session::Control& control, std::int64_t) {
-  if (control.kind == session::ControlKind::kEmergencyStop || control.kind == session::ControlKind::kReset) {
-    stopped = control.kind == session::ControlKind::kEmergencyStop;
-    beat.at_once();
-  }
-  if (control.kind != session::ControlKind::kEnd) return;
-  say("the session ends" + (control.text.empty() ? std::string{} : ": " + control.text));
+void Host::Impl::take(const session::SessionEnd& end, std::int64_t) {
+  say("the session ends" + (end.text.empty() ? std::string{} : ": " + end.text));
   ended = true;
 }
 
@@ -403,7 +403,7 @@ void Host::Impl::send_roster(bool leaving) {
   entry.session = options.address.session;
   entry.heartbeat = ++heartbeat;
   entry.leaving = leaving;
-  entry.stopped = stopped;
+  entry.stops = stops.records();
   (void)roster_out.send(entry);
 }
 

@@ -1,6 +1,6 @@
 /// A VE host: serves whole models to a session and answers what HRTCs demand of them.
 ///
-///     roster, demand, clock, control --> inbox --> one thread: Roster, DeliveryServer, SessionClock --> base, records
+///     roster, demand, clock, stops   --> inbox --> one thread: Roster, DeliveryServer, SessionClock --> base, records
 ///     object_claim, object_pose ---------^                     Keeper --> object_grant, object_pose
 ///
 /// The callbacks of DDS only fill the inbox. Each HRTC has its own bulk writers in its own partition, made when it

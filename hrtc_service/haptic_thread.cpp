@@ -68,8 +68,6 @@ void HapticThread::stop() {
 }
 
 void HapticThread::obey(const HapticCommands& commands) noexcept {
-  if (commands.stops != current_.stops) cycle_.stop(haptics::Fault::kEmergencyStop);
-  if (commands.resets != current_.resets) cycle_.reset_faults();
   if (commands.snapshots != current_.snapshots && settings_.snapshot_nodes > 0 && !snapshot_.under_way) {
     snapshot_.count = snapshot_.objects = snapshot_.next_node = 0;
     snapshot_.under_way = true;
@@ -78,6 +76,14 @@ void HapticThread::obey(const HapticCommands& commands) noexcept {
     if (current_.devices[i] != nullptr && commands.devices[i] != current_.devices[i])
       current_.devices[i]->write_wrench(Vec3d::Zero(), Vec3d::Zero());
   current_ = commands;
+}
+
+/// A stop comes last: it stands, whatever a reset has ended.
+void HapticThread::obey(StopWord word) noexcept {
+  if (word.bits() == stop_.bits()) return;
+  if (word.resets != stop_.resets) cycle_.reset_faults();
+  if (word.stopped) cycle_.stop(haptics::Fault::kEmergencyStop);
+  stop_ = word;
 }
 
 void HapticThread::read_devices(std::int64_t now_ns) noexcept {
@@ -155,6 +161,7 @@ void HapticThread::run() {
     const std::int64_t wake_late = clock.wait_next();
     const std::int64_t now_ns = monotonic_ns();
     if (HapticCommands commands; commands_.take(commands)) obey(commands);
+    obey(StopWord::of(stop_word_.load(std::memory_order_acquire)));
     const auto arrived = static_cast<std::uint32_t>(arrivals_.pop(arrived_.data(), arrived_.size()));
     read_devices(now_ns);
 
@@ -163,6 +170,7 @@ void HapticThread::run() {
     outputs_ = result.probes;
     bodies_.limit(cycle_, inputs_, outputs_);
     write_forces();
+    stop_obeyed_.store(stop_.bits(), std::memory_order_release);
     bodies_.step(cycle_, now_ns);
 
     const ProbeReports reports{now_ns, ++cycles, outputs_, result.interventions};

@@ -31,9 +31,16 @@ namespace tactus::hrtc_service {
 struct HapticCommands {
   std::array<haptics::Device*, kMaxProbes> devices{};  ///< null: no probe
   std::array<bool, kMaxProbes> framed{};               ///< the device has a frame of its own
-  std::uint32_t stops = 0;                             ///< grows: emergency stop
-  std::uint32_t resets = 0;                            ///< grows: end faults
   std::uint32_t snapshots = 0;                         ///< grows: copy the shown mesh
+};
+
+/// The emergency stop as the haptic thread obeys it, in one word, so that a stop and a reset cannot change places.
+struct StopWord {
+  bool stopped = false;      ///< all forces are zero
+  std::uint32_t resets = 0;  ///< below 2^31; grows: end faults, forces start softly unless `stopped`
+
+  [[nodiscard]] std::uint32_t bits() const noexcept { return resets << 1 | (stopped ? 1u : 0u); }
+  [[nodiscard]] static StopWord of(std::uint32_t bits) noexcept { return {(bits & 1u) != 0, bits >> 1}; }
 };
 
 struct ProbeReports {
@@ -97,6 +104,12 @@ class HapticThread {
   void stop();
 
   [[nodiscard]] haptics::Mailbox<HapticCommands>& commands() noexcept { return commands_; }
+  /// The next cycle that begins obeys it. Wait-free. One thread at a time calls this and `obeys_stop`.
+  void set_stop(StopWord word) noexcept { stop_word_.store(word.bits(), std::memory_order_release); }
+  /// The forces that are out follow the newest `set_stop`.
+  [[nodiscard]] bool obeys_stop() const noexcept {
+    return stop_obeyed_.load(std::memory_order_acquire) == stop_word_.load(std::memory_order_relaxed);
+  }
   [[nodiscard]] haptics::Mailbox<std::array<NearObjects, kMaxProbes>>& near() noexcept { return near_; }
   [[nodiscard]] ArrivalRing& arrivals() noexcept { return arrivals_; }
   [[nodiscard]] DepartureRing& departures() noexcept { return departures_; }
@@ -126,12 +139,14 @@ class HapticThread {
  private:
   void run();
   void obey(const HapticCommands& commands) noexcept;
+  void obey(StopWord word) noexcept;
   void read_devices(std::int64_t now_ns) noexcept;
   void write_forces() noexcept;
   void continue_snapshot() noexcept;
 
   HapticSettings settings_;
   haptics::Mailbox<HapticCommands> commands_;
+  std::atomic<std::uint32_t> stop_word_{0}, stop_obeyed_{0};  // StopWord::bits
   haptics::Mailbox<std::array<NearObjects, kMaxProbes>> near_;
   haptics::Mailbox<ProbeReports> sender_reports_, service_reports_;
   haptics::Mailbox<MeshHashes> mesh_hashes_;
@@ -159,6 +174,7 @@ class HapticThread {
 
   // The thread's own.
   HapticCommands current_;
+  StopWord stop_;
   std::array<haptics::DeviceFrame, kMaxProbes> frames_;
   std::array<ProbeInput, kMaxProbes> inputs_;
   std::array<ProbeOutput, kMaxProbes> outputs_;  // of the touch, with what bodies change of it

@@ -20,6 +20,7 @@
 #include "hrtc_service/snapshot.hpp"
 #include "hrtc_service/state_sender.hpp"
 #include "hrtc_service/statistics.hpp"
+#include "hrtc_service/stop_switch.hpp"
 #include "hrtc_service/timer_beside.hpp"
 #include "session/clock.hpp"
 #include "session/roster.hpp"
@@ -60,8 +61,14 @@ wire::SessionAddress reads_bulk(wire::SessionAddress address) {
   return address;
 }
 
+/// A stop that stands at another program.
+struct RelayedStop {
+  std::string by;
+};
+
 using Sample = std::variant<VigilAnswer, session::RosterEntry, session::CatalogueEntry, session::BulkChunk,
-                            session::Intent, session::ClockSample, session::Control, session::ProbeState,
+                            session::Intent, session::ClockSample, session::Control, session::EmergencyStop,
+                            session::ForceReset, session::SessionEnd, RelayedStop, session::ProbeState,
                             session::Metrics, WholeState, session::ObjectGrant, session::ObjectPose>;
 using Inbox = wire::Inbox<Sample>;
 
@@ -89,7 +96,12 @@ struct Hrtc::Impl {
     clock.on_answer(answer.sample, now_ns);
   }
   void take(const session::Control& control, std::int64_t now_ns);
-  void stop_forces();
+  // The haptic thread knows these already: callbacks told it.
+  void take(const session::EmergencyStop& stop, std::int64_t now_ns);
+  void take(const RelayedStop& stop, std::int64_t now_ns);
+  void take(const session::ForceReset& reset, std::int64_t now_ns);
+  void take(const session::SessionEnd& end, std::int64_t now_ns);
+  void follow_stops();
   void take(const session::ProbeState& state, std::int64_t now_ns);
   void take(const WholeState& whole, std::int64_t now_ns);
   void take(const session::Metrics& told, std::int64_t now_ns) { neighbours.on_metrics(told, now_ns); }
@@ -132,7 +144,9 @@ struct Hrtc::Impl {
   session::Vigil vigil;
   HapticOrders orders{haptic};
   Seats seats;
-  bool stopped = false;  // by an emergency stop, heard or told of; no reset since
+  StopSwitch stops{links.origin(), haptic};
+  bool stopped = false;  // when the service thread looked last
+  std::vector<session::StopRecord> stops_acknowledged;
   haptics::Mailbox<session::ClockMap> sender_clock;
 
   wire::Writer<session::RosterEntry> roster_out;
@@ -199,7 +213,22 @@ struct Hrtc::Impl {
   template <class Typed>
   void listen(const wire::TopicSpec<Typed>& topic, const wire::EndOptions& where = {}) {
     readers.push_back(std::make_shared<wire::Reader<Typed>>(
-        links, topic, [this](Typed&& sample) { inbox.put(std::move(sample), kUrgent<Typed>); }, where));
+        links, topic, [this](Typed&& sample) { receive(std::move(sample)); }, where));
+  }
+  // In threads of DDS.
+  template <class Typed>
+  void receive(Typed&& sample) {
+    inbox.put(std::move(sample), kUrgent<Typed>);
+  }
+  void receive(session::EmergencyStop&& stop) {
+    if (stops.on_stop(stop.name())) inbox.put(std::move(stop));
+  }
+  void receive(session::ForceReset&& reset) {
+    if (stops.on_reset(reset)) inbox.put(std::move(reset));
+  }
+  void receive(session::RosterEntry&& entry) {
+    if (stops.on_roster(entry)) inbox.put(RelayedStop{session::text(entry)});
+    inbox.put(std::move(entry), kUrgent<session::RosterEntry>);
   }
 };
 
@@ -275,6 +304,9 @@ Hrtc::Impl::Impl(HrtcOptions given)
     std::filesystem::create_directories(options.snapshot);
     snapshots.emplace(options.snapshot, options.address.participant, loader);
   }
+  listen(wire::topics::kStop);
+  listen(wire::topics::kReset);
+  listen(wire::topics::kEnd);
   listen(wire::topics::kRoster);
   listen(wire::topics::kCatalogue);
   listen(wire::topics::kClock);
@@ -318,7 +350,6 @@ void Hrtc::Impl::on_event(const session::RosterEvent& event, std::int64_t now_ns
   const bool gone = event.change == RosterChange::kGone || event.change == RosterChange::kLeft;
   if (event.change != RosterChange::kChanged) spdlog::info("{}", session::text(event));
   metrics.hasten(now_ns, kMetricsSoonNs);  // whoever compares scenes need not wait long
-  if (event.change == RosterChange::kStopped) stop_forces();
   const bool is_new = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted;
   if (entry.role == session::Role::kHost && is_new) heartbeat.insist();  // whom it had not yet found before
   if (event.change == RosterChange::kTwins && entry.origin.participant == links.origin().participant) {
@@ -385,10 +416,6 @@ void Hrtc::Impl::take(const session::Control& control, std::int64_t) {
     case session::ControlKind::kStart:
       spdlog::info("session {} starts", options.address.session);
       break;
-    case session::ControlKind::kEnd:
-      spdlog::info("session {} ends", options.address.session);
-      ended = true;
-      break;
     case session::ControlKind::kMode:
       try {
         neighbours.on_mode(control.text);
@@ -397,26 +424,29 @@ void Hrtc::Impl::take(const session::Control& control, std::int64_t) {
         spdlog::warn("{}", error.what());
       }
       break;
-    case session::ControlKind::kEmergencyStop:
-      spdlog::warn("emergency stop: {}", control.text);
-      stop_forces();
-      break;
-    case session::ControlKind::kReset:
-      spdlog::info("forces are reset: {}", control.text);
-      stopped = false;
-      heartbeat.at_once();
-      orders.tell([](HapticCommands& commands) { ++commands.resets; });
-      break;
   }
 }
 
-/// Once, however many tell of it, until a reset; and tells whoever comes.
-void Hrtc::Impl::stop_forces() {
-  if (stopped) return;
-  stopped = true;
-  heartbeat.at_once();
-  orders.tell([](HapticCommands& commands) { ++commands.stops; });
-  if (flight) flight->save("emergency stop", false);
+void Hrtc::Impl::take(const session::EmergencyStop& stop, std::int64_t) {
+  spdlog::warn("emergency stop: {}", stop.text);
+}
+
+void Hrtc::Impl::take(const RelayedStop& stop, std::int64_t) { spdlog::warn("emergency stop: {} has it", stop.by); }
+
+void Hrtc::Impl::take(const session::ForceReset& reset, std::int64_t) {
+  spdlog::info("forces are reset: {}{}", reset.text, stops.stopped() ? "; another stop holds them off" : "");
+}
+
+void Hrtc::Impl::take(const session::SessionEnd& end, std::int64_t) {
+  spdlog::info("session {} ends{}{}", options.address.session, end.text.empty() ? "" : ": ", end.text);
+  ended = true;
+}
+
+/// Acknowledges in the roster what the haptic thread has obeyed, and saves the cycles before a stop.
+void Hrtc::Impl::follow_stops() {
+  if (stops.acknowledge(stops_acknowledged)) heartbeat.at_once();
+  const bool before = std::exchange(stopped, stops.stopped());
+  if (stopped && !before && flight) flight->save("emergency stop", false);
 }
 
 void Hrtc::Impl::take(const session::ProbeState& state, std::int64_t now_ns) {
@@ -445,7 +475,7 @@ void Hrtc::Impl::send_roster(bool leaving) {
   entry.slots = seats.slots();
   entry.heartbeat = ++beats;
   entry.leaving = leaving;
-  entry.stopped = stopped;
+  entry.stops = stops_acknowledged;
   (void)roster_out.send(entry);
 }
 
@@ -728,6 +758,7 @@ void Hrtc::Impl::serve(std::int64_t now_ns) {
   }
   sender_clock.post(clock.map());
   seats.on_clock(clock.map().session_time(now_ns) - now_ns);
+  follow_stops();
   if (heartbeat.due(now_ns)) send_roster(false);
   if (metrics.due(now_ns)) send_metrics(all_metrics.due(now_ns));
   seats.open_remote_devices();

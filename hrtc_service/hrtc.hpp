@@ -5,7 +5,8 @@
 ///   sender   probe states                                      the haptic thread's eventfd
 ///   service  roster, clock, loader, metrics, log               samples that arrive, else every 2 ms
 ///   flight   what is kept of the last cycles                   20 ms
-///   (DDS)    callbacks that copy a sample into the inbox       the network
+///   (DDS)    callbacks that copy a sample into the inbox;      the network
+///            those of stops and resets set the haptic thread's stop themselves
 #pragma once
 
 #include <atomic>

@@ -17,7 +17,7 @@
 namespace tactus::session {
 
 /// Raised when a change makes older programs misread newer samples.
-inline constexpr std::uint32_t kProtocolVersion = 12;
+inline constexpr std::uint32_t kProtocolVersion = 13;
 
 // Bounds, also stated in idl/tactus.idl; a test compares the two.
 inline constexpr std::size_t kMaxName = 63;
@@ -31,6 +31,7 @@ inline constexpr std::size_t kMaxFigures = 128;
 inline constexpr std::size_t kMaxMeshes = 64;  ///< objects of one HRTC
 inline constexpr std::size_t kMaxWaypoints = 16;
 inline constexpr std::size_t kMaxTouchers = 8;  ///< controllers that simulate one object together
+inline constexpr std::size_t kMaxStops = 32;    ///< issuers of stops and resets that one program records
 
 /// Stable 64-bit name of a name: XXH3-64 of its bytes. Keys on the wire are these; the roster carries the text.
 [[nodiscard]] std::uint64_t id_of(const std::string& name) noexcept;
@@ -51,6 +52,22 @@ struct UserSlot {
   std::uint32_t slot = 0;  ///< probe number in that HRTC
 };
 
+/// Names an emergency stop. The issuer numbers its stops from 1.
+struct StopName {
+  std::uint64_t participant = 0;
+  std::uint64_t incarnation = 0;
+  std::uint32_t number = 0;
+};
+
+/// What a host or an HRTC has received from one issuer of stops and resets (session/stop_latch.hpp).
+struct StopRecord {
+  std::uint64_t participant = 0;
+  std::uint64_t incarnation = 0;
+  std::uint32_t stop = 0;   ///< number of its newest stop; 0: none
+  std::uint32_t ended = 0;  ///< largest number of a stop of it that a reset has named; 0: none
+  std::uint32_t reset = 0;  ///< number of its newest reset; 0: none
+};
+
 /// Topic roster, key origin.participant: presence and heartbeat, also at once on every change.
 struct RosterEntry {
   Origin origin;
@@ -63,7 +80,7 @@ struct RosterEntry {
   std::vector<UserSlot> slots;     ///< HRTC only: users accepted
   std::uint64_t heartbeat = 0;     ///< grows by one each sample
   bool leaving = false;
-  bool stopped = false;  ///< host and HRTC: has heard an emergency stop, and no reset since
+  std::vector<StopRecord> stops{};  ///< host and HRTC: acknowledges stops and resets, passes standing stops on
 };
 
 struct Pose {
@@ -343,14 +360,37 @@ struct Metrics {
   std::uint64_t scene = 0;         ///< scene_hash of its roster (session/roster.hpp)
 };
 
-enum class ControlKind : std::uint8_t { kStart = 0, kEnd = 1, kMode = 2, kEmergencyStop = 3, kReset = 4 };
+enum class ControlKind : std::uint8_t { kStart = 0, kMode = 1 };
 
 /// Topic control, key origin.participant: to everyone in the session.
 struct Control {
   Origin origin;
   std::uint32_t sequence = 0;
   ControlKind kind = ControlKind::kStart;
-  std::string text;  ///< mode name, reason
+  std::string text;  ///< mode name
+};
+
+/// Topic stop: forces are off until a reset names this stop. Its sender repeats it until all have acknowledged it.
+struct EmergencyStop {
+  Origin origin;
+  std::uint32_t number = 0;  ///< with the origin, its name
+  std::string text;          ///< reason
+
+  [[nodiscard]] StopName name() const noexcept { return {origin.participant, origin.incarnation, number}; }
+};
+
+/// Topic reset: ends the stops that it names, and the faults of devices. Repeated as a stop is.
+struct ForceReset {
+  Origin origin;
+  std::uint32_t number = 0;  ///< of the sender's resets, from 1
+  std::vector<StopName> stops;
+  std::string text;  ///< reason
+};
+
+/// Topic end: the programs of the session write their reports and leave.
+struct SessionEnd {
+  Origin origin;
+  std::string text;  ///< reason
 };
 
 }  // namespace tactus::session

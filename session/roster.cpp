@@ -35,8 +35,10 @@ bool same_users(const RosterEntry& a, const RosterEntry& b) {
 
 }  // namespace
 
+std::string text(const RosterEntry& entry) { return std::string{name_of(entry.role)} + " '" + entry.name + "'"; }
+
 std::string text(const RosterEvent& event) {
-  const std::string who = std::string{name_of(event.entry.role)} + " '" + event.entry.name + "'";
+  const std::string who = text(event.entry);
   switch (event.change) {
     case RosterChange::kJoined:
       return who + " joined";
@@ -55,8 +57,6 @@ std::string text(const RosterEvent& event) {
     case RosterChange::kWrongVersion:
       return who + " refused: it speaks protocol version " + std::to_string(event.other) + ", we speak version " +
              std::to_string(kProtocolVersion);
-    case RosterChange::kStopped:
-      return who + " says that the session is stopped";
     case RosterChange::kTwins:
       return who + " is there twice: incarnations " + std::to_string(event.entry.origin.incarnation) + " and " +
              std::to_string(event.other) + " both beat under this name; give one of them another --name";
@@ -105,7 +105,6 @@ std::vector<RosterEvent> Roster::on_entry(const RosterEntry& entry, std::int64_t
     at->second.here = true;
     at->second.seen_ns = now_ns;
     tell(RosterChange::kJoined);
-    if (entry.stopped) tell(RosterChange::kStopped);
     return events;
   }
 
@@ -119,7 +118,6 @@ std::vector<RosterEvent> Roster::on_entry(const RosterEntry& entry, std::int64_t
       known.here = true;
       known.seen_ns = now_ns;
       tell(RosterChange::kJoined);
-      if (entry.stopped) tell(RosterChange::kStopped);
     }
     return events;
   }
@@ -131,7 +129,6 @@ std::vector<RosterEvent> Roster::on_entry(const RosterEntry& entry, std::int64_t
     known.left = true;
     return events;
   }
-  const bool told = known.here && incarnation == before && known.entry.stopped;
   if (!known.here) {
     tell(RosterChange::kJoined);
   } else if (incarnation > before) {
@@ -141,7 +138,6 @@ std::vector<RosterEvent> Roster::on_entry(const RosterEntry& entry, std::int64_t
     if (known.late) tell(RosterChange::kBack);
     if (!same_users(entry, known.entry)) tell(RosterChange::kChanged);
   }
-  if (entry.stopped && !told) tell(RosterChange::kStopped);
   known.here = true;
   known.left = known.late = false;
   known.entry = entry;

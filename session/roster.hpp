@@ -34,7 +34,6 @@ enum class RosterChange : std::uint8_t {
   kLeft,          ///< said so
   kGone,          ///< silent for too long
   kWrongVersion,  ///< refused; `other` is its protocol version
-  kStopped,       ///< says now that the session is stopped, or did when it came
   kTwins,         ///< two programs beat under this name; `other` is the incarnation of the second
   kFull           ///< no room for it
 };
@@ -47,6 +46,8 @@ struct RosterEvent {
 
 /// One line for a log.
 [[nodiscard]] std::string text(const RosterEvent& event);
+/// Role and name.
+[[nodiscard]] std::string text(const RosterEntry& entry);
 
 class Roster {
  public:

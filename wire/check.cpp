@@ -119,6 +119,7 @@ const char* fault(const session::RosterEntry& r) noexcept {
     if (!is_name(slot.user)) return "slots.user: expected 1..63 bytes";
     if (slot.slot >= session::kMaxSlots) return "slots.slot: expected 0..63";
   }
+  if (r.stops.size() > session::kMaxStops) return "stops: expected at most 32";
   return nullptr;
 }
 
@@ -155,8 +156,29 @@ const char* fault(const session::Metrics& m) noexcept {
 }
 
 const char* fault(const session::Control& c) noexcept {
-  if (c.kind > session::ControlKind::kReset) return "kind: expected 0..4";
+  if (c.kind > session::ControlKind::kMode) return "kind: expected 0..1";
   if (!fits(c.text, session::kMaxText)) return "text: expected at most 255 bytes";
+  return nullptr;
+}
+
+const char* fault(const session::EmergencyStop& s) noexcept {
+  if (s.number == 0) return "number: expected at least 1";
+  if (!fits(s.text, session::kMaxText)) return "text: expected at most 255 bytes";
+  return nullptr;
+}
+
+const char* fault(const session::ForceReset& r) noexcept {
+  if (r.number == 0) return "number: expected at least 1";
+  if (r.stops.size() > session::kMaxStops) return "stops: expected at most 32";
+  for (const session::StopName& stop : r.stops) {
+    if (stop.number == 0) return "stops.number: expected at least 1";
+  }
+  if (!fits(r.text, session::kMaxText)) return "text: expected at most 255 bytes";
+  return nullptr;
+}
+
+const char* fault(const session::SessionEnd& e) noexcept {
+  if (!fits(e.text, session::kMaxText)) return "text: expected at most 255 bytes";
   return nullptr;
 }
 

@@ -24,6 +24,18 @@ idl::PoseValue pose_to_idl(const session::Pose& from) {
 
 session::Pose pose_from_idl(const idl::PoseValue& from) { return {from.position(), from.orientation()}; }
 
+void to_idl(const session::EmergencyStop& from, idl::EmergencyStop& to) {
+  origin_to_idl(from.origin, to);
+  to.stop_number(from.number);
+  to.text(from.text);
+}
+
+void from_idl(const idl::EmergencyStop& from, session::EmergencyStop& to) {
+  to.origin = origin_from_idl(from);
+  to.number = from.stop_number();
+  to.text = from.text().to_string();
+}
+
 void to_idl(const session::Intent& from, idl::Intent& to) {
   origin_to_idl(from.origin, to);
   to.user_id(from.user_id);

@@ -18,7 +18,14 @@ void to_idl(const session::RosterEntry& from, idl::RosterEntry& to) {
   }
   to.heartbeat(from.heartbeat);
   to.leaving(from.leaving);
-  to.stopped(from.stopped);
+  to.stops().resize(from.stops.size());
+  for (std::size_t i = 0; i < from.stops.size(); ++i) {
+    to.stops()[i].participant(from.stops[i].participant);
+    to.stops()[i].incarnation(from.stops[i].incarnation);
+    to.stops()[i].newest_stop(from.stops[i].stop);
+    to.stops()[i].ended(from.stops[i].ended);
+    to.stops()[i].newest_reset(from.stops[i].reset);
+  }
 }
 
 void from_idl(const idl::RosterEntry& from, session::RosterEntry& to) {
@@ -36,7 +43,11 @@ void from_idl(const idl::RosterEntry& from, session::RosterEntry& to) {
   }
   to.heartbeat = from.heartbeat();
   to.leaving = from.leaving();
-  to.stopped = from.stopped();
+  to.stops.resize(from.stops().size());
+  for (std::size_t i = 0; i < to.stops.size(); ++i) {
+    const idl::StopRecordValue& stop = from.stops()[i];
+    to.stops[i] = {stop.participant(), stop.incarnation(), stop.newest_stop(), stop.ended(), stop.newest_reset()};
+  }
 }
 
 void to_idl(const session::CatalogueEntry& from, idl::CatalogueEntry& to) {
@@ -144,6 +155,39 @@ void from_idl(const idl::Control& from, session::Control& to) {
   to.origin = origin_from_idl(from);
   to.sequence = from.sequence_number();
   to.kind = enum_from_idl<session::ControlKind>(from.action());
+  to.text = from.text().to_string();
+}
+
+void to_idl(const session::ForceReset& from, idl::ForceReset& to) {
+  origin_to_idl(from.origin, to);
+  to.reset_number(from.number);
+  to.stops().resize(from.stops.size());
+  for (std::size_t i = 0; i < from.stops.size(); ++i) {
+    to.stops()[i].participant(from.stops[i].participant);
+    to.stops()[i].incarnation(from.stops[i].incarnation);
+    to.stops()[i].stop_number(from.stops[i].number);
+  }
+  to.text(from.text);
+}
+
+void from_idl(const idl::ForceReset& from, session::ForceReset& to) {
+  to.origin = origin_from_idl(from);
+  to.number = from.reset_number();
+  to.stops.resize(from.stops().size());
+  for (std::size_t i = 0; i < to.stops.size(); ++i) {
+    const idl::StopNameValue& stop = from.stops()[i];
+    to.stops[i] = {stop.participant(), stop.incarnation(), stop.stop_number()};
+  }
+  to.text = from.text().to_string();
+}
+
+void to_idl(const session::SessionEnd& from, idl::SessionEnd& to) {
+  origin_to_idl(from.origin, to);
+  to.text(from.text);
+}
+
+void from_idl(const idl::SessionEnd& from, session::SessionEnd& to) {
+  to.origin = origin_from_idl(from);
   to.text = from.text().to_string();
 }
 

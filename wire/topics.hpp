@@ -21,10 +21,14 @@ inline constexpr TopicSpec<session::CatalogueEntry> kCatalogue{"tactus_catalogue
 inline constexpr TopicSpec<session::Demand> kDemand{"tactus_demand", TrafficClass::kSession, "demand"};
 inline constexpr TopicSpec<session::Metrics> kMetrics{"tactus_metrics", TrafficClass::kSession, "metrics"};
 inline constexpr TopicSpec<session::Control> kControl{"tactus_control", TrafficClass::kSession, "control"};
+inline constexpr TopicSpec<session::ForceReset> kReset{"tactus_reset", TrafficClass::kSession, "reset"};
+inline constexpr TopicSpec<session::SessionEnd> kEnd{"tactus_end", TrafficClass::kSession, "end"};
 
 inline constexpr TopicSpec<session::BulkChunk> kBase{"tactus_base", TrafficClass::kBulk, "base"};
 inline constexpr TopicSpec<session::BulkChunk> kRecords{"tactus_records", TrafficClass::kBulk, "records"};
 
+/// In the probe class, whose packets and receive threads go first.
+inline constexpr TopicSpec<session::EmergencyStop> kStop{"tactus_stop", TrafficClass::kProbe, "stop"};
 inline constexpr TopicSpec<session::ProbeState> kProbeState{"tactus_probe_state", TrafficClass::kProbe, "probe_state"};
 /// The same topic with the ends of mode `collaborate`, in a group's partition.
 inline constexpr TopicSpec<session::ProbeState> kProbeStateWhole{"tactus_probe_state", TrafficClass::kProbe,
@@ -50,8 +54,11 @@ void for_each(Visit&& visit) {
   visit(kDemand);
   visit(kMetrics);
   visit(kControl);
+  visit(kReset);
+  visit(kEnd);
   visit(kBase);
   visit(kRecords);
+  visit(kStop);
   visit(kProbeState);
   visit(kProbeStateWhole);
   visit(kDevicePose);

@@ -101,6 +101,7 @@ class World {
       SimMessages out = core.tick(now, now + kSessionAhead);
       for (auto& entry : out.roster) roster.push_back(entry);
       for (auto& control : out.control) controls.push_back(control);
+      for (auto& one : out.ends) ends.push_back(one);
       for (auto& intent : out.intents) intents.push_back(intent);
     }
   }
@@ -122,6 +123,7 @@ class World {
   std::vector<session::RosterEntry> roster;
   std::size_t echoed = 0;
   std::vector<session::Control> controls;
+  std::vector<session::SessionEnd> ends;
   std::vector<session::Intent> intents;
 
  private:
@@ -206,7 +208,7 @@ TEST(SimCore, StartsWhenAllAreServedActsAndEndsOnTime) {
   }
   world.run(0.5);
   EXPECT_EQ(world.core.state(), SimState::kEnding);
-  EXPECT_EQ(world.controls.back().kind, ControlKind::kEnd);
+  EXPECT_EQ(world.ends.size(), 1u);
   for (const char* name : {"host", "left", "right"}) {
     EXPECT_EQ(world.core.state(), SimState::kEnding);
     world.core.on_metrics({world.origin(name), {{"x", 1}}}, world.now);
@@ -260,8 +262,25 @@ TEST(SimCore, StopsInOrderWhenToldTo) {
   ASSERT_EQ(world.core.state(), SimState::kRunning);
   world.core.stop("interrupted");
   world.run(0.01);
-  EXPECT_EQ(world.controls.back().kind, ControlKind::kEnd);
+  ASSERT_EQ(world.ends.size(), 1u);
+  EXPECT_EQ(world.ends[0].text, "interrupted");
   EXPECT_EQ(world.core.report().trouble, "interrupted");
+}
+
+TEST(SimCore, EndsWithTheSessionAndReportsAStopOnceHoweverOftenItIsRepeated) {
+  World world{kTwoUsers};
+  world.hrtc("left", {"ann", "bob"});
+  world.object("a");
+  world.run(1.2);
+  ASSERT_EQ(world.core.state(), SimState::kRunning);
+  for (int i = 0; i < 3; ++i) world.core.on_stop({world.origin("operator"), 1, "needle bent"});
+  world.core.on_end({world.origin("operator"), "enough"});
+  world.run(0.01);
+  int stops = 0;
+  for (const ReportEvent& event : world.core.report().events) stops += event.text == "emergency stop: needle bent";
+  EXPECT_EQ(stops, 1);
+  EXPECT_EQ(world.core.state(), SimState::kEnding);
+  EXPECT_EQ(world.core.report().trouble, "ended by another participant: enough");
 }
 
 TEST(SimCore, GivesWayToAnOlderProgramOfItsNameBeforeItBringsUsers) {
@@ -276,7 +295,7 @@ TEST(SimCore, GivesWayToAnOlderProgramOfItsNameBeforeItBringsUsers) {
   EXPECT_THAT(world.core.trouble(), HasSubstr("another --name"));
   EXPECT_TRUE(world.roster.back().leaving);
   for (const session::RosterEntry& entry : world.roster) EXPECT_THAT(entry.users, IsEmpty());
-  EXPECT_THAT(world.controls, IsEmpty()) << "the session goes on";
+  EXPECT_THAT(world.ends, IsEmpty()) << "the session goes on";
 }
 
 TEST(SimCore, GoesOnWhenALaterProgramHasItsNameAndNotesIt) {

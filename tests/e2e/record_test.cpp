@@ -64,9 +64,9 @@ TEST_F(RecordTest, HasEveryTopicOfASessionThatGoesOnAsWithoutIt) {
   std::uint64_t messages = 0;
   for (const auto& [topic, of] : all.items()) messages += of["count"].get<std::uint64_t>();
   EXPECT_THAT(recorder.output(), testing::HasSubstr(std::to_string(messages) + " messages, "));
-  for (const char* const topic :
-       {"tactus_roster", "tactus_catalogue", "tactus_demand", "tactus_metrics", "tactus_control", "tactus_records",
-        "tactus_probe_state", "tactus_intent", "tactus_device_pose", "tactus_device_command", "tactus_clock"})
+  for (const char* const topic : {"tactus_roster", "tactus_catalogue", "tactus_demand", "tactus_metrics",
+                                  "tactus_control", "tactus_end", "tactus_records", "tactus_probe_state",
+                                  "tactus_intent", "tactus_device_pose", "tactus_device_command", "tactus_clock"})
     EXPECT_TRUE(all.contains(topic)) << topic;
   ASSERT_TRUE(all.contains("tactus_device_pose"));
   const json& pose = all["tactus_device_pose"];

@@ -1,4 +1,12 @@
 /// The emergency stop as an operator gives it, and what everyone is told of it.
+#include <fcntl.h>
+#include <sys/ioctl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <system_error>
+#include <utility>
+
 #include "session/figures.hpp"
 #include "tests/e2e/session_test.hpp"
 
@@ -49,12 +57,13 @@ TEST_F(SafetyTest, AStopTakesEveryForceAndSaysWhyUntilAReset) {
   EXPECT_TRUE(desk.wait_for_line("emergency stop: needle bent"));
   EXPECT_TRUE(desk.wait_for_line("the force of user ann is off until it is reset: emergency stop"));
   EXPECT_TRUE(ends_with(0, stop)) << stop.output();
-  EXPECT_THAT(stop.output(), testing::HasSubstr("HRTCs: desk"));
+  EXPECT_THAT(stop.output(), testing::HasSubstr("acknowledged by HRTCs: desk; by hosts: museum"));
   EXPECT_TRUE(observer.until([](const Seen& seen) { return seen.figure("desk", figures::kInterventions[6]) == 2; }));
 
   Process reset{control({"reset", "--reason", "straight again"})};
   EXPECT_TRUE(observer.until([](const Seen& seen) { return feels(seen, "ann") && feels(seen, "bob"); }));
   EXPECT_TRUE(ends_with(0, reset)) << reset.output();
+  EXPECT_THAT(reset.output(), testing::HasSubstr("resets 1 stop\nacknowledged by HRTCs: desk; by hosts: museum"));
 
   Process end{control({"end", "--reason", "enough"})};
   EXPECT_TRUE(ends_with(1, users));
@@ -70,20 +79,96 @@ TEST_F(SafetyTest, AStopHoldsForAnHrtcThatStartsAfterItUntilAReset) {
   ASSERT_TRUE(ends_with(1, stop)) << "no HRTC was there, and it says so: " << stop.output();
 
   Process desk{hrtc("desk")};  // only the host can tell it
-  ASSERT_TRUE(desk.wait_for_line("host 'museum' says that the session is stopped"));
+  ASSERT_TRUE(desk.wait_for_line("emergency stop: host 'museum' has it"));
   Process users{sim(kTwoHold)};
   EXPECT_TRUE(observer.until([](const Seen& seen) { return is_off(seen, "ann") && is_off(seen, "bob"); }))
       << users.output() << desk.output();
   museum.signal(SIGKILL);
   Process gallery{host("gallery", models().sphere)};  // only the HRTC can tell it
-  ASSERT_TRUE(gallery.wait_for_line("HRTC 'desk' says that the session is stopped"));
+  ASSERT_TRUE(gallery.wait_for_line("emergency stop: HRTC 'desk' has it"));
 
   Process reset{control({"reset"})};
   EXPECT_TRUE(observer.until([](const Seen& seen) { return feels(seen, "ann") && feels(seen, "bob"); }))
       << users.output() << desk.output();
   Process table{hrtc("table")};
   EXPECT_TRUE(table.wait_for_line("HRTC 'desk' joined"));
-  EXPECT_THAT(table.output(), testing::Not(testing::HasSubstr("stopped")));
+  EXPECT_THAT(table.output(), testing::Not(testing::HasSubstr("emergency stop")));
+}
+
+TEST_F(SafetyTest, AResetEndsNoStopThatItDoesNotName) {
+  Observer observer{address("observer")};
+  wire::Writer<session::EmergencyStop> stop_out{observer.links(), wire::topics::kStop};
+  wire::Writer<session::ForceReset> reset_out{observer.links(), wire::topics::kReset};
+  Process museum{host("museum", models().sphere)};
+  Process desk{hrtc("desk")};
+  const session::Origin self = observer.links().origin();
+  const auto record = [&](const Seen& seen) {
+    if (seen.is_here("desk"))
+      for (const session::StopRecord& known : seen.roster.at("desk").stops)
+        if (known.participant == self.participant) return known;
+    return session::StopRecord{};
+  };
+  ASSERT_TRUE(observer.until([&](const Seen& seen) {
+    (void)stop_out.send({self, 2, "needle bent"});
+    return record(seen).stop == 2;
+  })) << desk.output();
+  ASSERT_TRUE(observer.until([&](const Seen& seen) {
+    (void)reset_out.send({self, 1, {{self.participant, self.incarnation, 1}}, "an old one"});
+    return record(seen).reset == 1;
+  })) << desk.output();
+  EXPECT_TRUE(desk.wait_for_line("forces are reset: an old one; another stop holds them off"));
+  EXPECT_EQ(record(observer.seen()).ended, 1u);
+
+  Process reset{control({"reset"})};
+  EXPECT_TRUE(ends_with(0, reset)) << reset.output();
+  EXPECT_TRUE(observer.until([&](const Seen& seen) { return record(seen).ended == 2; })) << desk.output();
+}
+
+/// The contact log of an HRTC: a pipe of one page that nobody empties, so that the HRTC's service thread blocks in it.
+class FullPipe {
+ public:
+  explicit FullPipe(const std::string& path) {
+    if (mkfifo(path.c_str(), 0600) != 0) throw std::system_error{errno, std::generic_category(), path};
+    end_ = open(path.c_str(), O_RDONLY | O_NONBLOCK);
+    if (end_ < 0) throw std::system_error{errno, std::generic_category(), path};
+    capacity_ = fcntl(end_, F_SETPIPE_SZ, 4096);
+  }
+  ~FullPipe() { close(end_); }
+  FullPipe(const FullPipe&) = delete;
+  FullPipe& operator=(const FullPipe&) = delete;
+
+  [[nodiscard]] bool is_full() const {
+    int bytes = 0;
+    return ioctl(end_, FIONREAD, &bytes) == 0 && bytes >= capacity_;
+  }
+
+ private:
+  int end_ = -1;
+  int capacity_ = 0;
+};
+
+TEST_F(SafetyTest, AStopTakesTheForceWhileTheServiceThreadIsBlocked) {
+  Observer observer{address("observer")};
+  wire::Writer<session::EmergencyStop> stop_out{observer.links(), wire::topics::kStop};
+  const FullPipe log{path("log")};
+  Process museum{host("museum", models().sphere)};
+  Process desk{hrtc("desk", {"--log", path("log")})};
+  Process users{sim(kTwoHold)};
+  // A blocked service thread sends no heartbeat for the time of five; the sender thread goes on with probe states.
+  std::uint64_t heartbeat = 0, states_then = 0;
+  ASSERT_TRUE(observer.until([&](const Seen& seen) {
+    if (!seen.is_here("desk") || !log.is_full()) return false;
+    const std::uint64_t states = seen.user("ann").count;
+    const std::uint64_t newest = seen.roster.at("desk").heartbeat;
+    if (newest != std::exchange(heartbeat, newest)) states_then = states;
+    return states > states_then + 500 && feels(seen, "ann");
+  })) << users.output()
+      << desk.output();
+
+  EXPECT_TRUE(observer.until([&](const Seen& seen) {
+    (void)stop_out.send({observer.links().origin(), 1, "needle bent"});  // best effort, so again and again
+    return is_off(seen, "ann");
+  }));
 }
 
 TEST_F(SafetyTest, AStopThatNobodyHearsFails) {

@@ -54,7 +54,7 @@ class Controller {
         roster_{links_, wire::topics::kRoster},
         demands_{links_, wire::topics::kDemand},
         clock_{links_, wire::topics::kClock},
-        control_{links_, wire::topics::kControl} {
+        end_{links_, wire::topics::kEnd} {
     const wire::EndOptions own{wire::hrtc_partition(name)};
     listen(wire::topics::kRoster);
     listen(wire::topics::kCatalogue);
@@ -84,13 +84,7 @@ class Controller {
     return true;
   }
 
-  void end_session() {
-    session::Control control;
-    control.origin = links_.origin();
-    control.kind = session::ControlKind::kEnd;
-    control.text = "enough";
-    EXPECT_EQ(control_.send(control), wire::SendStatus::kSent);
-  }
+  void end_session() { EXPECT_EQ(end_.send({links_.origin(), "enough"}), wire::SendStatus::kSent); }
 
   [[nodiscard]] bool holds_all() const { return base_ && held_.size() == base_->mesh.summary.regions; }
 
@@ -177,7 +171,7 @@ class Controller {
   wire::Writer<session::RosterEntry> roster_;
   wire::Writer<session::Demand> demands_;
   wire::Writer<session::ClockSample> clock_;
-  wire::Writer<session::Control> control_;
+  wire::Writer<session::SessionEnd> end_;
   std::uint64_t heartbeat_ = 0;
   std::mutex mutex_;
   std::condition_variable arrived_;

@@ -106,7 +106,7 @@ int main(int argc, char** argv) {
   const dds_entity_t roster_out = end_of(kWriter, slow, &tactus_idl_RosterEntry_desc, "tactus_roster", session, true);
   const dds_entity_t catalogue_in =
       end_of(kReader, slow, &tactus_idl_CatalogueEntry_desc, "tactus_catalogue", session, true);
-  const dds_entity_t control_in = end_of(kReader, slow, &tactus_idl_Control_desc, "tactus_control", session, true);
+  const dds_entity_t end_in = end_of(kReader, slow, &tactus_idl_SessionEnd_desc, "tactus_end", session, true);
   const dds_entity_t metrics_in = end_of(kReader, slow, &tactus_idl_Metrics_desc, "tactus_metrics", session, false);
   const dds_entity_t clock_in = end_of(kReader, fast, &tactus_idl_ClockSample_desc, "tactus_clock", session, false);
   const dds_entity_t clock_out = end_of(kWriter, fast, &tactus_idl_ClockSample_desc, "tactus_clock", session, false);
@@ -221,8 +221,8 @@ int main(int argc, char** argv) {
       pose.device.position[2] += pose.velocity[2] * 0.001;
       dds_write(poses_out, &pose);
     }
-    tactus_idl_Control control;
-    while (take(control_in, &control)) ended |= control.action == tactus_idl_kControlEnd;
+    tactus_idl_SessionEnd end;
+    while (take(end_in, &end)) ended = true;
     const struct timespec until = {(now + 1000000) / 1000000000, (now + 1000000) % 1000000000};
     clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, NULL);
   }

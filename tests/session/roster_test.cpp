@@ -56,22 +56,6 @@ TEST_F(RosterTest, WhoLeftStaysAwayUntilStartedAgain) {
   EXPECT_THAT(see(entry("a", 2, 1), 30), ElementsAre(RosterChange::kJoined));
 }
 
-TEST_F(RosterTest, ThatTheSessionIsStoppedIsNewsOnceFromEachUntilItSaysOtherwise) {
-  const auto says = [](std::uint64_t incarnation, std::uint64_t heartbeat, bool stopped = true) {
-    RosterEntry e = entry("a", incarnation, heartbeat);
-    e.stopped = stopped;
-    return e;
-  };
-  EXPECT_THAT(see(says(1, 1), 0), ElementsAre(RosterChange::kJoined, RosterChange::kStopped)) << "a newcomer hears";
-  EXPECT_THAT(see(says(1, 3), 10), IsEmpty()) << "what it says again after a reset elsewhere is not news";
-  EXPECT_THAT(see(says(1, 4, false), 20), IsEmpty());
-  EXPECT_THAT(see(says(1, 2), 30), IsEmpty()) << "a straggler";
-  EXPECT_THAT(see(says(1, 5), 40), ElementsAre(RosterChange::kStopped));
-  EXPECT_THAT(see(says(2, 1), 50), ElementsAre(RosterChange::kRestarted, RosterChange::kStopped));
-  EXPECT_THAT(changes(roster_.tick(600 * kMs)), ElementsAre(RosterChange::kGone));
-  EXPECT_THAT(see(says(2, 2), 700 * kMs), ElementsAre(RosterChange::kJoined, RosterChange::kStopped)) << "a partition";
-}
-
 TEST_F(RosterTest, RefusesAnotherProtocolVersionNamingBothOnce) {
   RosterEntry e = entry("a", 1, 1);
   e.protocol = kProtocolVersion + 4;

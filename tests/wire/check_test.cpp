@@ -83,6 +83,7 @@ TEST(Check, NamesTheWrongFieldOfARosterEntry) {
   expect_fault(roster(), "users", [](auto& r) { r.users = {""}; });
   expect_fault(roster(), "slots", [](auto& r) { r.slots.assign(65, {"u", 0}); });
   expect_fault(roster(), "slots.slot", [](auto& r) { r.slots = {{"u", 64}}; });
+  expect_fault(roster(), "stops", [](auto& r) { r.stops.assign(33, {1, 2, 3, 4, 5}); });
 }
 
 TEST(Check, LeavesTheProtocolVersionToTheSession) {
@@ -209,8 +210,24 @@ TEST(Check, NamesTheWrongFieldOfMetricsAndControl) {
   expect_fault(ses::Metrics{}, "figures.name", [](auto& m) { m.figures = {{"", 0}}; });
   expect_fault(ses::Metrics{}, "figures.value", [](auto& m) { m.figures = {{"f", kNan}}; });
   expect_fault(ses::Metrics{}, "meshes", [](auto& m) { m.meshes.assign(65, {1, 2}); });
-  expect_fault(ses::Control{}, "kind", [](auto& c) { c.kind = static_cast<ses::ControlKind>(5); });
+  expect_fault(ses::Control{}, "kind", [](auto& c) { c.kind = static_cast<ses::ControlKind>(2); });
   expect_fault(ses::Control{}, "text", [](auto& c) { c.text.assign(256, 't'); });
+}
+
+TEST(Check, NamesTheWrongFieldOfStopsResetsAndEnds) {
+  ses::EmergencyStop stop;
+  EXPECT_THAT(fault(stop), HasSubstr("number"));
+  stop.number = 1;
+  EXPECT_THAT(fault(stop), IsNull());
+  expect_fault(stop, "text", [](auto& s) { s.text.assign(256, 't'); });
+  ses::ForceReset reset;
+  EXPECT_THAT(fault(reset), HasSubstr("number"));
+  reset.number = 1;
+  EXPECT_THAT(fault(reset), IsNull());
+  expect_fault(reset, "stops", [](auto& r) { r.stops.assign(33, {1, 2, 3}); });
+  expect_fault(reset, "stops.number", [](auto& r) { r.stops = {{1, 2, 0}}; });
+  expect_fault(reset, "text", [](auto& r) { r.text.assign(256, 't'); });
+  expect_fault(ses::SessionEnd{}, "text", [](auto& e) { e.text.assign(256, 't'); });
 }
 
 }  // namespace

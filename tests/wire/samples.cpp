@@ -39,7 +39,7 @@ ses::RosterEntry full(const Links& from) {
           {{"carol", 3}, {"dave", 63}},
           77,
           true,
-          true};
+          {{11, 12, 3, 2, 0}, {13, 14, 0, 0, 5}}};
 }
 
 template <>
@@ -71,7 +71,22 @@ ses::Metrics full(const Links& from) {
 
 template <>
 ses::Control full(const Links& from) {
-  return {from.origin(), 5, ses::ControlKind::kEmergencyStop, "operator said so"};
+  return {from.origin(), 5, ses::ControlKind::kMode, "large-scale"};
+}
+
+template <>
+ses::EmergencyStop full(const Links& from) {
+  return {from.origin(), 6, "operator said so"};
+}
+
+template <>
+ses::ForceReset full(const Links& from) {
+  return {from.origin(), 7, {{11, 12, 3}, {13, 14, 0xffffffff}}, "operator said so"};
+}
+
+template <>
+ses::SessionEnd full(const Links& from) {
+  return {from.origin(), "operator said so"};
 }
 
 template <>

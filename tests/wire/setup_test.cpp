@@ -109,7 +109,7 @@ TEST(Profiles, OfEveryTopicMakeAWriterAndAReader) {
   Links links{fresh("profiles")};
   int made = 0;
   topics::for_each([&](const auto& topic) { made += make_both(links, topic) ? 1 : 0; });
-  EXPECT_EQ(made, 17);
+  EXPECT_EQ(made, 20);
 }
 
 TEST(Footprint, IsWhatAProgramTakes) {

@@ -104,6 +104,10 @@ inline auto fields(const ses::Wanted& w) { return std::tuple{w.region, w.contact
 inline auto fields(const ses::Toucher& t) { return std::tuple{t.participant, t.incarnation, t.claim}; }
 inline auto fields(const ses::CopyLine& l) { return std::tuple{l.wave, l.energy}; }
 inline auto fields(const spm::Run& r) { return std::tuple{r.first, r.count}; }
+inline auto fields(const ses::StopName& s) { return std::tuple{s.participant, s.incarnation, s.number}; }
+inline auto fields(const ses::StopRecord& s) {
+  return std::tuple{s.participant, s.incarnation, s.stop, s.ended, s.reset};
+}
 inline auto fields(const ses::BulkPiece& p) { return std::tuple{p.region, p.part, p.parts, p.checksum, p.payload}; }
 template <class T>
 auto fields(const std::vector<T>& list) {
@@ -115,8 +119,8 @@ inline auto fields(const ses::BulkChunk& b) {
   return std::tuple{b.stream, b.sequence, b.epoch, b.sent_us, fields(b.pieces)};
 }
 inline auto fields(const ses::RosterEntry& r) {
-  return std::tuple{fields(r.origin), r.protocol,      r.role,      r.name,    r.session, r.controller,
-                    r.users,          fields(r.slots), r.heartbeat, r.leaving, r.stopped};
+  return std::tuple{fields(r.origin), r.protocol,      r.role,      r.name,    r.session,      r.controller,
+                    r.users,          fields(r.slots), r.heartbeat, r.leaving, fields(r.stops)};
 }
 inline auto fields(const ses::CatalogueEntry& c) {
   const spm::ModelSummary& s = c.summary;
@@ -137,6 +141,9 @@ inline auto fields(const ses::Metrics& m) {
   return std::tuple{fields(m.origin), fields(m.figures), fields(m.meshes), m.scene};
 }
 inline auto fields(const ses::Control& c) { return std::tuple{fields(c.origin), c.sequence, c.kind, c.text}; }
+inline auto fields(const ses::EmergencyStop& s) { return std::tuple{fields(s.origin), s.number, s.text}; }
+inline auto fields(const ses::ForceReset& r) { return std::tuple{fields(r.origin), r.number, fields(r.stops), r.text}; }
+inline auto fields(const ses::SessionEnd& e) { return std::tuple{fields(e.origin), e.text}; }
 inline auto fields(const ses::Intent& i) {
   return std::tuple{fields(i.origin), i.user_id, i.probe, i.sequence, i.buttons, fields(i.path)};
 }

@@ -40,15 +40,27 @@ class TapTest : public ::testing::Test {
 
 TEST_F(TapTest, HearsEveryTopicInEveryPartition) {
   const std::string name = alpha_.address().participant;
-  for (const std::vector<std::uint8_t>& bytes :
-       {heard(topics::kRoster), heard(topics::kCatalogue), heard(topics::kDemand), heard(topics::kMetrics),
-        heard(topics::kControl), heard(topics::kBase, {hrtc_partition("desk")}),
-        heard(topics::kRecords, {hrtc_partition("desk")}), heard(topics::kProbeState),
-        heard(topics::kProbeStateWhole, {group_partition(7)}), heard(topics::kDevicePose, {user_partition("ann")}),
-        heard(topics::kDeviceCommand, {user_partition("ann")}), heard(topics::kIntent, {user_partition("ann")}),
-        heard(topics::kObjectPose), heard(topics::kObjectClaim), heard(topics::kObjectGrant),
-        heard(topics::kObjectCopy, {group_partition(7)}), heard(topics::kClock),
-        heard(topics::kClock, {hrtc_partition("desk")})}) {
+  for (const std::vector<std::uint8_t>& bytes : {heard(topics::kRoster),
+                                                 heard(topics::kCatalogue),
+                                                 heard(topics::kDemand),
+                                                 heard(topics::kMetrics),
+                                                 heard(topics::kControl),
+                                                 heard(topics::kReset),
+                                                 heard(topics::kEnd),
+                                                 heard(topics::kStop),
+                                                 heard(topics::kBase, {hrtc_partition("desk")}),
+                                                 heard(topics::kRecords, {hrtc_partition("desk")}),
+                                                 heard(topics::kProbeState),
+                                                 heard(topics::kProbeStateWhole, {group_partition(7)}),
+                                                 heard(topics::kDevicePose, {user_partition("ann")}),
+                                                 heard(topics::kDeviceCommand, {user_partition("ann")}),
+                                                 heard(topics::kIntent, {user_partition("ann")}),
+                                                 heard(topics::kObjectPose),
+                                                 heard(topics::kObjectClaim),
+                                                 heard(topics::kObjectGrant),
+                                                 heard(topics::kObjectCopy, {group_partition(7)}),
+                                                 heard(topics::kClock),
+                                                 heard(topics::kClock, {hrtc_partition("desk")})}) {
     ASSERT_GT(bytes.size(), 4u);
     EXPECT_THAT(std::vector<std::uint8_t>(bytes.begin(), bytes.begin() + 4), testing::ElementsAre(0, 1, 0, 0))
         << "CDR, little-endian";

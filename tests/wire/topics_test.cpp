@@ -56,6 +56,9 @@ TEST_F(TwoPrograms, EveryFieldOfEveryTopicArrives) {
   expect_round_trip(topics::kDemand);
   expect_round_trip(topics::kMetrics);
   expect_round_trip(topics::kControl);
+  expect_round_trip(topics::kReset);
+  expect_round_trip(topics::kEnd);
+  expect_round_trip(topics::kStop);
   expect_round_trip(topics::kBase, {hrtc_partition("beta")});
   expect_round_trip(topics::kRecords, {hrtc_partition("beta")});
   expect_round_trip(topics::kProbeState);
@@ -72,6 +75,7 @@ TEST_F(TwoPrograms, EveryFieldOfEveryTopicArrives) {
 TEST_F(TwoPrograms, ALateJoinerGetsTheStateThatLasts) {
   expect_late_joiner_gets(topics::kCatalogue);
   expect_late_joiner_gets(topics::kControl);
+  expect_late_joiner_gets(topics::kEnd);
 }
 
 TEST_F(TwoPrograms, ALateJoinerGetsTheNewestOfEachObject) {
@@ -104,6 +108,7 @@ TEST_F(TwoPrograms, TheLargestSamplesArrive) {
   auto roster = full<ses::RosterEntry>(alpha_);
   roster.users.assign(ses::kMaxSlots, name);
   roster.slots.assign(ses::kMaxSlots, {name, 1});
+  roster.stops.assign(ses::kMaxStops, {1, 2, 3, 4, 5});
   auto demand = full<ses::Demand>(alpha_);
   demand.have.clear();
   for (std::uint32_t i = 0; i < ses::kMaxHaveRuns; ++i) demand.have.push_back({3 * i, 2});
@@ -115,6 +120,13 @@ TEST_F(TwoPrograms, TheLargestSamplesArrive) {
   metrics.meshes.assign(ses::kMaxMeshes, {~std::uint64_t{0}, ~std::uint64_t{0}});
   auto control = full<ses::Control>(alpha_);
   control.text.assign(ses::kMaxText, 't');
+  auto stop = full<ses::EmergencyStop>(alpha_);
+  stop.text.assign(ses::kMaxText, 't');
+  auto reset = full<ses::ForceReset>(alpha_);
+  reset.stops.assign(ses::kMaxStops, {1, 2, 3});
+  reset.text.assign(ses::kMaxText, 't');
+  auto end = full<ses::SessionEnd>(alpha_);
+  end.text.assign(ses::kMaxText, 't');
   auto intent = full<ses::Intent>(alpha_);
   intent.path.clear();
   for (std::size_t i = 0; i < ses::kMaxWaypoints; ++i)
@@ -137,6 +149,9 @@ TEST_F(TwoPrograms, TheLargestSamplesArrive) {
   arrives(topics::kDemand, demand);
   arrives(topics::kMetrics, metrics);
   arrives(topics::kControl, control);
+  arrives(topics::kStop, stop);
+  arrives(topics::kReset, reset);
+  arrives(topics::kEnd, end);
   arrives(topics::kIntent, intent);
   arrives(topics::kRecords, chunk);
 }

@@ -1,22 +1,24 @@
-// tactus-control: one word to everyone in a session, the emergency stop first of all.
+// tactus-control: stops the forces of a session, starts them again, sets its mode, ends it.
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <iostream>
-#include <mutex>
 #include <optional>
-#include <set>
+#include <string>
 #include <thread>
+#include <vector>
 
+#include "session/stop_latch.hpp"
 #include "wire/command_line.hpp"
 #include "wire/ends.hpp"
-#include "wire/process.hpp"
+#include "wire/inbox.hpp"
 
 namespace {
 
 using namespace tactus;
-using Clock = std::chrono::steady_clock;
+using std::chrono::milliseconds;
+using wire::monotonic_ns;
 
 constexpr char kExamples[] = R"(
 Examples:
@@ -24,66 +26,184 @@ Examples:
   tactus-control reset --session lab --domain 40
   tactus-control mode "collaborate ann,bob" --session lab --domain 40
 
-A stop takes every force in the session to zero at once; they stay off until a reset, which starts them softly.
-Exit status: 0 told, 1 nobody, or for stop and reset no HRTC, has confirmed it, 2 wrong input, 130 interrupted.)";
+A stop takes every force in the session to zero at once; they stay off until a reset, which starts them softly. A reset
+ends the stops that stand when it begins, and no later one.
+Exit status: 0 acknowledged by all hosts and HRTCs, of which one is an HRTC at least; for mode and end received by all
+1 not so, or another stop still stands, 2 wrong input, 130 interrupted.)";
 
-/// Later readers are told too while the program is there: after the first, who else there is has been found in this.
-constexpr auto kOthers = std::chrono::milliseconds{1500};
+constexpr std::int64_t kMs = 1'000'000;
+/// A stop and a reset are sent again after this.
+constexpr milliseconds kRepeat{20};
+/// From the first host or HRTC until all have been found: discovery reports no end.
+constexpr std::int64_t kOthersNs = 1500 * kMs;
+/// From the first host or HRTC until the stops that stand have been read: five heartbeats.
+constexpr std::int64_t kGatherNs = 500 * kMs;
 
-struct Word {
-  session::ControlKind kind = session::ControlKind::kEmergencyStop;
+struct Order {
   std::string text;
+  double patience = 5;  // s
 };
 
-/// The HRTCs that beat meanwhile.
-class Controllers {
+std::string join(const std::vector<std::string>& names) {
+  std::string all;
+  for (const std::string& name : names) all += " " + name;
+  return all.empty() ? " none" : all;
+}
+
+/// One run of this program in a session, with the hosts and HRTCs that it finds.
+class Session {
  public:
-  explicit Controllers(wire::Links& links)
-      : reader_{links, wire::topics::kRoster, [this](session::RosterEntry&& entry) {
-                  if (entry.role != session::Role::kHrtc || entry.leaving) return;
-                  const std::lock_guard lock{mutex_};
-                  names_.insert(entry.name);
-                }} {}
-  [[nodiscard]] std::set<std::string> names() const {
-    const std::lock_guard lock{mutex_};
-    return names_;
+  Session(const wire::SessionAddress& address, double patience, const std::atomic<bool>& stop)
+      : links_{address},
+        roster_{links_.origin(), {}},
+        stop_{stop},
+        end_ns_{monotonic_ns() + static_cast<std::int64_t>(patience * 1e9)} {}
+
+  [[nodiscard]] wire::Links& links() { return links_; }
+  [[nodiscard]] const session::Roster& roster() const { return roster_; }
+  [[nodiscard]] bool interrupted() const { return stop_; }
+
+  /// Reads rosters for a while. False when it was interrupted or patience ran out.
+  [[nodiscard]] bool wait(milliseconds time) {
+    const std::int64_t until_ns = monotonic_ns() + time.count() * kMs;
+    for (std::int64_t now_ns = monotonic_ns(); now_ns < until_ns && !stop_; now_ns = monotonic_ns()) {
+      const auto left = std::chrono::microseconds{(until_ns - now_ns + 999) / 1000};
+      for (const auto& arrived : inbox_.take(left)) (void)roster_.on_entry(arrived.sample, arrived.at_ns);
+    }
+    const std::int64_t now_ns = monotonic_ns();
+    (void)roster_.tick(now_ns);
+    if (found_ns_ == 0 && acting() > 0) found_ns_ = now_ns;
+    return !stop_ && now_ns < end_ns_;
+  }
+  /// A host or an HRTC was found so long ago.
+  [[nodiscard]] bool found_for(std::int64_t ns) const { return found_ns_ != 0 && monotonic_ns() - found_ns_ >= ns; }
+  [[nodiscard]] bool found() const { return found_ns_ != 0; }
+
+  /// Repeats it until every host and HRTC has acknowledged it.
+  template <class Sample>
+  session::Acknowledgement deliver(wire::Writer<Sample>& out, Sample sample) {
+    session::Acknowledgement answer;
+    do {
+      sample.origin = links_.origin();
+      if (out.send(sample) == wire::SendStatus::kInvalid)
+        throw std::runtime_error(std::string{"the sample was not sent: "} + out.last_fault());
+      answer = session::acknowledgement(roster_, sample);
+    } while (!(answer.missing.empty() && found_for(kOthersNs)) && wait(kRepeat));
+    return answer;
   }
 
  private:
-  mutable std::mutex mutex_;
-  std::set<std::string> names_;
-  wire::Reader<session::RosterEntry> reader_;
+  [[nodiscard]] std::size_t acting() const {
+    std::size_t count = 0;
+    roster_.for_each([&](const session::RosterEntry& entry) {
+      count += entry.role == session::Role::kHost || entry.role == session::Role::kHrtc ? 1 : 0;
+    });
+    return count;
+  }
+
+  wire::Links links_;
+  session::Roster roster_;
+  const std::atomic<bool>& stop_;
+  const std::int64_t end_ns_;
+  std::int64_t found_ns_ = 0;  // 0: nobody yet
+  wire::Inbox<session::RosterEntry> inbox_{1u << 12};
+  wire::Reader<session::RosterEntry> reader_{
+      // last: it fills the inbox
+      links_, wire::topics::kRoster, [this](session::RosterEntry&& entry) { inbox_.put(std::move(entry)); }};
 };
 
-int tell(const wire::SessionAddress& address, const Word& word, double patience, const std::atomic<bool>& stop) {
+int fail_unfound(const wire::SessionAddress& address, double patience) {
+  std::cerr << "tactus-control: nobody was found in session " << address.session << ", domain " << address.domain
+            << ", within " << patience << " s\n";
+  return 1;
+}
+
+/// Prints who acknowledged; the exit status.
+int report(const session::Acknowledgement& answer) {
+  std::cout << "acknowledged by HRTCs:" << join(answer.hrtcs) << "; by hosts:" << join(answer.hosts) << '\n';
+  if (!answer.missing.empty()) std::cout << "not acknowledged by:" << join(answer.missing) << '\n';
+  return answer.missing.empty() && !answer.hrtcs.empty() ? 0 : 1;
+}
+
+int stop_forces(const wire::SessionAddress& address, const Order& order, const std::atomic<bool>& stop) {
+  Session session{address, order.patience, stop};
+  wire::Writer<session::EmergencyStop> out{session.links(), wire::topics::kStop};
+  const session::Acknowledgement answer = session.deliver(out, {session.links().origin(), 1, order.text});
+  if (session.interrupted()) return 130;
+  return session.found() ? report(answer) : fail_unfound(address, order.patience);
+}
+
+/// What stands at any host or HRTC, each issuer once.
+std::vector<session::StopName> all_standing(const session::Roster& roster) {
+  std::vector<session::StopName> all;
+  roster.for_each([&](const session::RosterEntry& entry) {
+    for (const session::StopName& stop : session::standing(entry.stops)) {
+      const auto known = std::find_if(all.begin(), all.end(), [&](const session::StopName& other) {
+        return other.participant == stop.participant && other.incarnation == stop.incarnation;
+      });
+      if (known == all.end())
+        all.push_back(stop);
+      else
+        known->number = std::max(known->number, stop.number);
+    }
+  });
+  return all;
+}
+
+int reset_forces(const wire::SessionAddress& address, const Order& order, const std::atomic<bool>& stop) {
+  Session session{address, order.patience, stop};
+  wire::Writer<session::ForceReset> out{session.links(), wire::topics::kReset};
+  while (!session.found_for(kGatherNs) && session.wait(kRepeat)) {
+  }
+  if (session.interrupted()) return 130;
+  if (!session.found()) return fail_unfound(address, order.patience);
+  const std::vector<session::StopName> stops = all_standing(session.roster());
+  std::cout << "resets " << stops.size() << (stops.size() == 1 ? " stop\n" : " stops\n");
+  session::Acknowledgement answer;
+  std::size_t named = 0;
+  std::uint32_t number = 0;
+  do {
+    session::ForceReset reset;
+    reset.number = ++number;
+    for (; named < stops.size() && reset.stops.size() < session::kMaxStops; ++named)
+      reset.stops.push_back(stops[named]);
+    reset.text = order.text;
+    answer = session.deliver(out, reset);
+  } while (named < stops.size() && answer.missing.empty());
+  if (session.interrupted()) return 130;
+  const int status = report(answer);
+  std::size_t still = 0;
+  session.roster().for_each([&](const session::RosterEntry& entry) {
+    const std::size_t left = session::standing(entry.stops).size();
+    if (left > 0) std::cout << "still stopped by " << left << " that this reset did not name: " << entry.name << '\n';
+    still += left;
+  });
+  return still == 0 ? status : 1;
+}
+
+/// For what every program receives and nobody acknowledges but DDS.
+template <class Sample>
+int announce(const wire::SessionAddress& address, const wire::TopicSpec<Sample>& topic, const Order& order,
+             Sample sample, const std::atomic<bool>& stop) {
   wire::Links links{address};
-  const Controllers controllers{links};
-  wire::Writer<session::Control> out{links, wire::topics::kControl};
-  // Kept by the writer for all whom it finds later: so it is out before anybody is known.
-  if (out.send({links.origin(), 1, word.kind, word.text}) != wire::SendStatus::kSent)
+  wire::Writer<Sample> out{links, topic};
+  sample.origin = links.origin();
+  // Its writer keeps it for the readers that it finds later: so it is out before any is known.
+  if (out.send(sample) != wire::SendStatus::kSent)
     throw std::runtime_error(std::string{"the sample was not sent: "} + out.last_fault());
-  const auto end = Clock::now() + std::chrono::duration<double>{patience};
-  std::optional<Clock::time_point> found;
-  int told = 0;  // at most: an end makes them leave
-  while (!stop && Clock::now() < end && (!found || Clock::now() - *found < kOthers)) {
-    told = std::max(told, out.matched());
-    if (!found && told > 0) found = Clock::now();
-    // Discovery tells of nothing that could be waited for.
-    std::this_thread::sleep_for(std::chrono::milliseconds{10});
+  const std::int64_t end_ns = monotonic_ns() + static_cast<std::int64_t>(order.patience * 1e9);
+  std::optional<std::int64_t> found_ns;
+  int received = 0;  // at most: an end makes them leave
+  while (!stop && monotonic_ns() < end_ns && (!found_ns || monotonic_ns() - *found_ns < kOthersNs)) {
+    received = std::max(received, out.matched());
+    if (!found_ns && received > 0) found_ns = monotonic_ns();
+    std::this_thread::sleep_for(kRepeat);  // discovery reports nothing that could be waited for
   }
   if (stop) return 130;
-  if (!found) {
-    std::cerr << "tactus-control: nobody was found in session " << address.session << ", domain " << address.domain
-              << ", within " << patience << " s\n";
-    return 1;
-  }
+  if (!found_ns) return fail_unfound(address, order.patience);
   const bool all = out.wait_acknowledged(std::chrono::seconds{1});
-  const std::set<std::string> hrtcs = controllers.names();
-  std::cout << "told " << told << " programs" << (all ? "" : ", not all of which have confirmed it") << "; HRTCs:";
-  for (const std::string& name : hrtcs) std::cout << ' ' << name;
-  std::cout << (hrtcs.empty() ? " none\n" : "\n");
-  const bool forces = word.kind == session::ControlKind::kEmergencyStop || word.kind == session::ControlKind::kReset;
-  return all && !(forces && hrtcs.empty()) ? 0 : 1;
+  std::cout << "received by " << received << " programs" << (all ? "" : ", not all of which have confirmed it") << '\n';
+  return all ? 0 : 1;
 }
 
 }  // namespace
@@ -91,35 +211,31 @@ int tell(const wire::SessionAddress& address, const Word& word, double patience,
 int main(int argc, char** argv) {
   wire::SessionAddress address;
   address.participant = "control-" + std::to_string(getpid());
-  double patience = 5;
-  Word word;
+  Order order;
   CLI::App app{"Tells everyone in a session: emergency stop, reset, mode, end.", "tactus-control"};
   app.footer(kExamples);
   app.require_subcommand(1);
   app.fallthrough();
   wire::add_address_options(app, address, "program");
-  app.add_option("--patience", patience, "Seconds to look for somebody")
+  app.add_option("--patience", order.patience, "Seconds to look for somebody, and to wait for acknowledgements")
       ->capture_default_str()
       ->check(CLI::Range(0.1, 3600.0));
-  const auto add = [&](const char* name, const char* purpose, session::ControlKind kind) {
-    CLI::App* const sub = app.add_subcommand(name, purpose);
-    sub->callback([&word, kind] { word.kind = kind; });
-    return sub;
-  };
   const auto with_reason = [&](CLI::App* sub) {
-    sub->add_option("--reason", word.text, "For the logs and reports of all")
+    sub->add_option("--reason", order.text, "For the logs and reports of all")
         ->check([](const std::string& text) -> std::string {
           return text.size() <= session::kMaxText ? ""
                                                   : "expected at most " + std::to_string(session::kMaxText) + " bytes";
         });
+    return sub;
   };
-  with_reason(
-      add("stop", "Emergency stop: every force to zero, at once, until a reset", session::ControlKind::kEmergencyStop));
-  with_reason(add("reset", "End the faults, of an emergency stop or of devices; forces start softly",
-                  session::ControlKind::kReset));
-  with_reason(add("end", "End the session: its programs write their reports and leave", session::ControlKind::kEnd));
-  add("mode", "Session mode of all or of some users", session::ControlKind::kMode)
-      ->add_option("MODE", word.text,
+  const CLI::App* const stop =
+      with_reason(app.add_subcommand("stop", "Emergency stop: every force to zero, at once, until a reset"));
+  const CLI::App* const reset = with_reason(
+      app.add_subcommand("reset", "End the stops that stand now, and the faults of devices; forces start softly"));
+  const CLI::App* const end =
+      with_reason(app.add_subcommand("end", "End the session: its programs write their reports and leave"));
+  app.add_subcommand("mode", "Session mode of all or of some users")
+      ->add_option("MODE", order.text,
                    "As tactus-sim --mode takes it: auto, or collaborate or large-scale, for everyone or followed by "
                    "USER,USER...")
       ->required();
@@ -129,7 +245,12 @@ int main(int argc, char** argv) {
     return app.exit(error) == 0 ? 0 : 2;
   }
   try {
-    return tell(address, word, patience, wire::stop_signal());
+    const std::atomic<bool>& interrupted = wire::stop_signal();
+    if (stop->parsed()) return stop_forces(address, order, interrupted);
+    if (reset->parsed()) return reset_forces(address, order, interrupted);
+    if (end->parsed()) return announce(address, wire::topics::kEnd, order, {{}, order.text}, interrupted);
+    return announce(address, wire::topics::kControl, order, {{}, 1, session::ControlKind::kMode, order.text},
+                    interrupted);
   } catch (const std::exception& error) {
     std::cerr << "tactus-control: " << error.what() << '\n';
     return 2;

@@ -1,0 +1,53 @@
+#include "hrtc_service/stop_switch.hpp"
+
+#include <mutex>
+
+namespace tactus::hrtc_service {
+
+InheritingMutex::InheritingMutex() {
+  pthread_mutexattr_t attributes;
+  pthread_mutexattr_init(&attributes);
+  pthread_mutexattr_setprotocol(&attributes, PTHREAD_PRIO_INHERIT);
+  pthread_mutex_init(&mutex_, &attributes);
+  pthread_mutexattr_destroy(&attributes);
+}
+
+void StopSwitch::tell_haptic_thread() noexcept { haptic_.set_stop({latch_.stopped(), latch_.resets()}); }
+
+bool StopSwitch::on_stop(const session::StopName& stop) {
+  const std::lock_guard lock{mutex_};
+  const bool is_new = latch_.on_stop(stop);
+  tell_haptic_thread();
+  return is_new;
+}
+
+bool StopSwitch::on_reset(const session::ForceReset& reset) {
+  const std::lock_guard lock{mutex_};
+  const bool is_new = latch_.on_reset(reset);
+  tell_haptic_thread();
+  return is_new;
+}
+
+bool StopSwitch::on_roster(const session::RosterEntry& entry) {
+  if (entry.stops.empty()) return false;
+  const std::lock_guard lock{mutex_};
+  const bool is_new = latch_.on_roster(entry);
+  tell_haptic_thread();
+  return is_new;
+}
+
+bool StopSwitch::stopped() const {
+  const std::lock_guard lock{mutex_};
+  return latch_.stopped();
+}
+
+bool StopSwitch::acknowledge(std::vector<session::StopRecord>& records) {
+  records.reserve(session::kMaxStops);
+  const std::lock_guard lock{mutex_};
+  if (latch_.changes() == acknowledged_ || !haptic_.obeys_stop()) return false;
+  acknowledged_ = latch_.changes();
+  records = latch_.records();
+  return true;
+}
+
+}  // namespace tactus::hrtc_service

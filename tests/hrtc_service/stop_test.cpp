@@ -1,0 +1,179 @@
+// The emergency stop on its way to the hand: a haptic thread with a tip that presses on a sphere.
+
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <chrono>
+#include <thread>
+
+#include "haptics/simulated_device.hpp"
+#include "hrtc_service/haptic_thread.hpp"
+#include "hrtc_service/loader.hpp"
+#include "hrtc_service/realtime.hpp"
+#include "hrtc_service/stop_switch.hpp"
+#include "session/delivery_server.hpp"
+#include "spm/codec/model_codec.hpp"
+#include "spm/offline/build.hpp"
+#include "spm/offline/generate.hpp"
+
+namespace tactus {
+namespace {
+
+using hrtc_service::kMaxProbes;
+using spm::Vec3d;
+
+constexpr std::uint64_t kHost = 10, kHrtc = 20, kSession = 30, kObject = 40;
+
+/// A simulated hand of which the test reads the force that the haptic thread commands.
+class WatchedHand final : public haptics::Device {
+ public:
+  explicit WatchedHand(const haptics::HandSettings& settings) : hand_{settings} {}
+  [[nodiscard]] const haptics::DeviceSpec& spec() const noexcept override { return hand_.spec(); }
+  [[nodiscard]] haptics::DeviceState read(std::int64_t now_ns) noexcept override { return hand_.read(now_ns); }
+  void write(const Vec3d& force) noexcept override {
+    hand_.write(force);
+    force_ = force.norm();
+    writes_.fetch_add(1);
+  }
+  [[nodiscard]] haptics::DeviceHealth health() const noexcept override { return hand_.health(); }
+
+  [[nodiscard]] double force() const noexcept { return force_; }
+  [[nodiscard]] haptics::Mailbox<haptics::HandPath>& wishes() noexcept { return hand_.wishes(); }
+  /// Until the thread has commanded `count` further forces.
+  void wait_writes(std::uint64_t count) const {
+    const std::uint64_t end = writes_ + count;
+    while (writes_ < end) std::this_thread::yield();
+  }
+
+ private:
+  haptics::SimulatedDevice hand_;
+  std::atomic<double> force_{0};
+  std::atomic<std::uint64_t> writes_{0};
+};
+
+haptics::HandSettings hand_at(double x) {
+  haptics::HandSettings hand;
+  hand.start = {x, 0, 0};
+  return hand;
+}
+
+/// The base mesh of a sphere, and a tip that presses on it.
+class PressedSphere : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    entry_.origin = {kSession, kHost, 1, 0};
+    entry_.host = "host";
+    entry_.object = "sphere";
+    entry_.object_id = kObject;
+    entry_.summary = model_.summary;
+    server_.add(kObject, encoded_.coded());
+    entry_.base_bytes = server_.base_bytes(kObject);
+    loader_.on_host_seen(kHost, 1, hrtc_service::monotonic_ns());
+    loader_.on_catalogue(entry_);
+    orders_.tell([this](hrtc_service::HapticCommands& commands) { commands.devices[0] = &hand_; });
+    (void)haptic_.start();
+    haptics::HandPath path;
+    path.waypoints[path.count++] = {hrtc_service::monotonic_ns(), {radius_ - 0.002, 0, 0}};
+    hand_.wishes().post(path);
+    wait_for_force();
+  }
+  void TearDown() override { haptic_.stop(); }
+
+  /// The watchdog is ctest's.
+  void wait_for_force() {
+    while (hand_.force() < 0.1) {
+      const std::int64_t now = hrtc_service::monotonic_ns();
+      loader_.on_host_seen(kHost, 1, now);
+      std::array<hrtc_service::NearObjects, kMaxProbes> near;
+      hrtc_service::ProbeReports reports;
+      if (haptic_.reports_for_service().take(reports)) {
+        const hrtc_service::ProbeOutput& probe = reports.probes[0];
+        sights_[0] = {probe.active, false, reports.time_ns, hrtc_service::vec(probe.device),
+                      hrtc_service::vec(probe.proxy)};
+      }
+      loader_.tick(now, sights_, near);
+      haptic_.near().post(near);
+      while (auto demand = loader_.demand(now)) (void)server_.on_demand(*demand, now);
+      while (auto chunk = server_.next(now)) loader_.on_chunk(chunk->chunk, now);
+      std::this_thread::yield();
+    }
+  }
+
+  [[nodiscard]] static hrtc_service::HapticSettings settings() {
+    hrtc_service::HapticSettings settings;
+    settings.priority = 0;
+    return settings;
+  }
+
+  const spm::offline::BuiltModel built_ =
+      spm::offline::build_model(spm::offline::generate(spm::offline::Shape::kSphere, 2000));
+  const spm::Model model_ = built_.model();
+  const double radius_ = (model_.summary.bounds_max[0] - model_.summary.bounds_min[0]) / 2;
+  const spm::PoolSettings pool_settings_ = spm::PoolSettings::for_slots(model_.summary.parts + 600);
+  spm::Pool pool_{pool_settings_};
+  spm::NodePool nodes_{pool_settings_.tree_nodes};
+  WatchedHand hand_{hand_at(radius_ + 0.02)};
+  hrtc_service::HapticThread haptic_{settings(), {}};
+  hrtc_service::HapticOrders orders_{haptic_};
+  session::DeliveryServer server_{session::Origin{kSession, kHost, 1, 0}};
+  const spm::codec::EncodedModel encoded_{model_};
+  hrtc_service::Loader loader_{
+      pool_, nodes_, session::Origin{kSession, kHrtc, 1, 0}, {}, haptic_.arrivals(), haptic_.departures()};
+  session::CatalogueEntry entry_;
+  std::array<hrtc_service::ProbeSight, kMaxProbes> sights_;
+};
+
+TEST_F(PressedSphere, IsNotFeltAfterAResetAndAStopWithinOneCycle) {
+  haptic_.set_stop({false, 1});
+  haptic_.set_stop({true, 1});
+
+  hand_.wait_writes(2);  // one may be under way
+  for (int i = 0; i < 1000; ++i) {
+    ASSERT_EQ(hand_.force(), 0) << "in cycle " << i;
+    hand_.wait_writes(1);
+  }
+}
+
+TEST_F(PressedSphere, IsNotFeltOneCycleAfterTheCallbackOfAStopUntilAResetNamesIt) {
+  hrtc_service::StopSwitch stops{session::Origin{kSession, kHrtc, 1, 0}, haptic_};
+
+  EXPECT_TRUE(stops.on_stop({50, 1, 1}));  // nothing but this: no queue, no other thread
+  hand_.wait_writes(2);
+  EXPECT_EQ(hand_.force(), 0);
+  EXPECT_TRUE(stops.on_reset({{kSession, 51, 1, 0}, 1, {{60, 1, 1}}, ""}));
+  hand_.wait_writes(100);
+  EXPECT_EQ(hand_.force(), 0) << "it named another stop";
+  EXPECT_TRUE(stops.on_reset({{kSession, 51, 1, 0}, 2, {{50, 1, 1}}, ""}));
+  wait_for_force();
+}
+
+TEST_F(PressedSphere, IsNotFeltAfterAStopThatStandsAtAPeer) {
+  hrtc_service::StopSwitch stops{session::Origin{kSession, kHrtc, 1, 0}, haptic_};
+  session::RosterEntry peer;
+  peer.origin = {kSession, kHost, 1, 0};
+  peer.stops = {{50, 1, 1, 0, 0}};
+
+  EXPECT_TRUE(stops.on_roster(peer));
+  hand_.wait_writes(2);
+  EXPECT_EQ(hand_.force(), 0);
+}
+
+TEST_F(PressedSphere, IsNotAcknowledgedAsStoppedWhileItIsFelt) {
+  hrtc_service::StopSwitch stops{session::Origin{kSession, kHrtc, 1, 0}, haptic_};
+  std::vector<session::StopRecord> records;
+  (void)stops.on_stop({50, 1, 1});
+
+  while (!stops.acknowledge(records)) {
+  }
+
+  EXPECT_EQ(hand_.force(), 0);
+  ASSERT_EQ(records.size(), 1u);
+  EXPECT_EQ(records[0].stop, 1u);
+  EXPECT_FALSE(stops.acknowledge(records)) << "nothing new";
+  haptic_.stop();
+  (void)stops.on_reset({{kSession, 51, 1, 0}, 1, {{50, 1, 1}}, ""});
+  EXPECT_FALSE(stops.acknowledge(records)) << "no cycle has obeyed it";
+}
+
+}  // namespace
+}  // namespace tactus
