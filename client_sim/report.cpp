@@ -29,18 +29,40 @@ double value_of(const ParticipantReport& participant, const std::string& name) {
 
 bool has(const ParticipantReport& participant, const std::string& name) { return participant.figures.count(name) != 0; }
 
+constexpr std::size_t kColumns = 100;
+
+/// Breaks lines that are longer, at spaces where there are any; what follows is indented further.
+std::string wrapped(const std::string& text) {
+  std::string out;
+  std::size_t begin = 0;
+  while (begin < text.size()) {
+    const std::size_t end = std::min(text.find('\n', begin), text.size());
+    std::string rest = text.substr(begin, end - begin);
+    const std::string indent(std::min(rest.find_first_not_of(' '), kColumns / 2) + 4, ' ');
+    while (rest.size() > kColumns) {
+      std::size_t at = rest.rfind(' ', kColumns);
+      if (at == std::string::npos || at < indent.size()) at = kColumns;
+      out += rest.substr(0, at) + "\n";
+      rest = indent + rest.substr(rest[at] == ' ' ? at + 1 : at);
+    }
+    out += rest + "\n";
+    begin = end + 1;
+  }
+  return out;
+}
+
 /// "-" for a time that never came.
 std::string moment(double seconds) { return seconds < 0 ? "-" : line("%.2f", seconds); }
 
 void write_users(const Report& report, std::string& out) {
   out +=
-      "\nUsers                 hrtc              1st touch s  1st exact s  contact s  exact %  mean N   max N  "
-      "touches  taps\n";
+      "\nUsers; touch and exact: first touch and first exact contact, from the start\n"
+      "  name            hrtc          touch s  exact s  contact s  exact %  mean N   max N  touches  taps\n";
   for (const UserReport& user : report.users) {
     const TouchTally& touch = user.touch;
     out +=
-        line("  %-18s  %-16s  %11s  %11s  %9.2f  %7.2f  %6.2f  %6.2f  %7u  %4u\n", user.name.substr(0, 18).c_str(),
-             user.hrtc.substr(0, 16).c_str(), moment(touch.first_touch).c_str(), moment(touch.first_exact).c_str(),
+        line("  %-14s  %-12s  %7s  %7s  %9.2f  %7.2f  %6.2f  %6.2f  %7u  %4u\n", user.name.substr(0, 14).c_str(),
+             user.hrtc.substr(0, 12).c_str(), moment(touch.first_touch).c_str(), moment(touch.first_exact).c_str(),
              touch.contact, 100 * touch.exact_share(), touch.force_mean(), touch.force_max, touch.touches, user.taps);
     if (touch.states == 0) out += "    no probe state was received\n";
     if (user.lifts + user.lifts_lost > 0) out += line("    lifts %u, lost meanwhile %u\n", user.lifts, user.lifts_lost);
@@ -108,7 +130,8 @@ void write_hrtc(const ParticipantReport& hrtc, std::uint64_t records_total, std:
   out += line("  pool %.0f of %.0f slots (peak %.0f), %.0f regions made room there\n", value(figures::kPoolUsed),
               value(figures::kPoolLimit), value(figures::kPoolPeak), value(figures::kRegionsCoarsened));
   out += line(
-      "  kept coded: %.0f of %.0f blocks (peak %.0f); regions evicted %.0f, reloaded %.0f, refused for room %.0f\n",
+      "  compressed cache %.0f of %.0f blocks (peak %.0f)\n"
+      "    regions evicted %.0f, reloaded %.0f, refused for room %.0f\n",
       value(figures::kCodedUsed), value(figures::kCodedLimit), value(figures::kCodedPeak), value(figures::kEvictions),
       value(figures::kReloads), value(figures::kRefusedFull));
   if (value(figures::kRemoteDevices) > 0)
@@ -116,9 +139,8 @@ void write_hrtc(const ParticipantReport& hrtc, std::uint64_t records_total, std:
                 value(figures::kLoopDelay) * 1e-3);
   if (value(figures::kPortEnergy) != 0 || value(figures::kCopyGroups) > 0)
     out += line(
-        "  objects moved: copies apart at most %.2f mm, couplings gave %.3f mJ and had %.3f mJ; hands' ports hold %.2f "
-        "mJ,\n"
-        "    the lowest held %.6f mJ, and %.3f mJ were withheld\n",
+        "  objects moved: copies apart at most %.2f mm, couplings gave %.3f mJ and received %.3f mJ\n"
+        "    ports of hands hold %.2f mJ, the lowest held %.6f mJ; withheld %.3f mJ\n",
         value(figures::kCopiesApart) * 1e-3, value(figures::kCopyGiven) * 1e-3, value(figures::kCopyReceived) * 1e-3,
         value(figures::kPortEnergy) * 1e-3, value(figures::kPortLowest) * 1e-3, value(figures::kPortWithheld) * 1e-3);
   if (value(figures::kStaleCycles) > 0)
@@ -151,8 +173,8 @@ void write_topics(const Report& report, std::string& out) {
     const std::string prefix = figures::kTopicPrefix;
     for (auto at = participant.figures.lower_bound(prefix);
          at != participant.figures.end() && at->first.compare(0, prefix.size(), prefix) == 0; ++at) {
-      out += line("  %-38s  %s = %g\n", participant.name.substr(0, 38).c_str(), at->first.substr(prefix.size()).c_str(),
-                  at->second);
+      out += line("  %-38s  %s = %g\n", participant.name.substr(0, 38).c_str(),
+                  at->first.substr(prefix.size(), 40).c_str(), at->second);
     }
   }
 }
@@ -281,7 +303,7 @@ std::string text(const Report& report) {
   write_topics(report, out);
   if (!report.events.empty()) out += "\nEvents, from the start\n";
   for (const ReportEvent& event : report.events) out += line("  %8.2f s  ", event.time) + event.text + "\n";
-  return out;
+  return wrapped(out);
 }
 
 std::string json(const Report& report) {

@@ -123,7 +123,7 @@ struct Report {
 /// J that couplings gave to the copies of all controllers together, less what they took: the network's own energy.
 [[nodiscard]] double injected(const Report& report);
 
-/// Lines of at most 120 columns.
+/// Lines of at most 100 columns.
 [[nodiscard]] std::string text(const Report& report);
 /// One JSON object; every figure of every participant under its own name.
 [[nodiscard]] std::string json(const Report& report);

@@ -68,6 +68,7 @@ int main(int argc, char** argv) {
   constexpr std::uint32_t kLeastSlots = 256;
   constexpr double kToolDeadline = 400;  // us; of which a tool itself may take more than half
   std::uint32_t slots = 1u << 16;
+  std::uint32_t cache_blocks = 0;
   std::uint64_t memory_bytes = 0;
   double rate = 1000, deadline_us = 250, radius_mm = 3, frame_scale = 1;
   std::vector<double> frame_offset{0, 0, 0};
@@ -84,13 +85,18 @@ int main(int argc, char** argv) {
   wire::add_address_options(app, options.address, "controller");
   CLI::Option* pool =
       app.add_option("--pool", slots,
-                     "Slots for mesh records, of all objects together; 64 Ki take 38 MiB with what is kept coded")
+                     "Slots for mesh records, of all objects together; 64 Ki take 38 MiB with the compressed cache")
           ->capture_default_str()
           ->check(CLI::Range(kLeastSlots, spm::kMaxSlots));
+  CLI::Option* cache =
+      app.add_option("--compressed-cache", cache_blocks,
+                     "Blocks of 20 bytes for compressed records, of which each takes one or two (6 for each slot)")
+          ->check(CLI::Range(1u, spm::kMaxSlots));
   CLI::Option* memory =
       app.add_option("--memory", memory_bytes, "All that is held of models, instead of --pool: 16MiB, 64MiB, 1GiB")
           ->transform(CLI::AsSizeValue(false))
-          ->excludes(pool);
+          ->excludes(pool)
+          ->excludes(cache);
   std::map<std::string, spm::Strategy> strategies;
   for (std::size_t i = 0; i < spm::kStrategyNames.size(); ++i)
     strategies[spm::kStrategyNames[i]] = static_cast<spm::Strategy>(i);
@@ -157,6 +163,7 @@ int main(int argc, char** argv) {
   }
 
   options.pool = spm::PoolSettings::for_slots(slots);
+  if (cache->count() > 0) options.pool.coded_blocks = cache_blocks;
   if (memory->count() > 0) {
     const spm::MemoryShares shares = spm::shares_of(memory_bytes);
     options.directory_bytes = shares.directories;

@@ -298,7 +298,9 @@ AuditReport audit_files(const std::filesystem::path& log_path, const std::filesy
   if (original.triangles.empty())
     throw AuditError(model_path.string() + ": no surface is left after cleaning; expected at least one face");
   SecondOpinion second{original.triangles};
-  return audit(log, original, second, options);
+  AuditReport report = audit(log, original, second, options);
+  report.log = log_path.stem().string();
+  return report;
 }
 
 }  // namespace tactus::tools

@@ -109,6 +109,7 @@ struct ObjectAudit {
 };
 
 struct AuditReport {
+  std::string log;  ///< name of the file, without folder and extension
   std::string original;
   std::uint64_t original_triangles = 0;
   std::vector<std::string> logged_objects;  ///< names of all objects in the log

@@ -106,46 +106,50 @@ std::string row(const char* name, std::uint64_t value, const std::string& more =
   return formatted("  %-32s %llu", name, static_cast<unsigned long long>(value)) + more + "\n";
 }
 
+/// A line of its own; empty when there are no keys.
 std::string keys_text(const char* what, const std::vector<std::uint64_t>& keys) {
-  constexpr std::size_t kShown = 4;
+  constexpr std::size_t kShown = 3;
   if (keys.empty()) return {};
-  std::string text = std::string{", "} + what;
+  std::string text = std::string{"      "} + what;
   for (std::size_t i = 0; i < keys.size() && i < kShown; ++i) text += " " + hex(keys[i]);
-  return keys.size() > kShown ? text + " and " + std::to_string(keys.size() - kShown) + " more" : text;
+  return text + (keys.size() > kShown ? " and " + std::to_string(keys.size() - kShown) + " more\n" : "\n");
+}
+
+std::string place_text(std::int64_t time_ns, std::uint32_t probe) {
+  return formatted("    at %.6f s, probe %u\n", static_cast<double>(time_ns) * 1e-9, probe);
 }
 
 std::string mismatch_text(const Mismatch& mismatch) {
-  std::string text = "    at " + formatted("%.6f s", static_cast<double>(mismatch.time_ns) * 1e-9) + ", probe " +
-                     std::to_string(mismatch.probe) + keys_text("missing", mismatch.missing) +
+  std::string text = place_text(mismatch.time_ns, mismatch.probe) + keys_text("missing", mismatch.missing) +
                      keys_text("extra", mismatch.extra);
   if (!mismatch.depths.empty()) {
     const Mismatch::Depth& first = mismatch.depths.front();
-    text += ", " + std::to_string(mismatch.depths.size()) + " wrong depths, the first of " + hex(first.triangle) +
-            formatted(": %.9g m, expected %.9g m", first.logged, first.expected);
+    text += formatted("      %zu wrong depths, the first of ", mismatch.depths.size()) + hex(first.triangle) +
+            formatted(": %.6g m, expected %.6g m\n", first.logged, first.expected);
   }
-  return text + "\n";
+  return text;
 }
 
 std::string disagreement_text(const Disagreement& one) {
-  std::string text = "    at " + formatted("%.6f s", static_cast<double>(one.time_ns) * 1e-9) + ", probe " +
-                     std::to_string(one.probe) + keys_text("touched by the audit alone", one.only_audit) +
+  std::string text = place_text(one.time_ns, one.probe) + keys_text("touched by the audit alone", one.only_audit) +
                      keys_text("touched by FCL alone", one.only_fcl);
   if (one.distance) {
-    text += ", nearest at " + formatted("%.9g m by FCL, ", one.distance->fcl) +
+    text += "      nearest at " + formatted("%.9g m by FCL, ", one.distance->fcl) +
             (one.distance->audit ? formatted("%.9g m", *one.distance->audit) : "further than the radius") +
-            " by the audit";
+            " by the audit\n";
   }
-  return text + "\n";
+  return text;
 }
 
 std::string records_text(const RecordsUse& use) {
   std::string text = row("records the true paths needed", use.needed, " of " + std::to_string(use.of_model));
   if (!use.received)
     return text + "  records received                 not in the log: its HRTC did not end by itself\n";
-  return text + row("records received", *use.received,
-                    formatted(", %.3f times the needed, %.2f %% of the model; %llu of them again after eviction",
-                              share(*use.received, use.needed), 100 * share(*use.received, use.of_model),
-                              static_cast<unsigned long long>(*use.returned)));
+  return text +
+         row("records received", *use.received,
+             formatted(", %.3f times the needed, %.2f %% of the model", share(*use.received, use.needed),
+                       100 * share(*use.received, use.of_model))) +
+         row("  of these again after eviction", *use.returned);
 }
 
 std::string object_text(const ObjectAudit& object) {
@@ -172,9 +176,9 @@ std::string object_text(const ObjectAudit& object) {
     text += "    and " + std::to_string(object.mismatched - object.mismatches.size()) + " more cycles\n";
   const SecondOpinions& second = object.second;
   text += row("disagreements with FCL", second.disagreed,
-              formatted(", asked about %llu cycles; %llu triangles within %g m of tangency left out",
-                        static_cast<unsigned long long>(second.asked), static_cast<unsigned long long>(second.tangent),
-                        kTangent));
+              formatted(", asked about %llu cycles", static_cast<unsigned long long>(second.asked)));
+  if (second.tangent > 0)
+    text += row("  triangles left out as tangent", second.tangent, formatted(", within %g m", kTangent));
   for (const Disagreement& one : second.first) text += disagreement_text(one);
   if (second.disagreed > second.first.size())
     text += "    and " + std::to_string(second.disagreed - second.first.size()) + " more cycles\n";
@@ -186,15 +190,20 @@ std::string object_text(const ObjectAudit& object) {
 ordered_json audit_json(const AuditReport& report) {
   ordered_json objects = ordered_json::array();
   for (const ObjectAudit& object : report.objects) objects.push_back(object_json(object));
-  return {{"original", report.original},     {"original_triangles", report.original_triangles},
-          {"clean", report.clean()},         {"logged_objects", report.logged_objects},
-          {"log_torn", report.torn},         {"log_unfinished", report.unfinished},
-          {"undeclared", report.undeclared}, {"objects", objects}};
+  return {{"log", report.log},
+          {"original", report.original},
+          {"original_triangles", report.original_triangles},
+          {"clean", report.clean()},
+          {"logged_objects", report.logged_objects},
+          {"log_torn", report.torn},
+          {"log_unfinished", report.unfinished},
+          {"undeclared", report.undeclared},
+          {"objects", objects}};
 }
 
 std::string audit_text(const AuditReport& report) {
-  std::string text =
-      "original '" + report.original + "', " + std::to_string(report.original_triangles) + " triangles\n";
+  std::string text = "audit of " + report.log + " against " + report.original + ", " +
+                     std::to_string(report.original_triangles) + " triangles\n";
   if (report.torn) {
     text += "the log ends within an entry (a killed HRTC?); read up to there\n";
   } else if (report.unfinished) {
@@ -205,8 +214,10 @@ std::string audit_text(const AuditReport& report) {
   for (const ObjectAudit& object : report.objects) text += object_text(object);
   if (!report.objects.empty()) return text;
   text += "no object of the log is this original: 0 cycles audited. The log has";
-  for (const std::string& name : report.logged_objects) text += " '" + name + "'";
-  return text + (report.logged_objects.empty() ? " no objects\n" : "\n");
+  if (report.logged_objects.empty()) return text + " no objects\n";
+  text += "\n";
+  for (const std::string& name : report.logged_objects) text += "  '" + name + "'\n";
+  return text;
 }
 
 }  // namespace tactus::tools

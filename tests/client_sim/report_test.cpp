@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <iterator>
 #include <nlohmann/json.hpp>
 #include <sstream>
 #include <string>
@@ -139,7 +141,28 @@ TEST(Report, TextShowsUsersControllersHostsAndEvents) {
   EXPECT_THAT(shown, HasSubstr("Host vault (gone before the end)\n  sent 123456 bytes"));
   EXPECT_THAT(shown, HasSubstr("3.25 s  host vault gone"));
   std::istringstream lines{shown};
-  for (std::string line; std::getline(lines, line);) EXPECT_LE(line.size(), 120u) << line;
+  for (std::string line; std::getline(lines, line);) EXPECT_LE(line.size(), 100u) << line;
+}
+
+TEST(Report, TextFitsAHundredColumnsWhateverNamesAndEventsAre) {
+  Report report = example_report();
+  report.trouble = "ended by another participant: " + std::string(255, 't');
+  report.users[0].name = report.users[0].hrtc = std::string(63, 'n');
+  for (ParticipantReport& participant : report.participants) {
+    participant.name = std::string(63, 'n');
+    for (auto& [name, value] : participant.figures) value = 1e12;
+    participant.figures["topic." + std::string(57, 'f')] = 1.5;
+  }
+  for (const char* name : session::figures::kInterventions) report.participants[0].figures[name] = 1e6;
+  report.events.push_back({1, "emergency stop: the hand of the user in the second room was caught " +
+                                  std::string(130, 'e') + " and let go"});
+  std::string letters;
+  std::istringstream lines{text(report)};
+  for (std::string line; std::getline(lines, line);) {
+    EXPECT_LE(line.size(), 100u) << line;
+    std::copy_if(line.begin(), line.end(), std::back_inserter(letters), [](char c) { return c != ' '; });
+  }
+  EXPECT_THAT(letters, HasSubstr("roomwascaught" + std::string(130, 'e') + "andletgo")) << "nothing is lost";
 }
 
 TEST(Report, JsonHoldsTheSameFigures) {

@@ -25,6 +25,7 @@ constexpr std::array kCommands{
     Command{"hrtc", "tactus-hrtc", "run haptic devices in a session (HRTC)"},
     Command{"sim study", "tactus-study", "profiles by scenarios by seeds, against ground truth, as tables"},
     Command{"sim", "tactus-sim", "simulated users that follow a scenario, and the session's report"},
+    Command{"judge", "tactus-judge", "compare a session's report and audits with what Tactus promises"},
     Command{"control", "tactus-control", "emergency stop, reset, session mode and end, from anywhere"},
     Command{"record", "tactus-record", "every topic of a session into an MCAP file"},
     Command{"replay", "tactus-replay", "make the forces of a flight recording again, to the bit"},

@@ -1,0 +1,64 @@
+// tactus-judge: compares a session with what Tactus promises.
+#include <CLI/CLI.hpp>
+#include <fstream>
+#include <iostream>
+#include <nlohmann/json.hpp>
+
+#include "tools/judge/judge.hpp"
+
+namespace {
+
+constexpr char kExamples[] = R"(
+Example:
+  tactus-sim --session lab --scenario demo --json report.json
+  tactus-mesh audit hrtc-1.hlog organ.ply --spm organ.spm --json audit-1.json
+  tactus-mesh audit hrtc-2.hlog organ.ply --spm organ.spm --json audit-2.json
+  tactus-judge report.json audit-1.json audit-2.json
+
+Exit status: 0 no row falls short, 1 a row falls short, 2 wrong input.)";
+
+nlohmann::json read(const std::string& path) {
+  std::ifstream in{path};
+  if (!in) throw std::runtime_error(path + ": cannot be read");
+  try {
+    return nlohmann::json::parse(in);
+  } catch (const nlohmann::json::exception& error) {
+    throw std::runtime_error(path + ": " + error.what());
+  }
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  using namespace tactus;
+  std::string report;
+  std::vector<std::string> audits;
+  judge::Promise promise;
+  bool as_json = false;
+  CLI::App app{"Compares a session's report and the audits of its contacts with what Tactus promises.", "tactus-judge"};
+  app.footer(kExamples);
+  app.add_option("REPORT", report, "What tactus-sim --json wrote")->required();
+  app.add_option("AUDIT", audits, "What tactus-mesh audit --json wrote, for each HRTC and model")->required();
+  app.add_flag("--lift", promise.lift, "Two users lift an object in this session");
+  app.add_flag("--eviction", promise.eviction,
+               "The compressed caches are too small for what users touch: regions are evicted and loaded again");
+  app.add_option("--received-share", promise.received_share,
+                 "Share of all vertex splits that an HRTC may receive, from 0 to 1")
+      ->check(CLI::Range(0.0, 1.0));
+  app.add_flag("--json", as_json, "For machines: a list of rows");
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : 2;
+  }
+  try {
+    std::vector<nlohmann::json> read_audits;
+    for (const std::string& audit : audits) read_audits.push_back(read(audit));
+    const std::vector<judge::Row> rows = judge::judge(read(report), read_audits, promise);
+    std::cout << (as_json ? judge::json(rows).dump(2) + "\n" : judge::text(rows));
+    return judge::all_hold(rows) ? 0 : 1;
+  } catch (const std::exception& error) {
+    std::cerr << "tactus-judge: " << error.what() << '\n';
+    return 2;
+  }
+}
