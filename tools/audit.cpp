@@ -291,7 +291,7 @@ AuditReport audit_files(const std::filesystem::path& log_path, const std::filesy
   if (is_spm) {
     original.triangles = corners_of(decoded.positions, spm::finest_faces(decoded.model()));
   } else {
-    spm::offline::TriangleMesh mesh = spm::offline::import_mesh(model_path);
+    spm::offline::TriangleMesh mesh = spm::offline::import_mesh(model_path, spm::offline::Losses::kAllow);
     spm::offline::clean(mesh);
     original.triangles = corners_of(mesh.positions, mesh.faces);
   }

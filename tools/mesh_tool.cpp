@@ -64,7 +64,7 @@ struct Settings {
   std::uint32_t cell_faces = PartitionOptions{}.cell_faces;
   std::uint32_t faces = 4096;
   std::uint64_t seed = 1;
-  bool json = false;
+  bool json = false, allow_losses = false;
 };
 
 BuildOptions build_options(const Settings& settings, bool sized) {
@@ -76,6 +76,7 @@ BuildOptions build_options(const Settings& settings, bool sized) {
   options.grid_bits = settings.grid_bits;
   if (sized) options.size = settings.size;
   options.pair_distance = settings.pairs_mm * 1e-3;
+  options.losses = settings.allow_losses ? Losses::kAllow : Losses::kRefuse;
   options.threads = settings.threads;
   return options;
 }
@@ -151,7 +152,7 @@ int info(const Settings& settings, const ToolStreams& streams) {
 int check(const Settings& settings, const ToolStreams& streams) {
   spm::OwnedModel decoded;
   const MappedModel mapped{settings.file, &decoded};
-  TriangleMesh original = import_mesh(settings.model);
+  TriangleMesh original = import_mesh(settings.model, Losses::kAllow);
   Verification result;
   {
     ProgressBar bar{streams};
@@ -231,7 +232,8 @@ class CommandLine {
   void add_build() {
     build_ = app_.add_subcommand("build", "Make an .spm model of a triangle mesh");
     build_->footer("Example: tactus-mesh build bunny.obj bunny.spm --unit cm");
-    build_->add_option("MODEL", settings_.model, "OBJ, PLY, STL, glTF or another file with a surface")->required();
+    build_->add_option("MODEL", settings_.model, "OBJ, PLY, STL, glTF, GLB, OFF or another file with a surface")
+        ->required();
     build_->add_option("OUT", settings_.out, "The .spm file to write")->required();
     CLI::Option* unit = build_->add_option("--unit", settings_.unit, "What one unit of the file is")
                             ->check(CLI::IsMember({"mm", "cm", "m"}))
@@ -244,6 +246,8 @@ class CommandLine {
                      "Contract vertices nearer than this, in millimetres, whatever it does to the topology: closes "
                      "cracks and tunnels in coarse versions")
         ->check(CLI::NonNegativeNumber);
+    build_->add_flag("--allow-losses", settings_.allow_losses,
+                     "Build although most vertices or faces of MODEL are dropped");
     build_->add_option("--threads", settings_.threads, "That build; 0 is all there are, the result is the same");
     add_density(build_);
     add_report(build_);

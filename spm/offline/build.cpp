@@ -5,6 +5,7 @@
 #include <limits>
 #include <numeric>
 #include <string>
+#include <utility>
 
 #include "spm/offline/arrange.hpp"
 #include "spm/offline/closure.hpp"
@@ -32,6 +33,29 @@ void require_surface(const TriangleMesh& mesh, const CleanReport& cleaned) {
     throw ModelError{"too many faces: found " + std::to_string(mesh.faces.size()) + ", expected below " +
                      std::to_string(kMaxFaces)};
   }
+}
+
+/// A mesh that is mostly degenerate or mostly unused was read wrongly, or is not what its user takes it for.
+void require_most(std::size_t vertices, std::size_t faces, const CleanReport& cleaned) {
+  const auto require = [](const char* what, std::size_t of, std::size_t dropped, const std::string& reasons) {
+    if (2 * dropped <= of) return;
+    throw ModelError{std::string{"most "} + what + " would be dropped: found " + std::to_string(dropped) + " of " +
+                     std::to_string(of) + " unusable (" + reasons +
+                     "), expected at most half (tactus-mesh build --allow-losses builds it as it is)"};
+  };
+  const std::pair<std::uint32_t, const char*> counts[] = {
+      {cleaned.non_finite_faces, "with a corner that is not finite"},
+      {cleaned.repeated_corner_faces, "with two equal corners"},
+      {cleaned.zero_area_faces, "without area"},
+      {cleaned.duplicate_faces, "equal to another"}};
+  std::string reasons;
+  std::size_t dropped = 0;
+  for (const auto& [count, reason] : counts) {
+    if (count > 0) reasons += (reasons.empty() ? "" : ", ") + std::to_string(count) + " " + reason;
+    dropped += count;
+  }
+  require("faces", faces, dropped, reasons);
+  require("vertices", vertices - cleaned.welded_vertices, cleaned.unreferenced_vertices, "no face uses them");
 }
 
 /// Numbers the faces as the tree over them will and the vertices as these faces meet them, so that what is near in
@@ -320,8 +344,10 @@ class Assembler {
 
 BuiltModel build_model(TriangleMesh mesh, const BuildOptions& options, const Progress& progress) {
   if (progress) progress("clean", 0);
+  const std::size_t vertices = mesh.positions.size(), faces = mesh.faces.size();
   CleanReport cleaned = clean(mesh, options.threads);
   require_surface(mesh, cleaned);
+  if (options.losses == Losses::kRefuse) require_most(vertices, faces, cleaned);
   double step = 0;
   if (options.grid_bits > 0) {
     step = step_of_grid(mesh, options.grid_bits);
@@ -337,7 +363,7 @@ BuiltModel build_model(TriangleMesh mesh, const BuildOptions& options, const Pro
 
 BuiltModel build_model_file(const std::filesystem::path& path, const BuildOptions& options, const Progress& progress) {
   if (progress) progress("read", 0);
-  TriangleMesh mesh = import_mesh(path);
+  TriangleMesh mesh = import_mesh(path, options.losses);
   try {
     return build_model(std::move(mesh), options, progress);
   } catch (const ModelError& e) {

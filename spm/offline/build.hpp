@@ -24,7 +24,8 @@ struct BuildOptions {
   double pair_distance = 0;    ///< metres, overrides `simplify.pair_distance` unless 0
   /// Compact profile: coordinates are moved to a grid of this many bits over the longest side, 4 to 20. 0: lossless.
   unsigned grid_bits = 0;
-  unsigned threads = 0;  ///< 0: all there are; the result is the same
+  Losses losses = Losses::kRefuse;  ///< of reading and cleaning; what a grid drops is asked for
+  unsigned threads = 0;             ///< 0: all there are; the result is the same
 };
 
 /// Gets the stage and the share of it that is done, 0 to 1, as it begins and now and then; in the thread that builds.
@@ -35,8 +36,8 @@ struct BuiltModel : OwnedModel {
   CleanReport cleaned;
 };
 
-/// The same mesh and options give the same bytes. Cleans first. Throws ModelError when no face is left after that, or
-/// when there are too many.
+/// The same mesh and options give the same bytes. Cleans first. Throws ModelError when no face is left after that, when
+/// there are too many, or when most faces or vertices were dropped and `losses` does not allow it.
 [[nodiscard]] BuiltModel build_model(TriangleMesh mesh, const BuildOptions& options = {},
                                      const Progress& progress = {});
 

@@ -7,6 +7,9 @@
 
 namespace tactus::spm::offline {
 
+/// What to do when most vertices or faces of a mesh would be dropped on its way from a file to a model.
+enum class Losses : std::uint8_t { kRefuse, kAllow };
+
 /// How much was dropped, each face counted under the first reason that applies, in this order.
 struct CleanReport {
   std::uint32_t welded_vertices = 0;        ///< had the position of an earlier vertex

@@ -5,15 +5,18 @@
 
 #include <Eigen/Core>
 #include <Eigen/LU>
+#include <array>
 #include <assimp/Importer.hpp>
 #include <cctype>
+#include <cstdint>
+#include <cstring>
 #include <fstream>
 #include <sstream>
 #include <string>
 #include <system_error>
 
 #include "spm/model.hpp"
-#include "spm/offline/ply_header.hpp"
+#include "spm/offline/ply.hpp"
 #include "spm/offline/polygon.hpp"
 
 namespace tactus::spm::offline {
@@ -22,6 +25,7 @@ namespace {
 /// What a scene holds that is no triangle, for the message when it holds nothing else.
 struct Found {
   std::size_t points = 0, lines = 0;
+  std::size_t faces = 0;  // polygons before they are cut
 };
 
 [[noreturn]] void fail(const std::filesystem::path& path, const std::string& what) {
@@ -43,18 +47,53 @@ std::string extension_of(const std::filesystem::path& path) {
   return extension;
 }
 
-/// The counts in an OFF file, before the reader reserves memory for them: a vertex takes at least "0 0 0\n".
-void check_off_counts(const std::filesystem::path& path) {
+/// What a file declares, where its format says; 0 where it does not.
+struct Declared {
+  double vertices = 0, faces = 0;
+};
+
+/// Checked before the reader reserves memory for them: a vertex takes at least "0 0 0\n".
+Declared declared_by_off(const std::filesystem::path& path) {
   std::ifstream file{path};
   std::string magic;
-  double vertices = 0, faces = 0;
-  const bool counted = static_cast<bool>(file >> magic >> vertices >> faces);
+  Declared counts;
+  if (!(file >> magic >> counts.vertices >> counts.faces)) return {};
   const auto size = static_cast<double>(std::filesystem::file_size(path));
-  if (counted && 6 * vertices + 2 * faces > size) {
+  if (6 * counts.vertices + 2 * counts.faces > size) {
     std::ostringstream text;
-    text << "found " << size << " bytes, too few for " << vertices << " vertices and " << faces << " faces";
+    text << "found " << size << " bytes, too few for " << counts.vertices << " vertices and " << counts.faces
+         << " faces";
     fail(path, text.str());
   }
+  return counts;
+}
+
+Declared declared_by_obj(const std::filesystem::path& path) {
+  std::ifstream file{path};
+  Declared counts;
+  for (std::string line; std::getline(file, line);) {
+    const std::size_t word = line.find_first_not_of(" \t");
+    if (word == std::string::npos || word + 1 >= line.size() || (line[word + 1] != ' ' && line[word + 1] != '\t'))
+      continue;
+    if (line[word] == 'v') ++counts.vertices;
+    if (line[word] == 'f') ++counts.faces;
+  }
+  return counts;
+}
+
+Declared declared_by_stl(const std::filesystem::path& path) {
+  constexpr std::uint64_t kHeader = 84, kFacet = 50;
+  std::ifstream file{path, std::ios::binary};
+  std::array<char, kHeader> header{};
+  std::uint32_t facets = 0;
+  if (file.read(header.data(), header.size())) std::memcpy(&facets, header.data() + 80, sizeof facets);
+  if (file && std::filesystem::file_size(path) == kHeader + kFacet * facets) return {0, static_cast<double>(facets)};
+  file.clear();
+  file.seekg(0);
+  Declared counts;
+  for (std::string word; file >> word;)
+    if (word == "facet") ++counts.faces;
+  return counts;
 }
 
 /// Before anything follows the indices of a scene.
@@ -104,6 +143,7 @@ void append_mesh(const aiMesh& from, const Matrix& placed, TriangleMesh& to, Fou
   std::vector<std::array<float, 3>> corners;
   for (unsigned f = 0; f < from.mNumFaces; ++f) {
     const aiFace& face = from.mFaces[f];
+    if (face.mNumIndices >= 3) ++found.faces;
     if (face.mNumIndices < 3) {
       ++(face.mNumIndices == 2 ? found.lines : found.points);
     } else if (face.mNumIndices == 3) {
@@ -134,28 +174,66 @@ std::string list(const aiScene& scene, const Found& found) {
   return text.empty() ? "nothing" : text;
 }
 
-TriangleMesh import_with(Assimp::Importer& importer, const std::filesystem::path& path) {
+TriangleMesh import_with(Assimp::Importer& importer, const std::filesystem::path& path, Found& found) {
   importer.SetPropertyBool(AI_CONFIG_IMPORT_NO_SKELETON_MESHES, true);
   const aiScene* scene = importer.ReadFile(path.string(), 0);
   if (scene == nullptr) fail(path, std::string{"cannot be read as a model: "} + importer.GetErrorString());
   check_indices(*scene, path);
   TriangleMesh mesh;
-  Found found;
   if (scene->mRootNode != nullptr) append_node(*scene, *scene->mRootNode, Matrix::Identity(), mesh, found);
   if (mesh.faces.empty()) fail(path, "found " + list(*scene, found) + ", expected a surface of triangles");
   return mesh;
 }
 
+/// A reader drops what it does not understand without a word.
+void require_most(const std::filesystem::path& path, const Declared& declared, const TriangleMesh& mesh,
+                  const Found& found) {
+  const auto require = [&](const char* what, double has, double read) {
+    if (2 * read >= has) return;
+    std::ostringstream text;
+    text.precision(12);
+    text << "most " << what << " would be dropped: found " << has << " in the file, of which its faces give " << read
+         << "; expected at least half (tactus-mesh build --allow-losses builds it as it is)";
+    fail(path, text.str());
+  };
+  require("faces", declared.faces, static_cast<double>(found.faces));
+  require("vertices", declared.vertices, static_cast<double>(mesh.positions.size()));
+}
+
+/// Whatever the name: assimp would not read all of a PLY file.
+bool is_ply(const std::filesystem::path& path, const std::string& extension) {
+  std::array<char, 4> magic{};
+  std::ifstream{path, std::ios::binary}.read(magic.data(), magic.size());
+  return extension == ".ply" || (std::memcmp(magic.data(), "ply", 3) == 0 && (magic[3] == '\n' || magic[3] == '\r'));
+}
+
+TriangleMesh import_ply(const std::filesystem::path& path, Losses losses) {
+  PlyMesh ply = read_ply(path);
+  if (ply.mesh.faces.empty())
+    fail(path, "found " + std::to_string(ply.mesh.positions.size()) + " points and " + std::to_string(ply.lines) +
+                   " lines, expected a surface of triangles");
+  const Found found{0, ply.lines, ply.polygons};
+  if (losses == Losses::kRefuse)
+    require_most(path, {0, static_cast<double>(ply.lines + ply.polygons)}, ply.mesh, found);
+  return std::move(ply.mesh);
+}
+
 }  // namespace
 
-TriangleMesh import_mesh(const std::filesystem::path& path) {
+TriangleMesh import_mesh(const std::filesystem::path& path, Losses losses) {
   check_readable(path);
   const std::string extension = extension_of(path);
-  if (extension == ".ply") check_ply_header(path);
-  if (extension == ".off") check_off_counts(path);
+  if (is_ply(path, extension)) return import_ply(path, losses);
+  const Declared declared = extension == ".off"   ? declared_by_off(path)
+                            : extension == ".obj" ? declared_by_obj(path)
+                            : extension == ".stl" ? declared_by_stl(path)
+                                                  : Declared{};
   try {
     Assimp::Importer importer;
-    return import_with(importer, path);
+    Found found;
+    TriangleMesh mesh = import_with(importer, path, found);
+    if (losses == Losses::kRefuse) require_most(path, declared, mesh, found);
+    return mesh;
   } catch (const ModelError&) {
     throw;
   } catch (const std::exception& e) {

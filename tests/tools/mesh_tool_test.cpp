@@ -105,9 +105,43 @@ TEST_F(MeshTool, UnitAndSizeSetTheScale) {
 }
 
 TEST_F(MeshTool, SaysWhatImportDropped) {
-  write_bytes(path("d.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 2 3 1\nf 1 1 2\n");
+  write_bytes(path("d.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\nf 2 3 1\nf 1 1 2\n");
   EXPECT_THAT(run({"build", path("d.obj"), path("d.spm")}).out,
               AllOf(HasSubstr("1 duplicate faces"), HasSubstr("1 repeated corner faces")));
+}
+
+TEST_F(MeshTool, RefusesAFileOfWhichMostWouldBeDroppedUnlessAllowed) {
+  const std::string square = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\n";
+  const std::string good = "f 1 2 3\nf 2 4 3\n", bad = "f 2 3 1\nf 1 1 2\n";
+  write_bytes(path("half.obj"), square + good + bad);
+  write_bytes(path("faces.obj"), square + good + bad + "f 3 3 4\n");
+  std::string cloud = square;
+  for (int i = 0; i < 7; ++i) cloud += "v 5 5 " + std::to_string(i) + "\n";
+  write_bytes(path("unused.obj"), cloud + good);
+  write_bytes(path("unused.ply"),
+              "ply\nformat ascii 1.0\nelement vertex 7\nproperty float x\nproperty float y\nproperty float z\n"
+              "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+              "0 0 0\n1 0 0\n0 1 0\n5 5 1\n5 5 2\n5 5 3\n5 5 4\n3 0 1 2\n");
+  write_bytes(path("lines.ply"),
+              "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+              "element face 3\nproperty list uchar int vertex_indices\nend_header\n"
+              "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n2 0 1\n2 1 2\n");
+  EXPECT_EQ(run({"build", path("half.obj"), path("half.spm")}).code, kDone);
+  const std::pair<const char*, const char*> cases[] = {
+      {"faces.obj",
+       "faces.obj: most faces would be dropped: found 3 of 5 unusable (2 with two equal corners, 1 equal "
+       "to another), expected at most half"},
+      {"unused.obj", "unused.obj: most vertices would be dropped: found 11 in the file, of which its faces give 4"},
+      {"unused.ply", "unused.ply: most vertices would be dropped: found 4 of 7 unusable (no face uses them)"},
+      {"lines.ply", "lines.ply: most faces would be dropped: found 3 in the file, of which its faces give 1"}};
+  for (const auto& [name, message] : cases) {
+    const Outcome refused = run({"build", path(name), path("x.spm")});
+    EXPECT_EQ(refused.code, kBadInput) << name;
+    EXPECT_THAT(refused.errors, AllOf(HasSubstr(message), HasSubstr("--allow-losses"))) << name;
+    EXPECT_FALSE(std::filesystem::exists(path("x.spm"))) << name;
+    EXPECT_EQ(run({"build", path(name), path("y.spm"), "--allow-losses"}).code, kDone) << name;
+    EXPECT_EQ(run({"verify", path("y.spm"), path(name)}).code, kDone) << name;
+  }
 }
 
 TEST_F(MeshTool, ShowsProgressOnATerminalOnly) {

@@ -3,6 +3,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cstring>
+
 #include "spm/offline/clean.hpp"
 #include "spm/offline/generate.hpp"
 #include "spm/offline/write_mesh.hpp"
@@ -81,6 +84,182 @@ TEST_F(Import, CutsAPolygonWithADentInsideOfIt) {
   EXPECT_DOUBLE_EQ(area, 10);
 }
 
+/// What a PLY of two triangle strips over six vertices has after its header, and that header.
+struct StripFile {
+  std::string name, bytes;
+};
+
+/// A band of four triangles, a corner that a strip repeats to turn, and a single triangle with the other orientation.
+std::vector<StripFile> strip_files() {
+  const std::vector<std::array<float, 3>> positions{{0, 0, 0}, {0, 1, 0}, {1, 0, 0}, {1, 1, 0}, {2, 0, 0}, {2, 1, 0}};
+  const std::vector<std::int32_t> strips{1, 0, 3, 2, 5, 4, -1, 0, 2, 1, -1, 3, 3, 2, 5};
+  const auto header = [](const char* format) {
+    return std::string{"ply\nformat "} + format +
+           " 1.0\ncomment a scan\nelement vertex 6\nproperty float x\nproperty float y\nproperty float z\n"
+           "property uchar confidence\nelement tristrips 1\nproperty list int int vertex_indices\nend_header\n";
+  };
+  std::string text = header("ascii");
+  for (const auto& p : positions)
+    text += std::to_string(p[0]) + " " + std::to_string(p[1]) + " " + std::to_string(p[2]) + " 7\n";
+  text += std::to_string(strips.size());
+  for (const std::int32_t index : strips) text += " " + std::to_string(index);
+  std::vector<StripFile> files{{"ascii.ply", text + "\n"}};
+  for (const bool big : {false, true}) {
+    std::string bytes = header(big ? "binary_big_endian" : "binary_little_endian");
+    const auto add = [&](auto value) {
+      std::array<char, sizeof value> raw;
+      std::memcpy(raw.data(), &value, sizeof value);
+      if (big) std::reverse(raw.begin(), raw.end());
+      bytes.append(raw.begin(), raw.end());
+    };
+    for (const auto& p : positions) {
+      for (const float x : p) add(x);
+      bytes += '\7';
+    }
+    add(static_cast<std::int32_t>(strips.size()));
+    for (const std::int32_t index : strips) add(index);
+    files.push_back({big ? "big.ply" : "little.ply", bytes});
+  }
+  return files;
+}
+
+TEST_F(Import, ReadsTriangleStripsWithTheirWinding) {
+  const std::vector<Triangle> expected{{1, 0, 3}, {3, 0, 2}, {3, 2, 5}, {5, 2, 4}, {0, 2, 1}, {2, 3, 5}};
+  for (const StripFile& strips : strip_files()) {
+    const TriangleMesh mesh = import_mesh(file(strips.name, strips.bytes));
+    EXPECT_EQ(mesh.positions.size(), 6u) << strips.name;
+    EXPECT_EQ(mesh.faces, expected) << strips.name;
+  }
+}
+
+TEST_F(Import, RefusesStripsThatAreCutOrNameAVertexThatIsNotThere) {
+  for (const StripFile& strips : strip_files()) {
+    const std::size_t cut = strips.bytes.find_last_not_of('\n') - 1;  // within the last index, or before it
+    EXPECT_THAT(refusal(file(strips.name, strips.bytes.substr(0, cut))), HasSubstr("truncated")) << strips.name;
+    std::string wrong = strips.bytes;
+    const std::size_t last = wrong.size() - (strips.name == "little.ply" ? 4 : strips.name == "big.ply" ? 1 : 2);
+    wrong[last] = static_cast<char>(wrong[last] + 1);
+    EXPECT_THAT(refusal(file(strips.name, wrong)), HasSubstr("found vertex index 6, expected below 6")) << strips.name;
+  }
+}
+
+TEST_F(Import, ReadsPlyWithPolygonsDoublesOtherElementsAndFacesFirst) {
+  const TriangleMesh mesh = import_mesh(file("odd.ply",
+                                             "ply\r\nformat ascii 1.0\r\nelement face 3\r\n"
+                                             "property list uchar int vertex_index\r\nproperty uchar red\r\n"
+                                             "element edge 1\r\nproperty int vertex1\r\nproperty int vertex2\r\n"
+                                             "element vertex 5\r\nproperty double z\r\nproperty double x\r\n"
+                                             "property list uchar float weights\r\nproperty double y\r\n"
+                                             "end_header\r\n3 0 1 2 255\r\n4 0 2 3 4 255\r\n2 0 1 255\r\n0 1\r\n"
+                                             "1 0 0 0\r\n1 4 2 0.5 0.5 0\r\n1 4 1 0.5 4\r\n1 +2e0 0 1.0\r\n1 0 0 4"));
+  const std::vector<std::array<float, 3>> positions{{0, 0, 1}, {4, 0, 1}, {4, 4, 1}, {2, 1, 1}, {0, 4, 1}};
+  EXPECT_EQ(mesh.positions, positions);
+  ASSERT_EQ(mesh.faces.size(), 3u);
+  EXPECT_EQ(mesh.faces[0], (Triangle{0, 1, 2}));
+}
+
+struct Format {
+  std::string name, bytes;
+  std::size_t faces;
+};
+
+/// A file of every format that the documentation names, each of a square pyramid with its base.
+std::vector<Format> pyramids() {
+  const std::vector<std::array<int, 3>> corners{{0, 0, 0}, {2, 0, 0}, {2, 2, 0}, {0, 2, 0}, {1, 1, 1}};
+  const std::vector<Triangle> faces{{0, 3, 2}, {0, 2, 1}, {0, 1, 4}, {1, 2, 4}, {2, 3, 4}, {3, 0, 4}};
+  const std::string points = "0 0 0\n2 0 0\n2 2 0\n0 2 0\n1 1 1\n";
+  std::vector<Format> formats;
+
+  formats.push_back({"text.obj",
+                     "v 0 0 0\nv 2 0 0\nv 2 2 0\nv 0 2 0\nv 1 1 1\nf 1 4 3 2\nf 1 2 5\nf 2/1 3/1 5/1\n"
+                     "f -3 -2 -1\nf 4//1 1//1 5//1\nvt 0 0\nvn 0 0 1\n",
+                     6});
+  formats.push_back({"text.ply",
+                     "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\nproperty float z\n"
+                     "element face 5\nproperty list uchar int vertex_indices\nend_header\n" +
+                         points + "4 0 3 2 1\n3 0 1 4\n3 1 2 4\n3 2 3 4\n3 3 0 4\n",
+                     6});
+  formats.push_back({"text.off", "OFF\n5 5 0\n" + points + "4 0 3 2 1\n3 0 1 4\n3 1 2 4\n3 2 3 4\n3 3 0 4\n", 6});
+
+  std::string solid = "solid pyramid\n";
+  std::string binary(80, ' ');
+  const auto append = [](std::string& to, auto value) {
+    std::array<char, sizeof value> raw;
+    std::memcpy(raw.data(), &value, sizeof value);
+    to.append(raw.begin(), raw.end());
+  };
+  append(binary, std::uint32_t{6});
+  for (const Triangle& face : faces) {
+    solid += "facet normal 0 0 0\nouter loop\n";
+    for (int i = 0; i < 3; ++i) append(binary, 0.0f);
+    for (const std::uint32_t v : face) {
+      solid += "vertex";
+      for (const int x : corners[v]) {
+        solid += " " + std::to_string(x);
+        append(binary, static_cast<float>(x));
+      }
+      solid += "\n";
+    }
+    solid += "endloop\nendfacet\n";
+    append(binary, std::uint16_t{0});
+  }
+  formats.push_back({"text.stl", solid + "endsolid pyramid\n", 6});
+  formats.push_back({"binary.stl", binary, 6});
+
+  // glTF keeps its numbers in a buffer: positions, then indices of triangles, then those of a strip of four.
+  std::string buffer;
+  for (const auto& corner : corners)
+    for (const int x : corner) append(buffer, static_cast<float>(x));
+  for (const Triangle& face : faces)
+    for (const std::uint32_t v : face) append(buffer, static_cast<std::uint16_t>(v));
+  for (const int v : {0, 1, 4, 2, 3, 0}) append(buffer, static_cast<std::uint16_t>(v));
+  const auto gltf = [&](int accessor, int mode, const std::string& uri) {
+    return R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],
+      "meshes":[{"primitives":[{"attributes":{"POSITION":0},"indices":)" +
+           std::to_string(accessor) + R"(,"mode":)" + std::to_string(mode) + R"(}]}],
+      "accessors":[{"bufferView":0,"componentType":5126,"count":5,"type":"VEC3","min":[0,0,0],"max":[2,2,1]},
+        {"bufferView":1,"componentType":5123,"count":18,"type":"SCALAR"},
+        {"bufferView":2,"componentType":5123,"count":6,"type":"SCALAR"}],
+      "bufferViews":[{"buffer":0,"byteOffset":0,"byteLength":60},{"buffer":0,"byteOffset":60,"byteLength":36},
+        {"buffer":0,"byteOffset":96,"byteLength":12}],"buffers":[{"byteLength":108)" +
+           uri + "}]}";
+  };
+  const auto base64 = [](const std::string& bytes) {  // whose size is a multiple of 3
+    const char* const digits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    std::string text;
+    for (std::size_t i = 0; i < bytes.size(); i += 3) {
+      std::uint32_t word = 0;
+      for (std::size_t k = 0; k < 3; ++k) word = word << 8 | static_cast<std::uint8_t>(bytes[i + k]);
+      for (int shift = 18; shift >= 0; shift -= 6) text += digits[word >> shift & 63];
+    }
+    return text;
+  };
+  const std::string embedded = R"(,"uri":"data:application/octet-stream;base64,)" + base64(buffer) + "\"";
+  formats.push_back({"triangles.gltf", gltf(1, 4, embedded), 6});
+  formats.push_back({"strip.gltf", gltf(2, 5, embedded), 4});
+
+  std::string json = gltf(1, 4, "");
+  json.resize((json.size() + 3) / 4 * 4, ' ');
+  std::string glb = "glTF";
+  append(glb, std::uint32_t{2});
+  append(glb, static_cast<std::uint32_t>(12 + 8 + json.size() + 8 + buffer.size()));
+  append(glb, static_cast<std::uint32_t>(json.size()));
+  formats.push_back({"binary.glb", glb + "JSON" + json, 6});
+  append(formats.back().bytes, static_cast<std::uint32_t>(buffer.size()));
+  formats.back().bytes += std::string{"BIN\0", 4} + buffer;
+  return formats;
+}
+
+TEST_F(Import, EveryDocumentedFormatHasAllItsFaces) {
+  for (const Format& format : pyramids()) {
+    TriangleMesh mesh;
+    ASSERT_NO_THROW(mesh = import_mesh(file(format.name, format.bytes))) << format.name;
+    clean(mesh);
+    EXPECT_EQ(mesh.positions.size(), 5u) << format.name;
+    EXPECT_EQ(mesh.faces.size(), format.faces) << format.name;
+  }
+}
+
 TEST_F(Import, PlacesMeshesByTheirNodesAndTurnsMirroredOnesRightSideOut) {
   // One triangle, shown twice: as it is, and mirrored in x and moved by 10.
   const std::string gltf = R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0,1]}],
@@ -141,6 +320,23 @@ TEST_F(Import, SurvivesDamageOfAnyByte) {
         }
       } catch (const ModelError& e) {
         ASSERT_THAT(e.what(), HasSubstr(name));
+      }
+    }
+  }
+}
+
+TEST_F(Import, StripsSurviveDamageOfAnyBit) {
+  for (const StripFile& strips : strip_files()) {
+    for (std::size_t bit = 0; bit < 8 * strips.bytes.size(); bit += 3) {
+      std::string damaged = strips.bytes;
+      damaged[bit / 8] = static_cast<char>(damaged[bit / 8] ^ 1 << bit % 8);
+      try {
+        const TriangleMesh back = import_mesh(file(strips.name, damaged));
+        for (const Triangle& f : back.faces) {
+          for (const std::uint32_t v : f) ASSERT_LT(v, back.positions.size());
+        }
+      } catch (const ModelError& e) {
+        ASSERT_THAT(e.what(), HasSubstr(strips.name));
       }
     }
   }
