@@ -3,6 +3,8 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <utility>
 
 #include "haptics/device.hpp"
 #include "haptics/rigid_body.hpp"
@@ -44,6 +46,15 @@ Vec3d across(const Vec3d& axis) {
   return (helper - axis * axis.dot(helper)).normalized();
 }
 
+/// The point of the surface that is nearest, as far as points are known; else the centre of the box.
+Vec3d nearest_of(const ObjectView& view, const Vec3d& from) {
+  const auto nearer = [&](const ObjectView::SurfacePoint& a, const ObjectView::SurfacePoint& b) {
+    return (a.position - from).squaredNorm() < (b.position - from).squaredNorm();
+  };
+  const auto nearest = std::min_element(view.surface.begin(), view.surface.end(), nearer);
+  return nearest == view.surface.end() ? view.centre : nearest->position;
+}
+
 /// How far the box reaches from its centre along a unit vector.
 double reach_along(const ObjectView& view, const Vec3d& direction) {
   return (view.rotation.transpose() * direction).cwiseAbs().dot(view.half);
@@ -79,6 +90,11 @@ ObjectView view_of(const session::CatalogueEntry& entry) {
   view.moves = entry.body.mass > 0;
   view.rotation = turn.normalized().toRotationMatrix();
   view.centre = view.rotation * (entry.scale * centre) + vector_of(entry.pose.position);
+  const auto vector = [](const std::array<float, 3>& a) { return Vec3d{double{a[0]}, double{a[1]}, double{a[2]}}; };
+  for (const spm::SurfacePoint& point : entry.surface.points)
+    view.surface.push_back({view.rotation * (entry.scale * vector(point.position)) + vector_of(entry.pose.position),
+                            view.rotation * vector(point.normal)});
+  view.spacing = entry.scale * entry.surface.spacing;
   return view;
 }
 
@@ -283,7 +299,7 @@ bool Operator::begin(const Action& action, const Objects& objects) {
     return true;
   }
   outwards_ = (view_.rotation * action.direction).normalized();
-  const Vec3d aim = view_.centre + view_.rotation * ((2 * action.point - Vec3d::Ones()).cwiseProduct(view_.half));
+  const Vec3d aim = aim_at(action, view_);
   start_ = start_of(action, view_);
   depth_ = (start_ - aim).norm() + way_out(view_, aim, -outwards_) + settings_.clearance;
   hand_ = device_;
@@ -293,9 +309,33 @@ bool Operator::begin(const Action& action, const Objects& objects) {
   return true;
 }
 
+/// The point that the script names, unless a hand that comes along its direction misses the surface there: it does when
+/// the line is further from all points of the surface than their spacing, or when an attempt has just shown it. Then
+/// one of these points: near that line, and facing the hand. Each further attempt takes the next.
+Vec3d Operator::aim_at(const Action& action, const ObjectView& view) const {
+  const Vec3d named = view.centre + view.rotation * ((2 * action.point - Vec3d::Ones()).cwiseProduct(view.half));
+  if (view.surface.empty()) return named;
+  const Vec3d outwards = (view.rotation * action.direction).normalized();
+  double nearest = std::numeric_limits<double>::infinity();
+  std::vector<std::pair<double, const Vec3d*>> ranked;
+  for (const ObjectView::SurfacePoint& point : view.surface) {
+    const Vec3d from = point.position - named;
+    const double distance = (from - outwards * outwards.dot(from)).norm();
+    nearest = std::min(nearest, distance);
+    ranked.emplace_back(distance + view.spacing * (1 - outwards.dot(point.normal)), &point.position);
+  }
+  const bool may_hit = nearest <= view.spacing + user_.radius;
+  if (may_hit && attempts_ == 0) return named;
+  const std::size_t rank = (attempts_ - (may_hit ? 1 : 0)) % ranked.size();
+  const auto chosen = ranked.begin() + static_cast<std::ptrdiff_t>(rank);
+  std::nth_element(ranked.begin(), chosen, ranked.end(),
+                   [](const auto& a, const auto& b) { return a.first < b.first; });
+  return *chosen->second;
+}
+
 Vec3d Operator::start_of(const Action& action, const ObjectView& view) const {
   const Vec3d outwards = (view.rotation * action.direction).normalized();
-  const Vec3d aim = view.centre + view.rotation * ((2 * action.point - Vec3d::Ones()).cwiseProduct(view.half));
+  const Vec3d aim = aim_at(action, view);
   return aim + outwards * (way_out(view, aim, outwards) + settings_.clearance + user_.radius);
 }
 
@@ -478,7 +518,7 @@ void Operator::follow(const Action& action, double dt) {
     push_ = std::clamp(push_, 0.0, kMostPush);
   } else {
     constexpr double kGap = 0.05;        // s: a hop, no loss
-    constexpr double kStraightOn = 0.3;  // s along the normal, then towards the object's centre
+    constexpr double kStraightOn = 0.3;  // s along the normal, then towards the object
     constexpr double kGiveUp = 1.0;      // s, then a new approach
     if (lost_ < kGap && lost_ + dt >= kGap) ++tally_.contacts_lost;
     lost_ += dt;
@@ -486,7 +526,8 @@ void Operator::follow(const Action& action, double dt) {
       stage_ = Stage::kBegin;
       return;
     }
-    const Vec3d inwards = lost_ < kStraightOn ? Vec3d(-normal_) : Vec3d((view_.centre - cursor_).normalized());
+    const Vec3d inwards =
+        lost_ < kStraightOn ? Vec3d(-normal_) : Vec3d((nearest_of(view_, cursor_) - cursor_).normalized());
     drift = inwards * kSeek;
   }
   cursor_ += drift * dt;

@@ -1,8 +1,8 @@
 /// A simulated user's mind: it knows where objects are and what its hand feels, and says where the hand wants to be.
 ///
-/// It sees no mesh. Of an object it knows the catalogue's bounds and where it is; of the contact the probe states of
-/// its own probe, and of others how hard they press. World frame, SI; times are session time. One thread at a time. Not
-/// realtime.
+/// It sees no mesh. Of an object it knows the catalogue's bounds, some points of its surface and where it is; of the
+/// contact the probe states of its own probe, and of others how hard they press. World frame, SI; times are session
+/// time. One thread at a time. Not realtime.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -17,13 +17,18 @@
 
 namespace tactus::client_sim {
 
-/// An object as the catalogue tells it: a box.
+/// An object as the catalogue describes it: a box, and points of the surface in it.
 struct ObjectView {
   std::uint64_t id = 0;
   Vec3d centre = Vec3d::Zero();                            ///< world, m
   Vec3d half = Vec3d::Zero();                              ///< half edges along the object's axes, m
   Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();  ///< object's axes to world
   bool moves = false;                                      ///< it can be moved
+  struct SurfacePoint {
+    Vec3d position, normal;  ///< world, m; the normal is zero where it is unknown
+  };
+  std::vector<SurfacePoint> surface;  ///< empty: the whole box is taken for solid
+  double spacing = 0;                 ///< m; no point of the surface is further than this from all of them
 };
 [[nodiscard]] ObjectView view_of(const session::CatalogueEntry& entry);
 
@@ -95,6 +100,7 @@ class Operator {
   void act(double dt, const Objects& objects);
   void turn_hand(double dt);
   [[nodiscard]] bool begin(const Action& action, const Objects& objects);
+  [[nodiscard]] Vec3d aim_at(const Action& action, const ObjectView& view) const;
   [[nodiscard]] Vec3d start_of(const Action& action, const ObjectView& view) const;
   [[nodiscard]] std::optional<session::Intent> first_wish(std::int64_t session_now_ns, const Objects& objects);
   void plan_way(const Vec3d& to);

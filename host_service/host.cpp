@@ -232,6 +232,7 @@ void Host::Impl::make_catalogue() {
     entry.scale = scale_of(object);
     entry.material = object.config.material;
     entry.base_bytes = server.base_bytes(entry.object_id);
+    entry.surface = spm::surface_points(object.model.coded().base(), session::kMaxSurfacePoints);
     if (const std::optional<BodyConfig>& body = object.config.body)
       entry.body = {body->mass, body->inertia.value_or(sharing::inertia_of_bounds(summary, entry.scale, body->mass)),
                     body->friction, body->ground};

@@ -13,11 +13,12 @@
 
 #include "spm/model.hpp"
 #include "spm/span.hpp"
+#include "spm/surface_points.hpp"
 
 namespace tactus::session {
 
 /// Raised when a change makes older programs misread newer samples.
-inline constexpr std::uint32_t kProtocolVersion = 13;
+inline constexpr std::uint32_t kProtocolVersion = 14;
 
 // Bounds, also stated in idl/tactus.idl; a test compares the two.
 inline constexpr std::size_t kMaxName = 63;
@@ -30,6 +31,7 @@ inline constexpr std::size_t kMaxPayload = 1400;  ///< pieces of a chunk as they
 inline constexpr std::size_t kMaxFigures = 128;
 inline constexpr std::size_t kMaxMeshes = 64;  ///< objects of one HRTC
 inline constexpr std::size_t kMaxWaypoints = 16;
+inline constexpr std::size_t kMaxSurfacePoints = 32;
 inline constexpr std::size_t kMaxTouchers = 8;  ///< controllers that simulate one object together
 inline constexpr std::size_t kMaxStops = 32;    ///< issuers of stops and resets that one program records
 
@@ -115,6 +117,7 @@ struct CatalogueEntry {
   Material material;
   Body body;
   std::uint32_t base_bytes = 0;  ///< size of the encoded base mesh
+  spm::SurfacePoints surface;    ///< where it can be touched, at most kMaxSurfacePoints; model frame, file units
   bool withdrawn = false;
 };
 

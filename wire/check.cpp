@@ -133,6 +133,12 @@ const char* fault(const session::CatalogueEntry& c) noexcept {
   if (const char* f = fault(c.summary)) return f;
   if (const char* f = fault(c.pose)) return f;
   if (const char* f = fault(c.material)) return f;
+  if (c.surface.points.size() > session::kMaxSurfacePoints) return "surface.points: expected at most 32";
+  for (const spm::SurfacePoint& point : c.surface.points) {
+    if (!all_finite(point.position)) return "surface.points.position: expected finite numbers";
+    if (!all_finite(point.normal)) return "surface.points.normal: expected finite numbers";
+  }
+  if (!not_negative(c.surface.spacing)) return "surface.spacing: expected finite, at least 0";
   return fault(c.body);
 }
 

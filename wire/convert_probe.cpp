@@ -13,6 +13,7 @@ static_assert(idl::kMaxPayload == session::kMaxPayload);
 static_assert(idl::kMaxFigures == session::kMaxFigures);
 static_assert(idl::kMaxMeshes == session::kMaxMeshes);
 static_assert(idl::kMaxWaypoints == session::kMaxWaypoints);
+static_assert(idl::kMaxSurfacePoints == session::kMaxSurfacePoints);
 static_assert(idl::kMaxTouchers == session::kMaxTouchers);
 
 idl::PoseValue pose_to_idl(const session::Pose& from) {

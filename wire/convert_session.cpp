@@ -83,6 +83,12 @@ void to_idl(const session::CatalogueEntry& from, idl::CatalogueEntry& to) {
   to.body().friction(from.body.friction);
   to.body().ground(from.body.ground);
   to.base_bytes(from.base_bytes);
+  to.surface_points().resize(from.surface.points.size());
+  for (std::size_t i = 0; i < from.surface.points.size(); ++i) {
+    to.surface_points()[i].position(from.surface.points[i].position);
+    to.surface_points()[i].normal(from.surface.points[i].normal);
+  }
+  to.surface_spacing(from.surface.spacing);
   to.withdrawn(from.withdrawn);
 }
 
@@ -113,6 +119,10 @@ void from_idl(const idl::CatalogueEntry& from, session::CatalogueEntry& to) {
                  from.surface().dynamic_friction()};
   to.body = {from.body().mass(), from.body().inertia(), from.body().friction(), from.body().ground()};
   to.base_bytes = from.base_bytes();
+  to.surface.points.resize(from.surface_points().size());
+  for (std::size_t i = 0; i < to.surface.points.size(); ++i)
+    to.surface.points[i] = {from.surface_points()[i].position(), from.surface_points()[i].normal()};
+  to.surface.spacing = from.surface_spacing();
   to.withdrawn = from.withdrawn();
 }
 

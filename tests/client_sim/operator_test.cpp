@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <deque>
 #include <functional>
@@ -11,6 +12,7 @@
 #include "haptics/force.hpp"
 #include "haptics/simulated_device.hpp"
 #include "sharing/hand_path.hpp"
+#include "spm/surface_points.hpp"
 #include "tests/haptics/triangle_surface.hpp"
 
 namespace tactus::client_sim {
@@ -47,6 +49,25 @@ class ClosedLoop {
     view.centre = (low + high) / 2;
     view.half = (high - low) / 2;
     objects_["body"] = view;
+  }
+
+  /// As a host publishes it: points of the surface, where else there are bounds alone.
+  void publish_surface() {
+    spm::BaseMesh mesh;
+    for (const Triangle& triangle : surface_.triangles()) {
+      spm::BaseFace face{0, 1, {}};
+      for (std::size_t k = 0; k < 3; ++k) {
+        face.corners[k] = static_cast<std::uint32_t>(mesh.positions.size());
+        const Eigen::Vector3f corner = triangle[k].cast<float>();
+        mesh.positions.push_back({corner[0], corner[1], corner[2]});
+      }
+      mesh.faces.push_back(face);
+    }
+    session::CatalogueEntry entry;
+    entry.surface = spm::surface_points(mesh, session::kMaxSurfacePoints);
+    const ObjectView view = view_of(entry);
+    objects_["body"].surface = view.surface;
+    objects_["body"].spacing = view.spacing;
   }
 
   void set_friction(double coefficient) { friction_ = coefficient; }
@@ -221,6 +242,98 @@ TEST(Operator, ApproachesUntilItFeelsTheForceAskedFor) {
     EXPECT_LT(last, 2) << body.name;
     EXPECT_GT(loop.proxy().dot(Vec3d(1, 1, 0.2).normalized()), 0.08) << body.name;
   }
+}
+
+/// A tube of `radius` along a closed or open line of points.
+std::vector<Triangle> tube(const std::vector<Vec3d>& line, double radius, bool closed) {
+  constexpr int kSides = 8;
+  constexpr double kTurn = 6.283185307179586;
+  const int count = static_cast<int>(line.size());
+  const auto at = [&](int i) { return line[static_cast<std::size_t>((i + count) % count)]; };
+  const auto corner = [&](int i, int side) {
+    const Vec3d along = ((closed || i + 1 < count ? at(i + 1) : at(i)) - (closed || i > 0 ? at(i - 1) : at(i)));
+    const Vec3d across = along.unitOrthogonal();
+    const Vec3d other = along.normalized().cross(across);
+    const double angle = kTurn * side / kSides;
+    return Vec3d{at(i) + radius * (std::cos(angle) * across + std::sin(angle) * other)};
+  };
+  std::vector<Triangle> triangles;
+  for (int i = 0; i < (closed ? count : count - 1); ++i) {
+    for (int side = 0; side < kSides; ++side) {
+      const Vec3d a = corner(i % count, side), b = corner(i % count, side + 1);
+      const Vec3d c = corner((i + 1) % count, side), d = corner((i + 1) % count, side + 1);
+      triangles.push_back({a, b, c});
+      triangles.push_back({b, d, c});
+    }
+  }
+  return triangles;
+}
+
+std::vector<Body> airy_bodies() {
+  std::vector<Vec3d> ring, el, rod;
+  for (int i = 0; i < 60; ++i) ring.push_back(0.1 * Vec3d{std::cos(0.1047197551 * i), std::sin(0.1047197551 * i), 0});
+  for (int i = 10; i > 0; --i) el.push_back({0.02 * i, 0, 0});
+  for (int i = 0; i <= 10; ++i) el.push_back({0, 0.02 * i, 0});
+  for (int i = 0; i <= 30; ++i) rod.push_back(0.007 * i * Vec3d{1, 0.8, 0.3});
+  return {{"ring", tube(ring, 0.004, true)}, {"L", tube(el, 0.005, false)}, {"rod", tube(rod, 0.003, false)}};
+}
+
+TEST(Operator, LandsOnAFigureOfWhichTheBoundsAreMostlyAir) {
+  for (const Body& body : airy_bodies()) {
+    for (const char* aimed :
+         {"direction: [0, 0, 1]", "direction: [0.5, -0.3, 1]", "direction: [0, 0.2, 1], point: [0.7, 0.4, 0.5]"}) {
+      ClosedLoop loop{body.triangles, user_with("      - approach: {object: body, " + std::string{aimed} +
+                                                ", speed: 0.1, until_force: 0.5}\n")};
+      loop.publish_surface();
+      double most = 0;
+      loop.run(20, [&](double force, bool) { most = std::max(most, force); });
+      EXPECT_TRUE(loop.user().done()) << body.name << ", " << aimed;
+      EXPECT_EQ(loop.user().tally().approaches_missed, 0u) << body.name << ", " << aimed;
+      EXPECT_GE(most, 0.5) << body.name << ", " << aimed;
+    }
+  }
+}
+
+TEST(Operator, AimsElsewhereWhenTheLineThatMayHitHasMissed) {
+  // Two long triangles side by side: so coarse that their points cannot rule out the gap between them.
+  const double w = 0.02;
+  std::vector<Triangle> bars;
+  for (const double x : {-0.1, 0.1})
+    bars.insert(bars.end(), {{Vec3d{x - w, -0.1, 0}, Vec3d{x + w, -0.1, 0}, Vec3d{x + w, 0.1, 0}},
+                             {Vec3d{x - w, -0.1, 0}, Vec3d{x + w, 0.1, 0}, Vec3d{x - w, 0.1, 0}}});
+  ClosedLoop loop{bars, user_with("      - approach: {object: body, direction: [0, 0, 1], until_force: 0.5}\n")};
+  loop.publish_surface();
+  double most = 0;
+  loop.run(20, [&](double force, bool) { most = std::max(most, force); });
+  EXPECT_TRUE(loop.user().done());
+  EXPECT_EQ(loop.user().tally().approaches_missed, 1u);
+  EXPECT_GE(most, 0.5);
+}
+
+TEST(Operator, AimsWhereTheScriptSaysWhenTheSurfaceMayBeThere) {
+  for (const Body& body : bodies()) {
+    const auto touched = [&](bool published) {
+      ClosedLoop loop{body.triangles, user_with("      - approach: {object: body, direction: [1, 1, 0.2], point: [0.5, "
+                                                "0.6, 0.5], until_force: 0.5}\n")};
+      if (published) loop.publish_surface();
+      loop.run(10);
+      return loop.proxy();
+    };
+    EXPECT_EQ(touched(true), touched(false)) << body.name;
+  }
+}
+
+TEST(Operator, SeesTheSurfaceWhereTheObjectIs) {
+  session::CatalogueEntry entry;
+  entry.scale = 0.5;
+  entry.pose.position = {1, 2, 3};
+  entry.pose.orientation = {0, 0, std::sqrt(0.5), std::sqrt(0.5)};  // a quarter about z
+  entry.surface = {{{{2, 0, 4}, {1, 0, 0}}}, 0.25};
+  const ObjectView view = view_of(entry);
+  ASSERT_EQ(view.surface.size(), 1u);
+  EXPECT_LT((view.surface[0].position - Vec3d{1, 3, 5}).norm(), 1e-12);
+  EXPECT_LT((view.surface[0].normal - Vec3d{0, 1, 0}).norm(), 1e-12);
+  EXPECT_DOUBLE_EQ(view.spacing, 0.125);
 }
 
 TEST(Operator, TapsAsOftenAsAskedAndFeelsTheForceEachTime) {

@@ -232,6 +232,13 @@ TEST_F(HostTest, AControllerGetsEveryRecordOfTheModelOnceAndToTheBit) {
                                       entry.summary.bounds_max[1] - entry.summary.bounds_min[1],
                                       entry.summary.bounds_max[2] - entry.summary.bounds_min[2]}),
               0.3, 1e-6);
+  ASSERT_EQ(entry.surface.points.size(), session::kMaxSurfacePoints);
+  EXPECT_GT(entry.surface.spacing, 0);
+  for (const spm::SurfacePoint& point : entry.surface.points)
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      EXPECT_GE(point.position[axis], entry.summary.bounds_min[axis]);
+      EXPECT_LE(point.position[axis], entry.summary.bounds_max[axis]);
+    }
   std::filesystem::path built;
   for (const auto& file : std::filesystem::directory_iterator{folder_.path()}) {
     if (file.path().extension() == ".spm") built = file.path();

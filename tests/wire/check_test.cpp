@@ -107,6 +107,16 @@ TEST(Check, NamesTheWrongFieldOfACatalogueEntry) {
   expect_fault(catalogue(), "bounds", [](auto& c) { c.summary.bounds_min[1] = 1; });
   expect_fault(catalogue(), "cell_size", [](auto& c) { c.summary.grid.cell_size = -1; });
   expect_fault(catalogue(), "metres_per_unit", [](auto& c) { c.summary.metres_per_unit = kNan; });
+  expect_fault(catalogue(), "surface.points", [](auto& c) { c.surface.points.resize(33); });
+  expect_fault(catalogue(), "surface.points.position", [](auto& c) {
+    c.surface.points.resize(1);
+    c.surface.points[0].position[2] = std::numeric_limits<float>::quiet_NaN();
+  });
+  expect_fault(catalogue(), "surface.points.normal", [](auto& c) {
+    c.surface.points.resize(2);
+    c.surface.points[1].normal[0] = std::numeric_limits<float>::infinity();
+  });
+  expect_fault(catalogue(), "surface.spacing", [](auto& c) { c.surface.spacing = -1; });
   expect_fault(catalogue(), "stiffness", [](auto& c) { c.material.stiffness = -1; });
   expect_fault(catalogue(), "dynamic_friction", [](auto& c) { c.material.dynamic_friction = 0.1; });
 }

@@ -55,6 +55,7 @@ ses::CatalogueEntry full(const Links& from) {
   c.material = {1234.5, 2.5, 0.75, 0.5};
   c.body = {0.875, {0.002, 0.003, 0.0045}, 0.625, -0.25};
   c.base_bytes = 4711;
+  c.surface = {{{{0.25f, 0.5f, -1}, {0, 0, 1}}, {{1, 2, 3}, {-1, 0, 0}}}, 0.125};
   return c;
 }
 

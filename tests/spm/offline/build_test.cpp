@@ -11,6 +11,8 @@
 #include <set>
 
 #include "spm/offline/generate.hpp"
+#include "spm/surface_points.hpp"
+#include "spm/triangle.hpp"
 #include "tests/support/mesh_zoo.hpp"
 #include "tests/support/reference_mesh.hpp"
 
@@ -67,6 +69,33 @@ INSTANTIATE_TEST_SUITE_P(Zoo, EveryMesh,
 TEST_P(EveryMesh, IsASoundModel) { EXPECT_THAT(violations(built_.model()), IsEmpty()); }
 
 TEST_P(EveryMesh, HasASoundBaseMesh) { EXPECT_THAT(violations(base_mesh_of(built_.model())), IsEmpty()); }
+
+TEST_P(EveryMesh, SurfacePointsLieOnTheFinestSurfaceAndLeaveNoPartUncovered) {
+  const Model model = built_.model();
+  const SurfacePoints found = surface_points(base_mesh_of(model), 6);
+  ASSERT_FALSE(found.points.empty());
+  EXPECT_LE(found.points.size(), 6u);
+  const auto vector = [](const std::array<float, 3>& p) { return Vec3d{double{p[0]}, double{p[1]}, double{p[2]}}; };
+  const double rounding = 1e-6 * (vector(model.summary.bounds_max) - vector(model.summary.bounds_min)).norm();
+  std::vector<double> distances(found.points.size(), 1e300);  // of each from the finest surface
+  std::mt19937_64 random{7};
+  std::uniform_real_distribution<double> share{0, 1};
+  for (const Triangle& face : finest_) {
+    const Vec3d a = vector(model.positions[face[0]]), b = vector(model.positions[face[1]]);
+    const Vec3d c = vector(model.positions[face[2]]);
+    for (std::size_t i = 0; i < found.points.size(); ++i)
+      distances[i] =
+          std::min(distances[i], std::sqrt(closest_point(vector(found.points[i].position), a, b, c).squared_distance));
+    double u = share(random), v = share(random);
+    if (u + v > 1) u = 1 - u, v = 1 - v;
+    const Vec3d somewhere = a + u * (b - a) + v * (c - a);
+    double nearest = 1e300;
+    for (const SurfacePoint& point : found.points)
+      nearest = std::min(nearest, (vector(point.position) - somewhere).norm());
+    ASSERT_LE(nearest, found.spacing + rounding);
+  }
+  for (const double distance : distances) EXPECT_LE(distance, rounding);
+}
 
 TEST_P(EveryMesh, ReplayOfAllRecordsIsTheCleanedInputToTheBit) {
   TriangleMesh cleaned = zoo_.mesh;
