@@ -426,7 +426,7 @@ struct Coded {
   double touching = 0;  // probes that have touched exactly
   double cores = 0;     // that host and HRTCs take
   double cycles = 0;    // of all HRTCs, and of these
-  double late_ours = 0, late_stolen = 0, skipped = 0;
+  double overruns = 0, preempted = 0, unknown = 0, skipped = 0;
 };
 
 Coded run_coded(const Laboratory& lab, const Settings& settings, int probes) {
@@ -458,8 +458,9 @@ Coded run_coded(const Laboratory& lab, const Settings& settings, int probes) {
     for (const auto& hrtc : hrtcs) coded.cores += sign * cpu_seconds(hrtc->pid());
     coded.seconds += sign * static_cast<double>(wire::monotonic_ns()) / 1e9;
     coded.cycles += sign * of_all(session::figures::kCycles);
-    coded.late_ours += sign * of_all(session::figures::kLateOurs);
-    coded.late_stolen += sign * of_all(session::figures::kLateStolen);
+    coded.overruns += sign * of_all(session::figures::kOverruns);
+    coded.preempted += sign * of_all(session::figures::kPreempted);
+    coded.unknown += sign * of_all(session::figures::kLateUnknown);
     coded.skipped += sign * of_all(session::figures::kSkipped);
   };
   take(-1);
@@ -577,8 +578,9 @@ void report_coded(const Laboratory& lab, const Settings& settings, Report& repor
     report.figure("coded states a second", "of each of " + who, "",
                   static_cast<double>(coded.heard.came) / coded.seconds / probes);
     report.figure("cores, host and HRTCs", who, "", coded.cores);
-    report.figure("cycles late of our own", who, "%", 100 * coded.late_ours / coded.cycles);
-    report.figure("cycles late, stolen", who, "%", 100 * coded.late_stolen / coded.cycles);
+    report.figure("overruns", who, "% of cycles", 100 * coded.overruns / coded.cycles);
+    report.figure("late cycles, preempted", who, "% of cycles", 100 * coded.preempted / coded.cycles);
+    report.figure("late cycles, unknown", who, "% of cycles", 100 * coded.unknown / coded.cycles);
     report.figure("cycles skipped", who, "%", 100 * coded.skipped / coded.cycles);
     report.figure("touch exactly", who, "", coded.touching);
     const double share = 100 * static_cast<double>(coded.heard.came) / static_cast<double>(coded.heard.sent);

@@ -87,7 +87,7 @@ struct Sent {
 /// Of one window in which probe states were kept.
 struct Felt {
   Sent sent;
-  double late_ours = 0;
+  double overruns = 0;
   double largest_step = 0;  // N/ms, between states that follow each other, of a cycle each
 };
 
@@ -191,12 +191,12 @@ class Takeover {
   [[nodiscard]] double calm_alarms() const { return calm_alarms_; }
   [[nodiscard]] const std::vector<Felt>& quiet() const { return quiet_; }
   [[nodiscard]] const std::vector<Felt>& killed() const { return killed_; }
-  /// What the controller said of cycles that were late of their own.
-  [[nodiscard]] std::vector<std::string> late_cycles() const {
+  /// What the HRTC logged of its overruns.
+  [[nodiscard]] std::vector<std::string> logged_overruns() const {
     std::vector<std::string> lines;
     std::istringstream log{desk_->output()};
     for (std::string line; std::getline(log, line);)
-      if (line.find("late of its own") != std::string::npos) lines.push_back(line);
+      if (line.find("overrun") != std::string::npos) lines.push_back(line);
     return lines;
   }
 
@@ -234,7 +234,7 @@ class Takeover {
 
   template <class Happen>
   Felt watch(const Happen& happen) {
-    const double late = settled(names::kLateOurs);
+    const double late = settled(names::kOverruns);
     const Sent sent_before = sent();
     session_.forget_states();
     const std::size_t printed = desk_->output().size();
@@ -254,7 +254,7 @@ class Takeover {
       }
       before->second = state;
     }
-    felt.late_ours = settled(names::kLateOurs) - late;
+    felt.overruns = settled(names::kOverruns) - late;
     felt.sent = sent() - sent_before;
     return felt;
   }
@@ -280,9 +280,9 @@ class Takeover {
   double busy_alarms_ = 0, calm_alarms_ = 0;
 };
 
-double sum_late(const std::vector<Felt>& windows) {
+double sum_overruns(const std::vector<Felt>& windows) {
   double sum = 0;
-  for (const Felt& window : windows) sum += window.late_ours;
+  for (const Felt& window : windows) sum += window.overruns;
   return sum;
 }
 
@@ -302,7 +302,7 @@ int run(const Settings& settings) {
   const auto measure = [&] {
     Takeover takeover{settings};
     takeover.begin();
-    const double late_before = takeover.figure(names::kLateOurs);
+    const double late_before = takeover.figure(names::kOverruns);
     const Sent before = takeover.sent();
     for (int i = 0; i < settings.kills; ++i) {
       std::fprintf(stderr, "\rkill %d of %d ", i + 1, settings.kills);
@@ -313,7 +313,7 @@ int run(const Settings& settings) {
     for (const Felt& window : takeover.killed()) in_windows += window.sent;
     const Sent between = takeover.sent() - before - in_windows;
     const double alarms_while_killing = takeover.alarms();
-    const double late_while_killing = takeover.figure(names::kLateOurs) - late_before;
+    const double late_while_killing = takeover.figure(names::kOverruns) - late_before;
     takeover.calm();
     takeover.busy_calm();
     takeover.begin_alone();
@@ -323,10 +323,11 @@ int run(const Settings& settings) {
     report.row("records flow again", "from SIGKILL", "ms", takeover.flowing_ms);
     report.row("largest force step", "windows with a kill", "N/ms", steps_of(takeover.killed()));
     report.row("largest force step", "windows without", "N/ms", steps_of(takeover.quiet()));
-    report.figure("late cycles, ours", "windows with a kill", "", sum_late(takeover.killed()));
-    report.figure("late cycles, ours", "windows without", "", sum_late(takeover.quiet()));
-    report.figure("late cycles, ours", "windows and the time between them", "", late_while_killing);
-    report.figure("late cycles of a bare 30 us of work", "the whole run", "", takeover.figure(names::kTimerLate));
+    report.figure("overruns", "windows with a kill", "", sum_overruns(takeover.killed()));
+    report.figure("overruns", "windows without", "", sum_overruns(takeover.quiet()));
+    report.figure("overruns", "windows and the time between them", "", late_while_killing);
+    report.figure("overruns of a timer with 30 us of work", "the whole run", "",
+                  takeover.figure(names::kTimerOverruns));
     for (const auto& [when, sent] : {std::pair{"windows with a kill", in_windows}, {"the time between", between}}) {
       report.figure("records received", when, "", sent.received);
       report.figure("records that were here", when, "%", sent.share(sent.repeated));
@@ -337,13 +338,13 @@ int run(const Settings& settings) {
     std::snprintf(calm, sizeof calm, "%g s, nobody killed", settings.calm_s);
     report.figure("false alarms", calm, "", takeover.calm_alarms());
     report.figure("false alarms", "the same, cores busy", "", takeover.busy_alarms());
-    for (const std::string& line : takeover.late_cycles()) report.note(line);
+    for (const std::string& line : takeover.logged_overruns()) report.note(line);
     report.at_most("death detected, p99", "kills", "ms", takeover.detected_ms.percentile(99), 50);
     report.at_most("records flow again, p99", "kills", "ms", takeover.flowing_ms.percentile(99), 100);
     const double windows = static_cast<double>(std::max<std::size_t>(1, takeover.quiet().size()));
-    report.at_most("late cycles, ours", "each window with a kill, over those without", "",
-                   sum_late(takeover.killed()) / static_cast<double>(takeover.killed().size()) -
-                       sum_late(takeover.quiet()) / windows,
+    report.at_most("overruns", "each window with a kill, over those without", "",
+                   sum_overruns(takeover.killed()) / static_cast<double>(takeover.killed().size()) -
+                       sum_overruns(takeover.quiet()) / windows,
                    0);
     report.at_most("records sent again", "in windows with a kill, over the time between", "%",
                    in_windows.share(in_windows.repeated) - between.share(between.repeated), 1);

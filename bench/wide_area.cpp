@@ -61,7 +61,7 @@ struct DemoUser {
 };
 struct DemoRun {
   std::vector<DemoUser> users;
-  double late_ours = 0, late_bare = 0, contact = 0, exact = 0;
+  double overruns = 0, timer_overruns = 0, contact = 0, exact = 0;
 };
 
 /// Hosts on one side; controllers and users on the other.
@@ -112,8 +112,8 @@ class Demo {
     for (const auto& participant : report.at("participants")) {
       const auto& figures = participant.at("figures");
       if (participant.at("role") != "hrtc") continue;
-      run.late_ours += figures.at(names::kLateOurs).get<double>();
-      run.late_bare += figures.value(names::kTimerLate, 0.0);
+      run.overruns += figures.at(names::kOverruns).get<double>();
+      run.timer_overruns += figures.value(names::kTimerOverruns, 0.0);
       run.contact += figures.at(names::kContactCycles).get<double>();
       run.exact += figures.at(names::kExactCycles).get<double>();
     }
@@ -135,9 +135,9 @@ void report_demo(const Settings& settings, Report& report) {
       report.figure("demo, " + link + ": in contact", user.name, "s", user.contact_s);
       report.figure("demo, " + link + ": exact", "contact time of " + user.name, "%", 100 * user.exact);
     }
-    report.figure("demo, " + link + ": late of our own", "a bare 30 us of work beside", "", run.late_bare);
-    report.at_most("demo, " + link + ": late of our own", "cycles of both, beyond the bare ones", "",
-                   std::max(0.0, run.late_ours - run.late_bare), 0);
+    report.figure("demo, " + link + ": overruns", "a timer with 30 us of work", "", run.timer_overruns);
+    report.at_most("demo, " + link + ": overruns", "cycles of both, beyond the timer's", "",
+                   std::max(0.0, run.overruns - run.timer_overruns), 0);
     report.at_least("demo, " + link + ": exact", "contact cycles", "%", 100 * run.exact / run.contact, 95);
   }
 }

@@ -102,9 +102,10 @@ void write_hrtc(const ParticipantReport& hrtc, std::uint64_t records_total, std:
   }
   out += line("  cycles %.0f", value(figures::kCycles));
   if (has(hrtc, figures::kRate)) out += line(" at %.1f Hz", value(figures::kRate));
-  out += line(", late: ours %.0f", value(figures::kLateOurs));
-  if (has(hrtc, figures::kTimerLate)) out += line(" (of a bare 30 us of work: %.0f)", value(figures::kTimerLate));
-  out += line(", stolen %.0f; skipped %.0f\n", value(figures::kLateStolen), value(figures::kSkipped));
+  out += line(", %.0f skipped\n  late cycles: %.0f overruns", value(figures::kSkipped), value(figures::kOverruns));
+  if (has(hrtc, figures::kTimerOverruns)) out += line(" (a timer with 30 us of work: %.0f)", value(figures::kTimerOverruns));
+  out += line(", %.0f preempted, %.0f unknown\n", value(figures::kPreempted),
+              value(figures::kLateUnknown));
   if (has(hrtc, figures::kWakeP50)) {
     out += line("  late wake-up, us: p50 %.0f, p99 %.0f, max %.0f", value(figures::kWakeP50), value(figures::kWakeP99),
                 value(figures::kWakeMax));

@@ -1,6 +1,5 @@
 #include "hrtc_service/haptic_thread.hpp"
 
-#include <sys/eventfd.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -33,8 +32,7 @@ HapticThread::HapticThread(const HapticSettings& settings, const std::array<hapt
       log_{settings.log ? kRingEntries : 1},
       cycle_{settings.cycle, specs, departures_, settings.log ? &log_ : nullptr},
       bodies_{settings.cycle},
-      governor_{settings.deadline_ns},
-      event_{eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)} {
+      governor_{settings.deadline_ns} {
   cycle_.set_recorder(settings.recorder);
   touch(arrivals_);
   touch(departures_);
@@ -44,22 +42,24 @@ HapticThread::HapticThread(const HapticSettings& settings, const std::array<hapt
   snapshot_.nodes.resize(settings.snapshot_nodes);
 }
 
-HapticThread::~HapticThread() {
-  stop();
-  close(event_);
-}
+HapticThread::~HapticThread() { stop(); }
 
 std::string HapticThread::start() {
   std::promise<std::string> granted;
-  std::future<std::string> line = granted.get_future();
+  std::future<std::string> future = granted.get_future();
+  pid_t thread_id = 0;
   running_ = true;
-  thread_ = std::thread{[this, &granted] {
+  thread_ = std::thread{[this, &granted, &thread_id] {
     pthread_setname_np(pthread_self(), "haptic");
+    thread_id = gettid();
     granted.set_value(settings_.priority > 0 ? wire::enter_realtime("haptic thread", settings_.priority)
                                              : "haptic thread: no real-time priority asked for");
     run();
   }};
-  return line.get();
+  std::string line = future.get();
+  usage_ = std::make_unique<UsageSampler>(thread_.native_handle(), thread_id);
+  if (!usage_->available()) line += "; the system does not report its run-queue wait, so late cycles stay unclassified";
+  return line;
 }
 
 void HapticThread::stop() {
@@ -156,7 +156,6 @@ void HapticThread::run() {
   PeriodicClock clock{period_ns};
   std::uint64_t cycles = 0;
   std::uint64_t skipped = 0;
-  std::int64_t cpu = thread_cpu_ns();
   while (running_.load(std::memory_order_relaxed)) {
     const std::int64_t wake_late = clock.wait_next();
     const std::int64_t now_ns = monotonic_ns();
@@ -173,13 +172,9 @@ void HapticThread::run() {
     stop_obeyed_.store(stop_.bits(), std::memory_order_release);
     bodies_.step(cycle_, now_ns);
 
-    const ProbeReports reports{now_ns, ++cycles, outputs_, result.interventions};
+    const ProbeReports reports{now_ns, clock.due_ns(), ++cycles, outputs_, result.interventions};
     sender_reports_.post(reports);
     service_reports_.post(reports);
-    const std::uint64_t one = 1;
-    const std::int64_t notify = monotonic_ns();
-    (void)!write(event_, &one, sizeof one);
-    const std::int64_t notified = monotonic_ns();
 
     // The forces are out.
     constexpr spm::Budget kAll{1u << 20};
@@ -187,16 +182,11 @@ void HapticThread::run() {
     for (const TouchObject* object : cycle_.objects()) hashes_[object->index] = object->forest->mesh_hash();
     mesh_hashes_.post(hashes_);
     if (snapshot_.under_way) continue_snapshot();
-    const std::int64_t end = monotonic_ns();
-    const std::int64_t cpu_now = thread_cpu_ns();
     CycleTrace trace;
     trace.costs = result.costs;
+    trace.times = {clock.due_ns() - period_ns, now_ns, monotonic_ns(), clock.due_ns()};
     trace.wake_late = static_cast<std::uint32_t>(wake_late);
-    trace.cpu = static_cast<std::uint32_t>(cpu_now - cpu);
-    trace.notify = static_cast<std::uint32_t>(notified - notify);
     trace.skipped = static_cast<std::uint32_t>(clock.skipped() - skipped);
-    trace.late = end > clock.due_ns() || trace.skipped > 0;
-    trace.late_is_ours = trace.late && own_work(cpu_now - cpu, end - now_ns, period_ns);
     for (const ProbeOutput& probe : result.probes) {
       trace.active = static_cast<std::uint8_t>(trace.active + (probe.active ? 1 : 0));
       trace.stale = static_cast<std::uint8_t>(trace.stale + ((probe.status & session::kStalePose) != 0 ? 1 : 0));
@@ -204,15 +194,12 @@ void HapticThread::run() {
       ++trace.in_contact;
       trace.exact = static_cast<std::uint8_t>(trace.exact + ((probe.status & session::kExact) != 0 ? 1 : 0));
     }
-    // A cycle that was interrupted took longer than it worked.
-    const double own = std::min<double>(static_cast<double>(cpu_now - cpu), result.costs.total());
-    cpu = cpu_now;
     skipped = clock.skipped();
     if (!traces_.push(trace)) traces_dropped_.fetch_add(1, std::memory_order_relaxed);
     const CycleCosts& costs = result.costs;
     if (costs.foreseen > 0)
-      governor_.observe(costs.visits * spm::Budget::kVisit + costs.changes * spm::Budget::kChange, costs.refit, own,
-                        costs.foreseen);
+      governor_.observe(costs.visits * spm::Budget::kVisit + costs.changes * spm::Budget::kChange, costs.refit,
+                        costs.total(), costs.foreseen);
   }
   for (haptics::Device* device : current_.devices)
     if (device != nullptr) device->write(Vec3d::Zero());

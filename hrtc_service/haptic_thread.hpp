@@ -4,8 +4,7 @@
 ///   orders for bodies                        Bodies::place       Bodies::limit   Bodies::step     departures, traces,
 ///   log
 ///
-/// In its loop nothing is allocated, locked or logged; its system calls are the sleep, one eventfd write after the
-/// forces are out, and one reading of its own CPU time, by which lateness is judged. docs/cycle.md follows one pose
+/// Its loop allocates, locks and logs nothing, and its only system call is the sleep. docs/cycle.md follows one pose
 /// through it.
 #pragma once
 
@@ -24,6 +23,7 @@
 #include "hrtc_service/bodies.hpp"
 #include "hrtc_service/cycle.hpp"
 #include "hrtc_service/governor.hpp"
+#include "hrtc_service/late_cycles.hpp"
 
 namespace tactus::hrtc_service {
 
@@ -45,6 +45,7 @@ struct StopWord {
 
 struct ProbeReports {
   std::int64_t time_ns = 0;
+  std::int64_t next_due_ns = 0;  ///< when the next cycle is to begin
   std::uint64_t cycle = 0;
   std::array<ProbeOutput, kMaxProbes> probes;
   std::array<std::uint32_t, haptics::kForceBits> interventions{};  ///< of CycleResult
@@ -61,12 +62,9 @@ using MeshHashes = std::array<std::uint64_t, kMaxObjects>;
 /// One cycle in numbers; ns.
 struct CycleTrace {
   CycleCosts costs;
+  CycleTimes times;
   std::uint32_t wake_late = 0;  ///< after its due time
-  std::uint32_t cpu = 0;        ///< of the thread, since the cycle before
-  std::uint32_t notify = 0;     ///< waking the sender, a system call
   std::uint32_t skipped = 0;    ///< ticks missed altogether before it
-  bool late = false;            ///< forces were not out before the next cycle was due
-  bool late_is_ours = false;    ///< and the thread itself used more than half the period
   std::uint8_t active = 0;      ///< probes
   std::uint8_t in_contact = 0;
   std::uint8_t exact = 0;  ///< of those in contact
@@ -120,8 +118,8 @@ class HapticThread {
   [[nodiscard]] Bodies& bodies() noexcept { return bodies_; }
   [[nodiscard]] TraceRing& traces() noexcept { return traces_; }
   [[nodiscard]] Cycle::LogRing& log() noexcept { return log_; }
-  /// Readable (poll) after each cycle; reading it clears it.
-  [[nodiscard]] int event() const noexcept { return event_; }
+  /// Reads what the system counts for the thread; after `start`.
+  [[nodiscard]] UsageSampler& usage() noexcept { return *usage_; }
   [[nodiscard]] std::uint64_t traces_dropped() const noexcept {
     return traces_dropped_.load(std::memory_order_relaxed);
   }
@@ -157,8 +155,8 @@ class HapticThread {
   Cycle cycle_;
   Bodies bodies_;
   Governor governor_;
-  int event_ = -1;
   std::thread thread_;
+  std::unique_ptr<UsageSampler> usage_;
   std::atomic<bool> running_{false};
   std::atomic<std::uint64_t> traces_dropped_{0};
   std::atomic<std::uint32_t> snapshots_done_{0};

@@ -1,10 +1,10 @@
 #include "hrtc_service/hrtc.hpp"
 
-#include <poll.h>
 #include <spdlog/spdlog.h>
-#include <unistd.h>
+#include <sys/prctl.h>
 
 #include <algorithm>
+#include <deque>
 #include <map>
 #include <mutex>
 #include <thread>
@@ -43,7 +43,7 @@ constexpr std::int64_t kClockFastNs = 20 * kMs;
 constexpr std::int64_t kMetricsNs = 500 * kMs;
 constexpr std::int64_t kMetricsSoonNs = 100 * kMs;
 constexpr std::int64_t kAllMetricsNs = 5000 * kMs;
-constexpr std::int64_t kLateToldNs = 1000 * kMs;
+constexpr std::int64_t kOverrunLoggedNs = 1000 * kMs;
 constexpr std::int64_t kModesNs = 20 * kMs;
 constexpr std::int64_t kNoHostNs = 5000 * kMs;
 
@@ -126,7 +126,8 @@ struct Hrtc::Impl {
   void tick_bodies(std::int64_t now_ns);
   void send_states();
   void serve(std::int64_t now_ns);
-  void tell_of_late(const CycleTrace& trace);
+  void log_overrun(const CycleTrace& trace, const LateVerdict& verdict);
+  void classify_late_cycles();
   void drain_rings();
   void take_snapshots(std::int64_t now_ns);
   void finish();
@@ -182,8 +183,10 @@ struct Hrtc::Impl {
   ProbeReports reports;
   std::array<bool, kMaxProbes> faults_told{};
   std::array<std::uint32_t, kMaxProbes> holds_told{};  // status bits
-  Every late_told{kLateToldNs};
-  std::uint32_t late_untold = 0;  // cycles
+  LateCycleClassifier late_cycles;
+  std::deque<CycleTrace> late_traces;  // that are not classified yet
+  Every overrun_logged{kOverrunLoggedNs};
+  std::uint32_t overruns_unlogged = 0;
   std::uint64_t first_cycle = 0;  // seen; 0: none yet
   std::int64_t first_cycle_ns = 0;
   std::array<ProbeSight, kMaxProbes> sights;
@@ -490,7 +493,7 @@ void Hrtc::Impl::send_metrics(bool all) {
     sample.figures.push_back({names::kTimerP99, timer_samples.percentile_us(0.99)});
     sample.figures.push_back({names::kTimerMax, timer_samples.percentile_us(1)});
   }
-  if (timer != nullptr) sample.figures.push_back({names::kTimerLate, static_cast<double>(timer->late())});
+  if (timer != nullptr) sample.figures.push_back({names::kTimerOverruns, static_cast<double>(timer->overruns())});
   if (reports.cycle > first_cycle)
     sample.figures.push_back({names::kRate, static_cast<double>(reports.cycle - first_cycle) * 1e9 /
                                                 static_cast<double>(reports.time_ns - first_cycle_ns)});
@@ -567,46 +570,65 @@ void Hrtc::Impl::tick_bodies(std::int64_t now_ns) {
   }
 }
 
+/// Wakes by a timer of its own a little after forces should be out, and again soon where they are not: the haptic
+/// thread notifies nobody. Between two cycles it also reads what the system counts for the haptic thread.
 void Hrtc::Impl::send_states() {
   pthread_setname_np(pthread_self(), "sender");
+  prctl(PR_SET_TIMERSLACK, 1000);  // ns; ordinary threads wake 50 us late otherwise
+  const std::int64_t step_ns = options.haptic.period_ns() / 20;
   const auto gap_ns = static_cast<std::int64_t>(1e9 / options.state_rate) - kMs / 2;
   std::int64_t sent_ns = 0;
-  pollfd ready{haptic.event(), POLLIN, 0};
+  ProbeReports latest;
   while (sending) {
-    if (poll(&ready, 1, 50) <= 0) continue;
-    std::uint64_t cycles;
-    (void)!read(haptic.event(), &cycles, sizeof cycles);
-    ProbeReports latest;
+    wire::sleep_until(std::max(latest.next_due_ns, monotonic_ns()) + step_ns);
     if (!haptic.reports_for_sender().take(latest)) continue;
     seats.send_commands(latest);
     exchange.send();
-    if (latest.time_ns - sent_ns < gap_ns) continue;
-    sent_ns = latest.time_ns;
-    states.send(latest, sender_clock.latest());
+    if (latest.time_ns - sent_ns >= gap_ns) {
+      sent_ns = latest.time_ns;
+      states.send(latest, sender_clock.latest());
+    }
+    haptic.usage().sample(monotonic_ns());
+    if (timer) timer->usage().sample(monotonic_ns());
   }
 }
 
-/// What a cycle did that was late by its own work; where several are, one line a second.
-void Hrtc::Impl::tell_of_late(const CycleTrace& trace) {
-  ++late_untold;
-  if (!late_told.due(monotonic_ns())) return;
+/// What a cycle did that overran; where several do, one line a second.
+void Hrtc::Impl::log_overrun(const CycleTrace& trace, const LateVerdict& verdict) {
+  ++overruns_unlogged;
+  if (!overrun_logged.due(monotonic_ns())) return;
   const CycleCosts& costs = trace.costs;
-  const auto us = [](std::uint32_t ns) { return ns / 1000; };
+  const auto us = [](auto ns) { return ns / 1000; };
   spdlog::warn(
-      "{} late of its own: {} us of CPU time, of these {} loading, {} refining ({} visits, {} changes), {} refitting, "
-      "{} querying, {} on forces, {} waking the sender; {} regions came, {} of {} probes in contact",
-      late_untold == 1 ? std::string{"a cycle was"} : fmt::format("{} cycles were, the last", late_untold),
-      us(trace.cpu), us(costs.load), us(costs.refine), costs.visits, costs.changes, us(costs.refit), us(costs.query),
-      us(costs.force), us(trace.notify), costs.arrivals, trace.in_contact, trace.active);
-  late_untold = 0;
+      "overrun{}: awake for {} us, of these at least {} its own; blocked {} times, page faults {} minor, {} major; {} "
+      "us "
+      "loading, {} refining ({} visits, {} changes), {} refitting, {} querying, {} on forces; {} regions came, {} of "
+      "{} "
+      "probes in contact",
+      overruns_unlogged == 1 ? std::string{} : fmt::format(" ({} since the last line)", overruns_unlogged),
+      us(trace.times.end_ns - trace.times.began_ns), us(verdict.own_ns), verdict.blocked, verdict.minor_faults,
+      verdict.major_faults, us(costs.load), us(costs.refine), costs.visits, costs.changes, us(costs.refit),
+      us(costs.query), us(costs.force), costs.arrivals, trace.in_contact, trace.active);
+  overruns_unlogged = 0;
+}
+
+void Hrtc::Impl::classify_late_cycles() {
+  haptic.usage().drain([this](const ThreadUsage& usage) { late_cycles.add(usage); });
+  while (const std::optional<LateVerdict> verdict = late_cycles.next()) {
+    statistics.add(verdict->late_class);
+    if (verdict->late_class == LateClass::kOverrun) log_overrun(late_traces.front(), *verdict);
+    late_traces.pop_front();
+  }
 }
 
 void Hrtc::Impl::drain_rings() {
   CycleTrace trace;
   while (haptic.traces().pop(trace)) {
     statistics.add(trace);
-    if (trace.late && trace.late_is_ours) tell_of_late(trace);
+    late_cycles.add(trace.times);
+    if (trace.times.late()) late_traces.push_back(trace);
   }
+  classify_late_cycles();
   if (timer) timer->drain(timer_samples);
   if (!log) return;
   const std::vector<Loader::ObjectInfo> objects = loader.objects();
@@ -785,9 +807,10 @@ void Hrtc::Impl::serve(std::int64_t now_ns) {
 
 void Hrtc::Impl::finish() {
   haptic.stop();
-  timer.reset();
   sending = false;
   if (sender.joinable()) sender.join();
+  timer.reset();
+  late_cycles.finish();
   drain_rings();
   if (flight && !flight->stop()) exit_code = 1;
   if (haptic.traces_dropped() > 0)

@@ -2,7 +2,7 @@
 ///
 ///   thread   runs                                              woken by
 ///   haptic   devices, cycle                                    its period
-///   sender   probe states                                      the haptic thread's eventfd
+///   sender   probe states                                      its own timer
 ///   service  roster, clock, loader, metrics, log               samples that arrive, else every 2 ms
 ///   flight   what is kept of the last cycles                   20 ms
 ///   (DDS)    callbacks that copy a sample into the inbox;      the network

@@ -1,19 +1,6 @@
 #include "hrtc_service/realtime.hpp"
 
-#include <ctime>
-
 namespace tactus::hrtc_service {
-namespace {
-
-constexpr std::int64_t kNsPerS = 1'000'000'000;
-
-}  // namespace
-
-std::int64_t thread_cpu_ns() noexcept {
-  timespec now{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-  return now.tv_sec * kNsPerS + now.tv_nsec;
-}
 
 PeriodicClock::PeriodicClock(std::int64_t period_ns) noexcept : period_{period_ns}, due_{monotonic_ns() + period_ns} {}
 

@@ -45,7 +45,6 @@ class CycleStatistics {
   void add(const CycleTrace& trace) {
     ++cycles_;
     skipped_ += trace.skipped;
-    if (trace.late) ++(trace.late_is_ours ? late_ours_ : late_stolen_);
     contact_ += trace.in_contact;
     exact_ += trace.exact;
     stale_ += trace.stale;
@@ -58,14 +57,29 @@ class CycleStatistics {
     force_.add(costs.force);
     total_.add(costs.total());
   }
+  /// A late cycle has been classified.
+  void add(LateClass late) {
+    switch (late) {
+      case LateClass::kOverrun:
+        ++overruns_;
+        break;
+      case LateClass::kPreempted:
+        ++preempted_;
+        break;
+      case LateClass::kUnknown:
+        ++late_unknown_;
+        break;
+    }
+  }
   [[nodiscard]] std::uint64_t cycles() const noexcept { return cycles_; }
 
   /// `all`: percentiles as well, which cost some 50 ms for a million samples.
   void write(std::vector<session::Figure>& out, bool all) const {
     namespace names = session::figures;
     out.push_back({names::kCycles, static_cast<double>(cycles_)});
-    out.push_back({names::kLateOurs, static_cast<double>(late_ours_)});
-    out.push_back({names::kLateStolen, static_cast<double>(late_stolen_)});
+    out.push_back({names::kOverruns, static_cast<double>(overruns_)});
+    out.push_back({names::kPreempted, static_cast<double>(preempted_)});
+    out.push_back({names::kLateUnknown, static_cast<double>(late_unknown_)});
     out.push_back({names::kSkipped, static_cast<double>(skipped_)});
     out.push_back({names::kContactCycles, static_cast<double>(contact_)});
     out.push_back({names::kExactCycles, static_cast<double>(exact_)});
@@ -87,7 +101,8 @@ class CycleStatistics {
 
  private:
   static constexpr std::size_t kKept = 1'000'000;
-  std::uint64_t cycles_ = 0, late_ours_ = 0, late_stolen_ = 0, skipped_ = 0, contact_ = 0, exact_ = 0, stale_ = 0;
+  std::uint64_t cycles_ = 0, overruns_ = 0, preempted_ = 0, late_unknown_ = 0, skipped_ = 0;
+  std::uint64_t contact_ = 0, exact_ = 0, stale_ = 0;
   Samples wake_{kKept}, load_{kKept}, refine_{kKept}, refit_{kKept}, query_{kKept}, force_{kKept}, total_{kKept};
 };
 

@@ -1,8 +1,10 @@
 #include "hrtc_service/timer_beside.hpp"
 
 #include <pthread.h>
+#include <unistd.h>
 
 #include <algorithm>
+#include <future>
 
 #include "hrtc_service/realtime.hpp"
 
@@ -13,8 +15,16 @@ constexpr std::int64_t kWorkNs = 30'000;
 
 }  // namespace
 
-TimerBeside::TimerBeside(std::int64_t period_ns, int priority)
-    : thread_{[this, period_ns, priority] { run(period_ns, priority); }} {}
+TimerBeside::TimerBeside(std::int64_t period_ns, int priority) {
+  std::promise<pid_t> thread_id;
+  thread_ = std::thread{[this, period_ns, priority, &thread_id] {
+    pthread_setname_np(pthread_self(), "timer");
+    if (priority > 0) (void)wire::enter_realtime("timer", priority);
+    thread_id.set_value(gettid());
+    run(period_ns);
+  }};
+  usage_ = std::make_unique<UsageSampler>(thread_.native_handle(), thread_id.get_future().get());
+}
 
 TimerBeside::~TimerBeside() {
   running_ = false;
@@ -22,8 +32,13 @@ TimerBeside::~TimerBeside() {
 }
 
 void TimerBeside::drain(Samples& samples) {
-  std::uint32_t late;
-  while (lateness_.pop(late)) samples.add(late);
+  for (CycleTimes cycle; cycles_.pop(cycle);) {
+    samples.add(static_cast<std::uint32_t>(cycle.began_ns - cycle.due_ns));
+    classifier_.add(cycle);
+  }
+  usage_->drain([this](const ThreadUsage& usage) { classifier_.add(usage); });
+  while (const std::optional<LateVerdict> verdict = classifier_.next())
+    if (verdict->late_class == LateClass::kOverrun) ++overruns_;
 }
 
 void TimerBeside::compute(std::uint32_t steps) noexcept {
@@ -41,16 +56,13 @@ std::uint32_t TimerBeside::steps_of_work() noexcept {
   return static_cast<std::uint32_t>(kTried * kWorkNs / std::max<std::int64_t>(best, 1));
 }
 
-void TimerBeside::run(std::int64_t period_ns, int priority) {
-  pthread_setname_np(pthread_self(), "timer");
-  if (priority > 0) (void)wire::enter_realtime("timer", priority);
+void TimerBeside::run(std::int64_t period_ns) {
   const std::uint32_t steps = steps_of_work();
   for (PeriodicClock clock{period_ns}; running_;) {
-    lateness_.push(static_cast<std::uint32_t>(clock.wait_next()));
-    const std::int64_t began = monotonic_ns(), cpu = thread_cpu_ns();
+    (void)clock.wait_next();
+    const std::int64_t began = monotonic_ns();
     compute(steps);
-    const std::int64_t end = monotonic_ns();
-    if (end > clock.due_ns() && own_work(thread_cpu_ns() - cpu, end - began, period_ns)) ++late_;
+    cycles_.push({clock.due_ns() - period_ns, began, monotonic_ns(), clock.due_ns()});
   }
 }
 

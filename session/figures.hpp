@@ -17,8 +17,10 @@ inline constexpr char kHostBodySteps[] = "host.body_steps";  ///< of 1 ms, of ob
 // An HRTC: cycles.
 inline constexpr char kCycles[] = "hrtc.cycles";
 inline constexpr char kRate[] = "hrtc.rate_hz";  ///< achieved, since the start
-inline constexpr char kLateOurs[] = "hrtc.late_ours";
-inline constexpr char kLateStolen[] = "hrtc.late_stolen";
+// Late cycles by cause (hrtc_service/late_cycles.hpp).
+inline constexpr char kOverruns[] = "hrtc.overruns";
+inline constexpr char kPreempted[] = "hrtc.preempted";
+inline constexpr char kLateUnknown[] = "hrtc.late_unknown";
 inline constexpr char kSkipped[] = "hrtc.skipped";
 inline constexpr char kWakeP50[] = "hrtc.wake_us.p50";
 inline constexpr char kWakeP99[] = "hrtc.wake_us.p99";
@@ -26,8 +28,7 @@ inline constexpr char kWakeMax[] = "hrtc.wake_us.max";
 inline constexpr char kTimerP50[] = "hrtc.timer_us.p50";  ///< a bare timer of the same priority, beside it
 inline constexpr char kTimerP99[] = "hrtc.timer_us.p99";
 inline constexpr char kTimerMax[] = "hrtc.timer_us.max";
-inline constexpr char kTimerLate[] =
-    "hrtc.timer_late_ours";  ///< that timer's cycles of 30 us of work, counted as ours are
+inline constexpr char kTimerOverruns[] = "hrtc.timer_overruns";  ///< of that timer, with 30 us of work in a cycle
 /// Followed by .p50, .p99, .p999 or .max.
 inline constexpr char kLoadTime[] = "hrtc.t_l_us";
 inline constexpr char kRefineTime[] = "hrtc.t_r_us";

@@ -108,12 +108,13 @@ Report example_report() {
   hrtc.role = session::Role::kHrtc;
   hrtc.figures = {{session::figures::kCycles, 20000},
                   {session::figures::kRate, 999.75},
-                  {session::figures::kLateStolen, 3},
+                  {session::figures::kPreempted, 3},
+                  {session::figures::kLateUnknown, 1},
                   {session::figures::kWakeP99, 61},
                   {session::figures::kWakeP50, 52},
                   {session::figures::kTimerP50, 41},
                   {session::figures::kTimerMax, 1234},
-                  {session::figures::kTimerLate, 2},
+                  {session::figures::kTimerOverruns, 2},
                   {session::figures::kPoolUsed, 90},
                   {session::figures::kPoolLimit, 100},
                   {session::figures::kRecordsReceived, 50000},
@@ -133,7 +134,8 @@ TEST(Report, TextShowsUsersControllersHostsAndEvents) {
   const std::string shown = text(example_report());
   EXPECT_THAT(shown, HasSubstr("Session s, scenario demo: 20.0 s"));
   EXPECT_THAT(shown, HasSubstr("ann"));
-  EXPECT_THAT(shown, HasSubstr("cycles 20000 at 999.8 Hz, late: ours 0 (of a bare 30 us of work: 2), stolen 3"));
+  EXPECT_THAT(shown, HasSubstr("cycles 20000 at 999.8 Hz, 0 skipped\n"
+                               "  late cycles: 0 overruns (a timer with 30 us of work: 2), 3 preempted, 1 unknown\n"));
   EXPECT_THAT(shown, HasSubstr("p50 52, p99 61, max 0; a bare timer beside it: p50 41, p99 0, max 1234"));
   EXPECT_THAT(shown, HasSubstr("pool 90 of 100 slots"));
   EXPECT_THAT(shown, HasSubstr("records received 50000 (5.00 % of 1000000)"));

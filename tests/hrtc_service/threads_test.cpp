@@ -1,7 +1,9 @@
 // The haptic thread beside the loader's, as in a real HRTC but without DDS: what passes between them, for TSan to
-// watch.
+// watch, and which system calls the haptic thread makes meanwhile.
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/syscall.h>
 
 #include <chrono>
 #include <cmath>
@@ -18,6 +20,7 @@
 #include "spm/codec/model_codec.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
+#include "tests/support/system_calls.hpp"
 #include "tests/support/temporary_folder.hpp"
 
 namespace tactus {
@@ -27,6 +30,40 @@ using hrtc_service::kMaxProbes;
 using spm::Vec3d;
 
 constexpr std::uint64_t kHost = 10, kHrtc = 20, kSession = 30, kObject = 40;
+
+/// A simulated hand that lets its thread make no system call but sleeping, from its first cycle on.
+class FilteredHand final : public haptics::Device {
+ public:
+  explicit FilteredHand(const haptics::HandSettings& hand) : hand_{hand} {}
+  [[nodiscard]] haptics::SimulatedDevice& hand() noexcept { return hand_; }
+
+  [[nodiscard]] const haptics::DeviceSpec& spec() const noexcept override { return hand_.spec(); }
+  [[nodiscard]] haptics::DeviceState read(std::int64_t now_ns) noexcept override {
+    if (!filtered_ && !test_support::kSanitized) test_support::SystemCalls::allow_only(SYS_clock_nanosleep);
+    filtered_ = true;
+    return hand_.read(now_ns);
+  }
+  void write(const Vec3d& force) noexcept override { hand_.write(force); }
+  [[nodiscard]] haptics::DeviceHealth health() const noexcept override { return hand_.health(); }
+
+ private:
+  haptics::SimulatedDevice hand_;
+  bool filtered_ = false;  // the haptic thread's
+};
+
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+TEST(Threads, TheFilterRecordsWhatItDoesNotAllow) {
+  test_support::SystemCalls::clear();
+  std::thread{[] {
+    test_support::SystemCalls::allow_only(SYS_clock_nanosleep);
+    wire::sleep_until(hrtc_service::monotonic_ns() + 1000);
+    (void)syscall(SYS_gettid);
+  }}.join();
+  const std::map<long, std::uint64_t> tried = test_support::SystemCalls::tried();  // a thread's end adds to them
+  EXPECT_THAT(tried, testing::Contains(testing::Pair(SYS_gettid, 1)));
+  EXPECT_THAT(tried, testing::Not(testing::Contains(testing::Key(SYS_clock_nanosleep))));
+}
+#endif
 
 TEST(Threads, AHandFeelsWhatALoaderBringsAndEvictsMeanwhile) {
   const spm::offline::BuiltModel built =
@@ -65,11 +102,12 @@ TEST(Threads, AHandFeelsWhatALoaderBringsAndEvictsMeanwhile) {
 
   haptics::HandSettings hand;
   hand.start = {radius + 0.02, 0, 0};
-  haptics::SimulatedDevice device{hand};
+  FilteredHand device{hand};
   hrtc_service::HapticCommands commands;
   commands.devices[0] = &device;
   haptic.commands().post(commands);
   flight.start();
+  test_support::SystemCalls::clear();
   (void)haptic.start();
 
   const std::int64_t start = hrtc_service::monotonic_ns();
@@ -87,7 +125,7 @@ TEST(Threads, AHandFeelsWhatALoaderBringsAndEvictsMeanwhile) {
     path.waypoints[path.count++] = {
         now,
         {(radius + 0.001) * std::cos(angle), (radius + 0.001) * std::sin(angle), 0.2 * radius * std::sin(3 * angle)}};
-    device.wishes().post(path);
+    device.hand().wishes().post(path);
     if (contact == 100) {
       commands.snapshots = 1;
       haptic.commands().post(commands);
@@ -116,6 +154,7 @@ TEST(Threads, AHandFeelsWhatALoaderBringsAndEvictsMeanwhile) {
     std::this_thread::yield();
   }
   haptic.stop();
+  EXPECT_THAT(test_support::SystemCalls::tried(), testing::IsEmpty());
   EXPECT_TRUE(flight.stop());
   const hrtc_service::FlightReport replayed =
       hrtc_service::replay_flight(flight_options.file, {[&](std::uint64_t) { return &encoded.coded(); }, {}, false});

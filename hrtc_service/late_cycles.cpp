@@ -1,0 +1,235 @@
+#include "hrtc_service/late_cycles.hpp"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <string>
+#include <string_view>
+
+#include "hrtc_service/realtime.hpp"
+
+namespace tactus::hrtc_service {
+namespace {
+
+constexpr std::int64_t kLongestReadingNs = 20'000;  // of the times, which belong to one moment
+constexpr std::int64_t kLongestCountsNs = 500'000;
+constexpr std::int64_t kSwitchNs = 20'000;  // from a cycle's end, at most, until its sleep is counted as a switch
+constexpr int kTries = 3;
+constexpr std::size_t kMostCycles = 8192;  // without readings
+
+int open_file(pid_t thread_id, const char* name) {
+  const std::string path = "/proc/self/task/" + std::to_string(thread_id) + "/" + name;
+  return open(path.c_str(), O_RDONLY | O_CLOEXEC);
+}
+
+/// The start of a file of /proc.
+template <std::size_t kBytes>
+std::string_view contents(int file, std::array<char, kBytes>& buffer) {
+  const ssize_t bytes = file < 0 ? -1 : pread(file, buffer.data(), buffer.size(), 0);
+  return {buffer.data(), bytes < 0 ? 0 : static_cast<std::size_t>(bytes)};
+}
+
+/// Takes the number that `text` begins with, after blanks.
+template <class Number>
+bool take_number(std::string_view& text, Number& number) {
+  text.remove_prefix(std::min(text.find_first_not_of(" \t"), text.size()));
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
+  text.remove_prefix(static_cast<std::size_t>(end - text.data()));
+  return error == std::errc{};
+}
+
+bool number_after(std::string_view text, std::string_view label, std::uint64_t& number) {
+  const std::size_t at = text.find(label);
+  if (at == std::string_view::npos) return false;
+  text.remove_prefix(at + label.size());
+  return take_number(text, number);
+}
+
+/// Of [from, to], the part in [first, last].
+std::int64_t overlap(std::int64_t from, std::int64_t to, std::int64_t first, std::int64_t last) {
+  return std::max<std::int64_t>(0, std::min(to, last) - std::max(from, first));
+}
+
+}  // namespace
+
+UsageSampler::UsageSampler(pthread_t thread, pid_t thread_id)
+    : status_{open_file(thread_id, "status")},
+      stat_{open_file(thread_id, "stat")},
+      schedstat_{open_file(thread_id, "schedstat")} {
+  if (pthread_getcpuclockid(thread, &cpu_clock_) != 0) cpu_clock_ = -1;
+}
+
+UsageSampler::~UsageSampler() {
+  for (const int file : {status_, stat_, schedstat_})
+    if (file >= 0) close(file);
+}
+
+bool UsageSampler::read_counts(ThreadUsage& usage) const {
+  std::array<char, 4096> buffer;
+  // "pid (name) state" and numbers, of which the tenth, counted from pid, are the minor faults. The name may hold
+  // blanks. It comes first: the switch into a sleep that it shows is in `status`.
+  std::string_view stat = contents(stat_, buffer);
+  const std::size_t name_end = stat.rfind(") ");
+  if (name_end == std::string_view::npos) return false;
+  stat.remove_prefix(name_end + 2);
+  usage.asleep = !stat.empty() && stat.front() == 'S';
+  stat.remove_prefix(std::min<std::size_t>(1, stat.size()));
+  std::int64_t other = 0;
+  for (int field = 4; field < 10; ++field)
+    if (!take_number(stat, other)) return false;
+  if (!take_number(stat, usage.minor_faults) || !take_number(stat, other) || !take_number(stat, usage.major_faults))
+    return false;
+  const std::string_view status = contents(status_, buffer);
+  return number_after(status, "\nvoluntary_ctxt_switches:", usage.voluntary) &&
+         number_after(status, "\nnonvoluntary_ctxt_switches:", usage.involuntary);
+}
+
+bool UsageSampler::read_times(Reading& reading) const {
+  std::array<char, 128> buffer;
+  ThreadUsage& usage = reading.usage;
+  for (int i = 0; i < kTries && !reading.brief; ++i) {
+    const std::int64_t before_ns = monotonic_ns();
+    timespec cpu{};
+    if (clock_gettime(cpu_clock_, &cpu) != 0) return false;
+    std::string_view schedstat = contents(schedstat_, buffer);
+    const std::int64_t after_ns = monotonic_ns();
+    std::uint64_t ran = 0, waited = 0, times_run = 0;
+    if (!take_number(schedstat, ran) || !take_number(schedstat, waited) || !take_number(schedstat, times_run) ||
+        times_run == 0)
+      return false;
+    usage.cpu_ns = cpu.tv_sec * 1'000'000'000 + cpu.tv_nsec;
+    usage.wait_ns = static_cast<std::int64_t>(waited);
+    usage.time_ns = before_ns + (after_ns - before_ns) / 2;
+    reading.brief = after_ns - before_ns < kLongestReadingNs && usage.time_ns - usage.counted_ns < kLongestCountsNs;
+  }
+  return true;
+}
+
+std::optional<UsageSampler::Reading> UsageSampler::read() const {
+  Reading reading;
+  reading.usage.counted_ns = monotonic_ns();
+  if (!read_counts(reading.usage) || !read_times(reading)) return std::nullopt;
+  return reading;
+}
+
+void UsageSampler::sample(std::int64_t now_ns) {
+  if (now_ns - sampled_ns_ < kPeriodNs) return;
+  const std::optional<Reading> reading = read();
+  if (!reading || !reading->brief || (!reading->usage.asleep && now_ns - sampled_ns_ < kLongestNs)) return;
+  sampled_ns_ = now_ns;
+  (void)usages_.push(reading->usage);
+}
+
+void LateCycleClassifier::add(const CycleTimes& cycle) {
+  const Cycle added{cycle, newest_ ? newest_->end_ns : cycle.due_ns - 1};
+  // A gap without a late cycle before it: cycles are missing, and differences over the gap say nothing.
+  if (newest_ && !newest_->late() && cycle.due_ns > newest_->deadline_ns) {
+    cycles_.clear();
+    while (!usages_.empty() && usages_.front().time_ns < cycle.due_ns) usages_.pop_front();
+  }
+  newest_ = cycle;
+  cycles_.push_back(added);
+  if (cycle.late()) late_.push_back(added);
+  if (cycles_.size() > kMostCycles) cycles_.pop_front();
+}
+
+void LateCycleClassifier::forget_before(std::int64_t time_ns) {
+  while (usages_.size() > 1 && usages_[1].time_ns <= time_ns) usages_.pop_front();
+  const std::int64_t needed_ns = usages_.empty() ? time_ns : std::min(time_ns, usages_.front().time_ns);
+  while (!cycles_.empty() && cycles_.front().times.end_ns < needed_ns - kSwitchNs) cycles_.pop_front();
+}
+
+std::optional<LateVerdict> LateCycleClassifier::next() {
+  if (late_.empty()) {
+    if (newest_) forget_before(newest_->end_ns);
+    return std::nullopt;
+  }
+  const Cycle late = late_.front();
+  const auto after = std::find_if(usages_.begin(), usages_.end(),
+                                  [&](const ThreadUsage& usage) { return usage.time_ns >= late.times.end_ns; });
+  const bool forgotten = cycles_.front().times.due_ns > late.times.due_ns;
+  // What the thread did until the second reading must be known, too.
+  const bool known = after != usages_.end() && newest_->end_ns >= after->time_ns;
+  if (!known && !finished_ && !forgotten) return std::nullopt;
+  LateVerdict verdict;
+  const std::int64_t from_ns = late.start_ns();
+  if (late.delay_ns() >= late.times.end_ns - late.times.deadline_ns) {
+    verdict.late_class = last_class_;  // in time, had the cycle before been
+  } else if (after != usages_.end() && after != usages_.begin() && usages_.front().time_ns <= from_ns && !forgotten) {
+    const auto before = std::find_if(std::make_reverse_iterator(after), usages_.rend(),
+                                     [&](const ThreadUsage& usage) { return usage.time_ns <= from_ns; });
+    verdict = judge(late, *before, *after);
+  }
+  verdict.times = late.times;
+  last_class_ = verdict.late_class;
+  late_.pop_front();
+  forget_before(late_.empty() ? newest_->end_ns : late_.front().times.due_ns);
+  return verdict;
+}
+
+LateVerdict LateCycleClassifier::judge(const Cycle& late, const ThreadUsage& before, const ThreadUsage& after) const {
+  // wake: due, the cycle before ended, and not begun; awake: from then to the cycle's end. Each, in sum, is CPU time,
+  // run-queue wait, blocking and time for which nothing accounts (a late timer, a hypervisor): the four that the
+  // readings tell apart.
+  std::int64_t wake_ns = 0, awake_ns = 0;
+  std::int64_t longest_other_ns = 0;
+  std::int64_t sleeps_least = 0, sleeps_most = 0;
+  for (const Cycle& cycle : cycles_) {
+    wake_ns += overlap(cycle.start_ns(), cycle.times.began_ns, before.time_ns, after.time_ns);
+    const std::int64_t cycle_awake_ns =
+        overlap(cycle.times.began_ns, cycle.times.end_ns, before.time_ns, after.time_ns);
+    awake_ns += cycle_awake_ns;
+    if (cycle.times.due_ns != late.times.due_ns) longest_other_ns = std::max(longest_other_ns, cycle_awake_ns);
+    if (cycle.follows_at_once()) continue;
+    const std::int64_t slept_ns = cycle.previous_end_ns, surely_ns = slept_ns + kSwitchNs;
+    if (slept_ns > before.time_ns && surely_ns < after.counted_ns) ++sleeps_least;
+    if (surely_ns > before.counted_ns && slept_ns < after.time_ns) ++sleeps_most;
+  }
+  if (!before.asleep || newest_->end_ns < after.time_ns) ++sleeps_most;
+  if (!after.asleep) --sleeps_least;
+  const std::int64_t half_ns = (late.times.deadline_ns - late.times.due_ns) / 2;
+  const std::int64_t late_awake_ns = late.times.end_ns - late.times.began_ns;
+  const std::int64_t late_wake_ns = late.times.began_ns - late.start_ns();
+  const std::int64_t others_ns = awake_ns - late_awake_ns;
+
+  LateVerdict verdict;
+  verdict.cpu_ns = after.cpu_ns - before.cpu_ns;
+  verdict.wait_ns = after.wait_ns - before.wait_ns;
+  verdict.minor_faults = after.minor_faults - before.minor_faults;
+  verdict.major_faults = after.major_faults - before.major_faults;
+  const auto switches = static_cast<std::int64_t>(after.voluntary - before.voluntary);
+  const bool may_have_blocked = switches > sleeps_least;
+  verdict.blocked = static_cast<std::uint64_t>(std::max<std::int64_t>(0, switches - sleeps_most));
+  // A switch has no length: it explains the late cycle where no other cycle was long.
+  const bool has_blocked = verdict.blocked > 0 && longest_other_ns <= half_ns;
+
+  // Of the time awake, what is not the thread's own: neither CPU time nor blocking. If nothing blocked it is all that
+  // is not CPU time; otherwise run-queue wait alone can be, and at least that which no wake-up can have taken.
+  const std::int64_t off_cpu_ns = std::max<std::int64_t>(0, awake_ns - verdict.cpu_ns);
+  const std::int64_t foreign_least =
+      may_have_blocked ? std::clamp<std::int64_t>(verdict.wait_ns - wake_ns, 0, off_cpu_ns) : off_cpu_ns;
+  const std::int64_t foreign_most = has_blocked ? std::min(verdict.wait_ns, off_cpu_ns) : off_cpu_ns;
+  const std::int64_t foreign_of_late = std::max<std::int64_t>(0, foreign_least - others_ns);
+  verdict.own_ns = std::max<std::int64_t>(0, late_awake_ns - foreign_most);
+  const std::int64_t own_most = late_awake_ns - foreign_of_late;
+
+  if (verdict.own_ns > half_ns) {
+    verdict.late_class = LateClass::kOverrun;
+    return verdict;
+  }
+  if (own_most > half_ns) return verdict;
+  // Not its own. It is run-queue wait, less what nothing accounts for, wherever in these cycles that was. CPU time
+  // beyond the time awake was charged to the thread while it woke: interrupts, or a hypervisor.
+  const std::int64_t nothing_ns =
+      std::max<std::int64_t>(0, wake_ns + awake_ns - std::min(verdict.cpu_ns, awake_ns) - verdict.wait_ns);
+  const std::int64_t unaccounted_most = has_blocked ? std::min(nothing_ns, wake_ns) : nothing_ns;
+  const std::int64_t wait_of_late = late_wake_ns + foreign_of_late - unaccounted_most;
+  const std::int64_t lateness_ns = late.times.end_ns - late.times.deadline_ns - late.delay_ns();
+  if (wait_of_late >= lateness_ns) verdict.late_class = LateClass::kPreempted;
+  return verdict;
+}
+
+}  // namespace tactus::hrtc_service

@@ -1,0 +1,79 @@
+/// Which system calls a thread makes: a seccomp filter that lets through the ones it is allowed and records the others.
+///
+/// A recorded call is not made; it fails with ENOSYS. The filter stays for the rest of the thread's life, so a thread
+/// may always end (rt_sigprocmask, madvise, munmap, exit). x86-64 Linux. Source: seccomp(2), SECCOMP_RET_TRAP.
+#pragma once
+
+#include <linux/audit.h>
+#include <linux/filter.h>
+#include <linux/seccomp.h>
+#include <sys/prctl.h>
+#include <sys/syscall.h>
+#include <ucontext.h>
+
+#include <array>
+#include <atomic>
+#include <cerrno>
+#include <csignal>
+#include <cstddef>
+#include <cstdint>
+#include <map>
+#include <system_error>
+
+namespace tactus::test_support {
+
+/// A sanitizer's runtime makes system calls of its own.
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+inline constexpr bool kSanitized = true;
+#else
+inline constexpr bool kSanitized = false;
+#endif
+
+class SystemCalls {
+ public:
+  /// The calling thread may call `allowed` from now on. Once per thread. Throws std::system_error where the kernel
+  /// refuses the filter.
+  static void allow_only(std::uint32_t allowed) {
+    struct sigaction action {};
+    action.sa_sigaction = on_call;
+    action.sa_flags = SA_SIGINFO;
+    if (sigaction(SIGSYS, &action, nullptr) != 0) fail("sigaction");
+    constexpr std::uint32_t kLoad = BPF_LD | BPF_W | BPF_ABS, kEqual = BPF_JMP | BPF_JEQ | BPF_K;
+    const std::array<sock_filter, 9> filter{{
+        BPF_STMT(kLoad, offsetof(seccomp_data, nr)),
+        BPF_JUMP(kEqual, allowed, 6, 0),
+        BPF_JUMP(kEqual, SYS_rt_sigreturn, 5, 0),
+        BPF_JUMP(kEqual, SYS_rt_sigprocmask, 4, 0),
+        BPF_JUMP(kEqual, SYS_madvise, 3, 0),
+        BPF_JUMP(kEqual, SYS_munmap, 2, 0),
+        BPF_JUMP(kEqual, SYS_exit, 1, 0),
+        BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_TRAP),
+        BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW),
+    }};
+    const sock_fprog program{filter.size(), const_cast<sock_filter*>(filter.data())};
+    if (prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0) fail("prctl no_new_privs");
+    if (prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &program) != 0) fail("prctl seccomp");
+  }
+
+  /// How often each other call was tried, by number, in all filtered threads since the last `clear`.
+  [[nodiscard]] static std::map<long, std::uint64_t> tried() {
+    std::map<long, std::uint64_t> calls;
+    for (std::size_t number = 0; number < counts_.size(); ++number)
+      if (counts_[number] > 0) calls[static_cast<long>(number)] = counts_[number];
+    return calls;
+  }
+  static void clear() {
+    for (std::atomic<std::uint64_t>& count : counts_) count = 0;
+  }
+
+ private:
+  [[noreturn]] static void fail(const char* what) { throw std::system_error{errno, std::generic_category(), what}; }
+  static void on_call(int, siginfo_t* info, void* context) {
+    ++counts_[static_cast<std::size_t>(info->si_syscall) % counts_.size()];
+    static_cast<ucontext_t*>(context)->uc_mcontext.gregs[REG_RAX] = -ENOSYS;
+  }
+
+  static inline std::array<std::atomic<std::uint64_t>, 1024> counts_{};
+};
+
+}  // namespace tactus::test_support
