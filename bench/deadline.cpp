@@ -133,8 +133,8 @@ Outcome run_deadline(const spm::Model& model, const Settings& settings, const st
     const hrtc_service::CycleCosts& costs = result.costs;
     const double own_ns = std::min(own * 1e3, static_cast<double>(costs.total()));
     if (costs.foreseen > 0)
-      governor.observe(costs.visits * spm::Budget::kVisit + costs.changes * spm::Budget::kChange, costs.refit, own_ns,
-                       costs.foreseen);
+      governor.observe(costs.visits * spm::Budget::kVisit + costs.changes * spm::Budget::kChange, costs.refit,
+                       costs.total(), costs.foreseen);
     const double bare_us = bare.run();
     outcome.bare.add(bare_us);
     if (bare_us < deadline_us) ++outcome.bare_in_time;

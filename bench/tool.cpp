@@ -156,7 +156,7 @@ class Refined {
     const hrtc_service::CycleCosts& costs = result_->costs;
     if (costs.foreseen > 0)
       governor_.observe(costs.visits * spm::Budget::kVisit + costs.changes * spm::Budget::kChange, costs.refit,
-                        std::min(cpu_ * 1e3, static_cast<double>(costs.total())), costs.foreseen);
+                        costs.total(), costs.foreseen);
   }
   [[nodiscard]] const hrtc_service::CycleResult& result() const { return *result_; }
   [[nodiscard]] const haptics::ToolResult& tool() { return run_.haptic().tool(0)->last(); }

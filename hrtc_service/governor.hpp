@@ -49,12 +49,12 @@ class Governor {
     return {deadline_ - surprise_ns(), kFloor * deadline_, refit_unit_ns()};
   }
 
-  /// What the cycle did and took: units refined, ns of refitting, ns of its whole own work, and what that was foreseen
-  /// to be when its last portion began.
-  void observe(std::uint32_t units, double refit_ns, double own_ns, double foreseen_ns) noexcept {
+  /// What the cycle did and took: units refined, ns of refitting, ns from its beginning to its end, and what that was
+  /// foreseen to be when its last portion began. An interruption before that moment is in both, so it changes nothing.
+  void observe(std::uint32_t units, double refit_ns, double taken_ns, double foreseen_ns) noexcept {
     const double least = kLeastShare * deadline_;
-    often_.see(own_ns - foreseen_ns, least, deadline_);
-    seldom_.see(own_ns - foreseen_ns, least, deadline_);
+    often_.see(taken_ns - foreseen_ns, least, deadline_);
+    seldom_.see(taken_ns - foreseen_ns, least, deadline_);
     units_ += kMemory * (units - units_);
     refit_ns_ += kMemory * (refit_ns - refit_ns_);
   }

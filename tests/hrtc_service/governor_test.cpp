@@ -13,6 +13,7 @@ class Machine {
   explicit Machine(std::uint64_t seed) : random_{seed} {}
   double unit_ns = 8, refit_unit_ns = 4, touch_ns = 15'000, slowness = 1;
   double interrupt_ns = 0;  // in one cycle of 200
+  double preempt_ns = 0;    // in every twentieth cycle, before its last portion
 
   /// Returns the share of cycles that missed, interrupted ones left out.
   double run(Governor& governor, double deadline_ns, int cycles) {
@@ -23,7 +24,8 @@ class Machine {
     for (int i = 0; i < cycles; ++i) {
       const RefineLimit limit = governor.limit();
       const double began = touch_ns * tail(random_) * slowness, portion_ns = unit_ns * kPortion * slowness;
-      double now = began, foreseen = 0;
+      const bool preempted = preempt_ns > 0 && random_() % 20 == 0;
+      double now = began + (preempted ? preempt_ns : 0), foreseen = 0;
       std::uint32_t refined = 0;
       while (refined == 0 || limit.allows(began, now, refined)) {
         foreseen = limit.end(now, refined);
@@ -34,7 +36,7 @@ class Machine {
       const bool interrupted = random_() % 200 == 0 && interrupt_ns > 0;
       const double own = now + refit + (interrupted ? interrupt_ns : 0);
       governor.observe(refined, refit, own, foreseen);
-      missed += own > deadline_ns && !interrupted ? 1 : 0;
+      missed += own > deadline_ns && !interrupted && !preempted ? 1 : 0;
       units += refined;
     }
     mean_units = units / cycles;
@@ -83,6 +85,16 @@ TEST(Governor, DoesNotGiveWayToInterruptsLongerThanTheDeadline) {
   Governor governor{static_cast<std::int64_t>(kDeadline)};
   (void)machine.run(governor, kDeadline, 5000);
   EXPECT_LT(machine.run(governor, kDeadline, 100'000), 0.001);
+  EXPECT_GT(machine.used(kDeadline), 0.5);
+}
+
+TEST(Governor, DoesNotGiveWayToPreemptionBeforeTheLastPortion) {
+  constexpr double kDeadline = 100e3;
+  Machine machine{13};
+  machine.preempt_ns = 2e6;
+  Governor governor{static_cast<std::int64_t>(kDeadline)};
+  (void)machine.run(governor, kDeadline, 5000);
+  EXPECT_LT(machine.run(governor, kDeadline, 100'000), 0.002);
   EXPECT_GT(machine.used(kDeadline), 0.5);
 }
 
