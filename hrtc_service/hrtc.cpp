@@ -113,7 +113,7 @@ struct Hrtc::Impl {
   void on_event(const session::RosterEvent& event, std::int64_t now_ns);
   void tell_of_fault(std::uint32_t slot, std::uint32_t status);
   void tell_of_hold(std::uint32_t slot, const ProbeOutput& probe);
-  void unseat(const std::string& user);
+  void unseat(std::uint64_t client, const std::string& user);
   void seat_local_users();
   void choose_reference(std::int64_t now_ns);
   void note_first_touch(std::int64_t now_ns);
@@ -367,25 +367,31 @@ void Hrtc::Impl::on_event(const session::RosterEvent& event, std::int64_t now_ns
   if (entry.role == session::Role::kHost && gone) loader.on_host_gone(entry.origin.participant);
   if (entry.role == session::Role::kHrtc && gone) neighbours.on_controller_gone(entry.origin.participant);
   if (entry.role != session::Role::kClient) return;
+  const std::uint64_t client = entry.origin.participant;
   if (gone || event.change == RosterChange::kRestarted)
-    for (const std::string& user : entry.users) unseat(user);
+    for (const std::string& user : entry.users) unseat(client, user);
   const bool here = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted ||
                     event.change == RosterChange::kChanged;
   const bool asks = here && entry.controller == options.address.participant;
   // After a restart the others stay: a second program of that name may only have shown itself, and yield.
   if (event.change == RosterChange::kChanged) {
-    for (const std::string& user : seats.users_of(entry.origin.participant))
-      if (!(asks && std::find(entry.users.begin(), entry.users.end(), user) != entry.users.end())) unseat(user);
+    for (const std::string& user : seats.users_of(client))
+      if (!(asks && std::find(entry.users.begin(), entry.users.end(), user) != entry.users.end())) unseat(client, user);
   }
   if (!asks) return;
   seats.seat(entry);
   heartbeat.at_once();
 }
 
-void Hrtc::Impl::unseat(const std::string& user) {
-  const std::optional<std::uint64_t> left = seats.unseat(user);
+void Hrtc::Impl::unseat(std::uint64_t client, const std::string& user) {
+  const std::optional<std::uint64_t> left = seats.unseat(client, user);
   if (!left) return;
   neighbours.on_user_left(*left);
+  roster.for_each([&](const session::RosterEntry& other) {  // who was refused for want of this probe or this name
+    if (other.role == session::Role::kClient && other.controller == options.address.participant &&
+        other.origin.participant != client)
+      seats.seat(other);
+  });
   heartbeat.at_once();
 }
 

@@ -33,13 +33,19 @@ bool Seats::seat_here(const std::string& name, std::unique_ptr<haptics::Device> 
 
 void Seats::seat(const session::RosterEntry& client) {
   for (const std::string& name : client.users) {
+    const auto taken = std::find_if(users_.begin(), users_.end(), [&](const auto& s) { return s.second.name == name; });
+    if (taken != users_.end()) {
+      if (taken->second.client != client.origin.participant)
+        spdlog::warn("user {} of client {} refused: another user of that name has probe {}", name, client.name,
+                     taken->first);
+      continue;
+    }
     const std::optional<std::uint32_t> slot = slots_.grant(name);
     if (!slot) {
       spdlog::warn("user {} refused: all {} probes are taken; raise --users", name, slots_.list().size());
       continue;
     }
     User& user = users_[*slot];
-    if (user.intents) continue;
     user.name = name;
     user.id = session::id_of(name);
     user.client = client.origin.participant;
@@ -74,9 +80,10 @@ void Seats::listen_to_device(User& user) {
                                                                    wire::EndOptions{wire::user_partition(user.name)});
 }
 
-std::optional<std::uint64_t> Seats::unseat(const std::string& name) {
-  const auto at = std::find_if(users_.begin(), users_.end(),
-                               [&](const auto& seat) { return seat.second.name == name && seat.second.client != 0; });
+std::optional<std::uint64_t> Seats::unseat(std::uint64_t client, const std::string& name) {
+  const auto at = std::find_if(users_.begin(), users_.end(), [&](const auto& seat) {
+    return seat.second.name == name && seat.second.client == client && client != 0;
+  });
   if (at == users_.end()) return std::nullopt;
   const auto& [slot, user] = *at;
   const std::uint64_t id = user.id;

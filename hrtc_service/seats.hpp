@@ -38,10 +38,10 @@ class Seats {
 
   /// A user whose device is at this machine. False when all probes are taken.
   [[nodiscard]] bool seat_here(const std::string& user, std::unique_ptr<haptics::Device> device);
-  /// Those users of a client that do not sit yet, as far as there are probes.
+  /// Those users of a client that do not sit yet, as far as there are probes and nobody else sits under their name.
   void seat(const session::RosterEntry& client);
-  /// The id of a client's user who has left now; none for all others.
-  std::optional<std::uint64_t> unseat(const std::string& user);
+  /// The id of this client's user who has left now; none for all others, whatever their names.
+  std::optional<std::uint64_t> unseat(std::uint64_t client, const std::string& user);
   [[nodiscard]] std::vector<std::string> users_of(std::uint64_t client) const;
 
   /// What a user wishes of a simulated hand. `ahead_ns`: our clock less session time.

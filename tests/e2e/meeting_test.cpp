@@ -154,6 +154,64 @@ TEST_F(MeetingTest, AProgramOfAnotherProtocolVersionIsRefusedWithBothVersionsNam
   EXPECT_THAT(users.output(), HasSubstr(refusal)) << "in the report";
 }
 
+TEST_F(MeetingTest, AClientThatLeavesTakesOnlyItsOwnUsersAlong) {
+  Observer observer{address("observer")};
+  Process desk{hrtc("desk")};
+  struct Client {
+    Client(const wire::SessionAddress& address, const std::string& controller) : links{address} {
+      entry.role = session::Role::kClient;
+      entry.name = address.participant;
+      entry.session = address.session;
+      entry.controller = controller;
+      entry.users = {"ann"};
+    }
+    void beat() {
+      entry.origin = links.origin();
+      ++entry.heartbeat;
+      ASSERT_EQ(roster.send(entry), wire::SendStatus::kSent);
+    }
+    wire::Links links;
+    wire::Writer<session::RosterEntry> roster{links, wire::topics::kRoster};
+    session::RosterEntry entry;
+  };
+  Client first{address("first"), "desk"}, elsewhere{address("elsewhere"), "another desk"};
+  Client second{address("second"), "desk"};
+  const auto serves_ann = [](const Seen& seen) {
+    if (!seen.is_here("desk")) return false;
+    const std::vector<session::UserSlot>& slots = seen.roster.at("desk").slots;
+    return slots.size() == 1 && slots[0].user == "ann";
+  };
+  /// Beats until the observer or the controller's output shows it.
+  const auto beat_until = [&](const std::vector<Client*>& clients, const auto& condition) {
+    for (int times = 0; times < 600; ++times) {
+      for (Client* const client : clients) client->beat();
+      if (observer.until(condition, 50ms)) return true;
+    }
+    return false;
+  };
+  const auto says = [&](const std::string& line) {
+    return [&desk, line](const Seen&) { return desk.output().find(line) != std::string::npos; };
+  };
+  ASSERT_TRUE(beat_until({&first}, serves_ann)) << desk.output();
+  ASSERT_TRUE(beat_until({&first, &elsewhere, &second}, [&](const Seen& seen) {
+    return says("client 'elsewhere' joined")(seen) && says("user ann of client second refused")(seen);
+  })) << desk.output();
+
+  elsewhere.entry.leaving = true;
+  ASSERT_TRUE(beat_until({&first, &elsewhere, &second}, says("client 'elsewhere' left"))) << desk.output();
+  const std::uint64_t heard = observer.seen().roster.at("desk").heartbeat;
+  ASSERT_TRUE(
+      beat_until({&first, &second}, [&](const Seen& seen) { return seen.roster.at("desk").heartbeat > heard + 2; }));
+  EXPECT_TRUE(serves_ann(observer.seen()));
+  EXPECT_THAT(desk.output(), Not(HasSubstr("user ann has left")));
+
+  first.entry.leaving = true;
+  ASSERT_TRUE(beat_until({&first, &second}, says("user ann has left"))) << desk.output();
+  EXPECT_TRUE(beat_until({&second}, serves_ann)) << "the name is free again";
+  desk.signal(SIGTERM);
+  EXPECT_TRUE(ends_with(0, desk));
+}
+
 TEST_F(MeetingTest, TwoSessionsOnOneDomainNeverMeetThoughAllNamesAreTheSame) {
   const std::string ours = session_;
   Observer observer{address("observer")};
