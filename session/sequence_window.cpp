@@ -1,0 +1,118 @@
+#include "session/sequence_window.hpp"
+
+#include <algorithm>
+
+namespace tactus::session {
+namespace {
+
+constexpr double kNsPerS = 1e9;
+/// Two clocks run apart by less, and 2^61 ns is 73 years: differences of clamped times do not overflow.
+constexpr std::int64_t kDriftShare = 1000;
+constexpr std::int64_t kFarthestNs = INT64_C(1) << 61;
+constexpr std::int64_t kLongestNs = 2'000'000'000;  // between samples that agree
+
+}  // namespace
+
+bool SequenceWindow::follows(std::uint64_t number, std::uint64_t before, std::int64_t passed_ns) const noexcept {
+  if (number <= before) return limits_.repeats && number == before;
+  const double passed_s = static_cast<double>(std::max<std::int64_t>(passed_ns, 0)) / kNsPerS;
+  return static_cast<double>(number - before) <= static_cast<double>(limits_.ahead) + limits_.rate * passed_s;
+}
+
+Admission SequenceWindow::begin(std::uint64_t number, std::int64_t now_ns, bool confirmed) noexcept {
+  newest_ = number;
+  newest_ns_ = now_ns;
+  known_ = true;
+  confirmed_ = confirmed;
+  return Admission::kAnew;
+}
+
+Admission SequenceWindow::admit(std::uint64_t number, std::int64_t now_ns) noexcept {
+  if (!known_) return begin(number, now_ns, false);
+  const bool next = follows(number, newest_, now_ns - newest_ns_);
+  const bool overtaken =
+      !next && number <= newest_ && (newest_ - number <= limits_.ahead || (confirmed_ && !limits_.falls));
+  if ((next || overtaken) && limits_.falls) outside_count_ = 0;
+  if (overtaken) return Admission::kOld;
+  if (next) {
+    (void)begin(number, now_ns, true);
+    return Admission::kAccepted;
+  }
+  if (!confirmed_) return begin(number, now_ns, false);
+  const bool repeated = outside_count_ > 0 && number == outside_ && !limits_.repeats;
+  if (repeated) return Admission::kImplausible;
+  const std::int64_t passed_ns = now_ns - outside_ns_;
+  const bool agrees = outside_count_ > 0 && passed_ns <= kLongestNs && follows(number, outside_, passed_ns);
+  outside_count_ = agrees ? outside_count_ + 1 : 1;
+  outside_ = number;
+  outside_ns_ = now_ns;
+  if (outside_count_ < kAgreeing) return Admission::kImplausible;
+  outside_count_ = 0;
+  return begin(number, now_ns, true);
+}
+
+Admission SourceWindow::admit(const Origin& origin) noexcept {
+  const bool same = known_ && origin.participant == participant_ && origin.incarnation == incarnation_;
+  if (same) {
+    other_count_ = 0;
+    return Admission::kAccepted;
+  }
+  const bool restarted = known_ && origin.participant == participant_ && origin.incarnation > incarnation_;
+  if (known_ && !restarted) {
+    const bool again = origin.participant == other_ && origin.incarnation == other_incarnation_;
+    other_count_ = again ? other_count_ + 1 : 1;
+    other_ = origin.participant;
+    other_incarnation_ = origin.incarnation;
+    if (other_count_ < kAgreeing) return Admission::kImplausible;
+  }
+  participant_ = origin.participant;
+  incarnation_ = origin.incarnation;
+  known_ = true;
+  other_count_ = 0;
+  return Admission::kAnew;
+}
+
+Admission SenderWindow::admit(const Origin& origin, std::uint64_t number, std::int64_t now_ns) noexcept {
+  const Admission source = source_.admit(origin);
+  if (source == Admission::kImplausible) return source;
+  if (source == Admission::kAnew) numbers_ = SequenceWindow{limits_};
+  return numbers_.admit(number, now_ns);
+}
+
+bool TimeWindow::near(std::int64_t offset_ns, std::int64_t to_ns) const noexcept {
+  return offset_ns - to_ns <= limits_.ahead_ns && to_ns - offset_ns <= limits_.behind_ns;
+}
+
+Admission TimeWindow::admit(std::int64_t time_ns, std::int64_t now_ns) noexcept {
+  const std::int64_t offset_ns =
+      std::clamp(std::clamp(time_ns, -kFarthestNs, kFarthestNs) - std::clamp(now_ns, -kFarthestNs, kFarthestNs),
+                 -kFarthestNs, kFarthestNs);
+  const std::int64_t drift_ns = std::max<std::int64_t>(now_ns - seen_ns_, 0) / kDriftShare;
+  if (known_ && near(offset_ns, offset_ns_)) {
+    offset_ns_ = std::max(offset_ns, offset_ns_ - drift_ns);
+    seen_ns_ = now_ns;
+    confirmed_ = true;
+    outside_count_ = 0;
+    return Admission::kAccepted;
+  }
+  if (known_ && confirmed_) {
+    outside_count_ = outside_count_ > 0 && near(offset_ns, outside_ns_) ? outside_count_ + 1 : 1;
+    outside_ns_ = offset_ns;
+    if (outside_count_ < kAgreeing) return Admission::kImplausible;
+  }
+  confirmed_ = known_ && confirmed_;
+  known_ = true;
+  offset_ns_ = offset_ns;
+  seen_ns_ = now_ns;
+  outside_count_ = 0;
+  return Admission::kAnew;
+}
+
+Admission WrappedTimeWindow::admit(std::uint32_t transit_us, std::int64_t now_ns) noexcept {
+  if (!known_) first_us_ = transit_us;
+  known_ = true;
+  const auto later_us = static_cast<std::int32_t>(transit_us - first_us_);
+  return window_.admit(now_ns - std::int64_t{later_us} * 1000, now_ns);
+}
+
+}  // namespace tactus::session
