@@ -8,6 +8,7 @@
 
 #include "haptics/remote_device.hpp"
 #include "haptics/rigid_body.hpp"
+#include "session/sequence_window.hpp"
 #include "tests/haptics/triangle_surface.hpp"
 #include "wire/check.hpp"
 #include "wire/convert.hpp"
@@ -293,6 +294,7 @@ SafetyResult run_safety(const SafetySettings& settings) {
   // The same hand, with a ball and with a tool.
   Judged tip{settings, device->spec(), result}, tool{settings, device->spec(), result};
   std::int64_t heard_ns = -1;
+  session::SequenceWindow numbers{session::kCycleNumbers};
   std::uint32_t felt = 0;
 
   for (std::uint64_t cycle = 1; result.arrived < settings.samples; ++cycle) {
@@ -321,7 +323,8 @@ SafetyResult run_safety(const SafetySettings& settings) {
       taken.command_felt = arrived.command_felt;
       taken.taken_ns = arrived.session_time_ns;
       taken.arrived_ns = now_ns;
-      const bool newest = device->on_pose(taken);
+      const bool newest = session::accepted(numbers.admit(taken.sequence, now_ns));
+      if (newest) device->on_pose(taken);
       ++(newest ? result.taken : result.overtaken);
       if (newest) heard_ns = now_ns;
     }

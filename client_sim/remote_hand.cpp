@@ -38,12 +38,9 @@ void RemoteHand::wish(const session::Intent& intent, const session::ClockMap& ma
 
 void RemoteHand::on_command(const session::DeviceCommand& command) {
   if (command.user_id != user_id_ || command.origin.participant != hrtc_id_) return;
-  if (command.origin.incarnation < incarnation_) return;
-  if (command.origin.incarnation > incarnation_) newest_ = 0;
-  incarnation_ = command.origin.incarnation;
-  if (command.sequence <= newest_) return;
-  newest_ = command.sequence;
-  felt_.post({command.force, command.torque, command.sequence, wire::monotonic_ns()});
+  const std::int64_t now_ns = wire::monotonic_ns();
+  if (!session::accepted(commands_seen_.admit(command.origin, command.sequence, now_ns))) return;
+  felt_.post({command.force, command.torque, command.sequence, now_ns});
 }
 
 void RemoteHand::run() {

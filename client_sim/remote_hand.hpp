@@ -15,6 +15,7 @@
 #include "haptics/mailbox.hpp"
 #include "haptics/simulated_device.hpp"
 #include "session/clock.hpp"
+#include "session/sequence_window.hpp"
 #include "wire/ends.hpp"
 
 namespace tactus::client_sim {
@@ -53,8 +54,7 @@ class RemoteHand {
   haptics::SimulatedDevice device_;
   haptics::Mailbox<session::ClockMap> clock_;
   haptics::Mailbox<Felt> felt_;
-  std::uint64_t incarnation_ = 0;  // of the HRTC; the reader's
-  std::uint32_t newest_ = 0;       // command; the reader's
+  session::SenderWindow commands_seen_{session::kCycleNumbers};  // the reader's
   wire::Writer<session::DevicePose> poses_;
   wire::Reader<session::DeviceCommand> commands_;
   std::atomic<bool> running_{true};

@@ -215,14 +215,14 @@ double Samples::percentile(double share) const {
 void TouchTally::add(const session::ProbeState& state, std::int64_t start_ns, std::int64_t received_ns) {
   constexpr std::int64_t kNewTouch = 20'000'000;  // ns without contact; less is a bounce
   constexpr double kLongestGap = 0.05;            // s that one sample may stand for
-  const bool restarted = started_ && state.origin.incarnation != last_.origin.incarnation;
-  if (started_ && !restarted && state.sequence <= last_.sequence) return;
+  const session::Admission admission = window_.admit(state.origin, state.sequence, received_ns);
+  if (!session::accepted(admission)) return;
   ++states;
   age_us.add(static_cast<double>(received_ns - state.session_time_ns) * 1e-3);
   const bool contact_now = (state.status & session::kInContact) != 0;
   const bool exact_now = contact_now && (state.status & session::kExact) != 0;
   const double force = std::hypot(state.force[0], state.force[1], state.force[2]);
-  if (started_ && !restarted) {
+  if (admission == session::Admission::kAccepted) {
     states_lost += state.sequence - last_.sequence - 1;
     // Each sample stands for the time until the next.
     const double dt =

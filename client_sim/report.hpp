@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "session/messages.hpp"
+#include "session/sequence_window.hpp"
 
 namespace tactus::client_sim {
 
@@ -51,6 +52,7 @@ class TouchTally {
 
  private:
   double force_seconds_ = 0;
+  session::SenderWindow window_{session::kCycleNumbers};
   session::ProbeState last_;
   std::int64_t left_ns_ = INT64_MIN;  // when contact last was
   bool started_ = false;

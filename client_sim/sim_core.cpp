@@ -116,8 +116,8 @@ void SimCore::on_probe_state(const session::ProbeState& state, std::int64_t sess
   for (Seat& seat : seats_) {
     if (state.user_id != session::id_of(seat.mind.user().name)) continue;
     if (state.origin.participant != session::id_of(seat.hrtc)) return;
-    seat.probe.on_state(state, session::StateStream::kCoded, session_now_ns);
-    if (state_ != SimState::kRunning) return;
+    const bool counts = session::accepted(seat.probe.on_state(state, session::StateStream::kCoded, session_now_ns));
+    if (!counts || state_ != SimState::kRunning) return;
     const std::uint32_t faults = seat.touch.faults;
     seat.touch.add(state, session_start_ns_, session_now_ns);
     if (seat.touch.faults > faults)
@@ -128,7 +128,7 @@ void SimCore::on_probe_state(const session::ProbeState& state, std::int64_t sess
 
 void SimCore::on_object_pose(const session::ObjectPose& pose) {
   const auto at = movables_.find(pose.object_id);
-  if (pose.origin.session != self_.session || at == movables_.end() || !at->second.gate.accept(pose)) return;
+  if (pose.origin.session != self_.session || at == movables_.end() || !at->second.gate.accept(pose, now_ns_)) return;
   at->second.entry.pose = pose.pose;
   const ObjectView view = view_of(at->second.entry);
   objects_[at->second.entry.object] = view;

@@ -88,13 +88,13 @@ bool CopyCoupling::at(const History& history, std::int64_t time_ns, Heard& found
 void CopyCoupling::on_sample(std::size_t peer, const CopySample& sample) noexcept {
   if (peer >= settings_.copies || peer == place_ || sample.time_ns < 0) return;
   keep(heard_[peer], sample, place_);
-  if (sample.time_ns > pressed_ns_[peer]) {
-    pressed_ns_[peer] = sample.time_ns;
-    pressed_[peer] = sample.pressed;
-  }
-  const double arrived = sample.energy[place_] - energy_heard_[peer];
-  if (!(arrived > 0)) return;
+  if (sample.time_ns <= pressed_ns_[peer]) return;
+  pressed_ns_[peer] = sample.time_ns;
+  pressed_[peer] = sample.pressed;
+  // The counter never falls, so one that does shows that the sample before was wrong: the count goes on from here.
+  const double arrived = std::min(sample.energy[place_] - energy_heard_[peer], settings_.tank);
   energy_heard_[peer] = sample.energy[place_];
+  if (!(arrived > 0)) return;
   ledger_.tank += arrived;
   ledger_.received += arrived;
 }

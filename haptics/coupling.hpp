@@ -15,11 +15,11 @@
 ///   - losses need no repair, because waves come as integrals, and jitter ends at D: samples are interpolated there.
 ///
 /// Energy: a wave of velocity a costs b a^2 dt where it arrives. It is paid from a tank that is filled by what the
-/// peers say they put into the line (a counter in each sample: loss, order and repetition do not matter), by half of
-/// what the drag takes, and by what the spring loses because it is taken implicitly. A set position that the tank
-/// cannot pay moves less and catches up later. So, whatever the network does, all copies together give at most what was
-/// put in: sum of `given` <= initial + allowance * time. Nothing in it is assumed about delays or clocks; those make it
-/// good, not passive.
+/// peers say they put into the line (a counter in each sample: loss, order and repetition do not matter; what one
+/// sample adds is at most a full tank), by half of what the drag takes, and by what the spring loses because it is
+/// taken implicitly. A set position that the tank cannot pay moves less and catches up later. So, whatever the network
+/// does, all copies together give at most what was put in: sum of `given` <= initial + allowance * time. Nothing in it
+/// is assumed about delays or clocks; those make it good, not passive.
 ///
 /// Translation in the world, rotation about the body's axes. Session time as argument. One thread at
 /// a time. Realtime. Source: Niemeyer, Slotine 1991 (wave variables, integrals of waves against drift); Lee, Huang 2010

@@ -19,12 +19,9 @@ void LoopDelay::add(double seconds, double dt) noexcept {
   value_ += (bound - value_) * (1 - std::exp(-dt / (bound > value_ ? kRise : kFall)));
 }
 
-bool RemoteDevice::on_pose(RemotePose pose) noexcept {
-  const auto ahead = static_cast<std::int32_t>(pose.sequence - newest_);
-  if (started_ && (ahead <= 0 || ahead > kAhead) && pose.arrived_ns - newest_ns_ < kForget) return false;
+void RemoteDevice::on_pose(RemotePose pose) noexcept {
   const double dt = started_ ? static_cast<double>(pose.arrived_ns - newest_ns_) * 1e-9 : 0;
   started_ = true;
-  newest_ = pose.sequence;
   newest_ns_ = pose.arrived_ns;
   pose.taken_ns = std::clamp(pose.taken_ns, pose.arrived_ns - kOldest, pose.arrived_ns);
   const std::uint32_t sent = commands_.load(std::memory_order_acquire);
@@ -33,7 +30,6 @@ bool RemoteDevice::on_pose(RemotePose pose) noexcept {
   shown_loop_delay_.store(loop_delay_.value(), std::memory_order_relaxed);
   poses_.post({pose, loop_delay_.value()});
   has_pose_.store(true, std::memory_order_release);
-  return true;
 }
 
 std::uint32_t RemoteDevice::on_command(std::int64_t cycle_ns) noexcept {

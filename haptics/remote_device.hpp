@@ -5,7 +5,7 @@
 ///        ^ pose, and the command that was felt when it was taken      v command
 ///        +------------------------ the device ------------------------+
 ///
-/// The newest pose counts; one that was overtaken is dropped. Its force goes out with the cycle's report, numbered by
+/// The newest pose counts. Its force goes out with the cycle's report, numbered by
 /// `on_command`, so `write` does nothing here. What the surface's stiffness has to be cut to follows from the loop:
 /// when a pose arrives, the force that its hand felt is so old. That includes both ways, losses on both and the waiting
 /// at both ends, and needs one clock only, ours. World frame, SI.
@@ -54,12 +54,9 @@ class RemoteDevice final : public Device {
   /// `spec` is what its maker vouches for.
   explicit RemoteDevice(const DeviceSpec& spec = {}) : spec_{spec} {}
 
-  /// False when a newer one has arrived, or when its number is further ahead than kAhead. After a silence of kForget
-  /// any number is taken: a device that has restarted, or one wrong number, must not make it deaf. One network thread
-  /// at a time.
-  bool on_pose(RemotePose pose) noexcept;
-  static constexpr std::int32_t kAhead = 4096;
-  static constexpr std::int64_t kForget = 250'000'000;  ///< ns
+  /// A pose that the window of its sender has accepted (session/sequence_window.hpp): it counts from now on. One
+  /// network thread at a time.
+  void on_pose(RemotePose pose) noexcept;
   /// A command leaves for the device with the force of the cycle that began at `cycle_ns`; gives its number, from 1.
   /// One sending thread.
   [[nodiscard]] std::uint32_t on_command(std::int64_t cycle_ns) noexcept;
@@ -92,7 +89,6 @@ class RemoteDevice final : public Device {
   std::atomic<double> shown_loop_delay_{LoopDelay::kUnknown};
   // The network thread's own.
   LoopDelay loop_delay_;
-  std::uint32_t newest_ = 0;
   std::int64_t newest_ns_ = 0;
   bool started_ = false;
 };

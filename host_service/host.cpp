@@ -175,7 +175,7 @@ struct Host::Impl {
   void take(const session::CatalogueEntry& entry, std::int64_t at_ns) { keeper.on_catalogue(entry, at_ns); }
   void take(const session::ObjectClaim& claim, std::int64_t at_ns) { keeper.on_claim(claim, at_ns); }
   void take(const session::ObjectPose& pose, std::int64_t at_ns) {
-    keeper.on_pose(pose, clock.map().session_time(at_ns));
+    keeper.on_pose(pose, at_ns, clock.map().session_time(at_ns));
   }
   void react(const session::RosterEvent& event, std::int64_t now_ns);
   void keep_time(std::int64_t now_ns);
@@ -213,7 +213,7 @@ struct Host::Impl {
   session::StopLatch stops{links.origin()};  // for HRTCs that start after a stop
   std::uint64_t stops_announced = 0;         // StopLatch::changes
   Every metrics_due{kMetricsNs};
-  std::uint64_t demands_refused = 0;
+  std::uint64_t demands_refused = 0, demands_implausible = 0;
   bool ended = false;
   int exit_code = 0;
   std::vector<std::shared_ptr<void>> readers;  // last: their callbacks fill the inbox
@@ -332,6 +332,7 @@ void Host::Impl::react(const session::RosterEvent& event, std::int64_t now_ns) {
 void Host::Impl::take(const session::Demand& demand, std::int64_t at_ns) {
   using Result = session::DeliveryServer::DemandResult;
   const Result result = server.on_demand(demand, at_ns);
+  if (result == Result::kImplausible) ++demands_implausible;
   if (result == Result::kMalformed && demands_refused++ == 0) {
     log(Severity::kWarning,
         "a demand names regions that its model does not have; such demands are dropped and counted");
@@ -434,6 +435,7 @@ void Host::Impl::send_metrics() {
   add(names::kHostRegions, static_cast<double>(all.regions));
   add(names::kHostRecords, static_cast<double>(all.records));
   add(names::kHostControllers, static_cast<double>(bulk.size()));
+  add(names::kHostImplausible, static_cast<double>(roster.implausible() + demands_implausible + keeper.implausible()));
   if (!keeper.empty()) add(names::kHostBodySteps, static_cast<double>(keeper.steps()));
   for (const auto& [id, counters] : server.counters_by_hrtc()) {
     const auto link = bulk.find(id);

@@ -25,8 +25,8 @@ void Keeper::choose_keeper(std::uint64_t id, Object& object, std::int64_t now_ns
     if (object.owned) object.simulated.follow();
     object.owned = false;
   } else if (object.arbiter == nullptr) {
-    object.arbiter = std::make_unique<session::Arbiter>(self_, id, settings_.ownership, now_ns);
-    object.arbiter->on_pose(object.gate.fencing());
+    object.arbiter =
+        std::make_unique<session::Arbiter>(self_, id, settings_.ownership, now_ns, object.gate.confirmed_fencing());
   }
 }
 
@@ -50,15 +50,22 @@ void Keeper::on_claim(const session::ObjectClaim& claim, std::int64_t now_ns) {
   if (at != objects_.end() && at->second.arbiter != nullptr) at->second.arbiter->on_claim(claim, now_ns);
 }
 
-void Keeper::on_pose(const session::ObjectPose& pose, std::int64_t session_now_ns) {
+void Keeper::on_pose(const session::ObjectPose& pose, std::int64_t now_ns, std::int64_t session_now_ns) {
   const auto at = objects_.find(pose.object_id);
   if (at == objects_.end() || pose.origin.participant == self_.participant) return;
   Object& object = at->second;
   if (object.arbiter != nullptr && pose.fencing < object.arbiter->fencing()) return;
-  if (!object.gate.accept(pose)) return;
-  if (object.arbiter != nullptr) object.arbiter->on_pose(pose.fencing);
+  if (!object.gate.accept(pose, now_ns)) return;
+  if (object.arbiter != nullptr) object.arbiter->on_pose(pose.fencing, now_ns);
   object.picture.on_pose({sharing::state_of(pose, object.body.centre), pose.session_time_ns, ++object.heard},
                          session_now_ns);
+}
+
+std::uint64_t Keeper::implausible() const noexcept {
+  std::uint64_t all = 0;
+  for (const auto& [id, object] : objects_)
+    all += object.gate.implausible() + (object.arbiter == nullptr ? 0 : object.arbiter->implausible());
+  return all;
 }
 
 void Keeper::simulate(Object& object, std::int64_t now_ns, std::int64_t session_now_ns) {

@@ -43,7 +43,7 @@ class Keeper {
   void on_catalogue(const session::CatalogueEntry& entry, std::int64_t now_ns);
   void on_host_gone(std::uint64_t host, std::int64_t now_ns);
   void on_claim(const session::ObjectClaim& claim, std::int64_t now_ns);
-  void on_pose(const session::ObjectPose& pose, std::int64_t session_now_ns);
+  void on_pose(const session::ObjectPose& pose, std::int64_t now_ns, std::int64_t session_now_ns);
 
   struct Messages {
     std::vector<session::ObjectGrant> grants;
@@ -59,6 +59,8 @@ class Keeper {
   [[nodiscard]] bool empty() const noexcept { return objects_.empty(); }
   /// 1 kHz steps taken, over all objects.
   [[nodiscard]] std::uint64_t steps() const noexcept { return steps_; }
+  /// Claims and poses dropped because they are outside their windows.
+  [[nodiscard]] std::uint64_t implausible() const noexcept;
 
  private:
   struct Object {

@@ -31,9 +31,9 @@ bool BodyExchange::add(const TouchObject& object) {
   return true;
 }
 
-void BodyExchange::on_pose(const session::ObjectPose& pose, std::int64_t session_now_ns) {
+void BodyExchange::on_pose(const session::ObjectPose& pose, std::int64_t now_ns, std::int64_t session_now_ns) {
   on_transit(session_now_ns - pose.session_time_ns, session_now_ns);
-  holdings_.on_pose(pose);
+  holdings_.on_pose(pose, now_ns);
 }
 
 void BodyExchange::on_transit(std::int64_t transit_ns, std::int64_t now_ns) noexcept {
@@ -43,11 +43,13 @@ void BodyExchange::on_transit(std::int64_t transit_ns, std::int64_t now_ns) noex
 void BodyExchange::on_copy(std::uint32_t object, const session::ObjectCopy& copy) {
   if (copy.origin.participant == links_.origin().participant) return;
   const std::int64_t now_ns = monotonic_ns();
+  const std::int64_t session_now_ns = now_ns + session_offset_ns_.load(std::memory_order_relaxed);
+  const std::lock_guard lock{ring_mutex_};
+  if (!gates_[object].accept(copy, now_ns, session_now_ns)) return;
   copy_heard_ns_[object].store(now_ns, std::memory_order_relaxed);
-  const std::int64_t transit_ns = now_ns + session_offset_ns_.load(std::memory_order_relaxed) - copy.session_time_ns;
+  const std::int64_t transit_ns = session_now_ns - copy.session_time_ns;
   if (transit_ns > copy_transit_ns_.load(std::memory_order_relaxed))
     copy_transit_ns_.store(transit_ns, std::memory_order_relaxed);
-  const std::lock_guard lock{ring_mutex_};
   (void)bodies_.copies().push({object, copy.place, copy.fencing, sharing::sample_of(copy)});
 }
 
@@ -90,6 +92,13 @@ void BodyExchange::tick(std::int64_t now_ns, const session::ClockMap& clock) {
     on_transit(transit_ns, clock.session_time(now_ns));
   holdings_.on_transits(transit_);
   for (session::ObjectClaim& claim : holdings_.tick(now_ns, clock)) (void)claims_out_.send(claim);
+}
+
+std::uint64_t BodyExchange::implausible() const {
+  const std::lock_guard lock{ring_mutex_};
+  std::uint64_t all = holdings_.implausible();
+  for (const session::CopyGate& gate : gates_) all += gate.implausible();
+  return all;
 }
 
 void BodyExchange::send() {

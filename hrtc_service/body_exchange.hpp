@@ -32,11 +32,13 @@ class BodyExchange {
   /// An object that can move; false when there are too many.
   bool add(const TouchObject& object);
   void on_grant(const session::ObjectGrant& grant, std::int64_t now_ns) { holdings_.on_grant(grant, now_ns); }
-  void on_pose(const session::ObjectPose& pose, std::int64_t session_now_ns);
+  void on_pose(const session::ObjectPose& pose, std::int64_t now_ns, std::int64_t session_now_ns);
   /// How long any sample of a peer's probe class was under way.
   void on_transit(std::int64_t transit_ns, std::int64_t now_ns) noexcept;
   void tick(std::int64_t now_ns, const session::ClockMap& clock);
   [[nodiscard]] const Holdings& holdings() const noexcept { return holdings_; }
+  /// Grants, poses and copies dropped because they are outside their windows.
+  [[nodiscard]] std::uint64_t implausible() const;
 
   /// Sender's thread: what the haptic thread reported of its last cycle.
   void send();
@@ -66,7 +68,8 @@ class BodyExchange {
   session::TransitWatch transit_;
   wire::Writer<session::ObjectClaim> claims_out_;
   wire::Writer<session::ObjectPose> poses_out_;  // the sender's
-  std::mutex ring_mutex_;                        // of those who fill the haptic thread's ring
+  mutable std::mutex ring_mutex_;                // of those who fill the haptic thread's ring, and of the gates
+  std::array<session::CopyGate, kMaxObjects> gates_;
   std::array<std::atomic<std::int64_t>, kMaxObjects> copy_heard_ns_{};
   std::atomic<std::int64_t> session_offset_ns_{0};
   std::atomic<std::int64_t> copy_transit_ns_{-1};  // the greatest since the service last looked; -1: none came

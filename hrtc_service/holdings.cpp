@@ -33,10 +33,10 @@ void Holdings::on_grant(const session::ObjectGrant& grant, std::int64_t now_ns) 
   if (Object* const object = find(grant.object_id)) object->holder.on_grant(grant, now_ns);
 }
 
-void Holdings::on_pose(const session::ObjectPose& pose) {
+void Holdings::on_pose(const session::ObjectPose& pose, std::int64_t now_ns) {
   Object* const object = find(pose.object_id);
-  if (object == nullptr || pose.origin.participant == self_.participant || !object->gate.accept(pose)) return;
-  object->holder.on_pose(pose.fencing);
+  if (object == nullptr || pose.origin.participant == self_.participant || !object->gate.accept(pose, now_ns)) return;
+  object->holder.on_pose(pose.fencing, now_ns);
   object->heard = {sharing::state_of(pose, object->body.centre), pose.session_time_ns, object->heard.number + 1};
   post();
 }
@@ -138,6 +138,12 @@ session::Holder::Role Holdings::role(std::uint32_t object_index, std::int64_t no
   for (const auto& object : objects_)
     if (object->index == object_index) return object->holder.role(now_ns);
   return session::Holder::Role::kWatching;
+}
+
+std::uint64_t Holdings::implausible() const noexcept {
+  std::uint64_t all = 0;
+  for (const auto& object : objects_) all += object->holder.implausible() + object->gate.implausible();
+  return all;
 }
 
 void Holdings::write(std::vector<session::Figure>& figures) const {

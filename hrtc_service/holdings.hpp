@@ -36,7 +36,7 @@ class Holdings {
   bool add(std::uint32_t object_index, std::uint64_t object_id, const sharing::SharedBody& body);
 
   void on_grant(const session::ObjectGrant& grant, std::int64_t now_ns);
-  void on_pose(const session::ObjectPose& pose);
+  void on_pose(const session::ObjectPose& pose, std::int64_t now_ns);
   /// A peer's sample came, in any thread of its own: tell it here now and then.
   void on_peer_heard(std::uint32_t object_index, std::int64_t now_ns);
   /// How long samples are under way from the peers: what claims tell of.
@@ -57,6 +57,8 @@ class Holdings {
   [[nodiscard]] session::Holder::Role role(std::uint32_t object_index, std::int64_t now_ns) const;
 
   void write(std::vector<session::Figure>& figures) const;
+  /// Grants and poses dropped because they are outside their windows.
+  [[nodiscard]] std::uint64_t implausible() const noexcept;
 
  private:
   struct Group {

@@ -107,7 +107,7 @@ struct Hrtc::Impl {
   void take(const session::Metrics& told, std::int64_t now_ns) { neighbours.on_metrics(told, now_ns); }
   void take(const session::ObjectGrant& grant, std::int64_t now_ns) { exchange.on_grant(grant, now_ns); }
   void take(const session::ObjectPose& pose, std::int64_t now_ns) {
-    exchange.on_pose(pose, clock.map().session_time(now_ns));
+    exchange.on_pose(pose, now_ns, clock.map().session_time(now_ns));
   }
 
   void on_event(const session::RosterEvent& event, std::int64_t now_ns);
@@ -341,7 +341,9 @@ void Hrtc::Impl::seat_local_users() {
 
 void Hrtc::Impl::take(const session::RosterEntry& entry, std::int64_t now_ns) {
   for (const session::RosterEvent& event : roster.on_entry(entry, now_ns)) on_event(event, now_ns);
-  if (entry.role == session::Role::kHost && roster.find(entry.origin.participant) != nullptr && !entry.leaving) {
+  const session::RosterEntry* const known = roster.find(entry.origin.participant);
+  const bool counts = known != nullptr && known->origin.incarnation == entry.origin.incarnation && !entry.leaving;
+  if (entry.role == session::Role::kHost && counts) {
     host_seen = true;
     loader.on_host_seen(entry.origin.participant, entry.origin.incarnation, now_ns);
   }
@@ -526,7 +528,9 @@ void Hrtc::Impl::send_metrics(bool all) {
       {names::kBytesReceived, static_cast<double>(delivery.payload_bytes)},
       {names::kLoadLatency, figures.load_latency * 1e6},
       {names::kFalseAlarms, static_cast<double>(vigil.false_alarms())},
-      {names::kHostChanges, static_cast<double>(delivery.host_changes)}};
+      {names::kHostChanges, static_cast<double>(delivery.host_changes)},
+      {names::kImplausible, static_cast<double>(roster.implausible() + delivery.implausible + seats.implausible() +
+                                                neighbours.implausible() + exchange.implausible())}};
   for (const auto& [name, value] : counts) sample.figures.push_back({name, value});
   states.write(sample.figures);
   seats.write(sample.figures);

@@ -26,9 +26,11 @@ Neighbours::~Neighbours() = default;
 void Neighbours::on_state(const session::ProbeState& state, session::StateStream stream, std::int64_t now_ns,
                           std::int64_t session_now_ns) {
   Remote& remote = remotes_[{state.user_id, state.probe}];
+  const session::Admission admission = remote.probe.on_state(state, stream, session_now_ns);
+  if (admission == session::Admission::kImplausible) ++implausible_;
+  if (!session::accepted(admission)) return;
   remote.participant = state.origin.participant;
   remote.seen_ns = now_ns;
-  remote.probe.on_state(state, stream, session_now_ns);
   modes_.on_probe(state.user_id, state.origin.participant, state.device.position, now_ns);
 }
 

@@ -51,6 +51,8 @@ class Neighbours {
   [[nodiscard]] double loss() const noexcept { return loss_.load(std::memory_order_relaxed); }
 
   void write(std::vector<session::Figure>& figures) const;
+  /// States dropped because their origin, number or time is outside its window.
+  [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_; }
   /// For kLossesPartition: whose coded states get lost on their way here, and which share; empty when nobody's.
   [[nodiscard]] std::vector<session::Figure> losses() const;
 
@@ -76,6 +78,7 @@ class Neighbours {
   session::Modes modes_;
   std::map<std::pair<std::uint64_t, std::uint32_t>, Remote> remotes_;  // by user and probe
   std::map<std::uint64_t, Missed> missed_;                             // by controller
+  std::uint64_t implausible_ = 0;
   std::atomic<double> loss_{0};
   std::map<std::uint64_t, Ends> ends_;  // by group
   std::mutex mutex_;                    // for what follows, the service's and the sender's

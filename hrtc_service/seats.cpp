@@ -62,9 +62,14 @@ void Seats::listen_to_device(User& user) {
   auto device = std::make_unique<haptics::RemoteDevice>();
   user.remote = device.get();
   devices_.push_back(std::move(device));
-  const auto on_pose = [this, remote = user.remote, id = user.id,
-                        client = user.client](const session::DevicePose& pose) {
+  const auto on_pose = [this, remote = user.remote, id = user.id, client = user.client,
+                        window =
+                            session::SenderWindow{session::kCycleNumbers}](const session::DevicePose& pose) mutable {
     if (pose.user_id != id || pose.origin.participant != client) return;
+    const std::int64_t now_ns = monotonic_ns();
+    const session::Admission admission = window.admit(pose.origin, pose.sequence, now_ns);
+    if (admission == session::Admission::kImplausible) implausible_.fetch_add(1, std::memory_order_relaxed);
+    if (!session::accepted(admission)) return;
     haptics::RemotePose taken;
     taken.position = pose.pose.position;
     taken.orientation = pose.pose.orientation;
@@ -73,8 +78,8 @@ void Seats::listen_to_device(User& user) {
     taken.buttons = pose.buttons;
     taken.command_felt = pose.command_felt;
     taken.taken_ns = pose.session_time_ns - session_offset_ns_.load(std::memory_order_relaxed);
-    taken.arrived_ns = monotonic_ns();
-    (void)remote->on_pose(taken);
+    taken.arrived_ns = now_ns;
+    remote->on_pose(taken);
   };
   user.poses = std::make_unique<wire::Reader<session::DevicePose>>(links_, wire::topics::kDevicePose, on_pose,
                                                                    wire::EndOptions{wire::user_partition(user.name)});

@@ -24,6 +24,7 @@
 #include "haptics/simulated_device.hpp"
 #include "hrtc_service/haptic_thread.hpp"
 #include "session/roster.hpp"
+#include "session/sequence_window.hpp"
 #include "wire/ends.hpp"
 
 namespace tactus::hrtc_service {
@@ -56,6 +57,8 @@ class Seats {
   [[nodiscard]] const std::string& name_at(std::uint32_t probe) const;
   [[nodiscard]] bool taken(std::uint32_t probe) const { return users_.count(probe) != 0; }
   void write(std::vector<session::Figure>& figures) const;
+  /// Device poses dropped because their origin or number is outside its window; any thread.
+  [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_.load(std::memory_order_relaxed); }
 
   /// Any thread: 0 where nobody sits.
   [[nodiscard]] std::uint64_t user_at(std::uint32_t probe) const noexcept {
@@ -91,6 +94,7 @@ class Seats {
   std::vector<std::unique_ptr<haptics::Device>> devices_;
   std::array<std::atomic<std::uint64_t>, kMaxProbes> user_ids_{};
   std::atomic<std::int64_t> session_offset_ns_{0};
+  std::atomic<std::uint64_t> implausible_{0};
   std::mutex remote_mutex_;  // the service's and the sender's
   std::array<RemoteEnd, kMaxProbes> remote_ends_;
   std::map<std::uint32_t, User> users_;  // by slot; last, so that no callback outlives what it fills

@@ -30,6 +30,8 @@ void SessionClock::set_reference(std::uint64_t participant, std::uint64_t incarn
   reference_ = participant;
   reference_incarnation_ = incarnation;
   window_.clear();
+  const std::int64_t widest_ns = settings_.step_ns + settings_.max_rtt_ns;
+  times_ = TimeWindow{{widest_ns, widest_ns}};
   if (participant != self_.participant) return;
   // Run on from where the session is; at its very beginning that is the local clock.
   map_ = {local_now_ns, map_.session_time(local_now_ns), 0, local_now_ns, 0, 0};
@@ -72,6 +74,9 @@ bool SessionClock::on_answer(const ClockSample& answer, std::int64_t local_now_n
   }
   answered_ = answer.sequence;
   const std::int64_t offset = (answer.t1_ns - answer.t0_ns) / 2 + (answer.t2_ns - local_now_ns) / 2;
+  const Admission time = times_.admit(local_now_ns + offset, local_now_ns);
+  if (time == Admission::kImplausible) return false;
+  if (time == Admission::kAnew) window_.clear();
   window_.push_back({local_now_ns, offset, rtt / 2 + 1});
   if (window_.size() > settings_.window) window_.pop_front();
   steer(local_now_ns);

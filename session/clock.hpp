@@ -18,6 +18,7 @@
 #include <deque>
 
 #include "session/messages.hpp"
+#include "session/sequence_window.hpp"
 
 namespace tactus::session {
 
@@ -65,7 +66,7 @@ class SessionClock {
   [[nodiscard]] ClockSample answer(const ClockSample& request, std::int64_t local_received_ns,
                                    std::int64_t local_now_ns) const;
   /// An answer arrived at `local_now_ns`. False when it is not of the reference, not to a request of this clock, a
-  /// repetition or impossible.
+  /// repetition, impossible or implausible (session/sequence_window.hpp).
   bool on_answer(const ClockSample& answer, std::int64_t local_now_ns);
 
   /// Whether session time means something: this is the reference, or has heard it.
@@ -88,6 +89,7 @@ class SessionClock {
   std::uint32_t sequence_ = 0;
   std::array<std::int64_t, 16> asked_ns_{};  // local, of the newest requests by their number
   std::uint32_t answered_ = 0;               // newest request answered
+  TimeWindow times_;                         // of the reference, as its answers state them
   std::deque<Measured> window_;
   ClockMap map_;
 };

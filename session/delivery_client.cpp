@@ -57,6 +57,7 @@ void DeliveryClient::begin_streams(std::uint64_t host, std::uint64_t incarnation
   Host& state = hosts_[host];
   state.incarnation = incarnation;
   state.arrivals = 0;
+  state.times = WrappedTimeWindow{};
   for (auto& [object_id, object] : objects_) {
     begin_stream(host, object_id);
     if (object.host != host) continue;
@@ -120,6 +121,17 @@ std::vector<DeliveryClient::Message> DeliveryClient::on_chunk(const BulkChunk& c
   Object& object = objects_.at(stream.object_id);
   Host& host = hosts_.at(stream.host);
   const std::uint32_t one_way_us = static_cast<std::uint32_t>(now_ns / kNsPerUs) - chunk.sent_us;
+  const Admission number = stream.numbers.admit(chunk.sequence, now_ns);
+  const Admission time = number == Admission::kImplausible ? number : host.times.admit(one_way_us, now_ns);
+  if (time == Admission::kImplausible) {
+    ++counters_.implausible;
+    return {};
+  }
+  if (number == Admission::kAnew) {  // what came under other numbers may come again
+    stream.newest = 0;
+    stream.holes.clear();
+  }
+  if (time == Admission::kAnew) host.arrivals = 0;
   const bool least = static_cast<std::int32_t>(one_way_us - host.one_way_us) < 0;
   if (host.arrivals++ == 0 || least) host.one_way_us = one_way_us;
   note_sequence(stream, chunk, now_ns);

@@ -21,6 +21,9 @@
 /// epoch tells it as a gap; an answer to that epoch or a later one shows that the host knows, and the hole is closed:
 /// what was in it comes under other numbers. Whatever else is lost, a demand asks again while something is owed.
 ///
+/// A chunk whose sequence or sending time is implausible (session/sequence_window.hpp) is dropped: it would tell the
+/// host that everything up to it is lost.
+///
 /// No clock, socket or thread in it; one thread at a time.
 #pragma once
 
@@ -32,6 +35,7 @@
 #include <vector>
 
 #include "session/messages.hpp"
+#include "session/sequence_window.hpp"
 
 namespace tactus::session {
 
@@ -116,6 +120,7 @@ class DeliveryClient {
     std::uint64_t payload_bytes = 0;
     std::uint64_t messages = 0;
     std::uint64_t foreign = 0;       ///< chunks of an unknown stream, an epoch to come, or malformed
+    std::uint64_t implausible = 0;   ///< chunks whose sequence or sending time is outside its window
     std::uint64_t stale = 0;         ///< chunks that count on what is released, or of regions that are here
     std::uint64_t corrupt = 0;       ///< messages whose checksum is wrong
     std::uint64_t lost = 0;          ///< chunks told as gaps
@@ -133,6 +138,7 @@ class DeliveryClient {
       std::uint32_t told_epoch;  // that told it first; 0: none has
     };
     std::uint64_t host = 0, object_id = 0;
+    SequenceWindow numbers{kChunkNumbers};
     std::uint32_t newest = 0;             // sequence that came
     std::map<std::uint32_t, Hole> holes;  // below, by first
     [[nodiscard]] std::uint32_t received() const noexcept { return holes.empty() ? newest : holes.begin()->first - 1; }
@@ -143,6 +149,7 @@ class DeliveryClient {
     std::uint64_t incarnation = 0;
     std::map<std::uint64_t, std::uint64_t> offers;  // object -> digest
     std::uint32_t arrivals = 0, one_way_us = 0;     // as in Demand
+    WrappedTimeWindow times;
   };
   struct Partial {
     std::uint32_t checksum = 0;

@@ -83,12 +83,20 @@ DeliveryServer::DemandResult DeliveryServer::on_demand(const Demand& demand, std
   if (!well_formed(demand, object->second.model.summary())) return DemandResult::kMalformed;
 
   Controller& controller = controllers_.try_emplace(demand.origin.participant).first->second;
-  if (demand.origin.incarnation < controller.incarnation) return DemandResult::kNotNewer;
-  if (demand.origin.incarnation > controller.incarnation) {
+  const Admission source = controller.source.admit(demand.origin);
+  if (source == Admission::kImplausible) return DemandResult::kImplausible;
+  if (source == Admission::kAnew) {
+    note_sequences(controller);  // an earlier incarnation may come back, and its stream with it
     Controller fresh;
-    fresh.incarnation = demand.origin.incarnation;
+    fresh.source = controller.source;
     fresh.counters = controller.counters;
     controller = std::move(fresh);
+  }
+  const Admission time = controller.times.admit(demand.origin.time_ns, now_ns);
+  if (time == Admission::kImplausible) return DemandResult::kImplausible;
+  if (time == Admission::kAnew) {
+    controller.credit_time_ns = INT64_MIN;
+    for (auto& [id, service] : controller.services) service.demand.origin.time_ns = INT64_MIN;
   }
   const auto [found, first] = controller.services.try_emplace(demand.object_id);
   Service& service = found->second;
@@ -96,8 +104,11 @@ DeliveryServer::DemandResult DeliveryServer::on_demand(const Demand& demand, std
     service.stream = stream_id(self_, demand.origin, demand.object_id);
     service.sequence = highest_forgotten_;
   }
-  const auto age = [](const Demand& d) { return std::make_pair(d.epoch, d.origin.time_ns); };
-  if (!first && age(demand) <= age(service.demand)) return DemandResult::kNotNewer;
+  const Admission epoch = service.epochs.admit(demand.epoch, now_ns);
+  if (epoch == Admission::kImplausible) return DemandResult::kImplausible;
+  const bool repeated =
+      !first && demand.epoch == service.demand.epoch && demand.origin.time_ns <= service.demand.origin.time_ns;
+  if (epoch == Admission::kOld || repeated) return DemandResult::kNotNewer;
 
   if (demand.origin.time_ns >= controller.credit_time_ns) {
     controller.credit_time_ns = demand.origin.time_ns;
@@ -110,6 +121,7 @@ DeliveryServer::DemandResult DeliveryServer::on_demand(const Demand& demand, std
     silent.stream = service.stream;
     silent.sequence = service.sequence;
     silent.planned = service.planned;
+    silent.epochs = service.epochs;
     silent.demand = demand;
     service = std::move(silent);
     return DemandResult::kTaken;
@@ -147,7 +159,8 @@ void DeliveryServer::acknowledge(Controller& controller, Service& service, std::
     }
   }
   feedback.loop_ns = std::int64_t{waited_us} * kNsPerUs;
-  if (demand.arrivals != 0 && demand.stream == service.stream) feedback.one_way_us = demand.one_way_us;
+  const bool timed = demand.arrivals != 0 && demand.stream == service.stream;
+  if (timed && accepted(controller.one_ways.admit(demand.one_way_us, now_ns))) feedback.one_way_us = demand.one_way_us;
   controller.pacer.on_feedback(feedback, now_ns);
 }
 
@@ -427,11 +440,15 @@ std::optional<BulkPiece> DeliveryServer::next_piece(Controller& controller, Serv
   return piece;
 }
 
+void DeliveryServer::note_sequences(const Controller& controller) {
+  for (const auto& [object_id, service] : controller.services)
+    highest_forgotten_ = std::max(highest_forgotten_, service.sequence);
+}
+
 void DeliveryServer::on_hrtc_gone(std::uint64_t hrtc) {
   const auto controller = controllers_.find(hrtc);
   if (controller == controllers_.end()) return;
-  for (const auto& [object_id, service] : controller->second.services)
-    highest_forgotten_ = std::max(highest_forgotten_, service.sequence);
+  note_sequences(controller->second);
   controllers_.erase(controller);
 }
 

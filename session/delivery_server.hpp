@@ -35,6 +35,7 @@
 
 #include "session/messages.hpp"
 #include "session/pacer.hpp"
+#include "session/sequence_window.hpp"
 #include "spm/codec/coded_model.hpp"
 #include "spm/model.hpp"
 #include "spm/run_set.hpp"
@@ -71,9 +72,10 @@ class DeliveryServer {
 
   enum class DemandResult : std::uint8_t {
     kTaken,
-    kNotNewer,   ///< an older epoch, incarnation or repetition
-    kNotServed,  ///< another session, an unknown object or another digest
-    kMalformed   ///< runs out of order, regions that the model does not have
+    kNotNewer,    ///< an older epoch or repetition
+    kNotServed,   ///< another session, an unknown object or another digest
+    kMalformed,   ///< runs out of order, regions that the model does not have
+    kImplausible  ///< its incarnation, epoch or time is outside its window (session/sequence_window.hpp)
   };
   DemandResult on_demand(const Demand& demand, std::int64_t now_ns);
 
@@ -125,6 +127,7 @@ class DeliveryServer {
   /// One object to one HRTC.
   struct Service {
     Demand demand;
+    SequenceWindow epochs{kEpochNumbers};
     bool serving = false;
     bool echo_owed = false;
     std::uint32_t stream = 0;
@@ -142,7 +145,9 @@ class DeliveryServer {
     }
   };
   struct Controller {
-    std::uint64_t incarnation = 0;
+    SourceWindow source;
+    TimeWindow times;
+    WrappedTimeWindow one_ways;
     std::int64_t credit_time_ns = 0;
     std::uint32_t credit = 0;
     Pacer pacer;
@@ -151,6 +156,7 @@ class DeliveryServer {
   };
 
   [[nodiscard]] bool well_formed(const Demand& demand, const spm::ModelSummary& summary) const;
+  void note_sequences(const Controller& controller);
   void acknowledge(Controller& controller, Service& service, std::int64_t now_ns);
   void compare(Controller& controller, Service& service, const Object& object, const std::vector<spm::Run>* had);
   void cover(Service& service, const Object& object, std::uint32_t region) const;

@@ -12,6 +12,8 @@ inline constexpr char kHostBytes[] = "host.bytes";
 inline constexpr char kHostRegions[] = "host.regions";
 inline constexpr char kHostRecords[] = "host.records";
 inline constexpr char kHostControllers[] = "host.controllers";
+inline constexpr char kHostImplausible[] =
+    "host.implausible";                                      ///< samples dropped: a number or a time outside its window
 inline constexpr char kHostBodySteps[] = "host.body_steps";  ///< of 1 ms, of objects that moved by themselves
 
 // An HRTC: cycles.
@@ -73,6 +75,8 @@ inline constexpr char kStatesCoded[] = "hrtc.states_coded";  ///< sent to the se
 inline constexpr char kStatesWhole[] = "hrtc.states_whole";  ///< sent to a group
 inline constexpr char kTogether[] = "hrtc.together";         ///< of its users, that collaborate now
 inline constexpr char kRemoteProbes[] = "hrtc.remote_probes";
+/// Samples of any topic that were dropped because a number or a time was outside its window.
+inline constexpr char kImplausible[] = "hrtc.implausible";
 inline constexpr char kPlayout[] = "hrtc.playout_us";  ///< the greatest delay at which it shows one of them
 /// Followed by a controller's id, 16 hexadecimal digits: the share of its coded states that did not come.
 inline constexpr char kLostOf[] = "lost.";

@@ -32,6 +32,7 @@
 #include <vector>
 
 #include "session/messages.hpp"
+#include "session/sequence_window.hpp"
 
 namespace tactus::session {
 
@@ -44,17 +45,21 @@ struct OwnershipSettings {
 /// The host's side, for one object.
 class Arbiter {
  public:
-  Arbiter(const Origin& self, std::uint64_t object_id, const OwnershipSettings& settings, std::int64_t now_ns);
+  /// `fencing`: PoseGate::confirmed_fencing of what this host has seen.
+  Arbiter(const Origin& self, std::uint64_t object_id, const OwnershipSettings& settings, std::int64_t now_ns,
+          std::uint64_t fencing = 0);
 
   void on_claim(const ObjectClaim& claim, std::int64_t now_ns);
   /// A pose of the object from somebody else, with which fencing number.
-  void on_pose(std::uint64_t fencing);
+  void on_pose(std::uint64_t fencing, std::int64_t now_ns);
   /// The grant to publish now; none when nothing has changed and none is due.
   [[nodiscard]] std::optional<ObjectGrant> tick(std::int64_t now_ns);
 
   /// Whether the host itself is to simulate, under `fencing()`.
   [[nodiscard]] bool owns(std::int64_t now_ns) const noexcept;
   [[nodiscard]] std::uint64_t fencing() const noexcept { return fencing_; }
+  /// Claims and fencing numbers dropped because they are outside their window (session/sequence_window.hpp).
+  [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_; }
 
  private:
   struct Held {
@@ -62,15 +67,24 @@ class Arbiter {
     std::int64_t until_ns;
     std::int64_t one_way_ns;
   };
-  void change();
+  /// Whose claims have come: an old claim does not bring back one who has let go.
+  struct Claimant {
+    std::uint64_t participant;
+    std::int64_t seen_ns;
+    SenderWindow claims;
+  };
+  void change(std::int64_t now_ns);
+  [[nodiscard]] bool is_news(const ObjectClaim& claim, std::int64_t now_ns);
 
   Origin self_;
   std::uint64_t object_id_;
   OwnershipSettings settings_;
   std::int64_t quiet_until_ns_;  // a lease after the start: somebody may hold one from before
   std::uint64_t fencing_ = 0;
-  std::vector<Held> held_;       // longest first
-  std::vector<Toucher> let_go_;  // newest claim of those who did, so that an old one does not bring them back
+  SequenceWindow fencings_;          // in use; this host's own among them
+  std::vector<Held> held_;           // longest first
+  std::vector<Claimant> claimants_;  // at most kMaxClaimants, among them all who hold
+  std::uint64_t implausible_ = 0;
   std::int64_t line_ns_ = 0;
   std::uint32_t sequence_ = 0;
   std::int64_t granted_ns_ = 0;
@@ -93,7 +107,7 @@ class Holder {
   void touch(bool touching) noexcept;
   void set_one_way(std::int64_t one_way_ns) noexcept { one_way_ns_ = one_way_ns; }
   /// A pose of the object was accepted.
-  void on_pose(std::uint64_t fencing) noexcept { seen_ = std::max(seen_, fencing); }
+  void on_pose(std::uint64_t fencing, std::int64_t now_ns) noexcept { (void)see(fencing, now_ns); }
   void on_grant(const ObjectGrant& grant, std::int64_t now_ns);
   /// The claim to send now; none when none is due.
   [[nodiscard]] std::optional<ObjectClaim> tick(std::int64_t now_ns);
@@ -105,8 +119,11 @@ class Holder {
   [[nodiscard]] const ObjectGrant& grant() const noexcept { return granted_; }
   /// Its own number among the copies.
   [[nodiscard]] std::size_t place() const noexcept { return place_; }
+  /// Grants dropped because their fencing number or sequence is outside its window.
+  [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_; }
 
  private:
+  [[nodiscard]] bool see(std::uint64_t fencing, std::int64_t now_ns) noexcept;
   Origin self_;
   std::uint64_t object_id_;
   OwnershipSettings settings_;
@@ -122,24 +139,50 @@ class Holder {
   };
   std::array<Sent, 64> sent_{};  // claims, by sequence
   ObjectGrant granted_;          // with the largest fencing number seen
-  std::uint64_t seen_ = 0;       // fencing number, of grants and poses
+  SequenceWindow fencings_{kFencingNumbers};  // of grants and poses
+  SequenceWindow grants_{kClaimNumbers};      // under the fencing number of `granted_`
+  std::uint64_t implausible_ = 0;
   std::size_t place_ = kMaxTouchers;
   std::int64_t until_ns_ = 0;  // end of the lease, by when its claim was sent
   std::int64_t one_way_ns_ = 0;
   int farewells_ = 0;  // claims to send after letting go
 };
 
+/// Which samples of an object's copies count, for whoever simulates one of them.
+class CopyGate {
+ public:
+  /// False: implausible (session/sequence_window.hpp). One that was overtaken counts: it fills a gap. Realtime.
+  [[nodiscard]] bool accept(const ObjectCopy& copy, std::int64_t now_ns, std::int64_t session_now_ns) noexcept;
+  [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_; }
+
+ private:
+  struct Peer {
+    std::uint64_t participant = 0;  // 0: none
+    std::int64_t seen_ns = INT64_MIN;
+    SenderWindow numbers{kCycleNumbers};
+    TimeWindow times;
+  };
+  std::array<Peer, kMaxTouchers> peers_;
+  std::uint64_t implausible_ = 0;
+};
+
 /// Which poses of an object count, for whoever shows it.
 class PoseGate {
  public:
-  /// False: an older owner's, or an older pose of the same.
-  [[nodiscard]] bool accept(const ObjectPose& pose) noexcept;
-  [[nodiscard]] std::uint64_t fencing() const noexcept { return fencing_; }
+  /// False: an older owner's, an older pose of the same, or one that is implausible (session/sequence_window.hpp).
+  [[nodiscard]] bool accept(const ObjectPose& pose, std::int64_t now_ns) noexcept;
+  [[nodiscard]] std::uint64_t fencing() const noexcept { return fencings_.newest(); }
+  /// 0 while a single pose is known: it may have been wrong.
+  [[nodiscard]] std::uint64_t confirmed_fencing() const noexcept {
+    return fencings_.confirmed() ? fencings_.newest() : 0;
+  }
+  [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_; }
 
  private:
-  std::uint64_t fencing_ = 0, participant_ = 0, incarnation_ = 0;
-  std::uint32_t sequence_ = 0;
-  bool any_ = false;
+  SequenceWindow fencings_{kFencingNumbers};
+  SequenceWindow poses_{kObjectPoseNumbers};  // of the author, under the newest fencing number
+  std::uint64_t participant_ = 0, incarnation_ = 0;
+  std::uint64_t implausible_ = 0;
 };
 
 }  // namespace tactus::session

@@ -15,14 +15,37 @@ void RemoteProbe::count(const ProbeState& state) noexcept {
   coded_ = std::max(coded_, state.sequence);
 }
 
-void RemoteProbe::on_state(const ProbeState& state, StateStream stream, std::int64_t session_now_ns) noexcept {
-  if (state.origin.incarnation < incarnation_) return;
-  if (state.origin.incarnation > incarnation_) *this = RemoteProbe{coded_settings_};
-  incarnation_ = state.origin.incarnation;
+/// Forgets what was shown, but not what is plausible.
+void RemoteProbe::begin_anew() noexcept {
+  playout_ = ProbePlayout{coded_settings_};
+  stream_ = StateStream::kCoded;
+  whole_ns_ = INT64_MIN / 2;
+  coded_ = offset_ = newest_ = 0;
+  lost_ = 0;
+}
+
+Admission RemoteProbe::on_state(const ProbeState& state, StateStream stream, std::int64_t session_now_ns) noexcept {
+  const Admission source = source_.admit(state.origin);
+  if (source == Admission::kImplausible) return source;
+  if (source == Admission::kAnew) {
+    for (SequenceWindow& numbers : numbers_) numbers = SequenceWindow{kCycleNumbers};
+    time_ = TimeWindow{};
+  }
+  SequenceWindow& numbers = numbers_[static_cast<std::size_t>(stream)];
+  const bool first = numbers.newest() == 0;
+  const Admission number = numbers.admit(state.sequence, session_now_ns);
+  if (number == Admission::kImplausible) return number;
+  const Admission time = time_.admit(state.session_time_ns, session_now_ns);
+  if (time == Admission::kImplausible) return time;
+  // The first state of the second stream does not end what the first stream showed.
+  const bool jumped = number == Admission::kAnew && !first;
+  const bool anew = source == Admission::kAnew || jumped || (time == Admission::kAnew && newest_ != 0);
+  if (anew) begin_anew();
+  const Admission admission = anew ? Admission::kAnew : number == Admission::kOld ? number : Admission::kAccepted;
   if (stream == StateStream::kCoded) count(state);
   if (stream == StateStream::kWhole) whole_ns_ = session_now_ns;
   const StateStream now = session_now_ns - whole_ns_ < kWholeNs ? StateStream::kWhole : StateStream::kCoded;
-  if (stream != now) return;
+  if (stream != now) return admission;
   if (now != stream_) {
     stream_ = now;
     offset_ = newest_ + 2 - state.sequence;  // not the next number: between them lies what was not heard
@@ -32,6 +55,7 @@ void RemoteProbe::on_state(const ProbeState& state, StateStream stream, std::int
   kept.sequence += offset_;
   newest_ = std::max(newest_, kept.sequence);
   playout_.on_state(kept, session_now_ns);
+  return admission;
 }
 
 }  // namespace tactus::session

@@ -5,12 +5,16 @@
 /// change of stream what is shown goes straight from the last state of the one to the first of the other, and its
 /// delay follows slowly, so nothing jumps.
 ///
+/// A state counts when its number and time are plausible (session/sequence_window.hpp). A user may move to another
+/// controller: its states count after three consecutive ones, whenever that controller was started.
+///
 /// Times are session time. One thread at a time. Does not allocate.
 #pragma once
 
 #include <cstdint>
 
 #include "session/playout.hpp"
+#include "session/sequence_window.hpp"
 
 namespace tactus::session {
 
@@ -20,7 +24,8 @@ class RemoteProbe {
  public:
   explicit RemoteProbe(const PlayoutSettings& settings = {}) noexcept : coded_settings_{settings}, playout_{settings} {}
 
-  void on_state(const ProbeState& state, StateStream stream, std::int64_t session_now_ns) noexcept;
+  /// Says whether the state counts; kAnew: nothing before it does; kOld: it fills a gap, but is not the newest.
+  [[nodiscard]] Admission on_state(const ProbeState& state, StateStream stream, std::int64_t session_now_ns) noexcept;
   [[nodiscard]] Shown at(std::int64_t session_now_ns) noexcept { return playout_.at(session_now_ns); }
 
   [[nodiscard]] StateStream stream() const noexcept { return stream_; }
@@ -31,12 +36,15 @@ class RemoteProbe {
  private:
   static constexpr std::int64_t kWholeNs = 20'000'000;  // silence after which the coded ones count again
 
+  void begin_anew() noexcept;
   void count(const ProbeState& state) noexcept;
 
   PlayoutSettings coded_settings_;
   ProbePlayout playout_;
   StateStream stream_ = StateStream::kCoded;
-  std::uint64_t incarnation_ = 0;
+  SourceWindow source_;
+  SequenceWindow numbers_[2]{SequenceWindow{kCycleNumbers}, SequenceWindow{kCycleNumbers}};  // by StateStream
+  TimeWindow time_;
   std::int64_t whole_ns_ = INT64_MIN / 2;  // the last whole one came
   std::uint32_t coded_ = 0;                // newest number among the coded
   std::uint32_t offset_ = 0, newest_ = 0;  // playout's numbers: this stream's and offset_

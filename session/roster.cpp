@@ -80,7 +80,7 @@ std::vector<RosterEvent> Roster::on_entry(const RosterEntry& entry, std::int64_t
   if (id == self_.participant) {
     own_.entry.name = entry.name;
     own_.entry.role = entry.role;
-    if (incarnation != self_.incarnation) (void)watch_rival(own_, entry, events);
+    if (incarnation != self_.incarnation) (void)watch_rival(own_, entry, now_ns, events);
     return events;
   }
   if (entry.protocol != kProtocolVersion) {
@@ -102,6 +102,7 @@ std::vector<RosterEvent> Roster::on_entry(const RosterEntry& entry, std::int64_t
     }
     at = known_.try_emplace(id).first;
     at->second.entry = entry;
+    (void)at->second.heartbeats.admit(entry.heartbeat, now_ns);
     at->second.here = true;
     at->second.seen_ns = now_ns;
     tell(RosterChange::kJoined);
@@ -111,21 +112,31 @@ std::vector<RosterEvent> Roster::on_entry(const RosterEntry& entry, std::int64_t
   Known& known = at->second;
   const std::uint64_t before = known.entry.origin.incarnation;
   if (incarnation < before) {
-    const bool alive = watch_rival(known, entry, events);
+    const bool alive = watch_rival(known, entry, now_ns, events);
     if (!known.here && alive) {  // the newer one yielded the name, or died: the older goes on
+      const SequenceWindow heartbeats = known.rivals.at(incarnation).heartbeats;
       known = Known{};
       known.entry = entry;
+      known.heartbeats = heartbeats;
       known.here = true;
       known.seen_ns = now_ns;
       tell(RosterChange::kJoined);
     }
     return events;
   }
-  if (incarnation == before && (known.left || entry.heartbeat < known.entry.heartbeat)) return events;
+  if (incarnation == before && known.left) return events;
+  SequenceWindow heartbeats = incarnation == before ? known.heartbeats : SequenceWindow{kHeartbeatNumbers};
+  const Admission admission = heartbeats.admit(entry.heartbeat, now_ns);
+  if (!accepted(admission)) {
+    known.heartbeats = heartbeats;
+    implausible_ += admission == Admission::kImplausible ? 1 : 0;
+    return events;
+  }
   if (entry.leaving) {
     if (known.here) tell(RosterChange::kLeft);
     known = Known{};
     known.entry = entry;
+    known.heartbeats = heartbeats;
     known.left = true;
     return events;
   }
@@ -133,7 +144,7 @@ std::vector<RosterEvent> Roster::on_entry(const RosterEntry& entry, std::int64_t
     tell(RosterChange::kJoined);
   } else if (incarnation > before) {
     tell(RosterChange::kRestarted);
-    if (known.rivals.size() < kMaxRivals) known.rivals[before] = {known.entry.heartbeat, 0, false};
+    if (known.rivals.size() < kMaxRivals) known.rivals[before] = {known.heartbeats, 0, false};
   } else {
     if (known.late) tell(RosterChange::kBack);
     if (!same_users(entry, known.entry)) tell(RosterChange::kChanged);
@@ -141,20 +152,21 @@ std::vector<RosterEvent> Roster::on_entry(const RosterEntry& entry, std::int64_t
   known.here = true;
   known.left = known.late = false;
   known.entry = entry;
+  known.heartbeats = heartbeats;
   known.seen_ns = now_ns;
   return events;
 }
 
 /// True when the entry's program is alive: it has beaten often enough since it was first seen as a rival.
-bool Roster::watch_rival(Known& known, const RosterEntry& entry, std::vector<RosterEvent>& events) const {
+bool Roster::watch_rival(Known& known, const RosterEntry& entry, std::int64_t now_ns,
+                         std::vector<RosterEvent>& events) const {
   const std::uint64_t incarnation = entry.origin.incarnation;
   if (known.rivals.count(incarnation) == 0) {
-    if (known.rivals.size() < kMaxRivals) known.rivals[incarnation] = {entry.heartbeat, 0, false};
+    if (known.rivals.size() < kMaxRivals) (void)known.rivals[incarnation].heartbeats.admit(entry.heartbeat, now_ns);
     return false;
   }
   Rival& rival = known.rivals[incarnation];
-  if (entry.leaving || entry.heartbeat <= rival.heartbeat) return false;
-  rival.heartbeat = entry.heartbeat;
+  if (entry.leaving || !accepted(rival.heartbeats.admit(entry.heartbeat, now_ns))) return false;
   if (++rival.beats < kBeatsOfALiveRival) return false;
   if (known.here && !rival.reported) {
     rival.reported = true;

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "session/messages.hpp"
+#include "session/sequence_window.hpp"
 
 namespace tactus::session {
 
@@ -70,16 +71,19 @@ class Roster {
       if (known.here) visit(known.entry);
   }
   [[nodiscard]] bool is_late(std::uint64_t participant) const;
+  /// Entries dropped because their heartbeat is outside its window (session/sequence_window.hpp).
+  [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_; }
 
  private:
   /// A program that beats under a name that another incarnation holds.
   struct Rival {
-    std::uint64_t heartbeat = 0;
+    SequenceWindow heartbeats{kHeartbeatNumbers};
     std::uint32_t beats = 0;  // by which its heartbeat grew
     bool reported = false;
   };
   struct Known {
     RosterEntry entry;
+    SequenceWindow heartbeats{kHeartbeatNumbers};
     std::int64_t seen_ns = 0;
     bool here = false;  // false: left or gone; remembered to know its late samples
     bool left = false;
@@ -87,12 +91,13 @@ class Roster {
     std::map<std::uint64_t, Rival> rivals;  // by incarnation
   };
 
-  bool watch_rival(Known& known, const RosterEntry& entry, std::vector<RosterEvent>& events) const;
+  bool watch_rival(Known& known, const RosterEntry& entry, std::int64_t now_ns, std::vector<RosterEvent>& events) const;
   void forget_absent();
 
   Origin self_;
   RosterSettings settings_;
   Known own_;
+  std::uint64_t implausible_ = 0;
   std::map<std::uint64_t, Known> known_;                                      // by participant
   std::map<std::pair<std::uint64_t, std::uint64_t>, std::uint32_t> refused_;  // participant, incarnation -> version
 };

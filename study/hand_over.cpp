@@ -76,7 +76,7 @@ Figures hand_over(const std::vector<Toucher>& users, double seconds, const netem
     pose.object_id = kObject;
     pose.fencing = fencing;
     pose.sequence = ++program.poses;
-    (void)program.gate.accept(pose);
+    (void)program.gate.accept(pose, now_ns);
     tell(place, pose);
   };
   for (const std::int64_t end_ns = now_ns + static_cast<std::int64_t>(seconds * 1e9); now_ns < end_ns;
@@ -85,7 +85,7 @@ Figures hand_over(const std::vector<Toucher>& users, double seconds, const netem
       while (const auto mail = ways[from][0].take(now_ns)) {
         if (const auto* const claim = std::get_if<session::ObjectClaim>(&*mail)) arbiter.on_claim(*claim, now_ns);
         const auto* const pose = std::get_if<session::ObjectPose>(&*mail);
-        if (pose != nullptr && host.gate.accept(*pose)) arbiter.on_pose(pose->fencing);
+        if (pose != nullptr && host.gate.accept(*pose, now_ns)) arbiter.on_pose(pose->fencing, now_ns);
       }
     }
     std::size_t publishing = 0;
@@ -101,7 +101,7 @@ Figures hand_over(const std::vector<Toucher>& users, double seconds, const netem
         while (const auto mail = ways[from][place].take(now_ns)) {
           if (const auto* const grant = std::get_if<session::ObjectGrant>(&*mail)) one.holder.on_grant(*grant, now_ns);
           const auto* const pose = std::get_if<session::ObjectPose>(&*mail);
-          if (pose != nullptr && one.gate.accept(*pose)) one.holder.on_pose(pose->fencing);
+          if (pose != nullptr && one.gate.accept(*pose, now_ns)) one.holder.on_pose(pose->fencing, now_ns);
         }
       }
       if (now_ns >= one.change_ns) {

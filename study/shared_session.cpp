@@ -211,19 +211,19 @@ void SharedSession::to_controller(std::size_t from, std::size_t i, std::size_t b
 
 /// To everybody else.
 void SharedSession::publish(std::size_t from, const session::ObjectPose& pose) {
-  if (from != kHostPlace) to_host(from, kSmallBytes, [this, pose] { keeper_->on_pose(pose, now_ns_); });
+  if (from != kHostPlace) to_host(from, kSmallBytes, [this, pose] { keeper_->on_pose(pose, now_ns_, now_ns_); });
   for (std::size_t i = 0; i < controllers_.size(); ++i) {
     if (from == kFirstPlace + i) continue;
     to_controller(from, i, kSmallBytes, [this, pose](Controller& controller) {
       controller.transit.on_transit(now_ns_ - pose.session_time_ns, now_ns_);
-      controller.holdings.on_pose(pose);
+      controller.holdings.on_pose(pose, now_ns_);
     });
   }
   send(from, kViewerPlace, kSmallBytes, [this, pose] { see(pose); });
 }
 
 void SharedSession::see(const session::ObjectPose& pose) {
-  if (!gate_.accept(pose)) return;
+  if (!gate_.accept(pose, now_ns_)) return;
   seen_ = pose;
   session::CatalogueEntry moved = entry_;
   moved.pose = pose.pose;

@@ -168,7 +168,7 @@ void VirtualSession::read(std::size_t user) {
     move_remote(hand);
     while (auto pose = hand.poses.take(now_ns_)) {
       pose->arrived_ns = now_ns_;
-      (void)hand.remote->on_pose(*pose);
+      if (session::accepted(hand.numbers.admit(pose->sequence, now_ns_))) hand.remote->on_pose(*pose);
     }
     if (!hand.remote->has_pose()) return;
     input.device = hand.remote->read(now_ns_);

@@ -23,6 +23,7 @@
 #include "hrtc_service/cycle.hpp"
 #include "hrtc_service/loader.hpp"
 #include "session/delivery_server.hpp"
+#include "session/sequence_window.hpp"
 #include "study/subject.hpp"
 #include "study/way.hpp"
 
@@ -98,6 +99,7 @@ class VirtualSession {
     Command newest;
     std::int64_t newest_ns = 0;
     std::uint32_t numbered = 0;
+    session::SequenceWindow numbers{session::kCycleNumbers};
   };
 
   void move_network(std::int64_t until_ns);

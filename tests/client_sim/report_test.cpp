@@ -64,12 +64,26 @@ TEST(TouchTally, CountsLostSamplesAndIgnoresRepeatedOnes) {
 
 TEST(TouchTally, DoesNotTakeABounceForATouchNorASilenceForContact) {
   TouchTally tally;
-  tally.add(state_at(0, session::kInContact, 1), kStart, kStart);
-  tally.add(state_at(5, 0, 0), kStart, kStart);
-  tally.add(state_at(10, session::kInContact, 1), kStart, kStart);
-  tally.add(state_at(2000, session::kInContact, 1), kStart, kStart);
+  const auto add = [&](int ms, std::uint32_t status, double force) {
+    tally.add(state_at(ms, status, force), kStart, kStart + ms * kMs);
+  };
+  add(0, session::kInContact, 1);
+  add(5, 0, 0);
+  add(10, session::kInContact, 1);
+  add(2000, session::kInContact, 1);
   EXPECT_EQ(tally.touches, 1u);
   EXPECT_NEAR(tally.contact, 0.005 + 0.05, 1e-9);
+}
+
+TEST(TouchTally, GoesOnAfterOneStateFromTheFarFuture) {
+  TouchTally tally;
+  for (int ms = 0; ms < 100; ++ms) {
+    session::ProbeState state = state_at(ms, 0, 0);
+    if (ms == 50) state.sequence = 0xffffffff;
+    tally.add(state, kStart, kStart + ms * kMs);
+  }
+  EXPECT_EQ(tally.states, 99u);
+  EXPECT_EQ(tally.states_lost, 1u);
 }
 
 TEST(TouchTally, CountsEachLatchedFaultOnce) {

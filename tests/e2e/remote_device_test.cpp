@@ -1,4 +1,7 @@
 /// Users whose devices stand at their own end of the network.
+#include <condition_variable>
+#include <mutex>
+
 #include "session/figures.hpp"
 #include "tests/e2e/session_test.hpp"
 
@@ -49,6 +52,48 @@ TEST_F(RemoteDeviceTest, FeelsTheExactSurfaceAndNoForceOnceItIsSilent) {
     return (state.status & session::kStalePose) == 0 && !is_at_rest(state);
   })) << "the force comes back";
   EXPECT_TRUE(observer.until([](const Seen& seen) { return seen.figure("desk", figures::kStaleCycles) > 0; }));
+  users.signal(SIGINT);
+  EXPECT_TRUE(ends_with(1, users));
+  EXPECT_TRUE(ends_with(0, desk));
+  EXPECT_TRUE(ends_with(0, museum));
+}
+
+TEST_F(RemoteDeviceTest, GoesOnFeelingAfterOneCommandFromTheFarFuture) {
+  Observer observer{address("observer")};
+  Process museum{host("museum", models().sphere)};
+  Process desk{hrtc("desk")};
+  Process users{sim(kTouch)};
+  ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.user("ann").exact > 100; })) << users.output();
+  const wire::EndOptions where{wire::user_partition("ann")};
+  std::mutex mutex;
+  std::condition_variable news;
+  std::uint32_t felt = 0;
+  const wire::Reader<session::DevicePose> poses{observer.links(), wire::topics::kDevicePose,
+                                                [&](session::DevicePose&& pose) {
+                                                  const std::lock_guard lock{mutex};
+                                                  felt = pose.command_felt;
+                                                  news.notify_all();
+                                                },
+                                                where};
+  wire::SessionAddress as_desk = address("desk");
+  as_desk.incarnation = observer.seen().roster.at("desk").origin.incarnation;
+  wire::Links links{as_desk};
+  wire::Writer<session::DeviceCommand> commands{links, wire::topics::kDeviceCommand, where};
+  const auto feels = [&](const auto& condition) {
+    std::unique_lock lock{mutex};
+    return news.wait_for(lock, kWatchdog, [&] { return condition(felt); });
+  };
+  ASSERT_TRUE(feels([&](std::uint32_t command) { return command > 100 && commands.matched() > 0; }));
+  session::DeviceCommand wrong;
+  wrong.origin = links.origin();
+  wrong.user_id = session::id_of("ann");
+  wrong.sequence = 0xffffffff;
+  const std::uint32_t before = [&] {
+    const std::lock_guard lock{mutex};
+    return felt;
+  }();
+  ASSERT_EQ(commands.send(wrong), wire::SendStatus::kSent);
+  EXPECT_TRUE(feels([&](std::uint32_t command) { return command > before + 1000 && command < 0x80000000; }));
   users.signal(SIGINT);
   EXPECT_TRUE(ends_with(1, users));
   EXPECT_TRUE(ends_with(0, desk));

@@ -304,5 +304,29 @@ TEST(SharedObject, FollowingItStandsWhereItIsPut) {
   EXPECT_EQ(object.state().position, state.position);
 }
 
+/// What a copy is credited of 0.1 J that its peer puts into the line in 100 samples, when sample `wrong_at` has a
+/// counter of `wrong`.
+double credited(std::size_t wrong_at, double wrong) {
+  CopyCoupling coupling{{}, 0, floating_box(1)};
+  coupling.start(0, {});
+  const double before = coupling.ledger().received;
+  CopySample sample;
+  for (std::size_t i = 1; i <= 100; ++i) {
+    sample.time_ns = static_cast<std::int64_t>(i) * kCycleNs;
+    sample.energy[0] = i == wrong_at ? wrong : 1e-3 * static_cast<double>(i);
+    coupling.on_sample(1, sample);
+  }
+  return coupling.ledger().received - before;
+}
+
+TEST(CopyCoupling, OneCounterFarAboveTheOthersDoesNotEndTheCredit) {
+  EXPECT_NEAR(credited(0, 0), 0.1, 1e-9);
+  const double tank = CouplingSettings{}.tank;
+  for (const double wrong : {1e3, 1e300}) {
+    EXPECT_GT(credited(50, wrong), 0.098);
+    EXPECT_LE(credited(50, wrong), 0.1 + tank) << "what one sample adds is bounded";
+  }
+}
+
 }  // namespace
 }  // namespace tactus::haptics

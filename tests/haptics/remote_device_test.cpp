@@ -28,39 +28,14 @@ RemotePose pose(std::uint32_t sequence, double x, std::int64_t arrived_ns, std::
   return made;
 }
 
-TEST(RemoteDevice, ShowsTheNewestPoseAndDropsOneThatWasOvertaken) {
+TEST(RemoteDevice, ShowsTheNewestPose) {
   RemoteDevice device;
-  EXPECT_TRUE(device.on_pose(pose(7, 0.7, kMs)));
-  EXPECT_FALSE(device.on_pose(pose(6, 0.6, 2 * kMs)));
-  EXPECT_FALSE(device.on_pose(pose(7, 0.9, 2 * kMs)));
+  device.on_pose(pose(6, 0.6, 0));
+  device.on_pose(pose(7, 0.7, kMs));
   const DeviceState state = device.read(3 * kMs);
   EXPECT_EQ(state.position.x(), 0.7);
   EXPECT_EQ(state.sequence, 7u);
   EXPECT_EQ(state.time_ns, kMs);
-}
-
-TEST(RemoteDevice, GoesOnWhenTheNumbersOfPosesStartOver) {
-  RemoteDevice device;
-  EXPECT_TRUE(device.on_pose(pose(0xffffffff, 0.1, kMs)));
-  EXPECT_TRUE(device.on_pose(pose(0, 0.2, 2 * kMs)));
-  EXPECT_EQ(device.read(2 * kMs).position.x(), 0.2);
-}
-
-TEST(RemoteDevice, ANumberFarAheadIsNotTakenAndDoesNotMakeItDeaf) {
-  RemoteDevice device;
-  EXPECT_TRUE(device.on_pose(pose(7, 0.1, kMs)));
-  EXPECT_FALSE(device.on_pose(pose(7 + RemoteDevice::kAhead + 1, 0.2, 2 * kMs)));
-  EXPECT_TRUE(device.on_pose(pose(8, 0.3, 3 * kMs)));
-  EXPECT_EQ(device.read(3 * kMs).position.x(), 0.3);
-}
-
-TEST(RemoteDevice, ThatHasRestartedIsHeardAfterASilence) {
-  RemoteDevice device;
-  EXPECT_TRUE(device.on_pose(pose(70'000, 0.1, kMs)));
-  EXPECT_FALSE(device.on_pose(pose(1, 0.2, RemoteDevice::kForget)));
-  EXPECT_TRUE(device.on_pose(pose(2, 0.3, kMs + RemoteDevice::kForget)));
-  EXPECT_TRUE(device.on_pose(pose(3, 0.4, 2 * kMs + RemoteDevice::kForget)));
-  EXPECT_EQ(device.read(2 * kMs + RemoteDevice::kForget).position.x(), 0.4);
 }
 
 TEST(RemoteDevice, AClockThatIsWrongMakesNoTransitWithoutBound) {
@@ -70,7 +45,7 @@ TEST(RemoteDevice, AClockThatIsWrongMakesNoTransitWithoutBound) {
        {std::numeric_limits<std::int64_t>::min(), std::numeric_limits<std::int64_t>::max()}) {
     ++sent.sequence;
     sent.taken_ns = taken;
-    ASSERT_TRUE(device.on_pose(sent));
+    device.on_pose(sent);
     EXPECT_GE(device.read(51 * kMs).transit, 0);
     EXPECT_LE(device.read(51 * kMs).transit, 10);
   }
@@ -80,14 +55,14 @@ TEST(RemoteDevice, TellsTransitFromSilence) {
   RemoteDevice device;
   RemotePose sent = pose(1, 0, 50 * kMs);
   sent.taken_ns = 20 * kMs;
-  (void)device.on_pose(sent);
+  device.on_pose(sent);
   const DeviceState state = device.read(58 * kMs);
   EXPECT_EQ(state.time_ns, 20 * kMs);
   EXPECT_NEAR(state.transit, 0.030, 1e-12);
   // A clock that is wrong does not make a pose that lies in the future.
   sent.sequence = 2;
   sent.taken_ns = 90 * kMs;
-  (void)device.on_pose(sent);
+  device.on_pose(sent);
   EXPECT_EQ(device.read(58 * kMs).transit, 0);
 }
 
@@ -96,7 +71,7 @@ TEST(RemoteDevice, MeasuresTheLoopByTheAgeOfTheForceThatWasFelt) {
   EXPECT_EQ(device.loop_delay(), LoopDelay::kUnknown);
   for (std::uint32_t i = 1; i <= 3000; ++i) {
     EXPECT_EQ(device.on_command(i * kMs), i);
-    (void)device.on_pose(pose(i, 0, i * kMs, i > 20 ? i - 20 : 0));
+    device.on_pose(pose(i, 0, i * kMs, i > 20 ? i - 20 : 0));
   }
   EXPECT_NEAR(device.loop_delay(), 0.020, 0.005);
   EXPECT_EQ(device.read(0).loop_delay, device.loop_delay());
@@ -106,7 +81,7 @@ TEST(RemoteDevice, AHandThatFeelsNothingNewIsALongLoop) {
   RemoteDevice device;
   for (std::uint32_t i = 1; i <= 1000; ++i) {
     (void)device.on_command(i * kMs);
-    (void)device.on_pose(pose(i, 0, i * kMs, std::min(i, 500u)));
+    device.on_pose(pose(i, 0, i * kMs, std::min(i, 500u)));
   }
   EXPECT_GT(device.loop_delay(), 0.45);
 }
@@ -114,7 +89,7 @@ TEST(RemoteDevice, AHandThatFeelsNothingNewIsALongLoop) {
 TEST(RemoteDevice, AClaimToHaveFeltWhatWasNeverSentIsNotBelieved) {
   RemoteDevice device;
   (void)device.on_command(kMs);
-  (void)device.on_pose(pose(1, 0, 2 * kMs, 99));
+  device.on_pose(pose(1, 0, 2 * kMs, 99));
   EXPECT_EQ(device.loop_delay(), LoopDelay::kUnknown);
 }
 
@@ -163,7 +138,7 @@ class PressedHand {
       if (arrives()) poses_.emplace_back(now + way(), sent);
       while (!poses_.empty() && poses_.front().first <= now) {
         poses_.front().second.arrived_ns = now;
-        (void)device_.on_pose(poses_.front().second);
+        device_.on_pose(poses_.front().second);
         poses_.pop_front();
       }
       DeviceState state = device_.read(now);

@@ -108,7 +108,7 @@ TEST_F(KeeperTest, GivesTheObjectToWhoTouchesItAndTakesItBackWhereItWasLeft) {
     moved.fencing = grant_->fencing;
     moved.session_time_ns = now_;
     moved.pose.position = {1, 2, 0.002 * std::min(i, 25u)};  // for its last 100 ms it is held still
-    keeper_.on_pose(moved, now_);
+    keeper_.on_pose(moved, now_, now_);
     run(4);
   }
   EXPECT_EQ(poses_, 0u);
@@ -120,7 +120,7 @@ TEST_F(KeeperTest, GivesTheObjectToWhoTouchesItAndTakesItBackWhereItWasLeft) {
   run(1500);
   EXPECT_NEAR(pose_->pose.position[2], 0, 1e-3);
   moved.sequence = 60;
-  keeper_.on_pose(moved, now_);  // of the owner before
+  keeper_.on_pose(moved, now_, now_);  // of the owner before
   run(300);
   EXPECT_NEAR(pose_->pose.position[2], 0, 1e-3);
 }
@@ -148,10 +148,9 @@ TEST_F(KeeperTest, OfTwoHostsTheOldestKeepsAndTheOtherTakesOverWhereItWasSeen) {
   pose.origin = older;
   pose.object_id = kObject;
   pose.fencing = 2000;
-  pose.sequence = 1;
   pose.session_time_ns = now_;
   pose.pose.position = {4, 5, 0};
-  keeper_.on_pose(pose, now_);
+  for (pose.sequence = 1; pose.sequence <= 2; ++pose.sequence) keeper_.on_pose(pose, now_, now_);
   keeper_.on_host_gone(older.participant, now_);
   run(600);
   ASSERT_TRUE(pose_);

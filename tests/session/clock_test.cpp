@@ -162,5 +162,21 @@ TEST(SessionClock, RefusesAnswersThatAreNotForItOrImpossible) {
   EXPECT_FALSE(pair.asker_.on_answer(good, 1000)) << "a repetition";
 }
 
+TEST(SessionClock, GoesOnAfterOneAnswerFromTheFarFuture) {
+  Pair pair{3'000 * kMs, 0};
+  for (std::int64_t t = 0; t < 3'000 * kMs; t += 100 * kMs) {
+    if (t == 1'000 * kMs) {
+      const ClockSample request = pair.asker_.request(pair.local(t));
+      ClockSample answer = pair.reference_.answer(request, t + 100, t + 200);
+      answer.t1_ns += 1'000'000'000 * kMs;
+      answer.t2_ns += 1'000'000'000 * kMs;
+      (void)pair.asker_.on_answer(answer, pair.local(t + 300));
+    } else {
+      ASSERT_TRUE(pair.exchange(t, kMs, kMs));
+    }
+    ASSERT_LE(std::abs(pair.error(t)), pair.bound(t)) << "at " << t / kMs << " ms";
+  }
+}
+
 }  // namespace
 }  // namespace tactus::session

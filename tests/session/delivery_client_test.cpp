@@ -544,5 +544,30 @@ TEST_F(DeliveryClientTest, IncompleteMessagesStayWithinTheirBound) {
   EXPECT_EQ(client.partial_bytes(), 0u) << "untouched for longer than their timeout";
 }
 
+TEST_F(DeliveryClientTest, GoesOnAfterOneChunkFromTheFarFuture) {
+  for (std::uint32_t region = 0; region < 20; ++region) hold(region);
+  BulkChunk wrong = echo();
+  wrong.sequence = 0xfffffff0;
+  take({wrong});
+  --sequence_;
+  client_.want(kObject, {{20, 0}});
+  const Demand demand = publish();
+  EXPECT_TRUE(demand.gaps.empty());
+  EXPECT_LE(demand.newest, sequence_);
+  hold(20);
+  EXPECT_EQ(publish().received, sequence_);
+}
+
+TEST_F(DeliveryClientTest, OneSendingTimeFromTheFarFutureIsNotTakenForAFastWay) {
+  for (std::uint32_t region = 0; region < 20; ++region) hold(region);
+  publish_after_change();
+  now_ += kMs;
+  BulkChunk late = echo(), wrong = echo();
+  late.sent_us -= 1000;
+  wrong.sent_us += 1u << 30;
+  take({late, wrong});
+  EXPECT_EQ(publish_after_change().one_way_us, 1000u);
+}
+
 }  // namespace
 }  // namespace tactus::session

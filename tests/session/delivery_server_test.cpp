@@ -467,7 +467,7 @@ TEST_F(DeliveryServerTest, ANewIncarnationOfAControllerStartsFromNothing) {
 
   EXPECT_EQ(regions_in(after).at(0).second, list_of(3));
   EXPECT_NE(after.front().stream, before.back().stream);
-  EXPECT_EQ(tell(demand(10, {3})), DeliveryServer::DemandResult::kNotNewer) << "of the old incarnation";
+  EXPECT_EQ(tell(demand(10, {3})), DeliveryServer::DemandResult::kImplausible) << "of the old incarnation";
 }
 
 TEST_F(DeliveryServerTest, AControllerThatComesBackHearsHigherSequences) {
@@ -502,6 +502,35 @@ TEST_F(DeliveryServerTest, RefusesDemandsThatMakeNoSense) {
   d.origin.session = 2;
   EXPECT_EQ(tell(d), Result::kNotServed);
   EXPECT_FALSE(server_.next(now_));
+}
+
+TEST_F(DeliveryServerTest, GoesOnAfterOneDemandFromTheFarFuture) {
+  using Vary = void (*)(Demand&);
+  for (const Vary vary :
+       {Vary{[](Demand& d) { d.epoch = 0xffffffff; }}, Vary{[](Demand& d) { d.origin.time_ns = INT64_MAX; }},
+        Vary{[](Demand& d) { d.origin.incarnation = UINT64_MAX; }}}) {
+    DeliveryServer server{kSelf};
+    server.add(kObject, encoded_.coded());
+    const auto tell_later = [&](const Demand& d) { return server.on_demand(d, now_ += 5 * kMs); };
+    const auto at_now = [&](Demand d) {
+      d.origin.time_ns = now_ + 5 * kMs;
+      return d;
+    };
+    std::uint32_t epoch = 0;
+    for (int i = 0; i < 20; ++i)
+      ASSERT_EQ(tell_later(at_now(demand(++epoch, {1}))), DeliveryServer::DemandResult::kTaken);
+    Demand wrong = at_now(demand(++epoch, {1}));
+    vary(wrong);
+    (void)tell_later(wrong);
+    for (int i = 0; i < 4; ++i) (void)tell_later(at_now(demand(++epoch, {1})));
+    Demand poor = at_now(demand(++epoch, {2}));
+    poor.credit = 0;
+    EXPECT_EQ(tell_later(poor), DeliveryServer::DemandResult::kTaken);
+    for (int i = 0; i < 10; ++i) {
+      const std::optional<Outgoing> out = server.next(now_ + 100 * kMs);
+      EXPECT_TRUE(!out || out->chunk.kind() == BulkKind::kEcho) << "its credit counts too";
+    }
+  }
 }
 
 }  // namespace

@@ -137,13 +137,13 @@ class Contest {
     } else if (const auto* grant = std::get_if<ObjectGrant>(&packet.message)) {
       controllers_[packet.to].holder->on_grant(*grant, now_);
     } else if (const auto* pose = std::get_if<ObjectPose>(&packet.message)) {
-      if (!gates_[packet.to].accept(*pose)) {
+      if (!gates_[packet.to].accept(*pose, now_)) {
         if (pose->fencing < gates_[packet.to].fencing()) ++refused_;
         return;
       }
       authors_[pose->fencing].insert({pose->origin.participant, pose->origin.incarnation});
-      if (packet.to == kHostPlace) host_->on_pose(pose->fencing);
-      if (packet.to < kControllers) controllers_[packet.to].holder->on_pose(pose->fencing);
+      if (packet.to == kHostPlace) host_->on_pose(pose->fencing, now_);
+      if (packet.to < kControllers) controllers_[packet.to].holder->on_pose(pose->fencing, now_);
       if (packet.to == kViewer) {
         seen_ns_ = now_;
         seen_author_ = pose->origin.participant;
@@ -372,21 +372,126 @@ TEST(PoseGate, AnOlderNumberAnOlderPoseAndASecondAuthorAreRefused) {
   pose.origin = origin_of(1, 1);
   pose.fencing = 3;
   pose.sequence = 7;
-  EXPECT_TRUE(gate.accept(pose));
-  EXPECT_FALSE(gate.accept(pose));
+  EXPECT_TRUE(gate.accept(pose, 0));
+  EXPECT_FALSE(gate.accept(pose, 0));
   pose.sequence = 6;
-  EXPECT_FALSE(gate.accept(pose));
+  EXPECT_FALSE(gate.accept(pose, 0));
   ObjectPose other = pose;
   other.origin = origin_of(2, 1);
   other.sequence = 9;
-  EXPECT_FALSE(gate.accept(other));
+  EXPECT_FALSE(gate.accept(other, 0));
   other.fencing = 2;
-  EXPECT_FALSE(gate.accept(other));
+  EXPECT_FALSE(gate.accept(other, 0));
   other.fencing = 4;
   other.sequence = 1;
-  EXPECT_TRUE(gate.accept(other));
+  EXPECT_TRUE(gate.accept(other, 0));
   pose.sequence = 20;
-  EXPECT_FALSE(gate.accept(pose));
+  EXPECT_FALSE(gate.accept(pose, 0));
+}
+
+ObjectClaim claim_of(std::uint64_t participant, std::uint64_t incarnation, std::uint32_t sequence, bool touching) {
+  ObjectClaim claim;
+  claim.origin = origin_of(participant, incarnation);
+  claim.object_id = kObject;
+  claim.sequence = sequence;
+  claim.touching = touching;
+  return claim;
+}
+
+ObjectGrant grant_of(std::uint32_t sequence, std::uint64_t fencing) {
+  ObjectGrant grant;
+  grant.origin = origin_of(kHost, 1);
+  grant.object_id = kObject;
+  grant.sequence = sequence;
+  grant.fencing = fencing;
+  return grant;
+}
+
+TEST(Arbiter, GrantsAgainAfterOneClaimFromTheFarFuture) {
+  for (const bool is_number : {true, false}) {
+    Arbiter arbiter{origin_of(kHost, kHostLife), kObject, {}, 0};
+    std::int64_t now = 300 * kMs;
+    std::uint32_t sequence = 0;
+    for (int i = 0; i < 10; ++i) arbiter.on_claim(claim_of(1, 3, ++sequence, true), now += 20 * kMs);
+    const ObjectClaim wrong = is_number ? claim_of(1, 3, 0xffffffff, true) : claim_of(1, UINT64_MAX, ++sequence, true);
+    arbiter.on_claim(wrong, now);
+    for (int i = 0; i < 100; ++i) {
+      arbiter.on_claim(claim_of(1, 3, ++sequence, true), now += 20 * kMs);
+      (void)arbiter.tick(now);
+    }
+    ASSERT_FALSE(arbiter.owns(now)) << "somebody touches";
+    arbiter.on_claim(claim_of(1, 3, ++sequence, false), now += 20 * kMs);
+    const std::optional<ObjectGrant> grant = arbiter.tick(now);
+    ASSERT_TRUE(grant);
+    EXPECT_TRUE(grant->touchers.empty()) << "and lets go";
+  }
+}
+
+TEST(Arbiter, OneFencingNumberFromTheFarFutureIsNotTaken) {
+  Arbiter arbiter{origin_of(kHost, kHostLife), kObject, {}, 0};
+  std::int64_t now = 300 * kMs;
+  (void)arbiter.tick(now);
+  const std::uint64_t before = arbiter.fencing();
+  ObjectClaim wrong = claim_of(1, 3, 1, false);
+  wrong.fencing = UINT64_MAX;
+  arbiter.on_claim(wrong, now);
+  EXPECT_EQ(arbiter.fencing(), before);
+}
+
+TEST(Holder, IsGrantedAgainAfterOneGrantFromTheFarFuture) {
+  for (const bool is_number : {true, false}) {
+    Holder holder{origin_of(1, 1), kObject, {}};
+    holder.touch(true);
+    std::int64_t now = 0;
+    std::uint32_t sequence = 0;
+    for (int i = 0; i < 100; ++i) {
+      now += 20 * kMs;
+      const std::optional<ObjectClaim> claim = holder.tick(now);
+      ASSERT_TRUE(claim);
+      ObjectGrant grant = grant_of(++sequence, 7);
+      if (i == 50) (is_number ? grant.sequence = 0xffffffff : grant.fencing = UINT64_MAX);
+      grant.touchers = {{1, 1, claim->sequence}};
+      holder.on_grant(grant, now);
+    }
+    EXPECT_EQ(holder.role(now), Holder::Role::kOwner);
+  }
+}
+
+TEST(PoseGate, GoesOnAfterOnePoseFromTheFarFuture) {
+  for (const bool is_number : {true, false}) {
+    PoseGate gate;
+    ObjectPose pose;
+    pose.origin = origin_of(1, 1);
+    pose.fencing = 3;
+    int accepted = 0;
+    for (std::uint32_t i = 1; i <= 100; ++i) {
+      ObjectPose sent = pose;
+      sent.sequence = i;
+      if (i == 50) (is_number ? sent.sequence = 0xffffffff : sent.fencing = UINT64_MAX);
+      accepted += gate.accept(sent, i * 4 * kMs) ? 1 : 0;
+    }
+    EXPECT_EQ(accepted, 99);
+  }
+}
+
+TEST(CopyGate, GoesOnAfterOneCopyFromTheFarFuture) {
+  for (const bool is_number : {true, false}) {
+    CopyGate gate;
+    ObjectCopy copy;
+    copy.origin = origin_of(2, 1);
+    int taken = 0;
+    for (std::uint32_t i = 1; i <= 100; ++i) {
+      copy.sequence = i;
+      copy.session_time_ns = i * kMs;
+      if (i == 50) (is_number ? copy.sequence = 0xffffffff : copy.session_time_ns = INT64_MAX);
+      taken += gate.accept(copy, i * kMs, i * kMs) ? 1 : 0;
+    }
+    EXPECT_EQ(taken, 99);
+    EXPECT_EQ(gate.implausible(), 1u);
+    copy.sequence = 98;
+    copy.session_time_ns = 98 * kMs;
+    EXPECT_TRUE(gate.accept(copy, 101 * kMs, 101 * kMs)) << "an overtaken one fills a gap";
+  }
 }
 
 }  // namespace

@@ -55,7 +55,7 @@ class Switching : public ::testing::Test {
       }
       for (auto& line : lines)
         for (; !line.empty() && line.front().arrives_ns <= ms * kMs; line.pop_front())
-          probe_.on_state(line.front().state, line.front().stream, ms * kMs);
+          (void)probe_.on_state(line.front().state, line.front().stream, ms * kMs);
       look(ms, probe_.at(ms * kMs));
     }
   }
@@ -106,7 +106,7 @@ TEST(RemoteProbe, CountsTheShareOfCodedStatesThatDidNotCome) {
     state.sequence = i;
     state.session_time_ns = i * 10 * kMs;
     if (std::uniform_real_distribution<>{}(random) >= 0.2)
-      probe.on_state(state, StateStream::kCoded, state.session_time_ns);
+      (void)probe.on_state(state, StateStream::kCoded, state.session_time_ns);
   }
   EXPECT_NEAR(probe.lost(), 0.2, 0.1);
 }
@@ -117,12 +117,69 @@ TEST(RemoteProbe, IgnoresStatesOfAnIncarnationThatIsOver) {
   state.origin.incarnation = 7;
   state.sequence = 1;
   state.radius = 1;
-  probe.on_state(state, StateStream::kCoded, 0);
+  (void)probe.on_state(state, StateStream::kCoded, 0);
   state.origin.incarnation = 6;
   state.sequence = 2;
   state.radius = 2;
-  probe.on_state(state, StateStream::kCoded, kMs);
+  EXPECT_EQ(probe.on_state(state, StateStream::kCoded, kMs), Admission::kImplausible);
   EXPECT_EQ(probe.at(2 * kMs).state.radius, 1);
+}
+
+ProbeState state_of(std::uint64_t participant, std::uint64_t incarnation, std::uint32_t sequence, std::int64_t ms) {
+  ProbeState state;
+  state.origin.participant = participant;
+  state.origin.incarnation = incarnation;
+  state.sequence = sequence;
+  state.session_time_ns = ms * kMs;
+  state.radius = static_cast<double>(ms);
+  return state;
+}
+
+TEST(RemoteProbe, GoesOnAfterOneNumberFromTheFarFuture) {
+  for (const StateStream stream : {StateStream::kCoded, StateStream::kWhole}) {
+    RemoteProbe probe;
+    std::uint32_t sequence = 0;
+    std::int64_t ms = 0;
+    for (; ms < 100; ++ms) (void)probe.on_state(state_of(1, 1, ++sequence, ms), stream, ms * kMs);
+    EXPECT_EQ(probe.on_state(state_of(1, 1, 4'000'000'000, ms), stream, ms * kMs), Admission::kImplausible);
+    for (; ms < 1000; ++ms) (void)probe.on_state(state_of(1, 1, ++sequence, ms), stream, ms * kMs);
+    EXPECT_NEAR(probe.at(ms * kMs).state.radius, static_cast<double>(ms), 10);
+    EXPECT_FALSE(probe.at(ms * kMs).stale);
+    EXPECT_LT(probe.lost(), 0.05);
+  }
+}
+
+TEST(RemoteProbe, GoesOnAfterOneTimeFromTheFarFuture) {
+  RemoteProbe probe;
+  std::uint32_t sequence = 0;
+  for (std::int64_t ms = 0; ms < 2000; ++ms) {
+    ProbeState state = state_of(1, 1, ++sequence, ms);
+    if (ms == 100) state.session_time_ns = INT64_MAX;
+    (void)probe.on_state(state, StateStream::kCoded, ms * kMs);
+    if (ms < 110) continue;
+    ASSERT_NEAR(probe.at(ms * kMs).state.radius, static_cast<double>(ms), 10) << "at " << ms << " ms";
+  }
+  EXPECT_TRUE(probe.at(5000 * kMs).stale) << "nothing has come for three seconds";
+}
+
+TEST(RemoteProbe, FollowsAUserToAControllerThatStartedEarlier) {
+  RemoteProbe probe;
+  std::int64_t ms = 0;
+  for (std::uint32_t i = 1; i <= 100; ++i, ++ms)
+    (void)probe.on_state(state_of(8, 50, i, ms), StateStream::kCoded, ms * kMs);
+  for (std::uint32_t i = 1; i <= 100; ++i, ++ms)
+    (void)probe.on_state(state_of(9, 20, i, ms), StateStream::kCoded, ms * kMs);
+  EXPECT_EQ(probe.at(ms * kMs).state.origin.participant, 9u);
+  EXPECT_NEAR(probe.at(ms * kMs).state.radius, static_cast<double>(ms), 10);
+}
+
+TEST(RemoteProbe, GoesOnAfterOneIncarnationFromTheFarFuture) {
+  RemoteProbe probe;
+  std::int64_t ms = 0;
+  for (std::uint32_t i = 1; i <= 200; ++i, ++ms)
+    (void)probe.on_state(state_of(8, i == 100 ? UINT64_MAX : 50, i, ms), StateStream::kCoded, ms * kMs);
+  EXPECT_EQ(probe.at(ms * kMs).state.origin.incarnation, 50u);
+  EXPECT_NEAR(probe.at(ms * kMs).state.radius, static_cast<double>(ms), 10);
 }
 
 }  // namespace

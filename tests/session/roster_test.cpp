@@ -163,6 +163,28 @@ TEST_F(RosterTest, TheSceneIsTheSameForAllWhoKnowTheSameHostsAndControllers) {
   EXPECT_NE(scene_hash(roster_, me, Role::kHrtc), scene_hash(others, other, Role::kHrtc)) << "a new incarnation";
 }
 
+TEST_F(RosterTest, GoesOnAfterOneHeartbeatFromTheFarFuture) {
+  std::int64_t ms = 0;
+  for (std::uint64_t beat = 1; beat < 40; ++beat) {
+    (void)see(entry("a", 1, beat), ms * kMs);
+    if (beat == 10) (void)see(entry("a", 1, UINT64_MAX), ms * kMs);
+    EXPECT_THAT(changes(roster_.tick(ms * kMs)), IsEmpty()) << "at " << ms << " ms";
+    ms += 100;
+  }
+}
+
+TEST_F(RosterTest, KnowsTheOlderProgramAgainThoughOneOfItsHeartbeatsWasFromTheFarFuture) {
+  (void)see(entry("a", 1, 5), 0);
+  (void)see(entry("a", 2, 1), 0);
+  (void)see(entry("a", 1, UINT64_MAX), 0);
+  RosterEntry last = entry("a", 2, 2);
+  last.leaving = true;
+  ASSERT_THAT(see(last, 0), ElementsAre(RosterChange::kLeft));
+  for (std::uint64_t beat = 6; beat < 20; ++beat) (void)see(entry("a", 1, beat), static_cast<std::int64_t>(beat) * kMs);
+  ASSERT_NE(roster_.find(id_of("a")), nullptr);
+  EXPECT_EQ(roster_.find(id_of("a"))->origin.incarnation, 1u);
+}
+
 TEST(UserSlots, GrantEachUserOneSlotUpToTheCapacity) {
   UserSlots slots{2};
   EXPECT_EQ(slots.grant("ann"), 0u);
