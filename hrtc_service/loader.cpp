@@ -73,8 +73,18 @@ void Loader::on_catalogue(const session::CatalogueEntry& entry) {
       " faces, " + std::to_string(entry.summary.regions) + " regions");
 }
 
-/// False when it does not fit.
+/// False when it does not fit. A base mesh above the bound of incomplete messages would be dropped again and again.
 bool Loader::take_directory(Object& object) {
+  const auto mib = [](std::uint64_t bytes) { return static_cast<double>(bytes) / (1 << 20); };
+  if (object.entry.base_bytes > settings_.delivery.max_partial_bytes) {
+    object.refused = true;
+    ++figures_.objects_refused;
+    char sizes[128];
+    std::snprintf(sizes, sizeof sizes, "of %.1f MiB is larger than an HRTC assembles, %.1f MiB",
+                  mib(object.entry.base_bytes), mib(settings_.delivery.max_partial_bytes));
+    say("object " + object.info.name + ": refused, its base mesh " + sizes + "; build the model with a smaller one");
+    return false;
+  }
   const std::uint64_t takes = spm::directory_bytes(object.summary, pool_.settings);
   const std::uint64_t left = settings_.directory_bytes - directories_;
   if (takes <= left) {
@@ -83,7 +93,6 @@ bool Loader::take_directory(Object& object) {
   }
   object.refused = true;
   ++figures_.objects_refused;
-  const auto mib = [](std::uint64_t bytes) { return static_cast<double>(bytes) / (1 << 20); };
   char sizes[128];
   std::snprintf(sizes, sizeof sizes, "takes %.1f MiB, %.1f of %.1f MiB are left", mib(takes), mib(left),
                 mib(settings_.directory_bytes));

@@ -33,6 +33,7 @@
 #include <optional>
 #include <vector>
 
+#include "session/message_parts.hpp"
 #include "session/messages.hpp"
 #include "session/pacer.hpp"
 #include "spm/codec/coded_model.hpp"
@@ -105,22 +106,21 @@ class DeliveryServer {
     std::uint32_t number = 0;           // in the order of planning
     std::uint32_t region = spm::kNone;  // kNone: the base mesh
     std::uint32_t contact_in_us = 0;
-    std::uint32_t bytes = 0, checksum = 0;
-    std::uint16_t first_bytes = 0, part_bytes = 0;  // of the first part, which fills up a chunk, and of those after it
-    std::uint16_t parts = 1, begun = 0;             // parts sent at least once
-    bool doubtful = false;                          // counts on what the HRTC may not have any more
-    std::uint32_t under_way = 0;                    // chunks
+    std::uint32_t checksum = 0;
+    MessageParts parts;
+    std::uint32_t begun = 0;      // parts sent at least once
+    bool doubtful = false;        // counts on what the HRTC may not have any more
+    std::uint32_t under_way = 0;  // chunks
     std::uint32_t last_sequence = 0;
-    std::vector<std::uint16_t> lost;  // parts to be sent again
+    std::vector<std::uint32_t> lost;  // parts to be sent again
     std::vector<spm::Run> records;
-    [[nodiscard]] bool sent() const noexcept { return begun == parts; }
+    [[nodiscard]] bool sent() const noexcept { return begun == parts.count; }
     [[nodiscard]] bool arrived() const noexcept { return sent() && under_way == 0 && lost.empty(); }
-    [[nodiscard]] std::pair<std::size_t, std::size_t> range(std::uint16_t part) const noexcept;  // from, to
-    [[nodiscard]] bool fits(std::uint16_t part, std::size_t room) const noexcept;
+    [[nodiscard]] bool fits(std::uint32_t part, std::size_t room) const noexcept;
   };
   struct Sent {
-    std::uint32_t sequence, message, at_us;
-    std::uint16_t part, bytes;
+    std::uint32_t sequence, message, at_us, part;
+    std::uint16_t bytes;
   };
   /// One object to one HRTC.
   struct Service {

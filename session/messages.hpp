@@ -111,7 +111,7 @@ enum class BulkKind : std::uint8_t {
 /// A part of a message.
 struct BulkPiece {
   std::uint32_t region = spm::kNone;  ///< kNone: a base mesh
-  std::uint16_t part = 0, parts = 1;  ///< which of the message, and how many there are
+  std::uint32_t part = 0, parts = 1;  ///< which of the message, and how many there are
   std::uint32_t checksum = 0;         ///< `checksum_of` the whole joined payload
   std::vector<std::uint8_t> payload;
 };

@@ -50,11 +50,7 @@ class DeliveryClientTest : public testing::Test {
       c.sequence = ++sequence_;
       c.epoch = epoch_;
       const std::string part = text.substr(std::min(text.size(), i * size), size);
-      c.pieces.push_back({region,
-                          static_cast<std::uint16_t>(i),
-                          static_cast<std::uint16_t>(parts),
-                          checksum_of(bytes),
-                          {part.begin(), part.end()}});
+      c.pieces.push_back({region, i, parts, checksum_of(bytes), {part.begin(), part.end()}});
     }
     return all;
   }

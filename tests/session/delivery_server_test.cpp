@@ -504,5 +504,19 @@ TEST_F(DeliveryServerTest, RefusesDemandsThatMakeNoSense) {
   EXPECT_FALSE(server_.next(now_));
 }
 
+TEST(MessageParts, EveryByteOfALargeMessageIsInOnePart) {
+  constexpr std::uint32_t kBytes = 200'000'000;  // more parts than 16 bits count
+  const MessageParts parts = MessageParts::cut(kBytes, spm::kNone, kMaxPayload);
+  std::size_t end = 0;
+  for (std::uint32_t part = 0; part < parts.count; ++part) {
+    const auto [from, to] = parts.range(part);
+    ASSERT_EQ(from, end);
+    ASSERT_LT(from, to);
+    ASSERT_LE(to - from + head_bytes(spm::kNone, parts.count), kMaxPayload);
+    end = to;
+  }
+  EXPECT_EQ(end, kBytes);
+}
+
 }  // namespace
 }  // namespace tactus::session
