@@ -16,6 +16,8 @@ constexpr std::uint32_t kBaseContactUs = 100'000;
 constexpr std::size_t kLeastRoom = 64;
 /// After the last chunk, longer each time.
 constexpr std::int64_t kFirstMark = 4'000'000, kLastMark = 128'000'000;
+/// Without a demand of an HRTC, which repeats them every half second (DeliverySettings::keep_alive_ns).
+constexpr std::int64_t kForgetNs = 5'000'000'000;
 
 std::uint32_t end_of(const spm::Run& run) { return run.first + run.count; }
 
@@ -90,6 +92,7 @@ DeliveryServer::DemandResult DeliveryServer::on_demand(const Demand& demand, std
     fresh.counters = controller.counters;
     controller = std::move(fresh);
   }
+  controller.heard_ns = now_ns;
   const auto [found, first] = controller.services.try_emplace(demand.object_id);
   Service& service = found->second;
   if (first) {
@@ -283,6 +286,8 @@ std::uint64_t DeliveryServer::unanswered(const Controller& controller) {
 
 std::optional<Outgoing> DeliveryServer::next(std::int64_t now_ns, const CanSend& can_send) {
   due_ns_ = std::numeric_limits<std::int64_t>::max();
+  for (auto silent = controllers_.begin(); silent != controllers_.end();)
+    silent = now_ns - silent->second.heard_ns >= kForgetNs ? forget(silent) : std::next(silent);
   auto at = controllers_.upper_bound(last_served_);
   for (std::size_t tried = 0; tried < controllers_.size(); ++tried, ++at) {
     if (at == controllers_.end()) at = controllers_.begin();
@@ -417,10 +422,14 @@ std::optional<BulkPiece> DeliveryServer::next_piece(Controller& controller, Serv
 
 void DeliveryServer::on_hrtc_gone(std::uint64_t hrtc) {
   const auto controller = controllers_.find(hrtc);
-  if (controller == controllers_.end()) return;
+  if (controller != controllers_.end()) forget(controller);
+}
+
+std::map<std::uint64_t, DeliveryServer::Controller>::iterator DeliveryServer::forget(
+    std::map<std::uint64_t, Controller>::iterator controller) {
   for (const auto& [object_id, service] : controller->second.services)
     highest_forgotten_ = std::max(highest_forgotten_, service.sequence);
-  controllers_.erase(controller);
+  return controllers_.erase(controller);
 }
 
 std::uint64_t DeliveryServer::bytes_under_way(std::uint64_t hrtc) const {

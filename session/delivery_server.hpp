@@ -78,7 +78,8 @@ class DeliveryServer {
   };
   DemandResult on_demand(const Demand& demand, std::int64_t now_ns);
 
-  /// Forgets what it knew of this HRTC. Its next stream goes on above every sequence used so far.
+  /// Forgets what it knew of this HRTC. Its next stream goes on above every sequence used so far. An HRTC that sends no
+  /// demand for ten keep-alive periods is forgotten without this call: a demand may arrive after its sender has left.
   void on_hrtc_gone(std::uint64_t hrtc);
 
   /// Whether a chunk could be handed to the network for this HRTC now.
@@ -143,6 +144,7 @@ class DeliveryServer {
   };
   struct Controller {
     std::uint64_t incarnation = 0;
+    std::int64_t heard_ns = 0;  // the newest demand
     std::int64_t credit_time_ns = 0;
     std::uint32_t credit = 0;
     Pacer pacer;
@@ -164,6 +166,7 @@ class DeliveryServer {
                                     std::int64_t now_ns);
   [[nodiscard]] std::optional<BulkPiece> next_piece(Controller& controller, Service& service, const Object& object,
                                                     const BulkChunk& chunk, std::size_t room);
+  std::map<std::uint64_t, Controller>::iterator forget(std::map<std::uint64_t, Controller>::iterator controller);
   [[nodiscard]] BulkChunk make_chunk(Controller& controller, Service& service, std::int64_t now_ns);
   template <class Count>
   void count(Controller& controller, Count add) {

@@ -5,6 +5,7 @@
 
 #include <set>
 
+#include "session/delivery_client.hpp"
 #include "spm/codec/model_codec.hpp"
 #include "spm/codec/region_codec.hpp"
 #include "tests/support/random_model.hpp"
@@ -502,6 +503,21 @@ TEST_F(DeliveryServerTest, RefusesDemandsThatMakeNoSense) {
   d.origin.session = 2;
   EXPECT_EQ(tell(d), Result::kNotServed);
   EXPECT_FALSE(server_.next(now_));
+}
+
+TEST_F(DeliveryServerTest, AnHrtcThatSendsNoDemandAnyMoreIsForgotten) {
+  tell(demand(1, {}));
+  for (std::uint64_t hrtc = 1000; hrtc < 1100; ++hrtc) tell(demand(1, {}, hrtc));
+  server_.on_hrtc_gone(1000);
+  tell(demand(2, {}, 1000));  // was under way when it went
+  EXPECT_EQ(server_.counters_by_hrtc().size(), 101u);
+  for (std::uint32_t epoch = 2; epoch < 40; ++epoch, now_ += DeliverySettings{}.keep_alive_ns) {
+    tell(demand(epoch, {}));
+    (void)drain_window();
+  }
+
+  EXPECT_EQ(server_.counters_by_hrtc().size(), 1u);
+  EXPECT_EQ(server_.counters_by_hrtc().count(kHrtc), 1u) << "its demands repeat";
 }
 
 TEST(MessageParts, EveryByteOfALargeMessageIsInOnePart) {
