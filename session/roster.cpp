@@ -80,7 +80,7 @@ std::vector<RosterEvent> Roster::on_entry(const RosterEntry& entry, std::int64_t
   if (id == self_.participant) {
     own_.entry.name = entry.name;
     own_.entry.role = entry.role;
-    if (incarnation != self_.incarnation) (void)watch_rival(own_, entry, events);
+    if (incarnation != self_.incarnation) (void)watch_rival(own_, entry, now_ns, events);
     return events;
   }
   if (entry.protocol != kProtocolVersion) {
@@ -112,7 +112,7 @@ std::vector<RosterEvent> Roster::on_entry(const RosterEntry& entry, std::int64_t
   Known& known = at->second;
   const std::uint64_t before = known.entry.origin.incarnation;
   if (incarnation < before) {
-    const bool alive = watch_rival(known, entry, events);
+    const bool alive = watch_rival(known, entry, now_ns, events);
     if (!known.here && alive) {  // the newer one yielded the name, or died: the older goes on
       known = Known{};
       known.entry = entry;
@@ -129,6 +129,7 @@ std::vector<RosterEvent> Roster::on_entry(const RosterEntry& entry, std::int64_t
     known = Known{};
     known.entry = entry;
     known.left = true;
+    known.seen_ns = now_ns;
     return events;
   }
   const bool told = known.here && incarnation == before && known.entry.stopped;
@@ -136,7 +137,7 @@ std::vector<RosterEvent> Roster::on_entry(const RosterEntry& entry, std::int64_t
     tell(RosterChange::kJoined);
   } else if (incarnation > before) {
     tell(RosterChange::kRestarted);
-    if (known.rivals.size() < kMaxRivals) known.rivals[before] = {known.entry.heartbeat, 0, false};
+    if (known.rivals.size() < kMaxRivals) known.rivals[before] = {known.entry.heartbeat, 0, false, now_ns};
   } else {
     if (known.late) tell(RosterChange::kBack);
     if (!same_users(entry, known.entry)) tell(RosterChange::kChanged);
@@ -150,15 +151,17 @@ std::vector<RosterEvent> Roster::on_entry(const RosterEntry& entry, std::int64_t
 }
 
 /// True when the entry's program is alive: it has beaten often enough since it was first seen as a rival.
-bool Roster::watch_rival(Known& known, const RosterEntry& entry, std::vector<RosterEvent>& events) const {
+bool Roster::watch_rival(Known& known, const RosterEntry& entry, std::int64_t now_ns,
+                         std::vector<RosterEvent>& events) const {
   const std::uint64_t incarnation = entry.origin.incarnation;
   if (known.rivals.count(incarnation) == 0) {
-    if (known.rivals.size() < kMaxRivals) known.rivals[incarnation] = {entry.heartbeat, 0, false};
+    if (known.rivals.size() < kMaxRivals) known.rivals[incarnation] = {entry.heartbeat, 0, false, now_ns};
     return false;
   }
   Rival& rival = known.rivals[incarnation];
   if (entry.leaving || entry.heartbeat <= rival.heartbeat) return false;
   rival.heartbeat = entry.heartbeat;
+  rival.seen_ns = now_ns;
   if (++rival.beats < kBeatsOfALiveRival) return false;
   if (known.here && !rival.reported) {
     rival.reported = true;
@@ -169,9 +172,17 @@ bool Roster::watch_rival(Known& known, const RosterEntry& entry, std::vector<Ros
 
 std::vector<RosterEvent> Roster::tick(std::int64_t now_ns) {
   std::vector<RosterEvent> events;
-  for (auto& [id, known] : known_) {
-    if (!known.here) continue;
+  forget_rivals(own_, now_ns);
+  for (auto at = known_.begin(); at != known_.end();) {
+    Known& known = at->second;
     const std::int64_t silent = now_ns - known.seen_ns;
+    forget_rivals(known, now_ns);
+    if (!known.here && silent >= settings_.forget_ns && known.rivals.empty()) {
+      at = known_.erase(at);
+      continue;
+    }
+    ++at;
+    if (!known.here) continue;
     if (silent >= settings_.gone_ns) {
       known.here = known.late = false;
       known.rivals.clear();
@@ -182,6 +193,12 @@ std::vector<RosterEvent> Roster::tick(std::int64_t now_ns) {
     }
   }
   return events;
+}
+
+/// So that there is room to notice the next one.
+void Roster::forget_rivals(Known& known, std::int64_t now_ns) const {
+  for (auto rival = known.rivals.begin(); rival != known.rivals.end();)
+    rival = now_ns - rival->second.seen_ns >= settings_.gone_ns ? known.rivals.erase(rival) : std::next(rival);
 }
 
 void Roster::forget_absent() {

@@ -22,7 +22,8 @@ inline constexpr std::size_t kMaxParticipants = 1024;
 
 struct RosterSettings {
   std::int64_t late_ns = 250'000'000;  ///< since the last heartbeat
-  std::int64_t gone_ns = 500'000'000;  ///< since the last heartbeat; then it is forgotten
+  std::int64_t gone_ns = 500'000'000;  ///< since the last heartbeat
+  std::int64_t forget_ns = 10'000'000'000;  ///< since the last heartbeat; no sample is under way for so long
 };
 
 enum class RosterChange : std::uint8_t {
@@ -69,6 +70,8 @@ class Roster {
       if (known.here) visit(known.entry);
   }
   [[nodiscard]] bool is_late(std::uint64_t participant) const;
+  /// Those who are here, and those who were a moment ago.
+  [[nodiscard]] std::size_t remembered() const noexcept { return known_.size(); }
 
  private:
   /// A program that beats under a name that another incarnation holds.
@@ -76,6 +79,7 @@ class Roster {
     std::uint64_t heartbeat = 0;
     std::uint32_t beats = 0;  // by which its heartbeat grew
     bool reported = false;
+    std::int64_t seen_ns = 0;
   };
   struct Known {
     RosterEntry entry;
@@ -86,7 +90,8 @@ class Roster {
     std::map<std::uint64_t, Rival> rivals;  // by incarnation
   };
 
-  bool watch_rival(Known& known, const RosterEntry& entry, std::vector<RosterEvent>& events) const;
+  bool watch_rival(Known& known, const RosterEntry& entry, std::int64_t now_ns, std::vector<RosterEvent>& events) const;
+  void forget_rivals(Known& known, std::int64_t now_ns) const;
   void forget_absent();
 
   Origin self_;

@@ -150,6 +150,29 @@ TEST_F(RosterTest, HasABound) {
   EXPECT_THAT(see(entry("one more", 2, 1), 1000 * kMs), ElementsAre(RosterChange::kJoined));
 }
 
+TEST_F(RosterTest, WhoHasBeenAwayForLongIsForgotten) {
+  for (std::uint64_t i = 0; i < 500; ++i) {
+    const std::int64_t now_ns = static_cast<std::int64_t>(i) * 1000 * kMs;
+    RosterEntry client = entry("client " + std::to_string(i), 1, 1);
+    (void)see(client, now_ns);
+    client.heartbeat = 2;
+    client.leaving = i % 2 == 0;  // the others are silent
+    (void)see(client, now_ns + kMs);
+    (void)roster_.tick(now_ns + 600 * kMs);
+    ASSERT_LE(roster_.remembered(), 12u);
+  }
+}
+
+TEST_F(RosterTest, ANameConflictIsReportedHoweverManyThereWere) {
+  for (std::uint64_t incarnation = 100; incarnation < 120; ++incarnation) {
+    const std::int64_t now_ns = static_cast<std::int64_t>(incarnation) * 2000 * kMs;
+    (void)roster_.tick(now_ns);
+    EXPECT_THAT(see(entry("me", incarnation, 9), now_ns), IsEmpty());
+    EXPECT_THAT(see(entry("me", incarnation, 10), now_ns), IsEmpty());
+    EXPECT_THAT(see(entry("me", incarnation, 11), now_ns), ElementsAre(RosterChange::kTwins)) << incarnation;
+  }
+}
+
 TEST_F(RosterTest, TheLongestRunningHostOrControllerKeepsTheTime) {
   const Origin self{kSession, id_of("me"), 50, 0};
   const auto keeper = [&](std::int64_t since) { return time_reference(roster_, self, Role::kHost, since).participant; };
