@@ -731,6 +731,7 @@ void Hrtc::Impl::serve(std::int64_t now_ns) {
   if (heartbeat.due(now_ns)) send_roster(false);
   if (metrics.due(now_ns)) send_metrics(all_metrics.due(now_ns));
   seats.open_remote_devices();
+  seats.free_left();
   if (modes.due(now_ns)) tick_modes(now_ns);
   drain_rings();
   if (options.saves != nullptr && saves_seen != *options.saves) {
