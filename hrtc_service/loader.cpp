@@ -101,6 +101,31 @@ bool Loader::take_directory(Object& object) {
   return false;
 }
 
+/// An object that the haptic thread has stays where it is, frozen at what is loaded: a user may be touching it, and its
+/// host may come back. One that has not come so far goes with the last host that offers it.
+void Loader::forget_unoffered(std::int64_t now_ns) {
+  constexpr std::int64_t kLookNs = 1'000'000'000;
+  if (now_ns - looked_at_offers_ns_ < kLookNs) return;
+  looked_at_offers_ns_ = now_ns;
+  for (auto at = objects_.begin(); at != objects_.end();) {
+    Object& object = *at->second;
+    if (object.ready || delivery_.offered(object.info.id, object.info.digest)) {
+      ++at;
+      continue;
+    }
+    if (!object.refused) directories_ -= spm::directory_bytes(object.summary, pool_.settings);
+    for (const Parked& parked : parked_)
+      if (parked.object == &object) parked_bytes_ -= parked.message.bytes.size();
+    parked_.erase(
+        std::remove_if(parked_.begin(), parked_.end(), [&](const Parked& parked) { return parked.object == &object; }),
+        parked_.end());
+    delivery_.close(object.info.id);
+    say("object " + object.info.name + ": no host offers it any more");
+    if (on_object_gone) on_object_gone(object.info.id);
+    at = objects_.erase(at);
+  }
+}
+
 void Loader::on_host_seen(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns) {
   delivery_.host_seen(host, incarnation, now_ns);
 }
@@ -349,6 +374,7 @@ void Loader::tick(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>&
   take_departures();
   take_released();
   take_parked(now_ns);
+  forget_unoffered(now_ns);
   for (Object* object : by_index_) observe(*object, sights);
   constexpr std::int64_t kAtRestNs = 100'000'000;
   if (!still_ahead(now_ns, sights)) {
