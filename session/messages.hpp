@@ -17,7 +17,7 @@
 namespace tactus::session {
 
 /// Raised when a change makes older programs misread newer samples.
-inline constexpr std::uint32_t kProtocolVersion = 12;
+inline constexpr std::uint32_t kProtocolVersion = 13;
 
 // Bounds, also stated in idl/tactus.idl; a test compares the two.
 inline constexpr std::size_t kMaxName = 63;
@@ -43,6 +43,9 @@ struct Origin {
   std::int64_t time_ns = 0;       ///< sender's monotonic clock when sent
 };
 
+/// Session time of joining, of a program that has not joined yet.
+inline constexpr std::int64_t kNotJoined = INT64_MAX;
+
 enum class Role : std::uint8_t { kHost = 0, kHrtc = 1, kClient = 2, kViewer = 3 };
 
 /// A user that an HRTC has accepted.
@@ -64,6 +67,10 @@ struct RosterEntry {
   std::uint64_t heartbeat = 0;     ///< grows by one each sample
   bool leaving = false;
   bool stopped = false;  ///< host and HRTC: has heard an emergency stop, and no reset since
+  std::uint64_t reference = 0;          ///< participant whose clock it follows; its own: it is the reference; 0: none
+  std::int64_t session_time_ns = 0;     ///< when sent, by its clock; a session begins at 0
+  std::int64_t joined_ns = kNotJoined;  ///< session time since which it has been in the session
+  bool force_on = false;                ///< HRTC only: a force is on, so session time must not step
 };
 
 struct Pose {

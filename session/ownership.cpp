@@ -41,6 +41,11 @@ void Arbiter::on_pose(std::uint64_t fencing) {
   change();
 }
 
+void Arbiter::forget(std::uint64_t participant) {
+  const auto gone = find_participant(let_go_, participant, [](const Toucher& t) { return t.participant; });
+  if (gone != let_go_.end()) let_go_.erase(gone);
+}
+
 void Arbiter::on_claim(const ObjectClaim& claim, std::int64_t now_ns) {
   if (claim.object_id != object_id_ || claim.origin.session != self_.session) return;
   on_pose(claim.fencing);

@@ -33,6 +33,20 @@ bool same_users(const RosterEntry& a, const RosterEntry& b) {
                     [](const UserSlot& x, const UserSlot& y) { return x.user == y.user && x.slot == y.slot; });
 }
 
+/// How long a program has been in the session.
+std::int64_t presence_ns(const RosterEntry& entry) noexcept {
+  return entry.joined_ns == kNotJoined ? -1 : entry.session_time_ns - entry.joined_ns;
+}
+
+/// Of two programs with one name the one that came later gives way. Those that came at about the same time decide by
+/// incarnation: it does not matter who goes, but they must agree.
+bool yields(const RosterEntry& one, const RosterEntry& other) noexcept {
+  constexpr std::int64_t kSameNs = 1'000'000'000;
+  const std::int64_t longer_ns = presence_ns(one) - presence_ns(other);
+  if (longer_ns > kSameNs || longer_ns < -kSameNs) return longer_ns < 0;
+  return one.origin.incarnation > other.origin.incarnation;
+}
+
 }  // namespace
 
 std::string text(const RosterEvent& event) {
@@ -165,7 +179,7 @@ bool Roster::watch_rival(Known& known, const RosterEntry& entry, std::int64_t no
   if (++rival.beats < kBeatsOfALiveRival) return false;
   if (known.here && !rival.reported) {
     rival.reported = true;
-    events.push_back({RosterChange::kTwins, known.entry, incarnation});
+    events.push_back({RosterChange::kTwins, known.entry, incarnation, yields(known.entry, entry)});
   }
   return true;
 }
@@ -216,6 +230,11 @@ std::vector<RosterEntry> Roster::entries() const {
   return all;
 }
 
+std::int64_t Roster::seen_ns(std::uint64_t participant) const {
+  const auto at = known_.find(participant);
+  return at == known_.end() || !at->second.here ? 0 : at->second.seen_ns;
+}
+
 bool Roster::is_late(std::uint64_t participant) const {
   const auto at = known_.find(participant);
   return at != known_.end() && at->second.here && at->second.late;
@@ -230,17 +249,6 @@ std::uint64_t scene_hash(const Roster& roster, const Origin& self, Role role) {
   roster.for_each([&](const RosterEntry& entry) { add(entry.role, entry.origin); });
   std::sort(there.begin(), there.end());
   return XXH3_64bits(there.data(), there.size() * sizeof there[0]);
-}
-
-TimeReference time_reference(const Roster& roster, const Origin& self, Role role, std::int64_t since_start_ns) {
-  const auto keeps_time = [](Role of) { return of == Role::kHost || of == Role::kHrtc; };
-  std::optional<std::pair<std::uint64_t, std::uint64_t>> oldest;
-  if (keeps_time(role) && since_start_ns >= kReferenceSettleNs) oldest = {self.incarnation, self.participant};
-  roster.for_each([&](const RosterEntry& entry) {
-    const std::pair<std::uint64_t, std::uint64_t> age{entry.origin.incarnation, entry.origin.participant};
-    if (keeps_time(entry.role) && (!oldest || age < *oldest)) oldest = age;
-  });
-  return oldest ? TimeReference{oldest->second, oldest->first} : TimeReference{};
 }
 
 UserSlots::UserSlots(std::size_t capacity) : users_(capacity) {

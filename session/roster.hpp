@@ -2,7 +2,8 @@
 ///
 /// A participant is late and then gone by the time since its last heartbeat. A newer incarnation replaces an older one.
 /// Two programs that beat under one name are told apart by their incarnations and reported, once for each pair; when
-/// the newer one ends, the older takes its place again.
+/// the newer one ends, the older takes its place again. Which of the two gives way follows from how long each has been
+/// in the session, not from incarnations: these come from wall clocks, which may be wrong.
 ///
 /// No clock in it; one thread at a time. At most kMaxParticipants are kept.
 #pragma once
@@ -44,6 +45,7 @@ struct RosterEvent {
   RosterChange change;
   RosterEntry entry;
   std::uint64_t other = 0;
+  bool entry_yields = false;  ///< kTwins: the program of `entry` has to give way, else that of `other`
 };
 
 /// One line for a log.
@@ -70,6 +72,13 @@ class Roster {
       if (known.here) visit(known.entry);
   }
   [[nodiscard]] bool is_late(std::uint64_t participant) const;
+  /// When the last sample of somebody who is here arrived; 0 for all others.
+  [[nodiscard]] std::int64_t seen_ns(std::uint64_t participant) const;
+  /// How long this program has been in the session: what its own entries say.
+  void set_own_presence(std::int64_t session_time_ns, std::int64_t joined_ns) noexcept {
+    own_.entry.session_time_ns = session_time_ns;
+    own_.entry.joined_ns = joined_ns;
+  }
   /// Those who are here, and those who were a moment ago.
   [[nodiscard]] std::size_t remembered() const noexcept { return known_.size(); }
 
@@ -104,18 +113,6 @@ class Roster {
 /// Of the hosts and HRTCs that are there and their incarnations, `self` with its `role` among them: equal wherever
 /// programs agree on who serves whom.
 [[nodiscard]] std::uint64_t scene_hash(const Roster& roster, const Origin& self, Role role);
-
-/// Whose clock the session goes by.
-struct TimeReference {
-  std::uint64_t participant = 0;  ///< 0: nobody yet
-  std::uint64_t incarnation = 0;
-};
-/// The host or HRTC that has been there longest (smallest incarnation, then smallest id), so that a newcomer never
-/// brings its own time; `role` is this program's. This program itself counts from kReferenceSettle after its start,
-/// when it must have heard of the others.
-inline constexpr std::int64_t kReferenceSettleNs = 1'000'000'000;
-[[nodiscard]] TimeReference time_reference(const Roster& roster, const Origin& self, Role role,
-                                           std::int64_t since_start_ns);
 
 /// The users that an HRTC has accepted and the probe number of each.
 class UserSlots {

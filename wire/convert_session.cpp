@@ -19,6 +19,10 @@ void to_idl(const session::RosterEntry& from, idl::RosterEntry& to) {
   to.heartbeat(from.heartbeat);
   to.leaving(from.leaving);
   to.stopped(from.stopped);
+  to.reference(from.reference);
+  to.session_time_ns(from.session_time_ns);
+  to.joined_ns(from.joined_ns);
+  to.force_on(from.force_on);
 }
 
 void from_idl(const idl::RosterEntry& from, session::RosterEntry& to) {
@@ -37,6 +41,10 @@ void from_idl(const idl::RosterEntry& from, session::RosterEntry& to) {
   to.heartbeat = from.heartbeat();
   to.leaving = from.leaving();
   to.stopped = from.stopped();
+  to.reference = from.reference();
+  to.session_time_ns = from.session_time_ns();
+  to.joined_ns = from.joined_ns();
+  to.force_on = from.force_on();
 }
 
 void to_idl(const session::CatalogueEntry& from, idl::CatalogueEntry& to) {

@@ -39,6 +39,10 @@ ses::RosterEntry full(const Links& from) {
           {{"carol", 3}, {"dave", 63}},
           77,
           true,
+          true,
+          0x8877665544332211u,
+          78'000'000'000,
+          79'000'000'000,
           true};
 }
 
