@@ -8,6 +8,7 @@
 
 #include "client_sim/remote_hand.hpp"
 #include "session/clock.hpp"
+#include "session/time_reference.hpp"
 #include "sharing/hand_path.hpp"
 #include "wire/ends.hpp"
 #include "wire/inbox.hpp"
@@ -55,7 +56,7 @@ struct Sim::Impl {
       : options{std::move(given)},
         main{options.address},
         core{options.scenario, settings()},
-        clock{main.links.origin(), {}},
+        clock{main.links.origin(), {}, monotonic_ns()},
         roster{main.links.origin(), {}} {
     listen(wire::topics::kRoster);
     listen(wire::topics::kCatalogue);
@@ -131,6 +132,7 @@ struct Sim::Impl {
                                                                    wire::EndOptions{wire::user_partition(user)});
       }
       entry.origin = from.links.origin();
+      session::put_time(clock, false, monotonic_ns(), entry);
       (void)from.roster.send(entry);
       if (entry.leaving) last_words.emplace_back(&from, entry);
     }
@@ -170,10 +172,9 @@ struct Sim::Impl {
   }
 
   void keep_time(std::int64_t now_ns) {
-    const session::TimeReference reference =
-        session::time_reference(roster, main.links.origin(), session::Role::kClient, now_ns - started_ns);
-    if (reference.participant == 0) return;
-    clock.set_reference(reference.participant, reference.incarnation, now_ns);
+    session::keep_time(roster, main.links.origin(), session::Role::kClient, false, now_ns, clock);
+    core.set_own_presence(clock.map().session_time(now_ns), clock.joined_ns());
+    if (clock.reference() == 0) return;
     const std::int64_t period = clock.synchronised() ? kClockNs : kClockNs / 5;
     if (now_ns - clock_asked_ns < period) return;
     clock_asked_ns = now_ns;
@@ -199,7 +200,6 @@ struct Sim::Impl {
   SimCore core;
   session::SessionClock clock;
   session::Roster roster;
-  const std::int64_t started_ns = monotonic_ns();
   std::int64_t clock_asked_ns = 0;
   Inbox inbox{1u << 15};
   std::vector<std::shared_ptr<void>> readers;  // last, so that no callback outlives what it fills

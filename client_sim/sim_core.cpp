@@ -86,8 +86,7 @@ bool SimCore::is_own(std::uint64_t participant) const {
 void SimCore::on_twin(const session::RosterEvent& event) {
   note(session::text(event));
   const bool is_second = event.other == self_.incarnation;
-  const std::uint64_t rival = is_second ? event.entry.origin.incarnation : event.other;
-  if (rival < self_.incarnation) taken_ = event.entry.name;
+  if (event.entry_yields != is_second) taken_ = event.entry.name;
 }
 
 void SimCore::take_events(const std::vector<session::RosterEvent>& events) {

@@ -74,6 +74,11 @@ class SimCore {
   /// Ends the session early, in an orderly way; the next ticks do it.
   void stop(const std::string& reason);
 
+  /// How long this program has been in the session: of two with one name the later gives way.
+  void set_own_presence(std::int64_t session_time_ns, std::int64_t joined_ns) noexcept {
+    roster_.set_own_presence(session_time_ns, joined_ns);
+  }
+
   [[nodiscard]] SimState state() const noexcept { return state_; }
   [[nodiscard]] bool finished() const noexcept { return state_ == SimState::kEnded || state_ == SimState::kFailed; }
   /// It failed because an older program has a name of this one.

@@ -19,6 +19,7 @@
 #include "session/figures.hpp"
 #include "session/roster.hpp"
 #include "session/stop_latch.hpp"
+#include "session/time_reference.hpp"
 #include "wire/ends.hpp"
 #include "wire/inbox.hpp"
 #include "wire/realtime.hpp"
@@ -35,6 +36,7 @@ constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kHeartbeatNs = 100 * kMs;
 constexpr std::int64_t kClockNs = 500 * kMs;
 constexpr std::int64_t kMetricsNs = 1000 * kMs;
+constexpr std::int64_t kHungNs = 5000 * kMs;  // after which others may have forgotten what it serves
 constexpr std::int64_t kMetricsSoonNs = 100 * kMs;
 constexpr milliseconds kPoll{5};        // while an HRTC's readers are not found yet
 constexpr milliseconds kPatience{50};   // so soon a signal is noticed
@@ -194,7 +196,7 @@ struct Host::Impl {
   wire::Links links;
   session::DeliveryServer server{links.origin()};
   session::Roster roster{links.origin(), {}};
-  session::SessionClock clock{links.origin(), {}};
+  session::SessionClock clock{links.origin(), {}, monotonic_ns()};
   std::optional<Scenery> scenery;  // when it has objects that move, and others
   Keeper keeper{links.origin()};
   std::optional<wire::Writer<session::ObjectGrant>> grants_out;  // when it has objects that move
@@ -270,9 +272,12 @@ int Host::Impl::run() {
   send_catalogue(false);
   Every request{kClockNs};
   microseconds patience{0};
+  std::int64_t looked_ns = monotonic_ns();
   while (!stop && !ended) {
     for (const Inbox::Arrived& arrived : inbox.take(patience)) take(arrived);
     const std::int64_t now_ns = monotonic_ns();
+    if (now_ns - looked_ns > kHungNs) send_catalogue(false);  // DDS has not lost it, so sends nothing again by itself
+    looked_ns = now_ns;
     for (const session::RosterEvent& event : roster.tick(now_ns)) react(event, now_ns);
     keep_time(now_ns);
     if (std::exchange(stops_announced, stops.changes()) != stops.changes()) beat.at_once();
@@ -295,6 +300,9 @@ void Host::Impl::take(const Inbox::Arrived& arrived) {
 void Host::Impl::take(const session::RosterEntry& entry, std::int64_t at_ns) {
   if (stops.on_roster(entry)) log(Severity::kWarning, "emergency stop: " + session::text(entry) + " has it");
   for (const session::RosterEvent& event : roster.on_entry(entry, at_ns)) react(event, at_ns);
+  const session::RosterEntry* const known = roster.find(entry.origin.participant);
+  if (known != nullptr && known->role == session::Role::kHost)
+    keeper.on_host(known->origin.participant, known->joined_ns, at_ns);
 }
 
 void Host::Impl::react(const session::RosterEvent& event, std::int64_t now_ns) {
@@ -306,8 +314,7 @@ void Host::Impl::react(const session::RosterEvent& event, std::int64_t now_ns) {
   if (event.change != RosterChange::kChanged) {
     log(trouble ? Severity::kWarning : Severity::kInfo, session::text(event));
   }
-  if (event.change == RosterChange::kTwins && id == links.origin().participant &&
-      links.origin().incarnation > event.other) {
+  if (event.change == RosterChange::kTwins && id == links.origin().participant && event.entry_yields) {
     log(Severity::kError, "a host '" + options.address.participant + "' was in session '" + options.address.session +
                               "' before: this one ends; start it with another --name");
     exit_code = 2;
@@ -324,6 +331,7 @@ void Host::Impl::react(const session::RosterEvent& event, std::int64_t now_ns) {
     vigils.try_emplace(id, links, entry.name, inbox);
   } else if (event.change == RosterChange::kLeft || event.change == RosterChange::kGone) {
     server.on_hrtc_gone(id);
+    keeper.on_hrtc_gone(id);
     bulk.erase(id);
     vigils.erase(id);
   }
@@ -362,9 +370,8 @@ void Host::Impl::take(const session::SessionEnd& end, std::int64_t) {
 }
 
 void Host::Impl::keep_time(std::int64_t now_ns) {
-  const session::TimeReference reference =
-      session::time_reference(roster, links.origin(), session::Role::kHost, now_ns - started_ns);
-  clock.set_reference(reference.participant, reference.incarnation, now_ns);
+  session::keep_time(roster, links.origin(), session::Role::kHost, false, now_ns, clock);
+  keeper.on_host(links.origin().participant, clock.joined_ns(), now_ns);
 }
 
 /// Moves what nobody holds, tells of it, and says how long that may wait.
@@ -406,6 +413,7 @@ void Host::Impl::send_roster(bool leaving) {
   entry.heartbeat = ++heartbeat;
   entry.leaving = leaving;
   entry.stops = stops.records();
+  session::put_time(clock, false, monotonic_ns(), entry);
   (void)roster_out.send(entry);
 }
 

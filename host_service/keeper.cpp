@@ -8,6 +8,8 @@ namespace {
 
 constexpr std::int64_t kStepNs = 1'000'000;
 constexpr std::int64_t kMostNs = 50'000'000;  // that a tick catches up
+/// Longer than the lease of DDS: within that a host that comes back sends no catalogue again.
+constexpr std::int64_t kForgetNs = 10'000'000'000;
 
 }  // namespace
 
@@ -20,7 +22,14 @@ void Keeper::add(const session::CatalogueEntry& entry, std::int64_t now_ns) {
 }
 
 void Keeper::choose_keeper(std::uint64_t id, Object& object, std::int64_t now_ns) {
-  if (!object.older.empty()) {
+  const auto rank = [&](std::uint64_t host) {
+    const auto at = hosts_.find(host);
+    return std::make_pair(at == hosts_.end() ? session::kNotJoined : at->second, host);
+  };
+  const bool other_keeps = std::any_of(object.others.begin(), object.others.end(), [&](const auto& other) {
+    return hosts_.count(other.first) != 0 && rank(other.first) < rank(self_.participant);
+  });
+  if (other_keeps) {
     object.arbiter.reset();
     if (object.owned) object.simulated.follow();
     object.owned = false;
@@ -34,15 +43,40 @@ void Keeper::on_catalogue(const session::CatalogueEntry& entry, std::int64_t now
   const std::uint64_t host = entry.origin.participant;
   const auto at = objects_.find(entry.object_id);
   if (at == objects_.end() || host == self_.participant || entry.origin.session != self_.session) return;
-  at->second.older.erase(host);
-  if (!entry.withdrawn && entry.origin.incarnation < self_.incarnation)
-    at->second.older[host] = entry.origin.incarnation;
+  at->second.others.erase(host);
+  if (!entry.withdrawn) at->second.others[host] = 0;
   choose_keeper(at->first, at->second, now_ns);
 }
 
+void Keeper::choose_keepers(std::int64_t now_ns) {
+  for (auto& [id, object] : objects_) choose_keeper(id, object, now_ns);
+}
+
+void Keeper::on_host(std::uint64_t host, std::int64_t joined_ns, std::int64_t now_ns) {
+  const auto [at, is_new] = hosts_.try_emplace(host, joined_ns);
+  if (!is_new && at->second == joined_ns) return;
+  at->second = joined_ns;
+  choose_keepers(now_ns);
+}
+
 void Keeper::on_host_gone(std::uint64_t host, std::int64_t now_ns) {
+  if (hosts_.erase(host) > 0) choose_keepers(now_ns);
+}
+
+void Keeper::on_hrtc_gone(std::uint64_t hrtc) {
   for (auto& [id, object] : objects_)
-    if (object.older.erase(host) > 0) choose_keeper(id, object, now_ns);
+    if (object.arbiter != nullptr) object.arbiter->forget(hrtc);
+}
+
+void Keeper::forget_away(Object& object, std::int64_t now_ns) const {
+  for (auto at = object.others.begin(); at != object.others.end();) {
+    auto& [host, away_ns] = *at;
+    if (hosts_.count(host) != 0)
+      away_ns = 0;
+    else if (away_ns == 0)
+      away_ns = now_ns;
+    at = away_ns != 0 && now_ns - away_ns >= kForgetNs ? object.others.erase(at) : std::next(at);
+  }
 }
 
 void Keeper::on_claim(const session::ObjectClaim& claim, std::int64_t now_ns) {
@@ -94,6 +128,7 @@ const Keeper::Messages& Keeper::tick(std::int64_t now_ns, std::int64_t session_n
   busy_ = held_ = false;
   met_.clear();
   for (auto& [id, object] : objects_) {
+    forget_away(object, now_ns);
     if (object.arbiter == nullptr) continue;
     if (auto grant = object.arbiter->tick(now_ns)) messages_.grants.push_back(std::move(*grant));
     if (!object.arbiter->owns(now_ns)) {

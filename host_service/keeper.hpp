@@ -4,8 +4,9 @@
 ///                                  SharedObject, 1 kHz while it moves --> poses
 ///
 /// An object at rest that nobody holds costs a pose and a grant now and then, so that late comers learn where it is. Of
-/// several hosts with one object the oldest keeps it; when that is gone the next goes on from where the object was last
-/// seen. An object that nobody holds when its only host starts anew stands where the catalogue says.
+/// several hosts with one object the one that has been in the session for longest keeps it; when that is gone the next
+/// goes on from where the object was last seen. An object that nobody holds when its only host starts anew stands where
+/// the catalogue says.
 ///
 /// Times come as arguments; no DDS, no thread. One thread at a time. Not realtime.
 #pragma once
@@ -41,7 +42,11 @@ class Keeper {
 
   /// Other hosts' entries tell who else has an object.
   void on_catalogue(const session::CatalogueEntry& entry, std::int64_t now_ns);
+  /// Session time since which another host, or this one, has been in the session.
+  void on_host(std::uint64_t host, std::int64_t joined_ns, std::int64_t now_ns);
   void on_host_gone(std::uint64_t host, std::int64_t now_ns);
+  /// Its claims begin anew when it comes back.
+  void on_hrtc_gone(std::uint64_t hrtc);
   void on_claim(const session::ObjectClaim& claim, std::int64_t now_ns);
   void on_pose(const session::ObjectPose& pose, std::int64_t now_ns, std::int64_t session_now_ns);
 
@@ -65,11 +70,11 @@ class Keeper {
  private:
   struct Object {
     sharing::SharedBody body;
-    std::unique_ptr<session::Arbiter> arbiter;  // null: an older host keeps it
+    std::unique_ptr<session::Arbiter> arbiter;  // null: another host keeps it
     haptics::SharedObject simulated;
     sharing::Picture picture;
     session::PoseGate gate;
-    std::map<std::uint64_t, std::uint64_t> older;  // hosts, with their incarnations
+    std::map<std::uint64_t, std::int64_t> others;  // hosts that serve it too; since when each is away, 0: it is here
     bool owned = false;
     std::int64_t stepped_ns = 0, told_ns = 0;
     std::uint32_t sequence = 0;
@@ -80,6 +85,8 @@ class Keeper {
   };
 
   void choose_keeper(std::uint64_t id, Object& object, std::int64_t now_ns);
+  void choose_keepers(std::int64_t now_ns);
+  void forget_away(Object& object, std::int64_t now_ns) const;
   void simulate(Object& object, std::int64_t now_ns, std::int64_t session_now_ns);
 
   session::Origin self_;
@@ -87,6 +94,7 @@ class Keeper {
   Scenery* scenery_ = nullptr;
   std::vector<haptics::Vec3d> met_;          // by all bodies, in this tick
   std::map<std::uint64_t, Object> objects_;  // by id
+  std::map<std::uint64_t, std::int64_t> hosts_;  // that are here, this one too: session time of joining
   Messages messages_;
   bool busy_ = false, held_ = false;
   std::uint64_t steps_ = 0;

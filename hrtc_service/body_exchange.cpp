@@ -25,9 +25,9 @@ BodyExchange::~BodyExchange() = default;
 
 bool BodyExchange::add(const TouchObject& object) {
   if (!holdings_.add(object.index, object.id, *object.body)) return false;
-  const std::lock_guard lock{slots_mutex_};
   slots_[object.index].id = object.id;
-  slots_[object.index].centre = object.body->centre;
+  slots_[object.index].centre = plain(object.body->centre);
+  slots_out_.post(slots_);
   return true;
 }
 
@@ -65,20 +65,19 @@ void BodyExchange::sync_ends(std::int64_t now_ns) {
     ends.in = std::make_unique<wire::Reader<session::ObjectCopy>>(
         links_, wire::topics::kObjectCopy,
         [this, object = body.object](session::ObjectCopy&& copy) { on_copy(object, copy); }, where);
-    const std::lock_guard lock{slots_mutex_};
     slots_[body.object].copies = ends.out.get();
+    slots_out_.post(slots_);
   }
   for (auto at = ends_.begin(); at != ends_.end();) {
     if (now_ns - at->second.held_ns < kLingerNs) {
       ++at;
       continue;
     }
-    {
-      const std::lock_guard lock{slots_mutex_};
-      slots_[at->second.object].copies = nullptr;
-    }
+    slots_[at->second.object].copies = nullptr;
+    dropped_.add(slots_out_.post(slots_), std::move(at->second.out));
     at = ends_.erase(at);
   }
+  dropped_.collect([this](std::uint64_t number) { return slots_out_.passed(number); });
 }
 
 void BodyExchange::tick(std::int64_t now_ns, const session::ClockMap& clock) {
@@ -102,32 +101,33 @@ std::uint64_t BodyExchange::implausible() const {
 }
 
 void BodyExchange::send() {
+  const Slots& slots = slots_out_.latest();
   BodyReports reports;
   if (!bodies_.reports_for_sender().take(reports)) return;
-  const std::lock_guard lock{slots_mutex_};
   for (std::uint32_t i = 0; i < reports.count; ++i) {
     const BodyReport& body = reports.bodies[i];
-    Slot& slot = slots_[body.object];
+    const Slot& slot = slots[body.object];
+    Sent& sent = sent_[body.object];
     if (slot.id == 0) continue;
     if (body.copies > 0 && slot.copies != nullptr) {
       session::ObjectCopy copy;
       copy.origin = links_.origin();
       copy.object_id = slot.id;
-      copy.sequence = ++slot.copy_sequence;
+      copy.sequence = ++sent.copy_sequence;
       copy.fencing = body.group;
       copy.place = body.place;
       sharing::put_sample(body.sample, body.copies, copy);
       (void)slot.copies->send(copy);
     }
-    if (body.publish == 0 || reports.time_ns - slot.pose_sent_ns < kBodyPoseNs) continue;
-    slot.pose_sent_ns = reports.time_ns;
+    if (body.publish == 0 || reports.time_ns - sent.pose_sent_ns < kBodyPoseNs) continue;
+    sent.pose_sent_ns = reports.time_ns;
     session::ObjectPose pose;
     pose.origin = links_.origin();
     pose.object_id = slot.id;
-    pose.sequence = ++slot.pose_sequence;
+    pose.sequence = ++sent.pose_sequence;
     pose.fencing = body.publish;
     pose.session_time_ns = reports.session_ns;
-    sharing::put_state(body.state, slot.centre, pose);
+    sharing::put_state(body.state, vec(slot.centre), pose);
     (void)poses_out_.send(pose);
   }
 }

@@ -17,6 +17,7 @@
 #include <mutex>
 #include <vector>
 
+#include "hrtc_service/handover.hpp"
 #include "hrtc_service/holdings.hpp"
 #include "session/transit.hpp"
 #include "wire/ends.hpp"
@@ -40,7 +41,7 @@ class BodyExchange {
   /// Grants, poses and copies dropped because they are outside their windows.
   [[nodiscard]] std::uint64_t implausible() const;
 
-  /// Sender's thread: what the haptic thread reported of its last cycle.
+  /// Sender's thread: what the haptic thread reported of its last cycle. Takes no lock.
   void send();
 
  private:
@@ -50,11 +51,15 @@ class BodyExchange {
     std::unique_ptr<wire::Reader<session::ObjectCopy>> in;
     std::int64_t held_ns = 0;
   };
-  /// Of one object index, for the threads of DDS and the sender.
+  /// Of one object index, for the sender.
   struct Slot {
     std::uint64_t id = 0;
-    Vec3d centre = Vec3d::Zero();
+    Plain3 centre{};
     wire::Writer<session::ObjectCopy>* copies = nullptr;
+  };
+  using Slots = std::array<Slot, kMaxObjects>;
+  /// The sender's own, by object index.
+  struct Sent {
     std::uint32_t copy_sequence = 0, pose_sequence = 0;
     std::int64_t pose_sent_ns = 0;
   };
@@ -73,8 +78,10 @@ class BodyExchange {
   std::array<std::atomic<std::int64_t>, kMaxObjects> copy_heard_ns_{};
   std::atomic<std::int64_t> session_offset_ns_{0};
   std::atomic<std::int64_t> copy_transit_ns_{-1};  // the greatest since the service last looked; -1: none came
-  std::mutex slots_mutex_;                         // of what follows, the service's and the sender's
-  std::array<Slot, kMaxObjects> slots_;
+  Slots slots_;
+  Handover<Slots> slots_out_;                                            // to the sender
+  Retired<std::unique_ptr<wire::Writer<session::ObjectCopy>>> dropped_;  // until the sender has let go of them
+  std::array<Sent, kMaxObjects> sent_;
   std::map<std::uint64_t, Ends> ends_;  // by object; last, so that no callback outlives what it fills
 };
 

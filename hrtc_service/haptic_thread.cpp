@@ -76,6 +76,7 @@ void HapticThread::obey(const HapticCommands& commands) noexcept {
     if (current_.devices[i] != nullptr && commands.devices[i] != current_.devices[i])
       current_.devices[i]->write_wrench(Vec3d::Zero(), Vec3d::Zero());
   current_ = commands;
+  obeyed_.store(commands.number, std::memory_order_release);
 }
 
 /// A stop comes last: it stands, whatever a reset has ended.

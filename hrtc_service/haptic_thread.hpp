@@ -27,8 +27,9 @@
 
 namespace tactus::hrtc_service {
 
-/// What a probe slot is to do. Devices belong to the service and outlive the thread.
+/// What a probe slot is to do. Devices belong to the service, which keeps them until commands without them are obeyed.
 struct HapticCommands {
+  std::uint64_t number = 0;                            ///< grows with each
   std::array<haptics::Device*, kMaxProbes> devices{};  ///< null: no probe
   std::array<bool, kMaxProbes> framed{};               ///< the device has a frame of its own
   std::uint32_t snapshots = 0;                         ///< grows: copy the shown mesh
@@ -108,6 +109,10 @@ class HapticThread {
   [[nodiscard]] bool obeys_stop() const noexcept {
     return stop_obeyed_.load(std::memory_order_acquire) == stop_word_.load(std::memory_order_relaxed);
   }
+  /// Whether commands of this number or later ones are obeyed: a device that they no longer name is not used any more.
+  [[nodiscard]] bool has_obeyed(std::uint64_t number) const noexcept {
+    return obeyed_.load(std::memory_order_acquire) >= number;
+  }
   [[nodiscard]] haptics::Mailbox<std::array<NearObjects, kMaxProbes>>& near() noexcept { return near_; }
   [[nodiscard]] ArrivalRing& arrivals() noexcept { return arrivals_; }
   [[nodiscard]] DepartureRing& departures() noexcept { return departures_; }
@@ -160,6 +165,7 @@ class HapticThread {
   std::atomic<bool> running_{false};
   std::atomic<std::uint64_t> traces_dropped_{0};
   std::atomic<std::uint32_t> snapshots_done_{0};
+  std::atomic<std::uint64_t> obeyed_{0};  // number of the newest commands
   struct Snapshot {
     std::vector<spm::TreeNode> nodes;  // of level 1, object after object
     std::uint32_t count = 0;
@@ -183,17 +189,20 @@ class HapticThread {
 /// What a haptic thread is told: all of it again with each change. One thread.
 class HapticOrders {
  public:
-  explicit HapticOrders(HapticThread& to) : to_{to.commands()} {}
+  explicit HapticOrders(HapticThread& to) : to_{to} {}
 
   template <class Change>
   void tell(Change&& change) {
     change(commands_);
-    to_.post(commands_);
+    ++commands_.number;
+    to_.commands().post(commands_);
   }
+  /// Whether the thread obeys what was told last when `now().number` was this.
+  [[nodiscard]] bool obeyed(std::uint64_t number) const noexcept { return to_.has_obeyed(number); }
   [[nodiscard]] const HapticCommands& now() const noexcept { return commands_; }
 
  private:
-  haptics::Mailbox<HapticCommands>& to_;
+  HapticThread& to_;
   HapticCommands commands_;
 };
 

@@ -24,6 +24,7 @@
 #include "hrtc_service/timer_beside.hpp"
 #include "session/clock.hpp"
 #include "session/roster.hpp"
+#include "session/time_reference.hpp"
 #include "session/vigil.hpp"
 #include "wire/ends.hpp"
 #include "wire/inbox.hpp"
@@ -46,6 +47,7 @@ constexpr std::int64_t kAllMetricsNs = 5000 * kMs;
 constexpr std::int64_t kOverrunLoggedNs = 1000 * kMs;
 constexpr std::int64_t kModesNs = 20 * kMs;
 constexpr std::int64_t kNoHostNs = 5000 * kMs;
+constexpr std::int64_t kFeltNs = 200 * kMs;  // after a force: a tip that bounces, or a hand that closes again
 
 using wire::Every;
 /// What a host answers when it is asked whether it lives (session/vigil.hpp), or for the time.
@@ -71,6 +73,14 @@ using Sample = std::variant<VigilAnswer, session::RosterEntry, session::Catalogu
                             session::ForceReset, session::SessionEnd, RelayedStop, session::ProbeState,
                             session::Metrics, WholeState, session::ObjectGrant, session::ObjectPose>;
 using Inbox = wire::Inbox<Sample>;
+
+/// Contacts and holds count, whatever their force is in this cycle.
+bool forces_in(const ProbeReports& reports) {
+  return std::any_of(reports.probes.begin(), reports.probes.end(), [](const ProbeOutput& probe) {
+    return probe.active && ((probe.status & (session::kInContact | session::kHolding)) != 0 ||
+                            probe.force != Plain3{} || probe.torque != Plain3{});
+  });
+}
 
 bool touches_exactly(const ProbeReports& reports) {
   constexpr std::uint32_t kTouching = session::kInContact | session::kExact;
@@ -115,7 +125,7 @@ struct Hrtc::Impl {
   void tell_of_hold(std::uint32_t slot, const ProbeOutput& probe);
   void unseat(std::uint64_t client, const std::string& user);
   void seat_local_users();
-  void choose_reference(std::int64_t now_ns);
+  [[nodiscard]] bool force_on(std::int64_t now_ns) const;
   void note_first_touch(std::int64_t now_ns);
   void choose_whom_to_watch(const std::array<NearObjects, kMaxProbes>& near);
   [[nodiscard]] bool keep_vigil(std::int64_t now_ns);
@@ -177,6 +187,7 @@ struct Hrtc::Impl {
   std::uint64_t beats = 0;
   std::uint32_t clock_requests = 0;
   std::int64_t started_ns = 0;
+  std::int64_t felt_ns = INT64_MIN / 2;  // when a force was on last
   bool host_seen = false;
   bool ended = false;
   int exit_code = 0;
@@ -281,7 +292,7 @@ Hrtc::Impl::Impl(HrtcOptions given)
       haptic{haptic_settings(options, flight.get()), specs_of(options)},
       loader{pool, nodes, links.origin(), loader_settings(options), haptic.arrivals(), haptic.departures()},
       roster{links.origin(), {}},
-      clock{links.origin(), {}},
+      clock{links.origin(), {}, monotonic_ns()},
       vigil{links.origin(), {}},
       seats{links, std::min<std::size_t>(options.max_users, kMaxProbes), orders,
             [this](session::Intent&& intent) { inbox.put(std::move(intent)); }},
@@ -298,6 +309,10 @@ Hrtc::Impl::Impl(HrtcOptions given)
   loader.on_object = [this](const TouchObject& object) {
     if (object.body && !exchange.add(object))
       spdlog::warn("an object that can move will stay where it is: an HRTC moves {} at most", kMaxBodies);
+  };
+  loader.on_object_gone = [this](std::uint64_t object) {
+    neighbours.on_object_gone(object);
+    movable.erase(object);
   };
   seat_local_users();
   // Last of what may be refused, so that nothing is left behind.
@@ -360,7 +375,7 @@ void Hrtc::Impl::on_event(const session::RosterEvent& event, std::int64_t now_ns
   if (event.change == RosterChange::kTwins && entry.origin.participant == links.origin().participant) {
     spdlog::error("another program named {} is in session {}; every name may be there once",
                   options.address.participant, options.address.session);
-    if (links.origin().incarnation > event.other) {  // the later one yields
+    if (event.entry_yields) {
       exit_code = 2;
       ended = true;
     }
@@ -401,6 +416,7 @@ void Hrtc::Impl::take(const session::CatalogueEntry& entry, std::int64_t now_ns)
   if (first.catalogue_ns == 0) first.catalogue_ns = now_ns;
   heartbeat.insist();  // a host makes the ends of an HRTC's bulk once it knows of it
   loader.on_catalogue(entry);
+  if (!loader.knows(entry.object_id)) return;
   neighbours.on_catalogue(entry);
   if (sharing::can_move(entry) && !entry.withdrawn) movable.try_emplace(entry.object_id, Movable{entry});
 }
@@ -472,11 +488,9 @@ void Hrtc::Impl::take(const WholeState& whole, std::int64_t now_ns) {
   exchange.on_transit(session_ns - whole.state.session_time_ns, session_ns);
 }
 
-void Hrtc::Impl::choose_reference(std::int64_t now_ns) {
-  const session::TimeReference reference =
-      session::time_reference(roster, links.origin(), session::Role::kHrtc, now_ns - started_ns);
-  clock.set_reference(reference.participant, reference.incarnation, now_ns);
-}
+/// A force may be on, or was a moment ago: then session time must not step.
+bool Hrtc::Impl::force_on(std::int64_t now_ns) const { return now_ns - felt_ns < kFeltNs; }
+
 void Hrtc::Impl::send_roster(bool leaving) {
   session::RosterEntry entry;
   entry.origin = links.origin();
@@ -487,6 +501,7 @@ void Hrtc::Impl::send_roster(bool leaving) {
   entry.heartbeat = ++beats;
   entry.leaving = leaving;
   entry.stops = stops_acknowledged;
+  session::put_time(clock, force_on(monotonic_ns()), monotonic_ns(), entry);
   (void)roster_out.send(entry);
 }
 
@@ -752,6 +767,10 @@ void Hrtc::Impl::tell_of_hold(std::uint32_t slot, const ProbeOutput& probe) {
 void Hrtc::Impl::serve(std::int64_t now_ns) {
   for (const session::RosterEvent& event : roster.tick(now_ns)) on_event(event, now_ns);
   if (haptic.reports_for_service().take(reports)) {
+    if (forces_in(reports)) {
+      if (!force_on(now_ns)) heartbeat.at_once();  // who keeps the time of the session waits with a step
+      felt_ns = now_ns;
+    }
     if (first_cycle == 0) {
       first_cycle = reports.cycle;
       first_cycle_ns = reports.time_ns;
@@ -777,7 +796,7 @@ void Hrtc::Impl::serve(std::int64_t now_ns) {
     demand->origin = links.origin();
     (void)demand_out.send(*demand);
   }
-  choose_reference(now_ns);
+  session::keep_time(roster, links.origin(), session::Role::kHrtc, force_on(now_ns), now_ns, clock);
   if (clock.reference() != 0 && clock.reference() != links.origin().participant && clock_request.due(now_ns)) {
     session::ClockSample request = clock.request(monotonic_ns());
     const std::int64_t sent = request.t0_ns;
@@ -794,6 +813,7 @@ void Hrtc::Impl::serve(std::int64_t now_ns) {
   if (heartbeat.due(now_ns)) send_roster(false);
   if (metrics.due(now_ns)) send_metrics(all_metrics.due(now_ns));
   seats.open_remote_devices();
+  seats.free_left();
   if (modes.due(now_ns)) tick_modes(now_ns);
   drain_rings();
   if (options.saves != nullptr && saves_seen != *options.saves) {

@@ -73,8 +73,18 @@ void Loader::on_catalogue(const session::CatalogueEntry& entry) {
       " faces, " + std::to_string(entry.summary.regions) + " regions");
 }
 
-/// False when it does not fit.
+/// False when it does not fit. A base mesh above the bound of incomplete messages would be dropped again and again.
 bool Loader::take_directory(Object& object) {
+  const auto mib = [](std::uint64_t bytes) { return static_cast<double>(bytes) / (1 << 20); };
+  if (object.entry.base_bytes > settings_.delivery.max_partial_bytes) {
+    object.refused = true;
+    ++figures_.objects_refused;
+    char sizes[128];
+    std::snprintf(sizes, sizeof sizes, "of %.1f MiB is larger than an HRTC assembles, %.1f MiB",
+                  mib(object.entry.base_bytes), mib(settings_.delivery.max_partial_bytes));
+    say("object " + object.info.name + ": refused, its base mesh " + sizes + "; build the model with a smaller one");
+    return false;
+  }
   const std::uint64_t takes = spm::directory_bytes(object.summary, pool_.settings);
   const std::uint64_t left = settings_.directory_bytes - directories_;
   if (takes <= left) {
@@ -83,13 +93,37 @@ bool Loader::take_directory(Object& object) {
   }
   object.refused = true;
   ++figures_.objects_refused;
-  const auto mib = [](std::uint64_t bytes) { return static_cast<double>(bytes) / (1 << 20); };
   char sizes[128];
   std::snprintf(sizes, sizeof sizes, "takes %.1f MiB, %.1f of %.1f MiB are left", mib(takes), mib(left),
                 mib(settings_.directory_bytes));
   say("object " + object.info.name + ": refused, its directory of " + std::to_string(object.summary.regions) +
       " regions " + sizes + "; raise --memory");
   return false;
+}
+
+/// An object that the haptic thread has stays where it is, frozen at what is loaded: a user may be touching it, and its
+/// host may come back. One that has not come so far goes with the last host that offers it.
+void Loader::forget_unoffered(std::int64_t now_ns) {
+  constexpr std::int64_t kLookNs = 1'000'000'000;
+  if (now_ns - looked_at_offers_ns_ < kLookNs) return;
+  looked_at_offers_ns_ = now_ns;
+  for (auto at = objects_.begin(); at != objects_.end();) {
+    Object& object = *at->second;
+    if (object.ready || delivery_.offered(object.info.id, object.info.digest)) {
+      ++at;
+      continue;
+    }
+    if (!object.refused) directories_ -= spm::directory_bytes(object.summary, pool_.settings);
+    for (const Parked& parked : parked_)
+      if (parked.object == &object) parked_bytes_ -= parked.message.bytes.size();
+    parked_.erase(
+        std::remove_if(parked_.begin(), parked_.end(), [&](const Parked& parked) { return parked.object == &object; }),
+        parked_.end());
+    delivery_.close(object.info.id);
+    say("object " + object.info.name + ": no host offers it any more");
+    if (on_object_gone) on_object_gone(object.info.id);
+    at = objects_.erase(at);
+  }
 }
 
 void Loader::on_host_seen(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns) {
@@ -340,6 +374,7 @@ void Loader::tick(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>&
   take_departures();
   take_released();
   take_parked(now_ns);
+  forget_unoffered(now_ns);
   for (Object* object : by_index_) observe(*object, sights);
   constexpr std::int64_t kAtRestNs = 100'000'000;
   if (!still_ahead(now_ns, sights)) {

@@ -98,7 +98,13 @@ class Loader {
   /// Called with each object that is handed to the haptic thread, in the same order.
   std::function<void(const TouchObject&)> on_object;
 
+  /// Called with the id of each object that is forgotten before it was handed over: no host offers it any more.
+  std::function<void(std::uint64_t)> on_object_gone;
+
   void on_catalogue(const session::CatalogueEntry& entry);
+  [[nodiscard]] bool knows(std::uint64_t object_id) const { return objects_.count(object_id) != 0; }
+  /// Bytes of the directories of all objects, at most LoaderSettings::directory_bytes.
+  [[nodiscard]] std::uint64_t directories() const noexcept { return directories_; }
   void on_host_seen(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns);
   void on_host_gone(std::uint64_t host);
   void on_host_silent(std::uint64_t host);
@@ -212,6 +218,7 @@ class Loader {
   };
 
   [[nodiscard]] bool take_directory(Object& object);
+  void forget_unoffered(std::int64_t now_ns);
   void take_base(Object& object, const std::vector<std::uint8_t>& bytes);
   [[nodiscard]] bool still_ahead(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights) const;
   void observe(Object& object, const std::array<ProbeSight, kMaxProbes>& sights) const;
@@ -305,6 +312,7 @@ class Loader {
   std::uint32_t base_slots_ = 0;   // that base meshes take for good
   std::uint32_t base_nodes_ = 0;   // and of the tree, at least
   std::uint64_t directories_ = 0;  // bytes, of all objects
+  std::int64_t looked_at_offers_ns_ = 0;
   double fresh_share_ = 1;         // of a region's records, those that had to be decoded; smoothed
   double blocks_per_record_ = 1;   // of a region's list, that its message took; smoothed
   double bytes_per_block_ = 12;    // on its way; smoothed

@@ -74,26 +74,31 @@ void Neighbours::sync_ends(const std::array<std::uint64_t, kMaxProbes>& users) {
     }
     modes_.on_peers(group, ends.out->matched() > 0 && ends.in->matched() > 0);
   }
-  std::array<wire::Writer<session::ProbeState>*, kMaxProbes> whole{};
+  Whole whole{};
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     const std::uint64_t group = users[i] == 0 ? 0 : modes_.group_of(users[i]);
     whole[i] = group == 0 ? nullptr : ends_.at(group).out.get();
   }
-  {
-    const std::lock_guard lock{mutex_};
-    whole_ = whole;
-  }
+  whole_ = whole;
+  const std::uint64_t number = whole_out_.post(whole_);
   for (auto at = ends_.begin(); at != ends_.end();) {
     const bool wanted = std::binary_search(groups.begin(), groups.end(), at->first);
-    if (!wanted) spdlog::info("users are apart: ends of group {:016x} are dropped", at->first);
-    at = wanted ? std::next(at) : ends_.erase(at);
+    if (wanted) {
+      ++at;
+      continue;
+    }
+    spdlog::info("users are apart: ends of group {:016x} are dropped", at->first);
+    at->second.in.reset();
+    dropped_.add(number, std::move(at->second));
+    at = ends_.erase(at);
   }
+  dropped_.collect([this](std::uint64_t dropped) { return whole_out_.passed(dropped); });
 }
 
 bool Neighbours::send_whole(std::uint32_t probe, const session::ProbeState& state) {
-  const std::lock_guard lock{mutex_};
-  if (whole_[probe] == nullptr) return false;
-  (void)whole_[probe]->send(state);
+  wire::Writer<session::ProbeState>* const out = (*in_use_)[probe];
+  if (out == nullptr) return false;
+  (void)out->send(state);
   return true;
 }
 

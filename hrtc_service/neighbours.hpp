@@ -10,10 +10,10 @@
 #include <functional>
 #include <map>
 #include <memory>
-#include <mutex>
 #include <utility>
 #include <vector>
 
+#include "hrtc_service/handover.hpp"
 #include "hrtc_service/touch_object.hpp"
 #include "session/modes.hpp"
 #include "session/remote_probe.hpp"
@@ -30,6 +30,7 @@ class Neighbours {
   ~Neighbours();
 
   void on_catalogue(const session::CatalogueEntry& entry) { modes_.on_catalogue(entry); }
+  void on_object_gone(std::uint64_t object) { modes_.forget_object(object); }
   /// Throws std::invalid_argument as session::parse_mode.
   void on_mode(const std::string& text) { modes_.command(session::parse_mode(text)); }
   void on_own_probe(std::uint64_t user, const std::array<double, 3>& position, std::int64_t now_ns) {
@@ -45,7 +46,9 @@ class Neighbours {
   /// Builds and drops ends, forgets who is silent. `users`: ids by probe, 0 where there is none.
   void tick(std::int64_t now_ns, const std::array<std::uint64_t, kMaxProbes>& users);
 
-  /// Sender's thread: sends the state of a probe whole if its user collaborates; false when it does not.
+  /// Sender's thread, before the states of each cycle: from now on it uses the newest ends and none that are dropped.
+  void take_ends() noexcept { in_use_ = &whole_out_.latest(); }
+  /// Sender's thread: sends the state of a probe whole if its user collaborates; false when it does not. Takes no lock.
   bool send_whole(std::uint32_t probe, const session::ProbeState& state);
   /// Any thread: the greatest share of our coded states that a controller misses.
   [[nodiscard]] double loss() const noexcept { return loss_.load(std::memory_order_relaxed); }
@@ -81,8 +84,11 @@ class Neighbours {
   std::uint64_t implausible_ = 0;
   std::atomic<double> loss_{0};
   std::map<std::uint64_t, Ends> ends_;  // by group
-  std::mutex mutex_;                    // for what follows, the service's and the sender's
-  std::array<wire::Writer<session::ProbeState>*, kMaxProbes> whole_{};
+  using Whole = std::array<wire::Writer<session::ProbeState>*, kMaxProbes>;  // by probe
+  Whole whole_{};
+  Handover<Whole> whole_out_;      // to the sender
+  const Whole* in_use_ = nullptr;  // the sender's, since take_ends
+  Retired<Ends> dropped_;          // until the sender has let go of them
 };
 
 }  // namespace tactus::hrtc_service

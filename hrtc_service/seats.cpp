@@ -21,10 +21,10 @@ void Seats::give_device(std::uint32_t probe, haptics::Device* device) {
 bool Seats::seat_here(const std::string& name, std::unique_ptr<haptics::Device> device) {
   const std::optional<std::uint32_t> slot = slots_.grant(name);
   if (!slot) return false;
-  devices_.push_back(std::move(device));
-  orders_.tell([&](HapticCommands& commands) { commands.framed[*slot] = true; });
-  give_device(*slot, devices_.back().get());
   User& user = users_[*slot];
+  user.own = std::move(device);
+  orders_.tell([&](HapticCommands& commands) { commands.framed[*slot] = true; });
+  give_device(*slot, user.own.get());
   user.name = name;
   user.id = session::id_of(name);
   user_ids_[*slot] = user.id;
@@ -59,10 +59,8 @@ void Seats::seat(const session::RosterEntry& client) {
 
 /// A device that its client sends the poses of: they go past the service, straight to where the haptic thread looks.
 void Seats::listen_to_device(User& user) {
-  auto device = std::make_unique<haptics::RemoteDevice>();
-  user.remote = device.get();
-  devices_.push_back(std::move(device));
-  const auto on_pose = [this, remote = user.remote, id = user.id, client = user.client,
+  user.remote = std::make_unique<haptics::RemoteDevice>();
+  const auto on_pose = [this, remote = user.remote.get(), id = user.id, client = user.client,
                         window =
                             session::SenderWindow{session::kCycleNumbers}](const session::DevicePose& pose) mutable {
     if (pose.user_id != id || pose.origin.participant != client) return;
@@ -90,18 +88,30 @@ std::optional<std::uint64_t> Seats::unseat(std::uint64_t client, const std::stri
     return seat.second.name == name && seat.second.client == client && client != 0;
   });
   if (at == users_.end()) return std::nullopt;
-  const auto& [slot, user] = *at;
+  auto& [slot, user] = *at;
   const std::uint64_t id = user.id;
   give_device(slot, nullptr);
-  {
-    const std::lock_guard lock{remote_mutex_};
-    remote_ends_[slot] = {};
-  }
+  remote_ends_[slot] = {};
+  const std::uint64_t remotes = remote_ends_out_.post(remote_ends_);
   user_ids_[slot] = 0;
   slots_.release(name);
   spdlog::info("user {} has left", name);
+  user.intents.reset();
+  user.poses.reset();
+  left_.push_back({std::move(user), orders_.now().number, remotes});
   users_.erase(at);
+  free_left();
   return id;
+}
+
+void Seats::free_left() {
+  left_.erase(std::remove_if(left_.begin(), left_.end(),
+                             [this](const Left& left) {
+                               const bool sent_to = left.user.commands != nullptr;
+                               return orders_.obeyed(left.orders) &&
+                                      (!sent_to || remote_ends_out_.passed(left.remotes));
+                             }),
+              left_.end());
 }
 
 std::vector<std::string> Seats::users_of(std::uint64_t client) const {
@@ -119,10 +129,8 @@ void Seats::on_intent(const session::Intent& intent, std::int64_t ahead_ns) {
       haptics::HandSettings hand;
       sharing::begin_at(intent, hand);
       hand.seed = slot + 1;
-      auto device = std::make_unique<haptics::SimulatedDevice>(hand);
-      user.hand = device.get();
-      devices_.push_back(std::move(device));
-      give_device(slot, user.hand);
+      user.hand = std::make_unique<haptics::SimulatedDevice>(hand);
+      give_device(slot, user.hand.get());
     }
     user.hand->wishes().post(sharing::hand_path(intent, ahead_ns));
   }
@@ -131,16 +139,11 @@ void Seats::on_intent(const session::Intent& intent, std::int64_t ahead_ns) {
 void Seats::open_remote_devices() {
   for (auto& [slot, user] : users_) {
     if (user.remote == nullptr || !user.remote->has_pose() || orders_.now().devices[slot] != nullptr) continue;
-    RemoteEnd end;
-    end.device = user.remote;
-    end.user_id = user.id;
-    end.commands = std::make_unique<wire::Writer<session::DeviceCommand>>(
+    user.commands = std::make_unique<wire::Writer<session::DeviceCommand>>(
         links_, wire::topics::kDeviceCommand, wire::EndOptions{wire::user_partition(user.name)});
-    {
-      const std::lock_guard lock{remote_mutex_};
-      remote_ends_[slot] = std::move(end);
-    }
-    give_device(slot, user.remote);
+    remote_ends_[slot] = {user.remote.get(), user.id, user.commands.get()};
+    remote_ends_out_.post(remote_ends_);
+    give_device(slot, user.remote.get());
     spdlog::info("user {} brings a device of its own", user.name);
   }
 }
@@ -155,7 +158,7 @@ void Seats::write(std::vector<session::Figure>& figures) const {
   namespace names = session::figures;
   double remotes = 0, loop_delay = 0;
   for (const auto& [slot, user] : users_) {
-    if (user.remote == nullptr || orders_.now().devices[slot] != user.remote) continue;
+    if (user.remote == nullptr || orders_.now().devices[slot] != user.remote.get()) continue;
     ++remotes;
     loop_delay = std::max(loop_delay, user.remote->loop_delay());
   }
@@ -164,9 +167,9 @@ void Seats::write(std::vector<session::Figure>& figures) const {
 }
 
 void Seats::send_commands(const ProbeReports& latest) {
-  const std::lock_guard lock{remote_mutex_};
+  const RemoteEnds& ends = remote_ends_out_.latest();
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
-    const RemoteEnd& end = remote_ends_[i];
+    const RemoteEnd& end = ends[i];
     const ProbeOutput& probe = latest.probes[i];
     if (end.device == nullptr || !probe.active) continue;
     session::DeviceCommand command;

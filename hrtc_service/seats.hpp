@@ -5,8 +5,8 @@
 ///     at a client                   device_pose     --> (DDS)                  --> RemoteDevice
 ///                                   device_command  <-- sender <-- reports     <--
 ///
-/// The haptic thread is told of devices by its orders; they stay until this goes, for it may still read one that has
-/// been taken from it. Service's thread, but for what says otherwise.
+/// The haptic thread is told of devices by its orders, the sender of those at clients by a Handover. What a user who
+/// has left brought is destroyed once neither of them uses it any more. Service's thread, but for what says otherwise.
 #pragma once
 
 #include <array>
@@ -15,13 +15,13 @@
 #include <functional>
 #include <map>
 #include <memory>
-#include <mutex>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "haptics/remote_device.hpp"
 #include "haptics/simulated_device.hpp"
+#include "hrtc_service/handover.hpp"
 #include "hrtc_service/haptic_thread.hpp"
 #include "session/roster.hpp"
 #include "session/sequence_window.hpp"
@@ -49,6 +49,10 @@ class Seats {
   void on_intent(const session::Intent& intent, std::int64_t ahead_ns);
   /// Hands to the haptic thread what has sent its first pose since the last call.
   void open_remote_devices();
+  /// Destroys what users who have left brought, as far as no thread uses it any more. Now and then.
+  void free_left();
+  /// Users whose devices are not destroyed yet.
+  [[nodiscard]] std::size_t left() const noexcept { return left_.size(); }
   /// Session time less our clock, for the poses that come from now on.
   void on_clock(std::int64_t session_offset_ns) noexcept { session_offset_ns_ = session_offset_ns; }
 
@@ -64,7 +68,7 @@ class Seats {
   [[nodiscard]] std::uint64_t user_at(std::uint32_t probe) const noexcept {
     return user_ids_[probe].load(std::memory_order_relaxed);
   }
-  /// Sender's thread: what the haptic thread reported of its last cycle, to the devices at clients.
+  /// Sender's thread: what the haptic thread reported of its last cycle, to the devices at clients. Takes no lock.
   void send_commands(const ProbeReports& latest);
 
  private:
@@ -72,17 +76,25 @@ class Seats {
     std::string name;
     std::uint64_t id = 0;
     std::uint64_t client = 0;                  // participant; 0: a device of our own
-    haptics::SimulatedDevice* hand = nullptr;  // once it has a wish
-    haptics::RemoteDevice* remote = nullptr;   // what takes its poses, if it sends any
+    std::unique_ptr<haptics::Device> own;      // at this machine
+    std::unique_ptr<haptics::SimulatedDevice> hand;                  // once it has a wish
+    std::unique_ptr<haptics::RemoteDevice> remote;                   // what takes its poses, if it sends any
+    std::unique_ptr<wire::Writer<session::DeviceCommand>> commands;  // once it has
     std::unique_ptr<wire::Reader<session::Intent>> intents;
-    std::unique_ptr<wire::Reader<session::DevicePose>> poses;
+    std::unique_ptr<wire::Reader<session::DevicePose>> poses;  // last, so that no callback outlives what it fills
   };
-  /// Where the forces of a remote device go.
+  /// A user who has left; `orders` and `remotes` are the first without its devices.
+  struct Left {
+    User user;
+    std::uint64_t orders = 0, remotes = 0;
+  };
+  /// Where the forces of a remote device go, for the sender.
   struct RemoteEnd {
     haptics::RemoteDevice* device = nullptr;  // null: this probe has none
     std::uint64_t user_id = 0;
-    std::unique_ptr<wire::Writer<session::DeviceCommand>> commands;
+    wire::Writer<session::DeviceCommand>* commands = nullptr;
   };
+  using RemoteEnds = std::array<RemoteEnd, kMaxProbes>;
 
   void listen_to_device(User& user);
   void give_device(std::uint32_t probe, haptics::Device* device);
@@ -91,12 +103,12 @@ class Seats {
   HapticOrders& orders_;
   OnIntent on_intent_;
   session::UserSlots slots_;
-  std::vector<std::unique_ptr<haptics::Device>> devices_;
   std::array<std::atomic<std::uint64_t>, kMaxProbes> user_ids_{};
   std::atomic<std::int64_t> session_offset_ns_{0};
   std::atomic<std::uint64_t> implausible_{0};
-  std::mutex remote_mutex_;  // the service's and the sender's
-  std::array<RemoteEnd, kMaxProbes> remote_ends_;
+  RemoteEnds remote_ends_;
+  Handover<RemoteEnds> remote_ends_out_;  // to the sender
+  std::vector<Left> left_;
   std::map<std::uint32_t, User> users_;  // by slot; last, so that no callback outlives what it fills
 };
 

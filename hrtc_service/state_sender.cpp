@@ -15,6 +15,7 @@ StateSender::StateSender(wire::Links& links, double radius, bool coding, const S
       out_{links, wire::topics::kProbeState} {}
 
 void StateSender::send(const ProbeReports& latest, const session::ClockMap& map) {
+  neighbours_.take_ends();
   // Who has just been found shall see the probes now, not when they have moved.
   const int matched = out_.matched();
   if (matched > matched_) coders_.fill(Coder{});

@@ -19,7 +19,7 @@ class EchoerClock {
     const session::Origin pinger{1, 1, 1, 0}, echoer{1, 2, 1, 0};
     session::ClockSettings settings;
     settings.window = 256;
-    session::SessionClock clock{pinger, settings};
+    session::SessionClock clock{pinger, settings, 0};
     clock.set_reference(echoer.participant, echoer.incarnation, 0);
     for (const Echo& echo : stamps.echoes) {
       if (echo.reader != 0 || echo.sequence >= stamps.pings.size()) continue;

@@ -19,9 +19,11 @@ std::int64_t ClockMap::bound(std::int64_t at_local_ns) const noexcept {
   return bound_ns + residual + std::llround(static_cast<double>(at_local_ns - local_ns) * drift);
 }
 
-SessionClock::SessionClock(const Origin& self, const ClockSettings& settings) : self_{self}, settings_{settings} {
-  map_.bound_ns = kClockUnknown;
-}
+SessionClock::SessionClock(const Origin& self, const ClockSettings& settings, std::int64_t local_now_ns)
+    : self_{self},
+      settings_{settings},
+      began_ns_{local_now_ns},
+      map_{local_now_ns, 0, 0, local_now_ns, kClockUnknown} {}
 
 void SessionClock::set_reference(std::uint64_t participant, std::uint64_t incarnation, std::int64_t local_now_ns) {
   if (participant == reference_ && incarnation == reference_incarnation_) return;
@@ -32,9 +34,11 @@ void SessionClock::set_reference(std::uint64_t participant, std::uint64_t incarn
   window_.clear();
   const std::int64_t widest_ns = settings_.step_ns + settings_.max_rtt_ns;
   times_ = TimeWindow{{widest_ns, widest_ns}};
+  waits_ = false;
   if (participant != self_.participant) return;
-  // Run on from where the session is; at its very beginning that is the local clock.
+  // Run on from where the session is.
   map_ = {local_now_ns, map_.session_time(local_now_ns), 0, local_now_ns, 0, 0};
+  if (!synchronised_) joined_ns_ = map_.session_ns;
   synchronised_ = true;
 }
 
@@ -83,7 +87,8 @@ bool SessionClock::on_answer(const ClockSample& answer, std::int64_t local_now_n
   return true;
 }
 
-/// Points the map at the best measurement, without a step but for the first and when it is far.
+/// Points the map at the best measurement, without a step but for the first and when it is far; and with none at all
+/// while a force is on.
 void SessionClock::steer(std::int64_t local_now_ns) {
   const auto bound_now = [&](const Measured& m) {
     return m.bound_ns + std::llround(static_cast<double>(local_now_ns - m.local_ns) * settings_.drift);
@@ -94,7 +99,15 @@ void SessionClock::steer(std::int64_t local_now_ns) {
   const std::int64_t target = local_now_ns + best.offset_ns;
   const std::int64_t ran_on = map_.session_time(local_now_ns);
   const bool far = std::abs(target - ran_on) > settings_.step_ns + bound_now(best);
-  const std::int64_t session = synchronised_ && !far ? ran_on : target;
+  const bool step = !synchronised_ || far;
+  waits_ = step && force_on_;
+  if (waits_) {
+    const std::int64_t wrong_ns = synchronised_ ? std::abs(target - ran_on) + bound_now(best) : kClockUnknown;
+    map_ = {local_now_ns, ran_on, 0, local_now_ns, std::min(wrong_ns, kClockUnknown), settings_.drift};
+    return;
+  }
+  const std::int64_t session = step ? target : ran_on;
+  if (step) joined_ns_ = session;
   const std::int64_t error = target - session;
   const double slew = error > 0 ? settings_.max_slew : error < 0 ? -settings_.max_slew : 0;
   const auto duration = std::llround(static_cast<double>(std::abs(error)) / settings_.max_slew);

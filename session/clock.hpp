@@ -4,10 +4,13 @@
 ///     asker    t3 <---answer------  t2             offset = ((t1 - t0) + (t2 - t3)) / 2, right to (rtt / 2)
 ///
 /// t0 and t3 are the asker's monotonic clock, t1 and t2 the reference's session time, which is its own monotonic clock
-/// plus a constant; so the session's time goes on when another participant becomes the reference. The answer with the
-/// smallest bound in a window counts; the bound of an old one grows by what two crystals may drift apart.
-/// The first answer sets the clock; after that it runs a little faster or slower until it agrees. It steps only when it
-/// is proven wrong by more than `step_ns`: two times have met that began apart, each kept by programs that were alone.
+/// plus a constant. A session's time begins at 0 with the first program and goes on when another participant becomes
+/// the reference, so it also says how old the session is (session/time_reference.hpp). The answer with the smallest
+/// bound in a window counts; the bound of an old one grows by what two crystals may drift apart.
+/// The first answer sets the clock; after that it runs a little faster or slower until it agrees. It steps only when
+/// the error is above `step_ns` and proven: then two sessions have met that began apart. Neither the first setting nor
+/// a step happens while the caller says that a force is on: forces between coupled objects, and what a hand does next,
+/// follow from session time. Until then the clock goes on as it was, and its bound states the error.
 ///
 /// No clock in it: local monotonic nanoseconds come as arguments. One thread; a ClockMap may be copied to others.
 /// Source: RFC 5905, section 8 (four-stamp exchange) and its clock filter (lowest delay in a window).
@@ -46,16 +49,19 @@ struct ClockMap {
   [[nodiscard]] std::int64_t bound(std::int64_t at_local_ns) const noexcept;
 };
 
-/// Bound of a clock that has heard nothing yet.
+/// Bound of a clock that has received no answer yet.
 inline constexpr std::int64_t kClockUnknown = INT64_C(1) << 60;
 
 class SessionClock {
  public:
-  SessionClock(const Origin& self, const ClockSettings& settings);
+  /// Session time begins at 0 at `local_now_ns`, should nobody else be there.
+  SessionClock(const Origin& self, const ClockSettings& settings, std::int64_t local_now_ns);
 
   /// Who is the reference now, see time_reference; this program itself makes the clock run on freely. 0: nobody yet.
   void set_reference(std::uint64_t participant, std::uint64_t incarnation, std::int64_t local_now_ns);
   [[nodiscard]] std::uint64_t reference() const noexcept { return reference_; }
+  /// Whether a force is on at this program: then the clock does not step, but waits.
+  void set_force_on(bool on) noexcept { force_on_ = on; }
 
   /// To publish now and then when the reference is another.
   [[nodiscard]] ClockSample request(std::int64_t local_now_ns);
@@ -69,9 +75,17 @@ class SessionClock {
   /// repetition, impossible or implausible (session/sequence_window.hpp).
   bool on_answer(const ClockSample& answer, std::int64_t local_now_ns);
 
-  /// Whether session time means something: this is the reference, or has heard it.
+  /// Whether session time means something: this is the reference, or has received its answer.
   [[nodiscard]] bool synchronised() const noexcept { return synchronised_; }
+  /// The clock would have been set or stepped, but a force is on.
+  [[nodiscard]] bool waits() const noexcept { return waits_; }
   [[nodiscard]] const ClockMap& map() const noexcept { return map_; }
+  /// When it began, local.
+  [[nodiscard]] std::int64_t began_ns() const noexcept { return began_ns_; }
+  /// Session time since which this program has been in the session; kNotJoined until it is synchronised. A step
+  /// begins anew: the program has joined another session's time.
+  [[nodiscard]] std::int64_t joined_ns() const noexcept { return joined_ns_; }
+  [[nodiscard]] const ClockSettings& settings() const noexcept { return settings_; }
 
  private:
   struct Measured {
@@ -83,9 +97,12 @@ class SessionClock {
 
   Origin self_;
   ClockSettings settings_;
+  std::int64_t began_ns_;
   std::uint64_t reference_ = 0;
   std::uint64_t reference_incarnation_ = 0;
   bool synchronised_ = false;
+  bool force_on_ = false, waits_ = false;
+  std::int64_t joined_ns_ = kNotJoined;
   std::uint32_t sequence_ = 0;
   std::array<std::int64_t, 16> asked_ns_{};  // local, of the newest requests by their number
   std::uint32_t answered_ = 0;               // newest request answered

@@ -38,6 +38,7 @@ void DeliveryClient::host_seen(std::uint64_t host, std::uint64_t incarnation, st
   if (incarnation != state.incarnation) begin_streams(host, incarnation);
   state.live = true;
   state.seen_ns = now_ns;
+  state.absent_ns = 0;
 }
 
 void DeliveryClient::host_gone(std::uint64_t host) {
@@ -50,10 +51,30 @@ void DeliveryClient::host_silent(std::uint64_t host) {
   if (at != hosts_.end()) at->second.seen_ns -= settings_.host_late_ns;
 }
 
-void DeliveryClient::begin_streams(std::uint64_t host, std::uint64_t incarnation) {
+void DeliveryClient::end_streams(std::uint64_t host) {
   for (auto at = streams_.begin(); at != streams_.end();) {
     at = at->second.host == host ? streams_.erase(at) : std::next(at);
   }
+}
+
+/// A host that serves an object stays: choose_host has to leave it first.
+void DeliveryClient::forget_hosts(std::int64_t now_ns) {
+  for (auto at = hosts_.begin(); at != hosts_.end();) {
+    Host& host = at->second;
+    if (!host.live && host.absent_ns == 0) host.absent_ns = now_ns;
+    const bool serves = std::any_of(objects_.begin(), objects_.end(),
+                                    [&](const auto& object) { return object.second.host == at->first; });
+    if (host.live || serves || now_ns - host.absent_ns < settings_.forget_host_ns) {
+      ++at;
+      continue;
+    }
+    end_streams(at->first);
+    at = hosts_.erase(at);
+  }
+}
+
+void DeliveryClient::begin_streams(std::uint64_t host, std::uint64_t incarnation) {
+  end_streams(host);
   Host& state = hosts_[host];
   state.incarnation = incarnation;
   state.arrivals = 0;
@@ -82,6 +103,22 @@ void DeliveryClient::open(std::uint64_t object_id, std::uint64_t digest) {
   at->second.digest = digest;
   for (const auto& [host, state] : hosts_) begin_stream(host, object_id);
   change(at->second);
+}
+
+void DeliveryClient::close(std::uint64_t object_id) {
+  const auto at = objects_.find(object_id);
+  if (at == objects_.end()) return;
+  for (const auto& [region, partial] : at->second.partials) partial_bytes_ -= partial.bytes;
+  for (auto stream = streams_.begin(); stream != streams_.end();)
+    stream = stream->second.object_id == object_id ? streams_.erase(stream) : std::next(stream);
+  objects_.erase(at);
+}
+
+bool DeliveryClient::offered(std::uint64_t object_id, std::uint64_t digest) const {
+  return std::any_of(hosts_.begin(), hosts_.end(), [&](const auto& host) {
+    const auto offer = host.second.offers.find(object_id);
+    return offer != host.second.offers.end() && offer->second == digest;
+  });
 }
 
 /// Several changes between two demands share the epoch of the second.
@@ -455,6 +492,7 @@ std::int64_t DeliveryClient::repeat_after(const Object& object) const {
 
 std::optional<Demand> DeliveryClient::demand(std::int64_t now_ns) {
   bound_partials(now_ns);
+  forget_hosts(now_ns);
   for (auto& [object_id, object] : objects_) {
     choose_host(object_id, object, now_ns);
     if (object.host == 0) continue;
@@ -516,6 +554,12 @@ Demand DeliveryClient::make_demand(std::uint64_t object_id, Object& object, std:
   while (!told_.empty() && told_.back().credit <= demand.credit) told_.pop_back();
   told_.push_back({now_ns, demand.credit});
   return demand;
+}
+
+DeliveryClient::Sizes DeliveryClient::sizes() const noexcept {
+  Sizes sizes{hosts_.size(), 0, streams_.size(), objects_.size()};
+  for (const auto& [id, host] : hosts_) sizes.offers += host.offers.size();
+  return sizes;
 }
 
 std::uint64_t DeliveryClient::serving_host(std::uint64_t object_id) const {

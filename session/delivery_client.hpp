@@ -49,6 +49,9 @@ struct DeliverySettings {
   std::int64_t repeat_ns = 20'000'000;
   std::int64_t keep_alive_ns = 500'000'000;         ///< unchanged demands repeat
   std::int64_t host_late_ns = 250'000'000;          ///< without heartbeat; then another host is chosen if there is one
+  /// Of a host that is gone: then its offers are forgotten. Longer than the lease of its participant: within that DDS
+  /// takes it for the same writer when it comes back, and sends no catalogue again.
+  std::int64_t forget_host_ns = 10'000'000'000;
   std::int64_t partial_timeout_ns = 2'000'000'000;  ///< incomplete messages without a new chunk are dropped
   std::uint32_t credit = 256 * 1024;                ///< bytes that a host may have under way to this HRTC, at first
   std::uint32_t most_credit = 8u << 20;             ///< grows so far where rate and round trip ask for it
@@ -70,6 +73,10 @@ class DeliveryClient {
 
   /// Begins with an object: its base mesh is wanted from now on. Chunks of other objects are ignored.
   void open(std::uint64_t object_id, std::uint64_t digest);
+  /// Forgets the object: what it holds, wants and has half received. Chunks of it are ignored from now on.
+  void close(std::uint64_t object_id);
+  /// Whether some host offers the object with this digest, here or gone for less than `forget_host_ns`.
+  [[nodiscard]] bool offered(std::uint64_t object_id, std::uint64_t digest) const;
   /// Replaces what is wanted; soonest first is not required. At most the kMaxWanted soonest are asked for.
   void want(std::uint64_t object_id, std::vector<Wanted> wanted);
 
@@ -112,6 +119,11 @@ class DeliveryClient {
   [[nodiscard]] double rate() const noexcept { return rate_; }
   /// 0 when nobody serves the object.
   [[nodiscard]] std::uint64_t serving_host(std::uint64_t object_id) const;
+  /// How much is remembered; falls again when hosts and objects have gone.
+  struct Sizes {
+    std::size_t hosts = 0, offers = 0, streams = 0, objects = 0;
+  };
+  [[nodiscard]] Sizes sizes() const noexcept;
   /// Bytes of incomplete messages, at most `max_partial_bytes`.
   [[nodiscard]] std::size_t partial_bytes() const noexcept { return partial_bytes_; }
 
@@ -146,6 +158,7 @@ class DeliveryClient {
   struct Host {
     bool live = false;
     std::int64_t seen_ns = 0;
+    std::int64_t absent_ns = 0;  // since when it is known and not live; 0: it is, or no time has passed since
     std::uint64_t incarnation = 0;
     std::map<std::uint64_t, std::uint64_t> offers;  // object -> digest
     std::uint32_t arrivals = 0, one_way_us = 0;     // as in Demand
@@ -206,6 +219,8 @@ class DeliveryClient {
                                                 const BulkPiece& piece, std::int64_t now_ns);
   void drop_partial(Object& object, std::map<std::uint32_t, Partial>::iterator at);
   void bound_partials(std::int64_t now_ns);
+  void forget_hosts(std::int64_t now_ns);
+  void end_streams(std::uint64_t host);
   void choose_host(std::uint64_t object_id, Object& object, std::int64_t now_ns);
   void serve_from(Object& object, std::uint64_t host);
   void note_rate(std::size_t bytes, std::int64_t now_ns);

@@ -16,6 +16,8 @@ constexpr std::uint32_t kBaseContactUs = 100'000;
 constexpr std::size_t kLeastRoom = 64;
 /// After the last chunk, longer each time.
 constexpr std::int64_t kFirstMark = 4'000'000, kLastMark = 128'000'000;
+/// Without a demand of an HRTC, which repeats them every half second (DeliverySettings::keep_alive_ns).
+constexpr std::int64_t kForgetNs = 5'000'000'000;
 
 std::uint32_t end_of(const spm::Run& run) { return run.first + run.count; }
 
@@ -92,6 +94,7 @@ DeliveryServer::DemandResult DeliveryServer::on_demand(const Demand& demand, std
     fresh.counters = controller.counters;
     controller = std::move(fresh);
   }
+  controller.heard_ns = now_ns;
   const Admission time = controller.times.admit(demand.origin.time_ns, now_ns);
   if (time == Admission::kImplausible) return DemandResult::kImplausible;
   if (time == Admission::kAnew) {
@@ -240,15 +243,9 @@ void DeliveryServer::compare(Controller& controller, Service& service, const Obj
                    [](const Wanted& a, const Wanted& b) { return a.contact_in_us > b.contact_in_us; });
 }
 
-std::pair<std::size_t, std::size_t> DeliveryServer::Message::range(std::uint16_t part) const noexcept {
-  if (part == 0) return {0, first_bytes};
-  const std::size_t from = first_bytes + std::size_t{part_bytes} * (part - 1u);
-  return {from, std::min<std::size_t>(from + part_bytes, bytes)};
-}
-
-bool DeliveryServer::Message::fits(std::uint16_t part, std::size_t room) const noexcept {
-  const auto [from, to] = range(part);
-  return head_bytes(region, parts) + to - from <= room;
+bool DeliveryServer::Message::fits(std::uint32_t part, std::size_t room) const noexcept {
+  const auto [from, to] = parts.range(part);
+  return head_bytes(region, parts.count) + to - from <= room;
 }
 
 DeliveryServer::Message* DeliveryServer::first_lost(Service& service, std::size_t room) {
@@ -276,7 +273,7 @@ void DeliveryServer::plan(Service& service, const Object& object, std::size_t ro
   message.number = ++service.planned;
   if (service.demand.need_base) {
     message.contact_in_us = kBaseContactUs;
-    message.bytes = static_cast<std::uint32_t>(object.model.spans().base.size());
+    message.parts = MessageParts::cut(static_cast<std::uint32_t>(object.model.spans().base.size()), spm::kNone, room);
     message.checksum = object.base_checksum;
   } else {
     const Wanted wanted = service.to_send.back();
@@ -285,15 +282,9 @@ void DeliveryServer::plan(Service& service, const Object& object, std::size_t ro
     message.contact_in_us = wanted.contact_in_us;
     message.records = service.covered.missing(list_of(object.model, wanted.region));
     service.encoded = spm::codec::encode_region(object.model, spm::RegionId{wanted.region}, message.records);
-    message.bytes = static_cast<std::uint32_t>(service.encoded.size());
+    message.parts = MessageParts::cut(static_cast<std::uint32_t>(service.encoded.size()), wanted.region, room);
     message.checksum = checksum_of(service.encoded);
   }
-  const std::size_t most_parts = message.bytes / (kMaxPayload / 2) + 2;
-  const std::size_t head = head_bytes(message.region, static_cast<std::uint32_t>(most_parts));
-  message.part_bytes = static_cast<std::uint16_t>(kMaxPayload - head);
-  message.first_bytes = static_cast<std::uint16_t>(std::min<std::size_t>(message.bytes, room - head));
-  const std::size_t rest = message.bytes - message.first_bytes;
-  message.parts = static_cast<std::uint16_t>(1 + (rest + message.part_bytes - 1) / message.part_bytes);
   service.messages.push_back(std::move(message));
 }
 
@@ -301,13 +292,15 @@ void DeliveryServer::plan(Service& service, const Object& object, std::size_t ro
 std::uint64_t DeliveryServer::unanswered(const Controller& controller) {
   std::uint64_t bytes = controller.pacer.under_way();
   for (const auto& [object_id, service] : controller.services) {
-    for (const Message& message : service.messages) bytes += message.arrived() ? message.bytes : 0;
+    for (const Message& message : service.messages) bytes += message.arrived() ? message.parts.bytes : 0;
   }
   return bytes;
 }
 
 std::optional<Outgoing> DeliveryServer::next(std::int64_t now_ns, const CanSend& can_send) {
   due_ns_ = std::numeric_limits<std::int64_t>::max();
+  for (auto silent = controllers_.begin(); silent != controllers_.end();)
+    silent = now_ns - silent->second.heard_ns >= kForgetNs ? forget(silent) : std::next(silent);
   auto at = controllers_.upper_bound(last_served_);
   for (std::size_t tried = 0; tried < controllers_.size(); ++tried, ++at) {
     if (at == controllers_.end()) at = controllers_.begin();
@@ -400,7 +393,7 @@ std::optional<BulkPiece> DeliveryServer::next_piece(Controller& controller, Serv
 
   BulkPiece piece;
   piece.region = message->region;
-  piece.parts = message->parts;
+  piece.parts = message->parts.count;
   piece.checksum = message->checksum;
   std::vector<std::uint8_t> encoded;
   spm::Span<const std::uint8_t> bytes{service.encoded};
@@ -417,7 +410,7 @@ std::optional<BulkPiece> DeliveryServer::next_piece(Controller& controller, Serv
   } else {
     piece.part = message->begun++;
   }
-  const auto [from, to] = message->range(piece.part);
+  const auto [from, to] = message->parts.range(piece.part);
   piece.payload.assign(bytes.begin() + from, bytes.begin() + to);
   message->last_sequence = chunk.sequence;
   ++message->under_way;
@@ -447,9 +440,13 @@ void DeliveryServer::note_sequences(const Controller& controller) {
 
 void DeliveryServer::on_hrtc_gone(std::uint64_t hrtc) {
   const auto controller = controllers_.find(hrtc);
-  if (controller == controllers_.end()) return;
+  if (controller != controllers_.end()) forget(controller);
+}
+
+std::map<std::uint64_t, DeliveryServer::Controller>::iterator DeliveryServer::forget(
+    std::map<std::uint64_t, Controller>::iterator controller) {
   note_sequences(controller->second);
-  controllers_.erase(controller);
+  return controllers_.erase(controller);
 }
 
 std::uint64_t DeliveryServer::bytes_under_way(std::uint64_t hrtc) const {

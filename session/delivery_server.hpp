@@ -33,6 +33,7 @@
 #include <optional>
 #include <vector>
 
+#include "session/message_parts.hpp"
 #include "session/messages.hpp"
 #include "session/pacer.hpp"
 #include "session/sequence_window.hpp"
@@ -79,7 +80,8 @@ class DeliveryServer {
   };
   DemandResult on_demand(const Demand& demand, std::int64_t now_ns);
 
-  /// Forgets what it knew of this HRTC. Its next stream goes on above every sequence used so far.
+  /// Forgets what it knew of this HRTC. Its next stream goes on above every sequence used so far. An HRTC that sends no
+  /// demand for ten keep-alive periods is forgotten without this call: a demand may arrive after its sender has left.
   void on_hrtc_gone(std::uint64_t hrtc);
 
   /// Whether a chunk could be handed to the network for this HRTC now.
@@ -107,22 +109,21 @@ class DeliveryServer {
     std::uint32_t number = 0;           // in the order of planning
     std::uint32_t region = spm::kNone;  // kNone: the base mesh
     std::uint32_t contact_in_us = 0;
-    std::uint32_t bytes = 0, checksum = 0;
-    std::uint16_t first_bytes = 0, part_bytes = 0;  // of the first part, which fills up a chunk, and of those after it
-    std::uint16_t parts = 1, begun = 0;             // parts sent at least once
-    bool doubtful = false;                          // counts on what the HRTC may not have any more
-    std::uint32_t under_way = 0;                    // chunks
+    std::uint32_t checksum = 0;
+    MessageParts parts;
+    std::uint32_t begun = 0;      // parts sent at least once
+    bool doubtful = false;        // counts on what the HRTC may not have any more
+    std::uint32_t under_way = 0;  // chunks
     std::uint32_t last_sequence = 0;
-    std::vector<std::uint16_t> lost;  // parts to be sent again
+    std::vector<std::uint32_t> lost;  // parts to be sent again
     std::vector<spm::Run> records;
-    [[nodiscard]] bool sent() const noexcept { return begun == parts; }
+    [[nodiscard]] bool sent() const noexcept { return begun == parts.count; }
     [[nodiscard]] bool arrived() const noexcept { return sent() && under_way == 0 && lost.empty(); }
-    [[nodiscard]] std::pair<std::size_t, std::size_t> range(std::uint16_t part) const noexcept;  // from, to
-    [[nodiscard]] bool fits(std::uint16_t part, std::size_t room) const noexcept;
+    [[nodiscard]] bool fits(std::uint32_t part, std::size_t room) const noexcept;
   };
   struct Sent {
-    std::uint32_t sequence, message, at_us;
-    std::uint16_t part, bytes;
+    std::uint32_t sequence, message, at_us, part;
+    std::uint16_t bytes;
   };
   /// One object to one HRTC.
   struct Service {
@@ -148,6 +149,7 @@ class DeliveryServer {
     SourceWindow source;
     TimeWindow times;
     WrappedTimeWindow one_ways;
+    std::int64_t heard_ns = 0;  // the newest demand
     std::int64_t credit_time_ns = 0;
     std::uint32_t credit = 0;
     Pacer pacer;
@@ -170,6 +172,7 @@ class DeliveryServer {
                                     std::int64_t now_ns);
   [[nodiscard]] std::optional<BulkPiece> next_piece(Controller& controller, Service& service, const Object& object,
                                                     const BulkChunk& chunk, std::size_t room);
+  std::map<std::uint64_t, Controller>::iterator forget(std::map<std::uint64_t, Controller>::iterator controller);
   [[nodiscard]] BulkChunk make_chunk(Controller& controller, Service& service, std::int64_t now_ns);
   template <class Count>
   void count(Controller& controller, Count add) {

@@ -18,7 +18,7 @@
 namespace tactus::session {
 
 /// Raised when a change makes older programs misread newer samples.
-inline constexpr std::uint32_t kProtocolVersion = 14;
+inline constexpr std::uint32_t kProtocolVersion = 15;
 
 // Bounds, also stated in idl/tactus.idl; a test compares the two.
 inline constexpr std::size_t kMaxName = 63;
@@ -45,6 +45,9 @@ struct Origin {
   std::uint64_t incarnation = 0;  ///< differs at each start of the program, grows
   std::int64_t time_ns = 0;       ///< sender's monotonic clock when sent
 };
+
+/// Session time of joining, of a program that has not joined yet.
+inline constexpr std::int64_t kNotJoined = INT64_MAX;
 
 enum class Role : std::uint8_t { kHost = 0, kHrtc = 1, kClient = 2, kViewer = 3 };
 
@@ -83,6 +86,10 @@ struct RosterEntry {
   std::uint64_t heartbeat = 0;     ///< grows by one each sample
   bool leaving = false;
   std::vector<StopRecord> stops{};  ///< host and HRTC: acknowledges stops and resets, passes standing stops on
+  std::uint64_t reference = 0;          ///< participant whose clock it follows; its own: it is the reference; 0: none
+  std::int64_t session_time_ns = 0;     ///< when sent, by its clock; a session begins at 0
+  std::int64_t joined_ns = kNotJoined;  ///< session time since which it has been in the session
+  bool force_on = false;                ///< HRTC only: a force is on, so session time must not step
 };
 
 struct Pose {
@@ -131,7 +138,7 @@ enum class BulkKind : std::uint8_t {
 /// A part of a message.
 struct BulkPiece {
   std::uint32_t region = spm::kNone;  ///< kNone: a base mesh
-  std::uint16_t part = 0, parts = 1;  ///< which of the message, and how many there are
+  std::uint32_t part = 0, parts = 1;  ///< which of the message, and how many there are
   std::uint32_t checksum = 0;         ///< `checksum_of` the whole joined payload
   std::vector<std::uint8_t> payload;
 };

@@ -56,6 +56,8 @@ class Modes {
   explicit Modes(std::uint64_t self, const ModeSettings& settings = {}) : self_{self}, settings_{settings} {}
 
   void on_catalogue(const CatalogueEntry& entry);
+  /// This controller has it no more.
+  void forget_object(std::uint64_t object) { objects_.erase(object); }
   /// A probe of `participant`'s user, our own ones too.
   void on_probe(std::uint64_t user, std::uint64_t participant, const std::array<double, 3>& position,
                 std::int64_t now_ns);

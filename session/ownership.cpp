@@ -69,6 +69,11 @@ bool Arbiter::is_news(const ObjectClaim& claim, std::int64_t now_ns) {
   return accepted(admission);
 }
 
+void Arbiter::forget(std::uint64_t participant) {
+  const auto gone = find_participant(claimants_, participant, [](const Claimant& c) { return c.participant; });
+  if (gone != claimants_.end()) claimants_.erase(gone);
+}
+
 void Arbiter::on_claim(const ObjectClaim& claim, std::int64_t now_ns) {
   if (claim.object_id != object_id_ || claim.origin.session != self_.session) return;
   on_pose(claim.fencing, now_ns);

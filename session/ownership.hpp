@@ -52,6 +52,8 @@ class Arbiter {
   void on_claim(const ObjectClaim& claim, std::int64_t now_ns);
   /// A pose of the object from somebody else, with which fencing number.
   void on_pose(std::uint64_t fencing, std::int64_t now_ns);
+  /// A controller is gone from the session: its claims are no longer recorded. A lease of it ends in its time.
+  void forget(std::uint64_t participant);
   /// The grant to publish now; none when nothing has changed and none is due.
   [[nodiscard]] std::optional<ObjectGrant> tick(std::int64_t now_ns);
 

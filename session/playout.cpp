@@ -12,7 +12,10 @@ std::array<double, 3> between(const std::array<double, 3>& a, const std::array<d
 }  // namespace
 
 void ProbePlayout::on_state(const ProbeState& state, std::int64_t session_now_ns) noexcept {
-  if (count_ > 0 && states_[0].origin.incarnation != state.origin.incarnation) *this = ProbePlayout{settings_};
+  constexpr std::int64_t kStepNs = 100'000'000;  // no sample is overtaken by so much
+  const bool other_life = count_ > 0 && states_[0].origin.incarnation != state.origin.incarnation;
+  const bool stepped_back = started_ && session_now_ns < moved_ns_ - kStepNs;
+  if (other_life || stepped_back) *this = ProbePlayout{settings_};
   keep(state);
   watch(session_now_ns - state.session_time_ns, session_now_ns);
 }

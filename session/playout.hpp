@@ -38,9 +38,10 @@ class ProbePlayout {
  public:
   explicit ProbePlayout(const PlayoutSettings& settings = {}) noexcept : settings_{settings} {}
 
-  /// A state arrives. One of another incarnation starts anew; repetitions and overtaken ones find their place.
+  /// A state arrives. One of another incarnation starts anew, and so does one after session time has stepped back;
+  /// repetitions and overtaken ones find their place.
   void on_state(const ProbeState& state, std::int64_t session_now_ns) noexcept;
-  /// What to show now; nothing yet when `stale` with a state of sequence 0. `session_now_ns` never goes back.
+  /// What to show now; nothing yet when `stale` with a state of sequence 0.
   [[nodiscard]] Shown at(std::int64_t session_now_ns) noexcept;
   /// From now on; P follows as it would have.
   void set(const PlayoutSettings& settings) noexcept { settings_ = settings; }

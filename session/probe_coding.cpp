@@ -58,7 +58,8 @@ bool ProbeEncoder::step(const ProbeState& state) noexcept {
   bool send = count_ == 0;
   if (!send) {
     const ProbeState& last = sent_[(count_ - 1) % kSent];
-    send = state.session_time_ns - last.session_time_ns >= kKeepAliveNs;
+    const std::int64_t passed_ns = state.session_time_ns - last.session_time_ns;
+    send = passed_ns >= kKeepAliveNs || passed_ns < 0;  // session time has joined an older session's
     // The receiver has the one sent `back` before the last with probability loss^back (1 - loss).
     double likely = 1 - settings_.loss, misled = 0;
     const std::size_t kept = std::min<std::uint64_t>(count_, kSent);

@@ -33,6 +33,20 @@ bool same_users(const RosterEntry& a, const RosterEntry& b) {
                     [](const UserSlot& x, const UserSlot& y) { return x.user == y.user && x.slot == y.slot; });
 }
 
+/// How long a program has been in the session.
+std::int64_t presence_ns(const RosterEntry& entry) noexcept {
+  return entry.joined_ns == kNotJoined ? -1 : entry.session_time_ns - entry.joined_ns;
+}
+
+/// Of two programs with one name the one that came later gives way. Those that came at about the same time decide by
+/// incarnation: it does not matter who goes, but they must agree.
+bool yields(const RosterEntry& one, const RosterEntry& other) noexcept {
+  constexpr std::int64_t kSameNs = 1'000'000'000;
+  const std::int64_t longer_ns = presence_ns(one) - presence_ns(other);
+  if (longer_ns > kSameNs || longer_ns < -kSameNs) return longer_ns < 0;
+  return one.origin.incarnation > other.origin.incarnation;
+}
+
 }  // namespace
 
 std::string text(const RosterEntry& entry) { return std::string{name_of(entry.role)} + " '" + entry.name + "'"; }
@@ -138,13 +152,14 @@ std::vector<RosterEvent> Roster::on_entry(const RosterEntry& entry, std::int64_t
     known.entry = entry;
     known.heartbeats = heartbeats;
     known.left = true;
+    known.seen_ns = now_ns;
     return events;
   }
   if (!known.here) {
     tell(RosterChange::kJoined);
   } else if (incarnation > before) {
     tell(RosterChange::kRestarted);
-    if (known.rivals.size() < kMaxRivals) known.rivals[before] = {known.heartbeats, 0, false};
+    if (known.rivals.size() < kMaxRivals) known.rivals[before] = {known.heartbeats, 0, false, now_ns};
   } else {
     if (known.late) tell(RosterChange::kBack);
     if (!same_users(entry, known.entry)) tell(RosterChange::kChanged);
@@ -162,24 +177,37 @@ bool Roster::watch_rival(Known& known, const RosterEntry& entry, std::int64_t no
                          std::vector<RosterEvent>& events) const {
   const std::uint64_t incarnation = entry.origin.incarnation;
   if (known.rivals.count(incarnation) == 0) {
-    if (known.rivals.size() < kMaxRivals) (void)known.rivals[incarnation].heartbeats.admit(entry.heartbeat, now_ns);
+    if (known.rivals.size() < kMaxRivals) {
+      Rival& added = known.rivals[incarnation];
+      (void)added.heartbeats.admit(entry.heartbeat, now_ns);
+      added.seen_ns = now_ns;
+    }
     return false;
   }
   Rival& rival = known.rivals[incarnation];
   if (entry.leaving || !accepted(rival.heartbeats.admit(entry.heartbeat, now_ns))) return false;
+  rival.seen_ns = now_ns;
   if (++rival.beats < kBeatsOfALiveRival) return false;
   if (known.here && !rival.reported) {
     rival.reported = true;
-    events.push_back({RosterChange::kTwins, known.entry, incarnation});
+    events.push_back({RosterChange::kTwins, known.entry, incarnation, yields(known.entry, entry)});
   }
   return true;
 }
 
 std::vector<RosterEvent> Roster::tick(std::int64_t now_ns) {
   std::vector<RosterEvent> events;
-  for (auto& [id, known] : known_) {
-    if (!known.here) continue;
+  forget_rivals(own_, now_ns);
+  for (auto at = known_.begin(); at != known_.end();) {
+    Known& known = at->second;
     const std::int64_t silent = now_ns - known.seen_ns;
+    forget_rivals(known, now_ns);
+    if (!known.here && silent >= settings_.forget_ns && known.rivals.empty()) {
+      at = known_.erase(at);
+      continue;
+    }
+    ++at;
+    if (!known.here) continue;
     if (silent >= settings_.gone_ns) {
       known.here = known.late = false;
       known.rivals.clear();
@@ -190,6 +218,12 @@ std::vector<RosterEvent> Roster::tick(std::int64_t now_ns) {
     }
   }
   return events;
+}
+
+/// So that there is room to notice the next one.
+void Roster::forget_rivals(Known& known, std::int64_t now_ns) const {
+  for (auto rival = known.rivals.begin(); rival != known.rivals.end();)
+    rival = now_ns - rival->second.seen_ns >= settings_.gone_ns ? known.rivals.erase(rival) : std::next(rival);
 }
 
 void Roster::forget_absent() {
@@ -207,6 +241,11 @@ std::vector<RosterEntry> Roster::entries() const {
   return all;
 }
 
+std::int64_t Roster::seen_ns(std::uint64_t participant) const {
+  const auto at = known_.find(participant);
+  return at == known_.end() || !at->second.here ? 0 : at->second.seen_ns;
+}
+
 bool Roster::is_late(std::uint64_t participant) const {
   const auto at = known_.find(participant);
   return at != known_.end() && at->second.here && at->second.late;
@@ -221,17 +260,6 @@ std::uint64_t scene_hash(const Roster& roster, const Origin& self, Role role) {
   roster.for_each([&](const RosterEntry& entry) { add(entry.role, entry.origin); });
   std::sort(there.begin(), there.end());
   return XXH3_64bits(there.data(), there.size() * sizeof there[0]);
-}
-
-TimeReference time_reference(const Roster& roster, const Origin& self, Role role, std::int64_t since_start_ns) {
-  const auto keeps_time = [](Role of) { return of == Role::kHost || of == Role::kHrtc; };
-  std::optional<std::pair<std::uint64_t, std::uint64_t>> oldest;
-  if (keeps_time(role) && since_start_ns >= kReferenceSettleNs) oldest = {self.incarnation, self.participant};
-  roster.for_each([&](const RosterEntry& entry) {
-    const std::pair<std::uint64_t, std::uint64_t> age{entry.origin.incarnation, entry.origin.participant};
-    if (keeps_time(entry.role) && (!oldest || age < *oldest)) oldest = age;
-  });
-  return oldest ? TimeReference{oldest->second, oldest->first} : TimeReference{};
 }
 
 UserSlots::UserSlots(std::size_t capacity) : users_(capacity) {

@@ -2,7 +2,8 @@
 ///
 /// A participant is late and then gone by the time since its last heartbeat. A newer incarnation replaces an older one.
 /// Two programs that beat under one name are told apart by their incarnations and reported, once for each pair; when
-/// the newer one ends, the older takes its place again.
+/// the newer one ends, the older takes its place again. Which of the two gives way follows from how long each has been
+/// in the session, not from incarnations: these come from wall clocks, which may be wrong.
 ///
 /// No clock in it; one thread at a time. At most kMaxParticipants are kept.
 #pragma once
@@ -23,7 +24,8 @@ inline constexpr std::size_t kMaxParticipants = 1024;
 
 struct RosterSettings {
   std::int64_t late_ns = 250'000'000;  ///< since the last heartbeat
-  std::int64_t gone_ns = 500'000'000;  ///< since the last heartbeat; then it is forgotten
+  std::int64_t gone_ns = 500'000'000;  ///< since the last heartbeat
+  std::int64_t forget_ns = 10'000'000'000;  ///< since the last heartbeat; no sample is under way for so long
 };
 
 enum class RosterChange : std::uint8_t {
@@ -43,6 +45,7 @@ struct RosterEvent {
   RosterChange change;
   RosterEntry entry;
   std::uint64_t other = 0;
+  bool entry_yields = false;  ///< kTwins: the program of `entry` has to give way, else that of `other`
 };
 
 /// One line for a log.
@@ -73,6 +76,15 @@ class Roster {
   [[nodiscard]] bool is_late(std::uint64_t participant) const;
   /// Entries dropped because their heartbeat is outside its window (session/sequence_window.hpp).
   [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_; }
+  /// When the last sample of somebody who is here arrived; 0 for all others.
+  [[nodiscard]] std::int64_t seen_ns(std::uint64_t participant) const;
+  /// How long this program has been in the session: what its own entries say.
+  void set_own_presence(std::int64_t session_time_ns, std::int64_t joined_ns) noexcept {
+    own_.entry.session_time_ns = session_time_ns;
+    own_.entry.joined_ns = joined_ns;
+  }
+  /// Those who are here, and those who were a moment ago.
+  [[nodiscard]] std::size_t remembered() const noexcept { return known_.size(); }
 
  private:
   /// A program that beats under a name that another incarnation holds.
@@ -80,6 +92,7 @@ class Roster {
     SequenceWindow heartbeats{kHeartbeatNumbers};
     std::uint32_t beats = 0;  // by which its heartbeat grew
     bool reported = false;
+    std::int64_t seen_ns = 0;
   };
   struct Known {
     RosterEntry entry;
@@ -92,6 +105,7 @@ class Roster {
   };
 
   bool watch_rival(Known& known, const RosterEntry& entry, std::int64_t now_ns, std::vector<RosterEvent>& events) const;
+  void forget_rivals(Known& known, std::int64_t now_ns) const;
   void forget_absent();
 
   Origin self_;
@@ -105,18 +119,6 @@ class Roster {
 /// Of the hosts and HRTCs that are there and their incarnations, `self` with its `role` among them: equal wherever
 /// programs agree on who serves whom.
 [[nodiscard]] std::uint64_t scene_hash(const Roster& roster, const Origin& self, Role role);
-
-/// Whose clock the session goes by.
-struct TimeReference {
-  std::uint64_t participant = 0;  ///< 0: nobody yet
-  std::uint64_t incarnation = 0;
-};
-/// The host or HRTC that has been there longest (smallest incarnation, then smallest id), so that a newcomer never
-/// brings its own time; `role` is this program's. This program itself counts from kReferenceSettle after its start,
-/// when it must have heard of the others.
-inline constexpr std::int64_t kReferenceSettleNs = 1'000'000'000;
-[[nodiscard]] TimeReference time_reference(const Roster& roster, const Origin& self, Role role,
-                                           std::int64_t since_start_ns);
 
 /// The users that an HRTC has accepted and the probe number of each.
 class UserSlots {

@@ -11,7 +11,8 @@ void TransitWatch::on_transit(std::int64_t transit_ns, std::int64_t now_ns) noex
   tenth.transit_ns = std::max(tenth.transit_ns, transit_ns);
   std::int64_t worst = 0, next = 0;
   int filled = 0;
-  for (const Tenth& one : tenths_) {
+  for (Tenth& one : tenths_) {
+    if (one.number > number) one = {};
     if (one.number < 0 || one.number + static_cast<std::int64_t>(kTenths) <= number) continue;
     ++filled;
     next = std::max(next, std::min(worst, one.transit_ns));

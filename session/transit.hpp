@@ -1,6 +1,7 @@
 /// How long samples are under way, nearly all of them: the greatest transit of the last two seconds without that of
 /// their worst tenth of a second, because a lone stall is not worth waiting for.
 ///
+/// Where time steps back, because the session has joined an older one, what was measured after is forgotten.
 /// One thread at a time. Does not allocate.
 #pragma once
 

@@ -120,6 +120,10 @@ const char* fault(const session::RosterEntry& r) noexcept {
     if (slot.slot >= session::kMaxSlots) return "slots.slot: expected 0..63";
   }
   if (r.stops.size() > session::kMaxStops) return "stops: expected at most 32";
+  constexpr std::int64_t kLongestSessionNs = INT64_C(1) << 60;  // 36 years; differences do not overflow
+  const auto in_session = [](std::int64_t time_ns) { return time_ns >= 0 && time_ns <= kLongestSessionNs; };
+  if (!in_session(r.session_time_ns)) return "session_time_ns: expected 0..2^60";
+  if (r.joined_ns != session::kNotJoined && !in_session(r.joined_ns)) return "joined_ns: expected 0..2^60, or 2^63 - 1";
   return nullptr;
 }
 

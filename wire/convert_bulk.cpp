@@ -29,14 +29,14 @@ class PieceReader {
   /// None where bytes are missing or a number is too large.
   [[nodiscard]] std::optional<session::BulkPiece> next() {
     session::BulkPiece piece;
-    constexpr std::uint64_t kMost16 = std::numeric_limits<std::uint16_t>::max();
-    const auto region = varint(std::uint64_t{spm::kNone} + 1), part = varint(kMost16), parts = varint(kMost16),
+    constexpr std::uint64_t kMost32 = std::numeric_limits<std::uint32_t>::max();
+    const auto region = varint(std::uint64_t{spm::kNone} + 1), part = varint(kMost32), parts = varint(kMost32),
                size = varint(session::kMaxPayload);
     if (!region || *region == 0 || !part || !parts || !size) return std::nullopt;
     if (static_cast<std::size_t>(end_ - at_) < sizeof piece.checksum + *size) return std::nullopt;
     piece.region = static_cast<std::uint32_t>(*region - 1);
-    piece.part = static_cast<std::uint16_t>(*part);
-    piece.parts = static_cast<std::uint16_t>(*parts);
+    piece.part = static_cast<std::uint32_t>(*part);
+    piece.parts = static_cast<std::uint32_t>(*parts);
     for (unsigned shift = 0; shift < 32; shift += 8) piece.checksum |= std::uint32_t{*at_++} << shift;
     piece.payload.assign(at_, at_ + *size);
     at_ += *size;

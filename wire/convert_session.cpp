@@ -26,6 +26,10 @@ void to_idl(const session::RosterEntry& from, idl::RosterEntry& to) {
     to.stops()[i].ended(from.stops[i].ended);
     to.stops()[i].newest_reset(from.stops[i].reset);
   }
+  to.reference(from.reference);
+  to.session_time_ns(from.session_time_ns);
+  to.joined_ns(from.joined_ns);
+  to.force_on(from.force_on);
 }
 
 void from_idl(const idl::RosterEntry& from, session::RosterEntry& to) {
@@ -48,6 +52,10 @@ void from_idl(const idl::RosterEntry& from, session::RosterEntry& to) {
     const idl::StopRecordValue& stop = from.stops()[i];
     to.stops[i] = {stop.participant(), stop.incarnation(), stop.newest_stop(), stop.ended(), stop.newest_reset()};
   }
+  to.reference = from.reference();
+  to.session_time_ns = from.session_time_ns();
+  to.joined_ns = from.joined_ns();
+  to.force_on = from.force_on();
 }
 
 void to_idl(const session::CatalogueEntry& from, idl::CatalogueEntry& to) {

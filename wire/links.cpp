@@ -15,6 +15,7 @@
 
 #include "wire/dds.hpp"
 #include "wire/discovery.hpp"
+#include "wire/incarnation.hpp"
 #include "wire/lean_transport.hpp"
 #include "wire/patient_transport.hpp"
 #include "wire/profiles.hpp"
@@ -204,8 +205,8 @@ Links::Links(SessionAddress address) : impl_{std::make_unique<Impl>()} {
                     " (0 belongs to ROS 2; the ports of higher ones are the system's to give away)");
   }
   if (address.incarnation == 0) {
-    address.incarnation = static_cast<std::uint64_t>(
-        std::chrono::nanoseconds(std::chrono::system_clock::now().time_since_epoch()).count());
+    const auto clock = std::chrono::nanoseconds(std::chrono::system_clock::now().time_since_epoch()).count();
+    address.incarnation = next_incarnation(incarnation_file(), static_cast<std::uint64_t>(std::max<long>(1, clock)));
   }
   impl_->session_id = session::id_of(address.session);
   impl_->participant_id = session::id_of(address.participant);

@@ -49,7 +49,7 @@ struct SessionAddress {
   int domain = kDefaultDomain;  ///< base; the program also uses the next two
   Discovery discovery;
   std::filesystem::path qos = default_qos_directory();
-  std::uint64_t incarnation = 0;  ///< 0: nanoseconds of the system clock at start
+  std::uint64_t incarnation = 0;  ///< 0: larger than at every start before (wire/incarnation.hpp)
   bool one_participant = false;   ///< for all classes, with the profile of class session: to show what that costs
   /// Has no end that writes bulk, so that it need not meet others that have none, of whom there may be many. Where a
   /// discovery server brings together whom it knows, it meets them all the same.

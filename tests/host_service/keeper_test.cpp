@@ -140,6 +140,8 @@ TEST_F(KeeperTest, WhoSaysNothingForALeaseLosesTheObject) {
 TEST_F(KeeperTest, OfTwoHostsTheOldestKeepsAndTheOtherTakesOverWhereItWasSeen) {
   keeper_.add(cube(0), now_);
   const session::Origin older = origin_of(90, 900);
+  keeper_.on_host(100, 2'000 * kMs, now_);
+  keeper_.on_host(older.participant, 1'000 * kMs, now_);
   keeper_.on_catalogue(cube(0, older), now_);
   claim(7, true);
   run(400);
@@ -156,10 +158,39 @@ TEST_F(KeeperTest, OfTwoHostsTheOldestKeepsAndTheOtherTakesOverWhereItWasSeen) {
   ASSERT_TRUE(pose_);
   EXPECT_GT(pose_->fencing, 2000u);
   EXPECT_NEAR(pose_->pose.position[0], 4, 1e-3);
-  keeper_.on_catalogue(cube(0, origin_of(90, 2000)), now_);  // it is back, and the younger one now
+  keeper_.on_catalogue(cube(0, origin_of(90, 1)), now_);
+  keeper_.on_host(older.participant, 60'000 * kMs, now_);  // it is back, and came last
   poses_ = 0;
   run(1000);
   EXPECT_GT(poses_, 0u);
+}
+
+TEST_F(KeeperTest, AHostWhoseWallClockIsWrongTakesNoObjectOver) {
+  keeper_.on_host(100, 2'000 * kMs, now_);
+  keeper_.add(cube(0), now_);
+  run(300);
+  keeper_.on_catalogue(cube(0, origin_of(90, 1)), now_);  // 1970
+  keeper_.on_host(90, session::kNotJoined, now_);
+  run(1000);
+  keeper_.on_host(90, 60'000 * kMs, now_);
+  poses_ = 0;
+  run(1000);
+  EXPECT_GT(poses_, 0u);
+}
+
+TEST_F(KeeperTest, AHostThatWasUnheardForAMomentKeepsItsObjectAgain) {
+  keeper_.on_host(100, 2'000 * kMs, now_);
+  keeper_.on_host(90, 1'000 * kMs, now_);
+  keeper_.add(cube(0), now_);
+  keeper_.on_catalogue(cube(0, origin_of(90, 1)), now_);
+  run(100);
+  keeper_.on_host_gone(90, now_);
+  run(1000);
+  EXPECT_GT(grants_, 0u);
+  keeper_.on_host(90, 1'000 * kMs, now_);  // DDS has not lost it, so no catalogue comes again
+  grants_ = 0;
+  run(1000);
+  EXPECT_EQ(grants_, 0u);
 }
 
 TEST_F(KeeperTest, AHostThatStartsAgainGivesLargerNumbers) {

@@ -119,8 +119,10 @@ int main(int argc, char** argv) {
 
   static tactus_idl_RosterEntry other;
   tactus_idl_UserName users[1];
-  tactus_idl_RosterEntry presence = {
-      .participant = self, .protocol = tactus_idl_kProtocolVersion, .participant_role = tactus_idl_kRoleClient};
+  tactus_idl_RosterEntry presence = {.participant = self,
+                                     .protocol = tactus_idl_kProtocolVersion,
+                                     .participant_role = tactus_idl_kRoleClient,
+                                     .joined_ns = INT64_MAX};
   strcpy(users[0].user, kUser);
   strcpy(presence.name, kName);
   strncpy(presence.session, session, tactus_idl_kMaxName);
@@ -129,7 +131,6 @@ int main(int argc, char** argv) {
   presence.users._buffer = users;
 
   tactus_idl_ClockSample question = {.participant = self};
-  uint64_t reference_incarnation = 0;
   tactus_idl_DevicePose pose = {
       .user_id = user, .participant = self, .radius = 0.003, .device = {.orientation = {0, 0, 0, 1}}};
   bool has_slot = false, has_object = false, has_time = false, shown = false, answered = false;
@@ -146,12 +147,9 @@ int main(int argc, char** argv) {
     while (take(roster_in, &other)) {
       if (other.participant == self || other.protocol != tactus_idl_kProtocolVersion) continue;
       if (is_new(other.participant)) printf("here: %s\n", other.name);
-      /* The session's time is kept by whichever host or HRTC started first. */
-      const bool keeps_time =
-          other.participant_role == tactus_idl_kRoleHost || other.participant_role == tactus_idl_kRoleHrtc;
-      if (keeps_time && (question.peer == 0 || other.stamp.incarnation < reference_incarnation)) {
+      /* The session's time is that of the host or HRTC which says that it follows itself. */
+      if (other.reference == other.participant && question.peer != other.participant) {
         question.peer = other.participant;
-        reference_incarnation = other.stamp.incarnation;
         best_round_ns = INT64_MAX;
       }
       for (uint32_t i = 0; i < other.slots._length; ++i) {

@@ -19,6 +19,8 @@ class Pair {
     reference_.set_reference(10, 1, 0);
     asker_.set_reference(10, 1, local(0));
   }
+  /// The asker's program starts only then.
+  void begin_asker_at(std::int64_t t) { asker_ = SessionClock{kAsker, {}, local(t)}; }
   /// Asker's local clock at a reference time.
   [[nodiscard]] std::int64_t local(std::int64_t t) const {
     return t + offset_ + static_cast<std::int64_t>(static_cast<double>(t) * drift_);
@@ -34,16 +36,17 @@ class Pair {
   }
   [[nodiscard]] std::int64_t bound(std::int64_t t) const { return asker_.map().bound(local(t)); }
 
-  SessionClock reference_{kReference, {}};
-  SessionClock asker_{kAsker, {}};
-
  private:
   std::int64_t offset_;
   double drift_;
+
+ public:
+  SessionClock reference_{kReference, {}, 0};
+  SessionClock asker_{kAsker, {}, local(0)};
 };
 
 TEST(SessionClock, KnowsNothingBeforeTheFirstAnswer) {
-  const SessionClock clock{kAsker, {}};
+  const SessionClock clock{kAsker, {}, 0};
   EXPECT_FALSE(clock.synchronised());
   EXPECT_EQ(clock.map().bound(5), kClockUnknown);
 }
@@ -94,7 +97,7 @@ TEST(SessionClock, GoesOnWhenItBecomesTheReferenceItself) {
 TEST(SessionClock, ANewReferenceBringsNoStep) {
   Pair pair{0, 0};
   ASSERT_TRUE(pair.exchange(0, 100'000, 100'000));
-  SessionClock other{{1, 5, 1, 0}, {}};
+  SessionClock other{{1, 5, 1, 0}, {}, 0};
   other.set_reference(5, 1, 0);  // its session time is 30 ms ahead
   pair.asker_.set_reference(5, 1, 10 * kMs);
   const ClockSample request = pair.asker_.request(20 * kMs);
@@ -110,8 +113,9 @@ TEST(SessionClock, ANewReferenceBringsNoStep) {
 
 TEST(SessionClock, StepsWhenItHasKeptATimeOfItsOwnAndMeetsAnOlderOne) {
   Pair pair{3'600'000 * kMs, 0};
-  pair.asker_.set_reference(20, 1, pair.local(0));  // alone
-  ASSERT_EQ(pair.error(500 * kMs), 3'600'000 * kMs);
+  pair.begin_asker_at(600 * kMs);
+  pair.asker_.set_reference(20, 1, pair.local(600 * kMs));  // alone
+  ASSERT_EQ(pair.error(700 * kMs), -600 * kMs);
 
   pair.asker_.set_reference(10, 1, pair.local(1000 * kMs));
   EXPECT_EQ(pair.bound(1000 * kMs), kClockUnknown);
@@ -121,8 +125,45 @@ TEST(SessionClock, StepsWhenItHasKeptATimeOfItsOwnAndMeetsAnOlderOne) {
   EXPECT_LT(pair.bound(1010 * kMs), 2 * kMs);
 }
 
+TEST(SessionClock, DoesNotStepWhileAForceIsOn) {
+  Pair pair{0, 0};
+  pair.begin_asker_at(600 * kMs);
+  pair.asker_.set_reference(20, 1, pair.local(600 * kMs));  // alone
+  pair.asker_.set_reference(10, 1, pair.local(700 * kMs));
+  pair.asker_.set_force_on(true);
+  std::int64_t last = pair.asker_.map().session_time(pair.local(700 * kMs));
+  for (std::int64_t t = 700 * kMs; t < 5000 * kMs; t += 100 * kMs) {
+    ASSERT_TRUE(pair.exchange(t, kMs, kMs));
+    const std::int64_t now = pair.asker_.map().session_time(pair.local(t + 3 * kMs));
+    ASSERT_LT(now - last, 110 * kMs) << "at " << t;
+    ASSERT_GE(pair.bound(t + 3 * kMs), std::abs(pair.error(t + 3 * kMs))) << "and says how wrong it is";
+    last = now;
+  }
+  EXPECT_TRUE(pair.asker_.waits());
+  pair.asker_.set_force_on(false);
+  ASSERT_TRUE(pair.exchange(5000 * kMs, kMs, kMs));
+
+  EXPECT_FALSE(pair.asker_.waits());
+  EXPECT_LT(std::abs(pair.error(5010 * kMs)), 2 * kMs);
+}
+
+TEST(SessionClock, IsNotSetForTheFirstTimeWhileAForceIsOn) {
+  Pair pair{0, 0};
+  pair.begin_asker_at(600 * kMs);
+  pair.asker_.set_reference(10, 1, pair.local(600 * kMs));
+  pair.asker_.set_force_on(true);
+  ASSERT_TRUE(pair.exchange(700 * kMs, kMs, kMs));
+
+  EXPECT_EQ(pair.asker_.map().session_time(pair.local(800 * kMs)), 200 * kMs);
+  EXPECT_FALSE(pair.asker_.synchronised());
+  pair.asker_.set_force_on(false);
+  ASSERT_TRUE(pair.exchange(900 * kMs, kMs, kMs));
+  EXPECT_TRUE(pair.asker_.synchronised());
+  EXPECT_LT(std::abs(pair.error(910 * kMs)), 2 * kMs);
+}
+
 TEST(SessionClock, IsAskedInVainWhileItsOwnTimeIsStillSteered) {
-  SessionClock alone{kReference, {}};
+  SessionClock alone{kReference, {}, 0};
   EXPECT_FALSE(alone.answers());
   alone.set_reference(20, 1, 0);
   EXPECT_FALSE(alone.answers());

@@ -50,11 +50,7 @@ class DeliveryClientTest : public testing::Test {
       c.sequence = ++sequence_;
       c.epoch = epoch_;
       const std::string part = text.substr(std::min(text.size(), i * size), size);
-      c.pieces.push_back({region,
-                          static_cast<std::uint16_t>(i),
-                          static_cast<std::uint16_t>(parts),
-                          checksum_of(bytes),
-                          {part.begin(), part.end()}});
+      c.pieces.push_back({region, i, parts, checksum_of(bytes), {part.begin(), part.end()}});
     }
     return all;
   }
@@ -567,6 +563,42 @@ TEST_F(DeliveryClientTest, OneSendingTimeFromTheFarFutureIsNotTakenForAFastWay) 
   wrong.sent_us += 1u << 30;
   take({late, wrong});
   EXPECT_EQ(publish_after_change().one_way_us, 1000u);
+}
+
+TEST_F(DeliveryClientTest, AHostThatHasBeenGoneForLongIsForgottenWithItsStreams) {
+  const DeliveryClient::Sizes before = client_.sizes();
+  for (std::uint64_t host = 1000; host < 1100; ++host) {
+    client_.offer(entry(host));
+    client_.host_seen(host, 5, now_);
+  }
+  EXPECT_EQ(client_.sizes().hosts, before.hosts + 100);
+  for (std::uint64_t host = 1000; host < 1100; ++host) client_.host_gone(host);
+  (void)client_.demand(now_);
+  const DeliveryClient::Sizes soon = client_.sizes();
+  client_.host_seen(kHost, 5, now_ += DeliverySettings{}.forget_host_ns);
+  (void)client_.demand(now_);
+
+  EXPECT_EQ(soon.offers, before.offers + 100) << "one that comes back within the lease of DDS offers nothing again";
+  EXPECT_EQ(client_.sizes().hosts, 1u) << "the other one has never been here";
+  EXPECT_EQ(client_.sizes().streams, 1u);
+  EXPECT_EQ(client_.sizes().offers, 1u);
+  EXPECT_EQ(client_.serving_host(kObject), kHost);
+}
+
+TEST_F(DeliveryClientTest, WhatBelongsToAClosedObjectIsFreed) {
+  const DeliveryClient::Sizes before = client_.sizes();
+  for (std::uint64_t object = 1000; object < 1100; ++object) {
+    client_.open(object, kDigest);
+    BulkChunk chunk = chunks(spm::kNone, std::string(2000, 'x'), 2).at(0);
+    chunk.stream = stream_id({kSession, kHost, 5, 0}, kSelf, object);
+    (void)client_.on_chunk(chunk, now_);
+  }
+  EXPECT_GT(client_.partial_bytes(), 100'000u);
+  for (std::uint64_t object = 1000; object < 1100; ++object) client_.close(object);
+
+  EXPECT_EQ(client_.partial_bytes(), 0u);
+  EXPECT_EQ(client_.sizes().objects, before.objects);
+  EXPECT_EQ(client_.sizes().streams, before.streams);
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 
 #include <set>
 
+#include "session/delivery_client.hpp"
 #include "spm/codec/model_codec.hpp"
 #include "spm/codec/region_codec.hpp"
 #include "tests/support/random_model.hpp"
@@ -531,6 +532,35 @@ TEST_F(DeliveryServerTest, GoesOnAfterOneDemandFromTheFarFuture) {
       EXPECT_TRUE(!out || out->chunk.kind() == BulkKind::kEcho) << "its credit counts too";
     }
   }
+}
+
+TEST_F(DeliveryServerTest, AnHrtcThatSendsNoDemandAnyMoreIsForgotten) {
+  tell(demand(1, {}));
+  for (std::uint64_t hrtc = 1000; hrtc < 1100; ++hrtc) tell(demand(1, {}, hrtc));
+  server_.on_hrtc_gone(1000);
+  tell(demand(2, {}, 1000));  // was under way when it went
+  EXPECT_EQ(server_.counters_by_hrtc().size(), 101u);
+  for (std::uint32_t epoch = 2; epoch < 40; ++epoch, now_ += DeliverySettings{}.keep_alive_ns) {
+    tell(demand(epoch, {}));
+    (void)drain_window();
+  }
+
+  EXPECT_EQ(server_.counters_by_hrtc().size(), 1u);
+  EXPECT_EQ(server_.counters_by_hrtc().count(kHrtc), 1u) << "its demands repeat";
+}
+
+TEST(MessageParts, EveryByteOfALargeMessageIsInOnePart) {
+  constexpr std::uint32_t kBytes = 200'000'000;  // more parts than 16 bits count
+  const MessageParts parts = MessageParts::cut(kBytes, spm::kNone, kMaxPayload);
+  std::size_t end = 0;
+  for (std::uint32_t part = 0; part < parts.count; ++part) {
+    const auto [from, to] = parts.range(part);
+    ASSERT_EQ(from, end);
+    ASSERT_LT(from, to);
+    ASSERT_LE(to - from + head_bytes(spm::kNone, parts.count), kMaxPayload);
+    end = to;
+  }
+  EXPECT_EQ(end, kBytes);
 }
 
 }  // namespace

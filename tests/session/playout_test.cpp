@@ -68,6 +68,25 @@ TEST(ProbePlayout, FallsBackSlowlyOnceTheTransitsAreShortAgain) {
   EXPECT_NEAR(static_cast<double>(playout.delay_ns()), 30e6, 2e6) << "1 % of a second";
 }
 
+TEST(TransitWatch, ForgetsWhatWasMeasuredAfterATimeThatIsStillToCome) {
+  TransitWatch watch;
+  for (std::int64_t ms = 60'000; ms < 61'000; ms += 10) watch.on_transit(40 * kMs, ms * kMs);
+  for (std::int64_t ms = 1000; ms < 1300; ms += 10) watch.on_transit(5 * kMs, ms * kMs);
+  EXPECT_EQ(watch.most_ns(), 5 * kMs);
+}
+
+TEST(ProbePlayout, GoesOnWhenSessionTimeStepsBack) {
+  ProbePlayout playout{without_reserve()};
+  feed(playout, 60'000, 61'000, 40);
+  (void)playout.at(61'000 * kMs);
+  for (std::int64_t ms = 1000; ms < 1100; ms += 10)
+    playout.on_state(moving(static_cast<std::uint32_t>(6100 + ms / 10), ms), (ms + 5) * kMs);
+  const Shown shown = playout.at(1095 * kMs);
+  EXPECT_EQ(playout.delay_ns(), 5 * kMs) << "transits that were measured before count no more";
+  EXPECT_NEAR(shown.view.device[0], 1.09, 1e-9);
+  EXPECT_FALSE(shown.stale);
+}
+
 TEST(ProbePlayout, NeverShowsAnEarlierMomentThanBefore) {
   ProbePlayout playout{without_reserve()};
   feed(playout, 0, 500, 5);

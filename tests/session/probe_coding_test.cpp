@@ -159,5 +159,13 @@ TEST(ProbeEncoder, RepeatsWhereLossesAreExpectedUntilTheRiskIsSmall) {
   EXPECT_LT(repeated, 6 * plain);
 }
 
+TEST(ProbeEncoder, SendsAProbeAtRestThoughSessionTimeStepsBack) {
+  ProbeEncoder encoder;
+  EXPECT_TRUE(encoder.step(pressed(0.001, {0, 0, 0}, 60'000 * kMs)));
+  EXPECT_FALSE(encoder.step(pressed(0.001, {0, 0, 0}, 60'001 * kMs)));
+  EXPECT_TRUE(encoder.step(pressed(0.001, {0, 0, 0}, 5 * kMs)));
+  EXPECT_FALSE(encoder.step(pressed(0.001, {0, 0, 0}, 6 * kMs)));
+}
+
 }  // namespace
 }  // namespace tactus::session

@@ -134,19 +134,47 @@ TEST_F(RosterTest, HasABound) {
   EXPECT_THAT(see(entry("one more", 2, 1), 1000 * kMs), ElementsAre(RosterChange::kJoined));
 }
 
-TEST_F(RosterTest, TheLongestRunningHostOrControllerKeepsTheTime) {
-  const Origin self{kSession, id_of("me"), 50, 0};
-  const auto keeper = [&](std::int64_t since) { return time_reference(roster_, self, Role::kHost, since).participant; };
-  EXPECT_EQ(keeper(0), 0u) << "others may not have been heard of yet";
-  EXPECT_EQ(keeper(kReferenceSettleNs), id_of("me"));
-  RosterEntry client = entry("client", 10, 1);
-  client.role = Role::kClient;
-  (void)see(client, 0);
-  (void)see(entry("younger", 60, 1), 0);
-  EXPECT_EQ(keeper(kReferenceSettleNs), id_of("me"));
-  (void)see(entry("older", 40, 1), 0);
-  EXPECT_EQ(keeper(kReferenceSettleNs), id_of("older"));
-  EXPECT_EQ(keeper(0), id_of("older"));
+TEST_F(RosterTest, WhoHasBeenAwayForLongIsForgotten) {
+  for (std::uint64_t i = 0; i < 500; ++i) {
+    const std::int64_t now_ns = static_cast<std::int64_t>(i) * 1000 * kMs;
+    RosterEntry client = entry("client " + std::to_string(i), 1, 1);
+    (void)see(client, now_ns);
+    client.heartbeat = 2;
+    client.leaving = i % 2 == 0;  // the others are silent
+    (void)see(client, now_ns + kMs);
+    (void)roster_.tick(now_ns + 600 * kMs);
+    ASSERT_LE(roster_.remembered(), 12u);
+  }
+}
+
+TEST_F(RosterTest, ANameConflictIsReportedHoweverManyThereWere) {
+  for (std::uint64_t incarnation = 100; incarnation < 120; ++incarnation) {
+    const std::int64_t now_ns = static_cast<std::int64_t>(incarnation) * 2000 * kMs;
+    (void)roster_.tick(now_ns);
+    EXPECT_THAT(see(entry("me", incarnation, 9), now_ns), IsEmpty());
+    EXPECT_THAT(see(entry("me", incarnation, 10), now_ns), IsEmpty());
+    EXPECT_THAT(see(entry("me", incarnation, 11), now_ns), ElementsAre(RosterChange::kTwins)) << incarnation;
+  }
+}
+
+TEST_F(RosterTest, OfTwoProgramsWithOneNameTheLaterGivesWayWhateverItsWallClock) {
+  RosterEntry other = entry("me", 1, 8);  // its clock says 1970; ours, incarnation 50, some later year
+  const auto conflict = [&](std::int64_t joined_ns, std::int64_t own_joined_ns) {
+    Roster roster{{kSession, id_of("me"), 50, 0}, RosterSettings{}};
+    roster.set_own_presence(3600'000 * kMs, own_joined_ns);
+    other.session_time_ns = 3600'000 * kMs;
+    other.joined_ns = joined_ns;
+    std::vector<RosterEvent> events;
+    for (int beat = 0; beat < 3; ++beat, ++other.heartbeat)
+      for (RosterEvent& event : roster.on_entry(other, 0)) events.push_back(std::move(event));
+    EXPECT_EQ(events.size(), 1u);
+    return !events.empty() && events[0].change == RosterChange::kTwins && events[0].entry_yields;
+  };
+  EXPECT_FALSE(conflict(3599'000 * kMs, 1000 * kMs)) << "it came an hour after us";
+  EXPECT_FALSE(conflict(kNotJoined, 1000 * kMs)) << "it has not joined yet";
+  EXPECT_TRUE(conflict(1000 * kMs, 3599'000 * kMs));
+  EXPECT_TRUE(conflict(1000 * kMs, kNotJoined));
+  EXPECT_TRUE(conflict(1000 * kMs, 1500 * kMs)) << "at about the same time: by incarnation";
 }
 
 TEST_F(RosterTest, TheSceneIsTheSameForAllWhoKnowTheSameHostsAndControllers) {

@@ -50,14 +50,13 @@ void Program::start() {
   self_ = Origin{kSession, id_, ++world_.incarnations, 0};
   up_ = true;
   roster_ = std::make_unique<Roster>(self_, RosterSettings{});
-  clock_ = std::make_unique<SessionClock>(self_, ClockSettings{});
+  clock_ = std::make_unique<SessionClock>(self_, ClockSettings{}, local_ns());
   beat_ = wire::Every{100 * kMs};
   request_ = wire::Every{20 * kMs};
   requests_ = 0;
   heartbeat_ = 0;
   answered_by_ = {};
   last_session_ns_ = std::numeric_limits<std::int64_t>::min() / 2;
-  started_ns_ = local_ns();
   next_tick_ns_ = world_.now_ns + world_.below(5 * kMs);
   begin();
 }
@@ -76,6 +75,7 @@ RosterEntry Program::entry(bool leaving) {
   entry.name = std::to_string(id_);
   entry.heartbeat = ++heartbeat_;
   entry.leaving = leaving;
+  put_time(*clock_, force_on(), local_ns(), entry);
   describe(entry);
   return entry;
 }
@@ -114,11 +114,11 @@ void Program::hear_clock(const ClockSample& sample) {
 }
 
 void Program::keep_time() {
-  const TimeReference reference = time_reference(*roster_, self_, role_, local_ns() - started_ns_);
-  if (std::make_pair(reference.participant, reference.incarnation) != answered_by_) answered_by_ = {};
-  clock_->set_reference(reference.participant, reference.incarnation, local_ns());
-  if (reference.participant == 0 || reference.participant == id_ || !request_.due(local_ns())) return;
-  send(reference.participant, clock_->request(local_ns()));
+  session::keep_time(*roster_, self_, role_, force_on(), local_ns(), *clock_);
+  const std::uint64_t reference = clock_->reference();
+  if (reference != answered_by_.first) answered_by_ = {};
+  if (reference == 0 || reference == id_ || !request_.due(local_ns())) return;
+  send(reference, clock_->request(local_ns()));
   if (++requests_ == 10) request_.set_period(200 * kMs);
 }
 

@@ -14,6 +14,7 @@
 
 #include "session/clock.hpp"
 #include "session/roster.hpp"
+#include "session/time_reference.hpp"
 #include "tests/session/simulated_network.hpp"
 #include "wire/inbox.hpp"
 
@@ -103,6 +104,8 @@ class Program {
   /// When to be called again at the latest, ns from now.
   virtual std::int64_t work() = 0;
   virtual void describe(session::RosterEntry&) const {}
+  /// Whether a user here feels something now.
+  [[nodiscard]] virtual bool force_on() const { return false; }
 
   void send(std::uint64_t to, Sample sample);
   void send_all(const std::vector<Program*>& to, Sample sample);
@@ -124,7 +127,6 @@ class Program {
   bool up_ = false;
   std::int64_t stopped_ns_ = 0;
   std::int64_t next_tick_ns_ = 0;
-  std::int64_t started_ns_ = 0;  // its own clock
   std::unique_ptr<session::Roster> roster_;
   std::unique_ptr<session::SessionClock> clock_;
   wire::Every beat_{100 * kMs}, request_{20 * kMs};

@@ -84,6 +84,9 @@ TEST(Check, NamesTheWrongFieldOfARosterEntry) {
   expect_fault(roster(), "slots", [](auto& r) { r.slots.assign(65, {"u", 0}); });
   expect_fault(roster(), "slots.slot", [](auto& r) { r.slots = {{"u", 64}}; });
   expect_fault(roster(), "stops", [](auto& r) { r.stops.assign(33, {1, 2, 3, 4, 5}); });
+  expect_fault(roster(), "session_time_ns", [](auto& r) { r.session_time_ns = -1; });
+  expect_fault(roster(), "session_time_ns", [](auto& r) { r.session_time_ns = INT64_MAX; });
+  expect_fault(roster(), "joined_ns", [](auto& r) { r.joined_ns = ses::kNotJoined - 1; });
 }
 
 TEST(Check, LeavesTheProtocolVersionToTheSession) {

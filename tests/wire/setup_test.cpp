@@ -9,7 +9,9 @@
 #include <string>
 
 #include "support.hpp"
+#include "tests/support/temporary_folder.hpp"
 #include "wire/footprint.hpp"
+#include "wire/incarnation.hpp"
 
 namespace tactus::wire::test {
 namespace {
@@ -90,6 +92,23 @@ TEST(Address, WithoutAnIncarnationGetsALargerOneEachTime) {
   const Links first{fresh("incarnation")};
   const Links second{fresh("incarnation")};
   EXPECT_GT(second.origin().incarnation, first.origin().incarnation);
+}
+
+TEST(Incarnation, GrowsThoughTheClockIsSetBack) {
+  const test_support::TemporaryFolder folder;
+  const std::filesystem::path file = folder.path() / "state" / "incarnation";
+  EXPECT_EQ(next_incarnation(file, 1'700'000'000'000'000'000), 1'700'000'000'000'000'000u);
+  EXPECT_EQ(next_incarnation(file, 30'000'000'000), 1'700'000'000'000'000'001u) << "1970";
+  EXPECT_EQ(next_incarnation(file, 1'800'000'000'000'000'000), 1'800'000'000'000'000'000u);
+}
+
+TEST(Incarnation, IsTheClocksWhereNothingCanBeKept) {
+  const test_support::TemporaryFolder folder;
+  EXPECT_EQ(next_incarnation({}, 7), 7u);
+  EXPECT_EQ(next_incarnation(folder.path(), 7), 7u) << "a folder is no file";
+  std::ofstream{folder.path() / "broken"} << "no number, and of some length";
+  EXPECT_EQ(next_incarnation(folder.path() / "broken", 7), 7u);
+  EXPECT_EQ(next_incarnation(folder.path() / "broken", 5), 8u);
 }
 
 TEST(Ends, RefuseAPartitionThatCouldMatchOthers) {

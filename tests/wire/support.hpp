@@ -119,8 +119,9 @@ inline auto fields(const ses::BulkChunk& b) {
   return std::tuple{b.stream, b.sequence, b.epoch, b.sent_us, fields(b.pieces)};
 }
 inline auto fields(const ses::RosterEntry& r) {
-  return std::tuple{fields(r.origin), r.protocol,      r.role,      r.name,    r.session,      r.controller,
-                    r.users,          fields(r.slots), r.heartbeat, r.leaving, fields(r.stops)};
+  return std::tuple{fields(r.origin),  r.protocol,      r.role,      r.name,    r.session,       r.controller,
+                    r.users,           fields(r.slots), r.heartbeat, r.leaving, fields(r.stops), r.reference,
+                    r.session_time_ns, r.joined_ns,     r.force_on};
 }
 inline auto fields(const ses::CatalogueEntry& c) {
   const spm::ModelSummary& s = c.summary;

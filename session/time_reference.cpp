@@ -1,0 +1,108 @@
+#include "session/time_reference.hpp"
+
+#include <algorithm>
+#include <cstdlib>
+#include <optional>
+#include <tuple>
+
+namespace tactus::session {
+namespace {
+
+/// Sessions that began within this time of each other are of one age: who joined first decides.
+constexpr std::int64_t kSameAgeNs = 1'000'000'000;
+
+struct Claim {
+  TimeReference who;
+  std::int64_t session_ns = 0;  // now
+  std::int64_t joined_ns = 0;
+};
+
+bool keeps_time(Role role) noexcept { return role == Role::kHost || role == Role::kHrtc; }
+
+bool outranks(const Claim& a, const Claim& b) noexcept {
+  const std::int64_t older_ns = a.session_ns - b.session_ns;
+  if (std::abs(older_ns) > kSameAgeNs) return older_ns > 0;
+  return std::tie(a.joined_ns, a.who.participant) < std::tie(b.joined_ns, b.who.participant);
+}
+
+std::optional<Claim> claim_of(const Roster& roster, const RosterEntry& entry, std::int64_t local_now_ns) {
+  if (!keeps_time(entry.role) || entry.reference != entry.origin.participant) return std::nullopt;
+  const std::int64_t age_ns = local_now_ns - roster.seen_ns(entry.origin.participant);
+  return Claim{{entry.origin.participant, entry.origin.incarnation}, entry.session_time_ns + age_ns, entry.joined_ns};
+}
+
+/// What others than this program claim; of several what outranks the others.
+std::optional<Claim> best_claim(const Roster& roster, std::int64_t local_now_ns) {
+  std::optional<Claim> best;
+  roster.for_each([&](const RosterEntry& entry) {
+    const std::optional<Claim> claim = claim_of(roster, entry, local_now_ns);
+    if (claim && (!best || outranks(*claim, *best))) best = claim;
+  });
+  return best;
+}
+
+bool force_on_with(const Roster& roster, std::uint64_t reference) {
+  bool on = false;
+  roster.for_each([&](const RosterEntry& entry) { on = on || (entry.force_on && entry.reference == reference); });
+  return on;
+}
+
+/// The smallest id of those who have followed a reference, or of all when nobody has.
+TimeReference successor(const Roster& roster, const Origin& self, Role role, const SessionClock& clock,
+                        std::int64_t local_now_ns) {
+  struct Candidate {
+    bool follows;
+    TimeReference who;
+  };
+  std::optional<Candidate> first;
+  const auto consider = [&](bool follows, const Origin& origin) {
+    const bool before =
+        !first || follows != first->follows ? !first || follows : origin.participant < first->who.participant;
+    if (before) first = Candidate{follows, {origin.participant, origin.incarnation}};
+  };
+  if (keeps_time(role) && (clock.synchronised() || local_now_ns - clock.began_ns() >= kReferenceSettleNs))
+    consider(clock.synchronised() && !clock.waits(), self);
+  roster.for_each([&](const RosterEntry& entry) {
+    if (keeps_time(entry.role)) consider(entry.reference != 0, entry.origin);
+  });
+  return first ? first->who : TimeReference{};
+}
+
+}  // namespace
+
+TimeReference time_reference(const Roster& roster, const Origin& self, Role role, const SessionClock& clock,
+                             bool force_on, std::int64_t local_now_ns) {
+  const std::optional<Claim> best = best_claim(roster, local_now_ns);
+  if (clock.answers()) {
+    const TimeReference own{self.participant, self.incarnation};
+    if (!best) return own;
+    const std::int64_t session_ns = clock.map().session_time(local_now_ns);
+    if (!outranks(*best, {own, session_ns, clock.joined_ns()})) return own;
+    const bool steps = std::abs(best->session_ns - session_ns) > clock.settings().step_ns;
+    const bool waits = steps && (force_on || force_on_with(roster, self.participant));
+    return waits ? own : best->who;
+  }
+  // Who follows a reference stays with it while it claims; which of two goes is theirs to decide.
+  const RosterEntry* const current = roster.find(clock.reference());
+  if (current != nullptr && claim_of(roster, *current, local_now_ns))
+    return {current->origin.participant, current->origin.incarnation};
+  return best ? best->who : successor(roster, self, role, clock, local_now_ns);
+}
+
+void keep_time(Roster& roster, const Origin& self, Role role, bool force_on, std::int64_t local_now_ns,
+               SessionClock& clock) {
+  clock.set_force_on(force_on);
+  const TimeReference reference = time_reference(roster, self, role, clock, force_on, local_now_ns);
+  clock.set_reference(reference.participant, reference.incarnation, local_now_ns);
+  roster.set_own_presence(clock.map().session_time(local_now_ns), clock.joined_ns());
+}
+
+void put_time(const SessionClock& clock, bool force_on, std::int64_t local_now_ns, RosterEntry& entry) {
+  const bool follows = clock.synchronised() && !clock.waits();  // else it must not go on with a time of its own
+  entry.reference = follows ? clock.reference() : 0;
+  entry.session_time_ns = follows ? std::max<std::int64_t>(0, clock.map().session_time(local_now_ns)) : 0;
+  entry.joined_ns = std::max<std::int64_t>(0, clock.joined_ns());
+  entry.force_on = force_on;
+}
+
+}  // namespace tactus::session

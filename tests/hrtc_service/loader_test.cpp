@@ -1,0 +1,84 @@
+// A loader alone: what it keeps of objects that come and go.
+
+#include "hrtc_service/loader.hpp"
+
+#include <gtest/gtest.h>
+
+#include <string>
+
+#include "spm/offline/build.hpp"
+#include "spm/offline/generate.hpp"
+
+namespace tactus::hrtc_service {
+namespace {
+
+constexpr std::int64_t kMs = 1'000'000;
+constexpr std::uint64_t kSession = 30, kHost = 10, kHrtc = 20;
+
+class LoaderTest : public testing::Test {
+ protected:
+  LoaderTest() {
+    settings_.directory_bytes = 4u << 20;
+    loader_.emplace(pool_, nodes_, session::Origin{kSession, kHrtc, 1, 0}, settings_, arrivals_, departures_);
+    loader_->on_object_gone = [this](std::uint64_t) { ++gone_; };
+  }
+  void offer(int number, bool withdrawn, std::uint32_t base_bytes = 1000) {
+    session::CatalogueEntry entry;
+    entry.origin = {kSession, kHost, 1, 0};
+    entry.object = "object " + std::to_string(number);
+    entry.object_id = session::id_of(entry.object);
+    entry.summary = model_.model().summary;
+    entry.base_bytes = base_bytes;
+    entry.withdrawn = withdrawn;
+    loader_->on_catalogue(entry);
+  }
+  void run(std::int64_t ms) {
+    for (const std::int64_t end = now_ + ms * kMs; now_ < end; now_ += 100 * kMs) {
+      loader_->on_host_seen(kHost, 1, now_);
+      std::array<NearObjects, kMaxProbes> near;
+      loader_->tick(now_, {}, near);
+      while (loader_->demand(now_)) {
+      }
+    }
+  }
+
+  spm::offline::BuiltModel model_ =
+      spm::offline::build_model(spm::offline::generate(spm::offline::Shape::kSphere, 2000));
+  spm::PoolSettings pool_settings_ = spm::PoolSettings::for_slots(1000);
+  spm::Pool pool_{pool_settings_};
+  spm::NodePool nodes_{pool_settings_.tree_nodes};
+  ArrivalRing arrivals_{64};
+  DepartureRing departures_{64};
+  LoaderSettings settings_;
+  std::optional<Loader> loader_;
+  int gone_ = 0;
+  std::int64_t now_ = 10'000 * kMs;
+};
+
+TEST_F(LoaderTest, AnObjectThatIsWithdrawnBeforeItHasComeIsFreed) {
+  for (int number = 0; number < 500; ++number) {  // more than there is room for at a time
+    offer(number, false);
+    run(200);
+    ASSERT_TRUE(loader_->knows(session::id_of("object " + std::to_string(number)))) << number;
+    offer(number, true);
+    run(1100);
+  }
+  EXPECT_EQ(loader_->directories(), 0u);
+  EXPECT_EQ(gone_, 500);
+}
+
+TEST_F(LoaderTest, AnObjectThatIsRefusedIsForgottenWithItsOffer) {
+  constexpr std::uint32_t kTooLarge = 100u << 20;
+  for (int number = 0; number < 200; ++number) {
+    offer(number, false, kTooLarge);
+    run(200);
+    ASSERT_EQ(loader_->directories(), 0u);
+    offer(number, true);
+    run(1100);
+  }
+  EXPECT_EQ(loader_->figures().objects_refused, 200u);
+  EXPECT_EQ(gone_, 200);
+}
+
+}  // namespace
+}  // namespace tactus::hrtc_service

@@ -1,0 +1,292 @@
+#include "session/time_reference.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdlib>
+#include <deque>
+#include <memory>
+#include <random>
+#include <set>
+#include <utility>
+#include <vector>
+
+namespace tactus::session {
+namespace {
+
+constexpr std::int64_t kMs = 1'000'000;
+constexpr std::uint64_t kSession = 1;
+constexpr std::int64_t kTickNs = 5 * kMs;
+
+/// One program as far as time is concerned. Its incarnation is what its wall clock says, right or wrong.
+class Program {
+ public:
+  Program(std::uint64_t id, Role in_role, std::uint64_t incarnation, std::int64_t local_ns)
+      : self{kSession, id, incarnation, 0}, role{in_role}, roster{self, {}}, clock{self, {}, local_ns} {}
+
+  [[nodiscard]] RosterEntry entry(std::int64_t local_ns) {
+    RosterEntry entry;
+    entry.origin = self;
+    entry.role = role;
+    entry.name = std::to_string(self.participant);
+    entry.heartbeat = ++beats;
+    put_time(clock, force_on, local_ns, entry);
+    return entry;
+  }
+
+  Origin self;
+  Role role;
+  Roster roster;
+  SessionClock clock;
+  bool force_on = false;
+  std::uint64_t beats = 0;
+};
+
+/// Programs on machines whose monotonic clocks began anywhere. Samples take no time, or do not arrive at all.
+class TimeReferenceTest : public testing::Test {
+ protected:
+  struct Machine {
+    std::int64_t offset_ns = 0;
+    std::unique_ptr<Program> program;
+    std::int64_t session_ns = -1, local_ns = 0;  // at the last look
+    std::int64_t worst_step_ns = 0;              // while a force was on
+  };
+
+  std::size_t start(std::uint64_t id, Role role, std::uint64_t incarnation) {
+    Machine machine;
+    machine.offset_ns = static_cast<std::int64_t>(random_() % 4'000'000'000'000);
+    machines_.push_back(std::move(machine));
+    restart(machines_.size() - 1, id, role, incarnation);
+    return machines_.size() - 1;
+  }
+  void restart(std::size_t at, std::uint64_t id, Role role, std::uint64_t incarnation) {
+    machines_[at].program = std::make_unique<Program>(id, role, incarnation, local(at));
+    machines_[at].session_ns = -1;
+  }
+  void end(std::size_t at) { machines_[at].program.reset(); }
+  [[nodiscard]] std::int64_t local(std::size_t at) const { return now_ns_ + machines_[at].offset_ns; }
+  [[nodiscard]] Program& program(std::size_t at) { return *machines_[at].program; }
+  [[nodiscard]] std::int64_t session(std::size_t at) { return program(at).clock.map().session_time(local(at)); }
+  [[nodiscard]] std::uint64_t reference(std::size_t at) { return program(at).clock.reference(); }
+  void cut(std::size_t a, std::size_t b, bool apart = true) {
+    if (apart)
+      cuts_.insert(std::minmax(a, b));
+    else
+      cuts_.erase(std::minmax(a, b));
+  }
+  [[nodiscard]] bool reaches(std::size_t a, std::size_t b) const {
+    return a != b && machines_[b].program != nullptr && cuts_.count(std::minmax(a, b)) == 0;
+  }
+
+  void tick() {
+    now_ns_ += kTickNs;
+    ++ticks_;
+    for (std::size_t at = 0; at < machines_.size(); ++at) {
+      if (machines_[at].program == nullptr) continue;
+      Program& one = program(at);
+      (void)one.roster.tick(local(at));
+      keep_time(one.roster, one.self, one.role, one.force_on, local(at), one.clock);
+      if (ticks_ % 20 == at % 20) {
+        const RosterEntry entry = one.entry(local(at));
+        for (std::size_t to = 0; to < machines_.size(); ++to)
+          if (reaches(at, to)) (void)program(to).roster.on_entry(entry, local(to));
+      }
+      if (ticks_ % 4 == at % 4) ask(at);
+      look(at);
+    }
+  }
+  void ask(std::size_t at) {
+    for (std::size_t to = 0; to < machines_.size(); ++to) {
+      if (!reaches(at, to) || program(to).self.participant != reference(at)) continue;
+      const ClockSample request = program(at).clock.request(local(at));
+      if (program(to).clock.answers())
+        (void)program(at).clock.on_answer(program(to).clock.answer(request, local(to), local(to)), local(at));
+    }
+  }
+  void look(std::size_t at) {
+    Machine& machine = machines_[at];
+    const std::int64_t session_ns = session(at), local_ns = local(at);
+    if (machine.session_ns >= 0 && program(at).force_on) {
+      const std::int64_t gained_ns = session_ns - machine.session_ns - (local_ns - machine.local_ns);
+      machine.worst_step_ns = std::max(machine.worst_step_ns, std::abs(gained_ns));
+    }
+    machine.session_ns = session_ns;
+    machine.local_ns = local_ns;
+  }
+  void run(std::int64_t ms) {
+    for (std::int64_t i = 0; i < ms * kMs / kTickNs; ++i) tick();
+  }
+  [[nodiscard]] std::int64_t apart(std::size_t a, std::size_t b) { return std::abs(session(a) - session(b)); }
+
+  /// What session time may gain in a tick when the clock is steered.
+  static constexpr std::int64_t kSlewedNs = kTickNs / 20 + 2;
+
+  std::mt19937_64 random_{1};
+  std::int64_t now_ns_ = 0;
+  std::size_t ticks_ = 0;
+  std::vector<Machine> machines_;
+  std::set<std::pair<std::size_t, std::size_t>> cuts_;
+};
+
+TEST_F(TimeReferenceTest, AMachineThatBelievesItIs1970BringsNoTimeOfItsOwn) {
+  const std::size_t old = start(20, Role::kHost, 1'700'000'000'000'000'000);
+  run(60'000);
+  const std::int64_t before_ns = session(old);
+  const std::size_t wrong = start(10, Role::kHrtc, 30'000'000'000);
+  run(5'000);
+
+  EXPECT_EQ(reference(old), 20u);
+  EXPECT_EQ(reference(wrong), 20u);
+  EXPECT_EQ(session(old) - before_ns, 5'000 * kMs);
+  EXPECT_LT(apart(old, wrong), kMs);
+}
+
+TEST_F(TimeReferenceTest, WhoIsAloneBeginsAfterItHasListened) {
+  const std::size_t host = start(20, Role::kHost, 5);
+  const std::size_t client = start(1, Role::kClient, 5);
+  run(900);
+  EXPECT_EQ(reference(host), 0u);
+  run(600);
+  EXPECT_EQ(reference(host), 20u);
+  EXPECT_EQ(reference(client), 20u) << "clients follow";
+  EXPECT_LT(apart(host, client), kMs);
+}
+
+TEST_F(TimeReferenceTest, WhenTheReferenceGoesTheOthersGoOnWithItsTime) {
+  const std::size_t host = start(20, Role::kHost, 5), hrtc = start(40, Role::kHrtc, 6),
+                    third = start(30, Role::kHrtc, 7);
+  run(5'000);
+  program(hrtc).force_on = program(third).force_on = true;
+  end(host);
+  run(5'000);
+
+  EXPECT_EQ(reference(hrtc), 30u);
+  EXPECT_EQ(reference(third), 30u);
+  EXPECT_LT(apart(hrtc, third), kMs);
+  EXPECT_LE(machines_[hrtc].worst_step_ns, kSlewedNs);
+  EXPECT_LE(machines_[third].worst_step_ns, kSlewedNs);
+  restart(host, 20, Role::kHost, 8);
+  run(5'000);
+  EXPECT_EQ(reference(host), 30u) << "it came last";
+  EXPECT_LT(apart(hrtc, host), kMs);
+}
+
+TEST_F(TimeReferenceTest, ASessionThatMeetsAnOlderOneTakesItsTimeOnceNoForceIsOn) {
+  const std::size_t older = start(20, Role::kHost, 5), with_older = start(21, Role::kHrtc, 5);
+  run(30'000);
+  const std::size_t younger = start(10, Role::kHost, 1), with_younger = start(11, Role::kHrtc, 1);
+  for (const std::size_t a : {older, with_older})
+    for (const std::size_t b : {younger, with_younger}) cut(a, b);
+  run(10'000);
+  ASSERT_GT(apart(older, younger), 20'000 * kMs);
+  const std::int64_t before_ns = session(older);
+  program(with_younger).force_on = true;
+  program(with_older).force_on = true;  // does not matter: its own time stays
+  run(200);
+  cuts_.clear();
+  run(10'000);
+
+  EXPECT_EQ(reference(younger), 10u);
+  EXPECT_EQ(reference(with_younger), 10u);
+  EXPECT_LT(apart(younger, with_younger), kMs) << "they go on together until then";
+  EXPECT_LE(machines_[with_younger].worst_step_ns, kSlewedNs);
+  program(with_younger).force_on = false;
+  run(2'000);
+  for (const std::size_t at : {older, with_older, younger, with_younger}) {
+    EXPECT_EQ(reference(at), 20u);
+    EXPECT_LT(apart(at, older), kMs);
+  }
+  EXPECT_EQ(session(older) - before_ns, 12'200 * kMs);
+  EXPECT_LE(machines_[with_older].worst_step_ns, kSlewedNs);
+  EXPECT_GT(program(younger).clock.joined_ns(), program(with_older).clock.joined_ns()) << "it came later";
+}
+
+TEST_F(TimeReferenceTest, APartOfASessionThatWasCutOffForAWhileRejoinsUnderAForceWithoutAStep) {
+  const std::size_t host = start(20, Role::kHost, 5), hrtc = start(40, Role::kHrtc, 6);
+  run(5'000);
+  program(hrtc).force_on = true;
+  cut(host, hrtc);
+  run(5'000);
+  ASSERT_EQ(reference(hrtc), 40u);
+  cut(host, hrtc, false);
+  run(2'000);
+
+  EXPECT_EQ(reference(hrtc), 20u) << "it has been there for longer";
+  EXPECT_EQ(reference(host), 20u);
+  EXPECT_LE(machines_[hrtc].worst_step_ns, kSlewedNs);
+}
+
+TEST_F(TimeReferenceTest, ANewcomerIsSetWhileOthersFeelForces) {
+  start(20, Role::kHost, 5);
+  const std::size_t hrtc = start(40, Role::kHrtc, 6);
+  run(5'000);
+  program(hrtc).force_on = true;
+  const std::size_t newcomer = start(30, Role::kHrtc, 7);
+  run(1'000);
+
+  EXPECT_TRUE(program(newcomer).clock.synchronised());
+  EXPECT_LT(apart(hrtc, newcomer), kMs);
+}
+
+/// Starts, ends, partitions and forces at random; wall clocks are worth nothing.
+TEST_F(TimeReferenceTest, WhateverHappensNoTimeStepsUnderAForceAndAllAgreeInTheEnd) {
+  for (std::uint64_t seed = 1; seed <= 60; ++seed) {
+    random_.seed(seed);
+    machines_.clear();
+    cuts_.clear();
+    // Two sessions begin apart from each other.
+    for (std::size_t at = 0; at < 6; ++at) {
+      for (std::size_t other = 0; other < at; ++other)
+        if (at % 2 != other % 2) cut(at, other);
+      start(at + 1, at % 3 == 2 ? Role::kHost : Role::kHrtc, random_());
+      run(static_cast<std::int64_t>(random_() % 3000));
+    }
+    for (std::size_t at = 0; at < 6; ++at) program(at).force_on = random_() % 2 == 0;
+    for (int round = 0; round < 40; ++round) {
+      const std::size_t at = random_() % machines_.size(), other = random_() % machines_.size();
+      switch (random_() % 6) {
+        case 0:
+          end(at);
+          break;
+        case 1:
+          if (machines_[at].program == nullptr) restart(at, at + 1, at % 3 == 2 ? Role::kHost : Role::kHrtc, random_());
+          break;
+        case 2:
+          for (std::size_t i = 0; i < machines_.size(); ++i)
+            for (std::size_t j = 0; j < i; ++j) cut(i, j, i % 2 != j % 2);
+          break;
+        case 3:
+          cuts_.clear();
+          break;
+        case 4:
+          if (at != other) cut(at, other);
+          break;
+        default:
+          if (machines_[at].program != nullptr) program(at).force_on = !program(at).force_on;
+      }
+      run(static_cast<std::int64_t>(random_() % 2000));
+    }
+    cuts_.clear();
+    run(5'000);
+    for (Machine& machine : machines_) {
+      ASSERT_LE(machine.worst_step_ns, kSlewedNs) << "seed " << seed;
+      if (machine.program != nullptr) machine.program->force_on = false;
+    }
+    run(10'000);
+    std::set<std::uint64_t> references;
+    std::int64_t least_ns = INT64_MAX, most_ns = INT64_MIN;
+    for (std::size_t at = 0; at < machines_.size(); ++at) {
+      if (machines_[at].program == nullptr) continue;
+      references.insert(reference(at));
+      least_ns = std::min(least_ns, session(at));
+      most_ns = std::max(most_ns, session(at));
+    }
+    ASSERT_LE(references.size(), 1u) << "seed " << seed;
+    if (!references.empty()) {
+      ASSERT_LT(most_ns - least_ns, kMs) << "seed " << seed;
+    }
+  }
+}
+
+}  // namespace
+}  // namespace tactus::session
