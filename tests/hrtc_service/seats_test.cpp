@@ -73,7 +73,7 @@ TEST_F(SeatsTest, WhatUsersBringIsFreedAfterTheyHaveLeft) {
     open_device(user);
     report.probes[0].active = true;
     seats_->send_commands(report);
-    ASSERT_EQ(seats_->unseat(user), session::id_of(user));
+    ASSERT_EQ(seats_->unseat(client_.origin().participant, user), session::id_of(user));
     while (seats_->left() > 0) {
       seats_->send_commands(report);
       seats_->free_left();
@@ -83,7 +83,7 @@ TEST_F(SeatsTest, WhatUsersBringIsFreedAfterTheyHaveLeft) {
   for (int round = 0; round < 20; ++round) {  // users without a device, of which no sender knows
     const std::string user = "hand " + std::to_string(round);
     seats_->seat(client_with(user, client_));
-    ASSERT_TRUE(seats_->unseat(user));
+    ASSERT_TRUE(seats_->unseat(client_.origin().participant, user));
   }
   while (seats_->left() > 0) seats_->free_left();
   EXPECT_TRUE(seats_->slots().empty());
@@ -96,7 +96,7 @@ TEST_F(SeatsTest, AWriterIsNotDestroyedWhereTheSenderCouldMeetIt) {
   report.probes[0].active = true;
   seats_->send_commands(report);
   const std::uint64_t without = orders_->now().number + 1;
-  ASSERT_TRUE(seats_->unseat("ann"));
+  ASSERT_TRUE(seats_->unseat(client_.origin().participant, "ann"));
   while (!orders_->obeyed(without)) std::this_thread::yield();
   seats_->free_left();
 
