@@ -8,7 +8,7 @@ set(headers ${CMAKE_INSTALL_INCLUDEDIR}/tactus)
 # The headers of these libraries that are meant for others; each includes only what is listed too, which tests/outside holds.
 set(interface
   haptics/device.hpp haptics/device_plugin.h haptics/mailbox.hpp haptics/simulated_device.hpp
-  session/clock.hpp session/figures.hpp session/messages.hpp session/roster.hpp
+  session/clock.hpp session/figures.hpp session/messages.hpp session/roster.hpp session/sequence_window.hpp
   spm/ids.hpp spm/model.hpp spm/record.hpp spm/span.hpp spm/surface_points.hpp
   wire/ends.hpp wire/error.hpp wire/links.hpp wire/process.hpp wire/realtime.hpp wire/topics.hpp)
 foreach(header IN LISTS interface)

@@ -5,6 +5,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/LU>
+#include <algorithm>
 #include <array>
 #include <assimp/Importer.hpp>
 #include <cctype>
@@ -185,6 +186,15 @@ TriangleMesh import_with(Assimp::Importer& importer, const std::filesystem::path
   return mesh;
 }
 
+/// How many different points there are: assimp repeats the vertices of an OBJ file for each face.
+std::size_t distinct(std::vector<std::array<float, 3>> positions) {
+  const auto before = [](const auto& a, const auto& b) {
+    return std::memcmp(&a, &b, sizeof a) < 0;
+  };  // NaN has no order
+  std::sort(positions.begin(), positions.end(), before);
+  return static_cast<std::size_t>(std::unique(positions.begin(), positions.end()) - positions.begin());
+}
+
 /// A reader drops what it does not understand without a word.
 void require_most(const std::filesystem::path& path, const Declared& declared, const TriangleMesh& mesh,
                   const Found& found) {
@@ -197,7 +207,7 @@ void require_most(const std::filesystem::path& path, const Declared& declared, c
     fail(path, text.str());
   };
   require("faces", declared.faces, static_cast<double>(found.faces));
-  require("vertices", declared.vertices, static_cast<double>(mesh.positions.size()));
+  if (declared.vertices > 0) require("vertices", declared.vertices, static_cast<double>(distinct(mesh.positions)));
 }
 
 /// Whatever the name: assimp would not read all of a PLY file.
