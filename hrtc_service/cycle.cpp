@@ -188,8 +188,8 @@ void Cycle::log(const TouchObject& object, std::uint32_t probe, std::int64_t now
 }
 
 void Cycle::query(std::uint32_t number, const Vec3d& tip, std::int64_t now_ns, ProbeOutput& output) noexcept {
-  bool exact = true;
-  float bound = 0;
+  bool exact = tip.allFinite();
+  float bound = exact ? 0 : std::numeric_limits<float>::max();
   const ObjectsSurface& surface = surfaces_[number];
   for (std::uint32_t i = 0; i < surface.count(); ++i) {
     const TouchObject& object = surface[i];

@@ -119,7 +119,7 @@ class Forest {
   /// no more use. Not realtime: O(all that is shown).
   [[nodiscard]] bool restore(std::uint32_t base_faces, const InUse* regions, std::uint32_t count) noexcept;
 
-  /// A query of that ball is exact: every labelled cell it meets is refined.
+  /// A query of that sphere is exact: every labelled cell it meets is refined. False when a coordinate is not finite.
   [[nodiscard]] bool exact(const Vec3d& centre, double radius) const noexcept;
 
   [[nodiscard]] const AbTree& tree() const noexcept { return tree_; }

@@ -39,9 +39,11 @@ class RegionGrid {
   [[nodiscard]] double squared_distance(RegionId region, const Vec3d& p) const noexcept;
 
   /// Calls `visit(RegionId, squared distance)` once for each labelled cell that is no further than `radius` from
-  /// `centre`, in a fixed order. Stops after `kMaxCells` grid cells and returns false: then not all were visited.
+  /// `centre`, in a fixed order. False when not all were visited: there are more than `kMaxCells` grid cells, a
+  /// coordinate is not finite, or the radius is no number or negative.
   template <class Visit>
   bool for_each_meeting(const Vec3d& centre, double radius, Visit&& visit) const noexcept {
+    if (!centre.allFinite() || !(radius >= 0)) return false;
     std::uint32_t low[3], high[3];
     std::uint64_t cells = 1;
     for (int axis = 0; axis < 3; ++axis) {
@@ -56,7 +58,9 @@ class RegionGrid {
     const double squared_radius = radius * radius;
     for (std::uint32_t z = low[2]; z <= high[2]; ++z)
       for (std::uint32_t y = low[1]; y <= high[1]; ++y)
-        for (std::uint32_t x = low[0]; x <= high[0]; ++x) visit_cell(0, x, y, z, centre, squared_radius, visit);
+        for (std::uint32_t x = low[0]; x <= high[0]; ++x)
+          if (look_at(0, {x, y, z}, centre, squared_radius, visit) != kNone)
+            visit_divided({x, y, z}, centre, squared_radius, visit);
     return true;
   }
   static constexpr std::uint64_t kMaxCells = 4096;
@@ -72,19 +76,40 @@ class RegionGrid {
     std::uint64_t occupied;  // sixty-fourths that faces meet
   };
 
+  /// The number of the cell when it is divided and within reach, else kNone. Visits it when it is a region.
   template <class Visit>
-  void visit_cell(std::uint32_t depth, std::uint32_t x, std::uint32_t y, std::uint32_t z, const Vec3d& centre,
-                  double squared_radius, Visit& visit) const noexcept {
-    const std::uint32_t found = find(depth, x, y, z);
-    if (found == kNone || box_of(cells_[found]).squared_distance(centre) > squared_radius) return;
-    if (found < regions_) {
-      const double squared = squared_distance(RegionId{found}, centre);
-      if (squared <= squared_radius) visit(RegionId{found}, squared);
-      return;
+  [[nodiscard]] std::uint32_t look_at(std::uint32_t depth, const std::array<std::uint32_t, 3>& at, const Vec3d& centre,
+                                      double squared_radius, Visit& visit) const noexcept {
+    const std::uint32_t found = find(depth, at[0], at[1], at[2]);
+    if (found == kNone || box_of(cells_[found]).squared_distance(centre) > squared_radius) return kNone;
+    if (found >= regions_) return found;
+    const double squared = squared_distance(RegionId{found}, centre);
+    if (squared <= squared_radius) visit(RegionId{found}, squared);
+    return kNone;
+  }
+
+  /// Visits the regions in a divided cell of the grid, depth first and children in order. The coordinates of a cell say
+  /// which child of which cell it is, so the traversal needs no stack.
+  template <class Visit>
+  void visit_divided(std::array<std::uint32_t, 3> at, const Vec3d& centre, double squared_radius,
+                     Visit& visit) const noexcept {
+    std::uint32_t depth = 0;
+    bool divided = true;  // the cell at the current place
+    for (;;) {
+      if (divided && depth < kMaxDepth) {  // its first child
+        ++depth;
+        for (std::uint32_t& x : at) x *= 2;
+      } else {  // the next child of the same parent, or of the nearest cell above that has one left
+        while (depth > 0 && (at[0] & at[1] & at[2] & 1u) != 0) {
+          --depth;
+          for (std::uint32_t& x : at) x /= 2;
+        }
+        if (depth == 0) return;
+        const std::uint32_t child = (at[0] & 1u) + 2 * (at[1] & 1u) + 4 * (at[2] & 1u) + 1;
+        for (std::uint32_t axis = 0; axis < 3; ++axis) at[axis] = (at[axis] & ~1u) | (child >> axis & 1u);
+      }
+      divided = look_at(depth, at, centre, squared_radius, visit) != kNone;
     }
-    for (std::uint32_t child = 0; child < 8; ++child)
-      visit_cell(depth + 1, 2 * x + (child & 1), 2 * y + (child >> 1 & 1), 2 * z + (child >> 2), centre, squared_radius,
-                 visit);
   }
 
   [[nodiscard]] CellBox box_of(const Cell& cell) const noexcept {

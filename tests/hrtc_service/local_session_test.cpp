@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <random>
 
 #include "spm/directory.hpp"
@@ -193,6 +194,15 @@ TEST_F(OrganSession, ATipThatJumpsOntoAnObjectIsNotToldToBeExactBeforeTheLoaderH
   }
   EXPECT_GT(part_shown, 0);
   EXPECT_GT(shown, 0);
+}
+
+TEST_F(OrganSession, APoseThatIsNoNumberIsNotToldToBeExact) {
+  LocalSession session{{built_->model()}, 1, spm::PoolSettings::for_slots(1 << 14)};
+  for (int cycle = 0; cycle < 50; ++cycle) session.step(position(0), Vec3d::Zero());
+  const Vec3d nowhere = Vec3d::Constant(std::numeric_limits<double>::quiet_NaN());
+  const hrtc_service::ProbeOutput& probe = session.step(nowhere, Vec3d::Zero()).probes[0];
+  EXPECT_EQ(probe.status & session::kExact, 0u);
+  EXPECT_GT(probe.error_bound, 0);
 }
 
 TEST(NearObjects, HoldForTheObjectsSoughtAsFarAsTheTipMayHaveMoved) {

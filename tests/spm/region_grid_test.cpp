@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <limits>
 #include <random>
 #include <vector>
 
@@ -87,6 +88,62 @@ TEST(RegionGrid, ABallMeetsTheCellsOfWhichAnOccupiedPartIsInReach) {
   }
   EXPECT_GT(met, 500u);
   EXPECT_GT(passed_over, 200u) << "whole cells would do as well";
+}
+
+/// One cell of each depth from 1 to 8, each in the corner of the one before it, so that a query of all of them goes
+/// through every depth.
+Grid nested_grid() {
+  Grid grid;
+  for (std::uint16_t depth = 1; depth <= 8; ++depth)
+    for (std::uint32_t child = depth < 8 ? 1 : 0; child < 8; ++child) {
+      Region region{};
+      region.depth = depth;
+      region.cell = {static_cast<std::uint16_t>(child & 1), static_cast<std::uint16_t>(child >> 1 & 1),
+                     static_cast<std::uint16_t>(child >> 2)};
+      region.occupied = {~0u, ~0u};
+      grid.regions.push_back(region);
+    }
+  return grid;
+}
+
+TEST(RegionGrid, AQueryUsesTheSameStackAtEveryDepth) {
+  const Grid grid = nested_grid();
+  const RegionGrid look_up{grid.frame, grid.regions};
+  const Vec3d corner{grid.frame.origin[0], grid.frame.origin[1], grid.frame.origin[2]};
+  std::vector<const void*> frames;
+  std::vector<std::uint32_t> found;
+  const auto visit = [&](RegionId region, double) __attribute__((noinline)) {
+    frames.push_back(__builtin_frame_address(0));
+    found.push_back(index(region));
+  };
+  ASSERT_TRUE(look_up.for_each_meeting(corner, 1.0, visit));
+  // Children in order, each with all that is in it before the next.
+  std::vector<std::uint32_t> expected;
+  for (std::uint32_t depth = 8; depth > 0; --depth)
+    for (std::uint32_t i = 0; i < grid.regions.size(); ++i)
+      if (grid.regions[i].depth == depth) expected.push_back(i);
+  EXPECT_EQ(found, expected);
+  for (const void* frame : frames) EXPECT_EQ(frame, frames.front());
+}
+
+TEST(RegionGrid, ASphereThatIsNoSphereIsNotAnswered) {
+  std::mt19937_64 random{6};
+  const Grid grid = random_grid(random);
+  const RegionGrid look_up{grid.frame, grid.regions};
+  constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+  int visited = 0;
+  const auto visit = [&](RegionId, double) { ++visited; };
+  const Vec3d inside{-0.5, 2.5, 1.0}, outside{100, 0, 0};
+  for (const Vec3d& place : {inside, outside})
+    for (int axis = 0; axis < 3; ++axis) {
+      Vec3d centre = place;
+      centre[axis] = kNaN;
+      EXPECT_FALSE(look_up.for_each_meeting(centre, 0.1, visit)) << axis;
+    }
+  EXPECT_FALSE(look_up.for_each_meeting(inside, kNaN, visit));
+  EXPECT_FALSE(look_up.for_each_meeting(inside, -0.1, visit));
+  EXPECT_EQ(visited, 0);
+  EXPECT_TRUE(look_up.for_each_meeting(outside, 0.1, visit)) << "it meets nothing, and that is known";
 }
 
 }  // namespace

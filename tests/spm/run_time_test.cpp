@@ -6,6 +6,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <random>
 #include <set>
@@ -64,6 +65,23 @@ TEST_P(RunTime, EveryRegionRefinedShowsTheFinestMesh) {
   }
   EXPECT_GT(compared, model_.summary.faces / 2);
   EXPECT_THAT(controller.forest().violations(), IsEmpty());
+}
+
+TEST_P(RunTime, ASphereThatIsNoNumberIsNeverExact) {
+  Controller controller{model_, roomy()};
+  for (const RegionId region : all_regions(model_)) ASSERT_EQ(controller.load(region), AcceptResult::kAccepted);
+  ASSERT_EQ(controller.refine(all_regions(model_)), Advance::kDone);
+  const spm::Forest& forest = controller.forest();
+  const spm::Vec3d middle = (bounds().first + bounds().second) / 2;
+  const double radius = (bounds().second - bounds().first).norm() / 50;
+  ASSERT_TRUE(forest.exact(middle, radius));
+  constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+  for (int axis = 0; axis < 3; ++axis) {
+    spm::Vec3d centre = middle;
+    centre[axis] = kNaN;
+    EXPECT_FALSE(forest.exact(centre, radius)) << axis;
+  }
+  EXPECT_FALSE(forest.exact(middle, kNaN));
 }
 
 TEST_P(RunTime, EveryShownVertexHasTheRadiusOfItsRecord) {
