@@ -22,7 +22,6 @@
 #include <mutex>
 #include <string>
 
-#include "wire/direct.hpp"
 #include "wire/flow.hpp"
 #include "wire/links.hpp"
 
@@ -35,10 +34,17 @@ inline thread_local std::uint64_t decode_failures = 0;
 
 /// A generated type made safe for what the network may bring, and for several ends in several threads: no exception
 /// leaves the decoder, and the key is computed on the stack instead of in a buffer that all ends share.
+///
+/// Class probe has one instance for each topic, whatever the key in the sample. Fast DDS 2.9.1 frees no instance while
+/// its writer lives: after 64 users an HRTC could not send the state of another, and after 1,024 a reader would accept
+/// no other. A history need not tell keys apart there, because nothing is kept in it: a reader takes each sample in the
+/// thread that received it, before the next one. The key goes over the network only inside the sample.
 template <class Support>
 class Guarded : public Support {
  public:
   using Type = typename Support::type;
+
+  explicit Guarded(TrafficClass traffic) : has_one_instance_{traffic == TrafficClass::kProbe} {}
 
   bool deserialize(eprosima::fastrtps::rtps::SerializedPayload_t* payload, void* data) override {
     try {
@@ -52,12 +58,22 @@ class Guarded : public Support {
   bool getKey(void* data, eprosima::fastrtps::rtps::InstanceHandle_t* handle, bool) override {
     if (!this->m_isGetKeyDefined) return false;
     std::array<char, 16> key{};  // every key of tactus.idl fits: no digest is needed
-    eprosima::fastcdr::FastBuffer buffer{key.data(), key.size()};
-    eprosima::fastcdr::Cdr cdr{buffer, eprosima::fastcdr::Cdr::BIG_ENDIANNESS};
-    static_cast<Type*>(data)->serializeKey(cdr);
+    if (has_one_instance_)
+      key[0] = 1;  // all zero would be no handle
+    else
+      serialize_key(*static_cast<Type*>(data), key);
     for (std::size_t i = 0; i < key.size(); ++i) handle->value[i] = static_cast<std::uint8_t>(key[i]);
     return true;
   }
+
+ private:
+  static void serialize_key(const Type& sample, std::array<char, 16>& key) {
+    eprosima::fastcdr::FastBuffer buffer{key.data(), key.size()};
+    eprosima::fastcdr::Cdr cdr{buffer, eprosima::fastcdr::Cdr::BIG_ENDIANNESS};
+    sample.serializeKey(cdr);
+  }
+
+  bool has_one_instance_;
 };
 
 struct Links::Impl {
@@ -66,8 +82,6 @@ struct Links::Impl {
   std::uint64_t participant_id = 0;
   bool probe_realtime = false;
   Flow flow;
-  std::shared_ptr<DirectPath>
-      direct;  ///< of class probe; null where it has other ways than UDP or no participant of its own
   std::array<dds::DomainParticipant*, kTrafficClasses> participants{};
   std::map<std::string, dds::DataWriterQos> writer_qos;  ///< by profile, as TopicSpec::profile
   std::map<std::string, dds::DataReaderQos> reader_qos;
@@ -75,13 +89,6 @@ struct Links::Impl {
 
   [[nodiscard]] dds::DomainParticipant& participant(TrafficClass traffic) const {
     return *participants[static_cast<std::size_t>(traffic)];
-  }
-  /// Null for ends whose samples the library keeps, orders or repeats, and for classes that have none.
-  template <class Qos>
-  [[nodiscard]] DirectPath* direct_for(TrafficClass traffic, const Qos& qos) const {
-    const bool not_kept = qos.reliability().kind == dds::BEST_EFFORT_RELIABILITY_QOS &&
-                          qos.durability().kind == dds::VOLATILE_DURABILITY_QOS;
-    return traffic == TrafficClass::kProbe && not_kept ? direct.get() : nullptr;
   }
   /// The topic, made with `type` when this is its first end. Throws WireError.
   dds::Topic& topic(const char* name, TrafficClass traffic, dds::TypeSupport type);
@@ -91,17 +98,13 @@ struct Links::Impl {
   ~Impl();
 };
 
-inline eprosima::fastrtps::rtps::GUID_t guid_of(const eprosima::fastrtps::rtps::InstanceHandle_t& handle) {
-  eprosima::fastrtps::rtps::GUID_t guid;
-  eprosima::fastrtps::rtps::iHandle2GUID(guid, handle);
-  return guid;
-}
-
 /// Counts the ends found on the other side, without those of the same participant.
 class MatchCount {
  public:
   void change(const eprosima::fastrtps::rtps::InstanceHandle_t& other, int by, const dds::DomainParticipant& own) {
-    if (guid_of(other).guidPrefix != own.guid().guidPrefix) count_ += by;
+    eprosima::fastrtps::rtps::GUID_t guid;
+    eprosima::fastrtps::rtps::iHandle2GUID(guid, other);
+    if (guid.guidPrefix != own.guid().guidPrefix) count_ += by;
   }
   [[nodiscard]] int get() const noexcept { return count_.load(); }
 

@@ -2,8 +2,6 @@
 
 #include <array>
 #include <cstdio>
-#include <memory>
-#include <optional>
 #include <utility>
 
 #include "wire/check.hpp"
@@ -13,7 +11,6 @@
 namespace tactus::wire {
 namespace {
 
-using eprosima::fastrtps::rtps::GUID_t;
 using eprosima::fastrtps::types::ReturnCode_t;
 
 /// A chunk has its stream instead, which session/ knows.
@@ -22,7 +19,8 @@ constexpr bool kNamesOrigin = !std::is_same_v<Sample, session::BulkChunk>;
 
 template <class Sample>
 dds::Topic& topic_of(Links& links, const TopicSpec<Sample>& spec) {
-  return links.impl().topic(spec.name, spec.traffic, dds::TypeSupport{new Guarded<typename IdlOf<Sample>::Support>});
+  return links.impl().topic(spec.name, spec.traffic,
+                            dds::TypeSupport{new Guarded<typename IdlOf<Sample>::Support>{spec.traffic}});
 }
 
 template <class Qos, class Default>
@@ -45,9 +43,7 @@ std::string group_partition(std::uint64_t group) {
 template <class Sample>
 struct Writer<Sample>::Impl final : dds::DataWriterListener {
   Impl(Links& in, const TopicSpec<Sample>& spec, const EndOptions& options)
-      : links{in},
-        participant{in.impl().participant(spec.traffic)},
-        path{fits() ? in.impl().direct_for(spec.traffic, in.impl().writer_qos.at(spec.profile)) : nullptr} {
+      : links{in}, participant{in.impl().participant(spec.traffic)} {
     const auto qos = with_partition<dds::PublisherQos>(in.impl(), options.partition, dds::PUBLISHER_QOS_DEFAULT);
     publisher = participant.create_publisher(qos);
     if (publisher == nullptr) throw WireError(std::string{"topic "} + spec.name + ": DDS makes no publisher");
@@ -67,42 +63,12 @@ struct Writer<Sample>::Impl final : dds::DataWriterListener {
     participant.delete_publisher(publisher);
   }
 
-  void on_publication_matched(dds::DataWriter* of, const dds::PublicationMatchedStatus& status) override {
-    const GUID_t reader = guid_of(status.last_subscription_handle);
-    if (path != nullptr && reader.guidPrefix != participant.guid().guidPrefix) {
-      DirectWriter& to = direct(*of);
-      if (status.current_count_change > 0)
-        to.on_reader(reader);
-      else
-        to.on_reader_lost(reader);
-    }
+  void on_publication_matched(dds::DataWriter*, const dds::PublicationMatchedStatus& status) override {
     matches.change(status.last_subscription_handle, status.current_count_change, participant);
-  }
-
-  /// However long its lists are.
-  static bool fits() { return typename IdlOf<Sample>::Support{}.m_typeSize <= DirectWriter::kMostBody; }
-
-  /// The first reader may be found before the constructor has the writer.
-  DirectWriter& direct(const dds::DataWriter& of) {
-    const std::lock_guard<std::mutex> lock{mutex};
-    if (!made_direct) made_direct.emplace(*path, of.guid());
-    return *made_direct;
-  }
-
-  bool send_direct() {
-    DirectWriter& to = direct(*writer);
-    eprosima::fastcdr::FastBuffer buffer{to.body(), DirectWriter::kMostBody};
-    eprosima::fastcdr::Cdr cdr{buffer, eprosima::fastcdr::Cdr::LITTLE_ENDIANNESS, eprosima::fastcdr::Cdr::DDS_CDR};
-    cdr.serialize_encapsulation();
-    encoded.serialize(cdr);
-    return to.send(cdr.getSerializedDataLength());
   }
 
   Links& links;
   dds::DomainParticipant& participant;
-  DirectPath* const path;  // null: the library sends
-  std::mutex mutex;        // for making it
-  std::optional<DirectWriter> made_direct;
   dds::Publisher* publisher = nullptr;
   dds::DataWriter* writer = nullptr;
   typename IdlOf<Sample>::Type encoded;  // kept for its buffers
@@ -135,8 +101,7 @@ SendStatus Writer<Sample>::send(const Sample& sample) noexcept try {
     return SendStatus::kInvalid;
   }
   to_idl(sample, impl_->encoded);
-  const bool sent = impl_->path != nullptr ? impl_->send_direct() : impl_->writer->write(&impl_->encoded);
-  return sent ? SendStatus::kSent : SendStatus::kBlocked;
+  return impl_->writer->write(&impl_->encoded) ? SendStatus::kSent : SendStatus::kBlocked;
 } catch (...) {  // no memory
   return SendStatus::kBlocked;
 }
@@ -162,10 +127,7 @@ bool Writer<Sample>::wait_acknowledged(std::chrono::milliseconds limit) noexcept
 template <class Sample>
 struct Reader<Sample>::Impl final : dds::DataReaderListener {
   Impl(Links& in, const TopicSpec<Sample>& spec, OnSample callback, const EndOptions& options)
-      : links{in},
-        participant{in.impl().participant(spec.traffic)},
-        path{in.impl().direct_for(spec.traffic, in.impl().reader_qos.at(spec.profile))},
-        on_sample{std::move(callback)} {
+      : links{in}, participant{in.impl().participant(spec.traffic)}, on_sample{std::move(callback)} {
     const auto qos = with_partition<dds::SubscriberQos>(in.impl(), options.partition, dds::SUBSCRIBER_QOS_DEFAULT);
     subscriber = participant.create_subscriber(qos);
     if (subscriber == nullptr) throw WireError(std::string{"topic "} + spec.name + ": DDS makes no subscriber");
@@ -181,10 +143,6 @@ struct Reader<Sample>::Impl final : dds::DataReaderListener {
     {
       const std::lock_guard<std::mutex> lock{mutex};  // waits for a callback that runs
       closed = true;                                  // and stops one that is about to
-    }
-    if (path != nullptr) {
-      taker->close();
-      path->forget(taker);
     }
     subscriber->delete_datareader(reader);
     participant.delete_subscriber(subscriber);
@@ -206,29 +164,8 @@ struct Reader<Sample>::Impl final : dds::DataReaderListener {
     }
   }
 
-  /// What has come past the library, which does the same with the rest; nothing of our own does.
-  void take_direct(const std::uint8_t* bytes, std::uint32_t size) {
-    const std::lock_guard<std::mutex> lock{mutex};
-    if (closed) return;
-    try {
-      // Decoding does not write there.
-      eprosima::fastcdr::FastBuffer buffer{const_cast<char*>(reinterpret_cast<const char*>(bytes)), size};
-      eprosima::fastcdr::Cdr cdr{buffer, eprosima::fastcdr::Cdr::DEFAULT_ENDIAN, eprosima::fastcdr::Cdr::DDS_CDR};
-      cdr.read_encapsulation();
-      encoded.deserialize(cdr);
-    } catch (...) {  // as in Guarded
-      ++invalid;
-      last_fault = "encoding: expected the type's";
-      return;
-    }
-    take();
-  }
-
   void take(const dds::SampleInfo& info) {
-    if (info.sample_identity.writer_guid().guidPrefix != participant.guid().guidPrefix) take();
-  }
-
-  void take() {
+    if (info.sample_identity.writer_guid().guidPrefix == participant.guid().guidPrefix) return;
     if constexpr (kNamesOrigin<Sample>) {
       if (encoded.stamp().session() != links.impl().session_id) {
         ++foreign;
@@ -246,13 +183,6 @@ struct Reader<Sample>::Impl final : dds::DataReaderListener {
   }
 
   void on_subscription_matched(dds::DataReader*, const dds::SubscriptionMatchedStatus& status) override {
-    const GUID_t writer_guid = guid_of(status.last_publication_handle);
-    if (path != nullptr && writer_guid.guidPrefix != participant.guid().guidPrefix) {
-      if (status.current_count_change > 0)
-        path->on_writer(writer_guid, taker);
-      else
-        path->on_writer_lost(writer_guid, taker);
-    }
     matches.change(status.last_publication_handle, status.current_count_change, participant);
   }
 
@@ -262,10 +192,7 @@ struct Reader<Sample>::Impl final : dds::DataReaderListener {
 
   Links& links;
   dds::DomainParticipant& participant;
-  DirectPath* const path;  // null: the library receives
   OnSample on_sample;
-  const std::shared_ptr<DirectTaker> taker = std::make_shared<DirectTaker>(
-      [this](const std::uint8_t* bytes, std::uint32_t size) { take_direct(bytes, size); });
   dds::Subscriber* subscriber = nullptr;
   dds::DataReader* reader = nullptr;
   std::mutex mutex;  // for `closed`, `encoded`, `sample`
@@ -294,7 +221,7 @@ int Reader<Sample>::matched() const noexcept {
 
 template <class Sample>
 ReaderCounts Reader<Sample>::counts() const noexcept {
-  return {impl_->received, impl_->invalid, impl_->foreign, impl_->lost + impl_->taker->lost()};
+  return {impl_->received, impl_->invalid, impl_->foreign, impl_->lost};
 }
 
 template <class Sample>

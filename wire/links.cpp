@@ -7,7 +7,6 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <chrono>
 #include <set>
 #include <system_error>
@@ -16,10 +15,9 @@
 #include "wire/dds.hpp"
 #include "wire/discovery.hpp"
 #include "wire/incarnation.hpp"
-#include "wire/lean_transport.hpp"
-#include "wire/patient_transport.hpp"
 #include "wire/profiles.hpp"
 #include "wire/topics.hpp"
+#include "wire/transport/filter_transport.hpp"
 
 namespace tactus::wire {
 namespace {
@@ -100,15 +98,6 @@ std::filesystem::path file_of(const Links::Impl& impl, TrafficClass traffic) {
   return impl.address.qos / (std::string{kClassNames[static_cast<std::size_t>(traffic)]} + ".xml");
 }
 
-bool is_udp(const std::shared_ptr<fdds::TransportDescriptorInterface>& transport) {
-  return std::dynamic_pointer_cast<fdds::UDPv4TransportDescriptor>(transport) != nullptr;
-}
-/// Not where a profile asks for shared memory or the library's own choice.
-bool only_udp(const dds::DomainParticipantQos& qos) {
-  const auto& transports = qos.transport().user_transports;
-  return !qos.transport().use_builtin_transports && std::all_of(transports.begin(), transports.end(), is_udp);
-}
-
 dds::DomainParticipant* join(Links::Impl& impl, TrafficClass traffic, const Durations& durations, LogCapture& log) {
   auto* factory = dds::DomainParticipantFactory::get_instance();
   const auto place = static_cast<std::size_t>(traffic);
@@ -124,22 +113,18 @@ dds::DomainParticipant* join(Links::Impl& impl, TrafficClass traffic, const Dura
     ignored = kReadsBulk;
     qos.name(kReadsBulk);
   }
-  const auto gate = std::make_shared<Gate>();
-  const std::set<int> before = datagram_sockets();
-  std::shared_ptr<DirectPath> direct;
-  if (traffic == TrafficClass::kProbe && only_udp(qos)) direct = impl.direct = std::make_shared<DirectPath>();
+  const FilterSettings filters{std::make_shared<Gate>(), ignored, traffic != TrafficClass::kSession};
   for (auto& transport : qos.transport().user_transports) {
-    if (!is_udp(transport)) continue;
-    transport = std::make_shared<PatientTransportDescriptor>(transport, gate, ignored, direct);
-    if (traffic != TrafficClass::kSession) transport = std::make_shared<LeanTransportDescriptor>(transport);
+    if (std::dynamic_pointer_cast<fdds::UDPv4TransportDescriptor>(transport) == nullptr) continue;
+    transport = std::make_shared<FilterTransportDescriptor>(transport, filters);
   }
+  const std::set<int> before = datagram_sockets();
   const auto domain = static_cast<dds::DomainId_t>(impl.address.domain + static_cast<int>(place));
   dds::DomainParticipant* made = nullptr;
   {
     const InheritedPriority priority{traffic == TrafficClass::kProbe ? impl.address.probe_priority : 0};
-    made = factory->create_participant(domain, qos, direct.get(), dds::StatusMask::none());
-    if (made != nullptr && direct) direct->set_own(made->guid().guidPrefix);
-    gate->open();
+    made = factory->create_participant(domain, qos);
+    filters.gate->open();
     if (traffic == TrafficClass::kProbe) impl.probe_realtime = priority.applied();
   }
   if (made == nullptr) {

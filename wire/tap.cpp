@@ -22,6 +22,7 @@ struct Encoded {
 template <class Support>
 class Raw final : public Guarded<Support> {
  public:
+  using Guarded<Support>::Guarded;
   bool deserialize(eprosima::fastrtps::rtps::SerializedPayload_t* payload, void* data) override {
     Sample& sample = of(data);
     if (!Guarded<Support>::deserialize(payload, &sample.decoded)) return false;
@@ -113,7 +114,7 @@ struct Tap::Impl {
       if (spec.traffic == TrafficClass::kBulk && !bulk) return;
       using Sample = std::decay_t<decltype(sample_of(spec))>;
       using Support = typename IdlOf<Sample>::Support;
-      dds::Topic& topic = in.topic(spec.name, spec.traffic, dds::TypeSupport{new Raw<Support>});
+      dds::Topic& topic = in.topic(spec.name, spec.traffic, dds::TypeSupport{new Raw<Support>{spec.traffic}});
       // Whole probe states and copies of objects are in the partitions of groups, with profiles of their own.
       const std::string profile = spec.profile;
       const bool of_groups = profile == topics::kProbeStateWhole.profile || profile == topics::kObjectCopy.profile;

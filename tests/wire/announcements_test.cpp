@@ -1,4 +1,4 @@
-#include "wire/announcements.hpp"
+#include "wire/transport/announcements.hpp"
 
 #include <fastrtps/utils/IPLocator.h>
 #include <gtest/gtest.h>

@@ -1,9 +1,9 @@
+#include "wire/transport/gate.hpp"
+
 #include <gtest/gtest.h>
 
 #include <atomic>
 #include <thread>
-
-#include "wire/patient_transport.hpp"
 
 namespace tactus::wire {
 namespace {

@@ -1,7 +1,8 @@
-#include "wire/rtps_message.hpp"
+#include "wire/transport/rtps_message.hpp"
 
 #include <gtest/gtest.h>
 
+#include <random>
 #include <string>
 #include <vector>
 
@@ -46,14 +47,97 @@ TEST(RtpsMessageTest, AMessageWithoutThemIsWhole) {
 
 TEST(RtpsMessageTest, WhatLooksLikeStatisticsAtTheEndIsMovedByPaddings) {
   std::vector<std::uint8_t> plain(200, 1), alike(200, kStatisticsId);
-  plain.resize(200 + kMostPaddings);
-  alike.resize(200 + kMostPaddings);
+  plain.resize(200 + kMaxPadding);
+  alike.resize(200 + kMaxPadding);
 
-  EXPECT_EQ(pad_what_looks_like_statistics(plain.data(), 200), 200u);
-  const std::uint32_t size = pad_what_looks_like_statistics(alike.data(), 200);
+  EXPECT_EQ(pad_if_it_looks_like_statistics(plain.data(), 200), 200u);
+  const std::uint32_t size = pad_if_it_looks_like_statistics(alike.data(), 200);
 
   EXPECT_EQ(size, 200u + 60);  // only the first padding is no 0x80 there
   EXPECT_NE(alike[size - 60], kStatisticsId);
+}
+
+using Bytes = std::vector<std::uint8_t>;
+Bytes concat(const std::vector<Bytes>& parts) {
+  Bytes all;
+  for (const Bytes& part : parts) all.insert(all.end(), part.begin(), part.end());
+  return all;
+}
+Bytes bytes_of(const RtpsBytes& bytes) { return Bytes(bytes.at, bytes.at + bytes.size); }
+/// A message of one DATA submessage of writer 0 0 3 2 with the sequence number 7 * 2^32 + 9, little-endian.
+Bytes data_message(std::uint8_t flags, const Bytes& behind) {
+  const auto length = static_cast<std::uint8_t>(20 + behind.size());
+  return concat({Bytes(kRtpsHeader, 1),
+                 {kDataId, flags, length, 0, 0, 0, 16, 0, 0, 0, 0, 0, 0, 0, 3, 2, 7, 0, 0, 0, 9, 0, 0, 0},
+                 behind});
+}
+std::optional<RtpsData> data_in(const Bytes& bytes) {
+  const auto found = find_submessage(bytes.data(), static_cast<std::uint32_t>(bytes.size()), kDataId);
+  return found ? data_of(*found) : std::nullopt;
+}
+constexpr std::uint8_t kLittleWithData = 0x05, kLittleWithInlineQos = 0x07, kLittleKeyOnly = 0x09;
+const Bytes kInlineQos{0x70, 0, 4, 0, 9, 9, 9, 9, 1, 0, 0, 0};
+const Bytes kPayload{0, 3, 0, 0, 0x62, 0, 4, 0, 5, 6, 7, 8, 1, 0, 0, 0, 99};
+
+TEST(RtpsMessageTest, ASampleIsReadWithItsWriterItsNumberAndItsPayload) {
+  const Bytes plain = data_message(kLittleWithData, kPayload);
+  const Bytes with_qos = data_message(kLittleWithInlineQos, concat({kInlineQos, kPayload}));
+  for (const Bytes& bytes : {plain, with_qos}) {
+    const std::optional<RtpsData> data = data_in(bytes);
+    ASSERT_TRUE(data);
+    EXPECT_EQ(data->writer, (std::array<std::uint8_t, 4>{0, 0, 3, 2}));
+    EXPECT_FALSE(data->is_built_in());
+    EXPECT_EQ(data->sequence, (std::uint64_t{7} << 32) + 9);
+    EXPECT_EQ(bytes_of(data->payload), kPayload);
+  }
+}
+
+TEST(RtpsMessageTest, ASampleWithoutDataHasNoPayload) {
+  const Bytes bytes = data_message(kLittleKeyOnly, kPayload);
+  const std::optional<RtpsData> data = data_in(bytes);
+  ASSERT_TRUE(data);
+  EXPECT_EQ(data->payload.size, 0u);
+}
+
+TEST(RtpsMessageTest, ParametersEndAtTheSentinel) {
+  const Bytes bytes = data_message(kLittleWithData, kPayload);
+  ParameterList parameters = parameters_of(data_in(bytes)->payload);
+
+  const auto first = parameters.next();
+
+  ASSERT_TRUE(first);
+  EXPECT_EQ(first->id, 0x62u);
+  EXPECT_EQ(bytes_of(first->value), (Bytes{5, 6, 7, 8}));
+  EXPECT_FALSE(parameters.next());
+  EXPECT_FALSE(parameters.next());
+  EXPECT_EQ(bytes_of(parameters.rest()), Bytes{99});
+}
+
+TEST(RtpsMessageTest, AParameterThatReachesBeyondItsListIsNotHandedOut) {
+  const Bytes list{0x62, 0, 5, 0, 1, 2, 3, 4};
+  ParameterList parameters{{list.data(), static_cast<std::uint32_t>(list.size()), true}};
+  EXPECT_FALSE(parameters.next());
+}
+
+TEST(RtpsMessageTest, WhateverChangesInASampleItsPartsLieInsideTheMessage) {
+  const Bytes whole = data_message(kLittleWithInlineQos, concat({kInlineQos, kPayload}));
+  std::minstd_rand random{7};
+  std::uint32_t found = 0;
+  for (int i = 0; i < 20000; ++i) {
+    Bytes changed(whole.begin(), whole.end() - static_cast<std::ptrdiff_t>(random() % 40));
+    for (std::size_t left = random() % 3; left > 0; --left)
+      changed[kRtpsHeader + random() % (changed.size() - kRtpsHeader)] = static_cast<std::uint8_t>(random() % 256);
+    const std::optional<RtpsData> data = data_in(changed);
+    if (!data) continue;
+    ++found;
+    const auto is_inside = [&](const RtpsBytes& bytes) {
+      return bytes.at >= changed.data() && bytes.at + bytes.size <= changed.data() + changed.size();
+    };
+    ASSERT_TRUE(is_inside(data->payload));
+    ParameterList parameters = parameters_of(data->payload);
+    while (const auto parameter = parameters.next()) ASSERT_TRUE(is_inside(parameter->value));
+  }
+  EXPECT_GT(found, 1000u);
 }
 
 TEST(RtpsMessageTest, NothingIsReadBeyondTheEnd) {

@@ -262,6 +262,25 @@ TEST_F(TwoPrograms, AProgramDoesNotHearItself) {
   EXPECT_TRUE(eventually([&] { return writer.matched() == 1; }));
 }
 
+TEST_F(TwoPrograms, UsersArriveHoweverManyWereThereBefore) {
+  constexpr std::uint64_t kUsers = 1100;  // more instances than the history of a reader or a writer holds
+  Inbox<ses::ProbeState> inbox;
+  Reader<ses::ProbeState> reader{beta_, topics::kProbeState, inbox.callback()};
+  Writer<ses::ProbeState> writer{alpha_, topics::kProbeState};
+  auto state = full<ses::ProbeState>(alpha_);
+  ASSERT_TRUE(send_until_received(writer, inbox, state).has_value());
+  for (state.user_id = 1; state.user_id <= kUsers; ++state.user_id)
+    ASSERT_EQ(writer.send(state), SendStatus::kSent) << "user " << state.user_id;
+
+  state.user_id = kUsers + 1;
+  std::optional<ses::ProbeState> got;
+  do {
+    got = send_until_received(writer, inbox, state);
+  } while (got && got->user_id != state.user_id);
+
+  EXPECT_TRUE(got.has_value());
+}
+
 TEST_F(TwoPrograms, AnUnsoundSampleIsNotSent) {
   Writer<ses::ProbeState> writer{alpha_, topics::kProbeState};
   auto state = full<ses::ProbeState>(alpha_);

@@ -1,4 +1,4 @@
-#include "wire/patient_transport.hpp"
+#include "wire/transport/filter_transport.hpp"
 
 #include <fastdds/rtps/transport/ChainingTransport.h>
 
@@ -7,9 +7,10 @@
 #include <utility>
 #include <vector>
 
-#include "wire/announcements.hpp"
 #include "wire/process.hpp"
-#include "wire/rtps_message.hpp"
+#include "wire/transport/announcements.hpp"
+#include "wire/transport/rtps_message.hpp"
+#include "wire/transport/trimming.hpp"
 
 namespace tactus::wire {
 namespace {
@@ -17,15 +18,20 @@ namespace {
 namespace fdds = eprosima::fastdds::rtps;
 namespace rtps = eprosima::fastrtps::rtps;
 
-class PatientTransport final : public fdds::ChainingTransport {
+class FilterTransport final : public fdds::ChainingTransport {
  public:
-  explicit PatientTransport(const PatientTransportDescriptor& descriptor)
-      : ChainingTransport{descriptor}, descriptor_{descriptor}, announcements_{descriptor.ignored} {}
+  explicit FilterTransport(const FilterTransportDescriptor& descriptor)
+      : ChainingTransport{descriptor}, descriptor_{descriptor}, announcements_{descriptor.settings.ignored} {}
 
   [[nodiscard]] fdds::TransportDescriptorInterface* get_configuration() override { return &descriptor_; }
 
   bool send(rtps::SenderResource* low, const rtps::octet* message, std::uint32_t size, rtps::LocatorsIterator* first,
             rtps::LocatorsIterator* last, const std::chrono::steady_clock::time_point& until) override {
+    TrimmedMessage trimmed;
+    if (descriptor_.settings.trims_samples && trim(message, size, trimmed)) {
+      message = trimmed.bytes.data();
+      size = trimmed.size;
+    }
     const std::optional<std::uint64_t> announcement = Announcements::sequence_of(message, size);
     if (!announcement) return low->send(message, size, first, last, until);
     std::vector<rtps::Locator_t> to;
@@ -38,39 +44,24 @@ class PatientTransport final : public fdds::ChainingTransport {
 
   void receive(fdds::TransportReceiverInterface* next, const rtps::octet* message, std::uint32_t size,
                const rtps::Locator_t& local, const rtps::Locator_t& remote) override {
-    descriptor_.gate->pass();
-    if (descriptor_.direct && descriptor_.direct->on_received(message, size)) return;
+    descriptor_.settings.gate->pass();
     if (!announcements_.on_received(message, size)) return;
     next->OnDataReceived(message, size_without_statistics(message, size), local, remote);
   }
 
  private:
-  PatientTransportDescriptor descriptor_;
+  FilterTransportDescriptor descriptor_;
   Announcements announcements_;
 };
 
 }  // namespace
 
-void Gate::open() noexcept {
-  const std::lock_guard<std::mutex> lock{mutex_};
-  open_ = true;
-  opened_.notify_all();
+FilterTransportDescriptor::FilterTransportDescriptor(std::shared_ptr<fdds::TransportDescriptorInterface> udp,
+                                                     FilterSettings filter_settings)
+    : ChainingTransportDescriptor{std::move(udp)}, settings{std::move(filter_settings)} {
+  if (settings.trims_samples) maxMessageSize += kTrimmedAtMost;
 }
 
-void Gate::pass() {
-  if (open_) return;
-  std::unique_lock<std::mutex> lock{mutex_};
-  opened_.wait_for(lock, patience_, [this] { return open_.load(); });
-}
-
-PatientTransportDescriptor::PatientTransportDescriptor(std::shared_ptr<fdds::TransportDescriptorInterface> low,
-                                                       std::shared_ptr<Gate> gate_of, std::string ignored_name,
-                                                       std::shared_ptr<DirectPath> direct_path)
-    : ChainingTransportDescriptor{std::move(low)},
-      gate{std::move(gate_of)},
-      direct{std::move(direct_path)},
-      ignored{std::move(ignored_name)} {}
-
-fdds::TransportInterface* PatientTransportDescriptor::create_transport() const { return new PatientTransport{*this}; }
+fdds::TransportInterface* FilterTransportDescriptor::create_transport() const { return new FilterTransport{*this}; }
 
 }  // namespace tactus::wire

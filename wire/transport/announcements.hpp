@@ -2,11 +2,13 @@
 ///
 /// Fast DDS 2.9.1 announces a participant to the group and to everyone it knows whenever it finds one: where n join
 /// together that is n^3 datagrams, nearly all of which tell what their receiver was told a moment ago.
+/// Figure: decision 11. When 20 HRTCs join, 3,300 instead of 14,100 announcements go to single participants
+/// (`scripts/bench scale --part joining --joining 20 --fewest 20`); and when participants that only read bulk ignore
+/// each other, 12 that join take in a quarter less of discovery's datagrams.
 #pragma once
 
 #include <fastdds/rtps/common/Locator.h>
 
-#include <array>
 #include <cstdint>
 #include <map>
 #include <mutex>
@@ -14,6 +16,8 @@
 #include <string>
 #include <utility>
 #include <vector>
+
+#include "wire/transport/rtps_message.hpp"
 
 namespace tactus::wire {
 
@@ -50,7 +54,7 @@ class Announcements {
   std::map<std::pair<const void*, Locator>, Sent> sent_;
   std::optional<std::int64_t> group_ns_;  // when it was to be sent to the group last
   std::string ignored_name_;
-  std::map<std::array<std::uint8_t, 12>, bool> met_;  // whether it is to be met
+  std::map<GuidPrefix, bool> met_;  // whether it is to be met
 };
 
 }  // namespace tactus::wire

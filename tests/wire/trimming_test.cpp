@@ -1,0 +1,82 @@
+#include "wire/transport/trimming.hpp"
+
+#include <gtest/gtest.h>
+
+#include <vector>
+
+namespace tactus::wire {
+namespace {
+
+using Bytes = std::vector<std::uint8_t>;
+
+const Bytes kHead{'R', 'T', 'P', 'S', 2, 2, 1, 15, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1};
+const Bytes kTo{0x0e, 0x01, 12, 0, 9, 9, 9, 9, 9, 9, 9, 9, 9, 9, 9, 9};
+const Bytes kTime{0x09, 0x01, 8, 0, 0, 0, 0, 0, 0, 0, 0, 0};
+const Bytes kHeartbeat{0x07, 0x01, 28, 0, 0, 0, 0, 0, 0, 0, 3, 2, 0, 0, 0, 0,
+                       1,    0,    0,  0, 0, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0};
+
+/// Of a writer of this kind, with `bytes` more than its encapsulation.
+Bytes sample(std::uint8_t kind = 0x02, std::size_t bytes = 4) {
+  const std::size_t length = 24 + bytes;
+  Bytes made{0x15, 0x05, static_cast<std::uint8_t>(length), static_cast<std::uint8_t>(length >> 8)};
+  made.insert(made.end(), {0, 0, 16, 0, 0, 0, 0, 0, 0, 0, 3, kind, 0, 0, 0, 0, 7, 0, 0, 0, 0, 1, 0, 0});
+  made.insert(made.end(), bytes, 42);
+  return made;
+}
+Bytes statistics() {
+  Bytes made{0x80, 0x01, 56, 0};
+  made.resize(60);
+  return made;
+}
+Bytes message(const std::vector<Bytes>& parts) {
+  Bytes made = kHead;
+  for (const Bytes& part : parts) made.insert(made.end(), part.begin(), part.end());
+  return made;
+}
+/// What is left of a message; nothing when it is not trimmed.
+Bytes trimmed(const Bytes& bytes) {
+  TrimmedMessage out;
+  if (!trim(bytes.data(), static_cast<std::uint32_t>(bytes.size()), out)) return {};
+  return Bytes(out.bytes.begin(), out.bytes.begin() + out.size);
+}
+
+TEST(TrimmingTest, OfASampleItsDestinationItsTimeAndTheStatisticsAreLeftOut) {
+  EXPECT_EQ(trimmed(message({kTo, kTime, sample(), statistics()})), message({sample()}));
+  EXPECT_EQ(trimmed(message({kTime, sample(), statistics()})), message({sample()})) << "to several readers";
+}
+
+TEST(TrimmingTest, MessagesOfAnotherShapeGoOutAsTheyAre) {
+  constexpr std::uint8_t kBuiltIn = 0xc2;
+
+  EXPECT_TRUE(trimmed(message({})).empty());
+  EXPECT_TRUE(trimmed(message({kTo, kTime})).empty());
+  EXPECT_TRUE(trimmed(message({kTo, kTime, sample()})).empty()) << "no statistics";
+  EXPECT_TRUE(trimmed(message({kTo, kTime, sample(), sample(), statistics()})).empty());
+  EXPECT_TRUE(trimmed(message({kTo, kTime, sample(), kHeartbeat, statistics()})).empty());
+  EXPECT_TRUE(trimmed(message({kTime, sample(kBuiltIn), statistics()})).empty()) << "of discovery, to everyone";
+}
+
+TEST(TrimmingTest, AMessageThatLooksLikeOneWithStatisticsAfterwardsIsPadded) {
+  Bytes alike = sample(0x02, 56);
+  alike[alike.size() - 60] = kStatisticsId;
+
+  const Bytes left = trimmed(message({kTo, kTime, alike, statistics()}));
+
+  ASSERT_EQ(left.size(), message({alike}).size() + kSubmessageHead);
+  EXPECT_NE(left[left.size() - kStatisticsSize], kStatisticsId);
+}
+
+TEST(TrimmingTest, NoPartOfAMessageIsReadBeyondItsEnd) {
+  const Bytes whole = message({kTo, kTime, sample(), statistics()});
+  for (std::size_t size = 0; size < whole.size(); ++size) {
+    const Bytes cut(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size));
+    EXPECT_TRUE(trimmed(cut).empty()) << size;  // sanitizers would tell
+  }
+}
+
+TEST(TrimmingTest, AMessageThatIsTooLongForTheBufferGoesOutAsItIs) {
+  EXPECT_TRUE(trimmed(message({kTo, kTime, sample(0x02, 2000), statistics()})).empty());
+}
+
+}  // namespace
+}  // namespace tactus::wire

@@ -1,0 +1,92 @@
+/// Reads an RTPS message as it came from the network, without trust in any length (RTPS 2.2, sections 8.3 and 9.4).
+///
+/// The transports of this folder share this reader. They delay, drop or shorten messages; none makes a sample.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+
+namespace tactus::wire {
+
+inline constexpr std::uint32_t kRtpsHeader = 20;     ///< bytes before the first submessage
+inline constexpr std::uint32_t kSubmessageHead = 4;  ///< id, flags, length
+inline constexpr std::uint8_t kPadId = 0x01, kInfoTimeId = 0x09, kInfoDestinationId = 0x0e, kDataId = 0x15;
+inline constexpr std::uint8_t kStatisticsId = 0x80;  ///< a vendor's submessage, which Debian's build of Fast DDS adds
+
+/// Bytes of a message, with the byte order of their numbers.
+struct RtpsBytes {
+  const std::uint8_t* at;
+  std::uint32_t size;
+  bool little_endian;
+
+  /// The unsigned number of `bytes` bytes at `from`. The caller has checked that it lies inside.
+  [[nodiscard]] std::uint32_t number(std::uint32_t from, std::uint32_t bytes) const noexcept;
+  /// Everything from byte `from` on; nothing when `from` lies behind the end.
+  [[nodiscard]] RtpsBytes from(std::uint32_t from) const noexcept;
+};
+
+struct Submessage {
+  std::uint8_t id, flags;
+  RtpsBytes body;      ///< lies inside the message, even if the submessage claims to be longer
+  bool last;           ///< its length is 0, which means the rest of the message
+  std::uint32_t next;  ///< where the next submessage begins in the message, if there is one
+};
+
+/// The submessage that begins at byte `at`; none when no submessage head fits there.
+[[nodiscard]] std::optional<Submessage> submessage_at(const std::uint8_t* message, std::uint32_t size,
+                                                      std::uint32_t at) noexcept;
+
+/// The first submessage with this id, in a message that has at least the size of an RTPS header.
+[[nodiscard]] std::optional<Submessage> find_submessage(const std::uint8_t* message, std::uint32_t size,
+                                                        std::uint8_t id) noexcept;
+
+using GuidPrefix = std::array<std::uint8_t, 12>;
+/// The participant that sent a message of at least kRtpsHeader bytes.
+[[nodiscard]] GuidPrefix sender_of(const std::uint8_t* message) noexcept;
+
+/// What a DATA submessage carries (9.4.5.3).
+struct RtpsData {
+  std::array<std::uint8_t, 4> writer;  ///< entity id
+  std::uint64_t sequence;
+  RtpsBytes payload;  ///< with its encapsulation; empty when the sample has no data
+
+  /// Discovery's writers and those of a vendor, in contrast to writers of user topics (9.3.1.2).
+  [[nodiscard]] bool is_built_in() const noexcept { return (writer[3] & 0xc0u) != 0; }
+};
+/// None when `submessage` is no DATA submessage, or shorter than its fixed part.
+[[nodiscard]] std::optional<RtpsData> data_of(const Submessage& submessage) noexcept;
+
+/// A parameter list (9.4.2.11), such as inline QoS or the payload of a discovery sample, read from front to back.
+class ParameterList {
+ public:
+  struct Parameter {
+    std::uint32_t id;
+    RtpsBytes value;
+  };
+  explicit ParameterList(const RtpsBytes& list) noexcept : rest_{list} {}
+
+  /// The next parameter; none after the sentinel, and when a parameter reaches beyond the list.
+  [[nodiscard]] std::optional<Parameter> next() noexcept;
+  /// What follows the parameters that were read; after the sentinel, what follows the list.
+  [[nodiscard]] const RtpsBytes& rest() const noexcept { return rest_; }
+
+ private:
+  RtpsBytes rest_;
+  bool ended_ = false;
+};
+/// The parameters in a payload: its encapsulation states their byte order.
+[[nodiscard]] ParameterList parameters_of(const RtpsBytes& payload) noexcept;
+
+/// Fast DDS takes a message for one with statistics if the byte 60 before its end is 0x80. It then overwrites these 60
+/// bytes when it sends the message, and removes them when it receives it. So a message that only looks like this gets
+/// PAD submessages, until the byte at that place is another. Returns the new size. There must be room for
+/// kMaxPadding bytes more; `size` is a multiple of four.
+inline constexpr std::uint32_t kStatisticsSize = 60, kMaxPadding = 64;
+[[nodiscard]] std::uint32_t pad_if_it_looks_like_statistics(std::uint8_t* message, std::uint32_t size) noexcept;
+
+/// The size of a message without its first statistics submessage and all that follows. Nobody reads these statistics,
+/// and Fast DDS, which Debian builds with assertions, aborts the process if they are not the last submessage.
+[[nodiscard]] std::uint32_t size_without_statistics(const std::uint8_t* message, std::uint32_t size) noexcept;
+
+}  // namespace tactus::wire
