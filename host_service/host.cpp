@@ -379,7 +379,9 @@ microseconds Host::Impl::keep_objects(std::int64_t now_ns) {
   if (keeper.empty()) return kPatience;
   const Keeper::Messages& messages = keeper.tick(now_ns, clock.map().session_time(now_ns));
   for (const session::ObjectGrant& grant : messages.grants) (void)grants_out->send(grant);
-  for (const session::ObjectPose& pose : messages.poses) (void)poses_out->send(pose);
+  // Until this program's time is the session's, a pose would state a time that nobody can compare with another.
+  if (clock.synchronised())
+    for (const session::ObjectPose& pose : messages.poses) (void)poses_out->send(pose);
   return keeper.busy() ? kStep : keeper.held() ? kHeld : kPatience;
 }
 

@@ -11,7 +11,7 @@ namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kLingerNs = 2000 * kMs;   // for which the ends of what was let go stay
-constexpr std::int64_t kLongestNs = 1000 * kMs;  // more is no transit but a clock that is not set yet
+constexpr std::int64_t kLongestNs = 1000 * kMs;  // more is no transit but a wrong time
 
 }  // namespace
 
@@ -37,7 +37,7 @@ void BodyExchange::on_pose(const session::ObjectPose& pose, std::int64_t now_ns,
 }
 
 void BodyExchange::on_transit(std::int64_t transit_ns, std::int64_t now_ns) noexcept {
-  if (transit_ns >= 0 && transit_ns < kLongestNs) transit_.on_transit(transit_ns, now_ns);
+  if (clock_is_set_ && transit_ns >= 0 && transit_ns < kLongestNs) transit_.on_transit(transit_ns, now_ns);
 }
 
 void BodyExchange::on_copy(std::uint32_t object, const session::ObjectCopy& copy) {
@@ -81,6 +81,7 @@ void BodyExchange::sync_ends(std::int64_t now_ns) {
 }
 
 void BodyExchange::tick(std::int64_t now_ns, const session::ClockMap& clock) {
+  clock_is_set_ = clock.bound(now_ns) < session::kClockUnknown;
   if (holdings_.bodies().empty()) return;
   session_offset_ns_ = clock.session_time(now_ns) - now_ns;
   if (BodyReports reports; bodies_.reports_for_service().take(reports)) holdings_.on_reports(reports);

@@ -71,6 +71,7 @@ class BodyExchange {
   Bodies& bodies_;
   Holdings holdings_;
   session::TransitWatch transit_;
+  bool clock_is_set_ = false;  // before, differences to the session time of others are not transits
   wire::Writer<session::ObjectClaim> claims_out_;
   wire::Writer<session::ObjectPose> poses_out_;  // the sender's
   mutable std::mutex ring_mutex_;                // of those who fill the haptic thread's ring, and of the gates

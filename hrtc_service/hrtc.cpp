@@ -47,6 +47,7 @@ constexpr std::int64_t kAllMetricsNs = 5000 * kMs;
 constexpr std::int64_t kOverrunLoggedNs = 1000 * kMs;
 constexpr std::int64_t kModesNs = 20 * kMs;
 constexpr std::int64_t kNoHostNs = 5000 * kMs;
+constexpr std::uint32_t kSetClockUs = 1'000'000;  // a sender whose time is known no better has not set its clock yet
 constexpr std::int64_t kFeltNs = 200 * kMs;  // after a force: a tip that bounces, or a hand that closes again
 
 using wire::Every;
@@ -479,13 +480,14 @@ void Hrtc::Impl::follow_stops() {
 void Hrtc::Impl::take(const session::ProbeState& state, std::int64_t now_ns) {
   const std::int64_t session_ns = clock.map().session_time(now_ns);
   neighbours.on_state(state, session::StateStream::kCoded, now_ns, session_ns);
-  exchange.on_transit(session_ns - state.session_time_ns, session_ns);
+  if (state.time_bound_us < kSetClockUs) exchange.on_transit(session_ns - state.session_time_ns, session_ns);
 }
 
 void Hrtc::Impl::take(const WholeState& whole, std::int64_t now_ns) {
   const std::int64_t session_ns = clock.map().session_time(now_ns);
   neighbours.on_state(whole.state, session::StateStream::kWhole, now_ns, session_ns);
-  exchange.on_transit(session_ns - whole.state.session_time_ns, session_ns);
+  if (whole.state.time_bound_us < kSetClockUs)
+    exchange.on_transit(session_ns - whole.state.session_time_ns, session_ns);
 }
 
 /// A force may be on, or was a moment ago: then session time must not step.
