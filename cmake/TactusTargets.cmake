@@ -8,7 +8,7 @@ add_library(tactus_options INTERFACE)
 set_target_properties(tactus_options PROPERTIES EXPORT_NAME options)
 target_compile_features(tactus_options INTERFACE cxx_std_17)
 # -ffp-contract=off: the same bits from every compiler; geometry is checked bit for bit.
-target_compile_options(tactus_options INTERFACE "$<BUILD_INTERFACE:-Wall;-Wextra;-Wpedantic;-Wshadow;-Wconversion;-Wno-sign-conversion>"
+target_compile_options(tactus_options INTERFACE "$<BUILD_INTERFACE:-Wall;-Wextra;-Wpedantic;-Wshadow;-Wconversion;-Wno-sign-conversion;-Wno-psabi>"
                        -ffp-contract=off $<BUILD_INTERFACE:$<$<BOOL:${TACTUS_WERROR}>:-Werror>>)
 target_include_directories(tactus_options INTERFACE $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}>)
 if(TACTUS_SANITIZE)
