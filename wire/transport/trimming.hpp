@@ -2,7 +2,10 @@
 ///
 /// Debian's build of Fast DDS ends each message with 60 bytes of statistics, and precedes each sample by its
 /// destination and its time, 28 bytes. A receiver that finds no destination takes the message for its own, and nothing
-/// here asks for the time at which the library sent a sample. What is left is standard RTPS. Figure: FIGURE
+/// here asks for the time at which the library sent a sample. What is left is standard RTPS.
+/// Figure: a probe state leaves in a datagram of 280 bytes
+/// (`strace -f -e trace=sendto,sendmsg tactus-latency run --link none`). Calculated, not measured: the library made 88
+/// bytes more, and a full chunk of a mesh, 1,468 bytes, would need a second frame with them.
 #pragma once
 
 #include <array>
