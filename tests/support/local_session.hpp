@@ -70,11 +70,17 @@ class LocalSession {
     core_.servo().refine(spm::Budget{units});
     return touch();
   }
+  /// Of the cycle alone: what can move stays where it is.
   const hrtc_service::CycleResult& touch() noexcept {
-    (void)touch_all();
-    return cycle().result();
+    hrtc_service::ServoLink& link = core_.link();
+    std::array<hrtc_service::Arrival, 64> arrived;
+    const auto count = static_cast<std::uint32_t>(link.arrivals.pop(arrived.data(), arrived.size()));
+    for (std::size_t i = 0; i < inputs_.size(); ++i) inputs_[i].near = link.near.latest()[i];
+    const hrtc_service::CycleResult& result = cycle().touch(inputs_, now_, arrived.data(), count);
+    link.reports_for_gateway.post({now_, now_ + kPeriodNs, cycles_, result.probes, result.interventions});
+    return result;
   }
-  /// The forces as bodies leave them.
+  /// Of the whole servo: the forces as bodies leave them.
   const hrtc_service::Servo::Outputs& touch_all() noexcept {
     core_.servo().touch(inputs_, now_);
     core_.servo().publish(now_, now_ + kPeriodNs);
