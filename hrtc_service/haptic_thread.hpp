@@ -4,8 +4,8 @@
 ///   orders for bodies                        Bodies::place       Bodies::limit   Bodies::step     departures, traces,
 ///   log
 ///
-/// Its loop allocates, locks and logs nothing, and its only system call is the sleep. docs/cycle.md follows one pose
-/// through it.
+/// Its loop allocates, locks and logs nothing, and its only system call is the sleep.
+/// docs/explanation/cycle.md follows one pose through it.
 #pragma once
 
 #include <algorithm>

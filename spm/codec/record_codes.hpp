@@ -14,7 +14,7 @@
 ///     position  the difference to what the vertices around let expect (ExpectedPlace), in steps of the model's profile
 ///
 /// Every field has a prefix code of the model's own (RecordTables), which travels with the base mesh. See
-/// docs/decisions/0006-record-codes.md.
+/// docs/decisions/0006-record-compression.md.
 #pragma once
 
 #include <array>
