@@ -41,8 +41,8 @@ struct tactus_device_spec {
   double workspace_radius; /* m */
   uint32_t flags;
   /* ABI 1 ends here. */
-  double max_torque;  /* N m; 0, as filled: it bears forces only */
-  double max_torsion; /* N m/rad that the maker vouches for */
+  double max_torque;               /* N m; 0, as filled: it bears forces only */
+  double max_rotational_stiffness; /* N m/rad that the maker vouches for */
 };
 
 /* Where it is. Filled with zeros, no rotation and the time of the call before `read` is called. */
