@@ -1,4 +1,4 @@
-/// The shown mesh as a coloured PLY: the paper's figures 5, 9a and 9b.
+/// The shown mesh as a coloured PLY: contact and predicted regions, as in the paper's figure 9.
 #pragma once
 
 #include <array>
