@@ -24,6 +24,7 @@
 #include "hrtc_service/user_table.hpp"
 #include "session/clock.hpp"
 #include "session/failure_detector.hpp"
+#include "session/periodic.hpp"
 #include "session/roster.hpp"
 #include "session/time_reference.hpp"
 #include "wire/endpoints.hpp"
@@ -50,7 +51,7 @@ constexpr std::int64_t kNoHostNs = 5000 * kMs;
 constexpr std::uint32_t kSetClockUs = 1'000'000;  // a sender whose time is known no better has not set its clock yet
 constexpr std::int64_t kFeltNs = 200 * kMs;       // after a force: a tip that bounces, or a hand that closes again
 
-using wire::Every;
+using session::Every;
 /// What a host answers when it is asked whether it lives (session/failure_detector.hpp), or for the time.
 struct FailureDetectorAnswer {
   session::ClockSample sample;
@@ -178,7 +179,7 @@ struct Hrtc::Impl {
   std::vector<bool> object_logged;
   trace::LoggedQuery logged;
 
-  wire::Heartbeat heartbeat{kHeartbeatNs};
+  session::Heartbeat heartbeat{kHeartbeatNs};
   Every clock_request{kClockFastNs}, metrics{kMetricsNs}, all_metrics{kAllMetricsNs}, no_host{kNoHostNs},
       modes{kModesNs}, bodies_published{kModesNs};
   std::uint64_t beats = 0;
