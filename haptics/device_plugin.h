@@ -3,7 +3,7 @@
  *   tactus-hrtc --device ann=./mydevice.so,CONFIG
  *
  * Loaded at run time, so that no SDK is needed to build Tactus and no Tactus library to build a driver: this header is
- * all. `docs/devices.md` goes through a whole one. Metres, newton, seconds, radians; the device's own frame, which
+ * all. `docs/how-to/own-device.md` goes through a whole one. Metres, newton, seconds, radians; the device's own frame, which
  * --device-scale and --device-offset put into the world. Tactus limits forces, starts them softly and ends them when
  * poses grow old; a driver writes what it is given, and its device's own protection stays on.
  *
