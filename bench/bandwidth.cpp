@@ -40,16 +40,16 @@ double saved(const std::vector<std::uint32_t>& sent, const States& states) {
 void add_table(Report& report, const Movement& movement, const States& states) {
   for (const double share : kShares) {
     const std::vector<std::uint32_t> sent = encode(states, coding(share));
-    const Fidelity heard = play(states, sent, on_time(states, sent), {});
+    const Fidelity received = play(states, sent, on_time(states, sent), {});
     char name[64];
     std::snprintf(name, sizeof name, "%s, deadband %g %%: ", movement.name, 100 * share);
     const std::string at = name;
     report.figure(at + "packets", "table", "1/s",
                   1e3 * static_cast<double>(sent.size()) / static_cast<double>(states.size()));
-    report.figure(at + "force error rms", "all ms", "N", heard.rms_force);
-    report.figure(at + "force error rms", "all ms", "JND", heard.rms_jnd);
-    report.figure(at + "force error p99", "all ms", "JND", heard.jnd.percentile(99));
-    report.figure(at + "position error p99", "all ms", "mm", 1e3 * heard.position.percentile(99));
+    report.figure(at + "force error rms", "all ms", "N", received.rms_force);
+    report.figure(at + "force error rms", "all ms", "JND", received.rms_jnd);
+    report.figure(at + "force error p99", "all ms", "JND", received.jnd.percentile(99));
+    report.figure(at + "position error p99", "all ms", "mm", 1e3 * received.position.percentile(99));
   }
 }
 
@@ -64,7 +64,7 @@ int run(const Settings& settings) {
   struct Row {
     std::string name;
     double saved;
-    Fidelity heard;
+    Fidelity received;
   };
   std::vector<Row> rows;
   for (const Movement& movement : movements()) {
@@ -73,23 +73,23 @@ int run(const Settings& settings) {
     add_table(report, movement, states);
     States part{states.begin(), states.begin() + static_cast<std::ptrdiff_t>(settings.link_seconds * 1e3)};
     const std::vector<std::uint32_t> sent = encode(part, coding(kForceJnd));
-    const LinkRun link = send_coded(part, sent, settings.link, 0);
+    const LinkRun link = send_deadband_coded(part, sent, settings.link, 0);
     rows.push_back({movement.name, saved(encode(states, coding(kForceJnd)), states),
                     play(part, sent, link.arrivals, session::PlayoutSettings{})});
     saved_all += rows.back().saved / static_cast<double>(movements().size());
   }
   for (const Row& row : rows) {
     report.figure(row.name + ": packets saved", "deadband 10 %", "%", row.saved);
-    report.row(row.name + ": force error", "over the link, all ms", "JND", row.heard.jnd);
-    report.row(row.name + ": shown late by", "over the link, all ms", "ms", row.heard.delay);
+    report.row(row.name + ": force error", "over the link, all ms", "JND", row.received.jnd);
+    report.row(row.name + ": shown late by", "over the link, all ms", "ms", row.received.delay);
   }
   report.note(
       "JND: |force error| / max(10 % of the force, 0.05 N). Deadbands: that share of the force, half a newton of "
       "it at least.");
   report.at_least("packets saved", "mean of the movements", "%", saved_all, 90);
   for (const Row& row : rows) {
-    report.at_most(row.name + ": force error rms", "over the link", "JND", row.heard.rms_jnd, 1);
-    report.at_most(row.name + ": force error p99", "over the link", "JND", row.heard.jnd.percentile(99), 1);
+    report.at_most(row.name + ": force error rms", "over the link", "JND", row.received.rms_jnd, 1);
+    report.at_most(row.name + ": force error p99", "over the link", "JND", row.received.jnd.percentile(99), 1);
   }
   return report.finish(settings.json);
 }

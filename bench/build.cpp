@@ -79,7 +79,7 @@ void report_lists(Report& report, const spm::Model& model) {
   double records = 0, runs = 0;
   for (const spm::Region& region : model.regions) {
     records += region.record_count;
-    runs += region.run_count;
+    runs += region.interval_count;
   }
   report.figure("records of a list, mean", "regions", "", records / model.summary.regions);
   report.figure("runs of a list, mean", "regions", "", runs / model.summary.regions);

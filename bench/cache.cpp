@@ -121,7 +121,7 @@ Outcome run_level(const spm::Model& model, const Settings& settings, const Level
 }
 
 /// The least time of each.
-void keep_least(std::vector<RegionLoad>& loads, const std::vector<RegionLoad>& again) {
+void keep_min(std::vector<RegionLoad>& loads, const std::vector<RegionLoad>& again) {
   if (again.size() != loads.size()) throw std::runtime_error("a run that was repeated loaded other regions");
   for (std::size_t i = 0; i < loads.size(); ++i) {
     if (again[i].records != loads[i].records) throw std::runtime_error("a run that was repeated loaded other records");
@@ -157,7 +157,7 @@ int run(const Settings& settings) {
       if (repeat == 0)
         outcomes.push_back(std::move(outcome));
       else
-        keep_least(outcomes[i].loads, outcome.loads);
+        keep_min(outcomes[i].loads, outcome.loads);
     }
   for (std::size_t i = 0; i < std::size(kLevels); ++i) {
     const Outcome& outcome = outcomes[i];

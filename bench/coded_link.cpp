@@ -6,8 +6,8 @@
 
 namespace tactus::bench {
 
-LinkRun send_coded(const States& states, const std::vector<std::uint32_t>& sent, const std::string& link,
-                   double load_mbit, std::uint64_t seed) {
+LinkRun send_deadband_coded(const States& states, const std::vector<std::uint32_t>& sent, const std::string& link,
+                            double load_mbit, std::uint64_t seed) {
   latency::Cell cell;
   cell.link = link;
   cell.load_mbit = load_mbit;

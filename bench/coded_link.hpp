@@ -19,7 +19,7 @@ struct LinkRun {
 
 /// The states of `sent` between two namespaces joined by `link`, beside `load_mbit` of mesh records (latency::Cell).
 /// Takes as long as the movement. Throws as latency::run_here.
-[[nodiscard]] LinkRun send_coded(const States& states, const std::vector<std::uint32_t>& sent, const std::string& link,
-                                 double load_mbit, std::uint64_t seed = 1);
+[[nodiscard]] LinkRun send_deadband_coded(const States& states, const std::vector<std::uint32_t>& sent,
+                                          const std::string& link, double load_mbit, std::uint64_t seed = 1);
 
 }  // namespace tactus::bench

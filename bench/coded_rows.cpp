@@ -39,29 +39,29 @@ void add_coded_loss(Report& report, double percent, double seconds, std::uint64_
   session::CodingSettings coding;
   coding.loss = percent / 100;
   const std::vector<std::uint32_t> sent = encode(states, coding);
-  const LinkRun run = send_coded(states, sent, "P0:loss=" + std::to_string(percent), 0, seed);
-  const Fidelity heard = play(states, sent, run.arrivals, {});
+  const LinkRun run = send_deadband_coded(states, sent, "P0:loss=" + std::to_string(percent), 0, seed);
+  const Fidelity received = play(states, sent, run.arrivals, {});
   const std::string name = titled("loss %g %%, coded: ", percent);
   report.figure(name + "packets", "probe states", "1/s", rate(sent, states));
   report.figure(name + "lost", "probe states", "%", run.lost);
-  report.figure(name + "shown late by, p50", "all ms", "ms", heard.delay.percentile(50));
-  report.figure(name + "force error rms", "all ms", "JND", heard.rms_jnd);
-  report.figure(name + "force error above 1 JND", "all ms", "%", 100 * heard.above_share);
-  report.figure(name + "force error max", "all ms", "JND", heard.jnd.max());
-  report.at_most(name + "force error p99", "all ms", "JND", heard.jnd.percentile(99), 1);
+  report.figure(name + "shown late by, p50", "all ms", "ms", received.delay.percentile(50));
+  report.figure(name + "force error rms", "all ms", "JND", received.rms_jnd);
+  report.figure(name + "force error above 1 JND", "all ms", "%", 100 * received.above_share);
+  report.figure(name + "force error max", "all ms", "JND", received.jnd.max());
+  report.at_most(name + "force error p99", "all ms", "JND", received.jnd.percentile(99), 1);
 }
 
 void add_coded_isolation(Report& report, double mbit, double seconds, double bound_ms) {
   const States states = follow(seconds);
   const std::vector<std::uint32_t> sent = encode(states, {});
-  const LinkRun run = send_coded(states, sent, titled("veth:rate=%g", mbit), latency::kUnpaced);
-  const Fidelity heard = play(states, sent, run.arrivals, {});
+  const LinkRun run = send_deadband_coded(states, sent, titled("veth:rate=%g", mbit), latency::kUnpaced);
+  const Fidelity received = play(states, sent, run.arrivals, {});
   const std::string name = titled("%g Mbit/s, coded: ", mbit);
   report.figure(name + "packets", "probe states", "1/s", rate(sent, states));
   report.figure(name + "delivered", "probe states", "%", 100 - run.lost);
   report.figure(name + "mesh", "payload", "MB/s", run.mesh_mbyte);
-  report.figure(name + "shown late by, p50", "all ms", "ms", heard.delay.percentile(50));
-  report.figure(name + "force error p99", "all ms", "JND", heard.jnd.percentile(99));
+  report.figure(name + "shown late by, p50", "all ms", "ms", received.delay.percentile(50));
+  report.figure(name + "force error p99", "all ms", "JND", received.jnd.percentile(99));
   report.row(name + "age", "one way, on arrival", "ms", run.age);
   report.at_most(name + "age p99", "one way, on arrival", "ms", run.age.percentile(99), bound_ms);
 }

@@ -8,9 +8,9 @@
 
 namespace tactus::bench {
 
-std::uint32_t slots_for(const spm::ModelSummary& summary, double share, std::uint32_t least) {
+std::uint32_t slots_for(const spm::ModelSummary& summary, double share, std::uint32_t min) {
   const std::uint32_t base = std::max(summary.base_vertices, (summary.base_faces + 1) / 2);
-  return base + std::max(static_cast<std::uint32_t>(share * summary.parts), least);
+  return base + std::max(static_cast<std::uint32_t>(share * summary.parts), min);
 }
 
 spm::Cache::Admitted Controller::admit(spm::Cache& cache, const spm::BaseMesh& base) {
@@ -43,8 +43,8 @@ Controller::Controller(const spm::Model& model, spm::PoolSettings settings)
 }
 
 spm::RegionData Controller::message(spm::RegionId region, bool whole) const {
-  std::vector<spm::Run> sent;
-  for (const spm::Run& run : model_.runs_of(region))
+  std::vector<spm::Interval> sent;
+  for (const spm::Interval& run : model_.intervals_of(region))
     for (std::uint32_t record = run.first; record < run.first + run.count; ++record) {
       if (!whole && listed_[record] > 0) continue;
       if (!sent.empty() && sent.back().first + sent.back().count == record)
@@ -63,7 +63,7 @@ spm::AcceptResult Controller::load(const spm::RegionData& data) {
   const spm::AcceptResult result = cache_.accept(admitted_.object, data, list);
   if (result != spm::AcceptResult::kAccepted) return result;
   forest_.add(data.region, list);
-  for (const spm::Run& run : data.list)
+  for (const spm::Interval& run : data.list)
     for (std::uint32_t record = run.first; record < run.first + run.count; ++record)
       if (listed_[record]++ == 0) ++records_held_;
   return result;
@@ -73,7 +73,7 @@ std::uint32_t Controller::release_retired() {
   std::uint32_t released = 0;
   for (std::uint32_t region; (region = forest_.take_retired()) != spm::kNone; ++released) {
     cache_.release(admitted_.object, spm::RegionId{region});
-    for (const spm::Run& run : model_.runs_of(spm::RegionId{region}))
+    for (const spm::Interval& run : model_.intervals_of(spm::RegionId{region}))
       for (std::uint32_t record = run.first; record < run.first + run.count; ++record)
         if (--listed_[record] == 0) --records_held_;
   }

@@ -52,6 +52,6 @@ class Controller {
 };
 
 /// Slots for the base mesh and a share of all records, `least` at least.
-[[nodiscard]] std::uint32_t slots_for(const spm::ModelSummary& summary, double share, std::uint32_t least = 0);
+[[nodiscard]] std::uint32_t slots_for(const spm::ModelSummary& summary, double share, std::uint32_t min = 0);
 
 }  // namespace tactus::bench

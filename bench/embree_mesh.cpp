@@ -33,10 +33,10 @@ void bounds_of(const RTCBoundsFunctionArguments* args) {
   const EmbreeMesh::Face& face = mesh.faces[args->primID];
   float low[3], high[3];
   for (int axis = 0; axis < 3; ++axis) {
-    const auto [least, most] =
+    const auto [min, max] =
         std::minmax({mesh.vertices[face[0]][axis], mesh.vertices[face[1]][axis], mesh.vertices[face[2]][axis]});
-    low[axis] = least;
-    high[axis] = most;
+    low[axis] = min;
+    high[axis] = max;
   }
   const float more = mesh.slack;
   *args->bounds_o = {low[0] - more, low[1] - more, low[2] - more, 0, high[0] + more, high[1] + more, high[2] + more, 0};

@@ -9,9 +9,9 @@
 
 #include "bench/figures.hpp"
 #include "session/delivery_client.hpp"
-#include "wire/ends.hpp"
+#include "wire/endpoints.hpp"
 #include "wire/inbox.hpp"
-#include "wire/links.hpp"
+#include "wire/participants.hpp"
 
 namespace tactus::bench {
 
@@ -30,7 +30,7 @@ class Fetcher {
  private:
   using Sample = std::variant<session::CatalogueEntry, session::RosterEntry, session::BulkChunk>;
   template <class T>
-  wire::Reader<T> listen(const wire::TopicSpec<T>& topic, const wire::EndOptions& options = {}) {
+  wire::Reader<T> listen(const wire::TopicSpec<T>& topic, const wire::EndpointOptions& options = {}) {
     return {links_, topic, [this](T&& sample) { inbox_.put(std::move(sample)); }, options};
   }
   void take(const session::CatalogueEntry& entry, std::int64_t at_ns);
@@ -40,7 +40,7 @@ class Fetcher {
   void beat();
   void want_next();
 
-  wire::Links links_;
+  wire::Participants links_;
   session::DeliveryClient client_;
   wire::Writer<session::RosterEntry> roster_out_;
   wire::Writer<session::Demand> demand_out_;

@@ -155,12 +155,12 @@ void stroke_with_friction(const Settings& settings, Report& report) {
     for (const bool hollow : {false, true})
       for (const auto& [sticks, slips] : {std::pair{0.5, 0.3}, {0.8, 0.75}, {0.2, 0.2}}) {
         const FrictionResult result =
-            stroke(AnalyticBall{radius, hollow}, sticks, slips, kSpeed, settings.strokes, settings.seed);
+            motion_segment(AnalyticSphere{radius, hollow}, sticks, slips, kSpeed, settings.strokes, settings.seed);
         stick_error = std::max(stick_error, result.stick_error);
         double& error = radius == kNarrow && hollow ? narrow_error : slip_error;
         error = std::max(error, result.slip_error);
-        stuck = std::max(stuck, result.greatest_stuck);
-        back = std::max(back, result.greatest_return);
+        stuck = std::max(stuck, result.max_stuck);
+        back = std::max(back, result.max_return);
       }
   report.figure("force off the dynamic cone", "cycles that slip in a hollow of 10 mm", "%", 100 * narrow_error);
   report.figure("tangential force when it breaks away", "of the static cone's", "%", 100 * stuck);

@@ -7,7 +7,7 @@
 
 #include "bench/bench_main.hpp"
 #include "latency/run.hpp"
-#include "wire/links.hpp"
+#include "wire/participants.hpp"
 #include "wire/process.hpp"
 
 namespace tactus::bench {

@@ -45,7 +45,7 @@ struct LiveSession::Impl {
     seen.states.push_back({state.user_id, state.sequence, state.status, state.session_time_ns, state.force});
   }
 
-  wire::Links links;
+  wire::Participants links;
   std::mutex mutex;
   std::condition_variable news;
   SeenSession seen;

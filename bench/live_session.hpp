@@ -16,7 +16,7 @@
 
 #include "netem/pair.hpp"
 #include "tests/support/process.hpp"
-#include "wire/ends.hpp"
+#include "wire/endpoints.hpp"
 #include "wire/process.hpp"
 
 namespace tactus::bench {

@@ -26,7 +26,7 @@ struct Settings {
 };
 
 constexpr double kDt = 1e-3;
-constexpr double kLeast = -1e-6;  // J
+constexpr double kMin = -1e-6;  // J
 
 struct Port {
   double lowest = 0, withholding = 0, peak = 0;
@@ -109,8 +109,8 @@ int run(const Settings& settings) {
                        without.port_lowest, with.port_lowest, with.withholding * 100));
     }
   }
-  report.at_least("energy of the hand's port", "wall, lowest", "J", lowest_wall, kLeast);
-  report.at_least("energy of a hand's port", "shared object, 0-500 ms, lowest", "J", lowest_shared, kLeast);
+  report.at_least("energy of the hand's port", "wall, lowest", "J", lowest_wall, kMin);
+  report.at_least("energy of a hand's port", "shared object, 0-500 ms, lowest", "J", lowest_shared, kMin);
   report.at_least("energy of a copy's tank", "shared object, 0-500 ms, lowest", "J", lowest_tank, -1e-12);
   return report.finish(settings.json);
 }

@@ -90,17 +90,17 @@ Bench prepare(const Settings& settings) {
 /// The least time of each pose, us.
 class Best {
  public:
-  explicit Best(std::size_t poses) : least_(poses, HUGE_VAL) {}
-  void add(std::size_t pose, double us) { least_[pose] = std::min(least_[pose], us); }
+  explicit Best(std::size_t poses) : min_(poses, HUGE_VAL) {}
+  void add(std::size_t pose, double us) { min_[pose] = std::min(min_[pose], us); }
   [[nodiscard]] Samples samples() const {
     Samples taken;
-    for (const double us : least_)
+    for (const double us : min_)
       if (us < HUGE_VAL) taken.add(us);
     return taken;
   }
 
  private:
-  std::vector<double> least_;
+  std::vector<double> min_;
 };
 
 /// `first`: of the rounds, in which results are looked at too.

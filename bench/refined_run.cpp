@@ -19,9 +19,9 @@ constexpr double kMargin = 0.0005;       // m
 
 std::uint32_t slots_for(const spm::ModelSummary& summary, double share) {
   // A tip as large as a small model meets most of it at once, whatever the share.
-  constexpr std::uint32_t kLeastSlots = 8192;
+  constexpr std::uint32_t kMinSlots = 8192;
   const std::uint32_t base = std::max(summary.base_vertices, (summary.base_faces + 1) / 2);
-  return base + std::max(static_cast<std::uint32_t>(share * summary.parts), kLeastSlots);
+  return base + std::max(static_cast<std::uint32_t>(share * summary.parts), kMinSlots);
 }
 
 spm::Cache::Admitted admit(spm::Cache& cache, const spm::BaseMesh& base, std::uint32_t slots) {
@@ -80,7 +80,7 @@ RefinedStep RefinedRun::step(const spm::Vec3d& tip, bool in_contact) {
   spm::Budget budget{settings_.budget};
   step.before = thread_use();
   (void)watch.lap();
-  if (plan) forest_.target(target_.data(), static_cast<std::uint32_t>(target_.size()), spm::Unasked::kRest);
+  if (plan) forest_.target(target_.data(), static_cast<std::uint32_t>(target_.size()), spm::Unrequested::kRest);
   static_cast<void>(forest_.advance(budget));
   step.refine = watch.lap();
   forest_.refit();
@@ -108,7 +108,7 @@ void RefinedRun::load(const spm::Predictor::Answer& wanted) {
 
 bool RefinedRun::load(spm::RegionId region) {
   const auto data =
-      spm::codec::decode_region(spm::codec::encode_region(encoded_.coded(), region, model_.runs_of(region)),
+      spm::codec::decode_region(spm::codec::encode_region(encoded_.coded(), region, model_.intervals_of(region)),
                                 model_.summary, encoded_.coded().tables());
   if (!data) throw std::runtime_error("region " + std::to_string(index(region)) + ": " + data.error().text);
   spm::RegionList list;

@@ -39,19 +39,19 @@ int join(const std::string& session) {
   wire::SessionAddress address;
   address.session = session;
   address.participant = "joiner." + std::to_string(getpid());
-  std::atomic<std::int64_t> heard_ns{0};
+  std::atomic<std::int64_t> received_ns{0};
   const std::int64_t began_ns = wire::monotonic_ns();
   {
-    wire::Links links{address};
+    wire::Participants links{address};
     const std::int64_t made_ns = wire::monotonic_ns();
     const wire::Reader<session::ProbeState> states{links, wire::topics::kProbeState, [&](session::ProbeState&&) {
                                                      std::int64_t none = 0;
-                                                     heard_ns.compare_exchange_strong(none, wire::monotonic_ns());
+                                                     received_ns.compare_exchange_strong(none, wire::monotonic_ns());
                                                    }};
     // The time is the callback's; this only ends the program soon after.
-    while (heard_ns == 0 && wire::monotonic_ns() - began_ns < 10'000'000'000) std::this_thread::sleep_for(500us);
+    while (received_ns == 0 && wire::monotonic_ns() - began_ns < 10'000'000'000) std::this_thread::sleep_for(500us);
     std::printf("made %.3f heard %.3f\n", static_cast<double>(made_ns - began_ns) * 1e-6,
-                heard_ns == 0 ? kNever : static_cast<double>(heard_ns - began_ns) * 1e-6);
+                received_ns == 0 ? kNever : static_cast<double>(received_ns - began_ns) * 1e-6);
     std::fflush(stdout);
   }
   return 0;
@@ -75,7 +75,7 @@ class Rejoin {
 
   /// ms from nothing; kNever when nothing was heard.
   struct Join {
-    double made = kNever, heard = kNever;
+    double made = kNever, received = kNever;
   };
   Join join_once() {
     e2e::Process joiner{{"/usr/bin/nsenter", "--net=/run/netns/" + session_.pair().name(Side::kA),
@@ -83,7 +83,7 @@ class Rejoin {
     if (!joiner.wait(20s)) return {};
     const std::string output = joiner.output();
     Join join;
-    return std::sscanf(output.c_str(), "made %lf heard %lf", &join.made, &join.heard) == 2 ? join : Join{};
+    return std::sscanf(output.c_str(), "made %lf heard %lf", &join.made, &join.received) == 2 ? join : Join{};
   }
 
   enum class Cut { kBoth, kForth, kBack };
@@ -179,21 +179,21 @@ int run(const Settings& settings) {
   Report report{{"rejoin", "a host, two HRTCs whose users hold one place, 50,000 faces", 0, 0, text}};
   const auto measure = [&] {
     Rejoin rejoin;
-    Samples made, heard, after;
+    Samples made, received, after;
     int within = 0;
     for (int i = 0; i < settings.joins; ++i) {
       std::fprintf(stderr, "\rjoin %d of %d ", i + 1, settings.joins);
       const Rejoin::Join join = rejoin.join_once();
       made.add(join.made);
-      heard.add(join.heard);
-      after.add(join.heard - join.made);
+      received.add(join.received);
+      after.add(join.received - join.made);
     }
-    for (double percent = 1; percent <= 100; ++percent) within += heard.percentile(percent) <= 50 ? 1 : 0;
+    for (double percent = 1; percent <= 100; ++percent) within += received.percentile(percent) <= 50 ? 1 : 0;
     report.row("its participants made", "late joiners", "ms", made);
     report.row("first sample after that", "late joiners", "ms", after);
-    report.row("first sample heard", "late joiners", "ms", heard);
+    report.row("first sample heard", "late joiners", "ms", received);
     report.at_least("heard within 50 ms", "late joiners", "%", within, 95);
-    report.at_most("heard at the latest", "late joiners", "ms", heard.max(), 400);
+    report.at_most("heard at the latest", "late joiners", "ms", received.max(), 400);
     using Cut = Rejoin::Cut;
     const auto rounds = [&](const char* name, const auto& once) {
       Samples agreed;

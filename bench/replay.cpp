@@ -115,8 +115,8 @@ class Recorded {
     if (program.wait(120s) != 0) throw std::runtime_error{"tactus-" + name + " failed: " + program.output()};
   }
   void control(const std::string& command) {
-    const auto told = session_.start(Side::kB, "control", {command});
-    if (told->wait(20s) != 0) throw std::runtime_error("tactus-control " + command + ": " + told->output());
+    const auto published = session_.start(Side::kB, "control", {command});
+    if (published->wait(20s) != 0) throw std::runtime_error("tactus-control " + command + ": " + published->output());
   }
 
   const Settings& settings_;
@@ -126,7 +126,7 @@ class Recorded {
   std::string of_stop_;
 };
 
-void replay(Report& report, const std::string& what, const std::string& file, const spm::codec::CodedModel& model,
+void replay(Report& report, const std::string& what, const std::string& file, const spm::codec::CompressedModel& model,
             bool whole) {
   std::fprintf(stderr, "replaying %s\n", what.c_str());
   hrtc_service::FlightReplayOptions options;

@@ -151,7 +151,7 @@ class Watcher {
  public:
   struct Limits {
     const char* what;
-    double most, slew;  // N, N/s or the same of torques
+    double max, slew;  // N, N/s or the same of torques
   };
   Watcher(const SafetySettings& settings, const Limits& limits, SafetyResult& result, double& largest,
           double& largest_step)
@@ -164,20 +164,20 @@ class Watcher {
 
   /// `silence`: s since the newest sample that was taken; `reason`: of the fault, none when empty.
   void judge(std::uint64_t cycle, const Vec3d& force, double silence, bool fault, const std::string& reason) {
-    constexpr double kRounding = 1e-9;
+    constexpr double kCollisionMargin = 1e-9;
     const double size = force.norm();
     const double step = (force - before_).norm();
     if (!force.allFinite()) tell(result_.not_finite, cycle, "is not finite");
-    if (size > limits_.most + kRounding) tell(result_.over_limit, cycle, "is over its limit");
+    if (size > limits_.max + kCollisionMargin) tell(result_.over_limit, cycle, "is over its limit");
     const bool ends_in_time = silence >= settings_.force.zero_by && size == 0;
     if (!fault && !ends_in_time) {
       largest_step_ = std::max(largest_step_, step);
-      if (step > limits_.slew * kCycle + kRounding) tell(result_.over_slew, cycle, "jumped");
+      if (step > limits_.slew * kCycle + kCollisionMargin) tell(result_.over_slew, cycle, "jumped");
     }
     if (size > 0) result_.oldest_force = std::max(result_.oldest_force, silence);
     if (size > 0 && silence >= settings_.force.zero_by) tell(result_.too_old, cycle, "is of an old pose");
     const double since_reset = static_cast<double>(cycle - reset_cycle_ + 1) * kCycle;
-    if (size > limits_.most * since_reset / settings_.force.soft_start + kRounding)
+    if (size > limits_.max * since_reset / settings_.force.soft_start + kCollisionMargin)
       tell(result_.too_soon, cycle, "is stronger than the soft start allows");
     if (fault && size > 0) tell(result_.despite_fault, cycle, "acts despite a fault");
     if (fault && (reason.empty() || reason == "unknown")) tell(result_.without_reason, cycle, "is off without reason");
@@ -293,7 +293,7 @@ SafetyResult run_safety(const SafetySettings& settings) {
   const haptics::Feel feel{1000, 1};
   // The same hand, with a ball and with a tool.
   Judged tip{settings, device->spec(), result}, tool{settings, device->spec(), result};
-  std::int64_t heard_ns = -1;
+  std::int64_t received_ns = -1;
   session::SequenceWindow numbers{session::kCycleNumbers};
   std::uint32_t felt = 0;
 
@@ -326,10 +326,10 @@ SafetyResult run_safety(const SafetySettings& settings) {
       const bool newest = session::accepted(numbers.admit(taken.sequence, now_ns));
       if (newest) device->on_pose(taken);
       ++(newest ? result.taken : result.overtaken);
-      if (newest) heard_ns = now_ns;
+      if (newest) received_ns = now_ns;
     }
     channel.arrivals(cycle).clear();
-    if (heard_ns < 0) continue;  // as in an HRTC, where a device without a pose is not served
+    if (received_ns < 0) continue;  // as in an HRTC, where a device without a pose is not served
 
     const haptics::DeviceState state = device->read(now_ns);
     const double age = static_cast<double>(now_ns - state.time_ns) * 1e-9;
@@ -341,7 +341,7 @@ SafetyResult run_safety(const SafetySettings& settings) {
     const haptics::ProxyResult& touch = proxy.step(state.position, kCycle, surface, false);
     ++result.cycles;
     result.contact_cycles += touch.in_contact ? 1 : 0;
-    const double silence = static_cast<double>(now_ns - heard_ns) * 1e-9, silent = age - state.transit;
+    const double silence = static_cast<double>(now_ns - received_ns) * 1e-9, silent = age - state.transit;
     const haptics::ForceResult& by_tip = tip.renderer.step(touch, state, feel, silent, kCycle);
     if (tip.judge(cycle, by_tip, silence, random)) proxy.reset();
     const haptics::ToolGrip grip = tool.renderer.grip(feel, kCycle, state.loop_delay);

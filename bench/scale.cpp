@@ -78,7 +78,7 @@ double cpu_seconds(int pid) {
 }
 
 /// What has been heard of coded probe states, of all users.
-struct Heard {
+struct Received {
   Samples ages;            // us, from being sent to being decoded
   std::uint64_t came = 0;  // states, and
   std::uint64_t sent = 0;  // their numbers between the first and the last of each user
@@ -102,14 +102,14 @@ class Watch {
   void hear_all() {
     const std::lock_guard lock{mutex_};
     hearing_ = true;
-    heard_ = {};
+    received_ = {};
     numbers_.clear();
   }
-  [[nodiscard]] Heard heard() {
+  [[nodiscard]] Received received() {
     const std::lock_guard lock{mutex_};
     hearing_ = false;
-    for (const auto& [user, numbers] : numbers_) heard_.sent += numbers.second - numbers.first + 1;
-    return std::exchange(heard_, {});
+    for (const auto& [user, numbers] : numbers_) received_.sent += numbers.second - numbers.first + 1;
+    return std::exchange(received_, {});
   }
   /// Users that have touched exactly.
   [[nodiscard]] std::size_t touching() const {
@@ -129,8 +129,8 @@ class Watch {
     const double age_us = static_cast<double>(wire::monotonic_ns() - state.origin.time_ns) / 1e3;
     if (ages_ != nullptr && state.user_id == followed_) ages_->add(age_us);
     if (hearing_) {
-      heard_.ages.add(age_us);
-      ++heard_.came;
+      received_.ages.add(age_us);
+      ++received_.came;
       auto& [first, last] = numbers_.try_emplace(state.user_id, state.sequence, state.sequence).first->second;
       first = std::min(first, state.sequence);
       last = std::max(last, state.sequence);
@@ -147,11 +147,11 @@ class Watch {
   std::uint64_t followed_ = 0;
   Samples* ages_ = nullptr;
   bool hearing_ = false;
-  Heard heard_;
+  Received received_;
   std::map<std::uint64_t, std::pair<std::uint32_t, std::uint32_t>> numbers_;  // of states, by user: first, last
   std::set<std::uint64_t> touching_;
   std::map<std::pair<std::uint64_t, std::string>, double> figures_;
-  wire::Links links_;
+  wire::Participants links_;
   wire::Reader<session::ProbeState> states_;
   wire::Reader<session::Metrics> metrics_;
 };
@@ -421,7 +421,7 @@ Joining run_joining(const Laboratory& lab, int many, Tips tips) {
 // ---- coded
 
 struct Coded {
-  Heard heard;
+  Received received;
   double seconds = 0;
   double touching = 0;  // probes that have touched exactly
   double cores = 0;     // that host and HRTCs take
@@ -466,7 +466,7 @@ Coded run_coded(const Laboratory& lab, const Settings& settings, int probes) {
   take(-1);
   watch.hear_all();
   std::this_thread::sleep_for(std::chrono::duration<double>{settings.seconds});  // the states of so long are counted
-  coded.heard = watch.heard();
+  coded.received = watch.received();
   take(1);
   coded.cores /= coded.seconds;
   for (const auto& hrtc : hrtcs) hrtc->signal(SIGTERM);
@@ -522,7 +522,7 @@ State run_state(const Settings& settings) {
     demand.stream = session::stream_id(host, demand.origin, kObject);
     demand.credit = 1 << 20;
     // Every second half of a stretch is held; in some of the others the first region is wanted.
-    const std::uint32_t runs = std::min<std::uint32_t>(session::kMaxHaveRuns, regions / 4);
+    const std::uint32_t runs = std::min<std::uint32_t>(session::kMaxHaveIntervals, regions / 4);
     const std::uint32_t stretch = regions / runs;
     for (std::uint32_t run = 0; run < runs; ++run) demand.have.push_back({run * stretch + stretch / 2, stretch / 4});
     for (std::uint32_t run = hrtc % 4; run < runs && demand.wanted.size() < session::kMaxWanted; run += 4)
@@ -551,9 +551,9 @@ void report_trouble(const Laboratory& lab, const Settings& settings, Report& rep
 
 void report_joining(const Laboratory& lab, const Settings& settings, Report& report) {
   for (const Tips tips : {Tips::kRest, Tips::kMove}) {
-    const int most = tips == Tips::kRest ? settings.joining : settings.joining / 2;
+    const int max = tips == Tips::kRest ? settings.joining : settings.joining / 2;
     const int fewest = settings.fewest > 0 ? settings.fewest : std::max(settings.joining / 8, 1);
-    for (int many = fewest; many <= most && !wire::stop_signal(); many *= 2) {
+    for (int many = fewest; many <= max && !wire::stop_signal(); many *= 2) {
       const Joining joining = run_joining(lab, many, tips);
       const std::string who = std::to_string(many) + " HRTCs, tips " + (tips == Tips::kRest ? "resting" : "at 5 cm/s");
       report.figure("all started after", who, "s", joining.started);
@@ -574,16 +574,16 @@ void report_coded(const Laboratory& lab, const Settings& settings, Report& repor
   for (int probes = std::max(settings.probes / 8, 1); probes <= settings.probes && !wire::stop_signal(); probes *= 2) {
     const Coded coded = run_coded(lab, settings, probes);
     const std::string who = std::to_string(probes) + " coded probes at 5 cm/s";
-    report.row("coded states, age", who, "us", coded.heard.ages);
+    report.row("coded states, age", who, "us", coded.received.ages);
     report.figure("coded states a second", "of each of " + who, "",
-                  static_cast<double>(coded.heard.came) / coded.seconds / probes);
+                  static_cast<double>(coded.received.came) / coded.seconds / probes);
     report.figure("cores, host and HRTCs", who, "", coded.cores);
     report.figure("overruns", who, "% of cycles", 100 * coded.overruns / coded.cycles);
     report.figure("late cycles, preempted", who, "% of cycles", 100 * coded.preempted / coded.cycles);
     report.figure("late cycles, unknown", who, "% of cycles", 100 * coded.unknown / coded.cycles);
     report.figure("cycles skipped", who, "%", 100 * coded.skipped / coded.cycles);
     report.figure("touch exactly", who, "", coded.touching);
-    const double share = 100 * static_cast<double>(coded.heard.came) / static_cast<double>(coded.heard.sent);
+    const double share = 100 * static_cast<double>(coded.received.came) / static_cast<double>(coded.received.sent);
     if (probes == settings.probes) {
       report.at_least("coded states delivered", who, "%", share, 99.9);
       report.at_least("touch exactly", who, "", coded.touching, probes);

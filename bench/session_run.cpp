@@ -50,9 +50,9 @@ SessionRun::SessionRun(const spm::Model& model, double scale, const SessionSetti
 }
 
 void SessionRun::settle(const spm::Vec3d& away) {
-  constexpr int kMostCycles = 20000;
+  constexpr int kMaxCycles = 20000;
   const auto ready = [&] { return !cycle_.objects().empty() && cycle_.objects().front()->forest->base_shown(); };
-  for (int i = 0; i < kMostCycles; ++i) {
+  for (int i = 0; i < kMaxCycles; ++i) {
     prepare(away, spm::Vec3d::Zero());
     (void)cycle(spm::Budget{1u << 20});
     if (ready()) return;

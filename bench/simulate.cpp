@@ -26,8 +26,8 @@ struct Settings {
   unsigned threads = 0;
 };
 
-constexpr double kMostSeconds = 300;
-constexpr std::size_t kMostReported = 10;
+constexpr double kMaxSeconds = 300;
+constexpr std::size_t kMaxReported = 10;
 
 int replay(std::uint64_t seed) {
   const Schedule schedule = random_schedule(seed);
@@ -45,8 +45,8 @@ int replay(std::uint64_t seed) {
 struct Totals {
   std::vector<std::uint64_t> failed;  // seeds
   std::array<std::uint64_t, kFaultKinds> faults{};
-  std::uint64_t least_messages = ~std::uint64_t{0}, messages = 0;
-  std::size_t least_kinds = kFaultKinds;
+  std::uint64_t min_messages = ~std::uint64_t{0}, messages = 0;
+  std::size_t min_kinds = kFaultKinds;
   std::uint64_t held = 0, refused = 0, released = 0, host_changes = 0, deaths_noticed = 0, false_alarms = 0;
   double virtual_s = 0;
   Samples healed_ms;
@@ -54,12 +54,12 @@ struct Totals {
   void add(std::uint64_t seed, const SimulationResult& result) {
     if (!result.broken.empty()) {
       failed.push_back(seed);
-      if (failed.size() <= kMostReported)
+      if (failed.size() <= kMaxReported)
         std::printf("seed %llu: %s\n", static_cast<unsigned long long>(seed), result.broken.front().c_str());
     }
     for (std::size_t kind = 0; kind < kFaultKinds; ++kind) faults[kind] += result.faults[kind];
-    least_messages = std::min(least_messages, result.messages);
-    least_kinds = std::min(least_kinds, result.kinds());
+    min_messages = std::min(min_messages, result.messages);
+    min_kinds = std::min(min_kinds, result.kinds());
     messages += result.messages;
     held += result.controllers.regions_held;
     refused += result.controllers.regions_refused;
@@ -114,9 +114,9 @@ int run(const Settings& settings) {
   report.figure("", "that lived", "", count(totals.false_alarms));
   report.at_most("schedules that broke something", "all", "", count(totals.failed.size()), 0);
   report.at_most("time for 10^5 schedules", "by what these took", "s", seconds * 1e5 / count(settings.schedules),
-                 kMostSeconds);
-  report.at_least("messages", "in each schedule", "", count(totals.least_messages), 300);
-  report.at_least("kinds of fault", "in each schedule", "", count(totals.least_kinds), 3);
+                 kMaxSeconds);
+  report.at_least("messages", "in each schedule", "", count(totals.min_messages), 300);
+  report.at_least("kinds of fault", "in each schedule", "", count(totals.min_kinds), 3);
   return report.finish(settings.json);
 }
 

@@ -57,7 +57,7 @@ void measure(Report& report, const std::string& name, const spm::Model& model, c
   const double encode =
       best_seconds(std::min(settings.repeats, 2u), [&] { const spm::codec::EncodedModel made{model}; });
   const spm::codec::EncodedModel encoded{model};
-  const spm::codec::CodedModel& coded = encoded.coded();
+  const spm::codec::CompressedModel& coded = encoded.coded();
 
   const auto field_bits = bits_by_field(model, coded.tables());
   const auto bytes_of = [&](std::initializer_list<Field> fields) {
@@ -80,7 +80,7 @@ void measure(Report& report, const std::string& name, const spm::Model& model, c
   std::vector<Bytes> messages;
   std::uint64_t records = 0;
   for (std::uint32_t r = 0; r < model.summary.regions; ++r) {
-    messages.push_back(encode_region(coded, spm::RegionId{r}, model.runs_of(spm::RegionId{r})));
+    messages.push_back(encode_region(coded, spm::RegionId{r}, model.intervals_of(spm::RegionId{r})));
     records += model.regions[r].record_count;
   }
   const double decode = best_seconds(settings.repeats, [&] {

@@ -44,7 +44,7 @@ int run(const Settings& settings) {
   const std::vector<double> trips =
       settings.quick ? std::vector<double>{0, 50, 200} : std::vector<double>{0, 5, 10, 20, 50, 100, 200, 300};
   const int steps = settings.quick ? 6 : 9;
-  double conservative = 1e9, least_line = kStiffest;
+  double conservative = 1e9, min_line = kStiffest;
   for (const double trip_ms : trips) {
     const Stiffness found = largest_stable(trip_ms * 1e-3, steps);
     char row[32];
@@ -52,10 +52,10 @@ int run(const Settings& settings) {
     report.note(row + cell(found.wall_bound) + cell(found.wall) + cell(found.wall_passivity) + "   " +
                 cell(found.copies_bound) + cell(found.copies_naive) + cell(found.copies_set) + cell(found.copies_line));
     conservative = std::min(conservative, found.wall / found.wall_bound);
-    least_line = std::min(least_line, found.copies_line);
+    min_line = std::min(min_line, found.copies_line);
   }
   report.at_least("what a wall's hold-last stands over its bound", "all round trips, least", "", conservative, 1);
-  report.at_least("coupling of two copies on the line", "all round trips, least", "N/m", least_line, 2000);
+  report.at_least("coupling of two copies on the line", "all round trips, least", "N/m", min_line, 2000);
   return report.finish(settings.json);
 }
 

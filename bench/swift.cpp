@@ -31,7 +31,7 @@ struct Settings {
 struct Outcome {
   std::uint64_t contacts = 0, exact = 0;
   std::uint64_t unflagged = 0;                                      // contact cycles beyond their bound
-  double most_beyond = -1;                                          // m, beyond the bound
+  double max_beyond = -1;                                           // m, beyond the bound
   Samples bounds, errors;                                           // m, of contact cycles that are not exact
   std::uint64_t not_predicted = 0, under_way = 0, not_refined = 0;  // what kept a contact cycle from being exact
   RemoteSession::Traffic traffic;
@@ -73,7 +73,7 @@ Outcome run_one(const StrokedModel& model, const std::vector<Vec3d>& path, const
     outcome.exact += flagged ? 0 : 1;
     const double bound = flagged ? static_cast<double>(output.error_bound) : 0;
     const double error = std::abs(shown_distance(session, path[i], tip_exact) - truth[i]);
-    outcome.most_beyond = std::max(outcome.most_beyond, error - bound);
+    outcome.max_beyond = std::max(outcome.max_beyond, error - bound);
     outcome.unflagged += error > bound + kSame ? 1 : 0;
     if (!flagged) continue;
     outcome.bounds.add(bound * 1e3);

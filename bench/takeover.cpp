@@ -73,13 +73,13 @@ users:
 
 /// Records received; of these, those that were here already; of these, those that hosts had been told of.
 struct Sent {
-  double received = 0, repeated = 0, told = 0;
+  double received = 0, repeated = 0, published = 0;
   Sent& operator+=(const Sent& other) {
-    received += other.received, repeated += other.repeated, told += other.told;
+    received += other.received, repeated += other.repeated, published += other.published;
     return *this;
   }
   friend Sent operator-(const Sent& a, const Sent& b) {
-    return {a.received - b.received, a.repeated - b.repeated, a.told - b.told};
+    return {a.received - b.received, a.repeated - b.repeated, a.published - b.published};
   }
   [[nodiscard]] double share(double of) const { return received == 0 ? 0 : 100 * of / received; }  // %
 };
@@ -184,7 +184,7 @@ class Takeover {
     return session_.seen().figure(controller, name);
   }
   [[nodiscard]] Sent sent() const {
-    return {figure(names::kRecordsReceived), figure(names::kRecordsRepeated), figure(names::kRecordsTold)};
+    return {figure(names::kRecordsReceived), figure(names::kRecordsRepeated), figure(names::kRecordsPublished)};
   }
   [[nodiscard]] double alarms() const { return figure(names::kFalseAlarms); }
   [[nodiscard]] double busy_alarms() const { return busy_alarms_; }
@@ -331,7 +331,7 @@ int run(const Settings& settings) {
     for (const auto& [when, sent] : {std::pair{"windows with a kill", in_windows}, {"the time between", between}}) {
       report.figure("records received", when, "", sent.received);
       report.figure("records that were here", when, "%", sent.share(sent.repeated));
-      report.figure("records that hosts had been told of", when, "%", sent.share(sent.told));
+      report.figure("records that hosts had been told of", when, "%", sent.share(sent.published));
     }
     report.figure("false alarms", "while hosts were killed", "", alarms_while_killing);
     char calm[64];
@@ -349,7 +349,7 @@ int run(const Settings& settings) {
     report.at_most("records sent again", "in windows with a kill, over the time between", "%",
                    in_windows.share(in_windows.repeated) - between.share(between.repeated), 1);
     report.at_most("records sent again", "that hosts had been told of, in windows with a kill", "%",
-                   in_windows.share(in_windows.told), 1);
+                   in_windows.share(in_windows.published), 1);
     report.at_most("largest force step", "windows with a kill", "N/ms", steps_of(takeover.killed()).max(),
                    0.05 * kMaxForce);
     report.at_most("records sent again", "to one that keeps all, by a host alone that restarts", "",

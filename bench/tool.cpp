@@ -132,7 +132,7 @@ struct Outcome {
   std::uint64_t by_fcl = 0, fcl_meeting = 0;
 };
 
-enum class On { kWhole, kWholeAsIfChanging, kRefined };
+enum class On { kFullRate, kWholeAsIfChanging, kRefined };
 
 /// A controller at a host that keeps the mesh fine along the tool, as a service has it.
 class Refined {
@@ -215,7 +215,7 @@ Outcome slide(const Settings& settings, const LoadedModel& subject, const std::v
     } else {
       const double began = thread_cpu_us();
       Stopwatch watch;
-      tool.step(device, kPeriod, {&object, 1}, on != On::kWhole || i == 0);
+      tool.step(device, kPeriod, {&object, 1}, on != On::kFullRate || i == 0);
       outcome.wall.add(watch.lap());
       outcome.cpu.add(thread_cpu_us() - began);
     }
@@ -235,7 +235,7 @@ Outcome slide(const Settings& settings, const LoadedModel& subject, const std::v
     outcome.lowest = std::min(outcome.lowest, outcome.energy);
     const Vec3d force_before = force, torque_before = torque;
     force = settings.grip.stiffness * at.way;
-    torque = settings.grip.torsion * at.turn;
+    torque = settings.grip.rotational_stiffness * at.turn;
     if (path[i].at_rest && at.in_contact) {
       outcome.force_step.add((force - force_before).norm());
       outcome.torque_step.add((torque - torque_before).norm() * 1e3);
@@ -314,10 +314,10 @@ int run(const Settings& settings) {
                 "stylus of %zu triangles, %g s, along the surface up to %g m/s, tip up to %.2f m/s, turning up to "
                 "%.1f rad/s, pressed up to %g cm, friction %g, %g N/m, %g N m/rad, rounding %g mm, seed %llu",
                 stylus.faces.size(), settings.seconds, settings.speed, fastest, turning, settings.depth * 1e2,
-                settings.friction, settings.grip.stiffness, settings.grip.torsion,
-                haptics::ToolSettings{}.rounding * 1e3, static_cast<unsigned long long>(settings.seed));
+                settings.friction, settings.grip.stiffness, settings.grip.rotational_stiffness,
+                haptics::ToolSettings{}.collision_margin * 1e3, static_cast<unsigned long long>(settings.seed));
   Report report{{"tool", subject.name, summary.digest, summary.faces, text}};
-  for (const auto& [on, name] : {std::pair{On::kWhole, "whole mesh"},
+  for (const auto& [on, name] : {std::pair{On::kFullRate, "whole mesh"},
                                  {On::kWholeAsIfChanging, "whole, as if changing"},
                                  {On::kRefined, "refined"}}) {
     if (on == On::kRefined && !settings.refined) continue;

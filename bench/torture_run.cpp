@@ -14,8 +14,8 @@ namespace {
 using spm::RegionId;
 
 constexpr std::size_t kMaxProblems = 10;
-constexpr std::uint32_t kMostWanted = 12;  // regions of one target
-constexpr double kLeastBudget = 1, kMostBudget = 3e5;
+constexpr std::uint32_t kMaxWanted = 12;  // regions of one target
+constexpr double kMinBudget = 1, kMaxBudget = 3e5;
 
 /// Regions here and there share few tree nodes: a node for two slots, where a controller has one for three.
 spm::PoolSettings pool_for(const spm::ModelSummary& summary, double share) {
@@ -74,7 +74,7 @@ class Torture {
   /// Evenly over the magnitudes, so that cuts fall everywhere.
   std::uint32_t any_budget() {
     const double unit = static_cast<double>(random_() >> 11) * 0x1p-53;
-    return static_cast<std::uint32_t>(kLeastBudget * std::pow(kMostBudget / kLeastBudget, unit));
+    return static_cast<std::uint32_t>(kMinBudget * std::pow(kMaxBudget / kMinBudget, unit));
   }
 
   TortureResult& count() {
@@ -102,9 +102,9 @@ class Torture {
       case 3:
       case 4: {
         wanted_.clear();
-        for (std::uint64_t more = any(kMostWanted + 1); more > 0; --more) wanted_.push_back(any_region());
+        for (std::uint64_t more = any(kMaxWanted + 1); more > 0; --more) wanted_.push_back(any_region());
         controller_.forest().target(wanted_.data(), static_cast<std::uint32_t>(wanted_.size()),
-                                    any(2) == 0 ? spm::Unasked::kCoarsen : spm::Unasked::kRest);
+                                    any(2) == 0 ? spm::Unrequested::kCoarsen : spm::Unrequested::kRest);
         break;
       }
       default:
@@ -162,7 +162,7 @@ class Torture {
 
   void finish() {
     const spm::Model& model = controller_.model();
-    for (std::uint32_t more = 0; more < kMostWanted || controller_.records_held() == 0; ++more) {
+    for (std::uint32_t more = 0; more < kMaxWanted || controller_.records_held() == 0; ++more) {
       load();
       refine(controller_, {});
       release();
@@ -181,7 +181,7 @@ class Torture {
 
     std::vector<bool> wanted(model.summary.records, false);
     for (const RegionId region : goal)
-      for (const spm::Run& run : model.runs_of(region))
+      for (const spm::Interval& run : model.intervals_of(region))
         std::fill(wanted.begin() + run.first, wanted.begin() + run.first + run.count, true);
     for (std::uint32_t record = 0; record < model.summary.records; ++record)
       if (wanted[record]) result_.expected_hash ^= spm::Forest::hash_of(index(model.vertex_of(spm::RecordId{record})));
@@ -199,9 +199,9 @@ class Torture {
   void refine(Controller& controller, const std::vector<RegionId>& goal) {
     controller.forest().target(goal.data(), static_cast<std::uint32_t>(goal.size()));
     // What coarsens frees its tree nodes in the refit; what found none before then finds them.
-    constexpr int kMostRounds = 8;
+    constexpr int kMaxRounds = 8;
     spm::Advance advance = spm::Advance::kBudget;
-    for (int round = 0; round < kMostRounds && advance != spm::Advance::kDone; ++round) {
+    for (int round = 0; round < kMaxRounds && advance != spm::Advance::kDone; ++round) {
       spm::Budget budget{~0u};
       advance = controller.forest().advance(budget);
       controller.forest().refit();

@@ -85,9 +85,9 @@ class Tree {
 
   /// Faces below nodes whose volumes meet the ball; returns how many volumes were asked.
   std::uint32_t near(const Vec3d& centre, double radius, std::vector<std::uint32_t>& faces) const {
-    std::uint32_t asked = 0;
-    visit(height() - 1, 0, centre, radius, asked, faces);
-    return asked;
+    std::uint32_t requested = 0;
+    visit(height() - 1, 0, centre, radius, requested, faces);
+    return requested;
   }
 
  private:
@@ -101,15 +101,15 @@ class Tree {
           Volume::over(Span<const Volume>{levels_[level - 1].data() + first, std::size_t{end - first}}, like);
     }
   }
-  void visit(std::size_t level, std::uint32_t id, const Vec3d& centre, double radius, std::uint32_t& asked,
+  void visit(std::size_t level, std::uint32_t id, const Vec3d& centre, double radius, std::uint32_t& requested,
              std::vector<std::uint32_t>& faces) const {
-    ++asked;
-    if (!levels_[level][id].meets_ball(centre, radius)) return;
+    ++requested;
+    if (!levels_[level][id].meets_sphere(centre, radius)) return;
     for (std::uint32_t child = kWidth * id; child < end_of_children(level, id); ++child) {
       if (level == 0)
         faces.push_back(child);
       else
-        visit(level - 1, child, centre, radius, asked, faces);
+        visit(level - 1, child, centre, radius, requested, faces);
     }
   }
 
@@ -129,15 +129,15 @@ class ProbePairs {
       moved_[level].clear();
       for (const Volume& volume : probe_.nodes(level)) moved_[level].push_back(volume.moved(pose));
     }
-    asked_ = 0;
+    requested_ = 0;
     visit(model_.height() - 1, 0, probe_.height() - 1, 0, leaves);
-    return asked_;
+    return requested_;
   }
 
  private:
   void visit(std::size_t a, std::uint32_t i, std::size_t b, std::uint32_t j,
              std::vector<std::array<std::uint32_t, 2>>& leaves) {
-    ++asked_;
+    ++requested_;
     if (!model_.nodes(a)[i].meets(moved_[b][j])) return;
     if (a == 0 && b == 0) {
       leaves.push_back({i, j});
@@ -151,7 +151,7 @@ class ProbePairs {
   const Tree<Volume>& model_;
   const Tree<Volume>& probe_;
   std::vector<std::vector<Volume>> moved_;
-  std::uint32_t asked_ = 0;
+  std::uint32_t requested_ = 0;
 };
 
 struct Subjects {
@@ -191,21 +191,21 @@ void measure(Subjects& subjects, Report& report) {
   constexpr int kRounds = 3;  // the least of their times: more is the machine's other work
   for (std::size_t pose = 0; pose < subjects.path.size(); ++pose) {
     double sphere = 1e300, both = 1e300, refit = 1e300;
-    std::uint32_t asked = 0, asked_pairs = 0, made = 0, meeting = 0;
+    std::uint32_t requested = 0, requested_pairs = 0, made = 0, meeting = 0;
     for (int round = 0; round < kRounds; ++round) {
       faces.clear();
       touched.clear();
       leaves.clear();
       Stopwatch watch;
       const Vec3d& centre = subjects.path[pose].centre;
-      asked = tree.near(centre, subjects.radius, faces);
+      requested = tree.near(centre, subjects.radius, faces);
       for (const std::uint32_t face : faces) {
         const auto& t = subjects.model[face];
         if (spm::closest_point(centre, t[0], t[1], t[2]).squared_distance <= subjects.radius * subjects.radius)
           touched.push_back(face);
       }
       sphere = std::min(sphere, watch.lap());
-      asked_pairs = probe.find(subjects.poses[pose], leaves);
+      requested_pairs = probe.find(subjects.poses[pose], leaves);
       both = std::min(both, watch.lap());
       made = tree.refit(touched);
       refit = std::min(refit, watch.lap());
@@ -215,10 +215,10 @@ void measure(Subjects& subjects, Report& report) {
       for (const auto& [i, j] : leaves) meeting += subjects.meeting(i, j, subjects.poses[pose]);
     if (subjects.pairs.size() == pose) subjects.pairs.push_back(meeting);
     wrong += touched != subjects.touched[pose] || meeting != subjects.pairs[pose] ? 1 : 0;
-    volumes.add(asked);
+    volumes.add(requested);
     triangles.add(static_cast<double>(faces.size()));
     sphere_us.add(sphere);
-    pair_volumes.add(asked_pairs);
+    pair_volumes.add(requested_pairs);
     pair_leaves.add(static_cast<double>(leaves.size()));
     stylus_us.add(both);
     if (made > 0) {
@@ -263,15 +263,15 @@ int run(const Settings& settings) {
   Samples shipped;
   std::vector<spm::Contact> contacts(1u << 16);
   for (const SurfacePose& pose : subjects.path) {
-    double least = 1e300;
+    double min = 1e300;
     std::uint32_t count = 0;
     for (int round = 0; round < 3; ++round) {
       Stopwatch watch;
       count = finest.tree().touching(pose.centre, subjects.radius, contacts.data(),
                                      static_cast<std::uint32_t>(contacts.size()));
-      least = std::min(least, watch.lap());
+      min = std::min(min, watch.lap());
     }
-    shipped.add(least);
+    shipped.add(min);
     std::vector<std::uint32_t> faces;
     for (std::uint32_t i = 0; i < count; ++i) faces.push_back(index(contacts[i].face));
     std::sort(faces.begin(), faces.end());

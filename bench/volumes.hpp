@@ -22,7 +22,7 @@ using Points = spm::Span<const Vec3d>;
 /// Each has
 ///   of(points) and over(children, like): `like` is the node as it was, whose axes are kept; null: new ones
 ///   moved(pose): one in another frame around it
-///   meets_ball(centre, radius) and meets(other): never false when they do
+///   meets_sphere(centre, radius) and meets(other): never false when they do
 struct SphereVolume {
   static constexpr const char* kName = "sphere";
   std::array<float, 3> centre;
@@ -47,11 +47,11 @@ struct SphereVolume {
     return make(box.center(), radius);
   }
   [[nodiscard]] SphereVolume moved(const Eigen::Isometry3d& pose) const { return make(pose * middle(), radius); }
-  [[nodiscard]] bool meets_ball(const Vec3d& at, double reach) const {
+  [[nodiscard]] bool meets_sphere(const Vec3d& at, double reach) const {
     const double sum = reach + radius;
     return (at - middle()).squaredNorm() <= sum * sum;
   }
-  [[nodiscard]] bool meets(const SphereVolume& other) const { return meets_ball(other.middle(), other.radius); }
+  [[nodiscard]] bool meets(const SphereVolume& other) const { return meets_sphere(other.middle(), other.radius); }
 
  private:
   static SphereVolume make(const Vec3d& centre, double radius) {
@@ -89,7 +89,7 @@ struct SlabVolume {
                                 (i & 4) != 0 ? high[2] : low[2]};
     return of(Points{corners.data(), corners.size()});
   }
-  [[nodiscard]] bool meets_ball(const Vec3d& at, double reach) const {
+  [[nodiscard]] bool meets_sphere(const Vec3d& at, double reach) const {
     double squared = 0;
     for (std::size_t d = 0; d < 3; ++d) {
       const double apart = std::max({low[d] - at[static_cast<int>(d)], at[static_cast<int>(d)] - high[d], 0.0});
@@ -147,7 +147,7 @@ struct OrientedVolume {
   [[nodiscard]] OrientedVolume moved(const Eigen::Isometry3d& pose) const {
     return make(pose * middle(), extent(), pose.linear() * matrix());
   }
-  [[nodiscard]] bool meets_ball(const Vec3d& at, double reach) const {
+  [[nodiscard]] bool meets_sphere(const Vec3d& at, double reach) const {
     const Vec3d apart = ((matrix().transpose() * (at - middle())).cwiseAbs() - extent()).cwiseMax(0.0);
     return apart.squaredNorm() <= reach * reach;
   }

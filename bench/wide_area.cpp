@@ -230,7 +230,7 @@ std::array<States, 2> feel(const Subject& subject, const std::string& link) {
   in_own_thread([&] {
     LiveSession session{link};
     std::mutex mutex;
-    wire::Links links{session.address("ear")};
+    wire::Participants links{session.address("ear")};
     const wire::Reader<session::ProbeState> ear{links, wire::topics::kProbeState, [&](session::ProbeState&& state) {
                                                   const std::lock_guard lock{mutex};
                                                   for (std::size_t i = 0; i < felt.size(); ++i)

@@ -33,11 +33,11 @@ session::Pose pose_of(const Vec3d& position, const Eigen::Quaterniond& turned) {
 }
 
 /// How a hand leans after `seconds`, up to `most` each way about two axes and twice that about the tool's own.
-Eigen::Quaterniond leaning(double most, double seconds) {
+Eigen::Quaterniond leaning(double max, double seconds) {
   constexpr double kTurn = 6.283185307179586;
   constexpr double kRates[3]{0.31, 0.23, 0.17};  // Hz, so that nothing comes again soon
   const auto swing = [&](int axis) { return std::sin(kTurn * kRates[axis] * seconds); };
-  return haptics::rotation_by(most * Vec3d{swing(0), swing(1), 2 * swing(2)});
+  return haptics::rotation_by(max * Vec3d{swing(0), swing(1), 2 * swing(2)});
 }
 
 /// A unit vector across `axis`, the same for the same axis.
@@ -141,8 +141,8 @@ void Operator::on_probe_state(const session::ProbeState& state) {
     if (travel_.norm() > kMoving && in_contact_) {
       const Vec3d way = travel_.normalized();
       const Vec3d upright = normal - way * way.dot(normal);
-      constexpr double kMostTilt = 0.7;  // cosine: beyond, it was no friction
-      if (upright.norm() > kMostTilt) normal = upright.normalized();
+      constexpr double kMaxTilt = 0.7;  // cosine: beyond, it was no friction
+      if (upright.norm() > kMaxTilt) normal = upright.normalized();
     }
     normal_ = in_contact_ ? Vec3d((normal_ + share * (normal - normal_)).normalized()) : normal;
   }
@@ -421,8 +421,8 @@ void Operator::press_in(const Action& action, double dt) {
     return;
   }
   // A hand that presses on and on would wind up; a fist pushes no further than this beyond where it is.
-  constexpr double kMostLead = 0.08;
-  if ((device_ - hand_).dot(outwards_) < kMostLead) {
+  constexpr double kMaxLead = 0.08;
+  if ((device_ - hand_).dot(outwards_) < kMaxLead) {
     hand_velocity_ = -outwards_ * (action.kind == ActionKind::kFollow ? 0.1 : action.speed);
     hand_ += hand_velocity_ * dt;
   }
@@ -494,16 +494,16 @@ Vec3d Operator::tangent(const Action& action) {
     }
   }
   const Vec3d along = wish - normal_ * normal_.dot(wish);
-  constexpr double kLeastAlong = 0.1;  // of the wish; on a steeper slope it goes along that instead
-  if (along.norm() > kLeastAlong * wish.norm()) return along.normalized();
+  constexpr double kMinAlong = 0.1;  // of the wish; on a steeper slope it goes along that instead
+  if (along.norm() > kMinAlong * wish.norm()) return along.normalized();
   return normal_.cross(side).norm() > 0.1 ? Vec3d(normal_.cross(side).normalized()) : normal_.cross(other).normalized();
 }
 
 void Operator::follow(const Action& action, double dt) {
-  constexpr double kSettling = 0.12;    // s in which the force comes to the one asked for
-  constexpr double kMostPush = 0.08;    // m
-  constexpr double kMostAhead = 0.012;  // m that the cursor runs ahead of a tip that is held up
-  constexpr double kSeek = 0.05;        // m/s towards a surface that is lost
+  constexpr double kSettling = 0.12;   // s in which the force comes to the one asked for
+  constexpr double kMaxPush = 0.08;    // m
+  constexpr double kMaxAhead = 0.012;  // m that the cursor runs ahead of a tip that is held up
+  constexpr double kSeek = 0.05;       // m/s towards a surface that is lost
   tally_.following += dt;
   followed_ += dt;
   Vec3d drift = Vec3d::Zero();
@@ -512,10 +512,10 @@ void Operator::follow(const Action& action, double dt) {
     const Vec3d ahead = cursor_ - proxy_;
     const Vec3d flat = ahead - normal_ * normal_.dot(ahead);
     const double length = flat.norm();
-    cursor_ = proxy_ + (length > kMostAhead ? Vec3d(flat * (kMostAhead / length)) : flat);
+    cursor_ = proxy_ + (length > kMaxAhead ? Vec3d(flat * (kMaxAhead / length)) : flat);
     if (action.kind == ActionKind::kFollow) drift = tangent(action) * action.speed;
     push_ += (action.force - force_) / settings_.hand_stiffness * std::min(1.0, dt / kSettling);
-    push_ = std::clamp(push_, 0.0, kMostPush);
+    push_ = std::clamp(push_, 0.0, kMaxPush);
   } else {
     constexpr double kGap = 0.05;        // s: a hop, no loss
     constexpr double kStraightOn = 0.3;  // s along the normal, then towards the object
@@ -539,7 +539,7 @@ bool Operator::others_press(const Action& action, double force) const {
   constexpr std::int64_t kFresh = 200'000'000;
   const auto count = std::count_if(others_.begin(), others_.end(), [&](const auto& entry) {
     const Other& other = entry.second;
-    return other.object == view_.id && other.force >= force && felt_ns_ - other.heard_ns < kFresh;
+    return other.object == view_.id && other.force >= force && felt_ns_ - other.received_ns < kFresh;
   });
   return count >= static_cast<std::ptrdiff_t>(action.others);
 }
@@ -554,9 +554,9 @@ void Operator::start_gripping() {
 
 /// Until the object is pressed so hard.
 void Operator::press_with(double force, double settling, double dt) {
-  constexpr double kMostPush = 0.08;  // m
+  constexpr double kMaxPush = 0.08;  // m
   push_ += (force - felt_force_.dot(outwards_)) / settings_.hand_stiffness * std::min(1.0, dt / settling);
-  push_ = std::clamp(push_, 0.0, kMostPush);
+  push_ = std::clamp(push_, 0.0, kMaxPush);
 }
 
 void Operator::grip(const Action& action, double dt) {

@@ -142,8 +142,8 @@ class Operator {
   Vec3d felt_force_ = Vec3d::Zero();        // N, smoothed
   struct Other {
     std::uint64_t object = 0;
-    double force = 0;           // N
-    std::int64_t heard_ns = 0;  // when, however old it was
+    double force = 0;              // N
+    std::int64_t received_ns = 0;  // when, however old it was
   };
   std::map<std::uint64_t, Other> others_;  // by user
 

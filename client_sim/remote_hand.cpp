@@ -14,15 +14,16 @@ constexpr int kPriority = 40;
 
 }  // namespace
 
-RemoteHand::RemoteHand(wire::Links& links, const RemoteHandSettings& settings)
-    : links_{links},
+RemoteHand::RemoteHand(wire::Participants& participants, const RemoteHandSettings& settings)
+    : participants_{participants},
       settings_{settings},
       user_id_{session::id_of(settings.user)},
       hrtc_id_{session::id_of(settings.hrtc)},
       device_{settings.hand},
-      poses_{links, wire::topics::kDevicePose, wire::EndOptions{wire::user_partition(settings.user)}},
-      commands_{links, wire::topics::kDeviceCommand, [this](session::DeviceCommand&& command) { on_command(command); },
-                wire::EndOptions{wire::user_partition(settings.user)}},
+      poses_{participants, wire::topics::kDevicePose, wire::EndpointOptions{wire::user_partition(settings.user)}},
+      commands_{participants, wire::topics::kDeviceCommand,
+                [this](session::DeviceCommand&& command) { on_command(command); },
+                wire::EndpointOptions{wire::user_partition(settings.user)}},
       thread_{[this] { run(); }} {}
 
 RemoteHand::~RemoteHand() {
@@ -61,7 +62,7 @@ void RemoteHand::run() {
     device_.write_wrench(share * haptics::Vec3d{felt.force[0], felt.force[1], felt.force[2]},
                          share * haptics::Vec3d{felt.torque[0], felt.torque[1], felt.torque[2]});
     const haptics::DeviceState state = device_.read(now_ns);
-    pose.origin = links_.origin();
+    pose.origin = participants_.origin();
     ++pose.sequence;
     pose.session_time_ns = clock_.latest().session_time(now_ns);
     pose.pose.position = {state.position.x(), state.position.y(), state.position.z()};

@@ -16,7 +16,7 @@
 #include "haptics/simulated_device.hpp"
 #include "session/clock.hpp"
 #include "session/sequence_window.hpp"
-#include "wire/ends.hpp"
+#include "wire/endpoints.hpp"
 
 namespace tactus::client_sim {
 
@@ -31,7 +31,7 @@ struct RemoteHandSettings {
 class RemoteHand {
  public:
   /// `links` must outlive it. Throws wire::WireError.
-  RemoteHand(wire::Links& links, const RemoteHandSettings& settings);
+  RemoteHand(wire::Participants& participants, const RemoteHandSettings& settings);
   ~RemoteHand();
 
   /// Where the hand wants to be from now on, and session time as `map` tells it. One thread.
@@ -48,7 +48,7 @@ class RemoteHand {
   void on_command(const session::DeviceCommand& command);
   void run();
 
-  wire::Links& links_;
+  wire::Participants& participants_;
   RemoteHandSettings settings_;
   std::uint64_t user_id_, hrtc_id_;
   haptics::SimulatedDevice device_;

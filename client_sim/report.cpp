@@ -103,9 +103,9 @@ void write_hrtc(const ParticipantReport& hrtc, std::uint64_t records_total, std:
   out += line("  cycles %.0f", value(figures::kCycles));
   if (has(hrtc, figures::kRate)) out += line(" at %.1f Hz", value(figures::kRate));
   out += line(", %.0f skipped\n  late cycles: %.0f overruns", value(figures::kSkipped), value(figures::kOverruns));
-  if (has(hrtc, figures::kTimerOverruns)) out += line(" (a timer with 30 us of work: %.0f)", value(figures::kTimerOverruns));
-  out += line(", %.0f preempted, %.0f unknown\n", value(figures::kPreempted),
-              value(figures::kLateUnknown));
+  if (has(hrtc, figures::kTimerOverruns))
+    out += line(" (a timer with 30 us of work: %.0f)", value(figures::kTimerOverruns));
+  out += line(", %.0f preempted, %.0f unknown\n", value(figures::kPreempted), value(figures::kLateUnknown));
   if (has(hrtc, figures::kWakeP50)) {
     out += line("  late wake-up, us: p50 %.0f, p99 %.0f, max %.0f", value(figures::kWakeP50), value(figures::kWakeP99),
                 value(figures::kWakeMax));
@@ -133,8 +133,8 @@ void write_hrtc(const ParticipantReport& hrtc, std::uint64_t records_total, std:
   out += line(
       "  compressed cache %.0f of %.0f blocks (peak %.0f)\n"
       "    regions evicted %.0f, reloaded %.0f, refused for room %.0f\n",
-      value(figures::kCodedUsed), value(figures::kCodedLimit), value(figures::kCodedPeak), value(figures::kEvictions),
-      value(figures::kReloads), value(figures::kRefusedFull));
+      value(figures::kCompressedUsed), value(figures::kCompressedLimit), value(figures::kCompressedPeak),
+      value(figures::kEvictions), value(figures::kReloads), value(figures::kRefusedFull));
   if (value(figures::kRemoteDevices) > 0)
     out += line("  devices elsewhere %.0f, their loop taken for %.1f ms at most\n", value(figures::kRemoteDevices),
                 value(figures::kLoopDelay) * 1e-3);
@@ -254,19 +254,19 @@ void TouchTally::add(const session::ProbeState& state, std::int64_t start_ns, st
 
 void MoveTally::add(const session::ObjectPose& pose, double height) {
   constexpr std::int64_t kApart = 10'000'000;
-  constexpr std::size_t kMost = 1'000'000;
+  constexpr std::size_t kMax = 1'000'000;
   if (poses++ == 0) first_ = height;
   if (poses > 1 && pose.origin.participant != last_.origin.participant) ++simulators;
   left = height - first_;
   raised = std::max(raised, left);
   last_ = pose;
-  if (way_.size() < kMost && (way_.empty() || pose.session_time_ns - way_.back().ns >= kApart))
+  if (way_.size() < kMax && (way_.empty() || pose.session_time_ns - way_.back().ns >= kApart))
     way_.push_back({pose.session_time_ns, left});
 }
 
 double MoveTally::held() const {
-  constexpr double kLeast = 0.005;  // m; less is no lift
-  if (raised < kLeast) return 0;
+  constexpr double kMin = 0.005;  // m; less is no lift
+  if (raised < kMin) return 0;
   std::int64_t longest = 0, since = -1;
   for (const Sample& sample : way_) {
     if (sample.raised < 0.9 * raised)

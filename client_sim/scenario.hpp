@@ -99,8 +99,8 @@ enum class Truth : std::uint8_t {
 
 /// What each user holds in a study; in a live session the controller's --tool says so.
 enum class Tool : std::uint8_t {
-  kBall,   ///< User::radius
-  kStylus  ///< spm::offline::stylus
+  kSphere,  ///< User::radius
+  kStylus   ///< spm::offline::stylus
 };
 
 struct Scenario {
@@ -108,7 +108,7 @@ struct Scenario {
   std::uint64_t digest = 0;  ///< of its text
   Measure measures = Measure::kNone;
   Truth truth = Truth::kNone;  ///< none only when nothing is measured
-  Tool tool = Tool::kBall;
+  Tool tool = Tool::kSphere;
   double within = 0.2;   ///< N; a force so near to its target is on it
   double spread = 0;     ///< `varied` moves each point aimed at by up to so much, as a share of the bounds
   double duration = 10;  ///< s from the moment all users are served
@@ -126,7 +126,8 @@ struct Scenario {
 /// neither.
 [[nodiscard]] Scenario load_scenario(const std::string& name_or_path);
 
-/// `touch`, `follow`, `lift`, `grab`, `demo`, `demo-lift`, and those of studies (docs/how-to/studies.md): name and YAML text.
+/// `touch`, `follow`, `lift`, `grab`, `demo`, `demo-lift`, and those of studies (docs/how-to/studies.md): name and YAML
+/// text.
 struct BuiltInScenario {
   const char* name;
   const char* text;

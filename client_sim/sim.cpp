@@ -10,7 +10,7 @@
 #include "session/clock.hpp"
 #include "session/time_reference.hpp"
 #include "sharing/hand_path.hpp"
-#include "wire/ends.hpp"
+#include "wire/endpoints.hpp"
 #include "wire/inbox.hpp"
 
 namespace tactus::client_sim {
@@ -29,15 +29,15 @@ constexpr auto kTick = std::chrono::milliseconds{2};
 /// One participant that the core plays.
 struct Presence {
   explicit Presence(const wire::SessionAddress& address)
-      : links{address}, roster{links, wire::topics::kRoster}, clock{links, wire::topics::kClock} {}
+      : participants{address}, roster{participants, wire::topics::kRoster}, clock{participants, wire::topics::kClock} {}
 
   void send(session::Intent intent) {
     auto& writer = intents[intent.user_id];
-    intent.origin = links.origin();
+    intent.origin = participants.origin();
     if (writer) (void)writer->send(intent);
   }
 
-  wire::Links links;
+  wire::Participants participants;
   wire::Writer<session::RosterEntry> roster;
   wire::Writer<session::ClockSample> clock;
   std::map<std::uint64_t, std::unique_ptr<wire::Writer<session::Intent>>> intents;  // by user
@@ -56,8 +56,8 @@ struct Sim::Impl {
       : options{std::move(given)},
         main{options.address},
         core{options.scenario, settings()},
-        clock{main.links.origin(), {}, monotonic_ns()},
-        roster{main.links.origin(), {}} {
+        clock{main.participants.origin(), {}, monotonic_ns()},
+        roster{main.participants.origin(), {}} {
     listen(wire::topics::kRoster);
     listen(wire::topics::kCatalogue);
     listen(wire::topics::kProbeState);
@@ -75,13 +75,13 @@ struct Sim::Impl {
     made.name = options.address.participant;
     made.patience = options.patience;
     made.mode = options.mode;
-    made.incarnation = main.links.origin().incarnation;
+    made.incarnation = main.participants.origin().incarnation;
     return made;
   }
 
   template <class Typed>
   void listen(const wire::TopicSpec<Typed>& topic) {
-    readers.push_back(std::make_shared<wire::Reader<Typed>>(main.links, topic,
+    readers.push_back(std::make_shared<wire::Reader<Typed>>(main.participants, topic,
                                                             [this](Typed&& sample) { inbox.put(std::move(sample)); }));
   }
 
@@ -99,17 +99,17 @@ struct Sim::Impl {
   void take(const session::SessionEnd& end, std::int64_t) { core.on_end(end); }
   void take(const session::ObjectPose& pose, std::int64_t) { core.on_object_pose(pose); }
   void take(const session::ClockSample& sample, std::int64_t now_ns) {
-    if (sample.answer && sample.peer == main.links.origin().participant) clock.on_answer(sample, now_ns);
+    if (sample.answer && sample.peer == main.participants.origin().participant) clock.on_answer(sample, now_ns);
   }
 
   /// The participant that a message of the core is from, joining when it is new.
   Presence& presence_of(std::uint64_t participant, const std::string& name) {
-    if (participant == main.links.origin().participant) return main;
+    if (participant == main.participants.origin().participant) return main;
     std::unique_ptr<Presence>& presence = others[participant];
     if (!presence) {
       wire::SessionAddress address = options.address;
       address.participant = name;
-      address.incarnation = main.links.origin().incarnation;
+      address.incarnation = main.participants.origin().incarnation;
       presence = std::make_unique<Presence>(address);
     }
     return *presence;
@@ -128,20 +128,20 @@ struct Sim::Impl {
         }
         auto& writer = from.intents[session::id_of(user)];
         if (!writer)
-          writer = std::make_unique<wire::Writer<session::Intent>>(from.links, wire::topics::kIntent,
-                                                                   wire::EndOptions{wire::user_partition(user)});
+          writer = std::make_unique<wire::Writer<session::Intent>>(from.participants, wire::topics::kIntent,
+                                                                   wire::EndpointOptions{wire::user_partition(user)});
       }
-      entry.origin = from.links.origin();
+      entry.origin = from.participants.origin();
       session::put_time(clock, false, monotonic_ns(), entry);
       (void)from.roster.send(entry);
-      if (entry.leaving) last_words.emplace_back(&from, entry);
+      if (entry.leaving) leave_messages.emplace_back(&from, entry);
     }
     for (session::Control& control : messages.control) {
-      control.origin = main.links.origin();
+      control.origin = main.participants.origin();
       (void)control_out.send(control);
     }
     for (session::SessionEnd& end : messages.ends) {
-      end.origin = main.links.origin();
+      end.origin = main.participants.origin();
       (void)end_out.send(end);
     }
     for (session::Intent& intent : messages.intents) {
@@ -166,41 +166,41 @@ struct Sim::Impl {
   void wish(Remote& remote, Presence& from, const session::Intent& intent) {
     if (!remote.hand) {
       sharing::begin_at(intent, remote.settings.hand);
-      remote.hand = std::make_unique<RemoteHand>(from.links, remote.settings);
+      remote.hand = std::make_unique<RemoteHand>(from.participants, remote.settings);
     }
     remote.hand->wish(intent, clock.map());
   }
 
   void keep_time(std::int64_t now_ns) {
-    session::keep_time(roster, main.links.origin(), session::Role::kClient, false, now_ns, clock);
+    session::keep_time(roster, main.participants.origin(), session::Role::kClient, false, now_ns, clock);
     core.set_own_presence(clock.map().session_time(now_ns), clock.joined_ns());
     if (clock.reference() == 0) return;
     const std::int64_t period = clock.synchronised() ? kClockNs : kClockNs / 5;
-    if (now_ns - clock_asked_ns < period) return;
-    clock_asked_ns = now_ns;
+    if (now_ns - clock_requested_ns < period) return;
+    clock_requested_ns = now_ns;
     session::ClockSample request = clock.request(monotonic_ns());
-    request.origin = main.links.origin();
+    request.origin = main.participants.origin();
     (void)main.clock.send(request);
   }
 
   void take_leave() {
-    wire::say_last_words([this] {
-      for (const auto& [from, entry] : last_words) (void)from->roster.send(entry);
+    wire::send_leave_messages([this] {
+      for (const auto& [from, entry] : leave_messages) (void)from->roster.send(entry);
     });
     (void)end_out.wait_acknowledged(std::chrono::milliseconds{200});
   }
 
   SimOptions options;
   Presence main;
-  wire::Writer<session::Control> control_out{main.links, wire::topics::kControl};
-  wire::Writer<session::SessionEnd> end_out{main.links, wire::topics::kEnd};
+  wire::Writer<session::Control> control_out{main.participants, wire::topics::kControl};
+  wire::Writer<session::SessionEnd> end_out{main.participants, wire::topics::kEnd};
   std::map<std::uint64_t, std::unique_ptr<Presence>> others;
   std::map<std::uint64_t, Remote> remotes;  // by user
-  std::vector<std::pair<Presence*, session::RosterEntry>> last_words;
+  std::vector<std::pair<Presence*, session::RosterEntry>> leave_messages;
   SimCore core;
   session::SessionClock clock;
   session::Roster roster;
-  std::int64_t clock_asked_ns = 0;
+  std::int64_t clock_requested_ns = 0;
   Inbox inbox{1u << 15};
   std::vector<std::shared_ptr<void>> readers;  // last, so that no callback outlives what it fills
 };

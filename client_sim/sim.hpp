@@ -1,7 +1,7 @@
 /// Carries messages between a SimCore and the wire.
 ///
-/// One Links for each participant that the core plays: one for each HRTC that its users are at. Samples that arrive
-/// wait in a queue for the one thread that runs the core.
+/// One Participants for each participant that the core plays: one for each HRTC that its users are at. Samples that
+/// arrive wait in a queue for the one thread that runs the core.
 #pragma once
 
 #include <atomic>
@@ -11,7 +11,7 @@
 #include <string>
 
 #include "client_sim/sim_core.hpp"
-#include "wire/links.hpp"
+#include "wire/participants.hpp"
 
 namespace tactus::client_sim {
 

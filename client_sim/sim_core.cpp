@@ -73,7 +73,7 @@ void SimCore::on_catalogue(const session::CatalogueEntry& entry) {
 void SimCore::on_roster(const session::RosterEntry& entry, std::int64_t now_ns) {
   if (entry.origin.session != self_.session) return;
   now_ns_ = std::max(now_ns_, now_ns);
-  if (heard_ns_ < 0 && !is_own(entry.origin.participant)) heard_ns_ = now_ns;
+  if (received_ns_ < 0 && !is_own(entry.origin.participant)) received_ns_ = now_ns;
   if (stops_.on_roster(entry)) note("emergency stop: " + session::text(entry) + " has it");
   take_events(roster_.on_entry(entry, now_ns));
 }
@@ -83,7 +83,7 @@ bool SimCore::is_own(std::uint64_t participant) const {
                      [&](const Presence& presence) { return presence.entry.origin.participant == participant; });
 }
 
-void SimCore::on_twin(const session::RosterEvent& event) {
+void SimCore::on_name_conflict(const session::RosterEvent& event) {
   note(session::text(event));
   const bool is_second = event.other == self_.incarnation;
   if (event.entry_yields != is_second) taken_ = event.entry.name;
@@ -93,7 +93,7 @@ void SimCore::take_events(const std::vector<session::RosterEvent>& events) {
   for (const session::RosterEvent& event : events) {
     const session::RosterEntry& entry = event.entry;
     if (is_own(entry.origin.participant)) {  // further names of this program come back to it as a stranger's
-      if (event.change == session::RosterChange::kTwins) on_twin(event);
+      if (event.change == session::RosterChange::kNameConflict) on_name_conflict(event);
       continue;
     }
     if (entry.role == session::Role::kHost || entry.role == session::Role::kHrtc) {
@@ -115,7 +115,8 @@ void SimCore::on_probe_state(const session::ProbeState& state, std::int64_t sess
   for (Seat& seat : seats_) {
     if (state.user_id != session::id_of(seat.mind.user().name)) continue;
     if (state.origin.participant != session::id_of(seat.hrtc)) return;
-    const bool counts = session::accepted(seat.probe.on_state(state, session::StateStream::kCoded, session_now_ns));
+    const bool counts =
+        session::accepted(seat.probe.on_state(state, session::StateStream::kDeadbandCoded, session_now_ns));
     if (!counts || state_ != SimState::kRunning) return;
     const std::uint32_t faults = seat.touch.faults;
     seat.touch.add(state, session_start_ns_, session_now_ns);
@@ -200,7 +201,7 @@ void SimCore::gather(std::int64_t now_ns) {
   trouble_.clear();
   if (!no_hrtc.empty()) trouble_ = "no HRTC " + no_hrtc + " in session '" + settings_.session + "'";
   if (!no_object.empty()) trouble_ += (trouble_.empty() ? "" : "; ") + ("no host serves object " + no_object);
-  if (!trouble_.empty() || seconds(now_ns - heard_ns_) < settings_.hush) return;
+  if (!trouble_.empty() || seconds(now_ns - received_ns_) < settings_.hush) return;
   assign_seats(hrtcs);
   state_ = SimState::kJoining;
 }

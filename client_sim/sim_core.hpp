@@ -117,7 +117,7 @@ class SimCore {
   [[nodiscard]] bool last_figures_are_in() const;
   void take_events(const std::vector<session::RosterEvent>& events);
   [[nodiscard]] bool is_own(std::uint64_t participant) const;
-  void on_twin(const session::RosterEvent& event);
+  void on_name_conflict(const session::RosterEvent& event);
   void beat(std::int64_t now_ns, bool leaving, SimMessages& out);
   [[nodiscard]] session::Origin origin_of(std::size_t presence, std::int64_t now_ns) const;
   [[nodiscard]] session::Control control(session::ControlKind kind, std::int64_t now_ns, const std::string& text);
@@ -145,7 +145,7 @@ class SimCore {
   std::vector<std::pair<std::int64_t, std::string>> events_;  // by this program's clock
   std::uint32_t control_sequence_ = 0;
   std::int64_t now_ns_ = 0;
-  std::int64_t began_ns_ = -1, heard_ns_ = -1, found_ns_ = -1;
+  std::int64_t began_ns_ = -1, received_ns_ = -1, found_ns_ = -1;
   std::int64_t start_ns_ = -1, session_start_ns_ = 0, end_ns_ = -1;
 };
 

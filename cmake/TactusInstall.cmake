@@ -10,7 +10,7 @@ set(interface
   haptics/device.hpp haptics/device_plugin.h haptics/mailbox.hpp haptics/simulated_device.hpp
   session/clock.hpp session/figures.hpp session/messages.hpp session/roster.hpp session/sequence_window.hpp
   spm/ids.hpp spm/model.hpp spm/record.hpp spm/span.hpp spm/surface_points.hpp
-  wire/ends.hpp wire/error.hpp wire/links.hpp wire/process.hpp wire/realtime.hpp wire/topics.hpp)
+  wire/endpoints.hpp wire/error.hpp wire/participants.hpp wire/process.hpp wire/realtime.hpp wire/topics.hpp)
 foreach(header IN LISTS interface)
   get_filename_component(folder ${header} DIRECTORY)
   install(FILES ${header} DESTINATION ${headers}/${folder})

@@ -51,8 +51,8 @@ constexpr auto kSilence = 1s;       // after which it has failed
 constexpr auto kPeriod = 500us;     // between two messages, at least
 constexpr auto kForceHolds = 50ms;  // without being written again
 constexpr auto kFarewell = 300ms;
-constexpr int kMostNonsense = 100;  // messages in a row
-constexpr std::size_t kMostBytes = 1u << 20;
+constexpr int kMaxNonsense = 100;  // messages in a row
+constexpr std::size_t kMaxBytes = 1u << 20;
 
 std::int64_t now_ns() {
   return std::chrono::duration_cast<std::chrono::nanoseconds>(Clock::now().time_since_epoch()).count();
@@ -118,7 +118,7 @@ class Service {
   /// Waits until the service has told of its devices. Throws std::runtime_error saying what, found, expected.
   Service(std::string host, std::string port, std::string wanted)
       : host_{std::move(host)}, port_{std::move(port)}, id_{std::move(wanted)} {
-    std::future<std::string> told = ready_.get_future();
+    std::future<std::string> published = ready_.get_future();
     std::future<void> ended = ended_.get_future();
     thread_ = std::thread{[this] {
       connect();
@@ -126,8 +126,8 @@ class Service {
       ended_.set_value();
     }};
     has_ended_ = std::move(ended);
-    const std::string trouble = told.wait_for(kPatience) == std::future_status::ready
-                                    ? told.get()
+    const std::string trouble = published.wait_for(kPatience) == std::future_status::ready
+                                    ? published.get()
                                     : "it did not tell of its devices within 3 s";
     if (trouble.empty()) return;
     stop();
@@ -158,8 +158,8 @@ class Service {
     end();
   }
   void tell(const std::string& trouble) {
-    if (told_) return;
-    told_ = true;
+    if (published_) return;
+    published_ = true;
     ready_.set_value(trouble);
     if (!trouble.empty()) end();
   }
@@ -183,7 +183,7 @@ class Service {
       limits.idle_timeout = kSilence;
       limits.keep_alive_pings = false;
       socket_.set_option(limits);
-      socket_.read_message_max(kMostBytes);
+      socket_.read_message_max(kMaxBytes);
       socket_.async_handshake(host_ + ":" + port_, "/", [this](Error refused) {
         if (refused) return tell("no WebSocket: " + refused.message());
         read();
@@ -200,9 +200,9 @@ class Service {
                       static_cast<const char*>(buffer_.data().data()) + buffer_.size(), nullptr, false);
       buffer_.consume(buffer_.size());
       const bool is_sense = inventory_ ? take_state(message, time_ns) : take_inventory(message);
-      if (!is_sense && ++nonsense_ > kMostNonsense) return fail("its messages are not what version 3.5 says");
+      if (!is_sense && ++nonsense_ > kMaxNonsense) return fail("its messages are not what version 3.5 says");
       if (is_sense) nonsense_ = 0;
-      if (failed_ || (told_ && !inventory_)) return;
+      if (failed_ || (published_ && !inventory_)) return;
       if (inventory_) return pace();
       read();
     });
@@ -292,7 +292,7 @@ class Service {
   std::promise<std::string> ready_;
   std::promise<void> ended_;
   std::future<void> has_ended_;
-  bool told_ = false, inventory_ = false, introduced_ = false;
+  bool published_ = false, inventory_ = false, introduced_ = false;
   int nonsense_ = 0;
   Clock::time_point sent_{};
   Force force_;

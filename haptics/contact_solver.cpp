@@ -154,10 +154,10 @@ const SolverResult& ContactSolver::solve(spm::Span<SolverBody> bodies, double dt
     block.lambda[0] = std::max(0.0, found->impulse.dot(block.axes[0]));
     block.lambda[1] = found->impulse.dot(block.axes[1]);
     block.lambda[2] = found->impulse.dot(block.axes[2]);
-    const double most = kept_[i].friction * block.lambda[0];
-    if (const double size = length_of(block.lambda[1], block.lambda[2]); size > most) {
-      block.lambda[1] *= size > 0 ? most / size : 0;
-      block.lambda[2] *= size > 0 ? most / size : 0;
+    const double max = kept_[i].friction * block.lambda[0];
+    if (const double size = length_of(block.lambda[1], block.lambda[2]); size > max) {
+      block.lambda[1] *= size > 0 ? max / size : 0;
+      block.lambda[2] *= size > 0 ? max / size : 0;
     }
     for (int axis = 0; axis < 3; ++axis) apply(kept_[i], block.rows[axis], block.lambda[axis]);
   }
@@ -180,15 +180,15 @@ const SolverResult& ContactSolver::solve(spm::Span<SolverBody> bodies, double dt
       const Row& first = block.rows[1];
       const Row& second = block.rows[2];
       if (contact.friction <= 0 || first.diagonal <= 0 || second.diagonal <= 0) continue;
-      const double most = contact.friction * block.lambda[0];
+      const double max = contact.friction * block.lambda[0];
       const double a[2] = {first.diagonal, second.diagonal};
       double x[2] = {block.lambda[1] - velocity(contact, first) / a[0],
                      block.lambda[2] - velocity(contact, second) / a[1]};
-      if (most <= 0) {
+      if (max <= 0) {
         x[0] = x[1] = 0;
-      } else if (length_of(x[0], x[1]) > most) {
+      } else if (length_of(x[0], x[1]) > max) {
         const double c[2] = {x[0], x[1]};
-        closest_in_disc(a, c, most, x);
+        closest_in_disc(a, c, max, x);
       }
       for (int t = 0; t < 2; ++t) {
         const double change = x[t] - block.lambda[1 + t];

@@ -35,7 +35,7 @@ CopyCoupling::CopyCoupling(const CouplingSettings& settings, std::size_t place, 
   share_.inertia = whole.inertia * (scale * (1 - phi) / copies);
   share_.gravity = whole.gravity * (whole.mass / copies / share_.mass);
   share_.damping = whole.damping / copies;
-  share_.spin_damping = whole.spin_damping / copies;
+  share_.angular_damping = whole.angular_damping / copies;
 
   whole_ << Vec3d::Constant(whole.mass), whole.inertia;
   // What a kilogram of translation is in rotation, and what a spring is when its parts are where a box has corners.
@@ -44,11 +44,11 @@ CopyCoupling::CopyCoupling(const CouplingSettings& settings, std::size_t place, 
   Vec6d per_spring;
   per_spring << Vec3d::Ones(), 3 * whole.inertia / whole.mass;
   stiffness_ = per_spring * settings_.stiffness;
-  Vec6d least;
-  least << Vec3d::Constant(settings_.least_stiffness), Vec3d::Constant(settings_.least_turning_stiffness);
+  Vec6d min;
+  min << Vec3d::Constant(settings_.min_stiffness), Vec3d::Constant(settings_.min_turning_stiffness);
   const double pairs = copies * (copies - 1) / 2;
   impedance_ = (per_mass * (phi * whole.mass * scale / (pairs * line_delay_)))
-                   .cwiseMax(per_spring.cwiseProduct(least) * (line_delay_ / pairs));
+                   .cwiseMax(per_spring.cwiseProduct(min) * (line_delay_ / pairs));
   drag_ = per_mass * (settings_.drag / copies);
   ledger_.tank = ledger_.received = settings_.initial / copies;
   own_.time_ns = -1;
@@ -56,24 +56,25 @@ CopyCoupling::CopyCoupling(const CouplingSettings& settings, std::size_t place, 
 }
 
 void CopyCoupling::keep(History& history, const CopySample& sample, std::size_t to) noexcept {
-  Heard& heard = history[static_cast<std::size_t>(sample.time_ns / kCycleNs) % kHistory];
-  if (sample.time_ns > heard.time_ns)
-    heard = {sample.time_ns, sample.waves[to], sample.body.position, sample.body.orientation};
+  Received& received = history[static_cast<std::size_t>(sample.time_ns / kCycleNs) % kHistory];
+  if (sample.time_ns > received.time_ns)
+    received = {sample.time_ns, sample.waves[to], sample.body.position, sample.body.orientation};
 }
 
-bool CopyCoupling::at(const History& history, std::int64_t time_ns, Heard& found) noexcept {
+bool CopyCoupling::at(const History& history, std::int64_t time_ns, Received& found) noexcept {
   const std::int64_t cycle = time_ns / kCycleNs;
   if (cycle < 0) return false;
-  const auto place = [&](std::int64_t c) -> const Heard& { return history[static_cast<std::size_t>(c) % kHistory]; };
-  const Heard* before = nullptr;
+  const auto place = [&](std::int64_t c) -> const Received& { return history[static_cast<std::size_t>(c) % kHistory]; };
+  const Received* before = nullptr;
   for (int gap = 0; gap <= std::min<std::int64_t>(kLongestGap, cycle) && before == nullptr; ++gap) {
-    const Heard& heard = place(cycle - gap);
-    if (heard.time_ns / kCycleNs == cycle - gap && heard.time_ns >= 0 && heard.time_ns <= time_ns) before = &heard;
+    const Received& received = place(cycle - gap);
+    if (received.time_ns / kCycleNs == cycle - gap && received.time_ns >= 0 && received.time_ns <= time_ns)
+      before = &received;
   }
   if (before == nullptr) return false;
   found = *before;
   for (int gap = 0; gap <= kLongestGap; ++gap) {
-    const Heard& after = place(cycle + gap);
+    const Received& after = place(cycle + gap);
     if (after.time_ns / kCycleNs != cycle + gap || after.time_ns <= time_ns) continue;
     const double share =
         static_cast<double>(time_ns - before->time_ns) / static_cast<double>(after.time_ns - before->time_ns);
@@ -87,13 +88,13 @@ bool CopyCoupling::at(const History& history, std::int64_t time_ns, Heard& found
 
 void CopyCoupling::on_sample(std::size_t peer, const CopySample& sample) noexcept {
   if (peer >= settings_.copies || peer == place_ || sample.time_ns < 0) return;
-  keep(heard_[peer], sample, place_);
+  keep(received_[peer], sample, place_);
   if (sample.time_ns <= pressed_ns_[peer]) return;
   pressed_ns_[peer] = sample.time_ns;
   pressed_[peer] = sample.pressed;
   // The counter never falls, so one that does shows that the sample before was wrong: the count goes on from here.
-  const double arrived = std::min(sample.energy[place_] - energy_heard_[peer], settings_.tank);
-  energy_heard_[peer] = sample.energy[place_];
+  const double arrived = std::min(sample.energy[place_] - energy_received_[peer], settings_.tank);
+  energy_received_[peer] = sample.energy[place_];
   if (!(arrived > 0)) return;
   ledger_.tank += arrived;
   ledger_.received += arrived;
@@ -102,7 +103,7 @@ void CopyCoupling::on_sample(std::size_t peer, const CopySample& sample) noexcep
 void CopyCoupling::start(std::int64_t now_ns, const BodyState& body) noexcept {
   started_ = true;
   start_ns_ = now_ns;
-  start_speed_ << body.velocity, body.orientation.conjugate() * body.spin;
+  start_speed_ << body.velocity, body.orientation.conjugate() * body.angular_velocity;
   for (Line& line : lines_) line.filtered = -filter_ * start_speed_;  // as it would lag
   for (Line& line : lines_) line.arrived = line.filtered;
   Vec6d share;
@@ -122,7 +123,7 @@ Mat6d CopyCoupling::impedance_to(std::size_t peer) const noexcept {
   const Vec3d along = between / size;
   const double opposed = std::min(pressed_[place_].dot(along), -pressed_[peer].dot(along));
   const double carried = 2 * std::max(0.0, opposed - settings_.slight) / static_cast<double>(settings_.copies);
-  const double wanted = std::min(carried * line_delay_ / settings_.give, settings_.most_mass / line_delay_);
+  const double wanted = std::min(carried * line_delay_ / settings_.give, settings_.max_mass / line_delay_);
   if (const double more = wanted - impedance_[0]; more > 0)
     impedance.topLeftCorner<3, 3>() += more * along * along.transpose();
   return impedance;
@@ -140,17 +141,17 @@ void CopyCoupling::begin(std::int64_t now_ns, double dt, RigidBody& body) noexce
   ledger_.tank = std::min(settings_.tank, ledger_.tank + allowed);
 
   const std::int64_t then_ns = now_ns - std::llround(settings_.delay * 1e9);
-  Heard own;
-  bool all = at(heard_[place_], then_ns, own);
+  Received own;
+  bool all = at(received_[place_], then_ns, own);
   Vec6d apart = Vec6d::Zero();
   double furthest = 0;
   for (std::size_t i = 0; i < settings_.copies; ++i) {
     if (i == place_) continue;
     Line& line = lines_[i];
-    Heard peer;
-    if (at(heard_[i], then_ns, peer)) {
-      if (!line.heard) line.offset = line.wanted - peer.wave;
-      line.heard = true;
+    Received peer;
+    if (at(received_[i], then_ns, peer)) {
+      if (!line.received) line.offset = line.wanted - peer.wave;
+      line.received = true;
       line.wanted = peer.wave + line.offset;
       if (all) {
         furthest = std::max(furthest, (peer.position - own.position).norm());
@@ -159,7 +160,7 @@ void CopyCoupling::begin(std::int64_t now_ns, double dt, RigidBody& body) noexce
       }
     } else {
       all = false;
-      if (!line.heard && now_ns - start_ns_ <= kPatienceNs) line.wanted += dt * start_speed_;  // as one body goes on
+      if (!line.received && now_ns - start_ns_ <= kPatienceNs) line.wanted += dt * start_speed_;  // as one body goes on
     }
   }
   if (all) ledger_.apart = furthest;
@@ -250,7 +251,7 @@ void CopyCoupling::finish(const Vec6d& velocity, const RigidBody& body, const Ve
   own_.pressed = pressed_[place_];
   own_.time_ns = now_ns_;
   own_.body = body.state();
-  keep(heard_[place_], own_, place_);
+  keep(received_[place_], own_, place_);
 }
 
 }  // namespace tactus::haptics

@@ -57,11 +57,11 @@ struct CouplingSettings {
   double stiffness = 1000;   ///< N/m, K
   double line_share = 0.85;  ///< of the mass that is in the line
   /// N/m between two copies under a held force, at least; makes long lines heavier than the object.
-  double least_stiffness = 60;
+  double min_stiffness = 60;
   /// N/m, the same for turning, where a box has its corners: who holds an object by one point turns it by its weight.
-  double least_turning_stiffness = 4000;
+  double min_turning_stiffness = 4000;
   double give = 0.01;              ///< m, by which a line yields where users press against each other, if it may weigh
-  double most_mass = 25;           ///< kg, of a line along that direction
+  double max_mass = 25;            ///< kg, of a line along that direction
   double slight = 0.3;             ///< N; who press against each other with less hold nothing
   double drag = 0.6;               ///< N s/m of the whole object
   double credited = 0.5;           ///< share of what the drag takes that may be given again
@@ -111,17 +111,17 @@ class CopyCoupling {
  private:
   static constexpr std::size_t kHistory = 512;         // cycles
   static constexpr std::int64_t kCycleNs = 1'000'000;  // one place in a history each
-  struct Heard {
+  struct Received {
     std::int64_t time_ns = -1;
     Vec6d wave;
     Vec3d position;
     Eigen::Quaterniond orientation;
   };
-  using History = std::array<Heard, kHistory>;
+  using History = std::array<Received, kHistory>;
 
   [[nodiscard]] Mat6d impedance_to(std::size_t peer) const noexcept;
   static void keep(History& history, const CopySample& sample, std::size_t to) noexcept;
-  [[nodiscard]] static bool at(const History& history, std::int64_t time_ns, Heard& found) noexcept;
+  [[nodiscard]] static bool at(const History& history, std::int64_t time_ns, Received& found) noexcept;
 
   CouplingSettings settings_;
   std::size_t place_;
@@ -131,8 +131,8 @@ class CopyCoupling {
   double line_delay_ = 0;               // s, D with the filter
   double filter_ = 0;                   // s
 
-  std::array<History, kMaxCopies> heard_;  // [place_]: of this copy itself
-  std::array<double, kMaxCopies> energy_heard_{};
+  std::array<History, kMaxCopies> received_;  // [place_]: of this copy itself
+  std::array<double, kMaxCopies> energy_received_{};
   std::array<Vec3d, kMaxCopies> pressed_;  // N, by the users of each, as last heard
   std::array<std::int64_t, kMaxCopies> pressed_ns_{};
   bool started_ = false;
@@ -144,7 +144,7 @@ class CopyCoupling {
   Vec6d homed_ = Vec6d::Zero();  // added to each y
   bool may_home_ = true;         // the tank had enough beside the waves, in the last cycle
   struct Line {
-    bool heard = false;              // the peer, at the line's delay
+    bool received = false;           // the peer, at the line's delay
     Vec6d offset = Vec6d::Zero();    // of its wave: the groups of two peers do not begin at one moment
     Vec6d arrived = Vec6d::Zero();   // y as far as it has been paid
     Vec6d wanted = Vec6d::Zero();    // y as it came

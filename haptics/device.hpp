@@ -13,12 +13,12 @@ using spm::Vec3d;
 
 /// What a device can do, in its own frame.
 struct DeviceSpec {
-  double max_force = 10;          ///< N
-  double max_stiffness = 5000;    ///< N/m that the maker vouches for
-  double damping = 3;             ///< N s/m, physical, at the least; sets the stiffness that stays stable
-  double workspace_radius = 0.2;  ///< m
-  double max_torque = 0;          ///< N m; 0: it bears forces only
-  double max_torsion = 1;         ///< N m/rad that the maker vouches for
+  double max_force = 10;                ///< N
+  double max_stiffness = 5000;          ///< N/m that the maker vouches for
+  double damping = 3;                   ///< N s/m, physical, at the least; sets the stiffness that stays stable
+  double workspace_radius = 0.2;        ///< m
+  double max_torque = 0;                ///< N m; 0: it bears forces only
+  double max_rotational_stiffness = 1;  ///< N m/rad that the maker vouches for
 };
 
 /// Bits of DeviceState::buttons.
@@ -110,7 +110,7 @@ class DeviceFrame {
             spec.damping / (scale_ * scale_),
             spec.workspace_radius * scale_,
             spec.max_torque,
-            spec.max_torsion};
+            spec.max_rotational_stiffness};
   }
 
  private:

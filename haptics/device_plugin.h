@@ -3,8 +3,8 @@
  *   tactus-hrtc --device ann=./mydevice.so,CONFIG
  *
  * Loaded at run time, so that no SDK is needed to build Tactus and no Tactus library to build a driver: this header is
- * all. `docs/how-to/own-device.md` goes through a whole one. Metres, newton, seconds, radians; the device's own frame, which
- * --device-scale and --device-offset put into the world. Tactus limits forces, starts them softly and ends them when
+ * all. `docs/how-to/own-device.md` goes through a whole one. Metres, newton, seconds, radians; the device's own frame,
+ * which --device-scale and --device-offset put into the world. Tactus limits forces, starts them softly and ends them when
  * poses grow old; a driver writes what it is given, and its device's own protection stays on.
  *
  * read and write are called once each cycle, 1 kHz unless said otherwise, in the haptic thread: they must not wait. A
@@ -41,8 +41,8 @@ struct tactus_device_spec {
   double workspace_radius; /* m */
   uint32_t flags;
   /* ABI 1 ends here. */
-  double max_torque;  /* N m; 0, as filled: it bears forces only */
-  double max_torsion; /* N m/rad that the maker vouches for */
+  double max_torque;               /* N m; 0, as filled: it bears forces only */
+  double max_rotational_stiffness; /* N m/rad that the maker vouches for */
 };
 
 /* Where it is. Filled with zeros, no rotation and the time of the call before `read` is called. */

@@ -8,7 +8,7 @@
 namespace tactus::haptics {
 namespace {
 
-constexpr double kRounding = 1e-9;  // s; ages are differences of times that may be long ago
+constexpr double kCollisionMargin = 1e-9;  // s; ages are differences of times that may be long ago
 
 /// What is within `limit` stays to the bit.
 Vec3d limited(const Vec3d& force, double limit) noexcept {
@@ -45,9 +45,10 @@ Vec3d turn_to(const Hold& hold, const DeviceState& device) noexcept {
 }
 
 Wrench pull_of(const Hold& hold, const ToolGrip& grip, double damping, const DeviceState& device,
-               const Vec3d& spin) noexcept {
+               const Vec3d& angular_velocity) noexcept {
   return {grip.stiffness * (hold.pose.position - device.position) + damping * (hold.velocity - device.velocity),
-          grip.torsion * turn_to(hold, device) + grip.spin_damping * (hold.spin - spin)};
+          grip.rotational_stiffness * turn_to(hold, device) +
+              grip.angular_damping * (hold.angular_velocity - angular_velocity)};
 }
 
 double ForceRenderer::stiffness(const Feel& feel, double dt, double loop_delay) const noexcept {
@@ -55,12 +56,13 @@ double ForceRenderer::stiffness(const Feel& feel, double dt, double loop_delay) 
 }
 
 ToolGrip ForceRenderer::grip_with(double arm, const Feel& feel, double dt, double loop_delay) const noexcept {
-  constexpr double kSpinDamping = 0.01;  // s, of the torsion
+  constexpr double kAngularDamping = 0.01;  // s, of the torsion
   const double stiffness = this->stiffness(feel, dt, loop_delay);
-  const double torsion = stiffness * arm * arm;
+  const double rotational_stiffness = stiffness * arm * arm;
   // A device that bears no torque cannot be unstable by it.
-  const double borne = bears_torque() ? std::min(torsion, spec_.max_torsion) : torsion;
-  return {stiffness, borne, kSpinDamping * borne};
+  const double borne =
+      bears_torque() ? std::min(rotational_stiffness, spec_.max_rotational_stiffness) : rotational_stiffness;
+  return {stiffness, borne, kAngularDamping * borne};
 }
 
 ToolGrip ForceRenderer::grip(const Feel& feel, double dt, double loop_delay) const noexcept {
@@ -99,7 +101,7 @@ void ForceRenderer::advance_gain(double pose_age, double dt) noexcept {
 
 /// Whether the device moves as no hand does while something acts on it.
 bool ForceRenderer::too_fast(const DeviceState& device, double dt) noexcept {
-  double speed = device.velocity.norm(), spin = 0;
+  double speed = device.velocity.norm(), angular_velocity = 0;
   if (placed_) {
     // A pose that is the one of before tells nothing, one that was late covers more than a cycle.
     const double passed = std::max(dt, static_cast<double>(device.time_ns - time_ns_) * 1e-9);
@@ -107,18 +109,18 @@ bool ForceRenderer::too_fast(const DeviceState& device, double dt) noexcept {
     const bool turns = is_unit(device.orientation) && is_unit(orientation_);
     const Vec3d turned = turns ? turn_between(orientation_, device.orientation) : Vec3d(Vec3d::Zero());
     constexpr double kSmoothing = 0.005;  // s
-    spin_ += (turned / passed - spin_) * (dt / (kSmoothing + dt));
-    if (!result_.torque.isZero(0)) spin = turned.norm() / passed;
+    angular_velocity_ += (turned / passed - angular_velocity_) * (dt / (kSmoothing + dt));
+    if (!result_.torque.isZero(0)) angular_velocity = turned.norm() / passed;
   }
   placed_ = true;
   position_ = device.position;
   orientation_ = device.orientation;
   time_ns_ = device.time_ns;
   const bool acts = !result_.force.isZero(0) || !result_.torque.isZero(0);
-  return acts && (speed > settings_.max_speed || spin > settings_.max_spin);
+  return acts && (speed > settings_.max_speed || angular_velocity > settings_.max_angular_velocity);
 }
 
-const ForceResult& ForceRenderer::told() noexcept {
+const ForceResult& ForceRenderer::reported() noexcept {
   result_.began = result_.bits & ~bits_before_;
   bits_before_ = result_.bits;
   return result_;
@@ -127,27 +129,27 @@ const ForceResult& ForceRenderer::told() noexcept {
 const ForceResult& ForceRenderer::step(const ProxyResult& proxy, const DeviceState& device, const Feel& feel,
                                        double pose_age, double dt, const ProxyResult* unchanged) noexcept {
   if (result_.fault == Fault::kNone) render(proxy, device, feel, pose_age, dt, unchanged);
-  return told();
+  return reported();
 }
 
 const ForceResult& ForceRenderer::step(const ToolResult& tool, const ToolGrip& grip, const DeviceState& device,
                                        const Feel& feel, double pose_age, double dt) noexcept {
   if (result_.fault == Fault::kNone) render(tool, grip, device, feel, pose_age, dt);
-  return told();
+  return reported();
 }
 
 const ForceResult& ForceRenderer::step(const Hold& hold, const ToolGrip& grip, const DeviceState& device,
                                        const Feel& feel, double pose_age, double dt) noexcept {
   if (result_.fault == Fault::kNone) render(hold, grip, device, feel, pose_age, dt);
-  return told();
+  return reported();
 }
 
 Vec3d ForceRenderer::ramped(const Vec3d& pressed, const Vec3d& normal) noexcept {
   if (ramp_.over()) return pressed;
   // What pushed before the change may pull on what is there now: that fades with the ramp, and never grows.
-  const double most = std::max(0.0, -last_.dot(normal));
+  const double max = std::max(0.0, -last_.dot(normal));
   const double pull = -(pressed - ramp_.left()).dot(normal);
-  if (pull > most) ramp_.set(ramp_.left() - normal * (pull - most));
+  if (pull > max) ramp_.set(ramp_.left() - normal * (pull - max));
   return pressed - ramp_.left();
 }
 
@@ -178,7 +180,7 @@ void ForceRenderer::render(const ProxyResult& proxy, const DeviceState& device, 
   bool saturated = false;
   const auto pressed = [&](const ProxyResult& at) noexcept {
     const Vec3d whole = pressing(at, device, stiffness, feel.damping);
-    const Vec3d within = limited(whole, most_force());
+    const Vec3d within = limited(whole, max_force());
     saturated = saturated || within != whole;
     return within;
   };
@@ -202,16 +204,17 @@ void ForceRenderer::render(const ProxyResult& proxy, const DeviceState& device, 
 void ForceRenderer::render(const ToolResult& tool, const ToolGrip& grip, const DeviceState& device, const Feel& feel,
                            double pose_age, double dt) noexcept {
   const bool finite = tool.way.allFinite() && tool.turn.allFinite() && tool.normal.allFinite() &&
-                      std::isfinite(grip.stiffness) && std::isfinite(grip.torsion) && is_unit(device.orientation);
+                      std::isfinite(grip.stiffness) && std::isfinite(grip.rotational_stiffness) &&
+                      is_unit(device.orientation);
   if (!finite) return latch(Fault::kInputNotFinite);
   if (!admit(device, feel, pose_age, dt)) return;
   Vec3d force = grip.stiffness * tool.way;
   if (tool.in_contact) force += damped(force, tool.normal, device.velocity, feel.damping) * tool.normal;
   if (!force.isZero(0) && grip.stiffness < feel.stiffness) result_.bits |= kForceStiffnessCut;
-  Vec3d torque = grip.torsion * tool.turn;
+  Vec3d torque = grip.rotational_stiffness * tool.turn;
   if (const double size = torque.norm(); tool.in_contact && size > 0) {
     const Vec3d axis = torque / size;
-    torque += damped(torque, axis, spin_, grip.spin_damping) * axis;
+    torque += damped(torque, axis, angular_velocity_, grip.angular_damping) * axis;
   }
   limit(force, torque, pose_age, dt);
 }
@@ -219,11 +222,12 @@ void ForceRenderer::render(const ToolResult& tool, const ToolGrip& grip, const D
 void ForceRenderer::render(const Hold& hold, const ToolGrip& grip, const DeviceState& device, const Feel& feel,
                            double pose_age, double dt) noexcept {
   const bool finite = hold.pose.position.allFinite() && is_unit(hold.pose.orientation) && hold.velocity.allFinite() &&
-                      hold.spin.allFinite() && std::isfinite(grip.stiffness) && std::isfinite(grip.torsion) &&
-                      std::isfinite(grip.spin_damping) && is_unit(device.orientation);
+                      hold.angular_velocity.allFinite() && std::isfinite(grip.stiffness) &&
+                      std::isfinite(grip.rotational_stiffness) && std::isfinite(grip.angular_damping) &&
+                      is_unit(device.orientation);
   if (!finite) return latch(Fault::kInputNotFinite);
   if (!admit(device, feel, pose_age, dt)) return;
-  const Wrench pull = pull_of(hold, grip, feel.damping, device, spin_);
+  const Wrench pull = pull_of(hold, grip, feel.damping, device, angular_velocity_);
   if (!pull.force.isZero(0) && grip.stiffness < feel.stiffness) result_.bits |= kForceStiffnessCut;
   limit(pull.force, pull.torque, pose_age, dt);
 }
@@ -239,13 +243,13 @@ Vec3d ForceRenderer::slewed(const Vec3d& wanted, const Vec3d& before, double lar
 void ForceRenderer::limit(const Vec3d& force, const Vec3d& torque, double pose_age, double dt) noexcept {
   advance_gain(pose_age, dt);
   const bool felt = !force.isZero(0) || !torque.isZero(0);
-  const Vec3d within = limited(force, most_force()), turning = limited(torque, most_torque());
+  const Vec3d within = limited(force, max_force()), turning = limited(torque, max_torque());
   // A device that bears no torque misses it, without that being an event.
-  if (within != force || (most_torque() > 0 && turning != torque)) result_.bits |= kForceSaturated;
+  if (within != force || (max_torque() > 0 && turning != torque)) result_.bits |= kForceSaturated;
   if (gain_ < 1 && felt) result_.bits |= kForceSoftStart;
   Vec3d out = slewed(within * gain_, result_.force, settings_.max_slew * dt);
   Vec3d turn = slewed(turning * gain_, result_.torque, settings_.max_torque_slew * dt);
-  if (pose_age >= settings_.zero_by - kRounding) {
+  if (pose_age >= settings_.zero_by - kCollisionMargin) {
     out.setZero();
     turn.setZero();
   }

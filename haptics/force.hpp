@@ -25,9 +25,9 @@ namespace tactus::haptics {
 
 /// A place on something that moves, which a hand holds on to with all six degrees of freedom. World frame.
 struct Hold {
-  ToolPose pose;                   ///< that the device is pulled to
-  Vec3d velocity = Vec3d::Zero();  ///< of that place, m/s
-  Vec3d spin = Vec3d::Zero();      ///< of the object, rad/s
+  ToolPose pose;                           ///< that the device is pulled to
+  Vec3d velocity = Vec3d::Zero();          ///< of that place, m/s
+  Vec3d angular_velocity = Vec3d::Zero();  ///< of the object, rad/s
 };
 
 struct Wrench {
@@ -70,9 +70,9 @@ struct ForceSettings {
   /// m/s, as the device tells it and as its positions do. A hand does not move so fast against a force, a device that
   /// has come loose does; in the air nothing is tripped.
   double max_speed = 1.5;
-  double max_torque = 0.3;       ///< N m; the device's own limit holds too
-  double max_torque_slew = 150;  ///< N m/s
-  double max_spin = 40;          ///< rad/s, as its orientations tell it; as max_speed
+  double max_torque = 0.3;           ///< N m; the device's own limit holds too
+  double max_torque_slew = 150;      ///< N m/s
+  double max_angular_velocity = 40;  ///< rad/s, as its orientations tell it; as max_speed
 };
 
 /// How the touched object feels along its normal.
@@ -93,7 +93,7 @@ struct ForceResult {
 [[nodiscard]] Vec3d turn_to(const Hold& hold, const DeviceState& device) noexcept;
 /// What springs and dampers of a hold exert on the hand before limits, on a device that turns with `spin`.
 [[nodiscard]] Wrench pull_of(const Hold& hold, const ToolGrip& grip, double damping, const DeviceState& device,
-                             const Vec3d& spin) noexcept;
+                             const Vec3d& angular_velocity) noexcept;
 
 /// The stiffness that stays stable on a device of damping b: (b + B) / (T / 2 + td), with B the virtual damping, T the
 /// cycle and td the loop's further delay. Source: Hulin, Preusche, Hirzinger 2006; 5-45 % conservative.
@@ -129,10 +129,10 @@ class ForceRenderer {
   [[nodiscard]] const ForceResult& step(const Hold& hold, const ToolGrip& grip, const DeviceState& device,
                                         const Feel& feel, double pose_age, double dt) noexcept;
   /// Of the device as its orientations tell it, smoothed; rad/s.
-  [[nodiscard]] const Vec3d& spin() const noexcept { return spin_; }
+  [[nodiscard]] const Vec3d& angular_velocity() const noexcept { return angular_velocity_; }
   /// Share of full strength: below 1 while forces start softly or poses are old.
   [[nodiscard]] double strength() const noexcept { return gain_; }
-  [[nodiscard]] bool bears_torque() const noexcept { return most_torque() > 0; }
+  [[nodiscard]] bool bears_torque() const noexcept { return max_torque() > 0; }
 
   /// Zero force from now on. The first fault since the reset is the one reported.
   void latch(Fault fault) noexcept;
@@ -148,14 +148,14 @@ class ForceRenderer {
   void render(const Hold& hold, const ToolGrip& grip, const DeviceState& device, const Feel& feel, double pose_age,
               double dt) noexcept;
   [[nodiscard]] ToolGrip grip_with(double arm, const Feel& feel, double dt, double loop_delay) const noexcept;
-  [[nodiscard]] const ForceResult& told() noexcept;
+  [[nodiscard]] const ForceResult& reported() noexcept;
   /// False when a fault is latched: one of these is no number, or the device is too fast.
   [[nodiscard]] bool admit(const DeviceState& device, const Feel& feel, double pose_age, double dt) noexcept;
   /// What the limits leave of a force and a torque.
   void limit(const Vec3d& force, const Vec3d& torque, double pose_age, double dt) noexcept;
   [[nodiscard]] Vec3d slewed(const Vec3d& wanted, const Vec3d& before, double largest) noexcept;
-  [[nodiscard]] double most_force() const noexcept { return std::min(settings_.max_force, spec_.max_force); }
-  [[nodiscard]] double most_torque() const noexcept { return std::min(settings_.max_torque, spec_.max_torque); }
+  [[nodiscard]] double max_force() const noexcept { return std::min(settings_.max_force, spec_.max_force); }
+  [[nodiscard]] double max_torque() const noexcept { return std::min(settings_.max_torque, spec_.max_torque); }
   /// What is felt of what presses while a ramp is under way.
   [[nodiscard]] Vec3d ramped(const Vec3d& pressed, const Vec3d& normal) noexcept;
   void advance_gain(double pose_age, double dt) noexcept;
@@ -173,7 +173,7 @@ class ForceRenderer {
   Vec3d position_ = Vec3d::Zero();
   Eigen::Quaterniond orientation_ = Eigen::Quaterniond::Identity();
   std::int64_t time_ns_ = 0;
-  Vec3d spin_ = Vec3d::Zero();
+  Vec3d angular_velocity_ = Vec3d::Zero();
 };
 
 }  // namespace tactus::haptics

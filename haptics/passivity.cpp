@@ -39,7 +39,7 @@ Vec3d PassivityController::step(const Vec3d& force, const Vec3d& position, doubl
     if (const double still = drawn(force_); still > left) force_ *= std::max(0.0, left / still);
     ledger_.withheld += wanted - drawn(force_);
   }
-  if (ledger_.energy < -settings_.allowance && length > settings_.least_speed * dt) {
+  if (ledger_.energy < -settings_.allowance && length > settings_.min_speed * dt) {
     ++ledger_.damping;
     // Damping b takes b v^2 dt = b length^2 / dt.
     const double enough = -ledger_.energy * dt / (length * length);

@@ -28,11 +28,11 @@ namespace tactus::haptics {
 using spm::Vec3d;
 
 struct PassivitySettings {
-  double allowance = 5e-7;    ///< J by which E may be negative: without it nothing could begin
-  double acceleration = 50;   ///< m/s^2, that a hand may have within a cycle
-  double credit = 0.05;       ///< J at most, beyond what a spring at the port stores
-  double least_speed = 1e-3;  ///< m/s below which nothing is damped
-  double device_mass = 0.1;   ///< kg at the least: bounds the damping at half of 2 m / T
+  double allowance = 5e-7;   ///< J by which E may be negative: without it nothing could begin
+  double acceleration = 50;  ///< m/s^2, that a hand may have within a cycle
+  double credit = 0.05;      ///< J at most, beyond what a spring at the port stores
+  double min_speed = 1e-3;   ///< m/s below which nothing is damped
+  double device_mass = 0.1;  ///< kg at the least: bounds the damping at half of 2 m / T
 };
 
 class PassivityController {

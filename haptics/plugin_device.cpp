@@ -48,7 +48,7 @@ DeviceSpec checked(const tactus_device_spec& said, const std::string& library) {
           positive(said.damping, "damping"),
           positive(said.workspace_radius, "workspace_radius"),
           said.max_torque,
-          positive(said.max_torsion, "max_torsion")};
+          positive(said.max_rotational_stiffness, "max_torsion")};
 }
 
 }  // namespace
@@ -60,8 +60,13 @@ PluginDevice::PluginDevice(const std::string& library, const std::string& config
   device_ = driver_->open(config.c_str(), error.data(), error.size());
   error.back() = '\0';
   if (device_ == nullptr) throw DeviceError("device " + name_ + ", config '" + config + "': " + error.data());
-  tactus_device_spec said{spec_.max_force,  spec_.max_stiffness, spec_.damping, spec_.workspace_radius, 0, 0,
-                          spec_.max_torsion};
+  tactus_device_spec said{spec_.max_force,
+                          spec_.max_stiffness,
+                          spec_.damping,
+                          spec_.workspace_radius,
+                          0,
+                          0,
+                          spec_.max_rotational_stiffness};
   driver_->spec(device_, &said);
   has_velocity_ = (said.flags & TACTUS_DEVICE_HAS_VELOCITY) != 0;
   bears_torque_ = driver_->abi >= 2 && driver_->write_wrench != nullptr;

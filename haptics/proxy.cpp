@@ -11,10 +11,10 @@ namespace tactus::haptics {
 namespace {
 
 constexpr int kMaxSweeps = 6;
-constexpr double kSkin = 1e-6;            // m kept between proxy and surface: far above rounding, far below feeling
-constexpr double kSamePlane = 1 - 1e-6;   // cosine
-constexpr double kNoMotion = 1e-9;        // m
-constexpr double kLeastShare = 1.0 / 16;  // of the radius, that a proxy without room for all of it keeps
+constexpr double kSkin = 1e-6;           // m kept between proxy and surface: far above rounding, far below feeling
+constexpr double kSamePlane = 1 - 1e-6;  // cosine
+constexpr double kNoMotion = 1e-9;       // m
+constexpr double kMinShare = 1.0 / 16;   // of the radius, that a proxy without room for all of it keeps
 
 /// Keeps the centre at normal . x >= offset.
 struct Plane {
@@ -99,8 +99,8 @@ class Planes {
     Vec3d found = goal;
     for (int i = 0; i < size; ++i) found += multipliers[i] * planes_[rows[i]].normal;
     for (int i = 0; i < count_; ++i) {
-      constexpr double kRounding = 1e-12;
-      if ((set >> i & 1u) == 0 && planes_[i].normal.dot(found) < planes_[i].offset - kRounding) return false;
+      constexpr double kCollisionMargin = 1e-12;
+      if ((set >> i & 1u) == 0 && planes_[i].normal.dot(found) < planes_[i].offset - kCollisionMargin) return false;
     }
     x = found;
     return true;
@@ -244,7 +244,7 @@ void Proxy::keep_side(const Surface& surface) noexcept {
   constexpr int kMaxPushes = 8;
   const double sign = side_ == Side::kInner ? -1 : 1;
   // Where the gap is narrower than the proxy, its centre at least comes to the right side.
-  for (double share = 1; share >= kLeastShare; share /= 2) {
+  for (double share = 1; share >= kMinShare; share /= 2) {
     const double room = settings_.radius * share;
     Vec3d x = result_.proxy;
     for (int push = 0; push < kMaxPushes; ++push) {
@@ -316,7 +316,7 @@ void Proxy::carry(double dt, const Surface& surface) noexcept {
   const Vec3d wish = held ? surface.carried(result_.object, result_.proxy) : result_.proxy;
   if (dt > 0) result_.surface_velocity = (wish - result_.proxy) / dt;
   // Where objects close on it the centre at least stays outside.
-  for (double share = 1; share >= kLeastShare; share /= 4) {
+  for (double share = 1; share >= kMinShare; share /= 4) {
     Vec3d to;
     if (!push(wish, settings_.radius * share, surface, to)) continue;
     result_.proxy = to;

@@ -13,10 +13,10 @@ class Ramp {
  public:
   void set(const spm::Vec3d& left) noexcept { left_ = left; }
   /// One step: less is left, by `most` at most.
-  void advance(double most) noexcept {
+  void advance(double max) noexcept {
     const double length = left_.norm();
-    if (length > most)
-      left_ *= 1 - most / length;
+    if (length > max)
+      left_ *= 1 - max / length;
     else
       left_.setZero();
   }

@@ -56,9 +56,9 @@ void RigidBody::begin(double dt) noexcept {
   mass_.setZero();
   mass_.topLeftCorner<3, 3>().diagonal().setConstant(settings_.mass + dt * settings_.damping);
   mass_.bottomRightCorner<3, 3>() = inertia;
-  mass_.bottomRightCorner<3, 3>().diagonal().array() += dt * settings_.spin_damping;
+  mass_.bottomRightCorner<3, 3>().diagonal().array() += dt * settings_.angular_damping;
   momentum_.head<3>() = settings_.mass * (state_.velocity + dt * settings_.gravity);
-  momentum_.tail<3>() = inertia * state_.spin;
+  momentum_.tail<3>() = inertia * state_.angular_velocity;
 }
 
 void RigidBody::add_force(const Vec3d& point_world, const Vec3d& force) noexcept {
@@ -91,27 +91,29 @@ SolverBody RigidBody::free() const noexcept {
 }
 
 void RigidBody::finish(const Vec6d& velocity) noexcept {
-  const Vec3d spin = velocity.tail<3>();
-  const Vec3d turning = inertia_world() * spin;  // angular momentum: stays while the body turns on
+  const Vec3d angular_velocity = velocity.tail<3>();
+  const Vec3d turning = inertia_world() * angular_velocity;  // angular momentum: stays while the body turns on
   const Eigen::Quaterniond before = state_.orientation;
-  const auto spin_at = [&](const Eigen::Quaterniond& orientation) -> Vec3d {
+  const auto angular_velocity_at = [&](const Eigen::Quaterniond& orientation) -> Vec3d {
     return orientation * (orientation.conjugate() * turning).cwiseQuotient(settings_.inertia);
   };
-  const Vec3d middle = spin_at(rotation_by(dt_ / 2 * spin) * before);
+  const Vec3d middle = angular_velocity_at(rotation_by(dt_ / 2 * angular_velocity) * before);
   state_.orientation = (rotation_by(dt_ * middle) * before).normalized();
-  state_.spin = spin_at(state_.orientation);
+  state_.angular_velocity = angular_velocity_at(state_.orientation);
   state_.velocity = velocity.head<3>();
   state_.position += dt_ * state_.velocity;
 }
 
 double RigidBody::kinetic_energy() const noexcept {
-  return 0.5 * (settings_.mass * state_.velocity.squaredNorm() + state_.spin.dot(inertia_world() * state_.spin));
+  return 0.5 * (settings_.mass * state_.velocity.squaredNorm() +
+                state_.angular_velocity.dot(inertia_world() * state_.angular_velocity));
 }
 
 double RigidBody::top_speed() const noexcept {
   double fastest = state_.velocity.norm();
   for (std::uint32_t i = 0; i < settings_.point_count; ++i) {
-    fastest = std::max(fastest, (state_.velocity + state_.spin.cross(state_.orientation * settings_.points[i])).norm());
+    fastest = std::max(
+        fastest, (state_.velocity + state_.angular_velocity.cross(state_.orientation * settings_.points[i])).norm());
   }
   return fastest;
 }
@@ -139,8 +141,8 @@ class BoxContacts {
   BoxContacts(const RigidBody& body, std::uint32_t index, const SurfaceDistance& surface,
               ContactSolver& solver) noexcept
       : body_{body}, index_{index}, surface_{surface}, solver_{solver}, half_{body.settings().half} {
-    constexpr double kMostSeek = 0.03;  // m
-    seek_ = kContactReach + std::min(kMostSeek, 0.25 * half_.maxCoeff());
+    constexpr double kMaxSeek = 0.03;  // m
+    seek_ = kContactReach + std::min(kMaxSeek, 0.25 * half_.maxCoeff());
   }
 
   void add() noexcept {
@@ -236,7 +238,7 @@ class BoxContacts {
     solver_.add(contact);
   }
 
-  static constexpr std::uint32_t kMost = 8 + 12 + 30;
+  static constexpr std::uint32_t kMax = 8 + 12 + 30;
   const RigidBody& body_;
   std::uint32_t index_;
   const SurfaceDistance& surface_;
@@ -244,7 +246,7 @@ class BoxContacts {
   Vec3d half_;
   double seek_ = 0;           // m
   std::uint32_t number_ = 0;  // of what is looked at
-  std::array<Vec3d, kMost> points_, normals_;
+  std::array<Vec3d, kMax> points_, normals_;
   std::uint32_t count_ = 0;
 };
 

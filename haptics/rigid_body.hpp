@@ -27,7 +27,7 @@ struct BodySettings {
   Vec3d inertia = Vec3d::Constant(2e-4);       ///< kg m^2, about the principal axes
   Vec3d gravity{0, 0, -9.81};                  ///< m/s^2
   double damping = 0;                          ///< N s/m, on the velocity: air, so that what floats comes to rest
-  double spin_damping = 0;                     ///< N m s
+  double angular_damping = 0;                  ///< N m s
   double friction = 0.5;                       ///< coefficient, against ground and static geometry
   std::array<Vec3d, kMaxBodyPoints> points{};  ///< body frame: corners that meet the ground
   std::uint32_t point_count = 0;
@@ -41,14 +41,14 @@ struct BodyState {
   Vec3d position = Vec3d::Zero();
   Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
   Vec3d velocity = Vec3d::Zero();
-  Vec3d spin = Vec3d::Zero();  ///< rad/s, world frame
+  Vec3d angular_velocity = Vec3d::Zero();  ///< rad/s, world frame
 
   [[nodiscard]] Vec3d to_world(const Vec3d& point_body) const noexcept { return position + orientation * point_body; }
   [[nodiscard]] Vec3d to_body(const Vec3d& point_world) const noexcept {
     return orientation.conjugate() * (point_world - position);
   }
   [[nodiscard]] Vec3d velocity_at(const Vec3d& point_world) const noexcept {
-    return velocity + spin.cross(point_world - position);
+    return velocity + angular_velocity.cross(point_world - position);
   }
 };
 
@@ -74,13 +74,14 @@ struct PointSpring {
 /// Turns the body to where `turn` leads, which moves on with its spin.
 struct TurnSpring {
   Vec3d turn = Vec3d::Zero();  ///< rad along the axis, from the body to the target, world frame
-  Vec3d target_spin = Vec3d::Zero();
+  Vec3d target_angular_velocity = Vec3d::Zero();
   double stiffness = 0;  ///< N m/rad
   double damping = 0;    ///< N m s, on the spin relative to the target's
 
   /// What it exerts on the body over a step of `dt` that ends with the spin `spin`.
-  [[nodiscard]] Vec3d torque(const Vec3d& spin, double dt) const noexcept {
-    return stiffness * (turn + dt * (target_spin - spin)) + damping * (target_spin - spin);
+  [[nodiscard]] Vec3d torque(const Vec3d& angular_velocity, double dt) const noexcept {
+    return stiffness * (turn + dt * (target_angular_velocity - angular_velocity)) +
+           damping * (target_angular_velocity - angular_velocity);
   }
 };
 
@@ -107,7 +108,7 @@ class RigidBody {
   /// Ends the step with the velocity that the solver found.
   void finish(const Vec6d& velocity) noexcept;
   /// Stops it dead.
-  void rest() noexcept { state_.velocity.setZero(), state_.spin.setZero(); }
+  void rest() noexcept { state_.velocity.setZero(), state_.angular_velocity.setZero(); }
 
   /// Principal inertia in the world.
   [[nodiscard]] Eigen::Matrix3d inertia_world() const noexcept;

@@ -111,8 +111,9 @@ DeviceState SimulatedDevice::read(std::int64_t now_ns) noexcept {
     velocity_ = (velocity_ + step / settings_.mass * (pull + force_)) / (1 + step / settings_.mass * dampers);
     position_ += step * velocity_;
     const Vec3d twist = settings_.wrist_stiffness * turn_of(turned * orientation_.conjugate()) + torque_;
-    spin_ = (spin_ + step / settings_.inertia * twist) / (1 + step / settings_.inertia * settings_.wrist_damping);
-    orientation_ = (rotation_by(step * spin_) * orientation_).normalized();
+    angular_velocity_ = (angular_velocity_ + step / settings_.inertia * twist) /
+                        (1 + step / settings_.inertia * settings_.wrist_damping);
+    orientation_ = (rotation_by(step * angular_velocity_) * orientation_).normalized();
   }
 
   if (elapsed > 0) {

@@ -92,7 +92,7 @@ class SimulatedDevice final : public Device {
   std::minstd_rand random_;
   Vec3d position_, velocity_ = Vec3d::Zero(), force_ = Vec3d::Zero();
   Eigen::Quaterniond orientation_;
-  Vec3d spin_ = Vec3d::Zero(), torque_ = Vec3d::Zero();
+  Vec3d angular_velocity_ = Vec3d::Zero(), torque_ = Vec3d::Zero();
   Vec3d measured_position_, measured_velocity_ = Vec3d::Zero();
   std::int64_t time_ns_ = 0;
   bool started_ = false;

@@ -11,7 +11,7 @@ namespace tactus::haptics {
 namespace {
 
 constexpr float kNone = std::numeric_limits<float>::infinity();  // distance of what is not there
-constexpr std::uint32_t kMostObjects = 255;
+constexpr std::uint32_t kMaxObjects = 255;
 
 // Shares of the rounding.
 constexpr double kTouching = 0.1;   // what a contact may overlap for good
@@ -34,7 +34,7 @@ SolverSettings solver_settings(const ToolSettings& tool) noexcept {
   settings.sweeps = 40;
   settings.quiet = 2e-5;  // 20 nm in a cycle of 1 ms
   settings.push_out = tool.push_out;
-  settings.touching = kTouching * tool.rounding;
+  settings.touching = kTouching * tool.collision_margin;
   return settings;
 }
 
@@ -46,7 +46,7 @@ Tool::Tool(const spm::MeshProbe& probe, const ToolSettings& settings)
   for (Found& found : found_) {
     found.blocks.resize(blocks);
     found.nearest.resize(blocks);
-    found.parts.reserve(kMostObjects);
+    found.parts.reserve(kMaxObjects);
   }
   for (Nearby& nearby : nearby_) {
     nearby.distance.resize(pairs);
@@ -71,7 +71,7 @@ void Tool::reset() noexcept {
   result_ = ToolResult{};
 }
 
-double Tool::blocked() const noexcept { return (1 - kBlocked) * settings_.rounding; }
+double Tool::blocked() const noexcept { return (1 - kBlocked) * settings_.collision_margin; }
 
 ToolPose Tool::moved(const ToolPose& pose, const Way& way) noexcept {
   return {pose.position + way.linear, (rotation_by(way.turn) * pose.orientation).normalized()};
@@ -103,7 +103,7 @@ std::uint64_t Tool::Found::id(const Part& part, std::uint32_t pair) const noexce
 }
 
 /// What is near `pose`. False when not all was found: no room, or no work left.
-bool Tool::gather(const ToolPose& pose, double margin, std::uint32_t most_pairs, std::uint32_t most_work,
+bool Tool::gather(const ToolPose& pose, double margin, std::uint32_t max_pairs, std::uint32_t max_work,
                   spm::Span<const ToolObject> objects, Nearby& into) noexcept {
   const Nearby& other = &into == here_ ? *there_ : *here_;
   Found& found = other.found == &found_[0] ? found_[1] : found_[0];
@@ -115,9 +115,9 @@ bool Tool::gather(const ToolPose& pose, double margin, std::uint32_t most_pairs,
   into.went = 0;
   into.nearest = margin;
   const Eigen::Matrix3d turned = pose.orientation.toRotationMatrix();
-  const std::uint32_t capacity = std::min(most_pairs / kWidth, static_cast<std::uint32_t>(found.blocks.size()));
+  const std::uint32_t capacity = std::min(max_pairs / kWidth, static_cast<std::uint32_t>(found.blocks.size()));
   const std::uint32_t work_end =
-      result_.work + std::min(most_work, settings_.work - std::min(settings_.work, result_.work));
+      result_.work + std::min(max_work, settings_.work - std::min(settings_.work, result_.work));
   std::uint32_t block = 0;
   for (const ToolObject& object : objects) {
     if (result_.work >= work_end) return false;
@@ -203,7 +203,7 @@ void Tool::measure(const Part& part, double within, std::uint32_t block, Nearby&
 bool Tool::measure_again(const ToolPose& pose, double length, Nearby& into) noexcept {
   if (result_.work >= settings_.work) return false;
   Found& found = *here_->found;
-  const double useful = kUseful * settings_.rounding;
+  const double useful = kUseful * settings_.collision_margin;
   into.pose = pose;
   into.found = &found;
   into.went = here_->went + length;
@@ -273,8 +273,8 @@ void Tool::add_row(std::uint64_t id, const Gap& gap, double friction) noexcept {
   row.arm_a = gap.arm;
   row.point = pose_.position + gap.arm;
   row.normal = gap.normal;
-  row.gap = gap.distance - settings_.rounding;
-  if (!push_) row.gap = std::max(row.gap, -kTouching * settings_.rounding);
+  row.gap = gap.distance - settings_.collision_margin;
+  if (!push_) row.gap = std::max(row.gap, -kTouching * settings_.collision_margin);
   row.friction = friction;
 }
 
@@ -302,7 +302,7 @@ Tool::Way Tool::solve(const Way& wish, double dt) noexcept {
   ++result_.solves;
   SolverBody body;
   body.inverse_mass.diagonal().head<3>().setConstant(1 / grip_.stiffness);
-  body.inverse_mass.diagonal().tail<3>().setConstant(1 / grip_.torsion);
+  body.inverse_mass.diagonal().tail<3>().setConstant(1 / grip_.rotational_stiffness);
   body.velocity << wish.linear / dt, wish.turn / dt;
   solver_.begin();
   for (std::size_t i = 0; i < row_count_; ++i) solver_.add(rows_[i]);
@@ -318,22 +318,23 @@ bool Tool::add_violated(const Way& way, double dt) noexcept {
               lz = static_cast<float>(way.linear.z());
   const float tx = static_cast<float>(way.turn.x()), ty = static_cast<float>(way.turn.y()),
               tz = static_cast<float>(way.turn.z());
-  const auto rounding = static_cast<float>(settings_.rounding), touching = static_cast<float>(kTouching) * rounding;
+  const auto collision_margin = static_cast<float>(settings_.collision_margin),
+             touching = static_cast<float>(kTouching) * collision_margin;
   const auto share = static_cast<float>(std::min(1.0, SolverSettings{}.push_out_rate * dt)),
-             most = static_cast<float>(settings_.push_out * dt);
+             max = static_cast<float>(settings_.push_out * dt);
   constexpr float kOff = static_cast<float>(kLinear);
   const Nearby& near = *here_;
   std::uint32_t count = 0;
   for (std::uint32_t pair = 0; pair < here_->found->pairs; ++pair) {
-    const float gap = near.distance[pair] - rounding;
+    const float gap = near.distance[pair] - collision_margin;
     const float ax = near.arm[0][pair], ay = near.arm[1][pair], az = near.arm[2][pair];
     const float closing = near.normal[0][pair] * (lx + ty * az - tz * ay) +
                           near.normal[1][pair] * (ly + tz * ax - tx * az) +
                           near.normal[2][pair] * (lz + tx * ay - ty * ax);
     // As the solver has it: a gap may be closed, an overlap must not grow, and a large one shrinks.
-    const float least = gap >= 0 ? -gap : push_ ? std::min(most, share * std::max(0.0f, -gap - touching)) : 0;
-    excess_[pair] = closing - least;
-    if (closing < least - kOff && taken_[pair] == 0 && near.distance[pair] < kNone &&
+    const float min = gap >= 0 ? -gap : push_ ? std::min(max, share * std::max(0.0f, -gap - touching)) : 0;
+    excess_[pair] = closing - min;
+    if (closing < min - kOff && taken_[pair] == 0 && near.distance[pair] < kNone &&
         !(overlapping_ && near.inner[pair] != 0))
       violated_[count++] = pair;
   }
@@ -367,25 +368,26 @@ bool Tool::add_violated(const Way& way, double dt) noexcept {
 
 /// Where `way` leads. `again` > 0: what comes too near becomes a row, under that number.
 Tool::Look Tool::look(const Way& way, int again, spm::Span<const ToolObject> objects) noexcept {
-  const double rounding = settings_.rounding;
+  const double collision_margin = settings_.collision_margin;
   Nearby& there = *there_;
   const double length = longest(way);
   const ToolPose after = moved(pose_, way);
-  const bool again_will_do = here_->went + length <= here_->found->margin - rounding - kFloatRoom;
+  const bool again_will_do = here_->went + length <= here_->found->margin - collision_margin - kFloatRoom;
   if (!(again_will_do ? measure_again(after, length, there)
-                      : gather(after, (1 + kMargin) * rounding + kFloatRoom, ~0u, ~0u, objects, there)))
+                      : gather(after, (1 + kMargin) * collision_margin + kFloatRoom, ~0u, ~0u, objects, there)))
     return Look::kBlocked;
   // What meets already is known by name.
   if (std::max(here_->nearest, 0.0) + std::max(there.nearest, 0.0) <= length && !overlapping_) return Look::kBlocked;
-  if (there.nearest >= (1 - kLookAgain) * rounding) return Look::kFree;
-  constexpr std::size_t kMost = 6;
-  std::array<std::uint32_t, kMost> worst;
+  if (there.nearest >= (1 - kLookAgain) * collision_margin) return Look::kFree;
+  constexpr std::size_t kMax = 6;
+  std::array<std::uint32_t, kMax> worst;
   std::size_t count = 0;
   for (const Part& part : there.found->parts)
     for (std::uint32_t pair = part.first * kWidth; pair < part.last * kWidth; ++pair) {
       const double distance = there.distance[pair];
-      if (distance >= (1 - kLookAgain) * rounding || (overlapping_ && distance > 0 && there.inner[pair] != 0)) continue;
-      if (distance < (1 - kBlocked) * rounding) {  // only what was as near before
+      if (distance >= (1 - kLookAgain) * collision_margin || (overlapping_ && distance > 0 && there.inner[pair] != 0))
+        continue;
+      if (distance < (1 - kBlocked) * collision_margin) {  // only what was as near before
         const std::uint64_t id = there.found->id(part, pair);
         const auto before = std::lower_bound(overlaps_.begin(), overlaps_.end(), id,
                                              [](const Overlap& o, std::uint64_t wanted) { return o.id < wanted; });
@@ -394,7 +396,7 @@ Tool::Look Tool::look(const Way& way, int again, spm::Span<const ToolObject> obj
         continue;
       }
       std::size_t to = count;
-      if (count < kMost) {
+      if (count < kMax) {
         ++count;
       } else {
         to = static_cast<std::size_t>(
@@ -425,7 +427,7 @@ Tool::Look Tool::look(const Way& way, int again, spm::Span<const ToolObject> obj
 void Tool::find_overlaps() noexcept {
   overlaps_.clear();
   overlapping_ = here_->nearest <= 0;
-  const double known = (1 - kBlocked) * settings_.rounding + kMeeting;
+  const double known = (1 - kBlocked) * settings_.collision_margin + kMeeting;
   if (here_->nearest >= known) return;
   for (const Part& part : here_->found->parts)
     for (std::uint32_t pair = part.first * kWidth; pair < part.last * kWidth; ++pair) {
@@ -454,7 +456,7 @@ Tool::Step Tool::come_out(const ToolPose& device, double dt, double limit) noexc
         const Gap gap = here_->gap(pair);
         along -= std::min(0.0, along.dot(gap.normal)) * gap.normal;
         if (pass > 0 || distance >= blocked()) continue;
-        out += (settings_.rounding - distance) * gap.normal;
+        out += (settings_.collision_margin - distance) * gap.normal;
         if (distance >= nearest) continue;
         nearest = distance;
         result_.object = part.object->index;
@@ -468,8 +470,8 @@ Tool::Step Tool::come_out(const ToolPose& device, double dt, double limit) noexc
     const double pulled = std::max(0.0, to_device(device).linear.dot(result_.normal));
     along -= std::max(0.0, along.dot(result_.normal) - pulled) * result_.normal;
   }
-  const double most = std::min(limit, settings_.rounding), size = along.norm();
-  way.linear += size > most ? Vec3d(along * (most / size)) : along;
+  const double max = std::min(limit, settings_.collision_margin), size = along.norm();
+  way.linear += size > max ? Vec3d(along * (max / size)) : along;
   result_.contacts = 1;
   pose_ = moved(pose_, way);
   have_here_ = false;
@@ -482,26 +484,28 @@ Tool::Step Tool::step_towards(const ToolPose& device, double dt, double limit,
                               spm::Span<const ToolObject> objects) noexcept {
   constexpr int kRounds = 10, kLooks = 3, kHalvings = 3;
   ++result_.steps;
-  const double rounding = settings_.rounding;
+  const double collision_margin = settings_.collision_margin;
   if (!have_here_) {
     // One look around does for a short way; for a longer one it takes another at its end.
     const double wanted = std::min(longest(to_device(device)), limit);
-    const double beyond = wanted < kShort * rounding ? std::max(wanted, kMargin * rounding) : kMargin * rounding;
-    if (!gather(pose_, rounding + beyond + 2 * kFloatRoom, ~0u, ~0u, objects, *here_)) return {};
+    const double beyond =
+        wanted < kShort * collision_margin ? std::max(wanted, kMargin * collision_margin) : kMargin * collision_margin;
+    if (!gather(pose_, collision_margin + beyond + 2 * kFloatRoom, ~0u, ~0u, objects, *here_)) return {};
     have_here_ = true;
   }
   find_overlaps();
-  const bool too_near = here_->nearest < (1 - 2 * kLookAgain) * rounding;
+  const bool too_near = here_->nearest < (1 - 2 * kLookAgain) * collision_margin;
   result_.too_near = result_.too_near || too_near;
   caught_ = here_->nearest < blocked() && (caught_ || stuck_);
   if (caught_) return come_out(device, dt, limit);
 
   Way wish = to_device(device);
   const double need = longest(wish);
-  const double longest_step = overlapping_ ? (2 - 2 * kBlocked) * rounding : std::max(kStep * rounding, here_->nearest);
-  const double most = std::min({need, limit, longest_step});
+  const double longest_step =
+      overlapping_ ? (2 - 2 * kBlocked) * collision_margin : std::max(kStep * collision_margin, here_->nearest);
+  const double max = std::min({need, limit, longest_step});
   // A push out may exceed what the device asks for.
-  const double allowed = std::max(most, too_near && push_ ? settings_.push_out * dt : 0);
+  const double allowed = std::max(max, too_near && push_ ? settings_.push_out * dt : 0);
   // Nearly all of a deep press is what the surfaces hold back, as they did before. A part of that does as well as the
   // whole, and lets the solver see what has changed.
   const double held = longest(held_back_), bound = std::max(kPress, 2 * device_went_);
@@ -517,7 +521,7 @@ Tool::Step Tool::step_towards(const ToolPose& device, double dt, double limit,
       if (const double length = longest(way); length > allowed) {
         // What nothing holds back is cut to the step, and what is held back stays: so the surfaces around, not those
         // further on, and the whole press decide, and with it friction.
-        cut = cut || length > most;
+        cut = cut || length > max;
         const Way excess = way * (1 - allowed / length);
         wish = wish - excess;
         way = way - excess;
@@ -563,8 +567,9 @@ const ToolResult& Tool::step(const ToolPose& at, double dt, spm::Span<const Tool
   if (surface_changed) have_here_ = false;
   if (!started_ || outside_only) {
     pose_ = device;
-    const double margin = settings_.rounding + kFloatRoom;
-    result_.outside_only = !gather(pose_, margin, ~0u, ~0u, objects, *here_) || here_->nearest < settings_.rounding;
+    const double margin = settings_.collision_margin + kFloatRoom;
+    result_.outside_only =
+        !gather(pose_, margin, ~0u, ~0u, objects, *here_) || here_->nearest < settings_.collision_margin;
     started_ = true;
     caught_ = stuck_ = false;
     owed_ = 0;
@@ -575,11 +580,11 @@ const ToolResult& Tool::step(const ToolPose& at, double dt, spm::Span<const Tool
                             turn_of(device.orientation * device_before_.orientation.conjugate())});
     if (was_in_contact) owed_ = 0;
     owed_ += kAlong * device_went_;
-    const double limit = std::min(settings_.longest_way, owed_ + settings_.most_yield / grip_.stiffness * dt);
+    const double limit = std::min(settings_.longest_way, owed_ + settings_.max_yield / grip_.stiffness * dt);
     const Way wish = to_device(device);
     const double need = longest(wish);
     const bool free =
-        !was_in_contact && need <= limit && go_freely(wish, settings_.rounding + need + kFloatRoom, objects);
+        !was_in_contact && need <= limit && go_freely(wish, settings_.collision_margin + need + kFloatRoom, objects);
     double went = free ? need : 0;
     for (std::uint32_t i = 0; !free && i < settings_.steps; ++i) {
       push_ = i == 0;
@@ -603,7 +608,7 @@ void Tool::tell(const ToolPose& device) noexcept {
   result_.way = pose_.position - device.position;
   result_.turn = turn_of(pose_.orientation * device.orientation.conjugate());
   Vec3d normal = Vec3d::Zero(), point = Vec3d::Zero();
-  double whole = 0, most = 0;
+  double whole = 0, max = 0;
   result_.in_contact = caught_;
   if (caught_) return;
   for (std::size_t i = 0; i < row_count_ && i < solver_.contacts().size(); ++i) {
@@ -613,8 +618,8 @@ void Tool::tell(const ToolPose& device) noexcept {
     whole += press;
     normal += press * rows_[i].normal;
     point += press * rows_[i].point;
-    if (press <= most) continue;
-    most = press;
+    if (press <= max) continue;
+    max = press;
     result_.object = static_cast<std::uint32_t>(rows_[i].id >> 56);
     result_.face = static_cast<std::uint32_t>(rows_[i].id);
   }

@@ -42,12 +42,12 @@
 namespace tactus::haptics {
 
 struct ToolSettings {
-  double rounding = 1e-4;     ///< m by which the tool is thicker than its triangles
-  double longest_way = 2e-3;  ///< m that any of its points goes in one cycle
-  double push_out = 0.02;     ///< m/s
+  double collision_margin = 1e-4;  ///< m by which the tool is thicker than its triangles
+  double longest_way = 2e-3;       ///< m that any of its points goes in one cycle
+  double push_out = 0.02;          ///< m/s
   /// N/s; how fast the tool may ease the coupling by what it does of its own, as when it slips off an edge under a hand
   /// at rest. Beyond that it goes as far as the device.
-  double most_yield = 40;
+  double max_yield = 40;
   std::uint32_t steps = 8;     ///< in a cycle
   std::uint32_t pairs = 2048;  ///< of triangles within the margin; with more steps become shorter
   /// In a cycle: pairs of triangles looked at again and rows swept by the solver (of its last run beyond), some 0.1 us
@@ -57,9 +57,9 @@ struct ToolSettings {
 
 /// How strongly the tool is held, and how the object feels.
 struct ToolGrip {
-  double stiffness = 1000;     ///< N/m
-  double torsion = 0.1;        ///< N m/rad
-  double spin_damping = 1e-3;  ///< N m s; of the torque on the hand alone
+  double stiffness = 1000;            ///< N/m
+  double rotational_stiffness = 0.1;  ///< N m/rad
+  double angular_damping = 1e-3;      ///< N m s; of the torque on the hand alone
 };
 
 struct ToolPose {
@@ -194,7 +194,7 @@ class Tool {
   [[nodiscard]] static ToolPose moved(const ToolPose& pose, const Way& way) noexcept;
   [[nodiscard]] Way to_device(const ToolPose& device) const noexcept;
 
-  [[nodiscard]] bool gather(const ToolPose& pose, double margin, std::uint32_t most_pairs, std::uint32_t most_work,
+  [[nodiscard]] bool gather(const ToolPose& pose, double margin, std::uint32_t max_pairs, std::uint32_t max_work,
                             spm::Span<const ToolObject> objects, Nearby& into) noexcept;
   void place(const ToolPose& pose, Part& part) noexcept;
   void measure(const Part& part, double within, std::uint32_t block, Nearby& into) noexcept;

@@ -11,8 +11,8 @@
 #include <utility>
 #include <variant>
 
-#include "host_service/keeper.hpp"
 #include "host_service/model_store.hpp"
+#include "host_service/object_authority.hpp"
 #include "host_service/scenery.hpp"
 #include "session/clock.hpp"
 #include "session/delivery_server.hpp"
@@ -20,7 +20,7 @@
 #include "session/roster.hpp"
 #include "session/stop_latch.hpp"
 #include "session/time_reference.hpp"
-#include "wire/ends.hpp"
+#include "wire/endpoints.hpp"
 #include "wire/inbox.hpp"
 #include "wire/realtime.hpp"
 
@@ -47,7 +47,7 @@ constexpr int kChunksPerRound = 64;     // then demands are looked at again
 constexpr std::size_t kInboxCapacity = 8192;
 constexpr double kGap = 0.05;  // m, between objects that are given no pose
 
-/// A question of one HRTC, which watches over this host (session/vigil.hpp).
+/// A question of one HRTC, which watches over this host (session/failure_detector.hpp).
 struct Question {
   session::ClockSample sample;
 };
@@ -57,10 +57,10 @@ using Sample = std::variant<session::RosterEntry, session::Demand, session::Cloc
 using Inbox = wire::Inbox<Sample>;
 /// The bulk writers of one HRTC.
 struct BulkLink {
-  BulkLink(wire::Links& links, const std::string& hrtc)
+  BulkLink(wire::Participants& participants, const std::string& hrtc)
       : name{hrtc},
-        base{links, wire::topics::kBase, {wire::hrtc_partition(hrtc)}},
-        records{links, wire::topics::kRecords, {wire::hrtc_partition(hrtc)}} {}
+        base{participants, wire::topics::kBase, {wire::hrtc_partition(hrtc)}},
+        records{participants, wire::topics::kRecords, {wire::hrtc_partition(hrtc)}} {}
 
   /// What is sent before the readers are found is lost.
   [[nodiscard]] bool ready() const { return base.matched() > 0 && records.matched() > 0; }
@@ -73,10 +73,10 @@ struct BulkLink {
 };
 
 /// Where one HRTC asks whether this host lives, and is told.
-struct VigilLink {
-  VigilLink(wire::Links& links, const std::string& hrtc, Inbox& inbox)
-      : answers{links, wire::topics::kClock, {wire::hrtc_partition(hrtc)}},
-        questions{links,
+struct FailureDetectorLink {
+  FailureDetectorLink(wire::Participants& participants, const std::string& hrtc, Inbox& inbox)
+      : answers{participants, wire::topics::kClock, {wire::hrtc_partition(hrtc)}},
+        questions{participants,
                   wire::topics::kClock,
                   [&inbox](session::ClockSample&& sample) { inbox.put(Question{std::move(sample)}); },
                   {wire::hrtc_partition(hrtc)}} {}
@@ -135,19 +135,19 @@ struct Host::Impl {
         log{std::move(to)},
         stop{until},
         served{open_models(options, log, stop)},
-        links{in_turn(options, log)} {
+        participants{in_turn(options, log)} {
     for (const Served& object : served) {
       server.add(session::id_of(object.config.name), object.model.coded());
     }
     make_catalogue();
-    for (const session::CatalogueEntry& entry : catalogue) keeper.add(entry, started_ns);
-    if (!keeper.empty()) {
+    for (const session::CatalogueEntry& entry : catalogue) object_authority.add(entry, started_ns);
+    if (!object_authority.empty()) {
       make_scenery();
       listen(wire::topics::kCatalogue);
       listen(wire::topics::kObjectClaim);
       listen(wire::topics::kObjectPose);
-      grants_out.emplace(links, wire::topics::kObjectGrant);
-      poses_out.emplace(links, wire::topics::kObjectPose);
+      grants_out.emplace(participants, wire::topics::kObjectGrant);
+      poses_out.emplace(participants, wire::topics::kObjectPose);
     }
     listen(wire::topics::kRoster);
     listen(wire::topics::kDemand);
@@ -160,7 +160,7 @@ struct Host::Impl {
   template <class T>
   void listen(const wire::TopicSpec<T>& topic) {
     readers.push_back(
-        std::make_shared<wire::Reader<T>>(links, topic, [this](T&& sample) { inbox.put(std::move(sample)); }));
+        std::make_shared<wire::Reader<T>>(participants, topic, [this](T&& sample) { inbox.put(std::move(sample)); }));
   }
 
   void make_catalogue();
@@ -174,10 +174,10 @@ struct Host::Impl {
   void take(const session::ForceReset& reset, std::int64_t) { (void)stops.on_reset(reset); }
   void take(const session::SessionEnd& end, std::int64_t at_ns);
   void take(const Question& question, std::int64_t at_ns);
-  void take(const session::CatalogueEntry& entry, std::int64_t at_ns) { keeper.on_catalogue(entry, at_ns); }
-  void take(const session::ObjectClaim& claim, std::int64_t at_ns) { keeper.on_claim(claim, at_ns); }
+  void take(const session::CatalogueEntry& entry, std::int64_t at_ns) { object_authority.on_catalogue(entry, at_ns); }
+  void take(const session::ObjectClaim& claim, std::int64_t at_ns) { object_authority.on_claim(claim, at_ns); }
   void take(const session::ObjectPose& pose, std::int64_t at_ns) {
-    keeper.on_pose(pose, at_ns, clock.map().session_time(at_ns));
+    object_authority.on_pose(pose, at_ns, clock.map().session_time(at_ns));
   }
   void react(const session::RosterEvent& event, std::int64_t now_ns);
   void keep_time(std::int64_t now_ns);
@@ -193,27 +193,28 @@ struct Host::Impl {
   Log log;
   const std::atomic<bool>& stop;
   std::vector<Served> served;  // before what borrows from it
-  wire::Links links;
-  session::DeliveryServer server{links.origin()};
-  session::Roster roster{links.origin(), {}};
-  session::SessionClock clock{links.origin(), {}, monotonic_ns()};
+  wire::Participants participants;
+  session::DeliveryServer server{participants.origin()};
+  session::Roster roster{participants.origin(), {}};
+  session::SessionClock clock{participants.origin(), {}, monotonic_ns()};
   std::optional<Scenery> scenery;  // when it has objects that move, and others
-  Keeper keeper{links.origin()};
+  ObjectAuthority object_authority{participants.origin()};
   std::optional<wire::Writer<session::ObjectGrant>> grants_out;  // when it has objects that move
   std::optional<wire::Writer<session::ObjectPose>> poses_out;
   std::vector<session::CatalogueEntry> catalogue;
-  wire::Writer<session::RosterEntry> roster_out{links, wire::topics::kRoster};
-  wire::Writer<session::CatalogueEntry> catalogue_out{links, wire::topics::kCatalogue};
-  wire::Writer<session::ClockSample> clock_out{links, wire::topics::kClock};
-  wire::Writer<session::Metrics> metrics_out{links, wire::topics::kMetrics};
+  wire::Writer<session::RosterEntry> roster_out{participants, wire::topics::kRoster};
+  wire::Writer<session::CatalogueEntry> catalogue_out{participants, wire::topics::kCatalogue};
+  wire::Writer<session::ClockSample> clock_out{participants, wire::topics::kClock};
+  wire::Writer<session::Metrics> metrics_out{participants, wire::topics::kMetrics};
   std::map<std::uint64_t, BulkLink> bulk;  // by HRTC
   Inbox inbox{kInboxCapacity};
-  std::map<std::uint64_t, VigilLink> vigils;  // by HRTC; after the inbox, which their callbacks fill
+  std::map<std::uint64_t, FailureDetectorLink>
+      failure_detectors;  // by HRTC; after the inbox, which their callbacks fill
   std::int64_t started_ns = monotonic_ns();
   std::uint64_t heartbeat = 0;
   wire::Heartbeat beat{kHeartbeatNs};
-  session::StopLatch stops{links.origin()};  // for HRTCs that start after a stop
-  std::uint64_t stops_announced = 0;         // StopLatch::changes
+  session::StopLatch stops{participants.origin()};  // for HRTCs that start after a stop
+  std::uint64_t stops_announced = 0;                // StopLatch::changes
   Every metrics_due{kMetricsNs};
   std::uint64_t demands_refused = 0, demands_implausible = 0;
   bool ended = false;
@@ -258,7 +259,7 @@ void Host::Impl::make_scenery() {
       standing.push_back({catalogue[i].pose, catalogue[i].scale, &served[i].model.coded()});
   if (standing.empty()) return;
   scenery.emplace(standing);
-  keeper.stand_among(&*scenery);
+  object_authority.stand_among(&*scenery);
 }
 
 int Host::Impl::run() {
@@ -282,7 +283,7 @@ int Host::Impl::run() {
     keep_time(now_ns);
     if (std::exchange(stops_announced, stops.changes()) != stops.changes()) beat.at_once();
     if (beat.due(now_ns)) send_roster(false);
-    const bool follows = clock.reference() != 0 && clock.reference() != links.origin().participant;
+    const bool follows = clock.reference() != 0 && clock.reference() != participants.origin().participant;
     if (follows && request.due(now_ns)) (void)clock_out.send(clock.request(now_ns));
     if (metrics_due.due(now_ns)) send_metrics();
     const microseconds objects_due = keep_objects(now_ns);
@@ -302,19 +303,19 @@ void Host::Impl::take(const session::RosterEntry& entry, std::int64_t at_ns) {
   for (const session::RosterEvent& event : roster.on_entry(entry, at_ns)) react(event, at_ns);
   const session::RosterEntry* const known = roster.find(entry.origin.participant);
   if (known != nullptr && known->role == session::Role::kHost)
-    keeper.on_host(known->origin.participant, known->joined_ns, at_ns);
+    object_authority.on_host(known->origin.participant, known->joined_ns, at_ns);
 }
 
 void Host::Impl::react(const session::RosterEvent& event, std::int64_t now_ns) {
   using session::RosterChange;
   const session::RosterEntry& entry = event.entry;
   const std::uint64_t id = entry.origin.participant;
-  const bool trouble = event.change == RosterChange::kWrongVersion || event.change == RosterChange::kTwins ||
+  const bool trouble = event.change == RosterChange::kWrongVersion || event.change == RosterChange::kNameConflict ||
                        event.change == RosterChange::kFull;
   if (event.change != RosterChange::kChanged) {
     log(trouble ? Severity::kWarning : Severity::kInfo, session::text(event));
   }
-  if (event.change == RosterChange::kTwins && id == links.origin().participant && event.entry_yields) {
+  if (event.change == RosterChange::kNameConflict && id == participants.origin().participant && event.entry_yields) {
     log(Severity::kError, "a host '" + options.address.participant + "' was in session '" + options.address.session +
                               "' before: this one ends; start it with another --name");
     exit_code = 2;
@@ -323,17 +324,17 @@ void Host::Impl::react(const session::RosterEvent& event, std::int64_t now_ns) {
   metrics_due.hasten(now_ns, kMetricsSoonNs);  // whoever compares scenes need not wait long
   if (entry.role == session::Role::kHost &&
       (event.change == RosterChange::kLeft || event.change == RosterChange::kGone))
-    keeper.on_host_gone(id, now_ns);
+    object_authority.on_host_gone(id, now_ns);
   if (entry.role != session::Role::kHrtc) return;
   if (event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted) {
     beat.insist();  // it asks for nothing before it knows of us
-    bulk.try_emplace(id, links, entry.name);
-    vigils.try_emplace(id, links, entry.name, inbox);
+    bulk.try_emplace(id, participants, entry.name);
+    failure_detectors.try_emplace(id, participants, entry.name, inbox);
   } else if (event.change == RosterChange::kLeft || event.change == RosterChange::kGone) {
     server.on_hrtc_gone(id);
-    keeper.on_hrtc_gone(id);
+    object_authority.on_hrtc_gone(id);
     bulk.erase(id);
-    vigils.erase(id);
+    failure_detectors.erase(id);
   }
 }
 
@@ -348,7 +349,7 @@ void Host::Impl::take(const session::Demand& demand, std::int64_t at_ns) {
 }
 
 void Host::Impl::take(const session::ClockSample& sample, std::int64_t at_ns) {
-  if (sample.peer != links.origin().participant) return;
+  if (sample.peer != participants.origin().participant) return;
   if (sample.answer) {
     clock.on_answer(sample, at_ns);
   } else if (clock.answers()) {
@@ -357,8 +358,10 @@ void Host::Impl::take(const session::ClockSample& sample, std::int64_t at_ns) {
 }
 
 void Host::Impl::take(const Question& question, std::int64_t at_ns) {
-  const auto link = vigils.find(question.sample.origin.participant);
-  if (link == vigils.end() || question.sample.answer || question.sample.peer != links.origin().participant) return;
+  const auto link = failure_detectors.find(question.sample.origin.participant);
+  if (link == failure_detectors.end() || question.sample.answer ||
+      question.sample.peer != participants.origin().participant)
+    return;
   session::ClockSample answer = clock.answer(question.sample, at_ns, monotonic_ns());
   if (!clock.answers()) answer.t1_ns = answer.t2_ns = session::kClockUnknown;  // a sign of life, but no time
   (void)link->second.answers.send(answer);
@@ -370,19 +373,19 @@ void Host::Impl::take(const session::SessionEnd& end, std::int64_t) {
 }
 
 void Host::Impl::keep_time(std::int64_t now_ns) {
-  session::keep_time(roster, links.origin(), session::Role::kHost, false, now_ns, clock);
-  keeper.on_host(links.origin().participant, clock.joined_ns(), now_ns);
+  session::keep_time(roster, participants.origin(), session::Role::kHost, false, now_ns, clock);
+  object_authority.on_host(participants.origin().participant, clock.joined_ns(), now_ns);
 }
 
 /// Moves what nobody holds, tells of it, and says how long that may wait.
 microseconds Host::Impl::keep_objects(std::int64_t now_ns) {
-  if (keeper.empty()) return kPatience;
-  const Keeper::Messages& messages = keeper.tick(now_ns, clock.map().session_time(now_ns));
+  if (object_authority.empty()) return kPatience;
+  const ObjectAuthority::Messages& messages = object_authority.tick(now_ns, clock.map().session_time(now_ns));
   for (const session::ObjectGrant& grant : messages.grants) (void)grants_out->send(grant);
   // Until this program's time is the session's, a pose would state a time that nobody can compare with another.
   if (clock.synchronised())
     for (const session::ObjectPose& pose : messages.poses) (void)poses_out->send(pose);
-  return keeper.busy() ? kStep : keeper.held() ? kHeld : kPatience;
+  return object_authority.busy() ? kStep : object_authority.held() ? kHeld : kPatience;
 }
 
 /// Sends what is due and says how long to wait for news.
@@ -408,7 +411,7 @@ microseconds Host::Impl::send_chunks(std::int64_t now_ns) {
 
 void Host::Impl::send_roster(bool leaving) {
   session::RosterEntry entry;
-  entry.origin = links.origin();
+  entry.origin = participants.origin();
   entry.role = session::Role::kHost;
   entry.name = options.address.participant;
   entry.session = options.address.session;
@@ -421,7 +424,7 @@ void Host::Impl::send_roster(bool leaving) {
 
 void Host::Impl::send_catalogue(bool withdrawn) {
   for (session::CatalogueEntry& entry : catalogue) {
-    entry.origin = links.origin();
+    entry.origin = participants.origin();
     entry.withdrawn = withdrawn;
     if (catalogue_out.send(entry) == wire::SendStatus::kSent) continue;
     log(Severity::kError, "'" + entry.object + "' cannot be announced: " + catalogue_out.last_fault());
@@ -432,8 +435,8 @@ void Host::Impl::send_metrics() {
   namespace names = session::figures;
   const session::DeliveryCounters& all = server.counters();
   session::Metrics metrics;
-  metrics.origin = links.origin();
-  metrics.scene = session::scene_hash(roster, links.origin(), session::Role::kHost);
+  metrics.origin = participants.origin();
+  metrics.scene = session::scene_hash(roster, participants.origin(), session::Role::kHost);
   const auto add = [&](const std::string& name, double value) {
     if (metrics.figures.size() < session::kMaxFigures) {
       metrics.figures.push_back({name.substr(0, session::kMaxName), value});
@@ -445,8 +448,9 @@ void Host::Impl::send_metrics() {
   add(names::kHostRegions, static_cast<double>(all.regions));
   add(names::kHostRecords, static_cast<double>(all.records));
   add(names::kHostControllers, static_cast<double>(bulk.size()));
-  add(names::kHostImplausible, static_cast<double>(roster.implausible() + demands_implausible + keeper.implausible()));
-  if (!keeper.empty()) add(names::kHostBodySteps, static_cast<double>(keeper.steps()));
+  add(names::kHostImplausible,
+      static_cast<double>(roster.implausible() + demands_implausible + object_authority.implausible()));
+  if (!object_authority.empty()) add(names::kHostBodySteps, static_cast<double>(object_authority.steps()));
   for (const auto& [id, counters] : server.counters_by_hrtc()) {
     const auto link = bulk.find(id);
     if (link == bulk.end()) continue;
@@ -459,7 +463,7 @@ void Host::Impl::send_metrics() {
 void Host::Impl::leave() {
   send_catalogue(true);
   send_metrics();
-  wire::say_last_words([this] { send_roster(true); });
+  wire::send_leave_messages([this] { send_roster(true); });
   (void)catalogue_out.wait_acknowledged(kFarewell);
   const session::DeliveryCounters& all = server.counters();
   say("left the session after sending " + std::to_string(all.regions) + " regions with " + std::to_string(all.records) +

@@ -1,7 +1,7 @@
 /// A VE host: serves whole models to a session and answers what HRTCs demand of them.
 ///
 ///     roster, demand, clock, stops   --> inbox --> one thread: Roster, DeliveryServer, SessionClock --> base, records
-///     object_claim, object_pose ---------^                     Keeper --> object_grant, object_pose
+///     object_claim, object_pose ---------^                     ObjectAuthority --> object_grant, object_pose
 ///
 /// The callbacks of DDS only fill the inbox. Each HRTC has its own bulk writers in its own partition, made when it
 /// joins, so a frozen one holds up nobody else. Never computes a force.
@@ -15,7 +15,7 @@
 #include <vector>
 
 #include "host_service/host_config.hpp"
-#include "wire/links.hpp"
+#include "wire/participants.hpp"
 
 namespace tactus::host_service {
 

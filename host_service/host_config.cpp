@@ -63,11 +63,11 @@ class ConfigReader {
     }
   }
 
-  double number(const YAML::Node& node, const char* key, double least) const {
+  double number(const YAML::Node& node, const char* key, double min) const {
     const auto value = node.as<double>(std::nan(""));
-    if (!std::isfinite(value) || value < least) {
+    if (!std::isfinite(value) || value < min) {
       fail(node, std::string{"'"} + key + "' is '" + (node.IsScalar() ? node.Scalar() : "no number") +
-                     "', expected a number" + (std::isfinite(least) ? " of at least " + shown(least) : ""));
+                     "', expected a number" + (std::isfinite(min) ? " of at least " + shown(min) : ""));
     }
     return value;
   }
@@ -106,7 +106,7 @@ class ConfigReader {
   }
 
   BodyConfig read_body(const YAML::Node& node) const {
-    constexpr double kLightest = 1e-3, kLeastInertia = 1e-9, kRounding = 1e-9;
+    constexpr double kLightest = 1e-3, kMinInertia = 1e-9, kCollisionMargin = 1e-9;
     expect_keys(node, {"mass", "inertia", "friction"});
     BodyConfig body;
     if (!node["mass"]) fail(node, "a body without 'mass'");
@@ -116,10 +116,10 @@ class ConfigReader {
     if (!inertia) return body;
     body.inertia = numbers<3>(inertia, "inertia");
     const auto& i = *body.inertia;
-    if (*std::min_element(i.begin(), i.end()) < kLeastInertia) {
+    if (*std::min_element(i.begin(), i.end()) < kMinInertia) {
       fail(inertia, "'inertia' has a moment below 1e-9 kg m^2, expected three above that");
     }
-    if (i[0] + i[1] + i[2] < (2 - kRounding) * *std::max_element(i.begin(), i.end())) {
+    if (i[0] + i[1] + i[2] < (2 - kCollisionMargin) * *std::max_element(i.begin(), i.end())) {
       fail(inertia, "'inertia' has a moment larger than the other two together, which no body has");
     }
     return body;

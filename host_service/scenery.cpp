@@ -12,7 +12,7 @@ namespace {
 using haptics::Vec3d;
 
 constexpr double kAround = sharing::kAroundBody;
-constexpr int kMostNew = 8;  // regions decoded in a look
+constexpr int kMaxNew = 8;  // regions decoded in a look
 
 std::uint32_t base_slots(const std::vector<StandingObject>& objects) {
   std::uint32_t slots = 0;
@@ -38,7 +38,7 @@ void refine(spm::Forest& forest) {
 }  // namespace
 
 struct Scenery::Object {
-  const spm::codec::CodedModel* model;
+  const spm::codec::CompressedModel* model;
   spm::ObjectIndex index;
   sharing::Placement placement;
   spm::CellBox bounds;
@@ -108,7 +108,7 @@ void Scenery::look(const std::vector<Vec3d>& places) {
   for (std::size_t i = 0; i < objects_.size(); ++i) {
     Object& object = *objects_[i];
     for (const spm::RegionId region : wanted[i]) {
-      if (full || loaded == kMostNew) break;
+      if (full || loaded == kMaxNew) break;
       if (object.forest->is_here(region)) continue;
       full = !load(object, region);
       ++loaded;
@@ -118,7 +118,7 @@ void Scenery::look(const std::vector<Vec3d>& places) {
   for (std::size_t i = 0; i < objects_.size(); ++i) {
     Object& object = *objects_[i];
     if (wanted[i].empty()) continue;
-    object.forest->target(wanted[i].data(), static_cast<std::uint32_t>(wanted[i].size()), spm::Unasked::kRest);
+    object.forest->target(wanted[i].data(), static_cast<std::uint32_t>(wanted[i].size()), spm::Unrequested::kRest);
     refine(*object.forest);
   }
 }

@@ -14,15 +14,15 @@
 
 #include "haptics/surface.hpp"
 #include "sharing/scene.hpp"
-#include "spm/codec/coded_model.hpp"
+#include "spm/codec/compressed_model.hpp"
 #include "spm/forest.hpp"
 
 namespace tactus::host_service {
 
 struct StandingObject {
   session::Pose pose;
-  double scale = 1;                               ///< m in a file unit
-  const spm::codec::CodedModel* model = nullptr;  ///< outlives the scenery
+  double scale = 1;                                    ///< m in a file unit
+  const spm::codec::CompressedModel* model = nullptr;  ///< outlives the scenery
 };
 
 class Scenery {

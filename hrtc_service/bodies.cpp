@@ -23,13 +23,13 @@ double stored_in(double stiffness, double stretch, double max_force) noexcept {
 double share_of(double left, double wanted) noexcept { return wanted > 0 ? std::min(1.0, left / wanted) : 0.0; }
 
 /// To this share of itself a size has to shrink to be within `most`.
-double shortened(double size, double most) noexcept { return size > most ? most / size : 1.0; }
+double shortened(double size, double max) noexcept { return size > max ? max / size : 1.0; }
 
 /// The same guards for turning: a hand's wrist, a grip of some centimetres.
 haptics::PassivitySettings of_turning() noexcept {
   haptics::PassivitySettings settings;
   settings.acceleration = 500;  // rad/s^2
-  settings.least_speed = 0.02;  // rad/s
+  settings.min_speed = 0.02;    // rad/s
   settings.device_mass = 1e-4;  // kg m^2
   return settings;
 }
@@ -58,7 +58,7 @@ void Bodies::find_new(const Cycle& cycle) noexcept {
     Body& body = bodies_[count_];
     body.object = &object;
     body.placed = object.body->start;
-    body.picture.show(body.placed, 0);
+    body.pose_interpolator.show(body.placed, 0);
     simulated_[count_] = haptics::SharedObject{object.body->settings, body.placed};
     simulated_[count_].follow();
     ++count_;
@@ -100,13 +100,13 @@ void Bodies::show(Cycle& cycle, Body& body, const haptics::BodyState& state) con
   if (moved) cycle.move(*body.object, placement_of(state, *body.object));
 }
 
-void Bodies::follow_if_told(Body& body, haptics::SharedObject& simulated, std::int64_t now_ns,
-                            std::int64_t session_ns) noexcept {
-  const bool taken_on = body.order.heard.number > body.heard_at_release;
+void Bodies::follow_if_requested(Body& body, haptics::SharedObject& simulated, std::int64_t now_ns,
+                                 std::int64_t session_ns) noexcept {
+  const bool taken_on = body.order.received.number > body.received_at_release;
   if (!taken_on && now_ns - body.let_go_ns < kAloneNs) return;
   body.mode = Mode::kFollows;
-  body.picture.show(simulated.state(), session_ns);
-  body.pictured = body.heard_at_release;
+  body.pose_interpolator.show(simulated.state(), session_ns);
+  body.interpolated = body.received_at_release;
   simulated.follow();
 }
 
@@ -117,15 +117,16 @@ void Bodies::place(Cycle& cycle, std::int64_t now_ns) noexcept {
   const std::int64_t session_ns = current_.clock.session_time(now_ns);
   for (std::uint32_t i = 0; i < count_; ++i) {
     Body& body = bodies_[i];
-    if (body.mode == Mode::kLetGo) follow_if_told(body, simulated_[i], now_ns, session_ns);
+    if (body.mode == Mode::kLetGo) follow_if_requested(body, simulated_[i], now_ns, session_ns);
     if (body.mode != Mode::kFollows) continue;
-    if (body.order.heard.number > body.pictured) {
+    if (body.order.received.number > body.interpolated) {
       // The first tells where it has been all the time.
-      if (body.pictured == 0) body.picture.show(body.order.heard.state, body.order.heard.session_ns);
-      body.pictured = body.order.heard.number;
-      body.picture.on_pose(body.order.heard, session_ns);
+      if (body.interpolated == 0)
+        body.pose_interpolator.show(body.order.received.state, body.order.received.session_ns);
+      body.interpolated = body.order.received.number;
+      body.pose_interpolator.on_pose(body.order.received, session_ns);
     }
-    show(cycle, body, body.picture.at(session_ns));
+    show(cycle, body, body.pose_interpolator.at(session_ns));
   }
 }
 
@@ -193,7 +194,7 @@ void Bodies::limit_tool(const Cycle& cycle, std::uint32_t p, const haptics::Devi
   pulled.spring = {tool.point, tool.point - tool.way, device.velocity, share * stiffness, share * damping};
 
   const haptics::Feel feel{body.object->material.stiffness, damping};
-  const Vec3d turning = renderer.grip(feel, settings_.period, device.loop_delay).torsion * tool.turn;
+  const Vec3d turning = renderer.grip(feel, settings_.period, device.loop_delay).rotational_stiffness * tool.turn;
   const Vec3d torque =
       renderer.bears_torque()
           ? vec(output.torque)
@@ -219,9 +220,11 @@ void Bodies::limit_held(const Cycle& cycle, std::uint32_t p, const haptics::Devi
   const double stored = stored_in(grip.stiffness, stretch, settings_.force.max_force);
   output.force = plain(through_port(p, force, device, passed_on, stored, output));
   if (renderer.bears_torque())
-    output.torque = plain(through_turn_port(p, torque, true, stored_in(grip.torsion, turn.norm(), max_torque), output));
+    output.torque = plain(
+        through_turn_port(p, torque, true, stored_in(grip.rotational_stiffness, turn.norm(), max_torque), output));
   pulled.spring = {held.hold.pose.position, device.position, device.velocity, share * grip.stiffness, share * damping};
-  pulled.turn = {-turn, renderer.spin(), turn_share * grip.torsion, turn_share * grip.spin_damping};
+  pulled.turn = {-turn, renderer.angular_velocity(), turn_share * grip.rotational_stiffness,
+                 turn_share * grip.angular_damping};
 }
 
 void Bodies::limit(const Cycle& cycle, const std::array<ProbeInput, kMaxProbes>& inputs,
@@ -263,10 +266,10 @@ void Bodies::limit(const Cycle& cycle, const std::array<ProbeInput, kMaxProbes>&
 }
 
 std::uint32_t Bodies::steps_due(Body& body, std::int64_t session_ns) const noexcept {
-  constexpr std::int64_t kMost = 10;
+  constexpr std::int64_t kMax = 10;
   const auto period_ns = static_cast<std::int64_t>(settings_.period * 1e9 + 0.5);
   const std::int64_t due = (session_ns - body.simulated_ns + period_ns / 2) / period_ns;
-  if (due < 0 || due > kMost) {  // it has just been touched, or a clock has stepped
+  if (due < 0 || due > kMax) {  // it has just been touched, or a clock has stepped
     body.simulated_ns = session_ns - period_ns;
     return 1;
   }
@@ -316,7 +319,7 @@ void Bodies::step(Cycle& cycle, std::int64_t now_ns) noexcept {
     } else if (body.mode == Mode::kHeld && now_ns - body.touched_ns > kHoldNs) {
       body.mode = Mode::kLetGo;
       body.let_go_ns = now_ns;
-      body.heard_at_release = body.order.heard.number;
+      body.received_at_release = body.order.received.number;
       simulate_as_ordered(i);
     }
     if (body.mode == Mode::kFollows) continue;
@@ -329,17 +332,17 @@ void Bodies::step(Cycle& cycle, std::int64_t now_ns) noexcept {
                      count > 0 ? &pushing : nullptr, {turns.data(), holding});
       const haptics::BodyState& after = simulated.state();
       for (std::uint32_t k = 0; k < count; ++k) {
-        const Vec3d velocity = after.velocity + after.spin.cross(springs[k].point - before.position);
+        const Vec3d velocity = after.velocity + after.angular_velocity.cross(springs[k].point - before.position);
         const Vec3d way = settings_.period * velocity;
         passed_on_[probes[k]] += springs[k].force(velocity, settings_.period).dot(way);
-        passed_on_[probes[k]] += settings_.period * springs_[probes[k]].torque.dot(after.spin);
+        passed_on_[probes[k]] += settings_.period * springs_[probes[k]].torque.dot(after.angular_velocity);
         springs[k].point += way;  // where the next step finds them
         springs[k].target += settings_.period * springs[k].target_velocity;
       }
       for (std::uint32_t k = 0; k < holding; ++k) {
-        const Vec3d torque = turns[k].torque(after.spin, settings_.period);
-        turning_[holders[k]].passed_on += settings_.period * torque.dot(after.spin);
-        turns[k].turn += settings_.period * (turns[k].target_spin - after.spin);
+        const Vec3d torque = turns[k].torque(after.angular_velocity, settings_.period);
+        turning_[holders[k]].passed_on += settings_.period * torque.dot(after.angular_velocity);
+        turns[k].turn += settings_.period * (turns[k].target_angular_velocity - after.angular_velocity);
       }
     }
     if (body.coupling != nullptr) body.ledger = body.coupling->ledger();

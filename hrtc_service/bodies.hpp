@@ -25,7 +25,7 @@
 #include "haptics/shared_object.hpp"
 #include "hrtc_service/cycle.hpp"
 #include "session/clock.hpp"
-#include "sharing/picture.hpp"
+#include "sharing/pose_interpolator.hpp"
 
 namespace tactus::hrtc_service {
 
@@ -35,7 +35,7 @@ struct BodyOrder {
   haptics::CopyCoupling* coupling = nullptr;  ///< to simulate it with while it is held here; null: alone
   std::uint64_t group = 0;                    ///< fencing number of the coupling's group
   std::uint64_t publish = 0;                  ///< fencing number under which its poses count; 0: they do not
-  sharing::HeardPose heard;                   ///< the newest of somebody else
+  sharing::ReceivedPose received;             ///< the newest of somebody else
 };
 
 struct BodyOrders {
@@ -99,10 +99,10 @@ class Bodies {
     Mode mode = Mode::kFollows;
     BodyOrder order;
     haptics::CopyCoupling* coupling = nullptr;  // in use
-    sharing::Picture picture;
+    sharing::PoseInterpolator pose_interpolator;
     std::int64_t touched_ns = 0, let_go_ns = 0;
     std::int64_t simulated_ns = 0;  // session time to which it has been
-    std::uint64_t heard_at_release = 0, pictured = 0;
+    std::uint64_t received_at_release = 0, interpolated = 0;
     haptics::CopyCoupling::Ledger ledger;
     haptics::BodyState placed;  // as the cycle knows it
   };
@@ -131,8 +131,8 @@ class Bodies {
   void simulate_as_ordered(std::uint32_t i) noexcept;
   /// Steps from where it was simulated to, to now.
   [[nodiscard]] std::uint32_t steps_due(Body& body, std::int64_t session_ns) const noexcept;
-  void follow_if_told(Body& body, haptics::SharedObject& simulated, std::int64_t now_ns,
-                      std::int64_t session_ns) noexcept;
+  void follow_if_requested(Body& body, haptics::SharedObject& simulated, std::int64_t now_ns,
+                           std::int64_t session_ns) noexcept;
   /// Objects that stand near a body, with the meshes that the cycle shows; null for none.
   [[nodiscard]] const haptics::SurfaceDistance* scene_around(const Cycle& cycle,
                                                              const haptics::RigidBody& body) noexcept;

@@ -15,16 +15,16 @@ constexpr std::int64_t kLongestNs = 1000 * kMs;  // more is no transit but a wro
 
 }  // namespace
 
-BodyExchange::BodyExchange(wire::Links& links, Bodies& bodies)
-    : links_{links},
+BodyExchange::BodyExchange(wire::Participants& participants, Bodies& bodies)
+    : participants_{participants},
       bodies_{bodies},
-      holdings_{links.origin(), bodies.orders()},
-      claims_out_{links, wire::topics::kObjectClaim},
-      poses_out_{links, wire::topics::kObjectPose} {}
+      ownership_client_{participants.origin(), bodies.orders()},
+      claims_out_{participants, wire::topics::kObjectClaim},
+      poses_out_{participants, wire::topics::kObjectPose} {}
 BodyExchange::~BodyExchange() = default;
 
 bool BodyExchange::add(const TouchObject& object) {
-  if (!holdings_.add(object.index, object.id, *object.body)) return false;
+  if (!ownership_client_.add(object.index, object.id, *object.body)) return false;
   slots_[object.index].id = object.id;
   slots_[object.index].centre = plain(object.body->centre);
   slots_out_.post(slots_);
@@ -33,7 +33,7 @@ bool BodyExchange::add(const TouchObject& object) {
 
 void BodyExchange::on_pose(const session::ObjectPose& pose, std::int64_t now_ns, std::int64_t session_now_ns) {
   on_transit(session_now_ns - pose.session_time_ns, session_now_ns);
-  holdings_.on_pose(pose, now_ns);
+  ownership_client_.on_pose(pose, now_ns);
 }
 
 void BodyExchange::on_transit(std::int64_t transit_ns, std::int64_t now_ns) noexcept {
@@ -41,62 +41,64 @@ void BodyExchange::on_transit(std::int64_t transit_ns, std::int64_t now_ns) noex
 }
 
 void BodyExchange::on_copy(std::uint32_t object, const session::ObjectCopy& copy) {
-  if (copy.origin.participant == links_.origin().participant) return;
+  if (copy.origin.participant == participants_.origin().participant) return;
   const std::int64_t now_ns = monotonic_ns();
   const std::int64_t session_now_ns = now_ns + session_offset_ns_.load(std::memory_order_relaxed);
   const std::lock_guard lock{ring_mutex_};
   if (!gates_[object].accept(copy, now_ns, session_now_ns)) return;
-  copy_heard_ns_[object].store(now_ns, std::memory_order_relaxed);
+  copy_received_ns_[object].store(now_ns, std::memory_order_relaxed);
   const std::int64_t transit_ns = session_now_ns - copy.session_time_ns;
   if (transit_ns > copy_transit_ns_.load(std::memory_order_relaxed))
     copy_transit_ns_.store(transit_ns, std::memory_order_relaxed);
   (void)bodies_.copies().push({object, copy.place, copy.fencing, sharing::sample_of(copy)});
 }
 
-void BodyExchange::sync_ends(std::int64_t now_ns) {
-  for (const Holdings::Held& body : holdings_.bodies()) {
+void BodyExchange::sync_endpoints(std::int64_t now_ns) {
+  for (const OwnershipClient::Held& body : ownership_client_.bodies()) {
     if (!body.held) continue;
-    Ends& ends = ends_[body.id];
-    ends.held_ns = now_ns;
-    if (ends.out != nullptr) continue;
-    ends.object = body.object;
-    const wire::EndOptions where{wire::group_partition(body.id)};
-    ends.out = std::make_unique<wire::Writer<session::ObjectCopy>>(links_, wire::topics::kObjectCopy, where);
-    ends.in = std::make_unique<wire::Reader<session::ObjectCopy>>(
-        links_, wire::topics::kObjectCopy,
+    Endpoints& endpoints = endpoints_[body.id];
+    endpoints.held_ns = now_ns;
+    if (endpoints.out != nullptr) continue;
+    endpoints.object = body.object;
+    const wire::EndpointOptions where{wire::group_partition(body.id)};
+    endpoints.out =
+        std::make_unique<wire::Writer<session::ObjectCopy>>(participants_, wire::topics::kObjectCopy, where);
+    endpoints.in = std::make_unique<wire::Reader<session::ObjectCopy>>(
+        participants_, wire::topics::kObjectCopy,
         [this, object = body.object](session::ObjectCopy&& copy) { on_copy(object, copy); }, where);
-    slots_[body.object].copies = ends.out.get();
+    slots_[body.object].copies = endpoints.out.get();
     slots_out_.post(slots_);
   }
-  for (auto at = ends_.begin(); at != ends_.end();) {
+  for (auto at = endpoints_.begin(); at != endpoints_.end();) {
     if (now_ns - at->second.held_ns < kLingerNs) {
       ++at;
       continue;
     }
     slots_[at->second.object].copies = nullptr;
     dropped_.add(slots_out_.post(slots_), std::move(at->second.out));
-    at = ends_.erase(at);
+    at = endpoints_.erase(at);
   }
   dropped_.collect([this](std::uint64_t number) { return slots_out_.passed(number); });
 }
 
 void BodyExchange::tick(std::int64_t now_ns, const session::ClockMap& clock) {
   clock_is_set_ = clock.bound(now_ns) < session::kClockUnknown;
-  if (holdings_.bodies().empty()) return;
+  if (ownership_client_.bodies().empty()) return;
   session_offset_ns_ = clock.session_time(now_ns) - now_ns;
-  if (BodyReports reports; bodies_.reports_for_service().take(reports)) holdings_.on_reports(reports);
-  sync_ends(now_ns);
-  for (const auto& [id, ends] : ends_)
-    holdings_.on_peer_heard(ends.object, copy_heard_ns_[ends.object].load(std::memory_order_relaxed));
+  if (BodyReports reports; bodies_.reports_for_service().take(reports)) ownership_client_.on_reports(reports);
+  sync_endpoints(now_ns);
+  for (const auto& [id, endpoints] : endpoints_)
+    ownership_client_.on_peer_received(endpoints.object,
+                                       copy_received_ns_[endpoints.object].load(std::memory_order_relaxed));
   if (const std::int64_t transit_ns = copy_transit_ns_.exchange(-1); transit_ns >= 0)
     on_transit(transit_ns, clock.session_time(now_ns));
-  holdings_.on_transits(transit_);
-  for (session::ObjectClaim& claim : holdings_.tick(now_ns, clock)) (void)claims_out_.send(claim);
+  ownership_client_.on_transits(transit_);
+  for (session::ObjectClaim& claim : ownership_client_.tick(now_ns, clock)) (void)claims_out_.send(claim);
 }
 
 std::uint64_t BodyExchange::implausible() const {
   const std::lock_guard lock{ring_mutex_};
-  std::uint64_t all = holdings_.implausible();
+  std::uint64_t all = ownership_client_.implausible();
   for (const session::CopyGate& gate : gates_) all += gate.implausible();
   return all;
 }
@@ -112,7 +114,7 @@ void BodyExchange::send() {
     if (slot.id == 0) continue;
     if (body.copies > 0 && slot.copies != nullptr) {
       session::ObjectCopy copy;
-      copy.origin = links_.origin();
+      copy.origin = participants_.origin();
       copy.object_id = slot.id;
       copy.sequence = ++sent.copy_sequence;
       copy.fencing = body.group;
@@ -123,7 +125,7 @@ void BodyExchange::send() {
     if (body.publish == 0 || reports.time_ns - sent.pose_sent_ns < kBodyPoseNs) continue;
     sent.pose_sent_ns = reports.time_ns;
     session::ObjectPose pose;
-    pose.origin = links_.origin();
+    pose.origin = participants_.origin();
     pose.object_id = slot.id;
     pose.sequence = ++sent.pose_sequence;
     pose.fencing = body.publish;

@@ -18,26 +18,26 @@
 #include <vector>
 
 #include "hrtc_service/handover.hpp"
-#include "hrtc_service/holdings.hpp"
+#include "hrtc_service/ownership_client.hpp"
 #include "session/transit.hpp"
-#include "wire/ends.hpp"
+#include "wire/endpoints.hpp"
 
 namespace tactus::hrtc_service {
 
 class BodyExchange {
  public:
   /// Both must outlive it.
-  BodyExchange(wire::Links& links, Bodies& bodies);
+  BodyExchange(wire::Participants& participants, Bodies& bodies);
   ~BodyExchange();
 
   /// An object that can move; false when there are too many.
   bool add(const TouchObject& object);
-  void on_grant(const session::ObjectGrant& grant, std::int64_t now_ns) { holdings_.on_grant(grant, now_ns); }
+  void on_grant(const session::ObjectGrant& grant, std::int64_t now_ns) { ownership_client_.on_grant(grant, now_ns); }
   void on_pose(const session::ObjectPose& pose, std::int64_t now_ns, std::int64_t session_now_ns);
   /// How long any sample of a peer's probe class was under way.
   void on_transit(std::int64_t transit_ns, std::int64_t now_ns) noexcept;
   void tick(std::int64_t now_ns, const session::ClockMap& clock);
-  [[nodiscard]] const Holdings& holdings() const noexcept { return holdings_; }
+  [[nodiscard]] const OwnershipClient& ownership_client() const noexcept { return ownership_client_; }
   /// Grants, poses and copies dropped because they are outside their windows.
   [[nodiscard]] std::uint64_t implausible() const;
 
@@ -45,7 +45,7 @@ class BodyExchange {
   void send();
 
  private:
-  struct Ends {
+  struct Endpoints {
     std::uint32_t object = 0;  // index
     std::unique_ptr<wire::Writer<session::ObjectCopy>> out;
     std::unique_ptr<wire::Reader<session::ObjectCopy>> in;
@@ -64,26 +64,26 @@ class BodyExchange {
     std::int64_t pose_sent_ns = 0;
   };
 
-  void sync_ends(std::int64_t now_ns);
+  void sync_endpoints(std::int64_t now_ns);
   void on_copy(std::uint32_t object, const session::ObjectCopy& copy);
 
-  wire::Links& links_;
+  wire::Participants& participants_;
   Bodies& bodies_;
-  Holdings holdings_;
+  OwnershipClient ownership_client_;
   session::TransitWatch transit_;
   bool clock_is_set_ = false;  // before, differences to the session time of others are not transits
   wire::Writer<session::ObjectClaim> claims_out_;
   wire::Writer<session::ObjectPose> poses_out_;  // the sender's
   mutable std::mutex ring_mutex_;                // of those who fill the haptic thread's ring, and of the gates
   std::array<session::CopyGate, kMaxObjects> gates_;
-  std::array<std::atomic<std::int64_t>, kMaxObjects> copy_heard_ns_{};
+  std::array<std::atomic<std::int64_t>, kMaxObjects> copy_received_ns_{};
   std::atomic<std::int64_t> session_offset_ns_{0};
   std::atomic<std::int64_t> copy_transit_ns_{-1};  // the greatest since the service last looked; -1: none came
   Slots slots_;
   Handover<Slots> slots_out_;                                            // to the sender
   Retired<std::unique_ptr<wire::Writer<session::ObjectCopy>>> dropped_;  // until the sender has let go of them
   std::array<Sent, kMaxObjects> sent_;
-  std::map<std::uint64_t, Ends> ends_;  // by object; last, so that no callback outlives what it fills
+  std::map<std::uint64_t, Endpoints> endpoints_;  // by object; last, so that no callback outlives what it fills
 };
 
 }  // namespace tactus::hrtc_service

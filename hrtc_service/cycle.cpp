@@ -93,11 +93,11 @@ void Cycle::choose_targets_along(const ToolTouch& tool, const TouchObject& objec
   const spm::Forest& forest = *object.forest;
   const Placement& placement = this->placement(object);
   const double scale = placement.scale();
-  for (std::uint32_t b = 0; b < tool.balls(); ++b) {
-    const ToolTouch::Ball ball = tool.ball(b);
-    const Vec3d centre = placement.to_model(ball.centre + ball.velocity * settings_.period);
-    const Vec3d ahead = placement.direction_to_model(ball.velocity) * (settings_.refine_ahead / scale);
-    const double radius = ball.radius / scale, reach = radius + ahead.norm() / 2;
+  for (std::uint32_t b = 0; b < tool.spheres(); ++b) {
+    const ToolTouch::Sphere sphere = tool.sphere(b);
+    const Vec3d centre = placement.to_model(sphere.centre + sphere.velocity * settings_.period);
+    const Vec3d ahead = placement.direction_to_model(sphere.velocity) * (settings_.refine_ahead / scale);
+    const double radius = sphere.radius / scale, reach = radius + ahead.norm() / 2;
     const double soon = reach + settings_.refine_margin / scale;
     forest.grid().for_each_meeting(centre + ahead / 2, reach + settings_.keep_margin / scale,
                                    [&](spm::RegionId region, double squared) {
@@ -166,7 +166,7 @@ void Cycle::choose_targets(TouchObject& object) noexcept {
     return a.key != b.key ? a.key < b.key : spm::index(a.region) < spm::index(b.region);
   });
   for (std::uint32_t i = 0; i < target_count_; ++i) target_regions_[i] = targets_[i].region;
-  object.forest->target(target_regions_.data(), target_count_, spm::Unasked::kRest);
+  object.forest->target(target_regions_.data(), target_count_, spm::Unrequested::kRest);
 }
 
 void Cycle::log(const TouchObject& object, std::uint32_t probe, std::int64_t now_ns, const Vec3d& centre, double radius,
@@ -239,7 +239,7 @@ bool Cycle::find_held(std::uint32_t number, const ProbeInput& input) noexcept {
   held.object = grasp.object;
   held.hold.pose = {now.to_world(place), (turn * quaternion(grasp.orientation)).normalized()};
   held.hold.velocity = (held.hold.pose.position - before.to_world(place)) / settings_.period;
-  held.hold.spin = haptics::turn_of(turn * turn_before.conjugate()) / settings_.period;
+  held.hold.angular_velocity = haptics::turn_of(turn * turn_before.conjugate()) / settings_.period;
   const session::Material& material = (*object)->material;
   held.feel = {material.stiffness, material.damping};
   held.grip = forces_[number].hold(held.feel, settings_.period, input.device.loop_delay);
@@ -254,7 +254,7 @@ void Cycle::render_held(std::uint32_t number, const ProbeInput& input, ProbeOutp
   const double age = input.pose_age - input.device.transit;
   const haptics::ForceResult& force =
       renderer.step(held.hold, held.grip, input.device, held.feel, age, settings_.period);
-  held.pull = haptics::pull_of(held.hold, held.grip, held.feel.damping, input.device, renderer.spin());
+  held.pull = haptics::pull_of(held.hold, held.grip, held.feel.damping, input.device, renderer.angular_velocity());
   output.proxy = plain(held.hold.pose.position);
   output.force = plain(force.force);
   output.torque = plain(force.torque);
@@ -370,9 +370,9 @@ void Cycle::render_tool(std::uint32_t number, const ProbeInput& input, ProbeOutp
       renderer.step(tool, grip, device, feel, input.pose_age - input.device.transit, settings_.period);
   output.status |= session::kExact;
   output.error_bound = 0;
-  for (std::uint32_t b = 0; b < touch.balls(); ++b) {
-    const ToolTouch::Ball ball = touch.ball(b);
-    tell_where_coarse(ball.centre, ball.radius, number, output);
+  for (std::uint32_t b = 0; b < touch.spheres(); ++b) {
+    const ToolTouch::Sphere sphere = touch.sphere(b);
+    tell_where_coarse(sphere.centre, sphere.radius, number, output);
   }
   output.proxy = plain(tool.pose.position);
   output.orientation = plain(tool.pose.orientation);
@@ -492,20 +492,20 @@ std::uint32_t Cycle::refit(TouchObject& object) noexcept {
   const ObjectState& state = states_[object.index];
   const Placement& placement = state.moved ? state.before : state.placement;  // as of the last touch
   const double scale = placement.scale();
-  std::array<spm::Watch, kMaxProbes> watches;
+  std::array<spm::ChangeDetector, kMaxProbes> change_detectors;
   std::array<std::uint32_t, kMaxProbes> probes;
   std::uint32_t count = 0;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     if (!is_near(i, object) || !tools_.empty()) continue;  // a tool looks for itself
     probes[count] = i;
-    watches[count++] = {placement.to_model(vec(result_.probes[i].proxy)), kHair * settings_.radius / scale};
+    change_detectors[count++] = {placement.to_model(vec(result_.probes[i].proxy)), kHair * settings_.radius / scale};
   }
-  const spm::RefitCount refitted = object.forest->refit(watches.data(), count);
+  const spm::RefitCount refitted = object.forest->refit(change_detectors.data(), count);
   for (std::uint32_t i = 0; i < count; ++i) {
-    if (watches[i].met) states_[object.index].changed |= 1u << probes[i];
+    if (change_detectors[i].met) states_[object.index].changed |= 1u << probes[i];
     Unchanged& unchanged = states_[object.index].unchanged[probes[i]];
-    unchanged.centre = plain(watches[i].centre);
-    unchanged.squared_radius = watches[i].squared_distance;
+    unchanged.centre = plain(change_detectors[i].centre);
+    unchanged.squared_radius = change_detectors[i].squared_distance;
   }
   return refitted.marked;
 }

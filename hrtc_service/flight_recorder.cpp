@@ -26,9 +26,9 @@ constexpr std::uint64_t head_of(FlightEntry kind, std::uint32_t words) noexcept 
 
 FlightRecorder::FlightRecorder(std::uint32_t state_every)
     : ring_{kRingWords},
-      words_(kMostWords, 0),
-      events_(kMostEventWords, 0),
-      in_use_(kMostInUse),
+      words_(kMaxWords, 0),
+      events_(kMaxEventWords, 0),
+      in_use_(kMaxInUse),
       state_every_{state_every} {
   while (ring_.push(0)) {
   }
@@ -36,7 +36,7 @@ FlightRecorder::FlightRecorder(std::uint32_t state_every)
 }
 
 bool FlightRecorder::has_room(std::uint32_t words) noexcept {
-  broken_ = broken_ || count_ + words > kMostWords;
+  broken_ = broken_ || count_ + words > kMaxWords;
   return !broken_;
 }
 
@@ -55,7 +55,7 @@ void FlightRecorder::put(FlightEntry kind, const Value& value) noexcept {
 void FlightRecorder::put_event(Kind kind, const TouchObject& object, spm::RegionId region) noexcept {
   constexpr std::uint32_t kWords = 1 + sizeof(trace::FlightEvent) / 8, kWithObject = kWords + 1;
   static_assert(sizeof(trace::FlightEvent) % 8 == 0);
-  if (event_count_ + kWithObject > kMostEventWords) {
+  if (event_count_ + kWithObject > kMaxEventWords) {
     if (ended() == 0) ended_.store(lost_ + 1, std::memory_order_relaxed);
     return;
   }
@@ -154,11 +154,11 @@ bool FlightRecorder::put_state(Cycle& cycle) noexcept {
   put_word(cycle.objects().size());
   for (const TouchObject* object : cycle.objects()) {
     const spm::Forest& forest = *object->forest;
-    const std::uint32_t in_use = forest.in_use(in_use_.data(), kMostInUse);
+    const std::uint32_t in_use = forest.in_use(in_use_.data(), kMaxInUse);
     put_word(std::uint64_t{object->index} << 32 | forest.base_faces_shown());
     put_word(forest.mesh_hash());
     put_word(in_use);
-    if (in_use > kMostInUse || !has_room(in_use)) {
+    if (in_use > kMaxInUse || !has_room(in_use)) {
       broken_ = true;
       break;
     }

@@ -46,10 +46,10 @@ using FlightRecord = std::vector<std::uint64_t>;
 class FlightRecorder {
  public:
   static constexpr std::uint32_t kRingWords = 1u << 18;  ///< 2 MiB: 0.8 s of eight probes at 1 kHz
-  static constexpr std::uint32_t kMostInUse = 1u << 12;  ///< regions of an object; while more are, no state is told
-  static constexpr std::uint32_t kMostWords = 1u << 15;  ///< of a record; a longer one is lost
+  static constexpr std::uint32_t kMaxInUse = 1u << 12;   ///< regions of an object; while more are, no state is told
+  static constexpr std::uint32_t kMaxWords = 1u << 15;   ///< of a record; a longer one is lost
   /// Of the events that are kept while cycles are lost, some 4000; when there are more, recording ends.
-  static constexpr std::uint32_t kMostEventWords = 1u << 14;
+  static constexpr std::uint32_t kMaxEventWords = 1u << 14;
 
   /// `state_every`: cycles from one state to the next. Allocates and touches everything, which is 2.5 MiB.
   explicit FlightRecorder(std::uint32_t state_every);

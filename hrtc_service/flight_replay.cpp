@@ -58,8 +58,9 @@ CycleSettings settings_of(const trace::FlightStart& start, const spm::MeshProbe*
   settings.refine_margin = start.refine_margin;
   settings.keep_margin = start.keep_margin;
   settings.refine_ahead = start.refine_ahead;
-  settings.force = {start.max_force, start.max_slew,  start.soft_start, start.recovery,        start.hold,
-                    start.zero_by,   start.max_speed, start.max_torque, start.max_torque_slew, start.max_spin};
+  settings.force = {
+      start.max_force, start.max_slew,  start.soft_start, start.recovery,        start.hold,
+      start.zero_by,   start.max_speed, start.max_torque, start.max_torque_slew, start.max_angular_velocity};
   return settings;
 }
 
@@ -71,7 +72,7 @@ std::array<haptics::DeviceSpec, kMaxProbes> specs_of(const trace::FlightStart& s
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     const trace::FlightLimits& limits = start.devices[i];
     specs[i] = {limits.max_force,        limits.max_stiffness, limits.damping,
-                limits.workspace_radius, limits.max_torque,    limits.max_torsion};
+                limits.workspace_radius, limits.max_torque,    limits.max_rotational_stiffness};
   }
   return specs;
 }
@@ -124,7 +125,7 @@ class World {
     return objects_[number]->touch;
   }
 
-  [[nodiscard]] Arrival add(const trace::FlightObject& described, const spm::codec::CodedModel& model) {
+  [[nodiscard]] Arrival add(const trace::FlightObject& described, const spm::codec::CompressedModel& model) {
     const spm::BaseMesh& base = model.base();
     spm::Cache::Admitted admitted = cache_.admit(base);
     if (!admitted.fits || spm::index(admitted.object) != described.object)
@@ -150,7 +151,7 @@ class World {
 
   [[nodiscard]] Arrival region(std::uint32_t number, spm::RegionId region) {
     TouchObject& touch = object(number);
-    const spm::codec::CodedModel& model = *objects_[number]->model;
+    const spm::codec::CompressedModel& model = *objects_[number]->model;
     if (spm::index(region) >= model.summary().regions || touch.forest->is_here(region))
       throw Astray("region " + std::to_string(spm::index(region)) + " of object '" + touch.name + "' cannot have come");
     const spm::ObjectIndex index{number};
@@ -191,16 +192,16 @@ class World {
 
   /// Objects have come, nothing else.
   void restore(const trace::FlightState& state) {
-    for (const trace::FlightObjectState& told : state.objects) {
-      spm::Forest& forest = *object(told.object).forest;
-      for (const std::uint32_t here : told.here)
-        forest.add(spm::RegionId{here}, region(told.object, spm::RegionId{here}).list);
+    for (const trace::FlightObjectState& published : state.objects) {
+      spm::Forest& forest = *object(published.object).forest;
+      for (const std::uint32_t here : published.here)
+        forest.add(spm::RegionId{here}, region(published.object, spm::RegionId{here}).list);
       std::vector<spm::Forest::InUse> in_use;
-      for (const trace::FlightRegion& one : told.in_use)
+      for (const trace::FlightRegion& one : published.in_use)
         in_use.push_back({spm::RegionId{one.region}, one.applied, one.retiring, one.resting});
-      if (!forest.restore(told.base_faces, in_use.data(), static_cast<std::uint32_t>(in_use.size())) ||
-          forest.mesh_hash() != told.mesh_hash)
-        throw FlightError("object '" + object(told.object).name + "' cannot be brought to the state of cycle " +
+      if (!forest.restore(published.base_faces, in_use.data(), static_cast<std::uint32_t>(in_use.size())) ||
+          forest.mesh_hash() != published.mesh_hash)
+        throw FlightError("object '" + object(published.object).name + "' cannot be brought to the state of cycle " +
                           std::to_string(state.cycle));
     }
     std::size_t bytes = 0;
@@ -218,7 +219,7 @@ class World {
  private:
   struct Object {
     TouchObject touch;
-    const spm::codec::CodedModel* model = nullptr;
+    const spm::codec::CompressedModel* model = nullptr;
   };
   static spm::PoolSettings pool_settings(const trace::FlightStart& start) {
     spm::PoolSettings settings = spm::PoolSettings::for_slots(start.slots);
@@ -392,7 +393,7 @@ class Replay {
     if (described == described_.end())
       throw FlightError("found object " + std::to_string(number) + ", which is not described");
     const trace::FlightObject& object = described->second;
-    const spm::codec::CodedModel* const model = options_.model(object.digest);
+    const spm::codec::CompressedModel* const model = options_.model(object.digest);
     if (model == nullptr) {
       std::array<char, 32> digest{};
       std::snprintf(digest.data(), digest.size(), "%016llx", static_cast<unsigned long long>(object.digest));

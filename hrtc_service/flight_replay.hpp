@@ -12,7 +12,7 @@
 #include <string>
 
 #include "hrtc_service/cycle.hpp"
-#include "spm/codec/coded_model.hpp"
+#include "spm/codec/compressed_model.hpp"
 #include "trace/flight_file.hpp"
 
 namespace tactus::hrtc_service {
@@ -34,7 +34,7 @@ struct FlightReport {
 
 struct FlightReplayOptions {
   /// Null when there is none; must stay valid.
-  std::function<const spm::codec::CodedModel*(std::uint64_t digest)> model;
+  std::function<const spm::codec::CompressedModel*(std::uint64_t digest)> model;
   /// Told of each probe in each cycle, when set.
   std::function<void(const trace::FlightTouch&, const trace::FlightProbe&, const ProbeOutput&)> on_probe;
   /// Replays what another build recorded too, if it is from the beginning: forces may differ.

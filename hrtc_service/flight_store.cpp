@@ -70,10 +70,10 @@ trace::FlightStart flight_start(const std::string& participant, const CycleSetti
   start.max_speed = force.max_speed;
   start.max_torque = force.max_torque;
   start.max_torque_slew = force.max_torque_slew;
-  start.max_spin = force.max_spin;
+  start.max_angular_velocity = force.max_angular_velocity;
   for (const haptics::DeviceSpec& spec : specs)
-    start.devices.push_back(
-        {spec.max_force, spec.max_stiffness, spec.damping, spec.workspace_radius, spec.max_torque, spec.max_torsion});
+    start.devices.push_back({spec.max_force, spec.max_stiffness, spec.damping, spec.workspace_radius, spec.max_torque,
+                             spec.max_rotational_stiffness});
   if (settings.tool != nullptr) {
     for (const std::array<float, 3>& vertex : settings.tool->given_vertices())
       start.tool_vertices.insert(start.tool_vertices.end(), vertex.begin(), vertex.end());
@@ -86,11 +86,11 @@ trace::FlightStart flight_start(const std::string& participant, const CycleSetti
   return start;
 }
 
-FlightStore::FlightStore(FlightRecorder& recorder, trace::FlightStart start, double seconds, std::uint64_t most_bytes)
+FlightStore::FlightStore(FlightRecorder& recorder, trace::FlightStart start, double seconds, std::uint64_t max_bytes)
     : recorder_{recorder},
       start_{std::move(start)},
       keep_ns_{std::llround(seconds * 1e9)},
-      most_words_{most_bytes / sizeof(std::uint64_t)} {
+      max_words_{max_bytes / sizeof(std::uint64_t)} {
   segments_.emplace_back();
 }
 
@@ -180,7 +180,7 @@ void FlightStore::take_new() {
 
 void FlightStore::evict() {
   while (segments_.size() > 2 &&
-         (segments_.back().last_ns - segments_[1].first_ns >= keep_ns_ || words_ > most_words_)) {
+         (segments_.back().last_ns - segments_[1].first_ns >= keep_ns_ || words_ > max_words_)) {
     Segment& oldest = segments_.front();
     known_.take_records(oldest.records);
     known_.take_all(segments_[1].before);

@@ -4,7 +4,7 @@
 ///
 /// Which regions the haptic thread had at the start of the oldest segment is kept up to date as segments go, so a file
 /// can begin there. One thread at a time, which is neither the haptic nor the service thread: writing takes as long as
-/// it takes. Allocates, up to `most_bytes`.
+/// it takes. Allocates, up to `max_bytes`.
 #pragma once
 
 #include <cstdint>
@@ -31,7 +31,7 @@ namespace tactus::hrtc_service {
 class FlightStore {
  public:
   /// `recorder` must outlive the store; the objects that it tells of must be there until the last `write`.
-  FlightStore(FlightRecorder& recorder, trace::FlightStart start, double seconds, std::uint64_t most_bytes);
+  FlightStore(FlightRecorder& recorder, trace::FlightStart start, double seconds, std::uint64_t max_bytes);
 
   /// What `seconds` of that many probes take, at most.
   [[nodiscard]] static std::uint64_t bytes_for(double seconds, double period, std::uint32_t probes) noexcept;
@@ -75,7 +75,7 @@ class FlightStore {
   FlightRecorder& recorder_;
   trace::FlightStart start_;
   std::int64_t keep_ns_;
-  std::uint64_t most_words_;
+  std::uint64_t max_words_;
   std::deque<Segment> segments_;
   Known known_;  // when the first segment begins
   std::uint64_t words_ = 0, lost_ = 0;

@@ -52,9 +52,9 @@ class Governor {
   /// What the cycle did and took: units refined, ns of refitting, ns from its beginning to its end, and what that was
   /// foreseen to be when its last portion began. An interruption before that moment is in both, so it changes nothing.
   void observe(std::uint32_t units, double refit_ns, double taken_ns, double foreseen_ns) noexcept {
-    const double least = kLeastShare * deadline_;
-    often_.see(taken_ns - foreseen_ns, least, deadline_);
-    seldom_.see(taken_ns - foreseen_ns, least, deadline_);
+    const double min = kMinShare * deadline_;
+    often_.see(taken_ns - foreseen_ns, min, deadline_);
+    seldom_.see(taken_ns - foreseen_ns, min, deadline_);
     units_ += kMemory * (units - units_);
     refit_ns_ += kMemory * (refit_ns - refit_ns_);
   }
@@ -75,14 +75,14 @@ class Governor {
   static constexpr double kOften = 0.1, kSeldom = 0.01;
   // Of the deadline. Forces may take all of it; a tip that moves would outrun refinement that gave way to them.
   static constexpr double kFloor = 0.18;
-  static constexpr double kLeastShare = 0.01;  // least quantile
+  static constexpr double kMinShare = 0.01;  // least quantile
 
   /// What a share of the cycles exceeds.
   struct Quantile {
     Quantile(double start, double share) noexcept
         : value{start}, rise{std::exp(kStep * (1 - share))}, fall{std::exp(-kStep * share)} {}
-    void see(double sample, double least, double most) noexcept {
-      value = std::clamp(value * (sample > value ? rise : fall), least, most);
+    void see(double sample, double min, double max) noexcept {
+      value = std::clamp(value * (sample > value ? rise : fall), min, max);
     }
     double value, rise, fall;
   };

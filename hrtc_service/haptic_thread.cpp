@@ -127,7 +127,7 @@ void HapticThread::continue_snapshot() noexcept {
     if (copied > 0) snapshot_.next_node = out[copied - 1].id + 1;
     if (copied == wanted && left > copied) break;
     snapshot_.indices[snapshot_.objects] = object.index;
-    snapshot_.ends[snapshot_.objects++] = snapshot_.count;
+    snapshot_.endpoints[snapshot_.objects++] = snapshot_.count;
     snapshot_.next_node = 0;
   }
   if (snapshot_.objects < objects.size()) return;
@@ -137,9 +137,9 @@ void HapticThread::continue_snapshot() noexcept {
 
 std::vector<SnapshotFace> HapticThread::snapshot(std::uint32_t object_index) const {
   std::vector<SnapshotFace> faces;
-  for (std::uint32_t i = 0, first = 0; i < snapshot_.objects; first = snapshot_.ends[i++]) {
+  for (std::uint32_t i = 0, first = 0; i < snapshot_.objects; first = snapshot_.endpoints[i++]) {
     if (snapshot_.indices[i] != object_index) continue;
-    for (std::uint32_t number = first; number < snapshot_.ends[i]; ++number) {
+    for (std::uint32_t number = first; number < snapshot_.endpoints[i]; ++number) {
       const spm::TreeNode& node = snapshot_.nodes[number];
       for (unsigned lane = 0; lane < spm::TreeNode::kWidth; ++lane) {
         if ((node.mask >> lane & 1u) == 0) continue;

@@ -169,7 +169,7 @@ class HapticThread {
   struct Snapshot {
     std::vector<spm::TreeNode> nodes;  // of level 1, object after object
     std::uint32_t count = 0;
-    std::array<std::uint32_t, kMaxObjects> ends{};  // in `nodes`, by place among the cycle's objects
+    std::array<std::uint32_t, kMaxObjects> endpoints{};  // in `nodes`, by place among the cycle's objects
     std::array<std::uint32_t, kMaxObjects> indices{};
     std::uint32_t objects = 0;    // copied whole
     std::uint32_t next_node = 0;  // of the object after these

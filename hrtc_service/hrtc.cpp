@@ -16,17 +16,17 @@
 #include "hrtc_service/loader.hpp"
 #include "hrtc_service/neighbours.hpp"
 #include "hrtc_service/realtime.hpp"
-#include "hrtc_service/seats.hpp"
 #include "hrtc_service/snapshot.hpp"
 #include "hrtc_service/state_sender.hpp"
 #include "hrtc_service/statistics.hpp"
 #include "hrtc_service/stop_switch.hpp"
 #include "hrtc_service/timer_beside.hpp"
+#include "hrtc_service/user_table.hpp"
 #include "session/clock.hpp"
+#include "session/failure_detector.hpp"
 #include "session/roster.hpp"
 #include "session/time_reference.hpp"
-#include "session/vigil.hpp"
-#include "wire/ends.hpp"
+#include "wire/endpoints.hpp"
 #include "wire/inbox.hpp"
 
 namespace tactus::hrtc_service {
@@ -35,9 +35,9 @@ namespace {
 constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kServiceNs = 2 * kMs;  // from one pass to the next, at least; so many times a pass; at most
 constexpr std::int64_t kServiceRest = 10;
-constexpr std::int64_t kServiceMostNs = 10 * kMs;
+constexpr std::int64_t kServiceMaxNs = 10 * kMs;
 constexpr std::int64_t kServiceRestingNs = 8 * kMs;  // at least, where no tip moves and all that is wanted is here
-constexpr std::int64_t kVigilNs = 2 * kMs, kVigilEaseNs = 4 * kMs;
+constexpr std::int64_t kFailureDetectorNs = 2 * kMs, kFailureDetectorEaseNs = 4 * kMs;
 constexpr std::int64_t kHeartbeatNs = 100 * kMs;
 constexpr std::int64_t kClockNs = 200 * kMs;
 constexpr std::int64_t kClockFastNs = 20 * kMs;
@@ -48,15 +48,15 @@ constexpr std::int64_t kOverrunLoggedNs = 1000 * kMs;
 constexpr std::int64_t kModesNs = 20 * kMs;
 constexpr std::int64_t kNoHostNs = 5000 * kMs;
 constexpr std::uint32_t kSetClockUs = 1'000'000;  // a sender whose time is known no better has not set its clock yet
-constexpr std::int64_t kFeltNs = 200 * kMs;  // after a force: a tip that bounces, or a hand that closes again
+constexpr std::int64_t kFeltNs = 200 * kMs;       // after a force: a tip that bounces, or a hand that closes again
 
 using wire::Every;
-/// What a host answers when it is asked whether it lives (session/vigil.hpp), or for the time.
-struct VigilAnswer {
+/// What a host answers when it is asked whether it lives (session/failure_detector.hpp), or for the time.
+struct FailureDetectorAnswer {
   session::ClockSample sample;
 };
 /// A probe state that came through the ends of a group.
-struct WholeState {
+struct FullRateState {
   session::ProbeState state;
 };
 wire::SessionAddress reads_bulk(wire::SessionAddress address) {
@@ -69,10 +69,10 @@ struct RelayedStop {
   std::string by;
 };
 
-using Sample = std::variant<VigilAnswer, session::RosterEntry, session::CatalogueEntry, session::BulkChunk,
+using Sample = std::variant<FailureDetectorAnswer, session::RosterEntry, session::CatalogueEntry, session::BulkChunk,
                             session::Intent, session::ClockSample, session::Control, session::EmergencyStop,
                             session::ForceReset, session::SessionEnd, RelayedStop, session::ProbeState,
-                            session::Metrics, WholeState, session::ObjectGrant, session::ObjectPose>;
+                            session::Metrics, FullRateState, session::ObjectGrant, session::ObjectPose>;
 using Inbox = wire::Inbox<Sample>;
 
 /// Contacts and holds count, whatever their force is in this cycle.
@@ -102,8 +102,8 @@ struct Hrtc::Impl {
   void take(const session::BulkChunk& chunk, std::int64_t now_ns) { loader.on_chunk(chunk, now_ns); }
   void take(const session::Intent& intent, std::int64_t now_ns);
   void take(const session::ClockSample& sample, std::int64_t now_ns);
-  void take(const VigilAnswer& answer, std::int64_t now_ns) {
-    vigil.on_answer(answer.sample, now_ns);
+  void take(const FailureDetectorAnswer& answer, std::int64_t now_ns) {
+    failure_detector.on_answer(answer.sample, now_ns);
     clock.on_answer(answer.sample, now_ns);
   }
   void take(const session::Control& control, std::int64_t now_ns);
@@ -114,8 +114,8 @@ struct Hrtc::Impl {
   void take(const session::SessionEnd& end, std::int64_t now_ns);
   void follow_stops();
   void take(const session::ProbeState& state, std::int64_t now_ns);
-  void take(const WholeState& whole, std::int64_t now_ns);
-  void take(const session::Metrics& told, std::int64_t now_ns) { neighbours.on_metrics(told, now_ns); }
+  void take(const FullRateState& whole, std::int64_t now_ns);
+  void take(const session::Metrics& published, std::int64_t now_ns) { neighbours.on_metrics(published, now_ns); }
   void take(const session::ObjectGrant& grant, std::int64_t now_ns) { exchange.on_grant(grant, now_ns); }
   void take(const session::ObjectPose& pose, std::int64_t now_ns) {
     exchange.on_pose(pose, now_ns, clock.map().session_time(now_ns));
@@ -124,12 +124,12 @@ struct Hrtc::Impl {
   void on_event(const session::RosterEvent& event, std::int64_t now_ns);
   void tell_of_fault(std::uint32_t slot, std::uint32_t status);
   void tell_of_hold(std::uint32_t slot, const ProbeOutput& probe);
-  void unseat(std::uint64_t client, const std::string& user);
-  void seat_local_users();
+  void remove(std::uint64_t client, const std::string& user);
+  void add_local_users();
   [[nodiscard]] bool force_on(std::int64_t now_ns) const;
   void note_first_touch(std::int64_t now_ns);
   void choose_whom_to_watch(const std::array<NearObjects, kMaxProbes>& near);
-  [[nodiscard]] bool keep_vigil(std::int64_t now_ns);
+  [[nodiscard]] bool run_failure_detector(std::int64_t now_ns);
   void tell_of_hosts(std::int64_t now_ns);
   void send_roster(bool leaving);
   void send_metrics(bool all);
@@ -144,19 +144,19 @@ struct Hrtc::Impl {
   void finish();
 
   HrtcOptions options;
-  wire::Links links;
+  wire::Participants participants;
   Inbox inbox{1u << 14};
   spm::Pool pool;
   spm::NodePool nodes;
-  std::unique_ptr<FlightKeeper> flight;  // null: nothing is recorded
+  std::unique_ptr<FlightSaver> flight;  // null: nothing is recorded
   HapticThread haptic;
   Loader loader;
   session::Roster roster;
   session::SessionClock clock;
-  session::Vigil vigil;
+  session::FailureDetector failure_detector;
   HapticOrders orders{haptic};
-  Seats seats;
-  StopSwitch stops{links.origin(), haptic};
+  UserTable user_table;
+  StopSwitch stops{participants.origin(), haptic};
   bool stopped = false;  // when the service thread looked last
   std::vector<session::StopRecord> stops_acknowledged;
   haptics::Mailbox<session::ClockMap> sender_clock;
@@ -164,7 +164,7 @@ struct Hrtc::Impl {
   wire::Writer<session::RosterEntry> roster_out;
   wire::Writer<session::Demand> demand_out;
   wire::Writer<session::ClockSample> clock_out;
-  wire::Writer<session::ClockSample> vigil_out;
+  wire::Writer<session::ClockSample> failure_detector_out;
   wire::Writer<session::Metrics> metrics_out, losses_out;
   Neighbours neighbours;
   StateSender states;
@@ -184,7 +184,7 @@ struct Hrtc::Impl {
 
   wire::Heartbeat heartbeat{kHeartbeatNs};
   Every clock_request{kClockFastNs}, metrics{kMetricsNs}, all_metrics{kAllMetricsNs}, no_host{kNoHostNs},
-      modes{kModesNs}, bodies_told{kModesNs};
+      modes{kModesNs}, bodies_published{kModesNs};
   std::uint64_t beats = 0;
   std::uint32_t clock_requests = 0;
   std::int64_t started_ns = 0;
@@ -193,8 +193,8 @@ struct Hrtc::Impl {
   bool ended = false;
   int exit_code = 0;
   ProbeReports reports;
-  std::array<bool, kMaxProbes> faults_told{};
-  std::array<std::uint32_t, kMaxProbes> holds_told{};  // status bits
+  std::array<bool, kMaxProbes> faults_logged{};
+  std::array<std::uint32_t, kMaxProbes> holds_logged{};  // status bits
   LateCycleClassifier late_cycles;
   std::deque<CycleTrace> late_traces;  // that are not classified yet
   Every overrun_logged{kOverrunLoggedNs};
@@ -226,9 +226,9 @@ struct Hrtc::Impl {
       !(std::is_same_v<Typed, session::RosterEntry> || std::is_same_v<Typed, session::ClockSample> ||
         std::is_same_v<Typed, session::ProbeState> || std::is_same_v<Typed, session::Metrics>);
   template <class Typed>
-  void listen(const wire::TopicSpec<Typed>& topic, const wire::EndOptions& where = {}) {
+  void listen(const wire::TopicSpec<Typed>& topic, const wire::EndpointOptions& where = {}) {
     readers.push_back(std::make_shared<wire::Reader<Typed>>(
-        links, topic, [this](Typed&& sample) { receive(std::move(sample)); }, where));
+        participants, topic, [this](Typed&& sample) { receive(std::move(sample)); }, where));
   }
   // In threads of DDS.
   template <class Typed>
@@ -259,14 +259,14 @@ std::array<haptics::DeviceSpec, kMaxProbes> specs_of(const HrtcOptions& options)
   return specs;
 }
 
-std::unique_ptr<FlightKeeper> flight_keeper(const HrtcOptions& options) {
+std::unique_ptr<FlightSaver> flight_saver(const HrtcOptions& options) {
   if (options.flight.seconds <= 0) return nullptr;
-  return std::make_unique<FlightKeeper>(
+  return std::make_unique<FlightSaver>(
       options.flight, flight_start(options.address.participant, options.haptic.cycle, options.pool, specs_of(options)),
       static_cast<std::uint32_t>(std::min<std::size_t>(options.max_users, kMaxProbes)));
 }
 
-HapticSettings haptic_settings(const HrtcOptions& options, FlightKeeper* flight) {
+HapticSettings haptic_settings(const HrtcOptions& options, FlightSaver* flight) {
   HapticSettings settings = options.haptic;
   if (flight != nullptr) settings.recorder = &flight->recorder();
   return settings;
@@ -286,26 +286,26 @@ LoaderSettings loader_settings(const HrtcOptions& options) {
 
 Hrtc::Impl::Impl(HrtcOptions given)
     : options{std::move(given)},
-      links{reads_bulk(options.address)},
+      participants{reads_bulk(options.address)},
       pool{options.pool},
       nodes{options.pool.tree_nodes},
-      flight{flight_keeper(options)},
+      flight{flight_saver(options)},
       haptic{haptic_settings(options, flight.get()), specs_of(options)},
-      loader{pool, nodes, links.origin(), loader_settings(options), haptic.arrivals(), haptic.departures()},
-      roster{links.origin(), {}},
-      clock{links.origin(), {}, monotonic_ns()},
-      vigil{links.origin(), {}},
-      seats{links, std::min<std::size_t>(options.max_users, kMaxProbes), orders,
-            [this](session::Intent&& intent) { inbox.put(std::move(intent)); }},
-      roster_out{links, wire::topics::kRoster},
-      demand_out{links, wire::topics::kDemand},
-      clock_out{links, wire::topics::kClock},
-      vigil_out{links, wire::topics::kClock, {wire::hrtc_partition(options.address.participant)}},
-      metrics_out{links, wire::topics::kMetrics},
-      losses_out{links, wire::topics::kMetrics, {wire::kLossesPartition}},
-      neighbours{links, [this](session::ProbeState&& state) { inbox.put(WholeState{std::move(state)}); }},
-      states{links, options.haptic.cycle.radius, options.coding, seats, neighbours},
-      exchange{links, haptic.bodies()} {
+      loader{pool, nodes, participants.origin(), loader_settings(options), haptic.arrivals(), haptic.departures()},
+      roster{participants.origin(), {}},
+      clock{participants.origin(), {}, monotonic_ns()},
+      failure_detector{participants.origin(), {}},
+      user_table{participants, std::min<std::size_t>(options.max_users, kMaxProbes), orders,
+                 [this](session::Intent&& intent) { inbox.put(std::move(intent)); }},
+      roster_out{participants, wire::topics::kRoster},
+      demand_out{participants, wire::topics::kDemand},
+      clock_out{participants, wire::topics::kClock},
+      failure_detector_out{participants, wire::topics::kClock, {wire::hrtc_partition(options.address.participant)}},
+      metrics_out{participants, wire::topics::kMetrics},
+      losses_out{participants, wire::topics::kMetrics, {wire::kLossesPartition}},
+      neighbours{participants, [this](session::ProbeState&& state) { inbox.put(FullRateState{std::move(state)}); }},
+      states{participants, options.haptic.cycle.radius, options.coding, user_table, neighbours},
+      exchange{participants, haptic.bodies()} {
   loader.on_event = [](const std::string& text) { spdlog::info("{}", text); };
   loader.on_object = [this](const TouchObject& object) {
     if (object.body && !exchange.add(object))
@@ -315,7 +315,7 @@ Hrtc::Impl::Impl(HrtcOptions given)
     neighbours.on_object_gone(object);
     movable.erase(object);
   };
-  seat_local_users();
+  add_local_users();
   // Last of what may be refused, so that nothing is left behind.
   if (!options.snapshot.empty()) expect_snapshot_directory(options.snapshot);
   if (!options.log.empty()) log = std::make_unique<trace::ContactLogWriter>(options.log);
@@ -334,12 +334,12 @@ Hrtc::Impl::Impl(HrtcOptions given)
   listen(wire::topics::kObjectGrant);
   listen(wire::topics::kObjectPose);
   listen(wire::topics::kMetrics, {wire::kLossesPartition});
-  const wire::EndOptions own{wire::hrtc_partition(options.address.participant)};
+  const wire::EndpointOptions own{wire::hrtc_partition(options.address.participant)};
   listen(wire::topics::kBase, own);
   listen(wire::topics::kRecords, own);
   readers.push_back(std::make_shared<wire::Reader<session::ClockSample>>(
-      links, wire::topics::kClock, [this](session::ClockSample&& answer) { inbox.put(VigilAnswer{std::move(answer)}); },
-      own));
+      participants, wire::topics::kClock,
+      [this](session::ClockSample&& answer) { inbox.put(FailureDetectorAnswer{std::move(answer)}); }, own));
 }
 
 Hrtc::Impl::~Impl() {
@@ -349,9 +349,9 @@ Hrtc::Impl::~Impl() {
   if (flight) static_cast<void>(flight->stop());  // while the objects are there
 }
 
-void Hrtc::Impl::seat_local_users() {
+void Hrtc::Impl::add_local_users() {
   for (LocalUser& local : options.local_users)
-    if (!seats.seat_here(local.user, std::move(local.device)))
+    if (!user_table.add_local(local.user, std::move(local.device)))
       throw haptics::DeviceError("no slot left for user " + local.user);
 }
 
@@ -373,7 +373,7 @@ void Hrtc::Impl::on_event(const session::RosterEvent& event, std::int64_t now_ns
   metrics.hasten(now_ns, kMetricsSoonNs);  // whoever compares scenes need not wait long
   const bool is_new = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted;
   if (entry.role == session::Role::kHost && is_new) heartbeat.insist();  // whom it had not yet found before
-  if (event.change == RosterChange::kTwins && entry.origin.participant == links.origin().participant) {
+  if (event.change == RosterChange::kNameConflict && entry.origin.participant == participants.origin().participant) {
     spdlog::error("another program named {} is in session {}; every name may be there once",
                   options.address.participant, options.address.session);
     if (event.entry_yields) {
@@ -387,28 +387,28 @@ void Hrtc::Impl::on_event(const session::RosterEvent& event, std::int64_t now_ns
   if (entry.role != session::Role::kClient) return;
   const std::uint64_t client = entry.origin.participant;
   if (gone || event.change == RosterChange::kRestarted)
-    for (const std::string& user : entry.users) unseat(client, user);
+    for (const std::string& user : entry.users) remove(client, user);
   const bool here = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted ||
                     event.change == RosterChange::kChanged;
   const bool asks = here && entry.controller == options.address.participant;
   // After a restart the others stay: a second program of that name may only have shown itself, and yield.
   if (event.change == RosterChange::kChanged) {
-    for (const std::string& user : seats.users_of(client))
-      if (!(asks && std::find(entry.users.begin(), entry.users.end(), user) != entry.users.end())) unseat(client, user);
+    for (const std::string& user : user_table.users_of(client))
+      if (!(asks && std::find(entry.users.begin(), entry.users.end(), user) != entry.users.end())) remove(client, user);
   }
   if (!asks) return;
-  seats.seat(entry);
+  user_table.seat(entry);
   heartbeat.at_once();
 }
 
-void Hrtc::Impl::unseat(std::uint64_t client, const std::string& user) {
-  const std::optional<std::uint64_t> left = seats.unseat(client, user);
+void Hrtc::Impl::remove(std::uint64_t client, const std::string& user) {
+  const std::optional<std::uint64_t> left = user_table.remove(client, user);
   if (!left) return;
   neighbours.on_user_left(*left);
   roster.for_each([&](const session::RosterEntry& other) {  // who was refused for want of this probe or this name
     if (other.role == session::Role::kClient && other.controller == options.address.participant &&
         other.origin.participant != client)
-      seats.seat(other);
+      user_table.seat(other);
   });
   heartbeat.at_once();
 }
@@ -424,18 +424,18 @@ void Hrtc::Impl::take(const session::CatalogueEntry& entry, std::int64_t now_ns)
 
 /// Wishes are in session time, the hand's clock is ours.
 void Hrtc::Impl::take(const session::Intent& intent, std::int64_t now_ns) {
-  seats.on_intent(intent, now_ns - clock.map().session_time(now_ns));
+  user_table.on_intent(intent, now_ns - clock.map().session_time(now_ns));
 }
 
 void Hrtc::Impl::take(const session::ClockSample& sample, std::int64_t now_ns) {
-  if (sample.peer != links.origin().participant) return;
+  if (sample.peer != participants.origin().participant) return;
   if (sample.answer) {
     clock.on_answer(sample, now_ns);
     return;
   }
   if (!clock.answers()) return;
   session::ClockSample answer = clock.answer(sample, now_ns, monotonic_ns());
-  answer.origin = links.origin();
+  answer.origin = participants.origin();
   (void)clock_out.send(answer);
 }
 
@@ -479,13 +479,13 @@ void Hrtc::Impl::follow_stops() {
 
 void Hrtc::Impl::take(const session::ProbeState& state, std::int64_t now_ns) {
   const std::int64_t session_ns = clock.map().session_time(now_ns);
-  neighbours.on_state(state, session::StateStream::kCoded, now_ns, session_ns);
+  neighbours.on_state(state, session::StateStream::kDeadbandCoded, now_ns, session_ns);
   if (state.time_bound_us < kSetClockUs) exchange.on_transit(session_ns - state.session_time_ns, session_ns);
 }
 
-void Hrtc::Impl::take(const WholeState& whole, std::int64_t now_ns) {
+void Hrtc::Impl::take(const FullRateState& whole, std::int64_t now_ns) {
   const std::int64_t session_ns = clock.map().session_time(now_ns);
-  neighbours.on_state(whole.state, session::StateStream::kWhole, now_ns, session_ns);
+  neighbours.on_state(whole.state, session::StateStream::kFullRate, now_ns, session_ns);
   if (whole.state.time_bound_us < kSetClockUs)
     exchange.on_transit(session_ns - whole.state.session_time_ns, session_ns);
 }
@@ -495,11 +495,11 @@ bool Hrtc::Impl::force_on(std::int64_t now_ns) const { return now_ns - felt_ns <
 
 void Hrtc::Impl::send_roster(bool leaving) {
   session::RosterEntry entry;
-  entry.origin = links.origin();
+  entry.origin = participants.origin();
   entry.role = session::Role::kHrtc;
   entry.name = options.address.participant;
   entry.session = options.address.session;
-  entry.slots = seats.slots();
+  entry.slots = user_table.slots();
   entry.heartbeat = ++beats;
   entry.leaving = leaving;
   entry.stops = stops_acknowledged;
@@ -510,8 +510,8 @@ void Hrtc::Impl::send_roster(bool leaving) {
 void Hrtc::Impl::send_metrics(bool all) {
   namespace names = session::figures;
   session::Metrics sample;
-  sample.origin = links.origin();
-  sample.scene = session::scene_hash(roster, links.origin(), session::Role::kHrtc);
+  sample.origin = participants.origin();
+  sample.scene = session::scene_hash(roster, participants.origin(), session::Role::kHrtc);
   statistics.write(sample.figures, all);
   if (all && !timer_samples.empty()) {
     sample.figures.push_back({names::kTimerP50, timer_samples.percentile_us(0.5)});
@@ -528,9 +528,9 @@ void Hrtc::Impl::send_metrics(bool all) {
       {names::kPoolUsed, figures.slots_used},
       {names::kPoolPeak, figures.slots_peak},
       {names::kPoolLimit, figures.slots_limit},
-      {names::kCodedUsed, figures.coded_used},
-      {names::kCodedPeak, figures.coded_peak},
-      {names::kCodedLimit, figures.coded_limit},
+      {names::kCompressedUsed, figures.compressed_used},
+      {names::kCompressedPeak, figures.compressed_peak},
+      {names::kCompressedLimit, figures.compressed_limit},
       {names::kRegionsHeld, static_cast<double>(figures.regions_held)},
       {names::kRegionsCoarsened, static_cast<double>(figures.regions_coarsened)},
       {names::kRegionsReceived, static_cast<double>(figures.regions_received)},
@@ -541,16 +541,16 @@ void Hrtc::Impl::send_metrics(bool all) {
       {names::kRecordsReceived, static_cast<double>(figures.records_received)},
       {names::kRecordsReturned, static_cast<double>(figures.records_returned)},
       {names::kRecordsRepeated, static_cast<double>(figures.records_repeated)},
-      {names::kRecordsTold, static_cast<double>(figures.records_told)},
+      {names::kRecordsPublished, static_cast<double>(figures.records_published)},
       {names::kBytesReceived, static_cast<double>(delivery.payload_bytes)},
       {names::kLoadLatency, figures.load_latency * 1e6},
-      {names::kFalseAlarms, static_cast<double>(vigil.false_alarms())},
+      {names::kFalseAlarms, static_cast<double>(failure_detector.false_alarms())},
       {names::kHostChanges, static_cast<double>(delivery.host_changes)},
-      {names::kImplausible, static_cast<double>(roster.implausible() + delivery.implausible + seats.implausible() +
+      {names::kImplausible, static_cast<double>(roster.implausible() + delivery.implausible + user_table.implausible() +
                                                 neighbours.implausible() + exchange.implausible())}};
   for (const auto& [name, value] : counts) sample.figures.push_back({name, value});
   states.write(sample.figures);
-  seats.write(sample.figures);
+  user_table.write(sample.figures);
   static_assert(std::size(names::kInterventions) == haptics::kForceBits);
   for (std::size_t i = 0; i < haptics::kForceBits; ++i)
     sample.figures.push_back({names::kInterventions[i], static_cast<double>(reports.interventions[i])});
@@ -561,7 +561,7 @@ void Hrtc::Impl::send_metrics(bool all) {
   since_catalogue(names::kFirstExact, first.exact_ns);
   if (first.exact_ns != 0) sample.figures.push_back({names::kFirstExactBytes, static_cast<double>(first.bytes)});
   neighbours.write(sample.figures);
-  exchange.holdings().write(sample.figures);
+  exchange.ownership_client().write(sample.figures);
   static_assert(kMaxObjects <= session::kMaxMeshes);
   const MeshHashes& hashes = haptic.mesh_hashes().latest();
   for (const Loader::ObjectInfo& object : loader.objects()) sample.meshes.push_back({object.id, hashes[object.index]});
@@ -574,7 +574,7 @@ void Hrtc::Impl::send_metrics(bool all) {
 void Hrtc::Impl::tick_modes(std::int64_t now_ns) {
   std::array<std::uint64_t, kMaxProbes> ids{};
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
-    ids[i] = seats.user_at(i);
+    ids[i] = user_table.user_at(i);
     if (ids[i] != 0 && reports.probes[i].active) neighbours.on_own_probe(ids[i], reports.probes[i].device, now_ns);
   }
   neighbours.tick(now_ns, ids);
@@ -583,8 +583,8 @@ void Hrtc::Impl::tick_modes(std::int64_t now_ns) {
 /// What moves is known to move: to those who look for what is near, here and among users.
 void Hrtc::Impl::tick_bodies(std::int64_t now_ns) {
   exchange.tick(now_ns, clock.map());
-  const bool tell_modes = bodies_told.due(now_ns);
-  for (const Holdings::Held& body : exchange.holdings().bodies()) {
+  const bool tell_modes = bodies_published.due(now_ns);
+  for (const OwnershipClient::Held& body : exchange.ownership_client().bodies()) {
     const auto known = movable.find(body.id);
     if (known == movable.end()) continue;
     auto& [entry, moved] = known->second;
@@ -609,7 +609,7 @@ void Hrtc::Impl::send_states() {
   while (sending) {
     wire::sleep_until(std::max(latest.next_due_ns, monotonic_ns()) + step_ns);
     if (!haptic.reports_for_sender().take(latest)) continue;
-    seats.send_commands(latest);
+    user_table.send_commands(latest);
     exchange.send();
     if (latest.time_ns - sent_ns >= gap_ns) {
       sent_ns = latest.time_ns;
@@ -701,17 +701,17 @@ void Hrtc::Impl::choose_whom_to_watch(const std::array<NearObjects, kMaxProbes>&
     const std::uint64_t host = loader.serving_host(object.id);
     if (host != 0 && (objects_near >> object.index & 1u) != 0) hosts.push_back(host);
   }
-  vigil.watch(hosts);
+  failure_detector.watch(hosts);
 }
 
 /// True when a host has just been found silent.
-bool Hrtc::Impl::keep_vigil(std::int64_t now_ns) {
-  while (auto question = vigil.ask(now_ns)) {
-    question->origin = links.origin();
-    (void)vigil_out.send(*question);
+bool Hrtc::Impl::run_failure_detector(std::int64_t now_ns) {
+  while (auto question = failure_detector.ask(now_ns)) {
+    question->origin = participants.origin();
+    (void)failure_detector_out.send(*question);
   }
-  const std::vector<session::Vigil::Silent> all_silent = vigil.silent(now_ns);
-  for (const session::Vigil::Silent& silent : all_silent) {
+  const std::vector<session::FailureDetector::Silent> all_silent = failure_detector.silent(now_ns);
+  for (const session::FailureDetector::Silent& silent : all_silent) {
     const session::RosterEntry* host = roster.find(silent.host);
     spdlog::warn("host '{}' has not answered for {} ms", host == nullptr ? "?" : host->name, silent.for_ns / kMs);
     loader.on_host_silent(silent.host);
@@ -739,9 +739,9 @@ void Hrtc::Impl::tell_of_hosts(std::int64_t now_ns) {
 
 void Hrtc::Impl::tell_of_fault(std::uint32_t slot, std::uint32_t status) {
   const bool fault = (status & session::kFault) != 0;
-  if (fault == faults_told[slot]) return;
-  faults_told[slot] = fault;
-  const std::string& name = seats.name_at(slot);
+  if (fault == faults_logged[slot]) return;
+  faults_logged[slot] = fault;
+  const std::string& name = user_table.name_at(slot);
   if (fault) {
     spdlog::warn("the force of user {} is off until it is reset: {}", name, session::fault_reason(status));
     if (flight) flight->save(session::fault_reason(status), false);
@@ -751,18 +751,18 @@ void Hrtc::Impl::tell_of_fault(std::uint32_t slot, std::uint32_t status) {
 
 void Hrtc::Impl::tell_of_hold(std::uint32_t slot, const ProbeOutput& probe) {
   constexpr std::uint32_t kHold = session::kHolding | session::kHoldRefused;
-  const std::uint32_t now = probe.status & kHold, before = std::exchange(holds_told[slot], now);
-  if (now == before || !seats.taken(slot)) return;
+  const std::uint32_t now = probe.status & kHold, before = std::exchange(holds_logged[slot], now);
+  if (now == before || !user_table.taken(slot)) return;
   std::string name = "something";
   for (const Loader::ObjectInfo& object : loader.objects())
     if (object.index == probe.object) name = "'" + object.name + "'";
   if ((now & session::kHolding) != 0) {
-    spdlog::info("user {} holds {}", seats.name_at(slot), name);
+    spdlog::info("user {} holds {}", user_table.name_at(slot), name);
   } else if ((before & session::kHolding) != 0) {
-    spdlog::info("user {} has let go", seats.name_at(slot));
+    spdlog::info("user {} has let go", user_table.name_at(slot));
   } else if ((now & session::kHoldRefused) != 0) {
     spdlog::warn("user {} cannot hold {}: it does not move here, or forces were off since the hand has closed",
-                 seats.name_at(slot), name);
+                 user_table.name_at(slot), name);
   }
 }
 
@@ -795,27 +795,29 @@ void Hrtc::Impl::serve(std::int64_t now_ns) {
   choose_whom_to_watch(near);
   tell_of_hosts(now_ns);
   while (auto demand = loader.demand(now_ns)) {
-    demand->origin = links.origin();
+    demand->origin = participants.origin();
     (void)demand_out.send(*demand);
   }
-  session::keep_time(roster, links.origin(), session::Role::kHrtc, force_on(now_ns), now_ns, clock);
-  if (clock.reference() != 0 && clock.reference() != links.origin().participant && clock_request.due(now_ns)) {
+  session::keep_time(roster, participants.origin(), session::Role::kHrtc, force_on(now_ns), now_ns, clock);
+  if (clock.reference() != 0 && clock.reference() != participants.origin().participant && clock_request.due(now_ns)) {
     session::ClockSample request = clock.request(monotonic_ns());
     const std::int64_t sent = request.t0_ns;
-    request.origin = links.origin();
+    request.origin = participants.origin();
     request.t0_ns = sent;
     // A host hears it where nobody else listens.
-    const session::RosterEntry* const keeper = roster.find(clock.reference());
-    (void)(keeper != nullptr && keeper->role == session::Role::kHost ? vigil_out : clock_out).send(request);
+    const session::RosterEntry* const object_authority = roster.find(clock.reference());
+    (void)(object_authority != nullptr && object_authority->role == session::Role::kHost ? failure_detector_out
+                                                                                         : clock_out)
+        .send(request);
     if (++clock_requests == 10) clock_request.set_period(kClockNs);
   }
   sender_clock.post(clock.map());
-  seats.on_clock(clock.map().session_time(now_ns) - now_ns);
+  user_table.on_clock(clock.map().session_time(now_ns) - now_ns);
   follow_stops();
   if (heartbeat.due(now_ns)) send_roster(false);
   if (metrics.due(now_ns)) send_metrics(all_metrics.due(now_ns));
-  seats.open_remote_devices();
-  seats.free_left();
+  user_table.open_remote_devices();
+  user_table.free_left();
   if (modes.due(now_ns)) tick_modes(now_ns);
   drain_rings();
   if (options.saves != nullptr && saves_seen != *options.saves) {
@@ -860,7 +862,7 @@ void Hrtc::Impl::finish() {
     send_metrics(true);
     std::this_thread::sleep_for(std::chrono::milliseconds{20});
   }
-  wire::say_last_words([this] { send_roster(true); });
+  wire::send_leave_messages([this] { send_roster(true); });
 }
 
 int Hrtc::Impl::run(const std::atomic<bool>& stop) {
@@ -872,7 +874,7 @@ int Hrtc::Impl::run(const std::atomic<bool>& stop) {
     };
     flight->start();
     spdlog::info("flight recorder: the last {:g} s, {:.1f} MiB at most", options.flight.seconds,
-                 static_cast<double>(flight->most_bytes()) / (1 << 20));
+                 static_cast<double>(flight->max_bytes()) / (1 << 20));
   }
   spdlog::info("{}", haptic.start());
   if (options.timer_beside) timer = std::make_unique<TimerBeside>(options.haptic.period_ns(), options.haptic.priority);
@@ -888,19 +890,20 @@ int Hrtc::Impl::run(const std::atomic<bool>& stop) {
   // However many samples come, for their number grows with the square of a session's size; and a share of a core at
   // most, for on a machine that is short of time answers come later, so that more has to be told ahead, which takes
   // time. Whether hosts live is asked between passes, too.
-  Every due{kServiceNs}, look{kVigilNs};
+  Every due{kServiceNs}, look{kFailureDetectorNs};
   while (!stop && !ended) {
     const std::int64_t before_ns = monotonic_ns();
-    const auto patience = vigil.watches() ? std::min(due.left(before_ns), look.left(before_ns)) : due.left(before_ns);
+    const auto patience =
+        failure_detector.watches() ? std::min(due.left(before_ns), look.left(before_ns)) : due.left(before_ns);
     for (const Inbox::Arrived& arrived : inbox.take(patience))
       std::visit([&](const auto& sample) { take(sample, arrived.at_ns); }, arrived.sample);
     const std::int64_t now_ns = monotonic_ns();
-    if (vigil.watches() && look.due(now_ns) && keep_vigil(now_ns)) due.at_once();
-    look.set_period(vigil.at_ease() ? kVigilEaseNs : kVigilNs);
+    if (failure_detector.watches() && look.due(now_ns) && run_failure_detector(now_ns)) due.at_once();
+    look.set_period(failure_detector.at_ease() ? kFailureDetectorEaseNs : kFailureDetectorNs);
     if (!due.due(now_ns)) continue;
     serve(now_ns);
-    const std::int64_t least_ns = loader.at_rest() ? kServiceRestingNs : kServiceNs;
-    due.set_period(std::clamp(kServiceRest * (monotonic_ns() - now_ns), least_ns, kServiceMostNs));
+    const std::int64_t min_ns = loader.at_rest() ? kServiceRestingNs : kServiceNs;
+    due.set_period(std::clamp(kServiceRest * (monotonic_ns() - now_ns), min_ns, kServiceMaxNs));
   }
   finish();
   return exit_code;

@@ -17,11 +17,11 @@
 #include <string>
 #include <vector>
 
-#include "hrtc_service/flight_keeper.hpp"
+#include "hrtc_service/flight_saver.hpp"
 #include "hrtc_service/haptic_thread.hpp"
 #include "spm/pool.hpp"
 #include "spm/prediction.hpp"
-#include "wire/links.hpp"
+#include "wire/participants.hpp"
 
 namespace tactus::hrtc_service {
 

@@ -18,7 +18,7 @@ constexpr std::int64_t kLongestReadingNs = 20'000;  // of the times, which belon
 constexpr std::int64_t kLongestCountsNs = 500'000;
 constexpr std::int64_t kSwitchNs = 20'000;  // from a cycle's end, at most, until its sleep is counted as a switch
 constexpr int kTries = 3;
-constexpr std::size_t kMostCycles = 8192;  // without readings
+constexpr std::size_t kMaxCycles = 8192;  // without readings
 
 int open_file(pid_t thread_id, const char* name) {
   const std::string path = "/proc/self/task/" + std::to_string(thread_id) + "/" + name;
@@ -133,7 +133,7 @@ void LateCycleClassifier::add(const CycleTimes& cycle) {
   newest_ = cycle;
   cycles_.push_back(added);
   if (cycle.late()) late_.push_back(added);
-  if (cycles_.size() > kMostCycles) cycles_.pop_front();
+  if (cycles_.size() > kMaxCycles) cycles_.pop_front();
 }
 
 void LateCycleClassifier::forget_before(std::int64_t time_ns) {
@@ -176,7 +176,7 @@ LateVerdict LateCycleClassifier::judge(const Cycle& late, const ThreadUsage& bef
   // readings tell apart.
   std::int64_t wake_ns = 0, awake_ns = 0;
   std::int64_t longest_other_ns = 0;
-  std::int64_t sleeps_least = 0, sleeps_most = 0;
+  std::int64_t sleeps_min = 0, sleeps_max = 0;
   for (const Cycle& cycle : cycles_) {
     wake_ns += overlap(cycle.start_ns(), cycle.times.began_ns, before.time_ns, after.time_ns);
     const std::int64_t cycle_awake_ns =
@@ -185,11 +185,11 @@ LateVerdict LateCycleClassifier::judge(const Cycle& late, const ThreadUsage& bef
     if (cycle.times.due_ns != late.times.due_ns) longest_other_ns = std::max(longest_other_ns, cycle_awake_ns);
     if (cycle.follows_at_once()) continue;
     const std::int64_t slept_ns = cycle.previous_end_ns, surely_ns = slept_ns + kSwitchNs;
-    if (slept_ns > before.time_ns && surely_ns < after.counted_ns) ++sleeps_least;
-    if (surely_ns > before.counted_ns && slept_ns < after.time_ns) ++sleeps_most;
+    if (slept_ns > before.time_ns && surely_ns < after.counted_ns) ++sleeps_min;
+    if (surely_ns > before.counted_ns && slept_ns < after.time_ns) ++sleeps_max;
   }
-  if (!before.asleep || newest_->end_ns < after.time_ns) ++sleeps_most;
-  if (!after.asleep) --sleeps_least;
+  if (!before.asleep || newest_->end_ns < after.time_ns) ++sleeps_max;
+  if (!after.asleep) --sleeps_min;
   const std::int64_t half_ns = (late.times.deadline_ns - late.times.due_ns) / 2;
   const std::int64_t late_awake_ns = late.times.end_ns - late.times.began_ns;
   const std::int64_t late_wake_ns = late.times.began_ns - late.start_ns();
@@ -201,32 +201,32 @@ LateVerdict LateCycleClassifier::judge(const Cycle& late, const ThreadUsage& bef
   verdict.minor_faults = after.minor_faults - before.minor_faults;
   verdict.major_faults = after.major_faults - before.major_faults;
   const auto switches = static_cast<std::int64_t>(after.voluntary - before.voluntary);
-  const bool may_have_blocked = switches > sleeps_least;
-  verdict.blocked = static_cast<std::uint64_t>(std::max<std::int64_t>(0, switches - sleeps_most));
+  const bool may_have_blocked = switches > sleeps_min;
+  verdict.blocked = static_cast<std::uint64_t>(std::max<std::int64_t>(0, switches - sleeps_max));
   // A switch has no length: it explains the late cycle where no other cycle was long.
   const bool has_blocked = verdict.blocked > 0 && longest_other_ns <= half_ns;
 
   // Of the time awake, what is not the thread's own: neither CPU time nor blocking. If nothing blocked it is all that
   // is not CPU time; otherwise run-queue wait alone can be, and at least that which no wake-up can have taken.
   const std::int64_t off_cpu_ns = std::max<std::int64_t>(0, awake_ns - verdict.cpu_ns);
-  const std::int64_t foreign_least =
+  const std::int64_t foreign_min =
       may_have_blocked ? std::clamp<std::int64_t>(verdict.wait_ns - wake_ns, 0, off_cpu_ns) : off_cpu_ns;
-  const std::int64_t foreign_most = has_blocked ? std::min(verdict.wait_ns, off_cpu_ns) : off_cpu_ns;
-  const std::int64_t foreign_of_late = std::max<std::int64_t>(0, foreign_least - others_ns);
-  verdict.own_ns = std::max<std::int64_t>(0, late_awake_ns - foreign_most);
-  const std::int64_t own_most = late_awake_ns - foreign_of_late;
+  const std::int64_t foreign_max = has_blocked ? std::min(verdict.wait_ns, off_cpu_ns) : off_cpu_ns;
+  const std::int64_t foreign_of_late = std::max<std::int64_t>(0, foreign_min - others_ns);
+  verdict.own_ns = std::max<std::int64_t>(0, late_awake_ns - foreign_max);
+  const std::int64_t own_max = late_awake_ns - foreign_of_late;
 
   if (verdict.own_ns > half_ns) {
     verdict.late_class = LateClass::kOverrun;
     return verdict;
   }
-  if (own_most > half_ns) return verdict;
+  if (own_max > half_ns) return verdict;
   // Not its own. It is run-queue wait, less what nothing accounts for, wherever in these cycles that was. CPU time
   // beyond the time awake was charged to the thread while it woke: interrupts, or a hypervisor.
   const std::int64_t nothing_ns =
       std::max<std::int64_t>(0, wake_ns + awake_ns - std::min(verdict.cpu_ns, awake_ns) - verdict.wait_ns);
-  const std::int64_t unaccounted_most = has_blocked ? std::min(nothing_ns, wake_ns) : nothing_ns;
-  const std::int64_t wait_of_late = late_wake_ns + foreign_of_late - unaccounted_most;
+  const std::int64_t unaccounted_max = has_blocked ? std::min(nothing_ns, wake_ns) : nothing_ns;
+  const std::int64_t wait_of_late = late_wake_ns + foreign_of_late - unaccounted_max;
   const std::int64_t lateness_ns = late.times.end_ns - late.times.deadline_ns - late.delay_ns();
   if (wait_of_late >= lateness_ns) verdict.late_class = LateClass::kPreempted;
   return verdict;

@@ -13,7 +13,7 @@ namespace {
 
 constexpr double kNsPerS = 1e9;
 constexpr std::int64_t kStaleNs = 50'000'000;  // then tips are predicted anew that have hardly moved
-constexpr double kLeastDamping = 3e-3;  // s; a body's material has so much of its stiffness: docs/shared-objects.md
+constexpr double kMinDamping = 3e-3;  // s; a body's material has so much of its stiffness: docs/shared-objects.md
 
 spm::fcl::WorldBox world_box(const spm::CellBox& box, const Placement& placement) {
   spm::fcl::WorldBox world{Vec3d::Constant(1e300), Vec3d::Constant(-1e300)};
@@ -36,11 +36,11 @@ Loader::Loader(spm::Pool& pool, spm::NodePool& nodes, const session::Origin& sel
     : pool_{pool},
       nodes_{nodes},
       settings_{settings},
-      tool_{balls_of_tool(settings.tool)},
+      tool_{spheres_of_tool(settings.tool)},
       arrivals_{arrivals},
       departures_{departures},
       cache_{pool},
-      store_{pool.settings.coded_blocks},
+      store_{pool.settings.compressed_blocks},
       delivery_{self, settings.delivery} {}
 
 Loader::~Loader() = default;
@@ -199,7 +199,7 @@ void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {
   touch.material = object.entry.material;
   if (sharing::can_move(object.entry)) {
     touch.body = sharing::body_of(object.entry);
-    touch.material.damping = std::max(touch.material.damping, kLeastDamping * touch.material.stiffness);
+    touch.material.damping = std::max(touch.material.damping, kMinDamping * touch.material.stiffness);
   }
   object.placement = touch.placement;
   touch.bounds = {wide(object.summary.bounds_min), wide(object.summary.bounds_max)};
@@ -209,10 +209,10 @@ void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {
                                     spm::RegionGrid{object.summary.grid, base.regions}, std::move(admitted.base));
   const double scale = object.entry.scale;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i)
-    for (std::uint32_t b = 0; b < balls(); ++b)
+    for (std::uint32_t b = 0; b < spheres(); ++b)
       object.predictors.emplace_back(object.grid(),
-                                     spm::PredictionSettings{ball({}, b).radius / scale, settings_.margin / scale,
-                                                             settings_.least_speed / scale, settings_.strategy});
+                                     spm::PredictionSettings{sphere({}, b).radius / scale, settings_.margin / scale,
+                                                             settings_.min_speed / scale, settings_.strategy});
   broad_phase_.put(touch.index, world_box(touch.bounds, touch.placement));
   by_index_.push_back(&object);
   object.ready = true;
@@ -236,38 +236,38 @@ bool Loader::still_ahead(std::int64_t now_ns, const std::array<ProbeSight, kMaxP
 }
 
 /// m, in the world.
-spm::ProbeBall Loader::ball(const ProbeSight& sight, std::uint32_t number) const noexcept {
+spm::ProbeSphere Loader::sphere(const ProbeSight& sight, std::uint32_t number) const noexcept {
   if (tool_.empty()) return {sight.device, settings_.radius};
-  const spm::ProbeBall& ball = tool_[number];
-  return {sight.proxy + sight.orientation * ball.centre, ball.radius};
+  const spm::ProbeSphere& sphere = tool_[number];
+  return {sight.proxy + sight.orientation * sphere.centre, sphere.radius};
 }
 
 /// m; the way of what has gone furthest.
 double Loader::moved(const ProbeSight& sight, const ProbeSight& before) const noexcept {
   double furthest = 0;
-  for (std::uint32_t b = 0; b < balls(); ++b)
-    furthest = std::max(furthest, (ball(sight, b).centre - ball(before, b).centre).norm());
+  for (std::uint32_t b = 0; b < spheres(); ++b)
+    furthest = std::max(furthest, (sphere(sight, b).centre - sphere(before, b).centre).norm());
   return furthest;
 }
 
 void Loader::observe(Object& object, const std::array<ProbeSight, kMaxProbes>& sights) const {
   for (std::uint32_t i = 0; i < kMaxProbes; ++i)
-    for (std::uint32_t b = 0; sights[i].active && b < balls(); ++b)
-      object.predictors[i * balls() + b].observe(static_cast<double>(sights[i].time_ns) / kNsPerS,
-                                                 object.placement.to_model(ball(sights[i], b).centre),
-                                                 sights[i].in_contact);
+    for (std::uint32_t b = 0; sights[i].active && b < spheres(); ++b)
+      object.predictors[i * spheres() + b].observe(static_cast<double>(sights[i].time_ns) / kNsPerS,
+                                                   object.placement.to_model(sphere(sights[i], b).centre),
+                                                   sights[i].in_contact);
 }
 
 /// s; how far ahead is predicted.
 double Loader::lead(double round_trip) const {
   // A demand waits for the next one due, its answer for the next tick and cycle.
   constexpr double kTurnaround = 0.015;  // s
-  return std::clamp(1.25 * round_trip + kTurnaround, settings_.least_lead, settings_.most_lead);
+  return std::clamp(1.25 * round_trip + kTurnaround, settings_.min_lead, settings_.max_lead);
 }
 
 void Loader::predict(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights) {
   constexpr std::int64_t kRest = 20;  // times what it took
-  constexpr double kMostRest = 0.25;  // of how far ahead
+  constexpr double kMaxRest = 0.25;   // of how far ahead
   const auto clock_ns = [this] { return settings_.clock == nullptr ? 0 : settings_.clock(); };
   const std::int64_t began = clock_ns();
   const double round_trip = static_cast<double>(delivery_.round_trip_ns()) / kNsPerS;
@@ -277,7 +277,7 @@ void Loader::predict(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbe
   prospects_.clear();
   for (Object* object : by_index_) predict(*object, sights, round_trip, ahead);
   predict_next_ns_ =
-      now_ns + std::min(kRest * (clock_ns() - began), static_cast<std::int64_t>(kMostRest * ahead * kNsPerS));
+      now_ns + std::min(kRest * (clock_ns() - began), static_cast<std::int64_t>(kMaxRest * ahead * kNsPerS));
 }
 
 void Loader::predict(Object& object, const std::array<ProbeSight, kMaxProbes>& sights, double round_trip, double lead) {
@@ -297,9 +297,9 @@ void Loader::predict(Object& object, const std::array<ProbeSight, kMaxProbes>& s
                                      [&](spm::RegionId region, double) {
                                        contacts[spm::index(region)] = {0, lead, 0};
                                      });
-    for (std::uint32_t b = 0; b < balls(); ++b) {
+    for (std::uint32_t b = 0; b < spheres(); ++b) {
       spm::Predictor::Answer answer;
-      object.predictors[i * balls() + b].predict(lead, answer);
+      object.predictors[i * spheres() + b].predict(lead, answer);
       for (std::uint32_t k = 0; k < answer.count; ++k) {
         const spm::PredictedRegion& met = answer.regions[k];
         const Contact contact{met.contact_in, met.contact_until, met.doubt};
@@ -355,17 +355,17 @@ void Loader::find_near(const std::array<ProbeSight, kMaxProbes>& sights, std::ar
   near.fill({});
   std::uint64_t sought = 0;
   for (const Object* object : by_index_) sought |= std::uint64_t{1} << object->info.index;
-  std::vector<spm::fcl::ProbeBall> balls;
+  std::vector<spm::fcl::ProbeSphere> spheres;
   std::vector<std::uint32_t> numbers;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     if (!sights[i].active || !sights[i].device.allFinite()) continue;
     near[i] = {0, sought, plain(sights[i].device), settings_.near_distance / 2};  // the proxy lags behind the device
     double reach = settings_.radius;
-    for (const spm::ProbeBall& ball : tool_) reach = std::max(reach, ball.centre.norm() + ball.radius);
-    balls.push_back({sights[i].device, reach + settings_.near_distance});
+    for (const spm::ProbeSphere& sphere : tool_) reach = std::max(reach, sphere.centre.norm() + sphere.radius);
+    spheres.push_back({sights[i].device, reach + settings_.near_distance});
     numbers.push_back(i);
   }
-  for (const spm::fcl::NearPair& pair : broad_phase_.near(spm::Span<const spm::fcl::ProbeBall>{balls}))
+  for (const spm::fcl::NearPair& pair : broad_phase_.near(spm::Span<const spm::fcl::ProbeSphere>{spheres}))
     near[numbers[pair.probe]].found |= std::uint64_t{1} << pair.object;
 }
 
@@ -383,7 +383,7 @@ void Loader::tick(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>&
   }
   want(now_ns);
   at_rest_ = needed_ == 0 && now_ns - moved_ns_ >= kAtRestNs;
-  find_leavers();
+  find_eviction_candidates();
   show_due();
   coarsen();
   hand_over();
@@ -394,15 +394,15 @@ LoaderFigures Loader::figures() const {
   LoaderFigures figures = figures_;
   figures.slots_used = cache_.slots_used();
   figures.slots_limit = pool_.settings.slots;
-  figures.coded_used = store_.blocks() - store_.blocks_free();
-  figures.coded_limit = store_.blocks();
+  figures.compressed_used = store_.blocks() - store_.blocks_free();
+  figures.compressed_limit = store_.blocks();
   for (const Object* object : by_index_) {
     figures.regions_held += object->held.size();
     figures.regions_shown += object->shown.size();
   }
-  figures.regions_held += leavers_.size();
-  for (const Place& leaver : leavers_)
-    figures.regions_spare += leaver.object->notes[leaver.region].kept() == Kept::kSpare ? 1 : 0;
+  figures.regions_held += eviction_candidates_.size();
+  for (const Place& eviction_candidate : eviction_candidates_)
+    figures.regions_spare += eviction_candidate.object->notes[eviction_candidate.region].kept() == Kept::kSpare ? 1 : 0;
   return figures;
 }
 
@@ -418,9 +418,9 @@ std::vector<std::uint32_t> Loader::regions_met(std::uint32_t object_index,
   const Object& object = *by_index_[object_index];
   const Placement& placement = object.placement;
   for (const ProbeSight& sight : sights)
-    for (std::uint32_t b = 0; sight.active && b < balls(); ++b)
-      object.grid().for_each_meeting(placement.to_model(ball(sight, b).centre),
-                                     ball(sight, b).radius / placement.scale(),
+    for (std::uint32_t b = 0; sight.active && b < spheres(); ++b)
+      object.grid().for_each_meeting(placement.to_model(sphere(sight, b).centre),
+                                     sphere(sight, b).radius / placement.scale(),
                                      [&](spm::RegionId region, double) { met.push_back(spm::index(region)); });
   return met;
 }

@@ -28,7 +28,7 @@
 #include "hrtc_service/tool_touch.hpp"
 #include "session/delivery_client.hpp"
 #include "spm/cache.hpp"
-#include "spm/codec/coded_store.hpp"
+#include "spm/codec/compressed_cache.hpp"
 #include "spm/directory.hpp"
 #include "spm/fcl/broad_phase.hpp"
 #include "spm/prediction.hpp"
@@ -51,10 +51,10 @@ struct LoaderSettings {
   const spm::MeshProbe* tool = nullptr;
   spm::Strategy strategy = spm::Strategy::kMixture;
   double margin = 0.0005;      ///< m; cells this near to a tip's path are loaded
-  double least_speed = 0.05;   ///< m/s; a tip at rest is expected to start with this
+  double min_speed = 0.05;     ///< m/s; a tip at rest is expected to start with this
   double near_distance = 0.1;  ///< m; objects within are offered to the haptic thread's queries
-  double least_lead = 0.02;    ///< s; prediction looks at least this far ahead, more when loading takes longer
-  double most_lead = 0.5;      ///< s
+  double min_lead = 0.02;      ///< s; prediction looks at least this far ahead, more when loading takes longer
+  double max_lead = 0.5;       ///< s
   std::int64_t idle_before_spare_ns = 300'000'000;  ///< of a region nobody wants, unless the room is needed now
   bool keep_unwanted = true;                        ///< false: what nobody wants goes at once
   /// ns; tells what predicting costs, of which it takes a share of the time only. Null: it costs nothing.
@@ -73,16 +73,16 @@ struct LoaderFigures {
   std::uint64_t regions_reloaded = 0;   ///< received again after that
   std::uint64_t regions_coarsened = 0;  ///< gone from the pool
   std::uint64_t records_received = 0;
-  std::uint64_t records_returned = 0;  ///< of these, which were here already or once
-  std::uint64_t records_repeated = 0;  ///< of these, which were here already
-  std::uint64_t records_told = 0;      ///< of these, in regions that hosts are told of
+  std::uint64_t records_returned = 0;   ///< of these, which were here already or once
+  std::uint64_t records_repeated = 0;   ///< of these, which were here already
+  std::uint64_t records_published = 0;  ///< of these, in regions that hosts are told of
   std::uint64_t refused_full = 0;
   std::uint64_t refused_other = 0;
   std::uint64_t decode_errors = 0;
   std::uint64_t objects_refused = 0;  ///< for want of memory
   double load_latency = 0;            ///< s, from wanting a region to holding it; smoothed
   std::uint32_t slots_used = 0, slots_peak = 0, slots_limit = 0;
-  std::uint32_t coded_used = 0, coded_peak = 0, coded_limit = 0;  ///< blocks of the store
+  std::uint32_t compressed_used = 0, compressed_peak = 0, compressed_limit = 0;  ///< blocks of the store
 };
 
 class Loader {
@@ -223,8 +223,10 @@ class Loader {
   [[nodiscard]] bool still_ahead(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights) const;
   void observe(Object& object, const std::array<ProbeSight, kMaxProbes>& sights) const;
   /// Of a probe; one ball when it is a tip.
-  [[nodiscard]] std::uint32_t balls() const noexcept { return std::max(1u, static_cast<std::uint32_t>(tool_.size())); }
-  [[nodiscard]] spm::ProbeBall ball(const ProbeSight& sight, std::uint32_t number) const noexcept;
+  [[nodiscard]] std::uint32_t spheres() const noexcept {
+    return std::max(1u, static_cast<std::uint32_t>(tool_.size()));
+  }
+  [[nodiscard]] spm::ProbeSphere sphere(const ProbeSight& sight, std::uint32_t number) const noexcept;
   [[nodiscard]] double moved(const ProbeSight& sight, const ProbeSight& before) const noexcept;
   [[nodiscard]] double lead(double round_trip) const;
   void predict(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights);
@@ -239,7 +241,7 @@ class Loader {
   /// False when there is no room now, but will be.
   [[nodiscard]] bool keep(Object& object, const session::DeliveryClient::Message& message, std::int64_t now_ns);
   void want(std::int64_t now_ns);
-  void find_leavers();
+  void find_eviction_candidates();
   void take_back(Object& object, std::uint32_t region);
   void take_released();
   [[nodiscard]] bool free_spare();
@@ -247,7 +249,7 @@ class Loader {
     Object* object;
     std::uint32_t region;
   };
-  std::deque<Place>::iterator free_now(std::deque<Place>::iterator leaver);
+  std::deque<Place>::iterator free_now(std::deque<Place>::iterator eviction_candidate);
 
   // The pool (loader_pool.cpp).
   /// What a region's records take there, all of them or those that are not there yet, more or less.
@@ -267,11 +269,11 @@ class Loader {
   spm::Pool& pool_;
   spm::NodePool& nodes_;
   LoaderSettings settings_;
-  std::vector<spm::ProbeBall> tool_;  // what stands for it; m, its frame
+  std::vector<spm::ProbeSphere> tool_;  // what stands for it; m, its frame
   ArrivalRing& arrivals_;
   DepartureRing& departures_;
   spm::Cache cache_;
-  spm::codec::CodedStore store_;
+  spm::codec::CompressedCache store_;
   session::DeliveryClient delivery_;
   spm::fcl::BroadPhase broad_phase_;
   std::map<std::uint64_t, std::unique_ptr<Object>> objects_;  // by id
@@ -296,10 +298,10 @@ class Loader {
   };
   std::deque<Parked> parked_;  // for room in the store; later ones may count on earlier ones
   std::size_t parked_bytes_ = 0;
-  std::deque<Place> leavers_;  // kLeaving or kSpare, first to go first
-  std::uint32_t needed_ = 0;   // blocks, for what is wanted soonest and absent, more or less
-  std::uint32_t reserve_ = 0;  // blocks, made ready ahead of need
-  std::uint32_t faulty_ = 0;   // regions that are
+  std::deque<Place> eviction_candidates_;  // kLeaving or kSpare, first to go first
+  std::uint32_t needed_ = 0;               // blocks, for what is wanted soonest and absent, more or less
+  std::uint32_t reserve_ = 0;              // blocks, made ready ahead of need
+  std::uint32_t faulty_ = 0;               // regions that are
   struct Departing {
     Object* object;
     std::uint32_t region;
@@ -313,9 +315,9 @@ class Loader {
   std::uint32_t base_nodes_ = 0;   // and of the tree, at least
   std::uint64_t directories_ = 0;  // bytes, of all objects
   std::int64_t looked_at_offers_ns_ = 0;
-  double fresh_share_ = 1;         // of a region's records, those that had to be decoded; smoothed
-  double blocks_per_record_ = 1;   // of a region's list, that its message took; smoothed
-  double bytes_per_block_ = 12;    // on its way; smoothed
+  double fresh_share_ = 1;        // of a region's records, those that had to be decoded; smoothed
+  double blocks_per_record_ = 1;  // of a region's list, that its message took; smoothed
+  double bytes_per_block_ = 12;   // on its way; smoothed
   LoaderFigures figures_;
 };
 

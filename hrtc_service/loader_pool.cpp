@@ -24,8 +24,8 @@ spm::Cache::Room Loader::fresh_room_of(const Object& object, std::uint32_t regio
 /// Decodes what is met soonest. What is met in the next moments takes the place of what is not met so soon; the rest
 /// takes what room there is besides.
 void Loader::show_due() {
-  constexpr double kSoon = 0.03;   // s
-  constexpr int kMostBefore = 16;  // regions that are not met soon, in a tick
+  constexpr double kSoon = 0.03;  // s
+  constexpr int kMaxBefore = 16;  // regions that are not met soon, in a tick
   for (const Place& place : due_) place.object->notes[place.region].due = 0;
   due_.clear();
   std::stable_sort(prospects_.begin(), prospects_.end(),
@@ -48,7 +48,7 @@ void Loader::show_due() {
     if (prospect.contact_in > kSoon) {
       const bool spare =
           cache_.slots_free() >= takes.slots + reserve.slots && cache_.blocks_free() >= takes.blocks + reserve.blocks;
-      if (spare && !full && before++ < kMostBefore) static_cast<void>(show(object, prospect.region));
+      if (spare && !full && before++ < kMaxBefore) static_cast<void>(show(object, prospect.region));
       continue;
     }
     const spm::Cache::Room lacks = full ? takes : show(object, prospect.region);

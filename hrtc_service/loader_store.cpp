@@ -15,7 +15,7 @@ constexpr double kSureOf = 0.9;  // of the room in the store: what comes may tak
 /// In the order in which they come.
 void Loader::take(Object& object, session::DeliveryClient::Message message, std::int64_t now_ns) {
   if (parked_.empty() && keep(object, message, now_ns)) return;
-  if (parked_bytes_ + message.bytes.size() > settings_.delivery.most_credit) {  // more than was asked for
+  if (parked_bytes_ + message.bytes.size() > settings_.delivery.max_credit) {  // more than was asked for
     ++figures_.refused_full;
     return delivery_.refused(object.info.id, message.region);
   }
@@ -32,7 +32,7 @@ void Loader::take_parked(std::int64_t now_ns) {
 }
 
 bool Loader::keep(Object& object, const session::DeliveryClient::Message& message, std::int64_t now_ns) {
-  using Status = spm::codec::CodedStore::Put::Status;
+  using Status = spm::codec::CompressedCache::Put::Status;
   const auto refuse = [&] {
     delivery_.refused(object.info.id, message.region);
     return true;
@@ -41,7 +41,7 @@ bool Loader::keep(Object& object, const session::DeliveryClient::Message& messag
   const spm::ObjectIndex number{object.info.index};
   const spm::RegionId region{message.region};
   const spm::Span<const std::uint8_t> bytes{message.bytes};
-  spm::codec::CodedStore::Put put = store_.put(number, region, bytes);
+  spm::codec::CompressedCache::Put put = store_.put(number, region, bytes);
   while (put.status == Status::kFull && free_spare())
     if (store_.blocks_free() >= put.blocks) put = store_.put(number, region, bytes);
 
@@ -55,7 +55,7 @@ bool Loader::keep(Object& object, const session::DeliveryClient::Message& messag
       delivery_.held(object.info.id, message.region);
       return true;
     case Status::kFull:
-      if (!leavers_.empty()) return false;
+      if (!eviction_candidates_.empty()) return false;
       if (wish != object.wishes.end()) wish->second.blocks_needed = put.blocks;
       ++figures_.refused_full;
       return refuse();
@@ -72,7 +72,7 @@ bool Loader::keep(Object& object, const session::DeliveryClient::Message& messag
   figures_.records_received += put.records;
   figures_.records_returned += put.returned;
   figures_.records_repeated += put.repeated;
-  figures_.records_told += put.told;
+  figures_.records_published += put.published;
   ++object.info.regions_received;
   ++figures_.regions_received;
   if (note.was_here) ++figures_.regions_reloaded;
@@ -80,7 +80,7 @@ bool Loader::keep(Object& object, const session::DeliveryClient::Message& messag
     const double latency = static_cast<double>(now_ns - wish->second.since_ns) / kNsPerS;
     figures_.load_latency += 0.1 * (latency - figures_.load_latency);
   }
-  figures_.coded_peak = std::max(figures_.coded_peak, store_.blocks() - store_.blocks_free());
+  figures_.compressed_peak = std::max(figures_.compressed_peak, store_.blocks() - store_.blocks_free());
   const std::uint32_t records = cache_.records_of(number, region);
   if (records > 0) blocks_per_record_ += 0.1 * (static_cast<double>(put.blocks) / records - blocks_per_record_);
   bytes_per_block_ += 0.1 * (static_cast<double>(message.bytes.size()) / put.whole - bytes_per_block_);
@@ -154,7 +154,7 @@ void Loader::want(std::int64_t now_ns) {
 /// fetched in vain; then what was visited once, longest unwanted first; then by the visit before the last, so that a
 /// tip that goes round and round keeps its round however much else passes by (O'Neil et al. 1993, LRU-2). What was
 /// wanted a moment ago goes only when nothing else is left and the room is needed now.
-void Loader::find_leavers() {
+void Loader::find_eviction_candidates() {
   const auto gives = [&](std::uint32_t blocks) { return room_to_come() >= blocks; };
   const bool enough = settings_.keep_unwanted && gives(reserve_) && gives(needed_);
   if (enough && faulty_ == 0) return;
@@ -187,14 +187,15 @@ void Loader::find_leavers() {
     store_.leave(spm::ObjectIndex{object.info.index}, spm::RegionId{candidate.region});
     object.notes[candidate.region].set(Kept::kLeaving);
     object.held.erase(std::find(object.held.begin(), object.held.end(), candidate.region));
-    leavers_.push_back({&object, candidate.region});
+    eviction_candidates_.push_back({&object, candidate.region});
   }
 }
 
 void Loader::take_back(Object& object, std::uint32_t region) {
-  leavers_.erase(std::find_if(leavers_.begin(), leavers_.end(), [&](const Place& leaver) {
-    return leaver.object == &object && leaver.region == region;
-  }));
+  eviction_candidates_.erase(
+      std::find_if(eviction_candidates_.begin(), eviction_candidates_.end(), [&](const Place& eviction_candidate) {
+        return eviction_candidate.object == &object && eviction_candidate.region == region;
+      }));
   store_.stay(spm::ObjectIndex{object.info.index}, spm::RegionId{region});
   object.notes[region].set(Kept::kHeld);
   object.held.push_back(region);
@@ -205,38 +206,39 @@ void Loader::take_released() {
   for (Object* object : by_index_)
     for (const std::uint32_t region : delivery_.take_released(object->info.id))
       if (object->notes[region].kept() == Kept::kLeaving) object->notes[region].set(Kept::kSpare);
-  const auto goes = [&](const Place& leaver) {
-    const RegionNote& note = leaver.object->notes[leaver.region];
+  const auto goes = [&](const Place& eviction_candidate) {
+    const RegionNote& note = eviction_candidate.object->notes[eviction_candidate.region];
     return note.kept() == Kept::kSpare && (note.faulty != 0 || !settings_.keep_unwanted);
   };
-  for (auto leaver = leavers_.begin(); leaver != leavers_.end();)
-    leaver = goes(*leaver) ? free_now(leaver) : std::next(leaver);
+  for (auto eviction_candidate = eviction_candidates_.begin(); eviction_candidate != eviction_candidates_.end();)
+    eviction_candidate = goes(*eviction_candidate) ? free_now(eviction_candidate) : std::next(eviction_candidate);
 }
 
-std::deque<Loader::Place>::iterator Loader::free_now(std::deque<Place>::iterator leaver) {
-  Object& object = *leaver->object;
-  store_.release(spm::ObjectIndex{object.info.index}, spm::RegionId{leaver->region});
-  RegionNote& note = object.notes[leaver->region];
+std::deque<Loader::Place>::iterator Loader::free_now(std::deque<Place>::iterator eviction_candidate) {
+  Object& object = *eviction_candidate->object;
+  store_.release(spm::ObjectIndex{object.info.index}, spm::RegionId{eviction_candidate->region});
+  RegionNote& note = object.notes[eviction_candidate->region];
   note.set(Kept::kAbsent);
   faulty_ -= note.faulty;
   note.faulty = 0;
   ++object.info.regions_released;
   ++figures_.regions_evicted;
-  return leavers_.erase(leaver);
+  return eviction_candidates_.erase(eviction_candidate);
 }
 
 /// One that is not wanted again, if there is. False when none is spare.
 bool Loader::free_spare() {
-  auto spare = leavers_.end();
-  for (auto leaver = leavers_.begin(); leaver != leavers_.end(); ++leaver) {
-    const RegionNote& note = leaver->object->notes[leaver->region];
+  auto spare = eviction_candidates_.end();
+  for (auto eviction_candidate = eviction_candidates_.begin(); eviction_candidate != eviction_candidates_.end();
+       ++eviction_candidate) {
+    const RegionNote& note = eviction_candidate->object->notes[eviction_candidate->region];
     if (note.kept() != Kept::kSpare) continue;
-    if (spare == leavers_.end()) spare = leaver;
+    if (spare == eviction_candidates_.end()) spare = eviction_candidate;
     if (note.unwanted_ns(wanted_at_ns_) == 0) continue;
-    spare = leaver;
+    spare = eviction_candidate;
     break;
   }
-  if (spare == leavers_.end()) return false;
+  if (spare == eviction_candidates_.end()) return false;
   free_now(spare);
   return true;
 }

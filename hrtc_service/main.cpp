@@ -65,7 +65,7 @@ int main(int argc, char** argv) {
   options.address.participant = "hrtc";
   options.flight.folder = std::filesystem::temp_directory_path() / "tactus-flight";
   options.saves = &wire::save_signals();
-  constexpr std::uint32_t kLeastSlots = 256;
+  constexpr std::uint32_t kMinSlots = 256;
   constexpr double kToolDeadline = 400;  // us; of which a tool itself may take more than half
   std::uint32_t slots = 1u << 16;
   std::uint32_t cache_blocks = 0;
@@ -87,7 +87,7 @@ int main(int argc, char** argv) {
       app.add_option("--pool", slots,
                      "Slots for mesh records, of all objects together; 64 Ki take 38 MiB with the compressed cache")
           ->capture_default_str()
-          ->check(CLI::Range(kLeastSlots, spm::kMaxSlots));
+          ->check(CLI::Range(kMinSlots, spm::kMaxSlots));
   CLI::Option* cache =
       app.add_option("--compressed-cache", cache_blocks,
                      "Blocks of 20 bytes for compressed records, of which each takes one or two (6 for each slot)")
@@ -127,8 +127,9 @@ int main(int argc, char** argv) {
       ->capture_default_str()
       ->check(CLI::Range(0.001, 10.0));
   app.add_option("--replay", replays, "USER=FILE: a user whose device replays lines time_s,x,y,z");
-  app.add_option("--device", plugins,
-                 "USER=DRIVER[,CONFIG]: a user whose device is here, opened by this shared library (docs/how-to/own-device.md)");
+  app.add_option(
+      "--device", plugins,
+      "USER=DRIVER[,CONFIG]: a user whose device is here, opened by this shared library (docs/how-to/own-device.md)");
   app.add_option("--device-scale", frame_scale, "World metres per device metre, for devices that are here")
       ->capture_default_str()
       ->check(CLI::Range(1e-3, 1e3));
@@ -163,14 +164,14 @@ int main(int argc, char** argv) {
   }
 
   options.pool = spm::PoolSettings::for_slots(slots);
-  if (cache->count() > 0) options.pool.coded_blocks = cache_blocks;
+  if (cache->count() > 0) options.pool.compressed_blocks = cache_blocks;
   if (memory->count() > 0) {
     const spm::MemoryShares shares = spm::shares_of(memory_bytes);
     options.directory_bytes = shares.directories;
     options.pool = shares.pool;
-    if (options.pool.slots < kLeastSlots) {
+    if (options.pool.slots < kMinSlots) {
       std::cerr << "tactus-hrtc: --memory: found " << memory_bytes << " bytes, which hold " << options.pool.slots
-                << " slots, expected room for " << kLeastSlots << "\n";
+                << " slots, expected room for " << kMinSlots << "\n";
       return 2;
     }
     slots = options.pool.slots;

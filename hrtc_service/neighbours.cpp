@@ -10,7 +10,7 @@ namespace tactus::hrtc_service {
 namespace {
 
 constexpr std::int64_t kSilentNs = 300'000'000;    // after which another's probe is gone
-constexpr double kLeastLoss = 1e-3;                // that is worth telling
+constexpr double kMinLoss = 1e-3;                  // that is worth telling
 constexpr std::int64_t kMissedNs = 3'000'000'000;  // for which what a controller told of losses counts
 
 std::string lost_figure(std::uint64_t participant) {
@@ -19,8 +19,8 @@ std::string lost_figure(std::uint64_t participant) {
 
 }  // namespace
 
-Neighbours::Neighbours(wire::Links& links, OnWhole on_whole)
-    : links_{links}, on_whole_{std::move(on_whole)}, modes_{links.origin().participant} {}
+Neighbours::Neighbours(wire::Participants& participants, OnWhole on_whole)
+    : participants_{participants}, on_whole_{std::move(on_whole)}, modes_{participants.origin().participant} {}
 Neighbours::~Neighbours() = default;
 
 void Neighbours::on_state(const session::ProbeState& state, session::StateStream stream, std::int64_t now_ns,
@@ -35,7 +35,7 @@ void Neighbours::on_state(const session::ProbeState& state, session::StateStream
 }
 
 void Neighbours::on_metrics(const session::Metrics& metrics, std::int64_t now_ns) {
-  const std::string ours = lost_figure(links_.origin().participant);
+  const std::string ours = lost_figure(participants_.origin().participant);
   for (const session::Figure& figure : metrics.figures)
     if (figure.name == ours) missed_[metrics.origin.participant] = {std::clamp(figure.value, 0.0, 0.5), now_ns};
 }
@@ -54,34 +54,35 @@ void Neighbours::tick(std::int64_t now_ns, const std::array<std::uint64_t, kMaxP
   double loss = 0;
   for (auto at = missed_.begin(); at != missed_.end();) {
     loss = std::max(loss, at->second.share);
-    at = now_ns - at->second.told_ns > kMissedNs ? missed_.erase(at) : std::next(at);
+    at = now_ns - at->second.published_ns > kMissedNs ? missed_.erase(at) : std::next(at);
   }
   loss_.store(loss, std::memory_order_relaxed);
   modes_.tick(now_ns);
-  sync_ends(users);
+  sync_endpoints(users);
 }
 
-void Neighbours::sync_ends(const std::array<std::uint64_t, kMaxProbes>& users) {
+void Neighbours::sync_endpoints(const std::array<std::uint64_t, kMaxProbes>& users) {
   const std::vector<std::uint64_t> groups = modes_.groups();
   for (const std::uint64_t group : groups) {
-    Ends& ends = ends_[group];
-    if (ends.out == nullptr) {
-      const wire::EndOptions where{wire::group_partition(group)};
-      ends.out = std::make_unique<wire::Writer<session::ProbeState>>(links_, wire::topics::kProbeStateWhole, where);
-      ends.in =
-          std::make_unique<wire::Reader<session::ProbeState>>(links_, wire::topics::kProbeStateWhole, on_whole_, where);
+    Endpoints& endpoints = endpoints_[group];
+    if (endpoints.out == nullptr) {
+      const wire::EndpointOptions where{wire::group_partition(group)};
+      endpoints.out =
+          std::make_unique<wire::Writer<session::ProbeState>>(participants_, wire::topics::kProbeStateWhole, where);
+      endpoints.in = std::make_unique<wire::Reader<session::ProbeState>>(participants_, wire::topics::kProbeStateWhole,
+                                                                         on_whole_, where);
       spdlog::info("users come near: ends of group {:016x} are built", group);
     }
-    modes_.on_peers(group, ends.out->matched() > 0 && ends.in->matched() > 0);
+    modes_.on_peers(group, endpoints.out->matched() > 0 && endpoints.in->matched() > 0);
   }
   Whole whole{};
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     const std::uint64_t group = users[i] == 0 ? 0 : modes_.group_of(users[i]);
-    whole[i] = group == 0 ? nullptr : ends_.at(group).out.get();
+    whole[i] = group == 0 ? nullptr : endpoints_.at(group).out.get();
   }
   whole_ = whole;
   const std::uint64_t number = whole_out_.post(whole_);
-  for (auto at = ends_.begin(); at != ends_.end();) {
+  for (auto at = endpoints_.begin(); at != endpoints_.end();) {
     const bool wanted = std::binary_search(groups.begin(), groups.end(), at->first);
     if (wanted) {
       ++at;
@@ -90,12 +91,12 @@ void Neighbours::sync_ends(const std::array<std::uint64_t, kMaxProbes>& users) {
     spdlog::info("users are apart: ends of group {:016x} are dropped", at->first);
     at->second.in.reset();
     dropped_.add(number, std::move(at->second));
-    at = ends_.erase(at);
+    at = endpoints_.erase(at);
   }
   dropped_.collect([this](std::uint64_t dropped) { return whole_out_.passed(dropped); });
 }
 
-bool Neighbours::send_whole(std::uint32_t probe, const session::ProbeState& state) {
+bool Neighbours::send_full_rate(std::uint32_t probe, const session::ProbeState& state) {
   wire::Writer<session::ProbeState>* const out = (*in_use_)[probe];
   if (out == nullptr) return false;
   (void)out->send(state);
@@ -116,7 +117,7 @@ std::vector<session::Figure> Neighbours::losses() const {
   std::map<std::uint64_t, double> lost;
   for (const auto& [key, remote] : remotes_) {
     const double share = remote.probe.lost();
-    if (share > kLeastLoss) lost[remote.participant] = std::max(lost[remote.participant], share);
+    if (share > kMinLoss) lost[remote.participant] = std::max(lost[remote.participant], share);
   }
   std::vector<session::Figure> figures;
   for (const auto& [participant, share] : lost)

@@ -17,7 +17,7 @@
 #include "hrtc_service/touch_object.hpp"
 #include "session/modes.hpp"
 #include "session/remote_probe.hpp"
-#include "wire/ends.hpp"
+#include "wire/endpoints.hpp"
 
 namespace tactus::hrtc_service {
 
@@ -26,7 +26,7 @@ class Neighbours {
   using OnWhole = std::function<void(session::ProbeState&&)>;
 
   /// `on_whole` gets what arrives at a group's end, in a thread of DDS. `links` must outlive it.
-  Neighbours(wire::Links& links, OnWhole on_whole);
+  Neighbours(wire::Participants& participants, OnWhole on_whole);
   ~Neighbours();
 
   void on_catalogue(const session::CatalogueEntry& entry) { modes_.on_catalogue(entry); }
@@ -34,7 +34,7 @@ class Neighbours {
   /// Throws std::invalid_argument as session::parse_mode.
   void on_mode(const std::string& text) { modes_.command(session::parse_mode(text)); }
   void on_own_probe(std::uint64_t user, const std::array<double, 3>& position, std::int64_t now_ns) {
-    modes_.on_probe(user, links_.origin().participant, position, now_ns);
+    modes_.on_probe(user, participants_.origin().participant, position, now_ns);
   }
   void on_state(const session::ProbeState& state, session::StateStream stream, std::int64_t now_ns,
                 std::int64_t session_now_ns);
@@ -47,9 +47,9 @@ class Neighbours {
   void tick(std::int64_t now_ns, const std::array<std::uint64_t, kMaxProbes>& users);
 
   /// Sender's thread, before the states of each cycle: from now on it uses the newest ends and none that are dropped.
-  void take_ends() noexcept { in_use_ = &whole_out_.latest(); }
+  void take_endpoints() noexcept { in_use_ = &whole_out_.latest(); }
   /// Sender's thread: sends the state of a probe whole if its user collaborates; false when it does not. Takes no lock.
-  bool send_whole(std::uint32_t probe, const session::ProbeState& state);
+  bool send_full_rate(std::uint32_t probe, const session::ProbeState& state);
   /// Any thread: the greatest share of our coded states that a controller misses.
   [[nodiscard]] double loss() const noexcept { return loss_.load(std::memory_order_relaxed); }
 
@@ -65,30 +65,30 @@ class Neighbours {
     std::int64_t seen_ns = 0;
     session::RemoteProbe probe;
   };
-  struct Ends {
+  struct Endpoints {
     std::unique_ptr<wire::Writer<session::ProbeState>> out;
     std::unique_ptr<wire::Reader<session::ProbeState>> in;
   };
   struct Missed {
     double share = 0;
-    std::int64_t told_ns = 0;
+    std::int64_t published_ns = 0;
   };
 
-  void sync_ends(const std::array<std::uint64_t, kMaxProbes>& users);
+  void sync_endpoints(const std::array<std::uint64_t, kMaxProbes>& users);
 
-  wire::Links& links_;
+  wire::Participants& participants_;
   OnWhole on_whole_;
   session::Modes modes_;
   std::map<std::pair<std::uint64_t, std::uint32_t>, Remote> remotes_;  // by user and probe
   std::map<std::uint64_t, Missed> missed_;                             // by controller
   std::uint64_t implausible_ = 0;
   std::atomic<double> loss_{0};
-  std::map<std::uint64_t, Ends> ends_;  // by group
+  std::map<std::uint64_t, Endpoints> endpoints_;                             // by group
   using Whole = std::array<wire::Writer<session::ProbeState>*, kMaxProbes>;  // by probe
   Whole whole_{};
   Handover<Whole> whole_out_;      // to the sender
-  const Whole* in_use_ = nullptr;  // the sender's, since take_ends
-  Retired<Ends> dropped_;          // until the sender has let go of them
+  const Whole* in_use_ = nullptr;  // the sender's, since take_endpoints
+  Retired<Endpoints> dropped_;     // until the sender has let go of them
 };
 
 }  // namespace tactus::hrtc_service

@@ -105,10 +105,10 @@ void SnapshotTaker::write(const HapticThread& haptic, std::uint32_t number) cons
 
 void SnapshotTaker::tick(std::int64_t now_ns, bool touches_exactly, const std::array<ProbeSight, kMaxProbes>& sights,
                          HapticThread& haptic, HapticOrders& orders) {
-  if (asked_) {
+  if (requested_) {
     if (haptic.snapshots_done() != orders.now().snapshots) return;
     write(haptic, orders.now().snapshots);
-    asked_ = false;
+    requested_ = false;
     ++taken_;
     contact_since_ns_ = 0;
     return;
@@ -118,12 +118,12 @@ void SnapshotTaker::tick(std::int64_t now_ns, bool touches_exactly, const std::a
     return;
   }
   if (contact_since_ns_ == 0) contact_since_ns_ = now_ns;
-  if (now_ns - contact_since_ns_ < (taken_ == 0 ? kContactNs / 4 : kContactNs) || taken_ >= kMost) return;
+  if (now_ns - contact_since_ns_ < (taken_ == 0 ? kContactNs / 4 : kContactNs) || taken_ >= kMax) return;
   for (const Loader::ObjectInfo& object : loader_.objects()) {
     contacts_[object.index] = loader_.regions_met(object.index, sights);
     predictions_[object.index] = loader_.predicted(object.index);
   }
-  asked_ = true;
+  requested_ = true;
   orders.tell([](HapticCommands& commands) { ++commands.snapshots; });
 }
 

@@ -27,7 +27,7 @@ void write_snapshot(const std::filesystem::path& file, const std::vector<Snapsho
 /// Takes a few, two seconds apart, while a tip touches at full resolution. Service's thread.
 class SnapshotTaker {
  public:
-  static constexpr int kMost = 5;
+  static constexpr int kMax = 5;
 
   /// Of an HRTC of this name. `loader` must outlive it.
   SnapshotTaker(std::filesystem::path directory, std::string name, const Loader& loader);
@@ -45,7 +45,7 @@ class SnapshotTaker {
   const Loader& loader_;
   std::int64_t contact_since_ns_ = 0;
   int taken_ = 0;
-  bool asked_ = false;  // one is being copied
+  bool requested_ = false;  // one is being copied
   std::array<std::vector<std::uint32_t>, kMaxObjects> contacts_, predictions_;
 };
 

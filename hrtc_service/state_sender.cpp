@@ -6,36 +6,37 @@
 
 namespace tactus::hrtc_service {
 
-StateSender::StateSender(wire::Links& links, double radius, bool coding, const Seats& seats, Neighbours& neighbours)
-    : links_{links},
+StateSender::StateSender(wire::Participants& participants, double radius, bool coding, const UserTable& user_table,
+                         Neighbours& neighbours)
+    : participants_{participants},
       radius_{radius},
       coding_{coding},
-      seats_{seats},
+      user_table_{user_table},
       neighbours_{neighbours},
-      out_{links, wire::topics::kProbeState} {}
+      out_{participants, wire::topics::kProbeState} {}
 
 void StateSender::send(const ProbeReports& latest, const session::ClockMap& map) {
-  neighbours_.take_ends();
+  neighbours_.take_endpoints();
   // Who has just been found shall see the probes now, not when they have moved.
   const int matched = out_.matched();
   if (matched > matched_) coders_.fill(Coder{});
   matched_ = matched;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     if (!latest.probes[i].active) continue;
-    const std::uint64_t user = seats_.user_at(i);
+    const std::uint64_t user = user_table_.user_at(i);
     if (user == 0) continue;
     Coder& coder = coders_[i];
     if (coder.user != user) coder = Coder{user, session::ProbeEncoder{}};
     session::ProbeState state = state_of(latest, i, map);
     state.user_id = user;
     state.sequence = whole_[i] + 1;
-    if (neighbours_.send_whole(i, state)) {
+    if (neighbours_.send_full_rate(i, state)) {
       ++whole_[i];
       ++sent_whole_;
     }
     coder.encoder.set_loss(neighbours_.loss());
     if (coding_ && !coder.encoder.step(state)) continue;
-    state.sequence = ++coded_[i];
+    state.sequence = ++compressed_[i];
     (void)out_.send(state);
     ++sent_coded_;
   }
@@ -45,7 +46,7 @@ session::ProbeState StateSender::state_of(const ProbeReports& latest, std::uint3
                                           const session::ClockMap& map) const {
   const ProbeOutput& probe = latest.probes[i];
   session::ProbeState state;
-  state.origin = links_.origin();
+  state.origin = participants_.origin();
   state.probe = i;
   state.session_time_ns = map.session_time(latest.time_ns);
   state.time_bound_us =
@@ -65,7 +66,7 @@ session::ProbeState StateSender::state_of(const ProbeReports& latest, std::uint3
 
 void StateSender::write(std::vector<session::Figure>& figures) const {
   namespace names = session::figures;
-  figures.push_back({names::kStatesCoded, static_cast<double>(sent_coded_)});
+  figures.push_back({names::kStatesDeadbandCoded, static_cast<double>(sent_coded_)});
   figures.push_back({names::kStatesWhole, static_cast<double>(sent_whole_)});
 }
 

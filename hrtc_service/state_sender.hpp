@@ -8,10 +8,10 @@
 
 #include "hrtc_service/haptic_thread.hpp"
 #include "hrtc_service/neighbours.hpp"
-#include "hrtc_service/seats.hpp"
+#include "hrtc_service/user_table.hpp"
 #include "session/clock.hpp"
 #include "session/probe_coding.hpp"
-#include "wire/ends.hpp"
+#include "wire/endpoints.hpp"
 
 namespace tactus::hrtc_service {
 
@@ -19,7 +19,8 @@ class StateSender {
  public:
   /// `radius`: of the tips, m. `coding`: to the session only states that a receiver would miss; false: all. What is
   /// referred to must outlive it.
-  StateSender(wire::Links& links, double radius, bool coding, const Seats& seats, Neighbours& neighbours);
+  StateSender(wire::Participants& participants, double radius, bool coding, const UserTable& user_table,
+              Neighbours& neighbours);
 
   /// Sender's thread. `map`: session time of `latest`.
   void send(const ProbeReports& latest, const session::ClockMap& map);
@@ -38,10 +39,10 @@ class StateSender {
   [[nodiscard]] session::ProbeState state_of(const ProbeReports& latest, std::uint32_t probe,
                                              const session::ClockMap& map) const;
 
-  const wire::Links& links_;
+  const wire::Participants& participants_;
   const double radius_;
   const bool coding_;
-  const Seats& seats_;
+  const UserTable& user_table_;
   Neighbours& neighbours_;
   wire::Writer<session::ProbeState> out_;
   std::array<std::atomic<std::uint64_t>, kMaxObjects> object_ids_{};
@@ -50,7 +51,7 @@ class StateSender {
   // The sender's own.
   int matched_ = 0;
   std::array<Coder, kMaxProbes> coders_;
-  std::array<std::uint32_t, kMaxProbes> coded_{}, whole_{};  // numbers given
+  std::array<std::uint32_t, kMaxProbes> compressed_{}, whole_{};  // numbers given
 };
 
 }  // namespace tactus::hrtc_service

@@ -6,20 +6,20 @@
 
 namespace tactus::hrtc_service {
 
-std::vector<spm::ProbeBall> balls_of_tool(const spm::MeshProbe* tool) {
-  std::vector<spm::ProbeBall> balls;
-  if (tool != nullptr) balls = spm::balls_of(*tool, kMaxBalls);
-  for (spm::ProbeBall& ball : balls) ball.radius += haptics::ToolSettings{}.rounding;
-  return balls;
+std::vector<spm::ProbeSphere> spheres_of_tool(const spm::MeshProbe* tool) {
+  std::vector<spm::ProbeSphere> spheres;
+  if (tool != nullptr) spheres = spm::spheres_of(*tool, kMaxSpheres);
+  for (spm::ProbeSphere& sphere : spheres) sphere.radius += haptics::ToolSettings{}.collision_margin;
+  return spheres;
 }
 
-ToolTouch::ToolTouch(const spm::MeshProbe& probe) : tool_{probe}, balls_{balls_of_tool(&probe)} {}
+ToolTouch::ToolTouch(const spm::MeshProbe& probe) : tool_{probe}, spheres_{spheres_of_tool(&probe)} {}
 
 void ToolTouch::reset() noexcept {
   tool_.reset();
   objects_before_ = 0;
   linear_.setZero();
-  spin_.setZero();
+  angular_velocity_.setZero();
 }
 
 const haptics::ToolResult& ToolTouch::step(const haptics::ToolPose& device, double dt, const haptics::ToolGrip& grip,
@@ -46,14 +46,15 @@ const haptics::ToolResult& ToolTouch::step(const haptics::ToolPose& device, doub
   constexpr double kSmoothing = 0.008;  // s
   const double share = std::min(1.0, dt / kSmoothing);
   linear_ += share * ((result.pose.position - before.position) / dt - linear_);
-  spin_ += share * (haptics::turn_of(result.pose.orientation * before.orientation.conjugate()) / dt - spin_);
+  angular_velocity_ +=
+      share * (haptics::turn_of(result.pose.orientation * before.orientation.conjugate()) / dt - angular_velocity_);
   return result;
 }
 
-ToolTouch::Ball ToolTouch::ball(std::uint32_t number) const noexcept {
+ToolTouch::Sphere ToolTouch::sphere(std::uint32_t number) const noexcept {
   const haptics::ToolPose& pose = tool_.last().pose;
-  const Vec3d arm = pose.orientation * balls_[number].centre;
-  return {pose.position + arm, linear_ + spin_.cross(arm), balls_[number].radius};
+  const Vec3d arm = pose.orientation * spheres_[number].centre;
+  return {pose.position + arm, linear_ + angular_velocity_.cross(arm), spheres_[number].radius};
 }
 
 }  // namespace tactus::hrtc_service

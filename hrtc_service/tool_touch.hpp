@@ -12,18 +12,18 @@
 
 #include "haptics/tool.hpp"
 #include "hrtc_service/touch_object.hpp"
-#include "spm/probe_balls.hpp"
+#include "spm/probe_spheres.hpp"
 
 namespace tactus::hrtc_service {
 
-inline constexpr std::uint32_t kMaxBalls = 8;  ///< of a probe; more would ask for less, and take longer to do so
+inline constexpr std::uint32_t kMaxSpheres = 8;  ///< of a probe; more would ask for less, and take longer to do so
 
 /// What stands for a tool, its rounding within; m, in its frame; none for null. Loader and cycle ask by the same.
-[[nodiscard]] std::vector<spm::ProbeBall> balls_of_tool(const spm::MeshProbe* tool);
+[[nodiscard]] std::vector<spm::ProbeSphere> spheres_of_tool(const spm::MeshProbe* tool);
 
 class ToolTouch {
  public:
-  struct Ball {
+  struct Sphere {
     Vec3d centre, velocity;
     double radius;
   };
@@ -40,24 +40,24 @@ class ToolTouch {
                                   const ObjectsSurface& surface, bool changed) noexcept;
 
   [[nodiscard]] const haptics::ToolResult& last() const noexcept { return tool_.last(); }
-  [[nodiscard]] std::uint32_t balls() const noexcept { return static_cast<std::uint32_t>(balls_.size()); }
+  [[nodiscard]] std::uint32_t spheres() const noexcept { return static_cast<std::uint32_t>(spheres_.size()); }
   /// Where the tool now is; its radius holds the tool's rounding.
-  [[nodiscard]] Ball ball(std::uint32_t number) const noexcept;
+  [[nodiscard]] Sphere sphere(std::uint32_t number) const noexcept;
   [[nodiscard]] haptics::Tool& tool() noexcept { return tool_; }
 
   /// As Cycle's, with haptics::Tool's.
   template <class Visit>
   void for_each_carried(Visit&& visit) noexcept {
     tool_.for_each_carried(visit);
-    visit(objects_before_), visit(linear_), visit(spin_);
+    visit(objects_before_), visit(linear_), visit(angular_velocity_);
   }
 
  private:
   haptics::Tool tool_;
-  std::vector<spm::ProbeBall> balls_;  // tool's frame
+  std::vector<spm::ProbeSphere> spheres_;  // tool's frame
   std::array<haptics::ToolObject, kMaxObjects> objects_;
-  std::uint64_t objects_before_ = 0;                     // of the last step, by index bit
-  Vec3d linear_ = Vec3d::Zero(), spin_ = Vec3d::Zero();  // of the tool, smoothed
+  std::uint64_t objects_before_ = 0;                                 // of the last step, by index bit
+  Vec3d linear_ = Vec3d::Zero(), angular_velocity_ = Vec3d::Zero();  // of the tool, smoothed
 };
 
 }  // namespace tactus::hrtc_service

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "latency/cell.hpp"
-#include "wire/links.hpp"
+#include "wire/participants.hpp"
 
 namespace tactus::latency {
 
@@ -52,10 +52,11 @@ struct UdpPlace {
 
 /// On the topic of `cell`, with that topic's own profiles; `links` must outlive it. Pings and echoes have a partition
 /// each. Throws WireError.
-[[nodiscard]] std::unique_ptr<Carrier> make_dds(Part part, const Cell& cell, wire::Links& links, OnPacket callback);
+[[nodiscard]] std::unique_ptr<Carrier> make_dds(Part part, const Cell& cell, wire::Participants& links,
+                                                OnPacket callback);
 
 /// Joins as any program of Tactus does, with the transport and profile of `cell`: with `tactus` and `udp`, the qos
 /// directory itself; else a temporary one derived from it. Throws WireError.
-[[nodiscard]] std::unique_ptr<wire::Links> join(const Cell& cell, wire::SessionAddress address);
+[[nodiscard]] std::unique_ptr<wire::Participants> join(const Cell& cell, wire::SessionAddress address);
 
 }  // namespace tactus::latency

@@ -29,7 +29,7 @@ Enum from_name(const char* axis, const std::string& name, const std::array<const
 bool has_cyclone() noexcept { return TACTUS_HAS_CYCLONE != 0; }
 
 void check(const Cell& cell) {
-  constexpr double kMostArrivals = 1e7;  // what both sides keep, 24 bytes each
+  constexpr double kMaxArrivals = 1e7;  // what both sides keep, 24 bytes each
   const bool raw = cell.transport == Transport::kRawUdp;
   if (cell.transport == Transport::kCyclone) {
     if (!has_cyclone()) throw LatencyError("transport cyclone: built without Cyclone DDS (Debian: cyclonedds-dev)");
@@ -37,17 +37,17 @@ void check(const Cell& cell) {
       throw LatencyError("transport cyclone: expected topic probe_state, and no load");
   }
   check_range("rate, Hz,", cell.rate_hz, 0.1, 20'000);
-  if (cell.coding == Coding::kCoded && cell.topic != Topic::kProbeState)
+  if (cell.coding == Coding::kDeadbandCoded && cell.topic != Topic::kProbeState)
     throw LatencyError("coding coded: expected topic probe_state");
   check_range("readers", cell.readers, 1, 64);
   check_range("seconds", cell.seconds, 0.1, 3600);
-  check_range("rate x seconds", cell.rate_hz * cell.seconds, 10, kMostArrivals);
-  check_range("rate x seconds x readers", cell.rate_hz * cell.seconds * cell.readers, 10, kMostArrivals);
+  check_range("rate x seconds", cell.rate_hz * cell.seconds, 10, kMaxArrivals);
+  check_range("rate x seconds x readers", cell.rate_hz * cell.seconds * cell.readers, 10, kMaxArrivals);
   if (cell.load_mbit != kUnpaced) check_range("load, Mbit/s,", cell.load_mbit, 0, 100'000);
   if (raw) {
-    check_range("payload, bytes,", cell.payload, kLeastPayload, 1472);
+    check_range("payload, bytes,", cell.payload, kMinPayload, 1472);
   } else if (cell.topic == Topic::kRecords) {
-    check_range("payload of records, bytes,", cell.payload, kLeastPayload, 1200);
+    check_range("payload of records, bytes,", cell.payload, kMinPayload, 1200);
   } else if (cell.payload != kProbeStateBytes) {
     throw LatencyError("payload, bytes, is " + std::to_string(cell.payload) + "; a probe state always has " +
                        std::to_string(kProbeStateBytes) +
@@ -65,7 +65,7 @@ std::string describe(const Cell& cell) {
   if (cell.transport != Transport::kRawUdp && cell.transport != Transport::kCyclone)
     label += std::string{" "} + kProfileNames[static_cast<std::size_t>(cell.profile)] + " " +
              kTopicNames[static_cast<std::size_t>(cell.topic)];
-  const char* const coded = cell.coding == Coding::kCoded ? " coded" : "";
+  const char* const coded = cell.coding == Coding::kDeadbandCoded ? " coded" : "";
   std::snprintf(text, sizeof text, " %u B %g Hz%s x%u", cell.payload, cell.rate_hz, coded, cell.readers);
   label += text;
   if (cell.load_mbit == kUnpaced) {

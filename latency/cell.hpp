@@ -34,8 +34,8 @@ enum class Topic {
 };
 
 enum class Coding {
-  kNone,  ///< a ping in each tick of the rate
-  kCoded  ///< those of a hand that coding would send (latency/schedule.hpp)
+  kNone,          ///< a ping in each tick of the rate
+  kDeadbandCoded  ///< those of a hand that coding would send (latency/schedule.hpp)
 };
 
 inline constexpr std::array kTransportNames{"udp", "shm", "builtin", "raw-udp", "cyclone"};
@@ -44,7 +44,7 @@ inline constexpr std::array kTopicNames{"probe_state", "records"};
 inline constexpr std::array kCodingNames{"none", "coded"};
 
 inline constexpr std::uint32_t kProbeStateBytes = 236;  ///< a ProbeState encoded; its payload cannot be chosen
-inline constexpr std::uint32_t kLeastPayload = 32;      ///< of a raw datagram and of a record: the stamps
+inline constexpr std::uint32_t kMinPayload = 32;        ///< of a raw datagram and of a record: the stamps
 inline constexpr double kUnpaced = -1;                  ///< load as fast as the writer takes it
 
 struct Cell {

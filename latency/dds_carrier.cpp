@@ -7,7 +7,7 @@
 #include <fstream>
 
 #include "latency/carrier.hpp"
-#include "wire/ends.hpp"
+#include "wire/endpoints.hpp"
 #include "wire/process.hpp"
 
 namespace tactus::latency {
@@ -48,7 +48,7 @@ Packet decode(const session::BulkChunk& sample) {
 template <class Sample>
 class DdsCarrier final : public Carrier {
  public:
-  DdsCarrier(Part part, std::uint32_t payload, wire::Links& links, const wire::TopicSpec<Sample>& topic,
+  DdsCarrier(Part part, std::uint32_t payload, wire::Participants& links, const wire::TopicSpec<Sample>& topic,
              OnPacket callback)
       : payload_{payload},
         links_{links},
@@ -73,15 +73,15 @@ class DdsCarrier final : public Carrier {
 
  private:
   const std::uint32_t payload_;
-  wire::Links& links_;
+  wire::Participants& links_;
   const OnPacket callback_;
   Sample sample_{};
   wire::Writer<Sample> writer_;
   wire::Reader<Sample> reader_;  // last: it calls back as soon as it is there
 };
 
-/// A copy of a qos directory, changed, which is gone with this. On disk, because wire::Links and the library read
-/// profiles from files alone.
+/// A copy of a qos directory, changed, which is gone with this. On disk, because wire::Participants and the library
+/// read profiles from files alone.
 class QosCopy {
  public:
   QosCopy(const std::filesystem::path& from, Profile profile, Transport transport) {
@@ -155,7 +155,7 @@ class QosCopy {
 
 }  // namespace
 
-std::unique_ptr<Carrier> make_dds(Part part, const Cell& cell, wire::Links& links, OnPacket callback) {
+std::unique_ptr<Carrier> make_dds(Part part, const Cell& cell, wire::Participants& links, OnPacket callback) {
   if (cell.topic == Topic::kProbeState)
     return std::make_unique<DdsCarrier<session::ProbeState>>(part, cell.payload, links, wire::topics::kProbeState,
                                                              std::move(callback));
@@ -163,13 +163,13 @@ std::unique_ptr<Carrier> make_dds(Part part, const Cell& cell, wire::Links& link
                                                           std::move(callback));
 }
 
-std::unique_ptr<wire::Links> join(const Cell& cell, wire::SessionAddress address) {
+std::unique_ptr<wire::Participants> join(const Cell& cell, wire::SessionAddress address) {
   if (cell.profile == Profile::kTactus && (cell.transport == Transport::kUdp || cell.transport == Transport::kRawUdp))
-    return std::make_unique<wire::Links>(std::move(address));
+    return std::make_unique<wire::Participants>(std::move(address));
   const QosCopy copy{address.qos, cell.profile, cell.transport};
   address.qos = copy.path();
   address.one_participant = cell.profile == Profile::kShared;
-  return std::make_unique<wire::Links>(std::move(address));
+  return std::make_unique<wire::Participants>(std::move(address));
 }
 
 }  // namespace tactus::latency

@@ -15,9 +15,9 @@ namespace {
 constexpr char kSinkName[] = "sink";
 constexpr char kObjectName[] = "load";
 constexpr std::uint32_t kFaces = 200'000;
-constexpr std::size_t kLeastHeld = 60, kMostHeld = 200;  // regions; not all, for what is held is not sent again
-constexpr std::size_t kWanted = 200;                     // regions at once
-constexpr std::int64_t kRest = 20'000'000;               // between bursts
+constexpr std::size_t kMinHeld = 60, kMaxHeld = 200;  // regions; not all, for what is held is not sent again
+constexpr std::size_t kWanted = 200;                  // regions at once
+constexpr std::int64_t kRest = 20'000'000;            // between bursts
 constexpr std::chrono::microseconds kPatience{1000};
 
 /// The load goes over DDS also beside raw UDP.
@@ -31,7 +31,7 @@ wire::SessionAddress named(wire::SessionAddress address, const char* participant
   return address;
 }
 
-const spm::codec::CodedModel& model() {
+const spm::codec::CompressedModel& model() {
   static const spm::offline::BuiltModel built =
       spm::offline::build_model(spm::offline::generate(spm::offline::Shape::kOrgan, kFaces));
   static const spm::codec::EncodedModel encoded{built.model()};
@@ -40,7 +40,7 @@ const spm::codec::CodedModel& model() {
 
 }  // namespace
 
-Load::Load(const Cell& cell, wire::SessionAddress address, wire::Links* shared)
+Load::Load(const Cell& cell, wire::SessionAddress address, wire::Participants* shared)
     : mbit_{cell.load_mbit},
       plain_{cell.profile != Profile::kTactus},
       own_links_{shared == nullptr ? join(of_load(cell), std::move(address)) : nullptr},
@@ -119,8 +119,8 @@ void Load::flood() {
   }
 }
 
-Sink::Sink(const Cell& cell, wire::SessionAddress address, std::size_t burst_bytes, wire::Links* shared)
-    : least_burst_{burst_bytes},
+Sink::Sink(const Cell& cell, wire::SessionAddress address, std::size_t burst_bytes, wire::Participants* shared)
+    : min_burst_{burst_bytes},
       plain_{cell.profile != Profile::kTactus},
       own_links_{shared == nullptr ? join(of_load(cell), named(std::move(address), kSinkName)) : nullptr},
       links_{shared == nullptr ? *own_links_ : *shared},
@@ -177,13 +177,13 @@ void Sink::take(const session::DeliveryClient::Message& message, std::int64_t at
   held_.push_back(message.region);
   wanted_.erase(std::remove(wanted_.begin(), wanted_.end(), message.region), wanted_.end());
   burst_bytes_ += message.bytes.size();
-  if (least_burst_ == 0 || !wanted_.empty()) return;
+  if (min_burst_ == 0 || !wanted_.empty()) return;
   {
     const std::lock_guard lock{mutex_};
     bursts_.push_back({static_cast<double>(at_ns - burst_ns_) * 1e-6, burst_bytes_});
   }
   client_.want(message.object_id, {});  // else what goes meanwhile would come again
-  if (burst_bytes_ < least_burst_) ++burst_regions_;
+  if (burst_bytes_ < min_burst_) ++burst_regions_;
   rest_until_ns_ = at_ns + kRest;
 }
 
@@ -198,13 +198,13 @@ void Sink::note(std::size_t bytes, std::int64_t at_ns) {
 /// Keeps the regions that came last; what goes is wanted again when its turn comes.
 void Sink::go_round(std::int64_t now_ns) {
   const std::uint64_t object = session::id_of(kObjectName);
-  retiring_ = held_.size() > (retiring_ ? kLeastHeld : kMostHeld);
-  while (retiring_ && held_.size() > kLeastHeld && client_.retire(object, held_.front())) held_.erase(held_.begin());
+  retiring_ = held_.size() > (retiring_ ? kMinHeld : kMaxHeld);
+  while (retiring_ && held_.size() > kMinHeld && client_.retire(object, held_.front())) held_.erase(held_.begin());
   for (const std::uint32_t region : client_.take_released(object)) absent_.push_back(region);
-  const std::size_t most = least_burst_ == 0 ? kWanted : burst_regions_;
-  const bool may = least_burst_ == 0 || (wanted_.empty() && now_ns >= rest_until_ns_);
-  if (!may || wanted_.size() >= most || absent_.size() < (least_burst_ == 0 ? 1 : most)) return;
-  const std::size_t count = std::min(most - wanted_.size(), absent_.size());
+  const std::size_t max = min_burst_ == 0 ? kWanted : burst_regions_;
+  const bool may = min_burst_ == 0 || (wanted_.empty() && now_ns >= rest_until_ns_);
+  if (!may || wanted_.size() >= max || absent_.size() < (min_burst_ == 0 ? 1 : max)) return;
+  const std::size_t count = std::min(max - wanted_.size(), absent_.size());
   wanted_.insert(wanted_.end(), absent_.begin(), absent_.begin() + static_cast<std::ptrdiff_t>(count));
   absent_.erase(absent_.begin(), absent_.begin() + static_cast<std::ptrdiff_t>(count));
   burst_ns_ = now_ns;

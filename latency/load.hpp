@@ -14,7 +14,7 @@
 #include "latency/cell.hpp"
 #include "session/delivery_client.hpp"
 #include "session/delivery_server.hpp"
-#include "wire/ends.hpp"
+#include "wire/endpoints.hpp"
 #include "wire/inbox.hpp"
 
 namespace tactus::latency {
@@ -23,7 +23,7 @@ namespace tactus::latency {
 class Load {
  public:
   /// With Profile::kShared its ends are in `shared`, which must outlive it.
-  Load(const Cell& cell, wire::SessionAddress address, wire::Links* shared = nullptr);
+  Load(const Cell& cell, wire::SessionAddress address, wire::Participants* shared = nullptr);
   ~Load();
   Load(const Load&) = delete;
   Load& operator=(const Load&) = delete;
@@ -40,8 +40,8 @@ class Load {
 
   const double mbit_;
   const bool plain_;
-  const std::unique_ptr<wire::Links> own_links_;
-  wire::Links& links_;
+  const std::unique_ptr<wire::Participants> own_links_;
+  wire::Participants& links_;
   wire::Writer<session::CatalogueEntry> catalogue_;
   wire::Writer<session::BulkChunk> base_, records_;
   wire::Inbox<session::Demand> demands_{1024};
@@ -55,7 +55,8 @@ class Load {
 class Sink {
  public:
   /// `burst_bytes` 0: without end, as fast as it comes. Else about so many bytes at once, and again when they are here.
-  Sink(const Cell& cell, wire::SessionAddress address, std::size_t burst_bytes = 0, wire::Links* shared = nullptr);
+  Sink(const Cell& cell, wire::SessionAddress address, std::size_t burst_bytes = 0,
+       wire::Participants* shared = nullptr);
   ~Sink();
   Sink(const Sink&) = delete;
   Sink& operator=(const Sink&) = delete;
@@ -83,10 +84,10 @@ class Sink {
     return [this](T&& sample) { inbox_.put(std::move(sample)); };
   }
 
-  const std::size_t least_burst_;  // bytes
+  const std::size_t min_burst_;  // bytes
   const bool plain_;
-  const std::unique_ptr<wire::Links> own_links_;
-  wire::Links& links_;
+  const std::unique_ptr<wire::Participants> own_links_;
+  wire::Participants& links_;
   session::DeliveryClient client_;
   std::uint64_t host_ = 0, host_incarnation_ = 0;
   std::vector<std::uint32_t> absent_, wanted_;  // regions, soonest first

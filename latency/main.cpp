@@ -10,7 +10,7 @@
 #include "latency/run.hpp"
 #include "netem/profile.hpp"
 #include "wire/command_line.hpp"
-#include "wire/links.hpp"
+#include "wire/participants.hpp"
 #include "wire/process.hpp"
 
 namespace tactus::latency {

@@ -70,7 +70,7 @@ class Echoer {
     ready_ = true;
   }
   [[nodiscard]] std::uint16_t port() const noexcept { return port_; }
-  [[nodiscard]] wire::Links* links() const noexcept { return links_.get(); }  ///< none with raw UDP
+  [[nodiscard]] wire::Participants* links() const noexcept { return links_.get(); }  ///< none with raw UDP
   [[nodiscard]] bool matched() const noexcept { return port_ != 0 || carrier_->matched() > 0; }
   [[nodiscard]] bool realtime() const noexcept { return links_ == nullptr || links_->probe_is_realtime(); }
   /// Listens no longer.
@@ -89,7 +89,7 @@ class Echoer {
   const std::uint32_t number_;
   std::atomic<bool> ready_{false};
   std::vector<Arrival> arrivals_;
-  std::unique_ptr<wire::Links> links_;
+  std::unique_ptr<wire::Participants> links_;
   std::unique_ptr<Carrier> carrier_;
   std::uint16_t port_ = 0;
 };
@@ -105,14 +105,14 @@ bool wait_until(Condition&& condition, std::chrono::milliseconds patience, const
   return true;
 }
 
-void serve_one(const nlohmann::ordered_json& asked, Channel& channel, Place place, const std::atomic<bool>& stop) {
-  if (asked.value("version", 0) != kVersion)
-    throw LatencyError("version " + std::to_string(asked.value("version", 0)) + " of the other side; expected " +
+void serve_one(const nlohmann::ordered_json& requested, Channel& channel, Place place, const std::atomic<bool>& stop) {
+  if (requested.value("version", 0) != kVersion)
+    throw LatencyError("version " + std::to_string(requested.value("version", 0)) + " of the other side; expected " +
                        std::to_string(kVersion) + ": take the same release on both");
-  const Cell cell = cell_from_json(asked.at("cell"));
-  const auto session = asked.at("session").get<std::string>();
-  asked.at("domain").get_to(place.domain);
-  place.priority = std::clamp(asked.at("priority").get<int>(), 0, place.priority);
+  const Cell cell = cell_from_json(requested.at("cell"));
+  const auto session = requested.at("session").get<std::string>();
+  requested.at("domain").get_to(place.domain);
+  place.priority = std::clamp(requested.at("priority").get<int>(), 0, place.priority);
 
   std::vector<std::unique_ptr<Echoer>> echoers;
   nlohmann::ordered_json ports = nlohmann::ordered_json::array();
@@ -123,7 +123,7 @@ void serve_one(const nlohmann::ordered_json& asked, Channel& channel, Place plac
     realtime &= echoers.back()->realtime();
   }
   std::optional<Sink> sink;
-  wire::Links* const shared = cell.profile == Profile::kShared ? echoers.front()->links() : nullptr;
+  wire::Participants* const shared = cell.profile == Profile::kShared ? echoers.front()->links() : nullptr;
   if (cell.load_mbit != 0) sink.emplace(cell, address_of(session, "sink", place), 0, shared);
   channel.send({{"ports", ports}, {"clock", clock_id()}, {"realtime", realtime || place.priority == 0}});
 
@@ -193,13 +193,13 @@ Stamps measure(const Cell& cell, Channel& channel, const Place& place, const std
 
   // Written by the carrier's thread, read when that has ended.
   stamps.echoes.reserve(static_cast<std::size_t>(cell.pings()) * cell.readers * 5 / 4 + 1000);
-  std::atomic<std::size_t> heard{0};
+  std::atomic<std::size_t> received{0};
   const auto callback = [&](const Packet& echo, std::int64_t now) {
     if (stamps.echoes.size() == stamps.echoes.capacity()) return;
     stamps.echoes.push_back({echo.sequence, echo.reader, echo.event_ns, echo.sent_ns, now});
-    heard = stamps.echoes.size();
+    received = stamps.echoes.size();
   };
-  std::unique_ptr<wire::Links> links;
+  std::unique_ptr<wire::Participants> links;
   std::unique_ptr<Carrier> carrier;
   if (cell.transport == Transport::kRawUdp) {
     carrier =
@@ -212,7 +212,7 @@ Stamps measure(const Cell& cell, Channel& channel, const Place& place, const std
     carrier = make_dds(Part::kPinger, cell, *links, callback);
   }
   std::optional<Load> load;
-  wire::Links* const shared = cell.profile == Profile::kShared ? links.get() : nullptr;
+  wire::Participants* const shared = cell.profile == Profile::kShared ? links.get() : nullptr;
   if (cell.load_mbit != 0) load.emplace(cell, address_of(session, "load", place), shared);
   const auto met = [&] { return carrier->matched() >= cell.readers && (!load || load->matched()); };
   if (!wait_until(met, kMeeting, stop))
@@ -228,7 +228,7 @@ Stamps measure(const Cell& cell, Channel& channel, const Place& place, const std
                                             : "pinger: no real-time priority asked for");
   send_pings(cell, plan, *carrier, stamps, stop);
   const std::size_t all = (plan.empty() ? stamps.pings.size() : plan.size()) * cell.readers;
-  (void)wait_until([&] { return heard >= all; }, kLastEchoes, stop);
+  (void)wait_until([&] { return received >= all; }, kLastEchoes, stop);
   load.reset();
   carrier.reset();
 

@@ -16,7 +16,7 @@
 
 #include "latency/cell.hpp"
 #include "latency/channel.hpp"
-#include "wire/links.hpp"
+#include "wire/participants.hpp"
 
 namespace tactus::latency {
 

@@ -24,7 +24,8 @@ struct RunSettings {
 [[nodiscard]] Stamps stamp_here(const Cell& cell, const RunSettings& settings, const std::atomic<bool>& stop,
                                 const Plan& plan);
 
-/// With a `tactus-latency serve` that is connected to. Links are then the network itself: the cell's is a name for it.
+/// With a `tactus-latency serve` that is connected to. Participants are then the network itself: the cell's is a name
+/// for it.
 [[nodiscard]] Result run_against(const Cell& cell, Channel& channel, const Place& place, const std::atomic<bool>& stop);
 
 }  // namespace tactus::latency

@@ -9,9 +9,9 @@ namespace tactus::latency {
 
 double quantile(const std::vector<double>& sorted, double share) noexcept {
   if (sorted.empty()) return 0;
-  constexpr double kRounding = 1e-9;  // 0.999 of 1000 is 999, not a little more
+  constexpr double kCollisionMargin = 1e-9;  // 0.999 of 1000 is 999, not a little more
   const double count = static_cast<double>(sorted.size());
-  const double rank = std::ceil(share * count - kRounding * count);
+  const double rank = std::ceil(share * count - kCollisionMargin * count);
   return sorted[static_cast<std::size_t>(std::clamp(rank, 1.0, count)) - 1];
 }
 
@@ -25,15 +25,15 @@ Summary summarise(std::vector<double>& values) {
           values.back()};
 }
 
-SequenceTally::SequenceTally(std::uint32_t expected) : heard_(expected, false) {}
+SequenceTally::SequenceTally(std::uint32_t expected) : received_(expected, false) {}
 
 bool SequenceTally::add(std::uint32_t sequence) noexcept {
-  if (sequence >= heard_.size()) return false;
-  if (heard_[sequence]) {
+  if (sequence >= received_.size()) return false;
+  if (received_[sequence]) {
     ++duplicates_;
     return false;
   }
-  heard_[sequence] = true;
+  received_[sequence] = true;
   ++unique_;
   if (sequence < next_) ++reordered_;
   next_ = std::max(next_, sequence + 1);

@@ -28,14 +28,14 @@ class SequenceTally {
   /// True for a first hearing. O(1), does not allocate.
   bool add(std::uint32_t sequence) noexcept;
 
-  [[nodiscard]] std::uint32_t expected() const noexcept { return static_cast<std::uint32_t>(heard_.size()); }
+  [[nodiscard]] std::uint32_t expected() const noexcept { return static_cast<std::uint32_t>(received_.size()); }
   [[nodiscard]] std::uint32_t unique() const noexcept { return unique_; }
   [[nodiscard]] std::uint32_t lost() const noexcept { return expected() - unique_; }
   [[nodiscard]] std::uint32_t duplicates() const noexcept { return duplicates_; }
   [[nodiscard]] std::uint32_t reordered() const noexcept { return reordered_; }
 
  private:
-  std::vector<bool> heard_;
+  std::vector<bool> received_;
   std::uint32_t next_ = 0;  // above the largest heard
   std::uint32_t unique_ = 0, duplicates_ = 0, reordered_ = 0;
 };

@@ -27,7 +27,7 @@ struct Datagram {
   std::uint32_t reserved;
   Packet packet;
 };
-static_assert(sizeof(Datagram) == kLeastPayload);
+static_assert(sizeof(Datagram) == kMinPayload);
 
 class UdpCarrier final : public Carrier {
  public:

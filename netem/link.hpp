@@ -24,7 +24,7 @@ struct LinkCounts {
 /// Times are nanoseconds of any one clock. One thread at a time. Does not allocate.
 class Link {
  public:
-  /// `profile` as `check` accepts it. Links with different seeds are independent.
+  /// `profile` as `check` accepts it. Participants with different seeds are independent.
   Link(const LinkProfile& profile, std::uint64_t seed);
 
   /// Departure of a frame of `bytes`, none when it is dropped or lost. Arrivals must not step back. Departures follow

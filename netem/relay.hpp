@@ -1,4 +1,4 @@
-/// Carries frames between two tap devices as two Links say: the thin shell around them.
+/// Carries frames between two tap devices as two Participants say: the thin shell around them.
 #pragma once
 
 #include <array>

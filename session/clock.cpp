@@ -48,7 +48,7 @@ ClockSample SessionClock::request(std::int64_t local_now_ns) {
   sample.origin.time_ns = local_now_ns;
   sample.peer = reference_;
   sample.sequence = ++sequence_;
-  sample.t0_ns = asked_ns_[sequence_ % asked_ns_.size()] = local_now_ns;
+  sample.t0_ns = requested_ns_[sequence_ % requested_ns_.size()] = local_now_ns;
   return sample;
 }
 
@@ -72,7 +72,7 @@ bool SessionClock::on_answer(const ClockSample& answer, std::int64_t local_now_n
   const std::int64_t rtt = local_now_ns - answer.t0_ns - there;
   const bool mine = answer.answer && answer.origin.session == self_.session && answer.peer == self_.participant &&
                     answer.origin.participant == reference_ && answer.origin.incarnation == reference_incarnation_;
-  if (!mine || answer.t0_ns != asked_ns_[answer.sequence % asked_ns_.size()] || answer.sequence <= answered_ ||
+  if (!mine || answer.t0_ns != requested_ns_[answer.sequence % requested_ns_.size()] || answer.sequence <= answered_ ||
       answer.sequence > sequence_ || there < 0 || rtt < 0 || rtt > settings_.max_rtt_ns) {
     return false;
   }

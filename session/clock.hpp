@@ -104,9 +104,9 @@ class SessionClock {
   bool force_on_ = false, waits_ = false;
   std::int64_t joined_ns_ = kNotJoined;
   std::uint32_t sequence_ = 0;
-  std::array<std::int64_t, 16> asked_ns_{};  // local, of the newest requests by their number
-  std::uint32_t answered_ = 0;               // newest request answered
-  TimeWindow times_;                         // of the reference, as its answers state them
+  std::array<std::int64_t, 16> requested_ns_{};  // local, of the newest requests by their number
+  std::uint32_t answered_ = 0;                   // newest request answered
+  TimeWindow times_;                             // of the reference, as its answers state them
   std::deque<Measured> window_;
   ClockMap map_;
 };

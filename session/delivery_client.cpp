@@ -169,8 +169,8 @@ std::vector<DeliveryClient::Message> DeliveryClient::on_chunk(const BulkChunk& c
     stream.holes.clear();
   }
   if (time == Admission::kAnew) host.arrivals = 0;
-  const bool least = static_cast<std::int32_t>(one_way_us - host.one_way_us) < 0;
-  if (host.arrivals++ == 0 || least) host.one_way_us = one_way_us;
+  const bool min = static_cast<std::int32_t>(one_way_us - host.one_way_us) < 0;
+  if (host.arrivals++ == 0 || min) host.one_way_us = one_way_us;
   note_sequence(stream, chunk, now_ns);
   note_rate(chunk.payload_bytes(), now_ns);
   note_echo(object, stream, chunk, now_ns);
@@ -201,7 +201,7 @@ void DeliveryClient::note_sequence(Stream& stream, const BulkChunk& chunk, std::
     }
   }
   for (auto at = stream.holes.begin(); at != stream.holes.end();) {
-    const bool known = at->second.told_epoch != 0 && at->second.told_epoch <= chunk.epoch;
+    const bool known = at->second.published_epoch != 0 && at->second.published_epoch <= chunk.epoch;
     if (!known && stream.holes.size() <= kMaxHoles) {
       ++at;
     } else {
@@ -213,7 +213,7 @@ void DeliveryClient::note_sequence(Stream& stream, const BulkChunk& chunk, std::
 /// Whether a hole has become a gap that no demand has told.
 bool DeliveryClient::has_news(const Stream& stream, std::int64_t now_ns) const {
   return std::any_of(stream.holes.begin(), stream.holes.end(), [&](const auto& hole) {
-    return hole.second.told_epoch == 0 && now_ns - hole.second.since_ns >= settings_.overtaking_ns;
+    return hole.second.published_epoch == 0 && now_ns - hole.second.since_ns >= settings_.overtaking_ns;
   });
 }
 
@@ -221,13 +221,13 @@ bool DeliveryClient::has_news(const Stream& stream, std::int64_t now_ns) const {
 void DeliveryClient::tell_gaps(Object& object, Stream& stream, Demand& demand, std::int64_t now_ns) {
   demand.newest = stream.newest;
   for (auto& [first, hole] : stream.holes) {
-    const bool young = hole.told_epoch == 0 && now_ns - hole.since_ns < settings_.overtaking_ns;
+    const bool young = hole.published_epoch == 0 && now_ns - hole.since_ns < settings_.overtaking_ns;
     if (young || demand.gaps.size() == kMaxGaps) {
       demand.newest = first - 1;
       return;
     }
-    if (hole.told_epoch == 0) {
-      hole.told_epoch = object.epoch;
+    if (hole.published_epoch == 0) {
+      hole.published_epoch = object.epoch;
       counters_.lost += hole.last - first + 1;
     }
     demand.gaps.push_back({first, hole.last - first + 1});
@@ -354,24 +354,24 @@ void DeliveryClient::set_room(std::uint64_t bytes) {
   room_ = bytes;
   // Worth a demand of its own when a host may be waiting for it.
   constexpr std::uint64_t kWorthTelling = 8 * kMaxPayload;
-  if (room_told_ >= settings_.credit || room_ < room_told_ + kWorthTelling) return;
+  if (room_published_ >= settings_.credit || room_ < room_published_ + kWorthTelling) return;
   for (auto& [object_id, object] : objects_) object.acknowledge = object.acknowledge || owed(object);
 }
 
 std::uint64_t DeliveryClient::promised(std::int64_t now_ns) {
   const std::int64_t known_ns = now_ns - round_trip_ns_ - 2 * settings_.demand_interval_ns;
-  while (told_.size() > 1 && told_[1].at_ns <= known_ns) told_.pop_front();
-  return told_.empty() ? 0 : told_.front().credit;
+  while (published_.size() > 1 && published_[1].at_ns <= known_ns) published_.pop_front();
+  return published_.empty() ? 0 : published_.front().credit;
 }
 
 /// What arrives in a window, as a rate; the best of late, for a host that has nothing to send says nothing of the link.
 void DeliveryClient::note_rate(std::size_t bytes, std::int64_t now_ns) {
-  constexpr std::int64_t kLeastWindow = 20'000'000;
+  constexpr std::int64_t kMinWindow = 20'000'000;
   constexpr double kForgetting = 0.95;
   constexpr double kNsPerS = 1e9;
   window_.bytes += bytes;
   const std::int64_t lasted = now_ns - window_.begun_ns;
-  if (lasted < std::max(kLeastWindow, round_trip_ns_)) return;
+  if (lasted < std::max(kMinWindow, round_trip_ns_)) return;
   const double rate = static_cast<double>(window_.bytes) * kNsPerS / static_cast<double>(lasted);
   rate_ = std::max(rate, kForgetting * rate_);
   window_ = {now_ns, 0};
@@ -383,7 +383,7 @@ std::uint32_t DeliveryClient::credit() const {
   constexpr double kNsPerS = 1e9;
   const double turnaround = static_cast<double>(round_trip_ns_ + settings_.demand_interval_ns) / kNsPerS;
   const double credit = std::clamp(kMore * rate_ * turnaround, static_cast<double>(settings_.credit),
-                                   static_cast<double>(std::max(settings_.credit, settings_.most_credit)));
+                                   static_cast<double>(std::max(settings_.credit, settings_.max_credit)));
   return static_cast<std::uint32_t>(std::min(credit, static_cast<double>(room_)));
 }
 
@@ -485,9 +485,9 @@ bool DeliveryClient::owed(const Object& object) const {
 /// A demand or its answer is lost more often than late, so the first repetition is soon; a host that has none to give
 /// is asked no more often than every `repeat_ns`.
 std::int64_t DeliveryClient::repeat_after(const Object& object) const {
-  constexpr unsigned kMostDoublings = 8;
+  constexpr unsigned kMaxDoublings = 8;
   const std::int64_t first = 2 * round_trip_ns_ + settings_.demand_interval_ns;
-  return std::min(first << std::min(object.repeats, kMostDoublings), settings_.repeat_ns);
+  return std::min(first << std::min(object.repeats, kMaxDoublings), settings_.repeat_ns);
 }
 
 std::optional<Demand> DeliveryClient::demand(std::int64_t now_ns) {
@@ -513,7 +513,7 @@ std::optional<Demand> DeliveryClient::demand(std::int64_t now_ns) {
 }
 
 Demand DeliveryClient::make_demand(std::uint64_t object_id, Object& object, std::int64_t now_ns) {
-  room_told_ = room_;
+  room_published_ = room_;
   if (object.changed && object.timed_ns == 0) {
     object.timed_epoch = object.epoch;
     object.timed_ns = now_ns;
@@ -533,7 +533,7 @@ Demand DeliveryClient::make_demand(std::uint64_t object_id, Object& object, std:
   for (const std::uint32_t region : object.have) {
     if (!demand.have.empty() && demand.have.back().first + demand.have.back().count == region) {
       ++demand.have.back().count;
-    } else if (demand.have.size() < kMaxHaveRuns) {
+    } else if (demand.have.size() < kMaxHaveIntervals) {
       demand.have.push_back({region, 1});
     } else {
       break;  // what is left out is not counted on, no more
@@ -551,8 +551,8 @@ Demand DeliveryClient::make_demand(std::uint64_t object_id, Object& object, std:
   demand.arrivals = std::exchange(host.arrivals, 0);
   demand.one_way_us = host.one_way_us;
   demand.credit = credit();
-  while (!told_.empty() && told_.back().credit <= demand.credit) told_.pop_back();
-  told_.push_back({now_ns, demand.credit});
+  while (!published_.empty() && published_.back().credit <= demand.credit) published_.pop_back();
+  published_.push_back({now_ns, demand.credit});
   return demand;
 }
 

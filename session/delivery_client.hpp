@@ -47,14 +47,14 @@ struct DeliverySettings {
   /// Of one object: asks again, under a new epoch, while something is owed. Sooner at first where round trips are
   /// short.
   std::int64_t repeat_ns = 20'000'000;
-  std::int64_t keep_alive_ns = 500'000'000;         ///< unchanged demands repeat
-  std::int64_t host_late_ns = 250'000'000;          ///< without heartbeat; then another host is chosen if there is one
+  std::int64_t keep_alive_ns = 500'000'000;  ///< unchanged demands repeat
+  std::int64_t host_late_ns = 250'000'000;   ///< without heartbeat; then another host is chosen if there is one
   /// Of a host that is gone: then its offers are forgotten. Longer than the lease of its participant: within that DDS
   /// takes it for the same writer when it comes back, and sends no catalogue again.
   std::int64_t forget_host_ns = 10'000'000'000;
   std::int64_t partial_timeout_ns = 2'000'000'000;  ///< incomplete messages without a new chunk are dropped
   std::uint32_t credit = 256 * 1024;                ///< bytes that a host may have under way to this HRTC, at first
-  std::uint32_t most_credit = 8u << 20;             ///< grows so far where rate and round trip ask for it
+  std::uint32_t max_credit = 8u << 20;              ///< grows so far where rate and round trip ask for it
   std::size_t max_partial_bytes = 64u << 20;  ///< of incomplete messages; above it the longest untouched are dropped
 };
 
@@ -146,8 +146,8 @@ class DeliveryClient {
   struct Stream {
     struct Hole {
       std::uint32_t last;
-      std::int64_t since_ns;     // when it was noticed
-      std::uint32_t told_epoch;  // that told it first; 0: none has
+      std::int64_t since_ns;          // when it was noticed
+      std::uint32_t published_epoch;  // that told it first; 0: none has
     };
     std::uint64_t host = 0, object_id = 0;
     SequenceWindow numbers{kChunkNumbers};
@@ -236,12 +236,12 @@ class DeliveryClient {
   std::map<std::uint32_t, Stream> streams_;  // by stream_id
   std::size_t partial_bytes_ = 0;
   std::int64_t round_trip_ns_ = 0;
-  std::uint64_t room_ = ~std::uint64_t{0}, room_told_ = 0;
-  struct Told {
+  std::uint64_t room_ = ~std::uint64_t{0}, room_published_ = 0;
+  struct Published {
     std::int64_t at_ns;
     std::uint32_t credit;
   };
-  std::deque<Told> told_;  // within the last round trip, each less than the one before; and the last
+  std::deque<Published> published_;  // within the last round trip, each less than the one before; and the last
   struct Window {
     std::int64_t begun_ns = 0;
     std::uint64_t bytes = 0;

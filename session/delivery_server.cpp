@@ -13,47 +13,48 @@ namespace {
 /// A base mesh goes behind regions that are touched sooner than this, and ahead of all prefetching.
 constexpr std::uint32_t kBaseContactUs = 100'000;
 /// Less room in a chunk is not worth a part of its own.
-constexpr std::size_t kLeastRoom = 64;
+constexpr std::size_t kMinRoom = 64;
 /// After the last chunk, longer each time.
 constexpr std::int64_t kFirstMark = 4'000'000, kLastMark = 128'000'000;
 /// Without a demand of an HRTC, which repeats them every half second (DeliverySettings::keep_alive_ns).
 constexpr std::int64_t kForgetNs = 5'000'000'000;
 
-std::uint32_t end_of(const spm::Run& run) { return run.first + run.count; }
+std::uint32_t end_of(const spm::Interval& interval) { return interval.first + interval.count; }
 
 /// Ascending runs that do not touch, all below `limit`.
-bool well_formed_runs(const std::vector<spm::Run>& runs, std::uint32_t limit) {
+bool well_formed_intervals(const std::vector<spm::Interval>& intervals, std::uint32_t limit) {
   std::uint64_t end = 0;
-  for (const spm::Run& run : runs) {
-    if (run.count == 0 || run.first < end || (end != 0 && run.first == end)) return false;
-    end = std::uint64_t{run.first} + run.count;
+  for (const spm::Interval& interval : intervals) {
+    if (interval.count == 0 || interval.first < end || (end != 0 && interval.first == end)) return false;
+    end = std::uint64_t{interval.first} + interval.count;
     if (end > limit) return false;
   }
   return true;
 }
 
-bool contains(const std::vector<spm::Run>& runs, std::uint32_t value) {
-  const auto after = std::upper_bound(runs.begin(), runs.end(), value,
-                                      [](std::uint32_t v, const spm::Run& run) { return v < run.first; });
-  return after != runs.begin() && value < end_of(*(after - 1));
+bool contains(const std::vector<spm::Interval>& intervals, std::uint32_t value) {
+  const auto after =
+      std::upper_bound(intervals.begin(), intervals.end(), value,
+                       [](std::uint32_t v, const spm::Interval& interval) { return v < interval.first; });
+  return after != intervals.begin() && value < end_of(*(after - 1));
 }
 
-bool contains_all(const std::vector<spm::Run>& outer, const std::vector<spm::Run>& inner) {
+bool contains_all(const std::vector<spm::Interval>& outer, const std::vector<spm::Interval>& inner) {
   std::size_t i = 0;
-  for (const spm::Run& run : inner) {
-    while (i < outer.size() && end_of(outer[i]) <= run.first) ++i;
-    if (i == outer.size() || run.first < outer[i].first || end_of(run) > end_of(outer[i])) return false;
+  for (const spm::Interval& interval : inner) {
+    while (i < outer.size() && end_of(outer[i]) <= interval.first) ++i;
+    if (i == outer.size() || interval.first < outer[i].first || end_of(interval) > end_of(outer[i])) return false;
   }
   return true;
 }
 
-std::vector<spm::Run> list_of(const spm::codec::CodedModel& model, std::uint32_t region) {
-  return model.runs_of(spm::RegionId{region});
+std::vector<spm::Interval> list_of(const spm::codec::CompressedModel& model, std::uint32_t region) {
+  return model.intervals_of(spm::RegionId{region});
 }
 
-std::uint64_t count_records(const std::vector<spm::Run>& runs) {
+std::uint64_t count_records(const std::vector<spm::Interval>& intervals) {
   std::uint64_t count = 0;
-  for (const spm::Run& run : runs) count += run.count;
+  for (const spm::Interval& interval : intervals) count += interval.count;
   return count;
 }
 
@@ -61,7 +62,7 @@ std::uint64_t count_records(const std::vector<spm::Run>& runs) {
 
 DeliveryServer::DeliveryServer(const Origin& self) : self_{self} {}
 
-void DeliveryServer::add(std::uint64_t object_id, const spm::codec::CodedModel& model) {
+void DeliveryServer::add(std::uint64_t object_id, const spm::codec::CompressedModel& model) {
   const spm::Span<const std::uint8_t> base = model.spans().base;
   objects_.insert_or_assign(object_id, Object{model, checksum_of(base)});
 }
@@ -71,7 +72,7 @@ std::uint32_t DeliveryServer::base_bytes(std::uint64_t object_id) const {
 }
 
 bool DeliveryServer::well_formed(const Demand& demand, const spm::ModelSummary& summary) const {
-  return well_formed_runs(demand.have, summary.regions) &&
+  return well_formed_intervals(demand.have, summary.regions) &&
          std::all_of(demand.wanted.begin(), demand.wanted.end(),
                      [&](const Wanted& wanted) { return wanted.region < summary.regions; });
 }
@@ -94,7 +95,7 @@ DeliveryServer::DemandResult DeliveryServer::on_demand(const Demand& demand, std
     fresh.counters = controller.counters;
     controller = std::move(fresh);
   }
-  controller.heard_ns = now_ns;
+  controller.received_ns = now_ns;
   const Admission time = controller.times.admit(demand.origin.time_ns, now_ns);
   if (time == Admission::kImplausible) return DemandResult::kImplausible;
   if (time == Admission::kAnew) {
@@ -170,17 +171,17 @@ void DeliveryServer::acknowledge(Controller& controller, Service& service, std::
 /// What is covered stays small where many are served; a few are told exactly what they have, so that nothing comes
 /// twice.
 void DeliveryServer::cover(Service& service, const Object& object, std::uint32_t region) const {
-  constexpr std::size_t kInAll = 40'960, kLeast = 1'280, kMost = 5'120;  // runs: 320, 10 and 40 KiB
+  constexpr std::size_t kInAll = 40'960, kMin = 1'280, kMax = 5'120;  // runs: 320, 10 and 40 KiB
   std::size_t services = 0;
   for (const auto& [hrtc, controller] : controllers_) services += controller.services.size();
   service.covered.add(list_of(object.model, region),
-                      std::clamp(kInAll / std::max<std::size_t>(services, 1), kLeast, kMost));
+                      std::clamp(kInAll / std::max<std::size_t>(services, 1), kMin, kMax));
 }
 
 /// Brings the messages, the records covered and the regions to send in line with the newest demand. What is covered
 /// grows in place while nothing of `had`, the demand before, was taken back and no message was refused or lost a part.
 void DeliveryServer::compare(Controller& controller, Service& service, const Object& object,
-                             const std::vector<spm::Run>* had) {
+                             const std::vector<spm::Interval>* had) {
   const Demand& demand = service.demand;
   bool refused = false;
   const auto wanted = [&](const Message& message) {
@@ -207,8 +208,8 @@ void DeliveryServer::compare(Controller& controller, Service& service, const Obj
   const bool only_more =
       had != nullptr && contains_all(demand.have, *had) && !refused && first_lost(service) == nullptr;
   if (!only_more) service.covered.clear();
-  for (const spm::Run& run : demand.have) {
-    for (std::uint32_t region = run.first; region != end_of(run); ++region) {
+  for (const spm::Interval& interval : demand.have) {
+    for (std::uint32_t region = interval.first; region != end_of(interval); ++region) {
       if (!only_more || !contains(*had, region)) cover(service, object, region);
     }
   }
@@ -300,7 +301,7 @@ std::uint64_t DeliveryServer::unanswered(const Controller& controller) {
 std::optional<Outgoing> DeliveryServer::next(std::int64_t now_ns, const CanSend& can_send) {
   due_ns_ = std::numeric_limits<std::int64_t>::max();
   for (auto silent = controllers_.begin(); silent != controllers_.end();)
-    silent = now_ns - silent->second.heard_ns >= kForgetNs ? forget(silent) : std::next(silent);
+    silent = now_ns - silent->second.received_ns >= kForgetNs ? forget(silent) : std::next(silent);
   auto at = controllers_.upper_bound(last_served_);
   for (std::size_t tried = 0; tried < controllers_.size(); ++tried, ++at) {
     if (at == controllers_.end()) at = controllers_.begin();
@@ -380,7 +381,7 @@ Outgoing DeliveryServer::send_parts(std::uint64_t hrtc, Controller& controller, 
 /// What goes next into a chunk with so much room left, taken as sent with it.
 std::optional<BulkPiece> DeliveryServer::next_piece(Controller& controller, Service& service, const Object& object,
                                                     const BulkChunk& chunk, std::size_t room) {
-  if (room < kLeastRoom) return std::nullopt;
+  if (room < kMinRoom) return std::nullopt;
   Message* message = first_lost(service, room);
   const bool again = message != nullptr;
   if (!again && service.begun() == nullptr) {

@@ -22,8 +22,8 @@
 /// what is new. A Pacer for each HRTC says how much and how fast.
 ///
 /// No clock, socket or thread in it; one thread at a time. Memory for each HRTC and object served: the demand, the
-/// messages under way and what they and `have` cover as runs of records (spm/run_set.hpp), some 30 KiB. Of an HRTC that
-/// holds more scattered regions than these runs can tell, records that others of its regions list are sent again.
+/// messages under way and what they and `have` cover as runs of records (spm/interval_set.hpp), some 30 KiB. Of an HRTC
+/// that holds more scattered regions than these runs can tell, records that others of its regions list are sent again.
 #pragma once
 
 #include <cstdint>
@@ -37,9 +37,9 @@
 #include "session/messages.hpp"
 #include "session/pacer.hpp"
 #include "session/sequence_window.hpp"
-#include "spm/codec/coded_model.hpp"
+#include "spm/codec/compressed_model.hpp"
+#include "spm/interval_set.hpp"
 #include "spm/model.hpp"
-#include "spm/run_set.hpp"
 
 namespace tactus::session {
 
@@ -66,7 +66,7 @@ class DeliveryServer {
   explicit DeliveryServer(const Origin& self);
 
   /// What `model` borrows must outlive the server.
-  void add(std::uint64_t object_id, const spm::codec::CodedModel& model);
+  void add(std::uint64_t object_id, const spm::codec::CompressedModel& model);
 
   /// Size of the encoded base mesh, for the catalogue. The object must have been added.
   [[nodiscard]] std::uint32_t base_bytes(std::uint64_t object_id) const;
@@ -102,7 +102,7 @@ class DeliveryServer {
 
  private:
   struct Object {
-    spm::codec::CodedModel model;
+    spm::codec::CompressedModel model;
     std::uint32_t base_checksum = 0;
   };
   struct Message {
@@ -116,7 +116,7 @@ class DeliveryServer {
     std::uint32_t under_way = 0;  // chunks
     std::uint32_t last_sequence = 0;
     std::vector<std::uint32_t> lost;  // parts to be sent again
-    std::vector<spm::Run> records;
+    std::vector<spm::Interval> records;
     [[nodiscard]] bool sent() const noexcept { return begun == parts.count; }
     [[nodiscard]] bool arrived() const noexcept { return sent() && under_way == 0 && lost.empty(); }
     [[nodiscard]] bool fits(std::uint32_t part, std::size_t room) const noexcept;
@@ -139,7 +139,7 @@ class DeliveryServer {
     std::uint32_t planned = 0;          // messages
     std::vector<Message> messages;      // by number; none but the last is not sent()
     std::vector<std::uint8_t> encoded;  // payload of the last while it is not
-    spm::RunSet covered;                // records that a region of have lists, or a message that is sent()
+    spm::IntervalSet covered;           // records that a region of have lists, or a message that is sent()
     std::vector<Wanted> to_send;        // soonest last
     [[nodiscard]] Message* begun() noexcept {
       return messages.empty() || messages.back().sent() ? nullptr : &messages.back();
@@ -149,7 +149,7 @@ class DeliveryServer {
     SourceWindow source;
     TimeWindow times;
     WrappedTimeWindow one_ways;
-    std::int64_t heard_ns = 0;  // the newest demand
+    std::int64_t received_ns = 0;  // the newest demand
     std::int64_t credit_time_ns = 0;
     std::uint32_t credit = 0;
     Pacer pacer;
@@ -160,7 +160,7 @@ class DeliveryServer {
   [[nodiscard]] bool well_formed(const Demand& demand, const spm::ModelSummary& summary) const;
   void note_sequences(const Controller& controller);
   void acknowledge(Controller& controller, Service& service, std::int64_t now_ns);
-  void compare(Controller& controller, Service& service, const Object& object, const std::vector<spm::Run>* had);
+  void compare(Controller& controller, Service& service, const Object& object, const std::vector<spm::Interval>* had);
   void cover(Service& service, const Object& object, std::uint32_t region) const;
   [[nodiscard]] static Message* first_lost(Service& service, std::size_t room = kMaxPayload);
   [[nodiscard]] static std::optional<std::uint32_t> urgency(Service& service);

@@ -47,9 +47,9 @@ inline constexpr char kExactCycles[] = "hrtc.exact_cycles";
 inline constexpr char kPoolUsed[] = "hrtc.pool_used";
 inline constexpr char kPoolPeak[] = "hrtc.pool_peak";
 inline constexpr char kPoolLimit[] = "hrtc.pool_limit";
-inline constexpr char kCodedUsed[] = "hrtc.coded_used";
-inline constexpr char kCodedPeak[] = "hrtc.coded_peak";
-inline constexpr char kCodedLimit[] = "hrtc.coded_limit";
+inline constexpr char kCompressedUsed[] = "hrtc.coded_used";
+inline constexpr char kCompressedPeak[] = "hrtc.coded_peak";
+inline constexpr char kCompressedLimit[] = "hrtc.coded_limit";
 inline constexpr char kRegionsHeld[] = "hrtc.regions_held";
 inline constexpr char kRegionsCoarsened[] = "hrtc.regions_coarsened";
 inline constexpr char kRegionsReceived[] = "hrtc.regions_received";
@@ -60,7 +60,7 @@ inline constexpr char kObjectsRefused[] = "hrtc.objects_refused";
 inline constexpr char kRecordsReceived[] = "hrtc.records_received";
 inline constexpr char kRecordsReturned[] = "hrtc.records_returned";
 inline constexpr char kRecordsRepeated[] = "hrtc.records_repeated";  ///< received although they were here
-inline constexpr char kRecordsTold[] = "hrtc.records_told";          ///< of these, in regions that hosts are told of
+inline constexpr char kRecordsPublished[] = "hrtc.records_told";     ///< of these, in regions that hosts are told of
 inline constexpr char kBytesReceived[] = "hrtc.bytes_received";
 inline constexpr char kLoadLatency[] = "hrtc.load_latency_us";
 inline constexpr char kFalseAlarms[] = "hrtc.false_alarms";  ///< hosts that were given up and answered after all
@@ -71,9 +71,9 @@ inline constexpr char kFirstExact[] = "hrtc.first_exact_us";
 inline constexpr char kFirstExactBytes[] = "hrtc.first_exact_bytes";
 
 // An HRTC: probe states, its own and those of others.
-inline constexpr char kStatesCoded[] = "hrtc.states_coded";  ///< sent to the session
-inline constexpr char kStatesWhole[] = "hrtc.states_whole";  ///< sent to a group
-inline constexpr char kTogether[] = "hrtc.together";         ///< of its users, that collaborate now
+inline constexpr char kStatesDeadbandCoded[] = "hrtc.states_coded";  ///< sent to the session
+inline constexpr char kStatesWhole[] = "hrtc.states_whole";          ///< sent to a group
+inline constexpr char kTogether[] = "hrtc.together";                 ///< of its users, that collaborate now
 inline constexpr char kRemoteProbes[] = "hrtc.remote_probes";
 /// Samples of any topic that were dropped because a number or a time was outside its window.
 inline constexpr char kImplausible[] = "hrtc.implausible";

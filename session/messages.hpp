@@ -18,13 +18,13 @@
 namespace tactus::session {
 
 /// Raised when a change makes older programs misread newer samples.
-inline constexpr std::uint32_t kProtocolVersion = 15;
+inline constexpr std::uint32_t kProtocolVersion = 16;
 
 // Bounds, also stated in idl/tactus.idl; a test compares the two.
 inline constexpr std::size_t kMaxName = 63;
 inline constexpr std::size_t kMaxText = 255;
 inline constexpr std::size_t kMaxSlots = 64;  ///< users in one HRTC
-inline constexpr std::size_t kMaxHaveRuns = 1024;
+inline constexpr std::size_t kMaxHaveIntervals = 1024;
 inline constexpr std::size_t kMaxWanted = 256;
 inline constexpr std::size_t kMaxGaps = 128;
 inline constexpr std::size_t kMaxPayload = 1400;  ///< pieces of a chunk as they travel: they fill one Ethernet frame
@@ -85,7 +85,7 @@ struct RosterEntry {
   std::vector<UserSlot> slots;     ///< HRTC only: users accepted
   std::uint64_t heartbeat = 0;     ///< grows by one each sample
   bool leaving = false;
-  std::vector<StopRecord> stops{};  ///< host and HRTC: acknowledges stops and resets, passes standing stops on
+  std::vector<StopRecord> stops{};      ///< host and HRTC: acknowledges stops and resets, passes standing stops on
   std::uint64_t reference = 0;          ///< participant whose clock it follows; its own: it is the reference; 0: none
   std::int64_t session_time_ns = 0;     ///< when sent, by its clock; a session begins at 0
   std::int64_t joined_ns = kNotJoined;  ///< session time since which it has been in the session
@@ -181,15 +181,15 @@ struct Demand {
   std::uint64_t serving_host = 0;  ///< participant that shall answer; others stay silent
   std::uint32_t epoch = 0;         ///< grows with every change
   bool need_base = false;
-  std::vector<spm::Run> have;    ///< regions held, as ascending runs of RegionIds
-  std::vector<Wanted> wanted;    ///< soonest first
-  std::uint32_t stream = 0;      ///< stream_id that the following is about
-  std::uint32_t received = 0;    ///< all chunks up to this sequence have been dealt with
-  std::uint32_t newest = 0;      ///< highest sequence that came, or as far as `gaps` tell
-  std::vector<spm::Run> gaps;    ///< sequences between these two that did not come, as ascending runs
-  std::uint32_t credit = 0;      ///< bytes the host may have under way to this HRTC
-  std::uint32_t arrivals = 0;    ///< chunks of the host since the last demand that it is told of
-  std::uint32_t one_way_us = 0;  ///< the least of their arrival - sent_us, modulo 2^32
+  std::vector<spm::Interval> have;  ///< regions held, as ascending runs of RegionIds
+  std::vector<Wanted> wanted;       ///< soonest first
+  std::uint32_t stream = 0;         ///< stream_id that the following is about
+  std::uint32_t received = 0;       ///< all chunks up to this sequence have been dealt with
+  std::uint32_t newest = 0;         ///< highest sequence that came, or as far as `gaps` tell
+  std::vector<spm::Interval> gaps;  ///< sequences between these two that did not come, as ascending runs
+  std::uint32_t credit = 0;         ///< bytes the host may have under way to this HRTC
+  std::uint32_t arrivals = 0;       ///< chunks of the host since the last demand that it is told of
+  std::uint32_t one_way_us = 0;     ///< the least of their arrival - sent_us, modulo 2^32
 };
 
 struct Waypoint {
@@ -285,9 +285,9 @@ struct ObjectPose {
   std::uint32_t sequence = 0;
   std::uint64_t fencing = 0;  ///< a larger number takes over; smaller ones are ignored from then on
   std::int64_t session_time_ns = 0;
-  Pose pose;                                ///< model frame (scaled) to world
-  std::array<double, 3> velocity{0, 0, 0};  ///< of that frame's origin
-  std::array<double, 3> spin{0, 0, 0};      ///< rad/s
+  Pose pose;                                        ///< model frame (scaled) to world
+  std::array<double, 3> velocity{0, 0, 0};          ///< of that frame's origin
+  std::array<double, 3> angular_velocity{0, 0, 0};  ///< rad/s
 };
 
 /// Topic object_claim, keys origin.participant and object_id: of a controller whose user touches an object that can
@@ -331,11 +331,11 @@ struct ObjectCopy {
   std::uint64_t fencing = 0;  ///< of the grant that made the group
   std::uint32_t place = 0;    ///< its own in the grant's list
   std::int64_t session_time_ns = 0;
-  Pose body;                                ///< of the centre of mass, with the model's axes
-  std::array<double, 3> velocity{0, 0, 0};  ///< of that centre
-  std::array<double, 3> spin{0, 0, 0};      ///< rad/s
-  std::array<double, 3> pressed{0, 0, 0};   ///< N, by its own users
-  std::vector<CopyLine> lines;              ///< one for each place of the grant's list; its own says nothing
+  Pose body;                                        ///< of the centre of mass, with the model's axes
+  std::array<double, 3> velocity{0, 0, 0};          ///< of that centre
+  std::array<double, 3> angular_velocity{0, 0, 0};  ///< rad/s
+  std::array<double, 3> pressed{0, 0, 0};           ///< N, by its own users
+  std::vector<CopyLine> lines;                      ///< one for each place of the grant's list; its own says nothing
 };
 
 /// Topic clock, keys origin.participant and peer: four-stamp exchange. An answer repeats the request's sequence and t0.

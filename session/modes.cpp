@@ -103,7 +103,7 @@ void Modes::tick(std::int64_t now_ns) {
   }
   for (const auto& [user, probe] : probes_) {
     const std::uint64_t group = group_wanted(user, probe);
-    if (group == 0 || (!commanded(user) && together[group] > settings_.most_together)) continue;
+    if (group == 0 || (!commanded(user) && together[group] > settings_.max_together)) continue;
     if (probe.participant == self_)
       ours[group].insert(user);
     else

@@ -33,7 +33,7 @@ namespace tactus::session {
 struct ModeSettings {
   double near = 0.05;                    ///< m from an object's bounds at which a probe comes near
   double apart = 0.10;                   ///< m at which it no longer is
-  std::size_t most_together = 8;         ///< users near one object, beyond which all of them stay apart
+  std::size_t max_together = 8;          ///< users near one object, beyond which all of them stay apart
   std::int64_t dwell_ns = 500'000'000;   ///< for which it has to be apart
   std::int64_t linger_ns = 200'000'000;  ///< for which the ends of a group that is over stay
   std::int64_t forget_ns = 300'000'000;  ///< silence after which a probe is gone

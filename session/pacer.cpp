@@ -9,15 +9,15 @@ namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
 constexpr double kFirstWindow = 10 * kMaxPayload;  // RFC 6928
-constexpr double kLeastWindow = 2 * kMaxPayload;
-constexpr double kMostWindow = 16e6;
+constexpr double kMinWindow = 2 * kMaxPayload;
+constexpr double kMaxWindow = 16e6;
 constexpr std::int64_t kFirstLoop = 10 * kMs;
-constexpr std::int64_t kLeastLoop = kMs;
+constexpr std::int64_t kMinLoop = kMs;
 
 // Queueing that is aimed at: some, the more the later its effect is seen, and what one chunk takes by itself.
 constexpr std::int64_t kTarget = kMs / 4;
 constexpr std::int64_t kTargetShare = 8;  // of a loop
-constexpr double kMostChunkTime = 8e6;
+constexpr double kMaxChunkTime = 8e6;
 // Of the window in a loop, at most; with the target's share of it this keeps the loop stable. A demand that is late
 // makes the queue seem empty, so up is slow, but where half has been found to fit before.
 constexpr double kGain = 1.0 / 16, kKnownGain = 1.0 / 8;
@@ -34,21 +34,21 @@ constexpr std::int64_t kDeepDrainLoops = 3;
 constexpr double kDeepDrainShare = 0.25;
 
 constexpr std::int64_t kUsualOver = 1'000 * kMs;
-constexpr std::int64_t kMostUsual = 2;  // loops over this, above the least: a queue may be in it
-constexpr double kForgetBest = 0.99;    // of the best rate, in a loop
-constexpr std::uint32_t kMostLossSeen = 8 * kMaxPayload;
+constexpr std::int64_t kMaxUsual = 2;  // loops over this, above the least: a queue may be in it
+constexpr double kForgetBest = 0.99;   // of the best rate, in a loop
+constexpr std::uint32_t kMaxLossSeen = 8 * kMaxPayload;
 
 }  // namespace
 
-Pacer::Pacer() noexcept : window_{kFirstWindow}, least_us_{0, 0} {}
+Pacer::Pacer() noexcept : window_{kFirstWindow}, min_us_{0, 0} {}
 
 double Pacer::pace() const noexcept {
-  const std::int64_t loop = loop_ns_ == 0 ? kFirstLoop : std::max(loop_ns_, kLeastLoop);
+  const std::int64_t loop = loop_ns_ == 0 ? kFirstLoop : std::max(loop_ns_, kMinLoop);
   return (starting_ ? kPaceStarting : kPace) * window_ / static_cast<double>(loop);
 }
 
 std::int64_t Pacer::target_ns() const noexcept {
-  const double chunk = std::min(static_cast<double>(kMaxPayload * loop_ns_) / window_ / 2, kMostChunkTime);
+  const double chunk = std::min(static_cast<double>(kMaxPayload * loop_ns_) / window_ / 2, kMaxChunkTime);
   return kTarget + loop_ns_ / kTargetShare + static_cast<std::int64_t>(chunk);
 }
 
@@ -78,24 +78,24 @@ void Pacer::note_one_way(std::uint32_t one_way_us, std::int64_t now_ns) {
   }
   const auto us = static_cast<std::int32_t>(one_way_us - *first_us_);
   if (now_ns - span_ns_ >= kSpan) {
-    least_us_[1] = std::exchange(least_us_[0], us);
+    min_us_[1] = std::exchange(min_us_[0], us);
     span_ns_ = now_ns;
   }
-  least_us_[0] = std::min(least_us_[0], us);
-  const std::int32_t least = std::min(least_us_[0], least_us_[1]);
+  min_us_[0] = std::min(min_us_[0], us);
+  const std::int32_t min = std::min(min_us_[0], min_us_[1]);
   if (now_ns >= loaded_until_ns_) {
     const double share = std::min(1.0, static_cast<double>(now_ns - usual_ns_) / kUsualOver);
     usual_us_ = usual_us_ ? *usual_us_ + share * (us - *usual_us_) : us;
   }
   usual_ns_ = now_ns;
-  double none = least;
+  double none = min;
   if (usual_us_) {
-    const double most = static_cast<double>(loop_ns_ / kMostUsual) * 1e-3;
-    none = std::clamp(*usual_us_, none, none + most);
-    wander_ns_ = static_cast<std::int64_t>((none - least) * 1e3);
+    const double max = static_cast<double>(loop_ns_ / kMaxUsual) * 1e-3;
+    none = std::clamp(*usual_us_, none, none + max);
+    wander_ns_ = static_cast<std::int64_t>((none - min) * 1e3);
   }
   queueing_ns_ = static_cast<std::int64_t>((us - none) * 1e3);
-  if ((us - least) * std::int64_t{1000} < target_ns() / 4) empty_ns_ = now_ns;
+  if ((us - min) * std::int64_t{1000} < target_ns() / 4) empty_ns_ = now_ns;
 }
 
 /// What arrives in a loop, and how much of what was sent does.
@@ -105,8 +105,7 @@ void Pacer::note_round(const Feedback& feedback, std::int64_t now_ns) {
   const std::int64_t lasted = now_ns - round_ns_;
   if (lasted < loop_ns_) return;
   // No link is like that: it is a queue too short to show as delay.
-  if (round_lost_ > std::max<std::uint64_t>(round_arrived_, kMostLossSeen))
-    window_ = std::max(window_ / 2, kLeastWindow);
+  if (round_lost_ > std::max<std::uint64_t>(round_arrived_, kMaxLossSeen)) window_ = std::max(window_ / 2, kMinWindow);
   best_ = std::max(kForgetBest * best_, static_cast<double>(round_arrived_) / static_cast<double>(lasted));
   round_ns_ = now_ns;
   round_arrived_ = round_lost_ = 0;
@@ -140,7 +139,7 @@ void Pacer::on_feedback(const Feedback& feedback, std::int64_t now_ns) {
   if (off > 0 ? !used : !ours) return;
   const bool known_to_fit = off > 0 && window_ < best_ * static_cast<double>(loop_ns_) / 2;
   const double gain = starting_ ? 1 : (known_to_fit ? kKnownGain : kGain) * off;
-  window_ = std::clamp(window_ + gain * feedback.arrived_bytes, kLeastWindow, kMostWindow);
+  window_ = std::clamp(window_ + gain * feedback.arrived_bytes, kMinWindow, kMaxWindow);
 }
 
 }  // namespace tactus::session

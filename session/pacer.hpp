@@ -59,7 +59,7 @@ class Pacer {
   bool paced_ = false;        // the pace alone held up what was last asked for
   // One-way times are relative to the first, us: the least of this and of the last span, which began then.
   std::optional<std::uint32_t> first_us_;
-  std::int32_t least_us_[2];
+  std::int32_t min_us_[2];
   std::int64_t span_ns_ = 0;
   std::int64_t queueing_ns_ = 0;
   std::int64_t empty_ns_ = 0;        // when the queue was last seen empty

@@ -38,7 +38,7 @@ void ProbePlayout::keep(const ProbeState& state) noexcept {
 void ProbePlayout::watch(std::int64_t transit_ns, std::int64_t now_ns) noexcept {
   transit_.on_transit(transit_ns, now_ns);
   const std::int64_t wanted =
-      std::clamp<std::int64_t>(transit_.most_ns() + settings_.reserve_ns, 0, settings_.max_delay_ns);
+      std::clamp<std::int64_t>(transit_.max_ns() + settings_.reserve_ns, 0, settings_.max_delay_ns);
   const std::int64_t fall = started_ ? std::max<std::int64_t>(now_ns - moved_ns_, 0) / 100 : INT64_MAX;
   delay_ns_ = wanted >= delay_ns_ - fall ? wanted : delay_ns_ - fall;
   moved_ns_ = now_ns;

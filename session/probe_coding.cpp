@@ -9,7 +9,7 @@ namespace {
 using Vec = std::array<double, 3>;
 
 /// What everyone has to know at once when it changes.
-constexpr std::uint32_t kTold = kInContact | kExact | kStalePose | kHolding | kHoldRefused | kFault | kFaultReason;
+constexpr std::uint32_t kPublished = kInContact | kExact | kStalePose | kHolding | kHoldRefused | kFault | kFaultReason;
 
 double dot(const Vec& a, const Vec& b) noexcept { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 Vec along(const Vec& from, const Vec& way, double share) noexcept {
@@ -19,9 +19,10 @@ double distance(const Vec& a, const Vec& b) noexcept { return std::hypot(a[0] - 
 
 /// Seconds of motion between two times.
 double motion(std::int64_t from_ns, std::int64_t to_ns) noexcept {
-  constexpr double kWhole = static_cast<double>(kKeepAliveNs) * 1e-9, kDying = 0.02;
+  constexpr double kFullRate = static_cast<double>(kKeepAliveNs) * 1e-9, kDying = 0.02;
   const double seconds = static_cast<double>(to_ns - from_ns) * 1e-9;
-  return seconds <= kWhole ? std::max(seconds, -kWhole) : kWhole + kDying * (1 - std::exp((kWhole - seconds) / kDying));
+  return seconds <= kFullRate ? std::max(seconds, -kFullRate)
+                              : kFullRate + kDying * (1 - std::exp((kFullRate - seconds) / kDying));
 }
 
 }  // namespace
@@ -47,7 +48,7 @@ ProbeView reckon(const ProbeState& state, std::int64_t at_ns) noexcept {
 }
 
 bool ProbeEncoder::misleads(const ProbeState& sent, const ProbeState& state) const noexcept {
-  if (((sent.status ^ state.status) & kTold) != 0 || sent.object_id != state.object_id) return true;
+  if (((sent.status ^ state.status) & kPublished) != 0 || sent.object_id != state.object_id) return true;
   const ProbeView view = reckon(sent, state.session_time_ns);
   return settings_.jnd.of_force(state.force, view.force) > 1 ||
          distance(state.device.position, view.device) > settings_.jnd.position ||

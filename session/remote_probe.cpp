@@ -5,11 +5,11 @@
 namespace tactus::session {
 
 void RemoteProbe::count(const ProbeState& state) noexcept {
-  constexpr double kMemory = 100;       // states
-  constexpr std::uint32_t kMost = 100;  // a longer silence is no loss of single ones
+  constexpr double kMemory = 100;      // states
+  constexpr std::uint32_t kMax = 100;  // a longer silence is no loss of single ones
   if (coded_ != 0 && state.sequence > coded_) {
     const std::uint32_t missing = state.sequence - coded_ - 1;
-    for (std::uint32_t i = 0; i < missing && missing <= kMost; ++i) lost_ += (1 - lost_) / kMemory;
+    for (std::uint32_t i = 0; i < missing && missing <= kMax; ++i) lost_ += (1 - lost_) / kMemory;
     lost_ -= lost_ / kMemory;
   }
   coded_ = std::max(coded_, state.sequence);
@@ -17,9 +17,9 @@ void RemoteProbe::count(const ProbeState& state) noexcept {
 
 /// Forgets what was shown, but not what is plausible.
 void RemoteProbe::begin_anew() noexcept {
-  playout_ = ProbePlayout{coded_settings_};
-  stream_ = StateStream::kCoded;
-  whole_ns_ = INT64_MIN / 2;
+  playout_ = ProbePlayout{compressed_settings_};
+  stream_ = StateStream::kDeadbandCoded;
+  full_rate_ns_ = INT64_MIN / 2;
   coded_ = offset_ = newest_ = 0;
   lost_ = 0;
 }
@@ -42,14 +42,15 @@ Admission RemoteProbe::on_state(const ProbeState& state, StateStream stream, std
   const bool anew = source == Admission::kAnew || jumped || (time == Admission::kAnew && newest_ != 0);
   if (anew) begin_anew();
   const Admission admission = anew ? Admission::kAnew : number == Admission::kOld ? number : Admission::kAccepted;
-  if (stream == StateStream::kCoded) count(state);
-  if (stream == StateStream::kWhole) whole_ns_ = session_now_ns;
-  const StateStream now = session_now_ns - whole_ns_ < kWholeNs ? StateStream::kWhole : StateStream::kCoded;
+  if (stream == StateStream::kDeadbandCoded) count(state);
+  if (stream == StateStream::kFullRate) full_rate_ns_ = session_now_ns;
+  const StateStream now =
+      session_now_ns - full_rate_ns_ < kFullRateNs ? StateStream::kFullRate : StateStream::kDeadbandCoded;
   if (stream != now) return admission;
   if (now != stream_) {
     stream_ = now;
     offset_ = newest_ + 2 - state.sequence;  // not the next number: between them lies what was not heard
-    playout_.set(now == StateStream::kWhole ? PlayoutSettings{0, 0} : coded_settings_);
+    playout_.set(now == StateStream::kFullRate ? PlayoutSettings{0, 0} : compressed_settings_);
   }
   ProbeState kept = state;
   kept.sequence += offset_;

@@ -18,11 +18,12 @@
 
 namespace tactus::session {
 
-enum class StateStream : std::uint8_t { kCoded, kWhole };
+enum class StateStream : std::uint8_t { kDeadbandCoded, kFullRate };
 
 class RemoteProbe {
  public:
-  explicit RemoteProbe(const PlayoutSettings& settings = {}) noexcept : coded_settings_{settings}, playout_{settings} {}
+  explicit RemoteProbe(const PlayoutSettings& settings = {}) noexcept
+      : compressed_settings_{settings}, playout_{settings} {}
 
   /// Says whether the state counts; kAnew: nothing before it does; kOld: it fills a gap, but is not the newest.
   [[nodiscard]] Admission on_state(const ProbeState& state, StateStream stream, std::int64_t session_now_ns) noexcept;
@@ -34,20 +35,20 @@ class RemoteProbe {
   [[nodiscard]] double lost() const noexcept { return lost_; }
 
  private:
-  static constexpr std::int64_t kWholeNs = 20'000'000;  // silence after which the coded ones count again
+  static constexpr std::int64_t kFullRateNs = 20'000'000;  // silence after which the coded ones count again
 
   void begin_anew() noexcept;
   void count(const ProbeState& state) noexcept;
 
-  PlayoutSettings coded_settings_;
+  PlayoutSettings compressed_settings_;
   ProbePlayout playout_;
-  StateStream stream_ = StateStream::kCoded;
+  StateStream stream_ = StateStream::kDeadbandCoded;
   SourceWindow source_;
   SequenceWindow numbers_[2]{SequenceWindow{kCycleNumbers}, SequenceWindow{kCycleNumbers}};  // by StateStream
   TimeWindow time_;
-  std::int64_t whole_ns_ = INT64_MIN / 2;  // the last whole one came
-  std::uint32_t coded_ = 0;                // newest number among the coded
-  std::uint32_t offset_ = 0, newest_ = 0;  // playout's numbers: this stream's and offset_
+  std::int64_t full_rate_ns_ = INT64_MIN / 2;  // the last whole one came
+  std::uint32_t coded_ = 0;                    // newest number among the coded
+  std::uint32_t offset_ = 0, newest_ = 0;      // playout's numbers: this stream's and offset_
   double lost_ = 0;
 };
 

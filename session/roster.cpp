@@ -71,7 +71,7 @@ std::string text(const RosterEvent& event) {
     case RosterChange::kWrongVersion:
       return who + " refused: it speaks protocol version " + std::to_string(event.other) + ", we speak version " +
              std::to_string(kProtocolVersion);
-    case RosterChange::kTwins:
+    case RosterChange::kNameConflict:
       return who + " is there twice: incarnations " + std::to_string(event.entry.origin.incarnation) + " and " +
              std::to_string(event.other) + " both beat under this name; give one of them another --name";
     case RosterChange::kFull:
@@ -190,7 +190,7 @@ bool Roster::watch_rival(Known& known, const RosterEntry& entry, std::int64_t no
   if (++rival.beats < kBeatsOfALiveRival) return false;
   if (known.here && !rival.reported) {
     rival.reported = true;
-    events.push_back({RosterChange::kTwins, known.entry, incarnation, yields(known.entry, entry)});
+    events.push_back({RosterChange::kNameConflict, known.entry, incarnation, yields(known.entry, entry)});
   }
   return true;
 }

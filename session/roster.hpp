@@ -23,8 +23,8 @@ namespace tactus::session {
 inline constexpr std::size_t kMaxParticipants = 1024;
 
 struct RosterSettings {
-  std::int64_t late_ns = 250'000'000;  ///< since the last heartbeat
-  std::int64_t gone_ns = 500'000'000;  ///< since the last heartbeat
+  std::int64_t late_ns = 250'000'000;       ///< since the last heartbeat
+  std::int64_t gone_ns = 500'000'000;       ///< since the last heartbeat
   std::int64_t forget_ns = 10'000'000'000;  ///< since the last heartbeat; no sample is under way for so long
 };
 
@@ -37,7 +37,7 @@ enum class RosterChange : std::uint8_t {
   kLeft,          ///< said so
   kGone,          ///< silent for too long
   kWrongVersion,  ///< refused; `other` is its protocol version
-  kTwins,         ///< two programs beat under this name; `other` is the incarnation of the second
+  kNameConflict,  ///< two programs beat under this name; `other` is the incarnation of the second
   kFull           ///< no room for it
 };
 
@@ -45,7 +45,7 @@ struct RosterEvent {
   RosterChange change;
   RosterEntry entry;
   std::uint64_t other = 0;
-  bool entry_yields = false;  ///< kTwins: the program of `entry` has to give way, else that of `other`
+  bool entry_yields = false;  ///< kNameConflict: the program of `entry` has to give way, else that of `other`
 };
 
 /// One line for a log.

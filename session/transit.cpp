@@ -18,7 +18,7 @@ void TransitWatch::on_transit(std::int64_t transit_ns, std::int64_t now_ns) noex
     next = std::max(next, std::min(worst, one.transit_ns));
     worst = std::max(worst, one.transit_ns);
   }
-  most_ns_ = filled > 1 ? next : worst;
+  max_ns_ = filled > 1 ? next : worst;
 }
 
 }  // namespace tactus::session

@@ -15,7 +15,7 @@ class TransitWatch {
  public:
   void on_transit(std::int64_t transit_ns, std::int64_t now_ns) noexcept;
   /// As of the last sample; 0 when there was none.
-  [[nodiscard]] std::int64_t most_ns() const noexcept { return most_ns_; }
+  [[nodiscard]] std::int64_t max_ns() const noexcept { return max_ns_; }
 
  private:
   static constexpr std::size_t kTenths = 20;
@@ -25,7 +25,7 @@ class TransitWatch {
     std::int64_t transit_ns = 0;
   };
   std::array<Tenth, kTenths> tenths_;  // the greatest transit in each
-  std::int64_t most_ns_ = 0;
+  std::int64_t max_ns_ = 0;
 };
 
 }  // namespace tactus::session

@@ -59,15 +59,15 @@ session::Pose pose_of(const BodyState& state, const Vec3d& centre) noexcept {
 
 BodyState state_of(const session::ObjectPose& pose, const Vec3d& centre) noexcept {
   BodyState state = state_at(pose.pose, centre);
-  state.spin = vec(pose.spin);
-  state.velocity = vec(pose.velocity) + state.spin.cross(state.orientation * centre);
+  state.angular_velocity = vec(pose.angular_velocity);
+  state.velocity = vec(pose.velocity) + state.angular_velocity.cross(state.orientation * centre);
   return state;
 }
 
 void put_state(const BodyState& state, const Vec3d& centre, session::ObjectPose& pose) noexcept {
   pose.pose = pose_of(state, centre);
-  pose.velocity = plain(Vec3d(state.velocity - state.spin.cross(state.orientation * centre)));
-  pose.spin = plain(state.spin);
+  pose.velocity = plain(Vec3d(state.velocity - state.angular_velocity.cross(state.orientation * centre)));
+  pose.angular_velocity = plain(state.angular_velocity);
 }
 
 haptics::CopySample sample_of(const session::ObjectCopy& copy) noexcept {
@@ -76,7 +76,7 @@ haptics::CopySample sample_of(const session::ObjectCopy& copy) noexcept {
   sample.body.position = vec(copy.body.position);
   sample.body.orientation = turn(copy.body.orientation);
   sample.body.velocity = vec(copy.velocity);
-  sample.body.spin = vec(copy.spin);
+  sample.body.angular_velocity = vec(copy.angular_velocity);
   sample.pressed = vec(copy.pressed);
   const std::size_t count = std::min(copy.lines.size(), haptics::kMaxCopies);
   for (std::size_t i = 0; i < count; ++i) {
@@ -90,7 +90,7 @@ void put_sample(const haptics::CopySample& sample, std::size_t count, session::O
   copy.session_time_ns = sample.time_ns;
   copy.body = {plain(sample.body.position), plain(sample.body.orientation)};
   copy.velocity = plain(sample.body.velocity);
-  copy.spin = plain(sample.body.spin);
+  copy.angular_velocity = plain(sample.body.angular_velocity);
   copy.pressed = plain(sample.pressed);
   copy.lines.resize(std::min(count, haptics::kMaxCopies));
   for (std::size_t i = 0; i < copy.lines.size(); ++i) {
@@ -102,7 +102,7 @@ void put_sample(const haptics::CopySample& sample, std::size_t count, session::O
 BodyState carried_on(const BodyState& state, double seconds) noexcept {
   BodyState later = state;
   later.position += seconds * state.velocity;
-  later.orientation = (haptics::rotation_by(seconds * state.spin) * state.orientation).normalized();
+  later.orientation = (haptics::rotation_by(seconds * state.angular_velocity) * state.orientation).normalized();
   return later;
 }
 

@@ -9,7 +9,7 @@ bool closest_of(spm::Span<const ScenePart> parts, const Vec3d& point, double wit
   // All faces that share the nearest point lie within a hair of its distance; more of them than fit share no vertex.
   constexpr double kHair = 1e-9;
   const double hair = kHair * (1 + within);
-  using Rows = std::array<std::uint32_t, spm::AbTree::kMostNearest>;
+  using Rows = std::array<std::uint32_t, spm::AbTree::kMaxNearest>;
   Rows rows;
   std::uint32_t found = 0;
   const ScenePart* nearest = nullptr;

@@ -73,11 +73,11 @@ double squared_distance(const lanes::Bounds& box, const Vec3d& point) noexcept {
   return sum;
 }
 
-bool holds(const lanes::Bounds& box, const Watch& ball) noexcept {
+bool holds(const lanes::Bounds& box, const ChangeDetector& sphere) noexcept {
   bool inside = true;
   for (int axis = 0; axis < 3; ++axis)
-    inside =
-        inside && box.low[axis] <= ball.centre[axis] - ball.radius && box.high[axis] >= ball.centre[axis] + ball.radius;
+    inside = inside && box.low[axis] <= sphere.centre[axis] - sphere.radius &&
+             box.high[axis] >= sphere.centre[axis] + sphere.radius;
   return inside;
 }
 
@@ -92,7 +92,12 @@ inline unsigned highest_bit(unsigned bits) noexcept { return 31u - static_cast<u
 }  // namespace
 
 NodePool::NodePool(std::uint32_t nodes)
-    : nodes_(nodes), free_{nodes}, index_{nodes}, kept_(kKeptNodes), kept_of_(kKeptNodes), vicinities_(kVicinities) {}
+    : nodes_(nodes),
+      free_{nodes},
+      index_{nodes},
+      kept_(kKeptNodes),
+      kept_of_(kKeptNodes),
+      candidate_caches_(kCandidateCaches) {}
 
 AbTree::AbTree(Pool& pool, NodePool& nodes, std::uint32_t object, std::uint32_t finest_faces)
     : pool_{pool}, nodes_{nodes}, object_{object}, finest_faces_{finest_faces} {
@@ -206,7 +211,7 @@ std::array<float, 9> AbTree::corners(const Contact& contact) const noexcept {
   return corners_of(nodes_[contact.node], index(contact.face) & 7u);
 }
 
-RefitCount AbTree::refit(Watch* watches, std::uint32_t watch_count) noexcept {
+RefitCount AbTree::refit(ChangeDetector* change_detectors, std::uint32_t watch_count) noexcept {
   RefitCount count;
   lanes::Bounds all = kNoBounds;
   const auto tell = [&](const TreeNode* above, unsigned lane, const lanes::Bounds& now) noexcept {
@@ -214,7 +219,8 @@ RefitCount AbTree::refit(Watch* watches, std::uint32_t watch_count) noexcept {
     if (above != nullptr) add(changed, *above, lane);  // as it was
     add(all, changed);
     for (std::uint32_t i = 0; i < watch_count; ++i)
-      watches[i].squared_distance = std::min(watches[i].squared_distance, squared_distance(changed, watches[i].centre));
+      change_detectors[i].squared_distance =
+          std::min(change_detectors[i].squared_distance, squared_distance(changed, change_detectors[i].centre));
   };
   TreeNode* nodes = nodes_.nodes_.data();
   for (std::uint32_t level = 1; level <= height_; ++level) {
@@ -250,7 +256,7 @@ RefitCount AbTree::refit(Watch* watches, std::uint32_t watch_count) noexcept {
   if (count.marked > 0) ++nodes_.refits_;
   // What moves from one side of a ball to the other without a face near it leaves the ball within all that changed.
   for (std::uint32_t i = 0; i < watch_count && count.marked > 0; ++i) {
-    Watch& watch = watches[i];
+    ChangeDetector& watch = change_detectors[i];
     if (height_ == 1) watch.squared_distance = 0;
     watch.met = watch.met || watch.squared_distance <= watch.radius * watch.radius || holds(all, watch);
   }

@@ -19,6 +19,7 @@
 #include <string>
 #include <vector>
 
+#include "spm/candidate_cache.hpp"
 #include "spm/contact.hpp"
 #include "spm/flat_index.hpp"
 #include "spm/free_set.hpp"
@@ -27,7 +28,6 @@
 #include "spm/pool.hpp"
 #include "spm/prefetch.hpp"
 #include "spm/triangle.hpp"
-#include "spm/vicinity.hpp"
 
 namespace tactus::spm {
 
@@ -94,8 +94,8 @@ class NodePool {
   bool keeping_ = false;
   bool changed_ = false;  // something, since keeping began
   std::uint64_t refits_ = 1;
-  std::vector<Vicinity> vicinities_;
-  std::uint64_t vicinities_used_ = 0;
+  std::vector<CandidateCache> candidate_caches_;
+  std::uint64_t candidate_caches_used_ = 0;
 };
 
 /// First touch of a moving ball.
@@ -113,7 +113,7 @@ struct NearestFace {
 };
 
 /// A ball that is to know whether the mesh in it may be another one.
-struct Watch {
+struct ChangeDetector {
   Vec3d centre;
   double radius = 0;
   bool met = false;  ///< a node with a changed face was or is in it, or it is among changes all around
@@ -179,7 +179,7 @@ class AbTree {
 
   /// Makes all boxes right again and frees the nodes that are empty. Must come before a query. Tells the `count`
   /// `watches` of changes since the last refit.
-  RefitCount refit(Watch* watches = nullptr, std::uint32_t count = 0) noexcept;
+  RefitCount refit(ChangeDetector* change_detectors = nullptr, std::uint32_t count = 0) noexcept;
 
   /// All shown triangles within `radius` of `centre`, in tree order, at most `capacity` of them; returns how many there
   /// are in all (more than `capacity`: truncated).
@@ -198,8 +198,8 @@ class AbTree {
     return nearest(point, within, 0, found, nullptr, 0) > 0;
   }
   /// The same with the rows of all that are at most `more` further away, in tree order, at most `capacity` and
-  /// kMostNearest; returns how many, at least 1 when there is one.
-  static constexpr std::uint32_t kMostNearest = 96;
+  /// kMaxNearest; returns how many, at least 1 when there is one.
+  static constexpr std::uint32_t kMaxNearest = 96;
   [[nodiscard]] std::uint32_t nearest(const Vec3d& point, double within, double more, NearestFace& found,
                                       std::uint32_t* rows, std::uint32_t capacity) const noexcept;
 
@@ -229,10 +229,12 @@ class AbTree {
   void walk_near(const Vec3d& point, double radius, Visit&& visit) const noexcept;
   /// Where a sweep on the mesh of now, or on the kept one, finds what is around a ball; null where that is too much. Of
   /// what nothing knows yet it is sought.
-  [[nodiscard]] const Vicinity* vicinity(const Vec3d& centre, double radius, bool kept, double slack) const noexcept;
+  [[nodiscard]] const CandidateCache* candidate_cache(const Vec3d& centre, double radius, bool kept,
+                                                      double slack) const noexcept;
   /// One that knows all within `within` of `point`; null when there is none.
-  [[nodiscard]] const Vicinity* known_vicinity(const Vec3d& point, double within, bool kept) const noexcept;
-  void fill(Vicinity& around, double within, bool kept) const noexcept;
+  [[nodiscard]] const CandidateCache* known_candidate_cache(const Vec3d& point, double within,
+                                                            bool kept) const noexcept;
+  void fill(CandidateCache& around, double within, bool kept) const noexcept;
   /// What queries read of a node of level 1, and of one above.
   void prefetch_triangles(std::uint32_t node) const noexcept {
     for (int row = 0; row < lanes::kTriangleRows; row += 2) spm::prefetch(&nodes_[node].lanes[row]);

@@ -100,23 +100,23 @@ std::uint32_t AbTree::touching(const Vec3d& centre, double radius, Contact* out,
   return count;
 }
 
-const Vicinity* AbTree::known_vicinity(const Vec3d& point, double within, bool kept) const noexcept {
+const CandidateCache* AbTree::known_candidate_cache(const Vec3d& point, double within, bool kept) const noexcept {
   const std::uint64_t keeping = kept ? nodes_.keeping_number_ : 0;
-  for (Vicinity& around : nodes_.vicinities_) {
+  for (CandidateCache& around : nodes_.candidate_caches_) {
     if (around.object != object_ || around.refit != nodes_.refits_ || around.keeping != keeping ||
         !(around.known_around(point) >= within))
       continue;
-    around.used = ++nodes_.vicinities_used_;
+    around.used = ++nodes_.candidate_caches_used_;
     return &around;
   }
   return nullptr;
 }
 
-void AbTree::fill(Vicinity& around, double within, bool kept) const noexcept {
+void AbTree::fill(CandidateCache& around, double within, bool kept) const noexcept {
   around.object = object_;
   around.refit = nodes_.refits_;
   around.keeping = kept ? nodes_.keeping_number_ : 0;
-  around.used = ++nodes_.vicinities_used_;
+  around.used = ++nodes_.candidate_caches_used_;
   around.reach = within;
   around.crowded = false;
   around.count = 0;
@@ -132,7 +132,7 @@ void AbTree::fill(Vicinity& around, double within, bool kept) const noexcept {
       nearest = std::min(nearest, closest.squared_distance[lane]);
     }
     if (reached == 0) return;
-    if (around.count < Vicinity::kMostLeaves)
+    if (around.count < CandidateCache::kMaxLeaves)
       around.leaves[around.count++] = {&node, std::sqrt(nearest), reached};
     else
       around.crowded = true;
@@ -148,14 +148,16 @@ void AbTree::fill(Vicinity& around, double within, bool kept) const noexcept {
   }
 }
 
-const Vicinity* AbTree::vicinity(const Vec3d& centre, double radius, bool kept, double slack) const noexcept {
-  constexpr double kWorthwhile = Vicinity::kAround / 4;
-  const Vicinity* found = known_vicinity(centre, radius * (1 + kWorthwhile) + slack, kept);
+const CandidateCache* AbTree::candidate_cache(const Vec3d& centre, double radius, bool kept,
+                                              double slack) const noexcept {
+  constexpr double kWorthwhile = CandidateCache::kAround / 4;
+  const CandidateCache* found = known_candidate_cache(centre, radius * (1 + kWorthwhile) + slack, kept);
   if (found == nullptr) {
-    Vicinity& oldest = *std::min_element(nodes_.vicinities_.begin(), nodes_.vicinities_.end(),
-                                         [](const Vicinity& a, const Vicinity& b) noexcept { return a.used < b.used; });
+    CandidateCache& oldest =
+        *std::min_element(nodes_.candidate_caches_.begin(), nodes_.candidate_caches_.end(),
+                          [](const CandidateCache& a, const CandidateCache& b) noexcept { return a.used < b.used; });
     oldest.centre = centre;
-    fill(oldest, radius * (1 + Vicinity::kAround) + slack, kept);
+    fill(oldest, radius * (1 + CandidateCache::kAround) + slack, kept);
     found = &oldest;
   }
   return found->crowded ? nullptr : found;
@@ -167,10 +169,10 @@ bool AbTree::sweep(const Vec3d& from, const Vec3d& to, double radius, SweepConta
   const Vec3d motion = to - from;
   const double length = motion.norm();
   if (!(length > 0) || (root_ == kNone && !kept)) return false;
-  const double greatest = std::max(from.cwiseAbs().maxCoeff(), to.cwiseAbs().maxCoeff());
-  const double slack = 4e-7 * greatest + 1e-6 * radius;
+  const double max = std::max(from.cwiseAbs().maxCoeff(), to.cwiseAbs().maxCoeff());
+  const double slack = 4e-7 * max + 1e-6 * radius;
   const lanes::Sweep swept{
-      {from[0], from[1], from[2]}, {motion[0], motion[1], motion[2]}, radius, length, greatest + radius};
+      {from[0], from[1], from[2]}, {motion[0], motion[1], motion[2]}, radius, length, max + radius};
   lanes::Way way;
   bool found = false;
   double limit = 1;
@@ -228,10 +230,11 @@ bool AbTree::sweep(const Vec3d& from, const Vec3d& to, double radius, SweepConta
       if (nodes_.kept_of_[i] == object_) offer(nodes_.kept_[i], lanes::kAllLanes);
   };
   // A proxy that rests on a surface is stopped at once: look there first, where few faces are, and then ever further.
-  constexpr double kAtOnce = 0.002, kNear = 0.01;  // of the radius
-  constexpr double kFurther = 4, kLeast = 1.0 / 1024;  // of the way before, of all of it: at most five more
-  double time = radius > 0 ? std::clamp(kNear * radius / length, kLeast, 1.0) : 1;
-  if (const Vicinity* around = radius > 0 ? vicinity(from, radius, kept, slack) : nullptr; around != nullptr) {
+  constexpr double kAtOnce = 0.002, kNear = 0.01;    // of the radius
+  constexpr double kFurther = 4, kMin = 1.0 / 1024;  // of the way before, of all of it: at most five more
+  double time = radius > 0 ? std::clamp(kNear * radius / length, kMin, 1.0) : 1;
+  if (const CandidateCache* around = radius > 0 ? candidate_cache(from, radius, kept, slack) : nullptr;
+      around != nullptr) {
     const double moved = (from - around->centre).norm() + radius + slack;
     const double known = std::min(1.0, (around->reach - moved) / length);
     for (const double until : {std::min(known, kAtOnce * radius / length), known}) {
@@ -241,7 +244,7 @@ bool AbTree::sweep(const Vec3d& from, const Vec3d& to, double radius, SweepConta
           offer(*around->leaves[i].node, around->leaves[i].lanes);
       if ((found && first.time <= until) || until >= 1) return found;
     }
-    time = std::clamp(kFurther * known, kLeast, 1.0);
+    time = std::clamp(kFurther * known, kMin, 1.0);
   }
   for (;; time = std::min(1.0, kFurther * time)) {
     search(found ? std::min(time, first.time) : time);
@@ -261,9 +264,9 @@ std::uint32_t AbTree::nearest(const Vec3d& point, double within, double more, Ne
     std::uint32_t face, row;
     double squared;
   };
-  std::array<Near, kMostNearest> near_faces;
+  std::array<Near, kMaxNearest> near_faces;
   std::uint32_t near_count = 0;
-  capacity = std::min(capacity, kMostNearest);
+  capacity = std::min(capacity, kMaxNearest);
   const auto drop_far = [&]() noexcept {
     std::uint32_t kept = 0;
     for (std::uint32_t i = 0; i < near_count; ++i)
@@ -322,7 +325,7 @@ std::uint32_t AbTree::nearest(const Vec3d& point, double within, double more, Ne
       }
     }
   };
-  const Vicinity* around = known_vicinity(point, within + more + p.slack, false);
+  const CandidateCache* around = known_candidate_cache(point, within + more + p.slack, false);
   if (around == nullptr || around->crowded) {
     search();
   } else {

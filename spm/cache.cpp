@@ -3,31 +3,31 @@
 #include <algorithm>
 #include <numeric>
 
-#include "spm/expected_place.hpp"
-#include "spm/seal.hpp"
+#include "spm/checksum.hpp"
+#include "spm/position_predictor.hpp"
 
 namespace tactus::spm {
 namespace {
 
 constexpr std::uint16_t kPinned = 0xffff;
-constexpr std::uint16_t kMostLists = 0x7fff;  // that count a record: so many a forest can count, see SlotState
+constexpr std::uint16_t kMaxLists = 0x7fff;  // that count a record: so many a forest can count, see SlotState
 
-bool in_runs(Span<const Run> runs, std::uint32_t id, std::size_t& hint) noexcept {
-  while (hint < runs.size() && id >= runs[hint].first + runs[hint].count) ++hint;
-  return hint < runs.size() && id >= runs[hint].first;
+bool in_runs(Span<const Interval> intervals, std::uint32_t id, std::size_t& hint) noexcept {
+  while (hint < intervals.size() && id >= intervals[hint].first + intervals[hint].count) ++hint;
+  return hint < intervals.size() && id >= intervals[hint].first;
 }
 
-std::uint64_t total(Span<const Run> runs) noexcept {
+std::uint64_t total(Span<const Interval> intervals) noexcept {
   std::uint64_t count = 0;
-  for (const Run& run : runs) count += run.count;
+  for (const Interval& run : intervals) count += run.count;
   return count;
 }
 
 /// Ascending, in range, not empty, not touching.
-bool well_formed(Span<const Run> runs, std::uint32_t limit) noexcept {
+bool well_formed(Span<const Interval> intervals, std::uint32_t limit) noexcept {
   std::uint64_t next = 0;
   bool first = true;
-  for (const Run& run : runs) {
+  for (const Interval& run : intervals) {
     if (run.count == 0 || (!first && run.first <= next) || (first && run.first < next)) return false;
     next = std::uint64_t{run.first} + run.count;
     if (next > limit) return false;
@@ -44,7 +44,7 @@ Cache::Cache(Pool& pool)
       faces_{2 * pool.settings.slots},
       front_{2 * std::size_t{pool.settings.slots}},
       loaded_(pool.settings.slots, 0),
-      seals_(pool.settings.slots, 0),
+      checksums_(pool.settings.slots, 0),
       free_{pool.settings.slots},
       free_blocks_(pool.settings.list_blocks),
       free_block_count_{pool.settings.list_blocks} {
@@ -95,10 +95,10 @@ Cache::Admitted Cache::admit(const BaseMesh& base) {
   }
   front_.link(result.base.faces);
   object.record_counts.reserve(base.regions.size());
-  object.seals.reserve(base.regions.size());
+  object.checksums.reserve(base.regions.size());
   for (const Region& region : base.regions) {
     object.record_counts.push_back(region.record_count);
-    object.seals.push_back(region.seal);
+    object.checksums.push_back(region.checksum);
   }
   object.first_blocks.resize(base.regions.size(), kNone);
   objects_.push_back(std::move(object));
@@ -118,7 +118,7 @@ AcceptResult Cache::enter_deformed(ObjectIndex number, const RecordPart& source,
     std::uint32_t row = kNone;
     std::uint32_t corner = ref.corner();
     if (ref.face() == kNextAround) {
-      if (entered.last.face == kNone || !front_.next_around(entered.last)) return AcceptResult::kMalformed;
+      if (entered.last.face == kNone || !front_.swing(entered.last)) return AcceptResult::kMalformed;
       row = entered.last.face;
     } else {
       row = faces_.find(key(number, ref.face()));
@@ -188,7 +188,7 @@ bool Cache::place(const Object& object, const VertexRing& ring, const std::array
   const auto position_of = [this](std::uint32_t slot) -> const std::array<float, 3>& {
     return pool_.vertices[slot].position;
   };
-  return ExpectedPlace{object.summary, ring, position_of}.place(offset, position);
+  return PositionPredictor{object.summary, ring, position_of}.place(offset, position);
 }
 
 AcceptResult Cache::decode(ObjectIndex number, std::uint32_t record, const RegionData& data, std::uint32_t& part,
@@ -241,8 +241,8 @@ AcceptResult Cache::decode(ObjectIndex number, std::uint32_t record, const Regio
     ++part;
   }
   front_.join(entered.faces);
-  seals_[u] = seal_of(object.summary.base_vertices + record, ring,
-                      [this](std::uint32_t slot_of) { return pool_.vertices[slot_of].id; });
+  checksums_[u] = checksum_of(object.summary.base_vertices + record, ring,
+                              [this](std::uint32_t slot_of) { return pool_.vertices[slot_of].id; });
   return AcceptResult::kAccepted;
 }
 
@@ -271,8 +271,8 @@ AcceptResult Cache::accept(ObjectIndex number, const RegionData& data, RegionLis
   Object& object = objects_[index(number)];
   if (index(data.region) >= object.first_blocks.size()) return AcceptResult::kMalformed;
   if (object.first_blocks[index(data.region)] != kNone) return AcceptResult::kHeld;
-  const Span<const Run> list{data.list};
-  const Span<const Run> sent{data.sent};
+  const Span<const Interval> list{data.list};
+  const Span<const Interval> sent{data.sent};
   if (!well_formed(list, object.summary.records) || !well_formed(sent, object.summary.records) ||
       total(list) != object.record_counts[index(data.region)] || total(sent) != data.offsets.size())
     return AcceptResult::kMalformed;
@@ -303,9 +303,9 @@ AcceptResult Cache::accept(ObjectIndex number, const RegionData& data, RegionLis
   std::size_t hint = 0;
   std::uint32_t part = 0;
   std::uint32_t position = 0;
-  std::uint32_t seal = 0;
+  std::uint32_t checksum = 0;
   std::uint64_t repeated = 0, fresh = 0;
-  for (const Run& run : list) {
+  for (const Interval& run : list) {
     for (std::uint32_t record = run.first; record < run.first + run.count; ++record) {
       const bool is_sent = in_runs(sent, record, hint);
       std::uint32_t slot = records_.find(key(number, record));
@@ -325,16 +325,16 @@ AcceptResult Cache::accept(ObjectIndex number, const RegionData& data, RegionLis
           ++fresh;
         }
       }
-      if (result == AcceptResult::kAccepted && loaded_[slot] == kMostLists) result = AcceptResult::kPoolFull;
+      if (result == AcceptResult::kAccepted && loaded_[slot] == kMaxLists) result = AcceptResult::kPoolFull;
       if (result != AcceptResult::kAccepted) break;
       ++loaded_[slot];
-      seal += seals_[slot];
+      checksum += checksums_[slot];
       append(slot);
     }
     if (result != AcceptResult::kAccepted) break;
   }
-  if (result == AcceptResult::kAccepted &&
-      (part != data.parts.size() || position != data.offsets.size() || seal != object.seals[index(data.region)]))
+  if (result == AcceptResult::kAccepted && (part != data.parts.size() || position != data.offsets.size() ||
+                                            checksum != object.checksums[index(data.region)]))
     result = AcceptResult::kMalformed;
   if (result != AcceptResult::kAccepted) {
     if (made.first_block != kNone) release_list(number, made);

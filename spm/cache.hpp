@@ -106,7 +106,7 @@ class Cache {
     ModelSummary summary;
     std::vector<std::uint32_t> base_slots;     // by base VertexId
     std::vector<std::uint32_t> record_counts;  // by region: what its list must add up to
-    std::vector<std::uint32_t> seals;          // by region: what those of its records must add up to
+    std::vector<std::uint32_t> checksums;      // by region: what those of its records must add up to
     std::vector<std::uint32_t> first_blocks;   // by region: of its list; kNone when not held
     [[nodiscard]] RegionList list(RegionId region) const noexcept {
       return {first_blocks[index(region)], record_counts[index(region)]};
@@ -138,9 +138,9 @@ class Cache {
   FlatIndex faces_;                    // (object, FaceId) -> face row, of every face borne by a held record or the base
   LoadedFront front_;                  // by face row
   std::vector<std::uint16_t> loaded_;  // by first slot
-  std::vector<std::uint32_t> seals_;   // by first slot: see seal.hpp
-  FreeSet free_;                       // slots
-  std::uint32_t taken_last_ = 0;       // of them
+  std::vector<std::uint32_t> checksums_;  // by first slot: see seal.hpp
+  FreeSet free_;                          // slots
+  std::uint32_t taken_last_ = 0;          // of them
   std::vector<std::uint32_t> free_blocks_;
   std::uint32_t free_block_count_ = 0;
   CacheCounters counters_;

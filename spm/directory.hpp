@@ -13,7 +13,7 @@ namespace tactus::spm {
 
 /// Of each region, that a loader keeps (hrtc_service/loader.hpp).
 inline constexpr std::uint32_t kRegionNoteBytes = 12;
-/// Of each record: has been here (spm/codec/coded_store.hpp).
+/// Of each record: has been here (spm/codec/compressed_cache.hpp).
 inline constexpr std::uint32_t kRecordNoteBits = 1;
 
 [[nodiscard]] inline std::uint64_t directory_bytes(const ModelSummary& summary, const PoolSettings& pool) noexcept {
@@ -45,8 +45,8 @@ struct MemoryShares {
   std::uint64_t directories;
 };
 [[nodiscard]] inline MemoryShares shares_of(std::uint64_t bytes) noexcept {
-  constexpr std::uint64_t kLeast = 8u << 20;
-  const std::uint64_t directories = std::max(bytes / 8, std::min(bytes / 2, kLeast));
+  constexpr std::uint64_t kMin = 8u << 20;
+  const std::uint64_t directories = std::max(bytes / 8, std::min(bytes / 2, kMin));
   return {PoolSettings::for_bytes(bytes - directories), directories};
 }
 

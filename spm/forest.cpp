@@ -21,7 +21,7 @@ Forest::Forest(Pool& pool, NodePool& nodes, std::uint32_t object, const ModelSum
       tree_{pool, nodes, object, summary.faces},
       base_{std::move(base)},
       place_(grid_.size(), kNone),
-      states_(most_held(grid_.size(), pool.settings)),
+      states_(max_held(grid_.size(), pool.settings)),
       in_use_(states_.size()),
       order_(states_.size()) {
   free_states_.reserve(states_.size());
@@ -71,9 +71,9 @@ void Forest::wake(RegionId region) noexcept {
 
 /// One for each node that is too many: what was left to rest goes about as fast as new regions come.
 std::uint32_t Forest::overdue() const noexcept {
-  if (unasked_ == Unasked::kCoarsen) return ~0u;
-  const std::uint32_t most = most_resting(pool_.settings);
-  return nodes_.used() > most ? nodes_.used() - most : 0;
+  if (unrequested_ == Unrequested::kCoarsen) return ~0u;
+  const std::uint32_t max = max_resting(pool_.settings);
+  return nodes_.used() > max ? nodes_.used() - max : 0;
 }
 
 void Forest::add(RegionId region, RegionList list) noexcept {
@@ -108,15 +108,15 @@ std::uint32_t Forest::take_retired() noexcept {
   return kNone;
 }
 
-void Forest::target(const RegionId* regions, std::uint32_t count, Unasked unasked) noexcept {
+void Forest::target(const RegionId* regions, std::uint32_t count, Unrequested unrequested) noexcept {
   ++stamp_;
-  unasked_ = unasked;
+  unrequested_ = unrequested;
   order_count_ = 0;
   for (std::uint32_t i = 0; i < count; ++i) {
     if (!is_here(regions[i])) continue;
     State& state = state_of(regions[i]);
-    if (state.retiring || state.asked == stamp_) continue;
-    state.asked = stamp_;
+    if (state.retiring || state.requested == stamp_) continue;
+    state.requested = stamp_;
     use(regions[i]);
     order_[order_count_++] = regions[i];
   }
@@ -303,7 +303,7 @@ Advance Forest::advance(Budget& budget) noexcept {
     const RegionId region = in_use_[i];
     State& state = state_of(region);
     if (wants(state)) continue;
-    if (unasked_ == Unasked::kRest && !state.retiring) {
+    if (unrequested_ == Unrequested::kRest && !state.retiring) {
       rest(region);
       continue;
     }

@@ -50,9 +50,9 @@ enum class Advance : std::uint8_t {
 };
 
 /// What becomes of regions that are not asked for.
-enum class Unasked : std::uint8_t {
+enum class Unrequested : std::uint8_t {
   kCoarsen,
-  kRest  ///< until they are retired, or more nodes are in use than Forest::most_resting
+  kRest  ///< until they are retired, or more nodes are in use than Forest::max_resting
 };
 
 class Forest {
@@ -65,12 +65,12 @@ class Forest {
   [[nodiscard]] static std::uint64_t directory_bytes(const ModelSummary& summary, const PoolSettings& pool) noexcept {
     constexpr std::uint64_t kPerHeld = sizeof(State) + 2 * sizeof(RegionId) + sizeof(std::uint32_t);
     return RegionGrid::bytes(summary.regions) + std::uint64_t{summary.regions} * sizeof(std::uint32_t) +
-           std::uint64_t{most_held(summary.regions, pool)} * kPerHeld;
+           std::uint64_t{max_held(summary.regions, pool)} * kPerHeld;
   }
 
   /// Nodes in use beyond which regions that rest are coarsened, the one longest unasked for first: half of what the
   /// slots can show. The other half is for what is met next, and what a loader gives back first is coarse by then.
-  [[nodiscard]] static std::uint32_t most_resting(const PoolSettings& pool) noexcept {
+  [[nodiscard]] static std::uint32_t max_resting(const PoolSettings& pool) noexcept {
     return std::min(pool.slots / 8, pool.tree_nodes / 2);
   }
 
@@ -83,7 +83,7 @@ class Forest {
 
   /// Says which regions shall be refined, first comes first, and what is to become of all others. Regions that are not
   /// here are passed over. O(regions asked for).
-  void target(const RegionId* regions, std::uint32_t count, Unasked unasked = Unasked::kCoarsen) noexcept;
+  void target(const RegionId* regions, std::uint32_t count, Unrequested unrequested = Unrequested::kCoarsen) noexcept;
 
   /// Works towards the target. Then refit before any query.
   [[nodiscard]] Advance advance(Budget& budget) noexcept;
@@ -91,7 +91,9 @@ class Forest {
   void keep(bool keeping) noexcept { nodes_.keep(keeping); }
   [[nodiscard]] bool kept_differ() const noexcept { return nodes_.kept_differ(); }
   /// See AbTree::refit.
-  RefitCount refit(Watch* watches = nullptr, std::uint32_t count = 0) noexcept { return tree_.refit(watches, count); }
+  RefitCount refit(ChangeDetector* change_detectors = nullptr, std::uint32_t count = 0) noexcept {
+    return tree_.refit(change_detectors, count);
+  }
 
   [[nodiscard]] bool base_shown() const noexcept { return base_cursor_ == base_.faces.size(); }
   [[nodiscard]] bool is_refined(RegionId region) const noexcept {
@@ -139,7 +141,7 @@ class Forest {
     std::uint32_t cursor = 0;     // entries applied
     std::uint32_t block = kNone;  // the block last used, and its place in the list
     std::uint32_t block_number = 0;
-    std::uint32_t asked = 0;                     // stamp of the target that asked for it
+    std::uint32_t requested = 0;                 // stamp of the target that asked for it
     std::uint32_t in_use_at = kNone;             // place in in_use_
     std::uint32_t older = kNone, newer = kNone;  // of those that rest, its neighbours
     bool retiring = false;
@@ -147,12 +149,12 @@ class Forest {
   };
 
   /// Each region that is here takes a list block at least.
-  [[nodiscard]] static std::uint32_t most_held(std::uint32_t regions, const PoolSettings& pool) noexcept {
+  [[nodiscard]] static std::uint32_t max_held(std::uint32_t regions, const PoolSettings& pool) noexcept {
     return regions < pool.list_blocks ? regions : pool.list_blocks;
   }
   [[nodiscard]] State& state_of(RegionId region) noexcept { return states_[place_[index(region)]]; }
   [[nodiscard]] const State& state_of(RegionId region) const noexcept { return states_[place_[index(region)]]; }
-  [[nodiscard]] bool wants(const State& state) const noexcept { return state.asked == stamp_ && !state.retiring; }
+  [[nodiscard]] bool wants(const State& state) const noexcept { return state.requested == stamp_ && !state.retiring; }
   void use(RegionId region) noexcept;
   void unuse(RegionId region) noexcept;
   void rest(RegionId region) noexcept;
@@ -179,7 +181,7 @@ class Forest {
   std::vector<RegionId> in_use_;  // asked for, retiring, or left with a cursor above 0 since; fixed capacity
   std::uint32_t in_use_count_ = 0;
   std::uint32_t oldest_ = kNone, newest_ = kNone;  // of the regions that rest: a cursor above 0, and not in use
-  Unasked unasked_ = Unasked::kCoarsen;
+  Unrequested unrequested_ = Unrequested::kCoarsen;
   std::uint32_t overdue_ = 0;    // entries of what rests that are to be taken back for this target
   std::vector<RegionId> order_;  // regions asked for, in order
   std::uint32_t order_count_ = 0;

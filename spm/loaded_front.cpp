@@ -43,7 +43,7 @@ void LoadedFront::join(const Split& split) noexcept {
       ++found;
     }
     if (found != 1) continue;
-    meet(at(born, born.at.u), across(side));
+    meet(at(born, born.at.u), opposite(side));
     meet(at(born, born.at.t), number(side));
   }
   if (split.born_count_ == 2 && split.born_[0].even != split.born_[1].even) {
@@ -53,12 +53,12 @@ void LoadedFront::join(const Split& split) noexcept {
 
 void LoadedFront::take_out(std::uint32_t face, std::uint32_t order) noexcept {
   const BornCorners at = born_corners(order);
-  const std::array<std::uint32_t, 3> links = faces_[face].across;
+  const std::array<std::uint32_t, 3> links = faces_[face].opposite;
   const std::uint32_t inner = links[static_cast<std::size_t>(at.t)], outer = links[static_cast<std::size_t>(at.u)];
-  const std::uint32_t twin = links[static_cast<std::size_t>(at.x)];
-  if (inner != kNone) faces_[inner >> 2].across[inner & 3u] = outer;
-  if (outer != kNone) faces_[outer >> 2].across[outer & 3u] = inner;
-  if (twin != kNone) faces_[twin >> 2].across[twin & 3u] = kNone;
+  const std::uint32_t name_conflict = links[static_cast<std::size_t>(at.x)];
+  if (inner != kNone) faces_[inner >> 2].opposite[inner & 3u] = outer;
+  if (outer != kNone) faces_[outer >> 2].opposite[outer & 3u] = inner;
+  if (name_conflict != kNone) faces_[name_conflict >> 2].opposite[name_conflict & 3u] = kNone;
 }
 
 LoadedFront base_front(const ModelSummary& summary, Span<const BaseFace> base_faces) {

@@ -47,10 +47,10 @@ class LoadedFront {
 
   /// The face around the vertex at `at` that follows counter-clockwise, seen from outside: across the edge from that
   /// vertex to the corner before it. False when there is none.
-  [[nodiscard]] bool next_around(At& at) const noexcept {
-    const std::uint32_t across = faces_[at.face].across[after(at.corner)];
-    if (across == kNone) return false;
-    at = {across >> 2, after(across & 3u)};
+  [[nodiscard]] bool swing(At& at) const noexcept {
+    const std::uint32_t opposite = faces_[at.face].opposite[after(at.corner)];
+    if (opposite == kNone) return false;
+    at = {opposite >> 2, after(opposite & 3u)};
     return true;
   }
 
@@ -87,16 +87,16 @@ class LoadedFront {
   static constexpr Corners kNowhere{kNone, kNone, kNone};
   struct Face {
     Corners corners;
-    std::array<std::uint32_t, 3> across;  // by corner, of the opposite edge: face << 2 | corner; kNone: nothing
+    std::array<std::uint32_t, 3> opposite;  // by corner, of the opposite edge: face << 2 | corner; kNone: nothing
   };
   static_assert(sizeof(Face) == kBytesPerFace);
   [[nodiscard]] static std::uint32_t after(std::uint32_t corner) noexcept { return corner == 2 ? 0 : corner + 1; }
   [[nodiscard]] static std::uint32_t before(std::uint32_t corner) noexcept { return corner == 0 ? 2 : corner - 1; }
-  [[nodiscard]] std::uint32_t& across(At at) noexcept { return faces_[at.face].across[at.corner]; }
+  [[nodiscard]] std::uint32_t& opposite(At at) noexcept { return faces_[at.face].opposite[at.corner]; }
   /// Makes these meet, either of which may be nothing.
   void meet(std::uint32_t a, std::uint32_t b) noexcept {
-    if (a != kNone) faces_[a >> 2].across[a & 3u] = b;
-    if (b != kNone) faces_[b >> 2].across[b & 3u] = a;
+    if (a != kNone) faces_[a >> 2].opposite[a & 3u] = b;
+    if (b != kNone) faces_[b >> 2].opposite[b & 3u] = a;
   }
   [[nodiscard]] static std::uint32_t number(At at) noexcept { return at.face << 2 | at.corner; }
 

@@ -23,9 +23,9 @@ constexpr double kThin = 1e-6;
 // ---- the probe and its tree ----
 
 MeshProbe::MeshProbe(Span<const std::array<float, 3>> vertices, Span<const std::array<std::uint32_t, 3>> triangles) {
-  if (triangles.empty() || triangles.size() > kMostTriangles) {
+  if (triangles.empty() || triangles.size() > kMaxTriangles) {
     throw std::invalid_argument("MeshProbe: " + std::to_string(triangles.size()) + " triangles, expected 1 to " +
-                                std::to_string(kMostTriangles));
+                                std::to_string(kMaxTriangles));
   }
   for (std::size_t v = 0; v < vertices.size(); ++v) {
     const Vec3d p{vertices[v][0], vertices[v][1], vertices[v][2]};
@@ -144,7 +144,7 @@ struct ProbeWalk {
   MeshContact* out;  // or, null,
   NearPairs* near;   // what comes within the margin
   std::uint32_t capacity;
-  std::uint32_t most_work;
+  std::uint32_t max_work;
   float margin;
 
   const MeshProbe::Node* nodes = probe.probe_.nodes_.data();
@@ -183,7 +183,7 @@ struct ProbeWalk {
 
   /// Counts a pair of nodes; false when no work is left.
   [[nodiscard]] bool spend() noexcept {
-    if (result.work < most_work) {
+    if (result.work < max_work) {
       ++result.work;
       return true;
     }
@@ -217,7 +217,7 @@ struct ProbeWalk {
     const std::uint32_t at = result.contacts++;
     ++result.work;
     if (at >= capacity) {
-      most_work = 0;
+      max_work = 0;
       return;
     }
     NearPairs& pairs_here = near[at / NearPairs::kWidth];
@@ -342,21 +342,21 @@ Triangle3d PlacedProbe::triangle(std::uint32_t number) const noexcept {
 }
 
 MeshTouch PlacedProbe::touching(const AbTree& tree, MeshContact* out, std::uint32_t capacity,
-                                std::uint32_t most_work) noexcept {
-  return walk(tree, out, nullptr, capacity, most_work, 0);
+                                std::uint32_t max_work) noexcept {
+  return walk(tree, out, nullptr, capacity, max_work, 0);
 }
 
 MeshTouch PlacedProbe::near(const AbTree& tree, double margin, NearPairs* out, std::uint32_t capacity,
-                            std::uint32_t most_work) noexcept {
-  return walk(tree, nullptr, out, capacity, most_work, static_cast<float>(margin * (1 + 1e-6)));
+                            std::uint32_t max_work) noexcept {
+  return walk(tree, nullptr, out, capacity, max_work, static_cast<float>(margin * (1 + 1e-6)));
 }
 
 MeshTouch PlacedProbe::walk(const AbTree& tree, MeshContact* out, NearPairs* near, std::uint32_t capacity,
-                            std::uint32_t most_work, float margin) noexcept {
+                            std::uint32_t max_work, float margin) noexcept {
   if (tree.root() == kNone) return {};
   if (margin != margin_) begin_pose();  // boxes were placed with the room of another
   margin_ = margin;
-  ProbeWalk walk{tree, *this, out, near, capacity, most_work, margin};
+  ProbeWalk walk{tree, *this, out, near, capacity, max_work, margin};
   walk.aim();
   walk.push(tree.root(), probe_.root_, kInfinity);
 #ifdef TACTUS_HAS_TARGETS

@@ -54,7 +54,7 @@ struct ProbeWalk;
 
 class MeshProbe {
  public:
-  static constexpr std::uint32_t kMostTriangles = 1u << 18;
+  static constexpr std::uint32_t kMaxTriangles = 1u << 18;
 
   /// Copies. Corners counter-clockwise seen from outside, though nothing but a picture depends on it. Not realtime.
   /// Throws std::invalid_argument when there is no triangle or too many, a corner is no vertex or a vertex not finite.
@@ -117,21 +117,21 @@ class PlacedProbe {
   /// A triangle as placed.
   [[nodiscard]] Triangle3d triangle(std::uint32_t number) const noexcept;
 
-  /// All pairs that meet, in a fixed order (that of the trees), at most `capacity` of them. Stops after `most_work`
+  /// All pairs that meet, in a fixed order (that of the trees), at most `capacity` of them. Stops after `max_work`
   /// and says so. Realtime.
   MeshTouch touching(const AbTree& tree, MeshContact* out, std::uint32_t capacity,
-                     std::uint32_t most_work = 1u << 31) noexcept;
+                     std::uint32_t max_work = 1u << 31) noexcept;
 
   /// Eight by eight, all pairs that are at most `margin` apart (object units, above 0) and others whose boxes and
   /// planes do not tell that they are further: `contacts` of them, as many as `capacity` has room for. Stops after
-  /// `most_work` or when full, and says so. Realtime.
+  /// `max_work` or when full, and says so. Realtime.
   MeshTouch near(const AbTree& tree, double margin, NearPairs* out, std::uint32_t capacity,
-                 std::uint32_t most_work = 1u << 31) noexcept;
+                 std::uint32_t max_work = 1u << 31) noexcept;
 
  private:
   friend struct ProbeWalk;
   void begin_pose() noexcept;
-  MeshTouch walk(const AbTree& tree, MeshContact* out, NearPairs* near, std::uint32_t capacity, std::uint32_t most_work,
+  MeshTouch walk(const AbTree& tree, MeshContact* out, NearPairs* near, std::uint32_t capacity, std::uint32_t max_work,
                  float margin) noexcept;
   static constexpr int kWidth = MeshProbe::kWidth;
   static constexpr int kStack = 64 * (AbTree::kMaxHeight + MeshProbe::kMaxHeight);

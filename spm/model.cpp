@@ -5,8 +5,8 @@
 #include <sstream>
 #include <unordered_set>
 
+#include "spm/checksum.hpp"
 #include "spm/position_code.hpp"
-#include "spm/seal.hpp"
 
 namespace tactus::spm {
 namespace {
@@ -185,7 +185,7 @@ class Replay {
     }
   }
 
-  void run() {
+  void interval() {
     const ModelSummary& s = model_.summary;
     std::uint32_t max_level = 0;
     for (record_ = 0; record_ < s.records && !findings_.full(); ++record_) {
@@ -214,16 +214,16 @@ class Replay {
     std::size_t next_run = 0;
     for (std::uint32_t i = 0; i < model_.regions.size() && !findings_.full(); ++i) {
       const Region& region = model_.regions[i];
-      if (region.first_run != next_run || region.run_count > model_.runs.size() - next_run) {
-        findings_.add("region ", i, ": runs ", region.first_run, " + ", region.run_count, ", expected to begin at ",
-                      next_run, " and end by ", model_.runs.size());
+      if (region.first_interval != next_run || region.interval_count > model_.intervals.size() - next_run) {
+        findings_.add("region ", i, ": intervals ", region.first_interval, " + ", region.interval_count,
+                      ", expected to begin at ", next_run, " and end by ", model_.intervals.size());
         return;
       }
-      next_run += region.run_count;
-      check_list(i, model_.runs.subspan(region.first_run, region.run_count), in_list);
+      next_run += region.interval_count;
+      check_list(i, model_.intervals.subspan(region.first_interval, region.interval_count), in_list);
     }
-    if (findings_.none() && next_run != model_.runs.size()) {
-      findings_.add("runs: ", model_.runs.size() - next_run, " belong to no region");
+    if (findings_.none() && next_run != model_.intervals.size()) {
+      findings_.add("intervals: ", model_.intervals.size() - next_run, " belong to no region");
     }
   }
 
@@ -261,19 +261,19 @@ class Replay {
     std::vector<std::uint32_t> parent(s.vertices, kNone);
     for (std::uint32_t r = 0; r < s.records; ++r) parent[s.base_vertices + r] = model_.parts[r].parent;
     const std::vector<double> distances = collapse_distances(model_.positions, parent);
-    std::uint16_t greatest = 0;
+    std::uint16_t max = 0;
     for (std::uint32_t v = 0; v < s.vertices && !findings_.full(); ++v) {
       const bool base = v < s.base_vertices;
       const std::uint16_t code = base ? model_.base_radii[v] : model_.parts[v - s.base_vertices].radius;
       const std::uint16_t low = radius_code(distances[v] * (1 - 1e-9)), high = radius_code(distances[v] * (1 + 1e-9));
-      greatest = std::max(greatest, code);
+      max = std::max(max, code);
       if (code < low || code > high || code >= kRadiusCodes) {
         findings_.add(base ? "vertex " : "record ", base ? v : v - s.base_vertices, ": radius code ", code,
                       ", expected ", low, " for a distance of ", distances[v]);
       }
     }
-    if (findings_.none() && s.deviation != radius_of(greatest)) {
-      findings_.add("deviation: found ", s.deviation, ", expected the greatest radius, ", radius_of(greatest));
+    if (findings_.none() && s.deviation != radius_of(max)) {
+      findings_.add("deviation: found ", s.deviation, ", expected the greatest radius, ", radius_of(max));
     }
   }
 
@@ -352,20 +352,20 @@ class Replay {
     finished_[f] = last;
   }
 
-  void check_list(std::uint32_t region, Span<const Run> runs, std::vector<std::uint32_t>& in_list) {
+  void check_list(std::uint32_t region, Span<const Interval> intervals, std::vector<std::uint32_t>& in_list) {
     const std::uint32_t records = model_.summary.records;
     std::uint64_t after = 0, record_count = 0, part_count = 0;
-    for (std::size_t i = 0; i < runs.size(); ++i) {
-      const Run run = runs[i];
-      const bool touches = i > 0 && run.first <= after;
-      if (run.count == 0 || run.first >= records || run.count > records - run.first || touches) {
-        findings_.add("region ", region, ": run ", run.first, " + ", run.count, " after ", after,
-                      ", expected ascending runs that do not touch, below ", records);
+    for (std::size_t i = 0; i < intervals.size(); ++i) {
+      const Interval interval = intervals[i];
+      const bool touches = i > 0 && interval.first <= after;
+      if (interval.count == 0 || interval.first >= records || interval.count > records - interval.first || touches) {
+        findings_.add("region ", region, ": run ", interval.first, " + ", interval.count, " after ", after,
+                      ", expected ascending intervals that do not touch, below ", records);
         return;
       }
-      after = std::uint64_t{run.first} + run.count;
-      record_count += run.count;
-      for (std::uint32_t r = run.first; r < after; ++r) {
+      after = std::uint64_t{interval.first} + interval.count;
+      record_count += interval.count;
+      for (std::uint32_t r = interval.first; r < after; ++r) {
         in_list[r] = region;
         part_count += chain_length_[r];
         for (std::size_t k = first_need_[r]; k < first_need_[r + 1]; ++k) {
@@ -378,7 +378,7 @@ class Replay {
     const Region& stated = model_.regions[region];
     if (record_count != stated.record_count || part_count != stated.part_count) {
       findings_.add("region ", region, ": ", stated.record_count, " records in ", stated.part_count,
-                    " parts, its runs have ", record_count, " in ", part_count);
+                    " parts, its intervals have ", record_count, " in ", part_count);
     }
   }
 
@@ -395,11 +395,11 @@ class Replay {
   std::vector<std::size_t> first_need_;
 };
 
-void check_seals(const Model& model, Findings& findings) {
-  const std::vector<std::uint32_t> seals = region_seals(model);
+void verify_checksums(const Model& model, Findings& findings) {
+  const std::vector<std::uint32_t> checksums = region_checksums(model);
   for (std::size_t i = 0; i < model.regions.size() && !findings.full(); ++i) {
-    if (model.regions[i].seal != seals[i]) {
-      findings.add("region ", i, ": seal ", model.regions[i].seal, ", expected ", seals[i], " for its records");
+    if (model.regions[i].checksum != checksums[i]) {
+      findings.add("region ", i, ": seal ", model.regions[i].checksum, ", expected ", checksums[i], " for its records");
     }
   }
 }
@@ -413,12 +413,12 @@ BaseMesh base_mesh_of(const Model& model) {
   base.radii.assign(model.base_radii.begin(), model.base_radii.end());
   base.faces.assign(model.base_faces.begin(), model.base_faces.end());
   base.regions.assign(model.regions.begin(), model.regions.end());
-  for (Region& region : base.regions) region.first_run = region.run_count = 0;
+  for (Region& region : base.regions) region.first_interval = region.interval_count = 0;
   return base;
 }
 
 std::vector<double> collapse_distances(Span<const std::array<float, 3>> positions, Span<const std::uint32_t> parent) {
-  std::vector<double> greatest(positions.size(), 0);  // squared at first
+  std::vector<double> max(positions.size(), 0);  // squared at first
   for (std::size_t v = 0; v < positions.size(); ++v) {
     for (std::uint32_t above = parent[v]; above != kNone; above = parent[above]) {
       double squared = 0;
@@ -426,11 +426,11 @@ std::vector<double> collapse_distances(Span<const std::array<float, 3>> position
         const double along = double{positions[v][axis]} - double{positions[above][axis]};
         squared += along * along;
       }
-      greatest[above] = std::max(greatest[above], squared);
+      max[above] = std::max(max[above], squared);
     }
   }
-  for (double& distance : greatest) distance = std::sqrt(distance);
-  return greatest;
+  for (double& distance : max) distance = std::sqrt(distance);
+  return max;
 }
 
 std::vector<std::string> violations(const Model& model) {
@@ -448,9 +448,9 @@ std::vector<std::string> violations(const Model& model) {
   check_cells(s, model.regions, findings);
   if (!findings.none()) return findings.take();
   Replay replay{model, findings};
-  replay.run();
+  replay.interval();
   if (findings.none()) replay.check_lists();
-  if (findings.none()) check_seals(model, findings);
+  if (findings.none()) verify_checksums(model, findings);
   return findings.take();
 }
 
@@ -470,8 +470,8 @@ std::vector<std::string> violations(const BaseMesh& base) {
   check_base_faces(s, base.faces, findings);
   check_cells(s, base.regions, findings);
   for (std::size_t i = 0; i < base.regions.size() && !findings.full(); ++i) {
-    if (base.regions[i].first_run != 0 || base.regions[i].run_count != 0) {
-      findings.add("region ", i, ": has runs, expected none in a base mesh");
+    if (base.regions[i].first_interval != 0 || base.regions[i].interval_count != 0) {
+      findings.add("region ", i, ": has intervals, expected none in a base mesh");
     }
   }
   return findings.take();

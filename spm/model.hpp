@@ -35,23 +35,23 @@ struct GridFrame {
   double cell_size;
 };
 
-/// A labelled cell and the extent of its closed record list in `Model::runs`.
+/// A labelled cell and the extent of its closed record list in `Model::intervals`.
 struct Region {
   std::array<std::uint16_t, 3> cell;  ///< x, y, z at its depth
   std::uint16_t depth;
   /// Which sixty-fourths of the cell faces meet: bit x + 4 y + 16 z, low word first; in each axis a quarter of the
   /// edge.
   std::array<std::uint32_t, 2> occupied;
-  std::uint32_t first_run, run_count;  ///< in `Model::runs`
-  std::uint32_t record_count;          ///< sum of its runs
-  std::uint32_t part_count;            ///< pool slots its records take
-  std::uint32_t face_count;            ///< finest faces that meet the cell
-  std::uint32_t seal;                  ///< of its list, see seal.hpp
+  std::uint32_t first_interval, interval_count;  ///< in `Model::intervals`
+  std::uint32_t record_count;                    ///< sum of its intervals
+  std::uint32_t part_count;                      ///< pool slots its records take
+  std::uint32_t face_count;                      ///< finest faces that meet the cell
+  std::uint32_t checksum;                        ///< of its list, see seal.hpp
 };
 static_assert(sizeof(Region) == 40);
 
-/// Consecutive record ids `[first, first + count)`. A region's runs ascend and do not touch.
-struct Run {
+/// Consecutive record ids `[first, first + count)`. A region's intervals ascend and do not touch.
+struct Interval {
   std::uint32_t first, count;
 };
 
@@ -83,11 +83,11 @@ struct Model {
   Span<const BaseFace> base_faces;
   Span<const RecordPart> parts;  ///< part r < records is record r's first; continuation parts follow
   Span<const Region> regions;
-  Span<const Run> runs;
+  Span<const Interval> intervals;
 
-  [[nodiscard]] Span<const Run> runs_of(RegionId region) const noexcept {
+  [[nodiscard]] Span<const Interval> intervals_of(RegionId region) const noexcept {
     const Region& r = regions[index(region)];
-    return runs.subspan(r.first_run, r.run_count);
+    return intervals.subspan(r.first_interval, r.interval_count);
   }
   [[nodiscard]] VertexId vertex_of(RecordId record) const noexcept {
     return VertexId{summary.base_vertices + index(record)};
@@ -102,9 +102,9 @@ struct OwnedModel {
   std::vector<BaseFace> base_faces;
   std::vector<RecordPart> parts;
   std::vector<Region> regions;
-  std::vector<Run> runs;
+  std::vector<Interval> intervals;
 
-  [[nodiscard]] Model model() const { return {summary, positions, base_radii, base_faces, parts, regions, runs}; }
+  [[nodiscard]] Model model() const { return {summary, positions, base_radii, base_faces, parts, regions, intervals}; }
 };
 
 /// Everything a controller needs of a model before its first record: the base mesh and the labelled cells.
@@ -113,7 +113,7 @@ struct BaseMesh {
   std::vector<std::array<float, 3>> positions;  ///< `base_vertices` of them
   std::vector<std::uint16_t> radii;             ///< theirs, as codes
   std::vector<BaseFace> faces;
-  std::vector<Region> regions;  ///< first_run and run_count are 0: lists come with the regions
+  std::vector<Region> regions;  ///< first_interval and interval_count are 0: lists come with the regions
 };
 [[nodiscard]] BaseMesh base_mesh_of(const Model& model);
 

@@ -46,7 +46,7 @@ class ExactSum {
     }
     if (term != 0) part_[kept++] = term;
     size_ = kept;
-    TACTUS_ASSERT(size_ < kMost);
+    TACTUS_ASSERT(size_ < kMax);
   }
 
   void add_product(double a, double b) noexcept {
@@ -66,8 +66,8 @@ class ExactSum {
  private:
   // No more than its terms: 6 products of 3 differences of 2 parts each, 4 terms a product. Fewer bits than 2098 in
   // all.
-  static constexpr int kMost = 6 * 8 * 4 + 1;
-  std::array<double, kMost> part_;
+  static constexpr int kMax = 6 * 8 * 4 + 1;
+  std::array<double, kMax> part_;
   int size_ = 0;
 };
 
@@ -119,15 +119,15 @@ int sign_of(double value) noexcept { return value > 0 ? 1 : -1; }
 
 int orientation(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) noexcept {
   const Vec3d u = b - a, v = c - a, w = d - a;
-  double determinant = 0, magnitude = 0;
+  double determinant = 0, abs_of = 0;
   for (int i = 0; i < 3; ++i) {
     const int j = (i + 1) % 3, k = (i + 2) % 3;
     const double first = v[j] * w[k], second = v[k] * w[j];
     determinant += u[i] * (first - second);
-    magnitude += std::abs(u[i]) * (std::abs(first) + std::abs(second));
+    abs_of += std::abs(u[i]) * (std::abs(first) + std::abs(second));
   }
   constexpr double kBound = (7 + 56 * kEpsilon) * kEpsilon;
-  return std::abs(determinant) > kBound * magnitude ? sign_of(determinant) : exact_orientation(a, b, c, d);
+  return std::abs(determinant) > kBound * abs_of ? sign_of(determinant) : exact_orientation(a, b, c, d);
 }
 
 int orientation(const Vec3d& a, const Vec3d& b, const Vec3d& c, int x, int y) noexcept {

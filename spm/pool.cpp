@@ -1,9 +1,9 @@
 #include "spm/pool.hpp"
 
+#include "spm/candidate_cache.hpp"
 #include "spm/flat_index.hpp"
 #include "spm/free_set.hpp"
 #include "spm/loaded_front.hpp"
-#include "spm/vicinity.hpp"
 
 namespace tactus::spm {
 
@@ -16,10 +16,11 @@ std::uint64_t PoolSettings::bytes() const noexcept {
                                  sizeof(std::uint32_t);
   return per_slot * slots + FlatIndex::bytes(slots) + FlatIndex::bytes(2 * slots) + FreeSet::bytes(slots) +
          std::uint64_t{kTreeNodeBytes} * tree_nodes +
-         (kTreeNodeBytes + sizeof(std::uint32_t)) * std::uint64_t{kKeptNodes} + kVicinities * sizeof(Vicinity) +
-         FlatIndex::bytes(tree_nodes) + FreeSet::bytes(tree_nodes) +
+         (kTreeNodeBytes + sizeof(std::uint32_t)) * std::uint64_t{kKeptNodes} +
+         kCandidateCaches * sizeof(CandidateCache) + FlatIndex::bytes(tree_nodes) + FreeSet::bytes(tree_nodes) +
          (sizeof(ListBlock) + sizeof(std::uint32_t)) * list_blocks +
-         (kCodedBlockBytes + 2 * sizeof(std::uint16_t)) * std::uint64_t{coded_blocks} + FlatIndex::bytes(coded_blocks);
+         (kCompressedBlockBytes + 2 * sizeof(std::uint16_t)) * std::uint64_t{compressed_blocks} +
+         FlatIndex::bytes(compressed_blocks);
 }
 
 PoolSettings PoolSettings::for_bytes(std::uint64_t bytes) noexcept {

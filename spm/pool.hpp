@@ -32,7 +32,7 @@ struct PoolSettings {
   std::uint32_t tree_nodes = 1u << 14;   ///< exceeded: refinement stops, PoolFull is flagged
   std::uint32_t list_blocks = 1u << 13;  ///< blocks of 62 list entries; exceeded: as slots
   /// Beside the pool, for what is kept as it came: a record takes one, seldom two. Exceeded: a region is refused.
-  std::uint32_t coded_blocks = 1u << 18;
+  std::uint32_t compressed_blocks = 1u << 18;
   /// Nodes follow what is shown, slots what is decoded, blocks what may be met within a round trip.
   static PoolSettings for_slots(std::uint32_t slots) noexcept {
     return {slots, slots / 4 + std::min(slots / 2 + 1024, 6144u), slots / 10 + 256, std::min(6 * slots, kMaxSlots)};
@@ -62,8 +62,8 @@ inline constexpr std::uint32_t kTreeNodeBytes = 384;
 /// Leaf nodes that may change in a cycle while they are kept as they were. Exceeded: refinement goes on in the next.
 inline constexpr std::uint32_t kKeptNodes = 1024;
 
-/// Size of a block of what is kept coded, see spm/codec/coded_store.hpp.
-inline constexpr std::uint32_t kCodedBlockBytes = 20;
+/// Size of a block of what is kept coded, see spm/codec/compressed_cache.hpp.
+inline constexpr std::uint32_t kCompressedBlockBytes = 20;
 
 /// A region's list in memory: blocks of record slots, linked both ways, walked forwards to refine and backwards to
 /// coarsen.

@@ -30,7 +30,7 @@ void Predictor::observe(double time, const Vec3d& position, bool in_contact) {
   constexpr double kGap = 0.1;
   if (count_ > 0 && time - last_.time > kGap) {
     count_ = 0;
-    stroke_.interrupt();
+    motion_segment_.interrupt();
   }
   const Sample before = count_ > 0 ? last_ : Sample{time, position};
   last_ = {time, position};
@@ -38,17 +38,17 @@ void Predictor::observe(double time, const Vec3d& position, bool in_contact) {
   on_surface_ = in_contact;
   if (!on_surface_ && settings_.strategy == Strategy::kMixture)
     grid_->for_each_meeting(position, settings_.radius, [&](RegionId, double) { on_surface_ = true; });
-  if (!on_surface_) stroke_.interrupt();
+  if (!on_surface_) motion_segment_.interrupt();
   // Samples are evenly spaced, whenever observations come.
-  constexpr double kRounding = 1e-9;
+  constexpr double kCollisionMargin = 1e-9;
   double next = count_ > 0 ? history_[newest_].time + kSpacing : time;
-  for (; next <= time + kRounding; next += kSpacing) {
+  for (; next <= time + kCollisionMargin; next += kSpacing) {
     const double share = time > before.time ? std::min(1.0, (next - before.time) / (time - before.time)) : 1;
     newest_ = (newest_ + 1) % kHistory;
     history_[newest_] = {next, before.position + share * (position - before.position)};
     count_ = std::min(count_ + 1, kHistory);
     if (on_surface_ && settings_.strategy == Strategy::kMixture)
-      stroke_.observe(*grid_, kPlane * settings_.radius, history_[newest_].position);
+      motion_segment_.observe(*grid_, kPlane * settings_.radius, history_[newest_].position);
   }
 }
 
@@ -80,14 +80,14 @@ Predictor::Motion Predictor::motion() const noexcept {
 
 /// The way that a hand's strokes foretell, and what is beside it as far as ways are missed. False while they do not.
 bool Predictor::follow(double lead, Answer& out) const {
-  constexpr double kMostDoubt = 2, kMostBeside = 3;  // the latter in radii
-  const Stroke::Way way = stroke_.ahead(*grid_, kPlane * settings_.radius, lead);
+  constexpr double kMaxDoubt = 2, kMaxBeside = 3;  // the latter in radii
+  const MotionSegment::Way way = motion_segment_.ahead(*grid_, kPlane * settings_.radius, lead);
   if (way.count == 0) return false;
   const double reach = settings_.radius + settings_.margin;
   for (std::uint32_t i = 0; i < way.count; ++i) {
-    const double time = i * Stroke::kStep;
-    const double missed = std::max(stroke_.doubt(time), 1e-3 * settings_.radius);
-    const double beside = std::min(kMostDoubt * missed, kMostBeside * settings_.radius);
+    const double time = i * MotionSegment::kStep;
+    const double missed = std::max(motion_segment_.doubt(time), 1e-3 * settings_.radius);
+    const double beside = std::min(kMaxDoubt * missed, kMaxBeside * settings_.radius);
     const auto visit = [&](RegionId region, double squared) {
       meet(out, region, std::min(time, lead), std::max(0.0, std::sqrt(squared) - reach) / missed);
     };
@@ -97,10 +97,10 @@ bool Predictor::follow(double lead, Answer& out) const {
         out.complete = false;
   }
   // A tip at rest may start anywhere.
-  const double could = settings_.least_speed * lead;
-  if (motion().velocity.norm() < 2 * settings_.least_speed)
+  const double could = settings_.min_speed * lead;
+  if (motion().velocity.norm() < 2 * settings_.min_speed)
     grid_->for_each_meeting(last_.position, reach + could,
-                            [&](RegionId region, double) { meet(out, region, lead, kMostDoubt); });
+                            [&](RegionId region, double) { meet(out, region, lead, kMaxDoubt); });
   return true;
 }
 
@@ -108,16 +108,16 @@ void Predictor::predict(double lead, Answer& out) const {
   out.count = 0;
   out.complete = true;
   const Motion now = motion();
-  const double speed = std::max(now.velocity.norm(), settings_.least_speed);
+  const double speed = std::max(now.velocity.norm(), settings_.min_speed);
   const double reach = settings_.radius + settings_.margin;
-  const auto add_ball = [&](const Vec3d& centre, double ball, double contact_in) {
-    if (!grid_->for_each_meeting(centre, ball, [&](RegionId region, double) { meet(out, region, contact_in, 0); }))
+  const auto add_sphere = [&](const Vec3d& centre, double sphere, double contact_in) {
+    if (!grid_->for_each_meeting(centre, sphere, [&](RegionId region, double) { meet(out, region, contact_in, 0); }))
       out.complete = false;
   };
   const Strategy strategy = settings_.strategy;
   const bool mixture = strategy == Strategy::kMixture;
 
-  add_ball(now.position, reach, 0);
+  add_sphere(now.position, reach, 0);
   // Beyond that, a way that the hand's strokes foretell says more.
   constexpr double kNear = 0.025;  // s
   const double near = mixture && on_surface_ && follow(lead, out) ? std::min(lead, kNear) : lead;
@@ -125,18 +125,18 @@ void Predictor::predict(double lead, Answer& out) const {
   for (int step = 1; step <= kSteps; ++step) {
     const double t = near * step / kSteps;
     const Vec3d linear = now.position + now.velocity * t;
-    if (mixture || strategy == Strategy::kLinear) add_ball(linear, reach, t);
+    if (mixture || strategy == Strategy::kLinear) add_sphere(linear, reach, t);
     if ((mixture && on_surface_) || strategy == Strategy::kPolynomial) {
       // A fitted acceleration holds for about as long as the history it was fitted to.
       const double trusted = std::min(t, 0.05);
-      add_ball(linear + now.acceleration * (trusted * trusted / 2), reach, t);
+      add_sphere(linear + now.acceleration * (trusted * trusted / 2), reach, t);
     }
     if ((mixture && !on_surface_) || strategy == Strategy::kDistance)
-      add_ball(now.position, reach + speed * t / 2, t);  // it may turn
-    if (strategy == Strategy::kNeighbours) add_ball(now.position, reach + speed * t, t);
+      add_sphere(now.position, reach + speed * t / 2, t);  // it may turn
+    if (strategy == Strategy::kNeighbours) add_sphere(now.position, reach + speed * t, t);
   }
   // Local neighbours: it may turn.
-  if (mixture && on_surface_) add_ball(now.position, reach + speed * near / 4, near);
+  if (mixture && on_surface_) add_sphere(now.position, reach + speed * near / 4, near);
 
   std::sort(out.regions.begin(), out.regions.begin() + out.count,
             [](const PredictedRegion& a, const PredictedRegion& b) {

@@ -12,8 +12,8 @@
 #include <array>
 #include <cstdint>
 
+#include "spm/motion_segment.hpp"
 #include "spm/region_grid.hpp"
-#include "spm/stroke.hpp"
 
 namespace tactus::spm {
 
@@ -35,9 +35,9 @@ struct PredictedRegion {
 };
 
 struct PredictionSettings {
-  double radius = 0;       ///< file units, of the tip
-  double margin = 0;       ///< file units; how far from the tip's path a region still counts as met
-  double least_speed = 0;  ///< file units/s; a tip at rest is expected to start with this
+  double radius = 0;     ///< file units, of the tip
+  double margin = 0;     ///< file units; how far from the tip's path a region still counts as met
+  double min_speed = 0;  ///< file units/s; a tip at rest is expected to start with this
   Strategy strategy = Strategy::kMixture;
 };
 
@@ -67,7 +67,7 @@ class Predictor {
 
  private:
   static constexpr std::uint32_t kHistory = 24;
-  static constexpr double kSpacing = Stroke::kSpacing;  // between kept samples: 48 ms of history
+  static constexpr double kSpacing = MotionSegment::kSpacing;  // between kept samples: 48 ms of history
   struct Sample {
     double time;
     Vec3d position;
@@ -80,7 +80,7 @@ class Predictor {
 
   const RegionGrid* grid_;
   PredictionSettings settings_;
-  Stroke stroke_;
+  MotionSegment motion_segment_;
   std::array<Sample, kHistory> history_;
   std::uint32_t newest_ = 0;
   std::uint32_t count_ = 0;

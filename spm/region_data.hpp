@@ -18,16 +18,16 @@ namespace tactus::spm {
 inline constexpr std::uint32_t kInRing = 1u << 31;
 /// The last place there, wherever that is.
 inline constexpr std::uint32_t kLastInRing = VertexRing::kMax;
-/// In place of the id of a deformed face: the one that LoadedFront::next_around finds after the one before.
+/// In place of the id of a deformed face: the one that LoadedFront::swing finds after the one before.
 inline constexpr std::uint32_t kNextAround = (1u << 29) - 1;
 /// The corner of a deformed face where t stands, whichever it is.
 inline constexpr std::uint32_t kCornerOfParent = 3;
 
 struct RegionData {
   RegionId region{};
-  std::vector<Run> list;  ///< the region's whole closed list: ascending runs that do not touch
-  std::vector<Run> sent;  ///< the records in this message, a subset of `list`, same form
-  /// For each record in `sent`, in order: where it is, from its ExpectedPlace once its first part is entered.
+  std::vector<Interval> list;  ///< the region's whole closed list: ascending intervals that do not touch
+  std::vector<Interval> sent;  ///< the records in this message, a subset of `list`, same form
+  /// For each record in `sent`, in order: where it is, from its PositionPredictor once its first part is entered.
   std::vector<std::array<std::uint32_t, 3>> offsets;
   /// The sent records, in order. A chain's parts follow each other; `next` is the index in this array of the next part,
   /// or kNone. `parent` is kNone where the first part deforms a face: it stands there, at the corner given. All other

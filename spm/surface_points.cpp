@@ -21,7 +21,7 @@ std::array<float, 3> floats_of(const Vector3d& v) {
 
 }  // namespace
 
-SurfacePoints surface_points(const BaseMesh& base, std::size_t most) {
+SurfacePoints surface_points(const BaseMesh& base, std::size_t max) {
   SurfacePoints out;
   if (base.faces.empty()) return out;
   std::vector<Candidate> candidates;
@@ -39,7 +39,7 @@ SurfacePoints surface_points(const BaseMesh& base, std::size_t most) {
 
   std::vector<double> distances(candidates.size(), std::numeric_limits<double>::infinity());  // squared, to the nearest
   std::size_t next = 0;
-  while (out.points.size() < most && distances[next] > 0) {
+  while (out.points.size() < max && distances[next] > 0) {
     const Candidate& chosen = candidates[next];
     const double length = chosen.normal.norm();
     out.points.push_back(

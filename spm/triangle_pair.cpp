@@ -170,9 +170,9 @@ Triangle3d lane_of(const double (&corners)[3][3][TrianglePairs::kWidth], unsigne
 
 unsigned meet(const TrianglePairs& pairs, unsigned count, PairContacts& out, Simd simd) noexcept {
   BatchMasks masks = meet_kernel(pairs, count, out, simd);
-  const unsigned asked = (1u << count) - 1;
-  masks.meets &= asked;
-  for (unsigned left = masks.unsure & asked; left != 0; left &= left - 1) {
+  const unsigned requested = (1u << count) - 1;
+  masks.meets &= requested;
+  for (unsigned left = masks.unsure & requested; left != 0; left &= left - 1) {
     const auto lane = static_cast<unsigned>(__builtin_ctz(left));
     Vec3d point;
     if (!meet_exactly(lane_of(pairs.object, lane), lane_of(pairs.probe, lane), point)) continue;

@@ -2,7 +2,7 @@
 /// two other corners of its face, then third corners named by id; each once.
 ///
 /// A record depends on all of them, so whoever can take the record has them. They name the third corners of born faces
-/// and let expect where u is (ExpectedPlace). In ids or slots alike.
+/// and let expect where u is (PositionPredictor). In ids or slots alike.
 #pragma once
 
 #include <algorithm>

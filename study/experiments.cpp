@@ -117,7 +117,7 @@ Experiments experiments_of(const Study& study, const std::vector<Scenario>& scen
         experiment.topic = Topic::kFirstTouch;
         break;
       case Measure::kForces:
-        if (scenario.tool != client_sim::Tool::kBall) experiment.topic = Topic::kTool;
+        if (scenario.tool != client_sim::Tool::kSphere) experiment.topic = Topic::kTool;
         break;
       case Measure::kNone:
         break;

@@ -11,12 +11,12 @@ constexpr std::size_t kNewTouch = 20;  // ms without; less is a bounce
 
 }  // namespace
 
-double jnd_of(double force) noexcept { return std::max(0.1 * force, kLeastForce); }
+double jnd_of(double force) noexcept { return std::max(0.1 * force, kMinForce); }
 
-double torque_jnd_of(double torque) noexcept { return std::max(0.13 * torque, kLeastTorque); }
+double torque_jnd_of(double torque) noexcept { return std::max(0.13 * torque, kMinTorque); }
 
 void Fidelity::Touches::add(std::size_t ms, const Vec3d& place, double force) {
-  if (force < kLeastForce) return;
+  if (force < kMinForce) return;
   if (all.empty() || ms >= all.back().ended + kNewTouch) all.push_back({ms, ms, place, 0});
   all.back().ended = ms + 1;
   all.back().peak = std::max(all.back().peak, force);
@@ -34,21 +34,21 @@ void Fidelity::add(const Vec3d& place, const haptics::Wrench& felt, const haptic
   felt_.add(ms_, place, felt.force.norm());
   truth_.add(ms_, place, size);
   ++ms_;
-  if (felt.force.norm() >= kLeastForce) {
+  if (felt.force.norm() >= kMinForce) {
     ++felt_ms_;
     exact_ += exact ? 1 : 0;
-  } else if (size < kLeastForce) {
+  } else if (size < kMinForce) {
     return;
   }
   ++contact_;
   const double error = (felt.force - truth.force).norm();
   squares_ += error * error;
-  most_ = std::max(most_, error);
+  max_ = std::max(max_, error);
   above_ += error > jnd_of(size) ? 1 : 0;
   const double torque = truth.torque.norm(), torque_error = (felt.torque - truth.torque).norm();
   true_torque_squares_ += torque * torque;
   torque_squares_ += torque_error * torque_error;
-  torque_most_ = std::max(torque_most_, torque_error);
+  torque_max_ = std::max(torque_max_, torque_error);
   torque_above_ += torque_error > torque_jnd_of(torque) ? 1 : 0;
 }
 
@@ -74,7 +74,7 @@ Figures Fidelity::figures() const {
   return {{"contact", "s", number(felt_ms_) * kDt},
           {"exact", "%", 100 * number(exact_) / number(std::max<std::size_t>(felt_ms_, 1))},
           {"force error rms", "N", std::sqrt(squares_ / count)},
-          {"force error max", "N", most_},
+          {"force error max", "N", max_},
           {"above 1 JND", "%", 100 * number(above_) / count},
           {"touches", "", number(truth_.all.size())},
           {"onset off by", "ms", late / each},
@@ -87,7 +87,7 @@ Figures Fidelity::figures() const {
 Figures Fidelity::torque_figures() const {
   const auto count = static_cast<double>(std::max<std::size_t>(contact_, 1));
   return {{"torque error rms", "mN m", 1e3 * std::sqrt(torque_squares_ / count)},
-          {"torque error max", "mN m", 1e3 * torque_most_},
+          {"torque error max", "mN m", 1e3 * torque_max_},
           {"torque above 1 JND", "%", 100 * static_cast<double>(torque_above_) / count},
           {"true torque rms", "mN m", 1e3 * std::sqrt(true_torque_squares_ / count)}};
 }

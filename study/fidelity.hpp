@@ -20,11 +20,11 @@ struct Figure {
 using Figures = std::vector<Figure>;
 
 /// Less is not felt, N: the floor of a just noticeable difference.
-inline constexpr double kLeastForce = 0.05;
+inline constexpr double kMinForce = 0.05;
 /// Just noticeable difference from a force, N.
 [[nodiscard]] double jnd_of(double force) noexcept;
 /// The same at the end of a stylus of 25 mm, N m.
-inline constexpr double kLeastTorque = 0.025 * kLeastForce;
+inline constexpr double kMinTorque = 0.025 * kMinForce;
 /// From a torque, N m.
 [[nodiscard]] double torque_jnd_of(double torque) noexcept;
 
@@ -54,9 +54,9 @@ class Fidelity {
   };
 
   std::size_t ms_ = 0, contact_ = 0, felt_ms_ = 0, exact_ = 0, above_ = 0;
-  double squares_ = 0, most_ = 0;
+  double squares_ = 0, max_ = 0;
   std::size_t torque_above_ = 0;
-  double torque_squares_ = 0, torque_most_ = 0, true_torque_squares_ = 0;
+  double torque_squares_ = 0, torque_max_ = 0, true_torque_squares_ = 0;
   Touches felt_, truth_;
 };
 

@@ -94,11 +94,11 @@ bool FullMesh::sweep(const Vec3d& from, const Vec3d& to, double radius, haptics:
 bool FullMesh::closest(const Vec3d& point, double within, haptics::SurfaceHit& hit) const noexcept {
   constexpr double kHair = 1e-6;
   const Vec3d centre = placement_.to_model(point);
-  const double most = within / placement_.scale() * (1 + kHair);
+  const double max = within / placement_.scale() * (1 + kHair);
   // Faces that share the closest point add up, so all are offered again in the order of their ids.
   std::vector<std::pair<std::uint32_t, Corners>> found;
   for (double start = cell_ / 4; found.empty(); start *= 2) {
-    double reach = std::min(start, most);
+    double reach = std::min(start, max);
     for_each_near(centre, reach, [&](const Entry& entry) {
       const Corners at = corners(entry.face);
       const double distance = std::sqrt(spm::closest_point(centre, at.a, at.b, at.c).squared_distance);
@@ -106,7 +106,7 @@ bool FullMesh::closest(const Vec3d& point, double within, haptics::SurfaceHit& h
       reach = std::min(reach, distance * (1 + kHair));
       found.push_back({entry.face, at});
     });
-    if (start >= most) break;
+    if (start >= max) break;
   }
   std::sort(found.begin(), found.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
   haptics::ClosestSide side{point, within};

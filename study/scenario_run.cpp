@@ -42,7 +42,7 @@ class Truth {
   }
   [[nodiscard]] std::unique_ptr<TrueHand> hand() const {
     const haptics::ForceSettings& force = settings_.cycle.force;
-    if (tool_ == nullptr) return std::make_unique<TrueBall>(*surface_, radius_, settings_.material, force);
+    if (tool_ == nullptr) return std::make_unique<TrueSphere>(*surface_, radius_, settings_.material, force);
     return std::make_unique<TrueTool>(*tree_, scale_, *tool_, settings_.material, force, settings_.device_spec());
   }
 
@@ -55,7 +55,7 @@ class Truth {
 };
 
 std::optional<spm::MeshProbe> probe_of(client_sim::Tool tool) {
-  if (tool == client_sim::Tool::kBall) return std::nullopt;
+  if (tool == client_sim::Tool::kSphere) return std::nullopt;
   const spm::offline::TriangleMesh mesh = spm::offline::stylus();
   return spm::MeshProbe{mesh.positions, mesh.faces};
 }
@@ -102,8 +102,8 @@ ScenarioRun run_scenario(const client_sim::Scenario& given, const Subject& subje
       const Felt& felt = session.felt(user);
       const haptics::Wrench true_wrench = true_hands[user]->at(felt.device, session.looked_anew());
       run.hands[user].push_back({felt.device.position, felt.wrench, true_wrench, felt.exact});
-      if (touched < 0 && true_wrench.force.norm() >= kLeastForce) touched = time;
-      if (exact >= 0 || !felt.exact || felt.wrench.force.norm() < kLeastForce) continue;
+      if (touched < 0 && true_wrench.force.norm() >= kMinForce) touched = time;
+      if (exact >= 0 || !felt.exact || felt.wrench.force.norm() < kMinForce) continue;
       exact = time;
       kbyte = static_cast<double>(session.bytes_received()) * 1e-3;
     }

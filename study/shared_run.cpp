@@ -40,16 +40,16 @@ double force_on(const SharedSession& session, std::size_t user) {
 
 /// Between the corners that are furthest apart, m.
 double apart(const SharedSession& session) {
-  double most = 0;
+  double max = 0;
   const haptics::BodySettings& shape = session.shared().settings;
   for (std::size_t a = 0; a < session.controllers(); ++a)
     for (std::size_t b = 0; b < a; ++b) {
       const auto *one = session.body(a), *other = session.body(b);
       if (one == nullptr || other == nullptr || !one->simulated || !other->simulated) continue;
       for (std::uint32_t i = 0; i < shape.point_count; ++i)
-        most = std::max(most, (one->state.to_world(shape.points[i]) - other->state.to_world(shape.points[i])).norm());
+        max = std::max(max, (one->state.to_world(shape.points[i]) - other->state.to_world(shape.points[i])).norm());
     }
-  return most;
+  return max;
 }
 
 double lowest_port(const SharedSession& session, std::size_t users) {
@@ -84,20 +84,20 @@ ScenarioRun press_to_target(const Scenario& scenario, const Subject& subject, co
     return std::all_of(forces.begin(), forces.end(), [&](const std::vector<double>& user) { return holds(user[ms]); });
   };
   std::size_t begin = 0;
-  while (begin < end && !all(begin, [](double force) { return force >= kLeastForce; })) ++begin;
+  while (begin < end && !all(begin, [](double force) { return force >= kMinForce; })) ++begin;
   std::size_t reached = begin;
   for (std::size_t kept = 0; reached < end && kept < kKept; ++reached)
     kept = all(reached, [&](double force) { return std::abs(force - target) <= scenario.within; }) ? kept + 1 : 0;
-  double squares = 0, most = 0;
+  double squares = 0, max = 0;
   std::size_t on_target = 0, lost = 0, judged = 0;
   const std::size_t last = std::min(end, begin + static_cast<std::size_t>(seconds / kDt));
   for (std::size_t ms = begin + kSettling; ms < last; ++ms) {
     for (const std::vector<double>& user : forces) {
       const double off = std::abs(user[ms] - target);
       squares += off * off;
-      most = std::max(most, off);
+      max = std::max(max, off);
       on_target += off <= scenario.within ? 1 : 0;
-      lost += user[ms] < kLeastForce ? 1 : 0;
+      lost += user[ms] < kMinForce ? 1 : 0;
       ++judged;
     }
   }
@@ -108,7 +108,7 @@ ScenarioRun press_to_target(const Scenario& scenario, const Subject& subject, co
            {"on target after", "ms", ms_from(begin, reached)},
            {"on target", "%", percent(on_target)},
            {"off target by, rms", "N", std::sqrt(squares / count)},
-           {"off target by, most", "N", most},
+           {"off target by, most", "N", max},
            {"contact lost", "%", percent(lost)},
            {"lowest port", "mJ", 1e3 * lowest_port(session, scenario.users.size())}},
           {}};

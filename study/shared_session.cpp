@@ -2,8 +2,8 @@
 
 #include <algorithm>
 
-#include "hrtc_service/holdings.hpp"
 #include "hrtc_service/loader.hpp"
+#include "hrtc_service/ownership_client.hpp"
 #include "session/figures.hpp"
 #include "session/transit.hpp"
 #include "sharing/hand_path.hpp"
@@ -53,7 +53,7 @@ struct SharedSession::Controller {
         loader{pool, nodes, self, {}, arrivals, departures},
         cycle{cycle_settings(), {}, departures, nullptr},
         bodies{cycle_settings()},
-        holdings{self, bodies.orders()} {}
+        ownership_client{self, bodies.orders()} {}
 
   session::Origin origin;
   spm::Pool pool;
@@ -63,7 +63,7 @@ struct SharedSession::Controller {
   hrtc_service::Loader loader;
   hrtc_service::Cycle cycle;
   hrtc_service::Bodies bodies;
-  hrtc_service::Holdings holdings;
+  hrtc_service::OwnershipClient ownership_client;
   session::TransitWatch transit;
   std::array<hrtc_service::NearObjects, kMaxProbes> near{};
   std::array<hrtc_service::ProbeInput, kMaxProbes> inputs{};
@@ -101,8 +101,8 @@ void SharedSession::connect(std::size_t place) {
 void SharedSession::start_host() {
   // Incarnations are nanoseconds, of which one life uses few as fencing numbers.
   entry_.origin = origin_of(kHost, static_cast<std::uint64_t>(now_ns_));
-  keeper_ = std::make_unique<host_service::Keeper>(entry_.origin);
-  keeper_->add(entry_, now_ns_);
+  object_authority_ = std::make_unique<host_service::ObjectAuthority>(entry_.origin);
+  object_authority_->add(entry_, now_ns_);
   server_ = std::make_unique<session::DeliveryServer>(entry_.origin);
   server_->add(kObject, subject_.encoded->coded());
   entry_.base_bytes = server_->base_bytes(kObject);
@@ -110,7 +110,7 @@ void SharedSession::start_host() {
 }
 
 void SharedSession::stop_host() {
-  keeper_.reset();
+  object_authority_.reset();
   server_.reset();
   ++host_life_;
 }
@@ -122,7 +122,7 @@ std::size_t SharedSession::add_controller() {
   Controller& controller = *controllers_.back();
   controller.loader.on_object = [&controller](const hrtc_service::TouchObject& object) {
     controller.index = object.index;
-    (void)controller.holdings.add(object.index, object.id, *object.body);
+    (void)controller.ownership_client.add(object.index, object.id, *object.body);
   };
   controller.loader.on_host_seen(kHost, entry_.origin.incarnation, now_ns_);
   controller.loader.on_catalogue(entry_);
@@ -168,12 +168,12 @@ const hrtc_service::BodyReport* SharedSession::body(std::size_t controller) cons
 }
 
 session::Holder::Role SharedSession::role(std::size_t controller) const {
-  return controllers_[controller]->holdings.role(controllers_[controller]->index, now_ns_);
+  return controllers_[controller]->ownership_client.role(controllers_[controller]->index, now_ns_);
 }
 
 double SharedSession::figure(std::size_t controller, const std::string& name) const {
   std::vector<session::Figure> figures;
-  controllers_[controller]->holdings.write(figures);
+  controllers_[controller]->ownership_client.write(figures);
   for (const session::Figure& figure : figures)
     if (figure.name == name) return figure.value;
   return 0;
@@ -198,7 +198,7 @@ void SharedSession::send(std::size_t from, std::size_t to, std::size_t bytes, Ar
 
 void SharedSession::to_host(std::size_t from, std::size_t bytes, Arrive arrive) {
   send(from, kHostPlace, bytes, [this, life = host_life_, arrive = std::move(arrive)] {
-    if (keeper_ != nullptr && life == host_life_) arrive();
+    if (object_authority_ != nullptr && life == host_life_) arrive();
   });
 }
 
@@ -211,12 +211,13 @@ void SharedSession::to_controller(std::size_t from, std::size_t i, std::size_t b
 
 /// To everybody else.
 void SharedSession::publish(std::size_t from, const session::ObjectPose& pose) {
-  if (from != kHostPlace) to_host(from, kSmallBytes, [this, pose] { keeper_->on_pose(pose, now_ns_, now_ns_); });
+  if (from != kHostPlace)
+    to_host(from, kSmallBytes, [this, pose] { object_authority_->on_pose(pose, now_ns_, now_ns_); });
   for (std::size_t i = 0; i < controllers_.size(); ++i) {
     if (from == kFirstPlace + i) continue;
     to_controller(from, i, kSmallBytes, [this, pose](Controller& controller) {
       controller.transit.on_transit(now_ns_ - pose.session_time_ns, now_ns_);
-      controller.holdings.on_pose(pose, now_ns_);
+      controller.ownership_client.on_pose(pose, now_ns_);
     });
   }
   send(from, kViewerPlace, kSmallBytes, [this, pose] { see(pose); });
@@ -267,7 +268,7 @@ void SharedSession::send_reports(std::size_t i) {
                   [this, sent_ns, place = body.place, group = body.group, copy](Controller& peer) {
                     peer.transit.on_transit(now_ns_ - sent_ns, now_ns_);
                     (void)peer.bodies.copies().push({peer.index, place, group, sharing::sample_of(copy)});
-                    peer.holdings.on_peer_heard(peer.index, now_ns_);
+                    peer.ownership_client.on_peer_received(peer.index, now_ns_);
                   });
   }
   if (body.publish == 0 || now_ns_ - c.posed_ns < hrtc_service::kBodyPoseNs) return;
@@ -284,8 +285,9 @@ void SharedSession::send_reports(std::size_t i) {
 
 void SharedSession::serve(std::size_t i) {
   Controller& c = *controllers_[i];
-  if (hrtc_service::BodyReports reports; c.bodies.reports_for_service().take(reports)) c.holdings.on_reports(reports);
-  for (const auto& body : c.holdings.bodies())
+  if (hrtc_service::BodyReports reports; c.bodies.reports_for_service().take(reports))
+    c.ownership_client.on_reports(reports);
+  for (const auto& body : c.ownership_client.bodies())
     c.loader.on_moved(body.object, hrtc_service::Placement{body.pose, entry_.scale});
   std::array<hrtc_service::ProbeSight, kMaxProbes> sights;
   for (std::uint32_t p = 0; p < c.probes; ++p) {
@@ -293,15 +295,15 @@ void SharedSession::serve(std::size_t i) {
     sights[p] = {output.active, (output.status & session::kInContact) != 0, now_ns_, hrtc_service::vec(output.device),
                  hrtc_service::vec(output.proxy)};
   }
-  if (keeper_ != nullptr) c.loader.on_host_seen(kHost, entry_.origin.incarnation, now_ns_);
+  if (object_authority_ != nullptr) c.loader.on_host_seen(kHost, entry_.origin.incarnation, now_ns_);
   c.loader.tick(now_ns_, sights, c.near);
   while (auto demand = c.loader.demand(now_ns_)) {
     const std::size_t bytes = kHeads + 100 + 8 * (demand->have.size() + demand->wanted.size() + demand->gaps.size());
     to_host(kFirstPlace + i, bytes, [this, demand = *demand] { (void)server_->on_demand(demand, now_ns_); });
   }
-  c.holdings.on_transits(c.transit);
-  for (const session::ObjectClaim& claim : c.holdings.tick(now_ns_, session::ClockMap{}))
-    to_host(kFirstPlace + i, kSmallBytes, [this, claim] { keeper_->on_claim(claim, now_ns_); });
+  c.ownership_client.on_transits(c.transit);
+  for (const session::ObjectClaim& claim : c.ownership_client.tick(now_ns_, session::ClockMap{}))
+    to_host(kFirstPlace + i, kSmallBytes, [this, claim] { object_authority_->on_claim(claim, now_ns_); });
 }
 
 /// The user feels, all others hear of it, and it wishes.
@@ -341,11 +343,11 @@ void SharedSession::act(User& user) {
 }
 
 void SharedSession::host_tick() {
-  const host_service::Keeper::Messages& messages = keeper_->tick(now_ns_, now_ns_);
+  const host_service::ObjectAuthority::Messages& messages = object_authority_->tick(now_ns_, now_ns_);
   for (const session::ObjectGrant& grant : messages.grants)
     for (std::size_t i = 0; i < controllers_.size(); ++i)
       to_controller(kHostPlace, i, kSmallBytes,
-                    [this, grant](Controller& controller) { controller.holdings.on_grant(grant, now_ns_); });
+                    [this, grant](Controller& controller) { controller.ownership_client.on_grant(grant, now_ns_); });
   for (const session::ObjectPose& pose : messages.poses) publish(kHostPlace, pose);
   while (auto out = server_->next(now_ns_)) {
     const std::uint64_t hrtc = out->hrtc;
@@ -371,7 +373,7 @@ void SharedSession::step() {
   }
   if (even)
     for (User& user : users_) act(user);
-  if (keeper_ != nullptr) host_tick();
+  if (object_authority_ != nullptr) host_tick();
 }
 
 }  // namespace tactus::study

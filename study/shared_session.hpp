@@ -1,7 +1,7 @@
 /// A host, controllers and users of one object that moves, in virtual time: the parts of the services that share it, as
 /// the services run them, on links between all of them.
 ///
-///     Operator --> SimulatedDevice --> Bodies, Cycle | Holdings, Loader  ~~ link ~~  Keeper, DeliveryServer
+///     Operator --> SimulatedDevice --> Bodies, Cycle | Holdings, Loader  ~~ link ~~  ObjectAuthority, DeliveryServer
 ///
 /// Missing are threads, sockets, discovery and clocks that differ. Times are session time. World frame, SI. Same
 /// settings, same calls, same run. One thread.
@@ -14,7 +14,7 @@
 
 #include "client_sim/operator.hpp"
 #include "haptics/simulated_device.hpp"
-#include "host_service/keeper.hpp"
+#include "host_service/object_authority.hpp"
 #include "hrtc_service/bodies.hpp"
 #include "netem/profile.hpp"
 #include "session/delivery_server.hpp"
@@ -80,7 +80,7 @@ class SharedSession {
   /// All scripts have ended.
   [[nodiscard]] bool done() const;
   /// Of a host that runs.
-  [[nodiscard]] const host_service::Keeper& keeper() const { return *keeper_; }
+  [[nodiscard]] const host_service::ObjectAuthority& object_authority() const { return *object_authority_; }
   /// The newest pose that a viewer has accepted.
   [[nodiscard]] const session::ObjectPose& seen() const noexcept { return seen_; }
 
@@ -114,7 +114,7 @@ class SharedSession {
   SharedSessionSettings settings_;
   session::CatalogueEntry entry_;
   sharing::SharedBody shared_;
-  std::unique_ptr<host_service::Keeper> keeper_;
+  std::unique_ptr<host_service::ObjectAuthority> object_authority_;
   std::unique_ptr<session::DeliveryServer> server_;
   std::uint64_t host_life_ = 0;
   std::vector<std::unique_ptr<Controller>> controllers_;

@@ -41,13 +41,13 @@ class SpringCoupling {
     damping_ = 3 * per_mass;
   }
   void on_sample(std::size_t peer, const CopySample& sample) {
-    if (sample.time_ns > heard_[peer].time_ns) heard_[peer] = sample;
+    if (sample.time_ns > received_[peer].time_ns) received_[peer] = sample;
   }
   [[nodiscard]] ImplicitForce begin(const BodyState& state) {
     state_ = state;
     Vec6d wanted = Vec6d::Zero();
     int count = 0;
-    for (const CopySample& peer : heard_) {
+    for (const CopySample& peer : received_) {
       if (peer.time_ns < 0) continue;
       wanted.head<3>() += peer.body.position - state.position;
       wanted.tail<3>() += turn_of(state.orientation.conjugate() * peer.body.orientation);
@@ -91,7 +91,7 @@ class SpringCoupling {
  private:
   bool modulated_;
   Vec6d stiffness_, damping_;
-  std::array<CopySample, kMaxCopies> heard_ = [] {
+  std::array<CopySample, kMaxCopies> received_ = [] {
     std::array<CopySample, kMaxCopies> none;
     for (CopySample& sample : none) sample.time_ns = -1;
     return none;
@@ -259,7 +259,7 @@ class World {
     }
     if (!server()) {
       for (const PointSpring& spring : springs) {
-        const Vec3d velocity = after.velocity + after.spin.cross(spring.point - before.position);
+        const Vec3d velocity = after.velocity + after.angular_velocity.cross(spring.point - before.position);
         passed_on_[i] += spring.force(velocity, kDt).dot(kDt * velocity);
       }
     }

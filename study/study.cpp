@@ -59,11 +59,11 @@ using client_sim::Scenario;
 /// What keeps a study from running it, or nothing.
 std::string trouble_with(const Scenario& scenario) {
   if (scenario.measures == Measure::kNone) return "measures nothing; expected 'measures' and 'truth'";
-  const std::size_t most = hrtc_service::kMaxProbes;
-  if (scenario.users.size() > most)
-    return "has " + std::to_string(scenario.users.size()) + " users, expected at most " + std::to_string(most);
+  const std::size_t max = hrtc_service::kMaxProbes;
+  if (scenario.users.size() > max)
+    return "has " + std::to_string(scenario.users.size()) + " users, expected at most " + std::to_string(max);
   const bool of_a_tool = scenario.measures == Measure::kForces && scenario.truth == client_sim::Truth::kFullMesh;
-  if (scenario.tool != client_sim::Tool::kBall && !of_a_tool)
+  if (scenario.tool != client_sim::Tool::kSphere && !of_a_tool)
     return "has a tool, which is measured by its forces against the full mesh alone";
   const std::string object = object_of(scenario);
   if (scenario.measures == Measure::kTarget || scenario.measures == Measure::kLift ||

@@ -147,17 +147,17 @@ class Range {
  public:
   explicit Range(bool logarithmic) : logarithmic_{logarithmic} {}
   void add(double value) {
-    if (logarithmic_ && value < kLeast) return;
+    if (logarithmic_ && value < kMin) return;
     low_ = std::min(low_, value);
     high_ = std::max(high_, value);
   }
   [[nodiscard]] page::Scale scale() const {
-    if (low_ > high_) return {kLeast, 1, logarithmic_};
+    if (low_ > high_) return {kMin, 1, logarithmic_};
     return {logarithmic_ ? low_ : std::min(low_, 0.0), high_, logarithmic_};
   }
 
  private:
-  static constexpr double kLeast = 1e-3;
+  static constexpr double kMin = 1e-3;
   bool logarithmic_;
   double low_ = 1e300, high_ = -1e300;
 };

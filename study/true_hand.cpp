@@ -13,8 +13,8 @@ haptics::ProxySettings proxy_settings(double radius) {
 
 }  // namespace
 
-TrueBall::TrueBall(const haptics::Surface& surface, double radius, const session::Material& material,
-                   const haptics::ForceSettings& settings)
+TrueSphere::TrueSphere(const haptics::Surface& surface, double radius, const session::Material& material,
+                       const haptics::ForceSettings& settings)
     : surface_{surface},
       feel_{material.stiffness, material.damping},
       proxy_{proxy_settings(radius)},
@@ -22,7 +22,7 @@ TrueBall::TrueBall(const haptics::Surface& surface, double radius, const session
   proxy_.set_grip({material.static_friction, material.dynamic_friction});
 }
 
-haptics::Wrench TrueBall::at(const haptics::DeviceState& device, bool) {
+haptics::Wrench TrueSphere::at(const haptics::DeviceState& device, bool) {
   const haptics::ProxyResult& proxy = proxy_.step(device.position, kDt, surface_, false);
   return {renderer_.step(proxy, device, feel_, 0, kDt).force, spm::Vec3d::Zero()};
 }

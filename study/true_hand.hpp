@@ -20,11 +20,11 @@ class TrueHand {
 };
 
 /// A ball that follows the hand over a surface, with a proxy of its own.
-class TrueBall final : public TrueHand {
+class TrueSphere final : public TrueHand {
  public:
   /// `surface` must outlive it.
-  TrueBall(const haptics::Surface& surface, double radius, const session::Material& material,
-           const haptics::ForceSettings& settings);
+  TrueSphere(const haptics::Surface& surface, double radius, const session::Material& material,
+             const haptics::ForceSettings& settings);
   [[nodiscard]] haptics::Wrench at(const haptics::DeviceState& device, bool anew) override;
 
  private:

@@ -25,7 +25,7 @@ std::vector<T> evenly(const std::vector<T>& from, std::size_t count) {
 }
 
 void add_records(const spm::Model& model, spm::RegionId region, std::vector<bool>& needed) {
-  for (const spm::Run& run : model.runs_of(region)) std::fill_n(needed.begin() + run.first, run.count, true);
+  for (const spm::Interval& run : model.intervals_of(region)) std::fill_n(needed.begin() + run.first, run.count, true);
 }
 
 std::vector<Corners> corners_of(spm::Span<const std::array<float, 3>> positions,
@@ -140,7 +140,7 @@ class ObjectAuditor {
   void ask_second(const Entry& entry) {
     SecondOpinions& opinions = result_.second;
     const SecondOpinion::Answer answer = second_.ask(entry.centre, entry.radius, kTangent / scale_, near_);
-    ++opinions.asked;
+    ++opinions.requested;
     opinions.tangent += answer.tangent;
     if (answer.agrees()) return;
     if (++opinions.disagreed > SecondOpinions::kKept) return;
@@ -234,12 +234,12 @@ ContactLog read_log(const std::filesystem::path& path) {
   }
 }
 
-std::vector<std::size_t> choose_entries(const std::vector<bool>& near_change, std::size_t most) {
+std::vector<std::size_t> choose_entries(const std::vector<bool>& near_change, std::size_t max) {
   std::vector<std::size_t> close, others;
   for (std::size_t i = 0; i < near_change.size(); ++i) (near_change[i] ? close : others).push_back(i);
-  const std::size_t left_by_others = most - std::min(most, others.size());
-  const std::size_t from_close = std::min(close.size(), std::max(most * 2 / 5, left_by_others));
-  const std::size_t from_others = std::min(others.size(), most - from_close);
+  const std::size_t left_by_others = max - std::min(max, others.size());
+  const std::size_t from_close = std::min(close.size(), std::max(max * 2 / 5, left_by_others));
+  const std::size_t from_others = std::min(others.size(), max - from_close);
   std::vector<std::size_t> chosen = evenly(close, from_close);
   const std::vector<std::size_t> rest = evenly(others, from_others);
   chosen.insert(chosen.end(), rest.begin(), rest.end());

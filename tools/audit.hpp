@@ -69,7 +69,7 @@ struct Disagreement {
 /// What FCL says to the audited entries.
 struct SecondOpinions {
   static constexpr std::size_t kKept = 5;
-  std::uint64_t asked = 0;
+  std::uint64_t requested = 0;
   std::uint64_t tangent = 0;  ///< triangles on which the two differ within kTangent of the radius
   std::uint64_t disagreed = 0;
   std::vector<Disagreement> first;  ///< the first kKept
@@ -145,7 +145,7 @@ struct ContactLog {
 
 /// Which entries are looked at, ascending: of `near_change.size()` candidates up to `most`, first those near a region
 /// change, up to 40 % of `most` evenly spread, then the others, evenly; when these are too few, more of the first.
-[[nodiscard]] std::vector<std::size_t> choose_entries(const std::vector<bool>& near_change, std::size_t most);
+[[nodiscard]] std::vector<std::size_t> choose_entries(const std::vector<bool>& near_change, std::size_t max);
 
 /// Audits the objects of `log` with the digest of `original.model`; without one, those with its name, or the only one.
 /// `second` is asked about `original.triangles`.

@@ -56,7 +56,7 @@ ordered_json second_json(const SecondOpinions& second) {
     }
     first.push_back(std::move(json));
   }
-  return {{"asked", second.asked},
+  return {{"asked", second.requested},
           {"tolerance_m", kTangent},
           {"tangent", second.tangent},
           {"disagreed", second.disagreed},
@@ -176,7 +176,7 @@ std::string object_text(const ObjectAudit& object) {
     text += "    and " + std::to_string(object.mismatched - object.mismatches.size()) + " more cycles\n";
   const SecondOpinions& second = object.second;
   text += row("disagreements with FCL", second.disagreed,
-              formatted(", asked about %llu cycles", static_cast<unsigned long long>(second.asked)));
+              formatted(", asked about %llu cycles", static_cast<unsigned long long>(second.requested)));
   if (second.tangent > 0)
     text += row("  triangles left out as tangent", second.tangent, formatted(", within %g m", kTangent));
   for (const Disagreement& one : second.first) text += disagreement_text(one);

@@ -34,14 +34,14 @@ constexpr double kPeriod = 0.001;  // s, of a cycle
 
 struct Lists {
   std::uint64_t sum = 0;
-  std::uint32_t longest = 0, most_faces = 0;
+  std::uint32_t longest = 0, max_faces = 0;
 };
 
 /// Of the messages that bring what the worst step needs.
-std::uint64_t bytes_entering(const spm::codec::CodedModel& coded, const spm::offline::Certificate& certificate) {
+std::uint64_t bytes_entering(const spm::codec::CompressedModel& coded, const spm::offline::Certificate& certificate) {
   std::uint64_t bytes = 0;
   for (const auto& [region, missing] : certificate.brings)
-    bytes += spm::codec::encode_region(coded, region, spm::Span<const spm::Run>{missing}).size();
+    bytes += spm::codec::encode_region(coded, region, spm::Span<const spm::Interval>{missing}).size();
   return bytes;
 }
 
@@ -50,7 +50,7 @@ Lists lists_of(const spm::Model& model) {
   for (const spm::Region& region : model.regions) {
     lists.sum += region.record_count;
     lists.longest = std::max(lists.longest, region.record_count);
-    lists.most_faces = std::max(lists.most_faces, region.face_count);
+    lists.max_faces = std::max(lists.max_faces, region.face_count);
   }
   return lists;
 }
@@ -58,7 +58,7 @@ Lists lists_of(const spm::Model& model) {
 }  // namespace
 
 ordered_json info_json(const spm::Model& model, const spm::offline::Provenance& provenance,
-                       const spm::offline::Certificate& certificate, const spm::codec::CodedModel* coded) {
+                       const spm::offline::Certificate& certificate, const spm::codec::CompressedModel* coded) {
   const spm::ModelSummary& s = model.summary;
   const Lists lists = lists_of(model);
   const auto tree = [&s](std::uint32_t width) {
@@ -89,11 +89,11 @@ ordered_json info_json(const spm::Model& model, const spm::offline::Provenance& 
                        {"regions",
                         {{"count", s.regions},
                          {"cell_size", s.grid.cell_size},
-                         {"most_faces", lists.most_faces},
+                         {"most_faces", lists.max_faces},
                          {"records_mean", double(lists.sum) / s.regions},
                          {"records_max", lists.longest},
                          {"list_sum_per_record", s.records == 0 ? 0.0 : double(lists.sum) / s.records},
-                         {"runs_mean", double(model.runs.size()) / s.regions}}},
+                         {"runs_mean", double(model.intervals.size()) / s.regions}}},
                        {"certificate",
                         {{"radius_m", certificate.radius * s.metres_per_unit},
                          {"regions", certificate.regions},
@@ -109,7 +109,7 @@ ordered_json info_json(const spm::Model& model, const spm::offline::Provenance& 
                          {"step_faces", certificate.faces},
                          {"cycle_units", certificate.units * steps},
                          {"cycle_faces", certificate.faces * steps},
-                         {"cycle_marked", spm::offline::most_marked(faces_changing, s.faces)},
+                         {"cycle_marked", spm::offline::max_marked(faces_changing, s.faces)},
                          {"tree_nodes", certificate.nodes},
                          {"records_per_second", certificate.entering * certificate.steps_per_second()}}}};
   if (coded != nullptr) {
@@ -121,7 +121,7 @@ ordered_json info_json(const spm::Model& model, const spm::offline::Provenance& 
 }
 
 std::string info_text(const spm::Model& model, const spm::offline::Provenance& provenance,
-                      const spm::offline::Certificate& certificate, const spm::codec::CodedModel* coded) {
+                      const spm::offline::Certificate& certificate, const spm::codec::CompressedModel* coded) {
   const spm::ModelSummary& s = model.summary;
   const ordered_json json = info_json(model, provenance, certificate, coded);
   std::string text;

@@ -4,7 +4,7 @@
 #include <nlohmann/json_fwd.hpp>
 #include <string>
 
-#include "spm/codec/coded_model.hpp"
+#include "spm/codec/compressed_model.hpp"
 #include "spm/offline/certificate.hpp"
 #include "spm/offline/clean.hpp"
 #include "spm/offline/model_file.hpp"
@@ -15,10 +15,10 @@ namespace tactus::tools {
 /// The rows of the paper's Table 1, the regions, and the certificate for one probe: in bytes too when `coded` is given.
 [[nodiscard]] nlohmann::ordered_json info_json(const spm::Model& model, const spm::offline::Provenance& provenance,
                                                const spm::offline::Certificate& certificate,
-                                               const spm::codec::CodedModel* coded = nullptr);
+                                               const spm::codec::CompressedModel* coded = nullptr);
 [[nodiscard]] std::string info_text(const spm::Model& model, const spm::offline::Provenance& provenance,
                                     const spm::offline::Certificate& certificate,
-                                    const spm::codec::CodedModel* coded = nullptr);
+                                    const spm::codec::CompressedModel* coded = nullptr);
 
 [[nodiscard]] nlohmann::ordered_json verification_json(const spm::offline::Verification& verification);
 [[nodiscard]] std::string verification_text(const spm::offline::Verification& verification);

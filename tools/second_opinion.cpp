@@ -50,9 +50,9 @@ SecondOpinion::Answer SecondOpinion::ask(const Point& centre, double radius, dou
     if (fcl < radius - tolerance) answer.distance = {std::nullopt, fcl};
     return answer;
   }
-  double least = radius;
-  for (const SurfaceGrid::Near& triangle : near) least = std::min(least, triangle.distance);
-  if (!(std::abs(fcl - least) <= tolerance)) answer.distance = {least, fcl};
+  double min = radius;
+  for (const SurfaceGrid::Near& triangle : near) min = std::min(min, triangle.distance);
+  if (!(std::abs(fcl - min) <= tolerance)) answer.distance = {min, fcl};
   return answer;
 }
 

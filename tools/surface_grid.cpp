@@ -33,7 +33,7 @@ Real squared_from_segment(const Vector& q, const Vector& end) noexcept {
 // Ten levels, each four times as coarse as the one before, span the 2^20 cells that a side may have.
 constexpr int kLevels = 11;
 constexpr double kLevelStep = 4;
-constexpr double kMostCells = 1u << 20;
+constexpr double kMaxCells = 1u << 20;
 constexpr double kSlack = 1e-6;  // of a cell, for rounding
 
 std::uint64_t cell_key(std::uint64_t level, std::uint64_t x, std::uint64_t y, std::uint64_t z) noexcept {
@@ -89,7 +89,7 @@ SurfaceGrid::SurfaceGrid(const std::vector<Corners>& triangles, double reach) : 
   }
   const double longest = std::max({high[0] - low_[0], high[1] - low_[1], high[2] - low_[2]});
   levels_.resize(kLevels);
-  double cell = std::max(reach, longest * 1.001 / kMostCells);
+  double cell = std::max(reach, longest * 1.001 / kMaxCells);
   for (Level& level : levels_) {
     level.cell = cell;
     for (int axis = 0; axis < 3; ++axis)

@@ -22,11 +22,12 @@ namespace tactus::trace {
 using PlacementNumbers = std::array<double, 13>;
 
 struct FlightLimits {
-  double max_force = 0, max_stiffness = 0, damping = 0, workspace_radius = 0, max_torque = 0, max_torsion = 0;
+  double max_force = 0, max_stiffness = 0, damping = 0, workspace_radius = 0, max_torque = 0,
+         max_rotational_stiffness = 0;
   template <class Self, class Visit>
   static void fields(Self& self, Visit&& visit) {
     visit(self.max_force), visit(self.max_stiffness), visit(self.damping), visit(self.workspace_radius);
-    visit(self.max_torque), visit(self.max_torsion);
+    visit(self.max_torque), visit(self.max_rotational_stiffness);
   }
 };
 
@@ -35,7 +36,7 @@ struct FlightStart {
   std::uint64_t first_cycle = 0;
   double period = 0, tip_radius = 0, refine_margin = 0, keep_margin = 0, refine_ahead = 0;
   double max_force = 0, max_slew = 0, soft_start = 0, recovery = 0, hold = 0, zero_by = 0, max_speed = 0;
-  double max_torque = 0, max_torque_slew = 0, max_spin = 0;
+  double max_torque = 0, max_torque_slew = 0, max_angular_velocity = 0;
   std::vector<FlightLimits> devices;  ///< by probe
   std::vector<float> tool_vertices;
   std::vector<std::uint32_t> tool_triangles;
@@ -46,7 +47,7 @@ struct FlightStart {
     visit(self.period), visit(self.tip_radius), visit(self.refine_margin), visit(self.keep_margin);
     visit(self.refine_ahead), visit(self.max_force), visit(self.max_slew), visit(self.soft_start);
     visit(self.recovery), visit(self.hold), visit(self.zero_by), visit(self.max_speed), visit(self.max_torque);
-    visit(self.max_torque_slew), visit(self.max_spin), visit(self.devices), visit(self.tool_vertices),
+    visit(self.max_torque_slew), visit(self.max_angular_velocity), visit(self.devices), visit(self.tool_vertices),
         visit(self.tool_triangles);
     visit(self.slots), visit(self.tree_nodes), visit(self.list_blocks);
   }

@@ -116,7 +116,7 @@ McapWriter::Channel McapWriter::add_channel(Schema schema, const std::string& to
                           .record(kChannel));
   schema_of_.push_back(of);
   counts_.push_back(0);
-  told_.push_back(false);
+  published_.push_back(false);
   return Channel{id};
 }
 
@@ -124,10 +124,10 @@ void McapWriter::write(Channel channel, std::uint64_t log_time, std::uint64_t pu
                        spm::Span<const std::uint8_t> message) {
   const auto id = static_cast<std::uint16_t>(channel);
   const auto append = [&](const Bytes& record) { chunk_.insert(chunk_.end(), record.begin(), record.end()); };
-  if (!told_[id - 1u]) {  // a reader of the stream meets schema and channel before the first message
+  if (!published_[id - 1u]) {  // a reader of the stream meets schema and channel before the first message
     append(schemas_[schema_of_[id - 1u] - 1u]);
     append(channels_[id - 1u]);
-    told_[id - 1u] = true;
+    published_[id - 1u] = true;
   }
   if (chunk_messages_.empty()) chunk_first_ = chunk_last_ = log_time;
   chunk_first_ = std::min(chunk_first_, log_time);
@@ -316,8 +316,8 @@ bool McapReader::fill() {
     Fields fields{{head.data() + 1, head.size() - 1}, broken};
     const auto length = fields.number<std::uint64_t>();
     // Of what a file can hold: a broken length must not ask for all memory.
-    constexpr std::uint64_t kMost = 1u << 30;
-    if (length > kMost) fail("found a record of " + std::to_string(length) + " bytes, expected at most 2^30");
+    constexpr std::uint64_t kMax = 1u << 30;
+    if (length > kMax) fail("found a record of " + std::to_string(length) + " bytes, expected at most 2^30");
     Bytes content(length);
     cut_ = std::fread(content.data(), 1, content.size(), file_.get()) < content.size();
     if (cut_) return false;

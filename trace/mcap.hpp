@@ -71,7 +71,7 @@ class McapWriter {
   std::uint64_t messages_ = 0;
   std::vector<Bytes> schemas_, channels_;  // their records
   std::vector<std::uint64_t> counts_;      // by channel - 1
-  std::vector<bool> told_;                 // by channel - 1: in the file already
+  std::vector<bool> published_;            // by channel - 1: in the file already
   Bytes chunk_;
   std::uint64_t chunk_first_ = 0, chunk_last_ = 0;
   std::uint64_t first_ = 0, last_ = 0;

@@ -18,10 +18,10 @@ bool all_finite(const Array& values) noexcept {
 }
 
 /// What is integrated must stay finite where it is added up and multiplied.
-constexpr double kMost = 1e9;
+constexpr double kMax = 1e9;
 template <class Array>
 bool all_moderate(const Array& values) noexcept {
-  return std::all_of(values.begin(), values.end(), [](double v) { return std::abs(v) <= kMost; });  // no NaN either
+  return std::all_of(values.begin(), values.end(), [](double v) { return std::abs(v) <= kMax; });  // no NaN either
 }
 
 /// Such times may be subtracted from each other, and from those of any clock here, without overflow.
@@ -37,11 +37,11 @@ bool fits(const std::string& text, std::size_t bound) noexcept {
 }
 bool is_name(const std::string& text) noexcept { return !text.empty() && fits(text, session::kMaxName); }
 
-bool ascending(const std::vector<spm::Run>& runs) noexcept {
+bool ascending(const std::vector<spm::Interval>& intervals) noexcept {
   std::uint64_t next = 0;
-  for (const spm::Run& run : runs) {
-    if (run.count == 0 || run.first < next) return false;
-    next = std::uint64_t{run.first} + run.count;
+  for (const spm::Interval& interval : intervals) {
+    if (interval.count == 0 || interval.first < next) return false;
+    next = std::uint64_t{interval.first} + interval.count;
     if (next > spm::kNone) return false;
   }
   return true;
@@ -72,8 +72,8 @@ const char* fault(const session::Body& b) noexcept {
   for (const double about : i) {
     if (!positive(about)) return "body.inertia: expected finite, above 0";
   }
-  constexpr double kRounding = 1e-9;
-  if (i[0] + i[1] + i[2] < (2 - kRounding) * std::max({i[0], i[1], i[2]})) {
+  constexpr double kCollisionMargin = 1e-9;
+  if (i[0] + i[1] + i[2] < (2 - kCollisionMargin) * std::max({i[0], i[1], i[2]})) {
     return "body.inertia: expected no moment larger than the other two together";
   }
   if (!not_negative(b.friction)) return "body.friction: expected finite, at least 0";
@@ -147,7 +147,7 @@ const char* fault(const session::CatalogueEntry& c) noexcept {
 }
 
 const char* fault(const session::Demand& d) noexcept {
-  if (d.have.size() > session::kMaxHaveRuns) return "have: expected at most 1024 runs";
+  if (d.have.size() > session::kMaxHaveIntervals) return "have: expected at most 1024 runs";
   if (!ascending(d.have)) return "have: expected ascending runs of regions below 0xffffffff";
   if (d.gaps.size() > session::kMaxGaps) return "gaps: expected at most 128 runs";
   if (!ascending(d.gaps)) return "gaps: expected ascending runs of sequences below 0xffffffff";
@@ -248,7 +248,7 @@ const char* fault(const session::ObjectPose& o) noexcept {
   if (!is_time(o.session_time_ns)) return kNoTime;
   if (const char* f = fault(o.pose)) return f;
   if (!all_finite(o.velocity)) return "velocity: expected finite numbers";
-  if (!all_finite(o.spin)) return "spin: expected finite numbers";
+  if (!all_finite(o.angular_velocity)) return "spin: expected finite numbers";
   return nullptr;
 }
 
@@ -277,11 +277,11 @@ const char* fault(const session::ObjectCopy& c) noexcept {
   if (const char* f = fault(c.body)) return f;
   if (!all_moderate(c.body.position)) return "body.position: expected at most 1e9";
   if (!all_moderate(c.velocity)) return "velocity: expected at most 1e9";
-  if (!all_moderate(c.spin)) return "spin: expected at most 1e9";
+  if (!all_moderate(c.angular_velocity)) return "spin: expected at most 1e9";
   if (!all_moderate(c.pressed)) return "pressed: expected at most 1e9";
   for (const session::CopyLine& line : c.lines) {
     if (!all_moderate(line.wave)) return "lines.wave: expected at most 1e9";
-    if (!not_negative(line.energy) || line.energy > kMost) return "lines.energy: expected 0 up to 1e9";
+    if (!not_negative(line.energy) || line.energy > kMax) return "lines.energy: expected 0 up to 1e9";
   }
   return nullptr;
 }

@@ -4,7 +4,7 @@
 #include <CLI/CLI.hpp>
 #include <string>
 
-#include "wire/links.hpp"
+#include "wire/participants.hpp"
 
 namespace tactus::wire {
 

@@ -7,7 +7,7 @@
 namespace tactus::wire {
 namespace {
 
-void runs_to_idl(const std::vector<spm::Run>& from, std::vector<idl::RunValue>& to) {
+void intervals_to_idl(const std::vector<spm::Interval>& from, std::vector<idl::IntervalValue>& to) {
   to.resize(from.size());
   for (std::size_t i = 0; i < from.size(); ++i) {
     to[i].first(from[i].first);
@@ -29,8 +29,8 @@ class PieceReader {
   /// None where bytes are missing or a number is too large.
   [[nodiscard]] std::optional<session::BulkPiece> next() {
     session::BulkPiece piece;
-    constexpr std::uint64_t kMost32 = std::numeric_limits<std::uint32_t>::max();
-    const auto region = varint(std::uint64_t{spm::kNone} + 1), part = varint(kMost32), parts = varint(kMost32),
+    constexpr std::uint64_t kMax32 = std::numeric_limits<std::uint32_t>::max();
+    const auto region = varint(std::uint64_t{spm::kNone} + 1), part = varint(kMax32), parts = varint(kMax32),
                size = varint(session::kMaxPayload);
     if (!region || *region == 0 || !part || !parts || !size) return std::nullopt;
     if (static_cast<std::size_t>(end_ - at_) < sizeof piece.checksum + *size) return std::nullopt;
@@ -44,12 +44,12 @@ class PieceReader {
   }
 
  private:
-  [[nodiscard]] std::optional<std::uint64_t> varint(std::uint64_t most) noexcept {
+  [[nodiscard]] std::optional<std::uint64_t> varint(std::uint64_t max) noexcept {
     std::uint64_t value = 0;
     for (unsigned shift = 0; at_ != end_ && shift < 35; shift += 7) {
       const std::uint8_t byte = *at_++;
       value |= std::uint64_t{byte & 0x7fu} << shift;
-      if (byte < 0x80) return value <= most ? std::optional{value} : std::nullopt;
+      if (byte < 0x80) return value <= max ? std::optional{value} : std::nullopt;
     }
     return std::nullopt;
   }
@@ -58,7 +58,7 @@ class PieceReader {
   const std::uint8_t* end_;
 };
 
-void runs_from_idl(const std::vector<idl::RunValue>& from, std::vector<spm::Run>& to) {
+void intervals_from_idl(const std::vector<idl::IntervalValue>& from, std::vector<spm::Interval>& to) {
   to.resize(from.size());
   for (std::size_t i = 0; i < from.size(); ++i) to[i] = {from[i].first(), from[i].length()};
 }
@@ -72,7 +72,7 @@ void to_idl(const session::Demand& from, idl::Demand& to) {
   to.serving_host(from.serving_host);
   to.epoch(from.epoch);
   to.need_base(from.need_base);
-  runs_to_idl(from.have, to.have());
+  intervals_to_idl(from.have, to.have());
   to.wanted().resize(from.wanted.size());
   for (std::size_t i = 0; i < from.wanted.size(); ++i) {
     to.wanted()[i].region(from.wanted[i].region);
@@ -81,7 +81,7 @@ void to_idl(const session::Demand& from, idl::Demand& to) {
   to.stream(from.stream);
   to.received(from.received);
   to.newest(from.newest);
-  runs_to_idl(from.gaps, to.gaps());
+  intervals_to_idl(from.gaps, to.gaps());
   to.credit(from.credit);
   to.arrivals(from.arrivals);
   to.one_way_us(from.one_way_us);
@@ -94,7 +94,7 @@ void from_idl(const idl::Demand& from, session::Demand& to) {
   to.serving_host = from.serving_host();
   to.epoch = from.epoch();
   to.need_base = from.need_base();
-  runs_from_idl(from.have(), to.have);
+  intervals_from_idl(from.have(), to.have);
   to.wanted.resize(from.wanted().size());
   for (std::size_t i = 0; i < to.wanted.size(); ++i) {
     to.wanted[i] = {from.wanted()[i].region(), from.wanted()[i].contact_in_us()};
@@ -102,7 +102,7 @@ void from_idl(const idl::Demand& from, session::Demand& to) {
   to.stream = from.stream();
   to.received = from.received();
   to.newest = from.newest();
-  runs_from_idl(from.gaps(), to.gaps);
+  intervals_from_idl(from.gaps(), to.gaps);
   to.credit = from.credit();
   to.arrivals = from.arrivals();
   to.one_way_us = from.one_way_us();

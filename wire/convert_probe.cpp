@@ -7,7 +7,7 @@ static_assert(idl::kProtocolVersion == session::kProtocolVersion);
 static_assert(idl::kMaxName == session::kMaxName);
 static_assert(idl::kMaxText == session::kMaxText);
 static_assert(idl::kMaxSlots == session::kMaxSlots);
-static_assert(idl::kMaxHaveRuns == session::kMaxHaveRuns);
+static_assert(idl::kMaxHaveIntervals == session::kMaxHaveIntervals);
 static_assert(idl::kMaxWanted == session::kMaxWanted);
 static_assert(idl::kMaxPayload == session::kMaxPayload);
 static_assert(idl::kMaxFigures == session::kMaxFigures);
@@ -162,7 +162,7 @@ void to_idl(const session::ObjectPose& from, idl::ObjectPose& to) {
   to.session_time_ns(from.session_time_ns);
   to.placement(pose_to_idl(from.pose));
   to.velocity(from.velocity);
-  to.spin(from.spin);
+  to.angular_velocity(from.angular_velocity);
 }
 
 void from_idl(const idl::ObjectPose& from, session::ObjectPose& to) {
@@ -173,7 +173,7 @@ void from_idl(const idl::ObjectPose& from, session::ObjectPose& to) {
   to.session_time_ns = from.session_time_ns();
   to.pose = pose_from_idl(from.placement());
   to.velocity = from.velocity();
-  to.spin = from.spin();
+  to.angular_velocity = from.angular_velocity();
 }
 
 void to_idl(const session::ObjectClaim& from, idl::ObjectClaim& to) {
@@ -230,7 +230,7 @@ void to_idl(const session::ObjectCopy& from, idl::ObjectCopy& to) {
   to.session_time_ns(from.session_time_ns);
   to.body(pose_to_idl(from.body));
   to.velocity(from.velocity);
-  to.spin(from.spin);
+  to.angular_velocity(from.angular_velocity);
   to.pressed(from.pressed);
   to.lines().resize(from.lines.size());
   for (std::size_t i = 0; i < from.lines.size(); ++i) {
@@ -248,7 +248,7 @@ void from_idl(const idl::ObjectCopy& from, session::ObjectCopy& to) {
   to.session_time_ns = from.session_time_ns();
   to.body = pose_from_idl(from.body());
   to.velocity = from.velocity();
-  to.spin = from.spin();
+  to.angular_velocity = from.angular_velocity();
   to.pressed = from.pressed();
   to.lines.resize(from.lines().size());
   for (std::size_t i = 0; i < to.lines.size(); ++i) to.lines[i] = {from.lines()[i].wave(), from.lines()[i].energy()};

@@ -23,7 +23,7 @@
 #include <string>
 
 #include "wire/flow.hpp"
-#include "wire/links.hpp"
+#include "wire/participants.hpp"
 
 namespace tactus::wire {
 
@@ -76,7 +76,7 @@ class Guarded : public Support {
   bool has_one_instance_;
 };
 
-struct Links::Impl {
+struct Participants::Impl {
   SessionAddress address;
   std::uint64_t session_id = 0;
   std::uint64_t participant_id = 0;

@@ -3,7 +3,7 @@
 
 #include <fastdds/dds/domain/qos/DomainParticipantQos.hpp>
 
-#include "wire/links.hpp"
+#include "wire/participants.hpp"
 
 namespace tactus::wire {
 

@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <filesystem>
 
-#include "wire/links.hpp"
+#include "wire/participants.hpp"
 
 namespace tactus::wire {
 

@@ -10,7 +10,7 @@
 namespace tactus::wire {
 
 Footprint read_footprint(const std::filesystem::path& qos) {
-  Footprint most;
+  Footprint max;
   for (const char* traffic : {"session", "probe", "bulk"}) {
     const std::filesystem::path file = qos / (std::string{traffic} + ".xml");
     tinyxml2::XMLDocument document;
@@ -27,11 +27,11 @@ Footprint read_footprint(const std::filesystem::path& qos) {
       }
       bytes = std::max(bytes, value);
     };
-    raise(most.message, "maxMessageSize");
-    raise(most.receive_buffer, "receiveBufferSize");
-    raise(most.send_buffer, "sendBufferSize");
+    raise(max.message, "maxMessageSize");
+    raise(max.receive_buffer, "receiveBufferSize");
+    raise(max.send_buffer, "sendBufferSize");
   }
-  return most;
+  return max;
 }
 
 std::string library_version() { return FASTRTPS_VERSION_STR; }

@@ -105,7 +105,7 @@ class Heartbeat : public Every {
 /// Calls `say`, which tells the roster that one leaves, three times in 30 ms: it acknowledges nothing, and one burst of
 /// loss shall not take all. Blocks; for the end of a program.
 template <class Say>
-void say_last_words(Say&& say) {
+void send_leave_messages(Say&& say) {
   constexpr int kTimes = 3;
   constexpr std::chrono::milliseconds kBetween{10};
   for (int i = 0; i < kTimes; ++i) {

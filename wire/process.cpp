@@ -5,15 +5,15 @@
 namespace tactus::wire {
 namespace {
 
-std::atomic<bool> stop_asked{false};
+std::atomic<bool> stop_requested{false};
 static_assert(std::atomic<bool>::is_always_lock_free, "set in a signal handler");
 
-void ask_to_stop(int) { stop_asked = true; }
+void ask_to_stop(int) { stop_requested = true; }
 
-std::atomic<std::uint32_t> saves_asked{0};
+std::atomic<std::uint32_t> saves_requested{0};
 static_assert(std::atomic<std::uint32_t>::is_always_lock_free, "changed in a signal handler");
 
-void ask_to_save(int) { ++saves_asked; }
+void ask_to_save(int) { ++saves_requested; }
 
 }  // namespace
 
@@ -22,7 +22,7 @@ const std::atomic<bool>& stop_signal() {
   action.sa_handler = ask_to_stop;
   sigaction(SIGINT, &action, nullptr);
   sigaction(SIGTERM, &action, nullptr);
-  return stop_asked;
+  return stop_requested;
 }
 
 const std::atomic<std::uint32_t>& save_signals() {
@@ -30,7 +30,7 @@ const std::atomic<std::uint32_t>& save_signals() {
   action.sa_handler = ask_to_save;
   action.sa_flags = SA_RESTART;
   sigaction(SIGUSR1, &action, nullptr);
-  return saves_asked;
+  return saves_requested;
 }
 
 }  // namespace tactus::wire

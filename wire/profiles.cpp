@@ -59,8 +59,8 @@ const std::vector<Place<dds::DataReaderQos>>& places(const dds::DataReaderQos&) 
 /// Digits alone, below `limit`.
 std::optional<std::uint32_t> number_of(const tinyxml2::XMLElement& element, std::uint32_t limit) {
   const char* const text = element.GetText();
-  constexpr std::size_t kMostDigits = 9;
-  if (text == nullptr || *text == '\0' || std::strlen(text) > kMostDigits) return std::nullopt;
+  constexpr std::size_t kMaxDigits = 9;
+  if (text == nullptr || *text == '\0' || std::strlen(text) > kMaxDigits) return std::nullopt;
   std::uint32_t value = 0;
   for (const char* c = text; *c != '\0'; ++c) {
     if (*c < '0' || *c > '9') return std::nullopt;

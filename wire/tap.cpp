@@ -107,9 +107,9 @@ class RawReader final : public dds::DataReaderListener {
 }  // namespace
 
 struct Tap::Impl {
-  Impl(Links& links, bool bulk, OnSample on_sample) {
-    Links::Impl& in = links.impl();
-    const std::string& session = links.address().session;
+  Impl(Participants& participants, bool bulk, OnSample on_sample) {
+    Participants::Impl& in = participants.impl();
+    const std::string& session = participants.address().session;
     topics::for_each([&](const auto& spec) {
       if (spec.traffic == TrafficClass::kBulk && !bulk) return;
       using Sample = std::decay_t<decltype(sample_of(spec))>;
@@ -138,8 +138,8 @@ struct Tap::Impl {
   std::vector<std::unique_ptr<RawReader>> readers;
 };
 
-Tap::Tap(Links& links, bool bulk, OnSample on_sample)
-    : impl_{std::make_unique<Impl>(links, bulk, std::move(on_sample))} {}
+Tap::Tap(Participants& participants, bool bulk, OnSample on_sample)
+    : impl_{std::make_unique<Impl>(participants, bulk, std::move(on_sample))} {}
 Tap::~Tap() = default;
 
 const std::vector<TapTopic>& Tap::topics() const noexcept { return impl_->known; }

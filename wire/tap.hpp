@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "spm/span.hpp"
-#include "wire/links.hpp"
+#include "wire/participants.hpp"
 
 namespace tactus::wire {
 
@@ -28,7 +28,7 @@ class Tap {
   using OnSample = std::function<void(std::size_t topic, spm::Span<const std::uint8_t> encoded)>;
 
   /// `links` must be the tap's own: its topics have other types than those of Reader and Writer. Throws WireError.
-  Tap(Links& links, bool bulk, OnSample on_sample);
+  Tap(Participants& participants, bool bulk, OnSample on_sample);
   /// After this returns no callback runs.
   ~Tap();
 

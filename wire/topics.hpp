@@ -2,7 +2,7 @@
 #pragma once
 
 #include "session/messages.hpp"
-#include "wire/links.hpp"
+#include "wire/participants.hpp"
 
 namespace tactus::wire {
 

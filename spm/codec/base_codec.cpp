@@ -102,7 +102,7 @@ Bytes encode_base(const Model& model, const RecordTables& tables) {
     out.varint(region.record_count);
     out.varint(region.part_count - region.record_count);
     out.varint(region.face_count);
-    out.raw(region.seal);
+    out.raw(region.checksum);
   }
   BitWriter bits;
   tables.write(bits);
@@ -159,11 +159,11 @@ Result<DecodedBase> decode_base(Span<const std::uint8_t> bytes) {
     for (int axis = 0; axis < 3; ++axis) region.cell[axis] = static_cast<std::uint16_t>(small[axis]);
     region.depth = static_cast<std::uint16_t>(small[3]);
     region.occupied = in.raw<std::array<std::uint32_t, 2>>();
-    region.first_run = region.run_count = 0;
+    region.first_interval = region.interval_count = 0;
     region.record_count = in.varint32();
     region.part_count = region.record_count + in.varint32();
     region.face_count = in.varint32();
-    region.seal = in.raw<std::uint32_t>();
+    region.checksum = in.raw<std::uint32_t>();
   }
   if (!in.ok()) return truncated("regions");
   const std::uint64_t table_bytes = in.varint();

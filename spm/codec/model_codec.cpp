@@ -5,10 +5,10 @@
 
 #include "spm/assert.hpp"
 #include "spm/codec/base_codec.hpp"
+#include "spm/codec/interval_codec.hpp"
 #include "spm/codec/record_reader.hpp"
-#include "spm/codec/run_codec.hpp"
-#include "spm/expected_place.hpp"
 #include "spm/loaded_front.hpp"
+#include "spm/position_predictor.hpp"
 #include "spm/region_data.hpp"
 #include "spm/vertex_ring.hpp"
 
@@ -59,7 +59,7 @@ class Resolver {
       const DeformedRef ref = part.deformed[i];
       std::uint32_t face = ref.face();
       if (face == kNextAround) {
-        if (last_.face == kNone || !front_.next_around(last_)) return false;
+        if (last_.face == kNone || !front_.swing(last_)) return false;
         face = last_.face;
       }
       std::array<std::uint32_t, 3>& corners = front_.corners(face);
@@ -112,7 +112,7 @@ class Resolver {
       if (ring[i] >= u) return false;
     }
     const auto position_of = [this](std::uint32_t v) -> const std::array<float, 3>& { return model_.positions[v]; };
-    return ExpectedPlace{model_.summary, ring, position_of}.place(offset, model_.positions[u]);
+    return PositionPredictor{model_.summary, ring, position_of}.place(offset, model_.positions[u]);
   }
 
   OwnedModel& model_;
@@ -134,18 +134,18 @@ EncodedModel::EncodedModel(const Model& model) {
   BitWriter lists;
   for (std::uint32_t r = 0; r < model.summary.regions; ++r) {
     const std::uint64_t before = lists.size();
-    put_runs(lists, records.tables, model.runs_of(RegionId{r}));
+    put_intervals(lists, records.tables, model.intervals_of(RegionId{r}));
     sizes.varint(lists.size() - before);
   }
   lists_ = lists.take();
   sizes_ = sizes.take();
   base_ = encode_base(model, records.tables);
-  Result<CodedModel> coded = CodedModel::open({base_, codes_, lists_, sizes_});
+  Result<CompressedModel> coded = CompressedModel::open({base_, codes_, lists_, sizes_});
   TACTUS_CHECK(coded);
   coded_ = std::move(*coded);
 }
 
-Result<OwnedModel> decode_model(const CodedModel& coded) {
+Result<OwnedModel> decode_model(const CompressedModel& coded) {
   const ModelSpans& bytes = coded.spans();
   OwnedModel model;
   const ModelSummary& s = model.summary = coded.summary();
@@ -188,14 +188,14 @@ Result<OwnedModel> decode_model(const CodedModel& coded) {
       return wrong("region " + std::to_string(r) + ": the place of its list is stated as bit " +
                    std::to_string(coded.list_places()[r]) + ", expected " + std::to_string(lists.at()));
     }
-    std::vector<Run> runs;
+    std::vector<Interval> intervals;
     std::uint32_t records = 0;
-    if (std::string error = get_runs(lists, coded.tables(), s.records, runs, records); !error.empty()) {
+    if (std::string error = get_intervals(lists, coded.tables(), s.records, intervals, records); !error.empty()) {
       return wrong("lists: " + error);
     }
-    model.regions[r].first_run = static_cast<std::uint32_t>(model.runs.size());
-    model.regions[r].run_count = static_cast<std::uint32_t>(runs.size());
-    model.runs.insert(model.runs.end(), runs.begin(), runs.end());
+    model.regions[r].first_interval = static_cast<std::uint32_t>(model.intervals.size());
+    model.regions[r].interval_count = static_cast<std::uint32_t>(intervals.size());
+    model.intervals.insert(model.intervals.end(), intervals.begin(), intervals.end());
   }
   if (coded.code_places().back() != codes.at() || coded.list_places().back() != lists.at()) {
     return wrong("its last sizes do not fit");

@@ -1,7 +1,7 @@
 /// A whole model as arrays to a whole model as bytes, and back.
 #pragma once
 
-#include "spm/codec/coded_model.hpp"
+#include "spm/codec/compressed_model.hpp"
 #include "spm/model.hpp"
 
 namespace tactus::spm::codec {
@@ -15,16 +15,16 @@ class EncodedModel {
   EncodedModel& operator=(EncodedModel&&) noexcept = default;
 
   /// Borrows from this, and stays valid when this is moved.
-  [[nodiscard]] const CodedModel& coded() const noexcept { return coded_; }
+  [[nodiscard]] const CompressedModel& coded() const noexcept { return coded_; }
 
  private:
   Bytes base_, codes_, lists_, sizes_;
-  CodedModel coded_;
+  CompressedModel coded_;
 };
 
 /// Trusts nothing; memory stays within what the summary and the input allow for. Names every parent and third corner
 /// and puts every vertex in its place, but leaves it to violations() to say whether records and lists make a sound
 /// model. About 0.3 us a record.
-Result<OwnedModel> decode_model(const CodedModel& coded);
+Result<OwnedModel> decode_model(const CompressedModel& coded);
 
 }  // namespace tactus::spm::codec

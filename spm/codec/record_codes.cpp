@@ -5,8 +5,8 @@
 #include <optional>
 #include <utility>
 
-#include "spm/expected_place.hpp"
 #include "spm/loaded_front.hpp"
+#include "spm/position_predictor.hpp"
 #include "spm/vertex_ring.hpp"
 
 namespace tactus::spm::codec {
@@ -80,10 +80,10 @@ class Coder {
   Coder(const Model& model, Sink& sink)
       : model_{model},
         sink_{sink},
-        greatest_{radius_code(model.summary.deviation)},
+        max_{radius_code(model.summary.deviation)},
         front_{base_front(model.summary, model.base_faces)} {}
 
-  void run() {
+  void interval() {
     std::uint32_t anchor = 0;
     for (std::uint32_t r = 0; r < model_.summary.records; ++r) {
       const std::uint32_t own = anchor_of(model_.parts[r]);
@@ -113,7 +113,7 @@ class Coder {
     if (first.radius == 0) {
       sink_.symbol(Field::kRadius, 0);
     } else {
-      const std::uint32_t below = greatest_ - first.radius + 1u;
+      const std::uint32_t below = max_ - first.radius + 1u;
       sink_.symbol(Field::kRadius, std::min(below, kRareRadius));
       if (below >= kRareRadius) sink_.rare(below);
     }
@@ -142,7 +142,7 @@ class Coder {
   /// Whether this face is found by going around t from the one before.
   [[nodiscard]] bool follows(const DeformedRef& before, const DeformedRef& face) const {
     LoadedFront::At at{before.face(), before.corner()};
-    return front_.next_around(at) && at.face == face.face();
+    return front_.swing(at) && at.face == face.face();
   }
 
   [[nodiscard]] std::uint32_t shape_of(const RecordPart& part, const VertexRing& ring) const {
@@ -179,7 +179,7 @@ class Coder {
       anchor = false;
       before = own;
     };
-    std::optional<ExpectedPlace> place;
+    std::optional<PositionPredictor> place;
     for (std::uint32_t p = record; p != kNone; p = model_.parts[p].next) {
       const RecordPart& part = model_.parts[p];
       sink_.raw(part.born_count | part.deformed_count << 2 | std::uint32_t{part.next != kNone} << 6, 7);
@@ -208,12 +208,12 @@ class Coder {
     place_it(u, model_.parts[record].radius, *place);
   }
 
-  [[nodiscard]] ExpectedPlace expected(const VertexRing& ring) const {
+  [[nodiscard]] PositionPredictor expected(const VertexRing& ring) const {
     return {model_.summary, ring,
             [this](std::uint32_t v) -> const std::array<float, 3>& { return model_.positions[v]; }};
   }
-  void place_it(std::uint32_t u, std::uint16_t radius, const ExpectedPlace& place) {
-    const ExpectedPlace::Offsets offsets = place.offsets_to(model_.positions[u]);
+  void place_it(std::uint32_t u, std::uint16_t radius, const PositionPredictor& place) {
+    const PositionPredictor::Residuals offsets = place.residuals_to(model_.positions[u]);
     for (std::size_t i = 0; i < 3; ++i) {
       sink_.number(of_kind(i < 2 ? Field::kAlong : Field::kAcross, radius),
                    zigzag(static_cast<std::int32_t>(offsets[i])));
@@ -249,19 +249,19 @@ class Coder {
   const Model& model_;
   Sink& sink_;
   NamedFaces named_;
-  std::uint32_t greatest_;
+  std::uint32_t max_;
   LoadedFront front_;
 };
 
-/// Runs, and the anchors at which they begin.
+/// Intervals, and the anchors at which they begin.
 void count_lists(const Model& model, Counter& counter) {
   for (std::uint32_t region = 0; region < model.summary.regions; ++region) {
     std::uint32_t end = 0, anchor = 0;
-    for (const Run& run : model.runs_of(RegionId{region})) {
-      counter.number(Field::kGap, run.first - end);
-      counter.number(Field::kCount, run.count - 1);
-      end = run.first + run.count;
-      counter.number(Field::kAnchorFirst, zigzag(std::int64_t{anchor_of(model.parts[run.first])} - anchor));
+    for (const Interval& interval : model.intervals_of(RegionId{region})) {
+      counter.number(Field::kGap, interval.first - end);
+      counter.number(Field::kCount, interval.count - 1);
+      end = interval.first + interval.count;
+      counter.number(Field::kAnchorFirst, zigzag(std::int64_t{anchor_of(model.parts[interval.first])} - anchor));
       anchor = anchor_of(model.parts[end - 1]);
     }
   }
@@ -290,7 +290,7 @@ std::uint32_t Shape::symbol() const noexcept {
 }
 
 Shape Shape::of(std::uint32_t symbol) noexcept {
-  const Ends ends = symbol < 2 * kOneBorn ? kBoth : symbol < 3 * kOneBorn ? kFirst : kLast;
+  const Endpoints ends = symbol < 2 * kOneBorn ? kBoth : symbol < 3 * kOneBorn ? kFirst : kLast;
   const std::uint32_t scale = ends == kBoth ? 2 : 1;
   const std::uint32_t rest = symbol - (ends == kBoth ? 0 : ends == kFirst ? 2 : 3) * kOneBorn;
   std::uint8_t deformed = 1;
@@ -323,11 +323,11 @@ bool RecordTables::read(BitReader& in) {
 
 EncodedRecords encode_records(const Model& model) {
   Counter counter;
-  Coder<Counter>{model, counter}.run();
+  Coder<Counter>{model, counter}.interval();
   count_lists(model, counter);
   RecordTables tables{counter.counts_};
   Writer writer{tables};
-  Coder<Writer>{model, writer}.run();
+  Coder<Writer>{model, writer}.interval();
   std::vector<std::uint64_t>& bits = writer.places_;
   bits.push_back(writer.out_.size());
   std::adjacent_difference(bits.begin(), bits.end(), bits.begin());
@@ -337,7 +337,7 @@ EncodedRecords encode_records(const Model& model) {
 
 std::array<std::uint64_t, kFields + 1> bits_by_field(const Model& model, const RecordTables& tables) {
   Writer writer{tables};
-  Coder<Writer>{model, writer}.run();
+  Coder<Writer>{model, writer}.interval();
   return writer.bits_;
 }
 

@@ -11,7 +11,8 @@
 ///               found (LoadedFront), and so are t and the third corners: the receiver knows the faces as its loaded
 ///               records leave them, and no loaded record can have changed those that this one deforms
 ///     faces     each as the difference to one before
-///     position  the difference to what the vertices around let expect (ExpectedPlace), in steps of the model's profile
+///     position  the difference to what the vertices around let expect (PositionPredictor), in steps of the model's
+///     profile
 ///
 /// Every field has a prefix code of the model's own (RecordTables), which travels with the base mesh. See
 /// docs/decisions/0006-record-codes.md.
@@ -85,9 +86,9 @@ struct Shape {
   static constexpr std::uint32_t kMaxFan = 6;
   static constexpr std::uint32_t kUnusual = 1008;
   static constexpr std::uint32_t kSymbols = kUnusual + 1;
-  enum Ends : std::uint8_t { kBoth, kFirst, kLast };  ///< of the fan: where faces are born
+  enum Endpoints : std::uint8_t { kBoth, kFirst, kLast };  ///< of the fan: where faces are born
 
-  Ends ends;
+  Endpoints ends;
   std::uint8_t deformed;  ///< 1 to kMaxFan
   std::uint32_t finest;   ///< bit by face, born ones first
 

@@ -8,7 +8,7 @@
 namespace tactus::spm::codec {
 
 RecordReader::RecordReader(const ModelSummary& summary, const RecordTables& tables)
-    : summary_{summary}, tables_{tables}, greatest_{radius_code(summary.deviation)} {}
+    : summary_{summary}, tables_{tables}, max_{radius_code(summary.deviation)} {}
 
 bool RecordReader::fail(std::uint32_t record, const char* what, std::uint64_t found, const char* relation,
                         std::uint64_t expected) {
@@ -25,8 +25,8 @@ bool RecordReader::get(BitReader& in, std::uint32_t record, std::uint32_t anchor
   first.parent = first.next = kNone;
   std::uint64_t below = tables_[Field::kRadius].get(in, code_ok_);
   if (below == kRareRadius) below = get_rare(in);
-  if (below > greatest_) return fail(record, "radius code under the greatest by", below - 1, "below", greatest_);
-  first.radius = static_cast<std::uint16_t>(below == 0 ? 0 : greatest_ + 1 - below);
+  if (below > max_) return fail(record, "radius code under the greatest by", below - 1, "below", max_);
+  first.radius = static_cast<std::uint16_t>(below == 0 ? 0 : max_ + 1 - below);
 
   const std::uint32_t shape = tables_[of_kind(Field::kShape, first.radius)].get(in, code_ok_);
   if (!code_ok_ || !in.ok()) return fail(record, "bits left", 0, "at least", kMinBits);
@@ -51,7 +51,7 @@ bool RecordReader::get_usual(BitReader& in, std::uint32_t record, RecordPart& pa
     part.deformed[i] = DeformedRef::make(kNextAround, kCornerOfParent, (bits >> i & 1u) != 0);
   }
   const Field first_born = of_kind(Field::kBornFirst, part.radius), next_born = of_kind(Field::kBornNext, part.radius);
-  std::uint32_t face = anchor, greatest = anchor;
+  std::uint32_t face = anchor, max = anchor;
   part.born_count = static_cast<std::uint8_t>(shape.born());
   bool at_last = shape.ends == Shape::kLast;
   for (std::uint32_t i = 0; i < shape.born(); ++i) {
@@ -59,10 +59,10 @@ bool RecordReader::get_usual(BitReader& in, std::uint32_t record, RecordPart& pa
     part.born[i] = BornRef::make(face, at_last ? 1 : 0, (shape.finest >> i & 1u) != 0);
     part.born_x[i] = kInRing | (at_last ? kLastInRing : 1u);
     at_last = true;
-    greatest = std::max(greatest, face);
+    max = std::max(max, face);
   }
   parts.push_back(part);
-  return greatest < summary_.faces || fail(record, "face", greatest, "below", summary_.faces);
+  return max < summary_.faces || fail(record, "face", max, "below", summary_.faces);
 }
 
 bool RecordReader::get_spelt_out(BitReader& in, std::uint32_t record, RecordPart first, std::uint32_t anchor,

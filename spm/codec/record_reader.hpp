@@ -52,7 +52,7 @@ class RecordReader {
 
   const ModelSummary& summary_;
   const RecordTables& tables_;
-  std::uint32_t greatest_;
+  std::uint32_t max_;
   NamedFaces named_;
   bool code_ok_ = true;
   std::string error_;

@@ -2,39 +2,39 @@
 
 #include <algorithm>
 
+#include "spm/codec/interval_codec.hpp"
 #include "spm/codec/record_reader.hpp"
-#include "spm/codec/run_codec.hpp"
 
 namespace tactus::spm::codec {
 namespace {
 
 constexpr unsigned kIdBits = 32;
 
-/// Runs of a subset of `list` as runs of places in it.
-std::vector<Run> places_in(Span<const Run> list, Span<const Run> subset) {
-  std::vector<Run> places;
-  std::uint32_t before = 0;  // places in runs of the list that are passed
-  const Run* in = list.begin();
-  for (const Run& run : subset) {
-    for (; in->first + in->count <= run.first; ++in) before += in->count;
-    const std::uint32_t first = before + (run.first - in->first);
+/// Intervals of a subset of `list` as intervals of places in it.
+std::vector<Interval> places_in(Span<const Interval> list, Span<const Interval> subset) {
+  std::vector<Interval> places;
+  std::uint32_t before = 0;  // places in intervals of the list that are passed
+  const Interval* in = list.begin();
+  for (const Interval& interval : subset) {
+    for (; in->first + in->count <= interval.first; ++in) before += in->count;
+    const std::uint32_t first = before + (interval.first - in->first);
     if (!places.empty() && places.back().first + places.back().count == first) {
-      places.back().count += run.count;
+      places.back().count += interval.count;
     } else {
-      places.push_back({first, run.count});
+      places.push_back({first, interval.count});
     }
   }
   return places;
 }
 
 /// The reverse; `places` are below the list's length.
-std::vector<Run> records_at(Span<const Run> list, Span<const Run> places) {
-  std::vector<Run> records;
+std::vector<Interval> records_at(Span<const Interval> list, Span<const Interval> places) {
+  std::vector<Interval> records;
   std::uint32_t before = 0;
-  const Run* in = list.begin();
-  for (const Run& run : places) {
-    std::uint32_t at = run.first;
-    for (std::uint32_t left = run.count; left > 0;) {
+  const Interval* in = list.begin();
+  for (const Interval& interval : places) {
+    std::uint32_t at = interval.first;
+    for (std::uint32_t left = interval.count; left > 0;) {
       for (; before + in->count <= at; ++in) before += in->count;
       const std::uint32_t from = at - before;
       const std::uint32_t count = std::min(left, in->count - from);
@@ -61,8 +61,8 @@ class RegionDecoder {
     data_.region = RegionId{region};
     std::uint32_t listed = 0;
     std::uint32_t sent = 0;
-    std::vector<Run> places;
-    if (!get_runs_below(summary_.records, data_.list, listed) || !get_runs_below(listed, places, sent))
+    std::vector<Interval> places;
+    if (!get_intervals_below(summary_.records, data_.list, listed) || !get_intervals_below(listed, places, sent))
       return DecodeError{error_};
     data_.sent = records_at(data_.list, places);
     if (in_.left() / RecordReader::kMinBits < sent) return refuse("records", sent, "in bits", in_.left());
@@ -70,9 +70,9 @@ class RegionDecoder {
     data_.parts.reserve(sent);
     if (codes_ != nullptr) codes_->reserve(sent);
     std::uint32_t at = 0;
-    for (const Run& run : data_.sent) {
-      for (std::uint32_t r = run.first; r != run.first + run.count; ++r) {
-        if (!get_record(r, r == run.first, data_.offsets[at++])) return DecodeError{error_};
+    for (const Interval& interval : data_.sent) {
+      for (std::uint32_t r = interval.first; r != interval.first + interval.count; ++r) {
+        if (!get_record(r, r == interval.first, data_.offsets[at++])) return DecodeError{error_};
       }
     }
     if (!in_.ok()) return DecodeError{where() + "the bits end"};
@@ -86,8 +86,8 @@ class RegionDecoder {
     return {where() + what + " " + text(found) + ", " + relation + " " + text(expected)};
   }
 
-  bool get_runs_below(std::uint32_t limit, std::vector<Run>& runs, std::uint32_t& total) {
-    const std::string error = get_runs(in_, tables_, limit, runs, total);
+  bool get_intervals_below(std::uint32_t limit, std::vector<Interval>& intervals, std::uint32_t& total) {
+    const std::string error = get_intervals(in_, tables_, limit, intervals, total);
     if (!error.empty()) error_ = where() + error;
     return error.empty();
   }
@@ -114,12 +114,12 @@ class RegionDecoder {
 
 }  // namespace
 
-Bytes encode_region(const CodedModel& model, RegionId region, Span<const Run> missing) {
+Bytes encode_region(const CompressedModel& model, RegionId region, Span<const Interval> missing) {
   BitWriter out;
-  const std::vector<Run> list = model.runs_of(region);
+  const std::vector<Interval> list = model.intervals_of(region);
   out.put(index(region), kIdBits);
-  put_runs(out, model.tables(), list);
-  put_runs(out, model.tables(), places_in(list, missing));
+  put_intervals(out, model.tables(), list);
+  put_intervals(out, model.tables(), places_in(list, missing));
   model.put_records(out, missing);
   return out.take();
 }

@@ -6,10 +6,10 @@
 
 namespace tactus::spm::codec {
 
-bool take_region(const CodedModel& model, RegionId region, Cache& cache, ObjectIndex object, RegionList& list) {
-  std::vector<Run> missing;
-  for (const Run& run : model.runs_of(region))
-    for (std::uint32_t record = run.first; record < run.first + run.count; ++record) {
+bool take_region(const CompressedModel& model, RegionId region, Cache& cache, ObjectIndex object, RegionList& list) {
+  std::vector<Interval> missing;
+  for (const Interval& interval : model.intervals_of(region))
+    for (std::uint32_t record = interval.first; record < interval.first + interval.count; ++record) {
       if (cache.has(object, record)) continue;
       if (!missing.empty() && missing.back().first + missing.back().count == record)
         ++missing.back().count;

@@ -33,13 +33,13 @@ std::unique_ptr<::fcl::CollisionObjectd> shape_of(const WorldBox& box) {
   return shape;
 }
 
-bool meets(const ProbeBall& ball, const WorldBox& box) {
-  const Vec3d nearest = ball.centre.cwiseMax(box.low).cwiseMin(box.high);
-  return (ball.centre - nearest).squaredNorm() <= ball.radius * ball.radius;
+bool meets(const ProbeSphere& sphere, const WorldBox& box) {
+  const Vec3d nearest = sphere.centre.cwiseMax(box.low).cwiseMin(box.high);
+  return (sphere.centre - nearest).squaredNorm() <= sphere.radius * sphere.radius;
 }
 
 struct Query {
-  const ProbeBall* ball;
+  const ProbeSphere* sphere;
   std::uint32_t probe;
   std::vector<NearPair>* pairs;
 };
@@ -50,7 +50,7 @@ bool add_pair(::fcl::CollisionObjectd* a, ::fcl::CollisionObjectd* b, void* data
   // Only objects carry user data; the probe's own shape does not.
   const void* user = a->getUserData() != nullptr ? a->getUserData() : b->getUserData();
   const auto& object = *static_cast<const Object*>(user);
-  if (meets(*query.ball, object.box)) query.pairs->push_back({query.probe, object.number});
+  if (meets(*query.sphere, object.box)) query.pairs->push_back({query.probe, object.number});
   return false;
 }
 
@@ -87,17 +87,17 @@ void BroadPhase::remove(std::uint32_t object) {
   manager_->objects.erase(found);
 }
 
-std::vector<NearPair> BroadPhase::near(Span<const ProbeBall> probes) const {
+std::vector<NearPair> BroadPhase::near(Span<const ProbeSphere> probes) const {
   std::vector<NearPair> pairs;
   for (std::uint32_t i = 0; i < probes.size(); ++i) {
-    const ProbeBall& ball = probes[i];
-    if (!ball.centre.allFinite() || !(ball.radius >= 0)) {
+    const ProbeSphere& sphere = probes[i];
+    if (!sphere.centre.allFinite() || !(sphere.radius >= 0)) {
       throw std::invalid_argument("BroadPhase::near: probe " + std::to_string(i) + " is not finite or has radius " +
-                                  std::to_string(ball.radius) + ", expected at least 0");
+                                  std::to_string(sphere.radius) + ", expected at least 0");
     }
-    const Vec3d reach = Vec3d::Constant(ball.radius);
-    const auto shape = shape_of({ball.centre - reach, ball.centre + reach});
-    Query query{&ball, i, &pairs};
+    const Vec3d reach = Vec3d::Constant(sphere.radius);
+    const auto shape = shape_of({sphere.centre - reach, sphere.centre + reach});
+    Query query{&sphere, i, &pairs};
     manager_->tree.collide(shape.get(), &query, add_pair);
   }
   std::sort(pairs.begin(), pairs.end(), [](const NearPair& a, const NearPair& b) {

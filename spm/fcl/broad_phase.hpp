@@ -18,7 +18,7 @@ struct WorldBox {
 };
 
 /// A probe with all that it may reach until the next query.
-struct ProbeBall {
+struct ProbeSphere {
   Vec3d centre;
   double radius = 0;
 };
@@ -42,7 +42,7 @@ class BroadPhase {
 
   /// All pairs in which the ball meets the box, touching included; by probe, then by object. Throws
   /// std::invalid_argument when a probe is not finite or its radius is below 0.
-  [[nodiscard]] std::vector<NearPair> near(Span<const ProbeBall> probes) const;
+  [[nodiscard]] std::vector<NearPair> near(Span<const ProbeSphere> probes) const;
 
  private:
   struct Manager;

@@ -18,7 +18,7 @@ namespace tactus::spm::fcl {
 namespace {
 
 using Box = ::fcl::AABBd;
-using Ball = ::fcl::Sphered;
+using Sphere = ::fcl::Sphered;
 using Solver = ::fcl::detail::GJKSolver_libccd<double>;
 
 ::fcl::Transform3d at(const Vec3d& position) {
@@ -78,12 +78,12 @@ FixedMesh& FixedMesh::operator=(FixedMesh&&) noexcept = default;
 
 void FixedMesh::touching(const Vec3d& centre, double radius, std::vector<std::uint32_t>& faces) const {
   faces.clear();
-  const Ball ball{radius};
+  const Sphere sphere{radius};
   ::fcl::Transform3d mesh_pose = ::fcl::Transform3d::Identity();
   ::fcl::CollisionRequestd request{std::numeric_limits<std::size_t>::max(), true};
   ::fcl::CollisionResultd result;
-  ::fcl::detail::MeshShapeCollisionTraversalNode<Box, Ball, Solver> node;
-  ::fcl::detail::initialize(node, tree_->model, mesh_pose, ball, at(centre), &tree_->solver, request, result);
+  ::fcl::detail::MeshShapeCollisionTraversalNode<Box, Sphere, Solver> node;
+  ::fcl::detail::initialize(node, tree_->model, mesh_pose, sphere, at(centre), &tree_->solver, request, result);
   ::fcl::detail::collide<double>(&node);
   faces.reserve(result.numContacts());
   for (std::size_t i = 0; i < result.numContacts(); ++i) {
@@ -107,20 +107,20 @@ void FixedMesh::intersecting(const FixedMesh& other, std::vector<std::array<std:
 }
 
 double FixedMesh::distance(const Vec3d& point) const {
-  const Ball ball{0};
+  const Sphere sphere{0};
   ::fcl::DistanceResultd result;
   // FCL declares initialize() for this node but defines another, so that the fields are set here.
-  ::fcl::detail::MeshShapeDistanceTraversalNode<Box, Ball, Solver> node;
+  ::fcl::detail::MeshShapeDistanceTraversalNode<Box, Sphere, Solver> node;
   node.request = ::fcl::DistanceRequestd{};
   node.result = &result;
   node.model1 = &tree_->model;
   node.tf1 = ::fcl::Transform3d::Identity();
   node.vertices = tree_->model.vertices;
   node.tri_indices = tree_->model.tri_indices;
-  node.model2 = &ball;
+  node.model2 = &sphere;
   node.tf2 = at(point);
   node.nsolver = &tree_->solver;
-  ::fcl::computeBV(ball, node.tf2, node.model2_bv);
+  ::fcl::computeBV(sphere, node.tf2, node.model2_bv);
   ::fcl::detail::distance<double>(&node);
   return std::max(0.0, result.min_distance);
 }

@@ -7,6 +7,7 @@
 #include <string>
 #include <utility>
 
+#include "spm/checksum.hpp"
 #include "spm/offline/arrange.hpp"
 #include "spm/offline/closure.hpp"
 #include "spm/offline/face_numbers.hpp"
@@ -16,7 +17,6 @@
 #include "spm/offline/parallel.hpp"
 #include "spm/offline/region_lists.hpp"
 #include "spm/offline/snap.hpp"
-#include "spm/seal.hpp"
 
 namespace tactus::spm::offline {
 namespace {
@@ -36,7 +36,7 @@ void require_surface(const TriangleMesh& mesh, const CleanReport& cleaned) {
 }
 
 /// A mesh that is mostly degenerate or mostly unused was read wrongly, or is not what its user takes it for.
-void require_most(std::size_t vertices, std::size_t faces, const CleanReport& cleaned) {
+void require_max(std::size_t vertices, std::size_t faces, const CleanReport& cleaned) {
   const auto require = [](const char* what, std::size_t of, std::size_t dropped, const std::string& reasons) {
     if (2 * dropped <= of) return;
     throw ModelError{std::string{"most "} + what + " would be dropped: found " + std::to_string(dropped) + " of " +
@@ -116,7 +116,7 @@ class Assembler {
     write_records();
     collapses_.segments = {};
     const Model faces = out_.model();
-    std::vector<std::uint32_t> seals;  // by record
+    std::vector<std::uint32_t> checksums;  // by record
     parallel_both(
         options_.threads,
         [&] {
@@ -125,10 +125,10 @@ class Assembler {
         },
         [&] {
           arrange_faces(faces.summary, out_.parts);
-          seals = record_seals(faces);
+          checksums = record_checksums(faces);
         });
     number_faces(mesh_, out_.summary, out_.base_faces, out_.parts, options_.threads);
-    write_seals(seals);
+    write_checksums(checksums);
     report("sum up", 0);
     s.digest = digest_of(out_.model());
     report("sum up", 1);
@@ -173,11 +173,11 @@ class Assembler {
     std::vector<std::uint32_t> parent(s.vertices, kNone);
     for (std::uint32_t r = 0; r < s.records; ++r) parent[s.base_vertices + r] = out_.parts[r].parent;
     const std::vector<double> distances = collapse_distances(out_.positions, parent);
-    const double greatest = *std::max_element(distances.begin(), distances.end());
-    if (safe_radius_code(greatest) >= kRadiusCodes) {
-      throw ModelError{"too large: a vertex collapses over a distance of " + std::to_string(greatest)};
+    const double max = *std::max_element(distances.begin(), distances.end());
+    if (safe_radius_code(max) >= kRadiusCodes) {
+      throw ModelError{"too large: a vertex collapses over a distance of " + std::to_string(max)};
     }
-    s.deviation = radius_of(safe_radius_code(greatest));
+    s.deviation = radius_of(safe_radius_code(max));
     out_.base_radii.resize(s.base_vertices);
     std::transform(distances.begin(), distances.begin() + s.base_vertices, out_.base_radii.begin(), safe_radius_code);
     for (std::uint32_t r = 0; r < s.records; ++r) {
@@ -303,10 +303,10 @@ class Assembler {
     out_.summary.regions = static_cast<std::uint32_t>(out_.regions.size());
   }
 
-  void write_seals(const std::vector<std::uint32_t>& records) {
+  void write_checksums(const std::vector<std::uint32_t>& records) {
     const Model model = out_.model();
     parallel_for(out_.regions.size(), options_.threads, [&](std::size_t i, unsigned) {
-      out_.regions[i].seal = region_seal(model, RegionId{static_cast<std::uint32_t>(i)}, records);
+      out_.regions[i].checksum = region_checksum(model, RegionId{static_cast<std::uint32_t>(i)}, records);
     });
   }
 
@@ -315,18 +315,19 @@ class Assembler {
     region.cell = cell.at;
     region.depth = cell.depth;
     region.occupied = cell.occupied;
-    region.first_run = static_cast<std::uint32_t>(out_.runs.size());
+    region.first_interval = static_cast<std::uint32_t>(out_.intervals.size());
     region.record_count = static_cast<std::uint32_t>(list.size());
     region.face_count = cell.face_count;
     for (const std::uint32_t r : list) {
       for (std::uint32_t p = r; p != kNone; p = out_.parts[p].next) ++region.part_count;
-      if (out_.runs.size() > region.first_run && out_.runs.back().first + out_.runs.back().count == r) {
-        ++out_.runs.back().count;
+      if (out_.intervals.size() > region.first_interval &&
+          out_.intervals.back().first + out_.intervals.back().count == r) {
+        ++out_.intervals.back().count;
       } else {
-        out_.runs.push_back({r, 1});
+        out_.intervals.push_back({r, 1});
       }
     }
-    region.run_count = static_cast<std::uint32_t>(out_.runs.size()) - region.first_run;
+    region.interval_count = static_cast<std::uint32_t>(out_.intervals.size()) - region.first_interval;
     out_.regions.push_back(region);
   }
 
@@ -347,7 +348,7 @@ BuiltModel build_model(TriangleMesh mesh, const BuildOptions& options, const Pro
   const std::size_t vertices = mesh.positions.size(), faces = mesh.faces.size();
   CleanReport cleaned = clean(mesh, options.threads);
   require_surface(mesh, cleaned);
-  if (options.losses == Losses::kRefuse) require_most(vertices, faces, cleaned);
+  if (options.losses == Losses::kRefuse) require_max(vertices, faces, cleaned);
   double step = 0;
   if (options.grid_bits > 0) {
     step = step_of_grid(mesh, options.grid_bits);

@@ -70,7 +70,7 @@ class Cubes {
     const auto rotated = [&](std::uint32_t cube) {
       const std::uint64_t place = places_[cube];
       const int down = (2 - axis) * kBits;
-      return (place << (3 * kBits - down) | place >> down) & kWhole;
+      return (place << (3 * kBits - down) | place >> down) & kFullRate;
     };
     std::vector<std::uint32_t> order(size());
     std::iota(order.begin(), order.end(), 0u);
@@ -87,7 +87,7 @@ class Cubes {
     std::uint32_t region;
   };
   static constexpr int kBits = 21;
-  static constexpr std::uint64_t kWhole = (std::uint64_t{1} << 3 * kBits) - 1;
+  static constexpr std::uint64_t kFullRate = (std::uint64_t{1} << 3 * kBits) - 1;
 
   [[nodiscard]] static double at(std::uint64_t place, int axis) noexcept {
     return static_cast<double>(place >> (2 - axis) * kBits & ((1u << kBits) - 1));
@@ -118,7 +118,7 @@ class Cubes {
 
 /// The lists in atoms: consecutive records that are in the same lists, counted as one.
 struct Atoms {
-  std::vector<Run> runs;  // by run of the model, in atoms
+  std::vector<Interval> intervals;  // by run of the model, in atoms
   std::vector<std::uint32_t> records, parts;
   std::vector<std::uint32_t> faces;        // that they bear or deform, each as often as they do
   std::vector<std::uint32_t> bear;         // by atom from first_bear on: tree nodes of level 1 with faces that it bears
@@ -126,7 +126,7 @@ struct Atoms {
 
   explicit Atoms(const Model& model) {
     std::vector<bool> begins(std::size_t{model.summary.records} + 1, false);
-    for (const Run& run : model.runs) begins[run.first] = begins[run.first + run.count] = true;
+    for (const Interval& run : model.intervals) begins[run.first] = begins[run.first + run.count] = true;
     std::vector<std::uint32_t> before(std::size_t{model.summary.records} + 1);  // atoms that begin before
     std::uint32_t count = 0;
     for (std::uint32_t r = 0; r < model.summary.records; ++r) {
@@ -149,9 +149,9 @@ struct Atoms {
     }
     if (count > 0) end_atom();
     before[model.summary.records] = count;
-    runs.reserve(model.runs.size());
-    for (const Run& run : model.runs)
-      runs.push_back({before[run.first], before[run.first + run.count] - before[run.first]});
+    intervals.reserve(model.intervals.size());
+    for (const Interval& run : model.intervals)
+      intervals.push_back({before[run.first], before[run.first + run.count] - before[run.first]});
   }
 
  private:
@@ -199,7 +199,7 @@ class Union {
   Union(const Model& model, const Atoms& atoms, ShownNodes* nodes)
       : model_{model}, atoms_{atoms}, nodes_{nodes}, listed_(atoms.records.size(), 0) {}
   void add(std::uint32_t region) {
-    for (const Run& run : runs_of(region))
+    for (const Interval& run : intervals_of(region))
       for (std::uint32_t atom = run.first; atom < run.first + run.count; ++atom)
         if (listed_[atom]++ == 0) {
           records_ += atoms_.records[atom];
@@ -209,7 +209,7 @@ class Union {
         }
   }
   void remove(std::uint32_t region) {
-    for (const Run& run : runs_of(region))
+    for (const Interval& run : intervals_of(region))
       for (std::uint32_t atom = run.first; atom < run.first + run.count; ++atom)
         if (--listed_[atom] == 0) {
           records_ -= atoms_.records[atom];
@@ -224,9 +224,9 @@ class Union {
   [[nodiscard]] std::uint32_t take_changed_faces() noexcept { return std::exchange(changed_faces_, 0); }
 
  private:
-  [[nodiscard]] Span<const Run> runs_of(std::uint32_t region) const noexcept {
+  [[nodiscard]] Span<const Interval> intervals_of(std::uint32_t region) const noexcept {
     const Region& r = model_.regions[region];
-    return Span<const Run>{atoms_.runs}.subspan(r.first_run, r.run_count);
+    return Span<const Interval>{atoms_.intervals}.subspan(r.first_interval, r.interval_count);
   }
   const Model& model_;
   const Atoms& atoms_;
@@ -249,12 +249,12 @@ std::vector<Certificate::Bringing> brought(const Model& model, Span<const std::u
                                            Span<const std::uint32_t> now) {
   std::vector<bool> here(model.summary.records, false);
   for (const std::uint32_t region : before)
-    for (const Run& run : model.runs_of(RegionId{region}))
+    for (const Interval& run : model.intervals_of(RegionId{region}))
       std::fill(here.begin() + run.first, here.begin() + run.first + run.count, true);
   std::vector<Certificate::Bringing> brings;
   for_each_only_in(now, before, [&](std::uint32_t region) {
-    std::vector<Run> missing;
-    for (const Run& run : model.runs_of(RegionId{region}))
+    std::vector<Interval> missing;
+    for (const Interval& run : model.intervals_of(RegionId{region}))
       for (std::uint32_t r = run.first; r < run.first + run.count; ++r) {
         if (here[r]) continue;
         here[r] = true;
@@ -344,12 +344,12 @@ Certificate certify(const Model& model, double radius, double speed) {
 }
 
 std::uint32_t slots_needed(const ModelSummary& summary, const Certificate& certificate) noexcept {
-  const std::uint32_t least = std::max(summary.base_vertices, (summary.base_faces + 1) / 2) + certificate.parts;
+  const std::uint32_t min = std::max(summary.base_vertices, (summary.base_faces + 1) / 2) + certificate.parts;
   std::uint32_t low = 0, high = 1u << 27;
   while (high - low > 1) {  // nodes and blocks come with the slots
     const std::uint32_t slots = low + (high - low) / 2;
     const PoolSettings pool = PoolSettings::for_slots(slots);
-    const bool fits = slots >= least && pool.list_blocks >= certificate.blocks && pool.tree_nodes >= certificate.nodes;
+    const bool fits = slots >= min && pool.list_blocks >= certificate.blocks && pool.tree_nodes >= certificate.nodes;
     (fits ? high : low) = slots;
   }
   return high;
@@ -364,7 +364,7 @@ std::uint64_t memory_needed(const ModelSummary& summary, const Certificate& cert
   }
 }
 
-std::uint64_t most_marked(std::uint64_t faces, std::uint64_t finest_faces) {
+std::uint64_t max_marked(std::uint64_t faces, std::uint64_t finest_faces) {
   std::uint64_t marked = 0;
   for (std::uint64_t level = finest_faces; level > 1;) {
     level = (level + 7) / 8;

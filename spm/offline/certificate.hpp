@@ -31,7 +31,7 @@ struct Certificate {
   /// What a host sends for the worst such step: regions, each with those of its records that none before it brought.
   struct Bringing {
     RegionId region;
-    std::vector<Run> missing;
+    std::vector<Interval> missing;
   };
   std::vector<Bringing> brings;
   /// Most cubes that a straight way enters in a second, all as bad as the worst: a bound, not an expectation.
@@ -47,7 +47,7 @@ struct Certificate {
 [[nodiscard]] std::uint64_t memory_needed(const ModelSummary& summary, const Certificate& certificate) noexcept;
 
 /// The most nodes that AbTree::refit recomputes when so many faces have changed.
-[[nodiscard]] std::uint64_t most_marked(std::uint64_t faces, std::uint64_t finest_faces);
+[[nodiscard]] std::uint64_t max_marked(std::uint64_t faces, std::uint64_t finest_faces);
 
 /// Nodes and levels of a tree over the faces whose nodes have `width` children, leaves not counted as nodes.
 struct TreeSize {

@@ -88,11 +88,11 @@ std::size_t move_to_front(PlacedFace* faces, std::size_t count, std::size_t axis
 /// One of a sample, neither its first nor its last, just beyond the `nth` as far as the sample tells, so that the next
 /// one to be chosen leaves little.
 PlacedFace choose_pivot(const PlacedFace* faces, std::size_t count, std::size_t nth, Before before) {
-  constexpr std::size_t kMost = 127;
-  std::array<PlacedFace, kMost> sample;
-  const std::size_t size = count < 128 ? 5 : count < 2048 ? 21 : kMost;
+  constexpr std::size_t kMax = 127;
+  std::array<PlacedFace, kMax> sample;
+  const std::size_t size = count < 128 ? 5 : count < 2048 ? 21 : kMax;
   for (std::size_t i = 0; i < size; ++i) sample[i] = faces[i * count / size];
-  const std::size_t at = nth * size / count, beyond = size < kMost ? 1 : 5;
+  const std::size_t at = nth * size / count, beyond = size < kMax ? 1 : 5;
   const std::size_t rank = nth < count / 2 || at < beyond ? at + beyond : at - beyond;
   const auto chosen = sample.begin() + std::clamp<std::size_t>(rank, 1, size - 2);
   std::nth_element(sample.begin(), chosen, sample.begin() + size, before);
@@ -144,7 +144,7 @@ void order(PlacedFace* faces, std::size_t count) {
 
 /// Splits every block of more than `most` where `left_of` says, again and again; one generation at a time.
 template <class LeftOf, class Split>
-std::vector<std::size_t> split_all(std::vector<PlacedFace>& faces, std::size_t most, unsigned threads, LeftOf left_of,
+std::vector<std::size_t> split_all(std::vector<PlacedFace>& faces, std::size_t max, unsigned threads, LeftOf left_of,
                                    Split split) {
   std::vector<std::size_t> starts{0, faces.size()}, middles, next;
   while (true) {
@@ -152,7 +152,7 @@ std::vector<std::size_t> split_all(std::vector<PlacedFace>& faces, std::size_t m
     bool split_one = false;
     for (std::size_t i = 0; i + 1 < starts.size(); ++i) {
       const std::size_t count = starts[i + 1] - starts[i];
-      if (count <= most) continue;
+      if (count <= max) continue;
       middles[i] = left_of(count);
       split_one = true;
     }
@@ -172,13 +172,13 @@ std::vector<std::size_t> split_all(std::vector<PlacedFace>& faces, std::size_t m
 
 }  // namespace
 
-std::vector<std::size_t> divide(std::vector<PlacedFace>& faces, std::size_t most, double share, unsigned threads) {
+std::vector<std::size_t> divide(std::vector<PlacedFace>& faces, std::size_t max, double share, unsigned threads) {
   const auto left_of = [share](std::size_t count) {
     const auto left = static_cast<std::size_t>(share * static_cast<double>(count));
     return std::clamp<std::size_t>(left, 1, count - 1);
   };
   // The order within a block is part of the result.
-  return split_all(faces, most, threads, left_of, [](PlacedFace* block, std::size_t count, std::size_t left) {
+  return split_all(faces, max, threads, left_of, [](PlacedFace* block, std::size_t count, std::size_t left) {
     std::nth_element(block, block + left, block + count, Before{longest_axis(block, count)});
   });
 }

@@ -28,7 +28,7 @@ void split_along_longest_axis(PlacedFace* faces, std::size_t count, std::size_t 
 
 /// Moves the faces into blocks of `most` at most, each close together, and returns where each begins, and the end.
 /// `share` of a block too large goes to its left half: other shares cut elsewhere. O(n log blocks).
-[[nodiscard]] std::vector<std::size_t> divide(std::vector<PlacedFace>& faces, std::size_t most, double share,
+[[nodiscard]] std::vector<std::size_t> divide(std::vector<PlacedFace>& faces, std::size_t max, double share,
                                               unsigned threads);
 
 }  // namespace tactus::spm::offline

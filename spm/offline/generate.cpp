@@ -180,18 +180,18 @@ struct Quads {
 };
 
 /// The grid of quads with 2 * columns * rows nearest to `faces`, near to `aspect` columns for each row.
-Quads quads(std::uint32_t faces, double aspect, std::uint32_t least) {
+Quads quads(std::uint32_t faces, double aspect, std::uint32_t min) {
   const double wanted = faces / 2.0;
   const double columns = std::sqrt(wanted * aspect);
-  const auto around = static_cast<std::uint32_t>(std::max<double>(least, std::round(columns)));
+  const auto around = static_cast<std::uint32_t>(std::max<double>(min, std::round(columns)));
   Quads best{};
   double best_error = 0;
   const std::uint32_t reach = around / 10 + 1;
   for (std::uint32_t step = 0; step <= 2 * reach; ++step) {  // around, around + 1, around - 1, ...
     const std::uint32_t offset = (step + 1) / 2;
-    if (step % 2 == 0 && around < least + offset) continue;
+    if (step % 2 == 0 && around < min + offset) continue;
     const std::uint32_t c = step % 2 == 0 ? around - offset : around + offset;
-    const auto r = static_cast<std::uint32_t>(std::max<double>(least, std::round(wanted / c)));
+    const auto r = static_cast<std::uint32_t>(std::max<double>(min, std::round(wanted / c)));
     const double error = std::abs(double(c) * r - wanted);
     if (best.columns == 0 || error < best_error) {
       best = {c, r};
@@ -206,9 +206,9 @@ TriangleMesh torus(std::uint32_t faces) {
   TriangleMesh mesh;
   for (std::uint32_t i = 0; i < grid.columns; ++i) {
     for (std::uint32_t k = 0; k < grid.rows; ++k) {
-      const double along = 2 * kPi * i / grid.columns, across = 2 * kPi * k / grid.rows;
-      const double out = 0.05 + 0.02 * std::cos(across);
-      mesh.positions.push_back(rounded({out * std::cos(along), out * std::sin(along), 0.02 * std::sin(across)}));
+      const double along = 2 * kPi * i / grid.columns, opposite = 2 * kPi * k / grid.rows;
+      const double out = 0.05 + 0.02 * std::cos(opposite);
+      mesh.positions.push_back(rounded({out * std::cos(along), out * std::sin(along), 0.02 * std::sin(opposite)}));
       const std::uint32_t i1 = (i + 1) % grid.columns, k1 = (k + 1) % grid.rows;
       const std::uint32_t a = i * grid.rows + k, b = i1 * grid.rows + k;
       const std::uint32_t c = i1 * grid.rows + k1, d = i * grid.rows + k1;
@@ -240,8 +240,8 @@ TriangleMesh terrain(std::uint32_t faces, std::uint64_t seed) {
 /// A lattice of cubes, `wide` times as wide as high, of which the outer squares are taken.
 TriangleMesh block(std::uint32_t faces, std::int64_t wide) {
   // 2 w^2 + 4 w h squares of two faces each, with w = `wide` h.
-  const double least = static_cast<double>(4 * wide * wide + 8 * wide);
-  const std::int64_t high = std::max<std::int64_t>(1, std::llround(std::sqrt(faces / least)));
+  const double min = static_cast<double>(4 * wide * wide + 8 * wide);
+  const std::int64_t high = std::max<std::int64_t>(1, std::llround(std::sqrt(faces / min)));
   const std::array<std::int64_t, 3> count{wide * high, wide * high, high};
   TriangleMesh mesh;
   std::map<std::array<std::int64_t, 3>, std::uint32_t> numbers;

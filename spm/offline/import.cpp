@@ -196,8 +196,8 @@ std::size_t distinct(std::vector<std::array<float, 3>> positions) {
 }
 
 /// A reader drops what it does not understand without a word.
-void require_most(const std::filesystem::path& path, const Declared& declared, const TriangleMesh& mesh,
-                  const Found& found) {
+void require_max(const std::filesystem::path& path, const Declared& declared, const TriangleMesh& mesh,
+                 const Found& found) {
   const auto require = [&](const char* what, double has, double read) {
     if (2 * read >= has) return;
     std::ostringstream text;
@@ -223,8 +223,7 @@ TriangleMesh import_ply(const std::filesystem::path& path, Losses losses) {
     fail(path, "found " + std::to_string(ply.mesh.positions.size()) + " points and " + std::to_string(ply.lines) +
                    " lines, expected a surface of triangles");
   const Found found{0, ply.lines, ply.polygons};
-  if (losses == Losses::kRefuse)
-    require_most(path, {0, static_cast<double>(ply.lines + ply.polygons)}, ply.mesh, found);
+  if (losses == Losses::kRefuse) require_max(path, {0, static_cast<double>(ply.lines + ply.polygons)}, ply.mesh, found);
   return std::move(ply.mesh);
 }
 
@@ -242,7 +241,7 @@ TriangleMesh import_mesh(const std::filesystem::path& path, Losses losses) {
     Assimp::Importer importer;
     Found found;
     TriangleMesh mesh = import_with(importer, path, found);
-    if (losses == Losses::kRefuse) require_most(path, declared, mesh, found);
+    if (losses == Losses::kRefuse) require_max(path, declared, mesh, found);
     return mesh;
   } catch (const ModelError&) {
     throw;

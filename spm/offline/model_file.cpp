@@ -64,7 +64,7 @@ void for_each_array(const Model& model, Use use) {
   bytes_of(model.base_faces);
   bytes_of(model.parts);
   bytes_of(model.regions);
-  bytes_of(model.runs);
+  bytes_of(model.intervals);
 }
 
 [[noreturn]] void fail(const std::filesystem::path& path, const std::string& what) {
@@ -230,8 +230,8 @@ MappedModel::MappedModel(const std::filesystem::path& path, OwnedModel* arrays) 
     const SectionEntry& entry = table[static_cast<std::uint32_t>(kind) - 1];
     return Span<const std::uint8_t>{bytes + entry.offset, static_cast<std::size_t>(entry.size)};
   };
-  auto coded = codec::CodedModel::open({section(SectionKind::kBase), section(SectionKind::kCodes),
-                                        section(SectionKind::kLists), section(SectionKind::kSizes)});
+  auto coded = codec::CompressedModel::open({section(SectionKind::kBase), section(SectionKind::kCodes),
+                                             section(SectionKind::kLists), section(SectionKind::kSizes)});
   if (!coded) fail(path, coded.error().text);
   coded_ = std::move(*coded);
   auto decoded = codec::decode_model(coded_);

@@ -2,7 +2,8 @@
 ///
 ///   header   64 bytes   magic "tactSPM\n", version, sections, file size, XXH3-64 of header and table
 ///   table    32 bytes   for each section: kind, 0, offset, size in bytes, XXH3-64 of these bytes
-///   sections            each from a multiple of 64: base mesh, codes, lists and sizes as in codec/coded_model.hpp,
+///   sections            each from a multiple of 64: base mesh, codes, lists and sizes as in
+///   codec/compressed_model.hpp,
 ///                       statistics (JSON)
 #pragma once
 
@@ -48,14 +49,14 @@ class MappedModel {
   ~MappedModel();
 
   /// Borrows from this.
-  [[nodiscard]] const codec::CodedModel& coded() const noexcept { return coded_; }
+  [[nodiscard]] const codec::CompressedModel& coded() const noexcept { return coded_; }
   [[nodiscard]] const ModelSummary& summary() const noexcept { return coded_.summary(); }
   [[nodiscard]] const Provenance& provenance() const noexcept { return provenance_; }
 
  private:
   struct Mapping;
   std::unique_ptr<const Mapping> mapping_;
-  codec::CodedModel coded_;
+  codec::CompressedModel coded_;
   Provenance provenance_;
 };
 

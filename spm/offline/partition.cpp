@@ -11,7 +11,7 @@ namespace tactus::spm::offline {
 namespace {
 
 constexpr std::uint32_t kMaxDepth = 6;
-constexpr double kMostCellsPerSide = 1000;  // times 2^kMaxDepth still fits 16 bits
+constexpr double kMaxCellsPerSide = 1000;  // times 2^kMaxDepth still fits 16 bits
 
 class Partitioner {
  public:
@@ -31,7 +31,7 @@ class Partitioner {
     });
     const double side = (high - low).maxCoeff();
     const double even = std::sqrt(area * options.cell_faces / static_cast<double>(mesh.faces.size()));
-    const double cell = std::min(std::max(even, side / kMostCellsPerSide), 1.01 * side);
+    const double cell = std::min(std::max(even, side / kMaxCellsPerSide), 1.01 * side);
     hair_ = 1e-6 * cell + 4 * static_cast<double>(std::numeric_limits<float>::epsilon()) * largest;
     // The model sits in the middle of its cells, a hair inside of the outermost.
     out_.grid.cell_size = cell;

@@ -41,11 +41,11 @@ Offset unit_normal(const std::array<Offset, 3>& triangle, float& length) {
 }
 
 void add_border_plane(Quadric& quadric, const Offset& edge, const Offset& normal) {
-  const Point along = point(edge), across = cross(along, point(normal));
-  const double length = std::sqrt(dot(across, across));
+  const Point along = point(edge), opposite = cross(along, point(normal));
+  const double length = std::sqrt(dot(opposite, opposite));
   if (!(length > 0)) return;
-  quadric.add_plane({static_cast<float>(across.x / length), static_cast<float>(across.y / length),
-                     static_cast<float>(across.z / length)},
+  quadric.add_plane({static_cast<float>(opposite.x / length), static_cast<float>(opposite.y / length),
+                     static_cast<float>(opposite.z / length)},
                     kBorderWeight * static_cast<float>(dot(along, along)));
 }
 
@@ -307,17 +307,17 @@ void Patch::build_ring(std::uint32_t u) {
   ring_.size = 0;
   ring_.star = Star::kLocked;
   if (vertices_[u].size == 0 || vertices_[u].size > options_.max_star) return;
-  std::uint32_t most = 0, ends = 0;
+  std::uint32_t max = 0, ends = 0;
   for (const std::uint32_t corner : star(u)) {
     const Face& face = faces_[face_of(corner)];
     const std::uint32_t k = corner % 4;
     const std::uint32_t a = ring_index(face.corner[(k + 1) % 3]), b = ring_index(face.corner[(k + 2) % 3]);
     if (ring_.degree[a] < 2) ring_.joined[a][ring_.degree[a]] = static_cast<std::uint8_t>(b);
     if (ring_.degree[b] < 2) ring_.joined[b][ring_.degree[b]] = static_cast<std::uint8_t>(a);
-    most = std::max<std::uint32_t>({most, ++ring_.degree[a], ++ring_.degree[b]});
+    max = std::max<std::uint32_t>({max, ++ring_.degree[a], ++ring_.degree[b]});
   }
   for (std::uint32_t i = 0; i < ring_.size; ++i) ends += static_cast<std::uint32_t>(ring_.degree[i] == 1);
-  const bool one_sheet = most <= 2 && ring_.size >= 3 - ends / 2 && is_connected();
+  const bool one_sheet = max <= 2 && ring_.size >= 3 - ends / 2 && is_connected();
   if (one_sheet && ends == 2) {
     ring_.star = Star::kFan;
   } else if (ends == 0) {

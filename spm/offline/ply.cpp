@@ -143,17 +143,17 @@ class HeaderReader {
 
   /// Before anything is read by the counts of the header.
   void check_size() const {
-    std::uint64_t least = 0;
+    std::uint64_t min = 0;
     for (const Element& element : header_.elements) {
       std::uint64_t bytes = 0;
       for (const Property& property : element.properties)
         bytes += header_.encoding == Encoding::kAscii ? 1 : bytes_of(property.count.value_or(property.type));
-      least += element.count * bytes;
+      min += element.count * bytes;
     }
     const std::uint64_t rest = std::filesystem::file_size(path_) - at_;
-    if (least > rest) {
+    if (min > rest) {
       throw ModelError{path_.string() + ": found " + std::to_string(rest) +
-                       " bytes after its header, expected at least " + std::to_string(least) + " (truncated)"};
+                       " bytes after its header, expected at least " + std::to_string(min) + " (truncated)"};
     }
   }
 

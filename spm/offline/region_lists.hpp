@@ -1,4 +1,4 @@
-/// The closed lists of records that regions need, and the order of records in which these lists are few runs.
+/// The closed lists of records that regions need, and the order of records in which these lists are few intervals.
 #pragma once
 
 #include <cstdint>

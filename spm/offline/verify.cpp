@@ -45,7 +45,7 @@ class OneRegion {
   }
 
   void apply(RegionId region) {
-    for (const Run& run : model_.runs_of(region)) {
+    for (const Interval& run : model_.intervals_of(region)) {
       for (std::uint32_t r = run.first; r < run.first + run.count; ++r) split(r);
     }
   }

@@ -57,7 +57,7 @@ TEST(Allocation, APoolTakesTheBytesItSays) {
     spm::Pool pool{settings};
     const spm::NodePool nodes{settings.tree_nodes};
     const spm::Cache cache{pool};
-    const spm::codec::CodedStore store{settings.coded_blocks};
+    const spm::codec::CompressedCache store{settings.compressed_blocks};
     const auto said = static_cast<double>(settings.bytes());
     EXPECT_NEAR(allocated() - before, said, 0.002 * said) << slots;
   }

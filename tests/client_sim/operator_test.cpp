@@ -168,14 +168,14 @@ TEST(Operator, LeansAsItFollowsAndComesUprightWithoutAStep) {
     return Eigen::Quaterniond{q[3], q[0], q[1], q[2]};
   };
   Eigen::Quaterniond before = Eigen::Quaterniond::Identity();
-  double most = 0, step = 0, off = 0, last = 0;
+  double max = 0, step = 0, off = 0, last = 0;
   for (std::int64_t now = 1'000'000'000; now < 14'000'000'000; now += 10'000'000) {
     const auto intent = ann.tick(now, {{"body", view}});
     if (!intent) continue;
     const Eigen::Quaterniond at = turned(intent->path[0]);
     step = std::max(step, at.angularDistance(before));
     last = at.angularDistance(Eigen::Quaterniond::Identity());
-    most = std::max(most, last);
+    max = std::max(max, last);
     before = at;
     if (intent->path.size() > 1) off = std::max(off, turned(intent->path[1]).angularDistance(at));
     // A table at 0.1 m.
@@ -189,8 +189,8 @@ TEST(Operator, LeansAsItFollowsAndComesUprightWithoutAStep) {
     ann.on_probe_state(state);
   }
   EXPECT_TRUE(ann.done());
-  EXPECT_GT(most, 0.8);
-  EXPECT_LT(most, 0.8 * std::sqrt(6.0));  // about three axes, twice as far about the last
+  EXPECT_GT(max, 0.8);
+  EXPECT_LT(max, 0.8 * std::sqrt(6.0));  // about three axes, twice as far about the last
   EXPECT_LT(step, 0.1);
   EXPECT_LT(off, 0.4);
   EXPECT_LT(last, 0.05);
@@ -285,11 +285,11 @@ TEST(Operator, LandsOnAFigureOfWhichTheBoundsAreMostlyAir) {
       ClosedLoop loop{body.triangles, user_with("      - approach: {object: body, " + std::string{aimed} +
                                                 ", speed: 0.1, until_force: 0.5}\n")};
       loop.publish_surface();
-      double most = 0;
-      loop.run(20, [&](double force, bool) { most = std::max(most, force); });
+      double max = 0;
+      loop.run(20, [&](double force, bool) { max = std::max(max, force); });
       EXPECT_TRUE(loop.user().done()) << body.name << ", " << aimed;
       EXPECT_EQ(loop.user().tally().approaches_missed, 0u) << body.name << ", " << aimed;
-      EXPECT_GE(most, 0.5) << body.name << ", " << aimed;
+      EXPECT_GE(max, 0.5) << body.name << ", " << aimed;
     }
   }
 }
@@ -303,11 +303,11 @@ TEST(Operator, AimsElsewhereWhenTheLineThatMayHitHasMissed) {
                              {Vec3d{x - w, -0.1, 0}, Vec3d{x + w, 0.1, 0}, Vec3d{x - w, 0.1, 0}}});
   ClosedLoop loop{bars, user_with("      - approach: {object: body, direction: [0, 0, 1], until_force: 0.5}\n")};
   loop.publish_surface();
-  double most = 0;
-  loop.run(20, [&](double force, bool) { most = std::max(most, force); });
+  double max = 0;
+  loop.run(20, [&](double force, bool) { max = std::max(max, force); });
   EXPECT_TRUE(loop.user().done());
   EXPECT_EQ(loop.user().tally().approaches_missed, 1u);
-  EXPECT_GE(most, 0.5);
+  EXPECT_GE(max, 0.5);
 }
 
 TEST(Operator, AimsWhereTheScriptSaysWhenTheSurfaceMayBeThere) {
@@ -441,11 +441,11 @@ TEST(Operator, RetreatsOutOfTheBounds) {
 
 TEST(Operator, GivesUpOnAnObjectThatIsNotWhereItsBoundsSay) {
   using haptics::testing::operator+;
-  std::vector<Triangle> twins = haptics::testing::sphere(0.02, 2);
-  for (Triangle& triangle : twins) {
+  std::vector<Triangle> name_conflict = haptics::testing::sphere(0.02, 2);
+  for (Triangle& triangle : name_conflict) {
     for (Vec3d& corner : triangle) corner.x() += 0.2;
   }
-  ClosedLoop loop{twins + haptics::testing::sphere(0.02, 2),
+  ClosedLoop loop{name_conflict + haptics::testing::sphere(0.02, 2),
                   user_with("      - approach: {object: body, speed: 0.3}\n")};
   loop.run(120);
   EXPECT_TRUE(loop.user().done());

@@ -91,7 +91,7 @@ TEST(Scenario, ReadsWhatUsersHoldAndHowTheyLean) {
   const Scenario scenario = load_scenario("tool-scan");
   EXPECT_EQ(scenario.tool, Tool::kStylus);
   EXPECT_EQ(scenario.users[0].script[1].lean, 1.6);
-  EXPECT_EQ(load_scenario("follow-scan").tool, Tool::kBall);
+  EXPECT_EQ(load_scenario("follow-scan").tool, Tool::kSphere);
   EXPECT_EQ(load_scenario("follow-scan").users[0].script[1].lean, 0);
 }
 

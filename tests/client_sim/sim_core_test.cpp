@@ -413,11 +413,11 @@ TEST(SimCore, TellsOfAHostThatGoesAndComesBack) {
   world.entries.back().origin.incarnation = 2;
   world.run(0.1);
   EXPECT_TRUE(participant().here);
-  int told = 0;
+  int published = 0;
   for (const ReportEvent& event : world.core.report().events) {
-    if (event.time > 0 && event.text.find("host") != std::string::npos) ++told;
+    if (event.time > 0 && event.text.find("host") != std::string::npos) ++published;
   }
-  EXPECT_GE(told, 2);
+  EXPECT_GE(published, 2);
 }
 
 }  // namespace

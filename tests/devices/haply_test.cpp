@@ -49,14 +49,14 @@ class Peer {
   }
 
   [[nodiscard]] std::string place() const { return "127.0.0.1:" + std::to_string(acceptor_at_.port()); }
-  [[nodiscard]] std::vector<Json> heard() const {
+  [[nodiscard]] std::vector<Json> received() const {
     const std::lock_guard lock{mutex_};
-    return heard_;
+    return received_;
   }
   [[nodiscard]] bool hears(const std::function<bool(const std::vector<Json>&)>& condition) const {
     for (const auto end = std::chrono::steady_clock::now() + 10s; std::chrono::steady_clock::now() < end;
          std::this_thread::sleep_for(1ms))  // the peer's thread hears; nobody else tells
-      if (condition(heard())) return true;
+      if (condition(received())) return true;
     return false;
   }
 
@@ -92,7 +92,7 @@ class Peer {
       const std::string text = beast::buffers_to_string(buffer.data());
       {
         const std::lock_guard lock{mutex_};
-        heard_.push_back(Json::parse(text));
+        received_.push_back(Json::parse(text));
       }
       const std::string answer = answer_(number);
       if (answer.empty()) return;
@@ -111,7 +111,7 @@ class Peer {
   asio::ip::tcp::endpoint acceptor_at_ = acceptor_.local_endpoint();
   std::atomic<bool> accepted_{false};
   mutable std::mutex mutex_;
-  std::vector<Json> heard_;
+  std::vector<Json> received_;
   std::thread thread_;
 };
 
@@ -160,11 +160,11 @@ TEST(Haply, PositionsComeAndForcesGoToTheDeviceThatIsAskedFor) {
     EXPECT_EQ(device.health(), DeviceHealth::kReady);
     EXPECT_TRUE(peer.hears([](const auto& all) { return !all.empty() && force_of(all.back(), "x") == 0.5; }));
   }
-  const std::vector<Json> heard = peer.heard();
-  EXPECT_EQ(heard[0]["session"]["configure"]["profile"]["name"], "tactus:hrtc");
-  EXPECT_TRUE(is_zero(heard[0])) << "before anybody has written one";
-  EXPECT_TRUE(is_zero(heard.back())) << "and at the end";
-  const Json& later = heard[heard.size() - 3];
+  const std::vector<Json> received = peer.received();
+  EXPECT_EQ(received[0]["session"]["configure"]["profile"]["name"], "tactus:hrtc");
+  EXPECT_TRUE(is_zero(received[0])) << "before anybody has written one";
+  EXPECT_TRUE(is_zero(received.back())) << "and at the end";
+  const Json& later = received[received.size() - 3];
   EXPECT_EQ(later, Json::parse(R"({"inverse3": [{"device_id": "049D", "commands": {"set_cursor_force": {"vector":
                                     {"x": 0.5, "y": -1.0, "z": 0.3333333333333333}}}}]})"));
 }

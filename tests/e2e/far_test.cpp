@@ -39,8 +39,8 @@ TEST_F(FarTest, TheBaseMeshIsThereTwoRoundTripsAfterTheCatalogue) {
     Process museum{in(pair, Side::kA, host("museum", models().organ))};
     EXPECT_TRUE(observer.until([](const Seen& seen) { return seen.is_here("museum"); })) << museum.output();
     Process desk{in(pair, Side::kB, hrtc("desk"))};
-    const auto told = [](const Seen& seen) { return seen.figure("desk", session::figures::kFirstBase) > 0; };
-    EXPECT_TRUE(observer.until(told)) << desk.output();
+    const auto published = [](const Seen& seen) { return seen.figure("desk", session::figures::kFirstBase) > 0; };
+    EXPECT_TRUE(observer.until(published)) << desk.output();
     return observer.seen().figure("desk", session::figures::kFirstBase);
   };
   const double us = std::async(std::launch::async, first_base).get();

@@ -59,11 +59,11 @@ TEST_F(LiftTest, TwoAtTwoControllersRaiseACrateHoldItAndPutItDown) {
   EXPECT_LT(all["injected_j"].get<double>(), 1e-3);
   for (const auto& participant : all["participants"]) {
     if (participant["role"] != "hrtc") continue;
-    const auto& told = participant["figures"];
-    EXPECT_GE(told[figures::kCopyGroups].get<double>(), 1);
-    EXPECT_GT(told[figures::kCopiesApart].get<double>(), 0);
-    EXPECT_LT(told[figures::kCopiesApart].get<double>(), 15'000);
-    EXPECT_GE(told[figures::kPortLowest].get<double>(), -1);
+    const auto& published = participant["figures"];
+    EXPECT_GE(published[figures::kCopyGroups].get<double>(), 1);
+    EXPECT_GT(published[figures::kCopiesApart].get<double>(), 0);
+    EXPECT_LT(published[figures::kCopiesApart].get<double>(), 15'000);
+    EXPECT_GE(published[figures::kPortLowest].get<double>(), -1);
   }
 }
 
@@ -130,8 +130,8 @@ TEST_F(LiftTest, WhatAKilledControllerHeldIsPutDownByItsHost) {
   const std::string report = path("report.json");
   Process users{in_session("sim", {"--scenario", write("hold.yaml", kHoldForLong), "--json", report})};
   ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.figure("desk", figures::kGrabs) == 1; }));
-  const std::uint64_t told = observer.seen().metrics_of("desk");
-  ASSERT_TRUE(observer.until([&](const Seen& seen) { return seen.metrics_of("desk") > told; }))
+  const std::uint64_t published = observer.seen().metrics_of("desk");
+  ASSERT_TRUE(observer.until([&](const Seen& seen) { return seen.metrics_of("desk") > published; }))
       << "half a second later";
   desk.signal(SIGKILL);
   (void)users.wait();

@@ -60,8 +60,8 @@ TEST_F(MeetingTest, TheLaterOfTwoProgramsWithOneNameEndsAndTheFirstGoesOn) {
 TEST_F(MeetingTest, AUserWhomHisClientBringsNoMoreGivesHisProbeBack) {
   Observer observer{address("observer")};
   Process desk{hrtc("desk")};
-  wire::Links links{address("visitor")};
-  wire::Writer<session::RosterEntry> roster{links, wire::topics::kRoster};
+  wire::Participants participants{address("visitor")};
+  wire::Writer<session::RosterEntry> roster{participants, wire::topics::kRoster};
   session::RosterEntry entry;
   entry.role = session::Role::kClient;
   entry.name = "visitor";
@@ -77,7 +77,7 @@ TEST_F(MeetingTest, AUserWhomHisClientBringsNoMoreGivesHisProbeBack) {
       return seen.is_here("desk") && there == expected;
     };
     for (const auto end = std::chrono::steady_clock::now() + kWatchdog; std::chrono::steady_clock::now() < end;) {
-      entry.origin = links.origin();
+      entry.origin = participants.origin();
       ++entry.heartbeat;
       EXPECT_EQ(roster.send(entry), wire::SendStatus::kSent);
       if (observer.until(seen_so, 100ms)) return true;
@@ -125,8 +125,8 @@ TEST_F(MeetingTest, AProgramOfAnotherProtocolVersionIsRefusedWithBothVersionsNam
     return seen.is_here("museum") && seen.is_here("desk") && !seen.roster.at("desk").slots.empty();
   })) << users.output();
 
-  wire::Links links{address("newcomer")};
-  wire::Writer<session::RosterEntry> roster{links, wire::topics::kRoster};
+  wire::Participants participants{address("newcomer")};
+  wire::Writer<session::RosterEntry> roster{participants, wire::topics::kRoster};
   session::RosterEntry entry;
   entry.protocol = session::kProtocolVersion + 1;
   entry.role = session::Role::kClient;
@@ -135,11 +135,11 @@ TEST_F(MeetingTest, AProgramOfAnotherProtocolVersionIsRefusedWithBothVersionsNam
   entry.controller = "desk";
   entry.users = {"eve"};
   for (int beat = 0; beat < 10; ++beat) {
-    entry.origin = links.origin();
+    entry.origin = participants.origin();
     ++entry.heartbeat;
     ASSERT_EQ(roster.send(entry), wire::SendStatus::kSent);
-    const std::uint64_t heard = observer.seen().roster.at("desk").heartbeat;
-    ASSERT_TRUE(observer.until([&](const Seen& seen) { return seen.roster.at("desk").heartbeat > heard; }));
+    const std::uint64_t received = observer.seen().roster.at("desk").heartbeat;
+    ASSERT_TRUE(observer.until([&](const Seen& seen) { return seen.roster.at("desk").heartbeat > received; }));
   }
 
   const std::string refusal = "client 'newcomer' refused: it speaks protocol version " +
@@ -158,7 +158,7 @@ TEST_F(MeetingTest, AClientThatLeavesTakesOnlyItsOwnUsersAlong) {
   Observer observer{address("observer")};
   Process desk{hrtc("desk")};
   struct Client {
-    Client(const wire::SessionAddress& address, const std::string& controller) : links{address} {
+    Client(const wire::SessionAddress& address, const std::string& controller) : participants{address} {
       entry.role = session::Role::kClient;
       entry.name = address.participant;
       entry.session = address.session;
@@ -166,12 +166,12 @@ TEST_F(MeetingTest, AClientThatLeavesTakesOnlyItsOwnUsersAlong) {
       entry.users = {"ann"};
     }
     void beat() {
-      entry.origin = links.origin();
+      entry.origin = participants.origin();
       ++entry.heartbeat;
       ASSERT_EQ(roster.send(entry), wire::SendStatus::kSent);
     }
-    wire::Links links;
-    wire::Writer<session::RosterEntry> roster{links, wire::topics::kRoster};
+    wire::Participants participants;
+    wire::Writer<session::RosterEntry> roster{participants, wire::topics::kRoster};
     session::RosterEntry entry;
   };
   Client first{address("first"), "desk"}, elsewhere{address("elsewhere"), "another desk"};
@@ -199,9 +199,9 @@ TEST_F(MeetingTest, AClientThatLeavesTakesOnlyItsOwnUsersAlong) {
 
   elsewhere.entry.leaving = true;
   ASSERT_TRUE(beat_until({&first, &elsewhere, &second}, says("client 'elsewhere' left"))) << desk.output();
-  const std::uint64_t heard = observer.seen().roster.at("desk").heartbeat;
+  const std::uint64_t received = observer.seen().roster.at("desk").heartbeat;
   ASSERT_TRUE(
-      beat_until({&first, &second}, [&](const Seen& seen) { return seen.roster.at("desk").heartbeat > heard + 2; }));
+      beat_until({&first, &second}, [&](const Seen& seen) { return seen.roster.at("desk").heartbeat > received + 2; }));
   EXPECT_TRUE(serves_ann(observer.seen()));
   EXPECT_THAT(desk.output(), Not(HasSubstr("user ann has left")));
 

@@ -32,7 +32,7 @@ bool together(const Seen& seen, double users) {
 
 TEST_F(ModesTest, UsersAtOneObjectCollaborateUntilTheyAreToldNotToAndTheSessionHearsThemCoded) {
   Observer observer{address("observer")};
-  wire::Writer<session::Control> control{observer.links(), wire::topics::kControl};
+  wire::Writer<session::Control> control{observer.participants(), wire::topics::kControl};
   Process museum{host("museum", models().sphere)};
   Process desk1{coding("desk1")};
   Process desk2{coding("desk2")};
@@ -46,10 +46,10 @@ TEST_F(ModesTest, UsersAtOneObjectCollaborateUntilTheyAreToldNotToAndTheSessionH
            seen.user("ann").exact > 0 && seen.user("bob").exact > 0;
   }));
   const Seen touching = observer.seen();
-  EXPECT_LT(touching.figure("desk1", figures::kStatesCoded), touching.figure("desk1", figures::kCycles) / 2);
+  EXPECT_LT(touching.figure("desk1", figures::kStatesDeadbandCoded), touching.figure("desk1", figures::kCycles) / 2);
 
   session::Control command;
-  command.origin = observer.links().origin();
+  command.origin = observer.participants().origin();
   command.sequence = 1;
   command.kind = session::ControlKind::kMode;
   command.text = "large-scale";

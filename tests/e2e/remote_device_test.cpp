@@ -64,11 +64,11 @@ TEST_F(RemoteDeviceTest, GoesOnFeelingAfterOneCommandFromTheFarFuture) {
   Process desk{hrtc("desk")};
   Process users{sim(kTouch)};
   ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.user("ann").exact > 100; })) << users.output();
-  const wire::EndOptions where{wire::user_partition("ann")};
+  const wire::EndpointOptions where{wire::user_partition("ann")};
   std::mutex mutex;
   std::condition_variable news;
   std::uint32_t felt = 0;
-  const wire::Reader<session::DevicePose> poses{observer.links(), wire::topics::kDevicePose,
+  const wire::Reader<session::DevicePose> poses{observer.participants(), wire::topics::kDevicePose,
                                                 [&](session::DevicePose&& pose) {
                                                   const std::lock_guard lock{mutex};
                                                   felt = pose.command_felt;
@@ -77,15 +77,15 @@ TEST_F(RemoteDeviceTest, GoesOnFeelingAfterOneCommandFromTheFarFuture) {
                                                 where};
   wire::SessionAddress as_desk = address("desk");
   as_desk.incarnation = observer.seen().roster.at("desk").origin.incarnation;
-  wire::Links links{as_desk};
-  wire::Writer<session::DeviceCommand> commands{links, wire::topics::kDeviceCommand, where};
+  wire::Participants participants{as_desk};
+  wire::Writer<session::DeviceCommand> commands{participants, wire::topics::kDeviceCommand, where};
   const auto feels = [&](const auto& condition) {
     std::unique_lock lock{mutex};
     return news.wait_for(lock, kWatchdog, [&] { return condition(felt); });
   };
   ASSERT_TRUE(feels([&](std::uint32_t command) { return command > 100 && commands.matched() > 0; }));
   session::DeviceCommand wrong;
-  wrong.origin = links.origin();
+  wrong.origin = participants.origin();
   wrong.user_id = session::id_of("ann");
   wrong.sequence = 0xffffffff;
   const std::uint32_t before = [&] {

@@ -97,11 +97,11 @@ TEST_F(SafetyTest, AStopHoldsForAnHrtcThatStartsAfterItUntilAReset) {
 
 TEST_F(SafetyTest, AResetEndsNoStopThatItDoesNotName) {
   Observer observer{address("observer")};
-  wire::Writer<session::EmergencyStop> stop_out{observer.links(), wire::topics::kStop};
-  wire::Writer<session::ForceReset> reset_out{observer.links(), wire::topics::kReset};
+  wire::Writer<session::EmergencyStop> stop_out{observer.participants(), wire::topics::kStop};
+  wire::Writer<session::ForceReset> reset_out{observer.participants(), wire::topics::kReset};
   Process museum{host("museum", models().sphere)};
   Process desk{hrtc("desk")};
-  const session::Origin self = observer.links().origin();
+  const session::Origin self = observer.participants().origin();
   const auto record = [&](const Seen& seen) {
     if (seen.is_here("desk"))
       for (const session::StopRecord& known : seen.roster.at("desk").stops)
@@ -149,7 +149,7 @@ class FullPipe {
 
 TEST_F(SafetyTest, AStopTakesTheForceWhileTheServiceThreadIsBlocked) {
   Observer observer{address("observer")};
-  wire::Writer<session::EmergencyStop> stop_out{observer.links(), wire::topics::kStop};
+  wire::Writer<session::EmergencyStop> stop_out{observer.participants(), wire::topics::kStop};
   const FullPipe log{path("log")};
   Process museum{host("museum", models().sphere)};
   Process desk{hrtc("desk", {"--log", path("log")})};
@@ -166,7 +166,7 @@ TEST_F(SafetyTest, AStopTakesTheForceWhileTheServiceThreadIsBlocked) {
       << desk.output();
 
   EXPECT_TRUE(observer.until([&](const Seen& seen) {
-    (void)stop_out.send({observer.links().origin(), 1, "needle bent"});  // best effort, so again and again
+    (void)stop_out.send({observer.participants().origin(), 1, "needle bent"});  // best effort, so again and again
     return is_off(seen, "ann");
   }));
 }

@@ -35,10 +35,10 @@ SeenStates Observer::Seen::user(const std::string& name) const {
 }
 
 Observer::Observer(const wire::SessionAddress& address)
-    : links_{address},
-      roster_{links_, wire::topics::kRoster, keep(&Observer::on_roster)},
-      metrics_{links_, wire::topics::kMetrics, keep(&Observer::on_metrics)},
-      states_{links_, wire::topics::kProbeState, keep(&Observer::on_state)} {}
+    : participants_{address},
+      roster_{participants_, wire::topics::kRoster, keep(&Observer::on_roster)},
+      metrics_{participants_, wire::topics::kMetrics, keep(&Observer::on_metrics)},
+      states_{participants_, wire::topics::kProbeState, keep(&Observer::on_state)} {}
 
 void Observer::on_roster(const session::RosterEntry& entry) {
   seen_.roster[entry.name] = entry;

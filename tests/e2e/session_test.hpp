@@ -17,7 +17,7 @@
 
 #include "tests/support/process.hpp"
 #include "tests/support/temporary_folder.hpp"
-#include "wire/ends.hpp"
+#include "wire/endpoints.hpp"
 
 namespace tactus::e2e {
 
@@ -56,7 +56,7 @@ class Observer {
   [[nodiscard]] Seen seen() const;
   void forget_states();
 
-  [[nodiscard]] wire::Links& links() { return links_; }
+  [[nodiscard]] wire::Participants& participants() { return participants_; }
 
  private:
   template <class Sample>
@@ -71,7 +71,7 @@ class Observer {
   void on_metrics(const session::Metrics& metrics);
   void on_state(const session::ProbeState& state);
 
-  wire::Links links_;
+  wire::Participants participants_;
   mutable std::mutex mutex_;
   std::condition_variable news_;
   Seen seen_;

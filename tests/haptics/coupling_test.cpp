@@ -103,7 +103,7 @@ TEST(Coupling, CopiesAccelerateAsOneBodyOfTheWholeMass) {
     CouplingSettings settings;
     settings.delay = 0.021;
     settings.drag = 0;
-    settings.least_stiffness = 0;
+    settings.min_stiffness = 0;
     Copies copies{count, settings, floating_box(1), {}, 1};
     std::vector<Vec3d> forces(count, Vec3d::Zero());
     // A fifth of a second for the waves to spread, then one in which it gains what F / m says.
@@ -132,19 +132,19 @@ TEST(Coupling, GivesNoMoreEnergyThanWasPutInWhateverTheNetworkDoes) {
     const std::size_t count = 2 + seed % 4;
     Copies copies{count, settings, floating_box(0.2 + unit(random)), network, seed};
     std::vector<Vec3d> forces(count);
-    double most = 0;
+    double max = 0;
     for (int i = 0; i < 3000; ++i) {
       if (i % 97 == 0) {
         for (Vec3d& force : forces) force = 4 * Vec3d{unit(random) - 0.5, unit(random) - 0.5, unit(random) - 0.5};
       }
       copies.step(forces, 0.002);
-      most = std::max(most, copies.given() - settings.initial - settings.allowance * i * kDt);
+      max = std::max(max, copies.given() - settings.initial - settings.allowance * i * kDt);
       for (std::size_t k = 0; k < count; ++k) {
         ASSERT_GE(copies[k].coupling()->ledger().tank, 0) << "seed " << seed;
         ASSERT_TRUE(copies[k].state().position.allFinite()) << "seed " << seed;
       }
     }
-    EXPECT_LE(most, 1e-12) << "seed " << seed;
+    EXPECT_LE(max, 1e-12) << "seed " << seed;
   }
 }
 
@@ -243,14 +243,14 @@ TEST(Coupling, CopiesThatStartApartComeTogether) {
 }
 
 /// The greatest change of a copy's velocity, m/s: of all cycles of a second, and of its last half.
-std::array<double, 2> slowed_when_cut(std::size_t count, const Vec3d& spin) {
+std::array<double, 2> slowed_when_cut(std::size_t count, const Vec3d& angular_velocity) {
   CouplingSettings settings;
   settings.delay = 0.03;
   settings.drag = 0;
   Copies copies{count, settings, floating_box(0.5), {}, 1};
   BodyState moving;
   moving.velocity = {0.2, 0, -0.1};
-  moving.spin = spin;
+  moving.angular_velocity = angular_velocity;
   for (std::size_t i = 0; i < count; ++i) copies[i].place(moving);
   std::array<double, 2> slowed{};
   for (int i = 0; i < 1000; ++i) {

@@ -117,13 +117,13 @@ TEST(SimulatedDevice, TurnsWithItsWristAndYieldsToATorque) {
   device.wishes().post(path);
   const Eigen::Quaterniond wanted{Eigen::AngleAxisd{0.6, Vec3d::UnitX()}};
   DeviceState state;
-  double most = 0;
+  double max = 0;
   for (int ms = 0; ms <= 500; ++ms) {
     state = device.read(ms * kMs);
-    most = std::max(most, state.orientation.angularDistance(Eigen::Quaterniond::Identity()));
+    max = std::max(max, state.orientation.angularDistance(Eigen::Quaterniond::Identity()));
   }
   EXPECT_LT(state.orientation.angularDistance(wanted), 1e-6);
-  EXPECT_LT(most, 0.6 * 1.1);
+  EXPECT_LT(max, 0.6 * 1.1);
   const Vec3d torque{0, 0.02, 0};
   device.write_wrench(Vec3d::Zero(), torque);
   for (int ms = 501; ms <= 1500; ++ms) state = device.read(ms * kMs);

@@ -139,10 +139,10 @@ TEST(Force, LatchesWhenTheTipRunsAwayAgainstAForceButNotInTheAir) {
   ForceSettings settings = at_full_strength();
   DeviceState fast = device_moving(0);
   fast.velocity = {settings.max_speed + 0.1, 0, 0};
-  ForceRenderer told{settings, DeviceSpec{}};
-  EXPECT_EQ(told.step(ProxyResult{}, fast, {1000, 0}, kFresh, kCycle).fault, Fault::kNone);
-  EXPECT_EQ(told.step(floor_contact(0.002), fast, {1000, 0}, kFresh, kCycle).fault, Fault::kNone);
-  const ForceResult& result = told.step(floor_contact(0.002), fast, {1000, 0}, kFresh, kCycle);
+  ForceRenderer reported{settings, DeviceSpec{}};
+  EXPECT_EQ(reported.step(ProxyResult{}, fast, {1000, 0}, kFresh, kCycle).fault, Fault::kNone);
+  EXPECT_EQ(reported.step(floor_contact(0.002), fast, {1000, 0}, kFresh, kCycle).fault, Fault::kNone);
+  const ForceResult& result = reported.step(floor_contact(0.002), fast, {1000, 0}, kFresh, kCycle);
   EXPECT_EQ(result.fault, Fault::kTooFast);
   EXPECT_EQ(result.force, Vec3d(Vec3d::Zero()));
 
@@ -257,7 +257,7 @@ TEST(Force, OfAToolIsAWrenchOfItsCoupling) {
   const Feel feel{1000, 0};
   const ToolGrip grip = renderer.grip(feel, kCycle);
   EXPECT_EQ(grip.stiffness, 1000);
-  EXPECT_NEAR(grip.torsion, 0.1, 1e-15);
+  EXPECT_NEAR(grip.rotational_stiffness, 0.1, 1e-15);
   const ForceResult& result = renderer.step(pressed_tool(0.002, 0.5), grip, DeviceState{}, feel, kFresh, kCycle);
   EXPECT_LT((result.force - Vec3d(0, 0, 2)).norm(), 1e-12);
   EXPECT_LT((result.torque - Vec3d(0.05, 0, 0)).norm(), 1e-12);
@@ -265,20 +265,20 @@ TEST(Force, OfAToolIsAWrenchOfItsCoupling) {
 }
 
 /// rad; how far a device of 10^-4 kg m^2 without a damper of its own still swings about a tool that is held, after 1 s.
-double swings(double spin_damping) {
+double swings(double angular_damping) {
   ForceSettings settings = at_full_strength();
   ForceRenderer renderer{settings, bearing(1)};
   const Feel feel{1000, 0};
   ToolGrip grip = renderer.grip(feel, kCycle);
-  grip.spin_damping *= spin_damping;
-  double angle = 0.2, spin = 0, widest = 0;
+  grip.angular_damping *= angular_damping;
+  double angle = 0.2, angular_velocity = 0, widest = 0;
   for (int i = 0; i < 1200; ++i) {
     DeviceState device;
     device.orientation = rotation_by({angle, 0, 0});
     device.time_ns = 1'000'000 * i;
     const Vec3d torque = renderer.step(pressed_tool(0.001, -angle), grip, device, feel, kFresh, kCycle).torque;
-    spin += kCycle * torque.x() / 1e-4;
-    angle += kCycle * spin;
+    angular_velocity += kCycle * torque.x() / 1e-4;
+    angle += kCycle * angular_velocity;
     if (i >= 1000) widest = std::max(widest, std::abs(angle));
   }
   return widest;
@@ -295,13 +295,13 @@ TEST(Force, OfAHoldPullsAllWaysAndIsDampedByHowTheHandMovesAgainstIt) {
   ForceRenderer renderer{settings, bearing(1)}, weak{settings, bearing(0)};
   const Feel feel{1000, 3};
   const ToolGrip grip = renderer.hold(feel, kCycle);
-  EXPECT_EQ(grip.torsion, 1) << "what its maker vouches for";
-  EXPECT_NEAR(weak.hold(feel, kCycle).torsion, 2.5, 1e-12) << "does not matter where none is borne";
+  EXPECT_EQ(grip.rotational_stiffness, 1) << "what its maker vouches for";
+  EXPECT_NEAR(weak.hold(feel, kCycle).rotational_stiffness, 2.5, 1e-12) << "does not matter where none is borne";
   Hold hold;
   hold.pose.position = {0.001, 0, -0.002};
   hold.pose.orientation = rotation_by({0, 0.1, 0});
   hold.velocity = {0, 0.1, 0};
-  hold.spin = {0, 0, 2};
+  hold.angular_velocity = {0, 0, 2};
   DeviceState device;
   device.velocity = {0, 0, 0.2};
   const ForceResult& result = renderer.step(hold, grip, device, feel, kFresh, kCycle);
@@ -311,7 +311,7 @@ TEST(Force, OfAHoldPullsAllWaysAndIsDampedByHowTheHandMovesAgainstIt) {
   EXPECT_TRUE(weak.step(hold, grip, device, feel, kFresh, kCycle).torque.isZero(0));
   hold.pose.position.x() = 1;
   EXPECT_NEAR(renderer.step(hold, grip, device, feel, kFresh, kCycle).force.norm(), settings.max_force, 1e-9);
-  hold.spin.x() = std::nan("");
+  hold.angular_velocity.x() = std::nan("");
   EXPECT_EQ(renderer.step(hold, grip, device, feel, kFresh, kCycle).fault, Fault::kInputNotFinite);
   EXPECT_TRUE(renderer.step(Hold{}, grip, device, feel, kFresh, kCycle).force.isZero(0));
 }

@@ -9,7 +9,7 @@
 
 namespace tactus::haptics::testing {
 
-bool AnalyticBall::sweep(const Vec3d& from, const Vec3d& to, double radius, SurfaceHit& hit) const noexcept {
+bool AnalyticSphere::sweep(const Vec3d& from, const Vec3d& to, double radius, SurfaceHit& hit) const noexcept {
   const double reach = hollow_ ? radius_ - radius : radius_ + radius;
   const Vec3d motion = to - from;
   const double sign = hollow_ ? -1 : 1;
@@ -32,7 +32,7 @@ bool AnalyticBall::sweep(const Vec3d& from, const Vec3d& to, double radius, Surf
   return true;
 }
 
-bool AnalyticBall::closest(const Vec3d& point, double within, SurfaceHit& hit) const noexcept {
+bool AnalyticSphere::closest(const Vec3d& point, double within, SurfaceHit& hit) const noexcept {
   const double distance = (hollow_ ? -1 : 1) * (point.norm() - radius_);
   if (std::abs(distance) > within) return false;
   hit = {};
@@ -43,10 +43,10 @@ bool AnalyticBall::closest(const Vec3d& point, double within, SurfaceHit& hit) c
   return true;
 }
 
-FrictionResult stroke(const AnalyticBall& ball, double static_friction, double dynamic_friction, double greatest_speed,
-                      std::uint64_t cycles, std::uint64_t seed) {
+FrictionResult motion_segment(const AnalyticSphere& sphere, double static_friction, double dynamic_friction,
+                              double max_speed, std::uint64_t cycles, std::uint64_t seed) {
   constexpr double kCycle = 1e-3, kTip = 0.003;
-  constexpr double kLeast = 0.0002, kMost = 0.002;     // m, of depth
+  constexpr double kMin = 0.0002, kMax = 0.002;        // m, of depth
   constexpr std::uint64_t kStroke = 400, kRest = 100;  // cycles
   std::mt19937_64 random{seed};
   std::normal_distribution<double> normal;
@@ -57,33 +57,33 @@ FrictionResult stroke(const AnalyticBall& ball, double static_friction, double d
 
   // The way on the surface goes along great circles that turn slowly; the hand is below it.
   Vec3d up = Vec3d::UnitZ(), ahead = Vec3d::UnitX();
-  const double side = ball.hollow() ? -1 : 1;
-  const double resting = ball.radius() + side * kTip;  // of the centre of a tip that only touches
-  double speed = 0, depth = kLeast;
-  (void)proxy.step(up * (resting + side * kTip), kCycle, ball, false);
+  const double side = sphere.hollow() ? -1 : 1;
+  const double resting = sphere.radius() + side * kTip;  // of the centre of a tip that only touches
+  double speed = 0, depth = kMin;
+  (void)proxy.step(up * (resting + side * kTip), kCycle, sphere, false);
   bool slipped = false;
   for (std::uint64_t i = 0; i < cycles; ++i) {
-    if (i % kStroke == 0) speed = greatest_speed * uniform(random);
+    if (i % kStroke == 0) speed = max_speed * uniform(random);
     const double along = i % kStroke < kStroke - kRest ? speed * kCycle : 0;
     ahead = (ahead + 0.02 * normal(random) * up.cross(ahead)).normalized();
-    up = Eigen::AngleAxisd{along / ball.radius(), up.cross(ahead).normalized()} * up;
+    up = Eigen::AngleAxisd{along / sphere.radius(), up.cross(ahead).normalized()} * up;
     ahead = (ahead - up * up.dot(ahead)).normalized();
-    depth = std::clamp(depth + 2e-5 * normal(random), kLeast, kMost);
+    depth = std::clamp(depth + 2e-5 * normal(random), kMin, kMax);
     const Vec3d device = up * (resting - side * depth);
 
     const Vec3d before = proxy.last().proxy;
-    const ProxyResult& now = proxy.step(device, kCycle, ball, false);
+    const ProxyResult& now = proxy.step(device, kCycle, sphere, false);
     if (!now.in_contact) continue;
-    const Vec3d force = now.proxy - device, upright = ball.normal(now.proxy);
+    const Vec3d force = now.proxy - device, upright = sphere.normal(now.proxy);
     const double pressing = force.dot(upright);
     const double ratio = (force - pressing * upright).norm() / pressing;
     if (now.sticking) {
       ++result.sticking;
-      result.greatest_stuck = std::max(result.greatest_stuck, ratio / static_friction);
+      result.max_stuck = std::max(result.max_stuck, ratio / static_friction);
       result.stick_error = std::max(result.stick_error, ratio / static_friction - 1);
       if (slipped) {
         ++result.stuck_again;
-        result.greatest_return = std::max(result.greatest_return, ratio / static_friction);
+        result.max_return = std::max(result.max_return, ratio / static_friction);
       }
     } else {
       ++result.slipping;

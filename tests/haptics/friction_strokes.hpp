@@ -8,9 +8,9 @@
 namespace tactus::haptics::testing {
 
 /// A ball of radius `radius` around the origin, felt from outside, or from within when `hollow`.
-class AnalyticBall final : public Surface {
+class AnalyticSphere final : public Surface {
  public:
-  AnalyticBall(double radius, bool hollow) : radius_{radius}, hollow_{hollow} {}
+  AnalyticSphere(double radius, bool hollow) : radius_{radius}, hollow_{hollow} {}
   [[nodiscard]] double radius() const { return radius_; }
   [[nodiscard]] bool hollow() const { return hollow_; }
   /// Outer normal at the surface below `x`.
@@ -29,12 +29,13 @@ struct FrictionResult {
   std::uint64_t stuck_again = 0;  ///< times that it stuck after it had slipped
   double stick_error = 0;         ///< share by which tangential force over normal force exceeds the static coefficient
   double slip_error = 0;          ///< share by which it differs from the dynamic one while the proxy moves, at most
-  double greatest_stuck = 0;      ///< ratio to the static coefficient at which it stuck, at most
-  double greatest_return = 0;     ///< ratio to the static coefficient at which it stuck again, at most
+  double max_stuck = 0;           ///< ratio to the static coefficient at which it stuck, at most
+  double max_return = 0;          ///< ratio to the static coefficient at which it stuck again, at most
 };
 
 /// `cycles` of strokes that start, stop and turn, up to `speed` in m/s, 0.2 to 2 mm deep.
-[[nodiscard]] FrictionResult stroke(const AnalyticBall& ball, double static_friction, double dynamic_friction,
-                                    double speed, std::uint64_t cycles, std::uint64_t seed);
+[[nodiscard]] FrictionResult motion_segment(const AnalyticSphere& sphere, double static_friction,
+                                            double dynamic_friction, double speed, std::uint64_t cycles,
+                                            std::uint64_t seed);
 
 }  // namespace tactus::haptics::testing

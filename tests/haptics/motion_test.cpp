@@ -50,7 +50,7 @@ TEST(Friction, HoldsTheForceInsideTheStaticConeOrOnTheDynamicOneOnCurvedSurfaces
   for (const double radius : {0.02, 0.05, 100.0})
     for (const bool hollow : {false, true})
       for (const auto& [sticks, slips] : {std::pair{0.5, 0.3}, {0.8, 0.75}, {0.2, 0.2}}) {
-        const FrictionResult result = stroke(AnalyticBall{radius, hollow}, sticks, slips, 0.1, 20000, kSeed);
+        const FrictionResult result = motion_segment(AnalyticSphere{radius, hollow}, sticks, slips, 0.1, 20000, kSeed);
         SCOPED_TRACE(::testing::Message() << "radius " << radius << " hollow " << hollow << " coefficients " << sticks
                                           << ' ' << slips << " seed " << kSeed);
         EXPECT_LT(result.stick_error, 0.01);
@@ -58,9 +58,9 @@ TEST(Friction, HoldsTheForceInsideTheStaticConeOrOnTheDynamicOneOnCurvedSurfaces
         EXPECT_GT(result.sticking, 500u);
         EXPECT_GT(result.slipping, 5000u);
         // Hysteresis: once it slips, it sticks again only well within the cone on whose rim it broke away.
-        EXPECT_GT(result.greatest_stuck, 0.99);
+        EXPECT_GT(result.max_stuck, 0.99);
         EXPECT_GT(result.stuck_again, 10u);
-        EXPECT_LT(result.greatest_return, 0.71);
+        EXPECT_LT(result.max_return, 0.71);
       }
 }
 

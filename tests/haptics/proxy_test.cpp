@@ -232,15 +232,15 @@ TEST(Proxy, ThatAlreadyRestsInASurfaceWhenThatAppearsIsPushedOutLittleByLittle) 
 TEST(Proxy, StaysToTheBitWhereItIsWhenTheSurfaceIsSaidToHaveChangedAndHasNot) {
   const TriangleSurface surface{bumpy(0.05, 2, 0.2)};
   for (const double friction : {0.0, 0.5}) {
-    Proxy told, not_told;
+    Proxy reported, not_published;
     const Vec3d start{0.02, -0.01, 0.12};
     Wanderer hand{kSeed, start, 0.2, 0.07};
     int contacts = 0;
     for (int i = 0; i < 5000; ++i) {
       const Vec3d device = hand.next();
-      for (Proxy* proxy : {&told, &not_told}) proxy->set_grip({friction, 0.8 * friction});
-      const ProxyResult& one = told.step(device, kCycle, surface, i % 3 == 0);
-      const ProxyResult& other = not_told.step(device, kCycle, surface, false);
+      for (Proxy* proxy : {&reported, &not_published}) proxy->set_grip({friction, 0.8 * friction});
+      const ProxyResult& one = reported.step(device, kCycle, surface, i % 3 == 0);
+      const ProxyResult& other = not_published.step(device, kCycle, surface, false);
       ASSERT_EQ(one.proxy, other.proxy) << "seed " << kSeed << " cycle " << i;
       ASSERT_EQ(one.anchor, other.anchor) << "seed " << kSeed << " cycle " << i;
       contacts += one.in_contact ? 1 : 0;

@@ -46,18 +46,18 @@ MotionBody moving(MotionBody body, double speed, double turning) {
 /// A direction that wanders, and a speed that does.
 class Wander {
  public:
-  Wander(double most, double range, std::mt19937_64& random) : most_{most}, range_{range}, random_{random} {}
+  Wander(double max, double range, std::mt19937_64& random) : max_{max}, range_{range}, random_{random} {}
   Vec3d step(const Vec3d& at) {
     std::normal_distribution<double> normal;
     heading_ += 0.1 * Vec3d{normal(random_), normal(random_), normal(random_)};
     if (at.norm() > range_) heading_ -= 0.1 * at.normalized();
     heading_.normalize();
     share_ = std::clamp(share_ + 0.05 * normal(random_), 0.0, 1.0);
-    return heading_ * (share_ * most_ * kCycle);
+    return heading_ * (share_ * max_ * kCycle);
   }
 
  private:
-  double most_, range_;
+  double max_, range_;
   std::mt19937_64& random_;
   Vec3d heading_ = -Vec3d::UnitZ();
   double share_ = 0.5;
@@ -65,8 +65,8 @@ class Wander {
 
 class MotionRun {
  public:
-  MotionRun(const MotionScene& scene, double friction, std::uint64_t seed, bool told)
-      : scene_{scene}, random_{seed}, told_{told} {
+  MotionRun(const MotionScene& scene, double friction, std::uint64_t seed, bool reported)
+      : scene_{scene}, random_{seed}, reported_{reported} {
     for (const MotionBody& body : scene.bodies) {
       bodies_.add(body.triangles);
       ways_.emplace_back(body.speed, kBodyRange, random_);
@@ -114,7 +114,7 @@ class MotionRun {
       const Vec3d at = bodies_.pose(i).position;
       bodies_.move(i, {turned.toRotationMatrix(), at + ways_[i].step(at)});
     }
-    if (!told_) bodies_.rest();
+    if (!reported_) bodies_.rest();
   }
 
   void pass(const std::string& how) {
@@ -136,7 +136,7 @@ class MotionRun {
 
   const MotionScene& scene_;
   std::mt19937_64 random_;
-  bool told_;
+  bool reported_;
   MovingBodies bodies_;
   std::vector<Wander> ways_;
   std::vector<std::pair<Vec3d, Eigen::Quaterniond>> turns_;
@@ -162,19 +162,19 @@ std::vector<Triangle> box(double half, bool inwards) {
 }
 
 std::vector<MotionScene> motion_scenes() {
-  const MotionBody ball{sphere(0.05, 2)}, rock{bumpy(0.05, 2, 0.25)}, groove{grooved(0.01)}, crack{grooved(0.004)};
+  const MotionBody round{sphere(0.05, 2)}, rock{bumpy(0.05, 2, 0.25)}, groove{grooved(0.01)}, crack{grooved(0.004)};
   const MotionBody spike{tetrahedron(0.05)}, cube{box(0.02)};
   std::vector<Triangle> floor = box(0.1);  // its upper side is where the box reaches at times
   for (Triangle& t : floor)
     for (Vec3d& corner : t) corner.z() -= 0.13;
   constexpr double kWithin = 0.05;
-  return {{"ball", {ball}},
+  return {{"ball", {round}},
           {"rock", {rock}},
           {"spike", {spike}},
           {"groove", {groove}, {0.01, 0.01, 0.03}, kWithin},
           {"crack narrower than the tip", {crack}, {0.01, 0.01, 0.03}, kWithin},
           {"thin shell from within, its corners", {shell()}, Vec3d::Zero(), kWithin},
-          {"moving ball", {moving(ball, 1, 5)}},
+          {"moving ball", {moving(round, 1, 5)}},
           {"moving rock", {moving(rock, 1, 10)}},
           {"moving spike", {moving(spike, 1, 10)}},
           {"moving groove", {moving(groove, 1, 10)}, {0.01, 0.01, 0.03}, kWithin},
@@ -185,8 +185,8 @@ std::vector<MotionScene> motion_scenes() {
 }
 
 MotionResult run_motions(const MotionScene& scene, std::uint64_t motions, double friction, std::uint64_t seed,
-                         bool told) {
-  return MotionRun{scene, friction, seed, told}.run(motions);
+                         bool reported) {
+  return MotionRun{scene, friction, seed, reported}.run(motions);
 }
 
 }  // namespace tactus::haptics::testing

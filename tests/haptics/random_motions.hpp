@@ -44,7 +44,7 @@ struct MotionResult {
 
 /// `told`: false hides from the proxy that bodies move; the oracle must find that.
 [[nodiscard]] MotionResult run_motions(const MotionScene& scene, std::uint64_t motions, double friction,
-                                       std::uint64_t seed, bool told = true);
+                                       std::uint64_t seed, bool reported = true);
 /// A closed box of edge 2 `half` around the origin; with its faces turned inwards it bounds a cavity.
 [[nodiscard]] std::vector<Triangle> box(double half, bool inwards = false);
 

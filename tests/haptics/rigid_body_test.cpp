@@ -38,9 +38,9 @@ TEST(RigidBody, SpinningFreelyItKeepsItsMomentumAndItsEnergy) {
   BodySettings settings = box_body(0.3, kHalf);
   settings.gravity.setZero();
   BodyState state;
-  state.spin = {0.3, 12, 0.2};  // about the middle axis or near it: tumbles
+  state.angular_velocity = {0.3, 12, 0.2};  // about the middle axis or near it: tumbles
   RigidBody body{settings, state};
-  const Vec3d momentum = body.inertia_world() * state.spin;
+  const Vec3d momentum = body.inertia_world() * state.angular_velocity;
   const double energy = body.kinetic_energy();
   double furthest = 0;
   for (int i = 0; i < 20'000; ++i) {
@@ -48,7 +48,7 @@ TEST(RigidBody, SpinningFreelyItKeepsItsMomentumAndItsEnergy) {
     body.finish(body.free().velocity);
     furthest = std::max(furthest, std::abs(body.kinetic_energy() / energy - 1));
   }
-  EXPECT_LT((body.inertia_world() * body.state().spin - momentum).norm(), 1e-9 * momentum.norm());
+  EXPECT_LT((body.inertia_world() * body.state().angular_velocity - momentum).norm(), 1e-9 * momentum.norm());
   EXPECT_LT(furthest, 0.01);
 }
 
@@ -88,16 +88,16 @@ TEST(RigidBody, ThrownOnTheGroundItLosesEnergyAndComesToRest) {
     BodyState state;
     state.position = {0, 0, 0.2};
     state.velocity = {unit(random), unit(random), unit(random)};
-    state.spin = 10 * Vec3d{unit(random), unit(random), unit(random)};
+    state.angular_velocity = 10 * Vec3d{unit(random), unit(random), unit(random)};
     state.orientation = rotation_by(3 * Vec3d{unit(random), unit(random), unit(random)});
     RigidBody body{box_body(0.3, kHalf), state};
     ContactSolver solver;
-    double lowest = 1, most = body.kinetic_energy() + body.potential_energy();
+    double lowest = 1, max = body.kinetic_energy() + body.potential_energy();
     for (int i = 0; i < 3000; ++i) {
       step(body, solver);
       const double energy = body.kinetic_energy() + body.potential_energy();
-      ASSERT_LE(energy, most + 2e-4) << "seed " << seed << ", step " << i;
-      most = std::min(most, energy);
+      ASSERT_LE(energy, max + 2e-4) << "seed " << seed << ", step " << i;
+      max = std::min(max, energy);
       for (std::uint32_t k = 0; k < 8; ++k)
         lowest = std::min(lowest, body.state().to_world(body.settings().points[k]).z());
     }
@@ -176,7 +176,7 @@ TEST(RigidBody, OnATessellatedSlopeItSticksOrSlidesAsItsFrictionSays) {
     const double expected = 0.3 * std::max(0.0, 9.81 * (std::sin(slope) - friction * std::cos(slope)));
     EXPECT_NEAR(body.state().velocity.dot(downhill), expected, 0.003 * 9.81);
     EXPECT_NEAR(body.state().position.dot(normal), 0.02, 1e-4);
-    EXPECT_LT(body.state().spin.norm(), 0.02);
+    EXPECT_LT(body.state().angular_velocity.norm(), 0.02);
   }
 }
 
@@ -217,22 +217,22 @@ TEST(RigidBody, ATurnSpringBringsItToItsTargetAndAddsNoEnergy) {
     SCOPED_TRACE(stiffness);
     BodyState start;
     start.orientation = rotation_by({0.7, -0.4, 0.9});
-    start.spin = {3, 5, -4};
+    start.angular_velocity = {3, 5, -4};
     RigidBody body{settings, start};
     const auto energy = [&] {
       return body.kinetic_energy() + 0.5 * stiffness * turn_of(body.state().orientation).squaredNorm();
     };
     double before = energy();
-    const double most = before;
+    const double max = before;
     for (int i = 0; i < 5000; ++i) {
       body.begin(kDt);
       body.add_spring(TurnSpring{-turn_of(body.state().orientation), Vec3d::Zero(), stiffness, 0.01 * stiffness});
       body.finish(body.free().velocity);
-      EXPECT_LE(energy(), before + 1e-3 * most) << i;
+      EXPECT_LE(energy(), before + 1e-3 * max) << i;
       before = energy();
     }
     EXPECT_LT(turn_of(body.state().orientation).norm(), 1e-6);
-    EXPECT_LT(body.state().spin.norm(), 1e-5);
+    EXPECT_LT(body.state().angular_velocity.norm(), 1e-5);
   }
 }
 

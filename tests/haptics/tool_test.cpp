@@ -19,7 +19,7 @@ using test_support::ShownMesh;
 
 constexpr double kCycle = 1e-3;
 constexpr double kHalf = 0.01;  // of the box, m
-const double kRounding = ToolSettings{}.rounding;
+const double kCollisionMargin = ToolSettings{}.collision_margin;
 
 spm::MeshProbe probe_of(const TriangleMesh& mesh) { return spm::MeshProbe{mesh.positions, mesh.faces}; }
 TriangleMesh cube() { return box_mesh(Vec3d::Constant(-kHalf), Vec3d::Constant(kHalf)); }
@@ -77,7 +77,7 @@ TEST(Tool, BoxRestsOnAPlaneWhereItsRoundingTouches) {
   scene.lead(at(0, 0, 0.015), at(0.002, 0.001, 0.005), 100);
   const ToolResult& result = scene.hold(at(0.002, 0.001, 0.005), 50);
   EXPECT_TRUE(result.in_contact);
-  EXPECT_NEAR(result.pose.position.z(), kHalf + kRounding, 0.15 * kRounding);
+  EXPECT_NEAR(result.pose.position.z(), kHalf + kCollisionMargin, 0.15 * kCollisionMargin);
   EXPECT_NEAR(result.way.x(), 0, 1e-6);
   EXPECT_NEAR(result.way.y(), 0, 1e-6);
   EXPECT_LT(result.turn.norm(), 1e-4);
@@ -96,8 +96,9 @@ TEST(Tool, BoxTiltsAsFarAsSpringAndTorsionBalance) {
   // The least energy over all leans of the tool, its lowest edge on the plane.
   double best = 1e9, expected = 0;
   for (double angle = 0; angle < lean; angle += 1e-5) {
-    const double z = kHalf * (std::cos(angle) + std::sin(angle)) + kRounding;
-    const double energy = grip.stiffness * std::pow(z - height, 2) + grip.torsion * std::pow(lean - angle, 2);
+    const double z = kHalf * (std::cos(angle) + std::sin(angle)) + kCollisionMargin;
+    const double energy =
+        grip.stiffness * std::pow(z - height, 2) + grip.rotational_stiffness * std::pow(lean - angle, 2);
     if (energy < best) {
       best = energy;
       expected = angle;
@@ -137,10 +138,10 @@ TEST(Tool, EdgeInAWedgeIsHeldByBothSides) {
   const Vec3d diagonal{0, 3.14159265358979323846 / 4, 0};
   scene.lead(at(0, 0, 0.03, diagonal), at(0.002, 0.003, 0.005, diagonal), 200);
   const ToolResult& result = scene.hold(at(0.002, 0.003, 0.005, diagonal), 100);
-  const double rest = std::sqrt(2) * (kHalf + kRounding);  // of the centre over the groove
-  EXPECT_NEAR(result.pose.position.x(), 0, 0.3 * kRounding);
+  const double rest = std::sqrt(2) * (kHalf + kCollisionMargin);  // of the centre over the groove
+  EXPECT_NEAR(result.pose.position.x(), 0, 0.3 * kCollisionMargin);
   EXPECT_NEAR(result.pose.position.y(), 0.003, 1e-5);
-  EXPECT_NEAR(result.pose.position.z(), rest, 0.3 * kRounding);
+  EXPECT_NEAR(result.pose.position.z(), rest, 0.3 * kCollisionMargin);
   EXPECT_EQ(scene.meets(), 0u);
 }
 
@@ -263,17 +264,17 @@ TEST(Tool, IsPushedOutWhereASurfaceRisesUnderItWithoutAJump) {
   scene.shown.show([&](std::uint32_t f) { return high[f]; });
   scene.changed = true;
   double before = scene.tool.last().pose.position.z(), highest = 0;
-  bool told = false;
+  bool reported = false;
   for (int i = 0; i < 100; ++i) {
     const ToolResult& result = scene.step(at(0, 0, 0.008));
-    told = told || result.too_near;
+    reported = reported || result.too_near;
     highest = std::max(highest, result.pose.position.z() - before);
     EXPECT_GE(result.pose.position.z() - before, -1e-6);
     before = result.pose.position.z();
   }
-  EXPECT_TRUE(told);
+  EXPECT_TRUE(reported);
   EXPECT_LT(highest, 1.05 * ToolSettings{}.push_out * kCycle);
-  EXPECT_NEAR(before, kHalf + rise + kRounding, 0.3 * kRounding);
+  EXPECT_NEAR(before, kHalf + rise + kCollisionMargin, 0.3 * kCollisionMargin);
 }
 
 /// What refinement over a slow link does to a tool that is pressed on: the surface rises through it.
@@ -321,9 +322,9 @@ TEST(Tool, WhatHeldItGivesWayAndTheForceFallsNoFasterThanItMay) {
     largest = std::max(largest, before - force);
     before = force;
   }
-  const double most = ToolSettings{}.most_yield * kCycle;
-  EXPECT_LT(largest, 1.01 * most);
-  EXPECT_LT(cycles, 1.3 * 4.2 / most);
+  const double max = ToolSettings{}.max_yield * kCycle;
+  EXPECT_LT(largest, 1.01 * max);
+  EXPECT_LT(cycles, 1.3 * 4.2 / max);
 }
 
 TEST(Tool, ThatStartsInASurfaceTouchesNothingUntilItIsOut) {

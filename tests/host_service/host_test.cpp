@@ -23,7 +23,7 @@
 #include "spm/offline/model_file.hpp"
 #include "spm/offline/write_mesh.hpp"
 #include "tests/support/temporary_folder.hpp"
-#include "wire/ends.hpp"
+#include "wire/endpoints.hpp"
 
 namespace tactus::host_service {
 namespace {
@@ -49,13 +49,13 @@ wire::SessionAddress address(const std::string& participant) {
 class Controller {
  public:
   explicit Controller(const std::string& name)
-      : links_{address(name)},
-        client_{links_.origin(), {}},
-        roster_{links_, wire::topics::kRoster},
-        demands_{links_, wire::topics::kDemand},
-        clock_{links_, wire::topics::kClock},
-        end_{links_, wire::topics::kEnd} {
-    const wire::EndOptions own{wire::hrtc_partition(name)};
+      : participants_{address(name)},
+        client_{participants_.origin(), {}},
+        roster_{participants_, wire::topics::kRoster},
+        demands_{participants_, wire::topics::kDemand},
+        clock_{participants_, wire::topics::kClock},
+        end_{participants_, wire::topics::kEnd} {
+    const wire::EndpointOptions own{wire::hrtc_partition(name)};
     listen(wire::topics::kRoster);
     listen(wire::topics::kCatalogue);
     listen(wire::topics::kClock);
@@ -64,7 +64,7 @@ class Controller {
     listen(wire::topics::kRecords, own);
   }
 
-  /// Runs until `done`; false when the watchdog bites.
+  /// Intervals until `done`; false when the watchdog bites.
   template <class Done>
   [[nodiscard]] bool run_until(Done&& done) {
     const auto end = Clock::now() + kWatchdog;
@@ -84,7 +84,7 @@ class Controller {
     return true;
   }
 
-  void end_session() { EXPECT_EQ(end_.send({links_.origin(), "enough"}), wire::SendStatus::kSent); }
+  void end_session() { EXPECT_EQ(end_.send({participants_.origin(), "enough"}), wire::SendStatus::kSent); }
 
   [[nodiscard]] bool holds_all() const { return base_ && held_.size() == base_->mesh.summary.regions; }
 
@@ -100,9 +100,9 @@ class Controller {
                               session::BulkChunk>;
 
   template <class T>
-  void listen(const wire::TopicSpec<T>& topic, const wire::EndOptions& where = {}) {
+  void listen(const wire::TopicSpec<T>& topic, const wire::EndpointOptions& where = {}) {
     readers_.push_back(std::make_shared<wire::Reader<T>>(
-        links_, topic,
+        participants_, topic,
         [this](T&& sample) {
           const std::lock_guard<std::mutex> lock{mutex_};
           samples_.emplace_back(std::move(sample));
@@ -113,14 +113,14 @@ class Controller {
 
   void beat() {
     session::RosterEntry entry;
-    entry.origin = links_.origin();
+    entry.origin = participants_.origin();
     entry.role = session::Role::kHrtc;
-    entry.name = links_.address().participant;
-    entry.session = links_.address().session;
+    entry.name = participants_.address().participant;
+    entry.session = participants_.address().session;
     entry.heartbeat = ++heartbeat_;
     (void)roster_.send(entry);
     session::ClockSample request;
-    request.origin = links_.origin();
+    request.origin = participants_.origin();
     request.peer = session::id_of("host");
     request.sequence = static_cast<std::uint32_t>(heartbeat_);
     request.t0_ns = now_ns();
@@ -166,7 +166,7 @@ class Controller {
     client_.held(message.object_id, message.region);
   }
 
-  wire::Links links_;
+  wire::Participants participants_;
   session::DeliveryClient client_;
   wire::Writer<session::RosterEntry> roster_;
   wire::Writer<session::Demand> demands_;
@@ -179,7 +179,7 @@ class Controller {
   std::vector<std::shared_ptr<void>> readers_;
 };
 
-/// A Host that runs in its own thread.
+/// A Host that intervals in its own thread.
 class RunningHost {
  public:
   RunningHost(HostOptions options) : host_{std::move(options), [](Severity, const std::string&) {}, stop_} {
@@ -244,9 +244,9 @@ TEST_F(HostTest, AControllerGetsEveryRecordOfTheModelOnceAndToTheBit) {
     if (file.path().extension() == ".spm") built = file.path();
   }
   const offline::MappedModel original{built};
-  const spm::codec::CodedModel& model = original.coded();
+  const spm::codec::CompressedModel& model = original.coded();
   for (const auto& [region, data] : controller.held_) {
-    EXPECT_EQ(data.list.size(), model.runs_of(spm::RegionId{region}).size());
+    EXPECT_EQ(data.list.size(), model.intervals_of(spm::RegionId{region}).size());
     const auto expected = spm::codec::decode_region(spm::codec::encode_region(model, spm::RegionId{region}, data.sent),
                                                     model.summary(), model.tables());
     ASSERT_TRUE(expected) << expected.error().text;

@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "host_service/keeper.hpp"
+#include "host_service/object_authority.hpp"
 #include "spm/codec/model_codec.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
@@ -64,13 +64,13 @@ session::CatalogueEntry box(const Vec3d& half_mm, const Vec3d& place, double fri
 
 /// Where it is after 4 s, by when it has to rest.
 session::Pose dropped(const session::CatalogueEntry& entry, Scenery& scenery) {
-  Keeper keeper{entry.origin};
-  keeper.stand_among(&scenery);
-  keeper.add(entry, 0);
+  ObjectAuthority object_authority{entry.origin};
+  object_authority.stand_among(&scenery);
+  object_authority.add(entry, 0);
   session::Pose pose = entry.pose;
   for (std::int64_t now = kMs; now < 4000 * kMs; now += kMs)
-    for (const session::ObjectPose& told : keeper.tick(now, now).poses) pose = told.pose;
-  EXPECT_FALSE(keeper.busy()) << "it rests";
+    for (const session::ObjectPose& published : object_authority.tick(now, now).poses) pose = published.pose;
+  EXPECT_FALSE(object_authority.busy()) << "it rests";
   return pose;
 }
 
@@ -102,13 +102,13 @@ TEST(Scenery, WithTooLittleRoomItStaysCoarserAndABoxRestsAllTheSame) {
 
 TEST(Scenery, RegionsThatNobodyStandsOnGiveTheirRoomToOthers) {
   Scenery scenery{{organ().standing()}, 6000};
-  std::uint64_t exact = 0, asked = 0;
+  std::uint64_t exact = 0, requested = 0;
   for (std::size_t i = 0; i < organ().vertices.size(); i += 211) {
     for (int look = 0; look < 12; ++look) scenery.look({organ().vertices[i]});
-    ++asked;
+    ++requested;
     exact += scenery.exact(organ().vertices[i], 0.002) ? 1 : 0;
   }
-  EXPECT_EQ(exact, asked);
+  EXPECT_EQ(exact, requested);
   EXPECT_GT(scenery.regions_loaded(), organ().encoded.coded().summary().regions / 3);
 }
 

@@ -36,7 +36,7 @@ constexpr std::int64_t kPeriod = kMs;
 /// What a thread does, and what the system counts of it, piece by piece.
 class History {
  public:
-  enum Kind : std::uint8_t { kSleeps, kRuns, kWaits, kBlocks, kUnaccounted };
+  enum Kind : std::uint8_t { kSleeps, kIntervals, kWaits, kBlocks, kUnaccounted };
   struct Piece {
     Kind kind;
     std::int64_t ns;
@@ -61,7 +61,7 @@ class History {
     usage.asleep = true;
     for (const auto& [kind, from_ns, to_ns] : pieces_) {
       const std::int64_t ns = std::clamp<std::int64_t>(time_ns - from_ns, 0, to_ns - from_ns);
-      if (kind == kRuns) usage.cpu_ns += ns;
+      if (kind == kIntervals) usage.cpu_ns += ns;
       if (kind == kWaits) usage.wait_ns += ns;
       if (kind != kSleeps && from_ns < time_ns && time_ns < to_ns) usage.asleep = false;
       if ((kind == kSleeps || kind == kBlocks) && time_ns > from_ns) ++usage.voluntary;
@@ -92,7 +92,7 @@ std::vector<LateClass> classes_of(const std::vector<History::Piece>& wake, const
   std::vector<CycleTimes> cycles;
   const auto quiet = [&] {
     for (int i = 0; i < 8; ++i)
-      cycles.push_back(history.cycle({{History::kWaits, 20 * kUs}}, {{History::kRuns, 60 * kUs}}));
+      cycles.push_back(history.cycle({{History::kWaits, 20 * kUs}}, {{History::kIntervals, 60 * kUs}}));
   };
   quiet();
   cycles.push_back(history.cycle(wake, work));
@@ -112,65 +112,66 @@ using testing::ElementsAre;
 using testing::IsEmpty;
 
 TEST(LateCycles, ACycleInTimeHasNoVerdict) {
-  EXPECT_THAT(classes_of({{History::kWaits, 500 * kUs}}, {{History::kRuns, 400 * kUs}}), IsEmpty());
+  EXPECT_THAT(classes_of({{History::kWaits, 500 * kUs}}, {{History::kIntervals, 400 * kUs}}), IsEmpty());
 }
 
 TEST(LateCycles, LongComputationIsAnOverrun) {
-  EXPECT_THAT(classes_of({}, {{History::kRuns, 1100 * kUs}}), ElementsAre(LateClass::kOverrun));
-  EXPECT_THAT(classes_of({}, {{History::kRuns, 1100 * kUs}}, 4), ElementsAre(LateClass::kOverrun));
+  EXPECT_THAT(classes_of({}, {{History::kIntervals, 1100 * kUs}}), ElementsAre(LateClass::kOverrun));
+  EXPECT_THAT(classes_of({}, {{History::kIntervals, 1100 * kUs}}, 4), ElementsAre(LateClass::kOverrun));
 }
 
 TEST(LateCycles, ABlockedCycleIsAnOverrunThoughItTakesNoCpuTime) {
   const std::vector<History::Piece> blocked{
-      {History::kRuns, 30 * kUs}, {History::kBlocks, 1500 * kUs}, {History::kWaits, 10 * kUs}};
+      {History::kIntervals, 30 * kUs}, {History::kBlocks, 1500 * kUs}, {History::kWaits, 10 * kUs}};
   EXPECT_THAT(classes_of({{History::kWaits, 20 * kUs}}, blocked), ElementsAre(LateClass::kOverrun));
   EXPECT_THAT(classes_of({{History::kWaits, 20 * kUs}}, blocked, 4), ElementsAre(LateClass::kOverrun));
 }
 
 TEST(LateCycles, ACycleThatWaitedForOtherThreadsIsPreempted) {
   const std::vector<History::Piece> interrupted{
-      {History::kRuns, 30 * kUs}, {History::kWaits, 1500 * kUs}, {History::kRuns, 30 * kUs}};
+      {History::kIntervals, 30 * kUs}, {History::kWaits, 1500 * kUs}, {History::kIntervals, 30 * kUs}};
   for (const std::int64_t readings : {1, 4}) {
     EXPECT_THAT(classes_of({}, interrupted, readings), ElementsAre(LateClass::kPreempted));
-    EXPECT_THAT(classes_of({{History::kWaits, 970 * kUs}}, {{History::kRuns, 60 * kUs}}, readings),
+    EXPECT_THAT(classes_of({{History::kWaits, 970 * kUs}}, {{History::kIntervals, 60 * kUs}}, readings),
                 ElementsAre(LateClass::kPreempted));
   }
 }
 
 TEST(LateCycles, TimeForWhichNothingAccountsIsUnknown) {
-  const std::vector<History::Piece> stolen{{History::kRuns, 30 * kUs}, {History::kUnaccounted, 1500 * kUs}};
+  const std::vector<History::Piece> stolen{{History::kIntervals, 30 * kUs}, {History::kUnaccounted, 1500 * kUs}};
   for (const std::int64_t readings : {1, 4}) {
-    EXPECT_THAT(classes_of({{History::kUnaccounted, 970 * kUs}}, {{History::kRuns, 60 * kUs}}, readings),
+    EXPECT_THAT(classes_of({{History::kUnaccounted, 970 * kUs}}, {{History::kIntervals, 60 * kUs}}, readings),
                 ElementsAre(LateClass::kUnknown));
     EXPECT_THAT(classes_of({}, stolen, readings), ElementsAre(LateClass::kUnknown));
   }
 }
 
 TEST(LateCycles, CpuTimeThatIsChargedBeforeACycleBeginsIsUnknown) {
-  EXPECT_THAT(classes_of({{History::kRuns, 970 * kUs}}, {{History::kRuns, 60 * kUs}}),
+  EXPECT_THAT(classes_of({{History::kIntervals, 970 * kUs}}, {{History::kIntervals, 60 * kUs}}),
               ElementsAre(LateClass::kUnknown));
 }
 
 TEST(LateCycles, OwnWorkOfMoreThanHalfThePeriodIsAnOverrunWhateverElseDelayedTheCycle) {
-  EXPECT_THAT(classes_of({{History::kWaits, 600 * kUs}}, {{History::kRuns, 550 * kUs}}),
+  EXPECT_THAT(classes_of({{History::kWaits, 600 * kUs}}, {{History::kIntervals, 550 * kUs}}),
               ElementsAre(LateClass::kOverrun));
-  EXPECT_THAT(classes_of({{History::kWaits, 600 * kUs}}, {{History::kRuns, 450 * kUs}}),
+  EXPECT_THAT(classes_of({{History::kWaits, 600 * kUs}}, {{History::kIntervals, 450 * kUs}}),
               ElementsAre(LateClass::kPreempted));
 }
 
 TEST(LateCycles, ACycleThatOnlyTheOneBeforeDelayedHasItsClass) {
-  EXPECT_THAT(classes_of({}, {{History::kRuns, 1960 * kUs}}), ElementsAre(LateClass::kOverrun, LateClass::kOverrun));
-  EXPECT_THAT(classes_of({}, {{History::kWaits, 1900 * kUs}, {History::kRuns, 60 * kUs}}),
+  EXPECT_THAT(classes_of({}, {{History::kIntervals, 1960 * kUs}}),
+              ElementsAre(LateClass::kOverrun, LateClass::kOverrun));
+  EXPECT_THAT(classes_of({}, {{History::kWaits, 1900 * kUs}, {History::kIntervals, 60 * kUs}}),
               ElementsAre(LateClass::kPreempted, LateClass::kPreempted));
 }
 
 TEST(LateCycles, WithoutReadingsOnBothSidesTheClassIsUnknown) {
   History history;
   LateCycleClassifier classifier;
-  classifier.add(history.cycle({}, {{History::kRuns, 1500 * kUs}}));
+  classifier.add(history.cycle({}, {{History::kIntervals, 1500 * kUs}}));
   classifier.add(history.usage(history.now_ns() + 1));
-  classifier.add(history.cycle({}, {{History::kRuns, 10 * kUs}}));
-  classifier.add(history.cycle({}, {{History::kRuns, 1500 * kUs}}));
+  classifier.add(history.cycle({}, {{History::kIntervals, 10 * kUs}}));
+  classifier.add(history.cycle({}, {{History::kIntervals, 1500 * kUs}}));
   classifier.finish();
   std::vector<LateClass> classes;
   while (const auto verdict = classifier.next()) classes.push_back(verdict->late_class);
@@ -181,11 +182,11 @@ TEST(LateCycles, AVerdictComesAsSoonAsReadingsAllowIt) {
   History history;
   LateCycleClassifier classifier;
   classifier.add(history.usage(1));
-  classifier.add(history.cycle({}, {{History::kRuns, 1500 * kUs}}));
+  classifier.add(history.cycle({}, {{History::kIntervals, 1500 * kUs}}));
   EXPECT_FALSE(classifier.next().has_value());
   const std::int64_t read_ns = history.now_ns() + 100 * kUs;
-  const CycleTimes later = history.cycle({}, {{History::kRuns, 10 * kUs}});
-  const CycleTimes latest = history.cycle({}, {{History::kRuns, 10 * kUs}});
+  const CycleTimes later = history.cycle({}, {{History::kIntervals, 10 * kUs}});
+  const CycleTimes latest = history.cycle({}, {{History::kIntervals, 10 * kUs}});
   classifier.add(history.usage(read_ns));
   EXPECT_FALSE(classifier.next().has_value());  // the thread may have blocked meanwhile
   classifier.add(later);
@@ -201,9 +202,9 @@ TEST(LateCycles, OfABlockedAndAStolenCycleBetweenTwoReadingsTheClassIsUnknown) {
   classifier.add(history.usage(0));
   std::vector<LateClass> classes;
   classifier.add(history.cycle({}, {{History::kBlocks, 1500 * kUs}}));
-  for (int i = 0; i < 3; ++i) classifier.add(history.cycle({}, {{History::kRuns, 10 * kUs}}));
+  for (int i = 0; i < 3; ++i) classifier.add(history.cycle({}, {{History::kIntervals, 10 * kUs}}));
   classifier.add(history.cycle({}, {{History::kUnaccounted, 1500 * kUs}}));
-  for (int i = 0; i < 3; ++i) classifier.add(history.cycle({}, {{History::kRuns, 10 * kUs}}));
+  for (int i = 0; i < 3; ++i) classifier.add(history.cycle({}, {{History::kIntervals, 10 * kUs}}));
   classifier.add(history.usage(history.now_ns()));
   classifier.finish();
   while (const auto verdict = classifier.next()) classes.push_back(verdict->late_class);
@@ -213,7 +214,7 @@ TEST(LateCycles, OfABlockedAndAStolenCycleBetweenTwoReadingsTheClassIsUnknown) {
 /// Cycles with random causes of random length, read at random times.
 TEST(LateCycles, AClassIsNeverWrongAndSeldomUnknown) {
   std::mt19937_64 random{7};
-  const auto below = [&](std::int64_t most) { return std::uniform_int_distribution<std::int64_t>{0, most}(random); };
+  const auto below = [&](std::int64_t max) { return std::uniform_int_distribution<std::int64_t>{0, max}(random); };
   std::map<LateClass, int> classes;
   int known_causes = 0, known = 0;
   for (int round = 0; round < 300; ++round) {
@@ -232,12 +233,12 @@ TEST(LateCycles, AClassIsNeverWrongAndSeldomUnknown) {
       const std::int64_t length = planted ? below(4 * kMs) : 0, kind = below(5);
       if (planted) (kind == 0 ? runs : kind == 1 ? waits : kind == 2 ? blocks : kind == 3 ? lost : wakes) = length;
       const std::int64_t before_ns = history.now_ns();
-      std::vector<History::Piece> wake{{History::kWaits, wait_before + wakes}}, pieces{{History::kRuns, work / 2}};
-      if (runs > 0) pieces.push_back({History::kRuns, runs});
+      std::vector<History::Piece> wake{{History::kWaits, wait_before + wakes}}, pieces{{History::kIntervals, work / 2}};
+      if (runs > 0) pieces.push_back({History::kIntervals, runs});
       if (waits > 0) pieces.push_back({History::kWaits, waits});
       if (blocks > 0) pieces.push_back({History::kBlocks, blocks});
       if (lost > 0) pieces.push_back({History::kUnaccounted, lost});
-      pieces.push_back({History::kRuns, work / 2});
+      pieces.push_back({History::kIntervals, work / 2});
       const CycleTimes times = history.cycle(wake, pieces);
       cycles.push_back(times);
       if (!times.late()) continue;
@@ -321,7 +322,7 @@ class PlantedDevice final : public haptics::Device {
   std::atomic<std::int64_t> began_ns_{0};
 };
 
-constexpr std::size_t kWanted = 8, kMostPlants = 1000;
+constexpr std::size_t kWanted = 8, kMaxPlants = 1000;
 constexpr std::int64_t kDelay = 3 * kMs;
 
 /// The verdicts of a class.
@@ -357,7 +358,7 @@ std::vector<LateVerdict> verdicts_on(const Cause& cause, LateClass expected) {
     }
   };
   std::vector<LateVerdict> verdicts;
-  for (std::size_t plants = 0; plants < kMostPlants && of_class(expected, verdicts).size() < kWanted; ++plants) {
+  for (std::size_t plants = 0; plants < kMaxPlants && of_class(expected, verdicts).size() < kWanted; ++plants) {
     watch(15 * kMs);
     cause.prepare();
     const std::int64_t began_ns = device.plant();

@@ -106,7 +106,7 @@ Circling* OrganSession::path_ = nullptr;
 TEST_F(OrganSession, ExactContactsAreThoseOfTheFinestMeshWithAPoolOfAQuarter) {
   const spm::Model model = built_->model();
   spm::PoolSettings quarter = spm::PoolSettings::for_slots(model.summary.parts / 4 + 600);
-  quarter.coded_blocks = model.summary.records / 2;
+  quarter.compressed_blocks = model.summary.records / 2;
   LocalSession session{{model}, 1, quarter};
   std::uint64_t contact = 0, exact = 0, audited = 0;
   for (int cycle = 0; cycle < 12000; ++cycle) {
@@ -136,7 +136,7 @@ TEST_F(OrganSession, ExactContactsAreThoseOfTheFinestMeshWithAPoolOfAQuarter) {
   EXPECT_GT(figures.regions_evicted, 0u);
   EXPECT_GT(figures.regions_reloaded, 0u);
   EXPECT_LE(figures.slots_peak, quarter.slots);
-  EXPECT_LE(figures.coded_peak, quarter.coded_blocks);
+  EXPECT_LE(figures.compressed_peak, quarter.compressed_blocks);
   for (const hrtc_service::TouchObject* object : session.cycle().objects())
     EXPECT_THAT(object->forest->violations(), ::testing::IsEmpty());
 }
@@ -150,10 +150,10 @@ TEST_F(OrganSession, WhatIsSpareIsTakenBackWithoutBeingSentAgain) {
   LocalSession large{{built_->model()}, 1, spm::PoolSettings::for_slots(1 << 15)};
   to_and_fro(large, 0, kThere);
   to_and_fro(large, kThere, 0);
-  const std::uint32_t enough = large.loader().figures().coded_peak;
+  const std::uint32_t enough = large.loader().figures().compressed_peak;
 
   spm::PoolSettings settings = spm::PoolSettings::for_slots(1 << 15);
-  settings.coded_blocks = enough + enough / 20;
+  settings.compressed_blocks = enough + enough / 20;
   LocalSession session{{built_->model()}, 1, settings};
   to_and_fro(session, 0, kThere);
   const hrtc_service::LoaderFigures there = session.loader().figures();
@@ -385,7 +385,7 @@ TEST_F(OrganSession, NoSecondOfTouchTakesMoreWorkThanTheCertificateSays) {
   LocalSession session{{model}, 1, spm::PoolSettings::for_slots(1 << 15)};
   for (int cycle = 0; cycle < 1000; ++cycle) session.step(position(0), Vec3d::Zero());
   constexpr int kSecond = 1000;
-  std::uint64_t most_units = 0;
+  std::uint64_t max_units = 0;
   for (int second = 0; second < 8; ++second) {
     std::uint64_t units = 0;
     for (int cycle = second * kSecond; cycle < (second + 1) * kSecond; ++cycle) {
@@ -393,10 +393,10 @@ TEST_F(OrganSession, NoSecondOfTouchTakesMoreWorkThanTheCertificateSays) {
       const hrtc_service::CycleCosts& costs = session.step(at, (position(cycle + 1) - at) * 1000).costs;
       units += costs.visits * spm::Budget::kVisit + costs.changes * spm::Budget::kChange;
     }
-    most_units = std::max(most_units, units);
+    max_units = std::max(max_units, units);
   }
-  EXPECT_LE(static_cast<double>(most_units), certificate.units * certificate.steps_per_second());
-  EXPECT_GT(static_cast<double>(most_units), 0.02 * certificate.units * certificate.steps_per_second());
+  EXPECT_LE(static_cast<double>(max_units), certificate.units * certificate.steps_per_second());
+  EXPECT_GT(static_cast<double>(max_units), 0.02 * certificate.units * certificate.steps_per_second());
 }
 
 TEST_F(OrganSession, AnObjectWhoseDirectoryDoesNotFitIsRefusedAndTheOthersAreNot) {

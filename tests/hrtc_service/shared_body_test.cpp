@@ -90,7 +90,7 @@ TEST(SharedBody, APushIsFeltAtOnceAndMovesTheObjectForAll) {
   EXPECT_EQ(session.role(0), Holder::Role::kWatching);
   EXPECT_FALSE(session.body(0)->simulated);
   EXPECT_NEAR(session.body(0)->state.position.x(), session.body(1)->state.position.x(), 1e-6);
-  EXPECT_FALSE(session.keeper().busy());
+  EXPECT_FALSE(session.object_authority().busy());
   EXPECT_NEAR(height(session), 0, 1e-3);
   EXPECT_GE(session.port(ann).lowest, -1e-6);
 }

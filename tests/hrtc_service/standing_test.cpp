@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "haptics/simulated_device.hpp"
-#include "host_service/keeper.hpp"
+#include "host_service/object_authority.hpp"
 #include "hrtc_service/bodies.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
@@ -42,13 +42,13 @@ class OnTheOrgan : public ::testing::Test {
     const auto top = std::max_element(organ_mesh_.positions.begin(), organ_mesh_.positions.end(),
                                       [](const auto& a, const auto& b) { return a[2] < b[2]; });
     entry.pose.position = {(*top)[0], (*top)[1], (*top)[2] + 0.02};
-    host_service::Keeper keeper{entry.origin};
-    keeper.stand_among(&scenery);
-    keeper.add(entry, 0);
+    host_service::ObjectAuthority object_authority{entry.origin};
+    object_authority.stand_among(&scenery);
+    object_authority.add(entry, 0);
     session::Pose pose;
     for (std::int64_t now = kMs; now < 3000 * kMs; now += kMs)
-      for (const session::ObjectPose& told : keeper.tick(now, now).poses) pose = told.pose;
-    EXPECT_FALSE(keeper.busy());
+      for (const session::ObjectPose& published : object_authority.tick(now, now).poses) pose = published.pose;
+    EXPECT_FALSE(object_authority.busy());
     return sharing::state_at(pose, Vec3d::Zero());
   }
 
@@ -83,7 +83,7 @@ TEST_F(OnTheOrgan, ABoxStaysWhereItsHostLeftItWhenAHandTouchesItAndFallsBackTher
   orders.number = 1;
   orders.count = 1;
   orders.bodies[0].object = 1;
-  orders.bodies[0].heard = {rest, 0, 1};
+  orders.bodies[0].received = {rest, 0, 1};
   const Vec3d above = rest.position + Vec3d{0, 0, kHalf + 0.01};
   for (int i = 0; i < 300; ++i) {
     bodies_.orders().post(orders);
@@ -131,8 +131,8 @@ TEST(ToolAndBody, AStylusPushesABoxAlongTheGroundAndFeelsItsFriction) {
   hrtc_service::BodyOrders orders;
   orders.number = orders.count = 1;
   orders.bodies[0].object = 0;
-  orders.bodies[0].heard.number = 1;
-  orders.bodies[0].heard.state.position = {0, 0, -1 + kEdge};  // the ground is at -1
+  orders.bodies[0].received.number = 1;
+  orders.bodies[0].received.state.position = {0, 0, -1 + kEdge};  // the ground is at -1
   Vec3d hand{0.05, 0.002, -1 + 0.02};
   double pushed = 0, along = 0;
   int pushes = 0;

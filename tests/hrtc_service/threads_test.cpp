@@ -11,8 +11,8 @@
 #include <thread>
 
 #include "haptics/simulated_device.hpp"
-#include "hrtc_service/flight_keeper.hpp"
 #include "hrtc_service/flight_replay.hpp"
+#include "hrtc_service/flight_saver.hpp"
 #include "hrtc_service/haptic_thread.hpp"
 #include "hrtc_service/loader.hpp"
 #include "hrtc_service/realtime.hpp"
@@ -81,8 +81,8 @@ TEST(Threads, AHandFeelsWhatALoaderBringsAndEvictsMeanwhile) {
   hrtc_service::FlightOptions flight_options;
   flight_options.folder = folder.path();
   flight_options.file = folder.path() / "end.mcap";
-  hrtc_service::FlightKeeper flight{flight_options,
-                                    hrtc_service::flight_start("desk", haptic_settings.cycle, settings, {}), 1};
+  hrtc_service::FlightSaver flight{flight_options,
+                                   hrtc_service::flight_start("desk", haptic_settings.cycle, settings, {}), 1};
   haptic_settings.recorder = &flight.recorder();
   hrtc_service::HapticThread haptic{haptic_settings, {}};
   session::DeliveryServer server{session::Origin{kSession, kHost, 1, 0}};

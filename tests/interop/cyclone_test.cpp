@@ -32,8 +32,8 @@ TEST_F(CycloneTest, ReadsTheSessionAndIsADeviceThatFeelsASurfaceAndThatOthersSee
   EXPECT_EQ(entry.role, session::Role::kClient);
   EXPECT_THAT(entry.users, testing::ElementsAre("carl"));
 
-  wire::Writer<session::SessionEnd> end{observer.links(), wire::topics::kEnd};
-  ASSERT_EQ(end.send({observer.links().origin(), "enough"}), wire::SendStatus::kSent);
+  wire::Writer<session::SessionEnd> end{observer.participants(), wire::topics::kEnd};
+  ASSERT_EQ(end.send({observer.participants().origin(), "enough"}), wire::SendStatus::kSent);
   EXPECT_TRUE(observer.until([](const Seen& seen) { return seen.has_left("cyclone"); })) << carl.output();
   EXPECT_EQ(carl.wait(), 0) << carl.output();
   EXPECT_EQ(desk.wait(), 0);

@@ -33,7 +33,7 @@ TEST(ACell, IsRefusedWithTheValueFoundAndTheValuesExpected) {
   EXPECT_THAT(refusal([](Cell& c) { c.payload = 64; }), HasSubstr("a probe state always has 236"));
   EXPECT_THAT(refusal([](Cell& c) { c.topic = Topic::kRecords, c.payload = 1201; }), HasSubstr("expected 32 to 1200"));
   EXPECT_THAT(refusal([](Cell& c) { c.transport = Transport::kShm, c.link = "P4"; }), HasSubstr("goes past link P4"));
-  EXPECT_THAT(refusal([](Cell& c) { c.topic = Topic::kRecords, c.payload = 64, c.coding = Coding::kCoded; }),
+  EXPECT_THAT(refusal([](Cell& c) { c.topic = Topic::kRecords, c.payload = 64, c.coding = Coding::kDeadbandCoded; }),
               HasSubstr("expected topic probe_state"));
   EXPECT_THAT(refusal([](Cell& c) { c.seconds = 3600, c.readers = 64; }), HasSubstr("rate x seconds x readers"));
 }
@@ -52,14 +52,14 @@ TEST(ACell, ComesBackFromJsonAsItWent) {
   EXPECT_EQ(describe(back), describe(cell));
   EXPECT_EQ(to_json(back), to_json(cell));
   Cell coded;
-  coded.coding = Coding::kCoded;
+  coded.coding = Coding::kDeadbandCoded;
   EXPECT_THAT(describe(cell_from_json(to_json(coded))), HasSubstr("1000 Hz coded x1"));
 }
 
 TEST(ATest, HasAPingInEachTickOrWhereCodingSendsOneAndNeverLeavesAKeepAlivePeriodWithout) {
   Cell cell;
   EXPECT_THAT(ticks_of(cell), testing::SizeIs(5000));
-  cell.coding = Coding::kCoded;
+  cell.coding = Coding::kDeadbandCoded;
   const std::vector<std::uint32_t> ticks = ticks_of(cell);
   EXPECT_GT(ticks.size(), 5000u / 40);
   EXPECT_LT(ticks.size(), 5000u / 4);

@@ -59,18 +59,18 @@ TEST(ATally, CountsAsASetWould) {
   for (int round = 0; round < 50; ++round) {
     constexpr std::uint32_t kExpected = 200;
     SequenceTally tally{kExpected};
-    std::set<std::uint32_t> heard;
+    std::set<std::uint32_t> received;
     std::uint32_t duplicates = 0, reordered = 0;
     for (int i = 0; i < 300; ++i) {
       const std::uint32_t sequence = std::uniform_int_distribution<std::uint32_t>{0, kExpected + 20}(random);
-      const bool first = sequence < kExpected && heard.count(sequence) == 0;
+      const bool first = sequence < kExpected && received.count(sequence) == 0;
       if (sequence < kExpected && !first) ++duplicates;
-      if (first && heard.upper_bound(sequence) != heard.end()) ++reordered;
-      if (first) heard.insert(sequence);
+      if (first && received.upper_bound(sequence) != received.end()) ++reordered;
+      if (first) received.insert(sequence);
       ASSERT_EQ(tally.add(sequence), first);
     }
-    ASSERT_EQ(tally.unique(), heard.size());
-    ASSERT_EQ(tally.lost(), kExpected - heard.size());
+    ASSERT_EQ(tally.unique(), received.size());
+    ASSERT_EQ(tally.lost(), kExpected - received.size());
     ASSERT_EQ(tally.duplicates(), duplicates);
     ASSERT_EQ(tally.reordered(), reordered);
   }

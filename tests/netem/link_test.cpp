@@ -135,11 +135,11 @@ TEST(ALink, LosesInBurstsWhoseLengthsAreGeometric) {
   const auto bursts = static_cast<double>(lengths.size());
   // One burst begins on average every 1/p + 1/r frames.
   EXPECT_NEAR(bursts, kCount / (1 / 0.01 + 1 / 0.25), 5 * std::sqrt(bursts));
-  for (int least = 1; least <= 10; ++least) {
+  for (int min = 1; min <= 10; ++min) {
     const auto longer =
-        static_cast<double>(std::count_if(lengths.begin(), lengths.end(), [&](int l) { return l >= least; }));
-    const double expected = std::pow(0.75, least - 1);
-    EXPECT_NEAR(longer / bursts, expected, 5 * std::sqrt(expected * (1 - expected) / bursts) + 1e-9) << least;
+        static_cast<double>(std::count_if(lengths.begin(), lengths.end(), [&](int l) { return l >= min; }));
+    const double expected = std::pow(0.75, min - 1);
+    EXPECT_NEAR(longer / bursts, expected, 5 * std::sqrt(expected * (1 - expected) / bursts) + 1e-9) << min;
   }
   EXPECT_NEAR(static_cast<double>(link.counts().lost) / kCount, profile.mean_loss(), 0.003);
 }
@@ -230,13 +230,13 @@ TEST(SmoothJitter, IsTheSameProcessHoweverOftenItIsAsked) {
   profile.jitter_ms = 10;
   for (const std::int64_t period : {kMs / 100, kMs, 100 * kMs}) {
     double sum = 0;
-    constexpr int kRuns = 300;
-    for (int run = 0; run < kRuns; ++run) {
+    constexpr int kIntervals = 300;
+    for (int run = 0; run < kIntervals; ++run) {
       Link link{profile, kSeed + static_cast<std::uint64_t>(run)};
       const double at = delays(link, static_cast<int>(100 * kMs / period) + 1, period).back() - 100;
       sum += at * at;
     }
-    EXPECT_NEAR(std::sqrt(sum / kRuns), 10, 5 * 10 / std::sqrt(2.0 * kRuns)) << period << " ns";
+    EXPECT_NEAR(std::sqrt(sum / kIntervals), 10, 5 * 10 / std::sqrt(2.0 * kIntervals)) << period << " ns";
   }
 }
 

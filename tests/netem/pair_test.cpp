@@ -15,7 +15,7 @@
 #include <future>
 #include <thread>
 
-#include "wire/ends.hpp"
+#include "wire/endpoints.hpp"
 
 namespace tactus::netem {
 namespace {
@@ -79,7 +79,7 @@ class PairTest : public testing::Test {
 };
 
 class BothMedia : public PairTest, public testing::WithParamInterface<const char*> {};
-INSTANTIATE_TEST_SUITE_P(Links, BothMedia, testing::Values("veth", "P0"));
+INSTANTIATE_TEST_SUITE_P(Participants, BothMedia, testing::Values("veth", "P0"));
 
 TEST_P(BothMedia, CarryUnicastAndMulticastBothWays) {
   const LinkedPair pair{parse_link(GetParam())};
@@ -102,18 +102,18 @@ TEST_P(BothMedia, LetProgramsOfASessionFindEachOtherAndTalk) {
       wire::SessionAddress address;
       address.session = "netem";
       address.participant = name;
-      return std::make_unique<wire::Links>(address);
+      return std::make_unique<wire::Participants>(address);
     });
   };
   auto joining_a = join(Side::kA, "a"), joining_b = join(Side::kB, "b");
   const auto links_a = joining_a.get(), links_b = joining_b.get();
-  std::promise<std::uint32_t> heard;
+  std::promise<std::uint32_t> received;
   std::atomic<bool> done{false};
   wire::Reader<session::ProbeState> reader{*links_b, wire::topics::kProbeState, [&](session::ProbeState&& state) {
-                                             if (!done.exchange(true)) heard.set_value(state.sequence);
+                                             if (!done.exchange(true)) received.set_value(state.sequence);
                                            }};
   wire::Writer<session::ProbeState> writer{*links_a, wire::topics::kProbeState};
-  auto result = heard.get_future();
+  auto result = received.get_future();
   session::ProbeState state;
   state.sequence = 77;
   const auto give_up = std::chrono::steady_clock::now() + 20s;

@@ -129,7 +129,7 @@ TEST_F(DeliveryClientTest, CreditGrowsWithRateTimesRoundTripAndEndsAtTheRoom) {
 
   EXPECT_EQ(at_first, DeliverySettings{}.credit);
   EXPECT_GT(credit, 4 * at_first);
-  EXPECT_LE(credit, DeliverySettings{}.most_credit);
+  EXPECT_LE(credit, DeliverySettings{}.max_credit);
   EXPECT_EQ(without_room, 70'000u);
 }
 
@@ -486,13 +486,13 @@ TEST_F(DeliveryClientTest, AsksAgainSoonWhileSomethingIsOwedAndThenLessAndLessOf
   std::uint32_t epoch = publish().epoch;
   std::int64_t before = 0;
   for (int i = 0; i < 8; ++i) {
-    const std::int64_t asked = now_;
+    const std::int64_t requested = now_;
     std::optional<Demand> again;
     while (!(again = client_.demand(now_))) now_ += kMs / 10;
     EXPECT_EQ(again->epoch, ++epoch) << "else the host would not answer a second time";
-    EXPECT_LE(now_ - asked, i == 0 ? 5 * kMs : DeliverySettings{}.repeat_ns);
-    EXPECT_GE(now_ - asked, before);
-    before = now_ - asked;
+    EXPECT_LE(now_ - requested, i == 0 ? 5 * kMs : DeliverySettings{}.repeat_ns);
+    EXPECT_GE(now_ - requested, before);
+    before = now_ - requested;
   }
   EXPECT_EQ(before, DeliverySettings{}.repeat_ns);
 }

@@ -98,8 +98,8 @@ class DeliveryServerTest : public testing::Test {
         continue;
       }
       std::set<std::uint32_t> records;
-      for (const spm::Run& run : data->sent) {
-        for (std::uint32_t r = run.first; r != run.first + run.count; ++r) records.insert(r);
+      for (const spm::Interval& interval : data->sent) {
+        for (std::uint32_t r = interval.first; r != interval.first + interval.count; ++r) records.insert(r);
       }
       regions.emplace_back(piece.region, records);
     }
@@ -108,8 +108,8 @@ class DeliveryServerTest : public testing::Test {
 
   std::set<std::uint32_t> list_of(std::uint32_t region) const {
     std::set<std::uint32_t> records;
-    for (const spm::Run& run : model_.runs_of(spm::RegionId{region})) {
-      for (std::uint32_t r = run.first; r != run.first + run.count; ++r) records.insert(r);
+    for (const spm::Interval& interval : model_.intervals_of(spm::RegionId{region})) {
+      for (std::uint32_t r = interval.first; r != interval.first + interval.count; ++r) records.insert(r);
     }
     return records;
   }
@@ -495,7 +495,7 @@ TEST_F(DeliveryServerTest, RefusesDemandsThatMakeNoSense) {
   d.have = {{5, 1}, {4, 1}};
   EXPECT_EQ(tell(d), Result::kMalformed);
   d.have = {{4, 1}, {5, 1}};
-  EXPECT_EQ(tell(d), Result::kMalformed) << "runs that touch";
+  EXPECT_EQ(tell(d), Result::kMalformed) << "intervals that touch";
   d = demand(1, {});
   d.digest ^= 1;
   EXPECT_EQ(tell(d), Result::kNotServed);

@@ -73,7 +73,7 @@ TEST_F(TwoControllers, DoNotMeetAtDifferentObjects) {
 }
 
 TEST_F(TwoControllers, StayApartInACrowdAtOneObjectUntilTheyAreTold) {
-  const std::size_t most = ModeSettings{}.most_together;
+  const std::size_t max = ModeSettings{}.max_together;
   const auto crowd = [&](std::size_t others) {
     for (int i = 0; i < 50; ++i, now_ += 20 * kMs) {
       here_.on_probe(kAnn, kHere, {0.1, 0, 0}, now_);
@@ -81,12 +81,12 @@ TEST_F(TwoControllers, StayApartInACrowdAtOneObjectUntilTheyAreTold) {
       here_.tick(now_);
     }
   };
-  crowd(most - 1);
+  crowd(max - 1);
   EXPECT_THAT(here_.groups(), ElementsAre(100));
-  crowd(most);
+  crowd(max);
   EXPECT_THAT(here_.groups(), IsEmpty());
   here_.command(parse_mode("collaborate"));
-  crowd(most);
+  crowd(max);
   EXPECT_THAT(here_.groups(), ::testing::SizeIs(1));
 }
 

@@ -64,7 +64,7 @@ class Contest {
   }
   void set_faults(const ContestFaults& faults) { faults_ = faults; }
 
-  void run(std::int64_t ms) {
+  void interval(std::int64_t ms) {
     for (const std::int64_t end = now_ + ms * kMs; now_ < end;) step();
   }
 
@@ -202,29 +202,29 @@ class Contest {
 
 TEST(Ownership, TheHostOwnsUntilSomebodyTouchesAndAgainAfterThat) {
   Contest contest{1};
-  contest.run(300);
+  contest.interval(300);
   EXPECT_EQ(contest.seen_author(), kHost);
   contest.holder(0).touch(true);
   EXPECT_EQ(contest.role(0), Holder::Role::kAsking);
-  contest.run(30);
+  contest.interval(30);
   EXPECT_EQ(contest.role(0), Holder::Role::kOwner);
   EXPECT_EQ(contest.seen_author(), 1u);
   EXPECT_FALSE(contest.host().owns(contest.now()));
   contest.holder(0).touch(false);
   EXPECT_EQ(contest.role(0), Holder::Role::kWatching);
-  contest.run(30);
+  contest.interval(30);
   EXPECT_EQ(contest.seen_author(), kHost);
 }
 
 TEST(Ownership, TwoTouchersSimulateCopiesAndTheLongestHolderLeads) {
   Contest contest{1};
-  contest.run(300);
+  contest.interval(300);
   contest.holder(2).set_one_way(40 * kMs);
   contest.holder(2).touch(true);
-  contest.run(30);
+  contest.interval(30);
   const std::uint64_t alone = contest.holder(2).fencing();
   contest.holder(1).touch(true);
-  contest.run(30);
+  contest.interval(30);
   EXPECT_EQ(contest.role(2), Holder::Role::kLeader);
   EXPECT_EQ(contest.role(1), Holder::Role::kCopy);
   EXPECT_GT(contest.holder(1).fencing(), alone);
@@ -232,55 +232,55 @@ TEST(Ownership, TwoTouchersSimulateCopiesAndTheLongestHolderLeads) {
   EXPECT_NE(contest.holder(1).place(), contest.holder(2).place());
   EXPECT_EQ(contest.seen_author(), 3u);
   contest.holder(2).touch(false);
-  contest.run(30);
+  contest.interval(30);
   EXPECT_EQ(contest.role(1), Holder::Role::kOwner);
   EXPECT_EQ(contest.seen_author(), 2u);
 }
 
 TEST(Ownership, ALostOwnerGivesWayWithinItsLeaseAndItsPosesNoLongerCount) {
   Contest contest{1};
-  contest.run(300);
+  contest.interval(300);
   contest.holder(0).touch(true);
-  contest.run(30);
+  contest.interval(30);
   ASSERT_EQ(contest.role(0), Holder::Role::kOwner);
   contest.sleep(0, contest.now() + 600 * kMs);
-  contest.run(300);
+  contest.interval(300);
   EXPECT_TRUE(contest.host().owns(contest.now()));
   EXPECT_EQ(contest.seen_author(), kHost);
   const std::uint64_t before = contest.refused();
-  contest.run(310);  // it wakes and still sends a pose
+  contest.interval(310);  // it wakes and still sends a pose
   EXPECT_GT(contest.refused(), before);
-  contest.run(50);
+  contest.interval(50);
   EXPECT_EQ(contest.role(0), Holder::Role::kOwner);  // it touches still, so it is granted again
   contest.check();
 }
 
 TEST(Ownership, AGrantFromFartherThanALeaseComesInTimeAndALostOwnerGivesWayAsMuchLater) {
   Contest contest{1, {0, 0, 300, 0}};
-  contest.run(700);
+  contest.interval(700);
   for (const std::size_t i : {0u, 1u}) contest.holder(i).set_one_way(300 * kMs);
   contest.holder(0).touch(true);
-  contest.run(610);
+  contest.interval(610);
   EXPECT_EQ(contest.role(0), Holder::Role::kOwner);
-  contest.run(1000);
+  contest.interval(1000);
   EXPECT_EQ(contest.role(0), Holder::Role::kOwner) << "as long as it touches";
   contest.cut_off(0, contest.now() + 3000 * kMs);
-  contest.run(850);
+  contest.interval(850);
   EXPECT_EQ(contest.role(0), Holder::Role::kAsking);
-  contest.run(400);
+  contest.interval(400);
   EXPECT_TRUE(contest.host().owns(contest.now()));
   contest.check();
 }
 
 TEST(Ownership, AnOwnerThatIsCutOffStopsBeforeTheHostTakesTheObjectBack) {
   Contest contest{1};
-  contest.run(300);
+  contest.interval(300);
   contest.holder(0).touch(true);
-  contest.run(30);
+  contest.interval(30);
   contest.cut_off(0, contest.now() + 1000 * kMs);
   std::int64_t stopped = 0, taken = 0;
   for (int ms = 0; ms < 500; ++ms) {
-    contest.run(1);
+    contest.interval(1);
     if (stopped == 0 && contest.role(0) != Holder::Role::kOwner) stopped = contest.now();
     if (taken == 0 && contest.host().owns(contest.now())) taken = contest.now();
   }
@@ -291,14 +291,14 @@ TEST(Ownership, AnOwnerThatIsCutOffStopsBeforeTheHostTakesTheObjectBack) {
 
 TEST(Ownership, AHostThatStartsAgainFindsALargerNumber) {
   Contest contest{1};
-  contest.run(300);
+  contest.interval(300);
   contest.holder(0).touch(true);
-  contest.run(30);
+  contest.interval(30);
   contest.holder(1).touch(true);
-  contest.run(30);
+  contest.interval(30);
   const std::uint64_t before = contest.holder(0).fencing();
   contest.start_host();
-  contest.run(400);
+  contest.interval(400);
   EXPECT_GT(contest.holder(0).fencing(), before);
   const std::set<Holder::Role> roles{contest.role(0), contest.role(1)};
   EXPECT_EQ(roles, (std::set<Holder::Role>{Holder::Role::kLeader, Holder::Role::kCopy}));
@@ -338,7 +338,7 @@ TEST(Ownership, UnderAnyFaultsOneOwnerCountsPerNumberAndOneIsThereAgainAfterThem
           contest.holder(who).touch(touches[who] = !touches[who]);
       }
       for (int ms = below(150); ms > 0; --ms) {
-        contest.run(1);
+        contest.interval(1);
         contest.check();
         if (HasFatalFailure()) FAIL() << "seed " << seed;
       }
@@ -348,7 +348,7 @@ TEST(Ownership, UnderAnyFaultsOneOwnerCountsPerNumberAndOneIsThereAgainAfterThem
     // All faults end; whoever touches still, touches.
     contest.set_faults({});
     for (std::size_t program = 0; program <= kControllers; ++program) contest.cut_off(program, 0);
-    contest.run(2500);
+    contest.interval(2500);
     contest.check();
     int touching = 0, simulating = 0, leading = 0;
     for (std::size_t i = 0; i < kControllers; ++i) {

@@ -51,10 +51,10 @@ Outcome fill(const Path& path, double seconds) {
   const auto takes = static_cast<std::int64_t>((kChunk + kHeaders) * 8 / path.mbit * 1e3);
   for (std::int64_t now = 0; now < end; now += 20'000) {
     if (now >= next_demand) {
-      std::vector<Chunk> told;
+      std::vector<Chunk> published;
       for (; !under_way.empty() && under_way.front().arrives <= now; under_way.pop_front())
-        told.push_back(under_way.front());
-      if (!told.empty()) demands.emplace_back(now + path.one_way_ns, std::move(told));
+        published.push_back(under_way.front());
+      if (!published.empty()) demands.emplace_back(now + path.one_way_ns, std::move(published));
       next_demand = now + path.demand_ns;
     }
     for (; !demands.empty() && demands.front().first <= now; demands.pop_front()) {
@@ -119,13 +119,13 @@ NamedOutcome send_named(const netem::NamedLink& named, double seconds, std::uint
   netem::Link forth{named.each_way, 2 * seed + 1}, back{named.each_way, 2 * seed + 2};
   Pacer pacer;
   std::deque<Chunk> under_way;
-  struct Told {
+  struct Published {
     std::int64_t at;
     Pacer::Feedback feedback;
     std::int64_t first_sent;
   };
-  std::deque<Told> told;
-  Told untold{0, {}, 0};
+  std::deque<Published> published;
+  Published unpublished{0, {}, 0};
   double arrived = 0;
   const auto end = static_cast<std::int64_t>(seconds * 1e9);
   std::int64_t next_demand = 0, next_echo = 0;
@@ -143,25 +143,25 @@ NamedOutcome send_named(const netem::NamedLink& named, double seconds, std::uint
                                        [&](const Chunk& chunk) { return chunk.arrives && *chunk.arrives <= now; });
       for (auto left = under_way.rend() - newest; left > 0; --left, under_way.pop_front()) {
         const Chunk& chunk = under_way.front();
-        Pacer::Feedback& feedback = untold.feedback;
+        Pacer::Feedback& feedback = unpublished.feedback;
         (chunk.arrives ? feedback.arrived_bytes : feedback.lost_bytes) += chunk.bytes;
         if (!chunk.arrives || chunk.bytes == 0) continue;
         if (now > end / 3) arrived += chunk.bytes + kHeaders;
         const auto way = static_cast<std::uint32_t>((*chunk.arrives - chunk.sent) / 1000);
-        if (!feedback.one_way_us) untold.first_sent = chunk.sent;
+        if (!feedback.one_way_us) unpublished.first_sent = chunk.sent;
         feedback.one_way_us = std::min(feedback.one_way_us.value_or(way), way);
       }
-      if (untold.feedback.arrived_bytes != 0 || untold.feedback.lost_bytes != 0) {
+      if (unpublished.feedback.arrived_bytes != 0 || unpublished.feedback.lost_bytes != 0) {
         // What a lost demand would have told goes with the next.
         if (const auto at = back.departure(now, 300)) {
-          untold.at = *at;
-          told.push_back(std::exchange(untold, Told{0, {}, 0}));
+          unpublished.at = *at;
+          published.push_back(std::exchange(unpublished, Published{0, {}, 0}));
         }
       }
     }
-    for (; !told.empty() && told.front().at <= now; told.pop_front()) {
-      told.front().feedback.loop_ns = now - told.front().first_sent;
-      pacer.on_feedback(told.front().feedback, now);
+    for (; !published.empty() && published.front().at <= now; published.pop_front()) {
+      published.front().feedback.loop_ns = now - published.front().first_sent;
+      pacer.on_feedback(published.front().feedback, now);
     }
     while (to_send >= kChunk && pacer.may_send(kChunk, now)) {
       pacer.sent(kChunk, now);

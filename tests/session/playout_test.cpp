@@ -72,7 +72,7 @@ TEST(TransitWatch, ForgetsWhatWasMeasuredAfterATimeThatIsStillToCome) {
   TransitWatch watch;
   for (std::int64_t ms = 60'000; ms < 61'000; ms += 10) watch.on_transit(40 * kMs, ms * kMs);
   for (std::int64_t ms = 1000; ms < 1300; ms += 10) watch.on_transit(5 * kMs, ms * kMs);
-  EXPECT_EQ(watch.most_ns(), 5 * kMs);
+  EXPECT_EQ(watch.max_ns(), 5 * kMs);
 }
 
 TEST(ProbePlayout, GoesOnWhenSessionTimeStepsBack) {

@@ -36,7 +36,7 @@ class Switching : public ::testing::Test {
     ProbeState state;
     StateStream stream;
   };
-  void run(const std::function<void(std::int64_t ms, const Shown&)>& look) {
+  void interval(const std::function<void(std::int64_t ms, const Shown&)>& look) {
     std::mt19937 random{3};
     std::uniform_real_distribution<> jitter{-2, 2};
     ProbeEncoder encoder;
@@ -47,11 +47,11 @@ class Switching : public ::testing::Test {
       const auto arrives = ms * kMs + static_cast<std::int64_t>((15 + jitter(random)) * 1e6);
       if (encoder.step(state)) {
         state.sequence = ++coded;
-        lines[0].push_back({arrives, state, StateStream::kCoded});
+        lines[0].push_back({arrives, state, StateStream::kDeadbandCoded});
       }
       if (ms >= 1500 && ms < 3000) {
         state.sequence = ++whole;
-        lines[1].push_back({arrives, state, StateStream::kWhole});
+        lines[1].push_back({arrives, state, StateStream::kFullRate});
       }
       for (auto& line : lines)
         for (; !line.empty() && line.front().arrives_ns <= ms * kMs; line.pop_front())
@@ -64,32 +64,32 @@ class Switching : public ::testing::Test {
 
 TEST_F(Switching, ShowsNoForceStepAtEitherChangeOfStream) {
   const Jnd jnd;
-  double before = 0, greatest = 0;
-  run([&](std::int64_t ms, const Shown& shown) {
+  double before = 0, max = 0;
+  interval([&](std::int64_t ms, const Shown& shown) {
     const double force = shown.view.force[2];
-    if (ms > 1000) greatest = std::max(greatest, std::abs(force - before));
+    if (ms > 1000) max = std::max(max, std::abs(force - before));
     before = force;
     if (ms < 1000) return;
     const double felt = pressing(0).force[2] + 0.5 * std::sin(2 * M_PI * static_cast<double>(shown.at_ns) * 1e-9);
     ASSERT_LE(std::abs(force - felt), 1.3 * std::max(0.1 * felt, jnd.force_floor)) << "at " << ms << " ms";
   });
   // The force itself changes by 3 mN in a millisecond; a coded one at most by what nobody notices, 0.15 N.
-  EXPECT_LE(greatest, 0.155);
+  EXPECT_LE(max, 0.155);
 }
 
 TEST_F(Switching, GoesByWholeStatesWhileTheyComeAndShowsThemSooner) {
   std::int64_t coded_delay = 0, whole_delay = 0;
-  run([&](std::int64_t ms, const Shown&) {
+  interval([&](std::int64_t ms, const Shown&) {
     if (ms == 1400) {
-      EXPECT_EQ(probe_.stream(), StateStream::kCoded);
+      EXPECT_EQ(probe_.stream(), StateStream::kDeadbandCoded);
       coded_delay = probe_.delay_ns();
     }
     if (ms == 2900) {
-      EXPECT_EQ(probe_.stream(), StateStream::kWhole);
+      EXPECT_EQ(probe_.stream(), StateStream::kFullRate);
       whole_delay = probe_.delay_ns();
     }
     if (ms == 3100) {
-      EXPECT_EQ(probe_.stream(), StateStream::kCoded);
+      EXPECT_EQ(probe_.stream(), StateStream::kDeadbandCoded);
     }
   });
   EXPECT_GT(coded_delay, 15 * kMs);
@@ -106,7 +106,7 @@ TEST(RemoteProbe, CountsTheShareOfCodedStatesThatDidNotCome) {
     state.sequence = i;
     state.session_time_ns = i * 10 * kMs;
     if (std::uniform_real_distribution<>{}(random) >= 0.2)
-      (void)probe.on_state(state, StateStream::kCoded, state.session_time_ns);
+      (void)probe.on_state(state, StateStream::kDeadbandCoded, state.session_time_ns);
   }
   EXPECT_NEAR(probe.lost(), 0.2, 0.1);
 }
@@ -117,11 +117,11 @@ TEST(RemoteProbe, IgnoresStatesOfAnIncarnationThatIsOver) {
   state.origin.incarnation = 7;
   state.sequence = 1;
   state.radius = 1;
-  (void)probe.on_state(state, StateStream::kCoded, 0);
+  (void)probe.on_state(state, StateStream::kDeadbandCoded, 0);
   state.origin.incarnation = 6;
   state.sequence = 2;
   state.radius = 2;
-  EXPECT_EQ(probe.on_state(state, StateStream::kCoded, kMs), Admission::kImplausible);
+  EXPECT_EQ(probe.on_state(state, StateStream::kDeadbandCoded, kMs), Admission::kImplausible);
   EXPECT_EQ(probe.at(2 * kMs).state.radius, 1);
 }
 
@@ -136,7 +136,7 @@ ProbeState state_of(std::uint64_t participant, std::uint64_t incarnation, std::u
 }
 
 TEST(RemoteProbe, GoesOnAfterOneNumberFromTheFarFuture) {
-  for (const StateStream stream : {StateStream::kCoded, StateStream::kWhole}) {
+  for (const StateStream stream : {StateStream::kDeadbandCoded, StateStream::kFullRate}) {
     RemoteProbe probe;
     std::uint32_t sequence = 0;
     std::int64_t ms = 0;
@@ -155,7 +155,7 @@ TEST(RemoteProbe, GoesOnAfterOneTimeFromTheFarFuture) {
   for (std::int64_t ms = 0; ms < 2000; ++ms) {
     ProbeState state = state_of(1, 1, ++sequence, ms);
     if (ms == 100) state.session_time_ns = INT64_MAX;
-    (void)probe.on_state(state, StateStream::kCoded, ms * kMs);
+    (void)probe.on_state(state, StateStream::kDeadbandCoded, ms * kMs);
     if (ms < 110) continue;
     ASSERT_NEAR(probe.at(ms * kMs).state.radius, static_cast<double>(ms), 10) << "at " << ms << " ms";
   }
@@ -166,9 +166,9 @@ TEST(RemoteProbe, FollowsAUserToAControllerThatStartedEarlier) {
   RemoteProbe probe;
   std::int64_t ms = 0;
   for (std::uint32_t i = 1; i <= 100; ++i, ++ms)
-    (void)probe.on_state(state_of(8, 50, i, ms), StateStream::kCoded, ms * kMs);
+    (void)probe.on_state(state_of(8, 50, i, ms), StateStream::kDeadbandCoded, ms * kMs);
   for (std::uint32_t i = 1; i <= 100; ++i, ++ms)
-    (void)probe.on_state(state_of(9, 20, i, ms), StateStream::kCoded, ms * kMs);
+    (void)probe.on_state(state_of(9, 20, i, ms), StateStream::kDeadbandCoded, ms * kMs);
   EXPECT_EQ(probe.at(ms * kMs).state.origin.participant, 9u);
   EXPECT_NEAR(probe.at(ms * kMs).state.radius, static_cast<double>(ms), 10);
 }
@@ -177,7 +177,7 @@ TEST(RemoteProbe, GoesOnAfterOneIncarnationFromTheFarFuture) {
   RemoteProbe probe;
   std::int64_t ms = 0;
   for (std::uint32_t i = 1; i <= 200; ++i, ++ms)
-    (void)probe.on_state(state_of(8, i == 100 ? UINT64_MAX : 50, i, ms), StateStream::kCoded, ms * kMs);
+    (void)probe.on_state(state_of(8, i == 100 ? UINT64_MAX : 50, i, ms), StateStream::kDeadbandCoded, ms * kMs);
   EXPECT_EQ(probe.at(ms * kMs).state.origin.incarnation, 50u);
   EXPECT_NEAR(probe.at(ms * kMs).state.radius, static_cast<double>(ms), 10);
 }

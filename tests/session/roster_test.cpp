@@ -91,7 +91,7 @@ TEST_F(RosterTest, TwoProgramsThatBeatUnderOneNameAreReportedOnceNamingBoth) {
     for (RosterEvent& event : roster_.on_entry(entry("a", 1, beat), 20)) events.push_back(event);
     (void)see(entry("a", 2, beat), 20);
   }
-  ASSERT_THAT(changes(events), ElementsAre(RosterChange::kTwins));
+  ASSERT_THAT(changes(events), ElementsAre(RosterChange::kNameConflict));
   EXPECT_EQ(events[0].entry.origin.incarnation, 2u);
   EXPECT_EQ(events[0].other, 1u);
   EXPECT_THAT(text(events[0]), HasSubstr("incarnations 2 and 1"));
@@ -114,7 +114,7 @@ TEST_F(RosterTest, AnotherProgramUnderOurOwnNameIsReported) {
   EXPECT_THAT(see(entry("me", 50, 1), 0), IsEmpty()) << "that is us";
   EXPECT_THAT(see(entry("me", 40, 9), 0), IsEmpty()) << "may be the last word of our predecessor";
   EXPECT_THAT(see(entry("me", 40, 10), 0), IsEmpty());
-  EXPECT_THAT(see(entry("me", 40, 11), 0), ElementsAre(RosterChange::kTwins));
+  EXPECT_THAT(see(entry("me", 40, 11), 0), ElementsAre(RosterChange::kNameConflict));
 }
 
 TEST_F(RosterTest, TellsWhenUsersChange) {
@@ -153,7 +153,7 @@ TEST_F(RosterTest, ANameConflictIsReportedHoweverManyThereWere) {
     (void)roster_.tick(now_ns);
     EXPECT_THAT(see(entry("me", incarnation, 9), now_ns), IsEmpty());
     EXPECT_THAT(see(entry("me", incarnation, 10), now_ns), IsEmpty());
-    EXPECT_THAT(see(entry("me", incarnation, 11), now_ns), ElementsAre(RosterChange::kTwins)) << incarnation;
+    EXPECT_THAT(see(entry("me", incarnation, 11), now_ns), ElementsAre(RosterChange::kNameConflict)) << incarnation;
   }
 }
 
@@ -168,7 +168,7 @@ TEST_F(RosterTest, OfTwoProgramsWithOneNameTheLaterGivesWayWhateverItsWallClock)
     for (int beat = 0; beat < 3; ++beat, ++other.heartbeat)
       for (RosterEvent& event : roster.on_entry(other, 0)) events.push_back(std::move(event));
     EXPECT_EQ(events.size(), 1u);
-    return !events.empty() && events[0].change == RosterChange::kTwins && events[0].entry_yields;
+    return !events.empty() && events[0].change == RosterChange::kNameConflict && events[0].entry_yields;
   };
   EXPECT_FALSE(conflict(3599'000 * kMs, 1000 * kMs)) << "it came an hour after us";
   EXPECT_FALSE(conflict(kNotJoined, 1000 * kMs)) << "it has not joined yet";

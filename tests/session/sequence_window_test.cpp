@@ -21,9 +21,9 @@ Origin origin(std::uint64_t participant, std::uint64_t incarnation) { return {1,
 
 TEST(SequenceWindow, ANumberMayBeAheadByALengthAndByTheRateTimesTheTimeThatPassed) {
   for (const std::int64_t passed_ms : {0, 1, 50, 3'600'000}) {
-    const auto most = 100 + 10 + static_cast<std::uint64_t>(passed_ms);
-    EXPECT_EQ(after_hundred().admit(most, (100 + passed_ms) * kMs), Admission::kAccepted);
-    EXPECT_EQ(after_hundred().admit(most + 1, (100 + passed_ms) * kMs), Admission::kImplausible);
+    const auto max = 100 + 10 + static_cast<std::uint64_t>(passed_ms);
+    EXPECT_EQ(after_hundred().admit(max, (100 + passed_ms) * kMs), Admission::kAccepted);
+    EXPECT_EQ(after_hundred().admit(max + 1, (100 + passed_ms) * kMs), Admission::kImplausible);
   }
   EXPECT_EQ(after_hundred().admit(UINT64_MAX, 101 * kMs), Admission::kImplausible);
 }

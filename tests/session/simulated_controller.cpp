@@ -16,17 +16,17 @@ namespace {
 constexpr std::int64_t kTickNs = 2 * kMs;
 constexpr std::size_t kSlots = 8;  // enough for all users there are
 
-std::vector<std::uint32_t> records_of(const std::vector<spm::Run>& runs) {
+std::vector<std::uint32_t> records_of(const std::vector<spm::Interval>& intervals) {
   std::vector<std::uint32_t> records;
-  for (const spm::Run& run : runs)
-    for (std::uint32_t r = run.first; r != run.first + run.count; ++r) records.push_back(r);
+  for (const spm::Interval& interval : intervals)
+    for (std::uint32_t r = interval.first; r != interval.first + interval.count; ++r) records.push_back(r);
   return records;
 }
 
 std::uint32_t regions_of(std::uint64_t object) { return model_of(object).summary.regions; }
 
 /// A look is late by a tick at most, and counts from the one before the answer.
-constexpr std::int64_t kMostSilenceNs = VigilSettings{}.most_patience_ns + 4 * kTickNs;
+constexpr std::int64_t kMaxSilenceNs = FailureDetectorSettings{}.max_patience_ns + 4 * kTickNs;
 
 std::string name_of(std::uint64_t object, std::uint32_t region) {
   return "region " + std::to_string(region) + " of object " + std::to_string(object);
@@ -40,11 +40,11 @@ struct RegionRecords {
 /// A function of its arguments, so that one thread's schedules share what one of them has found out.
 const RegionRecords& decoded(std::uint64_t object, std::uint32_t region, const std::vector<std::uint8_t>& bytes) {
   thread_local std::map<std::pair<std::uint64_t, std::vector<std::uint8_t>>, RegionRecords> known;
-  constexpr std::size_t kMostKnown = 20'000;
-  if (known.size() == kMostKnown) known.clear();
+  constexpr std::size_t kMaxKnown = 20'000;
+  if (known.size() == kMaxKnown) known.clear();
   const auto [at, is_new] = known.try_emplace({object << 32 | region, bytes});
   if (!is_new) return at->second;
-  const spm::codec::CodedModel& model = coded_of(object);
+  const spm::codec::CompressedModel& model = coded_of(object);
   const auto data = spm::codec::decode_region(bytes, model_of(object).summary, model.tables());
   if (data && spm::index(data->region) == region && bytes == spm::codec::encode_region(model, data->region, data->sent))
     at->second = {true, records_of(data->list), records_of(data->sent)};
@@ -58,7 +58,7 @@ const spm::OwnedModel& model_of(std::uint64_t object) {
   return all[object - kFirstObject];
 }
 
-const spm::codec::CodedModel& coded_of(std::uint64_t object) {
+const spm::codec::CompressedModel& coded_of(std::uint64_t object) {
   static const std::array<spm::codec::EncodedModel, kObjects> all{
       spm::codec::EncodedModel{model_of(kFirstObject).model()},
       spm::codec::EncodedModel{model_of(kFirstObject + 1).model()}};
@@ -70,11 +70,11 @@ SimulatedController::SimulatedController(World& world, std::uint64_t id, const C
 
 void SimulatedController::begin() {
   DeliverySettings settings;
-  settings.credit = kMostCredit / 2;
-  settings.most_credit = kMostCredit;
-  settings.max_partial_bytes = kMostPartialBytes;
+  settings.credit = kMaxCredit / 2;
+  settings.max_credit = kMaxCredit;
+  settings.max_partial_bytes = kMaxPartialBytes;
   client_ = std::make_unique<DeliveryClient>(self(), settings);
-  vigil_ = std::make_unique<Vigil>(self(), VigilSettings{});
+  failure_detector_ = std::make_unique<FailureDetector>(self(), FailureDetectorSettings{});
   answered_ns_.clear();
   silent_.clear();
   slots_ = std::make_unique<UserSlots>(kSlots);
@@ -97,11 +97,11 @@ void SimulatedController::hear(const Sample& sample) {
                                                              !entry->leaving &&
                                                              roster().find(entry->origin.participant) != nullptr)
     client_->host_seen(entry->origin.participant, entry->origin.incarnation, local_ns());
-  if (const auto* vigil = std::get_if<VigilSample>(&sample)) {
-    const std::uint64_t host = vigil->sample.origin.participant, before = vigil_->false_alarms();
-    vigil_->on_answer(vigil->sample, local_ns());
-    figures_.false_alarms += vigil_->false_alarms() - before;
-    if (vigil_->watches(host)) answered_ns_[host] = world_.now_ns;
+  if (const auto* failure_detector = std::get_if<FailureDetectorSample>(&sample)) {
+    const std::uint64_t host = failure_detector->sample.origin.participant, before = failure_detector_->false_alarms();
+    failure_detector_->on_answer(failure_detector->sample, local_ns());
+    figures_.false_alarms += failure_detector_->false_alarms() - before;
+    if (failure_detector_->watches(host)) answered_ns_[host] = world_.now_ns;
     silent_.erase(host);
   }
   if (const auto* offer = std::get_if<CatalogueEntry>(&sample)) client_->offer(*offer);
@@ -139,17 +139,17 @@ void SimulatedController::unless_excused(const std::string& what) {
     world_.broken(std::to_string(id()) + ": " + what + ", and nothing had been lost");
 }
 
-void SimulatedController::keep_vigil() {
+void SimulatedController::run_failure_detector() {
   std::vector<std::uint64_t> hosts;
   for (std::uint64_t object = kFirstObject; object < kFirstObject + kObjects; ++object)
     if (const std::uint64_t host = client_->serving_host(object); host != 0) hosts.push_back(host);
-  vigil_->watch(hosts);
+  failure_detector_->watch(hosts);
   for (auto at = answered_ns_.begin(); at != answered_ns_.end();)
-    at = vigil_->watches(at->first) ? std::next(at) : answered_ns_.erase(at);
-  while (const std::optional<ClockSample> question = vigil_->ask(local_ns()))
-    send(question->peer, VigilSample{*question});
+    at = failure_detector_->watches(at->first) ? std::next(at) : answered_ns_.erase(at);
+  while (const std::optional<ClockSample> question = failure_detector_->ask(local_ns()))
+    send(question->peer, FailureDetectorSample{*question});
   if (world_.sabotage != Sabotage::kTrusting) {
-    for (const Vigil::Silent& silent : vigil_->silent(local_ns())) {
+    for (const FailureDetector::Silent& silent : failure_detector_->silent(local_ns())) {
       silent_.insert(silent.host);
       client_->host_silent(silent.host);
       const Program* host = world_.find(silent.host);
@@ -159,7 +159,7 @@ void SimulatedController::keep_vigil() {
     }
   }
   for (const auto& [host, answered_ns] : answered_ns_)
-    if (world_.now_ns - answered_ns > kMostSilenceNs && silent_.count(host) == 0)
+    if (world_.now_ns - answered_ns > kMaxSilenceNs && silent_.count(host) == 0)
       world_.broken(std::to_string(id()) + " counts on host " + std::to_string(host) + ", which has not answered for " +
                     std::to_string((world_.now_ns - answered_ns) / kMs) + " ms");
 }
@@ -176,7 +176,7 @@ void SimulatedController::take_chunk(const BulkChunk& chunk) {
     answers_.push_back({answers_.empty() ? due_ns : std::max(due_ns, answers_.back().due_ns), std::move(message)});
     answer();
   }
-  if (client_->partial_bytes() > kMostPartialBytes) world_.broken("incomplete messages over their bound");
+  if (client_->partial_bytes() > kMaxPartialBytes) world_.broken("incomplete messages over their bound");
 }
 
 void SimulatedController::answer() {
@@ -299,7 +299,7 @@ void SimulatedController::publish() {
           world_.broken("a demand claims " + name() + ", whose record " + std::to_string(r) + " is not here");
     }
     if (demand->wanted.size() > 2 * kReach + 1) world_.broken("a demand wants too much");
-    if (demand->credit > kMostCredit) world_.broken("a demand gives more credit than may be");
+    if (demand->credit > kMaxCredit) world_.broken("a demand gives more credit than may be");
     if (demand->epoch < cache.epoch) world_.broken("an epoch that steps back");
     cache.epoch = demand->epoch;
     for (auto& [region, epoch] : cache.retired)
@@ -322,7 +322,7 @@ bool SimulatedController::content_with(std::uint64_t object) const {
 
 std::int64_t SimulatedController::work() {
   answer();
-  keep_vigil();
+  run_failure_detector();
   const bool moves = world_.wandering && wander_.due(world_.now_ns);
   for (std::uint64_t object = kFirstObject; object < kFirstObject + kObjects; ++object) {
     release(object);

@@ -14,8 +14,8 @@
 #include <vector>
 
 #include "session/delivery_client.hpp"
-#include "session/vigil.hpp"
-#include "spm/codec/coded_model.hpp"
+#include "session/failure_detector.hpp"
+#include "spm/codec/compressed_model.hpp"
 #include "tests/session/simulated_program.hpp"
 #include "tests/support/random_model.hpp"
 
@@ -26,10 +26,10 @@ inline constexpr std::uint64_t kFirstObject = 300;
 inline constexpr std::uint64_t kObjects = 2;
 inline constexpr std::uint32_t kReach = 2;  ///< regions wanted around the one that is touched
 inline constexpr std::uint32_t kKeep = 4;   ///< farther ones are retired
-inline constexpr std::uint32_t kMostCredit = 48 * 1024;
-inline constexpr std::size_t kMostPartialBytes = 200'000;
+inline constexpr std::uint32_t kMaxCredit = 48 * 1024;
+inline constexpr std::size_t kMaxPartialBytes = 200'000;
 [[nodiscard]] const spm::OwnedModel& model_of(std::uint64_t object);
-[[nodiscard]] const spm::codec::CodedModel& coded_of(std::uint64_t object);
+[[nodiscard]] const spm::codec::CompressedModel& coded_of(std::uint64_t object);
 
 /// How its decoder and its memory treat messages.
 struct ControllerFaults {
@@ -81,7 +81,7 @@ class SimulatedController : public Program {
     session::DeliveryClient::Message message;
   };
 
-  void keep_vigil();
+  void run_failure_detector();
   void take_chunk(const session::BulkChunk& chunk);
   void answer();
   void accept(const session::DeliveryClient::Message& message);
@@ -94,7 +94,7 @@ class SimulatedController : public Program {
 
   ControllerFaults faults_;
   std::unique_ptr<session::DeliveryClient> client_;
-  std::unique_ptr<session::Vigil> vigil_;
+  std::unique_ptr<session::FailureDetector> failure_detector_;
   std::map<std::uint64_t, std::int64_t> answered_ns_;  // by host that is watched and has answered
   std::set<std::uint64_t> silent_;                     // of these
   std::unique_ptr<session::UserSlots> slots_;

@@ -22,9 +22,9 @@ struct Text {
   std::string operator()(const Demand& demand) const {
     std::string line = "demand " + std::to_string(demand.epoch) + " of object " + std::to_string(demand.object_id) +
                        " to host " + std::to_string(demand.serving_host) + ": has";
-    for (const spm::Run& run : demand.have) {
-      line += ' ' + std::to_string(run.first);
-      if (run.count > 1) line += '-' + std::to_string(run.first + run.count - 1);
+    for (const spm::Interval& interval : demand.have) {
+      line += ' ' + std::to_string(interval.first);
+      if (interval.count > 1) line += '-' + std::to_string(interval.first + interval.count - 1);
     }
     line += demand.need_base ? ", wants the base mesh" : ", wants";
     for (const Wanted& wanted : demand.wanted) line += ' ' + std::to_string(wanted.region);
@@ -46,8 +46,9 @@ struct Text {
   std::string operator()(const ClockSample& sample) const {
     return (sample.answer ? "clock answer " : "clock request ") + std::to_string(sample.sequence);
   }
-  std::string operator()(const VigilSample& vigil) const {
-    return (vigil.sample.answer ? "lives, answer " : "lives, question ") + std::to_string(vigil.sample.sequence);
+  std::string operator()(const FailureDetectorSample& failure_detector) const {
+    return (failure_detector.sample.answer ? "lives, answer " : "lives, question ") +
+           std::to_string(failure_detector.sample.sequence);
   }
 };
 

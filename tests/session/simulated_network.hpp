@@ -35,12 +35,12 @@ struct NetworkFaults {
   std::int64_t reorder_ns = 0;
 };
 
-/// Whether a host lives (session/vigil.hpp): over ends of its own, so that it is no question for the time.
-struct VigilSample {
+/// Whether a host lives (session/failure_detector.hpp): over ends of its own, so that it is no question for the time.
+struct FailureDetectorSample {
   session::ClockSample sample;
 };
 using Sample = std::variant<session::RosterEntry, session::CatalogueEntry, session::Demand, session::BulkChunk,
-                            session::ClockSample, VigilSample>;
+                            session::ClockSample, FailureDetectorSample>;
 /// One line of a log.
 [[nodiscard]] std::string text(const Sample& sample);
 

@@ -81,7 +81,8 @@ RosterEntry Program::entry(bool leaving) {
 }
 
 void Program::send(std::uint64_t to, Sample sample) {
-  const bool stamps = std::holds_alternative<ClockSample>(sample) || std::holds_alternative<VigilSample>(sample);
+  const bool stamps =
+      std::holds_alternative<ClockSample>(sample) || std::holds_alternative<FailureDetectorSample>(sample);
   world_.network.send(world_.now_ns, id_, to, std::make_shared<const Sample>(std::move(sample)),
                       stamps ? SimulatedNetwork::Carrier::kLossy : world_.carrier);
 }
@@ -126,11 +127,13 @@ void Program::check_clock() {
   if (!clock_->synchronised()) return;
   const std::int64_t session_ns = clock_->map().session_time(local_ns());
   const std::uint64_t reference = clock_->reference();
-  const Program* keeper = reference == 0 ? nullptr : world_.find(reference);
+  const Program* object_authority = reference == 0 ? nullptr : world_.find(reference);
   // Against whom it says to be right: one that keeps its own time, and was heard since it was chosen and last stepped.
-  if (keeper != nullptr && keeper != this && keeper->up_ && keeper->clock_->reference() == reference &&
-      keeper->stepped_ns_ < answered_ns_ && answered_by_ == std::make_pair(reference, keeper->incarnation())) {
-    const std::int64_t wrong_ns = std::abs(session_ns - keeper->clock_->map().session_time(keeper->local_ns()));
+  if (object_authority != nullptr && object_authority != this && object_authority->up_ &&
+      object_authority->clock_->reference() == reference && object_authority->stepped_ns_ < answered_ns_ &&
+      answered_by_ == std::make_pair(reference, object_authority->incarnation())) {
+    const std::int64_t wrong_ns =
+        std::abs(session_ns - object_authority->clock_->map().session_time(object_authority->local_ns()));
     if (wrong_ns > clock_bound_ns() + kRoundingNs)
       world_.broken("the clock of " + std::to_string(id_) + " is wrong by " + std::to_string(wrong_ns) +
                     " ns and says " + std::to_string(clock_bound_ns()));

@@ -38,8 +38,10 @@ class SimulatedHost : public Program {
       if (serves(object)) server_->add(object, coded_of(object));
   }
   void hear(const Sample& sample) override {
-    if (const auto* question = std::get_if<VigilSample>(&sample); question != nullptr && !question->sample.answer)
-      send(question->sample.origin.participant, VigilSample{clock().answer(question->sample, local_ns(), local_ns())});
+    if (const auto* question = std::get_if<FailureDetectorSample>(&sample);
+        question != nullptr && !question->sample.answer)
+      send(question->sample.origin.participant,
+           FailureDetectorSample{clock().answer(question->sample, local_ns(), local_ns())});
     const auto* demand = std::get_if<Demand>(&sample);
     if (demand == nullptr) return;
     if (server_->on_demand(*demand, local_ns()) == DeliveryServer::DemandResult::kMalformed)
@@ -57,7 +59,7 @@ class SimulatedHost : public Program {
       if (!out) return 10 * kMs;
       ++chunks_;
       if (!out->chunk.pieces.empty() && world_.find(out->hrtc)->up()) world_.last_payload_ns = world_.now_ns;
-      if (server_->bytes_under_way(out->hrtc) > kMostCredit) world_.broken("more under way than the credit");
+      if (server_->bytes_under_way(out->hrtc) > kMaxCredit) world_.broken("more under way than the credit");
       if (world_.sabotage == Sabotage::kSendTwice && world_.chance(0.02)) server_->on_hrtc_gone(out->hrtc);
       send(out->hrtc, std::move(out->chunk));
     }
@@ -102,7 +104,7 @@ class Simulation {
     for (Program* program : world_.programs) program->start();
   }
 
-  SimulationResult run() {
+  SimulationResult interval() {
     std::stable_sort(schedule_.planned.begin(), schedule_.planned.end(),
                      [](const PlannedFault& a, const PlannedFault& b) { return a.at_ns < b.at_ns; });
     while (world_.now_ns < schedule_.wander_ns && world_.broken_things.empty()) step(schedule_.wander_ns);
@@ -212,8 +214,9 @@ class Simulation {
       if (!program->up()) continue;
       const std::string name = std::to_string(program->id());
       if (!knows_all(*program)) return "the roster of " + name;
-      const Program* keeper = world_.find(program->clock().reference());
-      if (keeper == nullptr || !keeper->up() || keeper->clock().reference() != keeper->id())
+      const Program* object_authority = world_.find(program->clock().reference());
+      if (object_authority == nullptr || !object_authority->up() ||
+          object_authority->clock().reference() != object_authority->id())
         return "the keeper of time of " + name;
       if (!program->clock().synchronised() || program->clock_bound_ns() > kClockNs) return "the clock of " + name;
     }
@@ -236,20 +239,21 @@ class Simulation {
   [[nodiscard]] std::string slots_that_are_wrong() const {
     for (const auto& controller : controllers_) {
       if (!controller->up()) continue;
-      std::set<std::string> asked, given;
+      std::set<std::string> requested, given;
       for (const auto& client : clients_)
-        for (const std::string& user : client->users_at(controller->id())) asked.insert(user);
+        for (const std::string& user : client->users_at(controller->id())) requested.insert(user);
       std::set<std::uint32_t> numbers;
       for (const UserSlot& slot : controller->slots()) {
         given.insert(slot.user);
         numbers.insert(slot.slot);
       }
-      if (asked != given || numbers.size() != given.size()) return "the users of " + std::to_string(controller->id());
+      if (requested != given || numbers.size() != given.size())
+        return "the users of " + std::to_string(controller->id());
       for (const Program* program : world_.programs) {
         if (!program->up() || program == controller.get()) continue;
-        std::set<std::string> told;
-        for (const UserSlot& slot : program->roster().find(controller->id())->slots) told.insert(slot.user);
-        if (told != given)
+        std::set<std::string> published;
+        for (const UserSlot& slot : program->roster().find(controller->id())->slots) published.insert(slot.user);
+        if (published != given)
           return "what " + std::to_string(program->id()) + " knows of the users of " + std::to_string(controller->id());
       }
     }
@@ -363,7 +367,7 @@ std::size_t SimulationResult::kinds() const {
 
 SimulationResult simulate(std::uint64_t seed, const Schedule& schedule,
                           const std::function<void(const std::string&)>& trace) {
-  return Simulation{seed, schedule, trace}.run();
+  return Simulation{seed, schedule, trace}.interval();
 }
 
 }  // namespace tactus::test_support

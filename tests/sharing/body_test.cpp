@@ -20,7 +20,7 @@ BodyState moving() {
   state.position = {0.1, 0.2, 0.3};
   state.orientation = Eigen::Quaterniond{0.5, 0.1, -0.7, 0.2}.normalized();
   state.velocity = {0.01, -0.02, 0.03};
-  state.spin = {1, -2, 0.5};
+  state.angular_velocity = {1, -2, 0.5};
   return state;
 }
 
@@ -47,7 +47,7 @@ TEST(SharedBody, APoseComesBackAsItWas) {
   EXPECT_TRUE(back.position.isApprox(moving().position, 1e-12));
   EXPECT_TRUE(back.orientation.isApprox(moving().orientation, 1e-12));
   EXPECT_TRUE(back.velocity.isApprox(moving().velocity, 1e-12));
-  EXPECT_TRUE(back.spin.isApprox(moving().spin, 1e-12));
+  EXPECT_TRUE(back.angular_velocity.isApprox(moving().angular_velocity, 1e-12));
   const session::Pose placed = pose_of(state_at(crate().pose, body.centre), body.centre);
   for (std::size_t i = 0; i < 3; ++i) EXPECT_NEAR(placed.position[i], crate().pose.position[i], 1e-12);
 }
@@ -79,7 +79,7 @@ TEST(SharedBody, ACopysSampleComesBackAsItWas) {
   EXPECT_TRUE(back.body.position.isApprox(sample.body.position));
   EXPECT_TRUE(back.body.orientation.isApprox(sample.body.orientation));
   EXPECT_TRUE(back.body.velocity.isApprox(sample.body.velocity));
-  EXPECT_TRUE(back.body.spin.isApprox(sample.body.spin));
+  EXPECT_TRUE(back.body.angular_velocity.isApprox(sample.body.angular_velocity));
   EXPECT_EQ(back.pressed, sample.pressed);
   EXPECT_EQ(back.waves, sample.waves);
   EXPECT_EQ(back.energy, sample.energy);

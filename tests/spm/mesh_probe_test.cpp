@@ -10,7 +10,7 @@
 #include <tuple>
 
 #include "spm/offline/generate.hpp"
-#include "spm/probe_balls.hpp"
+#include "spm/probe_spheres.hpp"
 #include "tests/support/mesh_zoo.hpp"
 #include "tests/support/shown_mesh.hpp"
 
@@ -225,14 +225,14 @@ TEST(MeshProbe, RefusesWhatIsNoMesh) {
   EXPECT_EQ((MeshProbe{corners, sound}).triangles(), 1u);
 }
 
-TEST(ProbeBalls, HoldEveryTriangleAndStartAtTheTip) {
+TEST(ProbeSpheres, HoldEveryTriangleAndStartAtTheTip) {
   const offline::TriangleMesh stylus = offline::stylus();
   const MeshProbe probe{stylus.positions, stylus.faces};
-  const std::vector<ProbeBall> balls = balls_of(probe, 8);
-  ASSERT_EQ(balls.size(), 8u);
-  EXPECT_LT(balls.front().centre.norm(), 0.002);
+  const std::vector<ProbeSphere> spheres = spheres_of(probe, 8);
+  ASSERT_EQ(spheres.size(), 8u);
+  EXPECT_LT(spheres.front().centre.norm(), 0.002);
   double largest = 0;
-  for (const ProbeBall& ball : balls) largest = std::max(largest, ball.radius);
+  for (const ProbeSphere& sphere : spheres) largest = std::max(largest, sphere.radius);
   EXPECT_LT(largest, 0.0042) << "hardly thicker than the stylus";
   std::mt19937_64 random{3};
   std::uniform_real_distribution<double> share{0, 1};
@@ -244,10 +244,10 @@ TEST(ProbeBalls, HoldEveryTriangleAndStartAtTheTip) {
       };
       const double a = share(random), b = share(random) * (1 - a);
       const Vec3d p = corner(0) + a * (corner(1) - corner(0)) + b * (corner(2) - corner(0));
-      EXPECT_TRUE(std::any_of(balls.begin(), balls.end(),
-                              [&](const ProbeBall& ball) { return (p - ball.centre).norm() <= ball.radius; }));
+      EXPECT_TRUE(std::any_of(spheres.begin(), spheres.end(),
+                              [&](const ProbeSphere& sphere) { return (p - sphere.centre).norm() <= sphere.radius; }));
     }
-  EXPECT_EQ(balls_of(probe, 1).size(), 1u);
+  EXPECT_EQ(spheres_of(probe, 1).size(), 1u);
 }
 
 }  // namespace

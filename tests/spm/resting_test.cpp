@@ -15,7 +15,7 @@ namespace {
 
 using spm::Advance;
 using spm::RegionId;
-using spm::Unasked;
+using spm::Unrequested;
 using test_support::Controller;
 using ::testing::IsEmpty;
 
@@ -33,21 +33,21 @@ class Resting : public ::testing::TestWithParam<std::uint64_t> {
     return made;
   }
   static Advance ask(Controller& controller, const std::vector<RegionId>& regions, std::uint32_t units = 1u << 30) {
-    return controller.refine(regions, units, nullptr, 0, Unasked::kRest);
+    return controller.refine(regions, units, nullptr, 0, Unrequested::kRest);
   }
   [[nodiscard]] RegionId any_region() {
     return RegionId{static_cast<std::uint32_t>(random_() % model_.summary.regions)};
   }
-  [[nodiscard]] std::vector<RegionId> any_regions(std::size_t most) {
+  [[nodiscard]] std::vector<RegionId> any_regions(std::size_t max) {
     std::vector<RegionId> regions;
-    for (std::size_t more = random_() % (most + 1); more > 0; --more) regions.push_back(any_region());
+    for (std::size_t more = random_() % (max + 1); more > 0; --more) regions.push_back(any_region());
     return regions;
   }
   /// The first ones with a record, which random regions may lack.
   [[nodiscard]] std::vector<RegionId> some_regions(std::size_t count) const {
     std::vector<RegionId> regions;
     for (std::uint32_t i = 0; i < model_.summary.regions && regions.size() < count; ++i)
-      if (model_.runs_of(RegionId{i}).size() > 0) regions.push_back(RegionId{i});
+      if (model_.intervals_of(RegionId{i}).size() > 0) regions.push_back(RegionId{i});
     EXPECT_EQ(regions.size(), count);
     return regions;
   }
@@ -58,9 +58,9 @@ class Resting : public ::testing::TestWithParam<std::uint64_t> {
   static constexpr std::uint32_t kRoomy = 1u << 14;
 };
 
-struct Told {
+struct Published {
   std::vector<spm::Forest::InUse> regions;
-  explicit Told(const spm::Forest& forest) : regions(forest.in_use(nullptr, 0)) {
+  explicit Published(const spm::Forest& forest) : regions(forest.in_use(nullptr, 0)) {
     EXPECT_EQ(forest.in_use(regions.data(), static_cast<std::uint32_t>(regions.size())), regions.size());
   }
   [[nodiscard]] std::vector<RegionId> resting() const {
@@ -86,15 +86,15 @@ TEST_P(Resting, ARegionIsAsItWasWhenItIsAskedForAgain) {
   const spm::ForestCounters before = controller->forest().counters();
   EXPECT_EQ(before.collapses, 0u);
   EXPECT_TRUE(controller->forest().is_refined(first));
-  EXPECT_THAT(Told{controller->forest()}.resting(), testing::ElementsAre(first));
+  EXPECT_THAT(Published{controller->forest()}.resting(), testing::ElementsAre(first));
 
   ASSERT_EQ(ask(*controller, {first}, 0), Advance::kDone) << "nothing is left to do";
 
   EXPECT_EQ(controller->forest().counters().visits, before.visits);
-  EXPECT_THAT(Told{controller->forest()}.resting(), testing::ElementsAre(other));
+  EXPECT_THAT(Published{controller->forest()}.resting(), testing::ElementsAre(other));
   EXPECT_EQ(controller->refine({}), Advance::kDone) << "but not where what is not asked for is to be coarse";
   EXPECT_EQ(controller->forest().mesh_hash(), 0u);
-  EXPECT_THAT(Told{controller->forest()}.regions, IsEmpty());
+  EXPECT_THAT(Published{controller->forest()}.regions, IsEmpty());
   EXPECT_THAT(controller->forest().violations(), IsEmpty());
 }
 
@@ -106,7 +106,7 @@ TEST_P(Resting, ARegionLeftHalfRefinedGoesOnWhereItWas) {
   ASSERT_EQ(ask(*controller, {region}, kSome), Advance::kBudget);
   ASSERT_EQ(ask(*controller, {}), Advance::kDone);
   EXPECT_EQ(controller->forest().counters().collapses, 0u);
-  EXPECT_THAT(Told{controller->forest()}.resting(), testing::ElementsAre(region));
+  EXPECT_THAT(Published{controller->forest()}.resting(), testing::ElementsAre(region));
 
   ASSERT_EQ(ask(*controller, {region}), Advance::kDone);
 
@@ -116,37 +116,39 @@ TEST_P(Resting, ARegionLeftHalfRefinedGoesOnWhereItWas) {
 
 TEST_P(Resting, BeyondTheNodesThatMayRestTheLongestUnaskedGivesWayFirst) {
   const auto controller = this->controller(1024);
-  const std::uint32_t most = spm::Forest::most_resting(controller->pool().settings);
-  std::vector<std::uint32_t> asked_at(model_.summary.regions, 0);
-  std::uint32_t gave_way = 0, most_resting = 0;
+  const std::uint32_t max = spm::Forest::max_resting(controller->pool().settings);
+  std::vector<std::uint32_t> requested_at(model_.summary.regions, 0);
+  std::uint32_t gave_way = 0, max_resting = 0;
   for (std::uint32_t step = 1; step < 400; ++step) {
     SCOPED_TRACE("seed " + std::to_string(GetParam()) + " step " + std::to_string(step));
-    const std::vector<RegionId> asked = any_regions(3);
-    for (const RegionId region : asked) asked_at[spm::index(region)] = step;
-    const bool over = controller->nodes().used() > most;
+    const std::vector<RegionId> requested = any_regions(3);
+    for (const RegionId region : requested) requested_at[spm::index(region)] = step;
+    const bool over = controller->nodes().used() > max;
     const std::uint64_t collapses = controller->forest().counters().collapses;
-    (void)ask(*controller, asked);
+    (void)ask(*controller, requested);
     ASSERT_TRUE(over || controller->forest().counters().collapses == collapses) << "there was room";
     gave_way += over ? 1 : 0;
 
-    const std::vector<RegionId> resting = Told{controller->forest()}.resting();
-    most_resting = std::max(most_resting, static_cast<std::uint32_t>(resting.size()));
+    const std::vector<RegionId> resting = Published{controller->forest()}.resting();
+    max_resting = std::max(max_resting, static_cast<std::uint32_t>(resting.size()));
     for (std::size_t i = 0; i < resting.size(); ++i) {
       if (i == 0) continue;  // it may be half way
       ASSERT_TRUE(controller->forest().is_refined(resting[i]));
-      ASSERT_LE(asked_at[spm::index(resting[i - 1])], asked_at[spm::index(resting[i])]);
+      ASSERT_LE(requested_at[spm::index(resting[i - 1])], requested_at[spm::index(resting[i])]);
     }
     // Whoever was asked for later than the oldest that rests is still refined.
     for (std::uint32_t i = 0; i < model_.summary.regions && !resting.empty(); ++i) {
-      ASSERT_TRUE(asked_at[i] <= asked_at[spm::index(resting[0])] || controller->forest().is_refined(RegionId{i}));
+      ASSERT_TRUE(requested_at[i] <= requested_at[spm::index(resting[0])] ||
+                  controller->forest().is_refined(RegionId{i}));
     }
     ASSERT_THAT(controller->forest().violations(), IsEmpty());
   }
   EXPECT_GT(gave_way, 20u);
-  EXPECT_GT(most_resting, 2u);
-  for (int i = 0; i < 1000 && !Told{controller->forest()}.resting().empty() && controller->nodes().used() > most; ++i)
+  EXPECT_GT(max_resting, 2u);
+  for (int i = 0; i < 1000 && !Published{controller->forest()}.resting().empty() && controller->nodes().used() > max;
+       ++i)
     ASSERT_EQ(ask(*controller, {}), Advance::kDone);
-  EXPECT_LE(controller->nodes().used(), most) << "what rests does not keep more for itself";
+  EXPECT_LE(controller->nodes().used(), max) << "what rests does not keep more for itself";
 }
 
 TEST_P(Resting, ARetiredRegionIsCoarsenedWhateverRoomThereIs) {
@@ -154,14 +156,14 @@ TEST_P(Resting, ARetiredRegionIsCoarsenedWhateverRoomThereIs) {
   const std::vector<RegionId> regions = some_regions(3);
   ASSERT_EQ(ask(*controller, regions), Advance::kDone);
   ASSERT_EQ(ask(*controller, {}), Advance::kDone);
-  ASSERT_EQ(Told{controller->forest()}.resting().size(), 3u);
+  ASSERT_EQ(Published{controller->forest()}.resting().size(), 3u);
 
   controller->forest().retire(regions[1]);
   ASSERT_EQ(ask(*controller, {}), Advance::kDone);
 
   EXPECT_EQ(controller->forest().take_retired(), spm::index(regions[1]));
   EXPECT_EQ(controller->forest().take_retired(), spm::kNone);
-  EXPECT_THAT(Told{controller->forest()}.resting(), testing::UnorderedElementsAre(regions[0], regions[2]));
+  EXPECT_THAT(Published{controller->forest()}.resting(), testing::UnorderedElementsAre(regions[0], regions[2]));
   controller->cache().release(controller->object(), regions[1]);
   ASSERT_EQ(controller->load(regions[1]), spm::AcceptResult::kAccepted);
   EXPECT_FALSE(controller->forest().is_refined(regions[1]));
@@ -175,15 +177,15 @@ TEST_P(Resting, WhatRestsIsMadeAgainToTheBitAndGoesOnAlike) {
   for (int step = 0; step < 150; ++step) {
     (void)ask(*controller, any_regions(4), static_cast<std::uint32_t>(random_() % 2000));
     if (step % 25 != 24) continue;
-    const Told told{controller->forest()};
-    if (told.resting().size() < 2) continue;
+    const Published published{controller->forest()};
+    if (published.resting().size() < 2) continue;
     ++compared;
     const auto again = this->controller(settings);
     again->forest().keep(false);
-    ASSERT_TRUE(again->forest().restore(controller->forest().base_faces_shown(), told.regions.data(),
-                                        static_cast<std::uint32_t>(told.regions.size())));
+    ASSERT_TRUE(again->forest().restore(controller->forest().base_faces_shown(), published.regions.data(),
+                                        static_cast<std::uint32_t>(published.regions.size())));
     for (int more = 0; more < 20; ++more) {
-      ASSERT_EQ(Told{again->forest()}.plain(), Told{controller->forest()}.plain()) << "after " << more;
+      ASSERT_EQ(Published{again->forest()}.plain(), Published{controller->forest()}.plain()) << "after " << more;
       ASSERT_EQ(again->forest().mesh_hash(), controller->forest().mesh_hash());
       ASSERT_EQ(again->nodes().used(), controller->nodes().used());
       const std::vector<RegionId> next = any_regions(4);

@@ -182,7 +182,7 @@ TEST_P(RunTime, StaysSoundUnderAnySequenceOfLoadRefineCoarsenAndRelease) {
         for (std::uint64_t i = random() % 6; i > 0; --i) wanted.push_back(any_region());
     }
     (void)controller.refine(wanted, static_cast<std::uint32_t>(random() % 3000), nullptr, 0,
-                            random() % 2 == 0 ? spm::Unasked::kCoarsen : spm::Unasked::kRest);
+                            random() % 2 == 0 ? spm::Unrequested::kCoarsen : spm::Unrequested::kRest);
     controller.release_retired();
     ASSERT_THAT(controller.forest().violations(), IsEmpty());
     ASSERT_THAT(controller.cache().violations(), IsEmpty());
@@ -239,14 +239,14 @@ TEST(CacheCounts, ARecordThatMoreRegionsListThanCanBeCountedIsRefusedUntilOneIsR
   const auto shorter = [](const spm::Region& a, const spm::Region& b) {
     return (a.record_count == 0 ? ~0u : a.record_count) < (b.record_count == 0 ? ~0u : b.record_count);
   };
-  const auto* const least = std::min_element(model.regions.begin(), model.regions.end(), shorter);
-  const RegionId region{static_cast<std::uint32_t>(least - model.regions.begin())};
+  const auto* const min = std::min_element(model.regions.begin(), model.regions.end(), shorter);
+  const RegionId region{static_cast<std::uint32_t>(min - model.regions.begin())};
   spm::RegionData data = Controller{model, roomy()}.message(region);
   spm::BaseMesh base = spm::base_mesh_of(model);
-  constexpr std::uint32_t kMost = 32767;
-  base.regions.assign(kMost + 1, *least);  // all with the same list
+  constexpr std::uint32_t kMax = 32767;
+  base.regions.assign(kMax + 1, *min);  // all with the same list
   spm::PoolSettings settings = roomy();
-  settings.list_blocks = (kMost + 1) * spm::ListBlock::blocks_for(least->record_count);
+  settings.list_blocks = (kMax + 1) * spm::ListBlock::blocks_for(min->record_count);
   spm::Pool pool{settings};
   spm::Cache cache{pool};
   const spm::Cache::Admitted admitted = cache.admit(base);
@@ -255,15 +255,15 @@ TEST(CacheCounts, ARecordThatMoreRegionsListThanCanBeCountedIsRefusedUntilOneIsR
     data.region = RegionId{number};
     return cache.accept(admitted.object, data, list);
   };
-  for (std::uint32_t i = 0; i < kMost; ++i) ASSERT_EQ(accept(i), AcceptResult::kAccepted) << i;
+  for (std::uint32_t i = 0; i < kMax; ++i) ASSERT_EQ(accept(i), AcceptResult::kAccepted) << i;
   const std::uint32_t blocks_free = cache.blocks_free();
 
-  EXPECT_EQ(accept(kMost), AcceptResult::kPoolFull);
+  EXPECT_EQ(accept(kMax), AcceptResult::kPoolFull);
   EXPECT_EQ(cache.blocks_free(), blocks_free);
   EXPECT_THAT(cache.violations(), IsEmpty());
 
   cache.release(admitted.object, RegionId{0});
-  EXPECT_EQ(accept(kMost), AcceptResult::kAccepted);
+  EXPECT_EQ(accept(kMax), AcceptResult::kAccepted);
 }
 
 TEST_P(RunTime, AMessageWithoutARecordItNeedsIsIncompleteAndLeavesNothing) {
@@ -299,20 +299,20 @@ TEST_P(RunTime, AListWithAnotherRecordInPlaceOfOneThatItNeedsIsRefusedAndLeavesN
   for (int round = 0; round < 200; ++round) {
     const RegionId region{static_cast<std::uint32_t>(random() % model_.summary.regions)};
     std::set<std::uint32_t> list;
-    for (const spm::Run& run : model_.runs_of(region))
+    for (const spm::Interval& run : model_.intervals_of(region))
       for (std::uint32_t r = run.first; r < run.first + run.count; ++r) list.insert(r);
     const auto other = static_cast<std::uint32_t>(random() % model_.summary.records);
     if (list.empty() || list.count(other) > 0) continue;
     list.erase(std::next(list.begin(), static_cast<std::ptrdiff_t>(random() % list.size())));
     list.insert(other);
-    std::vector<spm::Run> runs;
+    std::vector<spm::Interval> intervals;
     for (const std::uint32_t r : list) {
-      if (!runs.empty() && runs.back().first + runs.back().count == r)
-        ++runs.back().count;
+      if (!intervals.empty() && intervals.back().first + intervals.back().count == r)
+        ++intervals.back().count;
       else
-        runs.push_back({r, 1});
+        intervals.push_back({r, 1});
     }
-    spm::RegionData data = controller.false_message(region, runs);
+    spm::RegionData data = controller.false_message(region, intervals);
     spm::RegionList out;
     const AcceptResult result = controller.cache().accept(controller.object(), data, out);
     ASSERT_NE(result, AcceptResult::kAccepted) << "round " << round;
@@ -367,11 +367,11 @@ TEST_P(RunTime, QueriesFindWhatAllPairsFind) {
       if (squared <= radius * radius) expected.push_back(row.face);
     }
     // In every other round the ball rests on the mesh, as a proxy does.
-    const double ball = round % 2 == 0 ? radius / 4 : std::sqrt(nearest) * (1 - 1e-6);
+    const double sphere = round % 2 == 0 ? radius / 4 : std::sqrt(nearest) * (1 - 1e-6);
     for (const std::uint32_t number : tree.shown()) {
       const std::array<float, 9> c = tree.corners(number);
       spm::SweepHit hit;
-      if (spm::swept_sphere(centre, goal, ball, {c[0], c[1], c[2]}, {c[3], c[4], c[5]}, {c[6], c[7], c[8]}, hit))
+      if (spm::swept_sphere(centre, goal, sphere, {c[0], c[1], c[2]}, {c[3], c[4], c[5]}, {c[6], c[7], c[8]}, hit))
         first = std::min(first, hit.time);
     }
 
@@ -392,14 +392,14 @@ TEST_P(RunTime, QueriesFindWhatAllPairsFind) {
           spm::closest_point(centre, {c[0], c[1], c[2]}, {c[3], c[4], c[5]}, {c[6], c[7], c[8]}).squared_distance;
       if (squared <= limit * limit) about.push_back(number);
     }
-    std::vector<std::uint32_t> rows(spm::AbTree::kMostNearest);
-    rows.resize(tree.nearest(centre, 1e9, more, near, rows.data(), spm::AbTree::kMostNearest));
+    std::vector<std::uint32_t> rows(spm::AbTree::kMaxNearest);
+    rows.resize(tree.nearest(centre, 1e9, more, near, rows.data(), spm::AbTree::kMaxNearest));
     if (about.size() <= rows.size()) {
       ASSERT_EQ(rows, about) << "in tree order";
       shared += rows.size() > 1 ? 1 : 0;
     }
     spm::SweepContact contact;
-    const bool hit = tree.sweep(centre, goal, ball, contact);
+    const bool hit = tree.sweep(centre, goal, sphere, contact);
     ASSERT_EQ(hit, first <= 1);
     if (hit) {
       ASSERT_EQ(contact.time, first);
@@ -435,8 +435,8 @@ TEST_P(RunTime, ABallInWhichAnythingChangedOrAroundWhichAllDidIsToldSo) {
     std::vector<RegionId> wanted = all_regions(model_);
     std::shuffle(wanted.begin(), wanted.end(), random);
     wanted.resize(random() % 4);
-    std::array<spm::Watch, 8> watches;
-    for (spm::Watch& watch : watches) {
+    std::array<spm::ChangeDetector, 8> watches;
+    for (spm::ChangeDetector& watch : watches) {
       watch.centre = low + (high - low).cwiseProduct(spm::Vec3d{unit(random), unit(random), unit(random)});
       watch.radius = unit(random) * 0.05 * (high - low).norm();
     }
@@ -449,7 +449,7 @@ TEST_P(RunTime, ABallInWhichAnythingChangedOrAroundWhichAllDidIsToldSo) {
     Eigen::AlignedBox3d all;
     for (const auto& c : changed)
       for (int i = 0; i < 9; i += 3) all.extend(spm::Vec3d{c[i], c[i + 1], c[i + 2]});
-    for (const spm::Watch& watch : watches) {
+    for (const spm::ChangeDetector& watch : watches) {
       bool near = false;
       for (const auto& c : changed)
         near = near || spm::closest_point(watch.centre, {c[0], c[1], c[2]}, {c[3], c[4], c[5]}, {c[6], c[7], c[8]})

@@ -26,23 +26,23 @@ double segments_apart(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3
     const double t = length2 > 0 ? std::clamp(way.dot(p - from) / length2, 0.0, 1.0) : 0;
     return (from + t * way - p).norm();
   };
-  double least = std::min({to_segment(a, c, d), to_segment(b, c, d), to_segment(c, a, b), to_segment(d, a, b)});
+  double min = std::min({to_segment(a, c, d), to_segment(b, c, d), to_segment(c, a, b), to_segment(d, a, b)});
   const Vec3d u = b - a, v = d - c, w = a - c;
   const double uu = u.dot(u), uv = u.dot(v), vv = v.dot(v), denominator = uu * vv - uv * uv;
-  if (!(denominator > 1e-12 * uu * vv)) return least;
+  if (!(denominator > 1e-12 * uu * vv)) return min;
   const double s = (uv * v.dot(w) - vv * u.dot(w)) / denominator, t = (uu * v.dot(w) - uv * u.dot(w)) / denominator;
-  if (s >= 0 && s <= 1 && t >= 0 && t <= 1) least = std::min(least, (w + s * u - t * v).norm());
-  return least;
+  if (s >= 0 && s <= 1 && t >= 0 && t <= 1) min = std::min(min, (w + s * u - t * v).norm());
+  return min;
 }
 
 double apart(const Triangle3d& f, const Triangle3d& g) {
-  double least = 1e300;
+  double min = 1e300;
   for (int i = 0; i < 3; ++i) {
-    least = std::min(least, std::sqrt(closest_point(g[i], f[0], f[1], f[2]).squared_distance));
-    least = std::min(least, std::sqrt(closest_point(f[i], g[0], g[1], g[2]).squared_distance));
-    for (int j = 0; j < 3; ++j) least = std::min(least, segments_apart(f[i], f[(i + 1) % 3], g[j], g[(j + 1) % 3]));
+    min = std::min(min, std::sqrt(closest_point(g[i], f[0], f[1], f[2]).squared_distance));
+    min = std::min(min, std::sqrt(closest_point(f[i], g[0], g[1], g[2]).squared_distance));
+    for (int j = 0; j < 3; ++j) min = std::min(min, segments_apart(f[i], f[(i + 1) % 3], g[j], g[(j + 1) % 3]));
   }
-  return least;
+  return min;
 }
 
 Triangle3d lane_of(const TriangleLanes& lanes, unsigned lane) {
@@ -119,7 +119,7 @@ TEST(NearPairs, AreAllWithinTheMarginInAnyPoseAndScale) {
   std::mt19937_64 random{9};
   std::normal_distribution<double> normal;
   std::vector<NearPairs> pairs(4096);
-  std::size_t near = 0, told = 0;
+  std::size_t near = 0, published = 0;
   for (int round = 0; round < 10; ++round) {
     const double scale = round % 2 == 0 ? 1 : 3.5;  // object units in a probe unit
     offline::TriangleMesh tool = stylus;
@@ -140,7 +140,7 @@ TEST(NearPairs, AreAllWithinTheMarginInAnyPoseAndScale) {
       std::set<std::pair<std::uint32_t, std::uint32_t>> found;
       for (std::uint32_t i = 0; i < touch.contacts; ++i)
         found.emplace(pairs[i / 8].face_id[i % 8], probe.number(pairs[i / 8].triangle[i % 8]));
-      told += found.size();
+      published += found.size();
       for (const std::uint32_t row : shown.tree().shown()) {
         const Triangle3d face = shown.triangle(row);
         if ((face[0] - pose.translation()).norm() > 0.04) continue;
@@ -157,7 +157,7 @@ TEST(NearPairs, AreAllWithinTheMarginInAnyPoseAndScale) {
     }
   }
   EXPECT_GT(near, 1000u);
-  EXPECT_LT(told, 8 * near);
+  EXPECT_LT(published, 8 * near);
 }
 
 }  // namespace

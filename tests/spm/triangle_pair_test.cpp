@@ -22,11 +22,11 @@ Triangle3d as_double(const IntegerTriangle& t, double unit = 1) {
   return out;
 }
 
-Integers across(const IntegerTriangle& t) { return Integers{t[1] - t[0]}.cross(Integers{t[2] - t[0]}); }
+Integers opposite(const IntegerTriangle& t) { return Integers{t[1] - t[0]}.cross(Integers{t[2] - t[0]}); }
 
 /// Closed convex sets are apart when some axis separates them strictly; for two triangles these axes are enough.
 bool meet_by_axes(const IntegerTriangle& a, const IntegerTriangle& b) {
-  const Integers na = across(a), nb = across(b);
+  const Integers na = opposite(a), nb = opposite(b);
   if (na.isZero() || nb.isZero()) return false;
   std::vector<Integers> axes{na, nb};
   for (int i = 0; i < 3; ++i) {

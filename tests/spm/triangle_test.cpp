@@ -46,7 +46,7 @@ class Random {
 
 /// Least value of a convex function on [0, 1].
 template <class Function>
-double least(Function f) {
+double min(Function f) {
   double low = 0;
   double high = 1;
   for (int i = 0; i < 60; ++i) {
@@ -59,9 +59,8 @@ double least(Function f) {
 
 /// Distance by nested search over the points a + s (b - a + r (c - b)): knows nothing of faces, edges and vertices.
 double searched_distance(const Vec3d& p, const Triangle& t) {
-  return least([&](double s) {
-    return least([&](double r) { return (p - (t.a + s * (t.b - t.a + r * (t.c - t.b)))).norm(); });
-  });
+  return min(
+      [&](double s) { return min([&](double r) { return (p - (t.a + s * (t.b - t.a + r * (t.c - t.b)))).norm(); }); });
 }
 
 double distance(const Vec3d& p, const Triangle& t) {

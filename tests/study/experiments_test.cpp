@@ -43,12 +43,12 @@ TEST_F(AllOfThem, TwoUsersComeToTheForceThatTheyWant) {
 }
 
 TEST_F(AllOfThem, CopiesOfACrateThatTwoLiftStayTogetherAcrossAnOcean) {
-  for (const auto& [link, most_apart] : {std::pair{"P4", 15.0}, std::pair{"P6", 25.0}}) {
+  for (const auto& [link, max_apart] : {std::pair{"P4", 15.0}, std::pair{"P6", 25.0}}) {
     SCOPED_TRACE(link);
     const ScenarioRun far = run("lift", link);
     EXPECT_EQ(value_of(far, "lifts of users ended"), 2);
     EXPECT_EQ(value_of(far, "lost"), 0);
-    EXPECT_LT(value_of(far, "copies apart, most"), most_apart);
+    EXPECT_LT(value_of(far, "copies apart, most"), max_apart);
     EXPECT_LT(value_of(far, "tilted by, most"), 20);
     EXPECT_LT(value_of(far, "injected"), 1);
     EXPECT_GE(value_of(far, "lowest port"), -1e-3);

@@ -112,12 +112,12 @@ TEST(Fidelity, KeepsHandsApart) {
   EXPECT_EQ(value_of(hand.figures(), "touches"), 2);
 }
 
-TEST(TrueBall, OnABoxIsStiffnessTimesDepth) {
+TEST(TrueSphere, OnABoxIsStiffnessTimesDepth) {
   const haptics::BoxSurface box{{0.1, 0.1, 0.01}};
   haptics::ForceSettings settings;
   settings.soft_start = 0;
   const session::Material material;  // 1000 N/m
-  TrueBall truth{box, 0.003, material, settings};
+  TrueSphere truth{box, 0.003, material, settings};
   haptics::DeviceState device;
   device.position = {0, 0, 0.02};
   EXPECT_EQ(truth.at(device, false).force.norm(), 0);

@@ -7,9 +7,9 @@
 #include <vector>
 
 #include "spm/cache.hpp"
+#include "spm/codec/interval_codec.hpp"
 #include "spm/codec/model_codec.hpp"
 #include "spm/codec/region_codec.hpp"
-#include "spm/codec/run_codec.hpp"
 #include "spm/forest.hpp"
 
 namespace tactus::test_support {
@@ -32,10 +32,10 @@ class Controller {
     std::vector<bool> held(model_.summary.records, false);
     for (std::uint32_t other = 0; other < model_.summary.regions; ++other)
       if (cache_.holds(object_, spm::RegionId{other}))
-        for (const spm::Run& run : model_.runs_of(spm::RegionId{other}))
+        for (const spm::Interval& run : model_.intervals_of(spm::RegionId{other}))
           std::fill(held.begin() + run.first, held.begin() + run.first + run.count, true);
-    std::vector<spm::Run> missing;
-    for (const spm::Run& run : model_.runs_of(region))
+    std::vector<spm::Interval> missing;
+    for (const spm::Interval& run : model_.intervals_of(region))
       for (std::uint32_t record = run.first; record < run.first + run.count; ++record) {
         if (held[record]) continue;
         if (!missing.empty() && missing.back().first + missing.back().count == record)
@@ -47,15 +47,15 @@ class Controller {
   }
 
   /// What a host would send that lies about the region's list.
-  [[nodiscard]] spm::RegionData false_message(spm::RegionId region, const std::vector<spm::Run>& list) const {
-    const spm::codec::CodedModel& coded = encoded_.coded();
+  [[nodiscard]] spm::RegionData false_message(spm::RegionId region, const std::vector<spm::Interval>& list) const {
+    const spm::codec::CompressedModel& coded = encoded_.coded();
     std::uint32_t count = 0;
-    for (const spm::Run& run : list) count += run.count;
-    const spm::Run all{0, count};
+    for (const spm::Interval& run : list) count += run.count;
+    const spm::Interval all{0, count};
     spm::codec::BitWriter out;
     out.put(index(region), 32);
-    put_runs(out, coded.tables(), list);
-    put_runs(out, coded.tables(), {&all, 1});
+    put_intervals(out, coded.tables(), list);
+    put_intervals(out, coded.tables(), {&all, 1});
     coded.put_records(out, list);
     return decoded(out.take());
   }
@@ -69,9 +69,9 @@ class Controller {
 
   /// Refines just these as far as `units` allow, and refits.
   spm::Advance refine(const std::vector<spm::RegionId>& regions, std::uint32_t units = 1u << 30,
-                      spm::Watch* watches = nullptr, std::uint32_t watch_count = 0,
-                      spm::Unasked unasked = spm::Unasked::kCoarsen) {
-    forest_->target(regions.data(), static_cast<std::uint32_t>(regions.size()), unasked);
+                      spm::ChangeDetector* watches = nullptr, std::uint32_t watch_count = 0,
+                      spm::Unrequested unrequested = spm::Unrequested::kCoarsen) {
+    forest_->target(regions.data(), static_cast<std::uint32_t>(regions.size()), unrequested);
     spm::Budget budget{units};
     const spm::Advance result = forest_->advance(budget);
     forest_->refit(watches, watch_count);
@@ -93,7 +93,7 @@ class Controller {
     for (spm::Vertex& vertex : pool_.vertices)
       if (vertex.id >= model_.summary.base_vertices) vertex.id = 0;
   }
-  [[nodiscard]] const spm::codec::CodedModel& coded() const { return encoded_.coded(); }
+  [[nodiscard]] const spm::codec::CompressedModel& coded() const { return encoded_.coded(); }
   [[nodiscard]] spm::Forest& forest() { return *forest_; }
   [[nodiscard]] spm::Cache& cache() { return cache_; }
   [[nodiscard]] spm::NodePool& nodes() { return nodes_; }

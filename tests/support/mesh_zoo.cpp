@@ -57,22 +57,22 @@ TriangleMesh fin() {
 
 /// Two spheres that touch in one vertex.
 TriangleMesh bow_tie() {
-  const TriangleMesh ball = icosphere(2);
-  Point top = ball.positions[0];
-  TriangleMesh other = ball;
+  const TriangleMesh sphere = icosphere(2);
+  Point top = sphere.positions[0];
+  TriangleMesh other = sphere;
   for (Point& p : other.positions) {
     for (std::size_t axis = 0; axis < 3; ++axis) p[axis] = 2 * top[axis] - p[axis];
   }
   for (Triangle& f : other.faces) std::swap(f[1], f[2]);
-  return together(ball, other);
+  return together(sphere, other);
 }
 
 /// Two spheres that share one edge, which so has four faces.
 TriangleMesh pinched_edge() {
-  const TriangleMesh ball = icosphere(2);
-  const Triangle at = ball.faces[0];
-  const Point a = ball.positions[at[0]], b = ball.positions[at[1]];
-  TriangleMesh other = ball;
+  const TriangleMesh sphere = icosphere(2);
+  const Triangle at = sphere.faces[0];
+  const Point a = sphere.positions[at[0]], b = sphere.positions[at[1]];
+  TriangleMesh other = sphere;
   for (Point& p : other.positions) {  // half a turn about the line through a and b, but for a and b themselves
     if (p == a || p == b) continue;
     float along = 0, length2 = 0;
@@ -82,7 +82,7 @@ TriangleMesh pinched_edge() {
     }
     for (std::size_t k = 0; k < 3; ++k) p[k] = 2 * (a[k] + along / length2 * (b[k] - a[k])) - p[k];
   }
-  return together(ball, other);
+  return together(sphere, other);
 }
 
 /// A sphere with pillows of two faces on some of its edges, as range scans leave them.

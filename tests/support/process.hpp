@@ -18,8 +18,8 @@ using namespace std::chrono_literals;
 /// How long a test waits before it gives up on something that has to happen; the machine may be busy.
 inline constexpr std::chrono::milliseconds kWatchdog = 20s;
 
-/// Runs in a process group of its own, with both output streams in one pipe. Dies with the thread that started it, and
-/// at the latest when this is destroyed, its group with it. Functions may be called from one thread.
+/// Intervals in a process group of its own, with both output streams in one pipe. Dies with the thread that started it,
+/// and at the latest when this is destroyed, its group with it. Functions may be called from one thread.
 class Process {
  public:
   /// `command[0]` is a path. A command that cannot be run ends with 127.

@@ -6,7 +6,7 @@
 #include <random>
 #include <set>
 
-#include "spm/seal.hpp"
+#include "spm/checksum.hpp"
 
 namespace tactus::test_support {
 namespace {
@@ -157,7 +157,7 @@ class Maker {
   void measure_radii() {
     const std::size_t vertices = model_.positions.size();
     std::vector<std::vector<std::uint32_t>> below_it(vertices);
-    std::uint16_t greatest = 0;
+    std::uint16_t max = 0;
     for (std::size_t v = vertices; v-- > 0;) {
       double distance = 0;
       for (const std::uint32_t w : below_it[v]) {
@@ -165,7 +165,7 @@ class Maker {
         distance = std::max(distance, std::hypot(double{p[0]} - q[0], double{p[1]} - q[1], double{p[2]} - q[2]));
       }
       const std::uint16_t code = spm::safe_radius_code(distance);
-      greatest = std::max(greatest, code);
+      max = std::max(max, code);
       if (v < 6) {
         model_.base_radii.insert(model_.base_radii.begin(), code);
         continue;
@@ -176,7 +176,7 @@ class Maker {
       above.push_back(static_cast<std::uint32_t>(v));
       above.insert(above.end(), below_it[v].begin(), below_it[v].end());
     }
-    model_.summary.deviation = spm::radius_of(greatest);
+    model_.summary.deviation = spm::radius_of(max);
   }
 
   void bound() {
@@ -220,8 +220,8 @@ class Maker {
       add_region(cell, list, static_cast<std::uint32_t>(faces.size()));
     }
     s.regions = static_cast<std::uint32_t>(model_.regions.size());
-    const std::vector<std::uint32_t> seals = spm::region_seals(model_.model());
-    for (std::size_t i = 0; i < seals.size(); ++i) model_.regions[i].seal = seals[i];
+    const std::vector<std::uint32_t> checksums = spm::region_checksums(model_.model());
+    for (std::size_t i = 0; i < checksums.size(); ++i) model_.regions[i].checksum = checksums[i];
   }
 
   void add_region(const std::array<std::uint16_t, 3>& cell, const std::set<std::uint32_t>& list, std::uint32_t faces) {
@@ -229,17 +229,18 @@ class Maker {
     region.cell = cell;
     region.occupied = {~0u, ~0u};
     region.face_count = faces;
-    region.first_run = static_cast<std::uint32_t>(model_.runs.size());
+    region.first_interval = static_cast<std::uint32_t>(model_.intervals.size());
     region.record_count = static_cast<std::uint32_t>(list.size());
     for (const std::uint32_t r : list) {
       for (std::uint32_t at = r; at != kNone; at = parts_[at].next) ++region.part_count;
-      if (model_.runs.size() > region.first_run && model_.runs.back().first + model_.runs.back().count == r) {
-        ++model_.runs.back().count;
+      if (model_.intervals.size() > region.first_interval &&
+          model_.intervals.back().first + model_.intervals.back().count == r) {
+        ++model_.intervals.back().count;
       } else {
-        model_.runs.push_back({r, 1});
+        model_.intervals.push_back({r, 1});
       }
     }
-    region.run_count = static_cast<std::uint32_t>(model_.runs.size()) - region.first_run;
+    region.interval_count = static_cast<std::uint32_t>(model_.intervals.size()) - region.first_interval;
     model_.regions.push_back(region);
   }
 

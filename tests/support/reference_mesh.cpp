@@ -79,7 +79,7 @@ bool ReferenceMesh::apply(std::uint32_t record) {
 }
 
 bool ReferenceMesh::apply_region(std::uint32_t region) {
-  for (const spm::Run& run : model_.runs_of(spm::RegionId{region})) {
+  for (const spm::Interval& run : model_.intervals_of(spm::RegionId{region})) {
     for (std::uint32_t r = run.first; r < run.first + run.count; ++r) {
       if (!applied(r) && !apply(r)) return false;
     }
@@ -105,8 +105,8 @@ std::vector<std::string> ReferenceMesh::defects(const std::vector<std::array<std
     std::array<std::uint32_t, 3> set = c, finest_set = finest[f];
     std::sort(set.begin(), set.end());
     std::sort(finest_set.begin(), finest_set.end());
-    const bool twin = !seen_finest.insert(finest_set).second;
-    if (!seen.insert(set).second && !twin) found.push_back(name + ": is there twice");
+    const bool name_conflict = !seen_finest.insert(finest_set).second;
+    if (!seen.insert(set).second && !name_conflict) found.push_back(name + ": is there twice");
     if (normal(model_.positions, c).dot(normal(model_.positions, finest[f])) <= 0) {
       found.push_back(name + ": is turned over");
     }

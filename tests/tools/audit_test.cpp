@@ -285,10 +285,10 @@ TEST_F(Audit, ChoosesEvenlyWithTwoFifthsNearAChange) {
 }
 
 TEST_F(Audit, ChoosesAsManyAsThereAreWhenOneKindIsShort) {
-  const auto chosen = [](std::size_t close, std::size_t others, std::size_t most) {
+  const auto chosen = [](std::size_t close, std::size_t others, std::size_t max) {
     std::vector<bool> near_change(close, true);
     near_change.resize(close + others, false);
-    const std::vector<std::size_t> indices = choose_entries(near_change, most);
+    const std::vector<std::size_t> indices = choose_entries(near_change, max);
     const auto near = std::count_if(indices.begin(), indices.end(), [&](std::size_t i) { return i < close; });
     return std::pair{static_cast<std::size_t>(near), indices.size()};
   };
@@ -370,8 +370,8 @@ TEST_F(Audit, CountsTheRecordsThatThePathsNeeded) {
         squared += std::pow(std::max({low - query.centre[axis], query.centre[axis] - low - edge, 0.0}), 2);
       }
       if (squared > query.radius * query.radius) continue;
-      for (std::uint32_t run = region.first_run; run < region.first_run + region.run_count; ++run)
-        for (std::uint32_t i = 0; i < built.runs[run].count; ++i) needed.insert(built.runs[run].first + i);
+      for (std::uint32_t run = region.first_interval; run < region.first_interval + region.interval_count; ++run)
+        for (std::uint32_t i = 0; i < built.intervals[run].count; ++i) needed.insert(built.intervals[run].first + i);
     }
   }
   ASSERT_GT(needed.size(), 10u);

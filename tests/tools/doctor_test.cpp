@@ -83,7 +83,7 @@ INSTANTIATE_TEST_SUITE_P(
                   f.unreachable = {"10.9.9.9 (Network is unreachable)"};
                 },
                 Severity::kFault, "routes", "10.9.9.9", "ip route"},
-        Illness{"Deaf", [](Facts& f) { f.interfaces[1].heard = false; }, Severity::kFault, "multicast", "eth0",
+        Illness{"Deaf", [](Facts& f) { f.interfaces[1].received = false; }, Severity::kFault, "multicast", "eth0",
                 "--discovery-server"},
         Illness{"Narrow", [](Facts& f) { f.interfaces[1].mtu = 1400; }, Severity::kAdvice, "mtu", "eth0 1400",
                 "mtu 1500"},

@@ -83,16 +83,16 @@ TEST(AnnouncementsTest, TheGroupIsToldAgainAfterItsRest) {
 TEST(AnnouncementsTest, WhoIsToldApartFromTheGroupIsNotToldAgainAsSoonAsTheGroup) {
   Announcements announcements;
   const auto tell = [&](std::int64_t now_ns) {
-    const auto told = announcements.due(&kSocket, 1, {kAnn}, now_ns);
+    const auto published = announcements.due(&kSocket, 1, {kAnn}, now_ns);
     (void)announcements.due(&kSocket, 1, {kGroup}, now_ns);
-    return told.size();
+    return published.size();
   };
   (void)announcements.due(&kSocket, 1, {kGroup}, 0);
-  std::size_t told = 0;
+  std::size_t published = 0;
 
-  for (std::int64_t ms = 500; ms <= 4500; ms += 500) told += tell(ms * kMs);
+  for (std::int64_t ms = 500; ms <= 4500; ms += 500) published += tell(ms * kMs);
 
-  EXPECT_EQ(told, 3u);  // at 0.5, 2.5 and 4.5 s
+  EXPECT_EQ(published, 3u);  // at 0.5, 2.5 and 4.5 s
 }
 
 TEST(AnnouncementsTest, WithoutAGroupEveryoneIsToldAgainAsSoon) {

@@ -48,7 +48,7 @@ class RawBytes final : public dds::TopicDataType {
 class Intruder {
  public:
   template <class Sample>
-  Intruder(const Links& victim, const TopicSpec<Sample>& topic, dds::TypeSupport type) {
+  Intruder(const Participants& victim, const TopicSpec<Sample>& topic, dds::TypeSupport type) {
     dds::DomainParticipantQos qos = dds::PARTICIPANT_QOS_DEFAULT;
     qos.transport().use_builtin_transports = false;
     qos.transport().user_transports.push_back(std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>());
@@ -79,7 +79,7 @@ class Intruder {
 template <class Sample>
 class Victim {
  public:
-  explicit Victim(const TopicSpec<Sample>& topic) : reader{links, topic, inbox.callback()} {}
+  explicit Victim(const TopicSpec<Sample>& topic) : reader{participants, topic, inbox.callback()} {}
 
   /// Sends until the reader has counted one more unsound sample.
   bool refuses(Intruder& intruder, void* sample) {
@@ -93,8 +93,8 @@ class Victim {
     return false;
   }
 
-  Links links{address(unique_session("hostile"), "victim")};
-  Links friendly{address(links.address().session, "friend")};
+  Participants participants{address(unique_session("hostile"), "victim")};
+  Participants friendly{address(participants.address().session, "friend")};
   Inbox<Sample> inbox;
   Reader<Sample> reader;
 };
@@ -106,7 +106,7 @@ dds::TypeSupport generated() {
 
 TEST(Hostile, NumbersThatAreNoneAreDroppedAndCounted) {
   Victim<ses::ProbeState> victim{topics::kProbeState};
-  Intruder intruder{victim.links, topics::kProbeState, generated<ses::ProbeState>()};
+  Intruder intruder{victim.participants, topics::kProbeState, generated<ses::ProbeState>()};
   idl::ProbeState sample;
   to_idl(full<ses::ProbeState>(victim.friendly), sample);
   sample.proxy()[2] = std::numeric_limits<double>::quiet_NaN();
@@ -119,7 +119,7 @@ TEST(Hostile, NumbersThatAreNoneAreDroppedAndCounted) {
 
 TEST(Hostile, AnEnumeratorThatDoesNotExistIsDropped) {
   Victim<ses::Control> victim{topics::kControl};
-  Intruder intruder{victim.links, topics::kControl, generated<ses::Control>()};
+  Intruder intruder{victim.participants, topics::kControl, generated<ses::Control>()};
   idl::Control sample;
   to_idl(full<ses::Control>(victim.friendly), sample);
   for (const std::uint32_t action : {5u, 256u, 258u, 0xffffffffu}) {  // 256 and 258 would be sound in 8 bits
@@ -131,7 +131,7 @@ TEST(Hostile, AnEnumeratorThatDoesNotExistIsDropped) {
 
 TEST(Hostile, AnotherSessionIsCountedAsForeign) {
   Victim<ses::Control> victim{topics::kControl};
-  Intruder intruder{victim.links, topics::kControl, generated<ses::Control>()};
+  Intruder intruder{victim.participants, topics::kControl, generated<ses::Control>()};
   idl::Control sample;
   to_idl(full<ses::Control>(victim.friendly), sample);
   sample.stamp().session(ses::id_of("elsewhere"));
@@ -158,7 +158,7 @@ void expect_survival(const TopicSpec<Sample>& topic, const std::vector<std::stri
                      std::uint64_t undecodable) {
   Victim<Sample> victim{topic};
   const dds::TypeSupport real = generated<Sample>();
-  Intruder intruder{victim.links, topic,
+  Intruder intruder{victim.participants, topic,
                     dds::TypeSupport{new RawBytes(real.get_type_name().c_str(), real->m_isGetKeyDefined)}};
   ASSERT_TRUE(eventually([&] { return victim.reader.matched() == 1; }));
   EXPECT_TRUE(eventually([&] {  // again and again: best effort, until the writer has found the reader, too
@@ -175,7 +175,7 @@ void expect_survival(const TopicSpec<Sample>& topic, const std::vector<std::stri
 }
 
 TEST(Hostile, BytesThatAreNoSampleAreSurvived) {
-  Links somewhere{address(unique_session("bytes"), "x")};
+  Participants somewhere{address(unique_session("bytes"), "x")};
   const std::string sound = encoding(full<ses::Demand>(somewhere));
   std::vector<std::string> attacks{std::string(4, '\0'), std::string(4, '\xff'), std::string(400, '\xff'),
                                    sound.substr(0, sound.size() / 2)};
@@ -190,7 +190,7 @@ TEST(Hostile, BytesThatAreNoSampleAreSurvived) {
 }
 
 TEST(Hostile, ASampleLargerThanItsTypeIsSurvived) {
-  Links somewhere{address(unique_session("large"), "x")};
+  Participants somewhere{address(unique_session("large"), "x")};
   std::string large = encoding(full<ses::BulkChunk>(somewhere));
   large.resize(60000, 'x');
   expect_survival(topics::kRecords, {large}, 0);  // refused by DDS, before decoding
@@ -199,8 +199,8 @@ TEST(Hostile, ASampleLargerThanItsTypeIsSurvived) {
 /// Decodes thousands of encodings, each changed in a few bytes or cut. A sanitizer sees what is read behind the end.
 template <class Sample>
 void expect_survival_of_changes() {
-  const Links links{address(unique_session("changed"), "x")};
-  const std::string sound = encoding(full<Sample>(links));
+  const Participants participants{address(unique_session("changed"), "x")};
+  const std::string sound = encoding(full<Sample>(participants));
   Guarded<typename IdlOf<Sample>::Support> type{TrafficClass::kProbe};
   typename IdlOf<Sample>::Type decoded;
   Sample sample;
@@ -277,7 +277,7 @@ TEST(Hostile, StatisticsThatAreNotTheLastOfAMessageDoNotEndTheProcess) {
   std::string statistics{"\x80\x01\x38\x00", 4};
   statistics.resize(60);
   const std::string padding{"\x01\x01\x04\x00....", 8};
-  const Stranger stranger{victim.links.address().domain};
+  const Stranger stranger{victim.participants.address().domain};
   stranger.send(from + statistics + padding);
   stranger.send(from + padding + statistics + statistics);
   stranger.send(from + statistics.substr(0, 10));

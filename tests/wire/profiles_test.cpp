@@ -17,16 +17,16 @@ class ProfilesTest : public testing::Test {
   ProfilesTest() {
     XMLProfileManager::DeleteInstance();
     for (const char* name : kClassNames)
-      factory().load_XML_profiles_file((links_.address().qos / (std::string{name} + ".xml")).string());
+      factory().load_XML_profiles_file((participants_.address().qos / (std::string{name} + ".xml")).string());
   }
   static dds::DomainParticipantFactory& factory() { return *dds::DomainParticipantFactory::get_instance(); }
 
-  Links links_{address(unique_session("profiles"), "x")};
+  Participants participants_{address(unique_session("profiles"), "x")};
 };
 
 TEST_F(ProfilesTest, OfEveryTopicAreWhatTheLibraryReads) {
   topics::for_each([&](const auto& topic) {
-    dds::DomainParticipant& participant = links_.impl().participant(topic.traffic);
+    dds::DomainParticipant& participant = participants_.impl().participant(topic.traffic);
     const std::string name = topic.profile;
     dds::DataWriterQos writer;
     dds::DataReaderQos reader;
@@ -34,8 +34,8 @@ TEST_F(ProfilesTest, OfEveryTopicAreWhatTheLibraryReads) {
     dds::Subscriber* const subscriber = participant.create_subscriber(dds::SUBSCRIBER_QOS_DEFAULT);
     EXPECT_EQ(publisher->get_datawriter_qos_from_profile(name + "_writer", writer), ReturnCode_t::RETCODE_OK);
     EXPECT_EQ(subscriber->get_datareader_qos_from_profile(name + "_reader", reader), ReturnCode_t::RETCODE_OK);
-    EXPECT_TRUE(links_.impl().writer_qos.at(name) == writer) << name;
-    EXPECT_TRUE(links_.impl().reader_qos.at(name) == reader) << name;
+    EXPECT_TRUE(participants_.impl().writer_qos.at(name) == writer) << name;
+    EXPECT_TRUE(participants_.impl().reader_qos.at(name) == reader) << name;
     participant.delete_publisher(publisher);
     participant.delete_subscriber(subscriber);
   });
@@ -47,7 +47,7 @@ TEST_F(ProfilesTest, OfParticipantsTellTheTimesOfDiscoveryThatTheLibraryReads) {
     ASSERT_EQ(factory().get_participant_qos_from_profile(std::string{kClassNames[place]} + "_participant", read),
               ReturnCode_t::RETCODE_OK);
     const auto& expected = read.wire_protocol().builtin.discovery_config;
-    const auto& found = links_.impl().participants[place]->get_qos().wire_protocol().builtin.discovery_config;
+    const auto& found = participants_.impl().participants[place]->get_qos().wire_protocol().builtin.discovery_config;
     EXPECT_TRUE(found.leaseDuration == expected.leaseDuration);
     EXPECT_TRUE(found.leaseDuration_announcementperiod == expected.leaseDuration_announcementperiod);
     EXPECT_TRUE(found.discoveryServer_client_syncperiod == expected.discoveryServer_client_syncperiod);

@@ -22,7 +22,7 @@ using testing::HasSubstr;
 /// What joining fails with; empty when it does not.
 std::string refusal(const SessionAddress& a) {
   try {
-    const Links links{a};
+    const Participants participants{a};
   } catch (const WireError& e) {
     return e.what();
   }
@@ -80,8 +80,8 @@ TEST(Address, WithANameThatCouldMatchOthersIsRefused) {
 TEST(Address, StampsItsSamples) {
   auto a = fresh("stamp");
   a.incarnation = 42;
-  const Links links{a};
-  const auto first = links.origin(), second = links.origin();
+  const Participants participants{a};
+  const auto first = participants.origin(), second = participants.origin();
   EXPECT_EQ(first.session, ses::id_of(a.session));
   EXPECT_EQ(first.participant, ses::id_of("p"));
   EXPECT_EQ(first.incarnation, 42u);
@@ -89,8 +89,8 @@ TEST(Address, StampsItsSamples) {
 }
 
 TEST(Address, WithoutAnIncarnationGetsALargerOneEachTime) {
-  const Links first{fresh("incarnation")};
-  const Links second{fresh("incarnation")};
+  const Participants first{fresh("incarnation")};
+  const Participants second{fresh("incarnation")};
   EXPECT_GT(second.origin().incarnation, first.origin().incarnation);
 }
 
@@ -111,33 +111,34 @@ TEST(Incarnation, IsTheClocksWhereNothingCanBeKept) {
   EXPECT_EQ(next_incarnation(folder.path() / "broken", 5), 8u);
 }
 
-TEST(Ends, RefuseAPartitionThatCouldMatchOthers) {
-  Links links{fresh("partition")};
-  EXPECT_THROW(Writer<ses::Intent>(links, topics::kIntent, {user_partition("*")}), WireError);
-  EXPECT_THROW(Reader<ses::Intent>(links, topics::kIntent, [](ses::Intent&&) {}, {user_partition("a?")}), WireError);
+TEST(Endpoints, RefuseAPartitionThatCouldMatchOthers) {
+  Participants participants{fresh("partition")};
+  EXPECT_THROW(Writer<ses::Intent>(participants, topics::kIntent, {user_partition("*")}), WireError);
+  EXPECT_THROW(Reader<ses::Intent>(participants, topics::kIntent, [](ses::Intent&&) {}, {user_partition("a?")}),
+               WireError);
 }
 
 template <class Sample>
-bool make_both(Links& links, const TopicSpec<Sample>& topic) {
-  EXPECT_NO_THROW(Writer<Sample>(links, topic)) << topic.name;
-  EXPECT_NO_THROW(Reader<Sample>(links, topic, [](Sample&&) {})) << topic.name;
+bool make_both(Participants& participants, const TopicSpec<Sample>& topic) {
+  EXPECT_NO_THROW(Writer<Sample>(participants, topic)) << topic.name;
+  EXPECT_NO_THROW(Reader<Sample>(participants, topic, [](Sample&&) {})) << topic.name;
   return !testing::Test::HasFailure();
 }
 
 TEST(Profiles, OfEveryTopicMakeAWriterAndAReader) {
-  Links links{fresh("profiles")};
+  Participants participants{fresh("profiles")};
   int made = 0;
-  topics::for_each([&](const auto& topic) { made += make_both(links, topic) ? 1 : 0; });
+  topics::for_each([&](const auto& topic) { made += make_both(participants, topic) ? 1 : 0; });
   EXPECT_EQ(made, 20);
 }
 
 TEST(Footprint, IsWhatAProgramTakes) {
-  const Footprint most = read_footprint(default_qos_directory());
-  EXPECT_EQ(most.message, 1472) << "one Ethernet frame";
-  EXPECT_GE(most.receive_buffer, 1 << 20);
-  EXPECT_GE(most.send_buffer, 1 << 20);
+  const Footprint max = read_footprint(default_qos_directory());
+  EXPECT_EQ(max.message, 1472) << "one Ethernet frame";
+  EXPECT_GE(max.receive_buffer, 1 << 20);
+  EXPECT_GE(max.send_buffer, 1 << 20);
 
-  const Links links{fresh("footprint")};
+  const Participants participants{fresh("footprint")};
   std::ifstream file{"/proc/net/udp"};
   const std::string sockets{std::istreambuf_iterator<char>{file}, {}};
   for (int traffic = 0; traffic < kTrafficClasses; ++traffic) {
@@ -155,7 +156,7 @@ TEST_F(SpoiltQos, WithoutATransportHasNoFootprint) {
 TEST(Environment, TurnsNoProgramIntoAClientOfADiscoveryServer) {
   setenv("ROS_DISCOVERY_SERVER", "127.0.0.1:9", 1);
   const std::string session = unique_session("environment");
-  Links one{address(session, "one")}, two{address(session, "two")};
+  Participants one{address(session, "one")}, two{address(session, "two")};
   const Writer<ses::Metrics> writer{one, topics::kMetrics};
   const Reader<ses::Metrics> reader{two, topics::kMetrics, [](ses::Metrics&&) {}};
   EXPECT_TRUE(eventually([&] { return writer.matched() == 1 && reader.matched() == 1; }));
@@ -176,13 +177,13 @@ TEST(ProbeSockets, AreMarkedAsFlowYamlSays) {
     return n;
   };
   const int before = marked();
-  const Links links{fresh("marks")};
+  const Participants participants{fresh("marks")};
   EXPECT_GT(marked(), before);
 }
 
 TEST(ProbeThreads, SayWhetherTheyGotTheirPriority) {
   auto a = fresh("priority");
-  EXPECT_FALSE(Links{a}.probe_is_realtime());
+  EXPECT_FALSE(Participants{a}.probe_is_realtime());
   sched_param fifo{};
   fifo.sched_priority = 1;
   sched_param plain{};
@@ -191,7 +192,7 @@ TEST(ProbeThreads, SayWhetherTheyGotTheirPriority) {
     ASSERT_EQ(sched_setscheduler(0, SCHED_OTHER, &plain), 0);
   }
   a.probe_priority = 1;
-  EXPECT_EQ(Links{a}.probe_is_realtime(), allowed);
+  EXPECT_EQ(Participants{a}.probe_is_realtime(), allowed);
   EXPECT_EQ(sched_getscheduler(0), SCHED_OTHER);
 }
 

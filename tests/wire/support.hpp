@@ -14,7 +14,7 @@
 #include <tuple>
 #include <vector>
 
-#include "wire/ends.hpp"
+#include "wire/endpoints.hpp"
 
 namespace tactus::wire::test {
 
@@ -103,7 +103,7 @@ inline auto fields(const ses::Waypoint& w) { return std::tuple{w.session_time_ns
 inline auto fields(const ses::Wanted& w) { return std::tuple{w.region, w.contact_in_us}; }
 inline auto fields(const ses::Toucher& t) { return std::tuple{t.participant, t.incarnation, t.claim}; }
 inline auto fields(const ses::CopyLine& l) { return std::tuple{l.wave, l.energy}; }
-inline auto fields(const spm::Run& r) { return std::tuple{r.first, r.count}; }
+inline auto fields(const spm::Interval& r) { return std::tuple{r.first, r.count}; }
 inline auto fields(const ses::StopName& s) { return std::tuple{s.participant, s.incarnation, s.number}; }
 inline auto fields(const ses::StopRecord& s) {
   return std::tuple{s.participant, s.incarnation, s.stop, s.ended, s.reset};
@@ -163,7 +163,7 @@ inline auto fields(const ses::DeviceCommand& d) {
 }
 inline auto fields(const ses::ObjectPose& o) {
   return std::tuple{fields(o.origin),  o.object_id,    o.sequence, o.fencing,
-                    o.session_time_ns, fields(o.pose), o.velocity, o.spin};
+                    o.session_time_ns, fields(o.pose), o.velocity, o.angular_velocity};
 }
 inline auto fields(const ses::ObjectClaim& c) {
   return std::tuple{fields(c.origin), c.object_id, c.sequence, c.touching, c.fencing, c.one_way_ns};
@@ -172,8 +172,8 @@ inline auto fields(const ses::ObjectGrant& g) {
   return std::tuple{fields(g.origin), g.object_id, g.sequence, g.fencing, g.line_ns, fields(g.touchers)};
 }
 inline auto fields(const ses::ObjectCopy& c) {
-  return std::tuple{fields(c.origin), c.object_id, c.sequence, c.fencing, c.place,        c.session_time_ns,
-                    fields(c.body),   c.velocity,  c.spin,     c.pressed, fields(c.lines)};
+  return std::tuple{fields(c.origin), c.object_id, c.sequence,         c.fencing, c.place,        c.session_time_ns,
+                    fields(c.body),   c.velocity,  c.angular_velocity, c.pressed, fields(c.lines)};
 }
 inline auto fields(const ses::ClockSample& c) {
   return std::tuple{fields(c.origin), c.peer, c.sequence, c.answer, c.t0_ns, c.t1_ns, c.t2_ns};
@@ -182,6 +182,6 @@ inline auto fields(const ses::ClockSample& c) {
 // ---- sound samples whose fields all differ from their defaults and from each other
 
 template <class Sample>
-Sample full(const Links& from);
+Sample full(const Participants& from);
 
 }  // namespace tactus::wire::test

@@ -12,12 +12,12 @@ class TapTest : public ::testing::Test {
  protected:
   /// Sends until the tap has heard something on the topic, and gives that.
   template <class Sample>
-  std::vector<std::uint8_t> heard(const TopicSpec<Sample>& topic, const EndOptions& options = {}) {
+  std::vector<std::uint8_t> received(const TopicSpec<Sample>& topic, const EndpointOptions& options = {}) {
     SCOPED_TRACE(topic.name);
     Writer<Sample> writer{alpha_, topic, options};
     const Sample sample = full<Sample>(alpha_);
     const auto end = std::chrono::steady_clock::now() + kWatchdog;
-    for (std::optional<Heard> got; std::chrono::steady_clock::now() < end;) {
+    for (std::optional<Received> got; std::chrono::steady_clock::now() < end;) {
       EXPECT_EQ(writer.send(sample), SendStatus::kSent) << writer.last_fault();
       while ((got = inbox_.next(10ms)))
         if (tap_.topics()[got->topic].name == topic.name) return got->bytes;
@@ -26,41 +26,41 @@ class TapTest : public ::testing::Test {
     return {};
   }
 
-  struct Heard {
+  struct Received {
     std::size_t topic;
     std::vector<std::uint8_t> bytes;
   };
-  Links alpha_{address(unique_session("tap"), "alpha")};
-  Links beta_{address(alpha_.address().session, "beta")};
-  Inbox<Heard> inbox_;
+  Participants alpha_{address(unique_session("tap"), "alpha")};
+  Participants beta_{address(alpha_.address().session, "beta")};
+  Inbox<Received> inbox_;
   Tap tap_{beta_, true, [this](std::size_t topic, spm::Span<const std::uint8_t> bytes) {
-             inbox_.callback()(Heard{topic, {bytes.begin(), bytes.end()}});
+             inbox_.callback()(Received{topic, {bytes.begin(), bytes.end()}});
            }};
 };
 
 TEST_F(TapTest, HearsEveryTopicInEveryPartition) {
   const std::string name = alpha_.address().participant;
-  for (const std::vector<std::uint8_t>& bytes : {heard(topics::kRoster),
-                                                 heard(topics::kCatalogue),
-                                                 heard(topics::kDemand),
-                                                 heard(topics::kMetrics),
-                                                 heard(topics::kControl),
-                                                 heard(topics::kReset),
-                                                 heard(topics::kEnd),
-                                                 heard(topics::kStop),
-                                                 heard(topics::kBase, {hrtc_partition("desk")}),
-                                                 heard(topics::kRecords, {hrtc_partition("desk")}),
-                                                 heard(topics::kProbeState),
-                                                 heard(topics::kProbeStateWhole, {group_partition(7)}),
-                                                 heard(topics::kDevicePose, {user_partition("ann")}),
-                                                 heard(topics::kDeviceCommand, {user_partition("ann")}),
-                                                 heard(topics::kIntent, {user_partition("ann")}),
-                                                 heard(topics::kObjectPose),
-                                                 heard(topics::kObjectClaim),
-                                                 heard(topics::kObjectGrant),
-                                                 heard(topics::kObjectCopy, {group_partition(7)}),
-                                                 heard(topics::kClock),
-                                                 heard(topics::kClock, {hrtc_partition("desk")})}) {
+  for (const std::vector<std::uint8_t>& bytes : {received(topics::kRoster),
+                                                 received(topics::kCatalogue),
+                                                 received(topics::kDemand),
+                                                 received(topics::kMetrics),
+                                                 received(topics::kControl),
+                                                 received(topics::kReset),
+                                                 received(topics::kEnd),
+                                                 received(topics::kStop),
+                                                 received(topics::kBase, {hrtc_partition("desk")}),
+                                                 received(topics::kRecords, {hrtc_partition("desk")}),
+                                                 received(topics::kProbeState),
+                                                 received(topics::kProbeStateWhole, {group_partition(7)}),
+                                                 received(topics::kDevicePose, {user_partition("ann")}),
+                                                 received(topics::kDeviceCommand, {user_partition("ann")}),
+                                                 received(topics::kIntent, {user_partition("ann")}),
+                                                 received(topics::kObjectPose),
+                                                 received(topics::kObjectClaim),
+                                                 received(topics::kObjectGrant),
+                                                 received(topics::kObjectCopy, {group_partition(7)}),
+                                                 received(topics::kClock),
+                                                 received(topics::kClock, {hrtc_partition("desk")})}) {
     ASSERT_GT(bytes.size(), 4u);
     EXPECT_THAT(std::vector<std::uint8_t>(bytes.begin(), bytes.begin() + 4), testing::ElementsAre(0, 1, 0, 0))
         << "CDR, little-endian";
@@ -75,7 +75,7 @@ TEST_F(TapTest, KnowsEachTopicByATypeOfTheIdl) {
 }
 
 TEST_F(TapTest, DoesNotTakeTheFullChunksOfTheOneWhomTheyAreFor) {
-  Links gamma{address(alpha_.address().session, "gamma")};
+  Participants gamma{address(alpha_.address().session, "gamma")};
   Inbox<ses::BulkChunk> inbox;
   Reader<ses::BulkChunk> reader{gamma, topics::kRecords, inbox.callback(), {hrtc_partition("gamma")}};
   Writer<ses::BulkChunk> writer{alpha_, topics::kRecords, {hrtc_partition("gamma")}};

@@ -14,11 +14,11 @@ namespace {
 class TwoPrograms : public testing::Test {
  protected:
   const std::string session_ = unique_session("two");
-  Links alpha_{address(session_, "alpha")};
-  Links beta_{address(session_, "beta")};
+  Participants alpha_{address(session_, "alpha")};
+  Participants beta_{address(session_, "beta")};
 
   template <class Sample>
-  void expect_round_trip(const TopicSpec<Sample>& topic, const EndOptions& options = {}) {
+  void expect_round_trip(const TopicSpec<Sample>& topic, const EndpointOptions& options = {}) {
     SCOPED_TRACE(topic.name);
     Inbox<Sample> inbox;
     Reader<Sample> reader{beta_, topic, inbox.callback(), options};
@@ -111,7 +111,7 @@ TEST_F(TwoPrograms, TheLargestSamplesArrive) {
   roster.stops.assign(ses::kMaxStops, {1, 2, 3, 4, 5});
   auto demand = full<ses::Demand>(alpha_);
   demand.have.clear();
-  for (std::uint32_t i = 0; i < ses::kMaxHaveRuns; ++i) demand.have.push_back({3 * i, 2});
+  for (std::uint32_t i = 0; i < ses::kMaxHaveIntervals; ++i) demand.have.push_back({3 * i, 2});
   demand.wanted.assign(ses::kMaxWanted, {7, 8});
   demand.gaps.clear();
   for (std::uint32_t i = 0; i < ses::kMaxGaps; ++i) demand.gaps.push_back({2 * i, 1});
@@ -201,7 +201,7 @@ TEST_F(TwoPrograms, AStuckReaderOfOneStreamHoldsBackNeitherTheSenderNorAnotherSt
                                 topics::kRecords,
                                 [&](ses::BulkChunk&&) { std::lock_guard<std::mutex> wait{stuck}; },
                                 {hrtc_partition("beta")}};
-  Links gamma{address(session_, "gamma")};
+  Participants gamma{address(session_, "gamma")};
   Reader<ses::BulkChunk> healthy{gamma, topics::kRecords, inbox.callback(), {hrtc_partition("gamma")}};
   Writer<ses::BulkChunk> to_frozen{alpha_, topics::kRecords, {hrtc_partition("beta")}};
   Writer<ses::BulkChunk> to_healthy{alpha_, topics::kRecords, {hrtc_partition("gamma")}};
@@ -314,8 +314,8 @@ TEST_F(TwoPrograms, AReaderMayLeaveWhileSamplesPourIn) {
 
 TEST(TwoSessions, OnOneDomainNeverMeet) {
   const std::string one = unique_session("one"), other = unique_session("other");
-  Links a{address(one, "a")}, b{address(one, "b")};
-  Links x{address(other, "a")}, y{address(other, "b")};
+  Participants a{address(one, "a")}, b{address(one, "b")};
+  Participants x{address(other, "a")}, y{address(other, "b")};
   Inbox<ses::RosterEntry> at_b, at_y;
   Reader<ses::RosterEntry> reader_b{b, topics::kRoster, at_b.callback()};
   Reader<ses::RosterEntry> reader_y{y, topics::kRoster, at_y.callback()};
@@ -341,7 +341,7 @@ TEST(SharedMemory, IsNotUsed) {
     return std::string{std::istreambuf_iterator<char>{maps}, {}};
   };
   const std::string name = unique_session("shm");
-  Links a{address(name, "a")}, b{address(name, "b")};
+  Participants a{address(name, "a")}, b{address(name, "b")};
   Inbox<ses::Metrics> inbox;
   Reader<ses::Metrics> reader{b, topics::kMetrics, inbox.callback()};
   Writer<ses::Metrics> writer{a, topics::kMetrics};

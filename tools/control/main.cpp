@@ -11,7 +11,7 @@
 
 #include "session/stop_latch.hpp"
 #include "wire/command_line.hpp"
-#include "wire/ends.hpp"
+#include "wire/endpoints.hpp"
 #include "wire/inbox.hpp"
 
 namespace {
@@ -54,12 +54,12 @@ std::string join(const std::vector<std::string>& names) {
 class Session {
  public:
   Session(const wire::SessionAddress& address, double patience, const std::atomic<bool>& stop)
-      : links_{address},
-        roster_{links_.origin(), {}},
+      : participants_{address},
+        roster_{participants_.origin(), {}},
         stop_{stop},
         end_ns_{monotonic_ns() + static_cast<std::int64_t>(patience * 1e9)} {}
 
-  [[nodiscard]] wire::Links& links() { return links_; }
+  [[nodiscard]] wire::Participants& participants() { return participants_; }
   [[nodiscard]] const session::Roster& roster() const { return roster_; }
   [[nodiscard]] bool interrupted() const { return stop_; }
 
@@ -84,7 +84,7 @@ class Session {
   session::Acknowledgement deliver(wire::Writer<Sample>& out, Sample sample) {
     session::Acknowledgement answer;
     do {
-      sample.origin = links_.origin();
+      sample.origin = participants_.origin();
       if (out.send(sample) == wire::SendStatus::kInvalid)
         throw std::runtime_error(std::string{"the sample was not sent: "} + out.last_fault());
       answer = session::acknowledgement(roster_, sample);
@@ -101,7 +101,7 @@ class Session {
     return count;
   }
 
-  wire::Links links_;
+  wire::Participants participants_;
   session::Roster roster_;
   const std::atomic<bool>& stop_;
   const std::int64_t end_ns_;
@@ -109,7 +109,7 @@ class Session {
   wire::Inbox<session::RosterEntry> inbox_{1u << 12};
   wire::Reader<session::RosterEntry> reader_{
       // last: it fills the inbox
-      links_, wire::topics::kRoster, [this](session::RosterEntry&& entry) { inbox_.put(std::move(entry)); }};
+      participants_, wire::topics::kRoster, [this](session::RosterEntry&& entry) { inbox_.put(std::move(entry)); }};
 };
 
 int fail_unfound(const wire::SessionAddress& address, double patience) {
@@ -127,8 +127,8 @@ int report(const session::Acknowledgement& answer) {
 
 int stop_forces(const wire::SessionAddress& address, const Order& order, const std::atomic<bool>& stop) {
   Session session{address, order.patience, stop};
-  wire::Writer<session::EmergencyStop> out{session.links(), wire::topics::kStop};
-  const session::Acknowledgement answer = session.deliver(out, {session.links().origin(), 1, order.text});
+  wire::Writer<session::EmergencyStop> out{session.participants(), wire::topics::kStop};
+  const session::Acknowledgement answer = session.deliver(out, {session.participants().origin(), 1, order.text});
   if (session.interrupted()) return 130;
   return session.found() ? report(answer) : fail_unfound(address, order.patience);
 }
@@ -152,7 +152,7 @@ std::vector<session::StopName> all_standing(const session::Roster& roster) {
 
 int reset_forces(const wire::SessionAddress& address, const Order& order, const std::atomic<bool>& stop) {
   Session session{address, order.patience, stop};
-  wire::Writer<session::ForceReset> out{session.links(), wire::topics::kReset};
+  wire::Writer<session::ForceReset> out{session.participants(), wire::topics::kReset};
   while (!session.found_for(kGatherNs) && session.wait(kRepeat)) {
   }
   if (session.interrupted()) return 130;
@@ -185,9 +185,9 @@ int reset_forces(const wire::SessionAddress& address, const Order& order, const 
 template <class Sample>
 int announce(const wire::SessionAddress& address, const wire::TopicSpec<Sample>& topic, const Order& order,
              Sample sample, const std::atomic<bool>& stop) {
-  wire::Links links{address};
-  wire::Writer<Sample> out{links, topic};
-  sample.origin = links.origin();
+  wire::Participants participants{address};
+  wire::Writer<Sample> out{participants, topic};
+  sample.origin = participants.origin();
   // Its writer keeps it for the readers that it finds later: so it is out before any is known.
   if (out.send(sample) != wire::SendStatus::kSent)
     throw std::runtime_error(std::string{"the sample was not sent: "} + out.last_fault());

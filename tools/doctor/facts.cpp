@@ -24,7 +24,7 @@
 #include <sstream>
 #include <thread>
 
-#include "wire/ends.hpp"
+#include "wire/endpoints.hpp"
 #include "wire/realtime.hpp"
 
 namespace tactus::doctor {
@@ -74,7 +74,7 @@ class Socket {
 };
 
 /// Sent to the group through the interface with this address, does it come back? The network does not take part in it.
-bool is_heard(const std::string& interface) {
+bool is_received(const std::string& interface) {
   const Socket socket;
   ip_mreq group{};
   ::inet_pton(AF_INET, kGroup, &group.imr_multiaddr);
@@ -110,7 +110,7 @@ std::vector<Interface> look_at_interfaces() {
     if (::ioctl(socket.fd(), SIOCGIFMTU, &request) == 0) made.mtu = request.ifr_mtu;
     made.loopback = (at->ifa_flags & IFF_LOOPBACK) != 0;
     made.multicast = (at->ifa_flags & IFF_MULTICAST) != 0;
-    made.heard = !made.loopback && is_heard(made.address);
+    made.received = !made.loopback && is_received(made.address);
     found.push_back(std::move(made));
   }
   return found;
@@ -243,7 +243,7 @@ void try_to_meet(const Settings& settings, const std::atomic<bool>& stop, Facts&
     one.participant = "one";
     two.participant = "two";
     const std::int64_t begin = wire::monotonic_ns();
-    wire::Links from{one}, to{two};
+    wire::Participants from{one}, to{two};
     const wire::Writer<session::Metrics> session_class{from, wire::topics::kMetrics};
     const wire::Writer<session::ProbeState> probe_class{from, wire::topics::kProbeState};
     const wire::Writer<session::BulkChunk> bulk_class{from, wire::topics::kBase};
@@ -268,7 +268,7 @@ Facts look(const Settings& settings, const std::atomic<bool>& stop) {
   facts.discovery = settings.address.discovery;
   facts.wanted = wire::read_footprint(settings.address.qos);
   for (const char* name : {"ROS_DISCOVERY_SERVER", "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_ENVIRONMENT_FILE"})
-    if (std::getenv(name) != nullptr) facts.variables.emplace_back(name);  // before a Links forgets them
+    if (std::getenv(name) != nullptr) facts.variables.emplace_back(name);  // before a Participants forgets them
   facts.interfaces = look_at_interfaces();
   facts.multicast_route_error = route_error(Socket::address(kGroup, 7400));
   facts.unreachable = unreachable(facts.discovery);

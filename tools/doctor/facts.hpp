@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "wire/footprint.hpp"
-#include "wire/links.hpp"
+#include "wire/participants.hpp"
 
 namespace tactus::doctor {
 
@@ -18,7 +18,7 @@ struct Interface {
   int mtu = 0;
   bool loopback = false;
   bool multicast = false;  ///< the interface says that it can
-  bool heard = false;      ///< a datagram to the discovery group, sent through it, came back to this machine
+  bool received = false;   ///< a datagram to the discovery group, sent through it, came back to this machine
 };
 
 /// How a thread with a period of 1 ms wakes up; microseconds late.

@@ -46,7 +46,7 @@ void judge_network(const Facts& facts, Findings& to) {
   for (const Interface& i : facts.interfaces) {
     if (i.loopback) continue;
     outside.push_back(i.name + " " + i.address);
-    if (!i.heard) deaf.push_back(i.name + (i.multicast ? "" : " (multicast is off)"));
+    if (!i.received) deaf.push_back(i.name + (i.multicast ? "" : " (multicast is off)"));
     if (i.mtu < facts.wanted.message + kHeaders) narrow.push_back(i.name + " " + std::to_string(i.mtu));
   }
   if (outside.empty()) {

@@ -167,10 +167,10 @@ class Judge {
     add_touch("share of exact contact, " + name, formatted("%.2f %%", 100 * share),
               formatted(">= %.0f %%", 100 * bounds_.exact_share), share >= bounds_.exact_share,
               hrtc.contact > 0 ? "" : "no contact");
-    const double least =
+    const double min =
         std::min(std::floor(bounds_.audited_per_second * seconds_), static_cast<double>(bounds_.audited_enough));
-    add_touch("audited cycles, " + name, std::to_string(hrtc.audited), ">= " + whole(least),
-              static_cast<double>(hrtc.audited) >= least);
+    add_touch("audited cycles, " + name, std::to_string(hrtc.audited), ">= " + whole(min),
+              static_cast<double>(hrtc.audited) >= min);
   }
 
   void vertex_splits(const std::string& name, const HrtcAudit& hrtc) {

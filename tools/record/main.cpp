@@ -104,10 +104,10 @@ class Recording {
 int record(const wire::SessionAddress& address, const std::string& file, double seconds, bool bulk,
            const std::atomic<bool>& stop) {
   Recording recording{file};
-  wire::Links links{address};
+  wire::Participants participants{address};
   {
     // Samples that come before the channels are known are left out; nothing is matched that soon.
-    wire::Tap tap{links, bulk,
+    wire::Tap tap{participants, bulk,
                   [&](std::size_t topic, spm::Span<const std::uint8_t> encoded) { recording.add(topic, encoded); }};
     recording.set_topics(tap.topics());
     std::cout << "recording session " << address.session << " into " << file << std::endl;

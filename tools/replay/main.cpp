@@ -91,14 +91,14 @@ int main(int argc, char** argv) {
       const std::uint64_t digest = mapped.summary().digest;
       models.emplace(digest, std::move(mapped));
     }
-    options.model = [&](std::uint64_t digest) -> const spm::codec::CodedModel* {
+    options.model = [&](std::uint64_t digest) -> const spm::codec::CompressedModel* {
       const auto found = models.find(digest);
       return found == models.end() ? nullptr : &found->second.coded();
     };
     std::unique_ptr<Table> table;
     if (!csv.empty()) {
       table = std::make_unique<Table>(csv);
-      options.on_probe = [&](const auto&... told) { table->add(told...); };
+      options.on_probe = [&](const auto&... published) { table->add(published...); };
     }
     const hrtc_service::FlightReport report = hrtc_service::replay_flight(file, options);
     if (table) table->close();

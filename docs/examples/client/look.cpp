@@ -4,7 +4,7 @@
 #include <iostream>
 #include <thread>
 
-#include "wire/ends.hpp"
+#include "wire/endpoints.hpp"
 
 int main(int argc, char** argv) try {
   using namespace tactus;
@@ -14,26 +14,27 @@ int main(int argc, char** argv) try {
   address.participant = "outside";
   address.domain = std::stoi(argv[2]);
   address.qos = TACTUS_QOS_DIR;
-  wire::Links links{address};
+  wire::Participants participants{address};
   std::atomic<bool> someone{false}, something{false}, touching{false};
   const auto print_once = [](std::atomic<bool>& printed, const std::string& line) {
     if (!printed.exchange(true)) std::cout << line << std::endl;
   };
   const wire::Reader<session::RosterEntry> roster{
-      links, wire::topics::kRoster, [&](session::RosterEntry&& entry) { print_once(someone, "here: " + entry.name); }};
+      participants, wire::topics::kRoster,
+      [&](session::RosterEntry&& entry) { print_once(someone, "here: " + entry.name); }};
   const wire::Reader<session::CatalogueEntry> catalogue{
-      links, wire::topics::kCatalogue,
+      participants, wire::topics::kCatalogue,
       [&](session::CatalogueEntry&& entry) { print_once(something, "object: " + entry.object); }};
   const wire::Reader<session::ProbeState> probes{
-      links, wire::topics::kProbeState, [&](session::ProbeState&& state) {
+      participants, wire::topics::kProbeState, [&](session::ProbeState&& state) {
         print_once(touching, "probe at z = " + std::to_string(state.device.position[2]));
       }};
-  wire::Writer<session::RosterEntry> presence{links, wire::topics::kRoster};
+  wire::Writer<session::RosterEntry> presence{participants, wire::topics::kRoster};
   session::RosterEntry self;
   self.name = address.participant;
   self.session = address.session;
   for (int beat = 0; beat < 300 && !(someone && something && touching); ++beat) {
-    self.origin = links.origin();
+    self.origin = participants.origin();
     self.heartbeat = static_cast<std::uint64_t>(beat);
     if (presence.send(self) != wire::SendStatus::kSent) std::cerr << presence.last_fault() << '\n';
     std::this_thread::sleep_for(std::chrono::milliseconds{100});

@@ -27,15 +27,15 @@ constexpr int kMutations = 2'000;  // of one thread's work nothing is to be foun
 constexpr int kMutations = 100'000;
 #endif
 
-std::vector<spm::Run> whole_list(const Model& model, RegionId region) {
-  const Span<const spm::Run> runs = model.runs_of(region);
-  return {runs.begin(), runs.end()};
+std::vector<spm::Interval> whole_list(const Model& model, RegionId region) {
+  const Span<const spm::Interval> intervals = model.intervals_of(region);
+  return {intervals.begin(), intervals.end()};
 }
 
-/// A random subset of a list, as runs that do not touch.
-std::vector<spm::Run> random_subset(Span<const spm::Run> list, std::mt19937_64& random) {
-  std::vector<spm::Run> subset;
-  for (const spm::Run& run : list) {
+/// A random subset of a list, as intervals that do not touch.
+std::vector<spm::Interval> random_subset(Span<const spm::Interval> list, std::mt19937_64& random) {
+  std::vector<spm::Interval> subset;
+  for (const spm::Interval& run : list) {
     for (std::uint32_t r = run.first; r != run.first + run.count; ++r) {
       if (random() % 3 == 0) continue;
       if (!subset.empty() && subset.back().first + subset.back().count == r) {
@@ -48,27 +48,28 @@ std::vector<spm::Run> random_subset(Span<const spm::Run> list, std::mt19937_64& 
   return subset;
 }
 
-bool same_runs(Span<const spm::Run> a, Span<const spm::Run> b) {
-  return std::equal(a.begin(), a.end(), b.begin(), b.end(),
-                    [](const spm::Run& x, const spm::Run& y) { return x.first == y.first && x.count == y.count; });
+bool same_intervals(Span<const spm::Interval> a, Span<const spm::Interval> b) {
+  return std::equal(a.begin(), a.end(), b.begin(), b.end(), [](const spm::Interval& x, const spm::Interval& y) {
+    return x.first == y.first && x.count == y.count;
+  });
 }
 
 /// What decode_region promises of all it returns.
 void expect_sane(const RegionData& data, const ModelSummary& s) {
   ASSERT_LT(index(data.region), s.regions);
-  for (const std::vector<spm::Run>* runs : {&data.list, &data.sent}) {
-    for (std::size_t i = 0; i < runs->size(); ++i) {
-      const spm::Run run = (*runs)[i];
+  for (const std::vector<spm::Interval>* intervals : {&data.list, &data.sent}) {
+    for (std::size_t i = 0; i < intervals->size(); ++i) {
+      const spm::Interval run = (*intervals)[i];
       ASSERT_GT(run.count, 0u);
       ASSERT_LE(std::uint64_t{run.first} + run.count, s.records);
       if (i > 0) {
-        ASSERT_GT(run.first, (*runs)[i - 1].first + (*runs)[i - 1].count);
+        ASSERT_GT(run.first, (*intervals)[i - 1].first + (*intervals)[i - 1].count);
       }
     }
   }
   std::size_t part_at = 0;
   std::size_t record_at = 0;
-  for (const spm::Run& run : data.sent) {
+  for (const spm::Interval& run : data.sent) {
     for (std::uint32_t r = run.first; r != run.first + run.count; ++r, ++record_at) {
       const std::uint32_t u = s.base_vertices + r;
       for (bool more = true; more; ++part_at) {
@@ -185,7 +186,7 @@ class RegionCodec : public ::testing::Test {
  protected:
   explicit RegionCodec(std::uint32_t records = 600) : owned_{random_model(kSeed, records, 3)} {}
 
-  [[nodiscard]] Bytes encode(std::uint32_t region, const std::vector<spm::Run>& sent) const {
+  [[nodiscard]] Bytes encode(std::uint32_t region, const std::vector<spm::Interval>& sent) const {
     return encode_region(encoded_.coded(), RegionId{region}, sent);
   }
   [[nodiscard]] Result<RegionData> decode(Span<const std::uint8_t> bytes) const {
@@ -200,13 +201,13 @@ class RegionCodec : public ::testing::Test {
 TEST_F(RegionCodec, GivesBackTheListAndWhatWasSent) {
   std::mt19937_64 random{kSeed};
   for (std::uint32_t region = 0; region < model_.summary.regions; ++region) {
-    const std::vector<spm::Run> list = whole_list(model_, RegionId{region});
-    for (const std::vector<spm::Run>& sent : {list, std::vector<spm::Run>{}, random_subset(list, random)}) {
+    const std::vector<spm::Interval> list = whole_list(model_, RegionId{region});
+    for (const std::vector<spm::Interval>& sent : {list, std::vector<spm::Interval>{}, random_subset(list, random)}) {
       const Result<RegionData> decoded = decode(encode(region, sent));
       ASSERT_TRUE(decoded) << decoded.error().text;
       EXPECT_EQ(index(decoded->region), region);
-      EXPECT_TRUE(same_runs(decoded->list, list));
-      EXPECT_TRUE(same_runs(decoded->sent, sent));
+      EXPECT_TRUE(same_intervals(decoded->list, list));
+      EXPECT_TRUE(same_intervals(decoded->sent, sent));
       ASSERT_NO_FATAL_FAILURE(expect_sane(*decoded, model_.summary));
     }
   }
@@ -214,18 +215,18 @@ TEST_F(RegionCodec, GivesBackTheListAndWhatWasSent) {
 
 TEST_F(RegionCodec, ARecordComesOutTheSameInEveryCompany) {
   std::mt19937_64 random{kSeed};
-  const std::vector<spm::Run> list = whole_list(model_, RegionId{1});
+  const std::vector<spm::Interval> list = whole_list(model_, RegionId{1});
   const Result<RegionData> whole = decode(encode(1, list));
   ASSERT_TRUE(whole);
   std::map<std::uint32_t, std::array<std::uint32_t, 3>> offset;
   std::size_t at = 0;
-  for (const spm::Run& run : list)
+  for (const spm::Interval& run : list)
     for (std::uint32_t r = run.first; r != run.first + run.count; ++r) offset[r] = whole->offsets[at++];
   for (int round = 0; round < 20; ++round) {
     const Result<RegionData> some = decode(encode(1, random_subset(list, random)));
     ASSERT_TRUE(some);
     at = 0;
-    for (const spm::Run& run : some->sent)
+    for (const spm::Interval& run : some->sent)
       for (std::uint32_t r = run.first; r != run.first + run.count; ++r) EXPECT_EQ(some->offsets[at++], offset[r]);
   }
 }
@@ -298,14 +299,15 @@ TEST(ModelCodec, GivesBackAWholeModelToTheBit) {
   EXPECT_TRUE(same(decoded->base_faces, owned.base_faces));
   EXPECT_TRUE(same(decoded->parts, owned.parts));
   EXPECT_TRUE(same(decoded->regions, owned.regions));
-  EXPECT_TRUE(same(decoded->runs, owned.runs));
+  EXPECT_TRUE(same(decoded->intervals, owned.intervals));
 }
 
 TEST(ModelCodec, ListsAreFoundWithoutThoseBefore) {
   const OwnedModel owned = random_model(kSeed, 2000, 3);
   const EncodedModel encoded{owned.model()};
   for (std::uint32_t region = owned.summary.regions; region-- > 0;) {
-    EXPECT_TRUE(same_runs(encoded.coded().runs_of(RegionId{region}), owned.model().runs_of(RegionId{region})));
+    EXPECT_TRUE(
+        same_intervals(encoded.coded().intervals_of(RegionId{region}), owned.model().intervals_of(RegionId{region})));
   }
 }
 
@@ -321,11 +323,11 @@ TEST(ModelCodec, MutatedBytesGiveNoModelOrOneThatViolationsCanJudge) {
     const std::uint64_t kind = random() % 16;
     Bytes& damaged = kind < 2 ? sizes : kind < 4 ? base : kind < 6 ? lists : codes;
     damaged = mutated(damaged, random);
-    const Result<CodedModel> coded = CodedModel::open({base, codes, lists, sizes});
+    const Result<CompressedModel> coded = CompressedModel::open({base, codes, lists, sizes});
     if (!coded) continue;
     // Nobody has to ask this of what decode_model() refuses, but it must end.
     for (std::uint32_t region = 0; round % 16 == 0 && region < coded->summary().regions; ++region) {
-      static_cast<void>(encode_region(*coded, RegionId{region}, coded->runs_of(RegionId{region})));
+      static_cast<void>(encode_region(*coded, RegionId{region}, coded->intervals_of(RegionId{region})));
     }
     const Result<OwnedModel> decoded = decode_model(*coded);
     if (decoded) ++(violations(decoded->model()).empty() ? sound : unsound);

@@ -23,7 +23,7 @@ Pairs pairs_of(const std::vector<NearPair>& near) {
 }
 
 // Distance from ball to box summed axis by axis, over all pairs.
-Pairs brute_force(const std::vector<ProbeBall>& probes, const std::map<std::uint32_t, WorldBox>& boxes) {
+Pairs brute_force(const std::vector<ProbeSphere>& probes, const std::map<std::uint32_t, WorldBox>& boxes) {
   Pairs pairs;
   for (std::uint32_t p = 0; p < probes.size(); ++p) {
     for (const auto& [object, box] : boxes) {
@@ -61,8 +61,8 @@ TEST(BroadPhase, FindsThePairsThatAllPairsFindWhileObjectsComeMoveAndGo) {
       broad_phase.put(object, box);
       boxes[object] = box;
     }
-    std::vector<ProbeBall> probes(5);
-    for (ProbeBall& probe : probes) probe = {random_point(), size(rng)};
+    std::vector<ProbeSphere> probes(5);
+    for (ProbeSphere& probe : probes) probe = {random_point(), size(rng)};
     const Pairs expected = brute_force(probes, boxes);
     ASSERT_EQ(pairs_of(broad_phase.near(probes)), expected) << "round " << round;
     found += expected.size();
@@ -73,21 +73,21 @@ TEST(BroadPhase, FindsThePairsThatAllPairsFindWhileObjectsComeMoveAndGo) {
 TEST(BroadPhase, CountsAsNearWhatOnlyTouches) {
   BroadPhase broad_phase;
   broad_phase.put(7, {{1, 1, 1}, {2, 2, 2}});
-  const std::vector<ProbeBall> probes{{{0.5, 1.5, 1.5}, 0.5}, {{0.5, 1.5, 1.5}, 0.499999}, {{1.5, 1.5, 1.5}, 0}};
+  const std::vector<ProbeSphere> probes{{{0.5, 1.5, 1.5}, 0.5}, {{0.5, 1.5, 1.5}, 0.499999}, {{1.5, 1.5, 1.5}, 0}};
   EXPECT_EQ(pairs_of(broad_phase.near(probes)), (Pairs{{0, 7}, {2, 7}}));
 }
 
 TEST(BroadPhase, IsEmptyWithoutObjects) {
   BroadPhase broad_phase;
   broad_phase.remove(3);
-  const std::vector<ProbeBall> probes{{{0, 0, 0}, 1}};
+  const std::vector<ProbeSphere> probes{{{0, 0, 0}, 1}};
   EXPECT_TRUE(broad_phase.near(probes).empty());
 }
 
 TEST(BroadPhase, RefusesAnInvertedBoxAndAProbeThatIsNotFinite) {
   BroadPhase broad_phase;
   EXPECT_THROW(broad_phase.put(1, {{1, 0, 0}, {0, 1, 1}}), std::invalid_argument);
-  const std::vector<ProbeBall> probes{{{std::numeric_limits<double>::quiet_NaN(), 0, 0}, 1}};
+  const std::vector<ProbeSphere> probes{{{std::numeric_limits<double>::quiet_NaN(), 0, 0}, 1}};
   EXPECT_THROW(static_cast<void>(broad_phase.near(probes)), std::invalid_argument);
 }
 

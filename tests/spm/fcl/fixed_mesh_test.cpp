@@ -31,9 +31,9 @@ struct Mesh {
   }
 
   [[nodiscard]] double distance(const Vec3d& point) const {
-    double least = std::numeric_limits<double>::infinity();
-    for (std::size_t f = 0; f < faces.size(); ++f) least = std::min(least, distance(f, point));
-    return least;
+    double min = std::numeric_limits<double>::infinity();
+    for (std::size_t f = 0; f < faces.size(); ++f) min = std::min(min, distance(f, point));
+    return min;
   }
 };
 

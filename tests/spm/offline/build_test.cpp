@@ -26,7 +26,7 @@ using test_support::ZooMesh;
 using ::testing::IsEmpty;
 
 /// How a mesh is simplified: at once, in many blocks and rounds, or with whatever is near contracted, too.
-enum class Cut { kWhole, kBlocks, kPairs };
+enum class Cut { kFullRate, kBlocks, kPairs };
 
 BuildOptions small_options(Cut cut, unsigned threads = 2) {
   BuildOptions options;
@@ -63,7 +63,7 @@ std::string name_of(const ::testing::TestParamInfo<std::tuple<ZooMesh, Cut>>& te
 
 INSTANTIATE_TEST_SUITE_P(Zoo, EveryMesh,
                          ::testing::Combine(::testing::ValuesIn(mesh_zoo()),
-                                            ::testing::Values(Cut::kWhole, Cut::kBlocks, Cut::kPairs)),
+                                            ::testing::Values(Cut::kFullRate, Cut::kBlocks, Cut::kPairs)),
                          name_of);
 
 TEST_P(EveryMesh, IsASoundModel) { EXPECT_THAT(violations(built_.model()), IsEmpty()); }
@@ -209,7 +209,7 @@ void expect_same_bytes(const BuiltModel& a, const BuiltModel& b) {
   EXPECT_TRUE(same_bytes(a.base_faces, b.base_faces));
   EXPECT_TRUE(same_bytes(a.parts, b.parts));
   EXPECT_TRUE(same_bytes(a.regions, b.regions));
-  EXPECT_TRUE(same_bytes(a.runs, b.runs));
+  EXPECT_TRUE(same_bytes(a.intervals, b.intervals));
 }
 
 TEST_P(EveryMesh, TheSameInputGivesTheSameBytesWhateverTheNumberOfThreads) {
@@ -265,9 +265,9 @@ std::size_t parts_of(const Model& model) {
   std::iota(part.begin(), part.end(), 0u);
   for (std::size_t pass = 0; pass < part.size(); ++pass) {
     for (const BaseFace& face : model.base_faces) {
-      std::uint32_t least = part[face.corners[0]];
-      for (const std::uint32_t v : face.corners) least = std::min(least, part[v]);
-      for (const std::uint32_t v : face.corners) part[v] = least;
+      std::uint32_t min = part[face.corners[0]];
+      for (const std::uint32_t v : face.corners) min = std::min(min, part[v]);
+      for (const std::uint32_t v : face.corners) part[v] = min;
     }
   }
   return std::set<std::uint32_t>(part.begin(), part.end()).size();

@@ -7,12 +7,12 @@
 #include <random>
 #include <set>
 
+#include "spm/checksum.hpp"
 #include "spm/directory.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
 #include "spm/offline/verify.hpp"
 #include "spm/region_grid.hpp"
-#include "spm/seal.hpp"
 #include "tests/support/controller.hpp"
 
 namespace tactus::spm::offline {
@@ -34,7 +34,7 @@ TEST(Certificate, NoBallAnywhereNeedsMoreAndTheBoundIsNear) {
     const Certificate certificate = certify(model, radius, 0.05);
     std::mt19937 random{5};
     std::uniform_real_distribution<double> jitter{-radius, radius};
-    std::size_t most_regions = 0, most_records = 0, most_parts = 0;
+    std::size_t max_regions = 0, max_records = 0, max_parts = 0;
     for (int i = 0; i < 2000; ++i) {
       const std::array<float, 3>& near = model.positions[random() % model.summary.vertices];
       const Vec3d centre{near[0] + jitter(random), near[1] + jitter(random), near[2] + jitter(random)};
@@ -42,21 +42,21 @@ TEST(Certificate, NoBallAnywhereNeedsMoreAndTheBoundIsNear) {
       std::set<std::uint32_t> records;
       ASSERT_TRUE(grid.for_each_meeting(centre, radius, [&](RegionId region, double) {
         ++regions;
-        for (const spm::Run& run : model.runs_of(region)) {
+        for (const spm::Interval& run : model.intervals_of(region)) {
           for (std::uint32_t r = run.first; r < run.first + run.count; ++r) records.insert(r);
         }
       }));
       for (const std::uint32_t r : records) {
         for (std::uint32_t p = r; p != kNone; p = model.parts[p].next) ++parts;
       }
-      most_regions = std::max(most_regions, regions);
-      most_records = std::max(most_records, records.size());
-      most_parts = std::max(most_parts, parts);
+      max_regions = std::max(max_regions, regions);
+      max_records = std::max(max_records, records.size());
+      max_parts = std::max(max_parts, parts);
     }
-    EXPECT_LE(most_regions, certificate.regions) << radius;
-    EXPECT_LE(most_records, certificate.records) << radius;
-    EXPECT_LE(most_parts, certificate.parts) << radius;
-    EXPECT_LE(certificate.records, 2 * most_records) << radius;
+    EXPECT_LE(max_regions, certificate.regions) << radius;
+    EXPECT_LE(max_records, certificate.records) << radius;
+    EXPECT_LE(max_parts, certificate.parts) << radius;
+    EXPECT_LE(certificate.records, 2 * max_records) << radius;
   }
 }
 
@@ -69,7 +69,7 @@ TEST(Certificate, AMovingBallNeedsNoMoreThanWhatItBeganWithAndWhatEveryStepBring
   EXPECT_LE(certificate.entering, certificate.records);
   std::mt19937 random{7};
   std::uniform_real_distribution<double> unit{-1, 1};
-  std::size_t most_beyond_start = 0;
+  std::size_t max_beyond_start = 0;
   for (int path = 0; path < 100; ++path) {
     // Straight on from a vertex, in pieces so small that no cube in between is passed over.
     constexpr int kPieces = 200;
@@ -81,14 +81,14 @@ TEST(Certificate, AMovingBallNeedsNoMoreThanWhatItBeganWithAndWhatEveryStepBring
     for (int k = 0; k < kPieces; ++k, centre += piece) {
       crossings += piece.lpNorm<1>() / certificate.step;
       ASSERT_TRUE(grid.for_each_meeting(centre, kRadius, [&](RegionId region, double) {
-        for (const spm::Run& run : model.runs_of(region))
+        for (const spm::Interval& run : model.intervals_of(region))
           for (std::uint32_t r = run.first; r < run.first + run.count; ++r) records.insert(r);
       }));
       ASSERT_LE(static_cast<double>(records.size()), certificate.records + crossings * certificate.entering);
     }
-    most_beyond_start = std::max(most_beyond_start, records.size());
+    max_beyond_start = std::max(max_beyond_start, records.size());
   }
-  EXPECT_GT(most_beyond_start, certificate.records) << "the paths were too short to need anything new";
+  EXPECT_GT(max_beyond_start, certificate.records) << "the paths were too short to need anything new";
   EXPECT_DOUBLE_EQ(certificate.steps_per_second(), std::sqrt(3.0) * 0.05 / certificate.step);
 }
 
@@ -108,7 +108,7 @@ TEST(Certificate, TheWorstStepTakesTheWorkThatItSays) {
       EXPECT_EQ(forest.advance(budget), Advance::kDone);
       const RefitCount refit = forest.refit();
       EXPECT_LE(controller.nodes().used(), certificate.nodes);
-      EXPECT_LE(refit.marked, most_marked(refit.changed, model.summary.faces));
+      EXPECT_LE(refit.marked, max_marked(refit.changed, model.summary.faces));
       return kPlenty - budget.units;
     };
     step(certificate.units_from);
@@ -127,7 +127,7 @@ TEST(Certificate, NoBallAnywhereShowsMoreNodesThanItSaysAndTheBoundIsNear) {
   for (std::uint32_t r = 0; r < model.summary.regions; ++r)
     ASSERT_EQ(controller.load(RegionId{r}), AcceptResult::kAccepted);
   std::mt19937 random{13};
-  std::uint32_t most = 0;
+  std::uint32_t max = 0;
   for (int i = 0; i < 300; ++i) {
     const std::array<float, 3>& near = model.positions[random() % model.summary.vertices];
     const Vec3d centre = i == 0 ? Vec3d{certificate.worst[0], certificate.worst[1], certificate.worst[2]}
@@ -135,10 +135,10 @@ TEST(Certificate, NoBallAnywhereShowsMoreNodesThanItSaysAndTheBoundIsNear) {
     std::vector<RegionId> regions;
     ASSERT_TRUE(grid.for_each_meeting(centre, kRadius, [&](RegionId region, double) { regions.push_back(region); }));
     ASSERT_EQ(controller.refine(regions), Advance::kDone);
-    most = std::max(most, controller.nodes().used());
+    max = std::max(max, controller.nodes().used());
   }
-  EXPECT_LE(most, certificate.nodes);
-  EXPECT_LE(certificate.nodes, 2 * most);
+  EXPECT_LE(max, certificate.nodes);
+  EXPECT_LE(certificate.nodes, 2 * max);
 }
 
 TEST(Certificate, WhatTheWorstStepBringsIsNewAndComplete) {
@@ -148,9 +148,9 @@ TEST(Certificate, WhatTheWorstStepBringsIsNewAndComplete) {
   std::set<std::uint32_t> brought;
   for (const Certificate::Bringing& bringing : certificate.brings) {
     std::set<std::uint32_t> listed;
-    for (const spm::Run& run : model.runs_of(bringing.region))
+    for (const spm::Interval& run : model.intervals_of(bringing.region))
       for (std::uint32_t r = run.first; r < run.first + run.count; ++r) listed.insert(r);
-    for (const spm::Run& run : bringing.missing)
+    for (const spm::Interval& run : bringing.missing)
       for (std::uint32_t r = run.first; r < run.first + run.count; ++r) {
         EXPECT_EQ(listed.count(r), 1u);
         EXPECT_TRUE(brought.insert(r).second) << "record " << r << " comes twice";
@@ -225,21 +225,21 @@ TEST_F(Verify, FindsARegionWhoseListIsTooShort) {
   // Closed and sound all the same: the region loses its last record, which nothing in its list needs.
   BuiltModel broken = built_;
   Region& region = broken.regions.back();
-  --broken.runs.back().count;
+  --broken.intervals.back().count;
   --region.record_count;
   --region.part_count;
-  if (broken.runs.back().count == 0) {
-    broken.runs.pop_back();
-    --region.run_count;
+  if (broken.intervals.back().count == 0) {
+    broken.intervals.pop_back();
+    --region.interval_count;
   }
-  region.seal = region_seals(broken.model()).back();
+  region.checksum = region_checksums(broken.model()).back();
   ASSERT_TRUE(violations(broken.model()).empty());
   EXPECT_FALSE(verify(broken.model(), mesh_).mismatches.empty());
 }
 
 TEST_F(Verify, FindsAMissingRegion) {
   BuiltModel broken = built_;
-  broken.runs.resize(broken.regions.back().first_run);
+  broken.intervals.resize(broken.regions.back().first_interval);
   broken.regions.pop_back();
   --broken.summary.regions;
   ASSERT_TRUE(violations(broken.model()).empty());
@@ -265,7 +265,7 @@ TEST(Certificate, TheNodesThatItSaysAreEnoughWhateverRests) {
     std::vector<RegionId> regions;
     ASSERT_TRUE(grid.for_each_meeting(Vec3d{near[0], near[1], near[2]}, kRadius,
                                       [&](RegionId region, double) { regions.push_back(region); }));
-    const auto ask = [&] { return controller.refine(regions, 1u << 30, nullptr, 0, Unasked::kRest); };
+    const auto ask = [&] { return controller.refine(regions, 1u << 30, nullptr, 0, Unrequested::kRest); };
     Advance advance = ask();
     if (advance == Advance::kNodesFull) {  // those of what rested are free after the refit
       ++full;

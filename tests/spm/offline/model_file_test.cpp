@@ -56,7 +56,7 @@ TEST_F(ModelFile, GivesBackWhatWasWritten) {
   EXPECT_TRUE(same(model.base_faces, built_.base_faces));
   EXPECT_TRUE(same(model.parts, built_.parts));
   EXPECT_TRUE(same(model.regions, built_.regions));
-  EXPECT_TRUE(same(model.runs, built_.runs));
+  EXPECT_TRUE(same(model.intervals, built_.intervals));
   EXPECT_EQ(mapped.provenance().source, "organ.obj");
   EXPECT_EQ(mapped.provenance().cleaned.duplicate_faces, 7u);
 }

@@ -121,23 +121,23 @@ const std::vector<Damage> kDamages{
      },
      "lies within the cell"},
     {"CellTooDeep", [](BuiltModel& m) { m.regions[1].depth = 60; }, "depth 60"},
-    {"RunsBeyondTheEnd", [](BuiltModel& m) { m.regions[1].run_count += 10000000; }, "region 1: runs"},
+    {"RunsBeyondTheEnd", [](BuiltModel& m) { m.regions[1].interval_count += 10000000; }, "region 1: intervals"},
     {"RunBackwards",
      [](BuiltModel& m) {
        const auto region =
-           std::find_if(m.regions.begin(), m.regions.end(), [](const Region& r) { return r.run_count > 1; });
-       m.runs[region->first_run + 1].first = m.runs[region->first_run].first;
+           std::find_if(m.regions.begin(), m.regions.end(), [](const Region& r) { return r.interval_count > 1; });
+       m.intervals[region->first_interval + 1].first = m.intervals[region->first_interval].first;
      },
-     "expected ascending runs"},
-    {"RunBeyondTheRecords", [](BuiltModel& m) { m.runs[1].count = kNone; }, "expected ascending runs"},
-    {"RunEmpty", [](BuiltModel& m) { m.runs[0].count = 0; }, "expected ascending runs"},
+     "expected ascending intervals"},
+    {"RunBeyondTheRecords", [](BuiltModel& m) { m.intervals[1].count = kNone; }, "expected ascending intervals"},
+    {"RunEmpty", [](BuiltModel& m) { m.intervals[0].count = 0; }, "expected ascending intervals"},
     {"RecordCountWrong", [](BuiltModel& m) { --m.regions[0].record_count; }, "region 0:"},
     {"PartCountWrong", [](BuiltModel& m) { ++m.regions[0].part_count; }, "region 0:"},
     {"ListNotClosed",
      [](BuiltModel& m) {
-       ++m.runs[0].first;
-       --m.runs[0].count;
-       if (m.runs[0].count == 0) m.runs[0] = {0, 0};
+       ++m.intervals[0].first;
+       --m.intervals[0].count;
+       if (m.intervals[0].count == 0) m.intervals[0] = {0, 0};
      },
      "region 0"},
     {"RegionWithoutFaces", [](BuiltModel& m) { m.regions[0].face_count = 0; }, "region 0: 0 faces"},
@@ -152,36 +152,36 @@ TEST(Violations, LeavesNoRecordThatAClosedListCouldMiss) {
   for (std::uint32_t i = 0; i < sound.summary.regions; ++i) {
     const Region& region = sound.regions[i];
     std::mt19937 random{i};
-    const spm::Run& run = sound.runs[region.first_run + random() % region.run_count];
+    const spm::Interval& run = sound.intervals[region.first_interval + random() % region.interval_count];
     const std::uint32_t left_out = run.first + static_cast<std::uint32_t>(random() % run.count);
     ReferenceMesh mesh{sound.model()};
     bool complete = true;
-    for (const spm::Run& r : sound.model().runs_of(RegionId{i})) {
+    for (const spm::Interval& r : sound.model().intervals_of(RegionId{i})) {
       for (std::uint32_t k = r.first; k < r.first + r.count; ++k) complete &= k == left_out || mesh.apply(k);
     }
     BuiltModel broken = sound;
-    std::vector<spm::Run> runs;
-    for (std::uint32_t k = 0; k < sound.runs.size(); ++k) {
-      const spm::Run r = sound.runs[k];
-      const bool here = k >= region.first_run && k < region.first_run + region.run_count && left_out >= r.first &&
-                        left_out < r.first + r.count;
+    std::vector<spm::Interval> intervals;
+    for (std::uint32_t k = 0; k < sound.intervals.size(); ++k) {
+      const spm::Interval r = sound.intervals[k];
+      const bool here = k >= region.first_interval && k < region.first_interval + region.interval_count &&
+                        left_out >= r.first && left_out < r.first + r.count;
       if (!here) {
-        runs.push_back(r);
+        intervals.push_back(r);
         continue;
       }
-      broken.regions[i].run_count -= 1;
-      for (const spm::Run part :
-           {spm::Run{r.first, left_out - r.first}, spm::Run{left_out + 1, r.first + r.count - left_out - 1}}) {
+      broken.regions[i].interval_count -= 1;
+      for (const spm::Interval part : {spm::Interval{r.first, left_out - r.first},
+                                       spm::Interval{left_out + 1, r.first + r.count - left_out - 1}}) {
         if (part.count == 0) continue;
-        runs.push_back(part);
-        ++broken.regions[i].run_count;
+        intervals.push_back(part);
+        ++broken.regions[i].interval_count;
       }
     }
-    broken.runs = runs;
+    broken.intervals = intervals;
     --broken.regions[i].record_count;
     --broken.regions[i].part_count;
     for (std::uint32_t k = 1; k < broken.regions.size(); ++k) {
-      broken.regions[k].first_run = broken.regions[k - 1].first_run + broken.regions[k - 1].run_count;
+      broken.regions[k].first_interval = broken.regions[k - 1].first_interval + broken.regions[k - 1].interval_count;
     }
     EXPECT_EQ(violations(broken.model()).empty(), complete) << "region " << i << " without record " << left_out;
   }
@@ -208,7 +208,7 @@ TEST(Violations, WhateverPassesAfterRandomDamageCanBeReplayed) {
         damage(model.regions);
         break;
       default:
-        damage(model.runs);
+        damage(model.intervals);
     }
     if (!violations(model.model()).empty()) continue;
     ++passed;
@@ -222,7 +222,7 @@ TEST(Violations, WhateverPassesAfterRandomDamageCanBeReplayed) {
 
 TEST(Violations, ASealThatIsNotOfTheListIsFound) {
   BuiltModel broken = sound_model();
-  ++broken.regions[1].seal;
+  ++broken.regions[1].checksum;
   EXPECT_THAT(violations(broken.model()), Contains(HasSubstr("region 1: seal")));
 }
 

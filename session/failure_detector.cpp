@@ -1,0 +1,76 @@
+#include "session/failure_detector.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace tactus::session {
+
+void FailureDetector::watch(const std::vector<std::uint64_t>& hosts) {
+  for (auto at = hosts_.begin(); at != hosts_.end();) {
+    const bool stays = std::find(hosts.begin(), hosts.end(), at->first) != hosts.end();
+    at = stays ? std::next(at) : hosts_.erase(at);
+  }
+  for (const std::uint64_t host : hosts) hosts_.try_emplace(host);
+}
+
+std::optional<ClockSample> FailureDetector::ask(std::int64_t now_ns) {
+  for (auto& [id, host] : hosts_) {
+    if (host.sequence != 0 && now_ns - host.requested_ns < settings_.period_ns) continue;
+    host.requested_ns = now_ns;
+    ClockSample question;
+    question.origin = self_;
+    question.origin.time_ns = now_ns;
+    question.peer = id;
+    question.sequence = ++host.sequence;
+    question.t0_ns = now_ns;
+    return question;
+  }
+  return std::nullopt;
+}
+
+void FailureDetector::on_answer(const ClockSample& answer, std::int64_t now_ns) {
+  const auto at = hosts_.find(answer.origin.participant);
+  if (at == hosts_.end() || !answer.answer || answer.peer != self_.participant ||
+      answer.origin.session != self_.session)
+    return;
+  Watched& host = at->second;
+  const bool same = host.incarnation == answer.origin.incarnation;
+  if (same) {
+    constexpr double kNsPerS = 1e9;
+    const double passed_s = static_cast<double>(now_ns - host.answered_ns) / kNsPerS;
+    host.longest_ns *= std::exp2(-passed_s / settings_.half_life_s);
+    host.longest_ns = std::max(host.longest_ns, static_cast<double>(host.silent_ns));
+    if (host.missed) ++false_alarms_;
+  }
+  host.incarnation = answer.origin.incarnation;
+  host.answered_ns = now_ns;
+  host.silent_ns = 0;
+  host.missed = false;
+}
+
+std::int64_t FailureDetector::patience_ns(const Watched& host) const noexcept {
+  return std::clamp(std::llround(settings_.margin * host.longest_ns), static_cast<long long>(settings_.min_patience_ns),
+                    static_cast<long long>(settings_.max_patience_ns));
+}
+
+bool FailureDetector::at_ease() const noexcept {
+  return std::all_of(hosts_.begin(), hosts_.end(), [this](const auto& watched) {
+    return watched.second.missed || watched.second.silent_ns <= settings_.period_ns;
+  });
+}
+
+std::vector<FailureDetector::Silent> FailureDetector::silent(std::int64_t now_ns) {
+  const std::int64_t passed_ns = std::clamp<std::int64_t>(now_ns - looked_ns_, 0, settings_.max_unwatched_ns);
+  looked_ns_ = now_ns;
+  std::vector<Silent> silent;
+  for (auto& [id, host] : hosts_) {
+    if (host.incarnation == 0) continue;
+    host.silent_ns += passed_ns;
+    if (host.missed || host.silent_ns < patience_ns(host)) continue;
+    host.missed = true;
+    silent.push_back({id, host.silent_ns});
+  }
+  return silent;
+}
+
+}  // namespace tactus::session

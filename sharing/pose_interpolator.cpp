@@ -1,0 +1,44 @@
+#include "sharing/pose_interpolator.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace tactus::sharing {
+
+void PoseInterpolator::show(const BodyState& state, std::int64_t session_now_ns) noexcept {
+  received_.state = state;
+  received_.session_ns = session_now_ns;
+  off_.setZero();
+  turned_off_.setZero();
+}
+
+BodyState PoseInterpolator::target(std::int64_t session_now_ns) const noexcept {
+  const std::int64_t age_ns = std::max<std::int64_t>(0, session_now_ns - received_.session_ns);
+  BodyState state = carried_on(received_.state, 1e-9 * static_cast<double>(std::min(age_ns, kLongestNs)));
+  if (age_ns > kLongestNs) {
+    state.velocity.setZero();
+    state.angular_velocity.setZero();
+  }
+  return state;
+}
+
+void PoseInterpolator::on_pose(const ReceivedPose& pose, std::int64_t session_now_ns) noexcept {
+  const BodyState before = at(session_now_ns);
+  received_ = pose;
+  const BodyState after = target(session_now_ns);
+  off_ = before.position - after.position;
+  turned_off_ = haptics::turn_of(before.orientation * after.orientation.conjugate());
+  faded_from_ns_ = session_now_ns;
+}
+
+BodyState PoseInterpolator::at(std::int64_t session_now_ns) const noexcept {
+  BodyState state = target(session_now_ns);
+  const double passed = 1e-9 * static_cast<double>(std::max<std::int64_t>(0, session_now_ns - faded_from_ns_));
+  const double left = passed > 20 * kFade ? 0 : std::exp(-passed / kFade);
+  if (left == 0) return state;
+  state.position += left * off_;
+  state.orientation = (haptics::rotation_by(left * turned_off_) * state.orientation).normalized();
+  return state;
+}
+
+}  // namespace tactus::sharing

@@ -1,0 +1,250 @@
+#include "spm/codec/compressed_cache.hpp"
+
+#include <algorithm>
+#include <cstring>
+
+#include "spm/codec/interval_codec.hpp"
+#include "spm/codec/region_codec.hpp"
+
+namespace tactus::spm::codec {
+namespace {
+
+constexpr std::uint16_t kMaxHolders = 0xffff;
+
+}  // namespace
+
+CompressedCache::CompressedCache(std::uint32_t blocks)
+    : blocks_(blocks),
+      holders_(blocks, 0),
+      staying_(blocks, 0),
+      index_{blocks},
+      first_free_{blocks == 0 ? kNone : 0},
+      free_{blocks} {
+  for (std::uint32_t i = 0; i < blocks; ++i) blocks_[i].next = i + 1 < blocks ? i + 1 : kNone;
+}
+
+void CompressedCache::admit(const ModelSummary& summary, const RecordTables& tables) {
+  objects_.push_back({&summary, RecordReader{summary, tables}, &tables, std::vector<bool>(summary.records)});
+}
+
+std::uint32_t CompressedCache::write(const Bytes& bytes) noexcept {
+  const std::uint32_t first = first_free_;
+  std::uint32_t last = kNone;
+  for (std::size_t at = 0; at < bytes.size(); at += kPayload) {
+    last = first_free_;
+    TACTUS_CHECK(last != kNone);
+    Block& block = blocks_[last];
+    first_free_ = block.next;
+    --free_;
+    block.bytes = {};
+    std::memcpy(block.bytes.data(), &bytes[at], std::min(kPayload, bytes.size() - at));
+  }
+  blocks_[last].next = kNone;
+  return first;
+}
+
+void CompressedCache::free(std::uint32_t first) noexcept {
+  std::uint32_t last = first;
+  for (++free_; blocks_[last].next != kNone; last = blocks_[last].next) ++free_;
+  blocks_[last].next = first_free_;
+  first_free_ = first;
+}
+
+void CompressedCache::read(std::uint32_t first) {
+  buffer_.clear();
+  for (std::uint32_t at = first; at != kNone; at = blocks_[at].next)
+    buffer_.insert(buffer_.end(), blocks_[at].bytes.begin(), blocks_[at].bytes.end());
+}
+
+void CompressedCache::read_list(ObjectIndex object, RegionId region) {
+  const Object& of = objects_[index(object)];
+  read(index_.find(key_of(object, region)));
+  BitReader in{buffer_};
+  std::uint32_t total = 0;
+  const std::string error = get_intervals(in, *of.tables, of.summary->records, list_, total);
+  TACTUS_CHECK(error.empty());
+}
+
+CompressedCache::Put CompressedCache::put(ObjectIndex number, RegionId region, Span<const std::uint8_t> message) {
+  using Status = Put::Status;
+  Object& object = objects_[index(number)];
+  Put put;
+  if (index(region) < object.summary->regions && keeps(number, region)) {
+    put.status = Status::kHere;
+    return put;
+  }
+  std::vector<RecordCode> codes;
+  const Result<RegionData> decoded = decode_region(message, *object.summary, *object.tables, &codes);
+  if (!decoded || decoded->region != region) {
+    put.error = decoded ? "names region " + std::to_string(index(decoded->region)) : decoded.error().text;
+    return put;
+  }
+  const RegionData& data = *decoded;
+  put.records = static_cast<std::uint32_t>(codes.size());
+
+  BitWriter list;
+  put_intervals(list, *object.tables, data.list);
+  put.blocks = put.whole = blocks_for(list.size());
+  std::size_t code = 0;
+  const Interval* sent = data.sent.data();
+  const Interval* const sent_end = sent + data.sent.size();
+  // Calls with each record of the list, its block, and its code or null.
+  const auto for_each = [&](const auto& with) {
+    code = 0;
+    sent = data.sent.data();
+    for (const Interval& interval : data.list)
+      for (std::uint32_t record = interval.first; record != interval.first + interval.count; ++record) {
+        while (sent != sent_end && sent->first + sent->count <= record) ++sent;
+        const bool is_sent = sent != sent_end && sent->first <= record;
+        if (!with(record, index_.find(key(number, record)), is_sent ? &codes[code] : nullptr)) return false;
+        code += is_sent ? 1 : 0;
+      }
+    return true;
+  };
+  put.status = Status::kKept;
+  const bool complete = for_each([&](std::uint32_t, std::uint32_t block, const RecordCode* is_sent) {
+    if (is_sent != nullptr) {
+      const std::uint32_t takes = blocks_for(kAnchorBits + is_sent->bits);
+      put.whole += takes;
+      if (block == kNone) put.blocks += takes;
+    }
+    if (block != kNone && holders_[block] == kMaxHolders) put.status = Status::kFull;
+    return block != kNone || is_sent != nullptr;
+  });
+  if (!complete) put.status = Status::kIncomplete;
+  if (complete && put.blocks > free_) put.status = Status::kFull;
+  if (put.status != Status::kKept) return put;
+
+  index_.insert(key_of(number, region), write(list.take()));
+  static_cast<void>(for_each([&](std::uint32_t record, std::uint32_t block, const RecordCode* is_sent) {
+    if (is_sent != nullptr && object.seen[record]) ++put.returned;
+    if (is_sent != nullptr && block != kNone) ++put.repeated;
+    if (is_sent != nullptr && block != kNone && staying_[block] > 0) ++put.published;
+    if (block == kNone) {
+      BitWriter out;
+      out.put(is_sent->anchor, kAnchorBits);
+      out.copy(message, is_sent->first, is_sent->bits);
+      block = write(out.take());
+      holders_[block] = staying_[block] = 0;
+      index_.insert(key(number, record), block);
+      object.seen[record] = true;
+    }
+    if (staying_[block]++ == 0 && holders_[block] > 0) leaving_ -= length(block);
+    ++holders_[block];
+    return true;
+  }));
+  return put;
+}
+
+const RegionData& CompressedCache::get(ObjectIndex number, RegionId region, const Cache& cache) {
+  Object& object = objects_[index(number)];
+  read_list(number, region);
+  data_.region = region;
+  data_.list = list_;
+  data_.sent.clear();
+  data_.offsets.clear();
+  data_.parts.clear();
+  for (const Interval& interval : data_.list)
+    for (std::uint32_t record = interval.first; record != interval.first + interval.count; ++record) {
+      if (cache.has(number, record)) continue;
+      read(index_.find(key(number, record)));
+      BitReader in{buffer_};
+      const auto anchor = static_cast<std::uint32_t>(in.get(kAnchorBits));
+      data_.offsets.emplace_back();
+      const bool good = object.reader.get(in, record, anchor, data_.parts, data_.offsets.back());
+      TACTUS_CHECK(good);
+      if (!data_.sent.empty() && data_.sent.back().first + data_.sent.back().count == record) {
+        ++data_.sent.back().count;
+      } else {
+        data_.sent.push_back({record, 1});
+      }
+    }
+  return data_;
+}
+
+std::uint32_t CompressedCache::length(std::uint32_t first) const noexcept {
+  std::uint32_t length = 0;
+  for (std::uint32_t at = first; at != kNone; at = blocks_[at].next) ++length;
+  return length;
+}
+
+template <class Visit>
+void CompressedCache::for_each_listed(ObjectIndex object, Visit visit) const {
+  for (const Interval& interval : list_)
+    for (std::uint32_t record = interval.first; record != interval.first + interval.count; ++record) {
+      const std::uint64_t key_of_record = key(object, record);
+      visit(key_of_record, index_.find(key_of_record));
+    }
+}
+
+void CompressedCache::leave(ObjectIndex object, RegionId region) noexcept {
+  read_list(object, region);
+  for_each_listed(object, [&](std::uint64_t, std::uint32_t block) {
+    if (--staying_[block] == 0) leaving_ += length(block);
+  });
+  leaving_ += length(index_.find(key_of(object, region)));
+}
+
+void CompressedCache::stay(ObjectIndex object, RegionId region) noexcept {
+  read_list(object, region);
+  for_each_listed(object, [&](std::uint64_t, std::uint32_t block) {
+    if (staying_[block]++ == 0) leaving_ -= length(block);
+  });
+  leaving_ -= length(index_.find(key_of(object, region)));
+}
+
+void CompressedCache::release(ObjectIndex object, RegionId region) noexcept {
+  const std::uint32_t free_before = free_;
+  read_list(object, region);
+  for_each_listed(object, [&](std::uint64_t key_of_record, std::uint32_t block) {
+    if (--holders_[block] > 0) return;
+    index_.erase(key_of_record);
+    free(block);
+  });
+  const std::uint64_t key = key_of(object, region);
+  free(index_.find(key));
+  index_.erase(key);
+  leaving_ -= free_ - free_before;
+}
+
+std::vector<std::string> CompressedCache::violations() {
+  std::vector<std::string> found;
+  std::vector<std::uint32_t> counted(blocks_.size(), 0);
+  std::vector<bool> taken(blocks_.size(), false);
+  std::uint32_t chained = 0;
+  const auto take = [&](std::uint32_t first, const std::string& what) {
+    for (std::uint32_t at = first; at != kNone; at = blocks_[at].next) {
+      if (taken[at]) found.push_back(what + ": block " + std::to_string(at) + " is another's too");
+      if (taken[at]) return;
+      taken[at] = true;
+      ++chained;
+    }
+  };
+  for (std::uint32_t n = 0; n < objects_.size(); ++n) {
+    const ObjectIndex number{n};
+    for (std::uint32_t r = 0; r < objects_[n].summary->regions; ++r) {
+      const std::uint32_t first = index_.find(key_of(number, RegionId{r}));
+      if (first == kNone) continue;
+      take(first, "region " + std::to_string(r));
+      read_list(number, RegionId{r});
+      for (const Interval& interval : list_)
+        for (std::uint32_t record = interval.first; record != interval.first + interval.count; ++record) {
+          const std::uint32_t block = index_.find(key(number, record));
+          if (block == kNone)
+            found.push_back("record " + std::to_string(record) + " of region " + std::to_string(r) + " is not here");
+          else if (counted[block]++ == 0)
+            take(block, "record " + std::to_string(record));
+        }
+    }
+  }
+  for (std::uint32_t block = 0; block < blocks_.size(); ++block)
+    if (counted[block] > 0 && (counted[block] != holders_[block] || staying_[block] > holders_[block]))
+      found.push_back("block " + std::to_string(block) + " is of " + std::to_string(counted[block]) +
+                      " regions, counted " + std::to_string(holders_[block]));
+  if (chained + free_ != blocks_.size())
+    found.push_back(std::to_string(chained) + " blocks in use and " + std::to_string(free_) + " free of " +
+                    std::to_string(blocks_.size()));
+  return found;
+}
+
+}  // namespace tactus::spm::codec

@@ -1,0 +1,47 @@
+#include "spm/codec/interval_codec.hpp"
+
+namespace tactus::spm::codec {
+namespace {
+
+constexpr std::uint64_t kMinRunBits = 2;  // a gap and a length
+
+std::string text(std::uint64_t value) { return std::to_string(value); }
+
+}  // namespace
+
+void put_intervals(BitWriter& out, const RecordTables& tables, Span<const Interval> intervals) {
+  put_rare(out, intervals.size());
+  std::uint32_t end = 0;
+  for (const Interval& interval : intervals) {
+    put_number(out, tables[Field::kGap], interval.first - end);
+    put_number(out, tables[Field::kCount], interval.count - 1);
+    end = interval.first + interval.count;
+  }
+}
+
+std::string get_intervals(BitReader& in, const RecordTables& tables, std::uint32_t limit,
+                          std::vector<Interval>& intervals, std::uint32_t& total) {
+  const std::uint64_t count = get_rare(in);
+  if (!in.ok() || in.left() / kMinRunBits < count) {
+    return text(count) + " intervals do not fit the " + text(in.left()) + " bits that are left";
+  }
+  intervals.resize(count);
+  total = 0;
+  bool ok = true;
+  std::uint64_t end = 0;
+  for (Interval& interval : intervals) {
+    const std::uint64_t gap = get_number(in, tables[Field::kGap], ok);
+    const std::uint64_t length = get_number(in, tables[Field::kCount], ok) + 1;
+    const std::uint64_t first = end + gap;
+    if (!ok || !in.ok() || (gap == 0 && end != 0) || first + length > limit) {
+      return "run of " + text(length) + " records from " + text(first) + " after one that ends at " + text(end) +
+             ", expected a gap and no record from " + text(limit);
+    }
+    interval = {static_cast<std::uint32_t>(first), static_cast<std::uint32_t>(length)};
+    end = first + length;
+    total += interval.count;
+  }
+  return {};
+}
+
+}  // namespace tactus::spm::codec

@@ -1,0 +1,174 @@
+#include "spm/motion_segment.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+
+namespace tactus::spm {
+namespace {
+
+Vec3d along(const Vec3d& v, const Vec3d& normal) { return v - normal * normal.dot(v); }
+
+double angle(const Vec3d& from, const Vec3d& to, const Vec3d& normal) {
+  return std::atan2(normal.dot(from.cross(to)), from.dot(to));
+}
+
+/// Calls `visit(centre of a labelled cell less p, weight)`; weights fall to 0 at `reach`.
+template <class Visit>
+void for_each_cell(const RegionGrid& grid, const Vec3d& p, double reach, Visit&& visit) {
+  grid.for_each_meeting(p, reach, [&](RegionId region, double) {
+    const CellBox box = grid.box(region);
+    const Vec3d from = (box.low + box.high) / 2 - p;
+    const double near = 1 - from.squaredNorm() / (reach * reach);
+    if (near > 0) visit(from, near * near);
+  });
+}
+
+/// Of the plane through the labelled cells around `p`; `before` where there are too few.
+Vec3d plane_normal(const RegionGrid& grid, const Vec3d& p, double reach, const Vec3d& before) {
+  double weights = 0;
+  Vec3d mean = Vec3d::Zero();
+  Eigen::Matrix3d square = Eigen::Matrix3d::Zero();
+  for_each_cell(grid, p, reach, [&](const Vec3d& from, double weight) {
+    weights += weight;
+    mean += weight * from;
+    square += weight * from * from.transpose();
+  });
+  if (weights < 1) return before;
+  mean /= weights;
+  Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver;
+  solver.computeDirect(square / weights - mean * mean.transpose());
+  const Vec3d normal = solver.eigenvectors().col(0);
+  return normal.dot(before) < 0 ? Vec3d{-normal} : normal;
+}
+
+/// How high the labelled cells around `p` are above it; false where there are none.
+bool height(const RegionGrid& grid, const Vec3d& p, double reach, const Vec3d& normal, double& above) {
+  double weights = 0, sum = 0;
+  for_each_cell(grid, p, reach, [&](const Vec3d& from, double weight) {
+    weights += weight;
+    sum += weight * normal.dot(from);
+  });
+  if (weights <= 0) return false;
+  above = sum / weights;
+  return true;
+}
+
+double squared_distance(const Vec3d& p, const Vec3d& a, const Vec3d& b) {
+  const Vec3d edge = b - a;
+  const double length = edge.squaredNorm();
+  const double at = length > 0 ? std::clamp((p - a).dot(edge) / length, 0.0, 1.0) : 0.0;
+  return (a + at * edge - p).squaredNorm();
+}
+
+}  // namespace
+
+Vec3d MotionSegment::heading(std::uint32_t back) const noexcept {
+  return along(sample(back).position - sample(back + kPerStep).position, sample(back).normal);
+}
+
+MotionSegment::Turns MotionSegment::turns(std::uint32_t back) const noexcept {
+  const Vec3d now = heading(back);
+  Turns turns;
+  for (int k = 0; k < kTurns; ++k)
+    turns[k] = angle(heading(back + kPerStep * static_cast<std::uint32_t>(k + 1)), now, sample(back).normal) / (k + 1);
+  return turns;
+}
+
+void MotionSegment::observe(const RegionGrid& grid, double reach, const Vec3d& position) {
+  constexpr double kSlowest = 1e-3;  // of the reach, a step
+  const bool step = ++since_step_ >= kPerStep || count_ == 0;
+  const Vec3d before = count_ > 0 ? sample(0).normal : Vec3d::UnitZ();
+  newest_ = (newest_ + 1) % kPast;
+  const bool still = count_ > 0 && (position - plane_at_).norm() <= kSlowest * reach;
+  past_[newest_] = {position, step && !still ? plane_normal(grid, position, reach, before) : before};
+  if (step && !still) plane_at_ = position;
+  count_ = std::min(count_ + 1, kPast);
+  if (!step) return;
+  since_step_ = 0;
+  if (missed_ < 0) missed_ = reach * reach;
+  compare();
+  learn(kSlowest * reach);
+  if (expected_.count == 0) {
+    expected_ = ahead(grid, reach, kJudged * kStep);
+    waited_ = 0;
+  }
+}
+
+void MotionSegment::interrupt() noexcept {
+  count_ = 0;
+  expected_.count = 0;
+}
+
+void MotionSegment::learn(double slowest) {
+  constexpr double kFading = 1 - 1.0 / 3000;  // each step
+  constexpr double kStiffness = 1e-3;         // towards going straight on, of the mean square of turns
+  constexpr std::uint32_t kThen = kPerStep * kSteps;
+  if (count_ < kPast) return;
+  const Turns had = turns(kThen);
+  const Vec3d heading_then = heading(kThen);
+  if (heading_then.norm() < slowest) return;  // where a tip at rest trembles to says nothing
+  squares_ = squares_ * kFading + had * had.transpose();
+  products_ *= kFading;
+  for (int m = 0; m < kSteps; ++m) {
+    const std::uint32_t from = kThen - kPerStep * static_cast<std::uint32_t>(m);
+    const Vec3d went = sample(from - kPerStep).position - sample(from).position;
+    products_.col(m) += had * angle(heading_then, along(went, sample(kThen).normal), sample(kThen).normal);
+  }
+  Eigen::Matrix<double, kTurns, kTurns> stiff = squares_;
+  stiff.diagonal().array() += kStiffness * squares_.trace() / kTurns + 1e-12;
+  rule_ = stiff.ldlt().solve(products_);
+}
+
+void MotionSegment::compare() {
+  constexpr double kForgetting = 0.1;
+  if (expected_.count == 0 || ++waited_ < kJudged) return;
+  double nearest = (expected_.points[0] - sample(0).position).squaredNorm();
+  for (std::uint32_t i = 1; i < expected_.count; ++i)
+    nearest = std::min(nearest, squared_distance(sample(0).position, expected_.points[i - 1], expected_.points[i]));
+  missed_ += kForgetting * (nearest - missed_);
+  expected_.count = 0;
+}
+
+MotionSegment::Way MotionSegment::ahead(const RegionGrid& grid, double reach, double lead) const {
+  constexpr int kPlaneEvery = 2;  // steps
+  Way way;
+  if (count_ < kPerStep * (kTurns + 2)) return way;
+  Vec3d normal = sample(0).normal;
+  Vec3d forward = heading(0).normalized();
+  constexpr std::uint32_t kPace = 4 * kPerStep;
+  double length = 0;
+  for (std::uint32_t back = 0; back < kPace; ++back)
+    length += (sample(back).position - sample(back + 1).position).norm();
+  length *= double{kPerStep} / kPace;
+  const Eigen::Matrix<double, kSteps, 1> headings = rule_.transpose() * turns(0);
+  Vec3d at = sample(0).position;
+  double stand_off = 0;
+  const double near = reach / 2;
+  const bool on_cells = height(grid, at, near, normal, stand_off);
+  way.points[way.count++] = at;
+  double slope = 0;
+  for (int m = 0; m < kSteps && m * kStep < lead; ++m) {
+    const double sideways = length / std::sqrt(1 + slope * slope);
+    at += sideways * (std::cos(headings[m]) * forward + std::sin(headings[m]) * normal.cross(forward));
+    double above = stand_off;
+    if (on_cells && height(grid, at, near, normal, above)) at += (above - stand_off) * normal;
+    slope = sideways > 0 ? (above - stand_off) / sideways : 0;
+    way.points[way.count++] = at;
+    if (m % kPlaneEvery != kPlaneEvery - 1) continue;
+    // The plane turns with the surface, and the heading with the plane.
+    const Vec3d next = plane_normal(grid, at, reach, normal);
+    forward = along(forward, next).normalized();
+    normal = next;
+  }
+  return way;
+}
+
+double MotionSegment::doubt(double time) const noexcept {
+  const double share = time / (kJudged * kStep);
+  return std::sqrt(std::max(0.0, missed_)) * share * share;
+}
+
+}  // namespace tactus::spm

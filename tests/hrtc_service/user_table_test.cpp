@@ -1,0 +1,127 @@
+// Users who come and go at an HRTC, over DDS as in a session.
+
+#include "hrtc_service/user_table.hpp"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <string>
+#include <thread>
+
+#include "hrtc_service/realtime.hpp"
+
+namespace tactus::hrtc_service {
+namespace {
+
+wire::SessionAddress address(const std::string& participant) {
+  wire::SessionAddress made;
+  made.session = "test.seats." + std::to_string(getpid());
+  made.participant = participant;
+  made.domain = 50 + 3 * (static_cast<int>(getpid()) % 13);
+  return made;
+}
+
+session::RosterEntry client_with(const std::string& user, const wire::Participants& participants) {
+  session::RosterEntry entry;
+  entry.origin = participants.origin();
+  entry.role = session::Role::kClient;
+  entry.name = participants.address().participant;
+  entry.users = {user};
+  return entry;
+}
+
+/// A sender that uses what it was last given until it looks again, and a haptic thread of its own.
+class UserTableTest : public testing::Test {
+ protected:
+  UserTableTest() {
+    HapticSettings settings;
+    settings.priority = 0;
+    haptic_.emplace(settings, std::array<haptics::DeviceSpec, kMaxProbes>{});
+    orders_.emplace(*haptic_);
+    user_table_.emplace(participants_, kMaxProbes, *orders_, [](session::Intent&&) {});
+    (void)haptic_->start();
+  }
+  ~UserTableTest() override { haptic_->stop(); }
+
+  /// Until the user's first pose has arrived and its device is in use.
+  void open_device(const std::string& user) {
+    wire::Writer<session::DevicePose> poses{client_, wire::topics::kDevicePose,
+                                            wire::EndpointOptions{wire::user_partition(user)}};
+    session::DevicePose pose;
+    pose.user_id = session::id_of(user);
+    while (orders_->now().devices[0] == nullptr) {  // the watchdog is ctest's
+      pose.origin = client_.origin();
+      ++pose.sequence;
+      (void)poses.send(pose);
+      user_table_->open_remote_devices();
+      std::this_thread::yield();
+    }
+  }
+
+  wire::Participants participants_{address("hrtc")};
+  wire::Participants client_{address("client")};
+  std::optional<HapticThread> haptic_;
+  std::optional<HapticOrders> orders_;
+  std::optional<UserTable> user_table_;
+};
+
+TEST_F(UserTableTest, WhatUsersBringIsFreedAfterTheyHaveLeft) {
+  ProbeReports report;
+  for (int round = 0; round < 10; ++round) {
+    const std::string user = "user " + std::to_string(round);
+    user_table_->seat(client_with(user, client_));
+    open_device(user);
+    report.probes[0].active = true;
+    user_table_->send_commands(report);
+    ASSERT_EQ(user_table_->remove(client_.origin().participant, user), session::id_of(user));
+    while (user_table_->left() > 0) {
+      user_table_->send_commands(report);
+      user_table_->free_left();
+      std::this_thread::yield();
+    }
+  }
+  for (int round = 0; round < 20; ++round) {  // users without a device, of which no sender knows
+    const std::string user = "hand " + std::to_string(round);
+    user_table_->seat(client_with(user, client_));
+    ASSERT_TRUE(user_table_->remove(client_.origin().participant, user));
+  }
+  while (user_table_->left() > 0) user_table_->free_left();
+  EXPECT_TRUE(user_table_->slots().empty());
+}
+
+TEST_F(UserTableTest, AWriterIsNotDestroyedWhereTheSenderCouldMeetIt) {
+  user_table_->seat(client_with("ann", client_));
+  open_device("ann");
+  ProbeReports report;
+  report.probes[0].active = true;
+  user_table_->send_commands(report);
+  const std::uint64_t without = orders_->now().number + 1;
+  ASSERT_TRUE(user_table_->remove(client_.origin().participant, "ann"));
+  while (!orders_->obeyed(without)) std::this_thread::yield();
+  user_table_->free_left();
+
+  EXPECT_EQ(user_table_->left(), 1u) << "the sender may be about to send its last command";
+  user_table_->send_commands(report);
+  user_table_->free_left();
+  EXPECT_EQ(user_table_->left(), 0u);
+}
+
+TEST(Handover, ThingsLiveUntilTheUserHasLetGoOfThem) {
+  Handover<std::array<int*, 2>> handover;
+  Retired<std::unique_ptr<int>> retired;
+  auto thing = std::make_unique<int>(7);
+  handover.post({thing.get(), nullptr});
+  const std::array<int*, 2>& in_use = handover.latest();
+  retired.add(handover.post({}), std::move(thing));
+  const auto collect = [&] { retired.collect([&](std::uint64_t number) { return handover.passed(number); }); };
+  collect();
+
+  EXPECT_EQ(retired.size(), 1u);
+  EXPECT_EQ(*in_use[0], 7);
+  EXPECT_EQ(handover.latest()[0], nullptr);
+  collect();
+  EXPECT_EQ(retired.size(), 0u);
+}
+
+}  // namespace
+}  // namespace tactus::hrtc_service

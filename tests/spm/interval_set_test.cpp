@@ -1,0 +1,81 @@
+#include "spm/interval_set.hpp"
+
+#include <gtest/gtest.h>
+
+#include <random>
+#include <set>
+
+namespace tactus::spm {
+namespace {
+
+using Intervals = std::vector<spm::Interval>;  // a test has a Run of its own
+
+class Random {
+ public:
+  explicit Random(std::uint32_t seed) : engine_{seed} {}
+  /// 0 to `limit` - 1.
+  std::uint32_t below(std::uint32_t limit) { return static_cast<std::uint32_t>(engine_() % limit); }
+  Intervals intervals(std::uint32_t records, std::uint32_t max_gap, std::uint32_t max_count) {
+    Intervals intervals;
+    for (std::uint32_t at = below(max_gap); at < records; at += intervals.back().count + 1 + below(max_gap))
+      intervals.push_back({at, std::min(1 + below(max_count), records - at)});
+    return intervals;
+  }
+
+ private:
+  std::mt19937 engine_;
+};
+
+std::set<std::uint32_t> members(const Intervals& intervals) {
+  std::set<std::uint32_t> all;
+  for (const spm::Interval& run : intervals)
+    for (std::uint32_t i = 0; i < run.count; ++i) all.insert(run.first + i);
+  return all;
+}
+
+void expect_separate(const Intervals& intervals) {
+  for (std::size_t i = 1; i < intervals.size(); ++i)
+    ASSERT_GT(intervals[i].first, intervals[i - 1].first + intervals[i - 1].count) << "run " << i;
+}
+
+TEST(IntervalSetTest, HoldsAllThatWasAddedAndMissesAllElse) {
+  for (std::uint32_t seed = 0; seed < 200; ++seed) {
+    Random random{seed};
+    IntervalSet set;
+    std::set<std::uint32_t> held;
+    for (int round = 0; round < 8; ++round) {
+      const Intervals added = random.intervals(500, 1 + random.below(60), 1 + random.below(30));
+      set.add(Span<const spm::Interval>{added}, 10'000);
+      held.merge(members(added));
+      ASSERT_EQ(members(set.intervals()), held) << "seed " << seed;
+      expect_separate(set.intervals());
+
+      const Intervals requested = random.intervals(600, 1 + random.below(40), 1 + random.below(40));
+      std::set<std::uint32_t> expected;
+      for (const std::uint32_t record : members(requested))
+        if (held.count(record) == 0) expected.insert(record);
+      const Intervals missing = set.missing(Span<const spm::Interval>{requested});
+      ASSERT_EQ(members(missing), expected) << "seed " << seed;
+    }
+  }
+}
+
+TEST(IntervalSetTest, ForgetsTheShortestWhenThereAreTooMany) {
+  constexpr std::size_t kMax = 1280;
+  Intervals intervals;
+  for (std::uint32_t i = 0; i <= kMax; ++i) intervals.push_back({i * 10, 1 + i % 8});
+  IntervalSet set;
+  set.add(Span<const spm::Interval>{intervals}, kMax);
+  EXPECT_EQ(set.intervals().size(), kMax / 4 * 3);
+  const std::set<std::uint32_t> added = members(intervals);
+  std::size_t longest = 0;
+  for (const spm::Interval& run : set.intervals()) {
+    EXPECT_EQ(added.count(run.first), 1u);
+    EXPECT_GE(run.count, 2u) << "the eighth of length 1 go first";
+    longest += run.count == 8 ? 1 : 0;
+  }
+  EXPECT_EQ(longest, kMax / 8) << "no long one was forgotten";
+}
+
+}  // namespace
+}  // namespace tactus::spm

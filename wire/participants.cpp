@@ -1,0 +1,264 @@
+#include "wire/participants.hpp"
+
+#include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
+#include <netinet/in.h>
+#include <netinet/ip.h>
+#include <pthread.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <set>
+#include <system_error>
+#include <utility>
+
+#include "wire/dds.hpp"
+#include "wire/discovery.hpp"
+#include "wire/incarnation.hpp"
+#include "wire/profiles.hpp"
+#include "wire/topics.hpp"
+#include "wire/transport/filter_transport.hpp"
+
+namespace tactus::wire {
+namespace {
+
+using eprosima::fastrtps::types::ReturnCode_t;
+namespace fdds = eprosima::fastdds::rtps;
+
+/// Name of participants that only read bulk; they do not meet each other.
+constexpr char kReadsBulk[] = "tactus_bulk_reader";
+
+/// Profiles live in one global table of the library, so one Participants at a time fills and reads it.
+std::mutex& factory_mutex() {
+  static std::mutex mutex;
+  return mutex;
+}
+
+void check_name(const char* what, const std::string& name) {
+  if (name.empty() || name.size() > session::kMaxName) {
+    throw WireError(std::string{what} + " name '" + name + "' has " + std::to_string(name.size()) +
+                    " bytes; expected 1 to " + std::to_string(session::kMaxName));
+  }
+  for (const char c : name) {
+    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f || std::string{"*?[]/\\"}.find(c) != std::string::npos) {
+      throw WireError(std::string{what} + " name '" + name +
+                      "' has a control character or one of * ? [ ] / \\, which "
+                      "would match other partitions");
+    }
+  }
+}
+
+/// Descriptors of this process that are IPv4 datagram sockets.
+std::set<int> datagram_sockets() {
+  std::set<int> found;
+  for (const auto& entry : std::filesystem::directory_iterator("/proc/self/fd")) {
+    const int fd = std::stoi(entry.path().filename().string());
+    int type = 0, domain = 0;
+    socklen_t size = sizeof type;
+    if (getsockopt(fd, SOL_SOCKET, SO_TYPE, &type, &size) != 0 || type != SOCK_DGRAM) continue;
+    size = sizeof domain;
+    if (getsockopt(fd, SOL_SOCKET, SO_DOMAIN, &domain, &size) == 0 && domain == AF_INET) found.insert(fd);
+  }
+  return found;
+}
+
+/// Fast DDS 2.9 cannot mark its sockets. IP_TOS first: the kernel derives a priority from it, which ours replaces.
+void mark_new_sockets(const std::set<int>& before, const SocketMarks& marks) {
+  if (marks.tos == 0 && marks.priority == 0) return;
+  for (const int fd : datagram_sockets()) {
+    if (before.count(fd) != 0) continue;
+    if (marks.tos != 0) setsockopt(fd, IPPROTO_IP, IP_TOS, &marks.tos, sizeof marks.tos);
+    if (marks.priority != 0) setsockopt(fd, SOL_SOCKET, SO_PRIORITY, &marks.priority, sizeof marks.priority);
+  }
+}
+
+/// While it lives, threads that this thread makes get SCHED_FIFO, where the system allows: Fast DDS 2.9 has no setting.
+class InheritedPriority {
+ public:
+  explicit InheritedPriority(int priority) {
+    if (priority <= 0 || pthread_getschedparam(pthread_self(), &policy_, &before_) != 0) return;
+    sched_param wanted{};
+    wanted.sched_priority = priority;
+    applied_ = pthread_setschedparam(pthread_self(), SCHED_FIFO, &wanted) == 0;
+  }
+  ~InheritedPriority() {
+    if (applied_) pthread_setschedparam(pthread_self(), policy_, &before_);
+  }
+  InheritedPriority(const InheritedPriority&) = delete;
+  InheritedPriority& operator=(const InheritedPriority&) = delete;
+  [[nodiscard]] bool applied() const noexcept { return applied_; }
+
+ private:
+  int policy_ = 0;
+  sched_param before_{};
+  bool applied_ = false;
+};
+
+std::filesystem::path file_of(const Participants::Impl& impl, TrafficClass traffic) {
+  return impl.address.qos / (std::string{kClassNames[static_cast<std::size_t>(traffic)]} + ".xml");
+}
+
+dds::DomainParticipant* join(Participants::Impl& impl, TrafficClass traffic, const Durations& durations,
+                             LogCapture& log) {
+  auto* factory = dds::DomainParticipantFactory::get_instance();
+  const auto place = static_cast<std::size_t>(traffic);
+  const std::string profile = std::string{kClassNames[place]} + "_participant";
+  dds::DomainParticipantQos qos;
+  if (factory->get_participant_qos_from_profile(profile, qos) != ReturnCode_t::RETCODE_OK) {
+    throw WireError(file_of(impl, traffic).string() + ": no participant profile '" + profile + "'; expected one");
+  }
+  durations.apply(profile, qos);
+  apply(impl.address.discovery, qos);
+  std::string ignored;
+  if (traffic == TrafficClass::kBulk && impl.address.only_reads_bulk && impl.address.discovery.servers.empty()) {
+    ignored = kReadsBulk;
+    qos.name(kReadsBulk);
+  }
+  const FilterSettings filters{std::make_shared<Gate>(), ignored, traffic != TrafficClass::kSession};
+  for (auto& transport : qos.transport().user_transports) {
+    if (std::dynamic_pointer_cast<fdds::UDPv4TransportDescriptor>(transport) == nullptr) continue;
+    transport = std::make_shared<FilterTransportDescriptor>(transport, filters);
+  }
+  const std::set<int> before = datagram_sockets();
+  const auto domain = static_cast<dds::DomainId_t>(impl.address.domain + static_cast<int>(place));
+  dds::DomainParticipant* made = nullptr;
+  {
+    const InheritedPriority priority{traffic == TrafficClass::kProbe ? impl.address.probe_priority : 0};
+    made = factory->create_participant(domain, qos);
+    filters.gate->open();
+    if (traffic == TrafficClass::kProbe) impl.probe_realtime = priority.applied();
+  }
+  if (made == nullptr) {
+    throw WireError("cannot join DDS domain " + std::to_string(domain) + " with profile '" + profile + "' of " +
+                    file_of(impl, traffic).string() + ": " + log.take());
+  }
+  mark_new_sockets(before, impl.flow.sockets[place]);
+  return made;
+}
+
+/// Copies the profiles of every topic of one class out of the library's table.
+void copy_profiles(Participants::Impl& impl, TrafficClass traffic, const Durations& durations) {
+  dds::DomainParticipant& participant = impl.participant(traffic);
+  dds::Publisher* publisher = participant.create_publisher(dds::PUBLISHER_QOS_DEFAULT);
+  dds::Subscriber* subscriber = participant.create_subscriber(dds::SUBSCRIBER_QOS_DEFAULT);
+  std::string missing;
+  topics::for_each([&](const auto& topic) {
+    if (topic.traffic != traffic || !missing.empty()) return;
+    const std::string name = topic.profile;
+    dds::DataWriterQos writer;
+    dds::DataReaderQos reader;
+    const char* end = nullptr;
+    if (publisher->get_datawriter_qos_from_profile(name + "_writer", writer) != ReturnCode_t::RETCODE_OK) {
+      end = "_writer";
+    } else if (subscriber->get_datareader_qos_from_profile(name + "_reader", reader) != ReturnCode_t::RETCODE_OK) {
+      end = "_reader";
+    }
+    if (end != nullptr) {
+      missing = file_of(impl, traffic).string() + ": no profile '" + name + end + "' for topic " + topic.name +
+                "; expected one";
+      return;
+    }
+    durations.apply(name + "_writer", writer);
+    durations.apply(name + "_reader", reader);
+    impl.writer_qos[name] = writer;
+    impl.reader_qos[name] = reader;
+  });
+  participant.delete_publisher(publisher);
+  participant.delete_subscriber(subscriber);
+  if (!missing.empty()) throw WireError(missing);
+}
+
+}  // namespace
+
+std::filesystem::path default_qos_directory() {
+  std::error_code error;
+  const auto program = std::filesystem::read_symlink("/proc/self/exe", error);
+  if (!error) {
+    const auto inside = program.lexically_relative(TACTUS_BUILD_DIR);
+    if (!inside.empty() && *inside.begin() != "..") return TACTUS_SOURCE_QOS_DIR;
+    const auto beside = program.parent_path().parent_path() / "share/tactus/qos";
+    if (std::filesystem::is_directory(beside, error)) return beside;
+  }
+  return TACTUS_INSTALL_QOS_DIR;
+}
+
+Participants::Participants(SessionAddress address) : impl_{std::make_unique<Impl>()} {
+  check_name("session", address.session);
+  check_name("participant", address.participant);
+  if (address.domain < kMinDomain || address.domain > kMaxDomain) {
+    throw WireError("domain " + std::to_string(address.domain) + " is out of range; expected " +
+                    std::to_string(kMinDomain) + " to " + std::to_string(kMaxDomain) +
+                    " (0 belongs to ROS 2; the ports of higher ones are the system's to give away)");
+  }
+  if (address.incarnation == 0) {
+    const auto clock = std::chrono::nanoseconds(std::chrono::system_clock::now().time_since_epoch()).count();
+    address.incarnation = next_incarnation(incarnation_file(), static_cast<std::uint64_t>(std::max<long>(1, clock)));
+  }
+  impl_->session_id = session::id_of(address.session);
+  impl_->participant_id = session::id_of(address.participant);
+  impl_->address = std::move(address);
+
+  const std::lock_guard<std::mutex> lock{factory_mutex()};
+  LogCapture log;
+  ignore_environment();
+  const Durations durations = load_profiles(impl_->address.qos, log);
+  impl_->flow = read_flow(impl_->address.qos / "flow.yaml");
+  for (const TrafficClass traffic : {TrafficClass::kProbe, TrafficClass::kSession, TrafficClass::kBulk}) {
+    if (!impl_->address.one_participant)
+      impl_->participants[static_cast<std::size_t>(traffic)] = join(*impl_, traffic, durations, log);
+    else if (impl_->participants[0] == nullptr)
+      impl_->participants.fill(join(*impl_, TrafficClass::kSession, durations, log));
+    copy_profiles(*impl_, traffic, durations);
+  }
+}
+
+Participants::~Participants() = default;
+
+const SessionAddress& Participants::address() const noexcept { return impl_->address; }
+
+session::Origin Participants::origin() const noexcept {
+  const auto now = std::chrono::steady_clock::now().time_since_epoch();
+  return {impl_->session_id, impl_->participant_id, impl_->address.incarnation, std::chrono::nanoseconds(now).count()};
+}
+
+bool Participants::probe_is_realtime() const noexcept { return impl_->probe_realtime; }
+
+Participants::Impl::~Impl() {
+  for (dds::DomainParticipant* participant :
+       std::set<dds::DomainParticipant*>{participants.begin(), participants.end()}) {
+    if (participant == nullptr) continue;
+    participant->delete_contained_entities();
+    dds::DomainParticipantFactory::get_instance()->delete_participant(participant);
+  }
+}
+
+dds::Topic& Participants::Impl::topic(const char* name, TrafficClass traffic, dds::TypeSupport type) {
+  const std::lock_guard<std::mutex> lock{topics_mutex};
+  dds::DomainParticipant& in = participant(traffic);
+  if (auto* known = dynamic_cast<dds::Topic*>(in.lookup_topicdescription(name))) return *known;
+  const std::string& type_name = type.get_type_name();
+  if (in.find_type(type_name).empty()) type.register_type(&in);
+  dds::Topic* made = in.create_topic(name, type_name, dds::TOPIC_QOS_DEFAULT);
+  if (made == nullptr) throw WireError(std::string{"topic "} + name + ": DDS refuses it with type " + type_name);
+  return *made;
+}
+
+std::string Participants::Impl::partition(const std::string& part) const {
+  if (part.empty()) return address.session;
+  for (const char c : part) {
+    if (std::string{"*?[]\\"}.find(c) != std::string::npos) {
+      throw WireError("partition '" + part + "' has one of * ? [ ] \\, which would match other partitions");
+    }
+  }
+  return address.session + "/" + part;
+}
+
+}  // namespace tactus::wire
+
+#ifdef __SANITIZE_ADDRESS__
+/// Debian's Fast DDS deletes its statistics parts through a base class without virtual destructor; nothing of ours
+/// does.
+extern "C" const char* __asan_default_options();
+extern "C" const char* __asan_default_options() { return "new_delete_type_mismatch=0"; }
+#endif
