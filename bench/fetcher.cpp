@@ -1,5 +1,7 @@
 #include "bench/fetcher.hpp"
 
+#include "session/periodic.hpp"
+
 namespace tactus::bench {
 namespace {
 
@@ -70,7 +72,7 @@ void Fetcher::want_next() {
 
 void Fetcher::run(std::int64_t until_ns, Samples* times) {
   times_ = times;
-  wire::Every beat_due{kBeatNs};
+  session::Every beat_due{kBeatNs};
   for (std::int64_t now; (now = wire::monotonic_ns()) < until_ns && !wire::stop_signal();) {
     for (auto& arrived : inbox_.take(kPatience))
       std::visit([&](const auto& sample) { take(sample, arrived.at_ns); }, arrived.sample);

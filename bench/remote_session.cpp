@@ -25,20 +25,11 @@ RemoteSession::RemoteSession(const spm::Model& model, const RemoteSettings& sett
     : settings_{settings},
       scale_{model.summary.metres_per_unit},
       encoded_{model},
-      server_{session::Origin{kSession, kHost, 1, 0}},
+      host_{session::Origin{kSession, kHost, 1, 0}, host_service::host_of("object", encoded_.coded()), now_},
       core_{session::Origin{kSession, kHrtc, 1, 0}, core_settings(settings)},
       unmet_(model.regions.size(), 0) {
-  server_.add(kObject, encoded_.coded());
-  session::CatalogueEntry entry;
-  entry.origin = {kSession, kHost, 1, 0};
-  entry.host = "host";
-  entry.object = "object";
-  entry.object_id = kObject;
-  entry.summary = model.summary;
-  entry.scale = scale_;
-  entry.base_bytes = server_.base_bytes(kObject);
   core_.gateway().on_host_seen(kHost, 1, now_);
-  core_.gateway().on_catalogue(entry);
+  core_.gateway().on_catalogue(host_.catalogue().front());
 }
 
 void RemoteSession::network(std::int64_t until) {
@@ -46,11 +37,11 @@ void RemoteSession::network(std::int64_t until) {
   while (auto demand = core_.gateway().demand(now_)) questions_.push_back({now_ + half, std::move(*demand)});
   for (; now_ < until; now_ += kNetworkStep) {
     while (!questions_.empty() && questions_.front().due <= now_) {
-      server_.on_demand(questions_.front().demand, now_);
+      host_.on_demand(questions_.front().demand, now_);
       questions_.pop_front();
     }
     while (link_free_ <= now_) {
-      auto out = server_.next(now_);
+      auto out = host_.next_chunk(now_);
       if (!out) break;
       const double bits = 8 * (static_cast<double>(out->chunk.payload_bytes()) + kOverhead);
       link_free_ = std::max(link_free_, now_ - kNetworkStep) + static_cast<std::int64_t>(bits / settings_.rate * 1e9);

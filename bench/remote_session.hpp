@@ -1,12 +1,12 @@
-/// A host and the core of an HRTC joined by a link of known rate and delay, in virtual time: nothing sleeps, and the
+/// The cores of a host and an HRTC joined by a link of known rate and delay, in virtual time: nothing sleeps, and the
 /// same settings give the same run to the last bit.
 ///
-/// Server, codec and core are those that the programs run; only threads, sockets and
-/// clocks are missing. One object, one probe. The cycle comes every millisecond, the loader's tick every second one, as
-/// in tactus-hrtc; the network moves four times a millisecond. World frame, metres.
+/// The cores are those that the programs run; only threads, sockets and clocks are missing. One object, one probe. The
+/// cycle comes every millisecond, the loader's tick every second one, as in tactus-hrtc; the network moves four times a
+/// millisecond. World frame, metres.
 ///
-///     tip -> [Cycle] <- regions <- [Loader] <- chunks <- link: rate, then delay <- [DeliveryServer]
-///                                      |---- demands ---> delay ---------------------->|
+///     tip -> [Cycle] <- regions <- [Loader] <- chunks <- link: rate, then delay <- [HostCore]
+///                                      |---- demands ---> delay ------------------>|
 #pragma once
 
 #include <array>
@@ -14,8 +14,8 @@
 #include <deque>
 #include <vector>
 
+#include "host_service/host_core.hpp"
 #include "hrtc_service/hrtc_core.hpp"
-#include "session/delivery_server.hpp"
 #include "spm/codec/model_codec.hpp"
 
 namespace tactus::bench {
@@ -66,7 +66,7 @@ class RemoteSession {
     std::int64_t due;
     session::Demand demand;
   };
-  static constexpr std::uint64_t kHost = 10, kHrtc = 20, kSession = 30, kObject = 100;
+  static constexpr std::uint64_t kHost = 10, kHrtc = 20, kSession = 30;
 
   void network(std::int64_t until);
   const hrtc_service::ProbeOutput& run_cycle();
@@ -74,11 +74,11 @@ class RemoteSession {
   RemoteSettings settings_;
   double scale_;
   spm::codec::EncodedModel encoded_;
-  session::DeliveryServer server_;
+  std::int64_t now_ = 1'000'000'000;
+  host_service::HostCore host_;
   hrtc_service::HrtcCore core_;
   std::deque<Chunk> chunks_;
   std::deque<Question> questions_;
-  std::int64_t now_ = 1'000'000'000;
   std::int64_t link_free_ = 0;
   std::uint64_t cycles_ = 0;
   spm::Vec3d last_tip_ = spm::Vec3d::Zero();

@@ -6,20 +6,14 @@
 namespace tactus::bench {
 namespace {
 
-constexpr std::uint64_t kHost = 10, kHrtc = 20, kSession = 30, kObject = 100;
+constexpr std::uint64_t kHost = 10, kHrtc = 20, kSession = 30;
 
-session::CatalogueEntry entry_for(const spm::Model& model, double scale, const session::Material& material,
-                                  std::uint32_t base_bytes) {
-  session::CatalogueEntry entry;
-  entry.origin = {kSession, kHost, 1, 0};
-  entry.host = "host";
-  entry.object = "object";
-  entry.object_id = kObject;
-  entry.summary = model.summary;
-  entry.scale = scale;
-  entry.material = material;
-  entry.base_bytes = base_bytes;
-  return entry;
+host_service::HostCoreSettings host_settings(const spm::codec::EncodedModel& model, double scale,
+                                             const session::Material& material) {
+  host_service::HostCoreSettings settings = host_service::host_of("object", model.coded());
+  settings.objects.front().config.scale = scale;
+  settings.objects.front().config.material = material;
+  return settings;
 }
 
 hrtc_service::HrtcCoreSettings core_settings(const SessionSettings& settings) {
@@ -42,11 +36,10 @@ double thread_cpu_us() {
 SessionRun::SessionRun(const spm::Model& model, double scale, const SessionSettings& settings)
     : delay_{settings.delay_cycles},
       encoded_{model},
-      server_{session::Origin{kSession, kHost, 1, 0}},
+      host_{session::Origin{kSession, kHost, 1, 0}, host_settings(encoded_, scale, settings.material), now_},
       core_{session::Origin{kSession, kHrtc, 1, 0}, core_settings(settings)} {
-  server_.add(kObject, encoded_.coded());
   core_.gateway().on_host_seen(kHost, 1, now_);
-  core_.gateway().on_catalogue(entry_for(model, scale, settings.material, server_.base_bytes(kObject)));
+  core_.gateway().on_catalogue(host_.catalogue().front());
 }
 
 void SessionRun::settle(const spm::Vec3d& away) {
@@ -86,10 +79,10 @@ void SessionRun::exchange() {
   while (auto demand = gateway.demand(now_)) demands_.push_back({cycles_ + delay_, std::move(*demand)});
   loader_us_ += lap();
   while (!demands_.empty() && demands_.front().due <= cycles_) {
-    server_.on_demand(demands_.front().sample, now_);
+    host_.on_demand(demands_.front().sample, now_);
     demands_.pop_front();
   }
-  while (auto chunk = server_.next(now_)) chunks_.push_back({cycles_ + delay_, std::move(chunk->chunk)});
+  while (auto chunk = host_.next_chunk(now_)) chunks_.push_back({cycles_ + delay_, std::move(chunk->chunk)});
   (void)lap();
   while (!chunks_.empty() && chunks_.front().due <= cycles_) {
     const spm::CacheCounters before = loader().cache_counters();

@@ -1,4 +1,4 @@
-/// A host and the core of an HRTC around one model, in one thread and without DDS: what benchmarks of a whole HRTC
+/// The cores of a host and an HRTC around one model, in one thread and without DDS: what benchmarks of a whole HRTC
 /// drive.
 ///
 /// The host serves through the delivery protocol and the codec; demands and chunks are `delay_cycles` under way. The
@@ -10,8 +10,8 @@
 #include <deque>
 #include <vector>
 
+#include "host_service/host_core.hpp"
 #include "hrtc_service/hrtc_core.hpp"
-#include "session/delivery_server.hpp"
 #include "spm/codec/model_codec.hpp"
 #include "spm/model.hpp"
 
@@ -73,12 +73,12 @@ class SessionRun {
 
   std::uint32_t delay_;
   spm::codec::EncodedModel encoded_;
-  session::DeliveryServer server_;
+  std::int64_t now_ = 1'000'000'000;
+  host_service::HostCore host_;
   hrtc_service::HrtcCore core_;
   hrtc_service::Servo::Inputs inputs_;
   std::deque<Delayed<session::Demand>> demands_;
   std::deque<Delayed<session::BulkChunk>> chunks_;
-  std::int64_t now_ = 1'000'000'000;
   std::uint64_t cycles_ = 0;
   double loader_us_ = 0;
   std::vector<RegionLoad> loads_;

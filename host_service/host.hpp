@@ -1,7 +1,6 @@
-/// A VE host: serves whole models to a session and answers what HRTCs demand of them.
+/// A VE host as a service: a HostCore between the topics of a session, with models from files.
 ///
-///     roster, demand, clock, stops   --> inbox --> one thread: Roster, DeliveryServer, SessionClock --> base, records
-///     object_claim, object_pose ---------^                     ObjectAuthority --> object_grant, object_pose
+///     readers --> inbox --> one thread: HostCore --> writers
 ///
 /// The callbacks of DDS only fill the inbox. Each HRTC has its own bulk writers in its own partition, made when it
 /// joins, so a frozen one holds up nobody else. Never computes a force.
@@ -15,11 +14,11 @@
 #include <vector>
 
 #include "host_service/host_config.hpp"
+#include "host_service/host_core.hpp"
 #include "wire/participants.hpp"
 
 namespace tactus::host_service {
 
-enum class Severity { kInfo, kWarning, kError };
 /// Gets one line for each event; called in the threads of the constructor and of run().
 using Log = std::function<void(Severity, const std::string&)>;
 
@@ -44,9 +43,6 @@ class Host {
   /// Serves until `stop` is set or the session ends, then leaves within a second. The exit code: 0, or 2 when an older
   /// program of the same name is in the session.
   [[nodiscard]] int run();
-
-  /// What it announces.
-  [[nodiscard]] const std::vector<session::CatalogueEntry>& catalogue() const noexcept;
 
  private:
   struct Impl;

@@ -12,7 +12,7 @@ namespace {
 using hrtc_service::kMaxProbes;
 using spm::Vec3d;
 
-constexpr std::uint64_t kSession = 30, kHost = 100, kObject = 5;
+constexpr std::uint64_t kSession = 30, kHost = 100, kTimeKeeper = 200;
 constexpr std::size_t kHostPlace = 0, kViewerPlace = 1, kFirstPlace = 2;
 constexpr std::size_t kHeads = 170;       // bytes around a payload: Ethernet, IP, UDP, RTPS, ours
 constexpr std::size_t kSmallBytes = 250;  // a claim, grant or pose, heads and all
@@ -22,16 +22,26 @@ session::Origin origin_of(std::uint64_t participant, std::uint64_t incarnation) 
   return {kSession, participant, incarnation, 0};
 }
 
-session::CatalogueEntry entry_for(const Subject& subject, double mass) {
-  session::CatalogueEntry entry;
-  entry.host = "host";
-  entry.object = subject.name;
-  entry.object_id = kObject;
-  entry.summary = subject.model.summary;
-  entry.scale = subject.model.summary.metres_per_unit;
-  entry.pose.position = {0, 0, -entry.scale * double{entry.summary.bounds_min[2]}};
-  entry.material = {1000, 3, 0.9, 0.8};
-  entry.body = {mass, sharing::inertia_of_bounds(entry.summary, entry.scale, mass), 0.6, 0};
+host_service::HostCoreSettings host_settings(const Subject& subject, double mass) {
+  const spm::ModelSummary& summary = subject.model.summary;
+  host_service::HostCoreSettings settings = host_service::host_of(subject.name, subject.encoded->coded());
+  host_service::ObjectConfig& object = settings.objects.front().config;
+  object.pose->position[2] = -summary.metres_per_unit * double{summary.bounds_min[2]};
+  object.material = {1000, 3, 0.9, 0.8};
+  object.body = {mass, {}, 0.6, 0};
+  return settings;
+}
+
+/// Of an HRTC whose clock is session time.
+session::RosterEntry time_keeper(std::int64_t now_ns) {
+  session::RosterEntry entry;
+  entry.origin = origin_of(kTimeKeeper, 1);
+  entry.role = session::Role::kHrtc;
+  entry.name = "time";
+  entry.heartbeat = 1;
+  entry.reference = kTimeKeeper;
+  entry.session_time_ns = now_ns;
+  entry.joined_ns = 0;
   return entry;
 }
 
@@ -58,13 +68,11 @@ struct SharedSession::Controller {
 };
 
 SharedSession::SharedSession(const Subject& subject, const SharedSessionSettings& settings)
-    : subject_{subject},
-      settings_{settings},
-      entry_{entry_for(subject, settings.mass)},
-      shared_{sharing::body_of(entry_)} {
+    : subject_{subject}, settings_{settings} {
   for (const std::size_t place : {kHostPlace, kViewerPlace}) connect(place);
-  view_[entry_.object] = client_sim::view_of(entry_);
   start_host();
+  shared_ = sharing::body_of(entry_);
+  view_[entry_.object] = client_sim::view_of(entry_);
 }
 SharedSession::~SharedSession() = default;
 
@@ -82,18 +90,25 @@ void SharedSession::connect(std::size_t place) {
 
 void SharedSession::start_host() {
   // Incarnations are nanoseconds, of which one life uses few as fencing numbers.
-  entry_.origin = origin_of(kHost, static_cast<std::uint64_t>(now_ns_));
-  object_authority_ = std::make_unique<host_service::ObjectAuthority>(entry_.origin);
-  object_authority_->add(entry_, now_ns_);
-  server_ = std::make_unique<session::DeliveryServer>(entry_.origin);
-  server_->add(kObject, subject_.encoded->coded());
-  entry_.base_bytes = server_->base_bytes(kObject);
+  const session::Origin self = origin_of(kHost, static_cast<std::uint64_t>(now_ns_));
+  host_ = std::make_unique<host_service::HostCore>(self, host_settings(subject_, settings_.mass), now_ns_);
+  host_->on_roster(time_keeper(now_ns_), now_ns_);
+  entry_ = host_->catalogue().front();
   ++host_life_;
 }
 
+/// Clocks of this session do not differ. The host goes on with this time when the time keeper sends nothing more.
+void SharedSession::set_host_clock(const session::ClockSample& request) {
+  session::ClockSample answer = request;
+  answer.origin = time_keeper(now_ns_).origin;
+  answer.peer = kHost;
+  answer.answer = true;
+  answer.t1_ns = answer.t2_ns = now_ns_;
+  (void)host_->on_clock(answer, now_ns_, now_ns_);
+}
+
 void SharedSession::stop_host() {
-  object_authority_.reset();
-  server_.reset();
+  host_.reset();
   ++host_life_;
 }
 
@@ -178,7 +193,7 @@ void SharedSession::send(std::size_t from, std::size_t to, std::size_t bytes, Ar
 
 void SharedSession::to_host(std::size_t from, std::size_t bytes, Arrive arrive) {
   send(from, kHostPlace, bytes, [this, life = host_life_, arrive = std::move(arrive)] {
-    if (object_authority_ != nullptr && life == host_life_) arrive();
+    if (host_ != nullptr && life == host_life_) arrive();
   });
 }
 
@@ -191,8 +206,7 @@ void SharedSession::to_controller(std::size_t from, std::size_t i, std::size_t b
 
 /// To everybody else.
 void SharedSession::publish(std::size_t from, const session::ObjectPose& pose) {
-  if (from != kHostPlace)
-    to_host(from, kSmallBytes, [this, pose] { object_authority_->on_pose(pose, now_ns_, now_ns_); });
+  if (from != kHostPlace) to_host(from, kSmallBytes, [this, pose] { host_->on_pose(pose, now_ns_); });
   for (std::size_t i = 0; i < controllers_.size(); ++i) {
     if (from == kFirstPlace + i) continue;
     to_controller(from, i, kSmallBytes,
@@ -249,7 +263,7 @@ void SharedSession::send_reports(std::size_t i) {
   c.posed_ns = now_ns_;
   session::ObjectPose pose;
   pose.origin = c.origin;
-  pose.object_id = kObject;
+  pose.object_id = entry_.object_id;
   pose.sequence = ++c.pose_sequence;
   pose.fencing = body.publish;
   pose.session_time_ns = now_ns_;
@@ -260,14 +274,14 @@ void SharedSession::send_reports(std::size_t i) {
 void SharedSession::serve(std::size_t i) {
   Controller& c = *controllers_[i];
   hrtc_service::Gateway& gateway = c.core.gateway();
-  if (object_authority_ != nullptr) gateway.on_host_seen(kHost, entry_.origin.incarnation, now_ns_);
+  if (host_ != nullptr) gateway.on_host_seen(kHost, entry_.origin.incarnation, now_ns_);
   gateway.tick(now_ns_, session::ClockMap{});
   while (auto demand = gateway.demand(now_ns_)) {
     const std::size_t bytes = kHeads + 100 + 8 * (demand->have.size() + demand->wanted.size() + demand->gaps.size());
-    to_host(kFirstPlace + i, bytes, [this, demand = *demand] { (void)server_->on_demand(demand, now_ns_); });
+    to_host(kFirstPlace + i, bytes, [this, demand = *demand] { host_->on_demand(demand, now_ns_); });
   }
   for (const session::ObjectClaim& claim : gateway.claims())
-    to_host(kFirstPlace + i, kSmallBytes, [this, claim] { object_authority_->on_claim(claim, now_ns_); });
+    to_host(kFirstPlace + i, kSmallBytes, [this, claim] { host_->on_claim(claim, now_ns_); });
 }
 
 /// The user feels, all others hear of it, and it wishes.
@@ -282,7 +296,7 @@ void SharedSession::act(User& user) {
     state.proxy = output.proxy;
     state.force = output.force;
     state.status = output.status;
-    state.object_id = output.object != spm::kNone ? kObject : 0;
+    state.object_id = output.object != spm::kNone ? entry_.object_id : 0;
     if (user.mind != nullptr) user.mind->on_probe_state(state);
     for (std::size_t i = 0; i < controllers_.size(); ++i) {
       const auto hear = [this, state, i, local = i == user.controller](Controller& controller) {
@@ -307,13 +321,14 @@ void SharedSession::act(User& user) {
 }
 
 void SharedSession::host_tick() {
-  const host_service::ObjectAuthority::Messages& messages = object_authority_->tick(now_ns_, now_ns_);
+  const host_service::HostMessages& messages = host_->tick(now_ns_);
+  if (messages.clock_request) set_host_clock(*messages.clock_request);
   for (const session::ObjectGrant& grant : messages.grants)
     for (std::size_t i = 0; i < controllers_.size(); ++i)
       to_controller(kHostPlace, i, kSmallBytes,
                     [this, grant](Controller& controller) { controller.core.gateway().on_grant(grant, now_ns_); });
   for (const session::ObjectPose& pose : messages.poses) publish(kHostPlace, pose);
-  while (auto out = server_->next(now_ns_)) {
+  while (auto out = host_->next_chunk(now_ns_)) {
     const std::uint64_t hrtc = out->hrtc;
     if (hrtc < 1 || hrtc > controllers_.size()) continue;
     const std::size_t bytes = kHeads + out->chunk.payload_bytes();
@@ -337,7 +352,7 @@ void SharedSession::step() {
   }
   if (even)
     for (User& user : users_) act(user);
-  if (object_authority_ != nullptr) host_tick();
+  if (host_ != nullptr) host_tick();
 }
 
 }  // namespace tactus::study

@@ -1,7 +1,7 @@
 /// A host, controllers and users of one object that moves, in virtual time: the parts of the services that share it, as
 /// the services run them, on links between all of them.
 ///
-///     Operator --> SimulatedDevice --> Bodies, Cycle | Holdings, Loader  ~~ link ~~  ObjectAuthority, DeliveryServer
+///     Operator --> SimulatedDevice --> HrtcCore  ~~ link ~~  HostCore
 ///
 /// Missing are threads, sockets, discovery and clocks that differ. Times are session time. World frame, SI. Same
 /// settings, same calls, same run. One thread.
@@ -14,10 +14,9 @@
 
 #include "client_sim/operator.hpp"
 #include "haptics/simulated_device.hpp"
-#include "host_service/object_authority.hpp"
+#include "host_service/host_core.hpp"
 #include "hrtc_service/bodies.hpp"
 #include "netem/profile.hpp"
-#include "session/delivery_server.hpp"
 #include "study/subject.hpp"
 #include "study/way.hpp"
 
@@ -80,7 +79,7 @@ class SharedSession {
   /// All scripts have ended.
   [[nodiscard]] bool done() const;
   /// Of a host that runs.
-  [[nodiscard]] const host_service::ObjectAuthority& object_authority() const { return *object_authority_; }
+  [[nodiscard]] const host_service::ObjectAuthority& object_authority() const { return host_->authority(); }
   /// The newest pose that a viewer has accepted.
   [[nodiscard]] const session::ObjectPose& seen() const noexcept { return seen_; }
 
@@ -109,13 +108,13 @@ class SharedSession {
   void serve(std::size_t i);
   void act(User& user);
   void host_tick();
+  void set_host_clock(const session::ClockSample& request);
 
   const Subject& subject_;
   SharedSessionSettings settings_;
   session::CatalogueEntry entry_;
   sharing::SharedBody shared_;
-  std::unique_ptr<host_service::ObjectAuthority> object_authority_;
-  std::unique_ptr<session::DeliveryServer> server_;
+  std::unique_ptr<host_service::HostCore> host_;
   std::uint64_t host_life_ = 0;
   std::vector<std::unique_ptr<Controller>> controllers_;
   std::vector<User> users_;

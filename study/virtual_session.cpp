@@ -13,21 +13,16 @@ using spm::Vec3d;
 constexpr std::uint64_t kHost = 10, kHrtc = 20, kSession = 30;
 constexpr std::int64_t kCycleNs = 1'000'000, kNetworkStepNs = 250'000;
 constexpr double kDt = 1e-3;
+constexpr std::uint64_t kSeedsPerRun = 64;
 constexpr double kTremor = 1e-4;         // m rms, of a resting hand between 8 and 12 Hz
 constexpr std::size_t kHeads = 170;      // bytes around a payload: Ethernet, IP, UDP, RTPS, ours
 constexpr std::size_t kPoseBytes = 330;  // a pose or a command with its force, heads and all
+constexpr std::size_t kRosterBytes = kHeads + 150;
 
-session::CatalogueEntry entry_for(const Subject& subject, const session::Material& material, std::uint32_t base_bytes) {
-  session::CatalogueEntry entry;
-  entry.origin = {kSession, kHost, 1, 0};
-  entry.host = "host";
-  entry.object = subject.name;
-  entry.object_id = session::id_of(subject.name);
-  entry.summary = subject.model.summary;
-  entry.scale = subject.model.summary.metres_per_unit;
-  entry.material = material;
-  entry.base_bytes = base_bytes;
-  return entry;
+host_service::HostCoreSettings host_settings(const Subject& subject, const session::Material& material) {
+  host_service::HostCoreSettings settings = host_service::host_of(subject.name, subject.encoded->coded());
+  settings.objects.front().config.material = material;
+  return settings;
 }
 
 hrtc_service::HrtcCoreSettings core_settings(const SessionSettings& settings, double radius) {
@@ -55,16 +50,15 @@ VirtualSession::Hand::Hand(const client_sim::User& user, const SessionSettings& 
 VirtualSession::VirtualSession(const Subject& subject, const client_sim::Scenario& scenario,
                                const SessionSettings& settings)
     : settings_{settings},
-      server_{session::Origin{kSession, kHost, 1, 0}},
+      host_{session::Origin{kSession, kHost, 1, 0}, host_settings(subject, settings.material), now_ns_},
       core_{session::Origin{kSession, kHrtc, 1, 0}, core_settings(settings, scenario.users.front().radius)},
       records_{settings.link.forth, 4 * settings.seed + 2},
       demands_{settings.link.back, 4 * settings.seed + 3},
+      roster_entries_{settings.link.forth, 4 * (settings.seed * kSeedsPerRun) + 2},
       catalogue_ns_{now_ns_ + static_cast<std::int64_t>(settings.link.forth.delay_ms * 1e6)} {
   if (scenario.users.size() > hrtc_service::kMaxProbes) throw std::invalid_argument("more users than probes");
-  server_.add(session::id_of(subject.name), subject.encoded->coded());
-  entry_ = entry_for(subject, settings.material, server_.base_bytes(session::id_of(subject.name)));
   for (const client_sim::User& user : scenario.users)
-    hands_.push_back(std::make_unique<Hand>(user, settings, settings.seed * 64 + hands_.size()));
+    hands_.push_back(std::make_unique<Hand>(user, settings, settings.seed * kSeedsPerRun + hands_.size()));
 }
 
 VirtualSession::~VirtualSession() = default;
@@ -97,12 +91,14 @@ void VirtualSession::move_network(std::int64_t until_ns) {
     demands_.send(now_ns_, std::move(*demand), bytes);
   }
   for (; now_ns_ < until_ns; now_ns_ += kNetworkStepNs) {
-    while (const auto demand = demands_.take(now_ns_)) (void)server_.on_demand(*demand, now_ns_);
-    while (auto out = server_.next(now_ns_)) {
+    while (const auto demand = demands_.take(now_ns_)) host_.on_demand(*demand, now_ns_);
+    while (auto out = host_.next_chunk(now_ns_)) {
       const std::size_t bytes = kHeads + out->chunk.payload_bytes();
       records_.send(now_ns_, std::move(out->chunk), bytes);
     }
     while (const auto chunk = records_.take(now_ns_)) core_.gateway().on_chunk(*chunk, now_ns_);
+    while (const auto entry = roster_entries_.take(now_ns_))
+      core_.gateway().on_host_seen(entry->origin.participant, entry->origin.incarnation, now_ns_);
   }
 }
 
@@ -188,12 +184,12 @@ void VirtualSession::report(std::size_t user, const hrtc_service::ProbeOutput& o
 
 void VirtualSession::step() {
   ++cycles_;
+  if (const auto& entry = host_.tick(now_ns_).roster) roster_entries_.send(now_ns_, *entry, kRosterBytes);
   move_network(now_ns_ + kCycleNs);
-  if (cycles_ % 50 == 0) core_.gateway().on_host_seen(kHost, 1, now_ns_);
   if (objects_.empty() && now_ns_ >= catalogue_ns_) {
-    core_.gateway().on_host_seen(kHost, 1, now_ns_);
-    core_.gateway().on_catalogue(entry_);
-    objects_[entry_.object] = client_sim::view_of(entry_);
+    const session::CatalogueEntry& entry = host_.catalogue().front();
+    core_.gateway().on_catalogue(entry);
+    objects_[entry.object] = client_sim::view_of(entry);
   }
   if (cycles_ % 2 == 0) core_.gateway().tick(now_ns_, session::ClockMap{});
   if (acting_) {

@@ -1,9 +1,9 @@
 /// A session of a host and a controller with a scenario's users, joined by an emulated link, in virtual time.
 ///
-///     host [DeliveryServer] --records--> link --> [Loader] -> [Cycle] <- [hand] <- [Operator]
-///                           <--demands-- link <--            |            local: at the controller
-///                                                            +-- link --> [hand] <- [Operator]
-///                                                                         remote: beyond a link of its own
+///     host [HostCore] --records, roster entries--> link --> [HrtcCore] <- [hand] <- [Operator]
+///                     <--------- demands --------- link <--     |             local: at the controller
+///                                                               +-- link --> [hand] <- [Operator]
+///                                                                            remote: beyond a link of its own
 ///
 /// All of it is what the programs run; threads, sockets, clocks, discovery and what the machine does to them are
 /// missing. The cycle comes every millisecond, the loader's tick every second one, the host looks for something to send
@@ -20,8 +20,8 @@
 #include "client_sim/operator.hpp"
 #include "haptics/remote_device.hpp"
 #include "haptics/simulated_device.hpp"
+#include "host_service/host_core.hpp"
 #include "hrtc_service/hrtc_core.hpp"
-#include "session/delivery_server.hpp"
 #include "session/sequence_window.hpp"
 #include "study/subject.hpp"
 #include "study/way.hpp"
@@ -110,14 +110,14 @@ class VirtualSession {
   void report(std::size_t user, const hrtc_service::ProbeOutput& output);
 
   SessionSettings settings_;
-  session::CatalogueEntry entry_;
   client_sim::Objects objects_;
   std::vector<std::unique_ptr<Hand>> hands_;
-  session::DeliveryServer server_;
+  std::int64_t now_ns_ = 1'000'000'000;
+  host_service::HostCore host_;
   hrtc_service::HrtcCore core_;
   Way<session::BulkChunk> records_;
   Way<session::Demand> demands_;
-  std::int64_t now_ns_ = 1'000'000'000;
+  Way<session::RosterEntry> roster_entries_;  // of the host
   std::int64_t catalogue_ns_;
   std::uint64_t cycles_ = 0;
   bool acting_ = false;

@@ -215,7 +215,6 @@ class HostTest : public testing::Test {
 
   test_support::TemporaryFolder folder_;
   HostOptions options_;
-  const std::atomic<bool> never_{false};
 };
 
 TEST_F(HostTest, AControllerGetsEveryRecordOfTheModelOnceAndToTheBit) {
@@ -304,28 +303,10 @@ TEST_F(HostTest, TheLaterOfTwoHostsWithOneNameYields) {
   EXPECT_EQ(first.stop(), 0);
 }
 
-TEST_F(HostTest, ObjectsWithoutAPoseStandSideBySide) {
-  offline::write_mesh(folder_.path() / "sphere.ply", offline::generate(offline::Shape::kSphere, 400));
-  options_.objects.push_back(object_from_model(folder_.path() / "sphere.ply"));
-  options_.objects.push_back(object_from_model(folder_.path() / "organ.ply"));
-  options_.objects.back().name = "again";
-  options_.at = {1, 2, 3};
-
-  const Host host{options_, [](Severity, const std::string&) {}, never_};
-
-  const std::vector<session::CatalogueEntry>& all = host.catalogue();
-  ASSERT_EQ(all.size(), 3u);
-  EXPECT_EQ(all[0].pose.position, (std::array<double, 3>{1, 2, 3}));
-  for (std::size_t i = 1; i < 3; ++i) {
-    const double end = all[i - 1].pose.position[0] + all[i - 1].summary.bounds_max[0] * all[i - 1].scale;
-    const double begin = all[i].pose.position[0] + all[i].summary.bounds_min[0] * all[i].scale;
-    EXPECT_NEAR(begin - end, 0.05, 1e-9);
-  }
-}
-
 TEST_F(HostTest, RefusesTwoObjectsOfOneName) {
+  const std::atomic<bool> never{false};
   options_.objects.push_back(options_.objects[0]);
-  EXPECT_THROW((Host{options_, [](Severity, const std::string&) {}, never_}), HostError);
+  EXPECT_THROW((Host{options_, [](Severity, const std::string&) {}, never}), HostError);
 }
 
 }  // namespace

@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "haptics/simulated_device.hpp"
-#include "host_service/object_authority.hpp"
+#include "host_service/host_core.hpp"
 #include "hrtc_service/bodies.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
@@ -20,12 +20,13 @@ using test_support::LocalSession;
 
 constexpr std::int64_t kMs = 1'000'000;
 constexpr double kHalf = 0.01;  // m, of the box's edges
+constexpr double kMass = 0.2;   // kg, of the box
+constexpr session::Material kRough{1000, 3, 0.9, 0.8};
 
 class OnTheOrgan : public ::testing::Test {
  protected:
   OnTheOrgan()
-      : session_{{organ_.model(), box_.model()},       1,  spm::PoolSettings::for_slots(1 << 15), 2, {},
-                 session::Material{1000, 3, 0.9, 0.8}, 0.2} {}
+      : session_{{organ_.model(), box_.model()}, 1, spm::PoolSettings::for_slots(1 << 15), 2, {}, kRough, kMass} {}
 
   [[nodiscard]] static spm::offline::TriangleMesh box_mesh() {
     spm::offline::TriangleMesh mesh = spm::offline::generate(spm::offline::Shape::kBox, 1200);
@@ -36,19 +37,17 @@ class OnTheOrgan : public ::testing::Test {
 
   /// Where a host's box that is dropped on the organ's top comes to rest.
   [[nodiscard]] haptics::BodyState at_rest() const {
-    const spm::codec::EncodedModel encoded{organ_.model()};
-    host_service::Scenery scenery{{{{}, 1, &encoded.coded()}}};
-    session::CatalogueEntry entry = session_.entry(1);
+    const std::vector<spm::Model> models{organ_.model(), box_.model()};
+    const std::vector<spm::codec::EncodedModel> encoded{models.begin(), models.end()};
+    host_service::HostCoreSettings settings = LocalSession::host_settings(encoded, 1, kRough, kMass);
     const auto top = std::max_element(organ_mesh_.positions.begin(), organ_mesh_.positions.end(),
                                       [](const auto& a, const auto& b) { return a[2] < b[2]; });
-    entry.pose.position = {(*top)[0], (*top)[1], (*top)[2] + 0.02};
-    host_service::ObjectAuthority object_authority{entry.origin};
-    object_authority.stand_among(&scenery);
-    object_authority.add(entry, 0);
+    settings.objects[1].config.pose->position = {(*top)[0], (*top)[1], (*top)[2] + 0.02};
+    host_service::HostCore host{session::Origin{LocalSession::kSession, LocalSession::kHost, 1, 0}, settings, 0};
     session::Pose pose;
     for (std::int64_t now = kMs; now < 3000 * kMs; now += kMs)
-      for (const session::ObjectPose& published : object_authority.tick(now, now).poses) pose = published.pose;
-    EXPECT_FALSE(object_authority.busy());
+      for (const session::ObjectPose& published : host.tick(now).poses) pose = published.pose;
+    EXPECT_FALSE(host.authority().busy());
     return sharing::state_at(pose, Vec3d::Zero());
   }
 

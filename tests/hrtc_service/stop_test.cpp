@@ -7,11 +7,11 @@
 #include <thread>
 
 #include "haptics/simulated_device.hpp"
+#include "host_service/host_core.hpp"
 #include "hrtc_service/haptic_thread.hpp"
 #include "hrtc_service/hrtc_core.hpp"
 #include "hrtc_service/realtime.hpp"
 #include "hrtc_service/stop_switch.hpp"
-#include "session/delivery_server.hpp"
 #include "spm/codec/model_codec.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
@@ -22,7 +22,7 @@ namespace {
 using hrtc_service::kMaxProbes;
 using spm::Vec3d;
 
-constexpr std::uint64_t kHost = 10, kHrtc = 20, kSession = 30, kObject = 40;
+constexpr std::uint64_t kHost = 10, kHrtc = 20, kSession = 30;
 
 /// A simulated hand of which the test reads the force that the haptic thread commands.
 class WatchedHand final : public haptics::Device {
@@ -61,15 +61,8 @@ haptics::HandSettings hand_at(double x) {
 class PressedSphere : public ::testing::Test {
  protected:
   void SetUp() override {
-    entry_.origin = {kSession, kHost, 1, 0};
-    entry_.host = "host";
-    entry_.object = "sphere";
-    entry_.object_id = kObject;
-    entry_.summary = model_.summary;
-    server_.add(kObject, encoded_.coded());
-    entry_.base_bytes = server_.base_bytes(kObject);
     core_.gateway().on_host_seen(kHost, 1, hrtc_service::monotonic_ns());
-    core_.gateway().on_catalogue(entry_);
+    core_.gateway().on_catalogue(host_.catalogue().front());
     orders_.tell([this](hrtc_service::HapticCommands& commands) { commands.devices[0] = &hand_; });
     (void)haptic_.start();
     haptics::HandPath path;
@@ -86,8 +79,8 @@ class PressedSphere : public ::testing::Test {
       hrtc_service::Gateway& gateway = core_.gateway();
       gateway.on_host_seen(kHost, 1, now);
       gateway.tick(now, session::ClockMap{});
-      while (auto demand = gateway.demand(now)) (void)server_.on_demand(*demand, now);
-      while (auto chunk = server_.next(now)) gateway.on_chunk(chunk->chunk, now);
+      while (auto demand = gateway.demand(now)) host_.on_demand(*demand, now);
+      while (auto chunk = host_.next_chunk(now)) gateway.on_chunk(chunk->chunk, now);
       std::this_thread::yield();
     }
   }
@@ -111,9 +104,9 @@ class PressedSphere : public ::testing::Test {
   hrtc_service::HrtcCore core_{session::Origin{kSession, kHrtc, 1, 0}, core_settings(model_)};
   hrtc_service::HapticThread haptic_{settings(), core_.servo()};
   hrtc_service::HapticOrders orders_{haptic_};
-  session::DeliveryServer server_{session::Origin{kSession, kHost, 1, 0}};
   const spm::codec::EncodedModel encoded_{model_};
-  session::CatalogueEntry entry_;
+  host_service::HostCore host_{session::Origin{kSession, kHost, 1, 0},
+                               host_service::host_of("sphere", encoded_.coded()), hrtc_service::monotonic_ns()};
 };
 
 TEST_F(PressedSphere, IsNotFeltAfterAResetAndAStopWithinOneCycle) {

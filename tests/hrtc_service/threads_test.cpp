@@ -11,12 +11,12 @@
 #include <thread>
 
 #include "haptics/simulated_device.hpp"
+#include "host_service/host_core.hpp"
 #include "hrtc_service/flight_replay.hpp"
 #include "hrtc_service/flight_saver.hpp"
 #include "hrtc_service/haptic_thread.hpp"
 #include "hrtc_service/hrtc_core.hpp"
 #include "hrtc_service/realtime.hpp"
-#include "session/delivery_server.hpp"
 #include "spm/codec/model_codec.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
@@ -29,7 +29,7 @@ namespace {
 using hrtc_service::kMaxProbes;
 using spm::Vec3d;
 
-constexpr std::uint64_t kHost = 10, kHrtc = 20, kSession = 30, kObject = 40;
+constexpr std::uint64_t kHost = 10, kHrtc = 20, kSession = 30;
 
 /// A simulated hand that lets its thread make no system call but sleeping, from its first cycle on.
 class FilteredHand final : public haptics::Device {
@@ -88,18 +88,11 @@ TEST(Threads, AHandFeelsWhatALoaderBringsAndEvictsMeanwhile) {
   hrtc_service::HapticSettings haptic_settings;
   haptic_settings.priority = 0;
   hrtc_service::HapticThread haptic{haptic_settings, core.servo()};
-  session::DeliveryServer server{session::Origin{kSession, kHost, 1, 0}};
   const spm::codec::EncodedModel encoded{model};
-  server.add(kObject, encoded.coded());
-  session::CatalogueEntry entry;
-  entry.origin = {kSession, kHost, 1, 0};
-  entry.host = "host";
-  entry.object = "sphere";
-  entry.object_id = kObject;
-  entry.summary = model.summary;
-  entry.base_bytes = server.base_bytes(kObject);
+  host_service::HostCore host{session::Origin{kSession, kHost, 1, 0}, host_service::host_of("sphere", encoded.coded()),
+                              hrtc_service::monotonic_ns()};
   gateway.on_host_seen(kHost, 1, hrtc_service::monotonic_ns());
-  gateway.on_catalogue(entry);
+  gateway.on_catalogue(host.catalogue().front());
 
   haptics::HandSettings hand;
   hand.start = {radius + 0.02, 0, 0};
@@ -137,8 +130,8 @@ TEST(Threads, AHandFeelsWhatALoaderBringsAndEvictsMeanwhile) {
       contact += touching ? 1 : 0;
       exact += touching && (status & session::kExact) != 0 ? 1 : 0;
     }
-    while (auto demand = gateway.demand(now)) (void)server.on_demand(*demand, now);
-    while (auto chunk = server.next(now)) gateway.on_chunk(chunk->chunk, now);
+    while (auto demand = gateway.demand(now)) host.on_demand(*demand, now);
+    while (auto chunk = host.next_chunk(now)) gateway.on_chunk(chunk->chunk, now);
     hrtc_service::CycleTrace trace;
     while (haptic.traces().pop(trace)) {
     }

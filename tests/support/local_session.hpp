@@ -1,14 +1,15 @@
-/// A host and the core of an HRTC in one thread, without DDS: a session in which every step can be looked at.
+/// The cores of a host and an HRTC in one thread, without DDS: a session in which every step can be looked at.
 #pragma once
 
 #include <gtest/gtest.h>
 
+#include <deque>
 #include <memory>
 #include <string>
 #include <vector>
 
+#include "host_service/host_core.hpp"
 #include "hrtc_service/hrtc_core.hpp"
-#include "session/delivery_server.hpp"
 #include "spm/codec/model_codec.hpp"
 
 namespace tactus::test_support {
@@ -24,30 +25,13 @@ class LocalSession {
                std::uint32_t delay_cycles = 2, const hrtc_service::LoaderSettings& loader = {},
                const session::Material& material = {}, double mass = 0)
       : models_{models},
-        server_{session::Origin{kSession, kHost, 1, 0}},
+        encoded_{models_.begin(), models_.end()},
+        host_{session::Origin{kSession, kHost, 1, 0}, host_settings(encoded_, scale, material, mass), now_},
         core_{session::Origin{kSession, kHrtc, 1, 0}, core_settings(settings, loader)},
         delay_{delay_cycles} {
     gateway().on_event = [this](const std::string& text) { events.push_back(text); };
-    for (std::size_t i = 0; i < models_.size(); ++i) {
-      const std::uint64_t id = 100 + i;
-      encoded_.emplace_back(models_[i]);
-      server_.add(id, encoded_.back().coded());
-      session::CatalogueEntry entry;
-      entry.origin = {kSession, kHost, 1, 0};
-      entry.host = "host";
-      entry.object = "object" + std::to_string(i);
-      entry.object_id = id;
-      entry.summary = models_[i].summary;
-      entry.scale = scale;
-      entry.material = material;
-      if (mass > 0 && i + 1 == models_.size())
-        entry.body = {mass, sharing::inertia_of_bounds(entry.summary, scale, mass), 0.5, -1};
-      entry.pose.position = {static_cast<double>(i), 0, 0};
-      entry.base_bytes = server_.base_bytes(id);
-      gateway().on_host_seen(kHost, 1, now_);
-      gateway().on_catalogue(entry);
-      entries_.push_back(entry);
-    }
+    gateway().on_host_seen(kHost, 1, now_);
+    for (const session::CatalogueEntry& entry : host_.catalogue()) gateway().on_catalogue(entry);
   }
 
   /// One cycle with one tip at `device` (world). Host and loader work every second cycle.
@@ -92,12 +76,11 @@ class LocalSession {
 
   /// What the next `touch` is given: that of the first probe is set by `prepare`, others are whose test it is.
   [[nodiscard]] std::array<hrtc_service::ProbeInput, hrtc_service::kMaxProbes>& inputs() { return inputs_; }
-  [[nodiscard]] const session::CatalogueEntry& entry(std::size_t object) const { return entries_[object]; }
+  [[nodiscard]] const session::CatalogueEntry& entry(std::size_t object) const { return host_.catalogue()[object]; }
   [[nodiscard]] hrtc_service::HrtcCore& core() noexcept { return core_; }
   [[nodiscard]] hrtc_service::Gateway& gateway() noexcept { return core_.gateway(); }
   [[nodiscard]] hrtc_service::Cycle& cycle() noexcept { return core_.servo().cycle(); }
   [[nodiscard]] const hrtc_service::Loader& loader() const noexcept { return core_.gateway().loader(); }
-  [[nodiscard]] session::DeliveryServer& server() { return server_; }
   static hrtc_service::CycleSettings cycle_settings(const spm::MeshProbe* tool = nullptr) {
     hrtc_service::CycleSettings settings;
     settings.force.soft_start = 0.01;
@@ -120,6 +103,23 @@ class LocalSession {
     return specs;
   }
 
+  /// Objects in metres of `scale` beside each other; the last one can move when it has a `mass`.
+  static host_service::HostCoreSettings host_settings(const std::vector<spm::codec::EncodedModel>& models, double scale,
+                                                      const session::Material& material, double mass) {
+    host_service::HostCoreSettings settings;
+    settings.name = "host";
+    for (std::size_t i = 0; i < models.size(); ++i) {
+      host_service::ObjectConfig object;
+      object.name = "object" + std::to_string(i);
+      object.pose.emplace().position = {static_cast<double>(i), 0, 0};
+      object.scale = scale;
+      object.material = material;
+      if (mass > 0 && i + 1 == models.size()) object.body = {mass, {}, 0.5, -1};
+      settings.objects.push_back({object, &models[i].coded()});
+    }
+    return settings;
+  }
+
   /// What the loader said.
   std::vector<std::string> events;
   /// While false nothing passes between host and loader.
@@ -138,10 +138,10 @@ class LocalSession {
     while (auto demand = gateway().demand(now_))
       if (connected) demands_.push_back({cycles_ + delay_, std::move(*demand)});
     while (!demands_.empty() && demands_.front().due <= cycles_) {
-      server_.on_demand(demands_.front().sample, now_);
+      host_.on_demand(demands_.front().sample, now_);
       demands_.pop_front();
     }
-    while (auto chunk = server_.next(now_))
+    while (auto chunk = host_.next_chunk(now_))
       if (connected) chunks_.push_back({cycles_ + delay_, std::move(chunk->chunk)});
     while (!chunks_.empty() && chunks_.front().due <= cycles_) {
       gateway().on_chunk(chunks_.front().sample, now_);
@@ -151,11 +151,10 @@ class LocalSession {
 
   std::vector<spm::Model> models_;
   std::vector<spm::codec::EncodedModel> encoded_;
-  std::vector<session::CatalogueEntry> entries_;
-  session::DeliveryServer server_;
+  std::int64_t now_ = 1'000'000'000;
+  host_service::HostCore host_;
   hrtc_service::HrtcCore core_;
   std::uint32_t delay_;
-  std::int64_t now_ = 1'000'000'000;
   std::uint64_t cycles_ = 0;
   std::array<hrtc_service::ProbeInput, hrtc_service::kMaxProbes> inputs_;
   std::deque<Delayed<session::Demand>> demands_;

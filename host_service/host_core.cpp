@@ -1,0 +1,261 @@
+#include "host_service/host_core.hpp"
+
+#include <algorithm>
+#include <limits>
+#include <utility>
+
+#include "session/figures.hpp"
+#include "session/time_reference.hpp"
+#include "sharing/body.hpp"
+
+namespace tactus::host_service {
+namespace {
+
+constexpr std::int64_t kMs = 1'000'000;
+constexpr std::int64_t kHeartbeatNs = 100 * kMs;
+constexpr std::int64_t kClockNs = 500 * kMs;
+constexpr std::int64_t kMetricsNs = 1000 * kMs;
+constexpr std::int64_t kMetricsSoonNs = 100 * kMs;
+constexpr std::int64_t kHungNs = 5000 * kMs;  // after which others may have forgotten what it serves
+constexpr std::int64_t kStepNs = 1 * kMs;     // while an object moves by itself
+constexpr std::int64_t kHeldNs = 5 * kMs;     // while somebody holds one
+constexpr double kGap = 0.05;                 // m, between objects that are given no pose
+
+double scale_of(const ObjectConfig& config, const spm::ModelSummary& summary) {
+  if (config.scale) return *config.scale;
+  if (!config.size) return summary.metres_per_unit;
+  double longest = 0;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    longest = std::max(longest, double{summary.bounds_max[axis]} - summary.bounds_min[axis]);
+  }
+  return *config.size / longest;
+}
+
+}  // namespace
+
+HostCoreSettings host_of(const std::string& object, const spm::codec::CompressedModel& model) {
+  ObjectConfig config;
+  config.name = object;
+  config.pose.emplace();
+  HostCoreSettings settings;
+  settings.name = "host";
+  settings.objects.push_back({config, &model});
+  return settings;
+}
+
+HostCore::HostCore(const session::Origin& self, const HostCoreSettings& settings, std::int64_t now_ns)
+    : self_{self},
+      name_{settings.name},
+      session_{settings.session},
+      delivery_{self},
+      roster_{self, {}},
+      clock_{self, {}, now_ns},
+      stops_{self},
+      authority_{self, settings.authority},
+      heartbeat_{kHeartbeatNs},
+      request_due_{kClockNs},
+      metrics_due_{kMetricsNs} {
+  for (const HostedObject& object : settings.objects) delivery_.add(session::id_of(object.config.name), *object.model);
+  make_catalogue(settings);
+  for (const session::CatalogueEntry& entry : catalogue_) authority_.add(entry, now_ns);
+  if (!authority_.empty()) make_scenery(settings.objects);
+}
+
+void HostCore::make_catalogue(const HostCoreSettings& settings) {
+  double x = settings.at[0];  // where the next object without a pose begins
+  bool first = true;
+  for (const auto& [config, model] : settings.objects) {
+    const spm::ModelSummary& summary = model->summary();
+    session::CatalogueEntry entry;
+    entry.origin = self_;
+    entry.host = settings.name;
+    entry.object = config.name;
+    entry.object_id = session::id_of(entry.object);
+    entry.summary = summary;
+    entry.scale = scale_of(config, summary);
+    entry.material = config.material;
+    entry.base_bytes = delivery_.base_bytes(entry.object_id);
+    entry.surface = spm::surface_points(model->base(), session::kMaxSurfacePoints);
+    if (const std::optional<BodyConfig>& body = config.body)
+      entry.body = {body->mass, body->inertia.value_or(sharing::inertia_of_bounds(summary, entry.scale, body->mass)),
+                    body->friction, body->ground};
+    if (config.pose) {
+      entry.pose = *config.pose;
+    } else {
+      entry.pose.position = settings.at;
+      if (!first) entry.pose.position[0] = x - summary.bounds_min[0] * entry.scale;
+      x = entry.pose.position[0] + summary.bounds_max[0] * entry.scale + kGap;
+      first = false;
+    }
+    catalogue_.push_back(entry);
+  }
+}
+
+/// What its bodies meet beside the ground.
+void HostCore::make_scenery(const std::vector<HostedObject>& objects) {
+  std::vector<StandingObject> standing;
+  for (std::size_t i = 0; i < objects.size(); ++i)
+    if (!sharing::can_move(catalogue_[i]))
+      standing.push_back({catalogue_[i].pose, catalogue_[i].scale, objects[i].model});
+  if (standing.empty()) return;
+  scenery_.emplace(standing);
+  authority_.stand_among(&*scenery_);
+}
+
+session::Origin HostCore::origin(std::int64_t now_ns) const {
+  session::Origin origin = self_;
+  origin.time_ns = now_ns;
+  return origin;
+}
+
+void HostCore::report(Severity severity, const std::string& text) const {
+  if (on_event) on_event(severity, text);
+}
+
+void HostCore::on_roster(const session::RosterEntry& entry, std::int64_t now_ns) {
+  if (stops_.on_roster(entry)) report(Severity::kWarning, "emergency stop: " + session::text(entry) + " has it");
+  for (const session::RosterEvent& event : roster_.on_entry(entry, now_ns)) react(event, now_ns);
+  const session::RosterEntry* const known = roster_.find(entry.origin.participant);
+  if (known != nullptr && known->role == session::Role::kHost)
+    authority_.on_host(known->origin.participant, known->joined_ns, now_ns);
+}
+
+void HostCore::react(const session::RosterEvent& event, std::int64_t now_ns) {
+  using session::RosterChange;
+  const session::RosterEntry& entry = event.entry;
+  const std::uint64_t id = entry.origin.participant;
+  const bool trouble = event.change == RosterChange::kWrongVersion || event.change == RosterChange::kNameConflict ||
+                       event.change == RosterChange::kFull;
+  if (event.change != RosterChange::kChanged) {
+    report(trouble ? Severity::kWarning : Severity::kInfo, session::text(event));
+  }
+  if (event.change == RosterChange::kNameConflict && id == self_.participant && event.entry_yields) {
+    report(Severity::kError, "a host '" + name_ + "' was in session '" + session_ +
+                                 "' before: this one ends; start it with another --name");
+    end_ = HostEnd::kNameTaken;
+  }
+  metrics_due_.hasten(now_ns, kMetricsSoonNs);  // whoever compares scenes need not wait long
+  const bool gone = event.change == RosterChange::kLeft || event.change == RosterChange::kGone;
+  if (entry.role == session::Role::kHost && gone) authority_.on_host_gone(id, now_ns);
+  if (entry.role != session::Role::kHrtc) return;
+  if (event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted) {
+    heartbeat_.insist();  // it requests nothing before it knows of this host
+    hrtcs_.try_emplace(id, entry.name);
+    if (on_hrtc) on_hrtc(id, entry.name);
+  } else if (gone) {
+    delivery_.on_hrtc_gone(id);
+    authority_.on_hrtc_gone(id);
+    hrtcs_.erase(id);
+    if (on_hrtc_gone) on_hrtc_gone(id);
+  }
+}
+
+void HostCore::on_demand(const session::Demand& demand, std::int64_t now_ns) {
+  using Result = session::DeliveryServer::DemandResult;
+  const Result result = delivery_.on_demand(demand, now_ns);
+  if (result == Result::kImplausible) ++demands_implausible_;
+  if (result == Result::kMalformed && demands_refused_++ == 0) {
+    report(Severity::kWarning,
+           "a demand names regions that its model does not have; such demands are dropped and counted");
+  }
+}
+
+std::optional<session::ClockSample> HostCore::on_clock(const session::ClockSample& sample, std::int64_t arrived_ns,
+                                                       std::int64_t now_ns) {
+  if (sample.peer != self_.participant) return std::nullopt;
+  if (sample.answer) {
+    clock_.on_answer(sample, arrived_ns);
+    return std::nullopt;
+  }
+  if (!clock_.answers()) return std::nullopt;
+  return clock_.answer(sample, arrived_ns, now_ns);
+}
+
+std::optional<session::ClockSample> HostCore::on_failure_detector(const session::ClockSample& request,
+                                                                  std::int64_t arrived_ns, std::int64_t now_ns) {
+  if (hrtcs_.count(request.origin.participant) == 0 || request.answer || request.peer != self_.participant)
+    return std::nullopt;
+  session::ClockSample answer = clock_.answer(request, arrived_ns, now_ns);
+  if (!clock_.answers()) answer.t1_ns = answer.t2_ns = session::kClockUnknown;
+  return answer;
+}
+
+void HostCore::on_end(const session::SessionEnd& end) {
+  report(Severity::kInfo, "the session ends" + (end.text.empty() ? std::string{} : ": " + end.text));
+  if (end_ == HostEnd::kNone) end_ = HostEnd::kSession;
+}
+
+const HostMessages& HostCore::tick(std::int64_t now_ns) {
+  messages_ = {};
+  // After it has hung: DDS has not lost the catalogue, so sends nothing again by itself.
+  messages_.catalogue = !ticked_ns_ || now_ns - *ticked_ns_ > kHungNs;
+  ticked_ns_ = now_ns;
+  for (const session::RosterEvent& event : roster_.tick(now_ns)) react(event, now_ns);
+  session::keep_time(roster_, self_, session::Role::kHost, false, now_ns, clock_);
+  authority_.on_host(self_.participant, clock_.joined_ns(), now_ns);
+  if (std::exchange(stops_announced_, stops_.changes()) != stops_.changes()) heartbeat_.at_once();
+  if (heartbeat_.due(now_ns)) messages_.roster = roster_entry(now_ns);
+  const bool follows = clock_.reference() != 0 && clock_.reference() != self_.participant;
+  if (follows && request_due_.due(now_ns)) messages_.clock_request = clock_.request(now_ns);
+  if (metrics_due_.due(now_ns)) messages_.metrics = metrics(now_ns);
+  move_objects(now_ns);
+  return messages_;
+}
+
+void HostCore::move_objects(std::int64_t now_ns) {
+  objects_due_ns_ = std::numeric_limits<std::int64_t>::max();
+  if (authority_.empty()) return;
+  const ObjectAuthority::Messages& moved = authority_.tick(now_ns, clock_.map().session_time(now_ns));
+  messages_.grants = moved.grants;
+  // Until this program's time is the session's, a pose would state a time that nobody can compare with another.
+  if (clock_.synchronised()) messages_.poses = moved.poses;
+  if (authority_.busy())
+    objects_due_ns_ = now_ns + kStepNs;
+  else if (authority_.held())
+    objects_due_ns_ = now_ns + kHeldNs;
+}
+
+std::int64_t HostCore::due_ns() const noexcept { return std::min(objects_due_ns_, delivery_.due_ns()); }
+
+session::RosterEntry HostCore::roster_entry(std::int64_t now_ns) {
+  session::RosterEntry entry;
+  entry.origin = origin(now_ns);
+  entry.role = session::Role::kHost;
+  entry.name = name_;
+  entry.session = session_;
+  entry.heartbeat = ++beats_;
+  entry.stops = stops_.records();
+  session::put_time(clock_, false, now_ns, entry);
+  return entry;
+}
+
+session::Metrics HostCore::metrics(std::int64_t now_ns) const {
+  namespace names = session::figures;
+  const session::DeliveryCounters& all = delivery_.counters();
+  session::Metrics metrics;
+  metrics.origin = origin(now_ns);
+  metrics.scene = session::scene_hash(roster_, self_, session::Role::kHost);
+  const auto add = [&](const std::string& name, double value) {
+    if (metrics.figures.size() < session::kMaxFigures) {
+      metrics.figures.push_back({name.substr(0, session::kMaxName), value});
+    }
+  };
+  add(names::kHostObjects, static_cast<double>(catalogue_.size()));
+  add(names::kHostChunks, static_cast<double>(all.chunks));
+  add(names::kHostBytes, static_cast<double>(all.payload_bytes));
+  add(names::kHostRegions, static_cast<double>(all.regions));
+  add(names::kHostRecords, static_cast<double>(all.records));
+  add(names::kHostControllers, static_cast<double>(hrtcs_.size()));
+  add(names::kHostImplausible,
+      static_cast<double>(roster_.implausible() + demands_implausible_ + authority_.implausible()));
+  if (!authority_.empty()) add(names::kHostBodySteps, static_cast<double>(authority_.steps()));
+  for (const auto& [id, counters] : delivery_.counters_by_hrtc()) {
+    const auto hrtc = hrtcs_.find(id);
+    if (hrtc == hrtcs_.end()) continue;
+    add(names::kHostBytes + ("." + hrtc->second), static_cast<double>(counters.payload_bytes));
+    add(names::kHostRecords + ("." + hrtc->second), static_cast<double>(counters.records));
+  }
+  return metrics;
+}
+
+}  // namespace tactus::host_service

@@ -1,0 +1,151 @@
+/// A whole VE host but for DDS, threads, clocks, files and the log: what it serves, to whom, and who moves it.
+///
+///     demands                        --> DeliveryServer       --> chunks
+///     claims, poses, catalogues      --> ObjectAuthority      --> grants, poses      simulates what nobody holds
+///     roster entries, clock samples  --> Roster, SessionClock --> roster entry, clock samples
+///     stops, resets                  --> StopLatch            --> roster entry
+///
+/// Samples and times come as arguments, and what is to be sent is returned. The caller opens the models. Services,
+/// studies, benchmarks and tests all assemble a host here. One thread at a time. Not realtime.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "host_service/host_config.hpp"
+#include "host_service/object_authority.hpp"
+#include "host_service/scenery.hpp"
+#include "session/clock.hpp"
+#include "session/delivery_server.hpp"
+#include "session/periodic.hpp"
+#include "session/roster.hpp"
+#include "session/stop_latch.hpp"
+
+namespace tactus::host_service {
+
+enum class Severity { kInfo, kWarning, kError };
+
+struct HostedObject {
+  ObjectConfig config;                                 ///< the file that it names is not read
+  const spm::codec::CompressedModel* model = nullptr;  ///< outlives the host
+};
+
+struct HostCoreSettings {
+  std::string name;                   ///< of the participant
+  std::string session;                ///< that it joins
+  std::vector<HostedObject> objects;  ///< their names differ
+  std::array<double, 3> at{0, 0, 0};  ///< m, where the first object without a pose stands; others follow along x
+  ObjectAuthoritySettings authority;
+};
+
+/// Of one object that stands at the origin, in the metres that its model suggests.
+[[nodiscard]] HostCoreSettings host_of(const std::string& object, const spm::codec::CompressedModel& model);
+
+/// What is to be sent after a tick, in this order.
+struct HostMessages {
+  bool catalogue = false;  ///< all of HostCore::catalogue()
+  std::optional<session::RosterEntry> roster;
+  std::optional<session::ClockSample> clock_request;
+  std::optional<session::Metrics> metrics;
+  std::vector<session::ObjectGrant> grants;
+  std::vector<session::ObjectPose> poses;
+};
+
+/// Why a host has to leave.
+enum class HostEnd : std::uint8_t {
+  kNone,
+  kSession,   ///< the session has ended
+  kNameTaken  ///< an older program of the same name is in the session
+};
+
+class HostCore {
+ public:
+  /// `self` without time. Decodes nothing but the base meshes of what stands beside movable objects.
+  HostCore(const session::Origin& self, const HostCoreSettings& settings, std::int64_t now_ns);
+  HostCore(const HostCore&) = delete;
+  HostCore& operator=(const HostCore&) = delete;
+
+  /// One line for each event that an operator should see.
+  std::function<void(Severity, const std::string&)> on_event;
+  /// An HRTC that is there, or there again: chunks and answers for it may follow.
+  std::function<void(std::uint64_t hrtc, const std::string& name)> on_hrtc;
+  /// An HRTC for which nothing follows until `on_hrtc`.
+  std::function<void(std::uint64_t hrtc)> on_hrtc_gone;
+
+  void on_roster(const session::RosterEntry& entry, std::int64_t now_ns);
+  void on_demand(const session::Demand& demand, std::int64_t now_ns);
+  /// The answer to publish at once, if the sample is a request that is for this host to answer. `arrived_ns`: when it
+  /// was received.
+  [[nodiscard]] std::optional<session::ClockSample> on_clock(const session::ClockSample& sample,
+                                                             std::int64_t arrived_ns, std::int64_t now_ns);
+  /// The same for the request of an HRTC's failure detector. It shows that this host lives, even where it may not say
+  /// what time it is. To be sent to that HRTC alone.
+  [[nodiscard]] std::optional<session::ClockSample> on_failure_detector(const session::ClockSample& request,
+                                                                        std::int64_t arrived_ns, std::int64_t now_ns);
+  void on_stop(const session::EmergencyStop& stop) { (void)stops_.on_stop(stop.name()); }
+  void on_reset(const session::ForceReset& reset) { (void)stops_.on_reset(reset); }
+  void on_end(const session::SessionEnd& end);
+  void on_catalogue(const session::CatalogueEntry& entry, std::int64_t now_ns) {
+    authority_.on_catalogue(entry, now_ns);
+  }
+  void on_claim(const session::ObjectClaim& claim, std::int64_t now_ns) { authority_.on_claim(claim, now_ns); }
+  void on_pose(const session::ObjectPose& pose, std::int64_t now_ns) {
+    authority_.on_pose(pose, now_ns, clock_.map().session_time(now_ns));
+  }
+
+  /// To be called after samples and when `due_ns` has come, at least every 50 ms. Valid until the next tick.
+  [[nodiscard]] const HostMessages& tick(std::int64_t now_ns);
+  /// The next chunk to send, or none until `due_ns` or a demand. Nothing is planned for an HRTC that `can_send` denies.
+  [[nodiscard]] std::optional<session::Outgoing> next_chunk(std::int64_t now_ns,
+                                                            const session::DeliveryServer::CanSend& can_send = {}) {
+    return delivery_.next(now_ns, can_send);
+  }
+  /// After `tick`, and after `next_chunk` gave none: when either may have something though no sample arrives.
+  [[nodiscard]] std::int64_t due_ns() const noexcept;
+
+  /// What it announces.
+  [[nodiscard]] const std::vector<session::CatalogueEntry>& catalogue() const noexcept { return catalogue_; }
+  /// A further heartbeat; `tick` gives those that are due.
+  [[nodiscard]] session::RosterEntry roster_entry(std::int64_t now_ns);
+  [[nodiscard]] session::Metrics metrics(std::int64_t now_ns) const;
+
+  [[nodiscard]] HostEnd end() const noexcept { return end_; }
+  [[nodiscard]] const session::DeliveryServer& delivery() const noexcept { return delivery_; }
+  [[nodiscard]] const ObjectAuthority& authority() const noexcept { return authority_; }
+  [[nodiscard]] const session::SessionClock& clock() const noexcept { return clock_; }
+
+ private:
+  void make_catalogue(const HostCoreSettings& settings);
+  void make_scenery(const std::vector<HostedObject>& objects);
+  void react(const session::RosterEvent& event, std::int64_t now_ns);
+  void move_objects(std::int64_t now_ns);
+  [[nodiscard]] session::Origin origin(std::int64_t now_ns) const;
+  void report(Severity severity, const std::string& text) const;
+
+  session::Origin self_;
+  std::string name_, session_;
+  session::DeliveryServer delivery_;
+  session::Roster roster_;
+  session::SessionClock clock_;
+  session::StopLatch stops_;        // for HRTCs that start after a stop
+  std::optional<Scenery> scenery_;  // when it has objects that move, and others
+  ObjectAuthority authority_;
+  std::vector<session::CatalogueEntry> catalogue_;
+  std::map<std::uint64_t, std::string> hrtcs_;  // names of those that are there
+  std::optional<std::int64_t> ticked_ns_;
+  std::int64_t objects_due_ns_ = 0;
+  session::Heartbeat heartbeat_;
+  session::Every request_due_, metrics_due_;
+  std::uint64_t beats_ = 0;
+  std::uint64_t stops_announced_ = 0;  // StopLatch::changes
+  std::uint64_t demands_refused_ = 0, demands_implausible_ = 0;
+  HostEnd end_ = HostEnd::kNone;
+  HostMessages messages_;
+};
+
+}  // namespace tactus::host_service

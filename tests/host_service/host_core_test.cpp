@@ -1,0 +1,186 @@
+/// A HostCore in virtual time: alone, and with an HrtcCore that has received no sample yet.
+#include "host_service/host_core.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "hrtc_service/hrtc_core.hpp"
+#include "session/figures.hpp"
+#include "spm/codec/model_codec.hpp"
+#include "spm/offline/build.hpp"
+#include "spm/offline/generate.hpp"
+
+namespace tactus::host_service {
+namespace {
+
+using spm::Vec3d;
+
+constexpr std::int64_t kMs = 1'000'000;
+constexpr std::uint64_t kSession = 1, kHost = 10, kHrtc = 20;
+constexpr session::Origin kSelf{kSession, kHost, 1, 0};
+
+class HostCoreTest : public testing::Test {
+ protected:
+  [[nodiscard]] HostCoreSettings with_body() const {
+    HostCoreSettings settings = host_of("sphere", encoded_.coded());
+    settings.objects.front().config.body.emplace();
+    return settings;
+  }
+  /// The next heartbeat of an HRTC.
+  session::RosterEntry hrtc(std::uint64_t reference = 0, std::int64_t session_time_ns = 0) {
+    session::RosterEntry entry;
+    entry.origin = {kSession, kHrtc, 1, 0};
+    entry.role = session::Role::kHrtc;
+    entry.name = "hrtc";
+    entry.heartbeat = ++beats_;
+    entry.reference = reference;
+    entry.session_time_ns = session_time_ns;
+    return entry;
+  }
+  [[nodiscard]] static session::ClockSample request(std::int64_t now_ns) {
+    session::ClockSample sample;
+    sample.origin = {kSession, kHrtc, 1, 0};
+    sample.peer = kHost;
+    sample.sequence = 1;
+    sample.t0_ns = now_ns;
+    return sample;
+  }
+
+  const spm::offline::BuiltModel built_ =
+      spm::offline::build_model(spm::offline::generate(spm::offline::Shape::kSphere, 8000));
+  const spm::Model model_ = built_.model();
+  const spm::codec::EncodedModel encoded_{model_};
+  std::int64_t now_ = 1000 * kMs;
+  std::uint64_t beats_ = 0;
+};
+
+TEST_F(HostCoreTest, AnHrtcThatJoinsFindsItsObjectDemandsItAndTouchesItExactly) {
+  HostCore host{kSelf, host_of("sphere", encoded_.coded()), now_};
+  std::string served;
+  host.on_hrtc = [&](std::uint64_t, const std::string& name) { served = name; };
+  hrtc_service::HrtcCoreSettings settings;
+  settings.pool = spm::PoolSettings::for_slots(model_.summary.parts / 2);
+  hrtc_service::HrtcCore core{session::Origin{kSession, kHrtc, 1, 0}, settings};
+  const double radius = model_.summary.bounds_max[0];
+  hrtc_service::Servo::Inputs inputs;
+  inputs[0].active = true;
+  int exact = 0;
+
+  for (int cycle = 0; cycle < 3000; ++cycle, now_ += kMs) {
+    const HostMessages& messages = host.tick(now_);
+    if (messages.roster) core.gateway().on_host_seen(kHost, messages.roster->origin.incarnation, now_);
+    if (messages.catalogue)
+      for (const session::CatalogueEntry& entry : host.catalogue()) core.gateway().on_catalogue(entry);
+    if (cycle % 100 == 0) host.on_roster(hrtc(), now_);
+    if (cycle % 2 == 0) core.gateway().tick(now_, session::ClockMap{});
+    while (const auto demand = core.gateway().demand(now_)) host.on_demand(*demand, now_);
+    while (const auto out = host.next_chunk(now_)) core.gateway().on_chunk(out->chunk, now_);
+    const double depth = std::min(1.0, cycle / 2000.0);  // from 20 mm outside to 2 mm inside
+    inputs[0].device.position = {radius + 0.02 - 0.022 * depth, 0, 0};
+    const hrtc_service::ProbeOutput& probe = core.servo().touch(inputs, now_)[0];
+    core.servo().publish(now_, now_ + kMs);
+    (void)core.servo().refine(spm::Budget{1u << 16});
+    constexpr std::uint32_t kTouching = session::kInContact | session::kExact;
+    if (probe.force[0] > 0.1 && (probe.status & kTouching) == kTouching) ++exact;
+  }
+
+  EXPECT_EQ(served, "hrtc");
+  ASSERT_EQ(core.servo().cycle().objects().size(), 1u);
+  EXPECT_GT(exact, 900) << "of the last 1000 cycles";
+  const session::DeliveryCounters& sent = host.delivery().counters();
+  EXPECT_EQ(sent.bases, 1u);
+  EXPECT_GT(sent.records, 0u);
+  EXPECT_LT(sent.records, model_.summary.records / 2) << "only what is near the tip";
+}
+
+TEST_F(HostCoreTest, ObjectsWithoutAPoseStandSideBySide) {
+  HostCoreSettings settings = host_of("a", encoded_.coded());
+  for (const char* name : {"b", "c"}) {
+    settings.objects.push_back(settings.objects.front());
+    settings.objects.back().config.name = name;
+  }
+  for (HostedObject& object : settings.objects) object.config.pose.reset();
+  settings.at = {1, 2, 3};
+
+  const HostCore host{kSelf, settings, now_};
+
+  const std::vector<session::CatalogueEntry>& all = host.catalogue();
+  ASSERT_EQ(all.size(), 3u);
+  EXPECT_EQ(all[0].pose.position, (std::array<double, 3>{1, 2, 3}));
+  for (std::size_t i = 1; i < 3; ++i) {
+    const double end = all[i - 1].pose.position[0] + all[i - 1].summary.bounds_max[0] * all[i - 1].scale;
+    const double begin = all[i].pose.position[0] + all[i].summary.bounds_min[0] * all[i].scale;
+    EXPECT_NEAR(begin - end, 0.05, 1e-9);
+  }
+}
+
+TEST_F(HostCoreTest, AnnouncesItsObjectsAtFirstAndAfterItHung) {
+  HostCore host{kSelf, host_of("sphere", encoded_.coded()), now_};
+
+  EXPECT_TRUE(host.tick(now_).catalogue);
+  EXPECT_FALSE(host.tick(now_ += 50 * kMs).catalogue);
+  EXPECT_TRUE(host.tick(now_ += 6000 * kMs).catalogue);
+}
+
+TEST_F(HostCoreTest, AnswersForTheTimeAsTheReferenceAloneAndTheFailureDetectorOfAnHrtcAlways) {
+  HostCore host{kSelf, host_of("sphere", encoded_.coded()), now_};
+  (void)host.tick(now_);
+
+  EXPECT_FALSE(host.on_clock(request(now_), now_, now_));
+  EXPECT_FALSE(host.on_failure_detector(request(now_), now_, now_)) << "its sender is not in the roster";
+  host.on_roster(hrtc(), now_);
+  const auto alive = host.on_failure_detector(request(now_), now_, now_);
+  ASSERT_TRUE(alive);
+  EXPECT_EQ(alive->t2_ns, session::kClockUnknown);
+
+  for (int i = 0; i < 120; ++i) (void)host.tick(now_ += 10 * kMs);  // the HRTC is gone by then
+  const auto answer = host.on_clock(request(now_), now_ - kMs, now_);
+  ASSERT_TRUE(answer);
+  EXPECT_EQ(answer->peer, kHrtc);
+  EXPECT_EQ(answer->t2_ns - answer->t1_ns, kMs);
+}
+
+TEST_F(HostCoreTest, PublishesPosesOnceItsTimeIsThatOfTheSession) {
+  constexpr std::int64_t kAhead = 5000 * kMs;  // session time, ahead of the host's clock
+  HostCore host{kSelf, with_body(), now_};
+  std::size_t grants = 0, poses_before = 0, poses = 0;
+  session::ObjectPose pose;
+
+  for (int ms = 0; ms < 2000; ++ms, now_ += kMs) {
+    if (ms % 100 == 0) host.on_roster(hrtc(kHrtc, now_ + kAhead), now_);
+    const HostMessages& messages = host.tick(now_);
+    grants += messages.grants.size();
+    (ms < 1000 ? poses_before : poses) += messages.poses.size();
+    if (!messages.poses.empty()) pose = messages.poses.back();
+    if (ms < 1000 || !messages.clock_request) continue;
+    session::ClockSample answer = *messages.clock_request;
+    answer.origin = {kSession, kHrtc, 1, 0};
+    answer.peer = kHost;
+    answer.answer = true;
+    answer.t1_ns = answer.t2_ns = now_ + kAhead;
+    EXPECT_FALSE(host.on_clock(answer, now_, now_));
+  }
+
+  EXPECT_GT(grants, 0u);
+  EXPECT_EQ(poses_before, 0u);
+  EXPECT_GT(poses, 0u);
+  EXPECT_NEAR(static_cast<double>(pose.session_time_ns - pose.origin.time_ns), kAhead, 2 * kMs);
+}
+
+TEST_F(HostCoreTest, AcknowledgesAStopAtOnce) {
+  HostCore host{kSelf, host_of("sphere", encoded_.coded()), now_};
+  ASSERT_TRUE(host.tick(now_).roster);
+  ASSERT_FALSE(host.tick(now_ += kMs).roster);
+  session::EmergencyStop stop;
+  stop.origin = {kSession, 50, 1, 0};
+  stop.number = 1;
+
+  host.on_stop(stop);
+
+  const auto& entry = host.tick(now_ += kMs).roster;
+  ASSERT_TRUE(entry);
+  EXPECT_TRUE(session::acknowledges(*entry, stop));
+}
+
+}  // namespace
+}  // namespace tactus::host_service
