@@ -102,7 +102,7 @@ std::vector<session::ProbeState> record(const spm::Model& model, double scale, c
     session::ProbeState state = state_of(probe);
     state.session_time_ns = now;
     mind.on_probe_state(state);
-    if (const auto intent = mind.tick(now, objects)) hand.wishes().post(sharing::hand_path(*intent, 0));
+    if (const auto intent = mind.tick(now, objects)) hand.paths().post(sharing::hand_path(*intent, 0));
     touched = touched || (probe.status & session::kInContact) != 0;
     if (!touched) continue;
     state.session_time_ns = static_cast<std::int64_t>(states.size()) * kMs;

@@ -37,7 +37,7 @@ Eigen::Quaterniond leaning(double max, double seconds) {
   constexpr double kTurn = 6.283185307179586;
   constexpr double kRates[3]{0.31, 0.23, 0.17};  // Hz, so that nothing comes again soon
   const auto swing = [&](int axis) { return std::sin(kTurn * kRates[axis] * seconds); };
-  return haptics::rotation_by(max * Vec3d{swing(0), swing(1), 2 * swing(2)});
+  return haptics::exp_map(max * Vec3d{swing(0), swing(1), 2 * swing(2)});
 }
 
 /// A unit vector across `axis`, the same for the same axis.

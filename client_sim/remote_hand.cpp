@@ -34,7 +34,7 @@ RemoteHand::~RemoteHand() {
 void RemoteHand::wish(const session::Intent& intent, const session::ClockMap& map) {
   clock_.post(map);
   const std::int64_t now_ns = wire::monotonic_ns();
-  device_.wishes().post(sharing::hand_path(intent, now_ns - map.session_time(now_ns)));
+  device_.paths().post(sharing::hand_path(intent, now_ns - map.session_time(now_ns)));
 }
 
 void RemoteHand::on_command(const session::DeviceCommand& command) {

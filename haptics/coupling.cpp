@@ -156,7 +156,7 @@ void CopyCoupling::begin(std::int64_t now_ns, double dt, RigidBody& body) noexce
       if (all) {
         furthest = std::max(furthest, (peer.position - own.position).norm());
         apart.head<3>() += (peer.position - own.position) / copies;
-        apart.tail<3>() += turn_of(own.orientation.conjugate() * peer.orientation) / copies;
+        apart.tail<3>() += log_map(own.orientation.conjugate() * peer.orientation) / copies;
       }
     } else {
       all = false;

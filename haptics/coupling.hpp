@@ -83,7 +83,7 @@ class CopyCoupling {
   void start(std::int64_t now_ns, const BodyState& body) noexcept;
 
   [[nodiscard]] std::size_t copies() const noexcept { return settings_.copies; }
-  [[nodiscard]] std::size_t place() const noexcept { return place_; }
+  [[nodiscard]] std::size_t index() const noexcept { return place_; }
   /// What this copy is to be simulated as.
   [[nodiscard]] const BodySettings& share() const noexcept { return share_; }
 

@@ -27,7 +27,7 @@ bool is_unit(const Eigen::Quaterniond& orientation) noexcept {
 }
 
 Vec3d turn_between(const Eigen::Quaterniond& from, const Eigen::Quaterniond& to) noexcept {
-  return turn_of(to * from.conjugate());
+  return log_map(to * from.conjugate());
 }
 
 /// What spring and damper of a contact make.
@@ -40,14 +40,14 @@ Vec3d pressing(const ProxyResult& proxy, const DeviceState& device, double stiff
 
 }  // namespace
 
-Vec3d turn_to(const Hold& hold, const DeviceState& device) noexcept {
+Vec3d rotation_to(const Hold& hold, const DeviceState& device) noexcept {
   return turn_between(device.orientation, hold.pose.orientation);
 }
 
-Wrench pull_of(const Hold& hold, const ToolGrip& grip, double damping, const DeviceState& device,
-               const Vec3d& angular_velocity) noexcept {
+Wrench wrench_of(const Hold& hold, const ToolGrip& grip, double damping, const DeviceState& device,
+                 const Vec3d& angular_velocity) noexcept {
   return {grip.stiffness * (hold.pose.position - device.position) + damping * (hold.velocity - device.velocity),
-          grip.rotational_stiffness * turn_to(hold, device) +
+          grip.rotational_stiffness * rotation_to(hold, device) +
               grip.angular_damping * (hold.angular_velocity - angular_velocity)};
 }
 
@@ -203,15 +203,15 @@ void ForceRenderer::render(const ProxyResult& proxy, const DeviceState& device, 
 
 void ForceRenderer::render(const ToolResult& tool, const ToolGrip& grip, const DeviceState& device, const Feel& feel,
                            double pose_age, double dt) noexcept {
-  const bool finite = tool.way.allFinite() && tool.turn.allFinite() && tool.normal.allFinite() &&
+  const bool finite = tool.displacement.allFinite() && tool.rotation.allFinite() && tool.normal.allFinite() &&
                       std::isfinite(grip.stiffness) && std::isfinite(grip.rotational_stiffness) &&
                       is_unit(device.orientation);
   if (!finite) return latch(Fault::kInputNotFinite);
   if (!admit(device, feel, pose_age, dt)) return;
-  Vec3d force = grip.stiffness * tool.way;
+  Vec3d force = grip.stiffness * tool.displacement;
   if (tool.in_contact) force += damped(force, tool.normal, device.velocity, feel.damping) * tool.normal;
   if (!force.isZero(0) && grip.stiffness < feel.stiffness) result_.bits |= kForceStiffnessCut;
-  Vec3d torque = grip.rotational_stiffness * tool.turn;
+  Vec3d torque = grip.rotational_stiffness * tool.rotation;
   if (const double size = torque.norm(); tool.in_contact && size > 0) {
     const Vec3d axis = torque / size;
     torque += damped(torque, axis, angular_velocity_, grip.angular_damping) * axis;
@@ -227,7 +227,7 @@ void ForceRenderer::render(const Hold& hold, const ToolGrip& grip, const DeviceS
                       is_unit(device.orientation);
   if (!finite) return latch(Fault::kInputNotFinite);
   if (!admit(device, feel, pose_age, dt)) return;
-  const Wrench pull = pull_of(hold, grip, feel.damping, device, angular_velocity_);
+  const Wrench pull = wrench_of(hold, grip, feel.damping, device, angular_velocity_);
   if (!pull.force.isZero(0) && grip.stiffness < feel.stiffness) result_.bits |= kForceStiffnessCut;
   limit(pull.force, pull.torque, pose_age, dt);
 }

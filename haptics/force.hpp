@@ -90,10 +90,10 @@ struct ForceResult {
 };
 
 /// From the device to what it holds, rad along the axis.
-[[nodiscard]] Vec3d turn_to(const Hold& hold, const DeviceState& device) noexcept;
+[[nodiscard]] Vec3d rotation_to(const Hold& hold, const DeviceState& device) noexcept;
 /// What springs and dampers of a hold exert on the hand before limits, on a device that turns with `spin`.
-[[nodiscard]] Wrench pull_of(const Hold& hold, const ToolGrip& grip, double damping, const DeviceState& device,
-                             const Vec3d& angular_velocity) noexcept;
+[[nodiscard]] Wrench wrench_of(const Hold& hold, const ToolGrip& grip, double damping, const DeviceState& device,
+                               const Vec3d& angular_velocity) noexcept;
 
 /// The stiffness that stays stable on a device of damping b: (b + B) / (T / 2 + td), with B the virtual damping, T the
 /// cycle and td the loop's further delay. Source: Hulin, Preusche, Hirzinger 2006; 5-45 % conservative.

@@ -32,13 +32,13 @@ BodySettings box_body(double mass, const Vec3d& half_extents) noexcept {
   return settings;
 }
 
-Eigen::Quaterniond rotation_by(const Vec3d& turn) noexcept {
+Eigen::Quaterniond exp_map(const Vec3d& turn) noexcept {
   const double angle = turn.norm();
   const double share = angle > 1e-9 ? std::sin(angle / 2) / angle : 0.5;
   return Eigen::Quaterniond{std::cos(angle / 2), share * turn.x(), share * turn.y(), share * turn.z()};
 }
 
-Vec3d turn_of(const Eigen::Quaterniond& rotation) noexcept {
+Vec3d log_map(const Eigen::Quaterniond& rotation) noexcept {
   const double sign = rotation.w() < 0 ? -1 : 1;
   const double sine = rotation.vec().norm();
   const double angle = 2 * std::atan2(sine, sign * rotation.w());
@@ -73,7 +73,7 @@ void RigidBody::add_spring(const PointSpring& spring) noexcept {
   add_force(spring.point, spring.force(Vec3d::Zero(), dt_));
 }
 
-void RigidBody::add_spring(const TurnSpring& spring) noexcept {
+void RigidBody::add_spring(const TorsionSpring& spring) noexcept {
   mass_.bottomRightCorner<3, 3>().diagonal().array() += dt_ * (dt_ * spring.stiffness + spring.damping);
   momentum_.tail<3>() += dt_ * spring.torque(Vec3d::Zero(), dt_);
 }
@@ -97,8 +97,8 @@ void RigidBody::finish(const Vec6d& velocity) noexcept {
   const auto angular_velocity_at = [&](const Eigen::Quaterniond& orientation) -> Vec3d {
     return orientation * (orientation.conjugate() * turning).cwiseQuotient(settings_.inertia);
   };
-  const Vec3d middle = angular_velocity_at(rotation_by(dt_ / 2 * angular_velocity) * before);
-  state_.orientation = (rotation_by(dt_ * middle) * before).normalized();
+  const Vec3d middle = angular_velocity_at(exp_map(dt_ / 2 * angular_velocity) * before);
+  state_.orientation = (exp_map(dt_ * middle) * before).normalized();
   state_.angular_velocity = angular_velocity_at(state_.orientation);
   state_.velocity = velocity.head<3>();
   state_.position += dt_ * state_.velocity;

@@ -53,9 +53,9 @@ struct BodyState {
 };
 
 /// Rotation by `turn`, a vector along the axis whose length is the angle.
-[[nodiscard]] Eigen::Quaterniond rotation_by(const Vec3d& turn) noexcept;
+[[nodiscard]] Eigen::Quaterniond exp_map(const Vec3d& turn) noexcept;
 /// The shortest such vector.
-[[nodiscard]] Vec3d turn_of(const Eigen::Quaterniond& rotation) noexcept;
+[[nodiscard]] Vec3d log_map(const Eigen::Quaterniond& rotation) noexcept;
 
 /// Pulls a point of the body to a target that moves on with its velocity.
 struct PointSpring {
@@ -72,15 +72,15 @@ struct PointSpring {
 };
 
 /// Turns the body to where `turn` leads, which moves on with its spin.
-struct TurnSpring {
-  Vec3d turn = Vec3d::Zero();  ///< rad along the axis, from the body to the target, world frame
+struct TorsionSpring {
+  Vec3d rotation = Vec3d::Zero();  ///< rad along the axis, from the body to the target, world frame
   Vec3d target_angular_velocity = Vec3d::Zero();
   double stiffness = 0;  ///< N m/rad
   double damping = 0;    ///< N m s, on the spin relative to the target's
 
   /// What it exerts on the body over a step of `dt` that ends with the spin `spin`.
   [[nodiscard]] Vec3d torque(const Vec3d& angular_velocity, double dt) const noexcept {
-    return stiffness * (turn + dt * (target_angular_velocity - angular_velocity)) +
+    return stiffness * (rotation + dt * (target_angular_velocity - angular_velocity)) +
            damping * (target_angular_velocity - angular_velocity);
   }
 };
@@ -100,7 +100,7 @@ class RigidBody {
   void begin(double dt) noexcept;
   void add_force(const Vec3d& point_world, const Vec3d& force) noexcept;
   void add_spring(const PointSpring& spring) noexcept;
-  void add_spring(const TurnSpring& spring) noexcept;
+  void add_spring(const TorsionSpring& spring) noexcept;
   /// Whatever else acts in this step: the impulse `impulse` - `mass` * velocity at the end.
   void add_implicit(const Mat6d& mass, const Vec6d& impulse) noexcept;
   /// The velocity without contacts, and the inverse of the mass with all that was added.
@@ -130,7 +130,7 @@ class RigidBody {
 
 /// Calls `visit(place)`, body frame, for the places all over a box from which `add_surface_contacts` begins to look.
 template <class Visit>
-void for_each_box_place(const Vec3d& half, Visit&& visit) noexcept {
+void for_each_box_point(const Vec3d& half, Visit&& visit) noexcept {
   for (int x = -1; x <= 1; ++x)
     for (int y = -1; y <= 1; ++y)
       for (int z = -1; z <= 1; ++z)

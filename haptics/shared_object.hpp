@@ -40,7 +40,7 @@ class SharedObject {
   void place(const BodyState& state) noexcept { body_.place(state); }
   /// One cycle; `springs` of the probes that touch it, `turns` of those that hold it. Does nothing while following.
   void step(std::int64_t now_ns, spm::Span<const PointSpring> springs, const Surroundings& surroundings, double dt,
-            const ImplicitForce* more = nullptr, spm::Span<const TurnSpring> turns = {}) noexcept;
+            const ImplicitForce* more = nullptr, spm::Span<const TorsionSpring> turns = {}) noexcept;
 
   [[nodiscard]] const BodyState& state() const noexcept { return body_.state(); }
   [[nodiscard]] const RigidBody& body() const noexcept { return body_; }
@@ -49,7 +49,7 @@ class SharedObject {
   [[nodiscard]] const CopyCoupling* coupling() const noexcept { return coupling_; }
   [[nodiscard]] const SolverResult& contacts() const noexcept { return solver_.last(); }
   /// With what does not move, of the last step: all that it may have touched in it.
-  [[nodiscard]] spm::Span<const Contact> contacts_met() const noexcept { return solver_.contacts(); }
+  [[nodiscard]] spm::Span<const Contact> static_contacts() const noexcept { return solver_.contacts(); }
   /// Owned, at rest on something and touched by nobody: it is not moved until that changes.
   [[nodiscard]] bool asleep() const noexcept { return still_ >= kStill; }
 

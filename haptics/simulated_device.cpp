@@ -38,7 +38,7 @@ void HandPath::at(std::int64_t time_ns, Vec3d& position, Vec3d& velocity) const 
   velocity = way * place.rate;
 }
 
-Eigen::Quaterniond HandPath::turned_at(std::int64_t time_ns) const noexcept {
+Eigen::Quaterniond HandPath::orientation_at(std::int64_t time_ns) const noexcept {
   const Place place = place_at(time_ns);
   const Eigen::Quaterniond from = turn_from(place.from->orientation);
   if (place.from->orientation == place.to->orientation) return from;
@@ -50,7 +50,7 @@ SimulatedDevice::SimulatedDevice(const HandSettings& settings, const DeviceSpec&
       settings_{settings},
       random_{settings.seed},
       position_{settings.start},
-      orientation_{settings.start_turned},
+      orientation_{settings.start_orientation},
       measured_position_{settings.start} {
   std::uniform_real_distribution<double> frequency{2 * kPi * 8, 2 * kPi * 12};
   std::uniform_real_distribution<double> phase{0, 2 * kPi};
@@ -99,10 +99,10 @@ DeviceState SimulatedDevice::read(std::int64_t now_ns) noexcept {
     const double step = static_cast<double>(step_ns) * 1e-9;
     Vec3d target = settings_.start;
     Vec3d target_velocity = Vec3d::Zero();
-    Eigen::Quaterniond turned = settings_.start_turned;
+    Eigen::Quaterniond turned = settings_.start_orientation;
     if (path_.count > 0) {
       path_.at(time_ns_, target, target_velocity);
-      turned = path_.turned_at(time_ns_);
+      turned = path_.orientation_at(time_ns_);
     }
     if (settings_.tremor > 0) target += tremor_at(time_ns_);
     const Vec3d pull = settings_.hand_stiffness * (target - position_) + settings_.hand_damping * target_velocity;
@@ -110,10 +110,10 @@ DeviceState SimulatedDevice::read(std::int64_t now_ns) noexcept {
     const double dampers = spec_.damping + settings_.hand_damping;
     velocity_ = (velocity_ + step / settings_.mass * (pull + force_)) / (1 + step / settings_.mass * dampers);
     position_ += step * velocity_;
-    const Vec3d twist = settings_.wrist_stiffness * turn_of(turned * orientation_.conjugate()) + torque_;
+    const Vec3d twist = settings_.wrist_stiffness * log_map(turned * orientation_.conjugate()) + torque_;
     angular_velocity_ = (angular_velocity_ + step / settings_.inertia * twist) /
                         (1 + step / settings_.inertia * settings_.wrist_damping);
-    orientation_ = (rotation_by(step * angular_velocity_) * orientation_).normalized();
+    orientation_ = (exp_map(step * angular_velocity_) * orientation_).normalized();
   }
 
   if (elapsed > 0) {

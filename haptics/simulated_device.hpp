@@ -32,7 +32,7 @@ struct HandPath {
   /// Position and velocity wanted at a time; `count` must not be 0. Realtime.
   void at(std::int64_t time_ns, Vec3d& position, Vec3d& velocity) const noexcept;
   /// How it is to be turned then. Realtime.
-  [[nodiscard]] Eigen::Quaterniond turned_at(std::int64_t time_ns) const noexcept;
+  [[nodiscard]] Eigen::Quaterniond orientation_at(std::int64_t time_ns) const noexcept;
 
  private:
   /// The waypoints on both sides of a time and how far it is from one to the other; the same twice beyond the ends.
@@ -52,10 +52,10 @@ struct HandSettings {
   double encoder_step = 0;      ///< m; 0: continuous
   std::uint32_t seed = 1;       ///< of tremor and noise
   Vec3d start = Vec3d::Zero();  ///< where the hand rests until its first path
-  Eigen::Quaterniond start_turned = Eigen::Quaterniond::Identity();  ///< and how
-  double inertia = 2e-4;                                             ///< kg m^2, of the device about its tip
-  double wrist_stiffness = 1;                                        ///< N m/rad
-  double wrist_damping = 0.03;                                       ///< N m s
+  Eigen::Quaterniond start_orientation = Eigen::Quaterniond::Identity();  ///< and how
+  double inertia = 2e-4;                                                  ///< kg m^2, of the device about its tip
+  double wrist_stiffness = 1;                                             ///< N m/rad
+  double wrist_damping = 0.03;                                            ///< N m s
 };
 
 class SimulatedDevice final : public Device {
@@ -63,7 +63,7 @@ class SimulatedDevice final : public Device {
   explicit SimulatedDevice(const HandSettings& settings = {}, const DeviceSpec& spec = {});
 
   /// Any one other thread posts the hand's wishes here; times are of the clock given to `read`.
-  [[nodiscard]] Mailbox<HandPath>& wishes() noexcept { return wishes_; }
+  [[nodiscard]] Mailbox<HandPath>& paths() noexcept { return wishes_; }
 
   [[nodiscard]] const DeviceSpec& spec() const noexcept override { return spec_; }
   /// Realtime: at most 200 substeps; a gap beyond 50 ms is skipped, not simulated.

@@ -74,11 +74,11 @@ void Tool::reset() noexcept {
 double Tool::blocked() const noexcept { return (1 - kBlocked) * settings_.collision_margin; }
 
 ToolPose Tool::moved(const ToolPose& pose, const Way& way) noexcept {
-  return {pose.position + way.linear, (rotation_by(way.turn) * pose.orientation).normalized()};
+  return {pose.position + way.linear, (exp_map(way.turn) * pose.orientation).normalized()};
 }
 
 Tool::Way Tool::to_device(const ToolPose& device) const noexcept {
-  return {device.position - pose_.position, turn_of(device.orientation * pose_.orientation.conjugate())};
+  return {device.position - pose_.position, log_map(device.orientation * pose_.orientation.conjugate())};
 }
 
 // ---- gather ----
@@ -410,7 +410,7 @@ Tool::Look Tool::look(const Way& way, int again, spm::Span<const ToolObject> obj
   if (count == 0) return Look::kFree;
   if (again == 0) return Look::kTooNear;
   // The gap there, told as one from here.
-  const Eigen::Quaterniond turn = rotation_by(way.turn);
+  const Eigen::Quaterniond turn = exp_map(way.turn);
   for (std::size_t i = 0; i < count; ++i) {
     Gap gap = there.gap(worst[i]);
     const Vec3d arm = turn.conjugate() * gap.arm;
@@ -577,7 +577,7 @@ const ToolResult& Tool::step(const ToolPose& at, double dt, spm::Span<const Tool
     row_count_ = 0;
   } else {
     device_went_ = longest({device.position - device_before_.position,
-                            turn_of(device.orientation * device_before_.orientation.conjugate())});
+                            log_map(device.orientation * device_before_.orientation.conjugate())});
     if (was_in_contact) owed_ = 0;
     owed_ += kAlong * device_went_;
     const double limit = std::min(settings_.longest_way, owed_ + settings_.max_yield / grip_.stiffness * dt);
@@ -605,8 +605,8 @@ const ToolResult& Tool::step(const ToolPose& at, double dt, spm::Span<const Tool
 void Tool::tell(const ToolPose& device) noexcept {
   result_.pose = pose_;
   if (result_.outside_only) return;
-  result_.way = pose_.position - device.position;
-  result_.turn = turn_of(pose_.orientation * device.orientation.conjugate());
+  result_.displacement = pose_.position - device.position;
+  result_.rotation = log_map(pose_.orientation * device.orientation.conjugate());
   Vec3d normal = Vec3d::Zero(), point = Vec3d::Zero();
   double whole = 0, max = 0;
   result_.in_contact = caught_;

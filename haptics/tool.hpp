@@ -81,7 +81,7 @@ struct ToolResult {
   ToolPose pose;
   /// From the device to the tool: way of the origin, and turn (along its axis, as long as its angle). Times stiffness
   /// and torsion it is the wrench on the hand, at the origin.
-  Vec3d way = Vec3d::Zero(), turn = Vec3d::Zero();
+  Vec3d displacement = Vec3d::Zero(), rotation = Vec3d::Zero();
   Vec3d normal = Vec3d::UnitZ();  ///< mean of the contacts', by their forces; the last one without contact
   Vec3d point = Vec3d::Zero();    ///< the same of the places
   bool in_contact = false;

@@ -206,7 +206,7 @@ pid_t start_in(int where, std::vector<std::string> command) {
 
 pid_t start_program(std::vector<std::string> command) { return start_in(-1, std::move(command)); }
 
-std::string missing_right() try {
+std::string missing_privilege() try {
   // In a thread of its own, which takes the namespace with it when it ends.
   std::string reason;
   std::thread{[&reason] {
@@ -218,7 +218,7 @@ std::string missing_right() try {
     }
   }}.join();
   if (!reason.empty()) return reason;
-  (void)sweep_stale();
+  (void)remove_stale();
   // To enter one it takes a root that is a mount point, which that of a chroot is not.
   static std::atomic<int> tries{0};
   const std::string name = "tactus-link-" + std::to_string(::getpid()) + "-try" + std::to_string(tries++);
@@ -234,7 +234,7 @@ std::string missing_right() try {
   return error.what();
 }
 
-std::vector<std::string> sweep_stale() {
+std::vector<std::string> remove_stale() {
   std::vector<std::string> swept;
   std::error_code error;
   for (const auto& entry : std::filesystem::directory_iterator{kNamespaces, error}) {
@@ -331,7 +331,7 @@ struct LinkedPair::Impl {
 
 LinkedPair::LinkedPair(const LinkSettings& settings) : impl_{std::make_unique<Impl>()} {
   check(settings);
-  if (const std::string reason = missing_right(); !reason.empty()) throw LinkError(reason);
+  if (const std::string reason = missing_privilege(); !reason.empty()) throw LinkError(reason);
   impl_->make(settings);
 }
 

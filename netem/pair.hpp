@@ -22,10 +22,10 @@ namespace tactus::netem {
 enum class Side { kA = 0, kB = 1 };
 
 /// Why this process cannot make namespaces here, with the mend; empty when it can. Leaves nothing behind.
-[[nodiscard]] std::string missing_right();
+[[nodiscard]] std::string missing_privilege();
 
 /// Removes namespaces of pairs whose process is gone, and gives their names; what others sweep meanwhile is theirs.
-std::vector<std::string> sweep_stale();
+std::vector<std::string> remove_stale();
 
 /// Starts a program where the caller is, found as a shell finds it, in a process group of its own; the caller waits for
 /// it. It dies with the thread that started it. A program that cannot be run ends with 127. Throws LinkError.

@@ -29,7 +29,7 @@ SharedSessionSettings settings_of(const netem::LinkSettings& link, std::uint64_t
 void let_in(SharedSession& session, const Scenario& scenario) {
   std::map<std::string, std::size_t> controllers;
   for (const client_sim::User& user : scenario.users) {
-    if (controllers.find(user.hrtc) == controllers.end()) controllers[user.hrtc] = session.add_controller();
+    if (controllers.find(user.hrtc) == controllers.end()) controllers[user.hrtc] = session.add_hrtc();
     (void)session.add_user(controllers[user.hrtc], user);
   }
 }
@@ -136,8 +136,8 @@ ScenarioRun lift_together(const Scenario& scenario, const Subject& subject, cons
   }
   std::uint32_t lifts = 0, lost = 0;
   for (std::size_t user = 0; user < scenario.users.size(); ++user) {
-    lifts += session.mind(user).tally().lifts;
-    lost += session.mind(user).tally().lifts_lost;
+    lifts += session.op(user).tally().lifts;
+    lost += session.op(user).tally().lifts_lost;
   }
   double given = 0;
   for (std::size_t i = 0; i < session.controllers(); ++i) given += session.figure(i, session::figures::kCopyGiven);

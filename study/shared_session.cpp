@@ -115,7 +115,7 @@ void SharedSession::stop_host() {
   ++host_life_;
 }
 
-std::size_t SharedSession::add_controller() {
+std::size_t SharedSession::add_hrtc() {
   const std::size_t i = controllers_.size();
   controllers_.push_back(std::make_unique<Controller>(origin_of(i + 1, 1)));
   connect(kFirstPlace + i);
@@ -129,7 +129,7 @@ std::size_t SharedSession::add_controller() {
   return i;
 }
 
-void SharedSession::kill_controller(std::size_t controller) { controllers_[controller]->dead = true; }
+void SharedSession::kill_hrtc(std::size_t controller) { controllers_[controller]->dead = true; }
 
 std::size_t SharedSession::join(std::size_t controller, User user) {
   user.controller = controller;
@@ -159,7 +159,7 @@ void SharedSession::move_hand(std::size_t user, const Vec3d& to) {
   haptics::HandPath path;
   path.count = 1;
   path.waypoints[0] = {now_ns_, {to.x(), to.y(), to.z()}};
-  users_[user].device->wishes().post(path);
+  users_[user].device->paths().post(path);
 }
 
 const hrtc_service::BodyReport* SharedSession::body(std::size_t controller) const {
@@ -339,7 +339,7 @@ void SharedSession::act(User& user) {
     sharing::begin_at(*intent, user.hand);
     user.device = std::make_unique<haptics::SimulatedDevice>(user.hand);
   }
-  user.device->wishes().post(sharing::hand_path(*intent, 0));
+  user.device->paths().post(sharing::hand_path(*intent, 0));
 }
 
 void SharedSession::host_tick() {

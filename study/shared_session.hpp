@@ -49,7 +49,7 @@ class SharedSession {
   ~SharedSession();
 
   /// Index of the new controller.
-  std::size_t add_controller();
+  std::size_t add_hrtc();
   /// Index of the new user, at a controller; who begins where its script does.
   std::size_t add_user(std::size_t controller, const client_sim::User& user);
   /// The same of a user without a mind, whose hand goes where `move_hand` says.
@@ -60,7 +60,7 @@ class SharedSession {
   /// The host starts anew.
   void start_host();
   /// It says nothing and hears nothing any more.
-  void kill_controller(std::size_t controller);
+  void kill_hrtc(std::size_t controller);
 
   /// A millisecond.
   void step();
@@ -76,7 +76,7 @@ class SharedSession {
   [[nodiscard]] const haptics::PassivityController::Ledger& port(std::size_t user) const;
   [[nodiscard]] const hrtc_service::ProbeOutput& probe(std::size_t user) const;
   /// Of a user with a script.
-  [[nodiscard]] const client_sim::Operator& mind(std::size_t user) const { return *users_[user].mind; }
+  [[nodiscard]] const client_sim::Operator& op(std::size_t user) const { return *users_[user].mind; }
   /// All scripts have ended.
   [[nodiscard]] bool done() const;
   /// Of a host that runs.

@@ -50,7 +50,7 @@ class SpringCoupling {
     for (const CopySample& peer : received_) {
       if (peer.time_ns < 0) continue;
       wanted.head<3>() += peer.body.position - state.position;
-      wanted.tail<3>() += turn_of(state.orientation.conjugate() * peer.body.orientation);
+      wanted.tail<3>() += log_map(state.orientation.conjugate() * peer.body.orientation);
       ++count;
     }
     if (count > 0) wanted /= count;
@@ -79,7 +79,7 @@ class SpringCoupling {
   }
   void finish(const BodyState& state) {
     Vec6d way;
-    way << state.position - state_.position, turn_of(state_.orientation.conjugate() * state.orientation);
+    way << state.position - state_.position, log_map(state_.orientation.conjugate() * state.orientation);
     stretch_ -= way;
     const double dragged = damping_.dot(way.cwiseAbs2()) / kDt;
     given_ += stiffness_.cwiseProduct(stretch_).dot(way) - dragged;
@@ -360,7 +360,7 @@ CarryResult carry(const WorldSettings& settings, double seconds) {
         path.waypoints[static_cast<std::size_t>(k)] = {world.now_ns() - kCycleNs + k * kCycleNs,
                                                        {target.x(), target.y(), target.z()}};
       }
-      user.device->wishes().post(path);
+      user.device->paths().post(path);
       const DeviceState device = user.device->read(world.now_ns());
       if (settings.method == Method::kServer) world.add_given(user.force.dot(device.position - user.position));
       user.position = device.position;

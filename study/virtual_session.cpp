@@ -130,7 +130,7 @@ void VirtualSession::think(Hand& hand) {
     sharing::begin_at(*intent, hand.settings);
     hand.device.emplace(hand.settings, settings_.device_spec());
   }
-  hand.device->wishes().post(sharing::hand_path(*intent, 0));
+  hand.device->paths().post(sharing::hand_path(*intent, 0));
 }
 
 /// What client_sim/remote_hand does, with a clock that is known to both ends.

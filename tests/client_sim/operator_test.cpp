@@ -95,7 +95,7 @@ class ClosedLoop {
 
   void cycle() {
     while (!intents_.empty() && intents_.front().first <= now_ns_) {
-      device_->wishes().post(sharing::hand_path(intents_.front().second, 0));
+      device_->paths().post(sharing::hand_path(intents_.front().second, 0));
       intents_.pop_front();
     }
     const haptics::DeviceState device = device_->read(now_ns_);

@@ -235,11 +235,11 @@ TEST(Coupling, CopiesThatStartApartComeTogether) {
   Copies copies{2, settings, floating_box(0.5), network, 1};
   BodyState moved;
   moved.position = {0.004, 0, 0.002};
-  moved.orientation = rotation_by({0, 0.05, 0});
+  moved.orientation = exp_map({0, 0.05, 0});
   copies[1].place(moved);
   for (int i = 0; i < 5000; ++i) copies.step(std::vector<Vec3d>(2, Vec3d::Zero()));
   EXPECT_LT((copies[0].state().position - copies[1].state().position).norm(), 5e-4);
-  EXPECT_LT(turn_of(copies[0].state().orientation.conjugate() * copies[1].state().orientation).norm(), 5e-3);
+  EXPECT_LT(log_map(copies[0].state().orientation.conjugate() * copies[1].state().orientation).norm(), 5e-3);
 }
 
 /// The greatest change of a copy's velocity, m/s: of all cycles of a second, and of its last half.

@@ -91,7 +91,7 @@ TEST(HandPath, IsLinearBetweenWaypointsAndHoldsBeforeAndAfter) {
 
 TEST(SimulatedDevice, ComesToRestAtItsTarget) {
   SimulatedDevice device;
-  device.wishes().post(path_to({0.05, 0, -0.02}));
+  device.paths().post(path_to({0.05, 0, -0.02}));
   DeviceState state;
   for (int ms = 0; ms <= 1500; ++ms) state = device.read(ms * kMs);
   EXPECT_LT((state.position - Vec3d(0.05, 0, -0.02)).norm(), 1e-6);
@@ -103,10 +103,10 @@ TEST(HandPath, TurnsEvenlyBetweenWaypoints) {
   path.count = 2;
   path.waypoints[0] = {10 * kMs, {0, 0, 0}};
   path.waypoints[1] = {20 * kMs, {0, 0, 0}, {0, 0, std::sin(0.4), std::cos(0.4)}};
-  EXPECT_EQ(path.turned_at(0).angularDistance(Eigen::Quaterniond::Identity()), 0);
+  EXPECT_EQ(path.orientation_at(0).angularDistance(Eigen::Quaterniond::Identity()), 0);
   const Eigen::Quaterniond half{Eigen::AngleAxisd{0.4, Vec3d::UnitZ()}};
-  EXPECT_LT(path.turned_at(15 * kMs).angularDistance(half), 1e-12);
-  EXPECT_LT(path.turned_at(99 * kMs).angularDistance(half * half), 1e-12);
+  EXPECT_LT(path.orientation_at(15 * kMs).angularDistance(half), 1e-12);
+  EXPECT_LT(path.orientation_at(99 * kMs).angularDistance(half * half), 1e-12);
 }
 
 TEST(SimulatedDevice, TurnsWithItsWristAndYieldsToATorque) {
@@ -114,7 +114,7 @@ TEST(SimulatedDevice, TurnsWithItsWristAndYieldsToATorque) {
   SimulatedDevice device{settings};
   HandPath path = path_to(Vec3d::Zero());
   path.waypoints[0].orientation = {std::sin(0.3), 0, 0, std::cos(0.3)};
-  device.wishes().post(path);
+  device.paths().post(path);
   const Eigen::Quaterniond wanted{Eigen::AngleAxisd{0.6, Vec3d::UnitX()}};
   DeviceState state;
   double max = 0;
@@ -146,7 +146,7 @@ TEST(SimulatedDevice, SwingsAtTheFrequencyOfItsMassAndSpring) {
   settings.start = {0.01, 0, 0};
   const DeviceSpec spec;
   SimulatedDevice device{settings, spec};
-  device.wishes().post(path_to({0, 0, 0}));
+  device.paths().post(path_to({0, 0, 0}));
   const double decay = (spec.damping + settings.hand_damping) / (2 * settings.mass);
   const double frequency = std::sqrt(settings.hand_stiffness / settings.mass - decay * decay);
   for (int ms = 0; ms <= 300; ++ms) {
@@ -182,7 +182,7 @@ TEST(SimulatedDevice, ReadsInWholeEncoderSteps) {
   HandSettings settings;
   settings.encoder_step = 5e-5;
   SimulatedDevice device{settings};
-  device.wishes().post(path_to({0.01234, 0, 0}));
+  device.paths().post(path_to({0.01234, 0, 0}));
   for (int ms = 0; ms < 500; ++ms) {
     const double steps = device.read(ms * kMs).position.x() / 5e-5;
     ASSERT_NEAR(steps, std::round(steps), 1e-6);
@@ -205,7 +205,7 @@ TEST(SimulatedDevice, RestsOnAFloorWithoutLimitCycle) {
   path.count = 2;
   path.waypoints[0] = {0, {0, 0, 0.05}};
   path.waypoints[1] = {200 * kMs, {0, 0, -0.01}};
-  device.wishes().post(path);
+  device.paths().post(path);
   double late_swing = 0;
   double force = 0;
   for (int ms = 0; ms < 3000; ++ms) {

@@ -239,8 +239,8 @@ TEST(Force, KeepsItsLimitsWhateverComesIn) {
 ToolResult pressed_tool(double depth, double angle) {
   ToolResult tool;
   tool.in_contact = true;
-  tool.way = {0, 0, depth};
-  tool.turn = {angle, 0, 0};
+  tool.displacement = {0, 0, depth};
+  tool.rotation = {angle, 0, 0};
   return tool;
 }
 
@@ -274,7 +274,7 @@ double swings(double angular_damping) {
   double angle = 0.2, angular_velocity = 0, widest = 0;
   for (int i = 0; i < 1200; ++i) {
     DeviceState device;
-    device.orientation = rotation_by({angle, 0, 0});
+    device.orientation = exp_map({angle, 0, 0});
     device.time_ns = 1'000'000 * i;
     const Vec3d torque = renderer.step(pressed_tool(0.001, -angle), grip, device, feel, kFresh, kCycle).torque;
     angular_velocity += kCycle * torque.x() / 1e-4;
@@ -299,7 +299,7 @@ TEST(Force, OfAHoldPullsAllWaysAndIsDampedByHowTheHandMovesAgainstIt) {
   EXPECT_NEAR(weak.hold(feel, kCycle).rotational_stiffness, 2.5, 1e-12) << "does not matter where none is borne";
   Hold hold;
   hold.pose.position = {0.001, 0, -0.002};
-  hold.pose.orientation = rotation_by({0, 0.1, 0});
+  hold.pose.orientation = exp_map({0, 0.1, 0});
   hold.velocity = {0, 0.1, 0};
   hold.angular_velocity = {0, 0, 2};
   DeviceState device;
@@ -344,7 +344,7 @@ TEST(Force, ATorqueEndsWithAFaultAndIsOneOfWhatTripsIt) {
     return renderer.step(pressed_tool(0, 0.5), renderer.grip(feel, kCycle), device, feel, pose_age, kCycle);
   };
   DeviceState turned;
-  turned.orientation = rotation_by({0, 0, 0.1});  // in a millisecond
+  turned.orientation = exp_map({0, 0, 0.1});  // in a millisecond
   turned.time_ns = 1'000'000;
   DeviceState broken;
   broken.orientation.coeffs().setZero();

@@ -34,8 +34,7 @@ struct FrictionResult {
 };
 
 /// `cycles` of strokes that start, stop and turn, up to `speed` in m/s, 0.2 to 2 mm deep.
-[[nodiscard]] FrictionResult motion_segment(const AnalyticSphere& sphere, double static_friction,
-                                            double dynamic_friction, double speed, std::uint64_t cycles,
-                                            std::uint64_t seed);
+[[nodiscard]] FrictionResult run_strokes(const AnalyticSphere& sphere, double static_friction, double dynamic_friction,
+                                         double speed, std::uint64_t cycles, std::uint64_t seed);
 
 }  // namespace tactus::haptics::testing

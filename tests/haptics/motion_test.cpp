@@ -50,7 +50,7 @@ TEST(Friction, HoldsTheForceInsideTheStaticConeOrOnTheDynamicOneOnCurvedSurfaces
   for (const double radius : {0.02, 0.05, 100.0})
     for (const bool hollow : {false, true})
       for (const auto& [sticks, slips] : {std::pair{0.5, 0.3}, {0.8, 0.75}, {0.2, 0.2}}) {
-        const FrictionResult result = motion_segment(AnalyticSphere{radius, hollow}, sticks, slips, 0.1, 20000, kSeed);
+        const FrictionResult result = run_strokes(AnalyticSphere{radius, hollow}, sticks, slips, 0.1, 20000, kSeed);
         SCOPED_TRACE(::testing::Message() << "radius " << radius << " hollow " << hollow << " coefficients " << sticks
                                           << ' ' << slips << " seed " << kSeed);
         EXPECT_LT(result.stick_error, 0.01);

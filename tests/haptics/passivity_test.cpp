@@ -35,7 +35,7 @@ Pressed press(double stiffness, double speed, bool control, unsigned seed) {
     path.count = 1;
     const double phase = std::fmod(i * kDt * speed / 0.06, 1.0);
     path.waypoints[0] = {0, {0, 0, 0.02 - 0.06 * (phase < 0.5 ? phase : 1 - phase)}};
-    device.wishes().post(path);
+    device.paths().post(path);
     const DeviceState state = device.read(i * 1'000'000LL);
     // What the hand got, counted here again.
     energy -= force.dot(state.position - before);

@@ -50,7 +50,7 @@ TEST(Realtime, DeviceProxyAndForceDoNotAllocate) {
   path.count = 2;
   path.waypoints[0] = {0, {0, 0, 0.08}};
   path.waypoints[1] = {500'000'000, {0.01, 0.02, 0.03}};
-  device.wishes().post(path);
+  device.paths().post(path);
   int contacts = 0;
 
   const long before = g_allocations;

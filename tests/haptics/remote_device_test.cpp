@@ -116,7 +116,7 @@ class PressedHand {
     HandPath path;
     path.count = 1;
     path.waypoints[0] = {0, {-0.005, 0, 0}};
-    hand_->wishes().post(path);
+    hand_->paths().post(path);
   }
 
   /// Greatest speed of the hand in the last second of `seconds`, m/s.

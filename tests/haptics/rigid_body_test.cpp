@@ -89,7 +89,7 @@ TEST(RigidBody, ThrownOnTheGroundItLosesEnergyAndComesToRest) {
     state.position = {0, 0, 0.2};
     state.velocity = {unit(random), unit(random), unit(random)};
     state.angular_velocity = 10 * Vec3d{unit(random), unit(random), unit(random)};
-    state.orientation = rotation_by(3 * Vec3d{unit(random), unit(random), unit(random)});
+    state.orientation = exp_map(3 * Vec3d{unit(random), unit(random), unit(random)});
     RigidBody body{box_body(0.3, kHalf), state};
     ContactSolver solver;
     double lowest = 1, max = body.kinetic_energy() + body.potential_energy();
@@ -206,7 +206,7 @@ TEST(RigidBody, ATurnComesBackFromItsQuaternion) {
   std::uniform_real_distribution<double> unit{-1, 1};
   for (int i = 0; i < 200; ++i) {
     const Vec3d turn = (i % 2 == 0 ? 1.7 : 1e-10) * Vec3d{unit(random), unit(random), unit(random)};
-    EXPECT_LT((turn_of(rotation_by(turn)) - turn).norm(), 1e-12);
+    EXPECT_LT((log_map(exp_map(turn)) - turn).norm(), 1e-12);
   }
 }
 
@@ -216,22 +216,22 @@ TEST(RigidBody, ATurnSpringBringsItToItsTargetAndAddsNoEnergy) {
   for (const double stiffness : {2.5, 250.0, 25000.0}) {  // the last is far beyond what an explicit step bears
     SCOPED_TRACE(stiffness);
     BodyState start;
-    start.orientation = rotation_by({0.7, -0.4, 0.9});
+    start.orientation = exp_map({0.7, -0.4, 0.9});
     start.angular_velocity = {3, 5, -4};
     RigidBody body{settings, start};
     const auto energy = [&] {
-      return body.kinetic_energy() + 0.5 * stiffness * turn_of(body.state().orientation).squaredNorm();
+      return body.kinetic_energy() + 0.5 * stiffness * log_map(body.state().orientation).squaredNorm();
     };
     double before = energy();
     const double max = before;
     for (int i = 0; i < 5000; ++i) {
       body.begin(kDt);
-      body.add_spring(TurnSpring{-turn_of(body.state().orientation), Vec3d::Zero(), stiffness, 0.01 * stiffness});
+      body.add_spring(TorsionSpring{-log_map(body.state().orientation), Vec3d::Zero(), stiffness, 0.01 * stiffness});
       body.finish(body.free().velocity);
       EXPECT_LE(energy(), before + 1e-3 * max) << i;
       before = energy();
     }
-    EXPECT_LT(turn_of(body.state().orientation).norm(), 1e-6);
+    EXPECT_LT(log_map(body.state().orientation).norm(), 1e-6);
     EXPECT_LT(body.state().angular_velocity.norm(), 1e-5);
   }
 }

@@ -23,7 +23,7 @@ const double kCollisionMargin = ToolSettings{}.collision_margin;
 
 spm::MeshProbe probe_of(const TriangleMesh& mesh) { return spm::MeshProbe{mesh.positions, mesh.faces}; }
 TriangleMesh cube() { return box_mesh(Vec3d::Constant(-kHalf), Vec3d::Constant(kHalf)); }
-ToolPose at(double x, double y, double z, const Vec3d& turn = Vec3d::Zero()) { return {{x, y, z}, rotation_by(turn)}; }
+ToolPose at(double x, double y, double z, const Vec3d& turn = Vec3d::Zero()) { return {{x, y, z}, exp_map(turn)}; }
 
 /// A tool before objects of which each is one mesh in metres.
 struct Scene {
@@ -65,8 +65,8 @@ TEST(Tool, FollowsTheDeviceToTheBitInTheAir) {
   for (int i = 0; i < 100; ++i) {
     const ToolPose device = at(0.0005 * i, 0, 0.03 + 0.0002 * i, {0.02 * i, std::sin(0.05 * i), -0.01 * i});
     const ToolResult& result = scene.step(device);
-    EXPECT_LT(result.way.norm(), 1e-15);
-    EXPECT_LT(result.turn.norm(), 1e-12);
+    EXPECT_LT(result.displacement.norm(), 1e-15);
+    EXPECT_LT(result.rotation.norm(), 1e-12);
     EXPECT_FALSE(result.in_contact);
     EXPECT_FALSE(result.lagging);
   }
@@ -78,9 +78,9 @@ TEST(Tool, BoxRestsOnAPlaneWhereItsRoundingTouches) {
   const ToolResult& result = scene.hold(at(0.002, 0.001, 0.005), 50);
   EXPECT_TRUE(result.in_contact);
   EXPECT_NEAR(result.pose.position.z(), kHalf + kCollisionMargin, 0.15 * kCollisionMargin);
-  EXPECT_NEAR(result.way.x(), 0, 1e-6);
-  EXPECT_NEAR(result.way.y(), 0, 1e-6);
-  EXPECT_LT(result.turn.norm(), 1e-4);
+  EXPECT_NEAR(result.displacement.x(), 0, 1e-6);
+  EXPECT_NEAR(result.displacement.y(), 0, 1e-6);
+  EXPECT_LT(result.rotation.norm(), 1e-4);
   EXPECT_GT(result.normal.z(), 1 - 1e-6);
   EXPECT_EQ(scene.meets(), 0u);
 }
@@ -104,8 +104,8 @@ TEST(Tool, BoxTiltsAsFarAsSpringAndTorsionBalance) {
       expected = angle;
     }
   }
-  EXPECT_NEAR(turn_of(result.pose.orientation).x(), expected, 2e-3);
-  EXPECT_NEAR(result.turn.x(), expected - lean, 2e-3);
+  EXPECT_NEAR(log_map(result.pose.orientation).x(), expected, 2e-3);
+  EXPECT_NEAR(result.rotation.x(), expected - lean, 2e-3);
   EXPECT_EQ(scene.meets(), 0u);
 }
 
@@ -125,7 +125,7 @@ TEST(Tool, PegGoesDownAHoleWithHalfAMillimetreToSpare) {
   const ToolResult& result = scene.hold(at(0.001, -0.001, -0.002, lean), 100);
   EXPECT_LT(result.pose.position.z(), 0);
   EXPECT_LT(std::abs(result.pose.position.x()), 0.0006);
-  EXPECT_LT(turn_of(result.pose.orientation).norm(), 0.08);
+  EXPECT_LT(log_map(result.pose.orientation).norm(), 0.08);
   EXPECT_GT(result.contacts, 1u);
   EXPECT_EQ(scene.meets(), 0u);
 }
@@ -149,13 +149,13 @@ TEST(Tool, FrictionHoldsWithinItsConeAndSlidesOnItsRim) {
   constexpr double kFriction = 0.4;
   Scene scene{cube(), sheet(0.1, 0, 5), kFriction};
   scene.lead(at(0, 0, 0.015), at(0, 0, 0.005), 100);
-  const double pressed = scene.hold(at(0, 0, 0.005), 20).way.z();
+  const double pressed = scene.hold(at(0, 0, 0.005), 20).displacement.z();
   const double before = scene.tool.last().pose.position.x();
   scene.lead(at(0, 0, 0.005), at(0.8 * kFriction * pressed, 0, 0.005), 50);
   EXPECT_NEAR(scene.tool.last().pose.position.x(), before, 2e-5);
   const ToolResult& result = scene.lead(at(0.8 * kFriction * pressed, 0, 0.005), at(0.02, 0, 0.005), 200);
   EXPECT_GT(result.pose.position.x(), before + 0.01);
-  EXPECT_NEAR(-result.way.x() / result.way.z(), kFriction, 0.05 * kFriction);
+  EXPECT_NEAR(-result.displacement.x() / result.displacement.z(), kFriction, 0.05 * kFriction);
 }
 
 TEST(Tool, NoJumpOfTheDeviceCarriesItThroughASheet) {
@@ -301,7 +301,7 @@ TEST(Tool, ComesOutOfASurfaceThatHasRisenFarIntoIt) {
       EXPECT_LT(fastest, 1.25 * ToolSettings{}.push_out * kCycle);
       EXPECT_FALSE(scene.tool.last().outside_only);
       // And it leaves freely.
-      EXPECT_LT(scene.lead(at(0, 0, 0.001, turn), at(0, 0, 0.03, turn), 300).way.norm(), 1e-9);
+      EXPECT_LT(scene.lead(at(0, 0, 0.001, turn), at(0, 0, 0.03, turn), 300).displacement.norm(), 1e-9);
     }
   }
 }
@@ -312,13 +312,13 @@ TEST(Tool, WhatHeldItGivesWayAndTheForceFallsNoFasterThanItMay) {
   grip.stiffness = 2000;
   scene.tool.set_grip(grip);
   scene.lead(at(0, 0, 0.015), at(0, 0, 0.008), 100);
-  double before = grip.stiffness * scene.tool.last().way.norm(), largest = 0;
+  double before = grip.stiffness * scene.tool.last().displacement.norm(), largest = 0;
   ASSERT_GT(before, 4);
   scene.shown.show([](std::uint32_t) { return false; });
   scene.changed = true;
   int cycles = 0;
   for (; before > 1e-6 && cycles < 1000; ++cycles) {
-    const double force = grip.stiffness * scene.step(at(0, 0, 0.008)).way.norm();
+    const double force = grip.stiffness * scene.step(at(0, 0, 0.008)).displacement.norm();
     largest = std::max(largest, before - force);
     before = force;
   }
@@ -330,10 +330,10 @@ TEST(Tool, WhatHeldItGivesWayAndTheForceFallsNoFasterThanItMay) {
 TEST(Tool, ThatStartsInASurfaceTouchesNothingUntilItIsOut) {
   Scene scene{cube(), sheet(0.1, 0, 3)};
   EXPECT_TRUE(scene.step(at(0, 0, 0.005)).outside_only);
-  EXPECT_EQ(scene.tool.last().way.norm(), 0);
+  EXPECT_EQ(scene.tool.last().displacement.norm(), 0);
   EXPECT_TRUE(scene.hold(at(0, 0, 0.0), 10).outside_only);
   EXPECT_FALSE(scene.step(at(0, 0, 0.011)).outside_only);
-  EXPECT_GT(scene.lead(at(0, 0, 0.011), at(0, 0, 0.005), 50).way.z(), 0.004);
+  EXPECT_GT(scene.lead(at(0, 0, 0.011), at(0, 0, 0.005), 50).displacement.z(), 0.004);
 }
 
 TEST(Tool, WhatIsNotFiniteChangesNothing) {
@@ -344,7 +344,7 @@ TEST(Tool, WhatIsNotFiniteChangesNothing) {
     if (bad.position.allFinite()) bad.orientation.coeffs().setConstant(NAN);
     scene.step(bad);
     EXPECT_EQ(scene.tool.last().pose.position, before.pose.position);
-    EXPECT_EQ(scene.tool.last().way, before.way);
+    EXPECT_EQ(scene.tool.last().displacement, before.displacement);
   }
 }
 
@@ -358,7 +358,8 @@ TEST(Tool, DoesTheSameToTheBitAgain) {
     for (int ms = 0; ms < 600; ++ms) {
       const double t = ms * kCycle;
       const ToolResult& result = scene.step(at(0.01 * std::sin(9 * t), 0, 0.1 - 0.15 * t, {3 * t, std::sin(7 * t), t}));
-      for (const double x : {result.way[0], result.way[1], result.way[2], result.turn[0], result.turn[1]}) {
+      for (const double x : {result.displacement[0], result.displacement[1], result.displacement[2], result.rotation[0],
+                             result.rotation[1]}) {
         if (run == 0)
           first.push_back(x);
         else

@@ -91,7 +91,7 @@ TEST_F(LatencyRun, MeasuresRecordsOfTheSizeAskedFor) {
 }
 
 TEST_F(LatencyRun, FindsTheDelayAndTheLossOfALink) {
-  if (const std::string reason = netem::missing_right(); !reason.empty()) GTEST_SKIP() << reason;
+  if (const std::string reason = netem::missing_privilege(); !reason.empty()) GTEST_SKIP() << reason;
   const auto figures = run({"--transport", "raw-udp,udp", "--link", "P0:delay=30:loss=20"});
   ASSERT_EQ(figures.at("cells").size(), 2u);
   for (const auto& cell : figures.at("cells")) {

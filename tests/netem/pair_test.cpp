@@ -73,7 +73,7 @@ class Socket {
 class PairTest : public testing::Test {
  protected:
   void SetUp() override {
-    if (const std::string reason = missing_right(); !reason.empty()) GTEST_SKIP() << reason;
+    if (const std::string reason = missing_privilege(); !reason.empty()) GTEST_SKIP() << reason;
   }
   static bool exists(const std::string& name) { return std::filesystem::exists("/run/netns/" + name); }
 };

@@ -33,7 +33,7 @@ int namespaces_of(pid_t pid) {
 class LinkProgram : public testing::Test {
  protected:
   void SetUp() override {
-    if (const std::string reason = missing_right(); !reason.empty()) GTEST_SKIP() << reason;
+    if (const std::string reason = missing_privilege(); !reason.empty()) GTEST_SKIP() << reason;
   }
 };
 
@@ -117,7 +117,7 @@ TEST(LinkProgramAnywhere, WithoutRightsSaysWhichAndHowToGetThem) {
   if (::geteuid() == 0) {
     for (const char* word : {"--clear-groups", "65534", "--reuid", "/usr/bin/setpriv"})
       command.insert(command.begin(), word);
-  } else if (missing_right().empty()) {
+  } else if (missing_privilege().empty()) {
     GTEST_SKIP() << "not root, yet with the rights that should be missing, and nobody to become";
   }
   Process run{command};
