@@ -55,7 +55,7 @@ FrictionResult run_strokes(const AnalyticSphere& sphere, double static_friction,
   proxy.set_grip({static_friction, dynamic_friction});
   FrictionResult result;
 
-  // The way on the surface goes along great circles that turn slowly; the hand is below it.
+  // The point on the surface moves along great circles that rotate slowly; the hand is below it.
   Vec3d up = Vec3d::UnitZ(), ahead = Vec3d::UnitX();
   const double side = sphere.hollow() ? -1 : 1;
   const double resting = sphere.radius() + side * kTip;  // of the centre of a tip that only touches
@@ -87,7 +87,7 @@ FrictionResult run_strokes(const AnalyticSphere& sphere, double static_friction,
       }
     } else {
       ++result.slipping;
-      // Within the dynamic cone it rests, although it would slip at the next move on.
+      // Within the dynamic cone it rests, although it would slip with the next motion.
       const Vec3d moved = now.proxy - before;
       constexpr double kMoves = 1e-6;  // m
       if ((moved - upright * upright.dot(moved)).norm() > std::max(kMoves, along / 2))
