@@ -10,7 +10,7 @@
 /// A tool also exerts a torque: rotational stiffness times rotation (haptics/tool.hpp, which prevents jumps of
 /// displacement and rotation when a surface changes). Force and torque are limited separately; each bit covers both.
 ///
-/// World frame, SI. One thread at a time. Realtime. docs/safety.md lists the rules and their tests.
+/// World frame, SI. One thread at a time. Realtime. docs/explanation/safety.md lists the rules and their tests.
 #pragma once
 
 #include <algorithm>

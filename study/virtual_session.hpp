@@ -20,8 +20,7 @@
 #include "client_sim/operator.hpp"
 #include "haptics/remote_device.hpp"
 #include "haptics/simulated_device.hpp"
-#include "hrtc_service/cycle.hpp"
-#include "hrtc_service/loader.hpp"
+#include "hrtc_service/hrtc_core.hpp"
 #include "session/delivery_server.hpp"
 #include "session/sequence_window.hpp"
 #include "study/path.hpp"
@@ -76,8 +75,10 @@ class VirtualSession {
   /// True when the last step was the first on a changed mesh, where tools gather pairs again.
   [[nodiscard]] bool mesh_changed() const noexcept { return mesh_changed_; }
   /// Payload bytes of regions and base mesh.
-  [[nodiscard]] std::uint64_t bytes_received() const { return loader_.delivery_counters().payload_bytes; }
-  [[nodiscard]] std::uint64_t records_received() const { return loader_.figures().records_received; }
+  [[nodiscard]] std::uint64_t bytes_received() const {
+    return core_.gateway().loader().delivery_counters().payload_bytes;
+  }
+  [[nodiscard]] std::uint64_t records_received() const { return core_.gateway().loader().figures().records_received; }
 
  private:
   struct Command {
@@ -112,13 +113,8 @@ class VirtualSession {
   session::CatalogueEntry entry_;
   client_sim::Objects objects_;
   std::vector<std::unique_ptr<Hand>> hands_;
-  spm::Pool pool_;
-  spm::NodePool nodes_;
-  hrtc_service::ArrivalRing arrivals_{1u << 12};
-  hrtc_service::DepartureRing departures_{1u << 12};
   session::DeliveryServer server_;
-  hrtc_service::Loader loader_;
-  hrtc_service::Cycle cycle_;
+  hrtc_service::HrtcCore core_;
   Path<session::BulkChunk> records_;
   Path<session::Demand> demands_;
   std::int64_t now_ns_ = 1'000'000'000;
@@ -126,9 +122,7 @@ class VirtualSession {
   std::uint64_t cycles_ = 0;
   bool acting_ = false;
   bool changed_ = true, mesh_changed_ = true;
-  std::array<hrtc_service::ProbeInput, hrtc_service::kMaxProbes> inputs_;
-  std::array<hrtc_service::ProbeSight, hrtc_service::kMaxProbes> sights_;
-  std::array<hrtc_service::NearObjects, hrtc_service::kMaxProbes> near_;
+  hrtc_service::Servo::Inputs inputs_;
 };
 
 }  // namespace tactus::study
