@@ -1,7 +1,7 @@
 /// A simulated user's hand on a device of its own: it sends poses to its HRTC and applies the commands that come back.
 ///
-///    paths --> simulated device --> device_pose (1 kHz) --> HRTC
-///                     ^ force <------- device_command <------'
+///     paths --> simulated device --> device_pose (1 kHz) --> HRTC
+///                      ^ force <------- device_command <------'
 ///
 /// A thread of its own keeps the rate. A force without a new command is held for 10 ms and reaches zero at 60 ms.
 #pragma once

@@ -1,13 +1,13 @@
 /// Scripts of simulated users, read from YAML.
 ///
 ///     name: touch
-///    measures: forces        # of a study (docs/studies.md)
-///    truth: full-mesh        # reference of the study
-///    tool: stylus            # probe of the users in a study; default: a ball
-///    duration: 10            # s
+///     measures: forces        # of a study (docs/studies.md)
+///     truth: full-mesh        # reference of the study
+///     tool: stylus            # probe of the users in a study; default: a ball
+///     duration: 10            # s
 ///     users:
 ///       - name: ann
-///        hrtc: "#1"          # a name, or the n-th one in the session, sorted by name
+///         hrtc: "#1"          # a name, or the n-th one in the session, sorted by name
 ///         script:
 ///           - approach: {object: organ, direction: [0, 0, 1], speed: 0.1, until_force: 0.5}
 ///           - tap: {count: 5, speed: 0.2, force: 1}

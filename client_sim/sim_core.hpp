@@ -1,8 +1,8 @@
 /// A session from the client's side: waits for HRTCs and objects, adds users, runs their scripts, ends, reports.
 ///
-///    gathering --> joining --> running --> ending --> ended
-///    HRTCs and     users have   scripts     last
-///    objects seen  their slots  run         figures      (any --> failed: `trouble` has the reason)
+///     gathering --> joining --> running --> ending --> ended
+///     HRTCs and     users have   scripts     last
+///     objects seen  their slots  run         figures      (any --> failed: `trouble` has the reason)
 ///
 /// Of two programs with one name the later one leaves, as with hosts and HRTCs, and the session continues without it.
 ///

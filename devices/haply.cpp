@@ -1,12 +1,12 @@
 // A Haply Inverse3 as a device, by the public protocol of the Haply Inverse Service 3.5 (WebSocket and JSON, its
 // simulation channel). The service must run on the machine with the device. No SDK.
 //
-//  tactus-hrtc --device ann=tactus-haply.so                        the first Inverse3 of the service on this machine
-//  tactus-hrtc --device ann=tactus-haply.so,localhost:10001/049D   the Inverse3 with that id
+//   tactus-hrtc --device ann=tactus-haply.so                        the first Inverse3 of the service on this machine
+//   tactus-hrtc --device ann=tactus-haply.so,localhost:10001/049D   the Inverse3 with that id
 //
-//     service -- list of all devices -->                        on connection
-//             <-- force, once with a profile --                 a thread of the driver, at most 2 kHz
-//             -- state of all devices -->                       one answer to each message
+//      service -- list of all devices -->                        on connection
+//              <-- force, once with a profile --                 a thread of the driver, at most 2 kHz
+//              -- state of all devices -->                       one answer to each message
 //
 // The newest position and the newest force count. Neither the haptic thread nor the network thread waits for the other.
 // A force without a new write for 50 ms is sent as zero. The device has failed when the connection ends, the device is
@@ -16,7 +16,6 @@
 //
 // Written from docs.haply.co, version 3.5.x: "WebSocket Protocol", "Simulation Channel" and "Control Commands" (metres,
 // newton, right-handed). Tested against a simulated service, not with a real device.
-// newton, right-handed). Tested against a peer of our own, not with a real device.
 #include <algorithm>
 #include <array>
 #include <atomic>

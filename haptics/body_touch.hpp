@@ -1,6 +1,6 @@
 /// Contact of a probe with a moving body: a proxy in the body's own frame, and the spring between device and proxy.
 ///
-///    hand <-- stiffness (anchor - device) -- device ~~~~ anchor on the body -- same spring, implicit --> body
+///     hand <-- stiffness (anchor - device) -- device ~~~~ anchor on the body -- same spring, implicit --> body
 ///
 /// A push acts while the device is pressed in, with the proxy's friction. Two probes that press from opposite sides can
 /// lift a body. A grab acts in all directions at the point where it began, until the grab button is released. The shape

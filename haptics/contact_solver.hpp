@@ -4,12 +4,12 @@
 /// x 6; M includes implicit springs and dampers). The result v is the velocity closest to u, in the metric M, among
 /// those that the contacts allow (Gauss's principle of least constraint):
 ///
-///    v = u + W J^T l,   l = argmin over l >= 0 of  1/2 l^T (J W J^T) l + l^T (J u + gap / dt)
+///     v = u + W J^T l,   l = argmin over l >= 0 of  1/2 l^T (J W J^T) l + l^T (J u + gap / dt)
 ///
 /// So bodies may close a gap within the step but not pass through it. Friction: |l_t| <= mu l_n, opposite to the
 /// sliding.
 ///
-///    bodies, contacts --> select <= kMaxContacts --> rows --> warm start by id --> iterate until converged --> v
+///     bodies, contacts --> select <= kMaxContacts --> rows --> warm start by id --> iterate until converged --> v
 ///
 /// Projected Gauss-Seidel over normal and tangents of each contact; the tangents are solved exactly in their disc.
 /// Without friction each iteration lowers the objective. With friction that can fail, so the result is scaled back

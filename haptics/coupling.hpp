@@ -4,8 +4,8 @@
 /// transmission line per axis with the delay of the network. A spring pulls each copy to a set position e, the common
 /// end of its channels:
 ///
-///    copy --[ K ]-- e ==( channel: impedance b, delay D )== e --[ K ]-- copy
-///                   \\==( another )== e --[ K ]-- copy
+///     copy --[ K ]-- e ==( channel: impedance b, delay D )== e --[ K ]-- copy
+///                    \\==( another )== e --[ K ]-- copy
 ///
 /// With y_j the integral of twice the wave that arrives from copy j, F = sum_j b (y_j' - e'). The departing wave, as an
 /// integral, is z_j = 2 e - y_j; it becomes y at the other end after D.

@@ -67,7 +67,7 @@ class Device {
   [[nodiscard]] virtual DeviceHealth health() const noexcept = 0;
 };
 
-/// Where a device stands in the world: tip = rotation * (scale * position) + translation.
+/// The pose of a device in the world: tip = rotation * (scale * position) + translation.
 ///
 /// Work is equal on both sides, so a force comes back as scale * rotation^-1 * force, and a world stiffness feels
 /// scale^2 times as stiff: enlarged motions have lower limits. While clutched the device moves and the tip does not.

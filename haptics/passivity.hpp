@@ -3,7 +3,7 @@
 /// A force that is held for a cycle does exactly force * displacement of work on the hand. So the port's energy is
 /// known exactly at each pose:
 ///
-///    E_n = E_(n-1) - F_(n-1) . (x_n - x_(n-1)) - W_n        energy taken from the hand minus energy passed on
+///     E_n = E_(n-1) - F_(n-1) . (x_n - x_(n-1)) - W_n        energy taken from the hand minus energy passed on
 ///
 /// with W_n the work on other bodies (a pushed body; zero for a fixed surface). Energy that another user put into a
 /// body may come back: then W_n < 0. The controller looks one cycle ahead. It reduces a force that would draw more than
@@ -15,7 +15,6 @@
 ///
 /// World or device frame, SI. One thread at a time. Realtime.
 /// Source: Hannaford, Ryu 2002 (passivity observer and controller in the time domain); Stramigioli et al. 2005 (exact
-/// energy of a held force).
 /// energy of a held force).
 #pragma once
 

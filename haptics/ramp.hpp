@@ -1,6 +1,6 @@
 /// Lets a jump through at a constant rate: subtracts the remaining part, which shrinks every step.
 ///
-///    in   _____|~~~~~~~~~~~     out  _____/~~~~~~~~     remaining = in - out
+///     in   _____|~~~~~~~~~~~     out  _____/~~~~~~~~     remaining = in - out
 ///
 /// Any unit. One thread at a time. Realtime.
 #pragma once

@@ -2,7 +2,7 @@
 ///
 ///     network thread            haptic thread         sender thread
 ///     on_pose --- mailbox --->  read                  on_command
-///       ^ pose, and the newest command that the device had applied     v command
+///        ^ pose, and the newest command that the device had applied     v command
 ///        +------------------------ the device ------------------------+
 ///
 /// The newest pose counts. The cycle's report carries its force, numbered by `on_command`, so `write` does nothing

@@ -1,6 +1,6 @@
 /// A rigid body in steps of one cycle: springs and dampers are implicit, the contact solver handles contacts.
 ///
-///    begin --> add forces, springs --> free() --> [ContactSolver] --> finish(velocity)
+///     begin --> add forces, springs --> free() --> [ContactSolver] --> finish(velocity)
 ///
 /// Forces act at the end of the step: F = K (target - point - dt v') + B (w - v') with v' the resulting velocity. So a
 /// spring does at most as much work on the body as it loses, at any stiffness, and springs and dampers add no energy
@@ -137,9 +137,9 @@ void for_each_box_point(const Vec3d& half, Visit&& visit) noexcept {
         if (x != 0 || y != 0 || z != 0) visit(Vec3d{x * half.x(), y * half.y(), z * half.z()});
   for (int axis = 0; axis < 3; ++axis)
     for (int corner = 0; corner < 8; ++corner) {
-      Vec3d place{corner & 1 ? 0.5 : -0.5, corner & 2 ? 0.5 : -0.5, corner & 4 ? 0.5 : -0.5};
-      place[axis] *= 2;
-      visit(Vec3d(half.cwiseProduct(place)));
+      Vec3d point{corner & 1 ? 0.5 : -0.5, corner & 2 ? 0.5 : -0.5, corner & 4 ? 0.5 : -0.5};
+      point[axis] *= 2;
+      visit(Vec3d(half.cwiseProduct(point)));
     }
 }
 
@@ -147,14 +147,13 @@ void for_each_box_point(const Vec3d& half, Visit&& visit) noexcept {
 void add_ground_contacts(const RigidBody& body, std::uint32_t index, double height, ContactSolver& solver) noexcept;
 /// The same for static geometry and the body's box. Realtime.
 ///
-///    corners      8: each with the surface point closest to it
-///    edges       12: each where it is closest to the surface point nearest to its middle
-///    faces    6 x 5: gradient ascent from the centre and the quarters' centres to the nearest surface
+///     corners      8: each with the surface point closest to it
+///     edges       12: each where it is closest to the surface point nearest to its middle
+///     faces    6 x 5: gradient ascent from the centre and the quarters' centres to the nearest surface
 ///
 /// So contacts include a bump in the middle of a face, and an edge of the scene across an edge of the body. Of several
 /// bumps in one quarter only one is found. At most 213 closest points, about 60 on a flat surface, one when nothing is
 /// near.
-/// quarter only one is. At most 213 closest points, some 60 on something flat, and one when nothing is near.
 void add_surface_contacts(const RigidBody& body, std::uint32_t index, const SurfaceDistance& surface,
                           ContactSolver& solver) noexcept;
 

@@ -1,8 +1,8 @@
 /// A shared object as one program simulates it: alone, as one of several copies, or not at all.
 ///
-///    follow    another program simulates it; its pose is the last one received
-///    own       this program simulates it, with the probes that touch it here
-///    couple    several programs simulate it, each with its own users' probes (coupling.hpp)
+///     follow    another program simulates it; its pose is the last one received
+///     own       this program simulates it, with the probes that touch it here
+///     couple    several programs simulate it, each with its own users' probes (coupling.hpp)
 ///
 /// Host and HRTC use the same class; the present owner decides the mode (session/ownership.hpp). A host that never
 /// gives up an object is the server-authoritative form.

@@ -1,7 +1,7 @@
 /// A simulated hand that holds a device: the probe of a scripted user inside an HRTC.
 ///
-///    hand's target --[ spring, damper ]-- device's mass --[ damper ]-- ground
-///                                           ^ force of the surface
+///     hand's target --[ spring, damper ]-- device's mass --[ damper ]-- ground
+///                                            ^ force of the surface
 ///
 /// Rotation works likewise: spring and damper of the wrist, and an inertia that is equal about all axes. Device frame,
 /// SI. `read` advances the simulation to the given time, under the wrench last written.

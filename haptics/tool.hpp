@@ -1,18 +1,18 @@
 /// A rigid mesh as a tool: a god-object with six degrees of freedom that follows the device and passes through no
 /// surface.
 ///
-///     device pose            o---------      spring and torsion spring ("virtual coupling"),
-///                           /                 at the tool's origin, which is the device's tip
-///     tool's pose      o---/------
-///    ____________________(____)________     contact where the tool, with its collision margin, touches a surface
+///      device pose            o---------      spring and torsion spring ("virtual coupling"),
+///                            /                 at the tool's origin, which is the device's tip
+///      tool's pose      o---/------
+///     ____________________(____)________     contact where the tool, with its collision margin, touches a surface
 ///
 /// The tool takes the reachable pose in which the coupling stores the least energy. One cycle is a few of these steps:
 ///
-///    gather    all pairs of triangles within a margin (AbTree against the probe's tree): enough for several steps
-///    solve     the displacement d closest to e, the displacement to the device, in the coupling's metric, with
-///              n . d + gap >= 0 for these pairs: ContactSolver, with violated pairs added one by one
-///    check     their gaps at the new pose; pairs that are too close there go back to `solve`
-///    move      by d when no pair is too close; otherwise by a half or less of d, or not at all
+///     gather    all pairs of triangles within a margin (AbTree against the probe's tree): enough for several steps
+///     solve     the displacement d closest to e, the displacement to the device, in the coupling's metric, with
+///               n . d + gap >= 0 for these pairs: ContactSolver, with violated pairs added one by one
+///     check     their gaps at the new pose; pairs that are too close there go back to `solve`
+///     move      by d when no pair is too close; otherwise by a half or less of d, or not at all
 ///
 /// So a contact stays at a distance of `collision_margin`, not at the triangles. At both ends of a step no pair is
 /// closer than half of that. A step is shorter than the sum of the gaps at its two ends. Pairs that were not gathered

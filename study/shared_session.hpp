@@ -1,8 +1,7 @@
 /// A host, HRTCs and users of one moving object, in virtual time: the classes of the services for shared objects,
 /// joined by links between all of them.
 ///
-///    Operator --> SimulatedDevice --> Bodies, Cycle | OwnershipClient, Loader  ~~ link ~~  ObjectAuthority,
-///    DeliveryServer
+///     Operator --> SimulatedDevice --> Servo | Gateway  ~~ link ~~  ObjectAuthority, DeliveryServer
 ///
 /// Without threads, sockets, discovery and clock differences. Times are session time. World frame, SI. The same
 /// settings and calls give the same run. One thread.

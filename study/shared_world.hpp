@@ -1,6 +1,6 @@
 /// Users who hold one object over a network, in virtual time: a comparison of simulation methods.
 ///
-///    hand -- device -- touch --[spring]-- copy or delayed pose of the object ~~ network ~~ the others
+///     hand -- device -- touch --[spring]-- copy or delayed pose of the object ~~ network ~~ the others
 ///
 /// The same seed gives the same run. One thread.
 #pragma once

@@ -1,12 +1,12 @@
 /// A study over links, scenarios and seeds, read from YAML.
 ///
-///    name: quick
-///    profiles: [P0, P4, P6]                    # P0 is always included: the baseline of paired differences
-///    scenarios: [tap-scan, follow-scan, my.yaml]
-///    seeds: 10
-///    scan: {model: organ, faces: 200000, size: 0.2}
-///    collaboration: true
-///    stiffness: true
+///     name: quick
+///     profiles: [P0, P4, P6]                    # P0 is always included: the baseline of paired differences
+///     scenarios: [tap-scan, follow-scan, my.yaml]
+///     seeds: 10
+///     scan: {model: organ, faces: 200000, size: 0.2}
+///     collaboration: true
+///     stiffness: true
 ///
 /// docs/studies.md has the details.
 #pragma once

@@ -1,9 +1,9 @@
 /// A session of a host and an HRTC with the users of a scenario, joined by an emulated link, in virtual time.
 ///
-///    host [DeliveryServer] --records--> link --> [Loader] -> [Cycle] <- [hand] <- [Operator]
-///                          <--demands-- link <--            |            local: at the HRTC
-///                                                           +-- link --> [hand] <- [Operator]
-///                                                                        remote: over a link of its own
+///     host [DeliveryServer] --records--> link --> [Loader] -> [Cycle] <- [hand] <- [Operator]
+///                           <--demands-- link <--            |            local: at the HRTC
+///                                                            +-- link --> [hand] <- [Operator]
+///                                                                         remote: over a link of its own
 ///
 /// It runs the code of the programs without threads, sockets, clocks, discovery and effects of the machine. The cycle
 /// runs every millisecond, the loader every second one, and the host looks for something to send four times per

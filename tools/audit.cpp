@@ -71,7 +71,7 @@ class ObjectAuditor {
     bool operator<(const Truth& other) const noexcept { return key < other.key; }
   };
 
-  /// Finds which entries touch the original, when each probe first did, and which are worth an audit.
+  /// Finds the entries in contact with the original, the first contact of each probe, and the candidates for an audit.
   void survey() {
     std::map<std::uint32_t, FirstTouch> touches;
     for (const Entry* entry : entries_) {
@@ -136,7 +136,7 @@ class ObjectAuditor {
     if (result_.mismatches.size() < ObjectAudit::kMismatchesKept) result_.mismatches.push_back(std::move(found));
   }
 
-  /// `near_` is what lies near the entry's ball.
+  /// `near_` has the triangles near the sphere of the entry.
   void ask_second(const Entry& entry) {
     SecondOpinions& opinions = result_.second;
     const SecondOpinion::Answer answer = second_.compare(entry.centre, entry.radius, kTangent / scale_, near_);
