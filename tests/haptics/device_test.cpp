@@ -258,7 +258,7 @@ TEST_F(ReplayFile, IsRefusedWithFileLineAndFinding) {
   EXPECT_THAT(error_of("0,0,0,0,0\n"), HasSubstr(":1: found"));
   EXPECT_THAT(error_of("0,0,0,nan\n"), HasSubstr(":1: found"));
   EXPECT_THAT(error_of("0,0,0,0\n0,1,0,0\n"), HasSubstr(":2: time 0.000000 s is not after"));
-  EXPECT_THAT(error_of("time_s,x,y,z\n"), HasSubstr("holds no pose"));
+  EXPECT_THAT(error_of("time_s,x,y,z\n"), HasSubstr("found no pose"));
   EXPECT_THROW(ReplayDevice{"/nowhere/at/all.csv"}, DeviceError);
 }
 

@@ -166,7 +166,7 @@ TEST_F(LatencyRun, RefusesWrongInputNamingIt) {
   refused({"--load", "some"}, "load is 'some'; expected Mbit/s, at least 0, or max");
   refused({"--payload", "64"}, "a probe state always has 236");
   refused({"--link", "P0:dealy=3"}, "no setting 'dealy=3'");
-  refused({"--to", "here", "--link", "P4"}, "with --to the network is the link");
+  refused({"--to", "here", "--link", "P4"}, "expected none with --to");
   refused({"--qos", path("nowhere")}, "qos directory");
 }
 
