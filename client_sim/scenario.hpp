@@ -1,7 +1,7 @@
 /// Scripts of simulated users, read from YAML.
 ///
 ///     name: touch
-///     measures: forces        # of a study (docs/studies.md)
+///     measures: forces        # of a study (docs/how-to/studies.md)
 ///     truth: full-mesh        # reference of the study
 ///     tool: stylus            # probe of the users in a study; default: a ball
 ///     duration: 10            # s
@@ -125,7 +125,8 @@ struct Scenario {
 /// Loads a built-in scenario by name, or else a file by path. Throws ScenarioError that lists the built-in names.
 [[nodiscard]] Scenario load_scenario(const std::string& name_or_path);
 
-/// `touch`, `follow`, `lift`, `grab`, `demo`, `demo-lift`, and those of studies (docs/studies.md): name and YAML text.
+/// `touch`, `follow`, `lift`, `grab`, `demo`, `demo-lift`, and those of studies (docs/how-to/studies.md): name and YAML
+/// text.
 struct BuiltInScenario {
   const char* name;
   const char* text;

@@ -3,9 +3,9 @@
  *   tactus-hrtc --device ann=./mydevice.so,CONFIG
  *
  * The driver is loaded at run time. Tactus builds without an SDK, and a driver builds with this header alone.
- * docs/devices.md describes a complete driver. Units: metres, newton, seconds, radians, in the device's own frame, which
- * --device-scale and --device-offset map into the world. Tactus limits forces, ramps them up and turns them off when
- * poses grow old. A driver writes the forces that it receives and leaves the protection in its device on.
+ * docs/how-to/own-device.md describes a complete driver. Units: metres, newton, seconds, radians, in the device's own
+ * frame, which --device-scale and --device-offset map into the world. Tactus limits forces, ramps them up and turns them
+ * off when poses grow old. A driver writes the forces that it receives and leaves the protection in its device on.
  *
  * read and write are called once per cycle, by default at 1 kHz, in the haptic thread, and must not block. If the SDK
  * blocks, the driver reads in a thread of its own, and read returns the newest pose with its time. */

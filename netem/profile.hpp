@@ -41,7 +41,7 @@ inline constexpr double kJitterMemoryMs = 100;
 
 /// How two namespaces are joined.
 enum class Medium {
-  kRelay,  ///< our relay, with all of LinkProfile; costs about 50 us (docs/link.md)
+  kRelay,  ///< our relay, with all of LinkProfile; costs about 50 us (docs/how-to/link-emulation.md)
   kVeth    ///< the kernel's pair, with rate and queue only (a token bucket with three priority bands)
 };
 

@@ -1,6 +1,6 @@
 /// Compares the force on a hand with its ground truth: the figures of a study.
 ///
-/// docs/studies.md defines each figure. Pure; one thread.
+/// docs/how-to/studies.md defines each figure. Pure; one thread.
 #pragma once
 
 #include <string>

@@ -36,7 +36,7 @@ my-study.yaml:
   seeds: 30
   scan: {model: dragon.ply, size: 0.2}
 
-Everything runs in virtual time. An interrupted study continues in the same folder. docs/studies.md describes how
+Everything runs in virtual time. An interrupted study continues in the same folder. docs/how-to/studies.md describes how
 scenarios define measurements, and each figure.
 Exit status: 0 done, 2 wrong input, 130 interrupted; finished runs are kept and written.)";
 

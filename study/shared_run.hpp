@@ -1,4 +1,4 @@
-/// Runs of scenarios whose users share a moving object, and their figures. docs/studies.md defines each figure.
+/// Runs of scenarios whose users share a moving object, and their figures. docs/how-to/studies.md defines each figure.
 #pragma once
 
 #include <atomic>

@@ -8,7 +8,7 @@
 ///     collaboration: true
 ///     stiffness: true
 ///
-/// docs/studies.md has the details.
+/// docs/how-to/studies.md has the details.
 #pragma once
 
 #include <cstdint>
