@@ -155,7 +155,7 @@ void stroke_with_friction(const Settings& settings, Report& report) {
     for (const bool hollow : {false, true})
       for (const auto& [sticks, slips] : {std::pair{0.5, 0.3}, {0.8, 0.75}, {0.2, 0.2}}) {
         const FrictionResult result =
-            motion_segment(AnalyticSphere{radius, hollow}, sticks, slips, kSpeed, settings.strokes, settings.seed);
+            run_strokes(AnalyticSphere{radius, hollow}, sticks, slips, kSpeed, settings.strokes, settings.seed);
         stick_error = std::max(stick_error, result.stick_error);
         double& error = radius == kNarrow && hollow ? narrow_error : slip_error;
         error = std::max(error, result.slip_error);

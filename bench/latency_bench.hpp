@@ -28,7 +28,7 @@ inline void add_pair_options(CLI::App& app, PairSettings& settings, const char* 
 
 [[nodiscard]] inline latency::RunSettings run_settings() {
   latency::RunSettings settings;
-  settings.place.qos = wire::default_qos_directory();
+  settings.side.qos = wire::default_qos_directory();
   return settings;
 }
 

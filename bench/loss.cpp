@@ -69,10 +69,11 @@ int run(const Settings& settings) {
     const double lost = 100 * static_cast<double>(result.lost) / static_cast<double>(result.expected);
     report.figure(std::string{name} + "lost", "probe states", "%", lost);
     report.figure(std::string{name} + "age at arrival p99", "probe states", "ms", result.age.p99 * 1e-3);
-    report.figure(std::string{name} + "age known p50", "every 97 us", "ms", result.known_age.p50 * 1e-3);
-    report.figure(std::string{name} + "age known p99.9", "every 97 us", "ms", result.known_age.p999 * 1e-3);
-    report.figure(std::string{name} + "age known max", "every 97 us", "ms", result.known_age.max * 1e-3);
-    report.at_most(std::string{name} + "age known p99", "every 97 us", "ms", result.known_age.p99 * 1e-3, c.bound_ms);
+    report.figure(std::string{name} + "age known p50", "every 97 us", "ms", result.age_of_information.p50 * 1e-3);
+    report.figure(std::string{name} + "age known p99.9", "every 97 us", "ms", result.age_of_information.p999 * 1e-3);
+    report.figure(std::string{name} + "age known max", "every 97 us", "ms", result.age_of_information.max * 1e-3);
+    report.at_most(std::string{name} + "age known p99", "every 97 us", "ms", result.age_of_information.p99 * 1e-3,
+                   c.bound_ms);
     report.at_least(std::string{name} + "lost, or the link did not lose", "probe states", "%", lost,
                     0.7 * c.loss_percent);
   }

@@ -86,7 +86,7 @@ std::vector<session::ProbeState> record(const spm::Model& model, double scale, c
   const Vec3d start = view.centre + Vec3d{0, 0, view.half.z() + 0.03};
   run.settle(start);
 
-  client_sim::Operator mind{user_of(movement), {}};
+  client_sim::Operator op{user_of(movement), {}};
   haptics::SimulatedDevice hand{hand_at(start, seed)};
   std::vector<session::ProbeState> states;
   constexpr std::int64_t kMs = 1'000'000, kLead = 1'000'000'000, kPatience = 20'000 * kMs;
@@ -101,8 +101,8 @@ std::vector<session::ProbeState> record(const spm::Model& model, double scale, c
     hand.write(hrtc_service::vec(probe.force));
     session::ProbeState state = state_of(probe);
     state.session_time_ns = now;
-    mind.on_probe_state(state);
-    if (const auto intent = mind.tick(now, objects)) hand.wishes().post(sharing::hand_path(*intent, 0));
+    op.on_probe_state(state);
+    if (const auto intent = op.tick(now, objects)) hand.paths().post(sharing::hand_path(*intent, 0));
     touched = touched || (probe.status & session::kInContact) != 0;
     if (!touched) continue;
     state.session_time_ns = static_cast<std::int64_t>(states.size()) * kMs;

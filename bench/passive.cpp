@@ -51,7 +51,7 @@ Port tap(double stiffness, double speed, int seconds, bool control, unsigned see
     path.count = 1;
     const double phase = std::fmod(cycle * kDt * speed / 0.06, 1.0);
     path.waypoints[0] = {0, {0, 0, 0.02 - 0.06 * (phase < 0.5 ? phase : 1 - phase)}};
-    device.wishes().post(path);
+    device.paths().post(path);
     const DeviceState state = device.read(cycle * 1'000'000LL);
     energy -= force.dot(state.position - before);  // counted here, not by the controller
     before = state.position;

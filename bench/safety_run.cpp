@@ -54,7 +54,7 @@ class Hand {
     const Vec3d velocity = (place - before_) / kCycle;
     pose.velocity = {velocity.x(), velocity.y(), velocity.z()};
     pose.radius = 0.003;
-    const Eigen::Quaterniond turn = haptics::rotation_by({0.9 * std::sin(2.3 * t), 0.7 * std::sin(3.1 * t), 0});
+    const Eigen::Quaterniond turn = haptics::exp_map({0.9 * std::sin(2.3 * t), 0.7 * std::sin(3.1 * t), 0});
     pose.pose.orientation = {turn.x(), turn.y(), turn.z(), turn.w()};
     before_ = place;
     return pose;
@@ -211,8 +211,8 @@ haptics::ToolResult held_level(const haptics::DeviceState& device) {
   tool.pose = {device.position, device.orientation};
   tool.in_contact = !(device.position.z() >= 0);
   if (!tool.in_contact) return tool;
-  tool.way.z() = -device.position.z();
-  tool.turn = haptics::turn_of(device.orientation.conjugate());
+  tool.displacement.z() = -device.position.z();
+  tool.rotation = haptics::log_map(device.orientation.conjugate());
   return tool;
 }
 

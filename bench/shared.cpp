@@ -75,7 +75,7 @@ int run(const Settings& settings) {
   Worst of_line;
   report.note("                              settled      copies apart, mm    injected   tank    force");
   report.note("  method       users  N/m     after, s   1 s after  moving   mJ a minute  short   peak, N");
-  for (const Method method : {Method::kLine, Method::kSpring, Method::kNaive, Method::kServer}) {
+  for (const Method method : {Method::kChannel, Method::kSpring, Method::kNaive, Method::kServer}) {
     for (const std::size_t count : users) {
       for (const double coupling : couplings) {
         if (method == Method::kServer && coupling != couplings.front()) continue;  // it has none
@@ -91,7 +91,7 @@ int run(const Settings& settings) {
                                  ? line("     %6.2f %12.2f %8.1f %12.3g %6.1f %% %7.2f", worst.settled, worst.apart,
                                         worst.moving, worst.injected, worst.held * 100, worst.force)
                                  : std::string("     without end")));
-        if (method != Method::kLine) continue;
+        if (method != Method::kChannel) continue;
         of_line.settled = std::max(of_line.settled, worst.settled);
         of_line.apart = std::max(of_line.apart, worst.apart);
         of_line.injected = std::max(of_line.injected, worst.injected);
@@ -105,7 +105,7 @@ int run(const Settings& settings) {
   report.note("");
   report.note("  apparent mass / mass at 50 ms there and back; in brackets N s/m");
   report.note("  method       users  N/m         0.25 Hz          0.5 Hz         0.75 Hz            1 Hz");
-  for (const Method method : {Method::kLine, Method::kSpring, Method::kNaive, Method::kServer}) {
+  for (const Method method : {Method::kChannel, Method::kSpring, Method::kNaive, Method::kServer}) {
     for (const std::size_t count : users) {
       for (const double coupling : couplings) {
         if (method == Method::kServer && (coupling != couplings.front() || count != users.front())) continue;
@@ -121,7 +121,7 @@ int run(const Settings& settings) {
           const double ratio = result.mass / world.mass;
           const bool known = std::isfinite(ratio) && std::abs(ratio) > 1e-3;
           text += known ? line(" %7.2f (%5.1f)", ratio, result.damping) : std::string("     without end");
-          if (method == Method::kLine) furthest = std::max(furthest, known ? std::abs(ratio - 1) : 1e9);
+          if (method == Method::kChannel) furthest = std::max(furthest, known ? std::abs(ratio - 1) : 1e9);
         }
         report.note(text);
       }

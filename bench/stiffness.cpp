@@ -50,9 +50,10 @@ int run(const Settings& settings) {
     char row[32];
     std::snprintf(row, sizeof row, "  %5.0f ", trip_ms);
     report.note(row + cell(found.wall_bound) + cell(found.wall) + cell(found.wall_passivity) + "   " +
-                cell(found.copies_bound) + cell(found.copies_naive) + cell(found.copies_set) + cell(found.copies_line));
+                cell(found.copies_bound) + cell(found.copies_naive) + cell(found.copies_set) +
+                cell(found.copies_channel));
     conservative = std::min(conservative, found.wall / found.wall_bound);
-    min_line = std::min(min_line, found.copies_line);
+    min_line = std::min(min_line, found.copies_channel);
   }
   report.at_least("what a wall's hold-last stands over its bound", "all round trips, least", "", conservative, 1);
   report.at_least("coupling of two copies on the line", "all round trips, least", "N/m", min_line, 2000);

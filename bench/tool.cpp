@@ -231,11 +231,11 @@ Outcome slide(const Settings& settings, const LoadedModel& subject, const std::v
 
     // What the port took from the hand since the last pose: exact, as a wrench is held for a cycle.
     outcome.energy -= force.dot(device.position - device_before.position) +
-                      torque.dot(haptics::turn_of(device.orientation * device_before.orientation.conjugate()));
+                      torque.dot(haptics::log_map(device.orientation * device_before.orientation.conjugate()));
     outcome.lowest = std::min(outcome.lowest, outcome.energy);
     const Vec3d force_before = force, torque_before = torque;
-    force = settings.grip.stiffness * at.way;
-    torque = settings.grip.rotational_stiffness * at.turn;
+    force = settings.grip.stiffness * at.displacement;
+    torque = settings.grip.rotational_stiffness * at.rotation;
     if (path[i].at_rest && at.in_contact) {
       outcome.force_step.add((force - force_before).norm());
       outcome.torque_step.add((torque - torque_before).norm() * 1e3);
@@ -307,7 +307,7 @@ int run(const Settings& settings) {
   for (std::size_t i = 1; i < path.size(); ++i) {
     const haptics::ToolPose &a = path[i - 1].device, &b = path[i].device;
     fastest = std::max(fastest, (b.position - a.position).norm() / kPeriod);
-    turning = std::max(turning, haptics::turn_of(b.orientation * a.orientation.conjugate()).norm() / kPeriod);
+    turning = std::max(turning, haptics::log_map(b.orientation * a.orientation.conjugate()).norm() / kPeriod);
   }
   char text[256];
   std::snprintf(text, sizeof text,

@@ -80,7 +80,7 @@ std::vector<ToolPathPose> tool_path(const LoadedModel& subject, const ToolPathSe
     if (now < kApproach) depth = -kFrom * (1 - now / kApproach) + depth * now / kApproach;
     const double lean = now < kApproach ? now / kApproach : 1;
     const Vec3d turn = settings.lean * lean * Vec3d{leans[0].at(t), leans[1].at(t), 2 * leans[2].at(t)};
-    const Eigen::Quaterniond orientation = base * haptics::rotation_by(turn);
+    const Eigen::Quaterniond orientation = base * haptics::exp_map(turn);
     const haptics::ToolPose wish{centre - depth * upright, orientation};
     if (i == 0) hand.fill(wish);
     const haptics::ToolPose* from = &wish;

@@ -27,7 +27,7 @@ users:
       - retreat: {}
 )";
 
-/// One takes a crate from above, another gets hold of it in the air and puts it down where the first has let go.
+/// One user takes a crate from above, and another takes it over in the air and puts it down.
 constexpr char kGrab[] = R"(name: grab
 duration: 20
 users:
@@ -47,7 +47,7 @@ users:
       - release: {}
 )";
 
-/// Who lift a crate, for the end of a list of users.
+/// Users who lift a crate, to append to a list of users.
 constexpr char kLifters[] = R"(  - name: dan
     hrtc: "#1"
     script:
@@ -91,7 +91,7 @@ constexpr char kDemoUsers[] = R"(  - name: ann
       - retreat: {}
 )";
 
-// Of studies. Each tap of a scan meets a place that nothing has touched before.
+// Scenarios of studies. Each tap of a scan touches a point that nothing has touched before.
 
 constexpr char kTapWall[] = R"(name: tap-wall
 measures: forces
@@ -183,8 +183,8 @@ users:
       - follow: {speed: 0.05, force: 1.5, seconds: 2, pattern: zigzag, extent: 0.02}
 )";
 
-/// By points above its middle: what turns about the line between two points is held by its weight alone, which hangs
-/// below the line then, and would stand on it otherwise.
+/// The users hold the crate above its centre of mass. Only its weight resists rotation about the line between two
+/// points: below that line it hangs stably, above it would tip over.
 constexpr char kLift[] = R"(name: lift
 measures: lift
 truth: analytic

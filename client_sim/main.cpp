@@ -37,16 +37,15 @@ my.yaml:
         - tap: {object: "#1", count: 5, speed: 0.1, force: 1}
         - wait: {seconds: 1}
 
-"#n" is the n-th there, by name. Patterns: circle, zigzag, around; lean: 0.5 has the hand lean and turn as it follows.
-Actions: approach, follow, tap, hold, lift, retreat, wait;
-grab, and then move, wait, release.
-Exit status: 0 the scenario ran, 1 it did not run to its end, 2 wrong input or a name that is taken.)";
+"#n" is the n-th one in the session, by name. Patterns: circle, zigzag, around. lean: 0.5 tilts the hand while it follows.
+Actions: approach, follow, tap, hold, lift, retreat, wait, grab; after a grab also move and release.
+Exit status: 0 the scenario ran, 1 it stopped early, 2 wrong input or the name is taken.)";
 
 [[noreturn]] void fail_to_write(const std::filesystem::path& file, const std::string& cause) {
   throw std::runtime_error("cannot write the report " + file.string() + ": " + cause);
 }
 
-/// Beside `file`, then renamed: a reader never finds half a report.
+/// Writes a file beside `file` and renames it, so that a reader never sees half a report.
 void write_json(const std::filesystem::path& file, const std::string& text) {
   const std::filesystem::path part = file.string() + ".part";
   std::ofstream out{part};
@@ -60,7 +59,7 @@ void write_json(const std::filesystem::path& file, const std::string& text) {
   fail_to_write(file, error.message());
 }
 
-/// Leaves nothing: what is wrong with the place of the report is said now rather than after the session.
+/// Fails before the session rather than after it when the report cannot be written. Leaves no file.
 void expect_writable(const std::filesystem::path& file) {
   if (std::filesystem::is_directory(file)) fail_to_write(file, "found a directory, expected a file");
   const std::filesystem::path part = file.string() + ".part";
@@ -83,22 +82,20 @@ int main(int argc, char** argv) {
   std::string mode;
   bool list = false;
 
-  CLI::App app{"Simulated users: brings them to a session, lets them follow a scenario, ends it and reports.",
-               "tactus-sim"};
+  CLI::App app{"Simulated users: joins a session, runs a scenario, ends the session and reports.", "tactus-sim"};
   app.footer(kExamples);
   wire::add_address_options(app, address, "participant");
   app.add_option("--scenario", scenario, "A built-in scenario or a YAML file")->capture_default_str();
-  app.add_option("--seconds", seconds, "Run for so long instead of what the scenario says")
+  app.add_option("--seconds", seconds, "Duration in seconds, instead of the scenario's")
       ->check(CLI::Range(0.1, 86400.0));
-  app.add_option("--patience", patience,
-                 "Give up when controllers, objects and slots are not there within so many seconds")
+  app.add_option("--patience", patience, "Seconds to wait for HRTCs, objects and slots")
       ->capture_default_str()
       ->check(CLI::Range(0.1, 86400.0));
   app.add_option("--mode", mode,
-                 "Tell the session how probe states travel: auto, or collaborate or large-scale, for everyone or "
-                 "followed by USER,USER...");
-  app.add_option("--json", json, "Write the report here as well");
-  app.add_flag("--list", list, "Name the built-in scenarios");
+                 "Set how probe states are sent: auto, or collaborate or large-scale, for everyone or followed by "
+                 "USER,USER...");
+  app.add_option("--json", json, "File for the report as JSON");
+  app.add_flag("--list", list, "List the built-in scenarios");
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
@@ -111,7 +108,7 @@ int main(int argc, char** argv) {
         std::cout << built_in.name << '\n';
       return 0;
     }
-    // Users at a second HRTC make it appear as NAME.2, and so on.
+    // Users at a second HRTC appear as participant NAME.2, and so on.
     constexpr std::size_t kSuffix = 3;
     if (address.participant.size() > session::kMaxName - kSuffix && address.participant.size() <= session::kMaxName)
       throw std::runtime_error("--name has " + std::to_string(address.participant.size()) + " bytes, expected 1 to " +

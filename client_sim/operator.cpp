@@ -13,14 +13,14 @@ namespace tactus::client_sim {
 
 namespace {
 
-constexpr double kTouch = 0.03;      // N; less is no contact to a user
-constexpr double kSmoothing = 0.02;  // s, of what is felt
+constexpr double kTouch = 0.03;      // N; a weaker force does not count as contact
+constexpr double kSmoothing = 0.02;  // s, time constant for received forces
 constexpr std::uint32_t kMaxAttempts = 5;
-constexpr double kLightTouch = 0.5;  // N, at which an object waits for others to press
+constexpr double kLightTouch = 0.5;  // N, at which a user waits for others to press
 constexpr double kLost = 0.1;        // s without contact
-constexpr double kShare = 0.9;       // of a load, that an arm comes to bear: more would answer itself
+constexpr double kShare = 0.9;  // share of a load that an arm carries; all of it would cancel the force it measures
 
-/// From 0 to 1 as `share` does, with no jump of the speed.
+/// Maps 0 to 1 onto 0 to 1 with zero speed at both ends.
 double smooth(double share) {
   const double s = std::clamp(share, 0.0, 1.0);
   return s * s * (3 - 2 * s);
@@ -28,25 +28,26 @@ double smooth(double share) {
 
 Vec3d vector_of(const std::array<double, 3>& a) { return {a[0], a[1], a[2]}; }
 
-session::Pose pose_of(const Vec3d& position, const Eigen::Quaterniond& turned) {
-  return {{position.x(), position.y(), position.z()}, {turned.x(), turned.y(), turned.z(), turned.w()}};
+session::Pose pose_of(const Vec3d& position, const Eigen::Quaterniond& orientation) {
+  return {{position.x(), position.y(), position.z()},
+          {orientation.x(), orientation.y(), orientation.z(), orientation.w()}};
 }
 
-/// How a hand leans after `seconds`, up to `most` each way about two axes and twice that about the tool's own.
+/// Tilt of a hand after `seconds`: up to `max` each way about two axes, and twice that about the tool's own axis.
 Eigen::Quaterniond leaning(double max, double seconds) {
-  constexpr double kTurn = 6.283185307179586;
-  constexpr double kRates[3]{0.31, 0.23, 0.17};  // Hz, so that nothing comes again soon
-  const auto swing = [&](int axis) { return std::sin(kTurn * kRates[axis] * seconds); };
-  return haptics::rotation_by(max * Vec3d{swing(0), swing(1), 2 * swing(2)});
+  constexpr double kTwoPi = 6.283185307179586;
+  constexpr double kRates[3]{0.31, 0.23, 0.17};  // Hz, incommensurable, so that the motion does not repeat soon
+  const auto swing = [&](int axis) { return std::sin(kTwoPi * kRates[axis] * seconds); };
+  return haptics::exp_map(max * Vec3d{swing(0), swing(1), 2 * swing(2)});
 }
 
-/// A unit vector across `axis`, the same for the same axis.
+/// A unit vector perpendicular to `axis`, the same for the same axis.
 Vec3d across(const Vec3d& axis) {
   const Vec3d helper = std::abs(axis.x()) < 0.7 ? Vec3d::UnitX() : Vec3d::UnitY();
   return (helper - axis * axis.dot(helper)).normalized();
 }
 
-/// The point of the surface that is nearest, as far as points are known; else the centre of the box.
+/// The nearest known point of the surface; without points the centre of the box.
 Vec3d nearest_of(const ObjectView& view, const Vec3d& from) {
   const auto nearer = [&](const ObjectView::SurfacePoint& a, const ObjectView::SurfacePoint& b) {
     return (a.position - from).squaredNorm() < (b.position - from).squaredNorm();
@@ -55,13 +56,13 @@ Vec3d nearest_of(const ObjectView& view, const Vec3d& from) {
   return nearest == view.surface.end() ? view.centre : nearest->position;
 }
 
-/// How far the box reaches from its centre along a unit vector.
+/// Extent of the box from its centre along a unit vector.
 double reach_along(const ObjectView& view, const Vec3d& direction) {
   return (view.rotation.transpose() * direction).cwiseAbs().dot(view.half);
 }
 
-/// From a point inside the box to where a ray leaves it.
-double way_out(const ObjectView& view, const Vec3d& from, const Vec3d& direction) {
+/// Distance from a point inside the box to its boundary along a ray.
+double exit_distance(const ObjectView& view, const Vec3d& from, const Vec3d& direction) {
   const Vec3d p = view.rotation.transpose() * (from - view.centre);
   const Vec3d d = view.rotation.transpose() * direction;
   double nearest = 2 * view.half.norm();
@@ -76,8 +77,8 @@ double way_out(const ObjectView& view, const Vec3d& from, const Vec3d& direction
 }  // namespace
 
 ObjectView view_of(const session::CatalogueEntry& entry) {
-  const Eigen::Quaterniond turn{entry.pose.orientation[3], entry.pose.orientation[0], entry.pose.orientation[1],
-                                entry.pose.orientation[2]};
+  const Eigen::Quaterniond rotation{entry.pose.orientation[3], entry.pose.orientation[0], entry.pose.orientation[1],
+                                    entry.pose.orientation[2]};
   const auto& low = entry.summary.bounds_min;
   const auto& high = entry.summary.bounds_max;
   Vec3d centre;
@@ -88,7 +89,7 @@ ObjectView view_of(const session::CatalogueEntry& entry) {
   }
   view.id = entry.object_id;
   view.moves = entry.body.mass > 0;
-  view.rotation = turn.normalized().toRotationMatrix();
+  view.rotation = rotation.normalized().toRotationMatrix();
   view.centre = view.rotation * (entry.scale * centre) + vector_of(entry.pose.position);
   const auto vector = [](const std::array<float, 3>& a) { return Vec3d{double{a[0]}, double{a[1]}, double{a[2]}}; };
   for (const spm::SurfacePoint& point : entry.surface.points)
@@ -99,11 +100,11 @@ ObjectView view_of(const session::CatalogueEntry& entry) {
 }
 
 const ObjectView* find_object(const Objects& objects, const std::string& reference) {
-  if (const std::uint32_t place = place_of(reference); place > 0) {
+  if (const std::uint32_t ordinal = ordinal_of(reference); ordinal > 0) {
     std::vector<const ObjectView*> fixed;
     for (const auto& [name, view] : objects)
       if (!view.moves) fixed.push_back(&view);
-    return fixed.empty() ? nullptr : fixed[(place - 1) % fixed.size()];
+    return fixed.empty() ? nullptr : fixed[(ordinal - 1) % fixed.size()];
   }
   const auto found = objects.find(reference);
   return found == objects.end() ? nullptr : &found->second;
@@ -119,29 +120,29 @@ Operator::Operator(const User& user, const OperatorSettings& settings)
 bool Operator::touching() const noexcept { return in_contact_ && raw_force_ > kTouch; }
 
 void Operator::on_probe_state(const session::ProbeState& state) {
-  if (state.user_id != user_id_ || (felt_ && state.session_time_ns <= felt_ns_)) return;
+  if (state.user_id != user_id_ || (has_state_ && state.session_time_ns <= state_ns_)) return;
   const Vec3d proxy = vector_of(state.proxy);
   const Vec3d force = vector_of(state.force);
-  const double dt = felt_ ? static_cast<double>(state.session_time_ns - felt_ns_) * 1e-9 : 0;
+  const double dt = has_state_ ? static_cast<double>(state.session_time_ns - state_ns_) * 1e-9 : 0;
   const double share = dt / (dt + kSmoothing);
-  if (felt_ && dt > 0) travel_ += share * ((proxy - proxy_) / dt - travel_);
+  if (has_state_ && dt > 0) travel_ += share * ((proxy - proxy_) / dt - travel_);
   device_ = vector_of(state.device.position);
   proxy_ = proxy;
-  if (!felt_) hand_ = device_;
-  felt_ = true;
-  felt_ns_ = state.session_time_ns;
+  if (!has_state_) hand_ = device_;
+  has_state_ = true;
+  state_ns_ = state.session_time_ns;
   felt_force_ += share * (force - felt_force_);
   raw_force_ = force.norm();
   force_ += share * (raw_force_ - force_);
   const bool contact = (state.status & session::kInContact) != 0 && raw_force_ > kTouch;
   if (contact) {
-    // Friction tilts the force against the way the tip goes; the surface lies along that way.
+    // Friction tilts the force against the tip's velocity, which is tangential to the surface.
     constexpr double kMoving = 0.01;
     Vec3d normal = force / raw_force_;
     if (travel_.norm() > kMoving && in_contact_) {
-      const Vec3d way = travel_.normalized();
-      const Vec3d upright = normal - way * way.dot(normal);
-      constexpr double kMaxTilt = 0.7;  // cosine: beyond, it was no friction
+      const Vec3d direction = travel_.normalized();
+      const Vec3d upright = normal - direction * direction.dot(normal);
+      constexpr double kMaxTilt = 0.7;  // cosine; a greater tilt is not friction
       if (upright.norm() > kMaxTilt) normal = upright.normalized();
     }
     normal_ = in_contact_ ? Vec3d((normal_ + share * (normal - normal_)).normalized()) : normal;
@@ -153,19 +154,19 @@ void Operator::on_probe_state(const session::ProbeState& state) {
 
 void Operator::on_other(const session::ProbeState& state) {
   if (state.user_id == user_id_) return;
-  others_[state.user_id] = {state.object_id, vector_of(state.force).norm(), felt_ns_};
+  others_[state.user_id] = {state.object_id, vector_of(state.force).norm(), state_ns_};
 }
 
 std::optional<session::Intent> Operator::tick(std::int64_t session_now_ns, const Objects& objects) {
-  if (!felt_) return first_wish(session_now_ns, objects);
+  if (!has_state_) return first_intent(session_now_ns, objects);
   if (ticked_ns_ == 0) ticked_ns_ = session_now_ns - settings_.period_ns;
   if (session_now_ns - ticked_ns_ < settings_.period_ns) return std::nullopt;
-  constexpr double kLongestStep = 0.05;  // after a pause the hand goes on, it does not catch up
+  constexpr double kLongestStep = 0.05;  // after a pause the hand continues without catching up
   const double dt = std::min(kLongestStep, static_cast<double>(session_now_ns - ticked_ns_) * 1e-9);
   ticked_ns_ = session_now_ns;
   hand_velocity_.setZero();
   act(dt, objects);
-  if (leans_) turn_hand(dt);
+  if (leans_) orient_hand(dt);
 
   session::Intent intent;
   intent.user_id = user_id_;
@@ -177,17 +178,17 @@ std::optional<session::Intent> Operator::tick(std::int64_t session_now_ns, const
   return intent;
 }
 
-/// Upright on where the hand comes from, or on the surface that it follows, and off that as far as it leans.
-void Operator::turn_hand(double dt) {
-  constexpr double kWrist = 0.25;  // s, of what smooths
+/// Aligns the hand with the direction of approach, or with the normal of the followed surface, and adds the tilt.
+void Operator::orient_hand(double dt) {
+  constexpr double kWrist = 0.25;  // s, time constant of the wrist
   const bool follows = stage_ == Stage::kFollow && !done_;
   const Vec3d before = upright_;
   upright_ = (upright_ + std::min(1.0, dt / kWrist) * ((follows ? normal_ : outwards_) - upright_)).normalized();
-  base_ = (Eigen::Quaterniond::FromTwoVectors(before, upright_) * base_).normalized();  // without twist
+  base_ = (Eigen::Quaterniond::FromTwoVectors(before, upright_) * base_).normalized();  // no rotation about the normal
   const double lean = follows ? user_.script[action_].lean : 0;
   const double lookahead = static_cast<double>(settings_.lookahead_ns) * 1e-9;
   const Eigen::Quaterniond from = orientation_, goal = base_ * leaning(lean, followed_);
-  // No step where a lean ends.
+  // Smooths the step where a tilt ends.
   orientation_ = from.slerp(std::min(1.0, dt / kWrist), goal).normalized();
   ahead_ = from.slerp(std::min(1.0, (dt + lookahead) / kWrist), base_ * leaning(lean, followed_ + lookahead));
 }
@@ -212,9 +213,9 @@ void Operator::act(double dt, const Objects& objects) {
       return;
     case Stage::kTravel: {
       const double speed = action.kind == ActionKind::kRetreat ? action.speed : settings_.travel_speed;
-      if (!go_to(way_.back(), speed, dt)) return;
-      way_.pop_back();
-      if (!way_.empty()) return;
+      if (!go_to(route_.back(), speed, dt)) return;
+      route_.pop_back();
+      if (!route_.empty()) return;
       stage_ = Stage::kSteady;
       clock_ = 0;
       return;
@@ -284,7 +285,7 @@ bool Operator::begin(const Action& action, const Objects& objects) {
   }
   if (!action.object.empty()) object_ = action.object;
   const ObjectView* const view = find_object(objects, object_);
-  if (view == nullptr) return false;  // not there yet, or gone: wait for it
+  if (view == nullptr) return false;  // not served yet, or withdrawn: wait for it
   const bool same_object = view->id == view_.id;
   view_ = *view;
   released_ = false;
@@ -293,7 +294,7 @@ bool Operator::begin(const Action& action, const Objects& objects) {
     return true;
   }
   if (action.kind == ActionKind::kRetreat) {
-    way_ = {device_ + outwards_ * (way_out(view_, device_, outwards_) + settings_.clearance)};
+    route_ = {device_ + outwards_ * (exit_distance(view_, device_, outwards_) + settings_.clearance)};
     hand_ = device_;
     stage_ = Stage::kTravel;
     return true;
@@ -301,17 +302,17 @@ bool Operator::begin(const Action& action, const Objects& objects) {
   outwards_ = (view_.rotation * action.direction).normalized();
   const Vec3d aim = aim_at(action, view_);
   start_ = start_of(action, view_);
-  depth_ = (start_ - aim).norm() + way_out(view_, aim, -outwards_) + settings_.clearance;
+  depth_ = (start_ - aim).norm() + exit_distance(view_, aim, -outwards_) + settings_.clearance;
   hand_ = device_;
-  plan_way(start_);
+  plan_route(start_);
   has_touched_ = false;
   stage_ = Stage::kTravel;
   return true;
 }
 
-/// The point that the script names, unless a hand that comes along its direction misses the surface there: it does when
-/// the line is further from all points of the surface than their spacing, or when an attempt has just shown it. Then
-/// one of these points: near that line, and facing the hand. Each further attempt takes the next.
+/// The point that the script names, unless a hand along its direction misses the surface there. It misses when the line
+/// is further from all points of the surface than their spacing, or when an attempt has just failed. Then one of these
+/// points: near that line and facing the hand. Each further attempt takes the next.
 Vec3d Operator::aim_at(const Action& action, const ObjectView& view) const {
   const Vec3d named = view.centre + view.rotation * ((2 * action.point - Vec3d::Ones()).cwiseProduct(view.half));
   if (view.surface.empty()) return named;
@@ -336,10 +337,10 @@ Vec3d Operator::aim_at(const Action& action, const ObjectView& view) const {
 Vec3d Operator::start_of(const Action& action, const ObjectView& view) const {
   const Vec3d outwards = (view.rotation * action.direction).normalized();
   const Vec3d aim = aim_at(action, view);
-  return aim + outwards * (way_out(view, aim, outwards) + settings_.clearance + user_.radius);
+  return aim + outwards * (exit_distance(view, aim, outwards) + settings_.clearance + user_.radius);
 }
 
-std::optional<session::Intent> Operator::first_wish(std::int64_t session_now_ns, const Objects& objects) {
+std::optional<session::Intent> Operator::first_intent(std::int64_t session_now_ns, const Objects& objects) {
   if (ticked_ns_ != 0 && session_now_ns - ticked_ns_ < settings_.period_ns) return std::nullopt;
   for (const Action& action : user_.script) {
     const ObjectView* const view = action.object.empty() ? nullptr : find_object(objects, action.object);
@@ -349,7 +350,7 @@ std::optional<session::Intent> Operator::first_wish(std::int64_t session_now_ns,
     session::Intent intent;
     intent.user_id = user_id_;
     intent.sequence = ++sequence_;
-    if (leans_) {  // already as it will come
+    if (leans_) {  // starts in the orientation of the approach
       upright_ = (view->rotation * action.direction).normalized();
       base_ = orientation_ = ahead_ = Eigen::Quaterniond::FromTwoVectors(Vec3d::UnitZ(), upright_);
     }
@@ -359,27 +360,27 @@ std::optional<session::Intent> Operator::first_wish(std::int64_t session_now_ns,
   return std::nullopt;
 }
 
-void Operator::plan_way(const Vec3d& to) {
-  // Out to a sphere around the object, around on it in straight pieces that stay clear, and in again to `to`.
-  way_.clear();
+void Operator::plan_route(const Vec3d& to) {
+  // Out to a sphere around the object, around it in straight pieces that keep clear, and in again to `to`.
+  route_.clear();
   const double clear = view_.half.norm() + settings_.clearance + user_.radius;
-  constexpr double kTurn = 0.8;  // rad a piece
+  constexpr double kTurn = 0.8;  // rad per piece
   const double radius = clear / std::cos(kTurn / 2);
   const Vec3d from = hand_ - view_.centre;
   const Vec3d target = to - view_.centre;
   const Vec3d end = target.normalized();
   Vec3d begin = from.norm() > 1e-6 ? Vec3d(from.normalized()) : outwards_;
   const double angle = std::acos(std::clamp(begin.dot(end), -1.0, 1.0));
-  way_.push_back(to);
+  route_.push_back(to);
   if (angle < 0.1 && from.norm() > target.norm()) return;
   const Vec3d tangent = angle < 3.1 ? Vec3d(end - begin * begin.dot(end)) : across(begin);
   const Vec3d side = tangent.norm() > 1e-6 ? Vec3d(tangent.normalized()) : across(begin);
   const int pieces = static_cast<int>(std::ceil(angle / kTurn));
   for (int i = pieces; i >= 0; --i) {
-    const double turned = pieces > 0 ? angle * i / pieces : 0;
-    way_.push_back(view_.centre + radius * (std::cos(turned) * begin + std::sin(turned) * side));
+    const double arc = pieces > 0 ? angle * i / pieces : 0;
+    route_.push_back(view_.centre + radius * (std::cos(arc) * begin + std::sin(arc) * side));
   }
-  if (from.norm() > radius && angle > 0.1) way_.pop_back();
+  if (from.norm() > radius && angle > 0.1) route_.pop_back();
 }
 
 bool Operator::go_to(const Vec3d& target, double speed, double dt) {
@@ -420,7 +421,7 @@ void Operator::press_in(const Action& action, double dt) {
     }
     return;
   }
-  // A hand that presses on and on would wind up; a fist pushes no further than this beyond where it is.
+  // Without this limit a hand that keeps pressing would build up an unlimited force.
   constexpr double kMaxLead = 0.08;
   if ((device_ - hand_).dot(outwards_) < kMaxLead) {
     hand_velocity_ = -outwards_ * (action.kind == ActionKind::kFollow ? 0.1 : action.speed);
@@ -467,14 +468,14 @@ void Operator::start_following(const Action& action) {
 Vec3d Operator::tangent(const Action& action) {
   const Vec3d side = across(outwards_);
   const Vec3d other = outwards_.cross(side);
-  Vec3d wish = side;
+  Vec3d wanted = side;
   switch (action.pattern) {
     case Pattern::kCircle: {
       const Vec3d from = proxy_ - touched_;
       const Vec3d flat = from - outwards_ * outwards_.dot(from);
       const double radius = flat.norm();
       const Vec3d radial = radius > 1e-6 ? Vec3d(flat / radius) : side;
-      wish = outwards_.cross(radial) * std::min(1.0, radius / extent_) + radial * (2 * (1 - radius / extent_));
+      wanted = outwards_.cross(radial) * std::min(1.0, radius / extent_) + radial * (2 * (1 - radius / extent_));
       break;
     }
     case Pattern::kZigzag: {
@@ -484,26 +485,26 @@ Vec3d Operator::tangent(const Action& action) {
         if (std::abs(row_ + row_step_) > extent_) row_step_ = -row_step_;
         row_ += row_step_;
       }
-      wish = side * heading_ + other * std::clamp(3 * (row_ - other.dot(from)) / extent_, -1.0, 1.0);
+      wanted = side * heading_ + other * std::clamp(3 * (row_ - other.dot(from)) / extent_, -1.0, 1.0);
       break;
     }
     case Pattern::kAround: {
       const Vec3d from = proxy_ - view_.centre;
-      wish = side.cross(from).normalized() + side * ((plane_ - side.dot(from)) / std::max(from.norm(), 1e-6));
+      wanted = side.cross(from).normalized() + side * ((plane_ - side.dot(from)) / std::max(from.norm(), 1e-6));
       break;
     }
   }
-  const Vec3d along = wish - normal_ * normal_.dot(wish);
-  constexpr double kMinAlong = 0.1;  // of the wish; on a steeper slope it goes along that instead
-  if (along.norm() > kMinAlong * wish.norm()) return along.normalized();
+  const Vec3d along = wanted - normal_ * normal_.dot(wanted);
+  constexpr double kMinAlong = 0.1;  // a share; on a steeper slope it moves across it
+  if (along.norm() > kMinAlong * wanted.norm()) return along.normalized();
   return normal_.cross(side).norm() > 0.1 ? Vec3d(normal_.cross(side).normalized()) : normal_.cross(other).normalized();
 }
 
 void Operator::follow(const Action& action, double dt) {
-  constexpr double kSettling = 0.12;   // s in which the force comes to the one asked for
+  constexpr double kSettling = 0.12;   // s, time constant of the force control
   constexpr double kMaxPush = 0.08;    // m
-  constexpr double kMaxAhead = 0.012;  // m that the cursor runs ahead of a tip that is held up
-  constexpr double kSeek = 0.05;       // m/s towards a surface that is lost
+  constexpr double kMaxAhead = 0.012;  // m that the cursor leads a blocked tip
+  constexpr double kSeek = 0.05;       // m/s towards a lost surface
   tally_.following += dt;
   followed_ += dt;
   Vec3d drift = Vec3d::Zero();
@@ -517,7 +518,7 @@ void Operator::follow(const Action& action, double dt) {
     push_ += (action.force - force_) / settings_.hand_stiffness * std::min(1.0, dt / kSettling);
     push_ = std::clamp(push_, 0.0, kMaxPush);
   } else {
-    constexpr double kGap = 0.05;        // s: a hop, no loss
+    constexpr double kGap = 0.05;        // s; shorter losses are bounces
     constexpr double kStraightOn = 0.3;  // s along the normal, then towards the object
     constexpr double kGiveUp = 1.0;      // s, then a new approach
     if (lost_ < kGap && lost_ + dt >= kGap) ++tally_.contacts_lost;
@@ -539,7 +540,7 @@ bool Operator::others_press(const Action& action, double force) const {
   constexpr std::int64_t kFresh = 200'000'000;
   const auto count = std::count_if(others_.begin(), others_.end(), [&](const auto& entry) {
     const Other& other = entry.second;
-    return other.object == view_.id && other.force >= force && felt_ns_ - other.received_ns < kFresh;
+    return other.object == view_.id && other.force >= force && state_ns_ - other.received_ns < kFresh;
   });
   return count >= static_cast<std::ptrdiff_t>(action.others);
 }
@@ -552,7 +553,7 @@ void Operator::start_gripping() {
   push_ = std::max(0.0, (device_ - hand_).dot(outwards_));
 }
 
-/// Until the object is pressed so hard.
+/// Presses on the object with `force`.
 void Operator::press_with(double force, double settling, double dt) {
   constexpr double kMaxPush = 0.08;  // m
   push_ += (force - felt_force_.dot(outwards_)) / settings_.hand_stiffness * std::min(1.0, dt / settling);
@@ -560,8 +561,8 @@ void Operator::press_with(double force, double settling, double dt) {
 }
 
 void Operator::grip(const Action& action, double dt) {
-  constexpr double kAll = 0.85;       // of the force, that each has to come to
-  constexpr double kSteady = 0.2;     // s for which they have to
+  constexpr double kAll = 0.85;       // share of the force that each user has to reach
+  constexpr double kSteady = 0.2;     // s for which they have to hold it
   constexpr double kGripping = 0.25;  // s
   lost_ = touching() ? 0 : lost_ + dt;
   if (lost_ > kLost) {
@@ -569,7 +570,7 @@ void Operator::grip(const Action& action, double dt) {
     stage_ = Stage::kBegin;
     return;
   }
-  // Alone it would push the object away: so only once the others are there.
+  // Alone it would push the object away, so it waits for the others.
   const bool together = others_press(action, 0.3 * kLightTouch);
   press_with(together ? action.force : kLightTouch, kGripping, dt);
   const bool pressed =
@@ -585,7 +586,7 @@ void Operator::bear(const Vec3d& load, double within, double dt) {
   load_ += (load - load_) * std::min(1.0, dt / within);
 }
 
-/// Until the controller says whether it has hold.
+/// Waits until the HRTC reports whether the hand holds the object.
 void Operator::close_hand(double dt) {
   constexpr double kPatience = 0.5;  // s
   lost_ = touching() ? 0 : lost_ + dt;
@@ -598,7 +599,7 @@ void Operator::close_hand(double dt) {
   }
 }
 
-/// What the script would do with it is passed over.
+/// Skips the actions that need a held object.
 void Operator::give_up_holding() {
   buttons_ = 0;
   next_action();
@@ -611,44 +612,45 @@ void Operator::move_held(const Action& action, double dt) {
     ++tally_.grabs_lost;
     return give_up_holding();
   }
-  const double way = action.by.norm() / action.speed * 1.5;  // s; the fastest is in the middle
+  const double travel_time = action.by.norm() / action.speed * 1.5;  // s; the speed peaks in the middle
   const Vec3d before = hand_;
   bear(felt_force_, kBearing, dt);
-  hand_ = gripped_ + action.by * (way > 0 ? smooth(clock_ / way) : 1.0) - load_ * (kShare / settings_.hand_stiffness);
+  hand_ = gripped_ + action.by * (travel_time > 0 ? smooth(clock_ / travel_time) : 1.0) -
+          load_ * (kShare / settings_.hand_stiffness);
   hand_velocity_ = (hand_ - before) / dt;
-  if (clock_ >= way + action.seconds) next_action();
+  if (clock_ >= travel_time + action.seconds) next_action();
 }
 
 void Operator::open_hand() {
   if (holding_ && clock_ < 1) return;
-  way_ = {device_ + outwards_ * (settings_.clearance + user_.radius)};
+  route_ = {device_ + outwards_ * (settings_.clearance + user_.radius)};
   hand_ = device_;
   stage_ = Stage::kTravel;
   released_ = true;
 }
 
-/// Up, for a while, and down again; the arm comes to bear what it feels.
+/// Lifts, holds and lowers the object; the arm takes over the load that it measures.
 void Operator::carry(const Action& action, double dt) {
-  constexpr double kBearing = 1;    // s; what is held by points swings, and an arm that answered at once would drive it
+  constexpr double kBearing = 1;    // s; a faster arm would excite the swinging of an object held by points
   constexpr double kKeeping = 0.5;  // s
-  constexpr double kDown = 0.3;     // s on the ground before it is let go
+  constexpr double kDown = 0.3;     // s on the ground before release
   lost_ = touching() ? 0 : lost_ + dt;
   if (lost_ > kLost) {
     ++tally_.lifts_lost;
     stage_ = Stage::kBegin;
     return;
   }
-  const double way = action.height / action.speed * 1.5;  // s; the fastest is in the middle
-  const double down = way + action.seconds;
-  const double raised = action.height * (smooth(clock_ / way) - smooth((clock_ - down) / way));
+  const double travel_time = action.height / action.speed * 1.5;  // s; the speed peaks in the middle
+  const double down = travel_time + action.seconds;
+  const double raised = action.height * (smooth(clock_ / travel_time) - smooth((clock_ - down) / travel_time));
   press_with(action.force, kKeeping, dt);
   const Vec3d before = hand_;
   bear(felt_force_ - outwards_ * felt_force_.dot(outwards_), kBearing, dt);
   hand_ = gripped_ - outwards_ * push_ + Vec3d::UnitZ() * raised - load_ * (kShare / settings_.hand_stiffness);
   hand_velocity_ = (hand_ - before) / dt;
-  if (clock_ < down + way + kDown) return;
+  if (clock_ < down + travel_time + kDown) return;
   ++tally_.lifts;
-  way_ = {device_ + outwards_ * (settings_.clearance + user_.radius)};
+  route_ = {device_ + outwards_ * (settings_.clearance + user_.radius)};
   hand_ = device_;
   stage_ = Stage::kTravel;
   released_ = true;

@@ -31,22 +31,22 @@ RemoteHand::~RemoteHand() {
   thread_.join();
 }
 
-void RemoteHand::wish(const session::Intent& intent, const session::ClockMap& map) {
+void RemoteHand::set_intent(const session::Intent& intent, const session::ClockMap& map) {
   clock_.post(map);
   const std::int64_t now_ns = wire::monotonic_ns();
-  device_.wishes().post(sharing::hand_path(intent, now_ns - map.session_time(now_ns)));
+  device_.paths().post(sharing::hand_path(intent, now_ns - map.session_time(now_ns)));
 }
 
 void RemoteHand::on_command(const session::DeviceCommand& command) {
   if (command.user_id != user_id_ || command.origin.participant != hrtc_id_) return;
   const std::int64_t now_ns = wire::monotonic_ns();
   if (!session::accepted(commands_seen_.admit(command.origin, command.sequence, now_ns))) return;
-  felt_.post({command.force, command.torque, command.sequence, now_ns});
+  command_.post({command.force, command.torque, command.sequence, now_ns});
 }
 
 void RemoteHand::run() {
   pthread_setname_np(pthread_self(), "remote hand");
-  (void)wire::enter_realtime("remote hand", kPriority);  // best effort: a late pose only softens what is felt
+  (void)wire::enter_realtime("remote hand", kPriority);  // best effort: a late pose only reduces the stiffness
   const auto period_ns = static_cast<std::int64_t>(1e9 / settings_.rate);
   std::int64_t due_ns = wire::monotonic_ns();
   session::DevicePose pose;
@@ -56,11 +56,11 @@ void RemoteHand::run() {
     due_ns = std::max(due_ns + period_ns, wire::monotonic_ns());
     wire::sleep_until(due_ns);
     const std::int64_t now_ns = wire::monotonic_ns();
-    const Felt& felt = felt_.latest();
-    const double silent = static_cast<double>(now_ns - felt.arrived_ns) * 1e-9;
+    const ReceivedCommand& command = command_.latest();
+    const double silent = static_cast<double>(now_ns - command.arrived_ns) * 1e-9;
     const double share = std::clamp((kZeroBy - silent) / (kZeroBy - kHold), 0.0, 1.0);
-    device_.write_wrench(share * haptics::Vec3d{felt.force[0], felt.force[1], felt.force[2]},
-                         share * haptics::Vec3d{felt.torque[0], felt.torque[1], felt.torque[2]});
+    device_.write_wrench(share * haptics::Vec3d{command.force[0], command.force[1], command.force[2]},
+                         share * haptics::Vec3d{command.torque[0], command.torque[1], command.torque[2]});
     const haptics::DeviceState state = device_.read(now_ns);
     pose.origin = participants_.origin();
     ++pose.sequence;
@@ -70,7 +70,7 @@ void RemoteHand::run() {
                              state.orientation.w()};
     pose.velocity = {state.velocity.x(), state.velocity.y(), state.velocity.z()};
     pose.buttons = state.buttons;
-    pose.command_felt = felt.sequence;
+    pose.command_felt = command.sequence;
     (void)poses_.send(pose);
   }
 }

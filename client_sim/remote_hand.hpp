@@ -1,9 +1,9 @@
-/// A simulated user's hand on a device of its own: it sends poses to its HRTC and feels the commands that come back.
+/// A simulated user's hand on a device of its own: it sends poses to its HRTC and applies the commands that come back.
 ///
-///     wishes --> simulated device --> device_pose (1 kHz) --> HRTC
+///     paths --> simulated device --> device_pose (1 kHz) --> HRTC
 ///                      ^ force <------- device_command <------'
 ///
-/// A thread of its own keeps the rate. A force that no command renews is held for 10 ms and gone by 60 ms.
+/// A thread of its own keeps the rate. A force without a new command is held for 10 ms and reaches zero at 60 ms.
 #pragma once
 
 #include <atomic>
@@ -22,7 +22,7 @@ namespace tactus::client_sim {
 
 struct RemoteHandSettings {
   std::string user;
-  std::string hrtc;  ///< whose commands count
+  std::string hrtc;  ///< commands of this HRTC are accepted
   double radius = 0.003;
   double rate = 1000;  ///< Hz of poses
   haptics::HandSettings hand;
@@ -30,16 +30,16 @@ struct RemoteHandSettings {
 
 class RemoteHand {
  public:
-  /// `links` must outlive it. Throws wire::WireError.
+  /// `participants` must outlive it. Throws wire::WireError.
   RemoteHand(wire::Participants& participants, const RemoteHandSettings& settings);
   ~RemoteHand();
 
-  /// Where the hand wants to be from now on, and session time as `map` tells it. One thread.
-  void wish(const session::Intent& intent, const session::ClockMap& map);
+  /// The hand's target from now on, and the session clock's map. One thread.
+  void set_intent(const session::Intent& intent, const session::ClockMap& map);
 
  private:
   /// The newest command.
-  struct Felt {
+  struct ReceivedCommand {
     std::array<double, 3> force{}, torque{};
     std::uint32_t sequence = 0;
     std::int64_t arrived_ns = 0;
@@ -53,8 +53,8 @@ class RemoteHand {
   std::uint64_t user_id_, hrtc_id_;
   haptics::SimulatedDevice device_;
   haptics::Mailbox<session::ClockMap> clock_;
-  haptics::Mailbox<Felt> felt_;
-  session::SenderWindow commands_seen_{session::kCycleNumbers};  // the reader's
+  haptics::Mailbox<ReceivedCommand> command_;
+  session::SenderWindow commands_seen_{session::kCycleNumbers};  // used by the reader
   wire::Writer<session::DevicePose> poses_;
   wire::Reader<session::DeviceCommand> commands_;
   std::atomic<bool> running_{true};

@@ -14,7 +14,7 @@ namespace figures = session::figures;
 
 namespace {
 
-/// Formats like printf, into a string.
+/// Formats like printf and returns a string.
 template <class... Values>
 std::string line(const char* format, Values... values) {
   std::array<char, 512> buffer{};
@@ -31,27 +31,27 @@ bool has(const ParticipantReport& participant, const std::string& name) { return
 
 constexpr std::size_t kColumns = 100;
 
-/// Breaks lines that are longer, at spaces where there are any; what follows is indented further.
+/// Breaks longer lines, at spaces where possible; continuation lines are indented further.
 std::string wrapped(const std::string& text) {
   std::string out;
   std::size_t begin = 0;
   while (begin < text.size()) {
     const std::size_t end = std::min(text.find('\n', begin), text.size());
-    std::string rest = text.substr(begin, end - begin);
-    const std::string indent(std::min(rest.find_first_not_of(' '), kColumns / 2) + 4, ' ');
-    while (rest.size() > kColumns) {
-      std::size_t at = rest.rfind(' ', kColumns);
+    std::string remaining = text.substr(begin, end - begin);
+    const std::string indent(std::min(remaining.find_first_not_of(' '), kColumns / 2) + 4, ' ');
+    while (remaining.size() > kColumns) {
+      std::size_t at = remaining.rfind(' ', kColumns);
       if (at == std::string::npos || at < indent.size()) at = kColumns;
-      out += rest.substr(0, at) + "\n";
-      rest = indent + rest.substr(rest[at] == ' ' ? at + 1 : at);
+      out += remaining.substr(0, at) + "\n";
+      remaining = indent + remaining.substr(remaining[at] == ' ' ? at + 1 : at);
     }
-    out += rest + "\n";
+    out += remaining + "\n";
     begin = end + 1;
   }
   return out;
 }
 
-/// "-" for a time that never came.
+/// "-" for a time that was never reached.
 std::string moment(double seconds) { return seconds < 0 ? "-" : line("%.2f", seconds); }
 
 void write_users(const Report& report, std::string& out) {
@@ -69,7 +69,7 @@ void write_users(const Report& report, std::string& out) {
     if (user.grabs + user.grabs_refused > 0)
       out += line("    grabs %u, refused %u, lost meanwhile %u\n", user.grabs, user.grabs_refused, user.grabs_lost);
     if (user.approaches_missed + user.contacts_lost + touch.faults > 0) {
-      out += line("    approaches that met nothing %u, contacts lost while following %u, faults %u",
+      out += line("    approaches without contact %u, contacts lost while following %u, faults %u",
                   user.approaches_missed, user.contacts_lost, touch.faults);
       out += touch.faults > 0 ? " (the last: " + touch.fault_reason + ")\n" : "\n";
     }
@@ -136,7 +136,7 @@ void write_hrtc(const ParticipantReport& hrtc, std::uint64_t records_total, std:
       value(figures::kCompressedUsed), value(figures::kCompressedLimit), value(figures::kCompressedPeak),
       value(figures::kEvictions), value(figures::kReloads), value(figures::kRefusedFull));
   if (value(figures::kRemoteDevices) > 0)
-    out += line("  devices elsewhere %.0f, their loop taken for %.1f ms at most\n", value(figures::kRemoteDevices),
+    out += line("  remote devices %.0f, their round trip at most %.1f ms\n", value(figures::kRemoteDevices),
                 value(figures::kLoopDelay) * 1e-3);
   if (value(figures::kPortEnergy) != 0 || value(figures::kCopyGroups) > 0)
     out += line(
@@ -149,7 +149,7 @@ void write_hrtc(const ParticipantReport& hrtc, std::uint64_t records_total, std:
   std::string interventions;
   for (const auto& [name, label] : kInterventions)
     if (value(name) > 0) interventions += line("%s%s %.0f", interventions.empty() ? "" : ", ", label, value(name));
-  if (!interventions.empty()) out += "  forces held back, times begun: " + interventions + "\n";
+  if (!interventions.empty()) out += "  limits on forces, times begun: " + interventions + "\n";
   const double records = value(figures::kRecordsReceived);
   out += line("  records received %.0f", records);
   if (records_total > 0) {
@@ -213,8 +213,8 @@ double Samples::percentile(double share) const {
 }
 
 void TouchTally::add(const session::ProbeState& state, std::int64_t start_ns, std::int64_t received_ns) {
-  constexpr std::int64_t kNewTouch = 20'000'000;  // ns without contact; less is a bounce
-  constexpr double kLongestGap = 0.05;            // s that one sample may stand for
+  constexpr std::int64_t kNewTouch = 20'000'000;  // ns without contact; a shorter loss is a bounce
+  constexpr double kLongestGap = 0.05;            // s, maximum that one sample stands for
   const session::Admission admission = window_.admit(state.origin, state.sequence, received_ns);
   if (!session::accepted(admission)) return;
   ++states;
@@ -224,7 +224,7 @@ void TouchTally::add(const session::ProbeState& state, std::int64_t start_ns, st
   const double force = std::hypot(state.force[0], state.force[1], state.force[2]);
   if (admission == session::Admission::kAccepted) {
     states_lost += state.sequence - last_.sequence - 1;
-    // Each sample stands for the time until the next.
+    // Each sample stands for the time until the next one.
     const double dt =
         std::clamp(static_cast<double>(state.session_time_ns - last_.session_time_ns) * 1e-9, 0.0, kLongestGap);
     served += dt;
@@ -253,22 +253,22 @@ void TouchTally::add(const session::ProbeState& state, std::int64_t start_ns, st
 }
 
 void MoveTally::add(const session::ObjectPose& pose, double height) {
-  constexpr std::int64_t kApart = 10'000'000;
+  constexpr std::int64_t kSamplePeriodNs = 10'000'000;
   constexpr std::size_t kMax = 1'000'000;
   if (poses++ == 0) first_ = height;
   if (poses > 1 && pose.origin.participant != last_.origin.participant) ++simulators;
   left = height - first_;
   raised = std::max(raised, left);
   last_ = pose;
-  if (way_.size() < kMax && (way_.empty() || pose.session_time_ns - way_.back().ns >= kApart))
-    way_.push_back({pose.session_time_ns, left});
+  if (heights_.size() < kMax && (heights_.empty() || pose.session_time_ns - heights_.back().ns >= kSamplePeriodNs))
+    heights_.push_back({pose.session_time_ns, left});
 }
 
 double MoveTally::held() const {
-  constexpr double kMin = 0.005;  // m; less is no lift
+  constexpr double kMin = 0.005;  // m; less does not count as a lift
   if (raised < kMin) return 0;
   std::int64_t longest = 0, since = -1;
-  for (const Sample& sample : way_) {
+  for (const Sample& sample : heights_) {
     if (sample.raised < 0.9 * raised)
       since = -1;
     else if (since < 0)
@@ -365,7 +365,7 @@ std::string json(const Report& report) {
                  {"trouble", report.trouble}, {"records_total", report.records_total}, {"users", users},
                  {"objects", objects},        {"injected_j", injected(report)},        {"participants", participants},
                  {"events", events}};
-  // Names come from the network: what is not UTF-8 is replaced, not refused.
+  // Names come from the network: invalid UTF-8 is replaced.
   return all.dump(2, ' ', false, json::error_handler_t::replace) + "\n";
 }
 

@@ -1,7 +1,7 @@
-/// What a session came to, for people and for machines.
+/// The results of a session, as text and as JSON.
 ///
-/// Users are judged by the probe states they received, controllers and hosts by the figures they publish
-/// (session/figures.hpp). Not realtime.
+/// Users are judged by the probe states received, HRTCs and hosts by the figures they publish (session/figures.hpp).
+/// Not realtime.
 #pragma once
 
 #include <cstdint>
@@ -14,7 +14,7 @@
 
 namespace tactus::client_sim {
 
-/// Values of which percentiles are wanted; keeps the newest million.
+/// Samples for percentiles; stores the newest million.
 class Samples {
  public:
   void add(double value);
@@ -28,10 +28,10 @@ class Samples {
   std::size_t next_ = 0;
 };
 
-/// Adds up what one user's probe states tell.
+/// Sums up one user's probe states.
 class TouchTally {
  public:
-  /// `start_ns`, `received_ns`: session time when the run began and when this sample came.
+  /// `start_ns`, `received_ns`: session times of the start of the run and of the arrival of this sample.
   void add(const session::ProbeState& state, std::int64_t start_ns, std::int64_t received_ns);
 
   std::uint64_t states = 0;
@@ -42,10 +42,10 @@ class TouchTally {
   double first_touch = -1;        ///< s since the start; < 0: none
   double first_exact = -1;        ///< s since the start, of the first exact contact
   double force_max = 0;           ///< N
-  std::uint32_t touches = 0;      ///< times that contact began, after 20 ms or more without
+  std::uint32_t touches = 0;      ///< times that contact began, after at least 20 ms without
   std::uint32_t faults = 0;       ///< times that a fault was latched
-  std::string fault_reason;       ///< of the last
-  Samples age_us;                 ///< of probe states when they came
+  std::string fault_reason;       ///< of the last fault
+  Samples age_us;                 ///< of probe states at arrival
 
   [[nodiscard]] double force_mean() const noexcept { return contact > 0 ? force_seconds_ / contact : 0; }
   [[nodiscard]] double exact_share() const noexcept { return contact > 0 ? exact / contact : 0; }
@@ -54,21 +54,21 @@ class TouchTally {
   double force_seconds_ = 0;
   session::SenderWindow window_{session::kCycleNumbers};
   session::ProbeState last_;
-  std::int64_t left_ns_ = INT64_MIN;  // when contact last was
+  std::int64_t left_ns_ = INT64_MIN;  // time of the last contact
   bool started_ = false;
 };
 
-/// Adds up what the poses of an object that can be moved tell.
+/// Sums up the poses of a movable object.
 class MoveTally {
  public:
   /// `height` of its centre, m.
   void add(const session::ObjectPose& pose, double height);
 
   std::uint64_t poses = 0;
-  std::uint32_t simulators = 0;  ///< times that somebody else took it on
-  double raised = 0;             ///< m above where it was first seen, at most
-  double left = 0;               ///< m above where it was first seen, at the end
-  /// s, the longest time without a break for which it was raised by nine tenths of `raised`. O(time).
+  std::uint32_t simulators = 0;  ///< times that another program took over its simulation
+  double raised = 0;             ///< m, maximum above its first height
+  double left = 0;               ///< m above its first height, at the end
+  /// s, the longest unbroken time above nine tenths of `raised`. O(time).
   [[nodiscard]] double held() const;
 
  private:
@@ -78,7 +78,7 @@ class MoveTally {
     std::int64_t ns;
     double raised;
   };
-  std::vector<Sample> way_;  // since the start, one in 10 ms while it moves
+  std::vector<Sample> heights_;  // since the start, one per 10 ms while it moves
 };
 
 struct ObjectReport {
@@ -106,7 +106,7 @@ struct ParticipantReport {
 };
 
 struct ReportEvent {
-  double time;  ///< s since the start, negative before it; of a session that never started, since the program's
+  double time;  ///< s since the start, negative before it; without a start, since the program's start
   std::string text;
 };
 
@@ -114,20 +114,20 @@ struct Report {
   std::string session;
   std::string scenario;
   double duration = 0;              ///< s that it ran
-  std::string trouble;              ///< why it did not run to its end; empty when it did
+  std::string trouble;              ///< why it stopped early; empty when it did not
   std::uint64_t records_total = 0;  ///< of all models in the catalogue
   std::vector<UserReport> users;
-  std::vector<ObjectReport> objects;            ///< that can be moved
+  std::vector<ObjectReport> objects;            ///< movable objects
   std::vector<ParticipantReport> participants;  ///< hosts and HRTCs
   std::vector<ReportEvent> events;
 };
 
-/// J that couplings gave to the copies of all controllers together, less what they took: the network's own energy.
+/// J given by couplings to the copies of all HRTCs minus J taken from them: energy that the network added.
 [[nodiscard]] double injected(const Report& report);
 
 /// Lines of at most 100 columns.
 [[nodiscard]] std::string text(const Report& report);
-/// One JSON object; every figure of every participant under its own name.
+/// One JSON object with every figure of every participant under its name.
 [[nodiscard]] std::string json(const Report& report);
 
 }  // namespace tactus::client_sim

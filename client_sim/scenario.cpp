@@ -16,12 +16,12 @@ namespace tactus::client_sim {
 namespace {
 
 using yaml::joined;
+using yaml::KeyPath;
 using yaml::Map;
-using yaml::Place;
 using yaml::shown;
 
 constexpr double kLongest = 86400;  // s
-constexpr double kFastest = 0.5;    // m/s: the proxy is tested up to this
+constexpr double kFastest = 0.5;    // m/s: the proxy is tested up to this speed
 constexpr double kSlowest = 1e-4;
 constexpr double kStrongest = 20;  // N
 
@@ -49,7 +49,7 @@ const std::vector<Verb>& verbs() {
   return kVerbs;
 }
 
-/// What is not said of a lift.
+/// Default values of a lift.
 Action lifting(Action action) {
   action.force = 6;
   action.speed = 0.08;
@@ -57,13 +57,13 @@ Action lifting(Action action) {
   return action;
 }
 
-Action parse_action(const Place& place, const YAML::Node& node) {
+Action parse_action(const KeyPath& key_path, const YAML::Node& node) {
   std::vector<std::string> names;
   for (const Verb& verb : verbs()) names.emplace_back(verb.name);
-  const Map outer{place, node, names};
-  if (!node.IsMap() || node.size() != 1) place.fail(node.Mark(), "expected one action of " + joined(names));
+  const Map outer{key_path, node, names};
+  if (!node.IsMap() || node.size() != 1) key_path.fail(node.Mark(), "expected one action of " + joined(names));
   const Verb& verb = *std::find_if(verbs().begin(), verbs().end(), [&](const Verb& v) { return outer.has(v.name); });
-  const Map map{outer.place(verb.name), outer.child(verb.name), verb.keys};
+  const Map map{outer.key_path(verb.name), outer.child(verb.name), verb.keys};
 
   Action action;
   action.kind = verb.kind;
@@ -75,7 +75,7 @@ Action parse_action(const Place& place, const YAML::Node& node) {
   map.name("object", action.object);
   map.vector("direction", -1e6, 1e6, action.direction);
   if (!(action.direction.norm() > 1e-9)) {
-    map.place("direction").fail(map.child("direction").Mark(), "found a zero vector, expected a direction");
+    map.key_path("direction").fail(map.child("direction").Mark(), "found a zero vector, expected a direction");
   }
   action.direction.normalize();
   map.vector("point", 0, 1, action.point);
@@ -95,8 +95,8 @@ Action parse_action(const Place& place, const YAML::Node& node) {
   return action;
 }
 
-User parse_user(const Place& place, const YAML::Node& node) {
-  const Map map{place, node, {"name", "hrtc", "radius", "repeat", "remote", "script"}};
+User parse_user(const KeyPath& key_path, const YAML::Node& node) {
+  const Map map{key_path, node, {"name", "hrtc", "radius", "repeat", "remote", "script"}};
   User user;
   (void)map.required("name");
   map.name("name", user.name);
@@ -106,7 +106,7 @@ User parse_user(const Place& place, const YAML::Node& node) {
   map.flag("repeat", user.repeat);
   map.flag("remote", user.remote);
   const YAML::Node script = map.required("script");
-  const Place at = map.place("script");
+  const KeyPath at = map.key_path("script");
   if (!script.IsSequence() || script.size() == 0)
     at.fail(script.Mark(), "found " + shown(script) + ", expected a list of actions");
   bool aimed = false;
@@ -150,7 +150,7 @@ bool goes_with(Truth truth, Measure measure) {
 }  // namespace
 
 Scenario parse_scenario(const std::string& text, const std::string& source) {
-  const Place top{source, ""};
+  const KeyPath top{source, ""};
   const YAML::Node root = yaml::load(text, top);
   if (!root.IsMap()) top.fail(root.Mark(), "found " + shown(root) + ", expected a map with name and users");
   const Map map{top, root, {"name", "measures", "truth", "within", "tool", "duration", "seed", "spread", "users"}};
@@ -162,8 +162,8 @@ Scenario parse_scenario(const std::string& text, const std::string& source) {
   if (scenario.measures != Measure::kNone) (void)map.required("truth");
   map.choice("truth", {"none", "full-mesh", "analytic", "state-machine"}, scenario.truth);
   if (!goes_with(scenario.truth, scenario.measures)) {
-    map.place("truth").fail(map.child("truth").Mark(),
-                            "found " + shown(map.child("truth")) + ", which does not go with what it measures");
+    map.key_path("truth").fail(map.child("truth").Mark(),
+                               "found " + shown(map.child("truth")) + ", which does not go with what it measures");
   }
   map.choice("tool", {"ball", "stylus"}, scenario.tool);
   map.number("within", 0.01, 10, scenario.within);
@@ -171,7 +171,7 @@ Scenario parse_scenario(const std::string& text, const std::string& source) {
   map.number("duration", 0.1, kLongest, scenario.duration);
   map.integer("seed", 0, 1e15, scenario.seed);
   const YAML::Node users = map.required("users");
-  const Place at = map.place("users");
+  const KeyPath at = map.key_path("users");
   if (!users.IsSequence() || users.size() == 0)
     at.fail(users.Mark(), "found " + shown(users) + ", expected a list of users");
   std::set<std::string> names;
@@ -209,14 +209,14 @@ Scenario load_scenario(const std::string& name_or_path) {
   return parse_scenario(text.str(), name_or_path);
 }
 
-std::uint32_t place_of(const std::string& reference) {
+std::uint32_t ordinal_of(const std::string& reference) {
   if (reference.size() < 2 || reference.size() > 5 || reference[0] != '#') return 0;
-  std::uint32_t place = 0;
+  std::uint32_t ordinal = 0;
   for (std::size_t i = 1; i < reference.size(); ++i) {
     if (reference[i] < '0' || reference[i] > '9') return 0;
-    place = place * 10 + static_cast<std::uint32_t>(reference[i] - '0');
+    ordinal = ordinal * 10 + static_cast<std::uint32_t>(reference[i] - '0');
   }
-  return place;
+  return ordinal;
 }
 
 }  // namespace tactus::client_sim

@@ -26,7 +26,7 @@ using Inbox = wire::Inbox<Sample>;
 constexpr std::int64_t kClockNs = 100'000'000;
 constexpr auto kTick = std::chrono::milliseconds{2};
 
-/// One participant that the core plays.
+/// One participant of the core.
 struct Presence {
   explicit Presence(const wire::SessionAddress& address)
       : participants{address}, roster{participants, wire::topics::kRoster}, clock{participants, wire::topics::kClock} {}
@@ -46,7 +46,7 @@ struct Presence {
 /// A user with a device of its own.
 struct Remote {
   RemoteHandSettings settings;
-  std::unique_ptr<RemoteHand> hand;  // from its first wish on
+  std::unique_ptr<RemoteHand> hand;  // created at its first intent
 };
 
 }  // namespace
@@ -102,7 +102,7 @@ struct Sim::Impl {
     if (sample.answer && sample.peer == main.participants.origin().participant) clock.on_answer(sample, now_ns);
   }
 
-  /// The participant that a message of the core is from, joining when it is new.
+  /// The participant that sends a message of the core; joins when it is new.
   Presence& presence_of(std::uint64_t participant, const std::string& name) {
     if (participant == main.participants.origin().participant) return main;
     std::unique_ptr<Presence>& presence = others[participant];
@@ -151,24 +151,24 @@ struct Sim::Impl {
       if (remote == remotes.end())
         from.send(std::move(intent));
       else
-        wish(remote->second, from, intent);
+        send_remote(remote->second, from, intent);
     }
   }
 
-  /// The user of that name if it holds a device here.
+  /// The user of that name if it has a device here; otherwise null.
   [[nodiscard]] const User* find_remote(const std::string& user) const {
     for (const User& one : options.scenario.users)
       if (one.name == user && one.remote) return &one;
     return nullptr;
   }
 
-  /// The first wish puts the hand there.
-  void wish(Remote& remote, Presence& from, const session::Intent& intent) {
+  /// The first intent sets the hand's initial position.
+  void send_remote(Remote& remote, Presence& from, const session::Intent& intent) {
     if (!remote.hand) {
       sharing::begin_at(intent, remote.settings.hand);
       remote.hand = std::make_unique<RemoteHand>(from.participants, remote.settings);
     }
-    remote.hand->wish(intent, clock.map());
+    remote.hand->set_intent(intent, clock.map());
   }
 
   void keep_time(std::int64_t now_ns) {
@@ -183,7 +183,7 @@ struct Sim::Impl {
     (void)main.clock.send(request);
   }
 
-  void take_leave() {
+  void leave() {
     wire::send_leave_messages([this] {
       for (const auto& [from, entry] : leave_messages) (void)from->roster.send(entry);
     });
@@ -202,15 +202,15 @@ struct Sim::Impl {
   session::Roster roster;
   std::int64_t clock_requested_ns = 0;
   Inbox inbox{1u << 15};
-  std::vector<std::shared_ptr<void>> readers;  // last, so that no callback outlives what it fills
+  std::vector<std::shared_ptr<void>> readers;  // last, so that no callback outlives the members it uses
 };
 
 Sim::Sim(SimOptions options) : impl_{std::make_unique<Impl>(std::move(options))} {}
 Sim::~Sim() = default;
 
-Report Sim::run(const std::atomic<bool>& stop, const std::function<void(const std::string&)>& say) {
+Report Sim::run(const std::atomic<bool>& stop, const std::function<void(const std::string&)>& log) {
   Impl& sim = *impl_;
-  std::string said;
+  std::string last_logged;
   bool stopped = false;
   while (!sim.core.finished()) {
     for (const Inbox::Arrived& arrived : sim.inbox.take(kTick))
@@ -223,12 +223,12 @@ Report Sim::run(const std::atomic<bool>& stop, const std::function<void(const st
       stopped = true;
     }
     sim.send(sim.core.tick(now_ns, sim.clock.map().session_time(now_ns)));
-    if (sim.core.trouble() != said && !sim.core.name_taken()) {
-      said = sim.core.trouble();
-      if (!said.empty()) say(stopped || sim.core.finished() ? said : "waiting: " + said);
+    if (sim.core.trouble() != last_logged && !sim.core.name_taken()) {
+      last_logged = sim.core.trouble();
+      if (!last_logged.empty()) log(stopped || sim.core.finished() ? last_logged : "waiting: " + last_logged);
     }
   }
-  sim.take_leave();
+  sim.leave();
   if (sim.core.name_taken()) throw NameTaken(sim.core.trouble());
   return sim.core.report();
 }

@@ -1,7 +1,7 @@
 /// Carries messages between a SimCore and the wire.
 ///
-/// One Participants for each participant that the core plays: one for each HRTC that its users are at. Samples that
-/// arrive wait in a queue for the one thread that runs the core.
+/// One wire::Participants for each HRTC with users of this program. A queue holds arriving samples for the one thread
+/// that runs the core.
 #pragma once
 
 #include <atomic>
@@ -22,7 +22,7 @@ struct SimOptions {
   std::string mode{};                        ///< SimSettings::mode
 };
 
-/// An older program in the session has the name of this one.
+/// An older program in the session already has the name of this one.
 class NameTaken : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
@@ -30,13 +30,13 @@ class NameTaken : public std::runtime_error {
 
 class Sim {
  public:
-  /// Joins. Throws wire::WireError.
+  /// Joins the session. Throws wire::WireError.
   explicit Sim(SimOptions options);
   ~Sim();
 
-  /// Until the scenario has run, or `stop` is set and the session has ended in order. `say` gets one line for what it
-  /// waits for, whenever that changes. Throws NameTaken; the session goes on then.
-  [[nodiscard]] Report run(const std::atomic<bool>& stop, const std::function<void(const std::string&)>& say);
+  /// Runs until the scenario ends, or until `stop` is set and the session has ended in order. `log` gets a line
+  /// whenever the reason for waiting changes. Throws NameTaken; the session then continues.
+  [[nodiscard]] Report run(const std::atomic<bool>& stop, const std::function<void(const std::string&)>& log);
 
  private:
   struct Impl;

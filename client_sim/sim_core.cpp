@@ -11,15 +11,14 @@ constexpr std::size_t kMaxEvents = 1000;
 
 double seconds(std::int64_t ns) { return static_cast<double>(ns) * 1e-9; }
 
-/// The references that `names` does not fulfil: names that are absent, and "#n" while fewer than n of `counted` are
-/// there.
+/// The references that cannot be resolved: absent names, and "#n" with more than `counted` entries.
 std::string unfulfilled(const std::set<std::string>& references, const std::vector<std::string>& names,
                         std::size_t counted, bool count_around) {
   std::string missing;
   for (const std::string& reference : references) {
-    const std::uint32_t place = place_of(reference);
-    const bool there = place == 0 ? std::find(names.begin(), names.end(), reference) != names.end()
-                                  : counted >= place || (count_around && counted > 0);
+    const std::uint32_t ordinal = ordinal_of(reference);
+    const bool there = ordinal == 0 ? std::find(names.begin(), names.end(), reference) != names.end()
+                                    : counted >= ordinal || (count_around && counted > 0);
     if (!there) missing += (missing.empty() ? "" : ", ") + reference;
   }
   return missing;
@@ -58,14 +57,14 @@ SimCore::SimCore(const Scenario& scenario, const SimSettings& settings)
   presences_.push_back(first);
 }
 
-void SimCore::note(const std::string& text) {
+void SimCore::log_event(const std::string& text) {
   if (events_.size() < kMaxEvents) events_.emplace_back(now_ns_, text);
 }
 
 void SimCore::on_catalogue(const session::CatalogueEntry& entry) {
   if (entry.origin.session != self_.session) return;
-  if (entry.withdrawn) return;  // another host may serve it, and users may touch what is loaded
-  if (movables_.count(entry.object_id) == 0) objects_[entry.object] = view_of(entry);  // else it moves since
+  if (entry.withdrawn) return;  // another host may serve it, and users may touch loaded regions
+  if (movables_.count(entry.object_id) == 0) objects_[entry.object] = view_of(entry);  // else it may have moved
   if (entry.body.mass > 0) movables_.try_emplace(entry.object_id, Movable{entry, {}, {}});
   record_counts_[entry.object] = entry.summary.records;
 }
@@ -73,8 +72,8 @@ void SimCore::on_catalogue(const session::CatalogueEntry& entry) {
 void SimCore::on_roster(const session::RosterEntry& entry, std::int64_t now_ns) {
   if (entry.origin.session != self_.session) return;
   now_ns_ = std::max(now_ns_, now_ns);
-  if (received_ns_ < 0 && !is_own(entry.origin.participant)) received_ns_ = now_ns;
-  if (stops_.on_roster(entry)) note("emergency stop: " + session::text(entry) + " has it");
+  if (first_peer_ns_ < 0 && !is_own(entry.origin.participant)) first_peer_ns_ = now_ns;
+  if (stops_.on_roster(entry)) log_event("emergency stop: " + session::text(entry) + " has it");
   take_events(roster_.on_entry(entry, now_ns));
 }
 
@@ -84,15 +83,15 @@ bool SimCore::is_own(std::uint64_t participant) const {
 }
 
 void SimCore::on_name_conflict(const session::RosterEvent& event) {
-  note(session::text(event));
+  log_event(session::text(event));
   const bool is_second = event.other == self_.incarnation;
-  if (event.entry_yields != is_second) taken_ = event.entry.name;
+  if (event.entry_yields != is_second) taken_name_ = event.entry.name;
 }
 
 void SimCore::take_events(const std::vector<session::RosterEvent>& events) {
   for (const session::RosterEvent& event : events) {
     const session::RosterEntry& entry = event.entry;
-    if (is_own(entry.origin.participant)) {  // further names of this program come back to it as a stranger's
+    if (is_own(entry.origin.participant)) {  // other names of this program also arrive
       if (event.change == session::RosterChange::kNameConflict) on_name_conflict(event);
       continue;
     }
@@ -102,26 +101,26 @@ void SimCore::take_events(const std::vector<session::RosterEvent>& events) {
         peer.name = entry.name;
         peer.role = entry.role;
         peer.here = event.change != session::RosterChange::kGone && event.change != session::RosterChange::kLeft;
-        peer.stayed = peer.here || (peer.stayed && end_ns_ >= 0);
+        peer.present_at_end = peer.here || (peer.present_at_end && end_ns_ >= 0);
       }
     }
-    if (event.change != session::RosterChange::kChanged) note(session::text(event));
+    if (event.change != session::RosterChange::kChanged) log_event(session::text(event));
   }
 }
 
 void SimCore::on_probe_state(const session::ProbeState& state, std::int64_t session_now_ns) {
   if (state.origin.session != self_.session) return;
-  for (Seat& seat : seats_) seat.mind.on_other(state);
-  for (Seat& seat : seats_) {
-    if (state.user_id != session::id_of(seat.mind.user().name)) continue;
-    if (state.origin.participant != session::id_of(seat.hrtc)) return;
+  for (SimUser& sim_user : users_) sim_user.op.on_other(state);
+  for (SimUser& sim_user : users_) {
+    if (state.user_id != session::id_of(sim_user.op.user().name)) continue;
+    if (state.origin.participant != session::id_of(sim_user.hrtc)) return;
     const bool counts =
-        session::accepted(seat.probe.on_state(state, session::StateStream::kDeadbandCoded, session_now_ns));
+        session::accepted(sim_user.probe.on_state(state, session::StateStream::kDeadbandCoded, session_now_ns));
     if (!counts || state_ != SimState::kRunning) return;
-    const std::uint32_t faults = seat.touch.faults;
-    seat.touch.add(state, session_start_ns_, session_now_ns);
-    if (seat.touch.faults > faults)
-      note("the force of " + seat.mind.user().name + " is off: " + seat.touch.fault_reason);
+    const std::uint32_t faults = sim_user.touch.faults;
+    sim_user.touch.add(state, session_start_ns_, session_now_ns);
+    if (sim_user.touch.faults > faults)
+      log_event("the force of " + sim_user.op.user().name + " is off: " + sim_user.touch.fault_reason);
     return;
   }
 }
@@ -144,7 +143,7 @@ void SimCore::on_metrics(const session::Metrics& metrics, std::int64_t now_ns) {
 }
 
 void SimCore::on_stop(const session::EmergencyStop& stop) {
-  if (stop.origin.session == self_.session && stops_.on_stop(stop.name())) note("emergency stop: " + stop.text);
+  if (stop.origin.session == self_.session && stops_.on_stop(stop.name())) log_event("emergency stop: " + stop.text);
 }
 
 void SimCore::on_reset(const session::ForceReset& reset) {
@@ -160,26 +159,26 @@ void SimCore::stop(const std::string& reason) {
   if (stopped_.empty()) stopped_ = reason;
 }
 
-void SimCore::assign_seats(const std::vector<std::string>& hrtcs) {
+void SimCore::assign_users(const std::vector<std::string>& hrtcs) {
   std::map<std::string, std::size_t> by_hrtc;
   for (const User& user : scenario_.users) {
-    const std::uint32_t place = place_of(user.hrtc);
-    const std::string& hrtc = place == 0 ? user.hrtc : hrtcs[(place - 1) % hrtcs.size()];
+    const std::uint32_t ordinal = ordinal_of(user.hrtc);
+    const std::string& hrtc = ordinal == 0 ? user.hrtc : hrtcs[(ordinal - 1) % hrtcs.size()];
     const auto [found, is_new] = by_hrtc.try_emplace(hrtc, by_hrtc.size());
     if (is_new && found->second > 0) {
       Presence further = presences_.front();
       further.entry.name = settings_.name + "." + std::to_string(found->second + 1);
       further.entry.origin.participant = session::id_of(further.entry.name);
-      if (roster_.find(further.entry.origin.participant) != nullptr) taken_ = further.entry.name;
+      if (roster_.find(further.entry.origin.participant) != nullptr) taken_name_ = further.entry.name;
       further.entry.users.clear();
       presences_.push_back(further);
     }
     Presence& presence = presences_[found->second];
     presence.entry.controller = hrtc;
     presence.entry.users.push_back(user.name);
-    seats_.push_back({Operator{user, settings_.hand}, {}, session::RemoteProbe{{0, 0}}, hrtc, found->second});
+    users_.push_back({Operator{user, settings_.hand}, {}, session::RemoteProbe{{0, 0}}, hrtc, found->second});
   }
-  for (Presence& presence : presences_) presence.sent_ns = INT64_MIN / 2;  // tell at once
+  for (Presence& presence : presences_) presence.sent_ns = INT64_MIN / 2;  // publish at once
 }
 
 void SimCore::gather(std::int64_t now_ns) {
@@ -201,20 +200,20 @@ void SimCore::gather(std::int64_t now_ns) {
   trouble_.clear();
   if (!no_hrtc.empty()) trouble_ = "no HRTC " + no_hrtc + " in session '" + settings_.session + "'";
   if (!no_object.empty()) trouble_ += (trouble_.empty() ? "" : "; ") + ("no host serves object " + no_object);
-  if (!trouble_.empty() || seconds(now_ns - received_ns_) < settings_.hush) return;
-  assign_seats(hrtcs);
+  if (!trouble_.empty() || seconds(now_ns - first_peer_ns_) < settings_.name_check) return;
+  assign_users(hrtcs);
   state_ = SimState::kJoining;
 }
 
 std::string SimCore::missing_slots() const {
   std::string missing;
-  for (const Seat& seat : seats_) {
-    const session::RosterEntry* const hrtc = roster_.find(session::id_of(seat.hrtc));
-    const std::string& user = seat.mind.user().name;
+  for (const SimUser& sim_user : users_) {
+    const session::RosterEntry* const hrtc = roster_.find(session::id_of(sim_user.hrtc));
+    const std::string& user = sim_user.op.user().name;
     const bool served =
         hrtc != nullptr && std::any_of(hrtc->slots.begin(), hrtc->slots.end(),
                                        [&](const session::UserSlot& slot) { return slot.user == user; });
-    if (!served) missing += (missing.empty() ? "" : ", ") + user + " by " + seat.hrtc;
+    if (!served) missing += (missing.empty() ? "" : ", ") + user + " by " + sim_user.hrtc;
   }
   return missing.empty() ? "" : "not served: " + missing;
 }
@@ -234,7 +233,7 @@ session::Control SimCore::control(session::ControlKind kind, std::int64_t now_ns
   return control;
 }
 
-void SimCore::beat(std::int64_t now_ns, bool leaving, SimMessages& out) {
+void SimCore::send_heartbeats(std::int64_t now_ns, bool leaving, SimMessages& out) {
   for (std::size_t i = 0; i < presences_.size(); ++i) {
     Presence& presence = presences_[i];
     if (!leaving && now_ns - presence.sent_ns < settings_.heartbeat_ns) continue;
@@ -265,12 +264,12 @@ SimMessages SimCore::tick(std::int64_t now_ns, std::int64_t session_now_ns) {
   if (began_ns_ < 0) began_ns_ = now_ns;
   take_events(roster_.tick(now_ns));
 
-  if (state_ == SimState::kGathering && taken_.empty()) gather(now_ns);
-  if (!taken_.empty()) {
-    trouble_ = "a program named '" + taken_ + "' was in session '" + settings_.session +
+  if (state_ == SimState::kGathering && taken_name_.empty()) gather(now_ns);
+  if (!taken_name_.empty()) {
+    trouble_ = "a program named '" + taken_name_ + "' was in session '" + settings_.session +
                "' before: this one ends; start it with another --name";
     state_ = SimState::kFailed;
-    beat(now_ns, true, out);
+    send_heartbeats(now_ns, true, out);
     return out;
   }
   if (state_ == SimState::kJoining) {
@@ -288,34 +287,35 @@ SimMessages SimCore::tick(std::int64_t now_ns, std::int64_t session_now_ns) {
     if (!stopped_.empty() || seconds(now_ns - began_ns_) > settings_.patience) {
       if (stopped_.empty()) trouble_ += ", waited " + std::to_string(static_cast<int>(settings_.patience)) + " s";
       state_ = SimState::kFailed;
-      beat(now_ns, true, out);
+      send_heartbeats(now_ns, true, out);
       return out;
     }
   }
   if (state_ == SimState::kRunning) {
-    for (Seat& seat : seats_) {
-      if (const session::Shown shown = seat.probe.at(session_now_ns); shown.state.sequence != 0) {
+    for (SimUser& sim_user : users_) {
+      if (const session::Shown shown = sim_user.probe.at(session_now_ns); shown.state.sequence != 0) {
         session::ProbeState felt = shown.state;
         felt.session_time_ns = shown.at_ns;
         felt.device.position = shown.view.device;
         felt.proxy = shown.view.proxy;
         felt.force = shown.view.force;
-        seat.mind.on_probe_state(felt);
+        sim_user.op.on_probe_state(felt);
       }
-      if (auto intent = seat.mind.tick(session_now_ns, objects_)) {
-        intent->origin = origin_of(seat.presence, now_ns);
+      if (auto intent = sim_user.op.tick(session_now_ns, objects_)) {
+        intent->origin = origin_of(sim_user.presence, now_ns);
         out.intents.push_back(std::move(*intent));
       }
     }
-    const bool all_done = std::all_of(seats_.begin(), seats_.end(), [](const Seat& seat) { return seat.mind.done(); });
+    const bool all_done =
+        std::all_of(users_.begin(), users_.end(), [](const SimUser& sim_user) { return sim_user.op.done(); });
     if (!stopped_.empty()) trouble_ = stopped_;
     if (all_done || !stopped_.empty() || seconds(now_ns - start_ns_) >= scenario_.duration) begin_ending(now_ns, out);
   } else if (state_ == SimState::kEnding && (last_figures_are_in() || seconds(now_ns - end_ns_) >= settings_.linger)) {
     state_ = SimState::kEnded;
-    beat(now_ns, true, out);
+    send_heartbeats(now_ns, true, out);
     return out;
   }
-  beat(now_ns, false, out);
+  send_heartbeats(now_ns, false, out);
   return out;
 }
 
@@ -326,16 +326,16 @@ Report SimCore::report() const {
   report.trouble = trouble_;
   if (start_ns_ >= 0) report.duration = seconds((end_ns_ >= 0 ? end_ns_ : now_ns_) - start_ns_);
   for (const auto& [object, records] : record_counts_) report.records_total += records;
-  for (const Seat& seat : seats_) {
-    const OperatorTally& tally = seat.mind.tally();
-    report.users.push_back({seat.mind.user().name, seat.hrtc, seat.touch, tally.taps, tally.approaches_missed,
+  for (const SimUser& sim_user : users_) {
+    const OperatorTally& tally = sim_user.op.tally();
+    report.users.push_back({sim_user.op.user().name, sim_user.hrtc, sim_user.touch, tally.taps, tally.approaches_missed,
                             tally.contacts_lost, tally.following, tally.lifts, tally.lifts_lost, tally.grabs,
                             tally.grabs_refused, tally.grabs_lost});
   }
   for (const auto& [id, movable] : movables_)
     if (movable.tally.poses > 0) report.objects.push_back({movable.entry.object, movable.tally});
   for (const auto& [id, peer] : peers_)
-    report.participants.push_back({peer.name, peer.role, peer.stayed, peer.figures});
+    report.participants.push_back({peer.name, peer.role, peer.present_at_end, peer.figures});
   std::sort(report.participants.begin(), report.participants.end(),
             [](const ParticipantReport& a, const ParticipantReport& b) { return a.name < b.name; });
   const std::int64_t origin_ns = start_ns_ >= 0 ? start_ns_ : began_ns_;

@@ -1,14 +1,13 @@
-/// A session as its simulated users run it: finds controllers and objects, brings the users, lets them act, ends,
-/// reports.
+/// A session from the client's side: waits for HRTCs and objects, adds users, runs their scripts, ends, reports.
 ///
 ///     gathering --> joining --> running --> ending --> ended
 ///     HRTCs and     users have   scripts     last
-///     objects seen  their slots  act         figures      (any --> failed: `trouble` says why)
+///     objects seen  their slots  run         figures      (any --> failed: `trouble` has the reason)
 ///
-/// Of two programs with one name the later gives way, as hosts and HRTCs do, and the session goes on without it.
+/// Of two programs with one name the later one leaves, as with hosts and HRTCs, and the session continues without it.
 ///
-/// A program around it only carries messages: what arrives goes into on_...(), what tick() returns goes out. No socket,
-/// no thread and no clock in it. One thread at a time. Not realtime.
+/// An adapter carries the messages: arriving samples go into on_...(), and tick() returns samples to send. It has no
+/// socket, thread or clock. One thread at a time. Not realtime.
 #pragma once
 
 #include <cstdint>
@@ -31,19 +30,19 @@ namespace tactus::client_sim {
 
 struct SimSettings {
   std::string session;
-  std::string name;  ///< of this participant; one that brings users of a second HRTC is `name.2`
+  std::string name;  ///< of this participant; the participant for a second HRTC is `name.2`
   std::uint64_t incarnation = 0;
-  std::string mode;      ///< told to the session at the start, as session::parse_mode has it; empty: none
-  double patience = 20;  ///< s to wait for HRTCs, objects and slots
-  double hush = 1;       ///< s after the first sign of others before users join: time to hear that the name is taken
-  double settle = 2;     ///< s after the first of them, then "#n" counts around those that are there
-  double linger = 2;     ///< s at the end to wait for the others' last figures
+  std::string mode;       ///< published at the start, format of session::parse_mode; empty: none
+  double patience = 20;   ///< s to wait for HRTCs, objects and slots
+  double name_check = 1;  ///< s between the first sign of other participants and joining, to detect a name conflict
+  double settle = 2;      ///< s after the first of them, then "#n" is taken modulo their number
+  double linger = 2;      ///< s at the end to wait for the last figures of the others
   std::int64_t heartbeat_ns = 100'000'000;
   session::RosterSettings roster;
   OperatorSettings hand;
 };
 
-/// To be published, in this order.
+/// Samples to publish, in this order.
 struct SimMessages {
   std::vector<session::RosterEntry> roster;
   std::vector<session::Control> control;
@@ -65,38 +64,38 @@ class SimCore {
   void on_object_pose(const session::ObjectPose& pose);
   void on_stop(const session::EmergencyStop& stop);
   void on_reset(const session::ForceReset& reset);
-  /// Ends this program too, when it is of another participant.
+  /// Ends this program too when another participant sent it.
   void on_end(const session::SessionEnd& end);
 
-  /// Every few milliseconds.
+  /// Call every few milliseconds.
   [[nodiscard]] SimMessages tick(std::int64_t now_ns, std::int64_t session_now_ns);
 
-  /// Ends the session early, in an orderly way; the next ticks do it.
+  /// Ends the session early and in order, during the next ticks.
   void stop(const std::string& reason);
 
-  /// How long this program has been in the session: of two with one name the later gives way.
+  /// When this program joined: of two with one name the later one leaves.
   void set_own_presence(std::int64_t session_time_ns, std::int64_t joined_ns) noexcept {
     roster_.set_own_presence(session_time_ns, joined_ns);
   }
 
   [[nodiscard]] SimState state() const noexcept { return state_; }
   [[nodiscard]] bool finished() const noexcept { return state_ == SimState::kEnded || state_ == SimState::kFailed; }
-  /// It failed because an older program has a name of this one.
-  [[nodiscard]] bool name_taken() const noexcept { return !taken_.empty(); }
-  /// What it is waiting for, or why it failed; empty when all is well.
+  /// It failed because an older program has one of its names.
+  [[nodiscard]] bool name_taken() const noexcept { return !taken_name_.empty(); }
+  /// What it is waiting for, or why it failed; otherwise empty.
   [[nodiscard]] const std::string& trouble() const noexcept { return trouble_; }
   [[nodiscard]] Report report() const;
 
  private:
-  /// What this program is to one HRTC.
+  /// A participant of this program: one per HRTC.
   struct Presence {
     session::RosterEntry entry;
     std::int64_t sent_ns = 0;
   };
-  struct Seat {
-    Operator mind;
+  struct SimUser {
+    Operator op;
     TouchTally touch;
-    session::RemoteProbe probe;  // shown at once: the hand goes by it
+    session::RemoteProbe probe;  // without playout delay: the hand needs the newest state
     std::string hrtc;
     std::size_t presence = 0;
   };
@@ -104,21 +103,21 @@ class SimCore {
     std::string name;
     session::Role role;
     bool here = true;
-    bool stayed = true;  // until the end was announced
+    bool present_at_end = true;  // present until the end was announced
     std::map<std::string, double> figures;
     std::int64_t figures_ns = INT64_MIN;
   };
 
-  void note(const std::string& text);
+  void log_event(const std::string& text);
   void gather(std::int64_t now_ns);
-  void assign_seats(const std::vector<std::string>& hrtcs);
+  void assign_users(const std::vector<std::string>& hrtcs);
   [[nodiscard]] std::string missing_slots() const;
   void begin_ending(std::int64_t now_ns, SimMessages& out);
   [[nodiscard]] bool last_figures_are_in() const;
   void take_events(const std::vector<session::RosterEvent>& events);
   [[nodiscard]] bool is_own(std::uint64_t participant) const;
   void on_name_conflict(const session::RosterEvent& event);
-  void beat(std::int64_t now_ns, bool leaving, SimMessages& out);
+  void send_heartbeats(std::int64_t now_ns, bool leaving, SimMessages& out);
   [[nodiscard]] session::Origin origin_of(std::size_t presence, std::int64_t now_ns) const;
   [[nodiscard]] session::Control control(session::ControlKind kind, std::int64_t now_ns, const std::string& text);
 
@@ -129,9 +128,9 @@ class SimCore {
   session::StopLatch stops_;
   SimState state_ = SimState::kGathering;
   std::string trouble_, stopped_;
-  std::string taken_;  // the name that an older program has
+  std::string taken_name_;  // the name that an older program has
   std::vector<Presence> presences_;
-  std::vector<Seat> seats_;
+  std::vector<SimUser> users_;
   struct Movable {
     session::CatalogueEntry entry;  // with its newest pose
     session::PoseGate gate;
@@ -145,7 +144,7 @@ class SimCore {
   std::vector<std::pair<std::int64_t, std::string>> events_;  // by this program's clock
   std::uint32_t control_sequence_ = 0;
   std::int64_t now_ns_ = 0;
-  std::int64_t began_ns_ = -1, received_ns_ = -1, found_ns_ = -1;
+  std::int64_t began_ns_ = -1, first_peer_ns_ = -1, found_ns_ = -1;
   std::int64_t start_ns_ = -1, session_start_ns_ = 0, end_ns_ = -1;
 };
 

@@ -1,4 +1,4 @@
-/* A mouse or a gamepad as a device: Linux input events move the tip, the force is felt as rumble where there is any.
+/* A mouse or a gamepad as a device: Linux input events move the tip, and a gamepad that can rumble shows the force.
  *
  *   tactus-hrtc --device ann=tactus-evdev.so,mouse:/dev/input/event3
  *   tactus-hrtc --device bob=tactus-evdev.so,gamepad:/dev/input/event7
@@ -8,9 +8,9 @@
  * gamepad  the left stick moves x and y, the right one z, at up to 0.15 m/s; the south button is the clutch, the east
  *          one grabs
  *
- * The tip stays in a cube of 0.4 m. Neither can push back, so its surfaces are soft; a gamepad rumbles with |force|.
- * What is unplugged has failed. Positions are the driver's own sum, so no SDK and no desktop is asked; reading
- * /dev/input takes membership of the group `input`. */
+ * The tip stays in a cube of 0.4 m. Neither device exerts a force, so the driver reports a low stiffness; a gamepad
+ * rumbles with |force|. An unplugged device has failed. The driver sums positions itself and needs neither SDK nor
+ * desktop. Reading /dev/input requires membership of the group `input`. */
 #include <errno.h>
 #include <fcntl.h>
 #include <linux/input.h>
@@ -28,15 +28,15 @@ enum { kAxes = 3, kEvents = 32, kReads = 4 };
 static const double kHalf = 0.2;   /* m, of the cube */
 static const double kCount = 1e-4; /* m, of a mouse */
 static const double kNotch = 2e-3; /* m, of its wheel */
-static const double kSpeed = 0.15; /* m/s, of a stick at its end */
-static const double kFollow = 0.5; /* m/s along each axis: a flick of a mouse is no device that has come loose */
-static const double kDead = 0.1;   /* of a stick's way, around its middle */
+static const double kSpeed = 0.15; /* m/s, of a fully deflected stick */
+static const double kFollow = 0.5; /* m/s along each axis, so that a flick of the mouse does not trip the speed limit */
+static const double kDead = 0.1;   /* dead zone of a stick, share of its range */
 static const double kMaxForce = 5; /* N; full rumble */
 static const double kRumbleStep = 0.05;
-static const int64_t kRumbleNs = 20000000; /* between two orders: each is a system call */
+static const int64_t kRumbleNs = 20000000; /* between two rumble commands: each is a system call */
 
 struct axis {
-  double middle, half; /* of its values */
+  double middle, half; /* of the raw values */
   double value;        /* -1..1 */
 };
 
@@ -46,7 +46,7 @@ struct tactus_device {
   double target[kAxes], position[kAxes]; /* m; the tip follows at kFollow */
   struct axis sticks[kAxes];
   uint32_t buttons;
-  double rumble, wished;
+  double rumble, wanted;
   int64_t time_ns, rumbled_ns;
 };
 
@@ -77,7 +77,7 @@ static struct tactus_device* open_input(const char* config, char* error, size_t 
     snprintf(error, error_size, "found '%s', expected mouse:FILE or gamepad:FILE, FILE as in /dev/input", config);
     return NULL;
   }
-  int fd = open(path, O_RDWR | O_NONBLOCK | O_CLOEXEC); /* writing is for rumble */
+  int fd = open(path, O_RDWR | O_NONBLOCK | O_CLOEXEC); /* write access is for rumble */
   if (fd < 0 && errno == EACCES) fd = open(path, O_RDONLY | O_NONBLOCK | O_CLOEXEC);
   if (fd < 0) {
     snprintf(error, error_size, "cannot open %s: %s", path, strerror(errno));
@@ -132,7 +132,7 @@ static void take(struct tactus_device* device, const struct input_event* event) 
     const double value = (event->value - stick->middle) / stick->half;
     const double clipped = value > 1 ? 1 : value < -1 ? -1 : value;
     const double beyond = fabs(clipped) < kDead ? 0 : (fabs(clipped) - kDead) / (1 - kDead);
-    stick->value = copysign(beyond, i == 0 ? clipped : -clipped); /* up is towards -1 */
+    stick->value = copysign(beyond, i == 0 ? clipped : -clipped); /* up is negative */
   }
 }
 
@@ -158,10 +158,10 @@ static int read_input(struct tactus_device* device, int64_t now_ns, struct tactu
     pose->position[i] = device->position[i];
   }
   pose->buttons = device->buttons;
-  return TACTUS_DEVICE_POSE; /* what rests sends nothing and is where it was */
+  return TACTUS_DEVICE_POSE; /* a device at rest sends no events; its position is still valid */
 }
 
-/* Failure to rumble is no failure of the device: it has stopped nobody's hand. */
+/* A failure to rumble does not fail the device: it exerts no force. */
 static void set_rumble(struct tactus_device* device, double strength) {
   struct ff_effect effect;
   memset(&effect, 0, sizeof effect);
@@ -169,7 +169,7 @@ static void set_rumble(struct tactus_device* device, double strength) {
   effect.id = (int16_t)device->effect;
   effect.u.rumble.strong_magnitude = (uint16_t)(strength * 0xffff);
   effect.u.rumble.weak_magnitude = effect.u.rumble.strong_magnitude;
-  effect.replay.length = 200; /* ms: ends by itself when nobody orders any more */
+  effect.replay.length = 200; /* ms: the rumble ends by itself without new commands */
   if (ioctl(device->fd, EVIOCSFF, &effect) < 0) {
     device->can_rumble = 0;
     return;
@@ -185,13 +185,13 @@ static void set_rumble(struct tactus_device* device, double strength) {
 
 static int write_input(struct tactus_device* device, const double force[3]) {
   const double size = sqrt(force[0] * force[0] + force[1] * force[1] + force[2] * force[2]);
-  device->wished = size < kMaxForce ? size / kMaxForce : 1;
+  device->wanted = size < kMaxForce ? size / kMaxForce : 1;
   if (!device->can_rumble) return 0;
-  const int same = fabs(device->wished - device->rumble) < kRumbleStep && (device->wished > 0) == (device->rumble > 0);
+  const int same = fabs(device->wanted - device->rumble) < kRumbleStep && (device->wanted > 0) == (device->rumble > 0);
   const int64_t since = device->time_ns - device->rumbled_ns;
   if (since < kRumbleNs || (same && (device->rumble == 0 || since < 5 * kRumbleNs))) return 0;
-  set_rumble(device, device->wished);
-  device->rumble = device->wished;
+  set_rumble(device, device->wanted);
+  device->rumble = device->wanted;
   device->rumbled_ns = device->time_ns;
   return 0;
 }

@@ -1,20 +1,21 @@
 // A Haply Inverse3 as a device, by the public protocol of the Haply Inverse Service 3.5 (WebSocket and JSON, its
-// simulation channel), which has to run where the device is plugged in. No SDK.
+// simulation channel). The service must run on the machine with the device. No SDK.
 //
 //   tactus-hrtc --device ann=tactus-haply.so                        the first Inverse3 of the service on this machine
-//   tactus-hrtc --device ann=tactus-haply.so,localhost:10001/049D   that one
+//   tactus-hrtc --device ann=tactus-haply.so,localhost:10001/049D   the Inverse3 with that id
 //
-//      service -- all devices there are -->                      on connection
-//              <-- force, once with a profile --                 a thread of the driver's own, at most 2 kHz
+//      service -- list of all devices -->                        on connection
+//              <-- force, once with a profile --                 a thread of the driver, at most 2 kHz
 //              -- state of all devices -->                       one answer to each message
 //
-// The newest position and the newest force win; nothing waits for the haptic thread, nor that for the network. A force
-// that nobody has renewed for 50 ms is sent as zero. A connection that ends, a device that is gone, a service that is
-// silent for a second and one that talks nonsense have failed: the operator is told, and the service lets go by itself
-// when no commands come. The tip only: a grip's orientation and buttons are not read.
+// The newest position and the newest force count. Neither the haptic thread nor the network thread waits for the other.
+// A force without a new write for 50 ms is sent as zero. The device has failed when the connection ends, the device is
+// removed, or the service is silent for a second or sends invalid messages. Then the operator is informed, and the
+// service stops the force when no commands come. Only the position of the tip is read, not orientation and buttons of a
+// grip.
 //
-// Written by docs.haply.co, version 3.5.x: "WebSocket Protocol", "Simulation Channel" and "Control Commands" (metres,
-// newton, right-handed). Tested against a peer of our own, not with a real device.
+// Written from docs.haply.co, version 3.5.x: "WebSocket Protocol", "Simulation Channel" and "Control Commands" (metres,
+// newton, right-handed). Tested against a simulated service, not with a real device.
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -46,20 +47,19 @@ using Json = nlohmann::json;
 using Vector = std::array<double, 3>;
 using namespace std::chrono_literals;
 
-constexpr auto kPatience = 3s;      // until a service has told of its devices
-constexpr auto kSilence = 1s;       // after which it has failed
-constexpr auto kPeriod = 500us;     // between two messages, at least
-constexpr auto kForceHolds = 50ms;  // without being written again
-constexpr auto kFarewell = 300ms;
-constexpr int kMaxNonsense = 100;  // messages in a row
+constexpr auto kPatience = 3s;      // until the service has sent its list of devices
+constexpr auto kSilence = 1s;       // after which the device has failed
+constexpr auto kPeriod = 500us;     // minimum between two messages
+constexpr auto kForceHolds = 50ms;  // without a new write
+constexpr auto kCloseTimeout = 300ms;
+constexpr int kMaxInvalid = 100;  // messages in a row
 constexpr std::size_t kMaxBytes = 1u << 20;
 
 std::int64_t now_ns() {
   return std::chrono::duration_cast<std::chrono::nanoseconds>(Clock::now().time_since_epoch()).count();
 }
 
-/// One thread shows another its newest value; neither waits. Three slots: one the writer's, one the reader's, one
-/// between.
+/// A mailbox between two threads that never wait: one slot for the writer, one for the reader, one shared.
 template <class T>
 class Newest {
  public:
@@ -67,7 +67,7 @@ class Newest {
     slots_[back_] = value;
     back_ = between_.exchange(back_ | kNew, std::memory_order_acq_rel) & kSlot;
   }
-  /// False when there is none since the last.
+  /// False when there is no new value.
   bool take(T& value) noexcept {
     if ((between_.load(std::memory_order_relaxed) & kNew) == 0) return false;
     front_ = between_.exchange(front_, std::memory_order_acq_rel) & kSlot;
@@ -91,7 +91,7 @@ struct Force {
   std::int64_t time_ns = 0;
 };
 
-/// {"x": 1, "y": 2, "z": 3}; false for anything else.
+/// Reads {"x": 1, "y": 2, "z": 3}; false for anything else.
 bool vector_of(const Json& object, const char* name, Vector& value) {
   const auto found = object.find(name);
   if (found == object.end() || !found->is_object()) return false;
@@ -112,13 +112,13 @@ std::string id_of(const Json& device) {
   return id != device.end() && id->is_string() ? id->get<std::string>() : "";
 }
 
-/// The conversation with the service. Its thread runs everything but what is marked otherwise.
+/// Connection to the service. Its own thread runs every function that is not marked otherwise.
 class Service {
  public:
-  /// Waits until the service has told of its devices. Throws std::runtime_error saying what, found, expected.
+  /// Waits for the list of devices. Throws std::runtime_error saying what, found, expected.
   Service(std::string host, std::string port, std::string wanted)
       : host_{std::move(host)}, port_{std::move(port)}, id_{std::move(wanted)} {
-    std::future<std::string> published = ready_.get_future();
+    std::future<std::string> ready = ready_.get_future();
     std::future<void> ended = ended_.get_future();
     thread_ = std::thread{[this] {
       connect();
@@ -126,9 +126,8 @@ class Service {
       ended_.set_value();
     }};
     has_ended_ = std::move(ended);
-    const std::string trouble = published.wait_for(kPatience) == std::future_status::ready
-                                    ? published.get()
-                                    : "it did not tell of its devices within 3 s";
+    const std::string trouble =
+        ready.wait_for(kPatience) == std::future_status::ready ? ready.get() : "it sent no list of devices within 3 s";
     if (trouble.empty()) return;
     stop();
     throw std::runtime_error("Haply Inverse Service at " + host_ + ":" + port_ + ": " + trouble);
@@ -137,29 +136,29 @@ class Service {
   Service(const Service&) = delete;
   Service& operator=(const Service&) = delete;
 
-  // The haptic thread's.
+  // For the haptic thread.
   Newest<Pose>& poses() noexcept { return poses_; }
   Newest<Force>& forces() noexcept { return forces_; }
   [[nodiscard]] bool failed() const noexcept { return failed_.load(std::memory_order_acquire); }
 
  private:
-  /// From outside: lets go of the device, then of the service.
+  /// Called by other threads: commands zero force, then closes the connection.
   void stop() {
     closing_ = true;
-    if (has_ended_.valid() && has_ended_.wait_for(kFarewell) != std::future_status::ready) context_.stop();
+    if (has_ended_.valid() && has_ended_.wait_for(kCloseTimeout) != std::future_status::ready) context_.stop();
     if (thread_.joinable()) thread_.join();
   }
 
   void fail(const std::string& why) {
-    if (!inventory_) return tell(why);
+    if (!inventory_) return report(why);
     if (!failed_.exchange(true, std::memory_order_acq_rel) && !closing_)
       std::fprintf(stderr, "tactus-haply: %s:%s, device %s: %s\n", host_.c_str(), port_.c_str(), id_.c_str(),
                    why.c_str());
     end();
   }
-  void tell(const std::string& trouble) {
-    if (published_) return;
-    published_ = true;
+  void report(const std::string& trouble) {
+    if (reported_) return;
+    reported_ = true;
     ready_.set_value(trouble);
     if (!trouble.empty()) end();
   }
@@ -171,11 +170,11 @@ class Service {
   void connect() {
     Error error;
     asio::ip::tcp::resolver resolver{context_};
-    const auto places = resolver.resolve(host_, port_, error);
-    if (error) return tell(error.message() + "; is the service running?");
+    const auto endpoints = resolver.resolve(host_, port_, error);
+    if (error) return report(error.message() + "; is the service running?");
     beast::get_lowest_layer(socket_).expires_after(kPatience);
-    beast::get_lowest_layer(socket_).async_connect(places, [this](Error failed, const auto&) {
-      if (failed) return tell(failed.message() + "; is the service running?");
+    beast::get_lowest_layer(socket_).async_connect(endpoints, [this](Error failed, const auto&) {
+      if (failed) return report(failed.message() + "; is the service running?");
       beast::get_lowest_layer(socket_).socket().set_option(asio::ip::tcp::no_delay{true}, failed);
       beast::get_lowest_layer(socket_).expires_never();
       websocket::stream_base::timeout limits{};
@@ -185,7 +184,7 @@ class Service {
       socket_.set_option(limits);
       socket_.read_message_max(kMaxBytes);
       socket_.async_handshake(host_ + ":" + port_, "/", [this](Error refused) {
-        if (refused) return tell("no WebSocket: " + refused.message());
+        if (refused) return report("no WebSocket: " + refused.message());
         read();
       });
     });
@@ -199,10 +198,10 @@ class Service {
           Json::parse(static_cast<const char*>(buffer_.data().data()),
                       static_cast<const char*>(buffer_.data().data()) + buffer_.size(), nullptr, false);
       buffer_.consume(buffer_.size());
-      const bool is_sense = inventory_ ? take_state(message, time_ns) : take_inventory(message);
-      if (!is_sense && ++nonsense_ > kMaxNonsense) return fail("its messages are not what version 3.5 says");
-      if (is_sense) nonsense_ = 0;
-      if (failed_ || (published_ && !inventory_)) return;
+      const bool is_valid = inventory_ ? take_state(message, time_ns) : take_inventory(message);
+      if (!is_valid && ++invalid_ > kMaxInvalid) return fail("its messages do not follow version 3.5");
+      if (is_valid) invalid_ = 0;
+      if (failed_ || (reported_ && !inventory_)) return;
       if (inventory_) return pace();
       read();
     });
@@ -225,11 +224,11 @@ class Service {
       if (!id_.empty() && id != id_) continue;
       id_ = id;
       inventory_ = true;
-      tell("");
+      report("");
       return true;
     }
-    tell("found " + (found.empty() ? "no Inverse3" : "Inverse3 " + found) + ", expected " +
-         (id_.empty() ? "one" : id_));
+    report("found " + (found.empty() ? "no Inverse3" : "Inverse3 " + found) + ", expected " +
+           (id_.empty() ? "one" : id_));
     return true;
   }
 
@@ -261,8 +260,8 @@ class Service {
   void send() {
     sent_ = Clock::now();
     (void)forces_.take(force_);
-    const bool holds = !closing_ && now_ns() - force_.time_ns <= std::chrono::nanoseconds{kForceHolds}.count();
-    const Vector force = holds ? force_.value : Vector{};
+    const bool fresh = !closing_ && now_ns() - force_.time_ns <= std::chrono::nanoseconds{kForceHolds}.count();
+    const Vector force = fresh ? force_.value : Vector{};
     Json device;
     device["device_id"] = id_;
     Json& vector = device["commands"]["set_cursor_force"]["vector"];
@@ -271,8 +270,8 @@ class Service {
     vector["z"] = force[2];
     Json message;
     message["inverse3"].push_back(std::move(device));
-    if (!introduced_) message["session"]["configure"]["profile"]["name"] = "tactus:hrtc";
-    introduced_ = true;
+    if (!profile_sent_) message["session"]["configure"]["profile"]["name"] = "tactus:hrtc";
+    profile_sent_ = true;
     text_ = message.dump();
     const bool last = closing_;
     socket_.text(true);
@@ -292,8 +291,8 @@ class Service {
   std::promise<std::string> ready_;
   std::promise<void> ended_;
   std::future<void> has_ended_;
-  bool published_ = false, inventory_ = false, introduced_ = false;
-  int nonsense_ = 0;
+  bool reported_ = false, inventory_ = false, profile_sent_ = false;
+  int invalid_ = 0;
   Clock::time_point sent_{};
   Force force_;
   Newest<Pose> poses_;
@@ -310,22 +309,22 @@ struct tactus_device {
 
 namespace {
 
-/// HOST:PORT/DEVICE, of which any part may be left out from the end.
+/// HOST:PORT/DEVICE; parts may be omitted from the end.
 tactus_device* open_haply(const char* config, char* error, std::size_t error_size) {
-  std::string place = config, id;
-  if (const std::size_t slash = place.find('/'); slash != std::string::npos) {
-    id = place.substr(slash + 1);
-    place.resize(slash);
+  std::string address = config, id;
+  if (const std::size_t slash = address.find('/'); slash != std::string::npos) {
+    id = address.substr(slash + 1);
+    address.resize(slash);
   }
-  if (place.empty()) place = "localhost:10001";
-  const std::size_t colon = place.rfind(':');
-  if (colon == std::string::npos || colon == 0 || colon + 1 == place.size()) {
+  if (address.empty()) address = "localhost:10001";
+  const std::size_t colon = address.rfind(':');
+  if (colon == std::string::npos || colon == 0 || colon + 1 == address.size()) {
     std::snprintf(error, error_size, "found '%s', expected HOST:PORT or HOST:PORT/DEVICE", config);
     return nullptr;
   }
   try {
     auto device = std::make_unique<tactus_device>();
-    device->service = std::make_unique<Service>(place.substr(0, colon), place.substr(colon + 1), id);
+    device->service = std::make_unique<Service>(address.substr(0, colon), address.substr(colon + 1), id);
     return device.release();
   } catch (const std::exception& failure) {
     std::snprintf(error, error_size, "%s", failure.what());
@@ -335,7 +334,7 @@ tactus_device* open_haply(const char* config, char* error, std::size_t error_siz
 
 void close_haply(tactus_device* device) { delete device; }
 
-/// Carefully: the service says none of these, and another millisecond passes on the way there and back.
+/// Conservative values: the service reports none, and its round trip adds a millisecond.
 void spec_of_haply(tactus_device*, tactus_device_spec* spec) {
   spec->max_force = 5;
   spec->max_stiffness = 800;

@@ -46,7 +46,7 @@ void BodyTouch::step(const DeviceState& device, bool grab, const BodyState& body
   ramp_body_.advance(kRamp * dt / feel.stiffness);
   if (local.surface_moved) ramp_body_.set(local.proxy - device_body);
   if (!local.in_contact) ramp_body_ = {};
-  const Vec3d anchor_body = local.proxy - ramp_body_.left();
+  const Vec3d anchor_body = local.proxy - ramp_body_.remaining();
   if (!grab) {
     grabbed_ = false;
   } else if (!grabbed_ && local.in_contact) {

@@ -1,10 +1,10 @@
-/// A probe on a body that moves: the proxy in the body's own frame, so that it rides along, and the spring between.
+/// Contact of a probe with a moving body: a proxy in the body's own frame, and the spring between device and proxy.
 ///
-///     hand <-- stiffness (anchor - device) -- device ~~~~ anchor on the body -- the same, on the body, implicitly -->
+///     hand <-- stiffness (anchor - device) -- device ~~~~ anchor on the body -- same spring, implicit --> body
 ///
-/// A push holds while the device is pressed in, with the proxy's friction; two probes that press from opposite sides
-/// lift by it. A grab holds both ways, at the point where it began, until let go. Any Surface in the body's frame
-/// serves as its shape: a box here, a refined mesh in a controller.
+/// A push acts while the device is pressed in, with the proxy's friction. Two probes that press from opposite sides can
+/// lift a body. A grab acts in all directions at the point where it began, until the grab button is released. The shape
+/// is any Surface in the body's frame: a box here, a refined mesh in an HRTC.
 ///
 /// World frame where no other is named, SI. One thread at a time. Realtime: one step of the proxy.
 #pragma once
@@ -19,7 +19,7 @@
 
 namespace tactus::haptics {
 
-/// The faces of a box around the origin, outside out.
+/// The faces of a box centred at the origin, oriented outwards.
 class BoxSurface final : public Surface {
  public:
   explicit BoxSurface(const Vec3d& half_extents) noexcept;
@@ -37,18 +37,19 @@ class BodyTouch {
   void set_grip(const Grip& grip) noexcept { proxy_.set_grip(grip); }
   void reset() noexcept { proxy_.reset(), grabbed_ = false, ramp_body_ = {}; }
 
-  /// One cycle with the device where `device` says, in the world. `grab`: hold on to where it touches. Realtime.
+  /// One cycle with `device` in the world frame. `grab`: hold the body at the contact point. Realtime.
   void step(const DeviceState& device, bool grab, const BodyState& body, const Surface& shape_body, const Feel& feel,
             double dt) noexcept;
 
-  /// It touches or holds; else the spring pulls nothing.
+  /// True when the probe touches or holds the body; otherwise the spring exerts no force.
   [[nodiscard]] bool touching() const noexcept { return touch_.in_contact; }
   [[nodiscard]] bool holding() const noexcept { return grabbed_; }
-  /// On the body.
+  /// The spring that acts on the body.
   [[nodiscard]] const PointSpring& spring() const noexcept { return spring_; }
-  /// For ForceRenderer, in the world.
+  /// Contact in the world frame, for ForceRenderer.
   [[nodiscard]] const ProxyResult& touch() const noexcept { return touch_; }
-  /// The device as the body sees it move, for ForceRenderer: a damper that rides along must not brake both.
+  /// The device with its velocity relative to the body, for ForceRenderer. An absolute velocity would damp both of
+  /// them.
   [[nodiscard]] const DeviceState& device() const noexcept { return relative_; }
 
  private:
@@ -57,7 +58,7 @@ class BodyTouch {
   PointSpring spring_;
   DeviceState relative_;
   Vec3d anchor_body_ = Vec3d::Zero();
-  Ramp ramp_body_;  // m: a probe that begins in the body's surface is not pushed out at once, nor the body away
+  Ramp ramp_body_;  // m; a probe that starts inside the body builds up its force gradually
   bool grabbed_ = false;
 };
 

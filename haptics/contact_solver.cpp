@@ -19,10 +19,10 @@ void tangents_of(const Vec3d& n, Vec3d& t1, Vec3d& t2) noexcept {
 /// std::hypot guards against overflow, at ten times the cost.
 double length_of(double x, double y) noexcept { return std::sqrt(x * x + y * y); }
 
-/// The point of the disc |x| <= radius that minimises sum a_i (x_i - c_i)^2, for a_i > 0 and c outside of it.
+/// Minimises sum a_i (x_i - c_i)^2 over the disc |x| <= radius, for a_i > 0 and c outside the disc.
 void closest_in_disc(const double a[2], const double c[2], double radius, double x[2]) noexcept {
-  // x_i = a_i c_i / (a_i + m); |x| falls as m grows, and |x| = radius is found by Newton's method on 1 / |x|, which
-  // is concave in m: from m = 0 it never overshoots.
+  // x_i = a_i c_i / (a_i + m), and |x| falls as m grows. Newton's method on 1 / |x|, which is concave in m, finds
+  // x| = radius; started at m = 0 it never overshoots.
   double m = 0;
   for (int step = 0; step < 20; ++step) {
     x[0] = a[0] * c[0] / (a[0] + m);
@@ -53,12 +53,12 @@ void ContactSolver::add(const Contact& contact) noexcept {
   candidates_[candidate_count_++] = contact;
 }
 
-// The deepest first; then, again and again, the one that differs most from all those taken, in place or in direction:
-// what carries a body are the outermost points of each face that it stands on.
+// Takes the deepest contact first. Then it repeatedly takes the contact that differs most, in position or direction,
+// from all contacts taken. The outermost points of each supporting face carry a body, and this rule selects them.
 void ContactSolver::reduce() noexcept {
   if (candidate_count_ <= kMaxContacts) {
-    std::copy_n(candidates_.begin(), candidate_count_, kept_.begin());
-    kept_count_ = candidate_count_;
+    std::copy_n(candidates_.begin(), candidate_count_, selected_.begin());
+    selected_count_ = candidate_count_;
     return;
   }
   double extent = 0;
@@ -69,9 +69,9 @@ void ContactSolver::reduce() noexcept {
   }
   std::array<double, kMaxCandidateContacts> apart;
   apart.fill(std::numeric_limits<double>::infinity());
-  kept_count_ = 0;
-  while (kept_count_ < kMaxContacts) {
-    const Contact& taken = kept_[kept_count_++] = candidates_[next];
+  selected_count_ = 0;
+  while (selected_count_ < kMaxContacts) {
+    const Contact& taken = selected_[selected_count_++] = candidates_[next];
     apart[next] = -1;
     for (std::size_t i = 0; i < candidate_count_; ++i) {
       const bool same_pair = candidates_[i].a == taken.a && candidates_[i].b == taken.b;
@@ -122,7 +122,7 @@ void ContactSolver::build(Block& block, const Contact& contact, spm::Span<const 
   if (contact.gap >= 0) {
     block.target = contact.gap / dt;
   } else {
-    const double overlap = std::max(0.0, -contact.gap - settings_.touching);
+    const double overlap = std::max(0.0, -contact.gap - settings_.allowed_overlap);
     block.target = -std::min({settings_.push_out, settings_.push_out_rate * overlap, overlap / dt});
   }
 }
@@ -130,8 +130,8 @@ void ContactSolver::build(Block& block, const Contact& contact, spm::Span<const 
 const SolverResult& ContactSolver::solve(spm::Span<SolverBody> bodies, double dt) noexcept {
   reduce();
   result_ = SolverResult{};
-  result_.contacts = static_cast<std::uint32_t>(kept_count_);
-  result_.dropped = overflow_ + static_cast<std::uint32_t>(candidate_count_ - kept_count_);
+  result_.contacts = static_cast<std::uint32_t>(selected_count_);
+  result_.dropped = overflow_ + static_cast<std::uint32_t>(candidate_count_ - selected_count_);
 
   const auto apply = [&](const Contact& contact, const Row& row, double impulse) {
     bodies[contact.a].velocity += row.change_a * impulse;
@@ -143,31 +143,31 @@ const SolverResult& ContactSolver::solve(spm::Span<SolverBody> bodies, double dt
     return along;
   };
 
-  for (std::size_t i = 0; i < kept_count_; ++i) build(blocks_[i], kept_[i], bodies, dt);
-  for (std::size_t i = 0; i < kept_count_; ++i) {
+  for (std::size_t i = 0; i < selected_count_; ++i) build(blocks_[i], selected_[i], bodies, dt);
+  for (std::size_t i = 0; i < selected_count_; ++i) {
     Block& block = blocks_[i];
     block.lambda.fill(0);
-    const Remembered* const end = remembered_.data() + remembered_count_;
-    const Remembered* const found =
-        std::find_if(std::as_const(remembered_).data(), end, [&](const Remembered& r) { return r.id == kept_[i].id; });
+    const WarmStart* const end = warm_start_.data() + warm_start_count_;
+    const WarmStart* const found = std::find_if(std::as_const(warm_start_).data(), end,
+                                                [&](const WarmStart& r) { return r.id == selected_[i].id; });
     if (found == end) continue;
     block.lambda[0] = std::max(0.0, found->impulse.dot(block.axes[0]));
     block.lambda[1] = found->impulse.dot(block.axes[1]);
     block.lambda[2] = found->impulse.dot(block.axes[2]);
-    const double max = kept_[i].friction * block.lambda[0];
+    const double max = selected_[i].friction * block.lambda[0];
     if (const double size = length_of(block.lambda[1], block.lambda[2]); size > max) {
       block.lambda[1] *= size > 0 ? max / size : 0;
       block.lambda[2] *= size > 0 ? max / size : 0;
     }
-    for (int axis = 0; axis < 3; ++axis) apply(kept_[i], block.rows[axis], block.lambda[axis]);
+    for (int axis = 0; axis < 3; ++axis) apply(selected_[i], block.rows[axis], block.lambda[axis]);
   }
 
-  result_.quiet = kept_count_ == 0;
-  while (!result_.quiet && result_.sweeps < settings_.sweeps) {
-    ++result_.sweeps;
+  result_.converged = selected_count_ == 0;
+  while (!result_.converged && result_.iterations < settings_.iterations) {
+    ++result_.iterations;
     double largest = 0;
-    for (std::size_t i = 0; i < kept_count_; ++i) {
-      const Contact& contact = kept_[i];
+    for (std::size_t i = 0; i < selected_count_; ++i) {
+      const Contact& contact = selected_[i];
       Block& block = blocks_[i];
       const Row& normal = block.rows[0];
       if (normal.diagonal > 0) {
@@ -197,39 +197,39 @@ const SolverResult& ContactSolver::solve(spm::Span<SolverBody> bodies, double dt
         largest = std::max(largest, std::abs(change) * a[t]);
       }
     }
-    result_.quiet = largest <= settings_.quiet;
+    result_.converged = largest <= settings_.tolerance;
   }
 
   // The objective along the ray s * lambda is s * linear + s^2 * quadratic.
   double linear = 0, quadratic = 0;
-  for (std::size_t i = 0; i < kept_count_; ++i) {
+  for (std::size_t i = 0; i < selected_count_; ++i) {
     const Block& block = blocks_[i];
     linear += block.lambda[0] * block.target;
     for (int axis = 0; axis < 3; ++axis) {
       linear += block.lambda[axis] * block.free[axis];
-      quadratic += 0.5 * block.lambda[axis] * (velocity(kept_[i], block.rows[axis]) - block.free[axis]);
+      quadratic += 0.5 * block.lambda[axis] * (velocity(selected_[i], block.rows[axis]) - block.free[axis]);
     }
   }
   result_.objective = linear + quadratic;
   if (result_.objective > 0 && quadratic > 0) {
     const double share = std::clamp(-linear / (2 * quadratic), 0.0, 1.0);
-    for (std::size_t i = 0; i < kept_count_; ++i) {
+    for (std::size_t i = 0; i < selected_count_; ++i) {
       for (int axis = 0; axis < 3; ++axis) {
         const double before = blocks_[i].lambda[axis];
         blocks_[i].lambda[axis] *= share;
-        apply(kept_[i], blocks_[i].rows[axis], blocks_[i].lambda[axis] - before);
+        apply(selected_[i], blocks_[i].rows[axis], blocks_[i].lambda[axis] - before);
       }
     }
     result_.scaled = true;
     result_.objective = share * linear + share * share * quadratic;
   }
 
-  remembered_count_ = kept_count_;
-  for (std::size_t i = 0; i < kept_count_; ++i) {
+  warm_start_count_ = selected_count_;
+  for (std::size_t i = 0; i < selected_count_; ++i) {
     const Block& block = blocks_[i];
     impulses_[i] = block.lambda[0] * block.axes[0] + block.lambda[1] * block.axes[1] + block.lambda[2] * block.axes[2];
-    remembered_[i] = {kept_[i].id, impulses_[i]};
-    if (kept_[i].b == spm::kNone) result_.impulse += impulses_[i];
+    warm_start_[i] = {selected_[i].id, impulses_[i]};
+    if (selected_[i].b == spm::kNone) result_.impulse += impulses_[i];
   }
   return result_;
 }

@@ -8,27 +8,28 @@ namespace tactus::haptics {
 namespace {
 
 constexpr double kPi = 3.14159265358979323846;
-constexpr int kLongestGap = 100;                   // cycles without a sample over which waves are interpolated
-constexpr std::int64_t kPatienceNs = 500'000'000;  // for which a peer that has said nothing is taken to move along
-constexpr double kSharing = 0.05;                  // of what is above the reserve, a cycle
-constexpr double kSpare = 3;                       // times what a cycle's waves cost, with which copies are homed
-constexpr double kSmoothing = 0.02;                // s, of what users do
+constexpr int kLongestGap = 100;                        // cycles without a sample across which waves are interpolated
+constexpr std::int64_t kAssumedMotionNs = 500'000'000;  // a peer without samples is assumed to move along for so long
+constexpr double kSurplusShare = 0.05;                  // share of the energy above the reserve that is sent per cycle
+constexpr double kHomingCosts = 3;   // tank level, in costs of one cycle's waves, from which homing is allowed
+constexpr double kSmoothing = 0.02;  // s, time constant of the users' forces
 
 }  // namespace
 
-CopyCoupling::CopyCoupling(const CouplingSettings& settings, std::size_t place, const BodySettings& whole) noexcept
-    : settings_{settings}, place_{place}, share_{whole} {
+CopyCoupling::CopyCoupling(const CouplingSettings& settings, std::size_t index, const BodySettings& whole) noexcept
+    : settings_{settings}, index_{index}, share_{whole} {
   const double copies = static_cast<double>(settings_.copies);
-  // A long line rings within the band of a hand, so its waves are damped; a short one rings above it and the hands do.
+  // A long channel resonates within the bandwidth of a hand, so its waves are low-pass filtered. A short one resonates
+  // above that bandwidth, where the hands damp it.
   filter_ = settings_.delay * std::min(0.8, settings_.delay / 0.3);
-  line_delay_ = settings_.delay + filter_ + 1e-3;
-  const double phi = settings_.line_share;
+  channel_delay_ = settings_.delay + filter_ + 1e-3;
+  const double phi = settings_.channel_share;
 
-  // Springs and line yield, so that what hangs on them seems heavier by the share `yields` at 1 Hz than at rest: half
-  // of it is taken away beforehand.
+  // Springs and channels are compliant, so an object feels heavier at 1 Hz than at rest, by the share `yields`. Half of
+  // that is subtracted beforehand.
   const double others = whole.mass * (copies - 1) / copies;
   const double yields = std::pow(2 * kPi, 2) * others *
-                        (1 / settings_.stiffness + copies * line_delay_ * line_delay_ / (2 * phi * whole.mass));
+                        (1 / settings_.stiffness + copies * channel_delay_ * channel_delay_ / (2 * phi * whole.mass));
   const double scale = 1 / (1 + 0.45 * std::min(0.3, yields));
 
   share_.mass = whole.mass * scale * (1 - phi) / copies;
@@ -38,43 +39,43 @@ CopyCoupling::CopyCoupling(const CouplingSettings& settings, std::size_t place, 
   share_.angular_damping = whole.angular_damping / copies;
 
   whole_ << Vec3d::Constant(whole.mass), whole.inertia;
-  // What a kilogram of translation is in rotation, and what a spring is when its parts are where a box has corners.
+  // Rotational equivalents of a mass of 1 kg, and of a spring whose parts act at the corners of a box.
   Vec6d per_mass;
   per_mass << Vec3d::Ones(), whole.inertia / whole.mass;
   Vec6d per_spring;
   per_spring << Vec3d::Ones(), 3 * whole.inertia / whole.mass;
   stiffness_ = per_spring * settings_.stiffness;
   Vec6d min;
-  min << Vec3d::Constant(settings_.min_stiffness), Vec3d::Constant(settings_.min_turning_stiffness);
+  min << Vec3d::Constant(settings_.min_stiffness), Vec3d::Constant(settings_.min_rotational_stiffness);
   const double pairs = copies * (copies - 1) / 2;
-  impedance_ = (per_mass * (phi * whole.mass * scale / (pairs * line_delay_)))
-                   .cwiseMax(per_spring.cwiseProduct(min) * (line_delay_ / pairs));
+  impedance_ = (per_mass * (phi * whole.mass * scale / (pairs * channel_delay_)))
+                   .cwiseMax(per_spring.cwiseProduct(min) * (channel_delay_ / pairs));
   drag_ = per_mass * (settings_.drag / copies);
   ledger_.tank = ledger_.received = settings_.initial / copies;
   own_.time_ns = -1;
   pressed_.fill(Vec3d::Zero());
 }
 
-void CopyCoupling::keep(History& history, const CopySample& sample, std::size_t to) noexcept {
+void CopyCoupling::store(History& history, const CopySample& sample, std::size_t to) noexcept {
   Received& received = history[static_cast<std::size_t>(sample.time_ns / kCycleNs) % kHistory];
   if (sample.time_ns > received.time_ns)
     received = {sample.time_ns, sample.waves[to], sample.body.position, sample.body.orientation};
 }
 
-bool CopyCoupling::at(const History& history, std::int64_t time_ns, Received& found) noexcept {
+bool CopyCoupling::interpolate(const History& history, std::int64_t time_ns, Received& found) noexcept {
   const std::int64_t cycle = time_ns / kCycleNs;
   if (cycle < 0) return false;
-  const auto place = [&](std::int64_t c) -> const Received& { return history[static_cast<std::size_t>(c) % kHistory]; };
+  const auto entry = [&](std::int64_t c) -> const Received& { return history[static_cast<std::size_t>(c) % kHistory]; };
   const Received* before = nullptr;
   for (int gap = 0; gap <= std::min<std::int64_t>(kLongestGap, cycle) && before == nullptr; ++gap) {
-    const Received& received = place(cycle - gap);
+    const Received& received = entry(cycle - gap);
     if (received.time_ns / kCycleNs == cycle - gap && received.time_ns >= 0 && received.time_ns <= time_ns)
       before = &received;
   }
   if (before == nullptr) return false;
   found = *before;
   for (int gap = 0; gap <= kLongestGap; ++gap) {
-    const Received& after = place(cycle + gap);
+    const Received& after = entry(cycle + gap);
     if (after.time_ns / kCycleNs != cycle + gap || after.time_ns <= time_ns) continue;
     const double share =
         static_cast<double>(time_ns - before->time_ns) / static_cast<double>(after.time_ns - before->time_ns);
@@ -87,14 +88,14 @@ bool CopyCoupling::at(const History& history, std::int64_t time_ns, Received& fo
 }
 
 void CopyCoupling::on_sample(std::size_t peer, const CopySample& sample) noexcept {
-  if (peer >= settings_.copies || peer == place_ || sample.time_ns < 0) return;
-  keep(received_[peer], sample, place_);
+  if (peer >= settings_.copies || peer == index_ || sample.time_ns < 0) return;
+  store(received_[peer], sample, index_);
   if (sample.time_ns <= pressed_ns_[peer]) return;
   pressed_ns_[peer] = sample.time_ns;
   pressed_[peer] = sample.pressed;
-  // The counter never falls, so one that does shows that the sample before was wrong: the count goes on from here.
-  const double arrived = std::min(sample.energy[place_] - energy_received_[peer], settings_.tank);
-  energy_received_[peer] = sample.energy[place_];
+  // The counter never falls. A lower value shows that the previous sample was wrong, and counting restarts from it.
+  const double arrived = std::min(sample.energy[index_] - energy_received_[peer], settings_.tank);
+  energy_received_[peer] = sample.energy[index_];
   if (!(arrived > 0)) return;
   ledger_.tank += arrived;
   ledger_.received += arrived;
@@ -104,8 +105,8 @@ void CopyCoupling::start(std::int64_t now_ns, const BodyState& body) noexcept {
   started_ = true;
   start_ns_ = now_ns;
   start_speed_ << body.velocity, body.orientation.conjugate() * body.angular_velocity;
-  for (Line& line : lines_) line.filtered = -filter_ * start_speed_;  // as it would lag
-  for (Line& line : lines_) line.arrived = line.filtered;
+  for (Channel& channel : channels_) channel.filtered = -filter_ * start_speed_;  // lag of the filter at this speed
+  for (Channel& channel : channels_) channel.arrived = channel.filtered;
   Vec6d share;
   share << Vec3d::Constant(share_.mass), share_.inertia;
   const Vec6d cut_off = whole_ / static_cast<double>(settings_.copies) - share;
@@ -114,16 +115,17 @@ void CopyCoupling::start(std::int64_t now_ns, const BodyState& body) noexcept {
   ledger_.received += lacking;
 }
 
-/// A line at rest carries 1 / N of the difference of what its two ends' users do, and is stretched by D / b of that.
+/// At rest a channel carries 1 / N of the difference between its two users' forces, and is stretched by D / b times
+/// that.
 Mat6d CopyCoupling::impedance_to(std::size_t peer) const noexcept {
   Mat6d impedance = impedance_.asDiagonal();
-  const Vec3d between = pressed_[place_] - pressed_[peer];
+  const Vec3d between = pressed_[index_] - pressed_[peer];
   const double size = between.norm();
-  if (size < settings_.slight) return impedance;
+  if (size < settings_.ignored_force) return impedance;
   const Vec3d along = between / size;
-  const double opposed = std::min(pressed_[place_].dot(along), -pressed_[peer].dot(along));
-  const double carried = 2 * std::max(0.0, opposed - settings_.slight) / static_cast<double>(settings_.copies);
-  const double wanted = std::min(carried * line_delay_ / settings_.give, settings_.max_mass / line_delay_);
+  const double opposed = std::min(pressed_[index_].dot(along), -pressed_[peer].dot(along));
+  const double carried = 2 * std::max(0.0, opposed - settings_.ignored_force) / static_cast<double>(settings_.copies);
+  const double wanted = std::min(carried * channel_delay_ / settings_.stretch, settings_.max_mass / channel_delay_);
   if (const double more = wanted - impedance_[0]; more > 0)
     impedance.topLeftCorner<3, 3>() += more * along * along.transpose();
   return impedance;
@@ -142,70 +144,70 @@ void CopyCoupling::begin(std::int64_t now_ns, double dt, RigidBody& body) noexce
 
   const std::int64_t then_ns = now_ns - std::llround(settings_.delay * 1e9);
   Received own;
-  bool all = at(received_[place_], then_ns, own);
+  bool all = interpolate(received_[index_], then_ns, own);
   Vec6d apart = Vec6d::Zero();
   double furthest = 0;
   for (std::size_t i = 0; i < settings_.copies; ++i) {
-    if (i == place_) continue;
-    Line& line = lines_[i];
+    if (i == index_) continue;
+    Channel& channel = channels_[i];
     Received peer;
-    if (at(received_[i], then_ns, peer)) {
-      if (!line.received) line.offset = line.wanted - peer.wave;
-      line.received = true;
-      line.wanted = peer.wave + line.offset;
+    if (interpolate(received_[i], then_ns, peer)) {
+      if (!channel.received) channel.offset = channel.wanted - peer.wave;
+      channel.received = true;
+      channel.wanted = peer.wave + channel.offset;
       if (all) {
         furthest = std::max(furthest, (peer.position - own.position).norm());
         apart.head<3>() += (peer.position - own.position) / copies;
-        apart.tail<3>() += turn_of(own.orientation.conjugate() * peer.orientation) / copies;
+        apart.tail<3>() += log_map(own.orientation.conjugate() * peer.orientation) / copies;
       }
     } else {
       all = false;
-      if (!line.received && now_ns - start_ns_ <= kPatienceNs) line.wanted += dt * start_speed_;  // as one body goes on
+      if (!channel.received && now_ns - start_ns_ <= kAssumedMotionNs) channel.wanted += dt * start_speed_;
     }
   }
   if (all) ledger_.apart = furthest;
-  if (all && may_home_) homed_ += apart * (settings_.homing * dt / line_delay_);
+  if (all && may_home_) homing_ += apart * (settings_.homing * dt / channel_delay_);
   for (std::size_t i = 0; i < settings_.copies; ++i) {
-    if (i == place_) continue;
-    lines_[i].filtered += (lines_[i].wanted + homed_ - lines_[i].filtered) * (dt / (filter_ + dt));
+    if (i == index_) continue;
+    channels_[i].filtered += (channels_[i].wanted + homing_ - channels_[i].filtered) * (dt / (filter_ + dt));
   }
 
-  // As far as speed and tank allow.
+  // Limits the steps to the maximum speed and to the energy in the tank.
   const double arm = std::sqrt(share_.inertia.maxCoeff() / share_.mass);
   double cost = 0;
   Mat6d impedances = Mat6d::Zero();
   ledger_.behind = 0;
   for (std::size_t i = 0; i < settings_.copies; ++i) {
-    if (i == place_) continue;
-    Line& line = lines_[i];
-    line.step = line.filtered - line.arrived;
-    ledger_.behind = std::max(ledger_.behind, line.step.head<3>().norm());
-    const double fastest = std::max(line.step.head<3>().norm(), arm * line.step.tail<3>().norm()) / dt;
-    if (fastest > settings_.max_speed) line.step *= settings_.max_speed / fastest;
-    line.impedance = impedance_to(i);
-    impedances += line.impedance;
-    cost += line.step.dot(line.impedance * line.step) / (4 * dt);
+    if (i == index_) continue;
+    Channel& channel = channels_[i];
+    channel.step = channel.filtered - channel.arrived;
+    ledger_.behind = std::max(ledger_.behind, channel.step.head<3>().norm());
+    const double fastest = std::max(channel.step.head<3>().norm(), arm * channel.step.tail<3>().norm()) / dt;
+    if (fastest > settings_.max_speed) channel.step *= settings_.max_speed / fastest;
+    channel.impedance = impedance_to(i);
+    impedances += channel.impedance;
+    cost += channel.step.dot(channel.impedance * channel.step) / (4 * dt);
   }
   double share = 1;
-  may_home_ = kSpare * cost <= ledger_.tank;
+  may_home_ = kHomingCosts * cost <= ledger_.tank;
   if (cost > ledger_.tank) {
     share = std::sqrt(std::max(0.0, ledger_.tank) / cost);
     ++ledger_.held;
   }
   ledger_.tank -= share * share * cost;
   for (std::size_t i = 0; i < settings_.copies; ++i) {
-    if (i == place_) continue;
-    lines_[i].step *= share;
-    lines_[i].arrived += lines_[i].step;
-    step_ += lines_[i].impedance * lines_[i].step;
+    if (i == index_) continue;
+    channels_[i].step *= share;
+    channels_[i].arrived += channels_[i].step;
+    step_ += channels_[i].impedance * channels_[i].step;
   }
   admittance_ = impedances.inverse();
   step_ = admittance_ * step_;
 
-  // Spring and lines in series, at the end of the step: F = K (e + step - F dt / b - u - dt v).
+  // Spring and channels in series, at the end of the step: F = K (e + step - F dt / b - u - dt v).
   pull_ = (Mat6d(stiffness_.cwiseInverse().asDiagonal()) + dt * admittance_).inverse();
   const Mat6d mass = dt * dt * pull_ + dt * Mat6d(drag_.asDiagonal());
-  const Vec6d impulse = dt * pull_ * (end_ + step_ - moved_);
+  const Vec6d impulse = dt * pull_ * (set_position_ + step_ - moved_);
   const Eigen::Matrix3d axes = axes_.toRotationMatrix();
   Mat6d mass_world = Mat6d::Zero();
   mass_world.topLeftCorner<3, 3>() = mass.topLeftCorner<3, 3>();
@@ -219,39 +221,39 @@ void CopyCoupling::finish(const Vec6d& velocity, const RigidBody& body, const Ve
   if (started_) {
     Vec6d own;
     own << velocity.head<3>(), axes_.conjugate() * velocity.tail<3>();
-    const Vec6d way = dt_ * own;
-    const Vec6d force = pull_ * (end_ + step_ - moved_ - way);
-    const double lines = static_cast<double>(settings_.copies - 1);
+    const Vec6d moved = dt_ * own;
+    const Vec6d force = pull_ * (set_position_ + step_ - moved_ - moved);
+    const double channels = static_cast<double>(settings_.copies - 1);
     const Vec6d end_step = step_ - dt_ * admittance_ * force;
-    const double dragged = drag_.dot(own.cwiseProduct(way));
-    ledger_.given += force.dot(way) - dragged;
+    const double dragged = drag_.dot(own.cwiseProduct(moved));
+    ledger_.given += force.dot(moved) - dragged;
     ledger_.tank += settings_.credited * dragged;
-    end_ += end_step;
-    moved_ += way;
-    // What lines put into the spring and it neither gave nor kept. Not credited, it is lost where a tank that is short
-    // makes the set position tremble, which leaves the tank shorter still.
-    const double stored = 0.5 * stiffness_.dot((end_ - moved_).cwiseAbs2());
-    ledger_.tank += std::max(0.0, force.dot(end_step - way) - (stored - ledger_.stored));
+    set_position_ += end_step;
+    moved_ += moved;
+    // Energy that the channels put into the spring and that the spring neither returned nor stored. Without this credit
+    // a low tank would make the set position oscillate, and the oscillation would lower the tank further.
+    const double stored = 0.5 * stiffness_.dot((set_position_ - moved_).cwiseAbs2());
+    ledger_.tank += std::max(0.0, force.dot(end_step - moved) - (stored - ledger_.stored));
     ledger_.stored = stored;
 
     for (std::size_t i = 0; i < settings_.copies; ++i) {
-      if (i == place_) continue;
-      const Vec6d leaving = end_step - lines_[i].step / 2;  // times dt
-      own_.energy[i] += leaving.dot(lines_[i].impedance * leaving) / dt_;
-      own_.waves[i] = 2 * end_ - lines_[i].arrived;
+      if (i == index_) continue;
+      const Vec6d leaving = end_step - channels_[i].step / 2;  // times dt
+      own_.energy[i] += leaving.dot(channels_[i].impedance * leaving) / dt_;
+      own_.waves[i] = 2 * set_position_ - channels_[i].arrived;
     }
-    if (const double spare = kSharing * (ledger_.tank - settings_.reserve); spare > 0) {
+    if (const double spare = kSurplusShare * (ledger_.tank - settings_.reserve); spare > 0) {
       ledger_.tank -= spare;
       for (std::size_t i = 0; i < settings_.copies; ++i) {
-        if (i != place_) own_.energy[i] += spare / lines;
+        if (i != index_) own_.energy[i] += spare / channels;
       }
     }
   }
-  pressed_[place_] += (pressed - pressed_[place_]) * (dt_ / (kSmoothing + dt_));
-  own_.pressed = pressed_[place_];
+  pressed_[index_] += (pressed - pressed_[index_]) * (dt_ / (kSmoothing + dt_));
+  own_.pressed = pressed_[index_];
   own_.time_ns = now_ns_;
   own_.body = body.state();
-  keep(received_[place_], own_, place_);
+  store(received_[index_], own_, index_);
 }
 
 }  // namespace tactus::haptics

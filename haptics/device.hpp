@@ -1,4 +1,4 @@
-/// A haptic device as the cycle sees it, and the frame that puts it into the world.
+/// A haptic device in its own frame, and the frame that maps it into the world.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -11,20 +11,20 @@ namespace tactus::haptics {
 
 using spm::Vec3d;
 
-/// What a device can do, in its own frame.
+/// Limits of a device in its own frame.
 struct DeviceSpec {
   double max_force = 10;                ///< N
-  double max_stiffness = 5000;          ///< N/m that the maker vouches for
-  double damping = 3;                   ///< N s/m, physical, at the least; sets the stiffness that stays stable
+  double max_stiffness = 5000;          ///< N/m, the vendor's limit
+  double damping = 3;                   ///< N s/m, physical, minimum; sets the stiffness that stays stable
   double workspace_radius = 0.2;        ///< m
-  double max_torque = 0;                ///< N m; 0: it bears forces only
-  double max_rotational_stiffness = 1;  ///< N m/rad that the maker vouches for
+  double max_torque = 0;                ///< N m; 0: forces only
+  double max_rotational_stiffness = 1;  ///< N m/rad, the vendor's limit
 };
 
 /// Bits of DeviceState::buttons.
 enum Button : std::uint32_t {
-  kClutchButton = 1u << 0,  ///< while it is down the device moves and the tip does not
-  kGrabButton = 1u << 1     ///< while it is down the hand holds on to what it touches, if that can move
+  kClutchButton = 1u << 0,  ///< while it is pressed the device moves and the tip does not
+  kGrabButton = 1u << 1     ///< while it is pressed the hand holds a movable object that it touches
 };
 
 struct DeviceState {
@@ -32,11 +32,11 @@ struct DeviceState {
   Vec3d velocity = Vec3d::Zero();  ///< m/s
   Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
   std::uint32_t buttons = 0;  ///< Button
-  std::int64_t time_ns = 0;   ///< when it was so, on the clock given to `read`
+  std::int64_t time_ns = 0;   ///< time of the measurement, on the clock given to `read`
 
-  // Of a device that is not on this machine.
-  std::uint32_t sequence = 0;  ///< that its maker gave the pose
-  double transit = 0;          ///< s that it took to come here: so much of its age is no silence
+  // Of a device on another machine.
+  std::uint32_t sequence = 0;  ///< the sequence number that the sender gave the pose
+  double transit = 0;          ///< s, time the pose took to arrive; not counted as silence
   double loop_delay = 0;       ///< s from the pose to its force in the hand, beyond half a cycle
 };
 
@@ -52,8 +52,8 @@ enum class DeviceHealth : std::uint8_t {
   kFailed
 };
 
-/// Opened by its constructor, which throws DeviceError; closed, with zero force, by its destructor. The rest is called
-/// in the haptic thread and is realtime, but for what the system calls of a real device cost.
+/// The constructor opens the device and throws DeviceError. The destructor commands zero force and closes it.
+/// Everything else runs in the haptic thread and is realtime, except for the system calls of a real device.
 class Device {
  public:
   virtual ~Device() = default;
@@ -62,15 +62,15 @@ class Device {
   [[nodiscard]] virtual DeviceState read(std::int64_t now_ns) noexcept = 0;
   /// The force on the user's hand, N in the device's frame, held until the next write.
   virtual void write(const Vec3d& force) noexcept = 0;
-  /// The same with a torque about the tip, N m, for devices that bear one; called in its place.
+  /// Force and a torque about the tip, N m, for devices that can exert one; called instead of `write`.
   virtual void write_wrench(const Vec3d& force, const Vec3d& /*torque*/) noexcept { write(force); }
   [[nodiscard]] virtual DeviceHealth health() const noexcept = 0;
 };
 
-/// Where a device stands in the world: tip = rotation * (scale * position) + translation.
+/// The pose of a device in the world: tip = rotation * (scale * position) + translation.
 ///
-/// Work is the same on both sides, so a force comes back as scale * rotation^-1 * force, and a world stiffness is felt
-/// scale^2 times as stiff: enlarged motions meet softer limits. While clutched the device moves and the tip does not.
+/// Work is equal on both sides, so a force comes back as scale * rotation^-1 * force, and a world stiffness feels
+/// scale^2 times as stiff: enlarged motions have lower limits. While clutched the device moves and the tip does not.
 /// One thread at a time. Realtime.
 class DeviceFrame {
  public:
@@ -78,8 +78,7 @@ class DeviceFrame {
                        const Vec3d& translation = Vec3d::Zero(), double scale = 1) noexcept
       : rotation_{rotation.normalized()}, translation_{translation}, scale_{scale} {}
 
-  /// The device's state in the world, once each cycle. At the cycle in which the clutch is let go the tip goes on from
-  /// where it stood.
+  /// The device's state in the world, once per cycle. After the clutch is released the tip continues from where it was.
   [[nodiscard]] DeviceState to_world(const DeviceState& device, bool clutched) noexcept {
     DeviceState world = device;
     const Vec3d moved = rotation_ * (scale_ * device.position);
@@ -92,18 +91,18 @@ class DeviceFrame {
     return world;
   }
 
-  /// A world force for the device; none while clutched, when the hand is elsewhere than the tip.
+  /// A world force in the device's frame; zero while clutched, because the hand is not at the tip.
   [[nodiscard]] Vec3d force_to_device(const Vec3d& force_world) const noexcept {
     if (clutched_) return Vec3d::Zero();
     return scale_ * (rotation_.conjugate() * force_world);
   }
-  /// The same of a torque: turns are not scaled.
+  /// A torque in the device's frame; torques are not scaled.
   [[nodiscard]] Vec3d torque_to_device(const Vec3d& torque_world) const noexcept {
     if (clutched_) return Vec3d::Zero();
     return rotation_.conjugate() * torque_world;
   }
 
-  /// The device's limits as the world meets them.
+  /// The device's limits in world units.
   [[nodiscard]] DeviceSpec to_world(const DeviceSpec& spec) const noexcept {
     return {spec.max_force / scale_,
             spec.max_stiffness / (scale_ * scale_),

@@ -1,14 +1,14 @@
-/* What a haptic device brings to Tactus: a shared library with one function, tactus_device_entry, in plain C.
+/* Interface of a haptic device driver: a shared library with one function, tactus_device_entry, in plain C.
  *
  *   tactus-hrtc --device ann=./mydevice.so,CONFIG
  *
- * Loaded at run time, so that no SDK is needed to build Tactus and no Tactus library to build a driver: this header is
- * all. `docs/how-to/own-device.md` goes through a whole one. Metres, newton, seconds, radians; the device's own frame,
- * which --device-scale and --device-offset put into the world. Tactus limits forces, starts them softly and ends them
- * when poses grow old; a driver writes what it is given, and its device's own protection stays on.
+ * The driver is loaded at run time. Tactus builds without an SDK, and a driver builds with this header alone.
+ * docs/how-to/own-device.md describes a complete driver. Units: metres, newton, seconds, radians, in the device's own
+ * frame, which --device-scale and --device-offset map into the world. Tactus limits forces, ramps them up and turns them
+ * off when poses grow old. A driver writes the forces that it receives and leaves the protection in its device on.
  *
- * read and write are called once each cycle, 1 kHz unless said otherwise, in the haptic thread: they must not wait. A
- * device whose SDK blocks is read in a thread of the driver's own, and read gives the newest pose with its time. */
+ * read and write are called once per cycle, by default at 1 kHz, in the haptic thread, and must not block. If the SDK
+ * blocks, the driver reads in a thread of its own, and read returns the newest pose with its time. */
 #ifndef TACTUS_HAPTICS_DEVICE_PLUGIN_H
 #define TACTUS_HAPTICS_DEVICE_PLUGIN_H
 
@@ -19,62 +19,62 @@
 extern "C" {
 #endif
 
-/* Grows with this header. Drivers of ABI 1, which end where it says so below, are loaded as they are. */
+/* Increases with this header. Drivers of ABI 1 end where "ABI 1 ends here" says so, and load unchanged. */
 #define TACTUS_DEVICE_ABI 2u
 
-/* What read returns. */
+/* Results of read. */
 #define TACTUS_DEVICE_POSE 0    /* a pose */
-#define TACTUS_DEVICE_NO_NEWS 1 /* none since the last: it grows old, and the force fades after 10 ms */
-#define TACTUS_DEVICE_FAILED -1 /* for good: the force is off and says so, until the operator resets it */
+#define TACTUS_DEVICE_NO_NEWS 1 /* no new pose; the last one grows old, and the force fades after 10 ms */
+#define TACTUS_DEVICE_FAILED -1 /* permanent; the force is off, with a status bit, until the operator resets it */
 
 /* tactus_device_spec.flags */
-#define TACTUS_DEVICE_HAS_VELOCITY 1u /* poses come with velocities; else they are made of positions */
+#define TACTUS_DEVICE_HAS_VELOCITY 1u /* poses have velocities; otherwise Tactus derives them from positions */
 
 /* One open device; the driver's own. */
 struct tactus_device;
 
-/* What the device can do. Filled with defaults before `spec` is called; write what you know. */
+/* Limits of the device. Filled with defaults before `spec` is called; write the members that you know. */
 struct tactus_device_spec {
   double max_force;        /* N */
-  double max_stiffness;    /* N/m that the maker vouches for */
-  double damping;          /* N s/m, physical, at the least: sets how stiff a surface can be without trembling */
+  double max_stiffness;    /* N/m, the vendor's limit */
+  double damping;          /* N s/m, physical, minimum: limits the stiffness of a surface without vibration */
   double workspace_radius; /* m */
   uint32_t flags;
   /* ABI 1 ends here. */
-  double max_torque;               /* N m; 0, as filled: it bears forces only */
-  double max_rotational_stiffness; /* N m/rad that the maker vouches for */
+  double max_torque;               /* N m; default 0: forces only */
+  double max_rotational_stiffness; /* N m/rad, the vendor's limit */
 };
 
-/* Where it is. Filled with zeros, no rotation and the time of the call before `read` is called. */
+/* State of the device. Before `read` it contains zeros, no rotation and the time of the call. */
 struct tactus_device_pose {
   double position[3];    /* of the tip, m */
   double velocity[3];    /* m/s */
   double orientation[4]; /* x, y, z, w, of unit length */
-  int64_t time_ns;       /* when it was so, CLOCK_MONOTONIC */
+  int64_t time_ns;       /* time of the measurement, CLOCK_MONOTONIC */
   uint32_t buttons;      /* bit 0: the clutch: the device moves and the tip does not;
-                          * bit 1: the grab: the hand holds on to what it touches, if that can move */
+                          * bit 1: the grab: the hand holds a movable object that it touches */
 };
 
 struct tactus_device_driver {
   uint32_t abi;     /* TACTUS_DEVICE_ABI */
   const char* name; /* for logs */
-  /* `config` is what follows the comma, empty without one. NULL when it cannot be opened, with the reason in `error`,
-   * at most `error_size` bytes with their zero: what, where, found, expected. Not in the haptic thread. */
+  /* Opens a device. `config` is the text after the comma, or empty. Returns NULL on failure, with the reason in `error`
+   * (at most `error_size` bytes with the final zero): what, where, found, expected. Not called in the haptic thread. */
   struct tactus_device* (*open)(const char* config, char* error, size_t error_size);
-  /* After the last write, which was zero force. Not in the haptic thread. */
+  /* Called after the last write, which was zero force. Not called in the haptic thread. */
   void (*close)(struct tactus_device* device);
   void (*spec)(struct tactus_device* device, struct tactus_device_spec* spec);
-  /* TACTUS_DEVICE_POSE, _NO_NEWS or _FAILED. `now_ns`: CLOCK_MONOTONIC at the cycle's begin. */
+  /* Returns TACTUS_DEVICE_POSE, _NO_NEWS or _FAILED. `now_ns`: CLOCK_MONOTONIC at the start of the cycle. */
   int (*read)(struct tactus_device* device, int64_t now_ns, struct tactus_device_pose* pose);
-  /* The force on the user's hand, N, until the next write; once each cycle, after read. 0, or not when it failed for
-   * good. */
+  /* Sets the force on the user's hand, N, until the next write. Called once per cycle, after read. Returns 0, or another
+   * value after a permanent failure. */
   int (*write)(struct tactus_device* device, const double force[3]);
   /* ABI 1 ends here. */
-  /* The same with a torque about the tip, N m; called in place of write. NULL: forces only. */
+  /* Sets force and torque about the tip, N m; called instead of write. NULL: forces only. */
   int (*write_wrench)(struct tactus_device* device, const double force[3], const double torque[3]);
 };
 
-/* The one function that a driver has. The same at each call, and valid as long as the library is loaded. */
+/* The only function of a driver. It always returns the same pointer, valid while the library is loaded. */
 const struct tactus_device_driver* tactus_device_entry(void);
 
 #ifdef __cplusplus

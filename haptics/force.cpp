@@ -8,15 +8,15 @@
 namespace tactus::haptics {
 namespace {
 
-constexpr double kCollisionMargin = 1e-9;  // s; ages are differences of times that may be long ago
+constexpr double kAgeTolerance = 1e-9;  // s, for differences of large times
 
-/// What is within `limit` stays to the bit.
+/// Returns a force within `limit` unchanged, to the bit.
 Vec3d limited(const Vec3d& force, double limit) noexcept {
   const double size = force.norm();
   return size > limit ? Vec3d(force * (limit / size)) : force;
 }
 
-/// What a damper adds along a contact's normal, or a torque's axis: it may cancel the push, not turn it into a pull.
+/// Damping along a contact's normal, or a torque's axis. It may cancel the push but not turn it into a pull.
 double damped(const Vec3d& force, const Vec3d& normal, const Vec3d& velocity, double damping) noexcept {
   return std::max(-std::max(0.0, force.dot(normal)), -damping * velocity.dot(normal));
 }
@@ -26,12 +26,12 @@ bool is_unit(const Eigen::Quaterniond& orientation) noexcept {
   return std::abs(orientation.norm() - 1) <= kTolerance;
 }
 
-Vec3d turn_between(const Eigen::Quaterniond& from, const Eigen::Quaterniond& to) noexcept {
-  return turn_of(to * from.conjugate());
+Vec3d rotation_between(const Eigen::Quaterniond& from, const Eigen::Quaterniond& to) noexcept {
+  return log_map(to * from.conjugate());
 }
 
-/// What spring and damper of a contact make.
-Vec3d pressing(const ProxyResult& proxy, const DeviceState& device, double stiffness, double damping) noexcept {
+/// Force of a contact's spring and damper.
+Vec3d contact_force(const ProxyResult& proxy, const DeviceState& device, double stiffness, double damping) noexcept {
   Vec3d force = stiffness * (proxy.anchor - device.position);
   if (proxy.in_contact)
     force += damped(force, proxy.normal, device.velocity - proxy.surface_velocity, damping) * proxy.normal;
@@ -40,14 +40,14 @@ Vec3d pressing(const ProxyResult& proxy, const DeviceState& device, double stiff
 
 }  // namespace
 
-Vec3d turn_to(const Hold& hold, const DeviceState& device) noexcept {
-  return turn_between(device.orientation, hold.pose.orientation);
+Vec3d rotation_to(const Hold& hold, const DeviceState& device) noexcept {
+  return rotation_between(device.orientation, hold.pose.orientation);
 }
 
-Wrench pull_of(const Hold& hold, const ToolGrip& grip, double damping, const DeviceState& device,
-               const Vec3d& angular_velocity) noexcept {
+Wrench wrench_of(const Hold& hold, const ToolGrip& grip, double damping, const DeviceState& device,
+                 const Vec3d& angular_velocity) noexcept {
   return {grip.stiffness * (hold.pose.position - device.position) + damping * (hold.velocity - device.velocity),
-          grip.rotational_stiffness * turn_to(hold, device) +
+          grip.rotational_stiffness * rotation_to(hold, device) +
               grip.angular_damping * (hold.angular_velocity - angular_velocity)};
 }
 
@@ -56,10 +56,10 @@ double ForceRenderer::stiffness(const Feel& feel, double dt, double loop_delay) 
 }
 
 ToolGrip ForceRenderer::grip_with(double arm, const Feel& feel, double dt, double loop_delay) const noexcept {
-  constexpr double kAngularDamping = 0.01;  // s, of the torsion
+  constexpr double kAngularDamping = 0.01;  // s, ratio of damping to rotational stiffness
   const double stiffness = this->stiffness(feel, dt, loop_delay);
   const double rotational_stiffness = stiffness * arm * arm;
-  // A device that bears no torque cannot be unstable by it.
+  // A device without torque cannot become unstable by torque.
   const double borne =
       bears_torque() ? std::min(rotational_stiffness, spec_.max_rotational_stiffness) : rotational_stiffness;
   return {stiffness, borne, kAngularDamping * borne};
@@ -88,7 +88,7 @@ void ForceRenderer::advance_gain(double pose_age, double dt) noexcept {
   const double fresh = std::clamp((settings_.zero_by - pose_age) / (settings_.zero_by - settings_.hold), 0.0, 1.0);
   if (fresh < 1) {
     result_.bits |= kForceStale;
-    // A stale pose before the soft start is over does not shorten that.
+    // A pose that goes stale during the soft start does not shorten the soft start.
     if (gain_ >= 1) rise_time_ = settings_.recovery;
     gain_ = std::min(gain_, fresh);
     return;
@@ -99,20 +99,20 @@ void ForceRenderer::advance_gain(double pose_age, double dt) noexcept {
   }
 }
 
-/// Whether the device moves as no hand does while something acts on it.
+/// True when the device moves faster than a hand does while a force acts on it.
 bool ForceRenderer::too_fast(const DeviceState& device, double dt) noexcept {
   double speed = device.velocity.norm(), angular_velocity = 0;
-  if (placed_) {
-    // A pose that is the one of before tells nothing, one that was late covers more than a cycle.
+  if (has_pose_) {
+    // A repeated pose has no new information. A late pose covers more than one cycle.
     const double passed = std::max(dt, static_cast<double>(device.time_ns - time_ns_) * 1e-9);
     speed = std::max(speed, (device.position - position_).norm() / passed);
     const bool turns = is_unit(device.orientation) && is_unit(orientation_);
-    const Vec3d turned = turns ? turn_between(orientation_, device.orientation) : Vec3d(Vec3d::Zero());
+    const Vec3d turned = turns ? rotation_between(orientation_, device.orientation) : Vec3d(Vec3d::Zero());
     constexpr double kSmoothing = 0.005;  // s
     angular_velocity_ += (turned / passed - angular_velocity_) * (dt / (kSmoothing + dt));
     if (!result_.torque.isZero(0)) angular_velocity = turned.norm() / passed;
   }
-  placed_ = true;
+  has_pose_ = true;
   position_ = device.position;
   orientation_ = device.orientation;
   time_ns_ = device.time_ns;
@@ -145,12 +145,12 @@ const ForceResult& ForceRenderer::step(const Hold& hold, const ToolGrip& grip, c
 }
 
 Vec3d ForceRenderer::ramped(const Vec3d& pressed, const Vec3d& normal) noexcept {
-  if (ramp_.over()) return pressed;
-  // What pushed before the change may pull on what is there now: that fades with the ramp, and never grows.
+  if (ramp_.done()) return pressed;
+  // A force from before the change may pull on the new surface. That pull fades with the ramp and never grows.
   const double max = std::max(0.0, -last_.dot(normal));
-  const double pull = -(pressed - ramp_.left()).dot(normal);
-  if (pull > max) ramp_.set(ramp_.left() - normal * (pull - max));
-  return pressed - ramp_.left();
+  const double pull = -(pressed - ramp_.remaining()).dot(normal);
+  if (pull > max) ramp_.set(ramp_.remaining() - normal * (pull - max));
+  return pressed - ramp_.remaining();
 }
 
 bool ForceRenderer::admit(const DeviceState& device, const Feel& feel, double pose_age, double dt) noexcept {
@@ -176,42 +176,42 @@ void ForceRenderer::render(const ProxyResult& proxy, const DeviceState& device, 
   if (!admit(device, feel, pose_age, dt)) return;
 
   const double stiffness = this->stiffness(feel, dt, device.loop_delay);
-  // Limited before it is ramped, too: what is beyond is not felt, and would take long.
+  // Limited before the ramp as well: the excess would not be felt and would lengthen the ramp.
   bool saturated = false;
   const auto pressed = [&](const ProxyResult& at) noexcept {
-    const Vec3d whole = pressing(at, device, stiffness, feel.damping);
+    const Vec3d whole = contact_force(at, device, stiffness, feel.damping);
     const Vec3d within = limited(whole, max_force());
     saturated = saturated || within != whole;
     return within;
   };
   Vec3d force = pressed(proxy);
   ramp_.advance(kSurfaceRamp * dt);
-  const Vec3d without = unchanged != nullptr ? pressed(*unchanged) : force;
-  if (unchanged == nullptr || (without == force && unchanged->normal == proxy.normal)) {
+  const Vec3d unchanged_force = unchanged != nullptr ? pressed(*unchanged) : force;
+  if (unchanged == nullptr || (unchanged_force == force && unchanged->normal == proxy.normal)) {
     force = ramped(force, proxy.normal);
   } else {
-    const Vec3d goes_on = ramped(without, unchanged->normal);
-    ramp_.set(force - goes_on);
-    force = goes_on;
+    const Vec3d continued = ramped(unchanged_force, unchanged->normal);
+    ramp_.set(force - continued);
+    force = continued;
   }
   last_ = force;
   if (saturated) result_.bits |= kForceSaturated;
   if (!force.isZero(0) && stiffness < feel.stiffness) result_.bits |= kForceStiffnessCut;
-  if (!ramp_.over()) result_.bits |= kForceSurfaceRamp;
+  if (!ramp_.done()) result_.bits |= kForceSurfaceRamp;
   limit(force, Vec3d::Zero(), pose_age, dt);
 }
 
 void ForceRenderer::render(const ToolResult& tool, const ToolGrip& grip, const DeviceState& device, const Feel& feel,
                            double pose_age, double dt) noexcept {
-  const bool finite = tool.way.allFinite() && tool.turn.allFinite() && tool.normal.allFinite() &&
+  const bool finite = tool.displacement.allFinite() && tool.rotation.allFinite() && tool.normal.allFinite() &&
                       std::isfinite(grip.stiffness) && std::isfinite(grip.rotational_stiffness) &&
                       is_unit(device.orientation);
   if (!finite) return latch(Fault::kInputNotFinite);
   if (!admit(device, feel, pose_age, dt)) return;
-  Vec3d force = grip.stiffness * tool.way;
+  Vec3d force = grip.stiffness * tool.displacement;
   if (tool.in_contact) force += damped(force, tool.normal, device.velocity, feel.damping) * tool.normal;
   if (!force.isZero(0) && grip.stiffness < feel.stiffness) result_.bits |= kForceStiffnessCut;
-  Vec3d torque = grip.rotational_stiffness * tool.turn;
+  Vec3d torque = grip.rotational_stiffness * tool.rotation;
   if (const double size = torque.norm(); tool.in_contact && size > 0) {
     const Vec3d axis = torque / size;
     torque += damped(torque, axis, angular_velocity_, grip.angular_damping) * axis;
@@ -227,7 +227,7 @@ void ForceRenderer::render(const Hold& hold, const ToolGrip& grip, const DeviceS
                       is_unit(device.orientation);
   if (!finite) return latch(Fault::kInputNotFinite);
   if (!admit(device, feel, pose_age, dt)) return;
-  const Wrench pull = pull_of(hold, grip, feel.damping, device, angular_velocity_);
+  const Wrench pull = wrench_of(hold, grip, feel.damping, device, angular_velocity_);
   if (!pull.force.isZero(0) && grip.stiffness < feel.stiffness) result_.bits |= kForceStiffnessCut;
   limit(pull.force, pull.torque, pose_age, dt);
 }
@@ -243,19 +243,19 @@ Vec3d ForceRenderer::slewed(const Vec3d& wanted, const Vec3d& before, double lar
 void ForceRenderer::limit(const Vec3d& force, const Vec3d& torque, double pose_age, double dt) noexcept {
   advance_gain(pose_age, dt);
   const bool felt = !force.isZero(0) || !torque.isZero(0);
-  const Vec3d within = limited(force, max_force()), turning = limited(torque, max_torque());
-  // A device that bears no torque misses it, without that being an event.
-  if (within != force || (max_torque() > 0 && turning != torque)) result_.bits |= kForceSaturated;
+  const Vec3d within = limited(force, max_force()), limited_torque = limited(torque, max_torque());
+  // A missing torque on a device without torque is no event.
+  if (within != force || (max_torque() > 0 && limited_torque != torque)) result_.bits |= kForceSaturated;
   if (gain_ < 1 && felt) result_.bits |= kForceSoftStart;
   Vec3d out = slewed(within * gain_, result_.force, settings_.max_slew * dt);
-  Vec3d turn = slewed(turning * gain_, result_.torque, settings_.max_torque_slew * dt);
-  if (pose_age >= settings_.zero_by - kCollisionMargin) {
+  Vec3d out_torque = slewed(limited_torque * gain_, result_.torque, settings_.max_torque_slew * dt);
+  if (pose_age >= settings_.zero_by - kAgeTolerance) {
     out.setZero();
-    turn.setZero();
+    out_torque.setZero();
   }
-  if (!out.allFinite() || !turn.allFinite()) return latch(Fault::kForceNotFinite);
+  if (!out.allFinite() || !out_torque.allFinite()) return latch(Fault::kForceNotFinite);
   result_.force = out;
-  result_.torque = turn;
+  result_.torque = out_torque;
 }
 
 }  // namespace tactus::haptics

@@ -1,10 +1,10 @@
-/// Newest value wins: how one thread shows another its latest state.
+/// Shows one thread the newest value of another; older values are overwritten.
 ///
 ///     producer: post(a) post(b)            post(c)
 ///     consumer:                  take -> b         take -> c   take -> nothing new
 ///
-/// Three slots: one the producer's, one the consumer's, one between them that the two swap for theirs. One producer and
-/// one consumer thread. Realtime at both ends: a copy and one atomic exchange, never a wait.
+/// Three slots: the producer owns one, the consumer owns one, and both exchange theirs with the third. One producer and
+/// one consumer thread. Realtime at both ends: a copy and one atomic exchange, no wait.
 #pragma once
 
 #include <array>
@@ -30,15 +30,15 @@ class Mailbox {
     back_ = between_.exchange(static_cast<std::uint8_t>(back_ | kNew), std::memory_order_acq_rel) & kSlot;
   }
 
-  /// Consumer only: copies the newest value if none has been seen since it was posted; false, and `value` untouched,
-  /// when there is nothing new.
+  /// Consumer only: copies the newest value if the consumer has not seen it. Otherwise returns false and leaves `value`
+  /// unchanged.
   [[nodiscard]] bool take(T& value) noexcept {
     if (!refresh()) return false;
     value = slots_[front_].value;
     return true;
   }
 
-  /// Consumer only: the newest value, seen before or not. The reference holds until the consumer's next call.
+  /// Consumer only: the newest value, seen before or not. The reference is valid until the consumer's next call.
   [[nodiscard]] const T& latest() noexcept {
     refresh();
     return slots_[front_].value;
@@ -46,7 +46,7 @@ class Mailbox {
 
  private:
   static constexpr std::uint8_t kSlot = 3;
-  static constexpr std::uint8_t kNew = 4;  // the slot between holds what the consumer has not seen
+  static constexpr std::uint8_t kNew = 4;  // the consumer has not seen the value in the shared slot
 
   bool refresh() noexcept {
     if ((between_.load(std::memory_order_relaxed) & kNew) == 0) return false;

@@ -12,10 +12,10 @@ Vec3d PassivityController::step(const Vec3d& force, const Vec3d& position, doubl
     force_.setZero();
     return force_;
   }
-  const Vec3d way = started_ ? Vec3d(position - position_) : Vec3d(Vec3d::Zero());
+  const Vec3d displacement = started_ ? Vec3d(position - position_) : Vec3d(Vec3d::Zero());
   started_ = true;
   position_ = position;
-  ledger_.energy -= force_.dot(way) + passed_on;
+  ledger_.energy -= force_.dot(displacement) + passed_on;
   ledger_.lowest = std::min(ledger_.lowest, ledger_.energy);
   if (const double above = ledger_.energy - settings_.credit - stored; above > 0) {
     ledger_.forgotten += above;
@@ -24,17 +24,17 @@ Vec3d PassivityController::step(const Vec3d& force, const Vec3d& position, doubl
   force_ = force;
   if (!control) return force_;
 
-  // The next way is this one, give or take what the hand accelerates.
-  const double turn = settings_.acceleration * dt * dt;
+  // The next displacement equals this one, plus what the hand can add by accelerating.
+  const double margin = settings_.acceleration * dt * dt;
   const double left = std::max(0.0, ledger_.energy + settings_.allowance);
-  const double length = way.norm();
-  const auto drawn = [&](const Vec3d& f) { return f.dot(way) + f.norm() * turn; };
+  const double length = displacement.norm();
+  const auto drawn = [&](const Vec3d& f) { return f.dot(displacement) + f.norm() * margin; };
   if (const double wanted = drawn(force_); wanted > left) {
     ++ledger_.withholding;
-    if (const double along = length > 0 ? force_.dot(way) / length : 0.0; along > 0) {
-      // First of what pushes along with the motion; its direction is the likeliest.
+    if (const double along = length > 0 ? force_.dot(displacement) / length : 0.0; along > 0) {
+      // First reduces the part along the motion, because its direction is the most certain.
       const double less = std::min(along, (wanted - left) / length);
-      force_ -= less / length * way;
+      force_ -= less / length * displacement;
     }
     if (const double still = drawn(force_); still > left) force_ *= std::max(0.0, left / still);
     ledger_.withheld += wanted - drawn(force_);
@@ -43,7 +43,7 @@ Vec3d PassivityController::step(const Vec3d& force, const Vec3d& position, doubl
     ++ledger_.damping;
     // Damping b takes b v^2 dt = b length^2 / dt.
     const double enough = -ledger_.energy * dt / (length * length);
-    force_ -= std::min(enough, settings_.device_mass / dt) / dt * way;
+    force_ -= std::min(enough, settings_.device_mass / dt) / dt * displacement;
   }
   return force_;
 }

@@ -32,23 +32,23 @@ const tactus_device_driver& driver_in(void* handle, const std::string& library) 
   return *driver;
 }
 
-/// What a driver says that its device can do, or the reason why that cannot be.
-DeviceSpec checked(const tactus_device_spec& said, const std::string& library) {
+/// Checks the limits that a driver reports. Throws DeviceError with the reason when a limit is impossible.
+DeviceSpec checked(const tactus_device_spec& reported, const std::string& library) {
   const auto positive = [&](double value, const char* what) {
     if (!(std::isfinite(value) && value > 0))
       throw DeviceError("device driver " + library + ": " + what + ": found " + std::to_string(value) +
                         ", expected a number above 0");
     return value;
   };
-  if (!(std::isfinite(said.max_torque) && said.max_torque >= 0))
-    throw DeviceError("device driver " + library + ": max_torque: found " + std::to_string(said.max_torque) +
+  if (!(std::isfinite(reported.max_torque) && reported.max_torque >= 0))
+    throw DeviceError("device driver " + library + ": max_torque: found " + std::to_string(reported.max_torque) +
                       ", expected a number that is not below 0");
-  return {positive(said.max_force, "max_force"),
-          positive(said.max_stiffness, "max_stiffness"),
-          positive(said.damping, "damping"),
-          positive(said.workspace_radius, "workspace_radius"),
-          said.max_torque,
-          positive(said.max_rotational_stiffness, "max_torsion")};
+  return {positive(reported.max_force, "max_force"),
+          positive(reported.max_stiffness, "max_stiffness"),
+          positive(reported.damping, "damping"),
+          positive(reported.workspace_radius, "workspace_radius"),
+          reported.max_torque,
+          positive(reported.max_rotational_stiffness, "max_rotational_stiffness")};
 }
 
 }  // namespace
@@ -60,19 +60,19 @@ PluginDevice::PluginDevice(const std::string& library, const std::string& config
   device_ = driver_->open(config.c_str(), error.data(), error.size());
   error.back() = '\0';
   if (device_ == nullptr) throw DeviceError("device " + name_ + ", config '" + config + "': " + error.data());
-  tactus_device_spec said{spec_.max_force,
-                          spec_.max_stiffness,
-                          spec_.damping,
-                          spec_.workspace_radius,
-                          0,
-                          0,
-                          spec_.max_rotational_stiffness};
-  driver_->spec(device_, &said);
-  has_velocity_ = (said.flags & TACTUS_DEVICE_HAS_VELOCITY) != 0;
+  tactus_device_spec reported{spec_.max_force,
+                              spec_.max_stiffness,
+                              spec_.damping,
+                              spec_.workspace_radius,
+                              0,
+                              0,
+                              spec_.max_rotational_stiffness};
+  driver_->spec(device_, &reported);
+  has_velocity_ = (reported.flags & TACTUS_DEVICE_HAS_VELOCITY) != 0;
   bears_torque_ = driver_->abi >= 2 && driver_->write_wrench != nullptr;
-  if (!bears_torque_) said.max_torque = 0;
+  if (!bears_torque_) reported.max_torque = 0;
   try {
-    spec_ = checked(said, library);
+    spec_ = checked(reported, library);
   } catch (const DeviceError&) {
     driver_->close(device_);
     throw;
@@ -99,9 +99,9 @@ DeviceState PluginDevice::read(std::int64_t now_ns) noexcept {
   const double passed = static_cast<double>(pose.time_ns - state_.time_ns) * 1e-9;
   if (has_velocity_)
     state_.velocity = {pose.velocity[0], pose.velocity[1], pose.velocity[2]};
-  else if (placed_ && passed > 0)
+  else if (has_pose_ && passed > 0)
     state_.velocity += ((position - state_.position) / passed - state_.velocity) * (1 - std::exp(-passed / kSmoothing));
-  placed_ = true;
+  has_pose_ = true;
   state_.position = position;
   state_.orientation = {pose.orientation[3], pose.orientation[0], pose.orientation[1], pose.orientation[2]};
   state_.time_ns = pose.time_ns;
@@ -110,7 +110,7 @@ DeviceState PluginDevice::read(std::int64_t now_ns) noexcept {
 }
 
 void PluginDevice::write_wrench(const Vec3d& force, const Vec3d& torque) noexcept {
-  if (failed_ && !(force.isZero(0) && torque.isZero(0))) return;  // one that may still hear is told to let go
+  if (failed_ && !(force.isZero(0) && torque.isZero(0))) return;  // only a zero force still goes to a failed driver
   const double value[3] = {force.x(), force.y(), force.z()}, turning[3] = {torque.x(), torque.y(), torque.z()};
   const int result = bears_torque_ ? driver_->write_wrench(device_, value, turning) : driver_->write(device_, value);
   failed_ = result != 0 || failed_;

@@ -13,10 +13,10 @@ namespace tactus::haptics {
 
 class PluginDevice final : public Device {
  public:
-  /// Loads `library` (a path; a bare name is looked for where the system's libraries are) and opens the device that
-  /// `config` means to its driver. Throws DeviceError with the driver's reason.
+  /// Loads `library` (a path; the system's library path is searched for a bare name) and opens the device that `config`
+  /// names to its driver. Throws DeviceError with the driver's reason.
   PluginDevice(const std::string& library, const std::string& config);
-  /// Writes zero force, closes the device, unloads the driver.
+  /// Commands zero force, closes the device and unloads the driver.
   ~PluginDevice() override;
   PluginDevice(const PluginDevice&) = delete;
   PluginDevice& operator=(const PluginDevice&) = delete;
@@ -31,7 +31,7 @@ class PluginDevice final : public Device {
   }
 
  private:
-  static constexpr double kSmoothing = 0.005;  // s; of a velocity that is made of positions
+  static constexpr double kSmoothing = 0.005;  // s, of a velocity derived from positions
 
   std::unique_ptr<void, int (*)(void*)> library_;
   const tactus_device_driver* driver_ = nullptr;
@@ -41,7 +41,7 @@ class PluginDevice final : public Device {
   bool has_velocity_ = false;
   bool bears_torque_ = false;
   DeviceState state_;
-  bool placed_ = false;
+  bool has_pose_ = false;
   bool failed_ = false;
 };
 

@@ -11,10 +11,10 @@ namespace tactus::haptics {
 namespace {
 
 constexpr int kMaxSweeps = 6;
-constexpr double kSkin = 1e-6;           // m kept between proxy and surface: far above rounding, far below feeling
+constexpr double kSkin = 1e-6;           // m between proxy and surface: far above rounding errors, too small to feel
 constexpr double kSamePlane = 1 - 1e-6;  // cosine
 constexpr double kNoMotion = 1e-9;       // m
-constexpr double kMinShare = 1.0 / 16;   // of the radius, that a proxy without room for all of it keeps
+constexpr double kMinShare = 1.0 / 16;   // smallest share of the radius for a proxy in a narrow gap
 
 /// Keeps the centre at normal . x >= offset.
 struct Plane {
@@ -27,10 +27,10 @@ Plane plane_at(const SurfaceHit& hit, double radius) noexcept {
   return {hit.normal, hit.normal.dot(hit.point) + radius + kSkin, hit.object, hit.face};
 }
 
-/// At most three planes and the point allowed by them that is nearest to a goal.
+/// At most three planes, and the point they allow that is nearest to a goal.
 class Planes {
  public:
-  /// False when three other planes already hold the proxy.
+  /// False when three other planes already constrain the proxy.
   [[nodiscard]] bool add(const Plane& plane) noexcept {
     for (int i = 0; i < count_; ++i) {
       if (planes_[i].normal.dot(plane.normal) > kSamePlane) {
@@ -51,8 +51,8 @@ class Planes {
     return false;
   }
 
-  /// min |x - goal| subject to all planes: of every set of planes taken as equalities, the one whose multipliers do not
-  /// pull and whose point the other planes allow. False when the planes leave no room.
+  /// Minimises |x - goal| subject to all planes: tries every set of planes as equalities, and takes the set with
+  /// multipliers >= 0 whose point satisfies the other planes. False when no point satisfies all planes.
   [[nodiscard]] bool nearest(const Vec3d& goal, Vec3d& x) noexcept {
     static constexpr std::array<unsigned, 8> kBySize{0, 1, 2, 4, 3, 5, 6, 7};
     for (const unsigned set : kBySize) {
@@ -64,7 +64,7 @@ class Planes {
     return false;
   }
 
-  /// The plane that holds the proxy most; null when none does.
+  /// The plane that constrains the proxy most; null when none does.
   [[nodiscard]] const Plane* holding(const Vec3d& goal) const noexcept {
     const Plane* best = nullptr;
     double depth = 0;
@@ -99,8 +99,8 @@ class Planes {
     Vec3d found = goal;
     for (int i = 0; i < size; ++i) found += multipliers[i] * planes_[rows[i]].normal;
     for (int i = 0; i < count_; ++i) {
-      constexpr double kCollisionMargin = 1e-12;
-      if ((set >> i & 1u) == 0 && planes_[i].normal.dot(found) < planes_[i].offset - kCollisionMargin) return false;
+      constexpr double kTolerance = 1e-12;
+      if ((set >> i & 1u) == 0 && planes_[i].normal.dot(found) < planes_[i].offset - kTolerance) return false;
     }
     x = found;
     return true;
@@ -113,8 +113,8 @@ class Planes {
 
 }  // namespace
 
-/// Where the proxy can go towards a goal, and what holds it there.
-struct Proxy::Slide {
+/// Result of a constrained motion towards a goal.
+struct Proxy::Motion {
   Vec3d goal;
   Vec3d end;
   bool held = false;
@@ -123,99 +123,100 @@ struct Proxy::Slide {
   [[nodiscard]] Vec3d normal() const noexcept { return (end - goal).normalized(); }
 };
 
-/// What friction makes of the goal.
-struct Proxy::Grasp {
+/// The goal after friction.
+struct Proxy::FrictionGoal {
   Vec3d goal;
   bool sticking;
 };
 
-Proxy::Slide Proxy::slide(const Vec3d& start, const Vec3d& goal, const Surface& surface,
-                          const SurfaceHit* known) const noexcept {
-  Slide slide{goal, start};
+Proxy::Motion Proxy::move(const Vec3d& start, const Vec3d& goal, const Surface& surface,
+                          const SurfaceHit* first_hit) const noexcept {
+  Motion motion{goal, start};
   Planes planes;
   Vec3d target = goal;
-  if (known != nullptr && !(planes.add(plane_at(*known, settings_.radius)) && planes.nearest(goal, target)))
-    return slide;
+  if (first_hit != nullptr && !(planes.add(plane_at(*first_hit, settings_.radius)) && planes.nearest(goal, target)))
+    return motion;
   for (int sweep = 0; sweep < kMaxSweeps; ++sweep) {
     SurfaceHit hit;
-    if (!surface.sweep(slide.end, target, settings_.radius, hit)) {
-      slide.end = target;
+    if (!surface.sweep(motion.end, target, settings_.radius, hit)) {
+      motion.end = target;
       break;
     }
-    const Vec3d motion = target - slide.end;
-    const double closing = -motion.dot(hit.normal);
-    if (closing > 0) slide.end += motion * std::max(0.0, hit.time - kSkin / closing);
+    const Vec3d delta = target - motion.end;
+    const double closing = -delta.dot(hit.normal);
+    if (closing > 0) motion.end += delta * std::max(0.0, hit.time - kSkin / closing);
     if (!planes.add(plane_at(hit, settings_.radius))) break;
     if (!planes.nearest(goal, target)) break;
   }
-  if (const Plane* plane = planes.holding(goal); plane != nullptr && (slide.end - goal).norm() > kNoMotion) {
-    slide.held = true;
-    slide.object = plane->object;
-    slide.face = plane->face;
+  if (const Plane* plane = planes.holding(goal); plane != nullptr && (motion.end - goal).norm() > kNoMotion) {
+    motion.held = true;
+    motion.object = plane->object;
+    motion.face = plane->face;
   }
-  return slide;
+  return motion;
 }
 
-Proxy::Grasp Proxy::grasp(const Vec3d& device, const Vec3d& normal, const Vec3d& held_at,
-                          double stick_within) const noexcept {
+Proxy::FrictionGoal Proxy::friction_goal(const Vec3d& device, const Vec3d& normal, const Vec3d& held_at,
+                                         double stick_within) const noexcept {
   const double depth = std::max(0.0, normal.dot(held_at - device));
-  const Vec3d wish = device - result_.proxy;
-  const Vec3d along = wish - normal * normal.dot(wish);
+  const Vec3d wanted = device - result_.proxy;
+  const Vec3d along = wanted - normal * normal.dot(wanted);
   const double length = along.norm();
   if (length <= stick_within * depth) return {device - along, true};
   return {device - along * std::min(1.0, grip_.dynamic_friction * depth / length), false};
 }
 
-bool Proxy::slide_in_cone(const Vec3d& device, Vec3d normal, const Vec3d& held_at, const Surface& surface,
-                          Slide& found) noexcept {
+bool Proxy::move_in_cone(const Vec3d& device, Vec3d normal, const Vec3d& held_at, const Surface& surface,
+                         Motion& found) noexcept {
   constexpr int kMaxRounds = 2;
   constexpr double kTurned = 5e-4, kTurnedFar = 5e-3;  // rad
   constexpr double kOne = 0.99;                        // cosine
-  // A sliding proxy trails on the dynamic cone, so it may stick again only within that, and well within the static one
-  // where the two are close: it does not flicker between the states.
+  // A slipping proxy trails on the dynamic cone. It may stick again only inside that cone and well inside the static
+  // one, so that it does not alternate between the states.
   constexpr double kStickAgain = 0.7;
   const double coefficient =
       slipping_ ? std::min(kStickAgain * grip_.static_friction, grip_.dynamic_friction) : grip_.static_friction;
-  Grasp grasp = this->grasp(device, normal, held_at, coefficient);
-  found = slide(result_.proxy, grasp.goal, surface);
+  FrictionGoal friction = friction_goal(device, normal, held_at, coefficient);
+  found = move(result_.proxy, friction.goal, surface);
   if (!found.held) return false;
-  way_ = {result_.proxy, grasp.goal};
-  // It has gone along the tangent of where it was; what is under it now may slope otherwise, and be further down.
-  for (int round = 0; round < kMaxRounds && !grasp.sticking; ++round) {
+  last_motion_ = {result_.proxy, friction.goal};
+  // The proxy moved along the tangent at its old position; the surface at the new position may slope differently or be
+  // lower.
+  for (int round = 0; round < kMaxRounds && !friction.sticking; ++round) {
     SurfaceHit under;
-    // Several surfaces hold it where what is under it is not what holds it: then their sum is upright.
+    // If the surface below is not the constraint, several surfaces constrain the proxy, and their sum is the normal.
     const bool one =
-        surface.sweep(found.end, grasp.goal, settings_.radius, under) && under.normal.dot(found.normal()) > kOne;
+        surface.sweep(found.end, friction.goal, settings_.radius, under) && under.normal.dot(found.normal()) > kOne;
     const Vec3d upright = one ? under.normal : found.normal();
     const double turned = upright.cross(normal).norm();
     if (turned < kTurned) break;
     const Vec3d there = one ? Vec3d(under.point + upright * (settings_.radius + kSkin)) : found.end;
-    const Grasp right = this->grasp(device, upright, there, 0);  // it slips, whatever it finds there
-    const Slide better = slide(found.end, right.goal, surface, one ? &under : nullptr);
+    const FrictionGoal corrected = friction_goal(device, upright, there, 0);  // it slips, whatever the surface there
+    const Motion better = move(found.end, corrected.goal, surface, one ? &under : nullptr);
     if (!better.held) break;
-    way_ = {found.end, right.goal, one, grasp.goal, under};
+    last_motion_ = {found.end, corrected.goal, one, friction.goal, under};
     found = better;
-    grasp = right;
+    friction = corrected;
     normal = upright;
     if (turned < kTurnedFar) break;
   }
-  result_.sticking = grasp.sticking;
-  slipping_ = !grasp.sticking;
+  result_.sticking = friction.sticking;
+  slipping_ = !friction.sticking;
   return true;
 }
 
-Proxy::Slide Proxy::slide_with_friction(const Vec3d& device, const Surface& surface) noexcept {
-  // The cone of friction stands on the normal of the contact, which is known when the proxy has gone there. The first
-  // guess is that of the last step, else that of a surface without friction.
+Proxy::Motion Proxy::move_with_friction(const Vec3d& device, const Surface& surface) noexcept {
+  // The friction cone stands on the contact normal, which is known only after the motion. The first guess is the normal
+  // of the last step, otherwise that of a motion without friction.
   const bool rough = grip_.static_friction > 0;
-  Slide found;
+  Motion found;
   if (rough && result_.in_contact && result_.normal.dot(result_.proxy - device) > 0 &&
-      slide_in_cone(device, result_.normal, result_.proxy, surface, found))
+      move_in_cone(device, result_.normal, result_.proxy, surface, found))
     return found;
-  const Slide free = slide(result_.proxy, device, surface);
-  if (rough && free.held && slide_in_cone(device, free.normal(), free.end, surface, found)) return found;
+  const Motion free = move(result_.proxy, device, surface);
+  if (rough && free.held && move_in_cone(device, free.normal(), free.end, surface, found)) return found;
   result_.sticking = slipping_ = false;
-  way_ = {result_.proxy, device};
+  last_motion_ = {result_.proxy, device};
   return free;
 }
 
@@ -226,7 +227,7 @@ bool Proxy::inside(const Surface& surface) const noexcept {
 }
 
 bool Proxy::closest(const Vec3d& x, const Surface& surface, SurfaceHit& hit) const noexcept {
-  // What holds a proxy is at hand; only in the air is it worth while to look far.
+  // A surface in contact is close. A search over the full reach is worthwhile only without contact.
   constexpr double kAtHand = 1e-5;  // m
   return surface.closest(x, settings_.radius + kAtHand, hit) || surface.closest(x, settings_.reach, hit);
 }
@@ -243,7 +244,7 @@ void Proxy::find_side(const Surface& surface) noexcept {
 void Proxy::keep_side(const Surface& surface) noexcept {
   constexpr int kMaxPushes = 8;
   const double sign = side_ == Side::kInner ? -1 : 1;
-  // Where the gap is narrower than the proxy, its centre at least comes to the right side.
+  // Where the gap is narrower than the proxy, its centre still comes to the correct side.
   for (double share = 1; share >= kMinShare; share /= 2) {
     const double room = settings_.radius * share;
     Vec3d x = result_.proxy;
@@ -269,40 +270,42 @@ void Proxy::keep_side(const Surface& surface) noexcept {
   }
 }
 
-bool Proxy::holds_still(const Surface& surface) const noexcept {
+bool Proxy::repeats_motion(const Surface& surface) const noexcept {
   SurfaceHit under;
-  if (way_.probed) {
-    if (!surface.sweep(way_.start, way_.probe, settings_.radius, under)) return false;
+  if (last_motion_.probed) {
+    if (!surface.sweep(last_motion_.start, last_motion_.probe, settings_.radius, under)) return false;
     constexpr double kSameNormal = 1e-6;
-    if ((under.point - way_.under.point).norm() > kSkin || (under.normal - way_.under.normal).norm() > kSameNormal)
+    if ((under.point - last_motion_.under.point).norm() > kSkin ||
+        (under.normal - last_motion_.under.normal).norm() > kSameNormal)
       return false;
   }
-  const Slide again = slide(way_.start, way_.goal, surface, way_.probed ? &under : nullptr);
+  const Motion again = move(last_motion_.start, last_motion_.goal, surface, last_motion_.probed ? &under : nullptr);
   return again.held && (again.end - result_.proxy).norm() <= kSkin;
 }
 
 void Proxy::follow_change(const Surface& surface) noexcept {
-  // What held it holds it there still: nothing has changed that it touches, and it stays where it is to the bit.
-  if (result_.in_contact && holds_still(surface)) return;
+  // The last motion repeated ends at the same position: no touched surface changed, and the proxy stays there to the
+  // bit.
+  if (result_.in_contact && repeats_motion(surface)) return;
   if (side_ == Side::kUnknown) {
     result_.outside_only = inside(surface);
     if (result_.outside_only) return;
   }
   const Vec3d before = result_.proxy;
   keep_side(surface);
-  result_.proxy = slide(result_.proxy, way_.goal, surface).end;
+  result_.proxy = move(result_.proxy, last_motion_.goal, surface).end;
   result_.surface_moved = (result_.proxy - before).norm() > kSkin;
 }
 
-bool Proxy::push(const Vec3d& wish, double radius, const Surface& surface, Vec3d& to) const noexcept {
+bool Proxy::push(const Vec3d& wanted, double radius, const Surface& surface, Vec3d& to) const noexcept {
   Planes planes;
-  to = wish;
+  to = wanted;
   SurfaceHit hit;
   for (int sweep = 0; sweep < kMaxSweeps; ++sweep) {
     if (!surface.sweep_moving(result_.proxy, to, radius, hit)) return true;
-    if (!planes.add(plane_at(hit, radius)) || !planes.nearest(wish, to)) break;
+    if (!planes.add(plane_at(hit, radius)) || !planes.nearest(wanted, to)) break;
   }
-  // As far as it can go along with what is in its way, if that is all there is.
+  // As far as it can move with the obstacle, if that is the only one.
   const Vec3d at = surface.carried(hit.object, result_.proxy);
   const Vec3d motion = to - at;
   const double closing = -motion.dot(hit.normal);
@@ -311,19 +314,19 @@ bool Proxy::push(const Vec3d& wish, double radius, const Surface& surface, Vec3d
   return !surface.sweep_moving(result_.proxy, to, radius, hit);
 }
 
-void Proxy::carry(double dt, const Surface& surface) noexcept {
+void Proxy::move_with_objects(double dt, const Surface& surface) noexcept {
   const bool held = result_.in_contact;
-  const Vec3d wish = held ? surface.carried(result_.object, result_.proxy) : result_.proxy;
-  if (dt > 0) result_.surface_velocity = (wish - result_.proxy) / dt;
-  // Where objects close on it the centre at least stays outside.
+  const Vec3d wanted = held ? surface.carried(result_.object, result_.proxy) : result_.proxy;
+  if (dt > 0) result_.surface_velocity = (wanted - result_.proxy) / dt;
+  // Where objects close around the proxy, its centre still stays outside.
   for (double share = 1; share >= kMinShare; share /= 4) {
     Vec3d to;
-    if (!push(wish, settings_.radius * share, surface, to)) continue;
+    if (!push(wanted, settings_.radius * share, surface, to)) continue;
     result_.proxy = to;
     if (held) {
-      for (Vec3d* point : {&way_.start, &way_.goal, &way_.probe, &way_.under.point})
+      for (Vec3d* point : {&last_motion_.start, &last_motion_.goal, &last_motion_.probe, &last_motion_.under.point})
         *point = surface.carried(result_.object, *point);
-      for (Vec3d* direction : {&result_.normal, &way_.under.normal})
+      for (Vec3d* direction : {&result_.normal, &last_motion_.under.normal})
         *direction = surface.turned(result_.object, *direction);
     }
     return;
@@ -332,12 +335,12 @@ void Proxy::carry(double dt, const Surface& surface) noexcept {
 }
 
 void Proxy::follow(const Vec3d& device, const Surface& surface) noexcept {
-  const Slide slide = slide_with_friction(device, surface);
-  result_.proxy = slide.end;
-  result_.in_contact = slide.held;
-  result_.object = slide.object;
-  result_.face = slide.face;
-  if (slide.held) result_.normal = slide.normal();
+  const Motion motion = move_with_friction(device, surface);
+  result_.proxy = motion.end;
+  result_.in_contact = motion.held;
+  result_.object = motion.object;
+  result_.face = motion.face;
+  if (motion.held) result_.normal = motion.normal();
 }
 
 ProxyResult Proxy::unchanged(const Vec3d& device, double dt, const Surface& before) const noexcept {
@@ -345,7 +348,7 @@ ProxyResult Proxy::unchanged(const Vec3d& device, double dt, const Surface& befo
   Proxy there = *this;
   there.result_.surface_velocity.setZero();
   if (!started_) there.result_.outside_only = true;
-  if (before.moving() && !there.result_.outside_only) there.carry(dt, before);
+  if (before.moving() && !there.result_.outside_only) there.move_with_objects(dt, before);
   if (there.result_.outside_only) {
     there.result_.proxy = device;
     there.result_.in_contact = false;
@@ -362,15 +365,15 @@ const ProxyResult& Proxy::step(const Vec3d& device, double dt, const Surface& su
   result_.surface_velocity.setZero();
   if (!started_) {
     started_ = true;
-    result_.proxy = way_.goal = device;
-    surface_changed = true;  // from none
+    result_.proxy = last_motion_.goal = device;
+    surface_changed = true;  // there was no surface
   } else if (surface.moving() && !result_.outside_only) {
-    carry(dt, surface);
+    move_with_objects(dt, surface);
   }
   if (surface_changed && !result_.outside_only) follow_change(surface);
 
   if (result_.outside_only) {
-    result_.proxy = way_.goal = device;
+    result_.proxy = last_motion_.goal = device;
     result_.in_contact = result_.near_surface = result_.sticking = slipping_ = false;
     result_.object = result_.face = spm::kNone;
     result_.outside_only = inside(surface);

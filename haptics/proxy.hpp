@@ -8,18 +8,19 @@
 /// World frame, metres, seconds. The proxy moves by sweeps that stop before the time of impact, so it passes through no
 /// surface at any speed.
 ///
-/// - Where objects move, it first goes along with the one that it touches, as if it were part of it, and in front of
-///   any that comes its way: by sweeps relative to each object, so that none passes it at any speed either.
-/// - Friction pulls the goal of a slide back towards where the proxy was, to the rim of the cone or, while it sticks,
-///   all the way. The cone stands on the normal where the slide ends, which the last one foretells.
-/// - When the surface changes, the last slide is done again. If it ends in the same place, nothing that matters has
-///   changed, and the proxy is to the bit what it would have been; else it keeps its side and is pushed out. What the
-///   hand feels of that is for ForceRenderer to ramp, which needs to know where the proxy would be without the change:
-///   see `unchanged`.
+/// - When objects move, the proxy first moves with the object it touches, as part of it, and is pushed by any object in
+///   its path. These sweeps are relative to each object, so no object passes through the proxy at any speed.
+/// - Friction moves the goal of a motion back towards the previous proxy position: to the rim of the friction cone, or
+///   all the way while it sticks. The cone stands on the normal at the end of the motion, predicted from the last
+///   motion.
+/// - When the surface changes, the last motion is repeated. If it ends at the same position, no relevant surface
+///   changed, and the proxy is equal to the bit. Otherwise the proxy stays on its side and is pushed out. ForceRenderer
+///   ramps the effect on the force and needs the proxy's position without the change: see `unchanged`.
 ///
-/// One thread at a time. Realtime: at most 45 sweeps and 43 closest points a step, 21 sweeps more when something moves;
-/// usually 2 (with friction and slipping 3 to 5) and 1. Source: Zilles, Salisbury 1995 (god-object, constraint planes);
-/// Ruspini, Kolarov, Khatib 1997 (spherical proxy); Salisbury et al. 1995 (friction cone with stick and slip).
+/// One thread at a time. Realtime: at most 45 sweeps and 43 closest points per step, and 21 more sweeps when objects
+/// move; usually 2 sweeps (3 to 5 with friction and slip) and 1 closest point. Source: Zilles, Salisbury 1995
+/// (god-object, constraint planes); Ruspini, Kolarov, Khatib 1997 (spherical proxy); Salisbury et al. 1995 (friction
+/// cone with stick and slip).
 #pragma once
 
 #include "haptics/surface.hpp"
@@ -28,30 +29,30 @@ namespace tactus::haptics {
 
 struct ProxySettings {
   double radius = 0.003;
-  /// A surface that changes by less than this cannot pass the proxy: it keeps its side and is pushed out. Wants to
-  /// exceed the greatest distance of the base mesh from the finest; larger costs time.
+  /// m. A surface that changes by less than this cannot pass the proxy, which stays on its side and is pushed out. It
+  /// should exceed the greatest distance of the base mesh from the finest mesh; a larger value costs time.
   double reach = 0.01;
-  /// How far to look for the surface around a proxy that starts, or around which an object appears, inside.
+  /// m. Search radius for the surface around a proxy that starts, or around which an object appears.
   double start_reach = 1;
 };
 
-/// How the touched object feels, as far as the proxy is concerned.
+/// Friction of the touched object.
 struct Grip {
   double static_friction = 0;
-  double dynamic_friction = 0;  ///< at most the static one
+  double dynamic_friction = 0;  ///< at most static_friction
 };
 
 struct ProxyResult {
-  Vec3d proxy = Vec3d::Zero();    ///< centre, where the surface lets it be
-  Vec3d anchor = Vec3d::Zero();   ///< pulls the device; the proxy, unless something else holds the hand (BodyTouch)
+  Vec3d proxy = Vec3d::Zero();    ///< centre, constrained by the surface
+  Vec3d anchor = Vec3d::Zero();   ///< pulls the device; the proxy, unless a grab holds the hand elsewhere (BodyTouch)
   Vec3d normal = Vec3d::UnitZ();  ///< of the contact, or of the last one
-  Vec3d surface_velocity = Vec3d::Zero();  ///< m/s, of the object that was touched, where the proxy was
+  Vec3d surface_velocity = Vec3d::Zero();  ///< m/s, of the touched object at the proxy
   bool in_contact = false;
-  bool sticking = false;       ///< held by static friction
-  bool surface_moved = false;  ///< in this step a changed surface, or the first one, moved the proxy
-  bool near_surface = false;   ///< there is one within ProxySettings::reach
-  bool outside_only = false;   ///< inside a surface since it started or the surface appeared: touches nothing until out
-  std::uint32_t object = spm::kNone;  ///< touched
+  bool sticking = false;              ///< held by static friction
+  bool surface_moved = false;         ///< in this step a changed or first surface moved the proxy
+  bool near_surface = false;          ///< there is a surface within ProxySettings::reach
+  bool outside_only = false;          ///< it started inside, or a surface appeared around it: no contact until outside
+  std::uint32_t object = spm::kNone;  ///< the touched object
   std::uint32_t face = spm::kNone;
 };
 
@@ -59,28 +60,28 @@ class Proxy {
  public:
   explicit Proxy(const ProxySettings& settings = {}) noexcept : settings_{settings} {}
 
-  /// From the next step on. Realtime.
+  /// Applies from the next step on. Realtime.
   void set_grip(const Grip& grip) noexcept { grip_ = grip; }
-  /// Of ProxySettings, from the next step on: objects may come later than the proxy. Realtime.
+  /// Sets ProxySettings::reach from the next step on; objects may appear after the proxy. Realtime.
   void set_reach(double reach) noexcept { settings_.reach = reach; }
 
-  /// Forgets everything; the next step starts at the device.
+  /// Clears all state; the next step starts at the device.
   void reset() noexcept { *this = Proxy{settings_}; }
 
-  /// One cycle of `dt` seconds with the device's tip at `device`. `surface_changed`: the surface near the tip is not
-  /// the one of the last step. A position that is not finite leaves everything as it was. Realtime.
+  /// One cycle of `dt` seconds with the device's tip at `device`. `surface_changed`: the surface near the tip differs
+  /// from the last step. A position that is not finite changes nothing. Realtime.
   ///
-  /// - A proxy that a changed surface has passed or overlaps returns to the side it was on, and so does one that starts
-  ///   with its centre outside, or outside of a surface that appears: it is in contact at once.
-  /// - A proxy whose centre starts inside, or around which a surface appears, touches nothing until it has come out; an
-  ///   open sheet counts as inside from behind. It cannot be trapped.
-  /// - Where objects that move leave no room for the proxy, its centre stays outside while there is room for a
-  ///   sixteenth of its radius; without that it touches nothing until it has come out.
+  /// - A proxy that a changed surface has passed or overlaps returns to its side, and so does one that starts with its
+  ///   centre outside, or outside of a surface that appears: it is in contact at once.
+  /// - A proxy whose centre starts inside, or around which a surface appears, touches nothing until it is outside. An
+  ///   open sheet counts as inside from behind. So the proxy cannot be trapped.
+  /// - Where moving objects leave no room for the proxy, its centre stays outside while a sixteenth of its radius fits.
+  ///   When that does not fit either, it touches nothing until it is outside.
   [[nodiscard]] const ProxyResult& step(const Vec3d& device, double dt, const Surface& surface,
                                         bool surface_changed) noexcept;
 
-  /// Where `step` would take it on a surface that has not changed. Called before the step, with the surface as it was.
-  /// A proxy that has not started would be in the air. Realtime.
+  /// The result of `step` if the surface had not changed. Call it before `step`, with the surface before the change. A
+  /// proxy that has not started counts as free of contact. Realtime.
   [[nodiscard]] ProxyResult unchanged(const Vec3d& device, double dt, const Surface& before) const noexcept;
 
   [[nodiscard]] bool started() const noexcept { return started_; }
@@ -88,29 +89,29 @@ class Proxy {
 
  private:
   enum class Side : std::int8_t { kInner = -1, kUnknown = 0, kOuter = 1 };
-  struct Slide;
-  struct Grasp;
-  /// How the proxy came where it is: the last slide, and what its first plane was had from.
-  struct Way {
+  struct Motion;
+  struct FrictionGoal;
+  /// The last constrained motion, and the hit from which its first plane came.
+  struct LastMotion {
     Vec3d start = Vec3d::Zero(), goal = Vec3d::Zero();
     bool probed = false;
     Vec3d probe = Vec3d::Zero();
     SurfaceHit under{};
   };
 
-  [[nodiscard]] Slide slide(const Vec3d& start, const Vec3d& goal, const Surface& surface,
-                            const SurfaceHit* known = nullptr) const noexcept;
-  [[nodiscard]] Grasp grasp(const Vec3d& device, const Vec3d& normal, const Vec3d& held_at,
-                            double stick_within) const noexcept;
-  [[nodiscard]] bool slide_in_cone(const Vec3d& device, Vec3d normal, const Vec3d& held_at, const Surface& surface,
-                                   Slide& found) noexcept;
-  [[nodiscard]] Slide slide_with_friction(const Vec3d& device, const Surface& surface) noexcept;
-  [[nodiscard]] bool push(const Vec3d& wish, double radius, const Surface& surface, Vec3d& to) const noexcept;
-  void carry(double dt, const Surface& surface) noexcept;
+  [[nodiscard]] Motion move(const Vec3d& start, const Vec3d& goal, const Surface& surface,
+                            const SurfaceHit* first_hit = nullptr) const noexcept;
+  [[nodiscard]] FrictionGoal friction_goal(const Vec3d& device, const Vec3d& normal, const Vec3d& held_at,
+                                           double stick_within) const noexcept;
+  [[nodiscard]] bool move_in_cone(const Vec3d& device, Vec3d normal, const Vec3d& held_at, const Surface& surface,
+                                  Motion& found) noexcept;
+  [[nodiscard]] Motion move_with_friction(const Vec3d& device, const Surface& surface) noexcept;
+  [[nodiscard]] bool push(const Vec3d& wanted, double radius, const Surface& surface, Vec3d& to) const noexcept;
+  void move_with_objects(double dt, const Surface& surface) noexcept;
   [[nodiscard]] bool inside(const Surface& surface) const noexcept;
   [[nodiscard]] bool closest(const Vec3d& x, const Surface& surface, SurfaceHit& hit) const noexcept;
   void keep_side(const Surface& surface) noexcept;
-  [[nodiscard]] bool holds_still(const Surface& surface) const noexcept;
+  [[nodiscard]] bool repeats_motion(const Surface& surface) const noexcept;
   void follow_change(const Surface& surface) noexcept;
   void find_side(const Surface& surface) noexcept;
   void follow(const Vec3d& device, const Surface& surface) noexcept;
@@ -118,7 +119,7 @@ class Proxy {
   ProxySettings settings_;
   Grip grip_;
   ProxyResult result_;
-  Way way_;
+  LastMotion last_motion_;
   Side side_ = Side::kUnknown;  // of the surface within reach
   bool started_ = false;
   bool slipping_ = false;

@@ -1,6 +1,6 @@
-/// A jump that is let through little by little: what is left of it is taken off, and becomes less at a steady rate.
+/// Lets a jump through at a constant rate: subtracts the remaining part, which shrinks every step.
 ///
-///     in   _____|~~~~~~~~~~~     out  _____/~~~~~~~~     left = in - out
+///     in   _____|~~~~~~~~~~~     out  _____/~~~~~~~~     remaining = in - out
 ///
 /// Any unit. One thread at a time. Realtime.
 #pragma once
@@ -11,20 +11,20 @@ namespace tactus::haptics {
 
 class Ramp {
  public:
-  void set(const spm::Vec3d& left) noexcept { left_ = left; }
-  /// One step: less is left, by `most` at most.
+  void set(const spm::Vec3d& remaining) noexcept { remaining_ = remaining; }
+  /// One step: reduces the remaining part by at most `max`.
   void advance(double max) noexcept {
-    const double length = left_.norm();
+    const double length = remaining_.norm();
     if (length > max)
-      left_ *= 1 - max / length;
+      remaining_ *= 1 - max / length;
     else
-      left_.setZero();
+      remaining_.setZero();
   }
-  [[nodiscard]] const spm::Vec3d& left() const noexcept { return left_; }
-  [[nodiscard]] bool over() const noexcept { return left_.isZero(0); }
+  [[nodiscard]] const spm::Vec3d& remaining() const noexcept { return remaining_; }
+  [[nodiscard]] bool done() const noexcept { return remaining_.isZero(0); }
 
  private:
-  spm::Vec3d left_ = spm::Vec3d::Zero();
+  spm::Vec3d remaining_ = spm::Vec3d::Zero();
 };
 
 }  // namespace tactus::haptics

@@ -40,7 +40,7 @@ std::uint32_t RemoteDevice::on_command(std::int64_t cycle_ns) noexcept {
 }
 
 std::int64_t RemoteDevice::sent_ns(std::uint32_t command) const noexcept {
-  // The oldest may be overwritten meanwhile, by one that is younger: half of them are safely there.
+  // The producer may overwrite the oldest entries meanwhile with younger ones. Half of the entries are safe.
   const std::uint32_t sent = commands_.load(std::memory_order_acquire);
   const std::uint32_t kept = sent - std::min(sent - command, kRemembered / 2);
   return sent_ns_[kept % kRemembered].load(std::memory_order_relaxed);

@@ -1,14 +1,13 @@
-/// A device on another machine, whose poses come over the network.
+/// A device on another machine whose poses arrive over the network.
 ///
 ///     network thread            haptic thread         sender thread
 ///     on_pose --- mailbox --->  read                  on_command
-///        ^ pose, and the command that was felt when it was taken      v command
+///        ^ pose, and the newest command that the device had applied     v command
 ///        +------------------------ the device ------------------------+
 ///
-/// The newest pose counts. Its force goes out with the cycle's report, numbered by
-/// `on_command`, so `write` does nothing here. What the surface's stiffness has to be cut to follows from the loop:
-/// when a pose arrives, the force that its hand felt is so old. That includes both ways, losses on both and the waiting
-/// at both ends, and needs one clock only, ours. World frame, SI.
+/// The newest pose counts. The cycle's report carries its force, numbered by `on_command`, so `write` does nothing
+/// here. The round trip limits the stiffness: when a pose arrives, the force of its newest command is so old. That age
+/// includes both directions, losses and waiting at both ends, and needs only our own clock. World frame, SI.
 #pragma once
 
 #include <array>
@@ -20,60 +19,61 @@
 
 namespace tactus::haptics {
 
-/// A bound on a delay that varies: mean and four mean deviations, as TCP's timer has it (RFC 6298). It follows a rise
-/// in 50 ms, within which no instability grows far, and a fall in 1 s, so that a stiffness made of it does not pump.
+/// A bound on a varying delay: mean plus four mean deviations, as in TCP's retransmission timer (RFC 6298). It follows
+/// a rise within 50 ms, too short for an instability to grow, and a fall within 1 s, so that the stiffness does not
+/// oscillate.
 class LoopDelay {
  public:
-  /// `seconds`: one delay seen; `dt`: since the one before.
+  /// `seconds`: one measured delay; `dt`: s since the previous one.
   void add(double seconds, double dt) noexcept;
   [[nodiscard]] double value() const noexcept { return value_; }
 
-  static constexpr double kUnknown = 0.25;  ///< s; until something is known
+  static constexpr double kUnknown = 0.25;  ///< s, before the first measurement
 
  private:
-  static constexpr double kRise = 0.05, kFall = 1;  // s, time constants
-  double mean_ = -1;                                // < 0: none yet
+  static constexpr double kRise = 0.05, kFall = 1;  // s, time constants of the bound
+  double mean_ = -1;                                // < 0: no measurement yet
   double deviation_ = 0;
   double value_ = kUnknown;
 };
 
-/// A pose as it arrives; times of our own clock.
+/// A pose as it arrives; times on our own clock.
 struct RemotePose {
   std::array<double, 3> position{0, 0, 0};
   std::array<double, 3> velocity{0, 0, 0};
   std::array<double, 4> orientation{0, 0, 0, 1};  ///< x, y, z, w
   std::uint32_t sequence = 0;
   std::uint32_t buttons = 0;
-  std::uint32_t command_felt = 0;  ///< newest when the pose was taken; 0: none yet
-  std::int64_t taken_ns = 0;       ///< as far as the session's clock tells
+  std::uint32_t command_felt = 0;  ///< number of the newest command applied when the pose was taken; 0: none yet
+  std::int64_t taken_ns = 0;       ///< as estimated by the session clock
   std::int64_t arrived_ns = 0;
 };
 
 class RemoteDevice final : public Device {
  public:
-  /// `spec` is what its maker vouches for.
+  /// `spec`: limits that the sender reports.
   explicit RemoteDevice(const DeviceSpec& spec = {}) : spec_{spec} {}
 
-  /// A pose that the window of its sender has accepted (session/sequence_window.hpp): it counts from now on. One
+  /// A pose that the sender's window has accepted (session/sequence_window.hpp); it is the newest from now on. One
   /// network thread at a time.
   void on_pose(RemotePose pose) noexcept;
-  /// A command leaves for the device with the force of the cycle that began at `cycle_ns`; gives its number, from 1.
+  /// A command leaves for the device with the force of the cycle that began at `cycle_ns`. Returns its number, from 1.
   /// One sending thread.
   [[nodiscard]] std::uint32_t on_command(std::int64_t cycle_ns) noexcept;
-  /// A pose has come; any thread.
+  /// True after the first pose; any thread.
   [[nodiscard]] bool has_pose() const noexcept { return has_pose_.load(std::memory_order_acquire); }
   /// s; any thread.
   [[nodiscard]] double loop_delay() const noexcept { return shown_loop_delay_.load(std::memory_order_relaxed); }
 
   [[nodiscard]] const DeviceSpec& spec() const noexcept override { return spec_; }
-  /// Before the first pose: at the origin, as old as the clock. Realtime.
+  /// Before the first pose: at the origin, with time 0. Realtime.
   [[nodiscard]] DeviceState read(std::int64_t now_ns) noexcept override;
   void write(const Vec3d&) noexcept override {}
   [[nodiscard]] DeviceHealth health() const noexcept override { return DeviceHealth::kReady; }
 
  private:
-  static constexpr std::int64_t kOldest = 10'000'000'000;  // ns of transit; more is a clock that is wrong
-  static constexpr std::uint32_t kRemembered = 1024;       // commands; older ones count as the oldest of these
+  static constexpr std::int64_t kOldest = 10'000'000'000;  // ns of transit; more shows a wrong clock
+  static constexpr std::uint32_t kRemembered = 1024;       // commands; an older one counts as the oldest of these
   struct Mail {
     RemotePose pose;
     double loop_delay = LoopDelay::kUnknown;
@@ -87,7 +87,7 @@ class RemoteDevice final : public Device {
   std::atomic<std::uint32_t> commands_{0};
   std::atomic<bool> has_pose_{false};
   std::atomic<double> shown_loop_delay_{LoopDelay::kUnknown};
-  // The network thread's own.
+  // Used by the network thread only.
   LoopDelay loop_delay_;
   std::int64_t newest_ns_ = 0;
   bool started_ = false;

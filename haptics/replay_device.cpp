@@ -46,11 +46,11 @@ ReplayDevice::ReplayDevice(const std::string& path, const DeviceSpec& spec) : sp
     names_allowed = false;
     if (!poses_.empty() && values[0] <= poses_.back().time) {
       throw DeviceError{"replay " + path + ":" + std::to_string(number) + ": time " + std::to_string(values[0]) +
-                        " s is not after the one before, " + std::to_string(poses_.back().time) + " s"};
+                        " s is not after the previous time, " + std::to_string(poses_.back().time) + " s"};
     }
     poses_.push_back({values[0], {values[1], values[2], values[3]}});
   }
-  if (poses_.empty()) throw DeviceError{"replay " + path + ": holds no pose, expected lines 'time_s,x,y,z'"};
+  if (poses_.empty()) throw DeviceError{"replay " + path + ": found no pose, expected lines 'time_s,x,y,z'"};
 }
 
 DeviceState ReplayDevice::read(std::int64_t now_ns) noexcept {

@@ -10,7 +10,7 @@
 
 namespace tactus::haptics {
 
-/// Plays from the first `read` on, linear between poses, at rest after the last.
+/// Starts with the first `read`; linear between poses, at rest after the last.
 class ReplayDevice final : public Device {
  public:
   /// Loads a text file of lines `time_s,x,y,z` with ascending times and positions in metres, device frame. Empty lines,
@@ -32,7 +32,7 @@ class ReplayDevice final : public Device {
   };
   DeviceSpec spec_;
   std::vector<TimedPosition> poses_;
-  std::size_t next_ = 0;  // first pose that lies in the future
+  std::size_t next_ = 0;  // first pose after the present time
   std::int64_t start_ns_ = 0;
   bool started_ = false;
   bool ended_ = false;

@@ -32,13 +32,13 @@ BodySettings box_body(double mass, const Vec3d& half_extents) noexcept {
   return settings;
 }
 
-Eigen::Quaterniond rotation_by(const Vec3d& turn) noexcept {
-  const double angle = turn.norm();
+Eigen::Quaterniond exp_map(const Vec3d& rotation) noexcept {
+  const double angle = rotation.norm();
   const double share = angle > 1e-9 ? std::sin(angle / 2) / angle : 0.5;
-  return Eigen::Quaterniond{std::cos(angle / 2), share * turn.x(), share * turn.y(), share * turn.z()};
+  return Eigen::Quaterniond{std::cos(angle / 2), share * rotation.x(), share * rotation.y(), share * rotation.z()};
 }
 
-Vec3d turn_of(const Eigen::Quaterniond& rotation) noexcept {
+Vec3d log_map(const Eigen::Quaterniond& rotation) noexcept {
   const double sign = rotation.w() < 0 ? -1 : 1;
   const double sine = rotation.vec().norm();
   const double angle = 2 * std::atan2(sine, sign * rotation.w());
@@ -73,7 +73,7 @@ void RigidBody::add_spring(const PointSpring& spring) noexcept {
   add_force(spring.point, spring.force(Vec3d::Zero(), dt_));
 }
 
-void RigidBody::add_spring(const TurnSpring& spring) noexcept {
+void RigidBody::add_spring(const TorsionSpring& spring) noexcept {
   mass_.bottomRightCorner<3, 3>().diagonal().array() += dt_ * (dt_ * spring.stiffness + spring.damping);
   momentum_.tail<3>() += dt_ * spring.torque(Vec3d::Zero(), dt_);
 }
@@ -92,13 +92,13 @@ SolverBody RigidBody::free() const noexcept {
 
 void RigidBody::finish(const Vec6d& velocity) noexcept {
   const Vec3d angular_velocity = velocity.tail<3>();
-  const Vec3d turning = inertia_world() * angular_velocity;  // angular momentum: stays while the body turns on
+  const Vec3d momentum = inertia_world() * angular_velocity;  // angular momentum, constant while the body turns on
   const Eigen::Quaterniond before = state_.orientation;
   const auto angular_velocity_at = [&](const Eigen::Quaterniond& orientation) -> Vec3d {
-    return orientation * (orientation.conjugate() * turning).cwiseQuotient(settings_.inertia);
+    return orientation * (orientation.conjugate() * momentum).cwiseQuotient(settings_.inertia);
   };
-  const Vec3d middle = angular_velocity_at(rotation_by(dt_ / 2 * angular_velocity) * before);
-  state_.orientation = (rotation_by(dt_ * middle) * before).normalized();
+  const Vec3d middle = angular_velocity_at(exp_map(dt_ / 2 * angular_velocity) * before);
+  state_.orientation = (exp_map(dt_ * middle) * before).normalized();
   state_.angular_velocity = angular_velocity_at(state_.orientation);
   state_.velocity = velocity.head<3>();
   state_.position += dt_ * state_.velocity;
@@ -135,7 +135,7 @@ void add_ground_contacts(const RigidBody& body, std::uint32_t index, double heig
 
 namespace {
 
-/// What of a body's box meets a surface; ids, and contacts that are not there already.
+/// Contacts of a body's box with a surface; gives them ids and omits duplicates.
 class BoxContacts {
  public:
   BoxContacts(const RigidBody& body, std::uint32_t index, const SurfaceDistance& surface,
@@ -149,14 +149,14 @@ class BoxContacts {
     SurfaceHit hit;
     if (!surface_.closest(body_.state().position, half_.norm() + kContactReach, hit)) return;
     for (int corner = 0; corner < 8; ++corner)
-      meet({corner & 1 ? 1.0 : -1.0, corner & 2 ? 1.0 : -1.0, corner & 4 ? 1.0 : -1.0});
+      add_at({corner & 1 ? 1.0 : -1.0, corner & 2 ? 1.0 : -1.0, corner & 4 ? 1.0 : -1.0});
     for (int axis = 0; axis < 3; ++axis)
-      for (int edge = 0; edge < 4; ++edge) meet_edge(axis, edge & 1 ? 1.0 : -1.0, edge & 2 ? 1.0 : -1.0);
+      for (int edge = 0; edge < 4; ++edge) add_edge(axis, edge & 1 ? 1.0 : -1.0, edge & 2 ? 1.0 : -1.0);
     for (int axis = 0; axis < 3; ++axis)
       for (const double side : {-1.0, 1.0}) {
-        meet_face(axis, side, 0, 0);
+        add_face(axis, side, 0, 0);
         for (int quarter = 0; quarter < 4; ++quarter)
-          meet_face(axis, side, quarter & 1 ? 0.5 : -0.5, quarter & 2 ? 0.5 : -0.5);
+          add_face(axis, side, quarter & 1 ? 0.5 : -0.5, quarter & 2 ? 0.5 : -0.5);
       }
   }
 
@@ -165,15 +165,15 @@ class BoxContacts {
     return surface_.closest(body_.state().to_world(point_body), within, hit) && hit.sided;
   }
 
-  /// `at`: shares of the half edges.
-  void meet(const Vec3d& at) noexcept {
+  /// `at`: in half edges.
+  void add_at(const Vec3d& at) noexcept {
     SurfaceHit hit;
     const Vec3d point = half_.cwiseProduct(at);
     ++number_;
     if (closest(point, kContactReach, hit)) add(body_.state().to_world(point), hit.normal, hit.distance);
   }
 
-  void meet_edge(int axis, double side, double other_side) noexcept {
+  void add_edge(int axis, double side, double other_side) noexcept {
     Vec3d at = Vec3d::Zero();
     at[(axis + 1) % 3] = side;
     at[(axis + 2) % 3] = other_side;
@@ -183,13 +183,13 @@ class BoxContacts {
       return;
     }
     at[axis] = std::clamp(body_.state().to_body(hit.point)[axis] / half_[axis], -1.0, 1.0);
-    meet(at);
+    add_at(at);
   }
 
-  /// Uphill from a place of the face, to where what is before it comes nearest to the face, or reaches furthest in.
-  void meet_face(int axis, double side, double u, double v) noexcept {
-    constexpr double kFacing = 0.1;  // cosine; what turns its back is another face's, or a corner's
-    constexpr double kStill = 1e-5;  // m
+  /// Gradient ascent from a point of a face to where the surface comes nearest to the face, or penetrates it most.
+  void add_face(int axis, double side, double u, double v) noexcept {
+    constexpr double kFacing = 0.1;  // cosine; a surface that faces away belongs to another face or a corner
+    constexpr double kStill = 1e-5;  // m, smallest step
     constexpr int kTimes = 6;
     ++number_;
     const int across = (axis + 1) % 3, along = (axis + 2) % 3;
@@ -199,26 +199,27 @@ class BoxContacts {
     at[along] = v * half_[along];
     outwards[axis] = side;
     double step = 0.25 * std::max(half_[across], half_[along]), nearest = kContactReach;
-    Vec3d place = at;
+    Vec3d nearest_point = at;
     SurfaceHit hit;
     for (int time = 0; time < kTimes && closest(at, seek_, hit); ++time) {
       const Vec3d normal = body_.state().orientation.conjugate() * hit.normal;
       const double facing = -normal.dot(outwards);
       if (facing < kFacing) break;
-      const double gap = hit.distance / facing;  // straight on, as far as it is a plane
+      const double gap = hit.distance / facing;  // along the face's normal, treating the surface as a plane
       if (gap < nearest && gap > -kContactReach) {
         nearest = gap;
-        place = at;
+        nearest_point = at;
       }
       Vec3d uphill = -(normal + facing * outwards);
       const double steepness = uphill.norm() / facing;
       if (uphill.dot(uphill_before) < 0) step /= 2;
-      const double way = std::min(step, std::abs(gap) / std::max(steepness, 1e-9));
-      if (way < kStill || steepness < 1e-6) break;
+      const double length = std::min(step, std::abs(gap) / std::max(steepness, 1e-9));
+      if (length < kStill || steepness < 1e-6) break;
       uphill_before = uphill;
-      at = (at + way * uphill.normalized()).cwiseMax(-half_).cwiseMin(half_);
+      at = (at + length * uphill.normalized()).cwiseMax(-half_).cwiseMin(half_);
     }
-    if (nearest < kContactReach) add(body_.state().to_world(place), body_.state().orientation * -outwards, nearest);
+    if (nearest < kContactReach)
+      add(body_.state().to_world(nearest_point), body_.state().orientation * -outwards, nearest);
   }
 
   void add(const Vec3d& point, const Vec3d& normal, double gap) noexcept {
@@ -245,7 +246,7 @@ class BoxContacts {
   ContactSolver& solver_;
   Vec3d half_;
   double seek_ = 0;           // m
-  std::uint32_t number_ = 0;  // of what is looked at
+  std::uint32_t number_ = 0;  // of the point examined
   std::array<Vec3d, kMax> points_, normals_;
   std::uint32_t count_ = 0;
 };

@@ -1,15 +1,15 @@
-/// A rigid body in steps of one cycle: springs and dampers taken implicitly, contacts left to the solver.
+/// A rigid body in steps of one cycle: springs and dampers are implicit, the contact solver handles contacts.
 ///
 ///     begin --> add forces, springs --> free() --> [ContactSolver] --> finish(velocity)
 ///
-/// What is added to a step acts at its end: F = K (target - point - dt v') + B (w - v') with v' the velocity that comes
-/// out. So the work that a spring does on the body is at most what it loses, at any stiffness, and a spring or damper
-/// adds nothing to the energy (force times way <= V before - V after, because V is convex). Torque-free spin keeps its
-/// momentum; its energy stays within 1 % (midpoint rule).
+/// Forces act at the end of the step: F = K (target - point - dt v') + B (w - v') with v' the resulting velocity. So a
+/// spring does at most as much work on the body as it loses, at any stiffness, and springs and dampers add no energy
+/// (force times displacement <= V before - V after, because V is convex). A torque-free rotation keeps its momentum;
+/// its energy stays within 1 % (midpoint rule).
 ///
-/// World frame, SI; the body's frame is that of its principal axes, its origin the centre of mass. One thread at a
-/// time. Realtime throughout. Source: Baraff, Witkin 1998 (implicit springs in the mass matrix); Otaduy, Lin 2005 (the
-/// same for haptic coupling).
+/// World frame, SI. The body frame has the principal axes and its origin at the centre of mass. One thread at a time.
+/// Realtime throughout. Source: Baraff, Witkin 1998 (implicit springs in the mass matrix); Otaduy, Lin 2005 (the same
+/// for haptic coupling).
 #pragma once
 
 #include <Eigen/Geometry>
@@ -26,12 +26,12 @@ struct BodySettings {
   double mass = 0.5;                           ///< kg
   Vec3d inertia = Vec3d::Constant(2e-4);       ///< kg m^2, about the principal axes
   Vec3d gravity{0, 0, -9.81};                  ///< m/s^2
-  double damping = 0;                          ///< N s/m, on the velocity: air, so that what floats comes to rest
+  double damping = 0;                          ///< N s/m, air drag, so that a floating body comes to rest
   double angular_damping = 0;                  ///< N m s
   double friction = 0.5;                       ///< coefficient, against ground and static geometry
-  std::array<Vec3d, kMaxBodyPoints> points{};  ///< body frame: corners that meet the ground
+  std::array<Vec3d, kMaxBodyPoints> points{};  ///< body frame: corners that can touch the ground
   std::uint32_t point_count = 0;
-  Vec3d half = Vec3d::Zero();  ///< m, half edges of the box that meets static geometry; zero: nothing does
+  Vec3d half = Vec3d::Zero();  ///< m, half edges of the box that collides with static geometry; zero: none
 };
 
 /// A box of uniform density.
@@ -52,35 +52,35 @@ struct BodyState {
   }
 };
 
-/// Rotation by `turn`, a vector along the axis whose length is the angle.
-[[nodiscard]] Eigen::Quaterniond rotation_by(const Vec3d& turn) noexcept;
-/// The shortest such vector.
-[[nodiscard]] Vec3d turn_of(const Eigen::Quaterniond& rotation) noexcept;
+/// Exponential map: the rotation with rotation vector `rotation` (axis times angle).
+[[nodiscard]] Eigen::Quaterniond exp_map(const Vec3d& rotation) noexcept;
+/// Logarithmic map: the shortest rotation vector of `rotation`.
+[[nodiscard]] Vec3d log_map(const Eigen::Quaterniond& rotation) noexcept;
 
-/// Pulls a point of the body to a target that moves on with its velocity.
+/// A spring and damper from a point of the body to a moving target.
 struct PointSpring {
-  Vec3d point = Vec3d::Zero();  ///< of the body, world frame, at the step's begin
+  Vec3d point = Vec3d::Zero();  ///< of the body, world frame, at the start of the step
   Vec3d target = Vec3d::Zero();
   Vec3d target_velocity = Vec3d::Zero();
   double stiffness = 0;  ///< N/m
-  double damping = 0;    ///< N s/m, on the velocity relative to the target's
+  double damping = 0;    ///< N s/m, on the velocity relative to the target
 
-  /// What it exerts on the body over a step of `dt` that ends with the point's velocity `velocity`.
+  /// The force on the body over a step of `dt` that ends with the point's velocity `velocity`.
   [[nodiscard]] Vec3d force(const Vec3d& velocity, double dt) const noexcept {
     return stiffness * (target + dt * target_velocity - point - dt * velocity) + damping * (target_velocity - velocity);
   }
 };
 
-/// Turns the body to where `turn` leads, which moves on with its spin.
-struct TurnSpring {
-  Vec3d turn = Vec3d::Zero();  ///< rad along the axis, from the body to the target, world frame
+/// A torsion spring and damper from the body to a rotating target.
+struct TorsionSpring {
+  Vec3d rotation = Vec3d::Zero();  ///< rotation vector from the body to the target, world frame
   Vec3d target_angular_velocity = Vec3d::Zero();
   double stiffness = 0;  ///< N m/rad
-  double damping = 0;    ///< N m s, on the spin relative to the target's
+  double damping = 0;    ///< N m s, on the angular velocity relative to the target
 
-  /// What it exerts on the body over a step of `dt` that ends with the spin `spin`.
+  /// The torque on the body over a step of `dt` that ends with `angular_velocity`.
   [[nodiscard]] Vec3d torque(const Vec3d& angular_velocity, double dt) const noexcept {
-    return stiffness * (turn + dt * (target_angular_velocity - angular_velocity)) +
+    return stiffness * (rotation + dt * (target_angular_velocity - angular_velocity)) +
            damping * (target_angular_velocity - angular_velocity);
   }
 };
@@ -91,24 +91,24 @@ class RigidBody {
       : settings_{settings}, state_{state} {}
 
   [[nodiscard]] const BodySettings& settings() const noexcept { return settings_; }
-  /// Other mass, gravity or damping from the next step on; velocities stay.
+  /// Other mass, gravity or damping from the next step on; velocities do not change.
   void change(const BodySettings& settings) noexcept { settings_ = settings; }
   [[nodiscard]] const BodyState& state() const noexcept { return state_; }
   void place(const BodyState& state) noexcept { state_ = state; }
 
-  /// Starts a step with gravity and air.
+  /// Starts a step; adds gravity and air drag.
   void begin(double dt) noexcept;
   void add_force(const Vec3d& point_world, const Vec3d& force) noexcept;
   void add_spring(const PointSpring& spring) noexcept;
-  void add_spring(const TurnSpring& spring) noexcept;
-  /// Whatever else acts in this step: the impulse `impulse` - `mass` * velocity at the end.
+  void add_spring(const TorsionSpring& spring) noexcept;
+  /// Adds another force of this step: the impulse `impulse` - `mass` * velocity at the end of the step.
   void add_implicit(const Mat6d& mass, const Vec6d& impulse) noexcept;
-  /// The velocity without contacts, and the inverse of the mass with all that was added.
+  /// The velocity without contacts, and the inverse of the effective mass.
   [[nodiscard]] SolverBody free() const noexcept;
-  /// Ends the step with the velocity that the solver found.
+  /// Ends the step with the solver's velocity.
   void finish(const Vec6d& velocity) noexcept;
-  /// Stops it dead.
-  void rest() noexcept { state_.velocity.setZero(), state_.angular_velocity.setZero(); }
+  /// Sets both velocities to zero.
+  void stop() noexcept { state_.velocity.setZero(), state_.angular_velocity.setZero(); }
 
   /// Principal inertia in the world.
   [[nodiscard]] Eigen::Matrix3d inertia_world() const noexcept;
@@ -117,7 +117,7 @@ class RigidBody {
   [[nodiscard]] double potential_energy() const noexcept {
     return -settings_.mass * settings_.gravity.dot(state_.position);
   }
-  /// Of the fastest of its points, or of the centre without any.
+  /// Speed of the fastest of its points, or of the centre if it has none.
   [[nodiscard]] double top_speed() const noexcept;
 
  private:
@@ -128,31 +128,32 @@ class RigidBody {
   Vec6d momentum_ = Vec6d::Zero();
 };
 
-/// Calls `visit(place)`, body frame, for the places all over a box from which `add_surface_contacts` begins to look.
+/// Calls `visit(point)`, body frame, for the points of a box from which `add_surface_contacts` starts its searches.
 template <class Visit>
-void for_each_box_place(const Vec3d& half, Visit&& visit) noexcept {
+void for_each_box_point(const Vec3d& half, Visit&& visit) noexcept {
   for (int x = -1; x <= 1; ++x)
     for (int y = -1; y <= 1; ++y)
       for (int z = -1; z <= 1; ++z)
         if (x != 0 || y != 0 || z != 0) visit(Vec3d{x * half.x(), y * half.y(), z * half.z()});
   for (int axis = 0; axis < 3; ++axis)
     for (int corner = 0; corner < 8; ++corner) {
-      Vec3d place{corner & 1 ? 0.5 : -0.5, corner & 2 ? 0.5 : -0.5, corner & 4 ? 0.5 : -0.5};
-      place[axis] *= 2;
-      visit(Vec3d(half.cwiseProduct(place)));
+      Vec3d point{corner & 1 ? 0.5 : -0.5, corner & 2 ? 0.5 : -0.5, corner & 4 ? 0.5 : -0.5};
+      point[axis] *= 2;
+      visit(Vec3d(half.cwiseProduct(point)));
     }
 }
 
-/// Offers the solver the points of `body`, its number `index`, that are near the plane z = `height`.
+/// Adds contacts of body number `index` for its points near the plane z = `height`. Realtime.
 void add_ground_contacts(const RigidBody& body, std::uint32_t index, double height, ContactSolver& solver) noexcept;
-/// The same for static geometry, of the body's box:
+/// The same for static geometry and the body's box. Realtime.
 ///
-///     corners      8: each meets what is closest to it
-///     edges       12: each, where it is closest to what is closest to its middle
-///     faces    6 x 5: uphill from its centre and its quarters' centres to what comes nearest to it
+///     corners      8: each with the surface point closest to it
+///     edges       12: each where it is closest to the surface point nearest to its middle
+///     faces    6 x 5: gradient ascent from the centre and the quarters' centres to the nearest surface
 ///
-/// So a bump in a face's midst is met, and an edge of the scene across one of the body's; of several bumps in one
-/// quarter only one is. At most 213 closest points, some 60 on something flat, and one when nothing is near.
+/// So contacts include a bump in the middle of a face, and an edge of the scene across an edge of the body. Of several
+/// bumps in one quarter only one is found. At most 213 closest points, about 60 on a flat surface, one when nothing is
+/// near.
 void add_surface_contacts(const RigidBody& body, std::uint32_t index, const SurfaceDistance& surface,
                           ContactSolver& solver) noexcept;
 

@@ -23,7 +23,7 @@ void SharedObject::couple(CopyCoupling& coupling) noexcept {
 }
 
 void SharedObject::step(std::int64_t now_ns, spm::Span<const PointSpring> springs, const Surroundings& surroundings,
-                        double dt, const ImplicitForce* more, spm::Span<const TurnSpring> turns) noexcept {
+                        double dt, const ImplicitForce* more, spm::Span<const TorsionSpring> torsion_springs) noexcept {
   if (following_) return;
   if (!springs.empty() || more != nullptr) still_ = 0;
   if (asleep()) return;
@@ -31,7 +31,7 @@ void SharedObject::step(std::int64_t now_ns, spm::Span<const PointSpring> spring
   const Vec3d centre = body_.state().position;
   body_.begin(dt);
   for (const PointSpring& spring : springs) body_.add_spring(spring);
-  for (const TurnSpring& turn : turns) body_.add_spring(turn);
+  for (const TorsionSpring& spring : torsion_springs) body_.add_spring(spring);
   if (more != nullptr) body_.add_implicit(more->mass, more->impulse);
   if (coupling_ != nullptr) coupling_->begin(now_ns, dt, body_);
   SolverBody moving = body_.free();
@@ -51,7 +51,7 @@ void SharedObject::step(std::int64_t now_ns, spm::Span<const PointSpring> spring
 
   const bool may_sleep = supported && springs.empty() && more == nullptr && coupling_ == nullptr;
   still_ = may_sleep && body_.top_speed() < kRestSpeed ? still_ + dt : 0;
-  if (asleep()) body_.rest();
+  if (asleep()) body_.stop();
 }
 
 }  // namespace tactus::haptics

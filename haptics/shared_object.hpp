@@ -1,13 +1,13 @@
 /// A shared object as one program simulates it: alone, as one of several copies, or not at all.
 ///
-///     follow    somebody else simulates it; it stands where the last pose says
-///     own       this program does, with whatever probes touch it here
-///     couple    several do, each with its own users' probes (coupling.hpp)
+///     follow    another program simulates it; its pose is the last one received
+///     own       this program simulates it, with the probes that touch it here
+///     couple    several programs simulate it, each with its own users' probes (coupling.hpp)
 ///
-/// Host and controllers use the same: who does what says the owner of the moment (session/ownership.hpp). A host that
-/// never gives an object away is the server-authoritative form.
+/// Host and HRTC use the same class; the present owner decides the mode (session/ownership.hpp). A host that never
+/// gives up an object is the server-authoritative form.
 ///
-/// World frame, SI. One thread at a time. Realtime; a coupling is made elsewhere, because that fills histories.
+/// World frame, SI. One thread at a time. Realtime, except for making a CopyCoupling, which fills histories.
 #pragma once
 
 #include "haptics/coupling.hpp"
@@ -20,7 +20,7 @@ struct Surroundings {
   const SurfaceDistance* scene = nullptr;  ///< static geometry, or null
 };
 
-/// What acts on a body beside its springs: the impulse `impulse` - `mass` * velocity.
+/// A force on a body beside its springs: the impulse `impulse` - `mass` * velocity.
 struct ImplicitForce {
   Mat6d mass = Mat6d::Zero();
   Vec6d impulse = Vec6d::Zero();
@@ -33,14 +33,15 @@ class SharedObject {
 
   void follow() noexcept;
   void own() noexcept;
-  /// `coupling`, made for the same body, must outlive what follows until the next of these three.
+  /// `coupling` must be for the same body and must outlive its use here, until the next call of one of these three.
   void couple(CopyCoupling& coupling) noexcept;
 
-  /// Where it is while another simulates it.
+  /// Sets its pose while another program simulates it.
   void place(const BodyState& state) noexcept { body_.place(state); }
-  /// One cycle; `springs` of the probes that touch it, `turns` of those that hold it. Does nothing while following.
+  /// One cycle. `springs`: of probes that touch it; `torsion_springs`: of probes that hold it. Does nothing while
+  /// following.
   void step(std::int64_t now_ns, spm::Span<const PointSpring> springs, const Surroundings& surroundings, double dt,
-            const ImplicitForce* more = nullptr, spm::Span<const TurnSpring> turns = {}) noexcept;
+            const ImplicitForce* more = nullptr, spm::Span<const TorsionSpring> torsion_springs = {}) noexcept;
 
   [[nodiscard]] const BodyState& state() const noexcept { return body_.state(); }
   [[nodiscard]] const RigidBody& body() const noexcept { return body_; }
@@ -48,9 +49,9 @@ class SharedObject {
   [[nodiscard]] CopyCoupling* coupling() noexcept { return coupling_; }
   [[nodiscard]] const CopyCoupling* coupling() const noexcept { return coupling_; }
   [[nodiscard]] const SolverResult& contacts() const noexcept { return solver_.last(); }
-  /// With what does not move, of the last step: all that it may have touched in it.
-  [[nodiscard]] spm::Span<const Contact> contacts_met() const noexcept { return solver_.contacts(); }
-  /// Owned, at rest on something and touched by nobody: it is not moved until that changes.
+  /// Contacts with static geometry in the last step.
+  [[nodiscard]] spm::Span<const Contact> static_contacts() const noexcept { return solver_.contacts(); }
+  /// True for an owned object that rests on something and that nobody touches; it does not move until that changes.
   [[nodiscard]] bool asleep() const noexcept { return still_ >= kStill; }
 
  private:
@@ -62,7 +63,7 @@ class SharedObject {
   ContactSolver solver_;
   CopyCoupling* coupling_ = nullptr;
   bool following_ = false;
-  double still_ = 0;  // s for which it has hardly moved
+  double still_ = 0;  // s since it moved
 };
 
 }  // namespace tactus::haptics

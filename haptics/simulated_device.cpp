@@ -14,11 +14,11 @@ constexpr std::int64_t kSubstepNs = 250'000;
 constexpr std::int64_t kLongestGapNs = 50'000'000;
 
 Vec3d vector_of(const std::array<double, 3>& a) noexcept { return {a[0], a[1], a[2]}; }
-Eigen::Quaterniond turn_from(const std::array<double, 4>& q) noexcept { return {q[3], q[0], q[1], q[2]}; }
+Eigen::Quaterniond quaternion_of(const std::array<double, 4>& q) noexcept { return {q[3], q[0], q[1], q[2]}; }
 
 }  // namespace
 
-HandPath::Place HandPath::place_at(std::int64_t time_ns) const noexcept {
+HandPath::Segment HandPath::segment_at(std::int64_t time_ns) const noexcept {
   const Waypoint* const end = waypoints.data() + count;
   const Waypoint* const next =
       std::find_if(waypoints.data(), end, [&](const Waypoint& waypoint) { return waypoint.time_ns > time_ns; });
@@ -32,17 +32,17 @@ HandPath::Place HandPath::place_at(std::int64_t time_ns) const noexcept {
 }
 
 void HandPath::at(std::int64_t time_ns, Vec3d& position, Vec3d& velocity) const noexcept {
-  const Place place = place_at(time_ns);
-  const Vec3d way = vector_of(place.to->position) - vector_of(place.from->position);
-  position = vector_of(place.from->position) + way * place.share;
-  velocity = way * place.rate;
+  const Segment segment = segment_at(time_ns);
+  const Vec3d difference = vector_of(segment.to->position) - vector_of(segment.from->position);
+  position = vector_of(segment.from->position) + difference * segment.share;
+  velocity = difference * segment.rate;
 }
 
-Eigen::Quaterniond HandPath::turned_at(std::int64_t time_ns) const noexcept {
-  const Place place = place_at(time_ns);
-  const Eigen::Quaterniond from = turn_from(place.from->orientation);
-  if (place.from->orientation == place.to->orientation) return from;
-  return from.slerp(place.share, turn_from(place.to->orientation)).normalized();
+Eigen::Quaterniond HandPath::orientation_at(std::int64_t time_ns) const noexcept {
+  const Segment segment = segment_at(time_ns);
+  const Eigen::Quaterniond from = quaternion_of(segment.from->orientation);
+  if (segment.from->orientation == segment.to->orientation) return from;
+  return from.slerp(segment.share, quaternion_of(segment.to->orientation)).normalized();
 }
 
 SimulatedDevice::SimulatedDevice(const HandSettings& settings, const DeviceSpec& spec)
@@ -50,7 +50,7 @@ SimulatedDevice::SimulatedDevice(const HandSettings& settings, const DeviceSpec&
       settings_{settings},
       random_{settings.seed},
       position_{settings.start},
-      orientation_{settings.start_turned},
+      orientation_{settings.start_orientation},
       measured_position_{settings.start} {
   std::uniform_real_distribution<double> frequency{2 * kPi * 8, 2 * kPi * 12};
   std::uniform_real_distribution<double> phase{0, 2 * kPi};
@@ -60,7 +60,7 @@ SimulatedDevice::SimulatedDevice(const HandSettings& settings, const DeviceSpec&
 }
 
 Vec3d SimulatedDevice::tremor_at(std::int64_t time_ns) const noexcept {
-  // kTones sines of amplitude A have a root mean square of A sqrt(kTones / 2) on each axis, sqrt(3) of that in space.
+  // kTones sines of amplitude A have a root mean square of A sqrt(kTones / 2) on each axis, times sqrt(3) in space.
   const double amplitude = settings_.tremor / std::sqrt(1.5 * kTones);
   const double time = static_cast<double>(time_ns) * 1e-9;
   Vec3d shake = Vec3d::Zero();
@@ -85,7 +85,7 @@ Vec3d SimulatedDevice::measured() noexcept {
 }
 
 DeviceState SimulatedDevice::read(std::int64_t now_ns) noexcept {
-  if (HandPath path; wishes_.take(path) && path.count > 0) path_ = path;
+  if (HandPath path; paths_.take(path) && path.count > 0) path_ = path;
   if (!started_) {
     started_ = true;
     time_ns_ = now_ns;
@@ -99,30 +99,30 @@ DeviceState SimulatedDevice::read(std::int64_t now_ns) noexcept {
     const double step = static_cast<double>(step_ns) * 1e-9;
     Vec3d target = settings_.start;
     Vec3d target_velocity = Vec3d::Zero();
-    Eigen::Quaterniond turned = settings_.start_turned;
+    Eigen::Quaterniond orientation = settings_.start_orientation;
     if (path_.count > 0) {
       path_.at(time_ns_, target, target_velocity);
-      turned = path_.turned_at(time_ns_);
+      orientation = path_.orientation_at(time_ns_);
     }
     if (settings_.tremor > 0) target += tremor_at(time_ns_);
     const Vec3d pull = settings_.hand_stiffness * (target - position_) + settings_.hand_damping * target_velocity;
-    // Dampers implicit, spring explicit, position by the new velocity.
+    // Implicit dampers, explicit spring, position from the new velocity.
     const double dampers = spec_.damping + settings_.hand_damping;
     velocity_ = (velocity_ + step / settings_.mass * (pull + force_)) / (1 + step / settings_.mass * dampers);
     position_ += step * velocity_;
-    const Vec3d twist = settings_.wrist_stiffness * turn_of(turned * orientation_.conjugate()) + torque_;
+    const Vec3d twist = settings_.wrist_stiffness * log_map(orientation * orientation_.conjugate()) + torque_;
     angular_velocity_ = (angular_velocity_ + step / settings_.inertia * twist) /
                         (1 + step / settings_.inertia * settings_.wrist_damping);
-    orientation_ = (rotation_by(step * angular_velocity_) * orientation_).normalized();
+    orientation_ = (exp_map(step * angular_velocity_) * orientation_).normalized();
   }
 
   if (elapsed > 0) {
     const Vec3d reading = measured();
-    // A real device knows positions only: the velocity is their smoothed difference.
+    // A real device measures positions only; the velocity is their smoothed difference.
     constexpr double kSmoothing = 3e-3;
     const double seconds = static_cast<double>(elapsed) * 1e-9;
-    const Vec3d difference = (reading - measured_position_) / seconds;
-    measured_velocity_ += (difference - measured_velocity_) * (seconds / (kSmoothing + seconds));
+    const Vec3d change = (reading - measured_position_) / seconds;
+    measured_velocity_ += (change - measured_velocity_) * (seconds / (kSmoothing + seconds));
     measured_position_ = reading;
   }
   DeviceState state;

@@ -27,7 +27,7 @@ bool FirstTouch::result(SurfaceHit& hit) const noexcept {
 
 namespace {
 
-/// Angle of triangle abc at its corner a, for unit-free weights; 0 when degenerate.
+/// Angle of triangle abc at its corner a, rad; 0 when degenerate.
 double angle_at(const Vec3d& a, const Vec3d& b, const Vec3d& c) noexcept {
   const Vec3d ab = b - a;
   const Vec3d ac = c - a;
@@ -57,7 +57,7 @@ void ClosestSide::offer(const Vec3d& a, const Vec3d& b, const Vec3d& c, std::uin
                         std::uint32_t face) noexcept {
   const spm::ClosestPoint closest = spm::closest_point(query_, a, b, c);
   const double distance = std::sqrt(closest.squared_distance);
-  // Two faces compute the point of their common edge each in its own way; rounding is far below this.
+  // Two faces compute the closest point of their common edge separately; rounding errors are far below this.
   constexpr double kSamePoint = 1e-10;
   const bool shared = faces_ > 0 && (closest.point - point_).squaredNorm() <
                                         kSamePoint * kSamePoint * std::max(1.0, point_.squaredNorm());

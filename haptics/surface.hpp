@@ -1,7 +1,7 @@
-/// What a proxy touches: all surfaces near it, however they are stored. World frame, metres.
+/// Collision queries for a proxy over all surfaces near it. World frame, metres.
 ///
-/// A controller answers from its AB-trees, a test from a list of triangles; both feed the triangles they find to the
-/// two accumulators below, which hold the rules. Realtime throughout.
+/// An HRTC answers from its AB-trees, a test from a list of triangles. Both pass the triangles that they find to the
+/// two accumulators below, which contain the rules. Realtime throughout.
 #pragma once
 
 #include <cstdint>
@@ -13,63 +13,63 @@ namespace tactus::haptics {
 using spm::Vec3d;
 
 struct SurfaceHit {
-  double time = 1;              ///< of a sweep: share of the way at which it touches
+  double time = 1;              ///< of a sweep: share of the motion at the first contact
   Vec3d point = Vec3d::Zero();  ///< on the surface
   Vec3d normal =
       Vec3d::UnitZ();   ///< of a sweep: from `point` to the sphere's centre; of a closest point: the outer normal
   double distance = 0;  ///< of a closest point: from the query, negative on the inner side
-  bool sided = true;    ///< false where the surface has no sides: at a border, or where faces cancel out
+  bool sided = true;    ///< false at a border, or where face normals cancel out
   std::uint32_t object = spm::kNone;
   std::uint32_t face = spm::kNone;  ///< FaceId
 };
 
-/// What bodies stand on and bump into.
+/// Distance queries for the contacts of bodies with static geometry.
 class SurfaceDistance {
  public:
   virtual ~SurfaceDistance() = default;
 
-  /// The closest point of all surfaces and the side that `point` is on; false when none is nearer than `within`.
+  /// The closest point of all surfaces and the side that `point` is on; false when no surface is closer than `within`.
   /// Realtime.
   [[nodiscard]] virtual bool closest(const Vec3d& point, double within, SurfaceHit& hit) const noexcept = 0;
 };
 
 class Surface : public SurfaceDistance {
  public:
-  /// The earliest touch of a sphere whose centre goes straight from `from` to `to`, over everything that exists, both
-  /// sides alike; by the rules of spm::swept_sphere a sphere that rests on a triangle may slide and leave. Realtime.
+  /// The first contact of a sphere whose centre moves straight from `from` to `to`, over all surfaces, from both sides.
+  /// By the rules of spm::swept_sphere a sphere that rests on a triangle may slide and leave. Realtime.
   [[nodiscard]] virtual bool sweep(const Vec3d& from, const Vec3d& to, double radius,
                                    SurfaceHit& hit) const noexcept = 0;
 
-  /// Whether something stands elsewhere than in the last step. What does is asked for by the three functions below.
+  /// True when an object has moved since the last step. The next three functions then describe its motion.
   [[nodiscard]] virtual bool moving() const noexcept { return false; }
-  /// The earliest touch of a sphere whose centre was at `from` when everything stood as in the last step, and is to be
-  /// at `to` as it stands now. Relative to each object it goes straight, and what it touches goes along: `hit` tells it
-  /// as it is now. Realtime.
+  /// The first contact of a sphere whose centre was at `from` in the last step and is to be at `to` now. Relative to
+  /// each object it moves straight, and a touched surface moves along. `hit` has present positions. Realtime.
   [[nodiscard]] virtual bool sweep_moving(const Vec3d& from, const Vec3d& to, double radius,
                                           SurfaceHit& hit) const noexcept {
     return sweep(from, to, radius, hit);
   }
-  /// Where the place on `object` that was at `point` in the last step is now; and a direction. Realtime.
+  /// The present position of the point of `object` that was at `point` in the last step. Realtime.
   [[nodiscard]] virtual Vec3d carried(std::uint32_t object, const Vec3d& point) const noexcept {
     static_cast<void>(object);
     return point;
   }
+  /// The same for a direction. Realtime.
   [[nodiscard]] virtual Vec3d turned(std::uint32_t object, const Vec3d& direction) const noexcept {
     static_cast<void>(object);
     return direction;
   }
 };
 
-/// The earliest of the touches offered, of several at once that of the first object and face. Offer at least every
-/// triangle whose box meets the swept sphere's.
+/// The earliest contact among the triangles offered; of several at once the one with the lowest object and face. Offer
+/// at least every triangle whose box overlaps the box of the swept sphere.
 class FirstTouch {
  public:
   FirstTouch(const Vec3d& from, const Vec3d& to, double radius) noexcept : from_{from}, to_{to}, radius_{radius} {}
 
-  /// Corners in counter-clockwise order seen from outside.
+  /// Corners counter-clockwise seen from outside.
   void offer(const Vec3d& a, const Vec3d& b, const Vec3d& c, std::uint32_t object, std::uint32_t face) noexcept;
 
-  /// Touches later than this no longer matter.
+  /// Later contacts no longer matter.
   [[nodiscard]] double time() const noexcept { return best_.time; }
   [[nodiscard]] bool result(SurfaceHit& hit) const noexcept;
 
@@ -86,8 +86,9 @@ class FirstTouch {
 
 /// The closest point of the triangles offered, and the side of the surface that the query is on.
 ///
-/// Triangles that share the closest point (an edge, a vertex) add up to the angle-weighted normal there, whose sign is
-/// right on every closed, consistently oriented surface. So offer every triangle nearer than *or as near as* `reach()`.
+/// Triangles that share the closest point (on an edge or at a vertex) add up to the angle-weighted normal there. Its
+/// sign is correct on every closed, consistently oriented surface. So offer every triangle closer than *or as close as*
+/// `reach()`.
 /// Source: Baerentzen, Aanaes 2005 (signed distance from angle-weighted pseudo-normals).
 class ClosestSide {
  public:
@@ -104,7 +105,7 @@ class ClosestSide {
   double reach_;
   Vec3d point_ = Vec3d::Zero();
   Vec3d normal_ = Vec3d::Zero();  // sum of weighted unit normals
-  int faces_ = 0;                 // that share the closest point
+  int faces_ = 0;                 // faces that share the closest point
   bool on_edge_ = false;
   std::uint32_t object_ = spm::kNone;
   std::uint32_t face_ = spm::kNone;

@@ -10,31 +10,31 @@
 namespace tactus::haptics {
 namespace {
 
-constexpr float kNone = std::numeric_limits<float>::infinity();  // distance of what is not there
+constexpr float kAbsent = std::numeric_limits<float>::infinity();  // distance of an absent pair
 constexpr std::uint32_t kMaxObjects = 255;
 
-// Shares of the rounding.
-constexpr double kTouching = 0.1;   // what a contact may overlap for good
-constexpr double kLookAgain = 0.2;  // what it may before a way is solved for again
-constexpr double kBlocked = 0.5;    // never more
-constexpr double kStep = 1.5;       // the longest step in contact
-constexpr double kMargin = 0.4;     // how far beyond it pairs are gathered
-constexpr double kShort = 0.8;      // a way for which more are gathered at once
-constexpr double kUseful = 2.6;     // gaps that matter in the next step
+// Shares of the collision margin.
+constexpr double kTouching = 0.1;    // permanent overlap allowed to a contact
+constexpr double kSolveAgain = 0.2;  // overlap at the new pose that triggers another solve
+constexpr double kBlocked = 0.5;     // maximum overlap
+constexpr double kStep = 1.5;        // longest step in contact
+constexpr double kMargin = 0.4;      // pairs are gathered this far beyond it
+constexpr double kShort = 0.8;       // displacement for which one gather is enough
+constexpr double kUseful = 2.6;      // gaps that matter in the next step
 
-constexpr double kAlong = 1.2;       // ways of the device that the tool goes in a cycle, beside what it yields
-constexpr double kPress = 1e-3;      // m of a press that is told the solver
-constexpr std::uint32_t kWalks = 2;  // pairs of nodes that take as long as a row swept
-constexpr double kLinear = 2e-7;     // m by which an answer of the solver may miss a gap
-constexpr double kMeeting = 1e-6;    // m; nearer than this the face's normal tells the direction
-constexpr double kFloatRoom = 1e-6;  // m; what float coordinates may be off, many times over
+constexpr double kDeviceShare = 1.2;  // displacements of the device that the tool moves per cycle, beside max_yield
+constexpr double kPress = 1e-3;       // m of a press that the solver sees
+constexpr std::uint32_t kNodePairsPerRow = 2;  // pairs of nodes that cost as much as an iterated row
+constexpr double kLinear = 2e-7;               // m, error of a solver's answer in a gap
+constexpr double kTouchDistance = 1e-6;        // m; below this the face's normal gives the direction
+constexpr double kFloatError = 1e-6;           // m, generous bound on errors of float coordinates
 
 SolverSettings solver_settings(const ToolSettings& tool) noexcept {
   SolverSettings settings;
-  settings.sweeps = 40;
-  settings.quiet = 2e-5;  // 20 nm in a cycle of 1 ms
+  settings.iterations = 40;
+  settings.tolerance = 2e-5;  // m/s; 20 nm in a cycle of 1 ms
   settings.push_out = tool.push_out;
-  settings.touching = kTouching * tool.collision_margin;
+  settings.allowed_overlap = kTouching * tool.collision_margin;
   return settings;
 }
 
@@ -43,10 +43,10 @@ SolverSettings solver_settings(const ToolSettings& tool) noexcept {
 Tool::Tool(const spm::MeshProbe& probe, const ToolSettings& settings)
     : probe_{probe}, settings_{settings}, placed_{probe}, solver_{solver_settings(settings)} {
   const std::size_t blocks = std::max(1u, settings.pairs / kWidth), pairs = blocks * kWidth;
-  for (Found& found : found_) {
-    found.blocks.resize(blocks);
-    found.nearest.resize(blocks);
-    found.parts.reserve(kMaxObjects);
+  for (PairSet& set : pair_sets_) {
+    set.blocks.resize(blocks);
+    set.nearest.resize(blocks);
+    set.parts.reserve(kMaxObjects);
   }
   for (Nearby& nearby : nearby_) {
     nearby.distance.resize(pairs);
@@ -58,7 +58,7 @@ Tool::Tool(const spm::MeshProbe& probe, const ToolSettings& settings)
   }
   for (int axis = 0; axis < 3; ++axis) vertices_[axis].resize(probe.vertices()[axis].size());
   excess_.resize(pairs);
-  taken_.resize(pairs);
+  has_row_.resize(pairs);
   violated_.resize(pairs);
   overlaps_.reserve(pairs);
   reset();
@@ -66,19 +66,19 @@ Tool::Tool(const spm::MeshProbe& probe, const ToolSettings& settings)
 
 void Tool::reset() noexcept {
   started_ = false;
-  have_here_ = caught_ = stuck_ = false;
+  gathered_ = trapped_ = stuck_ = false;
   row_count_ = 0;
   result_ = ToolResult{};
 }
 
 double Tool::blocked() const noexcept { return (1 - kBlocked) * settings_.collision_margin; }
 
-ToolPose Tool::moved(const ToolPose& pose, const Way& way) noexcept {
-  return {pose.position + way.linear, (rotation_by(way.turn) * pose.orientation).normalized()};
+ToolPose Tool::moved(const ToolPose& pose, const Displacement& displacement) noexcept {
+  return {pose.position + displacement.linear, (exp_map(displacement.angular) * pose.orientation).normalized()};
 }
 
-Tool::Way Tool::to_device(const ToolPose& device) const noexcept {
-  return {device.position - pose_.position, turn_of(device.orientation * pose_.orientation.conjugate())};
+Tool::Displacement Tool::to_device(const ToolPose& device) const noexcept {
+  return {device.position - pose_.position, log_map(device.orientation * pose_.orientation.conjugate())};
 }
 
 // ---- gather ----
@@ -90,32 +90,32 @@ Tool::Gap Tool::Nearby::gap(std::uint32_t pair) const noexcept {
           inner[pair] != 0};
 }
 
-const Tool::Part& Tool::Found::part(std::uint32_t pair) const noexcept {
+const Tool::Part& Tool::PairSet::part(std::uint32_t pair) const noexcept {
   std::size_t at = 0;
   while (parts[at].last * kWidth <= pair) ++at;
   return parts[at];
 }
 
-std::uint64_t Tool::Found::id(const Part& part, std::uint32_t pair) const noexcept {
+std::uint64_t Tool::PairSet::id(const Part& part, std::uint32_t pair) const noexcept {
   const spm::NearPairs& eight = blocks[pair / kWidth];
   return std::uint64_t{part.object->index} << 56 | std::uint64_t{eight.triangle[pair % kWidth]} << 32 |
          eight.face_id[pair % kWidth];
 }
 
-/// What is near `pose`. False when not all was found: no room, or no work left.
+/// Gathers the pairs near `pose`. False when the capacity or the work budget is used up before all are found.
 bool Tool::gather(const ToolPose& pose, double margin, std::uint32_t max_pairs, std::uint32_t max_work,
                   spm::Span<const ToolObject> objects, Nearby& into) noexcept {
-  const Nearby& other = &into == here_ ? *there_ : *here_;
-  Found& found = other.found == &found_[0] ? found_[1] : found_[0];
-  found.parts.clear();
-  found.pairs = 0;
-  found.margin = margin;
+  const Nearby& other = &into == current_ ? *candidate_ : *current_;
+  PairSet& set = other.set == &pair_sets_[0] ? pair_sets_[1] : pair_sets_[0];
+  set.parts.clear();
+  set.pairs = 0;
+  set.margin = margin;
   into.pose = pose;
-  into.found = &found;
-  into.went = 0;
+  into.set = &set;
+  into.travel = 0;
   into.nearest = margin;
   const Eigen::Matrix3d turned = pose.orientation.toRotationMatrix();
-  const std::uint32_t capacity = std::min(max_pairs / kWidth, static_cast<std::uint32_t>(found.blocks.size()));
+  const std::uint32_t capacity = std::min(max_pairs / kWidth, static_cast<std::uint32_t>(set.blocks.size()));
   const std::uint32_t work_end =
       result_.work + std::min(max_work, settings_.work - std::min(settings_.work, result_.work));
   std::uint32_t block = 0;
@@ -126,19 +126,19 @@ bool Tool::gather(const ToolPose& pose, double margin, std::uint32_t max_pairs, 
     in_model.translation() = object.rotation.transpose() * (pose.position - object.translation) / object.scale;
     placed_.place(in_model, 1 / object.scale);
     const std::uint32_t room = (capacity - block) * kWidth;
-    const spm::MeshTouch touch = placed_.near(*object.tree, margin / object.scale, found.blocks.data() + block, room,
-                                              kWalks * (work_end - result_.work));
-    result_.work += touch.contacts + (touch.work - std::min(touch.work, touch.contacts)) / kWalks;
+    const spm::MeshTouch touch = placed_.near(*object.tree, margin / object.scale, set.blocks.data() + block, room,
+                                              kNodePairsPerRow * (work_end - result_.work));
+    result_.work += touch.contacts + (touch.work - std::min(touch.work, touch.contacts)) / kNodePairsPerRow;
     if (!touch.complete || touch.contacts > room) return false;
     if (touch.contacts == 0) continue;
 
-    // Corners from here on: metres, along the object's axes, from near the tool's origin.
+    // From here on corners are in metres, along the object's axes, relative to the tool's origin.
     const Eigen::Vector3f origin = in_model.translation().cast<float>();
     const auto scale = static_cast<float>(object.scale);
     Part part{&object, block, block + (touch.contacts + kWidth - 1) / kWidth, origin.cast<double>(), Vec3d::Zero()};
     place(pose, part);
     for (; block < part.last; ++block) {
-      spm::NearPairs& pairs = found.blocks[block];
+      spm::NearPairs& pairs = set.blocks[block];
       const std::uint32_t here = std::min(kWidth, touch.contacts - (block - part.first) * kWidth);
       for (std::uint32_t lane = here; lane < kWidth; ++lane) {
         pairs.face_id[lane] = spm::kNone;
@@ -151,12 +151,12 @@ bool Tool::gather(const ToolPose& pose, double margin, std::uint32_t max_pairs, 
           for (float& x : corner[axis]) x = (x - origin[axis]) * scale;
       measure(part, margin, block, into);
       const float* const gaps = into.distance.data() + block * kWidth;
-      found.nearest[block] = *std::min_element(gaps, gaps + kWidth);
+      set.nearest[block] = *std::min_element(gaps, gaps + kWidth);
     }
-    found.parts.push_back(part);
+    set.parts.push_back(part);
   }
-  found.pairs = block * kWidth;
-  result_.pairs = found.pairs;
+  set.pairs = block * kWidth;
+  result_.pairs = set.pairs;
   return true;
 }
 
@@ -175,7 +175,7 @@ void Tool::place(const ToolPose& pose, Part& part) noexcept {
 }
 
 void Tool::measure(const Part& part, double within, std::uint32_t block, Nearby& into) noexcept {
-  const spm::NearPairs& pairs = into.found->blocks[block];
+  const spm::NearPairs& pairs = into.set->blocks[block];
   for (unsigned lane = 0; lane < kWidth; ++lane) {
     const std::array<std::uint32_t, 3>& corners = probe_.corners(pairs.triangle[lane]);
     for (int i = 0; i < 3; ++i)
@@ -184,7 +184,7 @@ void Tool::measure(const Part& part, double within, std::uint32_t block, Nearby&
   spm::gaps(pairs.face, lanes_, gaps_, simd_);
   for (unsigned lane = 0; lane < kWidth; ++lane) {
     const std::uint32_t pair = block * kWidth + lane;
-    into.distance[pair] = kNone;
+    into.distance[pair] = kAbsent;
     const bool near = gaps_.distance[lane] <= within || (gaps_.may_meet >> lane & 1u) != 0;
     if (!near || pairs.face_id[lane] == spm::kNone) continue;
     const Gap gap = gap_of(part, pairs.face, lane);
@@ -199,20 +199,20 @@ void Tool::measure(const Part& part, double within, std::uint32_t block, Nearby&
   }
 }
 
-/// The same pairs as in here_, in a pose to which no point of the tool has further than `length`.
+/// Measures the pairs of current_ again at a pose that displaces no point of the tool by more than `length`.
 bool Tool::measure_again(const ToolPose& pose, double length, Nearby& into) noexcept {
   if (result_.work >= settings_.work) return false;
-  Found& found = *here_->found;
+  PairSet& set = *current_->set;
   const double useful = kUseful * settings_.collision_margin;
   into.pose = pose;
-  into.found = &found;
-  into.went = here_->went + length;
-  into.nearest = std::min(useful, found.margin - into.went);
-  for (Part& part : found.parts) {
+  into.set = &set;
+  into.travel = current_->travel + length;
+  into.nearest = std::min(useful, set.margin - into.travel);
+  for (Part& part : set.parts) {
     place(pose, part);
     for (std::uint32_t block = part.first; block < part.last; ++block) {
-      if (found.nearest[block] > useful + into.went) {
-        std::fill_n(into.distance.begin() + block * kWidth, kWidth, kNone);
+      if (set.nearest[block] > useful + into.travel) {
+        std::fill_n(into.distance.begin() + block * kWidth, kWidth, kAbsent);
         continue;
       }
       ++result_.work;
@@ -238,7 +238,7 @@ Tool::Gap Tool::gap_of(const Part& part, const spm::TriangleLanes& faces, unsign
     gap.distance = -contact.depth;
     gap.normal = contact.normal;
     on_tool = contact.point;
-  } else if (gap.distance > kMeeting) {
+  } else if (gap.distance > kTouchDistance) {
     gap.normal = between / gap.distance;
     gap.inner = between.dot(across) < 0;
   } else if (across.squaredNorm() > 0) {
@@ -251,7 +251,7 @@ Tool::Gap Tool::gap_of(const Part& part, const spm::TriangleLanes& faces, unsign
 
 // ---- solve ----
 
-/// In the room of rows that did not press in the last solve when there is none.
+/// If there is no room, drops the rows that did not press in the last solve.
 bool Tool::make_room() noexcept {
   if (row_count_ < kMaxContacts) return true;
   std::size_t kept = 0;
@@ -278,63 +278,63 @@ void Tool::add_row(std::uint64_t id, const Gap& gap, double friction) noexcept {
   row.friction = friction;
 }
 
-/// Those that pressed in the last solve, if they are near.
+/// Starts with the pairs that pressed in the last solve and are still near.
 void Tool::choose_first_rows() noexcept {
   std::array<std::uint64_t, kMaxContacts> pressed;
   std::size_t count = 0;
   for (std::size_t i = 0; i < row_count_; ++i)
     if (i < solver_.contacts().size() && !solver_.impulse(i).isZero(0)) pressed[count++] = rows_[i].id & kPairOfId;
   row_count_ = 0;
-  std::fill_n(taken_.begin(), here_->found->pairs, std::uint8_t{0});
+  std::fill_n(has_row_.begin(), current_->set->pairs, std::uint8_t{0});
   if (count == 0) return;
-  for (const Part& part : here_->found->parts)
+  for (const Part& part : current_->set->parts)
     for (std::uint32_t pair = part.first * kWidth; pair < part.last * kWidth; ++pair) {
-      if (here_->distance[pair] == kNone || (overlapping_ && here_->inner[pair] != 0)) continue;
-      const std::uint64_t id = here_->found->id(part, pair);
+      if (current_->distance[pair] == kAbsent || (overlapping_ && current_->inner[pair] != 0)) continue;
+      const std::uint64_t id = current_->set->id(part, pair);
       if (std::find(pressed.begin(), pressed.begin() + count, id) == pressed.begin() + count) continue;
-      taken_[pair] = 1;
-      add_row(id, here_->gap(pair), part.object->friction);
+      has_row_[pair] = 1;
+      add_row(id, current_->gap(pair), part.object->friction);
       if (row_count_ == kMaxContacts) return;
     }
 }
 
-Tool::Way Tool::solve(const Way& wish, double dt) noexcept {
+Tool::Displacement Tool::solve(const Displacement& wanted, double dt) noexcept {
   ++result_.solves;
   SolverBody body;
   body.inverse_mass.diagonal().head<3>().setConstant(1 / grip_.stiffness);
   body.inverse_mass.diagonal().tail<3>().setConstant(1 / grip_.rotational_stiffness);
-  body.velocity << wish.linear / dt, wish.turn / dt;
+  body.velocity << wanted.linear / dt, wanted.angular / dt;
   solver_.begin();
   for (std::size_t i = 0; i < row_count_; ++i) solver_.add(rows_[i]);
   const SolverResult& solved = solver_.solve({&body, 1}, dt);
-  result_.work += static_cast<std::uint32_t>(solved.sweeps) * solved.contacts;
+  result_.work += static_cast<std::uint32_t>(solved.iterations) * solved.contacts;
   return {body.velocity.head<3>() * dt, body.velocity.tail<3>() * dt};
 }
 
-/// Adds the pairs that `way` would bring too near, the worst of each kind; false when there is none.
-bool Tool::add_violated(const Way& way, double dt) noexcept {
+/// Adds the pairs that `displacement` would bring too close, the worst of each group; false when there are none.
+bool Tool::add_violated(const Displacement& displacement, double dt) noexcept {
   constexpr int kAtOnce = 4;
-  const float lx = static_cast<float>(way.linear.x()), ly = static_cast<float>(way.linear.y()),
-              lz = static_cast<float>(way.linear.z());
-  const float tx = static_cast<float>(way.turn.x()), ty = static_cast<float>(way.turn.y()),
-              tz = static_cast<float>(way.turn.z());
+  const float lx = static_cast<float>(displacement.linear.x()), ly = static_cast<float>(displacement.linear.y()),
+              lz = static_cast<float>(displacement.linear.z());
+  const float tx = static_cast<float>(displacement.angular.x()), ty = static_cast<float>(displacement.angular.y()),
+              tz = static_cast<float>(displacement.angular.z());
   const auto collision_margin = static_cast<float>(settings_.collision_margin),
              touching = static_cast<float>(kTouching) * collision_margin;
   const auto share = static_cast<float>(std::min(1.0, SolverSettings{}.push_out_rate * dt)),
              max = static_cast<float>(settings_.push_out * dt);
   constexpr float kOff = static_cast<float>(kLinear);
-  const Nearby& near = *here_;
+  const Nearby& near = *current_;
   std::uint32_t count = 0;
-  for (std::uint32_t pair = 0; pair < here_->found->pairs; ++pair) {
+  for (std::uint32_t pair = 0; pair < current_->set->pairs; ++pair) {
     const float gap = near.distance[pair] - collision_margin;
     const float ax = near.arm[0][pair], ay = near.arm[1][pair], az = near.arm[2][pair];
     const float closing = near.normal[0][pair] * (lx + ty * az - tz * ay) +
                           near.normal[1][pair] * (ly + tz * ax - tx * az) +
                           near.normal[2][pair] * (lz + tx * ay - ty * ax);
-    // As the solver has it: a gap may be closed, an overlap must not grow, and a large one shrinks.
+    // As in the solver: a gap may close, an overlap must not grow, and a large overlap shrinks.
     const float min = gap >= 0 ? -gap : push_ ? std::min(max, share * std::max(0.0f, -gap - touching)) : 0;
     excess_[pair] = closing - min;
-    if (closing < min - kOff && taken_[pair] == 0 && near.distance[pair] < kNone &&
+    if (closing < min - kOff && has_row_[pair] == 0 && near.distance[pair] < kAbsent &&
         !(overlapping_ && near.inner[pair] != 0))
       violated_[count++] = pair;
   }
@@ -344,14 +344,14 @@ bool Tool::add_violated(const Way& way, double dt) noexcept {
     std::uint32_t worst = violated_[0];
     for (std::uint32_t k = 1; k < count; ++k)
       if (excess_[violated_[k]] < excess_[worst]) worst = violated_[k];
-    const Part& part = here_->found->part(worst);
+    const Part& part = current_->set->part(worst);
     const Gap gap = near.gap(worst);
     const std::size_t before = row_count_;
-    add_row(here_->found->id(part, worst), gap, part.object->friction);
+    add_row(current_->set->id(part, worst), gap, part.object->friction);
     if (row_count_ == before) return added;
     added = true;
-    taken_[worst] = 1;
-    // What pushes in nearly the same place and direction may be met by this one.
+    has_row_[worst] = 1;
+    // This row may also solve pairs with nearly the same position and direction.
     std::uint32_t kept = 0;
     const double alike = 0.02 * probe_.radius();
     for (std::uint32_t k = 0; k < count; ++k) {
@@ -366,190 +366,194 @@ bool Tool::add_violated(const Way& way, double dt) noexcept {
 
 // ---- look and go ----
 
-/// Where `way` leads. `again` > 0: what comes too near becomes a row, under that number.
-Tool::Look Tool::look(const Way& way, int again, spm::Span<const ToolObject> objects) noexcept {
+/// Checks the pose after `displacement`. With `again` > 0, pairs that come too close become rows under that number.
+Tool::Check Tool::check(const Displacement& displacement, int again, spm::Span<const ToolObject> objects) noexcept {
   const double collision_margin = settings_.collision_margin;
-  Nearby& there = *there_;
-  const double length = longest(way);
-  const ToolPose after = moved(pose_, way);
-  const bool again_will_do = here_->went + length <= here_->found->margin - collision_margin - kFloatRoom;
-  if (!(again_will_do ? measure_again(after, length, there)
-                      : gather(after, (1 + kMargin) * collision_margin + kFloatRoom, ~0u, ~0u, objects, there)))
-    return Look::kBlocked;
-  // What meets already is known by name.
-  if (std::max(here_->nearest, 0.0) + std::max(there.nearest, 0.0) <= length && !overlapping_) return Look::kBlocked;
-  if (there.nearest >= (1 - kLookAgain) * collision_margin) return Look::kFree;
+  Nearby& candidate = *candidate_;
+  const double length = longest(displacement);
+  const ToolPose after = moved(pose_, displacement);
+  const bool enough_gathered = current_->travel + length <= current_->set->margin - collision_margin - kFloatError;
+  if (!(enough_gathered ? measure_again(after, length, candidate)
+                        : gather(after, (1 + kMargin) * collision_margin + kFloatError, ~0u, ~0u, objects, candidate)))
+    return Check::kBlocked;
+  // Pairs that already overlap are listed in overlaps_.
+  if (std::max(current_->nearest, 0.0) + std::max(candidate.nearest, 0.0) <= length && !overlapping_)
+    return Check::kBlocked;
+  if (candidate.nearest >= (1 - kSolveAgain) * collision_margin) return Check::kFree;
   constexpr std::size_t kMax = 6;
   std::array<std::uint32_t, kMax> worst;
   std::size_t count = 0;
-  for (const Part& part : there.found->parts)
+  for (const Part& part : candidate.set->parts)
     for (std::uint32_t pair = part.first * kWidth; pair < part.last * kWidth; ++pair) {
-      const double distance = there.distance[pair];
-      if (distance >= (1 - kLookAgain) * collision_margin || (overlapping_ && distance > 0 && there.inner[pair] != 0))
+      const double distance = candidate.distance[pair];
+      if (distance >= (1 - kSolveAgain) * collision_margin ||
+          (overlapping_ && distance > 0 && candidate.inner[pair] != 0))
         continue;
-      if (distance < (1 - kBlocked) * collision_margin) {  // only what was as near before
-        const std::uint64_t id = there.found->id(part, pair);
+      if (distance < (1 - kBlocked) * collision_margin) {  // allowed only if it was as close before
+        const std::uint64_t id = candidate.set->id(part, pair);
         const auto before = std::lower_bound(overlaps_.begin(), overlaps_.end(), id,
                                              [](const Overlap& o, std::uint64_t wanted) { return o.id < wanted; });
-        if (before == overlaps_.end() || before->id != id || distance < before->distance - kMeeting)
-          return Look::kBlocked;
+        if (before == overlaps_.end() || before->id != id || distance < before->distance - kTouchDistance)
+          return Check::kBlocked;
         continue;
       }
       std::size_t to = count;
       if (count < kMax) {
         ++count;
       } else {
-        to = static_cast<std::size_t>(
-            std::max_element(worst.begin(), worst.end(),
-                             [&](std::uint32_t a, std::uint32_t b) { return there.distance[a] < there.distance[b]; }) -
-            worst.begin());
-        if (there.distance[worst[to]] <= there.distance[pair]) continue;
+        to = static_cast<std::size_t>(std::max_element(worst.begin(), worst.end(),
+                                                       [&](std::uint32_t a, std::uint32_t b) {
+                                                         return candidate.distance[a] < candidate.distance[b];
+                                                       }) -
+                                      worst.begin());
+        if (candidate.distance[worst[to]] <= candidate.distance[pair]) continue;
       }
       worst[to] = pair;
     }
-  if (count == 0) return Look::kFree;
-  if (again == 0) return Look::kTooNear;
-  // The gap there, told as one from here.
-  const Eigen::Quaterniond turn = rotation_by(way.turn);
+  if (count == 0) return Check::kFree;
+  if (again == 0) return Check::kTooNear;
+  // The gap at the new pose, expressed at the present pose.
+  const Eigen::Quaterniond rotation = exp_map(displacement.angular);
   for (std::size_t i = 0; i < count; ++i) {
-    Gap gap = there.gap(worst[i]);
-    const Vec3d arm = turn.conjugate() * gap.arm;
-    gap.distance -= gap.normal.dot(way.linear + gap.arm - arm);
+    Gap gap = candidate.gap(worst[i]);
+    const Vec3d arm = rotation.conjugate() * gap.arm;
+    gap.distance -= gap.normal.dot(displacement.linear + gap.arm - arm);
     gap.arm = arm;
-    const Part& part = there.found->part(worst[i]);
-    add_row(there.found->id(part, worst[i]) | static_cast<std::uint64_t>(again) << kAgainShift, gap,
+    const Part& part = candidate.set->part(worst[i]);
+    add_row(candidate.set->id(part, worst[i]) | static_cast<std::uint64_t>(again) << kAgainShift, gap,
             part.object->friction);
   }
-  return Look::kTooNear;
+  return Check::kTooNear;
 }
 
-/// What a change of a surface left nearer than a way may lead: it must not come nearer still.
+/// Lists the pairs that a changed surface left closer than `blocked()`: they must not come closer.
 void Tool::find_overlaps() noexcept {
   overlaps_.clear();
-  overlapping_ = here_->nearest <= 0;
-  const double known = (1 - kBlocked) * settings_.collision_margin + kMeeting;
-  if (here_->nearest >= known) return;
-  for (const Part& part : here_->found->parts)
+  overlapping_ = current_->nearest <= 0;
+  const double limit_distance = (1 - kBlocked) * settings_.collision_margin + kTouchDistance;
+  if (current_->nearest >= limit_distance) return;
+  for (const Part& part : current_->set->parts)
     for (std::uint32_t pair = part.first * kWidth; pair < part.last * kWidth; ++pair) {
-      const float distance = here_->distance[pair];
-      if (distance == kNone) continue;
-      if (distance <= kMeeting || (overlapping_ && here_->inner[pair] != 0))
-        overlaps_.push_back({here_->found->id(part, pair), -kNone});
-      else if (distance < known)
-        overlaps_.push_back({here_->found->id(part, pair), distance});
+      const float distance = current_->distance[pair];
+      if (distance == kAbsent) continue;
+      if (distance <= kTouchDistance || (overlapping_ && current_->inner[pair] != 0))
+        overlaps_.push_back({current_->set->id(part, pair), -kAbsent});
+      else if (distance < limit_distance)
+        overlaps_.push_back({current_->set->id(part, pair), distance});
     }
   std::sort(overlaps_.begin(), overlaps_.end(), [](const Overlap& a, const Overlap& b) { return a.id < b.id; });
 }
 
-/// Along the normals of what is too near, outer ones where it meets, at `push_out`, and with the device where that
-/// leads nearer to nothing, no faster out than the device pulls. Without turning, without the solver, which such a tool
-/// keeps busy until the budget is gone, and without a look where it leads, which finds every way blocked.
-Tool::Step Tool::come_out(const ToolPose& device, double dt, double limit) noexcept {
+/// Moves the tool along the normals of the triangles that are too close, at `push_out`. Where several overlap, it uses
+/// the outermost. The tool also moves with the device in directions that approach no surface, outwards no faster than
+/// the device. It does not rotate. It uses neither solver nor check: the solver would use up the budget, and every
+/// check would report a blocked motion.
+Tool::Step Tool::escape(const ToolPose& device, double dt, double limit) noexcept {
   constexpr int kPasses = 2;
   Vec3d out = Vec3d::Zero(), along = to_device(device).linear;
   double nearest = std::numeric_limits<double>::infinity();
   for (int pass = 0; pass < kPasses; ++pass)
-    for (const Part& part : here_->found->parts)
+    for (const Part& part : current_->set->parts)
       for (std::uint32_t pair = part.first * kWidth; pair < part.last * kWidth; ++pair) {
-        const double distance = here_->distance[pair];
-        if (distance == kNone || (overlapping_ && distance > 0 && here_->inner[pair] != 0)) continue;
-        const Gap gap = here_->gap(pair);
+        const double distance = current_->distance[pair];
+        if (distance == kAbsent || (overlapping_ && distance > 0 && current_->inner[pair] != 0)) continue;
+        const Gap gap = current_->gap(pair);
         along -= std::min(0.0, along.dot(gap.normal)) * gap.normal;
         if (pass > 0 || distance >= blocked()) continue;
         out += (settings_.collision_margin - distance) * gap.normal;
         if (distance >= nearest) continue;
         nearest = distance;
         result_.object = part.object->index;
-        result_.face = here_->found->blocks[pair / kWidth].face_id[pair % kWidth];
+        result_.face = current_->set->blocks[pair / kWidth].face_id[pair % kWidth];
         result_.point = pose_.position + gap.arm;
       }
-  Way way;
+  Displacement displacement;
   if (out.squaredNorm() > 0) {
     result_.normal = out.normalized();
-    way.linear = settings_.push_out * dt * result_.normal;
+    displacement.linear = settings_.push_out * dt * result_.normal;
     const double pulled = std::max(0.0, to_device(device).linear.dot(result_.normal));
     along -= std::max(0.0, along.dot(result_.normal) - pulled) * result_.normal;
   }
   const double max = std::min(limit, settings_.collision_margin), size = along.norm();
-  way.linear += size > max ? Vec3d(along * (max / size)) : along;
+  displacement.linear += size > max ? Vec3d(along * (max / size)) : along;
   result_.contacts = 1;
-  pose_ = moved(pose_, way);
-  have_here_ = false;
-  held_back_ = Way{};
+  pose_ = moved(pose_, displacement);
+  gathered_ = false;
+  prevented_ = Displacement{};
   row_count_ = 0;
-  return {longest(way), true};
+  return {longest(displacement), true};
 }
 
 Tool::Step Tool::step_towards(const ToolPose& device, double dt, double limit,
                               spm::Span<const ToolObject> objects) noexcept {
-  constexpr int kRounds = 10, kLooks = 3, kHalvings = 3;
+  constexpr int kRounds = 10, kChecks = 3, kHalvings = 3;
   ++result_.steps;
   const double collision_margin = settings_.collision_margin;
-  if (!have_here_) {
-    // One look around does for a short way; for a longer one it takes another at its end.
+  if (!gathered_) {
+    // For a short displacement one gather is enough; a longer one gathers again at its end.
     const double wanted = std::min(longest(to_device(device)), limit);
     const double beyond =
         wanted < kShort * collision_margin ? std::max(wanted, kMargin * collision_margin) : kMargin * collision_margin;
-    if (!gather(pose_, collision_margin + beyond + 2 * kFloatRoom, ~0u, ~0u, objects, *here_)) return {};
-    have_here_ = true;
+    if (!gather(pose_, collision_margin + beyond + 2 * kFloatError, ~0u, ~0u, objects, *current_)) return {};
+    gathered_ = true;
   }
   find_overlaps();
-  const bool too_near = here_->nearest < (1 - 2 * kLookAgain) * collision_margin;
+  const bool too_near = current_->nearest < (1 - 2 * kSolveAgain) * collision_margin;
   result_.too_near = result_.too_near || too_near;
-  caught_ = here_->nearest < blocked() && (caught_ || stuck_);
-  if (caught_) return come_out(device, dt, limit);
+  trapped_ = current_->nearest < blocked() && (trapped_ || stuck_);
+  if (trapped_) return escape(device, dt, limit);
 
-  Way wish = to_device(device);
-  const double need = longest(wish);
+  Displacement wanted = to_device(device);
+  const double need = longest(wanted);
   const double longest_step =
-      overlapping_ ? (2 - 2 * kBlocked) * collision_margin : std::max(kStep * collision_margin, here_->nearest);
+      overlapping_ ? (2 - 2 * kBlocked) * collision_margin : std::max(kStep * collision_margin, current_->nearest);
   const double max = std::min({need, limit, longest_step});
-  // A push out may exceed what the device asks for.
+  // A push-out may exceed the displacement to the device.
   const double allowed = std::max(max, too_near && push_ ? settings_.push_out * dt : 0);
-  // Nearly all of a deep press is what the surfaces hold back, as they did before. A part of that does as well as the
-  // whole, and lets the solver see what has changed.
-  const double held = longest(held_back_), bound = std::max(kPress, 2 * device_went_);
+  // In a deep press, surfaces prevent nearly all of the wanted displacement, as in the previous step. A part of it
+  // gives the same result, and lets the solver converge on what has changed.
+  const double held = longest(prevented_), bound = std::max(kPress, 2 * device_moved_);
   const double left_out = held > bound ? 1 - bound / held : 0;
-  wish = wish - held_back_ * left_out;
+  wanted = wanted - prevented_ * left_out;
   choose_first_rows();
-  Way way;
-  Look seen = Look::kTooNear;
+  Displacement displacement;
+  Check seen = Check::kTooNear;
   bool cut = false;
-  for (int looks = kLooks; seen == Look::kTooNear && looks > 0; --looks) {
+  for (int checks = kChecks; seen == Check::kTooNear && checks > 0; --checks) {
     for (int round = 0; round < kRounds && (round == 0 || result_.work < settings_.work); ++round) {
-      way = solve(wish, dt);
-      if (const double length = longest(way); length > allowed) {
-        // What nothing holds back is cut to the step, and what is held back stays: so the surfaces around, not those
-        // further on, and the whole press decide, and with it friction.
+      displacement = solve(wanted, dt);
+      if (const double length = longest(displacement); length > allowed) {
+        // The unconstrained part is shortened to the step, and the constrained part stays. So nearby surfaces and the
+        // whole press decide the result, including friction.
         cut = cut || length > max;
-        const Way excess = way * (1 - allowed / length);
-        wish = wish - excess;
-        way = way - excess;
+        const Displacement excess = displacement * (1 - allowed / length);
+        wanted = wanted - excess;
+        displacement = displacement - excess;
       }
-      if (!add_violated(way, dt)) break;
+      if (!add_violated(displacement, dt)) break;
     }
-    seen = look(way, looks - 1, objects);
+    seen = check(displacement, checks - 1, objects);
   }
-  held_back_ = wish - way - held_back_ * -left_out;
-  for (int halving = 0; seen == Look::kBlocked && halving < kHalvings; ++halving) {
+  prevented_ = wanted - displacement - prevented_ * -left_out;
+  for (int halving = 0; seen == Check::kBlocked && halving < kHalvings; ++halving) {
     cut = true;
-    way = way * 0.5;
-    seen = look(way, 0, objects);
+    displacement = displacement * 0.5;
+    seen = check(displacement, 0, objects);
   }
-  if (seen == Look::kBlocked) return {};
-  pose_ = there_->pose;
-  std::swap(here_, there_);
-  return {longest(way), cut};
+  if (seen == Check::kBlocked) return {};
+  pose_ = candidate_->pose;
+  std::swap(current_, candidate_);
+  return {longest(displacement), cut};
 }
 
-/// All of `wish` when nothing is near; false when that would take long to find out.
-bool Tool::go_freely(const Way& wish, double margin, spm::Span<const ToolObject> objects) noexcept {
+/// Moves by all of `wanted` when no surface is near; false when finding out would cost too much.
+bool Tool::move_freely(const Displacement& wanted, double margin, spm::Span<const ToolObject> objects) noexcept {
   constexpr std::uint32_t kFewPairs = 64, kLittleWork = 300;
-  have_here_ = false;
-  if (!gather(pose_, margin, kFewPairs, kLittleWork, objects, *here_) || here_->nearest < margin) return false;
-  pose_ = moved(pose_, wish);
-  have_here_ = false;
-  held_back_ = Way{};
+  gathered_ = false;
+  if (!gather(pose_, margin, kFewPairs, kLittleWork, objects, *current_) || current_->nearest < margin) return false;
+  pose_ = moved(pose_, wanted);
+  gathered_ = false;
+  prevented_ = Displacement{};
   row_count_ = 0;
   return true;
 }
@@ -564,53 +568,53 @@ const ToolResult& Tool::step(const ToolPose& at, double dt, spm::Span<const Tool
   result_ = ToolResult{};
   result_.normal = normal;
   result_.point = point;
-  if (surface_changed) have_here_ = false;
+  if (surface_changed) gathered_ = false;
   if (!started_ || outside_only) {
     pose_ = device;
-    const double margin = settings_.collision_margin + kFloatRoom;
+    const double margin = settings_.collision_margin + kFloatError;
     result_.outside_only =
-        !gather(pose_, margin, ~0u, ~0u, objects, *here_) || here_->nearest < settings_.collision_margin;
+        !gather(pose_, margin, ~0u, ~0u, objects, *current_) || current_->nearest < settings_.collision_margin;
     started_ = true;
-    caught_ = stuck_ = false;
-    owed_ = 0;
-    held_back_ = Way{};
+    trapped_ = stuck_ = false;
+    backlog_ = 0;
+    prevented_ = Displacement{};
     row_count_ = 0;
   } else {
-    device_went_ = longest({device.position - device_before_.position,
-                            turn_of(device.orientation * device_before_.orientation.conjugate())});
-    if (was_in_contact) owed_ = 0;
-    owed_ += kAlong * device_went_;
-    const double limit = std::min(settings_.longest_way, owed_ + settings_.max_yield / grip_.stiffness * dt);
-    const Way wish = to_device(device);
-    const double need = longest(wish);
-    const bool free =
-        !was_in_contact && need <= limit && go_freely(wish, settings_.collision_margin + need + kFloatRoom, objects);
-    double went = free ? need : 0;
+    device_moved_ = longest({device.position - device_before_.position,
+                             log_map(device.orientation * device_before_.orientation.conjugate())});
+    if (was_in_contact) backlog_ = 0;
+    backlog_ += kDeviceShare * device_moved_;
+    const double limit = std::min(settings_.max_displacement, backlog_ + settings_.max_yield / grip_.stiffness * dt);
+    const Displacement wanted = to_device(device);
+    const double need = longest(wanted);
+    const bool free = !was_in_contact && need <= limit &&
+                      move_freely(wanted, settings_.collision_margin + need + kFloatError, objects);
+    double travelled = free ? need : 0;
     for (std::uint32_t i = 0; !free && i < settings_.steps; ++i) {
       push_ = i == 0;
-      const Step step = step_towards(device, dt, limit - went, objects);
-      went += step.length;
+      const Step step = step_towards(device, dt, limit - travelled, objects);
+      travelled += step.length;
       result_.lagging = step.cut;
-      if (caught_) break;
-      if (!step.cut || step.length <= 0 || went >= 0.99 * limit) break;
+      if (trapped_) break;
+      if (!step.cut || step.length <= 0 || travelled >= 0.99 * limit) break;
     }
-    stuck_ = have_here_ && went <= 0 && here_->nearest < blocked();
-    owed_ = result_.lagging ? std::max(0.0, owed_ - went) : 0;
+    stuck_ = gathered_ && travelled <= 0 && current_->nearest < blocked();
+    backlog_ = result_.lagging ? std::max(0.0, backlog_ - travelled) : 0;
   }
   device_before_ = device;
-  tell(device);
+  write_result(device);
   return result_;
 }
 
-void Tool::tell(const ToolPose& device) noexcept {
+void Tool::write_result(const ToolPose& device) noexcept {
   result_.pose = pose_;
   if (result_.outside_only) return;
-  result_.way = pose_.position - device.position;
-  result_.turn = turn_of(pose_.orientation * device.orientation.conjugate());
+  result_.displacement = pose_.position - device.position;
+  result_.rotation = log_map(pose_.orientation * device.orientation.conjugate());
   Vec3d normal = Vec3d::Zero(), point = Vec3d::Zero();
   double whole = 0, max = 0;
-  result_.in_contact = caught_;
-  if (caught_) return;
+  result_.in_contact = trapped_;
+  if (trapped_) return;
   for (std::size_t i = 0; i < row_count_ && i < solver_.contacts().size(); ++i) {
     const double press = solver_.impulse(i).dot(rows_[i].normal);
     if (!(press > 0)) continue;

@@ -1,34 +1,34 @@
-/// A rigid mesh as a tool: a god-object with six degrees of freedom that follows the device but passes through nothing.
+/// A rigid mesh as a tool: a god-object with six degrees of freedom that follows the device and passes through no
+/// surface.
 ///
 ///      device pose            o---------      spring and torsion spring ("virtual coupling"),
 ///                            /                 at the tool's origin, which is the device's tip
 ///      tool's pose      o---/------
-///     ____________________(____)________     contact where the tool, rounded by `rounding`, meets a surface
+///     ____________________(____)________     contact where the tool, with its collision margin, touches a surface
 ///
-/// Among the poses that it can get to, the tool takes the one in which the coupling holds least energy. One cycle is a
-/// few steps of this:
+/// The tool takes the reachable pose in which the coupling stores the least energy. One cycle is a few of these steps:
 ///
 ///     gather    all pairs of triangles within a margin (AbTree against the probe's tree): enough for several steps
-///     solve     the way d closest to e, the way to the device, in the coupling's metric, with n . d + gap >= 0 for all
-///               those pairs: ContactSolver, fed by and by with the pairs that its answer violates
-///     look      at their gaps where d leads; what is too near there goes back to `solve`
-///     go        there when nothing is; else half the way, or less, or not at all
+///     solve     the displacement d closest to e, the displacement to the device, in the coupling's metric, with
+///               n . d + gap >= 0 for these pairs: ContactSolver, with violated pairs added one by one
+///     check     their gaps at the new pose; pairs that are too close there go back to `solve`
+///     move      by d when no pair is too close; otherwise by a half or less of d, or not at all
 ///
-/// So a contact is kept at `rounding`, never at the triangles themselves. No pair is nearer than half of that at either
-/// end of a step, a step is shorter than the gaps at both its ends together, and what was not gathered is further away
-/// than the tool goes. Hence no way leads through a surface that stands still, however fast the device, thin the sheet
-/// or small the budget. When the budget is gone the tool stays where it is and goes on in the next cycle: it lags, and
-/// says so.
+/// So a contact stays at a distance of `collision_margin`, not at the triangles. At both ends of a step no pair is
+/// closer than half of that. A step is shorter than the sum of the gaps at its two ends. Pairs that were not gathered
+/// are further away than the tool moves. Hence no motion leads through a fixed surface, for any device speed, sheet
+/// thickness or work budget. When the budget is used up the tool stops and continues in the next cycle; `lagging`
+/// reports this.
 ///
-/// Where a change of a surface leaves the tool too near, or in it, it is pushed out along the faces' outer normals at
-/// `push_out` at most, so that the force does not jump; where contacts leave no way out, as where a surface has risen
-/// far into it, it comes out without them, and the hand may pull it out. A tool that starts in a surface touches
-/// nothing until it has come out. Surfaces have two sides, but for that.
+/// When a changed surface leaves the tool too close or overlapping, it is pushed out along the faces' outer normals at
+/// no more than `push_out`, so that the force does not jump. Where contacts block every motion, for instance after a
+/// surface rose far into the tool, it moves out without contacts, and the hand may pull it out. A tool that starts
+/// inside a surface touches nothing until it is outside. Otherwise both sides of a surface count.
 ///
-/// World frame, SI. One thread at a time. Realtime: its work is bounded by the settings. Same input, same bits.
+/// World frame, SI. One thread at a time. Realtime: the settings bound the work. Same input, same bits.
 /// Source: Ortega, Redon, Coquillart 2007 (god-object with six degrees of freedom by Gauss's principle); Colgate et al.
-/// 1995 (virtual coupling). We differ: positions instead of accelerations, a rounded tool, and gaps instead of times of
-/// impact.
+/// 1995 (virtual coupling). We differ: positions instead of accelerations, a tool with a margin, and gaps instead of
+/// times of impact.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -43,23 +43,23 @@ namespace tactus::haptics {
 
 struct ToolSettings {
   double collision_margin = 1e-4;  ///< m by which the tool is thicker than its triangles
-  double longest_way = 2e-3;       ///< m that any of its points goes in one cycle
+  double max_displacement = 2e-3;  ///< m, maximum of any of its points per cycle
   double push_out = 0.02;          ///< m/s
-  /// N/s; how fast the tool may ease the coupling by what it does of its own, as when it slips off an edge under a hand
-  /// at rest. Beyond that it goes as far as the device.
+  /// N/s: how fast the tool may release coupling force by moving on its own, for instance when it slips off an edge
+  /// under a hand at rest. Beyond that it moves only as far as the device.
   double max_yield = 40;
-  std::uint32_t steps = 8;     ///< in a cycle
-  std::uint32_t pairs = 2048;  ///< of triangles within the margin; with more steps become shorter
-  /// In a cycle: pairs of triangles looked at again and rows swept by the solver (of its last run beyond), some 0.1 us
-  /// each; pairs of nodes met while searching count half.
+  std::uint32_t steps = 8;     ///< per cycle
+  std::uint32_t pairs = 2048;  ///< of triangles within the margin; with more of them steps become shorter
+  /// Per cycle: pairs of triangles measured plus rows iterated by the solver (not counting the excess of its last run),
+  /// about 0.1 us each. Pairs of tree nodes visited count half.
   std::uint32_t work = 2400;
 };
 
-/// How strongly the tool is held, and how the object feels.
+/// Stiffness of the virtual coupling.
 struct ToolGrip {
   double stiffness = 1000;            ///< N/m
   double rotational_stiffness = 0.1;  ///< N m/rad
-  double angular_damping = 1e-3;      ///< N m s; of the torque on the hand alone
+  double angular_damping = 1e-3;      ///< N m s, of the torque on the hand only
 };
 
 struct ToolPose {
@@ -67,31 +67,31 @@ struct ToolPose {
   Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
 };
 
-/// Something to touch: world = rotation * (scale * model) + translation.
+/// An object to touch: world = rotation * (scale * model) + translation.
 struct ToolObject {
   const spm::AbTree* tree = nullptr;
   Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();
   Vec3d translation = Vec3d::Zero();
-  double scale = 1;  ///< m in a model unit
+  double scale = 1;  ///< m per model unit
   double friction = 0;
-  std::uint32_t index = 0;  ///< below 256; told again in ToolResult
+  std::uint32_t index = 0;  ///< below 256; returned in ToolResult
 };
 
 struct ToolResult {
   ToolPose pose;
-  /// From the device to the tool: way of the origin, and turn (along its axis, as long as its angle). Times stiffness
-  /// and torsion it is the wrench on the hand, at the origin.
-  Vec3d way = Vec3d::Zero(), turn = Vec3d::Zero();
-  Vec3d normal = Vec3d::UnitZ();  ///< mean of the contacts', by their forces; the last one without contact
-  Vec3d point = Vec3d::Zero();    ///< the same of the places
+  /// From the device to the tool: displacement of the origin, m, and rotation vector, rad. Times the stiffnesses they
+  /// give the wrench on the hand, at the origin.
+  Vec3d displacement = Vec3d::Zero(), rotation = Vec3d::Zero();
+  Vec3d normal = Vec3d::UnitZ();  ///< mean of the contact normals, weighted by force; without contact the last one
+  Vec3d point = Vec3d::Zero();    ///< mean of the contact points, likewise
   bool in_contact = false;
-  bool lagging = false;        ///< stopped by the budget or the longest way
-  bool outside_only = false;   ///< in a surface since it started: touches nothing until it is out
-  bool too_near = false;       ///< a surface has changed under it; it is being pushed out
-  std::uint32_t contacts = 0;  ///< that press
-  std::uint32_t dropped = 0;   ///< that the solver had no room for
+  bool lagging = false;        ///< stopped by the work budget or by max_displacement
+  bool outside_only = false;   ///< started inside a surface: touches nothing until it is outside
+  bool too_near = false;       ///< a changed surface is too close; the tool is being pushed out
+  std::uint32_t contacts = 0;  ///< contacts that press
+  std::uint32_t dropped = 0;   ///< contacts that did not fit into the solver
   std::uint32_t steps = 0, solves = 0, pairs = 0, work = 0;  ///< pairs: of the last step
-  std::uint32_t object = spm::kNone;                         ///< that is pressed most
+  std::uint32_t object = spm::kNone;                         ///< object with the greatest contact force
   std::uint32_t face = spm::kNone;                           ///< its FaceId
 };
 
@@ -102,29 +102,28 @@ class Tool {
   Tool(const Tool&) = delete;
   Tool& operator=(const Tool&) = delete;
 
-  /// From the next step on. Realtime.
+  /// Applies from the next step on. Realtime.
   void set_grip(const ToolGrip& grip) noexcept { grip_ = grip; }
-  /// Forgets everything; the next step starts at the device.
+  /// Clears all state; the next step starts at the device.
   void reset() noexcept;
 
   /// One cycle of `dt` seconds with the device at `device`. `surface_changed`: the objects near the tool, at most 255,
-  /// are not those of the last step, stand elsewhere or show other faces. A pose that is not finite leaves everything
-  /// as it was. Realtime.
+  /// have changed since the last step: other objects, other poses or other faces. A pose that is not finite changes
+  /// nothing. Realtime.
   const ToolResult& step(const ToolPose& device, double dt, spm::Span<const ToolObject> objects,
                          bool surface_changed) noexcept;
 
   [[nodiscard]] const ToolResult& last() const noexcept { return result_; }
 
-  /// The next step looks anew at what is around it. Realtime.
-  void forget_surroundings() noexcept { have_here_ = false; }
-  /// What one step leaves to the next, as `visit(value)` of plain numbers, but for its surroundings, which are
-  /// forgotten. So does a tool of the same shape and settings whose numbers these become. Realtime if `visit`
-  /// is.
+  /// Makes the next step gather all pairs again. Realtime.
+  void forget_surroundings() noexcept { gathered_ = false; }
+  /// Passes the state that one step leaves for the next to `visit` as plain numbers, and discards the gathered pairs. A
+  /// tool of the same shape and settings that receives these numbers continues identically. Realtime if `visit` is.
   template <class Visit>
   void for_each_carried(Visit&& visit) noexcept {
-    have_here_ = false;
-    visit(grip_), visit(result_), visit(pose_), visit(device_before_), visit(started_), visit(device_went_);
-    visit(owed_), visit(stuck_), visit(caught_), visit(held_back_), visit(rows_), visit(row_count_);
+    gathered_ = false;
+    visit(grip_), visit(result_), visit(pose_), visit(device_before_), visit(started_), visit(device_moved_);
+    visit(backlog_), visit(stuck_), visit(trapped_), visit(prevented_), visit(rows_), visit(row_count_);
     solver_.for_each_carried(visit);
   }
   [[nodiscard]] const spm::MeshProbe& probe() const noexcept { return probe_; }
@@ -132,22 +131,24 @@ class Tool {
 
  private:
   static constexpr std::uint32_t kWidth = spm::NearPairs::kWidth;
-  /// A contact's id: object, how often it was looked at again, triangle of the tool, face.
+  /// A contact's id: object, number of the repeated check, triangle of the tool, face.
   static constexpr int kAgainShift = 52;
   static constexpr std::uint64_t kPairOfId = ~(std::uint64_t{15} << kAgainShift);
-  struct Way {
-    Vec3d linear = Vec3d::Zero(), turn = Vec3d::Zero();
-    [[nodiscard]] Way operator*(double share) const noexcept { return {share * linear, share * turn}; }
-    [[nodiscard]] Way operator-(const Way& other) const noexcept { return {linear - other.linear, turn - other.turn}; }
+  struct Displacement {
+    Vec3d linear = Vec3d::Zero(), angular = Vec3d::Zero();
+    [[nodiscard]] Displacement operator*(double share) const noexcept { return {share * linear, share * angular}; }
+    [[nodiscard]] Displacement operator-(const Displacement& other) const noexcept {
+      return {linear - other.linear, angular - other.angular};
+    }
   };
-  /// How far a triangle of the tool is from one of an object, below zero when they meet; world frame.
+  /// Distance from a triangle of the tool to one of an object, negative when they overlap; world frame.
   struct Gap {
     double distance;
     Vec3d normal;  // unit, from the object to the tool
     Vec3d arm;     // the tool's nearest point from its origin
     bool inner;    // the tool is on the face's inner side
   };
-  /// Pairs of one object, by blocks of eight. What is in the object's axes is in metres from `origin`.
+  /// Pairs of one object, in blocks of eight. Coordinates in the object's axes are in metres from `origin`.
   struct Part {
     const ToolObject* object;
     std::uint32_t first, last;  // blocks
@@ -155,21 +156,21 @@ class Tool {
     Vec3d tool;                 // the tool's origin, in the object's axes
   };
   /// All pairs within a margin of one pose.
-  struct Found {
+  struct PairSet {
     double margin = 0;  // m
     std::vector<spm::NearPairs> blocks;
-    std::vector<float> nearest;  // of a block's pairs, there
+    std::vector<float> nearest;  // smallest gap of a block's pairs at that pose
     std::vector<Part> parts;
-    std::uint32_t pairs = 0;  // places in use
+    std::uint32_t pairs = 0;  // slots in use
     [[nodiscard]] const Part& part(std::uint32_t pair) const noexcept;
     [[nodiscard]] std::uint64_t id(const Part& part, std::uint32_t pair) const noexcept;
   };
-  /// Their gaps in another pose; infinite distance where one does not matter.
+  /// The gaps of these pairs at another pose; infinite for a pair that does not matter.
   struct Nearby {
     ToolPose pose;
-    Found* found = nullptr;
-    double went = 0;     // m, longest way of a point since they were found
-    double nearest = 0;  // m; nothing is nearer, found or not
+    PairSet* set = nullptr;
+    double travel = 0;   // m, longest displacement of a point since they were gathered
+    double nearest = 0;  // m; no pair is closer, gathered or not
     std::vector<float> distance;
     std::array<std::vector<float>, 3> normal, arm;
     std::vector<std::uint8_t> inner;
@@ -181,18 +182,18 @@ class Tool {
   };
   struct Step {
     double length = 0;
-    bool cut = true;  // not all that was wanted
+    bool cut = true;  // shorter than wanted
   };
-  enum class Look : std::uint8_t { kFree, kTooNear, kBlocked };
+  enum class Check : std::uint8_t { kFree, kTooNear, kBlocked };
 
-  /// m; no way leads nearer.
+  /// m; no motion leads closer than this.
   [[nodiscard]] double blocked() const noexcept;
-  /// No point of the tool goes further.
-  [[nodiscard]] double longest(const Way& way) const noexcept {
-    return way.linear.norm() + way.turn.norm() * probe_.radius();
+  /// Bound on the displacement of any point of the tool.
+  [[nodiscard]] double longest(const Displacement& displacement) const noexcept {
+    return displacement.linear.norm() + displacement.angular.norm() * probe_.radius();
   }
-  [[nodiscard]] static ToolPose moved(const ToolPose& pose, const Way& way) noexcept;
-  [[nodiscard]] Way to_device(const ToolPose& device) const noexcept;
+  [[nodiscard]] static ToolPose moved(const ToolPose& pose, const Displacement& displacement) noexcept;
+  [[nodiscard]] Displacement to_device(const ToolPose& device) const noexcept;
 
   [[nodiscard]] bool gather(const ToolPose& pose, double margin, std::uint32_t max_pairs, std::uint32_t max_work,
                             spm::Span<const ToolObject> objects, Nearby& into) noexcept;
@@ -205,15 +206,16 @@ class Tool {
   [[nodiscard]] bool make_room() noexcept;
   void add_row(std::uint64_t id, const Gap& gap, double friction) noexcept;
   void choose_first_rows() noexcept;
-  [[nodiscard]] Way solve(const Way& wish, double dt) noexcept;
-  [[nodiscard]] bool add_violated(const Way& way, double dt) noexcept;
+  [[nodiscard]] Displacement solve(const Displacement& wanted, double dt) noexcept;
+  [[nodiscard]] bool add_violated(const Displacement& displacement, double dt) noexcept;
 
-  [[nodiscard]] Look look(const Way& way, int again, spm::Span<const ToolObject> objects) noexcept;
+  [[nodiscard]] Check check(const Displacement& displacement, int again, spm::Span<const ToolObject> objects) noexcept;
   [[nodiscard]] Step step_towards(const ToolPose& device, double dt, double limit,
                                   spm::Span<const ToolObject> objects) noexcept;
-  [[nodiscard]] Step come_out(const ToolPose& device, double dt, double limit) noexcept;
-  [[nodiscard]] bool go_freely(const Way& wish, double margin, spm::Span<const ToolObject> objects) noexcept;
-  void tell(const ToolPose& device) noexcept;
+  [[nodiscard]] Step escape(const ToolPose& device, double dt, double limit) noexcept;
+  [[nodiscard]] bool move_freely(const Displacement& wanted, double margin,
+                                 spm::Span<const ToolObject> objects) noexcept;
+  void write_result(const ToolPose& device) noexcept;
 
   const spm::MeshProbe& probe_;
   ToolSettings settings_;
@@ -221,27 +223,27 @@ class Tool {
   ToolResult result_;
   ToolPose pose_, device_before_;
   bool started_ = false;
-  double device_went_ = 0;  // m, longest way of a point of the device in this cycle
-  double owed_ = 0;         // m, of the device's ways those that the tool has not gone yet, through air
-  bool stuck_ = false;      // too near a surface, it found no way in the last step
-  bool caught_ = false;     // since then, until it is out
-  Way held_back_;           // what surfaces did of the last wish
+  double device_moved_ = 0;  // m, longest displacement of a point of the device in this cycle
+  double backlog_ = 0;       // m, distance the device moved in free space that the tool has not yet moved
+  bool stuck_ = false;       // too close to a surface, and no motion was possible in the last step
+  bool trapped_ = false;     // was stuck and is not yet outside
+  Displacement prevented_;   // part of the last wanted displacement that surfaces prevented
 
   spm::PlacedProbe placed_;
   spm::Simd simd_ = spm::best_simd();
-  std::array<std::vector<float>, 3> vertices_;  // of the tool as placed last
+  std::array<std::vector<float>, 3> vertices_;  // of the tool at the pose placed last
   spm::TriangleLanes lanes_{};
   spm::TriangleGaps gaps_{};
-  std::array<Found, 2> found_;
+  std::array<PairSet, 2> pair_sets_;
   std::array<Nearby, 2> nearby_;
-  Nearby* here_ = &nearby_[0];   // around pose_
-  Nearby* there_ = &nearby_[1];  // around where a way leads
-  bool have_here_ = false;
-  std::vector<Overlap> overlaps_;    // of here_: those that are too near already, by id
-  bool overlapping_ = false;         // some meet; then what is on its inner side may come out
-  bool push_ = false;                // this step pushes out
-  std::vector<float> excess_;        // of a way, over what the pair allows
-  std::vector<std::uint8_t> taken_;  // has a row
+  Nearby* current_ = &nearby_[0];    // at pose_
+  Nearby* candidate_ = &nearby_[1];  // at the end of a displacement
+  bool gathered_ = false;
+  std::vector<Overlap> overlaps_;      // pairs of current_ that are already too close, by id
+  bool overlapping_ = false;           // some pairs overlap; then pairs on a face's inner side may separate
+  bool push_ = false;                  // this step pushes out
+  std::vector<float> excess_;          // closing displacement beyond what the pair allows
+  std::vector<std::uint8_t> has_row_;  // the pair has a row
   std::vector<std::uint32_t> violated_;
 
   ContactSolver solver_;

@@ -118,7 +118,7 @@ void ObjectAuthority::simulate(Object& object, std::int64_t now_ns, std::int64_t
     object.simulated.step(session_now_ns, {}, around, 1e-9 * static_cast<double>(kStepNs));
     ++steps_;
   }
-  for (const haptics::Contact& contact : object.simulated.contacts_met()) met_.push_back(contact.point);
+  for (const haptics::Contact& contact : object.simulated.static_contacts()) met_.push_back(contact.point);
   object.pose_interpolator.show(object.simulated.state(), session_now_ns);
 }
 

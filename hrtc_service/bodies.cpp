@@ -186,18 +186,18 @@ void Bodies::limit_tool(const Cycle& cycle, std::uint32_t p, const haptics::Devi
   const haptics::ForceRenderer& renderer = cycle.renderer(p);
   const double stiffness = output.stiffness, damping = body.object->material.damping;
   const Vec3d relative = device.velocity - body.placed.velocity_at(tool.point);
-  const Vec3d wanted = stiffness * tool.way;
+  const Vec3d wanted = stiffness * tool.displacement;
   const double push = std::max(0.0, wanted.dot(tool.normal));
   const Vec3d damped = wanted + std::max(-push, -damping * relative.dot(tool.normal)) * tool.normal;
   Vec3d force = vec(output.force);
   const double share = share_of(force.norm(), damped.norm());
   force -= share * damping * (relative - relative.dot(tool.normal) * tool.normal);
-  const double stored = stored_in(stiffness, tool.way.norm(), settings_.force.max_force);
+  const double stored = stored_in(stiffness, tool.displacement.norm(), settings_.force.max_force);
   output.force = plain(through_port(p, force, device, passed_on, stored, output));
-  pulled.spring = {tool.point, tool.point - tool.way, device.velocity, share * stiffness, share * damping};
+  pulled.spring = {tool.point, tool.point - tool.displacement, device.velocity, share * stiffness, share * damping};
 
   const haptics::Feel feel{body.object->material.stiffness, damping};
-  const Vec3d turning = renderer.grip(feel, settings_.period, device.loop_delay).rotational_stiffness * tool.turn;
+  const Vec3d turning = renderer.grip(feel, settings_.period, device.loop_delay).rotational_stiffness * tool.rotation;
   const Vec3d torque =
       renderer.bears_torque()
           ? vec(output.torque)
@@ -213,7 +213,7 @@ void Bodies::limit_held(const Cycle& cycle, std::uint32_t p, const haptics::Devi
   const haptics::ForceRenderer& renderer = cycle.renderer(p);
   const double damping = held.feel.damping;
   const Vec3d force = vec(output.force), torque = vec(output.torque);
-  const Vec3d turn = haptics::turn_to(held.hold, device);
+  const Vec3d turn = haptics::rotation_to(held.hold, device);
   const double max_torque = settings_.force.max_torque, wanted = held.pull.torque.norm();
   const double share = share_of(force.norm(), held.pull.force.norm());
   const double turn_share =
@@ -250,7 +250,7 @@ void Bodies::limit(const Cycle& cycle, const std::array<ProbeInput, kMaxProbes>&
     }
     const haptics::DeviceState& device = inputs[p].device;
     Turning& turning = turning_[p];
-    turning.angle += haptics::turn_of(device.orientation * turning.orientation.conjugate());
+    turning.angle += haptics::log_map(device.orientation * turning.orientation.conjugate());
     turning.orientation = device.orientation;
     pulled.holds = (output.status & session::kHolding) != 0;
     if ((output.status & session::kInContact) != 0) pulled.body = body_of(output.object);
@@ -296,7 +296,7 @@ void Bodies::step(Cycle& cycle, std::int64_t now_ns) noexcept {
   for (std::uint32_t i = 0; i < count_; ++i) {
     Body& body = bodies_[i];
     std::array<haptics::PointSpring, kMaxProbes> springs;
-    std::array<haptics::TurnSpring, kMaxProbes> turns;
+    std::array<haptics::TorsionSpring, kMaxProbes> turns;
     std::array<std::uint32_t, kMaxProbes> probes{}, holders{};
     std::uint32_t count = 0, holding = 0;
     haptics::ImplicitForce pushing;
@@ -345,7 +345,7 @@ void Bodies::step(Cycle& cycle, std::int64_t now_ns) noexcept {
       for (std::uint32_t k = 0; k < holding; ++k) {
         const Vec3d torque = turns[k].torque(after.angular_velocity, settings_.period);
         turning_[holders[k]].passed_on += settings_.period * torque.dot(after.angular_velocity);
-        turns[k].turn += settings_.period * (turns[k].target_angular_velocity - after.angular_velocity);
+        turns[k].rotation += settings_.period * (turns[k].target_angular_velocity - after.angular_velocity);
       }
     }
     if (body.coupling != nullptr) body.ledger = body.coupling->ledger();
@@ -370,7 +370,7 @@ void Bodies::report(std::int64_t now_ns, std::int64_t session_ns) noexcept {
     report.ledger = body.ledger;
     report.copies = body.coupling != nullptr ? static_cast<std::uint32_t>(body.coupling->copies()) : 0;
     if (report.copies == 0) continue;
-    report.place = static_cast<std::uint32_t>(body.coupling->place());
+    report.place = static_cast<std::uint32_t>(body.coupling->index());
     report.sample = body.coupling->sample();
   }
   for (std::uint32_t p = 0; p < kMaxProbes; ++p) reports_.ports[p] = ports_[p].ledger();

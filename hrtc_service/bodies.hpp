@@ -116,7 +116,7 @@ class Bodies {
     std::uint32_t body = kMaxBodies;  // none
     haptics::PointSpring spring;
     bool holds = false;
-    haptics::TurnSpring turn;      // while it holds
+    haptics::TorsionSpring turn;   // while it holds
     Vec3d torque = Vec3d::Zero();  // N m on the body, of a tool that pushes
   };
 

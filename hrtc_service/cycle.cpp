@@ -239,7 +239,7 @@ bool Cycle::find_held(std::uint32_t number, const ProbeInput& input) noexcept {
   held.object = grasp.object;
   held.hold.pose = {now.to_world(place), (turn * quaternion(grasp.orientation)).normalized()};
   held.hold.velocity = (held.hold.pose.position - before.to_world(place)) / settings_.period;
-  held.hold.angular_velocity = haptics::turn_of(turn * turn_before.conjugate()) / settings_.period;
+  held.hold.angular_velocity = haptics::log_map(turn * turn_before.conjugate()) / settings_.period;
   const session::Material& material = (*object)->material;
   held.feel = {material.stiffness, material.damping};
   held.grip = forces_[number].hold(held.feel, settings_.period, input.device.loop_delay);
@@ -254,7 +254,7 @@ void Cycle::render_held(std::uint32_t number, const ProbeInput& input, ProbeOutp
   const double age = input.pose_age - input.device.transit;
   const haptics::ForceResult& force =
       renderer.step(held.hold, held.grip, input.device, held.feel, age, settings_.period);
-  held.pull = haptics::pull_of(held.hold, held.grip, held.feel.damping, input.device, renderer.angular_velocity());
+  held.pull = haptics::wrench_of(held.hold, held.grip, held.feel.damping, input.device, renderer.angular_velocity());
   output.proxy = plain(held.hold.pose.position);
   output.force = plain(force.force);
   output.torque = plain(force.torque);

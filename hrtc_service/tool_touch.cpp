@@ -47,7 +47,7 @@ const haptics::ToolResult& ToolTouch::step(const haptics::ToolPose& device, doub
   const double share = std::min(1.0, dt / kSmoothing);
   linear_ += share * ((result.pose.position - before.position) / dt - linear_);
   angular_velocity_ +=
-      share * (haptics::turn_of(result.pose.orientation * before.orientation.conjugate()) / dt - angular_velocity_);
+      share * (haptics::log_map(result.pose.orientation * before.orientation.conjugate()) / dt - angular_velocity_);
   return result;
 }
 

@@ -101,7 +101,7 @@ void UserDevices::on_intent(const session::Intent& intent, std::int64_t ahead_ns
       user.hand = std::make_unique<haptics::SimulatedDevice>(hand);
       give_device(slot, user.hand.get());
     }
-    user.hand->wishes().post(sharing::hand_path(intent, ahead_ns));
+    user.hand->paths().post(sharing::hand_path(intent, ahead_ns));
   }
 }
 

@@ -29,7 +29,7 @@ Enum from_name(const char* axis, const std::string& name, const std::array<const
 bool has_cyclone() noexcept { return TACTUS_HAS_CYCLONE != 0; }
 
 void check(const Cell& cell) {
-  constexpr double kMaxArrivals = 1e7;  // what both sides keep, 24 bytes each
+  constexpr double kMaxArrivals = 1e7;  // stored on both sides, 24 bytes each
   const bool raw = cell.transport == Transport::kRawUdp;
   if (cell.transport == Transport::kCyclone) {
     if (!has_cyclone()) throw LatencyError("transport cyclone: built without Cyclone DDS (Debian: cyclonedds-dev)");
@@ -55,7 +55,7 @@ void check(const Cell& cell) {
   }
   if (cell.link != "none" && (cell.transport == Transport::kShm || cell.transport == Transport::kBuiltin))
     throw LatencyError(std::string{"transport "} + kTransportNames[static_cast<std::size_t>(cell.transport)] +
-                       " goes past link " + cell.link +
+                       " bypasses link " + cell.link +
                        ": shared memory is common to both sides; expected udp or raw-udp");
 }
 

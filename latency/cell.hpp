@@ -1,4 +1,4 @@
-/// One combination of the axes of a latency test, and the grid of them that a command line asks for.
+/// One combination of the axes of a latency test, and the grid of combinations from a command line.
 #pragma once
 
 #include <array>
@@ -10,32 +10,32 @@
 
 namespace tactus::latency {
 
-/// A test that cannot be made: wrong settings, or another side that cannot be reached or does not answer.
+/// A test cannot run: wrong settings, or the other side cannot be reached or does not answer.
 class LatencyError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
 
 enum class Transport {
-  kUdp,      ///< DDS over UDPv4 alone, which is what the profiles of qos/ have
-  kShm,      ///< DDS over shared memory alone
-  kBuiltin,  ///< DDS over what the library takes when nothing is said: shared memory and UDPv4
+  kUdp,      ///< DDS over UDPv4 only, as in the profiles of qos/
+  kShm,      ///< DDS over shared memory only
+  kBuiltin,  ///< DDS over the library's default transports: shared memory and UDPv4
   kRawUdp,   ///< the reference: the same bytes in a datagram, without DDS
-  kCyclone   ///< probe states by Cyclone DDS, where it was there to build with
+  kCyclone   ///< probe states over Cyclone DDS, if it was available at build time
 };
 enum class Profile {
-  kTactus,  ///< as qos/ has it
-  kPlain,   ///< the library's defaults: no policy, mark or limit is set
-  kShared   ///< these, with one participant for all that a program sends
+  kTactus,  ///< profiles of qos/
+  kPlain,   ///< the library's defaults: no policy, DSCP mark or limit is set
+  kShared   ///< the library's defaults, and one participant for all samples of a program
 };
 enum class Topic {
   kProbeState,  ///< tactus_probe_state, traffic class probe
-  kRecords      ///< tactus_records, traffic class bulk: the carrier of regions
+  kRecords      ///< tactus_records, traffic class bulk: the topic of regions
 };
 
 enum class Coding {
-  kNone,          ///< a ping in each tick of the rate
-  kDeadbandCoded  ///< those of a hand that coding would send (latency/schedule.hpp)
+  kNone,          ///< a ping at each tick of the rate
+  kDeadbandCoded  ///< only ticks whose probe state the deadband coder sends (latency/schedule.hpp)
 };
 
 inline constexpr std::array kTransportNames{"udp", "shm", "builtin", "raw-udp", "cyclone"};
@@ -43,9 +43,9 @@ inline constexpr std::array kProfileNames{"tactus", "plain", "shared"};
 inline constexpr std::array kTopicNames{"probe_state", "records"};
 inline constexpr std::array kCodingNames{"none", "coded"};
 
-inline constexpr std::uint32_t kProbeStateBytes = 236;  ///< a ProbeState encoded; its payload cannot be chosen
-inline constexpr std::uint32_t kMinPayload = 32;        ///< of a raw datagram and of a record: the stamps
-inline constexpr double kUnpaced = -1;                  ///< load as fast as the writer takes it
+inline constexpr std::uint32_t kProbeStateBytes = 236;  ///< an encoded ProbeState; its size is fixed
+inline constexpr std::uint32_t kMinPayload = 32;        ///< of a raw datagram and of a record: its timestamps
+inline constexpr double kUnpaced = -1;                  ///< load as fast as the writer accepts it
 
 struct Cell {
   Transport transport = Transport::kUdp;
@@ -55,29 +55,29 @@ struct Cell {
   double rate_hz = 1000;
   Coding coding = Coding::kNone;
   std::uint32_t readers = 1;
-  double load_mbit = 0;  ///< of mesh records in the direction of the pings, payload; kUnpaced
+  double load_mbit = 0;  ///< mesh records in the direction of the pings, payload only; or kUnpaced
   std::string link = "none";
   double seconds = 5;
 
-  /// Ticks of the rate; how many pings these make without coding.
+  /// Number of ticks; without coding, the number of pings.
   [[nodiscard]] std::uint32_t pings() const noexcept { return static_cast<std::uint32_t>(rate_hz * seconds + 0.5); }
 };
 
-/// Whether Transport::kCyclone can be had.
+/// True when Transport::kCyclone is available.
 [[nodiscard]] bool has_cyclone() noexcept;
 
-/// Throws LatencyError for a value out of range or a combination that has no meaning.
+/// Throws LatencyError for a value out of range or a meaningless combination.
 void check(const Cell& cell);
 
 /// "udp tactus probe_state 236 B 1000 Hz x1, load 50 Mbit/s, link P4".
 [[nodiscard]] std::string describe(const Cell& cell);
 
 [[nodiscard]] nlohmann::ordered_json to_json(const Cell& cell);
-/// Throws LatencyError for a member that is missing or has no such value: the text came over the network.
+/// Throws LatencyError for a missing member or an invalid value: the text came over the network.
 [[nodiscard]] Cell cell_from_json(const nlohmann::ordered_json& json);
 
-/// The values of each axis. Every combination is a cell, in the order of the members, but for those that would only
-/// repeat another: raw UDP has neither profile nor topic.
+/// The values of each axis. Every combination is a cell, in the order of the members, without those that repeat
+/// another: raw UDP has neither profile nor topic.
 struct Grid {
   std::vector<Transport> transports{Transport::kUdp};
   std::vector<Profile> profiles{Profile::kTactus};
@@ -89,7 +89,7 @@ struct Grid {
   std::vector<double> loads{0};
   std::vector<std::string> links{"none"};
   double seconds = 5;
-  std::uint32_t repeat = 1;  ///< of the whole grid, so that repeats alternate
+  std::uint32_t repeat = 1;  ///< of the whole grid, so that repetitions alternate
 
   /// Throws LatencyError as `check` does.
   [[nodiscard]] std::vector<Cell> cells() const;

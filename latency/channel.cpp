@@ -20,9 +20,9 @@ namespace {
 using namespace std::chrono_literals;
 
 constexpr std::size_t kLongestLine = 64 * 1024;
-constexpr int kLookAroundMs = 100;  // how often a waiting side looks at its stop flag
+constexpr int kLookAroundMs = 100;  // polling period of the stop flag
 
-/// Whether `socket` has something, asking until `patience` is over. Throws LatencyError when stopped.
+/// Waits until `socket` is readable; false after `patience`. Throws LatencyError when stopped.
 bool readable(int socket, std::chrono::milliseconds patience, const std::atomic<bool>& stop) {
   const auto end = std::chrono::steady_clock::now() + patience;
   do {
@@ -56,18 +56,18 @@ void Channel::send_block(const void* data, std::size_t bytes) {
 
 void Channel::fill(std::chrono::milliseconds patience) {
   if (!readable(socket_, patience, stop_))
-    throw LatencyError("no answer of the other side within " + std::to_string(patience.count()) + " ms");
+    throw LatencyError("no answer from the other side within " + std::to_string(patience.count()) + " ms");
   std::array<char, 65536> block;
   const ssize_t got = ::recv(socket_, block.data(), block.size(), 0);
   if (got < 0 && errno == EINTR) return;
-  if (got <= 0) throw LatencyError("the other side is gone");
+  if (got <= 0) throw LatencyError("the other side has closed the connection");
   received_.append(block.data(), static_cast<std::size_t>(got));
 }
 
 nlohmann::ordered_json Channel::receive(std::chrono::milliseconds patience) {
   std::size_t end = 0;
   while ((end = received_.find('\n')) == std::string::npos) {
-    if (received_.size() > kLongestLine) throw LatencyError("the other side sends no line; is it a tactus-latency?");
+    if (received_.size() > kLongestLine) throw LatencyError("the other side sent no line; is it tactus-latency?");
     fill(patience);
   }
   const std::string line = received_.substr(0, end);
@@ -78,7 +78,7 @@ nlohmann::ordered_json Channel::receive(std::chrono::milliseconds patience) {
       throw LatencyError("the other side: " + message.at("error").get<std::string>());
     return message;
   } catch (const nlohmann::json::exception& error) {
-    throw LatencyError(std::string{"the other side is no tactus-latency: "} + error.what());
+    throw LatencyError(std::string{"the other side is not tactus-latency: "} + error.what());
   }
 }
 
@@ -106,7 +106,8 @@ int listen_at(std::uint16_t port) {
   if (::bind(listener, reinterpret_cast<sockaddr*>(&own), sizeof own) != 0 || ::listen(listener, 4) != 0) {
     const int error = errno;
     ::close(listener);
-    throw LatencyError("port " + std::to_string(port) + ": " + std::strerror(error) + "; expected a free one (--port)");
+    throw LatencyError("port " + std::to_string(port) + ": " + std::strerror(error) +
+                       "; expected a free port (--port)");
   }
   return listener;
 }

@@ -1,4 +1,4 @@
-/// What the two sides of a test say to each other: lines of JSON and blocks of bytes over one stream socket.
+/// Control connection of the two sides of a test: lines of JSON and blocks of bytes over a stream socket.
 #pragma once
 
 #include <atomic>
@@ -10,8 +10,8 @@
 
 namespace tactus::latency {
 
-/// Owns the socket. One thread at a time. Every function throws LatencyError when the other side is gone, says
-/// something else than was expected, or `stop` is set while it waits.
+/// Owns the socket. One thread at a time. Every function throws LatencyError when the other side closes, sends
+/// something unexpected, or `stop` is set during a wait.
 class Channel {
  public:
   /// `stop` must outlive this.
@@ -21,9 +21,9 @@ class Channel {
   Channel& operator=(const Channel&) = delete;
 
   void send(const nlohmann::ordered_json& message);
-  /// The next line, of 64 KiB at most. A message with a member "error" is thrown as a LatencyError with its text.
+  /// The next line, at most 64 KiB. A message with a member "error" is thrown as a LatencyError with its text.
   [[nodiscard]] nlohmann::ordered_json receive(std::chrono::milliseconds patience);
-  /// Whether anything comes before the other side closes; without limit of time.
+  /// Waits for data without a time limit; false when the other side closes.
   [[nodiscard]] bool wait();
 
   void send_block(const void* data, std::size_t bytes);
@@ -34,16 +34,16 @@ class Channel {
 
   int socket_;
   const std::atomic<bool>& stop_;
-  std::string received_;  // and not taken yet
+  std::string received_;  // not yet consumed
 };
 
-/// A socket that listens at `port` of all interfaces, 0: at one that is free. Throws LatencyError.
+/// A socket that listens on `port` of all interfaces; 0: a free port. Throws LatencyError.
 [[nodiscard]] int listen_at(std::uint16_t port);
-/// The port of such a socket, which the system chose if 0 was asked for.
+/// The port of such a socket.
 [[nodiscard]] std::uint16_t port_of(int listener);
-/// The next one who connects; -1 when `stop` was set first.
+/// The next incoming connection; -1 when `stop` was set first.
 [[nodiscard]] int accept_from(int listener, const std::atomic<bool>& stop);
-/// Throws LatencyError naming host and port.
+/// Connects. Throws LatencyError naming host and port.
 [[nodiscard]] int connect_to(const std::string& host, std::uint16_t port);
 
 }  // namespace tactus::latency

@@ -19,7 +19,7 @@ dds_entity_t checked(const char* what, dds_entity_t made) {
   return made;
 }
 
-/// Threads that it makes inherit the priority of the one that makes the first participant.
+/// Its threads inherit the priority of the thread that creates the first participant.
 dds_entity_t join(int domain, int priority) {
   int policy = 0;
   sched_param before{}, wanted{};
@@ -31,7 +31,7 @@ dds_entity_t join(int domain, int priority) {
   return checked("participant", made);
 }
 
-/// Best effort, keep last 1, read in the listener: as our own probe states.
+/// Best effort, keep last 1, read in the listener, as for our own probe states.
 class CycloneCarrier final : public Carrier {
  public:
   CycloneCarrier(Part part, int domain, int priority, OnPacket callback)

@@ -25,7 +25,7 @@ Packet decode(const session::ProbeState& sample) {
 }
 
 void encode(const Packet& packet, std::uint32_t payload, session::BulkChunk& sample) {
-  sample.sequence = packet.sequence + 1;  // 0 is no number of a stream
+  sample.sequence = packet.sequence + 1;  // 0 is no sequence number of a stream
   sample.pieces.resize(1);
   session::BulkPiece& piece = sample.pieces.front();
   piece.region = packet.reader;
@@ -48,20 +48,20 @@ Packet decode(const session::BulkChunk& sample) {
 template <class Sample>
 class DdsCarrier final : public Carrier {
  public:
-  DdsCarrier(Part part, std::uint32_t payload, wire::Participants& links, const wire::TopicSpec<Sample>& topic,
+  DdsCarrier(Part part, std::uint32_t payload, wire::Participants& participants, const wire::TopicSpec<Sample>& topic,
              OnPacket callback)
       : payload_{payload},
-        links_{links},
+        participants_{participants},
         callback_{std::move(callback)},
-        writer_{links, topic, {part == Part::kPinger ? kPings : kEchoes}},
-        reader_{links,
+        writer_{participants, topic, {part == Part::kPinger ? kPings : kEchoes}},
+        reader_{participants,
                 topic,
                 [this](Sample&& sample) { callback_(decode(sample), wire::monotonic_ns()); },
                 {part == Part::kPinger ? kEchoes : kPings}} {}
 
   bool send(const Packet& packet) noexcept override {
     if constexpr (!std::is_same_v<Sample, session::BulkChunk>) {
-      sample_.origin = links_.origin();
+      sample_.origin = participants_.origin();
       sample_.origin.time_ns = packet.sent_ns;
     }
     encode(packet, payload_, sample_);
@@ -73,15 +73,15 @@ class DdsCarrier final : public Carrier {
 
  private:
   const std::uint32_t payload_;
-  wire::Participants& links_;
+  wire::Participants& participants_;
   const OnPacket callback_;
   Sample sample_{};
   wire::Writer<Sample> writer_;
-  wire::Reader<Sample> reader_;  // last: it calls back as soon as it is there
+  wire::Reader<Sample> reader_;  // last: its callback uses the other members
 };
 
-/// A copy of a qos directory, changed, which is gone with this. On disk, because wire::Participants and the library
-/// read profiles from files alone.
+/// A changed copy of a qos directory, removed on destruction. On disk, because wire::Participants and Fast DDS read
+/// profiles from files only.
 class QosCopy {
  public:
   QosCopy(const std::filesystem::path& from, Profile profile, Transport transport) {
@@ -94,7 +94,8 @@ class QosCopy {
       if (document.LoadFile((from / file).c_str()) != tinyxml2::XML_SUCCESS)
         throw LatencyError((from / file).string() + ": " + document.ErrorStr());
       auto* const profiles = document.RootElement()->FirstChildElement("profiles");
-      if (profiles == nullptr) throw LatencyError((from / file).string() + ": no <profiles>; expected them");
+      if (profiles == nullptr)
+        throw LatencyError((from / file).string() + ": found no element <profiles>, expected one");
       if (profile != Profile::kTactus) strip(*profiles);
       if (profile != Profile::kTactus || transport != Transport::kUdp)
         set_transport(*profiles, transport, std::string{"latency_"} + file);
@@ -119,7 +120,7 @@ class QosCopy {
  private:
   using Element = tinyxml2::XMLElement;
 
-  /// Leaves of each profile its name: the library's defaults remain.
+  /// Removes everything but the names from all profiles, so that the library's defaults apply.
   static void strip(Element& profiles) {
     for (Element* profile = profiles.FirstChildElement(); profile != nullptr; profile = profile->NextSiblingElement()) {
       if (profile->Attribute("profile_name") == nullptr) continue;
@@ -129,7 +130,7 @@ class QosCopy {
     }
   }
 
-  /// `id` must be another in each file: the library has one table of them.
+  /// `id` must be unique among the files: the library has one table of ids.
   static void set_transport(Element& profiles, Transport transport, const std::string& id) {
     if (Element* const descriptors = profiles.FirstChildElement("transport_descriptors"))
       profiles.DeleteChild(descriptors);
@@ -155,11 +156,11 @@ class QosCopy {
 
 }  // namespace
 
-std::unique_ptr<Carrier> make_dds(Part part, const Cell& cell, wire::Participants& links, OnPacket callback) {
+std::unique_ptr<Carrier> make_dds(Part part, const Cell& cell, wire::Participants& participants, OnPacket callback) {
   if (cell.topic == Topic::kProbeState)
-    return std::make_unique<DdsCarrier<session::ProbeState>>(part, cell.payload, links, wire::topics::kProbeState,
-                                                             std::move(callback));
-  return std::make_unique<DdsCarrier<session::BulkChunk>>(part, cell.payload, links, wire::topics::kRecords,
+    return std::make_unique<DdsCarrier<session::ProbeState>>(part, cell.payload, participants,
+                                                             wire::topics::kProbeState, std::move(callback));
+  return std::make_unique<DdsCarrier<session::BulkChunk>>(part, cell.payload, participants, wire::topics::kRecords,
                                                           std::move(callback));
 }
 

@@ -32,7 +32,7 @@ page::Plot plot_of(double low_us, double high_us) {
   return page::Plot{{std::max(low_us, 0.1), std::max(high_us, 1.0), true, with_unit}};
 }
 
-/// Smallest and largest half round trip of all that is drawn.
+/// Smallest and largest half round trip in all plots.
 std::pair<double, double> range(const std::vector<Result>& results) {
   double low = 1e9, high = 0;
   for (const Result& r : results) {
@@ -50,7 +50,7 @@ std::string distributions(const std::vector<Result>& results) {
   const std::array<const char*, 5> names{"min", "90 %", "99 %", "99.9 %", "99.99 %"};
   for (std::size_t i = 0; i < names.size(); ++i) plot.tick(static_cast<double>(i) / last, names[i]);
   plot.tick(std::log10(2.0) / last, "50 %");
-  plot.caption("share of echoes that took no longer");
+  plot.caption("share of echoes that took at most this time");
   for (std::size_t i = 0; i < results.size(); ++i) {
     if (results[i].half_round_trip.count == 0) continue;
     std::vector<std::pair<double, double>> points;
@@ -74,7 +74,7 @@ std::string over_time(const Result& result, const std::string& colour) {
     maxima.emplace_back(share, moment.max_us);
   }
   for (const double share : {0.0, 0.25, 0.5, 0.75, 1.0}) plot.tick(share, number(share * result.cell.seconds) + " s");
-  plot.caption("time; thick: median, thin: longest of each moment; red: an echo is missing");
+  plot.caption("time; thick: median, thin: maximum of each interval; red: an echo is missing");
   plot.curve(maxima, colour, 0.7);
   plot.curve(medians, colour, 2);
   return plot.svg();
@@ -87,12 +87,12 @@ void write_html(const std::string& file, const Subject& subject, const std::vect
   std::ostringstream body;
   body << "<h1>Latency</h1>\n<p><code>" << escaped(subject.command) << "</code><br>" << escaped(subject.machine)
        << "; tactus " << escaped(subject.build) << "</p>\n"
-       << "<p>Times in microseconds, from when a ping was to be sent. Half round trip over the echoes of all readers; "
-          "age one way, "
-          "right to the bound beside it (0: both sides read one clock).</p>\n<div class=\"wide\"><table>\n"
-          "<tr><th>test</th><th colspan=\"5\">half round trip: p50, p90, p99, p99.9, max</th><th colspan=\"4\">age: "
-          "p50, p99, max, "
-          "bound</th><th>jitter</th><th>lost %</th><th>reordered</th><th>duplicates</th><th>mesh MB/s</th></tr>\n";
+       << "<p>Times in microseconds, from the intended time of a ping. Half round trip: echoes of all readers. "
+          "Age: one way, with the error bound beside it (0: both sides read one clock).</p>\n"
+          "<div class=\"wide\"><table>\n<tr><th>test</th>"
+          "<th colspan=\"5\">half round trip: p50, p90, p99, p99.9, max</th>"
+          "<th colspan=\"4\">age: p50, p99, max, bound</th><th>jitter</th><th>lost %</th><th>reordered</th>"
+          "<th>duplicates</th><th>mesh MB/s</th></tr>\n";
   for (const Result& r : results) {
     body << "<tr><td>" << escaped(describe(r.cell)) << "</td>";
     const Summary& h = r.half_round_trip;

@@ -15,12 +15,12 @@ namespace {
 constexpr char kSinkName[] = "sink";
 constexpr char kObjectName[] = "load";
 constexpr std::uint32_t kFaces = 200'000;
-constexpr std::size_t kMinHeld = 60, kMaxHeld = 200;  // regions; not all, for what is held is not sent again
-constexpr std::size_t kWanted = 200;                  // regions at once
-constexpr std::int64_t kRest = 20'000'000;            // between bursts
+constexpr std::size_t kMinHeld = 60, kMaxHeld = 200;  // regions; fewer than all, as present ones are not resent
+constexpr std::size_t kWanted = 200;                  // regions requested at once
+constexpr std::int64_t kPause = 20'000'000;           // between bursts
 constexpr std::chrono::microseconds kPatience{1000};
 
-/// The load goes over DDS also beside raw UDP.
+/// Raw UDP gets its load over DDS as well.
 Cell of_load(Cell cell) {
   if (cell.transport == Transport::kRawUdp) cell.transport = Transport::kUdp;
   return cell;
@@ -43,12 +43,13 @@ const spm::codec::CompressedModel& model() {
 Load::Load(const Cell& cell, wire::SessionAddress address, wire::Participants* shared)
     : mbit_{cell.load_mbit},
       plain_{cell.profile != Profile::kTactus},
-      own_links_{shared == nullptr ? join(of_load(cell), std::move(address)) : nullptr},
-      links_{shared == nullptr ? *own_links_ : *shared},
-      catalogue_{links_, wire::topics::kCatalogue},
-      base_{links_, wire::topics::kBase, {wire::hrtc_partition(kSinkName)}},
-      records_{links_, wire::topics::kRecords, {wire::hrtc_partition(kSinkName)}},
-      reader_{links_, wire::topics::kDemand, [this](session::Demand&& demand) { demands_.put(std::move(demand)); }} {
+      own_participants_{shared == nullptr ? join(of_load(cell), std::move(address)) : nullptr},
+      participants_{shared == nullptr ? *own_participants_ : *shared},
+      catalogue_{participants_, wire::topics::kCatalogue},
+      base_{participants_, wire::topics::kBase, {wire::hrtc_partition(kSinkName)}},
+      records_{participants_, wire::topics::kRecords, {wire::hrtc_partition(kSinkName)}},
+      reader_{participants_, wire::topics::kDemand,
+              [this](session::Demand&& demand) { demands_.put(std::move(demand)); }} {
   if (!plain_) (void)model();
 }
 
@@ -61,14 +62,14 @@ void Load::start() {
   thread_ = std::thread{[this] { plain_ ? flood() : serve(); }};
 }
 
-/// As host_service does. A rate that is asked for is a ceiling on top of the pacer.
+/// Serves like host_service. A configured rate is an upper limit on top of the pacer.
 void Load::serve() {
-  session::DeliveryServer server{links_.origin()};
+  session::DeliveryServer server{participants_.origin()};
   const std::uint64_t object = session::id_of(kObjectName);
   server.add(object, model());
   session::CatalogueEntry entry;
-  entry.origin = links_.origin();
-  entry.host = links_.address().participant;
+  entry.origin = participants_.origin();
+  entry.host = participants_.address().participant;
   entry.object = kObjectName;
   entry.object_id = object;
   entry.summary = model().summary();
@@ -109,7 +110,7 @@ void Load::flood() {
   double due = 0;  // chunks
   for (std::int64_t next = wire::monotonic_ns(); !stop_; next += kPeriodNs) {
     if (mbit_ != kUnpaced) wire::sleep_until(next);
-    // What a full history holds up is not made up for: the rate is a ceiling.
+    // Time lost to a full history is not made up: the rate is an upper limit.
     due = mbit_ == kUnpaced ? 1 : std::min(due + chunks_per_period, chunks_per_period + 1);
     for (; due >= 1 && !stop_; due -= 1) {
       ++chunk.sequence;
@@ -122,13 +123,14 @@ void Load::flood() {
 Sink::Sink(const Cell& cell, wire::SessionAddress address, std::size_t burst_bytes, wire::Participants* shared)
     : min_burst_{burst_bytes},
       plain_{cell.profile != Profile::kTactus},
-      own_links_{shared == nullptr ? join(of_load(cell), named(std::move(address), kSinkName)) : nullptr},
-      links_{shared == nullptr ? *own_links_ : *shared},
-      client_{links_.origin(), {}},
-      demand_{links_, wire::topics::kDemand},
-      catalogue_{links_, wire::topics::kCatalogue, into_inbox<session::CatalogueEntry>()},
-      base_{links_, wire::topics::kBase, into_inbox<session::BulkChunk>(), {wire::hrtc_partition(kSinkName)}},
-      records_{links_, wire::topics::kRecords, into_inbox<session::BulkChunk>(), {wire::hrtc_partition(kSinkName)}},
+      own_participants_{shared == nullptr ? join(of_load(cell), named(std::move(address), kSinkName)) : nullptr},
+      participants_{shared == nullptr ? *own_participants_ : *shared},
+      client_{participants_.origin(), {}},
+      demand_{participants_, wire::topics::kDemand},
+      catalogue_{participants_, wire::topics::kCatalogue, into_inbox<session::CatalogueEntry>()},
+      base_{participants_, wire::topics::kBase, into_inbox<session::BulkChunk>(), {wire::hrtc_partition(kSinkName)}},
+      records_{
+          participants_, wire::topics::kRecords, into_inbox<session::BulkChunk>(), {wire::hrtc_partition(kSinkName)}},
       thread_{[this] { run(); }} {}
 
 Sink::~Sink() {
@@ -143,9 +145,9 @@ void Sink::run() {
     if (host_ == 0) continue;
     const std::int64_t now_ns = wire::monotonic_ns();
     client_.host_seen(host_, host_incarnation_, now_ns);
-    go_round(now_ns);
+    request_next_regions(now_ns);
     while (auto demand = client_.demand(now_ns)) {
-      demand->origin = links_.origin();
+      demand->origin = participants_.origin();
       (void)demand_.send(*demand);
     }
   }
@@ -162,7 +164,7 @@ void Sink::take(const session::CatalogueEntry& entry, std::int64_t at_ns) {
 }
 
 void Sink::take(const session::BulkChunk& chunk, std::int64_t at_ns) {
-  if (plain_) return note(chunk.payload_bytes(), at_ns);
+  if (plain_) return count_message(chunk.payload_bytes(), at_ns);
   for (const session::DeliveryClient::Message& message : client_.on_chunk(chunk, at_ns)) take(message, at_ns);
 }
 
@@ -172,7 +174,7 @@ void Sink::take(const session::DeliveryClient::Message& message, std::int64_t at
     for (std::uint32_t region = 0; region < regions_; ++region) absent_.push_back(region);
     return;
   }
-  note(message.bytes.size(), at_ns);
+  count_message(message.bytes.size(), at_ns);
   client_.held(message.object_id, message.region);
   held_.push_back(message.region);
   wanted_.erase(std::remove(wanted_.begin(), wanted_.end(), message.region), wanted_.end());
@@ -182,12 +184,12 @@ void Sink::take(const session::DeliveryClient::Message& message, std::int64_t at
     const std::lock_guard lock{mutex_};
     bursts_.push_back({static_cast<double>(at_ns - burst_ns_) * 1e-6, burst_bytes_});
   }
-  client_.want(message.object_id, {});  // else what goes meanwhile would come again
+  client_.want(message.object_id, {});  // otherwise evicted regions would come again
   if (burst_bytes_ < min_burst_) ++burst_regions_;
-  rest_until_ns_ = at_ns + kRest;
+  pause_until_ns_ = at_ns + kPause;
 }
 
-void Sink::note(std::size_t bytes, std::int64_t at_ns) {
+void Sink::count_message(std::size_t bytes, std::int64_t at_ns) {
   if (first_ns_ == 0)
     first_ns_ = at_ns;
   else
@@ -195,14 +197,14 @@ void Sink::note(std::size_t bytes, std::int64_t at_ns) {
   last_ns_ = at_ns;
 }
 
-/// Keeps the regions that came last; what goes is wanted again when its turn comes.
-void Sink::go_round(std::int64_t now_ns) {
+/// Requests regions in turn: keeps the newest ones, and requests an evicted one again later.
+void Sink::request_next_regions(std::int64_t now_ns) {
   const std::uint64_t object = session::id_of(kObjectName);
   retiring_ = held_.size() > (retiring_ ? kMinHeld : kMaxHeld);
   while (retiring_ && held_.size() > kMinHeld && client_.retire(object, held_.front())) held_.erase(held_.begin());
   for (const std::uint32_t region : client_.take_released(object)) absent_.push_back(region);
   const std::size_t max = min_burst_ == 0 ? kWanted : burst_regions_;
-  const bool may = min_burst_ == 0 || (wanted_.empty() && now_ns >= rest_until_ns_);
+  const bool may = min_burst_ == 0 || (wanted_.empty() && now_ns >= pause_until_ns_);
   if (!may || wanted_.size() >= max || absent_.size() < (min_burst_ == 0 ? 1 : max)) return;
   const std::size_t count = std::min(max - wanted_.size(), absent_.size());
   wanted_.insert(wanted_.end(), absent_.begin(), absent_.begin() + static_cast<std::ptrdiff_t>(count));

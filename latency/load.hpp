@@ -1,5 +1,5 @@
-/// Mesh records beside the pings, as a host and an HRTC have them: demand, delivery, pacer and topics are those of the
-/// programs. With other profiles as many chunks as a writer of the library's defaults takes, with nothing above it.
+/// Mesh traffic beside the pings: demand, delivery, pacer and topics as in host and HRTC. With other profiles it sends
+/// as many chunks as a writer with the library's defaults accepts.
 #pragma once
 
 #include <atomic>
@@ -19,19 +19,19 @@
 
 namespace tactus::latency {
 
-/// A host of one generated model, in a thread of usual priority, until it is destroyed; joins the session by itself.
+/// A host of one generated model, in a thread of normal priority; joins the session on its own.
 class Load {
  public:
-  /// With Profile::kShared its ends are in `shared`, which must outlive it.
+  /// With Profile::kShared its endpoints are in `shared`, which must outlive it.
   Load(const Cell& cell, wire::SessionAddress address, wire::Participants* shared = nullptr);
   ~Load();
   Load(const Load&) = delete;
   Load& operator=(const Load&) = delete;
 
   [[nodiscard]] bool matched() const noexcept { return records_.matched() > 0; }
-  /// Once, after matched().
+  /// Call once, after matched().
   void start();
-  /// Bytes of payload handed to the network so far.
+  /// Bytes of payload sent so far.
   [[nodiscard]] std::uint64_t sent_bytes() const noexcept { return sent_bytes_; }
 
  private:
@@ -40,8 +40,8 @@ class Load {
 
   const double mbit_;
   const bool plain_;
-  const std::unique_ptr<wire::Participants> own_links_;
-  wire::Participants& links_;
+  const std::unique_ptr<wire::Participants> own_participants_;
+  wire::Participants& participants_;
   wire::Writer<session::CatalogueEntry> catalogue_;
   wire::Writer<session::BulkChunk> base_, records_;
   wire::Inbox<session::Demand> demands_{1024};
@@ -51,24 +51,25 @@ class Load {
   std::thread thread_;
 };
 
-/// The HRTC to it: goes round the model, so that something is always wanted.
+/// The HRTC for that load: requests the regions of the model in turn, without end.
 class Sink {
  public:
-  /// `burst_bytes` 0: without end, as fast as it comes. Else about so many bytes at once, and again when they are here.
+  /// `burst_bytes` 0: requests continuously. Otherwise requests about so many bytes at once, and again when they have
+  /// arrived.
   Sink(const Cell& cell, wire::SessionAddress address, std::size_t burst_bytes = 0,
        wire::Participants* shared = nullptr);
   ~Sink();
   Sink(const Sink&) = delete;
   Sink& operator=(const Sink&) = delete;
 
-  /// Payload of whole messages between the first and the last, by the time between them; 0 with fewer than two.
+  /// Payload of complete messages between the first and the last, per second; 0 with fewer than two.
   [[nodiscard]] double bytes_per_s() const noexcept;
   [[nodiscard]] std::uint64_t bytes() const noexcept { return bytes_; }
   struct Burst {
     double ms;
     std::size_t bytes;
   };
-  /// Since the last call; from wanting to holding the last.
+  /// Bursts since the last call; each lasts from the request to the last region.
   [[nodiscard]] std::vector<Burst> take_bursts();
 
  private:
@@ -77,8 +78,8 @@ class Sink {
   void take(const session::CatalogueEntry& entry, std::int64_t at_ns);
   void take(const session::BulkChunk& chunk, std::int64_t at_ns);
   void take(const session::DeliveryClient::Message& message, std::int64_t at_ns);
-  void note(std::size_t bytes, std::int64_t at_ns);
-  void go_round(std::int64_t now_ns);
+  void count_message(std::size_t bytes, std::int64_t at_ns);
+  void request_next_regions(std::int64_t now_ns);
   template <class T>
   [[nodiscard]] std::function<void(T&&)> into_inbox() {
     return [this](T&& sample) { inbox_.put(std::move(sample)); };
@@ -86,15 +87,15 @@ class Sink {
 
   const std::size_t min_burst_;  // bytes
   const bool plain_;
-  const std::unique_ptr<wire::Participants> own_links_;
-  wire::Participants& links_;
+  const std::unique_ptr<wire::Participants> own_participants_;
+  wire::Participants& participants_;
   session::DeliveryClient client_;
   std::uint64_t host_ = 0, host_incarnation_ = 0;
-  std::vector<std::uint32_t> absent_, wanted_;  // regions, soonest first
+  std::vector<std::uint32_t> absent_, wanted_;  // regions, next one first
   std::vector<std::uint32_t> held_;             // oldest first
-  bool retiring_ = false;                       // many at a time, as a cache does
+  bool retiring_ = false;                       // evicting; many at a time, as a cache does
   std::uint32_t regions_ = 0;
-  std::int64_t burst_ns_ = 0, rest_until_ns_ = 0;
+  std::int64_t burst_ns_ = 0, pause_until_ns_ = 0;
   std::size_t burst_bytes_ = 0, burst_regions_ = 8;
   std::mutex mutex_;
   std::vector<Burst> bursts_;

@@ -19,12 +19,12 @@ namespace {
 
 using namespace std::chrono_literals;
 
-constexpr int kVersion = 2;  // of what the two sides say to each other
-constexpr auto kAnswer = 30s;
-constexpr auto kMeeting = 20s;  // discovery, at worst on a lossy link
+constexpr int kVersion = 2;  // of the protocol between the two sides
+constexpr auto kAnswerTimeout = 30s;
+constexpr auto kMatchTimeout = 20s;  // time for discovery, long enough for a lossy link
 constexpr auto kLastEchoes = 2s;
 
-/// The same on two sides that read the same CLOCK_MONOTONIC: one start of one kernel, one time namespace.
+/// Equal on two sides that read the same CLOCK_MONOTONIC: one boot of one kernel, one time namespace.
 std::string clock_id() {
   std::string id;
   std::getline(std::ifstream{"/proc/sys/kernel/random/boot_id"}, id);
@@ -32,48 +32,51 @@ std::string clock_id() {
   return id + std::filesystem::read_symlink("/proc/self/ns/time", none).string();
 }
 
-wire::SessionAddress address_of(const std::string& session, const std::string& who, const Place& place) {
+wire::SessionAddress address_of(const std::string& session, const std::string& who, const SideSettings& side) {
   wire::SessionAddress address;
   address.session = session;
   address.participant = who;
-  address.domain = place.domain;
-  address.discovery = place.discovery;
-  address.qos = place.qos;
-  address.probe_priority = place.priority;
+  address.domain = side.domain;
+  address.discovery = side.discovery;
+  address.qos = side.qos;
+  address.probe_priority = side.priority;
   return address;
 }
 
-std::unique_ptr<Carrier> cyclone([[maybe_unused]] Part part, [[maybe_unused]] const Place& place,
+std::unique_ptr<Carrier> cyclone([[maybe_unused]] Part part, [[maybe_unused]] const SideSettings& side,
                                  [[maybe_unused]] OnPacket callback) {
 #if TACTUS_HAS_CYCLONE
-  return make_cyclone(part, place.domain, place.priority, std::move(callback));
+  return make_cyclone(part, side.domain, side.priority, std::move(callback));
 #else
   throw LatencyError("built without Cyclone DDS");
 #endif
 }
 
-/// One reader: what it hears it notes and answers.
+/// One reader: records each ping and answers it.
 class Echoer {
  public:
-  Echoer(const Cell& cell, std::uint32_t number, const std::string& session, const Place& place) : number_{number} {
+  Echoer(const Cell& cell, std::uint32_t number, const std::string& session, const SideSettings& side)
+      : number_{number} {
     arrivals_.reserve(cell.pings() + cell.pings() / 4 + 1000);
     const auto callback = [this](const Packet& ping, std::int64_t now) { answer(ping, now); };
     if (cell.transport == Transport::kRawUdp) {
-      carrier_ = make_udp(Part::kEchoer, cell.payload, {{}, {}, place.priority}, callback);
+      carrier_ = make_udp(Part::kEchoer, cell.payload, {{}, {}, side.priority}, callback);
       port_ = port_of(*carrier_);
     } else if (cell.transport == Transport::kCyclone) {
-      carrier_ = cyclone(Part::kEchoer, place, callback);
+      carrier_ = cyclone(Part::kEchoer, side, callback);
     } else {
-      links_ = join(cell, address_of(session, "echo-" + std::to_string(number), place));
-      carrier_ = make_dds(Part::kEchoer, cell, *links_, callback);
+      participants_ = join(cell, address_of(session, "echo-" + std::to_string(number), side));
+      carrier_ = make_dds(Part::kEchoer, cell, *participants_, callback);
     }
     ready_ = true;
   }
   [[nodiscard]] std::uint16_t port() const noexcept { return port_; }
-  [[nodiscard]] wire::Participants* links() const noexcept { return links_.get(); }  ///< none with raw UDP
+  [[nodiscard]] wire::Participants* participants() const noexcept { return participants_.get(); }  ///< null: raw UDP
   [[nodiscard]] bool matched() const noexcept { return port_ != 0 || carrier_->matched() > 0; }
-  [[nodiscard]] bool realtime() const noexcept { return links_ == nullptr || links_->probe_is_realtime(); }
-  /// Listens no longer.
+  [[nodiscard]] bool realtime() const noexcept {
+    return participants_ == nullptr || participants_->probe_is_realtime();
+  }
+  /// Stops listening.
   const std::vector<Arrival>& finish() {
     carrier_.reset();
     return arrivals_;
@@ -81,7 +84,7 @@ class Echoer {
 
  private:
   void answer(const Packet& ping, std::int64_t now) {
-    if (!ready_) return;  // the carrier is not there yet to answer with
+    if (!ready_) return;  // the carrier cannot answer yet
     carrier_->send({ping.sequence, number_, now, wire::monotonic_ns()});
     if (arrivals_.size() < arrivals_.capacity()) arrivals_.push_back({ping.sequence, number_, now});
   }
@@ -89,7 +92,7 @@ class Echoer {
   const std::uint32_t number_;
   std::atomic<bool> ready_{false};
   std::vector<Arrival> arrivals_;
-  std::unique_ptr<wire::Participants> links_;
+  std::unique_ptr<wire::Participants> participants_;
   std::unique_ptr<Carrier> carrier_;
   std::uint16_t port_ = 0;
 };
@@ -100,41 +103,42 @@ bool wait_until(Condition&& condition, std::chrono::milliseconds patience, const
   while (!condition()) {
     if (stop) throw LatencyError("interrupted");
     if (std::chrono::steady_clock::now() >= end) return false;
-    std::this_thread::sleep_for(5ms);  // readers and writers match without telling; before anything is timed
+    std::this_thread::sleep_for(5ms);  // readers and writers match without notification; not in a timed phase
   }
   return true;
 }
 
-void serve_one(const nlohmann::ordered_json& requested, Channel& channel, Place place, const std::atomic<bool>& stop) {
+void serve_one(const nlohmann::ordered_json& requested, Channel& channel, SideSettings side,
+               const std::atomic<bool>& stop) {
   if (requested.value("version", 0) != kVersion)
     throw LatencyError("version " + std::to_string(requested.value("version", 0)) + " of the other side; expected " +
-                       std::to_string(kVersion) + ": take the same release on both");
+                       std::to_string(kVersion) + ": use the same release on both sides");
   const Cell cell = cell_from_json(requested.at("cell"));
   const auto session = requested.at("session").get<std::string>();
-  requested.at("domain").get_to(place.domain);
-  place.priority = std::clamp(requested.at("priority").get<int>(), 0, place.priority);
+  requested.at("domain").get_to(side.domain);
+  side.priority = std::clamp(requested.at("priority").get<int>(), 0, side.priority);
 
   std::vector<std::unique_ptr<Echoer>> echoers;
   nlohmann::ordered_json ports = nlohmann::ordered_json::array();
   bool realtime = true;
   for (std::uint32_t i = 0; i < cell.readers; ++i) {
-    echoers.push_back(std::make_unique<Echoer>(cell, i, session, place));
+    echoers.push_back(std::make_unique<Echoer>(cell, i, session, side));
     ports.push_back(echoers.back()->port());
     realtime &= echoers.back()->realtime();
   }
   std::optional<Sink> sink;
-  wire::Participants* const shared = cell.profile == Profile::kShared ? echoers.front()->links() : nullptr;
-  if (cell.load_mbit != 0) sink.emplace(cell, address_of(session, "sink", place), 0, shared);
-  channel.send({{"ports", ports}, {"clock", clock_id()}, {"realtime", realtime || place.priority == 0}});
+  wire::Participants* const shared = cell.profile == Profile::kShared ? echoers.front()->participants() : nullptr;
+  if (cell.load_mbit != 0) sink.emplace(cell, address_of(session, "sink", side), 0, shared);
+  channel.send({{"ports", ports}, {"clock", clock_id()}, {"realtime", realtime || side.priority == 0}});
 
-  (void)channel.receive(std::chrono::duration_cast<std::chrono::milliseconds>(kAnswer + kMeeting));
+  (void)channel.receive(std::chrono::duration_cast<std::chrono::milliseconds>(kAnswerTimeout + kMatchTimeout));
   const bool met = wait_until(
       [&] {
         for (const auto& echoer : echoers)
           if (!echoer->matched()) return false;
         return true;
       },
-      kMeeting, stop);
+      kMatchTimeout, stop);
   if (!met) throw LatencyError("echoers found no pinger within 20 s");
   channel.send({{"matched", true}});
 
@@ -148,7 +152,7 @@ void serve_one(const nlohmann::ordered_json& requested, Channel& channel, Place 
   channel.send_block(arrivals.data(), arrivals.size() * sizeof(Arrival));
 }
 
-/// Sends the pings of a cell that `plan` names, or all, on time.
+/// Sends the pings of a cell on time: those in `plan`, or all.
 void send_pings(const Cell& cell, const Plan& plan, Carrier& carrier, Stamps& stamps, const std::atomic<bool>& stop) {
   const double period_ns = 1e9 / cell.rate_hz;
   const std::int64_t start = wire::monotonic_ns() + 20'000'000;
@@ -174,16 +178,16 @@ void send_pings(const Cell& cell, const Plan& plan, Carrier& carrier, Stamps& st
 
 }  // namespace
 
-Stamps measure(const Cell& cell, Channel& channel, const Place& place, const std::atomic<bool>& stop,
+Stamps measure(const Cell& cell, Channel& channel, const SideSettings& side, const std::atomic<bool>& stop,
                const Plan& plan) {
   static std::atomic<int> count{0};
   const std::string session = "latency." + std::to_string(::getpid()) + "." + std::to_string(++count);
   channel.send({{"version", kVersion},
                 {"cell", to_json(cell)},
                 {"session", session},
-                {"domain", place.domain},
-                {"priority", place.priority}});
-  const auto other = channel.receive(kAnswer);
+                {"domain", side.domain},
+                {"priority", side.priority}});
+  const auto other = channel.receive(kAnswerTimeout);
 
   Stamps stamps;
   stamps.cell = cell;
@@ -191,7 +195,7 @@ Stamps measure(const Cell& cell, Channel& channel, const Place& place, const std
   stamps.one_clock = other.at("clock").get<std::string>() == clock_id();
   if (!other.at("realtime").get<bool>()) stamps.notes.emplace_back("echoers: no real-time priority");
 
-  // Written by the carrier's thread, read when that has ended.
+  // Written by the carrier's thread, read after that thread has ended.
   stamps.echoes.reserve(static_cast<std::size_t>(cell.pings()) * cell.readers * 5 / 4 + 1000);
   std::atomic<std::size_t> received{0};
   const auto callback = [&](const Packet& echo, std::int64_t now) {
@@ -199,33 +203,33 @@ Stamps measure(const Cell& cell, Channel& channel, const Place& place, const std
     stamps.echoes.push_back({echo.sequence, echo.reader, echo.event_ns, echo.sent_ns, now});
     received = stamps.echoes.size();
   };
-  std::unique_ptr<wire::Participants> links;
+  std::unique_ptr<wire::Participants> participants;
   std::unique_ptr<Carrier> carrier;
   if (cell.transport == Transport::kRawUdp) {
     carrier =
         make_udp(Part::kPinger, cell.payload,
-                 {place.echo_address, other.at("ports").get<std::vector<std::uint16_t>>(), place.priority}, callback);
+                 {side.echo_address, other.at("ports").get<std::vector<std::uint16_t>>(), side.priority}, callback);
   } else if (cell.transport == Transport::kCyclone) {
-    carrier = cyclone(Part::kPinger, place, callback);
+    carrier = cyclone(Part::kPinger, side, callback);
   } else {
-    links = join(cell, address_of(session, "ping", place));
-    carrier = make_dds(Part::kPinger, cell, *links, callback);
+    participants = join(cell, address_of(session, "ping", side));
+    carrier = make_dds(Part::kPinger, cell, *participants, callback);
   }
   std::optional<Load> load;
-  wire::Participants* const shared = cell.profile == Profile::kShared ? links.get() : nullptr;
-  if (cell.load_mbit != 0) load.emplace(cell, address_of(session, "load", place), shared);
+  wire::Participants* const shared = cell.profile == Profile::kShared ? participants.get() : nullptr;
+  if (cell.load_mbit != 0) load.emplace(cell, address_of(session, "load", side), shared);
   const auto met = [&] { return carrier->matched() >= cell.readers && (!load || load->matched()); };
-  if (!wait_until(met, kMeeting, stop))
+  if (!wait_until(met, kMatchTimeout, stop))
     throw LatencyError(
         "found " + std::to_string(carrier->matched()) + " of " + std::to_string(cell.readers) +
         " readers within 20 s; expected all: does multicast (239.255.0.1) pass, are domain and discovery the same?");
   channel.send({{"met", true}});
-  (void)channel.receive(std::chrono::duration_cast<std::chrono::milliseconds>(kAnswer + kMeeting));
+  (void)channel.receive(std::chrono::duration_cast<std::chrono::milliseconds>(kAnswerTimeout + kMatchTimeout));
 
   if (load) load->start();
-  // Only now: threads that were made before would have inherited it.
-  stamps.notes.push_back(place.priority > 0 ? wire::enter_realtime("pinger", place.priority)
-                                            : "pinger: no real-time priority asked for");
+  // Not earlier: threads created before would inherit the priority.
+  stamps.notes.push_back(side.priority > 0 ? wire::enter_realtime("pinger", side.priority)
+                                           : "pinger: no real-time priority requested");
   send_pings(cell, plan, *carrier, stamps, stop);
   const std::size_t all = (plan.empty() ? stamps.pings.size() : plan.size()) * cell.readers;
   (void)wait_until([&] { return received >= all; }, kLastEchoes, stop);
@@ -233,24 +237,24 @@ Stamps measure(const Cell& cell, Channel& channel, const Place& place, const std
   carrier.reset();
 
   channel.send({{"finish", true}});
-  const auto result = channel.receive(kAnswer);
+  const auto result = channel.receive(kAnswerTimeout);
   const auto arrivals = result.at("arrivals").get<std::size_t>();
   if (arrivals > 2 * all + 1000 * cell.readers)
     throw LatencyError("the other side has " + std::to_string(arrivals) + " arrivals of " + std::to_string(all) +
                        " pings");
   stamps.arrivals.resize(arrivals);
-  channel.receive_block(stamps.arrivals.data(), arrivals * sizeof(Arrival), kAnswer);
+  channel.receive_block(stamps.arrivals.data(), arrivals * sizeof(Arrival), kAnswerTimeout);
   result.at("load_bytes_per_s").get_to(stamps.load_bytes_per_s);
   return stamps;
 }
 
-void serve(Channel& channel, const Place& place, const std::atomic<bool>& stop) {
+void serve(Channel& channel, const SideSettings& side, const std::atomic<bool>& stop) {
   try {
-    while (channel.wait()) serve_one(channel.receive(kAnswer), channel, place, stop);
+    while (channel.wait()) serve_one(channel.receive(kAnswerTimeout), channel, side, stop);
   } catch (const std::exception& error) {
     try {
       channel.send({{"error", error.what()}});
-    } catch (const LatencyError&) {  // gone: nobody to tell
+    } catch (const LatencyError&) {  // the other side has closed
     }
     throw LatencyError(error.what());
   }

@@ -44,7 +44,7 @@ Subject subject_of(int argc, const char* const* argv) {
 }
 
 void print_table(std::ostream& out, const Subject& subject, const std::vector<Result>& results) {
-  out << subject.machine << "\n\nTimes in us, from when a ping was to be sent.\n\n"
+  out << subject.machine << "\n\nTimes in us, from the intended time of a ping.\n\n"
       << "             half round trip                             age one way                jitter   lost  re-    "
          "dup- echoes    "
          "mesh\n"
@@ -70,7 +70,8 @@ void print_table(std::ostream& out, const Subject& subject, const std::vector<Re
   for (const Result& r : results) {
     notes.insert(r.notes.begin(), r.notes.end());
     if (r.refused > 0)
-      notes.insert(describe(r.cell) + ": " + std::to_string(r.refused) + " pings were not taken or held up to the end");
+      notes.insert(describe(r.cell) + ": " + std::to_string(r.refused) +
+                   " pings were refused or blocked until the end");
   }
   for (const std::string& note : notes) out << note << '\n';
   double late_p50 = 0, late_p99 = 0;
@@ -81,7 +82,7 @@ void print_table(std::ostream& out, const Subject& subject, const std::vector<Re
   char line[160];
   std::snprintf(
       line, sizeof line,
-      "the system woke the pinger late by p50 %.0f, p99 %.0f us at worst; half of that is in the half round trips\n",
+      "the pinger woke up late by p50 %.0f, p99 %.0f us in the worst test; half of that is in the half round trips\n",
       late_p50, late_p99);
   out << line;
 }
@@ -99,7 +100,7 @@ void write_json(const std::string& file, const Subject& subject, const std::vect
     cell["half_round_trip"] = to_json(r.half_round_trip);
     cell["half_round_trip_from_send"] = to_json(r.half_round_trip_sent);
     cell["age"] = to_json(r.age);
-    cell["known_age"] = to_json(r.known_age);
+    cell["known_age"] = to_json(r.age_of_information);
     cell["clock_bound"] = r.clock_bound_us;
     cell["timer_late"] = to_json(r.timer);
     cell["jitter_rfc3550"] = r.jitter_us;

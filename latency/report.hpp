@@ -1,4 +1,4 @@
-/// The results of a latency test for people and for machines.
+/// The results of a latency test as text, JSON and HTML.
 #pragma once
 
 #include <iosfwd>
@@ -9,7 +9,7 @@
 
 namespace tactus::latency {
 
-/// What the figures were had on.
+/// The conditions of a test.
 struct Subject {
   std::string command;
   std::string machine;  ///< processors and kernel
@@ -17,13 +17,13 @@ struct Subject {
 };
 [[nodiscard]] Subject subject_of(int argc, const char* const* argv);
 
-/// One line for each result, and what needs saying once.
+/// One line for each result, and each note once.
 void print_table(std::ostream& out, const Subject& subject, const std::vector<Result>& results);
 
-/// All of it, the curves included. Throws LatencyError when the file cannot be written.
+/// All figures, curves included. Throws LatencyError when the file cannot be written.
 void write_json(const std::string& file, const Subject& subject, const std::vector<Result>& results);
 
-/// One page with the table, the distributions and each run over time; needs nothing from elsewhere. Throws as above.
+/// One self-contained page with the table, the distributions and each run over time. Throws LatencyError likewise.
 void write_html(const std::string& file, const Subject& subject, const std::vector<Result>& results);
 
 }  // namespace tactus::latency

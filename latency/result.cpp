@@ -9,9 +9,9 @@ namespace tactus::latency {
 namespace {
 
 constexpr std::size_t kMoments = 400;
-constexpr std::int64_t kLookNs = 97'000;  // no divisor of usual periods, which would see the same moments each time
+constexpr std::int64_t kSamplePeriodNs = 97'000;  // no divisor of common periods, so that the phase varies
 
-/// The echoer's clock as the pinger's: how the session clock stood when each ping was sent.
+/// Maps the pinger's clock to the echoer's, with the session clock's state at the time of each ping.
 class EchoerClock {
  public:
   explicit EchoerClock(const Stamps& stamps) {
@@ -34,7 +34,7 @@ class EchoerClock {
     one_ = false;
   }
 
-  /// The echoer's time at `local_ns`, and adds to the worst bound.
+  /// The echoer's time at `local_ns`; updates the worst error bound.
   std::int64_t at(std::int64_t local_ns) {
     if (one_) return local_ns;
     if (maps_.empty()) {
@@ -78,7 +78,7 @@ Result evaluate(const Stamps& stamps) {
   result.refused = stamps.refused;
   result.load_mbyte_per_s = stamps.load_bytes_per_s * 1e-6;
   const auto all = static_cast<std::uint32_t>(stamps.pings.size());
-  // Of a coded test, with fewer pings than ticks, the same share.
+  // A coded test has fewer pings than ticks; the same share of its pings is warm-up.
   const auto first = static_cast<std::uint32_t>(std::uint64_t{warm_up(stamps.cell)} * all / stamps.cell.pings());
   const std::uint32_t judged = all - first;
   result.expected = static_cast<std::uint64_t>(judged) * stamps.cell.readers;
@@ -94,9 +94,9 @@ Result evaluate(const Stamps& stamps) {
   EchoerClock clock{stamps};
   std::vector<SequenceTally> tallies(stamps.cell.readers, SequenceTally{judged});
   std::vector<InterarrivalJitter> jitters(stamps.cell.readers);
-  std::vector<double> age, known_age;
+  std::vector<double> age, information_age;
   struct Newest {
-    std::int64_t sequence = -1, intended_ns = 0, looked_ns = 0;  // the echoer's clock
+    std::int64_t sequence = -1, intended_ns = 0, sampled_ns = 0;  // the echoer's clock
   };
   std::vector<Newest> newest(stamps.cell.readers);
   for (const Arrival& arrival : stamps.arrivals) {
@@ -105,18 +105,18 @@ Result evaluate(const Stamps& stamps) {
     const Ping& ping = stamps.pings[arrival.sequence];
     const std::int64_t intended_ns = clock.at(ping.intended_ns);
     age.push_back(static_cast<double>(arrival.received_ns - intended_ns) * 1e-3);
-    Newest& known = newest[arrival.reader];
-    if (known.sequence >= 0) {
-      for (; known.looked_ns < arrival.received_ns; known.looked_ns += kLookNs)
-        known_age.push_back(static_cast<double>(known.looked_ns - known.intended_ns) * 1e-3);
+    Newest& last = newest[arrival.reader];
+    if (last.sequence >= 0) {
+      for (; last.sampled_ns < arrival.received_ns; last.sampled_ns += kSamplePeriodNs)
+        information_age.push_back(static_cast<double>(last.sampled_ns - last.intended_ns) * 1e-3);
     } else {
-      known.looked_ns = arrival.received_ns;
+      last.sampled_ns = arrival.received_ns;
     }
-    if (known.sequence < arrival.sequence) known = {arrival.sequence, intended_ns, known.looked_ns};
+    if (last.sequence < arrival.sequence) last = {arrival.sequence, intended_ns, last.sampled_ns};
     jitters[arrival.reader].add(ping.sent_ns, arrival.received_ns);
   }
   result.age = summarise(age);
-  result.known_age = summarise(known_age);
+  result.age_of_information = summarise(information_age);
   result.clock_bound_us = clock.bound_us();
   for (const SequenceTally& tally : tallies) {
     result.lost += tally.lost();

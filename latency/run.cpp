@@ -19,14 +19,14 @@
 namespace tactus::latency {
 namespace {
 
-/// A child that is gone with this: asked first, so that it leaves nothing in shared memory.
+/// A child process, ended on destruction; first by SIGINT, so that it removes its shared memory.
 class Child {
  public:
   explicit Child(pid_t pid) noexcept : pid_{pid} {}
   ~Child() {
     using namespace std::chrono_literals;
     ::kill(pid_, SIGINT);
-    for (int i = 0; i < 150; ++i, std::this_thread::sleep_for(10ms))  // waitpid itself knows no patience
+    for (int i = 0; i < 150; ++i, std::this_thread::sleep_for(10ms))  // waitpid has no timeout
       if (::waitpid(pid_, nullptr, WNOHANG) != 0) return;
     ::kill(-pid_, SIGKILL);
     while (::waitpid(pid_, nullptr, 0) < 0 && errno == EINTR) {
@@ -48,7 +48,7 @@ std::string path_of(const std::string& program) {
 
 namespace {
 
-/// In a thread of its own, which takes its real-time priority and its namespace with it when it ends.
+/// Runs `work` in a thread of its own, so that its real-time priority and namespace end with it.
 template <class Work>
 void in_own_thread(Work&& work) {
   std::exception_ptr trouble;
@@ -64,9 +64,9 @@ void in_own_thread(Work&& work) {
 
 }  // namespace
 
-Result run_against(const Cell& cell, Channel& channel, const Place& place, const std::atomic<bool>& stop) {
+Result run_against(const Cell& cell, Channel& channel, const SideSettings& side, const std::atomic<bool>& stop) {
   Stamps stamps;
-  in_own_thread([&] { stamps = measure(cell, channel, place, stop); });
+  in_own_thread([&] { stamps = measure(cell, channel, side, stop); });
   return evaluate(stamps);
 }
 
@@ -92,23 +92,23 @@ Stamps stamp_here(const Cell& cell, const RunSettings& settings, const std::atom
                                    "--control",
                                    std::to_string(ends[1]),
                                    "--qos",
-                                   settings.place.qos.string(),
+                                   settings.side.qos.string(),
                                    "--priority",
-                                   std::to_string(settings.place.priority)};
-  for (const std::string& peer : settings.place.discovery.peers) command.insert(command.end(), {"--peer", peer});
-  for (const std::string& server : settings.place.discovery.servers)
+                                   std::to_string(settings.side.priority)};
+  for (const std::string& peer : settings.side.discovery.peers) command.insert(command.end(), {"--peer", peer});
+  for (const std::string& server : settings.side.discovery.servers)
     command.insert(command.end(), {"--discovery-server", server});
   const Child echoer{pair ? pair->start(netem::Side::kB, command) : netem::start_program(command)};
   ::close(ends[1]);
 
-  Place place = settings.place;
+  SideSettings side = settings.side;
   Stamps stamps;
   in_own_thread([&] {
     if (pair) {
       pair->enter(netem::Side::kA);
-      place.echo_address = netem::LinkedPair::address(netem::Side::kB);
+      side.echo_address = netem::LinkedPair::address(netem::Side::kB);
     }
-    stamps = measure(cell, channel, place, stop, plan);
+    stamps = measure(cell, channel, side, stop, plan);
   });
   if (!note.empty()) stamps.notes.push_back(note);
   return stamps;

@@ -9,9 +9,9 @@ namespace tactus::latency {
 
 double quantile(const std::vector<double>& sorted, double share) noexcept {
   if (sorted.empty()) return 0;
-  constexpr double kCollisionMargin = 1e-9;  // 0.999 of 1000 is 999, not a little more
+  constexpr double kRankTolerance = 1e-9;  // rounding of share * count: 0.999 of 1000 is rank 999
   const double count = static_cast<double>(sorted.size());
-  const double rank = std::ceil(share * count - kCollisionMargin * count);
+  const double rank = std::ceil(share * count - kRankTolerance * count);
   return sorted[static_cast<std::size_t>(std::clamp(rank, 1.0, count)) - 1];
 }
 

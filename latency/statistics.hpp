@@ -1,5 +1,4 @@
-/// What a latency test says of its samples. Percentiles come from stored samples, nearest rank: nothing is rounded
-/// away.
+/// Statistics of a latency test. Percentiles come from stored samples by nearest rank, without interpolation.
 #pragma once
 
 #include <cstdint>
@@ -7,7 +6,7 @@
 
 namespace tactus::latency {
 
-/// Smallest value that at least `share` (0..1) of all do not exceed; 0 without values. `sorted` ascends. O(1).
+/// Smallest value that is at least as large as `share` (0..1) of all; 0 without values. `sorted` ascends. O(1).
 [[nodiscard]] double quantile(const std::vector<double>& sorted, double share) noexcept;
 
 struct Summary {
@@ -17,15 +16,15 @@ struct Summary {
 /// Sorts `values`. O(n log n).
 [[nodiscard]] Summary summarise(std::vector<double>& values);
 
-/// What became of numbered samples, from the numbers of those that arrived.
+/// Counts losses, duplicates and reordering of numbered samples.
 ///
-/// A number heard before is a duplicate; a first hearing after a larger number is reordered; a number never heard is
+/// A repeated number is a duplicate. A first arrival after a larger number is reordered. A number that never arrives is
 /// lost.
 class SequenceTally {
  public:
-  /// Numbers from 0 to `expected` - 1; others are ignored. Allocates a bit for each.
+  /// Counts numbers from 0 to `expected` - 1; ignores others. Allocates a bit for each.
   explicit SequenceTally(std::uint32_t expected);
-  /// True for a first hearing. O(1), does not allocate.
+  /// True for the first arrival of a number. O(1), does not allocate.
   bool add(std::uint32_t sequence) noexcept;
 
   [[nodiscard]] std::uint32_t expected() const noexcept { return static_cast<std::uint32_t>(received_.size()); }
@@ -36,15 +35,15 @@ class SequenceTally {
 
  private:
   std::vector<bool> received_;
-  std::uint32_t next_ = 0;  // above the largest heard
+  std::uint32_t next_ = 0;  // above the largest received
   std::uint32_t unique_ = 0, duplicates_ = 0, reordered_ = 0;
 };
 
-/// Interarrival jitter: how much the spacing at the receiver differs from that at the sender, smoothed.
+/// Interarrival jitter: smoothed difference between the spacing at the receiver and at the sender.
 /// Source: RFC 3550, section 6.4.1.
 class InterarrivalJitter {
  public:
-  /// In order of arrival; one clock for each argument. O(1).
+  /// Call in order of arrival; each argument has one clock. O(1).
   void add(std::int64_t sent_ns, std::int64_t received_ns) noexcept;
   [[nodiscard]] double us() const noexcept { return jitter_ns_ * 1e-3; }
 

@@ -18,10 +18,10 @@ namespace tactus::latency {
 namespace {
 
 constexpr std::uint32_t kMagic = 0x7ac705;
-constexpr int kBufferBytes = 1 << 20;              // as the profiles of the probe class
+constexpr int kBufferBytes = 1 << 20;              // as in the profiles of the probe class
 constexpr int kExpeditedTos = 184, kPriority = 6;  // as qos/flow.yaml marks the probe class
 
-/// What a datagram begins with; the rest is zero.
+/// The first bytes of a datagram; the rest is zero.
 struct Datagram {
   std::uint32_t magic;
   std::uint32_t reserved;
@@ -31,9 +31,9 @@ static_assert(sizeof(Datagram) == kMinPayload);
 
 class UdpCarrier final : public Carrier {
  public:
-  UdpCarrier(Part part, std::uint32_t payload, const UdpPlace& place, OnPacket callback)
-      : payload_{payload}, priority_{place.priority}, callback_{std::move(callback)} {
-    if (part == Part::kPinger) find_echoers(place);
+  UdpCarrier(Part part, std::uint32_t payload, const UdpSettings& side, OnPacket callback)
+      : payload_{payload}, priority_{side.priority}, callback_{std::move(callback)} {
+    if (part == Part::kPinger) find_echoers(side);
     socket_ = ::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
     if (socket_ < 0) throw LatencyError(std::string{"raw UDP: no socket: "} + std::strerror(errno));
     ::setsockopt(socket_, SOL_SOCKET, SO_RCVBUF, &kBufferBytes, sizeof kBufferBytes);
@@ -50,7 +50,7 @@ class UdpCarrier final : public Carrier {
   }
   ~UdpCarrier() override {
     closing_ = true;
-    ::shutdown(socket_, SHUT_RDWR);  // refused for a socket without a peer, and yet it ends the receiving
+    ::shutdown(socket_, SHUT_RDWR);  // fails for a socket without a peer, but still ends the receive call
     receiver_.join();
     ::close(socket_);
   }
@@ -73,13 +73,13 @@ class UdpCarrier final : public Carrier {
   [[nodiscard]] std::uint16_t port() const noexcept { return port_; }
 
  private:
-  void find_echoers(const UdpPlace& place) {
+  void find_echoers(const UdpSettings& side) {
     addrinfo hints{}, *found = nullptr;
     hints.ai_family = AF_INET;
     hints.ai_socktype = SOCK_DGRAM;
-    const int error = ::getaddrinfo(place.echo_address.c_str(), nullptr, &hints, &found);
-    if (error != 0) throw LatencyError("raw UDP: '" + place.echo_address + "': " + ::gai_strerror(error));
-    for (const std::uint16_t port : place.echo_ports) {
+    const int error = ::getaddrinfo(side.echo_address.c_str(), nullptr, &hints, &found);
+    if (error != 0) throw LatencyError("raw UDP: '" + side.echo_address + "': " + ::gai_strerror(error));
+    for (const std::uint16_t port : side.echo_ports) {
       sockaddr_in to{};
       std::memcpy(&to, found->ai_addr, sizeof to);
       to.sin_port = htons(port);
@@ -102,7 +102,7 @@ class UdpCarrier final : public Carrier {
       if (datagram.magic != kMagic) continue;
       {
         const std::lock_guard lock{mutex_};
-        if (peers_.empty()) peers_.push_back(from);  // an echoer answers whoever comes first
+        if (peers_.empty()) peers_.push_back(from);  // an echoer answers the first sender
       }
       callback_(datagram.packet, now);
     }
@@ -121,8 +121,8 @@ class UdpCarrier final : public Carrier {
 
 }  // namespace
 
-std::unique_ptr<Carrier> make_udp(Part part, std::uint32_t payload, const UdpPlace& place, OnPacket callback) {
-  return std::make_unique<UdpCarrier>(part, payload, place, std::move(callback));
+std::unique_ptr<Carrier> make_udp(Part part, std::uint32_t payload, const UdpSettings& side, OnPacket callback) {
+  return std::make_unique<UdpCarrier>(part, payload, side, std::move(callback));
 }
 
 std::uint16_t port_of(const Carrier& udp) { return dynamic_cast<const UdpCarrier&>(udp).port(); }

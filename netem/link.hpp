@@ -1,9 +1,9 @@
-/// One direction of an emulated link: when a frame that arrives now comes out at the other end, or that it never does.
+/// One direction of an emulated link: computes when an arriving frame departs at the other end, or that it is lost.
 ///
 ///     arrival --> queue (bytes, drop tail) --> transmitter (rate) --> losses --> delay, jitter --> departure
 ///
-/// A function of its seed and of the arrivals alone: no clock, socket or thread. Which frames losses take depends on
-/// their number alone, so two runs with one seed lose the same frames whatever the timing.
+/// A function of its seed and of the arrivals only: no clock, socket or thread. The number of a frame alone decides
+/// whether it is lost, so two runs with one seed lose the same frames at any timing.
 #pragma once
 
 #include <cstdint>
@@ -21,14 +21,14 @@ struct LinkCounts {
   std::uint64_t bytes = 0;    ///< of frames neither dropped nor lost
 };
 
-/// Times are nanoseconds of any one clock. One thread at a time. Does not allocate.
+/// Times are nanoseconds of any clock. One thread at a time. Does not allocate.
 class Link {
  public:
-  /// `profile` as `check` accepts it. Participants with different seeds are independent.
+  /// `profile` must pass `check`. Links with different seeds are independent.
   Link(const LinkProfile& profile, std::uint64_t seed);
 
-  /// Departure of a frame of `bytes`, none when it is dropped or lost. Arrivals must not step back. Departures follow
-  /// the order of arrivals unless the profile reorders. About 0.1 us.
+  /// Departure of a frame of `bytes`; empty when it is dropped or lost. Arrivals must not go back in time. Departures
+  /// keep the order of arrivals unless the profile reorders. About 0.1 us.
   [[nodiscard]] std::optional<std::int64_t> departure(std::int64_t arrival_ns, std::size_t bytes);
 
   [[nodiscard]] const LinkCounts& counts() const noexcept { return counts_; }
@@ -43,9 +43,9 @@ class Link {
   std::normal_distribution<double> normal_;
   bool in_burst_ = false;
   bool started_ = false;
-  double wander_ = 0, wander_speed_ = 0;  // of smooth jitter, both in standard deviations
-  std::int64_t wander_ns_ = 0;            // when
-  std::int64_t free_ns_ = 0;              // when the transmitter has sent all that it has taken
+  double wander_ = 0, wander_speed_ = 0;  // state of smooth jitter, in standard deviations
+  std::int64_t wander_ns_ = 0;            // time of that state
+  std::int64_t free_ns_ = 0;              // when the transmitter has sent all accepted frames
   std::int64_t last_departure_ns_ = 0;
   LinkCounts counts_;
 };

@@ -25,10 +25,10 @@ Examples:
   tactus-link list
   tactus-link run --profile P4 -- tactus-host --session lab organ.spm -- tactus-hrtc --session lab
   tactus-link run --profile P0:delay=10:loss=1:rate=100 -- iperf3 -s -1 -- iperf3 -c 10.77.0.1 -u
-  tactus-link up --profile P7          (until Ctrl-C; says how to enter)
+  tactus-link up --profile P7          (until Ctrl-C; prints how to enter)
 
-The first command runs in namespace a (10.77.0.1), the second in b (10.77.0.2). When the second ends, the first is asked
-to (SIGINT, after 2 s SIGTERM, after 4 s SIGKILL) and the status is the second's; when the first fails, its own.
+The first command runs in namespace a (10.77.0.1), the second in b (10.77.0.2). When the second ends, the first gets
+SIGINT, after 2 s SIGTERM and after 4 s SIGKILL. The exit status is that of the second, or of the first if it fails.
 
 Exit status: that of the command, 127 when it cannot be run, 2 wrong input or missing rights, 130 interrupted.)";
 
@@ -44,20 +44,21 @@ struct Options {
 };
 
 void add_options(CLI::App& app, Options& options) {
-  app.add_option("--profile", options.profile, "Link, see `tactus-link list`; settings after colons change it")
+  app.add_option("--profile", options.profile,
+                 "Named link (see `tactus-link list`), with changed settings after colons")
       ->capture_default_str();
-  app.add_option("--seed", options.seed, "Of delays and losses")->capture_default_str();
+  app.add_option("--seed", options.seed, "Seed of delays and losses")->capture_default_str();
 }
 
 void print_list() {
   for (const NamedLink& link : kNamedLinks)
     std::printf("%-5s %-52s %s\n", link.name, link.what, describe(link.each_way).c_str());
   std::printf(
-      "\nP0a to P8a: the same with 70 %% of the round trip's delay and jitter on the way forth (a to b).\n"
-      "P0:delay=10:jitter=2:reorder:loss=1:burst=0.01/0.25:rate=100:queue=300000: a link changed, any of these, both "
-      "ways: ms, ms,\nfrom frame to frame, %% outside bursts, chance of a frame to begin a burst of losses and of it "
-      "to "
-      "end with each, Mbit/s, bytes.\n");
+      "\nP0a to P8a: the same, with 70 %% of the round trip's delay and jitter from a to b.\n"
+      "P0:delay=10:jitter=2:reorder:loss=1:burst=0.01/0.25:rate=100:queue=300000: a changed link.\n"
+      "Any of these settings, for both directions. Units: delay and jitter ms; loss %% outside bursts;\n"
+      "burst: chance per frame that a burst of losses begins, and that it ends; rate Mbit/s; queue bytes.\n"
+      "With reorder each frame has a jitter of its own.\n");
 }
 
 void print_start(const LinkedPair& pair, const LinkSettings& link) {
@@ -71,19 +72,19 @@ void print_start(const LinkedPair& pair, const LinkSettings& link) {
 void print_end(const LinkedPair& pair, const LinkSettings& link) {
   if (link.medium == Medium::kVeth) return;
   const RelayFigures figures = pair.figures();
-  for (const auto& [name, way] : {std::pair{"a to b", figures.forth}, {"b to a", figures.back}}) {
+  for (const auto& [name, direction] : {std::pair{"a to b", figures.forth}, {"b to a", figures.back}}) {
     std::fprintf(stderr, "%s: %llu frames, %llu lost, %llu dropped by a full queue\n", name,
-                 static_cast<unsigned long long>(way.arrived), static_cast<unsigned long long>(way.lost),
-                 static_cast<unsigned long long>(way.dropped));
+                 static_cast<unsigned long long>(direction.arrived), static_cast<unsigned long long>(direction.lost),
+                 static_cast<unsigned long long>(direction.dropped));
   }
   if (figures.overflowed > 0)
-    std::fprintf(stderr, "relay: dropped %llu frames because %zu were under way; give the link a rate\n",
+    std::fprintf(stderr, "relay: dropped %llu frames because %zu were in transit; limit the rate of the link\n",
                  static_cast<unsigned long long>(figures.overflowed), Relay::kMaxFrames);
-  std::fprintf(stderr, "departures late by p50 %.0f, p99 %.0f, at most %.0f us\n", figures.late_p50_us,
-               figures.late_p99_us, figures.late_max_us);
+  std::fprintf(stderr, "departures late by p50 %.0f, p99 %.0f, max %.0f us\n", figures.late_p50_us, figures.late_p99_us,
+               figures.late_max_us);
 }
 
-/// The signals that this program waits for, blocked in all its threads.
+/// The signals that this program waits for; they are blocked in all its threads.
 sigset_t watched_signals() {
   sigset_t set;
   sigemptyset(&set);
@@ -100,9 +101,9 @@ int run(const Options& options, const Command& first, const Command& second) {
   const std::array<pid_t, 2> pids{pair.start(Side::kA, first), pair.start(Side::kB, second)};
   std::array<std::optional<int>, 2> ended;  // exit codes
   std::optional<int> result;
-  int patience = 0;  // half seconds since the end was asked for
+  int patience = 0;  // half seconds since SIGINT
   const sigset_t signals = watched_signals();
-  const auto ask = [&](int signal) {
+  const auto send_signal = [&](int signal) {
     for (std::size_t i = 0; i < 2; ++i)
       if (!ended[i]) ::kill(-pids[i], signal);
   };
@@ -120,13 +121,13 @@ int run(const Options& options, const Command& first, const Command& second) {
         result = ended[1];
       else if (ended[0] && *ended[0] != 0)
         result = ended[0];
-      if (result) ask(SIGINT);
+      if (result) send_signal(SIGINT);
     } else if (signal < 0) {
-      if (++patience == 4) ask(SIGTERM);
-      if (patience == 8) ask(SIGKILL);
+      if (++patience == 4) send_signal(SIGTERM);
+      if (patience == 8) send_signal(SIGKILL);
     }
   }
-  for (const pid_t pid : pids) ::kill(-pid, SIGKILL);  // what they have left behind
+  for (const pid_t pid : pids) ::kill(-pid, SIGKILL);  // processes they left behind
   print_end(pair, link);
   return *result;
 }
@@ -146,7 +147,7 @@ int up(const Options& options) {
   return 0;
 }
 
-/// What stands behind each `--`.
+/// The commands after each `--`.
 std::vector<Command> split_commands(int& argc, char** argv) {
   std::vector<Command> commands;
   int own = argc;

@@ -34,12 +34,12 @@ constexpr char kPrefix[] = "tactus-link-";
 constexpr char kDevice[] = "link0";
 constexpr char kNamespaces[] = "/run/netns";
 constexpr std::array kMacs{"02:00:00:00:77:01", "02:00:00:00:77:02"};
-constexpr int kRelayPriority = 80;  // above whatever it carries frames for
-constexpr char kMend[] =
+constexpr int kRelayPriority = 80;  // above the programs whose frames it carries
+constexpr char kRemedy[] =
     "namespaces and tap devices need root (CAP_SYS_ADMIN and CAP_NET_ADMIN): run it with sudo, in a container with "
     "--privileged";
 
-/// A descriptor that is closed with this.
+/// A file descriptor, closed on destruction.
 class Descriptor {
  public:
   explicit Descriptor(int fd = -1) noexcept : fd_{fd} {}
@@ -57,17 +57,17 @@ class Descriptor {
   int fd_;
 };
 
-[[noreturn]] void refuse(const std::string& what, int error) {
+[[noreturn]] void fail(const std::string& what, int error) {
   std::string text = what + ": " + std::strerror(error);
-  if (error == EPERM || error == EACCES) text += std::string{"; "} + kMend;
+  if (error == EPERM || error == EACCES) text += std::string{"; "} + kRemedy;
   throw LinkError(text);
 }
 
-/// Runs `ip` or `tc` of iproute2 on the lines of `script`. Throws LinkError with what it says.
+/// Runs `ip` or `tc` of iproute2 with the lines of `script`. Throws LinkError with its output.
 void batch(std::vector<std::string> command, const std::string& script) {
   const Descriptor input{::memfd_create("input", MFD_CLOEXEC)}, output{::memfd_create("output", MFD_CLOEXEC)};
-  if (input.get() < 0 || output.get() < 0) refuse("no memory file", errno);
-  if (::write(input.get(), script.data(), script.size()) < 0) refuse("memory file", errno);
+  if (input.get() < 0 || output.get() < 0) fail("no memory file", errno);
+  if (::write(input.get(), script.data(), script.size()) < 0) fail("memory file", errno);
   ::lseek(input.get(), 0, SEEK_SET);
   command.insert(command.end(), {"-batch", "-"});
   std::vector<char*> argv;
@@ -80,34 +80,34 @@ void batch(std::vector<std::string> command, const std::string& script) {
   posix_spawn_file_actions_adddup2(&actions, output.get(), STDERR_FILENO);
   pid_t child = 0;
   int error = ::posix_spawnp(&child, argv[0], &actions, nullptr, argv.data(), environ);
-  if (error == ENOENT) {  // /sbin is not in everybody's path
+  if (error == ENOENT) {  // /sbin may be missing in PATH
     const std::string beside = "/sbin/" + command[0];
     error = ::posix_spawn(&child, beside.c_str(), &actions, nullptr, argv.data(), environ);
   }
   posix_spawn_file_actions_destroy(&actions);
   if (error == ENOENT) throw LinkError("no command '" + command[0] + "'; install the Debian package iproute2");
-  if (error != 0) refuse("cannot start " + command[0], error);
+  if (error != 0) fail("cannot start " + command[0], error);
   int status = 0;
   while (::waitpid(child, &status, 0) < 0 && errno == EINTR) {
   }
   if (WIFEXITED(status) && WEXITSTATUS(status) == 0) return;
-  std::array<char, 512> said{};
-  const ssize_t bytes = ::pread(output.get(), said.data(), said.size(), 0);
-  throw LinkError(command[0] + " refuses:\n" + script +
-                  "it says: " + std::string(said.data(), bytes > 0 ? static_cast<std::size_t>(bytes) : 0));
+  std::array<char, 512> output_text{};
+  const ssize_t bytes = ::pread(output.get(), output_text.data(), output_text.size(), 0);
+  throw LinkError(command[0] + " failed:\n" + script +
+                  "output: " + std::string(output_text.data(), bytes > 0 ? static_cast<std::size_t>(bytes) : 0));
 }
 
 Descriptor open_namespace(const std::string& path) {
   Descriptor made{::open(path.c_str(), O_RDONLY | O_CLOEXEC)};
-  if (made.get() < 0) refuse("cannot open " + path, errno);
+  if (made.get() < 0) fail("cannot open " + path, errno);
   return made;
 }
 
 void set_namespace(const Descriptor& where) {
-  if (::setns(where.get(), CLONE_NEWNET) != 0) refuse("cannot enter a network namespace", errno);
+  if (::setns(where.get(), CLONE_NEWNET) != 0) fail("cannot enter a network namespace", errno);
 }
 
-/// A tap device named kDevice in the namespace where the calling thread is.
+/// Creates a tap device named kDevice in the network namespace of the calling thread.
 Descriptor make_tap() {
   Descriptor tap{::open("/dev/net/tun", O_RDWR | O_NONBLOCK | O_CLOEXEC)};
   if (tap.get() < 0) {
@@ -116,16 +116,16 @@ Descriptor make_tap() {
       throw LinkError(
           "no /dev/net/tun; load the module (modprobe tun), or pass the device into the container "
           "(--device /dev/net/tun)");
-    refuse("cannot open /dev/net/tun", error);
+    fail("cannot open /dev/net/tun", error);
   }
   ifreq request{};
   std::strcpy(request.ifr_name, kDevice);
   request.ifr_flags = IFF_TAP | IFF_NO_PI;
-  if (::ioctl(tap.get(), TUNSETIFF, &request) != 0) refuse("cannot make a tap device", errno);
+  if (::ioctl(tap.get(), TUNSETIFF, &request) != 0) fail("cannot make a tap device", errno);
   return tap;
 }
 
-/// Addresses, routes and neighbour of one side.
+/// Script for address, route and neighbour of one side.
 std::string device_script(Side side) {
   const auto own = static_cast<std::size_t>(side);
   const Side other = side == Side::kA ? Side::kB : Side::kA;
@@ -153,42 +153,42 @@ std::string device_script(Side side) {
          device + "\n";
 }
 
-/// Waits until the device passes frames, where the calling thread is: a while after both its ends are up.
+/// Waits until the device in the calling thread's namespace passes frames, shortly after both its ends are up.
 void wait_running() {
   const Descriptor any{::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0)};
   ifreq request{};
   std::strcpy(request.ifr_name, kDevice);
   constexpr auto kPatience = std::chrono::seconds{10};
   for (const auto end = std::chrono::steady_clock::now() + kPatience; std::chrono::steady_clock::now() < end;) {
-    if (::ioctl(any.get(), SIOCGIFFLAGS, &request) != 0) refuse("cannot look at device " + std::string{kDevice}, errno);
+    if (::ioctl(any.get(), SIOCGIFFLAGS, &request) != 0) fail("cannot look at device " + std::string{kDevice}, errno);
     if ((request.ifr_flags & IFF_RUNNING) != 0) return;
-    std::this_thread::sleep_for(std::chrono::milliseconds{1});  // nothing that this thread could wait for tells of it
+    std::this_thread::sleep_for(std::chrono::milliseconds{1});  // there is no notification to wait for
   }
   throw LinkError("device " + std::string{kDevice} + " passes no frames 10 s after it was brought up");
 }
 
-/// The kernel's token bucket, with three bands by socket priority inside.
-std::string rate_script(const LinkProfile& way) {
+/// Script for the kernel's token bucket with three bands by socket priority.
+std::string rate_script(const LinkProfile& direction) {
   char text[256];
   std::snprintf(text, sizeof text,
                 "qdisc add dev %s root handle 1: tbf rate %.0fkbit burst 3028 limit %u\n"
                 "qdisc add dev %s parent 1:1 handle 10: pfifo_fast\n",
-                kDevice, way.rate_mbit * 1e3, way.queue_bytes, kDevice);
+                kDevice, direction.rate_mbit * 1e3, direction.queue_bytes, kDevice);
   return text;
 }
 
-/// In the namespace of that descriptor; -1: in that of the caller.
+/// Starts a program in the namespace of descriptor `where`; -1: in the caller's.
 pid_t start_in(int where, std::vector<std::string> command) {
   std::vector<char*> argv;
   for (std::string& word : command) argv.push_back(word.data());
   argv.push_back(nullptr);
   const pid_t parent = ::getpid();
   const pid_t child = ::fork();
-  if (child < 0) refuse("cannot start '" + command[0] + "'", errno);
-  if (child == 0) {  // only what is safe in a child of several threads, until exec
+  if (child < 0) fail("cannot start '" + command[0] + "'", errno);
+  if (child == 0) {  // only async-signal-safe calls until exec
     ::setpgid(0, 0);
     ::prctl(PR_SET_PDEATHSIG, SIGKILL);
-    if (::getppid() != parent) ::_exit(128 + SIGKILL);  // killed before it could be asked for
+    if (::getppid() != parent) ::_exit(128 + SIGKILL);  // the parent ended before prctl
     sigset_t none;
     sigemptyset(&none);
     ::sigprocmask(SIG_SETMASK, &none, nullptr);
@@ -198,7 +198,7 @@ pid_t start_in(int where, std::vector<std::string> command) {
     (void)!::write(STDERR_FILENO, kWhat, sizeof kWhat - 1);
     ::_exit(127);
   }
-  ::setpgid(child, child);  // whichever of the two comes first
+  ::setpgid(child, child);  // in both processes, because either may run first
   return child;
 }
 
@@ -206,20 +206,20 @@ pid_t start_in(int where, std::vector<std::string> command) {
 
 pid_t start_program(std::vector<std::string> command) { return start_in(-1, std::move(command)); }
 
-std::string missing_right() try {
-  // In a thread of its own, which takes the namespace with it when it ends.
+std::string missing_privilege() try {
+  // In a thread of its own, because the namespace ends with it.
   std::string reason;
   std::thread{[&reason] {
     try {
-      if (::unshare(CLONE_NEWNET) != 0) refuse("cannot make a network namespace", errno);
+      if (::unshare(CLONE_NEWNET) != 0) fail("cannot make a network namespace", errno);
       (void)make_tap();
     } catch (const LinkError& error) {
       reason = error.what();
     }
   }}.join();
   if (!reason.empty()) return reason;
-  (void)sweep_stale();
-  // To enter one it takes a root that is a mount point, which that of a chroot is not.
+  (void)remove_stale();
+  // Entering a namespace needs a root that is a mount point; in a chroot it is not.
   static std::atomic<int> tries{0};
   const std::string name = "tactus-link-" + std::to_string(::getpid()) + "-try" + std::to_string(tries++);
   batch({"ip"}, "netns add " + name + "\n");
@@ -234,8 +234,8 @@ std::string missing_right() try {
   return error.what();
 }
 
-std::vector<std::string> sweep_stale() {
-  std::vector<std::string> swept;
+std::vector<std::string> remove_stale() {
+  std::vector<std::string> removed;
   std::error_code error;
   for (const auto& entry : std::filesystem::directory_iterator{kNamespaces, error}) {
     const std::string name = entry.path().filename().string();
@@ -244,11 +244,11 @@ std::vector<std::string> sweep_stale() {
     if (::kill(pid, 0) == 0 || errno != ESRCH) continue;
     try {
       batch({"ip"}, "netns del " + name + "\n");
-      swept.push_back(name);
-    } catch (const LinkError&) {  // another program was quicker
+      removed.push_back(name);
+    } catch (const LinkError&) {  // another program removed it first
     }
   }
-  return swept;
+  return removed;
 }
 
 struct LinkedPair::Impl {
@@ -266,7 +266,7 @@ struct LinkedPair::Impl {
     if (!named) return;
     try {
       batch({"ip"}, "netns del " + names[0] + "\nnetns del " + names[1] + "\n");
-    } catch (const LinkError&) {  // somebody else was quicker; the next one sweeps what is left
+    } catch (const LinkError&) {  // removed by another program; the next pair removes the rest
     }
   }
 
@@ -317,7 +317,7 @@ struct LinkedPair::Impl {
   }
 
   void carry() {
-    // Signals are for the threads of the program.
+    // Signals go to the threads of the program.
     sigset_t all, before;
     sigfillset(&all);
     pthread_sigmask(SIG_SETMASK, &all, &before);
@@ -331,7 +331,7 @@ struct LinkedPair::Impl {
 
 LinkedPair::LinkedPair(const LinkSettings& settings) : impl_{std::make_unique<Impl>()} {
   check(settings);
-  if (const std::string reason = missing_right(); !reason.empty()) throw LinkError(reason);
+  if (const std::string reason = missing_privilege(); !reason.empty()) throw LinkError(reason);
   impl_->make(settings);
 }
 

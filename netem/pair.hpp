@@ -1,11 +1,10 @@
-/// Two network namespaces joined by a link: two machines on one, for tests, benchmarks and users.
+/// Two network namespaces joined by a link: two machines in one, for tests, benchmarks and users.
 ///
 ///     namespace tactus-link-PID-a                              namespace tactus-link-PID-b
 ///     link0 10.77.0.1/24  <--tap-->  relay (this process)  <--tap-->  link0 10.77.0.2/24
 ///
-/// With Medium::kVeth the kernel joins the two and there is no relay. Multicast goes through the link, neighbours are
-/// known beforehand (no ARP to lose), there is no IPv6 and no way out. Files, clock and shared memory are common to
-/// both.
+/// With Medium::kVeth the kernel joins the two without a relay. Multicast passes the link, neighbours are preset (no
+/// ARP that could be lost), and there is no IPv6 and no route outside. Both share files, clock and shared memory.
 #pragma once
 
 #include <sys/types.h>
@@ -21,32 +20,32 @@ namespace tactus::netem {
 
 enum class Side { kA = 0, kB = 1 };
 
-/// Why this process cannot make namespaces here, with the mend; empty when it can. Leaves nothing behind.
-[[nodiscard]] std::string missing_right();
+/// Why this process cannot make namespaces, with the remedy; empty when it can. Leaves nothing behind.
+[[nodiscard]] std::string missing_privilege();
 
-/// Removes namespaces of pairs whose process is gone, and gives their names; what others sweep meanwhile is theirs.
-std::vector<std::string> sweep_stale();
+/// Removes namespaces of pairs whose process has ended; returns the names that it removed.
+std::vector<std::string> remove_stale();
 
-/// Starts a program where the caller is, found as a shell finds it, in a process group of its own; the caller waits for
-/// it. It dies with the thread that started it. A program that cannot be run ends with 127. Throws LinkError.
+/// Starts a program in the caller's namespace, found in PATH, in its own process group; the caller waits for it. It
+/// ends when the starting thread ends. A program that cannot be run ends with status 127. Throws LinkError.
 [[nodiscard]] pid_t start_program(std::vector<std::string> command);
 
-/// Owns both namespaces; destroying it removes their names, and the namespaces when nothing runs in them any more.
-/// Threads: that of its maker, but `enter` and `figures` any.
+/// Owns both namespaces; destroying it removes their names, and the namespaces when no process uses them. Threads: its
+/// creator's; `enter` and `figures` from any thread.
 class LinkedPair {
  public:
-  /// Sweeps what killed ones left, then makes both. Takes about 50 ms. Throws LinkError: settings out of range, or what
-  /// the system refuses and how that is mended.
+  /// Removes namespaces that killed programs left, then makes both. Takes about 50 ms. Throws LinkError for settings
+  /// out of range, or with what the system refuses and the remedy.
   explicit LinkedPair(const LinkSettings& settings);
   ~LinkedPair();
   LinkedPair(const LinkedPair&) = delete;
   LinkedPair& operator=(const LinkedPair&) = delete;
 
-  /// Of the namespace, as in /run/netns.
+  /// Name of the namespace in /run/netns.
   [[nodiscard]] const std::string& name(Side side) const;
   [[nodiscard]] static const char* address(Side side) noexcept { return side == Side::kA ? "10.77.0.1" : "10.77.0.2"; }
 
-  /// Moves the calling thread, and all that it starts from then on, into a namespace. Throws LinkError.
+  /// Moves the calling thread and its later children into a namespace. Throws LinkError.
   void enter(Side side) const;
 
   /// As start_program, in a namespace.
@@ -54,7 +53,7 @@ class LinkedPair {
 
   /// All zero with Medium::kVeth.
   [[nodiscard]] RelayFigures figures() const;
-  /// Whether the relay runs at a real-time priority; true without one, which needs none.
+  /// True when the relay runs at a real-time priority, or when there is none.
   [[nodiscard]] bool realtime() const noexcept;
 
  private:

@@ -9,7 +9,7 @@
 namespace tactus::netem {
 namespace {
 
-constexpr double kForthShare = 0.7;  // of the round trip, in the asymmetric variant
+constexpr double kForthShare = 0.7;  // share of the round trip in the asymmetric variant, a to b
 
 void check_range(const std::string& link, const char* what, double value, double low, double high) {
   if (value >= low && value <= high) return;
@@ -18,18 +18,18 @@ void check_range(const std::string& link, const char* what, double value, double
   throw LinkError("link " + link + ": " + text);
 }
 
-void check_way(const std::string& link, const LinkProfile& way) {
-  check_range(link, "delay, ms,", way.delay_ms, 0, 10'000);
-  check_range(link, "jitter, ms,", way.jitter_ms, 0, way.delay_ms);
-  check_range(link, "loss", way.loss, 0, 1);
-  check_range(link, "start of bursts", way.burst_start, 0, 1);
-  check_range(link, "end of bursts", way.burst_end, 1e-6, 1);
-  check_range(link, "rate, Mbit/s,", way.rate_mbit, 0, 100'000);
-  if (way.rate_mbit > 0) check_range(link, "queue, bytes,", way.queue_bytes, 1514, 1e9);
+void check_direction(const std::string& link, const LinkProfile& direction) {
+  check_range(link, "delay, ms,", direction.delay_ms, 0, 10'000);
+  check_range(link, "jitter, ms,", direction.jitter_ms, 0, direction.delay_ms);
+  check_range(link, "loss", direction.loss, 0, 1);
+  check_range(link, "start of bursts", direction.burst_start, 0, 1);
+  check_range(link, "end of bursts", direction.burst_end, 1e-6, 1);
+  check_range(link, "rate, Mbit/s,", direction.rate_mbit, 0, 100'000);
+  if (direction.rate_mbit > 0) check_range(link, "queue, bytes,", direction.queue_bytes, 1514, 1e9);
 }
 
-bool only_rate(const LinkProfile& way) {
-  return way.delay_ms == 0 && way.jitter_ms == 0 && !way.reorder && way.mean_loss() == 0;
+bool only_rate(const LinkProfile& direction) {
+  return direction.delay_ms == 0 && direction.jitter_ms == 0 && !direction.reorder && direction.mean_loss() == 0;
 }
 
 LinkSettings named_link(const std::string& name) {
@@ -40,24 +40,23 @@ LinkSettings named_link(const std::string& name) {
     if (name != link.name && !asymmetric) continue;
     LinkSettings settings{name, link.medium, link.each_way, link.each_way};
     if (asymmetric) {
-      for (auto [way, share] : {std::pair{&settings.forth, kForthShare}, {&settings.back, 1 - kForthShare}}) {
-        way->delay_ms *= 2 * share;
-        way->jitter_ms *= 2 * share;
+      for (auto [direction, share] : {std::pair{&settings.forth, kForthShare}, {&settings.back, 1 - kForthShare}}) {
+        direction->delay_ms *= 2 * share;
+        direction->jitter_ms *= 2 * share;
       }
     }
     return settings;
   }
-  throw LinkError("no link '" + name + "'; expected " + expected +
-                  ", or one of P0 to P8 with an a behind it (70 % of the delay on the way forth)");
+  throw LinkError("no link '" + name + "'; expected " + expected + ", or P0a to P8a (70 % of the delay from a to b)");
 }
 
 /// Applies "KEY=VALUE" of `link`.
-void change(LinkProfile& way, const std::string& link, const std::string& setting) {
+void apply_setting(LinkProfile& direction, const std::string& link, const std::string& setting) {
   const std::size_t equals = setting.find('=');
   const std::string key = setting.substr(0, equals);
   const std::string text = equals == std::string::npos ? "" : setting.substr(equals + 1);
   if (key == "reorder" && equals == std::string::npos) {
-    way.reorder = true;
+    direction.reorder = true;
     return;
   }
   const auto number = [&](const std::string& from) {
@@ -65,25 +64,25 @@ void change(LinkProfile& way, const std::string& link, const std::string& settin
     double value = NAN;
     try {
       value = std::stod(from, &used);
-    } catch (const std::logic_error&) {  // said below
+    } catch (const std::logic_error&) {  // reported below
     }
     if (std::isnan(value) || used != from.size())
       throw LinkError("link " + link + ": " + key + " is '" + from + "'; expected a number");
     return value;
   };
   if (key == "delay")
-    way.delay_ms = number(text);
+    direction.delay_ms = number(text);
   else if (key == "jitter")
-    way.jitter_ms = number(text);
+    direction.jitter_ms = number(text);
   else if (key == "loss")
-    way.loss = number(text) / 100;
+    direction.loss = number(text) / 100;
   else if (key == "rate")
-    way.rate_mbit = number(text);
+    direction.rate_mbit = number(text);
   else if (key == "queue")
-    way.queue_bytes = static_cast<std::uint32_t>(std::clamp(number(text), 0.0, 4e9));
+    direction.queue_bytes = static_cast<std::uint32_t>(std::clamp(number(text), 0.0, 4e9));
   else if (key == "burst" && text.find('/') != std::string::npos) {
-    way.burst_start = number(text.substr(0, text.find('/')));
-    way.burst_end = number(text.substr(text.find('/') + 1));
+    direction.burst_start = number(text.substr(0, text.find('/')));
+    direction.burst_end = number(text.substr(text.find('/') + 1));
   } else {
     throw LinkError("link " + link + ": no setting '" + setting +
                     "'; expected delay=MS, jitter=MS, reorder, loss=PERCENT, burst=P/R, rate=MBIT or queue=BYTES");
@@ -99,16 +98,16 @@ LinkSettings parse_link(const std::string& text) {
   LinkSettings settings = named_link(part);
   settings.name = text;
   while (std::getline(parts, part, ':'))
-    for (LinkProfile* way : {&settings.forth, &settings.back}) change(*way, text, part);
+    for (LinkProfile* direction : {&settings.forth, &settings.back}) apply_setting(*direction, text, part);
   check(settings);
   return settings;
 }
 
 void check(const LinkSettings& settings) {
-  check_way(settings.name, settings.forth);
-  check_way(settings.name, settings.back);
+  check_direction(settings.name, settings.forth);
+  check_direction(settings.name, settings.back);
   if (settings.medium == Medium::kVeth && !(only_rate(settings.forth) && only_rate(settings.back)))
-    throw LinkError("link veth has a rate and a queue only; take P0 with the same settings for delay, jitter or loss");
+    throw LinkError("link veth supports rate and queue only; for delay, jitter or loss use P0 with these settings");
 }
 
 std::string describe(const LinkProfile& profile) {

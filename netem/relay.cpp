@@ -13,8 +13,8 @@
 namespace tactus::netem {
 namespace {
 
-constexpr int kBurst = 64;                // frames taken from one side before the other has its turn
-constexpr std::int64_t kSpinNs = 40'000;  // a sleeping thread wakes about so late, without real-time rights later still
+constexpr int kBurst = 64;                // frames taken from one side before the other side
+constexpr std::int64_t kSpinNs = 40'000;  // typical lateness of a wake-up; more without real-time priority
 constexpr std::size_t kLateBuckets = 10'001;
 
 std::int64_t monotonic_ns() noexcept {
@@ -107,7 +107,7 @@ void Relay::send_due() {
     if (late < 0) return;
     departures_.pop();
     const Frame& frame = frames_[next.frame];
-    // A tap whose interface is down refuses: the frame is gone, as on a cable that is pulled.
+    // A tap whose interface is down refuses the frame, which is then lost, as on an unplugged cable.
     (void)!::write(taps_[next.to], frame.data.data(), frame.bytes);
     free_.push_back(next.frame);
     ++sent_;

@@ -1,4 +1,4 @@
-/// Carries frames between two tap devices as two Participants say: the thin shell around them.
+/// Carries frames between two tap devices, delayed and dropped as two Links decide.
 #pragma once
 
 #include <array>
@@ -15,16 +15,16 @@ namespace tactus::netem {
 
 struct RelayFigures {
   LinkCounts forth, back;
-  std::uint64_t overflowed = 0;  ///< dropped because kMaxFrames were under way
+  std::uint64_t overflowed = 0;  ///< dropped because kMaxFrames were in transit
   std::uint64_t sent = 0;
-  /// How late frames left against their Link's departure, us; of all that were sent.
+  /// Lateness of departures against those of Link, us, over all frames sent.
   double late_p50_us = 0, late_p99_us = 0, late_max_us = 0;
 };
 
 class Relay {
  public:
   static constexpr std::size_t kMaxFrames =
-      65536;  ///< under way at once, both directions; 2 KiB each as they are needed
+      65536;  ///< in transit at once, both directions; 2 KiB each, allocated on demand
 
   /// `a` and `b` are non-blocking descriptors of tap devices, borrowed: they must outlive run().
   Relay(int a, int b, const LinkSettings& settings);
@@ -32,7 +32,7 @@ class Relay {
   Relay(const Relay&) = delete;
   Relay& operator=(const Relay&) = delete;
 
-  /// Carries frames until stop(). Sleeps until shortly before a departure and spins the rest.
+  /// Carries frames until stop(). Sleeps until shortly before a departure, then spins.
   void run();
   /// Ends run(), from any thread.
   void stop() noexcept;
@@ -46,7 +46,7 @@ class Relay {
   };
   struct Departure {
     std::int64_t at_ns;
-    std::uint64_t order;  // frames that depart at one time stay in order
+    std::uint64_t order;  // keeps the order of frames with equal departures
     std::uint32_t frame;
     int to;
     bool operator>(const Departure& other) const noexcept {
@@ -60,15 +60,15 @@ class Relay {
 
   std::array<int, 2> taps_;
   int wake_;
-  std::array<Link, 2> links_;  // by the side that frames come from
+  std::array<Link, 2> links_;  // by the side where frames arrive
   std::atomic<bool> stop_{false};
   std::deque<Frame> frames_;  // grows as needed, never moves
   std::vector<std::uint32_t> free_;
   std::priority_queue<Departure, std::vector<Departure>, std::greater<>> departures_;
   std::uint64_t order_ = 0;
 
-  mutable std::mutex mutex_;         // for what follows, and the counts of links_
-  std::vector<std::uint64_t> late_;  // by microsecond; the last is for all above
+  mutable std::mutex mutex_;         // for the members below and the counts of links_
+  std::vector<std::uint64_t> late_;  // by microsecond; the last bucket has all greater values
   double late_max_us_ = 0;
   std::uint64_t overflowed_ = 0, sent_ = 0;
 };

@@ -1,4 +1,4 @@
-/// Pages of figures for a browser: one file that needs nothing from elsewhere, light or dark as the reader has it.
+/// HTML pages of figures: one self-contained file, in the light or dark scheme of the reader.
 #pragma once
 
 #include <array>
@@ -9,19 +9,19 @@
 
 namespace tactus::page {
 
-/// As text between tags or in an attribute.
+/// Escapes text for use between tags or in an attribute.
 [[nodiscard]] std::string escaped(const std::string& text);
 
-/// `body` is HTML, `title` text.
+/// A complete page; `body` is HTML, `title` is text.
 [[nodiscard]] std::string page(const std::string& title, const std::string& body);
 
-/// For what is drawn i-th; they come again after the last.
+/// Colour of the i-th curve; colours repeat after the last.
 [[nodiscard]] const char* colour(std::size_t i) noexcept;
 
-/// What is drawn in which colour: text of each curve, in order.
+/// Legend: the names of the curves in order, with their colours.
 [[nodiscard]] std::string key(const std::vector<std::string>& names);
 
-/// The first row is the head, the first column text; cells are text. Scrolls sideways where it is too wide.
+/// The first row is the head, the first column is text; cells are text. A wide table scrolls sideways.
 [[nodiscard]] std::string table(const std::vector<std::vector<std::string>>& rows);
 
 }  // namespace tactus::page

@@ -10,25 +10,25 @@ namespace tactus::page {
 
 /// The vertical axis.
 struct Scale {
-  double low = 0, high = 1;  ///< what must be on it; both above 0 on a logarithmic one
+  double low = 0, high = 1;  ///< range that the axis must include; both above 0 if logarithmic
   bool logarithmic = false;
-  std::string (*label)(double value) = nullptr;  ///< of its lines; null: the number
+  std::string (*label)(double value) = nullptr;  ///< formats the grid labels; null: the number
 };
 
-/// Points are a share of the width from the left, 0 to 1, and a value; what is off the scale is drawn at its end.
+/// Points have a position, 0 to 1 from the left, and a value; values outside the scale are drawn at its end.
 class Plot {
  public:
   explicit Plot(const Scale& scale);
 
   /// A vertical line with a label under it.
   void tick(double share, const std::string& label);
-  /// Under the labels.
+  /// A caption below the labels.
   void caption(const std::string& text);
   void curve(const std::vector<std::pair<double, double>>& points, const std::string& colour, double width,
              bool dashed = false);
   /// A vertical line from one value to another.
   void bar(double share, double low, double high, const std::string& colour);
-  /// A short line up from the bottom.
+  /// A short line upwards from the bottom.
   void mark(double share, const std::string& colour);
   [[nodiscard]] std::string svg() const;
 

@@ -102,7 +102,7 @@ void put_sample(const haptics::CopySample& sample, std::size_t count, session::O
 BodyState carried_on(const BodyState& state, double seconds) noexcept {
   BodyState later = state;
   later.position += seconds * state.velocity;
-  later.orientation = (haptics::rotation_by(seconds * state.angular_velocity) * state.orientation).normalized();
+  later.orientation = (haptics::exp_map(seconds * state.angular_velocity) * state.orientation).normalized();
   return later;
 }
 

@@ -22,7 +22,7 @@ namespace tactus::sharing {
 inline void begin_at(const session::Intent& first, haptics::HandSettings& hand) {
   const session::Pose& pose = first.path.front().pose;
   hand.start = {pose.position[0], pose.position[1], pose.position[2]};
-  hand.start_turned = {pose.orientation[3], pose.orientation[0], pose.orientation[1], pose.orientation[2]};
+  hand.start_orientation = {pose.orientation[3], pose.orientation[0], pose.orientation[1], pose.orientation[2]};
 }
 
 }  // namespace tactus::sharing

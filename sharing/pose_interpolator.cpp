@@ -27,7 +27,7 @@ void PoseInterpolator::on_pose(const ReceivedPose& pose, std::int64_t session_no
   received_ = pose;
   const BodyState after = target(session_now_ns);
   off_ = before.position - after.position;
-  turned_off_ = haptics::turn_of(before.orientation * after.orientation.conjugate());
+  turned_off_ = haptics::log_map(before.orientation * after.orientation.conjugate());
   faded_from_ns_ = session_now_ns;
 }
 
@@ -37,7 +37,7 @@ BodyState PoseInterpolator::at(std::int64_t session_now_ns) const noexcept {
   const double left = passed > 20 * kFade ? 0 : std::exp(-passed / kFade);
   if (left == 0) return state;
   state.position += left * off_;
-  state.orientation = (haptics::rotation_by(left * turned_off_) * state.orientation).normalized();
+  state.orientation = (haptics::exp_map(left * turned_off_) * state.orientation).normalized();
   return state;
 }
 

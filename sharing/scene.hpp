@@ -117,7 +117,7 @@ void for_each_place_beside(const SharedBody& body, const Placement& placement, c
   const Vec3d& half = body.settings.half;
   const Vec3d centre = centre_of(body, placement);
   if (!near_bounds(object, bounds, centre, half.norm() + kAroundBody)) return;
-  haptics::for_each_box_place(
+  haptics::for_each_box_point(
       half, [&](const Vec3d& place) { visit(object.to_model(centre + placement.rotation() * place)); });
 }
 

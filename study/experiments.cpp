@@ -16,9 +16,9 @@ using client_sim::ActionKind;
 using client_sim::Measure;
 using client_sim::Scenario;
 
-/// The object's copies on links like the slower of the two ways.
+/// A world whose links are all as slow as the slower direction of `link`.
 WorldSettings world_for(const netem::LinkSettings& link, std::size_t users, std::uint64_t seed) {
-  // Where the line's delay comes from in a session: what arrives at all arrives by then, but for a hundredth.
+  // The playout delay as in a session: all but a hundredth of the arriving samples arrive within it.
   constexpr double kDeviations = 2.3;
   WorldSettings world;
   world.users = users;
@@ -28,7 +28,7 @@ WorldSettings world_for(const netem::LinkSettings& link, std::size_t users, std:
   return world;
 }
 
-ScenarioRun take_turns(const Scenario& scenario, const netem::LinkSettings& link, std::uint64_t seed) {
+ScenarioRun run_hand_over(const Scenario& scenario, const netem::LinkSettings& link, std::uint64_t seed) {
   std::vector<Toucher> users;
   for (const client_sim::User& user : scenario.users)
     users.push_back({action_of(user, ActionKind::kHold).seconds, action_of(user, ActionKind::kWait).seconds});
@@ -43,7 +43,7 @@ ScenarioRun carry_together(Method method, const netem::LinkSettings& link, std::
   const MassResult mass = apparent_mass(world, kFrequency);
   const double none = std::numeric_limits<double>::quiet_NaN();
   const auto if_finite = [&](double value) { return carried.finite ? value : none; };
-  // A pushed copy that runs away, or hardly moves at all, has no mass to speak of.
+  // A copy that runs away, or hardly moves, has no meaningful mass.
   const double ratio = mass.mass / world.mass;
   const bool weighs = std::isfinite(ratio) && std::abs(ratio) > 1e-3 && std::abs(ratio) < 100;
   return {{{"runs without end", "%", carried.finite ? 0.0 : 100.0},
@@ -66,7 +66,7 @@ ScenarioRun find_stiffness(const netem::LinkSettings& link) {
            {"two copies: 0.8 x 2 B / (RTT + T)", "N/m", found.copies_bound},
            {"naive", "N/m", found.copies_naive},
            {"set position", "N/m", found.copies_set},
-           {"line", "N/m", found.copies_line}},
+           {"line", "N/m", found.copies_channel}},
           {}};
 }
 
@@ -86,7 +86,7 @@ Experiments experiments_of(const Study& study, const std::vector<Scenario>& scen
   }
   for (const Scenario& scenario : scenarios) {
     Experiment experiment{scenario.name, Topic::kForces, scenario.digest, study.profiles, study.seeds, {}};
-    // Subjects do not move any more: what they own stays where it is when the list is handed on.
+    // The vector of subjects does not change any more, so these pointers stay valid when it is moved.
     const Subject* const subject = experiments.subjects.data() +
                                    (std::find_if(experiments.subjects.begin(), experiments.subjects.end(),
                                                  [&](const Subject& one) { return one.name == object_of(scenario); }) -
@@ -110,7 +110,7 @@ Experiments experiments_of(const Study& study, const std::vector<Scenario>& scen
       case Measure::kHandOver:
         experiment.topic = Topic::kHandOver;
         experiment.run = [scenario](const netem::LinkSettings& link, std::uint64_t seed, const std::atomic<bool>&) {
-          return take_turns(scenario, link, seed);
+          return run_hand_over(scenario, link, seed);
         };
         break;
       case Measure::kFirstTouch:
@@ -125,7 +125,7 @@ Experiments experiments_of(const Study& study, const std::vector<Scenario>& scen
     experiments.all.push_back(std::move(experiment));
   }
   if (study.collaboration) {
-    for (const Method method : {Method::kLine, Method::kSpring, Method::kNaive, Method::kServer}) {
+    for (const Method method : {Method::kChannel, Method::kSpring, Method::kNaive, Method::kServer}) {
       experiments.all.push_back({std::string{"carry, "} + kMethodNames[static_cast<int>(method)], Topic::kCollaboration,
                                  0, study.profiles, study.seeds,
                                  [method](const netem::LinkSettings& link, std::uint64_t seed,

@@ -1,7 +1,7 @@
-/// What a study consists of: experiments, each with the links and seeds that it is run for.
+/// The experiments of a study, each with its links and seeds.
 ///
-/// A measured scenario is one; so are, of tables that no scenario writes, the carrying of a shared object by each way
-/// to simulate it, and the search for the largest stable stiffness.
+/// A measured scenario is one experiment. Others have no scenario: carrying a shared object with each simulation
+/// method, and the search for the largest stable stiffness.
 #pragma once
 
 #include <functional>
@@ -11,30 +11,30 @@
 
 namespace tactus::study {
 
-/// To which table an experiment belongs.
+/// The table to which an experiment belongs.
 enum class Topic : std::uint8_t { kForces, kTool, kFirstTouch, kTarget, kLift, kHandOver, kCollaboration, kStiffness };
 inline constexpr const char* kTopicNames[]{
     "Force fidelity", "Force and torque of a tool",  "Cold start", "Target force", "Lift", "Hand-over",
     "Collaboration",  "Stiffness against round trip"};
 
-/// Of the stiffness experiment: the figure that its others are drawn over.
+/// The figure of the stiffness experiment that is the abscissa of its plot.
 inline constexpr const char* kRoundTrip = "round trip";
 
 struct Experiment {
   std::string name;
   Topic topic = Topic::kForces;
-  std::uint64_t digest = 0;           ///< of what it does, as far as the program does not say
+  std::uint64_t digest = 0;           ///< of its inputs that the program's version does not determine
   std::vector<std::string> profiles;  ///< the baseline first
   std::uint32_t seeds = 1;
   std::function<ScenarioRun(const netem::LinkSettings&, std::uint64_t seed, const std::atomic<bool>& stop)> run;
 };
 
-/// Those of a study that `check` has accepted, with what they touch; runs may go on in several threads.
+/// The experiments of a study that passed `check`, and their objects; several threads may run them.
 struct Experiments {
   std::vector<Subject> subjects;
   std::vector<Experiment> all;
 };
-/// Makes the models. Throws spm::ModelError.
+/// Builds the models. Throws spm::ModelError.
 [[nodiscard]] Experiments experiments_of(const Study& study, const std::vector<client_sim::Scenario>& scenarios);
 
 }  // namespace tactus::study

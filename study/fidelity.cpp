@@ -7,7 +7,7 @@ namespace tactus::study {
 namespace {
 
 constexpr double kDt = 1e-3;           // s
-constexpr std::size_t kNewTouch = 20;  // ms without; less is a bounce
+constexpr std::size_t kNewTouch = 20;  // ms without contact; less is a bounce
 
 }  // namespace
 
@@ -15,9 +15,9 @@ double jnd_of(double force) noexcept { return std::max(0.1 * force, kMinForce); 
 
 double torque_jnd_of(double torque) noexcept { return std::max(0.13 * torque, kMinTorque); }
 
-void Fidelity::Touches::add(std::size_t ms, const Vec3d& place, double force) {
+void Fidelity::Touches::add(std::size_t ms, const Vec3d& position, double force) {
   if (force < kMinForce) return;
-  if (all.empty() || ms >= all.back().ended + kNewTouch) all.push_back({ms, ms, place, 0});
+  if (all.empty() || ms >= all.back().ended + kNewTouch) all.push_back({ms, ms, position, 0});
   all.back().ended = ms + 1;
   all.back().peak = std::max(all.back().peak, force);
 }
@@ -29,10 +29,10 @@ const Fidelity::Touch* Fidelity::Touches::overlapping(const Touch& other) const 
   return found == all.end() ? nullptr : &*found;
 }
 
-void Fidelity::add(const Vec3d& place, const haptics::Wrench& felt, const haptics::Wrench& truth, bool exact) {
+void Fidelity::add(const Vec3d& position, const haptics::Wrench& felt, const haptics::Wrench& truth, bool exact) {
   const double size = truth.force.norm();
-  felt_.add(ms_, place, felt.force.norm());
-  truth_.add(ms_, place, size);
+  felt_.add(ms_, position, felt.force.norm());
+  truth_.add(ms_, position, size);
   ++ms_;
   if (felt.force.norm() >= kMinForce) {
     ++felt_ms_;
@@ -60,11 +60,11 @@ Figures Fidelity::figures() const {
   for (const Touch& truth : truth_.all) {
     const Touch* const felt = felt_.overlapping(truth);
     if (felt == nullptr) ++missed;
-    if (felt == nullptr || felt == last) continue;  // one that goes on from the touch before has no beginning here
+    if (felt == nullptr || felt == last) continue;  // continues the previous contact, so it has no onset here
     last = felt;
     ++paired;
     late += std::abs(static_cast<double>(felt->began) - static_cast<double>(truth.began));
-    off += (felt->place - truth.place).norm() * 1e3;
+    off += (felt->position - truth.position).norm() * 1e3;
     ratio += felt->peak / truth.peak;
   }
   const auto unfounded = std::count_if(felt_.all.begin(), felt_.all.end(),

@@ -1,6 +1,6 @@
-/// What a hand felt beside what it would have felt where everything is at hand: the figures of a study.
+/// Compares the force on a hand with its ground truth: the figures of a study.
 ///
-/// docs/how-to/studies.md has what each figure means. Pure; one thread.
+/// docs/how-to/studies.md defines each figure. Pure; one thread.
 #pragma once
 
 #include <string>
@@ -15,41 +15,41 @@ using spm::Vec3d;
 /// One number of one run.
 struct Figure {
   std::string name, unit;
-  double value = 0;  ///< NaN: this run has none
+  double value = 0;  ///< NaN: not available in this run
 };
 using Figures = std::vector<Figure>;
 
-/// Less is not felt, N: the floor of a just noticeable difference.
+/// N, smallest perceptible force: the floor of a just noticeable difference.
 inline constexpr double kMinForce = 0.05;
-/// Just noticeable difference from a force, N.
+/// Just noticeable difference at a force, N.
 [[nodiscard]] double jnd_of(double force) noexcept;
 /// The same at the end of a stylus of 25 mm, N m.
 inline constexpr double kMinTorque = 0.025 * kMinForce;
-/// From a torque, N m.
+/// Just noticeable difference at a torque, N m.
 [[nodiscard]] double torque_jnd_of(double torque) noexcept;
 
 class Fidelity {
  public:
-  /// A millisecond of one hand; `exact`: the contact is on the finest mesh.
-  void add(const Vec3d& place, const haptics::Wrench& felt, const haptics::Wrench& truth, bool exact);
-  /// What comes next is another hand's.
+  /// Adds a millisecond of one hand; `exact`: the contact is on the finest mesh.
+  void add(const Vec3d& position, const haptics::Wrench& felt, const haptics::Wrench& truth, bool exact);
+  /// The next samples belong to another hand.
   void let_go() noexcept { ms_ += kApart; }
   [[nodiscard]] Figures figures() const;
-  /// What a tool adds to them; torques count while forces do.
+  /// Additional figures of a tool; torques count while forces do.
   [[nodiscard]] Figures torque_figures() const;
 
  private:
   struct Touch {
     std::size_t began = 0, ended = 0;  // ms
-    Vec3d place = Vec3d::Zero();       // where the hand was
+    Vec3d position = Vec3d::Zero();    // of the hand
     double peak = 0;                   // N
   };
-  static constexpr std::size_t kApart = 1000;  // ms between hands
-  /// Touches of one of the two forces.
+  static constexpr std::size_t kApart = 1000;  // ms between hands, so that their contacts stay separate
+  /// Contacts in one of the two forces.
   struct Touches {
     std::vector<Touch> all;
-    void add(std::size_t ms, const Vec3d& place, double force);
-    /// The first that does; null when none does.
+    void add(std::size_t ms, const Vec3d& position, double force);
+    /// The first contact that overlaps in time; null when there is none.
     [[nodiscard]] const Touch* overlapping(const Touch& other) const;
   };
 

@@ -64,7 +64,7 @@ void FullMesh::for_each_near(const Vec3d& middle, const double& reach, Visit&& v
         for (std::uint32_t i = starts_[at]; i < starts_[at + 1]; ++i) {
           const Entry& entry = entries_[i];
           if (entry.box.squared_distance(middle) > reach * reach) continue;
-          const Cell home = cell_of(entry.box.low);  // seen from several cells, a face counts in the first of them
+          const Cell home = cell_of(entry.box.low);  // a face in several cells counts in the first of them
           if (std::max(home[0], first[0]) != x || std::max(home[1], first[1]) != y || std::max(home[2], first[2]) != z)
             continue;
           visit(entry);
@@ -79,7 +79,7 @@ bool FullMesh::sweep(const Vec3d& from, const Vec3d& to, double radius, haptics:
   const double grown = (reach + (end - start).norm() / 2) * (1 + 1e-6) + 1e-9 * start.cwiseAbs().maxCoeff();
   const double slack = grown - reach - (end - start).norm() / 2;
   for_each_near((start + end) / 2, grown, [&](const Entry& entry) {
-    // Until the earliest touch so far the ball comes no nearer than this.
+    // Before the earliest contact so far, the sphere comes no closer than this.
     const double near = reach + slack + first.time() * (end - start).norm();
     if (entry.box.squared_distance(start) > near * near) return;
     const auto [a, b, c] = corners(entry.face);
@@ -95,7 +95,7 @@ bool FullMesh::closest(const Vec3d& point, double within, haptics::SurfaceHit& h
   constexpr double kHair = 1e-6;
   const Vec3d centre = placement_.to_model(point);
   const double max = within / placement_.scale() * (1 + kHair);
-  // Faces that share the closest point add up, so all are offered again in the order of their ids.
+  // Faces that share the closest point add up, so all candidates are offered in the order of their ids.
   std::vector<std::pair<std::uint32_t, Corners>> found;
   for (double start = cell_ / 4; found.empty(); start *= 2) {
     double reach = std::min(start, max);

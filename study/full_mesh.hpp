@@ -1,7 +1,7 @@
-/// A model's finest mesh as a surface, all of it and always: what a proxy on a refined one is compared with.
+/// The finest mesh of a model as a surface, always complete: the reference for a proxy on a refined mesh.
 ///
-/// Knows nothing of trees, forests, pools and refinement: faces in the cells of an even grid, each offered by itself.
-/// World frame and metres outside, the model's inside, as in a controller. Allocates.
+/// It uses no tree, forest, pool or refinement: faces in the cells of a uniform grid, each offered separately. World
+/// frame and metres outside, model frame inside, as in an HRTC. Allocates.
 #pragma once
 
 #include <array>
@@ -16,7 +16,7 @@ namespace tactus::study {
 
 class FullMesh final : public haptics::Surface {
  public:
-  /// `faces` by FaceId; `cell`: edge of the grid's cells, m, best about the radius of what is swept.
+  /// `faces` by FaceId; `cell`: edge of the grid's cells, m, best about the radius of the swept sphere.
   FullMesh(spm::Span<const std::array<float, 3>> vertices, spm::Span<const std::array<std::uint32_t, 3>> faces,
            const hrtc_service::Placement& placement, double cell);
 
@@ -35,8 +35,8 @@ class FullMesh final : public haptics::Surface {
   };
 
   [[nodiscard]] Cell cell_of(const spm::Vec3d& p) const noexcept;
-  /// Calls `visit(entry)` once for each face whose box comes within `reach` of `middle`, model frame;
-  /// `visit` may make that smaller.
+  /// Calls `visit(entry)` once for each face whose box is within `reach` of `middle`, model frame; `visit` may reduce
+  /// `reach`.
   template <class Visit>
   void for_each_near(const spm::Vec3d& middle, const double& reach, Visit&& visit) const noexcept;
   [[nodiscard]] spm::CellBox box_of(std::uint32_t face) const noexcept;
@@ -48,7 +48,7 @@ class FullMesh final : public haptics::Surface {
   double cell_;
   spm::Vec3d origin_;
   Cell size_{};
-  std::vector<std::uint32_t> starts_;  // by cell: of `entries_`
+  std::vector<std::uint32_t> starts_;  // by cell: index of its first entry
   std::vector<Entry> entries_;
 };
 

@@ -1,4 +1,5 @@
-/// Users who take an object from each other: the ownership of session/ownership.hpp over links, in virtual time.
+/// Users who take over an object from each other: the ownership protocol of session/ownership.hpp over links, in
+/// virtual time.
 #pragma once
 
 #include "netem/profile.hpp"
@@ -6,14 +7,14 @@
 
 namespace tactus::study {
 
-/// A user at a controller of its own: what its touches take and what is between them, s, means; evenly from a tenth of
-/// that on.
+/// A user at an HRTC of its own: mean duration of its contacts and of the pauses between them, s; uniformly distributed
+/// from a tenth of the mean.
 struct Toucher {
   double hold = 1, pause = 1;
 };
 
-/// Host and controllers a `link` apart, each from each. The truth is the state machine's: under one fencing number only
-/// one program ever publishes poses.
+/// Host and HRTCs with a `link` between each pair. Ground truth is the protocol's: under one fencing number at most one
+/// program ever publishes poses.
 [[nodiscard]] Figures hand_over(const std::vector<Toucher>& users, double seconds, const netem::LinkSettings& link,
                                 std::uint64_t seed);
 

@@ -36,9 +36,9 @@ my-study.yaml:
   seeds: 30
   scan: {model: dragon.ply, size: 0.2}
 
-Everything runs in virtual time. A study that was interrupted goes on in the same folder. docs/how-to/studies.md has how
-scenarios say what is measured, and what each figure means.
-Exit status: 0 done, 2 wrong input, 130 interrupted; what is finished is kept and written.)";
+Everything runs in virtual time. An interrupted study continues in the same folder. docs/how-to/studies.md describes how
+scenarios define measurements, and each figure.
+Exit status: 0 done, 2 wrong input, 130 interrupted; finished runs are kept and written.)";
 
 struct Options {
   std::string file, out = "study", scan;
@@ -66,7 +66,7 @@ std::string machine() {
   return std::to_string(std::thread::hardware_concurrency()) + " processors, " + names.sysname + " " + names.release;
 }
 
-/// Those of `names`, or all when there are none. Throws client_sim::ScenarioError for a name that nothing has.
+/// Keeps the experiments in `names`, or all if it is empty. Throws client_sim::ScenarioError for an unknown name.
 void keep_only(const std::vector<std::string>& names, std::vector<Experiment>& experiments) {
   if (names.empty()) return;
   std::vector<Experiment> kept;
@@ -83,7 +83,7 @@ void keep_only(const std::vector<std::string>& names, std::vector<Experiment>& e
   experiments = std::move(kept);
 }
 
-/// What makes two runs with one experiment, link and seed the same.
+/// Identifies everything besides experiment, link and seed that determines a run.
 std::string identity_of(const Study& study, const Experiments& experiments) {
   nlohmann::ordered_json identity{{"study", study.name}, {"commit", TACTUS_COMMIT}};
   for (const Subject& subject : experiments.subjects) identity["models"][subject.name] = subject.model.summary.digest;
@@ -103,9 +103,9 @@ void write_traces(const std::filesystem::path& folder, const Run& run, const Sce
       char line[400];
       std::snprintf(line, sizeof line,
                     "%.3f,%.7g,%.7g,%.7g,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%d,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g\n",
-                    static_cast<double>(ms) * 1e-3, s.place.x(), s.place.y(), s.place.z(), f.force.x(), f.force.y(),
-                    f.force.z(), t.force.x(), t.force.y(), t.force.z(), s.exact ? 1 : 0, f.torque.x(), f.torque.y(),
-                    f.torque.z(), t.torque.x(), t.torque.y(), t.torque.z());
+                    static_cast<double>(ms) * 1e-3, s.position.x(), s.position.y(), s.position.z(), f.force.x(),
+                    f.force.y(), f.force.z(), t.force.x(), t.force.y(), t.force.z(), s.exact ? 1 : 0, f.torque.x(),
+                    f.torque.y(), f.torque.z(), t.torque.x(), t.torque.y(), t.torque.z());
       text += line;
     }
     write_file(folder / (run.scenario + "-" + run.profile + "-" + std::to_string(run.seed) + "-" +
@@ -114,8 +114,8 @@ void write_traces(const std::filesystem::path& folder, const Run& run, const Sce
   }
 }
 
-/// The runs that are left, by as many threads as there are jobs; seeds outermost, so that what is there when it is
-/// interrupted is a smaller study.
+/// The remaining runs, by as many threads as there are jobs. Seeds are the outer loop, so that an interrupted study is
+/// a smaller complete one.
 class Runner {
  public:
   Runner(const Options& options, const Study& study, const Experiments& experiments, RunLog& log)
@@ -126,7 +126,7 @@ class Runner {
           if (i < experiment.seeds && !log.has(experiment.name, profile, study.first_seed + i))
             left_.push_back({&experiment, profile, study.first_seed + i});
   }
-  /// Throws what the first run that failed threw.
+  /// Rethrows the error of the first failed run.
   void run(const std::atomic<bool>& stop) {
     const unsigned jobs = options_.jobs > 0 ? options_.jobs : std::max(1u, std::thread::hardware_concurrency());
     std::vector<std::thread> threads;
@@ -166,7 +166,7 @@ class Runner {
   std::vector<Task> left_;
   std::atomic<std::size_t> next_{0};
   std::atomic<bool> failed_{false};
-  std::mutex mutex_;  // for what follows, and the log
+  std::mutex mutex_;  // for the members below and the log
   std::size_t done_ = 0;
   std::exception_ptr failure_;
 };
@@ -174,7 +174,7 @@ class Runner {
 int run(const Options& options, const std::string& command, const std::atomic<bool>& stop) {
   Study study = study_of(options);
   const std::vector<client_sim::Scenario> scenarios = check(study);
-  std::fprintf(stderr, "making the models\n");
+  std::fprintf(stderr, "building the models\n");
   Experiments experiments = experiments_of(study, scenarios);
   keep_only(options.only, experiments.all);
   const std::filesystem::path folder{options.out};
@@ -187,11 +187,11 @@ int run(const Options& options, const std::string& command, const std::atomic<bo
     about.notes.push_back("The " + subject.name + ": " + subject.source + ".");
   const std::string file = options.file.empty() ? "" : options.file + " ";
   about.notes.push_back(
-      "Virtual time: what the programs run, without threads, sockets, discovery and what a machine does to them. For "
-      "live sessions over the same links there is `scripts/bench wide-area`.");
+      "Virtual time: the code of the programs, without threads, sockets, discovery and effects of the machine. "
+      "`scripts/bench wide-area` runs live sessions over the same links.");
   about.notes.push_back(
-      "Each figure is a mean over seeds, with its 95 % confidence; one run of it again: `tactus sim study " + file +
-      "--only NAME --profiles LINK --seeds 1 --first-seed SEED --trace --out FOLDER`.");
+      "Each figure is a mean over seeds with its 95 % confidence interval. To repeat one run: `tactus sim study " +
+      file + "--only NAME --profiles LINK --seeds 1 --first-seed SEED --trace --out FOLDER`.");
   if (stop) about.notes.push_back("Interrupted: some seeds are missing.");
   const std::vector<Cell> cells = cells_of(log.runs(), experiments.all);
   if (cells.empty()) {
@@ -204,7 +204,7 @@ int run(const Options& options, const std::string& command, const std::atomic<bo
   write_file(folder / "cells.csv", csv(cells));
   write_file(folder / "study.json", json(about, cells));
   std::cout << tables;
-  if (stop) std::fprintf(stderr, "tactus-study: interrupted; what is finished is in %s\n", folder.c_str());
+  if (stop) std::fprintf(stderr, "tactus-study: interrupted; finished runs are in %s\n", folder.c_str());
   return stop ? kInterrupted : 0;
 }
 
@@ -212,28 +212,27 @@ int run(const Options& options, const std::string& command, const std::atomic<bo
 
 int main(int argc, char** argv) {
   Options options;
-  CLI::App app{"Profiles by scenarios by seeds: what hands feel, against its ground truth, as tables.",
+  CLI::App app{"Runs a study over links, scenarios and seeds: compares forces on hands with ground truth, in tables.",
                "tactus sim study"};
   app.footer(kExamples);
-  app.add_option("STUDY", options.file, "A study in YAML; without one a small study of two minutes");
+  app.add_option("STUDY", options.file, "A study in YAML; default: a small study of two minutes");
   app.add_option("--out", options.out, "Folder for runs and tables")->capture_default_str();
-  app.add_option("--profiles", options.profiles, "Instead of the study's: links as in `tactus link list`")
+  app.add_option("--profiles", options.profiles, "Links to use instead of the study's, as in `tactus link list`")
       ->delimiter(',');
-  app.add_option("--scenarios", options.scenarios, "Instead of the study's: built-in ones or YAML files")
+  app.add_option("--scenarios", options.scenarios,
+                 "Scenarios to run instead of the study's: built-in ones or YAML files")
       ->delimiter(',');
-  app.add_option(
-         "--only", options.only,
-         "Of the study only the experiment of this name, such as tap-scan, 'carry, line' or stiffness; again for "
-         "more")
+  app.add_option("--only", options.only,
+                 "Run only the experiment of this name, such as tap-scan, 'carry, line' or stiffness; repeatable")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
-  app.add_option("--seeds", options.seeds, "Instead of the study's: how many")->check(CLI::Range(1, 10000));
-  app.add_option("--first-seed", options.first_seed, "Instead of the study's")->check(CLI::Range(1, 1000000000));
-  app.add_option("--scan", options.scan, "Instead of the study's: a model file or a generated shape");
-  app.add_option("--faces", options.faces, "Of a generated scan")->check(CLI::Range(1000, 30000000));
-  app.add_option("--jobs", options.jobs, "Runs at a time; 0: as many as there are processors")
-      ->check(CLI::Range(0, 256));
-  app.add_flag("--trace", options.trace, "Write each hand's places and forces too, a line each millisecond");
+  app.add_option("--seeds", options.seeds, "Number of seeds instead of the study's")->check(CLI::Range(1, 10000));
+  app.add_option("--first-seed", options.first_seed, "First seed instead of the study's")
+      ->check(CLI::Range(1, 1000000000));
+  app.add_option("--scan", options.scan, "Scan to use instead of the study's: a model file or a generated shape");
+  app.add_option("--faces", options.faces, "Faces of a generated scan")->check(CLI::Range(1000, 30000000));
+  app.add_option("--jobs", options.jobs, "Number of parallel runs; 0: number of processors")->check(CLI::Range(0, 256));
+  app.add_flag("--trace", options.trace, "Also write each hand's positions and forces, one line per millisecond");
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

@@ -1,4 +1,4 @@
-/// The runs of a study in a folder, a line each, so that what is finished stays finished; and their cells.
+/// The runs of a study in a folder, one line each, so that an interrupted study can continue; and their cells.
 ///
 /// Not realtime.
 #pragma once
@@ -22,12 +22,12 @@ struct Run {
 /// One thread at a time.
 class RunLog {
  public:
-  /// Goes on with the runs that are there. `study`: a line that tells one study from another. Throws
-  /// std::runtime_error when the folder cannot be written or has runs of another study.
+  /// Continues with the existing runs. `study`: a line that identifies the study. Throws std::runtime_error when the
+  /// folder cannot be written or has runs of another study.
   RunLog(const std::filesystem::path& folder, const std::string& study);
 
   [[nodiscard]] bool has(const std::string& scenario, const std::string& profile, std::uint64_t seed) const;
-  /// On disk when it returns. Throws std::runtime_error.
+  /// The run is on disk when it returns. Throws std::runtime_error.
   void add(const Run& run);
   [[nodiscard]] const std::vector<Run>& runs() const noexcept { return runs_; }
 
@@ -41,17 +41,17 @@ class RunLog {
 struct CellFigure {
   std::string name, unit;
   Estimate value;
-  Estimate difference;  ///< from the baseline's run of the same seed; no values in the baseline's own cell
+  Estimate difference;  ///< from the baseline's run of the same seed; empty in the baseline's own cell
 };
 struct Cell {
   std::string scenario, profile;
   Topic topic = Topic::kForces;
   std::vector<CellFigure> figures;
 };
-/// In the order of experiments and their links; those without a run are left out.
+/// In the order of experiments and their links, without those that have no run.
 [[nodiscard]] std::vector<Cell> cells_of(const std::vector<Run>& runs, const std::vector<Experiment>& experiments);
 
-/// Beside `file`, then renamed. Throws std::runtime_error.
+/// Writes a file beside `file` and renames it. Throws std::runtime_error.
 void write_file(const std::filesystem::path& file, const std::string& text);
 
 }  // namespace tactus::study

@@ -19,7 +19,7 @@ using spm::Vec3d;
 
 constexpr double kDt = 1e-3;
 
-/// Where everything is at hand: what true hands touch, and what they hold.
+/// The ground truth: the surfaces that true hands touch, and their probes.
 class Truth {
  public:
   Truth(const client_sim::Scenario& scenario, const Subject& subject, const spm::MeshProbe* tool,
@@ -69,8 +69,7 @@ std::string object_of(const client_sim::Scenario& scenario) {
       if (!action.object.empty()) objects.insert(action.object);
   if (objects.size() != 1) {
     throw client_sim::ScenarioError{"scenario '" + scenario.name + "': its users touch " +
-                                    std::to_string(objects.size()) +
-                                    " objects, expected one where something is measured"};
+                                    std::to_string(objects.size()) + " objects, expected one for a measurement"};
   }
   return *objects.begin();
 }
@@ -100,7 +99,7 @@ ScenarioRun run_scenario(const client_sim::Scenario& given, const Subject& subje
     for (std::size_t user = 0; user < run.hands.size(); ++user) {
       if (!session.is_here(user)) continue;
       const Felt& felt = session.felt(user);
-      const haptics::Wrench true_wrench = true_hands[user]->at(felt.device, session.looked_anew());
+      const haptics::Wrench true_wrench = true_hands[user]->at(felt.device, session.mesh_changed());
       run.hands[user].push_back({felt.device.position, felt.wrench, true_wrench, felt.exact});
       if (touched < 0 && true_wrench.force.norm() >= kMinForce) touched = time;
       if (exact >= 0 || !felt.exact || felt.wrench.force.norm() < kMinForce) continue;
@@ -111,11 +110,11 @@ ScenarioRun run_scenario(const client_sim::Scenario& given, const Subject& subje
 
   Fidelity fidelity;
   for (const std::vector<Sample>& hand : run.hands) {
-    for (const Sample& sample : hand) fidelity.add(sample.place, sample.felt, sample.truth, sample.exact);
+    for (const Sample& sample : hand) fidelity.add(sample.position, sample.felt, sample.truth, sample.exact);
     fidelity.let_go();
   }
   if (cold) {
-    const double missing = scenario.duration;  // what never came counts as the whole run
+    const double missing = scenario.duration;  // an event that did not happen counts with the whole duration
     const auto ms = [&](double at) { return 1e3 * (at < 0 ? missing : at); };
     run.figures = {{"base mesh shown after", "ms", ms(base)},
                    {"surface met after", "ms", ms(touched)},

@@ -1,4 +1,4 @@
-/// One run of a scenario over a link, and its figures against the scenario's ground truth.
+/// One run of a scenario over a link, and its figures compared with the scenario's ground truth.
 #pragma once
 
 #include <atomic>
@@ -10,9 +10,9 @@
 
 namespace tactus::study {
 
-/// Of one hand, each millisecond from when it was there.
+/// Of one hand, each millisecond from its start.
 struct Sample {
-  spm::Vec3d place;
+  spm::Vec3d position;
   haptics::Wrench felt, truth;
   bool exact;
 };
@@ -21,12 +21,12 @@ struct ScenarioRun {
   std::vector<std::vector<Sample>> hands;  ///< by user
 };
 
-/// The object that its users touch, by name. Throws client_sim::ScenarioError when they touch several.
+/// The name of the object that its users touch. Throws client_sim::ScenarioError when they touch several.
 [[nodiscard]] std::string object_of(const client_sim::Scenario& scenario);
 
-/// In virtual time, whatever it takes of ours. `scenario` must measure something, and `subject` be what it touches.
-/// The same arguments give the same figures to the last bit. Ends early, with nothing, once `stop` is set. Throws
-/// std::runtime_error when the object does not come.
+/// Runs in virtual time. `scenario` must measure something, and `subject` must be its object. The same arguments give
+/// the same figures to the bit. Ends early with an empty result when `stop` is set. Throws std::runtime_error when the
+/// object does not arrive.
 [[nodiscard]] ScenarioRun run_scenario(const client_sim::Scenario& scenario, const Subject& subject,
                                        const netem::LinkSettings& link, std::uint64_t seed,
                                        const std::atomic<bool>& stop);

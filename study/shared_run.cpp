@@ -14,7 +14,7 @@ using client_sim::ActionKind;
 using client_sim::Scenario;
 
 constexpr double kDt = 1e-3;      // s
-constexpr double kTremor = 1e-4;  // m rms, of a resting hand
+constexpr double kTremor = 1e-4;  // m rms, of a hand at rest
 constexpr double kDegree = 3.14159265358979323846 / 180;
 
 SharedSessionSettings settings_of(const netem::LinkSettings& link, std::uint64_t seed) {
@@ -25,12 +25,12 @@ SharedSessionSettings settings_of(const netem::LinkSettings& link, std::uint64_t
   return settings;
 }
 
-/// Users with one name for their controller share it.
-void let_in(SharedSession& session, const Scenario& scenario) {
-  std::map<std::string, std::size_t> controllers;
+/// Adds the users; users with the same HRTC name share an HRTC.
+void add_users(SharedSession& session, const Scenario& scenario) {
+  std::map<std::string, std::size_t> hrtcs;
   for (const client_sim::User& user : scenario.users) {
-    if (controllers.find(user.hrtc) == controllers.end()) controllers[user.hrtc] = session.add_controller();
-    (void)session.add_user(controllers[user.hrtc], user);
+    if (hrtcs.find(user.hrtc) == hrtcs.end()) hrtcs[user.hrtc] = session.add_hrtc();
+    (void)session.add_user(hrtcs[user.hrtc], user);
   }
 }
 
@@ -38,11 +38,11 @@ double force_on(const SharedSession& session, std::size_t user) {
   return hrtc_service::vec(session.probe(user).force).norm();
 }
 
-/// Between the corners that are furthest apart, m.
-double apart(const SharedSession& session) {
+/// Greatest distance between corresponding corners of two copies, m.
+double separation(const SharedSession& session) {
   double max = 0;
   const haptics::BodySettings& shape = session.shared().settings;
-  for (std::size_t a = 0; a < session.controllers(); ++a)
+  for (std::size_t a = 0; a < session.hrtcs(); ++a)
     for (std::size_t b = 0; b < a; ++b) {
       const auto *one = session.body(a), *other = session.body(b);
       if (one == nullptr || other == nullptr || !one->simulated || !other->simulated) continue;
@@ -71,7 +71,7 @@ ScenarioRun press_to_target(const Scenario& scenario, const Subject& subject, co
   const double target = action_of(scenario.users.front(), ActionKind::kHold).force;
   const double seconds = action_of(scenario.users.front(), ActionKind::kHold).seconds;
   SharedSession session{subject, settings_of(link, seed)};
-  let_in(session, client_sim::varied(scenario, seed));
+  add_users(session, client_sim::varied(scenario, seed));
   std::vector<std::vector<double>> forces(scenario.users.size());
   for (double time = 0; time < scenario.duration; time += kDt) {
     if (stop) return {};
@@ -116,16 +116,16 @@ ScenarioRun press_to_target(const Scenario& scenario, const Subject& subject, co
 
 ScenarioRun lift_together(const Scenario& scenario, const Subject& subject, const netem::LinkSettings& link,
                           std::uint64_t seed, const std::atomic<bool>& stop) {
-  constexpr double kNearly = 0.9;  // of the height: held up there
+  constexpr double kNearly = 0.9;  // of the height: counts as held up
   const double wanted = action_of(scenario.users.front(), ActionKind::kLift).height;
   SharedSession session{subject, settings_of(link, seed)};
-  let_in(session, client_sim::varied(scenario, seed));
+  add_users(session, client_sim::varied(scenario, seed));
   const double ground = session.shared().start.position.z();
   double highest = 0, held = 0, tilt = 0, furthest = 0, peak = 0;
   for (double time = 0; time < scenario.duration; time += kDt) {
     if (stop) return {};
     session.step();
-    furthest = std::max(furthest, apart(session));
+    furthest = std::max(furthest, separation(session));
     for (std::size_t user = 0; user < scenario.users.size(); ++user) peak = std::max(peak, force_on(session, user));
     if (session.seen().fencing == 0) continue;
     const haptics::BodyState seen = sharing::state_of(session.seen(), session.shared().centre);
@@ -136,11 +136,11 @@ ScenarioRun lift_together(const Scenario& scenario, const Subject& subject, cons
   }
   std::uint32_t lifts = 0, lost = 0;
   for (std::size_t user = 0; user < scenario.users.size(); ++user) {
-    lifts += session.mind(user).tally().lifts;
-    lost += session.mind(user).tally().lifts_lost;
+    lifts += session.op(user).tally().lifts;
+    lost += session.op(user).tally().lifts_lost;
   }
   double given = 0;
-  for (std::size_t i = 0; i < session.controllers(); ++i) given += session.figure(i, session::figures::kCopyGiven);
+  for (std::size_t i = 0; i < session.hrtcs(); ++i) given += session.figure(i, session::figures::kCopyGiven);
   const haptics::BodyState left = sharing::state_of(session.seen(), session.shared().centre);
   return {{{"lifts of users ended", "", static_cast<double>(lifts)},
            {"lost", "", static_cast<double>(lost)},

@@ -1,5 +1,4 @@
-/// Runs of scenarios whose users share an object that moves, and their figures. docs/how-to/studies.md has what each
-/// means.
+/// Runs of scenarios whose users share a moving object, and their figures. docs/how-to/studies.md defines each figure.
 #pragma once
 
 #include <atomic>
@@ -8,19 +7,18 @@
 
 namespace tactus::study {
 
-/// Users who press the object from several sides, each with the force of its `hold`. In virtual time, whatever it
-/// takes of ours; the same arguments give the same figures to the last bit. Ends early, with nothing, once `stop` is
-/// set.
+/// Users press the object from several sides, each with the force of its `hold`. Virtual time; the same arguments give
+/// the same figures to the bit. Ends early with an empty result when `stop` is set.
 [[nodiscard]] ScenarioRun press_to_target(const client_sim::Scenario& scenario, const Subject& subject,
                                           const netem::LinkSettings& link, std::uint64_t seed,
                                           const std::atomic<bool>& stop);
 
-/// The same of users who lift it together, each as its `lift` says.
+/// The same for users who lift it together, each by its `lift` action.
 [[nodiscard]] ScenarioRun lift_together(const client_sim::Scenario& scenario, const Subject& subject,
                                         const netem::LinkSettings& link, std::uint64_t seed,
                                         const std::atomic<bool>& stop);
 
-/// The user's first action of that kind, which it must have.
+/// The user's first action of that kind, which must exist.
 [[nodiscard]] const client_sim::Action& action_of(const client_sim::User& user, client_sim::ActionKind kind);
 
 }  // namespace tactus::study

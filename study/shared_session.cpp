@@ -13,9 +13,9 @@ using hrtc_service::kMaxProbes;
 using spm::Vec3d;
 
 constexpr std::uint64_t kSession = 30, kHost = 100, kTimeKeeper = 200;
-constexpr std::size_t kHostPlace = 0, kViewerPlace = 1, kFirstPlace = 2;
-constexpr std::size_t kHeads = 170;       // bytes around a payload: Ethernet, IP, UDP, RTPS, ours
-constexpr std::size_t kSmallBytes = 250;  // a claim, grant or pose, heads and all
+constexpr std::size_t kHostNode = 0, kViewerNode = 1, kFirstHrtcNode = 2;
+constexpr std::size_t kHeads = 170;       // bytes of headers: Ethernet, IP, UDP, RTPS, ours
+constexpr std::size_t kSmallBytes = 250;  // a claim, grant or pose with headers
 constexpr std::size_t kCopyBytes = 400, kStateBytes = 330;
 
 session::Origin origin_of(std::uint64_t participant, std::uint64_t incarnation) {
@@ -54,8 +54,8 @@ hrtc_service::HrtcCoreSettings core_settings() {
 
 }  // namespace
 
-struct SharedSession::Controller {
-  explicit Controller(const session::Origin& self) : origin{self}, core{self, core_settings()} {}
+struct SharedSession::Hrtc {
+  explicit Hrtc(const session::Origin& self) : origin{self}, core{self, core_settings()} {}
 
   session::Origin origin;
   hrtc_service::HrtcCore core;
@@ -69,23 +69,23 @@ struct SharedSession::Controller {
 
 SharedSession::SharedSession(const Subject& subject, const SharedSessionSettings& settings)
     : subject_{subject}, settings_{settings} {
-  for (const std::size_t place : {kHostPlace, kViewerPlace}) connect(place);
+  for (const std::size_t node : {kHostNode, kViewerNode}) connect(node);
   start_host();
   shared_ = sharing::body_of(entry_);
   view_[entry_.object] = client_sim::view_of(entry_);
 }
 SharedSession::~SharedSession() = default;
 
-/// Ways between the new place and all that are there.
-void SharedSession::connect(std::size_t place) {
-  const auto way = [&](std::size_t from, std::size_t to) {
-    constexpr std::uint64_t kPlaces = 64;
+/// Creates the links between a new node and all existing ones.
+void SharedSession::connect(std::size_t node) {
+  const auto make_path = [&](std::size_t from, std::size_t to) {
+    constexpr std::uint64_t kMaxNodes = 64;
     const auto& profile = from < to ? settings_.link.forth : settings_.link.back;
-    return Way<Arrive>{profile, (settings_.seed * kPlaces + from) * kPlaces + to};
+    return Path<Arrive>{profile, (settings_.seed * kMaxNodes + from) * kMaxNodes + to};
   };
-  for (std::size_t from = 0; from < place; ++from) ways_[from].push_back(way(from, place));
-  ways_.emplace_back();
-  for (std::size_t to = 0; to <= place; ++to) ways_[place].push_back(way(place, to));
+  for (std::size_t from = 0; from < node; ++from) paths_[from].push_back(make_path(from, node));
+  paths_.emplace_back();
+  for (std::size_t to = 0; to <= node; ++to) paths_[node].push_back(make_path(node, to));
 }
 
 void SharedSession::start_host() {
@@ -112,38 +112,38 @@ void SharedSession::stop_host() {
   ++host_life_;
 }
 
-std::size_t SharedSession::add_controller() {
-  const std::size_t i = controllers_.size();
-  controllers_.push_back(std::make_unique<Controller>(origin_of(i + 1, 1)));
-  connect(kFirstPlace + i);
-  Controller& controller = *controllers_.back();
-  hrtc_service::Gateway& gateway = controller.core.gateway();
-  gateway.on_object = [&controller](const hrtc_service::TouchObject& object) { controller.index = object.index; };
+std::size_t SharedSession::add_hrtc() {
+  const std::size_t i = hrtcs_.size();
+  hrtcs_.push_back(std::make_unique<Hrtc>(origin_of(i + 1, 1)));
+  connect(kFirstHrtcNode + i);
+  Hrtc& hrtc = *hrtcs_.back();
+  hrtc_service::Gateway& gateway = hrtc.core.gateway();
+  gateway.on_object = [&hrtc](const hrtc_service::TouchObject& object) { hrtc.index = object.index; };
   gateway.on_host_seen(kHost, entry_.origin.incarnation, now_ns_);
   gateway.on_catalogue(entry_);
   return i;
 }
 
-void SharedSession::kill_controller(std::size_t controller) { controllers_[controller]->dead = true; }
+void SharedSession::kill_hrtc(std::size_t hrtc) { hrtcs_[hrtc]->dead = true; }
 
-std::size_t SharedSession::join(std::size_t controller, User user) {
-  user.controller = controller;
-  user.probe = controllers_[controller]->probes++;
+std::size_t SharedSession::join(std::size_t hrtc, User user) {
+  user.hrtc = hrtc;
+  user.probe = hrtcs_[hrtc]->probes++;
   user.hand.seed = static_cast<std::uint32_t>(settings_.seed * 64 + users_.size() + 1);
   user.hand.tremor = settings_.tremor;
   users_.push_back(std::move(user));
   return users_.size() - 1;
 }
 
-std::size_t SharedSession::add_user(std::size_t controller, const client_sim::User& person) {
+std::size_t SharedSession::add_user(std::size_t hrtc, const client_sim::User& person) {
   User user;
   user.id = session::id_of(person.name);
-  user.mind = std::make_unique<client_sim::Operator>(person, client_sim::OperatorSettings{});
-  return join(controller, std::move(user));
+  user.op = std::make_unique<client_sim::Operator>(person, client_sim::OperatorSettings{});
+  return join(hrtc, std::move(user));
 }
 
-std::size_t SharedSession::add_hand(std::size_t controller, const Vec3d& start) {
-  const std::size_t i = join(controller, {});
+std::size_t SharedSession::add_hand(std::size_t hrtc, const Vec3d& start) {
+  const std::size_t i = join(hrtc, {});
   users_[i].id = session::id_of("hand" + std::to_string(i));
   users_[i].hand.start = start;
   users_[i].device = std::make_unique<haptics::SimulatedDevice>(users_[i].hand);
@@ -154,65 +154,63 @@ void SharedSession::move_hand(std::size_t user, const Vec3d& to) {
   haptics::HandPath path;
   path.count = 1;
   path.waypoints[0] = {now_ns_, {to.x(), to.y(), to.z()}};
-  users_[user].device->wishes().post(path);
+  users_[user].device->paths().post(path);
 }
 
-const hrtc_service::BodyReport* SharedSession::body(std::size_t controller) const {
-  const hrtc_service::BodyReports& reports = controllers_[controller]->reports;
+const hrtc_service::BodyReport* SharedSession::body(std::size_t hrtc) const {
+  const hrtc_service::BodyReports& reports = hrtcs_[hrtc]->reports;
   return reports.count == 0 ? nullptr : &reports.bodies[0];
 }
 
-session::Holder::Role SharedSession::role(std::size_t controller) const {
-  return controllers_[controller]->core.gateway().ownership().role(controllers_[controller]->index, now_ns_);
+session::Holder::Role SharedSession::role(std::size_t hrtc) const {
+  return hrtcs_[hrtc]->core.gateway().ownership().role(hrtcs_[hrtc]->index, now_ns_);
 }
 
-double SharedSession::figure(std::size_t controller, const std::string& name) const {
+double SharedSession::figure(std::size_t hrtc, const std::string& name) const {
   std::vector<session::Figure> figures;
-  controllers_[controller]->core.gateway().ownership().write(figures);
+  hrtcs_[hrtc]->core.gateway().ownership().write(figures);
   for (const session::Figure& figure : figures)
     if (figure.name == name) return figure.value;
   return 0;
 }
 
 const haptics::PassivityController::Ledger& SharedSession::port(std::size_t user) const {
-  return controllers_[users_[user].controller]->reports.ports[users_[user].probe];
+  return hrtcs_[users_[user].hrtc]->reports.ports[users_[user].probe];
 }
 
 const hrtc_service::ProbeOutput& SharedSession::probe(std::size_t user) const {
-  return controllers_[users_[user].controller]->core.servo().outputs()[users_[user].probe];
+  return hrtcs_[users_[user].hrtc]->core.servo().outputs()[users_[user].probe];
 }
 
 bool SharedSession::done() const {
   return std::all_of(users_.begin(), users_.end(),
-                     [](const User& user) { return user.mind == nullptr || user.mind->done(); });
+                     [](const User& user) { return user.op == nullptr || user.op->done(); });
 }
 
 void SharedSession::send(std::size_t from, std::size_t to, std::size_t bytes, Arrive arrive) {
-  ways_[from][to].send(now_ns_, std::move(arrive), bytes);
+  paths_[from][to].send(now_ns_, std::move(arrive), bytes);
 }
 
 void SharedSession::to_host(std::size_t from, std::size_t bytes, Arrive arrive) {
-  send(from, kHostPlace, bytes, [this, life = host_life_, arrive = std::move(arrive)] {
+  send(from, kHostNode, bytes, [this, life = host_life_, arrive = std::move(arrive)] {
     if (host_ != nullptr && life == host_life_) arrive();
   });
 }
 
-void SharedSession::to_controller(std::size_t from, std::size_t i, std::size_t bytes,
-                                  std::function<void(Controller&)> arrive) {
-  send(from, kFirstPlace + i, bytes, [this, i, arrive = std::move(arrive)] {
-    if (!controllers_[i]->dead) arrive(*controllers_[i]);
+void SharedSession::to_hrtc(std::size_t from, std::size_t i, std::size_t bytes, std::function<void(Hrtc&)> arrive) {
+  send(from, kFirstHrtcNode + i, bytes, [this, i, arrive = std::move(arrive)] {
+    if (!hrtcs_[i]->dead) arrive(*hrtcs_[i]);
   });
 }
 
-/// To everybody else.
+/// Sends to all other nodes.
 void SharedSession::publish(std::size_t from, const session::ObjectPose& pose) {
-  if (from != kHostPlace) to_host(from, kSmallBytes, [this, pose] { host_->on_pose(pose, now_ns_); });
-  for (std::size_t i = 0; i < controllers_.size(); ++i) {
-    if (from == kFirstPlace + i) continue;
-    to_controller(from, i, kSmallBytes,
-                  [this, pose](Controller& controller) { controller.core.gateway().on_pose(pose, now_ns_, now_ns_); });
+  if (from != kHostNode) to_host(from, kSmallBytes, [this, pose] { host_->on_pose(pose, now_ns_); });
+  for (std::size_t i = 0; i < hrtcs_.size(); ++i) {
+    if (from == kFirstHrtcNode + i) continue;
+    to_hrtc(from, i, kSmallBytes, [this, pose](Hrtc& hrtc) { hrtc.core.gateway().on_pose(pose, now_ns_, now_ns_); });
   }
-  send(from, kViewerPlace, kSmallBytes, [this, pose] { see(pose); });
+  send(from, kViewerNode, kSmallBytes, [this, pose] { see(pose); });
 }
 
 void SharedSession::see(const session::ObjectPose& pose) {
@@ -224,10 +222,10 @@ void SharedSession::see(const session::ObjectPose& pose) {
 }
 
 void SharedSession::haptic_cycle(std::size_t i) {
-  Controller& c = *controllers_[i];
+  Hrtc& c = *hrtcs_[i];
   hrtc_service::Servo& servo = c.core.servo();
   for (User& user : users_) {
-    if (user.controller != i || user.device == nullptr) continue;
+    if (user.hrtc != i || user.device == nullptr) continue;
     hrtc_service::ProbeInput& input = c.inputs[user.probe];
     input.active = true;
     input.device = user.device->read(now_ns_);
@@ -235,8 +233,7 @@ void SharedSession::haptic_cycle(std::size_t i) {
   if (settings_.watch != nullptr) settings_.watch->begins();
   const hrtc_service::Servo::Outputs& outputs = servo.touch(c.inputs, now_ns_);
   for (User& user : users_)
-    if (user.controller == i && user.device != nullptr)
-      user.device->write(hrtc_service::vec(outputs[user.probe].force));
+    if (user.hrtc == i && user.device != nullptr) user.device->write(hrtc_service::vec(outputs[user.probe].force));
   servo.publish(now_ns_, now_ns_ + kMs);
   (void)servo.refine(spm::Budget{1u << 20});
   if (settings_.watch != nullptr) settings_.watch->ends();
@@ -244,20 +241,20 @@ void SharedSession::haptic_cycle(std::size_t i) {
 }
 
 void SharedSession::send_reports(std::size_t i) {
-  Controller& c = *controllers_[i];
+  Hrtc& c = *hrtcs_[i];
   const hrtc_service::BodyReport& body = c.reports.bodies[0];
   if (c.reports.count == 0) return;
-  for (std::size_t to = 0; body.copies > 0 && to < controllers_.size(); ++to) {
+  for (std::size_t to = 0; body.copies > 0 && to < hrtcs_.size(); ++to) {
     if (to == i) continue;
     session::ObjectCopy copy;
     sharing::put_sample(body.sample, body.copies, copy);
     const std::int64_t sent_ns = now_ns_;
-    to_controller(kFirstPlace + i, to, kCopyBytes,
-                  [this, sent_ns, place = body.place, group = body.group, copy](Controller& peer) {
-                    peer.core.gateway().on_transit(now_ns_ - sent_ns, now_ns_);
-                    (void)peer.core.link().bodies.copies.push({peer.index, place, group, sharing::sample_of(copy)});
-                    peer.core.gateway().on_peer_received(peer.index, now_ns_);
-                  });
+    to_hrtc(kFirstHrtcNode + i, to, kCopyBytes,
+            [this, sent_ns, copy_index = body.place, group = body.group, copy](Hrtc& peer) {
+              peer.core.gateway().on_transit(now_ns_ - sent_ns, now_ns_);
+              (void)peer.core.link().bodies.copies.push({peer.index, copy_index, group, sharing::sample_of(copy)});
+              peer.core.gateway().on_peer_received(peer.index, now_ns_);
+            });
   }
   if (body.publish == 0 || now_ns_ - c.posed_ns < hrtc_service::kBodyPoseNs) return;
   c.posed_ns = now_ns_;
@@ -268,27 +265,27 @@ void SharedSession::send_reports(std::size_t i) {
   pose.fencing = body.publish;
   pose.session_time_ns = now_ns_;
   sharing::put_state(body.state, shared_.centre, pose);
-  publish(kFirstPlace + i, pose);
+  publish(kFirstHrtcNode + i, pose);
 }
 
 void SharedSession::serve(std::size_t i) {
-  Controller& c = *controllers_[i];
+  Hrtc& c = *hrtcs_[i];
   hrtc_service::Gateway& gateway = c.core.gateway();
   if (host_ != nullptr) gateway.on_host_seen(kHost, entry_.origin.incarnation, now_ns_);
   gateway.tick(now_ns_, session::ClockMap{});
   while (auto demand = gateway.demand(now_ns_)) {
     const std::size_t bytes = kHeads + 100 + 8 * (demand->have.size() + demand->wanted.size() + demand->gaps.size());
-    to_host(kFirstPlace + i, bytes, [this, demand = *demand] { host_->on_demand(demand, now_ns_); });
+    to_host(kFirstHrtcNode + i, bytes, [this, demand = *demand] { host_->on_demand(demand, now_ns_); });
   }
   for (const session::ObjectClaim& claim : gateway.claims())
-    to_host(kFirstPlace + i, kSmallBytes, [this, claim] { host_->on_claim(claim, now_ns_); });
+    to_host(kFirstHrtcNode + i, kSmallBytes, [this, claim] { host_->on_claim(claim, now_ns_); });
 }
 
-/// The user feels, all others hear of it, and it wishes.
-void SharedSession::act(User& user) {
-  if (controllers_[user.controller]->dead) return;
+/// The user receives its probe's state, the other users receive it too, and the user sends its next intent.
+void SharedSession::step_user(User& user) {
+  if (hrtcs_[user.hrtc]->dead) return;
   if (user.device != nullptr) {
-    const hrtc_service::ProbeOutput& output = controllers_[user.controller]->core.servo().outputs()[user.probe];
+    const hrtc_service::ProbeOutput& output = hrtcs_[user.hrtc]->core.servo().outputs()[user.probe];
     session::ProbeState state;
     state.user_id = user.id;
     state.session_time_ns = now_ns_;
@@ -297,61 +294,59 @@ void SharedSession::act(User& user) {
     state.force = output.force;
     state.status = output.status;
     state.object_id = output.object != spm::kNone ? entry_.object_id : 0;
-    if (user.mind != nullptr) user.mind->on_probe_state(state);
-    for (std::size_t i = 0; i < controllers_.size(); ++i) {
-      const auto hear = [this, state, i, local = i == user.controller](Controller& controller) {
-        if (!local) controller.core.gateway().on_transit(now_ns_ - state.session_time_ns, now_ns_);
+    if (user.op != nullptr) user.op->on_probe_state(state);
+    for (std::size_t i = 0; i < hrtcs_.size(); ++i) {
+      const auto receive = [this, state, i, local = i == user.hrtc](Hrtc& hrtc) {
+        if (!local) hrtc.core.gateway().on_transit(now_ns_ - state.session_time_ns, now_ns_);
         for (User& other : users_)
-          if (other.controller == i && other.mind != nullptr) other.mind->on_other(state);
+          if (other.hrtc == i && other.op != nullptr) other.op->on_other(state);
       };
-      if (i == user.controller)
-        hear(*controllers_[i]);
+      if (i == user.hrtc)
+        receive(*hrtcs_[i]);
       else
-        to_controller(kFirstPlace + user.controller, i, kStateBytes, hear);
+        to_hrtc(kFirstHrtcNode + user.hrtc, i, kStateBytes, receive);
     }
   }
-  if (user.mind == nullptr) return;
-  const std::optional<session::Intent> intent = user.mind->tick(now_ns_, view_);
+  if (user.op == nullptr) return;
+  const std::optional<session::Intent> intent = user.op->tick(now_ns_, view_);
   if (!intent) return;
   if (user.device == nullptr) {
     sharing::begin_at(*intent, user.hand);
     user.device = std::make_unique<haptics::SimulatedDevice>(user.hand);
   }
-  user.device->wishes().post(sharing::hand_path(*intent, 0));
+  user.device->paths().post(sharing::hand_path(*intent, 0));
 }
 
 void SharedSession::host_tick() {
   const host_service::HostMessages& messages = host_->tick(now_ns_);
   if (messages.clock_request) set_host_clock(*messages.clock_request);
   for (const session::ObjectGrant& grant : messages.grants)
-    for (std::size_t i = 0; i < controllers_.size(); ++i)
-      to_controller(kHostPlace, i, kSmallBytes,
-                    [this, grant](Controller& controller) { controller.core.gateway().on_grant(grant, now_ns_); });
-  for (const session::ObjectPose& pose : messages.poses) publish(kHostPlace, pose);
+    for (std::size_t i = 0; i < hrtcs_.size(); ++i)
+      to_hrtc(kHostNode, i, kSmallBytes, [this, grant](Hrtc& hrtc) { hrtc.core.gateway().on_grant(grant, now_ns_); });
+  for (const session::ObjectPose& pose : messages.poses) publish(kHostNode, pose);
   while (auto out = host_->next_chunk(now_ns_)) {
-    const std::uint64_t hrtc = out->hrtc;
-    if (hrtc < 1 || hrtc > controllers_.size()) continue;
+    const std::uint64_t receiver = out->hrtc;
+    if (receiver < 1 || receiver > hrtcs_.size()) continue;
     const std::size_t bytes = kHeads + out->chunk.payload_bytes();
-    to_controller(kHostPlace, hrtc - 1, bytes, [this, chunk = std::move(out->chunk)](Controller& controller) {
-      controller.core.gateway().on_chunk(chunk, now_ns_);
-    });
+    to_hrtc(kHostNode, receiver - 1, bytes,
+            [this, chunk = std::move(out->chunk)](Hrtc& hrtc) { hrtc.core.gateway().on_chunk(chunk, now_ns_); });
   }
 }
 
 void SharedSession::step() {
   now_ns_ += kMs;
-  for (auto& from : ways_)
-    for (Way<Arrive>& way : from)
-      while (const auto arrive = way.take(now_ns_)) (*arrive)();
+  for (auto& from : paths_)
+    for (Path<Arrive>& path : from)
+      while (const auto arrive = path.take(now_ns_)) (*arrive)();
   const bool even = now_ns_ / kMs % 2 == 0;
-  for (std::size_t i = 0; i < controllers_.size(); ++i) {
-    if (controllers_[i]->dead) continue;
+  for (std::size_t i = 0; i < hrtcs_.size(); ++i) {
+    if (hrtcs_[i]->dead) continue;
     haptic_cycle(i);
     send_reports(i);
     if (even) serve(i);
   }
   if (even)
-    for (User& user : users_) act(user);
+    for (User& user : users_) step_user(user);
   if (host_ != nullptr) host_tick();
 }
 

@@ -1,10 +1,10 @@
-/// A host, controllers and users of one object that moves, in virtual time: the parts of the services that share it, as
-/// the services run them, on links between all of them.
+/// A host, HRTCs and users of one moving object, in virtual time: the classes of the services for shared objects,
+/// joined by links between all of them.
 ///
 ///     Operator --> SimulatedDevice --> HrtcCore  ~~ link ~~  HostCore
 ///
-/// Missing are threads, sockets, discovery and clocks that differ. Times are session time. World frame, SI. Same
-/// settings, same calls, same run. One thread.
+/// Without threads, sockets, discovery and clock differences. Times are session time. World frame, SI. The same
+/// settings and calls give the same run. One thread.
 #pragma once
 
 #include <functional>
@@ -18,11 +18,10 @@
 #include "hrtc_service/bodies.hpp"
 #include "netem/profile.hpp"
 #include "study/subject.hpp"
-#include "study/way.hpp"
 
 namespace tactus::study {
 
-/// Is told when a controller's haptic thread would begin with a cycle's bodies and forces, and when it has ended.
+/// Called when an HRTC's haptic thread would start and end the work of a cycle.
 class CycleWatch {
  public:
   virtual ~CycleWatch() = default;
@@ -31,51 +30,50 @@ class CycleWatch {
 };
 
 struct SharedSessionSettings {
-  CycleWatch* watch = nullptr;  ///< outlives the session; null: nobody
-  netem::LinkSettings
-      link;  ///< from host to controllers and the viewer and, as each of the two ways, between controllers
-  std::uint64_t seed = 1;  ///< of the link's losses and delays and of the hands
-  double mass = 0.5;       ///< kg, of the object
-  double tremor = 0;       ///< m rms, of the hands
+  CycleWatch* watch = nullptr;  ///< must outlive the session; may be null
+  netem::LinkSettings link;     ///< host to HRTCs and viewer; each direction between two HRTCs
+  std::uint64_t seed = 1;       ///< of the link's losses and delays and of the hands
+  double mass = 0.5;            ///< kg, of the object
+  double tremor = 0;            ///< m rms, of the hands
 };
 
 class SharedSession {
  public:
   static constexpr std::int64_t kMs = 1'000'000;
 
-  /// The object stands on the ground at the origin. `subject` must outlive it.
+  /// The object is on the ground at the origin. `subject` must outlive this.
   SharedSession(const Subject& subject, const SharedSessionSettings& settings);
   ~SharedSession();
 
-  /// Index of the new controller.
-  std::size_t add_controller();
-  /// Index of the new user, at a controller; who begins where its script does.
-  std::size_t add_user(std::size_t controller, const client_sim::User& user);
-  /// The same of a user without a mind, whose hand goes where `move_hand` says.
-  std::size_t add_hand(std::size_t controller, const spm::Vec3d& start);
+  /// Returns the index of the new HRTC.
+  std::size_t add_hrtc();
+  /// Adds a user at an HRTC, who starts where its script does; returns its index.
+  std::size_t add_user(std::size_t hrtc, const client_sim::User& user);
+  /// Adds a user without a script, whose hand follows `move_hand`; returns its index.
+  std::size_t add_hand(std::size_t hrtc, const spm::Vec3d& start);
   void move_hand(std::size_t user, const spm::Vec3d& to);
 
   void stop_host();
-  /// The host starts anew.
+  /// Starts the host again, with a new incarnation.
   void start_host();
-  /// It says nothing and hears nothing any more.
-  void kill_controller(std::size_t controller);
+  /// The HRTC no longer sends or receives.
+  void kill_hrtc(std::size_t hrtc);
 
-  /// A millisecond.
+  /// Advances by one millisecond.
   void step();
 
   [[nodiscard]] std::int64_t now_ns() const noexcept { return now_ns_; }
-  [[nodiscard]] std::size_t controllers() const noexcept { return controllers_.size(); }
-  /// What is shared, as controllers simulate it.
+  [[nodiscard]] std::size_t hrtcs() const noexcept { return hrtcs_.size(); }
+  /// The shared body as HRTCs simulate it.
   [[nodiscard]] const sharing::SharedBody& shared() const noexcept { return shared_; }
-  /// As the last haptic cycle of a controller left it; none before it has the object.
-  [[nodiscard]] const hrtc_service::BodyReport* body(std::size_t controller) const;
-  [[nodiscard]] session::Holder::Role role(std::size_t controller) const;
-  [[nodiscard]] double figure(std::size_t controller, const std::string& name) const;
+  /// State after the last haptic cycle of an HRTC; null before it has the object.
+  [[nodiscard]] const hrtc_service::BodyReport* body(std::size_t hrtc) const;
+  [[nodiscard]] session::Holder::Role role(std::size_t hrtc) const;
+  [[nodiscard]] double figure(std::size_t hrtc, const std::string& name) const;
   [[nodiscard]] const haptics::PassivityController::Ledger& port(std::size_t user) const;
   [[nodiscard]] const hrtc_service::ProbeOutput& probe(std::size_t user) const;
-  /// Of a user with a script.
-  [[nodiscard]] const client_sim::Operator& mind(std::size_t user) const { return *users_[user].mind; }
+  /// The operator of a user with a script.
+  [[nodiscard]] const client_sim::Operator& op(std::size_t user) const { return *users_[user].op; }
   /// All scripts have ended.
   [[nodiscard]] bool done() const;
   /// Of a host that runs.
@@ -84,29 +82,29 @@ class SharedSession {
   [[nodiscard]] const session::ObjectPose& seen() const noexcept { return seen_; }
 
  private:
-  struct Controller;
+  struct Hrtc;
   struct User {
-    std::size_t controller = 0;
+    std::size_t hrtc = 0;
     std::uint32_t probe = 0;
     std::uint64_t id = 0;
-    std::unique_ptr<haptics::SimulatedDevice> device;  // once it is known where it begins
-    std::unique_ptr<client_sim::Operator> mind;        // null: a hand alone
+    std::unique_ptr<haptics::SimulatedDevice> device;  // created when its start position is known
+    std::unique_ptr<client_sim::Operator> op;          // null: a hand without a script
     haptics::HandSettings hand;
   };
   using Arrive = std::function<void()>;
 
-  std::size_t join(std::size_t controller, User user);
-  void connect(std::size_t place);
+  std::size_t join(std::size_t hrtc, User user);
+  void connect(std::size_t node);
   void send(std::size_t from, std::size_t to, std::size_t bytes, Arrive arrive);
   void to_host(std::size_t from, std::size_t bytes, Arrive arrive);
-  void to_controller(std::size_t from, std::size_t i, std::size_t bytes, std::function<void(Controller&)> arrive);
+  void to_hrtc(std::size_t from, std::size_t i, std::size_t bytes, std::function<void(Hrtc&)> arrive);
   void publish(std::size_t from, const session::ObjectPose& pose);
   void see(const session::ObjectPose& pose);
 
   void haptic_cycle(std::size_t i);
   void send_reports(std::size_t i);
   void serve(std::size_t i);
-  void act(User& user);
+  void step_user(User& user);
   void host_tick();
   void set_host_clock(const session::ClockSample& request);
 
@@ -116,10 +114,10 @@ class SharedSession {
   sharing::SharedBody shared_;
   std::unique_ptr<host_service::HostCore> host_;
   std::uint64_t host_life_ = 0;
-  std::vector<std::unique_ptr<Controller>> controllers_;
+  std::vector<std::unique_ptr<Hrtc>> hrtcs_;
   std::vector<User> users_;
-  std::vector<std::vector<Way<Arrive>>> ways_;  // from, to: the host, a viewer, then the controllers
-  client_sim::Objects view_;                    // the viewer's
+  std::vector<std::vector<Path<Arrive>>> paths_;  // [from][to]: host, viewer, then the HRTCs
+  client_sim::Objects view_;                      // the viewer's
   session::PoseGate gate_;
   session::ObjectPose seen_;
   std::int64_t now_ns_ = 10'000 * kMs;

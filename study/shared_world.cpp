@@ -10,7 +10,7 @@
 #include "haptics/passivity.hpp"
 #include "haptics/shared_object.hpp"
 #include "haptics/simulated_device.hpp"
-#include "study/way.hpp"
+#include "study/path.hpp"
 
 namespace tactus::study {
 namespace {
@@ -19,18 +19,18 @@ using namespace haptics;
 constexpr double kDt = 1e-3;
 constexpr double kPi = 3.14159265358979323846;
 constexpr std::int64_t kCycleNs = 1'000'000;
-constexpr std::size_t kBytes = 400;  // a copy's state or a hand's, with its heads
-constexpr double kRest = 6;          // s, when the hands' targets stop
+constexpr std::size_t kBytes = 400;  // state of a copy or of a hand, with headers
+constexpr double kRest = 6;          // s, end of the hands' motion
 const Vec3d kHalf{0.06, 0.06, 0.04};
 
-/// What travels: a copy's state, or that of a hand.
+/// A sample on a link: state of a copy or of a hand.
 struct Packet {
   CopySample copy;
   DeviceState device;
   bool grab = false;
 };
 
-/// Copies pulled to the mean of where the others were last heard, with or without a tank.
+/// Copies pulled to the mean of the others' last received positions, with or without a tank.
 /// Source: Lee, Huang 2010.
 class SpringCoupling {
  public:
@@ -50,13 +50,13 @@ class SpringCoupling {
     for (const CopySample& peer : received_) {
       if (peer.time_ns < 0) continue;
       wanted.head<3>() += peer.body.position - state.position;
-      wanted.tail<3>() += turn_of(state.orientation.conjugate() * peer.body.orientation);
+      wanted.tail<3>() += log_map(state.orientation.conjugate() * peer.body.orientation);
       ++count;
     }
     if (count > 0) wanted /= count;
     const double costs = 0.5 * stiffness_.dot(wanted.cwiseAbs2() - stretch_.cwiseAbs2());
     if (modulated_ && costs > tank_) {
-      // As far along the way from the old set position to the wanted one as the tank allows.
+      // Bisection for the share of the step from the old to the wanted set position that the tank can pay.
       ++held_;
       double low = 0, high = 1;
       for (int i = 0; i < 40; ++i) {
@@ -78,11 +78,11 @@ class SpringCoupling {
     return force;
   }
   void finish(const BodyState& state) {
-    Vec6d way;
-    way << state.position - state_.position, turn_of(state_.orientation.conjugate() * state.orientation);
-    stretch_ -= way;
-    const double dragged = damping_.dot(way.cwiseAbs2()) / kDt;
-    given_ += stiffness_.cwiseProduct(stretch_).dot(way) - dragged;
+    Vec6d moved;
+    moved << state.position - state_.position, log_map(state_.orientation.conjugate() * state.orientation);
+    stretch_ -= moved;
+    const double dragged = damping_.dot(moved.cwiseAbs2()) / kDt;
+    given_ += stiffness_.cwiseProduct(stretch_).dot(moved) - dragged;
     tank_ += 0.5 * dragged;
   }
   [[nodiscard]] double given() const { return given_; }
@@ -113,19 +113,19 @@ class World {
  public:
   explicit World(const WorldSettings& settings, const BodySettings& whole, const BodyState& start)
       : settings_{settings}, shape_{kHalf} {
-    const std::size_t places = settings.users + (server() ? 1 : 0);
-    for (std::size_t i = 0; i < places; ++i) {
+    const std::size_t nodes = settings.users + (server() ? 1 : 0);
+    for (std::size_t i = 0; i < nodes; ++i) {
       objects_.push_back(std::make_unique<SharedObject>(whole, start));
-      links_.emplace_back();
-      for (std::size_t j = 0; j < places; ++j) links_[i].emplace_back(settings.link, settings.seed * 64 + i * 8 + j);
+      paths_.emplace_back();
+      for (std::size_t j = 0; j < nodes; ++j) paths_[i].emplace_back(settings.link, settings.seed * 64 + i * 8 + j);
     }
     touches_.resize(settings.users);
     remote_.resize(settings.users);
     ports_.resize(settings.users);
     passed_on_.resize(settings.users);
     remote_touches_.resize(settings.users);
-    springs_.resize(places);
-    pushes_.resize(places, Vec3d::Zero());
+    springs_.resize(nodes);
+    pushes_.resize(nodes, Vec3d::Zero());
     for (BodyTouch& touch : touches_) touch.set_grip({0.8, 0.8});
     for (BodyTouch& touch : remote_touches_) touch.set_grip({0.8, 0.8});
     CouplingSettings coupling;
@@ -135,7 +135,7 @@ class World {
     for (std::size_t i = 0; i < settings.users; ++i) {
       if (server()) {
         objects_[i]->follow();
-      } else if (settings.method == Method::kLine) {
+      } else if (settings.method == Method::kChannel) {
         couplings_.push_back(std::make_unique<CopyCoupling>(coupling, i, whole));
         objects_[i]->couple(*couplings_.back());
       } else {
@@ -149,20 +149,20 @@ class World {
   }
 
   [[nodiscard]] bool server() const { return settings_.method == Method::kServer; }
-  /// What user `i` touches.
+  /// The object that user `i` touches.
   [[nodiscard]] const SharedObject& object(std::size_t i) const { return *objects_[i]; }
   [[nodiscard]] const BodyTouch& touch(std::size_t i) const { return touches_[i]; }
 
   [[nodiscard]] const PassivityController::Ledger& port(std::size_t i) const { return ports_[i].ledger(); }
 
-  /// The user's device in this cycle; gives the force on the hand.
+  /// The user's device in this cycle; returns the force on the hand.
   Vec3d hold(std::size_t user, const DeviceState& device, bool grab) {
     BodyTouch& touch = touches_[user];
     touch.step(device, grab, objects_[user]->state(), shape_, {settings_.grip, settings_.grip_damping}, kDt);
     outgoing_.device = device;
     outgoing_.grab = grab;
     if (server()) {
-      links_[user][settings_.users].send(now_ns_, outgoing_, kBytes);
+      paths_[user][settings_.users].send(now_ns_, outgoing_, kBytes);
     }
     Vec3d force = Vec3d::Zero();
     if (touch.touching())
@@ -175,7 +175,7 @@ class World {
     if (!server() && touch.touching()) springs_[user].push_back(touch.spring());
     return force;
   }
-  void push(std::size_t place, const Vec3d& force) { pushes_[place] = force; }
+  void push(std::size_t node, const Vec3d& force) { pushes_[node] = force; }
 
   /// One cycle of every simulator.
   void step(const Surroundings& surroundings) {
@@ -226,14 +226,14 @@ class World {
   void receive(std::size_t i) {
     for (std::size_t from = 0; from < objects_.size(); ++from) {
       if (from == i) continue;
-      while (const auto packet = links_[from][i].take(now_ns_)) {
+      while (const auto packet = paths_[from][i].take(now_ns_)) {
         if (server()) {
           if (i == settings_.users) {
             remote_[from] = *packet;
           } else if (from == settings_.users) {
             objects_[i]->place(packet->copy.body);
           }
-        } else if (settings_.method == Method::kLine) {
+        } else if (settings_.method == Method::kChannel) {
           objects_[i]->coupling()->on_sample(from, packet->copy);
         } else {
           pulls_[i].on_sample(from, packet->copy);
@@ -273,7 +273,7 @@ class World {
     }
     for (std::size_t to = 0; to < objects_.size(); ++to) {
       if (to == i || (server() && i != settings_.users)) continue;
-      links_[i][to].send(now_ns_, packet, kBytes);
+      paths_[i][to].send(now_ns_, packet, kBytes);
     }
   }
 
@@ -281,7 +281,7 @@ class World {
   BoxSurface shape_;
   std::vector<std::unique_ptr<CopyCoupling>> couplings_;
   std::vector<std::unique_ptr<SharedObject>> objects_;
-  std::vector<std::vector<Way<Packet>>> links_;  // from, to
+  std::vector<std::vector<Path<Packet>>> paths_;  // from, to
   std::vector<BodyTouch> touches_, remote_touches_;
   std::vector<Packet> remote_;
   std::vector<std::vector<PointSpring>> springs_;
@@ -294,7 +294,7 @@ class World {
   double server_given_ = 0;
 };
 
-/// Where the users want the object's centre: up, along, around and to rest.
+/// Offset of the object's centre that the users want: up, along, around and back to rest.
 Vec3d wanted_at(double time) {
   const double t = std::clamp(time - 1, 0.0, kRest - 1);
   const double phase = t / (kRest - 1);
@@ -329,7 +329,7 @@ CarryResult carry(const WorldSettings& settings, double seconds) {
     const double angle = 2 * kPi * static_cast<double>(i) / static_cast<double>(settings.users);
     User user;
     const Vec3d direction{std::cos(angle), std::sin(angle), 0};
-    // On the side face; pressed in by a millimetre, so that it touches when it grabs.
+    // On the side face, pressed in by 1 mm, so that it is in contact when it grabs.
     const double face = kHalf.x() / direction.head<2>().cwiseAbs().maxCoeff();
     user.grip_point = start.position + direction * (face + 0.003 - 0.001);
     user.error = settings.disagreement * Vec3d{normal(random), normal(random), normal(random)};
@@ -346,12 +346,12 @@ CarryResult carry(const WorldSettings& settings, double seconds) {
   CarryResult result;
   const Surroundings surroundings;
   const int cycles = static_cast<int>(seconds / kDt);
-  const double rest = kRest + 0.2;  // the slowest hand's lag
+  const double rest = kRest + 0.2;  // includes the lag of the slowest hand
   for (int cycle = 0; cycle < cycles; ++cycle) {
     const double time = cycle * kDt;
     for (std::size_t i = 0; i < settings.users; ++i) {
       User& user = users[i];
-      // Two points of the path at a time: where the hand wants to be now and in a cycle.
+      // Two points of the path: the hand's target now and in one cycle.
       HandPath path;
       path.count = 2;
       for (int k = 0; k < 2; ++k) {
@@ -360,7 +360,7 @@ CarryResult carry(const WorldSettings& settings, double seconds) {
         path.waypoints[static_cast<std::size_t>(k)] = {world.now_ns() - kCycleNs + k * kCycleNs,
                                                        {target.x(), target.y(), target.z()}};
       }
-      user.device->wishes().post(path);
+      user.device->paths().post(path);
       const DeviceState device = user.device->read(world.now_ns());
       if (settings.method == Method::kServer) world.add_given(user.force.dot(device.position - user.position));
       user.position = device.position;
@@ -394,7 +394,7 @@ CarryResult carry(const WorldSettings& settings, double seconds) {
   return result;
 }
 
-bool settles(const WorldSettings& settings) {
+bool comes_to_rest(const WorldSettings& settings) {
   BodySettings whole = whole_of(settings);
   whole.gravity.setZero();
   World world{settings, whole, {}};
@@ -422,17 +422,17 @@ MassResult apparent_mass(const WorldSettings& settings, double frequency) {
   World world{settings, whole, {}};
   Surroundings surroundings;
   surroundings.ground = false;
-  const double turn = 2 * kPi * frequency;
-  const double amplitude = 0.03 * settings.mass * turn * turn;  // N, for about 3 cm
+  const double angular_frequency = 2 * kPi * frequency;
+  const double amplitude = 0.03 * settings.mass * angular_frequency * angular_frequency;  // N, for about 3 cm
   const int warm_up = static_cast<int>(std::ceil(12 * frequency) / frequency / kDt);
   const int measured = static_cast<int>(4 / frequency / kDt);
   double in_phase = 0, out_of_phase = 0, before = 0;
-  // The force begins as a cosine, so that the velocity has no mean.
+  // The force starts as a cosine, so that the mean velocity is zero.
   for (int cycle = 0; cycle < warm_up + measured; ++cycle) {
-    const double phase = turn * cycle * kDt;
+    const double phase = angular_frequency * cycle * kDt;
     const bool server = settings.method == Method::kServer;
-    // What the user does reaches a server by the link's delay later.
-    const double there = server ? phase - turn * settings.link.delay_ms * 1e-3 : phase;
+    // A user's force reaches the server one link delay later.
+    const double there = server ? phase - angular_frequency * settings.link.delay_ms * 1e-3 : phase;
     world.push(server ? settings.users : 0, {amplitude * std::cos(there), 0, 0});
     world.step(surroundings);
     const double x = world.object(0).state().position.x();
@@ -442,9 +442,9 @@ MassResult apparent_mass(const WorldSettings& settings, double frequency) {
     in_phase += speed * std::sin(phase) * 2 / measured;
     out_of_phase += speed * std::cos(phase) * 2 / measured;
   }
-  // Force A cos = Re, speed = out cos + in sin; impedance Z = F / v = A (out + j in) / (out^2 + in^2).
+  // Force A cos = Re, velocity = out cos + in sin; impedance Z = F / v = A (out + j in) / (out^2 + in^2).
   const double size = in_phase * in_phase + out_of_phase * out_of_phase;
-  return {amplitude * in_phase / size / turn, amplitude * out_of_phase / size};
+  return {amplitude * in_phase / size / angular_frequency, amplitude * out_of_phase / size};
 }
 
 }  // namespace tactus::study

@@ -24,7 +24,7 @@ Estimate estimate(const std::vector<double>& values) {
   std::mt19937_64 random{1};
   std::vector<double> means(kDraws), drawn(values.size());
   for (double& mean : means) {
-    // Not a distribution of the standard library: those differ from one to the next.
+    // Not a distribution of the standard library, because implementations differ.
     for (double& value : drawn) value = values[random() % values.size()];
     mean = mean_of(drawn);
   }

@@ -1,4 +1,4 @@
-/// What several seeds of one cell say: the mean, and how far it can be trusted.
+/// Mean and confidence interval over the seeds of a cell.
 #pragma once
 
 #include <cstddef>
@@ -8,12 +8,12 @@ namespace tactus::study {
 
 struct Estimate {
   double mean = 0;
-  double low = 0, high = 0;  ///< 95 % confidence; both the mean itself when there is one value
+  double low = 0, high = 0;  ///< 95 % confidence; both equal the mean for a single value
   std::size_t count = 0;
 };
 
-/// By the percentile bootstrap: means of 2000 samples drawn from `values` with replacement, their 2.5th and 97.5th
-/// percentile. The same values give the same bits. Source: Efron 1979.
+/// Percentile bootstrap: means of 2000 samples drawn from `values` with replacement, their 2.5th and 97.5th percentile.
+/// The same values give the same bits. Source: Efron 1979.
 [[nodiscard]] Estimate estimate(const std::vector<double>& values);
 
 }  // namespace tactus::study

@@ -16,7 +16,7 @@ using haptics::Vec3d;
 constexpr double kDt = 1e-3;
 constexpr int kSubsteps = 10;
 
-/// A mass pressed into a wall by 1 N, whose force comes `delay` later; whether it comes to rest.
+/// True when a mass pressed with 1 N against a wall comes to rest; the wall's force is delayed by `delay`.
 bool rests_on_wall(double stiffness, double delay, bool control) {
   const auto cycles = static_cast<std::size_t>(std::lround(delay / kDt));
   std::deque<Vec3d> under_way(cycles, Vec3d::Zero());
@@ -24,7 +24,7 @@ bool rests_on_wall(double stiffness, double delay, bool control) {
   double x = 0.001, v = 0, early = 0, late = 0;
   const int total = 20'000;
   for (int cycle = 0; cycle < total; ++cycle) {
-    // Nothing hinders the wall from pulling: its linear limit is what the bound is about.
+    // The wall may pull, because the bound is for the linear system.
     under_way.push_back({-stiffness * x, 0, 0});
     Vec3d force = under_way.front();
     under_way.pop_front();
@@ -41,7 +41,7 @@ bool rests_on_wall(double stiffness, double delay, bool control) {
   return late < 1e-4 || late < 0.9 * early;
 }
 
-/// The largest stiffness up to kStiffest at which `stable` holds, by bisection of its logarithm; 0: none from 5 N/m on.
+/// The largest stiffness up to kStiffest at which `stable` holds, by bisection of its logarithm; 0: none from 5 N/m.
 template <class Stable>
 double largest(Stable&& stable, int steps) {
   if (stable(kStiffest)) return kStiffest;
@@ -71,13 +71,13 @@ Stiffness largest_stable(double round_trip, int steps) {
     return largest(
         [&](double k) {
           world.coupling = k;
-          return settles(world);
+          return comes_to_rest(world);
         },
         steps);
   };
   found.copies_naive = copies(Method::kNaive);
   found.copies_set = copies(Method::kSpring);
-  found.copies_line = copies(Method::kLine);
+  found.copies_channel = copies(Method::kChannel);
   return found;
 }
 

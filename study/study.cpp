@@ -14,11 +14,11 @@
 namespace tactus::study {
 
 using client_sim::ScenarioError;
+using client_sim::yaml::KeyPath;
 using client_sim::yaml::Map;
-using client_sim::yaml::Place;
 
 Study parse_study(const std::string& text, const std::string& source) {
-  const Place top{source, ""};
+  const KeyPath top{source, ""};
   const YAML::Node root = client_sim::yaml::load(text, top);
   if (!root.IsMap()) {
     top.fail(root.Mark(), "found " + client_sim::yaml::shown(root) + ", expected a map with name and scenarios");
@@ -35,7 +35,7 @@ Study parse_study(const std::string& text, const std::string& source) {
   map.flag("collaboration", study.collaboration);
   map.flag("stiffness", study.stiffness);
   if (map.has("scan")) {
-    const Map scan{map.place("scan"), map.child("scan"), {"model", "faces", "size"}};
+    const Map scan{map.key_path("scan"), map.child("scan"), {"model", "faces", "size"}};
     scan.text("model", study.scan.model);
     scan.integer("faces", 1000, 30e6, study.scan.faces);
     scan.number("size", 0.01, 10, study.scan.size);
@@ -56,7 +56,7 @@ using client_sim::ActionKind;
 using client_sim::Measure;
 using client_sim::Scenario;
 
-/// What keeps a study from running it, or nothing.
+/// Why a study cannot run the scenario; empty when it can.
 std::string trouble_with(const Scenario& scenario) {
   if (scenario.measures == Measure::kNone) return "measures nothing; expected 'measures' and 'truth'";
   const std::size_t max = hrtc_service::kMaxProbes;
@@ -64,7 +64,7 @@ std::string trouble_with(const Scenario& scenario) {
     return "has " + std::to_string(scenario.users.size()) + " users, expected at most " + std::to_string(max);
   const bool of_a_tool = scenario.measures == Measure::kForces && scenario.truth == client_sim::Truth::kFullMesh;
   if (scenario.tool != client_sim::Tool::kSphere && !of_a_tool)
-    return "has a tool, which is measured by its forces against the full mesh alone";
+    return "has a tool, which can only measure forces with truth full-mesh";
   const std::string object = object_of(scenario);
   if (scenario.measures == Measure::kTarget || scenario.measures == Measure::kLift ||
       scenario.measures == Measure::kHandOver) {
@@ -84,7 +84,7 @@ std::string trouble_with(const Scenario& scenario) {
   }
   if (object != "wall" && object != "scan") return "touches '" + object + "', expected wall or scan";
   if (object != "wall" && scenario.truth == client_sim::Truth::kAnalytic)
-    return "its truth is analytic, which is known of the wall alone";
+    return "has an analytic truth, which exists for the wall only";
   return "";
 }
 

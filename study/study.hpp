@@ -1,14 +1,14 @@
-/// A study: profiles by scenarios by seeds, read from YAML.
+/// A study over links, scenarios and seeds, read from YAML.
 ///
 ///     name: quick
-///     profiles: [P0, P4, P6]                    # P0 is always there: it is what the others are paired with
+///     profiles: [P0, P4, P6]                    # P0 is always included: the baseline of paired differences
 ///     scenarios: [tap-scan, follow-scan, my.yaml]
 ///     seeds: 10
 ///     scan: {model: organ, faces: 200000, size: 0.2}
 ///     collaboration: true
 ///     stiffness: true
 ///
-/// docs/how-to/studies.md has the rest.
+/// docs/how-to/studies.md has the details.
 #pragma once
 
 #include <cstdint>
@@ -19,7 +19,7 @@
 
 namespace tactus::study {
 
-/// What the object `scan` is.
+/// The object `scan`.
 struct Scan {
   std::string model = "organ";  ///< a file, or a generated shape
   std::uint32_t faces = 200'000;
@@ -34,19 +34,19 @@ struct Study {
   std::uint32_t seeds = 5;
   std::uint64_t first_seed = 1;
   Scan scan;
-  bool collaboration = true;  ///< the table of ways to simulate a shared object
-  bool stiffness = true;      ///< that of the largest stable stiffness
+  bool collaboration = true;  ///< the table of simulation methods for a shared object
+  bool stiffness = true;      ///< the table of the largest stable stiffness
 };
 
 /// The zero-delay link, with which runs of other links and the same seed are paired.
 inline constexpr const char* kBaseline = "P0";
 
-/// Reads `text`; `source` names it in messages. Throws client_sim::ScenarioError.
+/// Parses `text`; `source` names it in messages. Throws client_sim::ScenarioError.
 [[nodiscard]] Study parse_study(const std::string& text, const std::string& source);
 [[nodiscard]] Study load_study(const std::string& file);
 
-/// Brings the baseline to the front. Throws client_sim::ScenarioError or netem::LinkError for a profile or a scenario
-/// that is not there, or that a study cannot run.
+/// Moves the baseline to the front and loads the scenarios. Throws client_sim::ScenarioError or netem::LinkError for a
+/// link or scenario that is missing or that a study cannot run.
 [[nodiscard]] std::vector<client_sim::Scenario> check(Study& study);
 
 }  // namespace tactus::study

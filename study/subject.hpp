@@ -1,4 +1,4 @@
-/// What the users of a study touch: a model with all that a host and a ground truth need of it.
+/// The object that the users of a study touch: a model in the forms that host and ground truth need.
 #pragma once
 
 #include <array>
@@ -13,7 +13,7 @@
 namespace tactus::study {
 
 struct Subject {
-  std::string name;    ///< of the object, as scenarios have it
+  std::string name;    ///< of the object, as in scenarios
   std::string source;  ///< file or generator
   std::unique_ptr<const spm::offline::BuiltModel> built;
   spm::Model model;
@@ -21,7 +21,7 @@ struct Subject {
   std::vector<std::array<std::uint32_t, 3>> finest;  ///< by FaceId
 };
 
-/// `source` is a model file of any kind but `.spm`, or one of spm::offline::shape_names(), of `faces` faces then.
+/// `source`: a model file of any kind but `.spm`, or one of spm::offline::shape_names(), then with `faces` faces.
 /// `size`: of its longest side, m. Throws spm::ModelError.
 [[nodiscard]] Subject make_subject(const std::string& name, const std::string& source, std::uint32_t faces,
                                    double size);

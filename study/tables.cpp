@@ -13,7 +13,7 @@ namespace {
 
 using nlohmann::ordered_json;
 
-/// Three digits that matter, but no more than a thousandth.
+/// Three significant digits, at most a thousandth.
 std::string number(double value) {
   char text[32];
   const double size = std::abs(value);
@@ -77,7 +77,7 @@ Table overview(const std::vector<Cell>& cells, const std::string& name, const st
   return table;
 }
 
-/// All figures, a row for each cell that has any.
+/// All figures; one row for each cell with values.
 Table details(const std::string& caption, const std::vector<Cell>& cells, Estimate CellFigure::*member) {
   Table table{caption, {{"scenario, link"}}};
   for (const CellFigure& figure : cells.front().figures) table.rows.front().push_back(title(figure));
@@ -119,7 +119,7 @@ std::string markdown(const Table& table) {
   return text + "\n";
 }
 
-/// A figure by link, a curve for each scenario, with the bounds of its confidence.
+/// A figure over links, one curve per scenario, with confidence intervals.
 struct Drawing {
   Topic topic;
   const char* figure;
@@ -142,7 +142,7 @@ constexpr Drawing kDrawings[]{{Topic::kForces, "above 1 JND", false},
                               {Topic::kCollaboration, "apparent mass, of the mass", false},
                               {Topic::kCollaboration, "injected", true}};
 
-/// Smallest and largest of some values that a scale can show.
+/// Smallest and largest value that a scale can show.
 class Range {
  public:
   explicit Range(bool logarithmic) : logarithmic_{logarithmic} {}
@@ -196,7 +196,7 @@ std::string draw(const std::vector<Cell>& cells, const Drawing& drawing) {
 
 /// A curve for each method over the round trip; analytic bounds are dashed.
 std::string draw_stiffness(const std::vector<Cell>& cells) {
-  constexpr double kShortest = 1;  // ms, where no round trip is drawn
+  constexpr double kShortest = 1;  // ms, position of a zero round trip
   std::vector<std::string> names;
   Range range{true};
   for (const CellFigure& figure : cells.front().figures)

@@ -10,13 +10,13 @@
 
 namespace tactus::study {
 
-/// What a reader has to know beside the figures.
+/// Context that a reader needs with the figures.
 struct About {
   std::string study, command, machine, build;
   std::vector<std::string> notes;
 };
 [[nodiscard]] std::string markdown(const About& about, const std::vector<Cell>& cells);
-/// The tables with plots before them, for a browser; needs nothing from elsewhere.
+/// Plots and tables for a browser, self-contained.
 [[nodiscard]] std::string html(const About& about, const std::vector<Cell>& cells);
 [[nodiscard]] std::string csv(const std::vector<Cell>& cells);
 [[nodiscard]] std::string json(const About& about, const std::vector<Cell>& cells);

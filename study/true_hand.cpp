@@ -36,10 +36,10 @@ TrueTool::TrueTool(const spm::FinestTree& mesh, double scale, const spm::MeshPro
   object_.friction = material.dynamic_friction;
 }
 
-haptics::Wrench TrueTool::at(const haptics::DeviceState& device, bool anew) {
+haptics::Wrench TrueTool::at(const haptics::DeviceState& device, bool mesh_changed) {
   const haptics::ToolGrip grip = renderer_.grip(feel_, kDt, device.loop_delay);
   tool_.set_grip(grip);
-  const haptics::ToolResult& tool = tool_.step({device.position, device.orientation}, kDt, {&object_, 1}, anew);
+  const haptics::ToolResult& tool = tool_.step({device.position, device.orientation}, kDt, {&object_, 1}, mesh_changed);
   const haptics::ForceResult& result = renderer_.step(tool, grip, device, feel_, 0, kDt);
   return {result.force, result.torque};
 }

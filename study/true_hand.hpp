@@ -1,6 +1,6 @@
-/// What a hand would feel where everything is at hand: the ground truth of forces, one process and all of the surface.
+/// The ground truth of forces: the force on a hand with the whole surface in the same process.
 ///
-/// The same hand, cycle by cycle: it is told where the hand is, and nothing of what the session shows there.
+/// It receives the device state of each cycle, and nothing that the session computes.
 #pragma once
 
 #include "haptics/body_touch.hpp"
@@ -13,19 +13,19 @@ namespace tactus::study {
 class TrueHand {
  public:
   virtual ~TrueHand() = default;
-  /// One millisecond later. `anew`: the session's mesh has changed, so that a tool there looks anew for what is near.
-  /// To do so in the same cycles leaves the mesh as the only difference: what is found is rounded by where it was
-  /// sought.
-  [[nodiscard]] virtual haptics::Wrench at(const haptics::DeviceState& device, bool anew) = 0;
+  /// Advances by one millisecond. `mesh_changed`: the session's mesh has changed, so a tool there gathers its pairs
+  /// again. Doing so in the same cycles leaves the mesh as the only difference, because rounding depends on the pose of
+  /// the gather.
+  [[nodiscard]] virtual haptics::Wrench at(const haptics::DeviceState& device, bool mesh_changed) = 0;
 };
 
-/// A ball that follows the hand over a surface, with a proxy of its own.
+/// A sphere that follows the hand over a surface, with a proxy of its own.
 class TrueSphere final : public TrueHand {
  public:
   /// `surface` must outlive it.
   TrueSphere(const haptics::Surface& surface, double radius, const session::Material& material,
              const haptics::ForceSettings& settings);
-  [[nodiscard]] haptics::Wrench at(const haptics::DeviceState& device, bool anew) override;
+  [[nodiscard]] haptics::Wrench at(const haptics::DeviceState& device, bool mesh_changed) override;
 
  private:
   const haptics::Surface& surface_;
@@ -34,13 +34,13 @@ class TrueSphere final : public TrueHand {
   haptics::ForceRenderer renderer_;
 };
 
-/// A tool on all faces of the finest mesh, in one tree that never changes.
+/// A tool on all faces of the finest mesh, in one static tree.
 class TrueTool final : public TrueHand {
  public:
-  /// `mesh` stands at the origin in `scale` metres a unit; it and `probe` must outlive this.
+  /// `mesh` is at the origin with `scale` metres per unit; it and `probe` must outlive this.
   TrueTool(const spm::FinestTree& mesh, double scale, const spm::MeshProbe& probe, const session::Material& material,
            const haptics::ForceSettings& settings, const haptics::DeviceSpec& spec);
-  [[nodiscard]] haptics::Wrench at(const haptics::DeviceState& device, bool anew) override;
+  [[nodiscard]] haptics::Wrench at(const haptics::DeviceState& device, bool mesh_changed) override;
   [[nodiscard]] const haptics::ToolResult& last() const noexcept { return tool_.last(); }
 
  private:

@@ -15,8 +15,8 @@ constexpr std::int64_t kCycleNs = 1'000'000, kNetworkStepNs = 250'000;
 constexpr double kDt = 1e-3;
 constexpr std::uint64_t kSeedsPerRun = 64;
 constexpr double kTremor = 1e-4;         // m rms, of a resting hand between 8 and 12 Hz
-constexpr std::size_t kHeads = 170;      // bytes around a payload: Ethernet, IP, UDP, RTPS, ours
-constexpr std::size_t kPoseBytes = 330;  // a pose or a command with its force, heads and all
+constexpr std::size_t kHeads = 170;      // bytes of headers: Ethernet, IP, UDP, RTPS, ours
+constexpr std::size_t kPoseBytes = 330;  // a pose or a command with its force, with headers
 constexpr std::size_t kRosterBytes = kHeads + 150;
 
 host_service::HostCoreSettings host_settings(const Subject& subject, const session::Material& material) {
@@ -41,7 +41,7 @@ std::size_t bytes_of(const session::Demand& demand) {
 }  // namespace
 
 VirtualSession::Hand::Hand(const client_sim::User& user, const SessionSettings& session, std::uint64_t seed)
-    : mind{user, {}}, poses{session.link.forth, 4 * seed}, commands{session.link.back, 4 * seed + 1} {
+    : op{user, {}}, poses{session.link.forth, 4 * seed}, commands{session.link.back, 4 * seed + 1} {
   settings.tremor = kTremor;
   settings.seed = static_cast<std::uint32_t>(seed);
   if (user.remote) remote = std::make_unique<haptics::RemoteDevice>(session.device_spec());
@@ -64,7 +64,7 @@ VirtualSession::VirtualSession(const Subject& subject, const client_sim::Scenari
 VirtualSession::~VirtualSession() = default;
 
 bool VirtualSession::done() const {
-  return std::all_of(hands_.begin(), hands_.end(), [](const auto& hand) { return hand->mind.done(); });
+  return std::all_of(hands_.begin(), hands_.end(), [](const auto& hand) { return hand->op.done(); });
 }
 
 bool VirtualSession::base_shown() const {
@@ -81,10 +81,10 @@ void VirtualSession::settle() {
       return;
     }
   }
-  throw std::runtime_error("the base mesh did not come within a minute: does it fit the pool?");
+  throw std::runtime_error("the base mesh did not arrive within a minute; does it fit the pool?");
 }
 
-/// Loader and host meet on the link.
+/// Carries messages between loader and host over the link.
 void VirtualSession::move_network(std::int64_t until_ns) {
   while (auto demand = core_.gateway().demand(now_ns_)) {
     const std::size_t bytes = bytes_of(*demand);
@@ -102,25 +102,25 @@ void VirtualSession::move_network(std::int64_t until_ns) {
   }
 }
 
-/// The user's next wish, from what it has felt.
-void VirtualSession::think(Hand& hand) {
-  const std::optional<session::Intent> intent = hand.mind.tick(now_ns_, objects_);
+/// Sends the user's next intent, computed from its probe's state.
+void VirtualSession::send_intent(Hand& hand) {
+  const std::optional<session::Intent> intent = hand.op.tick(now_ns_, objects_);
   if (!intent) return;
   if (!hand.device) {
     sharing::begin_at(*intent, hand.settings);
     hand.device.emplace(hand.settings, settings_.device_spec());
   }
-  hand.device->wishes().post(sharing::hand_path(*intent, 0));
+  hand.device->paths().post(sharing::hand_path(*intent, 0));
 }
 
-/// What client_sim/remote_hand does, with a clock that is known to both ends.
+/// As client_sim/remote_hand, with one clock for both ends.
 void VirtualSession::move_remote(Hand& hand) {
   constexpr double kHold = 0.010, kZeroBy = 0.060;  // s
   while (const auto command = hand.commands.take(now_ns_)) {
     if (command->number <= hand.newest.number) continue;
     hand.newest = *command;
     hand.newest_ns = now_ns_;
-    hand.mind.on_probe_state(command->state);
+    hand.op.on_probe_state(command->state);
   }
   const double silent = static_cast<double>(now_ns_ - hand.newest_ns) * 1e-9;
   const double share = std::clamp((kZeroBy - silent) / (kZeroBy - kHold), 0.0, 1.0);
@@ -164,7 +164,7 @@ void VirtualSession::report(std::size_t user, const hrtc_service::ProbeOutput& o
   Hand& hand = *hands_[user];
   if (!output.active) return;
   session::ProbeState state;
-  state.user_id = session::id_of(hand.mind.user().name);
+  state.user_id = session::id_of(hand.op.user().name);
   state.session_time_ns = now_ns_;
   state.device.position = output.device;
   state.proxy = output.proxy;
@@ -179,7 +179,7 @@ void VirtualSession::report(std::size_t user, const hrtc_service::ProbeOutput& o
   hand.felt.wrench = wrench;
   hand.felt.exact = (output.status & session::kExact) != 0;
   hand.device->write_wrench(wrench.force, wrench.torque);
-  hand.mind.on_probe_state(state);
+  hand.op.on_probe_state(state);
 }
 
 void VirtualSession::step() {
@@ -194,7 +194,7 @@ void VirtualSession::step() {
   if (cycles_ % 2 == 0) core_.gateway().tick(now_ns_, session::ClockMap{});
   if (acting_) {
     for (std::size_t user = 0; user < hands_.size(); ++user) {
-      think(*hands_[user]);
+      send_intent(*hands_[user]);
       read(user);
     }
   }
@@ -202,7 +202,7 @@ void VirtualSession::step() {
   const hrtc_service::Servo::Outputs& outputs = servo.touch(inputs_, now_ns_);
   for (std::size_t user = 0; user < hands_.size(); ++user) report(user, outputs[user]);
   servo.publish(now_ns_, now_ns_ + kCycleNs);
-  looked_anew_ = changed_;
+  mesh_changed_ = changed_;
   changed_ = servo.refine(spm::Budget{settings_.budget}).costs.changes > 0;
 }
 

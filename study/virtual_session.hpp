@@ -1,14 +1,14 @@
-/// A session of a host and a controller with a scenario's users, joined by an emulated link, in virtual time.
+/// A session of a host and an HRTC with the users of a scenario, joined by an emulated link, in virtual time.
 ///
 ///     host [HostCore] --records, roster entries--> link --> [HrtcCore] <- [hand] <- [Operator]
-///                     <--------- demands --------- link <--     |             local: at the controller
+///                     <--------- demands --------- link <--     |             local: at the HRTC
 ///                                                               +-- link --> [hand] <- [Operator]
-///                                                                            remote: beyond a link of its own
+///                                                                            remote: over a link of its own
 ///
-/// All of it is what the programs run; threads, sockets, clocks, discovery and what the machine does to them are
-/// missing. The cycle comes every millisecond, the loader's tick every second one, the host looks for something to send
-/// four times a millisecond. What is found to be touched stands at the origin, unturned, in metres. The same settings
-/// give the same run to the last bit. One thread at a time.
+/// It runs the code of the programs without threads, sockets, clocks, discovery and effects of the machine. The cycle
+/// runs every millisecond, the loader every second one, and the host looks for something to send four times per
+/// millisecond. The touched object is at the origin, not rotated, in metres. The same settings give the same run to the
+/// bit. One thread at a time.
 #pragma once
 
 #include <deque>
@@ -23,20 +23,20 @@
 #include "host_service/host_core.hpp"
 #include "hrtc_service/hrtc_core.hpp"
 #include "session/sequence_window.hpp"
+#include "study/path.hpp"
 #include "study/subject.hpp"
-#include "study/way.hpp"
 
 namespace tactus::study {
 
 struct SessionSettings {
-  netem::LinkSettings link;        ///< forth: from the host, and from remote users, to the controller
-  std::uint64_t seed = 1;          ///< of losses, delays and of the hands' tremor
-  std::uint32_t slots = 1 << 16;   ///< of the controller's pool, what tactus-hrtc takes unless told
-  std::uint32_t budget = 1 << 14;  ///< of a cycle's refinement, units of spm::Budget
+  netem::LinkSettings link;        ///< forth: from host and remote users to the HRTC
+  std::uint64_t seed = 1;          ///< for losses, delays and the tremor of the hands
+  std::uint32_t slots = 1 << 16;   ///< of the HRTC's pool; the default of tactus-hrtc
+  std::uint32_t budget = 1 << 14;  ///< of a cycle's refinement, in units of spm::Budget
   session::Material material;
-  hrtc_service::CycleSettings cycle;  ///< with the tool that all users hold, if any
+  hrtc_service::CycleSettings cycle;  ///< with the tool of all users, if any
 
-  /// Of every hand's device: one that bears a torque where there is a tool.
+  /// Limits of every hand's device; it can exert a torque if there is a tool.
   [[nodiscard]] haptics::DeviceSpec device_spec() const {
     haptics::DeviceSpec spec;
     if (cycle.tool != nullptr) spec.max_torque = cycle.force.max_torque;
@@ -46,35 +46,35 @@ struct SessionSettings {
 
 /// One millisecond of a hand.
 struct Felt {
-  haptics::DeviceState device;  ///< where it is, world
-  haptics::Wrench wrench;       ///< on it
-  bool exact = false;           ///< a contact on the finest mesh; of a remote hand, as it was told
+  haptics::DeviceState device;  ///< world frame
+  haptics::Wrench wrench;       ///< on the device
+  bool exact = false;           ///< contact on the finest mesh; for a remote hand as received
 };
 
 class VirtualSession {
  public:
-  /// `subject` must outlive it. Users are one to kMaxProbes; their tips have the radius of the first one's.
+  /// `subject` must outlive this. One to kMaxProbes users; all tips have the radius of the first one.
   VirtualSession(const Subject& subject, const client_sim::Scenario& scenario, const SessionSettings& settings);
   ~VirtualSession();
 
-  /// Runs without users until the base mesh is shown and a second longer, then lets them act. Throws
-  /// std::runtime_error when that takes over a minute.
+  /// Runs without users until one second after the base mesh is shown, then starts the users. Throws std::runtime_error
+  /// after a minute.
   void settle();
-  /// Lets users act at once, of whom nobody has heard anything yet.
+  /// Starts the users at once, before any data has arrived.
   void begin() noexcept { acting_ = true; }
-  /// One millisecond; users act.
+  /// Advances by one millisecond; users act.
   void step();
 
-  /// False until the user knows an object and takes its hand to it.
+  /// False until the user knows an object and has placed its hand.
   [[nodiscard]] bool is_here(std::size_t user) const { return hands_[user]->device.has_value(); }
   /// Of the last step.
   [[nodiscard]] const Felt& felt(std::size_t user) const { return hands_[user]->felt; }
   /// All scripts have ended.
   [[nodiscard]] bool done() const;
   [[nodiscard]] bool base_shown() const;
-  /// The last step was the first on another mesh, where tools look anew for what is near.
-  [[nodiscard]] bool looked_anew() const noexcept { return looked_anew_; }
-  /// Of regions and base mesh, payload.
+  /// True when the last step was the first on a changed mesh, where tools gather pairs again.
+  [[nodiscard]] bool mesh_changed() const noexcept { return mesh_changed_; }
+  /// Payload bytes of regions and base mesh.
   [[nodiscard]] std::uint64_t bytes_received() const {
     return core_.gateway().loader().delivery_counters().payload_bytes;
   }
@@ -86,17 +86,17 @@ class VirtualSession {
     haptics::Wrench wrench;
     std::uint32_t number = 0;
   };
-  /// A user with hand and mind.
+  /// A user with its hand and operator.
   struct Hand {
     Hand(const client_sim::User& user, const SessionSettings& settings, std::uint64_t seed);
-    client_sim::Operator mind;
+    client_sim::Operator op;
     haptics::HandSettings settings;
-    std::optional<haptics::SimulatedDevice> device;  // once it is known where it begins
+    std::optional<haptics::SimulatedDevice> device;  // created when its start position is known
     Felt felt;
-    // Of a remote one.
+    // For a remote hand.
     std::unique_ptr<haptics::RemoteDevice> remote;
-    Way<haptics::RemotePose> poses;
-    Way<Command> commands;
+    Path<haptics::RemotePose> poses;
+    Path<Command> commands;
     Command newest;
     std::int64_t newest_ns = 0;
     std::uint32_t numbered = 0;
@@ -104,7 +104,7 @@ class VirtualSession {
   };
 
   void move_network(std::int64_t until_ns);
-  void think(Hand& hand);
+  void send_intent(Hand& hand);
   void read(std::size_t user);
   void move_remote(Hand& hand);
   void report(std::size_t user, const hrtc_service::ProbeOutput& output);
@@ -115,13 +115,13 @@ class VirtualSession {
   std::int64_t now_ns_ = 1'000'000'000;
   host_service::HostCore host_;
   hrtc_service::HrtcCore core_;
-  Way<session::BulkChunk> records_;
-  Way<session::Demand> demands_;
-  Way<session::RosterEntry> roster_entries_;  // of the host
+  Path<session::BulkChunk> records_;
+  Path<session::Demand> demands_;
+  Path<session::RosterEntry> roster_entries_;  // of the host
   std::int64_t catalogue_ns_;
   std::uint64_t cycles_ = 0;
   bool acting_ = false;
-  bool changed_ = true, looked_anew_ = true;
+  bool changed_ = true, mesh_changed_ = true;
   hrtc_service::Servo::Inputs inputs_;
 };
 

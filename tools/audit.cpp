@@ -15,7 +15,7 @@ namespace {
 
 using Entry = ContactLog::Entry;
 
-/// `count` of `from`, evenly spread, the first among them.
+/// Selects `count` of `from`, evenly spread, the first included.
 template <class T>
 std::vector<T> evenly(const std::vector<T>& from, std::size_t count) {
   std::vector<T> chosen;
@@ -39,7 +39,7 @@ std::vector<Corners> corners_of(spm::Span<const std::array<float, 3>> positions,
   return triangles;
 }
 
-/// One object of the log against the original.
+/// Audits one object of the log against the original.
 class ObjectAuditor {
  public:
   ObjectAuditor(const ContactLog& log, const trace::LoggedObject& object, const Original& original,
@@ -71,7 +71,7 @@ class ObjectAuditor {
     bool operator<(const Truth& other) const noexcept { return key < other.key; }
   };
 
-  /// Finds which entries touch the original, when each probe first did, and which are worth an audit.
+  /// Finds the entries in contact with the original, the first contact of each probe, and the candidates for an audit.
   void survey() {
     std::map<std::uint32_t, FirstTouch> touches;
     for (const Entry* entry : entries_) {
@@ -136,10 +136,10 @@ class ObjectAuditor {
     if (result_.mismatches.size() < ObjectAudit::kMismatchesKept) result_.mismatches.push_back(std::move(found));
   }
 
-  /// `near_` is what lies near the entry's ball.
+  /// `near_` has the triangles near the sphere of the entry.
   void ask_second(const Entry& entry) {
     SecondOpinions& opinions = result_.second;
-    const SecondOpinion::Answer answer = second_.ask(entry.centre, entry.radius, kTangent / scale_, near_);
+    const SecondOpinion::Answer answer = second_.compare(entry.centre, entry.radius, kTangent / scale_, near_);
     ++opinions.requested;
     opinions.tangent += answer.tangent;
     if (answer.agrees()) return;
@@ -158,18 +158,18 @@ class ObjectAuditor {
 
   void count_records(const spm::Model& model) {
     const spm::RegionGrid regions{model.summary.grid, model.regions};
-    std::vector<bool> met(model.regions.size()), needed(model.summary.records);
+    std::vector<bool> visited(model.regions.size()), needed(model.summary.records);
     for (const Entry* entry : touched_) {
       const spm::Vec3d centre{entry->centre[0], entry->centre[1], entry->centre[2]};
-      const auto meet = [&](spm::RegionId region, double) {
-        if (met[spm::index(region)]) return;
-        met[spm::index(region)] = true;
+      const auto add_cell = [&](spm::RegionId region, double) {
+        if (visited[spm::index(region)]) return;
+        visited[spm::index(region)] = true;
         add_records(model, region, needed);
       };
-      if (regions.for_each_meeting(centre, entry->radius, meet)) continue;
-      for (std::uint32_t i = 0; i < regions.size(); ++i)  // a ball wider than the grid walks
+      if (regions.for_each_meeting(centre, entry->radius, add_cell)) continue;
+      for (std::uint32_t i = 0; i < regions.size(); ++i)  // a sphere wider than the range of the grid search
         if (regions.box(spm::RegionId{i}).squared_distance(centre) <= entry->radius * entry->radius)
-          meet(spm::RegionId{i}, 0);
+          add_cell(spm::RegionId{i}, 0);
     }
     RecordsUse& use = result_.records.emplace();
     use.needed = static_cast<std::uint64_t>(std::count(needed.begin(), needed.end(), true));
@@ -219,8 +219,9 @@ ContactLog read_log(const std::filesystem::path& path) {
         const bool finite =
             std::all_of(query.centre.begin(), query.centre.end(), [](double x) { return std::isfinite(x); });
         if (!finite || !(std::isfinite(query.radius) && query.radius > 0))
-          throw AuditError(path.string() + ": entry " + std::to_string(log.entries.size()) + " has a ball of radius " +
-                           std::to_string(query.radius) + (finite ? "" : " with a centre that is not finite") +
+          throw AuditError(path.string() + ": entry " + std::to_string(log.entries.size()) +
+                           " has a sphere of radius " + std::to_string(query.radius) +
+                           (finite ? "" : " with a centre that is not finite") +
                            "; expected a finite centre and a radius above 0");
         log.entries.push_back({query.time_ns, query.centre, query.radius, log.contacts.size(), query.contact_count,
                                query.object, query.probe, query.since_change, query.exact, query.truncated});
@@ -241,8 +242,8 @@ std::vector<std::size_t> choose_entries(const std::vector<bool>& near_change, st
   const std::size_t from_close = std::min(close.size(), std::max(max * 2 / 5, left_by_others));
   const std::size_t from_others = std::min(others.size(), max - from_close);
   std::vector<std::size_t> chosen = evenly(close, from_close);
-  const std::vector<std::size_t> rest = evenly(others, from_others);
-  chosen.insert(chosen.end(), rest.begin(), rest.end());
+  const std::vector<std::size_t> chosen_others = evenly(others, from_others);
+  chosen.insert(chosen.end(), chosen_others.begin(), chosen_others.end());
   std::sort(chosen.begin(), chosen.end());
   return chosen;
 }

@@ -106,7 +106,7 @@ std::string row(const char* name, std::uint64_t value, const std::string& more =
   return formatted("  %-32s %llu", name, static_cast<unsigned long long>(value)) + more + "\n";
 }
 
-/// A line of its own; empty when there are no keys.
+/// A line with the keys; empty without keys.
 std::string keys_text(const char* what, const std::vector<std::uint64_t>& keys) {
   constexpr std::size_t kShown = 3;
   if (keys.empty()) return {};
@@ -142,7 +142,7 @@ std::string disagreement_text(const Disagreement& one) {
 }
 
 std::string records_text(const RecordsUse& use) {
-  std::string text = row("records the true paths needed", use.needed, " of " + std::to_string(use.of_model));
+  std::string text = row("records that the paths needed", use.needed, " of " + std::to_string(use.of_model));
   if (!use.received)
     return text + "  records received                 not in the log: its HRTC did not end by itself\n";
   return text +
@@ -155,14 +155,14 @@ std::string records_text(const RecordsUse& use) {
 std::string object_text(const ObjectAudit& object) {
   std::string text = "object '" + object.name + "' of the log\n";
   text += row("cycles logged near it", object.entries);
-  if (object.entries == 0) return text + "  not touched: nothing to audit\n";
+  if (object.entries == 0) return text + "  not touched: no entry to audit\n";
   text += row("cycles in contact", object.contact,
               formatted(", %.3f %% of them exact", 100 * share(object.exact_contact, object.contact)));
   if (object.truncated > 0) text += row("not audited, too many contacts", object.truncated);
   text += row("cycles audited", object.audited,
               ", " + std::to_string(object.audited_near_change) + " within " + std::to_string(kNearChange) +
                   " cycles of a region change");
-  text += row("triangles compared", object.triangles, ", " + std::to_string(object.tangent) + " excepted as tangent");
+  text += row("triangles compared", object.triangles, ", " + std::to_string(object.tangent) + " ignored as tangent");
   for (const FirstTouch& touch : object.touches) {
     const auto after = milliseconds(touch);
     text += formatted("  probe %-26u ", touch.probe) +
@@ -178,7 +178,7 @@ std::string object_text(const ObjectAudit& object) {
   text += row("disagreements with FCL", second.disagreed,
               formatted(", asked about %llu cycles", static_cast<unsigned long long>(second.requested)));
   if (second.tangent > 0)
-    text += row("  triangles left out as tangent", second.tangent, formatted(", within %g m", kTangent));
+    text += row("  triangles ignored as tangent", second.tangent, formatted(", within %g m", kTangent));
   for (const Disagreement& one : second.first) text += disagreement_text(one);
   if (second.disagreed > second.first.size())
     text += "    and " + std::to_string(second.disagreed - second.first.size()) + " more cycles\n";

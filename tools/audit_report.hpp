@@ -1,4 +1,4 @@
-/// What an audit found, for people and for machines.
+/// An audit report as text and as JSON.
 #pragma once
 
 #include <nlohmann/json_fwd.hpp>

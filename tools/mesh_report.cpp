@@ -37,7 +37,7 @@ struct Lists {
   std::uint32_t longest = 0, max_faces = 0;
 };
 
-/// Of the messages that bring what the worst step needs.
+/// Size of the messages that bring the records of the worst step.
 std::uint64_t bytes_entering(const spm::codec::CompressedModel& coded, const spm::offline::Certificate& certificate) {
   std::uint64_t bytes = 0;
   for (const auto& [region, missing] : certificate.brings)
@@ -65,7 +65,7 @@ ordered_json info_json(const spm::Model& model, const spm::offline::Provenance& 
     const spm::offline::TreeSize size = spm::offline::tree_size(s.faces, width);
     return ordered_json{{"height", size.levels}, {"nodes", size.nodes + s.faces}};
   };
-  // Steps of the certificate in a cycle.
+  // Steps of the certificate per cycle.
   const double steps = certificate.steps_per_second() * kPeriod;
   const auto faces_changing = static_cast<std::uint64_t>(std::ceil(certificate.faces * steps));
   ordered_json drops;
@@ -148,7 +148,7 @@ std::string info_text(const spm::Model& model, const spm::offline::Provenance& p
     const spm::offline::TreeSize size = spm::offline::tree_size(s.faces, width);
     row(name, "height " + std::to_string(size.levels) + ", " + std::to_string(size.nodes + s.faces) + " nodes");
   }
-  row("furthest from the finest", millimetres(s.deviation));
+  row("deviation from the finest", millimetres(s.deviation));
   row("coordinates", s.position_step > 0 ? "on a grid of " + millimetres(s.position_step) : "as imported, to the bit");
   const auto& regions = json["regions"];
   row("regions", std::to_string(s.regions) + ", cells of " + millimetres(s.grid.cell_size));
@@ -190,8 +190,9 @@ ordered_json verification_json(const spm::offline::Verification& v) {
 
 std::string verification_text(const spm::offline::Verification& v) {
   if (v.mismatches.empty()) {
-    return "exact: " + std::to_string(v.faces) + " faces to the bit, whole and in each of " +
-           std::to_string(v.regions) + " regions alone (" + std::to_string(v.faces_in_regions) + " faces compared)\n";
+    return "exact: " + std::to_string(v.faces) + " faces to the bit, in the whole model and in each of " +
+           std::to_string(v.regions) + " separate regions (" + std::to_string(v.faces_in_regions) +
+           " faces compared)\n";
   }
   std::string text = "not exact:\n";
   for (const std::string& mismatch : v.mismatches) text += "  " + mismatch + "\n";

@@ -1,4 +1,4 @@
-/// What `tactus-mesh` says about a model, for people and for machines.
+/// Reports of `tactus-mesh` about a model, as text and as JSON.
 #pragma once
 
 #include <nlohmann/json_fwd.hpp>
@@ -12,7 +12,7 @@
 
 namespace tactus::tools {
 
-/// The rows of the paper's Table 1, the regions, and the certificate for one probe: in bytes too when `coded` is given.
+/// The rows of the paper's Table 1, the regions, and the certificate for one probe; with `coded` also in bytes.
 [[nodiscard]] nlohmann::ordered_json info_json(const spm::Model& model, const spm::offline::Provenance& provenance,
                                                const spm::offline::Certificate& certificate,
                                                const spm::codec::CompressedModel* coded = nullptr);
@@ -23,7 +23,7 @@ namespace tactus::tools {
 [[nodiscard]] nlohmann::ordered_json verification_json(const spm::offline::Verification& verification);
 [[nodiscard]] std::string verification_text(const spm::offline::Verification& verification);
 
-/// One line for each kind that was dropped; empty when nothing was.
+/// One line for each kind of dropped element; empty when none was dropped.
 [[nodiscard]] std::string dropped_text(const spm::offline::CleanReport& cleaned);
 
 }  // namespace tactus::tools

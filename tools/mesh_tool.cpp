@@ -25,7 +25,7 @@ namespace {
 
 using namespace spm::offline;
 
-/// One line on a terminal that is written over until the work ends; nothing elsewhere.
+/// A progress bar on a terminal, on one line that it overwrites; silent elsewhere.
 class ProgressBar {
  public:
   explicit ProgressBar(const ToolStreams& streams) : streams_{streams} {}
@@ -53,7 +53,7 @@ class ProgressBar {
   std::chrono::steady_clock::time_point last_;
 };
 
-/// Options of all commands; each command reads its own.
+/// Options of all commands; each command uses its own.
 struct Settings {
   std::string model, out, file, shape, unit = "m";
   std::string log, spm, json_file;
@@ -113,7 +113,7 @@ void report_built(const Settings& settings, const BuiltModel& built, const Prove
   }
 }
 
-/// Writes what `make` builds, given a progress callback; reports what went into the file.
+/// Writes the model that `make` builds with a progress callback; reports the result.
 template <class Make>
 int build_into_file(const Settings& settings, const std::string& source, const ToolStreams& streams, Make make) {
   StageTimes times;
@@ -183,7 +183,7 @@ int make(const Settings& settings, const ToolStreams& streams) {
 
 int audit_log(const Settings& settings, bool json, const ToolStreams& streams) {
   std::ofstream file;
-  if (!settings.json_file.empty()) {  // before the work: an unwritable file should not cost a minute
+  if (!settings.json_file.empty()) {  // first, because an unwritable file should not cost a minute
     file.open(settings.json_file);
     if (!file) throw AuditError(settings.json_file + ": cannot be written");
   }
@@ -198,7 +198,7 @@ int audit_log(const Settings& settings, bool json, const ToolStreams& streams) {
   return report.clean() ? kDone : kCheckFailed;
 }
 
-/// The command line and what each command does with it.
+/// The command line and its commands.
 class CommandLine {
  public:
   CommandLine() {
@@ -230,12 +230,12 @@ class CommandLine {
 
  private:
   void add_build() {
-    build_ = app_.add_subcommand("build", "Make an .spm model of a triangle mesh");
+    build_ = app_.add_subcommand("build", "Build an .spm model from a triangle mesh");
     build_->footer("Example: tactus-mesh build bunny.obj bunny.spm --unit cm");
     build_->add_option("MODEL", settings_.model, "OBJ, PLY, STL, glTF, GLB, OFF or another file with a surface")
         ->required();
     build_->add_option("OUT", settings_.out, "The .spm file to write")->required();
-    CLI::Option* unit = build_->add_option("--unit", settings_.unit, "What one unit of the file is")
+    CLI::Option* unit = build_->add_option("--unit", settings_.unit, "Unit of length of the file")
                             ->check(CLI::IsMember({"mm", "cm", "m"}))
                             ->capture_default_str();
     size_ = build_->add_option("--size", settings_.size, "Longest side in metres, instead of --unit")
@@ -243,31 +243,32 @@ class CommandLine {
                 ->excludes(unit);
     build_
         ->add_option("--pairs", settings_.pairs_mm,
-                     "Contract vertices nearer than this, in millimetres, whatever it does to the topology: closes "
-                     "cracks and tunnels in coarse versions")
+                     "Contract vertices closer than this, in millimetres, even if the topology changes: closes cracks "
+                     "and tunnels in coarse versions")
         ->check(CLI::NonNegativeNumber);
     build_->add_flag("--allow-losses", settings_.allow_losses,
-                     "Build although most vertices or faces of MODEL are dropped");
-    build_->add_option("--threads", settings_.threads, "That build; 0 is all there are, the result is the same");
+                     "Build even if most vertices or faces of MODEL are dropped");
+    build_->add_option("--threads", settings_.threads,
+                       "Threads for the build; 0: all processors. The result does not depend on it");
     add_density(build_);
     add_report(build_);
   }
   void add_info() {
-    info_ = app_.add_subcommand("info", "Say what is in an .spm model: size, trees, regions, certificate");
+    info_ = app_.add_subcommand("info", "Describe an .spm model: size, trees, regions, certificate");
     info_->footer("Example: tactus-mesh info bunny.spm --radius 2 --speed 0.1 --json");
     info_->add_option("FILE", settings_.file, "The .spm file")->required();
     add_report(info_);
   }
   void add_verify() {
-    verify_ = app_.add_subcommand("verify", "Check that an .spm model gives back its original to the bit");
+    verify_ = app_.add_subcommand("verify", "Check that an .spm model reproduces its original to the bit");
     verify_->footer("Example: tactus-mesh verify bunny.spm bunny.obj");
     verify_->add_option("FILE", settings_.file, "The .spm file")->required();
     verify_->add_option("MODEL", settings_.model, "The mesh that it was built from")->required();
     verify_->add_flag("--json", settings_.json, "Report as JSON");
   }
   void add_generate() {
-    generate_ =
-        app_.add_subcommand("generate", "Make a mesh: sphere, torus, organ, terrain, wall or box, about 0.1 m in size");
+    generate_ = app_.add_subcommand("generate",
+                                    "Generate a mesh: sphere, torus, organ, terrain, wall or box, about 0.1 m in size");
     generate_->footer("Example: tactus-mesh generate terrain --faces 200000 --seed 3 terrain.stl");
     std::vector<std::string> shapes;
     for (const std::string_view name : shape_names()) shapes.emplace_back(name);
@@ -275,9 +276,8 @@ class CommandLine {
         ->required()
         ->check(CLI::IsMember(shapes));
     generate_->add_option("OUT", settings_.out, "The file to write: .ply, .obj, .stl or .spm")->required();
-    generate_->add_option("--faces", settings_.faces, "As near to this many faces as the shape allows")
-        ->capture_default_str();
-    generate_->add_option("--seed", settings_.seed, "Another seed, another organ or terrain")->capture_default_str();
+    generate_->add_option("--faces", settings_.faces, "Approximate number of faces")->capture_default_str();
+    generate_->add_option("--seed", settings_.seed, "Seed of organ and terrain")->capture_default_str();
     add_density(generate_);
     add_report(generate_);
   }
@@ -285,14 +285,14 @@ class CommandLine {
     audit_ = app_.add_subcommand("audit", "Check an HRTC's contact log against the original model");
     audit_->footer(
         "Example: tactus-mesh audit hrtc-1.hlog organ.ply --spm organ.spm --json audit.json\n"
-        "Audited is the object of the log that is MODEL: by digest (an .spm file, or --spm), else by name, else the\n"
-        "only one there is. No such object, or one never touched, is no failure. FCL gives a second opinion on every\n"
-        "audited cycle; where it disagrees by more than 1e-6 m the check has failed too.");
-    audit_->add_option("LOG", settings_.log, "What tactus-hrtc --log wrote")->required();
+        "It audits the object of the log that matches MODEL: by digest (an .spm file, or --spm), otherwise by name,\n"
+        "otherwise the only object. A missing or untouched object is not a failure. FCL gives a second opinion on\n"
+        "every audited cycle; if it disagrees by more than 1e-6 m, the check fails.");
+    audit_->add_option("LOG", settings_.log, "Contact log of tactus-hrtc --log")->required();
     audit_->add_option("MODEL", settings_.model, "The original mesh, or an .spm file for its finest mesh")->required();
-    audit_->add_option("--spm", settings_.spm, "The .spm file of MODEL: adds the records that the paths needed");
-    audit_->add_option("--cycles", settings_.audit.cycles, "Audited cycles at most")->capture_default_str();
-    audit_json_ = audit_->add_option("--json", settings_.json_file, "Report as JSON, into FILE or instead of the text")
+    audit_->add_option("--spm", settings_.spm, "The .spm file of MODEL: also counts the records that the paths needed");
+    audit_->add_option("--cycles", settings_.audit.cycles, "Maximum number of audited cycles")->capture_default_str();
+    audit_json_ = audit_->add_option("--json", settings_.json_file, "Report as JSON, in FILE or instead of the text")
                       ->type_name("[FILE]")
                       ->expected(0, 1);
   }
@@ -300,12 +300,12 @@ class CommandLine {
     command->add_option("--base-faces", settings_.base_faces, "Faces of the base mesh")
         ->check(CLI::Range(1u, spm::kMaxFaces - 1))
         ->capture_default_str();
-    command->add_option("--cell-faces", settings_.cell_faces, "Finest faces aimed at in a region")
+    command->add_option("--cell-faces", settings_.cell_faces, "Target number of finest faces per region")
         ->check(CLI::Range(8u, 1u << 20))
         ->capture_default_str();
     command
         ->add_option("--grid", settings_.grid_bits,
-                     "Compact profile: bits of the grid over the longest side that coordinates move to")
+                     "Compact profile: bits of the grid, over the longest side, to which coordinates are rounded")
         ->check(CLI::Range(4u, 20u));
   }
   void add_report(CLI::App* command) {

@@ -19,8 +19,8 @@ void SecondOpinion::build() {
   mesh_.emplace(vertices, faces);
 }
 
-SecondOpinion::Answer SecondOpinion::ask(const Point& centre, double radius, double tolerance,
-                                         const std::vector<SurfaceGrid::Near>& near) {
+SecondOpinion::Answer SecondOpinion::compare(const Point& centre, double radius, double tolerance,
+                                             const std::vector<SurfaceGrid::Near>& near) {
   if (!mesh_) build();
   const spm::Vec3d at{centre[0], centre[1], centre[2]};
   mesh_->touching(at, radius, touching_);

@@ -14,11 +14,11 @@ using Vector = std::array<Real, 3>;
 Real dot(const Vector& a, const Vector& b) noexcept { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 /// |q - s a - t b| squared.
-Real squared_rest(const Vector& q, const Vector& a, Real s, const Vector& b, Real t) noexcept {
+Real squared_residual(const Vector& q, const Vector& a, Real s, const Vector& b, Real t) noexcept {
   Real sum = 0;
   for (int axis = 0; axis < 3; ++axis) {
-    const Real rest = q[axis] - s * a[axis] - t * b[axis];
-    sum += rest * rest;
+    const Real residual = q[axis] - s * a[axis] - t * b[axis];
+    sum += residual * residual;
   }
   return sum;
 }
@@ -27,10 +27,10 @@ Real squared_rest(const Vector& q, const Vector& a, Real s, const Vector& b, Rea
 Real squared_from_segment(const Vector& q, const Vector& end) noexcept {
   const Real length2 = dot(end, end);
   const Real along = length2 > 0 ? std::clamp<Real>(dot(q, end) / length2, 0, 1) : 0;
-  return squared_rest(q, end, along, end, 0);
+  return squared_residual(q, end, along, end, 0);
 }
 
-// Ten levels, each four times as coarse as the one before, span the 2^20 cells that a side may have.
+// Ten levels, each four times as coarse as the previous one, span the 2^20 cells that a side may have.
 constexpr int kLevels = 11;
 constexpr double kLevelStep = 4;
 constexpr double kMaxCells = 1u << 20;
@@ -53,14 +53,14 @@ double distance_to_triangle(const Point& point, const Corners& triangle) noexcep
     from_b[axis] = p - b;
   }
   Real best = std::min({squared_from_segment(q, ab), squared_from_segment(q, ac), squared_from_segment(from_b, bc)});
-  // q = s ab + t ac + rest, the rest perpendicular to both:  | ab.ab  ab.ac | |s|   | ab.q |
+  // q = s ab + t ac + r, with r perpendicular to both:  | ab.ab  ab.ac | |s|   | ab.q |
   //                                                          | ab.ac  ac.ac | |t| = | ac.q |
   const Real aa = dot(ab, ab), bb = dot(ac, ac), mixed = dot(ab, ac), right_a = dot(ab, q), right_b = dot(ac, q);
   const Real determinant = aa * bb - mixed * mixed;
   if (determinant > 0) {
     const Real s = (right_a * bb - right_b * mixed) / determinant;
     const Real t = (right_b * aa - right_a * mixed) / determinant;
-    if (s >= 0 && t >= 0 && s + t <= 1) best = std::min(best, squared_rest(q, ab, s, ac, t));
+    if (s >= 0 && t >= 0 && s + t <= 1) best = std::min(best, squared_residual(q, ab, s, ac, t));
   }
   return static_cast<double>(std::sqrt(best));
 }
@@ -128,7 +128,7 @@ void SurfaceGrid::search(const Point& point, double distance, Visit&& visit) con
     std::array<std::uint64_t, 3> from, to;
     bool outside = false;
     for (int axis = 0; axis < 3; ++axis) {
-      // A triangle reaches at most one cell beyond the one that holds its lowest corner.
+      // A triangle extends at most one cell beyond the cell of its lowest corner.
       const double low = std::floor((point[axis] - distance - low_[axis]) / level.cell - kSlack) - 1;
       const double high = std::floor((point[axis] + distance - low_[axis]) / level.cell + kSlack);
       if (!(low <= level.last[axis] && high >= 0)) {

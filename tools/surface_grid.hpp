@@ -1,6 +1,7 @@
-/// The original surface as an audit sees it: all its triangles, exact distances, and a grid that finds them.
+/// The original surface for an audit: all its triangles, exact distances, and a grid to find them.
 ///
-/// Shares no geometry with the run time on purpose, so that the two cannot be wrong together. Model frame, file units.
+/// It deliberately shares no geometry code with the run time, so that one error cannot affect both. Model frame, file
+/// units.
 #pragma once
 
 #include <array>
@@ -11,15 +12,15 @@
 namespace tactus::tools {
 
 using Point = std::array<double, 3>;
-/// Three corners, x y z each, as the file has them.
+/// Three corners, x y z each, as in the file.
 using Corners = std::array<float, 9>;
 
-/// Of a point from a triangle, which may be degenerate: the nearest of the foot of the perpendicular, where that lies
-/// inside, and the three edges. The foot solves the normal equations of its barycentric coordinates. Extended
-/// precision inside, so a needle costs no accuracy.
+/// Distance of a point from a triangle, which may be degenerate: the minimum over the three edges and, if it lies
+/// inside, the foot of the perpendicular. The foot solves the normal equations of its barycentric coordinates. Extended
+/// precision, so a needle costs no accuracy.
 [[nodiscard]] double distance_to_triangle(const Point& point, const Corners& triangle) noexcept;
 
-/// Finds the triangles near a point. Each triangle is in one cell of the level whose cells are at least as wide as it.
+/// Finds the triangles near a point. Each triangle is in one cell, of the level whose cells are at least as wide as it.
 class SurfaceGrid {
  public:
   struct Near {
@@ -32,7 +33,7 @@ class SurfaceGrid {
 
   /// All triangles no further than `distance` from `point`, by ascending number.
   void within(const Point& point, double distance, std::vector<Near>& out) const;
-  /// Whether there is any such triangle; stops at the first.
+  /// True when there is such a triangle; stops at the first.
   [[nodiscard]] bool touches(const Point& point, double distance) const;
 
  private:

@@ -1,11 +1,11 @@
-/// Plain CDR (XCDR version 1, little-endian, with its encapsulation) of our own structs, as recordings hold it.
+/// Plain CDR (XCDR version 1, little-endian, with its encapsulation) of our own structs, for recordings.
 ///
-/// A struct is read and written by one function that names its fields in the order of its IDL:
+/// One function reads and writes a struct; it lists the fields in the order of its IDL:
 ///
 ///     template <class Self, class Visit>
 ///     static void fields(Self& self, Visit&& visit) { visit(self.cycle), visit(self.name); }
 ///
-/// Fields: numbers, enums (as 32 bits), bool, std::string, std::array, std::vector, and such structs. Allocates.
+/// Fields: numbers, enums (as 32 bits), bool, std::string, std::array, std::vector, and structs of these. Allocates.
 #pragma once
 
 #include <array>
@@ -20,7 +20,7 @@
 
 namespace tactus::trace {
 
-/// A message that ends before its type does, or has a length that it cannot have.
+/// A message that is shorter than its type, or has an impossible length.
 class CdrError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
@@ -35,7 +35,7 @@ template <class T>
 struct IsVector : std::false_type {};
 template <class T>
 struct IsVector<std::vector<T>> : std::true_type {};
-inline constexpr std::size_t kHead = 4;  // encapsulation; alignment counts from behind it
+inline constexpr std::size_t kHead = 4;  // encapsulation; alignment counts from its end
 }  // namespace cdr
 
 class CdrWriter {
@@ -59,7 +59,7 @@ class CdrWriter {
       T::fields(value, *this);
     }
   }
-  /// Valid until the next value; `clear` begins another message.
+  /// Valid until the next value; `clear` starts another message.
   [[nodiscard]] spm::Span<const std::uint8_t> bytes() const noexcept { return {bytes_.data(), bytes_.size()}; }
   void clear() { bytes_.resize(cdr::kHead); }
 
@@ -75,7 +75,7 @@ class CdrWriter {
 
 class CdrReader {
  public:
-  /// Throws CdrError for another encoding, and in what follows for what ends too soon.
+  /// Throws CdrError for another encoding; reading throws CdrError for a message that is too short.
   explicit CdrReader(spm::Span<const std::uint8_t> bytes) : bytes_{bytes} {
     if (bytes.size() < cdr::kHead || bytes[0] != 0 || bytes[1] != 1)
       throw CdrError("found another encoding, expected little-endian CDR");
@@ -90,7 +90,7 @@ class CdrReader {
       value = take<T>();
     } else if constexpr (std::is_same_v<T, std::string>) {
       const std::size_t size = count();
-      if (size == 0) throw CdrError("found a text without its end");
+      if (size == 0) throw CdrError("found a string without its terminating zero");
       value.assign(reinterpret_cast<const char*>(bytes_.data() + at_), size - 1);
       at_ += size;
     } else if constexpr (cdr::IsArray<T>::value) {
@@ -107,16 +107,17 @@ class CdrReader {
   template <class Number>
   Number take() {
     const std::size_t from = cdr::kHead + (at_ - cdr::kHead + sizeof(Number) - 1) / sizeof(Number) * sizeof(Number);
-    if (from + sizeof(Number) > bytes_.size()) throw CdrError("ends too soon");
+    if (from + sizeof(Number) > bytes_.size()) throw CdrError("found the end of the message, expected more");
     at_ = from + sizeof(Number);
     Number value;
     std::memcpy(&value, bytes_.data() + from, sizeof value);
     return value;
   }
-  /// Of elements that take a byte at least.
+  /// Number of elements, each of at least one byte.
   std::size_t count() {
     const auto elements = take<std::uint32_t>();
-    if (elements > bytes_.size() - at_) throw CdrError("found " + std::to_string(elements) + " elements, has no room");
+    if (elements > bytes_.size() - at_)
+      throw CdrError("found " + std::to_string(elements) + " elements, more than the message can hold");
     return elements;
   }
   spm::Span<const std::uint8_t> bytes_;

@@ -1,10 +1,10 @@
-/// The log from which an HRTC's contacts can be checked afterwards: what was touched, where, and whether that was
-/// exact.
+/// The contact log of an HRTC, from which its contacts can be checked afterwards: contacts, positions, and whether they
+/// were exact.
 ///
-/// A file of tagged, little-endian entries: objects as they appear, one entry for each probe and near object in a
-/// cycle, and one summary for each object at the end. A contact is named by the positions of its corners, so that
-/// whoever checks needs no numbering but the model itself. Writing buffers and flushes; not for the haptic thread. A
-/// truncated last entry (a killed HRTC) is where reading ends.
+/// A file of tagged, little-endian entries: each object when it appears, one entry per cycle for each probe and near
+/// object, and one summary per object at the end. The positions of its corners identify a contact, so that a checker
+/// needs only the model and no numbering. Writing buffers and flushes; not for the haptic thread. Reading ends at a
+/// truncated last entry (after a killed HRTC).
 #pragma once
 
 #include <array>
@@ -25,7 +25,7 @@ class LogError : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// Names a triangle by its oriented corner positions: equal for its three rotations, up to 64-bit collisions. Realtime.
+/// A key from a triangle's oriented corner positions: equal for its three rotations, up to 64-bit collisions. Realtime.
 [[nodiscard]] std::uint64_t triangle_key(const std::array<float, 9>& corners) noexcept;
 
 struct LoggedObject {
@@ -49,25 +49,25 @@ struct LoggedQuery {
   std::array<double, 3> centre{};  ///< of the tip, model frame, file units
   double radius = 0;               ///< file units
   std::uint64_t mesh_hash = 0;
-  std::uint32_t since_change = 0;  ///< cycles since a region was refined or coarsened; 0: in this one
+  std::uint32_t since_change = 0;  ///< cycles since a region was refined or coarsened; 0: this cycle
   bool exact = false;
   bool truncated = false;  ///< more contacts than kMaxContacts
   std::uint32_t contact_count = 0;
   std::array<LoggedContact, kMaxContacts> contacts;
 };
 
-/// What the loader did for an object in the whole session.
+/// Figures of the loader for an object over the whole session.
 struct LoggedTotals {
   std::uint32_t object = 0;
-  std::uint64_t records_received = 0;  ///< each time counted
-  std::uint64_t records_returned = 0;  ///< of these, again after having been freed
+  std::uint64_t records_received = 0;  ///< including repetitions
+  std::uint64_t records_returned = 0;  ///< of these, received again after an eviction
   std::uint64_t regions_received = 0;
   std::uint64_t regions_released = 0;
 };
 
 class ContactLogWriter {
  public:
-  /// Throws LogError naming the file when it cannot be made.
+  /// Throws LogError naming a file that cannot be created.
   explicit ContactLogWriter(const std::filesystem::path& path);
   ~ContactLogWriter();
   ContactLogWriter(const ContactLogWriter&) = delete;
@@ -76,7 +76,7 @@ class ContactLogWriter {
   void write(const LoggedObject& object);
   void write(const LoggedQuery& query);
   void write(const LoggedTotals& totals);
-  /// False once a write has failed (disk full): what was written before stays readable.
+  /// False after a failed write (disk full); earlier entries stay readable.
   [[nodiscard]] bool healthy() const noexcept { return healthy_; }
 
  private:
@@ -85,8 +85,8 @@ class ContactLogWriter {
   bool healthy_ = true;
 };
 
-/// Calls the handlers for each entry in order. Throws LogError for a file that is missing, not a log, of a later
-/// version or corrupt before its end.
+/// Reads entries in order. Throws LogError for a file that is missing, not a log, of another version, or corrupt before
+/// its end.
 class ContactLogReader {
  public:
   explicit ContactLogReader(const std::filesystem::path& path);
@@ -95,7 +95,7 @@ class ContactLogReader {
   ContactLogReader& operator=(const ContactLogReader&) = delete;
 
   enum class Entry { kEnd, kObject, kQuery, kTotals };
-  /// Reads the next entry into the one of the three members that the answer names.
+  /// Reads the next entry into the member that corresponds to the result.
   [[nodiscard]] Entry next();
   /// After kEnd: the file ends within an entry.
   [[nodiscard]] bool torn() const noexcept { return torn_; }

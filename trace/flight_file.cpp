@@ -10,7 +10,7 @@ namespace tactus::trace {
 namespace {
 
 constexpr std::size_t kTypes = std::variant_size_v<FlightMessage>;
-/// In the order of FlightMessage; topic and type.
+/// Topic and type of each message, in the order of FlightMessage.
 constexpr std::array<std::pair<const char*, const char*>, kTypes> kChannels{
     {{"flight_start", "tactus::flight::Start"},
      {"flight_object", "tactus::flight::Object"},
@@ -29,7 +29,7 @@ FlightMessage decode(std::size_t type, spm::Span<const std::uint8_t> bytes) {
     CdrReader{bytes}(message);
     return message;
   } else {
-    throw CdrError("found an unknown type");  // not reached: types are of kChannels
+    throw CdrError("found an unknown type");  // not reached: the caller passes types of kChannels
   }
 }
 
@@ -84,7 +84,7 @@ bool FlightFileReader::next(FlightMessage& message) {
   };
   std::size_t type = 0;
   while (type < kTypes && found.topic != kChannels[type].first) ++type;
-  if (type == kTypes) fail("no topic of a flight recording; is it one of tactus record?");
+  if (type == kTypes) fail("not a topic of a flight recording; is this a recording of tactus record?");
   if (*found.schema_text != kFlightIdl) fail("found types of another version, expected those of this program");
   try {
     message = decode(type, {found.bytes.data(), found.bytes.size()});

@@ -1,8 +1,8 @@
-/// The file of a flight recorder: every call that reached a controller's cycle, and the forces that came of it.
+/// The file of a flight recorder: every call to an HRTC's cycle, and the resulting forces.
 ///
-/// An MCAP file with one channel for each struct below, as CDR, described by idl/flight.idl, which it carries. Messages
-/// stand in the order of the calls; times in the file are of the cycle, in ns since 1970. From its calls a cycle's
-/// forces can be made again, to the bit (hrtc_service/flight_replay.hpp). Units and frames: the IDL has them.
+/// An MCAP file with one channel for each struct below, as CDR, described by idl/flight.idl, which the file contains.
+/// Messages are in the order of the calls; times in the file are those of the cycle, in ns since 1970. Replaying the
+/// calls reproduces the forces to the bit (hrtc_service/flight_replay.hpp). The IDL states units and frames.
 #pragma once
 
 #include <array>
@@ -18,7 +18,7 @@
 
 namespace tactus::trace {
 
-/// scale, rotation row by row, translation.
+/// Scale, rotation row by row, translation.
 using PlacementNumbers = std::array<double, 13>;
 
 struct FlightLimits {
@@ -88,7 +88,7 @@ struct FlightObjectState {
   }
 };
 
-/// What a cycle left to the next.
+/// State at the end of a cycle.
 struct FlightState {
   std::uint64_t cycle = 0, lost = 0;
   std::vector<FlightObjectState> objects;
@@ -99,7 +99,7 @@ struct FlightState {
   }
 };
 
-// The structs of each cycle are plain, so that the haptic thread can copy them.
+// The structs of each cycle are trivially copyable for the haptic thread.
 
 struct FlightEvent {
   enum class Kind : std::uint32_t { kStopped, kReset, kObjectCame, kRegionCame, kRegionRetired, kRegionLeft };
@@ -169,7 +169,7 @@ struct FlightRefine {
 using FlightMessage = std::variant<FlightStart, FlightObject, FlightState, FlightEvent, FlightMove, FlightProbe,
                                    FlightTouch, FlightRefine>;
 
-/// A recording that is none, is broken or was made otherwise: says what, where, found and expected.
+/// Not a flight recording, or broken, or of another build: says what, where, found and expected.
 class FlightError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
@@ -178,11 +178,12 @@ class FlightError : public std::runtime_error {
 /// Allocates, blocks; not for the haptic thread.
 class FlightFileWriter {
  public:
-  /// Replaces the file. Throws McapError naming it, as the others do when the file cannot be written.
+  /// Replaces the file. The constructor, `write` and `close` throw McapError, naming the file, when it cannot be
+  /// written.
   explicit FlightFileWriter(std::filesystem::path file);
   ~FlightFileWriter();
 
-  /// Of what is written from now on, ns since 1970.
+  /// Time of the following messages, ns since 1970.
   void set_time(std::uint64_t since_1970_ns) noexcept;
   void write(const FlightMessage& message);
   void close();
@@ -196,13 +197,13 @@ class FlightFileWriter {
 
 class FlightFileReader {
  public:
-  /// Throws McapError naming a file that cannot be read or is no MCAP file.
+  /// Throws McapError naming a file that cannot be read or is not an MCAP file.
   explicit FlightFileReader(const std::filesystem::path& file);
   ~FlightFileReader();
 
   /// False at the end. Throws FlightError, and McapError for a broken file.
   [[nodiscard]] bool next(FlightMessage& message);
-  /// The file ends without its end.
+  /// True when the file is truncated.
   [[nodiscard]] bool is_cut() const noexcept;
 
  private:

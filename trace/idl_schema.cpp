@@ -23,7 +23,7 @@ struct IdlSchema::Type {
   std::vector<Member> members;
 };
 
-/// Recursive descent over the tokens of the text.
+/// Recursive-descent parser of the IDL text.
 class IdlSchema::Parser {
  public:
   using TypePtr = std::shared_ptr<const Type>;
@@ -214,7 +214,7 @@ class IdlSchema::Parser {
   std::map<std::string, TypePtr> structs_;
 };
 
-/// Walks a sample along its type.
+/// Decodes a sample by its type.
 class IdlSchema::Decoder {
  public:
   explicit Decoder(spm::Span<const std::uint8_t> encoded) : bytes_{encoded} {
@@ -223,7 +223,7 @@ class IdlSchema::Decoder {
     swap_ = bytes_[1] == 0;  // this machine is little-endian, as spm/ requires
   }
 
-  /// Appends the cells of a value; `path` is for errors.
+  /// Appends the cells of a value; `path` names the field in errors.
   void cells(const Type& type, const std::string& path, std::vector<std::string>& out) {
     switch (type.kind) {
       case Type::Kind::kStruct:
@@ -272,7 +272,7 @@ class IdlSchema::Decoder {
         break;
       case Type::Kind::kSequence: {
         const auto count = take<std::uint32_t>(path);
-        if (count > bytes_.size()) fail(path);  // no element takes less than a byte
+        if (count > bytes_.size()) fail(path);  // every element takes at least a byte
         list(count, '[', ']', [&](std::size_t) { json(*type.of, path, out); });
         break;
       }
@@ -305,7 +305,7 @@ class IdlSchema::Decoder {
   }
 
   [[noreturn]] static void fail(const std::string& path) {
-    throw SchemaError("sample: ends in " + path.substr(path.empty() ? 0 : 1) + ", expected more");
+    throw SchemaError("sample: ends in " + path.substr(path.empty() ? 0 : 1) + ", expected more bytes");
   }
 
   template <class Value>
@@ -321,7 +321,7 @@ class IdlSchema::Decoder {
   }
 
   std::string text(const std::string& path) {
-    const auto size = take<std::uint32_t>(path);  // with its zero
+    const auto size = take<std::uint32_t>(path);  // with its terminating zero
     if (size == 0 || size > bytes_.size() - kHead - at_) fail(path);
     std::string value;
     for (std::uint32_t i = 0; i + 1 < size; ++i) value += static_cast<char>(bytes_[kHead + at_ + i]);
@@ -367,7 +367,7 @@ class IdlSchema::Decoder {
   }
 
   spm::Span<const std::uint8_t> bytes_;
-  std::size_t at_ = 0;  // after the encapsulation: alignment counts from there
+  std::size_t at_ = 0;  // from the end of the encapsulation, where alignment counts from
   bool swap_ = false;
 };
 

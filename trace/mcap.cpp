@@ -28,7 +28,7 @@ enum Opcode : std::uint8_t {
   kDataEnd = 0x0F
 };
 
-/// Little-endian, as MCAP has everything.
+/// Little-endian encoder, as MCAP requires.
 class Encoder {
  public:
   template <class Number>
@@ -45,7 +45,7 @@ class Encoder {
   Encoder& text(const std::string& value) {
     return number(static_cast<std::uint32_t>(value.size())).raw(value.data(), value.size());
   }
-  /// A map or an array: the bytes that `fill` appends, after their count.
+  /// A map or an array: a byte count, then the bytes that `fill` appends.
   template <class Fill>
   Encoder& sized(Fill&& fill) {
     const std::size_t at = bytes_.size();
@@ -55,7 +55,7 @@ class Encoder {
     for (std::size_t i = 0; i < sizeof size; ++i) bytes_[at + i] = static_cast<std::uint8_t>(size >> (8 * i));
     return *this;
   }
-  /// What was encoded, as the content of a record.
+  /// The encoded bytes as the content of a record.
   [[nodiscard]] Bytes record(Opcode opcode) const {
     Encoder whole;
     whole.number(static_cast<std::uint8_t>(opcode)).number(static_cast<std::uint64_t>(bytes_.size()));
@@ -83,7 +83,7 @@ McapWriter::McapWriter(std::filesystem::path file, const std::string& library)
 McapWriter::~McapWriter() {
   try {
     close();
-  } catch (const McapError&) {  // as the header says
+  } catch (const McapError&) {  // documented in the header
   }
 }
 
@@ -116,7 +116,7 @@ McapWriter::Channel McapWriter::add_channel(Schema schema, const std::string& to
                           .record(kChannel));
   schema_of_.push_back(of);
   counts_.push_back(0);
-  published_.push_back(false);
+  written_.push_back(false);
   return Channel{id};
 }
 
@@ -124,10 +124,10 @@ void McapWriter::write(Channel channel, std::uint64_t log_time, std::uint64_t pu
                        spm::Span<const std::uint8_t> message) {
   const auto id = static_cast<std::uint16_t>(channel);
   const auto append = [&](const Bytes& record) { chunk_.insert(chunk_.end(), record.begin(), record.end()); };
-  if (!published_[id - 1u]) {  // a reader of the stream meets schema and channel before the first message
+  if (!written_[id - 1u]) {  // a stream reader needs schema and channel before the first message
     append(schemas_[schema_of_[id - 1u] - 1u]);
     append(channels_[id - 1u]);
-    published_[id - 1u] = true;
+    written_[id - 1u] = true;
   }
   if (chunk_messages_.empty()) chunk_first_ = chunk_last_ = log_time;
   chunk_first_ = std::min(chunk_first_, log_time);
@@ -239,7 +239,7 @@ void McapWriter::close() {
                              .record(kSummaryOffset);
     summary.insert(summary.end(), record.begin(), record.end());
   }
-  // The checksum covers the footer too, up to itself.
+  // The checksum also covers the footer up to the checksum itself.
   Bytes footer = Encoder{}.number(start).number(offsets).number(std::uint32_t{0}).record(kFooter);
   const Bytes covered{footer.begin(), footer.end() - sizeof(std::uint32_t)};
   const std::uint32_t crc = crc_of(covered, crc_of(summary));
@@ -315,7 +315,7 @@ bool McapReader::fill() {
     bool broken = false;
     Fields fields{{head.data() + 1, head.size() - 1}, broken};
     const auto length = fields.number<std::uint64_t>();
-    // Of what a file can hold: a broken length must not ask for all memory.
+    // Limits the length, so that a broken one cannot allocate all memory.
     constexpr std::uint64_t kMax = 1u << 30;
     if (length > kMax) fail("found a record of " + std::to_string(length) + " bytes, expected at most 2^30");
     Bytes content(length);

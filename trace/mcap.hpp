@@ -2,8 +2,8 @@
 ///
 ///   header | chunk, its message indices | chunk ... | data end | schemas, channels, statistics, chunk indices | footer
 ///
-/// A chunk is written when it is full or asked for, so a file whose writer was killed keeps all chunks before; what
-/// reads a stream reads those. Chunks are not compressed. One thread at a time; not for a haptic thread.
+/// A chunk is written when it is full or at flush(), so the file of a killed writer has all earlier chunks, and a
+/// stream reader can read them. Chunks are not compressed. One thread at a time; not for a haptic thread.
 #pragma once
 
 #include <cstdint>
@@ -32,12 +32,12 @@ class McapWriter {
 
   /// Replaces the file. Throws McapError naming it.
   McapWriter(std::filesystem::path file, const std::string& library);
-  /// Closes; what cannot be written then is lost silently.
+  /// Closes the file; write errors are ignored.
   ~McapWriter();
   McapWriter(const McapWriter&) = delete;
   McapWriter& operator=(const McapWriter&) = delete;
 
-  /// `encoding` as MCAP registers it, e.g. omgidl; `name` that of the type in `text`.
+  /// `encoding` as registered by MCAP, e.g. omgidl; `name`: of the type in `text`.
   [[nodiscard]] Schema add_schema(const std::string& name, const std::string& encoding, const std::string& text);
   [[nodiscard]] Channel add_channel(Schema schema, const std::string& topic, const std::string& message_encoding,
                                     const std::map<std::string, std::string>& metadata = {});
@@ -45,9 +45,9 @@ class McapWriter {
   /// Times in ns since 1970. Throws McapError when the file cannot be written.
   void write(Channel channel, std::uint64_t log_time, std::uint64_t publish_time, std::uint32_t sequence,
              spm::Span<const std::uint8_t> message);
-  /// Ends the chunk, so that all until now is in the file.
+  /// Ends the chunk, so that all messages so far are in the file.
   void flush();
-  /// Summary and footer; nothing may be written afterwards. Throws McapError.
+  /// Writes summary and footer; nothing may be written afterwards. Throws McapError.
   void close();
 
   [[nodiscard]] std::uint64_t messages() const noexcept { return messages_; }
@@ -60,7 +60,7 @@ class McapWriter {
   };
   struct ChunkIndex {
     std::uint64_t first_time, last_time, start, length, index_length, size;
-    std::map<std::uint16_t, std::uint64_t> message_indices;  // places in the file, by channel
+    std::map<std::uint16_t, std::uint64_t> message_indices;  // positions in the file, by channel
   };
 
   void put(const Bytes& bytes);
@@ -69,9 +69,9 @@ class McapWriter {
   std::unique_ptr<std::FILE, int (*)(std::FILE*)> file_;
   std::uint64_t offset_ = 0;
   std::uint64_t messages_ = 0;
-  std::vector<Bytes> schemas_, channels_;  // their records
+  std::vector<Bytes> schemas_, channels_;  // as records
   std::vector<std::uint64_t> counts_;      // by channel - 1
-  std::vector<bool> published_;            // by channel - 1: in the file already
+  std::vector<bool> written_;              // by channel - 1: in the file already
   Bytes chunk_;
   std::uint64_t chunk_first_ = 0, chunk_last_ = 0;
   std::uint64_t first_ = 0, last_ = 0;
@@ -85,22 +85,22 @@ struct McapMessage {
   std::string topic;
   std::uint16_t channel = 0;
   std::string schema, schema_encoding;       ///< name and encoding
-  const std::string* schema_text = nullptr;  ///< as long as the reader
+  const std::string* schema_text = nullptr;  ///< valid while the reader exists
   std::uint32_t sequence = 0;
   std::uint64_t log_time = 0, publish_time = 0;  ///< ns since 1970
   std::vector<std::uint8_t> bytes;
 };
 
-/// Reads MCAP files from front to end, so those too whose writer was killed: what comes last may be cut. Chunks must
-/// not be compressed. One thread at a time.
+/// Reads MCAP files from front to end, including truncated files of killed writers. Chunks must not be compressed. One
+/// thread at a time.
 class McapReader {
  public:
-  /// Throws McapError naming the file, when it cannot be read or is none.
+  /// Throws McapError naming a file that cannot be read or is not an MCAP file.
   explicit McapReader(std::filesystem::path file);
 
-  /// False at the end. Throws McapError for a broken file, with the place.
+  /// False at the end. Throws McapError with the position for a broken file.
   [[nodiscard]] bool next(McapMessage& message);
-  /// The file ends without its end.
+  /// True when the file is truncated.
   [[nodiscard]] bool is_cut() const noexcept { return cut_; }
 
  private:

@@ -142,8 +142,8 @@ TEST(Allocation, HoldsAndBodiesAllocateNothingWhileACrateIsGrabbedHandedOverRele
   settings.watch = &allocations;
   study::SharedSession session{crate, settings};
   const client_sim::Scenario scenario = client_sim::load_scenario("grab");
-  session.add_controller();
-  session.add_controller();
+  session.add_hrtc();
+  session.add_hrtc();
   const std::size_t ann = session.add_user(0, scenario.users[0]), bob = session.add_user(1, scenario.users[1]);
   Vec3d hand{0.3, 0, 0.05};
   const std::size_t pusher = session.add_hand(0, hand);
@@ -159,8 +159,8 @@ TEST(Allocation, HoldsAndBodiesAllocateNothingWhileACrateIsGrabbedHandedOverRele
   }
   EXPECT_EQ(allocations.count, 0u);
   EXPECT_GE(allocations.cycles, 36'000u);
-  EXPECT_EQ(session.mind(ann).tally().grabs, 1u);
-  EXPECT_EQ(session.mind(bob).tally().grabs, 1u);
+  EXPECT_EQ(session.op(ann).tally().grabs, 1u);
+  EXPECT_EQ(session.op(bob).tally().grabs, 1u);
   EXPECT_TRUE(held_by_both && coupled && pushed) << held_by_both << coupled << pushed;
 }
 

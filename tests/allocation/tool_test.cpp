@@ -25,7 +25,7 @@ TEST(Tool, DoesNotAllocate) {
     for (int ms = 0; ms < 2000; ++ms) {
       const double t = ms * 1e-3;
       const ToolPose device{{0.02 * std::sin(9 * t), 0.01 * std::cos(5 * t), 0.08 - 0.06 * std::sin(t)},
-                            rotation_by({2 * t, std::sin(7 * t), t})};
+                            exp_map({2 * t, std::sin(7 * t), t})};
       contacts += tool.step(device, 1e-3, {&object, 1}, ms % 3 == 0).in_contact ? 1 : 0;
     }
     allocations = guard.count();

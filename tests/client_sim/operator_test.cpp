@@ -21,7 +21,7 @@ namespace {
 using haptics::testing::Triangle;
 using haptics::testing::TriangleSurface;
 
-/// One user, one controller, one object, and a network that delays both ways: 1 kHz in simulated time.
+/// One user, one HRTC, one object, and a network with delay in both directions: 1 kHz in simulated time.
 class ClosedLoop {
  public:
   ClosedLoop(std::vector<Triangle> triangles, User user, std::int64_t delay_ns = 5'000'000)
@@ -51,7 +51,7 @@ class ClosedLoop {
     objects_["body"] = view;
   }
 
-  /// As a host publishes it: points of the surface, where else there are bounds alone.
+  /// As published by a host: points of the surface; without this call there are bounds only.
   void publish_surface() {
     spm::BaseMesh mesh;
     for (const Triangle& triangle : surface_.triangles()) {
@@ -84,7 +84,7 @@ class ClosedLoop {
   [[nodiscard]] const Operator& user() const { return operator_; }
   [[nodiscard]] const Vec3d& proxy() const { return proxy_.last().proxy; }
   [[nodiscard]] double seconds() const { return static_cast<double>(now_ns_) * 1e-9; }
-  /// Where the tip was, each cycle of following.
+  /// Position of the tip in each cycle of following.
   std::vector<Vec3d> path;
 
  private:
@@ -95,7 +95,7 @@ class ClosedLoop {
 
   void cycle() {
     while (!intents_.empty() && intents_.front().first <= now_ns_) {
-      device_->wishes().post(sharing::hand_path(intents_.front().second, 0));
+      device_->paths().post(sharing::hand_path(intents_.front().second, 0));
       intents_.pop_front();
     }
     const haptics::DeviceState device = device_->read(now_ns_);
@@ -152,12 +152,12 @@ std::vector<Body> bodies() {
   return {{"sphere", haptics::testing::sphere(0.1, 4)}, {"bumpy", haptics::testing::bumpy(0.1, 4, 0.08)}};
 }
 
-TEST(Operator, SaysNothingBeforeItFeelsItsProbe) {
+TEST(Operator, SendsNothingBeforeItsFirstProbeState) {
   Operator ann{user_with("      - wait: {seconds: 1}\n"), {}};
   EXPECT_FALSE(ann.tick(1'000'000'000, {}).has_value());
 }
 
-TEST(Operator, LeansAsItFollowsAndComesUprightWithoutAStep) {
+TEST(Operator, TiltsWhileItFollowsAndComesUprightWithoutAStep) {
   Operator ann{user_with("      - follow: {object: body, seconds: 6, lean: 0.8}\n      - retreat: {}\n"), {}};
   ObjectView view;
   view.half = {0.1, 0.1, 0.1};
@@ -196,7 +196,7 @@ TEST(Operator, LeansAsItFollowsAndComesUprightWithoutAStep) {
   EXPECT_LT(last, 0.05);
 }
 
-TEST(Operator, SpeaksAHundredTimesASecondAndALittleAhead) {
+TEST(Operator, SendsIntentsAt100HzWithLookahead) {
   Operator ann{user_with("      - approach: {object: body}\n"), {}};
   session::ProbeState state;
   state.user_id = session::id_of("ann");
@@ -218,7 +218,7 @@ TEST(Operator, SpeaksAHundredTimesASecondAndALittleAhead) {
   EXPECT_EQ(intents, 100);
 }
 
-TEST(Operator, WaitsForAnObjectThatIsNotThere) {
+TEST(Operator, WaitsForAMissingObject) {
   Operator ann{user_with("      - approach: {object: body}\n"), {}};
   session::ProbeState state;
   state.user_id = session::id_of("ann");
@@ -230,7 +230,7 @@ TEST(Operator, WaitsForAnObjectThatIsNotThere) {
   EXPECT_EQ(intent->path.back().pose.position, state.device.position);
 }
 
-TEST(Operator, ApproachesUntilItFeelsTheForceAskedFor) {
+TEST(Operator, ApproachesUntilTheScriptedForce) {
   for (const Body& body : bodies()) {
     ClosedLoop loop{
         body.triangles,
@@ -278,7 +278,7 @@ std::vector<Body> airy_bodies() {
   return {{"ring", tube(ring, 0.004, true)}, {"L", tube(el, 0.005, false)}, {"rod", tube(rod, 0.003, false)}};
 }
 
-TEST(Operator, LandsOnAFigureOfWhichTheBoundsAreMostlyAir) {
+TEST(Operator, TouchesAFigureWhoseBoundsAreMostlyEmpty) {
   for (const Body& body : airy_bodies()) {
     for (const char* aimed :
          {"direction: [0, 0, 1]", "direction: [0.5, -0.3, 1]", "direction: [0, 0.2, 1], point: [0.7, 0.4, 0.5]"}) {
@@ -294,8 +294,8 @@ TEST(Operator, LandsOnAFigureOfWhichTheBoundsAreMostlyAir) {
   }
 }
 
-TEST(Operator, AimsElsewhereWhenTheLineThatMayHitHasMissed) {
-  // Two long triangles side by side: so coarse that their points cannot rule out the gap between them.
+TEST(Operator, AimsElsewhereAfterAMissedApproach) {
+  // Two long triangles side by side: so coarse that their points cannot exclude the gap between them.
   const double w = 0.02;
   std::vector<Triangle> bars;
   for (const double x : {-0.1, 0.1})
@@ -310,7 +310,7 @@ TEST(Operator, AimsElsewhereWhenTheLineThatMayHitHasMissed) {
   EXPECT_GE(max, 0.5);
 }
 
-TEST(Operator, AimsWhereTheScriptSaysWhenTheSurfaceMayBeThere) {
+TEST(Operator, AimsAtTheScriptedPointWhenTheSurfaceMayBeThere) {
   for (const Body& body : bodies()) {
     const auto touched = [&](bool published) {
       ClosedLoop loop{body.triangles, user_with("      - approach: {object: body, direction: [1, 1, 0.2], point: [0.5, "
@@ -323,7 +323,7 @@ TEST(Operator, AimsWhereTheScriptSaysWhenTheSurfaceMayBeThere) {
   }
 }
 
-TEST(Operator, SeesTheSurfaceWhereTheObjectIs) {
+TEST(Operator, TransformsSurfacePointsByThePoseOfTheObject) {
   session::CatalogueEntry entry;
   entry.scale = 0.5;
   entry.pose.position = {1, 2, 3};
@@ -336,7 +336,7 @@ TEST(Operator, SeesTheSurfaceWhereTheObjectIs) {
   EXPECT_DOUBLE_EQ(view.spacing, 0.125);
 }
 
-TEST(Operator, TapsAsOftenAsAskedAndFeelsTheForceEachTime) {
+TEST(Operator, TapsTheScriptedNumberOfTimesWithTheScriptedForce) {
   for (const double speed : {0.05, 0.2, 0.5}) {
     ClosedLoop loop{bodies()[1].triangles,
                     user_with("      - tap: {object: body, direction: [0, 1, 1], count: 5, speed: " +
@@ -345,7 +345,7 @@ TEST(Operator, TapsAsOftenAsAskedAndFeelsTheForceEachTime) {
     int cycles_in_the_air = 1000;
     double peak = 1;
     loop.run(30, [&](double force, bool contact) {
-      if (contact && cycles_in_the_air > 20) {  // a bounce of the device's mass is no new tap
+      if (contact && cycles_in_the_air > 20) {  // a bounce of the device's mass is not a new tap
         EXPECT_GE(peak, 1) << speed << " m/s";
         ++onsets;
         peak = 0;
@@ -359,7 +359,7 @@ TEST(Operator, TapsAsOftenAsAskedAndFeelsTheForceEachTime) {
   }
 }
 
-TEST(Operator, StaysInContactWhileItFollowsAtTheSpeedAndForceAskedFor) {
+TEST(Operator, StaysInContactWhileItFollowsAtTheScriptedSpeedAndForce) {
   for (const Body& body : bodies()) {
     for (const char* pattern : {"circle", "zigzag", "around"}) {
       for (const double friction : {0.0, 0.4}) {
@@ -408,8 +408,8 @@ TEST(Operator, FollowsOverTensOfMillisecondsOfNetwork) {
   EXPECT_GT(contact_cycles, 0.95 * cycles);
 }
 
-TEST(Operator, ComesBackToASurfaceThatItLost) {
-  // A sphere with its cap cut off: the path along the rim falls off again and again.
+TEST(Operator, ReturnsToALostSurface) {
+  // A sphere with its cap removed: a path along the rim falls off repeatedly.
   std::vector<Triangle> open;
   for (const Triangle& triangle : haptics::testing::sphere(0.1, 4)) {
     if ((triangle[0] + triangle[1] + triangle[2]).z() / 3 < 0.06) open.push_back(triangle);
@@ -439,7 +439,7 @@ TEST(Operator, RetreatsOutOfTheBounds) {
   EXPECT_GT(loop.proxy().cwiseAbs().maxCoeff(), 0.1);
 }
 
-TEST(Operator, GivesUpOnAnObjectThatIsNotWhereItsBoundsSay) {
+TEST(Operator, GivesUpOnAnObjectThatIsNotInItsBounds) {
   using haptics::testing::operator+;
   std::vector<Triangle> name_conflict = haptics::testing::sphere(0.02, 2);
   for (Triangle& triangle : name_conflict) {

@@ -28,7 +28,7 @@ session::ProbeState state_at(std::int64_t ms, std::uint32_t status, double force
   return state;
 }
 
-/// 100 ms in the air, 100 ms of contact with 2 N of which the last 75 ms exact, 100 ms in the air, 50 ms of 4 N.
+/// 100 ms free, 100 ms of contact with 2 N of which the last 75 ms exact, 100 ms free, 50 ms of 4 N.
 TouchTally example() {
   TouchTally tally;
   for (int ms = 0; ms < 350; ++ms) {
@@ -62,7 +62,7 @@ TEST(TouchTally, CountsLostSamplesAndIgnoresRepeatedOnes) {
   EXPECT_EQ(tally.states_lost, 2u);
 }
 
-TEST(TouchTally, DoesNotTakeABounceForATouchNorASilenceForContact) {
+TEST(TouchTally, CountsNeitherABounceAsATouchNorSilenceAsContact) {
   TouchTally tally;
   const auto add = [&](int ms, std::uint32_t status, double force) {
     tally.add(state_at(ms, status, force), kStart, kStart + ms * kMs);
@@ -75,7 +75,7 @@ TEST(TouchTally, DoesNotTakeABounceForATouchNorASilenceForContact) {
   EXPECT_NEAR(tally.contact, 0.005 + 0.05, 1e-9);
 }
 
-TEST(TouchTally, GoesOnAfterOneStateFromTheFarFuture) {
+TEST(TouchTally, ContinuesAfterAStateFromTheFarFuture) {
   TouchTally tally;
   for (int ms = 0; ms < 100; ++ms) {
     session::ProbeState state = state_at(ms, 0, 0);
@@ -160,7 +160,7 @@ TEST(Report, TextShowsUsersControllersHostsAndEvents) {
   for (std::string line; std::getline(lines, line);) EXPECT_LE(line.size(), 100u) << line;
 }
 
-TEST(Report, TextFitsAHundredColumnsWhateverNamesAndEventsAre) {
+TEST(Report, TextFitsAHundredColumnsForAnyNamesAndEvents) {
   Report report = example_report();
   report.trouble = "ended by another participant: " + std::string(255, 't');
   report.users[0].name = report.users[0].hrtc = std::string(63, 'n');
@@ -191,7 +191,7 @@ TEST(Report, JsonHoldsTheSameFigures) {
   EXPECT_EQ(all["events"][0]["text"], "host vault gone");
 }
 
-TEST(Report, OfAUserWhoNeverTouchedHasNoMoments) {
+TEST(Report, HasNoTouchTimesForAUserWithoutContact) {
   Report report;
   report.users.push_back({});
   report.users[0].name = "idle\xff";  // not UTF-8

@@ -27,7 +27,7 @@ std::string with_action(const std::string& action) {
   return "name: t\nusers:\n  - name: ann\n    script:\n      - " + action + "\n";
 }
 
-TEST(Scenario, HoldsWhatTheTextSays) {
+TEST(Scenario, HoldsTheParsedValues) {
   const Scenario scenario = parse_scenario(R"(
 name: two
 duration: 12.5
@@ -78,7 +78,7 @@ users:
   EXPECT_FALSE(scenario.users[1].remote);
 }
 
-TEST(Scenario, BuiltInOnesAreSound) {
+TEST(Scenario, BuiltInScenariosAreValid) {
   for (const BuiltInScenario& built_in : built_in_scenarios()) {
     const Scenario scenario = load_scenario(built_in.name);
     EXPECT_EQ(scenario.name, built_in.name);
@@ -87,7 +87,7 @@ TEST(Scenario, BuiltInOnesAreSound) {
   EXPECT_EQ(load_scenario("demo-lift").users.size(), 5u);
 }
 
-TEST(Scenario, ReadsWhatUsersHoldAndHowTheyLean) {
+TEST(Scenario, ReadsToolsAndTilts) {
   const Scenario scenario = load_scenario("tool-scan");
   EXPECT_EQ(scenario.tool, Tool::kStylus);
   EXPECT_EQ(scenario.users[0].script[1].lean, 1.6);
@@ -108,7 +108,7 @@ TEST(Scenario, ReadsALift) {
   EXPECT_EQ(lift.others, 1u);
 }
 
-TEST(Scenario, ReadsAGrabAndWhatIsDoneWithIt) {
+TEST(Scenario, ReadsAGrabAndTheActionsAfterIt) {
   const auto script = [](const std::string& actions) {
     return parse_scenario("name: x\nusers:\n  - name: ann\n    script:\n" + actions, "test").users[0].script;
   };
@@ -126,7 +126,7 @@ TEST(Scenario, ReadsAGrabAndWhatIsDoneWithIt) {
   EXPECT_THROW(script("      - grab: {object: crate}\n      - move: {speed: 1}\n"), ScenarioError);
 }
 
-TEST(Scenario, SaysWhatIsMeasuredAgainstWhat) {
+TEST(Scenario, ReadsMeasureAndTruth) {
   const std::string users = "users: [{name: ann, script: [wait: {}]}]\n";
   const Scenario scenario = parse_scenario("name: t\nmeasures: forces\ntruth: analytic\n" + users, "s.yaml");
   EXPECT_EQ(scenario.measures, Measure::kForces);
@@ -148,7 +148,7 @@ TEST(Scenario, VariesWithTheSeedAndWithinItsSpread) {
   }
 }
 
-TEST(Scenario, ErrorsNamePlaceKeyFindingAndExpectation) {
+TEST(Scenario, ErrorsNamePositionKeyFoundAndExpected) {
   EXPECT_EQ(error_of(with_action("tap: {object: a, speed: 9}")),
             "s.yaml:5:33: users[0].script[0].tap.speed: found '9', expected a number from 0.0001 to 0.5");
   EXPECT_EQ(error_of(with_action("tap: {object: a, sped: 9}")),
@@ -163,7 +163,7 @@ TEST(Scenario, ErrorsNamePlaceKeyFindingAndExpectation) {
             "seed, spread, users");
 }
 
-TEST(Scenario, RefusesValuesThatAreNotWhatTheyShouldBe) {
+TEST(Scenario, RefusesInvalidValues) {
   EXPECT_THAT(error_of(with_action("tap: {object: a, count: 2.5}")), HasSubstr("expected a whole number"));
   EXPECT_THAT(error_of(with_action("tap: {object: a, count: many}")),
               HasSubstr("count: found 'many', expected a number"));
@@ -182,7 +182,7 @@ TEST(Scenario, RefusesValuesThatAreNotWhatTheyShouldBe) {
   EXPECT_THAT(error_of(with_action("{tap: {object: a}, wait: {}}")), HasSubstr("expected one action"));
 }
 
-TEST(Scenario, RefusesWhatIsMissingOrTwice) {
+TEST(Scenario, RefusesMissingAndRepeatedKeys) {
   EXPECT_THAT(error_of(""), HasSubstr("expected a map"));
   EXPECT_THAT(error_of("name: t\n"), HasSubstr("key 'users' is missing"));
   EXPECT_THAT(error_of("users: []\nname: t\n"), HasSubstr("users: found a list, expected a list of users"));
@@ -193,11 +193,11 @@ TEST(Scenario, RefusesWhatIsMissingOrTwice) {
               HasSubstr("name 'a' occurs twice"));
 }
 
-TEST(Scenario, OfBrokenYamlTellsWhere) {
+TEST(Scenario, LocatesErrorsInBrokenYaml) {
   EXPECT_THAT(error_of("name: t\nusers: [\n"), StartsWith("s.yaml:3:1: not YAML:"));
 }
 
-TEST(Scenario, ThatIsNeitherBuiltInNorAFileNamesTheBuiltInOnes) {
+TEST(Scenario, AnUnknownNameListsTheBuiltInScenarios) {
   try {
     (void)load_scenario("/nowhere/x.yaml");
     FAIL();
@@ -213,12 +213,12 @@ TEST(Scenario, IsReadFromAFile) {
   std::remove(path.c_str());
 }
 
-TEST(PlaceOf, ReadsTheNumberAfterAHash) {
-  EXPECT_EQ(place_of("#1"), 1u);
-  EXPECT_EQ(place_of("#12"), 12u);
-  EXPECT_EQ(place_of("organ"), 0u);
-  EXPECT_EQ(place_of("#x"), 0u);
-  EXPECT_EQ(place_of("#"), 0u);
+TEST(OrdinalOf, ReadsTheNumberAfterAHash) {
+  EXPECT_EQ(ordinal_of("#1"), 1u);
+  EXPECT_EQ(ordinal_of("#12"), 12u);
+  EXPECT_EQ(ordinal_of("organ"), 0u);
+  EXPECT_EQ(ordinal_of("#x"), 0u);
+  EXPECT_EQ(ordinal_of("#"), 0u);
 }
 
 }  // namespace

@@ -30,15 +30,15 @@ users:
     script: [approach: {object: "#2"}, wait: {seconds: 100}]
 )";
 
-/// The rest of a session, as messages.
+/// The other participants of a session, as messages.
 class World {
  public:
-  explicit World(const std::string& scenario, double hush = 0)
-      : core{parse_scenario(scenario, "test"), settings(hush)} {}
+  explicit World(const std::string& scenario, double name_check = 0)
+      : core{parse_scenario(scenario, "test"), settings(name_check)} {}
 
-  static SimSettings settings(double hush) {
+  static SimSettings settings(double name_check) {
     SimSettings settings;
-    settings.hush = hush;
+    settings.name_check = name_check;
     settings.session = "s";
     settings.name = "sim";
     settings.incarnation = 9;
@@ -56,7 +56,7 @@ class World {
     for (const std::string& user : users) entry.slots.push_back({user, static_cast<std::uint32_t>(entry.slots.size())});
   }
   void host(const std::string& name) { (void)participant(name, session::Role::kHost); }
-  /// Another program of users, which beats under `name`.
+  /// Another program of users, with heartbeats under `name`.
   void rival(const std::string& name, std::uint64_t incarnation) {
     participant(name, session::Role::kClient).origin.incarnation = incarnation;
   }
@@ -87,7 +87,7 @@ class World {
     return state;
   }
 
-  /// Ticks every 5 ms, everyone beating each 50 ms.
+  /// Ticks every 5 ms; all participants send a heartbeat every 50 ms.
   void run(double seconds) {
     const std::int64_t end = now + static_cast<std::int64_t>(seconds * 1e9);
     for (; now < end; now += 5 * kMs) {
@@ -106,12 +106,12 @@ class World {
     }
   }
 
-  /// What this program said since the last time comes back to it, as it does from the network.
+  /// Returns the messages that this program has sent since the last call to it, as the network does.
   void echo() {
     for (; echoed < roster.size(); ++echoed) core.on_roster(roster[echoed], now);
   }
 
-  /// A user who has felt nothing only says where the hand may begin: one point, no path.
+  /// A user without a probe state only sends a start position: one point.
   [[nodiscard]] bool only_places_to_start() const {
     return std::all_of(intents.begin(), intents.end(),
                        [](const session::Intent& intent) { return intent.path.size() == 1; });
@@ -140,7 +140,7 @@ class World {
   }
 };
 
-TEST(SimCore, SaysWhatIsMissingAndFailsWhenItsPatienceEnds) {
+TEST(SimCore, ReportsMissingPartsAndFailsAfterItsPatience) {
   World world{kTwoUsers};
   world.run(1);
   EXPECT_EQ(world.core.state(), SimState::kGathering);
@@ -152,7 +152,7 @@ TEST(SimCore, SaysWhatIsMissingAndFailsWhenItsPatienceEnds) {
   EXPECT_THAT(world.controls, IsEmpty());
 }
 
-TEST(SimCore, BringsEachUserToItsHrtcUnderANameForEach) {
+TEST(SimCore, JoinsWithOneParticipantPerHrtc) {
   World world{kTwoUsers};
   world.hrtc("left");
   world.hrtc("right");
@@ -172,7 +172,7 @@ TEST(SimCore, BringsEachUserToItsHrtcUnderANameForEach) {
   EXPECT_THAT(second.users, ElementsAre("bob"));
 }
 
-TEST(SimCore, CountsAroundWhenFewerAreThereThanTheScenarioNames) {
+TEST(SimCore, ResolvesNumbersModuloThePresentOnes) {
   World world{kTwoUsers};
   world.hrtc("only");
   world.object("a");
@@ -227,7 +227,7 @@ TEST(SimCore, DatesEventsFromTheStartOfTheSession) {
   world.object("a");
   world.run(0.5);
   world.hrtc("left", {"ann", "bob"});
-  world.run(1.2);  // counts around once it has settled
+  world.run(1.2);  // resolves numbers modulo after the settle time
   ASSERT_EQ(world.core.state(), SimState::kRunning);
   world.run(0.2);
   world.host("late host");
@@ -254,7 +254,7 @@ TEST(SimCore, EndsWithoutTheLastFiguresAfterAWhile) {
   EXPECT_EQ(world.core.state(), SimState::kEnded);
 }
 
-TEST(SimCore, StopsInOrderWhenToldTo) {
+TEST(SimCore, StopsInOrderOnRequest) {
   World world{kTwoUsers};
   world.hrtc("left", {"ann", "bob"});
   world.object("a");
@@ -267,7 +267,7 @@ TEST(SimCore, StopsInOrderWhenToldTo) {
   EXPECT_EQ(world.core.report().trouble, "interrupted");
 }
 
-TEST(SimCore, EndsWithTheSessionAndReportsAStopOnceHoweverOftenItIsRepeated) {
+TEST(SimCore, EndsWithTheSessionAndReportsARepeatedStopOnce) {
   World world{kTwoUsers};
   world.hrtc("left", {"ann", "bob"});
   world.object("a");
@@ -283,7 +283,7 @@ TEST(SimCore, EndsWithTheSessionAndReportsAStopOnceHoweverOftenItIsRepeated) {
   EXPECT_EQ(world.core.report().trouble, "ended by another participant: enough");
 }
 
-TEST(SimCore, GivesWayToAnOlderProgramOfItsNameBeforeItBringsUsers) {
+TEST(SimCore, LeavesForAnOlderProgramOfItsNameBeforeUsersJoin) {
   World world{kTwoUsers, 1};
   world.hrtc("left", {"ann", "bob"});
   world.object("a");
@@ -298,7 +298,7 @@ TEST(SimCore, GivesWayToAnOlderProgramOfItsNameBeforeItBringsUsers) {
   EXPECT_THAT(world.ends, IsEmpty()) << "the session goes on";
 }
 
-TEST(SimCore, GoesOnWhenALaterProgramHasItsNameAndNotesIt) {
+TEST(SimCore, ContinuesAndReportsWhenALaterProgramHasItsName) {
   World world{kTwoUsers, 1};
   world.hrtc("left", {"ann", "bob"});
   world.object("a");
@@ -311,7 +311,7 @@ TEST(SimCore, GoesOnWhenALaterProgramHasItsNameAndNotesIt) {
                           [](const ReportEvent& event) { return event.text.find("'sim' is there twice") == 7; }));
 }
 
-TEST(SimCore, GivesWayToAProgramThatHasTheNameOfItsUsersAtAnotherHrtc) {
+TEST(SimCore, LeavesForAProgramWithTheNameOfItsSecondParticipant) {
   World world{kTwoUsers};
   world.hrtc("left", {"ann"});
   world.hrtc("right", {"bob"});
@@ -338,7 +338,7 @@ TEST(SimCore, GivesWayToAProgramThatHasTheNameOfItsUsersAtAnotherHrtc) {
   EXPECT_THAT(later.core.trouble(), HasSubstr("'sim.2' was in session 's' before"));
 }
 
-TEST(SimCore, TakesNoOffenceAtItsOwnSamplesThatComeBack) {
+TEST(SimCore, IgnoresItsOwnSamples) {
   World world{kTwoUsers};
   world.hrtc("left", {"ann"});
   world.hrtc("right", {"bob"});
@@ -352,7 +352,7 @@ TEST(SimCore, TakesNoOffenceAtItsOwnSamplesThatComeBack) {
   for (const ReportEvent& event : world.core.report().events) EXPECT_EQ(event.text.find("'sim"), std::string::npos);
 }
 
-TEST(SimCore, BringsNobodyBeforeItHasHeardWhetherItsNameIsTaken) {
+TEST(SimCore, JoinsUsersOnlyAfterTheNameCheck) {
   World world{kTwoUsers, 1};
   world.hrtc("left", {"ann", "bob"});
   world.hrtc("right");
@@ -365,7 +365,7 @@ TEST(SimCore, BringsNobodyBeforeItHasHeardWhetherItsNameIsTaken) {
   EXPECT_GE(world.core.state(), SimState::kJoining);
 }
 
-TEST(SimCore, DoesNotHearOtherSessions) {
+TEST(SimCore, IgnoresOtherSessions) {
   World world{kTwoUsers};
   world.hrtc("left");
   world.entries.back().origin.session = session::id_of("other");
@@ -379,7 +379,7 @@ TEST(SimCore, DoesNotHearOtherSessions) {
   EXPECT_THAT(world.core.trouble(), HasSubstr("no host serves object #1"));
 }
 
-TEST(SimCore, FeelsOnlyWhatItsOwnHrtcSays) {
+TEST(SimCore, AcceptsProbeStatesOnlyFromItsHrtc) {
   World world{kTwoUsers};
   world.hrtc("left", {"ann", "bob"});
   world.hrtc("right");
@@ -394,7 +394,7 @@ TEST(SimCore, FeelsOnlyWhatItsOwnHrtcSays) {
   EXPECT_EQ(world.core.report().users[0].touch.states, 0u);
 }
 
-TEST(SimCore, TellsOfAHostThatGoesAndComesBack) {
+TEST(SimCore, ReportsAHostThatLeavesAndReturns) {
   World world{kTwoUsers};
   world.host("host");
   world.hrtc("left", {"ann", "bob"});

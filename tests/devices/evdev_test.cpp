@@ -1,4 +1,4 @@
-/// The driver of mice and gamepads, fed through a pipe with a name: a machine that runs tests has neither.
+/// The driver of mice and gamepads, fed through a named pipe: test machines have neither device.
 #include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -22,7 +22,7 @@ class Evdev : public testing::Test {
   }
   ~Evdev() override { close(end_); }
 
-  /// Its state after some cycles from `from_ms` on: the tip follows at 0.5 m/s.
+  /// Its state after some cycles starting at `from_ms`: the tip follows at 0.5 m/s.
   static DeviceState after(PluginDevice& device, int cycles, int from_ms = 1) {
     DeviceState state;
     for (int ms = from_ms; ms < from_ms + cycles; ++ms) state = device.read(ms * kMs);
@@ -64,7 +64,7 @@ TEST_F(Evdev, AMouseMovesTheTipByItsCounts) {
   EXPECT_LT((state.position - Vec3d(0.003, -0.002, -0.004)).norm(), 1e-12);
   EXPECT_EQ(state.buttons, kClutchButton);
   EXPECT_EQ(state.time_ns, 10 * kMs);
-  EXPECT_EQ(mouse.read(11 * kMs).time_ns, 11 * kMs) << "one that rests is not old";
+  EXPECT_EQ(mouse.read(11 * kMs).time_ns, 11 * kMs) << "a device at rest does not age";
   send(EV_KEY, BTN_LEFT, 0);
   send(EV_KEY, BTN_RIGHT, 1);
   EXPECT_EQ(mouse.read(12 * kMs).buttons, kGrabButton);
@@ -82,7 +82,7 @@ TEST_F(Evdev, AStickMovesTheTipWhileItIsHeld) {
   PluginDevice gamepad{TACTUS_EVDEV, "gamepad:" + pipe_};
   (void)gamepad.read(kMs);
   send(EV_ABS, ABS_X, 32767);
-  send(EV_ABS, ABS_Y, 1000);  // within what counts as the middle
+  send(EV_ABS, ABS_Y, 1000);  // inside the dead zone
   DeviceState state;
   for (int ms = 2; ms <= 101; ++ms) state = gamepad.read(ms * kMs);
   EXPECT_NEAR(state.position.x(), 0.015, 1e-9);
@@ -92,20 +92,20 @@ TEST_F(Evdev, AStickMovesTheTipWhileItIsHeld) {
   EXPECT_NEAR(state.position.x(), 0.015, 1e-9);
 }
 
-TEST_F(Evdev, ManyEventsInOneCycleAreAllTakenInAFew) {
+TEST_F(Evdev, ManyEventsOfOneCycleAreReadWithinAFewCycles) {
   PluginDevice mouse{TACTUS_EVDEV, "mouse:" + pipe_};
   for (int i = 0; i < 500; ++i) send(EV_REL, REL_X, 1);
   EXPECT_NEAR(after(mouse, 120).position.x(), 0.05, 1e-12);
 }
 
-TEST_F(Evdev, AForceIsNoFailureWhereNothingRumbles) {
+TEST_F(Evdev, AForceWithoutRumbleSupportIsNotAFailure) {
   PluginDevice gamepad{TACTUS_EVDEV, "gamepad:" + pipe_};
   (void)gamepad.read(kMs);
   gamepad.write({3, 0, 0});
   EXPECT_EQ(gamepad.health(), DeviceHealth::kReady);
 }
 
-TEST_F(Evdev, WhatIsNoDeviceIsNamed) {
+TEST_F(Evdev, AnErrorNamesAFileThatIsNotADevice) {
   EXPECT_THAT(refusal("joystick:/dev/input/js0"), testing::HasSubstr("expected mouse:FILE or gamepad:FILE"));
   EXPECT_THAT(refusal(""), testing::HasSubstr("expected mouse:FILE or gamepad:FILE"));
   EXPECT_THAT(refusal("mouse:/nowhere/event0"), testing::HasSubstr("cannot open /nowhere/event0: No such file"));

@@ -1,4 +1,4 @@
-/// The driver of Haply devices against a peer that speaks as their service does, in version 3.5 of its public protocol.
+/// The driver of Haply devices against a simulated service with version 3.5 of the public protocol.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -30,21 +30,21 @@ std::int64_t now_ns() {
       .count();
 }
 
-/// A service for one connection: an inventory, then an answer to each message until it gives none.
+/// A service for one connection: an inventory, then an answer to each message until there is none.
 class Peer {
  public:
   static constexpr const char* kInventory =
       R"({"session_id": 7, "inverse3": [{"device_id": "04A1", "config": {"type": "inverse3"}, "state": {}, "status": {}},
                                         {"device_id": "049D", "config": {"type": "inverse3"}, "state": {}, "status": {}}]})";
 
-  /// What to say to the message of this number; nothing ends the connection without a word.
+  /// The answer to the message of this number; an empty optional closes the connection.
   using Answer = std::function<std::string(std::size_t number)>;
   explicit Peer(Answer answer, std::string inventory = kInventory)
       : answer_{std::move(answer)}, inventory_{std::move(inventory)}, thread_{[this] { serve(); }} {}
   ~Peer() {
     beast::error_code ignored;
     acceptor_.close(ignored);
-    if (!accepted_) asio::ip::tcp::socket{context_}.connect(acceptor_at_, ignored);  // wakes who accepts
+    if (!accepted_) asio::ip::tcp::socket{context_}.connect(acceptor_at_, ignored);  // wakes the accepting thread
     thread_.join();
   }
 
@@ -55,12 +55,12 @@ class Peer {
   }
   [[nodiscard]] bool hears(const std::function<bool(const std::vector<Json>&)>& condition) const {
     for (const auto end = std::chrono::steady_clock::now() + 10s; std::chrono::steady_clock::now() < end;
-         std::this_thread::sleep_for(1ms))  // the peer's thread hears; nobody else tells
+         std::this_thread::sleep_for(1ms))  // the peer's thread receives, without notification
       if (condition(received())) return true;
     return false;
   }
 
-  /// A state of both devices; x of the second grows with the number.
+  /// A state of both devices; x of the second increases with the number.
   static std::string state(std::size_t number) {
     Json message = Json::parse(kInventory);
     for (Json& device : message["inverse3"]) {
@@ -97,7 +97,7 @@ class Peer {
       const std::string answer = answer_(number);
       if (answer.empty()) return;
       if (answer == "silence") {
-        stream.read(buffer, error);  // until the other end gives up
+        stream.read(buffer, error);  // until the other side closes
         return;
       }
       stream.write(asio::buffer(answer), error);
@@ -124,10 +124,10 @@ std::string refusal(const std::string& config) {
   return "";
 }
 
-/// As a haptic thread would, until something is so.
+/// As a haptic thread, until a condition holds.
 bool runs_until(PluginDevice& device, const Vec3d& force, const std::function<bool(const DeviceState&)>& condition) {
   for (const auto end = std::chrono::steady_clock::now() + 10s; std::chrono::steady_clock::now() < end;
-       std::this_thread::sleep_for(1ms)) {  // a haptic thread's period
+       std::this_thread::sleep_for(1ms)) {  // period of a haptic thread
     const DeviceState state = device.read(now_ns());
     device.write(force);
     if (condition(state)) return true;
@@ -142,7 +142,7 @@ bool is_zero(const Json& message) {
   return force_of(message, "x") == 0 && force_of(message, "y") == 0 && force_of(message, "z") == 0;
 }
 
-TEST(Haply, PositionsComeAndForcesGoToTheDeviceThatIsAskedFor) {
+TEST(Haply, ExchangesPositionsAndForcesWithTheNamedDevice) {
   Peer peer{Peer::state};
   {
     PluginDevice device{TACTUS_HAPLY, peer.place() + "/049D"};
@@ -162,20 +162,20 @@ TEST(Haply, PositionsComeAndForcesGoToTheDeviceThatIsAskedFor) {
   }
   const std::vector<Json> received = peer.received();
   EXPECT_EQ(received[0]["session"]["configure"]["profile"]["name"], "tactus:hrtc");
-  EXPECT_TRUE(is_zero(received[0])) << "before anybody has written one";
+  EXPECT_TRUE(is_zero(received[0])) << "before the first write";
   EXPECT_TRUE(is_zero(received.back())) << "and at the end";
   const Json& later = received[received.size() - 3];
   EXPECT_EQ(later, Json::parse(R"({"inverse3": [{"device_id": "049D", "commands": {"set_cursor_force": {"vector":
                                     {"x": 0.5, "y": -1.0, "z": 0.3333333333333333}}}}]})"));
 }
 
-TEST(Haply, TheFirstDeviceIsTakenWhenNoneIsNamed) {
+TEST(Haply, UsesTheFirstDeviceWithoutAName) {
   Peer peer{Peer::state};
   PluginDevice device{TACTUS_HAPLY, peer.place()};
   EXPECT_TRUE(runs_until(device, Vec3d::Zero(), [](const DeviceState& state) { return state.position.x() == 9; }));
 }
 
-TEST(Haply, WhatCannotBeOpenedSaysWhatWasFoundAndExpected) {
+TEST(Haply, AnOpenErrorStatesFoundAndExpected) {
   std::string nowhere;
   {
     Peer other{Peer::state};
@@ -188,7 +188,7 @@ TEST(Haply, WhatCannotBeOpenedSaysWhatWasFoundAndExpected) {
   EXPECT_THAT(refusal(empty.place()), testing::HasSubstr("found no Inverse3, expected one"));
 }
 
-TEST(Haply, NonsenseIsPassedOverAndTheLastPoseStays) {
+TEST(Haply, InvalidMessagesAreIgnoredAndTheLastPoseStays) {
   const std::vector<std::string> nonsense{
       "not JSON",
       "[]",
@@ -214,17 +214,17 @@ TEST(Haply, NonsenseIsPassedOverAndTheLastPoseStays) {
     farthest = std::max(farthest, state.position.cwiseAbs().maxCoeff());
     return state.position.x() > 100e-6;
   }));
-  EXPECT_LE(farthest, 0.15) << "nothing of it was taken";
+  EXPECT_LE(farthest, 0.15) << "no invalid position was used";
   EXPECT_EQ(device.health(), DeviceHealth::kReady);
 }
 
-TEST(Haply, NothingButNonsenseHasFailed) {
+TEST(Haply, ManyInvalidMessagesAreAFailure) {
   Peer peer{[](std::size_t number) { return number < 5 ? Peer::state(number) : std::string{"nonsense"}; }};
   PluginDevice device{TACTUS_HAPLY, peer.place() + "/049D"};
   EXPECT_TRUE(runs_until(device, Vec3d::Zero(), [&](const auto&) { return device.health() == DeviceHealth::kFailed; }));
 }
 
-TEST(Haply, AConnectionThatEndsHasFailed) {
+TEST(Haply, AClosedConnectionIsAFailure) {
   Peer peer{[](std::size_t number) { return number < 30 ? Peer::state(number) : std::string{}; }};
   PluginDevice device{TACTUS_HAPLY, peer.place() + "/049D"};
   EXPECT_TRUE(runs_until(device, {1, 0, 0}, [&](const auto&) { return device.health() == DeviceHealth::kFailed; }));
@@ -232,15 +232,15 @@ TEST(Haply, AConnectionThatEndsHasFailed) {
   EXPECT_EQ(device.read(now_ns() + 1'000'000).time_ns, last_ns) << "and the pose grows old";
 }
 
-TEST(Haply, AServiceThatFallsSilentHasFailedWithinASecond) {
+TEST(Haply, ASilentServiceIsAFailureWithinASecond) {
   Peer peer{[](std::size_t number) { return number < 30 ? Peer::state(number) : std::string{"silence"}; }};
   PluginDevice device{TACTUS_HAPLY, peer.place() + "/049D"};
   const std::int64_t begun = now_ns();
   EXPECT_TRUE(runs_until(device, {1, 0, 0}, [&](const auto&) { return device.health() == DeviceHealth::kFailed; }));
-  EXPECT_GT(now_ns() - begun, 900'000'000) << "a moment's silence is none";
+  EXPECT_GT(now_ns() - begun, 900'000'000) << "a short silence is no failure";
 }
 
-TEST(Haply, ADeviceThatIsUnpluggedHasFailed) {
+TEST(Haply, AnUnpluggedDeviceIsAFailure) {
   Peer peer{[](std::size_t number) {
     return number < 30 ? Peer::state(number) : R"({"inverse3": [{"device_id": "04A1", "state": {}}]})";
   }};
@@ -248,7 +248,7 @@ TEST(Haply, ADeviceThatIsUnpluggedHasFailed) {
   EXPECT_TRUE(runs_until(device, {1, 0, 0}, [&](const auto&) { return device.health() == DeviceHealth::kFailed; }));
 }
 
-TEST(Haply, AForceThatNobodyRenewsEnds) {
+TEST(Haply, AForceWithoutRenewalEnds) {
   Peer peer{Peer::state};
   PluginDevice device{TACTUS_HAPLY, peer.place() + "/049D"};
   device.write({2, 0, 0});

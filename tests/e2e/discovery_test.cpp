@@ -122,7 +122,7 @@ TEST_F(DiscoveryTest, AWrongServerOrPeerIsNamed) {
 class WithoutMulticast : public DiscoveryTest {
  protected:
   void SetUp() override {
-    if (const std::string reason = netem::missing_right(); !reason.empty()) GTEST_SKIP() << reason;
+    if (const std::string reason = netem::missing_privilege(); !reason.empty()) GTEST_SKIP() << reason;
     pair_.emplace(netem::parse_link("veth"));
     std::filesystem::copy(wire::default_qos_directory(), qos_);
     for (const char* file : {"session.xml", "probe.xml", "bulk.xml"}) {

@@ -18,7 +18,7 @@ using testing::Not;
 class FarTest : public SessionTest {
  protected:
   void SetUp() override {
-    if (const std::string reason = netem::missing_right(); !reason.empty()) GTEST_SKIP() << reason;
+    if (const std::string reason = netem::missing_privilege(); !reason.empty()) GTEST_SKIP() << reason;
   }
   [[nodiscard]] static std::vector<std::string> in(const netem::LinkedPair& pair, Side side,
                                                    const std::vector<std::string>& command) {

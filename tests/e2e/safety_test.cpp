@@ -174,7 +174,7 @@ TEST_F(SafetyTest, AStopTakesTheForceWhileTheServiceThreadIsBlocked) {
 TEST_F(SafetyTest, AStopThatNobodyHearsFails) {
   Process stop{control({"stop", "--patience", "0.2"})};
   EXPECT_TRUE(ends_with(1, stop));
-  EXPECT_THAT(stop.output(), testing::HasSubstr("nobody was found in session"));
+  EXPECT_THAT(stop.output(), testing::HasSubstr("no host or HRTC found in session"));
 }
 
 }  // namespace

@@ -12,7 +12,7 @@ namespace {
 
 constexpr double kDt = 1e-3;
 
-/// Bodies and contacts by a seed: masses of 0.05 to 2 kg, full 6 x 6 matrices as springs make them.
+/// Random bodies and contacts: masses of 0.05 to 2 kg, full 6 x 6 matrices as with springs.
 class Problem {
  public:
   Problem(unsigned seed, std::size_t body_count, std::size_t contact_count, double friction) : random_{seed} {
@@ -56,7 +56,7 @@ class Problem {
     return m;
   }
 
-  /// Normal rows of all contacts over all bodies' velocities, one below the other.
+  /// Normal rows of all contacts over the velocities of all bodies.
   [[nodiscard]] Eigen::MatrixXd normals() const {
     Eigen::MatrixXd rows = Eigen::MatrixXd::Zero(contacts.size(), 6 * bodies.size());
     for (std::size_t i = 0; i < contacts.size(); ++i) {
@@ -92,12 +92,12 @@ class Problem {
 
 SolverSettings exact() {
   SolverSettings settings;
-  settings.sweeps = 200'000;
-  settings.quiet = 1e-13;
+  settings.iterations = 200'000;
+  settings.tolerance = 1e-13;
   return settings;
 }
 
-/// The velocity that satisfies the constraints, by trying every set of active ones; empty: none does.
+/// The velocity that satisfies the constraints, by trying every set of active ones; empty: none exists.
 Eigen::VectorXd by_enumeration(const Problem& problem) {
   const Eigen::MatrixXd rows = problem.normals();
   const Eigen::MatrixXd w = problem.inverse_mass();
@@ -136,10 +136,10 @@ TEST(ContactSolver, AgreesWithTryingEverySetOfActiveContacts) {
     Problem problem{seed, 1 + seed % 3, 1 + seed % 7, 0};
     const Eigen::VectorXd expected = by_enumeration(problem);
     const Eigen::VectorXd before = problem.velocity();
-    if (expected.size() == 0) continue;  // no velocity satisfies all of them
+    if (expected.size() == 0) continue;  // no velocity satisfies all contacts
     ContactSolver solver{exact()};
     const SolverResult result = problem.solve(solver);
-    ASSERT_TRUE(result.quiet) << "seed " << seed;
+    ASSERT_TRUE(result.converged) << "seed " << seed;
     ASSERT_LT((problem.velocity() - expected).norm(), 1e-6 * (1 + expected.norm())) << "seed " << seed;
     if ((expected - before).norm() > 1e-3) ++moved;
   }
@@ -151,7 +151,7 @@ TEST(ContactSolver, FrictionOpposesSlidingAtTheConeAndHoldsWithinIt) {
   for (unsigned seed = 1; seed <= 400; ++seed) {
     Problem problem{seed, 1 + seed % 2, 1 + seed % 3, 0.1 + 0.1 * (seed % 8)};
     ContactSolver solver{exact()};
-    if (!problem.solve(solver).quiet) continue;
+    if (!problem.solve(solver).converged) continue;
     for (std::size_t i = 0; i < problem.contacts.size(); ++i) {
       const Contact& c = problem.contacts[i];
       Vec3d v = Problem::jacobian_of(c.arm_a) * problem.bodies[c.a].velocity;
@@ -175,13 +175,13 @@ TEST(ContactSolver, FrictionOpposesSlidingAtTheConeAndHoldsWithinIt) {
   EXPECT_GT(stuck, 20);
 }
 
-TEST(ContactSolver, NeverAddsEnergyHoweverFewSweepsAndWhateverItRemembers) {
+TEST(ContactSolver, NeverAddsEnergyAfterFewIterationsOrAWrongWarmStart) {
   for (unsigned seed = 1; seed <= 300; ++seed) {
     SolverSettings settings;
-    settings.sweeps = static_cast<int>(seed % 4);
+    settings.iterations = static_cast<int>(seed % 4);
     ContactSolver solver{settings};
     Problem other{seed + 1000, 2, 12, 0.5};
-    (void)other.solve(solver);  // impulses under the same ids, of something else
+    (void)other.solve(solver);  // impulses of another problem under the same ids
     Problem problem{seed, 2, 12, 0.5};
     const auto energy = [&] {
       double sum = 0;
@@ -202,18 +202,18 @@ TEST(ContactSolver, StartsFromTheImpulsesOfTheLastStep) {
     Problem problem{seed, 1, 8, 0.3};
     const std::vector<SolverBody> bodies = problem.bodies;
     SolverSettings settings;
-    settings.sweeps = 5000;
+    settings.iterations = 5000;
     ContactSolver solver{settings};
-    const int cold = problem.solve(solver).sweeps;
+    const int cold = problem.solve(solver).iterations;
     problem.bodies = bodies;
-    const int warm = problem.solve(solver).sweeps;
+    const int warm = problem.solve(solver).iterations;
     ASSERT_LE(warm, cold) << "seed " << seed;
     if (warm <= 3 && cold > 5) ++fewer;
   }
   EXPECT_GT(fewer, 30);
 }
 
-TEST(ContactSolver, KeepsTheDeepestAndTheOutermostContactsAndCountsTheRest) {
+TEST(ContactSolver, SelectsTheDeepestAndOutermostContactsAndCountsTheOthers) {
   SolverBody body;
   body.inverse_mass.setIdentity();
   body.inverse_mass.bottomRightCorner<3, 3>() *= 1000;
@@ -246,7 +246,7 @@ TEST(ContactSolver, KeepsTheDeepestAndTheOutermostContactsAndCountsTheRest) {
   EXPECT_LT(body.velocity.tail<3>().norm(), 1e-2);
 }
 
-TEST(ContactSolver, CandidatesBeyondItsRoomAreCountedToo) {
+TEST(ContactSolver, CountsCandidatesBeyondItsCapacity) {
   SolverBody body;
   body.inverse_mass.setIdentity();
   ContactSolver solver;
@@ -260,7 +260,7 @@ TEST(ContactSolver, CandidatesBeyondItsRoomAreCountedToo) {
   EXPECT_EQ(solver.solve({&body, 1}, kDt).dropped, kMaxCandidateContacts + 10 - kMaxContacts);
 }
 
-TEST(ContactSolver, AnOverlapIsUndoneSlowly) {
+TEST(ContactSolver, RemovesAnOverlapSlowly) {
   SolverBody body;
   body.inverse_mass.setIdentity();
   ContactSolver solver;

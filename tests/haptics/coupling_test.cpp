@@ -24,12 +24,12 @@ BodySettings floating_box(double mass) {
   return settings;
 }
 
-/// Copies of a box and a network that does to their samples what `network` says.
+/// Copies of a box, and a network with given delay, loss and repetition.
 class Copies {
  public:
   struct Network {
     double delay_ms = 20;
-    double spread_ms = 0;  ///< each sample draws its own: they overtake each other
+    double spread_ms = 0;  ///< range of random extra delay; samples overtake each other
     double loss = 0;
     double repeated = 0;
   };
@@ -46,7 +46,7 @@ class Copies {
     }
   }
 
-  /// `hands`: of each copy one, or none at all.
+  /// `hands`: one per copy, or empty.
   void step(const std::vector<Vec3d>& forces, double lever = 0, const std::vector<PointSpring>& hands = {}) {
     for (std::size_t i = 0; i < under_way_.size();) {
       if (under_way_[i].at > now_ns_) {
@@ -106,7 +106,7 @@ TEST(Coupling, CopiesAccelerateAsOneBodyOfTheWholeMass) {
     settings.min_stiffness = 0;
     Copies copies{count, settings, floating_box(1), {}, 1};
     std::vector<Vec3d> forces(count, Vec3d::Zero());
-    // A fifth of a second for the waves to spread, then one in which it gains what F / m says.
+    // The waves spread for a fifth of a second; in the next second the velocity grows by F / m.
     forces[0] = {0.3, 0, 0};
     for (int i = 0; i < 200; ++i) copies.step(forces);
     const double before = copies[0].state().velocity.x();
@@ -117,7 +117,7 @@ TEST(Coupling, CopiesAccelerateAsOneBodyOfTheWholeMass) {
   }
 }
 
-TEST(Coupling, GivesNoMoreEnergyThanWasPutInWhateverTheNetworkDoes) {
+TEST(Coupling, ReturnsAtMostTheEnergyPutInForAnyNetwork) {
   for (unsigned seed = 1; seed <= 8; ++seed) {
     std::mt19937 random{seed};
     std::uniform_real_distribution<double> unit{0, 1};
@@ -149,7 +149,7 @@ TEST(Coupling, GivesNoMoreEnergyThanWasPutInWhateverTheNetworkDoes) {
 }
 
 TEST(Coupling, WavesWithoutEnergyMoveNothing) {
-  // A peer that claims to have put nothing into the line and yet shakes it.
+  // A peer that claims to have put no energy into the channel but moves it.
   CouplingSettings settings;
   settings.allowance = settings.initial = 0;
   settings.delay = 0.01;
@@ -170,10 +170,10 @@ TEST(Coupling, WavesWithoutEnergyMoveNothing) {
   EXPECT_GT(object.coupling()->ledger().held, 1500u);
 }
 
-/// Two who press a box from both sides over 60 ms each way, with what comes to 6 N, and whom a force pushes sideways.
+/// Two users press a box from both sides with 6 N in total over 60 ms one-way delay; a force pushes it sideways.
 struct Squeeze {
-  double apart = 0;        ///< m, along the press, at most
-  double apart_early = 0;  ///< m, a second after they press in full
+  double apart = 0;        ///< m, along the press, maximum
+  double apart_early = 0;  ///< m, a second after the full press
   double apart_late = 0;   ///< m, four seconds later
   double sideways = 0;     ///< m/s, gained from 0.3 N in the last second
   double given = 0;        ///< J
@@ -185,7 +185,7 @@ Squeeze squeeze(const CouplingSettings& settings, double force) {
   Squeeze result;
   std::vector<Vec3d> forces(2, Vec3d::Zero());
   for (int i = 0; i < 7500; ++i) {
-    // A light touch for a second, then all of it.
+    // A light touch for a second, then the full press.
     const double pressed = force / kHand * std::clamp((i - 1000) / kPressing, 0.1, 1.0);
     std::vector<PointSpring> hands(2);
     for (std::size_t k = 0; k < 2; ++k) {
@@ -209,17 +209,17 @@ Squeeze squeeze(const CouplingSettings& settings, double force) {
   return result;
 }
 
-TEST(Coupling, CopiesOfWhatIsPressedFromBothSidesStayTogether) {
+TEST(Coupling, CopiesPressedFromBothSidesStayTogether) {
   CouplingSettings settings;
   settings.delay = 0.075;
   const Squeeze pressed = squeeze(settings, 6);
   EXPECT_LT(pressed.apart_late, pressed.apart_early + 0.0015);  // and do not creep apart
   EXPECT_LE(pressed.given, settings.initial);
-  settings.give = 1;  // as if nobody pressed
+  settings.stretch = 1;  // as without opposing forces
   EXPECT_LT(pressed.apart, 0.8 * squeeze(settings, 6).apart);
 }
 
-TEST(Coupling, WhatIsPressedFromBothSidesStillMovesSideways) {
+TEST(Coupling, AnObjectPressedFromBothSidesStillMovesSideways) {
   CouplingSettings settings;
   settings.delay = 0.075;
   const double free = squeeze(settings, 0).sideways;
@@ -227,7 +227,7 @@ TEST(Coupling, WhatIsPressedFromBothSidesStillMovesSideways) {
   EXPECT_GT(squeeze(settings, 6).sideways, 0.6 * free);  // along the press it weighs ten times as much
 }
 
-TEST(Coupling, CopiesThatStartApartComeTogether) {
+TEST(Coupling, CopiesThatStartApartConverge) {
   CouplingSettings settings;
   settings.delay = 0.021;
   settings.allowance = 1e-3;
@@ -235,14 +235,14 @@ TEST(Coupling, CopiesThatStartApartComeTogether) {
   Copies copies{2, settings, floating_box(0.5), network, 1};
   BodyState moved;
   moved.position = {0.004, 0, 0.002};
-  moved.orientation = rotation_by({0, 0.05, 0});
+  moved.orientation = exp_map({0, 0.05, 0});
   copies[1].place(moved);
   for (int i = 0; i < 5000; ++i) copies.step(std::vector<Vec3d>(2, Vec3d::Zero()));
   EXPECT_LT((copies[0].state().position - copies[1].state().position).norm(), 5e-4);
-  EXPECT_LT(turn_of(copies[0].state().orientation.conjugate() * copies[1].state().orientation).norm(), 5e-3);
+  EXPECT_LT(log_map(copies[0].state().orientation.conjugate() * copies[1].state().orientation).norm(), 5e-3);
 }
 
-/// The greatest change of a copy's velocity, m/s: of all cycles of a second, and of its last half.
+/// The greatest change of a copy's velocity, m/s: in a whole second, and in its second half.
 std::array<double, 2> slowed_when_cut(std::size_t count, const Vec3d& angular_velocity) {
   CouplingSettings settings;
   settings.delay = 0.03;
@@ -264,11 +264,11 @@ std::array<double, 2> slowed_when_cut(std::size_t count, const Vec3d& angular_ve
   return slowed;
 }
 
-TEST(Coupling, AMovingObjectGoesOnWhenItIsCutIntoCopies) {
+TEST(Coupling, AMovingObjectKeepsItsVelocityWhenItIsCutIntoCopies) {
   for (const std::size_t count : {2u, 4u}) {
     SCOPED_TRACE(count);
     EXPECT_LT(slowed_when_cut(count, Vec3d::Zero())[0], 0.04);
-    // Lines that hold turning take from the tank what motion wants, until the peers' first waves are here.
+    // Channels that carry rotation use the tank's energy until the peers' first waves arrive.
     const std::array<double, 2> spinning = slowed_when_cut(count, Vec3d::UnitY());
     EXPECT_LT(spinning[0], 0.08);
     EXPECT_LT(spinning[1], 0.04);
@@ -294,7 +294,7 @@ TEST(SharedObject, AnOwnedObjectFallsAsleepOnTheGroundAndWakesWhenTouched) {
   EXPECT_GT(object.state().velocity.x(), 0);
 }
 
-TEST(SharedObject, FollowingItStandsWhereItIsPut) {
+TEST(SharedObject, AFollowingObjectStaysAtItsLastPose) {
   SharedObject object{box_body(0.3, {0.05, 0.05, 0.05})};
   object.follow();
   BodyState state;
@@ -304,8 +304,8 @@ TEST(SharedObject, FollowingItStandsWhereItIsPut) {
   EXPECT_EQ(object.state().position, state.position);
 }
 
-/// What a copy is credited of 0.1 J that its peer puts into the line in 100 samples, when sample `wrong_at` has a
-/// counter of `wrong`.
+/// Energy credited to a copy when its peer puts 0.1 J into the channel in 100 samples, and sample `wrong_at` has the
+/// counter `wrong`.
 double credited(std::size_t wrong_at, double wrong) {
   CopyCoupling coupling{{}, 0, floating_box(1)};
   coupling.start(0, {});

@@ -28,9 +28,9 @@ HandPath path_to(const Vec3d& position, std::int64_t time_ns = 0) {
   return path;
 }
 
-TEST(DeviceFrame, GivesTheHandTheWorkDoneOnTheTip) {
-  const Eigen::Quaterniond turn{Eigen::AngleAxisd{0.7, Vec3d{1, 2, 3}.normalized()}};
-  DeviceFrame frame{turn, {1, 2, 3}, 2.5};
+TEST(DeviceFrame, ConservesWorkBetweenHandAndTip) {
+  const Eigen::Quaterniond rotation{Eigen::AngleAxisd{0.7, Vec3d{1, 2, 3}.normalized()}};
+  DeviceFrame frame{rotation, {1, 2, 3}, 2.5};
   DeviceState a;
   DeviceState b;
   a.position = {0.01, 0.02, 0.03};
@@ -41,7 +41,7 @@ TEST(DeviceFrame, GivesTheHandTheWorkDoneOnTheTip) {
   EXPECT_NEAR(force.dot(moved), frame.force_to_device(force).dot(b.position - a.position), 1e-12);
 }
 
-TEST(DeviceFrame, ALimitOfTheDeviceHoldsThroughTheScale) {
+TEST(DeviceFrame, ScalesTheLimitsOfTheDevice) {
   const DeviceFrame frame{Eigen::Quaterniond::Identity(), Vec3d::Zero(), 4};
   const DeviceSpec world = frame.to_world(DeviceSpec{10, 4000, 3, 0.1});
   EXPECT_NEAR(frame.force_to_device({world.max_force, 0, 0}).norm(), 10, 1e-12);
@@ -49,7 +49,7 @@ TEST(DeviceFrame, ALimitOfTheDeviceHoldsThroughTheScale) {
   EXPECT_NEAR(frame.force_to_device({world.max_stiffness * 4, 0, 0}).norm(), 4000, 1e-9);
 }
 
-TEST(DeviceFrame, ClutchedTheDeviceMovesAndTheTipDoesNot) {
+TEST(DeviceFrame, KeepsTheTipWhileClutched) {
   DeviceFrame frame{Eigen::Quaterniond::Identity(), {0, 0, 1}, 2};
   DeviceState device;
   device.velocity = {1, 0, 0};
@@ -91,30 +91,30 @@ TEST(HandPath, IsLinearBetweenWaypointsAndHoldsBeforeAndAfter) {
 
 TEST(SimulatedDevice, ComesToRestAtItsTarget) {
   SimulatedDevice device;
-  device.wishes().post(path_to({0.05, 0, -0.02}));
+  device.paths().post(path_to({0.05, 0, -0.02}));
   DeviceState state;
   for (int ms = 0; ms <= 1500; ++ms) state = device.read(ms * kMs);
   EXPECT_LT((state.position - Vec3d(0.05, 0, -0.02)).norm(), 1e-6);
   EXPECT_LT(state.velocity.norm(), 1e-5);
 }
 
-TEST(HandPath, TurnsEvenlyBetweenWaypoints) {
+TEST(HandPath, RotatesUniformlyBetweenWaypoints) {
   HandPath path;
   path.count = 2;
   path.waypoints[0] = {10 * kMs, {0, 0, 0}};
   path.waypoints[1] = {20 * kMs, {0, 0, 0}, {0, 0, std::sin(0.4), std::cos(0.4)}};
-  EXPECT_EQ(path.turned_at(0).angularDistance(Eigen::Quaterniond::Identity()), 0);
+  EXPECT_EQ(path.orientation_at(0).angularDistance(Eigen::Quaterniond::Identity()), 0);
   const Eigen::Quaterniond half{Eigen::AngleAxisd{0.4, Vec3d::UnitZ()}};
-  EXPECT_LT(path.turned_at(15 * kMs).angularDistance(half), 1e-12);
-  EXPECT_LT(path.turned_at(99 * kMs).angularDistance(half * half), 1e-12);
+  EXPECT_LT(path.orientation_at(15 * kMs).angularDistance(half), 1e-12);
+  EXPECT_LT(path.orientation_at(99 * kMs).angularDistance(half * half), 1e-12);
 }
 
-TEST(SimulatedDevice, TurnsWithItsWristAndYieldsToATorque) {
+TEST(SimulatedDevice, RotatesWithTheWristAndYieldsToATorque) {
   HandSettings settings;
   SimulatedDevice device{settings};
   HandPath path = path_to(Vec3d::Zero());
   path.waypoints[0].orientation = {std::sin(0.3), 0, 0, std::cos(0.3)};
-  device.wishes().post(path);
+  device.paths().post(path);
   const Eigen::Quaterniond wanted{Eigen::AngleAxisd{0.6, Vec3d::UnitX()}};
   DeviceState state;
   double max = 0;
@@ -131,7 +131,7 @@ TEST(SimulatedDevice, TurnsWithItsWristAndYieldsToATorque) {
   EXPECT_LT(state.orientation.angularDistance(pushed * wanted), 1e-6);
 }
 
-TEST(SimulatedDevice, YieldsToAForceByItsHandsStiffness) {
+TEST(SimulatedDevice, YieldsToAForceByTheStiffnessOfTheHand) {
   HandSettings settings;
   SimulatedDevice device{settings};
   device.write({0, 0, 2});
@@ -141,12 +141,12 @@ TEST(SimulatedDevice, YieldsToAForceByItsHandsStiffness) {
 }
 
 TEST(SimulatedDevice, SwingsAtTheFrequencyOfItsMassAndSpring) {
-  // Against the closed form of a damped oscillator released 10 mm from rest.
+  // Compared with the closed form of a damped oscillator released 10 mm from rest.
   HandSettings settings;
   settings.start = {0.01, 0, 0};
   const DeviceSpec spec;
   SimulatedDevice device{settings, spec};
-  device.wishes().post(path_to({0, 0, 0}));
+  device.paths().post(path_to({0, 0, 0}));
   const double decay = (spec.damping + settings.hand_damping) / (2 * settings.mass);
   const double frequency = std::sqrt(settings.hand_stiffness / settings.mass - decay * decay);
   for (int ms = 0; ms <= 300; ++ms) {
@@ -182,7 +182,7 @@ TEST(SimulatedDevice, ReadsInWholeEncoderSteps) {
   HandSettings settings;
   settings.encoder_step = 5e-5;
   SimulatedDevice device{settings};
-  device.wishes().post(path_to({0.01234, 0, 0}));
+  device.paths().post(path_to({0.01234, 0, 0}));
   for (int ms = 0; ms < 500; ++ms) {
     const double steps = device.read(ms * kMs).position.x() / 5e-5;
     ASSERT_NEAR(steps, std::round(steps), 1e-6);
@@ -190,7 +190,7 @@ TEST(SimulatedDevice, ReadsInWholeEncoderSteps) {
 }
 
 TEST(SimulatedDevice, RestsOnAFloorWithoutLimitCycle) {
-  // Device, proxy and force in a closed loop at the greatest stiffness allowed: taps at 0.3 m/s, then rests.
+  // Device, proxy and force in a closed loop at the greatest allowed stiffness: a tap at 0.3 m/s, then rest.
   const testing::TriangleSurface surface{testing::square(1, 0)};
   HandSettings settings;
   settings.start = {0, 0, 0.05};
@@ -205,7 +205,7 @@ TEST(SimulatedDevice, RestsOnAFloorWithoutLimitCycle) {
   path.count = 2;
   path.waypoints[0] = {0, {0, 0, 0.05}};
   path.waypoints[1] = {200 * kMs, {0, 0, -0.01}};
-  device.wishes().post(path);
+  device.paths().post(path);
   double late_swing = 0;
   double force = 0;
   for (int ms = 0; ms < 3000; ++ms) {
@@ -216,7 +216,7 @@ TEST(SimulatedDevice, RestsOnAFloorWithoutLimitCycle) {
     if (ms > 2500) late_swing = std::max(late_swing, state.velocity.norm());
   }
   EXPECT_LT(late_swing, 1e-4);
-  // Hand and wall are two springs in a row.
+  // Hand and wall are two springs in series.
   const double wall = renderer.stiffness(feel, kCycle);
   const double both = 1 / (1 / settings.hand_stiffness + 1 / wall);
   EXPECT_NEAR(force, both * (0.01 + ProxySettings{}.radius), 0.01);
@@ -252,13 +252,13 @@ TEST_F(ReplayFile, PlaysFromTheFirstReadLinearlyAndThenEnds) {
   EXPECT_EQ(device.health(), DeviceHealth::kEnded);
 }
 
-TEST_F(ReplayFile, IsRefusedWithFileLineAndWhatWasFound) {
+TEST_F(ReplayFile, IsRefusedWithFileLineAndFinding) {
   EXPECT_THAT(error_of("0,0,0,0\n1,2,x,3\n"), HasSubstr(".csv:2: found '1,2,x,3', expected 'time_s,x,y,z'"));
   EXPECT_THAT(error_of("0,0,0\n"), HasSubstr(":1: found '0,0,0'"));
   EXPECT_THAT(error_of("0,0,0,0,0\n"), HasSubstr(":1: found"));
   EXPECT_THAT(error_of("0,0,0,nan\n"), HasSubstr(":1: found"));
   EXPECT_THAT(error_of("0,0,0,0\n0,1,0,0\n"), HasSubstr(":2: time 0.000000 s is not after"));
-  EXPECT_THAT(error_of("time_s,x,y,z\n"), HasSubstr("holds no pose"));
+  EXPECT_THAT(error_of("time_s,x,y,z\n"), HasSubstr("found no pose"));
   EXPECT_THROW(ReplayDevice{"/nowhere/at/all.csv"}, DeviceError);
 }
 

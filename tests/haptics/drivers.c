@@ -1,4 +1,4 @@
-/* Drivers that each have one thing wrong, chosen when they are compiled. */
+/* Drivers with one defect each, selected at compile time. */
 #include <math.h>
 #include <stdio.h>
 

@@ -48,7 +48,7 @@ TEST(Force, DampingNeverPullsTheHandBackToTheSurface) {
   EXPECT_GE(result.force.z(), 0);
 }
 
-TEST(Force, IsZeroInTheAirWhateverTheSpeed) {
+TEST(Force, IsZeroInTheAirAtAnySpeed) {
   ForceRenderer renderer{at_full_strength(), DeviceSpec{}};
   const ForceResult result = renderer.step(ProxyResult{}, device_moving(-0.5), {1000, 2}, kFresh, kCycle);
   EXPECT_EQ(result.force, Vec3d(Vec3d::Zero()));
@@ -77,7 +77,7 @@ TEST(Force, StartsSoftly) {
   }
 }
 
-TEST(Force, OfAStalePoseHoldsThenFadesAndIsZeroInTime) {
+TEST(Force, HoldsThenFadesToZeroForAStalePose) {
   ForceRenderer renderer{at_full_strength(), DeviceSpec{}};
   (void)renderer.step(floor_contact(0.002), DeviceState{}, {1000, 0}, 0, kCycle);
   double before = 2;
@@ -95,7 +95,7 @@ TEST(Force, OfAStalePoseHoldsThenFadesAndIsZeroInTime) {
     ASSERT_EQ((result.bits & kForceStale) != 0, ms > 10) << ms;
     before = result.force.z();
   }
-  // Fresh again: back over the recovery time, not at once.
+  // With fresh poses the force returns over the recovery time.
   EXPECT_LT(renderer.step(floor_contact(0.002), DeviceState{}, {1000, 0}, 0, kCycle).force.z(), 0.1);
   for (int i = 0; i < 100; ++i) (void)renderer.step(floor_contact(0.002), DeviceState{}, {1000, 0}, 0, kCycle);
   EXPECT_NEAR(renderer.step(floor_contact(0.002), DeviceState{}, {1000, 0}, 0, kCycle).force.z(), 2, 1e-9);
@@ -135,7 +135,7 @@ TEST(Force, ReportsTheFirstFaultUntilReset) {
   EXPECT_EQ(renderer.step(floor_contact(1), DeviceState{}, {}, kFresh, kCycle).fault, Fault::kEmergencyStop);
 }
 
-TEST(Force, LatchesWhenTheTipRunsAwayAgainstAForceButNotInTheAir) {
+TEST(Force, LatchesAtExcessSpeedOnlyWhileAForceActs) {
   ForceSettings settings = at_full_strength();
   DeviceState fast = device_moving(0);
   fast.velocity = {settings.max_speed + 0.1, 0, 0};
@@ -146,7 +146,7 @@ TEST(Force, LatchesWhenTheTipRunsAwayAgainstAForceButNotInTheAir) {
   EXPECT_EQ(result.fault, Fault::kTooFast);
   EXPECT_EQ(result.force, Vec3d(Vec3d::Zero()));
 
-  // A device that says it stands still while its positions jump.
+  // A device that reports zero velocity while its positions jump.
   ForceRenderer seen{settings, DeviceSpec{}};
   DeviceState jumping;
   EXPECT_EQ(seen.step(floor_contact(0.002), jumping, {1000, 0}, kFresh, kCycle).fault, Fault::kNone);
@@ -154,7 +154,7 @@ TEST(Force, LatchesWhenTheTipRunsAwayAgainstAForceButNotInTheAir) {
   EXPECT_EQ(seen.step(floor_contact(0.002), jumping, {1000, 0}, kFresh, kCycle).fault, Fault::kTooFast);
 }
 
-TEST(Force, APoseThatCoversALongerTimeMayBeFurtherAway) {
+TEST(Force, AllowsALargerDistanceAfterALatePose) {
   ForceRenderer renderer{at_full_strength(), DeviceSpec{}};
   DeviceState device;
   (void)renderer.step(floor_contact(0.002), device, {1000, 0}, kFresh, kCycle);
@@ -163,7 +163,7 @@ TEST(Force, APoseThatCoversALongerTimeMayBeFurtherAway) {
   EXPECT_EQ(renderer.step(floor_contact(0.002), device, {1000, 0}, kFresh, kCycle).fault, Fault::kNone);
 }
 
-TEST(Force, TellsOfEachBitOnceWhenItBegins) {
+TEST(Force, ReportsEachBitOnceWhenItBegins) {
   ForceSettings settings = at_full_strength();
   settings.max_force = 1;
   ForceRenderer renderer{settings, DeviceSpec{}};
@@ -197,7 +197,7 @@ TEST(Force, MarksTheRampOfASurfaceThatMoved) {
   EXPECT_FALSE(renderer.step(risen, DeviceState{}, {1000, 0}, kFresh, kCycle).bits & kForceSurfaceRamp);
 }
 
-TEST(Force, KeepsItsLimitsWhateverComesIn) {
+TEST(Force, KeepsItsLimitsForAnyInput) {
   std::mt19937 random{kSeed};
   const auto wild = [&] {
     const double size = std::pow(10, std::uniform_real_distribution<double>{-6, 6}(random));
@@ -239,8 +239,8 @@ TEST(Force, KeepsItsLimitsWhateverComesIn) {
 ToolResult pressed_tool(double depth, double angle) {
   ToolResult tool;
   tool.in_contact = true;
-  tool.way = {0, 0, depth};
-  tool.turn = {angle, 0, 0};
+  tool.displacement = {0, 0, depth};
+  tool.rotation = {angle, 0, 0};
   return tool;
 }
 
@@ -264,7 +264,7 @@ TEST(Force, OfAToolIsAWrenchOfItsCoupling) {
   EXPECT_EQ(result.bits, 0u);
 }
 
-/// rad; how far a device of 10^-4 kg m^2 without a damper of its own still swings about a tool that is held, after 1 s.
+/// rad; amplitude, after 1 s, of a device of 10^-4 kg m^2 without damping that swings about a held tool.
 double swings(double angular_damping) {
   ForceSettings settings = at_full_strength();
   ForceRenderer renderer{settings, bearing(1)};
@@ -274,7 +274,7 @@ double swings(double angular_damping) {
   double angle = 0.2, angular_velocity = 0, widest = 0;
   for (int i = 0; i < 1200; ++i) {
     DeviceState device;
-    device.orientation = rotation_by({angle, 0, 0});
+    device.orientation = exp_map({angle, 0, 0});
     device.time_ns = 1'000'000 * i;
     const Vec3d torque = renderer.step(pressed_tool(0.001, -angle), grip, device, feel, kFresh, kCycle).torque;
     angular_velocity += kCycle * torque.x() / 1e-4;
@@ -284,22 +284,22 @@ double swings(double angular_damping) {
   return widest;
 }
 
-TEST(Force, ADeviceThatIsTurnedAgainstAToolComesToRest) {
+TEST(Force, ADeviceRotatedAgainstAToolComesToRest) {
   EXPECT_GT(swings(0), 0.15);
   EXPECT_LT(swings(1), 0.02);
 }
 
-TEST(Force, OfAHoldPullsAllWaysAndIsDampedByHowTheHandMovesAgainstIt) {
+TEST(Force, OfAHoldActsInSixDegreesOfFreedomAndDampsRelativeMotion) {
   ForceSettings settings = at_full_strength();
   settings.max_torque_slew = 1e9;
   ForceRenderer renderer{settings, bearing(1)}, weak{settings, bearing(0)};
   const Feel feel{1000, 3};
   const ToolGrip grip = renderer.hold(feel, kCycle);
-  EXPECT_EQ(grip.rotational_stiffness, 1) << "what its maker vouches for";
-  EXPECT_NEAR(weak.hold(feel, kCycle).rotational_stiffness, 2.5, 1e-12) << "does not matter where none is borne";
+  EXPECT_EQ(grip.rotational_stiffness, 1) << "the limit of the device";
+  EXPECT_NEAR(weak.hold(feel, kCycle).rotational_stiffness, 2.5, 1e-12) << "no limit for a device without torque";
   Hold hold;
   hold.pose.position = {0.001, 0, -0.002};
-  hold.pose.orientation = rotation_by({0, 0.1, 0});
+  hold.pose.orientation = exp_map({0, 0.1, 0});
   hold.velocity = {0, 0.1, 0};
   hold.angular_velocity = {0, 0, 2};
   DeviceState device;
@@ -316,7 +316,7 @@ TEST(Force, OfAHoldPullsAllWaysAndIsDampedByHowTheHandMovesAgainstIt) {
   EXPECT_TRUE(renderer.step(Hold{}, grip, device, feel, kFresh, kCycle).force.isZero(0));
 }
 
-TEST(Force, LimitsATorqueAndItsChangeAndGivesNoneToADeviceThatBearsNone) {
+TEST(Force, LimitsTorqueAndItsRateAndOmitsItForAForceOnlyDevice) {
   ForceSettings settings = at_full_strength();
   settings.max_torque = 0.08;
   settings.max_torque_slew = 20;
@@ -338,13 +338,13 @@ TEST(Force, LimitsATorqueAndItsChangeAndGivesNoneToADeviceThatBearsNone) {
   EXPECT_EQ(none.step(tool, grip, {}, feel, kFresh, kCycle).bits, 0u);
 }
 
-TEST(Force, ATorqueEndsWithAFaultAndIsOneOfWhatTripsIt) {
+TEST(Force, AFaultEndsATorqueAndFastRotationAgainstATorqueIsAFault) {
   const Feel feel{1000, 0};
   const auto felt = [&](ForceRenderer& renderer, const DeviceState& device, double pose_age) -> const ForceResult& {
     return renderer.step(pressed_tool(0, 0.5), renderer.grip(feel, kCycle), device, feel, pose_age, kCycle);
   };
   DeviceState turned;
-  turned.orientation = rotation_by({0, 0, 0.1});  // in a millisecond
+  turned.orientation = exp_map({0, 0, 0.1});  // in a millisecond
   turned.time_ns = 1'000'000;
   DeviceState broken;
   broken.orientation.coeffs().setZero();

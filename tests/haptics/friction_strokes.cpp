@@ -43,8 +43,8 @@ bool AnalyticSphere::closest(const Vec3d& point, double within, SurfaceHit& hit)
   return true;
 }
 
-FrictionResult motion_segment(const AnalyticSphere& sphere, double static_friction, double dynamic_friction,
-                              double max_speed, std::uint64_t cycles, std::uint64_t seed) {
+FrictionResult run_strokes(const AnalyticSphere& sphere, double static_friction, double dynamic_friction,
+                           double max_speed, std::uint64_t cycles, std::uint64_t seed) {
   constexpr double kCycle = 1e-3, kTip = 0.003;
   constexpr double kMin = 0.0002, kMax = 0.002;        // m, of depth
   constexpr std::uint64_t kStroke = 400, kRest = 100;  // cycles
@@ -55,7 +55,7 @@ FrictionResult motion_segment(const AnalyticSphere& sphere, double static_fricti
   proxy.set_grip({static_friction, dynamic_friction});
   FrictionResult result;
 
-  // The way on the surface goes along great circles that turn slowly; the hand is below it.
+  // The point on the surface moves along great circles that rotate slowly; the hand is below it.
   Vec3d up = Vec3d::UnitZ(), ahead = Vec3d::UnitX();
   const double side = sphere.hollow() ? -1 : 1;
   const double resting = sphere.radius() + side * kTip;  // of the centre of a tip that only touches
@@ -87,7 +87,7 @@ FrictionResult motion_segment(const AnalyticSphere& sphere, double static_fricti
       }
     } else {
       ++result.slipping;
-      // Within the dynamic cone it rests, although it would slip at the next move on.
+      // Within the dynamic cone it rests, although it would slip with the next motion.
       const Vec3d moved = now.proxy - before;
       constexpr double kMoves = 1e-6;  // m
       if ((moved - upright * upright.dot(moved)).norm() > std::max(kMoves, along / 2))

@@ -1,4 +1,5 @@
-/// A hand that strokes a ball, or a ball's hollow, whose normals are known exactly: is the force where friction says?
+/// A hand that strokes the outside or inside of a sphere, with exact normals, to check the force against the friction
+/// law.
 #pragma once
 
 #include <cstdint>
@@ -7,7 +8,7 @@
 
 namespace tactus::haptics::testing {
 
-/// A ball of radius `radius` around the origin, felt from outside, or from within when `hollow`.
+/// A sphere of radius `radius` around the origin, touched from outside, or from inside when `hollow`.
 class AnalyticSphere final : public Surface {
  public:
   AnalyticSphere(double radius, bool hollow) : radius_{radius}, hollow_{hollow} {}
@@ -26,16 +27,15 @@ class AnalyticSphere final : public Surface {
 
 struct FrictionResult {
   std::uint64_t sticking = 0, slipping = 0;
-  std::uint64_t stuck_again = 0;  ///< times that it stuck after it had slipped
-  double stick_error = 0;         ///< share by which tangential force over normal force exceeds the static coefficient
-  double slip_error = 0;          ///< share by which it differs from the dynamic one while the proxy moves, at most
-  double max_stuck = 0;           ///< ratio to the static coefficient at which it stuck, at most
-  double max_return = 0;          ///< ratio to the static coefficient at which it stuck again, at most
+  std::uint64_t stuck_again = 0;  ///< transitions from slip to stick
+  double stick_error = 0;         ///< relative excess of tangential over normal force above the static coefficient
+  double slip_error = 0;          ///< greatest relative difference from the dynamic coefficient while the proxy moves
+  double max_stuck = 0;           ///< greatest ratio to the static coefficient while sticking
+  double max_return = 0;          ///< greatest ratio to the static coefficient at a transition from slip to stick
 };
 
-/// `cycles` of strokes that start, stop and turn, up to `speed` in m/s, 0.2 to 2 mm deep.
-[[nodiscard]] FrictionResult motion_segment(const AnalyticSphere& sphere, double static_friction,
-                                            double dynamic_friction, double speed, std::uint64_t cycles,
-                                            std::uint64_t seed);
+/// `cycles` of strokes that start, stop and change direction, at up to `speed` m/s, 0.2 to 2 mm deep.
+[[nodiscard]] FrictionResult run_strokes(const AnalyticSphere& sphere, double static_friction, double dynamic_friction,
+                                         double speed, std::uint64_t cycles, std::uint64_t seed);
 
 }  // namespace tactus::haptics::testing

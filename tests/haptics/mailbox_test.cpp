@@ -28,7 +28,7 @@ TEST(Mailbox, GivesTheNewestPostOnce) {
 }
 
 TEST(Mailbox, NeverShowsATornValueNorAnOlderOneAfterANewerOne) {
-  // A value is whole when all its words are equal; ThreadSanitizer looks at the accesses themselves.
+  // A value is consistent when all its words are equal; ThreadSanitizer checks the accesses.
   struct Wide {
     std::uint64_t words[40];
   };

@@ -21,7 +21,7 @@ constexpr double kRadius = 0.003;
 class RandomMotions : public ::testing::TestWithParam<MotionScene> {};
 
 TEST_P(RandomMotions, NeverCarryTheProxyIntoAClosedSurface) {
-  constexpr std::uint64_t kMotions = 4000;  // of 14 scenes and 2 frictions; scripts/bench fidelity does 10^7
+  constexpr std::uint64_t kMotions = 4000;  // per scene and friction; scripts/bench fidelity runs 10^7
   for (const double friction : {0.0, 0.6}) {
     const MotionResult result = run_motions(GetParam(), kMotions, friction, kSeed);
     EXPECT_EQ(result.passed, 0u) << "friction " << friction << ", seed " << kSeed << ": " << result.what;
@@ -39,25 +39,25 @@ INSTANTIATE_TEST_SUITE_P(Scenes, RandomMotions, ::testing::ValuesIn(motion_scene
   return name;
 });
 
-TEST(RandomMotions, PassIntoMovingBodiesOfWhichTheProxyIsNotTold) {
+TEST(RandomMotions, EnterMovingBodiesWhoseMotionIsHiddenFromTheProxy) {
   for (const MotionScene& scene : motion_scenes())
     if (scene.bodies[0].speed * kCycle > kRadius) {
       EXPECT_GT(run_motions(scene, 4000, 0, kSeed, false).passed, 0u) << scene.name;
     }
 }
 
-TEST(Friction, HoldsTheForceInsideTheStaticConeOrOnTheDynamicOneOnCurvedSurfacesToo) {
+TEST(Friction, KeepsTheForceInTheStaticOrOnTheDynamicConeOnCurvedSurfaces) {
   for (const double radius : {0.02, 0.05, 100.0})
     for (const bool hollow : {false, true})
       for (const auto& [sticks, slips] : {std::pair{0.5, 0.3}, {0.8, 0.75}, {0.2, 0.2}}) {
-        const FrictionResult result = motion_segment(AnalyticSphere{radius, hollow}, sticks, slips, 0.1, 20000, kSeed);
+        const FrictionResult result = run_strokes(AnalyticSphere{radius, hollow}, sticks, slips, 0.1, 20000, kSeed);
         SCOPED_TRACE(::testing::Message() << "radius " << radius << " hollow " << hollow << " coefficients " << sticks
                                           << ' ' << slips << " seed " << kSeed);
         EXPECT_LT(result.stick_error, 0.01);
         EXPECT_LT(result.slip_error, 0.01);
         EXPECT_GT(result.sticking, 500u);
         EXPECT_GT(result.slipping, 5000u);
-        // Hysteresis: once it slips, it sticks again only well within the cone on whose rim it broke away.
+        // Hysteresis: after a slip it sticks again only well inside the static cone.
         EXPECT_GT(result.max_stuck, 0.99);
         EXPECT_GT(result.stuck_again, 10u);
         EXPECT_LT(result.max_return, 0.71);
@@ -66,7 +66,7 @@ TEST(Friction, HoldsTheForceInsideTheStaticConeOrOnTheDynamicOneOnCurvedSurfaces
 
 BodyPose shifted(double x, double z) { return {Eigen::Matrix3d::Identity(), {x, 0, z}}; }
 
-TEST(MovingBodies, TakeAlongWhatSticksToThem) {
+TEST(MovingBodies, CarryAStickingProxy) {
   MovingBodies bodies;
   bodies.add(box(0.05));
   Proxy proxy;
@@ -85,7 +85,7 @@ TEST(MovingBodies, TakeAlongWhatSticksToThem) {
   EXPECT_LT((proxy.last().surface_velocity - Vec3d(0.1, 0, 0.1)).norm(), 1e-6);
 }
 
-TEST(MovingBodies, SlideAwayUnderWhatDoesNotStick) {
+TEST(MovingBodies, SlideUnderASlippingProxy) {
   MovingBodies bodies;
   bodies.add(box(0.05));
   Proxy proxy;
@@ -99,7 +99,7 @@ TEST(MovingBodies, SlideAwayUnderWhatDoesNotStick) {
   EXPECT_NEAR(proxy.last().proxy.z(), 0.049 + kRadius, 2e-6);
 }
 
-TEST(MovingBodies, PushATipAtRestHoweverFastTheyAre) {
+TEST(MovingBodies, PushATipAtRestAtAnySpeed) {
   for (const double step : {1e-5, 1e-3, 0.02, 0.09}) {
     MovingBodies bodies;
     bodies.add(box(0.005), shifted(0, -0.1));
@@ -117,7 +117,7 @@ TEST(MovingBodies, PushATipAtRestHoweverFastTheyAre) {
   }
 }
 
-TEST(MovingBodies, ThatCloseOnATipLeaveItsCentreOutsideAndLetItGoWhenThereIsNoRoomAtAll) {
+TEST(MovingBodies, KeepTheCentreOfASqueezedTipOutsideUntilNoRoomIsLeft) {
   // A press: the gap between floor and stamp goes from 20 mm to 0.1 mm and back.
   MovingBodies bodies;
   bodies.add(box(0.05), shifted(0, -0.05));
@@ -139,7 +139,7 @@ TEST(MovingBodies, ThatCloseOnATipLeaveItsCentreOutsideAndLetItGoWhenThereIsNoRo
     ASSERT_LT(now.proxy.z(), gap) << "gap " << gap;
   }
   EXPECT_GT(let_go, 0);
-  EXPECT_FALSE(proxy.last().outside_only) << "the way is free again";
+  EXPECT_FALSE(proxy.last().outside_only) << "there is room again";
   EXPECT_EQ(proxy.last().proxy, device);
 }
 

@@ -1,4 +1,4 @@
-/// Bodies made of plain lists of triangles that stand and move where a test puts them.
+/// Bodies of plain triangle lists at poses that a test sets.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -24,7 +24,7 @@ class MovingBodies final : public Surface {
   void add(std::vector<Triangle> triangles, const BodyPose& pose = {}) {
     bodies_.push_back({TriangleSurface{std::move(triangles)}, pose, pose});
   }
-  /// Begins a step in which all bodies rest but those that are moved after it.
+  /// Starts a step in which only the bodies moved after this call are in motion.
   void rest() {
     moving_ = false;
     for (Body& body : bodies_) body.before = body.now;

@@ -16,8 +16,7 @@ struct Pressed {
   double lowest, peak_force, withheld_share;
 };
 
-/// A hand presses and leaves a sampled wall, again and again; the device's damping is too small for the wall's
-/// stiffness.
+/// A hand presses and leaves a sampled wall repeatedly; the device's damping is too small for the wall's stiffness.
 Pressed press(double stiffness, double speed, bool control, unsigned seed) {
   DeviceSpec spec;
   spec.damping = 0.2;
@@ -35,9 +34,9 @@ Pressed press(double stiffness, double speed, bool control, unsigned seed) {
     path.count = 1;
     const double phase = std::fmod(i * kDt * speed / 0.06, 1.0);
     path.waypoints[0] = {0, {0, 0, 0.02 - 0.06 * (phase < 0.5 ? phase : 1 - phase)}};
-    device.wishes().post(path);
+    device.paths().post(path);
     const DeviceState state = device.read(i * 1'000'000LL);
-    // What the hand got, counted here again.
+    // Independent count of the energy on the hand.
     energy -= force.dot(state.position - before);
     lowest = std::min(lowest, energy);
     before = state.position;
@@ -49,7 +48,7 @@ Pressed press(double stiffness, double speed, bool control, unsigned seed) {
   return {lowest, peak, static_cast<double>(port.ledger().withholding) / cycles};
 }
 
-TEST(Passivity, ASampledWallGivesMoreThanItTookAndTheControllerHoldsThatBack) {
+TEST(Passivity, TheControllerWithholdsTheExcessEnergyOfASampledWall) {
   for (const double stiffness : {500.0, 2000.0, 4000.0}) {
     for (const double speed : {0.05, 0.2, 0.5}) {
       const Pressed plain = press(stiffness, speed, false, 1);
@@ -61,12 +60,12 @@ TEST(Passivity, ASampledWallGivesMoreThanItTookAndTheControllerHoldsThatBack) {
   }
 }
 
-TEST(Passivity, EnergyThatComesFromElsewhereMayBeGivenToTheHand) {
+TEST(Passivity, EnergyFromAnotherPortMayGoToTheHand) {
   PassivityController port;
   const Vec3d force{2, 0, 0};
   Vec3d position = Vec3d::Zero();
   Vec3d given = port.step(force, position, 0, kDt);
-  // A body pushes the hand along and loses what the hand gets.
+  // A body pushes the hand along and loses the energy that the hand gains.
   for (int i = 0; i < 1000; ++i) {
     position.x() += 1e-4;
     given = port.step(force, position, -2e-4 - 1e-6, kDt);
@@ -75,7 +74,7 @@ TEST(Passivity, EnergyThatComesFromElsewhereMayBeGivenToTheHand) {
   EXPECT_GE(port.ledger().lowest, -1e-6);
 }
 
-TEST(Passivity, WithoutEnergyAnOutgoingForceIsWithheldAndOthersAreNot) {
+TEST(Passivity, WithoutEnergyOnlyForcesAlongTheMotionAreWithheld) {
   PassivityController port;
   Vec3d position = Vec3d::Zero();
   (void)port.step(Vec3d::Zero(), position, 0, kDt);
@@ -85,13 +84,13 @@ TEST(Passivity, WithoutEnergyAnOutgoingForceIsWithheldAndOthersAreNot) {
   EXPECT_EQ(port.step({-2, 0, 0}, position, 0, kDt), Vec3d(-2, 0, 0));
 }
 
-TEST(Passivity, ADeficitIsPaidBackByDampingWithinTheDevicesMeans) {
+TEST(Passivity, RepaysADeficitByDampingWithinTheLimitOfTheDevice) {
   const PassivitySettings settings;
   PassivityController port{settings};
   Vec3d position = Vec3d::Zero();
   (void)port.step(Vec3d::Zero(), position, 0, kDt);
   position.x() += 1e-4;
-  const Vec3d braking = port.step(Vec3d::Zero(), position, 1e-3, kDt);  // lost a millijoule elsewhere
+  const Vec3d braking = port.step(Vec3d::Zero(), position, 1e-3, kDt);  // a millijoule was lost elsewhere
   EXPECT_LT(braking.x(), 0);
   EXPECT_LE(braking.norm(), settings.device_mass / kDt * 0.1 * (1 + 1e-9));
   double before = port.ledger().energy;
@@ -104,7 +103,7 @@ TEST(Passivity, ADeficitIsPaidBackByDampingWithinTheDevicesMeans) {
   EXPECT_GT(before, -1e-6);
 }
 
-TEST(Passivity, WhatASpringStoresIsNotForgottenHoweverFarItIsStretched) {
+TEST(Passivity, KeepsTheCreditOfASpringAtAnyStretch) {
   constexpr double kStiffness = 1000;
   PassivityController port;
   Vec3d position = Vec3d::Zero(), given = Vec3d::Zero();
@@ -112,7 +111,7 @@ TEST(Passivity, WhatASpringStoresIsNotForgottenHoweverFarItIsStretched) {
     position.x() = to;
     given = port.step({-kStiffness * to, 0, 0}, position, 0, kDt, true, 0.5 * kStiffness * to * to);
   };
-  constexpr double kDeep = 0.02;  // m: 0.2 J, more than may be kept otherwise
+  constexpr double kDeep = 0.02;  // m: 0.2 J, more than the credit bound
   for (int i = 0; i <= 2000; ++i) press(kDeep * i / 2000);
   EXPECT_GT(port.ledger().energy, 0.19);
   for (int i = 2000; i >= 200; --i) {
@@ -122,7 +121,7 @@ TEST(Passivity, WhatASpringStoresIsNotForgottenHoweverFarItIsStretched) {
   EXPECT_GE(port.ledger().lowest, -1e-6);
 }
 
-TEST(Passivity, CreditIsBoundedAndWhatIsNotFiniteGivesNothing) {
+TEST(Passivity, BoundsTheCreditAndRefusesInputThatIsNotFinite) {
   PassivityController port;
   Vec3d position = Vec3d::Zero();
   (void)port.step({-5, 0, 0}, position, 0, kDt);

@@ -21,7 +21,7 @@ std::string refusal(const std::string& library, const std::string& config) {
   return "";
 }
 
-TEST(PluginDevice, TheExampleSinksUntilItIsHeldByItsWeight) {
+TEST(PluginDevice, TheExampleSinksUntilTheForceCarriesIt) {
   PluginDevice device{WEIGHT, "0.25"};
   EXPECT_EQ(device.name(), "weight in oil");
   EXPECT_EQ(device.spec().max_force, 5);
@@ -40,7 +40,7 @@ TEST(PluginDevice, TheExampleSinksUntilItIsHeldByItsWeight) {
   EXPECT_EQ(device.health(), DeviceHealth::kReady);
 }
 
-TEST(PluginDevice, ThatCannotBeOpenedSaysWhatWasFoundAndExpected) {
+TEST(PluginDevice, AnOpenErrorStatesFoundAndExpected) {
   EXPECT_THAT(refusal("/nowhere/driver.so", ""), HasSubstr("/nowhere/driver.so: cannot open shared object file"));
   EXPECT_THAT(refusal(NO_ENTRY, ""), HasSubstr("found no function tactus_device_entry"));
   EXPECT_THAT(refusal(NEW_ABI, ""), HasSubstr("found ABI 3, expected 1 to 2"));
@@ -50,18 +50,18 @@ TEST(PluginDevice, ThatCannotBeOpenedSaysWhatWasFoundAndExpected) {
   EXPECT_EQ(refusal(WEIGHT, "high"), "device weight in oil, config 'high': found 'high', expected a height in metres");
 }
 
-TEST(PluginDevice, ThatBearsTorquesGetsThemAndOneOfTheFirstAbiForcesAlone) {
+TEST(PluginDevice, SendsTorquesToAbiTwoAndOnlyForcesToAbiOne) {
   PluginDevice device{FAILS, ""};
   EXPECT_EQ(device.spec().max_torque, 0.25);
   device.write_wrench({2, 0, 0}, {0, 0, 0.125});
-  EXPECT_EQ(device.read(kMs).position.y(), 2.125) << "it felt both";
+  EXPECT_EQ(device.read(kMs).position.y(), 2.125) << "both writes arrived";
   PluginDevice old{OLD_ABI, ""};
   EXPECT_EQ(old.spec().max_torque, 0);
   old.write_wrench({2, 0, 0}, {0, 0, 0.125});
   EXPECT_EQ(old.read(kMs).position.y(), 2);
 }
 
-TEST(PluginDevice, WithoutVelocitiesHasThoseOfItsPositions) {
+TEST(PluginDevice, DerivesMissingVelocitiesFromPositions) {
   PluginDevice device{STALE, ""};
   DeviceState state;
   for (int ms = 1; ms <= 3; ++ms) state = device.read(ms * kMs);
@@ -69,7 +69,7 @@ TEST(PluginDevice, WithoutVelocitiesHasThoseOfItsPositions) {
   EXPECT_NEAR(state.velocity.x(), 1 - std::exp(-2 / 5.0), 1e-9);
 }
 
-TEST(PluginDevice, WithoutNewsGrowsOldAndIsNotFailed) {
+TEST(PluginDevice, AgesWithoutNewPosesAndDoesNotFail) {
   PluginDevice device{STALE, ""};
   for (int ms = 1; ms <= 10; ++ms) (void)device.read(ms * kMs);
   const DeviceState state = device.read(11 * kMs);
@@ -78,10 +78,10 @@ TEST(PluginDevice, WithoutNewsGrowsOldAndIsNotFailed) {
   EXPECT_EQ(device.health(), DeviceHealth::kReady);
 }
 
-TEST(PluginDevice, ThatHasFailedStaysSoAndIsOnlyToldToLetGo) {
+TEST(PluginDevice, AfterAFailureWritesOnlyAZeroForce) {
   PluginDevice device{FAILS, ""};
   device.write({2, 0, 0});
-  for (int ms = 1; ms <= 3; ++ms) EXPECT_EQ(device.read(ms * kMs).position.y(), 2) << "it felt the force";
+  for (int ms = 1; ms <= 3; ++ms) EXPECT_EQ(device.read(ms * kMs).position.y(), 2) << "the write arrived";
   EXPECT_EQ(device.health(), DeviceHealth::kReady);
   (void)device.read(4 * kMs);
   EXPECT_EQ(device.health(), DeviceHealth::kFailed);
@@ -90,7 +90,7 @@ TEST(PluginDevice, ThatHasFailedStaysSoAndIsOnlyToldToLetGo) {
   EXPECT_EQ(device.health(), DeviceHealth::kFailed);
 }
 
-TEST(PluginDevice, ANumberThatIsNoneComesThroughForTheForceToBeLatched) {
+TEST(PluginDevice, PassesNotANumberOnSoThatTheForceLatches) {
   PluginDevice device{NOT_A_NUMBER, ""};
   for (int ms = 1; ms <= 3; ++ms) EXPECT_TRUE(device.read(ms * kMs).position.allFinite());
   EXPECT_FALSE(device.read(4 * kMs).position.allFinite());

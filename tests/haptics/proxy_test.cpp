@@ -17,7 +17,7 @@ using namespace testing;
 constexpr unsigned kSeed = 20053;
 constexpr double kCycle = 1e-3;
 constexpr double kRadius = 0.003;
-constexpr double kSlack = 1.1e-6;  // the skin that the proxy keeps
+constexpr double kSlack = 1.1e-6;  // distance between proxy and surface
 
 double gap(const TriangleSurface& surface, const Vec3d& x) {
   double nearest = std::numeric_limits<double>::infinity();
@@ -27,7 +27,7 @@ double gap(const TriangleSurface& surface, const Vec3d& x) {
   return std::sqrt(nearest);
 }
 
-/// A wandering hand: the velocity turns at random and points back when the hand strays.
+/// A random hand: its velocity changes at random and points back when it leaves its range.
 class Wanderer {
  public:
   Wanderer(unsigned seed, const Vec3d& start, double speed, double range)
@@ -48,7 +48,7 @@ class Wanderer {
   double speed_, range_;
 };
 
-/// Presses from `start` to `goal` within `cycles` and holds there as long again.
+/// Presses from `start` to `goal` within `cycles` and holds there for as many.
 ProxyResult press(Proxy& proxy, const Surface& surface, const Vec3d& start, const Vec3d& goal, int cycles) {
   for (int i = 0; i <= cycles; ++i) {
     (void)proxy.step(start + (goal - start) * (static_cast<double>(i) / cycles), kCycle, surface, false);
@@ -57,10 +57,10 @@ ProxyResult press(Proxy& proxy, const Surface& surface, const Vec3d& start, cons
   return proxy.last();
 }
 
-/// A proxy and the force that a hand at rest or led feels of it.
+/// A proxy and its force on a hand.
 struct Felt {
   explicit Felt(const Feel& how) : feel{how} {}
-  /// `before`: what the surface was until now, where it has changed.
+  /// `before`: the surface until now, if it has changed.
   Vec3d step(const Vec3d& at, const Surface& surface, const Surface* before = nullptr) {
     DeviceState device;
     device.position = at;
@@ -116,7 +116,7 @@ TEST(Proxy, LeavesASurfaceWithoutSticking) {
 }
 
 TEST(Proxy, SettlesInAGrooveOnBothSides) {
-  // Two slopes of 45 degrees that meet along y at the origin.
+  // Two slopes of 45 degrees that intersect along y at the origin.
   const TriangleSurface surface{sheet({0, -1, 0}, {1, 0, 1}, {0, 2, 0}) + sheet({0, -1, 0}, {0, 2, 0}, {-1, 0, 1})};
   Proxy proxy;
   const ProxyResult result = press(proxy, surface, {0.02, 0, 0.1}, {0.001, 0.03, -0.05}, 100);
@@ -132,7 +132,7 @@ TEST(Proxy, SettlesInACornerOnThreeSides) {
 }
 
 TEST(Proxy, RollsOverAConvexEdge) {
-  // A step down: from the top face over the edge to where the device hangs below the top.
+  // A step down: from the top face over the edge to a device below the top.
   const TriangleSurface surface{sheet({-1, -1, 0}, {1, 0, 0}, {0, 2, 0}) + sheet({0, -1, 0}, {0, 0, -1}, {0, 2, 0})};
   Proxy proxy;
   (void)press(proxy, surface, {-0.05, 0, 0.02}, {-0.05, 0, -0.002}, 20);
@@ -154,12 +154,12 @@ TEST(Proxy, DoesNotPassASheetThinnerThanOneCycleOfMotion) {
   }
 }
 
-TEST(Proxy, IsHeldByDuplicatedAndDegenerateFacesAndByNonManifoldEdgesAsByAnyOther) {
+TEST(Proxy, IsHeldByDuplicatedAndDegenerateFacesAndNonManifoldEdges) {
   std::vector<Triangle> faces = square(1, 0) + square(1, 0);
   faces.push_back({Vec3d{0, 0, 0}, Vec3d{0.5, 0.5, 0}, Vec3d{0.25, 0.25, 0}});
   faces.push_back({Vec3d{0.1, 0.1, 0}, Vec3d{0.1, 0.1, 0}, Vec3d{0.1, 0.1, 0}});
   faces.push_back({faces[0][2], faces[0][1], faces[0][0]});
-  // A fin on the square's diagonal makes that edge one of three and more faces.
+  // A fin on the square's diagonal gives that edge three or more faces.
   faces = faces + sheet({-0.5, -0.5, 0}, {1, 1, 0}, {0, 0, 0.01});
   const TriangleSurface surface{faces};
   for (unsigned seed = 0; seed < 4; ++seed) {
@@ -186,7 +186,7 @@ TEST(Proxy, GoesAroundAnOpenBorderAndIsThenHeldFromBehind) {
   EXPECT_FALSE(result.outside_only);
 }
 
-TEST(Proxy, ThatStartsInsideTouchesNothingUntilItIsOut) {
+TEST(Proxy, StartedInsideTouchesNothingUntilItIsOutside) {
   const TriangleSurface surface{sphere(0.1, 2)};
   Proxy proxy;
   EXPECT_TRUE(proxy.step({0, 0, 0.02}, kCycle, surface, false).outside_only);
@@ -201,7 +201,7 @@ TEST(Proxy, ThatStartsInsideTouchesNothingUntilItIsOut) {
   EXPECT_GT(result.proxy.z(), 0.1);
 }
 
-TEST(Proxy, InsideASurfaceThatAppearsTouchesNothingUntilItIsOut) {
+TEST(Proxy, InsideASurfaceThatAppearsTouchesNothingUntilItIsOutside) {
   const TriangleSurface nothing;
   const TriangleSurface surface{sphere(0.1, 2)};
   Proxy proxy;
@@ -211,7 +211,7 @@ TEST(Proxy, InsideASurfaceThatAppearsTouchesNothingUntilItIsOut) {
   EXPECT_EQ(result.anchor, Vec3d(0, 0, 0.03));
 }
 
-TEST(Proxy, ThatAlreadyRestsInASurfaceWhenThatAppearsIsPushedOutLittleByLittle) {
+TEST(Proxy, IsPushedOutGraduallyOfASurfaceThatAppears) {
   const TriangleSurface nothing;
   const TriangleSurface surface{sphere(0.1, 2)};
   const Vec3d device{0, 0, 0.1 + kRadius - 0.0005};  // half a millimetre deep
@@ -229,7 +229,7 @@ TEST(Proxy, ThatAlreadyRestsInASurfaceWhenThatAppearsIsPushedOutLittleByLittle) 
   }
 }
 
-TEST(Proxy, StaysToTheBitWhereItIsWhenTheSurfaceIsSaidToHaveChangedAndHasNot) {
+TEST(Proxy, StaysEqualToTheBitWhenAReportedChangeChangesNothing) {
   const TriangleSurface surface{bumpy(0.05, 2, 0.2)};
   for (const double friction : {0.0, 0.5}) {
     Proxy reported, not_published;
@@ -250,7 +250,7 @@ TEST(Proxy, StaysToTheBitWhereItIsWhenTheSurfaceIsSaidToHaveChangedAndHasNot) {
 }
 
 TEST(Proxy, NeverEntersAClosedSurface) {
-  // 10^5 cycles of hands that wander through bodies at up to 0.5 m/s.
+  // 10^5 cycles of random hands in bodies at up to 0.5 m/s.
   for (const auto& triangles : {tetrahedron(0.05), sphere(0.05, 2), bumpy(0.05, 2, 0.25)}) {
     const TriangleSurface surface{triangles};
     for (const double friction : {0.0, 0.6}) {
@@ -275,8 +275,8 @@ TEST(Proxy, NeverEntersAClosedSurface) {
   }
 }
 
-TEST(Proxy, ConvergesToAPointThatNoNearbyPointBeats) {
-  // The proxy minimises the distance to the device locally: no allowed point around it may be nearer.
+TEST(Proxy, ConvergesToALocalMinimumOfTheDistance) {
+  // The proxy is a local minimum of the distance to the device: no allowed point around it is closer.
   const TriangleSurface surface{bumpy(0.05, 2, 0.2)};
   std::mt19937 random{kSeed};
   std::normal_distribution<double> normal;
@@ -334,7 +334,7 @@ TEST(Proxy, BehindAnOpenSheetStaysBehindItWhenItMovesPast) {
 }
 
 TEST(Proxy, KeepsItsCentreOutsideWhereRefinementLeavesLessRoomThanItsSize) {
-  // Two blocks close in on the tip: the slot between them is narrower than the tip is thick.
+  // Two blocks close on the tip: the gap between them is narrower than the tip.
   const auto block = [](double x) { return sheet({x, -0.1, -0.1}, {0, 0.2, 0}, {0, 0, 0.2}); };
   const auto facing = [](double x) { return sheet({x, -0.1, -0.1}, {0, 0, 0.2}, {0, 0.2, 0}); };
   const TriangleSurface wide{block(-0.005) + facing(0.005)};
@@ -369,7 +369,7 @@ TEST(Proxy, RampsTheForceWhenTheSurfaceRisesOrFallsUnderAHeldDevice) {
     return largest;
   };
   EXPECT_LE(change_to(high), 0.0451);
-  EXPECT_NEAR(force, 8, 0.01);  // as much as there may be, for 12 N
+  EXPECT_NEAR(force, 8, 0.01);  // the maximum force, for 12 N
   EXPECT_LE(change_to(low), 0.0451);
   EXPECT_NEAR(force, 2000 * (kRadius - 0.001), 0.01);
 }
@@ -383,9 +383,9 @@ TEST(Proxy, NeverPullsWhileItRampsAndTheDeviceLeaves) {
     ASSERT_GE(felt.step({0, 0, 0.001 + i * 2e-4}, high, i == 0 ? &low : nullptr).z(), -1e-9) << "cycle " << i;
 }
 
-TEST(Proxy, WhatIsFeltGoesOnAsOnTheSurfaceBeforeWhateverTheChangeDoes) {
-  // A hand that wanders through a body which becomes finer and coarser: in the cycle of a change the force is the one
-  // that a copy feels which is not told, and from then on it changes as the hand moves it and by the ramp.
+TEST(Proxy, TheForceContinuesAsOnThePreviousSurfaceAfterAnyChange) {
+  // A random hand in a body that changes its resolution. In the cycle of a change the force equals that of a copy on
+  // the old surface; afterwards it changes with the hand and by the ramp.
   const auto coarse = bumpy(0.05, 1, 0.1);
   const auto fine = bumpy(0.05, 3, 0.1);
   const TriangleSurface surfaces[2]{TriangleSurface{coarse}, TriangleSurface{fine}};
@@ -414,7 +414,7 @@ TEST(Proxy, WhatIsFeltGoesOnAsOnTheSurfaceBeforeWhateverTheChangeDoes) {
     }
   }
   EXPECT_GT(changes, 200);
-  EXPECT_GT(jumps, 20) << "else there was nothing to ramp";
+  EXPECT_GT(jumps, 20) << "otherwise nothing was ramped";
 }
 
 TEST(Proxy, SticksInsideTheFrictionConeAndSlipsOutsideIt) {
@@ -430,7 +430,7 @@ TEST(Proxy, SticksInsideTheFrictionConeAndSlipsOutsideIt) {
     result = proxy.step({x, 0, kRadius - depth}, kCycle, surface, false);
     if (x < 0.0055) continue;
     ASSERT_FALSE(result.sticking);
-    // It trails by the dynamic cone: tan = 0.3 against the normal.
+    // It trails on the dynamic cone: tan = 0.3 against the normal.
     ASSERT_NEAR(x - result.proxy.x(), 0.3 * depth, 1e-5);
   }
 }
@@ -443,7 +443,7 @@ TEST(Proxy, StaysInsideTheDynamicConeUntilItIsWellInsideTheStaticOne) {
   (void)press(proxy, surface, {0, 0, 0.02}, {0, 0, z}, 30);
   (void)press(proxy, surface, {0, 0, z}, {0.05, 0, z}, 100);
   const double resting = proxy.last().proxy.x();
-  // Trailing by 0.45 of the depth is inside the static cone, yet it still slips at the next move on.
+  // A lag of 0.45 times the depth is inside the static cone, but it still slips with the next motion.
   const ProxyResult& result = proxy.step({0.051, 0, z}, kCycle, surface, false);
   EXPECT_FALSE(result.sticking);
   EXPECT_GT(result.proxy.x(), resting + 5e-4);

@@ -12,10 +12,10 @@ namespace {
 constexpr double kCycle = 1e-3;
 constexpr double kRadius = 0.003;
 
-/// A block whose upper side, 0.05 m square, has a groove along y, as wide as it is deep.
+/// A block whose 0.05 m wide top has a groove along y, as wide as it is deep.
 std::vector<Triangle> grooved(double width) {
   constexpr double kHalf = 0.025;
-  // Clockwise seen along y; all of it is seen from the bottom of the groove, which comes first.
+  // Clockwise seen along y; star-shaped about the bottom of the groove, which comes first.
   const std::vector<Vec3d> outline{{0, 0, -width},      {width / 2, 0, 0}, {kHalf, 0, 0},     {kHalf, 0, -kHalf},
                                    {-kHalf, 0, -kHalf}, {-kHalf, 0, 0},    {-width / 2, 0, 0}};
   const Vec3d along{0, kHalf, 0};
@@ -43,7 +43,7 @@ MotionBody moving(MotionBody body, double speed, double turning) {
   return body;
 }
 
-/// A direction that wanders, and a speed that does.
+/// A random direction and a random speed.
 class Wander {
  public:
   Wander(double max, double range, std::mt19937_64& random) : max_{max}, range_{range}, random_{random} {}
@@ -99,7 +99,7 @@ class MotionRun {
 
  private:
   static constexpr double kBodyRange = 0.03;    // m that a body strays from the origin
-  static constexpr std::uint64_t kSpell = 300;  // steps that bodies move, then rest
+  static constexpr std::uint64_t kSpell = 300;  // steps of motion, then of rest
 
   void move_bodies() {
     bodies_.rest();

@@ -16,7 +16,7 @@ namespace {
 std::atomic<long> g_allocations{0};
 }  // namespace
 
-// Not inlined: the compiler would take the pairing of malloc and free in them for a mismatch.
+// Not inlined: the compiler would report the malloc and free in them as a mismatch.
 [[gnu::noinline]] void* operator new(std::size_t size) {
   ++g_allocations;
   if (void* memory = std::malloc(size)) return memory;
@@ -28,7 +28,7 @@ std::atomic<long> g_allocations{0};
 namespace tactus::haptics {
 namespace {
 
-TEST(Realtime, TheCountOfAllocationsCounts) {
+TEST(Realtime, CountsAllocations) {
   const long before = g_allocations;
   int* volatile memory = new int;  // volatile: not optimised away
   delete memory;
@@ -50,7 +50,7 @@ TEST(Realtime, DeviceProxyAndForceDoNotAllocate) {
   path.count = 2;
   path.waypoints[0] = {0, {0, 0, 0.08}};
   path.waypoints[1] = {500'000'000, {0.01, 0.02, 0.03}};
-  device.wishes().post(path);
+  device.paths().post(path);
   int contacts = 0;
 
   const long before = g_allocations;

@@ -38,7 +38,7 @@ TEST(RemoteDevice, ShowsTheNewestPose) {
   EXPECT_EQ(state.time_ns, kMs);
 }
 
-TEST(RemoteDevice, AClockThatIsWrongMakesNoTransitWithoutBound) {
+TEST(RemoteDevice, BoundsTheTransitOfAWrongClock) {
   RemoteDevice device;
   RemotePose sent = pose(1, 0, 50 * kMs);
   for (const std::int64_t taken :
@@ -51,7 +51,7 @@ TEST(RemoteDevice, AClockThatIsWrongMakesNoTransitWithoutBound) {
   }
 }
 
-TEST(RemoteDevice, TellsTransitFromSilence) {
+TEST(RemoteDevice, DistinguishesTransitFromSilence) {
   RemoteDevice device;
   RemotePose sent = pose(1, 0, 50 * kMs);
   sent.taken_ns = 20 * kMs;
@@ -59,14 +59,14 @@ TEST(RemoteDevice, TellsTransitFromSilence) {
   const DeviceState state = device.read(58 * kMs);
   EXPECT_EQ(state.time_ns, 20 * kMs);
   EXPECT_NEAR(state.transit, 0.030, 1e-12);
-  // A clock that is wrong does not make a pose that lies in the future.
+  // A wrong clock does not give a pose a time in the future.
   sent.sequence = 2;
   sent.taken_ns = 90 * kMs;
   device.on_pose(sent);
   EXPECT_EQ(device.read(58 * kMs).transit, 0);
 }
 
-TEST(RemoteDevice, MeasuresTheLoopByTheAgeOfTheForceThatWasFelt) {
+TEST(RemoteDevice, MeasuresTheRoundTripByTheAgeOfTheAppliedCommand) {
   RemoteDevice device;
   EXPECT_EQ(device.loop_delay(), LoopDelay::kUnknown);
   for (std::uint32_t i = 1; i <= 3000; ++i) {
@@ -77,7 +77,7 @@ TEST(RemoteDevice, MeasuresTheLoopByTheAgeOfTheForceThatWasFelt) {
   EXPECT_EQ(device.read(0).loop_delay, device.loop_delay());
 }
 
-TEST(RemoteDevice, AHandThatFeelsNothingNewIsALongLoop) {
+TEST(RemoteDevice, ADeviceWithoutNewCommandsHasALongRoundTrip) {
   RemoteDevice device;
   for (std::uint32_t i = 1; i <= 1000; ++i) {
     (void)device.on_command(i * kMs);
@@ -86,14 +86,14 @@ TEST(RemoteDevice, AHandThatFeelsNothingNewIsALongLoop) {
   EXPECT_GT(device.loop_delay(), 0.45);
 }
 
-TEST(RemoteDevice, AClaimToHaveFeltWhatWasNeverSentIsNotBelieved) {
+TEST(RemoteDevice, IgnoresACommandNumberThatWasNeverSent) {
   RemoteDevice device;
   (void)device.on_command(kMs);
   device.on_pose(pose(1, 0, 2 * kMs, 99));
   EXPECT_EQ(device.loop_delay(), LoopDelay::kUnknown);
 }
 
-TEST(LoopDelay, FollowsARiseInATwentiethOfASecondAndAFallInASecond) {
+TEST(LoopDelay, FollowsARiseIn50MsAndAFallIn1S) {
   LoopDelay delay;
   for (int i = 0; i < 5000; ++i) delay.add(0.002, kCycle);
   EXPECT_NEAR(delay.value(), 0.002, 1e-4);
@@ -106,7 +106,7 @@ TEST(LoopDelay, FollowsARiseInATwentiethOfASecondAndAFallInASecond) {
   EXPECT_NEAR(delay.value(), 0.002, 1e-3);
 }
 
-/// A hand pressed against a wall at x = 0 over a line that delays, jitters and loses, in steps of 1 ms.
+/// A hand pressed against a wall at x = 0 over a link with delay, jitter and loss, in steps of 1 ms.
 class PressedHand {
  public:
   PressedHand(double one_way, double jitter, double loss) : one_way_{one_way}, jitter_{jitter}, loss_{loss} {
@@ -116,7 +116,7 @@ class PressedHand {
     HandPath path;
     path.count = 1;
     path.waypoints[0] = {0, {-0.005, 0, 0}};
-    hand_->wishes().post(path);
+    hand_->paths().post(path);
   }
 
   /// Greatest speed of the hand in the last second of `seconds`, m/s.
@@ -135,7 +135,7 @@ class PressedHand {
       RemotePose sent = pose(static_cast<std::uint32_t>(ms), at_hand.position.x(), 0, felt_);
       sent.velocity = {at_hand.velocity.x(), 0, 0};
       sent.taken_ns = now;
-      if (arrives()) poses_.emplace_back(now + way(), sent);
+      if (arrives()) poses_.emplace_back(now + one_way_delay(), sent);
       while (!poses_.empty() && poses_.front().first <= now) {
         poses_.front().second.arrived_ns = now;
         device_.on_pose(poses_.front().second);
@@ -150,7 +150,7 @@ class PressedHand {
       const double age = static_cast<double>(now - state.time_ns) * 1e-9 - state.transit;
       const ForceResult& force = renderer_.step(proxy, state, Feel{1000, 1}, age, kCycle);
       const std::uint32_t number = device_.on_command(now);
-      if (arrives()) forces_.emplace_back(now + way(), std::pair{number, force.force.x()});
+      if (arrives()) forces_.emplace_back(now + one_way_delay(), std::pair{number, force.force.x()});
       if (ms > std::lround(seconds * 1000) - 1000) fastest = std::max(fastest, at_hand.velocity.norm());
     }
     return fastest;
@@ -159,8 +159,8 @@ class PressedHand {
 
  private:
   [[nodiscard]] bool arrives() { return std::uniform_real_distribution<>{}(random_) >= loss_; }
-  /// In order: a later one waits for an earlier.
-  [[nodiscard]] std::int64_t way() {
+  /// In order: a sample waits for earlier ones.
+  [[nodiscard]] std::int64_t one_way_delay() {
     const double seconds = one_way_ + std::abs(std::normal_distribution<>{0, 1}(random_)) * jitter_;
     return std::llround(seconds * 1e9);
   }
@@ -175,22 +175,22 @@ class PressedHand {
   std::uint32_t felt_ = 0;
 };
 
-TEST(RemoteDevice, AHandPressedToAWallRestsWhateverTheDelayJitterAndLossOfTheLine) {
+TEST(RemoteDevice, AHandPressedToAWallRestsForAnyDelayJitterAndLoss) {
   for (const double one_way : {0.0005, 0.005, 0.02, 0.06, 0.1})
     for (const auto& [jitter, loss] : {std::pair{0.0, 0.0}, std::pair{0.2, 0.0}, std::pair{0.1, 0.2}}) {
       PressedHand hand{one_way, jitter * one_way, loss};
-      // Jitter makes the force waver with the hand's speed; what grows reaches 50 mm/s.
+      // Jitter varies the force with the hand's speed; an unstable hand reaches 50 mm/s.
       EXPECT_LT(hand.run(12, true), 3e-3) << one_way << " s, jitter " << jitter << ", loss " << loss
-                                          << ", loop taken for " << hand.loop_delay() << " s";
+                                          << ", round trip estimated at " << hand.loop_delay() << " s";
     }
 }
 
-TEST(RemoteDevice, WithoutTheCutItDoesNot) {
+TEST(RemoteDevice, WithoutTheStiffnessCutAPressedHandIsUnstable) {
   PressedHand hand{0.02, 0, 0};
   EXPECT_GT(hand.run(12, false), 0.05);
 }
 
-TEST(RemoteDevice, AShortLoopLeavesTheMaterialAsItIs) {
+TEST(RemoteDevice, AShortRoundTripKeepsTheStiffnessOfTheMaterial) {
   PressedHand hand{0.0003, 0, 0};
   (void)hand.run(12, true);
   ForceRenderer renderer{{}, {}};

@@ -24,7 +24,7 @@ void step(RigidBody& body, ContactSolver& solver) {
   body.finish(moving.velocity);
 }
 
-TEST(RigidBody, FallsAsGravitySays) {
+TEST(RigidBody, FallsWithGravity) {
   RigidBody body{box_body(0.3, kHalf)};
   for (int i = 0; i < 500; ++i) {
     body.begin(kDt);
@@ -34,11 +34,11 @@ TEST(RigidBody, FallsAsGravitySays) {
   EXPECT_NEAR(body.state().position.z(), -0.5 * 9.81 * 0.5 * (0.5 + kDt), 1e-12);
 }
 
-TEST(RigidBody, SpinningFreelyItKeepsItsMomentumAndItsEnergy) {
+TEST(RigidBody, AFreeRotationKeepsMomentumAndEnergy) {
   BodySettings settings = box_body(0.3, kHalf);
   settings.gravity.setZero();
   BodyState state;
-  state.angular_velocity = {0.3, 12, 0.2};  // about the middle axis or near it: tumbles
+  state.angular_velocity = {0.3, 12, 0.2};  // near the middle axis, so that it tumbles
   RigidBody body{settings, state};
   const Vec3d momentum = body.inertia_world() * state.angular_velocity;
   const double energy = body.kinetic_energy();
@@ -81,7 +81,7 @@ TEST(RigidBody, ASpringAddsNoEnergyAtAnyStiffness) {
   }
 }
 
-TEST(RigidBody, ThrownOnTheGroundItLosesEnergyAndComesToRest) {
+TEST(RigidBody, ThrownOnTheGroundLosesEnergyAndComesToRest) {
   for (unsigned seed = 1; seed <= 20; ++seed) {
     std::mt19937 random{seed};
     std::uniform_real_distribution<double> unit{-1, 1};
@@ -89,7 +89,7 @@ TEST(RigidBody, ThrownOnTheGroundItLosesEnergyAndComesToRest) {
     state.position = {0, 0, 0.2};
     state.velocity = {unit(random), unit(random), unit(random)};
     state.angular_velocity = 10 * Vec3d{unit(random), unit(random), unit(random)};
-    state.orientation = rotation_by(3 * Vec3d{unit(random), unit(random), unit(random)});
+    state.orientation = exp_map(3 * Vec3d{unit(random), unit(random), unit(random)});
     RigidBody body{box_body(0.3, kHalf), state};
     ContactSolver solver;
     double lowest = 1, max = body.kinetic_energy() + body.potential_energy();
@@ -106,7 +106,7 @@ TEST(RigidBody, ThrownOnTheGroundItLosesEnergyAndComesToRest) {
   }
 }
 
-TEST(RigidBody, OnASlopeItSticksOrSlidesAsItsFrictionSays) {
+TEST(RigidBody, SticksOrSlidesOnASlopeByItsFriction) {
   for (const double friction : {0.3, 0.6}) {
     BodySettings settings = box_body(0.3, {0.05, 0.05, 0.02});
     settings.friction = friction;
@@ -142,7 +142,8 @@ TEST(RigidBody, RestsOnStaticGeometry) {
   EXPECT_LT(body.top_speed(), 1e-5);
 }
 
-/// A plane through the origin that falls towards +x by `slope`, of squares cut in two, some millimetres to centimetres.
+/// A plane through the origin that falls towards +x by `slope`, of squares split in two, millimetres to centimetres
+/// wide.
 testing::TriangleSurface tessellated_slope(double slope) {
   constexpr int kCells = 9;
   const auto at = [&](int i, int j) -> Vec3d {
@@ -158,7 +159,7 @@ testing::TriangleSurface tessellated_slope(double slope) {
   return testing::TriangleSurface{std::move(triangles)};
 }
 
-TEST(RigidBody, OnATessellatedSlopeItSticksOrSlidesAsItsFrictionSays) {
+TEST(RigidBody, SticksOrSlidesOnATessellatedSlopeByItsFriction) {
   for (const double friction : {0.3, 0.44, 0.46, 0.6}) {
     SCOPED_TRACE(friction);
     const double slope = std::atan(0.45);
@@ -180,9 +181,8 @@ TEST(RigidBody, OnATessellatedSlopeItSticksOrSlidesAsItsFrictionSays) {
   }
 }
 
-TEST(RigidBody, ABumpInTheMidstOfAFaceCarriesIt) {
-  // A pyramid of 23 degrees whose tip is under none of the box's corners and edges, and under none of the places where
-  // it looks.
+TEST(RigidBody, ABumpInTheMiddleOfAFaceCarriesIt) {
+  // A pyramid of 23 degrees whose tip is below no corner, edge or start point of the searches of the box.
   const Vec3d tip{0.004, -0.007, 0.05};
   constexpr double kFoot = 0.12;
   std::array<Vec3d, 4> foot;
@@ -195,48 +195,49 @@ TEST(RigidBody, ABumpInTheMidstOfAFaceCarriesIt) {
   state.position = {0.0, 0.0, 0.0615};
   RigidBody body{settings, state};
   ContactSolver solver;
-  for (int i = 0; i < 60; ++i) step_on(body, solver, pyramid);  // then it tips over, as its centre is beside the tip
+  for (int i = 0; i < 60; ++i)
+    step_on(body, solver, pyramid);  // then it tips over, because its centre is beside the tip
   EXPECT_GT(body.state().to_body(tip).z(), -0.0101);
   EXPECT_LT(body.state().to_body(tip).z(), -0.0099);
   EXPECT_GT(solver.last().contacts, 0u);
 }
 
-TEST(RigidBody, ATurnComesBackFromItsQuaternion) {
+TEST(RigidBody, LogIsTheInverseOfExp) {
   std::mt19937 random{3};
   std::uniform_real_distribution<double> unit{-1, 1};
   for (int i = 0; i < 200; ++i) {
-    const Vec3d turn = (i % 2 == 0 ? 1.7 : 1e-10) * Vec3d{unit(random), unit(random), unit(random)};
-    EXPECT_LT((turn_of(rotation_by(turn)) - turn).norm(), 1e-12);
+    const Vec3d rotation = (i % 2 == 0 ? 1.7 : 1e-10) * Vec3d{unit(random), unit(random), unit(random)};
+    EXPECT_LT((log_map(exp_map(rotation)) - rotation).norm(), 1e-12);
   }
 }
 
-TEST(RigidBody, ATurnSpringBringsItToItsTargetAndAddsNoEnergy) {
+TEST(RigidBody, ATorsionSpringReachesItsTargetAndAddsNoEnergy) {
   BodySettings settings = box_body(0.3, kHalf);
   settings.gravity.setZero();
-  for (const double stiffness : {2.5, 250.0, 25000.0}) {  // the last is far beyond what an explicit step bears
+  for (const double stiffness : {2.5, 250.0, 25000.0}) {  // the last is far above the limit of an explicit step
     SCOPED_TRACE(stiffness);
     BodyState start;
-    start.orientation = rotation_by({0.7, -0.4, 0.9});
+    start.orientation = exp_map({0.7, -0.4, 0.9});
     start.angular_velocity = {3, 5, -4};
     RigidBody body{settings, start};
     const auto energy = [&] {
-      return body.kinetic_energy() + 0.5 * stiffness * turn_of(body.state().orientation).squaredNorm();
+      return body.kinetic_energy() + 0.5 * stiffness * log_map(body.state().orientation).squaredNorm();
     };
     double before = energy();
     const double max = before;
     for (int i = 0; i < 5000; ++i) {
       body.begin(kDt);
-      body.add_spring(TurnSpring{-turn_of(body.state().orientation), Vec3d::Zero(), stiffness, 0.01 * stiffness});
+      body.add_spring(TorsionSpring{-log_map(body.state().orientation), Vec3d::Zero(), stiffness, 0.01 * stiffness});
       body.finish(body.free().velocity);
       EXPECT_LE(energy(), before + 1e-3 * max) << i;
       before = energy();
     }
-    EXPECT_LT(turn_of(body.state().orientation).norm(), 1e-6);
+    EXPECT_LT(log_map(body.state().orientation).norm(), 1e-6);
     EXPECT_LT(body.state().angular_velocity.norm(), 1e-5);
   }
 }
 
-/// A box on the ground and probes that press it, as far as the hand's scripts want.
+/// A box on the ground, and scripted probes that press it.
 class Handling {
  public:
   explicit Handling(double mass, double friction) : body_{box_body(mass, kHalf), resting()} {
@@ -275,7 +276,7 @@ class Handling {
   std::array<BodyTouch, 2> touches_;
 };
 
-/// Presses from both sides in x by `depth`, then lifts by 0.1 m; the box's height over the ground at the end.
+/// Presses from both sides in x by `depth`, then lifts by 0.1 m; returns the box's final height above the ground.
 double lifted(Handling& handling, double depth) {
   const double outside = kHalf.x() + 0.003;
   for (int i = 0; i < 3000; ++i) {
@@ -287,7 +288,7 @@ double lifted(Handling& handling, double depth) {
 }
 
 TEST(BodyTouch, TwoProbesLiftABoxWhenTheirFrictionCarriesIt) {
-  // 3 N from each side; with friction 0.8 they carry 4.8 N, with 0.3 only 1.8 N of the box's 2.9 N.
+  // 3 N from each side: with friction 0.8 they carry 4.8 N, with 0.3 only 1.8 N of the box's 2.9 N.
   Handling firm{0.3, 0.8}, slippery{0.3, 0.3};
   EXPECT_NEAR(lifted(firm, 0.003), 0.1, 0.004);
   EXPECT_LT(lifted(slippery, 0.003), 0.01);
@@ -305,7 +306,7 @@ TEST(BodyTouch, OneProbePushesTheBoxAndDoesNotPullIt) {
   EXPECT_FALSE(handling.touch(0).touching());
 }
 
-TEST(BodyTouch, AGrabPullsUntilItIsLetGo) {
+TEST(BodyTouch, AGrabPullsUntilItsRelease) {
   Handling handling{0.1, 0.1};
   const Vec3d away{1, 0, kHalf.z()};
   double x = -(kHalf.x() + 0.0025);  // pressed in by half a millimetre

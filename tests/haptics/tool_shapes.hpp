@@ -1,4 +1,4 @@
-/// Tools and surroundings of few triangles, and what meets what, by all pairs.
+/// Tools and surroundings of few triangles, and their intersections by all pairs.
 #pragma once
 
 #include <vector>
@@ -43,7 +43,7 @@ inline TriangleMesh box_mesh(const Vec3d& low, const Vec3d& high, bool inwards =
   return mesh;
 }
 
-/// z = `height`, seen from above, over a square of edge 2 `half`, in `parts` x `parts` squares.
+/// A square of edge 2 `half` at z = `height`, facing up, in `parts` x `parts` squares.
 inline TriangleMesh sheet(double half, double height, int parts = 1) {
   TriangleMesh mesh;
   const auto at = [&](int i) { return half * (2.0 * i / parts - 1); };
@@ -54,7 +54,7 @@ inline TriangleMesh sheet(double half, double height, int parts = 1) {
   return mesh;
 }
 
-/// What a tool is told about a mesh in metres that stands in the world as it is.
+/// A mesh in metres, at the origin, as an object for a tool.
 inline ToolObject object_of(const test_support::ShownMesh& shown, double friction = 0) {
   ToolObject object;
   object.tree = &shown.tree();
@@ -62,7 +62,7 @@ inline ToolObject object_of(const test_support::ShownMesh& shown, double frictio
   return object;
 }
 
-/// Pairs of the tool's triangles and the mesh's that meet, one by one and exactly.
+/// Number of intersecting pairs of the tool's and the mesh's triangles, by exact tests of all pairs.
 inline std::size_t meeting(const TriangleMesh& mesh, const TriangleMesh& tool, const ToolPose& pose) {
   const auto corners = [](const TriangleMesh& of, std::size_t f) {
     spm::Triangle3d t;

@@ -1,4 +1,4 @@
-/// A surface made of a plain list of triangles, and the shapes that the tests of proxy and operators touch.
+/// A surface of a plain list of triangles, and shapes for the tests of proxy and operators.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -62,12 +62,13 @@ class TriangleSurface : public Surface {
  private:
   static constexpr std::size_t kBlock = 16;
   std::vector<Triangle> triangles_;
-  /// Around each 16 triangles in a row, which the shapes below keep near each other: most are passed over at once.
+  /// A box around each 16 consecutive triangles, which are close together in the shapes below: most are skipped at
+  /// once.
   std::vector<Eigen::AlignedBox3d> blocks_;
 };
 
-/// How often a closed surface winds around a point: the sum of the solid angles of its triangles over 4 pi, 1 inside
-/// and 0 outside. Knows nothing of normals and closest points. Source: Van Oosterom, Strackee 1983.
+/// Winding number of a closed surface around a point: the sum of the solid angles of its triangles over 4 pi, 1 inside
+/// and 0 outside. Uses no normals or closest points. Source: Van Oosterom, Strackee 1983.
 inline double winding_number(const Vec3d& p, const std::vector<Triangle>& triangles) {
   double sum = 0;
   for (const Triangle& t : triangles) {
@@ -91,7 +92,7 @@ inline std::vector<Triangle> tetrahedron(double size) {
   return {{a, b, c}, {a, c, d}, {a, d, b}, {b, d, c}};
 }
 
-/// An octahedron divided `levels` times and pushed out to a sphere: 8 * 4^levels triangles, all outwards.
+/// An octahedron subdivided `levels` times and projected to a sphere: 8 * 4^levels triangles, facing outwards.
 inline std::vector<Triangle> sphere(double radius, int levels) {
   const Vec3d x = Vec3d::UnitX();
   const Vec3d y = Vec3d::UnitY();
@@ -101,7 +102,7 @@ inline std::vector<Triangle> sphere(double radius, int levels) {
   for (int level = 0; level < levels; ++level) {
     std::vector<Triangle> finer;
     for (const auto& [a, b, c] : triangles) {
-      // The sum is the same in either order, so neighbours get the same corner to the bit.
+      // The sum is equal in either order, so neighbours get the same corner to the bit.
       const Vec3d ab = (a + b).normalized();
       const Vec3d bc = (b + c).normalized();
       const Vec3d ca = (c + a).normalized();
@@ -115,7 +116,7 @@ inline std::vector<Triangle> sphere(double radius, int levels) {
   return triangles;
 }
 
-/// A closed body with hollows and bumps of `height` times its radius.
+/// A closed body with bumps and hollows of `height` times its radius.
 inline std::vector<Triangle> bumpy(double radius, int levels, double height) {
   std::vector<Triangle> triangles = sphere(1, levels);
   for (Triangle& t : triangles) {

@@ -298,7 +298,7 @@ TEST_F(Flight, WhatCannotBeReplayedIsRefusedWithTheReason) {
     trace::McapWriter other{file_, "test"};
     other.write(other.add_channel(other.add_schema("x::Y", "omgidl", ""), "probes", "cdr"), 1, 1, 1, {});
   }
-  EXPECT_THAT(refusal(), testing::HasSubstr("topic probes, message 1: no topic of a flight recording"));
+  EXPECT_THAT(refusal(), testing::HasSubstr("topic probes, message 1: not a topic of a flight recording"));
   std::filesystem::remove(file_);
   EXPECT_THAT(refusal(), testing::HasSubstr(file_.string()));
 }

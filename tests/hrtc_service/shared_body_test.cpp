@@ -64,8 +64,8 @@ double height(const Session& session) { return session.seen().pose.position[2] -
 
 TEST(SharedBody, APushIsFeltAtOnceAndMovesTheObjectForAll) {
   Session session{20};
-  session.add_controller();
-  session.add_controller();
+  session.add_hrtc();
+  session.add_hrtc();
   const std::size_t ann = session.add_hand(0, {kHalf + 0.03, 0, kHalf});
   session.run(1);
   ASSERT_EQ(session.role(0), Holder::Role::kWatching);
@@ -103,8 +103,8 @@ struct Lift {
 
 Lift lift(bool two_controllers, std::int64_t delay_ms) {
   Session session{delay_ms};
-  session.add_controller();
-  if (two_controllers) session.add_controller();
+  session.add_hrtc();
+  if (two_controllers) session.add_hrtc();
   const std::size_t ann = session.add_user(0, lifter("ann", {1, 0, 0}));
   const std::size_t bob = session.add_user(two_controllers ? 1 : 0, lifter("bob", {-1, 0, 0}));
   Lift result;
@@ -117,7 +117,7 @@ Lift lift(bool two_controllers, std::int64_t delay_ms) {
   });
   for (const std::size_t user : {ann, bob}) {
     result.lowest = std::min(result.lowest, session.port(user).lowest);
-    result.lifts += session.mind(user).tally().lifts;
+    result.lifts += session.op(user).tally().lifts;
   }
   for (std::size_t i = 0; i < (two_controllers ? 2u : 1u); ++i) {
     result.apart_mm = std::max(result.apart_mm, 1e-3 * session.figure(i, session::figures::kCopiesApart));
@@ -162,8 +162,8 @@ double tilt_of(const BodyReport& body) {
 
 TEST(SharedBody, WhatAHandHoldsGoesWhereItGoesUntilItLetsGo) {
   Session session{5};
-  session.add_controller();
-  session.add_controller();
+  session.add_hrtc();
+  session.add_hrtc();
   const std::size_t ann = session.add_user(0, grabber("ann", 0.3,
                                                       "      - move: {by: [0.05, 0, 0.1], speed: 0.1, seconds: 1}\n"
                                                       "      - move: {by: [0, 0, -0.1], speed: 0.1, seconds: 0.3}\n"
@@ -175,8 +175,8 @@ TEST(SharedBody, WhatAHandHoldsGoesWhereItGoesUntilItLetsGo) {
     if (height(session) > 0.09) raised_at = session.body(1)->state.position.x();
     if (session.body(0) != nullptr) tilted = std::max(tilted, tilt_of(*session.body(0)));
   });
-  EXPECT_EQ(session.mind(ann).tally().grabs, 1u);
-  EXPECT_EQ(session.mind(ann).tally().grabs_lost, 0u);
+  EXPECT_EQ(session.op(ann).tally().grabs, 1u);
+  EXPECT_EQ(session.op(ann).tally().grabs_lost, 0u);
   EXPECT_NEAR(highest, 0.1, 0.01);
   EXPECT_NEAR(raised_at, 0.05, 0.005) << "as the other controller shows it";
   EXPECT_GT(peak_force, 0.8 * 9.81 - 0.5) << "its weight is felt";
@@ -192,8 +192,8 @@ TEST(SharedBody, WhatAHandHoldsGoesWhereItGoesUntilItLetsGo) {
 
 TEST(SharedBody, ASecondHandHoldsACopyAndKeepsTheCrateWhenTheFirstLetsGo) {
   Session session{5, 0.4};
-  session.add_controller();
-  session.add_controller();
+  session.add_hrtc();
+  session.add_hrtc();
   const std::size_t ann = session.add_user(0, grabber("ann", 0.3,
                                                       "      - move: {by: [0, 0, 0.1], speed: 0.1, seconds: 3}\n"
                                                       "      - release: {}\n"));
@@ -205,7 +205,7 @@ TEST(SharedBody, ASecondHandHoldsACopyAndKeepsTheCrateWhenTheFirstLetsGo) {
   session.run(1);
   session.run(7, [&] {
     both = both || (session.body(0)->copies == 2 && session.body(1)->copies == 2);
-    if (session.mind(ann).done()) lowest_after = std::min(lowest_after, height(session));
+    if (session.op(ann).done()) lowest_after = std::min(lowest_after, height(session));
   });
   EXPECT_TRUE(both);
   EXPECT_LT(session.figure(0, session::figures::kCopiesApart), 10'000);
@@ -213,8 +213,8 @@ TEST(SharedBody, ASecondHandHoldsACopyAndKeepsTheCrateWhenTheFirstLetsGo) {
   EXPECT_EQ(session.role(1), Holder::Role::kOwner);
   EXPECT_GT(lowest_after, 0.06) << "bob holds it alone";
   session.run(3);
-  EXPECT_EQ(session.mind(bob).tally().grabs, 1u);
-  EXPECT_EQ(session.mind(bob).tally().grabs_lost, 0u);
+  EXPECT_EQ(session.op(bob).tally().grabs, 1u);
+  EXPECT_EQ(session.op(bob).tally().grabs_lost, 0u);
   EXPECT_EQ(session.role(1), Holder::Role::kWatching);
   EXPECT_NEAR(height(session), 0, 2e-3);
   for (const std::size_t user : {ann, bob}) EXPECT_GE(session.port(user).lowest, -1e-6);
@@ -222,14 +222,14 @@ TEST(SharedBody, ASecondHandHoldsACopyAndKeepsTheCrateWhenTheFirstLetsGo) {
 
 TEST(SharedBody, WhatAControllerHeldWhenItDiedFallsWhenItsLeaseEnds) {
   Session session{5};
-  session.add_controller();
-  session.add_controller();
+  session.add_hrtc();
+  session.add_hrtc();
   (void)session.add_user(0, grabber("ann", 0.5, "      - move: {by: [0, 0, 0.1], speed: 0.1, seconds: 20}\n"));
   session.run(4);
   ASSERT_EQ(session.role(0), Holder::Role::kOwner);
   ASSERT_NEAR(height(session), 0.1, 0.02);
   const std::uint64_t fencing = session.seen().fencing;
-  session.kill_controller(0);
+  session.kill_hrtc(0);
   session.run(0.2);
   EXPECT_EQ(session.seen().fencing, fencing) << "the lease is 250 ms at least";
   session.run(0.8);
@@ -242,8 +242,8 @@ TEST(SharedBody, WhatAControllerHeldWhenItDiedFallsWhenItsLeaseEnds) {
 class HeldByTwo : public ::testing::Test {
  protected:
   HeldByTwo() {
-    session_.add_controller();
-    session_.add_controller();
+    session_.add_hrtc();
+    session_.add_hrtc();
     session_.add_user(0, lifter("ann", {1, 0, 0}, 100));
     session_.add_user(1, lifter("bob", {-1, 0, 0}, 100));
     session_.run(6);
@@ -284,7 +284,7 @@ TEST_F(HeldByTwo, CopiesGoOnWithoutTheirHostAndItTakesTheClaimsUpWhenItStartsAga
 
 TEST_F(HeldByTwo, TheOneWhoIsLeftKeepsTheObject) {
   ASSERT_TRUE(both_hold());
-  session_.kill_controller(0);
+  session_.kill_hrtc(0);
   session_.run(0.3);
   EXPECT_EQ(session_.role(1), Holder::Role::kOwner);
   EXPECT_EQ(session_.body(1)->copies, 0u);

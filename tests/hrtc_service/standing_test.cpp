@@ -140,7 +140,7 @@ TEST(ToolAndBody, AStylusPushesABoxAlongTheGroundAndFeelsItsFriction) {
   EXPECT_NEAR(along / pushes, 0.5 * 0.2 * 9.81, 0.15) << "what the ground's friction takes";
   EXPECT_NEAR(pushed, hand.x() - 0.003 - kEdge + 0.001, 0.001) << "before the tip, which lags by a newton";
   EXPECT_NEAR(reports.bodies[0].state.position.z(), -1 + kEdge, 5e-4);
-  EXPECT_LT(haptics::turn_of(reports.bodies[0].state.orientation).norm(), 0.15) << "pushed 2 mm beside its middle";
+  EXPECT_LT(haptics::log_map(reports.bodies[0].state.orientation).norm(), 0.15) << "pushed 2 mm beside its middle";
   EXPECT_GE(reports.ports[0].lowest, -1e-6);
 }
 

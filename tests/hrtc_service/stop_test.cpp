@@ -38,7 +38,7 @@ class WatchedHand final : public haptics::Device {
   [[nodiscard]] haptics::DeviceHealth health() const noexcept override { return hand_.health(); }
 
   [[nodiscard]] double force() const noexcept { return force_; }
-  [[nodiscard]] haptics::Mailbox<haptics::HandPath>& wishes() noexcept { return hand_.wishes(); }
+  [[nodiscard]] haptics::Mailbox<haptics::HandPath>& paths() noexcept { return hand_.paths(); }
   /// Until the thread has commanded `count` further forces.
   void wait_writes(std::uint64_t count) const {
     const std::uint64_t end = writes_ + count;
@@ -67,7 +67,7 @@ class PressedSphere : public ::testing::Test {
     (void)haptic_.start();
     haptics::HandPath path;
     path.waypoints[path.count++] = {hrtc_service::monotonic_ns(), {radius_ - 0.002, 0, 0}};
-    hand_.wishes().post(path);
+    hand_.paths().post(path);
     wait_for_force();
   }
   void TearDown() override { haptic_.stop(); }

@@ -117,7 +117,7 @@ TEST(Threads, AHandFeelsWhatALoaderBringsAndEvictsMeanwhile) {
     path.waypoints[path.count++] = {
         now,
         {(radius + 0.001) * std::cos(angle), (radius + 0.001) * std::sin(angle), 0.2 * radius * std::sin(3 * angle)}};
-    device.hand().wishes().post(path);
+    device.hand().paths().post(path);
     if (contact == 100) {
       commands.snapshots = 1;
       haptic.commands().post(commands);

@@ -32,13 +32,13 @@ TEST(ACell, IsRefusedWithTheValueFoundAndTheValuesExpected) {
   EXPECT_THAT(refusal([](Cell& c) { c.load_mbit = -3; }), HasSubstr("load, Mbit/s, is -3"));
   EXPECT_THAT(refusal([](Cell& c) { c.payload = 64; }), HasSubstr("a probe state always has 236"));
   EXPECT_THAT(refusal([](Cell& c) { c.topic = Topic::kRecords, c.payload = 1201; }), HasSubstr("expected 32 to 1200"));
-  EXPECT_THAT(refusal([](Cell& c) { c.transport = Transport::kShm, c.link = "P4"; }), HasSubstr("goes past link P4"));
+  EXPECT_THAT(refusal([](Cell& c) { c.transport = Transport::kShm, c.link = "P4"; }), HasSubstr("bypasses link P4"));
   EXPECT_THAT(refusal([](Cell& c) { c.topic = Topic::kRecords, c.payload = 64, c.coding = Coding::kDeadbandCoded; }),
               HasSubstr("expected topic probe_state"));
   EXPECT_THAT(refusal([](Cell& c) { c.seconds = 3600, c.readers = 64; }), HasSubstr("rate x seconds x readers"));
 }
 
-TEST(ACell, ComesBackFromJsonAsItWent) {
+TEST(ACell, SurvivesJson) {
   Cell cell;
   cell.transport = Transport::kBuiltin;
   cell.profile = Profile::kPlain;
@@ -56,7 +56,7 @@ TEST(ACell, ComesBackFromJsonAsItWent) {
   EXPECT_THAT(describe(cell_from_json(to_json(coded))), HasSubstr("1000 Hz coded x1"));
 }
 
-TEST(ATest, HasAPingInEachTickOrWhereCodingSendsOneAndNeverLeavesAKeepAlivePeriodWithout) {
+TEST(ATest, HasAPingAtEachTickOrAtEachCodedState) {
   Cell cell;
   EXPECT_THAT(ticks_of(cell), testing::SizeIs(5000));
   cell.coding = Coding::kDeadbandCoded;
@@ -95,7 +95,7 @@ TEST(AGrid, HasEveryCombinationAndRawUdpOnceForAllProfilesAndTopics) {
   for (const Cell& cell : cells) kinds.insert(describe(cell));
   EXPECT_EQ(kinds.size(), (1u + 2u) * 2 * 2);
   EXPECT_EQ(cells.size(), 2 * kinds.size());
-  // Repeats alternate: the second half is the first again.
+  // Repetitions alternate: the second half equals the first.
   for (std::size_t i = 0; i < kinds.size(); ++i) EXPECT_EQ(describe(cells[i]), describe(cells[i + kinds.size()]));
 }
 

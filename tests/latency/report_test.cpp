@@ -57,7 +57,7 @@ TEST_F(ReportTest, JsonHasTheFiguresAndTheCurve) {
   EXPECT_EQ(cell.at("curve").size(), json.at("curve_shares").size());
 }
 
-TEST_F(ReportTest, ThePageIsWellFormedAndNeedsNothingFromElsewhere) {
+TEST_F(ReportTest, ThePageIsWellFormedAndSelfContained) {
   write_html(path("r.html"), subject_, results_);
   const std::string page = test_support::read_bytes(path("r.html"));
   EXPECT_THAT(page, Not(HasSubstr("<script")));
@@ -71,10 +71,10 @@ TEST_F(ReportTest, ThePageIsWellFormedAndNeedsNothingFromElsewhere) {
     EXPECT_THAT(drawing, Not(HasSubstr("nan")));
     EXPECT_THAT(drawing, Not(HasSubstr("inf")));
   }
-  EXPECT_EQ(drawings, 3) << "the distributions, and each run over time";
+  EXPECT_EQ(drawings, 3) << "the distributions and each run over time";
 }
 
-TEST_F(ReportTest, ThePageOfARunThatHeardNothingCanBeWritten) {
+TEST_F(ReportTest, WritesAPageForARunWithoutEchoes) {
   Stamps stamps;
   stamps.pings.resize(stamps.cell.pings());
   stamps.one_clock = true;

@@ -11,7 +11,7 @@ namespace {
 constexpr std::uint32_t kSeed = 20261121;
 constexpr std::int64_t kUs = 1000, kMs = 1'000'000;
 
-/// Pings of 1 kHz that take `forth` and `back` ns, all sent when intended.
+/// Pings at 1 kHz that take `forth` and `back` ns, all sent at the intended time.
 Stamps regular(double seconds, std::int64_t forth, std::int64_t back, std::uint32_t readers = 1) {
   Stamps stamps;
   stamps.cell.seconds = seconds;
@@ -28,7 +28,7 @@ Stamps regular(double seconds, std::int64_t forth, std::int64_t back, std::uint3
   return stamps;
 }
 
-TEST(AResult, OfConstantTimesHasThem) {
+TEST(AResult, ReproducesConstantTimes) {
   const Result result = evaluate(regular(2, 30 * kUs, 50 * kUs, 3));
   EXPECT_EQ(result.expected, (2000u - warm_up(result.cell)) * 3);
   EXPECT_EQ(result.half_round_trip.count, result.expected);
@@ -40,9 +40,9 @@ TEST(AResult, OfConstantTimesHasThem) {
   EXPECT_EQ(result.lost + result.echoes_lost + result.reordered + result.duplicates + result.refused, 0u);
 }
 
-TEST(AResult, ChargesAHoldUpToEveryPingThatWasIntendedMeanwhile) {
+TEST(AResult, CountsABlockForEveryPingIntendedMeanwhile) {
   Stamps stamps = regular(10, 20 * kUs, 20 * kUs);
-  // The sender is held up for 200 ms at 5 s, then sends all that was due at once.
+  // The sender is blocked for 200 ms at 5 s, then sends all due pings at once.
   for (std::uint32_t i = 5000; i < 5200; ++i) {
     const std::int64_t late = stamps.pings[5200].intended_ns;
     stamps.pings[i].sent_ns = late;
@@ -52,16 +52,16 @@ TEST(AResult, ChargesAHoldUpToEveryPingThatWasIntendedMeanwhile) {
   }
   const Result result = evaluate(stamps);
   EXPECT_NEAR(result.half_round_trip.max, 100'000 + 20, 1);
-  EXPECT_GT(result.half_round_trip.p99, 50'000) << "2 % of the pings were held up by 100 ms on average";
-  EXPECT_DOUBLE_EQ(result.half_round_trip_sent.max, 20) << "which what counts from the sending hides";
+  EXPECT_GT(result.half_round_trip.p99, 50'000) << "2 % of the pings were blocked for 100 ms on average";
+  EXPECT_DOUBLE_EQ(result.half_round_trip_sent.max, 20) << "hidden when time counts from the send call";
   EXPECT_EQ(result.timer.max, 0) << "it was not the timer";
 }
 
-TEST(AResult, CountsWhatIsLostReorderedAndDuplicatedAndLeavesOutTheWarmUp) {
+TEST(AResult, CountsLossReorderingAndDuplicatesWithoutTheWarmUp) {
   Stamps stamps = regular(2, 20 * kUs, 20 * kUs);
   const std::uint32_t first = warm_up(stamps.cell);
-  std::swap(stamps.arrivals[first + 10], stamps.arrivals[first + 11]);  // one overtakes
-  stamps.arrivals.push_back(stamps.arrivals[first + 20]);               // one comes twice
+  std::swap(stamps.arrivals[first + 10], stamps.arrivals[first + 11]);  // one ping overtakes
+  stamps.arrivals.push_back(stamps.arrivals[first + 20]);               // one ping arrives twice
   stamps.echoes.push_back(stamps.echoes[first + 20]);
   const auto remove = [](auto& list, std::uint32_t sequence) {
     list.erase(std::remove_if(list.begin(), list.end(), [&](const auto& s) { return s.sequence == sequence; }),
@@ -82,16 +82,16 @@ TEST(AResult, CountsWhatIsLostReorderedAndDuplicatedAndLeavesOutTheWarmUp) {
   EXPECT_EQ(missing, 4u);
 }
 
-TEST(AResult, OfWhatAReaderKnowsGrowsWithEveryPingThatIsLost) {
+TEST(AResult, HasAnAgeOfInformationThatGrowsWithEveryLostPing) {
   Stamps stamps = regular(20, 50 * kUs, 50 * kUs);
   const Result whole = evaluate(stamps);
-  EXPECT_NEAR(whole.known_age.p50, 550, 60) << "between 50 and 1050 us, evenly";
-  EXPECT_NEAR(whole.known_age.max, 1050, 100);
+  EXPECT_NEAR(whole.age_of_information.p50, 550, 60) << "between 50 and 1050 us, evenly";
+  EXPECT_NEAR(whole.age_of_information.max, 1050, 100);
   stamps.arrivals.erase(stamps.arrivals.begin() + 5000, stamps.arrivals.begin() + 5009);
-  EXPECT_NEAR(evaluate(stamps).known_age.max, 10'050, 100) << "nine in a row are lost";
-  std::swap(stamps.arrivals[8000], stamps.arrivals[8001]);  // the older one comes late and changes nothing
+  EXPECT_NEAR(evaluate(stamps).age_of_information.max, 10'050, 100) << "nine in a row are lost";
+  std::swap(stamps.arrivals[8000], stamps.arrivals[8001]);  // the older one arrives late and changes nothing
   stamps.arrivals[8001].received_ns = stamps.arrivals[8000].received_ns + 1;
-  EXPECT_NEAR(evaluate(stamps).known_age.max, 10'050, 100);
+  EXPECT_NEAR(evaluate(stamps).age_of_information.max, 10'050, 100);
 }
 
 TEST(AResult, IgnoresNumbersThatWereNeverSent) {
@@ -105,9 +105,9 @@ TEST(AResult, IgnoresNumbersThatWereNeverSent) {
   EXPECT_EQ(result.half_round_trip.count, result.expected);
 }
 
-TEST(AResult, OfTwoClocksHasTheAgeWithinItsBound) {
+TEST(AResult, HasTheAgeOfTwoClocksWithinItsBound) {
   std::mt19937 random{kSeed};
-  std::exponential_distribution<double> extra{1.0 / 200};  // us, each way
+  std::exponential_distribution<double> extra{1.0 / 200};  // us, each direction
   Stamps stamps;
   stamps.cell.seconds = 5;
   const auto other_clock = [](std::int64_t ours) {  // 3 s ahead, 50 ppm fast
@@ -131,7 +131,7 @@ TEST(AResult, OfTwoClocksHasTheAgeWithinItsBound) {
   EXPECT_LT(result.clock_bound_us, 400);
   EXPECT_NEAR(result.age.p50, expected.p50, result.clock_bound_us);
   EXPECT_NEAR(result.age.max, worst, result.clock_bound_us);
-  EXPECT_NEAR(result.age.p50, expected.p50, 60) << "the two ways are alike, so it is better than its bound";
+  EXPECT_NEAR(result.age.p50, expected.p50, 60) << "both directions are alike, so the error is below its bound";
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-/// tactus-latency as a user starts it: both sides here, over an emulated link, and against another machine.
+/// tactus-latency as a user starts it: both sides here, over an emulated link, and with another machine.
 #include <gmock/gmock.h>
 
 #include <cmath>
@@ -23,7 +23,7 @@ class LatencyRun : public testing::Test {
     words.insert(words.end(), more.begin(), more.end());
     return words;
   }
-  /// A run of short tests at 200 Hz, whose figures are returned.
+  /// Runs short tests at 200 Hz and returns their figures.
   nlohmann::json run(Words more) {
     const std::string json = path("figures.json"), html = path("page.html");
     Words words = latency("run", {"--seconds", "1.5", "--rate", "200", "--json", json, "--html", html});
@@ -45,10 +45,10 @@ class LatencyRun : public testing::Test {
     EXPECT_EQ(cell.at("clock_bound").get<double>(), 0) << "one machine, one clock";
     EXPECT_EQ(cell.at("duplicates").get<std::uint64_t>(), 0u);
   }
-  /// The port that a server says it listens at, one that was free.
+  /// The free port that a server reports.
   static std::string port_of(const Process& server) {
-    if (!server.wait_for_line("listening at port [0-9]")) return "none: " + server.output();
-    const std::string said = server.output(), before = "listening at port ";
+    if (!server.wait_for_line("listening on port [0-9]")) return "none: " + server.output();
+    const std::string said = server.output(), before = "listening on port ";
     const std::size_t at = said.find(before) + before.size();
     return said.substr(at, said.find(';', at) - at);
   }
@@ -63,7 +63,7 @@ TEST_F(LatencyRun, MeasuresEveryTransportAndProfile) {
   for (const auto& cell : figures.at("cells")) expect_sound(cell);
 }
 
-TEST_F(LatencyRun, MeasuresCodedStatesWhichAreFewer) {
+TEST_F(LatencyRun, MeasuresFewerPingsWithCoding) {
   const auto figures = run({"--coding", "coded"});
   ASSERT_EQ(figures.at("cells").size(), 1u);
   const auto& coded = figures.at("cells")[0];
@@ -81,7 +81,7 @@ TEST_F(LatencyRun, MeasuresSeveralReadersBesideMeshRecords) {
   EXPECT_GT(figures.at("cells")[0].at("mesh_mbyte_per_s").get<double>(), 0);
 }
 
-TEST_F(LatencyRun, MeasuresRecordsOfTheSizeAskedFor) {
+TEST_F(LatencyRun, MeasuresRecordsOfTheRequestedSize) {
   const auto figures = run({"--topic", "records", "--payload", "64,1200"});
   ASSERT_EQ(figures.at("cells").size(), 2u);
   for (const auto& cell : figures.at("cells")) {
@@ -91,7 +91,7 @@ TEST_F(LatencyRun, MeasuresRecordsOfTheSizeAskedFor) {
 }
 
 TEST_F(LatencyRun, FindsTheDelayAndTheLossOfALink) {
-  if (const std::string reason = netem::missing_right(); !reason.empty()) GTEST_SKIP() << reason;
+  if (const std::string reason = netem::missing_privilege(); !reason.empty()) GTEST_SKIP() << reason;
   const auto figures = run({"--transport", "raw-udp,udp", "--link", "P0:delay=30:loss=20"});
   ASSERT_EQ(figures.at("cells").size(), 2u);
   for (const auto& cell : figures.at("cells")) {
@@ -102,13 +102,13 @@ TEST_F(LatencyRun, FindsTheDelayAndTheLossOfALink) {
   }
 }
 
-TEST_F(LatencyRun, OverSharedMemoryDoesNotPretendToCrossALink) {
+TEST_F(LatencyRun, RefusesSharedMemoryAcrossALink) {
   Process process{latency("run", {"--transport", "shm", "--link", "P4"})};
   EXPECT_EQ(process.wait(), 2);
-  EXPECT_THAT(process.output(), HasSubstr("goes past link P4"));
+  EXPECT_THAT(process.output(), HasSubstr("bypasses link P4"));
 }
 
-TEST_F(LatencyRun, MeasuresAgainstAnotherMachineSeveralTimesAndThatEndsWhenAsked) {
+TEST_F(LatencyRun, ServesSeveralRunsAndEndsOnInterrupt) {
   Process server{latency("serve", {"--port", "0"})};
   const std::string port = port_of(server);
   for (int round = 0; round < 2; ++round) {
@@ -120,7 +120,7 @@ TEST_F(LatencyRun, MeasuresAgainstAnotherMachineSeveralTimesAndThatEndsWhenAsked
   EXPECT_EQ(server.wait(), 0);
 }
 
-TEST_F(LatencyRun, OfTwoClocksFindsTheAgeWithinItsBound) {
+TEST_F(LatencyRun, FindsTheAgeOfTwoClocksWithinItsBound) {
   // Another clock on the same machine: 5000 s ahead.
   Words elsewhere{"/usr/bin/unshare", "--time", "--monotonic", "5000", "--fork", "--kill-child"};
   Words probe = elsewhere;
@@ -141,14 +141,14 @@ TEST_F(LatencyRun, OfTwoClocksFindsTheAgeWithinItsBound) {
   }
 }
 
-TEST_F(LatencyRun, SaysWhatToDoWhenNobodyServes) {
+TEST_F(LatencyRun, StatesTheRemedyWithoutAServer) {
   Process process{latency("run", {"--to", "127.0.0.1", "--port", "1"})};
   EXPECT_EQ(process.wait(), 2);
   EXPECT_THAT(process.output(),
               HasSubstr("127.0.0.1 port 1: Connection refused; expected `tactus-latency serve` there"));
 }
 
-TEST_F(LatencyRun, InterruptedEndsAtOnceAndReportsWhatItHas) {
+TEST_F(LatencyRun, ReportsFinishedTestsWhenInterrupted) {
   Process process{latency("run", {"--seconds", "0.5", "--rate", "100,200", "--repeat", "500"})};
   if (!process.wait_for_line("\\[2/1000\\]")) FAIL() << process.output();
   process.signal(SIGINT);
@@ -166,7 +166,7 @@ TEST_F(LatencyRun, RefusesWrongInputNamingIt) {
   refused({"--load", "some"}, "load is 'some'; expected Mbit/s, at least 0, or max");
   refused({"--payload", "64"}, "a probe state always has 236");
   refused({"--link", "P0:dealy=3"}, "no setting 'dealy=3'");
-  refused({"--to", "here", "--link", "P4"}, "with --to the network is the link");
+  refused({"--to", "here", "--link", "P4"}, "expected none with --to");
   refused({"--qos", path("nowhere")}, "qos directory");
 }
 

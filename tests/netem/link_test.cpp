@@ -17,7 +17,7 @@ constexpr std::uint64_t kSeed = 20260703;
 constexpr std::int64_t kMs = 1'000'000;
 constexpr std::size_t kFrame = 1000;
 
-/// Departures of `count` frames that arrive every `period_ns`, as delays in ms; NaN for those that never come.
+/// Delays in ms of `count` frames that arrive every `period_ns`; NaN for lost frames.
 std::vector<double> delays(Link& link, int count, std::int64_t period_ns, std::size_t bytes = kFrame) {
   std::vector<double> all;
   for (int i = 0; i < count; ++i) {
@@ -38,7 +38,7 @@ double deviation(const std::vector<double>& values) {
   return std::sqrt(sum / static_cast<double>(values.size()));
 }
 
-/// Largest distance between the distribution of `values` and a normal one.
+/// Kolmogorov distance of `values` from a normal distribution.
 double distance_from_normal(std::vector<double> values, double middle, double sd) {
   std::sort(values.begin(), values.end());
   double worst = 0;
@@ -49,7 +49,7 @@ double distance_from_normal(std::vector<double> values, double middle, double sd
   return worst;
 }
 
-TEST(ALink, WithNothingSetLetsEveryFrameOutWhenItArrives) {
+TEST(ALink, PassesFramesAtOnceByDefault) {
   Link link{{}, kSeed};
   for (std::int64_t at : {0, 5, 5, 1000}) EXPECT_EQ(link.departure(at, kFrame), at);
 }
@@ -67,7 +67,7 @@ TEST(ALink, SendsAndDropsAsAQueueOfBytesDrainedBitByBit) {
   profile.queue_bytes = 20'000;
   Link link{profile, kSeed};
   std::mt19937 random{kSeed};
-  // The oracle keeps the frames themselves: each leaves when those before it have been sent.
+  // The oracle stores the frames themselves: each one leaves when the frames before it have been sent.
   struct Waiting {
     double done_ns;
     std::size_t bytes;
@@ -81,14 +81,14 @@ TEST(ALink, SendsAndDropsAsAQueueOfBytesDrainedBitByBit) {
     while (!queue.empty() && queue.front().done_ns <= static_cast<double>(now)) queue.pop_front();
     double waiting = 0;
     for (const Waiting& frame : queue) waiting += static_cast<double>(frame.bytes);
-    if (!queue.empty()) {  // what is left of the frame in transmission
+    if (!queue.empty()) {  // remainder of the frame in transmission
       const double left =
           std::min(static_cast<double>(queue.front().bytes), (queue.front().done_ns - static_cast<double>(now)) / 800);
       waiting += left - static_cast<double>(queue.front().bytes);
     }
     const double room = profile.queue_bytes - waiting - static_cast<double>(bytes);
     const auto departure = link.departure(now, bytes);
-    if (std::abs(room) > 1) {  // a byte this way or that is rounding
+    if (std::abs(room) > 1) {  // one byte of rounding
       ASSERT_EQ(departure.has_value(), room > 0) << "frame " << i << ", seed " << kSeed;
     }
     if (!departure) {
@@ -106,7 +106,7 @@ TEST(ALink, SendsAndDropsAsAQueueOfBytesDrainedBitByBit) {
   EXPECT_EQ(link.counts().dropped, static_cast<std::uint64_t>(dropped));
 }
 
-TEST(ALink, LosesTheShareThatItsProfileSays) {
+TEST(ALink, LosesTheShareOfItsProfile) {
   LinkProfile profile;
   profile.loss = 0.02;
   Link link{profile, kSeed};
@@ -144,7 +144,7 @@ TEST(ALink, LosesInBurstsWhoseLengthsAreGeometric) {
   EXPECT_NEAR(static_cast<double>(link.counts().lost) / kCount, profile.mean_loss(), 0.003);
 }
 
-TEST(ALink, LosesTheSameFramesWhateverItsDelayAndWhenTheyCome) {
+TEST(ALink, LosesTheSameFramesForAnyDelayAndTiming) {
   LinkProfile profile = parse_link("P7").forth;
   profile.rate_mbit = 0;
   Link one{profile, kSeed};
@@ -156,7 +156,7 @@ TEST(ALink, LosesTheSameFramesWhateverItsDelayAndWhenTheyCome) {
     ASSERT_EQ(one.departure(i * kMs, kFrame).has_value(), two.departure(i * i, kFrame).has_value()) << i;
 }
 
-TEST(ALink, WithOneSeedIsAFunctionOfItsArrivalsAndWithAnotherDiffers) {
+TEST(ALink, IsAFunctionOfSeedAndArrivals) {
   const LinkProfile profile = parse_link("P3").forth;
   Link one{profile, 1}, same{profile, 1}, other{profile, 2};
   int different = 0;
@@ -184,7 +184,7 @@ TEST(ReorderingJitter, IsNormalIndependentAndOvertakes) {
     if (all[i] + 1 < all[i - 1]) ++overtaken;
   }
   EXPECT_NEAR(products / kCount / 9, 0, 5 / std::sqrt(kCount));
-  // A frame 1 ms behind overtakes when it drew 1 ms less: the difference of two draws has sd 3 sqrt(2).
+  // A frame 1 ms behind overtakes if its delay is 1 ms smaller: the difference of two delays has sd 3 sqrt(2).
   const double expected = 0.5 * std::erfc(1 / (3 * std::sqrt(2.0)) / std::sqrt(2.0));
   EXPECT_NEAR(overtaken / static_cast<double>(kCount), expected, 0.02);
 }
@@ -195,7 +195,7 @@ TEST(SmoothJitter, KeepsOrderAndHasTheDeviationOfItsProfile) {
   profile.jitter_ms = 25;
   Link link{profile, kSeed};
   std::int64_t last = 0;
-  std::vector<double> apart;  // one sample in half a second: independent, the memory being 100 ms
+  std::vector<double> apart;  // one sample per 500 ms: independent at a correlation time of 100 ms
   for (int i = 0; i < 2'000'000; ++i) {
     const std::int64_t arrival = i * kMs;
     const auto at = link.departure(arrival, kFrame);
@@ -206,7 +206,7 @@ TEST(SmoothJitter, KeepsOrderAndHasTheDeviationOfItsProfile) {
   EXPECT_LT(distance_from_normal(apart, 100, 25), 1.95 / std::sqrt(static_cast<double>(apart.size())));
 }
 
-TEST(SmoothJitter, ForgetsAsItsMemorySays) {
+TEST(SmoothJitter, DecorrelatesWithinItsMemory) {
   LinkProfile profile;
   profile.delay_ms = 100;
   profile.jitter_ms = 10;
@@ -224,7 +224,7 @@ TEST(SmoothJitter, ForgetsAsItsMemorySays) {
   }
 }
 
-TEST(SmoothJitter, IsTheSameProcessHoweverOftenItIsAsked) {
+TEST(SmoothJitter, HasTheSameDeviationAtAnySamplingRate) {
   LinkProfile profile;
   profile.delay_ms = 100;
   profile.jitter_ms = 10;
@@ -240,7 +240,7 @@ TEST(SmoothJitter, IsTheSameProcessHoweverOftenItIsAsked) {
   }
 }
 
-TEST(EveryNamedLink, IsAllowedAndNoneIsThereTwice) {
+TEST(EveryNamedLink, IsValidAndUnique) {
   std::vector<std::string> names;
   for (const NamedLink& link : kNamedLinks) {
     EXPECT_NO_THROW(check(parse_link(link.name))) << link.name;
@@ -249,7 +249,7 @@ TEST(EveryNamedLink, IsAllowedAndNoneIsThereTwice) {
   EXPECT_THAT(names, ElementsAre("veth", "P0", "P1", "P2", "P3", "P4", "P5", "P6", "P7", "P8"));
 }
 
-TEST(EveryNamedLink, LosesWhatStudiesHaveForIt) {
+TEST(EveryNamedLink, LosesTheShareOfItsStudy) {
   const std::vector<double> expected{0, 0, 0, 1e-4, 1e-3, 5e-3, 1e-2, 1e-2, 5e-2, 2e-2};
   for (std::size_t i = 0; i < expected.size(); ++i)
     EXPECT_NEAR(kNamedLinks[i].each_way.mean_loss(), expected[i], 0.005 * expected[i]) << kNamedLinks[i].name;
@@ -262,16 +262,16 @@ TEST(AnAsymmetricLink, HasTheSameRoundTripAndSevenTenthsOfItForth) {
   EXPECT_DOUBLE_EQ(link.forth.jitter_ms, 7);
 }
 
-TEST(ALinkInWords, ChangesTheNamedOneBothWays) {
+TEST(LinkText, ChangesTheNamedLinkInBothDirections) {
   const LinkSettings link = parse_link("P4a:loss=2.5:burst=0.02/0.5:rate=20:queue=9000:jitter=1:reorder");
-  for (const LinkProfile* way : {&link.forth, &link.back}) {
-    EXPECT_DOUBLE_EQ(way->loss, 0.025);
-    EXPECT_DOUBLE_EQ(way->burst_start, 0.02);
-    EXPECT_DOUBLE_EQ(way->burst_end, 0.5);
-    EXPECT_DOUBLE_EQ(way->rate_mbit, 20);
-    EXPECT_EQ(way->queue_bytes, 9000u);
-    EXPECT_DOUBLE_EQ(way->jitter_ms, 1);
-    EXPECT_TRUE(way->reorder);
+  for (const LinkProfile* direction : {&link.forth, &link.back}) {
+    EXPECT_DOUBLE_EQ(direction->loss, 0.025);
+    EXPECT_DOUBLE_EQ(direction->burst_start, 0.02);
+    EXPECT_DOUBLE_EQ(direction->burst_end, 0.5);
+    EXPECT_DOUBLE_EQ(direction->rate_mbit, 20);
+    EXPECT_EQ(direction->queue_bytes, 9000u);
+    EXPECT_DOUBLE_EQ(direction->jitter_ms, 1);
+    EXPECT_TRUE(direction->reorder);
   }
   EXPECT_DOUBLE_EQ(link.forth.delay_ms, 21);
   EXPECT_DOUBLE_EQ(link.back.delay_ms, 9);
@@ -286,7 +286,7 @@ std::string refusal_of(const std::string& text) {
   return "";
 }
 
-TEST(ALinkInWords, IsRefusedWithTheSettingsThatExist) {
+TEST(LinkText, ListsTheSettingsWhenRefused) {
   EXPECT_THAT(refusal_of("P0:dealy=3"), HasSubstr("no setting 'dealy=3'; expected delay=MS, jitter=MS"));
   EXPECT_THAT(refusal_of("P0:delay=ten"), HasSubstr("delay is 'ten'; expected a number"));
   EXPECT_THAT(refusal_of("P0:delay"), HasSubstr("delay is ''; expected a number"));
@@ -309,14 +309,15 @@ std::string refusal(const char* name, Change change) {
 }
 
 TEST(AWrongLink, IsRefusedWithWhatWasFoundAndExpected) {
-  EXPECT_THAT(refusal("P2", [](LinkProfile& way) { way.loss = 1.5; }),
+  EXPECT_THAT(refusal("P2", [](LinkProfile& direction) { direction.loss = 1.5; }),
               HasSubstr("link P2: loss is 1.5; expected 0 to 1"));
-  EXPECT_THAT(refusal("P2", [](LinkProfile& way) { way.jitter_ms = 6; }),
+  EXPECT_THAT(refusal("P2", [](LinkProfile& direction) { direction.jitter_ms = 6; }),
               HasSubstr("jitter, ms, is 6; expected 0 to 5"));
-  EXPECT_THAT(refusal("P2", [](LinkProfile& way) { way.burst_end = 0; }), HasSubstr("end of bursts is 0"));
-  EXPECT_THAT(refusal("P2", [](LinkProfile& way) { way.queue_bytes = 100; }), HasSubstr("queue, bytes, is 100"));
-  EXPECT_THAT(refusal("P2", [](LinkProfile& way) { way.delay_ms = NAN; }), HasSubstr("delay"));
-  EXPECT_THAT(refusal("veth", [](LinkProfile& way) { way.delay_ms = 1; }), HasSubstr("take P0"));
+  EXPECT_THAT(refusal("P2", [](LinkProfile& direction) { direction.burst_end = 0; }), HasSubstr("end of bursts is 0"));
+  EXPECT_THAT(refusal("P2", [](LinkProfile& direction) { direction.queue_bytes = 100; }),
+              HasSubstr("queue, bytes, is 100"));
+  EXPECT_THAT(refusal("P2", [](LinkProfile& direction) { direction.delay_ms = NAN; }), HasSubstr("delay"));
+  EXPECT_THAT(refusal("veth", [](LinkProfile& direction) { direction.delay_ms = 1; }), HasSubstr("use P0"));
   EXPECT_THROW((void)parse_link("P9"), LinkError);
   EXPECT_THROW((void)parse_link("vetha"), LinkError);
 }

@@ -1,4 +1,4 @@
-/// Two namespaces and what passes between them. Skipped where the system gives no namespaces, with its reason.
+/// Two namespaces and the traffic between them. Skipped with the reason where the system does not allow namespaces.
 #include "netem/pair.hpp"
 
 #include <arpa/inet.h>
@@ -34,7 +34,7 @@ sockaddr_in address(const char* text) {
   return to;
 }
 
-/// A datagram socket that was made in a namespace and stays there.
+/// A datagram socket that was created in a namespace and stays there.
 class Socket {
  public:
   Socket(const LinkedPair& pair, Side side) {
@@ -73,13 +73,13 @@ class Socket {
 class PairTest : public testing::Test {
  protected:
   void SetUp() override {
-    if (const std::string reason = missing_right(); !reason.empty()) GTEST_SKIP() << reason;
+    if (const std::string reason = missing_privilege(); !reason.empty()) GTEST_SKIP() << reason;
   }
   static bool exists(const std::string& name) { return std::filesystem::exists("/run/netns/" + name); }
 };
 
 class BothMedia : public PairTest, public testing::WithParamInterface<const char*> {};
-INSTANTIATE_TEST_SUITE_P(Participants, BothMedia, testing::Values("veth", "P0"));
+INSTANTIATE_TEST_SUITE_P(Links, BothMedia, testing::Values("veth", "P0"));
 
 TEST_P(BothMedia, CarryUnicastAndMulticastBothWays) {
   const LinkedPair pair{parse_link(GetParam())};
@@ -141,7 +141,7 @@ TEST_F(PairTest, EachDirectionHasItsOwnProfile) {
   EXPECT_EQ(pair.figures().back.lost, 0u);
 }
 
-TEST_F(PairTest, NamesAreGoneWithIt) {
+TEST_F(PairTest, RemovesItsNamespaces) {
   std::string a, b;
   {
     const LinkedPair pair{parse_link("P1")};
@@ -152,7 +152,7 @@ TEST_F(PairTest, NamesAreGoneWithIt) {
   EXPECT_FALSE(exists(a) || exists(b));
 }
 
-TEST_F(PairTest, TwoAtOnceDoNotMeet) {
+TEST_F(PairTest, TwoPairsAreIndependent) {
   const LinkedPair one{parse_link("P0")}, two{parse_link("P0")};
   const Socket a{one, Side::kA}, b{one, Side::kB}, stranger{two, Side::kB};
   a.send("10.77.0.2", 9);
@@ -160,7 +160,7 @@ TEST_F(PairTest, TwoAtOnceDoNotMeet) {
   EXPECT_EQ(stranger.next(0), std::nullopt);
 }
 
-TEST_F(PairTest, WhatAKilledOneLeftIsSwept) {
+TEST_F(PairTest, RemovesTheNamespacesOfAKilledPair) {
   std::array<int, 2> pipe{};
   ASSERT_EQ(::pipe(pipe.data()), 0);
   const pid_t child = ::fork();
@@ -177,9 +177,9 @@ TEST_F(PairTest, WhatAKilledOneLeftIsSwept) {
   ::close(pipe[0]);
   ASSERT_GT(bytes, 0);
   const std::string name(text.data(), static_cast<std::size_t>(bytes));
-  // Whether it is still there now depends on what other programs make: they sweep, too.
+  // Other programs also remove stale namespaces, so it may be gone already.
   const LinkedPair next{parse_link("P0")};
-  while (exists(name)) std::this_thread::yield();  // ctest's watchdog bites when it stays
+  while (exists(name)) std::this_thread::yield();  // ctest's timeout fails the test otherwise
 }
 
 }  // namespace

@@ -21,7 +21,7 @@ Words link(Words arguments) {
   return arguments;
 }
 
-/// Namespaces that a process of this number has made.
+/// Number of namespaces that this process has made.
 int namespaces_of(pid_t pid) {
   int count = 0;
   std::error_code error;
@@ -33,7 +33,7 @@ int namespaces_of(pid_t pid) {
 class LinkProgram : public testing::Test {
  protected:
   void SetUp() override {
-    if (const std::string reason = missing_right(); !reason.empty()) GTEST_SKIP() << reason;
+    if (const std::string reason = missing_privilege(); !reason.empty()) GTEST_SKIP() << reason;
   }
 };
 
@@ -55,7 +55,7 @@ TEST_F(LinkProgram, WaitsForTheSecondCommandWhenTheFirstIsDone) {
   EXPECT_THAT(run.output(), HasSubstr("over"));
 }
 
-TEST_F(LinkProgram, InsistsOnACommandThatDoesNotListen) {
+TEST_F(LinkProgram, KillsACommandThatIgnoresSignals) {
   Process run{link({"run", "--", "sh", "-c", "trap '' INT TERM; while :; do sleep 1; done", "--", "sleep", "0.5"})};
   EXPECT_EQ(run.wait(), 0);
 }
@@ -77,7 +77,7 @@ TEST_F(LinkProgram, InterruptedStopsBothCommandsAndCleansUp) {
   }
 }
 
-TEST_F(LinkProgram, KilledTakesItsCommandsWithItAndTheNextOneSweeps) {
+TEST_F(LinkProgram, EndsItsCommandsWhenKilledAndTheNextRunCleansUp) {
   Process run{link({"run", "--", "sh", "-c", "echo pid $$; exec sleep 1000", "--", "sleep", "1000"})};
   ASSERT_TRUE(run.wait_for_line("pid [0-9]"));
   const std::string said = run.output();
@@ -88,10 +88,10 @@ TEST_F(LinkProgram, KilledTakesItsCommandsWithItAndTheNextOneSweeps) {
   }
   Process next{link({"run", "--", "true", "--", "true"})};
   EXPECT_EQ(next.wait(), 0);
-  while (namespaces_of(run.pid()) != 0) std::this_thread::yield();  // ctest's watchdog bites when they stay
+  while (namespaces_of(run.pid()) != 0) std::this_thread::yield();  // ctest's timeout fails the test otherwise
 }
 
-TEST_F(LinkProgram, UpSaysHowToEnterAndEndsWhenAsked) {
+TEST_F(LinkProgram, UpPrintsHowToEnterAndEndsOnInterrupt) {
   Process up{link({"up", "--profile", "P6a"})};
   ASSERT_TRUE(up.wait_for_line("nsenter --net=/run/netns/tactus-link-[0-9]+-b"));
   up.signal(SIGINT);
@@ -112,13 +112,13 @@ TEST(LinkProgramAnywhere, RefusesWrongInputNamingIt) {
   refused({}, "subcommand");
 }
 
-TEST(LinkProgramAnywhere, WithoutRightsSaysWhichAndHowToGetThem) {
+TEST(LinkProgramAnywhere, WithoutPrivilegesNamesThemAndTheRemedy) {
   Words command = link({"run", "--", "true", "--", "true"});
   if (::geteuid() == 0) {
     for (const char* word : {"--clear-groups", "65534", "--reuid", "/usr/bin/setpriv"})
       command.insert(command.begin(), word);
-  } else if (missing_right().empty()) {
-    GTEST_SKIP() << "not root, yet with the rights that should be missing, and nobody to become";
+  } else if (missing_privilege().empty()) {
+    GTEST_SKIP() << "not root, but with the privileges that should be missing";
   }
   Process run{command};
   EXPECT_EQ(run.wait(), 2);

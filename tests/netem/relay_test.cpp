@@ -10,7 +10,7 @@
 namespace tactus::netem {
 namespace {
 
-/// A relay between two pairs of sockets that keep frames apart, as taps do: no rights needed.
+/// A relay between two pairs of sockets that preserve frame boundaries, like taps: no privileges needed.
 class RelayTest : public testing::Test {
  protected:
   RelayTest() {
@@ -43,7 +43,7 @@ class RelayTest : public testing::Test {
     frame[63] = ~number;
     ASSERT_EQ(::write(sockets_[side][0], frame.data(), sizeof frame), static_cast<ssize_t>(sizeof frame));
   }
-  /// The number of the next frame that comes out, which must be whole; none when nothing comes within `limit_ms`.
+  /// The number of the next frame that arrives, which must be complete; none within `limit_ms`.
   std::optional<std::uint32_t> next(int side, int limit_ms = 20'000) {
     pollfd on{sockets_[side][0], POLLIN, 0};
     if (::poll(&on, 1, limit_ms) != 1) return std::nullopt;
@@ -89,7 +89,7 @@ TEST_F(RelayTest, LosesTheFramesThatItsLinkLoses) {
   constexpr std::uint32_t kCount = 3000;
   Link oracle{profile, 2 * 7};
   start(profile, 7);
-  bool through = false;  // the last one, so that the relay has seen them all
+  bool through = false;  // the last frame, so that the relay has handled all of them
   for (std::uint32_t i = 0; i < kCount || !through; ++i) {
     send(0, i);
     through = oracle.departure(0, 256).has_value();

@@ -15,7 +15,7 @@ BodyState on_circle(std::int64_t ns) {
   BodyState state;
   state.position = {0.1 * std::cos(turn), 0.1 * std::sin(turn), 0};
   state.velocity = 3.14159265358979 * Vec3d{-state.position.y(), state.position.x(), 0};
-  state.orientation = haptics::rotation_by({0, 0, turn});
+  state.orientation = haptics::exp_map({0, 0, turn});
   state.angular_velocity = {0, 0, 3.14159265358979};
   return state;
 }

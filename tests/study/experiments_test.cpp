@@ -16,7 +16,7 @@ double value_of(const ScenarioRun& run, const std::string& name) {
   return -1;
 }
 
-class AllOfThem : public ::testing::Test {
+class StudyExperiments : public ::testing::Test {
  protected:
   static Experiments made() {
     Study study;
@@ -31,18 +31,18 @@ class AllOfThem : public ::testing::Test {
   const Experiments experiments_ = made();
 };
 
-TEST_F(AllOfThem, ShareTheBaseline) {
+TEST_F(StudyExperiments, ShareTheBaseline) {
   for (const Experiment& experiment : experiments_.all) EXPECT_EQ(experiment.profiles.front(), kBaseline);
 }
 
-TEST_F(AllOfThem, TwoUsersComeToTheForceThatTheyWant) {
+TEST_F(StudyExperiments, TwoUsersReachTheirTargetForce) {
   const ScenarioRun near = run("target-force", "P0");
   EXPECT_GT(value_of(near, "on target"), 99);
   EXPECT_LT(value_of(near, "off target by, rms"), 0.05);
   EXPECT_EQ(value_of(near, "contact lost"), 0);
 }
 
-TEST_F(AllOfThem, CopiesOfACrateThatTwoLiftStayTogetherAcrossAnOcean) {
+TEST_F(StudyExperiments, CopiesOfALiftedCrateStayTogetherAcrossAnOcean) {
   for (const auto& [link, max_apart] : {std::pair{"P4", 15.0}, std::pair{"P6", 25.0}}) {
     SCOPED_TRACE(link);
     const ScenarioRun far = run("lift", link);
@@ -55,14 +55,14 @@ TEST_F(AllOfThem, CopiesOfACrateThatTwoLiftStayTogetherAcrossAnOcean) {
   }
 }
 
-TEST_F(AllOfThem, FourUsersNeverPublishUnderOneNumberAndWaitARoundTrip) {
+TEST_F(StudyExperiments, FourUsersNeverPublishUnderOneNumberAndWaitARoundTrip) {
   const ScenarioRun far = run("hand-over", "P4");
   EXPECT_GT(value_of(far, "touches"), 40);
   EXPECT_EQ(value_of(far, "two under one number"), 0);
   EXPECT_NEAR(value_of(far, "granted after, mean"), 32, 6);
 }
 
-TEST_F(AllOfThem, WhatRunsAwayIsCountedAndHasNoFigures) {
+TEST_F(StudyExperiments, UnstableRunsAreCountedWithoutFigures) {
   const ScenarioRun naive = run("carry, naive", "P6");
   EXPECT_EQ(value_of(naive, "runs without end"), 100);
   EXPECT_TRUE(std::isnan(value_of(naive, "copies apart, most")));

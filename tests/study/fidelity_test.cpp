@@ -14,7 +14,7 @@ double value_of(const Figures& figures, const std::string& name, const std::stri
   return -1;
 }
 
-/// Hands that move along x at 1 mm/ms and feel along z.
+/// Hands that move along x at 1 mm/ms, with forces along z.
 class Hand {
  public:
   void feel(int ms, double felt, double truth, bool exact = true) {
@@ -55,7 +55,7 @@ TEST(Fidelity, JudgesErrorsByTheForceTheyComeWith) {
   EXPECT_EQ(value_of(figures, "above 1 JND"), 25);
 }
 
-TEST(Fidelity, TellsHowLateAndHowFarOffATouchBegins) {
+TEST(Fidelity, MeasuresDelayAndDistanceOfOnsets) {
   Hand hand;
   hand.feel(100, 0, 0);
   hand.feel(7, 0, 1);
@@ -71,16 +71,16 @@ TEST(Fidelity, TellsHowLateAndHowFarOffATouchBegins) {
   EXPECT_EQ(value_of(figures, "missed") + value_of(figures, "false"), 0);
 }
 
-TEST(Fidelity, CountsWhatIsMissedAndWhatIsFalse) {
+TEST(Fidelity, CountsMissedAndFalseTouches) {
   Hand hand;
   hand.feel(20, 0, 1);  // missed
   hand.feel(50, 0, 0);
   hand.feel(20, 1, 0);  // false
   hand.feel(50, 0, 0);
   hand.feel(20, 1, 1);
-  hand.feel(10, 0, 0);  // a bounce, no end
+  hand.feel(10, 0, 0);  // a bounce, not an end
   hand.feel(20, 1, 1);
-  hand.feel(30, 1, 0);  // the surface leaves for a while, the felt force does not: one touch that goes on
+  hand.feel(30, 1, 0);  // the surface leaves for a while, the force on the hand stays: one continued touch
   hand.feel(20, 1, 1);
   const Figures figures = hand.figures();
   EXPECT_EQ(value_of(figures, "touches"), 3);
@@ -127,7 +127,7 @@ TEST(TrueSphere, OnABoxIsStiffnessTimesDepth) {
     device.time_ns += 1'000'000;
     force = truth.at(device, false).force;
   }
-  EXPECT_NEAR(force.z(), 1.0, 2e-3);  // 1 mm below where the ball of 3 mm may be, and a micron that proxies stand off
+  EXPECT_NEAR(force.z(), 1.0, 2e-3);  // 1 mm below the lowest position of the 3 mm sphere, plus a micron of proxy skin
   EXPECT_NEAR(force.head<2>().norm(), 0, 1e-9);
 }
 

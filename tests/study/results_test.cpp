@@ -23,7 +23,7 @@ Experiment tap_over(std::vector<std::string> profiles) {
 }
 
 TEST(Cells, ArePairedByTheirSeeds) {
-  // Seeds differ by more than links do: only pairing shows that P4 is worse by 0.5 each time.
+  // Seeds differ more than links: only pairing shows that P4 is worse by 0.5 each time.
   const std::vector<study::Run> runs{run_of("P0", 1, 1), run_of("P0", 2, 5), run_of("P4", 2, 5.5), run_of("P4", 1, 1.5),
                                      run_of("P4", 3, 9)};
   const std::vector<Cell> cells = cells_of(runs, {tap_over({"P0", "P4", "P6"})});
@@ -38,7 +38,7 @@ TEST(Cells, ArePairedByTheirSeeds) {
   EXPECT_EQ(cells[1].figures[0].difference.high, 0.5);
 }
 
-TEST(Cells, LeaveOutRunsThatHaveNoSuchFigure) {
+TEST(Cells, OmitRunsWithoutTheFigure) {
   const std::vector<Cell> cells =
       cells_of({run_of("P0", 1, 1), run_of("P4", 1, std::nan("")), run_of("P4", 2, 3)}, {tap_over({"P0", "P4"})});
   EXPECT_EQ(cells[1].figures[0].value.count, 1u);
@@ -54,7 +54,7 @@ TEST(Tables, HaveProfilesAsRowsAndScenariosAsColumns) {
   EXPECT_THAT(csv(cells), HasSubstr("\"tap\",P4,\"force error rms\",N,1,0.123456,0.123456,0.123456,1,0.123456"));
 }
 
-TEST(Page, HasAPlotForWhatIsThereAndNeedsNothingFromElsewhere) {
+TEST(Page, HasAPlotPerFigureAndIsSelfContained) {
   const std::vector<Cell> cells =
       cells_of({run_of("P0", 1, 0), run_of("P4", 1, 0.2), run_of("P4", 2, std::nan(""))}, {tap_over({"P0", "P4"})});
   const std::string page = html({"<s>", "tactus sim study", "machine", "abc", {}}, cells);
@@ -71,7 +71,7 @@ TEST(Page, HasAPlotForWhatIsThereAndNeedsNothingFromElsewhere) {
     EXPECT_THAT(drawing, Not(HasSubstr("inf")));
     EXPECT_THAT(drawing, HasSubstr("<polyline"));
   }
-  EXPECT_EQ(drawings, 2u) << "of rms and of what is above a JND; onsets are not among these figures";
+  EXPECT_EQ(drawings, 2u) << "rms and share above a JND; these figures have no onsets";
 }
 
 class Log : public ::testing::Test {
@@ -79,7 +79,7 @@ class Log : public ::testing::Test {
   test_support::TemporaryFolder folder_;
 };
 
-TEST_F(Log, GoesOnWithWhatIsFinished) {
+TEST_F(Log, ContinuesAfterTheFinishedRuns) {
   {
     RunLog log{folder_.path(), "study A"};
     log.add(run_of("P0", 1, 0.25));

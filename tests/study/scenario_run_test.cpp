@@ -43,13 +43,13 @@ TEST_F(OnAScan, AToolFeelsForceAndTorqueOfTheFullMeshToTheBitWithoutDelay) {
   EXPECT_EQ(value_of(near, "torque error max"), 0);
   EXPECT_GT(value_of(near, "contact"), 6);
   EXPECT_GT(value_of(near, "true torque rms"), 2);
-  // What is compared does depend on the mesh.
+  // The compared figures do depend on the mesh.
   EXPECT_LT(value_of(far, "exact"), 98);
   EXPECT_GT(value_of(far, "force error max"), 0.1);
   EXPECT_GT(value_of(far, "torque error max"), 0.5);
 }
 
-TEST_F(OnAScan, AHandThatLeansBeyondTheLinkFeelsItsToolLate) {
+TEST_F(OnAScan, ARemoteTiltedHandReceivesTheForceOfItsToolLate) {
   client_sim::Scenario scenario = short_one(
       "      - approach: {object: scan}\n      - follow: {seconds: 2, pattern: circle, extent: 0.01, lean: 1.6}\n",
       "measures: forces\ntruth: full-mesh\ntool: stylus\n");
@@ -69,20 +69,20 @@ TEST_F(OnAScan, TheSameSeedGivesTheSameRunAndAnotherAnother) {
   ASSERT_EQ(first.figures.size(), again.figures.size());
   for (std::size_t i = 0; i < first.figures.size(); ++i) EXPECT_EQ(first.figures[i].value, again.figures[i].value);
   ASSERT_EQ(first.hands[0].size(), again.hands[0].size());
-  EXPECT_NE(first.hands[0].back().place, other.hands[0].back().place);
+  EXPECT_NE(first.hands[0].back().position, other.hands[0].back().position);
 }
 
 TEST_F(OnAScan, AColdStartTakesAsLongAsTheLink) {
   const client_sim::Scenario scenario = client_sim::load_scenario("cold-start");
   const ScenarioRun near = run(scenario, "P0"), far = run(scenario, "P0:delay=40");
-  // The catalogue comes one way, then two demands go there and what they want comes back.
+  // The catalogue takes one way, then two demands and their answers take two round trips.
   EXPECT_LT(value_of(near, "base mesh shown after"), 20);
   EXPECT_GT(value_of(far, "base mesh shown after"), 3 * 40);
   EXPECT_LT(value_of(far, "base mesh shown after"), 400);
   EXPECT_GT(value_of(near, "received until then"), 1);
 }
 
-TEST(OnAWall, AHandBeyondTheLinkFeelsItLateAndOneAtTheControllerAtOnce) {
+TEST(OnAWall, ARemoteHandFeelsTheWallLateAndALocalOneAtOnce) {
   const Subject wall = make_subject("wall", "wall", 2000, 0.2);
   const std::string tap = "      - tap: {object: wall, count: 2, speed: 0.2}\n";
   const std::string head = "measures: forces\ntruth: analytic\n";
@@ -94,7 +94,7 @@ TEST(OnAWall, AHandBeyondTheLinkFeelsItLateAndOneAtTheControllerAtOnce) {
   EXPECT_EQ(value_of(here, "touches"), 2);
   EXPECT_EQ(value_of(here, "onset off by"), 0);
   EXPECT_LT(value_of(here, "force error max"), 1e-6);
-  EXPECT_NEAR(value_of(there, "onset off by"), 40, 5);  // there and back
+  EXPECT_NEAR(value_of(there, "onset off by"), 40, 5);  // a round trip
   EXPECT_GT(value_of(there, "above 1 JND"), 90);
 }
 

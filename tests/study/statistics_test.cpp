@@ -18,14 +18,14 @@ TEST(Estimate, OfOneValueIsThatValue) {
 }
 
 TEST(Estimate, OfTwoValuesReachesBoth) {
-  // Of four equally likely draws one is twice the first value and one twice the second.
+  // Of four equally likely samples one is twice the first value and one twice the second.
   const Estimate two = estimate({0, 1});
   EXPECT_EQ(two.mean, 0.5);
   EXPECT_EQ(two.low, 0);
   EXPECT_EQ(two.high, 1);
 }
 
-TEST(Estimate, OfManyNormalValuesIsAsWideAsTheirStandardErrorSays) {
+TEST(Estimate, HasTheWidthOfTheStandardErrorForNormalValues) {
   std::mt19937_64 random{7};
   std::normal_distribution<double> normal{10, 2};
   std::vector<double> values(400);
@@ -46,7 +46,7 @@ TEST(Estimate, CoversTheMeanAboutNineteenTimesOfTwenty) {
     const Estimate found = estimate(values);
     covered += found.low <= 1 && 1 <= found.high ? 1 : 0;
   }
-  EXPECT_NEAR(covered / 300.0, 0.93, 0.035);  // the percentile bootstrap of skewed values covers a little less
+  EXPECT_NEAR(covered / 300.0, 0.93, 0.035);  // the percentile bootstrap of skewed values covers slightly less
 }
 
 }  // namespace

@@ -23,7 +23,7 @@ std::string error_of(const std::string& text) {
   return "";
 }
 
-TEST(Study, HoldsWhatTheTextSays) {
+TEST(Study, HoldsTheParsedValues) {
   const Study study = parse_study(R"(
 name: mine
 profiles: [P4, "P0:delay=25:loss=1"]
@@ -42,7 +42,7 @@ scan: {model: dragon.ply, size: 0.3}
   EXPECT_EQ(study.scan.size, 0.3);
 }
 
-TEST(Study, ErrorsNamePlaceKeyFindingAndExpectation) {
+TEST(Study, ErrorsNamePositionKeyFoundAndExpected) {
   EXPECT_EQ(error_of("name: s\nseeds: 0\n"), "s.yaml:2:8: seeds: found '0', expected a number from 1 to 10000");
   EXPECT_EQ(error_of("name: s\nscan: {model: x, sise: 1}\n"),
             "s.yaml:2:18: scan: unknown key 'sise', expected one of model, faces, size");
@@ -58,7 +58,7 @@ TEST(Study, HasTheBaselineFirstAndOnce) {
   EXPECT_THAT(study.profiles, ElementsAre("P0", "P4", "P6"));
 }
 
-TEST(Study, RefusesWhatItCannotRun) {
+TEST(Study, RefusesScenariosThatItCannotRun) {
   const test_support::TemporaryFolder folder;
   Study study;
   study.profiles = {"P99"};
@@ -69,7 +69,7 @@ TEST(Study, RefusesWhatItCannotRun) {
   std::ofstream{folder.path() / "t.yaml"} << "name: t\nmeasures: forces\ntruth: analytic\ntool: stylus\n"
                                              "users:\n  - {name: ann, script: [{tap: {object: wall}}]}\n";
   study.scenarios = {(folder.path() / "t.yaml").string()};
-  EXPECT_THROW((void)check(study), client_sim::ScenarioError);  // of a tool on a box nobody knows the truth
+  EXPECT_THROW((void)check(study), client_sim::ScenarioError);  // the ground truth of a tool on a box is not available
   study.scenarios = {"nowhere.yaml"};
   EXPECT_THROW((void)check(study), client_sim::ScenarioError);
 }

@@ -48,7 +48,7 @@ double distance(const Point& p, const Corners& t) {
   return std::sqrt(spm::closest_point({p[0], p[1], p[2]}, corner(0), corner(1), corner(2)).squared_distance);
 }
 
-/// What an HRTC would log that is never wrong, by all pairs.
+/// A correct HRTC's log entry, by all pairs.
 LoggedQuery true_query(const TriangleMesh& mesh, const Point& centre, double radius = kRadius) {
   LoggedQuery query;
   query.centre = centre;
@@ -74,7 +74,7 @@ class Audit : public ::testing::Test {
   static void SetUpTestSuite() {
     mesh_ = new TriangleMesh{spm::offline::generate(spm::offline::Shape::kOrgan, 2000, 7)};
     path_ = new std::vector<LoggedQuery>;
-    for (int i = 0; i < kPath; ++i) {  // through vertex after vertex, in and out of contact
+    for (int i = 0; i < kPath; ++i) {  // from vertex to vertex, in and out of contact
       const auto at = [](int stop) { return mesh_->positions[stop * 97 % mesh_->positions.size()]; };
       const double along = i % 20 / 20.0;
       Point centre;
@@ -116,7 +116,7 @@ class Audit : public ::testing::Test {
     return {code, out.str(), errors.str()};
   }
 
-  /// The first entry with a contact deeper than 1e-4, and which contact that is.
+  /// The first entry with a contact deeper than 1e-4, and the index of that contact.
   static std::pair<std::size_t, std::uint32_t> deep_contact() {
     for (std::size_t i = 0; i < path_->size(); ++i)
       for (std::uint32_t c = 0; c < (*path_)[i].contact_count; ++c)
@@ -132,7 +132,7 @@ class Audit : public ::testing::Test {
 TriangleMesh* Audit::mesh_ = nullptr;
 std::vector<LoggedQuery>* Audit::path_ = nullptr;
 
-TEST_F(Audit, PassesALogThatIsTrue) {
+TEST_F(Audit, PassesATrueLog) {
   std::uint64_t contact = 0, triangles = 0;
   for (const LoggedQuery& query : *path_) {
     contact += query.contact_count > 0 ? 1 : 0;
@@ -188,7 +188,7 @@ TEST_F(Audit, CatchesOneExtraContact) {
   EXPECT_EQ(run({path("a.hlog"), path("organ.ply")}).code, kCheckFailed);
 }
 
-TEST_F(Audit, CatchesATriangleLoggedTwiceTurnedOverOrWhereNothingIs) {
+TEST_F(Audit, CatchesADuplicatedFlippedOrInventedTriangle) {
   std::vector<LoggedQuery> queries = *path_;
   const auto [entry, contact] = deep_contact();
   LoggedQuery& twice = queries[entry];
@@ -229,7 +229,7 @@ TEST_F(Audit, CatchesADepthThatIsOffByMoreThanTheTolerance) {
   EXPECT_THAT(outcome.out, HasSubstr("1 wrong depths"));
 }
 
-TEST_F(Audit, LeavesOutWhatIsNotExactOrNotComplete) {
+TEST_F(Audit, SkipsInexactAndTruncatedEntries) {
   const auto [entry, contact] = deep_contact();
   std::vector<LoggedQuery> queries = *path_;
   queries[entry].contact_count = 0;
@@ -246,11 +246,11 @@ TEST_F(Audit, LeavesOutWhatIsNotExactOrNotComplete) {
   EXPECT_EQ(cut.audited, cut.contact - 1);
 }
 
-TEST_F(Audit, ExceptsTangentTrianglesAndCountsThem) {
+TEST_F(Audit, IgnoresAndCountsTangentTriangles) {
   const TriangleMesh one{{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, {{0, 1, 2}}};
   write_mesh(path("one.ply"), one);
   const std::uint64_t key = trace::triangle_key(corners_of(one, 0));
-  // Tolerances from tangency, and whether the log has the triangle: what the audit makes of it.
+  // Distance from tangency in tolerances, and whether the log has the triangle: the audit's result.
   const auto result = [&](double tolerances, bool logged) {
     LoggedQuery query = true_query(one, {0.25, 0.25, 0.5}, 0.5 - tolerances * kTolerance);
     query.contact_count = logged ? 1 : 0;
@@ -284,7 +284,7 @@ TEST_F(Audit, ChoosesEvenlyWithTwoFifthsNearAChange) {
   EXPECT_TRUE(std::adjacent_find(chosen.begin(), chosen.end(), std::greater_equal<>{}) == chosen.end());
 }
 
-TEST_F(Audit, ChoosesAsManyAsThereAreWhenOneKindIsShort) {
+TEST_F(Audit, FillsUpFromTheOtherKind) {
   const auto chosen = [](std::size_t close, std::size_t others, std::size_t max) {
     std::vector<bool> near_change(close, true);
     near_change.resize(close + others, false);
@@ -299,7 +299,7 @@ TEST_F(Audit, ChoosesAsManyAsThereAreWhenOneKindIsShort) {
   EXPECT_EQ(chosen(30, 20, 0), (std::pair<std::size_t, std::size_t>{0, 0}));
 }
 
-TEST_F(Audit, AuditsAsManyCyclesAsAskedFor) {
+TEST_F(Audit, AuditsAtMostTheRequestedCycles) {
   const ObjectAudit object = audited(*path_, 50);
   EXPECT_EQ(object.audited, 50u);
   EXPECT_EQ(object.audited_near_change, 20u);
@@ -319,7 +319,7 @@ TEST_F(Audit, TimesEachProbeFromTrueTouchToExactContact) {
   };
   add(away, 1, 0, true);
   add(touching, 5, 0, false);
-  queries.back().contact_count = 0;  // nothing shown there yet: still a true touch
+  queries.back().contact_count = 0;  // nothing loaded there yet: still a contact with the original
   add(touching, 6, 2, false);
   add(away, 10, 0, true);
   add(touching, 17, 0, true);
@@ -336,7 +336,7 @@ TEST_F(Audit, TimesEachProbeFromTrueTouchToExactContact) {
               AllOf(HasSubstr("exact 12.0 ms after"), HasSubstr("never exact")));
 }
 
-TEST_F(Audit, ReadsATornLogToWhereItEndsAndSaysSo) {
+TEST_F(Audit, ReadsATruncatedLogAndReportsIt) {
   write_log(*path_, "whole.hlog", {{0, 77, kScale, "organ"}}, {});
   const std::string bytes = read_bytes(path("whole.hlog"));
   write_bytes(path("torn.hlog"), bytes.substr(0, bytes.size() - 20));
@@ -356,7 +356,7 @@ TEST_F(Audit, CountsTheRecordsThatThePathsNeeded) {
   const BuiltModel built = spm::offline::build_model(*mesh_);
   spm::offline::write_model(path("organ.spm"), built.model(), {"organ.ply", built.cleaned});
   std::vector<LoggedQuery> queries(path_->begin(), path_->begin() + 60);
-  queries[0].exact = false;  // a true path is a path, exact or not
+  queries[0].exact = false;  // inexact contacts belong to the path too
   write_log(queries, "a.hlog", {{0, built.summary.digest, kScale, "organ"}});
 
   std::set<std::uint32_t> needed;
@@ -427,7 +427,7 @@ TEST_F(Audit, WritesJsonIntoAFileBesideTheText) {
   EXPECT_EQ(json["objects"][0]["audited"], 30);
 }
 
-TEST_F(Audit, AsksFclAboutEveryAuditedCycleAndItAgrees) {
+TEST_F(Audit, FclAgreesOnEveryAuditedCycle) {
   write_log(*path_);
   const Outcome outcome = run({path("a.hlog"), path("organ.ply"), "--json"});
   EXPECT_EQ(outcome.code, kDone);
@@ -451,7 +451,7 @@ TEST_F(Audit, FailsWhereFclDisagreesThoughTheLogIsTrue) {
   };
   EXPECT_TRUE(report_with(original.triangles).clean());
 
-  // One triangle of a deep contact is elsewhere in what FCL sees.
+  // FCL sees one triangle of a deep contact at another position.
   const auto [entry, contact] = deep_contact();
   std::vector<Corners> moved = original.triangles;
   std::uint64_t key = (*path_)[entry].contacts[contact].triangle;
@@ -460,7 +460,7 @@ TEST_F(Audit, FailsWhereFclDisagreesThoughTheLogIsTrue) {
       for (float& x : triangle) x += 5;
   const AuditReport report = report_with(moved);
   const ObjectAudit& object = report.objects.at(0);
-  EXPECT_EQ(object.mismatched, 0u) << "FCL is no judge";
+  EXPECT_EQ(object.mismatched, 0u) << "FCL does not decide a mismatch";
   ASSERT_GE(object.second.disagreed, 1u);
   EXPECT_EQ(object.second.first.at(0).only_audit, std::vector<std::uint64_t>{key});
   EXPECT_FALSE(report.clean());
@@ -475,27 +475,27 @@ TEST(SecondOpinion, DisagreesOnMissingAndExtraTrianglesAndOnTheDistanceBeyondThe
   const double far = std::sqrt(0.25 * 0.25 * 2 + 0.01);
   using Triangles = std::vector<std::uint32_t>;
 
-  EXPECT_TRUE(second.ask(centre, 0.2, 1e-6, {{0, 0.1}}).agrees());
-  EXPECT_TRUE(second.ask(centre, 0.5, 1e-6, {{0, 0.1}, {1, far}}).agrees());
-  EXPECT_EQ(second.ask(centre, 0.5, 1e-6, {{0, 0.1}}).only_fcl, Triangles{1});
-  EXPECT_EQ(second.ask(centre, 0.2, 1e-6, {{0, 0.1}, {1, 0.15}}).only_ours, Triangles{1});
-  EXPECT_TRUE(second.ask(centre, 0.2, 1e-6, {{0, 0.1 + 0.9e-6}}).agrees());
-  const auto off = second.ask(centre, 0.2, 1e-6, {{0, 0.1 + 1.1e-6}}).distance;
+  EXPECT_TRUE(second.compare(centre, 0.2, 1e-6, {{0, 0.1}}).agrees());
+  EXPECT_TRUE(second.compare(centre, 0.5, 1e-6, {{0, 0.1}, {1, far}}).agrees());
+  EXPECT_EQ(second.compare(centre, 0.5, 1e-6, {{0, 0.1}}).only_fcl, Triangles{1});
+  EXPECT_EQ(second.compare(centre, 0.2, 1e-6, {{0, 0.1}, {1, 0.15}}).only_ours, Triangles{1});
+  EXPECT_TRUE(second.compare(centre, 0.2, 1e-6, {{0, 0.1 + 0.9e-6}}).agrees());
+  const auto off = second.compare(centre, 0.2, 1e-6, {{0, 0.1 + 1.1e-6}}).distance;
   ASSERT_TRUE(off.has_value());
   EXPECT_NEAR(off->fcl, 0.1, 1e-9);
-  const auto nothing = second.ask(centre, 0.2, 1e-6, {}).distance;
+  const auto nothing = second.compare(centre, 0.2, 1e-6, {}).distance;
   ASSERT_TRUE(nothing.has_value());
   EXPECT_FALSE(nothing->ours.has_value());
 }
 
-TEST(SecondOpinion, TakesNoSideWithinTheToleranceOfTangency) {
+TEST(SecondOpinion, IgnoresTrianglesWithinTheToleranceOfTangency) {
   const std::vector<Corners> one{{0, 0, 0, 1, 0, 0, 0, 1, 0}};
   SecondOpinion second{one};
   const Point centre{0.25, 0.25, 0.1};
-  const auto inside = second.ask(centre, 0.1 + 0.5e-6, 1e-6, {});
+  const auto inside = second.compare(centre, 0.1 + 0.5e-6, 1e-6, {});
   EXPECT_TRUE(inside.agrees());
   EXPECT_EQ(inside.tangent, 1u);
-  EXPECT_FALSE(second.ask(centre, 0.1 + 1.5e-6, 1e-6, {}).agrees());
+  EXPECT_FALSE(second.compare(centre, 0.1 + 1.5e-6, 1e-6, {}).agrees());
 }
 
 TEST_F(Audit, RefusesWrongInputWithAMessageThatNamesIt) {
@@ -527,7 +527,7 @@ TEST_F(Audit, RefusesWrongInputWithAMessageThatNamesIt) {
       {{path("empty.hlog"), organ}, "empty.hlog: not a contact log"},
       {{path("later.hlog"), organ}, "contact log of version 9, expected 1"},
       {{path("tag.hlog"), organ}, "unknown entry 77"},
-      {{path("radius.hlog"), organ}, "radius.hlog: entry 0 has a ball of radius"},
+      {{path("radius.hlog"), organ}, "radius.hlog: entry 0 has a sphere of radius"},
       {{path("centre.hlog"), organ}, "centre that is not finite"},
       {{path("scale.hlog"), organ}, "scale.hlog: object 'organ' has the scale 0"},
       {{log, path("missing.ply")}, "missing.ply"},

@@ -12,7 +12,7 @@ namespace {
 using testing::HasSubstr;
 using testing::IsEmpty;
 
-/// A machine with nothing to mend.
+/// A machine without defects.
 Facts sound() {
   Facts facts;
   facts.interfaces = {{"lo", "127.0.0.1", 65536, true, false, false}, {"eth0", "10.0.0.2", 1500, false, true, true}};
@@ -28,11 +28,11 @@ Facts sound() {
   facts.ephemeral_from = 32768;
   facts.kernel = "6.1";
   facts.library = "2.14.0";
-  facts.meeting_after = 0.012;
+  facts.matched_after = 0.012;
   return facts;
 }
 
-/// What is not good about these facts.
+/// The findings that are not good.
 std::vector<Finding> complaints(const Facts& facts) {
   std::vector<Finding> found;
   for (const Finding& finding : judge(facts))
@@ -40,21 +40,21 @@ std::vector<Finding> complaints(const Facts& facts) {
   return found;
 }
 
-TEST(Doctor, HasNothingToMendOnASoundMachine) { EXPECT_THAT(complaints(sound()), IsEmpty()); }
+TEST(Doctor, FindsNothingOnASoundMachine) { EXPECT_THAT(complaints(sound()), IsEmpty()); }
 
-struct Illness {
+struct Defect {
   const char* name;
   std::function<void(Facts&)> spoil;
   Severity severity;
   const char* topic;
   const char* found;
-  const char* mend;
+  const char* remedy;
 };
-void PrintTo(const Illness& illness, std::ostream* out) { *out << illness.name; }
+void PrintTo(const Defect& illness, std::ostream* out) { *out << illness.name; }
 
-class EveryIllness : public testing::TestWithParam<Illness> {};
+class EveryDefect : public testing::TestWithParam<Defect> {};
 
-TEST_P(EveryIllness, IsTheOneFindingAndComesWithItsMend) {
+TEST_P(EveryDefect, IsTheOnlyFindingAndHasARemedy) {
   Facts facts = sound();
   GetParam().spoil(facts);
   const std::vector<Finding> found = complaints(facts);
@@ -62,66 +62,66 @@ TEST_P(EveryIllness, IsTheOneFindingAndComesWithItsMend) {
   EXPECT_EQ(found[0].severity, GetParam().severity);
   EXPECT_EQ(found[0].topic, GetParam().topic);
   EXPECT_THAT(found[0].found, HasSubstr(GetParam().found));
-  EXPECT_THAT(found[0].mend, HasSubstr(GetParam().mend));
+  EXPECT_THAT(found[0].remedy, HasSubstr(GetParam().remedy));
 }
 
 INSTANTIATE_TEST_SUITE_P(
-    Doctor, EveryIllness,
+    Doctor, EveryDefect,
     testing::Values(
-        Illness{"OnlyLoopback", [](Facts& f) { f.interfaces.pop_back(); }, Severity::kAdvice, "interfaces", "none",
-                "connect"},
-        Illness{"TwoNetworks",
-                [](Facts& f) {
-                  f.interfaces.push_back({"wlan0", "10.1.0.2", 1500, false, true, true});
-                },
-                Severity::kAdvice, "interfaces", "wlan0 10.1.0.2", "take down"},
-        Illness{"NoRoute", [](Facts& f) { f.multicast_route_error = "Network is unreachable"; }, Severity::kFault,
-                "multicast", "unreachable", "ip route add 239.0.0.0/8"},
-        Illness{"NoWayToAPeer",
-                [](Facts& f) {
-                  f.discovery.peers = {"10.9.9.9"};
-                  f.unreachable = {"10.9.9.9 (Network is unreachable)"};
-                },
-                Severity::kFault, "routes", "10.9.9.9", "ip route"},
-        Illness{"Deaf", [](Facts& f) { f.interfaces[1].received = false; }, Severity::kFault, "multicast", "eth0",
-                "--discovery-server"},
-        Illness{"Narrow", [](Facts& f) { f.interfaces[1].mtu = 1400; }, Severity::kAdvice, "mtu", "eth0 1400",
-                "mtu 1500"},
-        Illness{"SmallReceiveBuffer", [](Facts& f) { f.receive_buffer_max = 212992; }, Severity::kAdvice,
-                "socket buffers", "212992, the profiles ask for 4194304", "sysctl -w net.core.rmem_max=4194304"},
-        Illness{"SmallSendBuffer", [](Facts& f) { f.send_buffer_max = 212992; }, Severity::kAdvice, "socket buffers",
-                "212992", "net.core.wmem_max=1048576"},
-        Illness{"NoPriority", [](Facts& f) { f.fifo = false; }, Severity::kAdvice, "real time", "SCHED_FIFO 60",
-                "rtprio"},
-        Illness{"NoLock", [](Facts& f) { f.memory_locks = false; }, Severity::kAdvice, "locked memory", "refused",
-                "memlock"},
-        Illness{"NoShareLeft", [](Facts& f) { f.rt_runtime_us = -1; }, Severity::kAdvice, "real-time share", "-1",
-                "sched_rt_runtime_us=950000"},
-        Illness{"Late", [](Facts& f) { f.lateness.p99 = 900; }, Severity::kAdvice, "wake-up", "p99 900", "idle"},
-        Illness{"SlowClock", [](Facts& f) { f.clock_source = "hpet"; }, Severity::kAdvice, "clock", "hpet", "tsc"},
-        Illness{"BlockedPort", [](Facts& f) { f.blocked_ports = {12650}; }, Severity::kFault, "ports", "12650",
-                "ss -lunp"},
-        Illness{"PortsGivenAway", [](Facts& f) { f.ephemeral_from = 10000; }, Severity::kAdvice, "ports", "10000",
-                "ip_local_port_range"},
-        Illness{"CannotJoin", [](Facts& f) { f.meeting_error = "no such profile"; }, Severity::kFault, "meeting",
-                "no such profile", "mend"},
-        Illness{"NoMeeting", [](Facts& f) { f.meeting_after.reset(); }, Severity::kFault, "meeting", "did not meet",
-                "firewall"},
-        Illness{"NoServer",
-                [](Facts& f) {
-                  f.discovery.servers = {"10.0.0.5"};
-                  f.meeting_after.reset();
-                },
-                Severity::kFault, "meeting", "through 10.0.0.5", "fast-discovery-server"},
-        Illness{"OldLibrary", [](Facts& f) { f.library = "2.9.1"; }, Severity::kAdvice, "known faults", "CVE",
-                "firewall"},
-        Illness{"Leftovers", [](Facts& f) { f.leftovers = {"fastrtps_port7412"}; }, Severity::kAdvice, "shared memory",
-                "fastrtps_port7412", "fastdds shm clean"},
-        Illness{"Environment", [](Facts& f) { f.variables = {"ROS_DISCOVERY_SERVER"}; }, Severity::kAdvice,
-                "environment", "ROS_DISCOVERY_SERVER", "--discovery-server"}),
+        Defect{"OnlyLoopback", [](Facts& f) { f.interfaces.pop_back(); }, Severity::kAdvice, "interfaces", "loopback",
+               "connect"},
+        Defect{"TwoNetworks",
+               [](Facts& f) {
+                 f.interfaces.push_back({"wlan0", "10.1.0.2", 1500, false, true, true});
+               },
+               Severity::kAdvice, "interfaces", "wlan0 10.1.0.2", "take down"},
+        Defect{"NoRoute", [](Facts& f) { f.multicast_route_error = "Network is unreachable"; }, Severity::kFault,
+               "multicast", "unreachable", "ip route add 239.0.0.0/8"},
+        Defect{"NoRouteToAPeer",
+               [](Facts& f) {
+                 f.discovery.peers = {"10.9.9.9"};
+                 f.unreachable = {"10.9.9.9 (Network is unreachable)"};
+               },
+               Severity::kFault, "routes", "10.9.9.9", "ip route"},
+        Defect{"Deaf", [](Facts& f) { f.interfaces[1].received = false; }, Severity::kFault, "multicast", "eth0",
+               "--discovery-server"},
+        Defect{"Narrow", [](Facts& f) { f.interfaces[1].mtu = 1400; }, Severity::kAdvice, "mtu", "eth0 1400",
+               "mtu 1500"},
+        Defect{"SmallReceiveBuffer", [](Facts& f) { f.receive_buffer_max = 212992; }, Severity::kAdvice,
+               "socket buffers", "212992, the profiles require 4194304", "sysctl -w net.core.rmem_max=4194304"},
+        Defect{"SmallSendBuffer", [](Facts& f) { f.send_buffer_max = 212992; }, Severity::kAdvice, "socket buffers",
+               "212992", "net.core.wmem_max=1048576"},
+        Defect{"NoPriority", [](Facts& f) { f.fifo = false; }, Severity::kAdvice, "real time", "SCHED_FIFO 60",
+               "rtprio"},
+        Defect{"NoLock", [](Facts& f) { f.memory_locks = false; }, Severity::kAdvice, "locked memory", "refused",
+               "memlock"},
+        Defect{"NoShareLeft", [](Facts& f) { f.rt_runtime_us = -1; }, Severity::kAdvice, "real-time share", "-1",
+               "sched_rt_runtime_us=950000"},
+        Defect{"Late", [](Facts& f) { f.lateness.p99 = 900; }, Severity::kAdvice, "wake-up", "p99 900", "idle"},
+        Defect{"SlowClock", [](Facts& f) { f.clock_source = "hpet"; }, Severity::kAdvice, "clock", "hpet", "tsc"},
+        Defect{"BlockedPort", [](Facts& f) { f.blocked_ports = {12650}; }, Severity::kFault, "ports", "12650",
+               "ss -lunp"},
+        Defect{"PortsGivenAway", [](Facts& f) { f.ephemeral_from = 10000; }, Severity::kAdvice, "ports", "10000",
+               "ip_local_port_range"},
+        Defect{"CannotJoin", [](Facts& f) { f.join_error = "no such profile"; }, Severity::kFault, "meeting",
+               "no such profile", "correct"},
+        Defect{"NoMeeting", [](Facts& f) { f.matched_after.reset(); }, Severity::kFault, "meeting", "did not meet",
+               "firewall"},
+        Defect{"NoServer",
+               [](Facts& f) {
+                 f.discovery.servers = {"10.0.0.5"};
+                 f.matched_after.reset();
+               },
+               Severity::kFault, "meeting", "through 10.0.0.5", "fast-discovery-server"},
+        Defect{"OldLibrary", [](Facts& f) { f.library = "2.9.1"; }, Severity::kAdvice, "known faults", "CVE",
+               "firewall"},
+        Defect{"Leftovers", [](Facts& f) { f.stale_segments = {"fastrtps_port7412"}; }, Severity::kAdvice,
+               "shared memory", "fastrtps_port7412", "fastdds shm clean"},
+        Defect{"Environment", [](Facts& f) { f.variables = {"ROS_DISCOVERY_SERVER"}; }, Severity::kAdvice,
+               "environment", "ROS_DISCOVERY_SERVER", "--discovery-server"}),
     [](const auto& tested) { return tested.param.name; });
 
-TEST(Doctor, AsksForNoMulticastWhereDiscoveryNeedsNone) {
+TEST(Doctor, NeedsNoMulticastWithUnicastDiscovery) {
   Facts facts = sound();
   facts.multicast_route_error = "Network is unreachable";
   facts.discovery.peers = {"10.0.0.3"};
@@ -136,13 +136,13 @@ TEST(Doctor, WritesEveryFindingAsTextAndAsJson) {
   ASSERT_EQ(parsed.size(), findings.size());
   for (std::size_t i = 0; i < findings.size(); ++i) {
     EXPECT_EQ(parsed[i].at("topic"), findings[i].topic);
-    EXPECT_EQ(parsed[i].at("mend"), findings[i].mend);
+    EXPECT_EQ(parsed[i].at("mend"), findings[i].remedy);
     EXPECT_THAT(text(findings), HasSubstr(findings[i].found));
   }
   EXPECT_THAT(text(findings), HasSubstr("faults: 0, advices: 1"));
 }
 
-TEST(DoctorProgram, EndsWithOneWhenItFoundAFaultAndElseWithZero) {
+TEST(DoctorProgram, ExitsWithOneOnlyForAFault) {
   e2e::Process doctor{{TACTUS_DOCTOR, "--seconds", "0.1", "--domain", "94", "--json"}};
   const std::optional<int> status = doctor.wait();
   bool fault = false;
@@ -153,7 +153,7 @@ TEST(DoctorProgram, EndsWithOneWhenItFoundAFaultAndElseWithZero) {
   EXPECT_EQ(status, fault ? 1 : 0) << doctor.output();
 }
 
-TEST(DoctorProgram, FindsThatNoDiscoveryServerAnswers) {
+TEST(DoctorProgram, ReportsASilentDiscoveryServer) {
   e2e::Process doctor{{TACTUS_DOCTOR, "--seconds", "0.1", "--discovery-server", "127.0.0.1:9"}};
   EXPECT_EQ(doctor.wait(), 1);
   EXPECT_THAT(doctor.output(), HasSubstr("did not meet through 127.0.0.1:9"));

@@ -42,7 +42,7 @@ json audit(const char* log, const char* original) {
              {"records", {{"needed", 1000}, {"of_model", 20000}, {"received", 1300}, {"returned", 200}}}}}}};
 }
 
-/// A session of 20 s in which everything that the demo promises holds.
+/// A session of 20 s within all bounds of the demo.
 struct Session {
   json report{{"trouble", ""},
               {"duration_s", 20.0},
@@ -69,7 +69,7 @@ const Row& row_of(const std::vector<Row>& rows, const std::string& what) {
   throw std::logic_error("no row " + what);
 }
 
-TEST(Judge, AcceptsASessionThatKeepsItsPromises) {
+TEST(Judge, AcceptsASessionWithinItsBounds) {
   const std::vector<Row> rows = Session{}.rows();
   EXPECT_THAT(fallen(rows), IsEmpty());
   EXPECT_TRUE(all_hold(rows));
@@ -157,7 +157,7 @@ TEST(Judge, RowsThatDoNotApplySaySoAndDoNotFail) {
     EXPECT_EQ(row_of(rows, what).verdict, Verdict::kDoesNotApply) << what;
 }
 
-TEST(Judge, ASessionTooShortToTouchIsJudgedByTheRestOnly) {
+TEST(Judge, AShortSessionIsJudgedWithoutItsTouchRows) {
   Session session;
   session.promise.lift = false;
   session.report["duration_s"] = 1.0;

@@ -72,7 +72,7 @@ TEST_F(MeshTool, InfoHasTheRowsOfTableOne) {
   EXPECT_THAT(run({"info", path("s.spm")}).out, AllOf(HasSubstr("vertices"), HasSubstr("needs at most")));
 }
 
-TEST_F(MeshTool, InfoSaysWhatAProbeOfASizeAndSpeedTakesAtMost) {
+TEST_F(MeshTool, InfoBoundsTheNeedsOfAProbe) {
   ASSERT_EQ(run({"generate", "sphere", path("s.spm"), "--faces", "20000"}).code, kDone);
   const auto certificate = [&](const char* radius, const char* speed) {
     return nlohmann::json::parse(
@@ -104,7 +104,7 @@ TEST_F(MeshTool, UnitAndSizeSetTheScale) {
   EXPECT_NEAR(scale({"--size", "0.28"}), 2, 0.01);  // the torus is about 0.14 wide
 }
 
-TEST_F(MeshTool, SaysWhatImportDropped) {
+TEST_F(MeshTool, ReportsDroppedElements) {
   write_bytes(path("d.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\nf 2 3 1\nf 1 1 2\n");
   EXPECT_THAT(run({"build", path("d.obj"), path("d.spm")}).out,
               AllOf(HasSubstr("1 duplicate faces"), HasSubstr("1 repeated corner faces")));

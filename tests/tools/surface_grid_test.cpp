@@ -16,7 +16,7 @@ constexpr std::uint64_t kSeed = 20050613;
 Point minus(const Point& a, const Point& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
 double length(const Point& a) { return std::sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]); }
 
-/// Corners anywhere in a cube of half `size` around `centre`.
+/// A random triangle in a cube of half edge `size` around `centre`.
 Corners random_triangle(std::mt19937_64& random, double size, const Point& centre) {
   std::uniform_real_distribution<double> in_cube{-size, size};
   Corners corners;
@@ -29,7 +29,7 @@ Point random_point(std::mt19937_64& random, double size) {
   return {in_cube(random), in_cube(random), in_cube(random)};
 }
 
-/// The nearest of a lattice of points of the triangle.
+/// The smallest distance to a lattice of points of the triangle.
 double sampled_distance(const Point& point, const Corners& t, int steps) {
   double best = std::numeric_limits<double>::infinity();
   for (int i = 0; i <= steps; ++i)
@@ -89,7 +89,7 @@ TEST(DistanceToTriangle, AgreesWithTheRunTimeOnNeedlesAndSpecks) {
   }
 }
 
-TEST(SurfaceGrid, FindsWhatAllPairsFindAmongTrianglesOfAllSizes) {
+TEST(SurfaceGrid, AgreesWithAllPairsForTrianglesOfAllSizes) {
   std::mt19937_64 random{kSeed};
   std::vector<Corners> triangles;
   for (int i = 0; i < 4000; ++i) {
@@ -118,7 +118,7 @@ TEST(SurfaceGrid, FindsWhatAllPairsFindAmongTrianglesOfAllSizes) {
   EXPECT_GT(total, 1000u);
 }
 
-TEST(SurfaceGrid, FindsNothingFarAwayOrInNothing) {
+TEST(SurfaceGrid, FindsNothingFarAwayOrInAnEmptyMesh) {
   const std::vector<Corners> none, one{{0, 0, 0, 1, 0, 0, 0, 1, 0}};
   std::vector<SurfaceGrid::Near> found;
   SurfaceGrid{none, 1}.within({0, 0, 0}, 1, found);

@@ -4,15 +4,15 @@
 #include <gtest/gtest.h>
 
 #include "tests/support/temporary_folder.hpp"
+#include "tests/trace/read_mcap.hpp"
 #include "trace/cdr.hpp"
 #include "trace/idl_schema.hpp"
 #include "trace/mcap.hpp"
-#include "tests/trace/read_mcap.hpp"
 
 namespace tactus::trace {
 namespace {
 
-/// One of each, no field as it is by default.
+/// One message of each type; no field has its default value.
 std::vector<FlightMessage> one_of_each() {
   FlightStart start;
   start.build = "abc";
@@ -64,7 +64,7 @@ class FlightFile : public ::testing::Test {
   std::string file_ = (folder_.path() / "flight.mcap").string();
 };
 
-TEST_F(FlightFile, GivesBackWhatWasWritten) {
+TEST_F(FlightFile, ReadsTheWrittenMessages) {
   write();
   FlightFileReader reader{file_};
   FlightMessage found;
@@ -77,7 +77,7 @@ TEST_F(FlightFile, GivesBackWhatWasWritten) {
   EXPECT_FALSE(reader.is_cut());
 }
 
-TEST_F(FlightFile, IsWhatItsIdlSays) {
+TEST_F(FlightFile, MatchesItsIdl) {
   write();
   McapReader reader{file_};
   std::map<std::string, std::string> values;  // by topic and column
@@ -104,7 +104,7 @@ TEST_F(FlightFile, IsWhatItsIdlSays) {
   EXPECT_EQ(values["flight_refine budget_spent"], "1");
 }
 
-TEST_F(FlightFile, AMessageThatEndsTooSoonIsRefusedWhereverItEnds) {
+TEST_F(FlightFile, RefusesAMessageTruncatedAnywhere) {
   for (const FlightMessage& message : one_of_each()) {
     const std::vector<std::uint8_t> whole = encoded(message);
     for (std::size_t size = 0; size < whole.size(); ++size) {

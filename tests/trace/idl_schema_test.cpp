@@ -41,7 +41,7 @@ class Encoded {
  public:
   template <class Value>
   Encoded& add(Value value) {
-    while ((bytes_.size() - 4) % sizeof(Value) != 0) bytes_.push_back(0xee);  // padding may hold anything
+    while ((bytes_.size() - 4) % sizeof(Value) != 0) bytes_.push_back(0xee);  // padding may contain any byte
     const auto* const raw = reinterpret_cast<const std::uint8_t*>(&value);
     bytes_.insert(bytes_.end(), raw, raw + sizeof value);
     return *this;
@@ -76,7 +76,7 @@ TEST(IdlSchema, NamesAColumnForEachNumber) {
                           "grid.0.1", "grid.1.0", "grid.1.1", "last"));
 }
 
-TEST(IdlSchema, ReadsASampleAlongThem) {
+TEST(IdlSchema, ReadsASampleIntoItsColumns) {
   EXPECT_THAT(IdlSchema{kText}.cells("a::b::Outer", sample().bytes()),
               ElementsAre("9223372036854775808", "true", "0.1", "-2.5e-300", "kGreen", "n\"1",
                           R"([{"where":[3,4],"colour":"7"}])", "1.5", "0.1", "-0", "4", "-2"));
@@ -89,7 +89,7 @@ TEST(IdlSchema, ASampleThatIsCutAnywhereIsRefused) {
     EXPECT_THROW((void)schema.cells("a::b::Outer", whole.bytes(cut)), SchemaError) << cut;
 }
 
-TEST(IdlSchema, CountsThatCannotBeAreRefusedBeforeAnythingIsMade) {
+TEST(IdlSchema, RefusesImpossibleCountsBeforeAllocating) {
   Encoded e;
   e.add(std::uint64_t{1}).add(std::uint8_t{1}).add(0.1).add(0.1).add(std::uint32_t{1}).text("x").add(0xffffffffu);
   EXPECT_THROW((void)IdlSchema{kText}.cells("a::b::Outer", e.bytes()), SchemaError);

@@ -15,8 +15,8 @@ constexpr unsigned kSeed = 3;
 
 class Mcap : public ::testing::Test {
  protected:
-  /// Messages of any size on two topics, times going up and, now and then, back; more than two chunks. Gives what the
-  /// reader has to print of them.
+  /// Writes messages of random sizes on two topics, with times that mostly increase, in more than two chunks. Returns
+  /// the expected output of the reader.
   std::string fill(McapWriter& writer) {
     const McapWriter::Schema schema = writer.add_schema("demo::Blob", "omgidl", "struct Blob { octet x; };");
     const McapWriter::Channel channels[] = {writer.add_channel(schema, "a", "cdr", {{"key", "value"}}),
@@ -44,7 +44,7 @@ class Mcap : public ::testing::Test {
     return expected;
   }
 
-  /// The same of what our reader finds.
+  /// The output in the same format from our reader.
   std::string lines(bool* cut = nullptr) const {
     McapReader reader{file_};
     std::string all;
@@ -81,7 +81,7 @@ TEST_F(Mcap, TheReferenceReaderFindsEveryMessageByTheIndex) {
   EXPECT_EQ(lines(), expected) << "and so does ours, seed " << kSeed;
 }
 
-TEST_F(Mcap, AFileCutAnywhereIsReadUntilThere) {
+TEST_F(Mcap, ReadsAFileTruncatedAnywhere) {
   std::string expected;
   {
     McapWriter writer{file_, "test"};
@@ -111,7 +111,7 @@ TEST_F(Mcap, AFlippedByteIsFoundByTheChecksum) {
   EXPECT_THROW((void)lines(), McapError);
 }
 
-TEST_F(Mcap, AFileWithoutItsEndKeepsWhatWasFlushed) {
+TEST_F(Mcap, ATruncatedFileKeepsFlushedChunks) {
   if (const std::string reason = missing_mcap_reader(); !reason.empty()) GTEST_SKIP() << reason;
   McapWriter writer{file_, "test"};
   const std::string expected = fill(writer);
@@ -119,7 +119,7 @@ TEST_F(Mcap, AFileWithoutItsEndKeepsWhatWasFlushed) {
   EXPECT_EQ(read_mcap("lines stream '" + file_ + "'"), expected) << "seed " << kSeed;
 }
 
-TEST_F(Mcap, AnEmptyFileIsOne) {
+TEST_F(Mcap, AnEmptyFileIsValid) {
   if (const std::string reason = missing_mcap_reader(); !reason.empty()) GTEST_SKIP() << reason;
   { McapWriter writer{file_, "test"}; }
   EXPECT_EQ(read_mcap("lines '" + file_ + "'"), "");
@@ -135,7 +135,7 @@ TEST_F(Mcap, AFileThatCannotBeWrittenIsNamed) {
   }
 }
 
-TEST_F(Mcap, AFullDiskIsTold) {
+TEST_F(Mcap, ReportsAFullDisk) {
   McapWriter writer{"/dev/full", "test"};
   EXPECT_THROW(fill(writer), McapError);
 }

@@ -1,4 +1,4 @@
-/// What the reference reader of MCAP prints of a file.
+/// Output of the MCAP reference reader for a file.
 #pragma once
 
 #include <array>
@@ -12,12 +12,14 @@
 
 namespace tactus::trace {
 
-/// Why read_mcap() cannot be called here, or an empty text.
+/// Why read_mcap() is not available; empty when it is.
 inline std::string missing_mcap_reader() {
-  return *TACTUS_READ_MCAP != '\0' ? "" : "no reader of MCAP files: Node.js and the packages of package-lock.json are needed";
+  return *TACTUS_READ_MCAP != '\0'
+             ? ""
+             : "no reader of MCAP files: Node.js and the packages of package-lock.json are needed";
 }
 
-/// The output of tests/trace/read_mcap.js with these arguments; its errors come with it.
+/// The output of tests/trace/read_mcap.js with these arguments, error messages included.
 inline std::string read_mcap(const std::string& arguments) {
   const std::string command = TACTUS_READ_MCAP " " + arguments + " 2>&1";
   const std::unique_ptr<std::FILE, int (*)(std::FILE*)> pipe{popen(command.c_str(), "r"), &pclose};

@@ -1,6 +1,6 @@
-// read_mcap.js lines|decoded [stream] FILE: what the reference reader finds in an MCAP file. `lines`: each message as topic,
-// sequence, times and hex. `decoded`: as JSON, the count and the last message of each topic, decoded by its schema.
-// `stream` reads from the front, as a file without its end has to be.
+// read_mcap.js lines|decoded [stream] FILE: prints the messages that the reference reader finds. `lines`: each message
+// as topic, sequence, times and hex. `decoded`: as JSON, the count and the last message of each topic, decoded by its
+// schema. `stream` reads from the front, as required for a truncated file.
 "use strict";
 const { readFileSync } = require("fs");
 const { McapIndexedReader, McapStreamReader } = require("@mcap/core");

@@ -1,4 +1,4 @@
-// tactus-control: stops the forces of a session, starts them again, sets its mode, ends it.
+// tactus-control: stops the forces of a session, resets them, sets its mode, ends it.
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
@@ -26,17 +26,17 @@ Examples:
   tactus-control reset --session lab --domain 40
   tactus-control mode "collaborate ann,bob" --session lab --domain 40
 
-A stop takes every force in the session to zero at once; they stay off until a reset, which starts them softly. A reset
-ends the stops that stand when it begins, and no later one.
-Exit status: 0 acknowledged by all hosts and HRTCs, of which one is an HRTC at least; for mode and end received by all
-1 not so, or another stop still stands, 2 wrong input, 130 interrupted.)";
+A stop sets every force in the session to zero at once. Forces stay off until a reset, which starts them softly. A reset
+ends the stops in force when it begins, and no later ones.
+Exit status: 0 acknowledged by all hosts and HRTCs, at least one of them an HRTC (mode and end: received by all),
+1 not acknowledged by all, or another stop is still in force, 2 wrong input, 130 interrupted.)";
 
 constexpr std::int64_t kMs = 1'000'000;
-/// A stop and a reset are sent again after this.
+/// Period at which a stop and a reset are repeated.
 constexpr milliseconds kRepeat{20};
-/// From the first host or HRTC until all have been found: discovery reports no end.
+/// Time from the first host or HRTC until all are assumed found: discovery reports no end.
 constexpr std::int64_t kOthersNs = 1500 * kMs;
-/// From the first host or HRTC until the stops that stand have been read: five heartbeats.
+/// Time from the first host or HRTC until the stops in force are read: five heartbeats.
 constexpr std::int64_t kGatherNs = 500 * kMs;
 
 struct Order {
@@ -63,7 +63,7 @@ class Session {
   [[nodiscard]] const session::Roster& roster() const { return roster_; }
   [[nodiscard]] bool interrupted() const { return stop_; }
 
-  /// Reads rosters for a while. False when it was interrupted or patience ran out.
+  /// Reads rosters for `time`. False when interrupted or when the patience has run out.
   [[nodiscard]] bool wait(milliseconds time) {
     const std::int64_t until_ns = monotonic_ns() + time.count() * kMs;
     for (std::int64_t now_ns = monotonic_ns(); now_ns < until_ns && !stop_; now_ns = monotonic_ns()) {
@@ -75,11 +75,11 @@ class Session {
     if (found_ns_ == 0 && acting() > 0) found_ns_ = now_ns;
     return !stop_ && now_ns < end_ns_;
   }
-  /// A host or an HRTC was found so long ago.
+  /// True when a host or an HRTC was found at least `ns` ago.
   [[nodiscard]] bool found_for(std::int64_t ns) const { return found_ns_ != 0 && monotonic_ns() - found_ns_ >= ns; }
   [[nodiscard]] bool found() const { return found_ns_ != 0; }
 
-  /// Repeats it until every host and HRTC has acknowledged it.
+  /// Repeats the sample until every host and HRTC has acknowledged it.
   template <class Sample>
   session::Acknowledgement deliver(wire::Writer<Sample>& out, Sample sample) {
     session::Acknowledgement answer;
@@ -105,7 +105,7 @@ class Session {
   session::Roster roster_;
   const std::atomic<bool>& stop_;
   const std::int64_t end_ns_;
-  std::int64_t found_ns_ = 0;  // 0: nobody yet
+  std::int64_t found_ns_ = 0;  // 0: none yet
   wire::Inbox<session::RosterEntry> inbox_{1u << 12};
   wire::Reader<session::RosterEntry> reader_{
       // last: it fills the inbox
@@ -113,12 +113,12 @@ class Session {
 };
 
 int fail_unfound(const wire::SessionAddress& address, double patience) {
-  std::cerr << "tactus-control: nobody was found in session " << address.session << ", domain " << address.domain
+  std::cerr << "tactus-control: no host or HRTC found in session " << address.session << ", domain " << address.domain
             << ", within " << patience << " s\n";
   return 1;
 }
 
-/// Prints who acknowledged; the exit status.
+/// Prints who acknowledged; returns the exit status.
 int report(const session::Acknowledgement& answer) {
   std::cout << "acknowledged by HRTCs:" << join(answer.hrtcs) << "; by hosts:" << join(answer.hosts) << '\n';
   if (!answer.missing.empty()) std::cout << "not acknowledged by:" << join(answer.missing) << '\n';
@@ -133,7 +133,7 @@ int stop_forces(const wire::SessionAddress& address, const Order& order, const s
   return session.found() ? report(answer) : fail_unfound(address, order.patience);
 }
 
-/// What stands at any host or HRTC, each issuer once.
+/// The stops in force at any host or HRTC, each issuer once.
 std::vector<session::StopName> all_standing(const session::Roster& roster) {
   std::vector<session::StopName> all;
   roster.for_each([&](const session::RosterEntry& entry) {
@@ -175,34 +175,35 @@ int reset_forces(const wire::SessionAddress& address, const Order& order, const 
   std::size_t still = 0;
   session.roster().for_each([&](const session::RosterEntry& entry) {
     const std::size_t left = session::standing(entry.stops).size();
-    if (left > 0) std::cout << "still stopped by " << left << " that this reset did not name: " << entry.name << '\n';
+    if (left > 0)
+      std::cout << "still stopped by " << left << " stops that this reset did not name: " << entry.name << '\n';
     still += left;
   });
   return still == 0 ? status : 1;
 }
 
-/// For what every program receives and nobody acknowledges but DDS.
+/// Publishes a sample that programs receive but acknowledge only at the DDS level.
 template <class Sample>
 int announce(const wire::SessionAddress& address, const wire::TopicSpec<Sample>& topic, const Order& order,
              Sample sample, const std::atomic<bool>& stop) {
   wire::Participants participants{address};
   wire::Writer<Sample> out{participants, topic};
   sample.origin = participants.origin();
-  // Its writer keeps it for the readers that it finds later: so it is out before any is known.
+  // The writer keeps the sample for readers that it discovers later, so it may be sent before any is known.
   if (out.send(sample) != wire::SendStatus::kSent)
     throw std::runtime_error(std::string{"the sample was not sent: "} + out.last_fault());
   const std::int64_t end_ns = monotonic_ns() + static_cast<std::int64_t>(order.patience * 1e9);
   std::optional<std::int64_t> found_ns;
-  int received = 0;  // at most: an end makes them leave
+  int received = 0;  // a maximum, because programs leave after an end
   while (!stop && monotonic_ns() < end_ns && (!found_ns || monotonic_ns() - *found_ns < kOthersNs)) {
     received = std::max(received, out.matched());
     if (!found_ns && received > 0) found_ns = monotonic_ns();
-    std::this_thread::sleep_for(kRepeat);  // discovery reports nothing that could be waited for
+    std::this_thread::sleep_for(kRepeat);  // discovery has no notification to wait for
   }
   if (stop) return 130;
   if (!found_ns) return fail_unfound(address, order.patience);
   const bool all = out.wait_acknowledged(std::chrono::seconds{1});
-  std::cout << "received by " << received << " programs" << (all ? "" : ", not all of which have confirmed it") << '\n';
+  std::cout << "received by " << received << " programs" << (all ? "" : "; not all have confirmed it") << '\n';
   return all ? 0 : 1;
 }
 
@@ -212,16 +213,16 @@ int main(int argc, char** argv) {
   wire::SessionAddress address;
   address.participant = "control-" + std::to_string(getpid());
   Order order;
-  CLI::App app{"Tells everyone in a session: emergency stop, reset, mode, end.", "tactus-control"};
+  CLI::App app{"Sends an emergency stop, reset, mode or end to all programs of a session.", "tactus-control"};
   app.footer(kExamples);
   app.require_subcommand(1);
   app.fallthrough();
   wire::add_address_options(app, address, "program");
-  app.add_option("--patience", order.patience, "Seconds to look for somebody, and to wait for acknowledgements")
+  app.add_option("--patience", order.patience, "Seconds to wait for hosts and HRTCs and for acknowledgements")
       ->capture_default_str()
       ->check(CLI::Range(0.1, 3600.0));
   const auto with_reason = [&](CLI::App* sub) {
-    sub->add_option("--reason", order.text, "For the logs and reports of all")
+    sub->add_option("--reason", order.text, "Text for the logs and reports of all programs")
         ->check([](const std::string& text) -> std::string {
           return text.size() <= session::kMaxText ? ""
                                                   : "expected at most " + std::to_string(session::kMaxText) + " bytes";
@@ -231,12 +232,12 @@ int main(int argc, char** argv) {
   const CLI::App* const stop =
       with_reason(app.add_subcommand("stop", "Emergency stop: every force to zero, at once, until a reset"));
   const CLI::App* const reset = with_reason(
-      app.add_subcommand("reset", "End the stops that stand now, and the faults of devices; forces start softly"));
+      app.add_subcommand("reset", "End the stops now in force and the faults of devices; forces start softly"));
   const CLI::App* const end =
       with_reason(app.add_subcommand("end", "End the session: its programs write their reports and leave"));
   app.add_subcommand("mode", "Session mode of all or of some users")
       ->add_option("MODE", order.text,
-                   "As tactus-sim --mode takes it: auto, or collaborate or large-scale, for everyone or followed by "
+                   "As for tactus-sim --mode: auto, or collaborate or large-scale, for everyone or followed by "
                    "USER,USER...")
       ->required();
   try {

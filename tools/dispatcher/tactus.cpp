@@ -1,4 +1,4 @@
-// The one command in front of all programs: `tactus host ...` becomes `tactus-host ...` from the same folder.
+// Dispatcher of all programs: `tactus host ...` runs `tactus-host ...` from the same directory.
 #include <unistd.h>
 
 #include <array>
@@ -15,24 +15,24 @@ namespace {
 constexpr int kWrongInput = 2;
 
 struct Command {
-  std::string_view name;     // one word, or two
-  std::string_view program;  // beside this one; the demo is in the scripts folder
+  std::string_view name;     // one or two words
+  std::string_view program;  // in the same directory; the demo is in the scripts directory
   std::string_view purpose;
 };
 constexpr std::array kCommands{
     Command{"mesh", "tactus-mesh", "build, inspect, verify, generate and audit models"},
     Command{"host", "tactus-host", "serve models to a session (VE host)"},
     Command{"hrtc", "tactus-hrtc", "run haptic devices in a session (HRTC)"},
-    Command{"sim study", "tactus-study", "profiles by scenarios by seeds, against ground truth, as tables"},
+    Command{"sim study", "tactus-study", "run a study: links, scenarios and seeds, compared with ground truth"},
     Command{"sim", "tactus-sim", "simulated users that follow a scenario, and the session's report"},
-    Command{"judge", "tactus-judge", "compare a session's report and audits with what Tactus promises"},
-    Command{"control", "tactus-control", "emergency stop, reset, session mode and end, from anywhere"},
-    Command{"record", "tactus-record", "every topic of a session into an MCAP file"},
-    Command{"replay", "tactus-replay", "make the forces of a flight recording again, to the bit"},
+    Command{"judge", "tactus-judge", "compare a session's report and audits with their bounds"},
+    Command{"control", "tactus-control", "send an emergency stop, reset, mode or end to a session"},
+    Command{"record", "tactus-record", "record every topic of a session in an MCAP file"},
+    Command{"replay", "tactus-replay", "recompute the forces of a flight recording and compare them to the bit"},
     Command{"latency", "tactus-latency", "measure latency, jitter and loss of a session's topics, and of a network"},
-    Command{"doctor", "tactus-doctor", "whether this machine is fit for a session, and what mends it"},
+    Command{"doctor", "tactus-doctor", "check this machine for a session, with remedies"},
     Command{"link", "tactus-link", "emulated network links between two namespaces of this machine"},
-    Command{"demo", "demo", "all of it on this machine, from models to report"},
+    Command{"demo", "demo", "run a complete session on this machine"},
 };
 
 void print_help(std::FILE* out) {

@@ -32,8 +32,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr char kGroup[] = "239.255.0.1";  // of RTPS
-constexpr double kMeeting_s = 5;
+constexpr char kGroup[] = "239.255.0.1";  // multicast group of RTPS discovery
+constexpr double kMatchTimeout_s = 5;
 
 template <class Value>
 Value read(const fs::path& file, Value otherwise) {
@@ -73,8 +73,8 @@ class Socket {
   int fd_;
 };
 
-/// Sent to the group through the interface with this address, does it come back? The network does not take part in it.
-bool is_received(const std::string& interface) {
+/// True when a datagram to the group through this interface comes back. No other machine takes part.
+bool multicast_returns(const std::string& interface) {
   const Socket socket;
   ip_mreq group{};
   ::inet_pton(AF_INET, kGroup, &group.imr_multiaddr);
@@ -92,7 +92,7 @@ bool is_received(const std::string& interface) {
          ::poll(&in, 1, 500) == 1;
 }
 
-std::vector<Interface> look_at_interfaces() {
+std::vector<Interface> list_interfaces() {
   ifaddrs* first = nullptr;
   if (::getifaddrs(&first) != 0) return {};
   const std::unique_ptr<ifaddrs, void (*)(ifaddrs*)> owner{first, ::freeifaddrs};
@@ -110,20 +110,20 @@ std::vector<Interface> look_at_interfaces() {
     if (::ioctl(socket.fd(), SIOCGIFMTU, &request) == 0) made.mtu = request.ifr_mtu;
     made.loopback = (at->ifa_flags & IFF_LOOPBACK) != 0;
     made.multicast = (at->ifa_flags & IFF_MULTICAST) != 0;
-    made.received = !made.loopback && is_received(made.address);
+    made.received = !made.loopback && multicast_returns(made.address);
     found.push_back(std::move(made));
   }
   return found;
 }
 
-/// Why the system does not know where to send to this address; empty when it does.
+/// Why the system has no route to this address; empty when it has one.
 std::string route_error(const sockaddr_in& to) {
   const Socket socket;
   return ::connect(socket.fd(), reinterpret_cast<const sockaddr*>(&to), sizeof to) == 0 ? std::string{}
                                                                                         : std::strerror(errno);
 }
 
-/// Peers and servers that have no address or no route.
+/// Peers and servers without an address or a route.
 std::vector<std::string> unreachable(const wire::Discovery& discovery) {
   std::vector<std::string> hosts = discovery.peers, found;
   for (const std::string& server : discovery.servers) hosts.push_back(server.substr(0, server.rfind(':')));
@@ -141,7 +141,7 @@ std::vector<std::string> unreachable(const wire::Discovery& discovery) {
   return found;
 }
 
-/// In a thread of its own, which takes its priority with it.
+/// Runs in a thread of its own, because the priority ends with it.
 void measure_lateness(const Settings& settings, const std::atomic<bool>& stop, Facts& facts) {
   std::thread{[&] {
     sched_param wanted{};
@@ -171,7 +171,7 @@ double clock_read_ns() {
   return static_cast<double>(wire::monotonic_ns() - begin) / kReads;
 }
 
-/// Tried with as much as an HRTC of the default pool has, untouched.
+/// Tries the memory size of an HRTC with the default pool, untouched.
 bool memory_locks() {
   constexpr std::size_t kBytes = 256u << 20;
   void* const memory =
@@ -182,7 +182,7 @@ bool memory_locks() {
   return locked;
 }
 
-/// UDP ports of IPv4 that somebody in this network namespace has.
+/// UDP ports of IPv4 in use in this network namespace.
 std::set<int> bound_ports() {
   std::set<int> ports;
   std::ifstream file{"/proc/net/udp"};
@@ -197,11 +197,11 @@ std::set<int> bound_ports() {
   return ports;
 }
 
-void look_at_ports(int domain, Facts& facts) {
+void inspect_ports(int domain, Facts& facts) {
   const std::set<int> bound = bound_ports();
   facts.domain = domain;
   for (int program = 0; program < 120; ++program)
-    facts.programs_here += static_cast<int>(bound.count(wire::own_port(domain, program)));
+    facts.local_programs += static_cast<int>(bound.count(wire::own_port(domain, program)));
   for (int traffic = 0; traffic < wire::kTrafficClasses; ++traffic) {
     const int port = wire::discovery_port(domain + traffic);
     const Socket socket;
@@ -212,8 +212,8 @@ void look_at_ports(int domain, Facts& facts) {
   facts.ephemeral_from = read("/proc/sys/net/ipv4/ip_local_port_range", 32768);
 }
 
-/// Segments of the library that no program has mapped. Programs of other users cannot be looked into but by root.
-std::vector<std::string> leftovers() {
+/// Fast DDS segments that no program has mapped. Only root can inspect programs of other users.
+std::vector<std::string> stale_segments() {
   std::vector<std::string> found;
   std::error_code ignored;
   for (const auto& entry : fs::directory_iterator{"/dev/shm", ignored}) {
@@ -234,8 +234,8 @@ std::vector<std::string> leftovers() {
   return found;
 }
 
-/// One topic of each class, from one participant to the other.
-void try_to_meet(const Settings& settings, const std::atomic<bool>& stop, Facts& facts) {
+/// Connects one topic of each class between two participants.
+void try_to_match(const Settings& settings, const std::atomic<bool>& stop, Facts& facts) {
   try {
     wire::SessionAddress one = settings.address;
     one.session = "doctor." + std::to_string(::getpid()) + "." + std::to_string(wire::monotonic_ns());
@@ -252,24 +252,24 @@ void try_to_meet(const Settings& settings, const std::atomic<bool>& stop, Facts&
     const wire::Reader<session::BulkChunk> bulk_end{to, wire::topics::kBase, [](session::BulkChunk&&) {}};
     while (!stop) {
       const double after = static_cast<double>(wire::monotonic_ns() - begin) * 1e-9;
-      if (session_class.matched() + probe_class.matched() + bulk_class.matched() == 3) facts.meeting_after = after;
-      if (facts.meeting_after || after > kMeeting_s) return;
-      std::this_thread::sleep_for(std::chrono::milliseconds{2});  // matches come without telling
+      if (session_class.matched() + probe_class.matched() + bulk_class.matched() == 3) facts.matched_after = after;
+      if (facts.matched_after || after > kMatchTimeout_s) return;
+      std::this_thread::sleep_for(std::chrono::milliseconds{2});  // matches come without notification
     }
   } catch (const wire::WireError& error) {
-    facts.meeting_error = error.what();
+    facts.join_error = error.what();
   }
 }
 
 }  // namespace
 
-Facts look(const Settings& settings, const std::atomic<bool>& stop) {
+Facts collect_facts(const Settings& settings, const std::atomic<bool>& stop) {
   Facts facts;
   facts.discovery = settings.address.discovery;
   facts.wanted = wire::read_footprint(settings.address.qos);
   for (const char* name : {"ROS_DISCOVERY_SERVER", "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_ENVIRONMENT_FILE"})
-    if (std::getenv(name) != nullptr) facts.variables.emplace_back(name);  // before a Participants forgets them
-  facts.interfaces = look_at_interfaces();
+    if (std::getenv(name) != nullptr) facts.variables.emplace_back(name);  // before wire::Participants removes them
+  facts.interfaces = list_interfaces();
   facts.multicast_route_error = route_error(Socket::address(kGroup, 7400));
   facts.unreachable = unreachable(facts.discovery);
   facts.receive_buffer_max = read("/proc/sys/net/core/rmem_max", 0);
@@ -279,12 +279,12 @@ Facts look(const Settings& settings, const std::atomic<bool>& stop) {
   measure_lateness(settings, stop, facts);
   facts.clock_source = read("/sys/devices/system/clocksource/clocksource0/current_clocksource", std::string{});
   facts.clock_read_ns = clock_read_ns();
-  look_at_ports(settings.address.domain, facts);
+  inspect_ports(settings.address.domain, facts);
   utsname system{};
   if (::uname(&system) == 0) facts.kernel = system.release;
   facts.library = wire::library_version();
-  facts.leftovers = leftovers();
-  try_to_meet(settings, stop, facts);
+  facts.stale_segments = stale_segments();
+  try_to_match(settings, stop, facts);
   return facts;
 }
 

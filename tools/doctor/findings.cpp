@@ -11,9 +11,9 @@ namespace tactus::doctor {
 namespace {
 
 constexpr int kHeaders = 28;            // IPv4 and UDP
-constexpr double kLateAdvice_us = 200;  // p99; above, cycles of 1 kHz lose a fifth of their time
-constexpr double kSlowClock_ns = 200;   // a system call instead of a read
-constexpr int kLastProgram = 119;       // of a machine in one domain
+constexpr double kLateAdvice_us = 200;  // p99; beyond it cycles of 1 kHz lose a fifth of their time
+constexpr double kSlowClock_ns = 200;   // a system call instead of a vDSO read
+constexpr int kLastProgram = 119;       // number of programs per machine in one domain, minus one
 constexpr long kRtRuntime_us = 950000;  // the kernel's default
 
 using wire::discovery_port;
@@ -21,11 +21,11 @@ using wire::discovery_port;
 class Findings {
  public:
   void good(const char* topic, std::string found) { all.push_back({Severity::kGood, topic, std::move(found), {}}); }
-  void advice(const char* topic, std::string found, std::string mend) {
-    all.push_back({Severity::kAdvice, topic, std::move(found), std::move(mend)});
+  void advice(const char* topic, std::string found, std::string remedy) {
+    all.push_back({Severity::kAdvice, topic, std::move(found), std::move(remedy)});
   }
-  void fault(const char* topic, std::string found, std::string mend) {
-    all.push_back({Severity::kFault, topic, std::move(found), std::move(mend)});
+  void fault(const char* topic, std::string found, std::string remedy) {
+    all.push_back({Severity::kFault, topic, std::move(found), std::move(remedy)});
   }
   std::vector<Finding> all;
 };
@@ -42,18 +42,18 @@ std::string joined(const List& list) {
 bool by_multicast(const Facts& facts) { return facts.discovery.peers.empty() && facts.discovery.servers.empty(); }
 
 void judge_network(const Facts& facts, Findings& to) {
-  std::vector<std::string> outside, deaf, narrow;
+  std::vector<std::string> outside, unreceived, narrow;
   for (const Interface& i : facts.interfaces) {
     if (i.loopback) continue;
     outside.push_back(i.name + " " + i.address);
-    if (!i.received) deaf.push_back(i.name + (i.multicast ? "" : " (multicast is off)"));
+    if (!i.received) unreceived.push_back(i.name + (i.multicast ? "" : " (multicast is off)"));
     if (i.mtu < facts.wanted.message + kHeaders) narrow.push_back(i.name + " " + std::to_string(i.mtu));
   }
   if (outside.empty()) {
-    to.advice("interfaces", "none but the loopback", "connect a network; on this machine alone a session works");
+    to.advice("interfaces", "loopback only", "connect a network; a session on this machine alone works");
   } else if (outside.size() > 1) {
-    to.advice("interfaces", joined(outside) + ": all are announced to the others, reachable or not",
-              "take down what the session does not use, or keep it from the others by a namespace");
+    to.advice("interfaces", joined(outside) + ": all are announced to other machines, reachable or not",
+              "take down interfaces that the session does not use, or run it in a network namespace");
   } else {
     to.good("interfaces", joined(outside));
   }
@@ -65,25 +65,29 @@ void judge_network(const Facts& facts, Findings& to) {
   } else if (!facts.multicast_route_error.empty()) {
     to.fault(multicast, "no route to 239.255.0.1: " + facts.multicast_route_error,
              "ip route add 239.0.0.0/8 dev INTERFACE" + instead);
-  } else if (!deaf.empty()) {
-    to.fault(multicast, "what is sent to 239.255.0.1 is not heard back on " + joined(deaf),
+  } else if (!unreceived.empty()) {
+    to.fault(multicast, "datagrams to 239.255.0.1 do not come back on " + joined(unreceived),
              "ip link set INTERFACE multicast on; let a firewall pass UDP to 239.255.0.1" + instead);
   } else {
-    to.good(multicast, "heard back on every interface; between machines: tactus latency serve, and run --to HOST");
+    to.good(
+        multicast,
+        "works on every interface of this machine; between machines test with tactus latency serve and run --to HOST");
   }
 
   if (!facts.unreachable.empty()) {
-    to.fault("routes", "no way to " + joined(facts.unreachable), "see the names and ip route; ip route get ADDRESS");
+    to.fault("routes", "no route to " + joined(facts.unreachable), "see the names and ip route; ip route get ADDRESS");
   } else if (!by_multicast(facts)) {
-    to.good("routes", "to every peer and server named");
+    to.good("routes", "to every configured peer and server");
   }
 
   const std::string frame = std::to_string(facts.wanted.message + kHeaders);
   if (narrow.empty()) {
     to.good("mtu", "at least " + frame + " bytes, the largest datagram");
   } else {
-    to.advice("mtu", joined(narrow) + ": datagrams of " + frame + " bytes go in fragments, and one lost loses all",
-              "ip link set INTERFACE mtu " + frame + ", or a smaller maxMessageSize in a copy of qos/");
+    to.advice(
+        "mtu",
+        joined(narrow) + ": datagrams of " + frame + " bytes are fragmented, and one lost fragment loses the datagram",
+        "ip link set INTERFACE mtu " + frame + ", or a smaller maxMessageSize in a copy of qos/");
   }
 }
 
@@ -94,8 +98,8 @@ void judge_buffers(const Facts& facts, Findings& to) {
       to.good("socket buffers", name + " is " + std::to_string(have));
     } else {
       to.advice("socket buffers",
-                name + " is " + std::to_string(have) + ", the profiles ask for " + std::to_string(want) +
-                    ": bursts of records may be lost and sent again",
+                name + " is " + std::to_string(have) + ", the profiles require " + std::to_string(want) +
+                    ": bursts of records may be lost and repeated",
                 "sysctl -w " + name + "=" + std::to_string(want));
     }
   };
@@ -105,15 +109,16 @@ void judge_buffers(const Facts& facts, Findings& to) {
 
 void judge_time(const Facts& facts, Findings& to) {
   if (facts.fifo) {
-    to.good("real time", "SCHED_FIFO " + std::to_string(facts.priority) + " can be had");
+    to.good("real time", "SCHED_FIFO " + std::to_string(facts.priority) + " is available");
   } else {
-    to.advice("real time",
-              "SCHED_FIFO " + std::to_string(facts.priority) + " is refused: cycles will be late when others work",
-              "'USER - rtprio 98' in /etc/security/limits.conf and a new login; in a container --cap-add SYS_NICE "
-              "--ulimit rtprio=98");
+    to.advice(
+        "real time",
+        "SCHED_FIFO " + std::to_string(facts.priority) + " is refused: cycles will be late when other programs run",
+        "'USER - rtprio 98' in /etc/security/limits.conf and a new login; in a container --cap-add SYS_NICE "
+        "--ulimit rtprio=98");
   }
   if (facts.memory_locks) {
-    to.good("locked memory", "can be had");
+    to.good("locked memory", "is available");
   } else {
     to.advice("locked memory", "is refused: a page fault may delay a cycle",
               "'USER - memlock unlimited' in /etc/security/limits.conf and a new login; in a container --ulimit "
@@ -122,7 +127,7 @@ void judge_time(const Facts& facts, Findings& to) {
   if (facts.rt_runtime_us < 0 || facts.rt_runtime_us > kRtRuntime_us) {
     to.advice("real-time share",
               "kernel.sched_rt_runtime_us is " + std::to_string(facts.rt_runtime_us) +
-                  ": a thread that spins, as one of Fast DDS may, stops the machine",
+                  ": a spinning real-time thread, for instance of Fast DDS, would block the machine",
               "sysctl -w kernel.sched_rt_runtime_us=" + std::to_string(kRtRuntime_us));
   } else {
     to.good("real-time share", std::to_string(facts.rt_runtime_us) + " us of each second");
@@ -133,7 +138,7 @@ void judge_time(const Facts& facts, Findings& to) {
       "of a 1 kHz timer: p50 " + number(late.p50) + ", p99 " + number(late.p99) + ", max " + number(late.max) + " us";
   if (late.p99 > kLateAdvice_us) {
     to.advice("wake-up", found,
-              "end what else runs; real-time rights (above); processor idle states off: tuned-adm profile "
+              "end other programs; grant real-time priority (above); turn off processor idle states: tuned-adm profile "
               "latency-performance, or cpupower idle-set -D 10");
   } else {
     to.good("wake-up", found);
@@ -143,7 +148,7 @@ void judge_time(const Facts& facts, Findings& to) {
   const std::string clock = (facts.clock_source.empty() ? "unknown source" : facts.clock_source) + ", " +
                             number(facts.clock_read_ns) + " ns to read";
   if (kSlow.count(facts.clock_source) != 0 || facts.clock_read_ns > kSlowClock_ns) {
-    to.advice("clock", clock + ": every stamp is a system call",
+    to.advice("clock", clock + ": every timestamp is a system call",
               "echo tsc > /sys/devices/system/clocksource/clocksource0/current_clocksource, if available_clocksource "
               "has it");
   } else {
@@ -156,34 +161,34 @@ void judge_domain(const Facts& facts, Findings& to) {
   if (!facts.blocked_ports.empty()) {
     std::vector<std::string> ports;
     for (const int port : facts.blocked_ports) ports.push_back(std::to_string(port));
-    to.fault("ports", "UDP " + joined(ports) + " of " + which + " belong to a program that does not share them",
-             "see which: ss -lunp; end it or take another --domain");
+    to.fault("ports", "UDP " + joined(ports) + " of " + which + " are in use by a program that does not share them",
+             "find it with ss -lunp; end it or use another --domain");
   } else if (const int last = discovery_port(facts.domain + wire::kTrafficClasses - 1) + 11 + 2 * kLastProgram;
              facts.ephemeral_from <= last) {
     to.advice("ports",
-              which + " uses up to " + std::to_string(last) + ", the system gives away ports from " +
+              which + " uses up to " + std::to_string(last) + ", ephemeral ports of the system begin at " +
                   std::to_string(facts.ephemeral_from),
               "a smaller --domain, or sysctl -w net.ipv4.ip_local_port_range='32768 60999'");
   } else {
     to.good("ports", which + ": UDP " + std::to_string(discovery_port(facts.domain)) +
-                         " and up, programs here now: " + std::to_string(facts.programs_here));
+                         " and up, programs on this machine: " + std::to_string(facts.local_programs));
   }
 
   const std::string how = !facts.discovery.servers.empty() ? "through " + joined(facts.discovery.servers)
                           : !facts.discovery.peers.empty() ? "as peers"
                                                            : "by multicast";
-  if (!facts.meeting_error.empty()) {
-    to.fault("meeting", "cannot join " + which + ": " + facts.meeting_error,
-             "mend the faults above, or the reason given");
-  } else if (facts.meeting_after) {
-    to.good("meeting", "two participants here met " + how + " in " + number(*facts.meeting_after * 1e3) +
+  if (!facts.join_error.empty()) {
+    to.fault("meeting", "cannot join " + which + ": " + facts.join_error,
+             "correct the faults above or the stated reason");
+  } else if (facts.matched_after) {
+    to.good("meeting", "two participants here met " + how + " in " + number(*facts.matched_after * 1e3) +
                            " ms on all three classes");
   } else {
-    to.fault(
-        "meeting", "two participants here did not meet " + how,
-        facts.discovery.servers.empty()
-            ? "let a firewall pass UDP " + std::to_string(discovery_port(facts.domain)) + " and up, in and out"
-            : "is the server there? fast-discovery-server -i 0 -p 11811 -x " + std::string{"QOS/discovery_server.xml"});
+    to.fault("meeting", "two participants here did not meet " + how,
+             facts.discovery.servers.empty()
+                 ? "let a firewall pass UDP " + std::to_string(discovery_port(facts.domain)) + " and up, in and out"
+                 : "is the server running? fast-discovery-server -i 0 -p 11811 -x " +
+                       std::string{"QOS/discovery_server.xml"});
   }
 }
 
@@ -195,21 +200,21 @@ void judge_software(const Facts& facts, Findings& to) {
         "known faults",
         "Fast DDS 2.9.1 as packaged by Debian 12 has published faults (CVE-2024-28231, CVE-2025-64438 and some 30 "
         "more) that a single packet can trigger",
-        "use it in networks where everybody is trusted; let a firewall pass UDP 7400 to 32000 from known machines "
+        "use it in trusted networks only; let a firewall pass UDP 7400 to 32000 from known machines "
         "only");
   }
-  if (facts.leftovers.empty()) {
-    to.good("shared memory", "nothing of ended programs in /dev/shm");
+  if (facts.stale_segments.empty()) {
+    to.good("shared memory", "no segments of ended programs in /dev/shm");
   } else {
     to.advice("shared memory",
-              std::to_string(facts.leftovers.size()) + " segments of ended programs in /dev/shm, as " +
-                  facts.leftovers.front(),
+              std::to_string(facts.stale_segments.size()) + " segments of ended programs in /dev/shm, for example " +
+                  facts.stale_segments.front(),
               "fastdds shm clean (Debian: fastdds-tools)");
   }
   if (facts.variables.empty()) {
-    to.good("environment", "names nothing for the DDS library");
+    to.good("environment", "sets no variable of the DDS library");
   } else {
-    to.advice("environment", joined(facts.variables) + ": not what a session goes by",
+    to.advice("environment", joined(facts.variables) + ": sessions ignore these variables",
               "unset; use --peer, --discovery-server and --qos");
   }
 }
@@ -234,7 +239,7 @@ std::string text(const std::vector<Finding>& findings) {
     std::snprintf(head, sizeof head, "%-7s %-16s ",
                   f.severity == Severity::kGood ? "" : kSeverityNames[static_cast<int>(f.severity)], f.topic.c_str());
     all += head + f.found + "\n";
-    if (!f.mend.empty()) all += std::string(25, ' ') + "-> " + f.mend + "\n";
+    if (!f.remedy.empty()) all += std::string(25, ' ') + "-> " + f.remedy + "\n";
     faults += f.severity == Severity::kFault ? 1 : 0;
     advices += f.severity == Severity::kAdvice ? 1 : 0;
   }
@@ -247,7 +252,7 @@ std::string json(const std::vector<Finding>& findings) {
     all.push_back({{"severity", kSeverityNames[static_cast<int>(f.severity)]},
                    {"topic", f.topic},
                    {"found", f.found},
-                   {"mend", f.mend}});
+                   {"mend", f.remedy}});
   return nlohmann::ordered_json{{"findings", all}}.dump(2) + "\n";
 }
 

@@ -1,4 +1,4 @@
-/// What the facts of a machine mean for a session, and what mends it.
+/// Judges the facts of a machine and states remedies.
 #pragma once
 
 #include <string>
@@ -19,10 +19,10 @@ struct Finding {
   Severity severity = Severity::kGood;
   std::string topic;  ///< one word or two
   std::string found;
-  std::string mend;  ///< a command where there is one; empty when good
+  std::string remedy;  ///< remedy, a command if possible; empty when good
 };
 
-/// At least one finding for each topic, in a fixed order. Pure.
+/// At least one finding per topic, in a fixed order. Pure.
 [[nodiscard]] std::vector<Finding> judge(const Facts& facts);
 
 [[nodiscard]] std::string text(const std::vector<Finding>& findings);

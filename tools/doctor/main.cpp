@@ -1,4 +1,4 @@
-// tactus-doctor: whether this machine is fit for a session, and what mends it.
+// tactus-doctor: checks whether this machine is fit for a session, and states remedies.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <iostream>
@@ -15,7 +15,7 @@ Examples:
   tactus-doctor --domain 40 --json
   tactus-doctor --discovery-server 10.0.0.5
 
-A fault keeps a session from working, an advice makes it better; behind -> stands what mends it.
+A fault prevents a session, an advice improves it; the remedy follows ->.
 Exit status: 0 no fault, 1 a fault, 2 wrong input, 130 interrupted.)";
 
 }  // namespace
@@ -24,7 +24,7 @@ int main(int argc, char** argv) {
   using namespace tactus;
   doctor::Settings settings;
   bool as_json = false;
-  CLI::App app{"Looks whether this machine is fit for a session: network, real time, clock, ports, versions.",
+  CLI::App app{"Checks whether this machine is fit for a session: network, real time, clock, ports, versions.",
                "tactus-doctor"};
   app.footer(kExamples);
   app.add_option("--domain", settings.address.domain, "First of the three DDS domains of the session")
@@ -35,10 +35,10 @@ int main(int argc, char** argv) {
   app.add_option("--priority", settings.priority, "SCHED_FIFO priority to try")
       ->capture_default_str()
       ->check(CLI::Range(1, 98));
-  app.add_option("--seconds", settings.seconds, "How long wake-ups are measured")
+  app.add_option("--seconds", settings.seconds, "Duration of the wake-up measurement")
       ->capture_default_str()
       ->check(CLI::Range(0.1, 3600.0));
-  app.add_flag("--json", as_json, "For machines: a list of findings");
+  app.add_flag("--json", as_json, "Print the findings as JSON");
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
@@ -46,7 +46,7 @@ int main(int argc, char** argv) {
   }
   const std::atomic<bool>& stop = wire::stop_signal();
   try {
-    const std::vector<doctor::Finding> findings = doctor::judge(doctor::look(settings, stop));
+    const std::vector<doctor::Finding> findings = doctor::judge(doctor::collect_facts(settings, stop));
     if (stop) return 130;
     std::cout << (as_json ? doctor::json(findings) : doctor::text(findings));
     return std::any_of(findings.begin(), findings.end(),

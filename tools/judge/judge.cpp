@@ -29,18 +29,18 @@ std::string listed(const std::vector<std::string>& names) {
   return text;
 }
 
-/// What the audits of one HRTC's log add up to.
+/// Sums over the audits of one HRTC's log.
 struct HrtcAudit {
   std::uint64_t contact = 0, exact = 0, audited = 0, near_change = 0;
   std::uint64_t needed = 0, received = 0, returned = 0, of_models = 0;
-  std::vector<std::string> unfinished;  // originals whose audit lacks the totals of the log
+  std::vector<std::string> unfinished;  // originals whose log has no totals
 };
 
 struct Totals {
   std::map<std::string, HrtcAudit> hrtcs;
   std::uint64_t audits = 0, mismatched = 0, disagreed = 0;
   double slowest_exact = 0;              // s
-  std::vector<std::string> never_exact;  // probes that touched and had no exact contact
+  std::vector<std::string> never_exact;  // probes with contact but without exact contact
 };
 
 Totals totals_of(const std::vector<Json>& audits) {
@@ -112,7 +112,7 @@ class Judge {
   void leave_out(std::string what, std::string value, std::string reason) {
     rows_.push_back({std::move(what), std::move(value), {}, Verdict::kDoesNotApply, std::move(reason)});
   }
-  /// A row that a short session cannot fulfil.
+  /// A row that does not apply to a short session.
   void add_touch(std::string what, std::string value, std::string bound, bool holds, std::string reason = {}) {
     if (too_short_.empty())
       add(std::move(what), std::move(value), std::move(bound), holds, std::move(reason));
@@ -184,17 +184,17 @@ class Judge {
     }
     const auto first = static_cast<double>(hrtc.received - std::min(hrtc.received, hrtc.returned));
     const double ratio = hrtc.needed > 0 ? first / static_cast<double>(hrtc.needed) : 0;
-    // Each needed split is received at least once, or the contacts that need it were not exact.
+    // Every needed split was received at least once, or the contacts that need it were not exact.
     add_touch(per_needed, formatted("%.3f", ratio), formatted("<= %.2f", bounds_.received_per_needed),
               hrtc.needed > 0 && ratio <= bounds_.received_per_needed,
-              hrtc.needed > 0 ? "" : "no path of this HRTC needed any");
+              hrtc.needed > 0 ? "" : "the paths of this HRTC needed none");
     const double share = static_cast<double>(hrtc.received) / static_cast<double>(hrtc.of_models);
     const std::string value = formatted("%.2f %%", 100 * share);
     if (promise_.received_share)
       add_touch(of_all, value, formatted("<= %.0f %%", 100 * *promise_.received_share),
                 share <= *promise_.received_share);
     else
-      leave_out(of_all, value, "no bound was given for these models and this time");
+      leave_out(of_all, value, "no bound was given for these models and this duration");
   }
 
   void audits() {
@@ -224,7 +224,7 @@ class Judge {
       if (promise_.eviction)
         add_touch(what, whole(count), ">= 1", count >= 1);
       else
-        leave_out(what, whole(count), "the caches may hold all that these users touch");
+        leave_out(what, whole(count), "the caches may be large enough for all touched regions");
     }
   }
 

@@ -1,5 +1,5 @@
-/// Compares a session with what Tactus promises: reads the report of the session and the audits of its contacts, and
-/// returns a table of values, bounds and verdicts.
+/// Compares a session with its bounds: reads the report of the session and the audits of its contacts, and returns a
+/// table of values, bounds and verdicts.
 ///
 /// Input is the JSON of `tactus-sim --json` and of `tactus-mesh audit --json`. A missing key is an error; a missing
 /// sample falls short. Not realtime.
@@ -13,16 +13,16 @@
 
 namespace tactus::judge {
 
-/// What a session must reach. The defaults leave room for a loaded machine with two cores.
+/// Bounds of a session. The defaults leave room for a loaded machine with two cores.
 struct Bounds {
   /// Simulated users need some seconds to reach a surface: rows about touch do not apply to a shorter session.
   double shortest_session = 6;           ///< s
   double exact_share = 0.97;             ///< of the cycles that touch the original surface, for each HRTC
   double first_exact = 5;                ///< s from the start of the session to the first exact contact of each user
   double exact_after_touch = 0.2;        ///< s from the first touch of a surface to its first exact contact
-  double received_per_needed = 1.4;      ///< vertex splits, without those that come again after an eviction
+  double received_per_needed = 1.4;      ///< vertex splits, not counting those received again after an eviction
   double audited_per_second = 200;       ///< cycles for each HRTC and second of the session
-  std::uint64_t audited_enough = 5'000;  ///< cycles for each HRTC, however long the session
+  std::uint64_t audited_enough = 5'000;  ///< cycles for each HRTC, for a session of any length
 
   double raised_min = 0.08, raised_max = 0.12;  ///< m, the top of the lift
   double held_min = 1.5, held_max = 3;          ///< s
@@ -32,11 +32,11 @@ struct Bounds {
   double port_lowest = -1e-6;                   ///< J
 };
 
-/// What this session is to show, beyond what every session promises.
+/// What this session must show beyond the general bounds.
 struct Promise {
   bool lift = false;      ///< users lift an object together
   bool eviction = false;  ///< regions are evicted from the compressed caches and loaded again
-  /// Share of all vertex splits that an HRTC may receive; none: the session has no such bound.
+  /// Share of all vertex splits that an HRTC may receive; none: no bound for this session.
   std::optional<double> received_share;
 };
 
@@ -45,10 +45,10 @@ enum class Verdict : std::uint8_t { kHolds, kFallsShort, kDoesNotApply };
 struct Row {
   std::string what, value, bound;
   Verdict verdict;
-  std::string reason;  ///< who falls short, or why the row does not apply
+  std::string reason;  ///< the cause of a shortfall, or why the row does not apply
 };
 
-/// One audit file holds one HRTC's log against one original. Throws std::runtime_error that names the missing key.
+/// One audit file covers one HRTC's log against one original. Throws std::runtime_error that names a missing key.
 [[nodiscard]] std::vector<Row> judge(const nlohmann::json& report, const std::vector<nlohmann::json>& audits,
                                      const Promise& promise, const Bounds& bounds = {});
 

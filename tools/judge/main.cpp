@@ -1,4 +1,4 @@
-// tactus-judge: compares a session with what Tactus promises.
+// tactus-judge: compares a session with its bounds.
 #include <CLI/CLI.hpp>
 #include <fstream>
 #include <iostream>
@@ -35,17 +35,17 @@ int main(int argc, char** argv) {
   std::vector<std::string> audits;
   judge::Promise promise;
   bool as_json = false;
-  CLI::App app{"Compares a session's report and the audits of its contacts with what Tactus promises.", "tactus-judge"};
+  CLI::App app{"Compares a session's report and the audits of its contacts with their bounds.", "tactus-judge"};
   app.footer(kExamples);
-  app.add_option("REPORT", report, "What tactus-sim --json wrote")->required();
-  app.add_option("AUDIT", audits, "What tactus-mesh audit --json wrote, for each HRTC and model")->required();
+  app.add_option("REPORT", report, "Output of tactus-sim --json")->required();
+  app.add_option("AUDIT", audits, "Output of tactus-mesh audit --json for each HRTC and model")->required();
   app.add_flag("--lift", promise.lift, "Two users lift an object in this session");
   app.add_flag("--eviction", promise.eviction,
-               "The compressed caches are too small for what users touch: regions are evicted and loaded again");
+               "The compressed caches are too small for the touched regions, so that regions are evicted and reloaded");
   app.add_option("--received-share", promise.received_share,
                  "Share of all vertex splits that an HRTC may receive, from 0 to 1")
       ->check(CLI::Range(0.0, 1.0));
-  app.add_flag("--json", as_json, "For machines: a list of rows");
+  app.add_flag("--json", as_json, "Print the rows as JSON");
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

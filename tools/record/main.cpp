@@ -1,4 +1,4 @@
-// tactus-record: every topic of a session into one MCAP file, encoded as it came, with its IDL.
+// tactus-record: records every topic of a session in one MCAP file, as encoded on the wire, with its IDL.
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
@@ -28,18 +28,18 @@ Examples:
 
   tactus-record lab.mcap --to-csv lab.csv
 
-Ends with Ctrl-C, or after --seconds. Messages are CDR, schemas the IDL of Tactus: what reads MCAP with omgidl shows them.
-Recording counts as one more HRTC for hosts' links unless --without-bulk leaves the meshes out.
-Exit status: 0 recorded, 1 the file could not be written to its end, 2 wrong input, 130 interrupted before anything came.)";
+Ends with Ctrl-C, or after --seconds. Messages are CDR, schemas the IDL of Tactus; MCAP readers that support omgidl can
+show them. To hosts the recorder is one more HRTC, unless --without-bulk omits the meshes.
+Exit status: 0 recorded, 1 the file could not be written completely, 2 wrong input, 130 interrupted before any message.)";
 
-constexpr auto kFlush = std::chrono::seconds{1};  // what a killed recorder loses at most
+constexpr auto kFlush = std::chrono::seconds{1};  // maximum loss after a kill
 
 std::uint64_t since_1970() {
   const auto now = std::chrono::system_clock::now().time_since_epoch();
   return static_cast<std::uint64_t>(std::chrono::duration_cast<std::chrono::nanoseconds>(now).count());
 }
 
-/// The file, its channels, and what went wrong with it.
+/// The file, its channels, and its first write error.
 class Recording {
  public:
   explicit Recording(const std::string& file) : mcap_{file, "tactus " TACTUS_VERSION} {}
@@ -106,7 +106,7 @@ int record(const wire::SessionAddress& address, const std::string& file, double 
   Recording recording{file};
   wire::Participants participants{address};
   {
-    // Samples that come before the channels are known are left out; nothing is matched that soon.
+    // Samples before the channels are known are dropped; no reader is matched that early.
     wire::Tap tap{participants, bulk,
                   [&](std::size_t topic, spm::Span<const std::uint8_t> encoded) { recording.add(topic, encoded); }};
     recording.set_topics(tap.topics());
@@ -115,7 +115,7 @@ int record(const wire::SessionAddress& address, const std::string& file, double 
     auto flushed = begin;
     while (!stop && recording.trouble().empty() &&
            (seconds == 0 || Clock::now() - begin < std::chrono::duration<double>{seconds})) {
-      // Callbacks do the work; this thread only ends it and makes it durable.
+      // Callbacks do the work; this thread flushes and ends it.
       std::this_thread::sleep_for(std::chrono::milliseconds{50});
       if (Clock::now() - flushed < kFlush) continue;
       recording.flush();
@@ -131,8 +131,8 @@ int record(const wire::SessionAddress& address, const std::string& file, double 
   return stop && recording.messages() == 0 ? 130 : 0;
 }
 
-/// One table for each channel, DIRECTORY/TOPIC.csv: arrival in ns since 1970, number, then a column for each number of
-/// the IDL. A topic's second channel (whole probe states) is TOPIC-2.csv.
+/// One table per channel, DIRECTORY/TOPIC.csv: time of arrival in ns since 1970, sequence number, then a column for
+/// each number of the IDL. A topic's second channel (full-rate probe states) is TOPIC-2.csv.
 int to_csv(const std::string& file, const std::filesystem::path& directory) {
   trace::McapReader reader{file};
   std::filesystem::create_directories(directory);
@@ -177,7 +177,7 @@ int to_csv(const std::string& file, const std::filesystem::path& directory) {
     if (!table.out) throw std::runtime_error("cannot write " + table.path.string());
     std::cout << table.path.string() << ": " << table.rows << " rows\n";
   }
-  if (reader.is_cut()) std::cout << file << " has no end; all before is there\n";
+  if (reader.is_cut()) std::cout << file << " is truncated; everything before is included\n";
   return 0;
 }
 
@@ -192,13 +192,13 @@ int main(int argc, char** argv) {
   std::string csv;
   CLI::App app{"Records every topic of a session into an MCAP file.", "tactus-record"};
   app.footer(kExamples);
-  app.add_option("FILE", file, "The recording, *.mcap; replaced when it is there")->required();
+  app.add_option("FILE", file, "The recording, *.mcap; an existing file is replaced")->required();
   wire::add_address_options(app, address, "program");
-  app.add_option("--seconds", seconds, "End after so long; 0: with Ctrl-C")
+  app.add_option("--seconds", seconds, "Duration in seconds; 0: until Ctrl-C")
       ->capture_default_str()
       ->check(CLI::Range(0.0, 1e6));
-  app.add_flag("--without-bulk", without_bulk, "Leave out base meshes and records");
-  app.add_option("--to-csv", csv, "Record nothing: write each topic of FILE as a table into this directory");
+  app.add_flag("--without-bulk", without_bulk, "Omit base meshes and records");
+  app.add_option("--to-csv", csv, "Do not record; write each topic of FILE as a table into this directory");
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

@@ -1,4 +1,4 @@
-// tactus-replay: makes the forces of a flight recording again and compares them to the bit.
+// tactus-replay: recomputes the forces of a flight recording and compares them to the bit.
 #include <CLI/CLI.hpp>
 #include <filesystem>
 #include <fstream>
@@ -18,10 +18,10 @@ Examples:
   tactus-replay desk-20261122T101500Z-1.mcap --model organ.spm --model tool.spm
   tactus-replay desk.mcap --model organ.spm --to-csv forces.csv
 
-Exit status: 0 every force is the same to the bit, 1 some differ, 2 wrong input: no flight recording, of another build, or
-of a model that is not given.)";
+Exit status: 0 every force is equal to the bit, 1 some differ, 2 wrong input: not a flight recording, another build, or a
+model that is missing.)";
 
-/// One line for each probe in each cycle.
+/// One line per probe and cycle.
 class Table {
  public:
   explicit Table(const std::string& file) : file_{file}, out_{file} {
@@ -57,12 +57,12 @@ void print(const hrtc_service::FlightReport& report) {
             << report.stops << " stops, " << report.resets << " resets\n";
   if (report.gaps > 0)
     std::cout << report.gaps << " gaps of " << report.lost << " cycles: replayed on from where they end\n";
-  if (report.cut) std::cout << "the file has no end; all before is replayed\n";
+  if (report.cut) std::cout << "the file is truncated; everything before is replayed\n";
   if (report.differ == 0)
     std::cout << "every force is the same to the bit\n";
   else
     std::cout << report.differ << " cycles differ, first " << report.first_difference << '\n';
-  if (!report.given_up.empty()) std::cout << "given up after " << report.given_up << '\n';
+  if (!report.given_up.empty()) std::cout << "stopped after " << report.given_up << '\n';
 }
 
 }  // namespace
@@ -71,14 +71,13 @@ int main(int argc, char** argv) {
   std::string file, csv;
   std::vector<std::string> model_files;
   hrtc_service::FlightReplayOptions options;
-  CLI::App app{"Makes the forces of a flight recording again and compares them to the bit.", "tactus-replay"};
+  CLI::App app{"Recomputes the forces of a flight recording and compares them to the bit.", "tactus-replay"};
   app.footer(kExamples);
-  app.add_option("FILE", file, "A flight recording, as tactus-hrtc writes it")->required();
-  app.add_option("--model", model_files, "The .spm file of an object that was touched; repeatable")
-      ->allow_extra_args(false);
+  app.add_option("FILE", file, "A flight recording of tactus-hrtc")->required();
+  app.add_option("--model", model_files, "The .spm file of a touched object; repeatable")->allow_extra_args(false);
   app.add_option("--to-csv", csv, "Write each pose with its force, recorded and replayed, into this file");
   app.add_flag("--any-build", options.any_build,
-               "Replay what another build recorded from its beginning, to see where this one differs");
+               "Also replay a recording of another build that begins at the start, to find the first difference");
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

@@ -1,6 +1,6 @@
-/// One direction of an emulated link in virtual time, and what is under way on it.
+/// One direction of an emulated link in virtual time, with the samples in transit.
 ///
-/// netem's Link decides, as it does for the relay's frames. Same seed and arrivals, same run. One thread.
+/// netem's Link decides, as for the relay's frames. The same seed and arrivals give the same run. One thread.
 #pragma once
 
 #include <cstdint>
@@ -13,15 +13,15 @@
 namespace tactus::study {
 
 template <class Sample>
-class Way {
+class Path {
  public:
-  Way(const netem::LinkProfile& profile, std::uint64_t seed) : link_{profile, seed} {}
+  Path(const netem::LinkProfile& profile, std::uint64_t seed) : link_{profile, seed} {}
 
-  /// `bytes`: of the whole frame. Times must not step back.
+  /// `bytes`: of the whole frame. Times must not go back.
   void send(std::int64_t now_ns, Sample sample, std::size_t bytes) {
     if (const auto at_ns = link_.departure(now_ns, bytes)) under_way_.emplace(*at_ns, std::move(sample));
   }
-  /// The next sample that has arrived.
+  /// The next sample that has arrived, if any.
   [[nodiscard]] std::optional<Sample> take(std::int64_t now_ns) {
     if (under_way_.empty() || under_way_.begin()->first > now_ns) return std::nullopt;
     std::optional<Sample> sample{std::move(under_way_.begin()->second)};
@@ -31,7 +31,7 @@ class Way {
 
  private:
   netem::Link link_;
-  std::multimap<std::int64_t, Sample> under_way_;  // by departure; of equal ones the first sent comes first
+  std::multimap<std::int64_t, Sample> under_way_;  // by departure; equal ones in the order of sending
 };
 
 }  // namespace tactus::study
