@@ -36,18 +36,18 @@ constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kHeartbeatNs = 100 * kMs;
 constexpr std::int64_t kClockNs = 500 * kMs;
 constexpr std::int64_t kMetricsNs = 1000 * kMs;
-constexpr std::int64_t kHungNs = 5000 * kMs;  // after which others may have forgotten what it serves
+constexpr std::int64_t kHungNs = 5000 * kMs;  // after such a pause others may have dropped this host's entries
 constexpr std::int64_t kMetricsSoonNs = 100 * kMs;
-constexpr milliseconds kPoll{5};        // while an HRTC's readers are not found yet
-constexpr milliseconds kPatience{50};   // so soon a signal is noticed
-constexpr milliseconds kStep{1};        // while an object moves by itself
-constexpr milliseconds kHeld{5};        // while somebody holds one
-constexpr milliseconds kFarewell{300};  // for the catalogue's last words to arrive
-constexpr int kChunksPerRound = 64;     // then demands are looked at again
+constexpr milliseconds kPoll{5};        // while the readers of an HRTC are not matched yet
+constexpr milliseconds kPatience{50};   // longest wait, so that a signal is noticed
+constexpr milliseconds kStep{1};        // while the host simulates a moving object
+constexpr milliseconds kHeld{5};        // while an HRTC holds an object
+constexpr milliseconds kFarewell{300};  // for the last catalogue samples to be acknowledged
+constexpr int kChunksPerRound = 64;     // then the loop reads new demands
 constexpr std::size_t kInboxCapacity = 8192;
-constexpr double kGap = 0.05;  // m, between objects that are given no pose
+constexpr double kGap = 0.05;  // m, between objects without a pose of their own
 
-/// A question of one HRTC, which watches over this host (session/failure_detector.hpp).
+/// A liveness request of one HRTC (session/failure_detector.hpp).
 struct Question {
   session::ClockSample sample;
 };
@@ -62,7 +62,7 @@ struct BulkLink {
         base{participants, wire::topics::kBase, {wire::hrtc_partition(hrtc)}},
         records{participants, wire::topics::kRecords, {wire::hrtc_partition(hrtc)}} {}
 
-  /// What is sent before the readers are found is lost.
+  /// A sample that is sent before the readers are matched is lost.
   [[nodiscard]] bool ready() const { return base.matched() > 0 && records.matched() > 0; }
   [[nodiscard]] wire::SendStatus send(const session::BulkChunk& chunk) {
     return (chunk.kind() == session::BulkKind::kBase ? base : records).send(chunk);
@@ -72,7 +72,7 @@ struct BulkLink {
   wire::Writer<session::BulkChunk> base, records;
 };
 
-/// Where one HRTC asks whether this host lives, and is told.
+/// The endpoints on which one HRTC checks that this host is alive.
 struct FailureDetectorLink {
   FailureDetectorLink(wire::Participants& participants, const std::string& hrtc, Inbox& inbox)
       : answers{participants, wire::topics::kClock, {wire::hrtc_partition(hrtc)}},
@@ -121,7 +121,7 @@ std::vector<Served> open_models(const HostOptions& options, const Log& log, cons
   return served;
 }
 
-/// Once the models are there, which may have taken all processors for minutes.
+/// Called after all models are open: building them may have used all processors for minutes.
 const wire::SessionAddress& in_turn(const HostOptions& options, const Log& log) {
   if (options.before_others) log(Severity::kInfo, wire::go_before_others("host '" + options.address.participant + "'"));
   return options.address;
@@ -192,14 +192,14 @@ struct Host::Impl {
   HostOptions options;
   Log log;
   const std::atomic<bool>& stop;
-  std::vector<Served> served;  // before what borrows from it
+  std::vector<Served> served;  // before the members that borrow from it
   wire::Participants participants;
   session::DeliveryServer server{participants.origin()};
   session::Roster roster{participants.origin(), {}};
   session::SessionClock clock{participants.origin(), {}, monotonic_ns()};
-  std::optional<Scenery> scenery;  // when it has objects that move, and others
+  std::optional<Scenery> scenery;  // when the host serves movable and static objects
   ObjectAuthority object_authority{participants.origin()};
-  std::optional<wire::Writer<session::ObjectGrant>> grants_out;  // when it has objects that move
+  std::optional<wire::Writer<session::ObjectGrant>> grants_out;  // when the host serves movable objects
   std::optional<wire::Writer<session::ObjectPose>> poses_out;
   std::vector<session::CatalogueEntry> catalogue;
   wire::Writer<session::RosterEntry> roster_out{participants, wire::topics::kRoster};
@@ -208,12 +208,12 @@ struct Host::Impl {
   wire::Writer<session::Metrics> metrics_out{participants, wire::topics::kMetrics};
   std::map<std::uint64_t, BulkLink> bulk;  // by HRTC
   Inbox inbox{kInboxCapacity};
-  std::map<std::uint64_t, FailureDetectorLink>
-      failure_detectors;  // by HRTC; after the inbox, which their callbacks fill
+  // By HRTC. After the inbox, which their callbacks fill.
+  std::map<std::uint64_t, FailureDetectorLink> failure_detectors;
   std::int64_t started_ns = monotonic_ns();
   std::uint64_t heartbeat = 0;
   wire::Heartbeat beat{kHeartbeatNs};
-  session::StopLatch stops{participants.origin()};  // for HRTCs that start after a stop
+  session::StopLatch stops{participants.origin()};  // for HRTCs that start while a stop stands
   std::uint64_t stops_announced = 0;                // StopLatch::changes
   Every metrics_due{kMetricsNs};
   std::uint64_t demands_refused = 0, demands_implausible = 0;
@@ -223,7 +223,7 @@ struct Host::Impl {
 };
 
 void Host::Impl::make_catalogue() {
-  double x = options.at[0];  // where the next object without a pose begins
+  double x = options.at[0];  // left side of the next object without a pose
   bool first = true;
   for (const Served& object : served) {
     const spm::ModelSummary& summary = object.model.summary();
@@ -251,7 +251,7 @@ void Host::Impl::make_catalogue() {
   }
 }
 
-/// What its bodies meet beside the ground.
+/// The static objects that the movable ones can collide with, beside the ground.
 void Host::Impl::make_scenery() {
   std::vector<StandingObject> standing;
   for (std::size_t i = 0; i < served.size(); ++i)
@@ -277,7 +277,7 @@ int Host::Impl::run() {
   while (!stop && !ended) {
     for (const Inbox::Arrived& arrived : inbox.take(patience)) take(arrived);
     const std::int64_t now_ns = monotonic_ns();
-    if (now_ns - looked_ns > kHungNs) send_catalogue(false);  // DDS has not lost it, so sends nothing again by itself
+    if (now_ns - looked_ns > kHungNs) send_catalogue(false);  // within its lease DDS does not repeat it
     looked_ns = now_ns;
     for (const session::RosterEvent& event : roster.tick(now_ns)) react(event, now_ns);
     keep_time(now_ns);
@@ -316,18 +316,18 @@ void Host::Impl::react(const session::RosterEvent& event, std::int64_t now_ns) {
     log(trouble ? Severity::kWarning : Severity::kInfo, session::text(event));
   }
   if (event.change == RosterChange::kNameConflict && id == participants.origin().participant && event.entry_yields) {
-    log(Severity::kError, "a host '" + options.address.participant + "' was in session '" + options.address.session +
-                              "' before: this one ends; start it with another --name");
+    log(Severity::kError, "a host '" + options.address.participant + "' has been in session '" +
+                              options.address.session + "' for longer; this one ends; start it with another --name");
     exit_code = 2;
     ended = true;
   }
-  metrics_due.hasten(now_ns, kMetricsSoonNs);  // whoever compares scenes need not wait long
+  metrics_due.hasten(now_ns, kMetricsSoonNs);  // they carry the scene hash that others compare
   if (entry.role == session::Role::kHost &&
       (event.change == RosterChange::kLeft || event.change == RosterChange::kGone))
     object_authority.on_host_gone(id, now_ns);
   if (entry.role != session::Role::kHrtc) return;
   if (event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted) {
-    beat.insist();  // it asks for nothing before it knows of us
+    beat.insist();  // the HRTC demands nothing before it has received this host's entry
     bulk.try_emplace(id, participants, entry.name);
     failure_detectors.try_emplace(id, participants, entry.name, inbox);
   } else if (event.change == RosterChange::kLeft || event.change == RosterChange::kGone) {
@@ -344,7 +344,7 @@ void Host::Impl::take(const session::Demand& demand, std::int64_t at_ns) {
   if (result == Result::kImplausible) ++demands_implausible;
   if (result == Result::kMalformed && demands_refused++ == 0) {
     log(Severity::kWarning,
-        "a demand names regions that its model does not have; such demands are dropped and counted");
+        "a demand names regions that its model does not have; the host drops and counts such demands");
   }
 }
 
@@ -363,7 +363,7 @@ void Host::Impl::take(const Question& question, std::int64_t at_ns) {
       question.sample.peer != participants.origin().participant)
     return;
   session::ClockSample answer = clock.answer(question.sample, at_ns, monotonic_ns());
-  if (!clock.answers()) answer.t1_ns = answer.t2_ns = session::kClockUnknown;  // a sign of life, but no time
+  if (!clock.answers()) answer.t1_ns = answer.t2_ns = session::kClockUnknown;  // shows that the host lives
   (void)link->second.answers.send(answer);
 }
 
@@ -377,18 +377,18 @@ void Host::Impl::keep_time(std::int64_t now_ns) {
   object_authority.on_host(participants.origin().participant, clock.joined_ns(), now_ns);
 }
 
-/// Moves what nobody holds, tells of it, and says how long that may wait.
+/// Simulates the objects that nobody holds and publishes their poses. Returns how long the next call may wait.
 microseconds Host::Impl::keep_objects(std::int64_t now_ns) {
   if (object_authority.empty()) return kPatience;
   const ObjectAuthority::Messages& messages = object_authority.tick(now_ns, clock.map().session_time(now_ns));
   for (const session::ObjectGrant& grant : messages.grants) (void)grants_out->send(grant);
-  // Until this program's time is the session's, a pose would state a time that nobody can compare with another.
+  // Before the clock is synchronised, the times of poses cannot be compared with those of others.
   if (clock.synchronised())
     for (const session::ObjectPose& pose : messages.poses) (void)poses_out->send(pose);
   return object_authority.busy() ? kStep : object_authority.held() ? kHeld : kPatience;
 }
 
-/// Sends what is due and says how long to wait for news.
+/// Sends the chunks that are due. Returns how long to wait for new samples.
 microseconds Host::Impl::send_chunks(std::int64_t now_ns) {
   const bool pending = std::any_of(bulk.begin(), bulk.end(), [](const auto& link) { return !link.second.ready(); });
   const auto can_send = [&](std::uint64_t hrtc) {
@@ -402,7 +402,7 @@ microseconds Host::Impl::send_chunks(std::int64_t now_ns) {
       return std::min<microseconds>(due, pending ? kPoll : kPatience);
     }
     BulkLink& link = bulk.at(out->hrtc);
-    // What the network does not take is lost, and the demand will say so.
+    // Chunks that the network drops are missing in the next demand.
     if (link.send(out->chunk) == wire::SendStatus::kInvalid)
       log(Severity::kError, "a chunk for '" + link.name + "' cannot be sent: " + link.records.last_fault());
   }

@@ -13,7 +13,7 @@ namespace {
 constexpr double kRadiansPerDegree = 0.017453292519943295;
 constexpr double kUnitTolerance = 1e-3;
 
-/// The file that is read, for messages.
+/// Reads one file; messages name the file and the line.
 class ConfigReader {
  public:
   explicit ConfigReader(const std::filesystem::path& file) : file_{file} {}

@@ -29,7 +29,7 @@ namespace {
 using spm::offline::MappedModel;
 using spm::offline::ModelError;
 
-/// Counts up when the same input would give another model, so that older results are left alone.
+/// Raise this when the same input gives another model: models in the cache are then no longer used.
 constexpr std::uint32_t kBuilderVersion = 1;
 
 class Hasher {
@@ -56,7 +56,7 @@ class Hasher {
   }();
 };
 
-/// Of the file, and of the buffers beside it that a glTF file names.
+/// Covers the file, and the buffers that a glTF file names.
 std::uint64_t content_hash(const std::filesystem::path& model) {
   Hasher hasher;
   hasher.add(&kBuilderVersion, sizeof kBuilderVersion);
@@ -74,14 +74,14 @@ std::uint64_t content_hash(const std::filesystem::path& model) {
   return hasher.digest();
 }
 
-/// Lines on their way from a thread that works to the one that waits for it.
+/// Log lines that a worker thread passes to the thread that waits for it.
 class Lines {
  public:
   void say(std::string line) {
     const std::lock_guard lock{mutex_};
     lines_.push_back(std::move(line));
   }
-  /// Throws Stopped when nobody waits any more.
+  /// Throws Stopped when the waiting thread has given up.
   void expect_open() const {
     if (closed_) throw Stopped{};
   }
@@ -95,7 +95,7 @@ class Lines {
     finished_ = true;
     finishing_.notify_all();
   }
-  /// Waits up to `limit`; true when all is said.
+  /// Waits up to `limit`; true when the work is finished.
   [[nodiscard]] bool wait_finished(std::chrono::milliseconds limit) {
     std::unique_lock lock{mutex_};
     return finishing_.wait_for(lock, limit, [this] { return finished_; });
@@ -109,8 +109,8 @@ class Lines {
   std::atomic<bool> closed_{false};
 };
 
-/// What `work(lines)` returns or throws, in a thread of its own; it owns all that it uses, for when `stop` comes first
-/// it is left behind and Stopped thrown.
+/// Runs `work(lines)` in a thread of its own and returns its result or throws its exception. Throws Stopped when `stop`
+/// is set first; the thread then runs on detached, so `work` must own all that it uses.
 template <class Work>
 auto unless_stopped(const std::atomic<bool>& stop, const ModelStore::Log& log, Work work) {
   constexpr std::chrono::milliseconds kPatience{20};
@@ -120,7 +120,7 @@ auto unless_stopped(const std::atomic<bool>& stop, const ModelStore::Log& log, W
   auto result = task.get_future();
   std::thread{[lines, task = std::move(task)]() mutable {
     task();
-    task = Task{};  // before `finish`: an exception is then the waiting thread's alone
+    task = Task{};  // before `finish`: then only the waiting thread owns an exception
     lines->finish();
   }}.detach();
   for (bool done = false; !done;) {
@@ -183,7 +183,7 @@ MappedModel ModelStore::open(const std::filesystem::path& model) const {
   std::optional<MappedModel> ready =
       unless_stopped(stop_, log_, [cached](Lines& lines) { return open_cached(cached, lines); });
   if (ready) {
-    log_(model.string() + ": built before, taken from " + cached.string());
+    log_(model.string() + ": taken from the cache, " + cached.string());
     return std::move(*ready);
   }
   std::error_code failed;
@@ -191,9 +191,9 @@ MappedModel ModelStore::open(const std::filesystem::path& model) const {
   if (failed) throw ModelError{cache_.string() + ": cannot make this folder for built models: " + failed.message()};
   const spm::offline::BuiltModel built =
       unless_stopped(stop_, log_, [model](Lines& lines) { return build(model, lines); });
-  // In this thread, so that it ends with all of the file or none.
+  // In this thread: Stopped then leaves either the complete file or none.
   spm::offline::write_model(cached, built.model(), {model.filename().string(), built.cleaned});
-  log_(model.string() + ": built, kept in " + cached.string());
+  log_(model.string() + ": built and stored in " + cached.string());
   return open_file(cached);
 }
 

@@ -7,8 +7,8 @@ namespace tactus::host_service {
 namespace {
 
 constexpr std::int64_t kStepNs = 1'000'000;
-constexpr std::int64_t kMaxNs = 50'000'000;  // that a tick catches up
-/// Longer than the lease of DDS: within that a host that comes back sends no catalogue again.
+constexpr std::int64_t kMaxNs = 50'000'000;  // simulated in one tick at most
+/// Longer than the DDS lease: a host that comes back within the lease does not send its catalogue again.
 constexpr std::int64_t kForgetNs = 10'000'000'000;
 
 }  // namespace

@@ -12,7 +12,7 @@ namespace {
 using haptics::Vec3d;
 
 constexpr double kAround = sharing::kAroundBody;
-constexpr int kMaxNew = 8;  // regions decoded in a look
+constexpr int kMaxNew = 8;  // regions decoded in one call of `look`
 
 std::uint32_t base_slots(const std::vector<StandingObject>& objects) {
   std::uint32_t slots = 0;
@@ -20,7 +20,7 @@ std::uint32_t base_slots(const std::vector<StandingObject>& objects) {
   return slots;
 }
 
-/// The nodes of a pool for bases and what is refined beside them.
+/// The node pool holds the base meshes and the refined regions.
 spm::PoolSettings pool_for(const std::vector<StandingObject>& objects, std::uint32_t slots) {
   const std::uint32_t base = base_slots(objects);
   spm::PoolSettings settings = spm::PoolSettings::for_slots(slots + base);
@@ -28,7 +28,7 @@ spm::PoolSettings pool_for(const std::vector<StandingObject>& objects, std::uint
   return settings;
 }
 
-/// All at once: nobody waits for a cycle here.
+/// Without a budget limit: no haptic cycle waits for it.
 void refine(spm::Forest& forest) {
   spm::Budget budget{1u << 22};
   (void)forest.advance(budget);
@@ -77,7 +77,7 @@ bool Scenery::load(Object& object, spm::RegionId region) {
   return true;
 }
 
-/// Of everything but what is wanted now.
+/// Releases every region that is not in `wanted`.
 void Scenery::give_back(const std::vector<std::vector<spm::RegionId>>& wanted) {
   for (std::size_t i = 0; i < objects_.size(); ++i) {
     Object& object = *objects_[i];
@@ -114,7 +114,7 @@ void Scenery::look(const std::vector<Vec3d>& places) {
       ++loaded;
     }
   }
-  if (full) give_back(wanted);  // there is room at the next look
+  if (full) give_back(wanted);  // frees slots for the next call
   for (std::size_t i = 0; i < objects_.size(); ++i) {
     Object& object = *objects_[i];
     if (wanted[i].empty()) continue;

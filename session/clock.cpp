@@ -27,7 +27,7 @@ SessionClock::SessionClock(const Origin& self, const ClockSettings& settings, st
 
 void SessionClock::set_reference(std::uint64_t participant, std::uint64_t incarnation, std::int64_t local_now_ns) {
   if (participant == reference_ && incarnation == reference_incarnation_) return;
-  // Its own time was right by definition; how far it is from another's is not known before that one answers.
+  // As the reference its error was 0 by definition. Its error against another is unknown until that one answers.
   if (reference_ == self_.participant && participant != 0) map_.bound_ns = kClockUnknown;
   reference_ = participant;
   reference_incarnation_ = incarnation;
@@ -36,7 +36,7 @@ void SessionClock::set_reference(std::uint64_t participant, std::uint64_t incarn
   times_ = TimeWindow{{widest_ns, widest_ns}};
   waits_ = false;
   if (participant != self_.participant) return;
-  // Run on from where the session is.
+  // Session time continues.
   map_ = {local_now_ns, map_.session_time(local_now_ns), 0, local_now_ns, 0, 0};
   if (!synchronised_) joined_ns_ = map_.session_ns;
   synchronised_ = true;
@@ -87,8 +87,8 @@ bool SessionClock::on_answer(const ClockSample& answer, std::int64_t local_now_n
   return true;
 }
 
-/// Points the map at the best measurement, without a step but for the first and when it is far; and with none at all
-/// while a force is on.
+/// Steers the map towards the best measurement. Steps only for the first measurement and for an error above `step_ns`;
+/// changes nothing while a force is on and a step is due.
 void SessionClock::steer(std::int64_t local_now_ns) {
   const auto bound_now = [&](const Measured& m) {
     return m.bound_ns + std::llround(static_cast<double>(local_now_ns - m.local_ns) * settings_.drift);

@@ -7,7 +7,7 @@ namespace tactus::session {
 namespace {
 
 constexpr std::size_t kMaxHoles = 1024;  // of a stream
-/// What a payload costs beside its bytes.
+/// Memory of a payload besides its bytes.
 constexpr std::size_t kPayloadOverhead = 96;
 constexpr std::int64_t kNsPerUs = 1000;
 
@@ -34,7 +34,7 @@ void DeliveryClient::offer(const CatalogueEntry& entry) {
 
 void DeliveryClient::host_seen(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns) {
   Host& state = hosts_[host];
-  if (incarnation < state.incarnation && state.live) return;  // else a twin has yielded its name to it
+  if (incarnation < state.incarnation && state.live) return;  // the newer program has not yielded the name
   if (incarnation != state.incarnation) begin_streams(host, incarnation);
   state.live = true;
   state.seen_ns = now_ns;
@@ -57,7 +57,7 @@ void DeliveryClient::end_streams(std::uint64_t host) {
   }
 }
 
-/// A host that serves an object stays: choose_host has to leave it first.
+/// Keeps a host that serves an object: choose_host has to replace it first.
 void DeliveryClient::forget_hosts(std::int64_t now_ns) {
   for (auto at = hosts_.begin(); at != hosts_.end();) {
     Host& host = at->second;
@@ -121,7 +121,7 @@ bool DeliveryClient::offered(std::uint64_t object_id, std::uint64_t digest) cons
   });
 }
 
-/// Several changes between two demands share the epoch of the second.
+/// Changes between two demands share the epoch of the second one.
 void DeliveryClient::change(Object& object) {
   if (object.changed) return;
   object.changed = true;
@@ -132,7 +132,7 @@ void DeliveryClient::want(std::uint64_t object_id, std::vector<Wanted> wanted) {
   Object& object = objects_.at(object_id);
   std::stable_sort(wanted.begin(), wanted.end(),
                    [](const Wanted& a, const Wanted& b) { return a.contact_in_us < b.contact_in_us; });
-  // Times alone go along with the next demand.
+  // Changed times alone wait for the next demand.
   const bool same = std::equal(wanted.begin(), wanted.end(), object.wanted.begin(), object.wanted.end(),
                                [](const Wanted& a, const Wanted& b) { return a.region == b.region; });
   if (!same) {
@@ -164,7 +164,7 @@ std::vector<DeliveryClient::Message> DeliveryClient::on_chunk(const BulkChunk& c
     ++counters_.implausible;
     return {};
   }
-  if (number == Admission::kAnew) {  // what came under other numbers may come again
+  if (number == Admission::kAnew) {  // earlier chunks may come again under other numbers
     stream.newest = 0;
     stream.holes.clear();
   }
@@ -210,14 +210,14 @@ void DeliveryClient::note_sequence(Stream& stream, const BulkChunk& chunk, std::
   }
 }
 
-/// Whether a hole has become a gap that no demand has told.
+/// Whether a hole has become a gap that no demand has reported yet.
 bool DeliveryClient::has_news(const Stream& stream, std::int64_t now_ns) const {
   return std::any_of(stream.holes.begin(), stream.holes.end(), [&](const auto& hole) {
     return hole.second.published_epoch == 0 && now_ns - hole.second.since_ns >= settings_.overtaking_ns;
   });
 }
 
-/// What is told ends before the first hole that may still fill by itself.
+/// Reports up to the first hole that may still be filled by chunks that were overtaken.
 void DeliveryClient::tell_gaps(Object& object, Stream& stream, Demand& demand, std::int64_t now_ns) {
   demand.newest = stream.newest;
   for (auto& [first, hole] : stream.holes) {
@@ -234,7 +234,7 @@ void DeliveryClient::tell_gaps(Object& object, Stream& stream, Demand& demand, s
   }
 }
 
-/// The last sequence before which nothing of this object is missing or waits for the caller's answer.
+/// The last sequence up to which no chunk of this object is missing and no message waits for the caller's answer.
 std::uint32_t DeliveryClient::dealt_with(const Object& object, std::uint32_t stream, bool or_parked) const {
   std::uint32_t received = streams_.at(stream).received();
   for (const auto& [region, handed] : object.handed) {
@@ -268,7 +268,7 @@ std::optional<DeliveryClient::Message> DeliveryClient::assemble(Object& object, 
     return std::nullopt;
   }
   auto at = object.partials.find(piece.region);
-  // A message that was cancelled and is sent after all is cut anew, to the room of another chunk: its first part tells.
+  // A cancelled message that is sent after all is cut anew, to fit another chunk. Its first part then has another size.
   const auto cut_anew = [&] {
     const auto first = at->second.payloads.find(0);
     return piece.part == 0 && first != at->second.payloads.end() && first->second.size() != piece.payload.size();
@@ -331,7 +331,7 @@ void DeliveryClient::drop_partial(Object& object, std::map<std::uint32_t, Partia
   object.partials.erase(at);
 }
 
-/// Drops what has not been touched for long, and the longest untouched until the rest fits.
+/// Drops messages that got no chunk for `partial_timeout_ns`, then the ones idle for longest, until the rest fits.
 void DeliveryClient::bound_partials(std::int64_t now_ns) {
   for (;;) {
     Object* owner = nullptr;
@@ -352,7 +352,7 @@ void DeliveryClient::bound_partials(std::int64_t now_ns) {
 
 void DeliveryClient::set_room(std::uint64_t bytes) {
   room_ = bytes;
-  // Worth a demand of its own when a host may be waiting for it.
+  // A host may wait for room, so enough new room is worth a demand of its own.
   constexpr std::uint64_t kWorthTelling = 8 * kMaxPayload;
   if (room_published_ >= settings_.credit || room_ < room_published_ + kWorthTelling) return;
   for (auto& [object_id, object] : objects_) object.acknowledge = object.acknowledge || owed(object);
@@ -364,7 +364,7 @@ std::uint64_t DeliveryClient::promised(std::int64_t now_ns) {
   return published_.empty() ? 0 : published_.front().credit;
 }
 
-/// What arrives in a window, as a rate; the best of late, for a host that has nothing to send says nothing of the link.
+/// The arrival rate in a window. Keeps the best of late, because a host with nothing to send does not fill the link.
 void DeliveryClient::note_rate(std::size_t bytes, std::int64_t now_ns) {
   constexpr std::int64_t kMinWindow = 20'000'000;
   constexpr double kForgetting = 0.95;
@@ -377,7 +377,7 @@ void DeliveryClient::note_rate(std::size_t bytes, std::int64_t now_ns) {
   window_ = {now_ns, 0};
 }
 
-/// A quarter more than rate times round trip: enough to find out that the link takes more, little enough not to queue.
+/// 1.25 times rate times round trip: large enough to discover a faster link, small enough not to build a queue.
 std::uint32_t DeliveryClient::credit() const {
   constexpr double kMore = 1.25;
   constexpr double kNsPerS = 1e9;
@@ -472,7 +472,7 @@ void DeliveryClient::serve_from(Object& object, std::uint64_t host) {
   change(object);
 }
 
-/// Whether the serving host has something to answer.
+/// Whether an answer of the serving host is due.
 bool DeliveryClient::owed(const Object& object) const {
   if (object.host == 0) return false;
   if (!object.has_base) return object.handed.empty();
@@ -482,8 +482,8 @@ bool DeliveryClient::owed(const Object& object) const {
   });
 }
 
-/// A demand or its answer is lost more often than late, so the first repetition is soon; a host that has none to give
-/// is asked no more often than every `repeat_ns`.
+/// A demand or its answer is more often lost than late, so the first repetition comes soon. Later ones double their
+/// interval up to `repeat_ns`, for a host that has nothing to send.
 std::int64_t DeliveryClient::repeat_after(const Object& object) const {
   constexpr unsigned kMaxDoublings = 8;
   const std::int64_t first = 2 * round_trip_ns_ + settings_.demand_interval_ns;
@@ -505,7 +505,7 @@ std::optional<Demand> DeliveryClient::demand(std::int64_t now_ns) {
     const bool news = (object.changed || object.acknowledge) && since >= interval;
     const bool asks_again = owed(object) && since >= (news ? settings_.repeat_ns : repeat_after(object));
     if (object.sent_once && !news && !asks_again && since < settings_.keep_alive_ns) continue;
-    if (asks_again) change(object);  // so that the host answers again
+    if (asks_again) change(object);  // a new epoch makes the host answer again
     object.repeats = news ? 0 : object.repeats + 1;
     return make_demand(object_id, object, now_ns);
   }
@@ -536,7 +536,7 @@ Demand DeliveryClient::make_demand(std::uint64_t object_id, Object& object, std:
     } else if (demand.have.size() < kMaxHaveIntervals) {
       demand.have.push_back({region, 1});
     } else {
-      break;  // what is left out is not counted on, no more
+      break;  // hosts then send the records of the omitted regions again
     }
   }
   for (const Wanted& wanted : object.wanted) {

@@ -10,18 +10,18 @@
 namespace tactus::session {
 namespace {
 
-/// A base mesh goes behind regions that are touched sooner than this, and ahead of all prefetching.
+/// Time to contact assigned to a base mesh: more urgent than all prefetching, less than regions touched sooner.
 constexpr std::uint32_t kBaseContactUs = 100'000;
-/// Less room in a chunk is not worth a part of its own.
+/// Room in a chunk below which no part is added.
 constexpr std::size_t kMinRoom = 64;
-/// After the last chunk, longer each time.
+/// Delay of an echo after the last chunk, doubled each time (tail loss probe).
 constexpr std::int64_t kFirstMark = 4'000'000, kLastMark = 128'000'000;
-/// Without a demand of an HRTC, which repeats them every half second (DeliverySettings::keep_alive_ns).
+/// Silence after which an HRTC is dropped; it repeats demands every half second (DeliverySettings::keep_alive_ns).
 constexpr std::int64_t kForgetNs = 5'000'000'000;
 
 std::uint32_t end_of(const spm::Interval& interval) { return interval.first + interval.count; }
 
-/// Ascending runs that do not touch, all below `limit`.
+/// Ascending intervals that do not touch, all below `limit`.
 bool well_formed_intervals(const std::vector<spm::Interval>& intervals, std::uint32_t limit) {
   std::uint64_t end = 0;
   for (const spm::Interval& interval : intervals) {
@@ -140,7 +140,7 @@ DeliveryServer::DemandResult DeliveryServer::on_demand(const Demand& demand, std
   return DemandResult::kTaken;
 }
 
-/// Takes out of what is under way all that the demand tells of.
+/// Removes the chunks that the demand acknowledges or reports as gaps from those in flight.
 void DeliveryServer::acknowledge(Controller& controller, Service& service, std::int64_t now_ns) {
   constexpr std::int64_t kNsPerUs = 1000;
   const Demand& demand = service.demand;
@@ -168,18 +168,19 @@ void DeliveryServer::acknowledge(Controller& controller, Service& service, std::
   controller.pacer.on_feedback(feedback, now_ns);
 }
 
-/// What is covered stays small where many are served; a few are told exactly what they have, so that nothing comes
-/// twice.
+/// Limits the intervals of each service so that all services together stay small. With few services the covered
+/// records are exact, and none is sent twice.
 void DeliveryServer::cover(Service& service, const Object& object, std::uint32_t region) const {
-  constexpr std::size_t kInAll = 40'960, kMin = 1'280, kMax = 5'120;  // runs: 320, 10 and 40 KiB
+  constexpr std::size_t kInAll = 40'960, kMin = 1'280, kMax = 5'120;  // intervals: 320, 10 and 40 KiB
   std::size_t services = 0;
   for (const auto& [hrtc, controller] : controllers_) services += controller.services.size();
   service.covered.add(list_of(object.model, region),
                       std::clamp(kInAll / std::max<std::size_t>(services, 1), kMin, kMax));
 }
 
-/// Brings the messages, the records covered and the regions to send in line with the newest demand. What is covered
-/// grows in place while nothing of `had`, the demand before, was taken back and no message was refused or lost a part.
+/// Updates the messages, the covered records and the regions to send from the newest demand. Extends the covered
+/// records in place if the demand still has all of `had`, the regions of the one before, and no message was refused
+/// or lost a part; else computes them anew.
 void DeliveryServer::compare(Controller& controller, Service& service, const Object& object,
                              const std::vector<spm::Interval>* had) {
   const Demand& demand = service.demand;
@@ -190,13 +191,13 @@ void DeliveryServer::compare(Controller& controller, Service& service, const Obj
   };
   const auto ends = [&](const Message& message) {
     const bool base = message.region == spm::kNone;
-    if (base ? !demand.need_base : contains(demand.have, message.region)) return true;  // taken
+    if (base ? !demand.need_base : contains(demand.have, message.region)) return true;  // accepted
     if (message.arrived() && message.last_sequence <= demand.received) return refused = true;
     const bool parts_to_come = !message.sent() || !message.lost.empty();
     const bool cancelled = parts_to_come && (base != demand.need_base || (!base && !wanted(message)));
     if (!cancelled) return false;
     count(controller, [](DeliveryCounters& c) { ++c.messages_dropped; });
-    refused = refused || message.sent();  // what was counted on is not there
+    refused = refused || message.sent();  // its records are not there
     return true;
   };
   const auto erase_if = [&](const auto& condition) {
@@ -213,8 +214,8 @@ void DeliveryServer::compare(Controller& controller, Service& service, const Obj
       if (!only_more || !contains(*had, region)) cover(service, object, region);
     }
   }
-  // What was taken back stays with the HRTC until it has dealt with all that was sent before it knew. So a message that
-  // was sent whole is doubtful only when one before it was not taken; but a part that is sent now must hold now.
+  // The HRTC keeps a retired region until it has processed all that was sent before it saw the echo. So a message that
+  // was sent completely is doubtful only if an earlier one was refused. A part that is sent now must be valid now.
   erase_if([&](Message& message) {
     if (only_more || message.region == spm::kNone) return false;
     const bool parts_to_come = !message.sent() || !message.lost.empty();
@@ -256,7 +257,7 @@ DeliveryServer::Message* DeliveryServer::first_lost(Service& service, std::size_
   return at == service.messages.end() ? nullptr : &*at;
 }
 
-/// Time to contact of what this service would send next.
+/// Time to contact of the next message of this service.
 std::optional<std::uint32_t> DeliveryServer::urgency(Service& service) {
   if (!service.serving) return std::nullopt;
   if (const Message* lost = first_lost(service)) return lost->contact_in_us;
@@ -268,7 +269,7 @@ std::optional<std::uint32_t> DeliveryServer::urgency(Service& service) {
   return service.to_send.back().contact_in_us;
 }
 
-/// The first part is cut to `room`.
+/// Plans the next message. Its first part fits into `room` bytes.
 void DeliveryServer::plan(Service& service, const Object& object, std::size_t room) const {
   Message message;
   message.number = ++service.planned;
@@ -289,7 +290,7 @@ void DeliveryServer::plan(Service& service, const Object& object, std::size_t ro
   service.messages.push_back(std::move(message));
 }
 
-/// Chunks that are under way, and messages that have come and wait for room.
+/// Bytes of chunks in flight, and of messages that have arrived but are not answered.
 std::uint64_t DeliveryServer::unanswered(const Controller& controller) {
   std::uint64_t bytes = controller.pacer.under_way();
   for (const auto& [object_id, service] : controller.services) {
@@ -325,13 +326,14 @@ std::optional<Outgoing> DeliveryServer::next(std::uint64_t hrtc, Controller& con
   }
   if (soonest && unanswered(controller) + kMaxPayload > controller.credit) soonest.reset();
   if (!soonest) controller.pacer.rest();
-  // The object that sends next, now or as soon as its pace allows: its chunk is its echo.
+  // The next chunk of this object, now or as soon as the pacer allows, is also its echo.
   const std::optional<std::uint64_t> speaks = soonest;
   if (soonest && !controller.pacer.may_send(kMaxPayload, now_ns)) {
     soonest.reset();
     if (controller.pacer.next_ns() > now_ns) due_ns_ = std::min(due_ns_, controller.pacer.next_ns());
   }
-  // An epoch that would wait behind another object's data, or for the window, is told alone: memory is freed by it.
+  // An epoch that would wait behind another object's data or for the window is echoed alone, because the HRTC frees
+  // memory on it.
   for (auto& [object_id, service] : controller.services) {
     const bool soon = object_id == speaks && (soonest || controller.pacer.next_ns() > now_ns);
     const bool marks = service.serving && !service.under_way.empty() && now_ns >= service.mark_ns;
@@ -369,7 +371,7 @@ Outgoing DeliveryServer::send_parts(std::uint64_t hrtc, Controller& controller, 
   while (auto piece = next_piece(controller, service, object, chunk, room)) {
     room -= head_bytes(piece->region, piece->parts) + piece->payload.size();
     chunk.pieces.push_back(std::move(*piece));
-    if (chunk.kind() == BulkKind::kBase) break;  // regions count on it
+    if (chunk.kind() == BulkKind::kBase) break;  // regions rely on it
   }
   controller.pacer.sent(static_cast<std::uint32_t>(chunk.payload_bytes()), now_ns);
   service.mark_interval_ns = kFirstMark;
@@ -378,7 +380,7 @@ Outgoing DeliveryServer::send_parts(std::uint64_t hrtc, Controller& controller, 
   return {hrtc, std::move(chunk)};
 }
 
-/// What goes next into a chunk with so much room left, taken as sent with it.
+/// The next piece that fits into `room` bytes of the chunk, marked as sent with it; none if no piece fits.
 std::optional<BulkPiece> DeliveryServer::next_piece(Controller& controller, Service& service, const Object& object,
                                                     const BulkChunk& chunk, std::size_t room) {
   if (room < kMinRoom) return std::nullopt;

@@ -1,7 +1,6 @@
-/// How a message is cut into the pieces of chunks: a first part that fills the room left in a chunk, and parts of one
-/// size after it.
+/// Cuts a message into the pieces of chunks: a first part that fills the room left in a chunk, then equal parts.
 ///
-///     | first_bytes | part_bytes | part_bytes | ... | rest |      `count` parts, `bytes` in all
+///     | first_bytes | part_bytes | part_bytes | ... | remainder |      `count` parts, `bytes` in all
 #pragma once
 
 #include <algorithm>
@@ -29,7 +28,7 @@ struct MessageParts {
     parts.count = 1 + rest / parts.part_bytes + (rest % parts.part_bytes != 0 ? 1 : 0);
     return parts;
   }
-  /// Where a part begins and ends in the message.
+  /// First byte of a part in the message, and the byte after its last.
   [[nodiscard]] std::pair<std::size_t, std::size_t> range(std::uint32_t part) const noexcept {
     if (part == 0) return {0, first_bytes};
     const std::size_t from = first_bytes + std::size_t{part_bytes} * (part - 1u);

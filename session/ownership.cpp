@@ -6,7 +6,7 @@ namespace {
 
 constexpr std::size_t kMaxClaimants = 64;
 
-/// From a claim with that way to the host and as long a one back.
+/// The lease of a claim with this transit to the host, if the grant takes as long on its way back.
 std::int64_t lease_of(const OwnershipSettings& settings, std::int64_t one_way_ns) noexcept {
   constexpr std::int64_t kLongestNs = 500'000'000;
   return settings.lease_ns + 2 * std::clamp<std::int64_t>(one_way_ns, 0, kLongestNs);
@@ -31,7 +31,7 @@ Arbiter::Arbiter(const Origin& self, std::uint64_t object_id, const OwnershipSet
 }
 
 void Arbiter::change(std::int64_t now_ns) {
-  // Larger than any number that this host may have given in an earlier life and nobody has told it of.
+  // Larger than any number that this host may have granted in an earlier incarnation.
   fencing_ = std::max(fencing_, self_.incarnation) + 1;
   (void)fencings_.admit(fencing_, now_ns);
   changed_ = true;
@@ -85,7 +85,7 @@ void Arbiter::on_claim(const ObjectClaim& claim, std::int64_t now_ns) {
     held_.erase(held);
     change(now_ns);
   } else if (held != held_.end()) {
-    // No earlier than what an older claim was granted for.
+    // Never shortens the lease of an earlier claim.
     const std::int64_t until_ns = std::max(held->until_ns, now_ns + lease_of(settings_, claim.one_way_ns));
     *held = {toucher, until_ns, claim.one_way_ns};
     return;
@@ -130,8 +130,8 @@ void Holder::touch(bool touching) noexcept {
   touching_ = touching;
   changed_ = true;
   until_ns_ = 0;
-  sent_ = {};  // a grant that answers a claim of an earlier touch is none for this one
-  // Until the host has heard it or the lease is over anyway.
+  sent_ = {};  // a grant for a claim of an earlier touch must not count for this one
+  // Repeated until the host has certainly received one, or the lease has ended.
   farewells_ = touching ? 0 : static_cast<int>(lease_of(settings_, one_way_ns_) / settings_.period_ns) + 1;
 }
 
@@ -144,7 +144,7 @@ bool Holder::see(std::uint64_t fencing, std::int64_t now_ns) noexcept {
 void Holder::on_grant(const ObjectGrant& grant, std::int64_t now_ns) {
   if (grant.object_id != object_id_ || grant.origin.session != self_.session || !see(grant.fencing, now_ns)) return;
   const bool known = grant.fencing == granted_.fencing;
-  // One number is granted once: the second who uses it is a host that does not know yet, and is told by the next claim.
+  // Two hosts granted the same number: the second one is outdated. The next claim carries a larger number.
   if (known && grant.origin.incarnation != granted_.origin.incarnation) {
     (void)see(grant.fencing + 1, now_ns);
     return;

@@ -14,28 +14,28 @@ constexpr double kMaxWindow = 16e6;
 constexpr std::int64_t kFirstLoop = 10 * kMs;
 constexpr std::int64_t kMinLoop = kMs;
 
-// Queueing that is aimed at: some, the more the later its effect is seen, and what one chunk takes by itself.
+// Target queueing delay: a constant, a share of the round trip, and half the time that a chunk takes to send.
 constexpr std::int64_t kTarget = kMs / 4;
-constexpr std::int64_t kTargetShare = 8;  // of a loop
+constexpr std::int64_t kTargetShare = 8;  // of a round trip
 constexpr double kMaxChunkTime = 8e6;
-// Of the window in a loop, at most; with the target's share of it this keeps the loop stable. A demand that is late
-// makes the queue seem empty, so up is slow, but where half has been found to fit before.
+// Max growth of the window per round trip, as a share of the window. Together with the target it keeps the control loop
+// stable. A late demand makes the queue look empty, so growth is slow, except up to half the best known rate.
 constexpr double kGain = 1.0 / 16, kKnownGain = 1.0 / 8;
-constexpr double kSteepest = 8;  // times kGain, downwards
+constexpr double kSteepest = 8;  // max shrinking, as a multiple of kGain
 
-constexpr double kPaceStarting = 2, kPace = 1.2;  // windows per loop
-constexpr std::int64_t kCatchUp = 4 * kMs;        // of the pace, when the sender was held up
+constexpr double kPaceStarting = 2, kPace = 1.2;  // windows per round trip
+constexpr std::int64_t kCatchUp = 4 * kMs;        // of lost sending time, after the sender was delayed
 constexpr std::int64_t kSpan = 10'000 * kMs;
 constexpr std::int64_t kDrainEvery = 2'000 * kMs;
 constexpr std::int64_t kDrainEveryLoops = 40;
-constexpr double kDrainShare = 0.5;  // of the window, for a loop
-// Where what is usual has to be known: one until less is under way, one until that shows, one to see it.
+constexpr double kDrainShare = 0.5;  // of the window, for one round trip
+// To measure the base delay: one round trip until less is in flight, one until that shows, one to measure.
 constexpr std::int64_t kDeepDrainLoops = 3;
 constexpr double kDeepDrainShare = 0.25;
 
 constexpr std::int64_t kUsualOver = 1'000 * kMs;
-constexpr std::int64_t kMaxUsual = 2;  // loops over this, above the least: a queue may be in it
-constexpr double kForgetBest = 0.99;   // of the best rate, in a loop
+constexpr std::int64_t kMaxUsual = 2;  // round trips over this: max base delay above the min, as it may contain a queue
+constexpr double kForgetBest = 0.99;   // of the best rate, in a round trip
 constexpr std::uint32_t kMaxLossSeen = 8 * kMaxPayload;
 
 }  // namespace
@@ -53,7 +53,7 @@ std::int64_t Pacer::target_ns() const noexcept {
 }
 
 bool Pacer::may_send(std::uint32_t bytes, std::int64_t now_ns) {
-  // Time in which nothing was to be sent, or no more was allowed, is not made up for.
+  // Time without anything to send, or with a full window, is not made up for.
   if (!paced_) next_ns_ = std::max(next_ns_, now_ns);
   const double window = now_ns < drain_until_ns_ ? drain_share_ * window_ : window_;
   if (under_way_ != 0 && under_way_ + bytes > window) {
@@ -98,13 +98,13 @@ void Pacer::note_one_way(std::uint32_t one_way_us, std::int64_t now_ns) {
   if ((us - min) * std::int64_t{1000} < target_ns() / 4) empty_ns_ = now_ns;
 }
 
-/// What arrives in a loop, and how much of what was sent does.
+/// Measures the arrival rate over a round trip, and halves the window if most chunks were lost.
 void Pacer::note_round(const Feedback& feedback, std::int64_t now_ns) {
   round_arrived_ += feedback.arrived_bytes;
   round_lost_ += feedback.lost_bytes;
   const std::int64_t lasted = now_ns - round_ns_;
   if (lasted < loop_ns_) return;
-  // No link is like that: it is a queue too short to show as delay.
+  // No link loses this much by itself: a queue overflows that is too short to show as delay.
   if (round_lost_ > std::max<std::uint64_t>(round_arrived_, kMaxLossSeen)) window_ = std::max(window_ / 2, kMinWindow);
   best_ = std::max(kForgetBest * best_, static_cast<double>(round_arrived_) / static_cast<double>(lasted));
   round_ns_ = now_ns;
@@ -112,8 +112,8 @@ void Pacer::note_round(const Feedback& feedback, std::int64_t now_ns) {
 }
 
 void Pacer::on_feedback(const Feedback& feedback, std::int64_t now_ns) {
-  // The pace may keep what is under way below the window; far below it the sender had nothing more to send, and what
-  // waits in queues is not ours.
+  // Pacing may keep the bytes in flight below the window. Far below it the sender had nothing more to send, so a queue
+  // does not come from this stream.
   const bool ours = under_way_ > window_ / 3;
   const bool used = std::exchange(held_up_, false) && ours;
   if (under_way_ > best_ * static_cast<double>(loop_ns_) / 2) loaded_until_ns_ = now_ns + 2 * loop_ns_;

@@ -12,7 +12,7 @@ std::array<double, 3> between(const std::array<double, 3>& a, const std::array<d
 }  // namespace
 
 void ProbePlayout::on_state(const ProbeState& state, std::int64_t session_now_ns) noexcept {
-  constexpr std::int64_t kStepNs = 100'000'000;  // no sample is overtaken by so much
+  constexpr std::int64_t kStepNs = 100'000'000;  // longer than any reordering
   const bool other_life = count_ > 0 && states_[0].origin.incarnation != state.origin.incarnation;
   const bool stepped_back = started_ && session_now_ns < moved_ns_ - kStepNs;
   if (other_life || stepped_back) *this = ProbePlayout{settings_};
@@ -56,7 +56,7 @@ Shown ProbePlayout::at(std::int64_t session_now_ns) noexcept {
   shown.state = state;
   shown.stale = session_now_ns - states_[count_ - 1].session_time_ns > 3 * kKeepAliveNs + delay_ns_;
   shown.view = reckon(state, shown_ns_);
-  if (next != begin && next != end && next->sequence != state.sequence + 1) {  // one between them was lost
+  if (next != begin && next != end && next->sequence != state.sequence + 1) {  // states between them were lost
     const double share = static_cast<double>(shown_ns_ - state.session_time_ns) /
                          static_cast<double>(next->session_time_ns - state.session_time_ns);
     shown.view = {between(state.device.position, next->device.position, share),

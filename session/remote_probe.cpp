@@ -6,7 +6,7 @@ namespace tactus::session {
 
 void RemoteProbe::count(const ProbeState& state) noexcept {
   constexpr double kMemory = 100;      // states
-  constexpr std::uint32_t kMax = 100;  // a longer silence is no loss of single ones
+  constexpr std::uint32_t kMax = 100;  // a longer gap is an interruption, not a loss of single states
   if (coded_ != 0 && state.sequence > coded_) {
     const std::uint32_t missing = state.sequence - coded_ - 1;
     for (std::uint32_t i = 0; i < missing && missing <= kMax; ++i) lost_ += (1 - lost_) / kMemory;
@@ -15,7 +15,7 @@ void RemoteProbe::count(const ProbeState& state) noexcept {
   coded_ = std::max(coded_, state.sequence);
 }
 
-/// Forgets what was shown, but not what is plausible.
+/// Resets what is shown, but not the windows of plausible numbers.
 void RemoteProbe::begin_anew() noexcept {
   playout_ = ProbePlayout{compressed_settings_};
   stream_ = StateStream::kDeadbandCoded;
@@ -49,7 +49,7 @@ Admission RemoteProbe::on_state(const ProbeState& state, StateStream stream, std
   if (stream != now) return admission;
   if (now != stream_) {
     stream_ = now;
-    offset_ = newest_ + 2 - state.sequence;  // not the next number: between them lies what was not heard
+    offset_ = newest_ + 2 - state.sequence;  // skips a number, so that the playout interpolates between the streams
     playout_.set(now == StateStream::kFullRate ? PlayoutSettings{0, 0} : compressed_settings_);
   }
   ProbeState kept = state;

@@ -8,7 +8,7 @@
 namespace tactus::session {
 namespace {
 
-/// So many beats of an incarnation that should be dead are no stragglers.
+/// Heartbeats after which an older incarnation counts as alive, not as late samples.
 constexpr std::uint32_t kBeatsOfALiveRival = 2;
 constexpr std::size_t kMaxRivals = 4;
 constexpr std::size_t kMaxRefused = 256;
@@ -38,8 +38,8 @@ std::int64_t presence_ns(const RosterEntry& entry) noexcept {
   return entry.joined_ns == kNotJoined ? -1 : entry.session_time_ns - entry.joined_ns;
 }
 
-/// Of two programs with one name the one that came later gives way. Those that came at about the same time decide by
-/// incarnation: it does not matter who goes, but they must agree.
+/// Of two programs with one name, the one that joined later yields. If they joined at about the same time, the larger
+/// incarnation yields: any rule will do on which both agree.
 bool yields(const RosterEntry& one, const RosterEntry& other) noexcept {
   constexpr std::int64_t kSameNs = 1'000'000'000;
   const std::int64_t longer_ns = presence_ns(one) - presence_ns(other);
@@ -127,7 +127,7 @@ std::vector<RosterEvent> Roster::on_entry(const RosterEntry& entry, std::int64_t
   const std::uint64_t before = known.entry.origin.incarnation;
   if (incarnation < before) {
     const bool alive = watch_rival(known, entry, now_ns, events);
-    if (!known.here && alive) {  // the newer one yielded the name, or died: the older goes on
+    if (!known.here && alive) {  // the newer program has yielded or died: the older one keeps the name
       const SequenceWindow heartbeats = known.rivals.at(incarnation).heartbeats;
       known = Known{};
       known.entry = entry;
@@ -172,7 +172,7 @@ std::vector<RosterEvent> Roster::on_entry(const RosterEntry& entry, std::int64_t
   return events;
 }
 
-/// True when the entry's program is alive: it has beaten often enough since it was first seen as a rival.
+/// True when the entry's program is alive: enough heartbeats have come since its first entry as a rival.
 bool Roster::watch_rival(Known& known, const RosterEntry& entry, std::int64_t now_ns,
                          std::vector<RosterEvent>& events) const {
   const std::uint64_t incarnation = entry.origin.incarnation;
@@ -220,7 +220,7 @@ std::vector<RosterEvent> Roster::tick(std::int64_t now_ns) {
   return events;
 }
 
-/// So that there is room to notice the next one.
+/// Makes room for new rivals.
 void Roster::forget_rivals(Known& known, std::int64_t now_ns) const {
   for (auto rival = known.rivals.begin(); rival != known.rivals.end();)
     rival = now_ns - rival->second.seen_ns >= settings_.gone_ns ? known.rivals.erase(rival) : std::next(rival);

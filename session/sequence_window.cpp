@@ -6,7 +6,7 @@ namespace tactus::session {
 namespace {
 
 constexpr double kNsPerS = 1e9;
-/// Two clocks run apart by less, and 2^61 ns is 73 years: differences of clamped times do not overflow.
+/// Max drift between two clocks; differences of clamped times do not overflow, as 2^61 ns is 73 years.
 constexpr std::int64_t kDriftShare = 1000;
 constexpr std::int64_t kFarthestNs = INT64_C(1) << 61;
 constexpr std::int64_t kLongestNs = 2'000'000'000;  // between samples that agree

@@ -14,7 +14,7 @@ Eigen::Quaterniond turn(const std::array<double, 4>& q) noexcept {
   return Eigen::Quaterniond{q[3], q[0], q[1], q[2]}.normalized();
 }
 
-/// Half edges, m.
+/// Half the edges of the bounds, m.
 Vec3d half_of(const spm::ModelSummary& summary, double scale) noexcept {
   Vec3d half;
   for (int axis = 0; axis < 3; ++axis)

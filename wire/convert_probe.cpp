@@ -2,7 +2,7 @@
 
 namespace tactus::wire {
 
-// The bounds of the two sides are one.
+// Both headers state the same bounds.
 static_assert(idl::kProtocolVersion == session::kProtocolVersion);
 static_assert(idl::kMaxName == session::kMaxName);
 static_assert(idl::kMaxText == session::kMaxText);

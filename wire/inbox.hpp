@@ -1,4 +1,4 @@
-/// Where the callbacks of readers leave samples for a program's one thread, and how that thread keeps its appointments.
+/// The queue from reader callbacks to a program's one thread, and the timers of that thread.
 #pragma once
 
 #include <algorithm>
@@ -14,7 +14,7 @@
 
 namespace tactus::wire {
 
-/// Any threads put, one takes. What does not fit is dropped and counted: every stream of samples heals by itself.
+/// Many producers, one consumer. Drops and counts samples above the capacity: every topic recovers from losses.
 template <class Sample>
 class Inbox {
  public:
@@ -25,7 +25,7 @@ class Inbox {
 
   explicit Inbox(std::size_t capacity) : capacity_{capacity} {}
 
-  /// What is not urgent wakes nobody: it waits until the thread has run out of patience.
+  /// An urgent sample wakes the consumer. Another one waits until `take` times out.
   void put(Sample sample, bool urgent = true) {
     {
       const std::lock_guard lock{mutex_};
@@ -38,7 +38,7 @@ class Inbox {
     if (urgent) arrived_.notify_one();
   }
 
-  /// All that has come, in order, after waiting at most `patience` for a first one.
+  /// All samples in order of arrival; waits at most `patience` for the first.
   [[nodiscard]] std::vector<Arrived> take(std::chrono::microseconds patience) {
     std::unique_lock lock{mutex_};
     arrived_.wait_for(lock, patience, [this] { return !samples_.empty(); });
@@ -58,7 +58,7 @@ class Inbox {
   std::uint64_t dropped_ = 0;
 };
 
-/// True once in every period.
+/// A periodic timer: `due` is true once in every period.
 class Every {
  public:
   explicit Every(std::int64_t period_ns) : period_ns_{period_ns} {}
@@ -67,12 +67,12 @@ class Every {
     next_ns_ = now_ns + period_ns_;
     return true;
   }
-  /// Until it is due; 0 when it is.
+  /// Time until it is due; 0 when it is.
   [[nodiscard]] std::chrono::microseconds left(std::int64_t now_ns) const {
     return std::chrono::microseconds{now_ns < next_ns_ ? (next_ns_ - now_ns + 999) / 1000 : 0};
   }
   void at_once() { next_ns_ = 0; }
-  /// Within so long: however often it is asked to hurry, it is due once in that time.
+  /// Makes it due within `within_ns`. Repeated calls do not make it due more often than that.
   void hasten(std::int64_t now_ns, std::int64_t within_ns) { next_ns_ = std::min(next_ns_, now_ns + within_ns); }
   void set_period(std::int64_t period_ns) { period_ns_ = period_ns; }
 
@@ -81,7 +81,7 @@ class Every {
   std::int64_t next_ns_ = 0;
 };
 
-/// When to tell the roster that one is there.
+/// When to publish this program's roster entry.
 class Heartbeat : public Every {
  public:
   using Every::Every;
@@ -90,7 +90,7 @@ class Heartbeat : public Every {
     if (insisting_ > 0 && --insisting_ > 0) hasten(now_ns, kInsistNs);
     return true;
   }
-  /// To somebody just met who should know soon: now and again, as one may hear another before being found by it.
+  /// Repeats the next entries quickly, for a participant just discovered: it may not have matched our writer yet.
   void insist() {
     insisting_ = kInsistBeats;
     at_once();
@@ -102,15 +102,15 @@ class Heartbeat : public Every {
   int insisting_ = 0;
 };
 
-/// Calls `say`, which tells the roster that one leaves, three times in 30 ms: it acknowledges nothing, and one burst of
-/// loss shall not take all. Blocks; for the end of a program.
+/// Calls `say`, which sends a leave message, three times in 30 ms: roster samples are not acknowledged, and one burst
+/// of loss must not take all. Blocks; for the end of a program.
 template <class Say>
 void send_leave_messages(Say&& say) {
   constexpr int kTimes = 3;
   constexpr std::chrono::milliseconds kBetween{10};
   for (int i = 0; i < kTimes; ++i) {
     say();
-    std::this_thread::sleep_for(kBetween);  // after the last too: it may leave by another thread
+    std::this_thread::sleep_for(kBetween);  // after the last one too: another thread may send it
   }
 }
 

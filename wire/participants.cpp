@@ -26,10 +26,10 @@ namespace {
 using eprosima::fastrtps::types::ReturnCode_t;
 namespace fdds = eprosima::fastdds::rtps;
 
-/// Name of participants that only read bulk; they do not meet each other.
+/// Name of participants that only read bulk; they ignore each other.
 constexpr char kReadsBulk[] = "tactus_bulk_reader";
 
-/// Profiles live in one global table of the library, so one Participants at a time fills and reads it.
+/// Fast DDS stores profiles in one global table, so one Participants at a time fills and reads it.
 std::mutex& factory_mutex() {
   static std::mutex mutex;
   return mutex;
@@ -63,7 +63,7 @@ std::set<int> datagram_sockets() {
   return found;
 }
 
-/// Fast DDS 2.9 cannot mark its sockets. IP_TOS first: the kernel derives a priority from it, which ours replaces.
+/// Fast DDS 2.9 cannot mark its sockets. IP_TOS first: the kernel derives a priority from it, which we then replace.
 void mark_new_sockets(const std::set<int>& before, const SocketMarks& marks) {
   if (marks.tos == 0 && marks.priority == 0) return;
   for (const int fd : datagram_sockets()) {
@@ -73,7 +73,8 @@ void mark_new_sockets(const std::set<int>& before, const SocketMarks& marks) {
   }
 }
 
-/// While it lives, threads that this thread makes get SCHED_FIFO, where the system allows: Fast DDS 2.9 has no setting.
+/// During its lifetime, threads that this thread creates get SCHED_FIFO, if the system allows it. Fast DDS 2.9 has no
+/// setting for this.
 class InheritedPriority {
  public:
   explicit InheritedPriority(int priority) {
@@ -137,7 +138,7 @@ dds::DomainParticipant* join(Participants::Impl& impl, TrafficClass traffic, con
   return made;
 }
 
-/// Copies the profiles of every topic of one class out of the library's table.
+/// Copies the profiles of all topics of one class from the library's table.
 void copy_profiles(Participants::Impl& impl, TrafficClass traffic, const Durations& durations) {
   dds::DomainParticipant& participant = impl.participant(traffic);
   dds::Publisher* publisher = participant.create_publisher(dds::PUBLISHER_QOS_DEFAULT);
@@ -189,7 +190,7 @@ Participants::Participants(SessionAddress address) : impl_{std::make_unique<Impl
   if (address.domain < kMinDomain || address.domain > kMaxDomain) {
     throw WireError("domain " + std::to_string(address.domain) + " is out of range; expected " +
                     std::to_string(kMinDomain) + " to " + std::to_string(kMaxDomain) +
-                    " (0 belongs to ROS 2; the ports of higher ones are the system's to give away)");
+                    " (0 belongs to ROS 2; the ports of higher ones are ephemeral ports of the system)");
   }
   if (address.incarnation == 0) {
     const auto clock = std::chrono::nanoseconds(std::chrono::system_clock::now().time_since_epoch()).count();
@@ -257,8 +258,8 @@ std::string Participants::Impl::partition(const std::string& part) const {
 }  // namespace tactus::wire
 
 #ifdef __SANITIZE_ADDRESS__
-/// Debian's Fast DDS deletes its statistics parts through a base class without virtual destructor; nothing of ours
-/// does.
+/// Debian's Fast DDS deletes its statistics classes through a base class without a virtual destructor; Tactus has no
+/// such class.
 extern "C" const char* __asan_default_options();
 extern "C" const char* __asan_default_options() { return "new_delete_type_mismatch=0"; }
 #endif

@@ -14,7 +14,7 @@ namespace {
 
 using Duration = Durations::Duration;
 
-/// Where a duration of a profile belongs in a QoS.
+/// An XML element with a duration, and the field of the QoS that it sets.
 template <class Qos>
 struct Place {
   const char* element;
@@ -56,7 +56,7 @@ const std::vector<Place<dds::DataReaderQos>>& places(const dds::DataReaderQos&) 
   return all;
 }
 
-/// Digits alone, below `limit`.
+/// A number of decimal digits below `limit`; none for any other text.
 std::optional<std::uint32_t> number_of(const tinyxml2::XMLElement& element, std::uint32_t limit) {
   const char* const text = element.GetText();
   constexpr std::size_t kMaxDigits = 9;
@@ -69,7 +69,7 @@ std::optional<std::uint32_t> number_of(const tinyxml2::XMLElement& element, std:
   return value < limit ? std::optional{value} : std::nullopt;
 }
 
-/// Seconds and nanoseconds; none for whatever else the library may make of an element.
+/// A duration with exactly <sec> and <nanosec>; none for any other form, which is left to the library.
 std::optional<Duration> duration_of(const tinyxml2::XMLElement& element) {
   const auto* const seconds = element.FirstChildElement("sec");
   const auto* const rest = element.FirstChildElement("nanosec");
@@ -81,7 +81,7 @@ std::optional<Duration> duration_of(const tinyxml2::XMLElement& element) {
   return Duration{static_cast<std::int32_t>(*s), *ns};
 }
 
-/// Takes out of a profile the durations that one of `places` is for.
+/// Moves the durations with an entry in `places` from the profile into `into`.
 template <class Qos>
 void take_durations(tinyxml2::XMLElement& from, const std::string& profile, const std::vector<Place<Qos>>& places,
                     Durations& into) {
@@ -117,7 +117,8 @@ void take_durations(tinyxml2::XMLDocument& document, Durations& into) {
 using eprosima::fastrtps::types::ReturnCode_t;
 using eprosima::fastrtps::xmlparser::XMLProfileManager;
 
-/// The library says what is wrong with a file, not in which profile: offers it each profile alone, with the transports.
+/// The library reports what is wrong with a file, but not in which profile. So this loads each profile alone, together
+/// with the transports.
 std::string first_broken_profile(const std::filesystem::path& file, LogCapture& log) {
   tinyxml2::XMLDocument whole;
   if (whole.LoadFile(file.c_str()) != tinyxml2::XML_SUCCESS) return whole.ErrorStr();
@@ -140,7 +141,7 @@ std::string first_broken_profile(const std::filesystem::path& file, LogCapture& 
     return (name != nullptr ? "profile '" + std::string{name} + "'" : "<" + std::string{profile->Name()} + ">") + ": " +
            complaints;
   }
-  return "no profile is broken alone";
+  return "each profile alone is valid";
 }
 
 }  // namespace
@@ -164,7 +165,7 @@ Durations load_profiles(const std::filesystem::path& directory, LogCapture& log)
     throw WireError("qos directory '" + directory.string() +
                     "' does not exist; expected one with session.xml, probe.xml, bulk.xml and flow.yaml");
   }
-  // The library reads a file that the environment names with its first participant: let it, then forget what it read.
+  // With its first participant the library loads a file that the environment names: load it now, then delete the table.
   auto* factory = dds::DomainParticipantFactory::get_instance();
   factory->load_profiles();
   XMLProfileManager::DeleteInstance();

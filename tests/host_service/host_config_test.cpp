@@ -19,7 +19,7 @@ class HostConfigTest : public testing::Test {
     test_support::write_bytes(file_, text);
     return read_config(file_);
   }
-  /// What reading `text` complains of, without the file's name.
+  /// The error message for `text`, without the file's name.
   std::string complaint(const std::string& text) {
     try {
       read(text);
@@ -97,7 +97,7 @@ TEST_F(HostConfigTest, RefusesABodyThatCannotBe) {
 
 TEST_F(HostConfigTest, TurnsRollThenPitchThenYawAboutFixedAxes) {
   const auto object = read("objects: [{model: a.spm, rpy_degrees: [90, 0, 90]}]").at(0);
-  // x goes to y by the yaw; y goes to z by the roll and stays there.
+  // The yaw turns x to y. The roll turns y to z, which the yaw leaves unchanged.
   const std::array<double, 4> q = object.pose->orientation;
   const auto turned = [&](double x, double y, double z) {
     const double tx = 2 * (q[1] * z - q[2] * y), ty = 2 * (q[2] * x - q[0] * z), tz = 2 * (q[0] * y - q[1] * x);

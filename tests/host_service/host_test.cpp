@@ -1,4 +1,4 @@
-/// A Host in this process, and a controller made of DeliveryClient and wire ends that knows nothing of it but topics.
+/// A Host in this process, and an HRTC made of a DeliveryClient and endpoints that uses only the topics.
 #include "host_service/host.hpp"
 
 #include <gmock/gmock.h>
@@ -45,7 +45,7 @@ wire::SessionAddress address(const std::string& participant) {
   return a;
 }
 
-/// A controller that asks for all of one object.
+/// An HRTC that requests all regions of one object.
 class Controller {
  public:
   explicit Controller(const std::string& name)
@@ -64,7 +64,7 @@ class Controller {
     listen(wire::topics::kRecords, own);
   }
 
-  /// Intervals until `done`; false when the watchdog bites.
+  /// Runs until `done`; false when the watchdog expires.
   template <class Done>
   [[nodiscard]] bool run_until(Done&& done) {
     const auto end = Clock::now() + kWatchdog;
@@ -179,7 +179,7 @@ class Controller {
   std::vector<std::shared_ptr<void>> readers_;
 };
 
-/// A Host that intervals in its own thread.
+/// A Host that runs in its own thread.
 class RunningHost {
  public:
   RunningHost(HostOptions options) : host_{std::move(options), [](Severity, const std::string&) {}, stop_} {
@@ -264,7 +264,7 @@ TEST_F(HostTest, CountsWhatItSentAndAnswersForTheTime) {
 
   const double all = controller.catalogue_->summary.records;
 
-  // Not the figures that were published while some were still under way.
+  // Earlier figures were published while some records were in flight.
   ASSERT_TRUE(controller.run_until([&] { return controller.figures_[names::kHostRecords] >= all; }));
 
   EXPECT_EQ(controller.figures_[names::kHostRecords], all);

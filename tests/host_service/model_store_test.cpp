@@ -17,7 +17,7 @@ class ModelStoreTest : public testing::Test {
  protected:
   ModelStoreTest() { offline::write_mesh(mesh_, offline::generate(offline::Shape::kSphere, 400)); }
 
-  /// Opens and returns the digest; what was said is in `said_`.
+  /// Opens and returns the digest; the log is in `said_`.
   std::uint64_t open(const std::filesystem::path& path) {
     said_.clear();
     const ModelStore store{cache_,
@@ -47,8 +47,8 @@ TEST_F(ModelStoreTest, BuildsAModelOnceForTheSameBytes) {
   std::filesystem::copy_file(mesh_, folder_.path() / "other name.ply");
   EXPECT_EQ(open(folder_.path() / "other name.ply"), digest);
 
-  EXPECT_THAT(said_, HasSubstr("built before"));
-  EXPECT_EQ(open(cached()), digest) << "a .spm file is served as it is";
+  EXPECT_THAT(said_, HasSubstr("from the cache"));
+  EXPECT_EQ(open(cached()), digest) << "a .spm file is opened directly";
   EXPECT_EQ(said_, "");
 }
 
@@ -99,11 +99,11 @@ TEST_F(ModelStoreTest, StopsWithoutATraceWhateverItIsDoing) {
     EXPECT_TRUE(std::filesystem::is_empty(cache_)) << stage;
   }
   stop_ = false;
-  stop_at_ = "kept in";
+  stop_at_ = "stored in";
   EXPECT_THROW(open(mesh_), Stopped);
   stop_ = false;
   open(mesh_);
-  EXPECT_THAT(said_, HasSubstr("built before")) << "what was written is whole";
+  EXPECT_THAT(said_, HasSubstr("from the cache")) << "the written file is complete";
 }
 
 TEST_F(ModelStoreTest, RefusesWhatIsNoModelNamingIt) {
@@ -127,7 +127,7 @@ TEST_F(ModelStoreTest, NamesACacheThatCannotBeMade) {
   test_support::write_bytes(folder_.path() / "cache", "in the way");
   try {
     open(mesh_);
-    FAIL() << "no complaint";
+    FAIL() << "no error";
   } catch (const offline::ModelError& error) {
     EXPECT_THAT(error.what(), HasSubstr(cache_.string()));
   }

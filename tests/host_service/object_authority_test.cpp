@@ -33,7 +33,7 @@ session::CatalogueEntry cube(double height, const session::Origin& host = origin
   return entry;
 }
 
-/// A keeper with time.
+/// An ObjectAuthority in virtual time.
 class ObjectAuthorityTest : public ::testing::Test {
  protected:
   void run(std::int64_t ms) {
@@ -77,7 +77,7 @@ TEST_F(ObjectAuthorityTest, WhatIsLetFallComesToRestAndCostsNothingThen) {
   poses_ = grants_ = 0;
   run(2000);
   EXPECT_EQ(object_authority_.steps(), steps);
-  EXPECT_EQ(poses_, 10u) << "a beat of 5 Hz";
+  EXPECT_EQ(poses_, 10u) << "5 Hz";
   EXPECT_EQ(grants_, 4u);
 }
 
@@ -107,7 +107,7 @@ TEST_F(ObjectAuthorityTest, GivesTheObjectToWhoTouchesItAndTakesItBackWhereItWas
     moved.sequence = i;
     moved.fencing = grant_->fencing;
     moved.session_time_ns = now_;
-    moved.pose.position = {1, 2, 0.002 * std::min(i, 25u)};  // for its last 100 ms it is held still
+    moved.pose.position = {1, 2, 0.002 * std::min(i, 25u)};  // at rest for the last 100 ms
     object_authority_.on_pose(moved, now_, now_);
     run(4);
   }
@@ -120,7 +120,7 @@ TEST_F(ObjectAuthorityTest, GivesTheObjectToWhoTouchesItAndTakesItBackWhereItWas
   run(1500);
   EXPECT_NEAR(pose_->pose.position[2], 0, 1e-3);
   moved.sequence = 60;
-  object_authority_.on_pose(moved, now_, now_);  // of the owner before
+  object_authority_.on_pose(moved, now_, now_);  // from the previous owner
   run(300);
   EXPECT_NEAR(pose_->pose.position[2], 0, 1e-3);
 }
@@ -159,7 +159,7 @@ TEST_F(ObjectAuthorityTest, OfTwoHostsTheOldestKeepsAndTheOtherTakesOverWhereItW
   EXPECT_GT(pose_->fencing, 2000u);
   EXPECT_NEAR(pose_->pose.position[0], 4, 1e-3);
   object_authority_.on_catalogue(cube(0, origin_of(90, 1)), now_);
-  object_authority_.on_host(older.participant, 60'000 * kMs, now_);  // it is back, and came last
+  object_authority_.on_host(older.participant, 60'000 * kMs, now_);  // it is back, and joined last
   poses_ = 0;
   run(1000);
   EXPECT_GT(poses_, 0u);
@@ -187,7 +187,7 @@ TEST_F(ObjectAuthorityTest, AHostThatWasUnheardForAMomentKeepsItsObjectAgain) {
   object_authority_.on_host_gone(90, now_);
   run(1000);
   EXPECT_GT(grants_, 0u);
-  object_authority_.on_host(90, 1'000 * kMs, now_);  // DDS has not lost it, so no catalogue comes again
+  object_authority_.on_host(90, 1'000 * kMs, now_);  // within the DDS lease, so no catalogue comes again
   grants_ = 0;
   run(1000);
   EXPECT_EQ(grants_, 0u);

@@ -45,7 +45,7 @@ const Organ& organ() {
   return kOrgan;
 }
 
-/// A box of these half edges in mm and 0.2 kg, its middle at `place`; the ground is far below.
+/// A box of 0.2 kg with these half edges in mm and its centre at `place`; the ground is far below.
 session::CatalogueEntry box(const Vec3d& half_mm, const Vec3d& place, double friction) {
   session::CatalogueEntry entry;
   entry.origin.session = 1;
@@ -62,7 +62,7 @@ session::CatalogueEntry box(const Vec3d& half_mm, const Vec3d& place, double fri
   return entry;
 }
 
-/// Where it is after 4 s, by when it has to rest.
+/// The pose after 4 s, when the box must be at rest.
 session::Pose dropped(const session::CatalogueEntry& entry, Scenery& scenery) {
   ObjectAuthority object_authority{entry.origin};
   object_authority.stand_among(&scenery);
@@ -70,7 +70,7 @@ session::Pose dropped(const session::CatalogueEntry& entry, Scenery& scenery) {
   session::Pose pose = entry.pose;
   for (std::int64_t now = kMs; now < 4000 * kMs; now += kMs)
     for (const session::ObjectPose& published : object_authority.tick(now, now).poses) pose = published.pose;
-  EXPECT_FALSE(object_authority.busy()) << "it rests";
+  EXPECT_FALSE(object_authority.busy()) << "at rest";
   return pose;
 }
 
@@ -87,8 +87,8 @@ TEST(Scenery, ABoxDroppedOnTheOrganComesToRestOnItsFinestMesh) {
     const Vec3d beyond = state.to_body(vertex).cwiseAbs() - half;
     deepest = std::min(deepest, beyond.maxCoeff());
   }
-  EXPECT_GT(deepest, -3e-4) << "of the vertices of the finest mesh none is in the box";
-  EXPECT_LT(deepest, 3e-4) << "and it lies on some";
+  EXPECT_GT(deepest, -3e-4) << "no vertex of the finest mesh is inside the box";
+  EXPECT_LT(deepest, 3e-4) << "the box touches some vertex";
   EXPECT_GT(scenery.regions_loaded(), 0u);
   EXPECT_TRUE(scenery.exact(state.position - Vec3d{0, 0, half.z()}, 0.003));
 }

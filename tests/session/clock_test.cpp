@@ -12,16 +12,16 @@ constexpr std::int64_t kMs = 1'000'000;
 constexpr Origin kReference{1, 10, 1, 0};
 constexpr Origin kAsker{1, 20, 1, 0};
 
-/// A reference and an asker whose crystals disagree, joined by a link of given delays.
+/// A reference and a requester whose clocks drift apart, joined by a link of given delays.
 class Pair {
  public:
   Pair(std::int64_t offset, double drift) : offset_{offset}, drift_{drift} {
     reference_.set_reference(10, 1, 0);
     asker_.set_reference(10, 1, local(0));
   }
-  /// The asker's program starts only then.
+  /// Starts the requester's program at this reference time.
   void begin_asker_at(std::int64_t t) { asker_ = SessionClock{kAsker, {}, local(t)}; }
-  /// Asker's local clock at a reference time.
+  /// The requester's local clock at a reference time.
   [[nodiscard]] std::int64_t local(std::int64_t t) const {
     return t + offset_ + static_cast<std::int64_t>(static_cast<double>(t) * drift_);
   }
@@ -107,8 +107,8 @@ TEST(SessionClock, ANewReferenceBringsNoStep) {
   ASSERT_TRUE(pair.asker_.on_answer(answer, 20 * kMs));
 
   EXPECT_EQ(pair.asker_.map().session_time(20 * kMs), before);
-  EXPECT_EQ(pair.asker_.map().session_time(2'000 * kMs), 2'030 * kMs) << "agrees in the end";
-  EXPECT_GE(pair.asker_.map().bound(20 * kMs), 30 * kMs - 1) << "and says so until then";
+  EXPECT_EQ(pair.asker_.map().session_time(2'000 * kMs), 2'030 * kMs) << "agrees after slewing";
+  EXPECT_GE(pair.asker_.map().bound(20 * kMs), 30 * kMs - 1) << "the bound covers the error until then";
 }
 
 TEST(SessionClock, StepsWhenItHasKeptATimeOfItsOwnAndMeetsAnOlderOne) {
@@ -136,7 +136,7 @@ TEST(SessionClock, DoesNotStepWhileAForceIsOn) {
     ASSERT_TRUE(pair.exchange(t, kMs, kMs));
     const std::int64_t now = pair.asker_.map().session_time(pair.local(t + 3 * kMs));
     ASSERT_LT(now - last, 110 * kMs) << "at " << t;
-    ASSERT_GE(pair.bound(t + 3 * kMs), std::abs(pair.error(t + 3 * kMs))) << "and says how wrong it is";
+    ASSERT_GE(pair.bound(t + 3 * kMs), std::abs(pair.error(t + 3 * kMs))) << "the bound covers the error";
     last = now;
   }
   EXPECT_TRUE(pair.asker_.waits());
@@ -173,7 +173,7 @@ TEST(SessionClock, IsAskedInVainWhileItsOwnTimeIsStillSteered) {
 
 TEST(SessionClock, DoesNotStepToAMeasurementThatIsALittleBetter) {
   Pair pair{0, 0};
-  ASSERT_TRUE(pair.exchange(0, 80 * kMs, 0));  // 40 ms wrong, and says so
+  ASSERT_TRUE(pair.exchange(0, 80 * kMs, 0));  // an error of 40 ms, within the bound
   const std::int64_t before = pair.asker_.map().session_time(pair.local(999 * kMs));
 
   ASSERT_TRUE(pair.exchange(998 * kMs, kMs, kMs));
@@ -196,8 +196,8 @@ TEST(SessionClock, RefusesAnswersThatAreNotForItOrImpossible) {
   EXPECT_TRUE(refused([](ClockSample& s) { s.origin.participant = 11; }));
   EXPECT_TRUE(refused([](ClockSample& s) { s.origin.incarnation = 0; }));
   EXPECT_TRUE(refused([](ClockSample& s) { s.sequence = 7; }));
-  EXPECT_TRUE(refused([](ClockSample& s) { s.t2_ns = s.t1_ns - 1; })) << "answered before it was asked";
-  EXPECT_TRUE(refused([](ClockSample& s) { s.t2_ns = s.t1_ns + 5000; })) << "took longer there than altogether";
+  EXPECT_TRUE(refused([](ClockSample& s) { s.t2_ns = s.t1_ns - 1; })) << "answered before the request";
+  EXPECT_TRUE(refused([](ClockSample& s) { s.t2_ns = s.t1_ns + 5000; })) << "took longer there than the round trip";
   EXPECT_TRUE(refused([](ClockSample& s) { s.t0_ns = INT64_MIN; }));
   EXPECT_TRUE(pair.asker_.on_answer(good, 1000));
   EXPECT_FALSE(pair.asker_.on_answer(good, 1000)) << "a repetition";

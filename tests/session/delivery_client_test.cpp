@@ -60,7 +60,7 @@ class DeliveryClientTest : public testing::Test {
     return c;
   }
 
-  /// The demand due now, and its epoch as what the host has seen.
+  /// The demand due now; its epoch becomes that of later chunks.
   Demand publish() {
     const std::optional<Demand> d = client_.demand(now_ += 10 * kMs);
     if (!d) {
@@ -109,7 +109,7 @@ TEST_F(DeliveryClientTest, TimesTheWayFromADemandToTheFirstChunkThatKnowsIt) {
     take({echo()});
   }
 
-  EXPECT_NEAR(static_cast<double>(first), 40 * kMs, 10 * kMs) << "the base mesh's own way counts a little";
+  EXPECT_NEAR(static_cast<double>(first), 40 * kMs, 10 * kMs) << "smoothed with the round trip of the base mesh";
   EXPECT_NEAR(static_cast<double>(client_.round_trip_ns()), 8 * kMs, kMs);
 }
 
@@ -121,7 +121,7 @@ TEST_F(DeliveryClientTest, CreditGrowsWithRateTimesRoundTripAndEndsAtTheRoom) {
     const Demand demand = publish_after_change();
     credit = demand.credit;
     now_ += 90 * kMs;
-    // 20 MB/s: all of the credit and more, as far as the link goes.
+    // 20 MB/s: the whole credit, up to the rate of the link.
     for (std::uint32_t sent = 0; sent < std::min(credit, 2'000'000u); sent += 1100) take(chunks(1000, text, 2000));
   }
   client_.set_room(70'000);
@@ -138,7 +138,7 @@ TEST_F(DeliveryClientTest, RoomThatAppearsIsToldAtOnceWhenSomethingIsOwed) {
   client_.want(kObject, {{4, 0}});
   publish();
   take({echo()});
-  ASSERT_FALSE(client_.demand(now_ += 4 * kMs)) << "nothing is new";
+  ASSERT_FALSE(client_.demand(now_ += 4 * kMs)) << "nothing has changed";
 
   client_.set_room(100'000);
 
@@ -151,13 +151,13 @@ TEST_F(DeliveryClientTest, WhatIsTouchedSoonIsAskedForSoonerThanTheRest) {
   publish();
   const std::int64_t published = now_;
   client_.want(kObject, {{4, 2 * settings.urgent_us}, {5, 2 * settings.urgent_us}});
-  EXPECT_FALSE(client_.demand(published + settings.urgent_interval_ns)) << "nothing is touched soon";
+  EXPECT_FALSE(client_.demand(published + settings.urgent_interval_ns)) << "no contact is near";
 
   client_.want(kObject, {{4, 2 * settings.urgent_us}, {6, settings.urgent_us / 2}});
   ASSERT_TRUE(client_.demand(published + settings.urgent_interval_ns));
 
   client_.want(kObject, {{6, settings.urgent_us / 4}});
-  EXPECT_FALSE(client_.demand(published + 2 * settings.urgent_interval_ns)) << "it has been asked for";
+  EXPECT_FALSE(client_.demand(published + 2 * settings.urgent_interval_ns)) << "it has been requested";
 }
 
 TEST_F(DeliveryClientTest, JoinsChunksInAnyOrderAndOnce) {
@@ -173,7 +173,7 @@ TEST_F(DeliveryClientTest, JoinsChunksInAnyOrderAndOnce) {
   ASSERT_TRUE(message);
   EXPECT_EQ(std::string(message->bytes.begin(), message->bytes.end()), "what the region holds");
   EXPECT_EQ(message->region, 4u);
-  EXPECT_FALSE(take(all)) << "handed out and not answered yet";
+  EXPECT_FALSE(take(all)) << "delivered and not answered yet";
   EXPECT_EQ(client_.partial_bytes(), 0u);
 }
 
@@ -202,7 +202,7 @@ TEST_F(DeliveryClientTest, AMessageThatWasCancelledMayComeAfterAllCutElsewhere) 
   client_.want(kObject, {{4, 0}});
   publish();
   const std::string text = "what region four has to say";
-  // As many parts of as many bytes in all, the first of them shorter.
+  // The same number of parts and bytes, but a shorter first part.
   std::vector<BulkChunk> again = chunks(4, text, 2);
   const std::vector<BulkChunk> cancelled = chunks(4, text, 2);
   std::vector<std::uint8_t>& first = again[0].pieces[0].payload;
@@ -312,7 +312,7 @@ TEST_F(DeliveryClientTest, TellsTheLeastWayOfTheChunksSinceTheLastDemand) {
   std::vector<BulkChunk> all = chunks(4, "abc", 3);
   const auto sent_us = static_cast<std::uint32_t>(now_ / 1000);
   all[0].sent_us = sent_us - 700;
-  all[1].sent_us = sent_us + 5;  // the clocks have nothing to do with each other
+  all[1].sent_us = sent_us + 5;  // the clocks are independent
   all[2].sent_us = sent_us - 20;
   take(all);
 
@@ -333,10 +333,10 @@ TEST_F(DeliveryClientTest, ARetiredRegionIsReleasedOnceTheEchoOfThatEpochAndAllB
   const std::vector<BulkChunk> before = chunks(5, "counts on region 4", 1);
   epoch_ += 1;
   EXPECT_FALSE(take({echo()}));
-  EXPECT_THAT(client_.take_released(kObject), IsEmpty()) << "a message before the echo is still on its way";
+  EXPECT_THAT(client_.take_released(kObject), IsEmpty()) << "a message before the echo is still in flight";
 
   EXPECT_TRUE(take(before));
-  EXPECT_THAT(client_.take_released(kObject), IsEmpty()) << "and now it waits for the caller's answer";
+  EXPECT_THAT(client_.take_released(kObject), IsEmpty()) << "the message waits for the caller's answer";
   client_.held(kObject, 5);
   EXPECT_THAT(client_.take_released(kObject), ElementsAre(4u));
   EXPECT_THAT(client_.take_released(kObject), IsEmpty());
@@ -369,7 +369,7 @@ TEST_F(DeliveryClientTest, RoomIsPromisedForARoundTripAfterItWasToldWhateverIsTo
   client_.set_room(50'000);
   publish_after_change();
   EXPECT_EQ(client_.promised(now_), 200'000u);
-  EXPECT_EQ(client_.promised(now_ + 1000 * kMs), 50'000u) << "the last one holds until another is told";
+  EXPECT_EQ(client_.promised(now_ + 1000 * kMs), 50'000u) << "the last one holds until the next is published";
 
   client_.set_room(80'000);
   publish_after_change();
@@ -446,7 +446,7 @@ TEST_F(DeliveryClientTest, ALateHostIsReplacedByOneThatServesTheSame) {
   EXPECT_EQ(client_.serving_host(kObject), kHost);
   now_ += 300 * kMs;
   (void)client_.demand(now_);
-  EXPECT_EQ(client_.serving_host(kObject), kHost) << "nobody else is there";
+  EXPECT_EQ(client_.serving_host(kObject), kHost) << "no other host is live";
 
   client_.host_seen(kOtherHost, 3, now_);
 
@@ -489,7 +489,7 @@ TEST_F(DeliveryClientTest, AsksAgainSoonWhileSomethingIsOwedAndThenLessAndLessOf
     const std::int64_t requested = now_;
     std::optional<Demand> again;
     while (!(again = client_.demand(now_))) now_ += kMs / 10;
-    EXPECT_EQ(again->epoch, ++epoch) << "else the host would not answer a second time";
+    EXPECT_EQ(again->epoch, ++epoch) << "the host answers each epoch once";
     EXPECT_LE(now_ - requested, i == 0 ? 5 * kMs : DeliverySettings{}.repeat_ns);
     EXPECT_GE(now_ - requested, before);
     before = now_ - requested;
@@ -512,7 +512,7 @@ TEST_F(DeliveryClientTest, AnEchoAloneAsksForNoAnswer) {
   publish();
   (void)client_.on_chunk(echo(), now_);
 
-  EXPECT_FALSE(client_.demand(now_ += 10 * kMs)) << "echo and demand would chase each other";
+  EXPECT_FALSE(client_.demand(now_ += 10 * kMs)) << "echo and demand would cause each other for ever";
 }
 
 TEST_F(DeliveryClientTest, ChangesWaitForTheInterval) {
@@ -537,7 +537,7 @@ TEST_F(DeliveryClientTest, IncompleteMessagesStayWithinTheirBound) {
   }
   EXPECT_GT(client.partial_bytes(), 5'000u);
   (void)client.demand(now_ + 3000 * kMs);
-  EXPECT_EQ(client.partial_bytes(), 0u) << "untouched for longer than their timeout";
+  EXPECT_EQ(client.partial_bytes(), 0u) << "no new chunk within the timeout";
 }
 
 TEST_F(DeliveryClientTest, GoesOnAfterOneChunkFromTheFarFuture) {
@@ -578,8 +578,8 @@ TEST_F(DeliveryClientTest, AHostThatHasBeenGoneForLongIsForgottenWithItsStreams)
   client_.host_seen(kHost, 5, now_ += DeliverySettings{}.forget_host_ns);
   (void)client_.demand(now_);
 
-  EXPECT_EQ(soon.offers, before.offers + 100) << "one that comes back within the lease of DDS offers nothing again";
-  EXPECT_EQ(client_.sizes().hosts, 1u) << "the other one has never been here";
+  EXPECT_EQ(soon.offers, before.offers + 100) << "a host that comes back within the DDS lease sends no catalogue again";
+  EXPECT_EQ(client_.sizes().hosts, 1u) << "the other host was never live";
   EXPECT_EQ(client_.sizes().streams, 1u);
   EXPECT_EQ(client_.sizes().offers, 1u);
   EXPECT_EQ(client_.serving_host(kObject), kHost);

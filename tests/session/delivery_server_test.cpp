@@ -43,14 +43,14 @@ class DeliveryServerTest : public testing::Test {
     newest_demand_[d.origin.participant] = d;
     return server_.on_demand(d, now_);
   }
-  /// The next chunk, when the pace allows it.
+  /// The next chunk; waits for the pacer.
   std::optional<Outgoing> next() {
     std::optional<Outgoing> out = server_.next(now_);
     if (!out && server_.due_ns() - now_ < kMs) out = server_.next(now_ = server_.due_ns());
     if (out) last_[out->hrtc] = out->chunk.sequence;
     return out;
   }
-  /// What is sent without an answer.
+  /// The chunks that are sent without an answer.
   std::vector<BulkChunk> drain_window(std::size_t limit = 100'000) {
     std::vector<BulkChunk> chunks;
     while (chunks.size() < limit) {
@@ -60,7 +60,7 @@ class DeliveryServerTest : public testing::Test {
     }
     return chunks;
   }
-  /// What is sent when each chunk is told to have come.
+  /// The chunks that are sent when each is acknowledged.
   std::vector<BulkChunk> drain(std::size_t limit = 100'000) {
     std::vector<BulkChunk> chunks;
     for (std::size_t before = 1; chunks.size() != before && chunks.size() < limit;) {
@@ -83,7 +83,7 @@ class DeliveryServerTest : public testing::Test {
     return pieces;
   }
 
-  /// The regions in the order in which their last chunks went, each with the records sent.
+  /// The regions in the order in which their last chunks were sent, each with its records.
   std::vector<std::pair<std::uint32_t, std::set<std::uint32_t>>> regions_in(const std::vector<BulkChunk>& chunks) {
     std::vector<std::pair<std::uint32_t, std::set<std::uint32_t>>> regions;
     std::vector<std::uint8_t> bytes;
@@ -157,7 +157,7 @@ TEST_F(DeliveryServerTest, FillsEveryChunkButTheLast) {
     }
     if (chunk.pieces.size() > 1) shared.insert(chunk.sequence);
   }
-  EXPECT_GE(shared.size(), 3u) << "the end of one and the beginning of the next";
+  EXPECT_GE(shared.size(), 3u) << "chunks with the end of one message and the beginning of the next";
 }
 
 TEST_F(DeliveryServerTest, CountsOnWhatTheDemandSaysIsThere) {
@@ -181,7 +181,7 @@ TEST_F(DeliveryServerTest, SendsAgainWhatWasPassedAndNotTaken) {
   d.received = sent.back().sequence - 1;
   d.newest = sent.back().sequence;
   tell(d);
-  EXPECT_THAT(drain(), testing::IsEmpty()) << "its last chunk has not been passed";
+  EXPECT_THAT(drain(), testing::IsEmpty()) << "`received` has not passed its last chunk";
 
   d = demand(1, {3});
   d.received = sent.back().sequence;
@@ -197,7 +197,7 @@ TEST_F(DeliveryServerTest, CountsOnNothingThatWasUnderWayWhenSomethingWasLost) {
     lost.newest = chunk.sequence;
     for (const BulkPiece& piece : chunk.pieces)
       if (piece.region == 0)
-        lost.received = chunk.sequence;  // refused; 1 and 2, which may count on it, wait for their answers
+        lost.received = chunk.sequence;  // refused; 1 and 2, which may rely on it, wait for their answers
   }
 
   tell(lost);
@@ -205,7 +205,7 @@ TEST_F(DeliveryServerTest, CountsOnNothingThatWasUnderWayWhenSomethingWasLost) {
 
   ASSERT_EQ(regions.size(), 2u);
   EXPECT_EQ(regions[0].first, 0u);
-  EXPECT_EQ(regions[0].second, list_of(0)) << "whole, whatever 1 and 2 have of it";
+  EXPECT_EQ(regions[0].second, list_of(0)) << "all its records, although 1 and 2 share some";
   EXPECT_EQ(regions[1].first, 3u);
   std::set<std::uint32_t> missing;
   for (const std::uint32_t r : list_of(3))
@@ -231,7 +231,7 @@ TEST_F(DeliveryServerTest, SendsNothingAgainOfWhatIsNotWantedAnyMore) {
 
   const auto regions = regions_in(drain());
   ASSERT_EQ(regions.size(), 1u);
-  EXPECT_EQ(regions[0].second, list_of(0)) << "whole: nothing of it had come";
+  EXPECT_EQ(regions[0].second, list_of(0)) << "all its records, because none arrived";
 }
 
 TEST_F(DeliveryServerTest, BelievesNothingThatIsToldOfAnotherStream) {
@@ -271,7 +271,7 @@ TEST_F(DeliveryServerTest, SendsAMissingChunkAgainAsItWasUnderANewSequence) {
   d.origin.time_ns = ++time_;
   tell(d);
   EXPECT_EQ(drain_window(1).at(0).pieces.at(0).part, sent.back().pieces[0].part + 1)
-      << "what was told missing was sent again once";
+      << "the missing part was sent again once";
 }
 
 TEST_F(DeliveryServerTest, AMissingChunkOfAMessageThatCountsOnARetiredRegionIsNotSentAgain) {
@@ -302,7 +302,7 @@ TEST_F(DeliveryServerTest, AnEchoShowsThatTheLastChunksAreMissing) {
   ASSERT_TRUE(echo);
   EXPECT_EQ(echo->chunk.kind(), BulkKind::kEcho);
   EXPECT_EQ(echo->chunk.sequence, sent.back().sequence + 1);
-  EXPECT_FALSE(server_.next(now_)) << "one is enough for now";
+  EXPECT_FALSE(server_.next(now_)) << "one echo is enough for now";
   EXPECT_GT(server_.due_ns(), now_);
 }
 
@@ -317,7 +317,7 @@ TEST_F(DeliveryServerTest, AnOmittedRegionIsNotFinished) {
   const auto regions = regions_in(chunks);
   ASSERT_EQ(regions.size(), 1u);
   EXPECT_EQ(regions[0].first, 5u);
-  EXPECT_EQ(regions[0].second, list_of(5)) << "counted on a region that was never finished";
+  EXPECT_EQ(regions[0].second, list_of(5)) << "relied on a region that was never completed";
   EXPECT_EQ(server_.counters().messages_dropped, 1u);
 }
 
@@ -356,7 +356,7 @@ TEST_F(DeliveryServerTest, StaysWithinTheCredit) {
 TEST_F(DeliveryServerTest, WhatHasComeAndWaitsForRoomIsStillUnderWay) {
   tell(demand(1, {3}));
   std::size_t bytes = 0;
-  for (const BulkChunk& chunk : drain()) bytes += chunk.payload_bytes();  // all came, and `received` is before it
+  for (const BulkChunk& chunk : drain()) bytes += chunk.payload_bytes();  // all arrived; `received` is below them
 
   EXPECT_EQ(server_.bytes_under_way(kHrtc), bytes);
 }
@@ -370,7 +370,7 @@ TEST_F(DeliveryServerTest, TellsAnEpochThatBringsNothingToSendOnce) {
   EXPECT_EQ(chunks[0].kind(), BulkKind::kEcho);
   EXPECT_EQ(chunks[0].epoch, 4u);
   tell(demand(4, {}));
-  EXPECT_THAT(drain(), testing::IsEmpty()) << "a keep-alive is no news";
+  EXPECT_THAT(drain(), testing::IsEmpty()) << "a keep-alive needs no echo";
 }
 
 TEST_F(DeliveryServerTest, TellsANewEpochEvenWithoutCredit) {
@@ -421,7 +421,7 @@ TEST_F(DeliveryServerTest, IsSilentWhenAnotherHostServes) {
   EXPECT_THAT(drain(), testing::IsEmpty());
 
   tell(demand(1, {3}));
-  EXPECT_THAT(drain(), testing::IsEmpty()) << "an older demand must not bring it back";
+  EXPECT_THAT(drain(), testing::IsEmpty()) << "an older demand must not restart the service";
 
   tell(demand(3, {3}));
   EXPECT_EQ(regions_in(drain()).at(0).second, list_of(3));
@@ -468,7 +468,7 @@ TEST_F(DeliveryServerTest, ANewIncarnationOfAControllerStartsFromNothing) {
 
   EXPECT_EQ(regions_in(after).at(0).second, list_of(3));
   EXPECT_NE(after.front().stream, before.back().stream);
-  EXPECT_EQ(tell(demand(10, {3})), DeliveryServer::DemandResult::kImplausible) << "of the old incarnation";
+  EXPECT_EQ(tell(demand(10, {3})), DeliveryServer::DemandResult::kImplausible) << "from the old incarnation";
 }
 
 TEST_F(DeliveryServerTest, AControllerThatComesBackHearsHigherSequences) {
@@ -529,7 +529,7 @@ TEST_F(DeliveryServerTest, GoesOnAfterOneDemandFromTheFarFuture) {
     EXPECT_EQ(tell_later(poor), DeliveryServer::DemandResult::kTaken);
     for (int i = 0; i < 10; ++i) {
       const std::optional<Outgoing> out = server.next(now_ + 100 * kMs);
-      EXPECT_TRUE(!out || out->chunk.kind() == BulkKind::kEcho) << "its credit counts too";
+      EXPECT_TRUE(!out || out->chunk.kind() == BulkKind::kEcho) << "the credit of the last demand applies";
     }
   }
 }
@@ -538,7 +538,7 @@ TEST_F(DeliveryServerTest, AnHrtcThatSendsNoDemandAnyMoreIsForgotten) {
   tell(demand(1, {}));
   for (std::uint64_t hrtc = 1000; hrtc < 1100; ++hrtc) tell(demand(1, {}, hrtc));
   server_.on_hrtc_gone(1000);
-  tell(demand(2, {}, 1000));  // was under way when it went
+  tell(demand(2, {}, 1000));  // was in flight when it left
   EXPECT_EQ(server_.counters_by_hrtc().size(), 101u);
   for (std::uint32_t epoch = 2; epoch < 40; ++epoch, now_ += DeliverySettings{}.keep_alive_ns) {
     tell(demand(epoch, {}));
@@ -546,11 +546,11 @@ TEST_F(DeliveryServerTest, AnHrtcThatSendsNoDemandAnyMoreIsForgotten) {
   }
 
   EXPECT_EQ(server_.counters_by_hrtc().size(), 1u);
-  EXPECT_EQ(server_.counters_by_hrtc().count(kHrtc), 1u) << "its demands repeat";
+  EXPECT_EQ(server_.counters_by_hrtc().count(kHrtc), 1u) << "it repeats its demands";
 }
 
 TEST(MessageParts, EveryByteOfALargeMessageIsInOnePart) {
-  constexpr std::uint32_t kBytes = 200'000'000;  // more parts than 16 bits count
+  constexpr std::uint32_t kBytes = 200'000'000;  // needs more than 65,535 parts
   const MessageParts parts = MessageParts::cut(kBytes, spm::kNone, kMaxPayload);
   std::size_t end = 0;
   for (std::uint32_t part = 0; part < parts.count; ++part) {

@@ -23,7 +23,7 @@ ClockSample answer_to(const ClockSample& question, std::uint64_t incarnation = 1
 class FailureDetectorTest : public testing::Test {
  protected:
   FailureDetectorTest() { failure_detector_.watch({kHost}); }
-  /// Looks every 2 ms until `end_ns`; `answers` says whether a question is answered, at once. When silence was named.
+  /// Polls every 2 ms until `end_ns`; a request is answered at once if `answers()`. Returns the times of suspicions.
   std::vector<std::int64_t> interval(std::int64_t end_ns, const std::function<bool()>& answers) {
     std::vector<std::int64_t> named;
     for (; now_ < end_ns; now_ += 2 * kMs) {

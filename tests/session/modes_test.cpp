@@ -27,7 +27,7 @@ CatalogueEntry cube(std::uint64_t id, const std::array<double, 3>& centre) {
   return entry;
 }
 
-/// Two controllers' view of a session in which each has a user; time in steps of 20 ms.
+/// The Modes of two HRTCs with one user each; time in steps of 20 ms.
 class TwoControllers : public ::testing::Test {
  protected:
   TwoControllers() {
@@ -60,11 +60,11 @@ TEST_F(TwoControllers, BuildEndsForUsersNearOneObjectAndSendWholeStatesOncePeers
   stay(100, 0.14, 0.12);
   EXPECT_THAT(here_.groups(), ElementsAre(100));
   EXPECT_THAT(there_.groups(), ElementsAre(100));
-  EXPECT_EQ(here_.group_of(kAnn), 0u) << "nobody is there to hear yet";
+  EXPECT_EQ(here_.group_of(kAnn), 0u) << "no peer is matched yet";
   match();
   EXPECT_EQ(here_.group_of(kAnn), 100u);
   EXPECT_EQ(there_.group_of(kBob), 100u);
-  EXPECT_EQ(here_.group_of(kBob), 0u) << "is not ours";
+  EXPECT_EQ(here_.group_of(kBob), 0u) << "not an own user";
 }
 
 TEST_F(TwoControllers, DoNotMeetAtDifferentObjects) {
@@ -145,7 +145,7 @@ TEST_F(TwoControllers, FollowACommandForSomeUsersAndForAll) {
   ASSERT_EQ(here_.groups().size(), 1u);
   here_.command(parse_mode("collaborate ann,eve"));
   far_apart();
-  EXPECT_THAT(here_.groups(), IsEmpty()) << "bob is not meant";
+  EXPECT_THAT(here_.groups(), IsEmpty()) << "bob is not in the list";
   here_.command(parse_mode("collaborate"));
   far_apart();
   EXPECT_EQ(here_.groups().size(), 1u);
@@ -158,7 +158,7 @@ TEST_F(TwoControllers, StayApartWhenToldTo) {
   here_.command(parse_mode("large-scale"));
   stay(200, 0.14, 0.14);
   EXPECT_THAT(here_.groups(), IsEmpty());
-  EXPECT_THAT(there_.groups(), ElementsAre(100)) << "was not told";
+  EXPECT_THAT(there_.groups(), ElementsAre(100)) << "got no command";
 }
 
 TEST(DistanceFrom, MeasuresInTheObjectsOwnFrame) {
@@ -175,7 +175,7 @@ TEST(ParseMode, NamesWhatIsWrong) {
   for (const char* text : {"", "fast", "auto ann", "collaborate ", "collaborate ann,", "large-scale ,bob"}) {
     try {
       (void)parse_mode(text);
-      ADD_FAILURE() << "took '" << text << "'";
+      ADD_FAILURE() << "accepted '" << text << "'";
     } catch (const std::invalid_argument& error) {
       EXPECT_THAT(error.what(), HasSubstr(std::string{"'"} + text + "'"));
     }

@@ -14,7 +14,7 @@ namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
 constexpr std::uint64_t kSession = 1, kObject = 5, kHost = 100;
-/// Between the incarnations of a host, which are nanoseconds: more than the numbers that one life gives.
+/// Between the incarnations of a host, which are nanoseconds: more than the numbers that one incarnation grants.
 constexpr std::uint64_t kHostLife = 1'000'000;
 constexpr std::size_t kControllers = 4;
 
@@ -31,13 +31,13 @@ struct ContestFaults {
   std::int64_t delay_ms = 5, spread_ms = 0;
 };
 
-/// A host, controllers and a viewer over a network that loses, doubles and reorders; each publishes poses while it may.
+/// A host, HRTCs and a viewer over a network that loses, repeats and reorders; owners and leaders publish poses.
 class Contest {
  public:
   explicit Contest(unsigned seed, const ContestFaults& faults = {}) : faults_{faults}, random_{seed} {
     start_host();
     for (std::size_t i = 0; i < kControllers; ++i) start_controller(i);
-    gates_.resize(kControllers + 2);  // controllers, host, viewer
+    gates_.resize(kControllers + 2);  // HRTCs, host, viewer
   }
 
   void start_host() {
@@ -54,9 +54,9 @@ class Contest {
   Holder& holder(std::size_t i) { return *controllers_[i].holder; }
   Holder::Role role(std::size_t i) { return controllers_[i].holder->role(now_); }
   Arbiter& host() { return *host_; }
-  /// Until then it neither sends nor receives.
+  /// Disconnects a program until this time.
   void cut_off(std::size_t program, std::int64_t until) { cut_[program] = until; }
-  /// Until then it does not run; then it goes on, and publishes once before it looks at what has come.
+  /// Suspends an HRTC until this time. Then it publishes once more before it reads the samples that arrived.
   void sleep(std::size_t i, std::int64_t until) {
     controllers_[i].asleep_until = until;
     controllers_[i].dreams = role(i);
@@ -68,11 +68,11 @@ class Contest {
     for (const std::int64_t end = now_ + ms * kMs; now_ < end;) step();
   }
 
-  /// What must hold at all times.
+  /// Checks the invariants.
   void check() const {
     for (const auto& [fencing, authors] : authors_)
       ASSERT_LE(authors.size(), 1u) << "poses of two owners were accepted under fencing number " << fencing;
-    if (host_incarnation_ > 1) return;  // a host that starts again may overlap with a lease, not with its number
+    if (host_incarnation_ > 1) return;  // a restarted host may overlap with a lease, under another number
     int owners = host_->owns(now_) ? 1 : 0;
     for (const Controller& controller : controllers_) {
       const Holder::Role role = controller.holder->role(now_);
@@ -158,7 +158,7 @@ class Contest {
       const Packet packet = under_way_.top();
       under_way_.pop();
       if (packet.to < kControllers && controllers_[packet.to].asleep_until > now_) {
-        later.push_back(packet);  // waits in its queue
+        later.push_back(packet);  // waits in the queue of the suspended program
         later.back().at = controllers_[packet.to].asleep_until + kMs;
         continue;
       }
@@ -248,10 +248,10 @@ TEST(Ownership, ALostOwnerGivesWayWithinItsLeaseAndItsPosesNoLongerCount) {
   EXPECT_TRUE(contest.host().owns(contest.now()));
   EXPECT_EQ(contest.seen_author(), kHost);
   const std::uint64_t before = contest.refused();
-  contest.interval(310);  // it wakes and still sends a pose
+  contest.interval(310);  // it resumes and sends one more pose
   EXPECT_GT(contest.refused(), before);
   contest.interval(50);
-  EXPECT_EQ(contest.role(0), Holder::Role::kOwner);  // it touches still, so it is granted again
+  EXPECT_EQ(contest.role(0), Holder::Role::kOwner);  // it still touches, so it gets a new grant
   contest.check();
 }
 
@@ -329,7 +329,7 @@ TEST(Ownership, UnderAnyFaultsOneOwnerCountsPerNumberAndOneIsThereAgainAfterThem
         case 2:
           contest.start_controller(who);
           touches[who] = false;
-          contest.holder(who).set_one_way(below(400) * kMs);  // whatever it takes it for, one owner counts
+          contest.holder(who).set_one_way(below(400) * kMs);  // a wrong transit must not cause two owners
           break;
         case 3:
           if (seed % 3 == 0) contest.start_host();
@@ -345,7 +345,7 @@ TEST(Ownership, UnderAnyFaultsOneOwnerCountsPerNumberAndOneIsThereAgainAfterThem
     }
     refused += contest.refused();
 
-    // All faults end; whoever touches still, touches.
+    // All faults end; the touches remain.
     contest.set_faults({});
     for (std::size_t program = 0; program <= kControllers; ++program) contest.cut_off(program, 0);
     contest.interval(2500);
@@ -360,7 +360,7 @@ TEST(Ownership, UnderAnyFaultsOneOwnerCountsPerNumberAndOneIsThereAgainAfterThem
     EXPECT_EQ(simulating, touching) << "seed " << seed;
     EXPECT_EQ(leading, touching > 0 ? 1 : 0) << "seed " << seed;
     EXPECT_EQ(contest.host().owns(contest.now()), touching == 0) << "seed " << seed;
-    EXPECT_GT(contest.seen_ns(), contest.now() - 50 * kMs) << "seed " << seed << ": nobody moves the object";
+    EXPECT_GT(contest.seen_ns(), contest.now() - 50 * kMs) << "seed " << seed << ": nobody simulates the object";
     if (HasFailure()) return;
   }
   EXPECT_GT(refused, 100u);
@@ -419,11 +419,11 @@ TEST(Arbiter, GrantsAgainAfterOneClaimFromTheFarFuture) {
       arbiter.on_claim(claim_of(1, 3, ++sequence, true), now += 20 * kMs);
       (void)arbiter.tick(now);
     }
-    ASSERT_FALSE(arbiter.owns(now)) << "somebody touches";
+    ASSERT_FALSE(arbiter.owns(now)) << "an HRTC touches";
     arbiter.on_claim(claim_of(1, 3, ++sequence, false), now += 20 * kMs);
     const std::optional<ObjectGrant> grant = arbiter.tick(now);
     ASSERT_TRUE(grant);
-    EXPECT_TRUE(grant->touchers.empty()) << "and lets go";
+    EXPECT_TRUE(grant->touchers.empty()) << "it has let go";
   }
 }
 
@@ -490,7 +490,7 @@ TEST(CopyGate, GoesOnAfterOneCopyFromTheFarFuture) {
     EXPECT_EQ(gate.implausible(), 1u);
     copy.sequence = 98;
     copy.session_time_ns = 98 * kMs;
-    EXPECT_TRUE(gate.accept(copy, 101 * kMs, 101 * kMs)) << "an overtaken one fills a gap";
+    EXPECT_TRUE(gate.accept(copy, 101 * kMs, 101 * kMs)) << "an overtaken copy fills a gap";
   }
 }
 

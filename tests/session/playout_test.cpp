@@ -15,7 +15,7 @@ PlayoutSettings without_reserve() {
   return settings;
 }
 
-/// At x = its time in seconds, moving so.
+/// A state whose x is its time in seconds, with the matching velocity.
 ProbeState moving(std::uint32_t sequence, std::int64_t at_ms) {
   ProbeState state;
   state.origin.incarnation = 1;
@@ -26,7 +26,7 @@ ProbeState moving(std::uint32_t sequence, std::int64_t at_ms) {
   return state;
 }
 
-/// A state every 10 ms from `from_ms` on, each `transit_ms` under way.
+/// A state every 10 ms from `from_ms` on, each with a transit of `transit_ms`.
 void feed(ProbePlayout& playout, std::int64_t from_ms, std::int64_t to_ms, std::int64_t transit_ms) {
   for (std::int64_t ms = from_ms; ms < to_ms; ms += 10)
     playout.on_state(moving(static_cast<std::uint32_t>(ms / 10 + 1), ms), (ms + transit_ms) * kMs);
@@ -62,7 +62,7 @@ TEST(ProbePlayout, DoesNotWaitForALoneStallButForStallsThatComeAgain) {
 TEST(ProbePlayout, FallsBackSlowlyOnceTheTransitsAreShortAgain) {
   ProbePlayout playout{without_reserve()};
   feed(playout, 0, 2500, 40);
-  feed(playout, 2500, 4500, 5);  // the long ones are in the window until now
+  feed(playout, 2500, 4500, 5);  // the window contains the long transits until now
   EXPECT_NEAR(static_cast<double>(playout.delay_ns()), 40e6, 1e6);
   feed(playout, 4500, 5500, 5);
   EXPECT_NEAR(static_cast<double>(playout.delay_ns()), 30e6, 2e6) << "1 % of a second";
@@ -82,7 +82,7 @@ TEST(ProbePlayout, GoesOnWhenSessionTimeStepsBack) {
   for (std::int64_t ms = 1000; ms < 1100; ms += 10)
     playout.on_state(moving(static_cast<std::uint32_t>(6100 + ms / 10), ms), (ms + 5) * kMs);
   const Shown shown = playout.at(1095 * kMs);
-  EXPECT_EQ(playout.delay_ns(), 5 * kMs) << "transits that were measured before count no more";
+  EXPECT_EQ(playout.delay_ns(), 5 * kMs) << "earlier transits are dropped";
   EXPECT_NEAR(shown.view.device[0], 1.09, 1e-9);
   EXPECT_FALSE(shown.stale);
 }

@@ -15,7 +15,7 @@ double distance(const std::array<double, 3>& a, const std::array<double, 3>& b) 
   return std::hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
 }
 
-/// Pressed `depth` into the plane z = 0 of 1000 N/m.
+/// Contact at `depth` below the plane z = 0 with 1000 N/m.
 ProbeState pressed(double depth, const std::array<double, 3>& velocity, std::int64_t at_ns) {
   ProbeState state;
   state.session_time_ns = at_ns;
@@ -29,7 +29,7 @@ ProbeState pressed(double depth, const std::array<double, 3>& velocity, std::int
   return state;
 }
 
-/// A hand that wanders over that plane, mostly in it, for `seconds`.
+/// A hand that moves at random over that plane, mostly in contact, for `seconds`.
 std::vector<ProbeState> wander(double seconds, std::uint32_t seed) {
   std::mt19937 random{seed};
   std::normal_distribution<> push{0, 0.004};
@@ -130,7 +130,7 @@ TEST(ProbeEncoder, TellsAtOnceThatContactBeginsOrEnds) {
   EXPECT_TRUE(encoder.step(free));
 }
 
-/// Share of cycles at which one who loses states at random is misled by more than the noticeable difference.
+/// Share of cycles in which a receiver with random losses has an error above the noticeable difference.
 double misled(const std::vector<ProbeState>& states, double loss, double expected, std::size_t& sent) {
   CodingSettings settings;
   settings.loss = expected;

@@ -13,7 +13,7 @@ namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
 
-/// Presses and lets go, 0.5 to 1.5 N at 1 Hz.
+/// Presses and releases with 0.5 to 1.5 N at 1 Hz.
 ProbeState pressing(std::int64_t at_ms) {
   const double phase = 2 * M_PI * static_cast<double>(at_ms) * 1e-3;
   ProbeState state;
@@ -28,7 +28,7 @@ ProbeState pressing(std::int64_t at_ms) {
   return state;
 }
 
-/// What is shown of that, each millisecond, over a line of 15 ms +- 2, while whole states come from 1.5 s to 3 s.
+/// Shows these states each millisecond, over a link of 15 ms +- 2. Full-rate states come from 1.5 s to 3 s.
 class Switching : public ::testing::Test {
  protected:
   struct Sent {
@@ -73,7 +73,7 @@ TEST_F(Switching, ShowsNoForceStepAtEitherChangeOfStream) {
     const double felt = pressing(0).force[2] + 0.5 * std::sin(2 * M_PI * static_cast<double>(shown.at_ns) * 1e-9);
     ASSERT_LE(std::abs(force - felt), 1.3 * std::max(0.1 * felt, jnd.force_floor)) << "at " << ms << " ms";
   });
-  // The force itself changes by 3 mN in a millisecond; a coded one at most by what nobody notices, 0.15 N.
+  // The force itself changes by 3 mN in a millisecond; a new coded state adds at most the deadband, 0.15 N.
   EXPECT_LE(max, 0.155);
 }
 
@@ -159,7 +159,7 @@ TEST(RemoteProbe, GoesOnAfterOneTimeFromTheFarFuture) {
     if (ms < 110) continue;
     ASSERT_NEAR(probe.at(ms * kMs).state.radius, static_cast<double>(ms), 10) << "at " << ms << " ms";
   }
-  EXPECT_TRUE(probe.at(5000 * kMs).stale) << "nothing has come for three seconds";
+  EXPECT_TRUE(probe.at(5000 * kMs).stale) << "no state for three seconds";
 }
 
 TEST(RemoteProbe, FollowsAUserToAControllerThatStartedEarlier) {

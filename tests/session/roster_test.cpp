@@ -40,11 +40,11 @@ TEST_F(RosterTest, TellsSilenceInTwoStepsAndTheReturn) {
   EXPECT_THAT(changes(roster_.tick(249 * kMs)), IsEmpty());
   EXPECT_THAT(changes(roster_.tick(250 * kMs)), ElementsAre(RosterChange::kLate));
   EXPECT_TRUE(roster_.is_late(id_of("a")));
-  EXPECT_THAT(changes(roster_.tick(260 * kMs)), IsEmpty()) << "told once";
+  EXPECT_THAT(changes(roster_.tick(260 * kMs)), IsEmpty()) << "reported once";
   EXPECT_THAT(see(entry("a", 1, 2), 300 * kMs), ElementsAre(RosterChange::kBack));
   EXPECT_THAT(changes(roster_.tick(800 * kMs)), ElementsAre(RosterChange::kGone));
   EXPECT_EQ(roster_.find(id_of("a")), nullptr);
-  EXPECT_THAT(see(entry("a", 1, 3), 900 * kMs), ElementsAre(RosterChange::kJoined)) << "a partition has healed";
+  EXPECT_THAT(see(entry("a", 1, 3), 900 * kMs), ElementsAre(RosterChange::kJoined)) << "the partition has ended";
 }
 
 TEST_F(RosterTest, WhoLeftStaysAwayUntilStartedAgain) {
@@ -52,7 +52,7 @@ TEST_F(RosterTest, WhoLeftStaysAwayUntilStartedAgain) {
   RosterEntry leaving = entry("a", 1, 3);
   leaving.leaving = true;
   EXPECT_THAT(see(leaving, 10), ElementsAre(RosterChange::kLeft));
-  EXPECT_THAT(see(entry("a", 1, 2), 20), IsEmpty()) << "a straggler";
+  EXPECT_THAT(see(entry("a", 1, 2), 20), IsEmpty()) << "a late sample";
   EXPECT_THAT(see(entry("a", 2, 1), 30), ElementsAre(RosterChange::kJoined));
 }
 
@@ -79,7 +79,7 @@ TEST_F(RosterTest, IgnoresOtherSessions) {
 TEST_F(RosterTest, ANewerIncarnationTakesOverAndStragglersOfTheOldAreIgnored) {
   (void)see(entry("a", 1, 7), 0);
   EXPECT_THAT(see(entry("a", 2, 1), 10), ElementsAre(RosterChange::kRestarted));
-  EXPECT_THAT(see(entry("a", 1, 8), 20), IsEmpty()) << "sent before it died, arrived late";
+  EXPECT_THAT(see(entry("a", 1, 8), 20), IsEmpty()) << "sent before the restart, arrived late";
   EXPECT_EQ(roster_.find(id_of("a"))->origin.incarnation, 2u);
 }
 
@@ -103,7 +103,7 @@ TEST_F(RosterTest, TheOlderOfTwoProgramsWithOneNameIsHereAgainWhenTheNewerHasLef
   RosterEntry last = entry("a", 2, 2);
   last.leaving = true;
   ASSERT_THAT(see(last, 0), ElementsAre(RosterChange::kLeft));
-  EXPECT_THAT(see(entry("a", 1, 6), 1), IsEmpty()) << "may be a straggler";
+  EXPECT_THAT(see(entry("a", 1, 6), 1), IsEmpty()) << "may be a late sample";
   EXPECT_THAT(see(entry("a", 1, 7), 2), IsEmpty());
   EXPECT_THAT(see(entry("a", 1, 8), 3), ElementsAre(RosterChange::kJoined));
   EXPECT_EQ(roster_.find(id_of("a"))->origin.incarnation, 1u);
@@ -111,8 +111,8 @@ TEST_F(RosterTest, TheOlderOfTwoProgramsWithOneNameIsHereAgainWhenTheNewerHasLef
 }
 
 TEST_F(RosterTest, AnotherProgramUnderOurOwnNameIsReported) {
-  EXPECT_THAT(see(entry("me", 50, 1), 0), IsEmpty()) << "that is us";
-  EXPECT_THAT(see(entry("me", 40, 9), 0), IsEmpty()) << "may be the last word of our predecessor";
+  EXPECT_THAT(see(entry("me", 50, 1), 0), IsEmpty()) << "this program itself";
+  EXPECT_THAT(see(entry("me", 40, 9), 0), IsEmpty()) << "may be a late sample of our earlier incarnation";
   EXPECT_THAT(see(entry("me", 40, 10), 0), IsEmpty());
   EXPECT_THAT(see(entry("me", 40, 11), 0), ElementsAre(RosterChange::kNameConflict));
 }
@@ -158,7 +158,7 @@ TEST_F(RosterTest, ANameConflictIsReportedHoweverManyThereWere) {
 }
 
 TEST_F(RosterTest, OfTwoProgramsWithOneNameTheLaterGivesWayWhateverItsWallClock) {
-  RosterEntry other = entry("me", 1, 8);  // its clock says 1970; ours, incarnation 50, some later year
+  RosterEntry other = entry("me", 1, 8);  // its wall clock is in 1970; ours gave incarnation 50
   const auto conflict = [&](std::int64_t joined_ns, std::int64_t own_joined_ns) {
     Roster roster{{kSession, id_of("me"), 50, 0}, RosterSettings{}};
     roster.set_own_presence(3600'000 * kMs, own_joined_ns);
@@ -170,7 +170,7 @@ TEST_F(RosterTest, OfTwoProgramsWithOneNameTheLaterGivesWayWhateverItsWallClock)
     EXPECT_EQ(events.size(), 1u);
     return !events.empty() && events[0].change == RosterChange::kNameConflict && events[0].entry_yields;
   };
-  EXPECT_FALSE(conflict(3599'000 * kMs, 1000 * kMs)) << "it came an hour after us";
+  EXPECT_FALSE(conflict(3599'000 * kMs, 1000 * kMs)) << "it joined an hour after us";
   EXPECT_FALSE(conflict(kNotJoined, 1000 * kMs)) << "it has not joined yet";
   EXPECT_TRUE(conflict(1000 * kMs, 3599'000 * kMs));
   EXPECT_TRUE(conflict(1000 * kMs, kNotJoined));

@@ -46,7 +46,7 @@ TEST(SequenceWindow, AJumpIsAcceptedAfterThreeConsecutiveSamplesThatAgree) {
   for (const std::uint64_t to : {std::uint64_t{1} << 40, std::uint64_t{1}}) {
     SequenceWindow window = after_hundred();
     EXPECT_EQ(window.admit(to, 150 * kMs), Admission::kImplausible);
-    EXPECT_EQ(window.admit(to, 150 * kMs), Admission::kImplausible) << "a repetition agrees with nothing";
+    EXPECT_EQ(window.admit(to, 150 * kMs), Admission::kImplausible) << "a repetition is no successor";
     EXPECT_EQ(window.admit(to + 1, 151 * kMs), Admission::kImplausible);
     EXPECT_EQ(window.admit(to + 2, 152 * kMs), Admission::kAnew);
     EXPECT_EQ(window.admit(to + 3, 153 * kMs), Admission::kAccepted);
@@ -56,7 +56,7 @@ TEST(SequenceWindow, AJumpIsAcceptedAfterThreeConsecutiveSamplesThatAgree) {
 TEST(SequenceWindow, SamplesThatDisagreeOrAreInterruptedAreNoJump) {
   SequenceWindow window = after_hundred();
   for (std::uint64_t i = 1; i < 100; ++i)
-    EXPECT_EQ(window.admit(i << 40, 101 * kMs), Admission::kImplausible) << "each far from the one before";
+    EXPECT_EQ(window.admit(i << 40, 101 * kMs), Admission::kImplausible) << "each is far from the one before";
   for (std::uint64_t i = 1; i < 100; ++i) {
     const std::int64_t now = static_cast<std::int64_t>(101 + i) * kMs;
     ASSERT_EQ(window.admit((std::uint64_t{1} << 40) + i, now), Admission::kImplausible);
@@ -91,8 +91,7 @@ TEST(SequenceWindow, AFencingNumberNeverFallsOnceConfirmed) {
   EXPECT_EQ(fresh.admit(5, 0), Admission::kAnew) << "a single sample is not confirmed";
 }
 
-/// Whatever is lost, repeated, delayed and forged: of the honest samples that are newer than all before, none is
-/// refused when a number from far away comes between them.
+/// Samples may be lost or forged. A forged number from far away must not cause the refusal of an honest sample.
 TEST(SequenceWindow, HonestSamplesPassBetweenForgedOnes) {
   for (unsigned seed = 1; seed <= 50; ++seed) {
     std::mt19937_64 random{seed};

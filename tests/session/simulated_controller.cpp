@@ -14,7 +14,7 @@ using namespace session;
 namespace {
 
 constexpr std::int64_t kTickNs = 2 * kMs;
-constexpr std::size_t kSlots = 8;  // enough for all users there are
+constexpr std::size_t kSlots = 8;  // more than there are users
 
 std::vector<std::uint32_t> records_of(const std::vector<spm::Interval>& intervals) {
   std::vector<std::uint32_t> records;
@@ -25,7 +25,7 @@ std::vector<std::uint32_t> records_of(const std::vector<spm::Interval>& interval
 
 std::uint32_t regions_of(std::uint64_t object) { return model_of(object).summary.regions; }
 
-/// A look is late by a tick at most, and counts from the one before the answer.
+/// The detector polls up to a tick late, and counts from the poll before the answer.
 constexpr std::int64_t kMaxSilenceNs = FailureDetectorSettings{}.max_patience_ns + 4 * kTickNs;
 
 std::string name_of(std::uint64_t object, std::uint32_t region) {
@@ -33,11 +33,11 @@ std::string name_of(std::uint64_t object, std::uint32_t region) {
 }
 
 struct RegionRecords {
-  bool whole = false;  // the bytes are what a host makes of the model for this region
+  bool whole = false;  // the bytes equal a host's encoding of the region
   std::vector<std::uint32_t> list, sent;
 };
 
-/// A function of its arguments, so that one thread's schedules share what one of them has found out.
+/// Depends on its arguments alone, so results are shared by the schedules of one thread.
 const RegionRecords& decoded(std::uint64_t object, std::uint32_t region, const std::vector<std::uint8_t>& bytes) {
   thread_local std::map<std::pair<std::uint64_t, std::vector<std::uint8_t>>, RegionRecords> known;
   constexpr std::size_t kMaxKnown = 20'000;
@@ -133,10 +133,10 @@ void SimulatedController::react(const RosterEvent& event) {
 
 void SimulatedController::describe(RosterEntry& entry) const { entry.slots = slots_->list(); }
 
-/// What is parked may turn out to count on what is gone meanwhile, and comes again with what counted on it.
+/// A parked message may rely on regions that are released meanwhile; then it comes again with the messages after it.
 void SimulatedController::unless_excused(const std::string& what) {
   if (faults_.parking == 0 && !world_.excused(id()))
-    world_.broken(std::to_string(id()) + ": " + what + ", and nothing had been lost");
+    world_.broken(std::to_string(id()) + ": " + what + ", although nothing had been lost");
 }
 
 void SimulatedController::run_failure_detector() {
@@ -160,7 +160,7 @@ void SimulatedController::run_failure_detector() {
   }
   for (const auto& [host, answered_ns] : answered_ns_)
     if (world_.now_ns - answered_ns > kMaxSilenceNs && silent_.count(host) == 0)
-      world_.broken(std::to_string(id()) + " counts on host " + std::to_string(host) + ", which has not answered for " +
+      world_.broken(std::to_string(id()) + " relies on host " + std::to_string(host) + ", which has not answered for " +
                     std::to_string((world_.now_ns - answered_ns) / kMs) + " ms");
 }
 
@@ -168,7 +168,7 @@ void SimulatedController::take_chunk(const BulkChunk& chunk) {
   for (DeliveryClient::Message& message : client_->on_chunk(chunk, local_ns())) {
     if (message.epoch < caches_.at(message.object_id).released_epoch)
       world_.broken(name_of(message.object_id, message.region) + " came under epoch " + std::to_string(message.epoch) +
-                    " and may count on what was released before epoch " +
+                    " and may rely on a region released before epoch " +
                     std::to_string(caches_.at(message.object_id).released_epoch));
     const std::int64_t due_ns = world_.now_ns + world_.below(faults_.decode_ns);
     if (message.kind == BulkKind::kRegion && world_.chance(faults_.parking))
@@ -189,18 +189,18 @@ void SimulatedController::answer() {
     }
     const spm::Span<const std::uint8_t> base = coded_of(message.object_id).spans().base;
     if (!std::equal(base.begin(), base.end(), message.bytes.begin(), message.bytes.end()))
-      world_.broken("a base mesh that is not the model's");
+      world_.broken("a base mesh differs from the model's");
     client_->base_held(message.object_id);
   }
 }
 
-/// As a cache does: a region is kept when each record of its list is here or in the message.
+/// Accepts a region when each record of its list is held or in the message, as a cache does.
 void SimulatedController::accept(const DeliveryClient::Message& message) {
   const auto name = [&] { return name_of(message.object_id, message.region); };
   const RegionRecords& records = decoded(message.object_id, message.region, message.bytes);
-  if (!records.whole) return world_.broken(name() + " came and is not the model's");
+  if (!records.whole) return world_.broken(name() + " came and differs from the model's");
   Cache& cache = caches_[message.object_id];
-  if (cache.lists.count(message.region) != 0) world_.broken(name() + " came and is here");
+  if (cache.lists.count(message.region) != 0) world_.broken(name() + " came and is held");
   const std::vector<std::uint32_t>&sent = records.sent, &list = records.list;
   for (std::size_t i = 0, s = 0; i < list.size(); ++i) {
     const bool with_it = s < sent.size() && sent[s] == list[i];
@@ -214,7 +214,7 @@ void SimulatedController::accept(const DeliveryClient::Message& message) {
   figures_.records_received += sent.size();
   figures_.records_repeated += static_cast<std::uint64_t>(repeated);
   if (repeated != 0)
-    unless_excused(name() + " came with " + std::to_string(repeated) + " records that were here all along");
+    unless_excused(name() + " came with " + std::to_string(repeated) + " records that were held all along");
   for (const std::uint32_t r : list) {
     ++cache.count[r];
     ++cache.firm[r];
@@ -273,7 +273,7 @@ void SimulatedController::release(std::uint64_t object) {
   for (const std::uint32_t region : client_->take_released(object)) {
     const auto retired = cache.retired.find(region);
     if (retired == cache.retired.end()) {
-      world_.broken(name_of(object, region) + " was released and is not retired");
+      world_.broken(name_of(object, region) + " was released but not retired");
       continue;
     }
     const std::uint32_t epoch = retired->second == 0 ? cache.epoch + 1 : retired->second;
@@ -296,11 +296,11 @@ void SimulatedController::publish() {
       }
       for (const std::uint32_t r : list->second)
         if (cache.count[r] == 0)
-          world_.broken("a demand claims " + name() + ", whose record " + std::to_string(r) + " is not here");
+          world_.broken("a demand claims " + name() + ", whose record " + std::to_string(r) + " is not held");
     }
-    if (demand->wanted.size() > 2 * kReach + 1) world_.broken("a demand wants too much");
-    if (demand->credit > kMaxCredit) world_.broken("a demand gives more credit than may be");
-    if (demand->epoch < cache.epoch) world_.broken("an epoch that steps back");
+    if (demand->wanted.size() > 2 * kReach + 1) world_.broken("a demand wants too many regions");
+    if (demand->credit > kMaxCredit) world_.broken("a demand gives more than the max credit");
+    if (demand->epoch < cache.epoch) world_.broken("an epoch steps back");
     cache.epoch = demand->epoch;
     for (auto& [region, epoch] : cache.retired)
       if (epoch == 0) epoch = demand->epoch;

@@ -8,7 +8,7 @@ namespace {
 
 using namespace session;
 
-/// A reliable carrier notices a loss and repeats in this time, and twice as long at most.
+/// A reliable carrier detects and repeats a loss within this to twice this time.
 constexpr std::int64_t kRepairNs = 25'000'000;
 
 struct Text {
@@ -47,12 +47,12 @@ struct Text {
     return (sample.answer ? "clock answer " : "clock request ") + std::to_string(sample.sequence);
   }
   std::string operator()(const FailureDetectorSample& failure_detector) const {
-    return (failure_detector.sample.answer ? "lives, answer " : "lives, question ") +
+    return (failure_detector.sample.answer ? "liveness answer " : "liveness request ") +
            std::to_string(failure_detector.sample.sequence);
   }
 };
 
-/// What a newer sample replaces in its writer's history; 0: nothing does.
+/// Key of the state that a newer sample replaces in its writer's history; 0: no state.
 std::uint64_t state_of(const Sample& sample) {
   if (std::holds_alternative<RosterEntry>(sample)) return 1;
   if (const auto* offer = std::get_if<CatalogueEntry>(&sample)) return offer->object_id << 2 | 2;
@@ -140,7 +140,7 @@ void SimulatedNetwork::send(std::int64_t now_ns, std::uint64_t from, std::uint64
       if (chance(faults_.reordering)) {
         late_ns = below(faults_.reorder_ns);
         count(FaultKind::kReordering);
-        harm(way, now_ns + late_ns);  // what counts on it may overtake it, and is refused
+        harm(way, now_ns + late_ns);  // a message that relies on it may overtake it, and is refused
         fate = " [late]";
       }
       if (copies == 2) count(FaultKind::kDuplication);

@@ -11,9 +11,9 @@ using namespace session;
 
 namespace {
 
-/// What may follow from a fault follows within this time: a hole given up, a demand, a round trip, a host that is late.
+/// Max delay between a fault and its effects: a hole is closed, a demand, a round trip, a host is late.
 constexpr std::int64_t kExcuseNs = 1500 * kMs;
-/// Of virtual time, in conversions between clocks.
+/// Rounding error of conversions between clocks.
 constexpr std::int64_t kRoundingNs = 2000;
 
 }  // namespace
@@ -128,7 +128,7 @@ void Program::check_clock() {
   const std::int64_t session_ns = clock_->map().session_time(local_ns());
   const std::uint64_t reference = clock_->reference();
   const Program* object_authority = reference == 0 ? nullptr : world_.find(reference);
-  // Against whom it says to be right: one that keeps its own time, and was heard since it was chosen and last stepped.
+  // Checks the bound against a reference that keeps its own time and has answered since its election and last step.
   if (object_authority != nullptr && object_authority != this && object_authority->up_ &&
       object_authority->clock_->reference() == reference && object_authority->stepped_ns_ < answered_ns_ &&
       answered_by_ == std::make_pair(reference, object_authority->incarnation())) {
@@ -136,9 +136,9 @@ void Program::check_clock() {
         std::abs(session_ns - object_authority->clock_->map().session_time(object_authority->local_ns()));
     if (wrong_ns > clock_bound_ns() + kRoundingNs)
       world_.broken("the clock of " + std::to_string(id_) + " is wrong by " + std::to_string(wrong_ns) +
-                    " ns and says " + std::to_string(clock_bound_ns()));
+                    " ns and states a bound of " + std::to_string(clock_bound_ns()));
   }
-  // Against its own clock: it steps only to another time, and that is far away.
+  // Checks against its own clock: only a step to another session's time may be large.
   const std::int64_t gained_ns = session_ns - last_session_ns_ - (local_ns() - last_local_ns_);
   if (session_ns < last_session_ns_ - kRoundingNs && -gained_ns < ClockSettings{}.step_ns)
     world_.broken("the clock of " + std::to_string(id_) + " has stepped back by " + std::to_string(-gained_ns) + " ns");

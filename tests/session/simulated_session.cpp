@@ -18,10 +18,10 @@ namespace {
 constexpr std::size_t kHosts = 2, kControllers = 3, kClients = 2, kPrograms = kHosts + kControllers + kClients;
 constexpr std::uint64_t kFirstHost = 100, kFirstController = 200, kFirstClient = 400;
 constexpr int kChunksPerMs = 12;
-/// After all is well a host may have missed the last demand, and repair what is wanted no more, until that is repeated.
+/// After recovery a host may have missed the last demand, and still repair cancelled regions until it is repeated.
 constexpr std::int64_t kOnTheWayNs = DeliverySettings{}.keep_alive_ns + 100 * kMs;
-constexpr std::int64_t kSilenceNs = 100 * kMs;  // then nothing is sent for so long
-constexpr std::int64_t kLookNs = 5 * kMs;       // whether all is well
+constexpr std::int64_t kSilenceNs = 100 * kMs;  // time in which no payload may be sent after that
+constexpr std::int64_t kLookNs = 5 * kMs;       // between checks of recovery
 
 class SimulatedHost : public Program {
  public:
@@ -59,7 +59,7 @@ class SimulatedHost : public Program {
       if (!out) return 10 * kMs;
       ++chunks_;
       if (!out->chunk.pieces.empty() && world_.find(out->hrtc)->up()) world_.last_payload_ns = world_.now_ns;
-      if (server_->bytes_under_way(out->hrtc) > kMaxCredit) world_.broken("more under way than the credit");
+      if (server_->bytes_under_way(out->hrtc) > kMaxCredit) world_.broken("more bytes in flight than the credit");
       if (world_.sabotage == Sabotage::kSendTwice && world_.chance(0.02)) server_->on_hrtc_gone(out->hrtc);
       send(out->hrtc, std::move(out->chunk));
     }
@@ -115,12 +115,12 @@ class Simulation {
       std::string missing = what_is_wrong();
       if (missing.empty()) break;
       result_.healed_ns = world_.now_ns - healed_from_ns;
-      if (result_.healed_ns > kHealNs) world_.broken("not healed: " + missing);
+      if (result_.healed_ns > kHealNs) world_.broken("not recovered: " + missing);
     }
     const std::int64_t from_ns = world_.now_ns + kOnTheWayNs, end_ns = from_ns + kSilenceNs;
     while (world_.now_ns < end_ns && world_.broken_things.empty()) {
       step(end_ns);
-      if (world_.last_payload_ns > from_ns) world_.broken("records are sent and nothing is wanted");
+      if (world_.last_payload_ns > from_ns) world_.broken("records are sent although nothing is wanted");
     }
     return result();
   }
@@ -132,7 +132,7 @@ class Simulation {
     trace_(at + line);
   }
 
-  /// To the next thing that happens, or to `until_ns`.
+  /// Advances to the next event, or to `until_ns`.
   void step(std::int64_t until_ns) {
     std::int64_t next_ns = std::min(until_ns, world_.network.next_ns());
     for (const Program* program : world_.programs) next_ns = std::min(next_ns, program->next_tick_ns());
@@ -175,7 +175,7 @@ class Simulation {
   void cut_off(std::size_t place, const PlannedFault& fault) {
     const std::uint64_t id = world_.programs[place]->id();
     if (trace_)
-      say(std::to_string(id) + (fault.one_way ? " is not heard" : " is cut off") + " for " +
+      say(std::to_string(id) + (fault.one_way ? " cannot send" : " is cut off") + " for " +
           std::to_string(fault.lasts_ns / kMs) + " ms");
     for (std::size_t i = 0; i < kPrograms; ++i) {
       if ((fault.programs >> i & 1u) != 0) continue;
@@ -186,7 +186,7 @@ class Simulation {
   }
 
   void come_back(std::multimap<std::int64_t, Program*>::iterator at) {
-    if (trace_) say(std::to_string(at->second->id()) + " starts again");
+    if (trace_) say(std::to_string(at->second->id()) + " restarts");
     world_.last_crash_ns = world_.now_ns;
     at->second->start();
     returns_.erase(at);
@@ -204,12 +204,12 @@ class Simulation {
                        [object](const auto& host) { return host->up() && host->serves(object); });
   }
 
-  /// Empty when all agree and hold what they want.
+  /// Empty when all programs agree and hold what they want.
   [[nodiscard]] std::string what_is_wrong() const {
     for (const auto& controller : controllers_)
       for (std::uint64_t object = kFirstObject; object < kFirstObject + kObjects; ++object)
         if (controller->up() && served(object) && !controller->content_with(object))
-          return std::to_string(controller->id()) + " has not all that it wants of object " + std::to_string(object);
+          return std::to_string(controller->id()) + " lacks wanted regions of object " + std::to_string(object);
     for (const Program* program : world_.programs) {
       if (!program->up()) continue;
       const std::string name = std::to_string(program->id());
@@ -217,7 +217,7 @@ class Simulation {
       const Program* object_authority = world_.find(program->clock().reference());
       if (object_authority == nullptr || !object_authority->up() ||
           object_authority->clock().reference() != object_authority->id())
-        return "the keeper of time of " + name;
+        return "the time reference of " + name;
       if (!program->clock().synchronised() || program->clock_bound_ns() > kClockNs) return "the clock of " + name;
     }
     return slots_that_are_wrong();
@@ -254,7 +254,7 @@ class Simulation {
         std::set<std::string> published;
         for (const UserSlot& slot : program->roster().find(controller->id())->slots) published.insert(slot.user);
         if (published != given)
-          return "what " + std::to_string(program->id()) + " knows of the users of " + std::to_string(controller->id());
+          return "the users of " + std::to_string(controller->id()) + " as seen by " + std::to_string(program->id());
       }
     }
     return {};
@@ -328,7 +328,7 @@ Schedule random_schedule(std::uint64_t seed) {
   else
     kinds.push_back(FaultKind::kLoss);
   std::shuffle(kinds.begin(), kinds.end(), random);
-  std::array<std::uint32_t, kPrograms> places;  // each is hit once
+  std::array<std::uint32_t, kPrograms> places;  // each fails at most once
   std::iota(places.begin(), places.end(), 0u);
   std::shuffle(places.begin(), places.end(), random);
   std::size_t hit = 0;

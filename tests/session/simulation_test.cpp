@@ -1,4 +1,4 @@
-/// Whole sessions by seed. `scripts/bench simulate` runs 10^5 of them and replays one with a trace (--seed N).
+/// Whole sessions by seed. `scripts/bench simulate` runs 10^5 of them, or one with a trace (--seed N).
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -51,7 +51,7 @@ TEST(SessionSimulation, TheDeathOfAHostIsNoticedByItsSilenceLongBeforeTheRosterT
     EXPECT_LE(result.controllers.noticed_ns, 50 * kMs) << "seed " << seed;
     noticed += result.controllers.deaths_noticed;
   }
-  EXPECT_GE(noticed, 20u) << "or nobody counted on it";
+  EXPECT_GE(noticed, 20u) << "or no HRTC needed the host";
 }
 
 TEST(SessionSimulation, ATakeoverSendsNoRecordAgainThatTheNewHostWasToldOf) {
@@ -81,7 +81,7 @@ TEST(SessionSimulation, UnderThreeKindsOfFaultAllHoldsAndHealsInTime) {
     all.host_changes += result.host_changes;
     for (std::size_t kind = 0; kind < kFaultKinds; ++kind) all.faults[kind] += result.faults[kind];
   }
-  EXPECT_GT(all.controllers.regions_refused, 0u) << "the faults never bite";
+  EXPECT_GT(all.controllers.regions_refused, 0u) << "the faults have no effect";
   EXPECT_GT(all.host_changes, 0u);
   for (std::size_t kind = 0; kind < kFaultKinds; ++kind) EXPECT_GT(all.faults[kind], 0u) << kFaultNames[kind];
 }
@@ -116,9 +116,9 @@ TEST_P(EveryMistake, IsNoticed) {
 }
 
 constexpr Mistake kMistakes[] = {{"FreeEarly", Sabotage::kFreeEarly, "came without record"},
-                                 {"Forget", Sabotage::kForget, "is not here"},
+                                 {"Forget", Sabotage::kForget, "is not held"},
                                  {"RunFast", Sabotage::kRunFast, "is wrong by"},
-                                 {"SendTwice", Sabotage::kSendTwice, "here all along"},
+                                 {"SendTwice", Sabotage::kSendTwice, "held all along"},
                                  {"Deaf", Sabotage::kDeaf, "the roster of"},
                                  {"Trusting", Sabotage::kTrusting, "which has not answered for"}};
 

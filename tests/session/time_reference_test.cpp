@@ -18,7 +18,7 @@ constexpr std::int64_t kMs = 1'000'000;
 constexpr std::uint64_t kSession = 1;
 constexpr std::int64_t kTickNs = 5 * kMs;
 
-/// One program as far as time is concerned. Its incarnation is what its wall clock says, right or wrong.
+/// The time functions of one program. Its incarnation is the time of its wall clock, right or wrong.
 class Program {
  public:
   Program(std::uint64_t id, Role in_role, std::uint64_t incarnation, std::int64_t local_ns)
@@ -42,13 +42,13 @@ class Program {
   std::uint64_t beats = 0;
 };
 
-/// Programs on machines whose monotonic clocks began anywhere. Samples take no time, or do not arrive at all.
+/// Programs on machines whose monotonic clocks have random starts. Samples arrive at once, or not at all.
 class TimeReferenceTest : public testing::Test {
  protected:
   struct Machine {
     std::int64_t offset_ns = 0;
     std::unique_ptr<Program> program;
-    std::int64_t session_ns = -1, local_ns = 0;  // at the last look
+    std::int64_t session_ns = -1, local_ns = 0;  // at the last tick
     std::int64_t worst_step_ns = 0;              // while a force was on
   };
 
@@ -118,7 +118,7 @@ class TimeReferenceTest : public testing::Test {
   }
   [[nodiscard]] std::int64_t apart(std::size_t a, std::size_t b) { return std::abs(session(a) - session(b)); }
 
-  /// What session time may gain in a tick when the clock is steered.
+  /// Max gain of session time in a tick by slewing.
   static constexpr std::int64_t kSlewedNs = kTickNs / 20 + 2;
 
   std::mt19937_64 random_{1};
@@ -167,7 +167,7 @@ TEST_F(TimeReferenceTest, WhenTheReferenceGoesTheOthersGoOnWithItsTime) {
   EXPECT_LE(machines_[third].worst_step_ns, kSlewedNs);
   restart(host, 20, Role::kHost, 8);
   interval(5'000);
-  EXPECT_EQ(reference(host), 30u) << "it came last";
+  EXPECT_EQ(reference(host), 30u) << "it joined last";
   EXPECT_LT(apart(hrtc, host), kMs);
 }
 
@@ -181,14 +181,14 @@ TEST_F(TimeReferenceTest, ASessionThatMeetsAnOlderOneTakesItsTimeOnceNoForceIsOn
   ASSERT_GT(apart(older, younger), 20'000 * kMs);
   const std::int64_t before_ns = session(older);
   program(with_younger).force_on = true;
-  program(with_older).force_on = true;  // does not matter: its own time stays
+  program(with_older).force_on = true;  // has no effect: the older session's time does not change
   interval(200);
   cuts_.clear();
   interval(10'000);
 
   EXPECT_EQ(reference(younger), 10u);
   EXPECT_EQ(reference(with_younger), 10u);
-  EXPECT_LT(apart(younger, with_younger), kMs) << "they go on together until then";
+  EXPECT_LT(apart(younger, with_younger), kMs) << "they agree until then";
   EXPECT_LE(machines_[with_younger].worst_step_ns, kSlewedNs);
   program(with_younger).force_on = false;
   interval(2'000);
@@ -198,7 +198,7 @@ TEST_F(TimeReferenceTest, ASessionThatMeetsAnOlderOneTakesItsTimeOnceNoForceIsOn
   }
   EXPECT_EQ(session(older) - before_ns, 12'200 * kMs);
   EXPECT_LE(machines_[with_older].worst_step_ns, kSlewedNs);
-  EXPECT_GT(program(younger).clock.joined_ns(), program(with_older).clock.joined_ns()) << "it came later";
+  EXPECT_GT(program(younger).clock.joined_ns(), program(with_older).clock.joined_ns()) << "it joined later";
 }
 
 TEST_F(TimeReferenceTest, APartOfASessionThatWasCutOffForAWhileRejoinsUnderAForceWithoutAStep) {
@@ -211,7 +211,7 @@ TEST_F(TimeReferenceTest, APartOfASessionThatWasCutOffForAWhileRejoinsUnderAForc
   cut(host, hrtc, false);
   interval(2'000);
 
-  EXPECT_EQ(reference(hrtc), 20u) << "it has been there for longer";
+  EXPECT_EQ(reference(hrtc), 20u) << "it joined first";
   EXPECT_EQ(reference(host), 20u);
   EXPECT_LE(machines_[hrtc].worst_step_ns, kSlewedNs);
 }
@@ -228,13 +228,13 @@ TEST_F(TimeReferenceTest, ANewcomerIsSetWhileOthersFeelForces) {
   EXPECT_LT(apart(hrtc, newcomer), kMs);
 }
 
-/// Starts, ends, partitions and forces at random; wall clocks are worth nothing.
+/// Starts, ends, partitions and forces at random; wall clocks are random too.
 TEST_F(TimeReferenceTest, WhateverHappensNoTimeStepsUnderAForceAndAllAgreeInTheEnd) {
   for (std::uint64_t seed = 1; seed <= 60; ++seed) {
     random_.seed(seed);
     machines_.clear();
     cuts_.clear();
-    // Two sessions begin apart from each other.
+    // Two sessions begin separately.
     for (std::size_t at = 0; at < 6; ++at) {
       for (std::size_t other = 0; other < at; ++other)
         if (at % 2 != other % 2) cut(at, other);

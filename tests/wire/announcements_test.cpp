@@ -20,8 +20,8 @@ Locator at(const char* address, std::uint32_t port) {
   return made;
 }
 
-/// An RTPS message of a time and a sample, little-endian, as the library sends it; of a participant that listens at
-/// 10.0.0.1:7410 and has a name of four letters or none.
+/// An RTPS message with a time and a sample, little-endian, as Fast DDS sends it. Its participant has the locator
+/// 10.0.0.1:7410 and a name of four letters, or none.
 std::vector<std::uint8_t> message(std::uint8_t writer_kind, std::uint8_t sequence, std::uint8_t sender = 1,
                                   const std::string& name = {}, bool says_of_itself = false) {
   const auto length = static_cast<std::uint8_t>((name.empty() ? 56 : 72) + (says_of_itself ? 12 : 0));
@@ -62,7 +62,7 @@ TEST(AnnouncementsTest, NoPartOfAMessageIsReadBeyondItsEnd) {
     const std::vector<std::uint8_t> cut(whole.begin(), whole.begin() + size);
     const std::uint32_t read_to = 20 + 12 + 4 + 20;
     EXPECT_EQ(Announcements::sequence_of(cut.data(), size).has_value(), size >= read_to) << size;
-    (void)announcements.on_received(cut.data(), size);  // sanitizers would tell
+    (void)announcements.on_received(cut.data(), size);  // sanitizers detect reads beyond the end
   }
 }
 
@@ -132,11 +132,11 @@ TEST(AnnouncementsTest, OnlyThoseOfTheNameThatIsIgnoredAreNotMet) {
   };
 
   EXPECT_FALSE(is_met(message(0xc2, 1, 1, "crew")));
-  EXPECT_FALSE(is_met(message(0xc2, 2, 1, "crew"))) << "nor later";
-  EXPECT_FALSE(is_met(message(0xc2, 1, 4, "crew", true))) << "as the library sends it";
+  EXPECT_FALSE(is_met(message(0xc2, 2, 1, "crew"))) << "later ones too";
+  EXPECT_FALSE(is_met(message(0xc2, 1, 4, "crew", true))) << "with inline QoS, as Fast DDS sends it";
   EXPECT_TRUE(is_met(message(0xc2, 1, 2, "crow")));
   EXPECT_TRUE(is_met(message(0xc2, 1, 3)));
-  EXPECT_TRUE(is_met(message(0x02, 1, 1, "crew"))) << "another writer's sample";
+  EXPECT_TRUE(is_met(message(0x02, 1, 1, "crew"))) << "a sample of another writer";
 }
 
 TEST(AnnouncementsTest, EachInterfaceSpeaksForItself) {

@@ -62,7 +62,7 @@ ses::BulkChunk chunk() {
   return b;
 }
 
-/// A sound sample becomes unsound by `spoil`, and the reason names `field`.
+/// Makes a valid sample invalid by `spoil`; the fault must name `field`.
 template <class Sample, class Spoil>
 void expect_fault(Sample sample, const char* field, Spoil&& spoil) {
   ASSERT_THAT(fault(sample), IsNull());
@@ -178,7 +178,7 @@ TEST(Check, NamesTheWrongFieldOfWhatMoves) {
   expect_fault(ses::DeviceCommand{}, "normal", [](auto& d) { d.normal[0] = kNan; });
   expect_fault(ses::DeviceCommand{}, "error_bound", [](auto& d) { d.error_bound = -1; });
   expect_fault(ses::ObjectPose{}, "velocity", [](auto& o) { o.velocity[0] = kNan; });
-  expect_fault(ses::ObjectPose{}, "spin", [](auto& o) { o.angular_velocity[0] = kNan; });
+  expect_fault(ses::ObjectPose{}, "angular_velocity", [](auto& o) { o.angular_velocity[0] = kNan; });
   expect_fault(ses::ObjectPose{}, "orientation", [](auto& o) { o.pose.orientation[3] = -1.002; });
 }
 
@@ -198,7 +198,7 @@ TEST(Check, NamesTheWrongFieldOfWhatSharesAnObject) {
   expect_fault(copy(), "place", [](auto& c) { c.place = 2; });
   expect_fault(copy(), "orientation", [](auto& c) { c.body.orientation[3] = 0; });
   expect_fault(copy(), "velocity", [](auto& c) { c.velocity[2] = kNan; });
-  expect_fault(copy(), "spin", [](auto& c) { c.angular_velocity[2] = kNan; });
+  expect_fault(copy(), "angular_velocity", [](auto& c) { c.angular_velocity[2] = kNan; });
   expect_fault(copy(), "pressed", [](auto& c) { c.pressed[1] = kInf; });
   expect_fault(copy(), "lines.wave", [](auto& c) { c.lines[0].wave[5] = kInf; });
   expect_fault(copy(), "lines.wave", [](auto& c) { c.lines[1].wave[0] = -1e308; });

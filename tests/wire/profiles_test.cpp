@@ -11,7 +11,7 @@ namespace {
 using eprosima::fastrtps::types::ReturnCode_t;
 using eprosima::fastrtps::xmlparser::XMLProfileManager;
 
-/// What the library makes of the files by itself.
+/// Compares with the profiles as the library reads the files by itself.
 class ProfilesTest : public testing::Test {
  protected:
   ProfilesTest() {

@@ -19,7 +19,7 @@ namespace {
 namespace fs = std::filesystem;
 using testing::HasSubstr;
 
-/// What joining fails with; empty when it does not.
+/// The error message of joining; empty when it succeeds.
 std::string refusal(const SessionAddress& a) {
   try {
     const Participants participants{a};
@@ -31,7 +31,7 @@ std::string refusal(const SessionAddress& a) {
 
 SessionAddress fresh(const std::string& tag) { return address(unique_session(tag), "p"); }
 
-/// A copy of the project's qos directory, to be spoilt.
+/// A copy of the project's qos directory, for tests to damage.
 class SpoiltQos : public testing::Test {
  protected:
   SpoiltQos() {
@@ -106,7 +106,7 @@ TEST(Incarnation, IsTheClocksWhereNothingCanBeKept) {
   const test_support::TemporaryFolder folder;
   EXPECT_EQ(next_incarnation({}, 7), 7u);
   EXPECT_EQ(next_incarnation(folder.path(), 7), 7u) << "a folder is no file";
-  std::ofstream{folder.path() / "broken"} << "no number, and of some length";
+  std::ofstream{folder.path() / "broken"} << "no number, and longer than one";
   EXPECT_EQ(next_incarnation(folder.path() / "broken", 7), 7u);
   EXPECT_EQ(next_incarnation(folder.path() / "broken", 5), 8u);
 }

@@ -1,4 +1,4 @@
-/// What the tests of wire/ share: addresses that meet nobody else, an inbox to wait on, samples with every field set.
+/// Helpers of the tests of wire/: addresses that match no other program, an inbox to wait on, full samples.
 #pragma once
 
 #include <unistd.h>
@@ -21,10 +21,10 @@ namespace tactus::wire::test {
 using namespace std::chrono_literals;
 namespace ses = session;
 
-/// How long a test waits before it gives up on something that has to happen.
+/// How long a test waits for an event before it fails.
 inline constexpr auto kWatchdog = 20s;
 
-/// Base domains 50..89, spread over processes so that tests may run side by side; sessions differ anyway.
+/// Base domains 50..89, chosen by process so that tests may run in parallel; sessions differ anyway.
 inline int test_domain() { return 50 + 3 * (static_cast<int>(getpid()) % 13); }
 
 inline std::string unique_session(const std::string& tag) {
@@ -40,7 +40,7 @@ inline SessionAddress address(const std::string& session, const std::string& par
   return a;
 }
 
-/// Keeps what a Reader hands over.
+/// Collects the samples of a Reader.
 template <class Sample>
 class Inbox {
  public:
@@ -51,7 +51,7 @@ class Inbox {
       arrived_.notify_all();
     };
   }
-  /// The oldest sample, waited for up to `limit`.
+  /// The oldest sample; waits up to `limit`.
   std::optional<Sample> next(std::chrono::nanoseconds limit = kWatchdog) {
     std::unique_lock<std::mutex> lock{mutex_};
     if (!arrived_.wait_for(lock, limit, [this] { return !samples_.empty(); })) return std::nullopt;
@@ -70,7 +70,7 @@ class Inbox {
   std::deque<Sample> samples_;
 };
 
-/// Waits for a condition that nobody signals; false when the watchdog bites.
+/// Polls a condition; false when the watchdog expires.
 template <class Condition>
 bool eventually(Condition&& condition) {
   const auto end = std::chrono::steady_clock::now() + kWatchdog;
@@ -81,7 +81,7 @@ bool eventually(Condition&& condition) {
   return true;
 }
 
-/// Sends until one copy arrives: the two sides of a best-effort topic find each other at different moments.
+/// Sends until one sample arrives: the two endpoints of a best-effort topic match at different times.
 template <class Sample>
 std::optional<Sample> send_until_received(Writer<Sample>& writer, Inbox<Sample>& inbox, const Sample& sample) {
   const auto end = std::chrono::steady_clock::now() + kWatchdog;
@@ -179,7 +179,7 @@ inline auto fields(const ses::ClockSample& c) {
   return std::tuple{fields(c.origin), c.peer, c.sequence, c.answer, c.t0_ns, c.t1_ns, c.t2_ns};
 }
 
-// ---- sound samples whose fields all differ from their defaults and from each other
+// ---- valid samples whose fields all differ from their defaults and from each other
 
 template <class Sample>
 Sample full(const Participants& from);

@@ -10,7 +10,7 @@ namespace {
 
 class TapTest : public ::testing::Test {
  protected:
-  /// Sends until the tap has heard something on the topic, and gives that.
+  /// Sends until the tap has received a sample of the topic; returns its bytes.
   template <class Sample>
   std::vector<std::uint8_t> received(const TopicSpec<Sample>& topic, const EndpointOptions& options = {}) {
     SCOPED_TRACE(topic.name);
@@ -22,7 +22,7 @@ class TapTest : public ::testing::Test {
       while ((got = inbox_.next(10ms)))
         if (tap_.topics()[got->topic].name == topic.name) return got->bytes;
     }
-    ADD_FAILURE() << "nothing came of " << topic.name;
+    ADD_FAILURE() << "no sample of " << topic.name;
     return {};
   }
 

@@ -30,7 +30,7 @@ class TwoPrograms : public testing::Test {
     ASSERT_TRUE(got.has_value()) << "last fault: " << writer.last_fault() << reader.last_fault();
     EXPECT_EQ(fields(*got), fields(sent));
     EXPECT_EQ(reader.counts().invalid, 0u) << reader.last_fault();
-    // A sample may come before the news, at either end, of whom it was sent to or came from.
+    // A sample may arrive before either endpoint is notified of the match.
     EXPECT_TRUE(eventually([&] { return writer.matched() == 1 && reader.matched() == 1; }));
   }
 
@@ -174,7 +174,7 @@ TEST_F(TwoPrograms, ChunksOfALongStreamArriveAtMostOnceAndInOrder) {
   std::uint32_t last = 0;
   while (last <= kChunks) {
     const auto got = inbox.next(100ms);
-    if (!got) {  // the last ones were lost
+    if (!got) {  // the last chunks were lost
       chunk.sequence = kChunks + 1;
       ASSERT_EQ(writer.send(chunk), SendStatus::kSent);
       continue;
@@ -263,7 +263,7 @@ TEST_F(TwoPrograms, AProgramDoesNotHearItself) {
 }
 
 TEST_F(TwoPrograms, UsersArriveHoweverManyWereThereBefore) {
-  constexpr std::uint64_t kUsers = 1100;  // more instances than the history of a reader or a writer holds
+  constexpr std::uint64_t kUsers = 1100;  // more instances than a history holds
   Inbox<ses::ProbeState> inbox;
   Reader<ses::ProbeState> reader{beta_, topics::kProbeState, inbox.callback()};
   Writer<ses::ProbeState> writer{alpha_, topics::kProbeState};
@@ -322,7 +322,7 @@ TEST(TwoSessions, OnOneDomainNeverMeet) {
   Writer<ses::RosterEntry> writer_a{a, topics::kRoster};
   Writer<ses::RosterEntry> writer_x{x, topics::kRoster};
 
-  // Each pair exchanges several rounds while the other is there to be heard.
+  // Both pairs exchange several rounds at the same time.
   for (int i = 0; i < 5; ++i) {
     const auto got_b = send_until_received(writer_a, at_b, full<ses::RosterEntry>(a));
     const auto got_y = send_until_received(writer_x, at_y, full<ses::RosterEntry>(x));
@@ -336,7 +336,7 @@ TEST(TwoSessions, OnOneDomainNeverMeet) {
 }
 
 TEST(SharedMemory, IsNotUsed) {
-  const auto mapped = [] {  // by this program: others may use it
+  const auto mapped = [] {  // by this program; others may use it
     std::ifstream maps{"/proc/self/maps"};
     return std::string{std::istreambuf_iterator<char>{maps}, {}};
   };

@@ -13,10 +13,10 @@ using eprosima::fastrtps::rtps::IPLocator;
 
 constexpr std::uint32_t kMetatrafficUnicast = 0x32, kName = 0x62;  // parameters (RTPS 2.2, 9.6.2)
 constexpr std::uint32_t kLocatorSize = 24, kPortAt = 4, kAddressAt = 8;
-constexpr std::array<std::uint8_t, 4> kAnnouncer{0x00, 0x01, 0x00, 0xc2};  // the writer of participants (9.3.1.5)
+constexpr std::array<std::uint8_t, 4> kAnnouncer{0x00, 0x01, 0x00, 0xc2};  // entity id of participant data (9.3.1.5)
 constexpr std::size_t kMany = 4096;
 
-/// The sample of a message that announces a participant.
+/// The DATA submessage of a participant announcement.
 std::optional<RtpsData> announcement_in(const std::uint8_t* message, std::uint32_t size) {
   const std::optional<Submessage> found = find_submessage(message, size, kDataId);
   std::optional<RtpsData> data = found ? data_of(*found) : std::nullopt;
@@ -24,7 +24,7 @@ std::optional<RtpsData> announcement_in(const std::uint8_t* message, std::uint32
   return data;
 }
 
-/// A string is its length, which includes the zero byte at its end, and its bytes.
+/// A CDR string is its length, including the zero byte at its end, and its bytes.
 bool is_text(const RtpsBytes& value, const std::string& text) {
   const auto bytes = static_cast<std::uint32_t>(text.size());
   return value.size > 4 + bytes && value.number(0, 4) == bytes + 1 &&
@@ -55,7 +55,7 @@ bool Announcements::on_received(const std::uint8_t* message, std::uint32_t size)
   return met->second;
 }
 
-/// Whoever was there before. Participants of this machine are reached through its loopback.
+/// Drops the records of announcements to this locator. Participants of this machine are reached through its loopback.
 void Announcements::forget(std::uint32_t port, const std::uint8_t* address) {
   for (auto at = sent_.begin(); at != sent_.end();) {
     const Locator& to = at->first.second;

@@ -5,8 +5,8 @@
 namespace tactus::wire {
 namespace {
 
-constexpr std::uint32_t kSenderAt = 8;  // behind the magic, version and vendor
-// A DATA submessage, counted from the end of its head.
+constexpr std::uint32_t kSenderAt = 8;  // after magic, version and vendor
+// Offsets in a DATA submessage, from the end of its header.
 constexpr std::uint32_t kToInlineQosAt = 2, kWriterAt = 8, kSequenceAt = 12, kDataHead = 20;
 constexpr std::uint8_t kInlineQosFlag = 0x02, kDataFlag = 0x04;
 constexpr std::uint32_t kParameterHead = 4, kEncapsulation = 4, kSentinel = 1;
