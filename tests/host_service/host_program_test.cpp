@@ -75,7 +75,7 @@ class HostProgramTest : public testing::Test {
   pid_t pid_ = 0;
 };
 
-TEST_F(HostProgramTest, SignalsEndItWell) {
+TEST_F(HostProgramTest, SignalsEndTheHostWithExitCodeZero) {
   for (const int signal : {SIGINT, SIGTERM}) {
     start({"--name", "h", model_});
     ASSERT_TRUE(says("is in session")) << said();
@@ -87,7 +87,7 @@ TEST_F(HostProgramTest, SignalsEndItWell) {
   }
 }
 
-TEST_F(HostProgramTest, OptionsThatTakeSeveralValuesLeaveTheModelBehindThemAlone) {
+TEST_F(HostProgramTest, OptionsWithSeveralValuesDoNotTakeTheModelAfterThem) {
   for (const std::vector<std::string>& option :
        {std::vector<std::string>{"--at", "0.5", "0", "0"}, std::vector<std::string>{"--peer", "127.0.0.1"},
         std::vector<std::string>{"--discovery-server", "127.0.0.1"}}) {
@@ -101,7 +101,7 @@ TEST_F(HostProgramTest, OptionsThatTakeSeveralValuesLeaveTheModelBehindThemAlone
   }
 }
 
-TEST_F(HostProgramTest, WrongInputEndsWithTwoAndAMessageThatNamesIt) {
+TEST_F(HostProgramTest, WrongInputGivesExitCodeTwoAndNamesTheInput) {
   EXPECT_EQ(run({"--colour", "red", model_}), 2);
   EXPECT_THAT(said(), HasSubstr("--colour"));
   EXPECT_EQ(run({"missing.spm"}), 2);

@@ -218,7 +218,7 @@ class HostTest : public testing::Test {
   const std::atomic<bool> never_{false};
 };
 
-TEST_F(HostTest, AControllerGetsEveryRecordOfTheModelOnceAndToTheBit) {
+TEST_F(HostTest, AnHrtcReceivesEveryRecordOfTheModelOnceAndToTheBit) {
   RunningHost host{options_};
   Controller controller{"hrtc"};
 
@@ -256,7 +256,7 @@ TEST_F(HostTest, AControllerGetsEveryRecordOfTheModelOnceAndToTheBit) {
   }
 }
 
-TEST_F(HostTest, CountsWhatItSentAndAnswersForTheTime) {
+TEST_F(HostTest, CountsSentRecordsAndAnswersClockRequests) {
   RunningHost host{options_};
   Controller controller{"hrtc"};
   ASSERT_TRUE(controller.run_until([&] { return controller.holds_all(); }));
@@ -273,7 +273,7 @@ TEST_F(HostTest, CountsWhatItSentAndAnswersForTheTime) {
   EXPECT_TRUE(controller.run_until([&] { return controller.clock_answered_; }));
 }
 
-TEST_F(HostTest, EndsWithTheSessionAndSaysSo) {
+TEST_F(HostTest, LeavesAndWithdrawsItsObjectsAtTheEndOfTheSession) {
   RunningHost host{options_};
   Controller controller{"hrtc"};
   ASSERT_TRUE(controller.run_until([&] { return controller.catalogue_.has_value(); }));
@@ -284,7 +284,7 @@ TEST_F(HostTest, EndsWithTheSessionAndSaysSo) {
   EXPECT_TRUE(controller.run_until([&] { return controller.host_left_ && controller.withdrawn_; }));
 }
 
-TEST_F(HostTest, StartedAgainItServesAControllerThatWaited) {
+TEST_F(HostTest, ARestartedHostServesAWaitingHrtc) {
   auto first = std::make_unique<RunningHost>(options_);
   Controller controller{"hrtc"};
   ASSERT_TRUE(controller.run_until([&] { return !controller.held_.empty(); }));
@@ -323,7 +323,7 @@ TEST_F(HostTest, ObjectsWithoutAPoseStandSideBySide) {
   }
 }
 
-TEST_F(HostTest, RefusesTwoObjectsOfOneName) {
+TEST_F(HostTest, RefusesTwoObjectsWithOneName) {
   options_.objects.push_back(options_.objects[0]);
   EXPECT_THROW((Host{options_, [](Severity, const std::string&) {}, never_}), HostError);
 }

@@ -52,13 +52,13 @@ TEST_F(ModelStoreTest, BuildsAModelOnceForTheSameBytes) {
   EXPECT_EQ(said_, "");
 }
 
-TEST_F(ModelStoreTest, BuildsOtherBytesAgain) {
+TEST_F(ModelStoreTest, BuildsOtherBytesAnew) {
   const std::uint64_t digest = open(mesh_);
   offline::write_mesh(mesh_, offline::generate(offline::Shape::kSphere, 402));
   EXPECT_NE(open(mesh_), digest);
 }
 
-TEST_F(ModelStoreTest, BuildsAgainWhatIsBrokenInTheCache) {
+TEST_F(ModelStoreTest, RebuildsADamagedCacheEntry) {
   const std::uint64_t digest = open(mesh_);
   std::string bytes = test_support::read_bytes(cached());
   bytes[bytes.size() / 2] = static_cast<char>(bytes[bytes.size() / 2] ^ 1);
@@ -68,7 +68,7 @@ TEST_F(ModelStoreTest, BuildsAgainWhatIsBrokenInTheCache) {
   EXPECT_THAT(said_, HasSubstr("broken"));
 }
 
-TEST_F(ModelStoreTest, ABufferBesideAGltfFileBelongsToItsContent) {
+TEST_F(ModelStoreTest, TheHashCoversTheBuffersOfAGltfFile) {
   const std::filesystem::path gltf = folder_.path() / "triangle.gltf";
   // One triangle: three positions of three floats.
   test_support::write_bytes(gltf, R"({"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
@@ -87,7 +87,7 @@ TEST_F(ModelStoreTest, ABufferBesideAGltfFileBelongsToItsContent) {
   EXPECT_NE(open(gltf), digest);
 }
 
-TEST_F(ModelStoreTest, StopsWithoutATraceWhateverItIsDoing) {
+TEST_F(ModelStoreTest, StopsAtEveryStageWithoutLeavingAFile) {
   stop_ = true;
   EXPECT_THROW(open(mesh_), Stopped);
   EXPECT_FALSE(std::filesystem::exists(cache_));
@@ -106,7 +106,7 @@ TEST_F(ModelStoreTest, StopsWithoutATraceWhateverItIsDoing) {
   EXPECT_THAT(said_, HasSubstr("from the cache")) << "the written file is complete";
 }
 
-TEST_F(ModelStoreTest, RefusesWhatIsNoModelNamingIt) {
+TEST_F(ModelStoreTest, RefusesAFileThatIsNoModelAndNamesIt) {
   const auto complaint = [&](const std::filesystem::path& path) -> std::string {
     try {
       open(path);
@@ -123,7 +123,7 @@ TEST_F(ModelStoreTest, RefusesWhatIsNoModelNamingIt) {
   EXPECT_THAT(complaint(folder_.path() / "odd.spm"), HasSubstr("odd.spm"));
 }
 
-TEST_F(ModelStoreTest, NamesACacheThatCannotBeMade) {
+TEST_F(ModelStoreTest, NamesACacheFolderThatCannotBeCreated) {
   test_support::write_bytes(folder_.path() / "cache", "in the way");
   try {
     open(mesh_);

@@ -63,7 +63,7 @@ class ObjectAuthorityTest : public ::testing::Test {
   std::optional<session::ObjectGrant> grant_;
 };
 
-TEST_F(ObjectAuthorityTest, WhatIsLetFallComesToRestAndCostsNothingThen) {
+TEST_F(ObjectAuthorityTest, ADroppedObjectComesToRestAndIsNoLongerSimulated) {
   object_authority_.add(cube(0.1), now_);
   run(260);
   EXPECT_TRUE(object_authority_.busy());
@@ -90,7 +90,7 @@ TEST_F(ObjectAuthorityTest, PosesComeAt250HertzWhileItMoves) {
   EXPECT_LT(pose_->velocity[2], -3);
 }
 
-TEST_F(ObjectAuthorityTest, GivesTheObjectToWhoTouchesItAndTakesItBackWhereItWasLeft) {
+TEST_F(ObjectAuthorityTest, GrantsTheObjectToAToucherAndContinuesFromItsLastPose) {
   object_authority_.add(cube(0), now_);
   run(300);
   claim(7, true);
@@ -125,7 +125,7 @@ TEST_F(ObjectAuthorityTest, GivesTheObjectToWhoTouchesItAndTakesItBackWhereItWas
   EXPECT_NEAR(pose_->pose.position[2], 0, 1e-3);
 }
 
-TEST_F(ObjectAuthorityTest, WhoSaysNothingForALeaseLosesTheObject) {
+TEST_F(ObjectAuthorityTest, AToucherWithoutClaimsLosesTheObjectAfterTheLease) {
   object_authority_.add(cube(0), now_);
   run(300);
   claim(7, true);
@@ -137,7 +137,7 @@ TEST_F(ObjectAuthorityTest, WhoSaysNothingForALeaseLosesTheObject) {
   EXPECT_GT(poses_, 0u);
 }
 
-TEST_F(ObjectAuthorityTest, OfTwoHostsTheOldestKeepsAndTheOtherTakesOverWhereItWasSeen) {
+TEST_F(ObjectAuthorityTest, TheHostThatJoinedFirstIsTheAuthorityAndTheOtherContinuesFromItsLastPose) {
   object_authority_.add(cube(0), now_);
   const session::Origin older = origin_of(90, 900);
   object_authority_.on_host(100, 2'000 * kMs, now_);
@@ -165,7 +165,7 @@ TEST_F(ObjectAuthorityTest, OfTwoHostsTheOldestKeepsAndTheOtherTakesOverWhereItW
   EXPECT_GT(poses_, 0u);
 }
 
-TEST_F(ObjectAuthorityTest, AHostWhoseWallClockIsWrongTakesNoObjectOver) {
+TEST_F(ObjectAuthorityTest, AHostWithAWrongWallClockDoesNotBecomeTheAuthority) {
   object_authority_.on_host(100, 2'000 * kMs, now_);
   object_authority_.add(cube(0), now_);
   run(300);
@@ -178,7 +178,7 @@ TEST_F(ObjectAuthorityTest, AHostWhoseWallClockIsWrongTakesNoObjectOver) {
   EXPECT_GT(poses_, 0u);
 }
 
-TEST_F(ObjectAuthorityTest, AHostThatWasUnheardForAMomentKeepsItsObjectAgain) {
+TEST_F(ObjectAuthorityTest, AHostThatReturnsAfterAShortSilenceIsTheAuthorityAgain) {
   object_authority_.on_host(100, 2'000 * kMs, now_);
   object_authority_.on_host(90, 1'000 * kMs, now_);
   object_authority_.add(cube(0), now_);
@@ -193,7 +193,7 @@ TEST_F(ObjectAuthorityTest, AHostThatWasUnheardForAMomentKeepsItsObjectAgain) {
   EXPECT_EQ(grants_, 0u);
 }
 
-TEST_F(ObjectAuthorityTest, AHostThatStartsAgainGivesLargerNumbers) {
+TEST_F(ObjectAuthorityTest, ARestartedHostGrantsLargerFencingNumbers) {
   object_authority_.add(cube(0), now_);
   run(1000);
   ObjectAuthority again{origin_of(100, 2000)};
@@ -206,7 +206,7 @@ TEST_F(ObjectAuthorityTest, AHostThatStartsAgainGivesLargerNumbers) {
   EXPECT_GT(fencing, pose_->fencing);
 }
 
-TEST_F(ObjectAuthorityTest, WhatCannotMoveIsNotItsBusiness) {
+TEST_F(ObjectAuthorityTest, IgnoresStaticObjects) {
   session::CatalogueEntry wall = cube(1);
   wall.body = {};
   object_authority_.add(wall, now_);

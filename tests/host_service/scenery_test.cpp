@@ -93,14 +93,14 @@ TEST(Scenery, ABoxDroppedOnTheOrganComesToRestOnItsFinestMesh) {
   EXPECT_TRUE(scenery.exact(state.position - Vec3d{0, 0, half.z()}, 0.003));
 }
 
-TEST(Scenery, WithTooLittleRoomItStaysCoarserAndABoxRestsAllTheSame) {
+TEST(Scenery, WithTooFewSlotsTheMeshStaysCoarserAndABoxStillComesToRest) {
   Scenery scenery{{organ().standing()}, 200};
   const session::CatalogueEntry entry = box({20, 15, 10}, organ().top() + Vec3d{0, 0, 0.03}, 0.9);
   const session::Pose pose = dropped(entry, scenery);
   EXPECT_NEAR(pose.position[2], organ().top().z() + 0.01, 0.004);
 }
 
-TEST(Scenery, RegionsThatNobodyStandsOnGiveTheirRoomToOthers) {
+TEST(Scenery, RegionsWithoutContactsFreeTheirSlotsForOthers) {
   Scenery scenery{{organ().standing()}, 6000};
   std::uint64_t exact = 0, requested = 0;
   for (std::size_t i = 0; i < organ().vertices.size(); i += 211) {

@@ -45,7 +45,7 @@ class Pair {
   SessionClock asker_{kAsker, {}, local(0)};
 };
 
-TEST(SessionClock, KnowsNothingBeforeTheFirstAnswer) {
+TEST(SessionClock, IsNotSynchronisedBeforeTheFirstAnswer) {
   const SessionClock clock{kAsker, {}, 0};
   EXPECT_FALSE(clock.synchronised());
   EXPECT_EQ(clock.map().bound(5), kClockUnknown);
@@ -81,7 +81,7 @@ TEST(SessionClock, NeverStepsBack) {
   }
 }
 
-TEST(SessionClock, GoesOnWhenItBecomesTheReferenceItself) {
+TEST(SessionClock, ContinuesItsTimeWhenItBecomesTheReference) {
   Pair pair{3'000 * kMs, 0};
   ASSERT_TRUE(pair.exchange(0, 100'000, 100'000));
   const std::int64_t at = pair.local(2'000 * kMs);
@@ -94,7 +94,7 @@ TEST(SessionClock, GoesOnWhenItBecomesTheReferenceItself) {
   EXPECT_EQ(pair.asker_.map().bound(at), 0);
 }
 
-TEST(SessionClock, ANewReferenceBringsNoStep) {
+TEST(SessionClock, ANewReferenceCausesNoStep) {
   Pair pair{0, 0};
   ASSERT_TRUE(pair.exchange(0, 100'000, 100'000));
   SessionClock other{{1, 5, 1, 0}, {}, 0};
@@ -111,7 +111,7 @@ TEST(SessionClock, ANewReferenceBringsNoStep) {
   EXPECT_GE(pair.asker_.map().bound(20 * kMs), 30 * kMs - 1) << "the bound covers the error until then";
 }
 
-TEST(SessionClock, StepsWhenItHasKeptATimeOfItsOwnAndMeetsAnOlderOne) {
+TEST(SessionClock, StepsWhenItsSessionMergesWithAnOlderOne) {
   Pair pair{3'600'000 * kMs, 0};
   pair.begin_asker_at(600 * kMs);
   pair.asker_.set_reference(20, 1, pair.local(600 * kMs));  // alone
@@ -162,7 +162,7 @@ TEST(SessionClock, IsNotSetForTheFirstTimeWhileAForceIsOn) {
   EXPECT_LT(std::abs(pair.error(910 * kMs)), 2 * kMs);
 }
 
-TEST(SessionClock, IsAskedInVainWhileItsOwnTimeIsStillSteered) {
+TEST(SessionClock, AnswersRequestsOnlyAsTheReference) {
   SessionClock alone{kReference, {}, 0};
   EXPECT_FALSE(alone.answers());
   alone.set_reference(20, 1, 0);
@@ -171,7 +171,7 @@ TEST(SessionClock, IsAskedInVainWhileItsOwnTimeIsStillSteered) {
   EXPECT_TRUE(alone.answers());
 }
 
-TEST(SessionClock, DoesNotStepToAMeasurementThatIsALittleBetter) {
+TEST(SessionClock, SlewsToASlightlyBetterMeasurement) {
   Pair pair{0, 0};
   ASSERT_TRUE(pair.exchange(0, 80 * kMs, 0));  // an error of 40 ms, within the bound
   const std::int64_t before = pair.asker_.map().session_time(pair.local(999 * kMs));
@@ -182,7 +182,7 @@ TEST(SessionClock, DoesNotStepToAMeasurementThatIsALittleBetter) {
   EXPECT_GT(std::abs(pair.error(1001 * kMs)), 35 * kMs);
 }
 
-TEST(SessionClock, RefusesAnswersThatAreNotForItOrImpossible) {
+TEST(SessionClock, RefusesForeignAndImpossibleAnswers) {
   Pair pair{0, 0};
   const ClockSample request = pair.asker_.request(0);
   const ClockSample good = pair.reference_.answer(request, 100, 200);

@@ -96,7 +96,7 @@ class DeliveryClientTest : public testing::Test {
   DeliveryClient client_;
 };
 
-TEST_F(DeliveryClientTest, TimesTheWayFromADemandToTheFirstChunkThatKnowsIt) {
+TEST_F(DeliveryClientTest, MeasuresTheRoundTripFromADemandToTheFirstChunkOfItsEpoch) {
   client_.want(kObject, {{4, 0}});
   publish();
   now_ += 40 * kMs;
@@ -113,7 +113,7 @@ TEST_F(DeliveryClientTest, TimesTheWayFromADemandToTheFirstChunkThatKnowsIt) {
   EXPECT_NEAR(static_cast<double>(client_.round_trip_ns()), 8 * kMs, kMs);
 }
 
-TEST_F(DeliveryClientTest, CreditGrowsWithRateTimesRoundTripAndEndsAtTheRoom) {
+TEST_F(DeliveryClientTest, CreditGrowsWithRateTimesRoundTripUpToTheRoom) {
   const std::uint32_t at_first = publish_after_change().credit;
   const std::string text(1100, 'x');
   std::uint32_t credit = 0;
@@ -133,7 +133,7 @@ TEST_F(DeliveryClientTest, CreditGrowsWithRateTimesRoundTripAndEndsAtTheRoom) {
   EXPECT_EQ(without_room, 70'000u);
 }
 
-TEST_F(DeliveryClientTest, RoomThatAppearsIsToldAtOnceWhenSomethingIsOwed) {
+TEST_F(DeliveryClientTest, NewRoomIsPublishedAtOnceWhileAnAnswerIsDue) {
   client_.set_room(0);
   client_.want(kObject, {{4, 0}});
   publish();
@@ -145,7 +145,7 @@ TEST_F(DeliveryClientTest, RoomThatAppearsIsToldAtOnceWhenSomethingIsOwed) {
   EXPECT_EQ(publish().credit, 100'000u);
 }
 
-TEST_F(DeliveryClientTest, WhatIsTouchedSoonIsAskedForSoonerThanTheRest) {
+TEST_F(DeliveryClientTest, AnUrgentRegionIsRequestedAfterAShorterInterval) {
   const DeliverySettings settings;
   client_.want(kObject, {{4, 2 * settings.urgent_us}});
   publish();
@@ -198,7 +198,7 @@ TEST_F(DeliveryClientTest, AChunkCompletesSeveralMessagesAndBeginsAnother) {
   EXPECT_TRUE(take({last[1]}));
 }
 
-TEST_F(DeliveryClientTest, AMessageThatWasCancelledMayComeAfterAllCutElsewhere) {
+TEST_F(DeliveryClientTest, ACancelledMessageMayComeAgainWithOtherParts) {
   client_.want(kObject, {{4, 0}});
   publish();
   const std::string text = "what region four has to say";
@@ -227,7 +227,7 @@ TEST_F(DeliveryClientTest, DropsAMessageWhoseChecksumIsWrong) {
   EXPECT_EQ(client_.counters().corrupt, 1u);
 }
 
-TEST_F(DeliveryClientTest, IgnoresWhatIsNotForIt) {
+TEST_F(DeliveryClientTest, IgnoresForeignChunks) {
   const auto other = [](std::uint64_t session, std::uint64_t host, std::uint64_t incarnation, std::uint64_t hrtc,
                         std::uint64_t object) {
     return stream_id({session, host, incarnation, 0}, {session, hrtc, 7, 0}, object);
@@ -252,7 +252,7 @@ TEST_F(DeliveryClientTest, IgnoresWhatIsNotForIt) {
   EXPECT_EQ(client_.counters().foreign, variations.size());
 }
 
-TEST_F(DeliveryClientTest, WhatIsHandedOutIsNotReceivedUntilAnswered) {
+TEST_F(DeliveryClientTest, AMessageIsNotReceivedUntilTheCallerAnswersIt) {
   client_.want(kObject, {{4, 0}});
   publish();
   const std::vector<BulkChunk> all = chunks(4, "abc", 3);
@@ -267,7 +267,7 @@ TEST_F(DeliveryClientTest, WhatIsHandedOutIsNotReceivedUntilAnswered) {
   EXPECT_THAT(d.wanted, IsEmpty());
 }
 
-TEST_F(DeliveryClientTest, AHoleIsToldOnceItIsOldAndDealtWithOnceTheHostKnows) {
+TEST_F(DeliveryClientTest, AnOldHoleIsReportedAndClosedByTheHostsAnswer) {
   client_.want(kObject, {{4, 0}});
   publish();
   std::vector<BulkChunk> all = chunks(4, "abcd", 4);
@@ -292,7 +292,7 @@ TEST_F(DeliveryClientTest, AHoleIsToldOnceItIsOldAndDealtWithOnceTheHostKnows) {
   EXPECT_TRUE(after.gaps.empty());
 }
 
-TEST_F(DeliveryClientTest, WhatFillsAHoleIsNotTold) {
+TEST_F(DeliveryClientTest, AFilledHoleIsNotReported) {
   client_.want(kObject, {{4, 0}});
   publish();
   std::vector<BulkChunk> all = chunks(4, "abcde", 5);
@@ -307,7 +307,7 @@ TEST_F(DeliveryClientTest, WhatFillsAHoleIsNotTold) {
   EXPECT_TRUE(d.gaps.empty());
 }
 
-TEST_F(DeliveryClientTest, TellsTheLeastWayOfTheChunksSinceTheLastDemand) {
+TEST_F(DeliveryClientTest, ReportsTheMinOneWayDelaySinceTheLastDemand) {
   publish_after_change();
   std::vector<BulkChunk> all = chunks(4, "abc", 3);
   const auto sent_us = static_cast<std::uint32_t>(now_ / 1000);
@@ -322,7 +322,7 @@ TEST_F(DeliveryClientTest, TellsTheLeastWayOfTheChunksSinceTheLastDemand) {
   EXPECT_EQ(publish_after_change().arrivals, 0u);
 }
 
-TEST_F(DeliveryClientTest, ARetiredRegionIsReleasedOnceTheEchoOfThatEpochAndAllBeforeItAreHere) {
+TEST_F(DeliveryClientTest, ARetiredRegionIsReleasedAfterTheEchoAndAllEarlierChunks) {
   hold(4);
   publish();
   ASSERT_TRUE(client_.retire(kObject, 4));
@@ -342,7 +342,7 @@ TEST_F(DeliveryClientTest, ARetiredRegionIsReleasedOnceTheEchoOfThatEpochAndAllB
   EXPECT_THAT(client_.take_released(kObject), IsEmpty());
 }
 
-TEST_F(DeliveryClientTest, WhatWaitsForRoomIsStillUnderWayButHoldsUpNoRelease) {
+TEST_F(DeliveryClientTest, AParkedMessageCountsAsInFlightButDelaysNoRelease) {
   hold(4);
   publish();
   client_.want(kObject, {{5, 0}});
@@ -363,7 +363,7 @@ TEST_F(DeliveryClientTest, WhatWaitsForRoomIsStillUnderWayButHoldsUpNoRelease) {
   EXPECT_GT(publish().received, waits.back().sequence);
 }
 
-TEST_F(DeliveryClientTest, RoomIsPromisedForARoundTripAfterItWasToldWhateverIsToldSince) {
+TEST_F(DeliveryClientTest, APublishedCreditHoldsForARoundTripWhateverIsPublishedLater) {
   client_.set_room(200'000);
   publish_after_change();
   client_.set_room(50'000);
@@ -391,7 +391,7 @@ TEST_F(DeliveryClientTest, AMessageFromBeforeARetirementIsDroppedAfterTheRelease
   EXPECT_EQ(client_.counters().stale, 1u);
 }
 
-TEST_F(DeliveryClientTest, AMessageBegunBeforeARetirementCountsWhenItsHostGoesOnWithItAfterwards) {
+TEST_F(DeliveryClientTest, AMessageBegunBeforeARetirementIsValidIfItsHostContinuesIt) {
   hold(4);
   publish();
   const std::vector<BulkChunk> begun = chunks(5, "counts on nothing of region 4", 2);
@@ -409,7 +409,7 @@ TEST_F(DeliveryClientTest, AMessageBegunBeforeARetirementCountsWhenItsHostGoesOn
   EXPECT_TRUE(take({rest}));
 }
 
-TEST_F(DeliveryClientTest, WhatNoDemandHasToldOfIsNotRetired) {
+TEST_F(DeliveryClientTest, ARegionThatNoDemandHasReportedCannotBeRetired) {
   hold(4);
 
   EXPECT_FALSE(client_.retire(kObject, 4));
@@ -417,7 +417,7 @@ TEST_F(DeliveryClientTest, WhatNoDemandHasToldOfIsNotRetired) {
   EXPECT_TRUE(client_.retire(kObject, 4));
 }
 
-TEST_F(DeliveryClientTest, ARetiredRegionCanBeTakenBack) {
+TEST_F(DeliveryClientTest, ARetiredRegionCanBeHeldAgain) {
   hold(4);
   publish();
   ASSERT_TRUE(client_.retire(kObject, 4));
@@ -428,7 +428,7 @@ TEST_F(DeliveryClientTest, ARetiredRegionCanBeTakenBack) {
   EXPECT_THAT(client_.take_released(kObject), IsEmpty());
 }
 
-TEST_F(DeliveryClientTest, ARetiredRegionIsNotAskedForBeforeItsRelease) {
+TEST_F(DeliveryClientTest, ARetiredRegionIsNotRequestedBeforeItsRelease) {
   hold(4);
   publish();
   ASSERT_TRUE(client_.retire(kObject, 4));
@@ -442,7 +442,7 @@ TEST_F(DeliveryClientTest, ARetiredRegionIsNotAskedForBeforeItsRelease) {
   EXPECT_EQ(publish().wanted.size(), 2u);
 }
 
-TEST_F(DeliveryClientTest, ALateHostIsReplacedByOneThatServesTheSame) {
+TEST_F(DeliveryClientTest, ALateHostIsReplacedByAnotherHostOfTheObject) {
   EXPECT_EQ(client_.serving_host(kObject), kHost);
   now_ += 300 * kMs;
   (void)client_.demand(now_);
@@ -481,7 +481,7 @@ TEST_F(DeliveryClientTest, ARestartedHostBeginsANewStream) {
   EXPECT_EQ(d.have.size(), 1u);
 }
 
-TEST_F(DeliveryClientTest, AsksAgainSoonWhileSomethingIsOwedAndThenLessAndLessOften) {
+TEST_F(DeliveryClientTest, RepeatsADemandWithGrowingIntervalsWhileAnAnswerIsDue) {
   client_.want(kObject, {{4, 0}});
   std::uint32_t epoch = publish().epoch;
   std::int64_t before = 0;
@@ -497,7 +497,7 @@ TEST_F(DeliveryClientTest, AsksAgainSoonWhileSomethingIsOwedAndThenLessAndLessOf
   EXPECT_EQ(before, DeliverySettings{}.repeat_ns);
 }
 
-TEST_F(DeliveryClientTest, AnUnchangedDemandRepeatsAtTheKeepAliveWhenNothingIsOwed) {
+TEST_F(DeliveryClientTest, AnUnchangedDemandRepeatsAtTheKeepAliveWhenNoAnswerIsDue) {
   const Demand d = publish();
   EXPECT_FALSE(client_.demand(now_ + 499 * kMs));
   client_.host_seen(kHost, 5, now_ + 499 * kMs);
@@ -508,7 +508,7 @@ TEST_F(DeliveryClientTest, AnUnchangedDemandRepeatsAtTheKeepAliveWhenNothingIsOw
   EXPECT_EQ(again->epoch, d.epoch);
 }
 
-TEST_F(DeliveryClientTest, AnEchoAloneAsksForNoAnswer) {
+TEST_F(DeliveryClientTest, AnEchoAloneCausesNoDemand) {
   publish();
   (void)client_.on_chunk(echo(), now_);
 
@@ -554,7 +554,7 @@ TEST_F(DeliveryClientTest, GoesOnAfterOneChunkFromTheFarFuture) {
   EXPECT_EQ(publish().received, sequence_);
 }
 
-TEST_F(DeliveryClientTest, OneSendingTimeFromTheFarFutureIsNotTakenForAFastWay) {
+TEST_F(DeliveryClientTest, OneSendingTimeFromTheFarFutureIsNotTakenForAShortDelay) {
   for (std::uint32_t region = 0; region < 20; ++region) hold(region);
   publish_after_change();
   now_ += kMs;
@@ -565,7 +565,7 @@ TEST_F(DeliveryClientTest, OneSendingTimeFromTheFarFutureIsNotTakenForAFastWay) 
   EXPECT_EQ(publish_after_change().one_way_us, 1000u);
 }
 
-TEST_F(DeliveryClientTest, AHostThatHasBeenGoneForLongIsForgottenWithItsStreams) {
+TEST_F(DeliveryClientTest, AHostThatIsGoneForLongIsDroppedWithItsStreams) {
   const DeliveryClient::Sizes before = client_.sizes();
   for (std::uint64_t host = 1000; host < 1100; ++host) {
     client_.offer(entry(host));
@@ -585,7 +585,7 @@ TEST_F(DeliveryClientTest, AHostThatHasBeenGoneForLongIsForgottenWithItsStreams)
   EXPECT_EQ(client_.serving_host(kObject), kHost);
 }
 
-TEST_F(DeliveryClientTest, WhatBelongsToAClosedObjectIsFreed) {
+TEST_F(DeliveryClientTest, AClosedObjectIsFreed) {
   const DeliveryClient::Sizes before = client_.sizes();
   for (std::uint64_t object = 1000; object < 1100; ++object) {
     client_.open(object, kDigest);

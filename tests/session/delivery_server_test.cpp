@@ -123,7 +123,7 @@ class DeliveryServerTest : public testing::Test {
   std::map<std::uint64_t, std::uint32_t> last_;    // sequence, by HRTC
 };
 
-TEST_F(DeliveryServerTest, SendsWhatIsWantedSoonestFirstAndEveryRecordOnce) {
+TEST_F(DeliveryServerTest, SendsTheSoonestRegionFirstAndEveryRecordOnce) {
   tell(demand(1, {4, 2, 7}));
 
   const auto regions = regions_in(drain());
@@ -160,7 +160,7 @@ TEST_F(DeliveryServerTest, FillsEveryChunkButTheLast) {
   EXPECT_GE(shared.size(), 3u) << "chunks with the end of one message and the beginning of the next";
 }
 
-TEST_F(DeliveryServerTest, CountsOnWhatTheDemandSaysIsThere) {
+TEST_F(DeliveryServerTest, OmitsTheRecordsOfRegionsInTheDemand) {
   Demand d = demand(1, {3});
   d.have = {{0, 2}};
   tell(d);
@@ -174,7 +174,7 @@ TEST_F(DeliveryServerTest, CountsOnWhatTheDemandSaysIsThere) {
   }
 }
 
-TEST_F(DeliveryServerTest, SendsAgainWhatWasPassedAndNotTaken) {
+TEST_F(DeliveryServerTest, SendsARefusedRegionAgain) {
   tell(demand(1, {3}));
   const std::vector<BulkChunk> sent = drain();
   Demand d = demand(1, {3});
@@ -190,7 +190,7 @@ TEST_F(DeliveryServerTest, SendsAgainWhatWasPassedAndNotTaken) {
   EXPECT_EQ(regions_in(drain()).size(), 1u);
 }
 
-TEST_F(DeliveryServerTest, CountsOnNothingThatWasUnderWayWhenSomethingWasLost) {
+TEST_F(DeliveryServerTest, OmitsNoRecordsInFlightAfterARefusal) {
   tell(demand(1, {0, 1, 2}));
   Demand lost = demand(2, {0, 1, 2, 3});
   for (const BulkChunk& chunk : drain()) {
@@ -213,7 +213,7 @@ TEST_F(DeliveryServerTest, CountsOnNothingThatWasUnderWayWhenSomethingWasLost) {
   EXPECT_EQ(regions[1].second, missing);
 }
 
-TEST_F(DeliveryServerTest, SendsNothingAgainOfWhatIsNotWantedAnyMore) {
+TEST_F(DeliveryServerTest, SendsNoLostPartsOfACancelledRegion) {
   tell(demand(1, {0, 3}));
   Demand lost = demand(2, {});
   for (const BulkChunk& chunk : drain_window()) {
@@ -234,7 +234,7 @@ TEST_F(DeliveryServerTest, SendsNothingAgainOfWhatIsNotWantedAnyMore) {
   EXPECT_EQ(regions[0].second, list_of(0)) << "all its records, because none arrived";
 }
 
-TEST_F(DeliveryServerTest, BelievesNothingThatIsToldOfAnotherStream) {
+TEST_F(DeliveryServerTest, IgnoresAcknowledgementsOfAnotherStream) {
   tell(demand(1, {3}));
   const std::vector<BulkChunk> sent = drain_window();
 
@@ -246,7 +246,7 @@ TEST_F(DeliveryServerTest, BelievesNothingThatIsToldOfAnotherStream) {
   EXPECT_THAT(regions_in(drain_window()), testing::IsEmpty());
 }
 
-TEST_F(DeliveryServerTest, SendsAMissingChunkAgainAsItWasUnderANewSequence) {
+TEST_F(DeliveryServerTest, SendsALostPartAgainUnchangedUnderANewSequence) {
   tell(demand(1, {3}));
   const std::vector<BulkChunk> sent = drain_window(3);
   ASSERT_EQ(pieces_in(sent).size(), sent.size());
@@ -274,7 +274,7 @@ TEST_F(DeliveryServerTest, SendsAMissingChunkAgainAsItWasUnderANewSequence) {
       << "the missing part was sent again once";
 }
 
-TEST_F(DeliveryServerTest, AMissingChunkOfAMessageThatCountsOnARetiredRegionIsNotSentAgain) {
+TEST_F(DeliveryServerTest, ALostPartThatReliesOnARetiredRegionIsNotSentAgain) {
   Demand d = demand(1, {3});
   d.have = {{0, 2}};
   tell(d);
@@ -291,7 +291,7 @@ TEST_F(DeliveryServerTest, AMissingChunkOfAMessageThatCountsOnARetiredRegionIsNo
   EXPECT_EQ(regions[0].second, list_of(3));
 }
 
-TEST_F(DeliveryServerTest, AnEchoShowsThatTheLastChunksAreMissing) {
+TEST_F(DeliveryServerTest, AnEchoFollowsTheLastChunksToShowTheirLoss) {
   tell(demand(1, {3}));
   const std::vector<BulkChunk> sent = drain_window();
   ASSERT_FALSE(server_.next(now_));
@@ -306,7 +306,7 @@ TEST_F(DeliveryServerTest, AnEchoShowsThatTheLastChunksAreMissing) {
   EXPECT_GT(server_.due_ns(), now_);
 }
 
-TEST_F(DeliveryServerTest, AnOmittedRegionIsNotFinished) {
+TEST_F(DeliveryServerTest, ACancelledRegionIsNotCompleted) {
   tell(demand(1, {3, 5}));
   const std::vector<BulkChunk> begun = drain(1);
   ASSERT_GT(begun[0].pieces.at(0).parts, 1u);
@@ -321,7 +321,7 @@ TEST_F(DeliveryServerTest, AnOmittedRegionIsNotFinished) {
   EXPECT_EQ(server_.counters().messages_dropped, 1u);
 }
 
-TEST_F(DeliveryServerTest, AMessageThatCountsOnARetiredRegionIsPlannedAnew) {
+TEST_F(DeliveryServerTest, AMessageThatReliesOnARetiredRegionIsPlannedAnew) {
   Demand d = demand(1, {3});
   d.have = {{0, 2}};
   tell(d);
@@ -353,7 +353,7 @@ TEST_F(DeliveryServerTest, StaysWithinTheCredit) {
   EXPECT_LE(server_.bytes_under_way(kHrtc), d.credit);
 }
 
-TEST_F(DeliveryServerTest, WhatHasComeAndWaitsForRoomIsStillUnderWay) {
+TEST_F(DeliveryServerTest, AnUnansweredMessageCountsAsInFlight) {
   tell(demand(1, {3}));
   std::size_t bytes = 0;
   for (const BulkChunk& chunk : drain()) bytes += chunk.payload_bytes();  // all arrived; `received` is below them
@@ -361,7 +361,7 @@ TEST_F(DeliveryServerTest, WhatHasComeAndWaitsForRoomIsStillUnderWay) {
   EXPECT_EQ(server_.bytes_under_way(kHrtc), bytes);
 }
 
-TEST_F(DeliveryServerTest, TellsAnEpochThatBringsNothingToSendOnce) {
+TEST_F(DeliveryServerTest, EchoesAnEpochWithoutDataOnce) {
   tell(demand(4, {}));
 
   const std::vector<BulkChunk> chunks = drain();
@@ -373,7 +373,7 @@ TEST_F(DeliveryServerTest, TellsAnEpochThatBringsNothingToSendOnce) {
   EXPECT_THAT(drain(), testing::IsEmpty()) << "a keep-alive needs no echo";
 }
 
-TEST_F(DeliveryServerTest, TellsANewEpochEvenWithoutCredit) {
+TEST_F(DeliveryServerTest, EchoesANewEpochWithoutCredit) {
   Demand d = demand(1, {0, 1, 2});
   d.credit = kMaxPayload;
   tell(d);
@@ -389,7 +389,7 @@ TEST_F(DeliveryServerTest, TellsANewEpochEvenWithoutCredit) {
   EXPECT_EQ(chunks[0].epoch, 2u);
 }
 
-TEST_F(DeliveryServerTest, SendsTheBaseMeshFirstAndAgainWhenItWasPassed) {
+TEST_F(DeliveryServerTest, SendsTheBaseMeshFirstAndAgainWhenItWasRefused) {
   Demand d = demand(1, {3});
   d.need_base = true;
   tell(d);
@@ -427,7 +427,7 @@ TEST_F(DeliveryServerTest, IsSilentWhenAnotherHostServes) {
   EXPECT_EQ(regions_in(drain()).at(0).second, list_of(3));
 }
 
-TEST_F(DeliveryServerTest, SharesChunkByChunkBetweenControllers) {
+TEST_F(DeliveryServerTest, AlternatesBetweenHrtcsChunkByChunk) {
   tell(demand(1, {0, 1, 2, 3}));
   tell(demand(1, {3, 2, 1, 0}, kOtherHrtc));
 
@@ -441,7 +441,7 @@ TEST_F(DeliveryServerTest, SharesChunkByChunkBetweenControllers) {
   }
 }
 
-TEST_F(DeliveryServerTest, ABlockedControllerGetsNothingAndHoldsNobodyUp) {
+TEST_F(DeliveryServerTest, ABlockedHrtcDoesNotDelayOthers) {
   tell(demand(1, {0}));
   tell(demand(1, {0}, kOtherHrtc));
 
@@ -455,7 +455,7 @@ TEST_F(DeliveryServerTest, ABlockedControllerGetsNothingAndHoldsNobodyUp) {
   EXPECT_FALSE(server_.next(now_, [](std::uint64_t) { return false; }));
 }
 
-TEST_F(DeliveryServerTest, ANewIncarnationOfAControllerStartsFromNothing) {
+TEST_F(DeliveryServerTest, ANewIncarnationOfAnHrtcStartsAnew) {
   tell(demand(9, {3}));
   const std::vector<BulkChunk> before = drain();
   Demand d = demand(1, {3});
@@ -471,7 +471,7 @@ TEST_F(DeliveryServerTest, ANewIncarnationOfAControllerStartsFromNothing) {
   EXPECT_EQ(tell(demand(10, {3})), DeliveryServer::DemandResult::kImplausible) << "from the old incarnation";
 }
 
-TEST_F(DeliveryServerTest, AControllerThatComesBackHearsHigherSequences) {
+TEST_F(DeliveryServerTest, AnHrtcThatComesBackReceivesLargerSequences) {
   tell(demand(1, {3}));
   const std::vector<BulkChunk> before = drain();
   server_.on_hrtc_gone(kHrtc);
@@ -484,7 +484,7 @@ TEST_F(DeliveryServerTest, AControllerThatComesBackHearsHigherSequences) {
   EXPECT_GT(after.front().sequence, before.back().sequence);
 }
 
-TEST_F(DeliveryServerTest, RefusesDemandsThatMakeNoSense) {
+TEST_F(DeliveryServerTest, RefusesMalformedAndForeignDemands) {
   using Result = DeliveryServer::DemandResult;
   const std::uint32_t regions = model_.summary.regions;
   Demand d = demand(1, {regions});
@@ -534,7 +534,7 @@ TEST_F(DeliveryServerTest, GoesOnAfterOneDemandFromTheFarFuture) {
   }
 }
 
-TEST_F(DeliveryServerTest, AnHrtcThatSendsNoDemandAnyMoreIsForgotten) {
+TEST_F(DeliveryServerTest, AnHrtcWithoutDemandsIsDropped) {
   tell(demand(1, {}));
   for (std::uint64_t hrtc = 1000; hrtc < 1100; ++hrtc) tell(demand(1, {}, hrtc));
   server_.on_hrtc_gone(1000);

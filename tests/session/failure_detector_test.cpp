@@ -40,7 +40,7 @@ class FailureDetectorTest : public testing::Test {
   std::int64_t now_ = 1000 * kMs;
 };
 
-TEST_F(FailureDetectorTest, NamesADeadHostOnceWithin40Ms) {
+TEST_F(FailureDetectorTest, SuspectsADeadHostOnceWithin40Ms) {
   ASSERT_TRUE(interval(2000 * kMs, [] { return true; }).empty());
   const std::vector<std::int64_t> named = interval(4000 * kMs, [] { return false; });
   ASSERT_EQ(named.size(), 1u);
@@ -48,24 +48,24 @@ TEST_F(FailureDetectorTest, NamesADeadHostOnceWithin40Ms) {
   EXPECT_EQ(failure_detector_.false_alarms(), 0u);
 }
 
-TEST_F(FailureDetectorTest, IsAtEaseWhileQuestionsAreAnswered) {
+TEST_F(FailureDetectorTest, AllAreAnsweredWhileTheHostAnswers) {
   ASSERT_TRUE(interval(2000 * kMs, [] { return true; }).empty());
   EXPECT_TRUE(failure_detector_.at_ease());
   ASSERT_TRUE(interval(2014 * kMs, [] { return false; }).empty());
   EXPECT_FALSE(failure_detector_.at_ease()) << "14 ms of silence";
 }
 
-TEST_F(FailureDetectorTest, DoesNotMissWhoHasNeverAnswered) {
+TEST_F(FailureDetectorTest, DoesNotSuspectAHostThatHasNeverAnswered) {
   EXPECT_TRUE(interval(5000 * kMs, [] { return false; }).empty());
 }
 
-TEST_F(FailureDetectorTest, DoesNotTakeItsOwnSleepForTheHosts) {
+TEST_F(FailureDetectorTest, DoesNotCountItsOwnPauseAsSilence) {
   ASSERT_TRUE(interval(2000 * kMs, [] { return true; }).empty());
   now_ += 300 * kMs;
   EXPECT_TRUE(interval(3000 * kMs, [] { return true; }).empty());
 }
 
-TEST_F(FailureDetectorTest, LearnsWhatALossyLinkIsLike) {
+TEST_F(FailureDetectorTest, AdaptsToALossyLink) {
   std::mt19937_64 random{1};
   const auto one_of_ten_lost = [&] { return random() % 10 != 0; };
   (void)interval(30'000 * kMs, one_of_ten_lost);
@@ -75,7 +75,7 @@ TEST_F(FailureDetectorTest, LearnsWhatALossyLinkIsLike) {
   EXPECT_LE(failure_detector_.false_alarms() - learning, 2u) << "in five minutes";
 }
 
-TEST_F(FailureDetectorTest, ForgetsALongSilence) {
+TEST_F(FailureDetectorTest, RecoversFromALongSilence) {
   ASSERT_TRUE(interval(2000 * kMs, [] { return true; }).empty());
   ASSERT_EQ(interval(2060 * kMs, [] { return false; }).size(), 1u);
   ASSERT_TRUE(interval(60'000 * kMs, [] { return true; }).empty());
@@ -85,7 +85,7 @@ TEST_F(FailureDetectorTest, ForgetsALongSilence) {
   EXPECT_LE(named.front(), 60'040 * kMs);
 }
 
-TEST_F(FailureDetectorTest, AsksOnlyWhomItWatches) {
+TEST_F(FailureDetectorTest, SendsRequestsOnlyToWatchedHosts) {
   failure_detector_.watch({kOther});
   const auto question = failure_detector_.ask(now_);
   ASSERT_TRUE(question);
@@ -95,7 +95,7 @@ TEST_F(FailureDetectorTest, AsksOnlyWhomItWatches) {
   EXPECT_FALSE(failure_detector_.ask(now_ + 1000 * kMs));
 }
 
-TEST_F(FailureDetectorTest, ANewProgramOfTheNameIsNoFalseAlarm) {
+TEST_F(FailureDetectorTest, ARestartedHostIsNoFalseSuspicion) {
   ASSERT_TRUE(interval(2000 * kMs, [] { return true; }).empty());
   ASSERT_EQ(interval(2200 * kMs, [] { return false; }).size(), 1u);
   const auto question = failure_detector_.ask(now_ + 8 * kMs);

@@ -54,7 +54,7 @@ class TwoControllers : public ::testing::Test {
   std::int64_t now_ = 1'000'000'000;
 };
 
-TEST_F(TwoControllers, BuildEndsForUsersNearOneObjectAndSendWholeStatesOncePeersAreSeen) {
+TEST_F(TwoControllers, CreateEndpointsNearOneObjectAndSendFullRateStatesOncePeersMatch) {
   stay(100, 1, 0.5);
   EXPECT_THAT(here_.groups(), IsEmpty());
   stay(100, 0.14, 0.12);
@@ -67,12 +67,12 @@ TEST_F(TwoControllers, BuildEndsForUsersNearOneObjectAndSendWholeStatesOncePeers
   EXPECT_EQ(here_.group_of(kBob), 0u) << "not an own user";
 }
 
-TEST_F(TwoControllers, DoNotMeetAtDifferentObjects) {
+TEST_F(TwoControllers, StayApartAtDifferentObjects) {
   stay(200, 0.1, 1.9);
   EXPECT_THAT(here_.groups(), IsEmpty());
 }
 
-TEST_F(TwoControllers, StayApartInACrowdAtOneObjectUntilTheyAreTold) {
+TEST_F(TwoControllers, StayApartInACrowdAtOneObjectUntilCommanded) {
   const std::size_t max = ModeSettings{}.max_together;
   const auto crowd = [&](std::size_t others) {
     for (int i = 0; i < 50; ++i, now_ += 20 * kMs) {
@@ -90,7 +90,7 @@ TEST_F(TwoControllers, StayApartInACrowdAtOneObjectUntilTheyAreTold) {
   EXPECT_THAT(here_.groups(), ::testing::SizeIs(1));
 }
 
-TEST_F(TwoControllers, StayTogetherWhileAUserWaversBetweenNearAndApart) {
+TEST_F(TwoControllers, StayTogetherWhileAUserMovesBetweenNearAndApart) {
   stay(100, 0.14, 0.14);
   match();
   for (int i = 0; i < 20; ++i) {
@@ -100,7 +100,7 @@ TEST_F(TwoControllers, StayTogetherWhileAUserWaversBetweenNearAndApart) {
   }
 }
 
-TEST_F(TwoControllers, PartAfterTheDwellAndDropTheEndsOnlyLater) {
+TEST_F(TwoControllers, SeparateAfterTheDwellTimeAndDropTheEndpointsLater) {
   stay(100, 0.14, 0.14);
   match();
   stay(400, 0.5, 0.14);
@@ -112,7 +112,7 @@ TEST_F(TwoControllers, PartAfterTheDwellAndDropTheEndsOnlyLater) {
   EXPECT_THAT(here_.groups(), IsEmpty());
 }
 
-TEST_F(TwoControllers, PartWhenTheOtherFallsSilent) {
+TEST_F(TwoControllers, SeparateWhenTheOtherIsSilent) {
   stay(100, 0.14, 0.14);
   match();
   for (const std::int64_t end = now_ + 600 * kMs; now_ < end; now_ += 20 * kMs) {
@@ -122,7 +122,7 @@ TEST_F(TwoControllers, PartWhenTheOtherFallsSilent) {
   EXPECT_THAT(here_.groups(), IsEmpty());
 }
 
-TEST_F(TwoControllers, GoOnWithTheSameGroupWhenTheyMeetAgainBeforeItsEndsAreGone) {
+TEST_F(TwoControllers, ContinueTheGroupIfItsEndpointsStillExist) {
   stay(100, 0.14, 0.14);
   match();
   stay(600, 0.5, 0.14);
@@ -154,14 +154,14 @@ TEST_F(TwoControllers, FollowACommandForSomeUsersAndForAll) {
   EXPECT_THAT(here_.groups(), IsEmpty());
 }
 
-TEST_F(TwoControllers, StayApartWhenToldTo) {
+TEST_F(TwoControllers, StayApartOnCommand) {
   here_.command(parse_mode("large-scale"));
   stay(200, 0.14, 0.14);
   EXPECT_THAT(here_.groups(), IsEmpty());
   EXPECT_THAT(there_.groups(), ElementsAre(100)) << "got no command";
 }
 
-TEST(DistanceFrom, MeasuresInTheObjectsOwnFrame) {
+TEST(DistanceFrom, MeasuresInTheFrameOfTheObject) {
   CatalogueEntry entry = cube(1, {1, 0, 0});
   EXPECT_NEAR(distance_from(entry, {1.05, 0.02, 0}), 0, 1e-12);
   EXPECT_NEAR(distance_from(entry, {1.4, 0, 0.5}), 0.5, 1e-7);
@@ -171,7 +171,7 @@ TEST(DistanceFrom, MeasuresInTheObjectsOwnFrame) {
   EXPECT_NEAR(distance_from(entry, {1.5, 0, 0}), 0.5 - 0.1 / half, 1e-7) << "straight out of an edge";
 }
 
-TEST(ParseMode, NamesWhatIsWrong) {
+TEST(ParseMode, RefusesAndNamesAWrongMode) {
   for (const char* text : {"", "fast", "auto ann", "collaborate ", "collaborate ann,", "large-scale ,bob"}) {
     try {
       (void)parse_mode(text);

@@ -200,7 +200,7 @@ class Contest {
   std::uint64_t seen_author_ = 0;
 };
 
-TEST(Ownership, TheHostOwnsUntilSomebodyTouchesAndAgainAfterThat) {
+TEST(Ownership, TheHostOwnsBeforeAndAfterATouch) {
   Contest contest{1};
   contest.interval(300);
   EXPECT_EQ(contest.seen_author(), kHost);
@@ -237,7 +237,7 @@ TEST(Ownership, TwoTouchersSimulateCopiesAndTheLongestHolderLeads) {
   EXPECT_EQ(contest.seen_author(), 2u);
 }
 
-TEST(Ownership, ALostOwnerGivesWayWithinItsLeaseAndItsPosesNoLongerCount) {
+TEST(Ownership, ASuspendedOwnerLosesTheObjectAfterItsLeaseAndItsPosesAreRefused) {
   Contest contest{1};
   contest.interval(300);
   contest.holder(0).touch(true);
@@ -255,7 +255,7 @@ TEST(Ownership, ALostOwnerGivesWayWithinItsLeaseAndItsPosesNoLongerCount) {
   contest.check();
 }
 
-TEST(Ownership, AGrantFromFartherThanALeaseComesInTimeAndALostOwnerGivesWayAsMuchLater) {
+TEST(Ownership, TheLeaseGrowsWithTheRoundTrip) {
   Contest contest{1, {0, 0, 300, 0}};
   contest.interval(700);
   for (const std::size_t i : {0u, 1u}) contest.holder(i).set_one_way(300 * kMs);
@@ -272,7 +272,7 @@ TEST(Ownership, AGrantFromFartherThanALeaseComesInTimeAndALostOwnerGivesWayAsMuc
   contest.check();
 }
 
-TEST(Ownership, AnOwnerThatIsCutOffStopsBeforeTheHostTakesTheObjectBack) {
+TEST(Ownership, ADisconnectedOwnerStopsBeforeTheHostTakesTheObjectBack) {
   Contest contest{1};
   contest.interval(300);
   contest.holder(0).touch(true);
@@ -289,7 +289,7 @@ TEST(Ownership, AnOwnerThatIsCutOffStopsBeforeTheHostTakesTheObjectBack) {
   EXPECT_LE(stopped, taken);
 }
 
-TEST(Ownership, AHostThatStartsAgainFindsALargerNumber) {
+TEST(Ownership, ARestartedHostGrantsALargerNumber) {
   Contest contest{1};
   contest.interval(300);
   contest.holder(0).touch(true);
@@ -305,7 +305,7 @@ TEST(Ownership, AHostThatStartsAgainFindsALargerNumber) {
   contest.check();
 }
 
-TEST(Ownership, UnderAnyFaultsOneOwnerCountsPerNumberAndOneIsThereAgainAfterThem) {
+TEST(Ownership, EachNumberHasOneOwnerUnderFaultsAndOneOwnerRemainsAfterThem) {
   std::uint64_t refused = 0;
   for (unsigned seed = 1; seed <= 150; ++seed) {
     std::mt19937 random{seed};
@@ -366,7 +366,7 @@ TEST(Ownership, UnderAnyFaultsOneOwnerCountsPerNumberAndOneIsThereAgainAfterThem
   EXPECT_GT(refused, 100u);
 }
 
-TEST(PoseGate, AnOlderNumberAnOlderPoseAndASecondAuthorAreRefused) {
+TEST(PoseGate, RefusesAnOlderNumberAnOlderPoseAndASecondAuthor) {
   PoseGate gate;
   ObjectPose pose;
   pose.origin = origin_of(1, 1);
@@ -438,7 +438,7 @@ TEST(Arbiter, OneFencingNumberFromTheFarFutureIsNotTaken) {
   EXPECT_EQ(arbiter.fencing(), before);
 }
 
-TEST(Holder, IsGrantedAgainAfterOneGrantFromTheFarFuture) {
+TEST(Holder, AcceptsGrantsAfterOneFromTheFarFuture) {
   for (const bool is_number : {true, false}) {
     Holder holder{origin_of(1, 1), kObject, {}};
     holder.touch(true);

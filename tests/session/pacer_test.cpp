@@ -84,7 +84,7 @@ Outcome fill(const Path& path, double seconds) {
   return {carried / (static_cast<double>(end) * 0.75), queues.at(queues.size() * 99 / 100)};
 }
 
-TEST(Pacer, FillsALinkOfAnyRateAndLeavesItsQueueShort) {
+TEST(Pacer, FillsALinkOfAnyRateWithAShortQueue) {
   for (const double mbit : {10.0, 100.0, 1000.0}) {
     Path path;
     path.mbit = mbit;
@@ -94,7 +94,7 @@ TEST(Pacer, FillsALinkOfAnyRateAndLeavesItsQueueShort) {
   }
 }
 
-TEST(Pacer, FillsALongLinkThatLoses) {
+TEST(Pacer, FillsALongLossyLink) {
   Path path;
   path.one_way_ns = 10 * kMs;
   path.loss = 0.01;
@@ -184,7 +184,7 @@ std::vector<double> of_seeds(const Value& value) {
   return all;
 }
 
-TEST(Pacer, FillsLinksWhoseDelayWanders) {
+TEST(Pacer, FillsLinksWithVaryingDelay) {
   for (const netem::NamedLink& link : netem::kNamedLinks) {
     if (link.each_way.rate_mbit == 0) continue;
     const std::vector<double> shares = of_seeds([&](std::uint64_t seed) { return send_named(link, 60, seed).share; });
@@ -194,7 +194,7 @@ TEST(Pacer, FillsLinksWhoseDelayWanders) {
   }
 }
 
-TEST(Pacer, KeepsRoomForABurstWhereDelaysWander) {
+TEST(Pacer, KeepsAWindowForABurstOnLinksWithVaryingDelay) {
   constexpr std::uint32_t kBurst = 4 * kChunk;
   for (const netem::NamedLink& link : netem::kNamedLinks) {
     if (link.each_way.rate_mbit == 0) continue;
@@ -205,7 +205,7 @@ TEST(Pacer, KeepsRoomForABurstWhereDelaysWander) {
   }
 }
 
-TEST(Pacer, SendsNoMoreThanItsWindowUntilItIsAnswered) {
+TEST(Pacer, SendsNoMoreThanItsWindowWithoutFeedback) {
   Pacer pacer;
   std::uint32_t sent = 0;
   for (std::int64_t now = 0; now < 1000 * kMs; now += kMs) {

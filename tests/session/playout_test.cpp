@@ -32,7 +32,7 @@ void feed(ProbePlayout& playout, std::int64_t from_ms, std::int64_t to_ms, std::
     playout.on_state(moving(static_cast<std::uint32_t>(ms / 10 + 1), ms), (ms + transit_ms) * kMs);
 }
 
-TEST(ProbePlayout, HasNothingToShowBeforeAStateCame) {
+TEST(ProbePlayout, IsStaleBeforeTheFirstState) {
   ProbePlayout playout;
   const Shown shown = playout.at(5 * kMs);
   EXPECT_TRUE(shown.stale);
@@ -49,7 +49,7 @@ TEST(ProbePlayout, ShowsAProbeWhereItWasOneTransitAgo) {
   EXPECT_FALSE(shown.stale);
 }
 
-TEST(ProbePlayout, DoesNotWaitForALoneStallButForStallsThatComeAgain) {
+TEST(ProbePlayout, IgnoresASingleStallButNotRepeatedOnes) {
   ProbePlayout playout{without_reserve()};
   feed(playout, 0, 1000, 5);
   playout.on_state(moving(101, 1000), 1050 * kMs);
@@ -59,7 +59,7 @@ TEST(ProbePlayout, DoesNotWaitForALoneStallButForStallsThatComeAgain) {
   EXPECT_EQ(playout.delay_ns(), 40 * kMs);
 }
 
-TEST(ProbePlayout, FallsBackSlowlyOnceTheTransitsAreShortAgain) {
+TEST(ProbePlayout, TheDelayFallsSlowlyAfterLongTransits) {
   ProbePlayout playout{without_reserve()};
   feed(playout, 0, 2500, 40);
   feed(playout, 2500, 4500, 5);  // the window contains the long transits until now
@@ -68,14 +68,14 @@ TEST(ProbePlayout, FallsBackSlowlyOnceTheTransitsAreShortAgain) {
   EXPECT_NEAR(static_cast<double>(playout.delay_ns()), 30e6, 2e6) << "1 % of a second";
 }
 
-TEST(TransitWatch, ForgetsWhatWasMeasuredAfterATimeThatIsStillToCome) {
+TEST(TransitWatch, DropsLaterMeasurementsWhenTimeStepsBack) {
   TransitWatch watch;
   for (std::int64_t ms = 60'000; ms < 61'000; ms += 10) watch.on_transit(40 * kMs, ms * kMs);
   for (std::int64_t ms = 1000; ms < 1300; ms += 10) watch.on_transit(5 * kMs, ms * kMs);
   EXPECT_EQ(watch.max_ns(), 5 * kMs);
 }
 
-TEST(ProbePlayout, GoesOnWhenSessionTimeStepsBack) {
+TEST(ProbePlayout, ContinuesWhenSessionTimeStepsBack) {
   ProbePlayout playout{without_reserve()};
   feed(playout, 60'000, 61'000, 40);
   (void)playout.at(61'000 * kMs);
@@ -87,7 +87,7 @@ TEST(ProbePlayout, GoesOnWhenSessionTimeStepsBack) {
   EXPECT_FALSE(shown.stale);
 }
 
-TEST(ProbePlayout, NeverShowsAnEarlierMomentThanBefore) {
+TEST(ProbePlayout, ShownTimeNeverGoesBack) {
   ProbePlayout playout{without_reserve()};
   feed(playout, 0, 500, 5);
   const std::int64_t before = playout.at(505 * kMs).at_ns;
@@ -102,7 +102,7 @@ TEST(ProbePlayout, WaitsNoLongerThanItsBound) {
   EXPECT_EQ(playout.delay_ns(), PlayoutSettings{}.max_delay_ns);
 }
 
-TEST(ProbePlayout, CarriesOnTheFirstOfTwoThatFollowEachOtherAndGoesStraightWhereOneIsMissing) {
+TEST(ProbePlayout, ExtrapolatesBetweenConsecutiveStatesAndInterpolatesOverAGap) {
   PlayoutSettings settings;
   settings.reserve_ns = 30 * kMs;
   ProbePlayout whole{settings}, gap{settings};
@@ -116,7 +116,7 @@ TEST(ProbePlayout, CarriesOnTheFirstOfTwoThatFollowEachOtherAndGoesStraightWhere
   EXPECT_NEAR(gap.at(35 * kMs).view.device[0], 0.005, 1e-12);
 }
 
-TEST(ProbePlayout, PutsAnOvertakenStateInItsPlaceAndIgnoresARepetition) {
+TEST(ProbePlayout, InsertsAnOvertakenStateByNumberAndIgnoresARepetition) {
   PlayoutSettings settings;
   settings.reserve_ns = 50 * kMs;
   ProbePlayout playout{settings};
@@ -132,7 +132,7 @@ TEST(ProbePlayout, PutsAnOvertakenStateInItsPlaceAndIgnoresARepetition) {
   EXPECT_EQ(shown.view.device[0], 7);
 }
 
-TEST(ProbePlayout, IsStaleOnceThreeKeepAlivePeriodsWereSilent) {
+TEST(ProbePlayout, IsStaleAfterThreeKeepAlivePeriodsOfSilence) {
   ProbePlayout playout;
   feed(playout, 0, 1000, 5);
   EXPECT_FALSE(playout.at(1100 * kMs).stale);

@@ -77,7 +77,7 @@ TEST_F(Switching, ShowsNoForceStepAtEitherChangeOfStream) {
   EXPECT_LE(max, 0.155);
 }
 
-TEST_F(Switching, GoesByWholeStatesWhileTheyComeAndShowsThemSooner) {
+TEST_F(Switching, ShowsFullRateStatesWithLessDelayWhileTheyCome) {
   std::int64_t coded_delay = 0, whole_delay = 0;
   interval([&](std::int64_t ms, const Shown&) {
     if (ms == 1400) {
@@ -96,7 +96,7 @@ TEST_F(Switching, GoesByWholeStatesWhileTheyComeAndShowsThemSooner) {
   EXPECT_LT(whole_delay, coded_delay - 10 * kMs);
 }
 
-TEST(RemoteProbe, CountsTheShareOfCodedStatesThatDidNotCome) {
+TEST(RemoteProbe, MeasuresTheShareOfLostDeadbandCodedStates) {
   RemoteProbe probe;
   std::mt19937 random{5};
   EXPECT_EQ(probe.lost(), 0);
@@ -111,7 +111,7 @@ TEST(RemoteProbe, CountsTheShareOfCodedStatesThatDidNotCome) {
   EXPECT_NEAR(probe.lost(), 0.2, 0.1);
 }
 
-TEST(RemoteProbe, IgnoresStatesOfAnIncarnationThatIsOver) {
+TEST(RemoteProbe, IgnoresStatesOfAnEarlierIncarnation) {
   RemoteProbe probe;
   ProbeState state;
   state.origin.incarnation = 7;
@@ -162,7 +162,7 @@ TEST(RemoteProbe, GoesOnAfterOneTimeFromTheFarFuture) {
   EXPECT_TRUE(probe.at(5000 * kMs).stale) << "no state for three seconds";
 }
 
-TEST(RemoteProbe, FollowsAUserToAControllerThatStartedEarlier) {
+TEST(RemoteProbe, FollowsAUserToAnHrtcThatStartedEarlier) {
   RemoteProbe probe;
   std::int64_t ms = 0;
   for (std::uint32_t i = 1; i <= 100; ++i, ++ms)

@@ -35,7 +35,7 @@ class RosterTest : public testing::Test {
   Roster roster_{{kSession, id_of("me"), 50, 0}, RosterSettings{}};
 };
 
-TEST_F(RosterTest, TellsSilenceInTwoStepsAndTheReturn) {
+TEST_F(RosterTest, ReportsLateThenGoneAndTheReturn) {
   EXPECT_THAT(see(entry("a", 1, 1), 0), ElementsAre(RosterChange::kJoined));
   EXPECT_THAT(changes(roster_.tick(249 * kMs)), IsEmpty());
   EXPECT_THAT(changes(roster_.tick(250 * kMs)), ElementsAre(RosterChange::kLate));
@@ -47,7 +47,7 @@ TEST_F(RosterTest, TellsSilenceInTwoStepsAndTheReturn) {
   EXPECT_THAT(see(entry("a", 1, 3), 900 * kMs), ElementsAre(RosterChange::kJoined)) << "the partition has ended";
 }
 
-TEST_F(RosterTest, WhoLeftStaysAwayUntilStartedAgain) {
+TEST_F(RosterTest, AParticipantThatLeftJoinsAgainOnlyAfterARestart) {
   (void)see(entry("a", 1, 1), 0);
   RosterEntry leaving = entry("a", 1, 3);
   leaving.leaving = true;
@@ -56,7 +56,7 @@ TEST_F(RosterTest, WhoLeftStaysAwayUntilStartedAgain) {
   EXPECT_THAT(see(entry("a", 2, 1), 30), ElementsAre(RosterChange::kJoined));
 }
 
-TEST_F(RosterTest, RefusesAnotherProtocolVersionNamingBothOnce) {
+TEST_F(RosterTest, ReportsAnotherProtocolVersionOnceAndNamesBoth) {
   RosterEntry e = entry("a", 1, 1);
   e.protocol = kProtocolVersion + 4;
 
@@ -76,14 +76,14 @@ TEST_F(RosterTest, IgnoresOtherSessions) {
   EXPECT_THAT(roster_.entries(), IsEmpty());
 }
 
-TEST_F(RosterTest, ANewerIncarnationTakesOverAndStragglersOfTheOldAreIgnored) {
+TEST_F(RosterTest, ANewerIncarnationTakesOverAndLateSamplesOfTheOlderAreIgnored) {
   (void)see(entry("a", 1, 7), 0);
   EXPECT_THAT(see(entry("a", 2, 1), 10), ElementsAre(RosterChange::kRestarted));
   EXPECT_THAT(see(entry("a", 1, 8), 20), IsEmpty()) << "sent before the restart, arrived late";
   EXPECT_EQ(roster_.find(id_of("a"))->origin.incarnation, 2u);
 }
 
-TEST_F(RosterTest, TwoProgramsThatBeatUnderOneNameAreReportedOnceNamingBoth) {
+TEST_F(RosterTest, ANameConflictIsReportedOnceAndNamesBothPrograms) {
   (void)see(entry("a", 1, 7), 0);
   (void)see(entry("a", 2, 1), 10);
   std::vector<RosterEvent> events;
@@ -97,7 +97,7 @@ TEST_F(RosterTest, TwoProgramsThatBeatUnderOneNameAreReportedOnceNamingBoth) {
   EXPECT_THAT(text(events[0]), HasSubstr("incarnations 2 and 1"));
 }
 
-TEST_F(RosterTest, TheOlderOfTwoProgramsWithOneNameIsHereAgainWhenTheNewerHasLeft) {
+TEST_F(RosterTest, TheOlderProgramOfANameReturnsWhenTheNewerHasLeft) {
   (void)see(entry("a", 1, 5), 0);
   (void)see(entry("a", 2, 1), 0);
   RosterEntry last = entry("a", 2, 2);
@@ -117,7 +117,7 @@ TEST_F(RosterTest, AnotherProgramUnderOurOwnNameIsReported) {
   EXPECT_THAT(see(entry("me", 40, 11), 0), ElementsAre(RosterChange::kNameConflict));
 }
 
-TEST_F(RosterTest, TellsWhenUsersChange) {
+TEST_F(RosterTest, ReportsAChangeOfUsers) {
   (void)see(entry("a", 1, 1), 0);
   RosterEntry e = entry("a", 1, 2);
   e.slots = {{"ann", 0}};
@@ -126,7 +126,7 @@ TEST_F(RosterTest, TellsWhenUsersChange) {
   EXPECT_THAT(see(e, 2), IsEmpty());
 }
 
-TEST_F(RosterTest, HasABound) {
+TEST_F(RosterTest, RefusesMoreThanTheMaxParticipants) {
   for (std::size_t i = 0; i < kMaxParticipants; ++i) (void)see(entry("p" + std::to_string(i), 1, 1), 0);
   EXPECT_THAT(see(entry("one more", 1, 1), 0), ElementsAre(RosterChange::kFull));
   EXPECT_EQ(roster_.entries().size(), kMaxParticipants);
@@ -134,7 +134,7 @@ TEST_F(RosterTest, HasABound) {
   EXPECT_THAT(see(entry("one more", 2, 1), 1000 * kMs), ElementsAre(RosterChange::kJoined));
 }
 
-TEST_F(RosterTest, WhoHasBeenAwayForLongIsForgotten) {
+TEST_F(RosterTest, ParticipantsThatLeftLongAgoAreDropped) {
   for (std::uint64_t i = 0; i < 500; ++i) {
     const std::int64_t now_ns = static_cast<std::int64_t>(i) * 1000 * kMs;
     RosterEntry client = entry("client " + std::to_string(i), 1, 1);
@@ -147,7 +147,7 @@ TEST_F(RosterTest, WhoHasBeenAwayForLongIsForgotten) {
   }
 }
 
-TEST_F(RosterTest, ANameConflictIsReportedHoweverManyThereWere) {
+TEST_F(RosterTest, EveryNameConflictIsReported) {
   for (std::uint64_t incarnation = 100; incarnation < 120; ++incarnation) {
     const std::int64_t now_ns = static_cast<std::int64_t>(incarnation) * 2000 * kMs;
     (void)roster_.tick(now_ns);
@@ -157,7 +157,7 @@ TEST_F(RosterTest, ANameConflictIsReportedHoweverManyThereWere) {
   }
 }
 
-TEST_F(RosterTest, OfTwoProgramsWithOneNameTheLaterGivesWayWhateverItsWallClock) {
+TEST_F(RosterTest, TheProgramThatJoinedLaterYieldsWhateverItsWallClock) {
   RosterEntry other = entry("me", 1, 8);  // its wall clock is in 1970; ours gave incarnation 50
   const auto conflict = [&](std::int64_t joined_ns, std::int64_t own_joined_ns) {
     Roster roster{{kSession, id_of("me"), 50, 0}, RosterSettings{}};
@@ -177,7 +177,7 @@ TEST_F(RosterTest, OfTwoProgramsWithOneNameTheLaterGivesWayWhateverItsWallClock)
   EXPECT_TRUE(conflict(1000 * kMs, 1500 * kMs)) << "at about the same time: by incarnation";
 }
 
-TEST_F(RosterTest, TheSceneIsTheSameForAllWhoKnowTheSameHostsAndControllers) {
+TEST_F(RosterTest, SceneHashIsEqualForTheSameHostsAndHrtcs) {
   const Origin me{kSession, id_of("me"), 50, 0}, other{kSession, id_of("other"), 7, 0};
   Roster others{other, RosterSettings{}};
   RosterEntry client = entry("client", 10, 1);
@@ -201,7 +201,7 @@ TEST_F(RosterTest, GoesOnAfterOneHeartbeatFromTheFarFuture) {
   }
 }
 
-TEST_F(RosterTest, KnowsTheOlderProgramAgainThoughOneOfItsHeartbeatsWasFromTheFarFuture) {
+TEST_F(RosterTest, TheOlderProgramReturnsDespiteAHeartbeatFromTheFarFuture) {
   (void)see(entry("a", 1, 5), 0);
   (void)see(entry("a", 2, 1), 0);
   (void)see(entry("a", 1, UINT64_MAX), 0);

@@ -19,7 +19,7 @@ SequenceWindow after_hundred(const SequenceLimits& limits = kLimits) {
 
 Origin origin(std::uint64_t participant, std::uint64_t incarnation) { return {1, participant, incarnation, 0}; }
 
-TEST(SequenceWindow, ANumberMayBeAheadByALengthAndByTheRateTimesTheTimeThatPassed) {
+TEST(SequenceWindow, ANumberMayBeAheadByAheadPlusRateTimesTime) {
   for (const std::int64_t passed_ms : {0, 1, 50, 3'600'000}) {
     const auto max = 100 + 10 + static_cast<std::uint64_t>(passed_ms);
     EXPECT_EQ(after_hundred().admit(max, (100 + passed_ms) * kMs), Admission::kAccepted);
@@ -28,7 +28,7 @@ TEST(SequenceWindow, ANumberMayBeAheadByALengthAndByTheRateTimesTheTimeThatPasse
   EXPECT_EQ(after_hundred().admit(UINT64_MAX, 101 * kMs), Admission::kImplausible);
 }
 
-TEST(SequenceWindow, OneNumberFromTheFarFutureCostsNothingButItself) {
+TEST(SequenceWindow, OneNumberFromTheFarFutureIsDropped) {
   SequenceWindow window = after_hundred();
   EXPECT_EQ(window.admit(4'000'000'000, 101 * kMs), Admission::kImplausible);
   EXPECT_EQ(window.newest(), 100u);
@@ -64,7 +64,7 @@ TEST(SequenceWindow, SamplesThatDisagreeOrAreInterruptedAreNoJump) {
   }
 }
 
-TEST(SequenceWindow, TheFirstNumberIsAGuessUntilASecondAgrees) {
+TEST(SequenceWindow, TheFirstNumberIsUnconfirmedUntilASecondAgrees) {
   SequenceWindow window{kLimits};
   EXPECT_EQ(window.admit(UINT64_MAX, 0), Admission::kAnew);
   EXPECT_EQ(window.admit(7, kMs), Admission::kAnew);
@@ -127,7 +127,7 @@ TEST(SourceWindow, IncarnationsOfDifferentParticipantsAreNotCompared) {
   }
 }
 
-TEST(SourceWindow, OfTwoProgramsThatWriteByTurnsTheFirstStays) {
+TEST(SourceWindow, OfTwoAlternatingWritersTheFirstStays) {
   SourceWindow window;
   for (int i = 0; i < 100; ++i) {
     EXPECT_TRUE(accepted(window.admit(origin(1, 50))));
@@ -155,7 +155,7 @@ TEST(TimeWindow, OneTimeFromTheFarFutureOrPastIsDropped) {
   }
 }
 
-TEST(TimeWindow, AClockThatNeverAgreedOrDriftsIsNoReasonToDrop) {
+TEST(TimeWindow, AcceptsAClockWithAnyOffsetAndDrift) {
   TimeWindow window{{kMs, kMs}};
   for (std::int64_t ms = 0; ms < 1'000'000; ++ms)
     ASSERT_TRUE(accepted(window.admit(INT64_C(77'000'000) * kMs + ms * kMs - ms * 200, ms * kMs))) << ms;
@@ -170,7 +170,7 @@ TEST(TimeWindow, AStepOfTheClockIsAcceptedAfterThreeSamplesThatAgree) {
   EXPECT_EQ(window.admit(60'013 * kMs, 13 * kMs), Admission::kAccepted);
 }
 
-TEST(WrappedTimeWindow, IsNotConfusedByTheWrap) {
+TEST(WrappedTimeWindow, AcceptsTimesAcrossTheWrap) {
   WrappedTimeWindow window;
   for (std::uint32_t i = 0; i < 100; ++i)
     ASSERT_TRUE(accepted(window.admit(0xffffffc0u + 2 * i, static_cast<std::int64_t>(i) * kMs)));

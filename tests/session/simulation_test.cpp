@@ -41,7 +41,7 @@ TEST(SessionSimulation, WithoutFaultsNothingIsRefusedOrSentTwiceAndAllAgree) {
   }
 }
 
-TEST(SessionSimulation, TheDeathOfAHostIsNoticedByItsSilenceLongBeforeTheRosterTellsOfIt) {
+TEST(SessionSimulation, AHostFailureIsDetectedLongBeforeTheRosterReportsIt) {
   std::uint64_t noticed = 0;
   for (std::uint64_t seed = 1; seed <= 20; ++seed) {
     Schedule crash;
@@ -54,7 +54,7 @@ TEST(SessionSimulation, TheDeathOfAHostIsNoticedByItsSilenceLongBeforeTheRosterT
   EXPECT_GE(noticed, 20u) << "or no HRTC needed the host";
 }
 
-TEST(SessionSimulation, ATakeoverSendsNoRecordAgainThatTheNewHostWasToldOf) {
+TEST(SessionSimulation, ATakeoverRepeatsNoRecordThatADemandReported) {
   SimulationResult all;
   for (std::uint64_t seed = 1; seed <= 40; ++seed) {
     Schedule crash;
@@ -70,7 +70,7 @@ TEST(SessionSimulation, ATakeoverSendsNoRecordAgainThatTheNewHostWasToldOf) {
   EXPECT_EQ(all.controllers.records_repeated, 0u) << "of " << all.controllers.records_received;
 }
 
-TEST(SessionSimulation, UnderThreeKindsOfFaultAllHoldsAndHealsInTime) {
+TEST(SessionSimulation, InvariantsHoldUnderThreeKindsOfFaultAndTheSessionRecovers) {
   SimulationResult all;
   for (std::uint64_t seed = 1; seed <= kSchedules; ++seed) {
     const SimulationResult result = simulate(seed, random_schedule(seed));
@@ -103,7 +103,7 @@ struct Mistake {
 };
 class EveryMistake : public testing::TestWithParam<Mistake> {};
 
-TEST_P(EveryMistake, IsNoticed) {
+TEST_P(EveryMistake, IsDetected) {
   std::string all;
   for (std::uint64_t seed = 1; seed <= 20; ++seed) {
     Schedule schedule;

@@ -79,7 +79,7 @@ TEST(StopLatch, ARepeatedSampleChangesNothing) {
   EXPECT_EQ(latch.changes(), changes);
 }
 
-TEST(StopLatch, TwoResetsThatChangePlacesEndBothTheirStops) {
+TEST(StopLatch, TwoReorderedResetsEndBothStops) {
   StopLatch latch{origin(1)};
   (void)latch.on_stop(stop(2));
   (void)latch.on_stop(stop(3));
@@ -113,7 +113,7 @@ TEST(StopLatch, TakesNothingFromAnotherSessionOrProtocol) {
   EXPECT_FALSE(latch.stopped());
 }
 
-TEST(StopLatch, ForgetsTheQuietestIssuerWithoutAStandingStopWhenItIsFull) {
+TEST(StopLatch, WhenFullDropsTheLeastRecentIssuerWithoutAStandingStop) {
   StopLatch latch{origin(1)};
   (void)latch.on_stop(stop(100));
   (void)latch.on_reset(reset(50, 1, {stop(100)}));
@@ -130,7 +130,7 @@ TEST(StopLatch, ForgetsTheQuietestIssuerWithoutAStandingStopWhenItIsFull) {
   EXPECT_TRUE(knows(300));
 }
 
-TEST(StopLatch, StopsByItselfWhenAStopFindsNoRoom) {
+TEST(StopLatch, RaisesItsOwnStopWhenNoRecordIsFree) {
   StopLatch latch{origin(1)};
   std::vector<StopName> known;
   for (std::uint64_t i = 0; i < kMaxStops - 1; ++i) known.push_back(stop(100 + i));
@@ -155,7 +155,7 @@ TEST(StopLatch, StopsByItselfWhenAStopFindsNoRoom) {
   EXPECT_THAT(standing(latch.records()), SizeIs(kMaxStops));
 }
 
-TEST(StopLatch, NobodyElseDecidesOnTheStopsOfThisProgram) {
+TEST(StopLatch, OnlyThisProgramIssuesItsStops) {
   StopLatch latch{origin(1)};
   (void)latch.on_reset(reset(3, 1, {stop(1, 0xffffffff)}));
   EXPECT_FALSE(latch.on_stop(stop(1, 0xffffffff)));
@@ -164,7 +164,7 @@ TEST(StopLatch, NobodyElseDecidesOnTheStopsOfThisProgram) {
   EXPECT_THAT(standing(latch.records()), SizeIs(kMaxStops));
 }
 
-TEST(StopLatch, KnowsWhoHasAcknowledgedAndWhoIsMissing) {
+TEST(StopLatch, ListsAcknowledgedAndMissingPrograms) {
   Roster roster{origin(99), {}};
   std::map<std::uint64_t, StopLatch> latches;
   std::uint64_t heartbeat = 0;

@@ -128,7 +128,7 @@ class TimeReferenceTest : public testing::Test {
   std::set<std::pair<std::size_t, std::size_t>> cuts_;
 };
 
-TEST_F(TimeReferenceTest, AMachineThatBelievesItIs1970BringsNoTimeOfItsOwn) {
+TEST_F(TimeReferenceTest, AMachineWithAWallClockIn1970DoesNotBecomeTheReference) {
   const std::size_t old = start(20, Role::kHost, 1'700'000'000'000'000'000);
   interval(60'000);
   const std::int64_t before_ns = session(old);
@@ -141,7 +141,7 @@ TEST_F(TimeReferenceTest, AMachineThatBelievesItIs1970BringsNoTimeOfItsOwn) {
   EXPECT_LT(apart(old, wrong), kMs);
 }
 
-TEST_F(TimeReferenceTest, WhoIsAloneBeginsAfterItHasListened) {
+TEST_F(TimeReferenceTest, ASingleHostBeginsASessionAfterTheSettleTime) {
   const std::size_t host = start(20, Role::kHost, 5);
   const std::size_t client = start(1, Role::kClient, 5);
   interval(900);
@@ -152,7 +152,7 @@ TEST_F(TimeReferenceTest, WhoIsAloneBeginsAfterItHasListened) {
   EXPECT_LT(apart(host, client), kMs);
 }
 
-TEST_F(TimeReferenceTest, WhenTheReferenceGoesTheOthersGoOnWithItsTime) {
+TEST_F(TimeReferenceTest, TheOthersContinueTheTimeWhenTheReferenceLeaves) {
   const std::size_t host = start(20, Role::kHost, 5), hrtc = start(40, Role::kHrtc, 6),
                     third = start(30, Role::kHrtc, 7);
   interval(5'000);
@@ -171,7 +171,7 @@ TEST_F(TimeReferenceTest, WhenTheReferenceGoesTheOthersGoOnWithItsTime) {
   EXPECT_LT(apart(hrtc, host), kMs);
 }
 
-TEST_F(TimeReferenceTest, ASessionThatMeetsAnOlderOneTakesItsTimeOnceNoForceIsOn) {
+TEST_F(TimeReferenceTest, AYoungerSessionMergesOnceNoForceIsOn) {
   const std::size_t older = start(20, Role::kHost, 5), with_older = start(21, Role::kHrtc, 5);
   interval(30'000);
   const std::size_t younger = start(10, Role::kHost, 1), with_younger = start(11, Role::kHrtc, 1);
@@ -201,7 +201,7 @@ TEST_F(TimeReferenceTest, ASessionThatMeetsAnOlderOneTakesItsTimeOnceNoForceIsOn
   EXPECT_GT(program(younger).clock.joined_ns(), program(with_older).clock.joined_ns()) << "it joined later";
 }
 
-TEST_F(TimeReferenceTest, APartOfASessionThatWasCutOffForAWhileRejoinsUnderAForceWithoutAStep) {
+TEST_F(TimeReferenceTest, APartitionedParticipantRejoinsUnderAForceWithoutAStep) {
   const std::size_t host = start(20, Role::kHost, 5), hrtc = start(40, Role::kHrtc, 6);
   interval(5'000);
   program(hrtc).force_on = true;
@@ -216,7 +216,7 @@ TEST_F(TimeReferenceTest, APartOfASessionThatWasCutOffForAWhileRejoinsUnderAForc
   EXPECT_LE(machines_[hrtc].worst_step_ns, kSlewedNs);
 }
 
-TEST_F(TimeReferenceTest, ANewcomerIsSetWhileOthersFeelForces) {
+TEST_F(TimeReferenceTest, ANewParticipantIsSetWhileOthersHaveForcesOn) {
   start(20, Role::kHost, 5);
   const std::size_t hrtc = start(40, Role::kHrtc, 6);
   interval(5'000);
@@ -229,7 +229,7 @@ TEST_F(TimeReferenceTest, ANewcomerIsSetWhileOthersFeelForces) {
 }
 
 /// Starts, ends, partitions and forces at random; wall clocks are random too.
-TEST_F(TimeReferenceTest, WhateverHappensNoTimeStepsUnderAForceAndAllAgreeInTheEnd) {
+TEST_F(TimeReferenceTest, NoTimeStepsUnderAForceAndAllAgreeInTheEnd) {
   for (std::uint64_t seed = 1; seed <= 60; ++seed) {
     random_.seed(seed);
     machines_.clear();

@@ -39,7 +39,7 @@ TEST(PoseInterpolator, FollowsAMovingObjectCloselyAndWithoutJumps) {
   EXPECT_LT(jump, 0.0005) << "the object moves 0.31 mm in a millisecond";
 }
 
-TEST(PoseInterpolator, StandsStillWhenNothingIsHeardAnyMore) {
+TEST(PoseInterpolator, StopsWhenPosesStop) {
   PoseInterpolator pose_interpolator;
   pose_interpolator.on_pose({on_circle(0), 0, 1}, 0);
   const BodyState stopped = pose_interpolator.at(500 * kMs);
@@ -48,7 +48,7 @@ TEST(PoseInterpolator, StandsStillWhenNothingIsHeardAnyMore) {
   EXPECT_EQ(stopped.position, pose_interpolator.at(900 * kMs).position);
 }
 
-TEST(PoseInterpolator, GoesOnFromWhereItWasShown) {
+TEST(PoseInterpolator, FadesFromTheShownPose) {
   PoseInterpolator pose_interpolator;
   BodyState here;
   here.position = {1, 2, 3};

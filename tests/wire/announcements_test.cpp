@@ -47,7 +47,7 @@ const Locator kAnn = at("10.0.0.1", 7410);
 const Locator kBob = at("10.0.0.2", 7410);
 const int kSocket = 0, kOtherSocket = 0;
 
-TEST(AnnouncementsTest, OnlyASampleOfTheParticipantsWriterIsOne) {
+TEST(AnnouncementsTest, OnlyASampleOfTheParticipantWriterIsAnAnnouncement) {
   const std::vector<std::uint8_t> announcement = message(0xc2, 7);
   const std::vector<std::uint8_t> sample = message(0x02, 7);
 
@@ -66,21 +66,21 @@ TEST(AnnouncementsTest, NoPartOfAMessageIsReadBeyondItsEnd) {
   }
 }
 
-TEST(AnnouncementsTest, WhoHasJustBeenFoundIsToldAtOnceAndTheOthersAreNotToldAgain) {
+TEST(AnnouncementsTest, SendsToANewLocatorAtOnceAndNotAgainToTheOthers) {
   Announcements announcements;
   (void)announcements.due(&kSocket, 1, {kGroup, kAnn}, 0);
 
   EXPECT_EQ(announcements.due(&kSocket, 1, {kGroup, kAnn, kBob}, 10 * kMs), (std::vector<Locator>{kBob}));
 }
 
-TEST(AnnouncementsTest, TheGroupIsToldAgainAfterItsRest) {
+TEST(AnnouncementsTest, RepeatsToTheGroupAfterItsInterval) {
   Announcements announcements;
   (void)announcements.due(&kSocket, 1, {kGroup, kAnn}, 0);
 
   EXPECT_EQ(announcements.due(&kSocket, 1, {kGroup, kAnn}, 100 * kMs), (std::vector<Locator>{kGroup}));
 }
 
-TEST(AnnouncementsTest, WhoIsToldApartFromTheGroupIsNotToldAgainAsSoonAsTheGroup) {
+TEST(AnnouncementsTest, RepeatsToALocatorLessOftenThanToTheGroup) {
   Announcements announcements;
   const auto tell = [&](std::int64_t now_ns) {
     const auto published = announcements.due(&kSocket, 1, {kAnn}, now_ns);
@@ -95,21 +95,21 @@ TEST(AnnouncementsTest, WhoIsToldApartFromTheGroupIsNotToldAgainAsSoonAsTheGroup
   EXPECT_EQ(published, 3u);  // at 0.5, 2.5 and 4.5 s
 }
 
-TEST(AnnouncementsTest, WithoutAGroupEveryoneIsToldAgainAsSoon) {
+TEST(AnnouncementsTest, WithoutAGroupRepeatsToAllAfterTheGroupInterval) {
   Announcements announcements;
   (void)announcements.due(&kSocket, 1, {kAnn, kBob}, 0);
 
   EXPECT_EQ(announcements.due(&kSocket, 1, {kAnn, kBob}, 100 * kMs), (std::vector<Locator>{kAnn, kBob}));
 }
 
-TEST(AnnouncementsTest, WhatHasChangedIsToldEveryoneAtOnce) {
+TEST(AnnouncementsTest, SendsAChangedAnnouncementToAllAtOnce) {
   Announcements announcements;
   (void)announcements.due(&kSocket, 1, {kGroup, kAnn}, 0);
 
   EXPECT_EQ(announcements.due(&kSocket, 2, {kGroup, kAnn}, 1 * kMs), (std::vector<Locator>{kGroup, kAnn}));
 }
 
-TEST(AnnouncementsTest, WhoStartsWhereAnotherHasListenedIsToldAtOnce) {
+TEST(AnnouncementsTest, SendsToANewParticipantAtAUsedLocatorAtOnce) {
   const std::vector<std::uint8_t> first = message(0xc2, 1, 1), second = message(0xc2, 1, 2);
   Announcements announcements;
   const auto hear = [&](const std::vector<std::uint8_t>& from) {
@@ -125,7 +125,7 @@ TEST(AnnouncementsTest, WhoStartsWhereAnotherHasListenedIsToldAtOnce) {
   EXPECT_EQ(announcements.due(&kSocket, 1, {kGroup, kAnn, kBob}, 2 * kMs), (std::vector<Locator>{kAnn}));
 }
 
-TEST(AnnouncementsTest, OnlyThoseOfTheNameThatIsIgnoredAreNotMet) {
+TEST(AnnouncementsTest, DropsAnnouncementsOfTheIgnoredName) {
   Announcements announcements{"crew"};
   const auto is_met = [&](const std::vector<std::uint8_t>& from) {
     return announcements.on_received(from.data(), static_cast<std::uint32_t>(from.size()));
@@ -139,7 +139,7 @@ TEST(AnnouncementsTest, OnlyThoseOfTheNameThatIsIgnoredAreNotMet) {
   EXPECT_TRUE(is_met(message(0x02, 1, 1, "crew"))) << "a sample of another writer";
 }
 
-TEST(AnnouncementsTest, EachInterfaceSpeaksForItself) {
+TEST(AnnouncementsTest, SendsOnEachInterface) {
   Announcements announcements;
   (void)announcements.due(&kSocket, 1, {kGroup}, 0);
 

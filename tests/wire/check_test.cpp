@@ -124,7 +124,7 @@ TEST(Check, NamesTheWrongFieldOfACatalogueEntry) {
   expect_fault(catalogue(), "dynamic_friction", [](auto& c) { c.material.dynamic_friction = 0.1; });
 }
 
-TEST(Check, AsksOnlyForNamesOfAWithdrawnObject) {
+TEST(Check, ChecksOnlyTheNamesOfAWithdrawnObject) {
   auto c = catalogue();
   c.withdrawn = true;
   c.scale = 0;
@@ -156,7 +156,7 @@ TEST(Check, NamesTheWrongFieldOfABulkChunk) {
   expect_fault(chunk(), "pieces.region", [](auto& b) { b.pieces.push_back({spm::kNone, 0, 1, 0, {1}}); });
 }
 
-TEST(Check, NamesTheWrongFieldOfWhatMoves) {
+TEST(Check, NamesTheWrongFieldOfProbeSamples) {
   ses::Intent intent;
   intent.path = {{1, {}}, {2, {}}};
   expect_fault(intent, "path", [](auto& i) { i.path.clear(); });
@@ -182,7 +182,7 @@ TEST(Check, NamesTheWrongFieldOfWhatMoves) {
   expect_fault(ses::ObjectPose{}, "orientation", [](auto& o) { o.pose.orientation[3] = -1.002; });
 }
 
-TEST(Check, NamesTheWrongFieldOfWhatSharesAnObject) {
+TEST(Check, NamesTheWrongFieldOfSharedObjectSamples) {
   expect_fault(body(), "body.mass", [](auto& c) { c.body.mass = -1; });
   expect_fault(body(), "body.mass", [](auto& c) { c.body.mass = kNan; });
   expect_fault(body(), "body.inertia", [](auto& c) { c.body.inertia[1] = 0; });
@@ -206,7 +206,7 @@ TEST(Check, NamesTheWrongFieldOfWhatSharesAnObject) {
   expect_fault(copy(), "lines.energy", [](auto& c) { c.lines[1].energy = -1e-9; });
 }
 
-TEST(Check, SaysNothingOfTheBodyOfWhatCannotMove) {
+TEST(Check, IgnoresTheBodyOfAStaticObject) {
   ses::CatalogueEntry c = body();
   c.body = {0, {-1, kNan, 0}, -1, kNan};
   EXPECT_THAT(fault(c), IsNull());

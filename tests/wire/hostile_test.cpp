@@ -104,7 +104,7 @@ dds::TypeSupport generated() {
   return dds::TypeSupport{new typename IdlOf<Sample>::Support};
 }
 
-TEST(Hostile, NumbersThatAreNoneAreDroppedAndCounted) {
+TEST(Hostile, NonFiniteNumbersAreDroppedAndCounted) {
   Victim<ses::ProbeState> victim{topics::kProbeState};
   Intruder intruder{victim.participants, topics::kProbeState, generated<ses::ProbeState>()};
   idl::ProbeState sample;
@@ -174,7 +174,7 @@ void expect_survival(const TopicSpec<Sample>& topic, const std::vector<std::stri
   EXPECT_EQ(fields(*got), fields(sent)) << "an attack reached the callback";
 }
 
-TEST(Hostile, BytesThatAreNoSampleAreSurvived) {
+TEST(Hostile, SurvivesBytesThatAreNoSample) {
   Participants somewhere{address(unique_session("bytes"), "x")};
   const std::string sound = encoding(full<ses::Demand>(somewhere));
   std::vector<std::string> attacks{std::string(4, '\0'), std::string(4, '\xff'), std::string(400, '\xff'),
@@ -189,7 +189,7 @@ TEST(Hostile, BytesThatAreNoSampleAreSurvived) {
   expect_survival(topics::kDemand, attacks, 1);  // keep last 1: a later one may replace an earlier one
 }
 
-TEST(Hostile, ASampleLargerThanItsTypeIsSurvived) {
+TEST(Hostile, SurvivesASampleLargerThanItsType) {
   Participants somewhere{address(unique_session("large"), "x")};
   std::string large = encoding(full<ses::BulkChunk>(somewhere));
   large.resize(60000, 'x');
@@ -232,7 +232,7 @@ void expect_survival_of_changes() {
   EXPECT_GT(refused, kTries / 10);
 }
 
-TEST(Hostile, EncodingsThatHaveChangedOnTheirWayAreSurvived) {
+TEST(Hostile, SurvivesCorruptedEncodings) {
   expect_survival_of_changes<ses::ObjectCopy>();
   expect_survival_of_changes<ses::Intent>();
   expect_survival_of_changes<ses::ProbeState>();
@@ -271,7 +271,7 @@ class Stranger {
   int domain_, socket_;
 };
 
-TEST(Hostile, StatisticsThatAreNotTheLastOfAMessageDoNotEndTheProcess) {
+TEST(Hostile, SurvivesStatisticsBeforeTheEndOfAMessage) {
   Victim<ses::Control> victim{topics::kControl};
   const std::string from{"RTPS\x02\x03\x01\x0f stranger...", 20};  // of the library's vendor
   std::string statistics{"\x80\x01\x38\x00", 4};

@@ -38,14 +38,14 @@ TEST(RtpsMessageTest, AMessageEndsBeforeItsStatistics) {
   EXPECT_EQ(kept({{kDataId, 1, 5, 8}, {kStatisticsId, 1, 56, 56}}), 20u + 12u) << "submessages begin at multiples of 4";
 }
 
-TEST(RtpsMessageTest, AMessageWithoutThemIsWhole) {
+TEST(RtpsMessageTest, AMessageWithoutStatisticsIsUnchanged) {
   EXPECT_EQ(kept({}), 20u);
   EXPECT_EQ(kept({{kDataId, 1, 80, 80}}), 20u + 84u);
   EXPECT_EQ(kept({{kDataId, 1, 0, 84}}), 20u + 88u) << "length 0: up to the end";
   EXPECT_EQ(kept({{kDataId, 1, 200, 80}}), 20u + 84u) << "longer than the message";
 }
 
-TEST(RtpsMessageTest, WhatLooksLikeStatisticsAtTheEndIsMovedByPaddings) {
+TEST(RtpsMessageTest, PaddingShiftsBytesThatLookLikeStatistics) {
   std::vector<std::uint8_t> plain(200, 1), alike(200, kStatisticsId);
   plain.resize(200 + kMaxPadding);
   alike.resize(200 + kMaxPadding);
@@ -79,7 +79,7 @@ constexpr std::uint8_t kLittleWithData = 0x05, kLittleWithInlineQos = 0x07, kLit
 const Bytes kInlineQos{0x70, 0, 4, 0, 9, 9, 9, 9, 1, 0, 0, 0};
 const Bytes kPayload{0, 3, 0, 0, 0x62, 0, 4, 0, 5, 6, 7, 8, 1, 0, 0, 0, 99};
 
-TEST(RtpsMessageTest, ASampleIsReadWithItsWriterItsNumberAndItsPayload) {
+TEST(RtpsMessageTest, ReadsWriterSequenceAndPayloadOfASample) {
   const Bytes plain = data_message(kLittleWithData, kPayload);
   const Bytes with_qos = data_message(kLittleWithInlineQos, concat({kInlineQos, kPayload}));
   for (const Bytes& bytes : {plain, with_qos}) {
@@ -113,13 +113,13 @@ TEST(RtpsMessageTest, ParametersEndAtTheSentinel) {
   EXPECT_EQ(bytes_of(parameters.rest()), Bytes{99});
 }
 
-TEST(RtpsMessageTest, AParameterThatReachesBeyondItsListIsNotHandedOut) {
+TEST(RtpsMessageTest, AParameterBeyondItsListIsNotReturned) {
   const Bytes list{0x62, 0, 5, 0, 1, 2, 3, 4};
   ParameterList parameters{{list.data(), static_cast<std::uint32_t>(list.size()), true}};
   EXPECT_FALSE(parameters.next());
 }
 
-TEST(RtpsMessageTest, WhateverChangesInASampleItsPartsLieInsideTheMessage) {
+TEST(RtpsMessageTest, PartsOfACorruptedSampleLieInsideTheMessage) {
   const Bytes whole = data_message(kLittleWithInlineQos, concat({kInlineQos, kPayload}));
   std::minstd_rand random{7};
   std::uint32_t found = 0;

@@ -38,7 +38,7 @@ class TapTest : public ::testing::Test {
            }};
 };
 
-TEST_F(TapTest, HearsEveryTopicInEveryPartition) {
+TEST_F(TapTest, ReceivesEveryTopicInEveryPartition) {
   const std::string name = alpha_.address().participant;
   for (const std::vector<std::uint8_t>& bytes : {received(topics::kRoster),
                                                  received(topics::kCatalogue),
@@ -67,14 +67,14 @@ TEST_F(TapTest, HearsEveryTopicInEveryPartition) {
   }
 }
 
-TEST_F(TapTest, KnowsEachTopicByATypeOfTheIdl) {
+TEST_F(TapTest, NamesATypeOfTheIdlForEachTopic) {
   for (const TapTopic& topic : tap_.topics()) {
     const std::string type = topic.type.substr(topic.type.rfind(':') + 1);
     EXPECT_THAT(idl_text(), testing::HasSubstr("struct " + type + " {")) << topic.name;
   }
 }
 
-TEST_F(TapTest, DoesNotTakeTheFullChunksOfTheOneWhomTheyAreFor) {
+TEST_F(TapTest, DoesNotTakeFullChunksFromTheirReader) {
   Participants gamma{address(alpha_.address().session, "gamma")};
   Inbox<ses::BulkChunk> inbox;
   Reader<ses::BulkChunk> reader{gamma, topics::kRecords, inbox.callback(), {hrtc_partition("gamma")}};

@@ -72,7 +72,7 @@ TEST_F(TwoPrograms, EveryFieldOfEveryTopicArrives) {
   expect_round_trip(topics::kClock);
 }
 
-TEST_F(TwoPrograms, ALateJoinerGetsTheStateThatLasts) {
+TEST_F(TwoPrograms, ALateJoinerGetsTransientLocalTopics) {
   expect_late_joiner_gets(topics::kCatalogue);
   expect_late_joiner_gets(topics::kControl);
   expect_late_joiner_gets(topics::kEnd);
@@ -193,7 +193,7 @@ TEST_F(TwoPrograms, AWriterWithoutAReaderNeverBlocks) {
   }
 }
 
-TEST_F(TwoPrograms, AStuckReaderOfOneStreamHoldsBackNeitherTheSenderNorAnotherStream) {
+TEST_F(TwoPrograms, AStuckReaderDelaysNeitherTheSenderNorAnotherStream) {
   std::mutex stuck;
   std::unique_lock<std::mutex> hold{stuck};
   Inbox<ses::BulkChunk> inbox;
@@ -216,7 +216,7 @@ TEST_F(TwoPrograms, AStuckReaderOfOneStreamHoldsBackNeitherTheSenderNorAnotherSt
   hold.unlock();
 }
 
-TEST_F(TwoPrograms, AWriterMayLeaveWithChunksUnderWay) {
+TEST_F(TwoPrograms, AWriterMayLeaveWithChunksInFlight) {
   Inbox<ses::BulkChunk> inbox;
   Reader<ses::BulkChunk> reader{beta_, topics::kRecords, inbox.callback()};
   for (int round = 0; round < 30; ++round) {
@@ -248,7 +248,7 @@ TEST_F(TwoPrograms, SamplesOfAUserStayInItsPartition) {
   EXPECT_TRUE(eventually([&] { return to_alice.matched() == 1 && to_bob.matched() == 1; }));
 }
 
-TEST_F(TwoPrograms, AProgramDoesNotHearItself) {
+TEST_F(TwoPrograms, AProgramDoesNotReceiveItsOwnSamples) {
   Inbox<ses::ProbeState> own, others;
   Reader<ses::ProbeState> at_alpha{alpha_, topics::kProbeState, own.callback()};
   Reader<ses::ProbeState> at_beta{beta_, topics::kProbeState, others.callback()};
@@ -262,7 +262,7 @@ TEST_F(TwoPrograms, AProgramDoesNotHearItself) {
   EXPECT_TRUE(eventually([&] { return writer.matched() == 1; }));
 }
 
-TEST_F(TwoPrograms, UsersArriveHoweverManyWereThereBefore) {
+TEST_F(TwoPrograms, AUserArrivesAfterMoreUsersThanTheHistoryHolds) {
   constexpr std::uint64_t kUsers = 1100;  // more instances than a history holds
   Inbox<ses::ProbeState> inbox;
   Reader<ses::ProbeState> reader{beta_, topics::kProbeState, inbox.callback()};
@@ -281,7 +281,7 @@ TEST_F(TwoPrograms, UsersArriveHoweverManyWereThereBefore) {
   EXPECT_TRUE(got.has_value());
 }
 
-TEST_F(TwoPrograms, AnUnsoundSampleIsNotSent) {
+TEST_F(TwoPrograms, AnInvalidSampleIsNotSent) {
   Writer<ses::ProbeState> writer{alpha_, topics::kProbeState};
   auto state = full<ses::ProbeState>(alpha_);
   state.force[1] = std::numeric_limits<double>::quiet_NaN();
@@ -293,7 +293,7 @@ TEST_F(TwoPrograms, AnUnsoundSampleIsNotSent) {
   EXPECT_THAT(writer.last_fault(), testing::HasSubstr("origin"));
 }
 
-TEST_F(TwoPrograms, AReaderMayLeaveWhileSamplesPourIn) {
+TEST_F(TwoPrograms, AReaderMayLeaveWhileSamplesArrive) {
   Writer<ses::ProbeState> writer{alpha_, topics::kProbeState};
   for (int round = 0; round < 10; ++round) {
     Inbox<ses::ProbeState> inbox;
@@ -312,7 +312,7 @@ TEST_F(TwoPrograms, AReaderMayLeaveWhileSamplesPourIn) {
   }
 }
 
-TEST(TwoSessions, OnOneDomainNeverMeet) {
+TEST(TwoSessions, OnOneDomainDoNotMatch) {
   const std::string one = unique_session("one"), other = unique_session("other");
   Participants a{address(one, "a")}, b{address(one, "b")};
   Participants x{address(other, "a")}, y{address(other, "b")};

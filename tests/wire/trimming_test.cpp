@@ -40,12 +40,12 @@ Bytes trimmed(const Bytes& bytes) {
   return Bytes(out.bytes.begin(), out.bytes.begin() + out.size);
 }
 
-TEST(TrimmingTest, OfASampleItsDestinationItsTimeAndTheStatisticsAreLeftOut) {
+TEST(TrimmingTest, RemovesDestinationTimeAndStatistics) {
   EXPECT_EQ(trimmed(message({kTo, kTime, sample(), statistics()})), message({sample()}));
   EXPECT_EQ(trimmed(message({kTime, sample(), statistics()})), message({sample()})) << "to several readers";
 }
 
-TEST(TrimmingTest, MessagesOfAnotherShapeGoOutAsTheyAre) {
+TEST(TrimmingTest, OtherMessagesAreUnchanged) {
   constexpr std::uint8_t kBuiltIn = 0xc2;
 
   EXPECT_TRUE(trimmed(message({})).empty());
@@ -56,7 +56,7 @@ TEST(TrimmingTest, MessagesOfAnotherShapeGoOutAsTheyAre) {
   EXPECT_TRUE(trimmed(message({kTime, sample(kBuiltIn), statistics()})).empty()) << "discovery, to everyone";
 }
 
-TEST(TrimmingTest, AMessageThatLooksLikeOneWithStatisticsAfterwardsIsPadded) {
+TEST(TrimmingTest, ATrimmedMessageThatLooksLikeStatisticsIsPadded) {
   Bytes alike = sample(0x02, 56);
   alike[alike.size() - 60] = kStatisticsId;
 
@@ -74,7 +74,7 @@ TEST(TrimmingTest, NoPartOfAMessageIsReadBeyondItsEnd) {
   }
 }
 
-TEST(TrimmingTest, AMessageThatIsTooLongForTheBufferGoesOutAsItIs) {
+TEST(TrimmingTest, AMessageTooLongForTheBufferIsUnchanged) {
   EXPECT_TRUE(trimmed(message({kTo, kTime, sample(0x02, 2000), statistics()})).empty());
 }
 
