@@ -29,7 +29,7 @@ class HostError : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// Makes an object movable; docs/shared-objects.md.
+/// Makes an object movable; docs/explanation/shared-objects.md.
 struct BodyConfig {
   double mass = 1;                               ///< kg
   std::optional<std::array<double, 3>> inertia;  ///< kg m^2, about the model's axes; default: a box of its bounds
