@@ -70,7 +70,7 @@ void Fetcher::want_next() {
 
 void Fetcher::run(std::int64_t until_ns, Samples* times) {
   times_ = times;
-  wire::Every beat_due{kBeatNs};
+  session::Every beat_due{kBeatNs};
   for (std::int64_t now; (now = wire::monotonic_ns()) < until_ns && !wire::stop_signal();) {
     for (auto& arrived : inbox_.take(kPatience))
       std::visit([&](const auto& sample) { take(sample, arrived.at_ns); }, arrived.sample);

@@ -61,12 +61,12 @@ struct Totals {
     min_messages = std::min(min_messages, result.messages);
     min_kinds = std::min(min_kinds, result.kinds());
     messages += result.messages;
-    held += result.controllers.regions_held;
-    refused += result.controllers.regions_refused;
-    released += result.controllers.regions_released;
+    held += result.hrtcs.regions_held;
+    refused += result.hrtcs.regions_refused;
+    released += result.hrtcs.regions_released;
     host_changes += result.host_changes;
-    deaths_noticed += result.controllers.deaths_noticed;
-    false_alarms += result.controllers.false_alarms;
+    deaths_noticed += result.hrtcs.deaths_noticed;
+    false_alarms += result.hrtcs.false_alarms;
     virtual_s += static_cast<double>(result.virtual_ns) * 1e-9;
     healed_ms.add(static_cast<double>(result.healed_ns) * 1e-6);
   }

@@ -39,21 +39,21 @@ constexpr std::int64_t kClockNs = 500 * kMs;
 constexpr std::int64_t kMetricsNs = 1000 * kMs;
 constexpr std::int64_t kHungNs = 5000 * kMs;  // after such a pause others may have dropped this host's entries
 constexpr std::int64_t kMetricsSoonNs = 100 * kMs;
-constexpr milliseconds kPoll{5};        // while the readers of an HRTC are not matched yet
-constexpr milliseconds kPatience{50};   // longest wait, so that a signal is noticed
-constexpr milliseconds kStep{1};        // while the host simulates a moving object
-constexpr milliseconds kHeld{5};        // while an HRTC holds an object
-constexpr milliseconds kFarewell{300};  // for the last catalogue samples to be acknowledged
-constexpr int kChunksPerRound = 64;     // then the loop reads new demands
+constexpr milliseconds kPoll{5};            // while the readers of an HRTC are not matched yet
+constexpr milliseconds kPatience{50};       // longest wait, so that a signal is noticed
+constexpr milliseconds kStep{1};            // while the host simulates a moving object
+constexpr milliseconds kHeld{5};            // while an HRTC holds an object
+constexpr milliseconds kLeaveTimeout{300};  // for the last catalogue samples to be acknowledged
+constexpr int kChunksPerRound = 64;         // then the loop reads new demands
 constexpr std::size_t kInboxCapacity = 8192;
 constexpr double kGap = 0.05;  // m, between objects without a pose of their own
 
 /// A liveness request of one HRTC (session/failure_detector.hpp).
-struct Question {
+struct LivenessRequest {
   session::ClockSample sample;
 };
 using Sample = std::variant<session::RosterEntry, session::Demand, session::ClockSample, session::EmergencyStop,
-                            session::ForceReset, session::SessionEnd, Question, session::CatalogueEntry,
+                            session::ForceReset, session::SessionEnd, LivenessRequest, session::CatalogueEntry,
                             session::ObjectClaim, session::ObjectPose>;
 using Inbox = wire::Inbox<Sample>;
 /// The bulk writers of one HRTC.
@@ -74,16 +74,16 @@ struct BulkLink {
 };
 
 /// The endpoints on which one HRTC checks that this host is alive.
-struct FailureDetectorLink {
-  FailureDetectorLink(wire::Participants& participants, const std::string& hrtc, Inbox& inbox)
-      : answers{participants, wire::topics::kClock, {wire::hrtc_partition(hrtc)}},
-        questions{participants,
-                  wire::topics::kClock,
-                  [&inbox](session::ClockSample&& sample) { inbox.put(Question{std::move(sample)}); },
-                  {wire::hrtc_partition(hrtc)}} {}
+struct LivenessLink {
+  LivenessLink(wire::Participants& participants, const std::string& hrtc, Inbox& inbox)
+      : replies{participants, wire::topics::kClock, {wire::hrtc_partition(hrtc)}},
+        requests{participants,
+                 wire::topics::kClock,
+                 [&inbox](session::ClockSample&& sample) { inbox.put(LivenessRequest{std::move(sample)}); },
+                 {wire::hrtc_partition(hrtc)}} {}
 
-  wire::Writer<session::ClockSample> answers;
-  wire::Reader<session::ClockSample> questions;
+  wire::Writer<session::ClockSample> replies;
+  wire::Reader<session::ClockSample> requests;
 };
 
 struct Served {
@@ -123,7 +123,7 @@ std::vector<Served> open_models(const HostOptions& options, const Log& log, cons
 }
 
 /// Called after all models are open: building them may have used all processors for minutes.
-const wire::SessionAddress& in_turn(const HostOptions& options, const Log& log) {
+const wire::SessionAddress& raise_priority_then_address(const HostOptions& options, const Log& log) {
   if (options.before_others) log(Severity::kInfo, wire::go_before_others("host '" + options.address.participant + "'"));
   return options.address;
 }
@@ -136,7 +136,7 @@ struct Host::Impl {
         log{std::move(to)},
         stop{until},
         served{open_models(options, log, stop)},
-        participants{in_turn(options, log)} {
+        participants{raise_priority_then_address(options, log)} {
     for (const Served& object : served) {
       server.add(session::id_of(object.config.name), object.model.coded());
     }
@@ -174,7 +174,7 @@ struct Host::Impl {
   void take(const session::EmergencyStop& sample, std::int64_t) { (void)stops.on_stop(sample.name()); }
   void take(const session::ForceReset& reset, std::int64_t) { (void)stops.on_reset(reset); }
   void take(const session::SessionEnd& end, std::int64_t at_ns);
-  void take(const Question& question, std::int64_t at_ns);
+  void take(const LivenessRequest& request_sample, std::int64_t at_ns);
   void take(const session::CatalogueEntry& entry, std::int64_t at_ns) { object_authority.on_catalogue(entry, at_ns); }
   void take(const session::ObjectClaim& claim, std::int64_t at_ns) { object_authority.on_claim(claim, at_ns); }
   void take(const session::ObjectPose& pose, std::int64_t at_ns) {
@@ -183,12 +183,12 @@ struct Host::Impl {
   void react(const session::RosterEvent& event, std::int64_t now_ns);
   void keep_time(std::int64_t now_ns);
   [[nodiscard]] microseconds send_chunks(std::int64_t now_ns);
-  [[nodiscard]] microseconds keep_objects(std::int64_t now_ns);
+  [[nodiscard]] microseconds simulate_objects(std::int64_t now_ns);
   void send_roster(bool leaving);
   void send_catalogue(bool withdrawn);
   void send_metrics();
   void leave();
-  void say(const std::string& line) const { log(Severity::kInfo, line); }
+  void log_info(const std::string& line) const { log(Severity::kInfo, line); }
 
   HostOptions options;
   Log log;
@@ -210,7 +210,7 @@ struct Host::Impl {
   std::map<std::uint64_t, BulkLink> bulk;  // by HRTC
   Inbox inbox{kInboxCapacity};
   // By HRTC. After the inbox, which their callbacks fill.
-  std::map<std::uint64_t, FailureDetectorLink> failure_detectors;
+  std::map<std::uint64_t, LivenessLink> liveness_links;
   std::int64_t started_ns = monotonic_ns();
   std::uint64_t heartbeat = 0;
   session::Heartbeat beat{kHeartbeatNs};
@@ -265,21 +265,21 @@ void Host::Impl::make_scenery() {
 
 int Host::Impl::run() {
   for (const session::CatalogueEntry& entry : catalogue) {
-    say("serving '" + entry.object + "': " + std::to_string(entry.summary.faces) + " faces in " +
-        std::to_string(entry.summary.regions) + " regions, base mesh of " + std::to_string(entry.base_bytes) +
-        " bytes");
+    log_info("serving '" + entry.object + "': " + std::to_string(entry.summary.faces) + " faces in " +
+             std::to_string(entry.summary.regions) + " regions, base mesh of " + std::to_string(entry.base_bytes) +
+             " bytes");
   }
-  say("host '" + options.address.participant + "' is in session '" + options.address.session + "' on domain " +
-      std::to_string(options.address.domain));
+  log_info("host '" + options.address.participant + "' is in session '" + options.address.session + "' on domain " +
+           std::to_string(options.address.domain));
   send_catalogue(false);
   Every request{kClockNs};
   microseconds patience{0};
-  std::int64_t looked_ns = monotonic_ns();
+  std::int64_t last_round_ns = monotonic_ns();
   while (!stop && !ended) {
     for (const Inbox::Arrived& arrived : inbox.take(patience)) take(arrived);
     const std::int64_t now_ns = monotonic_ns();
-    if (now_ns - looked_ns > kHungNs) send_catalogue(false);  // within its lease DDS does not repeat it
-    looked_ns = now_ns;
+    if (now_ns - last_round_ns > kHungNs) send_catalogue(false);  // within its lease DDS does not repeat it
+    last_round_ns = now_ns;
     for (const session::RosterEvent& event : roster.tick(now_ns)) react(event, now_ns);
     keep_time(now_ns);
     if (std::exchange(stops_announced, stops.changes()) != stops.changes()) beat.at_once();
@@ -287,10 +287,10 @@ int Host::Impl::run() {
     const bool follows = clock.reference() != 0 && clock.reference() != participants.origin().participant;
     if (follows && request.due(now_ns)) (void)clock_out.send(clock.request(now_ns));
     if (metrics_due.due(now_ns)) send_metrics();
-    const microseconds objects_due = keep_objects(now_ns);
+    const microseconds objects_due = simulate_objects(now_ns);
     patience = std::min(objects_due, send_chunks(now_ns));
   }
-  if (stop) say("asked to stop");
+  if (stop) log_info("asked to stop");
   leave();
   return exit_code;
 }
@@ -330,12 +330,12 @@ void Host::Impl::react(const session::RosterEvent& event, std::int64_t now_ns) {
   if (event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted) {
     beat.insist();  // the HRTC demands nothing before it has received this host's entry
     bulk.try_emplace(id, participants, entry.name);
-    failure_detectors.try_emplace(id, participants, entry.name, inbox);
+    liveness_links.try_emplace(id, participants, entry.name, inbox);
   } else if (event.change == RosterChange::kLeft || event.change == RosterChange::kGone) {
     server.on_hrtc_gone(id);
     object_authority.on_hrtc_gone(id);
     bulk.erase(id);
-    failure_detectors.erase(id);
+    liveness_links.erase(id);
   }
 }
 
@@ -358,18 +358,18 @@ void Host::Impl::take(const session::ClockSample& sample, std::int64_t at_ns) {
   }
 }
 
-void Host::Impl::take(const Question& question, std::int64_t at_ns) {
-  const auto link = failure_detectors.find(question.sample.origin.participant);
-  if (link == failure_detectors.end() || question.sample.answer ||
-      question.sample.peer != participants.origin().participant)
+void Host::Impl::take(const LivenessRequest& request_sample, std::int64_t at_ns) {
+  const auto link = liveness_links.find(request_sample.sample.origin.participant);
+  if (link == liveness_links.end() || request_sample.sample.answer ||
+      request_sample.sample.peer != participants.origin().participant)
     return;
-  session::ClockSample answer = clock.answer(question.sample, at_ns, monotonic_ns());
+  session::ClockSample answer = clock.answer(request_sample.sample, at_ns, monotonic_ns());
   if (!clock.answers()) answer.t1_ns = answer.t2_ns = session::kClockUnknown;  // shows that the host lives
-  (void)link->second.answers.send(answer);
+  (void)link->second.replies.send(answer);
 }
 
 void Host::Impl::take(const session::SessionEnd& end, std::int64_t) {
-  say("the session ends" + (end.text.empty() ? std::string{} : ": " + end.text));
+  log_info("the session ends" + (end.text.empty() ? std::string{} : ": " + end.text));
   ended = true;
 }
 
@@ -379,7 +379,7 @@ void Host::Impl::keep_time(std::int64_t now_ns) {
 }
 
 /// Simulates the objects that nobody holds and publishes their poses. Returns how long the next call may wait.
-microseconds Host::Impl::keep_objects(std::int64_t now_ns) {
+microseconds Host::Impl::simulate_objects(std::int64_t now_ns) {
   if (object_authority.empty()) return kPatience;
   const ObjectAuthority::Messages& messages = object_authority.tick(now_ns, clock.map().session_time(now_ns));
   for (const session::ObjectGrant& grant : messages.grants) (void)grants_out->send(grant);
@@ -465,10 +465,10 @@ void Host::Impl::leave() {
   send_catalogue(true);
   send_metrics();
   wire::send_leave_messages([this] { send_roster(true); });
-  (void)catalogue_out.wait_acknowledged(kFarewell);
+  (void)catalogue_out.wait_acknowledged(kLeaveTimeout);
   const session::DeliveryCounters& all = server.counters();
-  say("left the session after sending " + std::to_string(all.regions) + " regions with " + std::to_string(all.records) +
-      " records, " + std::to_string(all.payload_bytes) + " bytes");
+  log_info("left the session after sending " + std::to_string(all.regions) + " regions with " +
+           std::to_string(all.records) + " records, " + std::to_string(all.payload_bytes) + " bytes");
 }
 
 Host::Host(HostOptions options, Log log, const std::atomic<bool>& stop)

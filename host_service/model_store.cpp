@@ -75,9 +75,9 @@ std::uint64_t content_hash(const std::filesystem::path& model) {
 }
 
 /// Log lines that a worker thread passes to the thread that waits for it.
-class Lines {
+class LogLines {
  public:
-  void say(std::string line) {
+  void add(std::string line) {
     const std::lock_guard lock{mutex_};
     lines_.push_back(std::move(line));
   }
@@ -114,8 +114,8 @@ class Lines {
 template <class Work>
 auto unless_stopped(const std::atomic<bool>& stop, const ModelStore::Log& log, Work work) {
   constexpr std::chrono::milliseconds kPatience{20};
-  const auto lines = std::make_shared<Lines>();
-  using Task = std::packaged_task<std::invoke_result_t<Work, Lines&>()>;
+  const auto lines = std::make_shared<LogLines>();
+  using Task = std::packaged_task<std::invoke_result_t<Work, LogLines&>()>;
   Task task{[lines, work = std::move(work)]() mutable { return work(*lines); }};
   auto result = task.get_future();
   std::thread{[lines, task = std::move(task)]() mutable {
@@ -133,24 +133,24 @@ auto unless_stopped(const std::atomic<bool>& stop, const ModelStore::Log& log, W
   return result.get();
 }
 
-std::optional<MappedModel> open_cached(const std::filesystem::path& path, Lines& lines) {
+std::optional<MappedModel> open_cached(const std::filesystem::path& path, LogLines& lines) {
   if (!std::filesystem::exists(path)) return std::nullopt;
   try {
     return MappedModel{path};
   } catch (const ModelError& error) {
-    lines.say(std::string{"the cached model is broken and will be built again: "} + error.what());
+    lines.add(std::string{"the cached model is broken and will be built again: "} + error.what());
     return std::nullopt;
   }
 }
 
-spm::offline::BuiltModel build(const std::filesystem::path& model, Lines& lines) {
-  lines.say(model.string() + ": building");
+spm::offline::BuiltModel build(const std::filesystem::path& model, LogLines& lines) {
+  lines.add(model.string() + ": building");
   std::string last_stage;
   return spm::offline::build_model(spm::offline::import_mesh(model), {}, [&](std::string_view stage, double) {
     lines.expect_open();
     if (stage == last_stage) return;
     last_stage = stage;
-    lines.say(model.string() + ": " + last_stage);
+    lines.add(model.string() + ": " + last_stage);
   });
 }
 
@@ -172,16 +172,16 @@ ModelStore::ModelStore(std::filesystem::path cache, Log log, const std::atomic<b
 MappedModel ModelStore::open(const std::filesystem::path& model) const {
   if (!std::filesystem::is_regular_file(model)) throw ModelError{model.string() + ": no such model file"};
   const auto open_file = [this](const std::filesystem::path& file) {
-    return unless_stopped(stop_, log_, [file](Lines&) { return MappedModel{file}; });
+    return unless_stopped(stop_, log_, [file](LogLines&) { return MappedModel{file}; });
   };
   if (spm::offline::is_model_file(model) || model.extension() == ".spm") return open_file(model);
 
   std::array<char, 32> name{};
-  const std::uint64_t content = unless_stopped(stop_, log_, [model](Lines&) { return content_hash(model); });
+  const std::uint64_t content = unless_stopped(stop_, log_, [model](LogLines&) { return content_hash(model); });
   std::snprintf(name.data(), name.size(), "%016llx.spm", static_cast<unsigned long long>(content));
   const std::filesystem::path cached = cache_ / name.data();
   std::optional<MappedModel> ready =
-      unless_stopped(stop_, log_, [cached](Lines& lines) { return open_cached(cached, lines); });
+      unless_stopped(stop_, log_, [cached](LogLines& lines) { return open_cached(cached, lines); });
   if (ready) {
     log_(model.string() + ": taken from the cache, " + cached.string());
     return std::move(*ready);
@@ -190,7 +190,7 @@ MappedModel ModelStore::open(const std::filesystem::path& model) const {
   std::filesystem::create_directories(cache_, failed);
   if (failed) throw ModelError{cache_.string() + ": cannot make this folder for built models: " + failed.message()};
   const spm::offline::BuiltModel built =
-      unless_stopped(stop_, log_, [model](Lines& lines) { return build(model, lines); });
+      unless_stopped(stop_, log_, [model](LogLines& lines) { return build(model, lines); });
   // In this thread: Stopped then leaves either the complete file or none.
   spm::offline::write_model(cached, built.model(), {model.filename().string(), built.cleaned});
   log_(model.string() + ": built and stored in " + cached.string());

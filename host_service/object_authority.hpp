@@ -86,13 +86,13 @@ class ObjectAuthority {
 
   void choose_authority(std::uint64_t id, Object& object, std::int64_t now_ns);
   void choose_authorities(std::int64_t now_ns);
-  void forget_away(Object& object, std::int64_t now_ns) const;
+  void drop_absent(Object& object, std::int64_t now_ns) const;
   void simulate(Object& object, std::int64_t now_ns, std::int64_t session_now_ns);
 
   session::Origin self_;
   ObjectAuthoritySettings settings_;
   Scenery* scenery_ = nullptr;
-  std::vector<haptics::Vec3d> met_;              // contact points of all bodies, in this tick
+  std::vector<haptics::Vec3d> contact_points_;   // contact points of all bodies, in this tick
   std::map<std::uint64_t, Object> objects_;      // by id
   std::map<std::uint64_t, std::int64_t> hosts_;  // hosts that are present, this one too: session time of joining
   Messages messages_;

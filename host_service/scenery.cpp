@@ -43,7 +43,7 @@ struct Scenery::Object {
   sharing::Placement placement;
   spm::CellBox bounds;
   std::unique_ptr<spm::Forest> forest;
-  std::vector<spm::RegionId> here;
+  std::vector<spm::RegionId> loaded_regions;
 };
 
 Scenery::Scenery(const std::vector<StandingObject>& objects, std::uint32_t slots)
@@ -72,21 +72,23 @@ bool Scenery::load(Object& object, spm::RegionId region) {
   spm::RegionList list;
   if (!spm::codec::take_region(*object.model, region, cache_, object.index, list)) return false;
   object.forest->add(region, list);
-  object.here.push_back(region);
+  object.loaded_regions.push_back(region);
   ++regions_loaded_;
   return true;
 }
 
 /// Releases every region that is not in `wanted`.
-void Scenery::give_back(const std::vector<std::vector<spm::RegionId>>& wanted) {
+void Scenery::release_unwanted(const std::vector<std::vector<spm::RegionId>>& wanted) {
   for (std::size_t i = 0; i < objects_.size(); ++i) {
     Object& object = *objects_[i];
-    for (const spm::RegionId region : object.here)
+    for (const spm::RegionId region : object.loaded_regions)
       if (!std::binary_search(wanted[i].begin(), wanted[i].end(), region)) object.forest->retire(region);
     refine(*object.forest);
     for (std::uint32_t region; (region = object.forest->take_retired()) != spm::kNone;) {
       cache_.release(object.index, spm::RegionId{region});
-      object.here.erase(std::remove(object.here.begin(), object.here.end(), spm::RegionId{region}), object.here.end());
+      object.loaded_regions.erase(
+          std::remove(object.loaded_regions.begin(), object.loaded_regions.end(), spm::RegionId{region}),
+          object.loaded_regions.end());
     }
   }
 }
@@ -114,7 +116,7 @@ void Scenery::look(const std::vector<Vec3d>& places) {
       ++loaded;
     }
   }
-  if (full) give_back(wanted);  // frees slots for the next call
+  if (full) release_unwanted(wanted);  // frees slots for the next call
   for (std::size_t i = 0; i < objects_.size(); ++i) {
     Object& object = *objects_[i];
     if (wanted[i].empty()) continue;

@@ -44,7 +44,7 @@ class Scenery {
   struct Object;
 
   [[nodiscard]] bool load(Object& object, spm::RegionId region);
-  void give_back(const std::vector<std::vector<spm::RegionId>>& wanted);
+  void release_unwanted(const std::vector<std::vector<spm::RegionId>>& wanted);
 
   spm::Pool pool_;
   spm::NodePool nodes_;

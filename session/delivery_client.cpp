@@ -169,8 +169,8 @@ std::vector<DeliveryClient::Message> DeliveryClient::on_chunk(const BulkChunk& c
     stream.holes.clear();
   }
   if (time == Admission::kAnew) host.arrivals = 0;
-  const bool min = static_cast<std::int32_t>(one_way_us - host.one_way_us) < 0;
-  if (host.arrivals++ == 0 || min) host.one_way_us = one_way_us;
+  const bool shorter = static_cast<std::int32_t>(one_way_us - host.one_way_us) < 0;
+  if (host.arrivals++ == 0 || shorter) host.one_way_us = one_way_us;
   note_sequence(stream, chunk, now_ns);
   note_rate(chunk.payload_bytes(), now_ns);
   note_echo(object, stream, chunk, now_ns);
@@ -201,8 +201,8 @@ void DeliveryClient::note_sequence(Stream& stream, const BulkChunk& chunk, std::
     }
   }
   for (auto at = stream.holes.begin(); at != stream.holes.end();) {
-    const bool known = at->second.published_epoch != 0 && at->second.published_epoch <= chunk.epoch;
-    if (!known && stream.holes.size() <= kMaxHoles) {
+    const bool closed = at->second.reported_epoch != 0 && at->second.reported_epoch <= chunk.epoch;
+    if (!closed && stream.holes.size() <= kMaxHoles) {
       ++at;
     } else {
       at = stream.holes.erase(at);
@@ -211,23 +211,23 @@ void DeliveryClient::note_sequence(Stream& stream, const BulkChunk& chunk, std::
 }
 
 /// Whether a hole has become a gap that no demand has reported yet.
-bool DeliveryClient::has_news(const Stream& stream, std::int64_t now_ns) const {
+bool DeliveryClient::has_unreported_gap(const Stream& stream, std::int64_t now_ns) const {
   return std::any_of(stream.holes.begin(), stream.holes.end(), [&](const auto& hole) {
-    return hole.second.published_epoch == 0 && now_ns - hole.second.since_ns >= settings_.overtaking_ns;
+    return hole.second.reported_epoch == 0 && now_ns - hole.second.since_ns >= settings_.overtaking_ns;
   });
 }
 
 /// Reports up to the first hole that may still be filled by chunks that were overtaken.
-void DeliveryClient::tell_gaps(Object& object, Stream& stream, Demand& demand, std::int64_t now_ns) {
+void DeliveryClient::report_gaps(Object& object, Stream& stream, Demand& demand, std::int64_t now_ns) {
   demand.newest = stream.newest;
   for (auto& [first, hole] : stream.holes) {
-    const bool young = hole.published_epoch == 0 && now_ns - hole.since_ns < settings_.overtaking_ns;
+    const bool young = hole.reported_epoch == 0 && now_ns - hole.since_ns < settings_.overtaking_ns;
     if (young || demand.gaps.size() == kMaxGaps) {
       demand.newest = first - 1;
       return;
     }
-    if (hole.published_epoch == 0) {
-      hole.published_epoch = object.epoch;
+    if (hole.reported_epoch == 0) {
+      hole.reported_epoch = object.epoch;
       counters_.lost += hole.last - first + 1;
     }
     demand.gaps.push_back({first, hole.last - first + 1});
@@ -235,11 +235,11 @@ void DeliveryClient::tell_gaps(Object& object, Stream& stream, Demand& demand, s
 }
 
 /// The last sequence up to which no chunk of this object is missing and no message waits for the caller's answer.
-std::uint32_t DeliveryClient::dealt_with(const Object& object, std::uint32_t stream, bool or_parked) const {
+std::uint32_t DeliveryClient::processed_up_to(const Object& object, std::uint32_t stream, bool or_parked) const {
   std::uint32_t received = streams_.at(stream).received();
-  for (const auto& [region, handed] : object.handed) {
-    if (or_parked && handed.parked) continue;
-    if (handed.stream == stream) received = std::min(received, handed.last_sequence - 1);
+  for (const auto& [region, pending] : object.pending) {
+    if (or_parked && pending.parked) continue;
+    if (pending.stream == stream) received = std::min(received, pending.last_sequence - 1);
   }
   return received;
 }
@@ -263,7 +263,7 @@ std::optional<DeliveryClient::Message> DeliveryClient::assemble(Object& object, 
   const bool here = chunk.kind() == BulkKind::kBase
                         ? object.has_base
                         : object.have.count(piece.region) != 0 || object.retiring.count(piece.region) != 0;
-  if (here || object.handed.count(piece.region) != 0) {
+  if (here || object.pending.count(piece.region) != 0) {
     ++counters_.stale;
     return std::nullopt;
   }
@@ -315,13 +315,13 @@ std::optional<DeliveryClient::Message> DeliveryClient::assemble(Object& object, 
   for (const auto& [part, payload] : partial.payloads) {
     message.bytes.insert(message.bytes.end(), payload.begin(), payload.end());
   }
-  const Handed handed{partial.stream, partial.epoch, partial.last_sequence, false};
+  const Pending pending{partial.stream, partial.epoch, partial.last_sequence, false};
   drop_partial(object, at);
   if (checksum_of(message.bytes) != piece.checksum) {
     ++counters_.corrupt;
     return std::nullopt;
   }
-  object.handed.emplace(piece.region, handed);
+  object.pending.emplace(piece.region, pending);
   ++counters_.messages;
   return message;
 }
@@ -353,9 +353,9 @@ void DeliveryClient::bound_partials(std::int64_t now_ns) {
 void DeliveryClient::set_room(std::uint64_t bytes) {
   room_ = bytes;
   // A host may wait for room, so enough new room is worth a demand of its own.
-  constexpr std::uint64_t kWorthTelling = 8 * kMaxPayload;
-  if (room_published_ >= settings_.credit || room_ < room_published_ + kWorthTelling) return;
-  for (auto& [object_id, object] : objects_) object.acknowledge = object.acknowledge || owed(object);
+  constexpr std::uint64_t kMinNewRoom = 8 * kMaxPayload;
+  if (room_published_ >= settings_.credit || room_ < room_published_ + kMinNewRoom) return;
+  for (auto& [object_id, object] : objects_) object.acknowledge = object.acknowledge || awaits_answer(object);
 }
 
 std::uint64_t DeliveryClient::promised(std::int64_t now_ns) {
@@ -389,7 +389,7 @@ std::uint32_t DeliveryClient::credit() const {
 
 void DeliveryClient::base_held(std::uint64_t object_id) {
   Object& object = objects_.at(object_id);
-  object.handed.erase(spm::kNone);
+  object.pending.erase(spm::kNone);
   object.has_base = true;
   change(object);
 }
@@ -398,7 +398,7 @@ void DeliveryClient::base_refused(std::uint64_t object_id) { refused(object_id, 
 
 void DeliveryClient::held(std::uint64_t object_id, std::uint32_t region) {
   Object& object = objects_.at(object_id);
-  object.handed.erase(region);
+  object.pending.erase(region);
   object.retiring.erase(region);
   if (!object.have.insert(region).second) return;
   object.unannounced.insert(region);
@@ -407,13 +407,13 @@ void DeliveryClient::held(std::uint64_t object_id, std::uint32_t region) {
 
 void DeliveryClient::refused(std::uint64_t object_id, std::uint32_t region) {
   Object& object = objects_.at(object_id);
-  if (object.handed.erase(region) == 0) return;
+  if (object.pending.erase(region) == 0) return;
   ++counters_.refused;
   object.acknowledge = true;
 }
 
 void DeliveryClient::park(std::uint64_t object_id, std::uint32_t region) {
-  objects_.at(object_id).handed.at(region).parked = true;
+  objects_.at(object_id).pending.at(region).parked = true;
 }
 
 bool DeliveryClient::retire(std::uint64_t object_id, std::uint32_t region) {
@@ -430,14 +430,14 @@ std::vector<std::uint32_t> DeliveryClient::take_released(std::uint64_t object_id
   std::vector<std::uint32_t> released;
   if (object.retiring.empty()) return released;
   const bool served = object.host != 0;
-  const std::uint32_t received = served ? dealt_with(object, stream_from(object.host, object_id), true) : 0;
+  const std::uint32_t received = served ? processed_up_to(object, stream_from(object.host, object_id), true) : 0;
   for (auto at = object.retiring.begin(); at != object.retiring.end();) {
     const Retiring& retiring = at->second;
     const bool passed = retiring.echo_sequence != 0 && retiring.echo_sequence <= received;
-    const bool counted_on = std::any_of(object.handed.begin(), object.handed.end(), [&](const auto& entry) {
+    const bool relied_on = std::any_of(object.pending.begin(), object.pending.end(), [&](const auto& entry) {
       return !entry.second.parked && entry.second.epoch < retiring.epoch;
     });
-    if ((served && !passed) || counted_on) {
+    if ((served && !passed) || relied_on) {
       ++at;
       continue;
     }
@@ -473,12 +473,12 @@ void DeliveryClient::serve_from(Object& object, std::uint64_t host) {
 }
 
 /// Whether an answer of the serving host is due.
-bool DeliveryClient::owed(const Object& object) const {
+bool DeliveryClient::awaits_answer(const Object& object) const {
   if (object.host == 0) return false;
-  if (!object.has_base) return object.handed.empty();
+  if (!object.has_base) return object.pending.empty();
   if (!object.retiring.empty()) return true;
   return std::any_of(object.wanted.begin(), object.wanted.end(), [&](const Wanted& wanted) {
-    return object.have.count(wanted.region) == 0 && object.handed.count(wanted.region) == 0;
+    return object.have.count(wanted.region) == 0 && object.pending.count(wanted.region) == 0;
   });
 }
 
@@ -496,17 +496,17 @@ std::optional<Demand> DeliveryClient::demand(std::int64_t now_ns) {
   for (auto& [object_id, object] : objects_) {
     choose_host(object_id, object, now_ns);
     if (object.host == 0) continue;
-    if (has_news(streams_.at(stream_from(object.host, object_id)), now_ns)) {
+    if (has_unreported_gap(streams_.at(stream_from(object.host, object_id)), now_ns)) {
       change(object);
       object.urgent = true;
     }
     const std::int64_t since = now_ns - object.sent_ns;
     const std::int64_t interval = object.urgent ? settings_.urgent_interval_ns : settings_.demand_interval_ns;
-    const bool news = (object.changed || object.acknowledge) && since >= interval;
-    const bool asks_again = owed(object) && since >= (news ? settings_.repeat_ns : repeat_after(object));
-    if (object.sent_once && !news && !asks_again && since < settings_.keep_alive_ns) continue;
-    if (asks_again) change(object);  // a new epoch makes the host answer again
-    object.repeats = news ? 0 : object.repeats + 1;
+    const bool is_changed = (object.changed || object.acknowledge) && since >= interval;
+    const bool repeats = awaits_answer(object) && since >= (is_changed ? settings_.repeat_ns : repeat_after(object));
+    if (object.sent_once && !is_changed && !repeats && since < settings_.keep_alive_ns) continue;
+    if (repeats) change(object);  // a new epoch makes the host answer again
+    object.repeats = is_changed ? 0 : object.repeats + 1;
     return make_demand(object_id, object, now_ns);
   }
   return std::nullopt;
@@ -545,8 +545,8 @@ Demand DeliveryClient::make_demand(std::uint64_t object_id, Object& object, std:
     demand.wanted.push_back(wanted);
   }
   demand.stream = stream_from(object.host, object_id);
-  demand.received = dealt_with(object, demand.stream, false);
-  tell_gaps(object, streams_.at(demand.stream), demand, now_ns);
+  demand.received = processed_up_to(object, demand.stream, false);
+  report_gaps(object, streams_.at(demand.stream), demand, now_ns);
   Host& host = hosts_.at(object.host);
   demand.arrivals = std::exchange(host.arrivals, 0);
   demand.one_way_us = host.one_way_us;

@@ -145,8 +145,8 @@ class DeliveryClient {
   struct Stream {
     struct Hole {
       std::uint32_t last;
-      std::int64_t since_ns;          // when it was detected
-      std::uint32_t published_epoch;  // of the first demand that reported it; 0: none
+      std::int64_t since_ns;         // when it was detected
+      std::uint32_t reported_epoch;  // of the first demand that reported it; 0: none
     };
     std::uint64_t host = 0, object_id = 0;
     SequenceWindow numbers{kChunkNumbers};
@@ -173,7 +173,7 @@ class DeliveryClient {
     std::size_t bytes = 0;
     std::map<std::uint32_t, std::vector<std::uint8_t>> payloads;  // by part
   };
-  struct Handed {  // a message for which the caller owes an answer
+  struct Pending {  // a message for which the caller owes an answer
     std::uint32_t stream = 0;
     std::uint32_t epoch = 0;
     std::uint32_t last_sequence = 0;
@@ -190,7 +190,7 @@ class DeliveryClient {
     std::set<std::uint32_t> have;
     std::set<std::uint32_t> unannounced;  // of these, added since the last demand
     std::vector<Wanted> wanted;
-    std::map<std::uint32_t, Handed> handed;      // by region; kNone: the base mesh
+    std::map<std::uint32_t, Pending> pending;    // by region; kNone: the base mesh
     std::map<std::uint32_t, Retiring> retiring;  // by region
     std::map<std::uint32_t, Partial> partials;   // by region; kNone: the base mesh
     std::uint32_t epoch = 0;
@@ -210,9 +210,9 @@ class DeliveryClient {
   void begin_stream(std::uint64_t host, std::uint64_t object_id);
   [[nodiscard]] std::uint32_t stream_from(std::uint64_t host, std::uint64_t object_id) const;
   void note_sequence(Stream& stream, const BulkChunk& chunk, std::int64_t now_ns) const;
-  [[nodiscard]] bool has_news(const Stream& stream, std::int64_t now_ns) const;
-  void tell_gaps(Object& object, Stream& stream, Demand& demand, std::int64_t now_ns);
-  [[nodiscard]] std::uint32_t dealt_with(const Object& object, std::uint32_t stream, bool or_parked) const;
+  [[nodiscard]] bool has_unreported_gap(const Stream& stream, std::int64_t now_ns) const;
+  void report_gaps(Object& object, Stream& stream, Demand& demand, std::int64_t now_ns);
+  [[nodiscard]] std::uint32_t processed_up_to(const Object& object, std::uint32_t stream, bool or_parked) const;
   void note_echo(Object& object, const Stream& stream, const BulkChunk& chunk, std::int64_t now_ns);
   [[nodiscard]] std::optional<Message> assemble(Object& object, std::uint64_t object_id, const BulkChunk& chunk,
                                                 const BulkPiece& piece, std::int64_t now_ns);
@@ -224,7 +224,7 @@ class DeliveryClient {
   void serve_from(Object& object, std::uint64_t host);
   void note_rate(std::size_t bytes, std::int64_t now_ns);
   [[nodiscard]] std::uint32_t credit() const;
-  [[nodiscard]] bool owed(const Object& object) const;
+  [[nodiscard]] bool awaits_answer(const Object& object) const;
   [[nodiscard]] std::int64_t repeat_after(const Object& object) const;
   [[nodiscard]] Demand make_demand(std::uint64_t object_id, Object& object, std::int64_t now_ns);
 

@@ -133,9 +133,9 @@ class DeliveryServer {
     bool serving = false;
     bool echo_owed = false;
     std::uint32_t stream = 0;
-    std::uint32_t sequence = 0;  // last used
-    std::int64_t mark_ns = 0;    // time of the next tail loss probe
-    std::int64_t mark_interval_ns = 0;
+    std::uint32_t sequence = 0;      // last used
+    std::int64_t tail_probe_ns = 0;  // time of the next tail loss probe
+    std::int64_t tail_probe_interval_ns = 0;
     std::deque<Sent> under_way;         // by sequence
     std::uint32_t planned = 0;          // messages
     std::vector<Message> messages;      // by number; all but the last are sent()
@@ -146,7 +146,7 @@ class DeliveryServer {
       return messages.empty() || messages.back().sent() ? nullptr : &messages.back();
     }
   };
-  struct Controller {
+  struct HrtcState {
     SourceWindow source;
     TimeWindow times;
     WrappedTimeWindow one_ways;
@@ -159,31 +159,30 @@ class DeliveryServer {
   };
 
   [[nodiscard]] bool well_formed(const Demand& demand, const spm::ModelSummary& summary) const;
-  void note_sequences(const Controller& controller);
-  void acknowledge(Controller& controller, Service& service, std::int64_t now_ns);
-  void compare(Controller& controller, Service& service, const Object& object, const std::vector<spm::Interval>* had);
+  void note_sequences(const HrtcState& state);
+  void acknowledge(HrtcState& state, Service& service, std::int64_t now_ns);
+  void compare(HrtcState& state, Service& service, const Object& object, const std::vector<spm::Interval>* previous);
   void cover(Service& service, const Object& object, std::uint32_t region) const;
   [[nodiscard]] static Message* first_lost(Service& service, std::size_t room = kMaxPayload);
   [[nodiscard]] static std::optional<std::uint32_t> urgency(Service& service);
   void plan(Service& service, const Object& object, std::size_t room) const;
-  [[nodiscard]] static std::uint64_t unanswered(const Controller& controller);
-  [[nodiscard]] std::optional<Outgoing> next(std::uint64_t hrtc, Controller& controller, std::int64_t now_ns);
-  [[nodiscard]] Outgoing send_echo(std::uint64_t hrtc, Controller& controller, Service& service, std::int64_t now_ns);
-  [[nodiscard]] Outgoing send_parts(std::uint64_t hrtc, Controller& controller, std::uint64_t object_id,
-                                    std::int64_t now_ns);
-  [[nodiscard]] std::optional<BulkPiece> next_piece(Controller& controller, Service& service, const Object& object,
+  [[nodiscard]] static std::uint64_t unanswered(const HrtcState& state);
+  [[nodiscard]] std::optional<Outgoing> next(std::uint64_t hrtc, HrtcState& state, std::int64_t now_ns);
+  [[nodiscard]] Outgoing send_echo(std::uint64_t hrtc, HrtcState& state, Service& service, std::int64_t now_ns);
+  [[nodiscard]] Outgoing send_parts(std::uint64_t hrtc, HrtcState& state, std::uint64_t object_id, std::int64_t now_ns);
+  [[nodiscard]] std::optional<BulkPiece> next_piece(HrtcState& state, Service& service, const Object& object,
                                                     const BulkChunk& chunk, std::size_t room);
-  std::map<std::uint64_t, Controller>::iterator forget(std::map<std::uint64_t, Controller>::iterator controller);
-  [[nodiscard]] BulkChunk make_chunk(Controller& controller, Service& service, std::int64_t now_ns);
+  std::map<std::uint64_t, HrtcState>::iterator forget(std::map<std::uint64_t, HrtcState>::iterator state);
+  [[nodiscard]] BulkChunk make_chunk(HrtcState& state, Service& service, std::int64_t now_ns);
   template <class Count>
-  void count(Controller& controller, Count add) {
-    add(controller.counters);
+  void count(HrtcState& state, Count add) {
+    add(state.counters);
     add(counters_);
   }
 
   Origin self_;
   std::map<std::uint64_t, Object> objects_;
-  std::map<std::uint64_t, Controller> controllers_;  // by HRTC
+  std::map<std::uint64_t, HrtcState> hrtcs_;  // by HRTC
   std::uint64_t last_served_ = 0;
   std::uint32_t highest_forgotten_ = 0;  // largest sequence used in streams to HRTCs that are gone
   std::int64_t due_ns_ = 0;

@@ -17,13 +17,13 @@ std::optional<ClockSample> FailureDetector::ask(std::int64_t now_ns) {
   for (auto& [id, host] : hosts_) {
     if (host.sequence != 0 && now_ns - host.requested_ns < settings_.period_ns) continue;
     host.requested_ns = now_ns;
-    ClockSample question;
-    question.origin = self_;
-    question.origin.time_ns = now_ns;
-    question.peer = id;
-    question.sequence = ++host.sequence;
-    question.t0_ns = now_ns;
-    return question;
+    ClockSample request;
+    request.origin = self_;
+    request.origin.time_ns = now_ns;
+    request.peer = id;
+    request.sequence = ++host.sequence;
+    request.t0_ns = now_ns;
+    return request;
   }
   return std::nullopt;
 }
@@ -48,7 +48,7 @@ void FailureDetector::on_answer(const ClockSample& answer, std::int64_t now_ns) 
   host.missed = false;
 }
 
-std::int64_t FailureDetector::patience_ns(const Watched& host) const noexcept {
+std::int64_t FailureDetector::timeout_ns(const Watched& host) const noexcept {
   return std::clamp(std::llround(settings_.margin * host.longest_ns), static_cast<long long>(settings_.min_patience_ns),
                     static_cast<long long>(settings_.max_patience_ns));
 }
@@ -60,13 +60,13 @@ bool FailureDetector::at_ease() const noexcept {
 }
 
 std::vector<FailureDetector::Silent> FailureDetector::silent(std::int64_t now_ns) {
-  const std::int64_t passed_ns = std::clamp<std::int64_t>(now_ns - looked_ns_, 0, settings_.max_unwatched_ns);
-  looked_ns_ = now_ns;
+  const std::int64_t passed_ns = std::clamp<std::int64_t>(now_ns - polled_ns_, 0, settings_.max_unwatched_ns);
+  polled_ns_ = now_ns;
   std::vector<Silent> silent;
   for (auto& [id, host] : hosts_) {
     if (host.incarnation == 0) continue;
     host.silent_ns += passed_ns;
-    if (host.missed || host.silent_ns < patience_ns(host)) continue;
+    if (host.missed || host.silent_ns < timeout_ns(host)) continue;
     host.missed = true;
     silent.push_back({id, host.silent_ns});
   }

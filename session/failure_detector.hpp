@@ -70,12 +70,12 @@ class FailureDetector {
     std::int64_t answered_ns = 0;
     bool missed = false;
   };
-  [[nodiscard]] std::int64_t patience_ns(const Watched& host) const noexcept;
+  [[nodiscard]] std::int64_t timeout_ns(const Watched& host) const noexcept;
 
   Origin self_;
   FailureDetectorSettings settings_;
   std::map<std::uint64_t, Watched> hosts_;
-  std::int64_t looked_ns_ = 0;
+  std::int64_t polled_ns_ = 0;
   std::uint64_t false_alarms_ = 0;
 };
 

@@ -62,7 +62,7 @@ void Modes::on_probe(std::uint64_t user, std::uint64_t participant, const std::a
   probe.seen_ns = now_ns;
 }
 
-void Modes::place(Probe& probe, std::int64_t now_ns) const {
+void Modes::assign_object(Probe& probe, std::int64_t now_ns) const {
   const auto held = objects_.find(probe.object);
   if (held != objects_.end()) {
     if (distance_from(held->second, probe.position) <= settings_.apart) probe.near_ns = now_ns;
@@ -98,7 +98,7 @@ void Modes::tick(std::int64_t now_ns) {
   std::set<std::uint64_t> others;                 // groups with users of other HRTCs
   std::map<std::uint64_t, std::size_t> together;  // users by object
   for (auto& [user, probe] : probes_) {
-    place(probe, now_ns);
+    assign_object(probe, now_ns);
     if (!commanded(user)) ++together[probe.object];
   }
   for (const auto& [user, probe] : probes_) {

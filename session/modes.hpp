@@ -89,7 +89,7 @@ class Modes {
     std::set<std::uint64_t> ours;
   };
 
-  void place(Probe& probe, std::int64_t now_ns) const;
+  void assign_object(Probe& probe, std::int64_t now_ns) const;
   [[nodiscard]] bool commanded(std::uint64_t user) const;
   [[nodiscard]] std::uint64_t group_wanted(std::uint64_t user, const Probe& probe) const;
 

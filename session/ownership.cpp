@@ -35,8 +35,8 @@ void Arbiter::change(std::int64_t now_ns) {
   fencing_ = std::max(fencing_, self_.incarnation) + 1;
   (void)fencings_.admit(fencing_, now_ns);
   changed_ = true;
-  line_ns_ = 0;
-  for (const Held& held : held_) line_ns_ = std::max(line_ns_, held.one_way_ns);
+  channel_delay_ns_ = 0;
+  for (const Held& held : held_) channel_delay_ns_ = std::max(channel_delay_ns_, held.one_way_ns);
 }
 
 void Arbiter::on_pose(std::uint64_t fencing, std::int64_t now_ns) {
@@ -48,7 +48,7 @@ void Arbiter::on_pose(std::uint64_t fencing, std::int64_t now_ns) {
   change(now_ns);
 }
 
-bool Arbiter::is_news(const ObjectClaim& claim, std::int64_t now_ns) {
+bool Arbiter::is_newer(const ObjectClaim& claim, std::int64_t now_ns) {
   const std::uint64_t participant = claim.origin.participant;
   auto at = find_participant(claimants_, participant, [](const Claimant& c) { return c.participant; });
   if (at == claimants_.end()) {
@@ -77,7 +77,7 @@ void Arbiter::forget(std::uint64_t participant) {
 void Arbiter::on_claim(const ObjectClaim& claim, std::int64_t now_ns) {
   if (claim.object_id != object_id_ || claim.origin.session != self_.session) return;
   on_pose(claim.fencing, now_ns);
-  if (!is_news(claim, now_ns)) return;
+  if (!is_newer(claim, now_ns)) return;
   const std::uint64_t participant = claim.origin.participant;
   const auto held = find_participant(held_, participant, [](const Held& h) { return h.toucher.participant; });
   const Toucher toucher{participant, claim.origin.incarnation, claim.sequence};
@@ -113,7 +113,7 @@ std::optional<ObjectGrant> Arbiter::tick(std::int64_t now_ns) {
   grant.object_id = object_id_;
   grant.sequence = ++sequence_;
   grant.fencing = fencing_;
-  grant.line_ns = line_ns_;
+  grant.line_ns = channel_delay_ns_;
   for (const Held& held : held_) grant.touchers.push_back(held.toucher);
   return grant;
 }
@@ -132,21 +132,22 @@ void Holder::touch(bool touching) noexcept {
   until_ns_ = 0;
   sent_ = {};  // a grant for a claim of an earlier touch must not count for this one
   // Repeated until the host has certainly received one, or the lease has ended.
-  farewells_ = touching ? 0 : static_cast<int>(lease_of(settings_, one_way_ns_) / settings_.period_ns) + 1;
+  release_claims_ = touching ? 0 : static_cast<int>(lease_of(settings_, one_way_ns_) / settings_.period_ns) + 1;
 }
 
-bool Holder::see(std::uint64_t fencing, std::int64_t now_ns) noexcept {
+bool Holder::admit_fencing(std::uint64_t fencing, std::int64_t now_ns) noexcept {
   const Admission admission = fencings_.admit(fencing, now_ns);
   implausible_ += admission == Admission::kImplausible ? 1 : 0;
   return accepted(admission);
 }
 
 void Holder::on_grant(const ObjectGrant& grant, std::int64_t now_ns) {
-  if (grant.object_id != object_id_ || grant.origin.session != self_.session || !see(grant.fencing, now_ns)) return;
+  if (grant.object_id != object_id_ || grant.origin.session != self_.session || !admit_fencing(grant.fencing, now_ns))
+    return;
   const bool known = grant.fencing == granted_.fencing;
   // Two hosts granted the same number: the second one is outdated. The next claim carries a larger number.
   if (known && grant.origin.incarnation != granted_.origin.incarnation) {
-    (void)see(grant.fencing + 1, now_ns);
+    (void)admit_fencing(grant.fencing + 1, now_ns);
     return;
   }
   if (!known) grants_ = SequenceWindow{kClaimNumbers};
@@ -166,11 +167,11 @@ void Holder::on_grant(const ObjectGrant& grant, std::int64_t now_ns) {
 }
 
 std::optional<ObjectClaim> Holder::tick(std::int64_t now_ns) {
-  if (!touching_ && farewells_ == 0) return std::nullopt;
+  if (!touching_ && release_claims_ == 0) return std::nullopt;
   if (!changed_ && now_ns - claimed_ns_ < settings_.period_ns) return std::nullopt;
   changed_ = false;
   claimed_ns_ = now_ns;
-  if (!touching_) --farewells_;
+  if (!touching_) --release_claims_;
   ObjectClaim claim;
   claim.origin = self_;
   claim.origin.time_ns = now_ns;

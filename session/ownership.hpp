@@ -75,7 +75,7 @@ class Arbiter {
     SenderWindow claims;
   };
   void change(std::int64_t now_ns);
-  [[nodiscard]] bool is_news(const ObjectClaim& claim, std::int64_t now_ns);
+  [[nodiscard]] bool is_newer(const ObjectClaim& claim, std::int64_t now_ns);
 
   Origin self_;
   std::uint64_t object_id_;
@@ -86,7 +86,7 @@ class Arbiter {
   std::vector<Held> held_;           // longest first
   std::vector<Claimant> claimants_;  // at most kMaxClaimants, all holders among them
   std::uint64_t implausible_ = 0;
-  std::int64_t line_ns_ = 0;
+  std::int64_t channel_delay_ns_ = 0;
   std::uint32_t sequence_ = 0;
   std::int64_t granted_ns_ = 0;
   bool changed_ = true;
@@ -108,7 +108,7 @@ class Holder {
   void touch(bool touching) noexcept;
   void set_one_way(std::int64_t one_way_ns) noexcept { one_way_ns_ = one_way_ns; }
   /// A pose of the object was accepted.
-  void on_pose(std::uint64_t fencing, std::int64_t now_ns) noexcept { (void)see(fencing, now_ns); }
+  void on_pose(std::uint64_t fencing, std::int64_t now_ns) noexcept { (void)admit_fencing(fencing, now_ns); }
   void on_grant(const ObjectGrant& grant, std::int64_t now_ns);
   /// The claim to publish now; none if none is due.
   [[nodiscard]] std::optional<ObjectClaim> tick(std::int64_t now_ns);
@@ -124,7 +124,7 @@ class Holder {
   [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_; }
 
  private:
-  [[nodiscard]] bool see(std::uint64_t fencing, std::int64_t now_ns) noexcept;
+  [[nodiscard]] bool admit_fencing(std::uint64_t fencing, std::int64_t now_ns) noexcept;
   Origin self_;
   std::uint64_t object_id_;
   OwnershipSettings settings_;
@@ -146,7 +146,7 @@ class Holder {
   std::size_t place_ = kMaxTouchers;
   std::int64_t until_ns_ = 0;  // end of the lease, counted from the sending of its claim
   std::int64_t one_way_ns_ = 0;
-  int farewells_ = 0;  // claims to send after letting go
+  int release_claims_ = 0;  // claims to send after letting go
 };
 
 /// Decides which samples of an object's copies count, for an HRTC that simulates one of them.

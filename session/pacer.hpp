@@ -54,10 +54,10 @@ class Pacer {
   double window_;  // bytes
   std::uint32_t under_way_ = 0;
   std::int64_t next_ns_ = 0;
-  std::int64_t loop_ns_ = 0;  // from sending a chunk to its feedback, smoothed; 0 before the first
-  bool starting_ = true;      // slow start: the window doubles each round trip
-  bool held_up_ = false;      // window or pace delayed a chunk since the last feedback
-  bool paced_ = false;        // only the pace delayed the last chunk
+  std::int64_t round_trip_ns_ = 0;  // from sending a chunk to its feedback, smoothed; 0 before the first
+  bool starting_ = true;            // slow start: the window doubles each round trip
+  bool was_blocked_ = false;        // window or pace delayed a chunk since the last feedback
+  bool paced_ = false;              // only the pace delayed the last chunk
   // One-way delays relative to the first, us: the min of this span and of the span before it.
   std::optional<std::uint32_t> first_us_;
   std::int32_t min_us_[2];
@@ -67,9 +67,9 @@ class Pacer {
   std::int64_t drain_until_ns_ = 0;  // until then the window is reduced to `drain_share_`
   double drain_share_ = 1;
   // Base delay, us: mean over the last second in which so little was sent that no queue came from this stream.
-  std::optional<double> usual_us_;
-  std::int64_t usual_ns_ = 0;
-  std::int64_t wander_ns_ = 0;  // base delay above the min
+  std::optional<double> base_delay_us_;
+  std::int64_t measured_ns_ = 0;
+  std::int64_t base_delay_excess_ns_ = 0;  // base delay above the min
   std::int64_t loaded_until_ns_ = 0;
   double best_ = 0;  // bytes/ns that arrived in the best of the last round trips
   // Of the current round trip.

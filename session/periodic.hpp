@@ -36,20 +36,20 @@ class Heartbeat : public Every {
   using Every::Every;
   [[nodiscard]] bool due(std::int64_t now_ns) {
     if (!Every::due(now_ns)) return false;
-    if (insisting_ > 0 && --insisting_ > 0) hasten(now_ns, kInsistNs);
+    if (repeats_left_ > 0 && --repeats_left_ > 0) hasten(now_ns, kRepeatNs);
     return true;
   }
   /// Makes the next four entries due at once and every 20 ms, because a participant that was just discovered may not
   /// have matched our writer yet.
   void insist() {
-    insisting_ = kInsistBeats;
+    repeats_left_ = kRepeats;
     at_once();
   }
 
  private:
-  static constexpr std::int64_t kInsistNs = 20'000'000;
-  static constexpr int kInsistBeats = 4;
-  int insisting_ = 0;
+  static constexpr std::int64_t kRepeatNs = 20'000'000;
+  static constexpr int kRepeats = 4;
+  int repeats_left_ = 0;
 };
 
 }  // namespace tactus::session

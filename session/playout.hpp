@@ -49,12 +49,12 @@ class ProbePlayout {
   [[nodiscard]] std::int64_t delay_ns() const noexcept { return delay_ns_; }
 
  private:
-  static constexpr std::size_t kKept = 128;
-  void keep(const ProbeState& state) noexcept;
-  void watch(std::int64_t transit_ns, std::int64_t now_ns) noexcept;
+  static constexpr std::size_t kCapacity = 128;
+  void insert(const ProbeState& state) noexcept;
+  void update_delay(std::int64_t transit_ns, std::int64_t now_ns) noexcept;
 
   PlayoutSettings settings_;
-  std::array<ProbeState, kKept> states_;  // ascending by sequence
+  std::array<ProbeState, kCapacity> states_;  // ascending by sequence
   std::size_t count_ = 0;
   TransitWatch transit_;
   std::int64_t delay_ns_ = 0, moved_ns_ = 0, shown_ns_ = INT64_MIN;

@@ -7,20 +7,20 @@ namespace tactus::session {
 void RemoteProbe::count(const ProbeState& state) noexcept {
   constexpr double kMemory = 100;      // states
   constexpr std::uint32_t kMax = 100;  // a longer gap is an interruption, not a loss of single states
-  if (coded_ != 0 && state.sequence > coded_) {
-    const std::uint32_t missing = state.sequence - coded_ - 1;
+  if (newest_coded_ != 0 && state.sequence > newest_coded_) {
+    const std::uint32_t missing = state.sequence - newest_coded_ - 1;
     for (std::uint32_t i = 0; i < missing && missing <= kMax; ++i) lost_ += (1 - lost_) / kMemory;
     lost_ -= lost_ / kMemory;
   }
-  coded_ = std::max(coded_, state.sequence);
+  newest_coded_ = std::max(newest_coded_, state.sequence);
 }
 
 /// Resets what is shown, but not the windows of plausible numbers.
 void RemoteProbe::begin_anew() noexcept {
-  playout_ = ProbePlayout{compressed_settings_};
+  playout_ = ProbePlayout{deadband_settings_};
   stream_ = StateStream::kDeadbandCoded;
   full_rate_ns_ = INT64_MIN / 2;
-  coded_ = offset_ = newest_ = 0;
+  newest_coded_ = offset_ = newest_ = 0;
   lost_ = 0;
 }
 
@@ -50,7 +50,7 @@ Admission RemoteProbe::on_state(const ProbeState& state, StateStream stream, std
   if (now != stream_) {
     stream_ = now;
     offset_ = newest_ + 2 - state.sequence;  // skips a number, so that the playout interpolates between the streams
-    playout_.set(now == StateStream::kFullRate ? PlayoutSettings{0, 0} : compressed_settings_);
+    playout_.set(now == StateStream::kFullRate ? PlayoutSettings{0, 0} : deadband_settings_);
   }
   ProbeState kept = state;
   kept.sequence += offset_;

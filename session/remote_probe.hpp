@@ -23,7 +23,7 @@ enum class StateStream : std::uint8_t { kDeadbandCoded, kFullRate };
 class RemoteProbe {
  public:
   explicit RemoteProbe(const PlayoutSettings& settings = {}) noexcept
-      : compressed_settings_{settings}, playout_{settings} {}
+      : deadband_settings_{settings}, playout_{settings} {}
 
   /// Returns whether the state counts; kAnew: earlier states do not; kOld: it fills a gap, but is not the newest.
   [[nodiscard]] Admission on_state(const ProbeState& state, StateStream stream, std::int64_t session_now_ns) noexcept;
@@ -40,14 +40,14 @@ class RemoteProbe {
   void begin_anew() noexcept;
   void count(const ProbeState& state) noexcept;
 
-  PlayoutSettings compressed_settings_;
+  PlayoutSettings deadband_settings_;
   ProbePlayout playout_;
   StateStream stream_ = StateStream::kDeadbandCoded;
   SourceWindow source_;
   SequenceWindow numbers_[2]{SequenceWindow{kCycleNumbers}, SequenceWindow{kCycleNumbers}};  // by StateStream
   TimeWindow time_;
   std::int64_t full_rate_ns_ = INT64_MIN / 2;  // arrival of the last full-rate state
-  std::uint32_t coded_ = 0;                    // largest number of a deadband-coded state
+  std::uint32_t newest_coded_ = 0;             // largest number of a deadband-coded state
   std::uint32_t offset_ = 0, newest_ = 0;      // numbers in the playout: number in the stream plus offset_
   double lost_ = 0;
 };

@@ -70,8 +70,8 @@ class Roster {
   /// Calls `visit` with each of these entries, without copies.
   template <class Visit>
   void for_each(Visit&& visit) const {
-    for (const auto& [id, known] : known_)
-      if (known.here) visit(known.entry);
+    for (const auto& [id, member] : members_)
+      if (member.present) visit(member.entry);
   }
   [[nodiscard]] bool is_late(std::uint64_t participant) const;
   /// Entries that were dropped because their heartbeat is outside its window (session/sequence_window.hpp).
@@ -84,7 +84,7 @@ class Roster {
     own_.entry.joined_ns = joined_ns;
   }
   /// Number of recorded participants: those present, and those that left a moment ago.
-  [[nodiscard]] std::size_t remembered() const noexcept { return known_.size(); }
+  [[nodiscard]] std::size_t remembered() const noexcept { return members_.size(); }
 
  private:
   /// A program that sends heartbeats under a name that another incarnation holds.
@@ -94,25 +94,26 @@ class Roster {
     bool reported = false;
     std::int64_t seen_ns = 0;
   };
-  struct Known {
+  struct Member {
     RosterEntry entry;
     SequenceWindow heartbeats{kHeartbeatNumbers};
     std::int64_t seen_ns = 0;
-    bool here = false;  // false: left or gone; recorded to detect its late samples
+    bool present = false;  // false: left or gone; recorded to detect its late samples
     bool left = false;
     bool late = false;
     std::map<std::uint64_t, Rival> rivals;  // by incarnation
   };
 
-  bool watch_rival(Known& known, const RosterEntry& entry, std::int64_t now_ns, std::vector<RosterEvent>& events) const;
-  void forget_rivals(Known& known, std::int64_t now_ns) const;
+  bool track_rival(Member& member, const RosterEntry& entry, std::int64_t now_ns,
+                   std::vector<RosterEvent>& events) const;
+  void forget_rivals(Member& member, std::int64_t now_ns) const;
   void forget_absent();
 
   Origin self_;
   RosterSettings settings_;
-  Known own_;
+  Member own_;
   std::uint64_t implausible_ = 0;
-  std::map<std::uint64_t, Known> known_;                                      // by participant
+  std::map<std::uint64_t, Member> members_;                                   // by participant
   std::map<std::pair<std::uint64_t, std::uint64_t>, std::uint32_t> refused_;  // participant, incarnation -> version
 };
 

@@ -64,7 +64,7 @@ class SequenceWindow {
   explicit SequenceWindow(const SequenceLimits& limits) noexcept : limits_{limits} {}
   /// Starts with `number` accepted and confirmed.
   SequenceWindow(const SequenceLimits& limits, std::uint64_t number, std::int64_t now_ns) noexcept
-      : limits_{limits}, newest_{number}, newest_ns_{now_ns}, known_{true}, confirmed_{true} {}
+      : limits_{limits}, newest_{number}, newest_ns_{now_ns}, started_{true}, confirmed_{true} {}
 
   [[nodiscard]] Admission admit(std::uint64_t number, std::int64_t now_ns) noexcept;
 
@@ -80,7 +80,7 @@ class SequenceWindow {
   SequenceLimits limits_;
   std::uint64_t newest_ = 0;
   std::int64_t newest_ns_ = 0;
-  bool known_ = false, confirmed_ = false;
+  bool started_ = false, confirmed_ = false;
   // The newest of the consecutive samples outside the window, and how many there are.
   std::uint64_t outside_ = 0;
   std::int64_t outside_ns_ = 0;
@@ -94,7 +94,7 @@ class SourceWindow {
 
  private:
   std::uint64_t participant_ = 0, incarnation_ = 0;
-  bool known_ = false;
+  bool started_ = false;
   std::uint64_t other_ = 0, other_incarnation_ = 0;
   unsigned other_count_ = 0;  // consecutive samples of the other
 };
@@ -129,7 +129,7 @@ class TimeWindow {
 
   TimeLimits limits_;
   std::int64_t offset_ns_ = 0, seen_ns_ = 0;  // sender's time minus ours: the max, which has the shortest transit
-  bool known_ = false, confirmed_ = false;
+  bool started_ = false, confirmed_ = false;
   std::int64_t outside_ns_ = 0;  // offset of the newest consecutive sample outside
   unsigned outside_count_ = 0;
 };
@@ -143,7 +143,7 @@ class WrappedTimeWindow {
  private:
   TimeWindow window_;
   std::uint32_t first_us_ = 0;
-  bool known_ = false;
+  bool started_ = false;
 };
 
 }  // namespace tactus::session

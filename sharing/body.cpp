@@ -10,7 +10,7 @@ using Plain3 = std::array<double, 3>;
 Plain3 plain(const Vec3d& v) noexcept { return {v.x(), v.y(), v.z()}; }
 Vec3d vec(const Plain3& v) noexcept { return {v[0], v[1], v[2]}; }
 std::array<double, 4> plain(const Eigen::Quaterniond& q) noexcept { return {q.x(), q.y(), q.z(), q.w()}; }
-Eigen::Quaterniond turn(const std::array<double, 4>& q) noexcept {
+Eigen::Quaterniond quaternion(const std::array<double, 4>& q) noexcept {
   return Eigen::Quaterniond{q[3], q[0], q[1], q[2]}.normalized();
 }
 
@@ -48,7 +48,7 @@ SharedBody body_of(const session::CatalogueEntry& entry) noexcept {
 
 BodyState state_at(const session::Pose& pose, const Vec3d& centre) noexcept {
   BodyState state;
-  state.orientation = turn(pose.orientation);
+  state.orientation = quaternion(pose.orientation);
   state.position = vec(pose.position) + state.orientation * centre;
   return state;
 }
@@ -74,7 +74,7 @@ haptics::CopySample sample_of(const session::ObjectCopy& copy) noexcept {
   haptics::CopySample sample;
   sample.time_ns = copy.session_time_ns;
   sample.body.position = vec(copy.body.position);
-  sample.body.orientation = turn(copy.body.orientation);
+  sample.body.orientation = quaternion(copy.body.orientation);
   sample.body.velocity = vec(copy.velocity);
   sample.body.angular_velocity = vec(copy.angular_velocity);
   sample.pressed = vec(copy.pressed);

@@ -37,7 +37,7 @@ class PoseInterpolator {
 
   ReceivedPose received_;
   std::int64_t faded_from_ns_ = 0;  // time of the two differences below
-  Vec3d off_ = Vec3d::Zero(), turned_off_ = Vec3d::Zero();
+  Vec3d position_error_ = Vec3d::Zero(), rotation_error_ = Vec3d::Zero();
 };
 
 }  // namespace tactus::sharing

@@ -72,8 +72,8 @@ const char* fault(const session::Body& b) noexcept {
   for (const double about : i) {
     if (!positive(about)) return "body.inertia: expected finite, above 0";
   }
-  constexpr double kCollisionMargin = 1e-9;
-  if (i[0] + i[1] + i[2] < (2 - kCollisionMargin) * std::max({i[0], i[1], i[2]})) {
+  constexpr double kRelativeTolerance = 1e-9;
+  if (i[0] + i[1] + i[2] < (2 - kRelativeTolerance) * std::max({i[0], i[1], i[2]})) {
     return "body.inertia: expected no moment larger than the other two together";
   }
   if (!not_negative(b.friction)) return "body.friction: expected finite, at least 0";

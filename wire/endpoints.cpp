@@ -230,27 +230,27 @@ const char* Reader<Sample>::last_fault() const noexcept {
   return impl_->last_fault;
 }
 
-#define TACTUS_WIRE_ENDS(SAMPLE)          \
+#define TACTUS_WIRE_ENDPOINTS(SAMPLE)     \
   template class Writer<session::SAMPLE>; \
   template class Reader<session::SAMPLE>
-TACTUS_WIRE_ENDS(RosterEntry);
-TACTUS_WIRE_ENDS(CatalogueEntry);
-TACTUS_WIRE_ENDS(Demand);
-TACTUS_WIRE_ENDS(Metrics);
-TACTUS_WIRE_ENDS(Control);
-TACTUS_WIRE_ENDS(ForceReset);
-TACTUS_WIRE_ENDS(SessionEnd);
-TACTUS_WIRE_ENDS(BulkChunk);
-TACTUS_WIRE_ENDS(EmergencyStop);
-TACTUS_WIRE_ENDS(Intent);
-TACTUS_WIRE_ENDS(ProbeState);
-TACTUS_WIRE_ENDS(DevicePose);
-TACTUS_WIRE_ENDS(DeviceCommand);
-TACTUS_WIRE_ENDS(ObjectPose);
-TACTUS_WIRE_ENDS(ObjectClaim);
-TACTUS_WIRE_ENDS(ObjectGrant);
-TACTUS_WIRE_ENDS(ObjectCopy);
-TACTUS_WIRE_ENDS(ClockSample);
-#undef TACTUS_WIRE_ENDS
+TACTUS_WIRE_ENDPOINTS(RosterEntry);
+TACTUS_WIRE_ENDPOINTS(CatalogueEntry);
+TACTUS_WIRE_ENDPOINTS(Demand);
+TACTUS_WIRE_ENDPOINTS(Metrics);
+TACTUS_WIRE_ENDPOINTS(Control);
+TACTUS_WIRE_ENDPOINTS(ForceReset);
+TACTUS_WIRE_ENDPOINTS(SessionEnd);
+TACTUS_WIRE_ENDPOINTS(BulkChunk);
+TACTUS_WIRE_ENDPOINTS(EmergencyStop);
+TACTUS_WIRE_ENDPOINTS(Intent);
+TACTUS_WIRE_ENDPOINTS(ProbeState);
+TACTUS_WIRE_ENDPOINTS(DevicePose);
+TACTUS_WIRE_ENDPOINTS(DeviceCommand);
+TACTUS_WIRE_ENDPOINTS(ObjectPose);
+TACTUS_WIRE_ENDPOINTS(ObjectClaim);
+TACTUS_WIRE_ENDPOINTS(ObjectGrant);
+TACTUS_WIRE_ENDPOINTS(ObjectCopy);
+TACTUS_WIRE_ENDPOINTS(ClockSample);
+#undef TACTUS_WIRE_ENDPOINTS
 
 }  // namespace tactus::wire

@@ -39,9 +39,9 @@ class Inbox {
   }
 
   /// All samples in order of arrival; waits at most `patience` for the first.
-  [[nodiscard]] std::vector<Arrived> take(std::chrono::microseconds patience) {
+  [[nodiscard]] std::vector<Arrived> take(std::chrono::microseconds timeout) {
     std::unique_lock lock{mutex_};
-    arrived_.wait_for(lock, patience, [this] { return !samples_.empty(); });
+    arrived_.wait_for(lock, timeout, [this] { return !samples_.empty(); });
     return std::exchange(samples_, {});
   }
 

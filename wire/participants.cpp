@@ -103,8 +103,8 @@ std::filesystem::path file_of(const Participants::Impl& impl, TrafficClass traff
 dds::DomainParticipant* join(Participants::Impl& impl, TrafficClass traffic, const Durations& durations,
                              LogCapture& log) {
   auto* factory = dds::DomainParticipantFactory::get_instance();
-  const auto place = static_cast<std::size_t>(traffic);
-  const std::string profile = std::string{kClassNames[place]} + "_participant";
+  const auto index = static_cast<std::size_t>(traffic);
+  const std::string profile = std::string{kClassNames[index]} + "_participant";
   dds::DomainParticipantQos qos;
   if (factory->get_participant_qos_from_profile(profile, qos) != ReturnCode_t::RETCODE_OK) {
     throw WireError(file_of(impl, traffic).string() + ": no participant profile '" + profile + "'; expected one");
@@ -122,7 +122,7 @@ dds::DomainParticipant* join(Participants::Impl& impl, TrafficClass traffic, con
     transport = std::make_shared<FilterTransportDescriptor>(transport, filters);
   }
   const std::set<int> before = datagram_sockets();
-  const auto domain = static_cast<dds::DomainId_t>(impl.address.domain + static_cast<int>(place));
+  const auto domain = static_cast<dds::DomainId_t>(impl.address.domain + static_cast<int>(index));
   dds::DomainParticipant* made = nullptr;
   {
     const InheritedPriority priority{traffic == TrafficClass::kProbe ? impl.address.probe_priority : 0};
@@ -134,7 +134,7 @@ dds::DomainParticipant* join(Participants::Impl& impl, TrafficClass traffic, con
     throw WireError("cannot join DDS domain " + std::to_string(domain) + " with profile '" + profile + "' of " +
                     file_of(impl, traffic).string() + ": " + log.take());
   }
-  mark_new_sockets(before, impl.flow.sockets[place]);
+  mark_new_sockets(before, impl.flow.sockets[index]);
   return made;
 }
 
@@ -237,7 +237,7 @@ Participants::Impl::~Impl() {
 dds::Topic& Participants::Impl::topic(const char* name, TrafficClass traffic, dds::TypeSupport type) {
   const std::lock_guard<std::mutex> lock{topics_mutex};
   dds::DomainParticipant& in = participant(traffic);
-  if (auto* known = dynamic_cast<dds::Topic*>(in.lookup_topicdescription(name))) return *known;
+  if (auto* existing = dynamic_cast<dds::Topic*>(in.lookup_topicdescription(name))) return *existing;
   const std::string& type_name = type.get_type_name();
   if (in.find_type(type_name).empty()) type.register_type(&in);
   dds::Topic* made = in.create_topic(name, type_name, dds::TOPIC_QOS_DEFAULT);

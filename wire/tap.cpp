@@ -122,8 +122,8 @@ struct Tap::Impl {
           of_groups ? std::vector<std::string>{"/g/*"} : std::vector<std::string>{"", "/u/*", "/h/*"};
       std::vector<std::string> partitions;
       for (const std::string& part : parts) partitions.push_back(session + part);
-      const std::size_t number = known.size();
-      known.push_back({spec.name, topic.get_type_name(), of_groups ? "g/*" : ", u/*, h/*"});
+      const std::size_t number = tap_topics.size();
+      tap_topics.push_back({spec.name, topic.get_type_name(), of_groups ? "g/*" : ", u/*, h/*"});
       readers.push_back(std::make_unique<RawReader>(
           in.participant(spec.traffic), topic, partitions, in.reader_qos.at(spec.profile),
           [on_sample, number](spm::Span<const std::uint8_t> encoded) { on_sample(number, encoded); }));
@@ -134,7 +134,7 @@ struct Tap::Impl {
   template <class Sample>
   static Sample sample_of(const TopicSpec<Sample>&);
 
-  std::vector<TapTopic> known;
+  std::vector<TapTopic> tap_topics;
   std::vector<std::unique_ptr<RawReader>> readers;
 };
 
@@ -142,7 +142,7 @@ Tap::Tap(Participants& participants, bool bulk, OnSample on_sample)
     : impl_{std::make_unique<Impl>(participants, bulk, std::move(on_sample))} {}
 Tap::~Tap() = default;
 
-const std::vector<TapTopic>& Tap::topics() const noexcept { return impl_->known; }
+const std::vector<TapTopic>& Tap::topics() const noexcept { return impl_->tap_topics; }
 
 const char* idl_text() noexcept { return kIdlText; }
 

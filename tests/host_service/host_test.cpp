@@ -46,9 +46,9 @@ wire::SessionAddress address(const std::string& participant) {
 }
 
 /// An HRTC that requests all regions of one object.
-class Controller {
+class TestHrtc {
  public:
-  explicit Controller(const std::string& name)
+  explicit TestHrtc(const std::string& name)
       : participants_{address(name)},
         client_{participants_.origin(), {}},
         roster_{participants_, wire::topics::kRoster},
@@ -220,14 +220,14 @@ class HostTest : public testing::Test {
 
 TEST_F(HostTest, AnHrtcReceivesEveryRecordOfTheModelOnceAndToTheBit) {
   RunningHost host{options_};
-  Controller controller{"hrtc"};
+  TestHrtc hrtc{"hrtc"};
 
-  ASSERT_TRUE(controller.run_until([&] { return controller.holds_all(); }));
+  ASSERT_TRUE(hrtc.run_until([&] { return hrtc.holds_all(); }));
 
-  const session::CatalogueEntry& entry = *controller.catalogue_;
+  const session::CatalogueEntry& entry = *hrtc.catalogue_;
   EXPECT_EQ(entry.object, "organ");
-  EXPECT_EQ(controller.base_->mesh.summary.digest, entry.summary.digest);
-  EXPECT_EQ(controller.records_, entry.summary.records);
+  EXPECT_EQ(hrtc.base_->mesh.summary.digest, entry.summary.digest);
+  EXPECT_EQ(hrtc.records_, entry.summary.records);
   EXPECT_NEAR(entry.scale * std::max({entry.summary.bounds_max[0] - entry.summary.bounds_min[0],
                                       entry.summary.bounds_max[1] - entry.summary.bounds_min[1],
                                       entry.summary.bounds_max[2] - entry.summary.bounds_min[2]}),
@@ -245,7 +245,7 @@ TEST_F(HostTest, AnHrtcReceivesEveryRecordOfTheModelOnceAndToTheBit) {
   }
   const offline::MappedModel original{built};
   const spm::codec::CompressedModel& model = original.coded();
-  for (const auto& [region, data] : controller.held_) {
+  for (const auto& [region, data] : hrtc.held_) {
     EXPECT_EQ(data.list.size(), model.intervals_of(spm::RegionId{region}).size());
     const auto expected = spm::codec::decode_region(spm::codec::encode_region(model, spm::RegionId{region}, data.sent),
                                                     model.summary(), model.tables());
@@ -258,41 +258,41 @@ TEST_F(HostTest, AnHrtcReceivesEveryRecordOfTheModelOnceAndToTheBit) {
 
 TEST_F(HostTest, CountsSentRecordsAndAnswersClockRequests) {
   RunningHost host{options_};
-  Controller controller{"hrtc"};
-  ASSERT_TRUE(controller.run_until([&] { return controller.holds_all(); }));
+  TestHrtc hrtc{"hrtc"};
+  ASSERT_TRUE(hrtc.run_until([&] { return hrtc.holds_all(); }));
   namespace names = session::figures;
 
-  const double all = controller.catalogue_->summary.records;
+  const double all = hrtc.catalogue_->summary.records;
 
   // Earlier figures were published while some records were in flight.
-  ASSERT_TRUE(controller.run_until([&] { return controller.figures_[names::kHostRecords] >= all; }));
+  ASSERT_TRUE(hrtc.run_until([&] { return hrtc.figures_[names::kHostRecords] >= all; }));
 
-  EXPECT_EQ(controller.figures_[names::kHostRecords], all);
-  EXPECT_EQ(controller.figures_[std::string{names::kHostRecords} + ".hrtc"], all);
-  EXPECT_EQ(controller.figures_[names::kHostControllers], 1);
-  EXPECT_TRUE(controller.run_until([&] { return controller.clock_answered_; }));
+  EXPECT_EQ(hrtc.figures_[names::kHostRecords], all);
+  EXPECT_EQ(hrtc.figures_[std::string{names::kHostRecords} + ".hrtc"], all);
+  EXPECT_EQ(hrtc.figures_[names::kHostControllers], 1);
+  EXPECT_TRUE(hrtc.run_until([&] { return hrtc.clock_answered_; }));
 }
 
 TEST_F(HostTest, LeavesAndWithdrawsItsObjectsAtTheEndOfTheSession) {
   RunningHost host{options_};
-  Controller controller{"hrtc"};
-  ASSERT_TRUE(controller.run_until([&] { return controller.catalogue_.has_value(); }));
+  TestHrtc hrtc{"hrtc"};
+  ASSERT_TRUE(hrtc.run_until([&] { return hrtc.catalogue_.has_value(); }));
 
-  controller.end_session();
+  hrtc.end_session();
 
   EXPECT_EQ(host.wait(), 0);
-  EXPECT_TRUE(controller.run_until([&] { return controller.host_left_ && controller.withdrawn_; }));
+  EXPECT_TRUE(hrtc.run_until([&] { return hrtc.host_left_ && hrtc.withdrawn_; }));
 }
 
 TEST_F(HostTest, ARestartedHostServesAWaitingHrtc) {
   auto first = std::make_unique<RunningHost>(options_);
-  Controller controller{"hrtc"};
-  ASSERT_TRUE(controller.run_until([&] { return !controller.held_.empty(); }));
+  TestHrtc hrtc{"hrtc"};
+  ASSERT_TRUE(hrtc.run_until([&] { return !hrtc.held_.empty(); }));
   first.reset();
 
   RunningHost second{options_};
 
-  EXPECT_TRUE(controller.run_until([&] { return controller.holds_all(); }));
+  EXPECT_TRUE(hrtc.run_until([&] { return hrtc.holds_all(); }));
 }
 
 TEST_F(HostTest, TheLaterOfTwoHostsWithOneNameYields) {

@@ -17,12 +17,12 @@ class ModelStoreTest : public testing::Test {
  protected:
   ModelStoreTest() { offline::write_mesh(mesh_, offline::generate(offline::Shape::kSphere, 400)); }
 
-  /// Opens and returns the digest; the log is in `said_`.
+  /// Opens and returns the digest; the log is in `log_text_`.
   std::uint64_t open(const std::filesystem::path& path) {
-    said_.clear();
+    log_text_.clear();
     const ModelStore store{cache_,
                            [this](const std::string& line) {
-                             said_ += line + "\n";
+                             log_text_ += line + "\n";
                              if (line.find(stop_at_) != std::string::npos) stop_ = true;
                            },
                            stop_};
@@ -35,21 +35,21 @@ class ModelStoreTest : public testing::Test {
   test_support::TemporaryFolder folder_;
   std::filesystem::path mesh_ = folder_.path() / "sphere.ply";
   std::filesystem::path cache_ = folder_.path() / "cache" / "models";
-  std::string said_;
+  std::string log_text_;
   std::string stop_at_ = "nowhere";  // part of the line after which `stop_` is set
   std::atomic<bool> stop_{false};
 };
 
 TEST_F(ModelStoreTest, BuildsAModelOnceForTheSameBytes) {
   const std::uint64_t digest = open(mesh_);
-  EXPECT_THAT(said_, HasSubstr("building"));
+  EXPECT_THAT(log_text_, HasSubstr("building"));
 
   std::filesystem::copy_file(mesh_, folder_.path() / "other name.ply");
   EXPECT_EQ(open(folder_.path() / "other name.ply"), digest);
 
-  EXPECT_THAT(said_, HasSubstr("from the cache"));
+  EXPECT_THAT(log_text_, HasSubstr("from the cache"));
   EXPECT_EQ(open(cached()), digest) << "a .spm file is opened directly";
-  EXPECT_EQ(said_, "");
+  EXPECT_EQ(log_text_, "");
 }
 
 TEST_F(ModelStoreTest, BuildsOtherBytesAnew) {
@@ -65,7 +65,7 @@ TEST_F(ModelStoreTest, RebuildsADamagedCacheEntry) {
   test_support::write_bytes(cached(), bytes);
 
   EXPECT_EQ(open(mesh_), digest);
-  EXPECT_THAT(said_, HasSubstr("broken"));
+  EXPECT_THAT(log_text_, HasSubstr("broken"));
 }
 
 TEST_F(ModelStoreTest, TheHashCoversTheBuffersOfAGltfFile) {
@@ -95,7 +95,7 @@ TEST_F(ModelStoreTest, StopsAtEveryStageWithoutLeavingAFile) {
     stop_ = false;
     stop_at_ = stage;
     EXPECT_THROW(open(mesh_), Stopped) << stage;
-    EXPECT_THAT(said_, HasSubstr(stage));
+    EXPECT_THAT(log_text_, HasSubstr(stage));
     EXPECT_TRUE(std::filesystem::is_empty(cache_)) << stage;
   }
   stop_ = false;
@@ -103,7 +103,7 @@ TEST_F(ModelStoreTest, StopsAtEveryStageWithoutLeavingAFile) {
   EXPECT_THROW(open(mesh_), Stopped);
   stop_ = false;
   open(mesh_);
-  EXPECT_THAT(said_, HasSubstr("from the cache")) << "the written file is complete";
+  EXPECT_THAT(log_text_, HasSubstr("from the cache")) << "the written file is complete";
 }
 
 TEST_F(ModelStoreTest, RefusesAFileThatIsNoModelAndNamesIt) {

@@ -28,9 +28,9 @@ CatalogueEntry cube(std::uint64_t id, const std::array<double, 3>& centre) {
 }
 
 /// The Modes of two HRTCs with one user each; time in steps of 20 ms.
-class TwoControllers : public ::testing::Test {
+class TwoHrtcs : public ::testing::Test {
  protected:
-  TwoControllers() {
+  TwoHrtcs() {
     for (Modes* const modes : {&here_, &there_}) {
       modes->on_catalogue(cube(100, {0, 0, 0}));
       modes->on_catalogue(cube(200, {2, 0, 0}));
@@ -54,7 +54,7 @@ class TwoControllers : public ::testing::Test {
   std::int64_t now_ = 1'000'000'000;
 };
 
-TEST_F(TwoControllers, CreateEndpointsNearOneObjectAndSendFullRateStatesOncePeersMatch) {
+TEST_F(TwoHrtcs, CreateEndpointsNearOneObjectAndSendFullRateStatesOncePeersMatch) {
   stay(100, 1, 0.5);
   EXPECT_THAT(here_.groups(), IsEmpty());
   stay(100, 0.14, 0.12);
@@ -67,12 +67,12 @@ TEST_F(TwoControllers, CreateEndpointsNearOneObjectAndSendFullRateStatesOncePeer
   EXPECT_EQ(here_.group_of(kBob), 0u) << "not an own user";
 }
 
-TEST_F(TwoControllers, StayApartAtDifferentObjects) {
+TEST_F(TwoHrtcs, StayApartAtDifferentObjects) {
   stay(200, 0.1, 1.9);
   EXPECT_THAT(here_.groups(), IsEmpty());
 }
 
-TEST_F(TwoControllers, StayApartInACrowdAtOneObjectUntilCommanded) {
+TEST_F(TwoHrtcs, StayApartInACrowdAtOneObjectUntilCommanded) {
   const std::size_t max = ModeSettings{}.max_together;
   const auto crowd = [&](std::size_t others) {
     for (int i = 0; i < 50; ++i, now_ += 20 * kMs) {
@@ -90,7 +90,7 @@ TEST_F(TwoControllers, StayApartInACrowdAtOneObjectUntilCommanded) {
   EXPECT_THAT(here_.groups(), ::testing::SizeIs(1));
 }
 
-TEST_F(TwoControllers, StayTogetherWhileAUserMovesBetweenNearAndApart) {
+TEST_F(TwoHrtcs, StayTogetherWhileAUserMovesBetweenNearAndApart) {
   stay(100, 0.14, 0.14);
   match();
   for (int i = 0; i < 20; ++i) {
@@ -100,7 +100,7 @@ TEST_F(TwoControllers, StayTogetherWhileAUserMovesBetweenNearAndApart) {
   }
 }
 
-TEST_F(TwoControllers, SeparateAfterTheDwellTimeAndDropTheEndpointsLater) {
+TEST_F(TwoHrtcs, SeparateAfterTheDwellTimeAndDropTheEndpointsLater) {
   stay(100, 0.14, 0.14);
   match();
   stay(400, 0.5, 0.14);
@@ -112,7 +112,7 @@ TEST_F(TwoControllers, SeparateAfterTheDwellTimeAndDropTheEndpointsLater) {
   EXPECT_THAT(here_.groups(), IsEmpty());
 }
 
-TEST_F(TwoControllers, SeparateWhenTheOtherIsSilent) {
+TEST_F(TwoHrtcs, SeparateWhenTheOtherIsSilent) {
   stay(100, 0.14, 0.14);
   match();
   for (const std::int64_t end = now_ + 600 * kMs; now_ < end; now_ += 20 * kMs) {
@@ -122,7 +122,7 @@ TEST_F(TwoControllers, SeparateWhenTheOtherIsSilent) {
   EXPECT_THAT(here_.groups(), IsEmpty());
 }
 
-TEST_F(TwoControllers, ContinueTheGroupIfItsEndpointsStillExist) {
+TEST_F(TwoHrtcs, ContinueTheGroupIfItsEndpointsStillExist) {
   stay(100, 0.14, 0.14);
   match();
   stay(600, 0.5, 0.14);
@@ -131,7 +131,7 @@ TEST_F(TwoControllers, ContinueTheGroupIfItsEndpointsStillExist) {
   EXPECT_EQ(here_.group_of(kAnn), 100u);
 }
 
-TEST_F(TwoControllers, FollowACommandForSomeUsersAndForAll) {
+TEST_F(TwoHrtcs, FollowACommandForSomeUsersAndForAll) {
   const std::uint64_t ann = id_of("ann"), bob = id_of("bob");
   const auto far_apart = [&] {
     for (int i = 0; i < 50; ++i, now_ += 20 * kMs) {
@@ -154,7 +154,7 @@ TEST_F(TwoControllers, FollowACommandForSomeUsersAndForAll) {
   EXPECT_THAT(here_.groups(), IsEmpty());
 }
 
-TEST_F(TwoControllers, StayApartOnCommand) {
+TEST_F(TwoHrtcs, StayApartOnCommand) {
   here_.command(parse_mode("large-scale"));
   stay(200, 0.14, 0.14);
   EXPECT_THAT(here_.groups(), IsEmpty());

@@ -36,27 +36,27 @@ class Switching : public ::testing::Test {
     ProbeState state;
     StateStream stream;
   };
-  void interval(const std::function<void(std::int64_t ms, const Shown&)>& look) {
+  void run(const std::function<void(std::int64_t ms, const Shown&)>& check) {
     std::mt19937 random{3};
     std::uniform_real_distribution<> jitter{-2, 2};
     ProbeEncoder encoder;
-    std::uint32_t coded = 0, whole = 0;
-    std::deque<Sent> lines[2];
+    std::uint32_t coded_number = 0, full_rate_number = 0;
+    std::deque<Sent> links[2];
     for (std::int64_t ms = 0; ms < 5000; ++ms) {
       ProbeState state = pressing(ms);
       const auto arrives = ms * kMs + static_cast<std::int64_t>((15 + jitter(random)) * 1e6);
       if (encoder.step(state)) {
-        state.sequence = ++coded;
-        lines[0].push_back({arrives, state, StateStream::kDeadbandCoded});
+        state.sequence = ++coded_number;
+        links[0].push_back({arrives, state, StateStream::kDeadbandCoded});
       }
       if (ms >= 1500 && ms < 3000) {
-        state.sequence = ++whole;
-        lines[1].push_back({arrives, state, StateStream::kFullRate});
+        state.sequence = ++full_rate_number;
+        links[1].push_back({arrives, state, StateStream::kFullRate});
       }
-      for (auto& line : lines)
-        for (; !line.empty() && line.front().arrives_ns <= ms * kMs; line.pop_front())
-          (void)probe_.on_state(line.front().state, line.front().stream, ms * kMs);
-      look(ms, probe_.at(ms * kMs));
+      for (auto& link : links)
+        for (; !link.empty() && link.front().arrives_ns <= ms * kMs; link.pop_front())
+          (void)probe_.on_state(link.front().state, link.front().stream, ms * kMs);
+      check(ms, probe_.at(ms * kMs));
     }
   }
   RemoteProbe probe_;
@@ -65,7 +65,7 @@ class Switching : public ::testing::Test {
 TEST_F(Switching, ShowsNoForceStepAtEitherChangeOfStream) {
   const Jnd jnd;
   double before = 0, max = 0;
-  interval([&](std::int64_t ms, const Shown& shown) {
+  run([&](std::int64_t ms, const Shown& shown) {
     const double force = shown.view.force[2];
     if (ms > 1000) max = std::max(max, std::abs(force - before));
     before = force;
@@ -78,22 +78,22 @@ TEST_F(Switching, ShowsNoForceStepAtEitherChangeOfStream) {
 }
 
 TEST_F(Switching, ShowsFullRateStatesWithLessDelayWhileTheyCome) {
-  std::int64_t coded_delay = 0, whole_delay = 0;
-  interval([&](std::int64_t ms, const Shown&) {
+  std::int64_t coded_delay = 0, full_rate_delay = 0;
+  run([&](std::int64_t ms, const Shown&) {
     if (ms == 1400) {
       EXPECT_EQ(probe_.stream(), StateStream::kDeadbandCoded);
       coded_delay = probe_.delay_ns();
     }
     if (ms == 2900) {
       EXPECT_EQ(probe_.stream(), StateStream::kFullRate);
-      whole_delay = probe_.delay_ns();
+      full_rate_delay = probe_.delay_ns();
     }
     if (ms == 3100) {
       EXPECT_EQ(probe_.stream(), StateStream::kDeadbandCoded);
     }
   });
   EXPECT_GT(coded_delay, 15 * kMs);
-  EXPECT_LT(whole_delay, coded_delay - 10 * kMs);
+  EXPECT_LT(full_rate_delay, coded_delay - 10 * kMs);
 }
 
 TEST(RemoteProbe, MeasuresTheShareOfLostDeadbandCodedStates) {

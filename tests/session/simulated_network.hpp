@@ -36,11 +36,11 @@ struct NetworkFaults {
 };
 
 /// A liveness request or answer (session/failure_detector.hpp); its topic has other endpoints than clock samples.
-struct FailureDetectorSample {
+struct LivenessSample {
   session::ClockSample sample;
 };
 using Sample = std::variant<session::RosterEntry, session::CatalogueEntry, session::Demand, session::BulkChunk,
-                            session::ClockSample, FailureDetectorSample>;
+                            session::ClockSample, LivenessSample>;
 /// One line for a log.
 [[nodiscard]] std::string text(const Sample& sample);
 
@@ -80,22 +80,23 @@ class SimulatedNetwork {
   std::function<void(std::int64_t now_ns, const std::string&)> trace;
 
  private:
-  using Way = std::pair<std::uint64_t, std::uint64_t>;
+  using Direction = std::pair<std::uint64_t, std::uint64_t>;
   [[nodiscard]] bool chance(double p);
   [[nodiscard]] std::int64_t below(std::int64_t n);
-  [[nodiscard]] bool cut_off(const Way& way, std::int64_t at_ns) const;
-  void arrive(std::int64_t at_ns, const Way& way, std::shared_ptr<const Sample> sample, std::uint64_t state);
+  [[nodiscard]] bool cut_off(const Direction& direction, std::int64_t at_ns) const;
+  void arrive(std::int64_t at_ns, const Direction& direction, std::shared_ptr<const Sample> sample,
+              std::uint64_t state);
   void count(FaultKind kind) { ++done_[static_cast<std::size_t>(kind)]; }
-  void harm(const Way& way, std::int64_t now_ns);
+  void harm(const Direction& direction, std::int64_t now_ns);
 
   std::mt19937_64 random_;
   std::int64_t delay_ns_;
   NetworkFaults faults_;
   std::priority_queue<Packet, std::vector<Packet>, std::greater<>> under_way_;
-  std::map<Way, std::int64_t> cuts_;                               // end of the cut
-  std::map<std::pair<Way, std::uint64_t>, std::uint64_t> newest_;  // order of the newest state with a key
-  std::map<Way, std::int64_t> last_arrival_;                       // over the reliable carrier
-  std::map<Way, std::int64_t> harmed_;                             // time of the last harm
+  std::map<Direction, std::int64_t> cuts_;                               // end of the cut
+  std::map<std::pair<Direction, std::uint64_t>, std::uint64_t> newest_;  // order of the newest state with a key
+  std::map<Direction, std::int64_t> last_arrival_;                       // over the reliable carrier
+  std::map<Direction, std::int64_t> harmed_;                             // time of the last harm
   std::uint64_t order_ = 0;
   std::uint64_t sent_ = 0;
   std::array<std::uint64_t, kFaultKinds> done_{};

@@ -61,7 +61,7 @@ struct World {
   std::int64_t last_payload_ns = 0;  // when a host last sent payload
   bool wandering = true;             // users still move
   std::uint64_t incarnations = 0;
-  std::vector<std::string> broken_things;
+  std::vector<std::string> violations;
 };
 
 class Program {
@@ -73,7 +73,7 @@ class Program {
 
   /// Starts a new incarnation without state.
   void start();
-  void stop(bool with_a_word);
+  void stop(bool sends_leave_message);
   void take(const SimulatedNetwork::Packet& packet);
   /// Does all due work and sets the time of the next call.
   void tick();
@@ -98,7 +98,7 @@ class Program {
 
  protected:
   virtual void begin() {}
-  virtual void hear(const Sample& sample) = 0;
+  virtual void on_sample(const Sample& sample) = 0;
   virtual void react(const session::RosterEvent&) {}
   /// Does the work of the role; returns the longest time until the next call, ns.
   virtual std::int64_t work() = 0;
@@ -108,7 +108,7 @@ class Program {
 
   void send(std::uint64_t to, Sample sample);
   void send_all(const std::vector<Program*>& to, Sample sample);
-  void say_presence_at_once() { beat_.at_once(); }
+  void publish_entry_at_once() { beat_.at_once(); }
   void call_at(std::int64_t at_ns) { next_tick_ns_ = std::min(next_tick_ns_, at_ns); }
   [[nodiscard]] const session::Origin& self() const noexcept { return self_; }
   World& world_;
@@ -116,7 +116,7 @@ class Program {
  private:
   void keep_time();
   void check_clock();
-  void hear_clock(const session::ClockSample& sample);
+  void on_clock_sample(const session::ClockSample& sample);
 
   std::uint64_t id_;
   session::Role role_;
@@ -138,17 +138,17 @@ class Program {
 /// Asks an HRTC to serve its users, who change now and then.
 class SimulatedClient : public Program {
  public:
-  SimulatedClient(World& world, std::uint64_t id, std::uint64_t controller);
-  [[nodiscard]] std::vector<std::string> users_at(std::uint64_t controller) const;
+  SimulatedClient(World& world, std::uint64_t id, std::uint64_t hrtc);
+  [[nodiscard]] std::vector<std::string> users_at(std::uint64_t hrtc) const;
 
  protected:
   void begin() override;
-  void hear(const Sample&) override {}
+  void on_sample(const Sample&) override {}
   std::int64_t work() override;
   void describe(session::RosterEntry& entry) const override;
 
  private:
-  std::uint64_t controller_;
+  std::uint64_t hrtc_;
   std::vector<std::string> users_;
 };
 

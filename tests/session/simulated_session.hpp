@@ -22,7 +22,7 @@
 #include <string>
 #include <vector>
 
-#include "tests/session/simulated_controller.hpp"
+#include "tests/session/simulated_hrtc.hpp"
 #include "tests/session/simulated_network.hpp"
 
 namespace tactus::test_support {
@@ -34,11 +34,11 @@ inline constexpr std::int64_t kClockNs = 100'000'000;
 struct PlannedFault {
   FaultKind kind = FaultKind::kRestart;  ///< kCrash, kRestart or kPartition
   std::int64_t at_ns = 0;
-  std::int64_t lasts_ns = 0;   ///< ends with the faulty phase at the latest, unless `for_good`
-  std::uint32_t programs = 0;  ///< bits by index: programs that end, or that are cut off from the others
-  bool one_way = false;        ///< of a partition: they receive from the others, but cannot send to them
-  bool with_a_word = false;    ///< of a restart: sends a leave message
-  bool for_good = false;       ///< of a crash: no restart
+  std::int64_t lasts_ns = 0;         ///< ends with the faulty phase at the latest, unless `for_good`
+  std::uint32_t programs = 0;        ///< bits by index: programs that end, or that are cut off from the others
+  bool one_way = false;              ///< of a partition: they receive from the others, but cannot send to them
+  bool sends_leave_message = false;  ///< of a restart: sends a leave message
+  bool for_good = false;             ///< of a crash: no restart
 };
 
 struct Schedule {
@@ -46,7 +46,7 @@ struct Schedule {
   std::int64_t delay_ns = 1'000'000;  ///< of the network, one way
   SimulatedNetwork::Carrier carrier = SimulatedNetwork::Carrier::kLossy;
   NetworkFaults network;
-  ControllerFaults controllers;
+  HrtcFaults hrtcs;
   std::vector<PlannedFault> planned;
   Sabotage sabotage = Sabotage::kNone;
 
@@ -65,7 +65,7 @@ struct SimulationResult {
   std::int64_t virtual_ns = 0;
   std::uint64_t chunks = 0;
   std::uint64_t host_changes = 0;
-  ControllerFigures controllers;  ///< summed over all HRTCs and their incarnations
+  HrtcFigures hrtcs;  ///< summed over all HRTCs and their incarnations
 
   [[nodiscard]] std::size_t kinds() const;
 };

@@ -210,7 +210,7 @@ class StopSimulation {
     for (std::uint64_t id = 1; id <= kHrtcs; ++id) start_hrtc(id);
   }
 
-  void interval(bool restarts) {
+  void run(bool restarts) {
     for (int step = 0; step < 400; ++step) {
       if (chance(0.05)) issue_stop();
       if (chance(0.05)) issue_reset(0.7);
@@ -364,7 +364,7 @@ TEST(StopSimulation, ForcesAreOnIfAndOnlyIfEveryStopWasNamedByAReset) {
   int on = 0, off = 0;
   for (std::uint32_t seed = 1; seed <= 300; ++seed) {
     StopSimulation session{seed};
-    session.interval(false);
+    session.run(false);
     ASSERT_TRUE(session.all_senders_are_done()) << "seed " << seed;
     const bool named = session.every_stop_was_named();
     ASSERT_EQ(session.hrtcs_with_forces(), named ? StopSimulation::kHrtcs : 0) << "seed " << seed;
@@ -380,7 +380,7 @@ TEST(StopSimulation, NoForceIsOnWithoutAResetWhileHrtcsRestart) {
   int off = 0;
   for (std::uint32_t seed = 1; seed <= 300; ++seed) {
     StopSimulation session{seed};
-    session.interval(true);
+    session.run(true);
     if (!session.every_stop_was_named()) {
       ASSERT_EQ(session.hrtcs_with_forces(), 0u) << "seed " << seed;
       ++off;

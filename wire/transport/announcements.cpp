@@ -42,17 +42,17 @@ bool Announcements::on_received(const std::uint8_t* message, std::uint32_t size)
   const std::optional<RtpsData> announcement = announcement_in(message, size);
   if (!announcement || announcement->payload.size == 0) return true;
   const std::lock_guard<std::mutex> lock{mutex_};
-  if (met_.size() > kMany) met_.clear();
-  const auto [met, is_new] = met_.try_emplace(sender_of(message), true);
-  if (!is_new) return met->second;
+  if (discovered_.size() > kMany) discovered_.clear();
+  const auto [entry, is_new] = discovered_.try_emplace(sender_of(message), true);
+  if (!is_new) return entry->second;
   ParameterList parameters = parameters_of(announcement->payload);
   while (const auto parameter = parameters.next()) {
     const RtpsBytes& value = parameter->value;
     if (parameter->id == kMetatrafficUnicast && value.size == kLocatorSize)
       forget(value.number(kPortAt, 4), value.at + kAddressAt);
-    if (parameter->id == kName && !ignored_name_.empty() && is_text(value, ignored_name_)) met->second = false;
+    if (parameter->id == kName && !ignored_name_.empty() && is_text(value, ignored_name_)) entry->second = false;
   }
-  return met->second;
+  return entry->second;
 }
 
 /// Drops the records of announcements to this locator. Participants of this machine are reached through its loopback.
@@ -70,12 +70,12 @@ std::vector<Announcements::Locator> Announcements::due(const void* sender, std::
   std::vector<Locator> due;
   const std::lock_guard<std::mutex> lock{mutex_};
   if (std::any_of(to.begin(), to.end(), is_group)) group_ns_ = now_ns;
-  const bool has_group = group_ns_ && now_ns - *group_ns_ < kKnownRestNs;
+  const bool has_group = group_ns_ && now_ns - *group_ns_ < kUnicastIntervalNs;
   if (sent_.size() > kMany) sent_.clear();
   for (const Locator& locator : to) {
-    const std::int64_t rest_ns = has_group && !is_group(locator) ? kKnownRestNs : kGroupRestNs;
+    const std::int64_t interval_ns = has_group && !is_group(locator) ? kUnicastIntervalNs : kGroupIntervalNs;
     const auto [at, first] = sent_.try_emplace({sender, locator}, Sent{sequence, now_ns});
-    if (!first && at->second.sequence == sequence && now_ns - at->second.time_ns < rest_ns) continue;
+    if (!first && at->second.sequence == sequence && now_ns - at->second.time_ns < interval_ns) continue;
     at->second = {sequence, now_ns};
     due.push_back(locator);
   }

@@ -25,8 +25,8 @@ namespace tactus::wire {
 class Announcements {
  public:
   using Locator = eprosima::fastrtps::rtps::Locator_t;
-  static constexpr std::int64_t kGroupRestNs = 90'000'000;     ///< min interval to a group, or without a group
-  static constexpr std::int64_t kKnownRestNs = 1'900'000'000;  ///< min interval to one that the group reaches too
+  static constexpr std::int64_t kGroupIntervalNs = 90'000'000;       ///< min interval to a group, or without a group
+  static constexpr std::int64_t kUnicastIntervalNs = 1'900'000'000;  ///< min interval to one that the group reaches too
 
   /// Sequence number of the announcement in an RTPS message; none if there is no announcement.
   [[nodiscard]] static std::optional<std::uint64_t> sequence_of(const std::uint8_t* message, std::uint32_t size);
@@ -54,7 +54,7 @@ class Announcements {
   std::map<std::pair<const void*, Locator>, Sent> sent_;
   std::optional<std::int64_t> group_ns_;  // when the group was last among the receivers
   std::string ignored_name_;
-  std::map<GuidPrefix, bool> met_;  // discovered participants; false: ignored
+  std::map<GuidPrefix, bool> discovered_;  // discovered participants; false: ignored
 };
 
 }  // namespace tactus::wire

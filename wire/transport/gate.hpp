@@ -11,13 +11,13 @@ namespace tactus::wire {
 /// Closed until `open`, then open for good. Threads: any.
 class Gate {
  public:
-  explicit Gate(std::chrono::milliseconds patience = std::chrono::seconds{1}) : patience_{patience} {}
+  explicit Gate(std::chrono::milliseconds timeout = std::chrono::seconds{1}) : timeout_{timeout} {}
   void open() noexcept;
   /// Returns when open, or after `patience`, because a participant that fails to start waits for its receive threads.
   void pass();
 
  private:
-  std::chrono::milliseconds patience_;
+  std::chrono::milliseconds timeout_;
   std::mutex mutex_;
   std::condition_variable opened_;
   std::atomic<bool> open_{false};

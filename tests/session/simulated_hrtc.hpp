@@ -32,12 +32,12 @@ inline constexpr std::size_t kMaxPartialBytes = 200'000;
 [[nodiscard]] const spm::codec::CompressedModel& coded_of(std::uint64_t object);
 
 /// Delays in the decoder and in the memory.
-struct ControllerFaults {
+struct HrtcFaults {
   std::int64_t decode_ns = 0;  ///< max delay of the answer to a message
   double parking = 0;          ///< share of messages that are parked
 };
 
-struct ControllerFigures {
+struct HrtcFigures {
   std::uint64_t regions_held = 0;  ///< accepted by the cache
   std::uint64_t regions_refused = 0;
   std::uint64_t regions_released = 0;
@@ -48,19 +48,19 @@ struct ControllerFigures {
   std::uint64_t false_alarms = 0;      ///< suspected hosts that were alive
 };
 
-class SimulatedController : public Program {
+class SimulatedHrtc : public Program {
  public:
-  SimulatedController(World& world, std::uint64_t id, const ControllerFaults& faults);
+  SimulatedHrtc(World& world, std::uint64_t id, const HrtcFaults& faults);
 
   /// Whether all wanted regions of this object are held and none is retired.
   [[nodiscard]] bool content_with(std::uint64_t object) const;
   [[nodiscard]] std::vector<session::UserSlot> slots() const { return slots_->list(); }
   [[nodiscard]] const session::DeliveryClient& delivery() const noexcept { return *client_; }
-  [[nodiscard]] const ControllerFigures& figures() const noexcept { return figures_; }
+  [[nodiscard]] const HrtcFigures& figures() const noexcept { return figures_; }
 
  protected:
   void begin() override;
-  void hear(const Sample& sample) override;
+  void on_sample(const Sample& sample) override;
   void react(const session::RosterEvent& event) override;
   std::int64_t work() override;
   void describe(session::RosterEntry& entry) const override;
@@ -92,17 +92,17 @@ class SimulatedController : public Program {
   void publish();
   void unless_excused(const std::string& what);
 
-  ControllerFaults faults_;
+  HrtcFaults faults_;
   std::unique_ptr<session::DeliveryClient> client_;
   std::unique_ptr<session::FailureDetector> failure_detector_;
   std::map<std::uint64_t, std::int64_t> answered_ns_;  // by watched host that has answered
-  std::set<std::uint64_t> silent_;                     // suspected hosts
+  std::set<std::uint64_t> suspects_;                   // suspected hosts
   std::unique_ptr<session::UserSlots> slots_;
   std::map<std::string, std::uint64_t> client_of_;  // by user
   std::map<std::uint64_t, Cache> caches_;           // by object
   std::deque<Answer> answers_;
   session::Every wander_{15 * kMs};
-  ControllerFigures figures_;
+  HrtcFigures figures_;
 };
 
 }  // namespace tactus::test_support
