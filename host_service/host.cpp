@@ -124,7 +124,7 @@ std::vector<Served> open_models(const HostOptions& options, const Log& log, cons
 
 /// Called after all models are open: building them may have used all processors for minutes.
 const wire::SessionAddress& raise_priority_then_address(const HostOptions& options, const Log& log) {
-  if (options.before_others) log(Severity::kInfo, wire::go_before_others("host '" + options.address.participant + "'"));
+  if (options.raise_priority) log(Severity::kInfo, wire::raise_priority("host '" + options.address.participant + "'"));
   return options.address;
 }
 
@@ -254,13 +254,13 @@ void Host::Impl::make_catalogue() {
 
 /// The static objects that the movable ones can collide with, beside the ground.
 void Host::Impl::make_scenery() {
-  std::vector<StandingObject> standing;
+  std::vector<StaticObject> standing;
   for (std::size_t i = 0; i < served.size(); ++i)
     if (!sharing::can_move(catalogue[i]))
       standing.push_back({catalogue[i].pose, catalogue[i].scale, &served[i].model.coded()});
   if (standing.empty()) return;
   scenery.emplace(standing);
-  object_authority.stand_among(&*scenery);
+  object_authority.set_scenery(&*scenery);
 }
 
 int Host::Impl::run() {
@@ -328,7 +328,7 @@ void Host::Impl::react(const session::RosterEvent& event, std::int64_t now_ns) {
     object_authority.on_host_gone(id, now_ns);
   if (entry.role != session::Role::kHrtc) return;
   if (event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted) {
-    beat.insist();  // the HRTC demands nothing before it has received this host's entry
+    beat.repeat_soon();  // the HRTC demands nothing before it has received this host's entry
     bulk.try_emplace(id, participants, entry.name);
     liveness_links.try_emplace(id, participants, entry.name, inbox);
   } else if (event.change == RosterChange::kLeft || event.change == RosterChange::kGone) {
@@ -448,7 +448,7 @@ void Host::Impl::send_metrics() {
   add(names::kHostBytes, static_cast<double>(all.payload_bytes));
   add(names::kHostRegions, static_cast<double>(all.regions));
   add(names::kHostRecords, static_cast<double>(all.records));
-  add(names::kHostControllers, static_cast<double>(bulk.size()));
+  add(names::kHostHrtcs, static_cast<double>(bulk.size()));
   add(names::kHostImplausible,
       static_cast<double>(roster.implausible() + demands_implausible + object_authority.implausible()));
   if (!object_authority.empty()) add(names::kHostBodySteps, static_cast<double>(object_authority.steps()));

@@ -30,7 +30,7 @@ struct HostOptions {
   std::array<double, 3> at{0, 0, 0};  ///< m, position of the first object without a pose; others follow along x
   /// Raises the priority of the calling thread and of the DDS threads once the models are open, where that is allowed.
   /// All HRTCs wait for these few threads: with equal shares of a busy machine each HRTC would wait longer.
-  bool before_others = false;
+  bool raise_priority = false;
 };
 
 class Host {

@@ -41,7 +41,7 @@ int main(int argc, char** argv) {
   options.address.session = "tactus";
   options.address.participant = "host";
   options.cache = host_service::default_cache_directory();
-  options.before_others = true;
+  options.raise_priority = true;
   std::filesystem::path config;
   std::vector<std::filesystem::path> models;
   std::vector<double> at{0, 0, 0};

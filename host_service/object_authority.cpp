@@ -154,7 +154,7 @@ const ObjectAuthority::Messages& ObjectAuthority::tick(std::int64_t now_ns, std:
     sharing::put_state(object.simulated.state(), object.body.centre, pose);
     messages_.poses.push_back(pose);
   }
-  if (scenery_ != nullptr && busy_) scenery_->look(contact_points_);
+  if (scenery_ != nullptr && busy_) scenery_->refine_around(contact_points_);
   return messages_;
 }
 

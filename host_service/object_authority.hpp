@@ -36,7 +36,7 @@ class ObjectAuthority {
       : self_{self}, settings_{settings} {}
 
   /// Static objects that the bodies collide with; null: only the ground. Must outlive this object.
-  void stand_among(Scenery* scenery) noexcept { scenery_ = scenery; }
+  void set_scenery(Scenery* scenery) noexcept { scenery_ = scenery; }
   /// Adds an object of this host; ignores a static one.
   void add(const session::CatalogueEntry& entry, std::int64_t now_ns);
 

@@ -12,16 +12,16 @@ namespace {
 using haptics::Vec3d;
 
 constexpr double kAround = sharing::kAroundBody;
-constexpr int kMaxNew = 8;  // regions decoded in one call of `look`
+constexpr int kMaxNew = 8;  // regions decoded in one call of `refine_around`
 
-std::uint32_t base_slots(const std::vector<StandingObject>& objects) {
+std::uint32_t base_slots(const std::vector<StaticObject>& objects) {
   std::uint32_t slots = 0;
-  for (const StandingObject& object : objects) slots += spm::Cache::slots_for_base(object.model->base());
+  for (const StaticObject& object : objects) slots += spm::Cache::slots_for_base(object.model->base());
   return slots;
 }
 
 /// The node pool holds the base meshes and the refined regions.
-spm::PoolSettings pool_for(const std::vector<StandingObject>& objects, std::uint32_t slots) {
+spm::PoolSettings pool_for(const std::vector<StaticObject>& objects, std::uint32_t slots) {
   const std::uint32_t base = base_slots(objects);
   spm::PoolSettings settings = spm::PoolSettings::for_slots(slots + base);
   settings.tree_nodes += base;
@@ -46,10 +46,10 @@ struct Scenery::Object {
   std::vector<spm::RegionId> loaded_regions;
 };
 
-Scenery::Scenery(const std::vector<StandingObject>& objects, std::uint32_t slots)
+Scenery::Scenery(const std::vector<StaticObject>& objects, std::uint32_t slots)
     : pool_{pool_for(objects, slots)}, nodes_{pool_.settings.tree_nodes}, cache_{pool_} {
   const auto wide = [](const std::array<float, 3>& p) { return Vec3d{p[0], p[1], p[2]}; };
-  for (const StandingObject& standing : objects) {
+  for (const StaticObject& standing : objects) {
     if (objects_.size() == spm::kMaxObjects) break;
     const spm::BaseMesh& base = standing.model->base();
     spm::Cache::Admitted admitted = cache_.admit(base);
@@ -93,7 +93,7 @@ void Scenery::release_unwanted(const std::vector<std::vector<spm::RegionId>>& wa
   }
 }
 
-void Scenery::look(const std::vector<Vec3d>& places) {
+void Scenery::refine_around(const std::vector<Vec3d>& places) {
   std::vector<std::vector<spm::RegionId>> wanted(objects_.size());
   for (std::size_t i = 0; i < objects_.size(); ++i) {
     const Object& object = *objects_[i];

@@ -19,7 +19,7 @@
 
 namespace tactus::host_service {
 
-struct StandingObject {
+struct StaticObject {
   session::Pose pose;
   double scale = 1;                                    ///< metres per file unit
   const spm::codec::CompressedModel* model = nullptr;  ///< outlives the scenery
@@ -28,11 +28,11 @@ struct StandingObject {
 class Scenery {
  public:
   /// `slots`: for records, besides those of the base meshes. Objects after the first spm::kMaxObjects are ignored.
-  explicit Scenery(const std::vector<StandingObject>& objects, std::uint32_t slots = 1u << 16);
+  explicit Scenery(const std::vector<StaticObject>& objects, std::uint32_t slots = 1u << 16);
   ~Scenery();
 
   /// Refines around the contact points of all bodies at once. Regions around earlier points may become coarse again.
-  void look(const std::vector<haptics::Vec3d>& places);
+  void refine_around(const std::vector<haptics::Vec3d>& places);
   [[nodiscard]] const haptics::SurfaceDistance& surface() const noexcept { return scene_; }
 
   /// Whether the mesh within the sphere is the finest one.

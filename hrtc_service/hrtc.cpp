@@ -358,7 +358,7 @@ void Hrtc::Impl::on_event(const session::RosterEvent& event, std::int64_t now_ns
   if (event.change != RosterChange::kChanged) spdlog::info("{}", session::text(event));
   metrics.hasten(now_ns, kMetricsSoonNs);  // whoever compares scenes need not wait long
   const bool is_new = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted;
-  if (entry.role == session::Role::kHost && is_new) heartbeat.insist();  // whom it had not yet found before
+  if (entry.role == session::Role::kHost && is_new) heartbeat.repeat_soon();  // whom it had not yet found before
   if (event.change == RosterChange::kNameConflict && entry.origin.participant == participants.origin().participant) {
     spdlog::error("another program named {} is in session {}; every name may be there once",
                   options.address.participant, options.address.session);
@@ -376,7 +376,7 @@ void Hrtc::Impl::on_event(const session::RosterEvent& event, std::int64_t now_ns
     for (const std::string& user : entry.users) remove(client, user);
   const bool here = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted ||
                     event.change == RosterChange::kChanged;
-  const bool asks = here && entry.controller == options.address.participant;
+  const bool asks = here && entry.requested_hrtc == options.address.participant;
   // After a restart the others stay: a second program of that name may only have shown itself, and yield.
   if (event.change == RosterChange::kChanged) {
     for (const std::string& user : user_table.users_of(client))
@@ -392,7 +392,7 @@ void Hrtc::Impl::remove(std::uint64_t client, const std::string& user) {
   if (!left) return;
   neighbours.on_user_left(*left);
   roster.for_each([&](const session::RosterEntry& other) {  // who was refused for want of this probe or this name
-    if (other.role == session::Role::kClient && other.controller == options.address.participant &&
+    if (other.role == session::Role::kClient && other.requested_hrtc == options.address.participant &&
         other.origin.participant != client)
       user_table.seat(other);
   });
@@ -401,7 +401,7 @@ void Hrtc::Impl::remove(std::uint64_t client, const std::string& user) {
 
 void Hrtc::Impl::take(const session::CatalogueEntry& entry, std::int64_t now_ns) {
   if (first.catalogue_ns == 0) first.catalogue_ns = now_ns;
-  heartbeat.insist();  // a host makes the ends of an HRTC's bulk once it knows of it
+  heartbeat.repeat_soon();  // a host makes the ends of an HRTC's bulk once it knows of it
   gateway.on_catalogue(entry);
   if (loader.knows(entry.object_id)) neighbours.on_catalogue(entry);
 }
@@ -527,7 +527,7 @@ void Hrtc::Impl::send_metrics(bool all) {
       {names::kRecordsPublished, static_cast<double>(figures.records_published)},
       {names::kBytesReceived, static_cast<double>(delivery.payload_bytes)},
       {names::kLoadLatency, figures.load_latency * 1e6},
-      {names::kFalseAlarms, static_cast<double>(failure_detector.false_alarms())},
+      {names::kFalseAlarms, static_cast<double>(failure_detector.false_suspicions())},
       {names::kHostChanges, static_cast<double>(delivery.host_changes)},
       {names::kImplausible,
        static_cast<double>(roster.implausible() + delivery.implausible + user_table.implausible() +
@@ -700,14 +700,14 @@ void Hrtc::Impl::choose_whom_to_watch(const std::array<NearObjects, kMaxProbes>&
 
 /// True when a host has just been found silent.
 bool Hrtc::Impl::run_failure_detector(std::int64_t now_ns) {
-  while (auto question = failure_detector.ask(now_ns)) {
+  while (auto question = failure_detector.next_request(now_ns)) {
     question->origin = participants.origin();
     (void)failure_detector_out.send(*question);
   }
-  const std::vector<session::FailureDetector::Silent> all_silent = failure_detector.silent(now_ns);
-  for (const session::FailureDetector::Silent& silent : all_silent) {
+  const std::vector<session::FailureDetector::Suspect> all_silent = failure_detector.take_suspects(now_ns);
+  for (const session::FailureDetector::Suspect& silent : all_silent) {
     const session::RosterEntry* host = roster.find(silent.host);
-    spdlog::warn("host '{}' has not answered for {} ms", host == nullptr ? "?" : host->name, silent.for_ns / kMs);
+    spdlog::warn("host '{}' has not answered for {} ms", host == nullptr ? "?" : host->name, silent.silent_ns / kMs);
     gateway.on_host_silent(silent.host);
   }
   return !all_silent.empty();
@@ -872,7 +872,7 @@ int Hrtc::Impl::run(const std::atomic<bool>& stop) {
       std::visit([&](const auto& sample) { take(sample, arrived.at_ns); }, arrived.sample);
     const std::int64_t now_ns = monotonic_ns();
     if (failure_detector.watches() && look.due(now_ns) && run_failure_detector(now_ns)) due.at_once();
-    look.set_period(failure_detector.at_ease() ? kFailureDetectorEaseNs : kFailureDetectorNs);
+    look.set_period(failure_detector.all_answered() ? kFailureDetectorEaseNs : kFailureDetectorNs);
     if (!due.due(now_ns)) continue;
     serve(now_ns);
     const std::int64_t min_ns = loader.at_rest() ? kServiceRestingNs : kServiceNs;

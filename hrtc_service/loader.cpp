@@ -13,7 +13,7 @@ namespace {
 
 constexpr double kNsPerS = 1e9;
 constexpr std::int64_t kStaleNs = 50'000'000;  // then tips are predicted anew that have hardly moved
-constexpr double kMinDamping = 3e-3;  // s, times a body's stiffness; docs/explanation/shared-objects.md
+constexpr double kMinDamping = 3e-3;           // s, times a body's stiffness; docs/explanation/shared-objects.md
 
 spm::fcl::WorldBox world_box(const spm::CellBox& box, const Placement& placement) {
   spm::fcl::WorldBox world{Vec3d::Constant(1e300), Vec3d::Constant(-1e300)};
@@ -132,7 +132,7 @@ void Loader::on_host_seen(std::uint64_t host, std::uint64_t incarnation, std::in
 
 void Loader::on_host_gone(std::uint64_t host) { delivery_.host_gone(host); }
 
-void Loader::on_host_silent(std::uint64_t host) { delivery_.host_silent(host); }
+void Loader::on_host_silent(std::uint64_t host) { delivery_.suspect_host(host); }
 
 void Loader::on_chunk(const session::BulkChunk& chunk, std::int64_t now_ns) {
   for (session::DeliveryClient::Message& message : delivery_.on_chunk(chunk, now_ns)) {

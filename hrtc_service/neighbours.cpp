@@ -68,9 +68,9 @@ void Neighbours::sync_endpoints(const std::array<std::uint64_t, kMaxProbes>& use
     if (endpoints.out == nullptr) {
       const wire::EndpointOptions where{wire::group_partition(group)};
       endpoints.out =
-          std::make_unique<wire::Writer<session::ProbeState>>(participants_, wire::topics::kProbeStateWhole, where);
-      endpoints.in = std::make_unique<wire::Reader<session::ProbeState>>(participants_, wire::topics::kProbeStateWhole,
-                                                                         on_whole_, where);
+          std::make_unique<wire::Writer<session::ProbeState>>(participants_, wire::topics::kProbeStateFullRate, where);
+      endpoints.in = std::make_unique<wire::Reader<session::ProbeState>>(
+          participants_, wire::topics::kProbeStateFullRate, on_whole_, where);
       spdlog::info("users come near: ends of group {:016x} are built", group);
     }
     modes_.on_peers(group, endpoints.out->matched() > 0 && endpoints.in->matched() > 0);

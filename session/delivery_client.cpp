@@ -46,7 +46,7 @@ void DeliveryClient::host_gone(std::uint64_t host) {
   if (at != hosts_.end()) at->second.live = false;
 }
 
-void DeliveryClient::host_silent(std::uint64_t host) {
+void DeliveryClient::suspect_host(std::uint64_t host) {
   const auto at = hosts_.find(host);
   if (at != hosts_.end()) at->second.seen_ns -= settings_.host_late_ns;
 }
@@ -358,7 +358,7 @@ void DeliveryClient::set_room(std::uint64_t bytes) {
   for (auto& [object_id, object] : objects_) object.acknowledge = object.acknowledge || awaits_answer(object);
 }
 
-std::uint64_t DeliveryClient::promised(std::int64_t now_ns) {
+std::uint64_t DeliveryClient::granted_credit(std::int64_t now_ns) {
   const std::int64_t known_ns = now_ns - round_trip_ns_ - 2 * settings_.demand_interval_ns;
   while (published_.size() > 1 && published_[1].at_ns <= known_ns) published_.pop_front();
   return published_.empty() ? 0 : published_.front().credit;

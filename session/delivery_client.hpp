@@ -68,7 +68,7 @@ class DeliveryClient {
   void host_seen(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns);
   void host_gone(std::uint64_t host);
   /// The host may have failed: until its next heartbeat another host is preferred. A false suspicion loses no data.
-  void host_silent(std::uint64_t host);
+  void suspect_host(std::uint64_t host);
 
   /// Opens an object: its base mesh is wanted from now on. Chunks of objects that are not open are ignored.
   void open(std::uint64_t object_id, std::uint64_t digest);
@@ -93,7 +93,7 @@ class DeliveryClient {
   /// Sets the payload bytes of regions for which the caller has room; limits the credit. No limit at first.
   void set_room(std::uint64_t bytes);
   /// Payload bytes that hosts may have in flight under published credits; the caller must keep room for them.
-  [[nodiscard]] std::uint64_t promised(std::int64_t now_ns);
+  [[nodiscard]] std::uint64_t granted_credit(std::int64_t now_ns);
   void base_held(std::uint64_t object_id);
   void base_refused(std::uint64_t object_id);
   /// The region is in the cache. Cancels `retire` if the region is not released yet.

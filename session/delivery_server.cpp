@@ -162,7 +162,7 @@ void DeliveryServer::acknowledge(HrtcState& state, Service& service, std::int64_
       waited_us = std::max(waited_us, now_us - sent.at_us);
     }
   }
-  feedback.loop_ns = std::int64_t{waited_us} * kNsPerUs;
+  feedback.round_trip_ns = std::int64_t{waited_us} * kNsPerUs;
   const bool timed = demand.arrivals != 0 && demand.stream == service.stream;
   if (timed && accepted(state.one_ways.admit(demand.one_way_us, now_ns))) feedback.one_way_us = demand.one_way_us;
   state.pacer.on_feedback(feedback, now_ns);
@@ -247,7 +247,7 @@ void DeliveryServer::compare(HrtcState& state, Service& service, const Object& o
 
 bool DeliveryServer::Message::fits(std::uint32_t part, std::size_t room) const noexcept {
   const auto [from, to] = parts.range(part);
-  return head_bytes(region, parts.count) + to - from <= room;
+  return header_bytes(region, parts.count) + to - from <= room;
 }
 
 DeliveryServer::Message* DeliveryServer::first_lost(Service& service, std::size_t room) {
@@ -325,7 +325,7 @@ std::optional<Outgoing> DeliveryServer::next(std::uint64_t hrtc, HrtcState& stat
     contact_in_us = *own;
   }
   if (soonest && unanswered(state) + kMaxPayload > state.credit) soonest.reset();
-  if (!soonest) state.pacer.rest();
+  if (!soonest) state.pacer.set_idle();
   // The next chunk of this object, now or as soon as the pacer allows, is also its echo.
   const std::optional<std::uint64_t> next_object = soonest;
   if (soonest && !state.pacer.may_send(kMaxPayload, now_ns)) {
@@ -370,7 +370,7 @@ Outgoing DeliveryServer::send_parts(std::uint64_t hrtc, HrtcState& state, std::u
   BulkChunk chunk = make_chunk(state, service, now_ns);
   std::size_t room = kMaxPayload;
   while (auto piece = next_piece(state, service, object, chunk, room)) {
-    room -= head_bytes(piece->region, piece->parts) + piece->payload.size();
+    room -= header_bytes(piece->region, piece->parts) + piece->payload.size();
     chunk.pieces.push_back(std::move(*piece));
     if (chunk.kind() == BulkKind::kBase) break;  // regions rely on it
   }

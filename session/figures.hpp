@@ -11,7 +11,7 @@ inline constexpr char kHostChunks[] = "host.chunks";
 inline constexpr char kHostBytes[] = "host.bytes";
 inline constexpr char kHostRegions[] = "host.regions";
 inline constexpr char kHostRecords[] = "host.records";
-inline constexpr char kHostControllers[] = "host.controllers";
+inline constexpr char kHostHrtcs[] = "host.controllers";
 inline constexpr char kHostImplausible[] = "host.implausible";  ///< samples dropped: number or time outside its window
 inline constexpr char kHostBodySteps[] = "host.body_steps";     ///< of 1 ms, of objects that the host simulated
 
@@ -71,7 +71,7 @@ inline constexpr char kFirstExactBytes[] = "hrtc.first_exact_bytes";
 
 // An HRTC: probe states, its own and those of others.
 inline constexpr char kStatesDeadbandCoded[] = "hrtc.states_coded";  ///< sent to the session
-inline constexpr char kStatesWhole[] = "hrtc.states_whole";          ///< sent to a group
+inline constexpr char kStatesFullRate[] = "hrtc.states_whole";       ///< sent to a group
 inline constexpr char kTogether[] = "hrtc.together";                 ///< number of its users that collaborate now
 inline constexpr char kRemoteProbes[] = "hrtc.remote_probes";
 /// Samples of any topic that were dropped because a number or a time was outside its window.
@@ -82,7 +82,7 @@ inline constexpr char kLostOf[] = "lost.";
 
 // An HRTC: remote devices of its users.
 inline constexpr char kRemoteDevices[] = "hrtc.remote_devices";
-inline constexpr char kLoopDelay[] = "hrtc.loop_us";         ///< max round trip to them now, as used to limit stiffness
+inline constexpr char kDeviceRoundTrip[] = "hrtc.loop_us";   ///< max round trip to them now, as used to limit stiffness
 inline constexpr char kStaleCycles[] = "hrtc.stale_cycles";  ///< summed over all probes: force ramped for an old pose
 
 // An HRTC: movable objects, where there are any; uJ and um. docs/explanation/shared-objects.md.

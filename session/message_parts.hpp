@@ -19,7 +19,7 @@ struct MessageParts {
   /// Cuts `bytes` of a region, or of a base mesh, so that the first part fits into `room` bytes of a chunk.
   [[nodiscard]] static MessageParts cut(std::uint32_t bytes, std::uint32_t region, std::size_t room) noexcept {
     const auto max_parts = static_cast<std::uint32_t>(bytes / (kMaxPayload / 2) + 2);
-    const std::size_t head = head_bytes(region, max_parts);
+    const std::size_t head = header_bytes(region, max_parts);
     MessageParts parts;
     parts.bytes = bytes;
     parts.part_bytes = static_cast<std::uint16_t>(kMaxPayload - head);

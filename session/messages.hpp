@@ -80,7 +80,7 @@ struct RosterEntry {
   Role role = Role::kViewer;
   std::string name;  ///< participant
   std::string session;
-  std::string controller;          ///< client only: the HRTC that is to serve its users
+  std::string requested_hrtc;      ///< client only: the HRTC that is to serve its users
   std::vector<std::string> users;  ///< client only
   std::vector<UserSlot> slots;     ///< HRTC only: users accepted
   std::uint64_t heartbeat = 0;     ///< grows by one each sample
@@ -144,7 +144,7 @@ struct BulkPiece {
 };
 
 /// Upper bound of the bytes of kMaxPayload that the header of a piece takes.
-[[nodiscard]] std::size_t head_bytes(std::uint32_t region, std::uint32_t parts) noexcept;
+[[nodiscard]] std::size_t header_bytes(std::uint32_t region, std::uint32_t parts) noexcept;
 
 /// Topics base and records: pieces of messages, or an echo. One chunk can hold the end of a message and the beginning
 /// of the next, so that frames are full. `stream_id` identifies the host, the HRTC and the object.
@@ -311,12 +311,12 @@ struct ObjectGrant {
   std::uint64_t object_id = 0;
   std::uint32_t sequence = 0;
   std::uint64_t fencing = 0;
-  std::int64_t line_ns = 0;       ///< delay of the wave-variable channels, the same for all
-  std::vector<Toucher> touchers;  ///< longest holder first; empty: the host simulates
+  std::int64_t channel_delay_ns = 0;  ///< delay of the wave-variable channels, the same for all
+  std::vector<Toucher> touchers;      ///< longest holder first; empty: the host simulates
 };
 
 /// The wave-variable channel from a copy to one of its peers, since the group began.
-struct CopyLine {
+struct CopyChannel {
   std::array<double, 6> wave{};  ///< integral of the outgoing wave: m in the world, then rad about the body's axes
   double energy = 0;             ///< J put into the channel, never decreases
 };
@@ -327,14 +327,14 @@ struct ObjectCopy {
   Origin origin;
   std::uint64_t object_id = 0;
   std::uint32_t sequence = 0;
-  std::uint64_t fencing = 0;  ///< of the grant that made the group
-  std::uint32_t place = 0;    ///< index in the grant's list
+  std::uint64_t fencing = 0;     ///< of the grant that made the group
+  std::uint32_t copy_index = 0;  ///< index in the grant's list
   std::int64_t session_time_ns = 0;
   Pose body;                                        ///< of the centre of mass, with the model's axes
   std::array<double, 3> velocity{0, 0, 0};          ///< of that centre
   std::array<double, 3> angular_velocity{0, 0, 0};  ///< rad/s
   std::array<double, 3> pressed{0, 0, 0};           ///< N, applied by its own users
-  std::vector<CopyLine> lines;                      ///< one for each index of the grant's list; its own has no meaning
+  std::vector<CopyChannel> channels;                ///< one for each index of the grant's list; its own has no meaning
 };
 
 /// Topic clock, keys origin.participant and peer: four-stamp exchange. An answer repeats the request's sequence and t0.

@@ -113,7 +113,7 @@ std::optional<ObjectGrant> Arbiter::tick(std::int64_t now_ns) {
   grant.object_id = object_id_;
   grant.sequence = ++sequence_;
   grant.fencing = fencing_;
-  grant.line_ns = channel_delay_ns_;
+  grant.channel_delay_ns = channel_delay_ns_;
   for (const Held& held : held_) grant.touchers.push_back(held.toucher);
   return grant;
 }
@@ -155,11 +155,11 @@ void Holder::on_grant(const ObjectGrant& grant, std::int64_t now_ns) {
   implausible_ += admission == Admission::kImplausible ? 1 : 0;
   if (!accepted(admission)) return;
   granted_ = grant;
-  place_ = kMaxTouchers;
+  copy_index_ = kMaxTouchers;
   for (std::size_t i = 0; i < grant.touchers.size() && i < kMaxTouchers; ++i) {
     const Toucher& toucher = grant.touchers[i];
     if (toucher.participant != self_.participant || toucher.incarnation != self_.incarnation) continue;
-    place_ = i;
+    copy_index_ = i;
     const Sent& sent = sent_[toucher.claim % sent_.size()];
     if (touching_ && sent.sequence == toucher.claim && sent.touching && sent.at_ns <= now_ns)
       until_ns_ = std::max(until_ns_, sent.at_ns + sent.lease_ns);
@@ -186,9 +186,10 @@ std::optional<ObjectClaim> Holder::tick(std::int64_t now_ns) {
 
 Holder::Role Holder::role(std::int64_t now_ns) const noexcept {
   if (!touching_) return Role::kWatching;
-  if (place_ == kMaxTouchers || now_ns >= until_ns_ || granted_.fencing < fencings_.newest()) return Role::kAsking;
+  if (copy_index_ == kMaxTouchers || now_ns >= until_ns_ || granted_.fencing < fencings_.newest())
+    return Role::kRequesting;
   if (granted_.touchers.size() == 1) return Role::kOwner;
-  return place_ == 0 ? Role::kLeader : Role::kCopy;
+  return copy_index_ == 0 ? Role::kLeader : Role::kCopy;
 }
 
 bool CopyGate::accept(const ObjectCopy& copy, std::int64_t now_ns, std::int64_t session_now_ns) noexcept {

@@ -17,8 +17,8 @@
 /// A toucher's lease ends before the host takes the object back; this needs no synchronised clocks. A host that starts
 /// waits for the shortest lease before it simulates, and learns the current fencing number from claims and poses.
 ///
-/// A toucher feels the object before the grant: it simulates at once for itself (Holder::Role::kAsking), and its state
-/// becomes the object's with the grant.
+/// A toucher feels the object before the grant: it simulates at once for itself (Holder::Role::kRequesting), and its
+/// state becomes the object's with the grant.
 /// Source: Gray, Cheriton 1989 (leases).
 ///
 /// No clock, socket or thread; one thread at a time.
@@ -96,11 +96,11 @@ class Arbiter {
 class Holder {
  public:
   enum class Role : std::uint8_t {
-    kWatching,  ///< does not touch: shows the owner's poses
-    kAsking,    ///< touches without a grant: simulates for itself, publishes nothing
-    kOwner,     ///< the only toucher: simulates and publishes
-    kLeader,    ///< simulates one of several copies, publishes
-    kCopy       ///< simulates one of several copies
+    kWatching,    ///< does not touch: shows the owner's poses
+    kRequesting,  ///< touches without a grant: simulates for itself, publishes nothing
+    kOwner,       ///< the only toucher: simulates and publishes
+    kLeader,      ///< simulates one of several copies, publishes
+    kCopy         ///< simulates one of several copies
   };
 
   Holder(const Origin& self, std::uint64_t object_id, const OwnershipSettings& settings);
@@ -119,7 +119,7 @@ class Holder {
   /// The grant with all copies, this one included, from which to build the coupling. A new `fencing` is a new group.
   [[nodiscard]] const ObjectGrant& grant() const noexcept { return granted_; }
   /// Its own index among the copies.
-  [[nodiscard]] std::size_t place() const noexcept { return place_; }
+  [[nodiscard]] std::size_t copy_index() const noexcept { return copy_index_; }
   /// Grants that were dropped because fencing number or sequence is outside its window.
   [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_; }
 
@@ -143,7 +143,7 @@ class Holder {
   SequenceWindow fencings_{kFencingNumbers};  // of grants and poses
   SequenceWindow grants_{kClaimNumbers};      // under the fencing number of `granted_`
   std::uint64_t implausible_ = 0;
-  std::size_t place_ = kMaxTouchers;
+  std::size_t copy_index_ = kMaxTouchers;
   std::int64_t until_ns_ = 0;  // end of the lease, counted from the sending of its claim
   std::int64_t one_way_ns_ = 0;
   int release_claims_ = 0;  // claims to send after letting go

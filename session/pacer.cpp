@@ -121,7 +121,8 @@ void Pacer::on_feedback(const Feedback& feedback, std::int64_t now_ns) {
   under_way_ -= feedback.arrived_bytes + feedback.lost_bytes;
   if (feedback.arrived_bytes == 0) return;
   constexpr std::int64_t kSmoothing = 8;
-  round_trip_ns_ += round_trip_ns_ == 0 ? feedback.loop_ns : (feedback.loop_ns - round_trip_ns_) / kSmoothing;
+  round_trip_ns_ +=
+      round_trip_ns_ == 0 ? feedback.round_trip_ns : (feedback.round_trip_ns - round_trip_ns_) / kSmoothing;
   note_round(feedback, now_ns);
   if (!feedback.one_way_us) return;
   note_one_way(*feedback.one_way_us, now_ns);

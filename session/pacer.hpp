@@ -28,12 +28,12 @@ class Pacer {
   [[nodiscard]] std::int64_t next_ns() const noexcept { return next_ns_; }
   void sent(std::uint32_t bytes, std::int64_t now_ns);
   /// Tells the pacer that there is nothing to send.
-  void rest() noexcept { paced_ = false; }
+  void set_idle() noexcept { paced_ = false; }
 
   /// What a demand reports about chunks that were in flight.
   struct Feedback {
     std::uint32_t arrived_bytes = 0, lost_bytes = 0;
-    std::int64_t loop_ns = 0;                 ///< since the oldest chunk among those that arrived was sent
+    std::int64_t round_trip_ns = 0;           ///< since the oldest chunk among those that arrived was sent
     std::optional<std::uint32_t> one_way_us;  ///< Demand::one_way_us
   };
   void on_feedback(const Feedback& feedback, std::int64_t now_ns);

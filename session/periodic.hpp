@@ -41,7 +41,7 @@ class Heartbeat : public Every {
   }
   /// Makes the next four entries due at once and every 20 ms, because a participant that was just discovered may not
   /// have matched our writer yet.
-  void insist() {
+  void repeat_soon() {
     repeats_left_ = kRepeats;
     at_once();
   }

@@ -56,7 +56,7 @@ class ProbePlayout {
   PlayoutSettings settings_;
   std::array<ProbeState, kCapacity> states_;  // ascending by sequence
   std::size_t count_ = 0;
-  TransitWatch transit_;
+  TransitEstimator transit_;
   std::int64_t delay_ns_ = 0, moved_ns_ = 0, shown_ns_ = INT64_MIN;
   bool started_ = false;
 };

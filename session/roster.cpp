@@ -28,7 +28,7 @@ const char* name_of(Role role) {
 }
 
 bool same_users(const RosterEntry& a, const RosterEntry& b) {
-  return a.controller == b.controller && a.users == b.users &&
+  return a.requested_hrtc == b.requested_hrtc && a.users == b.users &&
          std::equal(a.slots.begin(), a.slots.end(), b.slots.begin(), b.slots.end(),
                     [](const UserSlot& x, const UserSlot& y) { return x.user == y.user && x.slot == y.slot; });
 }

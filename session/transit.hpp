@@ -11,7 +11,7 @@
 
 namespace tactus::session {
 
-class TransitWatch {
+class TransitEstimator {
  public:
   void on_transit(std::int64_t transit_ns, std::int64_t now_ns) noexcept;
   /// As of the last sample; 0 when there was none.

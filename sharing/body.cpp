@@ -78,10 +78,10 @@ haptics::CopySample sample_of(const session::ObjectCopy& copy) noexcept {
   sample.body.velocity = vec(copy.velocity);
   sample.body.angular_velocity = vec(copy.angular_velocity);
   sample.pressed = vec(copy.pressed);
-  const std::size_t count = std::min(copy.lines.size(), haptics::kMaxCopies);
+  const std::size_t count = std::min(copy.channels.size(), haptics::kMaxCopies);
   for (std::size_t i = 0; i < count; ++i) {
-    sample.waves[i] = Eigen::Map<const haptics::Vec6d>(copy.lines[i].wave.data());
-    sample.energy[i] = copy.lines[i].energy;
+    sample.waves[i] = Eigen::Map<const haptics::Vec6d>(copy.channels[i].wave.data());
+    sample.energy[i] = copy.channels[i].energy;
   }
   return sample;
 }
@@ -92,14 +92,14 @@ void put_sample(const haptics::CopySample& sample, std::size_t count, session::O
   copy.velocity = plain(sample.body.velocity);
   copy.angular_velocity = plain(sample.body.angular_velocity);
   copy.pressed = plain(sample.pressed);
-  copy.lines.resize(std::min(count, haptics::kMaxCopies));
-  for (std::size_t i = 0; i < copy.lines.size(); ++i) {
-    Eigen::Map<haptics::Vec6d>(copy.lines[i].wave.data()) = sample.waves[i];
-    copy.lines[i].energy = sample.energy[i];
+  copy.channels.resize(std::min(count, haptics::kMaxCopies));
+  for (std::size_t i = 0; i < copy.channels.size(); ++i) {
+    Eigen::Map<haptics::Vec6d>(copy.channels[i].wave.data()) = sample.waves[i];
+    copy.channels[i].energy = sample.energy[i];
   }
 }
 
-BodyState carried_on(const BodyState& state, double seconds) noexcept {
+BodyState extrapolated(const BodyState& state, double seconds) noexcept {
   BodyState later = state;
   later.position += seconds * state.velocity;
   later.orientation = (haptics::rotation_by(seconds * state.angular_velocity) * state.orientation).normalized();

@@ -48,6 +48,6 @@ void put_state(const BodyState& state, const Vec3d& centre, session::ObjectPose&
 void put_sample(const haptics::CopySample& sample, std::size_t count, session::ObjectCopy& copy);
 
 /// Extrapolates `state` by `seconds` at its velocity.
-[[nodiscard]] BodyState carried_on(const BodyState& state, double seconds) noexcept;
+[[nodiscard]] BodyState extrapolated(const BodyState& state, double seconds) noexcept;
 
 }  // namespace tactus::sharing

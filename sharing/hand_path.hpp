@@ -19,7 +19,7 @@ namespace tactus::sharing {
 }
 
 /// Sets the start of a hand that has not moved yet to the first waypoint.
-inline void begin_at(const session::Intent& first, haptics::HandSettings& hand) {
+inline void set_start(const session::Intent& first, haptics::HandSettings& hand) {
   const session::Pose& pose = first.path.front().pose;
   hand.start = {pose.position[0], pose.position[1], pose.position[2]};
   hand.start_turned = {pose.orientation[3], pose.orientation[0], pose.orientation[1], pose.orientation[2]};

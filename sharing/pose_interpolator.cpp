@@ -14,7 +14,7 @@ void PoseInterpolator::show(const BodyState& state, std::int64_t session_now_ns)
 
 BodyState PoseInterpolator::target(std::int64_t session_now_ns) const noexcept {
   const std::int64_t age_ns = std::max<std::int64_t>(0, session_now_ns - received_.session_ns);
-  BodyState state = carried_on(received_.state, 1e-9 * static_cast<double>(std::min(age_ns, kLongestNs)));
+  BodyState state = extrapolated(received_.state, 1e-9 * static_cast<double>(std::min(age_ns, kLongestNs)));
   if (age_ns > kLongestNs) {
     state.velocity.setZero();
     state.angular_velocity.setZero();

@@ -300,7 +300,7 @@ void SharedSession::act(User& user) {
   const std::optional<session::Intent> intent = user.mind->tick(now_ns_, view_);
   if (!intent) return;
   if (user.device == nullptr) {
-    sharing::begin_at(*intent, user.hand);
+    sharing::set_start(*intent, user.hand);
     user.device = std::make_unique<haptics::SimulatedDevice>(user.hand);
   }
   user.device->wishes().post(sharing::hand_path(*intent, 0));

@@ -109,7 +109,7 @@ const char* fault(const session::RosterEntry& r) noexcept {
   if (!is_name(r.session)) return "session: expected 1..63 bytes";
   if (session::id_of(r.name) != r.origin.participant) return "name: expected the one that origin.participant is of";
   if (session::id_of(r.session) != r.origin.session) return "session: expected the one that origin.session is of";
-  if (!fits(r.controller, session::kMaxName)) return "controller: expected at most 63 bytes";
+  if (!fits(r.requested_hrtc, session::kMaxName)) return "requested_hrtc: expected at most 63 bytes";
   if (r.users.size() > session::kMaxSlots) return "users: expected at most 64";
   for (const std::string& user : r.users) {
     if (!is_name(user)) return "users: expected names of 1..63 bytes";
@@ -200,7 +200,7 @@ const char* fault(const session::BulkChunk& b) noexcept {
     if (piece.payload.empty()) return "pieces.payload: expected at least one byte";
     if ((piece.region == spm::kNone) != (b.kind() == session::BulkKind::kBase))
       return "pieces.region: expected base meshes and regions in different chunks";
-    bytes += session::head_bytes(piece.region, piece.parts) + piece.payload.size();
+    bytes += session::header_bytes(piece.region, piece.parts) + piece.payload.size();
   }
   if (bytes > session::kMaxPayload) return "pieces: expected at most 1400 bytes with their headers";
   return nullptr;
@@ -260,7 +260,7 @@ const char* fault(const session::ObjectClaim& c) noexcept {
 
 const char* fault(const session::ObjectGrant& g) noexcept {
   constexpr std::int64_t kLongest = std::int64_t{1} << 40;
-  if (g.line_ns < 0 || g.line_ns > kLongest) return "line_ns: expected 0 up to 2^40";
+  if (g.channel_delay_ns < 0 || g.channel_delay_ns > kLongest) return "channel_delay_ns: expected 0 up to 2^40";
   if (g.touchers.size() > session::kMaxTouchers) return "touchers: expected at most 8";
   for (std::size_t i = 0; i < g.touchers.size(); ++i) {
     for (std::size_t k = 0; k < i; ++k) {
@@ -272,16 +272,16 @@ const char* fault(const session::ObjectGrant& g) noexcept {
 
 const char* fault(const session::ObjectCopy& c) noexcept {
   if (c.session_time_ns < 0 || !is_time(c.session_time_ns)) return "session_time_ns: expected 0 up to 2^61";
-  if (c.lines.size() < 2 || c.lines.size() > session::kMaxTouchers) return "lines: expected 2 to 8";
-  if (c.place >= c.lines.size()) return "place: expected below the number of lines";
+  if (c.channels.size() < 2 || c.channels.size() > session::kMaxTouchers) return "channels: expected 2 to 8";
+  if (c.copy_index >= c.channels.size()) return "copy_index: expected below the number of channels";
   if (const char* f = fault(c.body)) return f;
   if (!all_moderate(c.body.position)) return "body.position: expected at most 1e9";
   if (!all_moderate(c.velocity)) return "velocity: expected at most 1e9";
   if (!all_moderate(c.angular_velocity)) return "angular_velocity: expected at most 1e9";
   if (!all_moderate(c.pressed)) return "pressed: expected at most 1e9";
-  for (const session::CopyLine& line : c.lines) {
-    if (!all_moderate(line.wave)) return "lines.wave: expected at most 1e9";
-    if (!not_negative(line.energy) || line.energy > kMax) return "lines.energy: expected 0 up to 1e9";
+  for (const session::CopyChannel& channel : c.channels) {
+    if (!all_moderate(channel.wave)) return "channels.wave: expected at most 1e9";
+    if (!not_negative(channel.energy) || channel.energy > kMax) return "channels.energy: expected 0 up to 1e9";
   }
   return nullptr;
 }

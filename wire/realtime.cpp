@@ -34,7 +34,7 @@ std::string enter_realtime(const std::string& who, int priority) {
          "); give the user rtprio in /etc/security/limits.conf or run as root for steadier cycles";
 }
 
-std::string go_before_others(const std::string& who) {
+std::string raise_priority(const std::string& who) {
   constexpr int kNice = -10;
   if (setpriority(PRIO_PROCESS, 0, kNice) == 0) return who + ": nice " + std::to_string(kNice);  // 0: this thread
   return who + ": no raised priority (" + std::strerror(errno) +

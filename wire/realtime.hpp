@@ -15,7 +15,7 @@ namespace tactus::wire {
 
 /// Requests nice -10 for the calling thread and the threads that it creates later: nine times the share of an ordinary
 /// thread on a busy machine. Returns one line as above.
-[[nodiscard]] std::string go_before_others(const std::string& who);
+[[nodiscard]] std::string raise_priority(const std::string& who);
 
 /// Locks the present and future memory of the process, page by page on first use. Returns one line as above.
 [[nodiscard]] std::string lock_memory();

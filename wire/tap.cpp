@@ -117,7 +117,7 @@ struct Tap::Impl {
       dds::Topic& topic = in.topic(spec.name, spec.traffic, dds::TypeSupport{new Raw<Support>{spec.traffic}});
       // Full-rate probe states and copies of objects use the partitions of groups, with profiles of their own.
       const std::string profile = spec.profile;
-      const bool of_groups = profile == topics::kProbeStateWhole.profile || profile == topics::kObjectCopy.profile;
+      const bool of_groups = profile == topics::kProbeStateFullRate.profile || profile == topics::kObjectCopy.profile;
       const std::vector<std::string> parts =
           of_groups ? std::vector<std::string>{"/g/*"} : std::vector<std::string>{"", "/u/*", "/h/*"};
       std::vector<std::string> partitions;

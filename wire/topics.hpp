@@ -31,8 +31,8 @@ inline constexpr TopicSpec<session::BulkChunk> kRecords{"tactus_records", Traffi
 inline constexpr TopicSpec<session::EmergencyStop> kStop{"tactus_stop", TrafficClass::kProbe, "stop"};
 inline constexpr TopicSpec<session::ProbeState> kProbeState{"tactus_probe_state", TrafficClass::kProbe, "probe_state"};
 /// The same topic with the endpoints of mode `collaborate`, in a group's partition.
-inline constexpr TopicSpec<session::ProbeState> kProbeStateWhole{"tactus_probe_state", TrafficClass::kProbe,
-                                                                 "probe_state_whole"};
+inline constexpr TopicSpec<session::ProbeState> kProbeStateFullRate{"tactus_probe_state", TrafficClass::kProbe,
+                                                                    "probe_state_full_rate"};
 inline constexpr TopicSpec<session::DevicePose> kDevicePose{"tactus_device_pose", TrafficClass::kProbe, "device_pose"};
 inline constexpr TopicSpec<session::DeviceCommand> kDeviceCommand{"tactus_device_command", TrafficClass::kProbe,
                                                                   "device_command"};
@@ -60,7 +60,7 @@ void for_each(Visit&& visit) {
   visit(kRecords);
   visit(kStop);
   visit(kProbeState);
-  visit(kProbeStateWhole);
+  visit(kProbeStateFullRate);
   visit(kDevicePose);
   visit(kDeviceCommand);
   visit(kIntent);

@@ -269,7 +269,7 @@ TEST_F(HostTest, CountsSentRecordsAndAnswersClockRequests) {
 
   EXPECT_EQ(hrtc.figures_[names::kHostRecords], all);
   EXPECT_EQ(hrtc.figures_[std::string{names::kHostRecords} + ".hrtc"], all);
-  EXPECT_EQ(hrtc.figures_[names::kHostControllers], 1);
+  EXPECT_EQ(hrtc.figures_[names::kHostHrtcs], 1);
   EXPECT_TRUE(hrtc.run_until([&] { return hrtc.clock_answered_; }));
 }
 

@@ -34,7 +34,7 @@ struct Organ {
     scale = 0.2 / longest;
     for (const auto& p : mesh.positions) vertices.push_back(scale * Vec3d{p[0], p[1], p[2]});
   }
-  [[nodiscard]] StandingObject standing() const { return {{}, scale, &encoded.coded()}; }
+  [[nodiscard]] StaticObject standing() const { return {{}, scale, &encoded.coded()}; }
   [[nodiscard]] Vec3d top() const {
     return *std::max_element(vertices.begin(), vertices.end(),
                              [](const Vec3d& a, const Vec3d& b) { return a.z() < b.z(); });
@@ -65,7 +65,7 @@ session::CatalogueEntry box(const Vec3d& half_mm, const Vec3d& place, double fri
 /// The pose after 4 s, when the box must be at rest.
 session::Pose dropped(const session::CatalogueEntry& entry, Scenery& scenery) {
   ObjectAuthority object_authority{entry.origin};
-  object_authority.stand_among(&scenery);
+  object_authority.set_scenery(&scenery);
   object_authority.add(entry, 0);
   session::Pose pose = entry.pose;
   for (std::int64_t now = kMs; now < 4000 * kMs; now += kMs)
@@ -104,7 +104,7 @@ TEST(Scenery, RegionsWithoutContactsFreeTheirSlotsForOthers) {
   Scenery scenery{{organ().standing()}, 6000};
   std::uint64_t exact = 0, requested = 0;
   for (std::size_t i = 0; i < organ().vertices.size(); i += 211) {
-    for (int look = 0; look < 12; ++look) scenery.look({organ().vertices[i]});
+    for (int look = 0; look < 12; ++look) scenery.refine_around({organ().vertices[i]});
     ++requested;
     exact += scenery.exact(organ().vertices[i], 0.002) ? 1 : 0;
   }

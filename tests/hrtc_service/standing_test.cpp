@@ -43,7 +43,7 @@ class OnTheOrgan : public ::testing::Test {
                                       [](const auto& a, const auto& b) { return a[2] < b[2]; });
     entry.pose.position = {(*top)[0], (*top)[1], (*top)[2] + 0.02};
     host_service::ObjectAuthority object_authority{entry.origin};
-    object_authority.stand_among(&scenery);
+    object_authority.set_scenery(&scenery);
     object_authority.add(entry, 0);
     session::Pose pose;
     for (std::int64_t now = kMs; now < 3000 * kMs; now += kMs)

@@ -368,12 +368,12 @@ TEST_F(DeliveryClientTest, APublishedCreditHoldsForARoundTripWhateverIsPublished
   publish_after_change();
   client_.set_room(50'000);
   publish_after_change();
-  EXPECT_EQ(client_.promised(now_), 200'000u);
-  EXPECT_EQ(client_.promised(now_ + 1000 * kMs), 50'000u) << "the last one holds until the next is published";
+  EXPECT_EQ(client_.granted_credit(now_), 200'000u);
+  EXPECT_EQ(client_.granted_credit(now_ + 1000 * kMs), 50'000u) << "the last one holds until the next is published";
 
   client_.set_room(80'000);
   publish_after_change();
-  EXPECT_EQ(client_.promised(now_), 80'000u);
+  EXPECT_EQ(client_.granted_credit(now_), 80'000u);
 }
 
 TEST_F(DeliveryClientTest, AMessageFromBeforeARetirementIsDroppedAfterTheRelease) {

@@ -150,7 +150,7 @@ TEST_F(DeliveryServerTest, FillsEveryChunkButTheLast) {
   std::set<std::uint32_t> shared;
   for (const BulkChunk& chunk : chunks) {
     std::size_t bytes = 0;
-    for (const BulkPiece& piece : chunk.pieces) bytes += head_bytes(piece.region, piece.parts) + piece.payload.size();
+    for (const BulkPiece& piece : chunk.pieces) bytes += header_bytes(piece.region, piece.parts) + piece.payload.size();
     EXPECT_LE(bytes, kMaxPayload);
     if (&chunk != &chunks.back()) {
       EXPECT_GT(bytes, kMaxPayload - 64) << "chunk " << chunk.sequence;
@@ -557,7 +557,7 @@ TEST(MessageParts, EveryByteOfALargeMessageIsInOnePart) {
     const auto [from, to] = parts.range(part);
     ASSERT_EQ(from, end);
     ASSERT_LT(from, to);
-    ASSERT_LE(to - from + head_bytes(spm::kNone, parts.count), kMaxPayload);
+    ASSERT_LE(to - from + header_bytes(spm::kNone, parts.count), kMaxPayload);
     end = to;
   }
   EXPECT_EQ(end, kBytes);

@@ -27,9 +27,9 @@ class FailureDetectorTest : public testing::Test {
   std::vector<std::int64_t> run(std::int64_t end_ns, const std::function<bool()>& answers) {
     std::vector<std::int64_t> suspected;
     for (; now_ < end_ns; now_ += 2 * kMs) {
-      while (auto request = failure_detector_.ask(now_))
+      while (auto request = failure_detector_.next_request(now_))
         if (answers()) failure_detector_.on_answer(answer_to(*request), now_);
-      for (const FailureDetector::Silent& silent : failure_detector_.silent(now_)) {
+      for (const FailureDetector::Suspect& silent : failure_detector_.take_suspects(now_)) {
         EXPECT_EQ(silent.host, kHost);
         suspected.push_back(now_);
       }
@@ -45,14 +45,14 @@ TEST_F(FailureDetectorTest, SuspectsADeadHostOnceWithin40Ms) {
   const std::vector<std::int64_t> suspected = run(4000 * kMs, [] { return false; });
   ASSERT_EQ(suspected.size(), 1u);
   EXPECT_LE(suspected.front(), 2040 * kMs);
-  EXPECT_EQ(failure_detector_.false_alarms(), 0u);
+  EXPECT_EQ(failure_detector_.false_suspicions(), 0u);
 }
 
 TEST_F(FailureDetectorTest, AllAreAnsweredWhileTheHostAnswers) {
   ASSERT_TRUE(run(2000 * kMs, [] { return true; }).empty());
-  EXPECT_TRUE(failure_detector_.at_ease());
+  EXPECT_TRUE(failure_detector_.all_answered());
   ASSERT_TRUE(run(2014 * kMs, [] { return false; }).empty());
-  EXPECT_FALSE(failure_detector_.at_ease()) << "14 ms of silence";
+  EXPECT_FALSE(failure_detector_.all_answered()) << "14 ms of silence";
 }
 
 TEST_F(FailureDetectorTest, DoesNotSuspectAHostThatHasNeverAnswered) {
@@ -69,17 +69,17 @@ TEST_F(FailureDetectorTest, AdaptsToALossyLink) {
   std::mt19937_64 random{1};
   const auto one_of_ten_lost = [&] { return random() % 10 != 0; };
   (void)run(30'000 * kMs, one_of_ten_lost);
-  const std::uint64_t learning = failure_detector_.false_alarms();
+  const std::uint64_t learning = failure_detector_.false_suspicions();
   EXPECT_LE(learning, 2u);
   (void)run(330'000 * kMs, one_of_ten_lost);
-  EXPECT_LE(failure_detector_.false_alarms() - learning, 2u) << "in five minutes";
+  EXPECT_LE(failure_detector_.false_suspicions() - learning, 2u) << "in five minutes";
 }
 
 TEST_F(FailureDetectorTest, RecoversFromALongSilence) {
   ASSERT_TRUE(run(2000 * kMs, [] { return true; }).empty());
   ASSERT_EQ(run(2060 * kMs, [] { return false; }).size(), 1u);
   ASSERT_TRUE(run(60'000 * kMs, [] { return true; }).empty());
-  EXPECT_EQ(failure_detector_.false_alarms(), 1u);
+  EXPECT_EQ(failure_detector_.false_suspicions(), 1u);
   const std::vector<std::int64_t> suspected = run(61'000 * kMs, [] { return false; });
   ASSERT_EQ(suspected.size(), 1u);
   EXPECT_LE(suspected.front(), 60'040 * kMs);
@@ -87,22 +87,22 @@ TEST_F(FailureDetectorTest, RecoversFromALongSilence) {
 
 TEST_F(FailureDetectorTest, SendsRequestsOnlyToWatchedHosts) {
   failure_detector_.watch({kOther});
-  const auto request = failure_detector_.ask(now_);
+  const auto request = failure_detector_.next_request(now_);
   ASSERT_TRUE(request);
   EXPECT_EQ(request->peer, kOther);
-  EXPECT_FALSE(failure_detector_.ask(now_));
+  EXPECT_FALSE(failure_detector_.next_request(now_));
   failure_detector_.watch({});
-  EXPECT_FALSE(failure_detector_.ask(now_ + 1000 * kMs));
+  EXPECT_FALSE(failure_detector_.next_request(now_ + 1000 * kMs));
 }
 
 TEST_F(FailureDetectorTest, ARestartedHostIsNoFalseSuspicion) {
   ASSERT_TRUE(run(2000 * kMs, [] { return true; }).empty());
   ASSERT_EQ(run(2200 * kMs, [] { return false; }).size(), 1u);
-  const auto request = failure_detector_.ask(now_ + 8 * kMs);
+  const auto request = failure_detector_.next_request(now_ + 8 * kMs);
   ASSERT_TRUE(request);
   failure_detector_.on_answer(answer_to(*request, 2), now_ + 8 * kMs);
-  EXPECT_EQ(failure_detector_.false_alarms(), 0u);
-  EXPECT_TRUE(failure_detector_.silent(now_ + 20 * kMs).empty());
+  EXPECT_EQ(failure_detector_.false_suspicions(), 0u);
+  EXPECT_TRUE(failure_detector_.take_suspects(now_ + 20 * kMs).empty());
 }
 
 }  // namespace

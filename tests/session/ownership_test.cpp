@@ -205,7 +205,7 @@ TEST(Ownership, TheHostOwnsBeforeAndAfterATouch) {
   contest.run(300);
   EXPECT_EQ(contest.seen_author(), kHost);
   contest.holder(0).touch(true);
-  EXPECT_EQ(contest.role(0), Holder::Role::kAsking);
+  EXPECT_EQ(contest.role(0), Holder::Role::kRequesting);
   contest.run(30);
   EXPECT_EQ(contest.role(0), Holder::Role::kOwner);
   EXPECT_EQ(contest.seen_author(), 1u);
@@ -228,8 +228,8 @@ TEST(Ownership, TwoTouchersSimulateCopiesAndTheLongestHolderLeads) {
   EXPECT_EQ(contest.role(2), Holder::Role::kLeader);
   EXPECT_EQ(contest.role(1), Holder::Role::kCopy);
   EXPECT_GT(contest.holder(1).fencing(), alone);
-  EXPECT_EQ(contest.holder(1).grant().line_ns, 40 * kMs);
-  EXPECT_NE(contest.holder(1).place(), contest.holder(2).place());
+  EXPECT_EQ(contest.holder(1).grant().channel_delay_ns, 40 * kMs);
+  EXPECT_NE(contest.holder(1).copy_index(), contest.holder(2).copy_index());
   EXPECT_EQ(contest.seen_author(), 3u);
   contest.holder(2).touch(false);
   contest.run(30);
@@ -266,7 +266,7 @@ TEST(Ownership, TheLeaseGrowsWithTheRoundTrip) {
   EXPECT_EQ(contest.role(0), Holder::Role::kOwner) << "as long as it touches";
   contest.disconnect(0, contest.now() + 3000 * kMs);
   contest.run(850);
-  EXPECT_EQ(contest.role(0), Holder::Role::kAsking);
+  EXPECT_EQ(contest.role(0), Holder::Role::kRequesting);
   contest.run(400);
   EXPECT_TRUE(contest.host().owns(contest.now()));
   contest.check();

@@ -66,7 +66,7 @@ Outcome fill(const Path& path, double seconds) {
                          static_cast<std::uint32_t>(chunk.sent / 1000);
         if (!feedback.one_way_us || static_cast<std::int32_t>(way - *feedback.one_way_us) < 0)
           feedback.one_way_us = way;
-        feedback.loop_ns = std::max(feedback.loop_ns, now - chunk.sent);
+        feedback.round_trip_ns = std::max(feedback.round_trip_ns, now - chunk.sent);
       }
       pacer.on_feedback(feedback, now);
     }
@@ -160,7 +160,7 @@ NamedOutcome send_named(const netem::NamedLink& named, double seconds, std::uint
       }
     }
     for (; !published.empty() && published.front().at <= now; published.pop_front()) {
-      published.front().feedback.loop_ns = now - published.front().first_sent;
+      published.front().feedback.round_trip_ns = now - published.front().first_sent;
       pacer.on_feedback(published.front().feedback, now);
     }
     while (to_send >= kChunk && pacer.may_send(kChunk, now)) {
@@ -169,7 +169,7 @@ NamedOutcome send_named(const netem::NamedLink& named, double seconds, std::uint
       send(kChunk, now);
     }
     if (!under_way.empty() && now >= next_echo) send(0, now);
-    if (to_send < kChunk) pacer.rest();
+    if (to_send < kChunk) pacer.set_idle();
   }
   const double rate = named.each_way.rate_mbit * 1e6 / 8 * (1 - named.each_way.mean_loss());
   return {arrived / (rate * seconds * 2 / 3), pacer.window()};

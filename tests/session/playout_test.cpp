@@ -68,8 +68,8 @@ TEST(ProbePlayout, TheDelayFallsSlowlyAfterLongTransits) {
   EXPECT_NEAR(static_cast<double>(playout.delay_ns()), 30e6, 2e6) << "1 % of a second";
 }
 
-TEST(TransitWatch, DropsLaterMeasurementsWhenTimeStepsBack) {
-  TransitWatch watch;
+TEST(TransitEstimator, DropsLaterMeasurementsWhenTimeStepsBack) {
+  TransitEstimator watch;
   for (std::int64_t ms = 60'000; ms < 61'000; ms += 10) watch.on_transit(40 * kMs, ms * kMs);
   for (std::int64_t ms = 1000; ms < 1300; ms += 10) watch.on_transit(5 * kMs, ms * kMs);
   EXPECT_EQ(watch.max_ns(), 5 * kMs);

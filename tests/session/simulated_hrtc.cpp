@@ -26,7 +26,7 @@ std::vector<std::uint32_t> records_of(const std::vector<spm::Interval>& interval
 std::uint32_t regions_of(std::uint64_t object) { return model_of(object).summary.regions; }
 
 /// The detector polls up to a tick late, and counts from the poll before the answer.
-constexpr std::int64_t kMaxSilenceNs = FailureDetectorSettings{}.max_patience_ns + 4 * kTickNs;
+constexpr std::int64_t kMaxSilenceNs = FailureDetectorSettings{}.max_timeout_ns + 4 * kTickNs;
 
 std::string name_of(std::uint64_t object, std::uint32_t region) {
   return "region " + std::to_string(region) + " of object " + std::to_string(object);
@@ -98,9 +98,9 @@ void SimulatedHrtc::on_sample(const Sample& sample) {
                                                              roster().find(entry->origin.participant) != nullptr)
     client_->host_seen(entry->origin.participant, entry->origin.incarnation, local_ns());
   if (const auto* liveness = std::get_if<LivenessSample>(&sample)) {
-    const std::uint64_t host = liveness->sample.origin.participant, before = failure_detector_->false_alarms();
+    const std::uint64_t host = liveness->sample.origin.participant, before = failure_detector_->false_suspicions();
     failure_detector_->on_answer(liveness->sample, local_ns());
-    figures_.false_alarms += failure_detector_->false_alarms() - before;
+    figures_.false_suspicions += failure_detector_->false_suspicions() - before;
     if (failure_detector_->watches(host)) answered_ns_[host] = world_.now_ns;
     suspects_.erase(host);
   }
@@ -146,12 +146,12 @@ void SimulatedHrtc::run_failure_detector() {
   failure_detector_->watch(hosts);
   for (auto at = answered_ns_.begin(); at != answered_ns_.end();)
     at = failure_detector_->watches(at->first) ? std::next(at) : answered_ns_.erase(at);
-  while (const std::optional<ClockSample> request = failure_detector_->ask(local_ns()))
+  while (const std::optional<ClockSample> request = failure_detector_->next_request(local_ns()))
     send(request->peer, LivenessSample{*request});
   if (world_.sabotage != Sabotage::kTrusting) {
-    for (const FailureDetector::Silent& silent : failure_detector_->silent(local_ns())) {
+    for (const FailureDetector::Suspect& silent : failure_detector_->take_suspects(local_ns())) {
       suspects_.insert(silent.host);
-      client_->host_silent(silent.host);
+      client_->suspect_host(silent.host);
       const Program* host = world_.find(silent.host);
       if (host->up()) continue;
       ++figures_.deaths_noticed;

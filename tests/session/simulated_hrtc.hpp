@@ -45,7 +45,7 @@ struct HrtcFigures {
   std::uint64_t records_repeated = 0;  ///< received although a region that was never retired lists them
   std::uint64_t deaths_noticed = 0;    ///< suspected hosts that were dead
   std::int64_t noticed_ns = 0;         ///< max delay of these suspicions
-  std::uint64_t false_alarms = 0;      ///< suspected hosts that were alive
+  std::uint64_t false_suspicions = 0;  ///< suspected hosts that were alive
 };
 
 class SimulatedHrtc : public Program {

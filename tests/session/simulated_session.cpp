@@ -271,7 +271,7 @@ class Simulation {
       result_.hrtcs.records_repeated += figures.records_repeated;
       result_.hrtcs.deaths_noticed += figures.deaths_noticed;
       result_.hrtcs.noticed_ns = std::max(result_.hrtcs.noticed_ns, figures.noticed_ns);
-      result_.hrtcs.false_alarms += figures.false_alarms;
+      result_.hrtcs.false_suspicions += figures.false_suspicions;
       result_.host_changes += hrtc->delivery().counters().host_changes;
     }
     return result_;

@@ -37,7 +37,7 @@ TEST(SessionSimulation, WithoutFaultsNothingIsRefusedOrSentTwiceAndAllAgree) {
     EXPECT_EQ(result.hrtcs.records_repeated, 0u) << "seed " << seed;
     EXPECT_GT(result.hrtcs.regions_released, 30u) << "seed " << seed << ": nothing was ever retired";
     EXPECT_EQ(result.host_changes, 0u) << "seed " << seed;
-    EXPECT_EQ(result.hrtcs.false_alarms, 0u) << "seed " << seed;
+    EXPECT_EQ(result.hrtcs.false_suspicions, 0u) << "seed " << seed;
   }
 }
 

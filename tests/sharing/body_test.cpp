@@ -57,7 +57,7 @@ TEST(SharedBody, ConvertsToTheVelocityOfTheModelsOrigin) {
   const Vec3d centre{0.3, -0.1, 0.2};
   session::ObjectPose now, later;
   put_state(moving(), centre, now);
-  put_state(carried_on(moving(), kDt), centre, later);
+  put_state(extrapolated(moving(), kDt), centre, later);
   for (std::size_t i = 0; i < 3; ++i)
     EXPECT_NEAR((later.pose.position[i] - now.pose.position[i]) / kDt, now.velocity[i], 1e-5);
 }
@@ -73,7 +73,7 @@ TEST(SharedBody, ConvertsACopySampleBackUnchanged) {
   }
   session::ObjectCopy copy;
   put_sample(sample, 3, copy);
-  EXPECT_EQ(copy.lines.size(), 3u);
+  EXPECT_EQ(copy.channels.size(), 3u);
   const haptics::CopySample back = sample_of(copy);
   EXPECT_EQ(back.time_ns, sample.time_ns);
   EXPECT_TRUE(back.body.position.isApprox(sample.body.position));

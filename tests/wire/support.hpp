@@ -102,7 +102,7 @@ inline auto fields(const ses::MeshHash& m) { return std::tuple{m.object_id, m.ha
 inline auto fields(const ses::Waypoint& w) { return std::tuple{w.session_time_ns, fields(w.pose)}; }
 inline auto fields(const ses::Wanted& w) { return std::tuple{w.region, w.contact_in_us}; }
 inline auto fields(const ses::Toucher& t) { return std::tuple{t.participant, t.incarnation, t.claim}; }
-inline auto fields(const ses::CopyLine& l) { return std::tuple{l.wave, l.energy}; }
+inline auto fields(const ses::CopyChannel& l) { return std::tuple{l.wave, l.energy}; }
 inline auto fields(const spm::Interval& r) { return std::tuple{r.first, r.count}; }
 inline auto fields(const ses::StopName& s) { return std::tuple{s.participant, s.incarnation, s.number}; }
 inline auto fields(const ses::StopRecord& s) {
@@ -119,7 +119,7 @@ inline auto fields(const ses::BulkChunk& b) {
   return std::tuple{b.stream, b.sequence, b.epoch, b.sent_us, fields(b.pieces)};
 }
 inline auto fields(const ses::RosterEntry& r) {
-  return std::tuple{fields(r.origin),  r.protocol,      r.role,      r.name,    r.session,       r.controller,
+  return std::tuple{fields(r.origin),  r.protocol,      r.role,      r.name,    r.session,       r.requested_hrtc,
                     r.users,           fields(r.slots), r.heartbeat, r.leaving, fields(r.stops), r.reference,
                     r.session_time_ns, r.joined_ns,     r.force_on};
 }
@@ -169,11 +169,11 @@ inline auto fields(const ses::ObjectClaim& c) {
   return std::tuple{fields(c.origin), c.object_id, c.sequence, c.touching, c.fencing, c.one_way_ns};
 }
 inline auto fields(const ses::ObjectGrant& g) {
-  return std::tuple{fields(g.origin), g.object_id, g.sequence, g.fencing, g.line_ns, fields(g.touchers)};
+  return std::tuple{fields(g.origin), g.object_id, g.sequence, g.fencing, g.channel_delay_ns, fields(g.touchers)};
 }
 inline auto fields(const ses::ObjectCopy& c) {
-  return std::tuple{fields(c.origin), c.object_id, c.sequence,         c.fencing, c.place,        c.session_time_ns,
-                    fields(c.body),   c.velocity,  c.angular_velocity, c.pressed, fields(c.lines)};
+  return std::tuple{fields(c.origin), c.object_id, c.sequence,         c.fencing, c.copy_index,      c.session_time_ns,
+                    fields(c.body),   c.velocity,  c.angular_velocity, c.pressed, fields(c.channels)};
 }
 inline auto fields(const ses::ClockSample& c) {
   return std::tuple{fields(c.origin), c.peer, c.sequence, c.answer, c.t0_ns, c.t1_ns, c.t2_ns};

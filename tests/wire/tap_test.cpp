@@ -51,7 +51,7 @@ TEST_F(TapTest, ReceivesEveryTopicInEveryPartition) {
                                                  received(topics::kBase, {hrtc_partition("desk")}),
                                                  received(topics::kRecords, {hrtc_partition("desk")}),
                                                  received(topics::kProbeState),
-                                                 received(topics::kProbeStateWhole, {group_partition(7)}),
+                                                 received(topics::kProbeStateFullRate, {group_partition(7)}),
                                                  received(topics::kDevicePose, {user_partition("ann")}),
                                                  received(topics::kDeviceCommand, {user_partition("ann")}),
                                                  received(topics::kIntent, {user_partition("ann")}),
@@ -82,7 +82,7 @@ TEST_F(TapTest, DoesNotTakeFullChunksFromTheirReader) {
   ASSERT_TRUE(eventually([&] { return writer.matched() == 2; }));
   auto chunk = full<ses::BulkChunk>(alpha_);
   chunk.pieces = {{1, 0, 1, 2, {}}};
-  chunk.pieces[0].payload.assign(ses::kMaxPayload - ses::head_bytes(1, 1), 0xa5);
+  chunk.pieces[0].payload.assign(ses::kMaxPayload - ses::header_bytes(1, 1), 0xa5);
   const auto got = send_until_received(writer, inbox, chunk);
   ASSERT_TRUE(got.has_value());
   EXPECT_EQ(fields(*got), fields(chunk));

@@ -133,7 +133,7 @@ TEST_F(TwoPrograms, TheLargestSamplesArrive) {
     intent.path.push_back({static_cast<std::int64_t>(i), {{1, 2, 3}}});
   auto chunk = full<ses::BulkChunk>(alpha_);
   chunk.pieces = {{1, 0, 1, 2, {}}};
-  chunk.pieces[0].payload.assign(ses::kMaxPayload - ses::head_bytes(1, 1), 0xa5);
+  chunk.pieces[0].payload.assign(ses::kMaxPayload - ses::header_bytes(1, 1), 0xa5);
 
   const auto arrives = [this](const auto& topic, const auto& sample) {
     using Sample = std::decay_t<decltype(sample)>;
@@ -165,7 +165,7 @@ TEST_F(TwoPrograms, ChunksOfALongStreamArriveAtMostOnceAndInOrder) {
 
   auto chunk = full<ses::BulkChunk>(alpha_);
   chunk.pieces = {{1, 0, 1, 2, {}}};
-  chunk.pieces[0].payload.assign(ses::kMaxPayload - ses::head_bytes(1, 1), 1);
+  chunk.pieces[0].payload.assign(ses::kMaxPayload - ses::header_bytes(1, 1), 1);
   for (std::uint32_t i = 1; i <= kChunks; ++i) {
     chunk.sequence = i;
     ASSERT_EQ(writer.send(chunk), SendStatus::kSent) << "chunk " << i;

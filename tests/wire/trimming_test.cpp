@@ -62,7 +62,7 @@ TEST(TrimmingTest, ATrimmedMessageThatLooksLikeStatisticsIsPadded) {
 
   const Bytes left = trimmed(message({kTo, kTime, alike, statistics()}));
 
-  ASSERT_EQ(left.size(), message({alike}).size() + kSubmessageHead);
+  ASSERT_EQ(left.size(), message({alike}).size() + kSubmessageHeader);
   EXPECT_NE(left[left.size() - kStatisticsSize], kStatisticsId);
 }
 

@@ -17,7 +17,7 @@ namespace tactus::wire {
 
 /// Max bytes by which Fast DDS may exceed a datagram in a message with one sample. It counts the submessages that are
 /// removed, and reserves a heartbeat and the longer header of a fragment, which best-effort samples do not have.
-inline constexpr std::uint32_t kTrimmedAtMost = (kStatisticsSize - kSubmessageHead) + 16 + 12 + (32 + 12);
+inline constexpr std::uint32_t kMaxTrimmed = (kStatisticsSize - kSubmessageHeader) + 16 + 12 + (32 + 12);
 
 /// A message that was trimmed.
 struct TrimmedMessage {
