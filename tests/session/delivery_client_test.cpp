@@ -330,7 +330,7 @@ TEST_F(DeliveryClientTest, ARetiredRegionIsReleasedAfterTheEchoAndAllEarlierChun
   EXPECT_THAT(client_.take_released(kObject), IsEmpty());
 
   epoch_ -= 1;
-  const std::vector<BulkChunk> before = chunks(5, "counts on region 4", 1);
+  const std::vector<BulkChunk> before = chunks(5, "relies on region 4", 1);
   epoch_ += 1;
   EXPECT_FALSE(take({echo()}));
   EXPECT_THAT(client_.take_released(kObject), IsEmpty()) << "a message before the echo is still in flight";
@@ -349,7 +349,7 @@ TEST_F(DeliveryClientTest, AParkedMessageCountsAsInFlightButDelaysNoRelease) {
   ASSERT_TRUE(client_.retire(kObject, 4));
   publish();
   epoch_ -= 1;
-  const std::vector<BulkChunk> waits = chunks(5, "counts on region 4", 1);
+  const std::vector<BulkChunk> waits = chunks(5, "relies on region 4", 1);
   epoch_ += 1;
   ASSERT_TRUE(take(waits));
   EXPECT_FALSE(take({echo()}));
@@ -387,14 +387,14 @@ TEST_F(DeliveryClientTest, AMessageFromBeforeARetirementIsDroppedAfterTheRelease
 
   epoch_ = old_epoch;
 
-  EXPECT_FALSE(take(chunks(5, "counts on region 4", 1)));
+  EXPECT_FALSE(take(chunks(5, "relies on region 4", 1)));
   EXPECT_EQ(client_.counters().stale, 1u);
 }
 
 TEST_F(DeliveryClientTest, AMessageBegunBeforeARetirementIsValidIfItsHostContinuesIt) {
   hold(4);
   publish();
-  const std::vector<BulkChunk> begun = chunks(5, "counts on nothing of region 4", 2);
+  const std::vector<BulkChunk> begun = chunks(5, "relies on nothing of region 4", 2);
   (void)client_.on_chunk(begun[0], now_);
   ASSERT_TRUE(client_.retire(kObject, 4));
   publish();

@@ -115,7 +115,7 @@ void SimulatedHrtc::react(const RosterEvent& event) {
   const bool news = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted ||
                     event.change == RosterChange::kChanged;
   if (entry.role != Role::kClient || (!gone && !news)) return;
-  const bool asks = !gone && entry.hrtc == std::to_string(id());
+  const bool asks = !gone && entry.requested_hrtc == std::to_string(id());
   for (auto at = client_of_.begin(); at != client_of_.end();) {
     const bool stays = asks && std::find(entry.users.begin(), entry.users.end(), at->first) != entry.users.end();
     if (at->second == entry.origin.participant && !stays) {

@@ -179,7 +179,7 @@ std::int64_t SimulatedClient::work() {
 }
 
 void SimulatedClient::describe(RosterEntry& entry) const {
-  entry.hrtc = std::to_string(hrtc_);
+  entry.requested_hrtc = std::to_string(hrtc_);
   entry.users = users_;
 }
 
