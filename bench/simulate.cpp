@@ -47,7 +47,7 @@ struct Totals {
   std::array<std::uint64_t, kFaultKinds> faults{};
   std::uint64_t min_messages = ~std::uint64_t{0}, messages = 0;
   std::size_t min_kinds = kFaultKinds;
-  std::uint64_t held = 0, refused = 0, released = 0, host_changes = 0, deaths_noticed = 0, false_alarms = 0;
+  std::uint64_t held = 0, refused = 0, released = 0, host_changes = 0, deaths_noticed = 0, false_suspicions = 0;
   double virtual_s = 0;
   Samples healed_ms;
 
@@ -61,12 +61,12 @@ struct Totals {
     min_messages = std::min(min_messages, result.messages);
     min_kinds = std::min(min_kinds, result.kinds());
     messages += result.messages;
-    held += result.controllers.regions_held;
-    refused += result.controllers.regions_refused;
-    released += result.controllers.regions_released;
+    held += result.hrtcs.regions_held;
+    refused += result.hrtcs.regions_refused;
+    released += result.hrtcs.regions_released;
     host_changes += result.host_changes;
-    deaths_noticed += result.controllers.deaths_noticed;
-    false_alarms += result.controllers.false_alarms;
+    deaths_noticed += result.hrtcs.deaths_noticed;
+    false_suspicions += result.hrtcs.false_suspicions;
     virtual_s += static_cast<double>(result.virtual_ns) * 1e-9;
     healed_ms.add(static_cast<double>(result.healed_ns) * 1e-6);
   }
@@ -111,7 +111,7 @@ int run(const Settings& settings) {
   report.figure("", "refused, to come again", "", count(totals.refused));
   report.figure("changes of host", "of an object at an HRTC", "", count(totals.host_changes));
   report.figure("hosts found silent", "that were dead", "", count(totals.deaths_noticed));
-  report.figure("", "that lived", "", count(totals.false_alarms));
+  report.figure("", "that lived", "", count(totals.false_suspicions));
   report.at_most("schedules that broke something", "all", "", count(totals.failed.size()), 0);
   report.at_most("time for 10^5 schedules", "by what these took", "s", seconds * 1e5 / count(settings.schedules),
                  kMaxSeconds);

@@ -137,7 +137,7 @@ void write_hrtc(const ParticipantReport& hrtc, std::uint64_t records_total, std:
       value(figures::kEvictions), value(figures::kReloads), value(figures::kRefusedFull));
   if (value(figures::kRemoteDevices) > 0)
     out += line("  remote devices %.0f, their round trip at most %.1f ms\n", value(figures::kRemoteDevices),
-                value(figures::kLoopDelay) * 1e-3);
+                value(figures::kDeviceRoundTrip) * 1e-3);
   if (value(figures::kPortEnergy) != 0 || value(figures::kCopyGroups) > 0)
     out += line(
         "  objects moved: copies apart at most %.2f mm, couplings gave %.3f mJ and received %.3f mJ\n"
@@ -299,7 +299,7 @@ std::string text(const Report& report) {
     out += line("\nHost %s%s\n  sent %.0f bytes, %.0f records in %.0f regions, to %.0f HRTCs\n",
                 participant.name.c_str(), participant.here ? "" : " (gone before the end)",
                 value_of(participant, figures::kHostBytes), value_of(participant, figures::kHostRecords),
-                value_of(participant, figures::kHostRegions), value_of(participant, figures::kHostControllers));
+                value_of(participant, figures::kHostRegions), value_of(participant, figures::kHostHrtcs));
   }
   write_topics(report, out);
   if (!report.events.empty()) out += "\nEvents, from the start\n";

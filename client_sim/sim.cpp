@@ -122,7 +122,7 @@ struct Sim::Impl {
         if (const User* const remote = find_remote(user)) {
           RemoteHandSettings& hand = remotes[session::id_of(user)].settings;
           hand.user = user;
-          hand.hrtc = entry.controller;
+          hand.hrtc = entry.requested_hrtc;
           hand.radius = remote->radius;
           continue;
         }
@@ -165,7 +165,7 @@ struct Sim::Impl {
   /// The first intent sets the hand's initial position.
   void send_remote(Remote& remote, Presence& from, const session::Intent& intent) {
     if (!remote.hand) {
-      sharing::begin_at(intent, remote.settings.hand);
+      sharing::set_start(intent, remote.settings.hand);
       remote.hand = std::make_unique<RemoteHand>(from.participants, remote.settings);
     }
     remote.hand->set_intent(intent, clock.map());

@@ -174,7 +174,7 @@ void SimCore::assign_users(const std::vector<std::string>& hrtcs) {
       presences_.push_back(further);
     }
     Presence& presence = presences_[found->second];
-    presence.entry.controller = hrtc;
+    presence.entry.requested_hrtc = hrtc;
     presence.entry.users.push_back(user.name);
     users_.push_back({Operator{user, settings_.hand}, {}, session::RemoteProbe{{0, 0}}, hrtc, found->second});
   }

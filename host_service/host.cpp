@@ -43,7 +43,7 @@ struct BulkLink {
         base{participants, wire::topics::kBase, {wire::hrtc_partition(hrtc)}},
         records{participants, wire::topics::kRecords, {wire::hrtc_partition(hrtc)}} {}
 
-  /// What is sent before the readers are found is lost.
+  /// A sample that is sent before the readers are matched is lost.
   [[nodiscard]] bool ready() const { return base.matched() > 0 && records.matched() > 0; }
   [[nodiscard]] wire::SendStatus send(const session::BulkChunk& chunk) {
     return (chunk.kind() == session::BulkKind::kBase ? base : records).send(chunk);
@@ -91,9 +91,9 @@ std::vector<Served> open_models(const HostOptions& options, const Log& log, cons
   return served;
 }
 
-/// Once the models are there, which may have taken all processors for minutes.
-const wire::SessionAddress& in_turn(const HostOptions& options, const Log& log) {
-  if (options.before_others) log(Severity::kInfo, wire::go_before_others("host '" + options.address.participant + "'"));
+/// Called after all models are open: building them may have used all processors for minutes.
+const wire::SessionAddress& raise_priority_then_address(const HostOptions& options, const Log& log) {
+  if (options.raise_priority) log(Severity::kInfo, wire::raise_priority("host '" + options.address.participant + "'"));
   return options.address;
 }
 
@@ -169,12 +169,12 @@ struct Host::Impl {
   [[nodiscard]] microseconds send_chunks();
   void send_catalogue(bool withdrawn);
   void leave();
-  void say(const std::string& line) const { log(Severity::kInfo, line); }
+  void log_info(const std::string& line) const { log(Severity::kInfo, line); }
 
   HostOptions options;
   Log log;
   const std::atomic<bool>& stop;
-  std::vector<Served> served;  // before what borrows from it
+  std::vector<Served> served;  // before the members that borrow from it
   wire::Participants participants;
   HostCore core;
   std::optional<wire::Writer<session::ObjectGrant>> grants_out;  // when it has objects that move
@@ -205,7 +205,7 @@ int Host::Impl::run() {
     send(core.tick(monotonic_ns()));
     patience = send_chunks();
   }
-  if (stop) say("asked to stop");
+  if (stop) log_info("asked to stop");
   leave();
   return core.end() == HostEnd::kNameTaken ? 2 : 0;
 }
@@ -234,7 +234,7 @@ microseconds Host::Impl::send_chunks() {
       return std::min<microseconds>(due, pending ? kPoll : kPatience);
     }
     BulkLink& link = bulk.at(out->hrtc);
-    // What the network does not take is lost, and the demand will say so.
+    // Chunks that the network drops are missing in the next demand.
     if (link.send(out->chunk) == wire::SendStatus::kInvalid)
       log(Severity::kError, "a chunk for '" + link.name + "' cannot be sent: " + link.records.last_fault());
   }

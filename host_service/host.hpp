@@ -2,8 +2,8 @@
 ///
 ///     readers --> inbox --> one thread: HostCore --> writers
 ///
-/// The callbacks of DDS only fill the inbox. Each HRTC has its own bulk writers in its own partition, made when it
-/// joins, so a frozen one holds up nobody else. Never computes a force.
+/// DDS callbacks only fill the inbox. Each HRTC gets bulk writers in a partition of its own when it joins, so an HRTC
+/// that hangs does not delay the others. A host never computes the force of a device.
 #pragma once
 
 #include <atomic>
@@ -26,17 +26,17 @@ struct HostOptions {
   wire::SessionAddress address;
   std::vector<ObjectConfig> objects;
   std::filesystem::path cache;        ///< for models that have to be built
-  std::array<double, 3> at{0, 0, 0};  ///< m, where the first object without a pose stands; others follow along x
-  /// From when the models are there, the calling thread and the threads of DDS get more of a short machine than others,
-  /// where that is allowed. All controllers wait for these few, and where a crowd of them shares the machine, equal
-  /// shares would leave each waiting.
-  bool before_others = false;
+  std::array<double, 3> at{0, 0, 0};  ///< m, position of the first object without a pose; others follow along x
+  /// Raises the priority of the calling thread and of the DDS threads once the models are open, where that is allowed.
+  /// All HRTCs wait for these few threads: with equal shares of a busy machine each HRTC would wait longer.
+  bool raise_priority = false;
 };
 
 class Host {
  public:
-  /// Opens or builds every model, then joins the session. Throws HostError, spm::offline::ModelError, wire::WireError
-  /// or, when `stop` is set meanwhile, Stopped of model_store.hpp; then nobody has seen it. `stop` must outlive it.
+  /// Opens or builds every model, then joins the session. Throws HostError, spm::offline::ModelError, wire::WireError.
+  /// Throws Stopped (model_store.hpp) when `stop` is set before all models are open. After a throw no other program has
+  /// seen this host. `stop` must outlive the host.
   Host(HostOptions options, Log log, const std::atomic<bool>& stop);
   ~Host();
 

@@ -13,7 +13,7 @@ namespace {
 constexpr double kRadiansPerDegree = 0.017453292519943295;
 constexpr double kUnitTolerance = 1e-3;
 
-/// The file that is read, for messages.
+/// Reads one file; messages name the file and the line.
 class ConfigReader {
  public:
   explicit ConfigReader(const std::filesystem::path& file) : file_{file} {}
@@ -106,11 +106,11 @@ class ConfigReader {
   }
 
   BodyConfig read_body(const YAML::Node& node) const {
-    constexpr double kLightest = 1e-3, kMinInertia = 1e-9, kCollisionMargin = 1e-9;
+    constexpr double kMinMass = 1e-3, kMinInertia = 1e-9, kRelativeTolerance = 1e-9;
     expect_keys(node, {"mass", "inertia", "friction"});
     BodyConfig body;
     if (!node["mass"]) fail(node, "a body without 'mass'");
-    body.mass = number(node["mass"], "mass", kLightest);
+    body.mass = number(node["mass"], "mass", kMinMass);
     if (const YAML::Node child = node["friction"]) body.friction = number(child, "friction", 0);
     const YAML::Node inertia = node["inertia"];
     if (!inertia) return body;
@@ -119,7 +119,7 @@ class ConfigReader {
     if (*std::min_element(i.begin(), i.end()) < kMinInertia) {
       fail(inertia, "'inertia' has a moment below 1e-9 kg m^2, expected three above that");
     }
-    if (i[0] + i[1] + i[2] < (2 - kCollisionMargin) * *std::max_element(i.begin(), i.end())) {
+    if (i[0] + i[1] + i[2] < (2 - kRelativeTolerance) * *std::max_element(i.begin(), i.end())) {
       fail(inertia, "'inertia' has a moment larger than the other two together, which no body has");
     }
     return body;

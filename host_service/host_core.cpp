@@ -93,13 +93,13 @@ void HostCore::make_catalogue(const HostCoreSettings& settings) {
 
 /// What its bodies meet beside the ground.
 void HostCore::make_scenery(const std::vector<HostedObject>& objects) {
-  std::vector<StandingObject> standing;
+  std::vector<StaticObject> standing;
   for (std::size_t i = 0; i < objects.size(); ++i)
     if (!sharing::can_move(catalogue_[i]))
       standing.push_back({catalogue_[i].pose, catalogue_[i].scale, objects[i].model});
   if (standing.empty()) return;
   scenery_.emplace(standing);
-  authority_.stand_among(&*scenery_);
+  authority_.set_scenery(&*scenery_);
 }
 
 session::Origin HostCore::origin(std::int64_t now_ns) const {
@@ -139,7 +139,7 @@ void HostCore::react(const session::RosterEvent& event, std::int64_t now_ns) {
   if (entry.role == session::Role::kHost && gone) authority_.on_host_gone(id, now_ns);
   if (entry.role != session::Role::kHrtc) return;
   if (event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted) {
-    heartbeat_.insist();  // it requests nothing before it knows of this host
+    heartbeat_.repeat_soon();  // it requests nothing before it knows of this host
     hrtcs_.try_emplace(id, entry.name);
     if (on_hrtc) on_hrtc(id, entry.name);
   } else if (gone) {
@@ -245,7 +245,7 @@ session::Metrics HostCore::metrics(std::int64_t now_ns) const {
   add(names::kHostBytes, static_cast<double>(all.payload_bytes));
   add(names::kHostRegions, static_cast<double>(all.regions));
   add(names::kHostRecords, static_cast<double>(all.records));
-  add(names::kHostControllers, static_cast<double>(hrtcs_.size()));
+  add(names::kHostHrtcs, static_cast<double>(hrtcs_.size()));
   add(names::kHostImplausible,
       static_cast<double>(roster_.implausible() + demands_implausible_ + authority_.implausible()));
   if (!authority_.empty()) add(names::kHostBodySteps, static_cast<double>(authority_.steps()));

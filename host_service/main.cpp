@@ -30,7 +30,7 @@ lab.yaml:
       body: {mass: 0.8, friction: 0.6}
   ground: 0
 
-A model file that is no .spm is built first and kept by its content in the cache directory.
+A model file that is no .spm is built first; the cache directory stores the result by the file's content.
 Exit status: 0 ended by the session or a signal, 2 wrong input or a name that is taken.)";
 
 }  // namespace
@@ -41,7 +41,7 @@ int main(int argc, char** argv) {
   options.address.session = "tactus";
   options.address.participant = "host";
   options.cache = host_service::default_cache_directory();
-  options.before_others = true;
+  options.raise_priority = true;
   std::filesystem::path config;
   std::vector<std::filesystem::path> models;
   std::vector<double> at{0, 0, 0};
@@ -50,10 +50,10 @@ int main(int argc, char** argv) {
   app.footer(kExamples);
   wire::add_address_options(app, options.address, "host");
   app.add_option("--config", config, "YAML file that names objects with model, pose, scale, material and body");
-  app.add_option("--cache", options.cache, "Directory for models that have to be built")->capture_default_str();
-  app.add_option("--at", at, "Where the first MODEL stands, m; the next ones follow along x")
+  app.add_option("--cache", options.cache, "Directory that stores built models")->capture_default_str();
+  app.add_option("--at", at, "Position of the first MODEL, m; the next ones follow along x")
       ->expected(3)
-      ->allow_extra_args(false)  // what follows is a model
+      ->allow_extra_args(false)  // a MODEL may follow
       ->capture_default_str();
   app.add_option("MODEL", models, ".spm files, or model files to build; served under their file names");
   try {
@@ -82,8 +82,8 @@ int main(int argc, char** argv) {
     host_service::Host host{std::move(options), log, stop};
     return host.run();
   } catch (const host_service::Stopped&) {
-    spdlog::info("asked to stop before all models were there; nothing half built is left");
-    std::_Exit(0);  // a thread that reads a model may still run: no global may be destroyed beside it
+    spdlog::info("asked to stop before all models were open; no partly built model is left");
+    std::_Exit(0);  // a thread may still read a model, so no global may be destroyed
   } catch (const std::exception& error) {
     spdlog::error("{}", error.what());
     return 2;

@@ -29,7 +29,7 @@ namespace {
 using spm::offline::MappedModel;
 using spm::offline::ModelError;
 
-/// Counts up when the same input would give another model, so that older results are left alone.
+/// Raise this when the same input gives another model: models in the cache are then no longer used.
 constexpr std::uint32_t kBuilderVersion = 1;
 
 class Hasher {
@@ -56,7 +56,7 @@ class Hasher {
   }();
 };
 
-/// Of the file, and of the buffers beside it that a glTF file names.
+/// Covers the file, and the buffers that a glTF file names.
 std::uint64_t content_hash(const std::filesystem::path& model) {
   Hasher hasher;
   hasher.add(&kBuilderVersion, sizeof kBuilderVersion);
@@ -74,14 +74,14 @@ std::uint64_t content_hash(const std::filesystem::path& model) {
   return hasher.digest();
 }
 
-/// Lines on their way from a thread that works to the one that waits for it.
-class Lines {
+/// Log lines that a worker thread passes to the thread that waits for it.
+class LogLines {
  public:
-  void say(std::string line) {
+  void add(std::string line) {
     const std::lock_guard lock{mutex_};
     lines_.push_back(std::move(line));
   }
-  /// Throws Stopped when nobody waits any more.
+  /// Throws Stopped when the waiting thread has given up.
   void expect_open() const {
     if (closed_) throw Stopped{};
   }
@@ -95,7 +95,7 @@ class Lines {
     finished_ = true;
     finishing_.notify_all();
   }
-  /// Waits up to `limit`; true when all is said.
+  /// Waits up to `limit`; true when the work is finished.
   [[nodiscard]] bool wait_finished(std::chrono::milliseconds limit) {
     std::unique_lock lock{mutex_};
     return finishing_.wait_for(lock, limit, [this] { return finished_; });
@@ -109,18 +109,18 @@ class Lines {
   std::atomic<bool> closed_{false};
 };
 
-/// What `work(lines)` returns or throws, in a thread of its own; it owns all that it uses, for when `stop` comes first
-/// it is left behind and Stopped thrown.
+/// Runs `work(lines)` in a thread of its own and returns its result or throws its exception. Throws Stopped when `stop`
+/// is set first; the thread then runs on detached, so `work` must own all that it uses.
 template <class Work>
 auto unless_stopped(const std::atomic<bool>& stop, const ModelStore::Log& log, Work work) {
   constexpr std::chrono::milliseconds kPatience{20};
-  const auto lines = std::make_shared<Lines>();
-  using Task = std::packaged_task<std::invoke_result_t<Work, Lines&>()>;
+  const auto lines = std::make_shared<LogLines>();
+  using Task = std::packaged_task<std::invoke_result_t<Work, LogLines&>()>;
   Task task{[lines, work = std::move(work)]() mutable { return work(*lines); }};
   auto result = task.get_future();
   std::thread{[lines, task = std::move(task)]() mutable {
     task();
-    task = Task{};  // before `finish`: an exception is then the waiting thread's alone
+    task = Task{};  // before `finish`: then only the waiting thread owns an exception
     lines->finish();
   }}.detach();
   for (bool done = false; !done;) {
@@ -133,24 +133,24 @@ auto unless_stopped(const std::atomic<bool>& stop, const ModelStore::Log& log, W
   return result.get();
 }
 
-std::optional<MappedModel> open_cached(const std::filesystem::path& path, Lines& lines) {
+std::optional<MappedModel> open_cached(const std::filesystem::path& path, LogLines& lines) {
   if (!std::filesystem::exists(path)) return std::nullopt;
   try {
     return MappedModel{path};
   } catch (const ModelError& error) {
-    lines.say(std::string{"the cached model is broken and will be built again: "} + error.what());
+    lines.add(std::string{"the cached model is broken and will be built again: "} + error.what());
     return std::nullopt;
   }
 }
 
-spm::offline::BuiltModel build(const std::filesystem::path& model, Lines& lines) {
-  lines.say(model.string() + ": building");
+spm::offline::BuiltModel build(const std::filesystem::path& model, LogLines& lines) {
+  lines.add(model.string() + ": building");
   std::string last_stage;
   return spm::offline::build_model(spm::offline::import_mesh(model), {}, [&](std::string_view stage, double) {
     lines.expect_open();
     if (stage == last_stage) return;
     last_stage = stage;
-    lines.say(model.string() + ": " + last_stage);
+    lines.add(model.string() + ": " + last_stage);
   });
 }
 
@@ -172,28 +172,28 @@ ModelStore::ModelStore(std::filesystem::path cache, Log log, const std::atomic<b
 MappedModel ModelStore::open(const std::filesystem::path& model) const {
   if (!std::filesystem::is_regular_file(model)) throw ModelError{model.string() + ": no such model file"};
   const auto open_file = [this](const std::filesystem::path& file) {
-    return unless_stopped(stop_, log_, [file](Lines&) { return MappedModel{file}; });
+    return unless_stopped(stop_, log_, [file](LogLines&) { return MappedModel{file}; });
   };
   if (spm::offline::is_model_file(model) || model.extension() == ".spm") return open_file(model);
 
   std::array<char, 32> name{};
-  const std::uint64_t content = unless_stopped(stop_, log_, [model](Lines&) { return content_hash(model); });
+  const std::uint64_t content = unless_stopped(stop_, log_, [model](LogLines&) { return content_hash(model); });
   std::snprintf(name.data(), name.size(), "%016llx.spm", static_cast<unsigned long long>(content));
   const std::filesystem::path cached = cache_ / name.data();
   std::optional<MappedModel> ready =
-      unless_stopped(stop_, log_, [cached](Lines& lines) { return open_cached(cached, lines); });
+      unless_stopped(stop_, log_, [cached](LogLines& lines) { return open_cached(cached, lines); });
   if (ready) {
-    log_(model.string() + ": built before, taken from " + cached.string());
+    log_(model.string() + ": taken from the cache, " + cached.string());
     return std::move(*ready);
   }
   std::error_code failed;
   std::filesystem::create_directories(cache_, failed);
   if (failed) throw ModelError{cache_.string() + ": cannot make this folder for built models: " + failed.message()};
   const spm::offline::BuiltModel built =
-      unless_stopped(stop_, log_, [model](Lines& lines) { return build(model, lines); });
-  // In this thread, so that it ends with all of the file or none.
+      unless_stopped(stop_, log_, [model](LogLines& lines) { return build(model, lines); });
+  // In this thread: Stopped then leaves either the complete file or none.
   spm::offline::write_model(cached, built.model(), {model.filename().string(), built.cleaned});
-  log_(model.string() + ": built, kept in " + cached.string());
+  log_(model.string() + ": built and stored in " + cached.string());
   return open_file(cached);
 }
 

@@ -1,4 +1,4 @@
-/// Models ready to serve: `.spm` files as they are, other model files built once and kept by what is in them.
+/// Opens models: `.spm` files directly; other files are built once and cached by their content.
 #pragma once
 
 #include <atomic>
@@ -11,10 +11,10 @@
 
 namespace tactus::host_service {
 
-/// `$XDG_CACHE_HOME/tactus`, else `~/.cache/tactus`, else a folder among the temporary files.
+/// `$XDG_CACHE_HOME/tactus`, else `~/.cache/tactus`, else a folder in the directory of temporary files.
 [[nodiscard]] std::filesystem::path default_cache_directory();
 
-/// `stop` was set before all models were there.
+/// `stop` was set before all models were open.
 class Stopped : public std::runtime_error {
  public:
   Stopped() : std::runtime_error{"asked to stop"} {}
@@ -22,16 +22,16 @@ class Stopped : public std::runtime_error {
 
 class ModelStore {
  public:
-  /// Gets one line for each event worth telling, in the thread that opens.
+  /// Receives one line for each event, in the thread that calls `open`.
   using Log = std::function<void(const std::string&)>;
 
   /// `stop` must outlive the store.
   ModelStore(std::filesystem::path cache, Log log, const std::atomic<bool>& stop);
 
-  /// Opens a `.spm` file; any other is imported and built (seconds to minutes), unless the cache has the result for
-  /// the same bytes. What is broken in the cache is built again. Throws spm::offline::ModelError, and Stopped within
-  /// about 20 ms of `stop`, or once a built model has been written. A thread without anything of the caller's may then
-  /// go on until its importer returns, which nothing can interrupt: end the program without destroying its globals.
+  /// Opens a `.spm` file. Imports and builds any other file (seconds to minutes), unless the cache has the result for
+  /// the same bytes. Rebuilds a damaged cache entry. Throws spm::offline::ModelError. Throws Stopped within about 20 ms
+  /// of `stop`, or once a built model has been written. The importer cannot be interrupted: its thread, which owns
+  /// nothing of the caller, may then run on, so end the program without destroying its globals.
   [[nodiscard]] spm::offline::MappedModel open(const std::filesystem::path& model) const;
 
  private:

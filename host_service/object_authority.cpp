@@ -7,8 +7,8 @@ namespace tactus::host_service {
 namespace {
 
 constexpr std::int64_t kStepNs = 1'000'000;
-constexpr std::int64_t kMaxNs = 50'000'000;  // that a tick catches up
-/// Longer than the lease of DDS: within that a host that comes back sends no catalogue again.
+constexpr std::int64_t kMaxNs = 50'000'000;  // simulated in one tick at most
+/// Longer than the DDS lease: a host that comes back within the lease does not send its catalogue again.
 constexpr std::int64_t kForgetNs = 10'000'000'000;
 
 }  // namespace
@@ -26,10 +26,10 @@ void ObjectAuthority::choose_authority(std::uint64_t id, Object& object, std::in
     const auto at = hosts_.find(host);
     return std::make_pair(at == hosts_.end() ? session::kNotJoined : at->second, host);
   };
-  const bool other_keeps = std::any_of(object.others.begin(), object.others.end(), [&](const auto& other) {
+  const bool other_is_authority = std::any_of(object.others.begin(), object.others.end(), [&](const auto& other) {
     return hosts_.count(other.first) != 0 && rank(other.first) < rank(self_.participant);
   });
-  if (other_keeps) {
+  if (other_is_authority) {
     object.arbiter.reset();
     if (object.owned) object.simulated.follow();
     object.owned = false;
@@ -68,14 +68,14 @@ void ObjectAuthority::on_hrtc_gone(std::uint64_t hrtc) {
     if (object.arbiter != nullptr) object.arbiter->forget(hrtc);
 }
 
-void ObjectAuthority::forget_away(Object& object, std::int64_t now_ns) const {
+void ObjectAuthority::drop_absent(Object& object, std::int64_t now_ns) const {
   for (auto at = object.others.begin(); at != object.others.end();) {
-    auto& [host, away_ns] = *at;
+    auto& [host, absent_ns] = *at;
     if (hosts_.count(host) != 0)
-      away_ns = 0;
-    else if (away_ns == 0)
-      away_ns = now_ns;
-    at = away_ns != 0 && now_ns - away_ns >= kForgetNs ? object.others.erase(at) : std::next(at);
+      absent_ns = 0;
+    else if (absent_ns == 0)
+      absent_ns = now_ns;
+    at = absent_ns != 0 && now_ns - absent_ns >= kForgetNs ? object.others.erase(at) : std::next(at);
   }
 }
 
@@ -118,7 +118,7 @@ void ObjectAuthority::simulate(Object& object, std::int64_t now_ns, std::int64_t
     object.simulated.step(session_now_ns, {}, around, 1e-9 * static_cast<double>(kStepNs));
     ++steps_;
   }
-  for (const haptics::Contact& contact : object.simulated.static_contacts()) met_.push_back(contact.point);
+  for (const haptics::Contact& contact : object.simulated.static_contacts()) contact_points_.push_back(contact.point);
   object.pose_interpolator.show(object.simulated.state(), session_now_ns);
 }
 
@@ -126,9 +126,9 @@ const ObjectAuthority::Messages& ObjectAuthority::tick(std::int64_t now_ns, std:
   messages_.grants.clear();
   messages_.poses.clear();
   busy_ = held_ = false;
-  met_.clear();
+  contact_points_.clear();
   for (auto& [id, object] : objects_) {
-    forget_away(object, now_ns);
+    drop_absent(object, now_ns);
     if (object.arbiter == nullptr) continue;
     if (auto grant = object.arbiter->tick(now_ns)) messages_.grants.push_back(std::move(*grant));
     if (!object.arbiter->owns(now_ns)) {
@@ -137,11 +137,11 @@ const ObjectAuthority::Messages& ObjectAuthority::tick(std::int64_t now_ns, std:
       held_ = true;
       continue;
     }
-    const bool slept = object.owned && object.simulated.asleep();
+    const bool was_asleep = object.owned && object.simulated.asleep();
     simulate(object, now_ns, session_now_ns);
     const bool asleep = object.simulated.asleep();
     busy_ = busy_ || !asleep;
-    const std::int64_t period_ns = asleep && slept ? settings_.rest_ns : settings_.pose_ns;
+    const std::int64_t period_ns = asleep && was_asleep ? settings_.rest_ns : settings_.pose_ns;
     if (now_ns - object.published_ns < period_ns) continue;
     object.published_ns = now_ns;
     session::ObjectPose pose;
@@ -154,7 +154,7 @@ const ObjectAuthority::Messages& ObjectAuthority::tick(std::int64_t now_ns, std:
     sharing::put_state(object.simulated.state(), object.body.centre, pose);
     messages_.poses.push_back(pose);
   }
-  if (scenery_ != nullptr && busy_) scenery_->look(met_);
+  if (scenery_ != nullptr && busy_) scenery_->refine_around(contact_points_);
   return messages_;
 }
 

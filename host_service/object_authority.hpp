@@ -1,14 +1,14 @@
-/// A host's objects that can move: who simulates each of them, and the simulation while nobody holds it.
+/// Decides which program simulates each movable object of a host, and simulates the objects that nobody holds.
 ///
 ///     claims, poses of others -->  Arbiter  --> grants
 ///                                  SharedObject, 1 kHz while it moves --> poses
 ///
-/// An object at rest that nobody holds costs a pose and a grant now and then, so that late comers learn where it is. Of
-/// several hosts with one object the one that has been in the session for longest keeps it; when that is gone the next
-/// goes on from where the object was last seen. An object that nobody holds when its only host starts anew stands where
-/// the catalogue says.
+/// An object at rest that nobody holds costs a pose and a grant every `rest_ns`, so that HRTCs which join later receive
+/// its pose. If several hosts serve one object, the one that joined the session first is its authority. When that host
+/// is gone, the next one continues from the last pose. If the only host restarts while nobody holds the object, the
+/// object starts at its catalogue pose.
 ///
-/// Times come as arguments; no DDS, no thread. One thread at a time. Not realtime.
+/// Times are arguments; no DDS, no thread. One thread at a time. Not realtime.
 #pragma once
 
 #include <cstdint>
@@ -26,8 +26,8 @@ namespace tactus::host_service {
 
 struct ObjectAuthoritySettings {
   session::OwnershipSettings ownership;
-  std::int64_t pose_ns = 4'000'000;    ///< between poses of what moves
-  std::int64_t rest_ns = 200'000'000;  ///< between those of what rests
+  std::int64_t pose_ns = 4'000'000;    ///< between poses of a moving object
+  std::int64_t rest_ns = 200'000'000;  ///< between poses of an object at rest
 };
 
 class ObjectAuthority {
@@ -35,17 +35,17 @@ class ObjectAuthority {
   explicit ObjectAuthority(const session::Origin& self, const ObjectAuthoritySettings& settings = {})
       : self_{self}, settings_{settings} {}
 
-  /// What bodies meet beside the ground; none without. Must outlive the keeper.
-  void stand_among(Scenery* scenery) noexcept { scenery_ = scenery; }
-  /// What this host serves; what cannot move is passed over.
+  /// Static objects that the bodies collide with; null: only the ground. Must outlive this object.
+  void set_scenery(Scenery* scenery) noexcept { scenery_ = scenery; }
+  /// Adds an object of this host; ignores a static one.
   void add(const session::CatalogueEntry& entry, std::int64_t now_ns);
 
-  /// Other hosts' entries tell who else has an object.
+  /// An entry of another host: that host serves the object too.
   void on_catalogue(const session::CatalogueEntry& entry, std::int64_t now_ns);
-  /// Session time since which another host, or this one, has been in the session.
+  /// `joined_ns`: session time at which this host or another one joined the session.
   void on_host(std::uint64_t host, std::int64_t joined_ns, std::int64_t now_ns);
   void on_host_gone(std::uint64_t host, std::int64_t now_ns);
-  /// Its claims begin anew when it comes back.
+  /// When the HRTC comes back, its claims are numbered anew.
   void on_hrtc_gone(std::uint64_t hrtc);
   void on_claim(const session::ObjectClaim& claim, std::int64_t now_ns);
   void on_pose(const session::ObjectPose& pose, std::int64_t now_ns, std::int64_t session_now_ns);
@@ -54,27 +54,27 @@ class ObjectAuthority {
     std::vector<session::ObjectGrant> grants;
     std::vector<session::ObjectPose> poses;
   };
-  /// Simulates up to now, 50 ms at most; what it leaves is to be published. Until the next tick.
+  /// Simulates up to `now_ns`, 50 ms at most. The caller publishes the result, which is valid until the next tick.
   [[nodiscard]] const Messages& tick(std::int64_t now_ns, std::int64_t session_now_ns);
 
-  /// Something moves here: the next tick is due within a millisecond.
+  /// An object moves here: the next tick is due within a millisecond.
   [[nodiscard]] bool busy() const noexcept { return busy_; }
-  /// Somebody holds something: within some milliseconds.
+  /// An HRTC holds an object: the next tick is due within some milliseconds.
   [[nodiscard]] bool held() const noexcept { return held_; }
   [[nodiscard]] bool empty() const noexcept { return objects_.empty(); }
-  /// 1 kHz steps taken, over all objects.
+  /// 1 kHz steps, summed over all objects.
   [[nodiscard]] std::uint64_t steps() const noexcept { return steps_; }
-  /// Claims and poses dropped because they are outside their windows.
+  /// Claims and poses that were dropped because they are outside their windows.
   [[nodiscard]] std::uint64_t implausible() const noexcept;
 
  private:
   struct Object {
     sharing::SharedBody body;
-    std::unique_ptr<session::Arbiter> arbiter;  // null: another host keeps it
+    std::unique_ptr<session::Arbiter> arbiter;  // null: another host is the authority
     haptics::SharedObject simulated;
     sharing::PoseInterpolator pose_interpolator;
     session::PoseGate gate;
-    std::map<std::uint64_t, std::int64_t> others;  // hosts that serve it too; since when each is away, 0: it is here
+    std::map<std::uint64_t, std::int64_t> others;  // other hosts that serve it: absent since; 0: present
     bool owned = false;
     std::int64_t stepped_ns = 0, published_ns = 0;
     std::uint32_t sequence = 0;
@@ -86,15 +86,15 @@ class ObjectAuthority {
 
   void choose_authority(std::uint64_t id, Object& object, std::int64_t now_ns);
   void choose_authorities(std::int64_t now_ns);
-  void forget_away(Object& object, std::int64_t now_ns) const;
+  void drop_absent(Object& object, std::int64_t now_ns) const;
   void simulate(Object& object, std::int64_t now_ns, std::int64_t session_now_ns);
 
   session::Origin self_;
   ObjectAuthoritySettings settings_;
   Scenery* scenery_ = nullptr;
-  std::vector<haptics::Vec3d> met_;              // by all bodies, in this tick
+  std::vector<haptics::Vec3d> contact_points_;   // contact points of all bodies, in this tick
   std::map<std::uint64_t, Object> objects_;      // by id
-  std::map<std::uint64_t, std::int64_t> hosts_;  // that are here, this one too: session time of joining
+  std::map<std::uint64_t, std::int64_t> hosts_;  // hosts that are present, this one too: session time of joining
   Messages messages_;
   bool busy_ = false, held_ = false;
   std::uint64_t steps_ = 0;

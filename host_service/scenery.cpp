@@ -12,23 +12,23 @@ namespace {
 using haptics::Vec3d;
 
 constexpr double kAround = sharing::kAroundBody;
-constexpr int kMaxNew = 8;  // regions decoded in a look
+constexpr int kMaxNew = 8;  // regions decoded in one call of `refine_around`
 
-std::uint32_t base_slots(const std::vector<StandingObject>& objects) {
+std::uint32_t base_slots(const std::vector<StaticObject>& objects) {
   std::uint32_t slots = 0;
-  for (const StandingObject& object : objects) slots += spm::Cache::slots_for_base(object.model->base());
+  for (const StaticObject& object : objects) slots += spm::Cache::slots_for_base(object.model->base());
   return slots;
 }
 
-/// The nodes of a pool for bases and what is refined beside them.
-spm::PoolSettings pool_for(const std::vector<StandingObject>& objects, std::uint32_t slots) {
+/// The node pool holds the base meshes and the refined regions.
+spm::PoolSettings pool_for(const std::vector<StaticObject>& objects, std::uint32_t slots) {
   const std::uint32_t base = base_slots(objects);
   spm::PoolSettings settings = spm::PoolSettings::for_slots(slots + base);
   settings.tree_nodes += base;
   return settings;
 }
 
-/// All at once: nobody waits for a cycle here.
+/// Without a budget limit: no haptic cycle waits for it.
 void refine(spm::Forest& forest) {
   spm::Budget budget{1u << 22};
   (void)forest.advance(budget);
@@ -43,13 +43,13 @@ struct Scenery::Object {
   sharing::Placement placement;
   spm::CellBox bounds;
   std::unique_ptr<spm::Forest> forest;
-  std::vector<spm::RegionId> here;
+  std::vector<spm::RegionId> loaded_regions;
 };
 
-Scenery::Scenery(const std::vector<StandingObject>& objects, std::uint32_t slots)
+Scenery::Scenery(const std::vector<StaticObject>& objects, std::uint32_t slots)
     : pool_{pool_for(objects, slots)}, nodes_{pool_.settings.tree_nodes}, cache_{pool_} {
   const auto wide = [](const std::array<float, 3>& p) { return Vec3d{p[0], p[1], p[2]}; };
-  for (const StandingObject& standing : objects) {
+  for (const StaticObject& standing : objects) {
     if (objects_.size() == spm::kMaxObjects) break;
     const spm::BaseMesh& base = standing.model->base();
     spm::Cache::Admitted admitted = cache_.admit(base);
@@ -72,26 +72,28 @@ bool Scenery::load(Object& object, spm::RegionId region) {
   spm::RegionList list;
   if (!spm::codec::take_region(*object.model, region, cache_, object.index, list)) return false;
   object.forest->add(region, list);
-  object.here.push_back(region);
+  object.loaded_regions.push_back(region);
   ++regions_loaded_;
   return true;
 }
 
-/// Of everything but what is wanted now.
-void Scenery::give_back(const std::vector<std::vector<spm::RegionId>>& wanted) {
+/// Releases every region that is not in `wanted`.
+void Scenery::release_unwanted(const std::vector<std::vector<spm::RegionId>>& wanted) {
   for (std::size_t i = 0; i < objects_.size(); ++i) {
     Object& object = *objects_[i];
-    for (const spm::RegionId region : object.here)
+    for (const spm::RegionId region : object.loaded_regions)
       if (!std::binary_search(wanted[i].begin(), wanted[i].end(), region)) object.forest->retire(region);
     refine(*object.forest);
     for (std::uint32_t region; (region = object.forest->take_retired()) != spm::kNone;) {
       cache_.release(object.index, spm::RegionId{region});
-      object.here.erase(std::remove(object.here.begin(), object.here.end(), spm::RegionId{region}), object.here.end());
+      object.loaded_regions.erase(
+          std::remove(object.loaded_regions.begin(), object.loaded_regions.end(), spm::RegionId{region}),
+          object.loaded_regions.end());
     }
   }
 }
 
-void Scenery::look(const std::vector<Vec3d>& places) {
+void Scenery::refine_around(const std::vector<Vec3d>& places) {
   std::vector<std::vector<spm::RegionId>> wanted(objects_.size());
   for (std::size_t i = 0; i < objects_.size(); ++i) {
     const Object& object = *objects_[i];
@@ -114,7 +116,7 @@ void Scenery::look(const std::vector<Vec3d>& places) {
       ++loaded;
     }
   }
-  if (full) give_back(wanted);  // there is room at the next look
+  if (full) release_unwanted(wanted);  // frees slots for the next call
   for (std::size_t i = 0; i < objects_.size(); ++i) {
     Object& object = *objects_[i];
     if (wanted[i].empty()) continue;

@@ -1,11 +1,11 @@
-/// The objects of a host that stand, as its bodies meet them: the base mesh, and the finest one around contacts.
+/// The static objects of a host, as its movable bodies collide with them: base meshes, refined around contacts.
 ///
 ///     contacts of the last steps --> regions around them, decoded from the model --> Forest --> next steps
 ///
-/// The same store and forest as an HRTC's, fed from the model itself. A contact is looked for before it touches, so its
-/// surroundings are fine by then, but for bodies that come at over a metre a second. Memory is fixed at construction;
-/// where it is used up the mesh stays coarser. World frame, metres. One thread at a time. Not realtime: a region that
-/// is new takes some tenths of a millisecond.
+/// Uses the same cache and forest as an HRTC, filled from the model itself. Contacts are detected before they touch, so
+/// the surface around them is at the finest resolution in time, except for bodies faster than 1 m/s. Memory is fixed at
+/// construction; when it is used up, the mesh stays coarser. World frame, metres. One thread at a time. Not realtime:
+/// decoding a new region takes some tenths of a millisecond.
 #pragma once
 
 #include <cstdint>
@@ -19,23 +19,23 @@
 
 namespace tactus::host_service {
 
-struct StandingObject {
+struct StaticObject {
   session::Pose pose;
-  double scale = 1;                                    ///< m in a file unit
+  double scale = 1;                                    ///< metres per file unit
   const spm::codec::CompressedModel* model = nullptr;  ///< outlives the scenery
 };
 
 class Scenery {
  public:
-  /// `slots`: of records, beside those of base meshes. Of more than spm::kMaxObjects objects the first count.
-  explicit Scenery(const std::vector<StandingObject>& objects, std::uint32_t slots = 1u << 16);
+  /// `slots`: for records, besides those of the base meshes. Objects after the first spm::kMaxObjects are ignored.
+  explicit Scenery(const std::vector<StaticObject>& objects, std::uint32_t slots = 1u << 16);
   ~Scenery();
 
-  /// Refines around these places, of all bodies at once; what is around the places of before may become coarse again.
-  void look(const std::vector<haptics::Vec3d>& places);
+  /// Refines around the contact points of all bodies at once. Regions around earlier points may become coarse again.
+  void refine_around(const std::vector<haptics::Vec3d>& places);
   [[nodiscard]] const haptics::SurfaceDistance& surface() const noexcept { return scene_; }
 
-  /// Whether all that a ball meets is the finest mesh.
+  /// Whether the mesh within the sphere is the finest one.
   [[nodiscard]] bool exact(const haptics::Vec3d& centre, double radius) const;
   /// Regions decoded since the start.
   [[nodiscard]] std::uint64_t regions_loaded() const noexcept { return regions_loaded_; }
@@ -44,7 +44,7 @@ class Scenery {
   struct Object;
 
   [[nodiscard]] bool load(Object& object, spm::RegionId region);
-  void give_back(const std::vector<std::vector<spm::RegionId>>& wanted);
+  void release_unwanted(const std::vector<std::vector<spm::RegionId>>& wanted);
 
   spm::Pool pool_;
   spm::NodePool nodes_;

@@ -39,7 +39,7 @@ void BodyExchange::on_copy(std::uint32_t object, const session::ObjectCopy& copy
   const std::int64_t transit_ns = session_now_ns - copy.session_time_ns;
   if (transit_ns > copy_transit_ns_.load(std::memory_order_relaxed))
     copy_transit_ns_.store(transit_ns, std::memory_order_relaxed);
-  (void)link_.copies.push({object, copy.place, copy.fencing, sharing::sample_of(copy)});
+  (void)link_.copies.push({object, copy.copy_index, copy.fencing, sharing::sample_of(copy)});
 }
 
 void BodyExchange::sync_endpoints(std::int64_t now_ns) {
@@ -106,7 +106,7 @@ void BodyExchange::send() {
       copy.object_id = slot.id;
       copy.sequence = ++sent.copy_sequence;
       copy.fencing = body.group;
-      copy.place = body.place;
+      copy.copy_index = body.place;
       sharing::put_sample(body.sample, body.copies, copy);
       (void)slot.copies->send(copy);
     }

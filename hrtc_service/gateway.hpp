@@ -89,7 +89,7 @@ class Gateway {
   ServoLink& link_;
   Loader loader_;
   OwnershipClient ownership_;
-  session::TransitWatch transit_;
+  session::TransitEstimator transit_;
   bool clock_is_set_ = false;                 // before, differences to the session time of others are not transits
   std::map<std::uint64_t, Movable> movable_;  // by object
   ProbeReports reports_;

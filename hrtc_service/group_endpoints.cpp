@@ -18,8 +18,8 @@ void GroupEndpoints::sync(RemoteUsers& users, const std::array<std::uint64_t, kM
     if (endpoints.out == nullptr) {
       const wire::EndpointOptions where{wire::group_partition(group)};
       endpoints.out =
-          std::make_unique<wire::Writer<session::ProbeState>>(participants_, wire::topics::kProbeStateWhole, where);
-      endpoints.in = std::make_unique<wire::Reader<session::ProbeState>>(participants_, wire::topics::kProbeStateWhole,
+          std::make_unique<wire::Writer<session::ProbeState>>(participants_, wire::topics::kProbeStateFullRate, where);
+      endpoints.in = std::make_unique<wire::Reader<session::ProbeState>>(participants_, wire::topics::kProbeStateFullRate,
                                                                          on_state_, where);
       spdlog::info("users near one object: group {:016x} opens", group);
     }

@@ -428,7 +428,7 @@ void Hrtc::Impl::send_metrics(bool all) {
       {names::kRecordsPublished, static_cast<double>(figures.records_published)},
       {names::kBytesReceived, static_cast<double>(delivery.payload_bytes)},
       {names::kLoadLatency, figures.load_latency * 1e6},
-      {names::kFalseAlarms, static_cast<double>(membership.false_alarms())},
+      {names::kFalseAlarms, static_cast<double>(membership.false_suspicions())},
       {names::kHostChanges, static_cast<double>(delivery.host_changes)},
       {names::kImplausible,
        static_cast<double>(membership.implausible() + delivery.implausible + devices.implausible() +

@@ -132,7 +132,7 @@ void Loader::on_host_seen(std::uint64_t host, std::uint64_t incarnation, std::in
 
 void Loader::on_host_gone(std::uint64_t host) { delivery_.host_gone(host); }
 
-void Loader::on_host_silent(std::uint64_t host) { delivery_.host_silent(host); }
+void Loader::on_host_silent(std::uint64_t host) { delivery_.suspect_host(host); }
 
 void Loader::on_chunk(const session::BulkChunk& chunk, std::int64_t now_ns) {
   for (session::DeliveryClient::Message& message : delivery_.on_chunk(chunk, now_ns)) {

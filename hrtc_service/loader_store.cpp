@@ -121,7 +121,7 @@ void Loader::want(std::int64_t now_ns) {
   double absent = 0;  // blocks of what of it is not held
   needed_ = 0;
   wanted_at_ns_ = now_ns;
-  const double promised = static_cast<double>(delivery_.promised(now_ns)) / (kSureOf * bytes_per_block_);
+  const double promised = static_cast<double>(delivery_.granted_credit(now_ns)) / (kSureOf * bytes_per_block_);
   for (const Prospect& prospect : prospects_) {
     RegionNote& note = prospect.object->notes[prospect.region];
     Wish& wish = *prospect.wish;

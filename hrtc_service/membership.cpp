@@ -70,7 +70,7 @@ void Membership::on_event(const session::RosterEvent& event, std::int64_t) {
   if (event.change != RosterChange::kChanged) say(Severity::kInfo, session::text(event));
   output.scene_changed = true;
   const bool is_new = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted;
-  if (entry.role == session::Role::kHost && is_new) heartbeat_.insist();  // it may not have found this HRTC yet
+  if (entry.role == session::Role::kHost && is_new) heartbeat_.repeat_soon();  // it may not have found this HRTC yet
   if (event.change == RosterChange::kNameConflict && participant == self_.participant) {
     say(Severity::kError, "another program named " + settings_.name + " is in session " + settings_.session +
                               "; every name may be there once");
@@ -91,7 +91,7 @@ void Membership::on_client(const session::RosterEvent& event, bool gone) {
     for (const std::string& name : entry.users) remove_user(client, name);
   const bool here = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted ||
                     event.change == RosterChange::kChanged;
-  const bool asks = here && entry.controller == settings_.name;
+  const bool asks = here && entry.requested_hrtc == settings_.name;
   // After a restart the others stay: a second program of that name may only have shown itself, and yield.
   if (event.change == RosterChange::kChanged) {
     std::vector<std::string> left;
@@ -138,7 +138,7 @@ void Membership::remove_user(std::uint64_t client, const std::string& name) {
   output.users.push_back({false, probe, user.id, client, name});
   say(Severity::kInfo, "user " + name + " has left");
   roster_.for_each([&](const session::RosterEntry& other) {  // those refused for want of this probe or this name
-    if (other.role == session::Role::kClient && other.controller == settings_.name &&
+    if (other.role == session::Role::kClient && other.requested_hrtc == settings_.name &&
         other.origin.participant != client)
       add_users(other);
   });
@@ -152,7 +152,7 @@ std::optional<std::uint32_t> Membership::add_local(const std::string& name) {
 }
 
 void Membership::on_catalogue(const session::CatalogueEntry& entry) {
-  heartbeat_.insist();  // a host opens the endpoints of an HRTC's mesh stream once it has found the HRTC
+  heartbeat_.repeat_soon();  // a host opens the endpoints of an HRTC's mesh stream once it has found the HRTC
   gateway_.on_catalogue(entry);
   if (gateway_.loader().knows(entry.object_id)) remote_users_.on_catalogue(entry);
 }
@@ -228,15 +228,15 @@ void Membership::choose_hosts_to_watch() {
 
 std::int64_t Membership::watch_period_ns() const noexcept {
   if (!failure_detector_.watches()) return 0;
-  return failure_detector_.at_ease() ? kWatchAtEaseNs : kWatchNs;
+  return failure_detector_.all_answered() ? kWatchAtEaseNs : kWatchNs;
 }
 
 bool Membership::watch_hosts(std::int64_t now_ns) {
-  while (auto question = failure_detector_.ask(now_ns)) output.clock_to_host.push_back(*question);
-  const std::vector<session::FailureDetector::Silent> all_silent = failure_detector_.silent(now_ns);
-  for (const session::FailureDetector::Silent& silent : all_silent) {
+  while (auto question = failure_detector_.next_request(now_ns)) output.clock_to_host.push_back(*question);
+  const std::vector<session::FailureDetector::Suspect> all_silent = failure_detector_.take_suspects(now_ns);
+  for (const session::FailureDetector::Suspect& silent : all_silent) {
     say(Severity::kWarning,
-        "host '" + host_name(silent.host) + "' has not answered for " + std::to_string(silent.for_ns / kMs) + " ms");
+        "host '" + host_name(silent.host) + "' has not answered for " + std::to_string(silent.silent_ns / kMs) + " ms");
     gateway_.on_host_silent(silent.host);
   }
   return !all_silent.empty();

@@ -102,7 +102,7 @@ class Membership {
   [[nodiscard]] const std::string& name_at(std::uint32_t probe) const;
   [[nodiscard]] bool taken(std::uint32_t probe) const { return users_.count(probe) != 0; }
   [[nodiscard]] bool host_seen() const noexcept { return host_seen_; }
-  [[nodiscard]] std::uint64_t false_alarms() const noexcept { return failure_detector_.false_alarms(); }
+  [[nodiscard]] std::uint64_t false_suspicions() const noexcept { return failure_detector_.false_suspicions(); }
   [[nodiscard]] std::uint64_t implausible() const noexcept {
     return roster_.implausible() + remote_users_.implausible();
   }

@@ -46,7 +46,7 @@ void OwnershipClient::on_peer_received(std::uint32_t object_index, std::int64_t 
     if (object->index == object_index) object->peer_received_ns = now_ns;
 }
 
-void OwnershipClient::on_transits(const session::TransitWatch& transits) noexcept {
+void OwnershipClient::on_transits(const session::TransitEstimator& transits) noexcept {
   // A fifth more: waves that come too late pull, but what a line weighs or gives way grows with the square of its
   // delay.
   one_way_ns_ = transits.max_ns() + transits.max_ns() / 5 + kMarginNs;
@@ -85,7 +85,7 @@ void OwnershipClient::choose_group(Object& object, std::int64_t now_ns) {
       !object.groups.empty() && object.groups.back().unused_from == 0 ? &object.groups.back() : nullptr;
   const bool granted = role == Role::kLeader || role == Role::kCopy;
   if (granted && current != nullptr && current->fencing == object.holder.fencing()) return;
-  const bool alone = role == Role::kAsking && current != nullptr && now_ns - object.peer_received_ns < kPeerNs;
+  const bool alone = role == Role::kRequesting && current != nullptr && now_ns - object.peer_received_ns < kPeerNs;
   if (alone) return;
   if (current != nullptr) current->unused_from = orders_.number + 1;
   if (!granted) return;
@@ -93,10 +93,10 @@ void OwnershipClient::choose_group(Object& object, std::int64_t now_ns) {
   haptics::CouplingSettings settings;
   settings.copies = grant.touchers.size();
   settings.stiffness = kStiffness;
-  settings.delay = 1e-9 * static_cast<double>(std::clamp(grant.line_ns, kMinLineNs, kMaxLineNs));
+  settings.delay = 1e-9 * static_cast<double>(std::clamp(grant.channel_delay_ns, kMinLineNs, kMaxLineNs));
   object.groups.push_back(
-      {grant.fencing, std::make_unique<haptics::CopyCoupling>(settings, object.holder.place(), object.body.settings),
-       0});
+      {grant.fencing,
+       std::make_unique<haptics::CopyCoupling>(settings, object.holder.copy_index(), object.body.settings), 0});
   object.peer_received_ns = now_ns;
   ++groups_made_;
 }

@@ -40,7 +40,7 @@ class OwnershipClient {
   /// A peer's sample came, in any thread of its own: tell it here now and then.
   void on_peer_received(std::uint32_t object_index, std::int64_t now_ns);
   /// How long samples are under way from the peers: what claims tell of.
-  void on_transits(const session::TransitWatch& transits) noexcept;
+  void on_transits(const session::TransitEstimator& transits) noexcept;
 
   void on_reports(const BodyReports& reports);
   /// Posts orders; the claims to send now.

@@ -68,7 +68,7 @@ session::ProbeState StateSender::state_of(const ProbeReports& latest, std::uint3
 void StateSender::write(std::vector<session::Figure>& figures) const {
   namespace names = session::figures;
   figures.push_back({names::kStatesDeadbandCoded, static_cast<double>(sent_deadband_coded_)});
-  figures.push_back({names::kStatesWhole, static_cast<double>(sent_full_rate_)});
+  figures.push_back({names::kStatesFullRate, static_cast<double>(sent_full_rate_)});
 }
 
 }  // namespace tactus::hrtc_service

@@ -96,7 +96,7 @@ void UserDevices::on_intent(const session::Intent& intent, std::int64_t ahead_ns
     if (orders_.now().devices[slot] != nullptr && user.hand == nullptr) continue;  // it has a device of its own
     if (user.hand == nullptr) {
       haptics::HandSettings hand;
-      sharing::begin_at(intent, hand);
+      sharing::set_start(intent, hand);
       hand.seed = slot + 1;
       user.hand = std::make_unique<haptics::SimulatedDevice>(hand);
       give_device(slot, user.hand.get());
@@ -126,7 +126,7 @@ void UserDevices::write(std::vector<session::Figure>& figures) const {
     loop_delay = std::max(loop_delay, user.remote->loop_delay());
   }
   figures.push_back({names::kRemoteDevices, remotes});
-  figures.push_back({names::kLoopDelay, loop_delay * 1e6});
+  figures.push_back({names::kDeviceRoundTrip, loop_delay * 1e6});
 }
 
 void UserDevices::send_commands(const ProbeReports& latest) {

@@ -104,7 +104,7 @@ void Load::flood() {
   constexpr std::int64_t kPeriodNs = 1'000'000;
   session::BulkChunk chunk;
   chunk.pieces.resize(1);
-  const std::size_t size = session::kMaxPayload - session::head_bytes(chunk.pieces[0].region, 1);
+  const std::size_t size = session::kMaxPayload - session::header_bytes(chunk.pieces[0].region, 1);
   chunk.pieces[0].payload.assign(size, 0x5a);
   const double chunks_per_period = mbit_ * 1e6 / 8 * kPeriodNs * 1e-9 / static_cast<double>(size);
   double due = 0;  // chunks

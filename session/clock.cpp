@@ -27,7 +27,7 @@ SessionClock::SessionClock(const Origin& self, const ClockSettings& settings, st
 
 void SessionClock::set_reference(std::uint64_t participant, std::uint64_t incarnation, std::int64_t local_now_ns) {
   if (participant == reference_ && incarnation == reference_incarnation_) return;
-  // Its own time was right by definition; how far it is from another's is not known before that one answers.
+  // As the reference its error was 0 by definition. Its error against another is unknown until that one answers.
   if (reference_ == self_.participant && participant != 0) map_.bound_ns = kClockUnknown;
   reference_ = participant;
   reference_incarnation_ = incarnation;
@@ -36,7 +36,7 @@ void SessionClock::set_reference(std::uint64_t participant, std::uint64_t incarn
   times_ = TimeWindow{{widest_ns, widest_ns}};
   waits_ = false;
   if (participant != self_.participant) return;
-  // Run on from where the session is.
+  // Session time continues.
   map_ = {local_now_ns, map_.session_time(local_now_ns), 0, local_now_ns, 0, 0};
   if (!synchronised_) joined_ns_ = map_.session_ns;
   synchronised_ = true;
@@ -68,12 +68,12 @@ bool SessionClock::on_answer(const ClockSample& answer, std::int64_t local_now_n
   for (const std::int64_t stamp : {answer.t0_ns, answer.t1_ns, answer.t2_ns}) {
     if (stamp <= -kClockUnknown || stamp >= kClockUnknown) return false;  // differences must not overflow
   }
-  const std::int64_t there = answer.t2_ns - answer.t1_ns;
-  const std::int64_t rtt = local_now_ns - answer.t0_ns - there;
+  const std::int64_t turnaround = answer.t2_ns - answer.t1_ns;
+  const std::int64_t rtt = local_now_ns - answer.t0_ns - turnaround;
   const bool mine = answer.answer && answer.origin.session == self_.session && answer.peer == self_.participant &&
                     answer.origin.participant == reference_ && answer.origin.incarnation == reference_incarnation_;
   if (!mine || answer.t0_ns != requested_ns_[answer.sequence % requested_ns_.size()] || answer.sequence <= answered_ ||
-      answer.sequence > sequence_ || there < 0 || rtt < 0 || rtt > settings_.max_rtt_ns) {
+      answer.sequence > sequence_ || turnaround < 0 || rtt < 0 || rtt > settings_.max_rtt_ns) {
     return false;
   }
   answered_ = answer.sequence;
@@ -87,8 +87,8 @@ bool SessionClock::on_answer(const ClockSample& answer, std::int64_t local_now_n
   return true;
 }
 
-/// Points the map at the best measurement, without a step but for the first and when it is far; and with none at all
-/// while a force is on.
+/// Steers the map towards the best measurement. Steps only for the first measurement and for an error above `step_ns`;
+/// changes nothing while a force is on and a step is due.
 void SessionClock::steer(std::int64_t local_now_ns) {
   const auto bound_now = [&](const Measured& m) {
     return m.bound_ns + std::llround(static_cast<double>(local_now_ns - m.local_ns) * settings_.drift);
@@ -97,16 +97,16 @@ void SessionClock::steer(std::int64_t local_now_ns) {
     return bound_now(a) < bound_now(b);
   });
   const std::int64_t target = local_now_ns + best.offset_ns;
-  const std::int64_t ran_on = map_.session_time(local_now_ns);
-  const bool far = std::abs(target - ran_on) > settings_.step_ns + bound_now(best);
+  const std::int64_t continued = map_.session_time(local_now_ns);
+  const bool far = std::abs(target - continued) > settings_.step_ns + bound_now(best);
   const bool step = !synchronised_ || far;
   waits_ = step && force_on_;
   if (waits_) {
-    const std::int64_t wrong_ns = synchronised_ ? std::abs(target - ran_on) + bound_now(best) : kClockUnknown;
-    map_ = {local_now_ns, ran_on, 0, local_now_ns, std::min(wrong_ns, kClockUnknown), settings_.drift};
+    const std::int64_t wrong_ns = synchronised_ ? std::abs(target - continued) + bound_now(best) : kClockUnknown;
+    map_ = {local_now_ns, continued, 0, local_now_ns, std::min(wrong_ns, kClockUnknown), settings_.drift};
     return;
   }
-  const std::int64_t session = step ? target : ran_on;
+  const std::int64_t session = step ? target : continued;
   if (step) joined_ns_ = session;
   const std::int64_t error = target - session;
   const double slew = error > 0 ? settings_.max_slew : error < 0 ? -settings_.max_slew : 0;

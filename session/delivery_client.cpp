@@ -7,7 +7,7 @@ namespace tactus::session {
 namespace {
 
 constexpr std::size_t kMaxHoles = 1024;  // of a stream
-/// What a payload costs beside its bytes.
+/// Memory of a payload besides its bytes.
 constexpr std::size_t kPayloadOverhead = 96;
 constexpr std::int64_t kNsPerUs = 1000;
 
@@ -34,7 +34,7 @@ void DeliveryClient::offer(const CatalogueEntry& entry) {
 
 void DeliveryClient::host_seen(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns) {
   Host& state = hosts_[host];
-  if (incarnation < state.incarnation && state.live) return;  // else a twin has yielded its name to it
+  if (incarnation < state.incarnation && state.live) return;  // the newer program has not yielded the name
   if (incarnation != state.incarnation) begin_streams(host, incarnation);
   state.live = true;
   state.seen_ns = now_ns;
@@ -46,7 +46,7 @@ void DeliveryClient::host_gone(std::uint64_t host) {
   if (at != hosts_.end()) at->second.live = false;
 }
 
-void DeliveryClient::host_silent(std::uint64_t host) {
+void DeliveryClient::suspect_host(std::uint64_t host) {
   const auto at = hosts_.find(host);
   if (at != hosts_.end()) at->second.seen_ns -= settings_.host_late_ns;
 }
@@ -57,7 +57,7 @@ void DeliveryClient::end_streams(std::uint64_t host) {
   }
 }
 
-/// A host that serves an object stays: choose_host has to leave it first.
+/// Keeps a host that serves an object: choose_host has to replace it first.
 void DeliveryClient::forget_hosts(std::int64_t now_ns) {
   for (auto at = hosts_.begin(); at != hosts_.end();) {
     Host& host = at->second;
@@ -121,7 +121,7 @@ bool DeliveryClient::offered(std::uint64_t object_id, std::uint64_t digest) cons
   });
 }
 
-/// Several changes between two demands share the epoch of the second.
+/// Changes between two demands share the epoch of the second one.
 void DeliveryClient::change(Object& object) {
   if (object.changed) return;
   object.changed = true;
@@ -132,7 +132,7 @@ void DeliveryClient::want(std::uint64_t object_id, std::vector<Wanted> wanted) {
   Object& object = objects_.at(object_id);
   std::stable_sort(wanted.begin(), wanted.end(),
                    [](const Wanted& a, const Wanted& b) { return a.contact_in_us < b.contact_in_us; });
-  // Times alone go along with the next demand.
+  // Changed times alone wait for the next demand.
   const bool same = std::equal(wanted.begin(), wanted.end(), object.wanted.begin(), object.wanted.end(),
                                [](const Wanted& a, const Wanted& b) { return a.region == b.region; });
   if (!same) {
@@ -164,13 +164,13 @@ std::vector<DeliveryClient::Message> DeliveryClient::on_chunk(const BulkChunk& c
     ++counters_.implausible;
     return {};
   }
-  if (number == Admission::kAnew) {  // what came under other numbers may come again
+  if (number == Admission::kAnew) {  // earlier chunks may come again under other numbers
     stream.newest = 0;
     stream.holes.clear();
   }
   if (time == Admission::kAnew) host.arrivals = 0;
-  const bool min = static_cast<std::int32_t>(one_way_us - host.one_way_us) < 0;
-  if (host.arrivals++ == 0 || min) host.one_way_us = one_way_us;
+  const bool shorter = static_cast<std::int32_t>(one_way_us - host.one_way_us) < 0;
+  if (host.arrivals++ == 0 || shorter) host.one_way_us = one_way_us;
   note_sequence(stream, chunk, now_ns);
   note_rate(chunk.payload_bytes(), now_ns);
   note_echo(object, stream, chunk, now_ns);
@@ -201,8 +201,8 @@ void DeliveryClient::note_sequence(Stream& stream, const BulkChunk& chunk, std::
     }
   }
   for (auto at = stream.holes.begin(); at != stream.holes.end();) {
-    const bool known = at->second.published_epoch != 0 && at->second.published_epoch <= chunk.epoch;
-    if (!known && stream.holes.size() <= kMaxHoles) {
+    const bool closed = at->second.reported_epoch != 0 && at->second.reported_epoch <= chunk.epoch;
+    if (!closed && stream.holes.size() <= kMaxHoles) {
       ++at;
     } else {
       at = stream.holes.erase(at);
@@ -210,36 +210,36 @@ void DeliveryClient::note_sequence(Stream& stream, const BulkChunk& chunk, std::
   }
 }
 
-/// Whether a hole has become a gap that no demand has told.
-bool DeliveryClient::has_news(const Stream& stream, std::int64_t now_ns) const {
+/// Whether a hole has become a gap that no demand has reported yet.
+bool DeliveryClient::has_unreported_gap(const Stream& stream, std::int64_t now_ns) const {
   return std::any_of(stream.holes.begin(), stream.holes.end(), [&](const auto& hole) {
-    return hole.second.published_epoch == 0 && now_ns - hole.second.since_ns >= settings_.overtaking_ns;
+    return hole.second.reported_epoch == 0 && now_ns - hole.second.since_ns >= settings_.overtaking_ns;
   });
 }
 
-/// What is told ends before the first hole that may still fill by itself.
-void DeliveryClient::tell_gaps(Object& object, Stream& stream, Demand& demand, std::int64_t now_ns) {
+/// Reports up to the first hole that may still be filled by chunks that were overtaken.
+void DeliveryClient::report_gaps(Object& object, Stream& stream, Demand& demand, std::int64_t now_ns) {
   demand.newest = stream.newest;
   for (auto& [first, hole] : stream.holes) {
-    const bool young = hole.published_epoch == 0 && now_ns - hole.since_ns < settings_.overtaking_ns;
+    const bool young = hole.reported_epoch == 0 && now_ns - hole.since_ns < settings_.overtaking_ns;
     if (young || demand.gaps.size() == kMaxGaps) {
       demand.newest = first - 1;
       return;
     }
-    if (hole.published_epoch == 0) {
-      hole.published_epoch = object.epoch;
+    if (hole.reported_epoch == 0) {
+      hole.reported_epoch = object.epoch;
       counters_.lost += hole.last - first + 1;
     }
     demand.gaps.push_back({first, hole.last - first + 1});
   }
 }
 
-/// The last sequence before which nothing of this object is missing or waits for the caller's answer.
-std::uint32_t DeliveryClient::dealt_with(const Object& object, std::uint32_t stream, bool or_parked) const {
+/// The last sequence up to which no chunk of this object is missing and no message waits for the caller's answer.
+std::uint32_t DeliveryClient::processed_up_to(const Object& object, std::uint32_t stream, bool or_parked) const {
   std::uint32_t received = streams_.at(stream).received();
-  for (const auto& [region, handed] : object.handed) {
-    if (or_parked && handed.parked) continue;
-    if (handed.stream == stream) received = std::min(received, handed.last_sequence - 1);
+  for (const auto& [region, pending] : object.pending) {
+    if (or_parked && pending.parked) continue;
+    if (pending.stream == stream) received = std::min(received, pending.last_sequence - 1);
   }
   return received;
 }
@@ -263,12 +263,12 @@ std::optional<DeliveryClient::Message> DeliveryClient::assemble(Object& object, 
   const bool here = chunk.kind() == BulkKind::kBase
                         ? object.has_base
                         : object.have.count(piece.region) != 0 || object.retiring.count(piece.region) != 0;
-  if (here || object.handed.count(piece.region) != 0) {
+  if (here || object.pending.count(piece.region) != 0) {
     ++counters_.stale;
     return std::nullopt;
   }
   auto at = object.partials.find(piece.region);
-  // A message that was cancelled and is sent after all is cut anew, to the room of another chunk: its first part tells.
+  // A cancelled message that is sent after all is cut anew, to fit another chunk. Its first part then has another size.
   const auto cut_anew = [&] {
     const auto first = at->second.payloads.find(0);
     return piece.part == 0 && first != at->second.payloads.end() && first->second.size() != piece.payload.size();
@@ -315,13 +315,13 @@ std::optional<DeliveryClient::Message> DeliveryClient::assemble(Object& object, 
   for (const auto& [part, payload] : partial.payloads) {
     message.bytes.insert(message.bytes.end(), payload.begin(), payload.end());
   }
-  const Handed handed{partial.stream, partial.epoch, partial.last_sequence, false};
+  const Pending pending{partial.stream, partial.epoch, partial.last_sequence, false};
   drop_partial(object, at);
   if (checksum_of(message.bytes) != piece.checksum) {
     ++counters_.corrupt;
     return std::nullopt;
   }
-  object.handed.emplace(piece.region, handed);
+  object.pending.emplace(piece.region, pending);
   ++counters_.messages;
   return message;
 }
@@ -331,7 +331,7 @@ void DeliveryClient::drop_partial(Object& object, std::map<std::uint32_t, Partia
   object.partials.erase(at);
 }
 
-/// Drops what has not been touched for long, and the longest untouched until the rest fits.
+/// Drops messages that got no chunk for `partial_timeout_ns`, then the ones idle for longest, until the rest fits.
 void DeliveryClient::bound_partials(std::int64_t now_ns) {
   for (;;) {
     Object* owner = nullptr;
@@ -352,19 +352,19 @@ void DeliveryClient::bound_partials(std::int64_t now_ns) {
 
 void DeliveryClient::set_room(std::uint64_t bytes) {
   room_ = bytes;
-  // Worth a demand of its own when a host may be waiting for it.
-  constexpr std::uint64_t kWorthTelling = 8 * kMaxPayload;
-  if (room_published_ >= settings_.credit || room_ < room_published_ + kWorthTelling) return;
-  for (auto& [object_id, object] : objects_) object.acknowledge = object.acknowledge || owed(object);
+  // A host may wait for room, so enough new room is worth a demand of its own.
+  constexpr std::uint64_t kMinNewRoom = 8 * kMaxPayload;
+  if (room_published_ >= settings_.credit || room_ < room_published_ + kMinNewRoom) return;
+  for (auto& [object_id, object] : objects_) object.acknowledge = object.acknowledge || awaits_answer(object);
 }
 
-std::uint64_t DeliveryClient::promised(std::int64_t now_ns) {
+std::uint64_t DeliveryClient::granted_credit(std::int64_t now_ns) {
   const std::int64_t known_ns = now_ns - round_trip_ns_ - 2 * settings_.demand_interval_ns;
   while (published_.size() > 1 && published_[1].at_ns <= known_ns) published_.pop_front();
   return published_.empty() ? 0 : published_.front().credit;
 }
 
-/// What arrives in a window, as a rate; the best of late, for a host that has nothing to send says nothing of the link.
+/// The arrival rate in a window. Keeps the best of late, because a host with nothing to send does not fill the link.
 void DeliveryClient::note_rate(std::size_t bytes, std::int64_t now_ns) {
   constexpr std::int64_t kMinWindow = 20'000'000;
   constexpr double kForgetting = 0.95;
@@ -377,7 +377,7 @@ void DeliveryClient::note_rate(std::size_t bytes, std::int64_t now_ns) {
   window_ = {now_ns, 0};
 }
 
-/// A quarter more than rate times round trip: enough to find out that the link takes more, little enough not to queue.
+/// 1.25 times rate times round trip: large enough to discover a faster link, small enough not to build a queue.
 std::uint32_t DeliveryClient::credit() const {
   constexpr double kMore = 1.25;
   constexpr double kNsPerS = 1e9;
@@ -389,7 +389,7 @@ std::uint32_t DeliveryClient::credit() const {
 
 void DeliveryClient::base_held(std::uint64_t object_id) {
   Object& object = objects_.at(object_id);
-  object.handed.erase(spm::kNone);
+  object.pending.erase(spm::kNone);
   object.has_base = true;
   change(object);
 }
@@ -398,7 +398,7 @@ void DeliveryClient::base_refused(std::uint64_t object_id) { refused(object_id, 
 
 void DeliveryClient::held(std::uint64_t object_id, std::uint32_t region) {
   Object& object = objects_.at(object_id);
-  object.handed.erase(region);
+  object.pending.erase(region);
   object.retiring.erase(region);
   if (!object.have.insert(region).second) return;
   object.unannounced.insert(region);
@@ -407,13 +407,13 @@ void DeliveryClient::held(std::uint64_t object_id, std::uint32_t region) {
 
 void DeliveryClient::refused(std::uint64_t object_id, std::uint32_t region) {
   Object& object = objects_.at(object_id);
-  if (object.handed.erase(region) == 0) return;
+  if (object.pending.erase(region) == 0) return;
   ++counters_.refused;
   object.acknowledge = true;
 }
 
 void DeliveryClient::park(std::uint64_t object_id, std::uint32_t region) {
-  objects_.at(object_id).handed.at(region).parked = true;
+  objects_.at(object_id).pending.at(region).parked = true;
 }
 
 bool DeliveryClient::retire(std::uint64_t object_id, std::uint32_t region) {
@@ -430,14 +430,14 @@ std::vector<std::uint32_t> DeliveryClient::take_released(std::uint64_t object_id
   std::vector<std::uint32_t> released;
   if (object.retiring.empty()) return released;
   const bool served = object.host != 0;
-  const std::uint32_t received = served ? dealt_with(object, stream_from(object.host, object_id), true) : 0;
+  const std::uint32_t received = served ? processed_up_to(object, stream_from(object.host, object_id), true) : 0;
   for (auto at = object.retiring.begin(); at != object.retiring.end();) {
     const Retiring& retiring = at->second;
     const bool passed = retiring.echo_sequence != 0 && retiring.echo_sequence <= received;
-    const bool counted_on = std::any_of(object.handed.begin(), object.handed.end(), [&](const auto& entry) {
+    const bool relied_on = std::any_of(object.pending.begin(), object.pending.end(), [&](const auto& entry) {
       return !entry.second.parked && entry.second.epoch < retiring.epoch;
     });
-    if ((served && !passed) || counted_on) {
+    if ((served && !passed) || relied_on) {
       ++at;
       continue;
     }
@@ -472,18 +472,18 @@ void DeliveryClient::serve_from(Object& object, std::uint64_t host) {
   change(object);
 }
 
-/// Whether the serving host has something to answer.
-bool DeliveryClient::owed(const Object& object) const {
+/// Whether an answer of the serving host is due.
+bool DeliveryClient::awaits_answer(const Object& object) const {
   if (object.host == 0) return false;
-  if (!object.has_base) return object.handed.empty();
+  if (!object.has_base) return object.pending.empty();
   if (!object.retiring.empty()) return true;
   return std::any_of(object.wanted.begin(), object.wanted.end(), [&](const Wanted& wanted) {
-    return object.have.count(wanted.region) == 0 && object.handed.count(wanted.region) == 0;
+    return object.have.count(wanted.region) == 0 && object.pending.count(wanted.region) == 0;
   });
 }
 
-/// A demand or its answer is lost more often than late, so the first repetition is soon; a host that has none to give
-/// is asked no more often than every `repeat_ns`.
+/// A demand or its answer is more often lost than late, so the first repetition comes soon. Later ones double their
+/// interval up to `repeat_ns`, for a host that has nothing to send.
 std::int64_t DeliveryClient::repeat_after(const Object& object) const {
   constexpr unsigned kMaxDoublings = 8;
   const std::int64_t first = 2 * round_trip_ns_ + settings_.demand_interval_ns;
@@ -496,17 +496,17 @@ std::optional<Demand> DeliveryClient::demand(std::int64_t now_ns) {
   for (auto& [object_id, object] : objects_) {
     choose_host(object_id, object, now_ns);
     if (object.host == 0) continue;
-    if (has_news(streams_.at(stream_from(object.host, object_id)), now_ns)) {
+    if (has_unreported_gap(streams_.at(stream_from(object.host, object_id)), now_ns)) {
       change(object);
       object.urgent = true;
     }
     const std::int64_t since = now_ns - object.sent_ns;
     const std::int64_t interval = object.urgent ? settings_.urgent_interval_ns : settings_.demand_interval_ns;
-    const bool news = (object.changed || object.acknowledge) && since >= interval;
-    const bool asks_again = owed(object) && since >= (news ? settings_.repeat_ns : repeat_after(object));
-    if (object.sent_once && !news && !asks_again && since < settings_.keep_alive_ns) continue;
-    if (asks_again) change(object);  // so that the host answers again
-    object.repeats = news ? 0 : object.repeats + 1;
+    const bool is_changed = (object.changed || object.acknowledge) && since >= interval;
+    const bool repeats = awaits_answer(object) && since >= (is_changed ? settings_.repeat_ns : repeat_after(object));
+    if (object.sent_once && !is_changed && !repeats && since < settings_.keep_alive_ns) continue;
+    if (repeats) change(object);  // a new epoch makes the host answer again
+    object.repeats = is_changed ? 0 : object.repeats + 1;
     return make_demand(object_id, object, now_ns);
   }
   return std::nullopt;
@@ -536,7 +536,7 @@ Demand DeliveryClient::make_demand(std::uint64_t object_id, Object& object, std:
     } else if (demand.have.size() < kMaxHaveIntervals) {
       demand.have.push_back({region, 1});
     } else {
-      break;  // what is left out is not counted on, no more
+      break;  // hosts then send the records of the omitted regions again
     }
   }
   for (const Wanted& wanted : object.wanted) {
@@ -545,8 +545,8 @@ Demand DeliveryClient::make_demand(std::uint64_t object_id, Object& object, std:
     demand.wanted.push_back(wanted);
   }
   demand.stream = stream_from(object.host, object_id);
-  demand.received = dealt_with(object, demand.stream, false);
-  tell_gaps(object, streams_.at(demand.stream), demand, now_ns);
+  demand.received = processed_up_to(object, demand.stream, false);
+  report_gaps(object, streams_.at(demand.stream), demand, now_ns);
   Host& host = hosts_.at(object.host);
   demand.arrivals = std::exchange(host.arrivals, 0);
   demand.one_way_us = host.one_way_us;

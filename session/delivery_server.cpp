@@ -10,18 +10,18 @@
 namespace tactus::session {
 namespace {
 
-/// A base mesh goes behind regions that are touched sooner than this, and ahead of all prefetching.
+/// Time to contact assigned to a base mesh: more urgent than all prefetching, less than regions touched sooner.
 constexpr std::uint32_t kBaseContactUs = 100'000;
-/// Less room in a chunk is not worth a part of its own.
+/// Room in a chunk below which no part is added.
 constexpr std::size_t kMinRoom = 64;
-/// After the last chunk, longer each time.
-constexpr std::int64_t kFirstMark = 4'000'000, kLastMark = 128'000'000;
-/// Without a demand of an HRTC, which repeats them every half second (DeliverySettings::keep_alive_ns).
+/// Delay of an echo after the last chunk, doubled each time (tail loss probe).
+constexpr std::int64_t kMinTailProbeNs = 4'000'000, kMaxTailProbeNs = 128'000'000;
+/// Silence after which an HRTC is dropped; it repeats demands every half second (DeliverySettings::keep_alive_ns).
 constexpr std::int64_t kForgetNs = 5'000'000'000;
 
 std::uint32_t end_of(const spm::Interval& interval) { return interval.first + interval.count; }
 
-/// Ascending runs that do not touch, all below `limit`.
+/// Ascending intervals that do not touch, all below `limit`.
 bool well_formed_intervals(const std::vector<spm::Interval>& intervals, std::uint32_t limit) {
   std::uint64_t end = 0;
   for (const spm::Interval& interval : intervals) {
@@ -85,24 +85,24 @@ DeliveryServer::DemandResult DeliveryServer::on_demand(const Demand& demand, std
   }
   if (!well_formed(demand, object->second.model.summary())) return DemandResult::kMalformed;
 
-  Controller& controller = controllers_.try_emplace(demand.origin.participant).first->second;
-  const Admission source = controller.source.admit(demand.origin);
+  HrtcState& state = hrtcs_.try_emplace(demand.origin.participant).first->second;
+  const Admission source = state.source.admit(demand.origin);
   if (source == Admission::kImplausible) return DemandResult::kImplausible;
   if (source == Admission::kAnew) {
-    note_sequences(controller);  // an earlier incarnation may come back, and its stream with it
-    Controller fresh;
-    fresh.source = controller.source;
-    fresh.counters = controller.counters;
-    controller = std::move(fresh);
+    note_sequences(state);  // an earlier incarnation may come back, and its stream with it
+    HrtcState fresh;
+    fresh.source = state.source;
+    fresh.counters = state.counters;
+    state = std::move(fresh);
   }
-  controller.received_ns = now_ns;
-  const Admission time = controller.times.admit(demand.origin.time_ns, now_ns);
+  state.received_ns = now_ns;
+  const Admission time = state.times.admit(demand.origin.time_ns, now_ns);
   if (time == Admission::kImplausible) return DemandResult::kImplausible;
   if (time == Admission::kAnew) {
-    controller.credit_time_ns = INT64_MIN;
-    for (auto& [id, service] : controller.services) service.demand.origin.time_ns = INT64_MIN;
+    state.credit_time_ns = INT64_MIN;
+    for (auto& [id, service] : state.services) service.demand.origin.time_ns = INT64_MIN;
   }
-  const auto [found, first] = controller.services.try_emplace(demand.object_id);
+  const auto [found, first] = state.services.try_emplace(demand.object_id);
   Service& service = found->second;
   if (first) {
     service.stream = stream_id(self_, demand.origin, demand.object_id);
@@ -114,13 +114,13 @@ DeliveryServer::DemandResult DeliveryServer::on_demand(const Demand& demand, std
       !first && demand.epoch == service.demand.epoch && demand.origin.time_ns <= service.demand.origin.time_ns;
   if (epoch == Admission::kOld || repeated) return DemandResult::kNotNewer;
 
-  if (demand.origin.time_ns >= controller.credit_time_ns) {
-    controller.credit_time_ns = demand.origin.time_ns;
-    controller.credit = demand.credit;
+  if (demand.origin.time_ns >= state.credit_time_ns) {
+    state.credit_time_ns = demand.origin.time_ns;
+    state.credit = demand.credit;
   }
   if (demand.serving_host != self_.participant) {
-    if (service.begun() != nullptr) count(controller, [](DeliveryCounters& c) { ++c.messages_dropped; });
-    for (const Sent& sent : service.under_way) controller.pacer.forget(sent.bytes);
+    if (service.begun() != nullptr) count(state, [](DeliveryCounters& c) { ++c.messages_dropped; });
+    for (const Sent& sent : service.under_way) state.pacer.forget(sent.bytes);
     Service silent;
     silent.stream = service.stream;
     silent.sequence = service.sequence;
@@ -135,13 +135,13 @@ DeliveryServer::DemandResult DeliveryServer::on_demand(const Demand& demand, std
   service.serving = true;
   const Demand before = std::exchange(service.demand, demand);
   if (demand.stream != service.stream) service.demand.received = service.demand.newest = 0;
-  acknowledge(controller, service, now_ns);
-  compare(controller, service, object->second, can_build_on ? &before.have : nullptr);
+  acknowledge(state, service, now_ns);
+  compare(state, service, object->second, can_build_on ? &before.have : nullptr);
   return DemandResult::kTaken;
 }
 
-/// Takes out of what is under way all that the demand tells of.
-void DeliveryServer::acknowledge(Controller& controller, Service& service, std::int64_t now_ns) {
+/// Removes the chunks that the demand acknowledges or reports as gaps from those in flight.
+void DeliveryServer::acknowledge(HrtcState& state, Service& service, std::int64_t now_ns) {
   constexpr std::int64_t kNsPerUs = 1000;
   const Demand& demand = service.demand;
   const auto now_us = static_cast<std::uint32_t>(now_ns / kNsPerUs);
@@ -162,59 +162,60 @@ void DeliveryServer::acknowledge(Controller& controller, Service& service, std::
       waited_us = std::max(waited_us, now_us - sent.at_us);
     }
   }
-  feedback.loop_ns = std::int64_t{waited_us} * kNsPerUs;
+  feedback.round_trip_ns = std::int64_t{waited_us} * kNsPerUs;
   const bool timed = demand.arrivals != 0 && demand.stream == service.stream;
-  if (timed && accepted(controller.one_ways.admit(demand.one_way_us, now_ns))) feedback.one_way_us = demand.one_way_us;
-  controller.pacer.on_feedback(feedback, now_ns);
+  if (timed && accepted(state.one_ways.admit(demand.one_way_us, now_ns))) feedback.one_way_us = demand.one_way_us;
+  state.pacer.on_feedback(feedback, now_ns);
 }
 
-/// What is covered stays small where many are served; a few are told exactly what they have, so that nothing comes
-/// twice.
+/// Limits the intervals of each service so that all services together stay small. With few services the covered
+/// records are exact, and none is sent twice.
 void DeliveryServer::cover(Service& service, const Object& object, std::uint32_t region) const {
-  constexpr std::size_t kInAll = 40'960, kMin = 1'280, kMax = 5'120;  // runs: 320, 10 and 40 KiB
+  constexpr std::size_t kInAll = 40'960, kMin = 1'280, kMax = 5'120;  // intervals: 320, 10 and 40 KiB
   std::size_t services = 0;
-  for (const auto& [hrtc, controller] : controllers_) services += controller.services.size();
+  for (const auto& [hrtc, state] : hrtcs_) services += state.services.size();
   service.covered.add(list_of(object.model, region),
                       std::clamp(kInAll / std::max<std::size_t>(services, 1), kMin, kMax));
 }
 
-/// Brings the messages, the records covered and the regions to send in line with the newest demand. What is covered
-/// grows in place while nothing of `had`, the demand before, was taken back and no message was refused or lost a part.
-void DeliveryServer::compare(Controller& controller, Service& service, const Object& object,
-                             const std::vector<spm::Interval>* had) {
+/// Updates the messages, the covered records and the regions to send from the newest demand. Extends the covered
+/// records in place if the demand still has all of `had`, the regions of the one before, and no message was refused
+/// or lost a part; else computes them anew.
+void DeliveryServer::compare(HrtcState& state, Service& service, const Object& object,
+                             const std::vector<spm::Interval>* previous) {
   const Demand& demand = service.demand;
   bool refused = false;
   const auto wanted = [&](const Message& message) {
     return std::any_of(demand.wanted.begin(), demand.wanted.end(),
                        [&](const Wanted& w) { return w.region == message.region; });
   };
-  const auto ends = [&](const Message& message) {
+  const auto is_over = [&](const Message& message) {
     const bool base = message.region == spm::kNone;
-    if (base ? !demand.need_base : contains(demand.have, message.region)) return true;  // taken
+    if (base ? !demand.need_base : contains(demand.have, message.region)) return true;  // accepted
     if (message.arrived() && message.last_sequence <= demand.received) return refused = true;
     const bool parts_to_come = !message.sent() || !message.lost.empty();
     const bool cancelled = parts_to_come && (base != demand.need_base || (!base && !wanted(message)));
     if (!cancelled) return false;
-    count(controller, [](DeliveryCounters& c) { ++c.messages_dropped; });
-    refused = refused || message.sent();  // what was counted on is not there
+    count(state, [](DeliveryCounters& c) { ++c.messages_dropped; });
+    refused = refused || message.sent();  // its records are not there
     return true;
   };
   const auto erase_if = [&](const auto& condition) {
     service.messages.erase(std::remove_if(service.messages.begin(), service.messages.end(), condition),
                            service.messages.end());
   };
-  erase_if(ends);
+  erase_if(is_over);
 
   const bool only_more =
-      had != nullptr && contains_all(demand.have, *had) && !refused && first_lost(service) == nullptr;
+      previous != nullptr && contains_all(demand.have, *previous) && !refused && first_lost(service) == nullptr;
   if (!only_more) service.covered.clear();
   for (const spm::Interval& interval : demand.have) {
     for (std::uint32_t region = interval.first; region != end_of(interval); ++region) {
-      if (!only_more || !contains(*had, region)) cover(service, object, region);
+      if (!only_more || !contains(*previous, region)) cover(service, object, region);
     }
   }
-  // What was taken back stays with the HRTC until it has dealt with all that was sent before it knew. So a message that
-  // was sent whole is doubtful only when one before it was not taken; but a part that is sent now must hold now.
+  // The HRTC keeps a retired region until it has processed all that was sent before it saw the echo. So a message that
+  // was sent completely is doubtful only if an earlier one was refused. A part that is sent now must be valid now.
   erase_if([&](Message& message) {
     if (only_more || message.region == spm::kNone) return false;
     const bool parts_to_come = !message.sent() || !message.lost.empty();
@@ -222,7 +223,7 @@ void DeliveryServer::compare(Controller& controller, Service& service, const Obj
       message.doubtful = !contains_all(message.records, service.covered.missing(list_of(object.model, message.region)));
       if (message.doubtful && parts_to_come) {
         refused = refused || message.sent();
-        count(controller, [](DeliveryCounters& c) { ++c.messages_dropped; });
+        count(state, [](DeliveryCounters& c) { ++c.messages_dropped; });
         return true;
       }
     }
@@ -246,7 +247,7 @@ void DeliveryServer::compare(Controller& controller, Service& service, const Obj
 
 bool DeliveryServer::Message::fits(std::uint32_t part, std::size_t room) const noexcept {
   const auto [from, to] = parts.range(part);
-  return head_bytes(region, parts.count) + to - from <= room;
+  return header_bytes(region, parts.count) + to - from <= room;
 }
 
 DeliveryServer::Message* DeliveryServer::first_lost(Service& service, std::size_t room) {
@@ -256,7 +257,7 @@ DeliveryServer::Message* DeliveryServer::first_lost(Service& service, std::size_
   return at == service.messages.end() ? nullptr : &*at;
 }
 
-/// Time to contact of what this service would send next.
+/// Time to contact of the next message of this service.
 std::optional<std::uint32_t> DeliveryServer::urgency(Service& service) {
   if (!service.serving) return std::nullopt;
   if (const Message* lost = first_lost(service)) return lost->contact_in_us;
@@ -268,7 +269,7 @@ std::optional<std::uint32_t> DeliveryServer::urgency(Service& service) {
   return service.to_send.back().contact_in_us;
 }
 
-/// The first part is cut to `room`.
+/// Plans the next message. Its first part fits into `room` bytes.
 void DeliveryServer::plan(Service& service, const Object& object, std::size_t room) const {
   Message message;
   message.number = ++service.planned;
@@ -289,10 +290,10 @@ void DeliveryServer::plan(Service& service, const Object& object, std::size_t ro
   service.messages.push_back(std::move(message));
 }
 
-/// Chunks that are under way, and messages that have come and wait for room.
-std::uint64_t DeliveryServer::unanswered(const Controller& controller) {
-  std::uint64_t bytes = controller.pacer.under_way();
-  for (const auto& [object_id, service] : controller.services) {
+/// Bytes of chunks in flight, and of messages that have arrived but are not answered.
+std::uint64_t DeliveryServer::unanswered(const HrtcState& state) {
+  std::uint64_t bytes = state.pacer.under_way();
+  for (const auto& [object_id, service] : state.services) {
     for (const Message& message : service.messages) bytes += message.arrived() ? message.parts.bytes : 0;
   }
   return bytes;
@@ -300,11 +301,11 @@ std::uint64_t DeliveryServer::unanswered(const Controller& controller) {
 
 std::optional<Outgoing> DeliveryServer::next(std::int64_t now_ns, const CanSend& can_send) {
   due_ns_ = std::numeric_limits<std::int64_t>::max();
-  for (auto silent = controllers_.begin(); silent != controllers_.end();)
+  for (auto silent = hrtcs_.begin(); silent != hrtcs_.end();)
     silent = now_ns - silent->second.received_ns >= kForgetNs ? forget(silent) : std::next(silent);
-  auto at = controllers_.upper_bound(last_served_);
-  for (std::size_t tried = 0; tried < controllers_.size(); ++tried, ++at) {
-    if (at == controllers_.end()) at = controllers_.begin();
+  auto at = hrtcs_.upper_bound(last_served_);
+  for (std::size_t tried = 0; tried < hrtcs_.size(); ++tried, ++at) {
+    if (at == hrtcs_.end()) at = hrtcs_.begin();
     if (can_send && !can_send(at->first)) continue;
     if (auto out = next(at->first, at->second, now_ns)) {
       last_served_ = at->first;
@@ -314,72 +315,74 @@ std::optional<Outgoing> DeliveryServer::next(std::int64_t now_ns, const CanSend&
   return std::nullopt;
 }
 
-std::optional<Outgoing> DeliveryServer::next(std::uint64_t hrtc, Controller& controller, std::int64_t now_ns) {
+std::optional<Outgoing> DeliveryServer::next(std::uint64_t hrtc, HrtcState& state, std::int64_t now_ns) {
   std::optional<std::uint64_t> soonest;
   std::uint32_t contact_in_us = 0;
-  for (auto& [object_id, service] : controller.services) {
+  for (auto& [object_id, service] : state.services) {
     const std::optional<std::uint32_t> own = urgency(service);
     if (!own || (soonest && *own >= contact_in_us)) continue;
     soonest = object_id;
     contact_in_us = *own;
   }
-  if (soonest && unanswered(controller) + kMaxPayload > controller.credit) soonest.reset();
-  if (!soonest) controller.pacer.rest();
-  // The object that sends next, now or as soon as its pace allows: its chunk is its echo.
-  const std::optional<std::uint64_t> speaks = soonest;
-  if (soonest && !controller.pacer.may_send(kMaxPayload, now_ns)) {
+  if (soonest && unanswered(state) + kMaxPayload > state.credit) soonest.reset();
+  if (!soonest) state.pacer.set_idle();
+  // The next chunk of this object, now or as soon as the pacer allows, is also its echo.
+  const std::optional<std::uint64_t> next_object = soonest;
+  if (soonest && !state.pacer.may_send(kMaxPayload, now_ns)) {
     soonest.reset();
-    if (controller.pacer.next_ns() > now_ns) due_ns_ = std::min(due_ns_, controller.pacer.next_ns());
+    if (state.pacer.next_ns() > now_ns) due_ns_ = std::min(due_ns_, state.pacer.next_ns());
   }
-  // An epoch that would wait behind another object's data, or for the window, is told alone: memory is freed by it.
-  for (auto& [object_id, service] : controller.services) {
-    const bool soon = object_id == speaks && (soonest || controller.pacer.next_ns() > now_ns);
-    const bool marks = service.serving && !service.under_way.empty() && now_ns >= service.mark_ns;
-    if ((service.echo_owed || marks) && !soon) return send_echo(hrtc, controller, service, now_ns);
-    if (!service.under_way.empty()) due_ns_ = std::min(due_ns_, service.mark_ns);
+  // An epoch that would wait behind another object's data or for the window is echoed alone, because the HRTC frees
+  // memory on it.
+  for (auto& [object_id, service] : state.services) {
+    const bool soon = object_id == next_object && (soonest || state.pacer.next_ns() > now_ns);
+    const bool probes_tail = service.serving && !service.under_way.empty() && now_ns >= service.tail_probe_ns;
+    if ((service.echo_owed || probes_tail) && !soon) return send_echo(hrtc, state, service, now_ns);
+    if (!service.under_way.empty()) due_ns_ = std::min(due_ns_, service.tail_probe_ns);
   }
   if (!soonest) return std::nullopt;
-  return send_parts(hrtc, controller, *soonest, now_ns);
+  return send_parts(hrtc, state, *soonest, now_ns);
 }
 
-BulkChunk DeliveryServer::make_chunk(Controller& controller, Service& service, std::int64_t now_ns) {
+BulkChunk DeliveryServer::make_chunk(HrtcState& state, Service& service, std::int64_t now_ns) {
   BulkChunk chunk;
   chunk.stream = service.stream;
   chunk.sequence = ++service.sequence;
   chunk.epoch = service.demand.epoch;
   chunk.sent_us = static_cast<std::uint32_t>(now_ns / 1000);
   service.echo_owed = false;
-  count(controller, [](DeliveryCounters& c) { ++c.chunks; });
+  count(state, [](DeliveryCounters& c) { ++c.chunks; });
   return chunk;
 }
 
-Outgoing DeliveryServer::send_echo(std::uint64_t hrtc, Controller& controller, Service& service, std::int64_t now_ns) {
-  if (now_ns >= service.mark_ns) service.mark_interval_ns = std::min(2 * service.mark_interval_ns, kLastMark);
-  service.mark_ns = now_ns + service.mark_interval_ns;
-  count(controller, [](DeliveryCounters& c) { ++c.echoes; });
-  return {hrtc, make_chunk(controller, service, now_ns)};
+Outgoing DeliveryServer::send_echo(std::uint64_t hrtc, HrtcState& state, Service& service, std::int64_t now_ns) {
+  if (now_ns >= service.tail_probe_ns)
+    service.tail_probe_interval_ns = std::min(2 * service.tail_probe_interval_ns, kMaxTailProbeNs);
+  service.tail_probe_ns = now_ns + service.tail_probe_interval_ns;
+  count(state, [](DeliveryCounters& c) { ++c.echoes; });
+  return {hrtc, make_chunk(state, service, now_ns)};
 }
 
-Outgoing DeliveryServer::send_parts(std::uint64_t hrtc, Controller& controller, std::uint64_t object_id,
+Outgoing DeliveryServer::send_parts(std::uint64_t hrtc, HrtcState& state, std::uint64_t object_id,
                                     std::int64_t now_ns) {
-  Service& service = controller.services.at(object_id);
+  Service& service = state.services.at(object_id);
   const Object& object = objects_.at(object_id);
-  BulkChunk chunk = make_chunk(controller, service, now_ns);
+  BulkChunk chunk = make_chunk(state, service, now_ns);
   std::size_t room = kMaxPayload;
-  while (auto piece = next_piece(controller, service, object, chunk, room)) {
-    room -= head_bytes(piece->region, piece->parts) + piece->payload.size();
+  while (auto piece = next_piece(state, service, object, chunk, room)) {
+    room -= header_bytes(piece->region, piece->parts) + piece->payload.size();
     chunk.pieces.push_back(std::move(*piece));
-    if (chunk.kind() == BulkKind::kBase) break;  // regions count on it
+    if (chunk.kind() == BulkKind::kBase) break;  // regions rely on it
   }
-  controller.pacer.sent(static_cast<std::uint32_t>(chunk.payload_bytes()), now_ns);
-  service.mark_interval_ns = kFirstMark;
-  service.mark_ns = now_ns + kFirstMark;
-  count(controller, [&](DeliveryCounters& c) { c.payload_bytes += chunk.payload_bytes(); });
+  state.pacer.sent(static_cast<std::uint32_t>(chunk.payload_bytes()), now_ns);
+  service.tail_probe_interval_ns = kMinTailProbeNs;
+  service.tail_probe_ns = now_ns + kMinTailProbeNs;
+  count(state, [&](DeliveryCounters& c) { c.payload_bytes += chunk.payload_bytes(); });
   return {hrtc, std::move(chunk)};
 }
 
-/// What goes next into a chunk with so much room left, taken as sent with it.
-std::optional<BulkPiece> DeliveryServer::next_piece(Controller& controller, Service& service, const Object& object,
+/// The next piece that fits into `room` bytes of the chunk, marked as sent with it; none if no piece fits.
+std::optional<BulkPiece> DeliveryServer::next_piece(HrtcState& state, Service& service, const Object& object,
                                                     const BulkChunk& chunk, std::size_t room) {
   if (room < kMinRoom) return std::nullopt;
   Message* message = first_lost(service, room);
@@ -407,7 +410,7 @@ std::optional<BulkPiece> DeliveryServer::next_piece(Controller& controller, Serv
   if (again) {
     piece.part = message->lost.back();
     message->lost.pop_back();
-    count(controller, [](DeliveryCounters& c) { ++c.repeated; });
+    count(state, [](DeliveryCounters& c) { ++c.repeated; });
   } else {
     piece.part = message->begun++;
   }
@@ -421,11 +424,11 @@ std::optional<BulkPiece> DeliveryServer::next_piece(Controller& controller, Serv
   if (!again && message->sent()) {
     service.encoded.clear();
     if (message->region == spm::kNone) {
-      count(controller, [](DeliveryCounters& c) { ++c.bases; });
+      count(state, [](DeliveryCounters& c) { ++c.bases; });
     } else {
       cover(service, object, message->region);
       const std::uint64_t records = count_records(message->records);
-      count(controller, [&](DeliveryCounters& c) {
+      count(state, [&](DeliveryCounters& c) {
         ++c.regions;
         c.records += records;
       });
@@ -434,35 +437,35 @@ std::optional<BulkPiece> DeliveryServer::next_piece(Controller& controller, Serv
   return piece;
 }
 
-void DeliveryServer::note_sequences(const Controller& controller) {
-  for (const auto& [object_id, service] : controller.services)
+void DeliveryServer::note_sequences(const HrtcState& state) {
+  for (const auto& [object_id, service] : state.services)
     highest_forgotten_ = std::max(highest_forgotten_, service.sequence);
 }
 
 void DeliveryServer::on_hrtc_gone(std::uint64_t hrtc) {
-  const auto controller = controllers_.find(hrtc);
-  if (controller != controllers_.end()) forget(controller);
+  const auto state = hrtcs_.find(hrtc);
+  if (state != hrtcs_.end()) forget(state);
 }
 
-std::map<std::uint64_t, DeliveryServer::Controller>::iterator DeliveryServer::forget(
-    std::map<std::uint64_t, Controller>::iterator controller) {
-  note_sequences(controller->second);
-  return controllers_.erase(controller);
+std::map<std::uint64_t, DeliveryServer::HrtcState>::iterator DeliveryServer::forget(
+    std::map<std::uint64_t, HrtcState>::iterator state) {
+  note_sequences(state->second);
+  return hrtcs_.erase(state);
 }
 
 std::uint64_t DeliveryServer::bytes_under_way(std::uint64_t hrtc) const {
-  const auto controller = controllers_.find(hrtc);
-  return controller == controllers_.end() ? 0 : unanswered(controller->second);
+  const auto state = hrtcs_.find(hrtc);
+  return state == hrtcs_.end() ? 0 : unanswered(state->second);
 }
 
 const Pacer* DeliveryServer::pacer(std::uint64_t hrtc) const {
-  const auto controller = controllers_.find(hrtc);
-  return controller == controllers_.end() ? nullptr : &controller->second.pacer;
+  const auto state = hrtcs_.find(hrtc);
+  return state == hrtcs_.end() ? nullptr : &state->second.pacer;
 }
 
 std::map<std::uint64_t, DeliveryCounters> DeliveryServer::counters_by_hrtc() const {
   std::map<std::uint64_t, DeliveryCounters> all;
-  for (const auto& [hrtc, controller] : controllers_) all.emplace(hrtc, controller.counters);
+  for (const auto& [hrtc, state] : hrtcs_) all.emplace(hrtc, state.counters);
   return all;
 }
 

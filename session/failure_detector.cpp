@@ -13,17 +13,17 @@ void FailureDetector::watch(const std::vector<std::uint64_t>& hosts) {
   for (const std::uint64_t host : hosts) hosts_.try_emplace(host);
 }
 
-std::optional<ClockSample> FailureDetector::ask(std::int64_t now_ns) {
+std::optional<ClockSample> FailureDetector::next_request(std::int64_t now_ns) {
   for (auto& [id, host] : hosts_) {
     if (host.sequence != 0 && now_ns - host.requested_ns < settings_.period_ns) continue;
     host.requested_ns = now_ns;
-    ClockSample question;
-    question.origin = self_;
-    question.origin.time_ns = now_ns;
-    question.peer = id;
-    question.sequence = ++host.sequence;
-    question.t0_ns = now_ns;
-    return question;
+    ClockSample request;
+    request.origin = self_;
+    request.origin.time_ns = now_ns;
+    request.peer = id;
+    request.sequence = ++host.sequence;
+    request.t0_ns = now_ns;
+    return request;
   }
   return std::nullopt;
 }
@@ -39,38 +39,38 @@ void FailureDetector::on_answer(const ClockSample& answer, std::int64_t now_ns) 
     constexpr double kNsPerS = 1e9;
     const double passed_s = static_cast<double>(now_ns - host.answered_ns) / kNsPerS;
     host.longest_ns *= std::exp2(-passed_s / settings_.half_life_s);
-    host.longest_ns = std::max(host.longest_ns, static_cast<double>(host.silent_ns));
-    if (host.missed) ++false_alarms_;
+    host.longest_ns = std::max(host.longest_ns, static_cast<double>(host.silence_ns));
+    if (host.missed) ++false_suspicions_;
   }
   host.incarnation = answer.origin.incarnation;
   host.answered_ns = now_ns;
-  host.silent_ns = 0;
+  host.silence_ns = 0;
   host.missed = false;
 }
 
-std::int64_t FailureDetector::patience_ns(const Watched& host) const noexcept {
-  return std::clamp(std::llround(settings_.margin * host.longest_ns), static_cast<long long>(settings_.min_patience_ns),
-                    static_cast<long long>(settings_.max_patience_ns));
+std::int64_t FailureDetector::timeout_ns(const Watched& host) const noexcept {
+  return std::clamp(std::llround(settings_.margin * host.longest_ns), static_cast<long long>(settings_.min_timeout_ns),
+                    static_cast<long long>(settings_.max_timeout_ns));
 }
 
-bool FailureDetector::at_ease() const noexcept {
+bool FailureDetector::all_answered() const noexcept {
   return std::all_of(hosts_.begin(), hosts_.end(), [this](const auto& watched) {
-    return watched.second.missed || watched.second.silent_ns <= settings_.period_ns;
+    return watched.second.missed || watched.second.silence_ns <= settings_.period_ns;
   });
 }
 
-std::vector<FailureDetector::Silent> FailureDetector::silent(std::int64_t now_ns) {
-  const std::int64_t passed_ns = std::clamp<std::int64_t>(now_ns - looked_ns_, 0, settings_.max_unwatched_ns);
-  looked_ns_ = now_ns;
-  std::vector<Silent> silent;
+std::vector<FailureDetector::Suspect> FailureDetector::take_suspects(std::int64_t now_ns) {
+  const std::int64_t passed_ns = std::clamp<std::int64_t>(now_ns - polled_ns_, 0, settings_.max_poll_gap_ns);
+  polled_ns_ = now_ns;
+  std::vector<Suspect> suspects;
   for (auto& [id, host] : hosts_) {
     if (host.incarnation == 0) continue;
-    host.silent_ns += passed_ns;
-    if (host.missed || host.silent_ns < patience_ns(host)) continue;
+    host.silence_ns += passed_ns;
+    if (host.missed || host.silence_ns < timeout_ns(host)) continue;
     host.missed = true;
-    silent.push_back({id, host.silent_ns});
+    suspects.push_back({id, host.silence_ns});
   }
-  return silent;
+  return suspects;
 }
 
 }  // namespace tactus::session

@@ -1,7 +1,6 @@
-/// How a message is cut into the pieces of chunks: a first part that fills the room left in a chunk, and parts of one
-/// size after it.
+/// Cuts a message into the pieces of chunks: a first part that fills the room left in a chunk, then equal parts.
 ///
-///     | first_bytes | part_bytes | part_bytes | ... | rest |      `count` parts, `bytes` in all
+///     | first_bytes | part_bytes | part_bytes | ... | remainder |      `count` parts, `bytes` in all
 #pragma once
 
 #include <algorithm>
@@ -20,7 +19,7 @@ struct MessageParts {
   /// Cuts `bytes` of a region, or of a base mesh, so that the first part fits into `room` bytes of a chunk.
   [[nodiscard]] static MessageParts cut(std::uint32_t bytes, std::uint32_t region, std::size_t room) noexcept {
     const auto max_parts = static_cast<std::uint32_t>(bytes / (kMaxPayload / 2) + 2);
-    const std::size_t head = head_bytes(region, max_parts);
+    const std::size_t head = header_bytes(region, max_parts);
     MessageParts parts;
     parts.bytes = bytes;
     parts.part_bytes = static_cast<std::uint16_t>(kMaxPayload - head);
@@ -29,7 +28,7 @@ struct MessageParts {
     parts.count = 1 + rest / parts.part_bytes + (rest % parts.part_bytes != 0 ? 1 : 0);
     return parts;
   }
-  /// Where a part begins and ends in the message.
+  /// First byte of a part in the message, and the byte after its last.
   [[nodiscard]] std::pair<std::size_t, std::size_t> range(std::uint32_t part) const noexcept {
     if (part == 0) return {0, first_bytes};
     const std::size_t from = first_bytes + std::size_t{part_bytes} * (part - 1u);

@@ -14,7 +14,7 @@ std::uint32_t stream_id(const Origin& host, const Origin& hrtc, std::uint64_t ob
   return static_cast<std::uint32_t>(XXH3_64bits(names.data(), sizeof names));
 }
 
-std::size_t head_bytes(std::uint32_t region, std::uint32_t parts) noexcept {
+std::size_t header_bytes(std::uint32_t region, std::uint32_t parts) noexcept {
   const auto varint = [](std::uint64_t value) {
     std::size_t bytes = 1;
     for (; value >= 0x80; value >>= 7) ++bytes;

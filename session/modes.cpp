@@ -7,7 +7,7 @@
 namespace tactus::session {
 namespace {
 
-/// Of a command that concerns everyone; no object's, which is a hash of a name.
+/// Group of a command for all users; no object has this id, because object ids are hashes of names.
 constexpr std::uint64_t kEveryone = 1;
 
 }  // namespace
@@ -51,7 +51,7 @@ double distance_from(const CatalogueEntry& object, const std::array<double, 3>& 
 }
 
 void Modes::on_catalogue(const CatalogueEntry& entry) {
-  if (!entry.withdrawn) objects_[entry.object_id] = entry;  // another host may serve it still
+  if (!entry.withdrawn) objects_[entry.object_id] = entry;  // another host may still serve it
 }
 
 void Modes::on_probe(std::uint64_t user, std::uint64_t participant, const std::array<double, 3>& position,
@@ -62,7 +62,7 @@ void Modes::on_probe(std::uint64_t user, std::uint64_t participant, const std::a
   probe.seen_ns = now_ns;
 }
 
-void Modes::place(Probe& probe, std::int64_t now_ns) const {
+void Modes::assign_object(Probe& probe, std::int64_t now_ns) const {
   const auto held = objects_.find(probe.object);
   if (held != objects_.end()) {
     if (distance_from(held->second, probe.position) <= settings_.apart) probe.near_ns = now_ns;
@@ -95,10 +95,10 @@ void Modes::tick(std::int64_t now_ns) {
   for (auto at = probes_.begin(); at != probes_.end();)
     at = now_ns - at->second.seen_ns > settings_.forget_ns ? probes_.erase(at) : std::next(at);
   std::map<std::uint64_t, std::set<std::uint64_t>> ours;
-  std::set<std::uint64_t> others;                 // groups that users of other controllers are in
+  std::set<std::uint64_t> others;                 // groups with users of other HRTCs
   std::map<std::uint64_t, std::size_t> together;  // users by object
   for (auto& [user, probe] : probes_) {
-    place(probe, now_ns);
+    assign_object(probe, now_ns);
     if (!commanded(user)) ++together[probe.object];
   }
   for (const auto& [user, probe] : probes_) {

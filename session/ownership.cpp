@@ -6,7 +6,7 @@ namespace {
 
 constexpr std::size_t kMaxClaimants = 64;
 
-/// From a claim with that way to the host and as long a one back.
+/// The lease of a claim with this transit to the host, if the grant takes as long on its way back.
 std::int64_t lease_of(const OwnershipSettings& settings, std::int64_t one_way_ns) noexcept {
   constexpr std::int64_t kLongestNs = 500'000'000;
   return settings.lease_ns + 2 * std::clamp<std::int64_t>(one_way_ns, 0, kLongestNs);
@@ -31,12 +31,12 @@ Arbiter::Arbiter(const Origin& self, std::uint64_t object_id, const OwnershipSet
 }
 
 void Arbiter::change(std::int64_t now_ns) {
-  // Larger than any number that this host may have given in an earlier life and nobody has told it of.
+  // Larger than any number that this host may have granted in an earlier incarnation.
   fencing_ = std::max(fencing_, self_.incarnation) + 1;
   (void)fencings_.admit(fencing_, now_ns);
   changed_ = true;
-  line_ns_ = 0;
-  for (const Held& held : held_) line_ns_ = std::max(line_ns_, held.one_way_ns);
+  channel_delay_ns_ = 0;
+  for (const Held& held : held_) channel_delay_ns_ = std::max(channel_delay_ns_, held.one_way_ns);
 }
 
 void Arbiter::on_pose(std::uint64_t fencing, std::int64_t now_ns) {
@@ -48,7 +48,7 @@ void Arbiter::on_pose(std::uint64_t fencing, std::int64_t now_ns) {
   change(now_ns);
 }
 
-bool Arbiter::is_news(const ObjectClaim& claim, std::int64_t now_ns) {
+bool Arbiter::is_newer(const ObjectClaim& claim, std::int64_t now_ns) {
   const std::uint64_t participant = claim.origin.participant;
   auto at = find_participant(claimants_, participant, [](const Claimant& c) { return c.participant; });
   if (at == claimants_.end()) {
@@ -77,7 +77,7 @@ void Arbiter::forget(std::uint64_t participant) {
 void Arbiter::on_claim(const ObjectClaim& claim, std::int64_t now_ns) {
   if (claim.object_id != object_id_ || claim.origin.session != self_.session) return;
   on_pose(claim.fencing, now_ns);
-  if (!is_news(claim, now_ns)) return;
+  if (!is_newer(claim, now_ns)) return;
   const std::uint64_t participant = claim.origin.participant;
   const auto held = find_participant(held_, participant, [](const Held& h) { return h.toucher.participant; });
   const Toucher toucher{participant, claim.origin.incarnation, claim.sequence};
@@ -85,7 +85,7 @@ void Arbiter::on_claim(const ObjectClaim& claim, std::int64_t now_ns) {
     held_.erase(held);
     change(now_ns);
   } else if (held != held_.end()) {
-    // No earlier than what an older claim was granted for.
+    // Never shortens the lease of an earlier claim.
     const std::int64_t until_ns = std::max(held->until_ns, now_ns + lease_of(settings_, claim.one_way_ns));
     *held = {toucher, until_ns, claim.one_way_ns};
     return;
@@ -113,7 +113,7 @@ std::optional<ObjectGrant> Arbiter::tick(std::int64_t now_ns) {
   grant.object_id = object_id_;
   grant.sequence = ++sequence_;
   grant.fencing = fencing_;
-  grant.line_ns = line_ns_;
+  grant.channel_delay_ns = channel_delay_ns_;
   for (const Held& held : held_) grant.touchers.push_back(held.toucher);
   return grant;
 }
@@ -130,23 +130,24 @@ void Holder::touch(bool touching) noexcept {
   touching_ = touching;
   changed_ = true;
   until_ns_ = 0;
-  sent_ = {};  // a grant that answers a claim of an earlier touch is none for this one
-  // Until the host has heard it or the lease is over anyway.
-  farewells_ = touching ? 0 : static_cast<int>(lease_of(settings_, one_way_ns_) / settings_.period_ns) + 1;
+  sent_ = {};  // a grant for a claim of an earlier touch must not count for this one
+  // Repeated until the host has certainly received one, or the lease has ended.
+  release_claims_ = touching ? 0 : static_cast<int>(lease_of(settings_, one_way_ns_) / settings_.period_ns) + 1;
 }
 
-bool Holder::see(std::uint64_t fencing, std::int64_t now_ns) noexcept {
+bool Holder::admit_fencing(std::uint64_t fencing, std::int64_t now_ns) noexcept {
   const Admission admission = fencings_.admit(fencing, now_ns);
   implausible_ += admission == Admission::kImplausible ? 1 : 0;
   return accepted(admission);
 }
 
 void Holder::on_grant(const ObjectGrant& grant, std::int64_t now_ns) {
-  if (grant.object_id != object_id_ || grant.origin.session != self_.session || !see(grant.fencing, now_ns)) return;
+  if (grant.object_id != object_id_ || grant.origin.session != self_.session || !admit_fencing(grant.fencing, now_ns))
+    return;
   const bool known = grant.fencing == granted_.fencing;
-  // One number is granted once: the second who uses it is a host that does not know yet, and is told by the next claim.
+  // Two hosts granted the same number: the second one is outdated. The next claim carries a larger number.
   if (known && grant.origin.incarnation != granted_.origin.incarnation) {
-    (void)see(grant.fencing + 1, now_ns);
+    (void)admit_fencing(grant.fencing + 1, now_ns);
     return;
   }
   if (!known) grants_ = SequenceWindow{kClaimNumbers};
@@ -154,11 +155,11 @@ void Holder::on_grant(const ObjectGrant& grant, std::int64_t now_ns) {
   implausible_ += admission == Admission::kImplausible ? 1 : 0;
   if (!accepted(admission)) return;
   granted_ = grant;
-  place_ = kMaxTouchers;
+  copy_index_ = kMaxTouchers;
   for (std::size_t i = 0; i < grant.touchers.size() && i < kMaxTouchers; ++i) {
     const Toucher& toucher = grant.touchers[i];
     if (toucher.participant != self_.participant || toucher.incarnation != self_.incarnation) continue;
-    place_ = i;
+    copy_index_ = i;
     const Sent& sent = sent_[toucher.claim % sent_.size()];
     if (touching_ && sent.sequence == toucher.claim && sent.touching && sent.at_ns <= now_ns)
       until_ns_ = std::max(until_ns_, sent.at_ns + sent.lease_ns);
@@ -166,11 +167,11 @@ void Holder::on_grant(const ObjectGrant& grant, std::int64_t now_ns) {
 }
 
 std::optional<ObjectClaim> Holder::tick(std::int64_t now_ns) {
-  if (!touching_ && farewells_ == 0) return std::nullopt;
+  if (!touching_ && release_claims_ == 0) return std::nullopt;
   if (!changed_ && now_ns - claimed_ns_ < settings_.period_ns) return std::nullopt;
   changed_ = false;
   claimed_ns_ = now_ns;
-  if (!touching_) --farewells_;
+  if (!touching_) --release_claims_;
   ObjectClaim claim;
   claim.origin = self_;
   claim.origin.time_ns = now_ns;
@@ -185,9 +186,10 @@ std::optional<ObjectClaim> Holder::tick(std::int64_t now_ns) {
 
 Holder::Role Holder::role(std::int64_t now_ns) const noexcept {
   if (!touching_) return Role::kWatching;
-  if (place_ == kMaxTouchers || now_ns >= until_ns_ || granted_.fencing < fencings_.newest()) return Role::kAsking;
+  if (copy_index_ == kMaxTouchers || now_ns >= until_ns_ || granted_.fencing < fencings_.newest())
+    return Role::kRequesting;
   if (granted_.touchers.size() == 1) return Role::kOwner;
-  return place_ == 0 ? Role::kLeader : Role::kCopy;
+  return copy_index_ == 0 ? Role::kLeader : Role::kCopy;
 }
 
 bool CopyGate::accept(const ObjectCopy& copy, std::int64_t now_ns, std::int64_t session_now_ns) noexcept {

@@ -1,28 +1,27 @@
-/// Who simulates a shared object: the host while nobody holds it, then the first who touches it, then all who do.
+/// Ownership of a shared object: the host simulates it while nobody touches it, then the first toucher, then all.
 ///
-///     nobody            host simulates
-///     one toucher       it owns: its poses are the object's
-///     two and more      each simulates a copy (haptics/coupling.hpp); the one that has held longest leads: its poses
-///     are
-///                       the object's for everyone else
+///     no toucher         the host simulates
+///     one toucher        it owns the object and publishes its poses
+///     several touchers   each simulates a copy (haptics/coupling.hpp); the one that has held longest leads and
+///                        publishes the object's poses
 ///
-/// Touchers claim, again and again while they touch; the host answers with a grant, again and again too: both are
-/// states, so what is lost, doubled or late needs no case of its own. Each change of those who simulate gets a larger
-/// fencing number, and a pose counts only under the largest one seen: a former owner that does not know yet, or that
-/// was asleep, cannot move the object any more.
+/// Touchers repeat a claim while they touch, and the host repeats a grant in answer. Both are states, so lost, repeated
+/// or late samples need no special case. Each change of ownership gets a larger fencing number. Receivers accept a pose
+/// only under the largest one received. So a former owner that was suspended cannot move the object any more.
 ///
-///     toucher   claim 7 ---------->  host      lease until arrival + lease
-///               <-- grant 12: you, claim 7     toucher may simulate until it sent claim 7 + lease
+///     toucher   claim 7 ----------->  host      lease until the claim's arrival + lease
+///               <-- grant 12: claim 7 toucher   may simulate until it sent claim 7 + lease
 ///
-/// where the lease is longer by the way there and back that claim 7 tells of, or else no grant would come in time.
+/// The lease is extended by the round trip that claim 7 reports, so that grants arrive in time on long links.
 ///
-/// A toucher's lease ends before the host takes the object back, without synchronised clocks. A host that starts
-/// waits for the shortest lease before it simulates itself and learns the fencing numbers in use from claims and poses.
+/// A toucher's lease ends before the host takes the object back; this needs no synchronised clocks. A host that starts
+/// waits for the shortest lease before it simulates, and learns the current fencing number from claims and poses.
 ///
-/// A toucher does not wait for the grant to feel: it simulates at once for itself (Holder::Role::kAsking), and what it
-/// has by then becomes the object.
+/// A toucher feels the object before the grant: it simulates at once for itself (Holder::Role::kRequesting), and its
+/// state becomes the object's with the grant.
+/// Source: Gray, Cheriton 1989 (leases).
 ///
-/// No clock, socket or thread in it; one thread at a time.
+/// No clock, socket or thread; one thread at a time.
 #pragma once
 
 #include <algorithm>
@@ -37,30 +36,30 @@
 namespace tactus::session {
 
 struct OwnershipSettings {
-  std::int64_t lease_ns = 250'000'000;  ///< beyond the way of claim and grant, as the claim tells it
-  std::int64_t period_ns = 20'000'000;  ///< between claims, and between grants while somebody holds the object
-  std::int64_t idle_ns = 500'000'000;   ///< between grants while nobody does
+  std::int64_t lease_ns = 250'000'000;  ///< in addition to the round trip that the claim reports
+  std::int64_t period_ns = 20'000'000;  ///< of claims, and of grants while somebody holds the object
+  std::int64_t idle_ns = 500'000'000;   ///< of grants while nobody holds it
 };
 
 /// The host's side, for one object.
 class Arbiter {
  public:
-  /// `fencing`: PoseGate::confirmed_fencing of what this host has seen.
+  /// `fencing`: PoseGate::confirmed_fencing of the poses that this host has received.
   Arbiter(const Origin& self, std::uint64_t object_id, const OwnershipSettings& settings, std::int64_t now_ns,
           std::uint64_t fencing = 0);
 
   void on_claim(const ObjectClaim& claim, std::int64_t now_ns);
-  /// A pose of the object from somebody else, with which fencing number.
+  /// A pose of the object from another program, and its fencing number.
   void on_pose(std::uint64_t fencing, std::int64_t now_ns);
-  /// A controller is gone from the session: its claims are no longer recorded. A lease of it ends in its time.
+  /// An HRTC has left the session: drops the numbering of its claims. A lease of it ends in time.
   void forget(std::uint64_t participant);
-  /// The grant to publish now; none when nothing has changed and none is due.
+  /// The grant to publish now; none if nothing has changed and no repetition is due.
   [[nodiscard]] std::optional<ObjectGrant> tick(std::int64_t now_ns);
 
-  /// Whether the host itself is to simulate, under `fencing()`.
+  /// Whether the host itself has to simulate, under `fencing()`.
   [[nodiscard]] bool owns(std::int64_t now_ns) const noexcept;
   [[nodiscard]] std::uint64_t fencing() const noexcept { return fencing_; }
-  /// Claims and fencing numbers dropped because they are outside their window (session/sequence_window.hpp).
+  /// Claims and fencing numbers that were dropped because they are outside their windows (session/sequence_window.hpp).
   [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_; }
 
  private:
@@ -69,39 +68,39 @@ class Arbiter {
     std::int64_t until_ns;
     std::int64_t one_way_ns;
   };
-  /// Whose claims have come: an old claim does not bring back one who has let go.
+  /// Senders of claims: an old claim must not bring back a toucher that has let go.
   struct Claimant {
     std::uint64_t participant;
     std::int64_t seen_ns;
     SenderWindow claims;
   };
   void change(std::int64_t now_ns);
-  [[nodiscard]] bool is_news(const ObjectClaim& claim, std::int64_t now_ns);
+  [[nodiscard]] bool is_newer(const ObjectClaim& claim, std::int64_t now_ns);
 
   Origin self_;
   std::uint64_t object_id_;
   OwnershipSettings settings_;
-  std::int64_t quiet_until_ns_;  // a lease after the start: somebody may hold one from before
+  std::int64_t quiet_until_ns_;  // one lease after the start: a lease granted before may still be valid
   std::uint64_t fencing_ = 0;
-  SequenceWindow fencings_;          // in use; this host's own among them
+  SequenceWindow fencings_;          // of claims, of others' poses and of this host
   std::vector<Held> held_;           // longest first
-  std::vector<Claimant> claimants_;  // at most kMaxClaimants, among them all who hold
+  std::vector<Claimant> claimants_;  // at most kMaxClaimants, all holders among them
   std::uint64_t implausible_ = 0;
-  std::int64_t line_ns_ = 0;
+  std::int64_t channel_delay_ns_ = 0;
   std::uint32_t sequence_ = 0;
   std::int64_t granted_ns_ = 0;
   bool changed_ = true;
 };
 
-/// A controller's side, for one object.
+/// An HRTC's side, for one object.
 class Holder {
  public:
   enum class Role : std::uint8_t {
-    kWatching,  ///< shows the poses of whoever simulates
-    kAsking,    ///< touches, not granted yet: simulates for itself, publishes nothing
-    kOwner,     ///< simulates alone, publishes
-    kLeader,    ///< one of several copies, publishes
-    kCopy       ///< one of several copies
+    kWatching,    ///< does not touch: shows the owner's poses
+    kRequesting,  ///< touches without a grant: simulates for itself, publishes nothing
+    kOwner,       ///< the only toucher: simulates and publishes
+    kLeader,      ///< simulates one of several copies, publishes
+    kCopy         ///< simulates one of several copies
   };
 
   Holder(const Origin& self, std::uint64_t object_id, const OwnershipSettings& settings);
@@ -109,23 +108,23 @@ class Holder {
   void touch(bool touching) noexcept;
   void set_one_way(std::int64_t one_way_ns) noexcept { one_way_ns_ = one_way_ns; }
   /// A pose of the object was accepted.
-  void on_pose(std::uint64_t fencing, std::int64_t now_ns) noexcept { (void)see(fencing, now_ns); }
+  void on_pose(std::uint64_t fencing, std::int64_t now_ns) noexcept { (void)admit_fencing(fencing, now_ns); }
   void on_grant(const ObjectGrant& grant, std::int64_t now_ns);
-  /// The claim to send now; none when none is due.
+  /// The claim to publish now; none if none is due.
   [[nodiscard]] std::optional<ObjectClaim> tick(std::int64_t now_ns);
 
   [[nodiscard]] Role role(std::int64_t now_ns) const noexcept;
-  /// To publish poses with, as owner or leader.
+  /// For the poses that an owner or a leader publishes.
   [[nodiscard]] std::uint64_t fencing() const noexcept { return granted_.fencing; }
-  /// Of the copies, this one included; what the coupling is to be built from. A new group whenever `fencing` changes.
+  /// The grant with all copies, this one included, from which to build the coupling. A new `fencing` is a new group.
   [[nodiscard]] const ObjectGrant& grant() const noexcept { return granted_; }
-  /// Its own number among the copies.
-  [[nodiscard]] std::size_t place() const noexcept { return place_; }
-  /// Grants dropped because their fencing number or sequence is outside its window.
+  /// Its own index among the copies.
+  [[nodiscard]] std::size_t copy_index() const noexcept { return copy_index_; }
+  /// Grants that were dropped because fencing number or sequence is outside its window.
   [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_; }
 
  private:
-  [[nodiscard]] bool see(std::uint64_t fencing, std::int64_t now_ns) noexcept;
+  [[nodiscard]] bool admit_fencing(std::uint64_t fencing, std::int64_t now_ns) noexcept;
   Origin self_;
   std::uint64_t object_id_;
   OwnershipSettings settings_;
@@ -139,21 +138,21 @@ class Holder {
     bool touching;
     std::int64_t lease_ns;
   };
-  std::array<Sent, 64> sent_{};  // claims, by sequence
-  ObjectGrant granted_;          // with the largest fencing number seen
+  std::array<Sent, 64> sent_{};               // claims, by sequence
+  ObjectGrant granted_;                       // with the largest fencing number seen
   SequenceWindow fencings_{kFencingNumbers};  // of grants and poses
   SequenceWindow grants_{kClaimNumbers};      // under the fencing number of `granted_`
   std::uint64_t implausible_ = 0;
-  std::size_t place_ = kMaxTouchers;
-  std::int64_t until_ns_ = 0;  // end of the lease, by when its claim was sent
+  std::size_t copy_index_ = kMaxTouchers;
+  std::int64_t until_ns_ = 0;  // end of the lease, counted from the sending of its claim
   std::int64_t one_way_ns_ = 0;
-  int farewells_ = 0;  // claims to send after letting go
+  int release_claims_ = 0;  // claims to send after letting go
 };
 
-/// Which samples of an object's copies count, for whoever simulates one of them.
+/// Decides which samples of an object's copies count, for an HRTC that simulates one of them.
 class CopyGate {
  public:
-  /// False: implausible (session/sequence_window.hpp). One that was overtaken counts: it fills a gap. Realtime.
+  /// False: implausible (session/sequence_window.hpp). An overtaken sample counts, because it fills a gap. Realtime.
   [[nodiscard]] bool accept(const ObjectCopy& copy, std::int64_t now_ns, std::int64_t session_now_ns) noexcept;
   [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_; }
 
@@ -168,13 +167,13 @@ class CopyGate {
   std::uint64_t implausible_ = 0;
 };
 
-/// Which poses of an object count, for whoever shows it.
+/// Decides which poses of an object count, for a program that shows it.
 class PoseGate {
  public:
-  /// False: an older owner's, an older pose of the same, or one that is implausible (session/sequence_window.hpp).
+  /// False: from an older owner, older than the newest pose of the owner, or implausible (session/sequence_window.hpp).
   [[nodiscard]] bool accept(const ObjectPose& pose, std::int64_t now_ns) noexcept;
   [[nodiscard]] std::uint64_t fencing() const noexcept { return fencings_.newest(); }
-  /// 0 while a single pose is known: it may have been wrong.
+  /// 0 after a single pose, because its number may have been wrong.
   [[nodiscard]] std::uint64_t confirmed_fencing() const noexcept {
     return fencings_.confirmed() ? fencings_.newest() : 0;
   }
@@ -182,7 +181,7 @@ class PoseGate {
 
  private:
   SequenceWindow fencings_{kFencingNumbers};
-  SequenceWindow poses_{kObjectPoseNumbers};  // of the author, under the newest fencing number
+  SequenceWindow poses_{kObjectPoseNumbers};  // of the owner, under the newest fencing number
   std::uint64_t participant_ = 0, incarnation_ = 0;
   std::uint64_t implausible_ = 0;
 };

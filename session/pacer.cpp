@@ -11,31 +11,32 @@ constexpr std::int64_t kMs = 1'000'000;
 constexpr double kFirstWindow = 10 * kMaxPayload;  // RFC 6928
 constexpr double kMinWindow = 2 * kMaxPayload;
 constexpr double kMaxWindow = 16e6;
-constexpr std::int64_t kFirstLoop = 10 * kMs;
-constexpr std::int64_t kMinLoop = kMs;
+constexpr std::int64_t kInitialRoundTrip = 10 * kMs;
+constexpr std::int64_t kMinRoundTrip = kMs;
 
-// Queueing that is aimed at: some, the more the later its effect is seen, and what one chunk takes by itself.
+// Target queueing delay: a constant, a share of the round trip, and half the time that a chunk takes to send.
 constexpr std::int64_t kTarget = kMs / 4;
-constexpr std::int64_t kTargetShare = 8;  // of a loop
+constexpr std::int64_t kTargetShare = 8;  // of a round trip
 constexpr double kMaxChunkTime = 8e6;
-// Of the window in a loop, at most; with the target's share of it this keeps the loop stable. A demand that is late
-// makes the queue seem empty, so up is slow, but where half has been found to fit before.
+// Max growth of the window per round trip, as a share of the window. Together with the target it keeps the control loop
+// stable. A late demand makes the queue look empty, so growth is slow, except up to half the best known rate.
 constexpr double kGain = 1.0 / 16, kKnownGain = 1.0 / 8;
-constexpr double kSteepest = 8;  // times kGain, downwards
+constexpr double kMaxDecrease = 8;  // max shrinking, as a multiple of kGain
 
-constexpr double kPaceStarting = 2, kPace = 1.2;  // windows per loop
-constexpr std::int64_t kCatchUp = 4 * kMs;        // of the pace, when the sender was held up
+constexpr double kPaceStarting = 2, kPace = 1.2;  // windows per round trip
+constexpr std::int64_t kCatchUp = 4 * kMs;        // of lost sending time, after the sender was delayed
 constexpr std::int64_t kSpan = 10'000 * kMs;
 constexpr std::int64_t kDrainEvery = 2'000 * kMs;
-constexpr std::int64_t kDrainEveryLoops = 40;
-constexpr double kDrainShare = 0.5;  // of the window, for a loop
-// Where what is usual has to be known: one until less is under way, one until that shows, one to see it.
-constexpr std::int64_t kDeepDrainLoops = 3;
+constexpr std::int64_t kDrainEveryRoundTrips = 40;
+constexpr double kDrainShare = 0.5;  // of the window, for one round trip
+// To measure the base delay: one round trip until less is in flight, one until that shows, one to measure.
+constexpr std::int64_t kDeepDrainRoundTrips = 3;
 constexpr double kDeepDrainShare = 0.25;
 
-constexpr std::int64_t kUsualOver = 1'000 * kMs;
-constexpr std::int64_t kMaxUsual = 2;  // loops over this, above the least: a queue may be in it
-constexpr double kForgetBest = 0.99;   // of the best rate, in a loop
+constexpr std::int64_t kBaseDelayOver = 1'000 * kMs;
+constexpr std::int64_t kMaxBaseDelayShare =
+    2;                                // round trips over this: max base delay above the min, as it may contain a queue
+constexpr double kForgetBest = 0.99;  // of the best rate, in a round trip
 constexpr std::uint32_t kMaxLossSeen = 8 * kMaxPayload;
 
 }  // namespace
@@ -43,26 +44,26 @@ constexpr std::uint32_t kMaxLossSeen = 8 * kMaxPayload;
 Pacer::Pacer() noexcept : window_{kFirstWindow}, min_us_{0, 0} {}
 
 double Pacer::pace() const noexcept {
-  const std::int64_t loop = loop_ns_ == 0 ? kFirstLoop : std::max(loop_ns_, kMinLoop);
-  return (starting_ ? kPaceStarting : kPace) * window_ / static_cast<double>(loop);
+  const std::int64_t round_trip = round_trip_ns_ == 0 ? kInitialRoundTrip : std::max(round_trip_ns_, kMinRoundTrip);
+  return (starting_ ? kPaceStarting : kPace) * window_ / static_cast<double>(round_trip);
 }
 
 std::int64_t Pacer::target_ns() const noexcept {
-  const double chunk = std::min(static_cast<double>(kMaxPayload * loop_ns_) / window_ / 2, kMaxChunkTime);
-  return kTarget + loop_ns_ / kTargetShare + static_cast<std::int64_t>(chunk);
+  const double chunk = std::min(static_cast<double>(kMaxPayload * round_trip_ns_) / window_ / 2, kMaxChunkTime);
+  return kTarget + round_trip_ns_ / kTargetShare + static_cast<std::int64_t>(chunk);
 }
 
 bool Pacer::may_send(std::uint32_t bytes, std::int64_t now_ns) {
-  // Time in which nothing was to be sent, or no more was allowed, is not made up for.
+  // Time without anything to send, or with a full window, is not made up for.
   if (!paced_) next_ns_ = std::max(next_ns_, now_ns);
   const double window = now_ns < drain_until_ns_ ? drain_share_ * window_ : window_;
   if (under_way_ != 0 && under_way_ + bytes > window) {
-    held_up_ = true;
+    was_blocked_ = true;
     paced_ = false;
     return false;
   }
   if (now_ns >= next_ns_) return true;
-  held_up_ = paced_ = true;
+  was_blocked_ = paced_ = true;
   return false;
 }
 
@@ -84,27 +85,27 @@ void Pacer::note_one_way(std::uint32_t one_way_us, std::int64_t now_ns) {
   min_us_[0] = std::min(min_us_[0], us);
   const std::int32_t min = std::min(min_us_[0], min_us_[1]);
   if (now_ns >= loaded_until_ns_) {
-    const double share = std::min(1.0, static_cast<double>(now_ns - usual_ns_) / kUsualOver);
-    usual_us_ = usual_us_ ? *usual_us_ + share * (us - *usual_us_) : us;
+    const double share = std::min(1.0, static_cast<double>(now_ns - measured_ns_) / kBaseDelayOver);
+    base_delay_us_ = base_delay_us_ ? *base_delay_us_ + share * (us - *base_delay_us_) : us;
   }
-  usual_ns_ = now_ns;
-  double none = min;
-  if (usual_us_) {
-    const double max = static_cast<double>(loop_ns_ / kMaxUsual) * 1e-3;
-    none = std::clamp(*usual_us_, none, none + max);
-    wander_ns_ = static_cast<std::int64_t>((none - min) * 1e3);
+  measured_ns_ = now_ns;
+  double base_us = min;
+  if (base_delay_us_) {
+    const double max = static_cast<double>(round_trip_ns_ / kMaxBaseDelayShare) * 1e-3;
+    base_us = std::clamp(*base_delay_us_, base_us, base_us + max);
+    base_delay_excess_ns_ = static_cast<std::int64_t>((base_us - min) * 1e3);
   }
-  queueing_ns_ = static_cast<std::int64_t>((us - none) * 1e3);
+  queueing_ns_ = static_cast<std::int64_t>((us - base_us) * 1e3);
   if ((us - min) * std::int64_t{1000} < target_ns() / 4) empty_ns_ = now_ns;
 }
 
-/// What arrives in a loop, and how much of what was sent does.
+/// Measures the arrival rate over a round trip, and halves the window if most chunks were lost.
 void Pacer::note_round(const Feedback& feedback, std::int64_t now_ns) {
   round_arrived_ += feedback.arrived_bytes;
   round_lost_ += feedback.lost_bytes;
   const std::int64_t lasted = now_ns - round_ns_;
-  if (lasted < loop_ns_) return;
-  // No link is like that: it is a queue too short to show as delay.
+  if (lasted < round_trip_ns_) return;
+  // No link loses this much by itself: a queue overflows that is too short to show as delay.
   if (round_lost_ > std::max<std::uint64_t>(round_arrived_, kMaxLossSeen)) window_ = std::max(window_ / 2, kMinWindow);
   best_ = std::max(kForgetBest * best_, static_cast<double>(round_arrived_) / static_cast<double>(lasted));
   round_ns_ = now_ns;
@@ -112,32 +113,34 @@ void Pacer::note_round(const Feedback& feedback, std::int64_t now_ns) {
 }
 
 void Pacer::on_feedback(const Feedback& feedback, std::int64_t now_ns) {
-  // The pace may keep what is under way below the window; far below it the sender had nothing more to send, and what
-  // waits in queues is not ours.
+  // Pacing may keep the bytes in flight below the window. Far below it the sender had nothing more to send, so a queue
+  // does not come from this stream.
   const bool ours = under_way_ > window_ / 3;
-  const bool used = std::exchange(held_up_, false) && ours;
-  if (under_way_ > best_ * static_cast<double>(loop_ns_) / 2) loaded_until_ns_ = now_ns + 2 * loop_ns_;
+  const bool used = std::exchange(was_blocked_, false) && ours;
+  if (under_way_ > best_ * static_cast<double>(round_trip_ns_) / 2) loaded_until_ns_ = now_ns + 2 * round_trip_ns_;
   under_way_ -= feedback.arrived_bytes + feedback.lost_bytes;
   if (feedback.arrived_bytes == 0) return;
   constexpr std::int64_t kSmoothing = 8;
-  loop_ns_ += loop_ns_ == 0 ? feedback.loop_ns : (feedback.loop_ns - loop_ns_) / kSmoothing;
+  round_trip_ns_ +=
+      round_trip_ns_ == 0 ? feedback.round_trip_ns : (feedback.round_trip_ns - round_trip_ns_) / kSmoothing;
   note_round(feedback, now_ns);
   if (!feedback.one_way_us) return;
   note_one_way(*feedback.one_way_us, now_ns);
 
   if (now_ns < drain_until_ns_) return;
-  const std::int64_t known = usual_us_ ? std::max(kDrainEvery, kDrainEveryLoops * loop_ns_) : kDrainEvery;
-  if (now_ns - empty_ns_ >= known) {
-    const bool deep = !usual_us_ || wander_ns_ > target_ns() / 4;
+  const std::int64_t drain_every_ns =
+      base_delay_us_ ? std::max(kDrainEvery, kDrainEveryRoundTrips * round_trip_ns_) : kDrainEvery;
+  if (now_ns - empty_ns_ >= drain_every_ns) {
+    const bool deep = !base_delay_us_ || base_delay_excess_ns_ > target_ns() / 4;
     drain_share_ = deep ? kDeepDrainShare : kDrainShare;
-    drain_until_ns_ = now_ns + (deep ? kDeepDrainLoops : 1) * loop_ns_;
+    drain_until_ns_ = now_ns + (deep ? kDeepDrainRoundTrips : 1) * round_trip_ns_;
     empty_ns_ = drain_until_ns_;
   }
   const auto target = static_cast<double>(target_ns());
-  const double off = std::clamp((target - static_cast<double>(queueing_ns_)) / target, -kSteepest, 1.0);
+  const double off = std::clamp((target - static_cast<double>(queueing_ns_)) / target, -kMaxDecrease, 1.0);
   starting_ = starting_ && off > 0.25;
   if (off > 0 ? !used : !ours) return;
-  const bool known_to_fit = off > 0 && window_ < best_ * static_cast<double>(loop_ns_) / 2;
+  const bool known_to_fit = off > 0 && window_ < best_ * static_cast<double>(round_trip_ns_) / 2;
   const double gain = starting_ ? 1 : (known_to_fit ? kKnownGain : kGain) * off;
   window_ = std::clamp(window_ + gain * feedback.arrived_bytes, kMinWindow, kMaxWindow);
 }

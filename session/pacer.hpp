@@ -1,17 +1,18 @@
-/// How much a host may have under way to one HRTC, and how fast it sends that: delay-based, with nothing to set.
+/// Congestion control of one bulk stream: limits the bytes in flight to one HRTC and paces them. Delay-based, without
+/// settings.
 ///
-/// Each demand tells the least time that a chunk took since the one before, from the host's clock to the HRTC's; what
-/// that is above what is usual while little is sent is time spent in queues, whatever the clocks. The window grows and
-/// shrinks so that this stays at a target of about a millisecond, more on long ways. That fills a link of any rate, and
-/// leaves probe states that share its queue little to wait for; loss alone says nothing, for a link that loses is not
-/// full. Chunks leave evenly spread over the time in which a window is answered.
+/// Each demand reports the min one-way delay of the chunks since the demand before, from host to HRTC clock. The part
+/// above the base delay is queueing delay; the base delay is measured while little is sent, and a clock offset
+/// cancels. The window adapts so that the queueing delay stays near a target of about a millisecond, more on long
+/// round trips. That fills a link of any rate and delays the probe states in the same queue little. Loss alone does
+/// not shrink the window, because a lossy link need not be full. Chunks are spread evenly over the round trip.
 ///
-/// Source: LEDBAT, RFC 6817. Different here: the target; the window moves in proportion to what is acknowledged, and
-/// only while it is in use; it is a part for some moments every few seconds, so that what is usual is known however
-/// long the link is full (LEDBAT++). What is usual is a mean, not the least: where delays wander by themselves, most
-/// are far above the least of some seconds, and a window that took that for a queue would close.
+/// Source: LEDBAT, RFC 6817. Differences: the target; the window changes in proportion to the acknowledged bytes, and
+/// only while it is in use; it shrinks for some round trips every few seconds, so that the base delay is known however
+/// long the link is full (LEDBAT++). The base delay is a mean, not the min: where delays vary by themselves, most lie
+/// far above the min of some seconds, and a window that took the difference for a queue would close.
 ///
-/// No clock in it: times are nanoseconds of the host's monotonic clock. One thread at a time.
+/// No clock: times are nanoseconds of the host's monotonic clock. One thread at a time.
 #pragma once
 
 #include <cstdint>
@@ -21,27 +22,27 @@ namespace tactus::session {
 
 class Pacer {
  public:
-  /// Whether a chunk of so many bytes may leave now.
+  /// Whether a chunk of this size may be sent now.
   [[nodiscard]] bool may_send(std::uint32_t bytes, std::int64_t now_ns);
-  /// When the next chunk may leave, as far as the pace alone decides.
+  /// When pacing allows the next chunk.
   [[nodiscard]] std::int64_t next_ns() const noexcept { return next_ns_; }
   void sent(std::uint32_t bytes, std::int64_t now_ns);
-  /// There is nothing to send.
-  void rest() noexcept { paced_ = false; }
+  /// Tells the pacer that there is nothing to send.
+  void set_idle() noexcept { paced_ = false; }
 
-  /// What a demand tells of chunks that were under way.
+  /// What a demand reports about chunks that were in flight.
   struct Feedback {
     std::uint32_t arrived_bytes = 0, lost_bytes = 0;
-    std::int64_t loop_ns = 0;                 ///< since the first of those that arrived was sent
+    std::int64_t round_trip_ns = 0;           ///< since the oldest chunk among those that arrived was sent
     std::optional<std::uint32_t> one_way_us;  ///< Demand::one_way_us
   };
   void on_feedback(const Feedback& feedback, std::int64_t now_ns);
-  /// So much will never be told of.
+  /// Removes bytes in flight for which no feedback will come.
   void forget(std::uint32_t bytes) noexcept { under_way_ -= bytes; }
 
   [[nodiscard]] std::uint32_t under_way() const noexcept { return under_way_; }
   [[nodiscard]] double window() const noexcept { return window_; }
-  /// Time that chunks last spent in queues.
+  /// Queueing delay of the last chunks.
   [[nodiscard]] std::int64_t queueing_ns() const noexcept { return queueing_ns_; }
 
  private:
@@ -53,25 +54,25 @@ class Pacer {
   double window_;  // bytes
   std::uint32_t under_way_ = 0;
   std::int64_t next_ns_ = 0;
-  std::int64_t loop_ns_ = 0;  // from sending a chunk to being told of it, smoothed; 0 before the first
-  bool starting_ = true;      // the window doubles each loop
-  bool held_up_ = false;      // something had to wait since the last feedback
-  bool paced_ = false;        // the pace alone held up what was last asked for
-  // One-way times are relative to the first, us: the least of this and of the last span, which began then.
+  std::int64_t round_trip_ns_ = 0;  // from sending a chunk to its feedback, smoothed; 0 before the first
+  bool starting_ = true;            // slow start: the window doubles each round trip
+  bool was_blocked_ = false;        // window or pace delayed a chunk since the last feedback
+  bool paced_ = false;              // only the pace delayed the last chunk
+  // One-way delays relative to the first, us: the min of this span and of the span before it.
   std::optional<std::uint32_t> first_us_;
   std::int32_t min_us_[2];
   std::int64_t span_ns_ = 0;
   std::int64_t queueing_ns_ = 0;
   std::int64_t empty_ns_ = 0;        // when the queue was last seen empty
-  std::int64_t drain_until_ns_ = 0;  // `drain_share_` of the window until then
+  std::int64_t drain_until_ns_ = 0;  // until then the window is reduced to `drain_share_`
   double drain_share_ = 1;
-  // While so little is sent that no queue can be ours: mean over the last second, us; since when that has not been.
-  std::optional<double> usual_us_;
-  std::int64_t usual_ns_ = 0;
-  std::int64_t wander_ns_ = 0;  // what it is above the least
+  // Base delay, us: mean over the last second in which so little was sent that no queue came from this stream.
+  std::optional<double> base_delay_us_;
+  std::int64_t measured_ns_ = 0;
+  std::int64_t base_delay_excess_ns_ = 0;  // base delay above the min
   std::int64_t loaded_until_ns_ = 0;
-  double best_ = 0;  // bytes/ns that arrived in the best of the last loops
-  // Of the current loop.
+  double best_ = 0;  // bytes/ns that arrived in the best of the last round trips
+  // Of the current round trip.
   std::int64_t round_ns_ = 0;
   std::uint64_t round_arrived_ = 0, round_lost_ = 0;
 

@@ -1,4 +1,4 @@
-/// Periods of what a program publishes or does again and again. No clock: times come as arguments, ns.
+/// Periodic timers, and the period of roster entries. No clock: times are arguments, ns.
 #pragma once
 
 #include <algorithm>
@@ -7,7 +7,7 @@
 
 namespace tactus::session {
 
-/// True once in every period.
+/// A periodic timer: `due` is true once in every period.
 class Every {
  public:
   explicit Every(std::int64_t period_ns) : period_ns_{period_ns} {}
@@ -16,12 +16,12 @@ class Every {
     next_ns_ = now_ns + period_ns_;
     return true;
   }
-  /// The time until it is due; 0 when it is.
+  /// Time until it is due; 0 when it is.
   [[nodiscard]] std::chrono::microseconds left(std::int64_t now_ns) const {
     return std::chrono::microseconds{now_ns < next_ns_ ? (next_ns_ - now_ns + 999) / 1000 : 0};
   }
   void at_once() { next_ns_ = 0; }
-  /// Due within this time, and only once in it however often this is called.
+  /// Makes it due within `within_ns`. Repeated calls do not make it due more often than that.
   void hasten(std::int64_t now_ns, std::int64_t within_ns) { next_ns_ = std::min(next_ns_, now_ns + within_ns); }
   void set_period(std::int64_t period_ns) { period_ns_ = period_ns; }
 
@@ -30,25 +30,26 @@ class Every {
   std::int64_t next_ns_ = 0;
 };
 
-/// When to publish the next roster entry.
+/// When to publish this program's next roster entry.
 class Heartbeat : public Every {
  public:
   using Every::Every;
   [[nodiscard]] bool due(std::int64_t now_ns) {
     if (!Every::due(now_ns)) return false;
-    if (insisting_ > 0 && --insisting_ > 0) hasten(now_ns, kInsistNs);
+    if (repeats_left_ > 0 && --repeats_left_ > 0) hasten(now_ns, kRepeatNs);
     return true;
   }
-  /// For a participant that was just found: now and three times more, as it may not have found this program yet.
-  void insist() {
-    insisting_ = kInsistBeats;
+  /// Makes the next four entries due at once and every 20 ms, because a participant that was just discovered may not
+  /// have matched our writer yet.
+  void repeat_soon() {
+    repeats_left_ = kRepeats;
     at_once();
   }
 
  private:
-  static constexpr std::int64_t kInsistNs = 20'000'000;
-  static constexpr int kInsistBeats = 4;
-  int insisting_ = 0;
+  static constexpr std::int64_t kRepeatNs = 20'000'000;
+  static constexpr int kRepeats = 4;
+  int repeats_left_ = 0;
 };
 
 }  // namespace tactus::session

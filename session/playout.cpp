@@ -12,20 +12,20 @@ std::array<double, 3> between(const std::array<double, 3>& a, const std::array<d
 }  // namespace
 
 void ProbePlayout::on_state(const ProbeState& state, std::int64_t session_now_ns) noexcept {
-  constexpr std::int64_t kStepNs = 100'000'000;  // no sample is overtaken by so much
+  constexpr std::int64_t kStepNs = 100'000'000;  // longer than any reordering
   const bool other_life = count_ > 0 && states_[0].origin.incarnation != state.origin.incarnation;
   const bool stepped_back = started_ && session_now_ns < moved_ns_ - kStepNs;
   if (other_life || stepped_back) *this = ProbePlayout{settings_};
-  keep(state);
-  watch(session_now_ns - state.session_time_ns, session_now_ns);
+  insert(state);
+  update_delay(session_now_ns - state.session_time_ns, session_now_ns);
 }
 
-void ProbePlayout::keep(const ProbeState& state) noexcept {
+void ProbePlayout::insert(const ProbeState& state) noexcept {
   const auto begin = states_.begin();
   const auto by_sequence = [](const ProbeState& a, const ProbeState& b) { return a.sequence < b.sequence; };
-  if (count_ == kKept) {
+  if (count_ == kCapacity) {
     if (by_sequence(state, states_[0])) return;
-    std::move(begin + 1, begin + kKept, begin);
+    std::move(begin + 1, begin + kCapacity, begin);
     --count_;
   }
   const auto at = std::lower_bound(begin, begin + count_, state, by_sequence);
@@ -35,7 +35,7 @@ void ProbePlayout::keep(const ProbeState& state) noexcept {
   ++count_;
 }
 
-void ProbePlayout::watch(std::int64_t transit_ns, std::int64_t now_ns) noexcept {
+void ProbePlayout::update_delay(std::int64_t transit_ns, std::int64_t now_ns) noexcept {
   transit_.on_transit(transit_ns, now_ns);
   const std::int64_t wanted =
       std::clamp<std::int64_t>(transit_.max_ns() + settings_.reserve_ns, 0, settings_.max_delay_ns);
@@ -56,7 +56,7 @@ Shown ProbePlayout::at(std::int64_t session_now_ns) noexcept {
   shown.state = state;
   shown.stale = session_now_ns - states_[count_ - 1].session_time_ns > 3 * kKeepAliveNs + delay_ns_;
   shown.view = reckon(state, shown_ns_);
-  if (next != begin && next != end && next->sequence != state.sequence + 1) {  // one between them was lost
+  if (next != begin && next != end && next->sequence != state.sequence + 1) {  // states between them were lost
     const double share = static_cast<double>(shown_ns_ - state.session_time_ns) /
                          static_cast<double>(next->session_time_ns - state.session_time_ns);
     shown.view = {between(state.device.position, next->device.position, share),

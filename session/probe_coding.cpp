@@ -8,21 +8,22 @@ namespace {
 
 using Vec = std::array<double, 3>;
 
-/// What everyone has to know at once when it changes.
-constexpr std::uint32_t kPublished = kInContact | kExact | kStalePose | kHolding | kHoldRefused | kFault | kFaultReason;
+/// A change of these bits is sent at once.
+constexpr std::uint32_t kSentAtOnce =
+    kInContact | kExact | kStalePose | kHolding | kHoldRefused | kFault | kFaultReason;
 
 double dot(const Vec& a, const Vec& b) noexcept { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-Vec along(const Vec& from, const Vec& way, double share) noexcept {
-  return {from[0] + share * way[0], from[1] + share * way[1], from[2] + share * way[2]};
+Vec along(const Vec& from, const Vec& direction, double share) noexcept {
+  return {from[0] + share * direction[0], from[1] + share * direction[1], from[2] + share * direction[2]};
 }
 double distance(const Vec& a, const Vec& b) noexcept { return std::hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]); }
 
-/// Seconds of motion between two times.
+/// Seconds of motion to extrapolate between two times; limited after a keep-alive period, where the motion dies out.
 double motion(std::int64_t from_ns, std::int64_t to_ns) noexcept {
-  constexpr double kFullRate = static_cast<double>(kKeepAliveNs) * 1e-9, kDying = 0.02;
+  constexpr double kFullMotionS = static_cast<double>(kKeepAliveNs) * 1e-9, kDying = 0.02;
   const double seconds = static_cast<double>(to_ns - from_ns) * 1e-9;
-  return seconds <= kFullRate ? std::max(seconds, -kFullRate)
-                              : kFullRate + kDying * (1 - std::exp((kFullRate - seconds) / kDying));
+  return seconds <= kFullMotionS ? std::max(seconds, -kFullMotionS)
+                                 : kFullMotionS + kDying * (1 - std::exp((kFullMotionS - seconds) / kDying));
 }
 
 }  // namespace
@@ -48,7 +49,7 @@ ProbeView reckon(const ProbeState& state, std::int64_t at_ns) noexcept {
 }
 
 bool ProbeEncoder::misleads(const ProbeState& sent, const ProbeState& state) const noexcept {
-  if (((sent.status ^ state.status) & kPublished) != 0 || sent.object_id != state.object_id) return true;
+  if (((sent.status ^ state.status) & kSentAtOnce) != 0 || sent.object_id != state.object_id) return true;
   const ProbeView view = reckon(sent, state.session_time_ns);
   return settings_.jnd.of_force(state.force, view.force) > 1 ||
          distance(state.device.position, view.device) > settings_.jnd.position ||
@@ -60,8 +61,8 @@ bool ProbeEncoder::step(const ProbeState& state) noexcept {
   if (!send) {
     const ProbeState& last = sent_[(count_ - 1) % kSent];
     const std::int64_t passed_ns = state.session_time_ns - last.session_time_ns;
-    send = passed_ns >= kKeepAliveNs || passed_ns < 0;  // session time has joined an older session's
-    // The receiver has the one sent `back` before the last with probability loss^back (1 - loss).
+    send = passed_ns >= kKeepAliveNs || passed_ns < 0;  // session time has stepped to that of an older session
+    // The receiver's newest state is the one `back` before the last with probability loss^back (1 - loss).
     double likely = 1 - settings_.loss, misled = 0;
     const std::size_t kept = std::min<std::uint64_t>(count_, kSent);
     for (std::size_t back = 0; back < kept && likely > 0 && !send; ++back, likely *= settings_.loss) {

@@ -6,21 +6,21 @@ namespace tactus::session {
 
 void RemoteProbe::count(const ProbeState& state) noexcept {
   constexpr double kMemory = 100;      // states
-  constexpr std::uint32_t kMax = 100;  // a longer silence is no loss of single ones
-  if (coded_ != 0 && state.sequence > coded_) {
-    const std::uint32_t missing = state.sequence - coded_ - 1;
+  constexpr std::uint32_t kMax = 100;  // a longer gap is an interruption, not a loss of single states
+  if (newest_coded_ != 0 && state.sequence > newest_coded_) {
+    const std::uint32_t missing = state.sequence - newest_coded_ - 1;
     for (std::uint32_t i = 0; i < missing && missing <= kMax; ++i) lost_ += (1 - lost_) / kMemory;
     lost_ -= lost_ / kMemory;
   }
-  coded_ = std::max(coded_, state.sequence);
+  newest_coded_ = std::max(newest_coded_, state.sequence);
 }
 
-/// Forgets what was shown, but not what is plausible.
+/// Resets what is shown, but not the windows of plausible numbers.
 void RemoteProbe::begin_anew() noexcept {
-  playout_ = ProbePlayout{compressed_settings_};
+  playout_ = ProbePlayout{deadband_settings_};
   stream_ = StateStream::kDeadbandCoded;
   full_rate_ns_ = INT64_MIN / 2;
-  coded_ = offset_ = newest_ = 0;
+  newest_coded_ = offset_ = newest_ = 0;
   lost_ = 0;
 }
 
@@ -49,8 +49,8 @@ Admission RemoteProbe::on_state(const ProbeState& state, StateStream stream, std
   if (stream != now) return admission;
   if (now != stream_) {
     stream_ = now;
-    offset_ = newest_ + 2 - state.sequence;  // not the next number: between them lies what was not heard
-    playout_.set(now == StateStream::kFullRate ? PlayoutSettings{0, 0} : compressed_settings_);
+    offset_ = newest_ + 2 - state.sequence;  // skips a number, so that the playout interpolates between the streams
+    playout_.set(now == StateStream::kFullRate ? PlayoutSettings{0, 0} : deadband_settings_);
   }
   ProbeState kept = state;
   kept.sequence += offset_;

@@ -8,8 +8,8 @@
 namespace tactus::session {
 namespace {
 
-/// So many beats of an incarnation that should be dead are no stragglers.
-constexpr std::uint32_t kBeatsOfALiveRival = 2;
+/// Heartbeats after which an older incarnation counts as alive, not as late samples.
+constexpr std::uint32_t kMinRivalBeats = 2;
 constexpr std::size_t kMaxRivals = 4;
 constexpr std::size_t kMaxRefused = 256;
 
@@ -28,7 +28,7 @@ const char* name_of(Role role) {
 }
 
 bool same_users(const RosterEntry& a, const RosterEntry& b) {
-  return a.controller == b.controller && a.users == b.users &&
+  return a.requested_hrtc == b.requested_hrtc && a.users == b.users &&
          std::equal(a.slots.begin(), a.slots.end(), b.slots.begin(), b.slots.end(),
                     [](const UserSlot& x, const UserSlot& y) { return x.user == y.user && x.slot == y.slot; });
 }
@@ -38,8 +38,8 @@ std::int64_t presence_ns(const RosterEntry& entry) noexcept {
   return entry.joined_ns == kNotJoined ? -1 : entry.session_time_ns - entry.joined_ns;
 }
 
-/// Of two programs with one name the one that came later gives way. Those that came at about the same time decide by
-/// incarnation: it does not matter who goes, but they must agree.
+/// Of two programs with one name, the one that joined later yields. If they joined at about the same time, the larger
+/// incarnation yields: any rule will do on which both agree.
 bool yields(const RosterEntry& one, const RosterEntry& other) noexcept {
   constexpr std::int64_t kSameNs = 1'000'000'000;
   const std::int64_t longer_ns = presence_ns(one) - presence_ns(other);
@@ -82,19 +82,19 @@ std::string text(const RosterEvent& event) {
 
 Roster::Roster(const Origin& self, const RosterSettings& settings) : self_{self}, settings_{settings} {
   own_.entry.origin = self;
-  own_.here = true;
+  own_.present = true;
 }
 
 std::vector<RosterEvent> Roster::on_entry(const RosterEntry& entry, std::int64_t now_ns) {
   std::vector<RosterEvent> events;
-  const auto tell = [&](RosterChange change) { events.push_back({change, entry, 0}); };
+  const auto add_event = [&](RosterChange change) { events.push_back({change, entry, 0}); };
   if (entry.origin.session != self_.session) return events;
   const std::uint64_t id = entry.origin.participant;
   const std::uint64_t incarnation = entry.origin.incarnation;
   if (id == self_.participant) {
     own_.entry.name = entry.name;
     own_.entry.role = entry.role;
-    if (incarnation != self_.incarnation) (void)watch_rival(own_, entry, now_ns, events);
+    if (incarnation != self_.incarnation) (void)track_rival(own_, entry, now_ns, events);
     return events;
   }
   if (entry.protocol != kProtocolVersion) {
@@ -104,93 +104,93 @@ std::vector<RosterEvent> Roster::on_entry(const RosterEntry& entry, std::int64_t
     return events;
   }
 
-  auto at = known_.find(id);
-  if (at == known_.end()) {
+  auto at = members_.find(id);
+  if (at == members_.end()) {
     if (entry.leaving) return events;
-    if (known_.size() == kMaxParticipants) forget_absent();
-    if (known_.size() == kMaxParticipants) {
+    if (members_.size() == kMaxParticipants) forget_absent();
+    if (members_.size() == kMaxParticipants) {
       if (refused_.size() == kMaxRefused) refused_.clear();
       const bool is_new = refused_.emplace(std::make_pair(id, incarnation), entry.protocol).second;
-      if (is_new) tell(RosterChange::kFull);
+      if (is_new) add_event(RosterChange::kFull);
       return events;
     }
-    at = known_.try_emplace(id).first;
+    at = members_.try_emplace(id).first;
     at->second.entry = entry;
     (void)at->second.heartbeats.admit(entry.heartbeat, now_ns);
-    at->second.here = true;
+    at->second.present = true;
     at->second.seen_ns = now_ns;
-    tell(RosterChange::kJoined);
+    add_event(RosterChange::kJoined);
     return events;
   }
 
-  Known& known = at->second;
-  const std::uint64_t before = known.entry.origin.incarnation;
+  Member& member = at->second;
+  const std::uint64_t before = member.entry.origin.incarnation;
   if (incarnation < before) {
-    const bool alive = watch_rival(known, entry, now_ns, events);
-    if (!known.here && alive) {  // the newer one yielded the name, or died: the older goes on
-      const SequenceWindow heartbeats = known.rivals.at(incarnation).heartbeats;
-      known = Known{};
-      known.entry = entry;
-      known.heartbeats = heartbeats;
-      known.here = true;
-      known.seen_ns = now_ns;
-      tell(RosterChange::kJoined);
+    const bool alive = track_rival(member, entry, now_ns, events);
+    if (!member.present && alive) {  // the newer program has yielded or died: the older one keeps the name
+      const SequenceWindow heartbeats = member.rivals.at(incarnation).heartbeats;
+      member = Member{};
+      member.entry = entry;
+      member.heartbeats = heartbeats;
+      member.present = true;
+      member.seen_ns = now_ns;
+      add_event(RosterChange::kJoined);
     }
     return events;
   }
-  if (incarnation == before && known.left) return events;
-  SequenceWindow heartbeats = incarnation == before ? known.heartbeats : SequenceWindow{kHeartbeatNumbers};
+  if (incarnation == before && member.left) return events;
+  SequenceWindow heartbeats = incarnation == before ? member.heartbeats : SequenceWindow{kHeartbeatNumbers};
   const Admission admission = heartbeats.admit(entry.heartbeat, now_ns);
   if (!accepted(admission)) {
-    known.heartbeats = heartbeats;
+    member.heartbeats = heartbeats;
     implausible_ += admission == Admission::kImplausible ? 1 : 0;
     return events;
   }
   if (entry.leaving) {
-    if (known.here) tell(RosterChange::kLeft);
-    known = Known{};
-    known.entry = entry;
-    known.heartbeats = heartbeats;
-    known.left = true;
-    known.seen_ns = now_ns;
+    if (member.present) add_event(RosterChange::kLeft);
+    member = Member{};
+    member.entry = entry;
+    member.heartbeats = heartbeats;
+    member.left = true;
+    member.seen_ns = now_ns;
     return events;
   }
-  if (!known.here) {
-    tell(RosterChange::kJoined);
+  if (!member.present) {
+    add_event(RosterChange::kJoined);
   } else if (incarnation > before) {
-    tell(RosterChange::kRestarted);
-    if (known.rivals.size() < kMaxRivals) known.rivals[before] = {known.heartbeats, 0, false, now_ns};
+    add_event(RosterChange::kRestarted);
+    if (member.rivals.size() < kMaxRivals) member.rivals[before] = {member.heartbeats, 0, false, now_ns};
   } else {
-    if (known.late) tell(RosterChange::kBack);
-    if (!same_users(entry, known.entry)) tell(RosterChange::kChanged);
+    if (member.late) add_event(RosterChange::kBack);
+    if (!same_users(entry, member.entry)) add_event(RosterChange::kChanged);
   }
-  known.here = true;
-  known.left = known.late = false;
-  known.entry = entry;
-  known.heartbeats = heartbeats;
-  known.seen_ns = now_ns;
+  member.present = true;
+  member.left = member.late = false;
+  member.entry = entry;
+  member.heartbeats = heartbeats;
+  member.seen_ns = now_ns;
   return events;
 }
 
-/// True when the entry's program is alive: it has beaten often enough since it was first seen as a rival.
-bool Roster::watch_rival(Known& known, const RosterEntry& entry, std::int64_t now_ns,
+/// True when the entry's program is alive: enough heartbeats have come since its first entry as a rival.
+bool Roster::track_rival(Member& member, const RosterEntry& entry, std::int64_t now_ns,
                          std::vector<RosterEvent>& events) const {
   const std::uint64_t incarnation = entry.origin.incarnation;
-  if (known.rivals.count(incarnation) == 0) {
-    if (known.rivals.size() < kMaxRivals) {
-      Rival& added = known.rivals[incarnation];
+  if (member.rivals.count(incarnation) == 0) {
+    if (member.rivals.size() < kMaxRivals) {
+      Rival& added = member.rivals[incarnation];
       (void)added.heartbeats.admit(entry.heartbeat, now_ns);
       added.seen_ns = now_ns;
     }
     return false;
   }
-  Rival& rival = known.rivals[incarnation];
+  Rival& rival = member.rivals[incarnation];
   if (entry.leaving || !accepted(rival.heartbeats.admit(entry.heartbeat, now_ns))) return false;
   rival.seen_ns = now_ns;
-  if (++rival.beats < kBeatsOfALiveRival) return false;
-  if (known.here && !rival.reported) {
+  if (++rival.beats < kMinRivalBeats) return false;
+  if (member.present && !rival.reported) {
     rival.reported = true;
-    events.push_back({RosterChange::kNameConflict, known.entry, incarnation, yields(known.entry, entry)});
+    events.push_back({RosterChange::kNameConflict, member.entry, incarnation, yields(member.entry, entry)});
   }
   return true;
 }
@@ -198,41 +198,41 @@ bool Roster::watch_rival(Known& known, const RosterEntry& entry, std::int64_t no
 std::vector<RosterEvent> Roster::tick(std::int64_t now_ns) {
   std::vector<RosterEvent> events;
   forget_rivals(own_, now_ns);
-  for (auto at = known_.begin(); at != known_.end();) {
-    Known& known = at->second;
-    const std::int64_t silent = now_ns - known.seen_ns;
-    forget_rivals(known, now_ns);
-    if (!known.here && silent >= settings_.forget_ns && known.rivals.empty()) {
-      at = known_.erase(at);
+  for (auto at = members_.begin(); at != members_.end();) {
+    Member& member = at->second;
+    const std::int64_t silent = now_ns - member.seen_ns;
+    forget_rivals(member, now_ns);
+    if (!member.present && silent >= settings_.forget_ns && member.rivals.empty()) {
+      at = members_.erase(at);
       continue;
     }
     ++at;
-    if (!known.here) continue;
+    if (!member.present) continue;
     if (silent >= settings_.gone_ns) {
-      known.here = known.late = false;
-      known.rivals.clear();
-      events.push_back({RosterChange::kGone, known.entry, 0});
-    } else if (silent >= settings_.late_ns && !known.late) {
-      known.late = true;
-      events.push_back({RosterChange::kLate, known.entry, 0});
+      member.present = member.late = false;
+      member.rivals.clear();
+      events.push_back({RosterChange::kGone, member.entry, 0});
+    } else if (silent >= settings_.late_ns && !member.late) {
+      member.late = true;
+      events.push_back({RosterChange::kLate, member.entry, 0});
     }
   }
   return events;
 }
 
-/// So that there is room to notice the next one.
-void Roster::forget_rivals(Known& known, std::int64_t now_ns) const {
-  for (auto rival = known.rivals.begin(); rival != known.rivals.end();)
-    rival = now_ns - rival->second.seen_ns >= settings_.gone_ns ? known.rivals.erase(rival) : std::next(rival);
+/// Makes room for new rivals.
+void Roster::forget_rivals(Member& member, std::int64_t now_ns) const {
+  for (auto rival = member.rivals.begin(); rival != member.rivals.end();)
+    rival = now_ns - rival->second.seen_ns >= settings_.gone_ns ? member.rivals.erase(rival) : std::next(rival);
 }
 
 void Roster::forget_absent() {
-  for (auto at = known_.begin(); at != known_.end();) at = at->second.here ? std::next(at) : known_.erase(at);
+  for (auto at = members_.begin(); at != members_.end();) at = at->second.present ? std::next(at) : members_.erase(at);
 }
 
 const RosterEntry* Roster::find(std::uint64_t participant) const {
-  const auto at = known_.find(participant);
-  return at == known_.end() || !at->second.here ? nullptr : &at->second.entry;
+  const auto at = members_.find(participant);
+  return at == members_.end() || !at->second.present ? nullptr : &at->second.entry;
 }
 
 std::vector<RosterEntry> Roster::entries() const {
@@ -242,13 +242,13 @@ std::vector<RosterEntry> Roster::entries() const {
 }
 
 std::int64_t Roster::seen_ns(std::uint64_t participant) const {
-  const auto at = known_.find(participant);
-  return at == known_.end() || !at->second.here ? 0 : at->second.seen_ns;
+  const auto at = members_.find(participant);
+  return at == members_.end() || !at->second.present ? 0 : at->second.seen_ns;
 }
 
 bool Roster::is_late(std::uint64_t participant) const {
-  const auto at = known_.find(participant);
-  return at != known_.end() && at->second.here && at->second.late;
+  const auto at = members_.find(participant);
+  return at != members_.end() && at->second.present && at->second.late;
 }
 
 std::uint64_t scene_hash(const Roster& roster, const Origin& self, Role role) {

@@ -6,7 +6,7 @@ namespace tactus::session {
 namespace {
 
 constexpr double kNsPerS = 1e9;
-/// Two clocks run apart by less, and 2^61 ns is 73 years: differences of clamped times do not overflow.
+/// Max drift between two clocks; differences of clamped times do not overflow, as 2^61 ns is 73 years.
 constexpr std::int64_t kDriftShare = 1000;
 constexpr std::int64_t kFarthestNs = INT64_C(1) << 61;
 constexpr std::int64_t kLongestNs = 2'000'000'000;  // between samples that agree
@@ -22,13 +22,13 @@ bool SequenceWindow::follows(std::uint64_t number, std::uint64_t before, std::in
 Admission SequenceWindow::begin(std::uint64_t number, std::int64_t now_ns, bool confirmed) noexcept {
   newest_ = number;
   newest_ns_ = now_ns;
-  known_ = true;
+  started_ = true;
   confirmed_ = confirmed;
   return Admission::kAnew;
 }
 
 Admission SequenceWindow::admit(std::uint64_t number, std::int64_t now_ns) noexcept {
-  if (!known_) return begin(number, now_ns, false);
+  if (!started_) return begin(number, now_ns, false);
   const bool next = follows(number, newest_, now_ns - newest_ns_);
   const bool overtaken =
       !next && number <= newest_ && (newest_ - number <= limits_.ahead || (confirmed_ && !limits_.falls));
@@ -52,13 +52,13 @@ Admission SequenceWindow::admit(std::uint64_t number, std::int64_t now_ns) noexc
 }
 
 Admission SourceWindow::admit(const Origin& origin) noexcept {
-  const bool same = known_ && origin.participant == participant_ && origin.incarnation == incarnation_;
+  const bool same = started_ && origin.participant == participant_ && origin.incarnation == incarnation_;
   if (same) {
     other_count_ = 0;
     return Admission::kAccepted;
   }
-  const bool restarted = known_ && origin.participant == participant_ && origin.incarnation > incarnation_;
-  if (known_ && !restarted) {
+  const bool restarted = started_ && origin.participant == participant_ && origin.incarnation > incarnation_;
+  if (started_ && !restarted) {
     const bool again = origin.participant == other_ && origin.incarnation == other_incarnation_;
     other_count_ = again ? other_count_ + 1 : 1;
     other_ = origin.participant;
@@ -67,7 +67,7 @@ Admission SourceWindow::admit(const Origin& origin) noexcept {
   }
   participant_ = origin.participant;
   incarnation_ = origin.incarnation;
-  known_ = true;
+  started_ = true;
   other_count_ = 0;
   return Admission::kAnew;
 }
@@ -88,20 +88,20 @@ Admission TimeWindow::admit(std::int64_t time_ns, std::int64_t now_ns) noexcept 
       std::clamp(std::clamp(time_ns, -kFarthestNs, kFarthestNs) - std::clamp(now_ns, -kFarthestNs, kFarthestNs),
                  -kFarthestNs, kFarthestNs);
   const std::int64_t drift_ns = std::max<std::int64_t>(now_ns - seen_ns_, 0) / kDriftShare;
-  if (known_ && near(offset_ns, offset_ns_)) {
+  if (started_ && near(offset_ns, offset_ns_)) {
     offset_ns_ = std::max(offset_ns, offset_ns_ - drift_ns);
     seen_ns_ = now_ns;
     confirmed_ = true;
     outside_count_ = 0;
     return Admission::kAccepted;
   }
-  if (known_ && confirmed_) {
+  if (started_ && confirmed_) {
     outside_count_ = outside_count_ > 0 && near(offset_ns, outside_ns_) ? outside_count_ + 1 : 1;
     outside_ns_ = offset_ns;
     if (outside_count_ < kAgreeing) return Admission::kImplausible;
   }
-  confirmed_ = known_ && confirmed_;
-  known_ = true;
+  confirmed_ = started_ && confirmed_;
+  started_ = true;
   offset_ns_ = offset_ns;
   seen_ns_ = now_ns;
   outside_count_ = 0;
@@ -109,8 +109,8 @@ Admission TimeWindow::admit(std::int64_t time_ns, std::int64_t now_ns) noexcept 
 }
 
 Admission WrappedTimeWindow::admit(std::uint32_t transit_us, std::int64_t now_ns) noexcept {
-  if (!known_) first_us_ = transit_us;
-  known_ = true;
+  if (!started_) first_us_ = transit_us;
+  started_ = true;
   const auto later_us = static_cast<std::int32_t>(transit_us - first_us_);
   return window_.admit(now_ns - std::int64_t{later_us} * 1000, now_ns);
 }

@@ -22,7 +22,7 @@ bool StopLatch::is_own(const StopRecord& record) const noexcept {
   return record.participant == self_.participant && record.incarnation == self_.incarnation;
 }
 
-/// Null when every record has a standing stop. One place is left for the stop of this program.
+/// Null when every record has a standing stop. One record is reserved for the stop of this program.
 StopRecord* StopLatch::find_or_add(std::uint64_t participant, std::uint64_t incarnation) {
   const auto known = find_in(records_, participant, incarnation);
   if (known != records_.end()) return &*known;
@@ -39,7 +39,7 @@ StopRecord* StopLatch::find_or_add(std::uint64_t participant, std::uint64_t inca
   return &records_.emplace_back(added);
 }
 
-/// Numbers only grow. The record becomes the last; references to records do not hold any longer.
+/// Numbers only grow. Moves the record to the end, so references to records become invalid.
 void StopLatch::set(StopRecord& record, std::uint32_t StopRecord::*number, std::uint32_t value) {
   if (value <= record.*number) return;
   record.*number = value;
@@ -58,7 +58,7 @@ bool StopLatch::raise_own_stop() {
 bool StopLatch::on_stop(const StopName& stop) {
   StopRecord* const record = find_or_add(stop.participant, stop.incarnation);
   if (record == nullptr) return raise_own_stop();
-  if (is_own(*record) || stop.number <= record->stop) return false;  // nobody else issues the stops of this program
+  if (is_own(*record) || stop.number <= record->stop) return false;  // only this program issues its stops
   const bool ended = stop.number <= record->ended;
   set(*record, &StopRecord::stop, stop.number);
   return !ended;
@@ -67,8 +67,8 @@ bool StopLatch::on_stop(const StopName& stop) {
 bool StopLatch::on_reset(const ForceReset& reset) {
   for (const StopName& stop : reset.stops) {
     StopRecord* const record = find_or_add(stop.participant, stop.incarnation);
-    if (record == nullptr) continue;                              // the stop will stand when it comes
-    if (is_own(*record) && stop.number > record->stop) continue;  // no reset can name what was not issued yet
+    if (record == nullptr) continue;                              // the stop will stand when it arrives
+    if (is_own(*record) && stop.number > record->stop) continue;  // a reset cannot name a stop not issued yet
     set(*record, &StopRecord::ended, stop.number);
   }
   StopRecord* const from = find_or_add(reset.origin.participant, reset.origin.incarnation);
@@ -98,7 +98,7 @@ std::vector<StopName> standing(const std::vector<StopRecord>& records) {
 bool acknowledges(const RosterEntry& entry, const EmergencyStop& stop) {
   const auto record = find_in(entry.stops, stop.origin.participant, stop.origin.incarnation);
   if (record != entry.stops.end() && record->stop >= stop.number) return true;
-  // It had no room, and is stopped by its own stop instead.
+  // It had no record free, so its own stop stands instead.
   const auto own = find_in(entry.stops, entry.origin.participant, entry.origin.incarnation);
   return own != entry.stops.end() && stands(*own);
 }

@@ -1,23 +1,22 @@
-/// Emergency stops and resets: which stops stand, so that forces are off, and who has acknowledged what.
+/// Emergency stops and resets: which stops stand, so that forces are off, and which programs have acknowledged them.
 ///
 ///     issuer           host, HRTC                         operator
 ///       | stop (1)         |                                  |
 ///       |----------------->| stopped                          |
 ///       | stop (1)         |                                  |
-///       |----------------->| known: nothing changes           |
+///       |----------------->| recorded: nothing changes        |
 ///       |      roster: (issuer: stop 1)                       |
 ///       |<-----------------|--------------------------------->|
 ///       | acknowledged     |         reset, names (issuer, 1) |
 ///       |                  |<---------------------------------|
 ///       |                  | running                          |
 ///
-/// A stop is named by its issuer, the incarnation of the issuer and a number that grows. A later stop of an issuer
-/// replaces its earlier ones, and a reset that names a stop ends the earlier ones of that issuer too. So the state of
-/// an issuer is two numbers, and each of them only grows: neither order nor repetition of samples matters. A stop
-/// stands while its number is larger than the largest that a reset has named. A reset may arrive before the stop that
-/// it names.
+/// The name of a stop is its issuer, the issuer's incarnation and a growing number. A later stop of an issuer replaces
+/// its earlier ones, and a reset that names a stop also ends the earlier ones of that issuer. So the state of an issuer
+/// is two numbers that only grow, and neither order nor repetition of samples matters. A stop stands while its number
+/// is larger than the largest that a reset has named. A reset may arrive before the stop that it names.
 ///
-/// No DDS and no clock in it; one thread at a time.
+/// No DDS and no clock; one thread at a time.
 #pragma once
 
 #include <cstdint>
@@ -29,27 +28,27 @@
 
 namespace tactus::session {
 
-/// What one program has received. It records kMaxStops issuers at most. For a new one it forgets the issuer without a
-/// standing stop that has been quiet for longest. When all have standing stops it raises a stop of its own instead,
-/// which a reset has to name like any other.
+/// The stops and resets that one program has received. It records kMaxStops issuers at most. For a new one it drops the
+/// record without a standing stop that changed least recently. When all records have standing stops, it raises a stop
+/// of its own instead, which a reset has to name like any other.
 class StopLatch {
  public:
-  /// `self` issues the stop that stands for those that find no room. Allocates; the rest allocates nothing, but
-  /// `standing`.
+  /// `self` issues the stop that stands for those without a record. The constructor and `standing` allocate; nothing
+  /// else does.
   explicit StopLatch(const Origin& self);
 
-  /// True when forces are off for a reason that was unknown before.
+  /// True when the stop is new and stands.
   bool on_stop(const StopName& stop);
-  /// True when it was unknown. Repeated resets change nothing: a fault that came between them stays.
+  /// True when the reset is new. A repeated reset changes nothing: a fault that came in between stays.
   bool on_reset(const ForceReset& reset);
-  /// Takes over the stops that stand at another program, but no resets. True as of `on_stop`.
+  /// Takes over the stops that stand at another program, but no resets. Returns true as `on_stop` does.
   bool on_roster(const RosterEntry& entry);
 
   [[nodiscard]] bool stopped() const noexcept;
   [[nodiscard]] std::uint32_t resets() const noexcept { return resets_; }
   /// Grows whenever `records` changes.
   [[nodiscard]] std::uint64_t changes() const noexcept { return changes_; }
-  /// For the roster entry of this program.
+  /// The records to publish in the roster entry of this program.
   [[nodiscard]] const std::vector<StopRecord>& records() const noexcept { return records_; }
 
  private:
@@ -59,7 +58,7 @@ class StopLatch {
   void set(StopRecord& record, std::uint32_t StopRecord::*number, std::uint32_t value);
 
   Origin self_;
-  std::vector<StopRecord> records_;  // the one that changed last stands last
+  std::vector<StopRecord> records_;  // the last changed at the end
   std::uint32_t resets_ = 0;
   std::uint64_t changes_ = 0;
 };
@@ -67,16 +66,16 @@ class StopLatch {
 /// The stops that stand at a program with these records.
 [[nodiscard]] std::vector<StopName> standing(const std::vector<StopRecord>& records);
 
-/// Whether the program of this roster entry has obeyed; for hosts and HRTCs.
+/// Whether the program of this entry, a host or an HRTC, has acknowledged the sample.
 [[nodiscard]] bool acknowledges(const RosterEntry& entry, const EmergencyStop& stop);
 [[nodiscard]] bool acknowledges(const RosterEntry& entry, const ForceReset& reset);
 
-/// Names of the hosts and HRTCs of a session.
+/// Names of the hosts and HRTCs of a session, by whether they have acknowledged a sample.
 struct Acknowledgement {
   std::vector<std::string> hrtcs, hosts;  ///< that have acknowledged
   std::vector<std::string> missing;       ///< that have not
 };
-/// Who has acknowledged `sample`, an EmergencyStop or a ForceReset. Its sender repeats it until nobody is missing.
+/// For `sample`, an EmergencyStop or a ForceReset. Its sender repeats it until `missing` is empty.
 template <class Sample>
 [[nodiscard]] Acknowledgement acknowledgement(const Roster& roster, const Sample& sample) {
   Acknowledgement result;

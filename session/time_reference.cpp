@@ -8,7 +8,7 @@
 namespace tactus::session {
 namespace {
 
-/// Sessions that began within this time of each other are of one age: who joined first decides.
+/// Sessions whose ages differ by less count as equally old; then the participant that joined first is the reference.
 constexpr std::int64_t kSameAgeNs = 1'000'000'000;
 
 struct Claim {
@@ -31,7 +31,7 @@ std::optional<Claim> claim_of(const Roster& roster, const RosterEntry& entry, st
   return Claim{{entry.origin.participant, entry.origin.incarnation}, entry.session_time_ns + age_ns, entry.joined_ns};
 }
 
-/// What others than this program claim; of several what outranks the others.
+/// The claim of another participant that outranks the others.
 std::optional<Claim> best_claim(const Roster& roster, std::int64_t local_now_ns) {
   std::optional<Claim> best;
   roster.for_each([&](const RosterEntry& entry) {
@@ -47,7 +47,7 @@ bool force_on_with(const Roster& roster, std::uint64_t reference) {
   return on;
 }
 
-/// The smallest id of those who have followed a reference, or of all when nobody has.
+/// The smallest id among the participants that have followed a reference, or among all when none has.
 TimeReference successor(const Roster& roster, const Origin& self, Role role, const SessionClock& clock,
                         std::int64_t local_now_ns) {
   struct Candidate {
@@ -82,7 +82,7 @@ TimeReference time_reference(const Roster& roster, const Origin& self, Role role
     const bool waits = steps && (force_on || force_on_with(roster, self.participant));
     return waits ? own : best->who;
   }
-  // Who follows a reference stays with it while it claims; which of two goes is theirs to decide.
+  // A follower stays with its reference while that claims; of two references, they decide themselves which one yields.
   const RosterEntry* const current = roster.find(clock.reference());
   if (current != nullptr && claim_of(roster, *current, local_now_ns))
     return {current->origin.participant, current->origin.incarnation};
@@ -98,7 +98,7 @@ void keep_time(Roster& roster, const Origin& self, Role role, bool force_on, std
 }
 
 void put_time(const SessionClock& clock, bool force_on, std::int64_t local_now_ns, RosterEntry& entry) {
-  const bool follows = clock.synchronised() && !clock.waits();  // else it must not go on with a time of its own
+  const bool follows = clock.synchronised() && !clock.waits();  // else it must not become the reference
   entry.reference = follows ? clock.reference() : 0;
   entry.session_time_ns = follows ? std::max<std::int64_t>(0, clock.map().session_time(local_now_ns)) : 0;
   entry.joined_ns = std::max<std::int64_t>(0, clock.joined_ns());

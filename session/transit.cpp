@@ -4,7 +4,7 @@
 
 namespace tactus::session {
 
-void TransitWatch::on_transit(std::int64_t transit_ns, std::int64_t now_ns) noexcept {
+void TransitEstimator::on_transit(std::int64_t transit_ns, std::int64_t now_ns) noexcept {
   const std::int64_t number = now_ns / kTenthNs;
   Tenth& tenth = tenths_[static_cast<std::size_t>(number) % kTenths];
   if (tenth.number != number) tenth = {number, transit_ns};

@@ -1,7 +1,7 @@
-/// How long samples are under way, nearly all of them: the greatest transit of the last two seconds without that of
-/// their worst tenth of a second, because a lone stall is not worth waiting for.
+/// The transit of nearly all samples: the max of the last two seconds, without their worst tenth of a second, because a
+/// single stall is not worth waiting for.
 ///
-/// Where time steps back, because the session has joined an older one, what was measured after is forgotten.
+/// When session time steps back, because the session has joined an older one, later measurements are dropped.
 /// One thread at a time. Does not allocate.
 #pragma once
 
@@ -11,7 +11,7 @@
 
 namespace tactus::session {
 
-class TransitWatch {
+class TransitEstimator {
  public:
   void on_transit(std::int64_t transit_ns, std::int64_t now_ns) noexcept;
   /// As of the last sample; 0 when there was none.
@@ -24,7 +24,7 @@ class TransitWatch {
     std::int64_t number = -1;
     std::int64_t transit_ns = 0;
   };
-  std::array<Tenth, kTenths> tenths_;  // the greatest transit in each
+  std::array<Tenth, kTenths> tenths_;  // the max transit in each
   std::int64_t max_ns_ = 0;
 };
 

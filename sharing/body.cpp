@@ -10,11 +10,11 @@ using Plain3 = std::array<double, 3>;
 Plain3 plain(const Vec3d& v) noexcept { return {v.x(), v.y(), v.z()}; }
 Vec3d vec(const Plain3& v) noexcept { return {v[0], v[1], v[2]}; }
 std::array<double, 4> plain(const Eigen::Quaterniond& q) noexcept { return {q.x(), q.y(), q.z(), q.w()}; }
-Eigen::Quaterniond turn(const std::array<double, 4>& q) noexcept {
+Eigen::Quaterniond quaternion(const std::array<double, 4>& q) noexcept {
   return Eigen::Quaterniond{q[3], q[0], q[1], q[2]}.normalized();
 }
 
-/// Half edges, m.
+/// Half the edges of the bounds, m.
 Vec3d half_of(const spm::ModelSummary& summary, double scale) noexcept {
   Vec3d half;
   for (int axis = 0; axis < 3; ++axis)
@@ -48,7 +48,7 @@ SharedBody body_of(const session::CatalogueEntry& entry) noexcept {
 
 BodyState state_at(const session::Pose& pose, const Vec3d& centre) noexcept {
   BodyState state;
-  state.orientation = turn(pose.orientation);
+  state.orientation = quaternion(pose.orientation);
   state.position = vec(pose.position) + state.orientation * centre;
   return state;
 }
@@ -74,14 +74,14 @@ haptics::CopySample sample_of(const session::ObjectCopy& copy) noexcept {
   haptics::CopySample sample;
   sample.time_ns = copy.session_time_ns;
   sample.body.position = vec(copy.body.position);
-  sample.body.orientation = turn(copy.body.orientation);
+  sample.body.orientation = quaternion(copy.body.orientation);
   sample.body.velocity = vec(copy.velocity);
   sample.body.angular_velocity = vec(copy.angular_velocity);
   sample.pressed = vec(copy.pressed);
-  const std::size_t count = std::min(copy.lines.size(), haptics::kMaxCopies);
+  const std::size_t count = std::min(copy.channels.size(), haptics::kMaxCopies);
   for (std::size_t i = 0; i < count; ++i) {
-    sample.waves[i] = Eigen::Map<const haptics::Vec6d>(copy.lines[i].wave.data());
-    sample.energy[i] = copy.lines[i].energy;
+    sample.waves[i] = Eigen::Map<const haptics::Vec6d>(copy.channels[i].wave.data());
+    sample.energy[i] = copy.channels[i].energy;
   }
   return sample;
 }
@@ -92,14 +92,14 @@ void put_sample(const haptics::CopySample& sample, std::size_t count, session::O
   copy.velocity = plain(sample.body.velocity);
   copy.angular_velocity = plain(sample.body.angular_velocity);
   copy.pressed = plain(sample.pressed);
-  copy.lines.resize(std::min(count, haptics::kMaxCopies));
-  for (std::size_t i = 0; i < copy.lines.size(); ++i) {
-    Eigen::Map<haptics::Vec6d>(copy.lines[i].wave.data()) = sample.waves[i];
-    copy.lines[i].energy = sample.energy[i];
+  copy.channels.resize(std::min(count, haptics::kMaxCopies));
+  for (std::size_t i = 0; i < copy.channels.size(); ++i) {
+    Eigen::Map<haptics::Vec6d>(copy.channels[i].wave.data()) = sample.waves[i];
+    copy.channels[i].energy = sample.energy[i];
   }
 }
 
-BodyState carried_on(const BodyState& state, double seconds) noexcept {
+BodyState extrapolated(const BodyState& state, double seconds) noexcept {
   BodyState later = state;
   later.position += seconds * state.velocity;
   later.orientation = (haptics::exp_map(seconds * state.angular_velocity) * state.orientation).normalized();

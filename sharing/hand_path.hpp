@@ -1,4 +1,4 @@
-/// A wish as it comes over the network, for the simulated hand that has it.
+/// Converts an intent into the path of a simulated hand.
 #pragma once
 
 #include <cstdint>
@@ -8,7 +8,7 @@
 
 namespace tactus::sharing {
 
-/// `later_ns`: the hand's clock less session time. The intent has passed wire/check.
+/// `later_ns`: the hand's clock minus session time. The intent has passed wire/check.
 [[nodiscard]] inline haptics::HandPath hand_path(const session::Intent& intent, std::int64_t later_ns) {
   haptics::HandPath path;
   path.buttons = intent.buttons;
@@ -18,8 +18,8 @@ namespace tactus::sharing {
   return path;
 }
 
-/// Puts a hand that has not been anywhere to where the first wish is.
-inline void begin_at(const session::Intent& first, haptics::HandSettings& hand) {
+/// Sets the start of a hand that has not moved yet to the first waypoint.
+inline void set_start(const session::Intent& first, haptics::HandSettings& hand) {
   const session::Pose& pose = first.path.front().pose;
   hand.start = {pose.position[0], pose.position[1], pose.position[2]};
   hand.start_orientation = {pose.orientation[3], pose.orientation[0], pose.orientation[1], pose.orientation[2]};

@@ -8,13 +8,13 @@ namespace tactus::sharing {
 void PoseInterpolator::show(const BodyState& state, std::int64_t session_now_ns) noexcept {
   received_.state = state;
   received_.session_ns = session_now_ns;
-  off_.setZero();
-  turned_off_.setZero();
+  position_error_.setZero();
+  rotation_error_.setZero();
 }
 
 BodyState PoseInterpolator::target(std::int64_t session_now_ns) const noexcept {
   const std::int64_t age_ns = std::max<std::int64_t>(0, session_now_ns - received_.session_ns);
-  BodyState state = carried_on(received_.state, 1e-9 * static_cast<double>(std::min(age_ns, kLongestNs)));
+  BodyState state = extrapolated(received_.state, 1e-9 * static_cast<double>(std::min(age_ns, kLongestNs)));
   if (age_ns > kLongestNs) {
     state.velocity.setZero();
     state.angular_velocity.setZero();
@@ -26,8 +26,8 @@ void PoseInterpolator::on_pose(const ReceivedPose& pose, std::int64_t session_no
   const BodyState before = at(session_now_ns);
   received_ = pose;
   const BodyState after = target(session_now_ns);
-  off_ = before.position - after.position;
-  turned_off_ = haptics::log_map(before.orientation * after.orientation.conjugate());
+  position_error_ = before.position - after.position;
+  rotation_error_ = haptics::log_map(before.orientation * after.orientation.conjugate());
   faded_from_ns_ = session_now_ns;
 }
 
@@ -36,8 +36,8 @@ BodyState PoseInterpolator::at(std::int64_t session_now_ns) const noexcept {
   const double passed = 1e-9 * static_cast<double>(std::max<std::int64_t>(0, session_now_ns - faded_from_ns_));
   const double left = passed > 20 * kFade ? 0 : std::exp(-passed / kFade);
   if (left == 0) return state;
-  state.position += left * off_;
-  state.orientation = (haptics::exp_map(left * turned_off_) * state.orientation).normalized();
+  state.position += left * position_error_;
+  state.orientation = (haptics::exp_map(left * rotation_error_) * state.orientation).normalized();
   return state;
 }
 

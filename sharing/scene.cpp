@@ -6,7 +6,7 @@ namespace tactus::sharing {
 
 bool closest_of(spm::Span<const ScenePart> parts, const Vec3d& point, double within,
                 haptics::SurfaceHit& hit) noexcept {
-  // All faces that share the nearest point lie within a hair of its distance; more of them than fit share no vertex.
+  // Faces that share the nearest point lie within kHair of its distance. If more do than fit, they share no vertex.
   constexpr double kHair = 1e-9;
   const double hair = kHair * (1 + within);
   using Rows = std::array<std::uint32_t, spm::AbTree::kMaxNearest>;

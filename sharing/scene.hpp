@@ -1,7 +1,6 @@
-/// Objects that stand, as bodies meet them: their meshes, however fine they are at the moment.
+/// The static objects as movable bodies collide with them: meshes at their present resolution.
 ///
-/// World frame, metres, but for what the name says of the model's. One thread at a time, the one that refines the
-/// meshes. Realtime.
+/// World frame, metres, unless the name says model. One thread at a time, the one that refines the meshes. Realtime.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -18,8 +17,7 @@ namespace tactus::sharing {
 
 using haptics::Vec3d;
 
-/// Where a model stands: world = rotation * (scale * model) + translation. Metres in the world, file units in the
-/// model.
+/// Placement of a model: world = rotation * (scale * model) + translation. World in metres, model in file units.
 class Placement {
  public:
   Placement() = default;
@@ -41,7 +39,7 @@ class Placement {
   [[nodiscard]] double scale() const noexcept { return scale_; }
   [[nodiscard]] const Eigen::Matrix3d& rotation() const noexcept { return rotation_; }
   [[nodiscard]] const Vec3d& translation() const noexcept { return translation_; }
-  /// scale, rotation row by row, translation; the same placement to the bit comes of them.
+  /// Scale, rotation row by row, translation; restores the same placement to the bit.
   using Numbers = std::array<double, 13>;
   [[nodiscard]] Numbers numbers() const noexcept {
     Numbers all{scale_};
@@ -67,14 +65,14 @@ class Placement {
   Vec3d translation_ = Vec3d::Zero();
 };
 
-/// A mesh and where it stands; both must outlive what it is given to.
+/// A mesh and its placement; both must outlive the scene.
 struct ScenePart {
   const spm::AbTree* tree = nullptr;
   const Placement* placement = nullptr;
-  std::uint32_t object = spm::kNone;  ///< told again in SurfaceHit
+  std::uint32_t object = spm::kNone;  ///< copied to SurfaceHit
 };
 
-/// haptics::SurfaceDistance::closest, over all of them.
+/// haptics::SurfaceDistance::closest over all `parts`.
 [[nodiscard]] bool closest_of(spm::Span<const ScenePart> parts, const Vec3d& point, double within,
                               haptics::SurfaceHit& hit) noexcept;
 
@@ -93,24 +91,24 @@ class Scene final : public haptics::SurfaceDistance {
   std::size_t count_ = 0;
 };
 
-/// The mesh has to be the finest so near to where a body looks for contacts, m: as far as they are looked for, and what
-/// it may go meanwhile.
+/// Distance from a body's contact search points within which the mesh has to be the finest, m: the search distance plus
+/// the motion until the mesh is refined.
 inline constexpr double kAroundBody = 0.006;
 
-/// Whether a ball meets an object's bounds, model frame.
+/// Whether a sphere overlaps an object's bounds; `bounds` is in the model frame.
 [[nodiscard]] inline bool near_bounds(const Placement& placement, const spm::CellBox& bounds, const Vec3d& centre,
                                       double radius) noexcept {
   const double reach = radius / placement.scale();
   return bounds.squared_distance(placement.to_model(centre)) <= reach * reach;
 }
 
-/// World.
+/// The body's centre in the world.
 [[nodiscard]] inline Vec3d centre_of(const SharedBody& body, const Placement& placement) noexcept {
   return placement.translation() + placement.rotation() * body.centre;
 }
 
-/// Where the box of `body`, whose model stands at `placement`, looks for contacts with an object of these bounds and
-/// placement: `visit(place)`, in that one's model frame; nothing when it is too far away.
+/// Calls `visit(place)` with each point at which the box of `body`, whose model is at `placement`, searches for
+/// contacts with an object of these bounds; in that object's model frame. Visits none when the object is too far away.
 template <class Visit>
 void for_each_place_beside(const SharedBody& body, const Placement& placement, const Placement& object,
                            const spm::CellBox& bounds, Visit&& visit) noexcept {

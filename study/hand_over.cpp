@@ -113,7 +113,7 @@ Figures hand_over(const std::vector<Toucher>& users, double seconds, const netem
       }
       if (const auto claim = one.holder.tick(now_ns)) paths[node][0].send(now_ns, *claim, kBytes);
       const Holder::Role role = one.holder.role(now_ns);
-      if (one.touched_ns >= 0 && role != Holder::Role::kAsking) {
+      if (one.touched_ns >= 0 && role != Holder::Role::kRequesting) {
         waits.push_back(static_cast<double>(now_ns - one.touched_ns) * 1e-6);
         one.touched_ns = -1;
       }

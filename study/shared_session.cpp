@@ -311,7 +311,7 @@ void SharedSession::step_user(User& user) {
   const std::optional<session::Intent> intent = user.op->tick(now_ns_, view_);
   if (!intent) return;
   if (user.device == nullptr) {
-    sharing::begin_at(*intent, user.hand);
+    sharing::set_start(*intent, user.hand);
     user.device = std::make_unique<haptics::SimulatedDevice>(user.hand);
   }
   user.device->paths().post(sharing::hand_path(*intent, 0));

@@ -107,7 +107,7 @@ void VirtualSession::send_intent(Hand& hand) {
   const std::optional<session::Intent> intent = hand.op.tick(now_ns_, objects_);
   if (!intent) return;
   if (!hand.device) {
-    sharing::begin_at(*intent, hand.settings);
+    sharing::set_start(*intent, hand.settings);
     hand.device.emplace(hand.settings, settings_.device_spec());
   }
   hand.device->paths().post(sharing::hand_path(*intent, 0));

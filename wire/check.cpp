@@ -7,7 +7,7 @@
 namespace tactus::wire {
 namespace {
 
-constexpr double kUnitTolerance = 1e-3;  // what a quaternion in float keeps after a few products
+constexpr double kUnitTolerance = 1e-3;  // covers the rounding of a few products in float
 
 template <class Array>
 bool all_finite(const Array& values) noexcept {
@@ -17,21 +17,21 @@ bool all_finite(const Array& values) noexcept {
   return true;
 }
 
-/// What is integrated must stay finite where it is added up and multiplied.
+/// A larger number could overflow where values are summed and multiplied.
 constexpr double kMax = 1e9;
 template <class Array>
 bool all_moderate(const Array& values) noexcept {
   return std::all_of(values.begin(), values.end(), [](double v) { return std::abs(v) <= kMax; });  // no NaN either
 }
 
-/// Such times may be subtracted from each other, and from those of any clock here, without overflow.
+/// Differences of such times, and to any local clock, do not overflow.
 bool is_time(std::int64_t ns) noexcept { return ns > -(std::int64_t{1} << 61) && ns < std::int64_t{1} << 61; }
 constexpr char kNoTime[] = "session_time_ns: expected within 2^61 ns of zero";
 
 bool not_negative(double v) noexcept { return std::isfinite(v) && v >= 0; }
 bool positive(double v) noexcept { return std::isfinite(v) && v > 0; }
 
-/// A zero byte would end the text on the wire.
+/// A zero byte would end the string in CDR.
 bool fits(const std::string& text, std::size_t bound) noexcept {
   return text.size() <= bound && text.find('\0') == std::string::npos;
 }
@@ -67,13 +67,13 @@ const char* fault(const session::Material& m) noexcept {
 
 const char* fault(const session::Body& b) noexcept {
   if (!not_negative(b.mass)) return "body.mass: expected finite, at least 0";
-  if (b.mass == 0) return nullptr;  // the rest says nothing
+  if (b.mass == 0) return nullptr;  // the other fields have no meaning
   const auto& i = b.inertia;
   for (const double about : i) {
     if (!positive(about)) return "body.inertia: expected finite, above 0";
   }
-  constexpr double kCollisionMargin = 1e-9;
-  if (i[0] + i[1] + i[2] < (2 - kCollisionMargin) * std::max({i[0], i[1], i[2]})) {
+  constexpr double kRelativeTolerance = 1e-9;
+  if (i[0] + i[1] + i[2] < (2 - kRelativeTolerance) * std::max({i[0], i[1], i[2]})) {
     return "body.inertia: expected no moment larger than the other two together";
   }
   if (!not_negative(b.friction)) return "body.friction: expected finite, at least 0";
@@ -109,7 +109,7 @@ const char* fault(const session::RosterEntry& r) noexcept {
   if (!is_name(r.session)) return "session: expected 1..63 bytes";
   if (session::id_of(r.name) != r.origin.participant) return "name: expected the one that origin.participant is of";
   if (session::id_of(r.session) != r.origin.session) return "session: expected the one that origin.session is of";
-  if (!fits(r.controller, session::kMaxName)) return "controller: expected at most 63 bytes";
+  if (!fits(r.requested_hrtc, session::kMaxName)) return "requested_hrtc: expected at most 63 bytes";
   if (r.users.size() > session::kMaxSlots) return "users: expected at most 64";
   for (const std::string& user : r.users) {
     if (!is_name(user)) return "users: expected names of 1..63 bytes";
@@ -132,7 +132,7 @@ const char* fault(const session::CatalogueEntry& c) noexcept {
   if (!is_name(c.object)) return "object: expected 1..63 bytes";
   if (session::id_of(c.host) != c.origin.participant) return "host: expected the one that origin.participant is of";
   if (session::id_of(c.object) != c.object_id) return "object: expected the one that object_id is of";
-  if (c.withdrawn) return nullptr;  // the rest says nothing
+  if (c.withdrawn) return nullptr;  // the other fields have no meaning
   if (!positive(c.scale)) return "scale: expected finite, above 0";
   if (const char* f = fault(c.summary)) return f;
   if (const char* f = fault(c.pose)) return f;
@@ -147,10 +147,10 @@ const char* fault(const session::CatalogueEntry& c) noexcept {
 }
 
 const char* fault(const session::Demand& d) noexcept {
-  if (d.have.size() > session::kMaxHaveIntervals) return "have: expected at most 1024 runs";
-  if (!ascending(d.have)) return "have: expected ascending runs of regions below 0xffffffff";
-  if (d.gaps.size() > session::kMaxGaps) return "gaps: expected at most 128 runs";
-  if (!ascending(d.gaps)) return "gaps: expected ascending runs of sequences below 0xffffffff";
+  if (d.have.size() > session::kMaxHaveIntervals) return "have: expected at most 1024 intervals";
+  if (!ascending(d.have)) return "have: expected ascending intervals of regions below 0xffffffff";
+  if (d.gaps.size() > session::kMaxGaps) return "gaps: expected at most 128 intervals";
+  if (!ascending(d.gaps)) return "gaps: expected ascending intervals of sequences below 0xffffffff";
   if (d.wanted.size() > session::kMaxWanted) return "wanted: expected at most 256 regions";
   return nullptr;
 }
@@ -199,10 +199,10 @@ const char* fault(const session::BulkChunk& b) noexcept {
     if (piece.part >= piece.parts) return "pieces.part: expected below parts";
     if (piece.payload.empty()) return "pieces.payload: expected at least one byte";
     if ((piece.region == spm::kNone) != (b.kind() == session::BulkKind::kBase))
-      return "pieces.region: expected none of a base mesh beside regions";
-    bytes += session::head_bytes(piece.region, piece.parts) + piece.payload.size();
+      return "pieces.region: expected base meshes and regions in different chunks";
+    bytes += session::header_bytes(piece.region, piece.parts) + piece.payload.size();
   }
-  if (bytes > session::kMaxPayload) return "pieces: expected at most 1400 bytes with their heads";
+  if (bytes > session::kMaxPayload) return "pieces: expected at most 1400 bytes with their headers";
   return nullptr;
 }
 
@@ -248,7 +248,7 @@ const char* fault(const session::ObjectPose& o) noexcept {
   if (!is_time(o.session_time_ns)) return kNoTime;
   if (const char* f = fault(o.pose)) return f;
   if (!all_finite(o.velocity)) return "velocity: expected finite numbers";
-  if (!all_finite(o.angular_velocity)) return "spin: expected finite numbers";
+  if (!all_finite(o.angular_velocity)) return "angular_velocity: expected finite numbers";
   return nullptr;
 }
 
@@ -260,7 +260,7 @@ const char* fault(const session::ObjectClaim& c) noexcept {
 
 const char* fault(const session::ObjectGrant& g) noexcept {
   constexpr std::int64_t kLongest = std::int64_t{1} << 40;
-  if (g.line_ns < 0 || g.line_ns > kLongest) return "line_ns: expected 0 up to 2^40";
+  if (g.channel_delay_ns < 0 || g.channel_delay_ns > kLongest) return "channel_delay_ns: expected 0 up to 2^40";
   if (g.touchers.size() > session::kMaxTouchers) return "touchers: expected at most 8";
   for (std::size_t i = 0; i < g.touchers.size(); ++i) {
     for (std::size_t k = 0; k < i; ++k) {
@@ -272,20 +272,20 @@ const char* fault(const session::ObjectGrant& g) noexcept {
 
 const char* fault(const session::ObjectCopy& c) noexcept {
   if (c.session_time_ns < 0 || !is_time(c.session_time_ns)) return "session_time_ns: expected 0 up to 2^61";
-  if (c.lines.size() < 2 || c.lines.size() > session::kMaxTouchers) return "lines: expected 2 to 8";
-  if (c.place >= c.lines.size()) return "place: expected below the number of lines";
+  if (c.channels.size() < 2 || c.channels.size() > session::kMaxTouchers) return "channels: expected 2 to 8";
+  if (c.copy_index >= c.channels.size()) return "copy_index: expected below the number of channels";
   if (const char* f = fault(c.body)) return f;
   if (!all_moderate(c.body.position)) return "body.position: expected at most 1e9";
   if (!all_moderate(c.velocity)) return "velocity: expected at most 1e9";
-  if (!all_moderate(c.angular_velocity)) return "spin: expected at most 1e9";
+  if (!all_moderate(c.angular_velocity)) return "angular_velocity: expected at most 1e9";
   if (!all_moderate(c.pressed)) return "pressed: expected at most 1e9";
-  for (const session::CopyLine& line : c.lines) {
-    if (!all_moderate(line.wave)) return "lines.wave: expected at most 1e9";
-    if (!not_negative(line.energy) || line.energy > kMax) return "lines.energy: expected 0 up to 1e9";
+  for (const session::CopyChannel& channel : c.channels) {
+    if (!all_moderate(channel.wave)) return "channels.wave: expected at most 1e9";
+    if (!not_negative(channel.energy) || channel.energy > kMax) return "channels.energy: expected 0 up to 1e9";
   }
   return nullptr;
 }
 
-const char* fault(const session::ClockSample&) noexcept { return nullptr; }  // every bit pattern is a clock's business
+const char* fault(const session::ClockSample&) noexcept { return nullptr; }  // SessionClock checks the times
 
 }  // namespace tactus::wire

@@ -1,13 +1,13 @@
-/// What a sample must satisfy to be sent, and after decoding to be handed over: bounds, finite numbers, unit
-/// quaternions, enumerators that exist, ids that belong to their names. No DDS here.
+/// Validation of samples before sending and after decoding: bounds, finite numbers, unit quaternions, existing
+/// enumerators, ids that match their names. No DDS here.
 #pragma once
 
 #include "session/messages.hpp"
 
 namespace tactus::wire {
 
-/// What is wrong with a sample, as static text that names the field and what was expected; nullptr when it is sound.
-/// O(size), no allocation. Thread: any.
+/// The first fault of a sample, as static text with the field and the expected value; nullptr if it is valid. O(size),
+/// no allocation. Thread: any.
 [[nodiscard]] const char* fault(const session::RosterEntry& sample) noexcept;
 [[nodiscard]] const char* fault(const session::CatalogueEntry& sample) noexcept;
 [[nodiscard]] const char* fault(const session::Demand& sample) noexcept;

@@ -11,20 +11,20 @@ namespace tactus::wire {
 /// --peer and --discovery-server.
 inline void add_discovery_options(CLI::App& app, Discovery& discovery) {
   CLI::Option* const peers =
-      app.add_option("--peer", discovery.peers, "Look for the others at this HOST instead of by multicast; repeatable")
+      app.add_option("--peer", discovery.peers, "Discover other programs at this HOST, not by multicast; repeatable")
           ->delimiter(',')
-          ->allow_extra_args(false)  // what follows may be a model
+          ->allow_extra_args(false)  // a model may follow
           ->type_name("HOST");
   app.add_option("--discovery-server", discovery.servers,
-                 "Meet the others through this discovery server of Fast DDS, port 11811 unless said; repeatable")
+                 "Discover other programs through this Fast DDS discovery server, default port 11811; repeatable")
       ->delimiter(',')
       ->allow_extra_args(false)
       ->type_name("HOST[:PORT]")
       ->excludes(peers);
 }
 
-/// --session, --name, --domain, those of discovery, --qos; what `address` has is the default. `who` is named in the
-/// help.
+/// --session, --name, --domain, the options of discovery, --qos; `address` holds the defaults. `who` names the program
+/// in the help.
 inline void add_address_options(CLI::App& app, SessionAddress& address, const std::string& who) {
   app.add_option("--session", address.session, "Session to join")->capture_default_str();
   app.add_option("--name", address.participant, "Name of this " + who + ", unique in the session")

@@ -1,4 +1,4 @@
-/// Between the structs of session/messages.hpp and the generated types; only for sources of wire/ and its tests.
+/// Conversion between the structs of session/messages.hpp and the generated types; only for wire/ and its tests.
 #pragma once
 
 #include <tactus.h>
@@ -8,7 +8,7 @@
 
 namespace tactus::wire {
 
-/// The generated type of a sample and what DDS needs to carry it.
+/// The generated type of a sample, and its DDS type support.
 template <class Sample>
 struct IdlOf;
 
@@ -21,7 +21,7 @@ struct IdlOf;
   void to_idl(const session::NAME& from, idl::IDL_NAME& to); \
   void from_idl(const idl::IDL_NAME& from, session::NAME& to)
 
-// `to_idl` expects a sample without fault. `from_idl` accepts anything and leaves judgement to `fault`: an enumerator
+// `to_idl` expects a sample without fault. `from_idl` accepts anything and leaves the check to `fault`: an enumerator
 // out of range stays out of range. Both overwrite every field.
 TACTUS_WIRE_TYPE(RosterEntry, RosterEntry);
 TACTUS_WIRE_TYPE(CatalogueEntry, CatalogueEntry);
@@ -59,7 +59,7 @@ template <class IdlType>
 [[nodiscard]] idl::PoseValue pose_to_idl(const session::Pose& from);
 [[nodiscard]] session::Pose pose_from_idl(const idl::PoseValue& from);
 
-/// IDL enumerations are 32 bits wide, ours 8: what does not fit becomes the largest, which no enumeration here uses.
+/// IDL enumerations have 32 bits, ours 8: a larger value becomes 255, which no enumeration here uses.
 template <class Enum, class IdlEnum>
 [[nodiscard]] Enum enum_from_idl(IdlEnum from) {
   const auto value = static_cast<std::uint32_t>(from);

@@ -15,7 +15,7 @@ void intervals_to_idl(const std::vector<spm::Interval>& from, std::vector<idl::I
   }
 }
 
-// A varint has 7 bits a byte, low ones first, the top bit set where more follow.
+// A varint has 7 bits a byte, low bits first; the top bit is set if more bytes follow.
 void put_varint(std::vector<std::uint8_t>& to, std::uint64_t value) {
   for (; value >= 0x80; value >>= 7) to.push_back(static_cast<std::uint8_t>(value | 0x80));
   to.push_back(static_cast<std::uint8_t>(value));
@@ -26,7 +26,7 @@ class PieceReader {
   explicit PieceReader(const std::vector<std::uint8_t>& bytes) : at_{bytes.data()}, end_{at_ + bytes.size()} {}
   [[nodiscard]] bool done() const noexcept { return at_ == end_; }
 
-  /// None where bytes are missing or a number is too large.
+  /// None if bytes are missing or a number is too large.
   [[nodiscard]] std::optional<session::BulkPiece> next() {
     session::BulkPiece piece;
     constexpr std::uint64_t kMax32 = std::numeric_limits<std::uint32_t>::max();
@@ -134,7 +134,7 @@ void from_idl(const idl::BulkChunk& from, session::BulkChunk& to) {
   to.pieces.clear();
   for (PieceReader reader{from.payload()}; !reader.done();) {
     auto piece = reader.next();
-    to.pieces.push_back(piece ? std::move(*piece) : session::BulkPiece{});  // one without bytes is a fault
+    to.pieces.push_back(piece ? std::move(*piece) : session::BulkPiece{});  // `fault` refuses a piece without bytes
     if (!piece) return;
   }
 }

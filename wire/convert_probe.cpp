@@ -2,7 +2,7 @@
 
 namespace tactus::wire {
 
-// The bounds of the two sides are one.
+// Both headers state the same bounds.
 static_assert(idl::kProtocolVersion == session::kProtocolVersion);
 static_assert(idl::kMaxName == session::kMaxName);
 static_assert(idl::kMaxText == session::kMaxText);
@@ -199,7 +199,7 @@ void to_idl(const session::ObjectGrant& from, idl::ObjectGrant& to) {
   to.object_id(from.object_id);
   to.sequence_number(from.sequence);
   to.fencing(from.fencing);
-  to.line_ns(from.line_ns);
+  to.channel_delay_ns(from.channel_delay_ns);
   to.touchers().resize(from.touchers.size());
   for (std::size_t i = 0; i < from.touchers.size(); ++i) {
     to.touchers()[i].participant(from.touchers[i].participant);
@@ -213,7 +213,7 @@ void from_idl(const idl::ObjectGrant& from, session::ObjectGrant& to) {
   to.object_id = from.object_id();
   to.sequence = from.sequence_number();
   to.fencing = from.fencing();
-  to.line_ns = from.line_ns();
+  to.channel_delay_ns = from.channel_delay_ns();
   to.touchers.resize(from.touchers().size());
   for (std::size_t i = 0; i < to.touchers.size(); ++i) {
     const idl::ToucherValue& toucher = from.touchers()[i];
@@ -226,16 +226,16 @@ void to_idl(const session::ObjectCopy& from, idl::ObjectCopy& to) {
   to.object_id(from.object_id);
   to.sequence_number(from.sequence);
   to.fencing(from.fencing);
-  to.place(from.place);
+  to.copy_index(from.copy_index);
   to.session_time_ns(from.session_time_ns);
   to.body(pose_to_idl(from.body));
   to.velocity(from.velocity);
   to.angular_velocity(from.angular_velocity);
   to.pressed(from.pressed);
-  to.lines().resize(from.lines.size());
-  for (std::size_t i = 0; i < from.lines.size(); ++i) {
-    to.lines()[i].wave(from.lines[i].wave);
-    to.lines()[i].energy(from.lines[i].energy);
+  to.channels().resize(from.channels.size());
+  for (std::size_t i = 0; i < from.channels.size(); ++i) {
+    to.channels()[i].wave(from.channels[i].wave);
+    to.channels()[i].energy(from.channels[i].energy);
   }
 }
 
@@ -244,14 +244,15 @@ void from_idl(const idl::ObjectCopy& from, session::ObjectCopy& to) {
   to.object_id = from.object_id();
   to.sequence = from.sequence_number();
   to.fencing = from.fencing();
-  to.place = from.place();
+  to.copy_index = from.copy_index();
   to.session_time_ns = from.session_time_ns();
   to.body = pose_from_idl(from.body());
   to.velocity = from.velocity();
   to.angular_velocity = from.angular_velocity();
   to.pressed = from.pressed();
-  to.lines.resize(from.lines().size());
-  for (std::size_t i = 0; i < to.lines.size(); ++i) to.lines[i] = {from.lines()[i].wave(), from.lines()[i].energy()};
+  to.channels.resize(from.channels().size());
+  for (std::size_t i = 0; i < to.channels.size(); ++i)
+    to.channels[i] = {from.channels()[i].wave(), from.channels()[i].energy()};
 }
 
 void to_idl(const session::ClockSample& from, idl::ClockSample& to) {

@@ -8,7 +8,7 @@ void to_idl(const session::RosterEntry& from, idl::RosterEntry& to) {
   to.participant_role(static_cast<idl::ParticipantRole>(from.role));
   to.name(from.name);
   to.session(from.session);
-  to.controller(from.controller);
+  to.requested_hrtc(from.requested_hrtc);
   to.users().resize(from.users.size());
   for (std::size_t i = 0; i < from.users.size(); ++i) to.users()[i].user(from.users[i]);
   to.slots().resize(from.slots.size());
@@ -38,7 +38,7 @@ void from_idl(const idl::RosterEntry& from, session::RosterEntry& to) {
   to.role = enum_from_idl<session::Role>(from.participant_role());
   to.name = from.name().to_string();
   to.session = from.session().to_string();
-  to.controller = from.controller().to_string();
+  to.requested_hrtc = from.requested_hrtc().to_string();
   to.users.resize(from.users().size());
   for (std::size_t i = 0; i < to.users.size(); ++i) to.users[i] = from.users()[i].user().to_string();
   to.slots.resize(from.slots().size());

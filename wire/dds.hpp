@@ -1,4 +1,4 @@
-/// What the sources of wire/ share about Fast DDS. Never included outside wire/ and its tests.
+/// Fast DDS helpers that the sources of wire/ share. Never included outside wire/ and its tests.
 #pragma once
 
 #include <fastcdr/Cdr.h>
@@ -29,16 +29,16 @@ namespace tactus::wire {
 
 namespace dds = eprosima::fastdds::dds;
 
-/// Decodings that failed in this thread. Fast DDS drops such a sample silently; a Reader compares before and after.
+/// Failed decodings in this thread. Fast DDS drops such samples silently; a Reader compares the count before and after.
 inline thread_local std::uint64_t decode_failures = 0;
 
-/// A generated type made safe for what the network may bring, and for several ends in several threads: no exception
-/// leaves the decoder, and the key is computed on the stack instead of in a buffer that all ends share.
+/// A generated type that is safe for untrusted samples and for several endpoints in several threads: no exception
+/// leaves the decoder, and the key is computed on the stack instead of in a buffer that all endpoints share.
 ///
 /// Class probe has one instance for each topic, whatever the key in the sample. Fast DDS 2.9.1 frees no instance while
 /// its writer lives: after 64 users an HRTC could not send the state of another, and after 1,024 a reader would accept
-/// no other. A history need not tell keys apart there, because nothing is kept in it: a reader takes each sample in the
-/// thread that received it, before the next one. The key goes over the network only inside the sample.
+/// no other. The history needs no instances there, because it stores nothing: a reader takes each sample in the thread
+/// that received it, before the next one. The key is sent only as part of the sample.
 template <class Support>
 class Guarded : public Support {
  public:
@@ -57,9 +57,9 @@ class Guarded : public Support {
 
   bool getKey(void* data, eprosima::fastrtps::rtps::InstanceHandle_t* handle, bool) override {
     if (!this->m_isGetKeyDefined) return false;
-    std::array<char, 16> key{};  // every key of tactus.idl fits: no digest is needed
+    std::array<char, 16> key{};  // fits every key of tactus.idl, so no digest is needed
     if (has_one_instance_)
-      key[0] = 1;  // all zero would be no handle
+      key[0] = 1;  // all zero would be no valid handle
     else
       serialize_key(*static_cast<Type*>(data), key);
     for (std::size_t i = 0; i < key.size(); ++i) handle->value[i] = static_cast<std::uint8_t>(key[i]);
@@ -90,7 +90,7 @@ struct Participants::Impl {
   [[nodiscard]] dds::DomainParticipant& participant(TrafficClass traffic) const {
     return *participants[static_cast<std::size_t>(traffic)];
   }
-  /// The topic, made with `type` when this is its first end. Throws WireError.
+  /// The topic; created with `type` for its first endpoint. Throws WireError.
   dds::Topic& topic(const char* name, TrafficClass traffic, dds::TypeSupport type);
   /// `<session>` or `<session>/<part>`. Throws WireError for a part that could match others.
   [[nodiscard]] std::string partition(const std::string& part) const;
@@ -98,7 +98,7 @@ struct Participants::Impl {
   ~Impl();
 };
 
-/// Counts the ends found on the other side, without those of the same participant.
+/// Counts the matched remote endpoints, except those of the same participant.
 class MatchCount {
  public:
   void change(const eprosima::fastrtps::rtps::InstanceHandle_t& other, int by, const dds::DomainParticipant& own) {
@@ -112,12 +112,12 @@ class MatchCount {
   std::atomic<int> count_{0};
 };
 
-/// Collects what Fast DDS logs between construction and `take`, instead of handing it to the sink. One at a time.
+/// Captures the messages that Fast DDS logs until destruction, instead of passing them to the sink. One at a time.
 class LogCapture {
  public:
   LogCapture();
   ~LogCapture();
-  /// What was logged so far, one message after another, separated by "; ".
+  /// The messages so far, separated by "; ".
   [[nodiscard]] std::string take();
 };
 

@@ -51,7 +51,7 @@ void apply(const Discovery& discovery, eprosima::fastdds::dds::DomainParticipant
   }
   rtps::BuiltinAttributes& builtin = qos.wire_protocol().builtin;
   for (const std::string& peer : discovery.peers) {
-    builtin.initialPeersList.push_back(locator(peer, 0));  // 0: of this domain, of as many programs as the profile says
+    builtin.initialPeersList.push_back(locator(peer, 0));  // port 0: those of this domain, for the profile's range
   }
   if (!discovery.peers.empty()) builtin.initialPeersList.push_back(locator("127.0.0.1", 0));
 

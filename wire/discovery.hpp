@@ -1,4 +1,4 @@
-/// Turns a Discovery into what Fast DDS knows. Never included outside wire/.
+/// Applies a Discovery to the QoS of a Fast DDS participant. Never included outside wire/.
 #pragma once
 
 #include <fastdds/dds/domain/qos/DomainParticipantQos.hpp>
@@ -7,11 +7,11 @@
 
 namespace tactus::wire {
 
-/// Throws WireError for a name that does not resolve to an IPv4 address, a port that is none, or peers and servers at
-/// once. Resolving a name may take seconds.
+/// Throws WireError for a name that does not resolve to an IPv4 address, an invalid port, or peers together with
+/// servers. Resolving a name may take seconds.
 void apply(const Discovery& discovery, eprosima::fastdds::dds::DomainParticipantQos& qos);
 
-/// The library turns every participant into a client of the servers that ROS_DISCOVERY_SERVER names: forgets that.
+/// Removes ROS_DISCOVERY_SERVER, which would make every participant a client of the servers that it names.
 void ignore_environment();
 
 }  // namespace tactus::wire

@@ -13,7 +13,7 @@ namespace {
 
 using eprosima::fastrtps::types::ReturnCode_t;
 
-/// A chunk has its stream instead, which session/ knows.
+/// A chunk has no origin; its stream replaces it (session/messages.hpp).
 template <class Sample>
 constexpr bool kNamesOrigin = !std::is_same_v<Sample, session::BulkChunk>;
 
@@ -46,7 +46,7 @@ struct Writer<Sample>::Impl final : dds::DataWriterListener {
       : participants{in}, participant{in.impl().participant(spec.traffic)} {
     const auto qos = with_partition<dds::PublisherQos>(in.impl(), options.partition, dds::PUBLISHER_QOS_DEFAULT);
     publisher = participant.create_publisher(qos);
-    if (publisher == nullptr) throw WireError(std::string{"topic "} + spec.name + ": DDS makes no publisher");
+    if (publisher == nullptr) throw WireError(std::string{"topic "} + spec.name + ": DDS cannot create a publisher");
     writer = publisher->create_datawriter(&topic_of(in, spec), in.impl().writer_qos.at(spec.profile), this);
     if (writer == nullptr) {
       participant.delete_publisher(publisher);
@@ -56,7 +56,7 @@ struct Writer<Sample>::Impl final : dds::DataWriterListener {
   }
   ~Impl() override {
     writer->set_listener(nullptr);
-    // Fast DDS 2.9.1 frees what the history still holds without its lock; a heartbeat in that moment loops for ever.
+    // Fast DDS 2.9.1 frees the history without its lock; a heartbeat at that moment would loop for ever.
     std::size_t dropped = 0;
     writer->clear_history(&dropped);
     publisher->delete_datawriter(writer);
@@ -71,7 +71,7 @@ struct Writer<Sample>::Impl final : dds::DataWriterListener {
   dds::DomainParticipant& participant;
   dds::Publisher* publisher = nullptr;
   dds::DataWriter* writer = nullptr;
-  typename IdlOf<Sample>::Type encoded;  // kept for its buffers
+  typename IdlOf<Sample>::Type encoded;  // a member, to reuse its buffers
   MatchCount matches;
   const char* last_fault = "";
 };
@@ -102,7 +102,7 @@ SendStatus Writer<Sample>::send(const Sample& sample) noexcept try {
   }
   to_idl(sample, impl_->encoded);
   return impl_->writer->write(&impl_->encoded) ? SendStatus::kSent : SendStatus::kBlocked;
-} catch (...) {  // no memory
+} catch (...) {  // out of memory
   return SendStatus::kBlocked;
 }
 
@@ -130,7 +130,7 @@ struct Reader<Sample>::Impl final : dds::DataReaderListener {
       : participants{in}, participant{in.impl().participant(spec.traffic)}, on_sample{std::move(callback)} {
     const auto qos = with_partition<dds::SubscriberQos>(in.impl(), options.partition, dds::SUBSCRIBER_QOS_DEFAULT);
     subscriber = participant.create_subscriber(qos);
-    if (subscriber == nullptr) throw WireError(std::string{"topic "} + spec.name + ": DDS makes no subscriber");
+    if (subscriber == nullptr) throw WireError(std::string{"topic "} + spec.name + ": DDS cannot create a subscriber");
     reader = subscriber->create_datareader(&topic_of(in, spec), in.impl().reader_qos.at(spec.profile), this);
     if (reader == nullptr) {
       participant.delete_subscriber(subscriber);
@@ -141,15 +141,15 @@ struct Reader<Sample>::Impl final : dds::DataReaderListener {
   ~Impl() override {
     reader->set_listener(nullptr);
     {
-      const std::lock_guard<std::mutex> lock{mutex};  // waits for a callback that runs
-      closed = true;                                  // and stops one that is about to
+      const std::lock_guard<std::mutex> lock{mutex};  // waits for a running callback
+      closed = true;                                  // and stops one that is about to run
     }
     subscriber->delete_datareader(reader);
     participant.delete_subscriber(subscriber);
   }
 
   void on_data_available(dds::DataReader* from) override {
-    const std::lock_guard<std::mutex> lock{mutex};  // unicast and multicast have a thread each
+    const std::lock_guard<std::mutex> lock{mutex};  // unicast and multicast have separate threads
     if (closed) return;
     dds::SampleInfo info;
     for (;;) {
@@ -157,7 +157,7 @@ struct Reader<Sample>::Impl final : dds::DataReaderListener {
       const bool taken = from->take_next_sample(&encoded, &info) == ReturnCode_t::RETCODE_OK;
       if (decode_failures != failures) {
         invalid += decode_failures - failures;
-        last_fault = "encoding: expected the type's";
+        last_fault = "encoding: expected that of the type";
       }
       if (!taken) return;
       if (info.valid_data) take(info);
@@ -230,27 +230,27 @@ const char* Reader<Sample>::last_fault() const noexcept {
   return impl_->last_fault;
 }
 
-#define TACTUS_WIRE_ENDS(SAMPLE)          \
+#define TACTUS_WIRE_ENDPOINTS(SAMPLE)     \
   template class Writer<session::SAMPLE>; \
   template class Reader<session::SAMPLE>
-TACTUS_WIRE_ENDS(RosterEntry);
-TACTUS_WIRE_ENDS(CatalogueEntry);
-TACTUS_WIRE_ENDS(Demand);
-TACTUS_WIRE_ENDS(Metrics);
-TACTUS_WIRE_ENDS(Control);
-TACTUS_WIRE_ENDS(ForceReset);
-TACTUS_WIRE_ENDS(SessionEnd);
-TACTUS_WIRE_ENDS(BulkChunk);
-TACTUS_WIRE_ENDS(EmergencyStop);
-TACTUS_WIRE_ENDS(Intent);
-TACTUS_WIRE_ENDS(ProbeState);
-TACTUS_WIRE_ENDS(DevicePose);
-TACTUS_WIRE_ENDS(DeviceCommand);
-TACTUS_WIRE_ENDS(ObjectPose);
-TACTUS_WIRE_ENDS(ObjectClaim);
-TACTUS_WIRE_ENDS(ObjectGrant);
-TACTUS_WIRE_ENDS(ObjectCopy);
-TACTUS_WIRE_ENDS(ClockSample);
-#undef TACTUS_WIRE_ENDS
+TACTUS_WIRE_ENDPOINTS(RosterEntry);
+TACTUS_WIRE_ENDPOINTS(CatalogueEntry);
+TACTUS_WIRE_ENDPOINTS(Demand);
+TACTUS_WIRE_ENDPOINTS(Metrics);
+TACTUS_WIRE_ENDPOINTS(Control);
+TACTUS_WIRE_ENDPOINTS(ForceReset);
+TACTUS_WIRE_ENDPOINTS(SessionEnd);
+TACTUS_WIRE_ENDPOINTS(BulkChunk);
+TACTUS_WIRE_ENDPOINTS(EmergencyStop);
+TACTUS_WIRE_ENDPOINTS(Intent);
+TACTUS_WIRE_ENDPOINTS(ProbeState);
+TACTUS_WIRE_ENDPOINTS(DevicePose);
+TACTUS_WIRE_ENDPOINTS(DeviceCommand);
+TACTUS_WIRE_ENDPOINTS(ObjectPose);
+TACTUS_WIRE_ENDPOINTS(ObjectClaim);
+TACTUS_WIRE_ENDPOINTS(ObjectGrant);
+TACTUS_WIRE_ENDPOINTS(ObjectCopy);
+TACTUS_WIRE_ENDPOINTS(ClockSample);
+#undef TACTUS_WIRE_ENDPOINTS
 
 }  // namespace tactus::wire

@@ -1,4 +1,4 @@
-/// Typed ends of topics. A Writer sends plain structs, a Reader hands them over checked; DDS stays behind both.
+/// Typed endpoints of topics. A Writer sends plain structs, a Reader delivers checked ones; neither exposes DDS.
 #pragma once
 
 #include <chrono>
@@ -11,46 +11,46 @@
 
 namespace tactus::wire {
 
-/// What differs between two ends of one topic.
+/// Options of one endpoint of a topic.
 struct EndpointOptions {
-  /// Narrows the end to a part of the session, e.g. `user_partition("alice")`; both ends must name the same. Empty: the
-  /// session as a whole.
+  /// Restricts the endpoint to a part of the session, e.g. `user_partition("alice")`; both endpoints must name the
+  /// same. Empty: the session as a whole.
   std::string partition;
 };
-/// Partition of the samples of one user (device_pose, device_command, intent): permissions can name it.
+/// Partition of the samples of one user (device_pose, device_command, intent), which permissions can name.
 [[nodiscard]] std::string user_partition(const std::string& user);
 /// Partition of the bulk stream from any host to one HRTC.
 [[nodiscard]] std::string hrtc_partition(const std::string& hrtc);
-/// Partition of metrics that tell which controllers' coded probe states get lost; sent only while some do.
+/// Partition of metrics that report losses of deadband-coded probe states by HRTC; used only while there are losses.
 inline constexpr const char* kLossesPartition = "losses";
-/// Partition of the whole probe states of users who collaborate.
+/// Partition of the full-rate probe states of users who collaborate.
 [[nodiscard]] std::string group_partition(std::uint64_t group);
 
 enum class SendStatus {
-  kSent,     ///< handed to DDS
+  kSent,     ///< passed to DDS
   kInvalid,  ///< not sent: a bound, a number or the origin is wrong; see `last_fault`
   kBlocked   ///< not sent: a reliable history stayed full for the profile's max_blocking_time
 };
 
-/// Typed sending end of one topic. Destroying it leaves the topic. One thread at a time; `matched` from any.
+/// Typed writer of one topic. Its destructor leaves the topic. One thread at a time; `matched` from any.
 template <class Sample>
 class Writer {
  public:
-  /// Takes its QoS from the profile that `topic` names. Throws WireError with the topic when DDS refuses it.
+  /// Uses the QoS profile that `topic` names. Throws WireError with the topic when DDS refuses it.
   Writer(Participants& participants, const TopicSpec<Sample>& topic, const EndpointOptions& options = {});
   ~Writer();
   Writer(Writer&&) noexcept;
   Writer& operator=(Writer&&) noexcept;
 
-  /// Checks, converts and sends. Its origin must be of this program (`Participants::origin`). May block and allocate,
-  /// so it is for wire threads, never for the haptic thread.
+  /// Checks, converts and sends. The origin must be this program's (`Participants::origin`). May block and allocate, so
+  /// it is for wire threads, never for the haptic thread.
   [[nodiscard]] SendStatus send(const Sample& sample) noexcept;
 
-  /// Readers that this end has found, without those of its own Participants.
+  /// Number of matched readers, except those of its own Participants.
   [[nodiscard]] int matched() const noexcept;
   /// Why the last send was kInvalid; empty when none was. Static text.
   [[nodiscard]] const char* last_fault() const noexcept;
-  /// Waits until every matched reliable reader has all that was sent; false when `limit` passes first.
+  /// Waits until every matched reliable reader has acknowledged all samples; false when `limit` passes first.
   bool wait_acknowledged(std::chrono::milliseconds limit) noexcept;
 
  private:
@@ -58,19 +58,19 @@ class Writer {
   std::unique_ptr<Impl> impl_;
 };
 
-/// What became of the samples that reached a Reader, since it was made.
+/// Samples that reached a Reader since its construction.
 struct ReaderCounts {
-  std::uint64_t received = 0;  ///< handed to the callback
+  std::uint64_t received = 0;  ///< passed to the callback
   std::uint64_t invalid = 0;   ///< undecodable, out of bounds or not finite; dropped
   std::uint64_t foreign = 0;   ///< of another session; dropped
-  std::uint64_t lost = 0;      ///< never came, as far as DDS noticed; on keep-last topics also those overwritten
+  std::uint64_t lost = 0;      ///< detected as lost by DDS; on keep-last topics also those overwritten
 };
 
-/// Typed receiving end of one topic. Samples of its own Participants are not handed over.
+/// Typed reader of one topic. Ignores samples of its own Participants.
 template <class Sample>
 class Reader {
  public:
-  /// Runs in a thread of DDS, one call at a time; must return soon, not throw and not destroy the Reader.
+  /// Runs in a DDS thread, one call at a time; must return soon, not throw and not destroy the Reader.
   using OnSample = std::function<void(Sample&&)>;
 
   Reader(Participants& participants, const TopicSpec<Sample>& topic, OnSample on_sample,
@@ -80,7 +80,7 @@ class Reader {
   Reader(Reader&&) noexcept;
   Reader& operator=(Reader&&) noexcept;
 
-  /// Writers that this end has found, without those of its own Participants.
+  /// Number of matched writers, except those of its own Participants.
   [[nodiscard]] int matched() const noexcept;
   [[nodiscard]] ReaderCounts counts() const noexcept;
   /// Why the last invalid sample was dropped; empty when none was. Static text.

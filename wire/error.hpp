@@ -1,4 +1,4 @@
-/// What wire/ throws when a program starts with something that it cannot use.
+/// The exception that wire/ throws for invalid settings of a program.
 #pragma once
 
 #include <stdexcept>
@@ -6,7 +6,7 @@
 
 namespace tactus::wire {
 
-/// A bad address, domain or profile: says what, where, the value found and the value expected.
+/// A bad address, domain or profile; the message names the item, the place, the value found and the value expected.
 class WireError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;

@@ -8,7 +8,7 @@
 namespace tactus::wire {
 namespace {
 
-/// One mapping of the file, which must have exactly the keys given.
+/// A mapping in the file, with exactly the given keys.
 class Section {
  public:
   Section(const std::filesystem::path& file, std::string name, const YAML::Node& node,

@@ -1,4 +1,4 @@
-/// qos/flow.yaml: what the XML profiles of Fast DDS 2.9 cannot say.
+/// Reads qos/flow.yaml: settings that the XML profiles of Fast DDS 2.9 cannot express.
 #pragma once
 
 #include <array>

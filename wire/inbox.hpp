@@ -1,4 +1,4 @@
-/// Where the callbacks of readers leave samples for a program's one thread, and how that thread keeps its appointments.
+/// The queue from reader callbacks to a program's one thread.
 #pragma once
 
 #include <algorithm>
@@ -14,7 +14,7 @@
 
 namespace tactus::wire {
 
-/// Any threads put, one takes. What does not fit is dropped and counted: every stream of samples heals by itself.
+/// Many producers, one consumer. Drops and counts samples above the capacity: every topic recovers from losses.
 template <class Sample>
 class Inbox {
  public:
@@ -25,7 +25,7 @@ class Inbox {
 
   explicit Inbox(std::size_t capacity) : capacity_{capacity} {}
 
-  /// What is not urgent wakes nobody: it waits until the thread has run out of patience.
+  /// An urgent sample wakes the consumer. Another one waits until `take` times out.
   void put(Sample sample, bool urgent = true) {
     {
       const std::lock_guard lock{mutex_};
@@ -38,10 +38,10 @@ class Inbox {
     if (urgent) arrived_.notify_one();
   }
 
-  /// All that has come, in order, after waiting at most `patience` for a first one.
-  [[nodiscard]] std::vector<Arrived> take(std::chrono::microseconds patience) {
+  /// All samples in order of arrival; waits at most `patience` for the first.
+  [[nodiscard]] std::vector<Arrived> take(std::chrono::microseconds timeout) {
     std::unique_lock lock{mutex_};
-    arrived_.wait_for(lock, patience, [this] { return !samples_.empty(); });
+    arrived_.wait_for(lock, timeout, [this] { return !samples_.empty(); });
     return std::exchange(samples_, {});
   }
 
@@ -58,15 +58,15 @@ class Inbox {
   std::uint64_t dropped_ = 0;
 };
 
-/// Calls `say`, which tells the roster that one leaves, three times in 30 ms: it acknowledges nothing, and one burst of
-/// loss shall not take all. Blocks; for the end of a program.
+/// Calls `say`, which sends a leave message, three times in 30 ms: roster samples are not acknowledged, and one burst
+/// of loss must not take all. Blocks; for the end of a program.
 template <class Say>
 void send_leave_messages(Say&& say) {
   constexpr int kTimes = 3;
   constexpr std::chrono::milliseconds kBetween{10};
   for (int i = 0; i < kTimes; ++i) {
     say();
-    std::this_thread::sleep_for(kBetween);  // after the last too: it may leave by another thread
+    std::this_thread::sleep_for(kBetween);  // after the last one too: another thread may send it
   }
 }
 

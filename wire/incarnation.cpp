@@ -40,7 +40,7 @@ std::uint64_t next_incarnation(const std::filesystem::path& file, std::uint64_t 
   }
   close(fd);
   return next;
-} catch (...) {  // no memory
+} catch (...) {  // out of memory
   return clock_ns;
 }
 

@@ -1,10 +1,11 @@
-/// Numbers for the starts of programs: each is larger than all that this machine has given before.
+/// Incarnation numbers of programs: each is larger than all that this machine has issued before.
 ///
-/// They order the lives of one participant, so that a late sample of the life before is known as one; lives of
-/// different participants are never compared. The system clock gives the number. A machine without a battery-backed
-/// clock boots in 1970, and a clock may be set back, so the last number is kept in a file and the next one is larger
-/// in any case. Where the file cannot be used (a read-only container), the clock alone decides; a restart under a
-/// smaller number is then accepted once the life before has been silent for half a second (session/roster.hpp).
+/// They order the incarnations of one participant, so that late samples of an earlier one are detected. Incarnations of
+/// different participants are never compared. The number is the time of the system clock. A machine without a
+/// battery-backed clock boots in 1970, and a clock may be set back. So a file stores the last number, and the next one
+/// is larger in any case. If the file cannot be used (a read-only container), the clock alone decides. A restart with a
+/// smaller number is then accepted once the earlier incarnation has been silent for half a second
+/// (session/roster.hpp).
 #pragma once
 
 #include <cstdint>
@@ -12,11 +13,11 @@
 
 namespace tactus::wire {
 
-/// `incarnation` in $XDG_STATE_HOME/tactus, else in ~/.local/state/tactus; empty when neither is known.
+/// `$XDG_STATE_HOME/tactus/incarnation`, else `~/.local/state/tactus/incarnation`; empty when neither is set.
 [[nodiscard]] std::filesystem::path incarnation_file();
 
-/// The larger of `clock_ns`, nanoseconds of the system clock, and the file's last number plus one, which it replaces.
-/// Safe between processes. Never throws for a file that cannot be used.
+/// The max of `clock_ns`, nanoseconds of the system clock, and the number in `file` plus one; replaces that number.
+/// Safe between processes. Does not fail if the file cannot be used.
 [[nodiscard]] std::uint64_t next_incarnation(const std::filesystem::path& file, std::uint64_t clock_ns) noexcept;
 
 }  // namespace tactus::wire

@@ -33,7 +33,7 @@ class Consumer final : public dds::LogConsumer {
   }
 };
 
-/// Takes the library's messages off the standard output, once.
+/// Redirects the library's messages from the standard output, once.
 void own_the_log() {
   static const bool once = [] {
     dds::Log::ClearConsumers();

@@ -26,10 +26,10 @@ namespace {
 using eprosima::fastrtps::types::ReturnCode_t;
 namespace fdds = eprosima::fastdds::rtps;
 
-/// Name of participants that only read bulk; they do not meet each other.
+/// Name of participants that only read bulk; they ignore each other.
 constexpr char kReadsBulk[] = "tactus_bulk_reader";
 
-/// Profiles live in one global table of the library, so one Participants at a time fills and reads it.
+/// Fast DDS stores profiles in one global table, so one Participants at a time fills and reads it.
 std::mutex& factory_mutex() {
   static std::mutex mutex;
   return mutex;
@@ -63,7 +63,7 @@ std::set<int> datagram_sockets() {
   return found;
 }
 
-/// Fast DDS 2.9 cannot mark its sockets. IP_TOS first: the kernel derives a priority from it, which ours replaces.
+/// Fast DDS 2.9 cannot mark its sockets. IP_TOS first: the kernel derives a priority from it, which we then replace.
 void mark_new_sockets(const std::set<int>& before, const SocketMarks& marks) {
   if (marks.tos == 0 && marks.priority == 0) return;
   for (const int fd : datagram_sockets()) {
@@ -73,7 +73,8 @@ void mark_new_sockets(const std::set<int>& before, const SocketMarks& marks) {
   }
 }
 
-/// While it lives, threads that this thread makes get SCHED_FIFO, where the system allows: Fast DDS 2.9 has no setting.
+/// During its lifetime, threads that this thread creates get SCHED_FIFO, if the system allows it. Fast DDS 2.9 has no
+/// setting for this.
 class InheritedPriority {
  public:
   explicit InheritedPriority(int priority) {
@@ -102,8 +103,8 @@ std::filesystem::path file_of(const Participants::Impl& impl, TrafficClass traff
 dds::DomainParticipant* join(Participants::Impl& impl, TrafficClass traffic, const Durations& durations,
                              LogCapture& log) {
   auto* factory = dds::DomainParticipantFactory::get_instance();
-  const auto place = static_cast<std::size_t>(traffic);
-  const std::string profile = std::string{kClassNames[place]} + "_participant";
+  const auto index = static_cast<std::size_t>(traffic);
+  const std::string profile = std::string{kClassNames[index]} + "_participant";
   dds::DomainParticipantQos qos;
   if (factory->get_participant_qos_from_profile(profile, qos) != ReturnCode_t::RETCODE_OK) {
     throw WireError(file_of(impl, traffic).string() + ": no participant profile '" + profile + "'; expected one");
@@ -121,7 +122,7 @@ dds::DomainParticipant* join(Participants::Impl& impl, TrafficClass traffic, con
     transport = std::make_shared<FilterTransportDescriptor>(transport, filters);
   }
   const std::set<int> before = datagram_sockets();
-  const auto domain = static_cast<dds::DomainId_t>(impl.address.domain + static_cast<int>(place));
+  const auto domain = static_cast<dds::DomainId_t>(impl.address.domain + static_cast<int>(index));
   dds::DomainParticipant* made = nullptr;
   {
     const InheritedPriority priority{traffic == TrafficClass::kProbe ? impl.address.probe_priority : 0};
@@ -133,11 +134,11 @@ dds::DomainParticipant* join(Participants::Impl& impl, TrafficClass traffic, con
     throw WireError("cannot join DDS domain " + std::to_string(domain) + " with profile '" + profile + "' of " +
                     file_of(impl, traffic).string() + ": " + log.take());
   }
-  mark_new_sockets(before, impl.flow.sockets[place]);
+  mark_new_sockets(before, impl.flow.sockets[index]);
   return made;
 }
 
-/// Copies the profiles of every topic of one class out of the library's table.
+/// Copies the profiles of all topics of one class from the library's table.
 void copy_profiles(Participants::Impl& impl, TrafficClass traffic, const Durations& durations) {
   dds::DomainParticipant& participant = impl.participant(traffic);
   dds::Publisher* publisher = participant.create_publisher(dds::PUBLISHER_QOS_DEFAULT);
@@ -189,7 +190,7 @@ Participants::Participants(SessionAddress address) : impl_{std::make_unique<Impl
   if (address.domain < kMinDomain || address.domain > kMaxDomain) {
     throw WireError("domain " + std::to_string(address.domain) + " is out of range; expected " +
                     std::to_string(kMinDomain) + " to " + std::to_string(kMaxDomain) +
-                    " (0 belongs to ROS 2; the ports of higher ones are the system's to give away)");
+                    " (0 belongs to ROS 2; the ports of higher ones are ephemeral ports of the system)");
   }
   if (address.incarnation == 0) {
     const auto clock = std::chrono::nanoseconds(std::chrono::system_clock::now().time_since_epoch()).count();
@@ -236,7 +237,7 @@ Participants::Impl::~Impl() {
 dds::Topic& Participants::Impl::topic(const char* name, TrafficClass traffic, dds::TypeSupport type) {
   const std::lock_guard<std::mutex> lock{topics_mutex};
   dds::DomainParticipant& in = participant(traffic);
-  if (auto* known = dynamic_cast<dds::Topic*>(in.lookup_topicdescription(name))) return *known;
+  if (auto* existing = dynamic_cast<dds::Topic*>(in.lookup_topicdescription(name))) return *existing;
   const std::string& type_name = type.get_type_name();
   if (in.find_type(type_name).empty()) type.register_type(&in);
   dds::Topic* made = in.create_topic(name, type_name, dds::TOPIC_QOS_DEFAULT);
@@ -257,8 +258,8 @@ std::string Participants::Impl::partition(const std::string& part) const {
 }  // namespace tactus::wire
 
 #ifdef __SANITIZE_ADDRESS__
-/// Debian's Fast DDS deletes its statistics parts through a base class without virtual destructor; nothing of ours
-/// does.
+/// Debian's Fast DDS deletes its statistics classes through a base class without a virtual destructor; Tactus has no
+/// such class.
 extern "C" const char* __asan_default_options();
 extern "C" const char* __asan_default_options() { return "new_delete_type_mismatch=0"; }
 #endif

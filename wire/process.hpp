@@ -1,4 +1,4 @@
-/// What every program of a session asks of the system: the time, and when to stop.
+/// System functions that every program of a session uses: the clock and the signals.
 #pragma once
 
 #include <atomic>
@@ -7,17 +7,17 @@
 
 namespace tactus::wire {
 
-/// CLOCK_MONOTONIC, of which all times of a program are, ns. Answered without a system call. Realtime.
+/// CLOCK_MONOTONIC, the clock of all times in a program, ns. No system call. Realtime.
 [[nodiscard]] inline std::int64_t monotonic_ns() noexcept {
   return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch())
       .count();
 }
 
-/// Set by SIGINT and SIGTERM from the first call on, which is main's before it does anything that takes time. It is for
-/// the program to look at it often enough to end within 2 s.
+/// Set by SIGINT and SIGTERM. The first call installs the handler, so main calls it before anything that takes time.
+/// The program has to poll it often enough to end within 2 s.
 [[nodiscard]] const std::atomic<bool>& stop_signal();
 
-/// How often SIGUSR1 has come, from the first call on: by it an operator asks for what a program keeps to be saved.
+/// Counts SIGUSR1, by which an operator requests that recorded data is saved. The first call installs the handler.
 [[nodiscard]] const std::atomic<std::uint32_t>& save_signals();
 
 }  // namespace tactus::wire

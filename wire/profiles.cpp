@@ -14,16 +14,16 @@ namespace {
 
 using Duration = Durations::Duration;
 
-/// Where a duration of a profile belongs in a QoS.
+/// An XML element with a duration, and the field of the QoS that it sets.
 template <class Qos>
-struct Place {
+struct DurationField {
   const char* element;
   Duration& (*in)(Qos& qos);
 };
 
-const std::vector<Place<dds::DomainParticipantQos>>& places(const dds::DomainParticipantQos&) {
+const std::vector<DurationField<dds::DomainParticipantQos>>& duration_fields(const dds::DomainParticipantQos&) {
   using Qos = dds::DomainParticipantQos;
-  static const std::vector<Place<Qos>> all{
+  static const std::vector<DurationField<Qos>> all{
       {"discovery_config/leaseDuration",
        [](Qos& q) -> Duration& { return q.wire_protocol().builtin.discovery_config.leaseDuration; }},
       {"discovery_config/leaseAnnouncement",
@@ -36,9 +36,9 @@ const std::vector<Place<dds::DomainParticipantQos>>& places(const dds::DomainPar
        [](Qos& q) -> Duration& { return q.wire_protocol().builtin.discovery_config.initial_announcements.period; }}};
   return all;
 }
-const std::vector<Place<dds::DataWriterQos>>& places(const dds::DataWriterQos&) {
+const std::vector<DurationField<dds::DataWriterQos>>& duration_fields(const dds::DataWriterQos&) {
   using Qos = dds::DataWriterQos;
-  static const std::vector<Place<Qos>> all{
+  static const std::vector<DurationField<Qos>> all{
       {"reliability/max_blocking_time", [](Qos& q) -> Duration& { return q.reliability().max_blocking_time; }},
       {"times/initialHeartbeatDelay",
        [](Qos& q) -> Duration& { return q.reliable_writer_qos().times.initialHeartbeatDelay; }},
@@ -46,9 +46,9 @@ const std::vector<Place<dds::DataWriterQos>>& places(const dds::DataWriterQos&) 
       {"times/nackResponseDelay", [](Qos& q) -> Duration& { return q.reliable_writer_qos().times.nackResponseDelay; }}};
   return all;
 }
-const std::vector<Place<dds::DataReaderQos>>& places(const dds::DataReaderQos&) {
+const std::vector<DurationField<dds::DataReaderQos>>& duration_fields(const dds::DataReaderQos&) {
   using Qos = dds::DataReaderQos;
-  static const std::vector<Place<Qos>> all{
+  static const std::vector<DurationField<Qos>> all{
       {"times/initialAcknackDelay",
        [](Qos& q) -> Duration& { return q.reliable_reader_qos().times.initialAcknackDelay; }},
       {"times/heartbeatResponseDelay",
@@ -56,7 +56,7 @@ const std::vector<Place<dds::DataReaderQos>>& places(const dds::DataReaderQos&) 
   return all;
 }
 
-/// Digits alone, below `limit`.
+/// A number of decimal digits below `limit`; none for any other text.
 std::optional<std::uint32_t> number_of(const tinyxml2::XMLElement& element, std::uint32_t limit) {
   const char* const text = element.GetText();
   constexpr std::size_t kMaxDigits = 9;
@@ -69,7 +69,7 @@ std::optional<std::uint32_t> number_of(const tinyxml2::XMLElement& element, std:
   return value < limit ? std::optional{value} : std::nullopt;
 }
 
-/// Seconds and nanoseconds; none for whatever else the library may make of an element.
+/// A duration with exactly <sec> and <nanosec>; none for any other form, which is left to the library.
 std::optional<Duration> duration_of(const tinyxml2::XMLElement& element) {
   const auto* const seconds = element.FirstChildElement("sec");
   const auto* const rest = element.FirstChildElement("nanosec");
@@ -81,22 +81,22 @@ std::optional<Duration> duration_of(const tinyxml2::XMLElement& element) {
   return Duration{static_cast<std::int32_t>(*s), *ns};
 }
 
-/// Takes out of a profile the durations that one of `places` is for.
+/// Moves the durations with an entry in `places` from the profile into `into`.
 template <class Qos>
-void take_durations(tinyxml2::XMLElement& from, const std::string& profile, const std::vector<Place<Qos>>& places,
-                    Durations& into) {
+void take_durations(tinyxml2::XMLElement& from, const std::string& profile,
+                    const std::vector<DurationField<Qos>>& duration_fields, Durations& into) {
   for (auto* child = from.FirstChildElement(); child != nullptr;) {
     auto* const element = child;
     child = child->NextSiblingElement();
     const std::string name = std::string{from.Name()} + "/" + element->Name();
-    const bool known =
-        std::any_of(places.begin(), places.end(), [&](const auto& place) { return name == place.element; });
+    const bool known = std::any_of(duration_fields.begin(), duration_fields.end(),
+                                   [&](const auto& field) { return name == field.element; });
     const std::optional<Duration> value = known ? duration_of(*element) : std::nullopt;
     if (value) {
       into.add(profile, name, *value);
       from.DeleteChild(element);
     } else {
-      take_durations(*element, profile, places, into);
+      take_durations(*element, profile, duration_fields, into);
     }
   }
 }
@@ -108,16 +108,17 @@ void take_durations(tinyxml2::XMLDocument& document, Durations& into) {
     const char* const name = profile->Attribute("profile_name");
     if (name == nullptr) continue;
     const std::string kind = profile->Name();
-    if (kind == "participant") take_durations(*profile, name, places(dds::DomainParticipantQos{}), into);
-    if (kind == "data_writer") take_durations(*profile, name, places(dds::DataWriterQos{}), into);
-    if (kind == "data_reader") take_durations(*profile, name, places(dds::DataReaderQos{}), into);
+    if (kind == "participant") take_durations(*profile, name, duration_fields(dds::DomainParticipantQos{}), into);
+    if (kind == "data_writer") take_durations(*profile, name, duration_fields(dds::DataWriterQos{}), into);
+    if (kind == "data_reader") take_durations(*profile, name, duration_fields(dds::DataReaderQos{}), into);
   }
 }
 
 using eprosima::fastrtps::types::ReturnCode_t;
 using eprosima::fastrtps::xmlparser::XMLProfileManager;
 
-/// The library says what is wrong with a file, not in which profile: offers it each profile alone, with the transports.
+/// The library reports what is wrong with a file, but not in which profile. So this loads each profile alone, together
+/// with the transports.
 std::string first_broken_profile(const std::filesystem::path& file, LogCapture& log) {
   tinyxml2::XMLDocument whole;
   if (whole.LoadFile(file.c_str()) != tinyxml2::XML_SUCCESS) return whole.ErrorStr();
@@ -140,7 +141,7 @@ std::string first_broken_profile(const std::filesystem::path& file, LogCapture& 
     return (name != nullptr ? "profile '" + std::string{name} + "'" : "<" + std::string{profile->Name()} + ">") + ": " +
            complaints;
   }
-  return "no profile is broken alone";
+  return "each profile alone is valid";
 }
 
 }  // namespace
@@ -149,9 +150,9 @@ template <class Qos>
 void Durations::apply_to(const std::string& profile, Qos& qos) const {
   const auto found = by_profile_.find(profile);
   if (found == by_profile_.end()) return;
-  for (const auto& place : places(qos))
-    if (const auto value = found->second.find(place.element); value != found->second.end())
-      place.in(qos) = value->second;
+  for (const auto& field : duration_fields(qos))
+    if (const auto value = found->second.find(field.element); value != found->second.end())
+      field.in(qos) = value->second;
 }
 void Durations::apply(const std::string& profile, dds::DomainParticipantQos& qos) const { apply_to(profile, qos); }
 void Durations::apply(const std::string& profile, dds::DataWriterQos& qos) const { apply_to(profile, qos); }
@@ -164,7 +165,7 @@ Durations load_profiles(const std::filesystem::path& directory, LogCapture& log)
     throw WireError("qos directory '" + directory.string() +
                     "' does not exist; expected one with session.xml, probe.xml, bulk.xml and flow.yaml");
   }
-  // The library reads a file that the environment names with its first participant: let it, then forget what it read.
+  // With its first participant the library loads a file that the environment names: load it now, then delete the table.
   auto* factory = dds::DomainParticipantFactory::get_instance();
   factory->load_profiles();
   XMLProfileManager::DeleteInstance();

@@ -17,14 +17,14 @@ void touch_stack() noexcept {
   constexpr std::size_t kBytes = 256 * 1024;
   unsigned char stack[kBytes];
   for (std::size_t i = 0; i < kBytes; i += 4096) stack[i] = 0;
-  asm volatile("" : : "r"(stack) : "memory");  // or the writes would be left out
+  asm volatile("" : : "r"(stack) : "memory");  // keeps the writes from being optimised away
 }
 
 }  // namespace
 
 std::string enter_realtime(const std::string& who, int priority) {
   touch_stack();
-  // Denormals cost hundreds of cycles each and mean nothing here.
+  // Denormals cost hundreds of cycles each and have no physical meaning here.
   _mm_setcsr(_mm_getcsr() | 0x8040);
   sched_param parameters{};
   parameters.sched_priority = priority;
@@ -34,11 +34,11 @@ std::string enter_realtime(const std::string& who, int priority) {
          "); give the user rtprio in /etc/security/limits.conf or run as root for steadier cycles";
 }
 
-std::string go_before_others(const std::string& who) {
+std::string raise_priority(const std::string& who) {
   constexpr int kNice = -10;
-  if (setpriority(PRIO_PROCESS, 0, kNice) == 0) return who + ": nice " + std::to_string(kNice);  // of this thread: 0
-  return who + ": no more time than others (" + std::strerror(errno) +
-         "); allow nice -10 in /etc/security/limits.conf where many controllers share its machine";
+  if (setpriority(PRIO_PROCESS, 0, kNice) == 0) return who + ": nice " + std::to_string(kNice);  // 0: this thread
+  return who + ": no raised priority (" + std::strerror(errno) +
+         "); allow nice -10 in /etc/security/limits.conf where many HRTCs share its machine";
 }
 
 std::string lock_memory() {

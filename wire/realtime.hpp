@@ -1,5 +1,5 @@
-/// What a thread with deadlines, or one that many wait for, asks of the system: a priority, locked memory, absolute
-/// times to wake at.
+/// System settings for threads with deadlines, and for threads that many programs wait for: priority, locked memory,
+/// sleep until an absolute time.
 #pragma once
 
 #include <cstdint>
@@ -9,15 +9,15 @@
 
 namespace tactus::wire {
 
-/// Tries SCHED_FIFO at `priority` for the calling thread and touches its stack. Says in one line, which begins with
-/// `who`, what was had and, where something was refused, which right is missing.
+/// Requests SCHED_FIFO at `priority` for the calling thread and touches its stack. Returns one line, which begins with
+/// `who`: the result and, if it was refused, the missing right.
 [[nodiscard]] std::string enter_realtime(const std::string& who, int priority);
 
-/// The calling thread, and those that it makes from now on, get nine times the time of an ordinary one (nice -10) where
-/// more want to run than there are processors and the system allows it. One line as above.
-[[nodiscard]] std::string go_before_others(const std::string& who);
+/// Requests nice -10 for the calling thread and the threads that it creates later: nine times the share of an ordinary
+/// thread on a busy machine. Returns one line as above.
+[[nodiscard]] std::string raise_priority(const std::string& who);
 
-/// Locks the memory of the process, present and to come, as it is first touched. One line as above.
+/// Locks the present and future memory of the process, page by page on first use. Returns one line as above.
 [[nodiscard]] std::string lock_memory();
 
 /// Sleeps until monotonic_ns() is `due_ns` or later. One system call.

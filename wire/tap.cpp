@@ -13,12 +13,12 @@ namespace {
 using eprosima::fastrtps::types::ReturnCode_t;
 using Bytes = std::vector<std::uint8_t>;
 
-/// What is known of a sample without its type: samples are made and passed as this.
+/// The base of samples of all types; samples are created and passed as this.
 struct Encoded {
   Bytes bytes;
 };
 
-/// The generated type under its name, whose samples keep their encoding.
+/// A generated type that also stores the encoded sample.
 template <class Support>
 class Raw final : public Guarded<Support> {
  public:
@@ -37,14 +37,14 @@ class Raw final : public Guarded<Support> {
   void deleteData(void* data) override { delete &of(data); }
 
  private:
-  /// Decoded as well, because its key is in there.
+  /// Contains the decoded sample too, from which the key is computed.
   struct Sample : Encoded {
     typename Support::type decoded;
   };
   [[nodiscard]] static Sample& of(void* data) { return *static_cast<Sample*>(static_cast<Encoded*>(data)); }
 };
 
-/// One end; the type's name is all that differs, so that the rest exists once.
+/// Reads one topic without its C++ type; only the name of the DDS type differs.
 class RawReader final : public dds::DataReaderListener {
  public:
   RawReader(dds::DomainParticipant& participant, dds::Topic& topic, const std::vector<std::string>& partitions,
@@ -52,18 +52,18 @@ class RawReader final : public dds::DataReaderListener {
       : participant_{participant}, data_{topic}, on_sample_{std::move(on_sample)} {
     dds::SubscriberQos subscriber = dds::SUBSCRIBER_QOS_DEFAULT;
     for (const std::string& partition : partitions) subscriber.partition().push_back(partition.c_str());
-    // None may overwrite another before it is taken.
+    // No sample may overwrite another before it is taken.
     qos.history().kind = dds::KEEP_ALL_HISTORY_QOS;
     subscriber_ = participant_.create_subscriber(subscriber);
     if (subscriber_ != nullptr) reader_ = subscriber_->create_datareader(&topic, qos, this);
     if (reader_ != nullptr) return;
     if (subscriber_ != nullptr) participant_.delete_subscriber(subscriber_);
-    throw WireError("topic " + topic.get_name() + ": DDS makes no reader to record it");
+    throw WireError("topic " + topic.get_name() + ": DDS cannot create a reader to record it");
   }
   ~RawReader() override {
     reader_->set_listener(nullptr);
     {
-      const std::lock_guard lock{mutex_};  // waits for a callback that runs, stops one that is about to
+      const std::lock_guard lock{mutex_};  // waits for a running callback, stops one that is about to run
       closed_ = true;
     }
     subscriber_->delete_datareader(reader_);
@@ -115,26 +115,26 @@ struct Tap::Impl {
       using Sample = std::decay_t<decltype(sample_of(spec))>;
       using Support = typename IdlOf<Sample>::Support;
       dds::Topic& topic = in.topic(spec.name, spec.traffic, dds::TypeSupport{new Raw<Support>{spec.traffic}});
-      // Whole probe states and copies of objects are in the partitions of groups, with profiles of their own.
+      // Full-rate probe states and copies of objects use the partitions of groups, with profiles of their own.
       const std::string profile = spec.profile;
-      const bool of_groups = profile == topics::kProbeStateWhole.profile || profile == topics::kObjectCopy.profile;
+      const bool of_groups = profile == topics::kProbeStateFullRate.profile || profile == topics::kObjectCopy.profile;
       const std::vector<std::string> parts =
           of_groups ? std::vector<std::string>{"/g/*"} : std::vector<std::string>{"", "/u/*", "/h/*"};
       std::vector<std::string> partitions;
       for (const std::string& part : parts) partitions.push_back(session + part);
-      const std::size_t number = known.size();
-      known.push_back({spec.name, topic.get_type_name(), of_groups ? "g/*" : ", u/*, h/*"});
+      const std::size_t number = tap_topics.size();
+      tap_topics.push_back({spec.name, topic.get_type_name(), of_groups ? "g/*" : ", u/*, h/*"});
       readers.push_back(std::make_unique<RawReader>(
           in.participant(spec.traffic), topic, partitions, in.reader_qos.at(spec.profile),
           [on_sample, number](spm::Span<const std::uint8_t> encoded) { on_sample(number, encoded); }));
     });
   }
 
-  /// For its type alone.
+  /// Only for its type.
   template <class Sample>
   static Sample sample_of(const TopicSpec<Sample>&);
 
-  std::vector<TapTopic> known;
+  std::vector<TapTopic> tap_topics;
   std::vector<std::unique_ptr<RawReader>> readers;
 };
 
@@ -142,7 +142,7 @@ Tap::Tap(Participants& participants, bool bulk, OnSample on_sample)
     : impl_{std::make_unique<Impl>(participants, bulk, std::move(on_sample))} {}
 Tap::~Tap() = default;
 
-const std::vector<TapTopic>& Tap::topics() const noexcept { return impl_->known; }
+const std::vector<TapTopic>& Tap::topics() const noexcept { return impl_->tap_topics; }
 
 const char* idl_text() noexcept { return kIdlText; }
 

@@ -1,4 +1,4 @@
-/// Every sample of a session as it comes, still encoded: for what records.
+/// Receives all samples of a session in encoded form, for recorders.
 #pragma once
 
 #include <cstdint>
@@ -12,22 +12,22 @@
 
 namespace tactus::wire {
 
-/// What one end of a tap hears.
+/// One reader of a tap.
 struct TapTopic {
-  std::string name;        ///< of the topic; the same twice where ends differ
+  std::string name;        ///< of the topic; two readers of one topic have the same
   std::string type;        ///< as idl_text() names it
-  std::string partitions;  ///< of the session, to which it listens; "" is the session as a whole
+  std::string partitions;  ///< of the session, which it reads; "" is the session as a whole
 };
 
-/// Listens to all topics, in every partition of the session. It counts as a reader: best effort samples are sent once
-/// more for it, and of the bulk class that is as much as an HRTC gets. Samples that cannot be decoded are left out.
+/// Reads all topics in every partition of the session. Each is a further reader: writers send best-effort samples once
+/// more for it; for class bulk that doubles the traffic. Drops samples that cannot be decoded.
 class Tap {
  public:
-  /// Of topics()[topic]; `encoded` with its encapsulation, valid during the call. From several threads of DDS, one call
-  /// at a time for each topic.
+  /// `topic` is an index into topics(); `encoded` includes the encapsulation and is valid during the call. Called from
+  /// several DDS threads, one call at a time for each topic.
   using OnSample = std::function<void(std::size_t topic, spm::Span<const std::uint8_t> encoded)>;
 
-  /// `links` must be the tap's own: its topics have other types than those of Reader and Writer. Throws WireError.
+  /// `participants` must be the tap's own: its types differ from those of Reader and Writer. Throws WireError.
   Tap(Participants& participants, bool bulk, OnSample on_sample);
   /// After this returns no callback runs.
   ~Tap();

@@ -6,7 +6,7 @@
 
 namespace tactus::wire {
 
-/// A topic and the profiles of its two ends, `<profile>_writer` and `<profile>_reader` in the file of its class.
+/// A topic and the profiles of its endpoints, `<profile>_writer` and `<profile>_reader` in the file of its class.
 template <class Sample>
 struct TopicSpec {
   const char* name;
@@ -27,12 +27,12 @@ inline constexpr TopicSpec<session::SessionEnd> kEnd{"tactus_end", TrafficClass:
 inline constexpr TopicSpec<session::BulkChunk> kBase{"tactus_base", TrafficClass::kBulk, "base"};
 inline constexpr TopicSpec<session::BulkChunk> kRecords{"tactus_records", TrafficClass::kBulk, "records"};
 
-/// In the probe class, whose packets and receive threads go first.
+/// In the probe class, whose packets and receive threads have priority.
 inline constexpr TopicSpec<session::EmergencyStop> kStop{"tactus_stop", TrafficClass::kProbe, "stop"};
 inline constexpr TopicSpec<session::ProbeState> kProbeState{"tactus_probe_state", TrafficClass::kProbe, "probe_state"};
-/// The same topic with the ends of mode `collaborate`, in a group's partition.
-inline constexpr TopicSpec<session::ProbeState> kProbeStateWhole{"tactus_probe_state", TrafficClass::kProbe,
-                                                                 "probe_state_whole"};
+/// The same topic with the endpoints of mode `collaborate`, in a group's partition.
+inline constexpr TopicSpec<session::ProbeState> kProbeStateFullRate{"tactus_probe_state", TrafficClass::kProbe,
+                                                                    "probe_state_full_rate"};
 inline constexpr TopicSpec<session::DevicePose> kDevicePose{"tactus_device_pose", TrafficClass::kProbe, "device_pose"};
 inline constexpr TopicSpec<session::DeviceCommand> kDeviceCommand{"tactus_device_command", TrafficClass::kProbe,
                                                                   "device_command"};
@@ -43,7 +43,7 @@ inline constexpr TopicSpec<session::ObjectClaim> kObjectClaim{"tactus_object_cla
 inline constexpr TopicSpec<session::ObjectGrant> kObjectGrant{"tactus_object_grant", TrafficClass::kProbe,
                                                               "object_grant"};
 inline constexpr TopicSpec<session::ObjectCopy> kObjectCopy{"tactus_object_copy", TrafficClass::kProbe, "object_copy"};
-/// In the probe class, because it dates probe states and must wait in the queues that they wait in.
+/// In the probe class, because it dates probe states and must wait in the same queues.
 inline constexpr TopicSpec<session::ClockSample> kClock{"tactus_clock", TrafficClass::kProbe, "clock"};
 
 /// Calls `visit` with every TopicSpec.
@@ -60,7 +60,7 @@ void for_each(Visit&& visit) {
   visit(kRecords);
   visit(kStop);
   visit(kProbeState);
-  visit(kProbeStateWhole);
+  visit(kProbeStateFullRate);
   visit(kDevicePose);
   visit(kDeviceCommand);
   visit(kIntent);

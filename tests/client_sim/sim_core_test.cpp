@@ -164,11 +164,11 @@ TEST(SimCore, JoinsWithOneParticipantPerHrtc) {
   const session::RosterEntry& second = world.roster.back();
   const session::RosterEntry& first = world.roster[world.roster.size() - 2];
   EXPECT_EQ(first.name, "sim");
-  EXPECT_EQ(first.controller, "left");
+  EXPECT_EQ(first.requested_hrtc, "left");
   EXPECT_THAT(first.users, ElementsAre("ann"));
   EXPECT_EQ(second.name, "sim.2");
   EXPECT_EQ(second.origin.participant, session::id_of("sim.2"));
-  EXPECT_EQ(second.controller, "right");
+  EXPECT_EQ(second.requested_hrtc, "right");
   EXPECT_THAT(second.users, ElementsAre("bob"));
 }
 

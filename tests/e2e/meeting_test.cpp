@@ -68,7 +68,7 @@ TEST_F(MeetingTest, AUserWhomHisClientBringsNoMoreGivesHisProbeBack) {
   entry.session = session_;
   const auto seated = [&](const std::string& controller, const std::vector<std::string>& users,
                           const std::vector<std::string>& expected) {
-    entry.controller = controller;
+    entry.requested_hrtc = controller;
     entry.users = users;
     const auto seen_so = [&](const Seen& seen) {
       std::vector<std::string> there;
@@ -132,7 +132,7 @@ TEST_F(MeetingTest, AProgramOfAnotherProtocolVersionIsRefusedWithBothVersionsNam
   entry.role = session::Role::kClient;
   entry.name = "newcomer";
   entry.session = session_;
-  entry.controller = "desk";
+  entry.requested_hrtc = "desk";
   entry.users = {"eve"};
   for (int beat = 0; beat < 10; ++beat) {
     entry.origin = participants.origin();
@@ -162,7 +162,7 @@ TEST_F(MeetingTest, AClientThatLeavesTakesOnlyItsOwnUsersAlong) {
       entry.role = session::Role::kClient;
       entry.name = address.participant;
       entry.session = address.session;
-      entry.controller = controller;
+      entry.requested_hrtc = controller;
       entry.users = {"ann"};
     }
     void beat() {

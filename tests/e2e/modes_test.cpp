@@ -41,8 +41,8 @@ TEST_F(ModesTest, UsersAtOneObjectCollaborateUntilTheyAreToldNotToAndTheSessionH
       << users.output() << desk1.output() << desk2.output();
   const Seen met = observer.seen();
   ASSERT_TRUE(observer.until([&](const Seen& seen) {
-    return seen.figure("desk1", figures::kStatesWhole) > met.figure("desk1", figures::kStatesWhole) &&
-           seen.figure("desk2", figures::kStatesWhole) > met.figure("desk2", figures::kStatesWhole) &&
+    return seen.figure("desk1", figures::kStatesFullRate) > met.figure("desk1", figures::kStatesFullRate) &&
+           seen.figure("desk2", figures::kStatesFullRate) > met.figure("desk2", figures::kStatesFullRate) &&
            seen.user("ann").exact > 0 && seen.user("bob").exact > 0;
   }));
   const Seen touching = observer.seen();

@@ -37,9 +37,9 @@ TEST_F(RemoteDeviceTest, FeelsTheExactSurfaceAndNoForceOnceItIsSilent) {
       << desk.output();
   EXPECT_TRUE(desk.wait_for_line("user ann brings a device of its own"));
   ASSERT_TRUE(observer.until([](const Seen& seen) {
-    return seen.figure("desk", figures::kRemoteDevices) == 1 && seen.figure("desk", figures::kLoopDelay) < 0.25e6;
+    return seen.figure("desk", figures::kRemoteDevices) == 1 && seen.figure("desk", figures::kDeviceRoundTrip) < 0.25e6;
   })) << "its loop is measured";
-  EXPECT_GT(observer.seen().figure("desk", figures::kLoopDelay), 0);
+  EXPECT_GT(observer.seen().figure("desk", figures::kDeviceRoundTrip), 0);
 
   users.signal(SIGSTOP);
   EXPECT_TRUE(observer.until([](const Seen& seen) {

@@ -91,7 +91,7 @@ TEST_P(EverySignal, EndsAHostThatStillBuildsItsModelAndNothingIsHalfWritten) {
     ASSERT_TRUE(museum.wait_for_line("large.ply: " + stage, 60s)) << museum.output();
     museum.signal(GetParam());
     EXPECT_TRUE(ends_with(0, museum)) << stage;
-    EXPECT_THAT(museum.output(), HasSubstr("asked to stop before all models were there")) << stage;
+    EXPECT_THAT(museum.output(), HasSubstr("asked to stop before all models were open")) << stage;
     EXPECT_THAT(museum.output(), Not(HasSubstr("kept in"))) << stage;
   }
   std::set<std::string> files;

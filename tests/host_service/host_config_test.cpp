@@ -19,7 +19,7 @@ class HostConfigTest : public testing::Test {
     test_support::write_bytes(file_, text);
     return read_config(file_);
   }
-  /// What reading `text` complains of, without the file's name.
+  /// The error message for `text`, without the file's name.
   std::string complaint(const std::string& text) {
     try {
       read(text);
@@ -63,7 +63,7 @@ TEST_F(HostConfigTest, ReadsEveryKey) {
   EXPECT_FALSE(objects[1].pose);
 }
 
-TEST_F(HostConfigTest, ReadsWhatMakesAnObjectMove) {
+TEST_F(HostConfigTest, ReadsTheBodyOfAMovableObject) {
   const auto objects = read(R"(ground: -0.5
 objects:
   - model: crate.spm
@@ -81,7 +81,7 @@ objects:
   EXPECT_FALSE(objects[2].body);
 }
 
-TEST_F(HostConfigTest, RefusesABodyThatCannotBe) {
+TEST_F(HostConfigTest, RefusesAnImpossibleBody) {
   const auto with = [&](const std::string& body) {
     return complaint("objects:\n  - model: a.spm\n    body: " + body + "\n");
   };
@@ -95,9 +95,9 @@ TEST_F(HostConfigTest, RefusesABodyThatCannotBe) {
   EXPECT_THAT(complaint("ground: deep\nobjects:\n  - model: a.spm\n"), HasSubstr("'ground' is 'deep'"));
 }
 
-TEST_F(HostConfigTest, TurnsRollThenPitchThenYawAboutFixedAxes) {
+TEST_F(HostConfigTest, RotatesByRollThenPitchThenYawAboutFixedAxes) {
   const auto object = read("objects: [{model: a.spm, rpy_degrees: [90, 0, 90]}]").at(0);
-  // x goes to y by the yaw; y goes to z by the roll and stays there.
+  // The yaw turns x to y. The roll turns y to z, which the yaw leaves unchanged.
   const std::array<double, 4> q = object.pose->orientation;
   const auto turned = [&](double x, double y, double z) {
     const double tx = 2 * (q[1] * z - q[2] * y), ty = 2 * (q[2] * x - q[0] * z), tz = 2 * (q[0] * y - q[1] * x);
@@ -108,7 +108,7 @@ TEST_F(HostConfigTest, TurnsRollThenPitchThenYawAboutFixedAxes) {
   EXPECT_NEAR(turned(0, 1, 0)[2], 1, 1e-12);
 }
 
-TEST_F(HostConfigTest, NamesLineAndKeyOfWhatItDoesNotKnow) {
+TEST_F(HostConfigTest, NamesTheLineAndTheUnknownKey) {
   EXPECT_THAT(complaint("objects:\n  - model: a.spm\n    sise: 3\n"),
               AllOf(StartsWith("3: "), HasSubstr("unknown key 'sise'"), HasSubstr("size")));
   EXPECT_THAT(complaint("objects:\n  - model: a.spm\n    material:\n      stiffnes: 3\n"),
@@ -116,7 +116,7 @@ TEST_F(HostConfigTest, NamesLineAndKeyOfWhatItDoesNotKnow) {
   EXPECT_THAT(complaint("object: []\n"), AllOf(StartsWith("1: "), HasSubstr("'object'")));
 }
 
-TEST_F(HostConfigTest, RefusesValuesThatMakeNoSense) {
+TEST_F(HostConfigTest, RefusesValuesOutOfRange) {
   const auto with = [&](const std::string& line) {
     return complaint("objects:\n  - model: a.spm\n    " + line + "\n");
   };
@@ -135,7 +135,7 @@ TEST_F(HostConfigTest, RefusesValuesThatMakeNoSense) {
   EXPECT_THAT(complaint("objects:\n  - model: a.spm\n  - model: b/a.spm\n"), HasSubstr("a second object 'a'"));
 }
 
-TEST_F(HostConfigTest, NamesTheLineOfBrokenYamlAndAMissingFile) {
+TEST_F(HostConfigTest, NamesTheLineOfBrokenYamlAndRefusesAMissingFile) {
   EXPECT_THAT(complaint("objects:\n  - {model: a.spm\n"), testing::MatchesRegex("[23]: .*"));
   EXPECT_THROW((void)read_config(folder_.path() / "none.yaml"), HostError);
 }

@@ -61,10 +61,10 @@ class HostProgramTest : public testing::Test {
     start(std::move(arguments));
     return wait();
   }
-  std::string said() const { return test_support::read_bytes(output_); }
-  bool says(const std::string& text) const {
+  std::string output() const { return test_support::read_bytes(output_); }
+  bool prints(const std::string& text) const {
     for (const auto end = Clock::now() + 20s; Clock::now() < end; std::this_thread::yield()) {
-      if (said().find(text) != std::string::npos) return true;
+      if (output().find(text) != std::string::npos) return true;
     }
     return false;
   }
@@ -75,19 +75,19 @@ class HostProgramTest : public testing::Test {
   pid_t pid_ = 0;
 };
 
-TEST_F(HostProgramTest, SignalsEndItWell) {
+TEST_F(HostProgramTest, SignalsEndTheHostWithExitCodeZero) {
   for (const int signal : {SIGINT, SIGTERM}) {
     start({"--name", "h", model_});
-    ASSERT_TRUE(says("is in session")) << said();
+    ASSERT_TRUE(prints("is in session")) << output();
     kill(pid_, signal);
 
-    EXPECT_EQ(wait(), 0) << said();
+    EXPECT_EQ(wait(), 0) << output();
 
-    EXPECT_THAT(said(), HasSubstr("left the session"));
+    EXPECT_THAT(output(), HasSubstr("left the session"));
   }
 }
 
-TEST_F(HostProgramTest, OptionsThatTakeSeveralValuesLeaveTheModelBehindThemAlone) {
+TEST_F(HostProgramTest, OptionsWithSeveralValuesDoNotTakeTheModelAfterThem) {
   for (const std::vector<std::string>& option :
        {std::vector<std::string>{"--at", "0.5", "0", "0"}, std::vector<std::string>{"--peer", "127.0.0.1"},
         std::vector<std::string>{"--discovery-server", "127.0.0.1"}}) {
@@ -95,33 +95,33 @@ TEST_F(HostProgramTest, OptionsThatTakeSeveralValuesLeaveTheModelBehindThemAlone
     arguments.insert(arguments.end(), option.begin(), option.end());
     arguments.push_back(model_);
     start(arguments);
-    EXPECT_TRUE(says("is in session")) << option.front() << ": " << said();
+    EXPECT_TRUE(prints("is in session")) << option.front() << ": " << output();
     kill(pid_, SIGINT);
-    EXPECT_EQ(wait(), 0) << said();
+    EXPECT_EQ(wait(), 0) << output();
   }
 }
 
-TEST_F(HostProgramTest, WrongInputEndsWithTwoAndAMessageThatNamesIt) {
+TEST_F(HostProgramTest, WrongInputGivesExitCodeTwoAndNamesTheInput) {
   EXPECT_EQ(run({"--colour", "red", model_}), 2);
-  EXPECT_THAT(said(), HasSubstr("--colour"));
+  EXPECT_THAT(output(), HasSubstr("--colour"));
   EXPECT_EQ(run({"missing.spm"}), 2);
-  EXPECT_THAT(said(), HasSubstr("missing.spm"));
+  EXPECT_THAT(output(), HasSubstr("missing.spm"));
   EXPECT_EQ(run({}), 2);
-  EXPECT_THAT(said(), HasSubstr("no model"));
+  EXPECT_THAT(output(), HasSubstr("no model"));
   EXPECT_EQ(run({"--domain", "900", model_}), 2);
-  EXPECT_THAT(said(), HasSubstr("domain 900"));
+  EXPECT_THAT(output(), HasSubstr("domain 900"));
   EXPECT_EQ(run({"--name", std::string(70, 'x'), model_}), 2);
   EXPECT_EQ(run({"--qos", "/nowhere", model_}), 2);
-  EXPECT_THAT(said(), HasSubstr("/nowhere"));
+  EXPECT_THAT(output(), HasSubstr("/nowhere"));
   const std::string config = (folder_.path() / "bad.yaml").string();
   test_support::write_bytes(config, "objects:\n  - modell: x\n");
   EXPECT_EQ(run({"--config", config}), 2);
-  EXPECT_THAT(said(), HasSubstr("bad.yaml:2: unknown key 'modell'"));
+  EXPECT_THAT(output(), HasSubstr("bad.yaml:2: unknown key 'modell'"));
 }
 
 TEST_F(HostProgramTest, HelpHasExamples) {
   EXPECT_EQ(run({"--help"}), 0);
-  EXPECT_THAT(said(), HasSubstr("Examples:"));
+  EXPECT_THAT(output(), HasSubstr("Examples:"));
 }
 
 }  // namespace

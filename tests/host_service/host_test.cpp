@@ -1,4 +1,4 @@
-/// A Host in this process, and a controller made of DeliveryClient and wire ends that knows nothing of it but topics.
+/// A Host in this process, and an HRTC made of a DeliveryClient and endpoints that uses only the topics.
 #include "host_service/host.hpp"
 
 #include <gmock/gmock.h>
@@ -45,10 +45,10 @@ wire::SessionAddress address(const std::string& participant) {
   return a;
 }
 
-/// A controller that asks for all of one object.
-class Controller {
+/// An HRTC that requests all regions of one object.
+class TestHrtc {
  public:
-  explicit Controller(const std::string& name)
+  explicit TestHrtc(const std::string& name)
       : participants_{address(name)},
         client_{participants_.origin(), {}},
         roster_{participants_, wire::topics::kRoster},
@@ -64,7 +64,7 @@ class Controller {
     listen(wire::topics::kRecords, own);
   }
 
-  /// Intervals until `done`; false when the watchdog bites.
+  /// Runs until `done`; false when the watchdog expires.
   template <class Done>
   [[nodiscard]] bool run_until(Done&& done) {
     const auto end = Clock::now() + kWatchdog;
@@ -179,7 +179,7 @@ class Controller {
   std::vector<std::shared_ptr<void>> readers_;
 };
 
-/// A Host that intervals in its own thread.
+/// A Host that runs in its own thread.
 class RunningHost {
  public:
   RunningHost(HostOptions options) : host_{std::move(options), [](Severity, const std::string&) {}, stop_} {
@@ -217,16 +217,16 @@ class HostTest : public testing::Test {
   HostOptions options_;
 };
 
-TEST_F(HostTest, AControllerGetsEveryRecordOfTheModelOnceAndToTheBit) {
+TEST_F(HostTest, AnHrtcReceivesEveryRecordOfTheModelOnceAndToTheBit) {
   RunningHost host{options_};
-  Controller controller{"hrtc"};
+  TestHrtc hrtc{"hrtc"};
 
-  ASSERT_TRUE(controller.run_until([&] { return controller.holds_all(); }));
+  ASSERT_TRUE(hrtc.run_until([&] { return hrtc.holds_all(); }));
 
-  const session::CatalogueEntry& entry = *controller.catalogue_;
+  const session::CatalogueEntry& entry = *hrtc.catalogue_;
   EXPECT_EQ(entry.object, "organ");
-  EXPECT_EQ(controller.base_->mesh.summary.digest, entry.summary.digest);
-  EXPECT_EQ(controller.records_, entry.summary.records);
+  EXPECT_EQ(hrtc.base_->mesh.summary.digest, entry.summary.digest);
+  EXPECT_EQ(hrtc.records_, entry.summary.records);
   EXPECT_NEAR(entry.scale * std::max({entry.summary.bounds_max[0] - entry.summary.bounds_min[0],
                                       entry.summary.bounds_max[1] - entry.summary.bounds_min[1],
                                       entry.summary.bounds_max[2] - entry.summary.bounds_min[2]}),
@@ -244,7 +244,7 @@ TEST_F(HostTest, AControllerGetsEveryRecordOfTheModelOnceAndToTheBit) {
   }
   const offline::MappedModel original{built};
   const spm::codec::CompressedModel& model = original.coded();
-  for (const auto& [region, data] : controller.held_) {
+  for (const auto& [region, data] : hrtc.held_) {
     EXPECT_EQ(data.list.size(), model.intervals_of(spm::RegionId{region}).size());
     const auto expected = spm::codec::decode_region(spm::codec::encode_region(model, spm::RegionId{region}, data.sent),
                                                     model.summary(), model.tables());
@@ -255,43 +255,43 @@ TEST_F(HostTest, AControllerGetsEveryRecordOfTheModelOnceAndToTheBit) {
   }
 }
 
-TEST_F(HostTest, CountsWhatItSentAndAnswersForTheTime) {
+TEST_F(HostTest, CountsSentRecordsAndAnswersClockRequests) {
   RunningHost host{options_};
-  Controller controller{"hrtc"};
-  ASSERT_TRUE(controller.run_until([&] { return controller.holds_all(); }));
+  TestHrtc hrtc{"hrtc"};
+  ASSERT_TRUE(hrtc.run_until([&] { return hrtc.holds_all(); }));
   namespace names = session::figures;
 
-  const double all = controller.catalogue_->summary.records;
+  const double all = hrtc.catalogue_->summary.records;
 
-  // Not the figures that were published while some were still under way.
-  ASSERT_TRUE(controller.run_until([&] { return controller.figures_[names::kHostRecords] >= all; }));
+  // Earlier figures were published while some records were in flight.
+  ASSERT_TRUE(hrtc.run_until([&] { return hrtc.figures_[names::kHostRecords] >= all; }));
 
-  EXPECT_EQ(controller.figures_[names::kHostRecords], all);
-  EXPECT_EQ(controller.figures_[std::string{names::kHostRecords} + ".hrtc"], all);
-  EXPECT_EQ(controller.figures_[names::kHostControllers], 1);
-  EXPECT_TRUE(controller.run_until([&] { return controller.clock_answered_; }));
+  EXPECT_EQ(hrtc.figures_[names::kHostRecords], all);
+  EXPECT_EQ(hrtc.figures_[std::string{names::kHostRecords} + ".hrtc"], all);
+  EXPECT_EQ(hrtc.figures_[names::kHostHrtcs], 1);
+  EXPECT_TRUE(hrtc.run_until([&] { return hrtc.clock_answered_; }));
 }
 
-TEST_F(HostTest, EndsWithTheSessionAndSaysSo) {
+TEST_F(HostTest, LeavesAndWithdrawsItsObjectsAtTheEndOfTheSession) {
   RunningHost host{options_};
-  Controller controller{"hrtc"};
-  ASSERT_TRUE(controller.run_until([&] { return controller.catalogue_.has_value(); }));
+  TestHrtc hrtc{"hrtc"};
+  ASSERT_TRUE(hrtc.run_until([&] { return hrtc.catalogue_.has_value(); }));
 
-  controller.end_session();
+  hrtc.end_session();
 
   EXPECT_EQ(host.wait(), 0);
-  EXPECT_TRUE(controller.run_until([&] { return controller.host_left_ && controller.withdrawn_; }));
+  EXPECT_TRUE(hrtc.run_until([&] { return hrtc.host_left_ && hrtc.withdrawn_; }));
 }
 
-TEST_F(HostTest, StartedAgainItServesAControllerThatWaited) {
+TEST_F(HostTest, ARestartedHostServesAWaitingHrtc) {
   auto first = std::make_unique<RunningHost>(options_);
-  Controller controller{"hrtc"};
-  ASSERT_TRUE(controller.run_until([&] { return !controller.held_.empty(); }));
+  TestHrtc hrtc{"hrtc"};
+  ASSERT_TRUE(hrtc.run_until([&] { return !hrtc.held_.empty(); }));
   first.reset();
 
   RunningHost second{options_};
 
-  EXPECT_TRUE(controller.run_until([&] { return controller.holds_all(); }));
+  EXPECT_TRUE(hrtc.run_until([&] { return hrtc.holds_all(); }));
 }
 
 TEST_F(HostTest, TheLaterOfTwoHostsWithOneNameYields) {
@@ -303,7 +303,7 @@ TEST_F(HostTest, TheLaterOfTwoHostsWithOneNameYields) {
   EXPECT_EQ(first.stop(), 0);
 }
 
-TEST_F(HostTest, RefusesTwoObjectsOfOneName) {
+TEST_F(HostTest, RefusesTwoObjectsWithOneName) {
   const std::atomic<bool> never{false};
   options_.objects.push_back(options_.objects[0]);
   EXPECT_THROW((Host{options_, [](Severity, const std::string&) {}, never}), HostError);

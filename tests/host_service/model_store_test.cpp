@@ -17,12 +17,12 @@ class ModelStoreTest : public testing::Test {
  protected:
   ModelStoreTest() { offline::write_mesh(mesh_, offline::generate(offline::Shape::kSphere, 400)); }
 
-  /// Opens and returns the digest; what was said is in `said_`.
+  /// Opens and returns the digest; the log is in `log_text_`.
   std::uint64_t open(const std::filesystem::path& path) {
-    said_.clear();
+    log_text_.clear();
     const ModelStore store{cache_,
                            [this](const std::string& line) {
-                             said_ += line + "\n";
+                             log_text_ += line + "\n";
                              if (line.find(stop_at_) != std::string::npos) stop_ = true;
                            },
                            stop_};
@@ -35,40 +35,40 @@ class ModelStoreTest : public testing::Test {
   test_support::TemporaryFolder folder_;
   std::filesystem::path mesh_ = folder_.path() / "sphere.ply";
   std::filesystem::path cache_ = folder_.path() / "cache" / "models";
-  std::string said_;
+  std::string log_text_;
   std::string stop_at_ = "nowhere";  // part of the line after which `stop_` is set
   std::atomic<bool> stop_{false};
 };
 
 TEST_F(ModelStoreTest, BuildsAModelOnceForTheSameBytes) {
   const std::uint64_t digest = open(mesh_);
-  EXPECT_THAT(said_, HasSubstr("building"));
+  EXPECT_THAT(log_text_, HasSubstr("building"));
 
   std::filesystem::copy_file(mesh_, folder_.path() / "other name.ply");
   EXPECT_EQ(open(folder_.path() / "other name.ply"), digest);
 
-  EXPECT_THAT(said_, HasSubstr("built before"));
-  EXPECT_EQ(open(cached()), digest) << "a .spm file is served as it is";
-  EXPECT_EQ(said_, "");
+  EXPECT_THAT(log_text_, HasSubstr("from the cache"));
+  EXPECT_EQ(open(cached()), digest) << "a .spm file is opened directly";
+  EXPECT_EQ(log_text_, "");
 }
 
-TEST_F(ModelStoreTest, BuildsOtherBytesAgain) {
+TEST_F(ModelStoreTest, BuildsOtherBytesAnew) {
   const std::uint64_t digest = open(mesh_);
   offline::write_mesh(mesh_, offline::generate(offline::Shape::kSphere, 402));
   EXPECT_NE(open(mesh_), digest);
 }
 
-TEST_F(ModelStoreTest, BuildsAgainWhatIsBrokenInTheCache) {
+TEST_F(ModelStoreTest, RebuildsADamagedCacheEntry) {
   const std::uint64_t digest = open(mesh_);
   std::string bytes = test_support::read_bytes(cached());
   bytes[bytes.size() / 2] = static_cast<char>(bytes[bytes.size() / 2] ^ 1);
   test_support::write_bytes(cached(), bytes);
 
   EXPECT_EQ(open(mesh_), digest);
-  EXPECT_THAT(said_, HasSubstr("broken"));
+  EXPECT_THAT(log_text_, HasSubstr("broken"));
 }
 
-TEST_F(ModelStoreTest, ABufferBesideAGltfFileBelongsToItsContent) {
+TEST_F(ModelStoreTest, TheHashCoversTheBuffersOfAGltfFile) {
   const std::filesystem::path gltf = folder_.path() / "triangle.gltf";
   // One triangle: three positions of three floats.
   test_support::write_bytes(gltf, R"({"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
@@ -87,7 +87,7 @@ TEST_F(ModelStoreTest, ABufferBesideAGltfFileBelongsToItsContent) {
   EXPECT_NE(open(gltf), digest);
 }
 
-TEST_F(ModelStoreTest, StopsWithoutATraceWhateverItIsDoing) {
+TEST_F(ModelStoreTest, StopsAtEveryStageWithoutLeavingAFile) {
   stop_ = true;
   EXPECT_THROW(open(mesh_), Stopped);
   EXPECT_FALSE(std::filesystem::exists(cache_));
@@ -95,18 +95,18 @@ TEST_F(ModelStoreTest, StopsWithoutATraceWhateverItIsDoing) {
     stop_ = false;
     stop_at_ = stage;
     EXPECT_THROW(open(mesh_), Stopped) << stage;
-    EXPECT_THAT(said_, HasSubstr(stage));
+    EXPECT_THAT(log_text_, HasSubstr(stage));
     EXPECT_TRUE(std::filesystem::is_empty(cache_)) << stage;
   }
   stop_ = false;
-  stop_at_ = "kept in";
+  stop_at_ = "stored in";
   EXPECT_THROW(open(mesh_), Stopped);
   stop_ = false;
   open(mesh_);
-  EXPECT_THAT(said_, HasSubstr("built before")) << "what was written is whole";
+  EXPECT_THAT(log_text_, HasSubstr("from the cache")) << "the written file is complete";
 }
 
-TEST_F(ModelStoreTest, RefusesWhatIsNoModelNamingIt) {
+TEST_F(ModelStoreTest, RefusesAFileThatIsNoModelAndNamesIt) {
   const auto complaint = [&](const std::filesystem::path& path) -> std::string {
     try {
       open(path);
@@ -123,11 +123,11 @@ TEST_F(ModelStoreTest, RefusesWhatIsNoModelNamingIt) {
   EXPECT_THAT(complaint(folder_.path() / "odd.spm"), HasSubstr("odd.spm"));
 }
 
-TEST_F(ModelStoreTest, NamesACacheThatCannotBeMade) {
+TEST_F(ModelStoreTest, NamesACacheFolderThatCannotBeCreated) {
   test_support::write_bytes(folder_.path() / "cache", "in the way");
   try {
     open(mesh_);
-    FAIL() << "no complaint";
+    FAIL() << "no error";
   } catch (const offline::ModelError& error) {
     EXPECT_THAT(error.what(), HasSubstr(cache_.string()));
   }

@@ -33,7 +33,7 @@ session::CatalogueEntry cube(double height, const session::Origin& host = origin
   return entry;
 }
 
-/// A keeper with time.
+/// An ObjectAuthority in virtual time.
 class ObjectAuthorityTest : public ::testing::Test {
  protected:
   void run(std::int64_t ms) {
@@ -63,7 +63,7 @@ class ObjectAuthorityTest : public ::testing::Test {
   std::optional<session::ObjectGrant> grant_;
 };
 
-TEST_F(ObjectAuthorityTest, WhatIsLetFallComesToRestAndCostsNothingThen) {
+TEST_F(ObjectAuthorityTest, ADroppedObjectComesToRestAndIsNoLongerSimulated) {
   object_authority_.add(cube(0.1), now_);
   run(260);
   EXPECT_TRUE(object_authority_.busy());
@@ -77,7 +77,7 @@ TEST_F(ObjectAuthorityTest, WhatIsLetFallComesToRestAndCostsNothingThen) {
   poses_ = grants_ = 0;
   run(2000);
   EXPECT_EQ(object_authority_.steps(), steps);
-  EXPECT_EQ(poses_, 10u) << "a beat of 5 Hz";
+  EXPECT_EQ(poses_, 10u) << "5 Hz";
   EXPECT_EQ(grants_, 4u);
 }
 
@@ -90,7 +90,7 @@ TEST_F(ObjectAuthorityTest, PosesComeAt250HertzWhileItMoves) {
   EXPECT_LT(pose_->velocity[2], -3);
 }
 
-TEST_F(ObjectAuthorityTest, GivesTheObjectToWhoTouchesItAndTakesItBackWhereItWasLeft) {
+TEST_F(ObjectAuthorityTest, GrantsTheObjectToAToucherAndContinuesFromItsLastPose) {
   object_authority_.add(cube(0), now_);
   run(300);
   claim(7, true);
@@ -107,7 +107,7 @@ TEST_F(ObjectAuthorityTest, GivesTheObjectToWhoTouchesItAndTakesItBackWhereItWas
     moved.sequence = i;
     moved.fencing = grant_->fencing;
     moved.session_time_ns = now_;
-    moved.pose.position = {1, 2, 0.002 * std::min(i, 25u)};  // for its last 100 ms it is held still
+    moved.pose.position = {1, 2, 0.002 * std::min(i, 25u)};  // at rest for the last 100 ms
     object_authority_.on_pose(moved, now_, now_);
     run(4);
   }
@@ -120,12 +120,12 @@ TEST_F(ObjectAuthorityTest, GivesTheObjectToWhoTouchesItAndTakesItBackWhereItWas
   run(1500);
   EXPECT_NEAR(pose_->pose.position[2], 0, 1e-3);
   moved.sequence = 60;
-  object_authority_.on_pose(moved, now_, now_);  // of the owner before
+  object_authority_.on_pose(moved, now_, now_);  // from the previous owner
   run(300);
   EXPECT_NEAR(pose_->pose.position[2], 0, 1e-3);
 }
 
-TEST_F(ObjectAuthorityTest, WhoSaysNothingForALeaseLosesTheObject) {
+TEST_F(ObjectAuthorityTest, AToucherWithoutClaimsLosesTheObjectAfterTheLease) {
   object_authority_.add(cube(0), now_);
   run(300);
   claim(7, true);
@@ -137,7 +137,7 @@ TEST_F(ObjectAuthorityTest, WhoSaysNothingForALeaseLosesTheObject) {
   EXPECT_GT(poses_, 0u);
 }
 
-TEST_F(ObjectAuthorityTest, OfTwoHostsTheOldestKeepsAndTheOtherTakesOverWhereItWasSeen) {
+TEST_F(ObjectAuthorityTest, TheHostThatJoinedFirstIsTheAuthorityAndTheOtherContinuesFromItsLastPose) {
   object_authority_.add(cube(0), now_);
   const session::Origin older = origin_of(90, 900);
   object_authority_.on_host(100, 2'000 * kMs, now_);
@@ -159,13 +159,13 @@ TEST_F(ObjectAuthorityTest, OfTwoHostsTheOldestKeepsAndTheOtherTakesOverWhereItW
   EXPECT_GT(pose_->fencing, 2000u);
   EXPECT_NEAR(pose_->pose.position[0], 4, 1e-3);
   object_authority_.on_catalogue(cube(0, origin_of(90, 1)), now_);
-  object_authority_.on_host(older.participant, 60'000 * kMs, now_);  // it is back, and came last
+  object_authority_.on_host(older.participant, 60'000 * kMs, now_);  // it is back, and joined last
   poses_ = 0;
   run(1000);
   EXPECT_GT(poses_, 0u);
 }
 
-TEST_F(ObjectAuthorityTest, AHostWhoseWallClockIsWrongTakesNoObjectOver) {
+TEST_F(ObjectAuthorityTest, AHostWithAWrongWallClockDoesNotBecomeTheAuthority) {
   object_authority_.on_host(100, 2'000 * kMs, now_);
   object_authority_.add(cube(0), now_);
   run(300);
@@ -178,7 +178,7 @@ TEST_F(ObjectAuthorityTest, AHostWhoseWallClockIsWrongTakesNoObjectOver) {
   EXPECT_GT(poses_, 0u);
 }
 
-TEST_F(ObjectAuthorityTest, AHostThatWasUnheardForAMomentKeepsItsObjectAgain) {
+TEST_F(ObjectAuthorityTest, AHostThatReturnsAfterAShortSilenceIsTheAuthorityAgain) {
   object_authority_.on_host(100, 2'000 * kMs, now_);
   object_authority_.on_host(90, 1'000 * kMs, now_);
   object_authority_.add(cube(0), now_);
@@ -187,13 +187,13 @@ TEST_F(ObjectAuthorityTest, AHostThatWasUnheardForAMomentKeepsItsObjectAgain) {
   object_authority_.on_host_gone(90, now_);
   run(1000);
   EXPECT_GT(grants_, 0u);
-  object_authority_.on_host(90, 1'000 * kMs, now_);  // DDS has not lost it, so no catalogue comes again
+  object_authority_.on_host(90, 1'000 * kMs, now_);  // within the DDS lease, so no catalogue comes again
   grants_ = 0;
   run(1000);
   EXPECT_EQ(grants_, 0u);
 }
 
-TEST_F(ObjectAuthorityTest, AHostThatStartsAgainGivesLargerNumbers) {
+TEST_F(ObjectAuthorityTest, ARestartedHostGrantsLargerFencingNumbers) {
   object_authority_.add(cube(0), now_);
   run(1000);
   ObjectAuthority again{origin_of(100, 2000)};
@@ -206,7 +206,7 @@ TEST_F(ObjectAuthorityTest, AHostThatStartsAgainGivesLargerNumbers) {
   EXPECT_GT(fencing, pose_->fencing);
 }
 
-TEST_F(ObjectAuthorityTest, WhatCannotMoveIsNotItsBusiness) {
+TEST_F(ObjectAuthorityTest, IgnoresStaticObjects) {
   session::CatalogueEntry wall = cube(1);
   wall.body = {};
   object_authority_.add(wall, now_);

@@ -34,7 +34,7 @@ struct Organ {
     scale = 0.2 / longest;
     for (const auto& p : mesh.positions) vertices.push_back(scale * Vec3d{p[0], p[1], p[2]});
   }
-  [[nodiscard]] StandingObject standing() const { return {{}, scale, &encoded.coded()}; }
+  [[nodiscard]] StaticObject standing() const { return {{}, scale, &encoded.coded()}; }
   [[nodiscard]] Vec3d top() const {
     return *std::max_element(vertices.begin(), vertices.end(),
                              [](const Vec3d& a, const Vec3d& b) { return a.z() < b.z(); });
@@ -45,7 +45,7 @@ const Organ& organ() {
   return kOrgan;
 }
 
-/// A box of these half edges in mm and 0.2 kg, its middle at `place`; the ground is far below.
+/// A box of 0.2 kg with these half edges in mm and its centre at `place`; the ground is far below.
 session::CatalogueEntry box(const Vec3d& half_mm, const Vec3d& place, double friction) {
   session::CatalogueEntry entry;
   entry.origin.session = 1;
@@ -62,15 +62,15 @@ session::CatalogueEntry box(const Vec3d& half_mm, const Vec3d& place, double fri
   return entry;
 }
 
-/// Where it is after 4 s, by when it has to rest.
+/// The pose after 4 s, when the box must be at rest.
 session::Pose dropped(const session::CatalogueEntry& entry, Scenery& scenery) {
   ObjectAuthority object_authority{entry.origin};
-  object_authority.stand_among(&scenery);
+  object_authority.set_scenery(&scenery);
   object_authority.add(entry, 0);
   session::Pose pose = entry.pose;
   for (std::int64_t now = kMs; now < 4000 * kMs; now += kMs)
     for (const session::ObjectPose& published : object_authority.tick(now, now).poses) pose = published.pose;
-  EXPECT_FALSE(object_authority.busy()) << "it rests";
+  EXPECT_FALSE(object_authority.busy()) << "at rest";
   return pose;
 }
 
@@ -87,24 +87,24 @@ TEST(Scenery, ABoxDroppedOnTheOrganComesToRestOnItsFinestMesh) {
     const Vec3d beyond = state.to_body(vertex).cwiseAbs() - half;
     deepest = std::min(deepest, beyond.maxCoeff());
   }
-  EXPECT_GT(deepest, -3e-4) << "of the vertices of the finest mesh none is in the box";
-  EXPECT_LT(deepest, 3e-4) << "and it lies on some";
+  EXPECT_GT(deepest, -3e-4) << "no vertex of the finest mesh is inside the box";
+  EXPECT_LT(deepest, 3e-4) << "the box touches some vertex";
   EXPECT_GT(scenery.regions_loaded(), 0u);
   EXPECT_TRUE(scenery.exact(state.position - Vec3d{0, 0, half.z()}, 0.003));
 }
 
-TEST(Scenery, WithTooLittleRoomItStaysCoarserAndABoxRestsAllTheSame) {
+TEST(Scenery, WithTooFewSlotsTheMeshStaysCoarserAndABoxStillComesToRest) {
   Scenery scenery{{organ().standing()}, 200};
   const session::CatalogueEntry entry = box({20, 15, 10}, organ().top() + Vec3d{0, 0, 0.03}, 0.9);
   const session::Pose pose = dropped(entry, scenery);
   EXPECT_NEAR(pose.position[2], organ().top().z() + 0.01, 0.004);
 }
 
-TEST(Scenery, RegionsThatNobodyStandsOnGiveTheirRoomToOthers) {
+TEST(Scenery, RegionsWithoutContactsFreeTheirSlotsForOthers) {
   Scenery scenery{{organ().standing()}, 6000};
   std::uint64_t exact = 0, requested = 0;
   for (std::size_t i = 0; i < organ().vertices.size(); i += 211) {
-    for (int look = 0; look < 12; ++look) scenery.look({organ().vertices[i]});
+    for (int look = 0; look < 12; ++look) scenery.refine_around({organ().vertices[i]});
     ++requested;
     exact += scenery.exact(organ().vertices[i], 0.002) ? 1 : 0;
   }

@@ -74,7 +74,7 @@ TEST(SharedBody, APushIsFeltAtOnceAndMovesTheObjectForAll) {
   session.run(1.5, [&] {
     hand.x() -= 6e-5;
     session.move_hand(ann, hand);
-    if (session.role(0) == Holder::Role::kAsking)
+    if (session.role(0) == Holder::Role::kRequesting)
       before_grant = std::max(before_grant, hrtc_service::vec(session.probe(ann).force).norm());
   });
   EXPECT_GT(before_grant, 0.1) << "nobody waits for a grant to feel";
@@ -267,7 +267,7 @@ TEST_F(HeldByTwo, CopiesGoOnWithoutTheirHostAndItTakesTheClaimsUpWhenItStartsAga
     lowest = std::min(lowest, session_.body(0)->state.position.z());
     furthest = std::max(furthest, apart());
   });
-  EXPECT_EQ(session_.role(0), Holder::Role::kAsking);
+  EXPECT_EQ(session_.role(0), Holder::Role::kRequesting);
   EXPECT_EQ(session_.body(0)->copies, 2u);
   session_.start_host();
   session_.run(1, [&] {

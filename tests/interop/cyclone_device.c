@@ -126,7 +126,7 @@ int main(int argc, char** argv) {
   strcpy(users[0].user, kUser);
   strcpy(presence.name, kName);
   strncpy(presence.session, session, tactus_idl_kMaxName);
-  strncpy(presence.controller, hrtc, tactus_idl_kMaxName);
+  strncpy(presence.requested_hrtc, hrtc, tactus_idl_kMaxName);
   presence.users._length = presence.users._maximum = 1;
   presence.users._buffer = users;
 

@@ -10,31 +10,31 @@ namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
 constexpr Origin kReference{1, 10, 1, 0};
-constexpr Origin kAsker{1, 20, 1, 0};
+constexpr Origin kRequester{1, 20, 1, 0};
 
-/// A reference and an asker whose crystals disagree, joined by a link of given delays.
+/// A reference and a requester whose clocks drift apart, joined by a link of given delays.
 class Pair {
  public:
   Pair(std::int64_t offset, double drift) : offset_{offset}, drift_{drift} {
     reference_.set_reference(10, 1, 0);
-    asker_.set_reference(10, 1, local(0));
+    requester_.set_reference(10, 1, local(0));
   }
-  /// The asker's program starts only then.
-  void begin_asker_at(std::int64_t t) { asker_ = SessionClock{kAsker, {}, local(t)}; }
-  /// Asker's local clock at a reference time.
+  /// Starts the requester's program at this reference time.
+  void begin_requester_at(std::int64_t t) { requester_ = SessionClock{kRequester, {}, local(t)}; }
+  /// The requester's local clock at a reference time.
   [[nodiscard]] std::int64_t local(std::int64_t t) const {
     return t + offset_ + static_cast<std::int64_t>(static_cast<double>(t) * drift_);
   }
   /// One exchange that begins at reference time `t`.
   bool exchange(std::int64_t t, std::int64_t there, std::int64_t back) {
-    const ClockSample request = asker_.request(local(t));
+    const ClockSample request = requester_.request(local(t));
     const ClockSample answer = reference_.answer(request, t + there, t + there + 10'000);
-    return asker_.on_answer(answer, local(t + there + 10'000 + back));
+    return requester_.on_answer(answer, local(t + there + 10'000 + back));
   }
   [[nodiscard]] std::int64_t error(std::int64_t t) const {
-    return asker_.map().session_time(local(t)) - reference_.map().session_time(t);
+    return requester_.map().session_time(local(t)) - reference_.map().session_time(t);
   }
-  [[nodiscard]] std::int64_t bound(std::int64_t t) const { return asker_.map().bound(local(t)); }
+  [[nodiscard]] std::int64_t bound(std::int64_t t) const { return requester_.map().bound(local(t)); }
 
  private:
   std::int64_t offset_;
@@ -42,11 +42,11 @@ class Pair {
 
  public:
   SessionClock reference_{kReference, {}, 0};
-  SessionClock asker_{kAsker, {}, local(0)};
+  SessionClock requester_{kRequester, {}, local(0)};
 };
 
-TEST(SessionClock, KnowsNothingBeforeTheFirstAnswer) {
-  const SessionClock clock{kAsker, {}, 0};
+TEST(SessionClock, IsNotSynchronisedBeforeTheFirstAnswer) {
+  const SessionClock clock{kRequester, {}, 0};
   EXPECT_FALSE(clock.synchronised());
   EXPECT_EQ(clock.map().bound(5), kClockUnknown);
 }
@@ -74,50 +74,50 @@ TEST(SessionClock, NeverStepsBack) {
   std::int64_t before = INT64_MIN;
   for (std::int64_t t = 0; t < 5'000 * kMs; t += 1 * kMs) {
     if (t % (50 * kMs) == 0) pair.exchange(t - 20 * kMs, static_cast<std::int64_t>(random() % 9'000'000), 100'000);
-    if (!pair.asker_.synchronised()) continue;
-    const std::int64_t now = pair.asker_.map().session_time(pair.local(t));
+    if (!pair.requester_.synchronised()) continue;
+    const std::int64_t now = pair.requester_.map().session_time(pair.local(t));
     ASSERT_GE(now, before) << "at " << t;
     before = now;
   }
 }
 
-TEST(SessionClock, GoesOnWhenItBecomesTheReferenceItself) {
+TEST(SessionClock, ContinuesItsTimeWhenItBecomesTheReference) {
   Pair pair{3'000 * kMs, 0};
   ASSERT_TRUE(pair.exchange(0, 100'000, 100'000));
   const std::int64_t at = pair.local(2'000 * kMs);
-  const std::int64_t before = pair.asker_.map().session_time(at);
+  const std::int64_t before = pair.requester_.map().session_time(at);
 
-  pair.asker_.set_reference(20, 1, at);
+  pair.requester_.set_reference(20, 1, at);
 
-  EXPECT_EQ(pair.asker_.map().session_time(at), before);
-  EXPECT_EQ(pair.asker_.map().session_time(at + 100), before + 100);
-  EXPECT_EQ(pair.asker_.map().bound(at), 0);
+  EXPECT_EQ(pair.requester_.map().session_time(at), before);
+  EXPECT_EQ(pair.requester_.map().session_time(at + 100), before + 100);
+  EXPECT_EQ(pair.requester_.map().bound(at), 0);
 }
 
-TEST(SessionClock, ANewReferenceBringsNoStep) {
+TEST(SessionClock, ANewReferenceCausesNoStep) {
   Pair pair{0, 0};
   ASSERT_TRUE(pair.exchange(0, 100'000, 100'000));
   SessionClock other{{1, 5, 1, 0}, {}, 0};
   other.set_reference(5, 1, 0);  // its session time is 30 ms ahead
-  pair.asker_.set_reference(5, 1, 10 * kMs);
-  const ClockSample request = pair.asker_.request(20 * kMs);
+  pair.requester_.set_reference(5, 1, 10 * kMs);
+  const ClockSample request = pair.requester_.request(20 * kMs);
   const ClockSample answer = other.answer(request, 50 * kMs, 50 * kMs);
-  const std::int64_t before = pair.asker_.map().session_time(20 * kMs);
+  const std::int64_t before = pair.requester_.map().session_time(20 * kMs);
 
-  ASSERT_TRUE(pair.asker_.on_answer(answer, 20 * kMs));
+  ASSERT_TRUE(pair.requester_.on_answer(answer, 20 * kMs));
 
-  EXPECT_EQ(pair.asker_.map().session_time(20 * kMs), before);
-  EXPECT_EQ(pair.asker_.map().session_time(2'000 * kMs), 2'030 * kMs) << "agrees in the end";
-  EXPECT_GE(pair.asker_.map().bound(20 * kMs), 30 * kMs - 1) << "and says so until then";
+  EXPECT_EQ(pair.requester_.map().session_time(20 * kMs), before);
+  EXPECT_EQ(pair.requester_.map().session_time(2'000 * kMs), 2'030 * kMs) << "agrees after slewing";
+  EXPECT_GE(pair.requester_.map().bound(20 * kMs), 30 * kMs - 1) << "the bound covers the error until then";
 }
 
-TEST(SessionClock, StepsWhenItHasKeptATimeOfItsOwnAndMeetsAnOlderOne) {
+TEST(SessionClock, StepsWhenItsSessionMergesWithAnOlderOne) {
   Pair pair{3'600'000 * kMs, 0};
-  pair.begin_asker_at(600 * kMs);
-  pair.asker_.set_reference(20, 1, pair.local(600 * kMs));  // alone
+  pair.begin_requester_at(600 * kMs);
+  pair.requester_.set_reference(20, 1, pair.local(600 * kMs));  // alone
   ASSERT_EQ(pair.error(700 * kMs), -600 * kMs);
 
-  pair.asker_.set_reference(10, 1, pair.local(1000 * kMs));
+  pair.requester_.set_reference(10, 1, pair.local(1000 * kMs));
   EXPECT_EQ(pair.bound(1000 * kMs), kClockUnknown);
   ASSERT_TRUE(pair.exchange(1000 * kMs, kMs, kMs));
 
@@ -127,42 +127,42 @@ TEST(SessionClock, StepsWhenItHasKeptATimeOfItsOwnAndMeetsAnOlderOne) {
 
 TEST(SessionClock, DoesNotStepWhileAForceIsOn) {
   Pair pair{0, 0};
-  pair.begin_asker_at(600 * kMs);
-  pair.asker_.set_reference(20, 1, pair.local(600 * kMs));  // alone
-  pair.asker_.set_reference(10, 1, pair.local(700 * kMs));
-  pair.asker_.set_force_on(true);
-  std::int64_t last = pair.asker_.map().session_time(pair.local(700 * kMs));
+  pair.begin_requester_at(600 * kMs);
+  pair.requester_.set_reference(20, 1, pair.local(600 * kMs));  // alone
+  pair.requester_.set_reference(10, 1, pair.local(700 * kMs));
+  pair.requester_.set_force_on(true);
+  std::int64_t last = pair.requester_.map().session_time(pair.local(700 * kMs));
   for (std::int64_t t = 700 * kMs; t < 5000 * kMs; t += 100 * kMs) {
     ASSERT_TRUE(pair.exchange(t, kMs, kMs));
-    const std::int64_t now = pair.asker_.map().session_time(pair.local(t + 3 * kMs));
+    const std::int64_t now = pair.requester_.map().session_time(pair.local(t + 3 * kMs));
     ASSERT_LT(now - last, 110 * kMs) << "at " << t;
-    ASSERT_GE(pair.bound(t + 3 * kMs), std::abs(pair.error(t + 3 * kMs))) << "and says how wrong it is";
+    ASSERT_GE(pair.bound(t + 3 * kMs), std::abs(pair.error(t + 3 * kMs))) << "the bound covers the error";
     last = now;
   }
-  EXPECT_TRUE(pair.asker_.waits());
-  pair.asker_.set_force_on(false);
+  EXPECT_TRUE(pair.requester_.waits());
+  pair.requester_.set_force_on(false);
   ASSERT_TRUE(pair.exchange(5000 * kMs, kMs, kMs));
 
-  EXPECT_FALSE(pair.asker_.waits());
+  EXPECT_FALSE(pair.requester_.waits());
   EXPECT_LT(std::abs(pair.error(5010 * kMs)), 2 * kMs);
 }
 
 TEST(SessionClock, IsNotSetForTheFirstTimeWhileAForceIsOn) {
   Pair pair{0, 0};
-  pair.begin_asker_at(600 * kMs);
-  pair.asker_.set_reference(10, 1, pair.local(600 * kMs));
-  pair.asker_.set_force_on(true);
+  pair.begin_requester_at(600 * kMs);
+  pair.requester_.set_reference(10, 1, pair.local(600 * kMs));
+  pair.requester_.set_force_on(true);
   ASSERT_TRUE(pair.exchange(700 * kMs, kMs, kMs));
 
-  EXPECT_EQ(pair.asker_.map().session_time(pair.local(800 * kMs)), 200 * kMs);
-  EXPECT_FALSE(pair.asker_.synchronised());
-  pair.asker_.set_force_on(false);
+  EXPECT_EQ(pair.requester_.map().session_time(pair.local(800 * kMs)), 200 * kMs);
+  EXPECT_FALSE(pair.requester_.synchronised());
+  pair.requester_.set_force_on(false);
   ASSERT_TRUE(pair.exchange(900 * kMs, kMs, kMs));
-  EXPECT_TRUE(pair.asker_.synchronised());
+  EXPECT_TRUE(pair.requester_.synchronised());
   EXPECT_LT(std::abs(pair.error(910 * kMs)), 2 * kMs);
 }
 
-TEST(SessionClock, IsAskedInVainWhileItsOwnTimeIsStillSteered) {
+TEST(SessionClock, AnswersRequestsOnlyAsTheReference) {
   SessionClock alone{kReference, {}, 0};
   EXPECT_FALSE(alone.answers());
   alone.set_reference(20, 1, 0);
@@ -171,47 +171,47 @@ TEST(SessionClock, IsAskedInVainWhileItsOwnTimeIsStillSteered) {
   EXPECT_TRUE(alone.answers());
 }
 
-TEST(SessionClock, DoesNotStepToAMeasurementThatIsALittleBetter) {
+TEST(SessionClock, SlewsToASlightlyBetterMeasurement) {
   Pair pair{0, 0};
-  ASSERT_TRUE(pair.exchange(0, 80 * kMs, 0));  // 40 ms wrong, and says so
-  const std::int64_t before = pair.asker_.map().session_time(pair.local(999 * kMs));
+  ASSERT_TRUE(pair.exchange(0, 80 * kMs, 0));  // an error of 40 ms, within the bound
+  const std::int64_t before = pair.requester_.map().session_time(pair.local(999 * kMs));
 
   ASSERT_TRUE(pair.exchange(998 * kMs, kMs, kMs));
 
-  EXPECT_NEAR(static_cast<double>(pair.asker_.map().session_time(pair.local(1001 * kMs)) - before), 2e6, 1e6);
+  EXPECT_NEAR(static_cast<double>(pair.requester_.map().session_time(pair.local(1001 * kMs)) - before), 2e6, 1e6);
   EXPECT_GT(std::abs(pair.error(1001 * kMs)), 35 * kMs);
 }
 
-TEST(SessionClock, RefusesAnswersThatAreNotForItOrImpossible) {
+TEST(SessionClock, RefusesForeignAndImpossibleAnswers) {
   Pair pair{0, 0};
-  const ClockSample request = pair.asker_.request(0);
+  const ClockSample request = pair.requester_.request(0);
   const ClockSample good = pair.reference_.answer(request, 100, 200);
   const auto refused = [&](auto vary) {
     ClockSample bad = good;
     vary(bad);
-    return !pair.asker_.on_answer(bad, 1000);
+    return !pair.requester_.on_answer(bad, 1000);
   };
   EXPECT_TRUE(refused([](ClockSample& s) { s.answer = false; }));
   EXPECT_TRUE(refused([](ClockSample& s) { s.peer = 21; }));
   EXPECT_TRUE(refused([](ClockSample& s) { s.origin.participant = 11; }));
   EXPECT_TRUE(refused([](ClockSample& s) { s.origin.incarnation = 0; }));
   EXPECT_TRUE(refused([](ClockSample& s) { s.sequence = 7; }));
-  EXPECT_TRUE(refused([](ClockSample& s) { s.t2_ns = s.t1_ns - 1; })) << "answered before it was asked";
-  EXPECT_TRUE(refused([](ClockSample& s) { s.t2_ns = s.t1_ns + 5000; })) << "took longer there than altogether";
+  EXPECT_TRUE(refused([](ClockSample& s) { s.t2_ns = s.t1_ns - 1; })) << "answered before the request";
+  EXPECT_TRUE(refused([](ClockSample& s) { s.t2_ns = s.t1_ns + 5000; })) << "took longer there than the round trip";
   EXPECT_TRUE(refused([](ClockSample& s) { s.t0_ns = INT64_MIN; }));
-  EXPECT_TRUE(pair.asker_.on_answer(good, 1000));
-  EXPECT_FALSE(pair.asker_.on_answer(good, 1000)) << "a repetition";
+  EXPECT_TRUE(pair.requester_.on_answer(good, 1000));
+  EXPECT_FALSE(pair.requester_.on_answer(good, 1000)) << "a repetition";
 }
 
 TEST(SessionClock, GoesOnAfterOneAnswerFromTheFarFuture) {
   Pair pair{3'000 * kMs, 0};
   for (std::int64_t t = 0; t < 3'000 * kMs; t += 100 * kMs) {
     if (t == 1'000 * kMs) {
-      const ClockSample request = pair.asker_.request(pair.local(t));
+      const ClockSample request = pair.requester_.request(pair.local(t));
       ClockSample answer = pair.reference_.answer(request, t + 100, t + 200);
       answer.t1_ns += 1'000'000'000 * kMs;
       answer.t2_ns += 1'000'000'000 * kMs;
-      (void)pair.asker_.on_answer(answer, pair.local(t + 300));
+      (void)pair.requester_.on_answer(answer, pair.local(t + 300));
     } else {
       ASSERT_TRUE(pair.exchange(t, kMs, kMs));
     }

@@ -60,7 +60,7 @@ class DeliveryClientTest : public testing::Test {
     return c;
   }
 
-  /// The demand due now, and its epoch as what the host has seen.
+  /// The demand due now; its epoch becomes that of later chunks.
   Demand publish() {
     const std::optional<Demand> d = client_.demand(now_ += 10 * kMs);
     if (!d) {
@@ -96,7 +96,7 @@ class DeliveryClientTest : public testing::Test {
   DeliveryClient client_;
 };
 
-TEST_F(DeliveryClientTest, TimesTheWayFromADemandToTheFirstChunkThatKnowsIt) {
+TEST_F(DeliveryClientTest, MeasuresTheRoundTripFromADemandToTheFirstChunkOfItsEpoch) {
   client_.want(kObject, {{4, 0}});
   publish();
   now_ += 40 * kMs;
@@ -109,11 +109,11 @@ TEST_F(DeliveryClientTest, TimesTheWayFromADemandToTheFirstChunkThatKnowsIt) {
     take({echo()});
   }
 
-  EXPECT_NEAR(static_cast<double>(first), 40 * kMs, 10 * kMs) << "the base mesh's own way counts a little";
+  EXPECT_NEAR(static_cast<double>(first), 40 * kMs, 10 * kMs) << "smoothed with the round trip of the base mesh";
   EXPECT_NEAR(static_cast<double>(client_.round_trip_ns()), 8 * kMs, kMs);
 }
 
-TEST_F(DeliveryClientTest, CreditGrowsWithRateTimesRoundTripAndEndsAtTheRoom) {
+TEST_F(DeliveryClientTest, CreditGrowsWithRateTimesRoundTripUpToTheRoom) {
   const std::uint32_t at_first = publish_after_change().credit;
   const std::string text(1100, 'x');
   std::uint32_t credit = 0;
@@ -121,7 +121,7 @@ TEST_F(DeliveryClientTest, CreditGrowsWithRateTimesRoundTripAndEndsAtTheRoom) {
     const Demand demand = publish_after_change();
     credit = demand.credit;
     now_ += 90 * kMs;
-    // 20 MB/s: all of the credit and more, as far as the link goes.
+    // 20 MB/s: the whole credit, up to the rate of the link.
     for (std::uint32_t sent = 0; sent < std::min(credit, 2'000'000u); sent += 1100) take(chunks(1000, text, 2000));
   }
   client_.set_room(70'000);
@@ -133,31 +133,31 @@ TEST_F(DeliveryClientTest, CreditGrowsWithRateTimesRoundTripAndEndsAtTheRoom) {
   EXPECT_EQ(without_room, 70'000u);
 }
 
-TEST_F(DeliveryClientTest, RoomThatAppearsIsToldAtOnceWhenSomethingIsOwed) {
+TEST_F(DeliveryClientTest, NewRoomIsPublishedAtOnceWhileAnAnswerIsDue) {
   client_.set_room(0);
   client_.want(kObject, {{4, 0}});
   publish();
   take({echo()});
-  ASSERT_FALSE(client_.demand(now_ += 4 * kMs)) << "nothing is new";
+  ASSERT_FALSE(client_.demand(now_ += 4 * kMs)) << "nothing has changed";
 
   client_.set_room(100'000);
 
   EXPECT_EQ(publish().credit, 100'000u);
 }
 
-TEST_F(DeliveryClientTest, WhatIsTouchedSoonIsAskedForSoonerThanTheRest) {
+TEST_F(DeliveryClientTest, AnUrgentRegionIsRequestedAfterAShorterInterval) {
   const DeliverySettings settings;
   client_.want(kObject, {{4, 2 * settings.urgent_us}});
   publish();
   const std::int64_t published = now_;
   client_.want(kObject, {{4, 2 * settings.urgent_us}, {5, 2 * settings.urgent_us}});
-  EXPECT_FALSE(client_.demand(published + settings.urgent_interval_ns)) << "nothing is touched soon";
+  EXPECT_FALSE(client_.demand(published + settings.urgent_interval_ns)) << "no contact is near";
 
   client_.want(kObject, {{4, 2 * settings.urgent_us}, {6, settings.urgent_us / 2}});
   ASSERT_TRUE(client_.demand(published + settings.urgent_interval_ns));
 
   client_.want(kObject, {{6, settings.urgent_us / 4}});
-  EXPECT_FALSE(client_.demand(published + 2 * settings.urgent_interval_ns)) << "it has been asked for";
+  EXPECT_FALSE(client_.demand(published + 2 * settings.urgent_interval_ns)) << "it has been requested";
 }
 
 TEST_F(DeliveryClientTest, JoinsChunksInAnyOrderAndOnce) {
@@ -173,7 +173,7 @@ TEST_F(DeliveryClientTest, JoinsChunksInAnyOrderAndOnce) {
   ASSERT_TRUE(message);
   EXPECT_EQ(std::string(message->bytes.begin(), message->bytes.end()), "what the region holds");
   EXPECT_EQ(message->region, 4u);
-  EXPECT_FALSE(take(all)) << "handed out and not answered yet";
+  EXPECT_FALSE(take(all)) << "delivered and not answered yet";
   EXPECT_EQ(client_.partial_bytes(), 0u);
 }
 
@@ -198,11 +198,11 @@ TEST_F(DeliveryClientTest, AChunkCompletesSeveralMessagesAndBeginsAnother) {
   EXPECT_TRUE(take({last[1]}));
 }
 
-TEST_F(DeliveryClientTest, AMessageThatWasCancelledMayComeAfterAllCutElsewhere) {
+TEST_F(DeliveryClientTest, ACancelledMessageMayComeAgainWithOtherParts) {
   client_.want(kObject, {{4, 0}});
   publish();
   const std::string text = "what region four has to say";
-  // As many parts of as many bytes in all, the first of them shorter.
+  // The same number of parts and bytes, but a shorter first part.
   std::vector<BulkChunk> again = chunks(4, text, 2);
   const std::vector<BulkChunk> cancelled = chunks(4, text, 2);
   std::vector<std::uint8_t>& first = again[0].pieces[0].payload;
@@ -227,7 +227,7 @@ TEST_F(DeliveryClientTest, DropsAMessageWhoseChecksumIsWrong) {
   EXPECT_EQ(client_.counters().corrupt, 1u);
 }
 
-TEST_F(DeliveryClientTest, IgnoresWhatIsNotForIt) {
+TEST_F(DeliveryClientTest, IgnoresForeignChunks) {
   const auto other = [](std::uint64_t session, std::uint64_t host, std::uint64_t incarnation, std::uint64_t hrtc,
                         std::uint64_t object) {
     return stream_id({session, host, incarnation, 0}, {session, hrtc, 7, 0}, object);
@@ -252,7 +252,7 @@ TEST_F(DeliveryClientTest, IgnoresWhatIsNotForIt) {
   EXPECT_EQ(client_.counters().foreign, variations.size());
 }
 
-TEST_F(DeliveryClientTest, WhatIsHandedOutIsNotReceivedUntilAnswered) {
+TEST_F(DeliveryClientTest, AMessageIsNotReceivedUntilTheCallerAnswersIt) {
   client_.want(kObject, {{4, 0}});
   publish();
   const std::vector<BulkChunk> all = chunks(4, "abc", 3);
@@ -267,7 +267,7 @@ TEST_F(DeliveryClientTest, WhatIsHandedOutIsNotReceivedUntilAnswered) {
   EXPECT_THAT(d.wanted, IsEmpty());
 }
 
-TEST_F(DeliveryClientTest, AHoleIsToldOnceItIsOldAndDealtWithOnceTheHostKnows) {
+TEST_F(DeliveryClientTest, AnOldHoleIsReportedAndClosedByTheHostsAnswer) {
   client_.want(kObject, {{4, 0}});
   publish();
   std::vector<BulkChunk> all = chunks(4, "abcd", 4);
@@ -292,7 +292,7 @@ TEST_F(DeliveryClientTest, AHoleIsToldOnceItIsOldAndDealtWithOnceTheHostKnows) {
   EXPECT_TRUE(after.gaps.empty());
 }
 
-TEST_F(DeliveryClientTest, WhatFillsAHoleIsNotTold) {
+TEST_F(DeliveryClientTest, AFilledHoleIsNotReported) {
   client_.want(kObject, {{4, 0}});
   publish();
   std::vector<BulkChunk> all = chunks(4, "abcde", 5);
@@ -307,12 +307,12 @@ TEST_F(DeliveryClientTest, WhatFillsAHoleIsNotTold) {
   EXPECT_TRUE(d.gaps.empty());
 }
 
-TEST_F(DeliveryClientTest, TellsTheLeastWayOfTheChunksSinceTheLastDemand) {
+TEST_F(DeliveryClientTest, ReportsTheMinOneWayDelaySinceTheLastDemand) {
   publish_after_change();
   std::vector<BulkChunk> all = chunks(4, "abc", 3);
   const auto sent_us = static_cast<std::uint32_t>(now_ / 1000);
   all[0].sent_us = sent_us - 700;
-  all[1].sent_us = sent_us + 5;  // the clocks have nothing to do with each other
+  all[1].sent_us = sent_us + 5;  // the clocks are independent
   all[2].sent_us = sent_us - 20;
   take(all);
 
@@ -322,7 +322,7 @@ TEST_F(DeliveryClientTest, TellsTheLeastWayOfTheChunksSinceTheLastDemand) {
   EXPECT_EQ(publish_after_change().arrivals, 0u);
 }
 
-TEST_F(DeliveryClientTest, ARetiredRegionIsReleasedOnceTheEchoOfThatEpochAndAllBeforeItAreHere) {
+TEST_F(DeliveryClientTest, ARetiredRegionIsReleasedAfterTheEchoAndAllEarlierChunks) {
   hold(4);
   publish();
   ASSERT_TRUE(client_.retire(kObject, 4));
@@ -330,26 +330,26 @@ TEST_F(DeliveryClientTest, ARetiredRegionIsReleasedOnceTheEchoOfThatEpochAndAllB
   EXPECT_THAT(client_.take_released(kObject), IsEmpty());
 
   epoch_ -= 1;
-  const std::vector<BulkChunk> before = chunks(5, "counts on region 4", 1);
+  const std::vector<BulkChunk> before = chunks(5, "relies on region 4", 1);
   epoch_ += 1;
   EXPECT_FALSE(take({echo()}));
-  EXPECT_THAT(client_.take_released(kObject), IsEmpty()) << "a message before the echo is still on its way";
+  EXPECT_THAT(client_.take_released(kObject), IsEmpty()) << "a message before the echo is still in flight";
 
   EXPECT_TRUE(take(before));
-  EXPECT_THAT(client_.take_released(kObject), IsEmpty()) << "and now it waits for the caller's answer";
+  EXPECT_THAT(client_.take_released(kObject), IsEmpty()) << "the message waits for the caller's answer";
   client_.held(kObject, 5);
   EXPECT_THAT(client_.take_released(kObject), ElementsAre(4u));
   EXPECT_THAT(client_.take_released(kObject), IsEmpty());
 }
 
-TEST_F(DeliveryClientTest, WhatWaitsForRoomIsStillUnderWayButHoldsUpNoRelease) {
+TEST_F(DeliveryClientTest, AParkedMessageCountsAsInFlightButDelaysNoRelease) {
   hold(4);
   publish();
   client_.want(kObject, {{5, 0}});
   ASSERT_TRUE(client_.retire(kObject, 4));
   publish();
   epoch_ -= 1;
-  const std::vector<BulkChunk> waits = chunks(5, "counts on region 4", 1);
+  const std::vector<BulkChunk> waits = chunks(5, "relies on region 4", 1);
   epoch_ += 1;
   ASSERT_TRUE(take(waits));
   EXPECT_FALSE(take({echo()}));
@@ -363,17 +363,17 @@ TEST_F(DeliveryClientTest, WhatWaitsForRoomIsStillUnderWayButHoldsUpNoRelease) {
   EXPECT_GT(publish().received, waits.back().sequence);
 }
 
-TEST_F(DeliveryClientTest, RoomIsPromisedForARoundTripAfterItWasToldWhateverIsToldSince) {
+TEST_F(DeliveryClientTest, APublishedCreditHoldsForARoundTripWhateverIsPublishedLater) {
   client_.set_room(200'000);
   publish_after_change();
   client_.set_room(50'000);
   publish_after_change();
-  EXPECT_EQ(client_.promised(now_), 200'000u);
-  EXPECT_EQ(client_.promised(now_ + 1000 * kMs), 50'000u) << "the last one holds until another is told";
+  EXPECT_EQ(client_.granted_credit(now_), 200'000u);
+  EXPECT_EQ(client_.granted_credit(now_ + 1000 * kMs), 50'000u) << "the last one holds until the next is published";
 
   client_.set_room(80'000);
   publish_after_change();
-  EXPECT_EQ(client_.promised(now_), 80'000u);
+  EXPECT_EQ(client_.granted_credit(now_), 80'000u);
 }
 
 TEST_F(DeliveryClientTest, AMessageFromBeforeARetirementIsDroppedAfterTheRelease) {
@@ -387,14 +387,14 @@ TEST_F(DeliveryClientTest, AMessageFromBeforeARetirementIsDroppedAfterTheRelease
 
   epoch_ = old_epoch;
 
-  EXPECT_FALSE(take(chunks(5, "counts on region 4", 1)));
+  EXPECT_FALSE(take(chunks(5, "relies on region 4", 1)));
   EXPECT_EQ(client_.counters().stale, 1u);
 }
 
-TEST_F(DeliveryClientTest, AMessageBegunBeforeARetirementCountsWhenItsHostGoesOnWithItAfterwards) {
+TEST_F(DeliveryClientTest, AMessageBegunBeforeARetirementIsValidIfItsHostContinuesIt) {
   hold(4);
   publish();
-  const std::vector<BulkChunk> begun = chunks(5, "counts on nothing of region 4", 2);
+  const std::vector<BulkChunk> begun = chunks(5, "relies on nothing of region 4", 2);
   (void)client_.on_chunk(begun[0], now_);
   ASSERT_TRUE(client_.retire(kObject, 4));
   publish();
@@ -409,7 +409,7 @@ TEST_F(DeliveryClientTest, AMessageBegunBeforeARetirementCountsWhenItsHostGoesOn
   EXPECT_TRUE(take({rest}));
 }
 
-TEST_F(DeliveryClientTest, WhatNoDemandHasToldOfIsNotRetired) {
+TEST_F(DeliveryClientTest, ARegionThatNoDemandHasReportedCannotBeRetired) {
   hold(4);
 
   EXPECT_FALSE(client_.retire(kObject, 4));
@@ -417,7 +417,7 @@ TEST_F(DeliveryClientTest, WhatNoDemandHasToldOfIsNotRetired) {
   EXPECT_TRUE(client_.retire(kObject, 4));
 }
 
-TEST_F(DeliveryClientTest, ARetiredRegionCanBeTakenBack) {
+TEST_F(DeliveryClientTest, ARetiredRegionCanBeHeldAgain) {
   hold(4);
   publish();
   ASSERT_TRUE(client_.retire(kObject, 4));
@@ -428,7 +428,7 @@ TEST_F(DeliveryClientTest, ARetiredRegionCanBeTakenBack) {
   EXPECT_THAT(client_.take_released(kObject), IsEmpty());
 }
 
-TEST_F(DeliveryClientTest, ARetiredRegionIsNotAskedForBeforeItsRelease) {
+TEST_F(DeliveryClientTest, ARetiredRegionIsNotRequestedBeforeItsRelease) {
   hold(4);
   publish();
   ASSERT_TRUE(client_.retire(kObject, 4));
@@ -442,11 +442,11 @@ TEST_F(DeliveryClientTest, ARetiredRegionIsNotAskedForBeforeItsRelease) {
   EXPECT_EQ(publish().wanted.size(), 2u);
 }
 
-TEST_F(DeliveryClientTest, ALateHostIsReplacedByOneThatServesTheSame) {
+TEST_F(DeliveryClientTest, ALateHostIsReplacedByAnotherHostOfTheObject) {
   EXPECT_EQ(client_.serving_host(kObject), kHost);
   now_ += 300 * kMs;
   (void)client_.demand(now_);
-  EXPECT_EQ(client_.serving_host(kObject), kHost) << "nobody else is there";
+  EXPECT_EQ(client_.serving_host(kObject), kHost) << "no other host is live";
 
   client_.host_seen(kOtherHost, 3, now_);
 
@@ -481,7 +481,7 @@ TEST_F(DeliveryClientTest, ARestartedHostBeginsANewStream) {
   EXPECT_EQ(d.have.size(), 1u);
 }
 
-TEST_F(DeliveryClientTest, AsksAgainSoonWhileSomethingIsOwedAndThenLessAndLessOften) {
+TEST_F(DeliveryClientTest, RepeatsADemandWithGrowingIntervalsWhileAnAnswerIsDue) {
   client_.want(kObject, {{4, 0}});
   std::uint32_t epoch = publish().epoch;
   std::int64_t before = 0;
@@ -489,7 +489,7 @@ TEST_F(DeliveryClientTest, AsksAgainSoonWhileSomethingIsOwedAndThenLessAndLessOf
     const std::int64_t requested = now_;
     std::optional<Demand> again;
     while (!(again = client_.demand(now_))) now_ += kMs / 10;
-    EXPECT_EQ(again->epoch, ++epoch) << "else the host would not answer a second time";
+    EXPECT_EQ(again->epoch, ++epoch) << "the host answers each epoch once";
     EXPECT_LE(now_ - requested, i == 0 ? 5 * kMs : DeliverySettings{}.repeat_ns);
     EXPECT_GE(now_ - requested, before);
     before = now_ - requested;
@@ -497,7 +497,7 @@ TEST_F(DeliveryClientTest, AsksAgainSoonWhileSomethingIsOwedAndThenLessAndLessOf
   EXPECT_EQ(before, DeliverySettings{}.repeat_ns);
 }
 
-TEST_F(DeliveryClientTest, AnUnchangedDemandRepeatsAtTheKeepAliveWhenNothingIsOwed) {
+TEST_F(DeliveryClientTest, AnUnchangedDemandRepeatsAtTheKeepAliveWhenNoAnswerIsDue) {
   const Demand d = publish();
   EXPECT_FALSE(client_.demand(now_ + 499 * kMs));
   client_.host_seen(kHost, 5, now_ + 499 * kMs);
@@ -508,11 +508,11 @@ TEST_F(DeliveryClientTest, AnUnchangedDemandRepeatsAtTheKeepAliveWhenNothingIsOw
   EXPECT_EQ(again->epoch, d.epoch);
 }
 
-TEST_F(DeliveryClientTest, AnEchoAloneAsksForNoAnswer) {
+TEST_F(DeliveryClientTest, AnEchoAloneCausesNoDemand) {
   publish();
   (void)client_.on_chunk(echo(), now_);
 
-  EXPECT_FALSE(client_.demand(now_ += 10 * kMs)) << "echo and demand would chase each other";
+  EXPECT_FALSE(client_.demand(now_ += 10 * kMs)) << "echo and demand would cause each other for ever";
 }
 
 TEST_F(DeliveryClientTest, ChangesWaitForTheInterval) {
@@ -537,7 +537,7 @@ TEST_F(DeliveryClientTest, IncompleteMessagesStayWithinTheirBound) {
   }
   EXPECT_GT(client.partial_bytes(), 5'000u);
   (void)client.demand(now_ + 3000 * kMs);
-  EXPECT_EQ(client.partial_bytes(), 0u) << "untouched for longer than their timeout";
+  EXPECT_EQ(client.partial_bytes(), 0u) << "no new chunk within the timeout";
 }
 
 TEST_F(DeliveryClientTest, GoesOnAfterOneChunkFromTheFarFuture) {
@@ -554,7 +554,7 @@ TEST_F(DeliveryClientTest, GoesOnAfterOneChunkFromTheFarFuture) {
   EXPECT_EQ(publish().received, sequence_);
 }
 
-TEST_F(DeliveryClientTest, OneSendingTimeFromTheFarFutureIsNotTakenForAFastWay) {
+TEST_F(DeliveryClientTest, OneSendingTimeFromTheFarFutureIsNotTakenForAShortDelay) {
   for (std::uint32_t region = 0; region < 20; ++region) hold(region);
   publish_after_change();
   now_ += kMs;
@@ -565,7 +565,7 @@ TEST_F(DeliveryClientTest, OneSendingTimeFromTheFarFutureIsNotTakenForAFastWay) 
   EXPECT_EQ(publish_after_change().one_way_us, 1000u);
 }
 
-TEST_F(DeliveryClientTest, AHostThatHasBeenGoneForLongIsForgottenWithItsStreams) {
+TEST_F(DeliveryClientTest, AHostThatIsGoneForLongIsDroppedWithItsStreams) {
   const DeliveryClient::Sizes before = client_.sizes();
   for (std::uint64_t host = 1000; host < 1100; ++host) {
     client_.offer(entry(host));
@@ -578,14 +578,14 @@ TEST_F(DeliveryClientTest, AHostThatHasBeenGoneForLongIsForgottenWithItsStreams)
   client_.host_seen(kHost, 5, now_ += DeliverySettings{}.forget_host_ns);
   (void)client_.demand(now_);
 
-  EXPECT_EQ(soon.offers, before.offers + 100) << "one that comes back within the lease of DDS offers nothing again";
-  EXPECT_EQ(client_.sizes().hosts, 1u) << "the other one has never been here";
+  EXPECT_EQ(soon.offers, before.offers + 100) << "a host that comes back within the DDS lease sends no catalogue again";
+  EXPECT_EQ(client_.sizes().hosts, 1u) << "the other host was never live";
   EXPECT_EQ(client_.sizes().streams, 1u);
   EXPECT_EQ(client_.sizes().offers, 1u);
   EXPECT_EQ(client_.serving_host(kObject), kHost);
 }
 
-TEST_F(DeliveryClientTest, WhatBelongsToAClosedObjectIsFreed) {
+TEST_F(DeliveryClientTest, AClosedObjectIsFreed) {
   const DeliveryClient::Sizes before = client_.sizes();
   for (std::uint64_t object = 1000; object < 1100; ++object) {
     client_.open(object, kDigest);

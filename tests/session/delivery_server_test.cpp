@@ -39,18 +39,18 @@ class DeliveryServerTest : public testing::Test {
     return d;
   }
 
-  DeliveryServer::DemandResult tell(const Demand& d) {
+  DeliveryServer::DemandResult submit(const Demand& d) {
     newest_demand_[d.origin.participant] = d;
     return server_.on_demand(d, now_);
   }
-  /// The next chunk, when the pace allows it.
+  /// The next chunk; waits for the pacer.
   std::optional<Outgoing> next() {
     std::optional<Outgoing> out = server_.next(now_);
     if (!out && server_.due_ns() - now_ < kMs) out = server_.next(now_ = server_.due_ns());
-    if (out) last_[out->hrtc] = out->chunk.sequence;
+    if (out) newest_sequence_[out->hrtc] = out->chunk.sequence;
     return out;
   }
-  /// What is sent without an answer.
+  /// The chunks that are sent without an answer.
   std::vector<BulkChunk> drain_window(std::size_t limit = 100'000) {
     std::vector<BulkChunk> chunks;
     while (chunks.size() < limit) {
@@ -60,14 +60,14 @@ class DeliveryServerTest : public testing::Test {
     }
     return chunks;
   }
-  /// What is sent when each chunk is told to have come.
+  /// The chunks that are sent when each is acknowledged.
   std::vector<BulkChunk> drain(std::size_t limit = 100'000) {
     std::vector<BulkChunk> chunks;
     for (std::size_t before = 1; chunks.size() != before && chunks.size() < limit;) {
       before = chunks.size();
       for (BulkChunk& chunk : drain_window(limit - before)) chunks.push_back(std::move(chunk));
       now_ += kMs;
-      for (const auto& [hrtc, sequence] : last_) {
+      for (const auto& [hrtc, sequence] : newest_sequence_) {
         Demand d = newest_demand_.at(hrtc);
         d.origin.time_ns = ++time_;
         d.newest = sequence;
@@ -83,7 +83,7 @@ class DeliveryServerTest : public testing::Test {
     return pieces;
   }
 
-  /// The regions in the order in which their last chunks went, each with the records sent.
+  /// The regions in the order in which their last chunks were sent, each with its records.
   std::vector<std::pair<std::uint32_t, std::set<std::uint32_t>>> regions_in(const std::vector<BulkChunk>& chunks) {
     std::vector<std::pair<std::uint32_t, std::set<std::uint32_t>>> regions;
     std::vector<std::uint8_t> bytes;
@@ -119,12 +119,12 @@ class DeliveryServerTest : public testing::Test {
   spm::codec::EncodedModel encoded_{model_};
   DeliveryServer server_;
   std::int64_t time_ = 0, now_ = 1'000 * kMs;
-  std::map<std::uint64_t, Demand> newest_demand_;  // by HRTC
-  std::map<std::uint64_t, std::uint32_t> last_;    // sequence, by HRTC
+  std::map<std::uint64_t, Demand> newest_demand_;           // by HRTC
+  std::map<std::uint64_t, std::uint32_t> newest_sequence_;  // sequence, by HRTC
 };
 
-TEST_F(DeliveryServerTest, SendsWhatIsWantedSoonestFirstAndEveryRecordOnce) {
-  tell(demand(1, {4, 2, 7}));
+TEST_F(DeliveryServerTest, SendsTheSoonestRegionFirstAndEveryRecordOnce) {
+  submit(demand(1, {4, 2, 7}));
 
   const auto regions = regions_in(drain());
 
@@ -142,7 +142,7 @@ TEST_F(DeliveryServerTest, SendsWhatIsWantedSoonestFirstAndEveryRecordOnce) {
 }
 
 TEST_F(DeliveryServerTest, FillsEveryChunkButTheLast) {
-  tell(demand(1, {4, 2, 7, 1, 5}));
+  submit(demand(1, {4, 2, 7, 1, 5}));
 
   const std::vector<BulkChunk> chunks = drain();
 
@@ -150,20 +150,20 @@ TEST_F(DeliveryServerTest, FillsEveryChunkButTheLast) {
   std::set<std::uint32_t> shared;
   for (const BulkChunk& chunk : chunks) {
     std::size_t bytes = 0;
-    for (const BulkPiece& piece : chunk.pieces) bytes += head_bytes(piece.region, piece.parts) + piece.payload.size();
+    for (const BulkPiece& piece : chunk.pieces) bytes += header_bytes(piece.region, piece.parts) + piece.payload.size();
     EXPECT_LE(bytes, kMaxPayload);
     if (&chunk != &chunks.back()) {
       EXPECT_GT(bytes, kMaxPayload - 64) << "chunk " << chunk.sequence;
     }
     if (chunk.pieces.size() > 1) shared.insert(chunk.sequence);
   }
-  EXPECT_GE(shared.size(), 3u) << "the end of one and the beginning of the next";
+  EXPECT_GE(shared.size(), 3u) << "chunks with the end of one message and the beginning of the next";
 }
 
-TEST_F(DeliveryServerTest, CountsOnWhatTheDemandSaysIsThere) {
+TEST_F(DeliveryServerTest, OmitsTheRecordsOfRegionsInTheDemand) {
   Demand d = demand(1, {3});
   d.have = {{0, 2}};
-  tell(d);
+  submit(d);
 
   const auto regions = regions_in(drain());
 
@@ -174,38 +174,38 @@ TEST_F(DeliveryServerTest, CountsOnWhatTheDemandSaysIsThere) {
   }
 }
 
-TEST_F(DeliveryServerTest, SendsAgainWhatWasPassedAndNotTaken) {
-  tell(demand(1, {3}));
+TEST_F(DeliveryServerTest, SendsARefusedRegionAgain) {
+  submit(demand(1, {3}));
   const std::vector<BulkChunk> sent = drain();
   Demand d = demand(1, {3});
   d.received = sent.back().sequence - 1;
   d.newest = sent.back().sequence;
-  tell(d);
-  EXPECT_THAT(drain(), testing::IsEmpty()) << "its last chunk has not been passed";
+  submit(d);
+  EXPECT_THAT(drain(), testing::IsEmpty()) << "`received` has not passed its last chunk";
 
   d = demand(1, {3});
   d.received = sent.back().sequence;
-  tell(d);
+  submit(d);
 
   EXPECT_EQ(regions_in(drain()).size(), 1u);
 }
 
-TEST_F(DeliveryServerTest, CountsOnNothingThatWasUnderWayWhenSomethingWasLost) {
-  tell(demand(1, {0, 1, 2}));
+TEST_F(DeliveryServerTest, OmitsNoRecordsInFlightAfterARefusal) {
+  submit(demand(1, {0, 1, 2}));
   Demand lost = demand(2, {0, 1, 2, 3});
   for (const BulkChunk& chunk : drain()) {
     lost.newest = chunk.sequence;
     for (const BulkPiece& piece : chunk.pieces)
       if (piece.region == 0)
-        lost.received = chunk.sequence;  // refused; 1 and 2, which may count on it, wait for their answers
+        lost.received = chunk.sequence;  // refused; 1 and 2, which may rely on it, wait for their answers
   }
 
-  tell(lost);
+  submit(lost);
   const auto regions = regions_in(drain());
 
   ASSERT_EQ(regions.size(), 2u);
   EXPECT_EQ(regions[0].first, 0u);
-  EXPECT_EQ(regions[0].second, list_of(0)) << "whole, whatever 1 and 2 have of it";
+  EXPECT_EQ(regions[0].second, list_of(0)) << "all its records, although 1 and 2 share some";
   EXPECT_EQ(regions[1].first, 3u);
   std::set<std::uint32_t> missing;
   for (const std::uint32_t r : list_of(3))
@@ -213,8 +213,8 @@ TEST_F(DeliveryServerTest, CountsOnNothingThatWasUnderWayWhenSomethingWasLost) {
   EXPECT_EQ(regions[1].second, missing);
 }
 
-TEST_F(DeliveryServerTest, SendsNothingAgainOfWhatIsNotWantedAnyMore) {
-  tell(demand(1, {0, 3}));
+TEST_F(DeliveryServerTest, SendsNoLostPartsOfACancelledRegion) {
+  submit(demand(1, {0, 3}));
   Demand lost = demand(2, {});
   for (const BulkChunk& chunk : drain_window()) {
     lost.newest = chunk.sequence;
@@ -223,31 +223,31 @@ TEST_F(DeliveryServerTest, SendsNothingAgainOfWhatIsNotWantedAnyMore) {
   }
   ASSERT_FALSE(lost.gaps.empty());
 
-  tell(lost);
+  submit(lost);
   EXPECT_THAT(regions_in(drain()), testing::IsEmpty());
   Demand again = demand(3, {0});
   again.newest = lost.newest;
-  tell(again);
+  submit(again);
 
   const auto regions = regions_in(drain());
   ASSERT_EQ(regions.size(), 1u);
-  EXPECT_EQ(regions[0].second, list_of(0)) << "whole: nothing of it had come";
+  EXPECT_EQ(regions[0].second, list_of(0)) << "all its records, because none arrived";
 }
 
-TEST_F(DeliveryServerTest, BelievesNothingThatIsToldOfAnotherStream) {
-  tell(demand(1, {3}));
+TEST_F(DeliveryServerTest, IgnoresAcknowledgementsOfAnotherStream) {
+  submit(demand(1, {3}));
   const std::vector<BulkChunk> sent = drain_window();
 
   Demand d = demand(2, {3});
   d.received = d.newest = sent.back().sequence;
   d.stream = stream_id({kSession, kHost, 4, 0}, d.origin, kObject);
-  tell(d);
+  submit(d);
 
   EXPECT_THAT(regions_in(drain_window()), testing::IsEmpty());
 }
 
-TEST_F(DeliveryServerTest, SendsAMissingChunkAgainAsItWasUnderANewSequence) {
-  tell(demand(1, {3}));
+TEST_F(DeliveryServerTest, SendsALostPartAgainUnchangedUnderANewSequence) {
+  submit(demand(1, {3}));
   const std::vector<BulkChunk> sent = drain_window(3);
   ASSERT_EQ(pieces_in(sent).size(), sent.size());
   ASSERT_GT(sent.back().pieces[0].parts, sent.size());
@@ -256,7 +256,7 @@ TEST_F(DeliveryServerTest, SendsAMissingChunkAgainAsItWasUnderANewSequence) {
   d.received = sent[0].sequence;
   d.newest = sent.back().sequence;
   d.gaps = {{sent[1].sequence, 1}};
-  tell(d);
+  submit(d);
   const std::vector<BulkChunk> again = drain_window(1);
 
   ASSERT_EQ(again.size(), 1u);
@@ -269,30 +269,30 @@ TEST_F(DeliveryServerTest, SendsAMissingChunkAgainAsItWasUnderANewSequence) {
   EXPECT_EQ(again[0].epoch, 2u);
   EXPECT_EQ(server_.counters().repeated, 1u);
   d.origin.time_ns = ++time_;
-  tell(d);
+  submit(d);
   EXPECT_EQ(drain_window(1).at(0).pieces.at(0).part, sent.back().pieces[0].part + 1)
-      << "what was told missing was sent again once";
+      << "the missing part was sent again once";
 }
 
-TEST_F(DeliveryServerTest, AMissingChunkOfAMessageThatCountsOnARetiredRegionIsNotSentAgain) {
+TEST_F(DeliveryServerTest, ALostPartThatReliesOnARetiredRegionIsNotSentAgain) {
   Demand d = demand(1, {3});
   d.have = {{0, 2}};
-  tell(d);
+  submit(d);
   const std::vector<BulkChunk> sent = drain_window();
   ASSERT_GT(sent.size(), 1u);
 
   d = demand(2, {3});
   d.newest = sent.back().sequence;
   d.gaps = {{sent[0].sequence, 1}};
-  tell(d);
+  submit(d);
 
   const auto regions = regions_in(drain());
   ASSERT_EQ(regions.size(), 1u);
   EXPECT_EQ(regions[0].second, list_of(3));
 }
 
-TEST_F(DeliveryServerTest, AnEchoShowsThatTheLastChunksAreMissing) {
-  tell(demand(1, {3}));
+TEST_F(DeliveryServerTest, AnEchoFollowsTheLastChunksToShowTheirLoss) {
+  submit(demand(1, {3}));
   const std::vector<BulkChunk> sent = drain_window();
   ASSERT_FALSE(server_.next(now_));
 
@@ -302,33 +302,33 @@ TEST_F(DeliveryServerTest, AnEchoShowsThatTheLastChunksAreMissing) {
   ASSERT_TRUE(echo);
   EXPECT_EQ(echo->chunk.kind(), BulkKind::kEcho);
   EXPECT_EQ(echo->chunk.sequence, sent.back().sequence + 1);
-  EXPECT_FALSE(server_.next(now_)) << "one is enough for now";
+  EXPECT_FALSE(server_.next(now_)) << "one echo is enough for now";
   EXPECT_GT(server_.due_ns(), now_);
 }
 
-TEST_F(DeliveryServerTest, AnOmittedRegionIsNotFinished) {
-  tell(demand(1, {3, 5}));
+TEST_F(DeliveryServerTest, ACancelledRegionIsNotCompleted) {
+  submit(demand(1, {3, 5}));
   const std::vector<BulkChunk> begun = drain(1);
   ASSERT_GT(begun[0].pieces.at(0).parts, 1u);
 
-  tell(demand(2, {5}));
+  submit(demand(2, {5}));
 
   const std::vector<BulkChunk> chunks = drain();
   const auto regions = regions_in(chunks);
   ASSERT_EQ(regions.size(), 1u);
   EXPECT_EQ(regions[0].first, 5u);
-  EXPECT_EQ(regions[0].second, list_of(5)) << "counted on a region that was never finished";
+  EXPECT_EQ(regions[0].second, list_of(5)) << "relied on a region that was never completed";
   EXPECT_EQ(server_.counters().messages_dropped, 1u);
 }
 
-TEST_F(DeliveryServerTest, AMessageThatCountsOnARetiredRegionIsPlannedAnew) {
+TEST_F(DeliveryServerTest, AMessageThatReliesOnARetiredRegionIsPlannedAnew) {
   Demand d = demand(1, {3});
   d.have = {{0, 2}};
-  tell(d);
+  submit(d);
   const std::vector<BulkChunk> begun = drain(1);
   ASSERT_GT(begun[0].pieces.at(0).parts, 1u);
 
-  tell(demand(2, {3}));
+  submit(demand(2, {3}));
 
   const std::vector<BulkChunk> chunks = drain();
   const auto regions = regions_in(chunks);
@@ -340,7 +340,7 @@ TEST_F(DeliveryServerTest, AMessageThatCountsOnARetiredRegionIsPlannedAnew) {
 TEST_F(DeliveryServerTest, StaysWithinTheCredit) {
   Demand d = demand(1, {0, 1, 2, 3, 4, 5});
   d.credit = 3 * kMaxPayload;
-  tell(d);
+  submit(d);
 
   const std::vector<BulkChunk> first = drain_window();
 
@@ -348,39 +348,39 @@ TEST_F(DeliveryServerTest, StaysWithinTheCredit) {
   EXPECT_LE(server_.bytes_under_way(kHrtc), d.credit);
   d.origin.time_ns = ++time_;
   d.received = d.newest = first[0].sequence;
-  tell(d);
+  submit(d);
   EXPECT_GE(drain_window().size(), 1u);
   EXPECT_LE(server_.bytes_under_way(kHrtc), d.credit);
 }
 
-TEST_F(DeliveryServerTest, WhatHasComeAndWaitsForRoomIsStillUnderWay) {
-  tell(demand(1, {3}));
+TEST_F(DeliveryServerTest, AnUnansweredMessageCountsAsInFlight) {
+  submit(demand(1, {3}));
   std::size_t bytes = 0;
-  for (const BulkChunk& chunk : drain()) bytes += chunk.payload_bytes();  // all came, and `received` is before it
+  for (const BulkChunk& chunk : drain()) bytes += chunk.payload_bytes();  // all arrived; `received` is below them
 
   EXPECT_EQ(server_.bytes_under_way(kHrtc), bytes);
 }
 
-TEST_F(DeliveryServerTest, TellsAnEpochThatBringsNothingToSendOnce) {
-  tell(demand(4, {}));
+TEST_F(DeliveryServerTest, EchoesAnEpochWithoutDataOnce) {
+  submit(demand(4, {}));
 
   const std::vector<BulkChunk> chunks = drain();
 
   ASSERT_EQ(chunks.size(), 1u);
   EXPECT_EQ(chunks[0].kind(), BulkKind::kEcho);
   EXPECT_EQ(chunks[0].epoch, 4u);
-  tell(demand(4, {}));
-  EXPECT_THAT(drain(), testing::IsEmpty()) << "a keep-alive is no news";
+  submit(demand(4, {}));
+  EXPECT_THAT(drain(), testing::IsEmpty()) << "a keep-alive needs no echo";
 }
 
-TEST_F(DeliveryServerTest, TellsANewEpochEvenWithoutCredit) {
+TEST_F(DeliveryServerTest, EchoesANewEpochWithoutCredit) {
   Demand d = demand(1, {0, 1, 2});
   d.credit = kMaxPayload;
-  tell(d);
+  submit(d);
   drain();
   d = demand(2, {0, 1, 2});
   d.credit = kMaxPayload;
-  tell(d);
+  submit(d);
 
   const std::vector<BulkChunk> chunks = drain();
 
@@ -389,10 +389,10 @@ TEST_F(DeliveryServerTest, TellsANewEpochEvenWithoutCredit) {
   EXPECT_EQ(chunks[0].epoch, 2u);
 }
 
-TEST_F(DeliveryServerTest, SendsTheBaseMeshFirstAndAgainWhenItWasPassed) {
+TEST_F(DeliveryServerTest, SendsTheBaseMeshFirstAndAgainWhenItWasRefused) {
   Demand d = demand(1, {3});
   d.need_base = true;
-  tell(d);
+  submit(d);
   const std::vector<BulkChunk> base = drain();
   ASSERT_FALSE(base.empty());
   std::size_t bytes = 0;
@@ -405,31 +405,31 @@ TEST_F(DeliveryServerTest, SendsTheBaseMeshFirstAndAgainWhenItWasPassed) {
   d = demand(1, {3});
   d.need_base = true;
   d.received = d.newest = base.back().sequence;
-  tell(d);
+  submit(d);
   EXPECT_EQ(drain().size(), base.size());
 
-  tell(demand(2, {3}));
+  submit(demand(2, {3}));
   EXPECT_EQ(regions_in(drain()).size(), 1u);
 }
 
 TEST_F(DeliveryServerTest, IsSilentWhenAnotherHostServes) {
-  tell(demand(1, {3}));
+  submit(demand(1, {3}));
   drain(1);
   Demand d = demand(2, {3});
   d.serving_host = 11;
-  tell(d);
+  submit(d);
   EXPECT_THAT(drain(), testing::IsEmpty());
 
-  tell(demand(1, {3}));
-  EXPECT_THAT(drain(), testing::IsEmpty()) << "an older demand must not bring it back";
+  submit(demand(1, {3}));
+  EXPECT_THAT(drain(), testing::IsEmpty()) << "an older demand must not restart the service";
 
-  tell(demand(3, {3}));
+  submit(demand(3, {3}));
   EXPECT_EQ(regions_in(drain()).at(0).second, list_of(3));
 }
 
-TEST_F(DeliveryServerTest, SharesChunkByChunkBetweenControllers) {
-  tell(demand(1, {0, 1, 2, 3}));
-  tell(demand(1, {3, 2, 1, 0}, kOtherHrtc));
+TEST_F(DeliveryServerTest, AlternatesBetweenHrtcsChunkByChunk) {
+  submit(demand(1, {0, 1, 2, 3}));
+  submit(demand(1, {3, 2, 1, 0}, kOtherHrtc));
 
   std::uint64_t before = 0;
   for (int i = 0; i < 10; ++i) {
@@ -441,9 +441,9 @@ TEST_F(DeliveryServerTest, SharesChunkByChunkBetweenControllers) {
   }
 }
 
-TEST_F(DeliveryServerTest, ABlockedControllerGetsNothingAndHoldsNobodyUp) {
-  tell(demand(1, {0}));
-  tell(demand(1, {0}, kOtherHrtc));
+TEST_F(DeliveryServerTest, ABlockedHrtcDoesNotDelayOthers) {
+  submit(demand(1, {0}));
+  submit(demand(1, {0}, kOtherHrtc));
 
   const auto not_to_first = [](std::uint64_t hrtc) { return hrtc != kHrtc; };
   const std::optional<Outgoing> first = server_.next(now_, not_to_first);
@@ -455,53 +455,53 @@ TEST_F(DeliveryServerTest, ABlockedControllerGetsNothingAndHoldsNobodyUp) {
   EXPECT_FALSE(server_.next(now_, [](std::uint64_t) { return false; }));
 }
 
-TEST_F(DeliveryServerTest, ANewIncarnationOfAControllerStartsFromNothing) {
-  tell(demand(9, {3}));
+TEST_F(DeliveryServerTest, ANewIncarnationOfAnHrtcStartsAnew) {
+  submit(demand(9, {3}));
   const std::vector<BulkChunk> before = drain();
   Demand d = demand(1, {3});
   d.origin.incarnation = 8;
   d.stream = stream_id(kSelf, d.origin, kObject);
-  last_.clear();
-  tell(d);
+  newest_sequence_.clear();
+  submit(d);
 
   const std::vector<BulkChunk> after = drain();
 
   EXPECT_EQ(regions_in(after).at(0).second, list_of(3));
   EXPECT_NE(after.front().stream, before.back().stream);
-  EXPECT_EQ(tell(demand(10, {3})), DeliveryServer::DemandResult::kImplausible) << "of the old incarnation";
+  EXPECT_EQ(submit(demand(10, {3})), DeliveryServer::DemandResult::kImplausible) << "from the old incarnation";
 }
 
-TEST_F(DeliveryServerTest, AControllerThatComesBackHearsHigherSequences) {
-  tell(demand(1, {3}));
+TEST_F(DeliveryServerTest, AnHrtcThatComesBackReceivesLargerSequences) {
+  submit(demand(1, {3}));
   const std::vector<BulkChunk> before = drain();
   server_.on_hrtc_gone(kHrtc);
   EXPECT_FALSE(server_.next(now_));
 
-  tell(demand(1, {3}));
+  submit(demand(1, {3}));
 
   const std::vector<BulkChunk> after = drain();
   ASSERT_FALSE(after.empty());
   EXPECT_GT(after.front().sequence, before.back().sequence);
 }
 
-TEST_F(DeliveryServerTest, RefusesDemandsThatMakeNoSense) {
+TEST_F(DeliveryServerTest, RefusesMalformedAndForeignDemands) {
   using Result = DeliveryServer::DemandResult;
   const std::uint32_t regions = model_.summary.regions;
   Demand d = demand(1, {regions});
-  EXPECT_EQ(tell(d), Result::kMalformed);
+  EXPECT_EQ(submit(d), Result::kMalformed);
   d = demand(1, {});
   d.have = {{5, 0xffffffffu}};
-  EXPECT_EQ(tell(d), Result::kMalformed);
+  EXPECT_EQ(submit(d), Result::kMalformed);
   d.have = {{5, 1}, {4, 1}};
-  EXPECT_EQ(tell(d), Result::kMalformed);
+  EXPECT_EQ(submit(d), Result::kMalformed);
   d.have = {{4, 1}, {5, 1}};
-  EXPECT_EQ(tell(d), Result::kMalformed) << "intervals that touch";
+  EXPECT_EQ(submit(d), Result::kMalformed) << "intervals that touch";
   d = demand(1, {});
   d.digest ^= 1;
-  EXPECT_EQ(tell(d), Result::kNotServed);
+  EXPECT_EQ(submit(d), Result::kNotServed);
   d = demand(1, {});
   d.origin.session = 2;
-  EXPECT_EQ(tell(d), Result::kNotServed);
+  EXPECT_EQ(submit(d), Result::kNotServed);
   EXPECT_FALSE(server_.next(now_));
 }
 
@@ -512,52 +512,52 @@ TEST_F(DeliveryServerTest, GoesOnAfterOneDemandFromTheFarFuture) {
         Vary{[](Demand& d) { d.origin.incarnation = UINT64_MAX; }}}) {
     DeliveryServer server{kSelf};
     server.add(kObject, encoded_.coded());
-    const auto tell_later = [&](const Demand& d) { return server.on_demand(d, now_ += 5 * kMs); };
+    const auto submit_later = [&](const Demand& d) { return server.on_demand(d, now_ += 5 * kMs); };
     const auto at_now = [&](Demand d) {
       d.origin.time_ns = now_ + 5 * kMs;
       return d;
     };
     std::uint32_t epoch = 0;
     for (int i = 0; i < 20; ++i)
-      ASSERT_EQ(tell_later(at_now(demand(++epoch, {1}))), DeliveryServer::DemandResult::kTaken);
+      ASSERT_EQ(submit_later(at_now(demand(++epoch, {1}))), DeliveryServer::DemandResult::kTaken);
     Demand wrong = at_now(demand(++epoch, {1}));
     vary(wrong);
-    (void)tell_later(wrong);
-    for (int i = 0; i < 4; ++i) (void)tell_later(at_now(demand(++epoch, {1})));
+    (void)submit_later(wrong);
+    for (int i = 0; i < 4; ++i) (void)submit_later(at_now(demand(++epoch, {1})));
     Demand poor = at_now(demand(++epoch, {2}));
     poor.credit = 0;
-    EXPECT_EQ(tell_later(poor), DeliveryServer::DemandResult::kTaken);
+    EXPECT_EQ(submit_later(poor), DeliveryServer::DemandResult::kTaken);
     for (int i = 0; i < 10; ++i) {
       const std::optional<Outgoing> out = server.next(now_ + 100 * kMs);
-      EXPECT_TRUE(!out || out->chunk.kind() == BulkKind::kEcho) << "its credit counts too";
+      EXPECT_TRUE(!out || out->chunk.kind() == BulkKind::kEcho) << "the credit of the last demand applies";
     }
   }
 }
 
-TEST_F(DeliveryServerTest, AnHrtcThatSendsNoDemandAnyMoreIsForgotten) {
-  tell(demand(1, {}));
-  for (std::uint64_t hrtc = 1000; hrtc < 1100; ++hrtc) tell(demand(1, {}, hrtc));
+TEST_F(DeliveryServerTest, AnHrtcWithoutDemandsIsDropped) {
+  submit(demand(1, {}));
+  for (std::uint64_t hrtc = 1000; hrtc < 1100; ++hrtc) submit(demand(1, {}, hrtc));
   server_.on_hrtc_gone(1000);
-  tell(demand(2, {}, 1000));  // was under way when it went
+  submit(demand(2, {}, 1000));  // was in flight when it left
   EXPECT_EQ(server_.counters_by_hrtc().size(), 101u);
   for (std::uint32_t epoch = 2; epoch < 40; ++epoch, now_ += DeliverySettings{}.keep_alive_ns) {
-    tell(demand(epoch, {}));
+    submit(demand(epoch, {}));
     (void)drain_window();
   }
 
   EXPECT_EQ(server_.counters_by_hrtc().size(), 1u);
-  EXPECT_EQ(server_.counters_by_hrtc().count(kHrtc), 1u) << "its demands repeat";
+  EXPECT_EQ(server_.counters_by_hrtc().count(kHrtc), 1u) << "it repeats its demands";
 }
 
 TEST(MessageParts, EveryByteOfALargeMessageIsInOnePart) {
-  constexpr std::uint32_t kBytes = 200'000'000;  // more parts than 16 bits count
+  constexpr std::uint32_t kBytes = 200'000'000;  // needs more than 65,535 parts
   const MessageParts parts = MessageParts::cut(kBytes, spm::kNone, kMaxPayload);
   std::size_t end = 0;
   for (std::uint32_t part = 0; part < parts.count; ++part) {
     const auto [from, to] = parts.range(part);
     ASSERT_EQ(from, end);
     ASSERT_LT(from, to);
-    ASSERT_LE(to - from + head_bytes(spm::kNone, parts.count), kMaxPayload);
+    ASSERT_LE(to - from + header_bytes(spm::kNone, parts.count), kMaxPayload);
     end = to;
   }
   EXPECT_EQ(end, kBytes);

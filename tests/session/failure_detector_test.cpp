@@ -12,10 +12,10 @@ constexpr std::int64_t kMs = 1'000'000;
 constexpr std::uint64_t kHost = 10, kOther = 11;
 constexpr Origin kSelf{1, 20, 1, 0};
 
-ClockSample answer_to(const ClockSample& question, std::uint64_t incarnation = 1) {
-  ClockSample answer = question;
-  answer.origin = {1, question.peer, incarnation, 0};
-  answer.peer = question.origin.participant;
+ClockSample answer_to(const ClockSample& request, std::uint64_t incarnation = 1) {
+  ClockSample answer = request;
+  answer.origin = {1, request.peer, incarnation, 0};
+  answer.peer = request.origin.participant;
   answer.answer = true;
   return answer;
 }
@@ -23,86 +23,86 @@ ClockSample answer_to(const ClockSample& question, std::uint64_t incarnation = 1
 class FailureDetectorTest : public testing::Test {
  protected:
   FailureDetectorTest() { failure_detector_.watch({kHost}); }
-  /// Looks every 2 ms until `end_ns`; `answers` says whether a question is answered, at once. When silence was named.
-  std::vector<std::int64_t> interval(std::int64_t end_ns, const std::function<bool()>& answers) {
-    std::vector<std::int64_t> named;
+  /// Polls every 2 ms until `end_ns`; a request is answered at once if `answers()`. Returns the times of suspicions.
+  std::vector<std::int64_t> run(std::int64_t end_ns, const std::function<bool()>& answers) {
+    std::vector<std::int64_t> suspected;
     for (; now_ < end_ns; now_ += 2 * kMs) {
-      while (auto question = failure_detector_.ask(now_))
-        if (answers()) failure_detector_.on_answer(answer_to(*question), now_);
-      for (const FailureDetector::Silent& silent : failure_detector_.silent(now_)) {
+      while (auto request = failure_detector_.next_request(now_))
+        if (answers()) failure_detector_.on_answer(answer_to(*request), now_);
+      for (const FailureDetector::Suspect& silent : failure_detector_.take_suspects(now_)) {
         EXPECT_EQ(silent.host, kHost);
-        named.push_back(now_);
+        suspected.push_back(now_);
       }
     }
-    return named;
+    return suspected;
   }
   FailureDetector failure_detector_{kSelf, {}};
   std::int64_t now_ = 1000 * kMs;
 };
 
-TEST_F(FailureDetectorTest, NamesADeadHostOnceWithin40Ms) {
-  ASSERT_TRUE(interval(2000 * kMs, [] { return true; }).empty());
-  const std::vector<std::int64_t> named = interval(4000 * kMs, [] { return false; });
-  ASSERT_EQ(named.size(), 1u);
-  EXPECT_LE(named.front(), 2040 * kMs);
-  EXPECT_EQ(failure_detector_.false_alarms(), 0u);
+TEST_F(FailureDetectorTest, SuspectsADeadHostOnceWithin40Ms) {
+  ASSERT_TRUE(run(2000 * kMs, [] { return true; }).empty());
+  const std::vector<std::int64_t> suspected = run(4000 * kMs, [] { return false; });
+  ASSERT_EQ(suspected.size(), 1u);
+  EXPECT_LE(suspected.front(), 2040 * kMs);
+  EXPECT_EQ(failure_detector_.false_suspicions(), 0u);
 }
 
-TEST_F(FailureDetectorTest, IsAtEaseWhileQuestionsAreAnswered) {
-  ASSERT_TRUE(interval(2000 * kMs, [] { return true; }).empty());
-  EXPECT_TRUE(failure_detector_.at_ease());
-  ASSERT_TRUE(interval(2014 * kMs, [] { return false; }).empty());
-  EXPECT_FALSE(failure_detector_.at_ease()) << "14 ms of silence";
+TEST_F(FailureDetectorTest, AllAreAnsweredWhileTheHostAnswers) {
+  ASSERT_TRUE(run(2000 * kMs, [] { return true; }).empty());
+  EXPECT_TRUE(failure_detector_.all_answered());
+  ASSERT_TRUE(run(2014 * kMs, [] { return false; }).empty());
+  EXPECT_FALSE(failure_detector_.all_answered()) << "14 ms of silence";
 }
 
-TEST_F(FailureDetectorTest, DoesNotMissWhoHasNeverAnswered) {
-  EXPECT_TRUE(interval(5000 * kMs, [] { return false; }).empty());
+TEST_F(FailureDetectorTest, DoesNotSuspectAHostThatHasNeverAnswered) {
+  EXPECT_TRUE(run(5000 * kMs, [] { return false; }).empty());
 }
 
-TEST_F(FailureDetectorTest, DoesNotTakeItsOwnSleepForTheHosts) {
-  ASSERT_TRUE(interval(2000 * kMs, [] { return true; }).empty());
+TEST_F(FailureDetectorTest, DoesNotCountItsOwnPauseAsSilence) {
+  ASSERT_TRUE(run(2000 * kMs, [] { return true; }).empty());
   now_ += 300 * kMs;
-  EXPECT_TRUE(interval(3000 * kMs, [] { return true; }).empty());
+  EXPECT_TRUE(run(3000 * kMs, [] { return true; }).empty());
 }
 
-TEST_F(FailureDetectorTest, LearnsWhatALossyLinkIsLike) {
+TEST_F(FailureDetectorTest, AdaptsToALossyLink) {
   std::mt19937_64 random{1};
   const auto one_of_ten_lost = [&] { return random() % 10 != 0; };
-  (void)interval(30'000 * kMs, one_of_ten_lost);
-  const std::uint64_t learning = failure_detector_.false_alarms();
+  (void)run(30'000 * kMs, one_of_ten_lost);
+  const std::uint64_t learning = failure_detector_.false_suspicions();
   EXPECT_LE(learning, 2u);
-  (void)interval(330'000 * kMs, one_of_ten_lost);
-  EXPECT_LE(failure_detector_.false_alarms() - learning, 2u) << "in five minutes";
+  (void)run(330'000 * kMs, one_of_ten_lost);
+  EXPECT_LE(failure_detector_.false_suspicions() - learning, 2u) << "in five minutes";
 }
 
-TEST_F(FailureDetectorTest, ForgetsALongSilence) {
-  ASSERT_TRUE(interval(2000 * kMs, [] { return true; }).empty());
-  ASSERT_EQ(interval(2060 * kMs, [] { return false; }).size(), 1u);
-  ASSERT_TRUE(interval(60'000 * kMs, [] { return true; }).empty());
-  EXPECT_EQ(failure_detector_.false_alarms(), 1u);
-  const std::vector<std::int64_t> named = interval(61'000 * kMs, [] { return false; });
-  ASSERT_EQ(named.size(), 1u);
-  EXPECT_LE(named.front(), 60'040 * kMs);
+TEST_F(FailureDetectorTest, RecoversFromALongSilence) {
+  ASSERT_TRUE(run(2000 * kMs, [] { return true; }).empty());
+  ASSERT_EQ(run(2060 * kMs, [] { return false; }).size(), 1u);
+  ASSERT_TRUE(run(60'000 * kMs, [] { return true; }).empty());
+  EXPECT_EQ(failure_detector_.false_suspicions(), 1u);
+  const std::vector<std::int64_t> suspected = run(61'000 * kMs, [] { return false; });
+  ASSERT_EQ(suspected.size(), 1u);
+  EXPECT_LE(suspected.front(), 60'040 * kMs);
 }
 
-TEST_F(FailureDetectorTest, AsksOnlyWhomItWatches) {
+TEST_F(FailureDetectorTest, SendsRequestsOnlyToWatchedHosts) {
   failure_detector_.watch({kOther});
-  const auto question = failure_detector_.ask(now_);
-  ASSERT_TRUE(question);
-  EXPECT_EQ(question->peer, kOther);
-  EXPECT_FALSE(failure_detector_.ask(now_));
+  const auto request = failure_detector_.next_request(now_);
+  ASSERT_TRUE(request);
+  EXPECT_EQ(request->peer, kOther);
+  EXPECT_FALSE(failure_detector_.next_request(now_));
   failure_detector_.watch({});
-  EXPECT_FALSE(failure_detector_.ask(now_ + 1000 * kMs));
+  EXPECT_FALSE(failure_detector_.next_request(now_ + 1000 * kMs));
 }
 
-TEST_F(FailureDetectorTest, ANewProgramOfTheNameIsNoFalseAlarm) {
-  ASSERT_TRUE(interval(2000 * kMs, [] { return true; }).empty());
-  ASSERT_EQ(interval(2200 * kMs, [] { return false; }).size(), 1u);
-  const auto question = failure_detector_.ask(now_ + 8 * kMs);
-  ASSERT_TRUE(question);
-  failure_detector_.on_answer(answer_to(*question, 2), now_ + 8 * kMs);
-  EXPECT_EQ(failure_detector_.false_alarms(), 0u);
-  EXPECT_TRUE(failure_detector_.silent(now_ + 20 * kMs).empty());
+TEST_F(FailureDetectorTest, ARestartedHostIsNoFalseSuspicion) {
+  ASSERT_TRUE(run(2000 * kMs, [] { return true; }).empty());
+  ASSERT_EQ(run(2200 * kMs, [] { return false; }).size(), 1u);
+  const auto request = failure_detector_.next_request(now_ + 8 * kMs);
+  ASSERT_TRUE(request);
+  failure_detector_.on_answer(answer_to(*request, 2), now_ + 8 * kMs);
+  EXPECT_EQ(failure_detector_.false_suspicions(), 0u);
+  EXPECT_TRUE(failure_detector_.take_suspects(now_ + 20 * kMs).empty());
 }
 
 }  // namespace

@@ -27,10 +27,10 @@ CatalogueEntry cube(std::uint64_t id, const std::array<double, 3>& centre) {
   return entry;
 }
 
-/// Two controllers' view of a session in which each has a user; time in steps of 20 ms.
-class TwoControllers : public ::testing::Test {
+/// The Modes of two HRTCs with one user each; time in steps of 20 ms.
+class TwoHrtcs : public ::testing::Test {
  protected:
-  TwoControllers() {
+  TwoHrtcs() {
     for (Modes* const modes : {&here_, &there_}) {
       modes->on_catalogue(cube(100, {0, 0, 0}));
       modes->on_catalogue(cube(200, {2, 0, 0}));
@@ -54,25 +54,25 @@ class TwoControllers : public ::testing::Test {
   std::int64_t now_ = 1'000'000'000;
 };
 
-TEST_F(TwoControllers, BuildEndsForUsersNearOneObjectAndSendWholeStatesOncePeersAreSeen) {
+TEST_F(TwoHrtcs, CreateEndpointsNearOneObjectAndSendFullRateStatesOncePeersMatch) {
   stay(100, 1, 0.5);
   EXPECT_THAT(here_.groups(), IsEmpty());
   stay(100, 0.14, 0.12);
   EXPECT_THAT(here_.groups(), ElementsAre(100));
   EXPECT_THAT(there_.groups(), ElementsAre(100));
-  EXPECT_EQ(here_.group_of(kAnn), 0u) << "nobody is there to hear yet";
+  EXPECT_EQ(here_.group_of(kAnn), 0u) << "no peer is matched yet";
   match();
   EXPECT_EQ(here_.group_of(kAnn), 100u);
   EXPECT_EQ(there_.group_of(kBob), 100u);
-  EXPECT_EQ(here_.group_of(kBob), 0u) << "is not ours";
+  EXPECT_EQ(here_.group_of(kBob), 0u) << "not an own user";
 }
 
-TEST_F(TwoControllers, DoNotMeetAtDifferentObjects) {
+TEST_F(TwoHrtcs, StayApartAtDifferentObjects) {
   stay(200, 0.1, 1.9);
   EXPECT_THAT(here_.groups(), IsEmpty());
 }
 
-TEST_F(TwoControllers, StayApartInACrowdAtOneObjectUntilTheyAreTold) {
+TEST_F(TwoHrtcs, StayApartInACrowdAtOneObjectUntilCommanded) {
   const std::size_t max = ModeSettings{}.max_together;
   const auto crowd = [&](std::size_t others) {
     for (int i = 0; i < 50; ++i, now_ += 20 * kMs) {
@@ -90,7 +90,7 @@ TEST_F(TwoControllers, StayApartInACrowdAtOneObjectUntilTheyAreTold) {
   EXPECT_THAT(here_.groups(), ::testing::SizeIs(1));
 }
 
-TEST_F(TwoControllers, StayTogetherWhileAUserWaversBetweenNearAndApart) {
+TEST_F(TwoHrtcs, StayTogetherWhileAUserMovesBetweenNearAndApart) {
   stay(100, 0.14, 0.14);
   match();
   for (int i = 0; i < 20; ++i) {
@@ -100,7 +100,7 @@ TEST_F(TwoControllers, StayTogetherWhileAUserWaversBetweenNearAndApart) {
   }
 }
 
-TEST_F(TwoControllers, PartAfterTheDwellAndDropTheEndsOnlyLater) {
+TEST_F(TwoHrtcs, SeparateAfterTheDwellTimeAndDropTheEndpointsLater) {
   stay(100, 0.14, 0.14);
   match();
   stay(400, 0.5, 0.14);
@@ -112,7 +112,7 @@ TEST_F(TwoControllers, PartAfterTheDwellAndDropTheEndsOnlyLater) {
   EXPECT_THAT(here_.groups(), IsEmpty());
 }
 
-TEST_F(TwoControllers, PartWhenTheOtherFallsSilent) {
+TEST_F(TwoHrtcs, SeparateWhenTheOtherIsSilent) {
   stay(100, 0.14, 0.14);
   match();
   for (const std::int64_t end = now_ + 600 * kMs; now_ < end; now_ += 20 * kMs) {
@@ -122,7 +122,7 @@ TEST_F(TwoControllers, PartWhenTheOtherFallsSilent) {
   EXPECT_THAT(here_.groups(), IsEmpty());
 }
 
-TEST_F(TwoControllers, GoOnWithTheSameGroupWhenTheyMeetAgainBeforeItsEndsAreGone) {
+TEST_F(TwoHrtcs, ContinueTheGroupIfItsEndpointsStillExist) {
   stay(100, 0.14, 0.14);
   match();
   stay(600, 0.5, 0.14);
@@ -131,7 +131,7 @@ TEST_F(TwoControllers, GoOnWithTheSameGroupWhenTheyMeetAgainBeforeItsEndsAreGone
   EXPECT_EQ(here_.group_of(kAnn), 100u);
 }
 
-TEST_F(TwoControllers, FollowACommandForSomeUsersAndForAll) {
+TEST_F(TwoHrtcs, FollowACommandForSomeUsersAndForAll) {
   const std::uint64_t ann = id_of("ann"), bob = id_of("bob");
   const auto far_apart = [&] {
     for (int i = 0; i < 50; ++i, now_ += 20 * kMs) {
@@ -145,7 +145,7 @@ TEST_F(TwoControllers, FollowACommandForSomeUsersAndForAll) {
   ASSERT_EQ(here_.groups().size(), 1u);
   here_.command(parse_mode("collaborate ann,eve"));
   far_apart();
-  EXPECT_THAT(here_.groups(), IsEmpty()) << "bob is not meant";
+  EXPECT_THAT(here_.groups(), IsEmpty()) << "bob is not in the list";
   here_.command(parse_mode("collaborate"));
   far_apart();
   EXPECT_EQ(here_.groups().size(), 1u);
@@ -154,14 +154,14 @@ TEST_F(TwoControllers, FollowACommandForSomeUsersAndForAll) {
   EXPECT_THAT(here_.groups(), IsEmpty());
 }
 
-TEST_F(TwoControllers, StayApartWhenToldTo) {
+TEST_F(TwoHrtcs, StayApartOnCommand) {
   here_.command(parse_mode("large-scale"));
   stay(200, 0.14, 0.14);
   EXPECT_THAT(here_.groups(), IsEmpty());
-  EXPECT_THAT(there_.groups(), ElementsAre(100)) << "was not told";
+  EXPECT_THAT(there_.groups(), ElementsAre(100)) << "got no command";
 }
 
-TEST(DistanceFrom, MeasuresInTheObjectsOwnFrame) {
+TEST(DistanceFrom, MeasuresInTheFrameOfTheObject) {
   CatalogueEntry entry = cube(1, {1, 0, 0});
   EXPECT_NEAR(distance_from(entry, {1.05, 0.02, 0}), 0, 1e-12);
   EXPECT_NEAR(distance_from(entry, {1.4, 0, 0.5}), 0.5, 1e-7);
@@ -171,11 +171,11 @@ TEST(DistanceFrom, MeasuresInTheObjectsOwnFrame) {
   EXPECT_NEAR(distance_from(entry, {1.5, 0, 0}), 0.5 - 0.1 / half, 1e-7) << "straight out of an edge";
 }
 
-TEST(ParseMode, NamesWhatIsWrong) {
+TEST(ParseMode, RefusesAndNamesAWrongMode) {
   for (const char* text : {"", "fast", "auto ann", "collaborate ", "collaborate ann,", "large-scale ,bob"}) {
     try {
       (void)parse_mode(text);
-      ADD_FAILURE() << "took '" << text << "'";
+      ADD_FAILURE() << "accepted '" << text << "'";
     } catch (const std::invalid_argument& error) {
       EXPECT_THAT(error.what(), HasSubstr(std::string{"'"} + text + "'"));
     }

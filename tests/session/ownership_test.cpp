@@ -14,9 +14,9 @@ namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
 constexpr std::uint64_t kSession = 1, kObject = 5, kHost = 100;
-/// Between the incarnations of a host, which are nanoseconds: more than the numbers that one life gives.
+/// Between the incarnations of a host, which are nanoseconds: more than the numbers that one incarnation grants.
 constexpr std::uint64_t kHostLife = 1'000'000;
-constexpr std::size_t kControllers = 4;
+constexpr std::size_t kHrtcs = 4;
 
 Origin origin_of(std::uint64_t participant, std::uint64_t incarnation) {
   Origin origin;
@@ -31,52 +31,52 @@ struct ContestFaults {
   std::int64_t delay_ms = 5, spread_ms = 0;
 };
 
-/// A host, controllers and a viewer over a network that loses, doubles and reorders; each publishes poses while it may.
+/// A host, HRTCs and a viewer over a network that loses, repeats and reorders; owners and leaders publish poses.
 class Contest {
  public:
   explicit Contest(unsigned seed, const ContestFaults& faults = {}) : faults_{faults}, random_{seed} {
     start_host();
-    for (std::size_t i = 0; i < kControllers; ++i) start_controller(i);
-    gates_.resize(kControllers + 2);  // controllers, host, viewer
+    for (std::size_t i = 0; i < kHrtcs; ++i) start_hrtc(i);
+    gates_.resize(kHrtcs + 2);  // HRTCs, host, viewer
   }
 
   void start_host() {
     host_ = std::make_unique<Arbiter>(origin_of(kHost, ++host_incarnation_ * kHostLife), kObject, settings_, now_);
     host_ran_ = true;
   }
-  void start_controller(std::size_t i) {
-    controllers_[i].incarnation = ++incarnations_;
-    controllers_[i].holder = std::make_unique<Holder>(origin_of(i + 1, incarnations_), kObject, settings_);
-    controllers_[i].sequence = 0;
-    controllers_[i].dreams = Holder::Role::kWatching;
+  void start_hrtc(std::size_t i) {
+    hrtcs_[i].incarnation = ++incarnations_;
+    hrtcs_[i].holder = std::make_unique<Holder>(origin_of(i + 1, incarnations_), kObject, settings_);
+    hrtcs_[i].sequence = 0;
+    hrtcs_[i].role_before = Holder::Role::kWatching;
   }
 
-  Holder& holder(std::size_t i) { return *controllers_[i].holder; }
-  Holder::Role role(std::size_t i) { return controllers_[i].holder->role(now_); }
+  Holder& holder(std::size_t i) { return *hrtcs_[i].holder; }
+  Holder::Role role(std::size_t i) { return hrtcs_[i].holder->role(now_); }
   Arbiter& host() { return *host_; }
-  /// Until then it neither sends nor receives.
-  void cut_off(std::size_t program, std::int64_t until) { cut_[program] = until; }
-  /// Until then it does not run; then it goes on, and publishes once before it looks at what has come.
-  void sleep(std::size_t i, std::int64_t until) {
-    controllers_[i].asleep_until = until;
-    controllers_[i].dreams = role(i);
-    controllers_[i].dreamt_fencing = holder(i).fencing();
+  /// Disconnects a program until this time.
+  void disconnect(std::size_t program, std::int64_t until) { cut_[program] = until; }
+  /// Suspends an HRTC until this time. Then it publishes once more before it reads the samples that arrived.
+  void suspend(std::size_t i, std::int64_t until) {
+    hrtcs_[i].suspended_until = until;
+    hrtcs_[i].role_before = role(i);
+    hrtcs_[i].fencing_before = holder(i).fencing();
   }
   void set_faults(const ContestFaults& faults) { faults_ = faults; }
 
-  void interval(std::int64_t ms) {
+  void run(std::int64_t ms) {
     for (const std::int64_t end = now_ + ms * kMs; now_ < end;) step();
   }
 
-  /// What must hold at all times.
+  /// Checks the invariants.
   void check() const {
     for (const auto& [fencing, authors] : authors_)
       ASSERT_LE(authors.size(), 1u) << "poses of two owners were accepted under fencing number " << fencing;
-    if (host_incarnation_ > 1) return;  // a host that starts again may overlap with a lease, not with its number
+    if (host_incarnation_ > 1) return;  // a restarted host may overlap with a lease, under another number
     int owners = host_->owns(now_) ? 1 : 0;
-    for (const Controller& controller : controllers_) {
-      const Holder::Role role = controller.holder->role(now_);
-      if (role == Holder::Role::kOwner && controller.asleep_until <= now_) ++owners;
+    for (const Hrtc& hrtc : hrtcs_) {
+      const Holder::Role role = hrtc.holder->role(now_);
+      if (role == Holder::Role::kOwner && hrtc.suspended_until <= now_) ++owners;
     }
     ASSERT_LE(owners, 1) << "at " << now_ / kMs << " ms";
   }
@@ -96,15 +96,15 @@ class Contest {
     Message message;
     bool operator>(const Packet& o) const { return at != o.at ? at > o.at : order > o.order; }
   };
-  struct Controller {
+  struct Hrtc {
     std::unique_ptr<Holder> holder;
     std::uint64_t incarnation = 0;
     std::uint32_t sequence = 0;
-    std::int64_t asleep_until = 0;
-    Holder::Role dreams = Holder::Role::kWatching;
-    std::uint64_t dreamt_fencing = 0;
+    std::int64_t suspended_until = 0;
+    Holder::Role role_before = Holder::Role::kWatching;
+    std::uint64_t fencing_before = 0;
   };
-  static constexpr std::size_t kHostPlace = kControllers, kViewer = kControllers + 1;
+  static constexpr std::size_t kHostIndex = kHrtcs, kViewer = kHrtcs + 1;
 
   double uniform() { return std::uniform_real_distribution<double>{0, 1}(random_); }
   [[nodiscard]] bool cut(std::size_t program) const {
@@ -135,15 +135,15 @@ class Contest {
     if (const auto* claim = std::get_if<ObjectClaim>(&packet.message)) {
       if (host_ran_) host_->on_claim(*claim, now_);
     } else if (const auto* grant = std::get_if<ObjectGrant>(&packet.message)) {
-      controllers_[packet.to].holder->on_grant(*grant, now_);
+      hrtcs_[packet.to].holder->on_grant(*grant, now_);
     } else if (const auto* pose = std::get_if<ObjectPose>(&packet.message)) {
       if (!gates_[packet.to].accept(*pose, now_)) {
         if (pose->fencing < gates_[packet.to].fencing()) ++refused_;
         return;
       }
       authors_[pose->fencing].insert({pose->origin.participant, pose->origin.incarnation});
-      if (packet.to == kHostPlace) host_->on_pose(pose->fencing, now_);
-      if (packet.to < kControllers) controllers_[packet.to].holder->on_pose(pose->fencing, now_);
+      if (packet.to == kHostIndex) host_->on_pose(pose->fencing, now_);
+      if (packet.to < kHrtcs) hrtcs_[packet.to].holder->on_pose(pose->fencing, now_);
       if (packet.to == kViewer) {
         seen_ns_ = now_;
         seen_author_ = pose->origin.participant;
@@ -157,30 +157,30 @@ class Contest {
     while (!under_way_.empty() && under_way_.top().at <= now_) {
       const Packet packet = under_way_.top();
       under_way_.pop();
-      if (packet.to < kControllers && controllers_[packet.to].asleep_until > now_) {
-        later.push_back(packet);  // waits in its queue
-        later.back().at = controllers_[packet.to].asleep_until + kMs;
+      if (packet.to < kHrtcs && hrtcs_[packet.to].suspended_until > now_) {
+        later.push_back(packet);  // waits in the queue of the suspended program
+        later.back().at = hrtcs_[packet.to].suspended_until + kMs;
         continue;
       }
       receive(packet);
     }
     for (const Packet& packet : later) under_way_.push(packet);
 
-    for (std::size_t i = 0; i < kControllers; ++i) {
-      Controller& controller = controllers_[i];
-      if (controller.asleep_until > now_) continue;
-      if (controller.asleep_until == now_ && controller.dreams == Holder::Role::kOwner) {
-        publish(i, i + 1, controller.incarnation, controller.dreamt_fencing, controller.sequence);
+    for (std::size_t i = 0; i < kHrtcs; ++i) {
+      Hrtc& hrtc = hrtcs_[i];
+      if (hrtc.suspended_until > now_) continue;
+      if (hrtc.suspended_until == now_ && hrtc.role_before == Holder::Role::kOwner) {
+        publish(i, i + 1, hrtc.incarnation, hrtc.fencing_before, hrtc.sequence);
       }
-      if (const auto claim = controller.holder->tick(now_)) send(i, kHostPlace, *claim);
-      const Holder::Role role = controller.holder->role(now_);
+      if (const auto claim = hrtc.holder->tick(now_)) send(i, kHostIndex, *claim);
+      const Holder::Role role = hrtc.holder->role(now_);
       if (role == Holder::Role::kOwner || role == Holder::Role::kLeader)
-        publish(i, i + 1, controller.incarnation, controller.holder->fencing(), controller.sequence);
+        publish(i, i + 1, hrtc.incarnation, hrtc.holder->fencing(), hrtc.sequence);
     }
     if (const auto grant = host_->tick(now_)) {
-      for (std::size_t i = 0; i < kControllers; ++i) send(kHostPlace, i, *grant);
+      for (std::size_t i = 0; i < kHrtcs; ++i) send(kHostIndex, i, *grant);
     }
-    if (host_->owns(now_)) publish(kHostPlace, kHost, host_incarnation_ * kHostLife, host_->fencing(), host_sequence_);
+    if (host_->owns(now_)) publish(kHostIndex, kHost, host_incarnation_ * kHostLife, host_->fencing(), host_sequence_);
   }
 
   OwnershipSettings settings_;
@@ -191,7 +191,7 @@ class Contest {
   bool host_ran_ = false;
   std::uint64_t host_incarnation_ = 0, incarnations_ = 0, order_ = 0, refused_ = 0;
   std::uint32_t host_sequence_ = 0;
-  std::array<Controller, kControllers> controllers_;
+  std::array<Hrtc, kHrtcs> hrtcs_;
   std::vector<PoseGate> gates_;
   std::priority_queue<Packet, std::vector<Packet>, std::greater<>> under_way_;
   std::map<std::size_t, std::int64_t> cut_;
@@ -200,87 +200,87 @@ class Contest {
   std::uint64_t seen_author_ = 0;
 };
 
-TEST(Ownership, TheHostOwnsUntilSomebodyTouchesAndAgainAfterThat) {
+TEST(Ownership, TheHostOwnsBeforeAndAfterATouch) {
   Contest contest{1};
-  contest.interval(300);
+  contest.run(300);
   EXPECT_EQ(contest.seen_author(), kHost);
   contest.holder(0).touch(true);
-  EXPECT_EQ(contest.role(0), Holder::Role::kAsking);
-  contest.interval(30);
+  EXPECT_EQ(contest.role(0), Holder::Role::kRequesting);
+  contest.run(30);
   EXPECT_EQ(contest.role(0), Holder::Role::kOwner);
   EXPECT_EQ(contest.seen_author(), 1u);
   EXPECT_FALSE(contest.host().owns(contest.now()));
   contest.holder(0).touch(false);
   EXPECT_EQ(contest.role(0), Holder::Role::kWatching);
-  contest.interval(30);
+  contest.run(30);
   EXPECT_EQ(contest.seen_author(), kHost);
 }
 
 TEST(Ownership, TwoTouchersSimulateCopiesAndTheLongestHolderLeads) {
   Contest contest{1};
-  contest.interval(300);
+  contest.run(300);
   contest.holder(2).set_one_way(40 * kMs);
   contest.holder(2).touch(true);
-  contest.interval(30);
+  contest.run(30);
   const std::uint64_t alone = contest.holder(2).fencing();
   contest.holder(1).touch(true);
-  contest.interval(30);
+  contest.run(30);
   EXPECT_EQ(contest.role(2), Holder::Role::kLeader);
   EXPECT_EQ(contest.role(1), Holder::Role::kCopy);
   EXPECT_GT(contest.holder(1).fencing(), alone);
-  EXPECT_EQ(contest.holder(1).grant().line_ns, 40 * kMs);
-  EXPECT_NE(contest.holder(1).place(), contest.holder(2).place());
+  EXPECT_EQ(contest.holder(1).grant().channel_delay_ns, 40 * kMs);
+  EXPECT_NE(contest.holder(1).copy_index(), contest.holder(2).copy_index());
   EXPECT_EQ(contest.seen_author(), 3u);
   contest.holder(2).touch(false);
-  contest.interval(30);
+  contest.run(30);
   EXPECT_EQ(contest.role(1), Holder::Role::kOwner);
   EXPECT_EQ(contest.seen_author(), 2u);
 }
 
-TEST(Ownership, ALostOwnerGivesWayWithinItsLeaseAndItsPosesNoLongerCount) {
+TEST(Ownership, ASuspendedOwnerLosesTheObjectAfterItsLeaseAndItsPosesAreRefused) {
   Contest contest{1};
-  contest.interval(300);
+  contest.run(300);
   contest.holder(0).touch(true);
-  contest.interval(30);
+  contest.run(30);
   ASSERT_EQ(contest.role(0), Holder::Role::kOwner);
-  contest.sleep(0, contest.now() + 600 * kMs);
-  contest.interval(300);
+  contest.suspend(0, contest.now() + 600 * kMs);
+  contest.run(300);
   EXPECT_TRUE(contest.host().owns(contest.now()));
   EXPECT_EQ(contest.seen_author(), kHost);
   const std::uint64_t before = contest.refused();
-  contest.interval(310);  // it wakes and still sends a pose
+  contest.run(310);  // it resumes and sends one more pose
   EXPECT_GT(contest.refused(), before);
-  contest.interval(50);
-  EXPECT_EQ(contest.role(0), Holder::Role::kOwner);  // it touches still, so it is granted again
+  contest.run(50);
+  EXPECT_EQ(contest.role(0), Holder::Role::kOwner);  // it still touches, so it gets a new grant
   contest.check();
 }
 
-TEST(Ownership, AGrantFromFartherThanALeaseComesInTimeAndALostOwnerGivesWayAsMuchLater) {
+TEST(Ownership, TheLeaseGrowsWithTheRoundTrip) {
   Contest contest{1, {0, 0, 300, 0}};
-  contest.interval(700);
+  contest.run(700);
   for (const std::size_t i : {0u, 1u}) contest.holder(i).set_one_way(300 * kMs);
   contest.holder(0).touch(true);
-  contest.interval(610);
+  contest.run(610);
   EXPECT_EQ(contest.role(0), Holder::Role::kOwner);
-  contest.interval(1000);
+  contest.run(1000);
   EXPECT_EQ(contest.role(0), Holder::Role::kOwner) << "as long as it touches";
-  contest.cut_off(0, contest.now() + 3000 * kMs);
-  contest.interval(850);
-  EXPECT_EQ(contest.role(0), Holder::Role::kAsking);
-  contest.interval(400);
+  contest.disconnect(0, contest.now() + 3000 * kMs);
+  contest.run(850);
+  EXPECT_EQ(contest.role(0), Holder::Role::kRequesting);
+  contest.run(400);
   EXPECT_TRUE(contest.host().owns(contest.now()));
   contest.check();
 }
 
-TEST(Ownership, AnOwnerThatIsCutOffStopsBeforeTheHostTakesTheObjectBack) {
+TEST(Ownership, ADisconnectedOwnerStopsBeforeTheHostTakesTheObjectBack) {
   Contest contest{1};
-  contest.interval(300);
+  contest.run(300);
   contest.holder(0).touch(true);
-  contest.interval(30);
-  contest.cut_off(0, contest.now() + 1000 * kMs);
+  contest.run(30);
+  contest.disconnect(0, contest.now() + 1000 * kMs);
   std::int64_t stopped = 0, taken = 0;
   for (int ms = 0; ms < 500; ++ms) {
-    contest.interval(1);
+    contest.run(1);
     if (stopped == 0 && contest.role(0) != Holder::Role::kOwner) stopped = contest.now();
     if (taken == 0 && contest.host().owns(contest.now())) taken = contest.now();
   }
@@ -289,23 +289,23 @@ TEST(Ownership, AnOwnerThatIsCutOffStopsBeforeTheHostTakesTheObjectBack) {
   EXPECT_LE(stopped, taken);
 }
 
-TEST(Ownership, AHostThatStartsAgainFindsALargerNumber) {
+TEST(Ownership, ARestartedHostGrantsALargerNumber) {
   Contest contest{1};
-  contest.interval(300);
+  contest.run(300);
   contest.holder(0).touch(true);
-  contest.interval(30);
+  contest.run(30);
   contest.holder(1).touch(true);
-  contest.interval(30);
+  contest.run(30);
   const std::uint64_t before = contest.holder(0).fencing();
   contest.start_host();
-  contest.interval(400);
+  contest.run(400);
   EXPECT_GT(contest.holder(0).fencing(), before);
   const std::set<Holder::Role> roles{contest.role(0), contest.role(1)};
   EXPECT_EQ(roles, (std::set<Holder::Role>{Holder::Role::kLeader, Holder::Role::kCopy}));
   contest.check();
 }
 
-TEST(Ownership, UnderAnyFaultsOneOwnerCountsPerNumberAndOneIsThereAgainAfterThem) {
+TEST(Ownership, EachNumberHasOneOwnerUnderFaultsAndOneOwnerRemainsAfterThem) {
   std::uint64_t refused = 0;
   for (unsigned seed = 1; seed <= 150; ++seed) {
     std::mt19937 random{seed};
@@ -316,20 +316,20 @@ TEST(Ownership, UnderAnyFaultsOneOwnerCountsPerNumberAndOneIsThereAgainAfterThem
     faults.delay_ms = below(100);
     faults.spread_ms = below(80);
     Contest contest{seed, faults};
-    std::array<bool, kControllers> touches{};
+    std::array<bool, kHrtcs> touches{};
     for (int event = 0; event < 60; ++event) {
-      const auto who = static_cast<std::size_t>(below(kControllers));
+      const auto who = static_cast<std::size_t>(below(kHrtcs));
       switch (below(10)) {
         case 0:
-          contest.cut_off(static_cast<std::size_t>(below(kControllers + 1)), contest.now() + below(600) * kMs);
+          contest.disconnect(static_cast<std::size_t>(below(kHrtcs + 1)), contest.now() + below(600) * kMs);
           break;
         case 1:
-          contest.sleep(who, contest.now() + below(500) * kMs);
+          contest.suspend(who, contest.now() + below(500) * kMs);
           break;
         case 2:
-          contest.start_controller(who);
+          contest.start_hrtc(who);
           touches[who] = false;
-          contest.holder(who).set_one_way(below(400) * kMs);  // whatever it takes it for, one owner counts
+          contest.holder(who).set_one_way(below(400) * kMs);  // a wrong transit must not cause two owners
           break;
         case 3:
           if (seed % 3 == 0) contest.start_host();
@@ -338,20 +338,20 @@ TEST(Ownership, UnderAnyFaultsOneOwnerCountsPerNumberAndOneIsThereAgainAfterThem
           contest.holder(who).touch(touches[who] = !touches[who]);
       }
       for (int ms = below(150); ms > 0; --ms) {
-        contest.interval(1);
+        contest.run(1);
         contest.check();
         if (HasFatalFailure()) FAIL() << "seed " << seed;
       }
     }
     refused += contest.refused();
 
-    // All faults end; whoever touches still, touches.
+    // All faults end; the touches remain.
     contest.set_faults({});
-    for (std::size_t program = 0; program <= kControllers; ++program) contest.cut_off(program, 0);
-    contest.interval(2500);
+    for (std::size_t program = 0; program <= kHrtcs; ++program) contest.disconnect(program, 0);
+    contest.run(2500);
     contest.check();
     int touching = 0, simulating = 0, leading = 0;
-    for (std::size_t i = 0; i < kControllers; ++i) {
+    for (std::size_t i = 0; i < kHrtcs; ++i) {
       touching += touches[i] ? 1 : 0;
       const Holder::Role role = contest.role(i);
       if (role == Holder::Role::kCopy || role == Holder::Role::kLeader || role == Holder::Role::kOwner) ++simulating;
@@ -360,13 +360,13 @@ TEST(Ownership, UnderAnyFaultsOneOwnerCountsPerNumberAndOneIsThereAgainAfterThem
     EXPECT_EQ(simulating, touching) << "seed " << seed;
     EXPECT_EQ(leading, touching > 0 ? 1 : 0) << "seed " << seed;
     EXPECT_EQ(contest.host().owns(contest.now()), touching == 0) << "seed " << seed;
-    EXPECT_GT(contest.seen_ns(), contest.now() - 50 * kMs) << "seed " << seed << ": nobody moves the object";
+    EXPECT_GT(contest.seen_ns(), contest.now() - 50 * kMs) << "seed " << seed << ": nobody simulates the object";
     if (HasFailure()) return;
   }
   EXPECT_GT(refused, 100u);
 }
 
-TEST(PoseGate, AnOlderNumberAnOlderPoseAndASecondAuthorAreRefused) {
+TEST(PoseGate, RefusesAnOlderNumberAnOlderPoseAndASecondAuthor) {
   PoseGate gate;
   ObjectPose pose;
   pose.origin = origin_of(1, 1);
@@ -419,11 +419,11 @@ TEST(Arbiter, GrantsAgainAfterOneClaimFromTheFarFuture) {
       arbiter.on_claim(claim_of(1, 3, ++sequence, true), now += 20 * kMs);
       (void)arbiter.tick(now);
     }
-    ASSERT_FALSE(arbiter.owns(now)) << "somebody touches";
+    ASSERT_FALSE(arbiter.owns(now)) << "an HRTC touches";
     arbiter.on_claim(claim_of(1, 3, ++sequence, false), now += 20 * kMs);
     const std::optional<ObjectGrant> grant = arbiter.tick(now);
     ASSERT_TRUE(grant);
-    EXPECT_TRUE(grant->touchers.empty()) << "and lets go";
+    EXPECT_TRUE(grant->touchers.empty()) << "it has let go";
   }
 }
 
@@ -438,7 +438,7 @@ TEST(Arbiter, OneFencingNumberFromTheFarFutureIsNotTaken) {
   EXPECT_EQ(arbiter.fencing(), before);
 }
 
-TEST(Holder, IsGrantedAgainAfterOneGrantFromTheFarFuture) {
+TEST(Holder, AcceptsGrantsAfterOneFromTheFarFuture) {
   for (const bool is_number : {true, false}) {
     Holder holder{origin_of(1, 1), kObject, {}};
     holder.touch(true);
@@ -490,7 +490,7 @@ TEST(CopyGate, GoesOnAfterOneCopyFromTheFarFuture) {
     EXPECT_EQ(gate.implausible(), 1u);
     copy.sequence = 98;
     copy.session_time_ns = 98 * kMs;
-    EXPECT_TRUE(gate.accept(copy, 101 * kMs, 101 * kMs)) << "an overtaken one fills a gap";
+    EXPECT_TRUE(gate.accept(copy, 101 * kMs, 101 * kMs)) << "an overtaken copy fills a gap";
   }
 }
 

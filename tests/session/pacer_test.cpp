@@ -1,4 +1,4 @@
-/// A Pacer that fills a link in virtual time: one queue, one transmitter, a way there and back, a demand now and then.
+/// A Pacer that fills a link in virtual time: one queue, one transmitter, a delay each way, a demand every 5 ms.
 #include "session/pacer.hpp"
 
 #include <gtest/gtest.h>
@@ -29,11 +29,11 @@ struct Path {
 };
 
 struct Outcome {
-  double share;         // of the link's rate, in the last three quarters
-  double p99_queue_ms;  // there
+  double share;         // of the link's rate, in the last three quarters of the time
+  double p99_queue_ms;  // in the same time
 };
 
-/// Endless data for `seconds`.
+/// Sends without end for `seconds`.
 Outcome fill(const Path& path, double seconds) {
   struct Chunk {
     std::int64_t sent, arrives;
@@ -66,7 +66,7 @@ Outcome fill(const Path& path, double seconds) {
                          static_cast<std::uint32_t>(chunk.sent / 1000);
         if (!feedback.one_way_us || static_cast<std::int32_t>(way - *feedback.one_way_us) < 0)
           feedback.one_way_us = way;
-        feedback.loop_ns = std::max(feedback.loop_ns, now - chunk.sent);
+        feedback.round_trip_ns = std::max(feedback.round_trip_ns, now - chunk.sent);
       }
       pacer.on_feedback(feedback, now);
     }
@@ -84,7 +84,7 @@ Outcome fill(const Path& path, double seconds) {
   return {carried / (static_cast<double>(end) * 0.75), queues.at(queues.size() * 99 / 100)};
 }
 
-TEST(Pacer, FillsALinkOfAnyRateAndLeavesItsQueueShort) {
+TEST(Pacer, FillsALinkOfAnyRateWithAShortQueue) {
   for (const double mbit : {10.0, 100.0, 1000.0}) {
     Path path;
     path.mbit = mbit;
@@ -94,7 +94,7 @@ TEST(Pacer, FillsALinkOfAnyRateAndLeavesItsQueueShort) {
   }
 }
 
-TEST(Pacer, FillsALongLinkThatLoses) {
+TEST(Pacer, FillsALongLossyLink) {
   Path path;
   path.one_way_ns = 10 * kMs;
   path.loss = 0.01;
@@ -108,9 +108,9 @@ struct NamedOutcome {
   double window;  // at the end, bytes
 };
 
-/// Data over a named link for `seconds`: endless, or `burst` bytes every 200 ms.
+/// Sends over a named link for `seconds`: without end, or `burst` bytes every 200 ms.
 NamedOutcome send_named(const netem::NamedLink& named, double seconds, std::uint64_t seed, std::uint32_t burst = 0) {
-  constexpr std::int64_t kEcho = 100 * kMs;  // without anything sent, when what is under way is asked for
+  constexpr std::int64_t kEcho = 100 * kMs;  // delay of an echo after the last chunk
   struct Chunk {
     std::int64_t sent;
     std::uint32_t bytes;
@@ -138,7 +138,7 @@ NamedOutcome send_named(const netem::NamedLink& named, double seconds, std::uint
     if (burst == 0 || now % (200 * kMs) == 0) to_send = burst == 0 ? kChunk : burst;
     if (now >= next_demand) {
       next_demand = now + 5 * kMs;
-      // Chunks stay in order, so one that is lost is known when the next one comes.
+      // Chunks stay in order, so a loss is detected when the next one arrives.
       const auto newest = std::find_if(under_way.rbegin(), under_way.rend(),
                                        [&](const Chunk& chunk) { return chunk.arrives && *chunk.arrives <= now; });
       for (auto left = under_way.rend() - newest; left > 0; --left, under_way.pop_front()) {
@@ -152,7 +152,7 @@ NamedOutcome send_named(const netem::NamedLink& named, double seconds, std::uint
         feedback.one_way_us = std::min(feedback.one_way_us.value_or(way), way);
       }
       if (unpublished.feedback.arrived_bytes != 0 || unpublished.feedback.lost_bytes != 0) {
-        // What a lost demand would have told goes with the next.
+        // The next demand includes the feedback of a lost one.
         if (const auto at = back.departure(now, 300)) {
           unpublished.at = *at;
           published.push_back(std::exchange(unpublished, Published{0, {}, 0}));
@@ -160,7 +160,7 @@ NamedOutcome send_named(const netem::NamedLink& named, double seconds, std::uint
       }
     }
     for (; !published.empty() && published.front().at <= now; published.pop_front()) {
-      published.front().feedback.loop_ns = now - published.front().first_sent;
+      published.front().feedback.round_trip_ns = now - published.front().first_sent;
       pacer.on_feedback(published.front().feedback, now);
     }
     while (to_send >= kChunk && pacer.may_send(kChunk, now)) {
@@ -169,13 +169,13 @@ NamedOutcome send_named(const netem::NamedLink& named, double seconds, std::uint
       send(kChunk, now);
     }
     if (!under_way.empty() && now >= next_echo) send(0, now);
-    if (to_send < kChunk) pacer.rest();
+    if (to_send < kChunk) pacer.set_idle();
   }
   const double rate = named.each_way.rate_mbit * 1e6 / 8 * (1 - named.each_way.mean_loss());
   return {arrived / (rate * seconds * 2 / 3), pacer.window()};
 }
 
-/// Of several seeds, ascending: one alone is luck where losses come in bursts.
+/// The values of several seeds, ascending, because bursts of losses make a single seed unreliable.
 template <class Value>
 std::vector<double> of_seeds(const Value& value) {
   std::vector<double> all;
@@ -184,7 +184,7 @@ std::vector<double> of_seeds(const Value& value) {
   return all;
 }
 
-TEST(Pacer, FillsLinksWhoseDelayWanders) {
+TEST(Pacer, FillsLinksWithVaryingDelay) {
   for (const netem::NamedLink& link : netem::kNamedLinks) {
     if (link.each_way.rate_mbit == 0) continue;
     const std::vector<double> shares = of_seeds([&](std::uint64_t seed) { return send_named(link, 60, seed).share; });
@@ -194,7 +194,7 @@ TEST(Pacer, FillsLinksWhoseDelayWanders) {
   }
 }
 
-TEST(Pacer, KeepsRoomForABurstWhereDelaysWander) {
+TEST(Pacer, KeepsAWindowForABurstOnLinksWithVaryingDelay) {
   constexpr std::uint32_t kBurst = 4 * kChunk;
   for (const netem::NamedLink& link : netem::kNamedLinks) {
     if (link.each_way.rate_mbit == 0) continue;
@@ -205,7 +205,7 @@ TEST(Pacer, KeepsRoomForABurstWhereDelaysWander) {
   }
 }
 
-TEST(Pacer, SendsNoMoreThanItsWindowUntilItIsAnswered) {
+TEST(Pacer, SendsNoMoreThanItsWindowWithoutFeedback) {
   Pacer pacer;
   std::uint32_t sent = 0;
   for (std::int64_t now = 0; now < 1000 * kMs; now += kMs) {

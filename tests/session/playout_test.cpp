@@ -15,7 +15,7 @@ PlayoutSettings without_reserve() {
   return settings;
 }
 
-/// At x = its time in seconds, moving so.
+/// A state whose x is its time in seconds, with the matching velocity.
 ProbeState moving(std::uint32_t sequence, std::int64_t at_ms) {
   ProbeState state;
   state.origin.incarnation = 1;
@@ -26,13 +26,13 @@ ProbeState moving(std::uint32_t sequence, std::int64_t at_ms) {
   return state;
 }
 
-/// A state every 10 ms from `from_ms` on, each `transit_ms` under way.
+/// A state every 10 ms from `from_ms` on, each with a transit of `transit_ms`.
 void feed(ProbePlayout& playout, std::int64_t from_ms, std::int64_t to_ms, std::int64_t transit_ms) {
   for (std::int64_t ms = from_ms; ms < to_ms; ms += 10)
     playout.on_state(moving(static_cast<std::uint32_t>(ms / 10 + 1), ms), (ms + transit_ms) * kMs);
 }
 
-TEST(ProbePlayout, HasNothingToShowBeforeAStateCame) {
+TEST(ProbePlayout, IsStaleBeforeTheFirstState) {
   ProbePlayout playout;
   const Shown shown = playout.at(5 * kMs);
   EXPECT_TRUE(shown.stale);
@@ -49,7 +49,7 @@ TEST(ProbePlayout, ShowsAProbeWhereItWasOneTransitAgo) {
   EXPECT_FALSE(shown.stale);
 }
 
-TEST(ProbePlayout, DoesNotWaitForALoneStallButForStallsThatComeAgain) {
+TEST(ProbePlayout, IgnoresASingleStallButNotRepeatedOnes) {
   ProbePlayout playout{without_reserve()};
   feed(playout, 0, 1000, 5);
   playout.on_state(moving(101, 1000), 1050 * kMs);
@@ -59,35 +59,35 @@ TEST(ProbePlayout, DoesNotWaitForALoneStallButForStallsThatComeAgain) {
   EXPECT_EQ(playout.delay_ns(), 40 * kMs);
 }
 
-TEST(ProbePlayout, FallsBackSlowlyOnceTheTransitsAreShortAgain) {
+TEST(ProbePlayout, TheDelayFallsSlowlyAfterLongTransits) {
   ProbePlayout playout{without_reserve()};
   feed(playout, 0, 2500, 40);
-  feed(playout, 2500, 4500, 5);  // the long ones are in the window until now
+  feed(playout, 2500, 4500, 5);  // the window contains the long transits until now
   EXPECT_NEAR(static_cast<double>(playout.delay_ns()), 40e6, 1e6);
   feed(playout, 4500, 5500, 5);
   EXPECT_NEAR(static_cast<double>(playout.delay_ns()), 30e6, 2e6) << "1 % of a second";
 }
 
-TEST(TransitWatch, ForgetsWhatWasMeasuredAfterATimeThatIsStillToCome) {
-  TransitWatch watch;
+TEST(TransitEstimator, DropsLaterMeasurementsWhenTimeStepsBack) {
+  TransitEstimator watch;
   for (std::int64_t ms = 60'000; ms < 61'000; ms += 10) watch.on_transit(40 * kMs, ms * kMs);
   for (std::int64_t ms = 1000; ms < 1300; ms += 10) watch.on_transit(5 * kMs, ms * kMs);
   EXPECT_EQ(watch.max_ns(), 5 * kMs);
 }
 
-TEST(ProbePlayout, GoesOnWhenSessionTimeStepsBack) {
+TEST(ProbePlayout, ContinuesWhenSessionTimeStepsBack) {
   ProbePlayout playout{without_reserve()};
   feed(playout, 60'000, 61'000, 40);
   (void)playout.at(61'000 * kMs);
   for (std::int64_t ms = 1000; ms < 1100; ms += 10)
     playout.on_state(moving(static_cast<std::uint32_t>(6100 + ms / 10), ms), (ms + 5) * kMs);
   const Shown shown = playout.at(1095 * kMs);
-  EXPECT_EQ(playout.delay_ns(), 5 * kMs) << "transits that were measured before count no more";
+  EXPECT_EQ(playout.delay_ns(), 5 * kMs) << "earlier transits are dropped";
   EXPECT_NEAR(shown.view.device[0], 1.09, 1e-9);
   EXPECT_FALSE(shown.stale);
 }
 
-TEST(ProbePlayout, NeverShowsAnEarlierMomentThanBefore) {
+TEST(ProbePlayout, ShownTimeNeverGoesBack) {
   ProbePlayout playout{without_reserve()};
   feed(playout, 0, 500, 5);
   const std::int64_t before = playout.at(505 * kMs).at_ns;
@@ -102,7 +102,7 @@ TEST(ProbePlayout, WaitsNoLongerThanItsBound) {
   EXPECT_EQ(playout.delay_ns(), PlayoutSettings{}.max_delay_ns);
 }
 
-TEST(ProbePlayout, CarriesOnTheFirstOfTwoThatFollowEachOtherAndGoesStraightWhereOneIsMissing) {
+TEST(ProbePlayout, ExtrapolatesBetweenConsecutiveStatesAndInterpolatesOverAGap) {
   PlayoutSettings settings;
   settings.reserve_ns = 30 * kMs;
   ProbePlayout whole{settings}, gap{settings};
@@ -116,7 +116,7 @@ TEST(ProbePlayout, CarriesOnTheFirstOfTwoThatFollowEachOtherAndGoesStraightWhere
   EXPECT_NEAR(gap.at(35 * kMs).view.device[0], 0.005, 1e-12);
 }
 
-TEST(ProbePlayout, PutsAnOvertakenStateInItsPlaceAndIgnoresARepetition) {
+TEST(ProbePlayout, InsertsAnOvertakenStateByNumberAndIgnoresARepetition) {
   PlayoutSettings settings;
   settings.reserve_ns = 50 * kMs;
   ProbePlayout playout{settings};
@@ -132,7 +132,7 @@ TEST(ProbePlayout, PutsAnOvertakenStateInItsPlaceAndIgnoresARepetition) {
   EXPECT_EQ(shown.view.device[0], 7);
 }
 
-TEST(ProbePlayout, IsStaleOnceThreeKeepAlivePeriodsWereSilent) {
+TEST(ProbePlayout, IsStaleAfterThreeKeepAlivePeriodsOfSilence) {
   ProbePlayout playout;
   feed(playout, 0, 1000, 5);
   EXPECT_FALSE(playout.at(1100 * kMs).stale);

@@ -15,7 +15,7 @@ double distance(const std::array<double, 3>& a, const std::array<double, 3>& b) 
   return std::hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
 }
 
-/// Pressed `depth` into the plane z = 0 of 1000 N/m.
+/// Contact at `depth` below the plane z = 0 with 1000 N/m.
 ProbeState pressed(double depth, const std::array<double, 3>& velocity, std::int64_t at_ns) {
   ProbeState state;
   state.session_time_ns = at_ns;
@@ -29,7 +29,7 @@ ProbeState pressed(double depth, const std::array<double, 3>& velocity, std::int
   return state;
 }
 
-/// A hand that wanders over that plane, mostly in it, for `seconds`.
+/// A hand that moves at random over that plane, mostly in contact, for `seconds`.
 std::vector<ProbeState> wander(double seconds, std::uint32_t seed) {
   std::mt19937 random{seed};
   std::normal_distribution<> push{0, 0.004};
@@ -54,7 +54,7 @@ std::vector<ProbeState> wander(double seconds, std::uint32_t seed) {
   return states;
 }
 
-TEST(Reckon, CarriesAFreeProbeAlongItsVelocityBothWays) {
+TEST(Reckon, ExtrapolatesAFreeProbeForwardsAndBackwards) {
   ProbeState state;
   state.session_time_ns = 100 * kMs;
   state.device.position = state.proxy = {1, 2, 3};
@@ -68,7 +68,7 @@ TEST(Reckon, CarriesAFreeProbeAlongItsVelocityBothWays) {
   }
 }
 
-TEST(Reckon, IsWhatTheSpringAndThePlaneGiveForEvenMotion) {
+TEST(Reckon, MatchesSpringAndPlaneForConstantVelocity) {
   const ProbeState state = pressed(0.002, {0.05, -0.02, -0.03}, 0);
   const ProbeView view = reckon(state, 20 * kMs);
   EXPECT_NEAR(distance(view.device, {0.101, 0.1996, -0.0026}), 0, 1e-12);
@@ -76,26 +76,26 @@ TEST(Reckon, IsWhatTheSpringAndThePlaneGiveForEvenMotion) {
   EXPECT_NEAR(distance(view.force, {0, 0, 2.6}), 0, 1e-9);
 }
 
-TEST(Reckon, LetsGoOfASurfaceThatIsLeftAndNeverPulls) {
+TEST(Reckon, TheForceIsZeroAfterLeavingTheSurface) {
   const ProbeView view = reckon(pressed(0.001, {0, 0, 0.2}, 0), 30 * kMs);
   EXPECT_NEAR(distance(view.force, {0, 0, 0}), 0, 1e-9);
 }
 
-TEST(Reckon, LetsMotionDieOutBeyondAKeepAlivePeriod) {
+TEST(Reckon, MotionDiesOutAfterAKeepAlivePeriod) {
   const ProbeState state = pressed(0.002, {0.1, 0, 0}, 0);
   const double at_end = reckon(state, kKeepAliveNs).device[0], later = reckon(state, 60 * kKeepAliveNs).device[0];
   EXPECT_NEAR(at_end, 0.1 + 0.1 * 0.04, 1e-12);
   EXPECT_NEAR(later, at_end + 0.1 * 0.02, 1e-9);
 }
 
-TEST(ProbeEncoder, IsNeverSilentForLongerThanTheKeepAlive) {
+TEST(ProbeEncoder, SendsAtLeastOnceInEveryKeepAlivePeriod) {
   ProbeEncoder encoder;
   int sent = 0;
   for (std::int64_t ms = 0; ms < 1000; ++ms) sent += encoder.step(pressed(0.001, {0, 0, 0}, ms * kMs)) ? 1 : 0;
   EXPECT_EQ(sent, 25);
 }
 
-TEST(ProbeEncoder, KeepsAReceiverOfAllWithinTheNoticeableDifferenceAtEveryCycle) {
+TEST(ProbeEncoder, WithoutLossesTheErrorStaysBelowTheNoticeableDifference) {
   const Jnd jnd;
   for (const std::uint32_t seed : {1u, 2u, 3u}) {
     ProbeEncoder encoder;
@@ -117,7 +117,7 @@ TEST(ProbeEncoder, KeepsAReceiverOfAllWithinTheNoticeableDifferenceAtEveryCycle)
   }
 }
 
-TEST(ProbeEncoder, TellsAtOnceThatContactBeginsOrEnds) {
+TEST(ProbeEncoder, SendsAtOnceWhenContactBeginsOrEnds) {
   ProbeEncoder encoder;
   ProbeState free = pressed(0, {0, 0, 0}, 0);
   free.status = kExact;
@@ -130,7 +130,7 @@ TEST(ProbeEncoder, TellsAtOnceThatContactBeginsOrEnds) {
   EXPECT_TRUE(encoder.step(free));
 }
 
-/// Share of cycles at which one who loses states at random is misled by more than the noticeable difference.
+/// Share of cycles in which a receiver with random losses has an error above the noticeable difference.
 double misled(const std::vector<ProbeState>& states, double loss, double expected, std::size_t& sent) {
   CodingSettings settings;
   settings.loss = expected;
@@ -149,7 +149,7 @@ double misled(const std::vector<ProbeState>& states, double loss, double expecte
   return static_cast<double>(wrong) / static_cast<double>(states.size());
 }
 
-TEST(ProbeEncoder, RepeatsWhereLossesAreExpectedUntilTheRiskIsSmall) {
+TEST(ProbeEncoder, RepeatsStatesWithExpectedLosses) {
   const std::vector<ProbeState> states = wander(60, 5);
   std::size_t plain = 0, repeated = 0;
   const double unprepared = misled(states, 0.3, 0, plain), prepared = misled(states, 0.3, 0.3, repeated);
@@ -159,7 +159,7 @@ TEST(ProbeEncoder, RepeatsWhereLossesAreExpectedUntilTheRiskIsSmall) {
   EXPECT_LT(repeated, 6 * plain);
 }
 
-TEST(ProbeEncoder, SendsAProbeAtRestThoughSessionTimeStepsBack) {
+TEST(ProbeEncoder, SendsAProbeAtRestWhenSessionTimeStepsBack) {
   ProbeEncoder encoder;
   EXPECT_TRUE(encoder.step(pressed(0.001, {0, 0, 0}, 60'000 * kMs)));
   EXPECT_FALSE(encoder.step(pressed(0.001, {0, 0, 0}, 60'001 * kMs)));

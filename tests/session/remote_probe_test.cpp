@@ -13,7 +13,7 @@ namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
 
-/// Presses and lets go, 0.5 to 1.5 N at 1 Hz.
+/// Presses and releases with 0.5 to 1.5 N at 1 Hz.
 ProbeState pressing(std::int64_t at_ms) {
   const double phase = 2 * M_PI * static_cast<double>(at_ms) * 1e-3;
   ProbeState state;
@@ -28,7 +28,7 @@ ProbeState pressing(std::int64_t at_ms) {
   return state;
 }
 
-/// What is shown of that, each millisecond, over a line of 15 ms +- 2, while whole states come from 1.5 s to 3 s.
+/// Shows these states each millisecond, over a link of 15 ms +- 2. Full-rate states come from 1.5 s to 3 s.
 class Switching : public ::testing::Test {
  protected:
   struct Sent {
@@ -36,27 +36,27 @@ class Switching : public ::testing::Test {
     ProbeState state;
     StateStream stream;
   };
-  void interval(const std::function<void(std::int64_t ms, const Shown&)>& look) {
+  void run(const std::function<void(std::int64_t ms, const Shown&)>& check) {
     std::mt19937 random{3};
     std::uniform_real_distribution<> jitter{-2, 2};
     ProbeEncoder encoder;
-    std::uint32_t coded = 0, whole = 0;
-    std::deque<Sent> lines[2];
+    std::uint32_t coded_number = 0, full_rate_number = 0;
+    std::deque<Sent> links[2];
     for (std::int64_t ms = 0; ms < 5000; ++ms) {
       ProbeState state = pressing(ms);
       const auto arrives = ms * kMs + static_cast<std::int64_t>((15 + jitter(random)) * 1e6);
       if (encoder.step(state)) {
-        state.sequence = ++coded;
-        lines[0].push_back({arrives, state, StateStream::kDeadbandCoded});
+        state.sequence = ++coded_number;
+        links[0].push_back({arrives, state, StateStream::kDeadbandCoded});
       }
       if (ms >= 1500 && ms < 3000) {
-        state.sequence = ++whole;
-        lines[1].push_back({arrives, state, StateStream::kFullRate});
+        state.sequence = ++full_rate_number;
+        links[1].push_back({arrives, state, StateStream::kFullRate});
       }
-      for (auto& line : lines)
-        for (; !line.empty() && line.front().arrives_ns <= ms * kMs; line.pop_front())
-          (void)probe_.on_state(line.front().state, line.front().stream, ms * kMs);
-      look(ms, probe_.at(ms * kMs));
+      for (auto& link : links)
+        for (; !link.empty() && link.front().arrives_ns <= ms * kMs; link.pop_front())
+          (void)probe_.on_state(link.front().state, link.front().stream, ms * kMs);
+      check(ms, probe_.at(ms * kMs));
     }
   }
   RemoteProbe probe_;
@@ -65,7 +65,7 @@ class Switching : public ::testing::Test {
 TEST_F(Switching, ShowsNoForceStepAtEitherChangeOfStream) {
   const Jnd jnd;
   double before = 0, max = 0;
-  interval([&](std::int64_t ms, const Shown& shown) {
+  run([&](std::int64_t ms, const Shown& shown) {
     const double force = shown.view.force[2];
     if (ms > 1000) max = std::max(max, std::abs(force - before));
     before = force;
@@ -73,30 +73,30 @@ TEST_F(Switching, ShowsNoForceStepAtEitherChangeOfStream) {
     const double felt = pressing(0).force[2] + 0.5 * std::sin(2 * M_PI * static_cast<double>(shown.at_ns) * 1e-9);
     ASSERT_LE(std::abs(force - felt), 1.3 * std::max(0.1 * felt, jnd.force_floor)) << "at " << ms << " ms";
   });
-  // The force itself changes by 3 mN in a millisecond; a coded one at most by what nobody notices, 0.15 N.
+  // The force itself changes by 3 mN in a millisecond; a new coded state adds at most the deadband, 0.15 N.
   EXPECT_LE(max, 0.155);
 }
 
-TEST_F(Switching, GoesByWholeStatesWhileTheyComeAndShowsThemSooner) {
-  std::int64_t coded_delay = 0, whole_delay = 0;
-  interval([&](std::int64_t ms, const Shown&) {
+TEST_F(Switching, ShowsFullRateStatesWithLessDelayWhileTheyCome) {
+  std::int64_t coded_delay = 0, full_rate_delay = 0;
+  run([&](std::int64_t ms, const Shown&) {
     if (ms == 1400) {
       EXPECT_EQ(probe_.stream(), StateStream::kDeadbandCoded);
       coded_delay = probe_.delay_ns();
     }
     if (ms == 2900) {
       EXPECT_EQ(probe_.stream(), StateStream::kFullRate);
-      whole_delay = probe_.delay_ns();
+      full_rate_delay = probe_.delay_ns();
     }
     if (ms == 3100) {
       EXPECT_EQ(probe_.stream(), StateStream::kDeadbandCoded);
     }
   });
   EXPECT_GT(coded_delay, 15 * kMs);
-  EXPECT_LT(whole_delay, coded_delay - 10 * kMs);
+  EXPECT_LT(full_rate_delay, coded_delay - 10 * kMs);
 }
 
-TEST(RemoteProbe, CountsTheShareOfCodedStatesThatDidNotCome) {
+TEST(RemoteProbe, MeasuresTheShareOfLostDeadbandCodedStates) {
   RemoteProbe probe;
   std::mt19937 random{5};
   EXPECT_EQ(probe.lost(), 0);
@@ -111,7 +111,7 @@ TEST(RemoteProbe, CountsTheShareOfCodedStatesThatDidNotCome) {
   EXPECT_NEAR(probe.lost(), 0.2, 0.1);
 }
 
-TEST(RemoteProbe, IgnoresStatesOfAnIncarnationThatIsOver) {
+TEST(RemoteProbe, IgnoresStatesOfAnEarlierIncarnation) {
   RemoteProbe probe;
   ProbeState state;
   state.origin.incarnation = 7;
@@ -159,10 +159,10 @@ TEST(RemoteProbe, GoesOnAfterOneTimeFromTheFarFuture) {
     if (ms < 110) continue;
     ASSERT_NEAR(probe.at(ms * kMs).state.radius, static_cast<double>(ms), 10) << "at " << ms << " ms";
   }
-  EXPECT_TRUE(probe.at(5000 * kMs).stale) << "nothing has come for three seconds";
+  EXPECT_TRUE(probe.at(5000 * kMs).stale) << "no state for three seconds";
 }
 
-TEST(RemoteProbe, FollowsAUserToAControllerThatStartedEarlier) {
+TEST(RemoteProbe, FollowsAUserToAnHrtcThatStartedEarlier) {
   RemoteProbe probe;
   std::int64_t ms = 0;
   for (std::uint32_t i = 1; i <= 100; ++i, ++ms)

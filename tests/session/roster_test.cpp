@@ -35,28 +35,28 @@ class RosterTest : public testing::Test {
   Roster roster_{{kSession, id_of("me"), 50, 0}, RosterSettings{}};
 };
 
-TEST_F(RosterTest, TellsSilenceInTwoStepsAndTheReturn) {
+TEST_F(RosterTest, ReportsLateThenGoneAndTheReturn) {
   EXPECT_THAT(see(entry("a", 1, 1), 0), ElementsAre(RosterChange::kJoined));
   EXPECT_THAT(changes(roster_.tick(249 * kMs)), IsEmpty());
   EXPECT_THAT(changes(roster_.tick(250 * kMs)), ElementsAre(RosterChange::kLate));
   EXPECT_TRUE(roster_.is_late(id_of("a")));
-  EXPECT_THAT(changes(roster_.tick(260 * kMs)), IsEmpty()) << "told once";
+  EXPECT_THAT(changes(roster_.tick(260 * kMs)), IsEmpty()) << "reported once";
   EXPECT_THAT(see(entry("a", 1, 2), 300 * kMs), ElementsAre(RosterChange::kBack));
   EXPECT_THAT(changes(roster_.tick(800 * kMs)), ElementsAre(RosterChange::kGone));
   EXPECT_EQ(roster_.find(id_of("a")), nullptr);
-  EXPECT_THAT(see(entry("a", 1, 3), 900 * kMs), ElementsAre(RosterChange::kJoined)) << "a partition has healed";
+  EXPECT_THAT(see(entry("a", 1, 3), 900 * kMs), ElementsAre(RosterChange::kJoined)) << "the partition has ended";
 }
 
-TEST_F(RosterTest, WhoLeftStaysAwayUntilStartedAgain) {
+TEST_F(RosterTest, AParticipantThatLeftJoinsAgainOnlyAfterARestart) {
   (void)see(entry("a", 1, 1), 0);
   RosterEntry leaving = entry("a", 1, 3);
   leaving.leaving = true;
   EXPECT_THAT(see(leaving, 10), ElementsAre(RosterChange::kLeft));
-  EXPECT_THAT(see(entry("a", 1, 2), 20), IsEmpty()) << "a straggler";
+  EXPECT_THAT(see(entry("a", 1, 2), 20), IsEmpty()) << "a late sample";
   EXPECT_THAT(see(entry("a", 2, 1), 30), ElementsAre(RosterChange::kJoined));
 }
 
-TEST_F(RosterTest, RefusesAnotherProtocolVersionNamingBothOnce) {
+TEST_F(RosterTest, ReportsAnotherProtocolVersionOnceAndNamesBoth) {
   RosterEntry e = entry("a", 1, 1);
   e.protocol = kProtocolVersion + 4;
 
@@ -76,14 +76,14 @@ TEST_F(RosterTest, IgnoresOtherSessions) {
   EXPECT_THAT(roster_.entries(), IsEmpty());
 }
 
-TEST_F(RosterTest, ANewerIncarnationTakesOverAndStragglersOfTheOldAreIgnored) {
+TEST_F(RosterTest, ANewerIncarnationTakesOverAndLateSamplesOfTheOlderAreIgnored) {
   (void)see(entry("a", 1, 7), 0);
   EXPECT_THAT(see(entry("a", 2, 1), 10), ElementsAre(RosterChange::kRestarted));
-  EXPECT_THAT(see(entry("a", 1, 8), 20), IsEmpty()) << "sent before it died, arrived late";
+  EXPECT_THAT(see(entry("a", 1, 8), 20), IsEmpty()) << "sent before the restart, arrived late";
   EXPECT_EQ(roster_.find(id_of("a"))->origin.incarnation, 2u);
 }
 
-TEST_F(RosterTest, TwoProgramsThatBeatUnderOneNameAreReportedOnceNamingBoth) {
+TEST_F(RosterTest, ANameConflictIsReportedOnceAndNamesBothPrograms) {
   (void)see(entry("a", 1, 7), 0);
   (void)see(entry("a", 2, 1), 10);
   std::vector<RosterEvent> events;
@@ -97,13 +97,13 @@ TEST_F(RosterTest, TwoProgramsThatBeatUnderOneNameAreReportedOnceNamingBoth) {
   EXPECT_THAT(text(events[0]), HasSubstr("incarnations 2 and 1"));
 }
 
-TEST_F(RosterTest, TheOlderOfTwoProgramsWithOneNameIsHereAgainWhenTheNewerHasLeft) {
+TEST_F(RosterTest, TheOlderProgramOfANameReturnsWhenTheNewerHasLeft) {
   (void)see(entry("a", 1, 5), 0);
   (void)see(entry("a", 2, 1), 0);
   RosterEntry last = entry("a", 2, 2);
   last.leaving = true;
   ASSERT_THAT(see(last, 0), ElementsAre(RosterChange::kLeft));
-  EXPECT_THAT(see(entry("a", 1, 6), 1), IsEmpty()) << "may be a straggler";
+  EXPECT_THAT(see(entry("a", 1, 6), 1), IsEmpty()) << "may be a late sample";
   EXPECT_THAT(see(entry("a", 1, 7), 2), IsEmpty());
   EXPECT_THAT(see(entry("a", 1, 8), 3), ElementsAre(RosterChange::kJoined));
   EXPECT_EQ(roster_.find(id_of("a"))->origin.incarnation, 1u);
@@ -111,13 +111,13 @@ TEST_F(RosterTest, TheOlderOfTwoProgramsWithOneNameIsHereAgainWhenTheNewerHasLef
 }
 
 TEST_F(RosterTest, AnotherProgramUnderOurOwnNameIsReported) {
-  EXPECT_THAT(see(entry("me", 50, 1), 0), IsEmpty()) << "that is us";
-  EXPECT_THAT(see(entry("me", 40, 9), 0), IsEmpty()) << "may be the last word of our predecessor";
+  EXPECT_THAT(see(entry("me", 50, 1), 0), IsEmpty()) << "this program itself";
+  EXPECT_THAT(see(entry("me", 40, 9), 0), IsEmpty()) << "may be a late sample of our earlier incarnation";
   EXPECT_THAT(see(entry("me", 40, 10), 0), IsEmpty());
   EXPECT_THAT(see(entry("me", 40, 11), 0), ElementsAre(RosterChange::kNameConflict));
 }
 
-TEST_F(RosterTest, TellsWhenUsersChange) {
+TEST_F(RosterTest, ReportsAChangeOfUsers) {
   (void)see(entry("a", 1, 1), 0);
   RosterEntry e = entry("a", 1, 2);
   e.slots = {{"ann", 0}};
@@ -126,7 +126,7 @@ TEST_F(RosterTest, TellsWhenUsersChange) {
   EXPECT_THAT(see(e, 2), IsEmpty());
 }
 
-TEST_F(RosterTest, HasABound) {
+TEST_F(RosterTest, RefusesMoreThanTheMaxParticipants) {
   for (std::size_t i = 0; i < kMaxParticipants; ++i) (void)see(entry("p" + std::to_string(i), 1, 1), 0);
   EXPECT_THAT(see(entry("one more", 1, 1), 0), ElementsAre(RosterChange::kFull));
   EXPECT_EQ(roster_.entries().size(), kMaxParticipants);
@@ -134,7 +134,7 @@ TEST_F(RosterTest, HasABound) {
   EXPECT_THAT(see(entry("one more", 2, 1), 1000 * kMs), ElementsAre(RosterChange::kJoined));
 }
 
-TEST_F(RosterTest, WhoHasBeenAwayForLongIsForgotten) {
+TEST_F(RosterTest, ParticipantsThatLeftLongAgoAreDropped) {
   for (std::uint64_t i = 0; i < 500; ++i) {
     const std::int64_t now_ns = static_cast<std::int64_t>(i) * 1000 * kMs;
     RosterEntry client = entry("client " + std::to_string(i), 1, 1);
@@ -147,7 +147,7 @@ TEST_F(RosterTest, WhoHasBeenAwayForLongIsForgotten) {
   }
 }
 
-TEST_F(RosterTest, ANameConflictIsReportedHoweverManyThereWere) {
+TEST_F(RosterTest, EveryNameConflictIsReported) {
   for (std::uint64_t incarnation = 100; incarnation < 120; ++incarnation) {
     const std::int64_t now_ns = static_cast<std::int64_t>(incarnation) * 2000 * kMs;
     (void)roster_.tick(now_ns);
@@ -157,8 +157,8 @@ TEST_F(RosterTest, ANameConflictIsReportedHoweverManyThereWere) {
   }
 }
 
-TEST_F(RosterTest, OfTwoProgramsWithOneNameTheLaterGivesWayWhateverItsWallClock) {
-  RosterEntry other = entry("me", 1, 8);  // its clock says 1970; ours, incarnation 50, some later year
+TEST_F(RosterTest, TheProgramThatJoinedLaterYieldsWhateverItsWallClock) {
+  RosterEntry other = entry("me", 1, 8);  // its wall clock is in 1970; ours gave incarnation 50
   const auto conflict = [&](std::int64_t joined_ns, std::int64_t own_joined_ns) {
     Roster roster{{kSession, id_of("me"), 50, 0}, RosterSettings{}};
     roster.set_own_presence(3600'000 * kMs, own_joined_ns);
@@ -170,14 +170,14 @@ TEST_F(RosterTest, OfTwoProgramsWithOneNameTheLaterGivesWayWhateverItsWallClock)
     EXPECT_EQ(events.size(), 1u);
     return !events.empty() && events[0].change == RosterChange::kNameConflict && events[0].entry_yields;
   };
-  EXPECT_FALSE(conflict(3599'000 * kMs, 1000 * kMs)) << "it came an hour after us";
+  EXPECT_FALSE(conflict(3599'000 * kMs, 1000 * kMs)) << "it joined an hour after us";
   EXPECT_FALSE(conflict(kNotJoined, 1000 * kMs)) << "it has not joined yet";
   EXPECT_TRUE(conflict(1000 * kMs, 3599'000 * kMs));
   EXPECT_TRUE(conflict(1000 * kMs, kNotJoined));
   EXPECT_TRUE(conflict(1000 * kMs, 1500 * kMs)) << "at about the same time: by incarnation";
 }
 
-TEST_F(RosterTest, TheSceneIsTheSameForAllWhoKnowTheSameHostsAndControllers) {
+TEST_F(RosterTest, SceneHashIsEqualForTheSameHostsAndHrtcs) {
   const Origin me{kSession, id_of("me"), 50, 0}, other{kSession, id_of("other"), 7, 0};
   Roster others{other, RosterSettings{}};
   RosterEntry client = entry("client", 10, 1);
@@ -201,7 +201,7 @@ TEST_F(RosterTest, GoesOnAfterOneHeartbeatFromTheFarFuture) {
   }
 }
 
-TEST_F(RosterTest, KnowsTheOlderProgramAgainThoughOneOfItsHeartbeatsWasFromTheFarFuture) {
+TEST_F(RosterTest, TheOlderProgramReturnsDespiteAHeartbeatFromTheFarFuture) {
   (void)see(entry("a", 1, 5), 0);
   (void)see(entry("a", 2, 1), 0);
   (void)see(entry("a", 1, UINT64_MAX), 0);

@@ -19,7 +19,7 @@ SequenceWindow after_hundred(const SequenceLimits& limits = kLimits) {
 
 Origin origin(std::uint64_t participant, std::uint64_t incarnation) { return {1, participant, incarnation, 0}; }
 
-TEST(SequenceWindow, ANumberMayBeAheadByALengthAndByTheRateTimesTheTimeThatPassed) {
+TEST(SequenceWindow, ANumberMayBeAheadByAheadPlusRateTimesTime) {
   for (const std::int64_t passed_ms : {0, 1, 50, 3'600'000}) {
     const auto max = 100 + 10 + static_cast<std::uint64_t>(passed_ms);
     EXPECT_EQ(after_hundred().admit(max, (100 + passed_ms) * kMs), Admission::kAccepted);
@@ -28,7 +28,7 @@ TEST(SequenceWindow, ANumberMayBeAheadByALengthAndByTheRateTimesTheTimeThatPasse
   EXPECT_EQ(after_hundred().admit(UINT64_MAX, 101 * kMs), Admission::kImplausible);
 }
 
-TEST(SequenceWindow, OneNumberFromTheFarFutureCostsNothingButItself) {
+TEST(SequenceWindow, OneNumberFromTheFarFutureIsDropped) {
   SequenceWindow window = after_hundred();
   EXPECT_EQ(window.admit(4'000'000'000, 101 * kMs), Admission::kImplausible);
   EXPECT_EQ(window.newest(), 100u);
@@ -46,7 +46,7 @@ TEST(SequenceWindow, AJumpIsAcceptedAfterThreeConsecutiveSamplesThatAgree) {
   for (const std::uint64_t to : {std::uint64_t{1} << 40, std::uint64_t{1}}) {
     SequenceWindow window = after_hundred();
     EXPECT_EQ(window.admit(to, 150 * kMs), Admission::kImplausible);
-    EXPECT_EQ(window.admit(to, 150 * kMs), Admission::kImplausible) << "a repetition agrees with nothing";
+    EXPECT_EQ(window.admit(to, 150 * kMs), Admission::kImplausible) << "a repetition is no successor";
     EXPECT_EQ(window.admit(to + 1, 151 * kMs), Admission::kImplausible);
     EXPECT_EQ(window.admit(to + 2, 152 * kMs), Admission::kAnew);
     EXPECT_EQ(window.admit(to + 3, 153 * kMs), Admission::kAccepted);
@@ -56,7 +56,7 @@ TEST(SequenceWindow, AJumpIsAcceptedAfterThreeConsecutiveSamplesThatAgree) {
 TEST(SequenceWindow, SamplesThatDisagreeOrAreInterruptedAreNoJump) {
   SequenceWindow window = after_hundred();
   for (std::uint64_t i = 1; i < 100; ++i)
-    EXPECT_EQ(window.admit(i << 40, 101 * kMs), Admission::kImplausible) << "each far from the one before";
+    EXPECT_EQ(window.admit(i << 40, 101 * kMs), Admission::kImplausible) << "each is far from the one before";
   for (std::uint64_t i = 1; i < 100; ++i) {
     const std::int64_t now = static_cast<std::int64_t>(101 + i) * kMs;
     ASSERT_EQ(window.admit((std::uint64_t{1} << 40) + i, now), Admission::kImplausible);
@@ -64,7 +64,7 @@ TEST(SequenceWindow, SamplesThatDisagreeOrAreInterruptedAreNoJump) {
   }
 }
 
-TEST(SequenceWindow, TheFirstNumberIsAGuessUntilASecondAgrees) {
+TEST(SequenceWindow, TheFirstNumberIsUnconfirmedUntilASecondAgrees) {
   SequenceWindow window{kLimits};
   EXPECT_EQ(window.admit(UINT64_MAX, 0), Admission::kAnew);
   EXPECT_EQ(window.admit(7, kMs), Admission::kAnew);
@@ -91,8 +91,7 @@ TEST(SequenceWindow, AFencingNumberNeverFallsOnceConfirmed) {
   EXPECT_EQ(fresh.admit(5, 0), Admission::kAnew) << "a single sample is not confirmed";
 }
 
-/// Whatever is lost, repeated, delayed and forged: of the honest samples that are newer than all before, none is
-/// refused when a number from far away comes between them.
+/// Samples may be lost or forged. A forged number from far away must not cause the refusal of an honest sample.
 TEST(SequenceWindow, HonestSamplesPassBetweenForgedOnes) {
   for (unsigned seed = 1; seed <= 50; ++seed) {
     std::mt19937_64 random{seed};
@@ -128,7 +127,7 @@ TEST(SourceWindow, IncarnationsOfDifferentParticipantsAreNotCompared) {
   }
 }
 
-TEST(SourceWindow, OfTwoProgramsThatWriteByTurnsTheFirstStays) {
+TEST(SourceWindow, OfTwoAlternatingWritersTheFirstStays) {
   SourceWindow window;
   for (int i = 0; i < 100; ++i) {
     EXPECT_TRUE(accepted(window.admit(origin(1, 50))));
@@ -156,7 +155,7 @@ TEST(TimeWindow, OneTimeFromTheFarFutureOrPastIsDropped) {
   }
 }
 
-TEST(TimeWindow, AClockThatNeverAgreedOrDriftsIsNoReasonToDrop) {
+TEST(TimeWindow, AcceptsAClockWithAnyOffsetAndDrift) {
   TimeWindow window{{kMs, kMs}};
   for (std::int64_t ms = 0; ms < 1'000'000; ++ms)
     ASSERT_TRUE(accepted(window.admit(INT64_C(77'000'000) * kMs + ms * kMs - ms * 200, ms * kMs))) << ms;
@@ -171,7 +170,7 @@ TEST(TimeWindow, AStepOfTheClockIsAcceptedAfterThreeSamplesThatAgree) {
   EXPECT_EQ(window.admit(60'013 * kMs, 13 * kMs), Admission::kAccepted);
 }
 
-TEST(WrappedTimeWindow, IsNotConfusedByTheWrap) {
+TEST(WrappedTimeWindow, AcceptsTimesAcrossTheWrap) {
   WrappedTimeWindow window;
   for (std::uint32_t i = 0; i < 100; ++i)
     ASSERT_TRUE(accepted(window.admit(0xffffffc0u + 2 * i, static_cast<std::int64_t>(i) * kMs)));

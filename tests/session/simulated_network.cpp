@@ -8,7 +8,7 @@ namespace {
 
 using namespace session;
 
-/// A reliable carrier notices a loss and repeats in this time, and twice as long at most.
+/// A reliable carrier detects and repeats a loss within this to twice this time.
 constexpr std::int64_t kRepairNs = 25'000'000;
 
 struct Text {
@@ -46,13 +46,13 @@ struct Text {
   std::string operator()(const ClockSample& sample) const {
     return (sample.answer ? "clock answer " : "clock request ") + std::to_string(sample.sequence);
   }
-  std::string operator()(const FailureDetectorSample& failure_detector) const {
-    return (failure_detector.sample.answer ? "lives, answer " : "lives, question ") +
-           std::to_string(failure_detector.sample.sequence);
+  std::string operator()(const LivenessSample& liveness) const {
+    return (liveness.sample.answer ? "liveness answer " : "liveness request ") +
+           std::to_string(liveness.sample.sequence);
   }
 };
 
-/// What a newer sample replaces in its writer's history; 0: nothing does.
+/// Key of the state that a newer sample replaces in its writer's history; 0: no state.
 std::uint64_t state_of(const Sample& sample) {
   if (std::holds_alternative<RosterEntry>(sample)) return 1;
   if (const auto* offer = std::get_if<CatalogueEntry>(&sample)) return offer->object_id << 2 | 2;
@@ -73,13 +73,13 @@ std::int64_t SimulatedNetwork::below(std::int64_t n) {
   return n <= 0 ? 0 : static_cast<std::int64_t>(random_() % static_cast<std::uint64_t>(n));
 }
 
-bool SimulatedNetwork::cut_off(const Way& way, std::int64_t at_ns) const {
-  const auto cut = cuts_.find(way);
+bool SimulatedNetwork::cut_off(const Direction& direction, std::int64_t at_ns) const {
+  const auto cut = cuts_.find(direction);
   return cut != cuts_.end() && at_ns < cut->second;
 }
 
-void SimulatedNetwork::harm(const Way& way, std::int64_t now_ns) {
-  harmed_[std::minmax(way.first, way.second)] = now_ns;
+void SimulatedNetwork::harm(const Direction& direction, std::int64_t now_ns) {
+  harmed_[std::minmax(direction.first, direction.second)] = now_ns;
 }
 
 std::int64_t SimulatedNetwork::last_harm_ns(std::uint64_t a, std::uint64_t b) const {
@@ -87,42 +87,42 @@ std::int64_t SimulatedNetwork::last_harm_ns(std::uint64_t a, std::uint64_t b) co
   return at == harmed_.end() ? std::numeric_limits<std::int64_t>::min() : at->second;
 }
 
-void SimulatedNetwork::arrive(std::int64_t at_ns, const Way& way, std::shared_ptr<const Sample> sample,
+void SimulatedNetwork::arrive(std::int64_t at_ns, const Direction& direction, std::shared_ptr<const Sample> sample,
                               std::uint64_t state) {
-  under_way_.push({at_ns, ++order_, way.first, way.second, std::move(sample), state});
+  under_way_.push({at_ns, ++order_, direction.first, direction.second, std::move(sample), state});
 }
 
 void SimulatedNetwork::send(std::int64_t now_ns, std::uint64_t from, std::uint64_t to,
                             std::shared_ptr<const Sample> sample, Carrier carrier) {
   ++sent_;
-  const Way way{from, to};
+  const Direction direction{from, to};
   std::int64_t at_ns = now_ns + delay_ns_;
   const char* fate = "";
   if (carrier == Carrier::kReliable) {
-    while (cut_off(way, at_ns) || chance(faults_.loss)) {
-      count(cut_off(way, at_ns) ? FaultKind::kPartition : FaultKind::kLoss);
-      harm(way, now_ns);
+    while (cut_off(direction, at_ns) || chance(faults_.loss)) {
+      count(cut_off(direction, at_ns) ? FaultKind::kPartition : FaultKind::kLoss);
+      harm(direction, now_ns);
       fate = " [repeated]";
-      at_ns = std::max(at_ns, cut_off(way, at_ns) ? cuts_.at(way) : 0) + kRepairNs + below(kRepairNs);
+      at_ns = std::max(at_ns, cut_off(direction, at_ns) ? cuts_.at(direction) : 0) + kRepairNs + below(kRepairNs);
       fate = " [repeated]";
     }
     const std::uint64_t state = state_of(*sample);
     if (state != 0) {
-      newest_[{way, state}] = order_ + 1;
+      newest_[{direction, state}] = order_ + 1;
     } else {
-      std::int64_t& last = last_arrival_[way];
+      std::int64_t& last = last_arrival_[direction];
       at_ns = last = std::max(at_ns, last + 1);
     }
     if (trace) trace(now_ns, std::to_string(from) + " -> " + std::to_string(to) + ' ' + text(*sample) + fate);
-    return arrive(at_ns, way, std::move(sample), *fate == 0 ? 0 : state);
+    return arrive(at_ns, direction, std::move(sample), *fate == 0 ? 0 : state);
   }
-  if (cut_off(way, now_ns)) {
+  if (cut_off(direction, now_ns)) {
     count(FaultKind::kPartition);
-    harm(way, now_ns);
+    harm(direction, now_ns);
     fate = " [cut off]";
   } else if (chance(faults_.loss)) {
     count(FaultKind::kLoss);
-    harm(way, now_ns);
+    harm(direction, now_ns);
     fate = " [lost]";
   } else {
     const auto* chunk = std::get_if<BulkChunk>(sample.get());
@@ -132,7 +132,7 @@ void SimulatedNetwork::send(std::int64_t now_ns, std::uint64_t from, std::uint64
       payload[random_() % payload.size()] ^= static_cast<std::uint8_t>(1 + below(255));
       sample = std::make_shared<Sample>(std::move(damaged));
       count(FaultKind::kCorruption);
-      harm(way, now_ns);
+      harm(direction, now_ns);
       fate = " [corrupted]";
     }
     for (int copies = chance(faults_.duplication) ? 2 : 1; copies > 0; --copies) {
@@ -140,11 +140,11 @@ void SimulatedNetwork::send(std::int64_t now_ns, std::uint64_t from, std::uint64
       if (chance(faults_.reordering)) {
         late_ns = below(faults_.reorder_ns);
         count(FaultKind::kReordering);
-        harm(way, now_ns + late_ns);  // what counts on it may overtake it, and is refused
+        harm(direction, now_ns + late_ns);  // a message that relies on it may overtake it, and is refused
         fate = " [late]";
       }
       if (copies == 2) count(FaultKind::kDuplication);
-      arrive(at_ns + late_ns, way, sample, 0);
+      arrive(at_ns + late_ns, direction, sample, 0);
     }
   }
   if (trace) trace(now_ns, std::to_string(from) + " -> " + std::to_string(to) + ' ' + text(*sample) + fate);

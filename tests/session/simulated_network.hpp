@@ -1,8 +1,8 @@
-/// The network between the programs of a simulated session: delays, loses, doubles, reorders and corrupts by a seed.
+/// The network between the programs of a simulated session: delays, loses, repeats, reorders and corrupts by a seed.
 ///
-/// Virtual time in nanoseconds. Each way between two programs may be cut for a while, one way alone too. What is sent
-/// over the reliable carrier arrives once and in order, later for each time that it was lost, or, of a state, not at
-/// all when a newer one replaces it before it could be repeated; over the lossy one as it comes. Same seed, same run.
+/// Virtual time in nanoseconds. Each direction between two programs can be cut for a while. The reliable carrier
+/// delivers once and in order, later for each loss; a state that a newer one replaces before its repetition is not
+/// delivered. The lossy carrier delivers what arrives. The same seed gives the same run.
 #pragma once
 
 #include <array>
@@ -35,13 +35,13 @@ struct NetworkFaults {
   std::int64_t reorder_ns = 0;
 };
 
-/// Whether a host lives (session/failure_detector.hpp): over ends of its own, so that it is no question for the time.
-struct FailureDetectorSample {
+/// A liveness request or answer (session/failure_detector.hpp); its topic has other endpoints than clock samples.
+struct LivenessSample {
   session::ClockSample sample;
 };
 using Sample = std::variant<session::RosterEntry, session::CatalogueEntry, session::Demand, session::BulkChunk,
-                            session::ClockSample, FailureDetectorSample>;
-/// One line of a log.
+                            session::ClockSample, LivenessSample>;
+/// One line for a log.
 [[nodiscard]] std::string text(const Sample& sample);
 
 class SimulatedNetwork {
@@ -52,7 +52,7 @@ class SimulatedNetwork {
     std::uint64_t order;
     std::uint64_t from, to;
     std::shared_ptr<const Sample> sample;
-    std::uint64_t state;  // repeated, and gives way to a newer state under this key; 0: does not
+    std::uint64_t state;  // key of a repeated state, which a newer state replaces; 0: none
     bool operator>(const Packet& other) const noexcept {
       return at_ns != other.at_ns ? at_ns > other.at_ns : order > other.order;
     }
@@ -62,40 +62,41 @@ class SimulatedNetwork {
 
   void send(std::int64_t now_ns, std::uint64_t from, std::uint64_t to, std::shared_ptr<const Sample> sample,
             Carrier carrier);
-  /// When the next packet arrives; none under way: never.
+  /// Arrival of the next packet; the max time if none is in flight.
   [[nodiscard]] std::int64_t next_ns() const noexcept;
-  /// That packet; none when a newer one has replaced it.
+  /// That packet; none when a newer state has replaced it.
   [[nodiscard]] std::optional<Packet> take();
-  /// Nothing of `from` reaches `to` until then.
+  /// Cuts the direction from `from` to `to` until then.
   void cut(std::uint64_t from, std::uint64_t to, std::int64_t until_ns);
   /// No faults and no cuts from now on.
   void heal();
 
-  /// When something sent between these two was lost, damaged, cut off or overtaken last.
+  /// When a sample between these two was last lost, damaged, cut off or overtaken.
   [[nodiscard]] std::int64_t last_harm_ns(std::uint64_t a, std::uint64_t b) const;
   [[nodiscard]] std::uint64_t sent() const noexcept { return sent_; }
   [[nodiscard]] const std::array<std::uint64_t, kFaultKinds>& faults_done() const noexcept { return done_; }
 
-  /// Gets a line for each sample; null: none.
+  /// Receives a line for each sample; may be null.
   std::function<void(std::int64_t now_ns, const std::string&)> trace;
 
  private:
-  using Way = std::pair<std::uint64_t, std::uint64_t>;
+  using Direction = std::pair<std::uint64_t, std::uint64_t>;
   [[nodiscard]] bool chance(double p);
   [[nodiscard]] std::int64_t below(std::int64_t n);
-  [[nodiscard]] bool cut_off(const Way& way, std::int64_t at_ns) const;
-  void arrive(std::int64_t at_ns, const Way& way, std::shared_ptr<const Sample> sample, std::uint64_t state);
+  [[nodiscard]] bool cut_off(const Direction& direction, std::int64_t at_ns) const;
+  void arrive(std::int64_t at_ns, const Direction& direction, std::shared_ptr<const Sample> sample,
+              std::uint64_t state);
   void count(FaultKind kind) { ++done_[static_cast<std::size_t>(kind)]; }
-  void harm(const Way& way, std::int64_t now_ns);
+  void harm(const Direction& direction, std::int64_t now_ns);
 
   std::mt19937_64 random_;
   std::int64_t delay_ns_;
   NetworkFaults faults_;
   std::priority_queue<Packet, std::vector<Packet>, std::greater<>> under_way_;
-  std::map<Way, std::int64_t> cuts_;                               // until
-  std::map<std::pair<Way, std::uint64_t>, std::uint64_t> newest_;  // order of the newest state under a key
-  std::map<Way, std::int64_t> last_arrival_;                       // of what went over the reliable carrier
-  std::map<Way, std::int64_t> harmed_;                             // last
+  std::map<Direction, std::int64_t> cuts_;                               // end of the cut
+  std::map<std::pair<Direction, std::uint64_t>, std::uint64_t> newest_;  // order of the newest state with a key
+  std::map<Direction, std::int64_t> last_arrival_;                       // over the reliable carrier
+  std::map<Direction, std::int64_t> harmed_;                             // time of the last harm
   std::uint64_t order_ = 0;
   std::uint64_t sent_ = 0;
   std::array<std::uint64_t, kFaultKinds> done_{};

@@ -11,15 +11,15 @@ using namespace session;
 
 namespace {
 
-/// What may follow from a fault follows within this time: a hole given up, a demand, a round trip, a host that is late.
+/// Max delay between a fault and its effects: a hole is closed, a demand, a round trip, a host is late.
 constexpr std::int64_t kExcuseNs = 1500 * kMs;
-/// Of virtual time, in conversions between clocks.
+/// Rounding error of conversions between clocks.
 constexpr std::int64_t kRoundingNs = 2000;
 
 }  // namespace
 
 void World::broken(const std::string& what) {
-  broken_things.push_back("at " + std::to_string(static_cast<double>(now_ns) * 1e-6) + " ms: " + what);
+  violations.push_back("at " + std::to_string(static_cast<double>(now_ns) * 1e-6) + " ms: " + what);
 }
 
 bool World::excused(std::uint64_t program) const {
@@ -61,8 +61,8 @@ void Program::start() {
   begin();
 }
 
-void Program::stop(bool with_a_word) {
-  if (with_a_word) send_all(world_.programs, entry(true));
+void Program::stop(bool sends_leave_message) {
+  if (sends_leave_message) send_all(world_.programs, entry(true));
   up_ = false;
   stopped_ns_ = world_.now_ns;
 }
@@ -81,8 +81,7 @@ RosterEntry Program::entry(bool leaving) {
 }
 
 void Program::send(std::uint64_t to, Sample sample) {
-  const bool stamps =
-      std::holds_alternative<ClockSample>(sample) || std::holds_alternative<FailureDetectorSample>(sample);
+  const bool stamps = std::holds_alternative<ClockSample>(sample) || std::holds_alternative<LivenessSample>(sample);
   world_.network.send(world_.now_ns, id_, to, std::make_shared<const Sample>(std::move(sample)),
                       stamps ? SimulatedNetwork::Carrier::kLossy : world_.carrier);
 }
@@ -100,11 +99,11 @@ void Program::take(const SimulatedNetwork::Packet& packet) {
   if (const auto* entry = std::get_if<RosterEntry>(packet.sample.get())) {
     for (const RosterEvent& event : roster_->on_entry(*entry, local_ns())) react(event);
   }
-  if (const auto* sample = std::get_if<ClockSample>(packet.sample.get())) return hear_clock(*sample);
-  hear(*packet.sample);
+  if (const auto* sample = std::get_if<ClockSample>(packet.sample.get())) return on_clock_sample(*sample);
+  on_sample(*packet.sample);
 }
 
-void Program::hear_clock(const ClockSample& sample) {
+void Program::on_clock_sample(const ClockSample& sample) {
   if (sample.answer) {
     if (!clock_->on_answer(sample, local_ns())) return;
     answered_by_ = {sample.origin.participant, sample.origin.incarnation};
@@ -127,18 +126,18 @@ void Program::check_clock() {
   if (!clock_->synchronised()) return;
   const std::int64_t session_ns = clock_->map().session_time(local_ns());
   const std::uint64_t reference = clock_->reference();
-  const Program* object_authority = reference == 0 ? nullptr : world_.find(reference);
-  // Against whom it says to be right: one that keeps its own time, and was heard since it was chosen and last stepped.
-  if (object_authority != nullptr && object_authority != this && object_authority->up_ &&
-      object_authority->clock_->reference() == reference && object_authority->stepped_ns_ < answered_ns_ &&
-      answered_by_ == std::make_pair(reference, object_authority->incarnation())) {
+  const Program* reference_program = reference == 0 ? nullptr : world_.find(reference);
+  // Checks the bound against a reference that keeps its own time and has answered since its election and last step.
+  if (reference_program != nullptr && reference_program != this && reference_program->up_ &&
+      reference_program->clock_->reference() == reference && reference_program->stepped_ns_ < answered_ns_ &&
+      answered_by_ == std::make_pair(reference, reference_program->incarnation())) {
     const std::int64_t wrong_ns =
-        std::abs(session_ns - object_authority->clock_->map().session_time(object_authority->local_ns()));
+        std::abs(session_ns - reference_program->clock_->map().session_time(reference_program->local_ns()));
     if (wrong_ns > clock_bound_ns() + kRoundingNs)
       world_.broken("the clock of " + std::to_string(id_) + " is wrong by " + std::to_string(wrong_ns) +
-                    " ns and says " + std::to_string(clock_bound_ns()));
+                    " ns and states a bound of " + std::to_string(clock_bound_ns()));
   }
-  // Against its own clock: it steps only to another time, and that is far away.
+  // Checks against its own clock: only a step to another session's time may be large.
   const std::int64_t gained_ns = session_ns - last_session_ns_ - (local_ns() - last_local_ns_);
   if (session_ns < last_session_ns_ - kRoundingNs && -gained_ns < ClockSettings{}.step_ns)
     world_.broken("the clock of " + std::to_string(id_) + " has stepped back by " + std::to_string(-gained_ns) + " ns");
@@ -156,8 +155,8 @@ void Program::tick() {
   call_at(world_.now_ns + work());
 }
 
-SimulatedClient::SimulatedClient(World& world, std::uint64_t id, std::uint64_t controller)
-    : Program{world, id, Role::kClient}, controller_{controller} {}
+SimulatedClient::SimulatedClient(World& world, std::uint64_t id, std::uint64_t hrtc)
+    : Program{world, id, Role::kClient}, hrtc_{hrtc} {}
 
 void SimulatedClient::begin() {
   users_.clear();
@@ -167,20 +166,20 @@ void SimulatedClient::begin() {
   users_.erase(std::unique(users_.begin(), users_.end()), users_.end());
 }
 
-std::vector<std::string> SimulatedClient::users_at(std::uint64_t controller) const {
-  return up() && controller == controller_ ? users_ : std::vector<std::string>{};
+std::vector<std::string> SimulatedClient::users_at(std::uint64_t hrtc) const {
+  return up() && hrtc == hrtc_ ? users_ : std::vector<std::string>{};
 }
 
 std::int64_t SimulatedClient::work() {
   if (world_.wandering && world_.chance(0.02)) {
     begin();
-    say_presence_at_once();
+    publish_entry_at_once();
   }
   return 20 * kMs;
 }
 
 void SimulatedClient::describe(RosterEntry& entry) const {
-  entry.controller = std::to_string(controller_);
+  entry.requested_hrtc = std::to_string(hrtc_);
   entry.users = users_;
 }
 

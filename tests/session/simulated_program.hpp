@@ -1,7 +1,7 @@
-/// What every program of a simulated session does, and the clients: presence, session time, users.
+/// The base of all programs of a simulated session (presence, session time), and the clients (users).
 ///
-/// Roster and SessionClock are the real ones. Each program has a clock of its own, which began somewhere and runs a
-/// little fast or slow; nothing but that time reaches the state machines.
+/// Roster and SessionClock are the real ones. Each program has a clock of its own, with a random start and a slightly
+/// wrong rate; the state machines get no other time.
 #pragma once
 
 #include <cstdint>
@@ -25,18 +25,18 @@ inline constexpr std::int64_t kMs = 1'000'000;
 
 class Program;
 
-/// Mistakes that a program can be made to make, to see that they are noticed.
+/// Planted mistakes, to test that the simulation detects them.
 enum class Sabotage : std::uint8_t {
   kNone,
   kFreeEarly,  ///< HRTCs free a region as soon as they retire it
-  kForget,     ///< HRTCs lose a record now and then and do not tell
-  kRunFast,    ///< clocks run apart by more than ClockSettings::drift
-  kSendTwice,  ///< hosts forget once what they have sent
-  kDeaf,       ///< a program misses all that one other says
-  kTrusting,   ///< HRTCs do not look whether hosts are silent
+  kForget,     ///< HRTCs lose a record now and then without reporting it
+  kRunFast,    ///< clocks drift by more than ClockSettings::drift
+  kSendTwice,  ///< hosts drop the state of an HRTC now and then
+  kDeaf,       ///< one program receives nothing from one other
+  kTrusting,   ///< HRTCs do not poll the failure detector
 };
 
-/// What the programs of one session share.
+/// State that the programs of one session share.
 struct World {
   World(std::uint64_t seed, std::int64_t delay_ns, const NetworkFaults& faults, SimulatedNetwork::Carrier carrier_)
       : random{seed}, network{seed ^ 0x6e6574ull, delay_ns, faults}, carrier{carrier_} {}
@@ -45,10 +45,9 @@ struct World {
     return n <= 0 ? 0 : static_cast<std::int64_t>(random() % static_cast<std::uint64_t>(n));
   }
   [[nodiscard]] bool chance(double p) { return p > 0 && static_cast<double>(random() >> 11) * 0x1p-53 < p; }
-  /// What must never be and is.
+  /// Records a violated invariant.
   void broken(const std::string& what);
-  /// Whether something has happened of late that explains that this program gets again what it has, or what it cannot
-  /// use.
+  /// Whether a recent fault explains that this program receives records that it holds or cannot use.
   [[nodiscard]] bool excused(std::uint64_t program) const;
   [[nodiscard]] Program* find(std::uint64_t id) const;
 
@@ -59,10 +58,10 @@ struct World {
   std::vector<Program*> programs;
   std::int64_t now_ns = 0;
   std::int64_t last_crash_ns = std::numeric_limits<std::int64_t>::min() / 2;
-  std::int64_t last_payload_ns = 0;  // that a host sent
-  bool wandering = true;             // users move
+  std::int64_t last_payload_ns = 0;  // when a host last sent payload
+  bool wandering = true;             // users still move
   std::uint64_t incarnations = 0;
-  std::vector<std::string> broken_things;
+  std::vector<std::string> violations;
 };
 
 class Program {
@@ -72,15 +71,15 @@ class Program {
   Program(const Program&) = delete;
   Program& operator=(const Program&) = delete;
 
-  /// As a new incarnation that knows nothing.
+  /// Starts a new incarnation without state.
   void start();
-  void stop(bool with_a_word);
+  void stop(bool sends_leave_message);
   void take(const SimulatedNetwork::Packet& packet);
-  /// Whatever is due; says itself when it wants to be called again.
+  /// Does all due work and sets the time of the next call.
   void tick();
 
   [[nodiscard]] bool up() const noexcept { return up_; }
-  /// When it ended, of one that is not up.
+  /// When it ended; only if it is not up.
   [[nodiscard]] std::int64_t stopped_ns() const noexcept { return stopped_ns_; }
   [[nodiscard]] std::uint64_t id() const noexcept { return id_; }
   [[nodiscard]] std::uint64_t incarnation() const noexcept { return self_.incarnation; }
@@ -90,26 +89,26 @@ class Program {
   }
   [[nodiscard]] const session::Roster& roster() const noexcept { return *roster_; }
   [[nodiscard]] const session::SessionClock& clock() const noexcept { return *clock_; }
-  /// What its own clock shows.
+  /// Time of its own clock.
   [[nodiscard]] std::int64_t local_ns() const noexcept;
-  /// Of the stated bound, now.
+  /// Its clock's stated error bound now.
   [[nodiscard]] std::int64_t clock_bound_ns() const noexcept { return clock_->map().bound(local_ns()); }
-  /// What it says of itself.
+  /// Its roster entry.
   [[nodiscard]] session::RosterEntry entry(bool leaving);
 
  protected:
   virtual void begin() {}
-  virtual void hear(const Sample& sample) = 0;
+  virtual void on_sample(const Sample& sample) = 0;
   virtual void react(const session::RosterEvent&) {}
-  /// When to be called again at the latest, ns from now.
+  /// Does the work of the role; returns the longest time until the next call, ns.
   virtual std::int64_t work() = 0;
   virtual void describe(session::RosterEntry&) const {}
-  /// Whether a user here feels something now.
+  /// Whether a force is on here.
   [[nodiscard]] virtual bool force_on() const { return false; }
 
   void send(std::uint64_t to, Sample sample);
   void send_all(const std::vector<Program*>& to, Sample sample);
-  void say_presence_at_once() { beat_.at_once(); }
+  void publish_entry_at_once() { beat_.at_once(); }
   void call_at(std::int64_t at_ns) { next_tick_ns_ = std::min(next_tick_ns_, at_ns); }
   [[nodiscard]] const session::Origin& self() const noexcept { return self_; }
   World& world_;
@@ -117,13 +116,13 @@ class Program {
  private:
   void keep_time();
   void check_clock();
-  void hear_clock(const session::ClockSample& sample);
+  void on_clock_sample(const session::ClockSample& sample);
 
   std::uint64_t id_;
   session::Role role_;
   session::Origin self_;
   std::int64_t clock_start_ns_ = 0;
-  double clock_rate_ = 0;  // over true time, less one
+  double clock_rate_ = 0;  // relative error
   bool up_ = false;
   std::int64_t stopped_ns_ = 0;
   std::int64_t next_tick_ns_ = 0;
@@ -136,20 +135,20 @@ class Program {
   std::int64_t last_session_ns_ = 0, last_local_ns_ = 0, answered_ns_ = 0, stepped_ns_ = 0;
 };
 
-/// Brings users to an HRTC, now and then others.
+/// Asks an HRTC to serve its users, who change now and then.
 class SimulatedClient : public Program {
  public:
-  SimulatedClient(World& world, std::uint64_t id, std::uint64_t controller);
-  [[nodiscard]] std::vector<std::string> users_at(std::uint64_t controller) const;
+  SimulatedClient(World& world, std::uint64_t id, std::uint64_t hrtc);
+  [[nodiscard]] std::vector<std::string> users_at(std::uint64_t hrtc) const;
 
  protected:
   void begin() override;
-  void hear(const Sample&) override {}
+  void on_sample(const Sample&) override {}
   std::int64_t work() override;
   void describe(session::RosterEntry& entry) const override;
 
  private:
-  std::uint64_t controller_;
+  std::uint64_t hrtc_;
   std::vector<std::string> users_;
 };
 

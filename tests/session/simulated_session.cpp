@@ -15,13 +15,13 @@ using namespace session;
 
 namespace {
 
-constexpr std::size_t kHosts = 2, kControllers = 3, kClients = 2, kPrograms = kHosts + kControllers + kClients;
-constexpr std::uint64_t kFirstHost = 100, kFirstController = 200, kFirstClient = 400;
+constexpr std::size_t kHosts = 2, kHrtcs = 3, kClients = 2, kPrograms = kHosts + kHrtcs + kClients;
+constexpr std::uint64_t kFirstHost = 100, kFirstHrtc = 200, kFirstClient = 400;
 constexpr int kChunksPerMs = 12;
-/// After all is well a host may have missed the last demand, and repair what is wanted no more, until that is repeated.
+/// After recovery a host may have missed the last demand, and still repair cancelled regions until it is repeated.
 constexpr std::int64_t kOnTheWayNs = DeliverySettings{}.keep_alive_ns + 100 * kMs;
-constexpr std::int64_t kSilenceNs = 100 * kMs;  // then nothing is sent for so long
-constexpr std::int64_t kLookNs = 5 * kMs;       // whether all is well
+constexpr std::int64_t kSilenceNs = 100 * kMs;  // time in which no payload may be sent after that
+constexpr std::int64_t kLookNs = 5 * kMs;       // between checks of recovery
 
 class SimulatedHost : public Program {
  public:
@@ -37,11 +37,9 @@ class SimulatedHost : public Program {
     for (std::uint64_t object = kFirstObject; object < kFirstObject + kObjects; ++object)
       if (serves(object)) server_->add(object, coded_of(object));
   }
-  void hear(const Sample& sample) override {
-    if (const auto* question = std::get_if<FailureDetectorSample>(&sample);
-        question != nullptr && !question->sample.answer)
-      send(question->sample.origin.participant,
-           FailureDetectorSample{clock().answer(question->sample, local_ns(), local_ns())});
+  void on_sample(const Sample& sample) override {
+    if (const auto* request = std::get_if<LivenessSample>(&sample); request != nullptr && !request->sample.answer)
+      send(request->sample.origin.participant, LivenessSample{clock().answer(request->sample, local_ns(), local_ns())});
     const auto* demand = std::get_if<Demand>(&sample);
     if (demand == nullptr) return;
     if (server_->on_demand(*demand, local_ns()) == DeliveryServer::DemandResult::kMalformed)
@@ -59,7 +57,7 @@ class SimulatedHost : public Program {
       if (!out) return 10 * kMs;
       ++chunks_;
       if (!out->chunk.pieces.empty() && world_.find(out->hrtc)->up()) world_.last_payload_ns = world_.now_ns;
-      if (server_->bytes_under_way(out->hrtc) > kMaxCredit) world_.broken("more under way than the credit");
+      if (server_->bytes_under_way(out->hrtc) > kMaxCredit) world_.broken("more bytes in flight than the credit");
       if (world_.sabotage == Sabotage::kSendTwice && world_.chance(0.02)) server_->on_hrtc_gone(out->hrtc);
       send(out->hrtc, std::move(out->chunk));
     }
@@ -93,34 +91,33 @@ class Simulation {
     if (trace_) world_.network.trace = [this](std::int64_t, const std::string& line) { say(line); };
     for (std::uint64_t i = 0; i < kHosts; ++i)
       hosts_.push_back(std::make_unique<SimulatedHost>(world_, kFirstHost + i));
-    for (std::uint64_t i = 0; i < kControllers; ++i)
-      controllers_.push_back(
-          std::make_unique<SimulatedController>(world_, kFirstController + i, schedule_.controllers));
+    for (std::uint64_t i = 0; i < kHrtcs; ++i)
+      hrtcs_.push_back(std::make_unique<SimulatedHrtc>(world_, kFirstHrtc + i, schedule_.hrtcs));
     for (std::uint64_t i = 0; i < kClients; ++i)
-      clients_.push_back(std::make_unique<SimulatedClient>(world_, kFirstClient + i, kFirstController + i));
+      clients_.push_back(std::make_unique<SimulatedClient>(world_, kFirstClient + i, kFirstHrtc + i));
     for (const auto& host : hosts_) world_.programs.push_back(host.get());
-    for (const auto& controller : controllers_) world_.programs.push_back(controller.get());
+    for (const auto& hrtc : hrtcs_) world_.programs.push_back(hrtc.get());
     for (const auto& client : clients_) world_.programs.push_back(client.get());
     for (Program* program : world_.programs) program->start();
   }
 
-  SimulationResult interval() {
+  SimulationResult run() {
     std::stable_sort(schedule_.planned.begin(), schedule_.planned.end(),
                      [](const PlannedFault& a, const PlannedFault& b) { return a.at_ns < b.at_ns; });
-    while (world_.now_ns < schedule_.wander_ns && world_.broken_things.empty()) step(schedule_.wander_ns);
+    while (world_.now_ns < schedule_.wander_ns && world_.violations.empty()) step(schedule_.wander_ns);
     heal();
     const std::int64_t healed_from_ns = world_.now_ns;
-    while (world_.broken_things.empty()) {
+    while (world_.violations.empty()) {
       step(world_.now_ns + kLookNs);
       std::string missing = what_is_wrong();
       if (missing.empty()) break;
       result_.healed_ns = world_.now_ns - healed_from_ns;
-      if (result_.healed_ns > kHealNs) world_.broken("not healed: " + missing);
+      if (result_.healed_ns > kHealNs) world_.broken("not recovered: " + missing);
     }
     const std::int64_t from_ns = world_.now_ns + kOnTheWayNs, end_ns = from_ns + kSilenceNs;
-    while (world_.now_ns < end_ns && world_.broken_things.empty()) {
+    while (world_.now_ns < end_ns && world_.violations.empty()) {
       step(end_ns);
-      if (world_.last_payload_ns > from_ns) world_.broken("records are sent and nothing is wanted");
+      if (world_.last_payload_ns > from_ns) world_.broken("records are sent although nothing is wanted");
     }
     return result();
   }
@@ -132,7 +129,7 @@ class Simulation {
     trace_(at + line);
   }
 
-  /// To the next thing that happens, or to `until_ns`.
+  /// Advances to the next event, or to `until_ns`.
   void step(std::int64_t until_ns) {
     std::int64_t next_ns = std::min(until_ns, world_.network.next_ns());
     for (const Program* program : world_.programs) next_ns = std::min(next_ns, program->next_tick_ns());
@@ -143,7 +140,7 @@ class Simulation {
       while (planned_done_ < schedule_.planned.size() && schedule_.planned[planned_done_].at_ns <= world_.now_ns)
         happen(schedule_.planned[planned_done_++]);
     }
-    while (!returns_.empty() && returns_.begin()->first <= world_.now_ns) come_back(returns_.begin());
+    while (!returns_.empty() && returns_.begin()->first <= world_.now_ns) restart(returns_.begin());
     while (world_.network.next_ns() <= world_.now_ns) {
       const std::optional<SimulatedNetwork::Packet> packet = world_.network.take();
       if (!packet) continue;
@@ -162,11 +159,11 @@ class Simulation {
         cut_off(i, fault);
       } else if (program.up()) {
         if (trace_)
-          say(std::to_string(program.id()) + (fault.with_a_word ? " ends" : " is killed") +
+          say(std::to_string(program.id()) + (fault.sends_leave_message ? " ends" : " is killed") +
               (fault.for_good ? " for good" : ""));
         ++result_.faults[static_cast<std::size_t>(fault.kind)];
         world_.last_crash_ns = world_.now_ns;
-        program.stop(fault.with_a_word);
+        program.stop(fault.sends_leave_message);
         if (!fault.for_good) returns_.emplace(std::min(world_.now_ns + fault.lasts_ns, schedule_.wander_ns), &program);
       }
     }
@@ -175,7 +172,7 @@ class Simulation {
   void cut_off(std::size_t place, const PlannedFault& fault) {
     const std::uint64_t id = world_.programs[place]->id();
     if (trace_)
-      say(std::to_string(id) + (fault.one_way ? " is not heard" : " is cut off") + " for " +
+      say(std::to_string(id) + (fault.one_way ? " cannot send" : " is cut off") + " for " +
           std::to_string(fault.lasts_ns / kMs) + " ms");
     for (std::size_t i = 0; i < kPrograms; ++i) {
       if ((fault.programs >> i & 1u) != 0) continue;
@@ -185,8 +182,8 @@ class Simulation {
     }
   }
 
-  void come_back(std::multimap<std::int64_t, Program*>::iterator at) {
-    if (trace_) say(std::to_string(at->second->id()) + " starts again");
+  void restart(std::multimap<std::int64_t, Program*>::iterator at) {
+    if (trace_) say(std::to_string(at->second->id()) + " restarts");
     world_.last_crash_ns = world_.now_ns;
     at->second->start();
     returns_.erase(at);
@@ -196,7 +193,7 @@ class Simulation {
     if (trace_) say("no more faults");
     world_.network.heal();
     world_.wandering = false;
-    while (!returns_.empty()) come_back(returns_.begin());
+    while (!returns_.empty()) restart(returns_.begin());
   }
 
   [[nodiscard]] bool served(std::uint64_t object) const {
@@ -204,26 +201,26 @@ class Simulation {
                        [object](const auto& host) { return host->up() && host->serves(object); });
   }
 
-  /// Empty when all agree and hold what they want.
+  /// Empty when all programs agree and hold what they want.
   [[nodiscard]] std::string what_is_wrong() const {
-    for (const auto& controller : controllers_)
+    for (const auto& hrtc : hrtcs_)
       for (std::uint64_t object = kFirstObject; object < kFirstObject + kObjects; ++object)
-        if (controller->up() && served(object) && !controller->content_with(object))
-          return std::to_string(controller->id()) + " has not all that it wants of object " + std::to_string(object);
+        if (hrtc->up() && served(object) && !hrtc->content_with(object))
+          return std::to_string(hrtc->id()) + " lacks wanted regions of object " + std::to_string(object);
     for (const Program* program : world_.programs) {
       if (!program->up()) continue;
       const std::string name = std::to_string(program->id());
-      if (!knows_all(*program)) return "the roster of " + name;
-      const Program* object_authority = world_.find(program->clock().reference());
-      if (object_authority == nullptr || !object_authority->up() ||
-          object_authority->clock().reference() != object_authority->id())
-        return "the keeper of time of " + name;
+      if (!sees_all(*program)) return "the roster of " + name;
+      const Program* reference_program = world_.find(program->clock().reference());
+      if (reference_program == nullptr || !reference_program->up() ||
+          reference_program->clock().reference() != reference_program->id())
+        return "the time reference of " + name;
       if (!program->clock().synchronised() || program->clock_bound_ns() > kClockNs) return "the clock of " + name;
     }
     return slots_that_are_wrong();
   }
 
-  [[nodiscard]] bool knows_all(const Program& program) const {
+  [[nodiscard]] bool sees_all(const Program& program) const {
     std::size_t known = 0;
     bool right = true;
     program.roster().for_each([&](const RosterEntry& entry) {
@@ -237,46 +234,45 @@ class Simulation {
   }
 
   [[nodiscard]] std::string slots_that_are_wrong() const {
-    for (const auto& controller : controllers_) {
-      if (!controller->up()) continue;
+    for (const auto& hrtc : hrtcs_) {
+      if (!hrtc->up()) continue;
       std::set<std::string> requested, given;
       for (const auto& client : clients_)
-        for (const std::string& user : client->users_at(controller->id())) requested.insert(user);
+        for (const std::string& user : client->users_at(hrtc->id())) requested.insert(user);
       std::set<std::uint32_t> numbers;
-      for (const UserSlot& slot : controller->slots()) {
+      for (const UserSlot& slot : hrtc->slots()) {
         given.insert(slot.user);
         numbers.insert(slot.slot);
       }
-      if (requested != given || numbers.size() != given.size())
-        return "the users of " + std::to_string(controller->id());
+      if (requested != given || numbers.size() != given.size()) return "the users of " + std::to_string(hrtc->id());
       for (const Program* program : world_.programs) {
-        if (!program->up() || program == controller.get()) continue;
+        if (!program->up() || program == hrtc.get()) continue;
         std::set<std::string> published;
-        for (const UserSlot& slot : program->roster().find(controller->id())->slots) published.insert(slot.user);
+        for (const UserSlot& slot : program->roster().find(hrtc->id())->slots) published.insert(slot.user);
         if (published != given)
-          return "what " + std::to_string(program->id()) + " knows of the users of " + std::to_string(controller->id());
+          return "the users of " + std::to_string(hrtc->id()) + " as seen by " + std::to_string(program->id());
       }
     }
     return {};
   }
 
   SimulationResult result() {
-    result_.broken = world_.broken_things;
+    result_.broken = world_.violations;
     result_.messages = world_.network.sent();
     result_.virtual_ns = world_.now_ns;
     for (std::size_t i = 0; i < kFaultKinds; ++i) result_.faults[i] += world_.network.faults_done()[i];
     for (const auto& host : hosts_) result_.chunks += host->chunks();
-    for (const auto& controller : controllers_) {
-      const ControllerFigures& figures = controller->figures();
-      result_.controllers.regions_held += figures.regions_held;
-      result_.controllers.regions_refused += figures.regions_refused;
-      result_.controllers.regions_released += figures.regions_released;
-      result_.controllers.records_received += figures.records_received;
-      result_.controllers.records_repeated += figures.records_repeated;
-      result_.controllers.deaths_noticed += figures.deaths_noticed;
-      result_.controllers.noticed_ns = std::max(result_.controllers.noticed_ns, figures.noticed_ns);
-      result_.controllers.false_alarms += figures.false_alarms;
-      result_.host_changes += controller->delivery().counters().host_changes;
+    for (const auto& hrtc : hrtcs_) {
+      const HrtcFigures& figures = hrtc->figures();
+      result_.hrtcs.regions_held += figures.regions_held;
+      result_.hrtcs.regions_refused += figures.regions_refused;
+      result_.hrtcs.regions_released += figures.regions_released;
+      result_.hrtcs.records_received += figures.records_received;
+      result_.hrtcs.records_repeated += figures.records_repeated;
+      result_.hrtcs.deaths_noticed += figures.deaths_noticed;
+      result_.hrtcs.noticed_ns = std::max(result_.hrtcs.noticed_ns, figures.noticed_ns);
+      result_.hrtcs.false_suspicions += figures.false_suspicions;
+      result_.host_changes += hrtc->delivery().counters().host_changes;
     }
     return result_;
   }
@@ -285,7 +281,7 @@ class Simulation {
   World world_;
   std::function<void(const std::string&)> trace_;
   std::vector<std::unique_ptr<SimulatedHost>> hosts_;
-  std::vector<std::unique_ptr<SimulatedController>> controllers_;
+  std::vector<std::unique_ptr<SimulatedHrtc>> hrtcs_;
   std::vector<std::unique_ptr<SimulatedClient>> clients_;
   std::size_t planned_done_ = 0;
   std::multimap<std::int64_t, Program*> returns_;  // by when
@@ -303,7 +299,7 @@ std::string Schedule::text() const {
       static_cast<long long>(wander_ns / kMs), carrier == SimulatedNetwork::Carrier::kLossy ? "lossy" : "reliable",
       static_cast<double>(delay_ns) * 1e-6, 100 * network.loss, 100 * network.duplication, 100 * network.reordering,
       static_cast<double>(network.reorder_ns) * 1e-6, 100 * network.corruption,
-      static_cast<double>(controllers.decode_ns) * 1e-6, 100 * controllers.parking, planned.size());
+      static_cast<double>(hrtcs.decode_ns) * 1e-6, 100 * hrtcs.parking, planned.size());
   return line;
 }
 
@@ -319,8 +315,8 @@ Schedule random_schedule(std::uint64_t seed) {
   schedule.wander_ns = static_cast<std::int64_t>(one_of({600, 600, 800, 1600})) * kMs;
   schedule.delay_ns = static_cast<std::int64_t>(one_of({0.2, 1, 5, 20}) * 1e6);
   if (below(3) == 0) schedule.carrier = SimulatedNetwork::Carrier::kReliable;
-  schedule.controllers.decode_ns = static_cast<std::int64_t>(one_of({0, 10, 60}) * 1e6);
-  schedule.controllers.parking = one_of({0, 0, 0.1});
+  schedule.hrtcs.decode_ns = static_cast<std::int64_t>(one_of({0, 10, 60}) * 1e6);
+  schedule.hrtcs.parking = one_of({0, 0, 0.1});
 
   std::vector<FaultKind> kinds{FaultKind::kCrash, FaultKind::kRestart, FaultKind::kPartition};
   if (schedule.carrier == SimulatedNetwork::Carrier::kLossy)
@@ -328,7 +324,7 @@ Schedule random_schedule(std::uint64_t seed) {
   else
     kinds.push_back(FaultKind::kLoss);
   std::shuffle(kinds.begin(), kinds.end(), random);
-  std::array<std::uint32_t, kPrograms> places;  // each is hit once
+  std::array<std::uint32_t, kPrograms> places;  // each fails at most once
   std::iota(places.begin(), places.end(), 0u);
   std::shuffle(places.begin(), places.end(), random);
   std::size_t hit = 0;
@@ -349,7 +345,7 @@ Schedule random_schedule(std::uint64_t seed) {
         fault.at_ns = 100 * kMs + below(schedule.wander_ns - 400 * kMs);
         fault.lasts_ns = (kind == FaultKind::kRestart ? 1 + below(80) : 120 + below(1200)) * kMs;
         fault.one_way = below(3) == 0;
-        fault.with_a_word = kind == FaultKind::kRestart && below(2) == 0;
+        fault.sends_leave_message = kind == FaultKind::kRestart && below(2) == 0;
         fault.programs = 1u << places[hit++];
         if (kind == FaultKind::kPartition && below(2) == 0) fault.programs |= 1u << below(kPrograms);
         fault.for_good = kind == FaultKind::kCrash && below(4) == 0;
@@ -367,7 +363,7 @@ std::size_t SimulationResult::kinds() const {
 
 SimulationResult simulate(std::uint64_t seed, const Schedule& schedule,
                           const std::function<void(const std::string&)>& trace) {
-  return Simulation{seed, schedule, trace}.interval();
+  return Simulation{seed, schedule, trace}.run();
 }
 
 }  // namespace tactus::test_support

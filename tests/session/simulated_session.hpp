@@ -1,19 +1,19 @@
 /// A session of two hosts, three HRTCs and two clients in one thread and in virtual time, by a seed.
 ///
-/// The programs are DeliveryServer, DeliveryClient, Roster, Vigil, SessionClock and UserSlots as they are; the network,
-/// the cache of an HRTC and the hands of users are models. Users wander over two objects (both hosts serve the first,
-/// one of them the second) while faults come as the schedule says; then all faults stop and the session has to heal:
+/// DeliveryServer, DeliveryClient, Roster, FailureDetector, SessionClock and UserSlots are the real ones; the network,
+/// the cache of an HRTC and the hands of users are models. Users move over two objects (both hosts serve the first, one
+/// of them the second) while the schedule causes faults. Then all faults end and the session has to recover:
 ///
-///     what an HRTC takes into `have` decodes, is the model's and is closed          at all times
-///     no message counts on a region that was released before                        at all times
-///     nothing comes again, or incomplete, unless something was lost                 at all times
-///     a clock is right to its stated bound and never steps back                     at all times
+///     a region in `have` decodes, equals the model's and is closed                  at all times
+///     no message relies on a region that was released before                        at all times
+///     no record comes again, and no region incomplete, unless something was lost    at all times
+///     a clock's error is within its stated bound, and it never steps back           at all times
 ///     credit, incomplete messages and demands stay within their bounds              at all times
-///     an HRTC that counts on a host notices its silence within 250 ms               at all times
-///     each HRTC holds what it wants; rosters, slots and the keeper of time agree;   within kHealNs of the last fault
-///     clocks are good to kClockNs; then no record is sent any more
+///     an HRTC detects the silence of a host that it needs within 250 ms             at all times
+///     each HRTC holds what it wants; rosters, slots and time references agree;      within kHealNs of the last fault
+///     clock bounds are below kClockNs; then no record is sent any more
 ///
-/// Same seed, same run.
+/// The same seed gives the same run.
 #pragma once
 
 #include <array>
@@ -22,7 +22,7 @@
 #include <string>
 #include <vector>
 
-#include "tests/session/simulated_controller.hpp"
+#include "tests/session/simulated_hrtc.hpp"
 #include "tests/session/simulated_network.hpp"
 
 namespace tactus::test_support {
@@ -30,15 +30,15 @@ namespace tactus::test_support {
 inline constexpr std::int64_t kHealNs = 2'000'000'000;
 inline constexpr std::int64_t kClockNs = 100'000'000;
 
-/// Something that happens to programs at a moment of the wandering.
+/// A fault of some programs at one time.
 struct PlannedFault {
   FaultKind kind = FaultKind::kRestart;  ///< kCrash, kRestart or kPartition
   std::int64_t at_ns = 0;
-  std::int64_t lasts_ns = 0;   ///< no longer than the wandering does, but for those who are gone for good
-  std::uint32_t programs = 0;  ///< bit by place: those that end, or those cut off from the others
-  bool one_way = false;        ///< of a partition: they hear the others, but are not heard
-  bool with_a_word = false;    ///< of a restart: says that it leaves
-  bool for_good = false;       ///< of a crash
+  std::int64_t lasts_ns = 0;         ///< ends with the faulty phase at the latest, unless `for_good`
+  std::uint32_t programs = 0;        ///< bits by index: programs that end, or that are cut off from the others
+  bool one_way = false;              ///< of a partition: they receive from the others, but cannot send to them
+  bool sends_leave_message = false;  ///< of a restart: sends a leave message
+  bool for_good = false;             ///< of a crash: no restart
 };
 
 struct Schedule {
@@ -46,7 +46,7 @@ struct Schedule {
   std::int64_t delay_ns = 1'000'000;  ///< of the network, one way
   SimulatedNetwork::Carrier carrier = SimulatedNetwork::Carrier::kLossy;
   NetworkFaults network;
-  ControllerFaults controllers;
+  HrtcFaults hrtcs;
   std::vector<PlannedFault> planned;
   Sabotage sabotage = Sabotage::kNone;
 
@@ -54,23 +54,23 @@ struct Schedule {
   [[nodiscard]] std::string text() const;
 };
 
-/// At least three kinds of fault.
+/// With at least three kinds of fault.
 [[nodiscard]] Schedule random_schedule(std::uint64_t seed);
 
 struct SimulationResult {
-  std::vector<std::string> broken;  ///< in words; empty: all holds
+  std::vector<std::string> broken;  ///< violated invariants, as text
   std::uint64_t messages = 0;       ///< samples sent
   std::array<std::uint64_t, kFaultKinds> faults{};
   std::int64_t healed_ns = 0;  ///< since the last fault
   std::int64_t virtual_ns = 0;
   std::uint64_t chunks = 0;
   std::uint64_t host_changes = 0;
-  ControllerFigures controllers;  ///< of all, and all their incarnations
+  HrtcFigures hrtcs;  ///< summed over all HRTCs and their incarnations
 
   [[nodiscard]] std::size_t kinds() const;
 };
 
-/// `trace` gets a line for each sample and event; null: none.
+/// `trace` receives a line for each sample and event; may be null.
 [[nodiscard]] SimulationResult simulate(std::uint64_t seed, const Schedule& schedule,
                                         const std::function<void(const std::string&)>& trace = {});
 

@@ -38,7 +38,7 @@ TEST(StopLatch, StandsUntilAResetNamesIt) {
   StopLatch latch{origin(1)};
   EXPECT_FALSE(latch.stopped());
   EXPECT_TRUE(latch.on_stop(stop(2)));
-  EXPECT_TRUE(latch.on_reset(reset(3, 1, {stop(4)}))) << "another one";
+  EXPECT_TRUE(latch.on_reset(reset(3, 1, {stop(4)}))) << "names another stop";
   EXPECT_TRUE(latch.stopped());
   EXPECT_TRUE(latch.on_reset(reset(3, 2, {stop(2)})));
   EXPECT_FALSE(latch.stopped());
@@ -61,7 +61,7 @@ TEST(StopLatch, AResetThatArrivesBeforeItsStopEndsIt) {
   (void)latch.on_reset(reset(3, 1, {stop(2)}));
   EXPECT_FALSE(latch.on_stop(stop(2)));
   EXPECT_FALSE(latch.stopped());
-  EXPECT_TRUE(latch.on_stop(stop(2, 2))) << "but no later one";
+  EXPECT_TRUE(latch.on_stop(stop(2, 2))) << "a later stop stands";
   EXPECT_TRUE(latch.stopped());
 }
 
@@ -72,14 +72,14 @@ TEST(StopLatch, ARepeatedSampleChangesNothing) {
   (void)latch.on_reset(reset(3, 1, {stop(2)}));
   EXPECT_EQ(latch.resets(), 1u);
   const std::uint64_t changes = latch.changes();
-  EXPECT_FALSE(latch.on_reset(reset(3, 1, {stop(2)}))) << "a fault of a device that came since would be reset";
+  EXPECT_FALSE(latch.on_reset(reset(3, 1, {stop(2)}))) << "it would reset a later device fault";
   EXPECT_FALSE(latch.on_stop(stop(2)));
   EXPECT_FALSE(latch.stopped());
   EXPECT_EQ(latch.resets(), 1u);
   EXPECT_EQ(latch.changes(), changes);
 }
 
-TEST(StopLatch, TwoResetsThatChangePlacesEndBothTheirStops) {
+TEST(StopLatch, TwoReorderedResetsEndBothStops) {
   StopLatch latch{origin(1)};
   (void)latch.on_stop(stop(2));
   (void)latch.on_stop(stop(3));
@@ -96,7 +96,7 @@ TEST(StopLatch, TakesStopsOverFromTheRosterButNoResets) {
   EXPECT_FALSE(latch.on_roster(entry(1, peer)));
   (void)peer.on_reset(reset(3, 1, {stop(2)}));
   (void)latch.on_roster(entry(1, peer));
-  EXPECT_TRUE(latch.stopped()) << "the issuer of the roster entry need not be allowed to reset";
+  EXPECT_TRUE(latch.stopped()) << "the sender of the roster entry may lack the right to reset";
   (void)latch.on_reset(reset(3, 1, {stop(2)}));
   EXPECT_FALSE(latch.stopped());
 }
@@ -113,7 +113,7 @@ TEST(StopLatch, TakesNothingFromAnotherSessionOrProtocol) {
   EXPECT_FALSE(latch.stopped());
 }
 
-TEST(StopLatch, ForgetsTheQuietestIssuerWithoutAStandingStopWhenItIsFull) {
+TEST(StopLatch, WhenFullDropsTheLeastRecentIssuerWithoutAStandingStop) {
   StopLatch latch{origin(1)};
   (void)latch.on_stop(stop(100));
   (void)latch.on_reset(reset(50, 1, {stop(100)}));
@@ -130,32 +130,32 @@ TEST(StopLatch, ForgetsTheQuietestIssuerWithoutAStandingStopWhenItIsFull) {
   EXPECT_TRUE(knows(300));
 }
 
-TEST(StopLatch, StopsByItselfWhenAStopFindsNoRoom) {
+TEST(StopLatch, RaisesItsOwnStopWhenNoRecordIsFree) {
   StopLatch latch{origin(1)};
   std::vector<StopName> known;
   for (std::uint64_t i = 0; i < kMaxStops - 1; ++i) known.push_back(stop(100 + i));
   for (const StopName& name : known) (void)latch.on_stop(name);
   EXPECT_TRUE(latch.on_stop(stop(500)));
-  EXPECT_FALSE(latch.on_stop(stop(500))) << "it is stopped already";
+  EXPECT_FALSE(latch.on_stop(stop(500))) << "already stopped";
   EXPECT_THAT(latch.records(), SizeIs(kMaxStops));
 
   EmergencyStop lost;
   lost.origin = origin(500);
   lost.number = 1;
-  EXPECT_TRUE(acknowledges(entry(1, latch), lost)) << "its sender need not go on";
+  EXPECT_TRUE(acknowledges(entry(1, latch), lost)) << "its sender need not repeat it";
   (void)latch.on_reset(reset(3, 1, known));
-  EXPECT_TRUE(latch.stopped()) << "somebody's stop was lost";
+  EXPECT_TRUE(latch.stopped()) << "a stop has no record";
   ASSERT_THAT(standing(latch.records()), SizeIs(1));
   EXPECT_EQ(standing(latch.records())[0].participant, 1u);
   (void)latch.on_reset(reset(3, 2, standing(latch.records())));
   EXPECT_FALSE(latch.stopped());
 
   for (const StopName& name : known) (void)latch.on_stop({name.participant, 1, 2});
-  EXPECT_TRUE(latch.on_stop(stop(501))) << "and again";
+  EXPECT_TRUE(latch.on_stop(stop(501))) << "once more";
   EXPECT_THAT(standing(latch.records()), SizeIs(kMaxStops));
 }
 
-TEST(StopLatch, NobodyElseDecidesOnTheStopsOfThisProgram) {
+TEST(StopLatch, OnlyThisProgramIssuesItsStops) {
   StopLatch latch{origin(1)};
   (void)latch.on_reset(reset(3, 1, {stop(1, 0xffffffff)}));
   EXPECT_FALSE(latch.on_stop(stop(1, 0xffffffff)));
@@ -164,7 +164,7 @@ TEST(StopLatch, NobodyElseDecidesOnTheStopsOfThisProgram) {
   EXPECT_THAT(standing(latch.records()), SizeIs(kMaxStops));
 }
 
-TEST(StopLatch, KnowsWhoHasAcknowledgedAndWhoIsMissing) {
+TEST(StopLatch, ListsAcknowledgedAndMissingPrograms) {
   Roster roster{origin(99), {}};
   std::map<std::uint64_t, StopLatch> latches;
   std::uint64_t heartbeat = 0;
@@ -194,23 +194,23 @@ TEST(StopLatch, KnowsWhoHasAcknowledgedAndWhoIsMissing) {
   (void)latches.at(3).on_reset(end);
   beat();
   answer = acknowledgement(roster, end);
-  EXPECT_THAT(answer.hrtcs, ElementsAre("2", "3")) << "3 will not obey the stop when it comes";
+  EXPECT_THAT(answer.hrtcs, ElementsAre("2", "3")) << "3 will not stop when the stop arrives";
   EXPECT_THAT(answer.missing, ElementsAre("1"));
   EXPECT_THAT(acknowledgement(roster, sent).missing, ElementsAre("3"));
   (void)latches.at(3).on_stop(sent.name());
   beat();
-  EXPECT_THAT(acknowledgement(roster, sent).missing, IsEmpty()) << "a stop that was reset has arrived, too";
+  EXPECT_THAT(acknowledgement(roster, sent).missing, IsEmpty()) << "a stop that was reset also counts as received";
 }
 
 /// HRTCs, issuers of stops, and operators who reset, over a network that loses, repeats and reorders. Senders repeat
-/// until all have acknowledged; issuers may die before, operators do not.
+/// a sample until all have acknowledged it. Issuers may end before that; operators do not.
 class StopSimulation {
  public:
   explicit StopSimulation(std::uint32_t seed) : random_{seed} {
     for (std::uint64_t id = 1; id <= kHrtcs; ++id) start_hrtc(id);
   }
 
-  void interval(bool restarts) {
+  void run(bool restarts) {
     for (int step = 0; step < 400; ++step) {
       if (chance(0.05)) issue_stop();
       if (chance(0.05)) issue_reset(0.7);
@@ -264,7 +264,7 @@ class StopSimulation {
              });
     });
   }
-  /// Not the last that knows of a stop: what nobody remembers cannot be obeyed.
+  /// Spares an HRTC with the only record of a stop: after its restart nobody could enforce that stop.
   void restart_an_hrtc() {
     const std::uint64_t id = 1 + static_cast<std::uint64_t>(below(kHrtcs));
     const std::vector<StopName> known = standing(hrtcs_.at(id).records());
@@ -272,7 +272,7 @@ class StopSimulation {
       start_hrtc(id);
   }
 
-  /// A new issuer's, or a further one of an issuer that is there. All find room in each record.
+  /// A stop of a new issuer, or a further one of an issuer. No more issuers than a StopLatch records.
   void issue_stop() {
     if (!stops_.empty() && chance(0.3)) {
       ++stops_[static_cast<std::size_t>(below(stops_.size()))].number;
@@ -283,7 +283,7 @@ class StopSimulation {
   void kill_an_issuer() {
     if (!stops_.empty()) stops_.erase(stops_.begin() + below(stops_.size()));
   }
-  /// Names a share of what stands, and now and then a stop that may have reached nobody.
+  /// Names a share of the standing stops, and sometimes a stop that has reached nobody yet.
   void issue_reset(double share) {
     if (share < 1 && senders_ >= kMaxStops - 3) return;
     ForceReset made = reset(100 + senders_++, 1, {});
@@ -339,7 +339,7 @@ class StopSimulation {
       std::visit([&](const auto& sample) { take(hrtcs_.at(packet.to), sample); }, packet.sample);
     }
   }
-  /// Until nothing is under way; without further loss.
+  /// Delivers all packets without further loss.
   void quiet_down() {
     loss_ = 0;
     for (int round = 0; round < 10; ++round) {
@@ -351,7 +351,7 @@ class StopSimulation {
   std::mt19937 random_;
   double loss_ = 0.3;
   std::map<std::uint64_t, StopLatch> hrtcs_;
-  std::vector<EmergencyStop> stops_;  // whose senders live
+  std::vector<EmergencyStop> stops_;  // of senders that live
   std::vector<ForceReset> resets_;
   std::vector<Packet> network_;
   std::map<Issuer, std::uint32_t> reached_;  // newest stop that has reached an HRTC
@@ -364,7 +364,7 @@ TEST(StopSimulation, ForcesAreOnIfAndOnlyIfEveryStopWasNamedByAReset) {
   int on = 0, off = 0;
   for (std::uint32_t seed = 1; seed <= 300; ++seed) {
     StopSimulation session{seed};
-    session.interval(false);
+    session.run(false);
     ASSERT_TRUE(session.all_senders_are_done()) << "seed " << seed;
     const bool named = session.every_stop_was_named();
     ASSERT_EQ(session.hrtcs_with_forces(), named ? StopSimulation::kHrtcs : 0) << "seed " << seed;
@@ -380,7 +380,7 @@ TEST(StopSimulation, NoForceIsOnWithoutAResetWhileHrtcsRestart) {
   int off = 0;
   for (std::uint32_t seed = 1; seed <= 300; ++seed) {
     StopSimulation session{seed};
-    session.interval(true);
+    session.run(true);
     if (!session.every_stop_was_named()) {
       ASSERT_EQ(session.hrtcs_with_forces(), 0u) << "seed " << seed;
       ++off;

@@ -18,7 +18,7 @@ constexpr std::int64_t kMs = 1'000'000;
 constexpr std::uint64_t kSession = 1;
 constexpr std::int64_t kTickNs = 5 * kMs;
 
-/// One program as far as time is concerned. Its incarnation is what its wall clock says, right or wrong.
+/// The time functions of one program. Its incarnation is the time of its wall clock, right or wrong.
 class Program {
  public:
   Program(std::uint64_t id, Role in_role, std::uint64_t incarnation, std::int64_t local_ns)
@@ -42,13 +42,13 @@ class Program {
   std::uint64_t beats = 0;
 };
 
-/// Programs on machines whose monotonic clocks began anywhere. Samples take no time, or do not arrive at all.
+/// Programs on machines whose monotonic clocks have random starts. Samples arrive at once, or not at all.
 class TimeReferenceTest : public testing::Test {
  protected:
   struct Machine {
     std::int64_t offset_ns = 0;
     std::unique_ptr<Program> program;
-    std::int64_t session_ns = -1, local_ns = 0;  // at the last look
+    std::int64_t session_ns = -1, local_ns = 0;  // at the last tick
     std::int64_t worst_step_ns = 0;              // while a force was on
   };
 
@@ -91,11 +91,11 @@ class TimeReferenceTest : public testing::Test {
         for (std::size_t to = 0; to < machines_.size(); ++to)
           if (reaches(at, to)) (void)program(to).roster.on_entry(entry, local(to));
       }
-      if (ticks_ % 4 == at % 4) ask(at);
-      look(at);
+      if (ticks_ % 4 == at % 4) request_time(at);
+      measure(at);
     }
   }
-  void ask(std::size_t at) {
+  void request_time(std::size_t at) {
     for (std::size_t to = 0; to < machines_.size(); ++to) {
       if (!reaches(at, to) || program(to).self.participant != reference(at)) continue;
       const ClockSample request = program(at).clock.request(local(at));
@@ -103,7 +103,7 @@ class TimeReferenceTest : public testing::Test {
         (void)program(at).clock.on_answer(program(to).clock.answer(request, local(to), local(to)), local(at));
     }
   }
-  void look(std::size_t at) {
+  void measure(std::size_t at) {
     Machine& machine = machines_[at];
     const std::int64_t session_ns = session(at), local_ns = local(at);
     if (machine.session_ns >= 0 && program(at).force_on) {
@@ -113,12 +113,12 @@ class TimeReferenceTest : public testing::Test {
     machine.session_ns = session_ns;
     machine.local_ns = local_ns;
   }
-  void interval(std::int64_t ms) {
+  void run(std::int64_t ms) {
     for (std::int64_t i = 0; i < ms * kMs / kTickNs; ++i) tick();
   }
   [[nodiscard]] std::int64_t apart(std::size_t a, std::size_t b) { return std::abs(session(a) - session(b)); }
 
-  /// What session time may gain in a tick when the clock is steered.
+  /// Max gain of session time in a tick by slewing.
   static constexpr std::int64_t kSlewedNs = kTickNs / 20 + 2;
 
   std::mt19937_64 random_{1};
@@ -128,12 +128,12 @@ class TimeReferenceTest : public testing::Test {
   std::set<std::pair<std::size_t, std::size_t>> cuts_;
 };
 
-TEST_F(TimeReferenceTest, AMachineThatBelievesItIs1970BringsNoTimeOfItsOwn) {
+TEST_F(TimeReferenceTest, AMachineWithAWallClockIn1970DoesNotBecomeTheReference) {
   const std::size_t old = start(20, Role::kHost, 1'700'000'000'000'000'000);
-  interval(60'000);
+  run(60'000);
   const std::int64_t before_ns = session(old);
   const std::size_t wrong = start(10, Role::kHrtc, 30'000'000'000);
-  interval(5'000);
+  run(5'000);
 
   EXPECT_EQ(reference(old), 20u);
   EXPECT_EQ(reference(wrong), 20u);
@@ -141,24 +141,24 @@ TEST_F(TimeReferenceTest, AMachineThatBelievesItIs1970BringsNoTimeOfItsOwn) {
   EXPECT_LT(apart(old, wrong), kMs);
 }
 
-TEST_F(TimeReferenceTest, WhoIsAloneBeginsAfterItHasListened) {
+TEST_F(TimeReferenceTest, ASingleHostBeginsASessionAfterTheSettleTime) {
   const std::size_t host = start(20, Role::kHost, 5);
   const std::size_t client = start(1, Role::kClient, 5);
-  interval(900);
+  run(900);
   EXPECT_EQ(reference(host), 0u);
-  interval(600);
+  run(600);
   EXPECT_EQ(reference(host), 20u);
   EXPECT_EQ(reference(client), 20u) << "clients follow";
   EXPECT_LT(apart(host, client), kMs);
 }
 
-TEST_F(TimeReferenceTest, WhenTheReferenceGoesTheOthersGoOnWithItsTime) {
+TEST_F(TimeReferenceTest, TheOthersContinueTheTimeWhenTheReferenceLeaves) {
   const std::size_t host = start(20, Role::kHost, 5), hrtc = start(40, Role::kHrtc, 6),
                     third = start(30, Role::kHrtc, 7);
-  interval(5'000);
+  run(5'000);
   program(hrtc).force_on = program(third).force_on = true;
   end(host);
-  interval(5'000);
+  run(5'000);
 
   EXPECT_EQ(reference(hrtc), 30u);
   EXPECT_EQ(reference(third), 30u);
@@ -166,80 +166,80 @@ TEST_F(TimeReferenceTest, WhenTheReferenceGoesTheOthersGoOnWithItsTime) {
   EXPECT_LE(machines_[hrtc].worst_step_ns, kSlewedNs);
   EXPECT_LE(machines_[third].worst_step_ns, kSlewedNs);
   restart(host, 20, Role::kHost, 8);
-  interval(5'000);
-  EXPECT_EQ(reference(host), 30u) << "it came last";
+  run(5'000);
+  EXPECT_EQ(reference(host), 30u) << "it joined last";
   EXPECT_LT(apart(hrtc, host), kMs);
 }
 
-TEST_F(TimeReferenceTest, ASessionThatMeetsAnOlderOneTakesItsTimeOnceNoForceIsOn) {
+TEST_F(TimeReferenceTest, AYoungerSessionMergesOnceNoForceIsOn) {
   const std::size_t older = start(20, Role::kHost, 5), with_older = start(21, Role::kHrtc, 5);
-  interval(30'000);
+  run(30'000);
   const std::size_t younger = start(10, Role::kHost, 1), with_younger = start(11, Role::kHrtc, 1);
   for (const std::size_t a : {older, with_older})
     for (const std::size_t b : {younger, with_younger}) cut(a, b);
-  interval(10'000);
+  run(10'000);
   ASSERT_GT(apart(older, younger), 20'000 * kMs);
   const std::int64_t before_ns = session(older);
   program(with_younger).force_on = true;
-  program(with_older).force_on = true;  // does not matter: its own time stays
-  interval(200);
+  program(with_older).force_on = true;  // has no effect: the older session's time does not change
+  run(200);
   cuts_.clear();
-  interval(10'000);
+  run(10'000);
 
   EXPECT_EQ(reference(younger), 10u);
   EXPECT_EQ(reference(with_younger), 10u);
-  EXPECT_LT(apart(younger, with_younger), kMs) << "they go on together until then";
+  EXPECT_LT(apart(younger, with_younger), kMs) << "they agree until then";
   EXPECT_LE(machines_[with_younger].worst_step_ns, kSlewedNs);
   program(with_younger).force_on = false;
-  interval(2'000);
+  run(2'000);
   for (const std::size_t at : {older, with_older, younger, with_younger}) {
     EXPECT_EQ(reference(at), 20u);
     EXPECT_LT(apart(at, older), kMs);
   }
   EXPECT_EQ(session(older) - before_ns, 12'200 * kMs);
   EXPECT_LE(machines_[with_older].worst_step_ns, kSlewedNs);
-  EXPECT_GT(program(younger).clock.joined_ns(), program(with_older).clock.joined_ns()) << "it came later";
+  EXPECT_GT(program(younger).clock.joined_ns(), program(with_older).clock.joined_ns()) << "it joined later";
 }
 
-TEST_F(TimeReferenceTest, APartOfASessionThatWasCutOffForAWhileRejoinsUnderAForceWithoutAStep) {
+TEST_F(TimeReferenceTest, APartitionedParticipantRejoinsUnderAForceWithoutAStep) {
   const std::size_t host = start(20, Role::kHost, 5), hrtc = start(40, Role::kHrtc, 6);
-  interval(5'000);
+  run(5'000);
   program(hrtc).force_on = true;
   cut(host, hrtc);
-  interval(5'000);
+  run(5'000);
   ASSERT_EQ(reference(hrtc), 40u);
   cut(host, hrtc, false);
-  interval(2'000);
+  run(2'000);
 
-  EXPECT_EQ(reference(hrtc), 20u) << "it has been there for longer";
+  EXPECT_EQ(reference(hrtc), 20u) << "it joined first";
   EXPECT_EQ(reference(host), 20u);
   EXPECT_LE(machines_[hrtc].worst_step_ns, kSlewedNs);
 }
 
-TEST_F(TimeReferenceTest, ANewcomerIsSetWhileOthersFeelForces) {
+TEST_F(TimeReferenceTest, ANewParticipantIsSetWhileOthersHaveForcesOn) {
   start(20, Role::kHost, 5);
   const std::size_t hrtc = start(40, Role::kHrtc, 6);
-  interval(5'000);
+  run(5'000);
   program(hrtc).force_on = true;
   const std::size_t newcomer = start(30, Role::kHrtc, 7);
-  interval(1'000);
+  run(1'000);
 
   EXPECT_TRUE(program(newcomer).clock.synchronised());
   EXPECT_LT(apart(hrtc, newcomer), kMs);
 }
 
-/// Starts, ends, partitions and forces at random; wall clocks are worth nothing.
-TEST_F(TimeReferenceTest, WhateverHappensNoTimeStepsUnderAForceAndAllAgreeInTheEnd) {
+/// Starts, ends, partitions and forces at random; wall clocks are random too.
+TEST_F(TimeReferenceTest, NoTimeStepsUnderAForceAndAllAgreeInTheEnd) {
   for (std::uint64_t seed = 1; seed <= 60; ++seed) {
     random_.seed(seed);
     machines_.clear();
     cuts_.clear();
-    // Two sessions begin apart from each other.
+    // Two sessions begin separately.
     for (std::size_t at = 0; at < 6; ++at) {
       for (std::size_t other = 0; other < at; ++other)
         if (at % 2 != other % 2) cut(at, other);
       start(at + 1, at % 3 == 2 ? Role::kHost : Role::kHrtc, random_());
-      interval(static_cast<std::int64_t>(random_() % 3000));
+      run(static_cast<std::int64_t>(random_() % 3000));
     }
     for (std::size_t at = 0; at < 6; ++at) program(at).force_on = random_() % 2 == 0;
     for (int round = 0; round < 40; ++round) {
@@ -264,15 +264,15 @@ TEST_F(TimeReferenceTest, WhateverHappensNoTimeStepsUnderAForceAndAllAgreeInTheE
         default:
           if (machines_[at].program != nullptr) program(at).force_on = !program(at).force_on;
       }
-      interval(static_cast<std::int64_t>(random_() % 2000));
+      run(static_cast<std::int64_t>(random_() % 2000));
     }
     cuts_.clear();
-    interval(5'000);
+    run(5'000);
     for (Machine& machine : machines_) {
       ASSERT_LE(machine.worst_step_ns, kSlewedNs) << "seed " << seed;
       if (machine.program != nullptr) machine.program->force_on = false;
     }
-    interval(10'000);
+    run(10'000);
     std::set<std::uint64_t> references;
     std::int64_t min_ns = INT64_MAX, max_ns = INT64_MIN;
     for (std::size_t at = 0; at < machines_.size(); ++at) {

@@ -24,7 +24,7 @@ BodyState moving() {
   return state;
 }
 
-TEST(SharedBody, HasTheMassOfItsBoxAboutTheMiddleOfItsBounds) {
+TEST(SharedBody, HasTheInertiaOfItsBoxAboutTheCentreOfItsBounds) {
   const SharedBody body = body_of(crate());
   EXPECT_TRUE(body.centre.isApprox(Vec3d{0.02, 0.03, 0.05}));
   EXPECT_NEAR(body.settings.inertia.x(), 0.8 / 12 * (0.02 * 0.02 + 0.1 * 0.1), 1e-12);
@@ -39,7 +39,7 @@ TEST(SharedBody, HasTheMassOfItsBoxAboutTheMiddleOfItsBounds) {
   EXPECT_FALSE(can_move(fixed));
 }
 
-TEST(SharedBody, APoseComesBackAsItWas) {
+TEST(SharedBody, ConvertsAPoseBackUnchanged) {
   const SharedBody body = body_of(crate());
   session::ObjectPose pose;
   put_state(moving(), body.centre, pose);
@@ -52,17 +52,17 @@ TEST(SharedBody, APoseComesBackAsItWas) {
   for (std::size_t i = 0; i < 3; ++i) EXPECT_NEAR(placed.position[i], crate().pose.position[i], 1e-12);
 }
 
-TEST(SharedBody, APoseTellsTheVelocityOfTheModelsOrigin) {
+TEST(SharedBody, ConvertsToTheVelocityOfTheModelsOrigin) {
   constexpr double kDt = 1e-6;
   const Vec3d centre{0.3, -0.1, 0.2};
   session::ObjectPose now, later;
   put_state(moving(), centre, now);
-  put_state(carried_on(moving(), kDt), centre, later);
+  put_state(extrapolated(moving(), kDt), centre, later);
   for (std::size_t i = 0; i < 3; ++i)
     EXPECT_NEAR((later.pose.position[i] - now.pose.position[i]) / kDt, now.velocity[i], 1e-5);
 }
 
-TEST(SharedBody, ACopysSampleComesBackAsItWas) {
+TEST(SharedBody, ConvertsACopySampleBackUnchanged) {
   haptics::CopySample sample;
   sample.time_ns = 1234567;
   sample.body = moving();
@@ -73,7 +73,7 @@ TEST(SharedBody, ACopysSampleComesBackAsItWas) {
   }
   session::ObjectCopy copy;
   put_sample(sample, 3, copy);
-  EXPECT_EQ(copy.lines.size(), 3u);
+  EXPECT_EQ(copy.channels.size(), 3u);
   const haptics::CopySample back = sample_of(copy);
   EXPECT_EQ(back.time_ns, sample.time_ns);
   EXPECT_TRUE(back.body.position.isApprox(sample.body.position));

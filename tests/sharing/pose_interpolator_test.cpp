@@ -9,7 +9,7 @@ namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
 
-/// On a circle of 10 cm, once in two seconds.
+/// A circle of 10 cm, one turn in two seconds.
 BodyState on_circle(std::int64_t ns) {
   const double turn = 3.14159265358979 * 1e-9 * static_cast<double>(ns);
   BodyState state;
@@ -35,11 +35,11 @@ TEST(PoseInterpolator, FollowsAMovingObjectCloselyAndWithoutJumps) {
     }
     before = shown;
   }
-  EXPECT_LT(furthest, 0.001) << "30 ms behind it would be 9 mm";
-  EXPECT_LT(jump, 0.0005) << "it goes 0.31 mm a millisecond";
+  EXPECT_LT(furthest, 0.001) << "without extrapolation the delay would cause 9 mm";
+  EXPECT_LT(jump, 0.0005) << "the object moves 0.31 mm in a millisecond";
 }
 
-TEST(PoseInterpolator, StandsStillWhenNothingIsHeardAnyMore) {
+TEST(PoseInterpolator, StopsWhenPosesStop) {
   PoseInterpolator pose_interpolator;
   pose_interpolator.on_pose({on_circle(0), 0, 1}, 0);
   const BodyState stopped = pose_interpolator.at(500 * kMs);
@@ -48,7 +48,7 @@ TEST(PoseInterpolator, StandsStillWhenNothingIsHeardAnyMore) {
   EXPECT_EQ(stopped.position, pose_interpolator.at(900 * kMs).position);
 }
 
-TEST(PoseInterpolator, GoesOnFromWhereItWasShown) {
+TEST(PoseInterpolator, FadesFromTheShownPose) {
   PoseInterpolator pose_interpolator;
   BodyState here;
   here.position = {1, 2, 3};
@@ -57,7 +57,7 @@ TEST(PoseInterpolator, GoesOnFromWhereItWasShown) {
   BodyState there = here;
   there.position.x() += 0.01;
   pose_interpolator.on_pose({there, 200 * kMs, 1}, 200 * kMs);
-  EXPECT_NEAR(pose_interpolator.at(200 * kMs).position.x(), 1, 1e-9) << "the difference is faded in";
+  EXPECT_NEAR(pose_interpolator.at(200 * kMs).position.x(), 1, 1e-9) << "the difference is faded out";
   EXPECT_NEAR(pose_interpolator.at(700 * kMs).position.x(), 1.01, 1e-9);
 }
 

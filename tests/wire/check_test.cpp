@@ -50,8 +50,8 @@ ses::CatalogueEntry body() {
 
 ses::ObjectCopy copy() {
   ses::ObjectCopy c;
-  c.place = 1;
-  c.lines.resize(2);
+  c.copy_index = 1;
+  c.channels.resize(2);
   return c;
 }
 
@@ -62,7 +62,7 @@ ses::BulkChunk chunk() {
   return b;
 }
 
-/// A sound sample becomes unsound by `spoil`, and the reason names `field`.
+/// Makes a valid sample invalid by `spoil`; the fault must name `field`.
 template <class Sample, class Spoil>
 void expect_fault(Sample sample, const char* field, Spoil&& spoil) {
   ASSERT_THAT(fault(sample), IsNull());
@@ -77,8 +77,8 @@ TEST(Check, NamesTheWrongFieldOfARosterEntry) {
   expect_fault(roster(), "name", [](auto& r) { r.name.clear(); });
   expect_fault(roster(), "name", [](auto& r) { r.name = "q"; });
   expect_fault(roster(), "session", [](auto& r) { r.session = "t"; });
-  expect_fault(roster(), "controller", [](auto& r) { r.controller.assign(64, 'c'); });
-  expect_fault(roster(), "controller", [](auto& r) { r.controller = std::string("a\0b", 3); });
+  expect_fault(roster(), "requested_hrtc", [](auto& r) { r.requested_hrtc.assign(64, 'c'); });
+  expect_fault(roster(), "requested_hrtc", [](auto& r) { r.requested_hrtc = std::string("a\0b", 3); });
   expect_fault(roster(), "users", [](auto& r) { r.users.assign(65, "u"); });
   expect_fault(roster(), "users", [](auto& r) { r.users = {""}; });
   expect_fault(roster(), "slots", [](auto& r) { r.slots.assign(65, {"u", 0}); });
@@ -124,7 +124,7 @@ TEST(Check, NamesTheWrongFieldOfACatalogueEntry) {
   expect_fault(catalogue(), "dynamic_friction", [](auto& c) { c.material.dynamic_friction = 0.1; });
 }
 
-TEST(Check, AsksOnlyForNamesOfAWithdrawnObject) {
+TEST(Check, ChecksOnlyTheNamesOfAWithdrawnObject) {
   auto c = catalogue();
   c.withdrawn = true;
   c.scale = 0;
@@ -156,7 +156,7 @@ TEST(Check, NamesTheWrongFieldOfABulkChunk) {
   expect_fault(chunk(), "pieces.region", [](auto& b) { b.pieces.push_back({spm::kNone, 0, 1, 0, {1}}); });
 }
 
-TEST(Check, NamesTheWrongFieldOfWhatMoves) {
+TEST(Check, NamesTheWrongFieldOfProbeSamples) {
   ses::Intent intent;
   intent.path = {{1, {}}, {2, {}}};
   expect_fault(intent, "path", [](auto& i) { i.path.clear(); });
@@ -178,11 +178,11 @@ TEST(Check, NamesTheWrongFieldOfWhatMoves) {
   expect_fault(ses::DeviceCommand{}, "normal", [](auto& d) { d.normal[0] = kNan; });
   expect_fault(ses::DeviceCommand{}, "error_bound", [](auto& d) { d.error_bound = -1; });
   expect_fault(ses::ObjectPose{}, "velocity", [](auto& o) { o.velocity[0] = kNan; });
-  expect_fault(ses::ObjectPose{}, "spin", [](auto& o) { o.angular_velocity[0] = kNan; });
+  expect_fault(ses::ObjectPose{}, "angular_velocity", [](auto& o) { o.angular_velocity[0] = kNan; });
   expect_fault(ses::ObjectPose{}, "orientation", [](auto& o) { o.pose.orientation[3] = -1.002; });
 }
 
-TEST(Check, NamesTheWrongFieldOfWhatSharesAnObject) {
+TEST(Check, NamesTheWrongFieldOfSharedObjectSamples) {
   expect_fault(body(), "body.mass", [](auto& c) { c.body.mass = -1; });
   expect_fault(body(), "body.mass", [](auto& c) { c.body.mass = kNan; });
   expect_fault(body(), "body.inertia", [](auto& c) { c.body.inertia[1] = 0; });
@@ -190,23 +190,23 @@ TEST(Check, NamesTheWrongFieldOfWhatSharesAnObject) {
   expect_fault(body(), "body.friction", [](auto& c) { c.body.friction = -0.1; });
   expect_fault(body(), "body.ground", [](auto& c) { c.body.ground = kInf; });
   expect_fault(ses::ObjectClaim{}, "one_way_ns", [](auto& c) { c.one_way_ns = -1; });
-  expect_fault(ses::ObjectGrant{}, "line_ns", [](auto& g) { g.line_ns = std::int64_t{1} << 50; });
+  expect_fault(ses::ObjectGrant{}, "channel_delay_ns", [](auto& g) { g.channel_delay_ns = std::int64_t{1} << 50; });
   expect_fault(ses::ObjectGrant{}, "touchers", [](auto& g) { g.touchers.resize(9); });
   expect_fault(ses::ObjectGrant{}, "touchers", [](auto& g) { g.touchers = {{1, 2, 3}, {1, 3, 3}}; });
   expect_fault(copy(), "session_time_ns", [](auto& c) { c.session_time_ns = -1; });
-  expect_fault(copy(), "lines", [](auto& c) { c.lines.resize(9); });
-  expect_fault(copy(), "place", [](auto& c) { c.place = 2; });
+  expect_fault(copy(), "channels", [](auto& c) { c.channels.resize(9); });
+  expect_fault(copy(), "copy_index", [](auto& c) { c.copy_index = 2; });
   expect_fault(copy(), "orientation", [](auto& c) { c.body.orientation[3] = 0; });
   expect_fault(copy(), "velocity", [](auto& c) { c.velocity[2] = kNan; });
-  expect_fault(copy(), "spin", [](auto& c) { c.angular_velocity[2] = kNan; });
+  expect_fault(copy(), "angular_velocity", [](auto& c) { c.angular_velocity[2] = kNan; });
   expect_fault(copy(), "pressed", [](auto& c) { c.pressed[1] = kInf; });
-  expect_fault(copy(), "lines.wave", [](auto& c) { c.lines[0].wave[5] = kInf; });
-  expect_fault(copy(), "lines.wave", [](auto& c) { c.lines[1].wave[0] = -1e308; });
-  expect_fault(copy(), "lines.energy", [](auto& c) { c.lines[1].energy = 1e10; });
-  expect_fault(copy(), "lines.energy", [](auto& c) { c.lines[1].energy = -1e-9; });
+  expect_fault(copy(), "channels.wave", [](auto& c) { c.channels[0].wave[5] = kInf; });
+  expect_fault(copy(), "channels.wave", [](auto& c) { c.channels[1].wave[0] = -1e308; });
+  expect_fault(copy(), "channels.energy", [](auto& c) { c.channels[1].energy = 1e10; });
+  expect_fault(copy(), "channels.energy", [](auto& c) { c.channels[1].energy = -1e-9; });
 }
 
-TEST(Check, SaysNothingOfTheBodyOfWhatCannotMove) {
+TEST(Check, IgnoresTheBodyOfAStaticObject) {
   ses::CatalogueEntry c = body();
   c.body = {0, {-1, kNan, 0}, -1, kNan};
   EXPECT_THAT(fault(c), IsNull());

@@ -10,7 +10,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
-TEST(GateTest, NobodyPassesBeforeItIsOpened) {
+TEST(GateTest, BlocksUntilOpened) {
   Gate gate{24h};
   std::atomic<bool> opening{false};
   std::thread opener{[&] {
@@ -25,7 +25,7 @@ TEST(GateTest, NobodyPassesBeforeItIsOpened) {
   opener.join();
 }
 
-TEST(GateTest, EverybodyPassesOnceItIsOpen) {
+TEST(GateTest, DoesNotBlockOnceOpen) {
   Gate gate{24h};
   gate.open();
   std::thread other{[&] { gate.pass(); }};
@@ -35,7 +35,7 @@ TEST(GateTest, EverybodyPassesOnceItIsOpen) {
   other.join();  // the test ends
 }
 
-TEST(GateTest, WhoWaitsForAGateThatNobodyOpensPassesInTheEnd) {
+TEST(GateTest, StopsBlockingAfterTheTimeout) {
   Gate gate{1ms};
 
   gate.pass();  // the test ends

@@ -17,7 +17,7 @@ namespace {
 
 namespace rtps = eprosima::fastrtps::rtps;
 
-/// A type whose samples are the bytes themselves, under the name of another: what an attacker would write with.
+/// A type whose samples are raw bytes, under the name of another type: an attacker's writer.
 class RawBytes final : public dds::TopicDataType {
  public:
   RawBytes(const char* name, bool keyed) {
@@ -44,7 +44,7 @@ class RawBytes final : public dds::TopicDataType {
   }
 };
 
-/// A participant of the session that follows none of our rules.
+/// A participant of the session that breaks the rules.
 class Intruder {
  public:
   template <class Sample>
@@ -81,7 +81,7 @@ class Victim {
  public:
   explicit Victim(const TopicSpec<Sample>& topic) : reader{participants, topic, inbox.callback()} {}
 
-  /// Sends until the reader has counted one more unsound sample.
+  /// Sends until the reader has counted one more invalid sample.
   bool refuses(Intruder& intruder, void* sample) {
     const std::uint64_t before = reader.counts().invalid;
     const auto end = std::chrono::steady_clock::now() + kWatchdog;
@@ -104,7 +104,7 @@ dds::TypeSupport generated() {
   return dds::TypeSupport{new typename IdlOf<Sample>::Support};
 }
 
-TEST(Hostile, NumbersThatAreNoneAreDroppedAndCounted) {
+TEST(Hostile, NonFiniteNumbersAreDroppedAndCounted) {
   Victim<ses::ProbeState> victim{topics::kProbeState};
   Intruder intruder{victim.participants, topics::kProbeState, generated<ses::ProbeState>()};
   idl::ProbeState sample;
@@ -122,7 +122,7 @@ TEST(Hostile, AnEnumeratorThatDoesNotExistIsDropped) {
   Intruder intruder{victim.participants, topics::kControl, generated<ses::Control>()};
   idl::Control sample;
   to_idl(full<ses::Control>(victim.friendly), sample);
-  for (const std::uint32_t action : {5u, 256u, 258u, 0xffffffffu}) {  // 256 and 258 would be sound in 8 bits
+  for (const std::uint32_t action : {5u, 256u, 258u, 0xffffffffu}) {  // 256 and 258 would be valid in 8 bits
     sample.action(static_cast<idl::ControlAction>(action));
     EXPECT_TRUE(victim.refuses(intruder, &sample)) << action;
   }
@@ -141,7 +141,7 @@ TEST(Hostile, AnotherSessionIsCountedAsForeign) {
   EXPECT_EQ(victim.reader.counts().received, 0u);
 }
 
-/// The encoding of a sound sample, to be spoilt.
+/// The encoding of a valid sample, for tests to damage.
 template <class Sample>
 std::string encoding(const Sample& sample) {
   typename IdlOf<Sample>::Type from;
@@ -152,7 +152,7 @@ std::string encoding(const Sample& sample) {
   return std::string(reinterpret_cast<const char*>(payload.data), payload.length);
 }
 
-/// Sends `attacks`, of which the reader must notice so many, then a sound sample of a friend, which must get through.
+/// Sends `attacks`, of which the reader must count `undecodable`, then a valid sample of a friend, which must arrive.
 template <class Sample>
 void expect_survival(const TopicSpec<Sample>& topic, const std::vector<std::string>& attacks,
                      std::uint64_t undecodable) {
@@ -161,7 +161,7 @@ void expect_survival(const TopicSpec<Sample>& topic, const std::vector<std::stri
   Intruder intruder{victim.participants, topic,
                     dds::TypeSupport{new RawBytes(real.get_type_name().c_str(), real->m_isGetKeyDefined)}};
   ASSERT_TRUE(eventually([&] { return victim.reader.matched() == 1; }));
-  EXPECT_TRUE(eventually([&] {  // again and again: best effort, until the writer has found the reader, too
+  EXPECT_TRUE(eventually([&] {  // repeated: best effort, and the writer may not have matched the reader yet
     for (std::string attack : attacks) intruder.send(&attack);
     return victim.reader.counts().invalid >= undecodable;
   }));
@@ -171,32 +171,32 @@ void expect_survival(const TopicSpec<Sample>& topic, const std::vector<std::stri
   const auto got = send_until_received(writer, victim.inbox, sent);
 
   ASSERT_TRUE(got.has_value());
-  EXPECT_EQ(fields(*got), fields(sent)) << "an attack was handed over";
+  EXPECT_EQ(fields(*got), fields(sent)) << "an attack reached the callback";
 }
 
-TEST(Hostile, BytesThatAreNoSampleAreSurvived) {
+TEST(Hostile, SurvivesBytesThatAreNoSample) {
   Participants somewhere{address(unique_session("bytes"), "x")};
   const std::string sound = encoding(full<ses::Demand>(somewhere));
   std::vector<std::string> attacks{std::string(4, '\0'), std::string(4, '\xff'), std::string(400, '\xff'),
                                    sound.substr(0, sound.size() / 2)};
-  std::string count = sound;  // a run count of four thousand million
+  std::string count = sound;  // an interval count of 2^32 - 1
   const std::size_t at = 4 + 8 + 8 + 24 + 8 + 8 + 4 + 4;
   for (std::size_t i = 0; i < 4; ++i) count[at + i] = '\xff';
   attacks.push_back(count);
   std::string boolean = sound;  // a boolean of 2, for which Fast CDR throws
   boolean[4 + 8 + 8 + 24 + 8 + 8 + 4] = 2;
   attacks.push_back(boolean);
-  expect_survival(topics::kDemand, attacks, 1);  // keep last 1: the later may replace the earlier
+  expect_survival(topics::kDemand, attacks, 1);  // keep last 1: a later one may replace an earlier one
 }
 
-TEST(Hostile, ASampleLargerThanItsTypeIsSurvived) {
+TEST(Hostile, SurvivesASampleLargerThanItsType) {
   Participants somewhere{address(unique_session("large"), "x")};
   std::string large = encoding(full<ses::BulkChunk>(somewhere));
   large.resize(60000, 'x');
   expect_survival(topics::kRecords, {large}, 0);  // refused by DDS, before decoding
 }
 
-/// Decodes thousands of encodings, each changed in a few bytes or cut. A sanitizer sees what is read behind the end.
+/// Decodes thousands of encodings with a few changed bytes or a cut. A sanitizer detects reads beyond the end.
 template <class Sample>
 void expect_survival_of_changes() {
   const Participants participants{address(unique_session("changed"), "x")};
@@ -224,7 +224,7 @@ void expect_survival_of_changes() {
       is_sound = type.deserialize(&payload, &decoded);
       if (is_sound) from_idl(decoded, sample);
     });
-    payload.data = nullptr;  // it is not the payload's
+    payload.data = nullptr;  // owned by `exact`
     ++(is_sound && fault(sample) == nullptr ? accepted : refused);
   }
 
@@ -232,13 +232,13 @@ void expect_survival_of_changes() {
   EXPECT_GT(refused, kTries / 10);
 }
 
-TEST(Hostile, EncodingsThatHaveChangedOnTheirWayAreSurvived) {
+TEST(Hostile, SurvivesCorruptedEncodings) {
   expect_survival_of_changes<ses::ObjectCopy>();
   expect_survival_of_changes<ses::Intent>();
   expect_survival_of_changes<ses::ProbeState>();
 }
 
-/// Sends datagrams to every port of this machine at which participants of the session's domains listen.
+/// Sends datagrams to every port of this machine that participants of the session's domains use.
 class Stranger {
  public:
   explicit Stranger(int domain) : domain_{domain}, socket_{socket(AF_INET, SOCK_DGRAM, 0)} {
@@ -271,7 +271,7 @@ class Stranger {
   int domain_, socket_;
 };
 
-TEST(Hostile, StatisticsThatAreNotTheLastOfAMessageDoNotEndTheProcess) {
+TEST(Hostile, SurvivesStatisticsBeforeTheEndOfAMessage) {
   Victim<ses::Control> victim{topics::kControl};
   const std::string from{"RTPS\x02\x03\x01\x0f stranger...", 20};  // of the library's vendor
   std::string statistics{"\x80\x01\x38\x00", 4};

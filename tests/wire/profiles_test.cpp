@@ -11,7 +11,7 @@ namespace {
 using eprosima::fastrtps::types::ReturnCode_t;
 using eprosima::fastrtps::xmlparser::XMLProfileManager;
 
-/// What the library makes of the files by itself.
+/// Compares with the profiles as the library reads the files by itself.
 class ProfilesTest : public testing::Test {
  protected:
   ProfilesTest() {
@@ -24,7 +24,7 @@ class ProfilesTest : public testing::Test {
   Participants participants_{address(unique_session("profiles"), "x")};
 };
 
-TEST_F(ProfilesTest, OfEveryTopicAreWhatTheLibraryReads) {
+TEST_F(ProfilesTest, OfEveryTopicEqualWhatTheLibraryReads) {
   topics::for_each([&](const auto& topic) {
     dds::DomainParticipant& participant = participants_.impl().participant(topic.traffic);
     const std::string name = topic.profile;
@@ -41,7 +41,7 @@ TEST_F(ProfilesTest, OfEveryTopicAreWhatTheLibraryReads) {
   });
 }
 
-TEST_F(ProfilesTest, OfParticipantsTellTheTimesOfDiscoveryThatTheLibraryReads) {
+TEST_F(ProfilesTest, OfParticipantsHaveTheDiscoveryTimesThatTheLibraryReads) {
   for (std::size_t place = 0; place < kTrafficClasses; ++place) {
     dds::DomainParticipantQos read;
     ASSERT_EQ(factory().get_participant_qos_from_profile(std::string{kClassNames[place]} + "_participant", read),

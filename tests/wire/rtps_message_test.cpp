@@ -9,7 +9,7 @@
 namespace tactus::wire {
 namespace {
 
-/// A message of submessages with these heads, each with a body of so many bytes.
+/// A message of submessages with these headers, each with a body of `body` bytes.
 struct Part {
   std::uint8_t id, flags;
   std::uint16_t length;
@@ -21,7 +21,7 @@ std::vector<std::uint8_t> message(const std::vector<Part>& parts) {
     const auto low = static_cast<std::uint8_t>(part.length), high = static_cast<std::uint8_t>(part.length >> 8);
     const bool little = (part.flags & 1) != 0;
     bytes.insert(bytes.end(), {part.id, part.flags, little ? low : high, little ? high : low});
-    bytes.insert(bytes.end(), part.body, kStatisticsId);  // what looks like their beginning is none
+    bytes.insert(bytes.end(), part.body, kStatisticsId);  // bodies must not be taken for statistics
   }
   return bytes;
 }
@@ -33,19 +33,19 @@ std::uint32_t kept(const std::vector<Part>& parts) {
 TEST(RtpsMessageTest, AMessageEndsBeforeItsStatistics) {
   EXPECT_EQ(kept({{kDataId, 5, 300, 300}, {kStatisticsId, 0, 56, 56}}), 20u + 304u);
   EXPECT_EQ(kept({{kDataId, 4, 300, 300}, {kStatisticsId, 1, 56, 56}, {kPadId, 1, 4, 4}}), 20u + 304u) << "big-endian";
-  EXPECT_EQ(kept({{kInfoTimeId, 3, 0, 0}, {kStatisticsId, 1, 56, 56}}), 20u + 4u) << "a time of no length is not last";
+  EXPECT_EQ(kept({{kInfoTimeId, 3, 0, 0}, {kStatisticsId, 1, 56, 56}}), 20u + 4u) << "a time of length 0 is not last";
   EXPECT_EQ(kept({{kStatisticsId, 1, 0xffff, 2}}), 20u);
   EXPECT_EQ(kept({{kDataId, 1, 5, 8}, {kStatisticsId, 1, 56, 56}}), 20u + 12u) << "submessages begin at multiples of 4";
 }
 
-TEST(RtpsMessageTest, AMessageWithoutThemIsWhole) {
+TEST(RtpsMessageTest, AMessageWithoutStatisticsIsUnchanged) {
   EXPECT_EQ(kept({}), 20u);
   EXPECT_EQ(kept({{kDataId, 1, 80, 80}}), 20u + 84u);
-  EXPECT_EQ(kept({{kDataId, 1, 0, 84}}), 20u + 88u) << "of no length: to the end";
+  EXPECT_EQ(kept({{kDataId, 1, 0, 84}}), 20u + 88u) << "length 0: up to the end";
   EXPECT_EQ(kept({{kDataId, 1, 200, 80}}), 20u + 84u) << "longer than the message";
 }
 
-TEST(RtpsMessageTest, WhatLooksLikeStatisticsAtTheEndIsMovedByPaddings) {
+TEST(RtpsMessageTest, PaddingShiftsBytesThatLookLikeStatistics) {
   std::vector<std::uint8_t> plain(200, 1), alike(200, kStatisticsId);
   plain.resize(200 + kMaxPadding);
   alike.resize(200 + kMaxPadding);
@@ -53,7 +53,7 @@ TEST(RtpsMessageTest, WhatLooksLikeStatisticsAtTheEndIsMovedByPaddings) {
   EXPECT_EQ(pad_if_it_looks_like_statistics(plain.data(), 200), 200u);
   const std::uint32_t size = pad_if_it_looks_like_statistics(alike.data(), 200);
 
-  EXPECT_EQ(size, 200u + 60);  // only the first padding is no 0x80 there
+  EXPECT_EQ(size, 200u + 60);  // the first padding has another byte there
   EXPECT_NE(alike[size - 60], kStatisticsId);
 }
 
@@ -79,7 +79,7 @@ constexpr std::uint8_t kLittleWithData = 0x05, kLittleWithInlineQos = 0x07, kLit
 const Bytes kInlineQos{0x70, 0, 4, 0, 9, 9, 9, 9, 1, 0, 0, 0};
 const Bytes kPayload{0, 3, 0, 0, 0x62, 0, 4, 0, 5, 6, 7, 8, 1, 0, 0, 0, 99};
 
-TEST(RtpsMessageTest, ASampleIsReadWithItsWriterItsNumberAndItsPayload) {
+TEST(RtpsMessageTest, ReadsWriterSequenceAndPayloadOfASample) {
   const Bytes plain = data_message(kLittleWithData, kPayload);
   const Bytes with_qos = data_message(kLittleWithInlineQos, concat({kInlineQos, kPayload}));
   for (const Bytes& bytes : {plain, with_qos}) {
@@ -113,13 +113,13 @@ TEST(RtpsMessageTest, ParametersEndAtTheSentinel) {
   EXPECT_EQ(bytes_of(parameters.rest()), Bytes{99});
 }
 
-TEST(RtpsMessageTest, AParameterThatReachesBeyondItsListIsNotHandedOut) {
+TEST(RtpsMessageTest, AParameterBeyondItsListIsNotReturned) {
   const Bytes list{0x62, 0, 5, 0, 1, 2, 3, 4};
   ParameterList parameters{{list.data(), static_cast<std::uint32_t>(list.size()), true}};
   EXPECT_FALSE(parameters.next());
 }
 
-TEST(RtpsMessageTest, WhateverChangesInASampleItsPartsLieInsideTheMessage) {
+TEST(RtpsMessageTest, PartsOfACorruptedSampleLieInsideTheMessage) {
   const Bytes whole = data_message(kLittleWithInlineQos, concat({kInlineQos, kPayload}));
   std::minstd_rand random{7};
   std::uint32_t found = 0;
@@ -144,7 +144,7 @@ TEST(RtpsMessageTest, NothingIsReadBeyondTheEnd) {
   const std::vector<std::uint8_t> whole = message({{kPadId, 1, 4, 4}, {kDataId, 1, 8, 8}, {kStatisticsId, 1, 56, 56}});
   for (std::uint32_t size = 0; size <= whole.size(); ++size) {
     const std::vector<std::uint8_t> cut(whole.begin(), whole.begin() + size);
-    EXPECT_LE(size_without_statistics(cut.data(), size), size);  // sanitizers would tell
+    EXPECT_LE(size_without_statistics(cut.data(), size), size);  // sanitizers detect reads beyond the end
   }
 }
 

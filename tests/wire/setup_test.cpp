@@ -19,7 +19,7 @@ namespace {
 namespace fs = std::filesystem;
 using testing::HasSubstr;
 
-/// What joining fails with; empty when it does not.
+/// The error message of joining; empty when it succeeds.
 std::string refusal(const SessionAddress& a) {
   try {
     const Participants participants{a};
@@ -31,7 +31,7 @@ std::string refusal(const SessionAddress& a) {
 
 SessionAddress fresh(const std::string& tag) { return address(unique_session(tag), "p"); }
 
-/// A copy of the project's qos directory, to be spoilt.
+/// A copy of the project's qos directory, for tests to damage.
 class SpoiltQos : public testing::Test {
  protected:
   SpoiltQos() {
@@ -61,7 +61,7 @@ TEST(Address, OutsideTheDomainsIsRefused) {
   }
 }
 
-TEST(Address, AtTheEndsOfTheDomainsIsAccepted) {
+TEST(Address, AtTheLimitsOfTheDomainsIsAccepted) {
   for (const int domain : {kMinDomain, kMaxDomain}) {
     auto a = fresh("domain");
     a.domain = domain;
@@ -94,7 +94,7 @@ TEST(Address, WithoutAnIncarnationGetsALargerOneEachTime) {
   EXPECT_GT(second.origin().incarnation, first.origin().incarnation);
 }
 
-TEST(Incarnation, GrowsThoughTheClockIsSetBack) {
+TEST(Incarnation, GrowsWhenTheClockIsSetBack) {
   const test_support::TemporaryFolder folder;
   const std::filesystem::path file = folder.path() / "state" / "incarnation";
   EXPECT_EQ(next_incarnation(file, 1'700'000'000'000'000'000), 1'700'000'000'000'000'000u);
@@ -102,11 +102,11 @@ TEST(Incarnation, GrowsThoughTheClockIsSetBack) {
   EXPECT_EQ(next_incarnation(file, 1'800'000'000'000'000'000), 1'800'000'000'000'000'000u);
 }
 
-TEST(Incarnation, IsTheClocksWhereNothingCanBeKept) {
+TEST(Incarnation, IsTheClockTimeWithoutAUsableFile) {
   const test_support::TemporaryFolder folder;
   EXPECT_EQ(next_incarnation({}, 7), 7u);
   EXPECT_EQ(next_incarnation(folder.path(), 7), 7u) << "a folder is no file";
-  std::ofstream{folder.path() / "broken"} << "no number, and of some length";
+  std::ofstream{folder.path() / "broken"} << "no number, and longer than one";
   EXPECT_EQ(next_incarnation(folder.path() / "broken", 7), 7u);
   EXPECT_EQ(next_incarnation(folder.path() / "broken", 5), 8u);
 }
@@ -132,7 +132,7 @@ TEST(Profiles, OfEveryTopicMakeAWriterAndAReader) {
   EXPECT_EQ(made, 20);
 }
 
-TEST(Footprint, IsWhatAProgramTakes) {
+TEST(Footprint, CoversTheSocketsOfAProgram) {
   const Footprint max = read_footprint(default_qos_directory());
   EXPECT_EQ(max.message, 1472) << "one Ethernet frame";
   EXPECT_GE(max.receive_buffer, 1 << 20);
@@ -153,7 +153,7 @@ TEST_F(SpoiltQos, WithoutATransportHasNoFootprint) {
   EXPECT_THROW((void)read_footprint(directory_), WireError);
 }
 
-TEST(Environment, TurnsNoProgramIntoAClientOfADiscoveryServer) {
+TEST(Environment, DoesNotMakeAProgramAClientOfADiscoveryServer) {
   setenv("ROS_DISCOVERY_SERVER", "127.0.0.1:9", 1);
   const std::string session = unique_session("environment");
   Participants one{address(session, "one")}, two{address(session, "two")};
@@ -162,7 +162,7 @@ TEST(Environment, TurnsNoProgramIntoAClientOfADiscoveryServer) {
   EXPECT_TRUE(eventually([&] { return writer.matched() == 1 && reader.matched() == 1; }));
 }
 
-TEST(ProbeSockets, AreMarkedAsFlowYamlSays) {
+TEST(ProbeSockets, HaveTheMarksOfFlowYaml) {
   const auto marked = [] {
     int n = 0;
     for (const auto& entry : fs::directory_iterator("/proc/self/fd")) {
@@ -181,7 +181,7 @@ TEST(ProbeSockets, AreMarkedAsFlowYamlSays) {
   EXPECT_GT(marked(), before);
 }
 
-TEST(ProbeThreads, SayWhetherTheyGotTheirPriority) {
+TEST(ProbeThreads, ReportWhetherTheyGotTheirPriority) {
   auto a = fresh("priority");
   EXPECT_FALSE(Participants{a}.probe_is_realtime());
   sched_param fifo{};

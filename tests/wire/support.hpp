@@ -1,4 +1,4 @@
-/// What the tests of wire/ share: addresses that meet nobody else, an inbox to wait on, samples with every field set.
+/// Helpers of the tests of wire/: addresses that match no other program, an inbox to wait on, full samples.
 #pragma once
 
 #include <unistd.h>
@@ -21,10 +21,10 @@ namespace tactus::wire::test {
 using namespace std::chrono_literals;
 namespace ses = session;
 
-/// How long a test waits before it gives up on something that has to happen.
+/// How long a test waits for an event before it fails.
 inline constexpr auto kWatchdog = 20s;
 
-/// Base domains 50..89, spread over processes so that tests may run side by side; sessions differ anyway.
+/// Base domains 50..89, chosen by process so that tests may run in parallel; sessions differ anyway.
 inline int test_domain() { return 50 + 3 * (static_cast<int>(getpid()) % 13); }
 
 inline std::string unique_session(const std::string& tag) {
@@ -40,7 +40,7 @@ inline SessionAddress address(const std::string& session, const std::string& par
   return a;
 }
 
-/// Keeps what a Reader hands over.
+/// Collects the samples of a Reader.
 template <class Sample>
 class Inbox {
  public:
@@ -51,7 +51,7 @@ class Inbox {
       arrived_.notify_all();
     };
   }
-  /// The oldest sample, waited for up to `limit`.
+  /// The oldest sample; waits up to `limit`.
   std::optional<Sample> next(std::chrono::nanoseconds limit = kWatchdog) {
     std::unique_lock<std::mutex> lock{mutex_};
     if (!arrived_.wait_for(lock, limit, [this] { return !samples_.empty(); })) return std::nullopt;
@@ -70,7 +70,7 @@ class Inbox {
   std::deque<Sample> samples_;
 };
 
-/// Waits for a condition that nobody signals; false when the watchdog bites.
+/// Polls a condition; false when the watchdog expires.
 template <class Condition>
 bool eventually(Condition&& condition) {
   const auto end = std::chrono::steady_clock::now() + kWatchdog;
@@ -81,7 +81,7 @@ bool eventually(Condition&& condition) {
   return true;
 }
 
-/// Sends until one copy arrives: the two sides of a best-effort topic find each other at different moments.
+/// Sends until one sample arrives: the two endpoints of a best-effort topic match at different times.
 template <class Sample>
 std::optional<Sample> send_until_received(Writer<Sample>& writer, Inbox<Sample>& inbox, const Sample& sample) {
   const auto end = std::chrono::steady_clock::now() + kWatchdog;
@@ -102,7 +102,7 @@ inline auto fields(const ses::MeshHash& m) { return std::tuple{m.object_id, m.ha
 inline auto fields(const ses::Waypoint& w) { return std::tuple{w.session_time_ns, fields(w.pose)}; }
 inline auto fields(const ses::Wanted& w) { return std::tuple{w.region, w.contact_in_us}; }
 inline auto fields(const ses::Toucher& t) { return std::tuple{t.participant, t.incarnation, t.claim}; }
-inline auto fields(const ses::CopyLine& l) { return std::tuple{l.wave, l.energy}; }
+inline auto fields(const ses::CopyChannel& l) { return std::tuple{l.wave, l.energy}; }
 inline auto fields(const spm::Interval& r) { return std::tuple{r.first, r.count}; }
 inline auto fields(const ses::StopName& s) { return std::tuple{s.participant, s.incarnation, s.number}; }
 inline auto fields(const ses::StopRecord& s) {
@@ -119,7 +119,7 @@ inline auto fields(const ses::BulkChunk& b) {
   return std::tuple{b.stream, b.sequence, b.epoch, b.sent_us, fields(b.pieces)};
 }
 inline auto fields(const ses::RosterEntry& r) {
-  return std::tuple{fields(r.origin),  r.protocol,      r.role,      r.name,    r.session,       r.controller,
+  return std::tuple{fields(r.origin),  r.protocol,      r.role,      r.name,    r.session,       r.requested_hrtc,
                     r.users,           fields(r.slots), r.heartbeat, r.leaving, fields(r.stops), r.reference,
                     r.session_time_ns, r.joined_ns,     r.force_on};
 }
@@ -169,17 +169,17 @@ inline auto fields(const ses::ObjectClaim& c) {
   return std::tuple{fields(c.origin), c.object_id, c.sequence, c.touching, c.fencing, c.one_way_ns};
 }
 inline auto fields(const ses::ObjectGrant& g) {
-  return std::tuple{fields(g.origin), g.object_id, g.sequence, g.fencing, g.line_ns, fields(g.touchers)};
+  return std::tuple{fields(g.origin), g.object_id, g.sequence, g.fencing, g.channel_delay_ns, fields(g.touchers)};
 }
 inline auto fields(const ses::ObjectCopy& c) {
-  return std::tuple{fields(c.origin), c.object_id, c.sequence,         c.fencing, c.place,        c.session_time_ns,
-                    fields(c.body),   c.velocity,  c.angular_velocity, c.pressed, fields(c.lines)};
+  return std::tuple{fields(c.origin), c.object_id, c.sequence,         c.fencing, c.copy_index,      c.session_time_ns,
+                    fields(c.body),   c.velocity,  c.angular_velocity, c.pressed, fields(c.channels)};
 }
 inline auto fields(const ses::ClockSample& c) {
   return std::tuple{fields(c.origin), c.peer, c.sequence, c.answer, c.t0_ns, c.t1_ns, c.t2_ns};
 }
 
-// ---- sound samples whose fields all differ from their defaults and from each other
+// ---- valid samples whose fields all differ from their defaults and from each other
 
 template <class Sample>
 Sample full(const Participants& from);

@@ -10,7 +10,7 @@ namespace {
 
 class TapTest : public ::testing::Test {
  protected:
-  /// Sends until the tap has heard something on the topic, and gives that.
+  /// Sends until the tap has received a sample of the topic; returns its bytes.
   template <class Sample>
   std::vector<std::uint8_t> received(const TopicSpec<Sample>& topic, const EndpointOptions& options = {}) {
     SCOPED_TRACE(topic.name);
@@ -22,7 +22,7 @@ class TapTest : public ::testing::Test {
       while ((got = inbox_.next(10ms)))
         if (tap_.topics()[got->topic].name == topic.name) return got->bytes;
     }
-    ADD_FAILURE() << "nothing came of " << topic.name;
+    ADD_FAILURE() << "no sample of " << topic.name;
     return {};
   }
 
@@ -38,7 +38,7 @@ class TapTest : public ::testing::Test {
            }};
 };
 
-TEST_F(TapTest, HearsEveryTopicInEveryPartition) {
+TEST_F(TapTest, ReceivesEveryTopicInEveryPartition) {
   const std::string name = alpha_.address().participant;
   for (const std::vector<std::uint8_t>& bytes : {received(topics::kRoster),
                                                  received(topics::kCatalogue),
@@ -51,7 +51,7 @@ TEST_F(TapTest, HearsEveryTopicInEveryPartition) {
                                                  received(topics::kBase, {hrtc_partition("desk")}),
                                                  received(topics::kRecords, {hrtc_partition("desk")}),
                                                  received(topics::kProbeState),
-                                                 received(topics::kProbeStateWhole, {group_partition(7)}),
+                                                 received(topics::kProbeStateFullRate, {group_partition(7)}),
                                                  received(topics::kDevicePose, {user_partition("ann")}),
                                                  received(topics::kDeviceCommand, {user_partition("ann")}),
                                                  received(topics::kIntent, {user_partition("ann")}),
@@ -67,14 +67,14 @@ TEST_F(TapTest, HearsEveryTopicInEveryPartition) {
   }
 }
 
-TEST_F(TapTest, KnowsEachTopicByATypeOfTheIdl) {
+TEST_F(TapTest, NamesATypeOfTheIdlForEachTopic) {
   for (const TapTopic& topic : tap_.topics()) {
     const std::string type = topic.type.substr(topic.type.rfind(':') + 1);
     EXPECT_THAT(idl_text(), testing::HasSubstr("struct " + type + " {")) << topic.name;
   }
 }
 
-TEST_F(TapTest, DoesNotTakeTheFullChunksOfTheOneWhomTheyAreFor) {
+TEST_F(TapTest, DoesNotTakeFullChunksFromTheirReader) {
   Participants gamma{address(alpha_.address().session, "gamma")};
   Inbox<ses::BulkChunk> inbox;
   Reader<ses::BulkChunk> reader{gamma, topics::kRecords, inbox.callback(), {hrtc_partition("gamma")}};
@@ -82,7 +82,7 @@ TEST_F(TapTest, DoesNotTakeTheFullChunksOfTheOneWhomTheyAreFor) {
   ASSERT_TRUE(eventually([&] { return writer.matched() == 2; }));
   auto chunk = full<ses::BulkChunk>(alpha_);
   chunk.pieces = {{1, 0, 1, 2, {}}};
-  chunk.pieces[0].payload.assign(ses::kMaxPayload - ses::head_bytes(1, 1), 0xa5);
+  chunk.pieces[0].payload.assign(ses::kMaxPayload - ses::header_bytes(1, 1), 0xa5);
   const auto got = send_until_received(writer, inbox, chunk);
   ASSERT_TRUE(got.has_value());
   EXPECT_EQ(fields(*got), fields(chunk));

@@ -30,7 +30,7 @@ class TwoPrograms : public testing::Test {
     ASSERT_TRUE(got.has_value()) << "last fault: " << writer.last_fault() << reader.last_fault();
     EXPECT_EQ(fields(*got), fields(sent));
     EXPECT_EQ(reader.counts().invalid, 0u) << reader.last_fault();
-    // A sample may come before the news, at either end, of whom it was sent to or came from.
+    // A sample may arrive before either endpoint is notified of the match.
     EXPECT_TRUE(eventually([&] { return writer.matched() == 1 && reader.matched() == 1; }));
   }
 
@@ -72,7 +72,7 @@ TEST_F(TwoPrograms, EveryFieldOfEveryTopicArrives) {
   expect_round_trip(topics::kClock);
 }
 
-TEST_F(TwoPrograms, ALateJoinerGetsTheStateThatLasts) {
+TEST_F(TwoPrograms, ALateJoinerGetsTransientLocalTopics) {
   expect_late_joiner_gets(topics::kCatalogue);
   expect_late_joiner_gets(topics::kControl);
   expect_late_joiner_gets(topics::kEnd);
@@ -133,7 +133,7 @@ TEST_F(TwoPrograms, TheLargestSamplesArrive) {
     intent.path.push_back({static_cast<std::int64_t>(i), {{1, 2, 3}}});
   auto chunk = full<ses::BulkChunk>(alpha_);
   chunk.pieces = {{1, 0, 1, 2, {}}};
-  chunk.pieces[0].payload.assign(ses::kMaxPayload - ses::head_bytes(1, 1), 0xa5);
+  chunk.pieces[0].payload.assign(ses::kMaxPayload - ses::header_bytes(1, 1), 0xa5);
 
   const auto arrives = [this](const auto& topic, const auto& sample) {
     using Sample = std::decay_t<decltype(sample)>;
@@ -165,7 +165,7 @@ TEST_F(TwoPrograms, ChunksOfALongStreamArriveAtMostOnceAndInOrder) {
 
   auto chunk = full<ses::BulkChunk>(alpha_);
   chunk.pieces = {{1, 0, 1, 2, {}}};
-  chunk.pieces[0].payload.assign(ses::kMaxPayload - ses::head_bytes(1, 1), 1);
+  chunk.pieces[0].payload.assign(ses::kMaxPayload - ses::header_bytes(1, 1), 1);
   for (std::uint32_t i = 1; i <= kChunks; ++i) {
     chunk.sequence = i;
     ASSERT_EQ(writer.send(chunk), SendStatus::kSent) << "chunk " << i;
@@ -174,7 +174,7 @@ TEST_F(TwoPrograms, ChunksOfALongStreamArriveAtMostOnceAndInOrder) {
   std::uint32_t last = 0;
   while (last <= kChunks) {
     const auto got = inbox.next(100ms);
-    if (!got) {  // the last ones were lost
+    if (!got) {  // the last chunks were lost
       chunk.sequence = kChunks + 1;
       ASSERT_EQ(writer.send(chunk), SendStatus::kSent);
       continue;
@@ -193,7 +193,7 @@ TEST_F(TwoPrograms, AWriterWithoutAReaderNeverBlocks) {
   }
 }
 
-TEST_F(TwoPrograms, AStuckReaderOfOneStreamHoldsBackNeitherTheSenderNorAnotherStream) {
+TEST_F(TwoPrograms, AStuckReaderDelaysNeitherTheSenderNorAnotherStream) {
   std::mutex stuck;
   std::unique_lock<std::mutex> hold{stuck};
   Inbox<ses::BulkChunk> inbox;
@@ -216,7 +216,7 @@ TEST_F(TwoPrograms, AStuckReaderOfOneStreamHoldsBackNeitherTheSenderNorAnotherSt
   hold.unlock();
 }
 
-TEST_F(TwoPrograms, AWriterMayLeaveWithChunksUnderWay) {
+TEST_F(TwoPrograms, AWriterMayLeaveWithChunksInFlight) {
   Inbox<ses::BulkChunk> inbox;
   Reader<ses::BulkChunk> reader{beta_, topics::kRecords, inbox.callback()};
   for (int round = 0; round < 30; ++round) {
@@ -248,7 +248,7 @@ TEST_F(TwoPrograms, SamplesOfAUserStayInItsPartition) {
   EXPECT_TRUE(eventually([&] { return to_alice.matched() == 1 && to_bob.matched() == 1; }));
 }
 
-TEST_F(TwoPrograms, AProgramDoesNotHearItself) {
+TEST_F(TwoPrograms, AProgramDoesNotReceiveItsOwnSamples) {
   Inbox<ses::ProbeState> own, others;
   Reader<ses::ProbeState> at_alpha{alpha_, topics::kProbeState, own.callback()};
   Reader<ses::ProbeState> at_beta{beta_, topics::kProbeState, others.callback()};
@@ -262,8 +262,8 @@ TEST_F(TwoPrograms, AProgramDoesNotHearItself) {
   EXPECT_TRUE(eventually([&] { return writer.matched() == 1; }));
 }
 
-TEST_F(TwoPrograms, UsersArriveHoweverManyWereThereBefore) {
-  constexpr std::uint64_t kUsers = 1100;  // more instances than the history of a reader or a writer holds
+TEST_F(TwoPrograms, AUserArrivesAfterMoreUsersThanTheHistoryHolds) {
+  constexpr std::uint64_t kUsers = 1100;  // more instances than a history holds
   Inbox<ses::ProbeState> inbox;
   Reader<ses::ProbeState> reader{beta_, topics::kProbeState, inbox.callback()};
   Writer<ses::ProbeState> writer{alpha_, topics::kProbeState};
@@ -281,7 +281,7 @@ TEST_F(TwoPrograms, UsersArriveHoweverManyWereThereBefore) {
   EXPECT_TRUE(got.has_value());
 }
 
-TEST_F(TwoPrograms, AnUnsoundSampleIsNotSent) {
+TEST_F(TwoPrograms, AnInvalidSampleIsNotSent) {
   Writer<ses::ProbeState> writer{alpha_, topics::kProbeState};
   auto state = full<ses::ProbeState>(alpha_);
   state.force[1] = std::numeric_limits<double>::quiet_NaN();
@@ -293,7 +293,7 @@ TEST_F(TwoPrograms, AnUnsoundSampleIsNotSent) {
   EXPECT_THAT(writer.last_fault(), testing::HasSubstr("origin"));
 }
 
-TEST_F(TwoPrograms, AReaderMayLeaveWhileSamplesPourIn) {
+TEST_F(TwoPrograms, AReaderMayLeaveWhileSamplesArrive) {
   Writer<ses::ProbeState> writer{alpha_, topics::kProbeState};
   for (int round = 0; round < 10; ++round) {
     Inbox<ses::ProbeState> inbox;
@@ -312,7 +312,7 @@ TEST_F(TwoPrograms, AReaderMayLeaveWhileSamplesPourIn) {
   }
 }
 
-TEST(TwoSessions, OnOneDomainNeverMeet) {
+TEST(TwoSessions, OnOneDomainDoNotMatch) {
   const std::string one = unique_session("one"), other = unique_session("other");
   Participants a{address(one, "a")}, b{address(one, "b")};
   Participants x{address(other, "a")}, y{address(other, "b")};
@@ -322,7 +322,7 @@ TEST(TwoSessions, OnOneDomainNeverMeet) {
   Writer<ses::RosterEntry> writer_a{a, topics::kRoster};
   Writer<ses::RosterEntry> writer_x{x, topics::kRoster};
 
-  // Each pair exchanges several rounds while the other is there to be heard.
+  // Both pairs exchange several rounds at the same time.
   for (int i = 0; i < 5; ++i) {
     const auto got_b = send_until_received(writer_a, at_b, full<ses::RosterEntry>(a));
     const auto got_y = send_until_received(writer_x, at_y, full<ses::RosterEntry>(x));
@@ -336,7 +336,7 @@ TEST(TwoSessions, OnOneDomainNeverMeet) {
 }
 
 TEST(SharedMemory, IsNotUsed) {
-  const auto mapped = [] {  // by this program: others may use it
+  const auto mapped = [] {  // by this program; others may use it
     std::ifstream maps{"/proc/self/maps"};
     return std::string{std::istreambuf_iterator<char>{maps}, {}};
   };

@@ -15,7 +15,7 @@ const Bytes kTime{0x09, 0x01, 8, 0, 0, 0, 0, 0, 0, 0, 0, 0};
 const Bytes kHeartbeat{0x07, 0x01, 28, 0, 0, 0, 0, 0, 0, 0, 3, 2, 0, 0, 0, 0,
                        1,    0,    0,  0, 0, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0};
 
-/// Of a writer of this kind, with `bytes` more than its encapsulation.
+/// A sample of a writer of this kind, with `bytes` after its encapsulation.
 Bytes sample(std::uint8_t kind = 0x02, std::size_t bytes = 4) {
   const std::size_t length = 24 + bytes;
   Bytes made{0x15, 0x05, static_cast<std::uint8_t>(length), static_cast<std::uint8_t>(length >> 8)};
@@ -33,19 +33,19 @@ Bytes message(const std::vector<Bytes>& parts) {
   for (const Bytes& part : parts) made.insert(made.end(), part.begin(), part.end());
   return made;
 }
-/// What is left of a message; nothing when it is not trimmed.
+/// The trimmed message; empty when it is not trimmed.
 Bytes trimmed(const Bytes& bytes) {
   TrimmedMessage out;
   if (!trim(bytes.data(), static_cast<std::uint32_t>(bytes.size()), out)) return {};
   return Bytes(out.bytes.begin(), out.bytes.begin() + out.size);
 }
 
-TEST(TrimmingTest, OfASampleItsDestinationItsTimeAndTheStatisticsAreLeftOut) {
+TEST(TrimmingTest, RemovesDestinationTimeAndStatistics) {
   EXPECT_EQ(trimmed(message({kTo, kTime, sample(), statistics()})), message({sample()}));
   EXPECT_EQ(trimmed(message({kTime, sample(), statistics()})), message({sample()})) << "to several readers";
 }
 
-TEST(TrimmingTest, MessagesOfAnotherShapeGoOutAsTheyAre) {
+TEST(TrimmingTest, OtherMessagesAreUnchanged) {
   constexpr std::uint8_t kBuiltIn = 0xc2;
 
   EXPECT_TRUE(trimmed(message({})).empty());
@@ -53,16 +53,16 @@ TEST(TrimmingTest, MessagesOfAnotherShapeGoOutAsTheyAre) {
   EXPECT_TRUE(trimmed(message({kTo, kTime, sample()})).empty()) << "no statistics";
   EXPECT_TRUE(trimmed(message({kTo, kTime, sample(), sample(), statistics()})).empty());
   EXPECT_TRUE(trimmed(message({kTo, kTime, sample(), kHeartbeat, statistics()})).empty());
-  EXPECT_TRUE(trimmed(message({kTime, sample(kBuiltIn), statistics()})).empty()) << "of discovery, to everyone";
+  EXPECT_TRUE(trimmed(message({kTime, sample(kBuiltIn), statistics()})).empty()) << "discovery, to everyone";
 }
 
-TEST(TrimmingTest, AMessageThatLooksLikeOneWithStatisticsAfterwardsIsPadded) {
+TEST(TrimmingTest, ATrimmedMessageThatLooksLikeStatisticsIsPadded) {
   Bytes alike = sample(0x02, 56);
   alike[alike.size() - 60] = kStatisticsId;
 
   const Bytes left = trimmed(message({kTo, kTime, alike, statistics()}));
 
-  ASSERT_EQ(left.size(), message({alike}).size() + kSubmessageHead);
+  ASSERT_EQ(left.size(), message({alike}).size() + kSubmessageHeader);
   EXPECT_NE(left[left.size() - kStatisticsSize], kStatisticsId);
 }
 
@@ -70,11 +70,11 @@ TEST(TrimmingTest, NoPartOfAMessageIsReadBeyondItsEnd) {
   const Bytes whole = message({kTo, kTime, sample(), statistics()});
   for (std::size_t size = 0; size < whole.size(); ++size) {
     const Bytes cut(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size));
-    EXPECT_TRUE(trimmed(cut).empty()) << size;  // sanitizers would tell
+    EXPECT_TRUE(trimmed(cut).empty()) << size;  // sanitizers detect reads beyond the end
   }
 }
 
-TEST(TrimmingTest, AMessageThatIsTooLongForTheBufferGoesOutAsItIs) {
+TEST(TrimmingTest, AMessageTooLongForTheBufferIsUnchanged) {
   EXPECT_TRUE(trimmed(message({kTo, kTime, sample(0x02, 2000), statistics()})).empty());
 }
 

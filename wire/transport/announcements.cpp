@@ -13,10 +13,10 @@ using eprosima::fastrtps::rtps::IPLocator;
 
 constexpr std::uint32_t kMetatrafficUnicast = 0x32, kName = 0x62;  // parameters (RTPS 2.2, 9.6.2)
 constexpr std::uint32_t kLocatorSize = 24, kPortAt = 4, kAddressAt = 8;
-constexpr std::array<std::uint8_t, 4> kAnnouncer{0x00, 0x01, 0x00, 0xc2};  // the writer of participants (9.3.1.5)
+constexpr std::array<std::uint8_t, 4> kAnnouncer{0x00, 0x01, 0x00, 0xc2};  // entity id of participant data (9.3.1.5)
 constexpr std::size_t kMany = 4096;
 
-/// The sample of a message that announces a participant.
+/// The DATA submessage of a participant announcement.
 std::optional<RtpsData> announcement_in(const std::uint8_t* message, std::uint32_t size) {
   const std::optional<Submessage> found = find_submessage(message, size, kDataId);
   std::optional<RtpsData> data = found ? data_of(*found) : std::nullopt;
@@ -24,7 +24,7 @@ std::optional<RtpsData> announcement_in(const std::uint8_t* message, std::uint32
   return data;
 }
 
-/// A string is its length, which includes the zero byte at its end, and its bytes.
+/// A CDR string is its length, including the zero byte at its end, and its bytes.
 bool is_text(const RtpsBytes& value, const std::string& text) {
   const auto bytes = static_cast<std::uint32_t>(text.size());
   return value.size > 4 + bytes && value.number(0, 4) == bytes + 1 &&
@@ -42,20 +42,20 @@ bool Announcements::on_received(const std::uint8_t* message, std::uint32_t size)
   const std::optional<RtpsData> announcement = announcement_in(message, size);
   if (!announcement || announcement->payload.size == 0) return true;
   const std::lock_guard<std::mutex> lock{mutex_};
-  if (met_.size() > kMany) met_.clear();
-  const auto [met, is_new] = met_.try_emplace(sender_of(message), true);
-  if (!is_new) return met->second;
+  if (discovered_.size() > kMany) discovered_.clear();
+  const auto [entry, is_new] = discovered_.try_emplace(sender_of(message), true);
+  if (!is_new) return entry->second;
   ParameterList parameters = parameters_of(announcement->payload);
   while (const auto parameter = parameters.next()) {
     const RtpsBytes& value = parameter->value;
     if (parameter->id == kMetatrafficUnicast && value.size == kLocatorSize)
       forget(value.number(kPortAt, 4), value.at + kAddressAt);
-    if (parameter->id == kName && !ignored_name_.empty() && is_text(value, ignored_name_)) met->second = false;
+    if (parameter->id == kName && !ignored_name_.empty() && is_text(value, ignored_name_)) entry->second = false;
   }
-  return met->second;
+  return entry->second;
 }
 
-/// Whoever was there before. Participants of this machine are reached through its loopback.
+/// Drops the records of announcements to this locator. Participants of this machine are reached through its loopback.
 void Announcements::forget(std::uint32_t port, const std::uint8_t* address) {
   for (auto at = sent_.begin(); at != sent_.end();) {
     const Locator& to = at->first.second;
@@ -70,12 +70,12 @@ std::vector<Announcements::Locator> Announcements::due(const void* sender, std::
   std::vector<Locator> due;
   const std::lock_guard<std::mutex> lock{mutex_};
   if (std::any_of(to.begin(), to.end(), is_group)) group_ns_ = now_ns;
-  const bool has_group = group_ns_ && now_ns - *group_ns_ < kKnownRestNs;
+  const bool has_group = group_ns_ && now_ns - *group_ns_ < kUnicastIntervalNs;
   if (sent_.size() > kMany) sent_.clear();
   for (const Locator& locator : to) {
-    const std::int64_t rest_ns = has_group && !is_group(locator) ? kKnownRestNs : kGroupRestNs;
+    const std::int64_t interval_ns = has_group && !is_group(locator) ? kUnicastIntervalNs : kGroupIntervalNs;
     const auto [at, first] = sent_.try_emplace({sender, locator}, Sent{sequence, now_ns});
-    if (!first && at->second.sequence == sequence && now_ns - at->second.time_ns < rest_ns) continue;
+    if (!first && at->second.sequence == sequence && now_ns - at->second.time_ns < interval_ns) continue;
     at->second = {sequence, now_ns};
     due.push_back(locator);
   }

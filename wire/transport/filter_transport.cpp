@@ -59,7 +59,7 @@ class FilterTransport final : public fdds::ChainingTransport {
 FilterTransportDescriptor::FilterTransportDescriptor(std::shared_ptr<fdds::TransportDescriptorInterface> udp,
                                                      FilterSettings filter_settings)
     : ChainingTransportDescriptor{std::move(udp)}, settings{std::move(filter_settings)} {
-  if (settings.trims_samples) maxMessageSize += kTrimmedAtMost;
+  if (settings.trims_samples) maxMessageSize += kMaxTrimmed;
 }
 
 fdds::TransportInterface* FilterTransportDescriptor::create_transport() const { return new FilterTransport{*this}; }

@@ -11,7 +11,7 @@ void Gate::open() noexcept {
 void Gate::pass() {
   if (open_) return;
   std::unique_lock<std::mutex> lock{mutex_};
-  opened_.wait_for(lock, patience_, [this] { return open_.load(); });
+  opened_.wait_for(lock, timeout_, [this] { return open_.load(); });
 }
 
 }  // namespace tactus::wire

@@ -1,4 +1,4 @@
-/// Holds receive threads back until their participant exists.
+/// Blocks receive threads until their participant has been created.
 #pragma once
 
 #include <atomic>
@@ -8,16 +8,16 @@
 
 namespace tactus::wire {
 
-/// Closed until opened, then open for good. Threads: any.
+/// Closed until `open`, then open for good. Threads: any.
 class Gate {
  public:
-  explicit Gate(std::chrono::milliseconds patience = std::chrono::seconds{1}) : patience_{patience} {}
+  explicit Gate(std::chrono::milliseconds timeout = std::chrono::seconds{1}) : timeout_{timeout} {}
   void open() noexcept;
-  /// Returns when it is open, or after `patience`: a participant that fails to be made waits for its receive threads.
+  /// Returns when open, or after `patience`, because a participant that fails to start waits for its receive threads.
   void pass();
 
  private:
-  std::chrono::milliseconds patience_;
+  std::chrono::milliseconds timeout_;
   std::mutex mutex_;
   std::condition_variable opened_;
   std::atomic<bool> open_{false};

@@ -5,8 +5,8 @@
 namespace tactus::wire {
 namespace {
 
-constexpr std::uint32_t kSenderAt = 8;  // behind the magic, version and vendor
-// A DATA submessage, counted from the end of its head.
+constexpr std::uint32_t kSenderAt = 8;  // after magic, version and vendor
+// Offsets in a DATA submessage, from the end of its header.
 constexpr std::uint32_t kToInlineQosAt = 2, kWriterAt = 8, kSequenceAt = 12, kDataHead = 20;
 constexpr std::uint8_t kInlineQosFlag = 0x02, kDataFlag = 0x04;
 constexpr std::uint32_t kParameterHead = 4, kEncapsulation = 4, kSentinel = 1;
@@ -25,17 +25,17 @@ RtpsBytes RtpsBytes::from(std::uint32_t from) const noexcept {
 }
 
 std::optional<Submessage> submessage_at(const std::uint8_t* message, std::uint32_t size, std::uint32_t at) noexcept {
-  if (at > size || size - at < kSubmessageHead) return std::nullopt;
+  if (at > size || size - at < kSubmessageHeader) return std::nullopt;
   const std::uint8_t* const head = message + at;
   const bool little_endian = (head[1] & 1u) != 0;
   const RtpsBytes rest{head, size - at, little_endian};
-  Submessage found{head[0], head[1], rest.from(kSubmessageHead), false, size};
+  Submessage found{head[0], head[1], rest.from(kSubmessageHeader), false, size};
   const std::uint32_t length = rest.number(2, 2);
   found.last = length == 0 && found.id != kPadId && found.id != kInfoTimeId;
   if (found.last) return found;
   found.body.size = std::min(found.body.size, length);
   constexpr std::uint32_t kAlignment = 4;
-  found.next = at + kSubmessageHead + (length + kAlignment - 1) / kAlignment * kAlignment;
+  found.next = at + kSubmessageHeader + (length + kAlignment - 1) / kAlignment * kAlignment;
   return found;
 }
 
@@ -94,17 +94,17 @@ ParameterList parameters_of(const RtpsBytes& payload) noexcept {
 }
 
 std::uint32_t pad_if_it_looks_like_statistics(std::uint8_t* message, std::uint32_t size) noexcept {
-  constexpr std::array<std::uint8_t, kSubmessageHead> kPad{kPadId, 1, 0, 0};  // the shortest submessage
+  constexpr std::array<std::uint8_t, kSubmessageHeader> kPad{kPadId, 1, 0, 0};  // the shortest submessage
   while (size >= kStatisticsSize && message[size - kStatisticsSize] == kStatisticsId) {
     std::copy(kPad.begin(), kPad.end(), message + size);
-    size += kSubmessageHead;
+    size += kSubmessageHeader;
   }
   return size;
 }
 
 std::uint32_t size_without_statistics(const std::uint8_t* message, std::uint32_t size) noexcept {
   const std::optional<Submessage> statistics = find_submessage(message, size, kStatisticsId);
-  return statistics ? static_cast<std::uint32_t>(statistics->body.at - message) - kSubmessageHead : size;
+  return statistics ? static_cast<std::uint32_t>(statistics->body.at - message) - kSubmessageHeader : size;
 }
 
 }  // namespace tactus::wire

@@ -1,6 +1,6 @@
-/// Reads an RTPS message as it came from the network, without trust in any length (RTPS 2.2, sections 8.3 and 9.4).
+/// Parses an RTPS message from the network without trusting any length (RTPS 2.2, sections 8.3 and 9.4).
 ///
-/// The transports of this folder share this reader. They delay, drop or shorten messages; none makes a sample.
+/// The transports of this folder share this parser.
 #pragma once
 
 #include <array>
@@ -9,31 +9,31 @@
 
 namespace tactus::wire {
 
-inline constexpr std::uint32_t kRtpsHeader = 20;     ///< bytes before the first submessage
-inline constexpr std::uint32_t kSubmessageHead = 4;  ///< id, flags, length
+inline constexpr std::uint32_t kRtpsHeader = 20;       ///< bytes before the first submessage
+inline constexpr std::uint32_t kSubmessageHeader = 4;  ///< header: id, flags, length
 inline constexpr std::uint8_t kPadId = 0x01, kInfoTimeId = 0x09, kInfoDestinationId = 0x0e, kDataId = 0x15;
-inline constexpr std::uint8_t kStatisticsId = 0x80;  ///< a vendor's submessage, which Debian's build of Fast DDS adds
+inline constexpr std::uint8_t kStatisticsId = 0x80;  ///< a vendor's submessage that Debian's build of Fast DDS adds
 
-/// Bytes of a message, with the byte order of their numbers.
+/// A part of a message, and the byte order of its numbers.
 struct RtpsBytes {
   const std::uint8_t* at;
   std::uint32_t size;
   bool little_endian;
 
-  /// The unsigned number of `bytes` bytes at `from`. The caller has checked that it lies inside.
+  /// The unsigned number of `bytes` bytes at `from`. The caller has checked the range.
   [[nodiscard]] std::uint32_t number(std::uint32_t from, std::uint32_t bytes) const noexcept;
-  /// Everything from byte `from` on; nothing when `from` lies behind the end.
+  /// All bytes from `from` on; empty when `from` is after the end.
   [[nodiscard]] RtpsBytes from(std::uint32_t from) const noexcept;
 };
 
 struct Submessage {
   std::uint8_t id, flags;
   RtpsBytes body;      ///< lies inside the message, even if the submessage claims to be longer
-  bool last;           ///< its length is 0, which means the rest of the message
-  std::uint32_t next;  ///< where the next submessage begins in the message, if there is one
+  bool last;           ///< its length is 0, which means up to the end of the message
+  std::uint32_t next;  ///< offset of the next submessage, if there is one
 };
 
-/// The submessage that begins at byte `at`; none when no submessage head fits there.
+/// The submessage at byte `at`; none when no submessage header fits there.
 [[nodiscard]] std::optional<Submessage> submessage_at(const std::uint8_t* message, std::uint32_t size,
                                                       std::uint32_t at) noexcept;
 
@@ -45,13 +45,13 @@ using GuidPrefix = std::array<std::uint8_t, 12>;
 /// The participant that sent a message of at least kRtpsHeader bytes.
 [[nodiscard]] GuidPrefix sender_of(const std::uint8_t* message) noexcept;
 
-/// What a DATA submessage carries (9.4.5.3).
+/// The content of a DATA submessage (9.4.5.3).
 struct RtpsData {
   std::array<std::uint8_t, 4> writer;  ///< entity id
   std::uint64_t sequence;
   RtpsBytes payload;  ///< with its encapsulation; empty when the sample has no data
 
-  /// Discovery's writers and those of a vendor, in contrast to writers of user topics (9.3.1.2).
+  /// True for the writers of discovery and of vendors, false for writers of user topics (9.3.1.2).
   [[nodiscard]] bool is_built_in() const noexcept { return (writer[3] & 0xc0u) != 0; }
 };
 /// None when `submessage` is no DATA submessage, or shorter than its fixed part.
@@ -66,9 +66,9 @@ class ParameterList {
   };
   explicit ParameterList(const RtpsBytes& list) noexcept : rest_{list} {}
 
-  /// The next parameter; none after the sentinel, and when a parameter reaches beyond the list.
+  /// The next parameter; none after the sentinel, and for a parameter that reaches beyond the list.
   [[nodiscard]] std::optional<Parameter> next() noexcept;
-  /// What follows the parameters that were read; after the sentinel, what follows the list.
+  /// The bytes after the parameters read so far; after the sentinel, the bytes after the list.
   [[nodiscard]] const RtpsBytes& rest() const noexcept { return rest_; }
 
  private:
@@ -79,14 +79,14 @@ class ParameterList {
 [[nodiscard]] ParameterList parameters_of(const RtpsBytes& payload) noexcept;
 
 /// Fast DDS takes a message for one with statistics if the byte 60 before its end is 0x80. It then overwrites these 60
-/// bytes when it sends the message, and removes them when it receives it. So a message that only looks like this gets
-/// PAD submessages, until the byte at that place is another. Returns the new size. There must be room for
-/// kMaxPadding bytes more; `size` is a multiple of four.
+/// bytes when it sends the message, and removes them when it receives it. This adds PAD submessages to such a message
+/// until that byte differs, and returns the new size. There must be room for kMaxPadding more bytes; `size` is a
+/// multiple of four.
 inline constexpr std::uint32_t kStatisticsSize = 60, kMaxPadding = 64;
 [[nodiscard]] std::uint32_t pad_if_it_looks_like_statistics(std::uint8_t* message, std::uint32_t size) noexcept;
 
-/// The size of a message without its first statistics submessage and all that follows. Nobody reads these statistics,
-/// and Fast DDS, which Debian builds with assertions, aborts the process if they are not the last submessage.
+/// The size of a message without its first statistics submessage and all that follows. The statistics are not used, and
+/// Debian's Fast DDS, which is built with assertions, aborts the process if they are not the last submessage.
 [[nodiscard]] std::uint32_t size_without_statistics(const std::uint8_t* message, std::uint32_t size) noexcept;
 
 }  // namespace tactus::wire

@@ -1,11 +1,11 @@
-/// Shortens the messages of user topics by what none of their readers uses.
+/// Removes the submessages of user topics that no reader uses.
 ///
-/// Debian's build of Fast DDS ends each message with 60 bytes of statistics, and precedes each sample by its
-/// destination and its time, 28 bytes. A receiver that finds no destination takes the message for its own, and nothing
-/// here asks for the time at which the library sent a sample. What is left is standard RTPS.
-/// Figure: a probe state leaves in a datagram of 280 bytes
-/// (`strace -f -e trace=sendto,sendmsg tactus-latency run --link none`). Calculated, not measured: the library made 88
-/// bytes more, and a full chunk of a mesh, 1,468 bytes, would need a second frame with them.
+/// Debian's build of Fast DDS appends 60 bytes of statistics to each message, and puts destination and time, 28 bytes,
+/// before each sample. A receiver accepts a message without destination, and Tactus does not use the library's sending
+/// time. The result is standard RTPS.
+/// Figure: a probe state is sent in a datagram of 280 bytes
+/// (`strace -f -e trace=sendto,sendmsg tactus-latency run --link none`). Calculated, not measured: without trimming it
+/// has 88 bytes more, and a full chunk of a mesh, 1,468 bytes, would need a second frame.
 #pragma once
 
 #include <array>
@@ -15,9 +15,9 @@
 
 namespace tactus::wire {
 
-/// How much larger than a datagram Fast DDS may make a message that has only one sample. It counts the submessages that
-/// are trimmed, and reserves a heartbeat and the longer header of a fragment, which best-effort samples do not have.
-inline constexpr std::uint32_t kTrimmedAtMost = (kStatisticsSize - kSubmessageHead) + 16 + 12 + (32 + 12);
+/// Max bytes by which Fast DDS may exceed a datagram in a message with one sample. It counts the submessages that are
+/// removed, and reserves a heartbeat and the longer header of a fragment, which best-effort samples do not have.
+inline constexpr std::uint32_t kMaxTrimmed = (kStatisticsSize - kSubmessageHeader) + 16 + 12 + (32 + 12);
 
 /// A message that was trimmed.
 struct TrimmedMessage {
@@ -25,8 +25,8 @@ struct TrimmedMessage {
   std::uint32_t size;
 };
 
-/// Trims a message that consists of destination (optional), time, one sample and statistics, in this order. False when
-/// it consists of something else, does not fit, or is a sample of discovery to everyone: then it goes out as it is.
+/// Trims a message of destination (optional), time, one sample and statistics, in this order. Returns false for other
+/// messages, for messages that do not fit, and for discovery samples to everyone; these are sent unchanged.
 [[nodiscard]] bool trim(const std::uint8_t* message, std::uint32_t size, TrimmedMessage& out) noexcept;
 
 }  // namespace tactus::wire

@@ -1,4 +1,4 @@
-#include "tests/session/simulated_controller.hpp"
+#include "tests/session/simulated_hrtc.hpp"
 
 #include <algorithm>
 #include <array>
@@ -14,7 +14,7 @@ using namespace session;
 namespace {
 
 constexpr std::int64_t kTickNs = 2 * kMs;
-constexpr std::size_t kSlots = 8;  // enough for all users there are
+constexpr std::size_t kSlots = 8;  // more than there are users
 
 std::vector<std::uint32_t> records_of(const std::vector<spm::Interval>& intervals) {
   std::vector<std::uint32_t> records;
@@ -25,19 +25,19 @@ std::vector<std::uint32_t> records_of(const std::vector<spm::Interval>& interval
 
 std::uint32_t regions_of(std::uint64_t object) { return model_of(object).summary.regions; }
 
-/// A look is late by a tick at most, and counts from the one before the answer.
-constexpr std::int64_t kMaxSilenceNs = FailureDetectorSettings{}.max_patience_ns + 4 * kTickNs;
+/// The detector polls up to a tick late, and counts from the poll before the answer.
+constexpr std::int64_t kMaxSilenceNs = FailureDetectorSettings{}.max_timeout_ns + 4 * kTickNs;
 
 std::string name_of(std::uint64_t object, std::uint32_t region) {
   return "region " + std::to_string(region) + " of object " + std::to_string(object);
 }
 
 struct RegionRecords {
-  bool whole = false;  // the bytes are what a host makes of the model for this region
+  bool whole = false;  // the bytes equal a host's encoding of the region
   std::vector<std::uint32_t> list, sent;
 };
 
-/// A function of its arguments, so that one thread's schedules share what one of them has found out.
+/// Depends on its arguments alone, so results are shared by the schedules of one thread.
 const RegionRecords& decoded(std::uint64_t object, std::uint32_t region, const std::vector<std::uint8_t>& bytes) {
   thread_local std::map<std::pair<std::uint64_t, std::vector<std::uint8_t>>, RegionRecords> known;
   constexpr std::size_t kMaxKnown = 20'000;
@@ -65,10 +65,10 @@ const spm::codec::CompressedModel& coded_of(std::uint64_t object) {
   return all[object - kFirstObject].coded();
 }
 
-SimulatedController::SimulatedController(World& world, std::uint64_t id, const ControllerFaults& faults)
+SimulatedHrtc::SimulatedHrtc(World& world, std::uint64_t id, const HrtcFaults& faults)
     : Program{world, id, Role::kHrtc}, faults_{faults} {}
 
-void SimulatedController::begin() {
+void SimulatedHrtc::begin() {
   DeliverySettings settings;
   settings.credit = kMaxCredit / 2;
   settings.max_credit = kMaxCredit;
@@ -76,7 +76,7 @@ void SimulatedController::begin() {
   client_ = std::make_unique<DeliveryClient>(self(), settings);
   failure_detector_ = std::make_unique<FailureDetector>(self(), FailureDetectorSettings{});
   answered_ns_.clear();
-  silent_.clear();
+  suspects_.clear();
   slots_ = std::make_unique<UserSlots>(kSlots);
   client_of_.clear();
   caches_.clear();
@@ -92,30 +92,30 @@ void SimulatedController::begin() {
   }
 }
 
-void SimulatedController::hear(const Sample& sample) {
+void SimulatedHrtc::on_sample(const Sample& sample) {
   if (const auto* entry = std::get_if<RosterEntry>(&sample); entry != nullptr && entry->role == Role::kHost &&
                                                              !entry->leaving &&
                                                              roster().find(entry->origin.participant) != nullptr)
     client_->host_seen(entry->origin.participant, entry->origin.incarnation, local_ns());
-  if (const auto* failure_detector = std::get_if<FailureDetectorSample>(&sample)) {
-    const std::uint64_t host = failure_detector->sample.origin.participant, before = failure_detector_->false_alarms();
-    failure_detector_->on_answer(failure_detector->sample, local_ns());
-    figures_.false_alarms += failure_detector_->false_alarms() - before;
+  if (const auto* liveness = std::get_if<LivenessSample>(&sample)) {
+    const std::uint64_t host = liveness->sample.origin.participant, before = failure_detector_->false_suspicions();
+    failure_detector_->on_answer(liveness->sample, local_ns());
+    figures_.false_suspicions += failure_detector_->false_suspicions() - before;
     if (failure_detector_->watches(host)) answered_ns_[host] = world_.now_ns;
-    silent_.erase(host);
+    suspects_.erase(host);
   }
   if (const auto* offer = std::get_if<CatalogueEntry>(&sample)) client_->offer(*offer);
   if (const auto* chunk = std::get_if<BulkChunk>(&sample)) take_chunk(*chunk);
 }
 
-void SimulatedController::react(const RosterEvent& event) {
+void SimulatedHrtc::react(const RosterEvent& event) {
   const RosterEntry& entry = event.entry;
   const bool gone = event.change == RosterChange::kGone || event.change == RosterChange::kLeft;
   if (entry.role == Role::kHost && gone) client_->host_gone(entry.origin.participant);
   const bool news = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted ||
                     event.change == RosterChange::kChanged;
   if (entry.role != Role::kClient || (!gone && !news)) return;
-  const bool asks = !gone && entry.controller == std::to_string(id());
+  const bool asks = !gone && entry.requested_hrtc == std::to_string(id());
   for (auto at = client_of_.begin(); at != client_of_.end();) {
     const bool stays = asks && std::find(entry.users.begin(), entry.users.end(), at->first) != entry.users.end();
     if (at->second == entry.origin.participant && !stays) {
@@ -128,30 +128,30 @@ void SimulatedController::react(const RosterEvent& event) {
   if (asks)
     for (const std::string& user : entry.users)
       if (slots_->grant(user)) client_of_[user] = entry.origin.participant;
-  say_presence_at_once();
+  publish_entry_at_once();
 }
 
-void SimulatedController::describe(RosterEntry& entry) const { entry.slots = slots_->list(); }
+void SimulatedHrtc::describe(RosterEntry& entry) const { entry.slots = slots_->list(); }
 
-/// What is parked may turn out to count on what is gone meanwhile, and comes again with what counted on it.
-void SimulatedController::unless_excused(const std::string& what) {
+/// A parked message may rely on regions that are released meanwhile; then it comes again with the messages after it.
+void SimulatedHrtc::unless_excused(const std::string& what) {
   if (faults_.parking == 0 && !world_.excused(id()))
-    world_.broken(std::to_string(id()) + ": " + what + ", and nothing had been lost");
+    world_.broken(std::to_string(id()) + ": " + what + ", although nothing had been lost");
 }
 
-void SimulatedController::run_failure_detector() {
+void SimulatedHrtc::run_failure_detector() {
   std::vector<std::uint64_t> hosts;
   for (std::uint64_t object = kFirstObject; object < kFirstObject + kObjects; ++object)
     if (const std::uint64_t host = client_->serving_host(object); host != 0) hosts.push_back(host);
   failure_detector_->watch(hosts);
   for (auto at = answered_ns_.begin(); at != answered_ns_.end();)
     at = failure_detector_->watches(at->first) ? std::next(at) : answered_ns_.erase(at);
-  while (const std::optional<ClockSample> question = failure_detector_->ask(local_ns()))
-    send(question->peer, FailureDetectorSample{*question});
+  while (const std::optional<ClockSample> request = failure_detector_->next_request(local_ns()))
+    send(request->peer, LivenessSample{*request});
   if (world_.sabotage != Sabotage::kTrusting) {
-    for (const FailureDetector::Silent& silent : failure_detector_->silent(local_ns())) {
-      silent_.insert(silent.host);
-      client_->host_silent(silent.host);
+    for (const FailureDetector::Suspect& silent : failure_detector_->take_suspects(local_ns())) {
+      suspects_.insert(silent.host);
+      client_->suspect_host(silent.host);
       const Program* host = world_.find(silent.host);
       if (host->up()) continue;
       ++figures_.deaths_noticed;
@@ -159,16 +159,16 @@ void SimulatedController::run_failure_detector() {
     }
   }
   for (const auto& [host, answered_ns] : answered_ns_)
-    if (world_.now_ns - answered_ns > kMaxSilenceNs && silent_.count(host) == 0)
-      world_.broken(std::to_string(id()) + " counts on host " + std::to_string(host) + ", which has not answered for " +
+    if (world_.now_ns - answered_ns > kMaxSilenceNs && suspects_.count(host) == 0)
+      world_.broken(std::to_string(id()) + " relies on host " + std::to_string(host) + ", which has not answered for " +
                     std::to_string((world_.now_ns - answered_ns) / kMs) + " ms");
 }
 
-void SimulatedController::take_chunk(const BulkChunk& chunk) {
+void SimulatedHrtc::take_chunk(const BulkChunk& chunk) {
   for (DeliveryClient::Message& message : client_->on_chunk(chunk, local_ns())) {
     if (message.epoch < caches_.at(message.object_id).released_epoch)
       world_.broken(name_of(message.object_id, message.region) + " came under epoch " + std::to_string(message.epoch) +
-                    " and may count on what was released before epoch " +
+                    " and may rely on a region released before epoch " +
                     std::to_string(caches_.at(message.object_id).released_epoch));
     const std::int64_t due_ns = world_.now_ns + world_.below(faults_.decode_ns);
     if (message.kind == BulkKind::kRegion && world_.chance(faults_.parking))
@@ -179,7 +179,7 @@ void SimulatedController::take_chunk(const BulkChunk& chunk) {
   if (client_->partial_bytes() > kMaxPartialBytes) world_.broken("incomplete messages over their bound");
 }
 
-void SimulatedController::answer() {
+void SimulatedHrtc::answer() {
   while (!answers_.empty() && answers_.front().due_ns <= world_.now_ns) {
     const DeliveryClient::Message message = std::move(answers_.front().message);
     answers_.pop_front();
@@ -189,18 +189,18 @@ void SimulatedController::answer() {
     }
     const spm::Span<const std::uint8_t> base = coded_of(message.object_id).spans().base;
     if (!std::equal(base.begin(), base.end(), message.bytes.begin(), message.bytes.end()))
-      world_.broken("a base mesh that is not the model's");
+      world_.broken("a base mesh differs from the model's");
     client_->base_held(message.object_id);
   }
 }
 
-/// As a cache does: a region is kept when each record of its list is here or in the message.
-void SimulatedController::accept(const DeliveryClient::Message& message) {
+/// Accepts a region when each record of its list is held or in the message, as a cache does.
+void SimulatedHrtc::accept(const DeliveryClient::Message& message) {
   const auto name = [&] { return name_of(message.object_id, message.region); };
   const RegionRecords& records = decoded(message.object_id, message.region, message.bytes);
-  if (!records.whole) return world_.broken(name() + " came and is not the model's");
+  if (!records.whole) return world_.broken(name() + " came and differs from the model's");
   Cache& cache = caches_[message.object_id];
-  if (cache.lists.count(message.region) != 0) world_.broken(name() + " came and is here");
+  if (cache.lists.count(message.region) != 0) world_.broken(name() + " came and is held");
   const std::vector<std::uint32_t>&sent = records.sent, &list = records.list;
   for (std::size_t i = 0, s = 0; i < list.size(); ++i) {
     const bool with_it = s < sent.size() && sent[s] == list[i];
@@ -214,7 +214,7 @@ void SimulatedController::accept(const DeliveryClient::Message& message) {
   figures_.records_received += sent.size();
   figures_.records_repeated += static_cast<std::uint64_t>(repeated);
   if (repeated != 0)
-    unless_excused(name() + " came with " + std::to_string(repeated) + " records that were here all along");
+    unless_excused(name() + " came with " + std::to_string(repeated) + " records that were held all along");
   for (const std::uint32_t r : list) {
     ++cache.count[r];
     ++cache.firm[r];
@@ -225,7 +225,7 @@ void SimulatedController::accept(const DeliveryClient::Message& message) {
   ++figures_.regions_held;
 }
 
-void SimulatedController::wander(std::uint64_t object) {
+void SimulatedHrtc::wander(std::uint64_t object) {
   const std::uint32_t regions = regions_of(object);
   std::uint32_t& at = caches_[object].touched;
   const auto move = static_cast<std::uint32_t>(world_.below(40));
@@ -238,7 +238,7 @@ void SimulatedController::wander(std::uint64_t object) {
   client_->want(object, wanted);
 }
 
-void SimulatedController::retire_and_take_back(std::uint64_t object) {
+void SimulatedHrtc::retire_and_take_back(std::uint64_t object) {
   Cache& cache = caches_[object];
   const std::uint32_t regions = regions_of(object);
   std::vector<std::uint32_t> freed;
@@ -262,18 +262,18 @@ void SimulatedController::retire_and_take_back(std::uint64_t object) {
     for (const std::uint32_t r : cache.lists.begin()->second) cache.count[r] = 0;
 }
 
-void SimulatedController::free(Cache& cache, std::uint32_t region) {
+void SimulatedHrtc::free(Cache& cache, std::uint32_t region) {
   for (const std::uint32_t r : cache.lists.at(region))
     if (cache.count[r] > 0) --cache.count[r];
   cache.lists.erase(region);
 }
 
-void SimulatedController::release(std::uint64_t object) {
+void SimulatedHrtc::release(std::uint64_t object) {
   Cache& cache = caches_[object];
   for (const std::uint32_t region : client_->take_released(object)) {
     const auto retired = cache.retired.find(region);
     if (retired == cache.retired.end()) {
-      world_.broken(name_of(object, region) + " was released and is not retired");
+      world_.broken(name_of(object, region) + " was released but not retired");
       continue;
     }
     const std::uint32_t epoch = retired->second == 0 ? cache.epoch + 1 : retired->second;
@@ -284,7 +284,7 @@ void SimulatedController::release(std::uint64_t object) {
   }
 }
 
-void SimulatedController::publish() {
+void SimulatedHrtc::publish() {
   while (std::optional<Demand> demand = client_->demand(local_ns())) {
     Cache& cache = caches_[demand->object_id];
     for (const std::uint32_t region : records_of(demand->have)) {
@@ -296,11 +296,11 @@ void SimulatedController::publish() {
       }
       for (const std::uint32_t r : list->second)
         if (cache.count[r] == 0)
-          world_.broken("a demand claims " + name() + ", whose record " + std::to_string(r) + " is not here");
+          world_.broken("a demand claims " + name() + ", whose record " + std::to_string(r) + " is not held");
     }
-    if (demand->wanted.size() > 2 * kReach + 1) world_.broken("a demand wants too much");
-    if (demand->credit > kMaxCredit) world_.broken("a demand gives more credit than may be");
-    if (demand->epoch < cache.epoch) world_.broken("an epoch that steps back");
+    if (demand->wanted.size() > 2 * kReach + 1) world_.broken("a demand wants too many regions");
+    if (demand->credit > kMaxCredit) world_.broken("a demand gives more than the max credit");
+    if (demand->epoch < cache.epoch) world_.broken("an epoch steps back");
     cache.epoch = demand->epoch;
     for (auto& [region, epoch] : cache.retired)
       if (epoch == 0) epoch = demand->epoch;
@@ -311,7 +311,7 @@ void SimulatedController::publish() {
   }
 }
 
-bool SimulatedController::content_with(std::uint64_t object) const {
+bool SimulatedHrtc::content_with(std::uint64_t object) const {
   const Cache& cache = caches_.at(object);
   const std::uint32_t regions = regions_of(object);
   if (!cache.retired.empty()) return false;
@@ -320,7 +320,7 @@ bool SimulatedController::content_with(std::uint64_t object) const {
   return true;
 }
 
-std::int64_t SimulatedController::work() {
+std::int64_t SimulatedHrtc::work() {
   answer();
   run_failure_detector();
   const bool moves = world_.wandering && wander_.due(world_.now_ns);
