@@ -114,7 +114,7 @@ struct Host::Impl {
         log{std::move(to)},
         stop{until},
         served{open_models(options, log, stop)},
-        participants{in_turn(options, log)},
+        participants{raise_priority_then_address(options, log)},
         core{participants.origin(), core_settings(options, served), monotonic_ns()} {
     core.on_event = [this](Severity severity, const std::string& text) { log(severity, text); };
     core.on_hrtc = [this](std::uint64_t id, const std::string& name) {
@@ -192,11 +192,11 @@ struct Host::Impl {
 
 int Host::Impl::run() {
   for (const session::CatalogueEntry& entry : core.catalogue()) {
-    say("serving '" + entry.object + "': " + std::to_string(entry.summary.faces) + " faces in " +
+    log_info("serving '" + entry.object + "': " + std::to_string(entry.summary.faces) + " faces in " +
         std::to_string(entry.summary.regions) + " regions, base mesh of " + std::to_string(entry.base_bytes) +
         " bytes");
   }
-  say("host '" + options.address.participant + "' is in session '" + options.address.session + "' on domain " +
+  log_info("host '" + options.address.participant + "' is in session '" + options.address.session + "' on domain " +
       std::to_string(options.address.domain));
   microseconds patience{0};
   while (!stop && core.end() == HostEnd::kNone) {
@@ -260,7 +260,7 @@ void Host::Impl::leave() {
   });
   (void)catalogue_out.wait_acknowledged(kFarewell);
   const session::DeliveryCounters& all = core.delivery().counters();
-  say("left the session after sending " + std::to_string(all.regions) + " regions with " + std::to_string(all.records) +
+  log_info("left the session after sending " + std::to_string(all.regions) + " regions with " + std::to_string(all.records) +
       " records, " + std::to_string(all.payload_bytes) + " bytes");
 }
 

@@ -17,6 +17,7 @@
 #include "host_service/host_core.hpp"
 #include "hrtc_service/bodies.hpp"
 #include "netem/profile.hpp"
+#include "study/path.hpp"
 #include "study/subject.hpp"
 
 namespace tactus::study {
