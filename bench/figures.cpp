@@ -47,8 +47,8 @@ double Samples::percentile(double percent) const {
     std::sort(values_.begin(), values_.end());
     sorted_ = true;
   }
-  constexpr double kCollisionMargin = 1e-6;  // 99.9 % of 1000 is 999, not a little more
-  const double rank = std::ceil(percent * static_cast<double>(values_.size()) / 100 - kCollisionMargin);
+  constexpr double kTolerance = 1e-6;  // 99.9 % of 1000 is 999, not a little more
+  const double rank = std::ceil(percent * static_cast<double>(values_.size()) / 100 - kTolerance);
   const auto at = static_cast<std::size_t>(std::clamp(rank, 1.0, static_cast<double>(values_.size())));
   return values_[at - 1];
 }

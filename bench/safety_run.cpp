@@ -164,20 +164,20 @@ class Watcher {
 
   /// `silence`: s since the newest sample that was taken; `reason`: of the fault, none when empty.
   void judge(std::uint64_t cycle, const Vec3d& force, double silence, bool fault, const std::string& reason) {
-    constexpr double kCollisionMargin = 1e-9;
+    constexpr double kTolerance = 1e-9;
     const double size = force.norm();
     const double step = (force - before_).norm();
     if (!force.allFinite()) tell(result_.not_finite, cycle, "is not finite");
-    if (size > limits_.max + kCollisionMargin) tell(result_.over_limit, cycle, "is over its limit");
+    if (size > limits_.max + kTolerance) tell(result_.over_limit, cycle, "is over its limit");
     const bool ends_in_time = silence >= settings_.force.zero_by && size == 0;
     if (!fault && !ends_in_time) {
       largest_step_ = std::max(largest_step_, step);
-      if (step > limits_.slew * kCycle + kCollisionMargin) tell(result_.over_slew, cycle, "jumped");
+      if (step > limits_.slew * kCycle + kTolerance) tell(result_.over_slew, cycle, "jumped");
     }
     if (size > 0) result_.oldest_force = std::max(result_.oldest_force, silence);
     if (size > 0 && silence >= settings_.force.zero_by) tell(result_.too_old, cycle, "is of an old pose");
     const double since_reset = static_cast<double>(cycle - reset_cycle_ + 1) * kCycle;
-    if (size > limits_.max * since_reset / settings_.force.soft_start + kCollisionMargin)
+    if (size > limits_.max * since_reset / settings_.force.soft_start + kTolerance)
       tell(result_.too_soon, cycle, "is stronger than the soft start allows");
     if (fault && size > 0) tell(result_.despite_fault, cycle, "acts despite a fault");
     if (fault && (reason.empty() || reason == "unknown")) tell(result_.without_reason, cycle, "is off without reason");

@@ -22,11 +22,11 @@ void ObjectsSurface::take_earlier(const Entry& entry, const Vec3d& from_model, c
   const bool touches = entry.object->forest->tree().sweep(from_model, to_model, radius_model, touch, version_);
   const Unchanged& unchanged = entry.unchanged;
   if (unchanged.squared_radius < std::numeric_limits<double>::infinity()) {
-    constexpr double kCollisionMargin = 1e-6;
+    constexpr double kRelativeTolerance = 1e-6;
     const Vec3d end = touches ? Vec3d(from_model + touch.time * (to_model - from_model)) : to_model;
     const Vec3d centre = vec(unchanged.centre);
     const double far = std::max((from_model - centre).norm(), (end - centre).norm());
-    const double reach = (far + radius_model) * (1 + kCollisionMargin);
+    const double reach = (far + radius_model) * (1 + kRelativeTolerance);
     met_change_ = met_change_ || reach * reach >= unchanged.squared_radius;
   }
   if (!touches) return;

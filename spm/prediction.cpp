@@ -40,9 +40,9 @@ void Predictor::observe(double time, const Vec3d& position, bool in_contact) {
     grid_->for_each_meeting(position, settings_.radius, [&](RegionId, double) { on_surface_ = true; });
   if (!on_surface_) motion_segment_.interrupt();
   // Samples are evenly spaced, whenever observations come.
-  constexpr double kCollisionMargin = 1e-9;
+  constexpr double kTolerance = 1e-9;
   double next = count_ > 0 ? history_[newest_].time + kSpacing : time;
-  for (; next <= time + kCollisionMargin; next += kSpacing) {
+  for (; next <= time + kTolerance; next += kSpacing) {
     const double share = time > before.time ? std::min(1.0, (next - before.time) / (time - before.time)) : 1;
     newest_ = (newest_ + 1) % kHistory;
     history_[newest_] = {next, before.position + share * (position - before.position)};
