@@ -2,7 +2,7 @@
 ///
 /// Three classes use three DDS domains: separate sockets, receive threads and locks, so that a mesh transfer does not
 /// delay probe states. Measured: with one participant for all, p99 of the probe under a saturated link was 61 ms; with
-/// one for each class 0.1 ms (docs/wire.md).
+/// one for each class 0.1 ms (docs/reference/qos.md).
 #pragma once
 
 #include <cstdint>
