@@ -1,5 +1,7 @@
 #include "bench/fetcher.hpp"
 
+#include "session/periodic.hpp"
+
 namespace tactus::bench {
 namespace {
 

@@ -236,7 +236,7 @@ bool Membership::watch_hosts(std::int64_t now_ns) {
   const std::vector<session::FailureDetector::Suspect> all_silent = failure_detector_.take_suspects(now_ns);
   for (const session::FailureDetector::Suspect& silent : all_silent) {
     say(Severity::kWarning,
-        "host '" + host_name(silent.host) + "' has not answered for " + std::to_string(silent.for_ns / kMs) + " ms");
+        "host '" + host_name(silent.host) + "' has not answered for " + std::to_string(silent.silent_ns / kMs) + " ms");
     gateway_.on_host_silent(silent.host);
   }
   return !all_silent.empty();
