@@ -19,8 +19,8 @@ void GroupEndpoints::sync(RemoteUsers& users, const std::array<std::uint64_t, kM
       const wire::EndpointOptions where{wire::group_partition(group)};
       endpoints.out =
           std::make_unique<wire::Writer<session::ProbeState>>(participants_, wire::topics::kProbeStateFullRate, where);
-      endpoints.in = std::make_unique<wire::Reader<session::ProbeState>>(participants_, wire::topics::kProbeStateFullRate,
-                                                                         on_state_, where);
+      endpoints.in = std::make_unique<wire::Reader<session::ProbeState>>(
+          participants_, wire::topics::kProbeStateFullRate, on_state_, where);
       spdlog::info("users near one object: group {:016x} opens", group);
     }
     users.on_peers(group, endpoints.out->matched() > 0 && endpoints.in->matched() > 0);
