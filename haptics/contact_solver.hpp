@@ -25,6 +25,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "haptics/carried.hpp"
 #include "spm/model.hpp"
 #include "spm/span.hpp"
 
@@ -89,10 +90,16 @@ class ContactSolver {
   [[nodiscard]] spm::Span<const Contact> contacts() const noexcept { return {kept_.data(), kept_count_}; }
   [[nodiscard]] const Vec3d& impulse(std::size_t kept) const noexcept { return impulses_[kept]; }
 
-  /// What the next `solve`, and `impulse` until then, go by, as `visit(value)` of plain numbers.
+  /// What the next `solve`, and `impulse` until then, go by; see haptics/carried.hpp.
   template <class Visit>
-  void for_each_carried(Visit&& visit) noexcept {
-    visit(impulses_), visit(kept_count_), visit(remembered_), visit(remembered_count_);
+  void for_each_carried(Visit& visit) noexcept {
+    visit.count("count of contacts", kept_count_, kMaxContacts);
+    for (std::size_t i = 0; i < kept_count_; ++i) visit.number("impulse", impulses_[i]);
+    visit.count("count of remembered contacts", remembered_count_, kMaxContacts);
+    for (std::size_t i = 0; i < remembered_count_; ++i) {
+      visit.any("remembered contact", remembered_[i].id);
+      visit.number("remembered impulse", remembered_[i].impulse);
+    }
   }
 
  private:

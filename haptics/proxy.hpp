@@ -22,6 +22,7 @@
 /// Ruspini, Kolarov, Khatib 1997 (spherical proxy); Salisbury et al. 1995 (friction cone with stick and slip).
 #pragma once
 
+#include "haptics/carried.hpp"
 #include "haptics/surface.hpp"
 
 namespace tactus::haptics {
@@ -82,6 +83,25 @@ class Proxy {
   /// Where `step` would take it on a surface that has not changed. Called before the step, with the surface as it was.
   /// A proxy that has not started would be in the air. Realtime.
   [[nodiscard]] ProxyResult unchanged(const Vec3d& device, double dt, const Surface& before) const noexcept;
+
+  /// What one step leaves to the next, but for the settings; see haptics/carried.hpp. Realtime if `visit` is.
+  template <class Visit>
+  void for_each_carried(Visit& visit) noexcept {
+    static_assert(sizeof(ProxyResult) == 112 && sizeof(Way) == 160, "carry the new member");
+    visit.number("static friction", grip_.static_friction), visit.number("dynamic friction", grip_.dynamic_friction);
+    visit.number("proxy", result_.proxy), visit.number("anchor", result_.anchor);
+    visit.number("normal", result_.normal), visit.number("surface velocity", result_.surface_velocity);
+    for (bool* flag : {&result_.in_contact, &result_.sticking, &result_.surface_moved, &result_.near_surface,
+                       &result_.outside_only, &way_.probed, &way_.under.sided, &started_, &slipping_})
+      visit.flag("flag of a proxy", *flag);
+    visit.any("object", result_.object), visit.any("face", result_.face);
+    visit.number("start of a slide", way_.start), visit.number("goal of a slide", way_.goal);
+    visit.number("probe of a slide", way_.probe);
+    visit.number("time under a slide", way_.under.time), visit.number("point under a slide", way_.under.point);
+    visit.number("normal under a slide", way_.under.normal), visit.number("distance under a slide", way_.under.distance);
+    visit.any("object under a slide", way_.under.object), visit.any("face under a slide", way_.under.face);
+    visit.choice("side", side_, Side::kInner, Side::kOuter);
+  }
 
   [[nodiscard]] bool started() const noexcept { return started_; }
   [[nodiscard]] const ProxyResult& last() const noexcept { return result_; }

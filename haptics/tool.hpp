@@ -117,14 +117,36 @@ class Tool {
 
   /// The next step looks anew at what is around it. Realtime.
   void forget_surroundings() noexcept { have_here_ = false; }
-  /// What one step leaves to the next, as `visit(value)` of plain numbers, but for its surroundings, which are
-  /// forgotten. So does a tool of the same shape and settings whose numbers these become. Realtime if `visit`
-  /// is.
+  /// What one step leaves to the next, but for its surroundings, which are forgotten; see haptics/carried.hpp. A tool
+  /// of the same shape and settings goes on from it. Realtime if `visit` is.
   template <class Visit>
-  void for_each_carried(Visit&& visit) noexcept {
+  void for_each_carried(Visit& visit) noexcept {
+    static_assert(
+        sizeof(ToolGrip) == 24 && sizeof(ToolPose) == 64 && sizeof(ToolResult) == 208 && sizeof(Contact) == 128,
+        "carry the new member");
     have_here_ = false;
-    visit(grip_), visit(result_), visit(pose_), visit(device_before_), visit(started_), visit(device_went_);
-    visit(owed_), visit(stuck_), visit(caught_), visit(held_back_), visit(rows_), visit(row_count_);
+    visit.number("stiffness", grip_.stiffness), visit.number("rotational stiffness", grip_.rotational_stiffness);
+    visit.number("angular damping", grip_.angular_damping);
+    for (ToolPose* pose : {&result_.pose, &pose_, &device_before_})
+      visit.number("position of a tool", pose->position), visit.number("orientation of a tool", pose->orientation);
+    for (Vec3d* vector :
+         {&result_.way, &result_.turn, &result_.normal, &result_.point, &held_back_.linear, &held_back_.turn})
+      visit.number("vector of a tool", *vector);
+    for (bool* flag : {&result_.in_contact, &result_.lagging, &result_.outside_only, &result_.too_near, &started_,
+                       &stuck_, &caught_})
+      visit.flag("flag of a tool", *flag);
+    for (std::uint32_t* count : {&result_.contacts, &result_.dropped, &result_.steps, &result_.solves, &result_.pairs,
+                                 &result_.work, &result_.object, &result_.face})
+      visit.any("count of a tool", *count);
+    visit.number("way of the device", device_went_), visit.number("way owed", owed_);
+    visit.count("count of rows", row_count_, kMaxContacts);
+    for (std::size_t i = 0; i < row_count_; ++i) {
+      Contact& row = rows_[i];  // between the tool, body 0, and what does not move
+      visit.any("id of a row", row.id);
+      visit.number("point of a row", row.point), visit.number("arm of a row", row.arm_a);
+      visit.number("normal of a row", row.normal);
+      visit.number("gap of a row", row.gap), visit.number("friction of a row", row.friction);
+    }
     solver_.for_each_carried(visit);
   }
   [[nodiscard]] const spm::MeshProbe& probe() const noexcept { return probe_; }

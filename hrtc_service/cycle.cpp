@@ -46,7 +46,7 @@ void Cycle::reset_faults() noexcept {
 }
 
 void Cycle::move(const TouchObject& object, const Placement& placement) noexcept {
-  if (!placement.finite()) return;
+  if (!placement.valid()) return;
   if (recorder_ != nullptr) recorder_->moved(object, placement);
   ObjectState& state = states_[object.index];
   if (!state.moved) state.before = state.placement;

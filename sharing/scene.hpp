@@ -5,6 +5,7 @@
 #pragma once
 
 #include <Eigen/Geometry>
+#include <Eigen/LU>
 #include <array>
 #include <cmath>
 
@@ -57,8 +58,11 @@ class Placement {
       translation_[row] = all[10 + row];
     }
   }
-  [[nodiscard]] bool finite() const noexcept {
-    return std::isfinite(scale_) && rotation_.allFinite() && translation_.allFinite();
+  /// All is finite, the scale above zero and the rotation one.
+  [[nodiscard]] bool valid() const noexcept {
+    constexpr double kTolerance = 1e-6;
+    return std::isfinite(scale_) && scale_ > 0 && translation_.allFinite() && rotation_.isUnitary(kTolerance) &&
+           rotation_.determinant() > 0;
   }
 
  private:

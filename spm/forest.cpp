@@ -337,18 +337,25 @@ std::uint32_t Forest::in_use(InUse* out, std::uint32_t capacity) const noexcept 
 
 bool Forest::restore(std::uint32_t base_faces, const InUse* regions, std::uint32_t count) noexcept {
   if (base_faces > base_.faces.size() || base_cursor_ > 0) return false;
-  for (; base_cursor_ < base_faces; ++base_cursor_) tree_.insert(base_.faces[base_cursor_]);
+  for (; base_cursor_ < base_faces; ++base_cursor_) {
+    if (nodes_.free() < tree_.height() || nodes_.room_to_keep() == 0) return false;
+    tree_.insert(base_.faces[base_cursor_]);
+  }
   for (std::uint32_t i = 0; i < count; ++i) {
     const RegionId region = regions[i].region;
     if (index(region) >= place_.size() || !is_here(region)) return false;
     State& state = state_of(region);
     if (state.in_use_at != kNone || state.resting || regions[i].applied > state.list.length) return false;
+    if (regions[i].applied > 0 && !base_shown()) return false;  // records are split once the base is shown
     if (regions[i].resting && (regions[i].retiring || regions[i].applied == 0)) return false;
     use(region);
     for (; state.cursor < regions[i].applied; ++state.cursor) {
       const std::uint32_t slot = *entry(state, state.cursor);
       SlotState& record = pool_.state[slot];
-      if (!record.shown()) split(slot);
+      if (!record.shown()) {
+        if (!room_for(slot) || !room_to_keep(slot)) return false;
+        split(slot);
+      }
       ++record.bits;
     }
     if (regions[i].retiring) retire(region);

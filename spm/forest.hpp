@@ -117,8 +117,8 @@ class Forest {
   [[nodiscard]] std::uint32_t in_use(InUse* out, std::uint32_t capacity) const noexcept;
   [[nodiscard]] std::uint32_t base_faces_shown() const noexcept { return static_cast<std::uint32_t>(base_cursor_); }
   /// Makes a forest in which nothing has been shown yet what another one of the same model and settings was when it
-  /// told these, to the bit. The regions that were here must be. False when these cannot have been told: then it is of
-  /// no more use. Not realtime: O(all that is shown).
+  /// told these, to the bit. The regions that were here must be. False when these cannot have been told or find no
+  /// room: then it is of no more use. Not realtime: O(all that is shown).
   [[nodiscard]] bool restore(std::uint32_t base_faces, const InUse* regions, std::uint32_t count) noexcept;
 
   /// A query of that sphere is exact: every labelled cell it meets is refined. False when a coordinate is not finite.
