@@ -129,7 +129,7 @@ struct Proxy::Grasp {
   bool sticking;
 };
 
-Proxy::Slide Proxy::slide(const Vec3d& start, const Vec3d& goal, const Surface& surface,
+Proxy::Slide Proxy::slide(const Vec3d& start, const Vec3d& goal, Surface& surface,
                           const SurfaceHit* known) const noexcept {
   Slide slide{goal, start};
   Planes planes;
@@ -166,7 +166,7 @@ Proxy::Grasp Proxy::grasp(const Vec3d& device, const Vec3d& normal, const Vec3d&
   return {device - along * std::min(1.0, grip_.dynamic_friction * depth / length), false};
 }
 
-bool Proxy::slide_in_cone(const Vec3d& device, Vec3d normal, const Vec3d& held_at, const Surface& surface,
+bool Proxy::slide_in_cone(const Vec3d& device, Vec3d normal, const Vec3d& held_at, Surface& surface,
                           Slide& found) noexcept {
   constexpr int kMaxRounds = 2;
   constexpr double kTurned = 5e-4, kTurnedFar = 5e-3;  // rad
@@ -204,7 +204,7 @@ bool Proxy::slide_in_cone(const Vec3d& device, Vec3d normal, const Vec3d& held_a
   return true;
 }
 
-Proxy::Slide Proxy::slide_with_friction(const Vec3d& device, const Surface& surface) noexcept {
+Proxy::Slide Proxy::slide_with_friction(const Vec3d& device, Surface& surface) noexcept {
   // The cone of friction stands on the normal of the contact, which is known when the proxy has gone there. The first
   // guess is that of the last step, else that of a surface without friction.
   const bool rough = grip_.static_friction > 0;
@@ -269,7 +269,7 @@ void Proxy::keep_side(const Surface& surface) noexcept {
   }
 }
 
-bool Proxy::holds_still(const Surface& surface) const noexcept {
+bool Proxy::holds_still(Surface& surface) const noexcept {
   SurfaceHit under;
   if (way_.probed) {
     if (!surface.sweep(way_.start, way_.probe, settings_.radius, under)) return false;
@@ -281,7 +281,7 @@ bool Proxy::holds_still(const Surface& surface) const noexcept {
   return again.held && (again.end - result_.proxy).norm() <= kSkin;
 }
 
-void Proxy::follow_change(const Surface& surface) noexcept {
+void Proxy::follow_change(Surface& surface) noexcept {
   // What held it holds it there still: nothing has changed that it touches, and it stays where it is to the bit.
   if (result_.in_contact && holds_still(surface)) return;
   if (side_ == Side::kUnknown) {
@@ -294,7 +294,7 @@ void Proxy::follow_change(const Surface& surface) noexcept {
   result_.surface_moved = (result_.proxy - before).norm() > kSkin;
 }
 
-bool Proxy::push(const Vec3d& wish, double radius, const Surface& surface, Vec3d& to) const noexcept {
+bool Proxy::push(const Vec3d& wish, double radius, Surface& surface, Vec3d& to) const noexcept {
   Planes planes;
   to = wish;
   SurfaceHit hit;
@@ -311,7 +311,7 @@ bool Proxy::push(const Vec3d& wish, double radius, const Surface& surface, Vec3d
   return !surface.sweep_moving(result_.proxy, to, radius, hit);
 }
 
-void Proxy::carry(double dt, const Surface& surface) noexcept {
+void Proxy::carry(double dt, Surface& surface) noexcept {
   const bool held = result_.in_contact;
   const Vec3d wish = held ? surface.carried(result_.object, result_.proxy) : result_.proxy;
   if (dt > 0) result_.surface_velocity = (wish - result_.proxy) / dt;
@@ -331,7 +331,7 @@ void Proxy::carry(double dt, const Surface& surface) noexcept {
   result_.outside_only = true;
 }
 
-void Proxy::follow(const Vec3d& device, const Surface& surface) noexcept {
+void Proxy::follow(const Vec3d& device, Surface& surface) noexcept {
   const Slide slide = slide_with_friction(device, surface);
   result_.proxy = slide.end;
   result_.in_contact = slide.held;
@@ -340,7 +340,7 @@ void Proxy::follow(const Vec3d& device, const Surface& surface) noexcept {
   if (slide.held) result_.normal = slide.normal();
 }
 
-ProxyResult Proxy::unchanged(const Vec3d& device, double dt, const Surface& before) const noexcept {
+ProxyResult Proxy::unchanged(const Vec3d& device, double dt, Surface& before) const noexcept {
   if (!device.allFinite()) return result_;
   Proxy there = *this;
   there.result_.surface_velocity.setZero();
@@ -356,7 +356,7 @@ ProxyResult Proxy::unchanged(const Vec3d& device, double dt, const Surface& befo
   return there.result_;
 }
 
-const ProxyResult& Proxy::step(const Vec3d& device, double dt, const Surface& surface, bool surface_changed) noexcept {
+const ProxyResult& Proxy::step(const Vec3d& device, double dt, Surface& surface, bool surface_changed) noexcept {
   if (!device.allFinite()) return result_;
   result_.surface_moved = false;
   result_.surface_velocity.setZero();

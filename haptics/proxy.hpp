@@ -77,12 +77,12 @@ class Proxy {
   ///   open sheet counts as inside from behind. It cannot be trapped.
   /// - Where objects that move leave no room for the proxy, its centre stays outside while there is room for a
   ///   sixteenth of its radius; without that it touches nothing until it has come out.
-  [[nodiscard]] const ProxyResult& step(const Vec3d& device, double dt, const Surface& surface,
+  [[nodiscard]] const ProxyResult& step(const Vec3d& device, double dt, Surface& surface,
                                         bool surface_changed) noexcept;
 
   /// Where `step` would take it on a surface that has not changed. Called before the step, with the surface as it was.
   /// A proxy that has not started would be in the air. Realtime.
-  [[nodiscard]] ProxyResult unchanged(const Vec3d& device, double dt, const Surface& before) const noexcept;
+  [[nodiscard]] ProxyResult unchanged(const Vec3d& device, double dt, Surface& before) const noexcept;
 
   /// What one step leaves to the next, but for the settings; see haptics/carried.hpp. Realtime if `visit` is.
   template <class Visit>
@@ -98,7 +98,8 @@ class Proxy {
     visit.number("start of a slide", way_.start), visit.number("goal of a slide", way_.goal);
     visit.number("probe of a slide", way_.probe);
     visit.number("time under a slide", way_.under.time), visit.number("point under a slide", way_.under.point);
-    visit.number("normal under a slide", way_.under.normal), visit.number("distance under a slide", way_.under.distance);
+    visit.number("normal under a slide", way_.under.normal),
+        visit.number("distance under a slide", way_.under.distance);
     visit.any("object under a slide", way_.under.object), visit.any("face under a slide", way_.under.face);
     visit.choice("side", side_, Side::kInner, Side::kOuter);
   }
@@ -118,22 +119,22 @@ class Proxy {
     SurfaceHit under{};
   };
 
-  [[nodiscard]] Slide slide(const Vec3d& start, const Vec3d& goal, const Surface& surface,
+  [[nodiscard]] Slide slide(const Vec3d& start, const Vec3d& goal, Surface& surface,
                             const SurfaceHit* known = nullptr) const noexcept;
   [[nodiscard]] Grasp grasp(const Vec3d& device, const Vec3d& normal, const Vec3d& held_at,
                             double stick_within) const noexcept;
-  [[nodiscard]] bool slide_in_cone(const Vec3d& device, Vec3d normal, const Vec3d& held_at, const Surface& surface,
+  [[nodiscard]] bool slide_in_cone(const Vec3d& device, Vec3d normal, const Vec3d& held_at, Surface& surface,
                                    Slide& found) noexcept;
-  [[nodiscard]] Slide slide_with_friction(const Vec3d& device, const Surface& surface) noexcept;
-  [[nodiscard]] bool push(const Vec3d& wish, double radius, const Surface& surface, Vec3d& to) const noexcept;
-  void carry(double dt, const Surface& surface) noexcept;
+  [[nodiscard]] Slide slide_with_friction(const Vec3d& device, Surface& surface) noexcept;
+  [[nodiscard]] bool push(const Vec3d& wish, double radius, Surface& surface, Vec3d& to) const noexcept;
+  void carry(double dt, Surface& surface) noexcept;
   [[nodiscard]] bool inside(const Surface& surface) const noexcept;
   [[nodiscard]] bool closest(const Vec3d& x, const Surface& surface, SurfaceHit& hit) const noexcept;
   void keep_side(const Surface& surface) noexcept;
-  [[nodiscard]] bool holds_still(const Surface& surface) const noexcept;
-  void follow_change(const Surface& surface) noexcept;
+  [[nodiscard]] bool holds_still(Surface& surface) const noexcept;
+  void follow_change(Surface& surface) noexcept;
   void find_side(const Surface& surface) noexcept;
-  void follow(const Vec3d& device, const Surface& surface) noexcept;
+  void follow(const Vec3d& device, Surface& surface) noexcept;
 
   ProxySettings settings_;
   Grip grip_;

@@ -33,20 +33,19 @@ class SurfaceDistance {
   [[nodiscard]] virtual bool closest(const Vec3d& point, double within, SurfaceHit& hit) const noexcept = 0;
 };
 
+/// Belongs to one probe: what a sweep has found may be noted for the next.
 class Surface : public SurfaceDistance {
  public:
   /// The earliest touch of a sphere whose centre goes straight from `from` to `to`, over everything that exists, both
   /// sides alike; by the rules of spm::swept_sphere a sphere that rests on a triangle may slide and leave. Realtime.
-  [[nodiscard]] virtual bool sweep(const Vec3d& from, const Vec3d& to, double radius,
-                                   SurfaceHit& hit) const noexcept = 0;
+  [[nodiscard]] virtual bool sweep(const Vec3d& from, const Vec3d& to, double radius, SurfaceHit& hit) noexcept = 0;
 
   /// Whether something stands elsewhere than in the last step. What does is asked for by the three functions below.
   [[nodiscard]] virtual bool moving() const noexcept { return false; }
   /// The earliest touch of a sphere whose centre was at `from` when everything stood as in the last step, and is to be
   /// at `to` as it stands now. Relative to each object it goes straight, and what it touches goes along: `hit` tells it
   /// as it is now. Realtime.
-  [[nodiscard]] virtual bool sweep_moving(const Vec3d& from, const Vec3d& to, double radius,
-                                          SurfaceHit& hit) const noexcept {
+  [[nodiscard]] virtual bool sweep_moving(const Vec3d& from, const Vec3d& to, double radius, SurfaceHit& hit) noexcept {
     return sweep(from, to, radius, hit);
   }
   /// Where the place on `object` that was at `point` in the last step is now; and a direction. Realtime.

@@ -118,14 +118,15 @@ class Cycle {
       visit.any("cycles since a change", state.since_change), visit.any("changes", state.changed);
       for (Unchanged& unchanged : state.unchanged) {
         visit.number("centre of what is unchanged", unchanged.centre);
-        visit.checked("radius of what is unchanged", unchanged.squared_radius, [](double x) { return x >= 0; },
-                      "at least 0");
+        visit.checked(
+            "radius of what is unchanged", unchanged.squared_radius, [](double x) { return x >= 0; }, "at least 0");
         visit.flag("flag of what is unchanged", unchanged.appeared);
       }
       for (Placement* placement : {&state.placement, &state.before}) {
         Placement::Numbers numbers = placement->numbers();
-        visit.checked("placement", numbers, [](const Placement::Numbers& all) { return Placement{all}.valid(); },
-                      "scale, rotation and translation");
+        visit.checked(
+            "placement", numbers, [](const Placement::Numbers& all) { return Placement{all}.valid(); },
+            "scale, rotation and translation");
         *placement = Placement{numbers};
       }
       visit.flag("flag of an object", state.moved);
@@ -207,7 +208,7 @@ class Cycle {
     return tools_.empty() ? nullptr : &tools_[probe];
   }
   [[nodiscard]] const haptics::ForceRenderer& renderer(std::uint32_t probe) const noexcept { return forces_[probe]; }
-  [[nodiscard]] const haptics::Surface& surface(std::uint32_t probe) const noexcept { return surfaces_[probe]; }
+  [[nodiscard]] haptics::Surface& surface(std::uint32_t probe) noexcept { return surfaces_[probe]; }
   /// Log entries that found the ring full.
   [[nodiscard]] std::uint64_t log_dropped() const noexcept { return log_dropped_; }
 
@@ -285,6 +286,7 @@ class Cycle {
   std::vector<haptics::ForceRenderer> forces_;      // by probe
   haptics::Fault stopped_ = haptics::Fault::kNone;  // all of them
   std::array<ObjectsSurface, kMaxProbes> surfaces_;
+  spm::CandidateCaches candidate_caches_;  // of all of them
   std::array<Target, kMaxTargets> targets_;
   std::uint32_t target_count_ = 0;
   std::array<spm::RegionId, kMaxTargets> target_regions_;

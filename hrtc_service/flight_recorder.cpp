@@ -133,7 +133,8 @@ void FlightRecorder::left(const TouchObject& object, spm::RegionId region) noexc
 bool FlightRecorder::put_state(Cycle& cycle) noexcept {
   // What the next touch may ask of the meshes before is not told: a state waits for a cycle that left them as they
   // were.
-  if (!cycle.objects().empty() && cycle.objects().front()->forest->kept_differ()) return false;
+  for (const TouchObject* object : cycle.objects())
+    if (object->forest->kept_differs()) return false;
   const std::uint32_t from = count_;
   const auto put_word = [&](std::uint64_t word) {
     if (has_room(1)) words_[count_++] = word;

@@ -78,9 +78,9 @@ struct ScenePart {
   std::uint32_t object = spm::kNone;  ///< told again in SurfaceHit
 };
 
-/// haptics::SurfaceDistance::closest, over all of them.
+/// haptics::SurfaceDistance::closest, over all of them. `caches`: of sweeps that may have been here.
 [[nodiscard]] bool closest_of(spm::Span<const ScenePart> parts, const Vec3d& point, double within,
-                              haptics::SurfaceHit& hit) noexcept;
+                              haptics::SurfaceHit& hit, const spm::CandidateCaches* caches = nullptr) noexcept;
 
 class Scene final : public haptics::SurfaceDistance {
  public:

@@ -45,7 +45,7 @@ struct ForestCounters {
 enum class Advance : std::uint8_t {
   kDone,      ///< everything stands as asked
   kBudget,    ///< stopped by the budget
-  kKeptFull,  ///< stopped for want of room to keep what changes; see NodePool::keep
+  kKeptFull,  ///< stopped for want of room to keep what changes; see AbTree::keep
   kNodesFull  ///< no tree node left: some regions stay coarse
 };
 
@@ -87,9 +87,9 @@ class Forest {
 
   /// Works towards the target. Then refit before any query.
   [[nodiscard]] Advance advance(Budget& budget) noexcept;
-  /// See NodePool::keep; for all forests of the pool.
-  void keep(bool keeping) noexcept { nodes_.keep(keeping); }
-  [[nodiscard]] bool kept_differ() const noexcept { return nodes_.kept_differ(); }
+  /// See AbTree::keep.
+  void keep(bool keeping) noexcept { tree_.keep(keeping); }
+  [[nodiscard]] bool kept_differs() const noexcept { return tree_.kept_differs(); }
   /// See AbTree::refit.
   RefitCount refit(ChangeDetector* change_detectors = nullptr, std::uint32_t count = 0) noexcept {
     return tree_.refit(change_detectors, count);

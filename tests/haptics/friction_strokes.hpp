@@ -16,7 +16,7 @@ class AnalyticSphere final : public Surface {
   /// Outer normal at the surface below `x`.
   [[nodiscard]] Vec3d normal(const Vec3d& x) const { return (hollow_ ? -x : x).normalized(); }
 
-  [[nodiscard]] bool sweep(const Vec3d& from, const Vec3d& to, double radius, SurfaceHit& hit) const noexcept override;
+  [[nodiscard]] bool sweep(const Vec3d& from, const Vec3d& to, double radius, SurfaceHit& hit) noexcept override;
   [[nodiscard]] bool closest(const Vec3d& point, double within, SurfaceHit& hit) const noexcept override;
 
  private:
@@ -34,8 +34,7 @@ struct FrictionResult {
 };
 
 /// `cycles` of strokes that start, stop and turn, up to `speed` in m/s, 0.2 to 2 mm deep.
-[[nodiscard]] FrictionResult motion_segment(const AnalyticSphere& sphere, double static_friction,
-                                            double dynamic_friction, double speed, std::uint64_t cycles,
-                                            std::uint64_t seed);
+[[nodiscard]] FrictionResult motion_segment(AnalyticSphere sphere, double static_friction, double dynamic_friction,
+                                            double speed, std::uint64_t cycles, std::uint64_t seed);
 
 }  // namespace tactus::haptics::testing
