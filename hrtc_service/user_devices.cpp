@@ -1,0 +1,154 @@
+#include "hrtc_service/user_devices.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+
+#include "hrtc_service/realtime.hpp"
+#include "session/figures.hpp"
+#include "sharing/hand_path.hpp"
+
+namespace tactus::hrtc_service {
+
+UserDevices::UserDevices(wire::Participants& participants, HapticOrders& orders, OnIntent on_intent)
+    : participants_{participants}, orders_{orders}, on_intent_{std::move(on_intent)} {}
+UserDevices::~UserDevices() = default;
+
+void UserDevices::give_device(std::uint32_t probe, haptics::Device* device) {
+  orders_.tell([&](HapticCommands& commands) { commands.devices[probe] = device; });
+}
+
+void UserDevices::add_local(std::uint32_t probe, const std::string& name, std::unique_ptr<haptics::Device> device) {
+  User& user = users_[probe];
+  user.name = name;
+  user.id = session::id_of(name);
+  user.own = std::move(device);
+  user_ids_[probe] = user.id;
+  orders_.tell([&](HapticCommands& commands) { commands.framed[probe] = true; });
+  give_device(probe, user.own.get());
+}
+
+void UserDevices::add(std::uint32_t probe, const std::string& name, std::uint64_t client) {
+  User& user = users_[probe];
+  user.name = name;
+  user.id = session::id_of(name);
+  user.client = client;
+  user_ids_[probe] = user.id;
+  user.intents = std::make_unique<wire::Reader<session::Intent>>(participants_, wire::topics::kIntent, on_intent_,
+                                                                 wire::EndpointOptions{wire::user_partition(name)});
+  listen_to_device(user);
+}
+
+/// A device that its client sends the poses of: they go past the service, straight to where the haptic thread looks.
+void UserDevices::listen_to_device(User& user) {
+  user.remote = std::make_unique<haptics::RemoteDevice>();
+  const auto on_pose = [this, remote = user.remote.get(), id = user.id, client = user.client,
+                        window =
+                            session::SenderWindow{session::kCycleNumbers}](const session::DevicePose& pose) mutable {
+    if (pose.user_id != id || pose.origin.participant != client) return;
+    const std::int64_t now_ns = monotonic_ns();
+    const session::Admission admission = window.admit(pose.origin, pose.sequence, now_ns);
+    if (admission == session::Admission::kImplausible) implausible_.fetch_add(1, std::memory_order_relaxed);
+    if (!session::accepted(admission)) return;
+    haptics::RemotePose taken;
+    taken.position = pose.pose.position;
+    taken.orientation = pose.pose.orientation;
+    taken.velocity = pose.velocity;
+    taken.sequence = pose.sequence;
+    taken.buttons = pose.buttons;
+    taken.command_felt = pose.command_felt;
+    taken.taken_ns = pose.session_time_ns - session_offset_ns_.load(std::memory_order_relaxed);
+    taken.arrived_ns = now_ns;
+    remote->on_pose(taken);
+  };
+  user.poses = std::make_unique<wire::Reader<session::DevicePose>>(
+      participants_, wire::topics::kDevicePose, on_pose, wire::EndpointOptions{wire::user_partition(user.name)});
+}
+
+void UserDevices::remove(std::uint32_t probe) {
+  const auto at = users_.find(probe);
+  if (at == users_.end()) return;
+  User& user = at->second;
+  give_device(probe, nullptr);
+  remote_ends_[probe] = {};
+  const std::uint64_t remotes = remote_ends_out_.post(remote_ends_);
+  user_ids_[probe] = 0;
+  user.intents.reset();
+  user.poses.reset();
+  left_.push_back({std::move(user), orders_.now().number, remotes});
+  users_.erase(at);
+  free_left();
+}
+
+void UserDevices::free_left() {
+  left_.erase(std::remove_if(left_.begin(), left_.end(),
+                             [this](const Left& left) {
+                               const bool sent_to = left.user.commands != nullptr;
+                               return orders_.obeyed(left.orders) &&
+                                      (!sent_to || remote_ends_out_.passed(left.remotes));
+                             }),
+              left_.end());
+}
+
+void UserDevices::on_intent(const session::Intent& intent, std::int64_t ahead_ns) {
+  for (auto& [slot, user] : users_) {
+    if (user.id != intent.user_id || user.client != intent.origin.participant || intent.path.empty()) continue;
+    if (orders_.now().devices[slot] != nullptr && user.hand == nullptr) continue;  // it has a device of its own
+    if (user.hand == nullptr) {
+      haptics::HandSettings hand;
+      sharing::begin_at(intent, hand);
+      hand.seed = slot + 1;
+      user.hand = std::make_unique<haptics::SimulatedDevice>(hand);
+      give_device(slot, user.hand.get());
+    }
+    user.hand->wishes().post(sharing::hand_path(intent, ahead_ns));
+  }
+}
+
+void UserDevices::open_remote_devices() {
+  for (auto& [slot, user] : users_) {
+    if (user.remote == nullptr || !user.remote->has_pose() || orders_.now().devices[slot] != nullptr) continue;
+    user.commands = std::make_unique<wire::Writer<session::DeviceCommand>>(
+        participants_, wire::topics::kDeviceCommand, wire::EndpointOptions{wire::user_partition(user.name)});
+    remote_ends_[slot] = {user.remote.get(), user.id, user.commands.get()};
+    remote_ends_out_.post(remote_ends_);
+    give_device(slot, user.remote.get());
+    spdlog::info("user {} brings a device of its own", user.name);
+  }
+}
+
+void UserDevices::write(std::vector<session::Figure>& figures) const {
+  namespace names = session::figures;
+  double remotes = 0, loop_delay = 0;
+  for (const auto& [slot, user] : users_) {
+    if (user.remote == nullptr || orders_.now().devices[slot] != user.remote.get()) continue;
+    ++remotes;
+    loop_delay = std::max(loop_delay, user.remote->loop_delay());
+  }
+  figures.push_back({names::kRemoteDevices, remotes});
+  figures.push_back({names::kLoopDelay, loop_delay * 1e6});
+}
+
+void UserDevices::send_commands(const ProbeReports& latest) {
+  const RemoteEnds& endpoints = remote_ends_out_.latest();
+  for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
+    const RemoteEnd& end = endpoints[i];
+    const ProbeOutput& probe = latest.probes[i];
+    if (end.device == nullptr || !probe.active) continue;
+    session::DeviceCommand command;
+    command.origin = participants_.origin();
+    command.user_id = end.user_id;
+    command.probe = i;
+    command.sequence = end.device->on_command(latest.time_ns);
+    command.pose_answered = probe.pose_sequence;
+    command.force = probe.force;
+    command.torque = probe.torque;
+    command.normal = probe.normal;
+    command.status = probe.status;
+    command.error_bound = probe.error_bound;
+    command.data_age_us = age_us(probe);
+    (void)end.commands->send(command);
+  }
+}
+
+}  // namespace tactus::hrtc_service

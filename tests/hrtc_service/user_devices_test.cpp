@@ -1,0 +1,123 @@
+// Users who come and go at an HRTC, over DDS as in a session.
+
+#include "hrtc_service/user_devices.hpp"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <string>
+#include <thread>
+
+#include "hrtc_service/hrtc_core.hpp"
+#include "hrtc_service/realtime.hpp"
+
+namespace tactus::hrtc_service {
+namespace {
+
+wire::SessionAddress address(const std::string& participant) {
+  wire::SessionAddress made;
+  made.session = "test.seats." + std::to_string(getpid());
+  made.participant = participant;
+  made.domain = 50 + 3 * (static_cast<int>(getpid()) % 13);
+  return made;
+}
+
+/// A sender that uses what it was last given until it looks again, and a haptic thread of its own.
+class UserDevicesTest : public testing::Test {
+ protected:
+  UserDevicesTest() {
+    HapticSettings settings;
+    settings.priority = 0;
+    HrtcCoreSettings core_settings;
+    core_settings.pool = spm::PoolSettings::for_slots(64);
+    core_.emplace(participants_.origin(), core_settings);
+    haptic_.emplace(settings, core_->servo());
+    orders_.emplace(*haptic_);
+    devices_.emplace(participants_, *orders_, [](session::Intent&&) {});
+    (void)haptic_->start();
+  }
+  ~UserDevicesTest() override { haptic_->stop(); }
+
+  /// Until the user's first pose has arrived and its device is in use.
+  void open_device(const std::string& user) {
+    wire::Writer<session::DevicePose> poses{client_, wire::topics::kDevicePose,
+                                            wire::EndpointOptions{wire::user_partition(user)}};
+    session::DevicePose pose;
+    pose.user_id = session::id_of(user);
+    while (orders_->now().devices[0] == nullptr) {  // the watchdog is ctest's
+      pose.origin = client_.origin();
+      ++pose.sequence;
+      (void)poses.send(pose);
+      devices_->open_remote_devices();
+      std::this_thread::yield();
+    }
+  }
+
+  wire::Participants participants_{address("hrtc")};
+  wire::Participants client_{address("client")};
+  std::optional<HrtcCore> core_;
+  std::optional<HapticThread> haptic_;
+  std::optional<HapticOrders> orders_;
+  std::optional<UserDevices> devices_;
+};
+
+TEST_F(UserDevicesTest, WhatUsersBringIsFreedAfterTheyHaveLeft) {
+  ProbeReports report;
+  for (int round = 0; round < 10; ++round) {
+    const std::string user = "user " + std::to_string(round);
+    devices_->add(0, user, client_.origin().participant);
+    open_device(user);
+    report.probes[0].active = true;
+    devices_->send_commands(report);
+    devices_->remove(0);
+    while (devices_->left() > 0) {
+      devices_->send_commands(report);
+      devices_->free_left();
+      std::this_thread::yield();
+    }
+  }
+  for (int round = 0; round < 20; ++round) {  // users without a device, of which no sender knows
+    const std::string user = "hand " + std::to_string(round);
+    devices_->add(0, user, client_.origin().participant);
+    devices_->remove(0);
+  }
+  while (devices_->left() > 0) devices_->free_left();
+  EXPECT_EQ(devices_->user_at(0), 0u);
+}
+
+TEST_F(UserDevicesTest, AWriterIsNotDestroyedWhereTheSenderCouldMeetIt) {
+  devices_->add(0, "ann", client_.origin().participant);
+  open_device("ann");
+  ProbeReports report;
+  report.probes[0].active = true;
+  devices_->send_commands(report);
+  const std::uint64_t without = orders_->now().number + 1;
+  devices_->remove(0);
+  while (!orders_->obeyed(without)) std::this_thread::yield();
+  devices_->free_left();
+
+  EXPECT_EQ(devices_->left(), 1u) << "the sender may be about to send its last command";
+  devices_->send_commands(report);
+  devices_->free_left();
+  EXPECT_EQ(devices_->left(), 0u);
+}
+
+TEST(Handover, ThingsLiveUntilTheUserHasLetGoOfThem) {
+  Handover<std::array<int*, 2>> handover;
+  Retired<std::unique_ptr<int>> retired;
+  auto thing = std::make_unique<int>(7);
+  handover.post({thing.get(), nullptr});
+  const std::array<int*, 2>& in_use = handover.latest();
+  retired.add(handover.post({}), std::move(thing));
+  const auto collect = [&] { retired.collect([&](std::uint64_t number) { return handover.passed(number); }); };
+  collect();
+
+  EXPECT_EQ(retired.size(), 1u);
+  EXPECT_EQ(*in_use[0], 7);
+  EXPECT_EQ(handover.latest()[0], nullptr);
+  collect();
+  EXPECT_EQ(retired.size(), 0u);
+}
+
+}  // namespace
+}  // namespace tactus::hrtc_service
