@@ -167,6 +167,8 @@ class FlightDamage : public ::testing::TestWithParam<bool> {
     (void)store.write(file_, "a test");
   }
 
+  /// A replay with tools takes ten times as long.
+  [[nodiscard]] static std::size_t stride() { return GetParam() ? 10 : 1; }
   /// Replays these; what came of it.
   std::string replay(const Messages& messages) {
     {
@@ -282,7 +284,8 @@ TEST_P(FlightDamage, EventsThatCannotHaveBeen) {
   const std::uint32_t regions = encoded_->coded().summary().regions;
   for (const Kind first : {Kind::kObjectCame, Kind::kRegionCame, Kind::kRegionRetired, Kind::kRegionLeft})
     for (const Kind second : {Kind::kRegionCame, Kind::kRegionRetired, Kind::kReset, static_cast<Kind>(6)})
-      for (const std::uint32_t object : {0u, 1u, 63u, ~0u})
+      for (const std::uint32_t object : {0u, 1u, 63u, ~0u}) {
+        if (GetParam() && object != 0) continue;
         for (const std::uint32_t region : {0u, 1u, regions / 2, regions - 1, regions, ~0u}) {
           messages = recorded_;
           for (const Kind kind : {second, second, first})  // the last one inserted comes first
@@ -290,10 +293,11 @@ TEST_P(FlightDamage, EventsThatCannotHaveBeen) {
                             trace::FlightEvent{0, kind, object, region, 0});
           EXPECT_NE(replay(messages), "same");
         }
+      }
 }
 
 TEST_P(FlightDamage, EachMessageIsMissingOrComesTwice) {
-  for (std::size_t i = 0; i < recorded_.size(); ++i) {
+  for (std::size_t i = 0; i < recorded_.size(); i += stride()) {
     Messages messages = recorded_;
     messages.insert(messages.begin() + static_cast<std::ptrdiff_t>(i), recorded_[i]);
     (void)replay(messages);
@@ -305,9 +309,9 @@ TEST_P(FlightDamage, EachMessageIsMissingOrComesTwice) {
 
 TEST_P(FlightDamage, MessagesInAnotherOrder) {
   std::mt19937_64 random{kSeed};
-  for (int round = 0; round < 100; ++round) {
+  for (std::size_t round = 0; round < 100; round += stride()) {
     Messages messages = recorded_;
-    for (int i = 0; i < 1 + round % 5; ++i)
+    for (std::size_t i = 0; i < 1 + round % 5; ++i)
       std::swap(messages[random() % messages.size()], messages[random() % messages.size()]);
     (void)replay(messages);
   }
@@ -328,6 +332,7 @@ TEST_P(FlightDamage, EachWordOfTheCarriedState) {
   };
   for (std::size_t at = 0; at < carried.size(); at += 8) {
     damage(at, ~std::uint64_t{0}, 8);
+    if (GetParam()) continue;
     damage(at, 0x0000000200000003u, 8);
     damage(at, 0x7f7f7f7f7f7f7f7fu, 8);
   }
