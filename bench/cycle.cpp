@@ -121,7 +121,7 @@ Run run_cycles(const spm::Model& model, const Settings& settings, double unit, c
     found.exact = true;
     found.first = run.faces.size();
     for (std::uint32_t c = 0; c < std::min(count, kContacts); ++c) {
-      if (contacts[c].last) run.faces.push_back(index(contacts[c].face));
+      if (contacts[c].last()) run.faces.push_back(index(contacts[c].face));
     }
     found.count = run.faces.size() - found.first;
     std::sort(run.faces.begin() + static_cast<std::ptrdiff_t>(found.first), run.faces.end());

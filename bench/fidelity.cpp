@@ -59,8 +59,8 @@ Outcome compare(const LoadedModel& subject, const Settings& settings, const std:
   SessionRun run{subject.model, scale, session};
   run.settle(path.front());
 
-  const study::FullMesh full{subject.model.positions, subject.finest, hrtc_service::Placement{{}, scale},
-                             settings.radius / 2};
+  study::FullMesh full{subject.model.positions, subject.finest, hrtc_service::Placement{{}, scale},
+                       settings.radius / 2};
   haptics::Proxy proxy = run.haptic().proxy(0);
   haptics::ForceRenderer renderer = run.haptic().renderer(0);
   const haptics::Feel feel{settings.material.stiffness, settings.material.damping};

@@ -25,8 +25,8 @@
 #include "spm/fcl/fixed_mesh.hpp"
 #include "spm/offline/certificate.hpp"
 #include "spm/offline/model_file.hpp"
-#include "tests/support/process.hpp"
 #include "tests/support/no_alloc.hpp"
+#include "tests/support/process.hpp"
 #include "tests/support/temporary_folder.hpp"
 #include "trace/contact_log.hpp"
 
@@ -193,7 +193,7 @@ double shown_distance(const spm::Forest& forest, const Vec3d& centre, double rad
       std::min<std::uint32_t>(forest.tree().touching(centre, radius, contacts.data(), 2048), 2048);
   double depth = -1e300;
   for (std::uint32_t i = 0; i < count; ++i)
-    if (contacts[i].last) depth = std::max(depth, contacts[i].depth(centre, radius));
+    if (contacts[i].last()) depth = std::max(depth, contacts[i].depth(centre, radius));
   return radius - depth;
 }
 

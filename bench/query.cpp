@@ -198,7 +198,7 @@ Sphere run_sphere(const Bench& bench, const EmbreeMesh& embree, std::size_t cold
     s.exact[i] = true;
     ++s.exact_cycles;
     for (std::uint32_t c = 0; c < std::min(count, kContacts); ++c)
-      if (contacts[c].last) s.found[i].push_back(index(contacts[c].face));
+      if (contacts[c].last()) s.found[i].push_back(index(contacts[c].face));
   };
   const auto peer = [&](std::size_t i, const RefinedRun&, bool first) {
     Stopwatch watch;

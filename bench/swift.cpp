@@ -53,7 +53,7 @@ double shown_distance(const RemoteSession& session, const Vec3d& tip, bool exact
       std::min<std::uint32_t>(session.forest().tree().touching(centre, radius, contacts.data(), 2048), 2048);
   double depth = -1e300;
   for (std::uint32_t i = 0; i < count; ++i)
-    if (contacts[i].last) depth = std::max(depth, contacts[i].depth(centre, radius));
+    if (contacts[i].last()) depth = std::max(depth, contacts[i].depth(centre, radius));
   return (radius - depth) * session.scale();
 }
 

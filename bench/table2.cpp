@@ -186,7 +186,7 @@ Refined run_refined(const LoadedModel& subject, const Settings& settings, const 
     if (!run.forest().exact(path[i].centre, radius)) continue;
     ++r.exact;
     std::uint32_t finest = 0;
-    for (std::uint32_t c = 0; c < std::min(count, kContacts); ++c) finest += contacts[c].last ? 1 : 0;
+    for (std::uint32_t c = 0; c < std::min(count, kContacts); ++c) finest += contacts[c].last() ? 1 : 0;
     r.other_counts += finest != expected[i] ? 1 : 0;
   }
   return r;

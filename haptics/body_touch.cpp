@@ -22,7 +22,7 @@ BoxSurface::BoxSurface(const Vec3d& half_extents) noexcept {
   }
 }
 
-bool BoxSurface::sweep(const Vec3d& from, const Vec3d& to, double radius, SurfaceHit& hit) const noexcept {
+bool BoxSurface::sweep(const Vec3d& from, const Vec3d& to, double radius, SurfaceHit& hit) noexcept {
   FirstTouch first{from, to, radius};
   for (std::uint32_t i = 0; i < triangles_.size(); ++i) {
     first.offer(triangles_[i][0], triangles_[i][1], triangles_[i][2], 0, i);
@@ -38,8 +38,8 @@ bool BoxSurface::closest(const Vec3d& point, double within, SurfaceHit& hit) con
   return side.result(hit);
 }
 
-void BodyTouch::step(const DeviceState& device, bool grab, const BodyState& body, const Surface& shape_body,
-                     const Feel& feel, double dt) noexcept {
+void BodyTouch::step(const DeviceState& device, bool grab, const BodyState& body, Surface& shape_body, const Feel& feel,
+                     double dt) noexcept {
   constexpr double kRamp = 25;  // N/s
   const Vec3d device_body = body.to_body(device.position);
   const ProxyResult& local = proxy_.step(device_body, dt, shape_body, false);

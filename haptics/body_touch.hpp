@@ -23,7 +23,7 @@ namespace tactus::haptics {
 class BoxSurface final : public Surface {
  public:
   explicit BoxSurface(const Vec3d& half_extents) noexcept;
-  [[nodiscard]] bool sweep(const Vec3d& from, const Vec3d& to, double radius, SurfaceHit& hit) const noexcept override;
+  [[nodiscard]] bool sweep(const Vec3d& from, const Vec3d& to, double radius, SurfaceHit& hit) noexcept override;
   [[nodiscard]] bool closest(const Vec3d& point, double within, SurfaceHit& hit) const noexcept override;
 
  private:
@@ -38,7 +38,7 @@ class BodyTouch {
   void reset() noexcept { proxy_.reset(), grabbed_ = false, ramp_body_ = {}; }
 
   /// One cycle with `device` in the world frame. `grab`: hold the body at the contact point. Realtime.
-  void step(const DeviceState& device, bool grab, const BodyState& body, const Surface& shape_body, const Feel& feel,
+  void step(const DeviceState& device, bool grab, const BodyState& body, Surface& shape_body, const Feel& feel,
             double dt) noexcept;
 
   /// True when the probe touches or holds the body; otherwise the spring exerts no force.

@@ -26,6 +26,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "haptics/carried.hpp"
 #include "spm/model.hpp"
 #include "spm/span.hpp"
 
@@ -90,10 +91,16 @@ class ContactSolver {
   [[nodiscard]] spm::Span<const Contact> contacts() const noexcept { return {selected_.data(), selected_count_}; }
   [[nodiscard]] const Vec3d& impulse(std::size_t kept) const noexcept { return impulses_[kept]; }
 
-  /// Passes the state that the next `solve` uses, and that `impulse` returns until then, to `visit` as plain numbers.
+  /// What the next `solve`, and `impulse` until then, go by; see haptics/carried.hpp.
   template <class Visit>
-  void for_each_carried(Visit&& visit) noexcept {
-    visit(impulses_), visit(selected_count_), visit(warm_start_), visit(warm_start_count_);
+  void for_each_carried(Visit& visit) noexcept {
+    visit.count("count of contacts", selected_count_, kMaxContacts);
+    for (std::size_t i = 0; i < selected_count_; ++i) visit.number("impulse", impulses_[i]);
+    visit.count("count of contacts of the warm start", warm_start_count_, kMaxContacts);
+    for (std::size_t i = 0; i < warm_start_count_; ++i) {
+      visit.any("contact of the warm start", warm_start_[i].id);
+      visit.number("impulse of the warm start", warm_start_[i].impulse);
+    }
   }
 
  private:

@@ -141,6 +141,25 @@ class ForceRenderer {
   /// Clears the fault; the force then starts softly.
   void reset() noexcept;
 
+  /// What one step leaves to the next, but for the settings; see haptics/carried.hpp. What only numbers follow from,
+  /// which are checked before they are felt, may be anything. Realtime if `visit` is.
+  template <class Visit>
+  void for_each_carried(Visit& visit) noexcept {
+    static_assert(sizeof(ForceResult) == 64, "carry the new member");
+    visit.number("force", result_.force), visit.number("torque", result_.torque);
+    visit.any("force bits", result_.bits), visit.any("force bits that began", result_.began);
+    visit.choice("fault", result_.fault, Fault::kNone, Fault::kTooFast);
+    visit.number("strength", gain_), visit.number("rise time", rise_time_);
+    visit.any("force bits before", bits_before_);
+    Vec3d left = ramp_.left();
+    visit.any("ramp", left);
+    ramp_.set(left);
+    visit.any("last force", last_);
+    visit.flag("flag of a force", placed_);
+    visit.any("device position", position_), visit.any("device orientation", orientation_);
+    visit.any("device time", time_ns_), visit.any("angular velocity", angular_velocity_);
+  }
+
  private:
   void render(const ProxyResult& proxy, const DeviceState& device, const Feel& feel, double pose_age, double dt,
               const ProxyResult* unchanged) noexcept;

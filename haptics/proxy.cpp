@@ -129,7 +129,7 @@ struct Proxy::FrictionGoal {
   bool sticking;
 };
 
-Proxy::Motion Proxy::move(const Vec3d& start, const Vec3d& goal, const Surface& surface,
+Proxy::Motion Proxy::move(const Vec3d& start, const Vec3d& goal, Surface& surface,
                           const SurfaceHit* first_hit) const noexcept {
   Motion motion{goal, start};
   Planes planes;
@@ -166,7 +166,7 @@ Proxy::FrictionGoal Proxy::friction_goal(const Vec3d& device, const Vec3d& norma
   return {device - along * std::min(1.0, grip_.dynamic_friction * depth / length), false};
 }
 
-bool Proxy::move_in_cone(const Vec3d& device, Vec3d normal, const Vec3d& held_at, const Surface& surface,
+bool Proxy::move_in_cone(const Vec3d& device, Vec3d normal, const Vec3d& held_at, Surface& surface,
                          Motion& found) noexcept {
   constexpr int kMaxRounds = 2;
   constexpr double kTurned = 5e-4, kTurnedFar = 5e-3;  // rad
@@ -205,7 +205,7 @@ bool Proxy::move_in_cone(const Vec3d& device, Vec3d normal, const Vec3d& held_at
   return true;
 }
 
-Proxy::Motion Proxy::move_with_friction(const Vec3d& device, const Surface& surface) noexcept {
+Proxy::Motion Proxy::move_with_friction(const Vec3d& device, Surface& surface) noexcept {
   // The friction cone stands on the contact normal, which is known only after the motion. The first guess is the normal
   // of the last step, otherwise that of a motion without friction.
   const bool rough = grip_.static_friction > 0;
@@ -270,7 +270,7 @@ void Proxy::keep_side(const Surface& surface) noexcept {
   }
 }
 
-bool Proxy::repeats_motion(const Surface& surface) const noexcept {
+bool Proxy::repeats_motion(Surface& surface) const noexcept {
   SurfaceHit under;
   if (last_motion_.probed) {
     if (!surface.sweep(last_motion_.start, last_motion_.probe, settings_.radius, under)) return false;
@@ -283,7 +283,7 @@ bool Proxy::repeats_motion(const Surface& surface) const noexcept {
   return again.held && (again.end - result_.proxy).norm() <= kSkin;
 }
 
-void Proxy::follow_change(const Surface& surface) noexcept {
+void Proxy::follow_change(Surface& surface) noexcept {
   // The last motion repeated ends at the same position: no touched surface changed, and the proxy stays there to the
   // bit.
   if (result_.in_contact && repeats_motion(surface)) return;
@@ -297,7 +297,7 @@ void Proxy::follow_change(const Surface& surface) noexcept {
   result_.surface_moved = (result_.proxy - before).norm() > kSkin;
 }
 
-bool Proxy::push(const Vec3d& wanted, double radius, const Surface& surface, Vec3d& to) const noexcept {
+bool Proxy::push(const Vec3d& wanted, double radius, Surface& surface, Vec3d& to) const noexcept {
   Planes planes;
   to = wanted;
   SurfaceHit hit;
@@ -314,7 +314,7 @@ bool Proxy::push(const Vec3d& wanted, double radius, const Surface& surface, Vec
   return !surface.sweep_moving(result_.proxy, to, radius, hit);
 }
 
-void Proxy::move_with_objects(double dt, const Surface& surface) noexcept {
+void Proxy::move_with_objects(double dt, Surface& surface) noexcept {
   const bool held = result_.in_contact;
   const Vec3d wanted = held ? surface.carried(result_.object, result_.proxy) : result_.proxy;
   if (dt > 0) result_.surface_velocity = (wanted - result_.proxy) / dt;
@@ -334,7 +334,7 @@ void Proxy::move_with_objects(double dt, const Surface& surface) noexcept {
   result_.outside_only = true;
 }
 
-void Proxy::follow(const Vec3d& device, const Surface& surface) noexcept {
+void Proxy::follow(const Vec3d& device, Surface& surface) noexcept {
   const Motion motion = move_with_friction(device, surface);
   result_.proxy = motion.end;
   result_.in_contact = motion.held;
@@ -343,7 +343,7 @@ void Proxy::follow(const Vec3d& device, const Surface& surface) noexcept {
   if (motion.held) result_.normal = motion.normal();
 }
 
-ProxyResult Proxy::unchanged(const Vec3d& device, double dt, const Surface& before) const noexcept {
+ProxyResult Proxy::unchanged(const Vec3d& device, double dt, Surface& before) const noexcept {
   if (!device.allFinite()) return result_;
   Proxy there = *this;
   there.result_.surface_velocity.setZero();
@@ -359,7 +359,7 @@ ProxyResult Proxy::unchanged(const Vec3d& device, double dt, const Surface& befo
   return there.result_;
 }
 
-const ProxyResult& Proxy::step(const Vec3d& device, double dt, const Surface& surface, bool surface_changed) noexcept {
+const ProxyResult& Proxy::step(const Vec3d& device, double dt, Surface& surface, bool surface_changed) noexcept {
   if (!device.allFinite()) return result_;
   result_.surface_moved = false;
   result_.surface_velocity.setZero();

@@ -23,6 +23,7 @@
 /// cone with stick and slip).
 #pragma once
 
+#include "haptics/carried.hpp"
 #include "haptics/surface.hpp"
 
 namespace tactus::haptics {
@@ -77,12 +78,35 @@ class Proxy {
   ///   open sheet counts as inside from behind. So the proxy cannot be trapped.
   /// - Where moving objects leave no room for the proxy, its centre stays outside while a sixteenth of its radius fits.
   ///   When that does not fit either, it touches nothing until it is outside.
-  [[nodiscard]] const ProxyResult& step(const Vec3d& device, double dt, const Surface& surface,
+  [[nodiscard]] const ProxyResult& step(const Vec3d& device, double dt, Surface& surface,
                                         bool surface_changed) noexcept;
 
   /// The result of `step` if the surface had not changed. Call it before `step`, with the surface before the change. A
   /// proxy that has not started counts as free of contact. Realtime.
-  [[nodiscard]] ProxyResult unchanged(const Vec3d& device, double dt, const Surface& before) const noexcept;
+  [[nodiscard]] ProxyResult unchanged(const Vec3d& device, double dt, Surface& before) const noexcept;
+
+  /// What one step leaves to the next, but for the settings; see haptics/carried.hpp. Realtime if `visit` is.
+  template <class Visit>
+  void for_each_carried(Visit& visit) noexcept {
+    static_assert(sizeof(ProxyResult) == 112 && sizeof(LastMotion) == 160, "carry the new member");
+    visit.number("static friction", grip_.static_friction), visit.number("dynamic friction", grip_.dynamic_friction);
+    visit.number("proxy", result_.proxy), visit.number("anchor", result_.anchor);
+    visit.number("normal", result_.normal), visit.number("surface velocity", result_.surface_velocity);
+    for (bool* flag : {&result_.in_contact, &result_.sticking, &result_.surface_moved, &result_.near_surface,
+                       &result_.outside_only, &last_motion_.probed, &last_motion_.under.sided, &started_, &slipping_})
+      visit.flag("flag of a proxy", *flag);
+    visit.any("object", result_.object), visit.any("face", result_.face);
+    visit.number("start of the last motion", last_motion_.start),
+        visit.number("goal of the last motion", last_motion_.goal);
+    visit.number("probe of the last motion", last_motion_.probe);
+    visit.number("time under the last motion", last_motion_.under.time),
+        visit.number("point under the last motion", last_motion_.under.point);
+    visit.number("normal under the last motion", last_motion_.under.normal),
+        visit.number("distance under the last motion", last_motion_.under.distance);
+    visit.any("object under the last motion", last_motion_.under.object),
+        visit.any("face under the last motion", last_motion_.under.face);
+    visit.choice("side", side_, Side::kInner, Side::kOuter);
+  }
 
   [[nodiscard]] bool started() const noexcept { return started_; }
   [[nodiscard]] const ProxyResult& last() const noexcept { return result_; }
@@ -99,22 +123,22 @@ class Proxy {
     SurfaceHit under{};
   };
 
-  [[nodiscard]] Motion move(const Vec3d& start, const Vec3d& goal, const Surface& surface,
+  [[nodiscard]] Motion move(const Vec3d& start, const Vec3d& goal, Surface& surface,
                             const SurfaceHit* first_hit = nullptr) const noexcept;
   [[nodiscard]] FrictionGoal friction_goal(const Vec3d& device, const Vec3d& normal, const Vec3d& held_at,
                                            double stick_within) const noexcept;
-  [[nodiscard]] bool move_in_cone(const Vec3d& device, Vec3d normal, const Vec3d& held_at, const Surface& surface,
+  [[nodiscard]] bool move_in_cone(const Vec3d& device, Vec3d normal, const Vec3d& held_at, Surface& surface,
                                   Motion& found) noexcept;
-  [[nodiscard]] Motion move_with_friction(const Vec3d& device, const Surface& surface) noexcept;
-  [[nodiscard]] bool push(const Vec3d& wanted, double radius, const Surface& surface, Vec3d& to) const noexcept;
-  void move_with_objects(double dt, const Surface& surface) noexcept;
+  [[nodiscard]] Motion move_with_friction(const Vec3d& device, Surface& surface) noexcept;
+  [[nodiscard]] bool push(const Vec3d& wanted, double radius, Surface& surface, Vec3d& to) const noexcept;
+  void move_with_objects(double dt, Surface& surface) noexcept;
   [[nodiscard]] bool inside(const Surface& surface) const noexcept;
   [[nodiscard]] bool closest(const Vec3d& x, const Surface& surface, SurfaceHit& hit) const noexcept;
   void keep_side(const Surface& surface) noexcept;
-  [[nodiscard]] bool repeats_motion(const Surface& surface) const noexcept;
-  void follow_change(const Surface& surface) noexcept;
+  [[nodiscard]] bool repeats_motion(Surface& surface) const noexcept;
+  void follow_change(Surface& surface) noexcept;
   void find_side(const Surface& surface) noexcept;
-  void follow(const Vec3d& device, const Surface& surface) noexcept;
+  void follow(const Vec3d& device, Surface& surface) noexcept;
 
   ProxySettings settings_;
   Grip grip_;

@@ -33,19 +33,18 @@ class SurfaceDistance {
   [[nodiscard]] virtual bool closest(const Vec3d& point, double within, SurfaceHit& hit) const noexcept = 0;
 };
 
+/// Belongs to one probe: what a sweep has found may be noted for the next.
 class Surface : public SurfaceDistance {
  public:
   /// The first contact of a sphere whose centre moves straight from `from` to `to`, over all surfaces, from both sides.
   /// By the rules of spm::swept_sphere a sphere that rests on a triangle may slide and leave. Realtime.
-  [[nodiscard]] virtual bool sweep(const Vec3d& from, const Vec3d& to, double radius,
-                                   SurfaceHit& hit) const noexcept = 0;
+  [[nodiscard]] virtual bool sweep(const Vec3d& from, const Vec3d& to, double radius, SurfaceHit& hit) noexcept = 0;
 
   /// True when an object has moved since the last step. The next three functions then describe its motion.
   [[nodiscard]] virtual bool moving() const noexcept { return false; }
   /// The first contact of a sphere whose centre was at `from` in the last step and is to be at `to` now. Relative to
   /// each object it moves straight, and a touched surface moves along. `hit` has present positions. Realtime.
-  [[nodiscard]] virtual bool sweep_moving(const Vec3d& from, const Vec3d& to, double radius,
-                                          SurfaceHit& hit) const noexcept {
+  [[nodiscard]] virtual bool sweep_moving(const Vec3d& from, const Vec3d& to, double radius, SurfaceHit& hit) noexcept {
     return sweep(from, to, radius, hit);
   }
   /// The present position of the point of `object` that was at `point` in the last step. Realtime.

@@ -115,15 +115,38 @@ class Tool {
 
   [[nodiscard]] const ToolResult& last() const noexcept { return result_; }
 
-  /// Makes the next step gather all pairs again. Realtime.
+  /// The next step looks anew at what is around it. Realtime.
   void forget_surroundings() noexcept { gathered_ = false; }
-  /// Passes the state that one step leaves for the next to `visit` as plain numbers, and discards the gathered pairs. A
-  /// tool of the same shape and settings that receives these numbers continues identically. Realtime if `visit` is.
+  /// What one step leaves to the next, but for its surroundings, which are forgotten; see haptics/carried.hpp. A tool
+  /// of the same shape and settings goes on from it. Realtime if `visit` is.
   template <class Visit>
-  void for_each_carried(Visit&& visit) noexcept {
+  void for_each_carried(Visit& visit) noexcept {
+    static_assert(
+        sizeof(ToolGrip) == 24 && sizeof(ToolPose) == 64 && sizeof(ToolResult) == 208 && sizeof(Contact) == 128,
+        "carry the new member");
     gathered_ = false;
-    visit(grip_), visit(result_), visit(pose_), visit(device_before_), visit(started_), visit(device_moved_);
-    visit(backlog_), visit(stuck_), visit(trapped_), visit(prevented_), visit(rows_), visit(row_count_);
+    visit.number("stiffness", grip_.stiffness), visit.number("rotational stiffness", grip_.rotational_stiffness);
+    visit.number("angular damping", grip_.angular_damping);
+    for (ToolPose* pose : {&result_.pose, &pose_, &device_before_})
+      visit.number("position of a tool", pose->position), visit.number("orientation of a tool", pose->orientation);
+    for (Vec3d* vector : {&result_.displacement, &result_.rotation, &result_.normal, &result_.point, &prevented_.linear,
+                          &prevented_.angular})
+      visit.number("vector of a tool", *vector);
+    for (bool* flag : {&result_.in_contact, &result_.lagging, &result_.outside_only, &result_.too_near, &started_,
+                       &stuck_, &trapped_})
+      visit.flag("flag of a tool", *flag);
+    for (std::uint32_t* count : {&result_.contacts, &result_.dropped, &result_.steps, &result_.solves, &result_.pairs,
+                                 &result_.work, &result_.object, &result_.face})
+      visit.any("count of a tool", *count);
+    visit.number("motion of the device", device_moved_), visit.number("backlog of motion", backlog_);
+    visit.count("count of rows", row_count_, kMaxContacts);
+    for (std::size_t i = 0; i < row_count_; ++i) {
+      Contact& row = rows_[i];  // between the tool, body 0, and what does not move
+      visit.any("id of a row", row.id);
+      visit.number("point of a row", row.point), visit.number("arm of a row", row.arm_a);
+      visit.number("normal of a row", row.normal);
+      visit.number("gap of a row", row.gap), visit.number("friction of a row", row.friction);
+    }
     solver_.for_each_carried(visit);
   }
   [[nodiscard]] const spm::MeshProbe& probe() const noexcept { return probe_; }

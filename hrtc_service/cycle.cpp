@@ -28,6 +28,7 @@ Cycle::Cycle(const CycleSettings& settings, const std::array<haptics::DeviceSpec
   proxy.radius = settings.radius;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     proxies_[i] = haptics::Proxy{proxy};
+    surfaces_[i].set_caches(&candidate_caches_);
     forces_.emplace_back(settings.force, specs[i]);
     if (settings.tool != nullptr) tools_.emplace_back(*settings.tool);
   }
@@ -46,7 +47,7 @@ void Cycle::reset_faults() noexcept {
 }
 
 void Cycle::move(const TouchObject& object, const Placement& placement) noexcept {
-  if (!placement.finite()) return;
+  if (!placement.valid()) return;
   if (recorder_ != nullptr) recorder_->moved(object, placement);
   ObjectState& state = states_[object.index];
   if (!state.moved) state.before = state.placement;
@@ -204,7 +205,7 @@ void Cycle::query(std::uint32_t number, const Vec3d& tip, std::int64_t now_ns, P
     const std::uint32_t held = std::min(found, kMaxContacts);
     if (object_exact) {  // a coarse face in a refined cell belongs elsewhere
       const auto end =
-          std::remove_if(contacts_.begin(), contacts_.begin() + held, [](const spm::Contact& c) { return !c.last; });
+          std::remove_if(contacts_.begin(), contacts_.begin() + held, [](const spm::Contact& c) { return !c.last(); });
       found = static_cast<std::uint32_t>(end - contacts_.begin());
     } else {
       found = held;
@@ -285,7 +286,7 @@ void Cycle::close_hand(std::uint32_t number, const ProbeInput& input, const Vec3
 }
 
 void Cycle::render(std::uint32_t number, const ProbeInput& input, ProbeOutput& output) noexcept {
-  const ObjectsSurface& surface = surfaces_[number];
+  ObjectsSurface& surface = surfaces_[number];
   haptics::ForceRenderer& renderer = forces_[number];
   bool changed = false;
   haptics::Feel feel;
@@ -306,7 +307,10 @@ void Cycle::render(std::uint32_t number, const ProbeInput& input, ProbeOutput& o
   // Of what refinement has changed under the tip, what matters is where the proxy would be without.
   haptics::ProxyResult unchanged;
   const bool felt = changed || starts || surface.met_change();
-  if (felt) unchanged = before.unchanged(input.device.position, settings_.period, surface.on_meshes_before());
+  if (felt) {
+    ObjectsSurface as_before = surface.on_meshes_before();
+    unchanged = before.unchanged(input.device.position, settings_.period, as_before);
+  }
   const haptics::ForceResult& force = renderer.step(proxy, input.device, feel, input.pose_age - input.device.transit,
                                                     settings_.period, felt ? &unchanged : nullptr);
 
@@ -520,8 +524,8 @@ const CycleResult& Cycle::refine(spm::Budget budget, const RefineLimit& limit) n
   spm::Budget granted;
   bool felt = false;  // what changes may be
   for (const haptics::Proxy& proxy : proxies_) felt = felt || proxy.last().near_surface;
-  if (!objects_.empty()) objects_.front()->forest->keep(felt);
   for (TouchObject* object : objects_) {
+    object->forest->keep(felt);
     const spm::ForestCounters before = object->forest->counters();
     const bool shown = object->forest->base_shown();
     choose_targets(*object);

@@ -19,9 +19,9 @@
 #include <boost/lockfree/spsc_queue.hpp>
 #include <cstdint>
 #include <deque>
-#include <type_traits>
 #include <vector>
 
+#include "haptics/carried.hpp"
 #include "haptics/force.hpp"
 #include "haptics/proxy.hpp"
 #include "hrtc_service/governor.hpp"
@@ -106,21 +106,62 @@ class Cycle {
   void forget_surroundings() noexcept {
     for (ToolTouch& tool : tools_) tool.tool().forget_surroundings();
   }
-  /// Everything that one cycle leaves to the next beside the meshes, as `visit(place, bytes)`; a cycle of the same
-  /// build and settings with the same objects that has these bytes written into the same places goes on as this one
-  /// does. A member that outlives a cycle belongs here. Realtime if `visit` is.
+  /// Everything that one cycle leaves to the next beside the meshes; see haptics/carried.hpp. A cycle of the same build
+  /// and settings with the same objects goes on from it as this one does. What only came in from outside may be
+  /// anything. Realtime if `visit` is.
   template <class Visit>
-  void for_each_carried(Visit&& visit) noexcept {
-    const auto part = [&](auto& value) {
-      using Part = std::remove_reference_t<decltype(value)>;
-      static_assert(!std::is_polymorphic_v<Part> && std::is_trivially_destructible_v<Part>, "plain numbers only");
-      visit(static_cast<void*>(&value), sizeof value);
-    };
-    for (std::size_t i = 0; i < objects_.size(); ++i) part(states_[i]);
-    part(near_), part(wandering_), part(tips_), part(proxies_), part(reach_), part(grasps_);
-    for (haptics::ForceRenderer& force : forces_) part(force);
-    part(stopped_), part(result_);
-    for (ToolTouch& tool : tools_) tool.for_each_carried(part);
+  void for_each_carried(Visit& visit) noexcept {
+    static_assert(sizeof(ObjectState) == 544 && sizeof(ProbeOutput) == 216 && sizeof(CycleCosts) == 44,
+                  "carry the new member");
+    for (const TouchObject* object : objects_) {
+      ObjectState& state = states_[object->index];
+      visit.any("cycles since a change", state.since_change), visit.any("changes", state.changed);
+      for (Unchanged& unchanged : state.unchanged) {
+        visit.number("centre of what is unchanged", unchanged.centre);
+        visit.checked(
+            "radius of what is unchanged", unchanged.squared_radius, [](double x) { return x >= 0; }, "at least 0");
+        visit.flag("flag of what is unchanged", unchanged.appeared);
+      }
+      for (Placement* placement : {&state.placement, &state.before}) {
+        Placement::Numbers numbers = placement->numbers();
+        visit.checked(
+            "placement", numbers, [](const Placement::Numbers& all) { return Placement{all}.valid(); },
+            "scale, rotation and translation");
+        *placement = Placement{numbers};
+      }
+      visit.flag("flag of an object", state.moved);
+    }
+    visit.any("objects near", near_), visit.any("objects that moved", wandering_);
+    for (Tip& tip : tips_) visit.any("position of a tip", tip.position), visit.any("velocity of a tip", tip.velocity);
+    for (haptics::Proxy& proxy : proxies_) proxy.for_each_carried(visit);
+    for (Grasp& grasp : grasps_) {
+      const auto can_move = [this](std::uint32_t object) {
+        return object == spm::kNone || (object < kMaxObjects && (movable_ >> object & 1u) != 0);
+      };
+      visit.checked("object in a hand", grasp.object, can_move, "one that can move, or none");
+      visit.flag("flag of a hand", grasp.spent);
+      visit.number("place in a hand", grasp.place), visit.any("orientation in a hand", grasp.orientation);
+    }
+    for (haptics::ForceRenderer& force : forces_) force.for_each_carried(visit);
+    visit.choice("fault", stopped_, haptics::Fault::kNone, haptics::Fault::kTooFast);
+    for (ProbeOutput& output : result_.probes) {
+      visit.flag("flag of a probe", output.active);
+      visit.number("proxy of a probe", output.proxy);
+      for (Plain3* vector : {&output.device, &output.velocity, &output.force, &output.torque, &output.normal})
+        visit.any("vector of a probe", *vector);
+      visit.any("orientation of a probe", output.orientation);
+      for (std::uint32_t* number : {&output.object, &output.status, &output.contacts, &output.pose_sequence})
+        visit.any("number of a probe", *number);
+      for (float* number : {&output.stiffness, &output.error_bound, &output.pose_age})
+        visit.any("number of a probe", *number);
+    }
+    CycleCosts& costs = result_.costs;
+    for (std::uint32_t* cost : {&costs.load, &costs.refine, &costs.refit, &costs.query, &costs.force, &costs.arrivals,
+                                &costs.visits, &costs.changes, &costs.nodes_marked, &costs.granted, &costs.foreseen})
+      visit.any("cost", *cost);
+    visit.any("interventions", result_.interventions);
+    visit.flag("flag of a cycle", result_.budget_spent), visit.flag("flag of a cycle", result_.nodes_full);
+    for (ToolTouch& tool : tools_) tool.for_each_carried(visit);
   }
 
   /// Where an object stands from the next `touch` on: its probes go along or are pushed. May come before each `touch`.
@@ -167,7 +208,7 @@ class Cycle {
     return tools_.empty() ? nullptr : &tools_[probe];
   }
   [[nodiscard]] const haptics::ForceRenderer& renderer(std::uint32_t probe) const noexcept { return forces_[probe]; }
-  [[nodiscard]] const haptics::Surface& surface(std::uint32_t probe) const noexcept { return surfaces_[probe]; }
+  [[nodiscard]] haptics::Surface& surface(std::uint32_t probe) noexcept { return surfaces_[probe]; }
   /// Log entries that found the ring full.
   [[nodiscard]] std::uint64_t log_dropped() const noexcept { return log_dropped_; }
 
@@ -245,6 +286,7 @@ class Cycle {
   std::vector<haptics::ForceRenderer> forces_;      // by probe
   haptics::Fault stopped_ = haptics::Fault::kNone;  // all of them
   std::array<ObjectsSurface, kMaxProbes> surfaces_;
+  spm::CandidateCaches candidate_caches_;  // of all of them
   std::array<Target, kMaxTargets> targets_;
   std::uint32_t target_count_ = 0;
   std::array<spm::RegionId, kMaxTargets> target_regions_;

@@ -133,22 +133,20 @@ void FlightRecorder::left(const TouchObject& object, spm::RegionId region) noexc
 bool FlightRecorder::put_state(Cycle& cycle) noexcept {
   // What the next touch may ask of the meshes before is not told: a state waits for a cycle that left them as they
   // were.
-  if (!cycle.objects().empty() && cycle.objects().front()->forest->kept_differ()) return false;
+  for (const TouchObject* object : cycle.objects())
+    if (object->forest->kept_differs()) return false;
   const std::uint32_t from = count_;
   const auto put_word = [&](std::uint64_t word) {
     if (has_room(1)) words_[count_++] = word;
   };
   put_word(0);  // to be the entry's head
-  std::size_t bytes = 0;
-  cycle.for_each_carried([&](const void*, std::size_t size) { bytes += size; });
-  put_word(bytes);
-  if (const auto words = static_cast<std::uint32_t>((bytes + 7) / 8); has_room(words)) {
+  haptics::CarriedSize size;
+  cycle.for_each_carried(size);
+  put_word(size.bytes());
+  if (const auto words = static_cast<std::uint32_t>((size.bytes() + 7) / 8); has_room(words)) {
     words_[count_ + words - 1] = 0;
-    auto* to = reinterpret_cast<unsigned char*>(&words_[count_]);
-    cycle.for_each_carried([&](const void* part, std::size_t size) {
-      std::memcpy(to, part, size);
-      to += size;
-    });
+    haptics::CarriedWriter writer{&words_[count_]};
+    cycle.for_each_carried(writer);
     count_ += words;
   }
   put_word(cycle.objects().size());

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "hrtc_service/build_id.hpp"
+#include "hrtc_service/flight_check.hpp"
 #include "hrtc_service/flight_recorder.hpp"
 #include "spm/cache.hpp"
 #include "spm/codec/take_region.hpp"
@@ -65,9 +66,6 @@ CycleSettings settings_of(const trace::FlightStart& start, const spm::MeshProbe*
 }
 
 std::array<haptics::DeviceSpec, kMaxProbes> specs_of(const trace::FlightStart& start) {
-  if (start.devices.size() != kMaxProbes)
-    throw FlightError("found " + std::to_string(start.devices.size()) + " devices, expected " +
-                      std::to_string(kMaxProbes));
   std::array<haptics::DeviceSpec, kMaxProbes> specs;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     const trace::FlightLimits& limits = start.devices[i];
@@ -127,9 +125,11 @@ class World {
 
   [[nodiscard]] Arrival add(const trace::FlightObject& described, const spm::codec::CompressedModel& model) {
     const spm::BaseMesh& base = model.base();
+    if (described.object != objects_.size())
+      throw FlightError("object '" + described.name + "' comes as number " + std::to_string(described.object) +
+                        ", expected " + std::to_string(objects_.size()));
     spm::Cache::Admitted admitted = cache_.admit(base);
-    if (!admitted.fits || spm::index(admitted.object) != described.object)
-      throw FlightError("object '" + described.name + "' does not fit as it did");
+    if (!admitted.fits) throw FlightError("object '" + described.name + "' does not fit as it did");
     auto& object = *objects_.emplace_back(std::make_unique<Object>());
     object.model = &model;
     TouchObject& touch = object.touch;
@@ -171,7 +171,10 @@ class World {
     });
     const bool here =
         spm::index(region) < forest.grid().size() && forest.is_here(region) && !forest.is_retiring(region);
-    if (!comes && !here)
+    const bool retires = std::any_of(arrivals.begin(), arrivals.end(), [&](const Arrival& arrival) {
+      return arrival.kind == Arrival::Kind::kRetire && arrival.object == &touch && arrival.region == region;
+    });
+    if ((!comes && !here) || retires)
       throw Astray("region " + std::to_string(spm::index(region)) + " of object '" + touch.name +
                    "' is not here to be retired");
     return {Arrival::Kind::kRetire, &touch, region, {}};
@@ -204,16 +207,9 @@ class World {
         throw FlightError("object '" + object(published.object).name + "' cannot be brought to the state of cycle " +
                           std::to_string(state.cycle));
     }
-    std::size_t bytes = 0;
-    cycle_.for_each_carried([&](void*, std::size_t size) { bytes += size; });
-    if (bytes != state.carried.size())
-      throw FlightError("found a state of " + std::to_string(state.carried.size()) + " bytes, expected " +
-                        std::to_string(bytes));
-    const std::uint8_t* from = state.carried.data();
-    cycle_.for_each_carried([&](void* part, std::size_t size) {
-      std::memcpy(part, from, size);
-      from += size;
-    });
+    haptics::CarriedReader reader{state.carried};
+    cycle_.for_each_carried(reader);
+    if (const std::string error = reader.error(); !error.empty()) throw FlightError(error);
   }
 
  private:
@@ -245,7 +241,10 @@ class Replay {
   FlightReport run() {
     trace::FlightMessage message;
     try {
-      while (reader_.next(message)) std::visit([this](const auto& value) { take(value); }, message);
+      while (reader_.next(message)) {
+        expect_valid(message, options_.max_pool_bytes);
+        std::visit([this](const auto& value) { take(value); }, message);
+      }
     } catch (const Astray& error) {
       if (report_.differ == 0)
         throw FlightError(name_ + ", after cycle " + std::to_string(cycle_) + ": " + error.what());
@@ -314,7 +313,6 @@ class Replay {
         ++left_;
         return;
     }
-    throw FlightError("found an unknown event");
   }
 
   void take(const trace::FlightMove& move) {
@@ -324,7 +322,6 @@ class Replay {
   }
 
   void take(const trace::FlightProbe& probe) {
-    if (probe.probe >= kMaxProbes) throw FlightError("found probe " + std::to_string(probe.probe));
     inputs_[probe.probe] = input_of(probe);
     probes_.push_back(probe);
   }

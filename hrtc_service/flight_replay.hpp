@@ -39,6 +39,8 @@ struct FlightReplayOptions {
   std::function<void(const trace::FlightTouch&, const trace::FlightProbe&, const ProbeOutput&)> on_probe;
   /// Replays what another build recorded too, if it is from the beginning: forces may differ.
   bool any_build = false;
+  /// A recording says how large its pool is; one that takes more is refused.
+  std::uint64_t max_pool_bytes = std::uint64_t{16} << 30;
 };
 
 /// Throws trace::FlightError or McapError, with what was found and what was expected, for a file that is none, is of

@@ -340,7 +340,7 @@ void Loader::predict(Object& object, const std::array<ProbeSight, kMaxProbes>& s
 }
 
 void Loader::on_moved(std::uint32_t object_index, const Placement& placement) {
-  if (object_index >= by_index_.size() || !placement.finite()) return;
+  if (object_index >= by_index_.size() || !placement.valid()) return;
   Object& object = *by_index_[object_index];
   object.placement = placement;
   predicted_ns_ = 0;  // a tip that rests may be met

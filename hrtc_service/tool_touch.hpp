@@ -47,9 +47,10 @@ class ToolTouch {
 
   /// As Cycle's, with haptics::Tool's.
   template <class Visit>
-  void for_each_carried(Visit&& visit) noexcept {
+  void for_each_carried(Visit& visit) noexcept {
     tool_.for_each_carried(visit);
-    visit(objects_before_), visit(linear_), visit(angular_velocity_);
+    visit.any("objects near a tool", objects_before_);
+    visit.number("velocity of a tool", linear_), visit.number("angular velocity of a tool", angular_velocity_);
   }
 
  private:

@@ -11,15 +11,16 @@ ObjectsSurface ObjectsSurface::on_meshes_before() const noexcept {
     if (!entry.unchanged.appeared) before.add(*entry.object, *entry.now, entry.before, {});
   }
   before.version_ = spm::Version::kKept;
+  before.caches_ = caches_;
   return before;
 }
 
 void ObjectsSurface::take_earlier(const Entry& entry, const Vec3d& from_model, const Vec3d& to_model, double radius,
-                                  bool& found, haptics::SurfaceHit& hit) const noexcept {
+                                  bool& found, haptics::SurfaceHit& hit) noexcept {
   const Placement& placement = *entry.now;
   const double radius_model = radius / placement.scale();
   spm::SweepContact touch;
-  const bool touches = entry.object->forest->tree().sweep(from_model, to_model, radius_model, touch, version_);
+  const bool touches = entry.object->forest->tree().sweep(from_model, to_model, radius_model, touch, version_, caches_);
   const Unchanged& unchanged = entry.unchanged;
   if (unchanged.squared_radius < std::numeric_limits<double>::infinity()) {
     constexpr double kRelativeTolerance = 1e-6;
@@ -40,7 +41,7 @@ void ObjectsSurface::take_earlier(const Entry& entry, const Vec3d& from_model, c
   hit.face = spm::index(touch.face);
 }
 
-bool ObjectsSurface::sweep(const Vec3d& from, const Vec3d& to, double radius, haptics::SurfaceHit& hit) const noexcept {
+bool ObjectsSurface::sweep(const Vec3d& from, const Vec3d& to, double radius, haptics::SurfaceHit& hit) noexcept {
   bool found = false;
   for (std::uint32_t i = 0; i < count_; ++i) {
     const Placement& placement = *entries_[i].now;
@@ -50,7 +51,7 @@ bool ObjectsSurface::sweep(const Vec3d& from, const Vec3d& to, double radius, ha
 }
 
 bool ObjectsSurface::sweep_moving(const Vec3d& from, const Vec3d& to, double radius,
-                                  haptics::SurfaceHit& hit) const noexcept {
+                                  haptics::SurfaceHit& hit) noexcept {
   bool found = false;
   for (std::uint32_t i = 0; i < count_; ++i) {
     const Entry& entry = entries_[i];
@@ -86,7 +87,7 @@ bool ObjectsSurface::closest(const Vec3d& point, double within, haptics::Surface
   std::array<sharing::ScenePart, kMaxObjects> parts;
   for (std::uint32_t i = 0; i < count_; ++i)
     parts[i] = {&entries_[i].object->forest->tree(), entries_[i].now, entries_[i].object->index};
-  return sharing::closest_of({parts.data(), count_}, point, within, hit);
+  return sharing::closest_of({parts.data(), count_}, point, within, hit, caches_);
 }
 
 }  // namespace tactus::hrtc_service

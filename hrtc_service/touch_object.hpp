@@ -91,10 +91,12 @@ struct Unchanged {
   bool appeared = false;  ///< in the last cycle there was no mesh
 };
 
-/// The surfaces of several objects as one, where they stand and where they stood in the last cycle. Borrows all it is
-/// given for a cycle. Realtime.
+/// The surfaces of several objects as one, where they stand and where they stood in the last cycle, for one probe.
+/// Borrows all it is given for a cycle. Realtime.
 class ObjectsSurface final : public haptics::Surface {
  public:
+  /// For sweeps; null: they go without. Must outlive the surface.
+  void set_caches(spm::CandidateCaches* caches) noexcept { caches_ = caches; }
   void clear() noexcept {
     count_ = 0;
     moving_ = 0;
@@ -116,11 +118,11 @@ class ObjectsSurface final : public haptics::Surface {
   [[nodiscard]] const Placement& placement(std::uint32_t i) const noexcept { return *entries_[i].now; }
 
   [[nodiscard]] bool sweep(const Vec3d& from, const Vec3d& to, double radius,
-                           haptics::SurfaceHit& hit) const noexcept override;
+                           haptics::SurfaceHit& hit) noexcept override;
   [[nodiscard]] bool closest(const Vec3d& point, double within, haptics::SurfaceHit& hit) const noexcept override;
   [[nodiscard]] bool moving() const noexcept override { return moving_ > 0; }
   [[nodiscard]] bool sweep_moving(const Vec3d& from, const Vec3d& to, double radius,
-                                  haptics::SurfaceHit& hit) const noexcept override;
+                                  haptics::SurfaceHit& hit) noexcept override;
   [[nodiscard]] Vec3d carried(std::uint32_t object, const Vec3d& point) const noexcept override;
   /// Where the place that is at `point` now was in the last step.
   [[nodiscard]] Vec3d carried_from(std::uint32_t object, const Vec3d& point) const noexcept;
@@ -134,14 +136,15 @@ class ObjectsSurface final : public haptics::Surface {
     Unchanged unchanged;
   };
   void take_earlier(const Entry& entry, const Vec3d& from_model, const Vec3d& to_model, double radius, bool& found,
-                    haptics::SurfaceHit& hit) const noexcept;
+                    haptics::SurfaceHit& hit) noexcept;
   [[nodiscard]] const Entry* moved(std::uint32_t object) const noexcept;
 
   std::array<Entry, kMaxObjects> entries_{};
   std::uint32_t count_ = 0;
   std::uint32_t moving_ = 0;
   spm::Version version_ = spm::Version::kNow;
-  mutable bool met_change_ = false;
+  bool met_change_ = false;
+  spm::CandidateCaches* caches_ = nullptr;
 };
 
 }  // namespace tactus::hrtc_service

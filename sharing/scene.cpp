@@ -4,8 +4,8 @@
 
 namespace tactus::sharing {
 
-bool closest_of(spm::Span<const ScenePart> parts, const Vec3d& point, double within,
-                haptics::SurfaceHit& hit) noexcept {
+bool closest_of(spm::Span<const ScenePart> parts, const Vec3d& point, double within, haptics::SurfaceHit& hit,
+                const spm::CandidateCaches* caches) noexcept {
   // Faces that share the nearest point lie within kHair of its distance. If more do than fit, they share no vertex.
   constexpr double kHair = 1e-9;
   const double hair = kHair * (1 + within);
@@ -19,8 +19,8 @@ bool closest_of(spm::Span<const ScenePart> parts, const Vec3d& point, double wit
     const double scale = placement.scale();
     spm::NearestFace face;
     Rows here;
-    const std::uint32_t count =
-        part.tree->nearest(placement.to_model(point), reach / scale, hair / scale, face, here.data(), here.size());
+    const std::uint32_t count = part.tree->nearest(placement.to_model(point), reach / scale, hair / scale, face,
+                                                   here.data(), here.size(), caches);
     if (count == 0) continue;
     nearest = &part;
     reach = std::sqrt(face.squared_distance) * scale;

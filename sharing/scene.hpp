@@ -4,6 +4,7 @@
 #pragma once
 
 #include <Eigen/Geometry>
+#include <Eigen/LU>
 #include <array>
 #include <cmath>
 
@@ -55,8 +56,11 @@ class Placement {
       translation_[row] = all[10 + row];
     }
   }
-  [[nodiscard]] bool finite() const noexcept {
-    return std::isfinite(scale_) && rotation_.allFinite() && translation_.allFinite();
+  /// All is finite, the scale above zero and the rotation one.
+  [[nodiscard]] bool valid() const noexcept {
+    constexpr double kTolerance = 1e-6;
+    return std::isfinite(scale_) && scale_ > 0 && translation_.allFinite() && rotation_.isUnitary(kTolerance) &&
+           rotation_.determinant() > 0;
   }
 
  private:
@@ -72,9 +76,9 @@ struct ScenePart {
   std::uint32_t object = spm::kNone;  ///< copied to SurfaceHit
 };
 
-/// haptics::SurfaceDistance::closest over all `parts`.
+/// haptics::SurfaceDistance::closest over all `parts`. `caches`: those of sweeps nearby; null: none.
 [[nodiscard]] bool closest_of(spm::Span<const ScenePart> parts, const Vec3d& point, double within,
-                              haptics::SurfaceHit& hit) noexcept;
+                              haptics::SurfaceHit& hit, const spm::CandidateCaches* caches = nullptr) noexcept;
 
 class Scene final : public haptics::SurfaceDistance {
  public:

@@ -92,17 +92,27 @@ inline unsigned highest_bit(unsigned bits) noexcept { return 31u - static_cast<u
 }  // namespace
 
 NodePool::NodePool(std::uint32_t nodes)
-    : nodes_(nodes),
-      free_{nodes},
-      index_{nodes},
-      kept_(kKeptNodes),
-      kept_of_(kKeptNodes),
-      candidate_caches_(kCandidateCaches) {}
+    : nodes_(nodes), free_{nodes}, index_{nodes}, kept_(kKeptNodes), kept_next_(kKeptNodes) {
+  for (std::uint32_t i = 0; i < kKeptNodes; ++i) kept_next_[i] = i + 1 < kKeptNodes ? i + 1 : kNone;
+}
 
 AbTree::AbTree(Pool& pool, NodePool& nodes, std::uint32_t object, std::uint32_t finest_faces)
-    : pool_{pool}, nodes_{nodes}, object_{object}, finest_faces_{finest_faces} {
+    : pool_{pool}, nodes_{nodes}, object_{object}, finest_faces_{finest_faces}, version_{++nodes.versions_} {
   marked_.fill(kNone);
   while ((std::uint64_t{1} << 3 * height_) < finest_faces) ++height_;
+}
+
+void AbTree::keep(bool keeping) noexcept {
+  if (kept_first_ != kNone) {
+    nodes_.kept_next_[kept_last_] = nodes_.kept_free_;
+    nodes_.kept_free_ = kept_first_;
+    nodes_.kept_free_count_ += kept_count_;
+    kept_first_ = kept_last_ = kNone;
+    kept_count_ = 0;
+  }
+  keeping_ = keeping;
+  changed_ = false;
+  ++keeping_number_;
 }
 
 std::uint32_t AbTree::make_leaf(std::uint32_t id) noexcept {
@@ -127,8 +137,8 @@ std::uint32_t AbTree::make_leaf(std::uint32_t id) noexcept {
     node.mask = 0;
     node.dirty = 0;
     node.last = 0;
-    node.kept = nodes_.keeping_number_;  // there was nothing
-    nodes_.changed_ = true;
+    node.kept = keeping_number_;  // there was nothing
+    changed_ = true;
     nodes_.index_.insert(key(level), slot);
     if (above == kNone) {
       root_ = slot;
@@ -146,7 +156,7 @@ void AbTree::insert(std::uint32_t row_index) noexcept {
   TACTUS_ASSERT(row.node == kNone && row.face < finest_faces_);
   const std::uint32_t slot = make_leaf(row.face >> 3);
   TreeNode& node = nodes_.nodes_[slot];
-  keep(node);
+  keep_node(node);
   const unsigned lane = row.face & 7u;
   node.child[lane] = row_index;
   node.mask = static_cast<std::uint8_t>(node.mask | 1u << lane);
@@ -161,7 +171,7 @@ void AbTree::remove(std::uint32_t row_index) noexcept {
   FaceRow& row = pool_.faces[row_index];
   TACTUS_ASSERT(row.node != kNone);
   TreeNode& node = nodes_.nodes_[row.node];
-  keep(node);
+  keep_node(node);
   const unsigned lane = row.face & 7u;
   node.mask = static_cast<std::uint8_t>(node.mask & ~(1u << lane));
   clear_lane(node, lane);
@@ -208,7 +218,7 @@ std::array<float, 9> AbTree::corners(std::uint32_t row_index) const noexcept {
 }
 
 std::array<float, 9> AbTree::corners(const Contact& contact) const noexcept {
-  return corners_of(nodes_[contact.node], index(contact.face) & 7u);
+  return corners_of(nodes_[contact.node()], index(contact.face) & 7u);
 }
 
 RefitCount AbTree::refit(ChangeDetector* change_detectors, std::uint32_t watch_count) noexcept {
@@ -253,7 +263,7 @@ RefitCount AbTree::refit(ChangeDetector* change_detectors, std::uint32_t watch_c
       slot = next;
     }
   }
-  if (count.marked > 0) ++nodes_.refits_;
+  if (count.marked > 0) version_ = ++nodes_.versions_;
   // What moves from one side of a ball to the other without a face near it leaves the ball within all that changed.
   for (std::uint32_t i = 0; i < watch_count && count.marked > 0; ++i) {
     ChangeDetector& watch = change_detectors[i];

@@ -43,7 +43,7 @@ struct alignas(64) TreeNode {
   std::uint8_t mask;   ///< children that exist
   std::uint8_t dirty;  ///< children that have changed; not 0: this node is marked
   std::uint8_t last;   ///< at level 1: faces in their finest version
-  std::uint64_t kept;  ///< at level 1: NodePool's keeping in which what it was has been kept
+  std::uint64_t kept;  ///< at level 1: its tree's keeping in which what it was has been kept
   alignas(64) std::array<std::uint32_t, kWidth> child;  ///< node, or face row at level 1
 
   void set_corner(unsigned lane, std::uint32_t corner, const Vertex& vertex) noexcept {
@@ -57,27 +57,14 @@ struct alignas(64) TreeNode {
 };
 static_assert(sizeof(TreeNode) == kTreeNodeBytes);
 
-/// The nodes of all trees, and the table that finds one by (object, level, id). Of leaf nodes that change it can keep
-/// what they were, so that a sweep may be asked for on the meshes as they were when keeping began.
+/// The nodes of all trees, the table that finds one by (object, level, id), and the room in which trees keep what leaf
+/// nodes were (AbTree::keep).
 class NodePool {
  public:
   explicit NodePool(std::uint32_t nodes);
   [[nodiscard]] std::uint32_t free() const noexcept { return free_.count(); }
   [[nodiscard]] std::uint32_t used() const noexcept { return free_.size() - free_.count(); }
   [[nodiscard]] const TreeNode& operator[](std::uint32_t node) const noexcept { return nodes_[node]; }
-
-  /// Drops what was kept, and from here on keeps again, or does not: then there are only the meshes as they are.
-  /// Realtime.
-  void keep(bool keeping) noexcept {
-    keeping_ = keeping;
-    changed_ = false;
-    ++keeping_number_;
-    kept_count_ = 0;
-  }
-  /// The meshes that are kept are not those of now.
-  [[nodiscard]] bool kept_differ() const noexcept { return keeping_ && changed_; }
-  /// How many more nodes may change without being lost.
-  [[nodiscard]] std::uint32_t room_to_keep() const noexcept { return keeping_ ? kKeptNodes - kept_count_ : kNone; }
 
  private:
   friend class AbTree;
@@ -88,14 +75,10 @@ class NodePool {
   FreeSet free_;
   FlatIndex index_;
   std::vector<TreeNode> kept_;
-  std::vector<std::uint32_t> kept_of_;  // object, by number in kept_
-  std::uint32_t kept_count_ = 0;
-  std::uint64_t keeping_number_ = 1;
-  bool keeping_ = false;
-  bool changed_ = false;  // something, since keeping began
-  std::uint64_t refits_ = 1;
-  std::vector<CandidateCache> candidate_caches_;
-  std::uint64_t candidate_caches_used_ = 0;
+  std::vector<std::uint32_t> kept_next_;  // by number in kept_: of the same tree's, or of those that are free
+  std::uint32_t kept_free_ = 0;           // the first
+  std::uint32_t kept_free_count_ = kKeptNodes;
+  std::uint64_t versions_ = 0;  // of all trees' meshes
 };
 
 /// First touch of a moving ball.
@@ -124,7 +107,7 @@ struct ChangeDetector {
 /// Which mesh a sweep meets.
 enum class Version : std::uint8_t {
   kNow,
-  kKept  ///< as it was when NodePool::keep began
+  kKept  ///< as it was when AbTree::keep began
 };
 
 struct RefitCount {
@@ -138,6 +121,14 @@ class AbTree {
   /// `pool` and `nodes` must outlive the tree. `object` keeps the keys of several trees apart (below kMaxObjects).
   AbTree(Pool& pool, NodePool& nodes, std::uint32_t object, std::uint32_t finest_faces);
 
+  /// Drops what was kept, and from here on keeps what leaf nodes were before they change, or does not: then there is
+  /// only the mesh as it is. So a sweep may be asked for on the mesh as it was when keeping began. Realtime, O(1).
+  void keep(bool keeping) noexcept;
+  /// The mesh that is kept is not that of now.
+  [[nodiscard]] bool kept_differs() const noexcept { return keeping_ && changed_; }
+  /// How many more nodes may change without being lost.
+  [[nodiscard]] std::uint32_t room_to_keep() const noexcept { return keeping_ ? nodes_.kept_free_count_ : kNone; }
+
   /// Most nodes that one more face can need.
   [[nodiscard]] std::uint32_t height() const noexcept { return height_; }
   static constexpr int kMaxHeight = 10;
@@ -150,7 +141,7 @@ class AbTree {
   void update(const FaceRow& row, std::uint32_t corner, const Vertex& vertex, bool last) noexcept {
     TACTUS_ASSERT(row.node != kNone);
     TreeNode& node = nodes_.nodes_[row.node];
-    keep(node);
+    keep_node(node);
     const unsigned lane = row.face & 7u;
     node.set_corner(lane, corner, vertex);
     node.set_last(lane, last);
@@ -187,10 +178,10 @@ class AbTree {
                                        std::uint32_t capacity) const noexcept;
 
   /// Earliest touch of a ball moving from `from` to `to`; false when there is none. Triangles that it touches already
-  /// count only while it moves into them. One that starts where one before did, or within a hair of it, on a mesh that
-  /// has not changed, finds what is around it in a Vicinity: some 1 us, 2 to 5 without.
+  /// count only while it moves into them. With `caches` one that starts where one before did, or within a hair of it,
+  /// on a mesh that has not changed, finds there what is around it: some 1 us, 2 to 5 without.
   [[nodiscard]] bool sweep(const Vec3d& from, const Vec3d& to, double radius, SweepContact& first,
-                           Version version = Version::kNow) const noexcept;
+                           Version version = Version::kNow, CandidateCaches* caches = nullptr) const noexcept;
 
   /// The nearest shown triangle within `within`; false when there is none. Of equally near ones, that of the smallest
   /// id.
@@ -201,7 +192,8 @@ class AbTree {
   /// kMaxNearest; returns how many, at least 1 when there is one.
   static constexpr std::uint32_t kMaxNearest = 96;
   [[nodiscard]] std::uint32_t nearest(const Vec3d& point, double within, double more, NearestFace& found,
-                                      std::uint32_t* rows, std::uint32_t capacity) const noexcept;
+                                      std::uint32_t* rows, std::uint32_t capacity,
+                                      const CandidateCaches* caches = nullptr) const noexcept;
 
   [[nodiscard]] const FaceRow& row(std::uint32_t number) const noexcept { return pool_.faces[number]; }
   /// x y z of its three corners; it must be shown.
@@ -229,12 +221,17 @@ class AbTree {
   void walk_near(const Vec3d& point, double radius, Visit&& visit) const noexcept;
   /// Where a sweep on the mesh of now, or on the kept one, finds what is around a ball; null where that is too much. Of
   /// what nothing knows yet it is sought.
-  [[nodiscard]] const CandidateCache* candidate_cache(const Vec3d& centre, double radius, bool kept,
-                                                      double slack) const noexcept;
-  /// One that knows all within `within` of `point`; null when there is none.
-  [[nodiscard]] const CandidateCache* known_candidate_cache(const Vec3d& point, double within,
-                                                            bool kept) const noexcept;
+  [[nodiscard]] const CandidateCache* candidate_cache(const Vec3d& centre, double radius, bool kept, double slack,
+                                                      CandidateCaches& caches) const noexcept;
+  [[nodiscard]] CandidateCache::Mesh mesh(bool kept) const noexcept {
+    return {&nodes_, version_, kept ? keeping_number_ : 0};
+  }
   void fill(CandidateCache& around, double within, bool kept) const noexcept;
+  /// Calls `visit` for each node that is kept.
+  template <class Visit>
+  void for_each_kept(Visit&& visit) const noexcept {
+    for (std::uint32_t at = kept_first_; at != kNone; at = nodes_.kept_next_[at]) visit(nodes_.kept_[at]);
+  }
   /// What queries read of a node of level 1, and of one above.
   void prefetch_triangles(std::uint32_t node) const noexcept {
     for (int row = 0; row < lanes::kTriangleRows; row += 2) spm::prefetch(&nodes_[node].lanes[row]);
@@ -253,13 +250,19 @@ class AbTree {
     spm::prefetch(&nodes_[node].parent);
   }
   /// What a node of level 1 is, before it first changes. There must be room.
-  void keep(TreeNode& node) noexcept {
-    if (!nodes_.keeping_ || node.kept == nodes_.keeping_number_) return;
-    TACTUS_ASSERT(nodes_.kept_count_ < kKeptNodes);
-    node.kept = nodes_.keeping_number_;
-    nodes_.changed_ = true;
-    nodes_.kept_of_[nodes_.kept_count_] = object_;
-    nodes_.kept_[nodes_.kept_count_++] = node;
+  void keep_node(TreeNode& node) noexcept {
+    if (!keeping_ || node.kept == keeping_number_) return;
+    TACTUS_ASSERT(nodes_.kept_free_count_ > 0);
+    node.kept = keeping_number_;
+    changed_ = true;
+    const std::uint32_t at = nodes_.kept_free_;
+    nodes_.kept_free_ = nodes_.kept_next_[at];
+    --nodes_.kept_free_count_;
+    nodes_.kept_[at] = node;
+    nodes_.kept_next_[at] = kNone;
+    (kept_last_ != kNone ? nodes_.kept_next_[kept_last_] : kept_first_) = at;
+    kept_last_ = at;
+    ++kept_count_;
   }
   /// The node of level 1 with this id, made with those above it where they are missing, near its siblings.
   [[nodiscard]] std::uint32_t make_leaf(std::uint32_t id) noexcept;
@@ -279,6 +282,11 @@ class AbTree {
   std::uint32_t height_ = 1;
   std::uint32_t root_ = kNone;
   std::array<std::uint32_t, kMaxHeight + 1> marked_{};  // heads of the lists of marked nodes, by level
+  std::uint64_t version_;                               // of the mesh, among all of the pool; each refit's is another
+  std::uint64_t keeping_number_ = 1;
+  std::uint32_t kept_first_ = kNone, kept_last_ = kNone, kept_count_ = 0;  // in NodePool::kept_
+  bool keeping_ = false;
+  bool changed_ = false;  // something, since keeping began
 };
 
 }  // namespace tactus::spm

@@ -100,23 +100,8 @@ std::uint32_t AbTree::touching(const Vec3d& centre, double radius, Contact* out,
   return count;
 }
 
-const CandidateCache* AbTree::known_candidate_cache(const Vec3d& point, double within, bool kept) const noexcept {
-  const std::uint64_t keeping = kept ? nodes_.keeping_number_ : 0;
-  for (CandidateCache& around : nodes_.candidate_caches_) {
-    if (around.object != object_ || around.refit != nodes_.refits_ || around.keeping != keeping ||
-        !(around.known_around(point) >= within))
-      continue;
-    around.used = ++nodes_.candidate_caches_used_;
-    return &around;
-  }
-  return nullptr;
-}
-
 void AbTree::fill(CandidateCache& around, double within, bool kept) const noexcept {
-  around.object = object_;
-  around.refit = nodes_.refits_;
-  around.keeping = kept ? nodes_.keeping_number_ : 0;
-  around.used = ++nodes_.candidate_caches_used_;
+  around.mesh = mesh(kept);
   around.reach = within;
   around.crowded = false;
   around.count = 0;
@@ -138,24 +123,21 @@ void AbTree::fill(CandidateCache& around, double within, bool kept) const noexce
       around.crowded = true;
   };
   walk_near(around.centre, within, [&](std::uint32_t, const TreeNode& node, unsigned near) {
-    if (!kept || node.kept != nodes_.keeping_number_) take(node, near);
+    if (!kept || node.kept != keeping_number_) take(node, near);
   });
-  for (std::uint32_t i = 0; kept && i < nodes_.kept_count_; ++i) {
-    if (nodes_.kept_of_[i] != object_) continue;
-    const TreeNode& node = nodes_.kept_[i];
+  if (!kept) return;
+  for_each_kept([&](const TreeNode& node) {
     const unsigned near = lanes::kBest.triangles_within(node.lanes.data(), p.at, p.squared(within));
     if (near != 0) take(node, near);
-  }
+  });
 }
 
-const CandidateCache* AbTree::candidate_cache(const Vec3d& centre, double radius, bool kept,
-                                              double slack) const noexcept {
+const CandidateCache* AbTree::candidate_cache(const Vec3d& centre, double radius, bool kept, double slack,
+                                              CandidateCaches& caches) const noexcept {
   constexpr double kWorthwhile = CandidateCache::kAround / 4;
-  const CandidateCache* found = known_candidate_cache(centre, radius * (1 + kWorthwhile) + slack, kept);
+  const CandidateCache* found = caches.use(mesh(kept), centre, radius * (1 + kWorthwhile) + slack);
   if (found == nullptr) {
-    CandidateCache& oldest =
-        *std::min_element(nodes_.candidate_caches_.begin(), nodes_.candidate_caches_.end(),
-                          [](const CandidateCache& a, const CandidateCache& b) noexcept { return a.used < b.used; });
+    CandidateCache& oldest = caches.replace();
     oldest.centre = centre;
     fill(oldest, radius * (1 + CandidateCache::kAround) + slack, kept);
     found = &oldest;
@@ -163,9 +145,9 @@ const CandidateCache* AbTree::candidate_cache(const Vec3d& centre, double radius
   return found->crowded ? nullptr : found;
 }
 
-bool AbTree::sweep(const Vec3d& from, const Vec3d& to, double radius, SweepContact& first,
-                   Version version) const noexcept {
-  const bool kept = version == Version::kKept && nodes_.kept_differ();
+bool AbTree::sweep(const Vec3d& from, const Vec3d& to, double radius, SweepContact& first, Version version,
+                   CandidateCaches* caches) const noexcept {
+  const bool kept = version == Version::kKept && kept_differs();
   const Vec3d motion = to - from;
   const double length = motion.norm();
   if (!(length > 0) || (root_ == kNone && !kept)) return false;
@@ -220,20 +202,20 @@ bool AbTree::sweep(const Vec3d& from, const Vec3d& to, double radius, SweepConta
     while (depth > 0) {
       const TreeNode& node = nodes_[stack[--depth]];
       if (node.level == 1) {
-        if (!kept || node.kept != nodes_.keeping_number_) offer(node, lanes::kAllLanes);
+        if (!kept || node.kept != keeping_number_) offer(node, lanes::kAllLanes);
         continue;
       }
       for (unsigned hit = lanes::kBest.boxes_on(node.lanes.data(), way); hit != 0; hit &= ~(1u << highest_bit(hit)))
         stack[depth++] = node.child[highest_bit(hit)];
     }
-    for (std::uint32_t i = 0; kept && i < nodes_.kept_count_; ++i)
-      if (nodes_.kept_of_[i] == object_) offer(nodes_.kept_[i], lanes::kAllLanes);
+    if (kept) for_each_kept([&](const TreeNode& node) { offer(node, lanes::kAllLanes); });
   };
   // A proxy that rests on a surface is stopped at once: look there first, where few faces are, and then ever further.
   constexpr double kAtOnce = 0.002, kNear = 0.01;    // of the radius
   constexpr double kFurther = 4, kMin = 1.0 / 1024;  // of the way before, of all of it: at most five more
   double time = radius > 0 ? std::clamp(kNear * radius / length, kMin, 1.0) : 1;
-  if (const CandidateCache* around = radius > 0 ? candidate_cache(from, radius, kept, slack) : nullptr;
+  if (const CandidateCache* around =
+          radius > 0 && caches != nullptr ? candidate_cache(from, radius, kept, slack, *caches) : nullptr;
       around != nullptr) {
     const double moved = (from - around->centre).norm() + radius + slack;
     const double known = std::min(1.0, (around->reach - moved) / length);
@@ -253,7 +235,7 @@ bool AbTree::sweep(const Vec3d& from, const Vec3d& to, double radius, SweepConta
 }
 
 std::uint32_t AbTree::nearest(const Vec3d& point, double within, double more, NearestFace& best, std::uint32_t* rows,
-                              std::uint32_t capacity) const noexcept {
+                              std::uint32_t capacity, const CandidateCaches* caches) const noexcept {
   if (root_ == kNone) return 0;
   const FloatPoint p{point};
   best.squared_distance = within * within;
@@ -325,7 +307,8 @@ std::uint32_t AbTree::nearest(const Vec3d& point, double within, double more, Ne
       }
     }
   };
-  const CandidateCache* around = known_candidate_cache(point, within + more + p.slack, false);
+  const CandidateCache* around =
+      caches != nullptr ? caches->find(mesh(false), point, within + more + p.slack) : nullptr;
   if (around == nullptr || around->crowded) {
     search();
   } else {

@@ -180,7 +180,7 @@ bool Forest::room_to_keep(std::uint32_t slot) const noexcept {
   std::uint32_t faces = 0;
   for (; slot != kNone; slot = pool_.parts[slot].next)
     faces += std::uint32_t{pool_.parts[slot].born_count} + pool_.parts[slot].deformed_count;
-  return nodes_.room_to_keep() >= faces;
+  return tree_.room_to_keep() >= faces;
 }
 
 void Forest::split(std::uint32_t slot) noexcept {
@@ -288,7 +288,7 @@ Advance Forest::advance(Budget& budget) noexcept {
   for (; !base_shown(); ++base_cursor_) {
     if (budget.units < Budget::kChange) return Advance::kBudget;
     if (nodes_.free() < tree_.height()) return Advance::kNodesFull;
-    if (nodes_.room_to_keep() == 0) return Advance::kKeptFull;
+    if (tree_.room_to_keep() == 0) return Advance::kKeptFull;
     tree_.insert(base_.faces[base_cursor_]);
     budget.units -= Budget::kChange;
   }
@@ -337,18 +337,25 @@ std::uint32_t Forest::in_use(InUse* out, std::uint32_t capacity) const noexcept 
 
 bool Forest::restore(std::uint32_t base_faces, const InUse* regions, std::uint32_t count) noexcept {
   if (base_faces > base_.faces.size() || base_cursor_ > 0) return false;
-  for (; base_cursor_ < base_faces; ++base_cursor_) tree_.insert(base_.faces[base_cursor_]);
+  for (; base_cursor_ < base_faces; ++base_cursor_) {
+    if (nodes_.free() < tree_.height() || tree_.room_to_keep() == 0) return false;
+    tree_.insert(base_.faces[base_cursor_]);
+  }
   for (std::uint32_t i = 0; i < count; ++i) {
     const RegionId region = regions[i].region;
     if (index(region) >= place_.size() || !is_here(region)) return false;
     State& state = state_of(region);
     if (state.in_use_at != kNone || state.resting || regions[i].applied > state.list.length) return false;
+    if (regions[i].applied > 0 && !base_shown()) return false;  // records are split once the base is shown
     if (regions[i].resting && (regions[i].retiring || regions[i].applied == 0)) return false;
     use(region);
     for (; state.cursor < regions[i].applied; ++state.cursor) {
       const std::uint32_t slot = *entry(state, state.cursor);
       SlotState& record = pool_.state[slot];
-      if (!record.shown()) split(slot);
+      if (!record.shown()) {
+        if (!room_for(slot) || !room_to_keep(slot)) return false;
+        split(slot);
+      }
       ++record.bits;
     }
     if (regions[i].retiring) retire(region);

@@ -45,7 +45,7 @@ struct ForestCounters {
 enum class Advance : std::uint8_t {
   kDone,      ///< everything stands as asked
   kBudget,    ///< stopped by the budget
-  kKeptFull,  ///< stopped for want of room to keep what changes; see NodePool::keep
+  kKeptFull,  ///< stopped for want of room to keep what changes; see AbTree::keep
   kNodesFull  ///< no tree node left: some regions stay coarse
 };
 
@@ -87,9 +87,9 @@ class Forest {
 
   /// Works towards the target. Then refit before any query.
   [[nodiscard]] Advance advance(Budget& budget) noexcept;
-  /// See NodePool::keep; for all forests of the pool.
-  void keep(bool keeping) noexcept { nodes_.keep(keeping); }
-  [[nodiscard]] bool kept_differ() const noexcept { return nodes_.kept_differ(); }
+  /// See AbTree::keep.
+  void keep(bool keeping) noexcept { tree_.keep(keeping); }
+  [[nodiscard]] bool kept_differs() const noexcept { return tree_.kept_differs(); }
   /// See AbTree::refit.
   RefitCount refit(ChangeDetector* change_detectors = nullptr, std::uint32_t count = 0) noexcept {
     return tree_.refit(change_detectors, count);
@@ -117,8 +117,8 @@ class Forest {
   [[nodiscard]] std::uint32_t in_use(InUse* out, std::uint32_t capacity) const noexcept;
   [[nodiscard]] std::uint32_t base_faces_shown() const noexcept { return static_cast<std::uint32_t>(base_cursor_); }
   /// Makes a forest in which nothing has been shown yet what another one of the same model and settings was when it
-  /// told these, to the bit. The regions that were here must be. False when these cannot have been told: then it is of
-  /// no more use. Not realtime: O(all that is shown).
+  /// told these, to the bit. The regions that were here must be. False when these cannot have been told or find no
+  /// room: then it is of no more use. Not realtime: O(all that is shown).
   [[nodiscard]] bool restore(std::uint32_t base_faces, const InUse* regions, std::uint32_t count) noexcept;
 
   /// A query of that sphere is exact: every labelled cell it meets is refined. False when a coordinate is not finite.

@@ -72,7 +72,7 @@ void FullMesh::for_each_near(const Vec3d& middle, const double& reach, Visit&& v
       }
 }
 
-bool FullMesh::sweep(const Vec3d& from, const Vec3d& to, double radius, haptics::SurfaceHit& hit) const noexcept {
+bool FullMesh::sweep(const Vec3d& from, const Vec3d& to, double radius, haptics::SurfaceHit& hit) noexcept {
   const Vec3d start = placement_.to_model(from), end = placement_.to_model(to);
   const double reach = radius / placement_.scale();
   haptics::FirstTouch first{start, end, reach};

@@ -21,7 +21,7 @@ class FullMesh final : public haptics::Surface {
            const hrtc_service::Placement& placement, double cell);
 
   [[nodiscard]] bool sweep(const spm::Vec3d& from, const spm::Vec3d& to, double radius,
-                           haptics::SurfaceHit& hit) const noexcept override;
+                           haptics::SurfaceHit& hit) noexcept override;
   [[nodiscard]] bool closest(const spm::Vec3d& point, double within, haptics::SurfaceHit& hit) const noexcept override;
 
  private:

@@ -50,7 +50,7 @@ class Truth {
   double scale_, radius_;
   const spm::MeshProbe* tool_;
   const SessionSettings& settings_;
-  std::unique_ptr<const haptics::Surface> surface_;
+  std::unique_ptr<haptics::Surface> surface_;
   std::unique_ptr<const spm::FinestTree> tree_;
 };
 

@@ -13,7 +13,7 @@ haptics::ProxySettings proxy_settings(double radius) {
 
 }  // namespace
 
-TrueSphere::TrueSphere(const haptics::Surface& surface, double radius, const session::Material& material,
+TrueSphere::TrueSphere(haptics::Surface& surface, double radius, const session::Material& material,
                        const haptics::ForceSettings& settings)
     : surface_{surface},
       feel_{material.stiffness, material.damping},

@@ -23,12 +23,12 @@ class TrueHand {
 class TrueSphere final : public TrueHand {
  public:
   /// `surface` must outlive it.
-  TrueSphere(const haptics::Surface& surface, double radius, const session::Material& material,
+  TrueSphere(haptics::Surface& surface, double radius, const session::Material& material,
              const haptics::ForceSettings& settings);
   [[nodiscard]] haptics::Wrench at(const haptics::DeviceState& device, bool mesh_changed) override;
 
  private:
-  const haptics::Surface& surface_;
+  haptics::Surface& surface_;
   haptics::Feel feel_;
   haptics::Proxy proxy_;
   haptics::ForceRenderer renderer_;

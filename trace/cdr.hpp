@@ -96,8 +96,8 @@ class CdrReader {
     } else if constexpr (cdr::IsArray<T>::value) {
       for (auto& element : value) (*this)(element);
     } else if constexpr (cdr::IsVector<T>::value) {
-      value.resize(count());
-      for (auto& element : value) (*this)(element);
+      value.clear();  // one by one: what a damaged count asks for may not be there
+      for (std::size_t left = count(); left > 0; --left) (*this)(value.emplace_back());
     } else {
       T::fields(value, *this);
     }

@@ -318,8 +318,13 @@ bool McapReader::fill() {
     // Limits the length, so that a broken one cannot allocate all memory.
     constexpr std::uint64_t kMax = 1u << 30;
     if (length > kMax) fail("found a record of " + std::to_string(length) + " bytes, expected at most 2^30");
-    Bytes content(length);
-    cut_ = std::fread(content.data(), 1, content.size(), file_.get()) < content.size();
+    Bytes content;
+    while (content.size() < length && !cut_) {  // piece by piece: so much may not be there
+      constexpr std::uint64_t kPiece = 1u << 20;
+      const std::size_t had = content.size();
+      content.resize(std::min(length, had + kPiece));
+      cut_ = std::fread(content.data() + had, 1, content.size() - had, file_.get()) < content.size() - had;
+    }
     if (cut_) return false;
     offset_ += head.size() + length;
     ended_ = head[0] == kDataEnd;

@@ -39,7 +39,6 @@ struct FixedMesh::Tree {
   // FCL's traversals take the model by reference without const, but change it only under a pose other than identity.
   mutable ::fcl::BVHModel<Box> model;
   std::vector<::fcl::Vector3d> vertices;
-  Solver solver;
 
   void take(Span<const Position> from) {
     vertices.resize(from.size());
@@ -82,8 +81,9 @@ void FixedMesh::touching(const Vec3d& centre, double radius, std::vector<std::ui
   ::fcl::Transform3d mesh_pose = ::fcl::Transform3d::Identity();
   ::fcl::CollisionRequestd request{std::numeric_limits<std::size_t>::max(), true};
   ::fcl::CollisionResultd result;
+  const Solver solver;
   ::fcl::detail::MeshShapeCollisionTraversalNode<Box, Sphere, Solver> node;
-  ::fcl::detail::initialize(node, tree_->model, mesh_pose, sphere, at(centre), &tree_->solver, request, result);
+  ::fcl::detail::initialize(node, tree_->model, mesh_pose, sphere, at(centre), &solver, request, result);
   ::fcl::detail::collide<double>(&node);
   faces.reserve(result.numContacts());
   for (std::size_t i = 0; i < result.numContacts(); ++i) {
@@ -108,6 +108,7 @@ void FixedMesh::intersecting(const FixedMesh& other, std::vector<std::array<std:
 
 double FixedMesh::distance(const Vec3d& point) const {
   const Sphere sphere{0};
+  const Solver solver;
   ::fcl::DistanceResultd result;
   // FCL declares initialize() for this node but defines another, so that the fields are set here.
   ::fcl::detail::MeshShapeDistanceTraversalNode<Box, Sphere, Solver> node;
@@ -119,7 +120,7 @@ double FixedMesh::distance(const Vec3d& point) const {
   node.tri_indices = tree_->model.tri_indices;
   node.model2 = &sphere;
   node.tf2 = at(point);
-  node.nsolver = &tree_->solver;
+  node.nsolver = &solver;
   ::fcl::computeBV(sphere, node.tf2, node.model2_bv);
   ::fcl::detail::distance<double>(&node);
   return std::max(0.0, result.min_distance);

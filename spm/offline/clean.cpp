@@ -33,9 +33,9 @@ std::vector<std::uint32_t> first_equals(std::size_t count, unsigned threads, Has
   parallel_ranges(count, kGrain, threads, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) hashes[i] = hash_of(static_cast<std::uint32_t>(i));
   });
-  const std::size_t tables = thread_count(threads);
+  const std::uint32_t tables = thread_count(threads);
   parallel_for(tables, threads, [&](std::size_t own, unsigned) {
-    const auto is_own = [&](std::size_t i) { return hashes[i] != 0 && (hashes[i] * tables) >> 32 == own; };
+    const auto is_own = [&](std::size_t i) { return hashes[i] != 0 && range_of_hash(hashes[i], tables) == own; };
     std::size_t items = 0, size = 16;
     for (std::size_t i = 0; i < count; ++i) items += is_own(i);
     while (size < 2 * items) size *= 2;

@@ -27,6 +27,11 @@ void parallel_groups(std::size_t count, std::size_t grain, unsigned threads,
                      const std::function<bool(std::size_t item)>& joined,
                      const std::function<void(std::size_t first, std::size_t last)>& work);
 
+/// To which of `parts` equal ranges of 32-bit hashes this one belongs.
+[[nodiscard]] constexpr std::uint32_t range_of_hash(std::uint32_t hash, std::uint32_t parts) noexcept {
+  return static_cast<std::uint32_t>(std::uint64_t{hash} * parts >> 32);  // a size_t may have 32 bits only
+}
+
 /// Two pieces of work at once, the first in the calling thread unless there is one thread only.
 void parallel_both(unsigned threads, const std::function<void()>& one, const std::function<void()>& other);
 

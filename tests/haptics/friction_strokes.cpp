@@ -9,7 +9,7 @@
 
 namespace tactus::haptics::testing {
 
-bool AnalyticSphere::sweep(const Vec3d& from, const Vec3d& to, double radius, SurfaceHit& hit) const noexcept {
+bool AnalyticSphere::sweep(const Vec3d& from, const Vec3d& to, double radius, SurfaceHit& hit) noexcept {
   const double reach = hollow_ ? radius_ - radius : radius_ + radius;
   const Vec3d motion = to - from;
   const double sign = hollow_ ? -1 : 1;
@@ -43,8 +43,8 @@ bool AnalyticSphere::closest(const Vec3d& point, double within, SurfaceHit& hit)
   return true;
 }
 
-FrictionResult run_strokes(const AnalyticSphere& sphere, double static_friction, double dynamic_friction,
-                           double max_speed, std::uint64_t cycles, std::uint64_t seed) {
+FrictionResult run_strokes(AnalyticSphere sphere, double static_friction, double dynamic_friction, double max_speed,
+                           std::uint64_t cycles, std::uint64_t seed) {
   constexpr double kCycle = 1e-3, kTip = 0.003;
   constexpr double kMin = 0.0002, kMax = 0.002;        // m, of depth
   constexpr std::uint64_t kStroke = 400, kRest = 100;  // cycles

@@ -17,7 +17,7 @@ class AnalyticSphere final : public Surface {
   /// Outer normal at the surface below `x`.
   [[nodiscard]] Vec3d normal(const Vec3d& x) const { return (hollow_ ? -x : x).normalized(); }
 
-  [[nodiscard]] bool sweep(const Vec3d& from, const Vec3d& to, double radius, SurfaceHit& hit) const noexcept override;
+  [[nodiscard]] bool sweep(const Vec3d& from, const Vec3d& to, double radius, SurfaceHit& hit) noexcept override;
   [[nodiscard]] bool closest(const Vec3d& point, double within, SurfaceHit& hit) const noexcept override;
 
  private:
@@ -35,7 +35,7 @@ struct FrictionResult {
 };
 
 /// `cycles` of strokes that start, stop and change direction, at up to `speed` m/s, 0.2 to 2 mm deep.
-[[nodiscard]] FrictionResult run_strokes(const AnalyticSphere& sphere, double static_friction, double dynamic_friction,
+[[nodiscard]] FrictionResult run_strokes(AnalyticSphere sphere, double static_friction, double dynamic_friction,
                                          double speed, std::uint64_t cycles, std::uint64_t seed);
 
 }  // namespace tactus::haptics::testing

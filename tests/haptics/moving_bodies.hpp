@@ -40,12 +40,12 @@ class MovingBodies final : public Surface {
     return bodies_[body].surface.triangles();
   }
 
-  [[nodiscard]] bool sweep(const Vec3d& from, const Vec3d& to, double radius, SurfaceHit& hit) const noexcept override {
+  [[nodiscard]] bool sweep(const Vec3d& from, const Vec3d& to, double radius, SurfaceHit& hit) noexcept override {
     return earliest(from, to, radius, &Body::now, hit);
   }
   [[nodiscard]] bool moving() const noexcept override { return moving_; }
   [[nodiscard]] bool sweep_moving(const Vec3d& from, const Vec3d& to, double radius,
-                                  SurfaceHit& hit) const noexcept override {
+                                  SurfaceHit& hit) noexcept override {
     return earliest(from, to, radius, &Body::before, hit);
   }
   [[nodiscard]] Vec3d carried(std::uint32_t object, const Vec3d& point) const noexcept override {
@@ -79,11 +79,11 @@ class MovingBodies final : public Surface {
     return hit;
   }
   [[nodiscard]] bool earliest(const Vec3d& from, const Vec3d& to, double radius, BodyPose Body::*begin,
-                              SurfaceHit& hit) const {
+                              SurfaceHit& hit) {
     bool found = false;
     for (std::size_t i = 0; i < bodies_.size(); ++i) {
       SurfaceHit touch;
-      const Body& body = bodies_[i];
+      Body& body = bodies_[i];
       if (!body.surface.sweep((body.*begin).to_body(from), body.now.to_body(to), radius, touch)) continue;
       if (found && touch.time >= hit.time) continue;
       found = true;

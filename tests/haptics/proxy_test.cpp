@@ -49,7 +49,7 @@ class Wanderer {
 };
 
 /// Presses from `start` to `goal` within `cycles` and holds there for as many.
-ProxyResult press(Proxy& proxy, const Surface& surface, const Vec3d& start, const Vec3d& goal, int cycles) {
+ProxyResult press(Proxy& proxy, Surface& surface, const Vec3d& start, const Vec3d& goal, int cycles) {
   for (int i = 0; i <= cycles; ++i) {
     (void)proxy.step(start + (goal - start) * (static_cast<double>(i) / cycles), kCycle, surface, false);
   }
@@ -61,7 +61,7 @@ ProxyResult press(Proxy& proxy, const Surface& surface, const Vec3d& start, cons
 struct Felt {
   explicit Felt(const Feel& how) : feel{how} {}
   /// `before`: the surface until now, if it has changed.
-  Vec3d step(const Vec3d& at, const Surface& surface, const Surface* before = nullptr) {
+  Vec3d step(const Vec3d& at, Surface& surface, Surface* before = nullptr) {
     DeviceState device;
     device.position = at;
     if (proxy.started()) device.velocity = (at - last) / kCycle;
@@ -88,7 +88,7 @@ struct Felt {
 };
 
 TEST(Proxy, IsTheDeviceInTheAir) {
-  const TriangleSurface surface{square(1, 0)};
+  TriangleSurface surface{square(1, 0)};
   Proxy proxy;
   const ProxyResult result = press(proxy, surface, {0, 0, 0.1}, {0.1, 0.2, 0.05}, 10);
   EXPECT_EQ(result.proxy, Vec3d(0.1, 0.2, 0.05));
@@ -97,7 +97,7 @@ TEST(Proxy, IsTheDeviceInTheAir) {
 }
 
 TEST(Proxy, RestsOnAPlaneAboveTheDeviceAndFollowsItAlong) {
-  const TriangleSurface surface{square(1, 0)};
+  TriangleSurface surface{square(1, 0)};
   Proxy proxy;
   const ProxyResult result = press(proxy, surface, {0, 0, 0.02}, {0.1, 0.2, -0.01}, 50);
   EXPECT_LT((result.proxy - Vec3d(0.1, 0.2, kRadius)).norm(), 2e-6);
@@ -107,7 +107,7 @@ TEST(Proxy, RestsOnAPlaneAboveTheDeviceAndFollowsItAlong) {
 }
 
 TEST(Proxy, LeavesASurfaceWithoutSticking) {
-  const TriangleSurface surface{square(1, 0)};
+  TriangleSurface surface{square(1, 0)};
   Proxy proxy;
   (void)press(proxy, surface, {0, 0, 0.02}, {0, 0, -0.01}, 20);
   const ProxyResult result = press(proxy, surface, {0, 0, -0.01}, {0, 0, 0.01}, 20);
@@ -117,15 +117,15 @@ TEST(Proxy, LeavesASurfaceWithoutSticking) {
 
 TEST(Proxy, SettlesInAGrooveOnBothSides) {
   // Two slopes of 45 degrees that intersect along y at the origin.
-  const TriangleSurface surface{sheet({0, -1, 0}, {1, 0, 1}, {0, 2, 0}) + sheet({0, -1, 0}, {0, 2, 0}, {-1, 0, 1})};
+  TriangleSurface surface{sheet({0, -1, 0}, {1, 0, 1}, {0, 2, 0}) + sheet({0, -1, 0}, {0, 2, 0}, {-1, 0, 1})};
   Proxy proxy;
   const ProxyResult result = press(proxy, surface, {0.02, 0, 0.1}, {0.001, 0.03, -0.05}, 100);
   EXPECT_LT((result.proxy - Vec3d(0, 0.03, kRadius * std::sqrt(2.0))).norm(), 5e-6);
 }
 
 TEST(Proxy, SettlesInACornerOnThreeSides) {
-  const TriangleSurface surface{sheet({0, 0, 0}, {1, 0, 0}, {0, 1, 0}) + sheet({0, 0, 0}, {0, 1, 0}, {0, 0, 1}) +
-                                sheet({0, 0, 0}, {0, 0, 1}, {1, 0, 0})};
+  TriangleSurface surface{sheet({0, 0, 0}, {1, 0, 0}, {0, 1, 0}) + sheet({0, 0, 0}, {0, 1, 0}, {0, 0, 1}) +
+                          sheet({0, 0, 0}, {0, 0, 1}, {1, 0, 0})};
   Proxy proxy;
   const ProxyResult result = press(proxy, surface, {0.1, 0.12, 0.15}, {-0.05, -0.02, -0.03}, 100);
   EXPECT_LT((result.proxy - Vec3d(kRadius, kRadius, kRadius)).norm(), 5e-6);
@@ -133,7 +133,7 @@ TEST(Proxy, SettlesInACornerOnThreeSides) {
 
 TEST(Proxy, RollsOverAConvexEdge) {
   // A step down: from the top face over the edge to a device below the top.
-  const TriangleSurface surface{sheet({-1, -1, 0}, {1, 0, 0}, {0, 2, 0}) + sheet({0, -1, 0}, {0, 0, -1}, {0, 2, 0})};
+  TriangleSurface surface{sheet({-1, -1, 0}, {1, 0, 0}, {0, 2, 0}) + sheet({0, -1, 0}, {0, 0, -1}, {0, 2, 0})};
   Proxy proxy;
   (void)press(proxy, surface, {-0.05, 0, 0.02}, {-0.05, 0, -0.002}, 20);
   const ProxyResult result = press(proxy, surface, {-0.05, 0, -0.002}, {0.02, 0, -0.002}, 200);
@@ -142,7 +142,7 @@ TEST(Proxy, RollsOverAConvexEdge) {
 }
 
 TEST(Proxy, DoesNotPassASheetThinnerThanOneCycleOfMotion) {
-  const TriangleSurface surface{square(1, 0) + square(1, -1e-5)};
+  TriangleSurface surface{square(1, 0) + square(1, -1e-5)};
   for (const double speed : {0.05, 0.5, 5.0, 500.0}) {
     Proxy proxy;
     Vec3d device{0.01, 0.02, 0.05};
@@ -161,7 +161,7 @@ TEST(Proxy, IsHeldByDuplicatedAndDegenerateFacesAndNonManifoldEdges) {
   faces.push_back({faces[0][2], faces[0][1], faces[0][0]});
   // A fin on the square's diagonal gives that edge three or more faces.
   faces = faces + sheet({-0.5, -0.5, 0}, {1, 1, 0}, {0, 0, 0.01});
-  const TriangleSurface surface{faces};
+  TriangleSurface surface{faces};
   for (unsigned seed = 0; seed < 4; ++seed) {
     Proxy proxy;
     const Vec3d start{0.1, -0.1, 0.05};
@@ -176,7 +176,7 @@ TEST(Proxy, IsHeldByDuplicatedAndDegenerateFacesAndNonManifoldEdges) {
 }
 
 TEST(Proxy, GoesAroundAnOpenBorderAndIsThenHeldFromBehind) {
-  const TriangleSurface surface{square(0.1, 0)};
+  TriangleSurface surface{square(0.1, 0)};
   Proxy proxy;
   (void)press(proxy, surface, {0, 0, 0.02}, {0.08, 0, 0.02}, 100);
   (void)press(proxy, surface, {0.08, 0, 0.02}, {0.08, 0, -0.02}, 100);
@@ -187,7 +187,7 @@ TEST(Proxy, GoesAroundAnOpenBorderAndIsThenHeldFromBehind) {
 }
 
 TEST(Proxy, StartedInsideTouchesNothingUntilItIsOutside) {
-  const TriangleSurface surface{sphere(0.1, 2)};
+  TriangleSurface surface{sphere(0.1, 2)};
   Proxy proxy;
   EXPECT_TRUE(proxy.step({0, 0, 0.02}, kCycle, surface, false).outside_only);
   for (double z = 0.02; z < 0.12; z += 0.001) {
@@ -202,8 +202,8 @@ TEST(Proxy, StartedInsideTouchesNothingUntilItIsOutside) {
 }
 
 TEST(Proxy, InsideASurfaceThatAppearsTouchesNothingUntilItIsOutside) {
-  const TriangleSurface nothing;
-  const TriangleSurface surface{sphere(0.1, 2)};
+  TriangleSurface nothing;
+  TriangleSurface surface{sphere(0.1, 2)};
   Proxy proxy;
   (void)press(proxy, nothing, {0, 0, 0.3}, {0, 0, 0.03}, 10);
   const ProxyResult& result = proxy.step({0, 0, 0.03}, kCycle, surface, true);
@@ -212,8 +212,8 @@ TEST(Proxy, InsideASurfaceThatAppearsTouchesNothingUntilItIsOutside) {
 }
 
 TEST(Proxy, IsPushedOutGraduallyOfASurfaceThatAppears) {
-  const TriangleSurface nothing;
-  const TriangleSurface surface{sphere(0.1, 2)};
+  TriangleSurface nothing;
+  TriangleSurface surface{sphere(0.1, 2)};
   const Vec3d device{0, 0, 0.1 + kRadius - 0.0005};  // half a millimetre deep
   for (const bool from_start : {false, true}) {
     Felt felt{{2000, 0}};
@@ -230,7 +230,7 @@ TEST(Proxy, IsPushedOutGraduallyOfASurfaceThatAppears) {
 }
 
 TEST(Proxy, StaysEqualToTheBitWhenAReportedChangeChangesNothing) {
-  const TriangleSurface surface{bumpy(0.05, 2, 0.2)};
+  TriangleSurface surface{bumpy(0.05, 2, 0.2)};
   for (const double friction : {0.0, 0.5}) {
     Proxy reported, not_published;
     const Vec3d start{0.02, -0.01, 0.12};
@@ -252,7 +252,7 @@ TEST(Proxy, StaysEqualToTheBitWhenAReportedChangeChangesNothing) {
 TEST(Proxy, NeverEntersAClosedSurface) {
   // 10^5 cycles of random hands in bodies at up to 0.5 m/s.
   for (const auto& triangles : {tetrahedron(0.05), sphere(0.05, 2), bumpy(0.05, 2, 0.25)}) {
-    const TriangleSurface surface{triangles};
+    TriangleSurface surface{triangles};
     for (const double friction : {0.0, 0.6}) {
       for (unsigned seed = 0; seed < 4; ++seed) {
         Proxy proxy;
@@ -277,7 +277,7 @@ TEST(Proxy, NeverEntersAClosedSurface) {
 
 TEST(Proxy, ConvergesToALocalMinimumOfTheDistance) {
   // The proxy is a local minimum of the distance to the device: no allowed point around it is closer.
-  const TriangleSurface surface{bumpy(0.05, 2, 0.2)};
+  TriangleSurface surface{bumpy(0.05, 2, 0.2)};
   std::mt19937 random{kSeed};
   std::normal_distribution<double> normal;
   for (int round = 0; round < 60; ++round) {
@@ -298,7 +298,7 @@ TEST(Proxy, ConvergesToALocalMinimumOfTheDistance) {
 TEST(Proxy, KeepsItsSideWhenRefinementMovesTheSurfacePastIt) {
   const auto coarse = bumpy(0.05, 1, 0.1);
   const auto fine = bumpy(0.05, 3, 0.1);
-  const TriangleSurface surfaces[2]{TriangleSurface{coarse}, TriangleSurface{fine}};
+  TriangleSurface surfaces[2]{TriangleSurface{coarse}, TriangleSurface{fine}};
   ProxySettings settings;
   settings.reach = 0.02;
   int moved = 0;
@@ -322,8 +322,8 @@ TEST(Proxy, KeepsItsSideWhenRefinementMovesTheSurfacePastIt) {
 }
 
 TEST(Proxy, BehindAnOpenSheetStaysBehindItWhenItMovesPast) {
-  const TriangleSurface sheet_before{square(0.1, 0)};
-  const TriangleSurface sheet_after{square(0.1, -0.006)};
+  TriangleSurface sheet_before{square(0.1, 0)};
+  TriangleSurface sheet_after{square(0.1, -0.006)};
   Proxy proxy;
   (void)press(proxy, sheet_before, {0, 0, 0.02}, {0.08, 0, 0.02}, 100);
   (void)press(proxy, sheet_before, {0.08, 0, 0.02}, {0.08, 0, -0.02}, 100);
@@ -337,8 +337,8 @@ TEST(Proxy, KeepsItsCentreOutsideWhereRefinementLeavesLessRoomThanItsSize) {
   // Two blocks close on the tip: the gap between them is narrower than the tip.
   const auto block = [](double x) { return sheet({x, -0.1, -0.1}, {0, 0.2, 0}, {0, 0, 0.2}); };
   const auto facing = [](double x) { return sheet({x, -0.1, -0.1}, {0, 0, 0.2}, {0, 0.2, 0}); };
-  const TriangleSurface wide{block(-0.005) + facing(0.005)};
-  const TriangleSurface narrow{block(-0.0012) + facing(0.0018)};
+  TriangleSurface wide{block(-0.005) + facing(0.005)};
+  TriangleSurface narrow{block(-0.0012) + facing(0.0018)};
   Proxy proxy;
   (void)press(proxy, wide, {0.001, 0, 0.02}, {-0.0019, 0, 0.01}, 20);
   for (int i = 0; i < 50; ++i) {
@@ -349,15 +349,15 @@ TEST(Proxy, KeepsItsCentreOutsideWhereRefinementLeavesLessRoomThanItsSize) {
 }
 
 TEST(Proxy, RampsTheForceWhenTheSurfaceRisesOrFallsUnderAHeldDevice) {
-  const TriangleSurface low{square(1, 0)};
-  const TriangleSurface high{square(1, 0.004)};
+  TriangleSurface low{square(1, 0)};
+  TriangleSurface high{square(1, 0.004)};
   Felt felt{{2000, 0}};
   const Vec3d device{0, 0, 0.001};
   for (int i = 0; i < 100; ++i) (void)felt.step(device + Vec3d{0, 0, 0.05 * (1 - i / 99.0)}, low);
   double force = felt.force().z();
   EXPECT_NEAR(force, 2000 * (kRadius - 0.001), 0.01);
-  const TriangleSurface* shown = &low;
-  const auto change_to = [&](const TriangleSurface& surface) {
+  TriangleSurface* shown = &low;
+  const auto change_to = [&](TriangleSurface& surface) {
     double largest = 0;
     for (int i = 0; i < 400; ++i) {
       const double next = felt.step(device, surface, i == 0 ? shown : nullptr).z();
@@ -375,8 +375,8 @@ TEST(Proxy, RampsTheForceWhenTheSurfaceRisesOrFallsUnderAHeldDevice) {
 }
 
 TEST(Proxy, NeverPullsWhileItRampsAndTheDeviceLeaves) {
-  const TriangleSurface low{square(1, 0)};
-  const TriangleSurface high{square(1, 0.004)};
+  TriangleSurface low{square(1, 0)};
+  TriangleSurface high{square(1, 0.004)};
   Felt felt{{2000, 0}};
   for (int i = 0; i < 100; ++i) (void)felt.step({0, 0, 0.001 + 0.05 * (1 - i / 99.0)}, low);
   for (int i = 0; i < 100; ++i)
@@ -388,7 +388,7 @@ TEST(Proxy, TheForceContinuesAsOnThePreviousSurfaceAfterAnyChange) {
   // the old surface; afterwards it changes with the hand and by the ramp.
   const auto coarse = bumpy(0.05, 1, 0.1);
   const auto fine = bumpy(0.05, 3, 0.1);
-  const TriangleSurface surfaces[2]{TriangleSurface{coarse}, TriangleSurface{fine}};
+  TriangleSurface surfaces[2]{TriangleSurface{coarse}, TriangleSurface{fine}};
   int changes = 0, jumps = 0;
   for (unsigned seed = 0; seed < 4; ++seed) {
     Felt felt{{2000, 1}};
@@ -418,7 +418,7 @@ TEST(Proxy, TheForceContinuesAsOnThePreviousSurfaceAfterAnyChange) {
 }
 
 TEST(Proxy, SticksInsideTheFrictionConeAndSlipsOutsideIt) {
-  const TriangleSurface surface{square(1, 0)};
+  TriangleSurface surface{square(1, 0)};
   Proxy proxy;
   proxy.set_grip({0.5, 0.3});
   const double depth = 0.01;
@@ -436,7 +436,7 @@ TEST(Proxy, SticksInsideTheFrictionConeAndSlipsOutsideIt) {
 }
 
 TEST(Proxy, StaysInsideTheDynamicConeUntilItIsWellInsideTheStaticOne) {
-  const TriangleSurface surface{square(1, 0)};
+  TriangleSurface surface{square(1, 0)};
   Proxy proxy;
   proxy.set_grip({0.5, 0.45});
   const double z = kRadius - 0.01;
@@ -450,7 +450,7 @@ TEST(Proxy, StaysInsideTheDynamicConeUntilItIsWellInsideTheStaticOne) {
 }
 
 TEST(Proxy, StaysWhereItWasWhenTheDeviceIsNotFinite) {
-  const TriangleSurface surface{square(1, 0)};
+  TriangleSurface surface{square(1, 0)};
   Proxy proxy;
   const Vec3d before = press(proxy, surface, {0, 0, 0.02}, {0, 0, -0.01}, 20).proxy;
   const double nan = std::numeric_limits<double>::quiet_NaN();

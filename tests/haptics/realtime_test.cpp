@@ -36,8 +36,8 @@ TEST(Realtime, CountsAllocations) {
 }
 
 TEST(Realtime, DeviceProxyAndForceDoNotAllocate) {
-  const testing::TriangleSurface surfaces[2]{testing::TriangleSurface{testing::bumpy(0.05, 1, 0.1)},
-                                             testing::TriangleSurface{testing::bumpy(0.05, 2, 0.1)}};
+  testing::TriangleSurface surfaces[2]{testing::TriangleSurface{testing::bumpy(0.05, 1, 0.1)},
+                                       testing::TriangleSurface{testing::bumpy(0.05, 2, 0.1)}};
   HandSettings hand;
   hand.start = {0, 0, 0.08};
   hand.tremor = 1e-3;
@@ -71,7 +71,7 @@ TEST(Realtime, ATouchedSharedObjectDoesNotAllocate) {
   const auto object = std::make_unique<SharedObject>(box_body(0.5, half), start);
   const auto coupling = std::make_unique<CopyCoupling>(CouplingSettings{}, 0, object->body().settings());
   object->couple(*coupling);
-  const BoxSurface shape{half};
+  BoxSurface shape{half};
   BodyTouch touch;
   PassivityController port;
   int touched = 0;

@@ -21,7 +21,7 @@ Vec3d random_point(std::mt19937& random, double size) {
 TEST(ClosestSide, AgreesWithTheWindingNumberOnClosedSurfaces) {
   std::mt19937 random{kSeed};
   for (const auto& triangles : {tetrahedron(1), sphere(1, 2), bumpy(1, 2, 0.25)}) {
-    const TriangleSurface surface{triangles};
+    TriangleSurface surface{triangles};
     int inside = 0;
     for (int round = 0; round < 3000; ++round) {
       const Vec3d p = random_point(random, 1.3);
@@ -58,7 +58,7 @@ TEST(ClosestSide, FindsNothingBeyondItsReach) {
 }
 
 TEST(FirstTouch, IsTheEarliestOfAllTriangles) {
-  const TriangleSurface surface{square(1, 0) + square(1, 0.3) + square(1, -0.3)};
+  TriangleSurface surface{square(1, 0) + square(1, 0.3) + square(1, -0.3)};
   SurfaceHit hit;
   ASSERT_TRUE(surface.sweep({0.1, 0, 1}, {0.1, 0, -1}, 0.1, hit));
   EXPECT_NEAR(hit.time, 0.3, 1e-12);

@@ -24,7 +24,7 @@ class TriangleSurface : public Surface {
     }
   }
 
-  [[nodiscard]] bool sweep(const Vec3d& from, const Vec3d& to, double radius, SurfaceHit& hit) const noexcept override {
+  [[nodiscard]] bool sweep(const Vec3d& from, const Vec3d& to, double radius, SurfaceHit& hit) noexcept override {
     const Vec3d low = from.cwiseMin(to).array() - radius;
     const Vec3d high = from.cwiseMax(to).array() + radius;
     const Eigen::AlignedBox3d path{low, high};

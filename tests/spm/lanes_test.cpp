@@ -125,8 +125,8 @@ TEST_P(Lanes, ABallTouchesWhatIsAsNearAsItsRadius) {
       ASSERT_EQ(std::memcmp(&contact, &base[at], sizeof contact), 0) << "round " << round << " lane " << lane;
       ++at;
       ASSERT_EQ(index(contact.face), faces.first + lane);
-      ASSERT_EQ(contact.node, faces.node);
-      ASSERT_EQ(contact.last, 0xa5u >> lane & 1u);
+      ASSERT_EQ(contact.node(), faces.node);
+      ASSERT_EQ(contact.last(), (0xa5u >> lane & 1u) != 0);
       for (int axis = 0; axis < 3; ++axis)
         ASSERT_EQ(contact.point[axis], closest.point[axis][lane]) << "round " << round << " lane " << lane;
     }

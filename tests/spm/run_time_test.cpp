@@ -5,11 +5,14 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <limits>
 #include <map>
+#include <memory>
 #include <random>
 #include <set>
+#include <thread>
 
 #include "tests/support/controller.hpp"
 #include "tests/support/loaded_records.hpp"
@@ -346,6 +349,7 @@ TEST_P(RunTime, QueriesFindWhatAllPairsFind) {
     return low + (high - low).cwiseProduct(spm::Vec3d{unit(random), unit(random), unit(random)});
   };
   std::vector<spm::Contact> contacts(4096);
+  spm::CandidateCaches caches;
   std::uint64_t touched = 0, swept = 0, shared = 0;
   for (int round = 0; round < 60; ++round) {
     std::vector<RegionId> wanted = all_regions(model_);
@@ -399,7 +403,7 @@ TEST_P(RunTime, QueriesFindWhatAllPairsFind) {
       shared += rows.size() > 1 ? 1 : 0;
     }
     spm::SweepContact contact;
-    const bool hit = tree.sweep(centre, goal, sphere, contact);
+    const bool hit = tree.sweep(centre, goal, sphere, contact, spm::Version::kNow, &caches);
     ASSERT_EQ(hit, first <= 1);
     if (hit) {
       ASSERT_EQ(contact.time, first);
@@ -479,6 +483,7 @@ TEST_P(RunTime, SweepsOnTheKeptMeshMeetTheMeshAsItWas) {
     return spm::Vec3d{low + (high - low).cwiseProduct(spm::Vec3d{unit(random), unit(random), unit(random)})};
   };
   const spm::AbTree& tree = controller.forest().tree();
+  spm::CandidateCaches caches;
   struct Sweep {
     spm::Vec3d from, to;
     double radius;
@@ -492,7 +497,7 @@ TEST_P(RunTime, SweepsOnTheKeptMeshMeetTheMeshAsItWas) {
       sweep.from = point();
       sweep.to = point();
       sweep.radius = unit(random) * 0.05 * (high - low).norm();
-      sweep.hit = tree.sweep(sweep.from, sweep.to, sweep.radius, sweep.contact);
+      sweep.hit = tree.sweep(sweep.from, sweep.to, sweep.radius, sweep.contact, spm::Version::kNow, &caches);
     }
     std::vector<RegionId> wanted = all_regions(model_);
     std::shuffle(wanted.begin(), wanted.end(), random);
@@ -504,8 +509,8 @@ TEST_P(RunTime, SweepsOnTheKeptMeshMeetTheMeshAsItWas) {
     }
     for (const Sweep& sweep : sweeps) {
       spm::SweepContact contact, now;
-      ASSERT_EQ(tree.sweep(sweep.from, sweep.to, sweep.radius, contact, spm::Version::kKept), sweep.hit);
-      const bool hits_now = tree.sweep(sweep.from, sweep.to, sweep.radius, now);
+      ASSERT_EQ(tree.sweep(sweep.from, sweep.to, sweep.radius, contact, spm::Version::kKept, &caches), sweep.hit);
+      const bool hits_now = tree.sweep(sweep.from, sweep.to, sweep.radius, now, spm::Version::kNow, &caches);
       if (!sweep.hit) continue;
       ASSERT_EQ(contact.face, sweep.contact.face) << "round " << round;
       ASSERT_EQ(contact.time, sweep.contact.time);
@@ -528,6 +533,7 @@ TEST_P(RunTime, BallsThatSlideMeetWhatBruteForceSaysOnEitherMesh) {
     return spm::Vec3d{low + (high - low).cwiseProduct(spm::Vec3d{unit(random), unit(random), unit(random)})};
   };
   const spm::AbTree& tree = controller.forest().tree();
+  spm::CandidateCaches caches;
   using Triangles = std::vector<std::array<spm::Vec3d, 3>>;
   const auto triangles = [&] {
     Triangles all;
@@ -566,7 +572,8 @@ TEST_P(RunTime, BallsThatSlideMeetWhatBruteForceSaysOnEitherMesh) {
           if (spm::swept_sphere(at, to, radius, a, b, c, hit)) first = std::min(first, hit.time);
         }
         spm::SweepContact contact;
-        ASSERT_EQ(tree.sweep(at, to, radius, contact, version), first <= 1) << "round " << round << ", step " << step;
+        ASSERT_EQ(tree.sweep(at, to, radius, contact, version, &caches), first <= 1)
+            << "round " << round << ", step " << step;
         if (first <= 1) {
           ASSERT_EQ(contact.time, first) << "round " << round << ", step " << step;
         }
@@ -574,7 +581,7 @@ TEST_P(RunTime, BallsThatSlideMeetWhatBruteForceSaysOnEitherMesh) {
         at += std::min(1.0, first) * (1 - 1e-6) * (to - at);
         spm::NearestFace near;
         const double nearest = distance(after, at);
-        if (tree.nearest(at, 1.003 * radius, near)) {
+        if (tree.nearest(at, 1.003 * radius, 0, near, nullptr, 0, &caches) > 0) {
           ASSERT_NEAR(std::sqrt(near.squared_distance), nearest, 1e-7 * (high - low).norm());
         } else {
           ASSERT_GT(nearest, 1.002 * radius);
@@ -586,6 +593,95 @@ TEST_P(RunTime, BallsThatSlideMeetWhatBruteForceSaysOnEitherMesh) {
   EXPECT_GT(met, 100);
   EXPECT_GT(passed, 100);
   EXPECT_GT(met_far, 20);
+}
+
+TEST_P(RunTime, QueriesOfOneTreeInTwoThreadsFindWhatTheyFindAlone) {
+  std::mt19937_64 random{GetParam()};
+  Controller controller{model_, roomy()};
+  for (const RegionId region : all_regions(model_)) ASSERT_EQ(controller.load(region), AcceptResult::kAccepted);
+  ASSERT_EQ(controller.refine(all_regions(model_)), spm::Advance::kDone);
+  const spm::Vec3d low = bounds().first, high = bounds().second;
+  std::uniform_real_distribution<double> unit{0, 1};
+  const auto point = [&] {
+    return spm::Vec3d{low + (high - low).cwiseProduct(spm::Vec3d{unit(random), unit(random), unit(random)})};
+  };
+  const spm::AbTree& tree = controller.forest().tree();
+  struct Query {
+    spm::Vec3d from, to;
+    double radius;
+  };
+  struct Answer {
+    bool hit = false;
+    spm::SweepContact contact;
+    spm::NearestFace nearest;
+  };
+  // A ball that slides, now and then elsewhere: most queries find what is around them in a cache, some fill one.
+  std::vector<Query> queries(3000);
+  spm::Vec3d at = point();
+  const double size = (high - low).norm();
+  for (std::size_t i = 0; i < queries.size(); ++i) {
+    if (i % 5 == 0) at = point();
+    queries[i] = {at, at + 0.01 * size * (point() - point()).normalized(), 0.05 * size};
+  }
+  std::atomic<int> started{0};
+  const auto ask = [&](std::size_t first, int threads) {
+    for (++started; started < threads;) std::this_thread::yield();
+    spm::CandidateCaches caches;
+    std::vector<Answer> answers(queries.size());
+    for (std::size_t i = 0; i < queries.size(); ++i) {
+      const std::size_t number = (first + i) % queries.size();
+      const Query& query = queries[number];
+      Answer& answer = answers[number];
+      answer.hit = tree.sweep(query.from, query.to, query.radius, answer.contact, spm::Version::kNow, &caches);
+      (void)tree.nearest(query.from, size, 0, answer.nearest, nullptr, 0, &caches);
+    }
+    return answers;
+  };
+  const std::vector<Answer> alone = ask(0, 1);
+  std::vector<Answer> other;
+  std::thread thread{[&] { other = ask(queries.size() / 2, 3); }};
+  const std::vector<Answer> one = ask(0, 3);
+  thread.join();
+  for (const std::vector<Answer>* answers : {&one, static_cast<const std::vector<Answer>*>(&other)})
+    for (std::size_t i = 0; i < queries.size(); ++i) {
+      ASSERT_EQ((*answers)[i].hit, alone[i].hit) << "query " << i;
+      ASSERT_EQ((*answers)[i].contact.face, alone[i].contact.face) << "query " << i;
+      ASSERT_EQ((*answers)[i].nearest.face, alone[i].nearest.face) << "query " << i;
+    }
+}
+
+TEST_P(RunTime, TwoForestsOfOnePoolKeepTheirMeshesApart) {
+  const spm::PoolSettings settings = spm::PoolSettings::for_slots(4 * model_.summary.base_faces + 8192);
+  spm::Pool pool{settings};
+  spm::NodePool nodes{settings.tree_nodes};
+  spm::Cache cache{pool};
+  const spm::BaseMesh base = spm::base_mesh_of(model_);
+  const auto forest = [&] {
+    spm::Cache::Admitted admitted = cache.admit(base);
+    EXPECT_TRUE(admitted.fits);
+    return std::make_unique<spm::Forest>(pool, nodes, spm::index(admitted.object), base.summary,
+                                         spm::RegionGrid{base.summary.grid, spm::Span<const spm::Region>{base.regions}},
+                                         std::move(admitted.base));
+  };
+  const std::unique_ptr<spm::Forest> one = forest(), other = forest();
+  const spm::Vec3d low = bounds().first, high = bounds().second;
+  const auto meets = [&](const spm::Forest& of, spm::Version version) {
+    spm::SweepContact contact;
+    return of.tree().sweep(low, high, (high - low).norm() / 4, contact, version);
+  };
+  one->keep(true);  // from when it shows nothing
+  spm::Budget budget{1u << 20};
+  ASSERT_EQ(one->advance(budget), Advance::kDone);
+  one->refit();
+  ASSERT_TRUE(meets(*one, spm::Version::kNow));
+  ASSERT_FALSE(meets(*one, spm::Version::kKept));
+  for (const bool keeping : {true, false}) {
+    other->keep(keeping);
+    EXPECT_FALSE(meets(*one, spm::Version::kKept)) << "what the other forest keeps changes nothing";
+    EXPECT_FALSE(meets(*other, spm::Version::kNow));
+  }
+  one->keep(false);
+  EXPECT_TRUE(meets(*one, spm::Version::kKept)) << "nothing is kept: there is the mesh of now";
 }
 
 TEST_P(RunTime, RefinementStopsWhenWhatItChangesCanNoLongerBeKept) {

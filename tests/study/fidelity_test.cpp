@@ -113,7 +113,7 @@ TEST(Fidelity, KeepsHandsApart) {
 }
 
 TEST(TrueSphere, OnABoxIsStiffnessTimesDepth) {
-  const haptics::BoxSurface box{{0.1, 0.1, 0.01}};
+  haptics::BoxSurface box{{0.1, 0.1, 0.01}};
   haptics::ForceSettings settings;
   settings.soft_start = 0;
   const session::Material material;  // 1000 N/m

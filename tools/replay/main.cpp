@@ -78,6 +78,8 @@ int main(int argc, char** argv) {
   app.add_option("--to-csv", csv, "Write each pose with its force, recorded and replayed, into this file");
   app.add_flag("--any-build", options.any_build,
                "Also replay a recording of another build that begins at the start, to find the first difference");
+  app.add_option("--max-pool", options.max_pool_bytes, "Refuse a recording whose pool takes more: 16GiB")
+      ->transform(CLI::AsSizeValue(false));
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <limits>
 
+#include "spm/offline/parallel.hpp"
+
 namespace tactus::spm::offline {
 namespace {
 
@@ -64,6 +66,14 @@ TEST(Clean, DropsRepeatedCornersAndWhatIsNotFinite) {
   EXPECT_EQ(report.repeated_corner_faces, 1u);
   EXPECT_EQ(report.unreferenced_vertices, 1u);
   EXPECT_EQ(mesh.faces, one_triangle().faces);
+}
+
+TEST(Clean, HashesFallIntoAsManyRangesAsThereAreTables) {
+  // Of types with 32 bits each, as on a machine whose size_t has no more.
+  EXPECT_EQ(range_of_hash(~0u, 7), 6u);
+  EXPECT_EQ(range_of_hash(1u << 31, 4), 2u);
+  EXPECT_EQ(range_of_hash((1u << 31) - 1, 4), 1u);
+  EXPECT_EQ(range_of_hash(0, 4), 0u);
 }
 
 TEST(Clean, NumbersTheRemainingVerticesInTheirOrder) {

@@ -1,0 +1,352 @@
+// A flight recording is untrusted input: whatever its bytes are, a replay ends with an error or with a report.
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <fstream>
+#include <limits>
+#include <random>
+#include <set>
+
+#include "hrtc_service/flight_replay.hpp"
+#include "hrtc_service/flight_store.hpp"
+#include "spm/offline/build.hpp"
+#include "spm/offline/generate.hpp"
+#include "tests/support/local_session.hpp"
+#include "tests/support/temporary_folder.hpp"
+#include "trace/cdr.hpp"
+
+namespace tactus {
+namespace {
+
+using spm::Vec3d;
+using test_support::LocalSession;
+using Messages = std::vector<trace::FlightMessage>;
+
+constexpr std::uint64_t kSeed = 18;
+constexpr std::uint32_t kStateEvery = 100;  // cycles
+constexpr std::uint64_t kCycles = 40;       // that are replayed; all that happens does so within them
+constexpr std::uint64_t kMaxPoolBytes = 1u << 26;
+
+/// Overwrites one number, or the size of one sequence, of a message.
+class Overwrite {
+ public:
+  static constexpr int kWays = 8;
+  /// The number `target`, in the order of the fields, the way `way`.
+  Overwrite(std::size_t target, int way) : target_{target}, way_{way} {}
+
+  template <class T>
+  void operator()(T& value) {
+    if constexpr (std::is_same_v<T, bool>) {
+      if (is_target()) value = !value;
+    } else if constexpr (std::is_enum_v<T>) {
+      auto number = static_cast<std::uint32_t>(value);
+      (*this)(number);
+      value = static_cast<T>(number);
+    } else if constexpr (std::is_integral_v<T>) {
+      if (is_target()) value = integer(value);
+    } else if constexpr (std::is_floating_point_v<T>) {
+      if (is_target()) value = static_cast<T>(number(static_cast<double>(value)));
+    } else if constexpr (std::is_same_v<T, std::string>) {
+      if (is_target()) value.assign(static_cast<std::size_t>(way_) * 100, 'x');
+    } else if constexpr (trace::cdr::IsArray<T>::value) {
+      for (auto& element : value) (*this)(element);
+    } else if constexpr (trace::cdr::IsVector<T>::value) {
+      if (is_target()) resize(value);
+      if (std::is_same_v<T, std::vector<std::uint8_t>>) return;  // the carried state has a test of its own
+      if (!value.empty()) (*this)(value.front());
+      if (value.size() > 1) (*this)(value.back());
+    } else {
+      T::fields(value, *this);
+    }
+  }
+  /// There was such a number.
+  [[nodiscard]] bool done() const { return at_ > target_; }
+
+ private:
+  [[nodiscard]] bool is_target() { return at_++ == target_; }
+  template <class T>
+  [[nodiscard]] T integer(T value) const {
+    constexpr T kMax = std::numeric_limits<T>::max();
+    const T values[kWays] = {0, 1, 7, static_cast<T>(value + 1), static_cast<T>(value - 1), kMax, kMax / 2, kMax - 1};
+    return values[way_];
+  }
+  [[nodiscard]] double number(double value) const {
+    constexpr double kInfinity = std::numeric_limits<double>::infinity();
+    const double values[kWays] = {
+        0, std::numeric_limits<double>::quiet_NaN(), kInfinity, -value, 1e300, -1e300, 1e-300, 1e9};
+    return values[way_];
+  }
+  template <class T>
+  void resize(std::vector<T>& value) const {
+    const std::vector<T> before = value;
+    const bool empty = value.empty();
+    if (way_ == 0) {
+      value.clear();
+    } else if (way_ == 1 && !empty) {
+      value.pop_back();
+    } else if (way_ == 2 && !empty) {
+      value.push_back(before.back());
+    } else if (way_ == 3) {
+      value.insert(value.end(), before.begin(), before.end());
+    } else {
+      value.resize(value.size() + (way_ == 4 ? 3 : 1000));
+    }
+  }
+
+  std::size_t target_, at_ = 0;
+  int way_;
+};
+
+/// Two tips, or two tools, on a sphere that one of them holds now and then and that is moved; in a pool of a third, so
+/// that regions come and go. The recording begins in the midst.
+class FlightDamage : public ::testing::TestWithParam<bool> {
+ protected:
+  static void SetUpTestSuite() {
+    built_ = new spm::offline::BuiltModel{
+        spm::offline::build_model(spm::offline::generate(spm::offline::Shape::kSphere, 3000))};
+    encoded_ = new spm::codec::EncodedModel{built_->model()};
+    spm::offline::TriangleMesh ball = spm::offline::generate(spm::offline::Shape::kSphere, 80);
+    for (std::array<float, 3>& position : ball.positions)
+      for (float& x : position) x *= 0.004f;
+    tool_ = new spm::MeshProbe{ball.positions, ball.faces};
+  }
+  static void TearDownTestSuite() {
+    delete tool_;
+    delete encoded_;
+    delete built_;
+  }
+
+  void SetUp() override {
+    record();
+    trace::FlightFileReader reader{file_};
+    for (trace::FlightMessage message; reader.next(message);) recorded_.push_back(message);
+    recorded_ = beginning(kCycles);
+  }
+
+  void record() {
+    const spm::MeshProbe* const tool = GetParam() ? tool_ : nullptr;
+    const spm::Model model = built_->model();
+    const double radius = (model.summary.bounds_max[0] - model.summary.bounds_min[0]) / 2;
+    const spm::PoolSettings pool =
+        spm::PoolSettings::for_slots(static_cast<std::uint32_t>(0.3 * model.summary.parts) + 250);
+    session::Material material;
+    material.static_friction = 0.5;
+    material.dynamic_friction = 0.4;
+    hrtc_service::LoaderSettings loader;
+    loader.tool = tool;
+    LocalSession session{{model}, 0.05 / radius, pool, 2, loader, material, 0.5};
+    hrtc_service::FlightRecorder recorder{kStateEvery};
+    session.cycle().set_recorder(&recorder);
+    hrtc_service::FlightStore store{
+        recorder, hrtc_service::flight_start("desk", LocalSession::cycle_settings(tool), pool, LocalSession::specs()),
+        0.1, hrtc_service::FlightStore::bytes_for(0.1, 0.001, 2)};
+    const auto at = [](double cycle, double turn) -> Vec3d {
+      const double angle = cycle * 1.2e-2 + turn;
+      return 0.0525 *
+             Vec3d{std::cos(angle), std::sin(angle) * std::cos(angle / 7), std::sin(angle) * std::sin(angle / 7)};
+    };
+    for (int cycle = 0; cycle < 1250; ++cycle) {
+      session.prepare(at(cycle, 0), (at(cycle + 1, 0) - at(cycle, 0)) * 1000);
+      session.inputs()[0].device.buttons =
+          cycle % 100 > 8 && cycle % 100 < 18 ? std::uint32_t{haptics::kGrabButton} : 0;
+      hrtc_service::ProbeInput& other = session.inputs()[1];
+      other.active = true;
+      other.device.position = at(cycle, 2);
+      if (cycle % 100 == 20) session.cycle().stop(haptics::Fault::kEmergencyStop);
+      if (cycle % 100 == 25) session.cycle().reset_faults();
+      if (cycle > 100 && cycle % 100 > 4 && cycle % 100 < 15)
+        session.cycle().move(*session.cycle().objects().front(),
+                             hrtc_service::Placement{{{1e-5 * (cycle % 100), 0, 0}, {0, 0, 0, 1}}, 0.05 / radius});
+      (void)session.run_cycle(1u << 20);
+      store.drain();
+    }
+    (void)store.write(file_, "a test");
+  }
+
+  /// A replay with tools takes ten times as long.
+  [[nodiscard]] static std::size_t stride() { return GetParam() ? 10 : 1; }
+  /// Replays these; what came of it.
+  std::string replay(const Messages& messages) {
+    {
+      trace::FlightFileWriter writer{file_};
+      for (const trace::FlightMessage& message : messages) writer.write(message);
+      writer.close();
+    }
+    return replay_file();
+  }
+  std::string replay_file() {
+    hrtc_service::FlightReplayOptions options;
+    options.model = [](std::uint64_t digest) {
+      return digest == encoded_->coded().summary().digest ? &encoded_->coded() : nullptr;
+    };
+    options.max_pool_bytes = kMaxPoolBytes;
+    try {
+      const hrtc_service::FlightReport report = hrtc_service::replay_flight(file_, options);
+      return report.differ > 0 ? "differs" : "same";
+    } catch (const trace::FlightError& error) {
+      return error.what();
+    } catch (const trace::McapError& error) {
+      return error.what();
+    }
+  }
+  /// What comes before the first cycle, and `cycles` of these.
+  [[nodiscard]] Messages beginning(std::uint64_t cycles) const {
+    Messages messages;
+    for (const trace::FlightMessage& message : recorded_) {
+      messages.push_back(message);
+      if (std::holds_alternative<trace::FlightRefine>(message) && --cycles == 0) break;
+    }
+    return messages;
+  }
+  static trace::FlightState& state_of(Messages& messages) {
+    for (trace::FlightMessage& message : messages)
+      if (auto* const state = std::get_if<trace::FlightState>(&message)) return *state;
+    throw std::logic_error("the recording has no state");
+  }
+
+  test_support::TemporaryFolder folder_;
+  std::filesystem::path file_ = folder_.path() / "flight.mcap";
+  Messages recorded_;
+  static spm::offline::BuiltModel* built_;
+  static spm::codec::EncodedModel* encoded_;
+  static spm::MeshProbe* tool_;
+};
+spm::offline::BuiltModel* FlightDamage::built_ = nullptr;
+spm::codec::EncodedModel* FlightDamage::encoded_ = nullptr;
+spm::MeshProbe* FlightDamage::tool_ = nullptr;
+
+TEST_P(FlightDamage, AnUndamagedRecordingIsReplayedToTheBit) {
+  EXPECT_EQ(replay_file(), "same");
+  EXPECT_EQ(replay(recorded_), "same");
+  EXPECT_EQ(replay(beginning(5)), "same");
+  std::array<int, std::variant_size_v<trace::FlightMessage>> found{};
+  for (const trace::FlightMessage& message : recorded_) ++found[message.index()];
+  EXPECT_THAT(found, testing::Each(testing::Gt(0))) << "each kind of message is there to be damaged";
+}
+
+TEST_P(FlightDamage, BytesOfTheFile) {
+  std::ifstream in{file_, std::ios::binary};
+  const std::vector<char> whole{std::istreambuf_iterator<char>{in}, {}};
+  std::mt19937_64 random{kSeed};
+  for (int round = 0; round < 150; ++round) {
+    std::vector<char> bytes = whole;
+    if (round % 3 == 0) bytes.resize(random() % bytes.size());
+    for (int i = 0; i < 1 + round % 4 && !bytes.empty(); ++i) {
+      // The first records more often than those that a checksum covers.
+      const std::size_t at = random() % (round % 2 == 0 ? bytes.size() : std::min<std::size_t>(bytes.size(), 200));
+      bytes[at] = static_cast<char>(random());
+    }
+    std::ofstream{file_, std::ios::binary}.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+    (void)replay_file();
+  }
+}
+
+TEST_P(FlightDamage, EachFieldOfEachKindOfMessage) {
+  // Of each kind the first behind the state, of events the first of each kind.
+  std::set<std::pair<std::size_t, std::uint32_t>> seen;
+  int damaged = 0, refused = 0;
+  for (std::size_t i = 0; i < recorded_.size(); ++i) {
+    // Of a recording with a tool what tools are made of; a replay takes ten times as long.
+    if (GetParam() && !std::holds_alternative<trace::FlightStart>(recorded_[i])) continue;
+    const auto* const event = std::get_if<trace::FlightEvent>(&recorded_[i]);
+    const auto kind = event != nullptr ? static_cast<std::uint32_t>(event->kind) : 0;
+    if (!seen.insert({recorded_[i].index(), kind}).second) continue;
+    bool more = true;
+    for (std::size_t target = 0; more; ++target) {
+      for (int way = 0; way < Overwrite::kWays && more; ++way) {
+        Messages messages = recorded_;
+        Overwrite overwrite{target, way};
+        std::visit([&](auto& message) { overwrite(message); }, messages[i]);
+        more = overwrite.done();
+        if (!more) continue;
+        const std::string outcome = replay(messages);
+        ++damaged;
+        refused += outcome != "same" && outcome != "differs" ? 1 : 0;
+      }
+    }
+  }
+  EXPECT_GE(seen.size(), GetParam() ? 1u : 9u) << "all messages and two kinds of events";
+  EXPECT_GT(damaged, GetParam() ? 300 : 1000);
+  EXPECT_GT(refused, damaged / 4);
+}
+
+TEST_P(FlightDamage, EventsThatCannotHaveBeen) {
+  using Kind = trace::FlightEvent::Kind;
+  Messages messages = recorded_;
+  const auto after_state = std::find_if(messages.begin(), messages.end(), [](const trace::FlightMessage& message) {
+    return std::holds_alternative<trace::FlightRefine>(message);
+  });
+  const auto at = static_cast<std::size_t>(after_state - messages.begin()) + 1;
+  const std::uint32_t regions = encoded_->coded().summary().regions;
+  for (const Kind first : {Kind::kObjectCame, Kind::kRegionCame, Kind::kRegionRetired, Kind::kRegionLeft})
+    for (const Kind second : {Kind::kRegionCame, Kind::kRegionRetired, Kind::kReset, static_cast<Kind>(6)})
+      for (const std::uint32_t object : {0u, 1u, 63u, ~0u}) {
+        if (GetParam() && object != 0) continue;
+        for (const std::uint32_t region : {0u, 1u, regions / 2, regions - 1, regions, ~0u}) {
+          messages = recorded_;
+          for (const Kind kind : {second, second, first})  // the last one inserted comes first
+            messages.insert(messages.begin() + static_cast<std::ptrdiff_t>(at),
+                            trace::FlightEvent{0, kind, object, region, 0});
+          EXPECT_NE(replay(messages), "same");
+        }
+      }
+}
+
+TEST_P(FlightDamage, EachMessageIsMissingOrComesTwice) {
+  for (std::size_t i = 0; i < recorded_.size(); i += stride()) {
+    Messages messages = recorded_;
+    messages.insert(messages.begin() + static_cast<std::ptrdiff_t>(i), recorded_[i]);
+    (void)replay(messages);
+    messages = recorded_;
+    messages.erase(messages.begin() + static_cast<std::ptrdiff_t>(i));
+    (void)replay(messages);
+  }
+}
+
+TEST_P(FlightDamage, MessagesInAnotherOrder) {
+  std::mt19937_64 random{kSeed};
+  for (std::size_t round = 0; round < 100; round += stride()) {
+    Messages messages = recorded_;
+    for (std::size_t i = 0; i < 1 + round % 5; ++i)
+      std::swap(messages[random() % messages.size()], messages[random() % messages.size()]);
+    (void)replay(messages);
+  }
+}
+
+TEST_P(FlightDamage, EachWordOfTheCarriedState) {
+  const Messages whole = beginning(4);
+  Messages messages = whole;
+  trace::FlightState& state = state_of(messages);
+  const std::vector<std::uint8_t> carried = state.carried;
+  int refused = 0, damaged = 0;
+  const auto damage = [&](std::size_t at, std::uint64_t value, std::size_t size) {
+    state.carried = carried;
+    std::memcpy(state.carried.data() + at, &value, std::min(size, carried.size() - at));
+    const std::string outcome = replay(messages);
+    ++damaged;
+    refused += outcome != "same" && outcome != "differs" ? 1 : 0;
+  };
+  for (std::size_t at = 0; at < carried.size(); at += 8) {
+    damage(at, ~std::uint64_t{0}, 8);
+    if (GetParam()) continue;
+    damage(at, 0x0000000200000003u, 8);
+    damage(at, 0x7f7f7f7f7f7f7f7fu, 8);
+  }
+  std::mt19937_64 random{kSeed};
+  for (int round = 0; round < 1000; ++round) damage(random() % carried.size(), random(), 1 + random() % 8);
+  EXPECT_GT(refused, damaged / 10) << "most are numbers that may be anything";
+  for (const std::size_t size : {std::size_t{0}, carried.size() - 1, carried.size() / 2}) {
+    state.carried.assign(carried.begin(), carried.begin() + static_cast<std::ptrdiff_t>(size));
+    EXPECT_THAT(replay(messages), testing::HasSubstr("found a state of " + std::to_string(size) + " bytes, expected "));
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Probes, FlightDamage, testing::Bool(),
+                         [](const auto& probe) { return probe.param ? "Tool" : "Tip"; });
+
+}  // namespace
+}  // namespace tactus
