@@ -62,12 +62,13 @@ RefinedStep RefinedRun::step(const spm::Vec3d& tip, bool in_contact) {
   predictor_.observe(static_cast<double>(cycle_) * kPeriod, tip, in_contact);
   const bool plan = cycle_++ % kPlanEvery == 0;
   if (plan) {
+    wanted_.clear();
     predictor_.predict(kLoadLead, wanted_);
+    wanted_.sort();
     load(wanted_);
     target_.clear();
-    for (std::uint32_t w = 0; w < wanted_.count; ++w) {
+    for (const spm::PredictedRegion& wanted : wanted_.entries()) {
       // What is beside the expected way is loaded, but not refined.
-      const spm::PredictedRegion& wanted = wanted_.regions[w];
       if (wanted.contact_in <= kRefineLead && wanted.doubt <= 0) target_.push_back(wanted.region);
     }
     forest_.grid().for_each_meeting(tip, settings_.radius + kKeepMargin / model_.summary.metres_per_unit,
@@ -97,9 +98,9 @@ void RefinedRun::load(const spm::Predictor::Answer& wanted) {
   for (std::uint32_t gone = forest_.take_retired(); gone != spm::kNone; gone = forest_.take_retired()) {
     cache_.release(admitted_.object, spm::RegionId{gone});
   }
-  for (std::uint32_t i = 0; i < wanted.count; ++i) wanted_at_[index(wanted.regions[i].region)] = cycle_;
-  for (std::uint32_t i = 0; i < wanted.count; ++i) {
-    const spm::RegionId region = wanted.regions[i].region;
+  for (const spm::PredictedRegion& soon : wanted.entries()) wanted_at_[index(soon.region)] = cycle_;
+  for (const spm::PredictedRegion& soon : wanted.entries()) {
+    const spm::RegionId region = soon.region;
     if (cache_.holds(admitted_.object, region) || load(region)) continue;
     evict();
     return;

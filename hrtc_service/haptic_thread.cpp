@@ -33,7 +33,7 @@ HapticThread::HapticThread(const HapticSettings& settings, const std::array<hapt
       cycle_{settings.cycle, specs, departures_, settings.log ? &log_ : nullptr},
       bodies_{settings.cycle},
       governor_{settings.deadline_ns} {
-  cycle_.set_recorder(settings.recorder);
+  cycle_.set_observer(settings.recorder);
   touch(arrivals_);
   touch(departures_);
   touch(traces_);
@@ -195,6 +195,7 @@ void HapticThread::run() {
       ++trace.in_contact;
       trace.exact = static_cast<std::uint8_t>(trace.exact + ((probe.status & session::kExact) != 0 ? 1 : 0));
     }
+    trace.targets_dropped = result.targets_dropped;
     skipped = clock.skipped();
     if (!traces_.push(trace)) traces_dropped_.fetch_add(1, std::memory_order_relaxed);
     const CycleCosts& costs = result.costs;

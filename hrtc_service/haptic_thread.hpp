@@ -70,6 +70,7 @@ struct CycleTrace {
   std::uint8_t in_contact = 0;
   std::uint8_t exact = 0;  ///< of those in contact
   std::uint8_t stale = 0;  ///< probes whose pose was too old
+  bool targets_dropped = false;
 };
 
 /// A face of the mesh shown of one object; model frame, file units.
@@ -84,8 +85,8 @@ struct HapticSettings {
   int priority = 60;                   ///< SCHED_FIFO; 0: do not ask
   haptics::DeviceFrame frame;          ///< of devices that have one of their own
   bool log = false;
-  FlightRecorder* recorder = nullptr;  ///< told of every cycle; outlives the thread
-  std::uint32_t snapshot_nodes = 0;    ///< tree nodes of the pool when snapshots will be asked for; 0: never
+  CycleObserver* recorder = nullptr;  ///< of every cycle; outlives the thread
+  std::uint32_t snapshot_nodes = 0;   ///< tree nodes of the pool when snapshots will be asked for; 0: never
 
   [[nodiscard]] std::int64_t period_ns() const noexcept { return std::llround(cycle.period * 1e9); }
 };

@@ -83,7 +83,9 @@ inline constexpr char kLostOf[] = "lost.";
 
 // An HRTC: devices of its users that are not at its machine.
 inline constexpr char kRemoteDevices[] = "hrtc.remote_devices";
-inline constexpr char kLoopDelay[] = "hrtc.loop_us";         ///< the greatest of theirs now, as stiffness is cut to
+inline constexpr char kLoopDelay[] = "hrtc.loop_us";  ///< the greatest of theirs now, as stiffness is cut to
+/// Cycles that wanted more regions of an object refined than they may (option --targets of an HRTC).
+inline constexpr char kTargetsDropped[] = "hrtc.targets_dropped";
 inline constexpr char kStaleCycles[] = "hrtc.stale_cycles";  ///< summed over all probes: force ramped for an old pose
 
 // An HRTC: objects that its users can move, where there are any; uJ and um. docs/shared-objects.md.

@@ -222,6 +222,8 @@ enum StatusBit : std::uint32_t {
   kStiffnessCut = 1u << 10,  ///< the material is stiffer than the device, or the loop to a remote one, can bear
   kHolding = 1u << 11,       ///< the hand holds on to the object, which goes where it goes
   kHoldRefused = 1u << 12,   ///< it would, but what it touches does not move, or the force is off
+  /// More regions near the probe were to be refined than the HRTC refines at a time; the least urgent stay coarse.
+  kTargetsDropped = 1u << 13,
   kFaultReason = 0xfu << 24  ///< why kFault is set: haptics::Fault; fault_reason says it in words
 };
 constexpr unsigned kFaultReasonShift = 24;

@@ -23,13 +23,14 @@ class LocalSession {
   /// under way. A tool of the loader's is the cycle's, too. With a `mass`, kg, the last object can move.
   LocalSession(const std::vector<spm::Model>& models, double scale, spm::PoolSettings settings,
                std::uint32_t delay_cycles = 2, const hrtc_service::LoaderSettings& loader = {},
-               const session::Material& material = {}, double mass = 0)
+               const session::Material& material = {}, double mass = 0,
+               std::uint32_t targets = hrtc_service::CycleSettings{}.targets)
       : models_{models},
         pool_{settings},
         nodes_{settings.tree_nodes},
         server_{session::Origin{kSession, kHost, 1, 0}},
         loader_{pool_, nodes_, session::Origin{kSession, kHrtc, 1, 0}, loader, arrivals_, departures_},
-        cycle_{cycle_settings(loader.tool), specs(), departures_, &log_},
+        cycle_{cycle_settings(loader.tool, targets), specs(), departures_, &log_},
         delay_{delay_cycles} {
     loader_.on_event = [this](const std::string& text) { events.push_back(text); };
     for (std::size_t i = 0; i < models_.size(); ++i) {
@@ -94,10 +95,12 @@ class LocalSession {
   [[nodiscard]] hrtc_service::Cycle& cycle() { return cycle_; }
   [[nodiscard]] hrtc_service::Loader& loader() { return loader_; }
   [[nodiscard]] session::DeliveryServer& server() { return server_; }
-  static hrtc_service::CycleSettings cycle_settings(const spm::MeshProbe* tool = nullptr) {
+  static hrtc_service::CycleSettings cycle_settings(const spm::MeshProbe* tool = nullptr,
+                                                    std::uint32_t targets = hrtc_service::CycleSettings{}.targets) {
     hrtc_service::CycleSettings settings;
     settings.force.soft_start = 0.01;
     settings.tool = tool;
+    settings.targets = targets;
     return settings;
   }
   static std::array<haptics::DeviceSpec, hrtc_service::kMaxProbes> specs() {
