@@ -9,10 +9,9 @@
 namespace tactus::spm {
 namespace {
 
+/// What is left of the memory for the pool; a directory is the larger the more the pool can hold.
 PoolSettings pool_in(std::uint64_t memory, const ModelSummary& summary) {
-  const PoolSettings pool = shares_of(memory).pool;
-  const std::uint64_t directory = directory_bytes(summary, pool);
-  if (directory + pool.bytes() <= memory) return pool;
+  const std::uint64_t directory = directory_bytes(summary, PoolSettings::for_bytes(memory));
   return PoolSettings::for_bytes(memory > directory ? memory - directory : 0);
 }
 
