@@ -11,16 +11,12 @@ constexpr std::uint64_t kTickEvery = 2;         // cycles
 constexpr std::int64_t kNetworkStep = 250'000;  // ns
 constexpr double kOverhead = 170;  // bytes of headers that a chunk brings along: Ethernet, IP, UDP, RTPS, ours
 
-hrtc_service::CycleSettings cycle_settings(double radius) {
-  hrtc_service::CycleSettings settings;
-  settings.radius = radius;
-  return settings;
-}
-
-hrtc_service::LoaderSettings loader_settings(const RemoteSettings& settings) {
-  hrtc_service::LoaderSettings loader = settings.loader;
-  loader.radius = settings.radius;
-  return loader;
+hrtc_service::HrtcCoreSettings core_settings(const RemoteSettings& settings) {
+  hrtc_service::HrtcCoreSettings core;
+  core.pool = settings.pool;
+  core.servo.cycle.radius = settings.radius;
+  core.gateway.loader = settings.loader;
+  return core;
 }
 
 }  // namespace
@@ -28,12 +24,9 @@ hrtc_service::LoaderSettings loader_settings(const RemoteSettings& settings) {
 RemoteSession::RemoteSession(const spm::Model& model, const RemoteSettings& settings)
     : settings_{settings},
       scale_{model.summary.metres_per_unit},
-      pool_{settings.pool},
-      nodes_{settings.pool.tree_nodes},
       encoded_{model},
       server_{session::Origin{kSession, kHost, 1, 0}},
-      loader_{pool_, nodes_, session::Origin{kSession, kHrtc, 1, 0}, loader_settings(settings), arrivals_, departures_},
-      cycle_{cycle_settings(settings.radius), {}, departures_, nullptr},
+      core_{session::Origin{kSession, kHrtc, 1, 0}, core_settings(settings)},
       unmet_(model.regions.size(), 0) {
   server_.add(kObject, encoded_.coded());
   session::CatalogueEntry entry;
@@ -44,13 +37,13 @@ RemoteSession::RemoteSession(const spm::Model& model, const RemoteSettings& sett
   entry.summary = model.summary;
   entry.scale = scale_;
   entry.base_bytes = server_.base_bytes(kObject);
-  loader_.on_host_seen(kHost, 1, now_);
-  loader_.on_catalogue(entry);
+  core_.gateway().on_host_seen(kHost, 1, now_);
+  core_.gateway().on_catalogue(entry);
 }
 
 void RemoteSession::network(std::int64_t until) {
   const auto half = static_cast<std::int64_t>(settings_.round_trip / 2 * 1e9);
-  while (auto demand = loader_.demand(now_)) questions_.push_back({now_ + half, std::move(*demand)});
+  while (auto demand = core_.gateway().demand(now_)) questions_.push_back({now_ + half, std::move(*demand)});
   for (; now_ < until; now_ += kNetworkStep) {
     while (!questions_.empty() && questions_.front().due <= now_) {
       server_.on_demand(questions_.front().demand, now_);
@@ -76,7 +69,7 @@ void RemoteSession::network(std::int64_t until) {
         unmet += piece.payload.size();
         traffic_.bytes += piece.payload.size();
       }
-      loader_.on_chunk(chunk, now_);
+      core_.gateway().on_chunk(chunk, now_);
       chunks_.pop_front();
     }
   }
@@ -85,26 +78,23 @@ void RemoteSession::network(std::int64_t until) {
 const hrtc_service::ProbeOutput& RemoteSession::run_cycle() {
   ++cycles_;
   network(now_ + kCycleNs);
-  if (cycles_ % 50 == 0) loader_.on_host_seen(kHost, 1, now_);
-  if (cycles_ % kTickEvery == 0) loader_.tick(now_, sights_, near_);
-  inputs_[0].near = near_[0];
-  std::array<hrtc_service::Arrival, 64> arrived;
-  const auto count = static_cast<std::uint32_t>(arrivals_.pop(arrived.data(), arrived.size()));
-  const hrtc_service::CycleResult& result =
-      cycle_.step(inputs_, now_, arrived.data(), count, spm::Budget{settings_.budget});
+  if (cycles_ % 50 == 0) core_.gateway().on_host_seen(kHost, 1, now_);
+  if (cycles_ % kTickEvery == 0) core_.gateway().tick(now_, session::ClockMap{});
+  hrtc_service::Servo& servo = core_.servo();
+  servo.refine(spm::Budget{settings_.budget});
+  servo.touch(inputs_, now_);
+  servo.publish(now_, now_ + kCycleNs);
+  const hrtc_service::CycleResult& result = servo.cycle().result();
   budget_spent_ += result.budget_spent ? 1 : 0;
   nodes_full_ += result.nodes_full ? 1 : 0;
-  const hrtc_service::ProbeOutput& probe = result.probes[0];
-  sights_[0] = {probe.active, (probe.status & session::kInContact) != 0, now_, inputs_[0].device.position,
-                hrtc_service::vec(probe.proxy)};
-  return probe;
+  return result.probes[0];
 }
 
 void RemoteSession::start() {
   constexpr int kPatience = 60000;  // cycles
   for (int i = 0; i < kPatience; ++i) {
     run_cycle();
-    if (!cycle_.objects().empty() && forest().base_shown()) return;
+    if (!core_.servo().cycle().objects().empty() && forest().base_shown()) return;
   }
   throw std::runtime_error("the base mesh did not come within a minute: does it fit the pool?");
 }

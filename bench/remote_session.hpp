@@ -1,7 +1,7 @@
-/// A host and a controller joined by a link of known rate and delay, in virtual time: nothing sleeps, and the same
-/// settings give the same run to the last bit.
+/// A host and the core of an HRTC joined by a link of known rate and delay, in virtual time: nothing sleeps, and the
+/// same settings give the same run to the last bit.
 ///
-/// Server, codec, client, loader, cache, forest and cycle are those that the programs run; only threads, sockets and
+/// Server, codec and core are those that the programs run; only threads, sockets and
 /// clocks are missing. One object, one probe. The cycle comes every millisecond, the loader's tick every second one, as
 /// in tactus-hrtc; the network moves four times a millisecond. World frame, metres.
 ///
@@ -14,8 +14,7 @@
 #include <deque>
 #include <vector>
 
-#include "hrtc_service/cycle.hpp"
-#include "hrtc_service/loader.hpp"
+#include "hrtc_service/hrtc_core.hpp"
 #include "session/delivery_server.hpp"
 #include "spm/codec/model_codec.hpp"
 
@@ -42,8 +41,8 @@ class RemoteSession {
   /// One millisecond with the tip at `tip`.
   const hrtc_service::ProbeOutput& step(const spm::Vec3d& tip);
 
-  [[nodiscard]] const spm::Forest& forest() const { return *cycle_.objects().front()->forest; }
-  [[nodiscard]] const hrtc_service::Loader& loader() const noexcept { return loader_; }
+  [[nodiscard]] const spm::Forest& forest() const { return *core_.servo().cycle().objects().front()->forest; }
+  [[nodiscard]] const hrtc_service::Loader& loader() const noexcept { return core_.gateway().loader(); }
   [[nodiscard]] spm::Vec3d to_model(const spm::Vec3d& world) const noexcept { return world / scale_; }
   [[nodiscard]] double scale() const noexcept { return scale_; }
 
@@ -74,23 +73,16 @@ class RemoteSession {
 
   RemoteSettings settings_;
   double scale_;
-  spm::Pool pool_;
-  spm::NodePool nodes_;
-  hrtc_service::ArrivalRing arrivals_{1u << 12};
-  hrtc_service::DepartureRing departures_{1u << 12};
   spm::codec::EncodedModel encoded_;
   session::DeliveryServer server_;
-  hrtc_service::Loader loader_;
-  hrtc_service::Cycle cycle_;
+  hrtc_service::HrtcCore core_;
   std::deque<Chunk> chunks_;
   std::deque<Question> questions_;
   std::int64_t now_ = 1'000'000'000;
   std::int64_t link_free_ = 0;
   std::uint64_t cycles_ = 0;
   spm::Vec3d last_tip_ = spm::Vec3d::Zero();
-  std::array<hrtc_service::ProbeInput, hrtc_service::kMaxProbes> inputs_;
-  std::array<hrtc_service::ProbeSight, hrtc_service::kMaxProbes> sights_;
-  std::array<hrtc_service::NearObjects, hrtc_service::kMaxProbes> near_;
+  hrtc_service::Servo::Inputs inputs_;
   std::vector<std::uint64_t> unmet_;  // bytes, by region
   Traffic traffic_;
   std::uint64_t budget_spent_ = 0, nodes_full_ = 0;

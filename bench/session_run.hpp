@@ -1,5 +1,5 @@
-/// A host, a loader and the real cycle around one model, in one thread and without DDS: what benchmarks of a whole
-/// controller drive.
+/// A host and the core of an HRTC around one model, in one thread and without DDS: what benchmarks of a whole HRTC
+/// drive.
 ///
 /// The host serves through the delivery protocol and the codec; demands and chunks are `delay_cycles` under way. The
 /// object stands at the origin, so world metres are file units times `scale`.
@@ -10,8 +10,7 @@
 #include <deque>
 #include <vector>
 
-#include "hrtc_service/cycle.hpp"
-#include "hrtc_service/loader.hpp"
+#include "hrtc_service/hrtc_core.hpp"
 #include "session/delivery_server.hpp"
 #include "spm/codec/model_codec.hpp"
 #include "spm/model.hpp"
@@ -56,9 +55,9 @@ class SessionRun {
   /// The same as a haptic thread has it: touch, then refine as long as that is allowed.
   const hrtc_service::CycleResult& cycle(const hrtc_service::RefineLimit& limit) noexcept;
 
-  [[nodiscard]] const hrtc_service::Loader& loader() const noexcept { return loader_; }
-  [[nodiscard]] hrtc_service::Cycle& haptic() noexcept { return cycle_; }
-  /// CPU time of the loader in the last `prepare`, us.
+  [[nodiscard]] const hrtc_service::Loader& loader() const noexcept { return core_.gateway().loader(); }
+  [[nodiscard]] hrtc_service::Cycle& haptic() noexcept { return core_.servo().cycle(); }
+  /// CPU time of the gateway in the last `prepare`, us.
   [[nodiscard]] double loader_us() const noexcept { return loader_us_; }
   /// Regions taken in during the last `prepare`.
   [[nodiscard]] const std::vector<RegionLoad>& loads() const noexcept { return loads_; }
@@ -69,31 +68,18 @@ class SessionRun {
     std::uint64_t due;
     Sample sample;
   };
-  using Arrivals = std::array<hrtc_service::Arrival, 64>;
-  [[nodiscard]] std::uint32_t take(Arrivals& arrived) noexcept {
-    return static_cast<std::uint32_t>(arrivals_.pop(arrived.data(), arrived.size()));
-  }
-  const hrtc_service::CycleResult& seen(const hrtc_service::CycleResult& result) noexcept;
-  void exchange(const spm::Vec3d& tip);
+  void touch() noexcept;
+  void exchange();
 
   std::uint32_t delay_;
-  spm::Pool pool_;
-  spm::NodePool nodes_;
-  hrtc_service::ArrivalRing arrivals_{4096};
-  hrtc_service::DepartureRing departures_{4096};
   spm::codec::EncodedModel encoded_;
   session::DeliveryServer server_;
-  hrtc_service::Loader loader_;
-  hrtc_service::Cycle cycle_;
-  std::array<hrtc_service::ProbeInput, hrtc_service::kMaxProbes> inputs_;
-  std::array<hrtc_service::NearObjects, hrtc_service::kMaxProbes> near_;
+  hrtc_service::HrtcCore core_;
+  hrtc_service::Servo::Inputs inputs_;
   std::deque<Delayed<session::Demand>> demands_;
   std::deque<Delayed<session::BulkChunk>> chunks_;
   std::int64_t now_ = 1'000'000'000;
   std::uint64_t cycles_ = 0;
-  bool in_contact_ = false;
-  spm::Vec3d proxy_ = spm::Vec3d::Zero();
-  Eigen::Quaterniond orientation_ = Eigen::Quaterniond::Identity();
   double loader_us_ = 0;
   std::vector<RegionLoad> loads_;
 };

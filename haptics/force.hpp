@@ -10,7 +10,7 @@
 /// A tool has a torque too: stiffness times way, torsion times turn (haptics/tool.hpp, which sees to it that neither
 /// jumps when a surface changes). Each of the two is limited by itself; the bits are those of either.
 ///
-/// World frame, SI. One thread at a time. Realtime. docs/safety.md has the rules and what they are tested with.
+/// World frame, SI. One thread at a time. Realtime. Rules and tests: docs/explanation/safety.md.
 #pragma once
 
 #include <algorithm>

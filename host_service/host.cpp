@@ -17,6 +17,7 @@
 #include "session/clock.hpp"
 #include "session/delivery_server.hpp"
 #include "session/figures.hpp"
+#include "session/periodic.hpp"
 #include "session/roster.hpp"
 #include "session/stop_latch.hpp"
 #include "session/time_reference.hpp"
@@ -27,9 +28,9 @@
 namespace tactus::host_service {
 namespace {
 
+using session::Every;
 using std::chrono::microseconds;
 using std::chrono::milliseconds;
-using wire::Every;
 using wire::monotonic_ns;
 
 constexpr std::int64_t kMs = 1'000'000;
@@ -212,7 +213,7 @@ struct Host::Impl {
       failure_detectors;  // by HRTC; after the inbox, which their callbacks fill
   std::int64_t started_ns = monotonic_ns();
   std::uint64_t heartbeat = 0;
-  wire::Heartbeat beat{kHeartbeatNs};
+  session::Heartbeat beat{kHeartbeatNs};
   session::StopLatch stops{participants.origin()};  // for HRTCs that start after a stop
   std::uint64_t stops_announced = 0;                // StopLatch::changes
   Every metrics_due{kMetricsNs};

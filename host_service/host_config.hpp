@@ -29,7 +29,7 @@ class HostError : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// What makes an object move; docs/shared-objects.md.
+/// What makes an object move; docs/explanation/shared-objects.md.
 struct BodyConfig {
   double mass = 1;                               ///< kg
   std::optional<std::array<double, 3>> inertia;  ///< kg m^2, about the model's axes; else of a box of its bounds

@@ -36,12 +36,15 @@ haptics::PassivitySettings of_turning() noexcept {
 
 }  // namespace
 
-Bodies::Bodies(const CycleSettings& settings) : settings_{settings} {
+BodyLink::BodyLink() {
+  while (copies.push(CopyArrival{})) {  // the haptic thread is not the first to touch its memory
+  }
+  copies.consume_all([](const CopyArrival&) {});
+}
+
+Bodies::Bodies(const CycleSettings& settings, BodyLink& link) : settings_{settings}, link_{link} {
   for (Turning& turning : turning_) turning.port = haptics::PassivityController{of_turning()};
   simulated_.resize(kMaxBodies, haptics::SharedObject{haptics::BodySettings{}});
-  while (copies_.push(CopyArrival{})) {  // the haptic thread is not the first to touch its memory
-  }
-  copies_.consume_all([](const CopyArrival&) {});
 }
 
 std::uint32_t Bodies::body_of(std::uint32_t object) const noexcept {
@@ -77,7 +80,7 @@ void Bodies::simulate_as_ordered(std::uint32_t i) noexcept {
 }
 
 void Bodies::take_orders() noexcept {
-  if (orders_.take(current_)) {
+  if (link_.orders.take(current_)) {
     for (std::uint32_t k = 0; k < current_.count; ++k) {
       const std::uint32_t i = body_of(current_.bodies[k].object);
       if (i == kMaxBodies) continue;
@@ -86,7 +89,7 @@ void Bodies::take_orders() noexcept {
     }
     reports_.orders_seen = current_.number;
   }
-  while (copies_.pop(arrival_)) {
+  while (link_.copies.pop(arrival_)) {
     const std::uint32_t i = body_of(arrival_.object);
     if (i == kMaxBodies || bodies_[i].order.coupling == nullptr || bodies_[i].order.group != arrival_.group) continue;
     bodies_[i].order.coupling->on_sample(arrival_.place, arrival_.sample);
@@ -372,8 +375,8 @@ void Bodies::report(std::int64_t now_ns, std::int64_t session_ns) noexcept {
   }
   for (std::uint32_t p = 0; p < kMaxProbes; ++p) reports_.ports[p] = ports_[p].ledger();
   for (std::uint32_t p = 0; p < kMaxProbes; ++p) reports_.turns[p] = turning_[p].port.ledger();
-  sender_reports_.post(reports_);
-  service_reports_.post(reports_);
+  link_.reports_for_sender.post(reports_);
+  link_.reports_for_gateway.post(reports_);
 }
 
 }  // namespace tactus::hrtc_service

@@ -12,7 +12,7 @@
 /// Time goes in steps of a period by session time: a cycle that was skipped is made up for, and one that is late by
 /// less than half a period changes nothing, so that the waves of peers are played evenly.
 ///
-/// Everything is allocated at construction. Realtime; the haptic thread's, but for the mailboxes and the ring.
+/// Everything is allocated at construction. Realtime; the haptic thread's, but for the link.
 #pragma once
 
 #include <array>
@@ -75,9 +75,19 @@ struct BodyReports {
   std::uint64_t grabs = 0, refused = 0;  ///< times that a hand has closed on something and held it, or could not
 };
 
+/// What bodies exchange with the gateway.
+struct BodyLink {
+  BodyLink();
+
+  haptics::Mailbox<BodyOrders> orders;                                    ///< to the servo
+  CopyRing copies{1024};                                                  ///< to the servo
+  haptics::Mailbox<BodyReports> reports_for_sender, reports_for_gateway;  ///< from the servo
+};
+
 class Bodies {
  public:
-  explicit Bodies(const CycleSettings& settings);
+  /// `link` must outlive it.
+  Bodies(const CycleSettings& settings, BodyLink& link);
 
   void place(Cycle& cycle, std::int64_t now_ns) noexcept;
   /// `outputs` as the touch left them.
@@ -86,10 +96,6 @@ class Bodies {
   /// Moves what is simulated here for the next touch, and reports.
   void step(Cycle& cycle, std::int64_t now_ns) noexcept;
 
-  [[nodiscard]] haptics::Mailbox<BodyOrders>& orders() noexcept { return orders_; }
-  [[nodiscard]] CopyRing& copies() noexcept { return copies_; }
-  [[nodiscard]] haptics::Mailbox<BodyReports>& reports_for_sender() noexcept { return sender_reports_; }
-  [[nodiscard]] haptics::Mailbox<BodyReports>& reports_for_service() noexcept { return service_reports_; }
   [[nodiscard]] bool empty() const noexcept { return count_ == 0; }
 
  private:
@@ -141,9 +147,7 @@ class Bodies {
   [[nodiscard]] std::uint32_t body_of(std::uint32_t object) const noexcept;
 
   CycleSettings settings_;
-  haptics::Mailbox<BodyOrders> orders_;
-  haptics::Mailbox<BodyReports> sender_reports_, service_reports_;
-  CopyRing copies_{1024};
+  BodyLink& link_;
   BodyOrders current_;
   std::uint32_t objects_seen_ = 0, count_ = 0;
   std::array<Body, kMaxBodies> bodies_;

@@ -10,34 +10,23 @@ namespace tactus::hrtc_service {
 namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
-constexpr std::int64_t kLingerNs = 2000 * kMs;   // for which the ends of what was let go stay
-constexpr std::int64_t kLongestNs = 1000 * kMs;  // more is no transit but a wrong time
+constexpr std::int64_t kLingerNs = 2000 * kMs;  // for which the ends of what was let go stay
 
 }  // namespace
 
-BodyExchange::BodyExchange(wire::Participants& participants, Bodies& bodies)
+BodyExchange::BodyExchange(wire::Participants& participants, BodyLink& link, Gateway& gateway)
     : participants_{participants},
-      bodies_{bodies},
-      ownership_client_{participants.origin(), bodies.orders()},
+      link_{link},
+      gateway_{gateway},
       claims_out_{participants, wire::topics::kObjectClaim},
       poses_out_{participants, wire::topics::kObjectPose} {}
 BodyExchange::~BodyExchange() = default;
 
-bool BodyExchange::add(const TouchObject& object) {
-  if (!ownership_client_.add(object.index, object.id, *object.body)) return false;
+void BodyExchange::add(const TouchObject& object) {
+  if (!object.body) return;
   slots_[object.index].id = object.id;
   slots_[object.index].centre = plain(object.body->centre);
   slots_out_.post(slots_);
-  return true;
-}
-
-void BodyExchange::on_pose(const session::ObjectPose& pose, std::int64_t now_ns, std::int64_t session_now_ns) {
-  on_transit(session_now_ns - pose.session_time_ns, session_now_ns);
-  ownership_client_.on_pose(pose, now_ns);
-}
-
-void BodyExchange::on_transit(std::int64_t transit_ns, std::int64_t now_ns) noexcept {
-  if (clock_is_set_ && transit_ns >= 0 && transit_ns < kLongestNs) transit_.on_transit(transit_ns, now_ns);
 }
 
 void BodyExchange::on_copy(std::uint32_t object, const session::ObjectCopy& copy) {
@@ -50,11 +39,11 @@ void BodyExchange::on_copy(std::uint32_t object, const session::ObjectCopy& copy
   const std::int64_t transit_ns = session_now_ns - copy.session_time_ns;
   if (transit_ns > copy_transit_ns_.load(std::memory_order_relaxed))
     copy_transit_ns_.store(transit_ns, std::memory_order_relaxed);
-  (void)bodies_.copies().push({object, copy.place, copy.fencing, sharing::sample_of(copy)});
+  (void)link_.copies.push({object, copy.place, copy.fencing, sharing::sample_of(copy)});
 }
 
 void BodyExchange::sync_endpoints(std::int64_t now_ns) {
-  for (const OwnershipClient::Held& body : ownership_client_.bodies()) {
+  for (const OwnershipClient::Held& body : gateway_.ownership().bodies()) {
     if (!body.held) continue;
     Endpoints& endpoints = endpoints_[body.id];
     endpoints.held_ns = now_ns;
@@ -82,23 +71,22 @@ void BodyExchange::sync_endpoints(std::int64_t now_ns) {
 }
 
 void BodyExchange::tick(std::int64_t now_ns, const session::ClockMap& clock) {
-  clock_is_set_ = clock.bound(now_ns) < session::kClockUnknown;
-  if (ownership_client_.bodies().empty()) return;
+  if (gateway_.ownership().bodies().empty()) return;
   session_offset_ns_ = clock.session_time(now_ns) - now_ns;
-  if (BodyReports reports; bodies_.reports_for_service().take(reports)) ownership_client_.on_reports(reports);
   sync_endpoints(now_ns);
   for (const auto& [id, endpoints] : endpoints_)
-    ownership_client_.on_peer_received(endpoints.object,
-                                       copy_received_ns_[endpoints.object].load(std::memory_order_relaxed));
+    gateway_.on_peer_received(endpoints.object, copy_received_ns_[endpoints.object].load(std::memory_order_relaxed));
   if (const std::int64_t transit_ns = copy_transit_ns_.exchange(-1); transit_ns >= 0)
-    on_transit(transit_ns, clock.session_time(now_ns));
-  ownership_client_.on_transits(transit_);
-  for (session::ObjectClaim& claim : ownership_client_.tick(now_ns, clock)) (void)claims_out_.send(claim);
+    gateway_.on_transit(transit_ns, clock.session_time(now_ns));
+}
+
+void BodyExchange::send_claims() {
+  for (const session::ObjectClaim& claim : gateway_.claims()) (void)claims_out_.send(claim);
 }
 
 std::uint64_t BodyExchange::implausible() const {
   const std::lock_guard lock{ring_mutex_};
-  std::uint64_t all = ownership_client_.implausible();
+  std::uint64_t all = 0;
   for (const session::CopyGate& gate : gates_) all += gate.implausible();
   return all;
 }
@@ -106,7 +94,7 @@ std::uint64_t BodyExchange::implausible() const {
 void BodyExchange::send() {
   const Slots& slots = slots_out_.latest();
   BodyReports reports;
-  if (!bodies_.reports_for_sender().take(reports)) return;
+  if (!link_.reports_for_sender.take(reports)) return;
   for (std::uint32_t i = 0; i < reports.count; ++i) {
     const BodyReport& body = reports.bodies[i];
     const Slot& slot = slots[body.object];

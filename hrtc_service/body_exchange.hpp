@@ -1,4 +1,4 @@
-/// What an HRTC and the others tell each other of objects that can move: the DDS half of Holdings and Bodies.
+/// What an HRTC and the others tell each other of objects that can move: the DDS half of OwnershipClient and Bodies.
 ///
 ///     object_grant, object_pose  --> service's inbox     service  --> object_claim
 ///     object_copy of peers       --> haptic thread's ring     sender --> object_copy, object_pose
@@ -17,28 +17,26 @@
 #include <mutex>
 #include <vector>
 
+#include "hrtc_service/gateway.hpp"
 #include "hrtc_service/handover.hpp"
-#include "hrtc_service/ownership_client.hpp"
-#include "session/transit.hpp"
+#include "session/ownership.hpp"
 #include "wire/endpoints.hpp"
 
 namespace tactus::hrtc_service {
 
 class BodyExchange {
  public:
-  /// Both must outlive it.
-  BodyExchange(wire::Participants& participants, Bodies& bodies);
+  /// All must outlive it.
+  BodyExchange(wire::Participants& participants, BodyLink& link, Gateway& gateway);
   ~BodyExchange();
 
-  /// An object that can move; false when there are too many.
-  bool add(const TouchObject& object);
-  void on_grant(const session::ObjectGrant& grant, std::int64_t now_ns) { ownership_client_.on_grant(grant, now_ns); }
-  void on_pose(const session::ObjectPose& pose, std::int64_t now_ns, std::int64_t session_now_ns);
-  /// How long any sample of a peer's probe class was under way.
-  void on_transit(std::int64_t transit_ns, std::int64_t now_ns) noexcept;
+  /// An object that is shown from now on.
+  void add(const TouchObject& object);
+  /// Before each tick of the gateway: opens and closes endpoints, passes on what copies told of their transit.
   void tick(std::int64_t now_ns, const session::ClockMap& clock);
-  [[nodiscard]] const OwnershipClient& ownership_client() const noexcept { return ownership_client_; }
-  /// Grants, poses and copies dropped because they are outside their windows.
+  /// After it.
+  void send_claims();
+  /// Copies dropped because they are outside their windows.
   [[nodiscard]] std::uint64_t implausible() const;
 
   /// Sender's thread: what the haptic thread reported of its last cycle. Takes no lock.
@@ -68,10 +66,8 @@ class BodyExchange {
   void on_copy(std::uint32_t object, const session::ObjectCopy& copy);
 
   wire::Participants& participants_;
-  Bodies& bodies_;
-  OwnershipClient ownership_client_;
-  session::TransitWatch transit_;
-  bool clock_is_set_ = false;  // before, differences to the session time of others are not transits
+  BodyLink& link_;
+  Gateway& gateway_;
   wire::Writer<session::ObjectClaim> claims_out_;
   wire::Writer<session::ObjectPose> poses_out_;  // the sender's
   mutable std::mutex ring_mutex_;                // of those who fill the haptic thread's ring, and of the gates

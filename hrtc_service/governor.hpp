@@ -10,7 +10,7 @@
 /// some hundred is interrupted for longer than it works, whatever it does, and refinement would only give way to that.
 /// So nothing but the floor (kFloor) is tuned. Where forces leave less than the floor, cycles do miss the deadline.
 ///
-/// Realtime. Source: Liu, Georganas, Roth, 3DIM 2005, section 5 (time-critical refinement); quantiles by stochastic
+/// Realtime. Source: Liu, Georganas, Roth, 3DIM 2005, section 3 (frame budget); quantiles by stochastic
 /// approximation (Robbins, Monro 1951).
 #pragma once
 

@@ -13,7 +13,7 @@
 #include <variant>
 
 #include "hrtc_service/body_exchange.hpp"
-#include "hrtc_service/loader.hpp"
+#include "hrtc_service/gateway.hpp"
 #include "hrtc_service/neighbours.hpp"
 #include "hrtc_service/realtime.hpp"
 #include "hrtc_service/snapshot.hpp"
@@ -24,6 +24,7 @@
 #include "hrtc_service/user_table.hpp"
 #include "session/clock.hpp"
 #include "session/failure_detector.hpp"
+#include "session/periodic.hpp"
 #include "session/roster.hpp"
 #include "session/time_reference.hpp"
 #include "wire/endpoints.hpp"
@@ -51,7 +52,7 @@ constexpr std::int64_t kNoHostNs = 5000 * kMs;
 constexpr std::uint32_t kSetClockUs = 1'000'000;  // a sender whose time is known no better has not set its clock yet
 constexpr std::int64_t kFeltNs = 200 * kMs;       // after a force: a tip that bounces, or a hand that closes again
 
-using wire::Every;
+using session::Every;
 /// What a host answers when it is asked whether it lives (session/failure_detector.hpp), or for the time.
 struct FailureDetectorAnswer {
   session::ClockSample sample;
@@ -100,7 +101,7 @@ struct Hrtc::Impl {
   // Samples that arrive.
   void take(const session::RosterEntry& entry, std::int64_t now_ns);
   void take(const session::CatalogueEntry& entry, std::int64_t now_ns);
-  void take(const session::BulkChunk& chunk, std::int64_t now_ns) { loader.on_chunk(chunk, now_ns); }
+  void take(const session::BulkChunk& chunk, std::int64_t now_ns) { gateway.on_chunk(chunk, now_ns); }
   void take(const session::Intent& intent, std::int64_t now_ns);
   void take(const session::ClockSample& sample, std::int64_t now_ns);
   void take(const FailureDetectorAnswer& answer, std::int64_t now_ns) {
@@ -117,9 +118,9 @@ struct Hrtc::Impl {
   void take(const session::ProbeState& state, std::int64_t now_ns);
   void take(const FullRateState& whole, std::int64_t now_ns);
   void take(const session::Metrics& published, std::int64_t now_ns) { neighbours.on_metrics(published, now_ns); }
-  void take(const session::ObjectGrant& grant, std::int64_t now_ns) { exchange.on_grant(grant, now_ns); }
+  void take(const session::ObjectGrant& grant, std::int64_t now_ns) { gateway.on_grant(grant, now_ns); }
   void take(const session::ObjectPose& pose, std::int64_t now_ns) {
-    exchange.on_pose(pose, now_ns, clock.map().session_time(now_ns));
+    gateway.on_pose(pose, now_ns, clock.map().session_time(now_ns));
   }
 
   void on_event(const session::RosterEvent& event, std::int64_t now_ns);
@@ -135,7 +136,8 @@ struct Hrtc::Impl {
   void send_roster(bool leaving);
   void send_metrics(bool all);
   void tick_modes(std::int64_t now_ns);
-  void tick_bodies(std::int64_t now_ns);
+  void tick_gateway(std::int64_t now_ns);
+  void follow_reports(std::int64_t now_ns);
   void send_states();
   void serve(std::int64_t now_ns);
   void log_overrun(const CycleTrace& trace, const LateVerdict& verdict);
@@ -147,17 +149,17 @@ struct Hrtc::Impl {
   HrtcOptions options;
   wire::Participants participants;
   Inbox inbox{1u << 14};
-  spm::Pool pool;
-  spm::NodePool nodes;
   std::unique_ptr<FlightSaver> flight;  // null: nothing is recorded
+  HrtcCore core;
+  Gateway& gateway{core.gateway()};
+  const Loader& loader{core.gateway().loader()};
   HapticThread haptic;
-  Loader loader;
   session::Roster roster;
   session::SessionClock clock;
   session::FailureDetector failure_detector;
   HapticOrders orders{haptic};
   UserTable user_table;
-  StopSwitch stops{participants.origin(), haptic};
+  StopSwitch stops{participants.origin(), core.link()};
   bool stopped = false;  // when the service thread looked last
   std::vector<session::StopRecord> stops_acknowledged;
   haptics::Mailbox<session::ClockMap> sender_clock;
@@ -170,11 +172,6 @@ struct Hrtc::Impl {
   Neighbours neighbours;
   StateSender states;
   BodyExchange exchange;
-  struct Movable {
-    session::CatalogueEntry entry;  // where it stands
-    bool moved = false;             // since the modes were told
-  };
-  std::map<std::uint64_t, Movable> movable;  // by object
 
   CycleStatistics statistics;
   Samples timer_samples{1'000'000};
@@ -183,7 +180,7 @@ struct Hrtc::Impl {
   std::vector<bool> object_logged;
   trace::LoggedQuery logged;
 
-  wire::Heartbeat heartbeat{kHeartbeatNs};
+  session::Heartbeat heartbeat{kHeartbeatNs};
   Every clock_request{kClockFastNs}, metrics{kMetricsNs}, all_metrics{kAllMetricsNs}, no_host{kNoHostNs},
       modes{kModesNs}, bodies_published{kModesNs};
   std::uint64_t beats = 0;
@@ -193,16 +190,14 @@ struct Hrtc::Impl {
   bool host_seen = false;
   bool ended = false;
   int exit_code = 0;
-  ProbeReports reports;
-  std::array<bool, kMaxProbes> faults_logged{};
-  std::array<std::uint32_t, kMaxProbes> holds_logged{};  // status bits
+  std::array<std::uint32_t, kMaxProbes> faults_logged{};  // status bits
+  std::array<std::uint32_t, kMaxProbes> holds_logged{};   // status bits
   LateCycleClassifier late_cycles;
   std::deque<CycleTrace> late_traces;  // that are not classified yet
   Every overrun_logged{kOverrunLoggedNs}, targets_logged{kTargetsLoggedNs};
   std::uint32_t overruns_unlogged = 0;
   std::uint64_t first_cycle = 0;  // seen; 0: none yet
   std::int64_t first_cycle_ns = 0;
-  std::array<ProbeSight, kMaxProbes> sights;
   std::optional<SnapshotTaker> snapshots;  // when they are asked for
   std::uint32_t saves_seen = 0;
   struct Serving {
@@ -255,31 +250,30 @@ std::array<haptics::DeviceSpec, kMaxProbes> specs_of(const HrtcOptions& options)
   for (std::uint32_t i = 0; i < kMaxProbes; ++i)
     if (i < options.local_users.size())
       specs[i] = options.haptic.frame.to_world(options.local_users[i].device->spec());
-    else if (options.haptic.cycle.tool != nullptr)  // a client takes of a command what its device bears
-      specs[i].max_torque = options.haptic.cycle.force.max_torque;
+    else if (options.core.servo.cycle.tool != nullptr)  // a client takes of a command what its device bears
+      specs[i].max_torque = options.core.servo.cycle.force.max_torque;
   return specs;
 }
 
 std::unique_ptr<FlightSaver> flight_saver(const HrtcOptions& options) {
   if (options.flight.seconds <= 0) return nullptr;
   return std::make_unique<FlightSaver>(
-      options.flight, flight_start(options.address.participant, options.haptic.cycle, options.pool, specs_of(options)),
+      options.flight,
+      flight_start(options.address.participant, options.core.servo.cycle, options.core.pool, specs_of(options)),
       static_cast<std::uint32_t>(std::min<std::size_t>(options.max_users, kMaxProbes)));
 }
 
-HapticSettings haptic_settings(const HrtcOptions& options, FlightSaver* flight) {
-  HapticSettings settings = options.haptic;
-  if (flight != nullptr) settings.recorder = &flight->recorder();
+HrtcCoreSettings core_settings(const HrtcOptions& options, FlightSaver* flight) {
+  HrtcCoreSettings settings = options.core;
+  settings.servo.specs = specs_of(options);
+  settings.servo.recorder = flight == nullptr ? nullptr : &flight->recorder();
+  settings.gateway.loader.clock = monotonic_ns;
   return settings;
 }
 
-LoaderSettings loader_settings(const HrtcOptions& options) {
-  LoaderSettings settings;
-  settings.radius = options.haptic.cycle.radius;
-  settings.tool = options.haptic.cycle.tool;
-  settings.strategy = options.prediction;
-  settings.directory_bytes = options.directory_bytes;
-  settings.clock = monotonic_ns;
+HapticSettings haptic_settings(const HrtcOptions& options) {
+  HapticSettings settings = options.haptic;
+  settings.period = options.core.servo.cycle.period;
   return settings;
 }
 
@@ -288,11 +282,9 @@ LoaderSettings loader_settings(const HrtcOptions& options) {
 Hrtc::Impl::Impl(HrtcOptions given)
     : options{std::move(given)},
       participants{reads_bulk(options.address)},
-      pool{options.pool},
-      nodes{options.pool.tree_nodes},
       flight{flight_saver(options)},
-      haptic{haptic_settings(options, flight.get()), specs_of(options)},
-      loader{pool, nodes, participants.origin(), loader_settings(options), haptic.arrivals(), haptic.departures()},
+      core{participants.origin(), core_settings(options, flight.get())},
+      haptic{haptic_settings(options), core.servo()},
       roster{participants.origin(), {}},
       clock{participants.origin(), {}, monotonic_ns()},
       failure_detector{participants.origin(), {}},
@@ -305,17 +297,11 @@ Hrtc::Impl::Impl(HrtcOptions given)
       metrics_out{participants, wire::topics::kMetrics},
       losses_out{participants, wire::topics::kMetrics, {wire::kLossesPartition}},
       neighbours{participants, [this](session::ProbeState&& state) { inbox.put(FullRateState{std::move(state)}); }},
-      states{participants, options.haptic.cycle.radius, options.coding, user_table, neighbours},
-      exchange{participants, haptic.bodies()} {
-  loader.on_event = [](const std::string& text) { spdlog::info("{}", text); };
-  loader.on_object = [this](const TouchObject& object) {
-    if (object.body && !exchange.add(object))
-      spdlog::warn("an object that can move will stay where it is: an HRTC moves {} at most", kMaxBodies);
-  };
-  loader.on_object_gone = [this](std::uint64_t object) {
-    neighbours.on_object_gone(object);
-    movable.erase(object);
-  };
+      states{participants, options.core.servo.cycle.radius, options.coding, user_table, neighbours},
+      exchange{participants, core.link().bodies, gateway} {
+  gateway.on_event = [](const std::string& text) { spdlog::info("{}", text); };
+  gateway.on_object = [this](const TouchObject& object) { exchange.add(object); };
+  gateway.on_object_gone = [this](std::uint64_t object) { neighbours.on_object_gone(object); };
   add_local_users();
   // Last of what may be refused, so that nothing is left behind.
   if (!options.snapshot.empty()) expect_snapshot_directory(options.snapshot);
@@ -362,7 +348,7 @@ void Hrtc::Impl::take(const session::RosterEntry& entry, std::int64_t now_ns) {
   const bool counts = known != nullptr && known->origin.incarnation == entry.origin.incarnation && !entry.leaving;
   if (entry.role == session::Role::kHost && counts) {
     host_seen = true;
-    loader.on_host_seen(entry.origin.participant, entry.origin.incarnation, now_ns);
+    gateway.on_host_seen(entry.origin.participant, entry.origin.incarnation, now_ns);
   }
 }
 
@@ -383,7 +369,7 @@ void Hrtc::Impl::on_event(const session::RosterEvent& event, std::int64_t now_ns
     }
     return;
   }
-  if (entry.role == session::Role::kHost && gone) loader.on_host_gone(entry.origin.participant);
+  if (entry.role == session::Role::kHost && gone) gateway.on_host_gone(entry.origin.participant);
   if (entry.role == session::Role::kHrtc && gone) neighbours.on_controller_gone(entry.origin.participant);
   if (entry.role != session::Role::kClient) return;
   const std::uint64_t client = entry.origin.participant;
@@ -417,10 +403,8 @@ void Hrtc::Impl::remove(std::uint64_t client, const std::string& user) {
 void Hrtc::Impl::take(const session::CatalogueEntry& entry, std::int64_t now_ns) {
   if (first.catalogue_ns == 0) first.catalogue_ns = now_ns;
   heartbeat.insist();  // a host makes the ends of an HRTC's bulk once it knows of it
-  loader.on_catalogue(entry);
-  if (!loader.knows(entry.object_id)) return;
-  neighbours.on_catalogue(entry);
-  if (sharing::can_move(entry) && !entry.withdrawn) movable.try_emplace(entry.object_id, Movable{entry});
+  gateway.on_catalogue(entry);
+  if (loader.knows(entry.object_id)) neighbours.on_catalogue(entry);
 }
 
 /// Wishes are in session time, the hand's clock is ours.
@@ -481,14 +465,13 @@ void Hrtc::Impl::follow_stops() {
 void Hrtc::Impl::take(const session::ProbeState& state, std::int64_t now_ns) {
   const std::int64_t session_ns = clock.map().session_time(now_ns);
   neighbours.on_state(state, session::StateStream::kDeadbandCoded, now_ns, session_ns);
-  if (state.time_bound_us < kSetClockUs) exchange.on_transit(session_ns - state.session_time_ns, session_ns);
+  if (state.time_bound_us < kSetClockUs) gateway.on_transit(session_ns - state.session_time_ns, session_ns);
 }
 
 void Hrtc::Impl::take(const FullRateState& whole, std::int64_t now_ns) {
   const std::int64_t session_ns = clock.map().session_time(now_ns);
   neighbours.on_state(whole.state, session::StateStream::kFullRate, now_ns, session_ns);
-  if (whole.state.time_bound_us < kSetClockUs)
-    exchange.on_transit(session_ns - whole.state.session_time_ns, session_ns);
+  if (whole.state.time_bound_us < kSetClockUs) gateway.on_transit(session_ns - whole.state.session_time_ns, session_ns);
 }
 
 /// A force may be on, or was a moment ago: then session time must not step.
@@ -520,9 +503,9 @@ void Hrtc::Impl::send_metrics(bool all) {
     sample.figures.push_back({names::kTimerMax, timer_samples.percentile_us(1)});
   }
   if (timer != nullptr) sample.figures.push_back({names::kTimerOverruns, static_cast<double>(timer->overruns())});
-  if (reports.cycle > first_cycle)
-    sample.figures.push_back({names::kRate, static_cast<double>(reports.cycle - first_cycle) * 1e9 /
-                                                static_cast<double>(reports.time_ns - first_cycle_ns)});
+  if (gateway.reports().cycle > first_cycle)
+    sample.figures.push_back({names::kRate, static_cast<double>(gateway.reports().cycle - first_cycle) * 1e9 /
+                                                static_cast<double>(gateway.reports().time_ns - first_cycle_ns)});
   const LoaderFigures figures = loader.figures();
   const auto& delivery = loader.delivery_counters();
   const std::pair<const char*, double> counts[] = {
@@ -547,14 +530,15 @@ void Hrtc::Impl::send_metrics(bool all) {
       {names::kLoadLatency, figures.load_latency * 1e6},
       {names::kFalseAlarms, static_cast<double>(failure_detector.false_alarms())},
       {names::kHostChanges, static_cast<double>(delivery.host_changes)},
-      {names::kImplausible, static_cast<double>(roster.implausible() + delivery.implausible + user_table.implausible() +
-                                                neighbours.implausible() + exchange.implausible())}};
+      {names::kImplausible,
+       static_cast<double>(roster.implausible() + delivery.implausible + user_table.implausible() +
+                           neighbours.implausible() + gateway.ownership().implausible() + exchange.implausible())}};
   for (const auto& [name, value] : counts) sample.figures.push_back({name, value});
   states.write(sample.figures);
   user_table.write(sample.figures);
   static_assert(std::size(names::kInterventions) == haptics::kForceBits);
   for (std::size_t i = 0; i < haptics::kForceBits; ++i)
-    sample.figures.push_back({names::kInterventions[i], static_cast<double>(reports.interventions[i])});
+    sample.figures.push_back({names::kInterventions[i], static_cast<double>(gateway.reports().interventions[i])});
   const auto since_catalogue = [&](const char* name, std::int64_t at_ns) {
     if (at_ns != 0) sample.figures.push_back({name, static_cast<double>(at_ns - first.catalogue_ns) * 1e-3});
   };
@@ -562,9 +546,9 @@ void Hrtc::Impl::send_metrics(bool all) {
   since_catalogue(names::kFirstExact, first.exact_ns);
   if (first.exact_ns != 0) sample.figures.push_back({names::kFirstExactBytes, static_cast<double>(first.bytes)});
   neighbours.write(sample.figures);
-  exchange.ownership_client().write(sample.figures);
+  gateway.ownership().write(sample.figures);
   static_assert(kMaxObjects <= session::kMaxMeshes);
-  const MeshHashes& hashes = haptic.mesh_hashes().latest();
+  const MeshHashes& hashes = core.link().mesh_hashes.latest();
   for (const Loader::ObjectInfo& object : loader.objects()) sample.meshes.push_back({object.id, hashes[object.index]});
   (void)metrics_out.send(sample);
   sample.meshes.clear();
@@ -576,25 +560,35 @@ void Hrtc::Impl::tick_modes(std::int64_t now_ns) {
   std::array<std::uint64_t, kMaxProbes> ids{};
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     ids[i] = user_table.user_at(i);
-    if (ids[i] != 0 && reports.probes[i].active) neighbours.on_own_probe(ids[i], reports.probes[i].device, now_ns);
+    if (ids[i] != 0 && gateway.reports().probes[i].active)
+      neighbours.on_own_probe(ids[i], gateway.reports().probes[i].device, now_ns);
   }
   neighbours.tick(now_ns, ids);
 }
 
-/// What moves is known to move: to those who look for what is near, here and among users.
-void Hrtc::Impl::tick_bodies(std::int64_t now_ns) {
+/// What the gateway does every few milliseconds, between the two halves of what copies exchange.
+void Hrtc::Impl::tick_gateway(std::int64_t now_ns) {
   exchange.tick(now_ns, clock.map());
-  const bool tell_modes = bodies_published.due(now_ns);
-  for (const OwnershipClient::Held& body : exchange.ownership_client().bodies()) {
-    const auto known = movable.find(body.id);
-    if (known == movable.end()) continue;
-    auto& [entry, moved] = known->second;
-    if (body.pose.position != entry.pose.position || body.pose.orientation != entry.pose.orientation) {
-      moved = true;
-      entry.pose = body.pose;
-      loader.on_moved(body.object, Placement{entry.pose, entry.scale});
-    }
-    if (tell_modes && std::exchange(moved, false)) neighbours.on_catalogue(entry);
+  gateway.tick(now_ns, clock.map());
+  exchange.send_claims();
+  if (gateway.fresh()) follow_reports(now_ns);
+  if (bodies_published.due(now_ns))
+    for (const session::CatalogueEntry& entry : gateway.take_moved()) neighbours.on_catalogue(entry);
+}
+
+void Hrtc::Impl::follow_reports(std::int64_t now_ns) {
+  const ProbeReports& reports = gateway.reports();
+  if (forces_in(reports)) {
+    if (!force_on(now_ns)) heartbeat.at_once();  // who keeps the time of the session waits with a step
+    felt_ns = now_ns;
+  }
+  if (first_cycle == 0) {
+    first_cycle = reports.cycle;
+    first_cycle_ns = reports.time_ns;
+  }
+  for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
+    tell_of_fault(i, reports.probes[i].status);
+    tell_of_hold(i, reports.probes[i]);
   }
 }
 
@@ -609,7 +603,7 @@ void Hrtc::Impl::send_states() {
   ProbeReports latest;
   while (sending) {
     wire::sleep_until(std::max(latest.next_due_ns, monotonic_ns()) + step_ns);
-    if (!haptic.reports_for_sender().take(latest)) continue;
+    if (!core.link().reports_for_sender.take(latest)) continue;
     user_table.send_commands(latest);
     exchange.send();
     if (latest.time_ns - sent_ns >= gap_ns) {
@@ -657,7 +651,7 @@ void Hrtc::Impl::drain_rings() {
       spdlog::warn(
           "the mesh near a probe stays coarse in places: more than {} regions of an object are to be refined; "
           "raise --targets",
-          options.haptic.cycle.targets);
+          options.core.servo.cycle.targets);
     late_cycles.add(trace.times);
     if (trace.times.late()) late_traces.push_back(trace);
   }
@@ -671,7 +665,7 @@ void Hrtc::Impl::drain_rings() {
     log->write(trace::LoggedObject{objects[i].index, objects[i].digest, objects[i].scale, objects[i].name});
     object_logged[i] = true;
   }
-  while (haptic.log().pop(logged)) log->write(logged);
+  while (core.link().log.pop(logged)) log->write(logged);
   if (!log->healthy()) {
     spdlog::error("the contact log {} cannot be written any more (disk full?); the session goes on without it",
                   options.log.string());
@@ -683,7 +677,7 @@ void Hrtc::Impl::drain_rings() {
 void Hrtc::Impl::take_snapshots(std::int64_t now_ns) {
   if (!snapshots) return;
   try {
-    snapshots->tick(now_ns, touches_exactly(reports), sights, haptic, orders);
+    snapshots->tick(now_ns, touches_exactly(gateway.reports()), gateway.sights(), core.servo(), orders);
   } catch (const std::runtime_error& error) {
     spdlog::error("{}", error.what());
     exit_code = 1;
@@ -693,8 +687,8 @@ void Hrtc::Impl::take_snapshots(std::int64_t now_ns) {
 
 void Hrtc::Impl::note_first_touch(std::int64_t now_ns) {
   if (first.base_ns == 0 && !loader.objects().empty()) first.base_ns = now_ns;
-  if (first.exact_ns != 0 || !touches_exactly(reports)) return;
-  first.exact_ns = reports.time_ns;
+  if (first.exact_ns != 0 || !touches_exactly(gateway.reports())) return;
+  first.exact_ns = gateway.reports().time_ns;
   first.bytes = loader.delivery_counters().payload_bytes;
 }
 
@@ -720,7 +714,7 @@ bool Hrtc::Impl::run_failure_detector(std::int64_t now_ns) {
   for (const session::FailureDetector::Silent& silent : all_silent) {
     const session::RosterEntry* host = roster.find(silent.host);
     spdlog::warn("host '{}' has not answered for {} ms", host == nullptr ? "?" : host->name, silent.for_ns / kMs);
-    loader.on_host_silent(silent.host);
+    gateway.on_host_silent(silent.host);
   }
   return !all_silent.empty();
 }
@@ -744,11 +738,10 @@ void Hrtc::Impl::tell_of_hosts(std::int64_t now_ns) {
 }
 
 void Hrtc::Impl::tell_of_fault(std::uint32_t slot, std::uint32_t status) {
-  const bool fault = (status & session::kFault) != 0;
-  if (fault == faults_logged[slot]) return;
-  faults_logged[slot] = fault;
+  const std::uint32_t fault = status & (session::kFault | session::kFaultReason);
+  if (fault == std::exchange(faults_logged[slot], fault)) return;
   const std::string& name = user_table.name_at(slot);
-  if (fault) {
+  if ((fault & session::kFault) != 0) {
     spdlog::warn("the force of user {} is off until it is reset: {}", name, session::fault_reason(status));
     if (flight) flight->save(session::fault_reason(status), false);
   } else
@@ -774,33 +767,12 @@ void Hrtc::Impl::tell_of_hold(std::uint32_t slot, const ProbeOutput& probe) {
 
 void Hrtc::Impl::serve(std::int64_t now_ns) {
   for (const session::RosterEvent& event : roster.tick(now_ns)) on_event(event, now_ns);
-  if (haptic.reports_for_service().take(reports)) {
-    if (forces_in(reports)) {
-      if (!force_on(now_ns)) heartbeat.at_once();  // who keeps the time of the session waits with a step
-      felt_ns = now_ns;
-    }
-    if (first_cycle == 0) {
-      first_cycle = reports.cycle;
-      first_cycle_ns = reports.time_ns;
-    }
-    for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
-      const ProbeOutput& probe = reports.probes[i];
-      sights[i] = {probe.active,     (probe.status & session::kInContact) != 0,
-                   reports.time_ns,  vec(probe.device),
-                   vec(probe.proxy), quaternion(probe.orientation)};
-      tell_of_fault(i, probe.status);
-      tell_of_hold(i, probe);
-    }
-  }
-  std::array<NearObjects, kMaxProbes> near;
+  tick_gateway(now_ns);
   note_first_touch(now_ns);
-  tick_bodies(now_ns);
-  loader.tick(now_ns, sights, near);
-  haptic.near().post(near);
   for (const Loader::ObjectInfo& object : loader.objects()) states.on_object(object.index, object.id);
-  choose_whom_to_watch(near);
+  choose_whom_to_watch(gateway.near());
   tell_of_hosts(now_ns);
-  while (auto demand = loader.demand(now_ns)) {
+  while (auto demand = gateway.demand(now_ns)) {
     demand->origin = participants.origin();
     (void)demand_out.send(*demand);
   }
@@ -860,7 +832,8 @@ void Hrtc::Impl::finish() {
     for (const Loader::ObjectInfo& object : loader.objects())
       log->write(trace::LoggedTotals{object.index, object.records_received, object.records_returned,
                                      object.regions_received, object.regions_released});
-    if (haptic.log_dropped() > 0) spdlog::warn("{} contact log entries were dropped", haptic.log_dropped());
+    if (core.servo().cycle().log_dropped() > 0)
+      spdlog::warn("{} contact log entries were dropped", core.servo().cycle().log_dropped());
     log.reset();
   }
   // Best effort, so said more than once.
@@ -886,13 +859,13 @@ int Hrtc::Impl::run(const std::atomic<bool>& stop) {
   if (options.timer_beside) timer = std::make_unique<TimerBeside>(options.haptic.period_ns(), options.haptic.priority);
   sending = true;
   sender = std::thread{[this] { send_states(); }};
-  spdlog::info(
-      "{} serves {} probes in session {} on domain {}; pool of {} slots, {:.1f} MiB{}", options.address.participant,
-      options.max_users, options.address.session, options.address.domain, options.pool.slots,
-      static_cast<double>(options.pool.bytes()) / (1 << 20),
-      options.directory_bytes == ~std::uint64_t{0}
-          ? std::string{}
-          : fmt::format(", and {:.1f} MiB for directories", static_cast<double>(options.directory_bytes) / (1 << 20)));
+  spdlog::info("{} serves {} probes in session {} on domain {}; pool of {} slots, {:.1f} MiB{}",
+               options.address.participant, options.max_users, options.address.session, options.address.domain,
+               options.core.pool.slots, static_cast<double>(options.core.pool.bytes()) / (1 << 20),
+               options.core.gateway.loader.directory_bytes == ~std::uint64_t{0}
+                   ? std::string{}
+                   : fmt::format(", and {:.1f} MiB for directories",
+                                 static_cast<double>(options.core.gateway.loader.directory_bytes) / (1 << 20)));
   // However many samples come, for their number grows with the square of a session's size; and a share of a core at
   // most, for on a machine that is short of time answers come later, so that more has to be told ahead, which takes
   // time. Whether hosts live is asked between passes, too.

@@ -19,8 +19,7 @@
 
 #include "hrtc_service/flight_saver.hpp"
 #include "hrtc_service/haptic_thread.hpp"
-#include "spm/pool.hpp"
-#include "spm/prediction.hpp"
+#include "hrtc_service/hrtc_core.hpp"
 #include "wire/participants.hpp"
 
 namespace tactus::hrtc_service {
@@ -32,13 +31,11 @@ struct LocalUser {
 };
 
 struct HrtcOptions {
-  /// What every user holds in place of a ball, m; HapticSettings::cycle::tool is to be this one. Null: nothing.
+  /// A tool, m, that every user holds in place of a sphere; core.servo.cycle.tool is to be this one. Null: none.
   std::unique_ptr<const spm::MeshProbe> tool;
   wire::SessionAddress address;
-  spm::PoolSettings pool;
-  std::uint64_t directory_bytes = ~std::uint64_t{0};  ///< for where the regions of all objects are
+  HrtcCoreSettings core;
   HapticSettings haptic;
-  spm::Strategy prediction = spm::Strategy::kMixture;
   std::uint32_t max_users = kMaxProbes;
   std::vector<LocalUser> local_users;
   std::filesystem::path log;       ///< contact log; empty: none

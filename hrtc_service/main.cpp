@@ -73,8 +73,8 @@ int main(int argc, char** argv) {
   double rate = 1000, deadline_us = 250, radius_mm = 3, frame_scale = 1;
   std::vector<double> frame_offset{0, 0, 0};
   std::vector<std::string> replays, plugins;
-  double max_force = options.haptic.cycle.force.max_force;
-  double max_torque = options.haptic.cycle.force.max_torque;
+  double max_force = options.core.servo.cycle.force.max_force;
+  double max_torque = options.core.servo.cycle.force.max_torque;
   std::string tool;
 
   std::vector<std::pair<std::string, std::string>> local;  // replays, then plug-ins
@@ -100,11 +100,12 @@ int main(int argc, char** argv) {
   std::map<std::string, spm::Strategy> strategies;
   for (std::size_t i = 0; i < spm::kStrategyNames.size(); ++i)
     strategies[spm::kStrategyNames[i]] = static_cast<spm::Strategy>(i);
-  app.add_option("--prediction", options.prediction, "How the regions that a tip will meet are told ahead")
+  app.add_option("--prediction", options.core.gateway.loader.strategy,
+                 "How the regions that a tip will meet are told ahead")
       ->transform(CLI::CheckedTransformer(strategies, CLI::ignore_case)
                       .description("{neighbours,linear,polynomial,distance,mixture}"))
       ->default_str("mixture");
-  app.add_option("--targets", options.haptic.cycle.targets,
+  app.add_option("--targets", options.core.servo.cycle.targets,
                  "Regions of an object that are refined at a time; the least urgent of more stay coarse")
       ->capture_default_str()
       ->check(CLI::Range(1u, hrtc_service::CycleSettings::kMaxTargets));
@@ -166,29 +167,29 @@ int main(int argc, char** argv) {
     return app.exit(error) == 0 ? 0 : 2;
   }
 
-  options.pool = spm::PoolSettings::for_slots(slots);
-  if (cache->count() > 0) options.pool.compressed_blocks = cache_blocks;
+  options.core.pool = spm::PoolSettings::for_slots(slots);
+  if (cache->count() > 0) options.core.pool.compressed_blocks = cache_blocks;
   if (memory->count() > 0) {
     const spm::MemoryShares shares = spm::shares_of(memory_bytes);
-    options.directory_bytes = shares.directories;
-    options.pool = shares.pool;
-    if (options.pool.slots < kMinSlots) {
-      std::cerr << "tactus-hrtc: --memory: found " << memory_bytes << " bytes, which hold " << options.pool.slots
+    options.core.gateway.loader.directory_bytes = shares.directories;
+    options.core.pool = shares.pool;
+    if (options.core.pool.slots < kMinSlots) {
+      std::cerr << "tactus-hrtc: --memory: found " << memory_bytes << " bytes, which hold " << options.core.pool.slots
                 << " slots, expected room for " << kMinSlots << "\n";
       return 2;
     }
-    slots = options.pool.slots;
+    slots = options.core.pool.slots;
   }
-  options.haptic.cycle.period = 1 / rate;
-  options.haptic.cycle.radius = radius_mm * 1e-3;
-  options.haptic.cycle.force.max_force = max_force;
-  options.haptic.cycle.force.max_torque = max_torque;
+  options.core.servo.cycle.period = 1 / rate;
+  options.core.servo.cycle.radius = radius_mm * 1e-3;
+  options.core.servo.cycle.force.max_force = max_force;
+  options.core.servo.cycle.force.max_torque = max_torque;
   if (!tool.empty() && deadline->count() == 0) deadline_us = kToolDeadline;
   options.haptic.deadline_ns = static_cast<std::int64_t>(deadline_us * 1e3);
   options.haptic.frame = haptics::DeviceFrame{
       Eigen::Quaterniond::Identity(), {frame_offset[0], frame_offset[1], frame_offset[2]}, frame_scale};
-  options.haptic.log = !options.log.empty();
-  options.haptic.snapshot_nodes = options.snapshot.empty() ? 0 : options.pool.tree_nodes;
+  options.core.logs_queries = !options.log.empty();
+  options.core.servo.snapshot_nodes = options.snapshot.empty() ? 0 : options.core.pool.tree_nodes;
   options.address.probe_priority = options.haptic.priority > 10 ? options.haptic.priority - 10 : 0;
 
   spdlog::set_default_logger(spdlog::stderr_color_mt("tactus-hrtc"));
@@ -203,7 +204,7 @@ int main(int argc, char** argv) {
     }
     if (!tool.empty()) {
       options.tool = open_tool(tool);
-      options.haptic.cycle.tool = options.tool.get();
+      options.core.servo.cycle.tool = options.tool.get();
       spdlog::info("tool {}: {} triangles, {:.1f} mm from the tip at most", tool, options.tool->triangles(),
                    options.tool->radius() * 1e3);
     }

@@ -68,7 +68,7 @@ void write_snapshot(const std::filesystem::path& file, const std::vector<Snapsho
                        (face.corners[1] + face.corners[4] + face.corners[7]) / 3.0,
                        (face.corners[2] + face.corners[5] + face.corners[8]) / 3.0};
     Colour colour{60, 160, 80};
-    if (!face.last) {
+    if (!face.finest) {
       const auto shade = static_cast<unsigned char>(200 - 130 * std::sqrt(size(face) / largest));
       colour = {shade, shade, shade};
     } else if (meets(grid, contact_regions, centre, 0)) {
@@ -93,9 +93,9 @@ void write_snapshot(const std::filesystem::path& file, const std::vector<Snapsho
 SnapshotTaker::SnapshotTaker(std::filesystem::path directory, std::string name, const Loader& loader)
     : directory_{std::move(directory)}, name_{std::move(name)}, loader_{loader} {}
 
-void SnapshotTaker::write(const HapticThread& haptic, std::uint32_t number) const {
+void SnapshotTaker::write(const Servo& servo, std::uint32_t number) const {
   for (const Loader::ObjectInfo& object : loader_.objects()) {
-    const std::vector<SnapshotFace> faces = haptic.snapshot(object.index);
+    const std::vector<SnapshotFace> faces = servo.snapshot(object.index);
     if (faces.empty()) continue;
     const std::filesystem::path file = directory_ / (name_ + "-" + object.name + "-" + std::to_string(number) + ".ply");
     write_snapshot(file, faces, loader_.grid(object.index), contacts_[object.index], predictions_[object.index]);
@@ -104,10 +104,10 @@ void SnapshotTaker::write(const HapticThread& haptic, std::uint32_t number) cons
 }
 
 void SnapshotTaker::tick(std::int64_t now_ns, bool touches_exactly, const std::array<ProbeSight, kMaxProbes>& sights,
-                         HapticThread& haptic, HapticOrders& orders) {
+                         const Servo& servo, HapticOrders& orders) {
   if (requested_) {
-    if (haptic.snapshots_done() != orders.now().snapshots) return;
-    write(haptic, orders.now().snapshots);
+    if (servo.snapshots_done() != orders.now().snapshots) return;
+    write(servo, orders.now().snapshots);
     requested_ = false;
     ++taken_;
     contact_since_ns_ = 0;

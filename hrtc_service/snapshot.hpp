@@ -1,4 +1,4 @@
-/// The shown mesh as a coloured PLY: the paper's figures 5, 9a and 9b.
+/// The shown mesh as a coloured PLY: contact and predicted regions, as in the paper's figure 9.
 #pragma once
 
 #include <array>
@@ -9,6 +9,7 @@
 
 #include "hrtc_service/haptic_thread.hpp"
 #include "hrtc_service/loader.hpp"
+#include "hrtc_service/servo.hpp"
 #include "spm/region_grid.hpp"
 
 namespace tactus::hrtc_service {
@@ -35,10 +36,10 @@ class SnapshotTaker {
   /// The newest reports and what follows from them. Writes one at times, which takes milliseconds. Throws as
   /// write_snapshot.
   void tick(std::int64_t now_ns, bool touches_exactly, const std::array<ProbeSight, kMaxProbes>& sights,
-            HapticThread& haptic, HapticOrders& orders);
+            const Servo& servo, HapticOrders& orders);
 
  private:
-  void write(const HapticThread& haptic, std::uint32_t number) const;
+  void write(const Servo& servo, std::uint32_t number) const;
 
   std::filesystem::path directory_;
   std::string name_;

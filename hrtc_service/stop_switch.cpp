@@ -12,7 +12,7 @@ InheritingMutex::InheritingMutex() {
   pthread_mutexattr_destroy(&attributes);
 }
 
-void StopSwitch::tell_haptic_thread() noexcept { haptic_.set_stop({latch_.stopped(), latch_.resets()}); }
+void StopSwitch::tell_haptic_thread() noexcept { link_.set_stop({latch_.stopped(), latch_.resets()}); }
 
 bool StopSwitch::on_stop(const session::StopName& stop) {
   const std::lock_guard lock{mutex_};
@@ -44,7 +44,7 @@ bool StopSwitch::stopped() const {
 bool StopSwitch::acknowledge(std::vector<session::StopRecord>& records) {
   records.reserve(session::kMaxStops);
   const std::lock_guard lock{mutex_};
-  if (latch_.changes() == acknowledged_ || !haptic_.obeys_stop()) return false;
+  if (latch_.changes() == acknowledged_ || !link_.obeys_stop()) return false;
   acknowledged_ = latch_.changes();
   records = latch_.records();
   return true;

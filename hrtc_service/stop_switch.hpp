@@ -1,6 +1,6 @@
 /// The emergency stop of an HRTC: from the callbacks of DDS to the haptic thread, past every queue.
 ///
-///     callback of stop, reset, roster --> StopLatch --> HapticThread::set_stop --> zero force in the next cycle
+///     callback of stop, reset, roster --> StopLatch --> ServoLink::set_stop --> zero force in the next cycle
 ///                                             |
 ///     roster entry of this HRTC  <------------+  once the haptic thread has obeyed
 #pragma once
@@ -10,7 +10,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "hrtc_service/haptic_thread.hpp"
+#include "hrtc_service/servo_link.hpp"
 #include "session/stop_latch.hpp"
 
 namespace tactus::hrtc_service {
@@ -33,8 +33,8 @@ class InheritingMutex {
 /// Any thread but the haptic thread. What is done under the lock is bounded and allocates nothing.
 class StopSwitch {
  public:
-  /// `haptic` outlives this, and nobody else sets its stop.
-  StopSwitch(const session::Origin& self, HapticThread& haptic) : haptic_{haptic}, latch_{self} {}
+  /// `link` outlives this, and nobody else sets its stop.
+  StopSwitch(const session::Origin& self, ServoLink& link) : link_{link}, latch_{self} {}
 
   // When these return, the haptic thread's next cycle obeys. True when it was unknown, as StopLatch has it.
   bool on_stop(const session::StopName& stop);
@@ -49,7 +49,7 @@ class StopSwitch {
  private:
   void tell_haptic_thread() noexcept;
 
-  HapticThread& haptic_;
+  ServoLink& link_;
   mutable InheritingMutex mutex_;  // for what follows
   session::StopLatch latch_;
   std::uint64_t acknowledged_ = 0;  // StopLatch::changes

@@ -88,7 +88,7 @@ inline constexpr char kLoopDelay[] = "hrtc.loop_us";  ///< the greatest of their
 inline constexpr char kTargetsDropped[] = "hrtc.targets_dropped";
 inline constexpr char kStaleCycles[] = "hrtc.stale_cycles";  ///< summed over all probes: force ramped for an old pose
 
-// An HRTC: objects that its users can move, where there are any; uJ and um. docs/shared-objects.md.
+// An HRTC: objects that its users can move, where there are any; uJ and um. docs/explanation/shared-objects.md.
 inline constexpr char kBodiesHeld[] = "hrtc.bodies_held";
 inline constexpr char kBodiesCoupled[] = "hrtc.bodies_coupled";   ///< of these, held elsewhere too
 inline constexpr char kCopyGroups[] = "hrtc.copy_groups";         ///< that it has been in

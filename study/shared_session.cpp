@@ -2,10 +2,8 @@
 
 #include <algorithm>
 
-#include "hrtc_service/loader.hpp"
-#include "hrtc_service/ownership_client.hpp"
+#include "hrtc_service/hrtc_core.hpp"
 #include "session/figures.hpp"
-#include "session/transit.hpp"
 #include "sharing/hand_path.hpp"
 
 namespace tactus::study {
@@ -37,37 +35,21 @@ session::CatalogueEntry entry_for(const Subject& subject, double mass) {
   return entry;
 }
 
-hrtc_service::CycleSettings cycle_settings() {
-  hrtc_service::CycleSettings settings;
-  settings.force.soft_start = 0.01;
+hrtc_service::HrtcCoreSettings core_settings() {
+  hrtc_service::HrtcCoreSettings settings;
+  settings.pool = spm::PoolSettings::for_slots(1 << 13);
+  settings.servo.cycle.force.soft_start = 0.01;
   return settings;
 }
 
 }  // namespace
 
 struct SharedSession::Controller {
-  explicit Controller(const session::Origin& self)
-      : origin{self},
-        pool{spm::PoolSettings::for_slots(1 << 13)},
-        nodes{pool.settings.tree_nodes},
-        loader{pool, nodes, self, {}, arrivals, departures},
-        cycle{cycle_settings(), {}, departures, nullptr},
-        bodies{cycle_settings()},
-        ownership_client{self, bodies.orders()} {}
+  explicit Controller(const session::Origin& self) : origin{self}, core{self, core_settings()} {}
 
   session::Origin origin;
-  spm::Pool pool;
-  spm::NodePool nodes;
-  hrtc_service::ArrivalRing arrivals{1024};
-  hrtc_service::DepartureRing departures{1024};
-  hrtc_service::Loader loader;
-  hrtc_service::Cycle cycle;
-  hrtc_service::Bodies bodies;
-  hrtc_service::OwnershipClient ownership_client;
-  session::TransitWatch transit;
-  std::array<hrtc_service::NearObjects, kMaxProbes> near{};
-  std::array<hrtc_service::ProbeInput, kMaxProbes> inputs{};
-  std::array<hrtc_service::ProbeOutput, kMaxProbes> outputs{};
+  hrtc_service::HrtcCore core;
+  hrtc_service::Servo::Inputs inputs{};
   hrtc_service::BodyReports reports;
   std::uint32_t probes = 0, index = 0;
   std::uint32_t pose_sequence = 0;
@@ -120,12 +102,10 @@ std::size_t SharedSession::add_controller() {
   controllers_.push_back(std::make_unique<Controller>(origin_of(i + 1, 1)));
   connect(kFirstPlace + i);
   Controller& controller = *controllers_.back();
-  controller.loader.on_object = [&controller](const hrtc_service::TouchObject& object) {
-    controller.index = object.index;
-    (void)controller.ownership_client.add(object.index, object.id, *object.body);
-  };
-  controller.loader.on_host_seen(kHost, entry_.origin.incarnation, now_ns_);
-  controller.loader.on_catalogue(entry_);
+  hrtc_service::Gateway& gateway = controller.core.gateway();
+  gateway.on_object = [&controller](const hrtc_service::TouchObject& object) { controller.index = object.index; };
+  gateway.on_host_seen(kHost, entry_.origin.incarnation, now_ns_);
+  gateway.on_catalogue(entry_);
   return i;
 }
 
@@ -168,12 +148,12 @@ const hrtc_service::BodyReport* SharedSession::body(std::size_t controller) cons
 }
 
 session::Holder::Role SharedSession::role(std::size_t controller) const {
-  return controllers_[controller]->ownership_client.role(controllers_[controller]->index, now_ns_);
+  return controllers_[controller]->core.gateway().ownership().role(controllers_[controller]->index, now_ns_);
 }
 
 double SharedSession::figure(std::size_t controller, const std::string& name) const {
   std::vector<session::Figure> figures;
-  controllers_[controller]->ownership_client.write(figures);
+  controllers_[controller]->core.gateway().ownership().write(figures);
   for (const session::Figure& figure : figures)
     if (figure.name == name) return figure.value;
   return 0;
@@ -184,7 +164,7 @@ const haptics::PassivityController::Ledger& SharedSession::port(std::size_t user
 }
 
 const hrtc_service::ProbeOutput& SharedSession::probe(std::size_t user) const {
-  return controllers_[users_[user].controller]->outputs[users_[user].probe];
+  return controllers_[users_[user].controller]->core.servo().outputs()[users_[user].probe];
 }
 
 bool SharedSession::done() const {
@@ -215,10 +195,8 @@ void SharedSession::publish(std::size_t from, const session::ObjectPose& pose) {
     to_host(from, kSmallBytes, [this, pose] { object_authority_->on_pose(pose, now_ns_, now_ns_); });
   for (std::size_t i = 0; i < controllers_.size(); ++i) {
     if (from == kFirstPlace + i) continue;
-    to_controller(from, i, kSmallBytes, [this, pose](Controller& controller) {
-      controller.transit.on_transit(now_ns_ - pose.session_time_ns, now_ns_);
-      controller.ownership_client.on_pose(pose, now_ns_);
-    });
+    to_controller(from, i, kSmallBytes,
+                  [this, pose](Controller& controller) { controller.core.gateway().on_pose(pose, now_ns_, now_ns_); });
   }
   send(from, kViewerPlace, kSmallBytes, [this, pose] { see(pose); });
 }
@@ -233,26 +211,22 @@ void SharedSession::see(const session::ObjectPose& pose) {
 
 void SharedSession::haptic_cycle(std::size_t i) {
   Controller& c = *controllers_[i];
-  std::array<hrtc_service::Arrival, 64> arrived;
-  const auto count = static_cast<std::uint32_t>(c.arrivals.pop(arrived.data(), arrived.size()));
+  hrtc_service::Servo& servo = c.core.servo();
   for (User& user : users_) {
     if (user.controller != i || user.device == nullptr) continue;
     hrtc_service::ProbeInput& input = c.inputs[user.probe];
     input.active = true;
     input.device = user.device->read(now_ns_);
-    input.near = c.near[user.probe];
   }
   if (settings_.watch != nullptr) settings_.watch->begins();
-  c.bodies.place(c.cycle, now_ns_);
-  c.outputs = c.cycle.touch(c.inputs, now_ns_, arrived.data(), count).probes;
-  c.bodies.limit(c.cycle, c.inputs, c.outputs);
+  const hrtc_service::Servo::Outputs& outputs = servo.touch(c.inputs, now_ns_);
   for (User& user : users_)
     if (user.controller == i && user.device != nullptr)
-      user.device->write(hrtc_service::vec(c.outputs[user.probe].force));
-  c.bodies.step(c.cycle, now_ns_);
-  (void)c.cycle.refine(spm::Budget{1u << 20});
+      user.device->write(hrtc_service::vec(outputs[user.probe].force));
+  servo.publish(now_ns_, now_ns_ + kMs);
+  (void)servo.refine(spm::Budget{1u << 20});
   if (settings_.watch != nullptr) settings_.watch->ends();
-  if (hrtc_service::BodyReports reports; c.bodies.reports_for_sender().take(reports)) c.reports = reports;
+  if (hrtc_service::BodyReports reports; c.core.link().bodies.reports_for_sender.take(reports)) c.reports = reports;
 }
 
 void SharedSession::send_reports(std::size_t i) {
@@ -266,9 +240,9 @@ void SharedSession::send_reports(std::size_t i) {
     const std::int64_t sent_ns = now_ns_;
     to_controller(kFirstPlace + i, to, kCopyBytes,
                   [this, sent_ns, place = body.place, group = body.group, copy](Controller& peer) {
-                    peer.transit.on_transit(now_ns_ - sent_ns, now_ns_);
-                    (void)peer.bodies.copies().push({peer.index, place, group, sharing::sample_of(copy)});
-                    peer.ownership_client.on_peer_received(peer.index, now_ns_);
+                    peer.core.gateway().on_transit(now_ns_ - sent_ns, now_ns_);
+                    (void)peer.core.link().bodies.copies.push({peer.index, place, group, sharing::sample_of(copy)});
+                    peer.core.gateway().on_peer_received(peer.index, now_ns_);
                   });
   }
   if (body.publish == 0 || now_ns_ - c.posed_ns < hrtc_service::kBodyPoseNs) return;
@@ -285,24 +259,14 @@ void SharedSession::send_reports(std::size_t i) {
 
 void SharedSession::serve(std::size_t i) {
   Controller& c = *controllers_[i];
-  if (hrtc_service::BodyReports reports; c.bodies.reports_for_service().take(reports))
-    c.ownership_client.on_reports(reports);
-  for (const auto& body : c.ownership_client.bodies())
-    c.loader.on_moved(body.object, hrtc_service::Placement{body.pose, entry_.scale});
-  std::array<hrtc_service::ProbeSight, kMaxProbes> sights;
-  for (std::uint32_t p = 0; p < c.probes; ++p) {
-    const hrtc_service::ProbeOutput& output = c.outputs[p];
-    sights[p] = {output.active, (output.status & session::kInContact) != 0, now_ns_, hrtc_service::vec(output.device),
-                 hrtc_service::vec(output.proxy)};
-  }
-  if (object_authority_ != nullptr) c.loader.on_host_seen(kHost, entry_.origin.incarnation, now_ns_);
-  c.loader.tick(now_ns_, sights, c.near);
-  while (auto demand = c.loader.demand(now_ns_)) {
+  hrtc_service::Gateway& gateway = c.core.gateway();
+  if (object_authority_ != nullptr) gateway.on_host_seen(kHost, entry_.origin.incarnation, now_ns_);
+  gateway.tick(now_ns_, session::ClockMap{});
+  while (auto demand = gateway.demand(now_ns_)) {
     const std::size_t bytes = kHeads + 100 + 8 * (demand->have.size() + demand->wanted.size() + demand->gaps.size());
     to_host(kFirstPlace + i, bytes, [this, demand = *demand] { (void)server_->on_demand(demand, now_ns_); });
   }
-  c.ownership_client.on_transits(c.transit);
-  for (const session::ObjectClaim& claim : c.ownership_client.tick(now_ns_, session::ClockMap{}))
+  for (const session::ObjectClaim& claim : gateway.claims())
     to_host(kFirstPlace + i, kSmallBytes, [this, claim] { object_authority_->on_claim(claim, now_ns_); });
 }
 
@@ -310,7 +274,7 @@ void SharedSession::serve(std::size_t i) {
 void SharedSession::act(User& user) {
   if (controllers_[user.controller]->dead) return;
   if (user.device != nullptr) {
-    const hrtc_service::ProbeOutput& output = controllers_[user.controller]->outputs[user.probe];
+    const hrtc_service::ProbeOutput& output = controllers_[user.controller]->core.servo().outputs()[user.probe];
     session::ProbeState state;
     state.user_id = user.id;
     state.session_time_ns = now_ns_;
@@ -322,7 +286,7 @@ void SharedSession::act(User& user) {
     if (user.mind != nullptr) user.mind->on_probe_state(state);
     for (std::size_t i = 0; i < controllers_.size(); ++i) {
       const auto hear = [this, state, i, local = i == user.controller](Controller& controller) {
-        if (!local) controller.transit.on_transit(now_ns_ - state.session_time_ns, now_ns_);
+        if (!local) controller.core.gateway().on_transit(now_ns_ - state.session_time_ns, now_ns_);
         for (User& other : users_)
           if (other.controller == i && other.mind != nullptr) other.mind->on_other(state);
       };
@@ -347,14 +311,14 @@ void SharedSession::host_tick() {
   for (const session::ObjectGrant& grant : messages.grants)
     for (std::size_t i = 0; i < controllers_.size(); ++i)
       to_controller(kHostPlace, i, kSmallBytes,
-                    [this, grant](Controller& controller) { controller.ownership_client.on_grant(grant, now_ns_); });
+                    [this, grant](Controller& controller) { controller.core.gateway().on_grant(grant, now_ns_); });
   for (const session::ObjectPose& pose : messages.poses) publish(kHostPlace, pose);
   while (auto out = server_->next(now_ns_)) {
     const std::uint64_t hrtc = out->hrtc;
     if (hrtc < 1 || hrtc > controllers_.size()) continue;
     const std::size_t bytes = kHeads + out->chunk.payload_bytes();
     to_controller(kHostPlace, hrtc - 1, bytes, [this, chunk = std::move(out->chunk)](Controller& controller) {
-      controller.loader.on_chunk(chunk, now_ns_);
+      controller.core.gateway().on_chunk(chunk, now_ns_);
     });
   }
 }

@@ -30,22 +30,13 @@ session::CatalogueEntry entry_for(const Subject& subject, const session::Materia
   return entry;
 }
 
-hrtc_service::LoaderSettings loader_settings(double radius, const spm::MeshProbe* tool) {
-  hrtc_service::LoaderSettings settings;
-  settings.radius = radius;
-  settings.tool = tool;
-  return settings;
-}
-
-hrtc_service::CycleSettings cycle_settings(hrtc_service::CycleSettings settings, double radius) {
-  settings.radius = radius;
-  return settings;
-}
-
-std::array<haptics::DeviceSpec, hrtc_service::kMaxProbes> specs_of(const SessionSettings& settings) {
-  std::array<haptics::DeviceSpec, hrtc_service::kMaxProbes> specs;
-  specs.fill(settings.device_spec());
-  return specs;
+hrtc_service::HrtcCoreSettings core_settings(const SessionSettings& settings, double radius) {
+  hrtc_service::HrtcCoreSettings core;
+  core.pool = spm::PoolSettings::for_slots(settings.slots);
+  core.servo.cycle = settings.cycle;
+  core.servo.cycle.radius = radius;
+  core.servo.specs.fill(settings.device_spec());
+  return core;
 }
 
 std::size_t bytes_of(const session::Demand& demand) {
@@ -64,16 +55,8 @@ VirtualSession::Hand::Hand(const client_sim::User& user, const SessionSettings& 
 VirtualSession::VirtualSession(const Subject& subject, const client_sim::Scenario& scenario,
                                const SessionSettings& settings)
     : settings_{settings},
-      pool_{spm::PoolSettings::for_slots(settings.slots)},
-      nodes_{pool_.settings.tree_nodes},
       server_{session::Origin{kSession, kHost, 1, 0}},
-      loader_{pool_,
-              nodes_,
-              session::Origin{kSession, kHrtc, 1, 0},
-              loader_settings(scenario.users.front().radius, settings.cycle.tool),
-              arrivals_,
-              departures_},
-      cycle_{cycle_settings(settings.cycle, scenario.users.front().radius), specs_of(settings), departures_, nullptr},
+      core_{session::Origin{kSession, kHrtc, 1, 0}, core_settings(settings, scenario.users.front().radius)},
       records_{settings.link.forth, 4 * settings.seed + 2},
       demands_{settings.link.back, 4 * settings.seed + 3},
       catalogue_ns_{now_ns_ + static_cast<std::int64_t>(settings.link.forth.delay_ms * 1e6)} {
@@ -91,7 +74,8 @@ bool VirtualSession::done() const {
 }
 
 bool VirtualSession::base_shown() const {
-  return !cycle_.objects().empty() && cycle_.objects().front()->forest->base_shown();
+  const std::vector<hrtc_service::TouchObject*>& objects = core_.servo().cycle().objects();
+  return !objects.empty() && objects.front()->forest->base_shown();
 }
 
 void VirtualSession::settle() {
@@ -108,7 +92,7 @@ void VirtualSession::settle() {
 
 /// Loader and host meet on the link.
 void VirtualSession::move_network(std::int64_t until_ns) {
-  while (auto demand = loader_.demand(now_ns_)) {
+  while (auto demand = core_.gateway().demand(now_ns_)) {
     const std::size_t bytes = bytes_of(*demand);
     demands_.send(now_ns_, std::move(*demand), bytes);
   }
@@ -118,7 +102,7 @@ void VirtualSession::move_network(std::int64_t until_ns) {
       const std::size_t bytes = kHeads + out->chunk.payload_bytes();
       records_.send(now_ns_, std::move(out->chunk), bytes);
     }
-    while (const auto chunk = records_.take(now_ns_)) loader_.on_chunk(*chunk, now_ns_);
+    while (const auto chunk = records_.take(now_ns_)) core_.gateway().on_chunk(*chunk, now_ns_);
   }
 }
 
@@ -178,7 +162,6 @@ void VirtualSession::read(std::size_t user) {
   }
   input.active = true;
   input.pose_age = static_cast<double>(now_ns_ - input.device.time_ns) * 1e-9;
-  input.near = near_[user];
 }
 
 void VirtualSession::report(std::size_t user, const hrtc_service::ProbeOutput& output) {
@@ -206,34 +189,25 @@ void VirtualSession::report(std::size_t user, const hrtc_service::ProbeOutput& o
 void VirtualSession::step() {
   ++cycles_;
   move_network(now_ns_ + kCycleNs);
-  if (cycles_ % 50 == 0) loader_.on_host_seen(kHost, 1, now_ns_);
+  if (cycles_ % 50 == 0) core_.gateway().on_host_seen(kHost, 1, now_ns_);
   if (objects_.empty() && now_ns_ >= catalogue_ns_) {
-    loader_.on_host_seen(kHost, 1, now_ns_);
-    loader_.on_catalogue(entry_);
+    core_.gateway().on_host_seen(kHost, 1, now_ns_);
+    core_.gateway().on_catalogue(entry_);
     objects_[entry_.object] = client_sim::view_of(entry_);
   }
-  if (cycles_ % 2 == 0) loader_.tick(now_ns_, sights_, near_);
+  if (cycles_ % 2 == 0) core_.gateway().tick(now_ns_, session::ClockMap{});
   if (acting_) {
     for (std::size_t user = 0; user < hands_.size(); ++user) {
       think(*hands_[user]);
       read(user);
     }
   }
-  std::array<hrtc_service::Arrival, 64> arrived;
-  const auto count = static_cast<std::uint32_t>(arrivals_.pop(arrived.data(), arrived.size()));
-  const hrtc_service::CycleResult& result = cycle_.touch(inputs_, now_ns_, arrived.data(), count);
-  for (std::size_t user = 0; user < hands_.size(); ++user) {
-    const hrtc_service::ProbeOutput& output = result.probes[user];
-    report(user, output);
-    sights_[user] = {output.active,
-                     (output.status & session::kInContact) != 0,
-                     now_ns_,
-                     inputs_[user].device.position,
-                     hrtc_service::vec(output.proxy),
-                     hrtc_service::quaternion(output.orientation)};
-  }
+  hrtc_service::Servo& servo = core_.servo();
+  const hrtc_service::Servo::Outputs& outputs = servo.touch(inputs_, now_ns_);
+  for (std::size_t user = 0; user < hands_.size(); ++user) report(user, outputs[user]);
+  servo.publish(now_ns_, now_ns_ + kCycleNs);
   looked_anew_ = changed_;
-  changed_ = cycle_.refine(spm::Budget{settings_.budget}).costs.changes > 0;
+  changed_ = servo.refine(spm::Budget{settings_.budget}).costs.changes > 0;
 }
 
 }  // namespace tactus::study

@@ -20,8 +20,7 @@
 #include "client_sim/operator.hpp"
 #include "haptics/remote_device.hpp"
 #include "haptics/simulated_device.hpp"
-#include "hrtc_service/cycle.hpp"
-#include "hrtc_service/loader.hpp"
+#include "hrtc_service/hrtc_core.hpp"
 #include "session/delivery_server.hpp"
 #include "session/sequence_window.hpp"
 #include "study/subject.hpp"
@@ -76,8 +75,10 @@ class VirtualSession {
   /// The last step was the first on another mesh, where tools look anew for what is near.
   [[nodiscard]] bool looked_anew() const noexcept { return looked_anew_; }
   /// Of regions and base mesh, payload.
-  [[nodiscard]] std::uint64_t bytes_received() const { return loader_.delivery_counters().payload_bytes; }
-  [[nodiscard]] std::uint64_t records_received() const { return loader_.figures().records_received; }
+  [[nodiscard]] std::uint64_t bytes_received() const {
+    return core_.gateway().loader().delivery_counters().payload_bytes;
+  }
+  [[nodiscard]] std::uint64_t records_received() const { return core_.gateway().loader().figures().records_received; }
 
  private:
   struct Command {
@@ -112,13 +113,8 @@ class VirtualSession {
   session::CatalogueEntry entry_;
   client_sim::Objects objects_;
   std::vector<std::unique_ptr<Hand>> hands_;
-  spm::Pool pool_;
-  spm::NodePool nodes_;
-  hrtc_service::ArrivalRing arrivals_{1u << 12};
-  hrtc_service::DepartureRing departures_{1u << 12};
   session::DeliveryServer server_;
-  hrtc_service::Loader loader_;
-  hrtc_service::Cycle cycle_;
+  hrtc_service::HrtcCore core_;
   Way<session::BulkChunk> records_;
   Way<session::Demand> demands_;
   std::int64_t now_ns_ = 1'000'000'000;
@@ -126,9 +122,7 @@ class VirtualSession {
   std::uint64_t cycles_ = 0;
   bool acting_ = false;
   bool changed_ = true, looked_anew_ = true;
-  std::array<hrtc_service::ProbeInput, hrtc_service::kMaxProbes> inputs_;
-  std::array<hrtc_service::ProbeSight, hrtc_service::kMaxProbes> sights_;
-  std::array<hrtc_service::NearObjects, hrtc_service::kMaxProbes> near_;
+  hrtc_service::Servo::Inputs inputs_;
 };
 
 }  // namespace tactus::study

@@ -58,50 +58,6 @@ class Inbox {
   std::uint64_t dropped_ = 0;
 };
 
-/// True once in every period.
-class Every {
- public:
-  explicit Every(std::int64_t period_ns) : period_ns_{period_ns} {}
-  [[nodiscard]] bool due(std::int64_t now_ns) {
-    if (now_ns < next_ns_) return false;
-    next_ns_ = now_ns + period_ns_;
-    return true;
-  }
-  /// Until it is due; 0 when it is.
-  [[nodiscard]] std::chrono::microseconds left(std::int64_t now_ns) const {
-    return std::chrono::microseconds{now_ns < next_ns_ ? (next_ns_ - now_ns + 999) / 1000 : 0};
-  }
-  void at_once() { next_ns_ = 0; }
-  /// Within so long: however often it is asked to hurry, it is due once in that time.
-  void hasten(std::int64_t now_ns, std::int64_t within_ns) { next_ns_ = std::min(next_ns_, now_ns + within_ns); }
-  void set_period(std::int64_t period_ns) { period_ns_ = period_ns; }
-
- private:
-  std::int64_t period_ns_;
-  std::int64_t next_ns_ = 0;
-};
-
-/// When to tell the roster that one is there.
-class Heartbeat : public Every {
- public:
-  using Every::Every;
-  [[nodiscard]] bool due(std::int64_t now_ns) {
-    if (!Every::due(now_ns)) return false;
-    if (insisting_ > 0 && --insisting_ > 0) hasten(now_ns, kInsistNs);
-    return true;
-  }
-  /// To somebody just met who should know soon: now and again, as one may hear another before being found by it.
-  void insist() {
-    insisting_ = kInsistBeats;
-    at_once();
-  }
-
- private:
-  static constexpr std::int64_t kInsistNs = 20'000'000;
-  static constexpr int kInsistBeats = 4;
-  int insisting_ = 0;
-};
-
 /// Calls `say`, which tells the roster that one leaves, three times in 30 ms: it acknowledges nothing, and one burst of
 /// loss shall not take all. Blocks; for the end of a program.
 template <class Say>

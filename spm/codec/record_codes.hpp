@@ -15,7 +15,7 @@
 ///     profile
 ///
 /// Every field has a prefix code of the model's own (RecordTables), which travels with the base mesh. See
-/// docs/decisions/0006-record-codes.md.
+/// docs/decisions/0006-record-compression.md.
 #pragma once
 
 #include <array>

@@ -23,6 +23,7 @@
 #include <vector>
 
 #include "hrtc_service/haptic_thread.hpp"
+#include "hrtc_service/hrtc_core.hpp"
 #include "hrtc_service/realtime.hpp"
 
 namespace tactus::hrtc_service {
@@ -339,7 +340,10 @@ std::vector<LateVerdict> of_class(LateClass late_class, const std::vector<LateVe
 std::vector<LateVerdict> verdicts_on(const Cause& cause, LateClass expected) {
   HapticSettings settings;
   settings.priority = 0;
-  HapticThread haptic{settings, {}};
+  HrtcCoreSettings core_settings;
+  core_settings.pool = spm::PoolSettings::for_slots(64);
+  HrtcCore core{session::Origin{1, 2, 3, 0}, core_settings};
+  HapticThread haptic{settings, core.servo()};
   PlantedDevice device{cause};
   HapticCommands commands;
   commands.devices[0] = &device;

@@ -462,7 +462,7 @@ TEST_F(OrganSession, WhatIsLoadedStaysTouchableWhenTheHostFallsSilent) {
   const Vec3d at = position(0);
   for (int cycle = 0; cycle < 500; ++cycle) session.step(at, Vec3d::Zero());
   session.connected = false;
-  session.loader().on_host_gone(LocalSession::kHost);
+  session.gateway().on_host_gone(LocalSession::kHost);
   for (int cycle = 0; cycle < 500; ++cycle) {
     const auto& probe = session.step(at, Vec3d::Zero()).probes[0];
     ASSERT_EQ(probe.status & (session::kInContact | session::kExact), session::kInContact | session::kExact);

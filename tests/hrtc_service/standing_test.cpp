@@ -53,42 +53,30 @@ class OnTheOrgan : public ::testing::Test {
   }
 
   void cycle(const Vec3d& device, bool grab) {
-    now_ += kMs;
     session_.prepare(device, Vec3d::Zero());
     session_.inputs()[0].device.buttons = grab ? std::uint32_t{haptics::kGrabButton} : 0u;
-    bodies_.place(session_.cycle(), now_);
-    outputs_ = session_.touch().probes;
-    bodies_.limit(session_.cycle(), session_.inputs(), outputs_);
-    bodies_.step(session_.cycle(), now_);
-    (void)session_.cycle().refine(spm::Budget{1u << 20});
-    (void)bodies_.reports_for_service().take(reports_);
-    if (reports_.count > 0)
-      session_.loader().on_moved(reports_.bodies[0].object,
-                                 sharing::Placement{sharing::pose_of(reports_.bodies[0].state, Vec3d::Zero()), 1});
+    session_.core().link().bodies.orders.post(orders_);
+    outputs_ = session_.touch_all();
+    (void)session_.core().servo().refine(spm::Budget{1u << 20});
+    (void)session_.core().link().bodies.reports_for_sender.take(reports_);
   }
 
   spm::offline::TriangleMesh organ_mesh_ = spm::offline::generate(spm::offline::Shape::kOrgan, 40'000);
   spm::offline::BuiltModel organ_{spm::offline::build_model(organ_mesh_)};
   spm::offline::BuiltModel box_{spm::offline::build_model(box_mesh())};
   LocalSession session_;
-  hrtc_service::Bodies bodies_{LocalSession::cycle_settings()};
+  hrtc_service::BodyOrders orders_;
   hrtc_service::BodyReports reports_;
   std::array<hrtc_service::ProbeOutput, hrtc_service::kMaxProbes> outputs_;
-  std::int64_t now_ = 0;
 };
 
 TEST_F(OnTheOrgan, ABoxStaysWhereItsHostLeftItWhenAHandTouchesItAndFallsBackThere) {
   const haptics::BodyState rest = at_rest();
-  hrtc_service::BodyOrders orders;
-  orders.number = 1;
-  orders.count = 1;
-  orders.bodies[0].object = 1;
-  orders.bodies[0].received = {rest, 0, 1};
+  orders_.number = orders_.count = 1;
+  orders_.bodies[0].object = 1;
+  orders_.bodies[0].received = {rest, 0, 1};
   const Vec3d above = rest.position + Vec3d{0, 0, kHalf + 0.01};
-  for (int i = 0; i < 300; ++i) {
-    bodies_.orders().post(orders);
-    cycle(above, false);
-  }
+  for (int i = 0; i < 300; ++i) cycle(above, false);
   ASSERT_EQ(reports_.count, 1u);
   EXPECT_LT((reports_.bodies[0].state.position - rest.position).norm(), 1e-9) << "shown where it was heard to be";
 
@@ -126,7 +114,6 @@ TEST(ToolAndBody, AStylusPushesABoxAlongTheGroundAndFeelsItsFriction) {
   loader.tool = &probe;
   const session::Material material{1000, 3, 0.5, 0.4};
   LocalSession session{{box.model()}, 1, spm::PoolSettings::for_slots(1 << 14), 2, loader, material, 0.2};
-  hrtc_service::Bodies bodies{LocalSession::cycle_settings(&probe)};
   hrtc_service::BodyReports reports;
   hrtc_service::BodyOrders orders;
   orders.number = orders.count = 1;
@@ -137,16 +124,13 @@ TEST(ToolAndBody, AStylusPushesABoxAlongTheGroundAndFeelsItsFriction) {
   double pushed = 0, along = 0;
   int pushes = 0;
   for (int i = 0; i < 1300; ++i) {
-    bodies.orders().post(orders);
     const Vec3d velocity = i < 300 ? Vec3d::Zero() : Vec3d{-kSpeed, 0, 0};
     hand += 1e-3 * velocity;
     session.prepare(hand, velocity);
-    bodies.place(session.cycle(), i * kMs);
-    std::array<hrtc_service::ProbeOutput, hrtc_service::kMaxProbes> outputs = session.touch().probes;
-    bodies.limit(session.cycle(), session.inputs(), outputs);
-    bodies.step(session.cycle(), i * kMs);
-    (void)session.cycle().refine(spm::Budget{1u << 20});
-    (void)bodies.reports_for_service().take(reports);
+    session.core().link().bodies.orders.post(orders);
+    const hrtc_service::Servo::Outputs& outputs = session.touch_all();
+    (void)session.core().servo().refine(spm::Budget{1u << 20});
+    (void)session.core().link().bodies.reports_for_sender.take(reports);
     if (i < 1000) continue;
     ++pushes;
     along += outputs[0].force[0];

@@ -8,7 +8,7 @@
 
 #include "haptics/simulated_device.hpp"
 #include "hrtc_service/haptic_thread.hpp"
-#include "hrtc_service/loader.hpp"
+#include "hrtc_service/hrtc_core.hpp"
 #include "hrtc_service/realtime.hpp"
 #include "hrtc_service/stop_switch.hpp"
 #include "session/delivery_server.hpp"
@@ -68,8 +68,8 @@ class PressedSphere : public ::testing::Test {
     entry_.summary = model_.summary;
     server_.add(kObject, encoded_.coded());
     entry_.base_bytes = server_.base_bytes(kObject);
-    loader_.on_host_seen(kHost, 1, hrtc_service::monotonic_ns());
-    loader_.on_catalogue(entry_);
+    core_.gateway().on_host_seen(kHost, 1, hrtc_service::monotonic_ns());
+    core_.gateway().on_catalogue(entry_);
     orders_.tell([this](hrtc_service::HapticCommands& commands) { commands.devices[0] = &hand_; });
     (void)haptic_.start();
     haptics::HandPath path;
@@ -83,22 +83,20 @@ class PressedSphere : public ::testing::Test {
   void wait_for_force() {
     while (hand_.force() < 0.1) {
       const std::int64_t now = hrtc_service::monotonic_ns();
-      loader_.on_host_seen(kHost, 1, now);
-      std::array<hrtc_service::NearObjects, kMaxProbes> near;
-      hrtc_service::ProbeReports reports;
-      if (haptic_.reports_for_service().take(reports)) {
-        const hrtc_service::ProbeOutput& probe = reports.probes[0];
-        sights_[0] = {probe.active, false, reports.time_ns, hrtc_service::vec(probe.device),
-                      hrtc_service::vec(probe.proxy)};
-      }
-      loader_.tick(now, sights_, near);
-      haptic_.near().post(near);
-      while (auto demand = loader_.demand(now)) (void)server_.on_demand(*demand, now);
-      while (auto chunk = server_.next(now)) loader_.on_chunk(chunk->chunk, now);
+      hrtc_service::Gateway& gateway = core_.gateway();
+      gateway.on_host_seen(kHost, 1, now);
+      gateway.tick(now, session::ClockMap{});
+      while (auto demand = gateway.demand(now)) (void)server_.on_demand(*demand, now);
+      while (auto chunk = server_.next(now)) gateway.on_chunk(chunk->chunk, now);
       std::this_thread::yield();
     }
   }
 
+  [[nodiscard]] static hrtc_service::HrtcCoreSettings core_settings(const spm::Model& model) {
+    hrtc_service::HrtcCoreSettings settings;
+    settings.pool = spm::PoolSettings::for_slots(model.summary.parts + 600);
+    return settings;
+  }
   [[nodiscard]] static hrtc_service::HapticSettings settings() {
     hrtc_service::HapticSettings settings;
     settings.priority = 0;
@@ -109,23 +107,18 @@ class PressedSphere : public ::testing::Test {
       spm::offline::build_model(spm::offline::generate(spm::offline::Shape::kSphere, 2000));
   const spm::Model model_ = built_.model();
   const double radius_ = (model_.summary.bounds_max[0] - model_.summary.bounds_min[0]) / 2;
-  const spm::PoolSettings pool_settings_ = spm::PoolSettings::for_slots(model_.summary.parts + 600);
-  spm::Pool pool_{pool_settings_};
-  spm::NodePool nodes_{pool_settings_.tree_nodes};
   WatchedHand hand_{hand_at(radius_ + 0.02)};
-  hrtc_service::HapticThread haptic_{settings(), {}};
+  hrtc_service::HrtcCore core_{session::Origin{kSession, kHrtc, 1, 0}, core_settings(model_)};
+  hrtc_service::HapticThread haptic_{settings(), core_.servo()};
   hrtc_service::HapticOrders orders_{haptic_};
   session::DeliveryServer server_{session::Origin{kSession, kHost, 1, 0}};
   const spm::codec::EncodedModel encoded_{model_};
-  hrtc_service::Loader loader_{
-      pool_, nodes_, session::Origin{kSession, kHrtc, 1, 0}, {}, haptic_.arrivals(), haptic_.departures()};
   session::CatalogueEntry entry_;
-  std::array<hrtc_service::ProbeSight, kMaxProbes> sights_;
 };
 
 TEST_F(PressedSphere, IsNotFeltAfterAResetAndAStopWithinOneCycle) {
-  haptic_.set_stop({false, 1});
-  haptic_.set_stop({true, 1});
+  core_.link().set_stop({false, 1});
+  core_.link().set_stop({true, 1});
 
   hand_.wait_writes(2);  // one may be under way
   for (int i = 0; i < 1000; ++i) {
@@ -135,7 +128,7 @@ TEST_F(PressedSphere, IsNotFeltAfterAResetAndAStopWithinOneCycle) {
 }
 
 TEST_F(PressedSphere, IsNotFeltOneCycleAfterTheCallbackOfAStopUntilAResetNamesIt) {
-  hrtc_service::StopSwitch stops{session::Origin{kSession, kHrtc, 1, 0}, haptic_};
+  hrtc_service::StopSwitch stops{session::Origin{kSession, kHrtc, 1, 0}, core_.link()};
 
   EXPECT_TRUE(stops.on_stop({50, 1, 1}));  // nothing but this: no queue, no other thread
   hand_.wait_writes(2);
@@ -148,7 +141,7 @@ TEST_F(PressedSphere, IsNotFeltOneCycleAfterTheCallbackOfAStopUntilAResetNamesIt
 }
 
 TEST_F(PressedSphere, IsNotFeltAfterAStopThatStandsAtAPeer) {
-  hrtc_service::StopSwitch stops{session::Origin{kSession, kHrtc, 1, 0}, haptic_};
+  hrtc_service::StopSwitch stops{session::Origin{kSession, kHrtc, 1, 0}, core_.link()};
   session::RosterEntry peer;
   peer.origin = {kSession, kHost, 1, 0};
   peer.stops = {{50, 1, 1, 0, 0}};
@@ -159,7 +152,7 @@ TEST_F(PressedSphere, IsNotFeltAfterAStopThatStandsAtAPeer) {
 }
 
 TEST_F(PressedSphere, IsNotAcknowledgedAsStoppedWhileItIsFelt) {
-  hrtc_service::StopSwitch stops{session::Origin{kSession, kHrtc, 1, 0}, haptic_};
+  hrtc_service::StopSwitch stops{session::Origin{kSession, kHrtc, 1, 0}, core_.link()};
   std::vector<session::StopRecord> records;
   (void)stops.on_stop({50, 1, 1});
 

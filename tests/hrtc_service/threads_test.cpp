@@ -14,7 +14,7 @@
 #include "hrtc_service/flight_replay.hpp"
 #include "hrtc_service/flight_saver.hpp"
 #include "hrtc_service/haptic_thread.hpp"
-#include "hrtc_service/loader.hpp"
+#include "hrtc_service/hrtc_core.hpp"
 #include "hrtc_service/realtime.hpp"
 #include "session/delivery_server.hpp"
 #include "spm/codec/model_codec.hpp"
@@ -71,25 +71,26 @@ TEST(Threads, AHandFeelsWhatALoaderBringsAndEvictsMeanwhile) {
   const spm::Model model = built.model();
   const double radius = (model.summary.bounds_max[0] - model.summary.bounds_min[0]) / 2;
   const spm::PoolSettings settings = spm::PoolSettings::for_slots(model.summary.parts / 4 + 600);
-  spm::Pool pool{settings};
-  spm::NodePool nodes{settings.tree_nodes};
-  hrtc_service::HapticSettings haptic_settings;
-  haptic_settings.priority = 0;
-  haptic_settings.log = true;
-  haptic_settings.snapshot_nodes = settings.tree_nodes;
+  hrtc_service::HrtcCoreSettings core_settings;
+  core_settings.pool = settings;
+  core_settings.logs_queries = true;
+  core_settings.servo.snapshot_nodes = settings.tree_nodes;
   const test_support::TemporaryFolder folder;
   hrtc_service::FlightOptions flight_options;
   flight_options.folder = folder.path();
   flight_options.file = folder.path() / "end.mcap";
   hrtc_service::FlightSaver flight{flight_options,
-                                   hrtc_service::flight_start("desk", haptic_settings.cycle, settings, {}), 1};
-  haptic_settings.recorder = &flight.recorder();
-  hrtc_service::HapticThread haptic{haptic_settings, {}};
+                                   hrtc_service::flight_start("desk", core_settings.servo.cycle, settings, {}), 1};
+  core_settings.servo.recorder = &flight.recorder();
+  hrtc_service::HrtcCore core{session::Origin{kSession, kHrtc, 1, 0}, core_settings};
+  hrtc_service::Gateway& gateway = core.gateway();
+  const hrtc_service::Loader& loader = gateway.loader();
+  hrtc_service::HapticSettings haptic_settings;
+  haptic_settings.priority = 0;
+  hrtc_service::HapticThread haptic{haptic_settings, core.servo()};
   session::DeliveryServer server{session::Origin{kSession, kHost, 1, 0}};
   const spm::codec::EncodedModel encoded{model};
   server.add(kObject, encoded.coded());
-  hrtc_service::Loader loader{
-      pool, nodes, session::Origin{kSession, kHrtc, 1, 0}, {}, haptic.arrivals(), haptic.departures()};
   session::CatalogueEntry entry;
   entry.origin = {kSession, kHost, 1, 0};
   entry.host = "host";
@@ -97,8 +98,8 @@ TEST(Threads, AHandFeelsWhatALoaderBringsAndEvictsMeanwhile) {
   entry.object_id = kObject;
   entry.summary = model.summary;
   entry.base_bytes = server.base_bytes(kObject);
-  loader.on_host_seen(kHost, 1, hrtc_service::monotonic_ns());
-  loader.on_catalogue(entry);
+  gateway.on_host_seen(kHost, 1, hrtc_service::monotonic_ns());
+  gateway.on_catalogue(entry);
 
   haptics::HandSettings hand;
   hand.start = {radius + 0.02, 0, 0};
@@ -114,10 +115,8 @@ TEST(Threads, AHandFeelsWhatALoaderBringsAndEvictsMeanwhile) {
   std::uint64_t contact = 0, exact = 0, logged = 0;
   std::set<std::uint64_t> hashes;
   trace::LoggedQuery query;
-  hrtc_service::ProbeReports reports;
-  std::array<hrtc_service::ProbeSight, kMaxProbes> sights;
   // Until the hand has felt the finest surface long enough and regions have come and gone; the watchdog is ctest's.
-  while (exact < 200 || loader.figures().regions_coarsened < 3 || haptic.snapshots_done() == 0) {
+  while (exact < 200 || loader.figures().regions_coarsened < 3 || core.servo().snapshots_done() == 0) {
     const std::int64_t now = hrtc_service::monotonic_ns();
     // Round and round the equator, pressed 2 mm in, at some 10 cm/s.
     const double angle = static_cast<double>(now - start) * 1e-9 * 0.1 / radius;
@@ -130,24 +129,20 @@ TEST(Threads, AHandFeelsWhatALoaderBringsAndEvictsMeanwhile) {
       commands.snapshots = 1;
       haptic.commands().post(commands);
     }
-    if (haptic.reports_for_service().take(reports)) {
-      const hrtc_service::ProbeOutput& probe = reports.probes[0];
-      const bool touching = (probe.status & session::kInContact) != 0;
+    gateway.on_host_seen(kHost, 1, now);
+    gateway.tick(now, session::ClockMap{});
+    if (gateway.fresh()) {
+      const std::uint32_t status = gateway.reports().probes[0].status;
+      const bool touching = (status & session::kInContact) != 0;
       contact += touching ? 1 : 0;
-      exact += touching && (probe.status & session::kExact) != 0 ? 1 : 0;
-      sights[0] = {probe.active, touching, reports.time_ns, hrtc_service::vec(probe.device),
-                   hrtc_service::vec(probe.proxy)};
+      exact += touching && (status & session::kExact) != 0 ? 1 : 0;
     }
-    loader.on_host_seen(kHost, 1, now);
-    std::array<hrtc_service::NearObjects, kMaxProbes> near;
-    loader.tick(now, sights, near);
-    haptic.near().post(near);
-    while (auto demand = loader.demand(now)) (void)server.on_demand(*demand, now);
-    while (auto chunk = server.next(now)) loader.on_chunk(chunk->chunk, now);
+    while (auto demand = gateway.demand(now)) (void)server.on_demand(*demand, now);
+    while (auto chunk = server.next(now)) gateway.on_chunk(chunk->chunk, now);
     hrtc_service::CycleTrace trace;
     while (haptic.traces().pop(trace)) {
     }
-    while (haptic.log().pop(query)) {
+    while (core.link().log.pop(query)) {
       ++logged;
       hashes.insert(query.mesh_hash);
     }
@@ -163,7 +158,7 @@ TEST(Threads, AHandFeelsWhatALoaderBringsAndEvictsMeanwhile) {
   EXPECT_GT(replayed.in_contact, 100u);
   EXPECT_GT(logged, exact);
   EXPECT_GT(hashes.size(), 2u);
-  EXPECT_FALSE(haptic.snapshot(0).empty());
+  EXPECT_FALSE(core.servo().snapshot(0).empty());
 }
 
 }  // namespace

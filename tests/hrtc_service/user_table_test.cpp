@@ -8,6 +8,7 @@
 #include <string>
 #include <thread>
 
+#include "hrtc_service/hrtc_core.hpp"
 #include "hrtc_service/realtime.hpp"
 
 namespace tactus::hrtc_service {
@@ -36,7 +37,10 @@ class UserTableTest : public testing::Test {
   UserTableTest() {
     HapticSettings settings;
     settings.priority = 0;
-    haptic_.emplace(settings, std::array<haptics::DeviceSpec, kMaxProbes>{});
+    HrtcCoreSettings core_settings;
+    core_settings.pool = spm::PoolSettings::for_slots(64);
+    core_.emplace(participants_.origin(), core_settings);
+    haptic_.emplace(settings, core_->servo());
     orders_.emplace(*haptic_);
     user_table_.emplace(participants_, kMaxProbes, *orders_, [](session::Intent&&) {});
     (void)haptic_->start();
@@ -60,6 +64,7 @@ class UserTableTest : public testing::Test {
 
   wire::Participants participants_{address("hrtc")};
   wire::Participants client_{address("client")};
+  std::optional<HrtcCore> core_;
   std::optional<HapticThread> haptic_;
   std::optional<HapticOrders> orders_;
   std::optional<UserTable> user_table_;

@@ -101,7 +101,7 @@ class SimulatedController : public Program {
   std::map<std::string, std::uint64_t> client_of_;  // by user
   std::map<std::uint64_t, Cache> caches_;           // by object
   std::deque<Answer> answers_;
-  wire::Every wander_{15 * kMs};
+  session::Every wander_{15 * kMs};
   ControllerFigures figures_;
 };
 

@@ -51,8 +51,8 @@ void Program::start() {
   up_ = true;
   roster_ = std::make_unique<Roster>(self_, RosterSettings{});
   clock_ = std::make_unique<SessionClock>(self_, ClockSettings{}, local_ns());
-  beat_ = wire::Every{100 * kMs};
-  request_ = wire::Every{20 * kMs};
+  beat_ = session::Every{100 * kMs};
+  request_ = session::Every{20 * kMs};
   requests_ = 0;
   heartbeat_ = 0;
   answered_by_ = {};

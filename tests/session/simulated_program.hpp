@@ -13,10 +13,10 @@
 #include <vector>
 
 #include "session/clock.hpp"
+#include "session/periodic.hpp"
 #include "session/roster.hpp"
 #include "session/time_reference.hpp"
 #include "tests/session/simulated_network.hpp"
-#include "wire/inbox.hpp"
 
 namespace tactus::test_support {
 
@@ -129,7 +129,7 @@ class Program {
   std::int64_t next_tick_ns_ = 0;
   std::unique_ptr<session::Roster> roster_;
   std::unique_ptr<session::SessionClock> clock_;
-  wire::Every beat_{100 * kMs}, request_{20 * kMs};
+  session::Every beat_{100 * kMs}, request_{20 * kMs};
   int requests_ = 0;
   std::uint64_t heartbeat_ = 0;
   std::pair<std::uint64_t, std::uint64_t> answered_by_;  // participant, incarnation

@@ -80,7 +80,7 @@ class SimulatedHost : public Program {
   }
 
   std::unique_ptr<DeliveryServer> server_;
-  wire::Every offers_{100 * kMs};
+  session::Every offers_{100 * kMs};
   std::int64_t last_sent_ns_ = 0;
   std::uint64_t chunks_ = 0;
 };

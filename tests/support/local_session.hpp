@@ -1,4 +1,4 @@
-/// A host, a loader and a cycle in one thread, without DDS: a session in which every step can be looked at.
+/// A host and the core of an HRTC in one thread, without DDS: a session in which every step can be looked at.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -7,8 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "hrtc_service/cycle.hpp"
-#include "hrtc_service/loader.hpp"
+#include "hrtc_service/hrtc_core.hpp"
 #include "session/delivery_server.hpp"
 #include "spm/codec/model_codec.hpp"
 
@@ -26,13 +25,10 @@ class LocalSession {
                const session::Material& material = {}, double mass = 0,
                std::uint32_t targets = hrtc_service::CycleSettings{}.targets)
       : models_{models},
-        pool_{settings},
-        nodes_{settings.tree_nodes},
         server_{session::Origin{kSession, kHost, 1, 0}},
-        loader_{pool_, nodes_, session::Origin{kSession, kHrtc, 1, 0}, loader, arrivals_, departures_},
-        cycle_{cycle_settings(loader.tool, targets), specs(), departures_, &log_},
+        core_{session::Origin{kSession, kHrtc, 1, 0}, core_settings(settings, loader, targets)},
         delay_{delay_cycles} {
-    loader_.on_event = [this](const std::string& text) { events.push_back(text); };
+    gateway().on_event = [this](const std::string& text) { events.push_back(text); };
     for (std::size_t i = 0; i < models_.size(); ++i) {
       const std::uint64_t id = 100 + i;
       encoded_.emplace_back(models_[i]);
@@ -49,8 +45,8 @@ class LocalSession {
         entry.body = {mass, sharing::inertia_of_bounds(entry.summary, scale, mass), 0.5, -1};
       entry.pose.position = {static_cast<double>(i), 0, 0};
       entry.base_bytes = server_.base_bytes(id);
-      loader_.on_host_seen(kHost, 1, now_);
-      loader_.on_catalogue(entry);
+      gateway().on_host_seen(kHost, 1, now_);
+      gateway().on_catalogue(entry);
       entries_.push_back(entry);
     }
   }
@@ -65,35 +61,43 @@ class LocalSession {
   void prepare(const spm::Vec3d& device, const spm::Vec3d& velocity) {
     now_ += kPeriodNs;
     ++cycles_;
-    if (cycles_ % 2 == 0) exchange(device);
+    if (cycles_ % 2 == 0) exchange();
     inputs_[0].active = true;
     inputs_[0].device.position = device;
     inputs_[0].device.velocity = velocity;
-    inputs_[0].near = near_[0];
   }
   /// The second half: the haptic thread's, from one look at the mesh that was touched to the next.
   const hrtc_service::CycleResult& run_cycle(std::uint32_t units) noexcept {
-    cycle_.refine(spm::Budget{units});
+    core_.servo().refine(spm::Budget{units});
     return touch();
   }
+  /// Of the cycle alone: what can move stays where it is.
   const hrtc_service::CycleResult& touch() noexcept {
+    hrtc_service::ServoLink& link = core_.link();
     std::array<hrtc_service::Arrival, 64> arrived;
-    const auto count = static_cast<std::uint32_t>(arrivals_.pop(arrived.data(), arrived.size()));
-    const hrtc_service::CycleResult& result = cycle_.touch(inputs_, now_, arrived.data(), count);
-    in_contact_ = (result.probes[0].status & session::kInContact) != 0;
-    proxy_ = hrtc_service::vec(result.probes[0].proxy);
-    orientation_ = hrtc_service::quaternion(result.probes[0].orientation);
+    const auto count = static_cast<std::uint32_t>(link.arrivals.pop(arrived.data(), arrived.size()));
+    for (std::size_t i = 0; i < inputs_.size(); ++i) inputs_[i].near = link.near.latest()[i];
+    const hrtc_service::CycleResult& result = cycle().touch(inputs_, now_, arrived.data(), count);
+    link.reports_for_gateway.post({now_, now_ + kPeriodNs, cycles_, result.probes, result.interventions});
     return result;
+  }
+  /// Of the whole servo: the forces as bodies leave them.
+  const hrtc_service::Servo::Outputs& touch_all() noexcept {
+    core_.servo().touch(inputs_, now_);
+    core_.servo().publish(now_, now_ + kPeriodNs);
+    return core_.servo().outputs();
   }
 
   /// The next log entry; false when there is none.
-  bool take_log(trace::LoggedQuery& entry) { return log_.pop(entry); }
+  bool take_log(trace::LoggedQuery& entry) { return core_.link().log.pop(entry); }
 
   /// What the next `touch` is given: that of the first probe is set by `prepare`, others are whose test it is.
   [[nodiscard]] std::array<hrtc_service::ProbeInput, hrtc_service::kMaxProbes>& inputs() { return inputs_; }
   [[nodiscard]] const session::CatalogueEntry& entry(std::size_t object) const { return entries_[object]; }
-  [[nodiscard]] hrtc_service::Cycle& cycle() { return cycle_; }
-  [[nodiscard]] hrtc_service::Loader& loader() { return loader_; }
+  [[nodiscard]] hrtc_service::HrtcCore& core() noexcept { return core_; }
+  [[nodiscard]] hrtc_service::Gateway& gateway() noexcept { return core_.gateway(); }
+  [[nodiscard]] hrtc_service::Cycle& cycle() noexcept { return core_.servo().cycle(); }
+  [[nodiscard]] const hrtc_service::Loader& loader() const noexcept { return core_.gateway().loader(); }
   [[nodiscard]] session::DeliveryServer& server() { return server_; }
   static hrtc_service::CycleSettings cycle_settings(const spm::MeshProbe* tool = nullptr,
                                                     std::uint32_t targets = hrtc_service::CycleSettings{}.targets) {
@@ -101,6 +105,17 @@ class LocalSession {
     settings.force.soft_start = 0.01;
     settings.tool = tool;
     settings.targets = targets;
+    return settings;
+  }
+  static hrtc_service::HrtcCoreSettings core_settings(const spm::PoolSettings& pool,
+                                                      const hrtc_service::LoaderSettings& loader,
+                                                      std::uint32_t targets = hrtc_service::CycleSettings{}.targets) {
+    hrtc_service::HrtcCoreSettings settings;
+    settings.pool = pool;
+    settings.servo.cycle = cycle_settings(loader.tool, targets);
+    settings.servo.specs = specs();
+    settings.gateway.loader = loader;
+    settings.logs_queries = true;
     return settings;
   }
   static std::array<haptics::DeviceSpec, hrtc_service::kMaxProbes> specs() {
@@ -121,12 +136,10 @@ class LocalSession {
     Sample sample;
   };
 
-  void exchange(const spm::Vec3d& device) {
-    std::array<hrtc_service::ProbeSight, hrtc_service::kMaxProbes> sights;
-    sights[0] = {true, in_contact_, now_, device, proxy_, orientation_};
-    loader_.on_host_seen(kHost, 1, now_);
-    loader_.tick(now_, sights, near_);
-    while (auto demand = loader_.demand(now_))
+  void exchange() {
+    gateway().on_host_seen(kHost, 1, now_);
+    gateway().tick(now_, session::ClockMap{});
+    while (auto demand = gateway().demand(now_))
       if (connected) demands_.push_back({cycles_ + delay_, std::move(*demand)});
     while (!demands_.empty() && demands_.front().due <= cycles_) {
       server_.on_demand(demands_.front().sample, now_);
@@ -135,30 +148,20 @@ class LocalSession {
     while (auto chunk = server_.next(now_))
       if (connected) chunks_.push_back({cycles_ + delay_, std::move(chunk->chunk)});
     while (!chunks_.empty() && chunks_.front().due <= cycles_) {
-      loader_.on_chunk(chunks_.front().sample, now_);
+      gateway().on_chunk(chunks_.front().sample, now_);
       chunks_.pop_front();
     }
   }
 
   std::vector<spm::Model> models_;
-  spm::Pool pool_;
-  spm::NodePool nodes_;
-  hrtc_service::ArrivalRing arrivals_{4096};
-  hrtc_service::DepartureRing departures_{4096};
-  hrtc_service::Cycle::LogRing log_{256};
   std::vector<spm::codec::EncodedModel> encoded_;
   std::vector<session::CatalogueEntry> entries_;
   session::DeliveryServer server_;
-  hrtc_service::Loader loader_;
-  hrtc_service::Cycle cycle_;
+  hrtc_service::HrtcCore core_;
   std::uint32_t delay_;
   std::int64_t now_ = 1'000'000'000;
   std::uint64_t cycles_ = 0;
-  bool in_contact_ = false;
-  spm::Vec3d proxy_ = spm::Vec3d::Zero();
-  Eigen::Quaterniond orientation_ = Eigen::Quaterniond::Identity();
   std::array<hrtc_service::ProbeInput, hrtc_service::kMaxProbes> inputs_;
-  std::array<hrtc_service::NearObjects, hrtc_service::kMaxProbes> near_;
   std::deque<Delayed<session::Demand>> demands_;
   std::deque<Delayed<session::BulkChunk>> chunks_;
 };

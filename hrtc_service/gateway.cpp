@@ -1,0 +1,92 @@
+#include "hrtc_service/gateway.hpp"
+
+#include <utility>
+
+namespace tactus::hrtc_service {
+namespace {
+
+constexpr std::int64_t kMaxTransitNs = 1'000'000'000;  // more is no transit but a wrong time
+
+}  // namespace
+
+Gateway::Gateway(spm::Pool& pool, spm::NodePool& nodes, const session::Origin& self, const GatewaySettings& settings,
+                 ServoLink& link)
+    : link_{link},
+      loader_{pool, nodes, self, settings.loader, link.arrivals, link.departures},
+      ownership_{self, link.bodies.orders, settings.ownership} {
+  loader_.on_event = [this](const std::string& text) {
+    if (on_event) on_event(text);
+  };
+  loader_.on_object = [this](const TouchObject& object) {
+    if (object.body && !ownership_.add(object.index, object.id, *object.body) && on_event)
+      on_event("an object that can move will stay where it is: an HRTC moves " + std::to_string(kMaxBodies) +
+               " at most");
+    if (on_object) on_object(object);
+  };
+  loader_.on_object_gone = [this](std::uint64_t object) {
+    movable_.erase(object);
+    if (on_object_gone) on_object_gone(object);
+  };
+}
+
+void Gateway::on_catalogue(const session::CatalogueEntry& entry) {
+  loader_.on_catalogue(entry);
+  if (loader_.knows(entry.object_id) && sharing::can_move(entry) && !entry.withdrawn)
+    movable_.try_emplace(entry.object_id, Movable{entry});
+}
+
+void Gateway::on_pose(const session::ObjectPose& pose, std::int64_t now_ns, std::int64_t session_now_ns) {
+  on_transit(session_now_ns - pose.session_time_ns, session_now_ns);
+  ownership_.on_pose(pose, now_ns);
+}
+
+void Gateway::on_transit(std::int64_t transit_ns, std::int64_t session_now_ns) noexcept {
+  if (clock_is_set_ && transit_ns >= 0 && transit_ns < kMaxTransitNs) transit_.on_transit(transit_ns, session_now_ns);
+}
+
+void Gateway::take_reports() {
+  fresh_ = link_.reports_for_gateway.take(reports_);
+  if (!fresh_) return;
+  for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
+    const ProbeOutput& probe = reports_.probes[i];
+    sights_[i] = {probe.active,     (probe.status & session::kInContact) != 0,
+                  reports_.time_ns, vec(probe.device),
+                  vec(probe.proxy), quaternion(probe.orientation)};
+  }
+}
+
+/// The loader looks for what is near an object where it stands now.
+void Gateway::move_objects() {
+  for (const OwnershipClient::Held& body : ownership_.bodies()) {
+    const auto at = movable_.find(body.id);
+    if (at == movable_.end()) continue;
+    auto& [entry, moved] = at->second;
+    if (body.pose.position == entry.pose.position && body.pose.orientation == entry.pose.orientation) continue;
+    moved = true;
+    entry.pose = body.pose;
+    loader_.on_moved(body.object, Placement{entry.pose, entry.scale});
+  }
+}
+
+void Gateway::tick(std::int64_t now_ns, const session::ClockMap& clock) {
+  clock_is_set_ = clock.bound(now_ns) < session::kClockUnknown;
+  take_reports();
+  claims_.clear();
+  if (!ownership_.bodies().empty()) {
+    if (link_.bodies.reports_for_gateway.take(body_reports_)) ownership_.on_reports(body_reports_);
+    ownership_.on_transits(transit_);
+    claims_ = ownership_.tick(now_ns, clock);
+    move_objects();
+  }
+  loader_.tick(now_ns, sights_, near_);
+  link_.near.post(near_);
+}
+
+std::vector<session::CatalogueEntry> Gateway::take_moved() {
+  std::vector<session::CatalogueEntry> moved;
+  for (auto& [id, movable] : movable_)
+    if (std::exchange(movable.moved, false)) moved.push_back(movable.entry);
+  return moved;
+}
+
+}  // namespace tactus::hrtc_service

@@ -1,0 +1,95 @@
+#include "hrtc_service/servo.hpp"
+
+#include <algorithm>
+
+namespace tactus::hrtc_service {
+
+Servo::Servo(const ServoSettings& settings, ServoLink& link)
+    : link_{link},
+      cycle_{settings.cycle, settings.specs, link.departures, link.logs_queries ? &link.log : nullptr},
+      bodies_{settings.cycle, link.bodies} {
+  cycle_.set_observer(settings.recorder);
+  snapshot_.nodes.resize(settings.snapshot_nodes);
+}
+
+/// A stop comes last: it stands, whatever a reset has ended.
+void Servo::obey(StopWord word) noexcept {
+  if (word.bits() == stop_.bits()) return;
+  if (word.resets != stop_.resets) cycle_.reset_faults();
+  if (word.stopped) cycle_.stop(haptics::Fault::kEmergencyStop);
+  stop_ = word;
+}
+
+const Servo::Outputs& Servo::touch(Inputs& inputs, std::int64_t now_ns) noexcept {
+  obey(link_.stop());
+  const auto arrived = static_cast<std::uint32_t>(link_.arrivals.pop(arrived_.data(), arrived_.size()));
+  const std::array<NearObjects, kMaxProbes>& near = link_.near.latest();
+  for (std::uint32_t i = 0; i < kMaxProbes; ++i) inputs[i].near = near[i];
+  bodies_.place(cycle_, now_ns);
+  outputs_ = cycle_.touch(inputs, now_ns, arrived_.data(), arrived).probes;
+  bodies_.limit(cycle_, inputs, outputs_);
+  return outputs_;
+}
+
+void Servo::publish(std::int64_t now_ns, std::int64_t next_due_ns) noexcept {
+  link_.acknowledge_stop(stop_);
+  bodies_.step(cycle_, now_ns);
+  const ProbeReports reports{now_ns, next_due_ns, ++cycles_, outputs_, cycle_.result().interventions};
+  link_.reports_for_sender.post(reports);
+  link_.reports_for_gateway.post(reports);
+}
+
+const CycleResult& Servo::refine(spm::Budget budget, const RefineLimit& limit) noexcept {
+  const CycleResult& result = cycle_.refine(snapshot_.under_way ? spm::Budget{0} : budget, limit);
+  for (const TouchObject* object : cycle_.objects()) hashes_[object->index] = object->forest->mesh_hash();
+  link_.mesh_hashes.post(hashes_);
+  if (snapshot_.under_way) continue_snapshot();
+  return result;
+}
+
+void Servo::begin_snapshot() noexcept {
+  if (snapshot_.nodes.empty() || snapshot_.under_way) return;
+  snapshot_.count = snapshot_.objects = snapshot_.next_node = 0;
+  snapshot_.under_way = true;
+}
+
+void Servo::continue_snapshot() noexcept {
+  std::uint32_t room = 500;  // nodes: some 20 us
+  const std::vector<TouchObject*>& objects = cycle_.objects();
+  while (room > 0 && snapshot_.objects < objects.size()) {
+    const TouchObject& object = *objects[snapshot_.objects];
+    const auto left = static_cast<std::uint32_t>(snapshot_.nodes.size()) - snapshot_.count;
+    const std::uint32_t wanted = std::min(room, left);
+    spm::TreeNode* out = snapshot_.nodes.data() + snapshot_.count;
+    const std::uint32_t copied = object.forest->tree().copy_leaves(snapshot_.next_node, out, wanted);
+    snapshot_.count += copied;
+    room -= copied;
+    if (copied > 0) snapshot_.next_node = out[copied - 1].id + 1;
+    if (copied == wanted && left > copied) break;
+    snapshot_.indices[snapshot_.objects] = object.index;
+    snapshot_.ends[snapshot_.objects++] = snapshot_.count;
+    snapshot_.next_node = 0;
+  }
+  if (snapshot_.objects < objects.size()) return;
+  snapshot_.under_way = false;
+  snapshots_done_.fetch_add(1, std::memory_order_release);
+}
+
+std::vector<SnapshotFace> Servo::snapshot(std::uint32_t object_index) const {
+  std::vector<SnapshotFace> faces;
+  for (std::uint32_t i = 0, first = 0; i < snapshot_.objects; first = snapshot_.ends[i++]) {
+    if (snapshot_.indices[i] != object_index) continue;
+    for (std::uint32_t number = first; number < snapshot_.ends[i]; ++number) {
+      const spm::TreeNode& node = snapshot_.nodes[number];
+      for (unsigned lane = 0; lane < spm::TreeNode::kWidth; ++lane) {
+        if ((node.mask >> lane & 1u) == 0) continue;
+        SnapshotFace& face = faces.emplace_back();
+        for (std::uint32_t row = 0; row < face.corners.size(); ++row) face.corners[row] = node.lanes[row][lane];
+        face.finest = (node.last >> lane & 1u) != 0;
+      }
+    }
+  }
+  return faces;
+}
+
+}  // namespace tactus::hrtc_service
