@@ -22,6 +22,11 @@ step() {
 # marked_run FILE: the commands, a line each, of its code blocks that begin with ```sh run.
 marked_run() { awk '/^```sh run$/ { inside = 1; next } /^```/ { inside = 0 } inside && NF' "$1"; }
 
+# run_page FILE: the same commands in one shell, which ends at the first that fails and then stops what it has started.
+run_page() {
+  bash -euo pipefail -c "trap 'jobs -p | xargs -r kill 2>/dev/null || true' EXIT"$'\n'"$(marked_run "$1")"
+}
+
 finish() {
   local name
   for name in "${broken[@]}"; do printf 'failed: %s\n' "$name"; done

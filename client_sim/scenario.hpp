@@ -1,7 +1,7 @@
 /// What simulated users shall do, read from YAML.
 ///
 ///     name: touch
-///     measures: forces        # of a study (docs/studies.md); with it goes what they are held against
+///     measures: forces        # of a study (docs/how-to/studies.md); with it goes what they are held against
 ///     truth: full-mesh
 ///     tool: stylus            # what users hold there; a ball unless told
 ///     duration: 10            # s
@@ -126,7 +126,8 @@ struct Scenario {
 /// neither.
 [[nodiscard]] Scenario load_scenario(const std::string& name_or_path);
 
-/// `touch`, `follow`, `lift`, `grab`, `demo`, `demo-lift`, and those of studies (docs/studies.md): name and YAML text.
+/// `touch`, `follow`, `lift`, `grab`, `demo`, `demo-lift`, and those of studies (docs/how-to/studies.md): name and YAML
+/// text.
 struct BuiltInScenario {
   const char* name;
   const char* text;

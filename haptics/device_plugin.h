@@ -3,9 +3,9 @@
  *   tactus-hrtc --device ann=./mydevice.so,CONFIG
  *
  * Loaded at run time, so that no SDK is needed to build Tactus and no Tactus library to build a driver: this header is
- * all. `docs/devices.md` goes through a whole one. Metres, newton, seconds, radians; the device's own frame, which
- * --device-scale and --device-offset put into the world. Tactus limits forces, starts them softly and ends them when
- * poses grow old; a driver writes what it is given, and its device's own protection stays on.
+ * all. `docs/how-to/own-device.md` goes through a whole one. Metres, newton, seconds, radians; the device's own frame,
+ * which --device-scale and --device-offset put into the world. Tactus limits forces, starts them softly and ends them
+ * when poses grow old; a driver writes what it is given, and its device's own protection stays on.
  *
  * read and write are called once each cycle, 1 kHz unless said otherwise, in the haptic thread: they must not wait. A
  * device whose SDK blocks is read in a thread of the driver's own, and read gives the newest pose with its time. */

@@ -14,19 +14,16 @@
 
 #include "hrtc_service/body_exchange.hpp"
 #include "hrtc_service/gateway.hpp"
-#include "hrtc_service/neighbours.hpp"
+#include "hrtc_service/group_endpoints.hpp"
+#include "hrtc_service/membership.hpp"
 #include "hrtc_service/realtime.hpp"
 #include "hrtc_service/snapshot.hpp"
 #include "hrtc_service/state_sender.hpp"
 #include "hrtc_service/statistics.hpp"
 #include "hrtc_service/stop_switch.hpp"
 #include "hrtc_service/timer_beside.hpp"
-#include "hrtc_service/user_table.hpp"
-#include "session/clock.hpp"
-#include "session/failure_detector.hpp"
+#include "hrtc_service/user_devices.hpp"
 #include "session/periodic.hpp"
-#include "session/roster.hpp"
-#include "session/time_reference.hpp"
 #include "wire/endpoints.hpp"
 #include "wire/inbox.hpp"
 
@@ -38,23 +35,16 @@ constexpr std::int64_t kServiceNs = 2 * kMs;  // from one pass to the next, at l
 constexpr std::int64_t kServiceRest = 10;
 constexpr std::int64_t kServiceMaxNs = 10 * kMs;
 constexpr std::int64_t kServiceRestingNs = 8 * kMs;  // at least, where no tip moves and all that is wanted is here
-constexpr std::int64_t kFailureDetectorNs = 2 * kMs, kFailureDetectorEaseNs = 4 * kMs;
-constexpr std::int64_t kHeartbeatNs = 100 * kMs;
-constexpr std::int64_t kClockNs = 200 * kMs;
-constexpr std::int64_t kClockFastNs = 20 * kMs;
 constexpr std::int64_t kMetricsNs = 500 * kMs;
 constexpr std::int64_t kMetricsSoonNs = 100 * kMs;
 constexpr std::int64_t kAllMetricsNs = 5000 * kMs;
 constexpr std::int64_t kOverrunLoggedNs = 1000 * kMs;
 constexpr std::int64_t kTargetsLoggedNs = 10'000 * kMs;
-constexpr std::int64_t kModesNs = 20 * kMs;
+constexpr std::int64_t kGroupsNs = 20 * kMs;
 constexpr std::int64_t kNoHostNs = 5000 * kMs;
-constexpr std::uint32_t kSetClockUs = 1'000'000;  // a sender whose time is known no better has not set its clock yet
-constexpr std::int64_t kFeltNs = 200 * kMs;       // after a force: a tip that bounces, or a hand that closes again
 
 using session::Every;
-/// What a host answers when it is asked whether it lives (session/failure_detector.hpp), or for the time.
-struct FailureDetectorAnswer {
+struct HostAnswer {
   session::ClockSample sample;
 };
 /// A probe state that came through the ends of a group.
@@ -71,19 +61,11 @@ struct RelayedStop {
   std::string by;
 };
 
-using Sample = std::variant<FailureDetectorAnswer, session::RosterEntry, session::CatalogueEntry, session::BulkChunk,
+using Sample = std::variant<HostAnswer, session::RosterEntry, session::CatalogueEntry, session::BulkChunk,
                             session::Intent, session::ClockSample, session::Control, session::EmergencyStop,
                             session::ForceReset, session::SessionEnd, RelayedStop, session::ProbeState,
                             session::Metrics, FullRateState, session::ObjectGrant, session::ObjectPose>;
 using Inbox = wire::Inbox<Sample>;
-
-/// Contacts and holds count, whatever their force is in this cycle.
-bool forces_in(const ProbeReports& reports) {
-  return std::any_of(reports.probes.begin(), reports.probes.end(), [](const ProbeOutput& probe) {
-    return probe.active && ((probe.status & (session::kInContact | session::kHolding)) != 0 ||
-                            probe.force != Plain3{} || probe.torque != Plain3{});
-  });
-}
 
 bool touches_exactly(const ProbeReports& reports) {
   constexpr std::uint32_t kTouching = session::kInContact | session::kExact;
@@ -99,45 +81,42 @@ struct Hrtc::Impl {
   int run(const std::atomic<bool>& stop);
 
   // Samples that arrive.
-  void take(const session::RosterEntry& entry, std::int64_t now_ns);
+  void take(const session::RosterEntry& entry, std::int64_t now_ns) { membership.on_roster(entry, now_ns); }
   void take(const session::CatalogueEntry& entry, std::int64_t now_ns);
   void take(const session::BulkChunk& chunk, std::int64_t now_ns) { gateway.on_chunk(chunk, now_ns); }
   void take(const session::Intent& intent, std::int64_t now_ns);
   void take(const session::ClockSample& sample, std::int64_t now_ns);
-  void take(const FailureDetectorAnswer& answer, std::int64_t now_ns) {
-    failure_detector.on_answer(answer.sample, now_ns);
-    clock.on_answer(answer.sample, now_ns);
-  }
+  void take(const HostAnswer& answer, std::int64_t now_ns) { membership.on_host_answer(answer.sample, now_ns); }
   void take(const session::Control& control, std::int64_t now_ns);
-  // The haptic thread knows these already: callbacks told it.
+  // The servo obeys these already: the callbacks set its stop.
   void take(const session::EmergencyStop& stop, std::int64_t now_ns);
   void take(const RelayedStop& stop, std::int64_t now_ns);
   void take(const session::ForceReset& reset, std::int64_t now_ns);
   void take(const session::SessionEnd& end, std::int64_t now_ns);
-  void follow_stops();
-  void take(const session::ProbeState& state, std::int64_t now_ns);
-  void take(const FullRateState& whole, std::int64_t now_ns);
-  void take(const session::Metrics& published, std::int64_t now_ns) { neighbours.on_metrics(published, now_ns); }
+  void take(const session::ProbeState& state, std::int64_t now_ns) {
+    membership.on_state(state, session::StateStream::kDeadbandCoded, now_ns);
+  }
+  void take(const FullRateState& full_rate, std::int64_t now_ns) {
+    membership.on_state(full_rate.state, session::StateStream::kFullRate, now_ns);
+  }
+  void take(const session::Metrics& received, std::int64_t now_ns) { membership.on_metrics(received, now_ns); }
   void take(const session::ObjectGrant& grant, std::int64_t now_ns) { gateway.on_grant(grant, now_ns); }
   void take(const session::ObjectPose& pose, std::int64_t now_ns) {
-    gateway.on_pose(pose, now_ns, clock.map().session_time(now_ns));
+    gateway.on_pose(pose, now_ns, membership.clock().session_time(now_ns));
   }
 
-  void on_event(const session::RosterEvent& event, std::int64_t now_ns);
-  void tell_of_fault(std::uint32_t slot, std::uint32_t status);
-  void tell_of_hold(std::uint32_t slot, const ProbeOutput& probe);
-  void remove(std::uint64_t client, const std::string& user);
+  void follow_output();
+  void follow_stops();
+  void follow_reports();
+  void log_fault(std::uint32_t slot, std::uint32_t status);
+  void log_hold(std::uint32_t slot, const ProbeOutput& probe);
   void add_local_users();
-  [[nodiscard]] bool force_on(std::int64_t now_ns) const;
   void note_first_touch(std::int64_t now_ns);
-  void choose_whom_to_watch(const std::array<NearObjects, kMaxProbes>& near);
-  [[nodiscard]] bool run_failure_detector(std::int64_t now_ns);
-  void tell_of_hosts(std::int64_t now_ns);
-  void send_roster(bool leaving);
+  void send(session::RosterEntry entry);
   void send_metrics(bool all);
-  void tick_modes(std::int64_t now_ns);
   void tick_gateway(std::int64_t now_ns);
-  void follow_reports(std::int64_t now_ns);
+  void send_requests();
+  void watch_for_hosts(std::int64_t now_ns);
   void send_states();
   void serve(std::int64_t now_ns);
   void log_overrun(const CycleTrace& trace, const LateVerdict& verdict);
@@ -154,11 +133,9 @@ struct Hrtc::Impl {
   Gateway& gateway{core.gateway()};
   const Loader& loader{core.gateway().loader()};
   HapticThread haptic;
-  session::Roster roster;
-  session::SessionClock clock;
-  session::FailureDetector failure_detector;
+  Membership membership;
   HapticOrders orders{haptic};
-  UserTable user_table;
+  UserDevices devices;
   StopSwitch stops{participants.origin(), core.link()};
   bool stopped = false;  // when the service thread looked last
   std::vector<session::StopRecord> stops_acknowledged;
@@ -167,9 +144,9 @@ struct Hrtc::Impl {
   wire::Writer<session::RosterEntry> roster_out;
   wire::Writer<session::Demand> demand_out;
   wire::Writer<session::ClockSample> clock_out;
-  wire::Writer<session::ClockSample> failure_detector_out;
+  wire::Writer<session::ClockSample> host_clock_out;
   wire::Writer<session::Metrics> metrics_out, losses_out;
-  Neighbours neighbours;
+  GroupEndpoints groups;
   StateSender states;
   BodyExchange exchange;
 
@@ -180,14 +157,8 @@ struct Hrtc::Impl {
   std::vector<bool> object_logged;
   trace::LoggedQuery logged;
 
-  session::Heartbeat heartbeat{kHeartbeatNs};
-  Every clock_request{kClockFastNs}, metrics{kMetricsNs}, all_metrics{kAllMetricsNs}, no_host{kNoHostNs},
-      modes{kModesNs}, bodies_published{kModesNs};
-  std::uint64_t beats = 0;
-  std::uint32_t clock_requests = 0;
+  Every metrics{kMetricsNs}, all_metrics{kAllMetricsNs}, no_host{kNoHostNs}, sync_groups{kGroupsNs};
   std::int64_t started_ns = 0;
-  std::int64_t felt_ns = INT64_MIN / 2;  // when a force was on last
-  bool host_seen = false;
   bool ended = false;
   int exit_code = 0;
   std::array<std::uint32_t, kMaxProbes> faults_logged{};  // status bits
@@ -200,12 +171,6 @@ struct Hrtc::Impl {
   std::int64_t first_cycle_ns = 0;
   std::optional<SnapshotTaker> snapshots;  // when they are asked for
   std::uint32_t saves_seen = 0;
-  struct Serving {
-    std::uint64_t host = 0;
-    std::int64_t since_ns = 0;  // of a change whose first records have not come
-    std::uint64_t regions_before = 0;
-  };
-  std::map<std::uint64_t, Serving> servings;  // by object
   struct {
     std::int64_t catalogue_ns = 0, base_ns = 0, exact_ns = 0;  // when first, each; 0: not yet
     std::uint64_t bytes = 0;                                   // of payload, until the last
@@ -285,23 +250,22 @@ Hrtc::Impl::Impl(HrtcOptions given)
       flight{flight_saver(options)},
       core{participants.origin(), core_settings(options, flight.get())},
       haptic{haptic_settings(options), core.servo()},
-      roster{participants.origin(), {}},
-      clock{participants.origin(), {}, monotonic_ns()},
-      failure_detector{participants.origin(), {}},
-      user_table{participants, std::min<std::size_t>(options.max_users, kMaxProbes), orders,
-                 [this](session::Intent&& intent) { inbox.put(std::move(intent)); }},
+      membership{participants.origin(),
+                 {options.address.participant, options.address.session, options.max_users},
+                 gateway,
+                 monotonic_ns()},
+      devices{participants, orders, [this](session::Intent&& intent) { inbox.put(std::move(intent)); }},
       roster_out{participants, wire::topics::kRoster},
       demand_out{participants, wire::topics::kDemand},
       clock_out{participants, wire::topics::kClock},
-      failure_detector_out{participants, wire::topics::kClock, {wire::hrtc_partition(options.address.participant)}},
+      host_clock_out{participants, wire::topics::kClock, {wire::hrtc_partition(options.address.participant)}},
       metrics_out{participants, wire::topics::kMetrics},
       losses_out{participants, wire::topics::kMetrics, {wire::kLossesPartition}},
-      neighbours{participants, [this](session::ProbeState&& state) { inbox.put(FullRateState{std::move(state)}); }},
-      states{participants, options.core.servo.cycle.radius, options.coding, user_table, neighbours},
+      groups{participants, [this](session::ProbeState&& state) { inbox.put(FullRateState{std::move(state)}); }},
+      states{participants, options.core.servo.cycle.radius, options.coding, devices, membership.remote_users(), groups},
       exchange{participants, core.link().bodies, gateway} {
   gateway.on_event = [](const std::string& text) { spdlog::info("{}", text); };
   gateway.on_object = [this](const TouchObject& object) { exchange.add(object); };
-  gateway.on_object_gone = [this](std::uint64_t object) { neighbours.on_object_gone(object); };
   add_local_users();
   // Last of what may be refused, so that nothing is left behind.
   if (!options.snapshot.empty()) expect_snapshot_directory(options.snapshot);
@@ -326,7 +290,7 @@ Hrtc::Impl::Impl(HrtcOptions given)
   listen(wire::topics::kRecords, own);
   readers.push_back(std::make_shared<wire::Reader<session::ClockSample>>(
       participants, wire::topics::kClock,
-      [this](session::ClockSample&& answer) { inbox.put(FailureDetectorAnswer{std::move(answer)}); }, own));
+      [this](session::ClockSample&& answer) { inbox.put(HostAnswer{std::move(answer)}); }, own));
 }
 
 Hrtc::Impl::~Impl() {
@@ -337,91 +301,27 @@ Hrtc::Impl::~Impl() {
 }
 
 void Hrtc::Impl::add_local_users() {
-  for (LocalUser& local : options.local_users)
-    if (!user_table.add_local(local.user, std::move(local.device)))
-      throw haptics::DeviceError("no slot left for user " + local.user);
-}
-
-void Hrtc::Impl::take(const session::RosterEntry& entry, std::int64_t now_ns) {
-  for (const session::RosterEvent& event : roster.on_entry(entry, now_ns)) on_event(event, now_ns);
-  const session::RosterEntry* const known = roster.find(entry.origin.participant);
-  const bool counts = known != nullptr && known->origin.incarnation == entry.origin.incarnation && !entry.leaving;
-  if (entry.role == session::Role::kHost && counts) {
-    host_seen = true;
-    gateway.on_host_seen(entry.origin.participant, entry.origin.incarnation, now_ns);
+  for (LocalUser& local : options.local_users) {
+    const std::optional<std::uint32_t> probe = membership.add_local(local.user);
+    if (!probe) throw haptics::DeviceError("no slot left for user " + local.user);
+    devices.add_local(*probe, local.user, std::move(local.device));
   }
-}
-
-void Hrtc::Impl::on_event(const session::RosterEvent& event, std::int64_t now_ns) {
-  using session::RosterChange;
-  const session::RosterEntry& entry = event.entry;
-  const bool gone = event.change == RosterChange::kGone || event.change == RosterChange::kLeft;
-  if (event.change != RosterChange::kChanged) spdlog::info("{}", session::text(event));
-  metrics.hasten(now_ns, kMetricsSoonNs);  // whoever compares scenes need not wait long
-  const bool is_new = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted;
-  if (entry.role == session::Role::kHost && is_new) heartbeat.insist();  // whom it had not yet found before
-  if (event.change == RosterChange::kNameConflict && entry.origin.participant == participants.origin().participant) {
-    spdlog::error("another program named {} is in session {}; every name may be there once",
-                  options.address.participant, options.address.session);
-    if (event.entry_yields) {
-      exit_code = 2;
-      ended = true;
-    }
-    return;
-  }
-  if (entry.role == session::Role::kHost && gone) gateway.on_host_gone(entry.origin.participant);
-  if (entry.role == session::Role::kHrtc && gone) neighbours.on_controller_gone(entry.origin.participant);
-  if (entry.role != session::Role::kClient) return;
-  const std::uint64_t client = entry.origin.participant;
-  if (gone || event.change == RosterChange::kRestarted)
-    for (const std::string& user : entry.users) remove(client, user);
-  const bool here = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted ||
-                    event.change == RosterChange::kChanged;
-  const bool asks = here && entry.controller == options.address.participant;
-  // After a restart the others stay: a second program of that name may only have shown itself, and yield.
-  if (event.change == RosterChange::kChanged) {
-    for (const std::string& user : user_table.users_of(client))
-      if (!(asks && std::find(entry.users.begin(), entry.users.end(), user) != entry.users.end())) remove(client, user);
-  }
-  if (!asks) return;
-  user_table.seat(entry);
-  heartbeat.at_once();
-}
-
-void Hrtc::Impl::remove(std::uint64_t client, const std::string& user) {
-  const std::optional<std::uint64_t> left = user_table.remove(client, user);
-  if (!left) return;
-  neighbours.on_user_left(*left);
-  roster.for_each([&](const session::RosterEntry& other) {  // who was refused for want of this probe or this name
-    if (other.role == session::Role::kClient && other.controller == options.address.participant &&
-        other.origin.participant != client)
-      user_table.seat(other);
-  });
-  heartbeat.at_once();
 }
 
 void Hrtc::Impl::take(const session::CatalogueEntry& entry, std::int64_t now_ns) {
   if (first.catalogue_ns == 0) first.catalogue_ns = now_ns;
-  heartbeat.insist();  // a host makes the ends of an HRTC's bulk once it knows of it
-  gateway.on_catalogue(entry);
-  if (loader.knows(entry.object_id)) neighbours.on_catalogue(entry);
+  membership.on_catalogue(entry);
 }
 
-/// Wishes are in session time, the hand's clock is ours.
+/// Intents are in session time, the hand's clock is ours.
 void Hrtc::Impl::take(const session::Intent& intent, std::int64_t now_ns) {
-  user_table.on_intent(intent, now_ns - clock.map().session_time(now_ns));
+  devices.on_intent(intent, now_ns - membership.clock().session_time(now_ns));
 }
 
+/// An answer leaves at once: the time until then is part of the measurement's error.
 void Hrtc::Impl::take(const session::ClockSample& sample, std::int64_t now_ns) {
-  if (sample.peer != participants.origin().participant) return;
-  if (sample.answer) {
-    clock.on_answer(sample, now_ns);
-    return;
-  }
-  if (!clock.answers()) return;
-  session::ClockSample answer = clock.answer(sample, now_ns, monotonic_ns());
-  answer.origin = participants.origin();
-  (void)clock_out.send(answer);
+  membership.on_clock(sample, now_ns, monotonic_ns());
+  follow_output();
 }
 
 void Hrtc::Impl::take(const session::Control& control, std::int64_t) {
@@ -430,12 +330,7 @@ void Hrtc::Impl::take(const session::Control& control, std::int64_t) {
       spdlog::info("session {} starts", options.address.session);
       break;
     case session::ControlKind::kMode:
-      try {
-        neighbours.on_mode(control.text);
-        spdlog::info("mode: {}", control.text);
-      } catch (const std::invalid_argument& error) {
-        spdlog::warn("{}", error.what());
-      }
+      membership.on_mode(control.text);
       break;
   }
 }
@@ -455,39 +350,45 @@ void Hrtc::Impl::take(const session::SessionEnd& end, std::int64_t) {
   ended = true;
 }
 
-/// Acknowledges in the roster what the haptic thread has obeyed, and saves the cycles before a stop.
+/// Sends, logs and does what the membership asks for.
+void Hrtc::Impl::follow_output() {
+  MembershipOutput& output = membership.output;
+  for (const SessionEvent& event : output.events) {
+    constexpr spdlog::level::level_enum kLevels[] = {spdlog::level::info, spdlog::level::warn, spdlog::level::err};
+    spdlog::log(kLevels[static_cast<std::size_t>(event.severity)], "{}", event.text);
+  }
+  for (session::ClockSample& sample : output.clock) {
+    sample.origin = participants.origin();
+    (void)clock_out.send(sample);
+  }
+  for (session::ClockSample& sample : output.clock_to_host) {
+    sample.origin = participants.origin();
+    (void)host_clock_out.send(sample);
+  }
+  for (const UserChange& user : output.users) {
+    if (user.joined)
+      devices.add(user.probe, user.name, user.client);
+    else
+      devices.remove(user.probe);
+  }
+  if (output.roster) send(std::move(*output.roster));
+  if (output.scene_changed) metrics.hasten(monotonic_ns(), kMetricsSoonNs);  // whoever compares scenes need not wait
+  if (output.name_conflict) {
+    exit_code = 2;
+    ended = true;
+  }
+  output.clear();
+}
+
+/// Acknowledges in the roster what the servo has obeyed, and saves the cycles before a stop.
 void Hrtc::Impl::follow_stops() {
-  if (stops.acknowledge(stops_acknowledged)) heartbeat.at_once();
+  if (stops.acknowledge(stops_acknowledged)) membership.on_stops(stops_acknowledged);
   const bool before = std::exchange(stopped, stops.stopped());
   if (stopped && !before && flight) flight->save("emergency stop", false);
 }
 
-void Hrtc::Impl::take(const session::ProbeState& state, std::int64_t now_ns) {
-  const std::int64_t session_ns = clock.map().session_time(now_ns);
-  neighbours.on_state(state, session::StateStream::kDeadbandCoded, now_ns, session_ns);
-  if (state.time_bound_us < kSetClockUs) gateway.on_transit(session_ns - state.session_time_ns, session_ns);
-}
-
-void Hrtc::Impl::take(const FullRateState& whole, std::int64_t now_ns) {
-  const std::int64_t session_ns = clock.map().session_time(now_ns);
-  neighbours.on_state(whole.state, session::StateStream::kFullRate, now_ns, session_ns);
-  if (whole.state.time_bound_us < kSetClockUs) gateway.on_transit(session_ns - whole.state.session_time_ns, session_ns);
-}
-
-/// A force may be on, or was a moment ago: then session time must not step.
-bool Hrtc::Impl::force_on(std::int64_t now_ns) const { return now_ns - felt_ns < kFeltNs; }
-
-void Hrtc::Impl::send_roster(bool leaving) {
-  session::RosterEntry entry;
+void Hrtc::Impl::send(session::RosterEntry entry) {
   entry.origin = participants.origin();
-  entry.role = session::Role::kHrtc;
-  entry.name = options.address.participant;
-  entry.session = options.address.session;
-  entry.slots = user_table.slots();
-  entry.heartbeat = ++beats;
-  entry.leaving = leaving;
-  entry.stops = stops_acknowledged;
-  session::put_time(clock, force_on(monotonic_ns()), monotonic_ns(), entry);
   (void)roster_out.send(entry);
 }
 
@@ -495,7 +396,7 @@ void Hrtc::Impl::send_metrics(bool all) {
   namespace names = session::figures;
   session::Metrics sample;
   sample.origin = participants.origin();
-  sample.scene = session::scene_hash(roster, participants.origin(), session::Role::kHrtc);
+  sample.scene = session::scene_hash(membership.roster(), participants.origin(), session::Role::kHrtc);
   statistics.write(sample.figures, all);
   if (all && !timer_samples.empty()) {
     sample.figures.push_back({names::kTimerP50, timer_samples.percentile_us(0.5)});
@@ -528,14 +429,14 @@ void Hrtc::Impl::send_metrics(bool all) {
       {names::kRecordsPublished, static_cast<double>(figures.records_published)},
       {names::kBytesReceived, static_cast<double>(delivery.payload_bytes)},
       {names::kLoadLatency, figures.load_latency * 1e6},
-      {names::kFalseAlarms, static_cast<double>(failure_detector.false_alarms())},
+      {names::kFalseAlarms, static_cast<double>(membership.false_alarms())},
       {names::kHostChanges, static_cast<double>(delivery.host_changes)},
       {names::kImplausible,
-       static_cast<double>(roster.implausible() + delivery.implausible + user_table.implausible() +
-                           neighbours.implausible() + gateway.ownership().implausible() + exchange.implausible())}};
+       static_cast<double>(membership.implausible() + delivery.implausible + devices.implausible() +
+                           gateway.ownership().implausible() + exchange.implausible())}};
   for (const auto& [name, value] : counts) sample.figures.push_back({name, value});
   states.write(sample.figures);
-  user_table.write(sample.figures);
+  devices.write(sample.figures);
   static_assert(std::size(names::kInterventions) == haptics::kForceBits);
   for (std::size_t i = 0; i < haptics::kForceBits; ++i)
     sample.figures.push_back({names::kInterventions[i], static_cast<double>(gateway.reports().interventions[i])});
@@ -545,50 +446,35 @@ void Hrtc::Impl::send_metrics(bool all) {
   since_catalogue(names::kFirstBase, first.base_ns);
   since_catalogue(names::kFirstExact, first.exact_ns);
   if (first.exact_ns != 0) sample.figures.push_back({names::kFirstExactBytes, static_cast<double>(first.bytes)});
-  neighbours.write(sample.figures);
+  membership.remote_users().write(sample.figures);
+  sample.figures.push_back({names::kTogether, static_cast<double>(groups.collaborating())});
   gateway.ownership().write(sample.figures);
   static_assert(kMaxObjects <= session::kMaxMeshes);
   const MeshHashes& hashes = core.link().mesh_hashes.latest();
   for (const Loader::ObjectInfo& object : loader.objects()) sample.meshes.push_back({object.id, hashes[object.index]});
   (void)metrics_out.send(sample);
   sample.meshes.clear();
-  sample.figures = neighbours.losses();
+  sample.figures = membership.remote_users().losses();
   if (!sample.figures.empty()) (void)losses_out.send(sample);
-}
-
-void Hrtc::Impl::tick_modes(std::int64_t now_ns) {
-  std::array<std::uint64_t, kMaxProbes> ids{};
-  for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
-    ids[i] = user_table.user_at(i);
-    if (ids[i] != 0 && gateway.reports().probes[i].active)
-      neighbours.on_own_probe(ids[i], gateway.reports().probes[i].device, now_ns);
-  }
-  neighbours.tick(now_ns, ids);
 }
 
 /// What the gateway does every few milliseconds, between the two halves of what copies exchange.
 void Hrtc::Impl::tick_gateway(std::int64_t now_ns) {
-  exchange.tick(now_ns, clock.map());
-  gateway.tick(now_ns, clock.map());
+  exchange.tick(now_ns, membership.clock());
+  gateway.tick(now_ns, membership.clock());
   exchange.send_claims();
-  if (gateway.fresh()) follow_reports(now_ns);
-  if (bodies_published.due(now_ns))
-    for (const session::CatalogueEntry& entry : gateway.take_moved()) neighbours.on_catalogue(entry);
+  if (gateway.fresh()) follow_reports();
 }
 
-void Hrtc::Impl::follow_reports(std::int64_t now_ns) {
+void Hrtc::Impl::follow_reports() {
   const ProbeReports& reports = gateway.reports();
-  if (forces_in(reports)) {
-    if (!force_on(now_ns)) heartbeat.at_once();  // who keeps the time of the session waits with a step
-    felt_ns = now_ns;
-  }
   if (first_cycle == 0) {
     first_cycle = reports.cycle;
     first_cycle_ns = reports.time_ns;
   }
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
-    tell_of_fault(i, reports.probes[i].status);
-    tell_of_hold(i, reports.probes[i]);
+    log_fault(i, reports.probes[i].status);
+    log_hold(i, reports.probes[i]);
   }
 }
 
@@ -604,7 +490,7 @@ void Hrtc::Impl::send_states() {
   while (sending) {
     wire::sleep_until(std::max(latest.next_due_ns, monotonic_ns()) + step_ns);
     if (!core.link().reports_for_sender.take(latest)) continue;
-    user_table.send_commands(latest);
+    devices.send_commands(latest);
     exchange.send();
     if (latest.time_ns - sent_ns >= gap_ns) {
       sent_ns = latest.time_ns;
@@ -692,55 +578,10 @@ void Hrtc::Impl::note_first_touch(std::int64_t now_ns) {
   first.bytes = loader.delivery_counters().payload_bytes;
 }
 
-/// Over the hosts of what tips are near.
-void Hrtc::Impl::choose_whom_to_watch(const std::array<NearObjects, kMaxProbes>& near) {
-  std::uint64_t objects_near = 0;
-  for (const NearObjects& of_probe : near) objects_near |= of_probe.found;
-  std::vector<std::uint64_t> hosts;
-  for (const Loader::ObjectInfo& object : loader.objects()) {
-    const std::uint64_t host = loader.serving_host(object.id);
-    if (host != 0 && (objects_near >> object.index & 1u) != 0) hosts.push_back(host);
-  }
-  failure_detector.watch(hosts);
-}
-
-/// True when a host has just been found silent.
-bool Hrtc::Impl::run_failure_detector(std::int64_t now_ns) {
-  while (auto question = failure_detector.ask(now_ns)) {
-    question->origin = participants.origin();
-    (void)failure_detector_out.send(*question);
-  }
-  const std::vector<session::FailureDetector::Silent> all_silent = failure_detector.silent(now_ns);
-  for (const session::FailureDetector::Silent& silent : all_silent) {
-    const session::RosterEntry* host = roster.find(silent.host);
-    spdlog::warn("host '{}' has not answered for {} ms", host == nullptr ? "?" : host->name, silent.for_ns / kMs);
-    gateway.on_host_silent(silent.host);
-  }
-  return !all_silent.empty();
-}
-
-/// A line when another host serves an object, and one when its first records are here.
-void Hrtc::Impl::tell_of_hosts(std::int64_t now_ns) {
-  for (const Loader::ObjectInfo& object : loader.objects()) {
-    Serving& serving = servings[object.id];
-    const std::uint64_t host = loader.serving_host(object.id);
-    if (host != serving.host && host != 0) {
-      const session::RosterEntry* entry = roster.find(host);
-      const std::string name = entry == nullptr ? "?" : entry->name;
-      if (serving.host != 0) spdlog::info("object {} is now served by host '{}'", object.name, name);
-      serving = {host, serving.host == 0 ? 0 : now_ns, object.regions_received};
-    }
-    if (serving.since_ns == 0 || object.regions_received == serving.regions_before) continue;
-    spdlog::info("records of object {} come again, {} ms after the change of host", object.name,
-                 (now_ns - serving.since_ns) / kMs);
-    serving.since_ns = 0;
-  }
-}
-
-void Hrtc::Impl::tell_of_fault(std::uint32_t slot, std::uint32_t status) {
+void Hrtc::Impl::log_fault(std::uint32_t slot, std::uint32_t status) {
   const std::uint32_t fault = status & (session::kFault | session::kFaultReason);
   if (fault == std::exchange(faults_logged[slot], fault)) return;
-  const std::string& name = user_table.name_at(slot);
+  const std::string& name = membership.name_at(slot);
   if ((fault & session::kFault) != 0) {
     spdlog::warn("the force of user {} is off until it is reset: {}", name, session::fault_reason(status));
     if (flight) flight->save(session::fault_reason(status), false);
@@ -748,73 +589,72 @@ void Hrtc::Impl::tell_of_fault(std::uint32_t slot, std::uint32_t status) {
     spdlog::info("the force of user {} is on again", name);
 }
 
-void Hrtc::Impl::tell_of_hold(std::uint32_t slot, const ProbeOutput& probe) {
+void Hrtc::Impl::log_hold(std::uint32_t slot, const ProbeOutput& probe) {
   constexpr std::uint32_t kHold = session::kHolding | session::kHoldRefused;
   const std::uint32_t now = probe.status & kHold, before = std::exchange(holds_logged[slot], now);
-  if (now == before || !user_table.taken(slot)) return;
+  if (now == before || !membership.taken(slot)) return;
   std::string name = "something";
   for (const Loader::ObjectInfo& object : loader.objects())
     if (object.index == probe.object) name = "'" + object.name + "'";
   if ((now & session::kHolding) != 0) {
-    spdlog::info("user {} holds {}", user_table.name_at(slot), name);
+    spdlog::info("user {} holds {}", membership.name_at(slot), name);
   } else if ((before & session::kHolding) != 0) {
-    spdlog::info("user {} has let go", user_table.name_at(slot));
+    spdlog::info("user {} has let go", membership.name_at(slot));
   } else if ((now & session::kHoldRefused) != 0) {
     spdlog::warn("user {} cannot hold {}: it does not move here, or forces were off since the hand has closed",
-                 user_table.name_at(slot), name);
+                 membership.name_at(slot), name);
   }
 }
 
 void Hrtc::Impl::serve(std::int64_t now_ns) {
-  for (const session::RosterEvent& event : roster.tick(now_ns)) on_event(event, now_ns);
   tick_gateway(now_ns);
   note_first_touch(now_ns);
   for (const Loader::ObjectInfo& object : loader.objects()) states.on_object(object.index, object.id);
-  choose_whom_to_watch(gateway.near());
-  tell_of_hosts(now_ns);
-  while (auto demand = gateway.demand(now_ns)) {
-    demand->origin = participants.origin();
-    (void)demand_out.send(*demand);
-  }
-  session::keep_time(roster, participants.origin(), session::Role::kHrtc, force_on(now_ns), now_ns, clock);
-  if (clock.reference() != 0 && clock.reference() != participants.origin().participant && clock_request.due(now_ns)) {
-    session::ClockSample request = clock.request(monotonic_ns());
-    const std::int64_t sent = request.t0_ns;
-    request.origin = participants.origin();
-    request.t0_ns = sent;
-    // A host hears it where nobody else listens.
-    const session::RosterEntry* const object_authority = roster.find(clock.reference());
-    (void)(object_authority != nullptr && object_authority->role == session::Role::kHost ? failure_detector_out
-                                                                                         : clock_out)
-        .send(request);
-    if (++clock_requests == 10) clock_request.set_period(kClockNs);
-  }
-  sender_clock.post(clock.map());
-  user_table.on_clock(clock.map().session_time(now_ns) - now_ns);
   follow_stops();
-  if (heartbeat.due(now_ns)) send_roster(false);
+  membership.tick(now_ns);
+  follow_output();
+  send_requests();
+  sender_clock.post(membership.clock());
+  devices.on_clock(membership.clock().session_time(now_ns) - now_ns);
   if (metrics.due(now_ns)) send_metrics(all_metrics.due(now_ns));
-  user_table.open_remote_devices();
-  user_table.free_left();
-  if (modes.due(now_ns)) tick_modes(now_ns);
+  devices.open_remote_devices();
+  devices.free_left();
+  if (sync_groups.due(now_ns)) groups.sync(membership.remote_users(), membership.user_ids());
   drain_rings();
   if (options.saves != nullptr && saves_seen != *options.saves) {
     saves_seen = *options.saves;
     if (flight) flight->save("asked for by a signal", true);
   }
   take_snapshots(now_ns);
-  if (!host_seen && now_ns - started_ns > kNoHostNs && no_host.due(now_ns))
+  if (!membership.host_seen()) watch_for_hosts(now_ns);
+}
+
+void Hrtc::Impl::send_requests() {
+  const std::int64_t now_ns = monotonic_ns();
+  while (auto demand = gateway.demand(now_ns)) {
+    demand->origin = participants.origin();
+    (void)demand_out.send(*demand);
+  }
+  if (auto request = membership.clock_request(monotonic_ns())) {
+    const std::int64_t sent_ns = request->sample.t0_ns;
+    request->sample.origin = participants.origin();
+    request->sample.t0_ns = sent_ns;
+    (void)(request->to_host ? host_clock_out : clock_out).send(request->sample);
+  }
+}
+
+/// Says that no host was found, and gives up in the end when that was asked for.
+void Hrtc::Impl::watch_for_hosts(std::int64_t now_ns) {
+  if (now_ns - started_ns > kNoHostNs && no_host.due(now_ns))
     spdlog::warn(
         "no host found in session {} on domain {}; still looking (is tactus-host running with the same --session and "
         "--domain?)",
         options.address.session, options.address.domain);
-  if (!host_seen && options.host_patience > 0 &&
-      static_cast<double>(now_ns - started_ns) > options.host_patience * 1e9) {
-    spdlog::error("no host found in session {} on domain {} within {} s", options.address.session,
-                  options.address.domain, options.host_patience);
-    exit_code = 1;
-    ended = true;
-  }
+  if (options.host_patience <= 0 || static_cast<double>(now_ns - started_ns) <= options.host_patience * 1e9) return;
+  spdlog::error("no host found in session {} on domain {} within {} s", options.address.session, options.address.domain,
+                options.host_patience);
+  exit_code = 1;
+  ended = true;
 }
 
 void Hrtc::Impl::finish() {
@@ -841,7 +681,7 @@ void Hrtc::Impl::finish() {
     send_metrics(true);
     std::this_thread::sleep_for(std::chrono::milliseconds{20});
   }
-  wire::send_leave_messages([this] { send_roster(true); });
+  wire::send_leave_messages([this] { send(membership.roster_entry(true, monotonic_ns())); });
 }
 
 int Hrtc::Impl::run(const std::atomic<bool>& stop) {
@@ -866,19 +706,20 @@ int Hrtc::Impl::run(const std::atomic<bool>& stop) {
                    ? std::string{}
                    : fmt::format(", and {:.1f} MiB for directories",
                                  static_cast<double>(options.core.gateway.loader.directory_bytes) / (1 << 20)));
-  // However many samples come, for their number grows with the square of a session's size; and a share of a core at
-  // most, for on a machine that is short of time answers come later, so that more has to be told ahead, which takes
-  // time. Whether hosts live is asked between passes, too.
-  Every due{kServiceNs}, look{kFailureDetectorNs};
+  // However many samples come, as their number grows with the square of a session's size; and a share of a core at
+  // most: on a machine that is short of time answers come later, so that more has to be predicted, which takes time.
+  // Hosts are watched between passes, too.
+  Every due{kServiceNs}, watch{kServiceNs};
   while (!stop && !ended) {
     const std::int64_t before_ns = monotonic_ns();
-    const auto patience =
-        failure_detector.watches() ? std::min(due.left(before_ns), look.left(before_ns)) : due.left(before_ns);
+    const std::int64_t watch_ns = membership.watch_period_ns();
+    if (watch_ns > 0) watch.set_period(watch_ns);
+    const auto patience = watch_ns > 0 ? std::min(due.left(before_ns), watch.left(before_ns)) : due.left(before_ns);
     for (const Inbox::Arrived& arrived : inbox.take(patience))
       std::visit([&](const auto& sample) { take(sample, arrived.at_ns); }, arrived.sample);
     const std::int64_t now_ns = monotonic_ns();
-    if (failure_detector.watches() && look.due(now_ns) && run_failure_detector(now_ns)) due.at_once();
-    look.set_period(failure_detector.at_ease() ? kFailureDetectorEaseNs : kFailureDetectorNs);
+    if (watch_ns > 0 && watch.due(now_ns) && membership.watch_hosts(now_ns)) due.at_once();
+    follow_output();
     if (!due.due(now_ns)) continue;
     serve(now_ns);
     const std::int64_t min_ns = loader.at_rest() ? kServiceRestingNs : kServiceNs;

@@ -13,7 +13,7 @@ namespace {
 
 constexpr double kNsPerS = 1e9;
 constexpr std::int64_t kStaleNs = 50'000'000;  // then tips are predicted anew that have hardly moved
-constexpr double kMinDamping = 3e-3;  // s, times a body's stiffness; docs/explanation/shared-objects.md
+constexpr double kMinDamping = 3e-3;           // s, times a body's stiffness; docs/explanation/shared-objects.md
 
 spm::fcl::WorldBox world_box(const spm::CellBox& box, const Placement& placement) {
   spm::fcl::WorldBox world{Vec3d::Constant(1e300), Vec3d::Constant(-1e300)};

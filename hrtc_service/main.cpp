@@ -132,8 +132,9 @@ int main(int argc, char** argv) {
       ->capture_default_str()
       ->check(CLI::Range(0.001, 10.0));
   app.add_option("--replay", replays, "USER=FILE: a user whose device replays lines time_s,x,y,z");
-  app.add_option("--device", plugins,
-                 "USER=DRIVER[,CONFIG]: a user whose device is here, opened by this shared library (docs/devices.md)");
+  app.add_option(
+      "--device", plugins,
+      "USER=DRIVER[,CONFIG]: a user whose device is here, opened by this shared library (docs/how-to/own-device.md)");
   app.add_option("--device-scale", frame_scale, "World metres per device metre, for devices that are here")
       ->capture_default_str()
       ->check(CLI::Range(1e-3, 1e3));

@@ -6,39 +6,40 @@
 
 namespace tactus::hrtc_service {
 
-StateSender::StateSender(wire::Participants& participants, double radius, bool coding, const UserTable& user_table,
-                         Neighbours& neighbours)
+StateSender::StateSender(wire::Participants& participants, double radius, bool coding, const UserDevices& devices,
+                         const RemoteUsers& remote_users, GroupEndpoints& groups)
     : participants_{participants},
       radius_{radius},
       coding_{coding},
-      user_table_{user_table},
-      neighbours_{neighbours},
+      devices_{devices},
+      remote_users_{remote_users},
+      groups_{groups},
       out_{participants, wire::topics::kProbeState} {}
 
 void StateSender::send(const ProbeReports& latest, const session::ClockMap& map) {
-  neighbours_.take_endpoints();
+  groups_.take_endpoints();
   // Who has just been found shall see the probes now, not when they have moved.
   const int matched = out_.matched();
   if (matched > matched_) coders_.fill(Coder{});
   matched_ = matched;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     if (!latest.probes[i].active) continue;
-    const std::uint64_t user = user_table_.user_at(i);
+    const std::uint64_t user = devices_.user_at(i);
     if (user == 0) continue;
     Coder& coder = coders_[i];
     if (coder.user != user) coder = Coder{user, session::ProbeEncoder{}};
     session::ProbeState state = state_of(latest, i, map);
     state.user_id = user;
-    state.sequence = whole_[i] + 1;
-    if (neighbours_.send_full_rate(i, state)) {
-      ++whole_[i];
-      ++sent_whole_;
+    state.sequence = full_rate_[i] + 1;
+    if (groups_.send_full_rate(i, state)) {
+      ++full_rate_[i];
+      ++sent_full_rate_;
     }
-    coder.encoder.set_loss(neighbours_.loss());
+    coder.encoder.set_loss(remote_users_.loss());
     if (coding_ && !coder.encoder.step(state)) continue;
-    state.sequence = ++compressed_[i];
+    state.sequence = ++deadband_coded_[i];
     (void)out_.send(state);
-    ++sent_coded_;
+    ++sent_deadband_coded_;
   }
 }
 
@@ -66,8 +67,8 @@ session::ProbeState StateSender::state_of(const ProbeReports& latest, std::uint3
 
 void StateSender::write(std::vector<session::Figure>& figures) const {
   namespace names = session::figures;
-  figures.push_back({names::kStatesDeadbandCoded, static_cast<double>(sent_coded_)});
-  figures.push_back({names::kStatesWhole, static_cast<double>(sent_whole_)});
+  figures.push_back({names::kStatesDeadbandCoded, static_cast<double>(sent_deadband_coded_)});
+  figures.push_back({names::kStatesWhole, static_cast<double>(sent_full_rate_)});
 }
 
 }  // namespace tactus::hrtc_service

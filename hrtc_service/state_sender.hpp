@@ -1,4 +1,4 @@
-/// What others see of the probes here: probe states, whole to those who collaborate, coded to the session.
+/// Publishes the probes here: full-rate states to users who collaborate, deadband-coded states to the session.
 #pragma once
 
 #include <array>
@@ -6,9 +6,9 @@
 #include <cstdint>
 #include <vector>
 
+#include "hrtc_service/group_endpoints.hpp"
 #include "hrtc_service/haptic_thread.hpp"
-#include "hrtc_service/neighbours.hpp"
-#include "hrtc_service/user_table.hpp"
+#include "hrtc_service/user_devices.hpp"
 #include "session/clock.hpp"
 #include "session/probe_coding.hpp"
 #include "wire/endpoints.hpp"
@@ -19,8 +19,8 @@ class StateSender {
  public:
   /// `radius`: of the tips, m. `coding`: to the session only states that a receiver would miss; false: all. What is
   /// referred to must outlive it.
-  StateSender(wire::Participants& participants, double radius, bool coding, const UserTable& user_table,
-              Neighbours& neighbours);
+  StateSender(wire::Participants& participants, double radius, bool coding, const UserDevices& devices,
+              const RemoteUsers& remote_users, GroupEndpoints& groups);
 
   /// Sender's thread. `map`: session time of `latest`.
   void send(const ProbeReports& latest, const session::ClockMap& map);
@@ -42,16 +42,17 @@ class StateSender {
   const wire::Participants& participants_;
   const double radius_;
   const bool coding_;
-  const UserTable& user_table_;
-  Neighbours& neighbours_;
+  const UserDevices& devices_;
+  const RemoteUsers& remote_users_;
+  GroupEndpoints& groups_;
   wire::Writer<session::ProbeState> out_;
   std::array<std::atomic<std::uint64_t>, kMaxObjects> object_ids_{};
-  std::atomic<std::uint64_t> sent_coded_{0}, sent_whole_{0};
+  std::atomic<std::uint64_t> sent_deadband_coded_{0}, sent_full_rate_{0};
 
   // The sender's own.
   int matched_ = 0;
   std::array<Coder, kMaxProbes> coders_;
-  std::array<std::uint32_t, kMaxProbes> compressed_{}, whole_{};  // numbers given
+  std::array<std::uint32_t, kMaxProbes> deadband_coded_{}, full_rate_{};  // numbers given
 };
 
 }  // namespace tactus::hrtc_service

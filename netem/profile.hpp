@@ -42,7 +42,7 @@ inline constexpr double kJitterMemoryMs = 100;
 
 /// How two namespaces are joined.
 enum class Medium {
-  kRelay,  ///< through our relay, which can do all of a LinkProfile; costs some 50 us (docs/link.md)
+  kRelay,  ///< through our relay, which can do all of a LinkProfile; costs some 50 us (docs/how-to/link-emulation.md)
   kVeth    ///< by the kernel's own pair, which can do rate and queue alone (a token bucket with three priority bands)
 };
 

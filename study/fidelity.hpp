@@ -1,6 +1,6 @@
 /// What a hand felt beside what it would have felt where everything is at hand: the figures of a study.
 ///
-/// docs/studies.md has what each figure means. Pure; one thread.
+/// docs/how-to/studies.md has what each figure means. Pure; one thread.
 #pragma once
 
 #include <string>

@@ -36,7 +36,7 @@ my-study.yaml:
   seeds: 30
   scan: {model: dragon.ply, size: 0.2}
 
-Everything runs in virtual time. A study that was interrupted goes on in the same folder. docs/studies.md has how
+Everything runs in virtual time. A study that was interrupted goes on in the same folder. docs/how-to/studies.md has how
 scenarios say what is measured, and what each figure means.
 Exit status: 0 done, 2 wrong input, 130 interrupted; what is finished is kept and written.)";
 

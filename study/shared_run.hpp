@@ -1,4 +1,5 @@
-/// Runs of scenarios whose users share an object that moves, and their figures. docs/studies.md has what each means.
+/// Runs of scenarios whose users share an object that moves, and their figures. docs/how-to/studies.md has what each
+/// means.
 #pragma once
 
 #include <atomic>

@@ -8,7 +8,7 @@
 ///     collaboration: true
 ///     stiffness: true
 ///
-/// docs/studies.md has the rest.
+/// docs/how-to/studies.md has the rest.
 #pragma once
 
 #include <cstdint>

@@ -2,7 +2,7 @@
 ///
 /// Three classes, three DDS domains: separate sockets, receive threads and locks, so that a stream of meshes does not
 /// hold back a probe state. Measured: with one participant for all, p99 of the probe under a saturated link was 61 ms
-/// instead of 0.1 ms (docs/wire.md).
+/// instead of 0.1 ms (docs/reference/qos.md).
 #pragma once
 
 #include <cstdint>

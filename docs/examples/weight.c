@@ -3,7 +3,7 @@
  *   cc -shared -fPIC -o weight.so weight.c -I DIRECTORY-OF-TACTUS-HEADERS
  *   tactus-hrtc --device ann=./weight.so,0.3
  *
- * CONFIG is the height it starts from, m. What it lies on, it presses with 0.981 N. docs/devices.md goes through it. */
+ * CONFIG is the height it starts from, m. What it lies on, it presses with 0.981 N. docs/tutorials/first-device.md goes through it. */
 #include <stdio.h>
 #include <stdlib.h>
 

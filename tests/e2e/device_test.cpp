@@ -1,4 +1,4 @@
-/// A device whose driver an HRTC loads: the example of docs/devices.md lies on a sphere with its weight.
+/// A device whose driver an HRTC loads: the example of docs/how-to/own-device.md lies on a sphere with its weight.
 #include "tests/e2e/session_test.hpp"
 
 namespace tactus::e2e {

@@ -5,7 +5,7 @@
  * Joins as client "cyclone" with user "carl", whose device it is: a tip that waits above OBJECT until its HRTC answers
  * its poses and shows the object, comes down on its top at 5 cm/s, stops where a force of 0.5 N pushes it up, and stays
  * until the session ends. Tells what it learns, one line each. Exit status 0 when the session ended after the force was
- * felt, 1 otherwise. docs/wire.md is all that it had to know.
+ * felt, 1 otherwise. docs/reference/topics.md is all that it had to know.
  */
 #include <signal.h>
 #include <stdio.h>

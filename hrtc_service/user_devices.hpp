@@ -1,12 +1,13 @@
-/// Who sits at the probes of an HRTC, and the devices that move these.
+/// The devices and endpoints of the users who have a probe here.
 ///
 ///     at this machine               LocalUser                                  --> Device
 ///     at a client, simulated here   intent          --> service's inbox        --> SimulatedDevice
 ///     at a client                   device_pose     --> (DDS)                  --> RemoteDevice
 ///                                   device_command  <-- sender <-- reports     <--
 ///
-/// The haptic thread is told of devices by its orders, the sender of those at clients by a Handover. What a user who
-/// has left brought is destroyed once neither of them uses it any more. Service's thread, but for what says otherwise.
+/// The haptic thread learns of devices by its orders, the sender learns of those at clients by a Handover. The devices
+/// of a user who has left are destroyed once neither of them uses them any more. The service's thread, but for what
+/// says otherwise.
 #pragma once
 
 #include <array>
@@ -23,27 +24,26 @@
 #include "haptics/simulated_device.hpp"
 #include "hrtc_service/handover.hpp"
 #include "hrtc_service/haptic_thread.hpp"
-#include "session/roster.hpp"
+#include "session/messages.hpp"
 #include "session/sequence_window.hpp"
 #include "wire/endpoints.hpp"
 
 namespace tactus::hrtc_service {
 
-class UserTable {
+class UserDevices {
  public:
   using OnIntent = std::function<void(session::Intent&&)>;
-  /// `on_intent`: what a user who sits here wishes; called by the threads of DDS. `links`, `orders` and what
-  /// `on_intent` uses must outlive this.
-  UserTable(wire::Participants& participants, std::size_t probes, HapticOrders& orders, OnIntent on_intent);
-  ~UserTable();
+  /// `on_intent` gets the intents of users here, in threads of DDS. `participants`, `orders` and what `on_intent` uses
+  /// must outlive this.
+  UserDevices(wire::Participants& participants, HapticOrders& orders, OnIntent on_intent);
+  ~UserDevices();
 
-  /// A user whose device is at this machine. False when all probes are taken.
-  [[nodiscard]] bool add_local(const std::string& user, std::unique_ptr<haptics::Device> device);
-  /// Those users of a client that do not sit yet, as far as there are probes and nobody else sits under their name.
-  void seat(const session::RosterEntry& client);
-  /// The id of this client's user who has left now; none for all others, whatever their names.
-  std::optional<std::uint64_t> remove(std::uint64_t client, const std::string& user);
-  [[nodiscard]] std::vector<std::string> users_of(std::uint64_t client) const;
+  /// A user whose device is at this machine.
+  void add_local(std::uint32_t probe, const std::string& user, std::unique_ptr<haptics::Device> device);
+  /// A client's user: opens the endpoints of its intents and poses.
+  void add(std::uint32_t probe, const std::string& user, std::uint64_t client);
+  /// Closes them, and takes the device from the haptic thread.
+  void remove(std::uint32_t probe);
 
   /// What a user wishes of a simulated hand. `ahead_ns`: our clock less session time.
   void on_intent(const session::Intent& intent, std::int64_t ahead_ns);
@@ -56,15 +56,11 @@ class UserTable {
   /// Session time less our clock, for the poses that come from now on.
   void on_clock(std::int64_t session_offset_ns) noexcept { session_offset_ns_ = session_offset_ns; }
 
-  [[nodiscard]] std::vector<session::UserSlot> slots() const { return slots_.list(); }
-  /// "nobody" where nobody sits.
-  [[nodiscard]] const std::string& name_at(std::uint32_t probe) const;
-  [[nodiscard]] bool taken(std::uint32_t probe) const { return users_.count(probe) != 0; }
   void write(std::vector<session::Figure>& figures) const;
   /// Device poses dropped because their origin or number is outside its window; any thread.
   [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_.load(std::memory_order_relaxed); }
 
-  /// Any thread: 0 where nobody sits.
+  /// Any thread: 0 where there is no user.
   [[nodiscard]] std::uint64_t user_at(std::uint32_t probe) const noexcept {
     return user_ids_[probe].load(std::memory_order_relaxed);
   }
@@ -102,7 +98,6 @@ class UserTable {
   wire::Participants& participants_;
   HapticOrders& orders_;
   OnIntent on_intent_;
-  session::UserSlots slots_;
   std::array<std::atomic<std::uint64_t>, kMaxProbes> user_ids_{};
   std::atomic<std::int64_t> session_offset_ns_{0};
   std::atomic<std::uint64_t> implausible_{0};

@@ -1,4 +1,4 @@
-#include "hrtc_service/user_table.hpp"
+#include "hrtc_service/user_devices.hpp"
 
 #include <spdlog/spdlog.h>
 
@@ -10,55 +10,37 @@
 
 namespace tactus::hrtc_service {
 
-UserTable::UserTable(wire::Participants& participants, std::size_t probes, HapticOrders& orders, OnIntent on_intent)
-    : participants_{participants}, orders_{orders}, on_intent_{std::move(on_intent)}, slots_{probes} {}
-UserTable::~UserTable() = default;
+UserDevices::UserDevices(wire::Participants& participants, HapticOrders& orders, OnIntent on_intent)
+    : participants_{participants}, orders_{orders}, on_intent_{std::move(on_intent)} {}
+UserDevices::~UserDevices() = default;
 
-void UserTable::give_device(std::uint32_t probe, haptics::Device* device) {
+void UserDevices::give_device(std::uint32_t probe, haptics::Device* device) {
   orders_.tell([&](HapticCommands& commands) { commands.devices[probe] = device; });
 }
 
-bool UserTable::add_local(const std::string& name, std::unique_ptr<haptics::Device> device) {
-  const std::optional<std::uint32_t> slot = slots_.grant(name);
-  if (!slot) return false;
-  User& user = users_[*slot];
-  user.own = std::move(device);
-  orders_.tell([&](HapticCommands& commands) { commands.framed[*slot] = true; });
-  give_device(*slot, user.own.get());
+void UserDevices::add_local(std::uint32_t probe, const std::string& name, std::unique_ptr<haptics::Device> device) {
+  User& user = users_[probe];
   user.name = name;
   user.id = session::id_of(name);
-  user_ids_[*slot] = user.id;
-  return true;
+  user.own = std::move(device);
+  user_ids_[probe] = user.id;
+  orders_.tell([&](HapticCommands& commands) { commands.framed[probe] = true; });
+  give_device(probe, user.own.get());
 }
 
-void UserTable::seat(const session::RosterEntry& client) {
-  for (const std::string& name : client.users) {
-    const auto taken = std::find_if(users_.begin(), users_.end(), [&](const auto& s) { return s.second.name == name; });
-    if (taken != users_.end()) {
-      if (taken->second.client != client.origin.participant)
-        spdlog::warn("user {} of client {} refused: another user of that name has probe {}", name, client.name,
-                     taken->first);
-      continue;
-    }
-    const std::optional<std::uint32_t> slot = slots_.grant(name);
-    if (!slot) {
-      spdlog::warn("user {} refused: all {} probes are taken; raise --users", name, slots_.list().size());
-      continue;
-    }
-    User& user = users_[*slot];
-    user.name = name;
-    user.id = session::id_of(name);
-    user.client = client.origin.participant;
-    user_ids_[*slot] = user.id;
-    user.intents = std::make_unique<wire::Reader<session::Intent>>(participants_, wire::topics::kIntent, on_intent_,
-                                                                   wire::EndpointOptions{wire::user_partition(name)});
-    listen_to_device(user);
-    spdlog::info("user {} has probe {}", name, *slot);
-  }
+void UserDevices::add(std::uint32_t probe, const std::string& name, std::uint64_t client) {
+  User& user = users_[probe];
+  user.name = name;
+  user.id = session::id_of(name);
+  user.client = client;
+  user_ids_[probe] = user.id;
+  user.intents = std::make_unique<wire::Reader<session::Intent>>(participants_, wire::topics::kIntent, on_intent_,
+                                                                 wire::EndpointOptions{wire::user_partition(name)});
+  listen_to_device(user);
 }
 
 /// A device that its client sends the poses of: they go past the service, straight to where the haptic thread looks.
-void UserTable::listen_to_device(User& user) {
+void UserDevices::listen_to_device(User& user) {
   user.remote = std::make_unique<haptics::RemoteDevice>();
   const auto on_pose = [this, remote = user.remote.get(), id = user.id, client = user.client,
                         window =
@@ -83,28 +65,22 @@ void UserTable::listen_to_device(User& user) {
       participants_, wire::topics::kDevicePose, on_pose, wire::EndpointOptions{wire::user_partition(user.name)});
 }
 
-std::optional<std::uint64_t> UserTable::remove(std::uint64_t client, const std::string& name) {
-  const auto at = std::find_if(users_.begin(), users_.end(), [&](const auto& seat) {
-    return seat.second.name == name && seat.second.client == client && client != 0;
-  });
-  if (at == users_.end()) return std::nullopt;
-  auto& [slot, user] = *at;
-  const std::uint64_t id = user.id;
-  give_device(slot, nullptr);
-  remote_ends_[slot] = {};
+void UserDevices::remove(std::uint32_t probe) {
+  const auto at = users_.find(probe);
+  if (at == users_.end()) return;
+  User& user = at->second;
+  give_device(probe, nullptr);
+  remote_ends_[probe] = {};
   const std::uint64_t remotes = remote_ends_out_.post(remote_ends_);
-  user_ids_[slot] = 0;
-  slots_.release(name);
-  spdlog::info("user {} has left", name);
+  user_ids_[probe] = 0;
   user.intents.reset();
   user.poses.reset();
   left_.push_back({std::move(user), orders_.now().number, remotes});
   users_.erase(at);
   free_left();
-  return id;
 }
 
-void UserTable::free_left() {
+void UserDevices::free_left() {
   left_.erase(std::remove_if(left_.begin(), left_.end(),
                              [this](const Left& left) {
                                const bool sent_to = left.user.commands != nullptr;
@@ -114,14 +90,7 @@ void UserTable::free_left() {
               left_.end());
 }
 
-std::vector<std::string> UserTable::users_of(std::uint64_t client) const {
-  std::vector<std::string> names;
-  for (const auto& [slot, user] : users_)
-    if (user.client == client) names.push_back(user.name);
-  return names;
-}
-
-void UserTable::on_intent(const session::Intent& intent, std::int64_t ahead_ns) {
+void UserDevices::on_intent(const session::Intent& intent, std::int64_t ahead_ns) {
   for (auto& [slot, user] : users_) {
     if (user.id != intent.user_id || user.client != intent.origin.participant || intent.path.empty()) continue;
     if (orders_.now().devices[slot] != nullptr && user.hand == nullptr) continue;  // it has a device of its own
@@ -136,7 +105,7 @@ void UserTable::on_intent(const session::Intent& intent, std::int64_t ahead_ns) 
   }
 }
 
-void UserTable::open_remote_devices() {
+void UserDevices::open_remote_devices() {
   for (auto& [slot, user] : users_) {
     if (user.remote == nullptr || !user.remote->has_pose() || orders_.now().devices[slot] != nullptr) continue;
     user.commands = std::make_unique<wire::Writer<session::DeviceCommand>>(
@@ -148,13 +117,7 @@ void UserTable::open_remote_devices() {
   }
 }
 
-const std::string& UserTable::name_at(std::uint32_t probe) const {
-  static const std::string kNobody = "nobody";
-  const auto user = users_.find(probe);
-  return user == users_.end() ? kNobody : user->second.name;
-}
-
-void UserTable::write(std::vector<session::Figure>& figures) const {
+void UserDevices::write(std::vector<session::Figure>& figures) const {
   namespace names = session::figures;
   double remotes = 0, loop_delay = 0;
   for (const auto& [slot, user] : users_) {
@@ -166,7 +129,7 @@ void UserTable::write(std::vector<session::Figure>& figures) const {
   figures.push_back({names::kLoopDelay, loop_delay * 1e6});
 }
 
-void UserTable::send_commands(const ProbeReports& latest) {
+void UserDevices::send_commands(const ProbeReports& latest) {
   const RemoteEnds& endpoints = remote_ends_out_.latest();
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     const RemoteEnd& end = endpoints[i];

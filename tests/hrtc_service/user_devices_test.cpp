@@ -1,6 +1,6 @@
 // Users who come and go at an HRTC, over DDS as in a session.
 
-#include "hrtc_service/user_table.hpp"
+#include "hrtc_service/user_devices.hpp"
 
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -22,19 +22,10 @@ wire::SessionAddress address(const std::string& participant) {
   return made;
 }
 
-session::RosterEntry client_with(const std::string& user, const wire::Participants& participants) {
-  session::RosterEntry entry;
-  entry.origin = participants.origin();
-  entry.role = session::Role::kClient;
-  entry.name = participants.address().participant;
-  entry.users = {user};
-  return entry;
-}
-
 /// A sender that uses what it was last given until it looks again, and a haptic thread of its own.
-class UserTableTest : public testing::Test {
+class UserDevicesTest : public testing::Test {
  protected:
-  UserTableTest() {
+  UserDevicesTest() {
     HapticSettings settings;
     settings.priority = 0;
     HrtcCoreSettings core_settings;
@@ -42,10 +33,10 @@ class UserTableTest : public testing::Test {
     core_.emplace(participants_.origin(), core_settings);
     haptic_.emplace(settings, core_->servo());
     orders_.emplace(*haptic_);
-    user_table_.emplace(participants_, kMaxProbes, *orders_, [](session::Intent&&) {});
+    devices_.emplace(participants_, *orders_, [](session::Intent&&) {});
     (void)haptic_->start();
   }
-  ~UserTableTest() override { haptic_->stop(); }
+  ~UserDevicesTest() override { haptic_->stop(); }
 
   /// Until the user's first pose has arrived and its device is in use.
   void open_device(const std::string& user) {
@@ -57,7 +48,7 @@ class UserTableTest : public testing::Test {
       pose.origin = client_.origin();
       ++pose.sequence;
       (void)poses.send(pose);
-      user_table_->open_remote_devices();
+      devices_->open_remote_devices();
       std::this_thread::yield();
     }
   }
@@ -67,48 +58,48 @@ class UserTableTest : public testing::Test {
   std::optional<HrtcCore> core_;
   std::optional<HapticThread> haptic_;
   std::optional<HapticOrders> orders_;
-  std::optional<UserTable> user_table_;
+  std::optional<UserDevices> devices_;
 };
 
-TEST_F(UserTableTest, WhatUsersBringIsFreedAfterTheyHaveLeft) {
+TEST_F(UserDevicesTest, WhatUsersBringIsFreedAfterTheyHaveLeft) {
   ProbeReports report;
   for (int round = 0; round < 10; ++round) {
     const std::string user = "user " + std::to_string(round);
-    user_table_->seat(client_with(user, client_));
+    devices_->add(0, user, client_.origin().participant);
     open_device(user);
     report.probes[0].active = true;
-    user_table_->send_commands(report);
-    ASSERT_EQ(user_table_->remove(client_.origin().participant, user), session::id_of(user));
-    while (user_table_->left() > 0) {
-      user_table_->send_commands(report);
-      user_table_->free_left();
+    devices_->send_commands(report);
+    devices_->remove(0);
+    while (devices_->left() > 0) {
+      devices_->send_commands(report);
+      devices_->free_left();
       std::this_thread::yield();
     }
   }
   for (int round = 0; round < 20; ++round) {  // users without a device, of which no sender knows
     const std::string user = "hand " + std::to_string(round);
-    user_table_->seat(client_with(user, client_));
-    ASSERT_TRUE(user_table_->remove(client_.origin().participant, user));
+    devices_->add(0, user, client_.origin().participant);
+    devices_->remove(0);
   }
-  while (user_table_->left() > 0) user_table_->free_left();
-  EXPECT_TRUE(user_table_->slots().empty());
+  while (devices_->left() > 0) devices_->free_left();
+  EXPECT_EQ(devices_->user_at(0), 0u);
 }
 
-TEST_F(UserTableTest, AWriterIsNotDestroyedWhereTheSenderCouldMeetIt) {
-  user_table_->seat(client_with("ann", client_));
+TEST_F(UserDevicesTest, AWriterIsNotDestroyedWhereTheSenderCouldMeetIt) {
+  devices_->add(0, "ann", client_.origin().participant);
   open_device("ann");
   ProbeReports report;
   report.probes[0].active = true;
-  user_table_->send_commands(report);
+  devices_->send_commands(report);
   const std::uint64_t without = orders_->now().number + 1;
-  ASSERT_TRUE(user_table_->remove(client_.origin().participant, "ann"));
+  devices_->remove(0);
   while (!orders_->obeyed(without)) std::this_thread::yield();
-  user_table_->free_left();
+  devices_->free_left();
 
-  EXPECT_EQ(user_table_->left(), 1u) << "the sender may be about to send its last command";
-  user_table_->send_commands(report);
-  user_table_->free_left();
-  EXPECT_EQ(user_table_->left(), 0u);
+  EXPECT_EQ(devices_->left(), 1u) << "the sender may be about to send its last command";
+  devices_->send_commands(report);
+  devices_->free_left();
+  EXPECT_EQ(devices_->left(), 0u);
 }
 
 TEST(Handover, ThingsLiveUntilTheUserHasLetGoOfThem) {

@@ -1,4 +1,5 @@
-// Joins a session as a viewer and tells who is there, what there is to touch and where a probe is.
+// Joins a session as a viewer. Prints one participant, one object and the position of one probe, then ends.
+// docs/tutorials/first-client.md explains it.
 #include <atomic>
 #include <iostream>
 #include <thread>
@@ -15,17 +16,19 @@ int main(int argc, char** argv) try {
   address.qos = TACTUS_QOS_DIR;
   wire::Participants participants{address};
   std::atomic<bool> someone{false}, something{false}, touching{false};
-  const auto tell = [](std::atomic<bool>& first, const std::string& what) {
-    if (!first.exchange(true)) std::cout << what << std::endl;
+  const auto print_once = [](std::atomic<bool>& printed, const std::string& line) {
+    if (!printed.exchange(true)) std::cout << line << std::endl;
   };
   const wire::Reader<session::RosterEntry> roster{
-      participants, wire::topics::kRoster, [&](session::RosterEntry&& entry) { tell(someone, "here: " + entry.name); }};
+      participants, wire::topics::kRoster,
+      [&](session::RosterEntry&& entry) { print_once(someone, "here: " + entry.name); }};
   const wire::Reader<session::CatalogueEntry> catalogue{
       participants, wire::topics::kCatalogue,
-      [&](session::CatalogueEntry&& entry) { tell(something, "object: " + entry.object); }};
+      [&](session::CatalogueEntry&& entry) { print_once(something, "object: " + entry.object); }};
   const wire::Reader<session::ProbeState> probes{
-      participants, wire::topics::kProbeState,
-      [&](session::ProbeState&& state) { tell(touching, "probe at z = " + std::to_string(state.device.position[2])); }};
+      participants, wire::topics::kProbeState, [&](session::ProbeState&& state) {
+        print_once(touching, "probe at z = " + std::to_string(state.device.position[2]));
+      }};
   wire::Writer<session::RosterEntry> presence{participants, wire::topics::kRoster};
   session::RosterEntry self;
   self.name = address.participant;

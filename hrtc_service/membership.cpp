@@ -1,0 +1,301 @@
+#include "hrtc_service/membership.hpp"
+
+#include <algorithm>
+#include <stdexcept>
+#include <utility>
+
+#include "session/time_reference.hpp"
+
+namespace tactus::hrtc_service {
+namespace {
+
+using Severity = SessionEvent::Severity;
+
+constexpr std::int64_t kMs = 1'000'000;
+constexpr std::int64_t kHeartbeatNs = 100 * kMs;
+constexpr std::int64_t kClockNs = 200 * kMs, kClockFastNs = 20 * kMs;
+constexpr std::uint32_t kFastClockRequests = 10;
+constexpr std::int64_t kModesNs = 20 * kMs;
+constexpr std::int64_t kWatchNs = 2 * kMs, kWatchAtEaseNs = 4 * kMs;
+constexpr std::int64_t kForceNs = 200 * kMs;        // a tip bounces, a hand closes again: the force counts as on
+constexpr std::uint32_t kClockIsSetUs = 1'000'000;  // a sender whose bound is larger has not set its clock yet
+
+/// Contacts and holds count, whatever their force is in this cycle.
+bool has_force(const ProbeReports& reports) {
+  return std::any_of(reports.probes.begin(), reports.probes.end(), [](const ProbeOutput& probe) {
+    return probe.active && ((probe.status & (session::kInContact | session::kHolding)) != 0 ||
+                            probe.force != Plain3{} || probe.torque != Plain3{});
+  });
+}
+
+bool contains(const std::vector<std::string>& names, const std::string& name) {
+  return std::find(names.begin(), names.end(), name) != names.end();
+}
+
+}  // namespace
+
+Membership::Membership(const session::Origin& self, const MembershipSettings& settings, Gateway& gateway,
+                       std::int64_t now_ns)
+    : self_{self},
+      settings_{settings},
+      gateway_{gateway},
+      roster_{self, {}},
+      clock_{self, {}, now_ns},
+      failure_detector_{self, {}},
+      remote_users_{self.participant},
+      slots_{std::min(settings.max_users, kMaxProbes)},
+      heartbeat_{kHeartbeatNs},
+      clock_request_{kClockFastNs},
+      modes_{kModesNs},
+      objects_moved_{kModesNs},
+      force_ns_{now_ns - kForceNs} {
+  gateway_.on_object_gone = [this](std::uint64_t object) { remote_users_.on_object_gone(object); };
+}
+
+bool Membership::force_on(std::int64_t now_ns) const noexcept { return now_ns - force_ns_ < kForceNs; }
+
+void Membership::on_roster(const session::RosterEntry& entry, std::int64_t now_ns) {
+  for (const session::RosterEvent& event : roster_.on_entry(entry, now_ns)) on_event(event, now_ns);
+  const session::RosterEntry* const recorded = roster_.find(entry.origin.participant);
+  const bool counts = recorded != nullptr && recorded->origin.incarnation == entry.origin.incarnation && !entry.leaving;
+  if (entry.role != session::Role::kHost || !counts) return;
+  host_seen_ = true;
+  gateway_.on_host_seen(entry.origin.participant, entry.origin.incarnation, now_ns);
+}
+
+void Membership::on_event(const session::RosterEvent& event, std::int64_t) {
+  using session::RosterChange;
+  const session::RosterEntry& entry = event.entry;
+  const std::uint64_t participant = entry.origin.participant;
+  if (event.change != RosterChange::kChanged) say(Severity::kInfo, session::text(event));
+  output.scene_changed = true;
+  const bool is_new = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted;
+  if (entry.role == session::Role::kHost && is_new) heartbeat_.insist();  // it may not have found this HRTC yet
+  if (event.change == RosterChange::kNameConflict && participant == self_.participant) {
+    say(Severity::kError, "another program named " + settings_.name + " is in session " + settings_.session +
+                              "; every name may be there once");
+    output.name_conflict = output.name_conflict || event.entry_yields;
+    return;
+  }
+  const bool gone = event.change == RosterChange::kGone || event.change == RosterChange::kLeft;
+  if (entry.role == session::Role::kHost && gone) gateway_.on_host_gone(participant);
+  if (entry.role == session::Role::kHrtc && gone) remote_users_.on_hrtc_gone(participant);
+  if (entry.role == session::Role::kClient) on_client(event, gone);
+}
+
+void Membership::on_client(const session::RosterEvent& event, bool gone) {
+  using session::RosterChange;
+  const session::RosterEntry& entry = event.entry;
+  const std::uint64_t client = entry.origin.participant;
+  if (gone || event.change == RosterChange::kRestarted)
+    for (const std::string& name : entry.users) remove_user(client, name);
+  const bool here = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted ||
+                    event.change == RosterChange::kChanged;
+  const bool asks = here && entry.controller == settings_.name;
+  // After a restart the others stay: a second program of that name may only have shown itself, and yield.
+  if (event.change == RosterChange::kChanged) {
+    std::vector<std::string> left;
+    for (const auto& [probe, user] : users_)
+      if (user.client == client && !(asks && contains(entry.users, user.name))) left.push_back(user.name);
+    for (const std::string& name : left) remove_user(client, name);
+  }
+  if (!asks) return;
+  add_users(entry);
+  heartbeat_.at_once();
+}
+
+void Membership::add_users(const session::RosterEntry& client) {
+  for (const std::string& name : client.users) {
+    const auto taken = std::find_if(users_.begin(), users_.end(), [&](const auto& u) { return u.second.name == name; });
+    if (taken != users_.end()) {
+      if (taken->second.client != client.origin.participant)
+        say(Severity::kWarning, "user " + name + " of client " + client.name +
+                                    " refused: another user of that name has probe " + std::to_string(taken->first));
+      continue;
+    }
+    const std::optional<std::uint32_t> slot = slots_.grant(name);
+    if (!slot) {
+      say(Severity::kWarning, "user " + name + " refused: all " + std::to_string(slots_.list().size()) +
+                                  " probes are taken; raise --users");
+      continue;
+    }
+    users_[*slot] = {name, session::id_of(name), client.origin.participant};
+    output.users.push_back({true, *slot, session::id_of(name), client.origin.participant, name});
+    say(Severity::kInfo, "user " + name + " has probe " + std::to_string(*slot));
+  }
+}
+
+/// Only this client's user leaves, whatever the names of others are.
+void Membership::remove_user(std::uint64_t client, const std::string& name) {
+  const auto at = std::find_if(users_.begin(), users_.end(), [&](const auto& user) {
+    return user.second.name == name && user.second.client == client && client != 0;
+  });
+  if (at == users_.end()) return;
+  const auto [probe, user] = *at;
+  users_.erase(at);
+  slots_.release(name);
+  remote_users_.on_user_left(user.id);
+  output.users.push_back({false, probe, user.id, client, name});
+  say(Severity::kInfo, "user " + name + " has left");
+  roster_.for_each([&](const session::RosterEntry& other) {  // those refused for want of this probe or this name
+    if (other.role == session::Role::kClient && other.controller == settings_.name &&
+        other.origin.participant != client)
+      add_users(other);
+  });
+  heartbeat_.at_once();
+}
+
+std::optional<std::uint32_t> Membership::add_local(const std::string& name) {
+  const std::optional<std::uint32_t> slot = slots_.grant(name);
+  if (slot) users_[*slot] = {name, session::id_of(name), 0};
+  return slot;
+}
+
+void Membership::on_catalogue(const session::CatalogueEntry& entry) {
+  heartbeat_.insist();  // a host opens the endpoints of an HRTC's mesh stream once it has found the HRTC
+  gateway_.on_catalogue(entry);
+  if (gateway_.loader().knows(entry.object_id)) remote_users_.on_catalogue(entry);
+}
+
+void Membership::on_clock(const session::ClockSample& sample, std::int64_t arrived_ns, std::int64_t now_ns) {
+  if (sample.peer != self_.participant) return;
+  if (sample.answer) {
+    clock_.on_answer(sample, arrived_ns);
+    return;
+  }
+  if (clock_.answers()) output.clock.push_back(clock_.answer(sample, arrived_ns, now_ns));
+}
+
+void Membership::on_host_answer(const session::ClockSample& answer, std::int64_t now_ns) {
+  failure_detector_.on_answer(answer, now_ns);
+  clock_.on_answer(answer, now_ns);
+}
+
+void Membership::on_state(const session::ProbeState& state, session::StateStream stream, std::int64_t now_ns) {
+  const std::int64_t session_ns = clock().session_time(now_ns);
+  remote_users_.on_state(state, stream, now_ns, session_ns);
+  if (state.time_bound_us < kClockIsSetUs) gateway_.on_transit(session_ns - state.session_time_ns, session_ns);
+}
+
+void Membership::on_mode(const std::string& text) {
+  try {
+    remote_users_.on_mode(text);
+    say(Severity::kInfo, "mode: " + text);
+  } catch (const std::invalid_argument& error) {
+    say(Severity::kWarning, error.what());
+  }
+}
+
+void Membership::on_stops(const std::vector<session::StopRecord>& stops) {
+  stops_ = stops;
+  heartbeat_.at_once();
+}
+
+void Membership::tick(std::int64_t now_ns) {
+  for (const session::RosterEvent& event : roster_.tick(now_ns)) on_event(event, now_ns);
+  follow_forces(now_ns);
+  choose_hosts_to_watch();
+  follow_serving_hosts(now_ns);
+  session::keep_time(roster_, self_, session::Role::kHrtc, force_on(now_ns), now_ns, clock_);
+  if (objects_moved_.due(now_ns))
+    for (const session::CatalogueEntry& entry : gateway_.take_moved()) remote_users_.on_catalogue(entry);
+  if (modes_.due(now_ns)) {
+    for (const auto& [probe, user] : users_)
+      if (const ProbeOutput& own = gateway_.reports().probes[probe]; own.active)
+        remote_users_.on_own_probe(user.id, own.device, now_ns);
+    remote_users_.tick(now_ns);
+  }
+  if (heartbeat_.due(now_ns)) output.roster = roster_entry(false, now_ns);
+}
+
+/// The reference of session time waits with a step while a force is on: it has to know at once.
+void Membership::follow_forces(std::int64_t now_ns) {
+  if (!gateway_.fresh() || !has_force(gateway_.reports())) return;
+  if (!force_on(now_ns)) heartbeat_.at_once();
+  force_ns_ = now_ns;
+}
+
+void Membership::choose_hosts_to_watch() {
+  std::uint64_t objects_near = 0;
+  for (const NearObjects& of_probe : gateway_.near()) objects_near |= of_probe.found;
+  std::vector<std::uint64_t> hosts;
+  for (const Loader::ObjectInfo& object : gateway_.loader().objects()) {
+    const std::uint64_t host = gateway_.loader().serving_host(object.id);
+    if (host != 0 && (objects_near >> object.index & 1u) != 0) hosts.push_back(host);
+  }
+  failure_detector_.watch(hosts);
+}
+
+std::int64_t Membership::watch_period_ns() const noexcept {
+  if (!failure_detector_.watches()) return 0;
+  return failure_detector_.at_ease() ? kWatchAtEaseNs : kWatchNs;
+}
+
+bool Membership::watch_hosts(std::int64_t now_ns) {
+  while (auto question = failure_detector_.ask(now_ns)) output.clock_to_host.push_back(*question);
+  const std::vector<session::FailureDetector::Silent> all_silent = failure_detector_.silent(now_ns);
+  for (const session::FailureDetector::Silent& silent : all_silent) {
+    say(Severity::kWarning,
+        "host '" + host_name(silent.host) + "' has not answered for " + std::to_string(silent.for_ns / kMs) + " ms");
+    gateway_.on_host_silent(silent.host);
+  }
+  return !all_silent.empty();
+}
+
+std::string Membership::host_name(std::uint64_t host) const {
+  const session::RosterEntry* const entry = roster_.find(host);
+  return entry == nullptr ? "?" : entry->name;
+}
+
+/// One event when another host serves an object, and one when its first records are here.
+void Membership::follow_serving_hosts(std::int64_t now_ns) {
+  for (const Loader::ObjectInfo& object : gateway_.loader().objects()) {
+    Serving& serving = serving_[object.id];
+    const std::uint64_t host = gateway_.loader().serving_host(object.id);
+    if (host != serving.host && host != 0) {
+      if (serving.host != 0)
+        say(Severity::kInfo, "object " + object.name + " is now served by host '" + host_name(host) + "'");
+      serving = {host, serving.host == 0 ? 0 : now_ns, object.regions_received};
+    }
+    if (serving.since_ns == 0 || object.regions_received == serving.regions_before) continue;
+    say(Severity::kInfo, "records of object " + object.name + " come again, " +
+                             std::to_string((now_ns - serving.since_ns) / kMs) + " ms after the change of host");
+    serving.since_ns = 0;
+  }
+}
+
+std::optional<Membership::ClockRequest> Membership::clock_request(std::int64_t now_ns) {
+  const std::uint64_t reference = clock_.reference();
+  if (reference == 0 || reference == self_.participant || !clock_request_.due(now_ns)) return std::nullopt;
+  if (++clock_requests_ == kFastClockRequests) clock_request_.set_period(kClockNs);
+  const session::RosterEntry* const entry = roster_.find(reference);
+  return ClockRequest{clock_.request(now_ns), entry != nullptr && entry->role == session::Role::kHost};
+}
+
+session::RosterEntry Membership::roster_entry(bool leaving, std::int64_t now_ns) {
+  session::RosterEntry entry;
+  entry.origin = self_;
+  entry.role = session::Role::kHrtc;
+  entry.name = settings_.name;
+  entry.session = settings_.session;
+  entry.slots = slots_.list();
+  entry.heartbeat = ++beats_;
+  entry.leaving = leaving;
+  entry.stops = stops_;
+  session::put_time(clock_, force_on(now_ns), now_ns, entry);
+  return entry;
+}
+
+std::array<std::uint64_t, kMaxProbes> Membership::user_ids() const {
+  std::array<std::uint64_t, kMaxProbes> ids{};
+  for (const auto& [probe, user] : users_) ids[probe] = user.id;
+  return ids;
+}
+
+const std::string& Membership::name_at(std::uint32_t probe) const {
+  static const std::string kNobody = "nobody";
+  const auto user = users_.find(probe);
+  return user == users_.end() ? kNobody : user->second.name;
+}
+
+}  // namespace tactus::hrtc_service

@@ -1,0 +1,80 @@
+#include "hrtc_service/remote_users.hpp"
+
+#include <algorithm>
+#include <cinttypes>
+#include <cstdio>
+#include <iterator>
+
+namespace tactus::hrtc_service {
+namespace {
+
+constexpr std::int64_t kSilentNs = 300'000'000;     // after which another's probe is gone
+constexpr double kMinLoss = 1e-3;                   // that is published
+constexpr std::int64_t kLossAgeNs = 3'000'000'000;  // for which a reported loss counts
+
+std::string loss_figure(std::uint64_t participant) {
+  std::array<char, 17> digits{};
+  std::snprintf(digits.data(), digits.size(), "%016" PRIx64, participant);
+  return session::figures::kLostOf + std::string{digits.data()};
+}
+
+}  // namespace
+
+void RemoteUsers::on_state(const session::ProbeState& state, session::StateStream stream, std::int64_t now_ns,
+                           std::int64_t session_now_ns) {
+  Remote& remote = remotes_[{state.user_id, state.probe}];
+  const session::Admission admission = remote.probe.on_state(state, stream, session_now_ns);
+  if (admission == session::Admission::kImplausible) ++implausible_;
+  if (!session::accepted(admission)) return;
+  remote.participant = state.origin.participant;
+  remote.seen_ns = now_ns;
+  modes_.on_probe(state.user_id, state.origin.participant, state.device.position, now_ns);
+}
+
+void RemoteUsers::on_metrics(const session::Metrics& metrics, std::int64_t now_ns) {
+  const std::string ours = loss_figure(self_);
+  for (const session::Figure& figure : metrics.figures)
+    if (figure.name == ours) losses_[metrics.origin.participant] = {std::clamp(figure.value, 0.0, 0.5), now_ns};
+}
+
+void RemoteUsers::on_hrtc_gone(std::uint64_t participant) {
+  losses_.erase(participant);
+  for (auto at = remotes_.begin(); at != remotes_.end();) {
+    if (at->second.participant == participant) modes_.forget(at->first.first);
+    at = at->second.participant == participant ? remotes_.erase(at) : std::next(at);
+  }
+}
+
+void RemoteUsers::tick(std::int64_t now_ns) {
+  for (auto at = remotes_.begin(); at != remotes_.end();)
+    at = now_ns - at->second.seen_ns > kSilentNs ? remotes_.erase(at) : std::next(at);
+  double loss = 0;
+  for (auto at = losses_.begin(); at != losses_.end();) {
+    loss = std::max(loss, at->second.share);
+    at = now_ns - at->second.received_ns > kLossAgeNs ? losses_.erase(at) : std::next(at);
+  }
+  loss_.store(loss, std::memory_order_relaxed);
+  modes_.tick(now_ns);
+}
+
+void RemoteUsers::write(std::vector<session::Figure>& figures) const {
+  namespace names = session::figures;
+  std::int64_t playout_ns = 0;
+  for (const auto& [key, remote] : remotes_) playout_ns = std::max(playout_ns, remote.probe.delay_ns());
+  figures.push_back({names::kRemoteProbes, static_cast<double>(remotes_.size())});
+  figures.push_back({names::kPlayout, static_cast<double>(playout_ns) * 1e-3});
+}
+
+std::vector<session::Figure> RemoteUsers::losses() const {
+  std::map<std::uint64_t, double> lost;
+  for (const auto& [key, remote] : remotes_) {
+    const double share = remote.probe.lost();
+    if (share > kMinLoss) lost[remote.participant] = std::max(lost[remote.participant], share);
+  }
+  std::vector<session::Figure> figures;
+  for (const auto& [participant, share] : lost)
+    if (figures.size() < session::kMaxFigures) figures.push_back({loss_figure(participant), share});
+  return figures;
+}
+
+}  // namespace tactus::hrtc_service

@@ -1,0 +1,79 @@
+/// The users of other HRTCs as this one knows them, and which of them collaborate with a user here.
+///
+///     probe states (deadband-coded, full-rate)  --> RemoteProbe, Modes  --> groups: who needs full-rate states
+///     metrics of other HRTCs                    --> the share of our states that they lose
+///
+/// Policy without DDS, thread or clock. One thread at a time, but for `loss`.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstdint>
+#include <map>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "session/figures.hpp"
+#include "session/messages.hpp"
+#include "session/modes.hpp"
+#include "session/remote_probe.hpp"
+
+namespace tactus::hrtc_service {
+
+class RemoteUsers {
+ public:
+  /// `self`: this HRTC's participant.
+  explicit RemoteUsers(std::uint64_t self) : self_{self}, modes_{self} {}
+
+  void on_catalogue(const session::CatalogueEntry& entry) { modes_.on_catalogue(entry); }
+  void on_object_gone(std::uint64_t object) { modes_.forget_object(object); }
+  /// Throws std::invalid_argument as session::parse_mode.
+  void on_mode(const std::string& text) { modes_.command(session::parse_mode(text)); }
+  void on_own_probe(std::uint64_t user, const std::array<double, 3>& position, std::int64_t now_ns) {
+    modes_.on_probe(user, self_, position, now_ns);
+  }
+  void on_state(const session::ProbeState& state, session::StateStream stream, std::int64_t now_ns,
+                std::int64_t session_now_ns);
+  /// The metrics of another HRTC say which share of our states it lost.
+  void on_metrics(const session::Metrics& metrics, std::int64_t now_ns);
+  void on_hrtc_gone(std::uint64_t participant);
+  void on_user_left(std::uint64_t user) { modes_.forget(user); }
+  /// Forgets silent probes.
+  void tick(std::int64_t now_ns);
+
+  /// Groups that need endpoints, ascending.
+  [[nodiscard]] std::vector<std::uint64_t> groups() const { return modes_.groups(); }
+  /// The group of our user; 0: none.
+  [[nodiscard]] std::uint64_t group_of(std::uint64_t user) const { return modes_.group_of(user); }
+  /// Whether both endpoints of a group have found a peer.
+  void on_peers(std::uint64_t group, bool matched) { modes_.on_peers(group, matched); }
+
+  /// Any thread: the largest share of our deadband-coded states that an HRTC loses.
+  [[nodiscard]] double loss() const noexcept { return loss_.load(std::memory_order_relaxed); }
+  void write(std::vector<session::Figure>& figures) const;
+  /// States dropped because their origin, number or time is outside its window.
+  [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_; }
+  /// The HRTCs whose states get lost on their way here, with the share; empty when none.
+  [[nodiscard]] std::vector<session::Figure> losses() const;
+
+ private:
+  struct Remote {
+    std::uint64_t participant = 0;
+    std::int64_t seen_ns = 0;
+    session::RemoteProbe probe;
+  };
+  struct Loss {
+    double share = 0;
+    std::int64_t received_ns = 0;
+  };
+
+  std::uint64_t self_;
+  session::Modes modes_;
+  std::map<std::pair<std::uint64_t, std::uint32_t>, Remote> remotes_;  // by user and probe
+  std::map<std::uint64_t, Loss> losses_;                               // of our states, by HRTC
+  std::uint64_t implausible_ = 0;
+  std::atomic<double> loss_{0};
+};
+
+}  // namespace tactus::hrtc_service
