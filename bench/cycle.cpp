@@ -86,7 +86,7 @@ void note_late(std::size_t cycle, const RefinedStep& step, double query, Run& ru
 
 Run run_cycles(const spm::Model& model, const Settings& settings, double unit, const std::vector<Vec3d>& path) {
   const double radius = settings.radius / unit;
-  RefinedRun refined{model, {radius, settings.speed / unit, settings.pool_share, settings.budget}};
+  RefinedRun refined{model, spm::ProbeShape{radius}, {settings.speed / unit, settings.pool_share, settings.budget}};
   const spm::Forest& forest = refined.forest();
   std::vector<spm::Contact> contacts(kContacts);
   Run run;

@@ -155,9 +155,9 @@ struct Refined {
 Refined run_refined(const LoadedModel& subject, const Settings& settings, const std::vector<SurfacePose>& path,
                     const std::vector<Eigen::Isometry3d>& poses, double radius, const spm::MeshProbe& probe,
                     const std::vector<std::uint32_t>& expected) {
-  RefinedRun run{
-      subject.model,
-      {radius, settings.speed / subject.model.summary.metres_per_unit, settings.pool_share, settings.budget}};
+  RefinedRun run{subject.model,
+                 spm::ProbeShape{radius},
+                 {settings.speed / subject.model.summary.metres_per_unit, settings.pool_share, settings.budget}};
   const spm::AbTree& tree = run.forest().tree();
   spm::PlacedProbe placed{probe};
   std::vector<spm::Contact> contacts(kContacts);

@@ -1,8 +1,8 @@
 /// One haptic step: from the newest device positions to forces, and the mesh refined towards where they go.
 ///
-///   arrivals -> query -> proxy -> force  |  refine within the limit -> refit
-///      T_L       T_Q          T_F        |           T_R                T_B
-///   touch -------------------------------|- refine -------------------------
+///   arrivals -> query -> proxy -> force  |  select -> refine within the limit -> refit
+///      T_L       T_Q          T_F        |              T_R                        T_B
+///   touch -------------------------------|- refine ----------------------------------
 ///
 /// A hand whose grab button is down holds on to what it touches, if that can move: from the next touch on it is coupled
 /// to that place of the object and to how the object is turned, and no longer to the surface, until the button is up.
@@ -16,27 +16,29 @@
 #pragma once
 
 #include <array>
-#include <boost/lockfree/spsc_queue.hpp>
 #include <cstdint>
 #include <deque>
 #include <vector>
 
 #include "haptics/carried.hpp"
 #include "haptics/force.hpp"
-#include "haptics/proxy.hpp"
+#include "hrtc_service/contact_query.hpp"
 #include "hrtc_service/governor.hpp"
+#include "hrtc_service/held_object.hpp"
+#include "hrtc_service/probe.hpp"
+#include "hrtc_service/sphere_touch.hpp"
 #include "hrtc_service/tool_touch.hpp"
 #include "hrtc_service/touch_object.hpp"
-#include "trace/contact_log.hpp"
+#include "spm/target_selection.hpp"
 
 namespace tactus::hrtc_service {
 
-class FlightRecorder;
-
 struct CycleSettings {
+  static constexpr std::uint32_t kMaxTargets = 1u << 16;
+
   double period = 0.001;  ///< s
   double radius = 0.003;  ///< m, of every tip
-  /// What every probe holds in place of such a ball, m; outlives the cycle. Null: nothing.
+  /// What every probe holds in place of such a sphere, m; outlives the cycle. Null: nothing.
   const spm::MeshProbe* tool = nullptr;
   /// m; cells this near to a tip are refined although not met, so that they are ready when they are.
   double refine_margin = 0.0005;
@@ -44,33 +46,10 @@ struct CycleSettings {
   double keep_margin = 0.002;
   /// s; the tip's motion this far ahead is refined for.
   double refine_ahead = 0.01;
+  /// Regions of an object that are refined at a time, 1 to kMaxTargets. Exceeded: the least urgent stay coarse, with
+  /// session::kTargetsDropped.
+  std::uint32_t targets = 1024;
   haptics::ForceSettings force;
-};
-
-struct ProbeInput {
-  bool active = false;
-  haptics::DeviceState device;  ///< tip, world
-  double pose_age = 0;          ///< s
-  NearObjects near;             ///< from the broad phase
-  bool failed = false;          ///< the device did; latches a fault
-};
-
-struct ProbeOutput {
-  bool active = false;
-  Plain3 device{};  ///< tip, world
-  Plain3 velocity{};
-  Plain3 proxy{};                     ///< or the tool's origin
-  Plain4 orientation{0, 0, 0, 1};     ///< of the tool, x, y, z, w
-  Plain3 force{};                     ///< on the hand, world
-  Plain3 torque{};                    ///< the same, about the tip, N m
-  Plain3 normal{};                    ///< of the contact, world; zero without one
-  std::uint32_t object = spm::kNone;  ///< index of the one touched
-  std::uint32_t status = 0;           ///< session::StatusBit
-  std::uint32_t contacts = 0;
-  float stiffness = 0;              ///< N/m, with which the force was made; 0 without contact
-  float error_bound = 0;            ///< m; the greatest of all numbers while an object near it is not shown yet
-  float pose_age = 0;               ///< s
-  std::uint32_t pose_sequence = 0;  ///< haptics::DeviceState::sequence
 };
 
 /// Times in ns, counts of this cycle.
@@ -89,19 +68,35 @@ struct CycleResult {
   std::array<std::uint32_t, haptics::kForceBits> interventions{};
   bool budget_spent = false;
   bool nodes_full = false;
+  bool targets_dropped = false;  ///< more regions were wanted than CycleSettings::targets
+};
+
+class Cycle;
+
+/// Gets every call of a cycle that can change what follows, in their order, with its result. Realtime.
+class CycleObserver {
+ public:
+  virtual ~CycleObserver() = default;
+  virtual void stopped(haptics::Fault fault) noexcept = 0;
+  virtual void reset() noexcept = 0;
+  virtual void moved(const TouchObject& object, const Placement& placement) noexcept = 0;
+  virtual void touched(const std::array<ProbeInput, kMaxProbes>& probes, std::int64_t now_ns, const Arrival* arrivals,
+                       std::uint32_t arrival_count, const CycleResult& result) noexcept = 0;
+  /// `left`: the regions that have left for the loader. `departures_fit`: its ring is not full.
+  virtual void refined(Cycle& cycle, spm::Span<const Departure> left, bool departures_fit) noexcept = 0;
 };
 
 class Cycle {
  public:
-  using LogRing = boost::lockfree::spsc_queue<trace::LoggedQuery>;
+  using LogRing = ContactQuery::LogRing;
 
   /// `departures` and, when not null, `log` must outlive the cycle. Not realtime.
   /// `specs`: what each probe's device bears, in world units.
   Cycle(const CycleSettings& settings, const std::array<haptics::DeviceSpec, kMaxProbes>& specs,
         DepartureRing& departures, LogRing* log);
 
-  /// Is told of every call that follows; must outlive the cycle. Not realtime.
-  void set_recorder(FlightRecorder* recorder) noexcept { recorder_ = recorder; }
+  /// Must outlive the cycle. Not realtime.
+  void set_observer(CycleObserver* observer) noexcept { observer_ = observer; }
   /// Tools look anew at what is around them, as they do after `for_each_carried`. Realtime.
   void forget_surroundings() noexcept {
     for (ToolTouch& tool : tools_) tool.tool().forget_surroundings();
@@ -111,11 +106,11 @@ class Cycle {
   /// anything. Realtime if `visit` is.
   template <class Visit>
   void for_each_carried(Visit& visit) noexcept {
-    static_assert(sizeof(ObjectState) == 544 && sizeof(ProbeOutput) == 216 && sizeof(CycleCosts) == 44,
+    static_assert(sizeof(ObjectState) == 536 && sizeof(ProbeOutput) == 216 && sizeof(CycleCosts) == 44,
                   "carry the new member");
     for (const TouchObject* object : objects_) {
       ObjectState& state = states_[object->index];
-      visit.any("cycles since a change", state.since_change), visit.any("changes", state.changed);
+      visit.any("cycles since a change", since_change_[object->index]), visit.any("changes", state.changed);
       for (Unchanged& unchanged : state.unchanged) {
         visit.number("centre of what is unchanged", unchanged.centre);
         visit.checked(
@@ -133,15 +128,9 @@ class Cycle {
     }
     visit.any("objects near", near_), visit.any("objects that moved", wandering_);
     for (Tip& tip : tips_) visit.any("position of a tip", tip.position), visit.any("velocity of a tip", tip.velocity);
-    for (haptics::Proxy& proxy : proxies_) proxy.for_each_carried(visit);
-    for (Grasp& grasp : grasps_) {
-      const auto can_move = [this](std::uint32_t object) {
-        return object == spm::kNone || (object < kMaxObjects && (movable_ >> object & 1u) != 0);
-      };
-      visit.checked("object in a hand", grasp.object, can_move, "one that can move, or none");
-      visit.flag("flag of a hand", grasp.spent);
-      visit.number("place in a hand", grasp.place), visit.any("orientation in a hand", grasp.orientation);
-    }
+    for (SphereTouch& sphere : spheres_) sphere.for_each_carried(visit);
+    const auto can_move = [this](std::uint32_t object) { return this->can_move(object); };
+    for (HeldObject& held : held_) held.for_each_carried(visit, can_move);
     for (haptics::ForceRenderer& force : forces_) force.for_each_carried(visit);
     visit.choice("fault", stopped_, haptics::Fault::kNone, haptics::Fault::kTooFast);
     for (ProbeOutput& output : result_.probes) {
@@ -161,6 +150,7 @@ class Cycle {
       visit.any("cost", *cost);
     visit.any("interventions", result_.interventions);
     visit.flag("flag of a cycle", result_.budget_spent), visit.flag("flag of a cycle", result_.nodes_full);
+    visit.flag("flag of a cycle", result_.targets_dropped);
     for (ToolTouch& tool : tools_) tool.for_each_carried(visit);
   }
 
@@ -193,16 +183,9 @@ class Cycle {
   [[nodiscard]] const std::vector<TouchObject*>& objects() const noexcept { return objects_; }
   /// What the last `touch` left of a probe: copies of these tell what another pose or another mesh would have made of
   /// it. The surface is valid until the next.
-  [[nodiscard]] const haptics::Proxy& proxy(std::uint32_t probe) const noexcept { return proxies_[probe]; }
-  /// What a probe held on to in the last touch.
-  struct Held {
-    std::uint32_t object = spm::kNone;  ///< index; none: it held nothing
-    haptics::Hold hold;
-    haptics::Feel feel;  ///< of the object
-    haptics::ToolGrip grip;
-    haptics::Wrench pull;  ///< on the hand, before limits
-  };
-  [[nodiscard]] const Held& held(std::uint32_t probe) const noexcept { return held_[probe]; }
+  [[nodiscard]] const haptics::Proxy& proxy(std::uint32_t probe) const noexcept { return spheres_[probe].proxy(); }
+  using Held = hrtc_service::Held;
+  [[nodiscard]] const Held& held(std::uint32_t probe) const noexcept { return held_[probe].held(); }
   /// Null without one.
   [[nodiscard]] const ToolTouch* tool(std::uint32_t probe) const noexcept {
     return tools_.empty() ? nullptr : &tools_[probe];
@@ -210,89 +193,71 @@ class Cycle {
   [[nodiscard]] const haptics::ForceRenderer& renderer(std::uint32_t probe) const noexcept { return forces_[probe]; }
   [[nodiscard]] haptics::Surface& surface(std::uint32_t probe) noexcept { return surfaces_[probe]; }
   /// Log entries that found the ring full.
-  [[nodiscard]] std::uint64_t log_dropped() const noexcept { return log_dropped_; }
+  [[nodiscard]] std::uint64_t log_dropped() const noexcept { return query_.log_dropped(); }
 
  private:
-  static constexpr std::uint32_t kMaxTargets = 256;
   /// Units granted at a time: eight records, a microsecond's work when they are in the cache.
   static constexpr std::uint32_t kPortion = 8 * (spm::Budget::kVisit + spm::Budget::kChange);
   struct Tip {
     Vec3d position, velocity;  // world
   };
-  static constexpr std::uint32_t kMaxContacts = 2048;
-  struct Target {
-    spm::RegionId region;
-    double key;  // smaller first
-  };
-  [[nodiscard]] bool is_near(std::uint32_t probe, const TouchObject& object) const noexcept {
-    return (near_[probe] >> object.index & 1u) != 0;
-  }
-
-  /// What a hand has closed on, from one touch to the next.
-  struct Grasp {
-    std::uint32_t object = spm::kNone;  // index
-    bool spent = false;                 // has lost it, and has to open before it can close again
-    Plain3 place{};                     // where, model frame
-    Plain4 orientation{};               // of the device in the object's axes
-  };
-
   struct ObjectState {
-    std::uint32_t since_change = 0;
     std::uint32_t changed = 0;                      // near which proxies, by probe bit
     std::array<Unchanged, kMaxProbes> unchanged{};  // around them
     Placement placement, before;
     bool moved = false;  // since the last touch
   };
+  [[nodiscard]] bool is_near(std::uint32_t probe, const TouchObject& object) const noexcept {
+    return (near_[probe] >> object.index & 1u) != 0;
+  }
+  [[nodiscard]] bool can_move(std::uint32_t object) const noexcept { return (movable_ >> object & 1u) != 0; }
   [[nodiscard]] const Placement& placement(const TouchObject& object) const noexcept {
     return states_[object.index].placement;
   }
+  [[nodiscard]] const TouchObject& object(std::uint32_t index) const noexcept;
+  /// Calls `visit` with what the probe is: a SphereTouch or a ToolTouch.
+  template <class Visit>
+  decltype(auto) with_probe(std::uint32_t number, Visit&& visit) noexcept {
+    return tools_.empty() ? visit(spheres_[number]) : visit(tools_[number]);
+  }
 
   void take(const Arrival& arrival) noexcept;
-  void add_target(spm::RegionId region, double key) noexcept;
-  void choose_targets(TouchObject& object) noexcept;
-  void choose_targets_under_bodies(const TouchObject& object) noexcept;
-  void choose_targets_along(const ToolTouch& tool, const TouchObject& object) noexcept;
-  [[nodiscard]] std::uint32_t refit(TouchObject& object) noexcept;
+  void take_away(std::uint32_t probe) noexcept;
+  [[nodiscard]] bool gather_surface(std::uint32_t probe) noexcept;
+  void render(std::uint32_t probe, const ProbeInput& input, ProbeOutput& output) noexcept;
+  void add_force(const haptics::ForceResult& force, ProbeOutput& output) noexcept;
+  void select_targets(TouchObject& object) noexcept;
+  void add_probe_targets(std::uint32_t probe, const TouchObject& object) noexcept;
+  void add_targets_under_bodies(const TouchObject& object) noexcept;
   [[nodiscard]] spm::Advance advance(TouchObject& object, spm::Budget& budget, spm::Budget& granted,
                                      const RefineLimit& limit, double& began) noexcept;
-  void query(std::uint32_t probe, const Vec3d& tip, std::int64_t now_ns, ProbeOutput& output) noexcept;
-  void render(std::uint32_t probe, const ProbeInput& input, ProbeOutput& output) noexcept;
-  void render_tool(std::uint32_t probe, const ProbeInput& input, ProbeOutput& output) noexcept;
-  [[nodiscard]] bool find_held(std::uint32_t probe, const ProbeInput& input) noexcept;
-  void render_held(std::uint32_t probe, const ProbeInput& input, ProbeOutput& output) noexcept;
-  void close_hand(std::uint32_t probe, const ProbeInput& input, const Vec3d& place, ProbeOutput& output) noexcept;
-  void tell(const haptics::ForceResult& force, ProbeOutput& output) noexcept;
-  void tell_where_coarse(const Vec3d& centre, double radius, std::uint32_t probe, ProbeOutput& output) const noexcept;
-  void log(const TouchObject& object, std::uint32_t probe, std::int64_t now_ns, const Vec3d& centre, double radius,
-           bool exact, std::uint32_t found, bool truncated) noexcept;
+  void note_changes(const TouchObject& object, std::uint32_t changes, bool appeared) noexcept;
+  void give_back(TouchObject& object) noexcept;
+  [[nodiscard]] std::uint32_t refit(TouchObject& object) noexcept;
 
   CycleSettings settings_;
   DepartureRing& departures_;
-  LogRing* log_;
-  FlightRecorder* recorder_ = nullptr;
-  std::vector<TouchObject*> objects_;              // reserved for kMaxObjects
-  std::array<ObjectState, kMaxObjects> states_{};  // by object index
-  std::array<std::uint64_t, kMaxProbes> near_{};   // objects that a tip could touch, by index bit
-  std::uint64_t wandering_ = 0;                    // objects that have moved, by index bit
-  std::array<Tip, kMaxProbes> tips_{};             // of the last touch
+  CycleObserver* observer_ = nullptr;
+  std::vector<TouchObject*> objects_;                      // reserved for kMaxObjects
+  std::array<ObjectState, kMaxObjects> states_{};          // by object index
+  std::array<std::uint32_t, kMaxObjects> since_change_{};  // cycles, of the mesh, by object index
+  std::array<std::uint64_t, kMaxProbes> near_{};           // objects that a tip could touch, by index bit
+  std::uint64_t wandering_ = 0;                            // objects that have moved, by index bit
+  std::array<Tip, kMaxProbes> tips_{};                     // of the last touch
   std::int64_t touch_began_ns_ = 0;
   std::uint64_t movable_ = 0;  // objects, by index bit; known from how they came
   std::uint32_t movable_count_ = 0;
-  std::array<Grasp, kMaxProbes> grasps_;
-  std::array<Held, kMaxProbes> held_;
-  std::array<haptics::Proxy, kMaxProbes> proxies_;
-  double reach_ = haptics::ProxySettings{}.reach;   // m, of the proxies; grows with the objects
+  std::vector<SphereTouch> spheres_;                // by probe
   std::deque<ToolTouch> tools_;                     // by probe; none without a tool
+  std::array<HeldObject, kMaxProbes> held_;         // by probe
+  double reach_ = haptics::ProxySettings{}.reach;   // m, of the proxies; grows with the objects
   std::vector<haptics::ForceRenderer> forces_;      // by probe
   haptics::Fault stopped_ = haptics::Fault::kNone;  // all of them
   std::array<ObjectsSurface, kMaxProbes> surfaces_;
   spm::CandidateCaches candidate_caches_;  // of all of them
-  std::array<Target, kMaxTargets> targets_;
-  std::uint32_t target_count_ = 0;
-  std::array<spm::RegionId, kMaxTargets> target_regions_;
-  std::array<spm::Contact, kMaxContacts> contacts_;
-  trace::LoggedQuery entry_;
-  std::uint64_t log_dropped_ = 0;
+  ContactQuery query_;
+  spm::TargetSelection targets_;
+  std::vector<Departure> left_;  // in this cycle; reserved for as many as the ring holds
   CycleResult result_;
 };
 

@@ -6,8 +6,6 @@
 #include <cstring>
 #include <type_traits>
 
-#include "hrtc_service/cycle.hpp"
-
 namespace tactus::hrtc_service {
 namespace {
 
@@ -51,22 +49,22 @@ void FlightRecorder::put(FlightEntry kind, const Value& value) noexcept {
   count_ += 1 + kWords;
 }
 
-/// Into the record, and among the events that are kept should it be lost.
-void FlightRecorder::put_event(Kind kind, const TouchObject& object, spm::RegionId region) noexcept {
+/// Into the record, and among the events that are kept should it be lost. `came`: the object, when it is new.
+void FlightRecorder::put_event(Kind kind, std::uint32_t object, spm::RegionId region,
+                               const TouchObject* came) noexcept {
   constexpr std::uint32_t kWords = 1 + sizeof(trace::FlightEvent) / 8, kWithObject = kWords + 1;
   static_assert(sizeof(trace::FlightEvent) % 8 == 0);
   if (event_count_ + kWithObject > kMaxEventWords) {
     if (ended() == 0) ended_.store(lost_ + 1, std::memory_order_relaxed);
     return;
   }
-  const bool came = kind == Kind::kObjectCame;
-  const std::uint32_t words = came ? kWithObject : kWords;
-  const trace::FlightEvent event{cycle_, kind, object.index, spm::index(region), 0};
-  const auto pointer = reinterpret_cast<std::uint64_t>(&object);
+  const std::uint32_t words = came != nullptr ? kWithObject : kWords;
+  const trace::FlightEvent event{cycle_, kind, object, spm::index(region), 0};
+  const auto pointer = reinterpret_cast<std::uint64_t>(came);
   std::uint64_t* const entry = &events_[event_count_];
-  entry[0] = head_of(came ? FlightEntry::kObject : FlightEntry::kEvent, words - 1);
+  entry[0] = head_of(came != nullptr ? FlightEntry::kObject : FlightEntry::kEvent, words - 1);
   std::memcpy(entry + 1, &event, sizeof event);
-  if (came) std::memcpy(entry + kWords, &pointer, sizeof pointer);
+  if (came != nullptr) std::memcpy(entry + kWords, &pointer, sizeof pointer);
   event_count_ += words;
   if (!has_room(words)) return;
   std::copy_n(entry, words, &words_[count_]);
@@ -87,7 +85,9 @@ void FlightRecorder::touched(const std::array<ProbeInput, kMaxProbes>& probes, s
                              const Arrival* arrivals, std::uint32_t arrival_count, const CycleResult& result) noexcept {
   for (std::uint32_t i = 0; i < arrival_count; ++i) {
     constexpr Kind kKinds[] = {Kind::kObjectCame, Kind::kRegionCame, Kind::kRegionRetired};
-    put_event(kKinds[static_cast<std::size_t>(arrivals[i].kind)], *arrivals[i].object, arrivals[i].region);
+    const Kind kind = kKinds[static_cast<std::size_t>(arrivals[i].kind)];
+    const TouchObject* const object = arrivals[i].object;
+    put_event(kind, object->index, arrivals[i].region, kind == Kind::kObjectCame ? object : nullptr);
   }
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     const ProbeInput& input = probes[i];
@@ -121,10 +121,6 @@ void FlightRecorder::touched(const std::array<ProbeInput, kMaxProbes>& probes, s
     put(FlightEntry::kProbe, probe);
   }
   put(FlightEntry::kTouch, trace::FlightTouch{cycle_, now_ns, _mm_getcsr() & 0xffc0u});
-}
-
-void FlightRecorder::left(const TouchObject& object, spm::RegionId region) noexcept {
-  put_event(Kind::kRegionLeft, object, region);
 }
 
 /// Bytes of what is carried, 64 bits, and these; then how many objects, and of each number and base faces, mesh hash,
@@ -184,7 +180,8 @@ bool FlightRecorder::push() noexcept {
   return true;
 }
 
-void FlightRecorder::refined(Cycle& cycle, bool departures_fit) noexcept {
+void FlightRecorder::refined(Cycle& cycle, spm::Span<const Departure> left, bool departures_fit) noexcept {
+  for (const Departure& departure : left) put_event(Kind::kRegionLeft, departure.object, departure.region);
   if (ended() == 0) {
     const CycleResult& result = cycle.result();
     std::uint64_t hash = 0;

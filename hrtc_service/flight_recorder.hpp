@@ -1,6 +1,6 @@
 /// What a cycle is told and what it answers, kept for whoever wants to do it again.
 ///
-///   Cycle: stop, reset, move, touch, refine --> [one record a cycle] --ring--> FlightStore: last seconds, file
+///   CycleObserver: stop, reset, move, touch, refine --> [one record a cycle] --ring--> FlightStore: last seconds, file
 ///
 /// A record holds the calls in their order as the structs of trace/flight_file.hpp, and now and then what the cycle
 /// leaves to the next, so that a recording may begin there. It goes into the ring when the cycle has refined, as a
@@ -17,16 +17,11 @@
 #include <cstdint>
 #include <vector>
 
-#include "haptics/force.hpp"
-#include "hrtc_service/touch_object.hpp"
+#include "hrtc_service/cycle.hpp"
 #include "spm/forest.hpp"
 #include "trace/flight_file.hpp"
 
 namespace tactus::hrtc_service {
-
-class Cycle;
-struct ProbeInput;
-struct CycleResult;
 
 /// What an entry of a record holds.
 enum class FlightEntry : std::uint32_t {
@@ -43,7 +38,7 @@ enum class FlightEntry : std::uint32_t {
 /// 64-bit words: how many words with this one, then entries: kind << 32 | words that follow, and these.
 using FlightRecord = std::vector<std::uint64_t>;
 
-class FlightRecorder {
+class FlightRecorder final : public CycleObserver {
  public:
   static constexpr std::uint32_t kRingWords = 1u << 18;  ///< 2 MiB: 0.8 s of eight probes at 1 kHz
   static constexpr std::uint32_t kMaxInUse = 1u << 12;   ///< regions of an object; while more are, no state is told
@@ -54,15 +49,13 @@ class FlightRecorder {
   /// `state_every`: cycles from one state to the next. Allocates and touches everything, which is 2.5 MiB.
   explicit FlightRecorder(std::uint32_t state_every);
 
-  // By Cycle. Realtime.
-  void stopped(haptics::Fault fault) noexcept;
-  void reset() noexcept;
-  void moved(const TouchObject& object, const Placement& placement) noexcept;
+  void stopped(haptics::Fault fault) noexcept override;
+  void reset() noexcept override;
+  void moved(const TouchObject& object, const Placement& placement) noexcept override;
   void touched(const std::array<ProbeInput, kMaxProbes>& probes, std::int64_t now_ns, const Arrival* arrivals,
-               std::uint32_t arrival_count, const CycleResult& result) noexcept;
-  void left(const TouchObject& object, spm::RegionId region) noexcept;
-  /// Ends the record. `departures_fit`: the ring of departures is not full.
-  void refined(Cycle& cycle, bool departures_fit) noexcept;
+               std::uint32_t arrival_count, const CycleResult& result) noexcept override;
+  /// Ends the record.
+  void refined(Cycle& cycle, spm::Span<const Departure> left, bool departures_fit) noexcept override;
 
   /// The next record, if there is one. Allocates.
   [[nodiscard]] bool next(FlightRecord& record);
@@ -73,7 +66,8 @@ class FlightRecorder {
   template <class Value>
   void put(FlightEntry kind, const Value& value) noexcept;
   [[nodiscard]] bool has_room(std::uint32_t words) noexcept;
-  void put_event(trace::FlightEvent::Kind kind, const TouchObject& object, spm::RegionId region) noexcept;
+  void put_event(trace::FlightEvent::Kind kind, std::uint32_t object, spm::RegionId region,
+                 const TouchObject* came = nullptr) noexcept;
   [[nodiscard]] bool put_state(Cycle& cycle) noexcept;
   [[nodiscard]] bool push() noexcept;
 

@@ -59,6 +59,10 @@ CycleSettings settings_of(const trace::FlightStart& start, const spm::MeshProbe*
   settings.refine_margin = start.refine_margin;
   settings.keep_margin = start.keep_margin;
   settings.refine_ahead = start.refine_ahead;
+  if (start.targets == 0 || start.targets > CycleSettings::kMaxTargets)
+    throw FlightError("found " + std::to_string(start.targets) + " targets, expected 1 to " +
+                      std::to_string(CycleSettings::kMaxTargets));
+  settings.targets = start.targets;
   settings.force = {
       start.max_force, start.max_slew,  start.soft_start, start.recovery,        start.hold,
       start.zero_by,   start.max_speed, start.max_torque, start.max_torque_slew, start.max_angular_velocity};

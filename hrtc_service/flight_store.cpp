@@ -47,7 +47,7 @@ std::int64_t since_1970_less_ours() {
 
 }  // namespace
 
-static_assert(sizeof(CycleSettings) == 128, "record the new setting");
+static_assert(sizeof(CycleSettings) == 136, "record the new setting");
 
 trace::FlightStart flight_start(const std::string& participant, const CycleSettings& settings,
                                 const spm::PoolSettings& pool,
@@ -60,6 +60,7 @@ trace::FlightStart flight_start(const std::string& participant, const CycleSetti
   start.refine_margin = settings.refine_margin;
   start.keep_margin = settings.keep_margin;
   start.refine_ahead = settings.refine_ahead;
+  start.targets = settings.targets;
   const haptics::ForceSettings& force = settings.force;
   start.max_force = force.max_force;
   start.max_slew = force.max_slew;

@@ -88,6 +88,7 @@ void HapticThread::trace(const CycleResult& result, const CycleTimes& times, std
     ++trace.in_contact;
     trace.exact = static_cast<std::uint8_t>(trace.exact + ((probe.status & session::kExact) != 0 ? 1 : 0));
   }
+  trace.targets_dropped = result.targets_dropped;
   if (!traces_.push(trace)) traces_dropped_.fetch_add(1, std::memory_order_relaxed);
 }
 

@@ -47,6 +47,7 @@ struct CycleTrace {
   std::uint8_t in_contact = 0;
   std::uint8_t exact = 0;  ///< of those in contact
   std::uint8_t stale = 0;  ///< probes whose pose was too old
+  bool targets_dropped = false;
 };
 
 struct HapticSettings {

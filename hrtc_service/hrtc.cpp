@@ -39,6 +39,7 @@ constexpr std::int64_t kMetricsNs = 500 * kMs;
 constexpr std::int64_t kMetricsSoonNs = 100 * kMs;
 constexpr std::int64_t kAllMetricsNs = 5000 * kMs;
 constexpr std::int64_t kOverrunLoggedNs = 1000 * kMs;
+constexpr std::int64_t kTargetsLoggedNs = 10'000 * kMs;
 constexpr std::int64_t kGroupsNs = 20 * kMs;
 constexpr std::int64_t kNoHostNs = 5000 * kMs;
 
@@ -164,7 +165,7 @@ struct Hrtc::Impl {
   std::array<std::uint32_t, kMaxProbes> holds_logged{};   // status bits
   LateCycleClassifier late_cycles;
   std::deque<CycleTrace> late_traces;  // that are not classified yet
-  Every overrun_logged{kOverrunLoggedNs};
+  Every overrun_logged{kOverrunLoggedNs}, targets_logged{kTargetsLoggedNs};
   std::uint32_t overruns_unlogged = 0;
   std::uint64_t first_cycle = 0;  // seen; 0: none yet
   std::int64_t first_cycle_ns = 0;
@@ -532,6 +533,11 @@ void Hrtc::Impl::drain_rings() {
   CycleTrace trace;
   while (haptic.traces().pop(trace)) {
     statistics.add(trace);
+    if (trace.targets_dropped && targets_logged.due(monotonic_ns()))
+      spdlog::warn(
+          "the mesh near a probe stays coarse in places: more than {} regions of an object are to be refined; "
+          "raise --targets",
+          options.core.servo.cycle.targets);
     late_cycles.add(trace.times);
     if (trace.times.late()) late_traces.push_back(trace);
   }

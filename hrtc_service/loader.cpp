@@ -36,7 +36,7 @@ Loader::Loader(spm::Pool& pool, spm::NodePool& nodes, const session::Origin& sel
     : pool_{pool},
       nodes_{nodes},
       settings_{settings},
-      tool_{spheres_of_tool(settings.tool)},
+      shape_{shape_of_probe(settings.tool, settings.radius)},
       arrivals_{arrivals},
       departures_{departures},
       cache_{pool},
@@ -208,11 +208,10 @@ void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {
       std::make_unique<spm::Forest>(pool_, nodes_, touch.index, object.summary,
                                     spm::RegionGrid{object.summary.grid, base.regions}, std::move(admitted.base));
   const double scale = object.entry.scale;
+  const spm::PredictionSettings prediction{0, settings_.margin / scale, settings_.min_speed / scale,
+                                           settings_.strategy};
   for (std::uint32_t i = 0; i < kMaxProbes; ++i)
-    for (std::uint32_t b = 0; b < spheres(); ++b)
-      object.predictors.emplace_back(object.grid(),
-                                     spm::PredictionSettings{sphere({}, b).radius / scale, settings_.margin / scale,
-                                                             settings_.min_speed / scale, settings_.strategy});
+    object.predictors.emplace_back(object.grid(), shape_, scale, prediction);
   broad_phase_.put(touch.index, world_box(touch.bounds, touch.placement));
   by_index_.push_back(&object);
   object.ready = true;
@@ -235,27 +234,35 @@ bool Loader::still_ahead(std::int64_t now_ns, const std::array<ProbeSight, kMaxP
   return !moved || now_ns < predict_next_ns_;
 }
 
-/// m, in the world.
-spm::ProbeSphere Loader::sphere(const ProbeSight& sight, std::uint32_t number) const noexcept {
-  if (tool_.empty()) return {sight.device, settings_.radius};
-  const spm::ProbeSphere& sphere = tool_[number];
-  return {sight.proxy + sight.orientation * sphere.centre, sphere.radius};
+/// World. A tool is where the haptic thread has it, a tip where its device is.
+Vec3d Loader::centre(const ProbeSight& sight, const spm::ProbeSphere& sphere) const noexcept {
+  return settings_.tool == nullptr ? sight.device : Vec3d{sight.proxy + sight.orientation * sphere.centre};
+}
+
+/// Those of a probe, for an object that stands there.
+spm::Span<const spm::PlacedSphere> Loader::spheres(const ProbeSight& sight, const Placement& placement,
+                                                   PlacedSpheres& out) const noexcept {
+  const spm::Span<const spm::ProbeSphere> spheres = shape_.spheres();
+  std::transform(spheres.begin(), spheres.end(), out.begin(), [&](const spm::ProbeSphere& sphere) {
+    return placed({centre(sight, sphere), Vec3d::Zero(), sphere.radius}, placement);
+  });
+  return {out.data(), spheres.size()};
 }
 
 /// m; the way of what has gone furthest.
 double Loader::moved(const ProbeSight& sight, const ProbeSight& before) const noexcept {
   double furthest = 0;
-  for (std::uint32_t b = 0; b < spheres(); ++b)
-    furthest = std::max(furthest, (sphere(sight, b).centre - sphere(before, b).centre).norm());
+  for (const spm::ProbeSphere& sphere : shape_.spheres())
+    furthest = std::max(furthest, (centre(sight, sphere) - centre(before, sphere)).norm());
   return furthest;
 }
 
 void Loader::observe(Object& object, const std::array<ProbeSight, kMaxProbes>& sights) const {
+  PlacedSpheres out;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i)
-    for (std::uint32_t b = 0; sights[i].active && b < spheres(); ++b)
-      object.predictors[i * spheres() + b].observe(static_cast<double>(sights[i].time_ns) / kNsPerS,
-                                                   object.placement.to_model(sphere(sights[i], b).centre),
-                                                   sights[i].in_contact);
+    if (sights[i].active)
+      object.predictors[i].observe(static_cast<double>(sights[i].time_ns) / kNsPerS,
+                                   spheres(sights[i], object.placement, out), sights[i].in_contact);
 }
 
 /// s; how far ahead is predicted.
@@ -282,61 +289,56 @@ void Loader::predict(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbe
 
 void Loader::predict(Object& object, const std::array<ProbeSight, kMaxProbes>& sights, double round_trip, double lead) {
   const Placement& placement = object.placement;
-  struct Contact {
-    double in, until;  // s
-    double doubt;
-  };
-  std::map<std::uint32_t, Contact> contacts;
+  met_.clear();
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     const ProbeSight& sight = sights[i];
     if (!sight.active) continue;
-    if (sight.in_contact &&
-        tool_.empty())  // the proxy lags behind a device that is pressed in, and must stand on the finest surface too
+    object.predictors[i].predict(lead, met_);
+    // The proxy lags behind a device that is pressed in, and must stand on the finest surface too.
+    if (sight.in_contact && settings_.tool == nullptr)
       object.grid().for_each_meeting(placement.to_model(sight.proxy),
                                      (settings_.radius + settings_.margin) / placement.scale(),
                                      [&](spm::RegionId region, double) {
-                                       contacts[spm::index(region)] = {0, lead, 0};
+                                       met_.add({region, 0, lead, 0});
                                      });
-    for (std::uint32_t b = 0; b < spheres(); ++b) {
-      spm::Predictor::Answer answer;
-      object.predictors[i * spheres() + b].predict(lead, answer);
-      for (std::uint32_t k = 0; k < answer.count; ++k) {
-        const spm::PredictedRegion& met = answer.regions[k];
-        const Contact contact{met.contact_in, met.contact_until, met.doubt};
-        const auto [at, fresh] = contacts.try_emplace(spm::index(met.region), contact);
-        if (fresh) continue;
-        at->second.in = std::min(at->second.in, contact.in);
-        at->second.until = std::max(at->second.until, contact.until);
-        at->second.doubt = std::min(at->second.doubt, contact.doubt);
-      }
-    }
   }
-  // Where bodies that a hand is near stand on it.
-  for (const Object* const other : by_index_) {
-    const std::optional<sharing::SharedBody>& body = other->touch.body;
-    if (!body || object.touch.body) continue;
-    const Vec3d centre = sharing::centre_of(*body, other->placement);
-    const double near = body->settings.half.norm() + kHandNear;
-    if (std::none_of(sights.begin(), sights.end(), [&](const ProbeSight& sight) {
-          return sight.active && (sight.device - centre).squaredNorm() < near * near;
-        }))
-      continue;
-    sharing::for_each_place_beside(*body, other->placement, placement, object.touch.bounds, [&](const Vec3d& place) {
-      object.grid().for_each_meeting(place, sharing::kAroundBody / placement.scale(),
-                                     [&](spm::RegionId region, double) {
-                                       contacts[spm::index(region)] = {0, lead, 0};
-                                     });
-    });
+  predict_under_bodies(object, sights, lead);
+  met_.sort();
+  std::vector<spm::PredictedRegion> met{met_.entries().begin(), met_.entries().end()};
+  std::sort(met.begin(), met.end(), [](const auto& a, const auto& b) { return a.region < b.region; });
+
+  auto next = met.begin();
+  for (auto wish = object.wishes.begin(); wish != object.wishes.end();) {
+    while (next != met.end() && spm::index(next->region) < wish->first) ++next;
+    const bool still = next != met.end() && spm::index(next->region) == wish->first;
+    wish = still ? std::next(wish) : object.wishes.erase(wish);
   }
-  for (auto wish = object.wishes.begin(); wish != object.wishes.end();)
-    wish = contacts.count(wish->first) == 0 ? object.wishes.erase(wish) : std::next(wish);
-  for (const auto& [region, contact] : contacts) {
+  for (const spm::PredictedRegion& region : met) {
     // What cannot be here before the tip has left it goes last.
     constexpr double kTooLate = 1e3;
-    const bool in_time = !object.notes[region].absent() || contact.until >= round_trip;
-    prospects_.push_back({contact.doubt + (in_time ? 0 : kTooLate), in_time ? contact.in : lead + contact.in,
-                          contact.in, &object, region, &object.wishes[region]});
+    const std::uint32_t number = spm::index(region.region);
+    const bool in_time = !object.notes[number].absent() || region.contact_until >= round_trip;
+    prospects_.push_back({region.doubt + (in_time ? 0 : kTooLate),
+                          in_time ? region.contact_in : lead + region.contact_in, region.contact_in, &object, number,
+                          &object.wishes[number]});
   }
+}
+
+void Loader::predict_under_bodies(const Object& object, const std::array<ProbeSight, kMaxProbes>& sights, double lead) {
+  if (object.touch.body) return;
+  const auto hand_near = [&](const Vec3d& point, double distance) {
+    return std::any_of(sights.begin(), sights.end(), [&](const ProbeSight& sight) {
+      return sight.active && (sight.device - point).squaredNorm() < distance * distance;
+    });
+  };
+  for (const Object* const other : by_index_)
+    if (other->touch.body)
+      for_each_place_under(*other->touch.body, other->placement, object.touch.bounds, object.placement, hand_near,
+                           [&](const Vec3d& place, double radius) {
+                             object.grid().for_each_meeting(place, radius, [&](spm::RegionId region, double) {
+                               met_.add({region, 0, lead, 0});
+                             });
+                           });
 }
 
 void Loader::on_moved(std::uint32_t object_index, const Placement& placement) {
@@ -360,8 +362,7 @@ void Loader::find_near(const std::array<ProbeSight, kMaxProbes>& sights, std::ar
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     if (!sights[i].active || !sights[i].device.allFinite()) continue;
     near[i] = {0, sought, plain(sights[i].device), settings_.near_distance / 2};  // the proxy lags behind the device
-    double reach = settings_.radius;
-    for (const spm::ProbeSphere& sphere : tool_) reach = std::max(reach, sphere.centre.norm() + sphere.radius);
+    const double reach = std::max(settings_.radius, shape_.reach());
     spheres.push_back({sights[i].device, reach + settings_.near_distance});
     numbers.push_back(i);
   }
@@ -417,11 +418,12 @@ std::vector<std::uint32_t> Loader::regions_met(std::uint32_t object_index,
   std::vector<std::uint32_t> met;
   const Object& object = *by_index_[object_index];
   const Placement& placement = object.placement;
+  PlacedSpheres out;
   for (const ProbeSight& sight : sights)
-    for (std::uint32_t b = 0; sight.active && b < spheres(); ++b)
-      object.grid().for_each_meeting(placement.to_model(sphere(sight, b).centre),
-                                     sphere(sight, b).radius / placement.scale(),
-                                     [&](spm::RegionId region, double) { met.push_back(spm::index(region)); });
+    if (sight.active)
+      for (const spm::PlacedSphere& sphere : spheres(sight, placement, out))
+        object.grid().for_each_meeting(sphere.centre, sphere.radius,
+                                       [&](spm::RegionId region, double) { met.push_back(spm::index(region)); });
   return met;
 }
 

@@ -209,11 +209,11 @@ class Loader {
     Placement placement;            // where it stands now
     std::vector<RegionNote> notes;  // by region
     std::map<std::uint32_t, Wish> wishes;
-    std::vector<spm::Predictor> predictors;  // by probe, and of each by ball
-    std::vector<std::uint32_t> held;         // regions in that state
-    std::vector<std::uint32_t> shown;        // regions in the pool
-    bool ready = false;                      // base mesh is in
-    bool refused = false;                    // base mesh or directory does not fit
+    std::vector<spm::ProbePredictor> predictors;  // by probe
+    std::vector<std::uint32_t> held;              // regions in that state
+    std::vector<std::uint32_t> shown;             // regions in the pool
+    bool ready = false;                           // base mesh is in
+    bool refused = false;                         // base mesh or directory does not fit
     [[nodiscard]] const spm::RegionGrid& grid() const noexcept { return touch.forest->grid(); }  // never changes
   };
 
@@ -222,15 +222,15 @@ class Loader {
   void take_base(Object& object, const std::vector<std::uint8_t>& bytes);
   [[nodiscard]] bool still_ahead(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights) const;
   void observe(Object& object, const std::array<ProbeSight, kMaxProbes>& sights) const;
-  /// Of a probe; one ball when it is a tip.
-  [[nodiscard]] std::uint32_t spheres() const noexcept {
-    return std::max(1u, static_cast<std::uint32_t>(tool_.size()));
-  }
-  [[nodiscard]] spm::ProbeSphere sphere(const ProbeSight& sight, std::uint32_t number) const noexcept;
+  [[nodiscard]] Vec3d centre(const ProbeSight& sight, const spm::ProbeSphere& sphere) const noexcept;
+  using PlacedSpheres = std::array<spm::PlacedSphere, spm::ProbeShape::kMaxSpheres>;
+  [[nodiscard]] spm::Span<const spm::PlacedSphere> spheres(const ProbeSight& sight, const Placement& placement,
+                                                           PlacedSpheres& out) const noexcept;
   [[nodiscard]] double moved(const ProbeSight& sight, const ProbeSight& before) const noexcept;
   [[nodiscard]] double lead(double round_trip) const;
   void predict(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights);
   void predict(Object& object, const std::array<ProbeSight, kMaxProbes>& sights, double round_trip, double lead);
+  void predict_under_bodies(const Object& object, const std::array<ProbeSight, kMaxProbes>& sights, double lead);
 
   // The store (loader_store.cpp).
   [[nodiscard]] std::uint32_t room_to_come() const noexcept { return store_.blocks_free() + store_.blocks_leaving(); }
@@ -269,7 +269,7 @@ class Loader {
   spm::Pool& pool_;
   spm::NodePool& nodes_;
   LoaderSettings settings_;
-  std::vector<spm::ProbeSphere> tool_;  // what stands for it; m, its frame
+  spm::ProbeShape shape_;  // of every probe; m
   ArrivalRing& arrivals_;
   DepartureRing& departures_;
   spm::Cache cache_;
@@ -286,7 +286,9 @@ class Loader {
     std::uint32_t region;
     Wish* wish;
   };
-  std::vector<Prospect> prospects_;  // of the last prediction
+  static constexpr std::uint32_t kMaxMet = 4096;
+  spm::Predictor::Answer met_{kMaxMet};  // of one object, in a prediction
+  std::vector<Prospect> prospects_;      // of the last prediction
   std::int64_t predicted_ns_ = 0, predict_next_ns_ = 0;
   std::int64_t moved_ns_ = 0;  // when a tip last left what was predicted
   bool at_rest_ = false;

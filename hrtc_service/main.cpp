@@ -105,6 +105,10 @@ int main(int argc, char** argv) {
       ->transform(CLI::CheckedTransformer(strategies, CLI::ignore_case)
                       .description("{neighbours,linear,polynomial,distance,mixture}"))
       ->default_str("mixture");
+  app.add_option("--targets", options.core.servo.cycle.targets,
+                 "Regions of an object that are refined at a time; the least urgent of more stay coarse")
+      ->capture_default_str()
+      ->check(CLI::Range(1u, hrtc_service::CycleSettings::kMaxTargets));
   app.add_option("--users", options.max_users, "Probes at most")
       ->capture_default_str()
       ->check(CLI::Range(1u, hrtc_service::kMaxProbes));

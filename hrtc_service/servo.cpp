@@ -8,7 +8,7 @@ Servo::Servo(const ServoSettings& settings, ServoLink& link)
     : link_{link},
       cycle_{settings.cycle, settings.specs, link.departures, link.logs_queries ? &link.log : nullptr},
       bodies_{settings.cycle, link.bodies} {
-  cycle_.set_recorder(settings.recorder);
+  cycle_.set_observer(settings.recorder);
   snapshot_.nodes.resize(settings.snapshot_nodes);
 }
 

@@ -20,8 +20,6 @@
 
 namespace tactus::hrtc_service {
 
-class FlightRecorder;
-
 /// A face of the mesh shown of one object; model frame, file units.
 struct SnapshotFace {
   std::array<float, 9> corners;
@@ -31,7 +29,7 @@ struct SnapshotFace {
 struct ServoSettings {
   CycleSettings cycle;
   std::array<haptics::DeviceSpec, kMaxProbes> specs;  ///< of the probes' devices, world units
-  FlightRecorder* recorder = nullptr;                 ///< observes every cycle; outlives the servo
+  CycleObserver* recorder = nullptr;                  ///< of every cycle; outlives the servo
   std::uint32_t snapshot_nodes = 0;  ///< tree nodes of the pool when snapshots will be requested; 0: never
 };
 

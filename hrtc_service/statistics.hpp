@@ -48,6 +48,7 @@ class CycleStatistics {
     contact_ += trace.in_contact;
     exact_ += trace.exact;
     stale_ += trace.stale;
+    targets_dropped_ += trace.targets_dropped ? 1 : 0;
     wake_.add(trace.wake_late);
     const CycleCosts& costs = trace.costs;
     load_.add(costs.load);
@@ -84,6 +85,7 @@ class CycleStatistics {
     out.push_back({names::kContactCycles, static_cast<double>(contact_)});
     out.push_back({names::kExactCycles, static_cast<double>(exact_)});
     out.push_back({names::kStaleCycles, static_cast<double>(stale_)});
+    out.push_back({names::kTargetsDropped, static_cast<double>(targets_dropped_)});
     if (!all) return;
     out.push_back({names::kWakeP50, wake_.percentile_us(0.5)});
     out.push_back({names::kWakeP99, wake_.percentile_us(0.99)});
@@ -102,7 +104,7 @@ class CycleStatistics {
  private:
   static constexpr std::size_t kKept = 1'000'000;
   std::uint64_t cycles_ = 0, overruns_ = 0, preempted_ = 0, late_unknown_ = 0, skipped_ = 0;
-  std::uint64_t contact_ = 0, exact_ = 0, stale_ = 0;
+  std::uint64_t contact_ = 0, exact_ = 0, stale_ = 0, targets_dropped_ = 0;
   Samples wake_{kKept}, load_{kKept}, refine_{kKept}, refit_{kKept}, query_{kKept}, force_{kKept}, total_{kKept};
 };
 

@@ -6,14 +6,12 @@
 
 namespace tactus::hrtc_service {
 
-std::vector<spm::ProbeSphere> spheres_of_tool(const spm::MeshProbe* tool) {
-  std::vector<spm::ProbeSphere> spheres;
-  if (tool != nullptr) spheres = spm::spheres_of(*tool, kMaxSpheres);
-  for (spm::ProbeSphere& sphere : spheres) sphere.radius += haptics::ToolSettings{}.collision_margin;
-  return spheres;
+spm::ProbeShape shape_of_probe(const spm::MeshProbe* tool, double radius) {
+  if (tool == nullptr) return spm::ProbeShape{radius};
+  return spm::ProbeShape{*tool, haptics::ToolSettings{}.collision_margin};
 }
 
-ToolTouch::ToolTouch(const spm::MeshProbe& probe) : tool_{probe}, spheres_{spheres_of_tool(&probe)} {}
+ToolTouch::ToolTouch(const spm::MeshProbe& probe) : tool_{probe}, shape_{shape_of_probe(&probe, 0)} {}
 
 void ToolTouch::reset() noexcept {
   tool_.reset();
@@ -22,8 +20,8 @@ void ToolTouch::reset() noexcept {
   angular_velocity_.setZero();
 }
 
-const haptics::ToolResult& ToolTouch::step(const haptics::ToolPose& device, double dt, const haptics::ToolGrip& grip,
-                                           const ObjectsSurface& surface, bool changed) noexcept {
+void ToolTouch::carry(const ProbeStep& step, const haptics::ToolPose& goal) noexcept {
+  const ObjectsSurface& surface = step.surface;
   std::uint64_t near = 0;
   for (std::uint32_t i = 0; i < surface.count(); ++i) {
     const TouchObject& object = surface[i];
@@ -39,22 +37,61 @@ const haptics::ToolResult& ToolTouch::step(const haptics::ToolPose& device, doub
     near |= std::uint64_t{1} << object.index;
   }
   const haptics::ToolPose before = tool_.last().pose;
-  tool_.set_grip(grip);
-  const haptics::ToolResult& result = tool_.step(device, dt, {objects_.data(), surface.count()},
-                                                 changed || surface.moving() || near != objects_before_);
+  tool_.set_grip(step.renderer.grip(feel_of(step), step.period, step.input.device.loop_delay));
+  const bool changed = step.mesh_changed || surface.moving() || near != objects_before_;
+  const haptics::ToolPose& now = tool_.step(goal, step.period, {objects_.data(), surface.count()}, changed).pose;
   objects_before_ = near;
   constexpr double kSmoothing = 0.008;  // s
-  const double share = std::min(1.0, dt / kSmoothing);
-  linear_ += share * ((result.pose.position - before.position) / dt - linear_);
-  angular_velocity_ +=
-      share * (haptics::log_map(result.pose.orientation * before.orientation.conjugate()) / dt - angular_velocity_);
-  return result;
+  const double share = std::min(1.0, step.period / kSmoothing);
+  const Vec3d turned = haptics::log_map(now.orientation * before.orientation.conjugate());
+  linear_ += share * ((now.position - before.position) / step.period - linear_);
+  angular_velocity_ += share * (turned / step.period - angular_velocity_);
+  step.output.orientation = plain(now.orientation);
 }
 
-ToolTouch::Sphere ToolTouch::sphere(std::uint32_t number) const noexcept {
+/// How what it touches feels.
+haptics::Feel ToolTouch::feel_of(const ProbeStep& step) const noexcept {
+  const session::Material* const material = step.material(tool_.last().object);
+  return material != nullptr ? haptics::Feel{material->stiffness, material->damping} : haptics::Feel{};
+}
+
+const haptics::ForceResult& ToolTouch::render(const ProbeStep& step) noexcept {
+  haptics::DeviceState device = step.input.device;
+  const haptics::Feel feel = feel_of(step);
+  const haptics::ToolGrip grip = step.renderer.grip(feel, step.period, device.loop_delay);
+  carry(step, {device.position, device.orientation});
+  const haptics::ToolResult& result = tool_.last();
+  // The damper rides along with what moves.
+  if (result.in_contact)
+    device.velocity -= (result.point - step.surface.carried_from(result.object, result.point)) / step.period;
+  const haptics::ForceResult& force = step.renderer.step(result, grip, device, feel, step.age(), step.period);
+
+  ProbeOutput& output = step.output;
+  output.status |= session::kExact;
+  output.error_bound = 0;
+  Spheres spheres;
+  step.mark_coarse(this->spheres(spheres));
+  output.proxy = plain(result.pose.position);
+  output.force = plain(force.force);
+  output.torque = plain(force.torque);
+  output.contacts = result.contacts;
+  output.object = result.in_contact ? result.object : spm::kNone;
+  if (result.too_near) output.status |= session::kSurfaceMoved;
+  if (!result.in_contact) return force;
+  output.status |= session::kInContact;
+  output.normal = plain(result.normal);
+  output.stiffness = static_cast<float>(grip.stiffness);
+  return force;
+}
+
+spm::Span<const TouchSphere> ToolTouch::spheres(Spheres& out) const noexcept {
   const haptics::ToolPose& pose = tool_.last().pose;
-  const Vec3d arm = pose.orientation * spheres_[number].centre;
-  return {pose.position + arm, linear_ + angular_velocity_.cross(arm), spheres_[number].radius};
+  const spm::Span<const spm::ProbeSphere> spheres = shape_.spheres();
+  for (std::size_t i = 0; i < spheres.size(); ++i) {
+    const Vec3d arm = pose.orientation * spheres[i].centre;
+    out[i] = {pose.position + arm, linear_ + angular_velocity_.cross(arm), spheres[i].radius};
+  }
+  return {out.data(), spheres.size()};
 }
 
 }  // namespace tactus::hrtc_service

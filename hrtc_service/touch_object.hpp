@@ -53,6 +53,17 @@ struct TouchObject {
   std::unique_ptr<spm::Forest> forest;
 };
 
+/// Where a body stands on what does not move, when a hand is near it: there the mesh has to be the finest one. Calls
+/// `visit(centre, radius)` with spheres in the model frame of the object that has these bounds and stands there.
+/// `hand_near(point, distance)`: some tip is that near to a point of the world.
+template <class HandNear, class Visit>
+void for_each_place_under(const sharing::SharedBody& body, const Placement& placement, const spm::CellBox& bounds,
+                          const Placement& stands, HandNear&& hand_near, Visit&& visit) noexcept {
+  if (!hand_near(sharing::centre_of(body, placement), body.settings.half.norm() + kHandNear)) return;
+  const double radius = sharing::kAroundBody / stands.scale();
+  sharing::for_each_place_beside(body, placement, stands, bounds, [&](const Vec3d& place) { visit(place, radius); });
+}
+
 /// What a tip could touch, as the loader last found it. The tip moves on and objects arrive before the loader looks
 /// again, so what this does not cover counts as near.
 struct NearObjects {

@@ -82,7 +82,9 @@ inline constexpr char kLostOf[] = "lost.";
 
 // An HRTC: remote devices of its users.
 inline constexpr char kRemoteDevices[] = "hrtc.remote_devices";
-inline constexpr char kDeviceRoundTrip[] = "hrtc.loop_us";   ///< max round trip to them now, as used to limit stiffness
+inline constexpr char kDeviceRoundTrip[] = "hrtc.loop_us";  ///< max round trip to them now, as used to limit stiffness
+/// Cycles that wanted more regions of an object refined than they may (option --targets of an HRTC).
+inline constexpr char kTargetsDropped[] = "hrtc.targets_dropped";
 inline constexpr char kStaleCycles[] = "hrtc.stale_cycles";  ///< summed over all probes: force ramped for an old pose
 
 // An HRTC: movable objects, where there are any; uJ and um. docs/explanation/shared-objects.md.

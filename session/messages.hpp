@@ -221,6 +221,8 @@ enum StatusBit : std::uint32_t {
   kStiffnessCut = 1u << 10,  ///< material stiffer than the device, or the round trip to a remote one, allows
   kHolding = 1u << 11,       ///< the hand holds the object
   kHoldRefused = 1u << 12,   ///< the hand cannot hold the touched object: it is static, or the force is off
+  /// More regions near the probe need refinement than the HRTC refines at a time; the least urgent stay coarse.
+  kTargetsDropped = 1u << 13,
   kFaultReason = 0xfu << 24  ///< why kFault is set: haptics::Fault; fault_reason gives the text
 };
 constexpr unsigned kFaultReasonShift = 24;

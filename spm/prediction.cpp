@@ -6,22 +6,6 @@
 namespace tactus::spm {
 namespace {
 
-/// Keeps the earliest and the latest time of each region.
-void meet(Predictor::Answer& out, RegionId region, double time, double doubt) noexcept {
-  for (std::uint32_t i = 0; i < out.count; ++i)
-    if (out.regions[i].region == region) {
-      out.regions[i].contact_in = std::min(out.regions[i].contact_in, time);
-      out.regions[i].contact_until = std::max(out.regions[i].contact_until, time);
-      out.regions[i].doubt = std::min(out.regions[i].doubt, doubt);
-      return;
-    }
-  if (out.count == Predictor::kMaxRegions) {
-    out.complete = false;
-    return;
-  }
-  out.regions[out.count++] = {region, time, time, doubt};
-}
-
 constexpr double kPlane = 5;  // radii: the surface so far around the tip is its plane
 
 }  // namespace
@@ -89,30 +73,31 @@ bool Predictor::follow(double lead, Answer& out) const {
     const double missed = std::max(motion_segment_.doubt(time), 1e-3 * settings_.radius);
     const double beside = std::min(kMaxDoubt * missed, kMaxBeside * settings_.radius);
     const auto visit = [&](RegionId region, double squared) {
-      meet(out, region, std::min(time, lead), std::max(0.0, std::sqrt(squared) - reach) / missed);
+      const double met = std::min(time, lead);
+      out.add({region, met, met, std::max(0.0, std::sqrt(squared) - reach) / missed});
     };
-    if (!grid_->for_each_meeting(way.points[i], reach + beside, visit)) out.complete = false;
+    if (!grid_->for_each_meeting(way.points[i], reach + beside, visit)) out.miss();
     if (i + 1 < way.count)
-      if (!grid_->for_each_meeting((way.points[i] + way.points[i + 1]) / 2, reach + beside, visit))
-        out.complete = false;
+      if (!grid_->for_each_meeting((way.points[i] + way.points[i + 1]) / 2, reach + beside, visit)) out.miss();
   }
   // A tip at rest may start anywhere.
   const double could = settings_.min_speed * lead;
   if (motion().velocity.norm() < 2 * settings_.min_speed)
-    grid_->for_each_meeting(last_.position, reach + could,
-                            [&](RegionId region, double) { meet(out, region, lead, kMaxDoubt); });
+    grid_->for_each_meeting(last_.position, reach + could, [&](RegionId region, double) {
+      out.add({region, lead, lead, kMaxDoubt});
+    });
   return true;
 }
 
 void Predictor::predict(double lead, Answer& out) const {
-  out.count = 0;
-  out.complete = true;
   const Motion now = motion();
   const double speed = std::max(now.velocity.norm(), settings_.min_speed);
   const double reach = settings_.radius + settings_.margin;
   const auto add_sphere = [&](const Vec3d& centre, double sphere, double contact_in) {
-    if (!grid_->for_each_meeting(centre, sphere, [&](RegionId region, double) { meet(out, region, contact_in, 0); }))
-      out.complete = false;
+    if (!grid_->for_each_meeting(centre, sphere, [&](RegionId region, double) {
+          out.add({region, contact_in, contact_in, 0});
+        }))
+      out.miss();
   };
   const Strategy strategy = settings_.strategy;
   const bool mixture = strategy == Strategy::kMixture;
@@ -137,11 +122,6 @@ void Predictor::predict(double lead, Answer& out) const {
   }
   // Local neighbours: it may turn.
   if (mixture && on_surface_) add_sphere(now.position, reach + speed * near / 4, near);
-
-  std::sort(out.regions.begin(), out.regions.begin() + out.count,
-            [](const PredictedRegion& a, const PredictedRegion& b) {
-              return a.contact_in != b.contact_in ? a.contact_in < b.contact_in : index(a.region) < index(b.region);
-            });
 }
 
 }  // namespace tactus::spm

@@ -9,11 +9,15 @@
 /// Source: Liu, Georganas, Roth, 3DIM 2005, section 3 (prediction of contact regions).
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
+#include <vector>
 
 #include "spm/motion_segment.hpp"
+#include "spm/probe_spheres.hpp"
 #include "spm/region_grid.hpp"
+#include "spm/region_table.hpp"
 
 namespace tactus::spm {
 
@@ -32,6 +36,15 @@ struct PredictedRegion {
   double contact_in = 0;     ///< s; 0: met now
   double contact_until = 0;  ///< s; the last time that it is met
   double doubt = 0;          ///< how far beside the expected way, in the distances that ways are missed by
+
+  [[nodiscard]] bool before(const PredictedRegion& other) const noexcept {
+    return contact_in != other.contact_in ? contact_in < other.contact_in : index(region) < index(other.region);
+  }
+  void merge(const PredictedRegion& other) noexcept {
+    contact_in = std::min(contact_in, other.contact_in);
+    contact_until = std::max(contact_until, other.contact_until);
+    doubt = std::min(doubt, other.doubt);
+  }
 };
 
 struct PredictionSettings {
@@ -43,11 +56,10 @@ struct PredictionSettings {
 
 class Predictor {
  public:
-  static constexpr std::uint32_t kMaxRegions = 1024;
-  struct Answer {
-    std::array<PredictedRegion, kMaxRegions> regions;  ///< soonest first
-    std::uint32_t count = 0;
-    bool complete = true;  ///< false: there were more
+  /// Soonest first once sorted; what would be met last is dropped when there are more.
+  struct Answer : RegionTable<PredictedRegion> {
+    static constexpr std::uint32_t kMaxRegions = 1024;
+    explicit Answer(std::uint32_t capacity = kMaxRegions) : RegionTable{capacity} {}
   };
 
   /// `grid` must outlive it.
@@ -56,7 +68,7 @@ class Predictor {
   /// The tip's centre at `time`; times ascend. A gap of more than 0.1 s starts a new history.
   void observe(double time, const Vec3d& position, bool in_contact);
 
-  /// Regions that the tip will meet within `lead` from the last observation.
+  /// Adds the regions that the tip will meet within `lead` from the last observation.
   void predict(double lead, Answer& out) const;
 
   /// Motion fitted to the history: position, velocity, acceleration at the last observation.
@@ -86,6 +98,29 @@ class Predictor {
   std::uint32_t count_ = 0;
   Sample last_{0, Vec3d::Zero()};
   bool on_surface_ = false;
+};
+
+/// The same for a probe of several spheres, each of which goes its own way.
+class ProbePredictor {
+ public:
+  /// `shape`: in units of which `scale` make a file unit. `settings`: their radius is that of each sphere.
+  ProbePredictor(const RegionGrid& grid, const ProbeShape& shape, double scale, PredictionSettings settings) {
+    for (const ProbeSphere& sphere : shape.spheres()) {
+      settings.radius = sphere.radius / scale;
+      predictors_.emplace_back(grid, settings);
+    }
+  }
+
+  /// `spheres`: those of the shape, in the same order, at `time`.
+  void observe(double time, Span<const PlacedSphere> spheres, bool in_contact) {
+    for (std::size_t i = 0; i < predictors_.size(); ++i) predictors_[i].observe(time, spheres[i].centre, in_contact);
+  }
+  void predict(double lead, Predictor::Answer& out) const {
+    for (const Predictor& predictor : predictors_) predictor.predict(lead, out);
+  }
+
+ private:
+  std::vector<Predictor> predictors_;
 };
 
 }  // namespace tactus::spm

@@ -40,7 +40,7 @@ struct FlightStart {
   std::vector<FlightLimits> devices;  ///< by probe
   std::vector<float> tool_vertices;
   std::vector<std::uint32_t> tool_triangles;
-  std::uint32_t slots = 0, tree_nodes = 0, list_blocks = 0;
+  std::uint32_t slots = 0, tree_nodes = 0, list_blocks = 0, targets = 0;
   template <class Self, class Visit>
   static void fields(Self& self, Visit&& visit) {
     visit(self.build), visit(self.participant), visit(self.reason), visit(self.first_cycle);
@@ -49,7 +49,7 @@ struct FlightStart {
     visit(self.recovery), visit(self.hold), visit(self.zero_by), visit(self.max_speed), visit(self.max_torque);
     visit(self.max_torque_slew), visit(self.max_angular_velocity), visit(self.devices), visit(self.tool_vertices),
         visit(self.tool_triangles);
-    visit(self.slots), visit(self.tree_nodes), visit(self.list_blocks);
+    visit(self.slots), visit(self.tree_nodes), visit(self.list_blocks), visit(self.targets);
   }
 };
 

@@ -90,7 +90,7 @@ TEST(Allocation, SixtySecondsOfCyclesAllocateNothing) {
   const double radius = (model.summary.bounds_max[0] - model.summary.bounds_min[0]) / 2;
   test_support::LocalSession session{{model}, 1, spm::PoolSettings::for_slots(model.summary.parts / 2)};
   hrtc_service::FlightRecorder recorder{1000};
-  session.cycle().set_recorder(&recorder);
+  session.cycle().set_observer(&recorder);
   hrtc_service::FlightRecord record;
   std::uint64_t contact = 0, changes = 0, allocations = 0, recorded = 0;
   const auto position = [&](int cycle) -> Vec3d {

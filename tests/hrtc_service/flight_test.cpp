@@ -57,7 +57,7 @@ class Flight : public ::testing::Test {
     loader.tool = tool_;
     LocalSession session{{model}, 0.05 / radius, pool, 2, loader, material, movable_ ? 0.5 : 0};
     hrtc_service::FlightRecorder recorder{kSecond};
-    session.cycle().set_recorder(&recorder);
+    session.cycle().set_observer(&recorder);
     hrtc_service::FlightStore store{
         recorder, hrtc_service::flight_start("desk", LocalSession::cycle_settings(tool_), pool, LocalSession::specs()),
         seconds, hrtc_service::FlightStore::bytes_for(seconds, 0.001, 2)};

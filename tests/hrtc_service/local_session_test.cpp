@@ -302,6 +302,36 @@ TEST_F(OrganSession, AStylusLiesOnTheFinestMeshAlongAllOfItAndIsTurnedByIt) {
   EXPECT_GT(turned, 100);
 }
 
+TEST_F(OrganSession, TargetsAboveTheSettingAreDroppedAndTheStatusSaysSo) {
+  const spm::offline::TriangleMesh stylus = spm::offline::stylus();
+  const spm::MeshProbe probe{stylus.positions, stylus.faces};
+  hrtc_service::LoaderSettings loader;
+  loader.tool = &probe;
+  const spm::Model model = built_->model();
+  const auto run = [&](std::uint32_t targets) {
+    LocalSession session{{model}, 1, spm::PoolSettings::for_slots(model.summary.parts), 2, loader, {}, 0, targets};
+    int dropped = 0, exact = 0;
+    for (int cycle = 0; cycle < 1500; ++cycle) {
+      const Vec3d out = position(cycle).normalized();
+      session.prepare(position(cycle) - 0.001 * out, Vec3d::Zero());
+      session.inputs()[0].device.orientation =
+          Eigen::Quaterniond::FromTwoVectors(Vec3d::UnitZ(), out + 3 * out.unitOrthogonal());
+      const hrtc_service::CycleResult& result = session.run_cycle(20'000);
+      const bool said = (result.probes[0].status & session::kTargetsDropped) != 0;
+      EXPECT_EQ(said, result.targets_dropped) << cycle;
+      dropped += said ? 1 : 0;
+      exact += (result.probes[0].status & session::kExact) != 0 ? 1 : 0;
+    }
+    return std::pair{dropped, exact};
+  };
+  const auto [dropped, exact] = run(hrtc_service::CycleSettings{}.targets);
+  EXPECT_EQ(dropped, 0);
+  EXPECT_GT(exact, 1000);
+  const auto [dropped_of_few, exact_of_few] = run(1);
+  EXPECT_GT(dropped_of_few, 500);
+  EXPECT_LT(exact_of_few, exact - 500);
+}
+
 TEST_F(OrganSession, TouchingLeavesTheMeshAsItIs) {
   LocalSession session{{built_->model()}, 1, spm::PoolSettings::for_slots(1 << 14)};
   const auto hash = [&] {

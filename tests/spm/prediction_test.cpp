@@ -34,11 +34,12 @@ class Prediction : public testing::Test {
     for (int i = -60; i <= 0; ++i) predictor.observe(i * 0.002, {kSpeed * i * 0.002, 0, 0}, in_contact);
     Predictor::Answer answer;
     predictor.predict(kLead, answer);
+    answer.sort();
     return answer;
   }
   static std::set<std::uint32_t> regions_of(const Predictor::Answer& answer) {
     std::set<std::uint32_t> regions;
-    for (std::uint32_t i = 0; i < answer.count; ++i) regions.insert(index(answer.regions[i].region));
+    for (const PredictedRegion& met : answer.entries()) regions.insert(index(met.region));
     return regions;
   }
   /// Cells with a point within `reach` of the path from the origin to `length` along x.
@@ -78,12 +79,13 @@ TEST_F(Prediction, OfTheMixtureWantsThePathAndSomeOfWhatIsBeside) {
 TEST_F(Prediction, PutsTheSoonestFirstAndTheTipsOwnCellAtOnce) {
   for (std::size_t s = 0; s < kStrategyNames.size(); ++s) {
     const Predictor::Answer answer = predict(static_cast<Strategy>(s), true);
-    ASSERT_GT(answer.count, 1u) << kStrategyNames[s];
-    EXPECT_TRUE(answer.complete) << kStrategyNames[s];
-    EXPECT_EQ(answer.regions[0].contact_in, 0) << kStrategyNames[s];
+    const Span<const PredictedRegion> met = answer.entries();
+    ASSERT_GT(met.size(), 1u) << kStrategyNames[s];
+    EXPECT_TRUE(answer.complete()) << kStrategyNames[s];
+    EXPECT_EQ(met[0].contact_in, 0) << kStrategyNames[s];
     EXPECT_EQ(regions_of(answer).count(20 * 41 + 20), 1u) << kStrategyNames[s];
-    for (std::uint32_t i = 1; i < answer.count; ++i)
-      EXPECT_LE(answer.regions[i - 1].contact_in, answer.regions[i].contact_in) << kStrategyNames[s];
+    for (std::size_t i = 1; i < met.size(); ++i)
+      EXPECT_LE(met[i - 1].contact_in, met[i].contact_in) << kStrategyNames[s];
   }
 }
 

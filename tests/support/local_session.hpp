@@ -23,11 +23,12 @@ class LocalSession {
   /// under way. A tool of the loader's is the cycle's, too. With a `mass`, kg, the last object can move.
   LocalSession(const std::vector<spm::Model>& models, double scale, spm::PoolSettings settings,
                std::uint32_t delay_cycles = 2, const hrtc_service::LoaderSettings& loader = {},
-               const session::Material& material = {}, double mass = 0)
+               const session::Material& material = {}, double mass = 0,
+               std::uint32_t targets = hrtc_service::CycleSettings{}.targets)
       : models_{models},
         encoded_{models_.begin(), models_.end()},
         host_{session::Origin{kSession, kHost, 1, 0}, host_settings(encoded_, scale, material, mass), now_},
-        core_{session::Origin{kSession, kHrtc, 1, 0}, core_settings(settings, loader)},
+        core_{session::Origin{kSession, kHrtc, 1, 0}, core_settings(settings, loader, targets)},
         delay_{delay_cycles} {
     gateway().on_event = [this](const std::string& text) { events.push_back(text); };
     gateway().on_host_seen(kHost, 1, now_);
@@ -81,17 +82,20 @@ class LocalSession {
   [[nodiscard]] hrtc_service::Gateway& gateway() noexcept { return core_.gateway(); }
   [[nodiscard]] hrtc_service::Cycle& cycle() noexcept { return core_.servo().cycle(); }
   [[nodiscard]] const hrtc_service::Loader& loader() const noexcept { return core_.gateway().loader(); }
-  static hrtc_service::CycleSettings cycle_settings(const spm::MeshProbe* tool = nullptr) {
+  static hrtc_service::CycleSettings cycle_settings(const spm::MeshProbe* tool = nullptr,
+                                                    std::uint32_t targets = hrtc_service::CycleSettings{}.targets) {
     hrtc_service::CycleSettings settings;
     settings.force.soft_start = 0.01;
     settings.tool = tool;
+    settings.targets = targets;
     return settings;
   }
   static hrtc_service::HrtcCoreSettings core_settings(const spm::PoolSettings& pool,
-                                                      const hrtc_service::LoaderSettings& loader) {
+                                                      const hrtc_service::LoaderSettings& loader,
+                                                      std::uint32_t targets = hrtc_service::CycleSettings{}.targets) {
     hrtc_service::HrtcCoreSettings settings;
     settings.pool = pool;
-    settings.servo.cycle = cycle_settings(loader.tool);
+    settings.servo.cycle = cycle_settings(loader.tool, targets);
     settings.servo.specs = specs();
     settings.gateway.loader = loader;
     settings.logs_queries = true;

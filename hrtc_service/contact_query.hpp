@@ -1,0 +1,43 @@
+/// The faces that a tip touches, whether they are those of the finest mesh, and the log of that.
+///
+/// The haptic thread's. Realtime after construction.
+#pragma once
+
+#include <array>
+#include <boost/lockfree/spsc_queue.hpp>
+#include <cstdint>
+
+#include "hrtc_service/probe.hpp"
+#include "trace/contact_log.hpp"
+
+namespace tactus::hrtc_service {
+
+class ContactQuery {
+ public:
+  using LogRing = boost::lockfree::spsc_queue<trace::LoggedQuery>;
+
+  /// `radius`: of the tips, m. `log` must outlive this; null: nothing is logged.
+  ContactQuery(double radius, LogRing* log) : radius_{radius}, log_{log} {}
+
+  /// What a probe with its tip there touches of `surface`. `since_change`: cycles since the mesh of each object
+  /// changed, by index; `now_ns` and `probe` only go into the log. Sets contacts, exactness and error bound of
+  /// `output`.
+  void run(std::uint32_t probe, const Vec3d& tip, std::int64_t now_ns, const ObjectsSurface& surface,
+           const std::array<std::uint32_t, kMaxObjects>& since_change, ProbeOutput& output) noexcept;
+
+  [[nodiscard]] bool logs() const noexcept { return log_ != nullptr; }
+  /// Log entries that found the ring full.
+  [[nodiscard]] std::uint64_t log_dropped() const noexcept { return log_dropped_; }
+
+ private:
+  static constexpr std::uint32_t kMaxContacts = 2048;
+  void log(const TouchObject& object, const Vec3d& centre, double radius, std::uint32_t found) noexcept;
+
+  double radius_;
+  LogRing* log_;
+  std::array<spm::Contact, kMaxContacts> contacts_;
+  trace::LoggedQuery entry_;
+  std::uint64_t log_dropped_ = 0;
+};
+
+}  // namespace tactus::hrtc_service

@@ -1,0 +1,54 @@
+#include "hrtc_service/held_object.hpp"
+
+#include "haptics/rigid_body.hpp"
+
+namespace tactus::hrtc_service {
+
+std::uint32_t HeldObject::open(const haptics::DeviceState& device) noexcept {
+  if ((device.buttons & haptics::kGrabButton) == 0) grasp_ = {};
+  return held_.object = grasp_.object;
+}
+
+void HeldObject::follow(const ProbeStep& step, const TouchObject& object, const Placement& before,
+                        const Placement& now) noexcept {
+  const Eigen::Quaterniond turn{now.rotation()}, turn_before{before.rotation()};
+  const Vec3d place = vec(grasp_.place);
+  held_.hold.pose = {now.to_world(place), (turn * quaternion(grasp_.orientation)).normalized()};
+  held_.hold.velocity = (held_.hold.pose.position - before.to_world(place)) / step.period;
+  held_.hold.angular_velocity = haptics::turn_of(turn * turn_before.conjugate()) / step.period;
+  held_.feel = {object.material.stiffness, object.material.damping};
+  held_.grip = step.renderer.hold(held_.feel, step.period, step.input.device.loop_delay);
+}
+
+const haptics::ForceResult& HeldObject::render(const ProbeStep& step, double zero_by) noexcept {
+  const haptics::DeviceState& device = step.input.device;
+  const haptics::ForceResult& force =
+      step.renderer.step(held_.hold, held_.grip, device, held_.feel, step.age(), step.period);
+  held_.pull = haptics::pull_of(held_.hold, held_.grip, held_.feel.damping, device, step.renderer.angular_velocity());
+  ProbeOutput& output = step.output;
+  output.proxy = plain(held_.hold.pose.position);
+  output.force = plain(force.force);
+  output.torque = plain(force.torque);
+  output.object = held_.object;
+  output.stiffness = static_cast<float>(held_.grip.stiffness);
+  output.status |= session::kInContact | session::kHolding;
+  if (force.fault != haptics::Fault::kNone || step.age() >= zero_by) {
+    grasp_ = {};
+    grasp_.spent = true;
+  }
+  return force;
+}
+
+void HeldObject::close(const ProbeStep& step, const Vec3d& place, const Placement& placement, bool can_move) noexcept {
+  const haptics::DeviceState& device = step.input.device;
+  if ((device.buttons & haptics::kGrabButton) == 0) return;
+  if (grasp_.spent || (step.output.status & session::kFault) != 0 || !can_move) {
+    step.output.status |= session::kHoldRefused;
+    return;
+  }
+  grasp_.object = step.output.object;
+  grasp_.place = plain(placement.to_model(place));
+  grasp_.orientation = plain(Eigen::Quaterniond{placement.rotation()}.conjugate() * device.orientation);
+}
+
+}  // namespace tactus::hrtc_service

@@ -1,0 +1,23 @@
+/// Regions of a compressed model, for LocalRefinement: of an .spm file that is mapped (spm/offline/model_file.hpp), of
+/// one that was just built (model_codec.hpp), or of bytes in memory (CompressedModel::open).
+#pragma once
+
+#include "spm/codec/compressed_model.hpp"
+#include "spm/local_refinement.hpp"
+
+namespace tactus::spm::codec {
+
+class CompressedSource final : public RegionSource {
+ public:
+  /// `model` must outlive this.
+  explicit CompressedSource(const CompressedModel& model) : model_{model} {}
+
+  [[nodiscard]] const BaseMesh& base() const override { return model_.base(); }
+  /// Throws std::runtime_error when what the model holds of it is damaged. Allocates; about 0.3 us a record.
+  [[nodiscard]] RegionData region(RegionId region) override;
+
+ private:
+  const CompressedModel& model_;
+};
+
+}  // namespace tactus::spm::codec

@@ -1,0 +1,137 @@
+#include "spm/local_refinement.hpp"
+
+#include <algorithm>
+#include <stdexcept>
+#include <string>
+
+#include "spm/directory.hpp"
+
+namespace tactus::spm {
+namespace {
+
+/// What is left of the memory for the pool; a directory is the larger the more the pool can hold.
+PoolSettings pool_in(std::uint64_t memory, const ModelSummary& summary) {
+  const std::uint64_t directory = directory_bytes(summary, PoolSettings::for_bytes(memory));
+  return PoolSettings::for_bytes(memory > directory ? memory - directory : 0);
+}
+
+Cache::Admitted admit(Cache& cache, const BaseMesh& base, std::uint64_t memory) {
+  Cache::Admitted admitted = cache.admit(base);
+  if (!admitted.fits)
+    throw std::runtime_error("the base mesh takes " + std::to_string(Cache::slots_for_base(base)) + " slots, " +
+                             std::to_string(memory) + " bytes of memory have room for " +
+                             std::to_string(cache.slots_free()));
+  return admitted;
+}
+
+}  // namespace
+
+LocalRefinement::LocalRefinement(RegionSource& source, ProbeShape probe, const LocalRefinementSettings& settings)
+    : source_{source},
+      probe_{std::move(probe)},
+      settings_{settings},
+      pool_{pool_in(settings.memory, source.base().summary)},
+      nodes_{pool_.settings.tree_nodes},
+      cache_{pool_},
+      admitted_{admit(cache_, source.base(), settings.memory)},
+      forest_{pool_,
+              nodes_,
+              index(admitted_.object),
+              source.base().summary,
+              RegionGrid{source.base().summary.grid, source.base().regions},
+              std::move(admitted_.base)},
+      predictor_{forest_.grid(), probe_, 1, {0, settings.margins.refine, settings.min_speed, settings.strategy}},
+      targets_{settings.targets},
+      placed_(probe_.spheres().size()),
+      wanted_in_(source.base().regions.size(), 0) {
+  Budget all{~0u};
+  if (forest_.advance(all) != Advance::kDone)
+    throw std::runtime_error("the base mesh takes more than the " + std::to_string(pool_.settings.tree_nodes) +
+                             " tree nodes that " + std::to_string(settings.memory) + " bytes of memory have room for");
+  forest_.refit();
+}
+
+void LocalRefinement::place(const Eigen::Isometry3d& pose, double time) {
+  const Span<const ProbeSphere> spheres = probe_.spheres();
+  const double passed = time - time_;
+  const double frames_ahead = frame_ > 0 && passed > 0 ? settings_.look_ahead / passed : 0;
+  for (std::size_t i = 0; i < spheres.size(); ++i) {
+    const Vec3d centre = pose * spheres[i].centre;
+    placed_[i] = {centre, spheres[i].radius, frames_ahead * (centre - placed_[i].centre)};
+  }
+  time_ = time;
+  ++frame_;
+}
+
+void LocalRefinement::approach(const Eigen::Isometry3d& pose, double time, bool in_contact) {
+  place(pose, time);
+  for (std::uint32_t gone = forest_.take_retired(); gone != kNone; gone = forest_.take_retired())
+    cache_.release(admitted_.object, RegionId{gone});
+  predictor_.observe(time, placed_, in_contact);
+  met_.clear();
+  predictor_.predict(settings_.load_ahead, met_);
+  met_.sort();
+  for (const PredictedRegion& met : met_.entries()) wanted_in_[index(met.region)] = frame_;
+  for (const PredictedRegion& met : met_.entries()) {
+    if (cache_.holds(admitted_.object, met.region) || load(met.region)) continue;
+    return evict();
+  }
+}
+
+/// False when there is no room for it.
+bool LocalRefinement::load(RegionId region) {
+  RegionList list;
+  switch (cache_.accept(admitted_.object, source_.region(region), list)) {
+    case AcceptResult::kAccepted:
+      forest_.add(region, list);
+      return true;
+    case AcceptResult::kHeld:
+      return true;
+    case AcceptResult::kPoolFull:
+      return false;
+    case AcceptResult::kIncomplete:
+    case AcceptResult::kMalformed:
+      break;
+  }
+  throw std::runtime_error("region " + std::to_string(index(region)) + " contradicts the model that it is of");
+}
+
+/// Begins with what was wanted longest ago; there is room once it is coarse.
+void LocalRefinement::evict() {
+  std::uint32_t oldest = kNone;
+  for (std::uint32_t r = 0; r < wanted_in_.size(); ++r) {
+    const RegionId region{r};
+    if (wanted_in_[r] == frame_ || !forest_.is_here(region) || forest_.is_retiring(region)) continue;
+    if (oldest == kNone || wanted_in_[r] < wanted_in_[oldest]) oldest = r;
+  }
+  if (oldest == kNone) return;
+  forest_.retire(RegionId{oldest});
+  ++evictions_;
+}
+
+void LocalRefinement::select_targets() noexcept {
+  targets_.begin(forest_, settings_.margins);
+  if (placed_.size() == 1)
+    targets_.add_sphere(placed_.front());
+  else
+    targets_.add_spheres(placed_);
+  const Span<const RegionId> targets = targets_.finish();
+  forest_.target(targets.data(), static_cast<std::uint32_t>(targets.size()), Unrequested::kRest);
+}
+
+std::uint32_t LocalRefinement::touching(const Vec3d& centre, double radius, Contact* out,
+                                        std::uint32_t capacity) const noexcept {
+  const std::uint32_t found = forest_.tree().touching(centre, radius, out, capacity);
+  if (found > capacity || !forest_.exact(centre, radius)) return found;
+  return static_cast<std::uint32_t>(std::remove_if(out, out + found, [](const Contact& c) { return !c.last; }) - out);
+}
+
+MeshTouch LocalRefinement::touching(PlacedProbe& probe, MeshContact* out, std::uint32_t capacity) const noexcept {
+  MeshTouch touch = probe.touching(forest_.tree(), out, capacity);
+  if (touch.contacts > capacity || !touch.complete || !exact()) return touch;
+  MeshContact* const end = std::remove_if(out, out + touch.contacts, [](const MeshContact& c) { return !c.last; });
+  touch.contacts = static_cast<std::uint32_t>(end - out);
+  return touch;
+}
+
+}  // namespace tactus::spm

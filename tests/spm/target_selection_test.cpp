@@ -1,0 +1,194 @@
+// Which regions are refined for a probe: the most urgent ones, in any order of asking; and for a stylus those along all
+// of it, without which what its shaft touches would be wrong.
+
+#include "spm/target_selection.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <map>
+#include <random>
+#include <set>
+
+#include "spm/codec/compressed_source.hpp"
+#include "spm/codec/model_codec.hpp"
+#include "spm/finest_tree.hpp"
+#include "spm/local_refinement.hpp"
+#include "spm/offline/build.hpp"
+#include "spm/offline/generate.hpp"
+#include "spm/region_table.hpp"
+
+namespace tactus::spm {
+namespace {
+
+// ---- the table ----
+
+struct Entry {
+  RegionId region{};
+  double key = 0;
+  [[nodiscard]] bool before(const Entry& other) const noexcept {
+    return key != other.key ? key < other.key : region < other.region;
+  }
+  void merge(const Entry& other) noexcept { key = std::min(key, other.key); }
+};
+
+class RandomRegions : public testing::TestWithParam<std::uint32_t> {};
+
+TEST_P(RandomRegions, TheMostUrgentStayWhateverTheOrderAndTheTableCanBeUsedAgain) {
+  const std::uint32_t capacity = GetParam();
+  std::mt19937_64 random{7};
+  RegionTable<Entry> table{capacity};
+  for (const std::size_t added : {0u, 5u, 300u, 20000u}) {
+    std::map<std::uint32_t, double> least;
+    table.clear();
+    for (std::size_t i = 0; i < added; ++i) {
+      const auto region = static_cast<std::uint32_t>(random() % 1500);
+      const auto key = static_cast<double>(random() % 10000);
+      table.add({RegionId{region}, key});
+      const auto [at, fresh] = least.try_emplace(region, key);
+      if (!fresh) at->second = std::min(at->second, key);
+    }
+    table.sort();
+    std::vector<std::pair<double, std::uint32_t>> expected, found;
+    for (const auto& [region, key] : least) expected.emplace_back(key, region);
+    std::sort(expected.begin(), expected.end());
+    EXPECT_EQ(table.complete(), expected.size() <= capacity) << added;
+    expected.resize(std::min<std::size_t>(expected.size(), capacity));
+    for (const Entry& entry : table.entries()) found.emplace_back(entry.key, index(entry.region));
+    EXPECT_EQ(found, expected) << added;
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Capacities, RandomRegions, testing::Values(1u, 2u, 64u, 1024u));
+
+// ---- a stylus on a model ----
+
+constexpr double kTip = 0.003;  // m, and the shaft
+constexpr std::uint32_t kContacts = 1u << 14;
+
+/// An organ 10 cm across, and poses in which the stylus lies on it with its shaft, its tip in the air.
+class Lying : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    world_ = new World;
+    const offline::TriangleMesh stylus = offline::stylus();
+    world_->stylus = std::make_unique<MeshProbe>(stylus.positions, stylus.faces);
+    world_->model = offline::build_model(offline::generate(offline::Shape::kOrgan, 200000));
+    world_->encoded = std::make_unique<codec::EncodedModel>(world_->model.model());
+    world_->finest = std::make_unique<FinestTree>(world_->model.positions, finest_faces(world_->model.model()));
+    find_poses();
+  }
+  static void TearDownTestSuite() { delete world_; }
+
+  using Found = std::set<std::array<double, 3>>;  // face, triangle, depth
+  static Found found(const MeshContact* contacts, std::uint32_t count) {
+    Found found;
+    for (std::uint32_t i = 0; i < count; ++i)
+      found.insert({double(index(contacts[i].face)), double(contacts[i].triangle), contacts[i].depth});
+    return found;
+  }
+  static Found touched(const AbTree& tree, const Eigen::Isometry3d& pose) {
+    PlacedProbe placed{*world_->stylus};
+    std::vector<MeshContact> contacts(kContacts);
+    placed.place(pose);
+    return found(contacts.data(), placed.touching(tree, contacts.data(), kContacts).contacts);
+  }
+
+  struct Outcome {
+    int exact = 0, wrong = 0;  // of the exact ones
+  };
+  /// Lets the stylus touch where it lies, once the mesh is as fine as `shape` asks for.
+  static Outcome touch_as(const ProbeShape& shape, std::uint32_t targets = 1024) {
+    Outcome outcome;
+    codec::CompressedSource source{world_->encoded->coded()};
+    LocalRefinementSettings settings;
+    settings.memory = 24u << 20;
+    settings.targets = targets;
+    PlacedProbe placed{*world_->stylus};
+    std::vector<MeshContact> contacts(kContacts);
+    for (const Eigen::Isometry3d& pose : world_->poses) {
+      LocalRefinement refinement{source, shape, settings};  // from the base mesh on
+      refinement.approach(pose, 0);
+      EXPECT_EQ(refinement.refine(Budget{1u << 30}), Advance::kDone);
+      placed.place(pose);
+      const MeshTouch touch = refinement.touching(placed, contacts.data(), kContacts);
+      if (!refinement.exact()) continue;
+      ++outcome.exact;
+      outcome.wrong += found(contacts.data(), touch.contacts) != touched(world_->finest->tree(), pose) ? 1 : 0;
+    }
+    return outcome;
+  }
+
+  struct World {
+    std::unique_ptr<MeshProbe> stylus;
+    offline::BuiltModel model;
+    std::unique_ptr<codec::EncodedModel> encoded;
+    std::unique_ptr<FinestTree> finest;
+    std::vector<Eigen::Isometry3d> poses;
+  };
+  static inline World* world_ = nullptr;
+
+ private:
+  static void find_poses() {
+    constexpr double kUp = 0.02, kDeep = 0.0003;  // m: from the tip to where the shaft touches, and how deep
+    std::array<Contact, 16> at_tip;
+    for (std::size_t v = 0; v < world_->model.positions.size() && world_->poses.size() < 40; v += 97) {
+      const std::array<float, 3>& p = world_->model.positions[v];
+      const Vec3d at{p[0], p[1], p[2]};
+      const Vec3d out = at.normalized(), along = out.unitOrthogonal();
+      Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
+      pose.linear() = Eigen::Quaterniond::FromTwoVectors(Vec3d::UnitZ(), along).toRotationMatrix();
+      pose.translation() = at + (kTip - kDeep) * out - kUp * along;
+      if (world_->finest->tree().touching(pose.translation(), 1.5 * kTip, at_tip.data(), 16) > 0) continue;
+      if (!touched(world_->finest->tree(), pose).empty()) world_->poses.push_back(pose);
+    }
+    ASSERT_GE(world_->poses.size(), 20u);
+  }
+};
+
+TEST_F(Lying, TheShaftsContactsAreThoseOfTheFinestMesh) {
+  const Outcome outcome = touch_as(ProbeShape{*world_->stylus});
+  EXPECT_EQ(outcome.exact, int(world_->poses.size()));
+  EXPECT_EQ(outcome.wrong, 0);
+}
+
+TEST_F(Lying, WithTheMeshFineAroundTheTipAloneTheyAreNot) {
+  const Outcome outcome = touch_as(ProbeShape{kTip});
+  EXPECT_GT(outcome.wrong, outcome.exact / 2) << "or the shaft touches nothing that has to be refined";
+}
+
+TEST_F(Lying, TooFewTargetsAreNeverSaidToBeExact) {
+  const Outcome outcome = touch_as(ProbeShape{*world_->stylus}, 2);
+  EXPECT_LT(outcome.exact, int(world_->poses.size()) / 2);
+  EXPECT_EQ(outcome.wrong, 0);
+}
+
+TEST_F(Lying, FewerTargetsAreTheFirstOfMore) {
+  codec::CompressedSource source{world_->encoded->coded()};
+  const ProbeShape shape{*world_->stylus};
+  LocalRefinementSettings settings;
+  settings.margins.refine = 0.02;  // loads more than the shaft meets
+  LocalRefinement refinement{source, shape, settings};
+  const Eigen::Isometry3d& pose = world_->poses.front();
+  refinement.approach(pose, 0);
+  std::vector<PlacedSphere> spheres;
+  for (const ProbeSphere& sphere : shape.spheres()) spheres.push_back({pose * sphere.centre, sphere.radius, {0, 0, 0}});
+  const auto select = [&](std::uint32_t capacity, bool backwards) {
+    TargetSelection selection{capacity};
+    selection.begin(refinement.forest(), settings.margins);
+    if (backwards) std::reverse(spheres.begin(), spheres.end());
+    selection.add_spheres(spheres);
+    const Span<const RegionId> targets = selection.finish();
+    EXPECT_EQ(selection.complete(), targets.size() < capacity) << capacity;
+    return std::vector<RegionId>{targets.begin(), targets.end()};
+  };
+  const std::vector<RegionId> all = select(4096, false);
+  ASSERT_GT(all.size(), 4u);
+  for (const bool backwards : {false, true})
+    EXPECT_THAT(select(4, backwards), ::testing::ElementsAreArray(all.data(), 4)) << backwards;
+}
+
+}  // namespace
+}  // namespace tactus::spm
