@@ -15,7 +15,7 @@ void HeldObject::follow(const ProbeStep& step, const TouchObject& object, const 
   const Vec3d place = vec(grasp_.place);
   held_.hold.pose = {now.to_world(place), (turn * quaternion(grasp_.orientation)).normalized()};
   held_.hold.velocity = (held_.hold.pose.position - before.to_world(place)) / step.period;
-  held_.hold.angular_velocity = haptics::turn_of(turn * turn_before.conjugate()) / step.period;
+  held_.hold.angular_velocity = haptics::log_map(turn * turn_before.conjugate()) / step.period;
   held_.feel = {object.material.stiffness, object.material.damping};
   held_.grip = step.renderer.hold(held_.feel, step.period, step.input.device.loop_delay);
 }
@@ -24,7 +24,7 @@ const haptics::ForceResult& HeldObject::render(const ProbeStep& step, double zer
   const haptics::DeviceState& device = step.input.device;
   const haptics::ForceResult& force =
       step.renderer.step(held_.hold, held_.grip, device, held_.feel, step.age(), step.period);
-  held_.pull = haptics::pull_of(held_.hold, held_.grip, held_.feel.damping, device, step.renderer.angular_velocity());
+  held_.pull = haptics::wrench_of(held_.hold, held_.grip, held_.feel.damping, device, step.renderer.angular_velocity());
   ProbeOutput& output = step.output;
   output.proxy = plain(held_.hold.pose.position);
   output.force = plain(force.force);
