@@ -151,11 +151,11 @@ class ForceRenderer {
     visit.choice("fault", result_.fault, Fault::kNone, Fault::kTooFast);
     visit.number("strength", gain_), visit.number("rise time", rise_time_);
     visit.any("force bits before", bits_before_);
-    Vec3d left = ramp_.left();
-    visit.any("ramp", left);
-    ramp_.set(left);
+    Vec3d remaining = ramp_.remaining();
+    visit.any("ramp", remaining);
+    ramp_.set(remaining);
     visit.any("last force", last_);
-    visit.flag("flag of a force", placed_);
+    visit.flag("flag of a force", has_pose_);
     visit.any("device position", position_), visit.any("device orientation", orientation_);
     visit.any("device time", time_ns_), visit.any("angular velocity", angular_velocity_);
   }

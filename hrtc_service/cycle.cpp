@@ -154,7 +154,7 @@ bool Cycle::gather_surface(std::uint32_t number) noexcept {
 }
 
 void Cycle::render(std::uint32_t number, const ProbeInput& input, ProbeOutput& output) noexcept {
-  const ObjectsSurface& surface = surfaces_[number];
+  ObjectsSurface& surface = surfaces_[number];
   haptics::ForceRenderer& renderer = forces_[number];
   HeldObject& hand = held_[number];
   bool changed = false, changed_here = false;

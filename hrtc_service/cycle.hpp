@@ -106,7 +106,7 @@ class Cycle {
   /// anything. Realtime if `visit` is.
   template <class Visit>
   void for_each_carried(Visit& visit) noexcept {
-    static_assert(sizeof(ObjectState) == 536 && sizeof(ProbeOutput) == 216 && sizeof(CycleCosts) == 44,
+    static_assert(sizeof(ObjectState) == 544 && sizeof(ProbeOutput) == 216 && sizeof(CycleCosts) == 44,
                   "carry the new member");
     for (const TouchObject* object : objects_) {
       ObjectState& state = states_[object->index];
