@@ -129,7 +129,7 @@ std::uint32_t LocalRefinement::touching(const Vec3d& centre, double radius, Cont
 MeshTouch LocalRefinement::touching(PlacedProbe& probe, MeshContact* out, std::uint32_t capacity) const noexcept {
   MeshTouch touch = probe.touching(forest_.tree(), out, capacity);
   if (touch.contacts > capacity || !touch.complete || !exact()) return touch;
-  MeshContact* const end = std::remove_if(out, out + touch.contacts, [](const MeshContact& c) { return !c.last(); });
+  MeshContact* const end = std::remove_if(out, out + touch.contacts, [](const MeshContact& c) { return !c.last; });
   touch.contacts = static_cast<std::uint32_t>(end - out);
   return touch;
 }
