@@ -191,7 +191,7 @@ TEST(SimulatedDevice, ReadsInWholeEncoderSteps) {
 
 TEST(SimulatedDevice, RestsOnAFloorWithoutLimitCycle) {
   // Device, proxy and force in a closed loop at the greatest allowed stiffness: a tap at 0.3 m/s, then rest.
-  const testing::TriangleSurface surface{testing::square(1, 0)};
+  testing::TriangleSurface surface{testing::square(1, 0)};
   HandSettings settings;
   settings.start = {0, 0, 0.05};
   SimulatedDevice device{settings};

@@ -140,7 +140,7 @@ class FlightDamage : public ::testing::TestWithParam<bool> {
     loader.tool = tool;
     LocalSession session{{model}, 0.05 / radius, pool, 2, loader, material, 0.5};
     hrtc_service::FlightRecorder recorder{kStateEvery};
-    session.cycle().set_recorder(&recorder);
+    session.cycle().set_observer(&recorder);
     hrtc_service::FlightStore store{
         recorder, hrtc_service::flight_start("desk", LocalSession::cycle_settings(tool), pool, LocalSession::specs()),
         0.1, hrtc_service::FlightStore::bytes_for(0.1, 0.001, 2)};
