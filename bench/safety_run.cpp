@@ -284,7 +284,7 @@ SafetyResult run_safety(const SafetySettings& settings) {
   add(low + y, z, x);
   add(low, z, y);
   add(low + x, y, z);
-  const haptics::testing::TriangleSurface surface{box};
+  haptics::testing::TriangleSurface surface{box};
 
   haptics::DeviceSpec spec;
   spec.max_torque = 2 * settings.force.max_torque;
