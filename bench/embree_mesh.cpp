@@ -106,7 +106,7 @@ void EmbreeMesh::touching(const Vec3d& centre, double radius, std::vector<spm::C
                 c = q.scene.corner(args->primID, 2);
     const spm::ClosestPoint closest = spm::closest_point(q.centre, a, b, c);
     if (!(closest.squared_distance <= q.radius * q.radius)) return false;
-    q.out.push_back({closest.point, spm::FaceId{args->primID}, 0, 1});
+    q.out.push_back({closest.point, spm::FaceId{args->primID}, spm::Contact::kFinest});
     return false;  // the radius stays
   };
   RTCPointQuery at{};

@@ -67,6 +67,10 @@ using Sample = std::variant<HostAnswer, session::RosterEntry, session::Catalogue
                             session::Metrics, FullRateState, session::ObjectGrant, session::ObjectPose>;
 using Inbox = wire::Inbox<Sample>;
 
+bool is_same(const session::StopName& a, const session::StopName& b) {
+  return a.participant == b.participant && a.incarnation == b.incarnation && a.number == b.number;
+}
+
 bool touches_exactly(const ProbeReports& reports) {
   constexpr std::uint32_t kTouching = session::kInContact | session::kExact;
   return std::any_of(reports.probes.begin(), reports.probes.end(),
@@ -139,6 +143,7 @@ struct Hrtc::Impl {
   StopSwitch stops{participants.origin(), core.link()};
   bool stopped = false;  // when the service thread looked last
   std::vector<session::StopRecord> stops_acknowledged;
+  session::StopName stop_received;  // the newest; the callback's
   haptics::Mailbox<session::ClockMap> sender_clock;
 
   wire::Writer<session::RosterEntry> roster_out;
@@ -197,7 +202,10 @@ struct Hrtc::Impl {
     inbox.put(std::move(sample), kUrgent<Typed>);
   }
   void receive(session::EmergencyStop&& stop) {
-    if (stops.on_stop(stop.name())) inbox.put(std::move(stop));
+    const bool is_new = stops.on_stop(stop.name());
+    // A roster entry may have brought the stop before, but not its reason.
+    if (is_new || !is_same(stop.name(), stop_received)) inbox.put(session::EmergencyStop{stop});
+    stop_received = stop.name();
   }
   void receive(session::ForceReset&& reset) {
     if (stops.on_reset(reset)) inbox.put(std::move(reset));

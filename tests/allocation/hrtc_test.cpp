@@ -56,6 +56,7 @@ TEST(Allocation, APoolTakesTheBytesItSays) {
     const double before = allocated();
     spm::Pool pool{settings};
     const spm::NodePool nodes{settings.tree_nodes};
+    const spm::CandidateCaches caches;
     const spm::Cache cache{pool};
     const spm::codec::CompressedCache store{settings.compressed_blocks};
     const auto said = static_cast<double>(settings.bytes());
