@@ -189,7 +189,7 @@ void measure_cost(Report& report) {
       }
       const std::int64_t began = hrtc_service::monotonic_ns();
       recorder.touched(inputs, began, nullptr, 0, session.haptic().result());
-      recorder.refined(session.haptic(), true);
+      recorder.refined(session.haptic(), {}, true);
       const auto took = static_cast<double>(hrtc_service::monotonic_ns() - began);
       (cycle % 1000 == 999 ? with_state : costs).add(took);
       if (cycle % 20 == 0) store.drain();
