@@ -1,8 +1,8 @@
-/// What a message of a flight recording must be before anything of it is used: a recording is untrusted input.
+/// Checks each message of a flight recording before its use: a recording is untrusted input.
 ///
-/// Numbers, counts and enumerators that a message holds are checked here, those that depend on the objects and regions
-/// that are there where these are known (flight_replay.cpp, Forest::restore, haptics/carried.hpp). What reaches a cycle
-/// from a device may be anything, as it may for a cycle that works.
+/// This file checks numbers, counts and enumerators. The checks that need the objects and regions of the replay are in
+/// flight_replay.cpp, Forest::restore and haptics/carried.hpp. Device input is not checked: a cycle accepts any device
+/// input in a live session, too.
 #pragma once
 
 #include <cstdint>
@@ -11,7 +11,8 @@
 
 namespace tactus::hrtc_service {
 
-/// Throws trace::FlightError with what was found and what was expected. `max_pool_bytes`: that a pool may take.
+/// Throws trace::FlightError with what was found and what was expected. `max_pool_bytes`: the largest memory that a
+/// pool may take.
 void expect_valid(const trace::FlightMessage& message, std::uint64_t max_pool_bytes);
 
 }  // namespace tactus::hrtc_service

@@ -1,9 +1,10 @@
-/// Which regions of an object are refined for the probes near it, the most urgent first, and whether a probe's contacts
-/// are those of the finest mesh.
+/// Selects the regions of an object to refine for the probes near it, in the order of their urgency. `exact` tells
+/// whether a probe's contacts are those of the finest mesh.
 ///
-/// A probe asks by spheres that hold its surface (spm/probe_spheres.hpp): where one of them meets a labelled cell, the
-/// mesh has to be the finest one. Regions that a sphere meets now come first, then those that it is about to meet, then
-/// refined ones that it has just left, which need not split again if it comes back; in each group the nearest first.
+/// Spheres cover the surface of each probe (spm/probe_spheres.hpp). Where a sphere meets a labelled cell, the mesh must
+/// be at full resolution. The order has three groups: a sphere meets the region now; a sphere will soon meet it; the
+/// region is refined and a sphere has just left it. Within a group, the nearest region comes first. The third group
+/// saves splits if the sphere returns.
 ///
 /// Model frame, file units. Fixed memory. Realtime after construction.
 /// Source: Liu, Georganas, Roth, 3DIM 2005, section 3 (contact regions and their refinement).
@@ -21,26 +22,26 @@ namespace tactus::spm {
 
 /// File units.
 struct TargetMargins {
-  double refine = 0;  ///< regions this near are refined although not met, so that they are ready when they are
-  double keep = 0;    ///< refined regions this near stay, so that a probe that wavers does not split them in turn
+  double refine = 0;  ///< regions within this distance are refined before a sphere meets them
+  double keep = 0;    ///< refined regions within this distance stay refined, so that a small movement splits nothing
 };
 
 class TargetSelection {
  public:
-  /// `capacity`: regions at most, of one object; the least urgent of more are dropped. Allocates.
+  /// `capacity`: max regions of one object; if more are selected, the least urgent are dropped. Allocates.
   explicit TargetSelection(std::uint32_t capacity) : targets_{capacity}, order_(std::max(capacity, 1u)) {}
 
-  /// Only regions that have been added to `forest` are selected; it must stay as it is until `finish`.
+  /// Selects only regions that were added to `forest`. Do not change `forest` before `finish`.
   void begin(const Forest& forest, const TargetMargins& margins) noexcept;
 
-  /// For a probe that is one sphere.
+  /// Adds a probe that is one sphere.
   void add_sphere(const PlacedSphere& sphere) noexcept;
-  /// For a probe of several spheres. Takes one look at the grid for each, in place of three.
+  /// Adds a probe of several spheres. It queries the grid once for each sphere and all three groups.
   void add_spheres(Span<const PlacedSphere> spheres) noexcept;
-  /// For a sphere that will be asked about, as if a probe were about to meet it.
+  /// Adds a sphere for a later query. Its regions count as regions that a sphere will soon meet.
   void add_soon(const Vec3d& centre, double radius) noexcept;
 
-  /// For Forest::target. Valid until the next `begin`.
+  /// Returns the regions in their order, for Forest::target. Valid until the next `begin`.
   [[nodiscard]] Span<const RegionId> finish() noexcept;
   /// False when regions were dropped, or a sphere met more cells than a query of the grid visits.
   [[nodiscard]] bool complete() const noexcept { return targets_.complete(); }
@@ -63,8 +64,9 @@ class TargetSelection {
   std::vector<RegionId> order_;
 };
 
-/// Queries of these spheres, and of what they hold, give the contacts of the finest mesh: every labelled cell that they
-/// meet is refined. Contacts with faces that are not finest belong to other cells then, and are to be left out.
+/// Returns true if every labelled cell that the spheres meet is refined. Queries inside the spheres then give the
+/// contacts of the finest mesh; the caller must ignore contacts with faces that are not finest, which belong to other
+/// cells.
 [[nodiscard]] bool exact(const Forest& forest, Span<const PlacedSphere> spheres) noexcept;
 
 }  // namespace tactus::spm

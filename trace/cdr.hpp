@@ -20,7 +20,7 @@
 
 namespace tactus::trace {
 
-/// A message that is shorter than its type, or has an impossible length.
+/// Thrown when a message is shorter than its type needs, or contains an impossible length.
 class CdrError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
@@ -96,7 +96,7 @@ class CdrReader {
     } else if constexpr (cdr::IsArray<T>::value) {
       for (auto& element : value) (*this)(element);
     } else if constexpr (cdr::IsVector<T>::value) {
-      value.clear();  // one by one: what a damaged count asks for may not be there
+      value.clear();  // one element at a time: a damaged count may be larger than the data
       for (std::size_t left = count(); left > 0; --left) (*this)(value.emplace_back());
     } else {
       T::fields(value, *this);

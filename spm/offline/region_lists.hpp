@@ -1,4 +1,4 @@
-/// The closed lists of records that regions need, and the order of records in which these lists are few intervals.
+/// The closed list of each region, and an order of the records in which each list is a small number of intervals.
 #pragma once
 
 #include <cstdint>
@@ -12,10 +12,11 @@
 
 namespace tactus::spm::offline {
 
-/// By cell of the partition, in its order.
+/// One list for each cell of the partition, in the order of the cells.
 class RegionLists {
  public:
-  /// Collapses that the corners of a cell's faces need, and all that these need. `progress` gets the share done.
+  /// Finds, for each cell, the collapses that the corners of its faces need, directly or indirectly. Calls `progress`
+  /// with the finished share, 0 to 1.
   RegionLists(const TriangleMesh& mesh, const Partition& cells, const Dependencies& needs, unsigned threads,
               const std::function<void(double)>& progress);
 
@@ -27,21 +28,25 @@ class RegionLists {
     return {chunk.collapses.data() + first, chunk.ends[i] - first};
   }
 
-  /// All collapses in an order in which each comes after those that it needs. They ascend by the cells that need them,
-  /// as words do by their letters, but with a longer word before those that it begins with: what needs a record is
-  /// needed by no other cells than the record is, so the record comes first, and what the same cells need is one run in
-  /// each of their lists. In such a run, what comes next is of all that may the one whose anchor, its first face, has
-  /// the number nearest to the last one's: it takes the fewest bits to tell. `anchors` by collapse.
+  /// All collapses in an order in which each comes after those that it needs.
+  ///
+  /// The key of a collapse is the ascending list of the cells that need it. Keys are compared in lexicographic order,
+  /// with a longer key before its own prefixes. If collapse B needs collapse A, every cell that needs B also needs A,
+  /// so A comes first. Collapses with equal keys form one interval in each list of their cells.
+  ///
+  /// Within such an interval the choice is greedy: of the collapses whose dependencies are placed, the next one is that
+  /// whose anchor has the number nearest to the previous anchor. A small difference takes few bits. The anchor of a
+  /// collapse is its first face; `anchors[c]` is that of collapse c.
   [[nodiscard]] std::vector<std::uint32_t> order(const Dependencies& needs, const std::vector<std::uint32_t>& anchors,
                                                  unsigned threads) const;
 
-  /// Turns collapses into `number[collapse]`, ascending in each list.
+  /// Replaces each collapse c by `number[c]`, and sorts each list.
   void renumber(const std::vector<std::uint32_t>& number, unsigned threads);
 
  private:
   static constexpr std::size_t kChunk = 64;
   struct Chunk {
-    std::vector<std::size_t> ends;  // of each of its lists in `collapses`
+    std::vector<std::size_t> ends;  // end of each list, as an index into `collapses`
     std::vector<std::uint32_t> collapses;
   };
 

@@ -1,4 +1,4 @@
-/// A controller's run time around one model, without threads or wire: what the tests of cache, forest and tree drive.
+/// A fixture for the tests of cache, forest and tree: those of an HRTC for one model, without threads and DDS.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -27,7 +27,7 @@ class Controller {
         spm::RegionGrid{base.summary.grid, spm::Span<const spm::Region>{base.regions}}, std::move(admitted.base));
   }
 
-  /// What a host would send: the list, and the records that no held region lists.
+  /// The message of a host: the region's list, and those of its records that no held region lists.
   [[nodiscard]] spm::RegionData message(spm::RegionId region) const {
     std::vector<bool> held(model_.summary.records, false);
     for (std::uint32_t other = 0; other < model_.summary.regions; ++other)
@@ -46,7 +46,7 @@ class Controller {
     return decoded(spm::codec::encode_region(encoded_.coded(), region, missing));
   }
 
-  /// What a host would send that lies about the region's list.
+  /// The message of a faulty host: it contains `list` instead of the region's list.
   [[nodiscard]] spm::RegionData false_message(spm::RegionId region, const std::vector<spm::Interval>& list) const {
     const spm::codec::CompressedModel& coded = encoded_.coded();
     std::uint32_t count = 0;
@@ -78,7 +78,7 @@ class Controller {
     return result;
   }
 
-  /// Frees what the forest has given back.
+  /// Releases from the cache the regions that the forest has retired.
   void release_retired() {
     for (std::uint32_t region; (region = forest_->take_retired()) != spm::kNone;)
       cache_.release(object_, spm::RegionId{region});
@@ -88,7 +88,8 @@ class Controller {
   [[nodiscard]] std::uint32_t vertex_id(std::uint32_t slot) const { return pool_.vertices[slot].id; }
   [[nodiscard]] float radius(std::uint32_t slot) const { return pool_.radius[slot]; }
   [[nodiscard]] const spm::Pool& pool() const { return pool_; }
-  /// While nothing is loaded: makes what released records have left in their slots unlike any record.
+  /// Overwrites the vertex ids in the slots of released records, so that they match no record. Only while no region is
+  /// loaded.
   void wipe_records() {
     for (spm::Vertex& vertex : pool_.vertices)
       if (vertex.id >= model_.summary.base_vertices) vertex.id = 0;
