@@ -256,7 +256,7 @@ TEST_P(FlightDamage, EachFieldOfEachKindOfMessage) {
     const auto kind = event != nullptr ? static_cast<std::uint32_t>(event->kind) : 0;
     if (!seen.insert({recorded_[i].index(), kind}).second) continue;
     bool more = true;
-    for (std::size_t target = 0; more; ++target) {
+    for (std::size_t target = 0; more; target += GetParam() ? 3 : 1) {
       for (int way = 0; way < Overwrite::kWays && more; ++way) {
         Messages messages = recorded_;
         Overwrite overwrite{target, way};
@@ -270,7 +270,7 @@ TEST_P(FlightDamage, EachFieldOfEachKindOfMessage) {
     }
   }
   EXPECT_GE(seen.size(), GetParam() ? 1u : 9u) << "all messages and two kinds of events";
-  EXPECT_GT(damaged, GetParam() ? 300 : 1000);
+  EXPECT_GT(damaged, GetParam() ? 100 : 1000);
   EXPECT_GT(refused, damaged / 4);
 }
 
@@ -330,14 +330,17 @@ TEST_P(FlightDamage, EachWordOfTheCarriedState) {
     ++damaged;
     refused += outcome != "same" && outcome != "differs" ? 1 : 0;
   };
-  for (std::size_t at = 0; at < carried.size(); at += 8) {
+  // A replay of a tool takes ten times as long: of its state every sixteenth word, of a tip's every second.
+  std::mt19937_64 random{kSeed};
+  const std::size_t words = GetParam() ? 16 : 2;
+  for (std::size_t at = 8 * (random() % words); at < carried.size(); at += 8 * words) {
     damage(at, ~std::uint64_t{0}, 8);
     if (GetParam()) continue;
     damage(at, 0x0000000200000003u, 8);
     damage(at, 0x7f7f7f7f7f7f7f7fu, 8);
   }
-  std::mt19937_64 random{kSeed};
-  for (int round = 0; round < 1000; ++round) damage(random() % carried.size(), random(), 1 + random() % 8);
+  for (int round = 0; round < (GetParam() ? 60 : 500); ++round)
+    damage(random() % carried.size(), random(), 1 + random() % 8);
   EXPECT_GT(refused, damaged / 10) << "most are numbers that may be anything";
   for (const std::size_t size : {std::size_t{0}, carried.size() - 1, carried.size() / 2}) {
     state.carried.assign(carried.begin(), carried.begin() + static_cast<std::ptrdiff_t>(size));
