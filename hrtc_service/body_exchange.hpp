@@ -32,7 +32,7 @@ class BodyExchange {
 
   /// An object that is shown from now on.
   void add(const TouchObject& object);
-  /// Before each tick of the gateway: opens and closes endpoints, passes on what copies told of their transit.
+  /// Before each tick of the gateway: opens and closes endpoints, passes on the transit times of copies.
   void tick(std::int64_t now_ns, const session::ClockMap& clock);
   /// After it.
   void send_claims();

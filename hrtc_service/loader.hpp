@@ -1,15 +1,17 @@
-/// What an HRTC holds: asks for the regions that probes will meet, keeps what arrives as it came, decodes what is met
-/// next into the pool, lets go what nobody needs.
+/// The regions that an HRTC holds: it requests those that probes will meet, stores them compressed as they arrive,
+/// decodes those that are met next into the pool, and evicts those that nobody wants.
 ///
 ///   catalogue, chunks -> [assemble] -> store -> [decode, slots] -> arrivals ring -> haptic thread
 ///   probe sights -> [predict] -> demand               departures ring <-
 ///
-/// The store is what hosts are told of (`have`), the pool a cache of it: it gets soonest met first, and what leaves it
-/// leaves no further than the store, so that no network is waited for. A region leaves the store in two halves. What
-/// nobody has wanted for long is left out of `have` ahead of need, and is spare once the host has echoed that: kept as
-/// before, and taken back if wanted again; it is freed when room is needed. The host gets credit for what is free and
-/// what has been left out of `have`, no more: its echo comes ahead of what it sends on that credit, so that room never
-/// has to be made of what it counts on.
+/// Demands publish the content of the store (`have`). The pool is a cache of the store: it gets the regions that are met
+/// soonest, and a region that leaves the pool stays in the store, so that no force waits for the network.
+///
+/// A region leaves the store in two steps. A region that nobody has wanted for long is left out of `have` before its
+/// room is needed. Once the host has echoed that, the region is spare: it is still stored, it is taken back if it is
+/// wanted again, and it is freed when room is needed. The host gets credit for the free room and for the regions left
+/// out of `have`, and no more. Its echo arrives before the data that it sends on that credit, so the loader never evicts
+/// a region that the host counts as present.
 ///
 /// One thread, not the haptic one. Allocates while decoding; what it keeps is bounded by pool and store and by the
 /// number of regions of its objects.
@@ -75,7 +77,7 @@ struct LoaderFigures {
   std::uint64_t records_received = 0;
   std::uint64_t records_returned = 0;   ///< of these, which were here already or once
   std::uint64_t records_repeated = 0;   ///< of these, which were here already
-  std::uint64_t records_published = 0;  ///< of these, in regions that hosts are told of
+  std::uint64_t records_published = 0;  ///< of these, in regions published to hosts
   std::uint64_t refused_full = 0;
   std::uint64_t refused_other = 0;
   std::uint64_t decode_errors = 0;

@@ -97,7 +97,7 @@ void SharedSession::start_host() {
   ++host_life_;
 }
 
-/// Clocks of this session do not differ. The host goes on with this time when the time keeper sends nothing more.
+/// Clocks of this session do not differ. The host continues this time when its reference sends nothing more.
 void SharedSession::set_host_clock(const session::ClockSample& request) {
   session::ClockSample answer = request;
   answer.origin = time_keeper(now_ns_).origin;

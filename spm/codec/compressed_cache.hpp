@@ -45,7 +45,7 @@ class CompressedCache {
     std::uint32_t records = 0;    ///< in the message
     std::uint32_t returned = 0;   ///< of these, which are here or were once
     std::uint32_t repeated = 0;   ///< of these, which are here
-    std::uint32_t published = 0;  ///< of these, listed by regions that do not leave: hosts are told of them
+    std::uint32_t published = 0;  ///< of these, listed by regions that do not leave, so published to hosts
     std::uint32_t blocks = 0;     ///< taken, or needed
     std::uint32_t whole = 0;      ///< blocks that list and records of the message take where none of them is
     std::string error;
