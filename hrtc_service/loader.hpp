@@ -4,14 +4,14 @@
 ///   catalogue, chunks -> [assemble] -> store -> [decode, slots] -> arrivals ring -> haptic thread
 ///   probe sights -> [predict] -> demand               departures ring <-
 ///
-/// Demands publish the content of the store (`have`). The pool is a cache of the store: it gets the regions that are met
-/// soonest, and a region that leaves the pool stays in the store, so that no force waits for the network.
+/// Demands publish the content of the store (`have`). The pool is a cache of the store: it gets the regions that are
+/// met soonest, and a region that leaves the pool stays in the store, so that no force waits for the network.
 ///
 /// A region leaves the store in two steps. A region that nobody has wanted for long is left out of `have` before its
 /// room is needed. Once the host has echoed that, the region is spare: it is still stored, it is taken back if it is
 /// wanted again, and it is freed when room is needed. The host gets credit for the free room and for the regions left
-/// out of `have`, and no more. Its echo arrives before the data that it sends on that credit, so the loader never evicts
-/// a region that the host counts as present.
+/// out of `have`, and no more. Its echo arrives before the data that it sends on that credit, so the loader never
+/// evicts a region that the host counts as present.
 ///
 /// One thread, not the haptic one. Allocates while decoding; what it keeps is bounded by pool and store and by the
 /// number of regions of its objects.
