@@ -68,7 +68,6 @@ class Gateway {
   /// The newest reports; `fresh` when the last tick took them.
   [[nodiscard]] const ProbeReports& reports() const noexcept { return reports_; }
   [[nodiscard]] bool fresh() const noexcept { return fresh_; }
-  [[nodiscard]] const BodyReports& body_reports() const noexcept { return body_reports_; }
   [[nodiscard]] const std::array<ProbeSight, kMaxProbes>& sights() const noexcept { return sights_; }
   /// Objects near each probe, as of the last tick.
   [[nodiscard]] const std::array<NearObjects, kMaxProbes>& near() const noexcept { return near_; }

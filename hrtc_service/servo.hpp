@@ -51,7 +51,6 @@ class Servo {
   [[nodiscard]] const Outputs& outputs() const noexcept { return outputs_; }
   [[nodiscard]] Cycle& cycle() noexcept { return cycle_; }
   [[nodiscard]] const Cycle& cycle() const noexcept { return cycle_; }
-  [[nodiscard]] std::uint64_t cycles() const noexcept { return cycles_; }
 
   /// Starts to copy the shown meshes, a part in each of several cycles.
   void begin_snapshot() noexcept;
