@@ -1,9 +1,10 @@
-/* A device driver without a device: a weight of 100 g that hangs in oil and sinks until something holds it.
+/* A device driver without a device: a weight of 100 g that sinks through oil until a force stops it.
  *
  *   cc -shared -fPIC -o weight.so weight.c -I DIRECTORY-OF-TACTUS-HEADERS
  *   tactus-hrtc --device ann=./weight.so,0.3
  *
- * CONFIG is the height it starts from, m. What it lies on, it presses with 0.981 N. docs/tutorials/first-device.md goes through it. */
+ * The text behind the comma is the height at which the weight starts, m. At rest the weight presses on the surface with
+ * 0.981 N. docs/tutorials/first-device.md explains the driver. */
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -11,7 +12,7 @@
 
 struct tactus_device {
   double height, speed; /* m, m/s; upwards */
-  double force;         /* N, upwards, that Tactus wrote last */
+  double force;         /* N, upwards; newest force that Tactus wrote */
   int64_t time_ns;
 };
 
@@ -50,7 +51,7 @@ static int read_weight(struct tactus_device* weight, int64_t now_ns, struct tact
   double dt = weight->time_ns == 0 ? 0 : (double)(now_ns - weight->time_ns) * 1e-9;
   if (dt > 0.01) dt = 0.01;
   weight->time_ns = now_ns;
-  /* Speed first, with the oil's pull at the new speed: this never blows up, however long a step. */
+  /* Implicit in the drag: stable for a step of any length. */
   weight->speed = (weight->speed + dt * (weight->force / kMass - kGravity)) / (1 + dt * kOil / kMass);
   weight->height += dt * weight->speed;
   pose->position[2] = weight->height;
