@@ -1,10 +1,10 @@
-# Steps of a CI run: each is shown, timed and counted. Sourced, not run.
+# Functions for the steps of a CI run, which are printed, timed and counted. Source this file.
 
 passed=0
 failed=0
 broken=()
 
-# step COMMAND...: runs it and counts how it ended; a signal ends the whole run.
+# step COMMAND...: runs it and counts success or failure. A signal ends the whole run.
 step() {
   local began=$SECONDS status=0
   printf '==== %s\n' "$*"
@@ -19,10 +19,11 @@ step() {
   printf '==== %s: status %d after %d s\n' "$*" "$status" "$((SECONDS - began))"
 }
 
-# marked_run FILE: the commands, a line each, of its code blocks that begin with ```sh run.
+# marked_run FILE: prints the lines of its code blocks that begin with ```sh run.
 marked_run() { awk '/^```sh run$/ { inside = 1; next } /^```/ { inside = 0 } inside && NF' "$1"; }
 
-# run_page FILE: the same commands in one shell, which ends at the first that fails and then stops what it has started.
+# run_page FILE: runs these lines in one shell. The shell ends at the first command that fails, and ends its background
+# processes.
 run_page() {
   bash -euo pipefail -c "trap 'jobs -p | xargs -r kill 2>/dev/null || true' EXIT"$'\n'"$(marked_run "$1")"
 }

@@ -1,5 +1,5 @@
-# tactus_commit_header: the header tactus/commit.hpp with the commit that a figure was had at, as of the build, not of
-# the configuration.
+# tactus_commit_header: the header tactus/commit.hpp with the commit of the sources at build time, which benchmarks print with
+# their figures.
 add_custom_target(tactus_commit
   COMMAND ${CMAKE_COMMAND} -DSOURCE=${PROJECT_SOURCE_DIR} -DOUT=${PROJECT_BINARY_DIR}/generated/tactus/commit.hpp
           -P ${CMAKE_CURRENT_LIST_DIR}/commit.cmake

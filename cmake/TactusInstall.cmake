@@ -1,9 +1,9 @@
-# What `cmake --install` gives a program outside this tree: find_package(tactus) with the libraries and their headers, qos/
-# and idl/. The programs are installed where tactus_program() makes them.
+# Files that `cmake --install` installs for a program outside this tree: the package of find_package(tactus) with libraries
+# and headers, qos/ and idl/. tactus_program() installs the programs.
 #
 #   component spm     models and local refinement, offline build included; needs neither DDS nor FCL:
 #                     find_package(tactus COMPONENTS spm), `cmake --install DIR --component spm`
-#   all else          what joins a session and is a device there
+#   other components  libraries to join a session, and the interface of a device
 include(CMakePackageConfigHelpers)
 
 set(package ${CMAKE_INSTALL_LIBDIR}/cmake/tactus)
@@ -22,8 +22,7 @@ if(NOT TARGET tactus_wire OR NOT TARGET tactus_haptics)
   return()
 endif()
 
-# The headers of the other libraries that are meant for others; each includes only what is installed too, which tests/outside
-# holds.
+# The public headers of the other libraries. Each includes only installed headers; tests/outside tests this.
 set(interface
   haptics/device.hpp haptics/device_plugin.h haptics/mailbox.hpp haptics/simulated_device.hpp
   session/clock.hpp session/figures.hpp session/messages.hpp session/roster.hpp session/sequence_window.hpp
@@ -34,7 +33,7 @@ foreach(header IN LISTS interface)
 endforeach()
 
 target_compile_definitions(tactus_wire INTERFACE $<INSTALL_INTERFACE:TACTUS_QOS_DIR="$<INSTALL_PREFIX>/${CMAKE_INSTALL_DATADIR}/tactus/qos">)
-install(TARGETS tactus_idl tactus_haptics tactus_session tactus_wire EXPORT tactus ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
+install(TARGETS tactus_idl tactus_haptics tactus_session tactus_yaml tactus_wire EXPORT tactus ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
 install(EXPORT tactus NAMESPACE tactus:: DESTINATION ${package} FILE tactusTargets.cmake)
 install(DIRECTORY qos/ DESTINATION ${CMAKE_INSTALL_DATADIR}/tactus/qos)
 install(FILES idl/tactus.idl idl/flight.idl DESTINATION ${CMAKE_INSTALL_DATADIR}/tactus/idl)

@@ -1,4 +1,4 @@
-# How every target of the project is made: one place for language level, warnings and sanitizers.
+# Functions that make every target of the project, with language level, warnings and sanitizers in one place.
 
 set(CMAKE_POSITION_INDEPENDENT_CODE ON)
 set(TACTUS_SANITIZE "" CACHE STRING "Sanitizers for every target, e.g. address,undefined or thread")
@@ -6,8 +6,8 @@ option(TACTUS_WERROR "Treat warnings as errors" OFF)
 
 add_library(tactus_options INTERFACE)
 set_target_properties(tactus_options PROPERTIES EXPORT_NAME options)
-target_compile_features(tactus_options INTERFACE cxx_std_17)
-# -ffp-contract=off: the same bits from every compiler; geometry is checked bit for bit.
+target_compile_features(tactus_options INTERFACE cxx_std_20)
+# -ffp-contract=off: tests compare geometry bit for bit, so every compiler must give the same bits.
 target_compile_options(tactus_options INTERFACE "$<BUILD_INTERFACE:-Wall;-Wextra;-Wpedantic;-Wshadow;-Wconversion;-Wno-sign-conversion;-Wno-psabi>"
                        -ffp-contract=off $<BUILD_INTERFACE:$<$<BOOL:${TACTUS_WERROR}>:-Werror>>)
 target_include_directories(tactus_options INTERFACE $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}>)
@@ -16,15 +16,15 @@ if(TACTUS_SANITIZE)
   target_link_options(tactus_options INTERFACE -fsanitize=${TACTUS_SANITIZE})
 endif()
 
-# Headers of libraries that most sources include, compiled once for all: for libraries here, for tests in tests/CMakeLists.txt.
-# The project's own headers stay out, so that each source still says what it uses.
+# Headers of other libraries that most sources include, compiled once: for our libraries here, for tests in
+# cmake/TactusTests.cmake. The project's own headers are not precompiled, so that each source has to include what it uses.
 find_package(Eigen3 3.4 REQUIRED NO_MODULE)
 file(CONFIGURE OUTPUT ${CMAKE_CURRENT_BINARY_DIR}/generated/precompiled.cpp CONTENT "\n")
 add_library(tactus_precompiled STATIC ${CMAKE_CURRENT_BINARY_DIR}/generated/precompiled.cpp)
 target_link_libraries(tactus_precompiled PRIVATE tactus_options Eigen3::Eigen)
 target_precompile_headers(tactus_precompiled PRIVATE
-  <Eigen/Core> <Eigen/Geometry> <algorithm> <array> <atomic> <cmath> <cstdint> <functional> <map> <memory> <mutex> <optional>
-  <string> <string_view> <unordered_map> <utility> <vector>)
+  <Eigen/Core> <Eigen/Geometry> <algorithm> <array> <atomic> <bit> <cmath> <cstdint> <functional> <map> <memory> <mutex> <optional>
+  <span> <string> <string_view> <unordered_map> <utility> <vector>)
 
 # tactus_module(spm SOURCES a.cpp b.cpp LINK Eigen3::Eigen): library tactus_spm, alias tactus::spm.
 function(tactus_module name)
@@ -38,8 +38,8 @@ function(tactus_module name)
   target_precompile_headers(${target} REUSE_FROM tactus_precompiled)
 endfunction()
 
-# tactus_program(tactus-host SOURCES main.cpp LINK tactus::host_service): a program that is installed. A file called main.cpp
-# reads flags once, so it is compiled for a quick build.
+# tactus_program(tactus-host SOURCES main.cpp LINK tactus::host_service): a program that is installed. A main.cpp only
+# parses options, so it is compiled with -O1 for a quick build.
 function(tactus_program name)
   cmake_parse_arguments(ARG "" "" "SOURCES;LINK" ${ARGN})
   set_source_files_properties(main.cpp PROPERTIES COMPILE_OPTIONS -O1)

@@ -1,7 +1,7 @@
-# How every test program is made.
+# Functions that make every test program.
 find_package(GTest 1.12 REQUIRED)
 
-# As tactus_precompiled, for programs. Tests and what they share are compiled to build quickly; what they test is not.
+# Tests and their helpers are compiled with -O1 for a quick build; the tested libraries keep their options.
 set(TACTUS_TEST_OPTIONS $<$<CONFIG:Release>:-O1>)
 add_executable(tactus_test_precompiled ${PROJECT_BINARY_DIR}/generated/precompiled.cpp)
 target_link_libraries(tactus_test_precompiled PRIVATE tactus_options Eigen3::Eigen GTest::gmock GTest::gtest_main)
@@ -14,7 +14,7 @@ target_precompile_headers(tactus_test_precompiled PRIVATE
 #   PROGRAMS tactus-host ...      programs that it starts; the macro TACTUS_HOST ("tactus-" left out) has the path
 #   SHARDS n                      n ctest entries, so that a long program uses several processors
 #   TIMEOUT s                     default 120; five times as long under a sanitizer
-# Tests with label dds mostly wait for each other's programs: two of them count as one processor (scripts/test).
+# Tests with label dds mostly wait for other processes, so two of them count as one processor (scripts/test).
 # The report of each entry goes to reports/ENTRY.xml in the build folder, where scripts/test counts cases.
 function(tactus_test name)
   cmake_parse_arguments(ARG "" "LABEL;TIMEOUT;SHARDS" "SOURCES;LINK;PROGRAMS" ${ARGN})
@@ -43,7 +43,7 @@ function(tactus_test name)
     add_test(NAME ${entry} COMMAND ${target})
     set(cost 1)
     set(processors 2)
-    if(ARG_LABEL STREQUAL "dds")  # the longest, so they begin first
+    if(ARG_LABEL STREQUAL "dds")  # the longest tests, so they start first
       set(cost 10)
       set(processors 1)
     endif()
@@ -52,7 +52,7 @@ function(tactus_test name)
   endforeach()
 endfunction()
 
-# tactus_starts(TARGET tactus-host ...): TARGET starts these programs; they are built first, macros have their paths.
+# tactus_starts(TARGET tactus-host ...): TARGET starts these programs. They are built first, and macros contain their paths.
 function(tactus_starts target)
   foreach(program IN LISTS ARGN)
     string(REGEX REPLACE "^tactus-" "" macro ${program})

@@ -1,4 +1,4 @@
-# Writes OUT with the commit of SOURCE, and only when it has changed.
+# Writes the commit of SOURCE into OUT, if it has changed.
 cmake_policy(VERSION 3.25)
 execute_process(COMMAND git -C ${SOURCE} describe --always --abbrev=12 --dirty
                 OUTPUT_VARIABLE commit OUTPUT_STRIP_TRAILING_WHITESPACE ERROR_QUIET)

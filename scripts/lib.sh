@@ -1,5 +1,5 @@
-# What the scripts beside this file share: progress lines, packages, builds, and child processes that end with the script.
-# Sourced, not run. Needs bash, coreutils and, to install packages, apt.
+# Functions of the scripts in this folder: progress lines, packages, builds, and child processes that end with the script.
+# Source this file. It needs bash, coreutils and, to install packages, apt.
 
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
@@ -7,7 +7,7 @@ script=${0##*/}
 
 say() { printf '[%3d s] %s\n' "$SECONDS" "$*" >&2; }
 
-# Wrong input or a machine that cannot do it: exit 2, as the programs do.
+# For wrong input, or a machine that does not support the command: exit status 2, as for the programs.
 fail() {
   printf '%s: %s\n' "$script" "$*" >&2
   exit 2
@@ -17,19 +17,20 @@ need_value() { [[ $# -ge 2 ]] || fail "$1 needs a value"; }
 
 # ---- child processes ----
 
-# start COMMAND...: in the background, in a process group of its own, so that it ends with all that it started. `child` is its id.
+# start COMMAND...: starts it in the background, in its own process group, so that a signal ends its children too. Sets `child` to
+# its process id.
 start() {
   setsid -- "$@" </dev/null &
   child=$!
 }
 
-# run COMMAND...: waits for it; a signal to the script ends both at once, where bash would wait for a foreground command.
+# run COMMAND...: starts it and waits. A signal to the script ends both at once; for a foreground command bash would wait.
 run() {
   start "$@"
   wait "$child"
 }
 
-# Ends all that `start` and `run` left running: asks with SIGINT, then SIGTERM, insists after 1.2 s.
+# Ends all running processes of `start` and `run`: SIGINT, after 0.5 s SIGTERM, after 1.2 s SIGKILL.
 stop_children() {
   local tick group
   local -a groups left
@@ -57,7 +58,7 @@ trap 'exit 143' TERM HUP
 
 # ---- packages ----
 
-# packages SECTION...: the lines of those sections of packages.txt, without spaces around them.
+# packages SECTION...: prints the packages in these sections of packages.txt.
 packages() {
   local wanted=" $* " section='' line
   while read -r line; do
@@ -73,12 +74,12 @@ packages() {
   return 0
 }
 
-# ensure_packages SECTION...: installs what is missing, as root or through sudo.
+# ensure_packages SECTION...: installs missing packages, as root or through sudo.
 ensure_packages() {
   local name status log="$root/build/install.log"
   local -a missing=() as_root=()
   if ! command -v dpkg-query >/dev/null; then
-    say "no dpkg here: taking for granted that the packages of scripts/packages.txt [$*] or their like are installed"
+    say "no dpkg on this machine: assuming that the packages of scripts/packages.txt [$*] are installed"
     return 0
   fi
   while read -r name; do
@@ -90,11 +91,11 @@ ensure_packages() {
     command -v sudo >/dev/null || fail "these Debian packages are missing and need root or sudo to install: ${missing[*]}"
     as_root=(sudo)
   fi
-  say "downloading ${#missing[@]} Debian packages and what they need: ${missing[*]}"
+  say "downloading ${#missing[@]} Debian packages and their dependencies: ${missing[*]}"
   mkdir -p "$root/build"
   local -a install=("${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -q -y --no-install-recommends)
-  # In the foreground: sudo may ask for a password, and dpkg should end its step even when interrupted. dpkg flushes every file
-  # by itself, which takes longer than all else here; one sync at the end does the same.
+  # In the foreground, because sudo may ask for a password, and an interrupted dpkg should finish its step. dpkg would flush every
+  # file, which takes most of the time; one sync at the end is enough.
   if ! {
     "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive dpkg --configure -a &&
       "${as_root[@]}" apt-get update -q &&
@@ -109,8 +110,8 @@ ensure_packages() {
   say "packages installed"
 }
 
-# npm_registry: the address of the registry where there is no npm to ask; from npm_config_registry, else from Debian's package of
-# npm itself, which is fetched (0.7 MB) but not installed.
+# npm_registry: prints the address of the npm registry on a machine without npm: npm_config_registry, or else the default in
+# Debian's package of npm, which is fetched (0.7 MB) but not installed.
 npm_registry() {
   local folder
   if [[ -n ${npm_config_registry:-} ]]; then
@@ -127,8 +128,8 @@ npm_registry() {
   rm -rf "$folder"
 }
 
-# ensure_npm: the packages of package-lock.json into build/npm/node_modules. The tests that need them are skipped, and say so,
-# when they cannot be had.
+# ensure_npm: fetches the packages of package-lock.json into build/npm/node_modules. If this fails, the tests that need them are
+# skipped with a reason.
 ensure_npm() {
   local folder="$root/build/npm" log="$root/build/npm.log"
   if cmp -s "$root/package-lock.json" "$folder/fetched-lock.json"; then return 0; fi
@@ -152,7 +153,8 @@ ensure_npm() {
 
 # ---- build ----
 
-# Compilers in parallel: one for each processor, but no more than memory allows (generated DDS code takes over 1 GB each).
+# Prints the number of parallel compilers: one for each processor, but no more than fit into memory. For generated DDS code a
+# compiler takes over 1 GB.
 build_jobs() {
   local processors key kilobytes
   processors=$(nproc)
@@ -165,7 +167,7 @@ build_jobs() {
   printf '%s\n' "$processors"
 }
 
-# build PRESET "CMAKE OPTIONS" [TARGET...]: configures and builds into build/PRESET. Warnings are errors in CI, nowhere else.
+# build PRESET "CMAKE OPTIONS" [TARGET...]: configures and builds into build/PRESET. Warnings are errors only in CI.
 build() {
   local preset=$1 log="$root/build/configure-$1.log"
   local -a options
