@@ -1,23 +1,37 @@
-/// How every benchmark's main ends: 2 for wrong input and for what went wrong, told in one line on standard error.
+/// The command line and the end of every benchmark.
 #pragma once
 
 #include <CLI/CLI.hpp>
-#include <cstdio>
+#include <functional>
+#include <stdexcept>
+#include <string>
+
+#include "bench/figures.hpp"
 
 namespace tactus::bench {
 
-/// Parses, calls `run` and gives the exit status, which is that of `run` when all went well.
-template <class Run>
-int bench_main(CLI::App& app, const char* program, int argc, char** argv, Run&& run) {
-  try {
-    app.parse(argc, argv);
-    return run();
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "%s: %s\n", program, error.what());
-    return 2;
+/// A benchmark's command line: --quick, --json and --help, besides what the benchmark adds.
+class App : public CLI::App {
+ public:
+  /// `name` as in `scripts/bench NAME`; `quick_help`: what --quick shortens. It never loosens a bound.
+  App(std::string name, const std::string& purpose, const std::string& quick_help)
+      : CLI::App{purpose, "scripts/bench " + name}, bench{std::move(name)} {
+    add_flag("--quick", quick, quick_help);
+    add_option("--json", json, "write the rows to this file, too");
   }
-}
+
+  std::string bench;
+  std::string json;
+  bool quick = false;
+};
+
+/// What ends a benchmark that was asked to stop.
+struct Interrupted : std::runtime_error {
+  Interrupted() : std::runtime_error{"interrupted"} {}
+};
+
+/// Parses, calls `run`, prints its report and writes it as JSON. The exit status: 0 all bounds hold, 1 a figure falls
+/// short, 2 wrong input or an exception, 130 interrupted.
+[[nodiscard]] int bench_main(App& app, int argc, char** argv, const std::function<Report()>& run);
 
 }  // namespace tactus::bench

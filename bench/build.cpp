@@ -28,7 +28,6 @@ constexpr std::uint32_t kSmallFaces = 500000;    // below, what does not run on 
 
 struct Settings {
   std::string model;
-  std::string json;
   std::uint32_t faces = 1000000;
   std::uint32_t base_faces = spm::offline::SimplifyOptions{}.base_faces;
   double pairs = 0;  // mm
@@ -42,13 +41,13 @@ double rms_from_base(const spm::Model& model) {
   constexpr std::size_t kSamples = 20000;
   const std::size_t step = std::max<std::size_t>(1, model.positions.size() / kSamples);
   const std::size_t count = (model.positions.size() + step - 1) / step;
-  const auto point = [&model](std::uint32_t v) {
-    const std::array<float, 3>& p = model.positions[v];
+  const auto point = [&model](spm::VertexId v) {
+    const std::array<float, 3>& p = model.positions[index(v)];
     return spm::Vec3d{p[0], p[1], p[2]};
   };
   std::vector<double> squared(count, std::numeric_limits<double>::infinity());
   parallel_for(count, 0, [&](std::size_t i, unsigned) {
-    const spm::Vec3d at = point(static_cast<std::uint32_t>(i * step));
+    const spm::Vec3d at = point(spm::VertexId{static_cast<std::uint32_t>(i * step)});
     for (const spm::BaseFace& face : model.base_faces) {
       const double distance =
           spm::closest_point(at, point(face.corners[0]), point(face.corners[1]), point(face.corners[2]))
@@ -86,7 +85,7 @@ void report_lists(Report& report, const spm::Model& model) {
   report.figure("base faces", "model", "", model.summary.base_faces);
 }
 
-int run(const Settings& settings) {
+Report run(const Settings& settings) {
   StageTimes before;
   before.begin("import");
   std::fprintf(stderr, "%s\n", settings.model.empty() ? "generating the organ" : "reading the model");
@@ -119,7 +118,7 @@ int run(const Settings& settings) {
   const spm::Model model = best.model.model();
   char pairs[64] = "";
   if (settings.pairs > 0) std::snprintf(pairs, sizeof pairs, ", pairs within %g mm", settings.pairs);
-  Report report{{"build", name, model.summary.digest, model.summary.faces,
+  Report report{{name, model.summary.digest, model.summary.faces,
                  std::to_string(settings.threads) + " threads, best of " + std::to_string(repeats) + ", base of " +
                      std::to_string(settings.base_faces) + " faces" + pairs}};
   report.figure(settings.model.empty() ? "generate" : "import", "once", "s", before.sum().seconds);
@@ -148,7 +147,7 @@ int run(const Settings& settings) {
     report.at_most("base faces", "with pairs", "", model.summary.base_faces, 1000);
     report.at_most("finest vertices from the base mesh, rms", "10 cm, with pairs", "mm", rms, 1);
   }
-  return report.finish(settings.json);
+  return report;
 }
 
 }  // namespace
@@ -156,7 +155,8 @@ int run(const Settings& settings) {
 
 int main(int argc, char** argv) {
   tactus::bench::Settings settings;
-  CLI::App app{"How fast a model is built, stage by stage"};
+  tactus::bench::App app{"build", "How fast a model is built, stage by stage",
+                         "one build of 200,000 faces, without a bound on speed, for CI"};
   app.add_option("--model", settings.model, "mesh file of any kind (default: a generated organ)")
       ->check(CLI::ExistingFile);
   app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 200000000u));
@@ -167,10 +167,8 @@ int main(int argc, char** argv) {
   app.add_option("--threads", settings.threads, "that build")->check(CLI::Range(1u, 256u));
   app.add_option("--repeats", settings.repeats, "of which the best counts; once from 20 million faces on")
       ->check(CLI::Range(1u, 100u));
-  app.add_option("--json", settings.json, "the figures as JSON");
-  app.add_flag("--quick", settings.quick, "one build of 200,000 faces, without a bound on speed, for CI");
-  return tactus::bench::bench_main(app, "tactus-bench-build", argc, argv, [&] {
-    if (settings.quick) {
+  return tactus::bench::bench_main(app, argc, argv, [&] {
+    if (app.quick) {
       settings.faces = std::min(settings.faces, 200000u);
       settings.repeats = 1;
     }

@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "bench/bench_main.hpp"
-#include "bench/controller.hpp"
 #include "bench/figures.hpp"
+#include "bench/hrtc_model.hpp"
 #include "bench/models.hpp"
 #include "bench/stopwatch.hpp"
 #include "bench/surface_path.hpp"
@@ -27,7 +27,7 @@ constexpr double kPeriod = 0.001;  // s
 constexpr double kTouch = 1e-3;    // of a cell: how far below its edge counts as one cell further
 
 struct Settings {
-  std::string model, json;
+  std::string model;
   std::uint32_t faces = 1'000'000;
   double seconds = 60;
   double radius = 0.003;  // m
@@ -53,9 +53,9 @@ double paper_bound(double changed, double faces) { return changed * (std::log2(f
 class Walk {
  public:
   Walk(const spm::Model& model, double radius)
-      : controller_{model, spm::PoolSettings::for_slots(slots_for(model.summary, 1))}, radius_{radius} {
+      : hrtc_{model, spm::PoolSettings::for_slots(slots_for(model.summary, 1))}, radius_{radius} {
     for (std::uint32_t region = 0; region < model.summary.regions; ++region)
-      if (controller_.load(controller_.message(RegionId{region}, false)) != spm::AcceptResult::kAccepted)
+      if (hrtc_.load(hrtc_.message(RegionId{region}, false)) != spm::AcceptResult::kAccepted)
         throw std::runtime_error("region " + std::to_string(region) + " does not fit a pool for the whole model");
   }
 
@@ -81,7 +81,7 @@ class Walk {
 
   /// The tip jumps along the path by an edge of a cell at least.
   void cell_further(const std::vector<Vec3d>& path) {
-    const double edge = controller_.model().summary.grid.cell_size * (1 - kTouch);
+    const double edge = hrtc_.model().summary.grid.cell_size * (1 - kTouch);
     Vec3d last = path.front();
     for (const Vec3d& tip : path) {
       if ((tip - last).norm() < edge) continue;
@@ -95,13 +95,12 @@ class Walk {
   }
 
   [[nodiscard]] const Steps& steps() const noexcept { return steps_; }
-  [[nodiscard]] const Controller& controller() const noexcept { return controller_; }
+  [[nodiscard]] const HrtcModel& hrtc() const noexcept { return hrtc_; }
 
  private:
   void meet(const Vec3d& tip) {
     met_.clear();
-    controller_.forest().grid().for_each_meeting(tip, radius_,
-                                                 [&](RegionId region, double) { met_.push_back(region); });
+    hrtc_.forest().grid().for_each_meeting(tip, radius_, [&](RegionId region, double) { met_.push_back(region); });
     std::sort(met_.begin(), met_.end());
   }
 
@@ -115,7 +114,7 @@ class Walk {
   }
 
   double step() {
-    spm::Forest& forest = controller_.forest();
+    spm::Forest& forest = hrtc_.forest();
     const spm::ForestCounters before = forest.counters();
     spm::Budget budget{~0u};
     Stopwatch watch;
@@ -129,11 +128,11 @@ class Walk {
     if (refit_.marked > refit_.bound) ++steps_.beyond_bound;
     if (refit_.changed == 0) return us;
     steps_.of_bound.add(refit_.marked / static_cast<double>(refit_.bound));
-    steps_.of_paper.add(refit_.marked / paper_bound(refit_.changed, controller_.model().summary.faces));
+    steps_.of_paper.add(refit_.marked / paper_bound(refit_.changed, hrtc_.model().summary.faces));
     return us;
   }
 
-  Controller controller_;
+  HrtcModel hrtc_;
   double radius_;
   std::vector<RegionId> met_, wanted_;
   spm::RefitCount refit_;
@@ -151,7 +150,7 @@ Samples repeats(int count, spm::fcl::FixedMesh& mesh, void (spm::fcl::FixedMesh:
   return samples;
 }
 
-int run(const Settings& settings) {
+Report run(const Settings& settings) {
   std::fprintf(stderr, "making the model\n");
   LoadedModel subject = load_model(settings.model, settings.faces);
   if (settings.model.empty()) scale_to_edge(subject, kHandEdge);
@@ -176,7 +175,7 @@ int run(const Settings& settings) {
   std::snprintf(text, sizeof text, "radius %g mm, %g cm/s for %g s, %.3g m long, %u regions of %.3g mm, path seed %llu",
                 settings.radius * 1e3, settings.speed * 1e2, settings.seconds, longest_side(summary), summary.regions,
                 summary.grid.cell_size * unit * 1e3, static_cast<unsigned long long>(settings.seed));
-  Report report{{"change", subject.name, summary.digest, summary.faces, text}};
+  Report report{{subject.name, summary.digest, summary.faces, text}};
   const std::string cell = "one cell's steps";
   report.row("change and refit", cell, "us", steps.all);
   report.row("  cell enters", cell, "us", steps.in);
@@ -191,14 +190,16 @@ int run(const Settings& settings) {
   report.row("FCL rebuild, finest mesh", "repeats", "us", rebuild);
 
   report.at_least("steps", cell, "", static_cast<double>(steps.all.size()), 100);
-  report.at_most("refits that marked more than the exact bound", "refits", "", static_cast<double>(steps.beyond_bound),
-                 0);
-  report.at_most("steps left undone", "all", "", static_cast<double>(steps.not_done), 0);
-  const double median = steps.all.percentile(50);
-  report.at_most("median of change and refit", cell, "us", median, 100);
-  report.at_least("FCL refit / change and refit, medians", cell, "times", refit.percentile(50) / median, 500);
-  report.at_least("FCL rebuild / change and refit, medians", cell, "times", rebuild.percentile(50) / median, 1000);
-  return report.finish(settings.json);
+  report.at_most("refits that marked more than the exact bound", {"refits", steps.of_bound.size()}, "",
+                 static_cast<double>(steps.beyond_bound), 0);
+  report.at_most("steps left undone", {"all", steps.all.size()}, "", static_cast<double>(steps.not_done), 0);
+  const double median = steps.all.percentile(0.5);
+  report.at_most("median of change and refit", {cell, steps.all.size()}, "us", median, 100);
+  report.at_least("FCL refit / change and refit, medians", {cell, refit.size()}, "times",
+                  refit.percentile(0.5) / median, 500);
+  report.at_least("FCL rebuild / change and refit, medians", {cell, rebuild.size()}, "times",
+                  rebuild.percentile(0.5) / median, 1000);
+  return report;
 }
 
 }  // namespace
@@ -206,17 +207,17 @@ int run(const Settings& settings) {
 
 int main(int argc, char** argv) {
   tactus::bench::Settings settings;
-  CLI::App app{"One cell's step of the wanted set, refit included, beside FCL's refit and rebuild"};
+  tactus::bench::App app{"change", "One cell's step of the wanted set, refit included, beside FCL's refit and rebuild",
+                         "5 s, for CI"};
   app.add_option("--model", settings.model, "model file of any kind, or .spm (default: a generated organ)")
       ->check(CLI::ExistingFile);
   app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 30000000u));
   app.add_option("--seconds", settings.seconds, "length of the path")->check(CLI::Range(1.0, 3600.0));
   app.add_option("--speed", settings.speed, "of the tip, m/s")->check(CLI::Range(0.001, 2.0));
   app.add_option("--seed", settings.seed, "of the path");
-  app.add_option("--json", settings.json, "the figures as JSON");
-  app.add_flag("--quick", settings.quick, "5 s, for CI");
-  return tactus::bench::bench_main(app, "tactus-bench-change", argc, argv, [&] {
-    if (settings.quick) settings.seconds = std::min(settings.seconds, 5.0);
+  return tactus::bench::bench_main(app, argc, argv, [&] {
+    settings.quick = app.quick;
+    if (app.quick) settings.seconds = std::min(settings.seconds, 5.0);
     return tactus::bench::run(settings);
   });
 }

@@ -44,11 +44,11 @@ void add_coded_loss(Report& report, double percent, double seconds, std::uint64_
   const std::string name = titled("loss %g %%, coded: ", percent);
   report.figure(name + "packets", "probe states", "1/s", rate(sent, states));
   report.figure(name + "lost", "probe states", "%", run.lost);
-  report.figure(name + "shown late by, p50", "all ms", "ms", received.delay.percentile(50));
+  report.figure(name + "shown late by, p50", {"all ms", received.delay.size()}, "ms", received.delay.percentile(0.5));
   report.figure(name + "force error rms", "all ms", "JND", received.rms_jnd);
   report.figure(name + "force error above 1 JND", "all ms", "%", 100 * received.above_share);
-  report.figure(name + "force error max", "all ms", "JND", received.jnd.max());
-  report.at_most(name + "force error p99", "all ms", "JND", received.jnd.percentile(99), 1);
+  report.figure(name + "force error max", {"all ms", received.jnd.size()}, "JND", received.jnd.max());
+  report.at_most(name + "force error p99", {"all ms", received.jnd.size()}, "JND", received.jnd.percentile(0.99), 1);
 }
 
 void add_coded_isolation(Report& report, double mbit, double seconds, double bound_ms) {
@@ -60,10 +60,10 @@ void add_coded_isolation(Report& report, double mbit, double seconds, double bou
   report.figure(name + "packets", "probe states", "1/s", rate(sent, states));
   report.figure(name + "delivered", "probe states", "%", 100 - run.lost);
   report.figure(name + "mesh", "payload", "MB/s", run.mesh_mbyte);
-  report.figure(name + "shown late by, p50", "all ms", "ms", received.delay.percentile(50));
-  report.figure(name + "force error p99", "all ms", "JND", received.jnd.percentile(99));
+  report.figure(name + "shown late by, p50", {"all ms", received.delay.size()}, "ms", received.delay.percentile(0.5));
+  report.figure(name + "force error p99", {"all ms", received.jnd.size()}, "JND", received.jnd.percentile(0.99));
   report.row(name + "age", "one way, on arrival", "ms", run.age);
-  report.at_most(name + "age p99", "one way, on arrival", "ms", run.age.percentile(99), bound_ms);
+  report.at_most(name + "age p99", {"one way, on arrival", run.age.size()}, "ms", run.age.percentile(0.99), bound_ms);
 }
 
 }  // namespace tactus::bench

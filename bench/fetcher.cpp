@@ -63,7 +63,7 @@ void Fetcher::beat() {
 }
 
 void Fetcher::want_next() {
-  if (held_ && !client_.retire(object_, *held_)) return;  // no demand has told yet that it is here
+  if (held_ && !client_.retire(object_, *held_)) return;  // no demand has published it yet
   held_.reset();
   wanted_ = last_ = (last_ + 1) % regions_;
   wanted_ns_ = wire::monotonic_ns();

@@ -5,7 +5,9 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <ctime>
 #include <fstream>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 #include <thread>
@@ -39,112 +41,128 @@ std::string hex(std::uint64_t value) {
   return text;
 }
 
+const char* text_of(Verdict verdict) noexcept {
+  switch (verdict) {
+    case Verdict::kHolds:
+      return "holds";
+    case Verdict::kFallsShort:
+      return "falls short";
+    case Verdict::kNoBound:
+      break;
+  }
+  return "no bound";
+}
+
+std::string number(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.6g", value);
+  return text;
+}
+
+std::string bound_of(const Row& row) {
+  if (row.limit == Limit::kNone) return "";
+  return (row.limit == Limit::kAtMost ? "<= " : ">= ") + number(row.bound);
+}
+
+std::string value_of(const Row& row) {
+  if (row.population.n == 0) return "no samples";
+  if (row.value == kUnfinished) return "not finished";
+  return number(row.value) + (row.unit.empty() ? "" : " " + row.unit);
+}
+
+std::string today() {
+  char text[16];
+  const std::time_t now = std::time(nullptr);
+  std::strftime(text, sizeof text, "%Y-%m-%d", std::gmtime(&now));
+  return text;
+}
+
 }  // namespace
 
-double Samples::percentile(double percent) const {
-  if (values_.empty()) return 0;
-  if (!sorted_) {
-    std::sort(values_.begin(), values_.end());
-    sorted_ = true;
+Verdict Row::verdict() const noexcept {
+  if (limit == Limit::kNone) return Verdict::kNoBound;
+  const bool holds = limit == Limit::kAtMost ? value <= bound : value >= bound;
+  return holds && population.n > 0 && std::isfinite(value) ? Verdict::kHolds : Verdict::kFallsShort;
+}
+
+void Report::row(const std::string& figure, const Population& population, const std::string& unit,
+                 const Samples& samples, std::initializer_list<PercentileBound> bounds) {
+  std::map<double, const PercentileBound*> shares{{0.5, nullptr}, {1, nullptr}};
+  for (const double share : {0.99, 0.999})
+    if (static_cast<double>(samples.size()) * (1 - share) > 0.999) shares.emplace(share, nullptr);
+  for (const PercentileBound& bound : bounds) shares[bound.share] = &bound;
+  for (const auto& [share, bound] : shares) {
+    const std::string name = figure + (share == 1 ? ", max" : ", p" + number(100 * share));
+    rows_.push_back({name, {population.name, samples.size()}, samples.percentile(share), unit});
+    rows_.back().virtual_time = virtual_time_;
+    if (bound == nullptr) continue;
+    rows_.back().limit = Limit::kAtMost;
+    rows_.back().bound = bound->at_most;
   }
-  constexpr double kTolerance = 1e-6;  // 99.9 % of 1000 is 999, not a little more
-  const double rank = std::ceil(percent * static_cast<double>(values_.size()) / 100 - kTolerance);
-  const auto at = static_cast<std::size_t>(std::clamp(rank, 1.0, static_cast<double>(values_.size())));
-  return values_[at - 1];
 }
 
-double Samples::mean() const noexcept {
-  double sum = 0;
-  for (const double v : values_) sum += v;
-  return values_.empty() ? 0 : sum / static_cast<double>(values_.size());
+void Report::figure(const std::string& figure, const Population& population, const std::string& unit, double value) {
+  rows_.push_back({figure, population, value, unit, Limit::kNone, 0, virtual_time_});
 }
 
-void Report::row(const std::string& name, const std::string& population, const std::string& unit,
-                 const Samples& samples) {
-  rows_.push_back({name, population, unit, samples.size(), samples.percentile(50), samples.percentile(99),
-                   samples.percentile(99.9), samples.max()});
+void Report::at_most(const std::string& figure, const Population& population, const std::string& unit, double value,
+                     double bound) {
+  rows_.push_back({figure, population, value, unit, Limit::kAtMost, bound, virtual_time_});
 }
 
-void Report::figure(const std::string& name, const std::string& population, const std::string& unit, double value) {
-  figures_.push_back({name, population, unit, value});
+void Report::at_least(const std::string& figure, const Population& population, const std::string& unit, double value,
+                      double bound) {
+  rows_.push_back({figure, population, value, unit, Limit::kAtLeast, bound, virtual_time_});
 }
 
-void Report::at_most(const std::string& what, const std::string& population, const std::string& unit, double value,
-                     double limit) {
-  bounds_.push_back({what, population, unit, value, limit, true});
+int Report::finish(const std::string& bench, const std::string& command, const std::string& json) const {
+  print(bench, command);
+  if (!json.empty()) write(bench, command, json);
+  const auto short_of = [](const Row& row) { return row.verdict() == Verdict::kFallsShort; };
+  return std::none_of(rows_.begin(), rows_.end(), short_of) ? 0 : 1;
 }
 
-void Report::at_least(const std::string& what, const std::string& population, const std::string& unit, double value,
-                      double limit) {
-  bounds_.push_back({what, population, unit, value, limit, false});
-}
-
-int Report::finish(const std::string& json) const {
-  print();
-  if (!json.empty()) write(json);
-  return std::all_of(bounds_.begin(), bounds_.end(), [](const Bound& b) { return b.holds(); }) ? 0 : 1;
-}
-
-void Report::print() const {
+void Report::print(const std::string& bench, const std::string& command) const {
   const Machine on = machine();
-  std::printf("%s: %s", subject_.benchmark.c_str(), subject_.model.c_str());
+  std::printf("%s: %s", bench.c_str(), subject_.model.c_str());
   if (subject_.faces > 0) std::printf(", %u faces, digest %s", subject_.faces, hex(subject_.digest).c_str());
-  std::printf("\n");
-  std::printf("%s\n%u x %s, %s; %s, %s, commit %s\n\n", subject_.settings.c_str(), on.processors, on.processor.c_str(),
-              on.kernel.c_str(), TACTUS_BUILD_TYPE, TACTUS_COMPILER, TACTUS_COMMIT);
-  if (!rows_.empty()) {
-    std::printf("%-34s %-22s %4s %8s %10s %10s %10s %10s\n", "", "population", "unit", "n", "p50", "p99", "p99.9",
-                "max");
-    for (const Row& r : rows_) {
-      std::printf("%-34s %-22s %4s %8zu %10.3f %10.3f %10.3f %10.3f\n", r.name.c_str(), r.population.c_str(),
-                  r.unit.c_str(), r.count, r.p50, r.p99, r.p999, r.max);
-    }
-    std::printf("\n");
+  std::printf("\n%s\n%s\n", command.c_str(), subject_.settings.c_str());
+  std::printf("%u x %s, %s; %s, %s, commit %s\n\n", on.processors, on.processor.c_str(), on.kernel.c_str(),
+              TACTUS_BUILD_TYPE, TACTUS_COMPILER, TACTUS_COMMIT);
+  std::printf("%-52s %-28s %9s %-18s %-12s %s\n", "figure", "population", "n", "value", "bound", "verdict");
+  for (const Row& row : rows_) {
+    std::printf("%-52s %-28s %9zu %-18s %-12s %s%s\n", row.figure.c_str(), row.population.name.c_str(),
+                row.population.n, value_of(row).c_str(), bound_of(row).c_str(), text_of(row.verdict()),
+                row.virtual_time ? ", virtual time" : "");
   }
-  for (const Figure& f : figures_) {
-    std::printf("%-34s %-22s %.6g %s\n", f.name.c_str(), f.population.c_str(), f.value, f.unit.c_str());
-  }
-  if (!figures_.empty()) std::printf("\n");
-  for (const std::string& note : notes_) std::printf("%s\n", note.c_str());
   if (!notes_.empty()) std::printf("\n");
-  for (const Bound& b : bounds_) {
-    std::printf("%-5s %s, %s: %.6g %s, bound %s %.6g\n", b.holds() ? "holds" : "SHORT", b.what.c_str(),
-                b.population.c_str(), b.value, b.unit.c_str(), b.upper ? "<=" : ">=", b.limit);
-  }
+  for (const std::string& note : notes_) std::printf("%s\n", note.c_str());
 }
 
-void Report::write(const std::string& json) const {
+void Report::write(const std::string& bench, const std::string& command, const std::string& json) const {
   const Machine on = machine();
   nlohmann::ordered_json out;
-  out["benchmark"] = subject_.benchmark;
+  out["bench"] = bench;
+  out["command"] = command;
+  out["date"] = today();
   out["model"] = {{"name", subject_.model}, {"faces", subject_.faces}, {"digest", hex(subject_.digest)}};
   out["settings"] = subject_.settings;
   out["machine"] = {{"processor", on.processor}, {"processors", on.processors}, {"kernel", on.kernel}};
   out["build"] = {{"type", TACTUS_BUILD_TYPE}, {"compiler", TACTUS_COMPILER}, {"commit", TACTUS_COMMIT}};
-  out["rows"] = nlohmann::ordered_json::array();
-  for (const Row& r : rows_) {
-    out["rows"].push_back({{"name", r.name},
-                           {"population", r.population},
-                           {"unit", r.unit},
-                           {"n", r.count},
-                           {"p50", r.p50},
-                           {"p99", r.p99},
-                           {"p99.9", r.p999},
-                           {"max", r.max}});
-  }
-  out["figures"] = nlohmann::ordered_json::array();
-  for (const Figure& f : figures_) {
-    out["figures"].push_back({{"name", f.name}, {"population", f.population}, {"unit", f.unit}, {"value", f.value}});
-  }
   out["notes"] = notes_;
-  out["bounds"] = nlohmann::ordered_json::array();
-  for (const Bound& b : bounds_) {
-    out["bounds"].push_back({{"what", b.what},
-                             {"population", b.population},
-                             {"unit", b.unit},
-                             {"value", b.value},
-                             {b.upper ? "at_most" : "at_least", b.limit},
-                             {"holds", b.holds()}});
+  out["rows"] = nlohmann::ordered_json::array();
+  for (const Row& row : rows_) {
+    out["rows"].push_back({{"bench", bench},
+                           {"command", command},
+                           {"figure", row.figure},
+                           {"population", row.population.name},
+                           {"n", row.population.n},
+                           {"bound", bound_of(row)},
+                           {"value", row.value},  // null when it is not finite
+                           {"unit", row.unit},
+                           {"text", value_of(row)},
+                           {"verdict", text_of(row.verdict())},
+                           {"virtual_time", row.virtual_time}});
   }
   std::ofstream file{json};
   file << out.dump(2) << '\n';

@@ -1,38 +1,59 @@
-/// What every benchmark ends with: one table, its bounds, an exit status and the same as JSON.
+/// The rows in which every benchmark states its figures: as a table, as JSON, and later on the page of benchmarks.
 ///
-/// A figure names its population (all cycles, contact cycles, cycles with changes): a percentile without one says
-/// nothing. Percentiles come from stored samples, nearest rank.
+/// A row names its population and the number of samples in it. Percentiles follow session/percentile.hpp.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
+#include <initializer_list>
+#include <limits>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "session/percentile.hpp"
+
 namespace tactus::bench {
 
-/// Stored samples of one quantity.
-class Samples {
- public:
-  void reserve(std::size_t count) { values_.reserve(count); }
-  void add(double value) {
-    values_.push_back(value);
-    sorted_ = false;
-  }
-  [[nodiscard]] std::size_t size() const noexcept { return values_.size(); }
-  /// Smallest sample that at least `percent` % of all do not exceed; 0 without samples. Sorts when needed.
-  [[nodiscard]] double percentile(double percent) const;
-  [[nodiscard]] double max() const { return percentile(100); }
-  [[nodiscard]] double mean() const noexcept;
+using Samples = session::Samples<>;
 
- private:
-  mutable std::vector<double> values_;
-  mutable bool sorted_ = true;
+/// A sample for work that did not finish: late for every bound.
+constexpr double kUnfinished = std::numeric_limits<double>::infinity();
+
+/// What a figure is about, and how many of it there were: cycles, runs, regions; 1 for a single measurement.
+struct Population {
+  Population(std::string what, std::size_t count = 1) : name{std::move(what)}, n{count} {}
+  Population(const char* what, std::size_t count = 1) : name{what}, n{count} {}
+  std::string name;
+  std::size_t n;
+};
+
+enum class Verdict { kHolds, kFallsShort, kNoBound };
+
+enum class Limit { kNone, kAtMost, kAtLeast };
+
+/// One figure and its bound.
+struct Row {
+  std::string figure;
+  Population population;
+  double value;
+  std::string unit;
+  Limit limit = Limit::kNone;
+  double bound = 0;
+  bool virtual_time = false;
+
+  /// Without samples, and with a value that is not finite, every bound falls short.
+  [[nodiscard]] Verdict verdict() const noexcept;
+};
+
+/// A percentile must be `at_most`.
+struct PercentileBound {
+  double share;
+  double at_most;
 };
 
 /// What the figures were measured on.
 struct Subject {
-  std::string benchmark;
   std::string model;  ///< file or generator, with its seed
   std::uint64_t digest = 0;
   std::uint32_t faces = 0;  ///< 0: not about a model
@@ -43,47 +64,36 @@ class Report {
  public:
   explicit Report(Subject subject) : subject_{std::move(subject)} {}
 
-  /// A line with n, p50, p99, p99.9 and max. `unit` is that of the samples.
-  void row(const std::string& name, const std::string& population, const std::string& unit, const Samples& samples);
-  /// A single number.
-  void figure(const std::string& name, const std::string& population, const std::string& unit, double value);
-  /// A line of plain text, before the bounds.
-  void note(std::string text) { notes_.push_back(std::move(text)); }
-  /// A figure that has to be `limit` at most, or at least.
-  void at_most(const std::string& what, const std::string& population, const std::string& unit, double value,
-               double limit);
-  void at_least(const std::string& what, const std::string& population, const std::string& unit, double value,
-                double limit);
+  /// The rows added from now on are, or are not, in virtual time.
+  void virtual_time(bool on) noexcept { virtual_time_ = on; }
 
-  /// Prints everything to standard output and writes `json` unless that is empty. 0 when all bounds hold, else 1.
-  /// Throws std::runtime_error when the file cannot be written.
-  [[nodiscard]] int finish(const std::string& json) const;
+  /// Rows with p50, p99, p99.9 and the maximum of `samples`, as far as there are enough samples to tell these apart,
+  /// and every percentile in `bounds`. The samples give the population its number.
+  void row(const std::string& figure, const Population& population, const std::string& unit, const Samples& samples,
+           std::initializer_list<PercentileBound> bounds = {});
+  /// A row without a bound.
+  void figure(const std::string& figure, const Population& population, const std::string& unit, double value);
+  void at_most(const std::string& figure, const Population& population, const std::string& unit, double value,
+               double bound);
+  void at_least(const std::string& figure, const Population& population, const std::string& unit, double value,
+                double bound);
+  /// A line of plain text below the rows.
+  void note(std::string text) { notes_.push_back(std::move(text)); }
+
+  [[nodiscard]] const std::vector<Row>& rows() const noexcept { return rows_; }
+
+  /// Prints everything to standard output and writes `json` unless that is empty. 0 when no row falls short, else 1.
+  /// `command` is how the benchmark was called. Throws std::runtime_error when the file cannot be written.
+  [[nodiscard]] int finish(const std::string& bench, const std::string& command, const std::string& json) const;
 
  private:
-  struct Row {
-    std::string name, population, unit;
-    std::size_t count;
-    double p50, p99, p999, max;
-  };
-  struct Figure {
-    std::string name, population, unit;
-    double value;
-  };
-  struct Bound {
-    std::string what, population, unit;
-    double value, limit;
-    bool upper;
-    [[nodiscard]] bool holds() const noexcept { return upper ? value <= limit : value >= limit; }
-  };
-
-  void print() const;
-  void write(const std::string& json) const;
+  void print(const std::string& bench, const std::string& command) const;
+  void write(const std::string& bench, const std::string& command, const std::string& json) const;
 
   Subject subject_;
   std::vector<Row> rows_;
-  std::vector<Figure> figures_;
   std::vector<std::string> notes_;
-  std::vector<Bound> bounds_;
+  bool virtual_time_ = false;
 };
 
 }  // namespace tactus::bench

@@ -16,11 +16,12 @@
 #include <vector>
 
 #include "bench/bench_main.hpp"
-#include "bench/controller.hpp"
 #include "bench/figures.hpp"
+#include "bench/hrtc_model.hpp"
 #include "bench/models.hpp"
 #include "bench/session_run.hpp"
 #include "bench/surface_path.hpp"
+#include "hrtc_service/flight_saver.hpp"
 #include "spm/directory.hpp"
 #include "spm/fcl/fixed_mesh.hpp"
 #include "spm/offline/certificate.hpp"
@@ -43,7 +44,7 @@ constexpr std::uint64_t kIdleMemory = 3u << 20;
 constexpr double kSame = 1e-6;  // m, that distances may differ
 
 struct Settings {
-  std::string model, json;
+  std::string model;
   std::uint32_t faces = 28'000'000;
   double edge = 0;  // m
   std::uint64_t memory = 64u << 20;
@@ -157,9 +158,7 @@ class Programs {
                                      "--replay",
                                      "tip=" + poses().string(),
                                      "--log",
-                                     log(name).string(),
-                                     "--flight-recorder",  // whose memory grows for 30 s, whatever the models'
-                                     "0"};
+                                     log(name).string()};
     command.insert(command.end(), memory.begin(), memory.end());
     return command;
   }
@@ -250,7 +249,7 @@ Path make_path(const LoadedModel& subject, const Settings& settings) {
   return path;
 }
 
-int run(const Settings& settings) {
+Report run(const Settings& settings) {
   std::fprintf(stderr, "making the model\n");
   const test_support::TemporaryFolder folder;
   LoadedModel subject = load_model(settings.model, settings.faces);
@@ -283,7 +282,9 @@ int run(const Settings& settings) {
   for (const Touch* each : {&touch, &small})
     if (each->ended != 0 || each->audit != 0 || each->queries == 0) std::fprintf(stderr, "%s", each->output.c_str());
   std::fprintf(stderr, "both in this process\n");
-  const spm::MemoryShares shares = spm::shares_of(settings.memory);
+  hrtc_service::FlightOptions flight;
+  const std::uint64_t recorder = hrtc_service::limit_flight(flight, settings.memory, kPeriod, hrtc_service::kMaxProbes);
+  const spm::MemoryShares shares = spm::shares_of(settings.memory - recorder);
   const InProcess whole_here = run_in_process(subject.model, settings, shares.pool, path);
   const InProcess small_here = run_in_process(subject.model, settings, spm::PoolSettings::for_slots(tenth), path);
 
@@ -293,42 +294,42 @@ int run(const Settings& settings) {
                 settings.radius * 1e3, settings.speed * 1e2, settings.seconds, longest_side(summary), summary.regions,
                 static_cast<double>(settings.memory) / kMiB, static_cast<unsigned long long>(settings.seed));
   const char *with_memory = "touching", *with_tenth = "pool ten times too small";
-  Report report{{"memory", subject.name, summary.digest, summary.faces, text}};
+  Report report{{subject.name, summary.digest, summary.faces, text}};
   report.figure("certificate: memory needed at least", "anywhere", "MiB",
                 static_cast<double>(spm::offline::memory_needed(summary, certificate)) / kMiB);
   report.figure("certificate: slots beside the base mesh", "anywhere", "", certificate.parts);
   report.figure("slots of the pool", with_memory, "", shares.pool.slots);
   report.figure("slots of the pool", with_tenth, "", tenth);
+  report.figure("flight recorder at most", with_memory, "MiB", static_cast<double>(recorder) / kMiB);
   report.figure("directory of the model", with_memory, "MiB",
                 static_cast<double>(spm::directory_bytes(summary, shares.pool)) / kMiB);
   report.figure("resident at most, idle HRTC without pool", "whole run", "MiB", idle / kMiB);
   report.figure("resident at most", with_memory, "MiB", touch.resident / kMiB);
   report.figure("resident at most", with_tenth, "MiB", small.resident / kMiB);
-  report.figure("exact", with_tenth, "% of queries", small.percent_exact());
   report.at_most("resident above the idle HRTC and --memory", with_memory, "MiB",
                  (touch.resident - idle - static_cast<double>(settings.memory)) / kMiB, 8);
-  report.at_least("queries in labelled cells", with_memory, "", static_cast<double>(touch.queries),
+  const Population queries{with_memory, touch.queries}, queries_tenth{with_tenth, small.queries};
+  report.at_least("queries in labelled cells", queries, "", static_cast<double>(touch.queries),
                   settings.seconds / kPeriod / 2);
-  report.at_least("exact", with_memory, "% of queries", touch.percent_exact(), 90);
-  report.at_least("queries in labelled cells", with_tenth, "", static_cast<double>(small.queries),
+  report.at_least("exact", queries, "% of queries", touch.percent_exact(), 90);
+  report.at_least("queries in labelled cells", queries_tenth, "", static_cast<double>(small.queries),
                   settings.seconds / kPeriod / 2);
-  report.at_most("exact: coarser, and flagged so", with_tenth, "% of queries", small.percent_exact(), 90);
+  report.at_most("exact: coarser, and flagged so", queries_tenth, "% of queries", small.percent_exact(), 90);
   for (const auto& [each, name] : {std::pair{&touch, with_memory}, std::pair{&small, with_tenth}}) {
     report.at_most("exit status of the HRTC", name, "", each->ended, 0);
     report.at_most("exit status of the audit of exact contacts", name, "", each->audit, 0);
   }
   for (const auto& [each, name] : {std::pair{&whole_here, with_memory}, std::pair{&small_here, with_tenth}}) {
-    const std::string population = std::string{name} + ", in process";
-    report.figure(
-        "exact", population, "% of contact cycles",
-        100.0 * static_cast<double>(each->exact) / static_cast<double>(std::max<std::uint64_t>(each->contact, 1)));
+    const Population population{std::string{name} + ", in process", each->contact};
+    report.figure("exact", population, "% of contact cycles",
+                  100.0 * static_cast<double>(each->exact) / static_cast<double>(each->contact));
     report.at_least("contact cycles", population, "", static_cast<double>(each->contact),
                     settings.seconds / kPeriod / 2);
     report.at_most("further from the truth than stated", population, "contact cycles", static_cast<double>(each->wrong),
                    0);
     report.at_most("allocations in the cycle", population, "", static_cast<double>(each->allocations), 0);
   }
-  return report.finish(settings.json);
+  return report;
 }
 
 }  // namespace
@@ -336,7 +337,9 @@ int run(const Settings& settings) {
 
 int main(int argc, char** argv) {
   tactus::bench::Settings settings;
-  CLI::App app{"The resident set of an HRTC that touches a model larger than its memory, beside an idle one"};
+  tactus::bench::App app{"memory",
+                         "The resident set of an HRTC that touches a model larger than its memory, beside an idle one",
+                         "300 k faces and 6 s, for CI"};
   app.add_option("--model", settings.model, "model file of any kind, or .spm (default: a generated organ)")
       ->check(CLI::ExistingFile);
   CLI::Option* faces =
@@ -349,10 +352,8 @@ int main(int argc, char** argv) {
   app.add_option("--speed", settings.speed, "of the tip, m/s")->check(CLI::Range(0.001, 2.0));
   app.add_option("--domain", settings.domain, "first of the three DDS domains used")->check(CLI::Range(1, 95));
   app.add_option("--seed", settings.seed, "of the path");
-  app.add_option("--json", settings.json, "the figures as JSON");
-  app.add_flag("--quick", settings.quick, "300 k faces and 6 s, for CI");
-  return tactus::bench::bench_main(app, "tactus-bench-memory", argc, argv, [&] {
-    if (settings.quick) {
+  return tactus::bench::bench_main(app, argc, argv, [&] {
+    if (app.quick) {
       settings.seconds = std::min(settings.seconds, 6.0);
       if (faces->count() == 0) settings.faces = 300'000;
     }

@@ -18,7 +18,6 @@ using namespace haptics;
 using namespace study;
 
 struct Settings {
-  std::string json;
   double stiffness = 2000;
   double damping = 6;
   int seconds = 60;
@@ -42,7 +41,7 @@ Port tap(double stiffness, double speed, int seconds, bool control, unsigned see
   hand.encoder_step = 1e-5;
   hand.seed = seed;
   SimulatedDevice device{hand, spec};
-  PassivityController controller;
+  PassivityController passivity;
   Port port;
   Vec3d force = Vec3d::Zero(), before = hand.start;
   double energy = 0;
@@ -53,15 +52,15 @@ Port tap(double stiffness, double speed, int seconds, bool control, unsigned see
     path.waypoints[0] = {0, {0, 0, 0.02 - 0.06 * (phase < 0.5 ? phase : 1 - phase)}};
     device.paths().post(path);
     const DeviceState state = device.read(cycle * 1'000'000LL);
-    energy -= force.dot(state.position - before);  // counted here, not by the controller
+    energy -= force.dot(state.position - before);  // counted here, not by the HRTC
     before = state.position;
     port.lowest = std::min(port.lowest, energy);
     const Vec3d wall{0, 0, stiffness * std::max(0.0, -state.position.z())};
-    force = controller.step(wall, state.position, 0, kDt, control);
+    force = passivity.step(wall, state.position, 0, kDt, control);
     device.write(force);
     port.peak = std::max(port.peak, force.norm());
   }
-  port.withholding = static_cast<double>(controller.ledger().withholding) / (1000.0 * seconds);
+  port.withholding = static_cast<double>(passivity.ledger().withholding) / (1000.0 * seconds);
   return port;
 }
 
@@ -72,11 +71,11 @@ std::string line(const char* format, Values... values) {
   return text;
 }
 
-int run(const Settings& settings) {
+Report run(const Settings& settings) {
   char text[120];
   std::snprintf(text, sizeof text, "%.0f N/m, 1 kHz; encoder steps of 10 um at the wall; 10 %% lost in bursts of 4",
                 settings.stiffness);
-  Report report{{"passive", "a wall; a box of 0.5 kg held by several users", 0, 0, text}};
+  Report report{{"a wall; a box of 0.5 kg held by several users", 0, 0, text}};
   double lowest_wall = 0, lowest_shared = 0, lowest_tank = 0;
   const int seconds = settings.quick ? 5 : settings.seconds;
   report.note("                                        lowest energy, J         cycles in which");
@@ -112,7 +111,7 @@ int run(const Settings& settings) {
   report.at_least("energy of the hand's port", "wall, lowest", "J", lowest_wall, kMin);
   report.at_least("energy of a hand's port", "shared object, 0-500 ms, lowest", "J", lowest_shared, kMin);
   report.at_least("energy of a copy's tank", "shared object, 0-500 ms, lowest", "J", lowest_tank, -1e-12);
-  return report.finish(settings.json);
+  return report;
 }
 
 }  // namespace
@@ -120,12 +119,14 @@ int run(const Settings& settings) {
 
 int main(int argc, char** argv) {
   tactus::bench::Settings settings;
-  CLI::App app{"Energy of the ports at 2,000 N/m, at 0 to 500 ms there and back and 10 % loss, in virtual time."};
+  tactus::bench::App app{
+      "passive", "Energy of the ports at 2,000 N/m, at 0 to 500 ms there and back and 10 % loss, in virtual time.",
+      "5 s, fewer rows"};
   app.add_option("--stiffness", settings.stiffness, "N/m")->check(CLI::Range(100.0, 5000.0));
   app.add_option("--damping", settings.damping, "N s/m between a hand and what it holds")->check(CLI::Range(0.0, 20.0));
   app.add_option("--seconds", settings.seconds, "of tapping, at each speed")->check(CLI::Range(1, 3600));
-  app.add_flag("--quick", settings.quick, "5 s, fewer rows");
-  app.add_option("--json", settings.json, "the figures as JSON");
-  return tactus::bench::bench_main(app, "tactus-bench-passive", argc, argv,
-                                   [&] { return tactus::bench::run(settings); });
+  return tactus::bench::bench_main(app, argc, argv, [&] {
+    settings.quick = app.quick;
+    return tactus::bench::run(settings);
+  });
 }

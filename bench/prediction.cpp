@@ -12,7 +12,7 @@ namespace tactus::bench {
 namespace {
 
 struct Settings {
-  std::string model, json, only;
+  std::string model, only;
   std::uint32_t faces = 1000000;
   double seconds = 10, rate = 100, pool = 16;
   std::vector<double> speeds{0.05, 0.2, 0.5, 1}, round_trips{0, 10, 100};
@@ -41,7 +41,7 @@ Outcome run_one(const StrokedModel& model, const std::vector<spm::Vec3d>& path, 
   return outcome;
 }
 
-int run(const Settings& settings) {
+Report run(const Settings& settings) {
   std::fprintf(stderr, "making the model\n");
   const StrokedModel model{settings.model, settings.faces};
   const spm::ModelSummary& summary = model.subject.model.summary;
@@ -50,17 +50,18 @@ int run(const Settings& settings) {
                 "tip 3 mm, curvature of a band of %g Hz, lifted a third of the time, %g s each, pool %g MiB, %g "
                 "Mbit/s, seed %llu",
                 kBand, settings.seconds, settings.pool, settings.rate, static_cast<unsigned long long>(settings.seed));
-  Report report{{"prediction", model.subject.name, summary.digest, summary.faces, text}};
+  Report report{{model.subject.name, summary.digest, summary.faces, text}};
+  report.virtual_time(true);
 
   RemoteSettings remote;
   remote.pool = spm::PoolSettings::for_bytes(static_cast<std::uint64_t>(settings.pool * (1 << 20)));
-  remote.radius = kStrokeRadius;
+  remote.radius = kTipRadius;
   remote.rate = settings.rate * 1e6;
   for (const double speed : settings.speeds) {
     const auto poses = static_cast<std::uint32_t>(settings.seconds * 1000);
-    const std::vector<spm::Vec3d> path = strokes(model, speed, 0.005, poses, settings.seed);
+    const std::vector<spm::Vec3d> path = surface_motion(model, speed, 0.005, poses, settings.seed);
     std::vector<bool> touches;
-    for (const spm::Vec3d& tip : path) touches.push_back(model.distance(tip) <= kStrokeRadius);
+    for (const spm::Vec3d& tip : path) touches.push_back(model.distance(tip) <= kTipRadius);
     for (const double round_trip : settings.round_trips) {
       remote.round_trip = round_trip * 1e-3;
       double best = 0, shipped = 0;
@@ -87,7 +88,7 @@ int run(const Settings& settings) {
       report.at_least(name, "contact cycles", "%", shipped - best, -2);
     }
   }
-  return report.finish(settings.json);
+  return report;
 }
 
 }  // namespace
@@ -95,7 +96,9 @@ int run(const Settings& settings) {
 
 int main(int argc, char** argv) {
   tactus::bench::Settings settings;
-  CLI::App app{"Hit rate and bytes fetched in vain, by strategy of prediction, speed and round trip"};
+  tactus::bench::App app{"prediction",
+                         "Hit rate and bytes fetched in vain, by strategy of prediction, speed and round trip",
+                         "3 s each on 200,000 faces, for CI"};
   app.add_option("--model", settings.model, "model file of any kind, or .spm (default: a generated organ)")
       ->check(CLI::ExistingFile);
   app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 50000000u));
@@ -106,10 +109,8 @@ int main(int argc, char** argv) {
   app.add_option("--pool", settings.pool, "MiB")->check(CLI::Range(1.0, 1e4));
   app.add_option("--strategy", settings.only, "only this one");
   app.add_option("--seed", settings.seed, "of the paths");
-  app.add_option("--json", settings.json, "the figures as JSON");
-  app.add_flag("--quick", settings.quick, "3 s each on 200,000 faces, for CI");
-  return tactus::bench::bench_main(app, "tactus-bench-prediction", argc, argv, [&] {
-    if (settings.quick) {
+  return tactus::bench::bench_main(app, argc, argv, [&] {
+    if (app.quick) {
       settings.seconds = std::min(settings.seconds, 3.0);
       settings.faces = std::min(settings.faces, 200000u);
     }

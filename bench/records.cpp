@@ -26,7 +26,7 @@ using namespace spm::offline;
 using spm::kNone;
 
 struct Settings {
-  std::string model, json;
+  std::string model;
   std::uint32_t faces = 70000;
   bool quick = false;
 };
@@ -85,17 +85,14 @@ Moving with_moving_vertices(Collapses collapses, const Dependencies& fixed, std:
       }
       for (std::uint32_t k = c.first_moved; k < end.first_moved; ++k) {
         const spm::DeformedRef moved = segment.moved[k];
-        corners[moved.face()][moved.corner()] = c.u;
-        stars.remove(c.t, moved.face());
-        stars.add(c.u, moved.face());
+        const std::uint32_t face = index(moved.face());
+        corners[face][moved.corner()] = c.u;
+        stars.remove(c.t, face);
+        stars.add(c.u, face);
       }
       for (std::uint32_t k = c.first_dying; k < end.first_dying; ++k) {
-        const std::uint32_t face = segment.dying[k].face();
-        const spm::BornCorners at = spm::born_corners(segment.dying[k].order());
-        Triangle& born = corners[face];
-        born[static_cast<std::size_t>(at.u)] = c.u;
-        born[static_cast<std::size_t>(at.t)] = c.t;
-        born[static_cast<std::size_t>(at.x)] = segment.dying_x[k];
+        const std::uint32_t face = index(segment.dying[k].face());
+        Triangle& born = corners[face] = spm::born_face(segment.dying[k].order(), c.u, c.t, segment.dying_x[k]);
         need(out.removed_by[segment.dying_x[k]]);
         for (const std::uint32_t v : born) stars.add(v, face);
         writer[face] = id;
@@ -162,12 +159,12 @@ Bisection bisection(std::uint32_t k) {
       const auto u_at = static_cast<std::uint32_t>(std::find(triangle.begin(), triangle.end(), u) - triangle.begin());
       if (std::find(triangle.begin(), triangle.end(), t) != triangle.end()) {
         const bool t_next = triangle[(u_at + 1) % 3] == t;
-        segment.dying.push_back(spm::BornRef::make(face, 2 * u_at + (t_next ? 0 : 1), !touched[face]));
+        segment.dying.push_back(spm::BornRef::make(spm::FaceId{face}, 2 * u_at + (t_next ? 0 : 1), !touched[face]));
         segment.dying_x.push_back(triangle[(u_at + (t_next ? 2 : 1)) % 3]);
         for (const std::uint32_t v : Triangle{triangle}) stars.remove(v, face);
         gone[face] = true;
       } else {
-        segment.moved.push_back(spm::DeformedRef::make(face, u_at, !touched[face]));
+        segment.moved.push_back(spm::DeformedRef::make(spm::FaceId{face}, u_at, !touched[face]));
         triangle[u_at] = t;
         stars.remove(u, face);
         stars.add(t, face);
@@ -240,13 +237,13 @@ double moved_of(const Collapses& collapses) {
   return moved;
 }
 
-int run(const Settings& settings) {
+Report run(const Settings& settings) {
   std::fprintf(stderr, "making the model\n");
   const LoadedModel subject = load_model(settings.model, settings.faces);
   TriangleMesh mesh;
   mesh.positions.assign(subject.model.positions.begin(), subject.model.positions.end());
   mesh.faces = subject.finest;
-  Report report{{"records", subject.name, subject.model.summary.digest, subject.model.summary.faces,
+  Report report{{subject.name, subject.model.summary.digest, subject.model.summary.faces,
                  "regions of 400 finest faces, base of 500"}};
 
   std::fprintf(stderr, "collapsing\n");
@@ -287,7 +284,7 @@ int run(const Settings& settings) {
   report.at_most("faces that undoing all bisections leaves wrong", "the grid", "", static_cast<double>(wrong), 0);
   report.at_most("records that deform more than two faces", "the grid", "", static_cast<double>(more), 0);
   report.at_most("base faces", "the grid", "", static_cast<double>(grid.collapses.base.size()), 2);
-  return report.finish(settings.json);
+  return report;
 }
 
 }  // namespace
@@ -295,15 +292,15 @@ int run(const Settings& settings) {
 
 int main(int argc, char** argv) {
   tactus::bench::Settings settings;
-  CLI::App app{"Records, closures and lists of other progressive meshes beside those of half-edge collapses"};
+  tactus::bench::App app{"records",
+                         "Records, closures and lists of other progressive meshes beside those of half-edge collapses",
+                         "8192 faces, for CI"};
   app.add_option("--model", settings.model, "model file of any kind, or .spm (default: a generated organ)")
       ->check(CLI::ExistingFile);
   app.add_option("--faces", settings.faces, "faces of the generated organ and, at most, of the grid")
       ->check(CLI::Range(1000u, 10000000u));
-  app.add_option("--json", settings.json, "the figures as JSON");
-  app.add_flag("--quick", settings.quick, "8192 faces, for CI");
-  return tactus::bench::bench_main(app, "tactus-bench-records", argc, argv, [&] {
-    if (settings.quick) settings.faces = std::min(settings.faces, 8192u);
+  return tactus::bench::bench_main(app, argc, argv, [&] {
+    if (app.quick) settings.faces = std::min(settings.faces, 8192u);
     return tactus::bench::run(settings);
   });
 }

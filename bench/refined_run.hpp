@@ -1,4 +1,4 @@
-/// A controller's run time along a path, without network or threads: what the benchmarks of the cycle, of queries and
+/// An HRTC's run time along a path, without network or threads: what the benchmarks of the cycle, of queries and
 /// of the paper's tables have in common.
 ///
 /// spm::LocalRefinement with regions that come through the codec as they would from a host, outside what is timed, and

@@ -3,6 +3,8 @@
 #include <numeric>
 #include <stdexcept>
 
+#include "study/meeting.hpp"
+
 namespace tactus::bench {
 namespace {
 
@@ -27,9 +29,9 @@ RemoteSession::RemoteSession(const spm::Model& model, const RemoteSettings& sett
       encoded_{model},
       host_{session::Origin{kSession, kHost, 1, 0}, host_service::host_of("object", encoded_.coded()), now_},
       core_{session::Origin{kSession, kHrtc, 1, 0}, core_settings(settings)},
+      membership_{session::Origin{kSession, kHrtc, 1, 0}, {"hrtc", "session"}, core_.gateway(), now_},
       unmet_(model.regions.size(), 0) {
-  core_.gateway().on_host_seen(kHost, 1, now_);
-  core_.gateway().on_catalogue(host_.catalogue().front());
+  study::meet(host_, membership_, now_);
 }
 
 void RemoteSession::network(std::int64_t until) {
@@ -69,8 +71,11 @@ void RemoteSession::network(std::int64_t until) {
 const hrtc_service::ProbeOutput& RemoteSession::run_cycle() {
   ++cycles_;
   network(now_ + kCycleNs);
-  if (cycles_ % 50 == 0) core_.gateway().on_host_seen(kHost, 1, now_);
-  if (cycles_ % kTickEvery == 0) core_.gateway().tick(now_, session::ClockMap{});
+  if (cycles_ % kTickEvery == 0) {
+    core_.gateway().tick(now_, membership_.clock());
+    membership_.tick(now_);
+    study::meet(host_, membership_, now_);
+  }
   hrtc_service::Servo& servo = core_.servo();
   servo.refine(spm::Budget{settings_.budget});
   servo.touch(inputs_, now_);

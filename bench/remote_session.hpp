@@ -16,6 +16,7 @@
 
 #include "host_service/host_core.hpp"
 #include "hrtc_service/hrtc_core.hpp"
+#include "hrtc_service/membership.hpp"
 #include "spm/codec/model_codec.hpp"
 
 namespace tactus::bench {
@@ -23,7 +24,7 @@ namespace tactus::bench {
 struct RemoteSettings {
   spm::PoolSettings pool;
   double radius = 0.003;           ///< m, of the tip
-  double rate = 100e6;             ///< bit/s from host to controller
+  double rate = 100e6;             ///< bit/s from host to HRTC
   double round_trip = 0;           ///< s, half each way
   std::uint32_t budget = 1 << 14;  ///< of a cycle, units of spm::Budget
   hrtc_service::LoaderSettings loader;
@@ -77,6 +78,7 @@ class RemoteSession {
   std::int64_t now_ = 1'000'000'000;
   host_service::HostCore host_;
   hrtc_service::HrtcCore core_;
+  hrtc_service::Membership membership_;
   std::deque<Chunk> chunks_;
   std::deque<Question> questions_;
   std::int64_t link_free_ = 0;

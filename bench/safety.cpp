@@ -10,7 +10,7 @@
 namespace tactus::bench {
 namespace {
 
-int run(const SafetySettings& settings, const std::string& json) {
+Report run(const SafetySettings& settings) {
   const SafetyResult result = run_safety(settings);
   for (const std::string& problem : result.problems) std::fprintf(stderr, "%s\n", problem.c_str());
 
@@ -18,7 +18,9 @@ int run(const SafetySettings& settings, const std::string& json) {
   std::snprintf(text, sizeof text, "seed %llu, at most %g N, %g N/s, %g m/s",
                 static_cast<unsigned long long>(settings.seed), settings.force.max_force, settings.force.max_slew,
                 settings.force.max_speed);
-  Report report{{"safety", "none: a box", 0, 0, text}};
+  Report report{{"none: a box", 0, 0, text}};
+  report.virtual_time(true);
+  const Population cycles{"cycles", result.cycles};
   const auto count = [&](const std::string& name, const char* of, auto value) {
     report.figure(name, of, "", static_cast<double>(value));
   };
@@ -43,19 +45,20 @@ int run(const SafetySettings& settings, const std::string& json) {
     count(session::fault_reason(status), "faults latched", result.faults[fault]);
   }
 
-  report.at_least("arrived", "samples", "", static_cast<double>(result.arrived), static_cast<double>(settings.samples));
-  report.at_least("share with a force", "cycles", "%",
+  report.at_least("arrived", {"samples", result.arrived}, "", static_cast<double>(result.arrived),
+                  static_cast<double>(settings.samples));
+  report.at_least("share with a force", cycles, "%",
                   50 * static_cast<double>(result.force_cycles) / static_cast<double>(result.cycles), 5);
-  report.at_most("greatest force", "cycles", "N", result.largest_force, settings.force.max_force * (1 + 1e-9));
-  report.at_most("greatest step of the force", "cycles without a fault", "N", result.largest_step,
+  report.at_most("greatest force", cycles, "N", result.largest_force, settings.force.max_force * (1 + 1e-9));
+  report.at_most("greatest step of the force", {"cycles without a fault", result.cycles}, "N", result.largest_step,
                  settings.force.max_slew * 1e-3 * (1 + 1e-9));
-  report.at_most("greatest torque", "cycles", "N m", result.largest_torque, settings.force.max_torque * (1 + 1e-9));
-  report.at_most("greatest step of the torque", "cycles without a fault", "N m", result.largest_torque_step,
-                 settings.force.max_torque_slew * 1e-3 * (1 + 1e-9));
-  report.at_most("oldest pose with a force", "cycles", "ms of silence", result.oldest_force * 1e3,
+  report.at_most("greatest torque", cycles, "N m", result.largest_torque, settings.force.max_torque * (1 + 1e-9));
+  report.at_most("greatest step of the torque", {"cycles without a fault", result.cycles}, "N m",
+                 result.largest_torque_step, settings.force.max_torque_slew * 1e-3 * (1 + 1e-9));
+  report.at_most("oldest pose with a force", cycles, "ms of silence", result.oldest_force * 1e3,
                  settings.force.zero_by * 1e3);
   const auto none = [&](const char* what, std::uint64_t value) {
-    report.at_most(what, "cycles", "", static_cast<double>(value), 0);
+    report.at_most(what, cycles, "", static_cast<double>(value), 0);
   };
   none("over the limit", result.over_limit);
   none("over the slew limit", result.over_slew);
@@ -65,7 +68,7 @@ int run(const SafetySettings& settings, const std::string& json) {
   none("a force despite a fault", result.despite_fault);
   none("a fault without its reason", result.without_reason);
   none("a fault that ended by itself", result.ended_by_itself);
-  return report.finish(json);
+  return report;
 }
 
 }  // namespace
@@ -74,15 +77,13 @@ int run(const SafetySettings& settings, const std::string& json) {
 int main(int argc, char** argv) {
   tactus::bench::SafetySettings settings;
   settings.samples = 100'000'000;
-  bool quick = false;
-  std::string json;
-  CLI::App app{"Fuzzed, reordered and corrupted samples of a remote device, from their bytes to the force"};
+  tactus::bench::App app{"safety",
+                         "Fuzzed, reordered and corrupted samples of a remote device, from their bytes to the force",
+                         "10^6 samples, for CI"};
   app.add_option("--samples", settings.samples, "that arrive")->check(CLI::Range(1000.0, 1e12));
   app.add_option("--seed", settings.seed, "of everything");
-  app.add_option("--json", json, "the figures as JSON");
-  app.add_flag("--quick", quick, "10^6 samples, for CI");
-  return tactus::bench::bench_main(app, "tactus-bench-safety", argc, argv, [&] {
-    if (quick) settings.samples = 1'000'000;
-    return tactus::bench::run(settings, json);
+  return tactus::bench::bench_main(app, argc, argv, [&] {
+    if (app.quick) settings.samples = 1'000'000;
+    return tactus::bench::run(settings);
   });
 }

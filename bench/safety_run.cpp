@@ -167,28 +167,28 @@ class Watcher {
     constexpr double kTolerance = 1e-9;
     const double size = force.norm();
     const double step = (force - before_).norm();
-    if (!force.allFinite()) tell(result_.not_finite, cycle, "is not finite");
-    if (size > limits_.max + kTolerance) tell(result_.over_limit, cycle, "is over its limit");
+    if (!force.allFinite()) note(result_.not_finite, cycle, "is not finite");
+    if (size > limits_.max + kTolerance) note(result_.over_limit, cycle, "is over its limit");
     const bool ends_in_time = silence >= settings_.force.zero_by && size == 0;
     if (!fault && !ends_in_time) {
       largest_step_ = std::max(largest_step_, step);
-      if (step > limits_.slew * kCycle + kTolerance) tell(result_.over_slew, cycle, "jumped");
+      if (step > limits_.slew * kCycle + kTolerance) note(result_.over_slew, cycle, "jumped");
     }
     if (size > 0) result_.oldest_force = std::max(result_.oldest_force, silence);
-    if (size > 0 && silence >= settings_.force.zero_by) tell(result_.too_old, cycle, "is of an old pose");
+    if (size > 0 && silence >= settings_.force.zero_by) note(result_.too_old, cycle, "is of an old pose");
     const double since_reset = static_cast<double>(cycle - reset_cycle_ + 1) * kCycle;
     if (size > limits_.max * since_reset / settings_.force.soft_start + kTolerance)
-      tell(result_.too_soon, cycle, "is stronger than the soft start allows");
-    if (fault && size > 0) tell(result_.despite_fault, cycle, "acts despite a fault");
-    if (fault && (reason.empty() || reason == "unknown")) tell(result_.without_reason, cycle, "is off without reason");
-    if (latched_ && !fault) tell(result_.ended_by_itself, cycle, "is on again without a reset");
+      note(result_.too_soon, cycle, "is stronger than the soft start allows");
+    if (fault && size > 0) note(result_.despite_fault, cycle, "acts despite a fault");
+    if (fault && (reason.empty() || reason == "unknown")) note(result_.without_reason, cycle, "is off without reason");
+    if (latched_ && !fault) note(result_.ended_by_itself, cycle, "is on again without a reset");
     latched_ = fault;
     largest_ = std::max(largest_, size);
     before_ = force;
   }
 
  private:
-  void tell(std::uint64_t& count, std::uint64_t cycle, const char* how) {
+  void note(std::uint64_t& count, std::uint64_t cycle, const char* how) {
     ++count;
     if (result_.problems.size() < kProblems)
       result_.problems.push_back("seed " + std::to_string(settings_.seed) + ", cycle " + std::to_string(cycle) +

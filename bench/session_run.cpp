@@ -1,7 +1,8 @@
 #include "bench/session_run.hpp"
 
-#include <ctime>
 #include <stdexcept>
+
+#include "study/meeting.hpp"
 
 namespace tactus::bench {
 namespace {
@@ -27,19 +28,13 @@ hrtc_service::HrtcCoreSettings core_settings(const SessionSettings& settings) {
 
 }  // namespace
 
-double thread_cpu_us() {
-  timespec now;
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-  return static_cast<double>(now.tv_sec) * 1e6 + static_cast<double>(now.tv_nsec) * 1e-3;
-}
-
 SessionRun::SessionRun(const spm::Model& model, double scale, const SessionSettings& settings)
     : delay_{settings.delay_cycles},
       encoded_{model},
       host_{session::Origin{kSession, kHost, 1, 0}, host_settings(encoded_, scale, settings.material), now_},
-      core_{session::Origin{kSession, kHrtc, 1, 0}, core_settings(settings)} {
-  core_.gateway().on_host_seen(kHost, 1, now_);
-  core_.gateway().on_catalogue(host_.catalogue().front());
+      core_{session::Origin{kSession, kHrtc, 1, 0}, core_settings(settings)},
+      membership_{session::Origin{kSession, kHrtc, 1, 0}, {"hrtc", "session"}, core_.gateway(), now_} {
+  study::meet(host_, membership_, now_);
 }
 
 void SessionRun::settle(const spm::Vec3d& away) {
@@ -66,16 +61,23 @@ void SessionRun::prepare(const spm::Vec3d& tip, const spm::Vec3d& velocity, cons
   inputs_[0].device.orientation = orientation;
 }
 
+void SessionRun::prepare_second(const spm::Vec3d& tip, const spm::Vec3d& velocity) {
+  inputs_[1].active = true;
+  inputs_[1].device.position = tip;
+  inputs_[1].device.velocity = velocity;
+}
+
 void SessionRun::exchange() {
   hrtc_service::Gateway& gateway = core_.gateway();
+  membership_.tick(now_);
+  study::meet(host_, membership_, now_);
   double mark = thread_cpu_us();
   const auto lap = [&mark] {
     const double before = mark;
     mark = thread_cpu_us();
     return mark - before;
   };
-  gateway.on_host_seen(kHost, 1, now_);
-  gateway.tick(now_, session::ClockMap{});
+  gateway.tick(now_, membership_.clock());
   while (auto demand = gateway.demand(now_)) demands_.push_back({cycles_ + delay_, std::move(*demand)});
   loader_us_ += lap();
   while (!demands_.empty() && demands_.front().due <= cycles_) {

@@ -10,15 +10,14 @@
 #include <deque>
 #include <vector>
 
+#include "bench/priority.hpp"
 #include "host_service/host_core.hpp"
 #include "hrtc_service/hrtc_core.hpp"
+#include "hrtc_service/membership.hpp"
 #include "spm/codec/model_codec.hpp"
 #include "spm/model.hpp"
 
 namespace tactus::bench {
-
-/// CPU time of the calling thread, us.
-[[nodiscard]] double thread_cpu_us();
 
 struct SessionSettings {
   spm::PoolSettings pool;
@@ -50,6 +49,8 @@ class SessionRun {
   /// All but the haptic thread's part: host and loader work in every second cycle.
   void prepare(const spm::Vec3d& tip, const spm::Vec3d& velocity,
                const Eigen::Quaterniond& orientation = Eigen::Quaterniond::Identity());
+  /// Gives the cycle that was prepared a second probe.
+  void prepare_second(const spm::Vec3d& tip, const spm::Vec3d& velocity);
   /// The haptic thread's part of the cycle that was prepared.
   const hrtc_service::CycleResult& cycle(spm::Budget budget) noexcept;
   /// The same as a haptic thread has it: touch, then refine as long as that is allowed.
@@ -76,6 +77,7 @@ class SessionRun {
   std::int64_t now_ = 1'000'000'000;
   host_service::HostCore host_;
   hrtc_service::HrtcCore core_;
+  hrtc_service::Membership membership_;
   hrtc_service::Servo::Inputs inputs_;
   std::deque<Delayed<session::Demand>> demands_;
   std::deque<Delayed<session::BulkChunk>> chunks_;

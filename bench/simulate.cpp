@@ -19,7 +19,6 @@ namespace {
 using namespace test_support;
 
 struct Settings {
-  std::string json;
   std::uint64_t schedules = 100'000;
   std::uint64_t first = 1;
   std::uint64_t seed = 0;
@@ -29,7 +28,7 @@ struct Settings {
 constexpr double kMaxSeconds = 300;
 constexpr std::size_t kMaxReported = 10;
 
-int replay(std::uint64_t seed) {
+Report replay(std::uint64_t seed) {
   const Schedule schedule = random_schedule(seed);
   std::printf("seed %llu: %s\n\n", static_cast<unsigned long long>(seed), schedule.text().c_str());
   const SimulationResult result =
@@ -38,7 +37,11 @@ int replay(std::uint64_t seed) {
               static_cast<unsigned long long>(result.messages), static_cast<double>(result.virtual_ns) * 1e-6,
               static_cast<double>(result.healed_ns) * 1e-6);
   for (const std::string& what : result.broken) std::printf("BROKEN %s\n", what.c_str());
-  return result.broken.empty() ? 0 : 1;
+  std::printf("\n");
+  Report report{{"2 hosts, 3 HRTCs, 2 clients", 0, 0, schedule.text()}};
+  report.virtual_time(true);
+  report.at_most("conditions broken", "the schedule", "", static_cast<double>(result.broken.size()), 0);
+  return report;
 }
 
 /// Of all schedules so far.
@@ -72,8 +75,7 @@ struct Totals {
   }
 };
 
-int run(const Settings& settings) {
-  if (settings.seed != 0) return replay(settings.seed);
+Report run(const Settings& settings) {
   const unsigned threads = settings.threads != 0 ? settings.threads : std::max(1u, std::thread::hardware_concurrency());
   Totals totals;
   totals.healed_ms.reserve(settings.schedules);
@@ -98,7 +100,8 @@ int run(const Settings& settings) {
   char text[160];
   std::snprintf(text, sizeof text, "seeds %llu to %llu, %u threads; replay one with --seed N",
                 static_cast<unsigned long long>(settings.first), static_cast<unsigned long long>(end - 1), threads);
-  Report report{{"simulate", "2 hosts, 3 HRTCs, 2 clients in virtual time", 0, 0, text}};
+  Report report{{"2 hosts, 3 HRTCs, 2 clients in virtual time", 0, 0, text}};
+  report.virtual_time(true);
   const auto count = [](auto value) { return static_cast<double>(value); };
   report.row("healed after the last fault", "schedules", "ms", totals.healed_ms);
   report.figure("schedules", "", "", count(settings.schedules));
@@ -112,12 +115,13 @@ int run(const Settings& settings) {
   report.figure("changes of host", "of an object at an HRTC", "", count(totals.host_changes));
   report.figure("hosts found silent", "that were dead", "", count(totals.deaths_noticed));
   report.figure("", "that lived", "", count(totals.false_suspicions));
-  report.at_most("schedules that broke something", "all", "", count(totals.failed.size()), 0);
-  report.at_most("time for 10^5 schedules", "by what these took", "s", seconds * 1e5 / count(settings.schedules),
-                 kMaxSeconds);
-  report.at_least("messages", "in each schedule", "", count(totals.min_messages), 300);
-  report.at_least("kinds of fault", "in each schedule", "", count(totals.min_kinds), 3);
-  return report.finish(settings.json);
+  report.at_most("schedules that broke something", {"all", settings.schedules}, "", count(totals.failed.size()), 0);
+  report.at_least("messages", {"in each schedule", settings.schedules}, "", count(totals.min_messages), 300);
+  report.at_least("kinds of fault", {"in each schedule", settings.schedules}, "", count(totals.min_kinds), 3);
+  report.virtual_time(false);
+  report.at_most("time for 10^5 schedules", {"by what these took", settings.schedules}, "s",
+                 seconds * 1e5 / count(settings.schedules), kMaxSeconds);
+  return report;
 }
 
 }  // namespace
@@ -125,17 +129,16 @@ int run(const Settings& settings) {
 
 int main(int argc, char** argv) {
   tactus::bench::Settings settings;
-  bool quick = false;
-  CLI::App app{"Seeded schedules of faults for a session of two hosts and three HRTCs, checked at every step"};
+  tactus::bench::App app{"simulate",
+                         "Seeded schedules of faults for a session of two hosts and three HRTCs, checked at every step",
+                         "2,000 schedules, for CI"};
   app.add_option("--schedules", settings.schedules, "how many seeds")->check(CLI::Range(1u, 100'000'000u));
   app.add_option("--first", settings.first, "the first seed")->check(CLI::PositiveNumber);
   app.add_option("--seed", settings.seed, "replay this one with a line for each message")->check(CLI::PositiveNumber);
   app.add_option("--threads", settings.threads, "at once (default: one for each processor)")
       ->check(CLI::Range(1u, 256u));
-  app.add_option("--json", settings.json, "the figures as JSON");
-  app.add_flag("--quick", quick, "2,000 schedules, for CI");
-  return tactus::bench::bench_main(app, "tactus-bench-simulate", argc, argv, [&] {
-    if (quick) settings.schedules = 2000;
-    return tactus::bench::run(settings);
+  return tactus::bench::bench_main(app, argc, argv, [&] {
+    if (app.quick) settings.schedules = 2000;
+    return settings.seed != 0 ? tactus::bench::replay(settings.seed) : tactus::bench::run(settings);
   });
 }

@@ -27,7 +27,7 @@ constexpr std::uint32_t kBunnyFaces = 70000;
 constexpr unsigned kGridBits = 16;
 
 struct Settings {
-  std::string model, json;
+  std::string model;
   std::uint32_t faces = 1000000;
   std::uint32_t repeats = 5;
   bool quick = false;
@@ -100,8 +100,8 @@ void measure(Report& report, const std::string& name, const spm::Model& model, c
   report.at_least("encode", name, "records/s", model.summary.records / encode, 2e6);
 }
 
-int run(const Settings& settings) {
-  Report report{{"size", settings.model.empty() ? "generated organs" : settings.model, 0, 0,
+Report run(const Settings& settings) {
+  Report report{{settings.model.empty() ? "generated organs" : settings.model, 0, 0,
                  "lossless and compact, grid of " + std::to_string(kGridBits) + " bits; best of " +
                      std::to_string(settings.repeats) + ", time of one thread"}};
   const auto both = [&](const std::string& name, const spm::offline::TriangleMesh& mesh) {
@@ -120,7 +120,7 @@ int run(const Settings& settings) {
       if (settings.quick) break;
     }
   }
-  return report.finish(settings.json);
+  return report;
 }
 
 }  // namespace
@@ -128,17 +128,17 @@ int run(const Settings& settings) {
 
 int main(int argc, char** argv) {
   tactus::bench::Settings settings;
-  CLI::App app{"Bytes of a model part by part, and the speed of its codec"};
+  tactus::bench::App app{"size", "Bytes of a model part by part, and the speed of its codec",
+                         "the smaller organ alone, without bounds on speed, for CI"};
   app.add_option("--model", settings.model, "mesh file of any kind (default: generated organs)")
       ->check(CLI::ExistingFile);
   app.add_option("--faces", settings.faces, "faces of the larger generated organ")
       ->check(CLI::Range(1000u, 200000000u))
       ->capture_default_str();
   app.add_option("--repeats", settings.repeats, "of which the best counts")->check(CLI::Range(1u, 100u));
-  app.add_option("--json", settings.json, "the figures as JSON");
-  app.add_flag("--quick", settings.quick, "the smaller organ alone, without bounds on speed, for CI");
-  return tactus::bench::bench_main(app, "tactus-bench-size", argc, argv, [&] {
-    if (settings.quick) settings.repeats = 1;
+  return tactus::bench::bench_main(app, argc, argv, [&] {
+    settings.quick = app.quick;
+    if (app.quick) settings.repeats = 1;
     return tactus::bench::run(settings);
   });
 }

@@ -17,7 +17,6 @@ namespace {
 using namespace study;
 
 struct Settings {
-  std::string json;
   bool quick = false;
 };
 
@@ -31,16 +30,17 @@ std::string cell(double value) {
   return text;
 }
 
-int run(const Settings& settings) {
+Report run(const Settings& settings) {
   char text[160];
   std::snprintf(
       text, sizeof text,
       "device and hand %.1f kg, %.0f N s/m; two copies of a box of 0.5 kg, 3 N s/m each; searched to %.0f N/m",
       kDeviceMass, kDeviceDamping, kStiffest);
-  Report report{{"stiffness", "largest that stays stable", 0, 0, text}};
+  Report report{{"largest that stays stable", 0, 0, text}};
+  report.virtual_time(true);
   report.note("  there   wall over the network, N/m          spring between two copies, N/m");
   report.note("  & back,   (b + B) /  hold      passivity     0.8 x 2 B /  hold      set        line");
-  report.note("  ms      (T/2 + td)   last      controller  (RTT + T)   last   position");
+  report.note("  ms      (T/2 + td)   last      passivity   (RTT + T)   last   position");
   const std::vector<double> trips =
       settings.quick ? std::vector<double>{0, 50, 200} : std::vector<double>{0, 5, 10, 20, 50, 100, 200, 300};
   const int steps = settings.quick ? 6 : 9;
@@ -57,7 +57,7 @@ int run(const Settings& settings) {
   }
   report.at_least("what a wall's hold-last stands over its bound", "all round trips, least", "", conservative, 1);
   report.at_least("coupling of two copies on the line", "all round trips, least", "N/m", min_line, 2000);
-  return report.finish(settings.json);
+  return report;
 }
 
 }  // namespace
@@ -65,9 +65,11 @@ int run(const Settings& settings) {
 
 int main(int argc, char** argv) {
   tactus::bench::Settings settings;
-  CLI::App app{"The largest stable stiffness against the round trip, for each method beside its analytic bound."};
-  app.add_flag("--quick", settings.quick, "three round trips");
-  app.add_option("--json", settings.json, "the figures as JSON");
-  return tactus::bench::bench_main(app, "tactus-bench-stiffness", argc, argv,
-                                   [&] { return tactus::bench::run(settings); });
+  tactus::bench::App app{
+      "stiffness", "The largest stable stiffness against the round trip, for each method beside its analytic bound.",
+      "three round trips"};
+  return tactus::bench::bench_main(app, argc, argv, [&] {
+    settings.quick = app.quick;
+    return tactus::bench::run(settings);
+  });
 }

@@ -11,10 +11,10 @@
 
 namespace tactus::bench {
 
-constexpr double kBand = 3;              ///< Hz, of the path's curvature
-constexpr double kBendRadius = 0.1;      ///< m, rms
-constexpr double kStrokeRadius = 0.003;  ///< m, of the tip
-constexpr double kStrokeDepth = 0.0002;  ///< m
+constexpr double kBand = 3;             ///< Hz, of the path's curvature
+constexpr double kBendRadius = 0.1;     ///< m, rms
+constexpr double kTipRadius = 0.003;    ///< m, of the tip
+constexpr double kPressDepth = 0.0002;  ///< m
 
 /// A generated organ, or a file, with a mean edge of kHandEdge.
 struct StrokedModel {
@@ -57,15 +57,15 @@ struct StrokedModel {
 }
 
 /// From 5 cm above the model's highest vertex straight down, then a hand's strokes, the tip at `speed` all the time; m.
-[[nodiscard]] inline std::vector<spm::Vec3d> strokes(const StrokedModel& model, double speed, double height,
-                                                     std::uint32_t poses, std::uint64_t seed) {
+[[nodiscard]] inline std::vector<spm::Vec3d> surface_motion(const StrokedModel& model, double speed, double height,
+                                                            std::uint32_t poses, std::uint64_t seed) {
   constexpr double kFrom = 0.05;  // m
   spm::Vec3d top = spm::Vec3d::Constant(-1e300);
   for (const std::array<float, 3>& p : model.subject.model.positions)
     if (p[2] > top[2]) top = {p[0], p[1], p[2]};
   const double unit = model.unit;
-  const HandPathSettings settings{kStrokeRadius / unit,
-                                  kStrokeDepth / unit,
+  const HandPathSettings settings{kTipRadius / unit,
+                                  kPressDepth / unit,
                                   speed / unit,
                                   kBendRadius / unit,
                                   kBand,

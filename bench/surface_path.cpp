@@ -14,12 +14,11 @@ namespace tactus::bench {
 namespace {
 
 using spm::kNone;
-using spm::Span;
 using spm::Vec3d;
 
 /// For edge i of face f, from its corner i to the next: the face on the other side, or kNone where there is not exactly
 /// one.
-std::vector<std::array<std::uint32_t, 3>> neighbours(Span<const std::array<std::uint32_t, 3>> faces) {
+std::vector<std::array<std::uint32_t, 3>> neighbours(std::span<const std::array<std::uint32_t, 3>> faces) {
   struct Edge {
     std::uint32_t low, high, face, side;
   };
@@ -69,7 +68,8 @@ std::uint32_t face_of_largest_part(const std::vector<std::array<std::uint32_t, 3
 
 class Walker {
  public:
-  Walker(Span<const std::array<float, 3>> vertices, Span<const std::array<std::uint32_t, 3>> faces, std::uint64_t seed)
+  Walker(std::span<const std::array<float, 3>> vertices, std::span<const std::array<std::uint32_t, 3>> faces,
+         std::uint64_t seed)
       : vertices_{vertices},
         faces_{faces},
         across_{neighbours(faces)},
@@ -159,8 +159,8 @@ class Walker {
     turn(std::uniform_real_distribution<double>{0, 2 * 3.14159265358979}(rng_));
   }
 
-  Span<const std::array<float, 3>> vertices_;
-  Span<const std::array<std::uint32_t, 3>> faces_;
+  std::span<const std::array<float, 3>> vertices_;
+  std::span<const std::array<std::uint32_t, 3>> faces_;
   std::vector<std::array<std::uint32_t, 3>> across_;
   std::mt19937_64 rng_;
   std::uint32_t face_;
@@ -199,7 +199,7 @@ struct Plane {
 /// A surface without what is smaller than `reach`: planes fitted to vertices around a point, the near ones count most.
 class SmoothedSurface {
  public:
-  SmoothedSurface(Span<const std::array<float, 3>> vertices, double reach) : reach_{reach} {
+  SmoothedSurface(std::span<const std::array<float, 3>> vertices, double reach) : reach_{reach} {
     constexpr std::size_t kSamples = 6000;
     const std::size_t every = std::max<std::size_t>(1, vertices.size() / kSamples);
     for (std::size_t v = 0; v < vertices.size(); v += every)
@@ -238,8 +238,9 @@ constexpr double kHandSmoothing = 8;  // radii: a hand does not follow bumps sma
 
 }  // namespace
 
-std::vector<SurfacePose> surface_poses(Span<const std::array<float, 3>> vertices,
-                                       Span<const std::array<std::uint32_t, 3>> faces, const PathSettings& settings,
+std::vector<SurfacePose> surface_poses(std::span<const std::array<float, 3>> vertices,
+                                       std::span<const std::array<std::uint32_t, 3>> faces,
+                                       const PathSettings& settings,
                                        const std::function<double(const Vec3d&)>& distance) {
   constexpr double kTurnEvery = 5;  // radii; the path's curvature changes that often
   Walker walker{vertices, faces, settings.seed};
@@ -283,15 +284,15 @@ std::vector<SurfacePose> surface_poses(Span<const std::array<float, 3>> vertices
   return path;
 }
 
-std::vector<Vec3d> surface_path(Span<const std::array<float, 3>> vertices,
-                                Span<const std::array<std::uint32_t, 3>> faces, const PathSettings& settings,
+std::vector<Vec3d> surface_path(std::span<const std::array<float, 3>> vertices,
+                                std::span<const std::array<std::uint32_t, 3>> faces, const PathSettings& settings,
                                 const std::function<double(const Vec3d&)>& distance) {
   std::vector<Vec3d> centres;
   for (const SurfacePose& pose : surface_poses(vertices, faces, settings, distance)) centres.push_back(pose.centre);
   return centres;
 }
 
-std::vector<Vec3d> hand_path(Span<const std::array<float, 3>> vertices, const Vec3d& start,
+std::vector<Vec3d> hand_path(std::span<const std::array<float, 3>> vertices, const Vec3d& start,
                              const HandPathSettings& settings, const std::function<Vec3d(const Vec3d&)>& nearest) {
   constexpr double kLiftBand = 1;      // Hz
   constexpr double kLiftAbove = 0.43;  // a normal variable is above it a third of the time

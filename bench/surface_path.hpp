@@ -9,10 +9,10 @@
 #include <array>
 #include <cstdint>
 #include <functional>
+#include <span>
 #include <vector>
 
 #include "spm/model.hpp"
-#include "spm/span.hpp"
 
 namespace tactus::bench {
 
@@ -31,13 +31,13 @@ struct SurfacePose {
 
 /// `distance` gives the distance to the mesh. Allocates. Throws std::runtime_error when the walk gets stuck in
 /// a needle too thin to be left.
-[[nodiscard]] std::vector<SurfacePose> surface_poses(spm::Span<const std::array<float, 3>> vertices,
-                                                     spm::Span<const std::array<std::uint32_t, 3>> faces,
+[[nodiscard]] std::vector<SurfacePose> surface_poses(std::span<const std::array<float, 3>> vertices,
+                                                     std::span<const std::array<std::uint32_t, 3>> faces,
                                                      const PathSettings& settings,
                                                      const std::function<double(const spm::Vec3d&)>& distance);
 /// The centres alone.
-[[nodiscard]] std::vector<spm::Vec3d> surface_path(spm::Span<const std::array<float, 3>> vertices,
-                                                   spm::Span<const std::array<std::uint32_t, 3>> faces,
+[[nodiscard]] std::vector<spm::Vec3d> surface_path(std::span<const std::array<float, 3>> vertices,
+                                                   std::span<const std::array<std::uint32_t, 3>> faces,
                                                    const PathSettings& settings,
                                                    const std::function<double(const spm::Vec3d&)>& distance);
 
@@ -57,7 +57,7 @@ struct HandPathSettings {
 /// of time with a limited band, in the plane of the surface as it is without its bumps; across that plane the tip goes
 /// up and down as the surface below it does. From `start`, anywhere outside. `nearest` gives the nearest point of the
 /// mesh. The same settings give the same path.
-[[nodiscard]] std::vector<spm::Vec3d> hand_path(spm::Span<const std::array<float, 3>> vertices, const spm::Vec3d& start,
+[[nodiscard]] std::vector<spm::Vec3d> hand_path(std::span<const std::array<float, 3>> vertices, const spm::Vec3d& start,
                                                 const HandPathSettings& settings,
                                                 const std::function<spm::Vec3d(const spm::Vec3d&)>& nearest);
 

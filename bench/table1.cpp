@@ -25,7 +25,7 @@ namespace {
 using spm::offline::TriangleMesh;
 
 struct Settings {
-  std::string cow, bunny, json;
+  std::string cow, bunny;
   bool quick = false;
 };
 
@@ -39,7 +39,7 @@ constexpr PaperRow kCow{"cow", 2904, 5804, 355, 706};
 constexpr PaperRow kBunny{"bunny", 20000, 37576, 1406, 500};
 constexpr std::uint32_t kCowHeight = 12;
 
-/// Vertices, edges with one face, and Euler's number of a mesh, as its faces alone tell.
+/// Vertices, edges with one face, and Euler's number of a mesh, computed from its faces.
 struct Topology {
   std::uint32_t vertices = 0, border = 0;
   std::int64_t euler = 0;
@@ -80,7 +80,7 @@ std::uint32_t binary_height(std::uint32_t leaves) {
 }
 
 /// One model of the table; says what is in the file and what becomes of it.
-struct Row {
+struct ModelRow {
   PaperRow paper;
   std::string source;
   std::uint32_t file_vertices = 0;
@@ -88,9 +88,9 @@ struct Row {
   Topology finest, base;
 };
 
-Row make(const PaperRow& paper, TriangleMesh mesh, const std::string& file) {
+ModelRow make(const PaperRow& paper, TriangleMesh mesh, const std::string& file) {
   const std::string source = file.empty() ? "generated" : file;
-  Row row{paper, source, vertices_in(file, mesh), {}, {}, {}};
+  ModelRow row{paper, source, vertices_in(file, mesh), {}, {}, {}};
   spm::offline::BuildOptions options;
   options.size = 0.1;
   options.simplify.base_faces = paper.base_faces;
@@ -98,13 +98,11 @@ Row make(const PaperRow& paper, TriangleMesh mesh, const std::string& file) {
   row.summary = built.summary;
   const spm::Model model = built.model();
   row.finest = topology(spm::finest_faces(model));
-  std::vector<std::array<std::uint32_t, 3>> base;
-  for (const spm::BaseFace& face : model.base_faces) base.push_back(face.corners);
-  row.base = topology(base);
+  row.base = topology(spm::base_triangles(model));
   return row;
 }
 
-void print(Report& report, const Row& row) {
+void print(Report& report, const ModelRow& row) {
   const std::string paper = std::string{row.paper.name} + ", paper", today = std::string{row.paper.name} + ", today";
   const spm::ModelSummary& s = row.summary;
   const auto both = [&](const char* name, std::uint32_t theirs, std::uint32_t ours) {
@@ -125,7 +123,7 @@ void print(Report& report, const Row& row) {
 
 /// Why 500 faces of the paper's bunny have 1,406 vertices. V = F / 2 + B / 2 + X, with B border edges and Euler's
 /// number X, holds for every surface whose edges have one face or two.
-void explain_bunny(Report& report, const Row& row) {
+void explain_bunny(Report& report, const ModelRow& row) {
   const std::uint32_t unused = row.file_vertices - row.summary.vertices;
   const auto border_of = [&](double vertices, double faces) {
     return 2 * (vertices - faces / 2 - static_cast<double>(row.finest.euler));
@@ -147,7 +145,7 @@ void explain_bunny(Report& report, const Row& row) {
       100 * std::abs(double(row.summary.base_vertices) + unused - kBunny.base_vertices) / kBunny.base_vertices, 5);
 }
 
-void explain_cow(Report& report, const Row& row) {
+void explain_cow(Report& report, const ModelRow& row) {
   const std::uint32_t pairs = (row.summary.faces + 1) / 2;
   char text[320];
   std::snprintf(
@@ -162,21 +160,21 @@ void explain_cow(Report& report, const Row& row) {
                  std::abs(double(binary_height(pairs)) - kCowHeight), 0);
 }
 
-int run(const Settings& settings) {
+Report run(const Settings& settings) {
   using namespace spm::offline;
   const auto model = [](const PaperRow& paper, const std::string& file) {
     return make(paper, file.empty() ? generate(Shape::kOrgan, paper.faces, 1) : import_mesh(file), file);
   };
-  const Row sphere = make(kSphere, generate(Shape::kSphere, kSphere.faces), "");
-  const Row cow = model(kCow, settings.cow);
-  const Row bunny = model(kBunny, settings.bunny);
-  Report report{{"table1", "sphere: " + sphere.source + "; cow: " + cow.source + "; bunny: " + bunny.source,
-                 bunny.summary.digest, bunny.summary.faces, "base meshes of the paper's size"}};
-  for (const Row* row : {&sphere, &cow, &bunny}) print(report, *row);
+  const ModelRow sphere = make(kSphere, generate(Shape::kSphere, kSphere.faces), "");
+  const ModelRow cow = model(kCow, settings.cow);
+  const ModelRow bunny = model(kBunny, settings.bunny);
+  Report report{{"sphere: " + sphere.source + "; cow: " + cow.source + "; bunny: " + bunny.source, bunny.summary.digest,
+                 bunny.summary.faces, "base meshes of the paper's size"}};
+  for (const ModelRow* row : {&sphere, &cow, &bunny}) print(report, *row);
   report.at_most("sphere: base vertices", "sphere, today", "", sphere.summary.base_vertices, kSphere.base_vertices);
   explain_cow(report, cow);
   if (!settings.bunny.empty()) explain_bunny(report, bunny);
-  return report.finish(settings.json);
+  return report;
 }
 
 }  // namespace
@@ -184,13 +182,10 @@ int run(const Settings& settings) {
 
 int main(int argc, char** argv) {
   tactus::bench::Settings settings;
-  CLI::App app{"The paper's Table 1 beside today's models"};
+  tactus::bench::App app{"table1", "The paper's Table 1 beside today's models", "no difference: it takes a second"};
   app.add_option("--cow", settings.cow, "the cow's file (default: a generated organ of its size)")
       ->check(CLI::ExistingFile);
   app.add_option("--bunny", settings.bunny, "a Stanford bunny's file (default: as for the cow)")
       ->check(CLI::ExistingFile);
-  app.add_option("--json", settings.json, "the figures as JSON");
-  app.add_flag("--quick", settings.quick, "no difference: it takes a second");
-  return tactus::bench::bench_main(app, "tactus-bench-table1", argc, argv,
-                                   [&] { return tactus::bench::run(settings); });
+  return tactus::bench::bench_main(app, argc, argv, [&] { return tactus::bench::run(settings); });
 }

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <random>
 
-#include "bench/controller.hpp"
+#include "bench/hrtc_model.hpp"
 #include "bench/stopwatch.hpp"
 
 namespace tactus::bench {
@@ -17,7 +17,7 @@ constexpr std::size_t kMaxProblems = 10;
 constexpr std::uint32_t kMaxWanted = 12;  // regions of one target
 constexpr double kMinBudget = 1, kMaxBudget = 3e5;
 
-/// Regions here and there share few tree nodes: a node for two slots, where a controller has one for three.
+/// Regions here and there share few tree nodes: a node for two slots, where an HRTC has one for three.
 spm::PoolSettings pool_for(const spm::ModelSummary& summary, double share) {
   spm::PoolSettings settings = spm::PoolSettings::for_slots(slots_for(summary, share));
   settings.tree_nodes = settings.slots / 2 + 1024;
@@ -34,13 +34,13 @@ struct ShownFace {
   }
 };
 
-std::vector<ShownFace> shown_mesh(const Controller& controller) {
+std::vector<ShownFace> shown_mesh(const HrtcModel& hrtc) {
   std::vector<ShownFace> faces;
-  for (const std::uint32_t number : controller.forest().tree().shown()) {
-    const spm::FaceRow& row = controller.pool().faces[number];
-    ShownFace face{row.face, row.last, {}, controller.forest().tree().corners(number)};
+  for (const spm::RowIndex number : hrtc.forest().tree().shown()) {
+    const spm::FaceRow& row = hrtc.pool().faces[number];
+    ShownFace face{index(row.face), row.last, {}, hrtc.forest().tree().corners(number)};
     for (std::size_t corner = 0; corner < 3; ++corner)
-      face.vertices[corner] = controller.pool().vertices[row.vertices[corner]].id;
+      face.vertices[corner] = index(hrtc.pool().vertices[row.vertices[corner]].id);
     faces.push_back(face);
   }
   return faces;
@@ -50,7 +50,7 @@ class Torture {
  public:
   Torture(const spm::Model& model, const TortureSettings& settings)
       : settings_{settings},
-        controller_{model, pool_for(model.summary, settings.pool_share)},
+        hrtc_{model, pool_for(model.summary, settings.pool_share)},
         random_{settings.seed},
         regions_{model.summary.regions},
         records_{model.summary.records} {}
@@ -78,8 +78,8 @@ class Torture {
   }
 
   TortureResult& count() {
-    const spm::ForestCounters& forest = controller_.forest().counters();
-    const spm::CacheCounters& cache = controller_.cache().counters();
+    const spm::ForestCounters& forest = hrtc_.forest().counters();
+    const spm::CacheCounters& cache = hrtc_.cache().counters();
     result_.splits = forest.splits;
     result_.collapses = forest.collapses;
     result_.loaded = std::min<std::uint64_t>(cache.records_accepted, records_);
@@ -103,23 +103,23 @@ class Torture {
       case 4: {
         wanted_.clear();
         for (std::uint64_t more = any(kMaxWanted + 1); more > 0; --more) wanted_.push_back(any_region());
-        controller_.forest().target(wanted_.data(), static_cast<std::uint32_t>(wanted_.size()),
-                                    any(2) == 0 ? spm::Unrequested::kCoarsen : spm::Unrequested::kRest);
+        hrtc_.forest().target(wanted_.data(), static_cast<std::uint32_t>(wanted_.size()),
+                              any(2) == 0 ? spm::Unrequested::kCoarsen : spm::Unrequested::kRest);
         break;
       }
       default:
         break;
     }
     spm::Budget budget{any_budget()};
-    if (controller_.forest().advance(budget) == spm::Advance::kBudget) ++result_.cut_by_budget;
-    if (any(4) > 0) controller_.forest().refit();  // several steps may share a refit
+    if (hrtc_.forest().advance(budget) == spm::Advance::kBudget) ++result_.cut_by_budget;
+    if (any(4) > 0) hrtc_.forest().refit();  // several steps may share a refit
     if (any(2) > 0) release();
   }
 
   void load() {
     const RegionId region = any_region();
-    if (controller_.cache().holds(controller_.object(), region)) return;
-    const spm::AcceptResult accepted = controller_.load(controller_.message(region, any(4) == 0));
+    if (hrtc_.cache().holds(hrtc_.object(), region)) return;
+    const spm::AcceptResult accepted = hrtc_.load(hrtc_.message(region, any(4) == 0));
     if (accepted == spm::AcceptResult::kAccepted) {
       ++result_.regions_loaded;
     } else if (accepted == spm::AcceptResult::kPoolFull) {
@@ -137,16 +137,16 @@ class Torture {
     const std::uint32_t from = index(any_region());
     for (std::uint32_t i = 0; i < regions_; ++i) {
       const RegionId region{(from + i) % regions_};
-      if (!controller_.forest().is_here(region) || controller_.forest().is_retiring(region)) continue;
-      controller_.forest().retire(region);
+      if (!hrtc_.forest().is_here(region) || hrtc_.forest().is_retiring(region)) continue;
+      hrtc_.forest().retire(region);
       return;
     }
   }
 
   void release() {
-    const std::uint32_t before = controller_.records_held();
-    (void)controller_.release_retired();
-    result_.evicted += before - controller_.records_held();
+    const std::uint32_t before = hrtc_.records_held();
+    (void)hrtc_.release_retired();
+    result_.evicted += before - hrtc_.records_held();
   }
 
   void problem(std::string text) {
@@ -155,56 +155,56 @@ class Torture {
 
   void recount() {
     ++result_.checks;
-    controller_.forest().refit();
-    for (std::string& text : controller_.forest().violations()) problem(std::move(text));
-    for (std::string& text : controller_.cache().violations()) problem(std::move(text));
+    hrtc_.forest().refit();
+    for (std::string& text : hrtc_.forest().violations()) problem(std::move(text));
+    for (std::string& text : hrtc_.cache().violations()) problem(std::move(text));
   }
 
   void finish() {
-    const spm::Model& model = controller_.model();
-    for (std::uint32_t more = 0; more < kMaxWanted || controller_.records_held() == 0; ++more) {
+    const spm::Model& model = hrtc_.model();
+    for (std::uint32_t more = 0; more < kMaxWanted || hrtc_.records_held() == 0; ++more) {
       load();
-      refine(controller_, {});
+      refine(hrtc_, {});
       release();
     }
     std::vector<RegionId> goal;
     for (std::uint32_t region = 0; region < model.summary.regions; ++region)
-      if (controller_.forest().is_here(RegionId{region}) && !controller_.forest().is_retiring(RegionId{region}) &&
+      if (hrtc_.forest().is_here(RegionId{region}) && !hrtc_.forest().is_retiring(RegionId{region}) &&
           (goal.empty() || any(3) > 0))
         goal.push_back(RegionId{region});
     std::shuffle(goal.begin(), goal.end(), random_);
     result_.regions_at_end = static_cast<std::uint32_t>(goal.size());
-    refine(controller_, goal);
+    refine(hrtc_, goal);
     release();
     recount();
-    result_.hash = controller_.forest().mesh_hash();
+    result_.hash = hrtc_.forest().mesh_hash();
 
     std::vector<bool> wanted(model.summary.records, false);
     for (const RegionId region : goal)
       for (const spm::Interval& run : model.intervals_of(region))
         std::fill(wanted.begin() + run.first, wanted.begin() + run.first + run.count, true);
     for (std::uint32_t record = 0; record < model.summary.records; ++record)
-      if (wanted[record]) result_.expected_hash ^= spm::Forest::hash_of(index(model.vertex_of(spm::RecordId{record})));
+      if (wanted[record]) result_.expected_hash ^= spm::Forest::hash_of(model.vertex_of(spm::RecordId{record}));
 
-    Controller fresh{model, pool_for(model.summary, 1)};
+    HrtcModel fresh{model, pool_for(model.summary, 1)};
     std::sort(goal.begin(), goal.end());
     for (const RegionId region : goal)
       if (fresh.load(fresh.message(region, true)) != spm::AcceptResult::kAccepted)
         problem("the fresh forest refused region " + std::to_string(index(region)));
     refine(fresh, goal);
     result_.fresh_hash = fresh.forest().mesh_hash();
-    compare(shown_mesh(controller_), shown_mesh(fresh));
+    compare(shown_mesh(hrtc_), shown_mesh(fresh));
   }
 
-  void refine(Controller& controller, const std::vector<RegionId>& goal) {
-    controller.forest().target(goal.data(), static_cast<std::uint32_t>(goal.size()));
+  void refine(HrtcModel& hrtc, const std::vector<RegionId>& goal) {
+    hrtc.forest().target(goal.data(), static_cast<std::uint32_t>(goal.size()));
     // What coarsens frees its tree nodes in the refit; what found none before then finds them.
     constexpr int kMaxRounds = 8;
     spm::Advance advance = spm::Advance::kBudget;
     for (int round = 0; round < kMaxRounds && advance != spm::Advance::kDone; ++round) {
       spm::Budget budget{~0u};
-      advance = controller.forest().advance(budget);
-      controller.forest().refit();
+      advance = hrtc.forest().advance(budget);
+      hrtc.forest().refit();
     }
     if (advance != spm::Advance::kDone) problem("a set of regions was not refined to its end");
   }
@@ -217,7 +217,7 @@ class Torture {
   }
 
   TortureSettings settings_;
-  Controller controller_;
+  HrtcModel hrtc_;
   std::mt19937_64 random_;
   std::uint32_t regions_, records_;
   std::vector<RegionId> wanted_;

@@ -23,20 +23,20 @@ namespace tactus::bench {
 namespace {
 
 using Triangles = std::vector<std::array<Vec3d, 3>>;
-using spm::Span;
 
 constexpr std::uint32_t kWidth = 8;
 constexpr double kRadius = 0.003, kDepth = 0.0002;  // m
 
 struct Settings {
-  std::string model, json;
+  std::string model;
   std::uint32_t faces = 70000;
   std::uint32_t poses = 2000;
   double step = 0.001;  // m
   bool quick = false;
 };
 
-Triangles triangles_of(Span<const std::array<float, 3>> positions, Span<const std::array<std::uint32_t, 3>> faces) {
+Triangles triangles_of(std::span<const std::array<float, 3>> positions,
+                       std::span<const std::array<std::uint32_t, 3>> faces) {
   Triangles triangles;
   for (const auto& face : faces) {
     std::array<Vec3d, 3> corners;
@@ -98,7 +98,7 @@ class Tree {
       levels_[level][id] = Volume::of(points);
     } else {
       levels_[level][id] =
-          Volume::over(Span<const Volume>{levels_[level - 1].data() + first, std::size_t{end - first}}, like);
+          Volume::over(std::span<const Volume>{levels_[level - 1].data() + first, std::size_t{end - first}}, like);
     }
   }
   void visit(std::size_t level, std::uint32_t id, const Vec3d& centre, double radius, std::uint32_t& requested,
@@ -239,7 +239,7 @@ void measure(Subjects& subjects, Report& report) {
                  0);
 }
 
-int run(const Settings& settings) {
+Report run(const Settings& settings) {
   std::fprintf(stderr, "making the model\n");
   const LoadedModel subject = load_model(settings.model, settings.faces);
   const double unit = subject.model.summary.metres_per_unit;
@@ -281,13 +281,13 @@ int run(const Settings& settings) {
   char text[128];
   std::snprintf(text, sizeof text, "ball of 3 mm and stylus of 720 triangles, %zu poses %g mm apart, seed 1",
                 subjects.path.size(), settings.step * 1e3);
-  Report report{{"volumes", subject.name, subject.model.summary.digest, subject.model.summary.faces, text}};
+  Report report{{subject.name, subject.model.summary.digest, subject.model.summary.faces, text}};
   report.row("ball: time", "the AB-tree, eight boxes at once", "us", shipped);
   measure<SlabVolume<3>>(subjects, report);
   measure<SphereVolume>(subjects, report);
   measure<SlabVolume<9>>(subjects, report);
   measure<OrientedVolume>(subjects, report);
-  return report.finish(settings.json);
+  return report;
 }
 
 }  // namespace
@@ -295,15 +295,14 @@ int run(const Settings& settings) {
 
 int main(int argc, char** argv) {
   tactus::bench::Settings settings;
-  CLI::App app{"Other bounding volumes in the AB-tree's place, over the finest mesh"};
+  tactus::bench::App app{"volumes", "Other bounding volumes in the AB-tree's place, over the finest mesh",
+                         "200 poses, for CI"};
   app.add_option("--model", settings.model, "model file of any kind, or .spm (default: a generated organ)")
       ->check(CLI::ExistingFile);
   app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 10000000u));
   CLI::Option* poses = app.add_option("--poses", settings.poses, "of the path")->check(CLI::Range(10u, 100000u));
-  app.add_option("--json", settings.json, "the figures as JSON");
-  app.add_flag("--quick", settings.quick, "200 poses, for CI");
-  return tactus::bench::bench_main(app, "tactus-bench-volumes", argc, argv, [&] {
-    if (settings.quick && poses->count() == 0) settings.poses = 200;
+  return tactus::bench::bench_main(app, argc, argv, [&] {
+    if (app.quick && poses->count() == 0) settings.poses = 200;
     return tactus::bench::run(settings);
   });
 }

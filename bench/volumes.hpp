@@ -10,14 +10,14 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
+#include <span>
 
 #include "spm/model.hpp"
-#include "spm/span.hpp"
 
 namespace tactus::bench {
 
 using spm::Vec3d;
-using Points = spm::Span<const Vec3d>;
+using Points = std::span<const Vec3d>;
 
 /// Each has
 ///   of(points) and over(children, like): `like` is the node as it was, whose axes are kept; null: new ones
@@ -35,7 +35,7 @@ struct SphereVolume {
     for (const Vec3d& p : points) radius = std::max(radius, (p - box.center()).norm());
     return make(box.center(), radius);
   }
-  static SphereVolume over(spm::Span<const SphereVolume> children, const SphereVolume* /*like*/) {
+  static SphereVolume over(std::span<const SphereVolume> children, const SphereVolume* /*like*/) {
     Eigen::AlignedBox3d box;
     for (const SphereVolume& child : children) {
       box.extend(child.middle() - Vec3d::Constant(child.radius));
@@ -73,7 +73,7 @@ struct SlabVolume {
       for (int d = 0; d < kDirections; ++d) volume.take(d, along(d, p), along(d, p), p.cwiseAbs().sum() * 2e-7);
     return volume;
   }
-  static SlabVolume over(spm::Span<const SlabVolume> children, const SlabVolume* /*like*/) {
+  static SlabVolume over(std::span<const SlabVolume> children, const SlabVolume* /*like*/) {
     SlabVolume volume = none();
     for (const SlabVolume& child : children)
       for (std::size_t d = 0; d < kDirections; ++d) {
@@ -133,7 +133,7 @@ struct OrientedVolume {
   std::array<float, 9> axes;  // columns
 
   static OrientedVolume of(Points points) { return around(points, axes_of(points)); }
-  static OrientedVolume over(spm::Span<const OrientedVolume> children, const OrientedVolume* like) {
+  static OrientedVolume over(std::span<const OrientedVolume> children, const OrientedVolume* like) {
     std::array<Vec3d, 64> corners;
     std::size_t count = 0;
     for (const OrientedVolume& child : children)

@@ -30,7 +30,7 @@ using netem::Side;
 using spm::Vec3d;
 
 struct Settings {
-  std::string json, part, profiles = "P0,P1,P2,P3,P4,P5,P6,P7,P8", demo_profiles = "P4,P6";
+  std::string part, profiles = "P0,P1,P2,P3,P4,P5,P6,P7,P8", demo_profiles = "P4,P6";
   std::uint32_t faces = 400'000, demo_faces = 500'000;
   double seconds = 15;  // of touching
 };
@@ -64,7 +64,7 @@ struct DemoRun {
   double overruns = 0, timer_overruns = 0, contact = 0, exact = 0;
 };
 
-/// Hosts on one side; controllers and users on the other.
+/// Hosts on one side; HRTCs and users on the other.
 class Demo {
  public:
   explicit Demo(const Settings& settings) : settings_{settings} {
@@ -78,9 +78,9 @@ class Demo {
       const auto a = session.start(Side::kA, "host", {"--name", "host-a", path("organ.spm")});
       const auto b =
           session.start(Side::kA, "host", {"--name", "host-b", path("terrain.spm"), "--at", "0.5", "0", "0"});
-      std::vector<std::unique_ptr<e2e::Process>> controllers;
+      std::vector<std::unique_ptr<e2e::Process>> HRTCs;
       for (const char* name : {"hrtc-1", "hrtc-2"})
-        controllers.push_back(
+        HRTCs.push_back(
             session.start(Side::kB, "hrtc", {"--name", name, "--pool", std::to_string(kPool), "--timer-beside"}));
       const std::string report = path("report.json");
       const auto sim = session.start(
@@ -224,7 +224,7 @@ class Subject {
   test_support::TemporaryFolder folder_;
 };
 
-/// All states of both users, whole, as their controller shows them beyond the link from the host.
+/// All states of both users, whole, as their HRTC shows them beyond the link from the host.
 std::array<States, 2> feel(const Subject& subject, const std::string& link) {
   std::array<States, 2> felt;
   in_own_thread([&] {
@@ -262,7 +262,7 @@ Fidelity compare(const Subject& subject, const States& states) {
   SessionSettings settings;
   settings.pool = spm::PoolSettings::for_slots(subject.loaded.model.summary.parts + 1000);
   SessionRun local{subject.loaded.model, subject.scale, settings};
-  if (states.empty()) throw std::runtime_error("no probe state was heard");
+  if (states.empty()) throw std::runtime_error("no probe state was received");
   const auto position = [](const session::ProbeState& state) {
     return Vec3d{state.device.position[0], state.device.position[1], state.device.position[2]};
   };
@@ -305,23 +305,25 @@ void report_felt(const Settings& settings, Report& report) {
       report.figure(name + "exact", std::to_string(static_cast<int>(fidelity.contact_s)) + " s of contact", "%",
                     100 * fidelity.exact);
       report.figure(name + "force error rms", "contact, here or there", "N", fidelity.rms);
-      report.figure(name + "force error p99", "contact, here or there", "JND", fidelity.jnd.percentile(99));
+      report.figure(name + "force error p99", {"contact, here or there", fidelity.jnd.size()}, "JND",
+                    fidelity.jnd.percentile(0.99));
       report.figure(name + "force error above 1 JND", "contact, here or there", "%", 100 * fidelity.above);
-      report.figure(name + "force error max", "contact, here or there", "N", fidelity.error.max());
+      report.figure(name + "force error max", {"contact, here or there", fidelity.error.size()}, "N",
+                    fidelity.error.max());
       if (kUsers[i] == "follow" && (link == "P4" || link == "P6"))
         report.at_least(name + "exact", "contact at 5 cm/s", "%", 100 * fidelity.exact, 95);
     }
   }
 }
 
-int run(const Settings& settings) {
+Report run(const Settings& settings) {
   char text[160];
   std::snprintf(text, sizeof text, "3 mm tips for %g s: follow at %g cm/s, tap at %g cm/s, 1 mm deep", settings.seconds,
                 100 * kFollow, 100 * kTap);
-  Report report{{"wide-area", "organ, terrain", 0, settings.faces, text}};
+  Report report{{"organ, terrain", 0, settings.faces, text}};
   if (settings.part != "felt") report_demo(settings, report);
   if (settings.part != "demo") report_felt(settings, report);
-  return report.finish(settings.json);
+  return report;
 }
 
 }  // namespace
@@ -329,17 +331,16 @@ int run(const Settings& settings) {
 
 int main(int argc, char** argv) {
   tactus::bench::Settings settings;
-  bool quick = false;
-  CLI::App app{"The demo's session over long ways, and what is felt over each named link; needs root"};
+  tactus::bench::App app{"wide-area",
+                         "The demo's session over long ways, and what is felt over each named link; needs root",
+                         "P4 alone, 6 s, smaller models, for CI"};
   app.add_option("--seconds", settings.seconds, "of touching, in each session")->check(CLI::Range(4.0, 3600.0));
   app.add_option("--profiles", settings.profiles, "links over which is felt, as in `tactus-link list`");
   app.add_option("--demo-profiles", settings.demo_profiles, "links of the demo's session");
   app.add_option("--faces", settings.faces, "of the organ that is felt")->check(CLI::Range(10'000, 10'000'000));
   app.add_option("--part", settings.part, "only this one")->check(CLI::IsMember({"demo", "felt"}));
-  app.add_option("--json", settings.json, "the figures as JSON");
-  app.add_flag("--quick", quick, "P4 alone, 6 s, smaller models, for CI");
-  return tactus::bench::latency_main(app, "tactus-bench-wide-area", argc, argv, [&] {
-    if (quick) {
+  return tactus::bench::latency_main(app, argc, argv, [&] {
+    if (app.quick) {
       settings.profiles = settings.demo_profiles = "P4";
       settings.seconds = 6;
       settings.faces = settings.demo_faces = 100'000;

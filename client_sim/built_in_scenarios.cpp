@@ -262,7 +262,7 @@ users:
 
 const std::vector<BuiltInScenario>& built_in_scenarios() {
   const auto with = [](const char* name, const std::string& users) {
-    return "name: " + std::string{name} + "\nduration: 20\nusers:\n" + users;
+    return std::string{"name: "}.append(name).append("\nduration: 20\nusers:\n").append(users);
   };
   static const std::string kDemo = with("demo", kDemoUsers);
   static const std::string kDemoLift = with("demo-lift", std::string{kDemoUsers} + kLifters);

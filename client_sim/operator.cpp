@@ -150,6 +150,9 @@ void Operator::on_probe_state(const session::ProbeState& state) {
   in_contact_ = contact;
   holding_ = (state.status & session::kHolding) != 0;
   refused_ = (state.status & session::kHoldRefused) != 0;
+  const bool was_off = off_;
+  off_ = (state.status & session::kFault) != 0;
+  if (off_ && !was_off) hand_ = device_;
 }
 
 void Operator::on_other(const session::ProbeState& state) {
@@ -165,7 +168,8 @@ std::optional<session::Intent> Operator::tick(std::int64_t session_now_ns, const
   const double dt = std::min(kLongestStep, static_cast<double>(session_now_ns - ticked_ns_) * 1e-9);
   ticked_ns_ = session_now_ns;
   hand_velocity_.setZero();
-  act(dt, objects);
+  // A hand that pressed on would be deep in the object by the reset, and be thrown out.
+  if (!off_) act(dt, objects);
   if (leans_) orient_hand(dt);
 
   session::Intent intent;

@@ -137,6 +137,7 @@ class Operator {
   double raw_force_ = 0;
   bool in_contact_ = false;
   bool holding_ = false, refused_ = false;  // as the HRTC reports
+  bool off_ = false;                        // its force is, until a reset
   Vec3d felt_force_ = Vec3d::Zero();        // N, smoothed
   struct Other {
     std::uint64_t object = 0;

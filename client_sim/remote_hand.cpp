@@ -40,7 +40,9 @@ void RemoteHand::set_intent(const session::Intent& intent, const session::ClockM
 void RemoteHand::on_command(const session::DeviceCommand& command) {
   if (command.user_id != user_id_ || command.origin.participant != hrtc_id_) return;
   const std::int64_t now_ns = wire::monotonic_ns();
-  if (!session::accepted(commands_seen_.admit(command.origin, command.sequence, now_ns))) return;
+  const session::Admission admission = commands_seen_.admit(command.origin, command.sequence, now_ns);
+  if (admission == session::Admission::kImplausible) implausible_.fetch_add(1, std::memory_order_relaxed);
+  if (!session::accepted(admission)) return;
   command_.post({command.force, command.torque, command.sequence, now_ns});
 }
 

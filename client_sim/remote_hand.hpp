@@ -36,6 +36,8 @@ class RemoteHand {
 
   /// The hand's target from now on, and the session clock's map. One thread.
   void set_intent(const session::Intent& intent, const session::ClockMap& map);
+  /// Commands dropped because their number is outside its window. Any thread.
+  [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_.load(std::memory_order_relaxed); }
 
  private:
   /// The newest command.
@@ -55,6 +57,7 @@ class RemoteHand {
   haptics::Mailbox<session::ClockMap> clock_;
   haptics::Mailbox<ReceivedCommand> command_;
   session::SenderWindow commands_seen_{session::kCycleNumbers};  // used by the reader
+  std::atomic<std::uint64_t> implausible_{0};
   wire::Writer<session::DevicePose> poses_;
   wire::Reader<session::DeviceCommand> commands_;
   std::atomic<bool> running_{true};

@@ -196,22 +196,6 @@ const char* role_name(session::Role role) {
 
 }  // namespace
 
-void Samples::add(double value) {
-  if (values_.size() < kKept) {
-    values_.push_back(value);
-  } else {
-    values_[next_++ % kKept] = value;
-  }
-}
-
-double Samples::percentile(double share) const {
-  if (values_.empty()) return 0;
-  std::vector<double> sorted = values_;
-  const auto at = sorted.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(sorted.size() - 1));
-  std::nth_element(sorted.begin(), at, sorted.end());
-  return *at;
-}
-
 void TouchTally::add(const session::ProbeState& state, std::int64_t start_ns, std::int64_t received_ns) {
   constexpr std::int64_t kNewTouch = 20'000'000;  // ns without contact; a shorter loss is a bounce
   constexpr double kLongestGap = 0.05;            // s, maximum that one sample stands for
@@ -361,9 +345,16 @@ std::string json(const Report& report) {
   }
   json events = json::array();
   for (const ReportEvent& event : report.events) events.push_back({{"time_s", event.time}, {"text", event.text}});
-  const json all{{"session", report.session}, {"scenario", report.scenario},           {"duration_s", report.duration},
-                 {"trouble", report.trouble}, {"records_total", report.records_total}, {"users", users},
-                 {"objects", objects},        {"injected_j", injected(report)},        {"participants", participants},
+  const json all{{"session", report.session},
+                 {"scenario", report.scenario},
+                 {"duration_s", report.duration},
+                 {"trouble", report.trouble},
+                 {"records_total", report.records_total},
+                 {"users", users},
+                 {"objects", objects},
+                 {"injected_j", injected(report)},
+                 {"participants", participants},
+                 {"implausible", report.implausible},
                  {"events", events}};
   // Names come from the network: invalid UTF-8 is replaced.
   return all.dump(2, ' ', false, json::error_handler_t::replace) + "\n";

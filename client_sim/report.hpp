@@ -10,23 +10,10 @@
 #include <vector>
 
 #include "session/messages.hpp"
+#include "session/percentile.hpp"
 #include "session/sequence_window.hpp"
 
 namespace tactus::client_sim {
-
-/// Samples for percentiles; stores the newest million.
-class Samples {
- public:
-  void add(double value);
-  /// `share` from 0 to 1; 0 when empty. O(size).
-  [[nodiscard]] double percentile(double share) const;
-  [[nodiscard]] bool empty() const noexcept { return values_.empty(); }
-
- private:
-  static constexpr std::size_t kKept = 1'000'000;
-  std::vector<double> values_;
-  std::size_t next_ = 0;
-};
 
 /// Sums up one user's probe states.
 class TouchTally {
@@ -35,17 +22,17 @@ class TouchTally {
   void add(const session::ProbeState& state, std::int64_t start_ns, std::int64_t received_ns);
 
   std::uint64_t states = 0;
-  std::uint64_t states_lost = 0;  ///< gaps in their sequence
-  double served = 0;              ///< s covered by probe states
-  double contact = 0;             ///< s
-  double exact = 0;               ///< s of contact
-  double first_touch = -1;        ///< s since the start; < 0: none
-  double first_exact = -1;        ///< s since the start, of the first exact contact
-  double force_max = 0;           ///< N
-  std::uint32_t touches = 0;      ///< times that contact began, after at least 20 ms without
-  std::uint32_t faults = 0;       ///< times that a fault was latched
-  std::string fault_reason;       ///< of the last fault
-  Samples age_us;                 ///< of probe states at arrival
+  std::uint64_t states_lost = 0;         ///< gaps in their sequence
+  double served = 0;                     ///< s covered by probe states
+  double contact = 0;                    ///< s
+  double exact = 0;                      ///< s of contact
+  double first_touch = -1;               ///< s since the start; < 0: none
+  double first_exact = -1;               ///< s since the start, of the first exact contact
+  double force_max = 0;                  ///< N
+  std::uint32_t touches = 0;             ///< times that contact began, after at least 20 ms without
+  std::uint32_t faults = 0;              ///< times that a fault was latched
+  std::string fault_reason;              ///< of the last fault
+  session::Samples<> age_us{1'000'000};  ///< of probe states at arrival
 
   [[nodiscard]] double force_mean() const noexcept { return contact > 0 ? force_seconds_ / contact : 0; }
   [[nodiscard]] double exact_share() const noexcept { return contact > 0 ? exact / contact : 0; }
@@ -116,6 +103,8 @@ struct Report {
   double duration = 0;              ///< s that it ran
   std::string trouble;              ///< why it stopped early; empty when it did not
   std::uint64_t records_total = 0;  ///< of all models in the catalogue
+  /// Samples that the client dropped: a number or a time outside its window.
+  std::uint64_t implausible = 0;
   std::vector<UserReport> users;
   std::vector<ObjectReport> objects;            ///< movable objects
   std::vector<ParticipantReport> participants;  ///< hosts and HRTCs

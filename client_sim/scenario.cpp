@@ -8,17 +8,15 @@
 #include <set>
 #include <sstream>
 
-#include "client_sim/yaml.hpp"
 #include "session/messages.hpp"
+#include "yaml/reader.hpp"
 
 namespace tactus::client_sim {
 
 namespace {
 
-using yaml::joined;
-using yaml::KeyPath;
 using yaml::Map;
-using yaml::shown;
+using yaml::Value;
 
 constexpr double kLongest = 86400;  // s
 constexpr double kFastest = 0.5;    // m/s: the proxy is tested up to this speed
@@ -57,13 +55,19 @@ Action lifting(Action action) {
   return action;
 }
 
-Action parse_action(const KeyPath& key_path, const YAML::Node& node) {
+void read_vector(const Map& map, const char* key, double min, double max, Vec3d& value) {
+  std::array<double, 3> numbers{value.x(), value.y(), value.z()};
+  map.numbers(key, min, max, numbers);
+  value = Vec3d{numbers[0], numbers[1], numbers[2]};
+}
+
+Action parse_action(const Value& value) {
   std::vector<std::string> names;
   for (const Verb& verb : verbs()) names.emplace_back(verb.name);
-  const Map outer{key_path, node, names};
-  if (!node.IsMap() || node.size() != 1) key_path.fail(node.Mark(), "expected one action of " + joined(names));
+  const Map outer{value, names};
+  if (!value.node().IsMap() || value.node().size() != 1) value.fail_expecting("a map with one action");
   const Verb& verb = *std::find_if(verbs().begin(), verbs().end(), [&](const Verb& v) { return outer.has(v.name); });
-  const Map map{outer.key_path(verb.name), outer.child(verb.name), verb.keys};
+  const Map map{outer.child(verb.name), verb.keys};
 
   Action action;
   action.kind = verb.kind;
@@ -72,13 +76,11 @@ Action parse_action(const KeyPath& key_path, const YAML::Node& node) {
   if (verb.kind == ActionKind::kApproach || verb.kind == ActionKind::kGrab) action.force = 0.3;
   if (verb.kind == ActionKind::kHold) action.force = 0;
   if (verb.kind == ActionKind::kLift) action = lifting(action);
-  map.name("object", action.object);
-  map.vector("direction", -1e6, 1e6, action.direction);
-  if (!(action.direction.norm() > 1e-9)) {
-    map.key_path("direction").fail(map.child("direction").Mark(), "found a zero vector, expected a direction");
-  }
+  map.text("object", action.object, session::kMaxName);
+  read_vector(map, "direction", -1e6, 1e6, action.direction);
+  if (!(action.direction.norm() > 1e-9)) map.child("direction").fail("found a zero vector, expected a direction");
   action.direction.normalize();
-  map.vector("point", 0, 1, action.point);
+  read_vector(map, "point", 0, 1, action.point);
   map.number("speed", kSlowest, kFastest, action.speed);
   const bool approaches = verb.kind == ActionKind::kApproach || verb.kind == ActionKind::kGrab;
   map.number(approaches ? "until_force" : "force", verb.kind == ActionKind::kHold ? 0 : 0.05, kStrongest, action.force);
@@ -87,7 +89,7 @@ Action parse_action(const KeyPath& key_path, const YAML::Node& node) {
   map.integer("count", 1, 10000, action.count);
   map.number("height", 0.001, 1, action.height);
   if (verb.kind == ActionKind::kMove) (void)map.required("by");
-  map.vector("by", -2, 2, action.by);
+  read_vector(map, "by", -2, 2, action.by);
   map.integer("others", 0, 7, action.others);
   map.number("extent", 1e-4, 100, action.extent);
   map.number("lean", 0, 2, action.lean);
@@ -95,39 +97,32 @@ Action parse_action(const KeyPath& key_path, const YAML::Node& node) {
   return action;
 }
 
-User parse_user(const KeyPath& key_path, const YAML::Node& node) {
-  const Map map{key_path, node, {"name", "hrtc", "radius", "repeat", "remote", "script"}};
+User parse_user(const Value& value) {
+  const Map map{value, {"name", "hrtc", "radius", "repeat", "remote", "script"}};
   User user;
   (void)map.required("name");
-  map.name("name", user.name);
+  map.text("name", user.name, session::kMaxName);
   user.hrtc = "#1";
-  map.name("hrtc", user.hrtc);
+  map.text("hrtc", user.hrtc, session::kMaxName);
   map.number("radius", 1e-5, 0.05, user.radius);
   map.flag("repeat", user.repeat);
   map.flag("remote", user.remote);
-  const YAML::Node script = map.required("script");
-  const KeyPath at = map.key_path("script");
-  if (!script.IsSequence() || script.size() == 0)
-    at.fail(script.Mark(), "found " + shown(script) + ", expected a list of actions");
   bool aimed = false;
   bool takes_time = false;
   bool holds = false;
-  for (std::size_t i = 0; i < script.size(); ++i) {
-    const Action action = parse_action(at.at(i), script[i]);
+  for (const Value& item : map.required("script").items("actions")) {
+    const Action action = parse_action(item);
     aimed = aimed || !action.object.empty();
     takes_time = takes_time || action.kind != ActionKind::kRetreat;
-    if (!aimed && action.kind != ActionKind::kWait) {
-      at.at(i).fail(script[i].Mark(), "names no object, and no action before it does");
-    }
+    if (!aimed && action.kind != ActionKind::kWait) item.fail("names no object, and no action before it does");
     const bool open = action.kind != ActionKind::kMove && action.kind != ActionKind::kRelease;
-    if (open && holds && action.kind != ActionKind::kWait) {
-      at.at(i).fail(script[i].Mark(), "the hand holds something: expected move, wait or release");
-    }
-    if (!open && !holds) at.at(i).fail(script[i].Mark(), "the hand holds nothing: expected grab before it");
+    if (open && holds && action.kind != ActionKind::kWait)
+      item.fail("the hand holds something: expected move, wait or release");
+    if (!open && !holds) item.fail("the hand holds nothing: expected grab before it");
     holds = action.kind == ActionKind::kGrab || (holds && action.kind != ActionKind::kRelease);
     user.script.push_back(action);
   }
-  if (user.repeat && !takes_time) at.fail(script.Mark(), "takes no time, so it cannot repeat");
+  if (user.repeat && !takes_time) map.child("script").fail("takes no time, so it cannot repeat");
   return user;
 }
 
@@ -150,36 +145,28 @@ bool goes_with(Truth truth, Measure measure) {
 }  // namespace
 
 Scenario parse_scenario(const std::string& text, const std::string& source) {
-  const KeyPath top{source, ""};
-  const YAML::Node root = yaml::load(text, top);
-  if (!root.IsMap()) top.fail(root.Mark(), "found " + shown(root) + ", expected a map with name and users");
-  const Map map{top, root, {"name", "measures", "truth", "within", "tool", "duration", "seed", "spread", "users"}};
+  const Map map{Value::parse(text, source),
+                {"name", "measures", "truth", "within", "tool", "duration", "seed", "spread", "users"}};
   Scenario scenario;
   scenario.digest = session::id_of(text);
   (void)map.required("name");
-  map.name("name", scenario.name);
+  map.text("name", scenario.name, session::kMaxName);
   map.choice("measures", {"nothing", "forces", "first-touch", "target", "lift", "hand-over"}, scenario.measures);
   if (scenario.measures != Measure::kNone) (void)map.required("truth");
   map.choice("truth", {"none", "full-mesh", "analytic", "state-machine"}, scenario.truth);
   if (!goes_with(scenario.truth, scenario.measures)) {
-    map.key_path("truth").fail(map.child("truth").Mark(),
-                               "found " + shown(map.child("truth")) + ", which does not go with what it measures");
+    map.child("truth").fail_expecting("a truth with which the scenario's 'measures' can be compared");
   }
-  map.choice("tool", {"ball", "stylus"}, scenario.tool);
+  map.choice("tool", {"sphere", "stylus"}, scenario.tool);
   map.number("within", 0.01, 10, scenario.within);
   map.number("spread", 0, 0.5, scenario.spread);
   map.number("duration", 0.1, kLongest, scenario.duration);
   map.integer("seed", 0, 1e15, scenario.seed);
-  const YAML::Node users = map.required("users");
-  const KeyPath at = map.key_path("users");
-  if (!users.IsSequence() || users.size() == 0)
-    at.fail(users.Mark(), "found " + shown(users) + ", expected a list of users");
   std::set<std::string> names;
-  for (std::size_t i = 0; i < users.size(); ++i) {
-    scenario.users.push_back(parse_user(at.at(i), users[i]));
-    if (!names.insert(scenario.users.back().name).second) {
-      at.at(i).fail(users[i].Mark(), "name '" + scenario.users.back().name + "' occurs twice");
-    }
+  for (const Value& item : map.required("users").items("users")) {
+    scenario.users.push_back(parse_user(item));
+    const std::string& name = scenario.users.back().name;
+    if (!names.insert(name).second) item.fail("name '" + name + "' occurs twice");
   }
   return scenario;
 }

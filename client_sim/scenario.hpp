@@ -3,7 +3,7 @@
 ///     name: touch
 ///     measures: forces        # of a study (docs/how-to/studies.md)
 ///     truth: full-mesh        # reference of the study
-///     tool: stylus            # probe of the users in a study; default: a ball
+///     tool: stylus            # probe of the users in a study; default: a sphere
 ///     duration: 10            # s
 ///     users:
 ///       - name: ann
@@ -27,7 +27,7 @@ namespace tactus::client_sim {
 
 using spm::Vec3d;
 
-/// The message is `file:line:column: key: found ..., expected ...`.
+/// A scenario that does not exist, or that its user cannot run.
 class ScenarioError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
@@ -116,13 +116,14 @@ struct Scenario {
   std::vector<User> users;
 };
 
-/// Parses `text`; `source` names it in messages. Unknown keys, wrong types and values out of range throw ScenarioError.
+/// Parses `text`; `source` names it in messages. Unknown keys, wrong types and values out of range throw YamlError.
 [[nodiscard]] Scenario parse_scenario(const std::string& text, const std::string& source);
 
 /// The scenario with target points varied by `seed` within its spread; the same for the same seed.
 [[nodiscard]] Scenario varied(Scenario scenario, std::uint64_t seed);
 
-/// Loads a built-in scenario by name, or else a file by path. Throws ScenarioError that lists the built-in names.
+/// Loads a built-in scenario by name, or else a file by path. Throws YamlError, or ScenarioError that lists the
+/// built-in names.
 [[nodiscard]] Scenario load_scenario(const std::string& name_or_path);
 
 /// `touch`, `follow`, `lift`, `grab`, `demo`, `demo-lift`, and those of studies (docs/how-to/studies.md): name and YAML

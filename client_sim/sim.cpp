@@ -2,6 +2,7 @@
 
 #include <chrono>
 #include <map>
+#include <type_traits>
 #include <utility>
 #include <variant>
 #include <vector>
@@ -81,8 +82,10 @@ struct Sim::Impl {
 
   template <class Typed>
   void listen(const wire::TopicSpec<Typed>& topic) {
-    readers.push_back(std::make_shared<wire::Reader<Typed>>(main.participants, topic,
-                                                            [this](Typed&& sample) { inbox.put(std::move(sample)); }));
+    readers.push_back(std::make_shared<wire::Reader<Typed>>(main.participants, topic, [this](Typed&& sample) {
+      constexpr bool kEnd = std::is_same_v<Typed, session::SessionEnd>;
+      inbox.put(std::move(sample), kEnd ? wire::Urgency::kLast : wire::Urgency::kWakes);
+    }));
   }
 
   void take(const session::RosterEntry& entry, std::int64_t now_ns) {
@@ -230,7 +233,11 @@ Report Sim::run(const std::atomic<bool>& stop, const std::function<void(const st
   }
   sim.leave();
   if (sim.core.name_taken()) throw NameTaken(sim.core.trouble());
-  return sim.core.report();
+  Report report = sim.core.report();
+  report.implausible += sim.clock.implausible();
+  for (const auto& [user, remote] : sim.remotes)
+    if (remote.hand) report.implausible += remote.hand->implausible();
+  return report;
 }
 
 }  // namespace tactus::client_sim

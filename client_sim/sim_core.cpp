@@ -73,7 +73,7 @@ void SimCore::on_roster(const session::RosterEntry& entry, std::int64_t now_ns) 
   if (entry.origin.session != self_.session) return;
   now_ns_ = std::max(now_ns_, now_ns);
   if (first_peer_ns_ < 0 && !is_own(entry.origin.participant)) first_peer_ns_ = now_ns;
-  if (stops_.on_roster(entry)) log_event("emergency stop: " + session::text(entry) + " has it");
+  if (stops_.on_roster(entry)) log_event("emergency stop: " + session::text(entry) + " forwards it");
   take_events(roster_.on_entry(entry, now_ns));
 }
 
@@ -114,9 +114,10 @@ void SimCore::on_probe_state(const session::ProbeState& state, std::int64_t sess
   for (SimUser& sim_user : users_) {
     if (state.user_id != session::id_of(sim_user.op.user().name)) continue;
     if (state.origin.participant != session::id_of(sim_user.hrtc)) return;
-    const bool counts =
-        session::accepted(sim_user.probe.on_state(state, session::StateStream::kDeadbandCoded, session_now_ns));
-    if (!counts || state_ != SimState::kRunning) return;
+    const session::Admission admission =
+        sim_user.probe.on_state(state, session::StateStream::kDeadbandCoded, session_now_ns);
+    if (admission == session::Admission::kImplausible) ++implausible_;
+    if (!session::accepted(admission) || state_ != SimState::kRunning) return;
     const std::uint32_t faults = sim_user.touch.faults;
     sim_user.touch.add(state, session_start_ns_, session_now_ns);
     if (sim_user.touch.faults > faults)
@@ -332,6 +333,8 @@ Report SimCore::report() const {
                             tally.contacts_lost, tally.following, tally.lifts, tally.lifts_lost, tally.grabs,
                             tally.grabs_refused, tally.grabs_lost});
   }
+  report.implausible = implausible_ + roster_.implausible();
+  for (const auto& [id, movable] : movables_) report.implausible += movable.gate.implausible();
   for (const auto& [id, movable] : movables_)
     if (movable.tally.poses > 0) report.objects.push_back({movable.entry.object, movable.tally});
   for (const auto& [id, peer] : peers_)

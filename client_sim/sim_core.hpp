@@ -139,6 +139,7 @@ class SimCore {
 
   Objects objects_;
   std::map<std::uint64_t, Movable> movables_;                 // by object
+  std::uint64_t implausible_ = 0;                             // probe states
   std::map<std::string, std::uint64_t> record_counts_;        // by object
   std::map<std::uint64_t, Peer> peers_;                       // hosts and HRTCs ever seen, by participant
   std::vector<std::pair<std::int64_t, std::string>> events_;  // by this program's clock

@@ -8,11 +8,11 @@
 //              <-- force, once with a profile --                 a thread of the driver, at most 2 kHz
 //              -- state of all devices -->                       one answer to each message
 //
-// The newest position and the newest force count. Neither the haptic thread nor the network thread waits for the other.
-// A force without a new write for 50 ms is sent as zero. The device has failed when the connection ends, the device is
-// removed, or the service is silent for a second or sends invalid messages. Then the operator is informed, and the
-// service stops the force when no commands come. Only the position of the tip is read, not orientation and buttons of a
-// grip.
+// Only the newest position and the newest force are used. The haptic thread and the network thread never wait for each
+// other. When no force was written for 50 ms, the driver sends zero. The device has failed when the connection ends,
+// the device is removed, or the service is silent for a second or sends invalid messages. Then the driver prints a line
+// for the operator, and the service stops the force because it gets no commands. Only the position of the tip is read,
+// not orientation and buttons of a grip.
 //
 // Written from docs.haply.co, version 3.5.x: "WebSocket Protocol", "Simulation Channel" and "Control Commands" (metres,
 // newton, right-handed). Tested against a simulated service, not with a real device.
@@ -50,7 +50,7 @@ using namespace std::chrono_literals;
 constexpr auto kPatience = 3s;      // until the service has sent its list of devices
 constexpr auto kSilence = 1s;       // after which the device has failed
 constexpr auto kPeriod = 500us;     // minimum between two messages
-constexpr auto kForceHolds = 50ms;  // without a new write
+constexpr auto kForceHolds = 50ms;  // after a write; then zero is sent
 constexpr auto kCloseTimeout = 300ms;
 constexpr int kMaxInvalid = 100;  // messages in a row
 constexpr std::size_t kMaxBytes = 1u << 20;
@@ -91,7 +91,7 @@ struct Force {
   std::int64_t time_ns = 0;
 };
 
-/// Reads {"x": 1, "y": 2, "z": 3}; false for anything else.
+/// Reads {"x": 1, "y": 2, "z": 3}; false for any other form.
 bool vector_of(const Json& object, const char* name, Vector& value) {
   const auto found = object.find(name);
   if (found == object.end() || !found->is_object()) return false;
@@ -115,7 +115,7 @@ std::string id_of(const Json& device) {
 /// Connection to the service. Its own thread runs every function that is not marked otherwise.
 class Service {
  public:
-  /// Waits for the list of devices. Throws std::runtime_error saying what, found, expected.
+  /// Waits for the list of devices. Throws std::runtime_error that names the value found and the value expected.
   Service(std::string host, std::string port, std::string wanted)
       : host_{std::move(host)}, port_{std::move(port)}, id_{std::move(wanted)} {
     std::future<std::string> ready = ready_.get_future();
@@ -136,7 +136,7 @@ class Service {
   Service(const Service&) = delete;
   Service& operator=(const Service&) = delete;
 
-  // For the haptic thread.
+  // Called by the haptic thread.
   Newest<Pose>& poses() noexcept { return poses_; }
   Newest<Force>& forces() noexcept { return forces_; }
   [[nodiscard]] bool failed() const noexcept { return failed_.load(std::memory_order_acquire); }
@@ -334,7 +334,7 @@ tactus_device* open_haply(const char* config, char* error, std::size_t error_siz
 
 void close_haply(tactus_device* device) { delete device; }
 
-/// Conservative values: the service reports none, and its round trip adds a millisecond.
+/// Conservative values, because the service reports none, and its round trip adds a millisecond.
 void spec_of_haply(tactus_device*, tactus_device_spec* spec) {
   spec->max_force = 5;
   spec->max_stiffness = 800;

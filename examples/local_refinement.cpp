@@ -1,5 +1,5 @@
-// Local refinement in a program of one's own: a sphere slides over a model of which 16 MiB are in memory, and in each
-// millisecond the mesh is refined where the sphere is, within a budget.
+// Local refinement without a session: a sphere slides over a model with 16 MiB of memory. In each millisecond the
+// program refines the mesh near the sphere, within a budget.
 //   local_refinement [MODEL]      a .ply, .stl, .obj or .spm file; without one an organ of 200,000 faces
 #include "spm/local_refinement.hpp"
 
@@ -19,7 +19,7 @@ using namespace tactus::spm;
 
 namespace {
 
-/// A model as bytes: of a file that `tactus-mesh build` made, or built here, which takes some 10 us a face.
+/// An encoded model: a file of `tactus-mesh build`, or built by this program, which takes some 10 us per face.
 struct Source {
   std::optional<offline::MappedModel> file;
   std::optional<codec::EncodedModel> built;
@@ -52,7 +52,7 @@ int run(const char* path) {
   constexpr std::uint32_t kContacts = 1u << 14;
   std::vector<Contact> contacts(kContacts);
   int touching = 0, exact = 0;
-  double distance = 0.7 * size;  // from the middle, along a direction that turns: towards the surface until they touch
+  double distance = 0.7 * size;  // from the middle to the sphere; decreases until they touch
   for (int frame = 0; frame < kFrames; ++frame) {
     const double angle = 1e-3 * frame;
     const Vec3d out{std::cos(angle), std::sin(angle) * std::cos(angle / 3), std::sin(angle) * std::sin(angle / 3)};

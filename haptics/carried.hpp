@@ -18,11 +18,11 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <span>
 #include <string>
 #include <type_traits>
 
 #include "spm/model.hpp"
-#include "spm/span.hpp"
 
 namespace tactus::haptics {
 
@@ -118,7 +118,7 @@ class CarriedWriter : public CarriedVisit<CarriedWriter> {
 
 class CarriedReader : public CarriedVisit<CarriedReader> {
  public:
-  explicit CarriedReader(spm::Span<const std::uint8_t> from) noexcept : from_{from} {}
+  explicit CarriedReader(std::span<const std::uint8_t> from) noexcept : from_{from} {}
   /// Leaves a value that is refused, and all that follow, as they were.
   template <class T, class IsValid>
   void take(const char* name, T& value, const IsValid& is_valid, const char* expected) noexcept {
@@ -144,7 +144,7 @@ class CarriedReader : public CarriedVisit<CarriedReader> {
   }
 
  private:
-  spm::Span<const std::uint8_t> from_;
+  std::span<const std::uint8_t> from_;
   std::size_t at_ = 0;
   const char* refused_ = nullptr;   // the first value that was
   const char* expected_ = nullptr;  // null: the bytes end before it

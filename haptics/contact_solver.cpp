@@ -84,7 +84,7 @@ void ContactSolver::reduce() noexcept {
 }
 
 ContactSolver::Row ContactSolver::row_of(const Contact& contact, const Vec3d& axis,
-                                         spm::Span<const SolverBody> bodies) noexcept {
+                                         std::span<const SolverBody> bodies) noexcept {
   Row row;
   row.on_a << axis, contact.arm_a.cross(axis);
   row.change_a = bodies[contact.a].inverse_mass * row.on_a;
@@ -100,7 +100,7 @@ ContactSolver::Row ContactSolver::row_of(const Contact& contact, const Vec3d& ax
   return row;
 }
 
-void ContactSolver::build(Block& block, const Contact& contact, spm::Span<const SolverBody> bodies,
+void ContactSolver::build(Block& block, const Contact& contact, std::span<const SolverBody> bodies,
                           double dt) const noexcept {
   block.axes[0] = contact.normal;
   block.rows[0] = row_of(contact, contact.normal, bodies);
@@ -127,7 +127,7 @@ void ContactSolver::build(Block& block, const Contact& contact, spm::Span<const 
   }
 }
 
-const SolverResult& ContactSolver::solve(spm::Span<SolverBody> bodies, double dt) noexcept {
+const SolverResult& ContactSolver::solve(std::span<SolverBody> bodies, double dt) noexcept {
   reduce();
   result_ = SolverResult{};
   result_.contacts = static_cast<std::uint32_t>(selected_count_);

@@ -25,10 +25,10 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <span>
 
 #include "haptics/carried.hpp"
 #include "spm/model.hpp"
-#include "spm/span.hpp"
 
 namespace tactus::haptics {
 
@@ -84,11 +84,11 @@ class ContactSolver {
   /// Counts the contact as dropped when there are already kMaxCandidateContacts. Realtime.
   void add(const Contact& contact) noexcept;
   /// Solves and writes the velocities. Every body index in a contact must exist. Realtime.
-  const SolverResult& solve(spm::Span<SolverBody> bodies, double dt) noexcept;
+  const SolverResult& solve(std::span<SolverBody> bodies, double dt) noexcept;
 
   [[nodiscard]] const SolverResult& last() const noexcept { return result_; }
   /// Contacts selected by the last `solve`, and the impulse on body a of each, N s.
-  [[nodiscard]] spm::Span<const Contact> contacts() const noexcept { return {selected_.data(), selected_count_}; }
+  [[nodiscard]] std::span<const Contact> contacts() const noexcept { return {selected_.data(), selected_count_}; }
   [[nodiscard]] const Vec3d& impulse(std::size_t kept) const noexcept { return impulses_[kept]; }
 
   /// What the next `solve`, and `impulse` until then, go by; see haptics/carried.hpp.
@@ -122,9 +122,9 @@ class ContactSolver {
   };
 
   void reduce() noexcept;
-  void build(Block& block, const Contact& contact, spm::Span<const SolverBody> bodies, double dt) const noexcept;
+  void build(Block& block, const Contact& contact, std::span<const SolverBody> bodies, double dt) const noexcept;
   [[nodiscard]] static Row row_of(const Contact& contact, const Vec3d& axis,
-                                  spm::Span<const SolverBody> bodies) noexcept;
+                                  std::span<const SolverBody> bodies) noexcept;
 
   SolverSettings settings_;
   std::array<Contact, kMaxCandidateContacts> candidates_;

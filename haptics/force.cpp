@@ -240,12 +240,28 @@ Vec3d ForceRenderer::slewed(const Vec3d& wanted, const Vec3d& before, double lar
   return before + change * (largest / size);
 }
 
+/// Of what was released, the rest of its force goes on top.
+void ForceRenderer::fade(Vec3d& force, Vec3d& torque, double dt) noexcept {
+  fading_.advance(kSurfaceRamp * dt);
+  fading_torque_.advance(kTorqueRamp * dt);
+  if (released_ && gain_ > 0) {
+    fading_.set(force - limited(Vec3d(result_.force / gain_), max_force()));
+    fading_torque_.set(torque - limited(Vec3d(result_.torque / gain_), max_torque()));
+  }
+  released_ = false;
+  if (fading_.done() && fading_torque_.done()) return;
+  result_.bits |= kForceSurfaceRamp;
+  force = limited(Vec3d(force - fading_.remaining()), max_force());
+  torque = limited(Vec3d(torque - fading_torque_.remaining()), max_torque());
+}
+
 void ForceRenderer::limit(const Vec3d& force, const Vec3d& torque, double pose_age, double dt) noexcept {
   advance_gain(pose_age, dt);
   const bool felt = !force.isZero(0) || !torque.isZero(0);
-  const Vec3d within = limited(force, max_force()), limited_torque = limited(torque, max_torque());
+  Vec3d within = limited(force, max_force()), limited_torque = limited(torque, max_torque());
   // A missing torque on a device without torque is no event.
   if (within != force || (max_torque() > 0 && limited_torque != torque)) result_.bits |= kForceSaturated;
+  fade(within, limited_torque, dt);
   if (gain_ < 1 && felt) result_.bits |= kForceSoftStart;
   Vec3d out = slewed(within * gain_, result_.force, settings_.max_slew * dt);
   Vec3d out_torque = slewed(limited_torque * gain_, result_.torque, settings_.max_torque_slew * dt);

@@ -60,6 +60,8 @@ enum class Fault : std::uint8_t {
 
 /// N/s: rate at which the force effect of a surface change is let through.
 inline constexpr double kSurfaceRamp = 45;
+/// N m/s: the same for the torque of what is gone.
+inline constexpr double kTorqueRamp = 1.5;
 
 struct ForceSettings {
   double max_force = 8;     ///< N; the device's own limit also applies
@@ -141,6 +143,10 @@ class ForceRenderer {
   /// Clears the fault; the force then starts softly.
   void reset() noexcept;
 
+  /// What the probe touches or holds is gone in the next step: the change of force and torque that follows is let
+  /// through at kSurfaceRamp and kTorqueRamp.
+  void release() noexcept { released_ = true; }
+
   /// What one step leaves to the next, but for the settings; see haptics/carried.hpp. What only numbers follow from,
   /// which are checked before they are felt, may be anything. Realtime if `visit` is.
   template <class Visit>
@@ -155,6 +161,12 @@ class ForceRenderer {
     visit.any("ramp", remaining);
     ramp_.set(remaining);
     visit.any("last force", last_);
+    visit.flag("flag of a release", released_);
+    for (Ramp* ramp : {&fading_, &fading_torque_}) {
+      Vec3d fading = ramp->remaining();
+      visit.any("fading force", fading);
+      ramp->set(fading);
+    }
     visit.flag("flag of a force", has_pose_);
     visit.any("device position", position_), visit.any("device orientation", orientation_);
     visit.any("device time", time_ns_), visit.any("angular velocity", angular_velocity_);
@@ -178,6 +190,7 @@ class ForceRenderer {
   [[nodiscard]] double max_torque() const noexcept { return std::min(settings_.max_torque, spec_.max_torque); }
   /// Applies the surface ramp to a force.
   [[nodiscard]] Vec3d ramped(const Vec3d& pressed, const Vec3d& normal) noexcept;
+  void fade(Vec3d& force, Vec3d& torque, double dt) noexcept;
   void advance_gain(double pose_age, double dt) noexcept;
   [[nodiscard]] bool too_fast(const DeviceState& device, double dt) noexcept;
 
@@ -187,9 +200,11 @@ class ForceRenderer {
   double gain_ = 0;        // share of full strength
   double rise_time_ = -1;  // s from zero to full strength; < 0: as at the start
   std::uint32_t bits_before_ = 0;
-  Ramp ramp_;                   // N
-  Vec3d last_ = Vec3d::Zero();  // N, as ramped, before the limits
-  bool has_pose_ = false;       // the next three are valid
+  Ramp ramp_;                    // N
+  Vec3d last_ = Vec3d::Zero();   // N, as ramped, before the limits
+  bool released_ = false;        // since the last step
+  Ramp fading_, fading_torque_;  // N, N m; of what was released
+  bool has_pose_ = false;        // the next three are valid
   Vec3d position_ = Vec3d::Zero();
   Eigen::Quaterniond orientation_ = Eigen::Quaterniond::Identity();
   std::int64_t time_ns_ = 0;

@@ -1,4 +1,4 @@
-/// Passivity observer and controller: counts the energy at a hand's port and keeps it at or above zero.
+/// Passivity controller: counts the energy at a hand's port and keeps it at or above zero.
 ///
 /// A force that is held for a cycle does exactly force * displacement of work on the hand. So the port's energy is
 /// known exactly at each pose:
@@ -6,15 +6,15 @@
 ///     E_n = E_(n-1) - F_(n-1) . (x_n - x_(n-1)) - W_n        energy taken from the hand minus energy passed on
 ///
 /// with W_n the work on other bodies (a pushed body; zero for a fixed surface). Energy that another user put into a
-/// body may come back: then W_n < 0. The controller looks one cycle ahead. It reduces a force that would draw more than
-/// E with the present motion, or with a motion that the hand may begin within the cycle. So it acts at the end of a
-/// release, where a sampled spring returns more than it took. Damping repays any remaining deficit.
+/// body may come back: then W_n < 0. The passivity controller looks one cycle ahead. It reduces a force that would draw
+/// more than E with the present motion, or with a motion that the hand may begin within the cycle. So it acts at the
+/// end of a release, where a sampled spring returns more than it took. Damping repays any remaining deficit.
 ///
 /// Guards: no damping below a minimum speed, and none beyond the device's limit (2 m / T). Credit above a bound is
 /// discarded, so that a long activity cannot hide a later one. Input that is not finite gives no force and no credit.
 ///
 /// World or device frame, SI. One thread at a time. Realtime.
-/// Source: Hannaford, Ryu 2002 (passivity observer and controller in the time domain); Stramigioli et al. 2005 (exact
+/// Source: Hannaford, Ryu 2002 (time domain passivity control); Stramigioli et al. 2005 (exact
 /// energy of a held force).
 #pragma once
 

@@ -10,7 +10,7 @@ namespace tactus::haptics {
 
 namespace {
 
-constexpr int kMaxSweeps = 6;
+constexpr int kMaxIterations = 6;
 constexpr double kSkin = 1e-6;           // m between proxy and surface: far above rounding errors, too small to feel
 constexpr double kSamePlane = 1 - 1e-6;  // cosine
 constexpr double kNoMotion = 1e-9;       // m
@@ -136,7 +136,7 @@ Proxy::Motion Proxy::move(const Vec3d& start, const Vec3d& goal, Surface& surfac
   Vec3d target = goal;
   if (first_hit != nullptr && !(planes.add(plane_at(*first_hit, settings_.radius)) && planes.nearest(goal, target)))
     return motion;
-  for (int sweep = 0; sweep < kMaxSweeps; ++sweep) {
+  for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
     SurfaceHit hit;
     if (!surface.sweep(motion.end, target, settings_.radius, hit)) {
       motion.end = target;
@@ -301,7 +301,7 @@ bool Proxy::push(const Vec3d& wanted, double radius, Surface& surface, Vec3d& to
   Planes planes;
   to = wanted;
   SurfaceHit hit;
-  for (int sweep = 0; sweep < kMaxSweeps; ++sweep) {
+  for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
     if (!surface.sweep_moving(result_.proxy, to, radius, hit)) return true;
     if (!planes.add(plane_at(hit, radius)) || !planes.nearest(wanted, to)) break;
   }

@@ -73,7 +73,7 @@ void RigidBody::add_spring(const PointSpring& spring) noexcept {
   add_force(spring.point, spring.force(Vec3d::Zero(), dt_));
 }
 
-void RigidBody::add_spring(const TorsionSpring& spring) noexcept {
+void RigidBody::add_spring(const RotationalSpring& spring) noexcept {
   mass_.bottomRightCorner<3, 3>().diagonal().array() += dt_ * (dt_ * spring.stiffness + spring.damping);
   momentum_.tail<3>() += dt_ * spring.torque(Vec3d::Zero(), dt_);
 }

@@ -72,7 +72,7 @@ struct PointSpring {
 };
 
 /// A torsion spring and damper from the body to a rotating target.
-struct TorsionSpring {
+struct RotationalSpring {
   Vec3d rotation = Vec3d::Zero();  ///< rotation vector from the body to the target, world frame
   Vec3d target_angular_velocity = Vec3d::Zero();
   double stiffness = 0;  ///< N m/rad
@@ -100,7 +100,7 @@ class RigidBody {
   void begin(double dt) noexcept;
   void add_force(const Vec3d& point_world, const Vec3d& force) noexcept;
   void add_spring(const PointSpring& spring) noexcept;
-  void add_spring(const TorsionSpring& spring) noexcept;
+  void add_spring(const RotationalSpring& spring) noexcept;
   /// Adds another force of this step: the impulse `impulse` - `mass` * velocity at the end of the step.
   void add_implicit(const Mat6d& mass, const Vec6d& impulse) noexcept;
   /// The velocity without contacts, and the inverse of the effective mass.

@@ -22,8 +22,9 @@ void SharedObject::couple(CopyCoupling& coupling) noexcept {
   still_ = 0;
 }
 
-void SharedObject::step(std::int64_t now_ns, spm::Span<const PointSpring> springs, const Surroundings& surroundings,
-                        double dt, const ImplicitForce* more, spm::Span<const TorsionSpring> torsion_springs) noexcept {
+void SharedObject::step(std::int64_t now_ns, std::span<const PointSpring> springs, const Surroundings& surroundings,
+                        double dt, const ImplicitForce* more,
+                        std::span<const RotationalSpring> rotational_springs) noexcept {
   if (following_) return;
   if (!springs.empty() || more != nullptr) still_ = 0;
   if (asleep()) return;
@@ -31,7 +32,7 @@ void SharedObject::step(std::int64_t now_ns, spm::Span<const PointSpring> spring
   const Vec3d centre = body_.state().position;
   body_.begin(dt);
   for (const PointSpring& spring : springs) body_.add_spring(spring);
-  for (const TorsionSpring& spring : torsion_springs) body_.add_spring(spring);
+  for (const RotationalSpring& spring : rotational_springs) body_.add_spring(spring);
   if (more != nullptr) body_.add_implicit(more->mass, more->impulse);
   if (coupling_ != nullptr) coupling_->begin(now_ns, dt, body_);
   SolverBody moving = body_.free();

@@ -10,6 +10,8 @@
 /// World frame, SI. One thread at a time. Realtime, except for making a CopyCoupling, which fills histories.
 #pragma once
 
+#include <span>
+
 #include "haptics/coupling.hpp"
 
 namespace tactus::haptics {
@@ -38,10 +40,10 @@ class SharedObject {
 
   /// Sets its pose while another program simulates it.
   void place(const BodyState& state) noexcept { body_.place(state); }
-  /// One cycle. `springs`: of probes that touch it; `torsion_springs`: of probes that hold it. Does nothing while
+  /// One cycle. `springs`: of probes that touch it; `rotational_springs`: of probes that hold it. Does nothing while
   /// following.
-  void step(std::int64_t now_ns, spm::Span<const PointSpring> springs, const Surroundings& surroundings, double dt,
-            const ImplicitForce* more = nullptr, spm::Span<const TorsionSpring> torsion_springs = {}) noexcept;
+  void step(std::int64_t now_ns, std::span<const PointSpring> springs, const Surroundings& surroundings, double dt,
+            const ImplicitForce* more = nullptr, std::span<const RotationalSpring> rotational_springs = {}) noexcept;
 
   [[nodiscard]] const BodyState& state() const noexcept { return body_.state(); }
   [[nodiscard]] const RigidBody& body() const noexcept { return body_; }
@@ -50,7 +52,7 @@ class SharedObject {
   [[nodiscard]] const CopyCoupling* coupling() const noexcept { return coupling_; }
   [[nodiscard]] const SolverResult& contacts() const noexcept { return solver_.last(); }
   /// Contacts with static geometry in the last step.
-  [[nodiscard]] spm::Span<const Contact> static_contacts() const noexcept { return solver_.contacts(); }
+  [[nodiscard]] std::span<const Contact> static_contacts() const noexcept { return solver_.contacts(); }
   /// True for an owned object that rests on something and that nobody touches; it does not move until that changes.
   [[nodiscard]] bool asleep() const noexcept { return still_ >= kStill; }
 

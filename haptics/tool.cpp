@@ -99,12 +99,12 @@ const Tool::Part& Tool::PairSet::part(std::uint32_t pair) const noexcept {
 std::uint64_t Tool::PairSet::id(const Part& part, std::uint32_t pair) const noexcept {
   const spm::NearPairs& eight = blocks[pair / kWidth];
   return std::uint64_t{part.object->index} << 56 | std::uint64_t{eight.triangle[pair % kWidth]} << 32 |
-         eight.face_id[pair % kWidth];
+         index(eight.face[pair % kWidth]);
 }
 
 /// Gathers the pairs near `pose`. False when the capacity or the work budget is used up before all are found.
 bool Tool::gather(const ToolPose& pose, double margin, std::uint32_t max_pairs, std::uint32_t max_work,
-                  spm::Span<const ToolObject> objects, Nearby& into) noexcept {
+                  std::span<const ToolObject> objects, Nearby& into) noexcept {
   const Nearby& other = &into == current_ ? *candidate_ : *current_;
   PairSet& set = other.set == &pair_sets_[0] ? pair_sets_[1] : pair_sets_[0];
   set.parts.clear();
@@ -141,12 +141,12 @@ bool Tool::gather(const ToolPose& pose, double margin, std::uint32_t max_pairs, 
       spm::NearPairs& pairs = set.blocks[block];
       const std::uint32_t here = std::min(kWidth, touch.contacts - (block - part.first) * kWidth);
       for (std::uint32_t lane = here; lane < kWidth; ++lane) {
-        pairs.face_id[lane] = spm::kNone;
+        pairs.face[lane] = spm::kNone;
         pairs.triangle[lane] = pairs.triangle[0];
-        for (auto& corner : pairs.face.corner)
+        for (auto& corner : pairs.corners.corner)
           for (auto& axis : corner) axis[lane] = axis[0];
       }
-      for (auto& corner : pairs.face.corner)
+      for (auto& corner : pairs.corners.corner)
         for (int axis = 0; axis < 3; ++axis)
           for (float& x : corner[axis]) x = (x - origin[axis]) * scale;
       measure(part, margin, block, into);
@@ -181,13 +181,13 @@ void Tool::measure(const Part& part, double within, std::uint32_t block, Nearby&
     for (int i = 0; i < 3; ++i)
       for (int axis = 0; axis < 3; ++axis) lanes_.corner[i][axis][lane] = vertices_[axis][corners[i]];
   }
-  spm::gaps(pairs.face, lanes_, gaps_, simd_);
+  spm::gaps(pairs.corners, lanes_, gaps_, simd_);
   for (unsigned lane = 0; lane < kWidth; ++lane) {
     const std::uint32_t pair = block * kWidth + lane;
     into.distance[pair] = kAbsent;
     const bool near = gaps_.distance[lane] <= within || (gaps_.may_meet >> lane & 1u) != 0;
-    if (!near || pairs.face_id[lane] == spm::kNone) continue;
-    const Gap gap = gap_of(part, pairs.face, lane);
+    if (!near || pairs.face[lane] == spm::kNone) continue;
+    const Gap gap = gap_of(part, pairs.corners, lane);
     if (gap.distance > within) continue;
     into.nearest = std::min(into.nearest, gap.distance);
     into.distance[pair] = static_cast<float>(gap.distance);
@@ -367,7 +367,7 @@ bool Tool::add_violated(const Displacement& displacement, double dt) noexcept {
 // ---- look and go ----
 
 /// Checks the pose after `displacement`. With `again` > 0, pairs that come too close become rows under that number.
-Tool::Check Tool::check(const Displacement& displacement, int again, spm::Span<const ToolObject> objects) noexcept {
+Tool::Check Tool::check(const Displacement& displacement, int again, std::span<const ToolObject> objects) noexcept {
   const double collision_margin = settings_.collision_margin;
   Nearby& candidate = *candidate_;
   const double length = longest(displacement);
@@ -464,7 +464,7 @@ Tool::Step Tool::escape(const ToolPose& device, double dt, double limit) noexcep
         if (distance >= nearest) continue;
         nearest = distance;
         result_.object = part.object->index;
-        result_.face = current_->set->blocks[pair / kWidth].face_id[pair % kWidth];
+        result_.face = index(current_->set->blocks[pair / kWidth].face[pair % kWidth]);
         result_.point = pose_.position + gap.arm;
       }
   Displacement displacement;
@@ -485,7 +485,7 @@ Tool::Step Tool::escape(const ToolPose& device, double dt, double limit) noexcep
 }
 
 Tool::Step Tool::step_towards(const ToolPose& device, double dt, double limit,
-                              spm::Span<const ToolObject> objects) noexcept {
+                              std::span<const ToolObject> objects) noexcept {
   constexpr int kRounds = 10, kChecks = 3, kHalvings = 3;
   ++result_.steps;
   const double collision_margin = settings_.collision_margin;
@@ -547,7 +547,7 @@ Tool::Step Tool::step_towards(const ToolPose& device, double dt, double limit,
 }
 
 /// Moves by all of `wanted` when no surface is near; false when finding out would cost too much.
-bool Tool::move_freely(const Displacement& wanted, double margin, spm::Span<const ToolObject> objects) noexcept {
+bool Tool::move_freely(const Displacement& wanted, double margin, std::span<const ToolObject> objects) noexcept {
   constexpr std::uint32_t kFewPairs = 64, kLittleWork = 300;
   gathered_ = false;
   if (!gather(pose_, margin, kFewPairs, kLittleWork, objects, *current_) || current_->nearest < margin) return false;
@@ -558,7 +558,7 @@ bool Tool::move_freely(const Displacement& wanted, double margin, spm::Span<cons
   return true;
 }
 
-const ToolResult& Tool::step(const ToolPose& at, double dt, spm::Span<const ToolObject> objects,
+const ToolResult& Tool::step(const ToolPose& at, double dt, std::span<const ToolObject> objects,
                              bool surface_changed) noexcept {
   if (!at.position.allFinite() || !at.orientation.coeffs().allFinite() || !(at.orientation.norm() > 0.5) || !(dt > 0))
     return result_;

@@ -34,6 +34,7 @@
 #include <Eigen/Geometry>
 #include <array>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "haptics/contact_solver.hpp"
@@ -110,7 +111,7 @@ class Tool {
   /// One cycle of `dt` seconds with the device at `device`. `surface_changed`: the objects near the tool, at most 255,
   /// have changed since the last step: other objects, other poses or other faces. A pose that is not finite changes
   /// nothing. Realtime.
-  const ToolResult& step(const ToolPose& device, double dt, spm::Span<const ToolObject> objects,
+  const ToolResult& step(const ToolPose& device, double dt, std::span<const ToolObject> objects,
                          bool surface_changed) noexcept;
 
   [[nodiscard]] const ToolResult& last() const noexcept { return result_; }
@@ -219,7 +220,7 @@ class Tool {
   [[nodiscard]] Displacement to_device(const ToolPose& device) const noexcept;
 
   [[nodiscard]] bool gather(const ToolPose& pose, double margin, std::uint32_t max_pairs, std::uint32_t max_work,
-                            spm::Span<const ToolObject> objects, Nearby& into) noexcept;
+                            std::span<const ToolObject> objects, Nearby& into) noexcept;
   void place(const ToolPose& pose, Part& part) noexcept;
   void measure(const Part& part, double within, std::uint32_t block, Nearby& into) noexcept;
   [[nodiscard]] bool measure_again(const ToolPose& pose, double length, Nearby& into) noexcept;
@@ -232,12 +233,12 @@ class Tool {
   [[nodiscard]] Displacement solve(const Displacement& wanted, double dt) noexcept;
   [[nodiscard]] bool add_violated(const Displacement& displacement, double dt) noexcept;
 
-  [[nodiscard]] Check check(const Displacement& displacement, int again, spm::Span<const ToolObject> objects) noexcept;
+  [[nodiscard]] Check check(const Displacement& displacement, int again, std::span<const ToolObject> objects) noexcept;
   [[nodiscard]] Step step_towards(const ToolPose& device, double dt, double limit,
-                                  spm::Span<const ToolObject> objects) noexcept;
+                                  std::span<const ToolObject> objects) noexcept;
   [[nodiscard]] Step escape(const ToolPose& device, double dt, double limit) noexcept;
   [[nodiscard]] bool move_freely(const Displacement& wanted, double margin,
-                                 spm::Span<const ToolObject> objects) noexcept;
+                                 std::span<const ToolObject> objects) noexcept;
   void write_result(const ToolPose& device) noexcept;
 
   const spm::MeshProbe& probe_;

@@ -5,6 +5,7 @@
 #include <map>
 #include <optional>
 #include <set>
+#include <type_traits>
 #include <utility>
 #include <variant>
 
@@ -21,13 +22,13 @@ using std::chrono::microseconds;
 using std::chrono::milliseconds;
 using wire::monotonic_ns;
 
-constexpr milliseconds kPoll{5};        // while an HRTC's readers are not found yet
-constexpr milliseconds kPatience{50};   // so soon a signal is noticed
-constexpr milliseconds kFarewell{300};  // for the withdrawn catalogue to arrive
-constexpr int kChunksPerRound = 64;     // before samples are taken again
+constexpr milliseconds kPoll{5};        // max wait while readers of an HRTC are not matched
+constexpr milliseconds kPatience{50};   // max wait otherwise, so that a signal is noticed
+constexpr milliseconds kFarewell{300};  // max wait for acknowledgements of the withdrawn catalogue
+constexpr int kChunksPerRound = 64;     // sent before received samples are processed again
 constexpr std::size_t kInboxCapacity = 8192;
 
-/// From the failure detector of one HRTC (session/failure_detector.hpp).
+/// A request of an HRTC's failure detector (session/failure_detector.hpp).
 struct FailureDetectorRequest {
   session::ClockSample sample;
 };
@@ -53,7 +54,7 @@ struct BulkLink {
   wire::Writer<session::BulkChunk> base, records;
 };
 
-/// Where one HRTC asks whether this host lives, and receives the answer.
+/// The endpoints for requests of one HRTC's failure detector, and for the answers.
 struct FailureDetectorLink {
   FailureDetectorLink(wire::Participants& participants, const std::string& hrtc, Inbox& inbox)
       : answers{participants, wire::topics::kClock, {wire::hrtc_partition(hrtc)}},
@@ -79,7 +80,7 @@ void check(const HostOptions& options) {
       throw HostError{"object name '" + object.name + "' has " + std::to_string(object.name.size()) +
                       " bytes, expected 1 to " + std::to_string(session::kMaxName)};
     }
-    if (!names.insert(object.name).second) throw HostError{"two objects are called '" + object.name + "'"};
+    if (!names.insert(object.name).second) throw HostError{"two objects have the name '" + object.name + "'"};
   }
 }
 
@@ -142,8 +143,10 @@ struct Host::Impl {
 
   template <class T>
   void listen(const wire::TopicSpec<T>& topic) {
-    readers.push_back(
-        std::make_shared<wire::Reader<T>>(participants, topic, [this](T&& sample) { inbox.put(std::move(sample)); }));
+    readers.push_back(std::make_shared<wire::Reader<T>>(participants, topic, [this](T&& sample) {
+      constexpr bool kEnd = std::is_same_v<T, session::SessionEnd>;
+      inbox.put(std::move(sample), kEnd ? wire::Urgency::kLast : wire::Urgency::kWakes);
+    }));
   }
 
   int run();
@@ -174,10 +177,10 @@ struct Host::Impl {
   HostOptions options;
   Log log;
   const std::atomic<bool>& stop;
-  std::vector<Served> served;  // before the members that borrow from it
+  std::vector<Served> served;  // declared before the members that borrow from it
   wire::Participants participants;
   HostCore core;
-  std::optional<wire::Writer<session::ObjectGrant>> grants_out;  // when it has objects that move
+  std::optional<wire::Writer<session::ObjectGrant>> grants_out;  // if there are movable objects
   std::optional<wire::Writer<session::ObjectPose>> poses_out;
   wire::Writer<session::RosterEntry> roster_out{participants, wire::topics::kRoster};
   wire::Writer<session::CatalogueEntry> catalogue_out{participants, wire::topics::kCatalogue};
@@ -187,17 +190,17 @@ struct Host::Impl {
   Inbox inbox{kInboxCapacity};
   std::map<std::uint64_t, FailureDetectorLink>
       failure_detectors;                       // by HRTC; after the inbox, which their callbacks fill
-  std::vector<std::shared_ptr<void>> readers;  // last: their callbacks fill the inbox
+  std::vector<std::shared_ptr<void>> readers;  // last, so that no callback outlives the inbox
 };
 
 int Host::Impl::run() {
   for (const session::CatalogueEntry& entry : core.catalogue()) {
     log_info("serving '" + entry.object + "': " + std::to_string(entry.summary.faces) + " faces in " +
-        std::to_string(entry.summary.regions) + " regions, base mesh of " + std::to_string(entry.base_bytes) +
-        " bytes");
+             std::to_string(entry.summary.regions) + " regions, base mesh of " + std::to_string(entry.base_bytes) +
+             " bytes");
   }
   log_info("host '" + options.address.participant + "' is in session '" + options.address.session + "' on domain " +
-      std::to_string(options.address.domain));
+           std::to_string(options.address.domain));
   microseconds patience{0};
   while (!stop && core.end() == HostEnd::kNone) {
     for (const Inbox::Arrived& arrived : inbox.take(patience))
@@ -205,7 +208,7 @@ int Host::Impl::run() {
     send(core.tick(monotonic_ns()));
     patience = send_chunks();
   }
-  if (stop) log_info("asked to stop");
+  if (stop) log_info("stopped by a signal");
   leave();
   return core.end() == HostEnd::kNameTaken ? 2 : 0;
 }
@@ -219,7 +222,7 @@ void Host::Impl::send(const HostMessages& messages) {
   for (const session::ObjectPose& pose : messages.poses) (void)poses_out->send(pose);
 }
 
-/// Sends what is due and says how long to wait for samples.
+/// Sends the messages that are due. Returns how long to wait for samples.
 microseconds Host::Impl::send_chunks() {
   const bool pending = std::any_of(bulk.begin(), bulk.end(), [](const auto& link) { return !link.second.ready(); });
   const auto can_send = [&](std::uint64_t hrtc) {
@@ -234,7 +237,7 @@ microseconds Host::Impl::send_chunks() {
       return std::min<microseconds>(due, pending ? kPoll : kPatience);
     }
     BulkLink& link = bulk.at(out->hrtc);
-    // Chunks that the network drops are missing in the next demand.
+    // The next demand lists chunks that the network dropped, so only an invalid chunk is an error.
     if (link.send(out->chunk) == wire::SendStatus::kInvalid)
       log(Severity::kError, "a chunk for '" + link.name + "' cannot be sent: " + link.records.last_fault());
   }
@@ -260,8 +263,8 @@ void Host::Impl::leave() {
   });
   (void)catalogue_out.wait_acknowledged(kFarewell);
   const session::DeliveryCounters& all = core.delivery().counters();
-  log_info("left the session after sending " + std::to_string(all.regions) + " regions with " + std::to_string(all.records) +
-      " records, " + std::to_string(all.payload_bytes) + " bytes");
+  log_info("left the session after sending " + std::to_string(all.regions) + " regions with " +
+           std::to_string(all.records) + " records, " + std::to_string(all.payload_bytes) + " bytes");
 }
 
 Host::Host(HostOptions options, Log log, const std::atomic<bool>& stop)

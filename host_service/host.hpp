@@ -27,8 +27,8 @@ struct HostOptions {
   std::vector<ObjectConfig> objects;
   std::filesystem::path cache;        ///< for models that have to be built
   std::array<double, 3> at{0, 0, 0};  ///< m, position of the first object without a pose; others follow along x
-  /// Raises the priority of the calling thread and of the DDS threads once the models are open, where that is allowed.
-  /// All HRTCs wait for these few threads: with equal shares of a busy machine each HRTC would wait longer.
+  /// Raises the priority of the calling thread and of the DDS threads once the models are open, if the system allows
+  /// it. All HRTCs wait for these few threads; at ordinary priority they would wait longer on a busy machine.
   bool raise_priority = false;
 };
 

@@ -40,14 +40,14 @@ struct BodyConfig {
 struct ObjectConfig {
   std::string name;
   std::filesystem::path model;
-  std::optional<session::Pose> pose;  ///< default: beside the object before it
+  std::optional<session::Pose> pose;  ///< default: next to the previous object
   std::optional<double> scale;        ///< metres per file unit; default: from `size`, else from the model
   std::optional<double> size;         ///< metres of the longest side of the bounds
   session::Material material;
   std::optional<BodyConfig> body;  ///< none: the object is static
 };
 
-/// Throws HostError as `file:line: ...` when an entry is missing, unknown or out of bounds.
+/// Throws yaml::YamlError when an entry is missing, unknown or out of bounds.
 [[nodiscard]] std::vector<ObjectConfig> read_config(const std::filesystem::path& file);
 
 /// The object's name is the file name without folder and extension.

@@ -16,10 +16,10 @@ constexpr std::int64_t kHeartbeatNs = 100 * kMs;
 constexpr std::int64_t kClockNs = 500 * kMs;
 constexpr std::int64_t kMetricsNs = 1000 * kMs;
 constexpr std::int64_t kMetricsSoonNs = 100 * kMs;
-constexpr std::int64_t kHungNs = 5000 * kMs;  // after which others may have forgotten what it serves
-constexpr std::int64_t kStepNs = 1 * kMs;     // while an object moves by itself
-constexpr std::int64_t kHeldNs = 5 * kMs;     // while somebody holds one
-constexpr double kGap = 0.05;                 // m, between objects that are given no pose
+constexpr std::int64_t kHungNs = 5000 * kMs;  // between ticks; others may have dropped the catalogue after it
+constexpr std::int64_t kStepNs = 1 * kMs;     // period while it simulates a moving object
+constexpr std::int64_t kHeldNs = 5 * kMs;     // period while an HRTC holds an object
+constexpr double kGap = 0.05;                 // m, between objects without a pose
 
 double scale_of(const ObjectConfig& config, const spm::ModelSummary& summary) {
   if (config.scale) return *config.scale;
@@ -62,7 +62,7 @@ HostCore::HostCore(const session::Origin& self, const HostCoreSettings& settings
 }
 
 void HostCore::make_catalogue(const HostCoreSettings& settings) {
-  double x = settings.at[0];  // where the next object without a pose begins
+  double x = settings.at[0];  // of the next object without a pose
   bool first = true;
   for (const auto& [config, model] : settings.objects) {
     const spm::ModelSummary& summary = model->summary();
@@ -91,7 +91,7 @@ void HostCore::make_catalogue(const HostCoreSettings& settings) {
   }
 }
 
-/// What its bodies meet beside the ground.
+/// Makes the static objects with which movable bodies collide.
 void HostCore::make_scenery(const std::vector<HostedObject>& objects) {
   std::vector<StaticObject> standing;
   for (std::size_t i = 0; i < objects.size(); ++i)
@@ -113,7 +113,7 @@ void HostCore::report(Severity severity, const std::string& text) const {
 }
 
 void HostCore::on_roster(const session::RosterEntry& entry, std::int64_t now_ns) {
-  if (stops_.on_roster(entry)) report(Severity::kWarning, "emergency stop: " + session::text(entry) + " has it");
+  if (stops_.on_roster(entry)) report(Severity::kWarning, "emergency stop: " + session::text(entry) + " forwards it");
   for (const session::RosterEvent& event : roster_.on_entry(entry, now_ns)) react(event, now_ns);
   const session::RosterEntry* const known = roster_.find(entry.origin.participant);
   if (known != nullptr && known->role == session::Role::kHost)
@@ -134,12 +134,12 @@ void HostCore::react(const session::RosterEvent& event, std::int64_t now_ns) {
                                  "' before: this one ends; start it with another --name");
     end_ = HostEnd::kNameTaken;
   }
-  metrics_due_.hasten(now_ns, kMetricsSoonNs);  // whoever compares scenes need not wait long
+  metrics_due_.hasten(now_ns, kMetricsSoonNs);  // programs that compare scenes should not wait long
   const bool gone = event.change == RosterChange::kLeft || event.change == RosterChange::kGone;
   if (entry.role == session::Role::kHost && gone) authority_.on_host_gone(id, now_ns);
   if (entry.role != session::Role::kHrtc) return;
   if (event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted) {
-    heartbeat_.repeat_soon();  // it requests nothing before it knows of this host
+    heartbeat_.repeat_soon();  // the HRTC requests regions only after it has received this entry
     hrtcs_.try_emplace(id, entry.name);
     if (on_hrtc) on_hrtc(id, entry.name);
   } else if (gone) {
@@ -187,7 +187,7 @@ void HostCore::on_end(const session::SessionEnd& end) {
 
 const HostMessages& HostCore::tick(std::int64_t now_ns) {
   messages_ = {};
-  // After it has hung: DDS has not lost the catalogue, so sends nothing again by itself.
+  // After a hang other programs may have dropped the catalogue, and DDS does not repeat acknowledged samples.
   messages_.catalogue = !ticked_ns_ || now_ns - *ticked_ns_ > kHungNs;
   ticked_ns_ = now_ns;
   for (const session::RosterEvent& event : roster_.tick(now_ns)) react(event, now_ns);
@@ -207,7 +207,7 @@ void HostCore::move_objects(std::int64_t now_ns) {
   if (authority_.empty()) return;
   const ObjectAuthority::Messages& moved = authority_.tick(now_ns, clock_.map().session_time(now_ns));
   messages_.grants = moved.grants;
-  // Until this program's time is the session's, a pose would state a time that nobody can compare with another.
+  // Before synchronisation the time in a pose would not be session time, so receivers could not use it.
   if (clock_.synchronised()) messages_.poses = moved.poses;
   if (authority_.busy())
     objects_due_ns_ = now_ns + kStepNs;
@@ -246,8 +246,8 @@ session::Metrics HostCore::metrics(std::int64_t now_ns) const {
   add(names::kHostRegions, static_cast<double>(all.regions));
   add(names::kHostRecords, static_cast<double>(all.records));
   add(names::kHostHrtcs, static_cast<double>(hrtcs_.size()));
-  add(names::kHostImplausible,
-      static_cast<double>(roster_.implausible() + demands_implausible_ + authority_.implausible()));
+  add(names::kHostImplausible, static_cast<double>(roster_.implausible() + clock_.implausible() + demands_implausible_ +
+                                                   authority_.implausible()));
   if (!authority_.empty()) add(names::kHostBodySteps, static_cast<double>(authority_.steps()));
   for (const auto& [id, counters] : delivery_.counters_by_hrtc()) {
     const auto hrtc = hrtcs_.find(id);

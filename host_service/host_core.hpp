@@ -1,12 +1,12 @@
-/// A whole VE host but for DDS, threads, clocks, files and the log: what it serves, to whom, and who moves it.
+/// The core of a VE host, without DDS, thread, clock, file or log: serves regions, and decides who simulates objects.
 ///
 ///     demands                        --> DeliveryServer       --> chunks
-///     claims, poses, catalogues      --> ObjectAuthority      --> grants, poses      simulates what nobody holds
+///     claims, poses, catalogues      --> ObjectAuthority      --> grants, poses
 ///     roster entries, clock samples  --> Roster, SessionClock --> roster entry, clock samples
 ///     stops, resets                  --> StopLatch            --> roster entry
 ///
-/// Samples and times come as arguments, and what is to be sent is returned. The caller opens the models. Services,
-/// studies, benchmarks and tests all assemble a host here. One thread at a time. Not realtime.
+/// Samples and times are arguments; the functions return the samples to send. The caller opens the models. The service,
+/// studies, benchmarks and tests all use this class. One thread at a time. Not realtime.
 #pragma once
 
 #include <array>
@@ -31,24 +31,24 @@ namespace tactus::host_service {
 enum class Severity { kInfo, kWarning, kError };
 
 struct HostedObject {
-  ObjectConfig config;                                 ///< the file that it names is not read
+  ObjectConfig config;                                 ///< its model file is not read
   const spm::codec::CompressedModel* model = nullptr;  ///< outlives the host
 };
 
 struct HostCoreSettings {
   std::string name;                   ///< of the participant
-  std::string session;                ///< that it joins
-  std::vector<HostedObject> objects;  ///< their names differ
-  std::array<double, 3> at{0, 0, 0};  ///< m, where the first object without a pose stands; others follow along x
+  std::string session;                ///< to join
+  std::vector<HostedObject> objects;  ///< with different names
+  std::array<double, 3> at{0, 0, 0};  ///< m, position of the first object without a pose; others follow along x
   ObjectAuthoritySettings authority;
 };
 
-/// Of one object that stands at the origin, in the metres that its model suggests.
+/// Settings of a host with one object, at the origin and with the scale of its model.
 [[nodiscard]] HostCoreSettings host_of(const std::string& object, const spm::codec::CompressedModel& model);
 
-/// What is to be sent after a tick, in this order.
+/// The samples to send after a tick, in this order.
 struct HostMessages {
-  bool catalogue = false;  ///< all of HostCore::catalogue()
+  bool catalogue = false;  ///< true: all entries of HostCore::catalogue()
   std::optional<session::RosterEntry> roster;
   std::optional<session::ClockSample> clock_request;
   std::optional<session::Metrics> metrics;
@@ -56,7 +56,7 @@ struct HostMessages {
   std::vector<session::ObjectPose> poses;
 };
 
-/// Why a host has to leave.
+/// The reason why a host has to leave.
 enum class HostEnd : std::uint8_t {
   kNone,
   kSession,   ///< the session has ended
@@ -65,26 +65,26 @@ enum class HostEnd : std::uint8_t {
 
 class HostCore {
  public:
-  /// `self` without time. Decodes nothing but the base meshes of what stands beside movable objects.
+  /// `self`: its time is not used. Decodes only the base meshes of static objects, if there are movable objects.
   HostCore(const session::Origin& self, const HostCoreSettings& settings, std::int64_t now_ns);
   HostCore(const HostCore&) = delete;
   HostCore& operator=(const HostCore&) = delete;
 
   /// One line for each event that an operator should see.
   std::function<void(Severity, const std::string&)> on_event;
-  /// An HRTC that is there, or there again: chunks and answers for it may follow.
+  /// An HRTC joined or returned: chunks and answers for it may follow.
   std::function<void(std::uint64_t hrtc, const std::string& name)> on_hrtc;
-  /// An HRTC for which nothing follows until `on_hrtc`.
+  /// An HRTC left: no samples for it follow until `on_hrtc`.
   std::function<void(std::uint64_t hrtc)> on_hrtc_gone;
 
   void on_roster(const session::RosterEntry& entry, std::int64_t now_ns);
   void on_demand(const session::Demand& demand, std::int64_t now_ns);
-  /// The answer to publish at once, if the sample is a request that is for this host to answer. `arrived_ns`: when it
-  /// was received.
+  /// The answer to publish at once, if the sample is a request that this host has to answer. `arrived_ns`: time of its
+  /// arrival.
   [[nodiscard]] std::optional<session::ClockSample> on_clock(const session::ClockSample& sample,
                                                              std::int64_t arrived_ns, std::int64_t now_ns);
-  /// The same for the request of an HRTC's failure detector. It shows that this host lives, even where it may not say
-  /// what time it is. To be sent to that HRTC alone.
+  /// The same for the request of an HRTC's failure detector. The answer shows that this host lives, even when the host
+  /// has no session time to state. Send it to that HRTC only.
   [[nodiscard]] std::optional<session::ClockSample> on_failure_detector(const session::ClockSample& request,
                                                                         std::int64_t arrived_ns, std::int64_t now_ns);
   void on_stop(const session::EmergencyStop& stop) { (void)stops_.on_stop(stop.name()); }
@@ -98,19 +98,21 @@ class HostCore {
     authority_.on_pose(pose, now_ns, clock_.map().session_time(now_ns));
   }
 
-  /// To be called after samples and when `due_ns` has come, at least every 50 ms. Valid until the next tick.
+  /// Call it after samples and at `due_ns`, at least every 50 ms. The result is valid until the next tick.
   [[nodiscard]] const HostMessages& tick(std::int64_t now_ns);
-  /// The next chunk to send, or none until `due_ns` or a demand. Nothing is planned for an HRTC that `can_send` denies.
+  /// The next chunk to send, or none until `due_ns` or a demand. Plans no chunk for an HRTC for which `can_send` is
+  /// false.
   [[nodiscard]] std::optional<session::Outgoing> next_chunk(std::int64_t now_ns,
                                                             const session::DeliveryServer::CanSend& can_send = {}) {
     return delivery_.next(now_ns, can_send);
   }
-  /// After `tick`, and after `next_chunk` gave none: when either may have something though no sample arrives.
+  /// Call it after `tick`, and after `next_chunk` returned none: the next time at which either may return something
+  /// although no sample arrived.
   [[nodiscard]] std::int64_t due_ns() const noexcept;
 
-  /// What it announces.
+  /// The entries that it announces.
   [[nodiscard]] const std::vector<session::CatalogueEntry>& catalogue() const noexcept { return catalogue_; }
-  /// A further heartbeat; `tick` gives those that are due.
+  /// An additional heartbeat; `tick` returns the periodic ones.
   [[nodiscard]] session::RosterEntry roster_entry(std::int64_t now_ns);
   [[nodiscard]] session::Metrics metrics(std::int64_t now_ns) const;
 
@@ -133,10 +135,10 @@ class HostCore {
   session::Roster roster_;
   session::SessionClock clock_;
   session::StopLatch stops_;        // for HRTCs that start after a stop
-  std::optional<Scenery> scenery_;  // when it has objects that move, and others
+  std::optional<Scenery> scenery_;  // if there are movable and static objects
   ObjectAuthority authority_;
   std::vector<session::CatalogueEntry> catalogue_;
-  std::map<std::uint64_t, std::string> hrtcs_;  // names of those that are there
+  std::map<std::uint64_t, std::string> hrtcs_;  // names of present HRTCs
   std::optional<std::int64_t> ticked_ns_;
   std::int64_t objects_due_ns_ = 0;
   session::Heartbeat heartbeat_;

@@ -30,8 +30,8 @@ lab.yaml:
       body: {mass: 0.8, friction: 0.6}
   ground: 0
 
-A model file that is no .spm is built first; the cache directory stores the result by the file's content.
-Exit status: 0 ended by the session or a signal, 2 wrong input or a name that is taken.)";
+Other model files than .spm are built first; the cache directory stores the result by the file's content.
+Exit status: 0 the session or a signal ended the program, 2 wrong input, or another program has this name.)";
 
 }  // namespace
 
@@ -82,7 +82,7 @@ int main(int argc, char** argv) {
     host_service::Host host{std::move(options), log, stop};
     return host.run();
   } catch (const host_service::Stopped&) {
-    spdlog::info("asked to stop before all models were open; no partly built model is left");
+    spdlog::info("stopped by a signal before all models were open; no partly built model is left");
     std::_Exit(0);  // a thread may still read a model, so no global may be destroyed
   } catch (const std::exception& error) {
     spdlog::error("{}", error.what());

@@ -17,7 +17,7 @@ namespace tactus::host_service {
 /// `stop` was set before all models were open.
 class Stopped : public std::runtime_error {
  public:
-  Stopped() : std::runtime_error{"asked to stop"} {}
+  Stopped() : std::runtime_error{"stopped by a signal"} {}
 };
 
 class ModelStore {

@@ -45,7 +45,7 @@ class ObjectAuthority {
   /// `joined_ns`: session time at which this host or another one joined the session.
   void on_host(std::uint64_t host, std::int64_t joined_ns, std::int64_t now_ns);
   void on_host_gone(std::uint64_t host, std::int64_t now_ns);
-  /// When the HRTC comes back, its claims are numbered anew.
+  /// Claims of the HRTC are numbered anew when it returns.
   void on_hrtc_gone(std::uint64_t hrtc);
   void on_claim(const session::ObjectClaim& claim, std::int64_t now_ns);
   void on_pose(const session::ObjectPose& pose, std::int64_t now_ns, std::int64_t session_now_ns);
@@ -57,7 +57,7 @@ class ObjectAuthority {
   /// Simulates up to `now_ns`, 50 ms at most. The caller publishes the result, which is valid until the next tick.
   [[nodiscard]] const Messages& tick(std::int64_t now_ns, std::int64_t session_now_ns);
 
-  /// An object moves here: the next tick is due within a millisecond.
+  /// This host simulates a moving object: the next tick is due within a millisecond.
   [[nodiscard]] bool busy() const noexcept { return busy_; }
   /// An HRTC holds an object: the next tick is due within some milliseconds.
   [[nodiscard]] bool held() const noexcept { return held_; }
@@ -94,7 +94,7 @@ class ObjectAuthority {
   Scenery* scenery_ = nullptr;
   std::vector<haptics::Vec3d> contact_points_;   // contact points of all bodies, in this tick
   std::map<std::uint64_t, Object> objects_;      // by id
-  std::map<std::uint64_t, std::int64_t> hosts_;  // hosts that are present, this one too: session time of joining
+  std::map<std::uint64_t, std::int64_t> hosts_;  // present hosts, including this one: session time of joining
   Messages messages_;
   bool busy_ = false, held_ = false;
   std::uint64_t steps_ = 0;

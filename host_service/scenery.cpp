@@ -28,7 +28,7 @@ spm::PoolSettings pool_for(const std::vector<StaticObject>& objects, std::uint32
   return settings;
 }
 
-/// Without a budget limit: no haptic cycle waits for it.
+/// No budget, because no haptic cycle waits for this refinement.
 void refine(spm::Forest& forest) {
   spm::Budget budget{1u << 22};
   (void)forest.advance(budget);
@@ -60,7 +60,7 @@ Scenery::Scenery(const std::vector<StaticObject>& objects, std::uint32_t slots)
     object.placement = sharing::Placement{standing.pose, standing.scale};
     object.bounds = {wide(base.summary.bounds_min), wide(base.summary.bounds_max)};
     object.forest =
-        std::make_unique<spm::Forest>(pool_, nodes_, spm::index(admitted.object), base.summary,
+        std::make_unique<spm::Forest>(pool_, nodes_, admitted.object, base.summary,
                                       spm::RegionGrid{base.summary.grid, base.regions}, std::move(admitted.base));
     refine(*object.forest);
     scene_.add({&object.forest->tree(), &object.placement, spm::index(admitted.object)});
@@ -84,11 +84,10 @@ void Scenery::release_unwanted(const std::vector<std::vector<spm::RegionId>>& wa
     for (const spm::RegionId region : object.loaded_regions)
       if (!std::binary_search(wanted[i].begin(), wanted[i].end(), region)) object.forest->retire(region);
     refine(*object.forest);
-    for (std::uint32_t region; (region = object.forest->take_retired()) != spm::kNone;) {
-      cache_.release(object.index, spm::RegionId{region});
-      object.loaded_regions.erase(
-          std::remove(object.loaded_regions.begin(), object.loaded_regions.end(), spm::RegionId{region}),
-          object.loaded_regions.end());
+    for (spm::RegionId region; (region = object.forest->take_retired()) != spm::kNone;) {
+      cache_.release(object.index, region);
+      object.loaded_regions.erase(std::remove(object.loaded_regions.begin(), object.loaded_regions.end(), region),
+                                  object.loaded_regions.end());
     }
   }
 }

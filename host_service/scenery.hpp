@@ -1,11 +1,11 @@
-/// The static objects of a host, as its movable bodies collide with them: base meshes, refined around contacts.
+/// The static objects with which a host's movable bodies collide: base meshes, refined around contacts.
 ///
-///     contacts of the last steps --> regions around them, decoded from the model --> Forest --> next steps
+///     contacts of recent steps --> regions around them, decoded from the model --> Forest --> next steps
 ///
-/// Uses the same cache and forest as an HRTC, filled from the model itself. Contacts are detected before they touch, so
-/// the surface around them is at the finest resolution in time, except for bodies faster than 1 m/s. Memory is fixed at
-/// construction; when it is used up, the mesh stays coarser. World frame, metres. One thread at a time. Not realtime:
-/// decoding a new region takes some tenths of a millisecond.
+/// Uses the same cache and forest as an HRTC, filled from the model itself. The search for contacts begins at a
+/// distance, so the surface there is at the finest resolution in time, except for bodies faster than 1 m/s. Memory is
+/// fixed at construction; when it is used up, the mesh stays coarser. World frame, metres. One thread at a time. Not
+/// realtime: decoding a new region takes some tenths of a millisecond.
 #pragma once
 
 #include <cstdint>

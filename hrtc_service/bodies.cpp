@@ -6,26 +6,28 @@
 namespace tactus::hrtc_service {
 namespace {
 
-constexpr std::int64_t kHoldNs = 100'000'000;   // after the last touch that a body is held: a bounce lets nothing go
-constexpr std::int64_t kAloneNs = 300'000'000;  // after that, that its new owner is waited for: longer than a lease
+// After the last touch, a body still counts as held, so that a bounce does not release it.
+constexpr std::int64_t kHoldNs = 100'000'000;
+// Then the simulation waits so long for a new owner: longer than a lease.
+constexpr std::int64_t kAloneNs = 300'000'000;
 
 Placement placement_of(const haptics::BodyState& state, const TouchObject& object) {
   return Placement{sharing::pose_of(state, object.body->centre), object.placement.scale()};
 }
 
-/// J in a spring that is stretched so far and pulls with so much at most.
+/// J in a spring of that stiffness and displacement whose force is limited.
 double stored_in(double stiffness, double stretch, double max_force) noexcept {
   const double within = std::min(stretch, max_force / std::max(stiffness, 1e-9));
   return 0.5 * stiffness * within * within + max_force * (stretch - within);
 }
 
-/// Of what was wanted, so much is left.
+/// The ratio of the limited to the requested force.
 double share_of(double left, double wanted) noexcept { return wanted > 0 ? std::min(1.0, left / wanted) : 0.0; }
 
-/// To this share of itself a size has to shrink to be within `most`.
+/// The factor that reduces a size to at most `most`.
 double shortened(double size, double max) noexcept { return size > max ? max / size : 1.0; }
 
-/// The same guards for turning: a hand's wrist, a grip of some centimetres.
+/// The same limits for rotation: the wrist of a hand, a grip of some centimetres.
 haptics::PassivitySettings of_turning() noexcept {
   haptics::PassivitySettings settings;
   settings.acceleration = 500;  // rad/s^2
@@ -37,7 +39,7 @@ haptics::PassivitySettings of_turning() noexcept {
 }  // namespace
 
 BodyLink::BodyLink() {
-  while (copies.push(CopyArrival{})) {  // the haptic thread is not the first to touch its memory
+  while (copies.push(CopyArrival{})) {  // touch the memory before the haptic thread does
   }
   copies.consume_all([](const CopyArrival&) {});
 }
@@ -54,17 +56,51 @@ std::uint32_t Bodies::body_of(std::uint32_t object) const noexcept {
 }
 
 void Bodies::find_new(const Cycle& cycle) noexcept {
-  const std::vector<TouchObject*>& objects = cycle.objects();
-  for (; objects_seen_ < objects.size(); ++objects_seen_) {
-    const TouchObject& object = *objects[objects_seen_];
-    if (!object.body || count_ == kMaxBodies) continue;
+  if (cycle.objects_changed() == objects_changed_) return;
+  objects_changed_ = cycle.objects_changed();
+  for (const TouchObject* const object : cycle.objects()) {
+    if (!object->body || count_ == kMaxBodies || body_of(object->index) != kMaxBodies) continue;
     Body& body = bodies_[count_];
-    body.object = &object;
-    body.placed = object.body->start;
+    body = Body{};
+    body.object = object;
+    body.placed = object->body->start;
     body.pose_interpolator.show(body.placed, 0);
-    simulated_[count_] = haptics::SharedObject{object.body->settings, body.placed};
+    simulated_[count_] = haptics::SharedObject{object->body->settings, body.placed};
     simulated_[count_].follow();
     ++count_;
+  }
+}
+
+void Bodies::forget_withdrawn(const Cycle& cycle) noexcept {
+  if (cycle.objects_changed() == objects_changed_) return;
+  const std::vector<TouchObject*>& objects = cycle.objects();
+  const auto present = [&](std::uint32_t body) {
+    return std::find(objects.begin(), objects.end(), bodies_[body].object) != objects.end();
+  };
+  for (std::uint32_t p = 0; p < kMaxProbes; ++p) {
+    if (springs_[p].body == kMaxBodies || present(springs_[p].body)) continue;
+    reductions_[p].fading.set(reductions_[p].force);
+    reductions_[p].fading_torque.set(reductions_[p].torque);
+  }
+  bool any = false;
+  for (std::uint32_t i = 0; i < count_;) {
+    if (present(i)) {
+      ++i;
+      continue;
+    }
+    any = true;
+    if (--count_ == i) break;
+    bodies_[i] = bodies_[count_];
+    simulated_[i] = simulated_[count_];
+  }
+  if (!any) return;
+  for (Spring& spring : springs_) spring.body = kMaxBodies;  // indices from before the removal
+  if (count_ > 0) return;
+  passed_on_.fill(0);
+  for (std::uint32_t p = 0; p < kMaxProbes; ++p) {  // `limit` does not run without bodies, so the ports are reset here
+    ports_[p].limited(Vec3d::Zero());
+    turning_[p].port.limited(Vec3d::Zero());
+    turning_[p].passed_on = 0;
   }
 }
 
@@ -123,7 +159,7 @@ void Bodies::place(Cycle& cycle, std::int64_t now_ns) noexcept {
     if (body.mode == Mode::kLetGo) follow_if_requested(body, simulated_[i], now_ns, session_ns);
     if (body.mode != Mode::kFollows) continue;
     if (body.order.received.number > body.interpolated) {
-      // The first tells where it has been all the time.
+      // The first pose holds for all times before it.
       if (body.interpolated == 0)
         body.pose_interpolator.show(body.order.received.state, body.order.received.session_ns);
       body.interpolated = body.order.received.number;
@@ -153,7 +189,7 @@ Vec3d Bodies::through_turn_port(std::uint32_t probe, const Vec3d& torque, bool c
   return left;
 }
 
-/// A push: what the surface does to the hand, the body gets.
+/// A push: the body receives the surface's force on the hand with the opposite sign.
 void Bodies::limit_touch(const Cycle& cycle, std::uint32_t p, const haptics::DeviceState& device, double passed_on,
                          ProbeOutput& output) noexcept {
   Spring& pulled = springs_[p];
@@ -163,21 +199,21 @@ void Bodies::limit_touch(const Cycle& cycle, std::uint32_t p, const haptics::Dev
   const double damping = object.material.damping;
   const Vec3d relative = device.velocity - touch.surface_velocity;
 
-  // The force before limits, as haptics/force.hpp has it: so much of it is left.
+  // The share of the force that the limits left (haptics/force.hpp).
   Vec3d wanted = stiffness * (touch.anchor - device.position);
   const double push = std::max(0.0, wanted.dot(touch.normal));
   wanted += std::max(-push, -damping * relative.dot(touch.normal)) * touch.normal;
   Vec3d force = vec(output.force);
   const double share = share_of(force.norm(), wanted.norm());
 
-  // The body's damper acts along the surface, too, so the hand's does.
+  // The damper of the body also acts along the surface, so the damper of the hand must.
   force -= share * damping * (relative - relative.dot(touch.normal) * touch.normal);
   const double stored = stored_in(stiffness, (touch.anchor - device.position).norm(), settings_.force.max_force);
   output.force = plain(through_port(p, force, device, passed_on, stored, output));
   pulled.spring = {touch.anchor, device.position, device.velocity, share * stiffness, share * damping};
 }
 
-/// A push by a tool: its coupling, as a spring where it touches and the torque that is left about that place.
+/// A push by a tool: its coupling as a spring at the contact point, and the remaining torque about that point.
 void Bodies::limit_tool(const Cycle& cycle, std::uint32_t p, const haptics::DeviceState& device, double passed_on,
                         ProbeOutput& output) noexcept {
   Spring& pulled = springs_[p];
@@ -205,7 +241,7 @@ void Bodies::limit_tool(const Cycle& cycle, std::uint32_t p, const haptics::Devi
   pulled.torque = -torque - (tool.pose.position - tool.point).cross(share * wanted);
 }
 
-/// A hold: the same with all six degrees of freedom. A device that bears no torque turns what it holds nevertheless.
+/// A hold: the same in all six degrees of freedom. A device without torque can still rotate the held object.
 void Bodies::limit_held(const Cycle& cycle, std::uint32_t p, const haptics::DeviceState& device, double passed_on,
                         ProbeOutput& output) noexcept {
   Spring& pulled = springs_[p];
@@ -237,13 +273,16 @@ void Bodies::limit(const Cycle& cycle, const std::array<ProbeInput, kMaxProbes>&
     reports_.grabs += (began & session::kHolding) != 0 ? 1 : 0;
     reports_.refused += (began & session::kHoldRefused) != 0 ? 1 : 0;
   }
+  for (std::uint32_t p = 0; p < kMaxProbes; ++p) fade_reduction(p, outputs[p]);
   if (count_ == 0) return;
   for (std::uint32_t p = 0; p < kMaxProbes; ++p) {
     ProbeOutput& output = outputs[p];
+    const Vec3d force = vec(output.force), torque = vec(output.torque);
     Spring& pulled = springs_[p];
     pulled.body = kMaxBodies;
     const double passed_on = std::exchange(passed_on_[p], 0);
-    if (!output.active) {  // whoever comes next stands elsewhere
+    if (!output.active) {  // the next user starts elsewhere
+      reductions_[p] = {};
       ports_[p].limited(Vec3d::Zero());
       turning_[p].port.limited(Vec3d::Zero());
       continue;
@@ -265,14 +304,30 @@ void Bodies::limit(const Cycle& cycle, const std::array<ProbeInput, kMaxProbes>&
       limit_touch(cycle, p, device, passed_on, output);
     }
     if (!pulled.holds || pulled.body == kMaxBodies) (void)through_turn_port(p, Vec3d::Zero(), false, 0, output);
+    reductions_[p].force = vec(output.force) - force;
+    reductions_[p].torque = vec(output.torque) - torque;
   }
+}
+
+/// The reduction is never larger than the rendered force, so a fault or a stop still takes all force.
+void Bodies::fade_reduction(std::uint32_t p, ProbeOutput& output) noexcept {
+  Reduction& reduction = reductions_[p];
+  const auto add = [](haptics::Ramp& ramp, Plain3& rendered, double step) {
+    if (ramp.done()) return;
+    const double length = ramp.remaining().norm(), max = vec(rendered).norm();
+    const double share = std::min(1.0, max / length);
+    rendered = plain(Vec3d(vec(rendered) + share * ramp.remaining()));
+    ramp.advance(step);
+  };
+  add(reduction.fading, output.force, haptics::kSurfaceRamp * settings_.period);
+  add(reduction.fading_torque, output.torque, haptics::kTorqueRamp * settings_.period);
 }
 
 std::uint32_t Bodies::steps_due(Body& body, std::int64_t session_ns) const noexcept {
   constexpr std::int64_t kMax = 10;
   const auto period_ns = static_cast<std::int64_t>(settings_.period * 1e9 + 0.5);
   const std::int64_t due = (session_ns - body.simulated_ns + period_ns / 2) / period_ns;
-  if (due < 0 || due > kMax) {  // it has just been touched, or a clock has stepped
+  if (due < 0 || due > kMax) {  // the first touch, or a step of a clock
     body.simulated_ns = session_ns - period_ns;
     return 1;
   }
@@ -280,7 +335,8 @@ std::uint32_t Bodies::steps_due(Body& body, std::int64_t session_ns) const noexc
 }
 
 const haptics::SurfaceDistance* Bodies::scene_around(const Cycle& cycle, const haptics::RigidBody& body) noexcept {
-  constexpr double kMargin = 0.02;  // m: what it may go until the next cycle, and meets before it touches
+  // m: the largest displacement of a body until the next cycle, and the distance of contacts found before they touch.
+  constexpr double kMargin = 0.02;
   scene_.clear();
   const double reach = body.settings().half.norm() + kMargin;
   for (const TouchObject* object : cycle.objects())
@@ -296,7 +352,7 @@ void Bodies::step(Cycle& cycle, std::int64_t now_ns) noexcept {
   for (std::uint32_t i = 0; i < count_; ++i) {
     Body& body = bodies_[i];
     std::array<haptics::PointSpring, kMaxProbes> springs;
-    std::array<haptics::TorsionSpring, kMaxProbes> turns;
+    std::array<haptics::RotationalSpring, kMaxProbes> turns;
     std::array<std::uint32_t, kMaxProbes> probes{}, holders{};
     std::uint32_t count = 0, holding = 0;
     haptics::ImplicitForce pushing;
@@ -339,7 +395,7 @@ void Bodies::step(Cycle& cycle, std::int64_t now_ns) noexcept {
         const Vec3d way = settings_.period * velocity;
         passed_on_[probes[k]] += springs[k].force(velocity, settings_.period).dot(way);
         passed_on_[probes[k]] += settings_.period * springs_[probes[k]].torque.dot(after.angular_velocity);
-        springs[k].point += way;  // where the next step finds them
+        springs[k].point += way;  // the position in the next step
         springs[k].target += settings_.period * springs[k].target_velocity;
       }
       for (std::uint32_t k = 0; k < holding; ++k) {

@@ -1,18 +1,19 @@
-/// Objects that can move, in the haptic thread: where they stand, what probes do to them, what they do to hands.
+/// Movable objects in the haptic thread: their poses, the forces of probes on them, and their forces on hands.
 ///
-///     place:  orders, copies of peers, poses heard --> Cycle::move          before Cycle::touch
+///     place:  orders, copies of peers, received poses --> Cycle::move       before Cycle::touch
 ///     limit:  forces of the touch --[ port's energy ]--> forces on hands    after it
 ///     step:   springs of the touch --> SharedObject --> Cycle::move         once the forces are out
 ///
-/// A body that a probe touches is simulated here at once, alone or as one of several copies as the orders say, and for
-/// a moment after it was let go, until poses tell that somebody else has taken it on. All others follow the poses
-/// heard. The spring between hand and body is the cycle's own proxy: what the hand feels is what the body gets, scaled
-/// as limits scaled it, so what passes is counted on both sides (haptics/passivity.hpp).
+/// This class simulates a body from the moment a probe touches it, alone or as one of several copies, as the orders
+/// say. After the release it goes on until a received pose shows that another program simulates the body. All other
+/// bodies follow the received poses. The cycle's proxy is the spring between hand and body: the body receives the force
+/// on the hand with the opposite sign, scaled as the limits scaled it, so the energy is counted on both sides
+/// (haptics/passivity.hpp).
 ///
-/// Time goes in steps of a period by session time: a cycle that was skipped is made up for, and one that is late by
-/// less than half a period changes nothing, so that the waves of peers are played evenly.
+/// Simulated time advances in steps of a period of session time: the next step makes up for a skipped cycle, and a
+/// cycle that is late by less than half a period changes nothing. So the waves of peers are played evenly.
 ///
-/// Everything is allocated at construction. Realtime; the haptic thread's, but for the link.
+/// Allocates at construction only. Realtime; the haptic thread's, except the link.
 #pragma once
 
 #include <array>
@@ -22,6 +23,7 @@
 
 #include "haptics/mailbox.hpp"
 #include "haptics/passivity.hpp"
+#include "haptics/ramp.hpp"
 #include "haptics/shared_object.hpp"
 #include "hrtc_service/cycle.hpp"
 #include "session/clock.hpp"
@@ -29,13 +31,13 @@
 
 namespace tactus::hrtc_service {
 
-/// What the service wants of one body.
+/// The service's order for one body.
 struct BodyOrder {
   std::uint32_t object = spm::kNone;          ///< index
   haptics::CopyCoupling* coupling = nullptr;  ///< to simulate it with while it is held here; null: alone
   std::uint64_t group = 0;                    ///< fencing number of the coupling's group
   std::uint64_t publish = 0;                  ///< fencing number under which its poses count; 0: they do not
-  sharing::ReceivedPose received;             ///< the newest of somebody else
+  sharing::ReceivedPose received;             ///< the newest pose that another program published
 };
 
 struct BodyOrders {
@@ -55,27 +57,27 @@ using CopyRing = boost::lockfree::spsc_queue<CopyArrival>;
 
 struct BodyReport {
   std::uint32_t object = 0;
-  bool held = false;       ///< a probe touches it, or did a moment ago
+  bool held = false;       ///< a probe touches it, or touched it a moment ago
   bool simulated = false;  ///< here
   std::uint64_t publish = 0, group = 0;
-  std::uint32_t copies = 0, place = 0;  ///< of its group, and its own number there; no copies: alone
+  std::uint32_t copies = 0, place = 0;  ///< size of its group, and its number there; 0 copies: simulated alone
   haptics::BodyState state;
-  haptics::CopyCoupling::Ledger ledger;  ///< of the group it is or last was in
+  haptics::CopyCoupling::Ledger ledger;  ///< of its current group, or else of its last one
   haptics::CopySample sample;            ///< to send, when it has copies
 };
 
 struct BodyReports {
-  std::uint64_t orders_seen = 0;  ///< number of the newest taken: what only older ones named is no longer used
+  std::uint64_t orders_seen = 0;  ///< the newest order taken; couplings that only older ones name are unused
   std::int64_t time_ns = 0;
   std::int64_t session_ns = 0;
   std::uint32_t count = 0;
   std::array<BodyReport, kMaxBodies> bodies;
   std::array<haptics::PassivityController::Ledger, kMaxProbes> ports;  ///< of hands, on bodies
   std::array<haptics::PassivityController::Ledger, kMaxProbes> turns;  ///< the same, of their torques
-  std::uint64_t grabs = 0, refused = 0;  ///< times that a hand has closed on something and held it, or could not
+  std::uint64_t grabs = 0, refused = 0;  ///< how often a grab succeeded, and how often it failed
 };
 
-/// What bodies exchange with the gateway.
+/// The exchange between Bodies and the gateway.
 struct BodyLink {
   BodyLink();
 
@@ -90,10 +92,12 @@ class Bodies {
   Bodies(const CycleSettings& settings, BodyLink& link);
 
   void place(Cycle& cycle, std::int64_t now_ns) noexcept;
-  /// `outputs` as the touch left them.
+  /// Removes the bodies of objects that were withdrawn; call it right after `touch`.
+  void forget_withdrawn(const Cycle& cycle) noexcept;
+  /// `outputs`: of the last touch.
   void limit(const Cycle& cycle, const std::array<ProbeInput, kMaxProbes>& inputs,
              std::array<ProbeOutput, kMaxProbes>& outputs) noexcept;
-  /// Moves what is simulated here for the next touch, and reports.
+  /// Moves the bodies that are simulated here for the next touch, and reports.
   void step(Cycle& cycle, std::int64_t now_ns) noexcept;
 
   [[nodiscard]] bool empty() const noexcept { return count_ == 0; }
@@ -107,7 +111,7 @@ class Bodies {
     haptics::CopyCoupling* coupling = nullptr;  // in use
     sharing::PoseInterpolator pose_interpolator;
     std::int64_t touched_ns = 0, let_go_ns = 0;
-    std::int64_t simulated_ns = 0;  // session time to which it has been
+    std::int64_t simulated_ns = 0;  // session time up to which it is simulated
     std::uint64_t received_at_release = 0, interpolated = 0;
     haptics::CopyCoupling::Ledger ledger;
     haptics::BodyState placed;  // as the cycle knows it
@@ -116,8 +120,8 @@ class Bodies {
     std::uint32_t body = kMaxBodies;  // none
     haptics::PointSpring spring;
     bool holds = false;
-    haptics::TorsionSpring turn;   // while it holds
-    Vec3d torque = Vec3d::Zero();  // N m on the body, of a tool that pushes
+    haptics::RotationalSpring turn;  // while it holds
+    Vec3d torque = Vec3d::Zero();    // N m on the body, of a tool that pushes
   };
 
   void find_new(const Cycle& cycle) noexcept;
@@ -127,19 +131,20 @@ class Bodies {
                   ProbeOutput& output) noexcept;
   void limit_held(const Cycle& cycle, std::uint32_t probe, const haptics::DeviceState& device, double passed_on,
                   ProbeOutput& output) noexcept;
-  /// What the port leaves of a force on the hand.
+  /// The share of a force on the hand that its port permits.
   [[nodiscard]] Vec3d through_port(std::uint32_t probe, const Vec3d& force, const haptics::DeviceState& device,
                                    double passed_on, double stored, const ProbeOutput& output) noexcept;
-  /// What the port of turning leaves of a torque.
+  /// The share of a torque that the rotational port permits.
   [[nodiscard]] Vec3d through_turn_port(std::uint32_t probe, const Vec3d& torque, bool control, double stored,
                                         const ProbeOutput& output) noexcept;
+  void fade_reduction(std::uint32_t probe, ProbeOutput& output) noexcept;
   void take_orders() noexcept;
   void simulate_as_ordered(std::uint32_t i) noexcept;
-  /// Steps from where it was simulated to, to now.
+  /// Simulates from the last simulated time to now.
   [[nodiscard]] std::uint32_t steps_due(Body& body, std::int64_t session_ns) const noexcept;
   void follow_if_requested(Body& body, haptics::SharedObject& simulated, std::int64_t now_ns,
                            std::int64_t session_ns) noexcept;
-  /// Objects that stand near a body, with the meshes that the cycle shows; null for none.
+  /// Fixed objects near a body, with the meshes that the cycle shows; null for none.
   [[nodiscard]] const haptics::SurfaceDistance* scene_around(const Cycle& cycle,
                                                              const haptics::RigidBody& body) noexcept;
   void show(Cycle& cycle, Body& body, const haptics::BodyState& state) const noexcept;
@@ -149,11 +154,12 @@ class Bodies {
   CycleSettings settings_;
   BodyLink& link_;
   BodyOrders current_;
-  std::uint32_t objects_seen_ = 0, count_ = 0;
+  std::uint64_t objects_changed_ = 0;  // of the cycle, as seen
+  std::uint32_t count_ = 0;
   std::array<Body, kMaxBodies> bodies_;
   std::vector<haptics::SharedObject> simulated_;  // beside bodies_, kMaxBodies
   std::array<haptics::PassivityController, kMaxProbes> ports_;
-  std::array<double, kMaxProbes> passed_on_{};  // J to a body since the port's last step
+  std::array<double, kMaxProbes> passed_on_{};  // J, to a body since the last step of the port
   struct Turning {
     haptics::PassivityController port;
     double passed_on = 0;         // J
@@ -161,6 +167,13 @@ class Bodies {
     Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
   };
   std::array<Turning, kMaxProbes> turning_;
+  /// The part of a force and a torque that a port took away, N and N m. When its body is withdrawn, the hand gets it
+  /// back gradually, so that the force decreases from the force that the hand felt.
+  struct Reduction {
+    Vec3d force = Vec3d::Zero(), torque = Vec3d::Zero();
+    haptics::Ramp fading, fading_torque;
+  };
+  std::array<Reduction, kMaxProbes> reductions_;
   std::array<std::uint32_t, kMaxProbes> status_before_{};
   std::array<Spring, kMaxProbes> springs_;
   sharing::Scene scene_;

@@ -10,7 +10,7 @@ namespace tactus::hrtc_service {
 namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
-constexpr std::int64_t kLingerNs = 2000 * kMs;  // for which the ends of what was let go stay
+constexpr std::int64_t kLingerNs = 2000 * kMs;  // for which the endpoints of a released object remain
 
 }  // namespace
 
@@ -27,6 +27,19 @@ void BodyExchange::add(const TouchObject& object) {
   slots_[object.index].id = object.id;
   slots_[object.index].centre = plain(object.body->centre);
   slots_out_.post(slots_);
+}
+
+void BodyExchange::remove(std::uint32_t object_index, std::uint64_t object_id) {
+  slots_[object_index] = {};
+  const std::uint64_t posted = slots_out_.post(slots_);
+  if (const auto at = endpoints_.find(object_id); at != endpoints_.end()) {
+    dropped_.add(posted, std::move(at->second.out));
+    endpoints_.erase(at);
+  }
+  const std::lock_guard lock{ring_mutex_};
+  implausible_before_ += gates_[object_index].implausible();
+  gates_[object_index] = {};
+  copy_received_ns_[object_index] = 0;
 }
 
 void BodyExchange::on_copy(std::uint32_t object, const session::ObjectCopy& copy) {
@@ -67,10 +80,10 @@ void BodyExchange::sync_endpoints(std::int64_t now_ns) {
     dropped_.add(slots_out_.post(slots_), std::move(at->second.out));
     at = endpoints_.erase(at);
   }
-  dropped_.collect([this](std::uint64_t number) { return slots_out_.passed(number); });
 }
 
 void BodyExchange::tick(std::int64_t now_ns, const session::ClockMap& clock) {
+  dropped_.collect([this](std::uint64_t number) { return slots_out_.passed(number); });
   if (gateway_.ownership().bodies().empty()) return;
   session_offset_ns_ = clock.session_time(now_ns) - now_ns;
   sync_endpoints(now_ns);
@@ -86,7 +99,7 @@ void BodyExchange::send_claims() {
 
 std::uint64_t BodyExchange::implausible() const {
   const std::lock_guard lock{ring_mutex_};
-  std::uint64_t all = 0;
+  std::uint64_t all = implausible_before_;
   for (const session::CopyGate& gate : gates_) all += gate.implausible();
   return all;
 }

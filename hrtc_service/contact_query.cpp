@@ -18,7 +18,7 @@ void ContactQuery::run(std::uint32_t probe, const Vec3d& tip, std::int64_t now_n
     const bool truncated = found > kMaxContacts;
     if (truncated) output.status |= session::kContactsTruncated;
     found = std::min(found, kMaxContacts);
-    if (object_exact) {  // a coarse face in a refined cell belongs elsewhere
+    if (object_exact) {  // a coarse face in a refined cell belongs to another cell
       const auto end =
           std::remove_if(contacts_.begin(), contacts_.begin() + found, [](const spm::Contact& c) { return !c.last(); });
       found = static_cast<std::uint32_t>(end - contacts_.begin());
@@ -39,7 +39,7 @@ void ContactQuery::run(std::uint32_t probe, const Vec3d& tip, std::int64_t now_n
   output.error_bound = bound;
 }
 
-/// Only where the sphere meets a face or a cell.
+/// Logs only where the sphere touches a face or a cell.
 void ContactQuery::log(const TouchObject& object, const Vec3d& centre, double radius, std::uint32_t found) noexcept {
   bool in_cell = found > 0;
   if (!in_cell) object.forest->grid().for_each_meeting(centre, radius, [&](spm::RegionId, double) { in_cell = true; });

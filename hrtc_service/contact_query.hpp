@@ -1,4 +1,4 @@
-/// The faces that a tip touches, whether they are those of the finest mesh, and the log of that.
+/// Finds the faces that a tip touches, decides whether they are those of the finest mesh, and logs both.
 ///
 /// The haptic thread's. Realtime after construction.
 #pragma once
@@ -19,14 +19,13 @@ class ContactQuery {
   /// `radius`: of the tips, m. `log` must outlive this; null: nothing is logged.
   ContactQuery(double radius, LogRing* log) : radius_{radius}, log_{log} {}
 
-  /// What a probe with its tip there touches of `surface`. `since_change`: cycles since the mesh of each object
-  /// changed, by index; `now_ns` and `probe` only go into the log. Sets contacts, exactness and error bound of
-  /// `output`.
+  /// Sets contacts, exactness and error bound of `output` for a probe's tip at that position on `surface`.
+  /// `since_change`: cycles since the mesh of each object changed, by index; `now_ns` and `probe` are for the log.
   void run(std::uint32_t probe, const Vec3d& tip, std::int64_t now_ns, const ObjectsSurface& surface,
            const std::array<std::uint32_t, kMaxObjects>& since_change, ProbeOutput& output) noexcept;
 
   [[nodiscard]] bool logs() const noexcept { return log_ != nullptr; }
-  /// Log entries that found the ring full.
+  /// Log entries that were lost because the ring was full.
   [[nodiscard]] std::uint64_t log_dropped() const noexcept { return log_dropped_; }
 
  private:

@@ -23,6 +23,7 @@ Cycle::Cycle(const CycleSettings& settings, const std::array<haptics::DeviceSpec
              DepartureRing& departures, LogRing* log)
     : settings_{settings}, departures_{departures}, query_{settings.radius, log}, targets_{settings.targets} {
   objects_.reserve(kMaxObjects);
+  leaving_.reserve(kMaxObjects);
   left_.reserve(departures.write_available());
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     surfaces_[i].set_caches(&candidate_caches_);
@@ -45,7 +46,7 @@ void Cycle::reset_faults() noexcept {
 }
 
 void Cycle::move(const TouchObject& object, const Placement& placement) noexcept {
-  if (!placement.valid()) return;
+  if (!placement.valid() || std::find(objects_.begin(), objects_.end(), &object) == objects_.end()) return;
   if (observer_ != nullptr) observer_->moved(object, placement);
   ObjectState& state = states_[object.index];
   if (!state.moved) state.before = state.placement;
@@ -108,13 +109,15 @@ const CycleResult& Cycle::touch(const std::array<ProbeInput, kMaxProbes>& probes
 void Cycle::take(const Arrival& arrival) noexcept {
   switch (arrival.kind) {
     case Arrival::Kind::kObject:
-      if (objects_.size() < kMaxObjects) objects_.push_back(arrival.object);
+      TACTUS_ASSERT(objects_.size() + leaving_.size() < kMaxObjects);
+      objects_.push_back(arrival.object);
+      ++objects_changed_;
       states_[arrival.object->index].placement = arrival.object->placement;
       if (arrival.object->body && movable_count_ < kMaxBodies) {
         ++movable_count_;
         movable_ |= std::uint64_t{1} << arrival.object->index;
       }
-      // A region that refines may move the surface by as much as the object deviates.
+      // Refinement of a region may move the surface by up to the object's deviation.
       reach_ = std::max(reach_, arrival.object->deviation * arrival.object->placement.scale() + settings_.radius);
       for (SphereTouch& sphere : spheres_) sphere.set_reach(reach_);
       break;
@@ -124,10 +127,35 @@ void Cycle::take(const Arrival& arrival) noexcept {
     case Arrival::Kind::kRetire:
       arrival.object->forest->retire(arrival.region);
       break;
+    case Arrival::Kind::kWithdraw:
+      withdraw(*arrival.object);
+      break;
   }
 }
 
-/// A probe that is there no more: whoever comes next starts anew.
+void Cycle::withdraw(TouchObject& object) noexcept {
+  const std::uint64_t bit = std::uint64_t{1} << object.index;
+  objects_.erase(std::find(objects_.begin(), objects_.end(), &object));
+  leaving_.push_back(&object);
+  ++objects_changed_;
+  object.forest->keep(false);
+  object.forest->withdraw();
+  if ((movable_ & bit) != 0) --movable_count_;
+  movable_ &= ~bit;
+  wandering_ &= ~bit;
+  states_[object.index] = {};
+  since_change_[object.index] = 0;
+  forget_surroundings();
+  for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
+    near_[i] &= ~bit;
+    const bool held = held_[i].lose(object.index);
+    ProbeOutput& output = result_.probes[i];
+    if (held || output.object == object.index) forces_[i].release();
+    if (output.object == object.index) output.object = spm::kNone;
+  }
+}
+
+/// Resets a probe that its user has left, so that the next user starts with no state of it.
 void Cycle::take_away(std::uint32_t number) noexcept {
   held_[number].reset();
   if (result_.probes[number].active) {
@@ -139,7 +167,7 @@ void Cycle::take_away(std::uint32_t number) noexcept {
   result_.probes[number] = ProbeOutput{};
 }
 
-/// False when an object near the probe is not shown yet.
+/// False when an object near the probe has no mesh yet.
 bool Cycle::gather_surface(std::uint32_t number) noexcept {
   bool all_shown = true;
   for (const TouchObject* object : objects_) {
@@ -200,7 +228,8 @@ const CycleResult& Cycle::refine(spm::Budget budget, const RefineLimit& limit) n
   result_.budget_spent = result_.nodes_full = result_.targets_dropped = false;
   left_.clear();
   spm::Budget granted;
-  bool felt = false;  // what changes may be
+  take_apart(budget, granted, limit, began);
+  bool felt = false;  // the change may be felt
   for (const SphereTouch& sphere : spheres_) felt = felt || sphere.proxy().last().near_surface;
   for (TouchObject* object : objects_) {
     object->forest->keep(felt);
@@ -211,18 +240,53 @@ const CycleResult& Cycle::refine(spm::Budget budget, const RefineLimit& limit) n
     const spm::Advance result = advance(*object, budget, granted, limit, began);
     result_.budget_spent = result_.budget_spent || result == spm::Advance::kBudget || result == spm::Advance::kKeptFull;
     result_.nodes_full = result_.nodes_full || result == spm::Advance::kNodesFull;
-    const spm::ForestCounters& after = forest.counters();
-    const auto changes = static_cast<std::uint32_t>(after.splits - before.splits + after.collapses - before.collapses);
-    costs.visits += static_cast<std::uint32_t>(after.visits - before.visits);
-    costs.changes += changes;
+    const std::uint32_t changes = count_work(forest, before);
     note_changes(*object, changes, !shown && forest.base_shown());
     give_back(*object);
   }
   costs.refine = since(mark);
   for (TouchObject* object : objects_) costs.nodes_marked += refit(*object);
+  for (TouchObject* object : leaving_) costs.nodes_marked += object->forest->refit().marked;
+  depart();
   costs.refit = since(mark);
   if (observer_ != nullptr) observer_->refined(*this, left_, departures_.write_available() > 0);
   return result_;
+}
+
+/// Returns the changes.
+std::uint32_t Cycle::count_work(const spm::Forest& forest, const spm::ForestCounters& before) noexcept {
+  const spm::ForestCounters& after = forest.counters();
+  const auto changes = static_cast<std::uint32_t>(after.splits - before.splits + after.collapses - before.collapses);
+  result_.costs.visits += static_cast<std::uint32_t>(after.visits - before.visits);
+  result_.costs.changes += changes;
+  return changes;
+}
+
+/// Of the objects that leave, as much as their share of the budget allows.
+void Cycle::take_apart(spm::Budget& budget, spm::Budget& granted, const RefineLimit& limit, double& began) noexcept {
+  spm::Budget share{std::min(budget.units, kForLeaving)};
+  budget.units -= share.units;
+  for (TouchObject* object : leaving_) {
+    const spm::ForestCounters before = object->forest->counters();
+    (void)advance(*object, share, granted, limit, began);
+    (void)count_work(*object->forest, before);
+    give_back(*object);
+  }
+  budget.units += share.units;
+}
+
+/// To the loader: objects of which nothing is left.
+void Cycle::depart() noexcept {
+  for (auto at = leaving_.begin(); at != leaving_.end();) {
+    TouchObject& object = **at;
+    if (!object.forest->is_gone() || departures_.write_available() == 0 || left_.size() == left_.capacity()) {
+      ++at;
+      continue;
+    }
+    left_.push_back({object.index, spm::RegionId{spm::kNone}});
+    departures_.push(left_.back());
+    at = leaving_.erase(at);
+  }
 }
 
 void Cycle::select_targets(TouchObject& object) noexcept {
@@ -231,7 +295,7 @@ void Cycle::select_targets(TouchObject& object) noexcept {
   for (std::uint32_t i = 0; i < kMaxProbes; ++i)
     if (is_near(i, object)) add_probe_targets(i, object);
   add_targets_under_bodies(object);
-  const spm::Span<const spm::RegionId> targets = targets_.finish();
+  const std::span<const spm::RegionId> targets = targets_.finish();
   object.forest->target(targets.data(), static_cast<std::uint32_t>(targets.size()), spm::Unrequested::kRest);
   result_.targets_dropped = result_.targets_dropped || !targets_.complete();
 }
@@ -244,7 +308,7 @@ void Cycle::add_probe_targets(std::uint32_t number, const TouchObject& object) n
   if (!tools_.empty()) {
     ToolTouch::Spheres in_world;
     std::array<spm::PlacedSphere, in_world.size()> in_model;
-    const spm::Span<const TouchSphere> spheres = tools_[number].spheres(in_world);
+    const std::span<const TouchSphere> spheres = tools_[number].spheres(in_world);
     std::transform(spheres.begin(), spheres.end(), in_model.begin(), place);
     return targets_.add_spheres({in_model.data(), spheres.size()});
   }
@@ -273,7 +337,7 @@ void Cycle::add_targets_under_bodies(const TouchObject& object) noexcept {
 spm::Advance Cycle::advance(TouchObject& object, spm::Budget& budget, spm::Budget& granted, const RefineLimit& limit,
                             double& began) noexcept {
   CycleCosts& costs = result_.costs;
-  spm::Advance result = object.forest->advance(granted);  // what the object before has left over
+  spm::Advance result = object.forest->advance(granted);  // the rest of the budget after the objects before
   while (result == spm::Advance::kBudget && budget.units > 0) {
     const auto now = static_cast<double>(monotonic_ns() - touch_began_ns_);
     const std::uint32_t spent = costs.granted - granted.units;
@@ -291,7 +355,7 @@ spm::Advance Cycle::advance(TouchObject& object, spm::Budget& budget, spm::Budge
   return result;
 }
 
-/// For the next touch: what of an object's mesh is not as it was.
+/// Notes for the next touch where an object's mesh changed.
 void Cycle::note_changes(const TouchObject& object, std::uint32_t changes, bool appeared) noexcept {
   ObjectState& state = states_[object.index];
   state.changed = appeared ? kAllProbes : 0;
@@ -303,27 +367,27 @@ void Cycle::note_changes(const TouchObject& object, std::uint32_t changes, bool 
   since = changes > 0 ? 0 : since + 1;
 }
 
-/// To the loader: regions that it asked for and of which nothing is applied any more.
+/// Hands the retired regions without applied records back to the loader.
 void Cycle::give_back(TouchObject& object) noexcept {
   while (departures_.write_available() > 0 && left_.size() < left_.capacity()) {
-    const std::uint32_t region = object.forest->take_retired();
+    const spm::RegionId region = object.forest->take_retired();
     if (region == spm::kNone) return;
-    left_.push_back({object.index, spm::RegionId{region}});
+    left_.push_back({object.index, region});
     departures_.push(left_.back());
   }
 }
 
 std::uint32_t Cycle::refit(TouchObject& object) noexcept {
-  // A proxy rests within a hair of what holds it; what changes further away does not move it.
+  // A proxy rests close to the faces that hold it; changes further away do not move it.
   constexpr double kHair = 1.01;
   ObjectState& state = states_[object.index];
-  const Placement& placement = state.moved ? state.before : state.placement;  // as of the last touch
+  const Placement& placement = state.moved ? state.before : state.placement;  // of the last touch
   const double scale = placement.scale();
   std::array<spm::ChangeDetector, kMaxProbes> change_detectors;
   std::array<std::uint32_t, kMaxProbes> probes;
   std::uint32_t count = 0;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
-    if (!is_near(i, object) || !tools_.empty()) continue;  // a tool looks for itself
+    if (!is_near(i, object) || !tools_.empty()) continue;  // a tool detects changes itself
     probes[count] = i;
     change_detectors[count++] = {placement.to_model(vec(result_.probes[i].proxy)), kHair * settings_.radius / scale};
   }

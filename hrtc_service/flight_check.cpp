@@ -85,19 +85,22 @@ class Check {
   }
   void operator()(const trace::FlightEvent& event) const {
     using Kind = trace::FlightEvent::Kind;
-    const auto kind = static_cast<std::uint32_t>(event.kind), last = static_cast<std::uint32_t>(Kind::kRegionLeft);
+    const auto kind = static_cast<std::uint32_t>(event.kind), last = static_cast<std::uint32_t>(Kind::kObjectLeft);
     expect(kind <= last, "event", kind, "at most " + std::to_string(last));
     constexpr auto kLastFault = static_cast<std::uint32_t>(haptics::Fault::kTooFast);
     if (event.kind == Kind::kStopped)
       expect(event.fault > 0 && event.fault <= kLastFault, "fault", event.fault, "1 to " + std::to_string(kLastFault));
     expect_object(event.object);
   }
-  void operator()(const trace::FlightMove& move) const { expect_placement(move.placement); }
+  void operator()(const trace::FlightMove& move) const {
+    expect_object(move.object);
+    expect_placement(move.placement);
+  }
   void operator()(const trace::FlightProbe& probe) const {
     expect(probe.probe < kMaxProbes, "probe", probe.probe, "below " + std::to_string(kMaxProbes));
   }
   void operator()(const trace::FlightTouch& touch) const {
-    // An exception of the processor that is not masked ends the program.
+    // An unmasked floating-point exception would end the program.
     constexpr std::uint32_t kMasks = 0x1f80, kAll = 0xffc0;
     expect((touch.float_control & kMasks) == kMasks && (touch.float_control & ~kAll) == 0, "float control",
            touch.float_control, "all exceptions masked and no flags");

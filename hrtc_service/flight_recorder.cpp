@@ -13,7 +13,7 @@ using Kind = trace::FlightEvent::Kind;
 
 std::array<double, 3> numbers(const Vec3d& v) noexcept { return plain(v); }
 
-// Who adds a member to what goes into a cycle adds it to a record, too (idl/flight.idl).
+// A new member of the input of a cycle must be added to the record, too (idl/flight.idl).
 static_assert(sizeof(ProbeInput) == 208 && sizeof(haptics::DeviceState) == 128, "record the new member");
 
 constexpr std::uint64_t head_of(FlightEntry kind, std::uint32_t words) noexcept {
@@ -44,15 +44,17 @@ void FlightRecorder::put(FlightEntry kind, const Value& value) noexcept {
   constexpr std::uint32_t kWords = (sizeof value + 7) / 8;
   if (!has_room(1 + kWords)) return;
   words_[count_] = head_of(kind, kWords);
-  words_[count_ + kWords] = 0;  // what the value leaves of it
+  words_[count_ + kWords] = 0;  // the padding after the value
   std::memcpy(&words_[count_ + 1], &value, sizeof value);
   count_ += 1 + kWords;
 }
 
-/// Into the record, and among the events that are kept should it be lost. `came`: the object, when it is new.
+/// Adds an event to the record and to the events retained in case the record is lost. `came`: the object, when it is
+/// new.
 void FlightRecorder::put_event(Kind kind, std::uint32_t object, spm::RegionId region,
                                const TouchObject* came) noexcept {
-  constexpr std::uint32_t kWords = 1 + sizeof(trace::FlightEvent) / 8, kWithObject = kWords + 1;
+  constexpr std::uint32_t kWords = 1 + sizeof(trace::FlightEvent) / 8;
+  constexpr std::uint32_t kWithObject = kWords + sizeof(FlightNewObject) / 8;
   static_assert(sizeof(trace::FlightEvent) % 8 == 0);
   if (event_count_ + kWithObject > kMaxEventWords) {
     if (ended() == 0) ended_.store(lost_ + 1, std::memory_order_relaxed);
@@ -60,11 +62,15 @@ void FlightRecorder::put_event(Kind kind, std::uint32_t object, spm::RegionId re
   }
   const std::uint32_t words = came != nullptr ? kWithObject : kWords;
   const trace::FlightEvent event{cycle_, kind, object, spm::index(region), 0};
-  const auto pointer = reinterpret_cast<std::uint64_t>(came);
   std::uint64_t* const entry = &events_[event_count_];
   entry[0] = head_of(came != nullptr ? FlightEntry::kObject : FlightEntry::kEvent, words - 1);
   std::memcpy(entry + 1, &event, sizeof event);
-  if (came != nullptr) std::memcpy(entry + kWords, &pointer, sizeof pointer);
+  if (came != nullptr) {
+    FlightNewObject described{
+        came->id, came->digest, came->placement.numbers(), came->material, came->index, came->body ? 1u : 0u, {}};
+    std::copy_n(came->name.data(), std::min(came->name.size(), std::size_t{session::kMaxName}), described.name.data());
+    std::memcpy(entry + kWords, &described, sizeof described);
+  }
   event_count_ += words;
   if (!has_room(words)) return;
   std::copy_n(entry, words, &words_[count_]);
@@ -84,7 +90,7 @@ void FlightRecorder::moved(const TouchObject& object, const Placement& placement
 void FlightRecorder::touched(const std::array<ProbeInput, kMaxProbes>& probes, std::int64_t now_ns,
                              const Arrival* arrivals, std::uint32_t arrival_count, const CycleResult& result) noexcept {
   for (std::uint32_t i = 0; i < arrival_count; ++i) {
-    constexpr Kind kKinds[] = {Kind::kObjectCame, Kind::kRegionCame, Kind::kRegionRetired};
+    constexpr Kind kKinds[] = {Kind::kObjectCame, Kind::kRegionCame, Kind::kRegionRetired, Kind::kObjectWithdrawn};
     const Kind kind = kKinds[static_cast<std::size_t>(arrivals[i].kind)];
     const TouchObject* const object = arrivals[i].object;
     put_event(kind, object->index, arrivals[i].region, kind == Kind::kObjectCame ? object : nullptr);
@@ -123,19 +129,21 @@ void FlightRecorder::touched(const std::array<ProbeInput, kMaxProbes>& probes, s
   put(FlightEntry::kTouch, trace::FlightTouch{cycle_, now_ns, _mm_getcsr() & 0xffc0u});
 }
 
-/// Bytes of what is carried, 64 bits, and these; then how many objects, and of each number and base faces, mesh hash,
-/// how many regions were worked on, and of each region and applied, with retiring and resting in the top bits. What
-/// does not fit is left out altogether.
+/// The carried state as a 64-bit size and bytes; then the count of objects, and for each its number and base faces,
+/// mesh hash, count of active regions, and for each region its number and applied records, with retiring and resting in
+/// the top bits. A state that does not fit is omitted.
 bool FlightRecorder::put_state(Cycle& cycle) noexcept {
-  // What the next touch may ask of the meshes before is not told: a state waits for a cycle that left them as they
-  // were.
+  // A state does not contain the previous version of the meshes, which the next touch may query. So it waits for a
+  // cycle that changed no mesh. It does not contain the remains of withdrawn objects either, so it waits until these
+  // have departed.
+  if (!cycle.leaving().empty()) return false;
   for (const TouchObject* object : cycle.objects())
     if (object->forest->kept_differs()) return false;
   const std::uint32_t from = count_;
   const auto put_word = [&](std::uint64_t word) {
     if (has_room(1)) words_[count_++] = word;
   };
-  put_word(0);  // to be the entry's head
+  put_word(0);  // placeholder for the entry's head
   haptics::CarriedSize size;
   cycle.for_each_carried(size);
   put_word(size.bytes());
@@ -180,8 +188,9 @@ bool FlightRecorder::push() noexcept {
   return true;
 }
 
-void FlightRecorder::refined(Cycle& cycle, spm::Span<const Departure> left, bool departures_fit) noexcept {
-  for (const Departure& departure : left) put_event(Kind::kRegionLeft, departure.object, departure.region);
+void FlightRecorder::refined(Cycle& cycle, std::span<const Departure> left, bool departures_fit) noexcept {
+  for (const Departure& departure : left)
+    put_event(departure.is_object() ? Kind::kObjectLeft : Kind::kRegionLeft, departure.object, departure.region);
   if (ended() == 0) {
     const CycleResult& result = cycle.result();
     std::uint64_t hash = 0;
@@ -189,13 +198,13 @@ void FlightRecorder::refined(Cycle& cycle, spm::Span<const Departure> left, bool
     const bool state_due = departures_fit && lost_ == 0 && ++since_state_ >= state_every_;
     put(FlightEntry::kRefine, trace::FlightRefine{cycle_, hash, result.costs.granted, result.budget_spent ? 1u : 0u,
                                                   result.nodes_full ? 1u : 0u, state_due ? 1u : 0u});
-    // Whoever goes on from the state knows of no surroundings, and nor must who goes on from here.
+    // A replay from this state starts without surroundings, so this cycle must continue without them, too.
     if (state_due) cycle.forget_surroundings();
     const bool whole = !broken_ && departures_fit && lost_ == 0;
     if (whole && state_due) static_cast<void>(put_state(cycle));
     if (!whole || !push()) {
       ++lost_;
-      // It goes on when there is room for a while.
+      // Recording continues when there is room for some cycles.
       count_ = 1;
       broken_ = false;
       put(FlightEntry::kLost, lost_);

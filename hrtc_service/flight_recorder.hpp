@@ -1,20 +1,22 @@
-/// What a cycle is told and what it answers, kept for whoever wants to do it again.
+/// Records the inputs and the results of each cycle, so that a replay can compute the forces again.
 ///
 ///   CycleObserver: stop, reset, move, touch, refine --> [one record a cycle] --ring--> FlightStore: last seconds, file
 ///
-/// A record holds the calls in their order as the structs of trace/flight_file.hpp, and now and then what the cycle
-/// leaves to the next, so that a recording may begin there. It goes into the ring when the cycle has refined, as a
-/// whole. When the ring is full the cycle is lost; which regions came and left is kept, and the next record that fits
-/// says how many were lost and holds what is needed to go on. A cycle in which the ring of departures is full counts as
-/// lost too: what then leaves depends on who empties it.
+/// A record holds the calls in order, as the structs of trace/flight_file.hpp. At intervals it also holds the state
+/// that the cycle passes to the next one, so that a recording can begin there. The record enters the ring as a whole
+/// after the cycle's refinement. When the ring is full, the cycle is lost, but its arrived and departed regions are
+/// retained; the next record that fits states how many cycles were lost and holds the state after them. A cycle with a
+/// full ring of departures also counts as lost, because its departures then depend on another thread.
 ///
-/// The haptic thread calls what is realtime, one other thread `next`.
+/// The haptic thread calls the realtime functions, one other thread calls `next`.
 #pragma once
 
 #include <array>
 #include <atomic>
 #include <boost/lockfree/spsc_queue.hpp>
 #include <cstdint>
+#include <span>
+#include <type_traits>
 #include <vector>
 
 #include "hrtc_service/cycle.hpp"
@@ -23,30 +25,41 @@
 
 namespace tactus::hrtc_service {
 
-/// What an entry of a record holds.
+/// The content of an entry of a record.
 enum class FlightEntry : std::uint32_t {
   kEvent,   ///< trace::FlightEvent
-  kObject,  ///< the same, then a pointer to the TouchObject, of which only what never changes may be read
+  kObject,  ///< as kEvent, then a FlightNewObject
   kMove,    ///< trace::FlightMove
   kProbe,   ///< trace::FlightProbe
   kTouch,   ///< trace::FlightTouch
   kRefine,  ///< trace::FlightRefine
-  kLost,    ///< how many cycles are, 64 bits; only events follow, and then kState
+  kLost,    ///< count of lost cycles, 64 bits; then only events, and at last kState
   kState    ///< see FlightRecorder::put_state
 };
 
-/// 64-bit words: how many words with this one, then entries: kind << 32 | words that follow, and these.
+/// The constant properties of an object. The haptic thread copies them, since the object may be freed before they are
+/// read.
+struct FlightNewObject {
+  std::uint64_t id = 0, digest = 0;
+  Placement::Numbers placement{};
+  session::Material material;
+  std::uint32_t object = 0, movable = 0;
+  std::array<char, session::kMaxName + 1> name{};
+};
+static_assert(std::is_trivially_copyable_v<FlightNewObject> && sizeof(FlightNewObject) % 8 == 0);
+
+/// 64-bit words: the number of words, this one included; then entries, each as kind << 32 | length, and its words.
 using FlightRecord = std::vector<std::uint64_t>;
 
 class FlightRecorder final : public CycleObserver {
  public:
   static constexpr std::uint32_t kRingWords = 1u << 18;  ///< 2 MiB: 0.8 s of eight probes at 1 kHz
-  static constexpr std::uint32_t kMaxInUse = 1u << 12;   ///< regions of an object; while more are, no state is told
-  static constexpr std::uint32_t kMaxWords = 1u << 15;   ///< of a record; a longer one is lost
-  /// Of the events that are kept while cycles are lost, some 4000; when there are more, recording ends.
+  static constexpr std::uint32_t kMaxInUse = 1u << 12;   ///< regions of an object; with more, no state is recorded
+  static constexpr std::uint32_t kMaxWords = 1u << 15;   ///< of a record; a longer record is lost
+  /// Words of the events that are retained while cycles are lost, some 4000; with more, recording ends.
   static constexpr std::uint32_t kMaxEventWords = 1u << 14;
 
-  /// `state_every`: cycles from one state to the next. Allocates and touches everything, which is 2.5 MiB.
+  /// `state_every`: cycles from one state to the next. Allocates 2.5 MiB and touches all of it.
   explicit FlightRecorder(std::uint32_t state_every);
 
   void stopped(haptics::Fault fault) noexcept override;
@@ -55,11 +68,11 @@ class FlightRecorder final : public CycleObserver {
   void touched(const std::array<ProbeInput, kMaxProbes>& probes, std::int64_t now_ns, const Arrival* arrivals,
                std::uint32_t arrival_count, const CycleResult& result) noexcept override;
   /// Ends the record.
-  void refined(Cycle& cycle, spm::Span<const Departure> left, bool departures_fit) noexcept override;
+  void refined(Cycle& cycle, std::span<const Departure> left, bool departures_fit) noexcept override;
 
   /// The next record, if there is one. Allocates.
   [[nodiscard]] bool next(FlightRecord& record);
-  /// It recorded nothing more since this many cycles had been lost with more events than are kept; 0: it records.
+  /// Cycles lost when recording ended because of too many events; 0: it still records.
   [[nodiscard]] std::uint64_t ended() const noexcept { return ended_.load(std::memory_order_relaxed); }
 
  private:
@@ -72,8 +85,8 @@ class FlightRecorder final : public CycleObserver {
   [[nodiscard]] bool push() noexcept;
 
   boost::lockfree::spsc_queue<std::uint64_t> ring_;
-  std::vector<std::uint64_t> words_;   // of the record in the making; the first is for its size
-  std::vector<std::uint64_t> events_;  // entries of what came and left in this cycle and those lost before it
+  std::vector<std::uint64_t> words_;   // of the current record; the first holds its size
+  std::vector<std::uint64_t> events_;  // arrivals and departures of this cycle and of the lost cycles before it
   std::vector<spm::Forest::InUse> in_use_;
   std::uint32_t count_ = 1, event_count_ = 0;  // words
   std::uint32_t state_every_, since_state_ = 0;
@@ -82,7 +95,7 @@ class FlightRecorder final : public CycleObserver {
   std::atomic<std::uint64_t> ended_{0};
 };
 
-/// What is shown of one more object, mixed with that of the objects before; 0 for none.
+/// Combines the hash of the objects before, 0 for none, with that of one more object's active mesh.
 [[nodiscard]] constexpr std::uint64_t flight_hash(std::uint64_t before, std::uint64_t mesh_hash) noexcept {
   return before * 0x100000001b3u + mesh_hash;
 }

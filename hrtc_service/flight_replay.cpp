@@ -21,13 +21,13 @@ namespace {
 
 using trace::FlightError;
 
-/// A call that a cycle which went astray cannot get.
+/// A recorded call that is impossible after a deviation.
 class Astray : public FlightError {
  public:
   using FlightError::FlightError;
 };
 
-/// What the processor does with denormals and rounding, while it lives.
+/// Sets the processor's treatment of denormals and rounding during its lifetime.
 class FloatControl {
  public:
   FloatControl() : before_{_mm_getcsr()} {}
@@ -110,7 +110,7 @@ ProbeInput input_of(const trace::FlightProbe& probe) {
   return input;
 }
 
-/// A controller's haptic half, with models in place of a loader.
+/// The servo of an HRTC with models in place of a loader.
 class World {
  public:
   explicit World(const trace::FlightStart& start)
@@ -123,19 +123,28 @@ class World {
   [[nodiscard]] Cycle& cycle() noexcept { return cycle_; }
 
   [[nodiscard]] TouchObject& object(std::uint32_t number) {
-    if (number >= objects_.size()) throw FlightError("found object " + std::to_string(number) + ", which has not come");
+    if (objects_[number] == nullptr)
+      throw FlightError("found object " + std::to_string(number) + ", which has not come");
     return objects_[number]->touch;
+  }
+  /// One that is not withdrawn. `number` below kMaxObjects.
+  [[nodiscard]] TouchObject& present(std::uint32_t number) {
+    TouchObject& touch = object(number);
+    if (objects_[number]->withdrawn) throw Astray("object '" + touch.name + "' has been withdrawn");
+    return touch;
   }
 
   [[nodiscard]] Arrival add(const trace::FlightObject& described, const spm::codec::CompressedModel& model) {
     const spm::BaseMesh& base = model.base();
-    if (described.object != objects_.size())
-      throw FlightError("object '" + described.name + "' comes as number " + std::to_string(described.object) +
-                        ", expected " + std::to_string(objects_.size()));
+    if (objects_[described.object] != nullptr)
+      throw Astray("object '" + described.name + "' comes as number " + std::to_string(described.object) +
+                   ", which object '" + objects_[described.object]->touch.name + "' has");
     spm::Cache::Admitted admitted = cache_.admit(base);
     if (!admitted.fits) throw FlightError("object '" + described.name + "' does not fit as it did");
-    auto& object = *objects_.emplace_back(std::make_unique<Object>());
+    objects_[described.object] = std::make_unique<Object>();
+    Object& object = *objects_[described.object];
     object.model = &model;
+    object.in_cache = admitted.object;
     TouchObject& touch = object.touch;
     touch.index = described.object;
     touch.id = described.id;
@@ -148,27 +157,26 @@ class World {
     touch.bounds = {wide(base.summary.bounds_min), wide(base.summary.bounds_max)};
     touch.deviation = base.summary.deviation;
     touch.forest =
-        std::make_unique<spm::Forest>(pool_, nodes_, touch.index, base.summary,
+        std::make_unique<spm::Forest>(pool_, nodes_, spm::ObjectIndex{touch.index}, base.summary,
                                       spm::RegionGrid{base.summary.grid, base.regions}, std::move(admitted.base));
     return {Arrival::Kind::kObject, &touch, {}, {}};
   }
 
   [[nodiscard]] Arrival region(std::uint32_t number, spm::RegionId region) {
-    TouchObject& touch = object(number);
+    TouchObject& touch = present(number);
     const spm::codec::CompressedModel& model = *objects_[number]->model;
     if (spm::index(region) >= model.summary().regions || touch.forest->is_here(region))
       throw Astray("region " + std::to_string(spm::index(region)) + " of object '" + touch.name + "' cannot have come");
-    const spm::ObjectIndex index{number};
     spm::RegionList list;
-    if (!spm::codec::take_region(model, region, cache_, index, list))
+    if (!spm::codec::take_region(model, region, cache_, objects_[number]->in_cache, list))
       throw Astray("region " + std::to_string(spm::index(region)) + " of object '" + touch.name +
                    "' does not fit as it did");
     return {Arrival::Kind::kRegion, &touch, region, list};
   }
 
-  /// `arrivals`: those that came in the same cycle, it may be among them.
+  /// `arrivals`: the arrivals of the same cycle; the region may be among them.
   [[nodiscard]] Arrival retirement(std::uint32_t number, spm::RegionId region, const std::vector<Arrival>& arrivals) {
-    TouchObject& touch = object(number);
+    TouchObject& touch = present(number);
     const spm::Forest& forest = *touch.forest;
     const bool comes = std::any_of(arrivals.begin(), arrivals.end(), [&](const Arrival& arrival) {
       return arrival.kind == Arrival::Kind::kRegion && arrival.object == &touch && arrival.region == region;
@@ -184,11 +192,27 @@ class World {
     return {Arrival::Kind::kRetire, &touch, region, {}};
   }
 
-  /// What the haptic thread has given back is freed at once: no later than it was.
+  [[nodiscard]] Arrival withdrawal(std::uint32_t number) {
+    TouchObject& touch = present(number);
+    objects_[number]->withdrawn = true;
+    return {Arrival::Kind::kWithdraw, &touch, {}, {}};
+  }
+
+  /// Frees the departed regions and objects at once, which is no later than in the recorded run.
   std::uint64_t release() {
     std::uint64_t released = 0;
-    for (Departure departure; departures_.pop(departure); ++released)
-      cache_.release(spm::ObjectIndex{departure.object}, departure.region);
+    for (Departure departure; departures_.pop(departure); ++released) {
+      std::unique_ptr<Object>& object = objects_[departure.object];
+      if (!departure.is_object()) {
+        cache_.release(object->in_cache, departure.region);
+        continue;
+      }
+      for (std::uint32_t region = 0; region < object->model->summary().regions; ++region)
+        if (cache_.holds(object->in_cache, spm::RegionId{region}))
+          cache_.release(object->in_cache, spm::RegionId{region});
+      cache_.remove(object->in_cache);
+      object.reset();
+    }
     return released;
   }
 
@@ -197,7 +221,7 @@ class World {
     static_cast<void>(cycle_.touch(probes, now_ns, arrivals.data(), static_cast<std::uint32_t>(arrivals.size())));
   }
 
-  /// Objects have come, nothing else.
+  /// Whether only objects have arrived.
   void restore(const trace::FlightState& state) {
     for (const trace::FlightObjectState& published : state.objects) {
       spm::Forest& forest = *object(published.object).forest;
@@ -220,6 +244,8 @@ class World {
   struct Object {
     TouchObject touch;
     const spm::codec::CompressedModel* model = nullptr;
+    spm::ObjectIndex in_cache{};
+    bool withdrawn = false;
   };
   static spm::PoolSettings pool_settings(const trace::FlightStart& start) {
     spm::PoolSettings settings = spm::PoolSettings::for_slots(start.slots);
@@ -233,7 +259,7 @@ class World {
   spm::Cache cache_;
   std::unique_ptr<const spm::MeshProbe> tool_;
   DepartureRing departures_{1u << 16};
-  std::vector<std::unique_ptr<Object>> objects_;
+  std::array<std::unique_ptr<Object>, kMaxObjects> objects_;  // by number
   Cycle cycle_;
 };
 
@@ -267,7 +293,7 @@ class Replay {
     if (started_) throw FlightError("found a second start");
     started_ = true;
     report_.start = start;
-    report_.from_the_beginning = true;  // until there is a state
+    report_.from_the_beginning = true;  // until a state follows
     if (start.build != build_id() && !options_.any_build)
       throw FlightError("recorded by build " + start.build + ", this is build " + build_id() +
                         ": only the same one makes the same forces to the bit");
@@ -279,7 +305,8 @@ class Replay {
   void take(const trace::FlightState& state) {
     if (report_.cycles == 0) report_.from_the_beginning = false;
     if (report_.start.build != build_id())
-      throw FlightError("begins in the midst, with a state that only build " + report_.start.build + " reads");
+      throw FlightError("begins in the middle of a run, with a state that only build " + report_.start.build +
+                        " reads");
     if (state.lost > 0) ++report_.gaps;
     report_.lost += state.lost;
     world_ = std::make_unique<World>(report_.start);
@@ -313,7 +340,12 @@ class Replay {
       case Kind::kRegionRetired:
         arrivals_.push_back(world_->retirement(event.object, region, arrivals_));
         return;
+      case Kind::kObjectWithdrawn:
+        ++report_.objects_withdrawn;
+        arrivals_.push_back(world_->withdrawal(event.object));
+        return;
       case Kind::kRegionLeft:
+      case Kind::kObjectLeft:
         ++left_;
         return;
     }
@@ -322,7 +354,7 @@ class Replay {
   void take(const trace::FlightMove& move) {
     expect_start();
     ++report_.moves;
-    world().move(world_->object(move.object), Placement{move.placement});
+    world().move(world_->present(move.object), Placement{move.placement});
   }
 
   void take(const trace::FlightProbe& probe) {
@@ -352,7 +384,7 @@ class Replay {
     if (refine.forgot != 0) world().forget_surroundings();
     const std::uint64_t left = world_->release();
     if (hash != refine.mesh_hash) note("the mesh is another one");
-    if (left != left_) note(std::to_string(left_) + " regions left, had " + std::to_string(left));
+    if (left != left_) note(std::to_string(left_) + " regions and objects left, had " + std::to_string(left));
     if (result.costs.granted != refine.granted || result.budget_spent != (refine.budget_spent != 0) ||
         result.nodes_full != (refine.nodes_full != 0))
       note("refinement went otherwise");

@@ -17,7 +17,7 @@ using std::chrono::steady_clock;
 constexpr auto kDrain = milliseconds{20};
 constexpr auto kAfter = milliseconds{500};
 
-/// Cycles in a second: from one state that is told to the next.
+/// Cycles in a second, which is the distance of two recorded states.
 std::uint32_t second_of(const trace::FlightStart& start) {
   return static_cast<std::uint32_t>(std::max(1.0, std::round(1 / start.period)));
 }
@@ -34,11 +34,21 @@ std::string now_text() {
 
 }  // namespace
 
+std::uint64_t limit_flight(FlightOptions& options, std::uint64_t memory_bytes, double period,
+                           std::uint32_t probes) noexcept {
+  if (options.seconds <= 0) return 0;
+  options.max_bytes = std::min(FlightStore::bytes_for(options.seconds, period, probes), memory_bytes / 8);
+  if (options.max_bytes >= FlightStore::bytes_for(std::min(options.seconds, 1.0), period, probes))
+    return options.max_bytes;
+  options.seconds = 0;
+  return 0;
+}
+
 FlightSaver::FlightSaver(const FlightOptions& options, const trace::FlightStart& start, std::uint32_t probes)
     : options_{options},
       participant_{start.participant},
       recorder_{second_of(start)},
-      max_bytes_{FlightStore::bytes_for(options.seconds, start.period, probes)},
+      max_bytes_{std::min(FlightStore::bytes_for(options.seconds, start.period, probes), options.max_bytes)},
       store_{recorder_, start, options.seconds, max_bytes_} {
   if (!options.file.empty()) {
     std::FILE* const file = std::fopen(options.file.c_str(), "ab");

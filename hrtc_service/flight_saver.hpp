@@ -1,5 +1,5 @@
-/// A controller's flight recorder as a service runs it: keeps the last seconds in a thread of its own and writes them
-/// when something has happened.
+/// Runs the flight recorder of an HRTC: a separate thread holds the last seconds and writes them to a file after an
+/// event such as a fault.
 #pragma once
 
 #include <array>
@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <limits>
 #include <mutex>
 #include <string>
 #include <thread>
@@ -17,31 +18,37 @@
 namespace tactus::hrtc_service {
 
 struct FlightOptions {
-  double seconds = 30;           ///< kept; 0: nothing is recorded
-  std::filesystem::path folder;  ///< of files that something gave reason for; made when it is not there
+  double seconds = 30;                                                  ///< recorded; 0: nothing is recorded
+  std::uint64_t max_bytes = std::numeric_limits<std::uint64_t>::max();  ///< beyond it the oldest cycles are removed
+  std::filesystem::path folder;  ///< of the files that events cause; created when missing
   std::filesystem::path file;    ///< written at the end; empty: none
 };
 
+/// Limits the recorder to an eighth of `memory_bytes`, and returns how much of them it takes at most. Where an eighth
+/// does not hold a second of all probes, nothing is recorded.
+[[nodiscard]] std::uint64_t limit_flight(FlightOptions& options, std::uint64_t memory_bytes, double period,
+                                         std::uint32_t probes) noexcept;
+
 class FlightSaver {
  public:
-  /// Throws std::runtime_error when `file` is where none can be written. Allocates what the haptic thread needs; the
-  /// rest as it is recorded, up to `max_bytes()`.
+  /// Throws std::runtime_error when `file` cannot be written. Allocates the memory of the haptic thread at once, the
+  /// rest during recording, up to `max_bytes()`.
   FlightSaver(const FlightOptions& options, const trace::FlightStart& start, std::uint32_t probes);
   ~FlightSaver();
 
-  /// For the haptic thread's cycle.
+  /// The observer for the haptic thread's cycle.
   [[nodiscard]] FlightRecorder& recorder() noexcept { return recorder_; }
   [[nodiscard]] std::uint64_t max_bytes() const noexcept { return max_bytes_; }
 
-  /// Called in the keeper's thread, with a line for operators. Set before `start`.
+  /// Called in the thread of the flight recorder, with a line for operators. Set before `start`.
   std::function<void(bool trouble, const std::string&)> on_event;
 
-  /// The objects that the haptic thread touches must be there until `stop`.
+  /// The objects that the haptic thread touches must exist until `stop`.
   void start();
-  /// Has a file written half a second from now, so that what follows is in it; what else happens until then goes into
-  /// the same. At most kMaxFiles in a run, for what an operator asks for (`asked`) any number.
+  /// Requests a file, which is written half a second later, so that it contains the cycles after the event. Events
+  /// until then share that file. At most kMaxFiles in a run; files that an operator requests (`asked`) have no limit.
   void save(const std::string& reason, bool requested);
-  /// Ends the thread, and writes the file that is wanted at the end. After the haptic thread's. False when that failed.
+  /// Ends the thread and writes `file`. Call it after the haptic thread has ended. False when writing failed.
   bool stop();
 
   static constexpr std::uint32_t kMaxFiles = 20;

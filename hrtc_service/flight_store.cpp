@@ -28,10 +28,19 @@ Value value_of(const std::uint64_t* entry) noexcept {
 }
 
 /// Of a kObject.
-const TouchObject& object_of(const std::uint64_t* entry) noexcept {
-  const TouchObject* object = nullptr;
-  std::memcpy(&object, entry + size_of(entry) - 1, sizeof(void*));
-  return *object;
+trace::FlightObject object_of(const std::uint64_t* entry) {
+  FlightNewObject object;
+  std::memcpy(static_cast<void*>(&object), entry + 1 + sizeof(Event) / 8, sizeof object);
+  return {object.object,
+          object.id,
+          object.digest,
+          object.name.data(),
+          object.placement,
+          object.material.stiffness,
+          object.material.damping,
+          object.material.static_friction,
+          object.material.dynamic_friction,
+          object.movable != 0};
 }
 
 template <class Visit>
@@ -39,7 +48,7 @@ void for_each_entry(const std::uint64_t* from, const std::uint64_t* end, Visit&&
   for (; from < end; from += size_of(from)) visit(from);
 }
 
-/// Times of a file are ns since 1970, those of a record of our clock.
+/// Times in a file are ns since 1970; times in a record are of our clock.
 std::int64_t since_1970_less_ours() {
   const auto now = std::chrono::system_clock::now().time_since_epoch();
   return std::chrono::duration_cast<std::chrono::nanoseconds>(now).count() - monotonic_ns();
@@ -97,7 +106,7 @@ FlightStore::FlightStore(FlightRecorder& recorder, trace::FlightStart start, dou
 
 std::uint64_t FlightStore::bytes_for(double seconds, double period, std::uint32_t probes) noexcept {
   constexpr double kOfCycle = 160, kOfProbe = 8 + sizeof(trace::FlightProbe), kOfSecond = 1 << 17;
-  const double all = seconds + 2;  // the oldest segment, and the one in the making
+  const double all = seconds + 2;  // the oldest segment, and the current one
   return static_cast<std::uint64_t>(all * ((kOfCycle + probes * kOfProbe) / period + kOfSecond));
 }
 
@@ -109,7 +118,7 @@ void FlightStore::Known::take(const std::uint64_t* entry) {
     case Event::Kind::kObjectCame:
       objects.resize(std::max<std::size_t>(objects.size(), event.object + 1));
       here.resize(objects.size());
-      objects[event.object] = &object_of(entry);
+      objects[event.object] = object_of(entry);
       break;
     case Event::Kind::kRegionCame:
       here[event.object].insert(event.region);
@@ -117,9 +126,14 @@ void FlightStore::Known::take(const std::uint64_t* entry) {
     case Event::Kind::kRegionLeft:
       here[event.object].erase(event.region);
       break;
+    case Event::Kind::kObjectLeft:
+      objects[event.object].reset();
+      here[event.object].clear();
+      break;
     case Event::Kind::kStopped:
     case Event::Kind::kReset:
     case Event::Kind::kRegionRetired:
+    case Event::Kind::kObjectWithdrawn:
       break;
   }
 }
@@ -158,7 +172,7 @@ void FlightStore::take(const FlightRecord& record) {
     words_ += 1 + static_cast<std::uint64_t>(until - begin);
   }
   if (state == nullptr) return;
-  // A second's worth will be as long as the last one.
+  // Expect the next second to be as long as the last one.
   const std::size_t room = segments_.back().records.size();
   Segment& next = segments_.emplace_back();
   next.records.reserve(room + room / 16);
@@ -193,19 +207,6 @@ void FlightStore::evict() {
 void FlightStore::drain() {
   take_new();
   evict();
-}
-
-trace::FlightObject FlightStore::describe(const TouchObject& object) {
-  return {object.index,
-          object.id,
-          object.digest,
-          object.name,
-          object.placement.numbers(),
-          object.material.stiffness,
-          object.material.damping,
-          object.material.static_friction,
-          object.material.dynamic_friction,
-          object.body.has_value()};
 }
 
 /// See FlightRecorder::put_state.
@@ -243,18 +244,20 @@ std::uint64_t FlightStore::write(const std::filesystem::path& file, const std::s
   set_time(segments_.front().first_ns);
   out.write(start);
   Known known = known_;
-  for (const TouchObject* object : known.objects)
-    if (object != nullptr) out.write(describe(*object));
+  const auto write_objects = [&] {
+    for (const std::optional<trace::FlightObject>& object : known.objects)
+      if (object) out.write(*object);
+  };
+  write_objects();
 
-  // What comes meanwhile is kept for the next file; nothing goes until this one is written.
+  // Records that arrive meanwhile are for the next file; no segment is dropped until this one is written.
   std::uint64_t cycles = 0;
   const std::size_t segments = segments_.size();
   const std::size_t of_last = segments_.back().records.size();
   for (std::size_t number = 0; number < segments; ++number) {
     if (number > 0 && segments_[number].lost > 0) {
       known.take_all(segments_[number].before);
-      for (const TouchObject* object : known.objects)
-        if (object != nullptr) out.write(describe(*object));
+      write_objects();
     }
     if (!segments_[number].state.empty() && (number == 0 || segments_[number].lost > 0)) {
       trace::FlightState state = state_of(segments_[number], known);
@@ -271,7 +274,7 @@ std::uint64_t FlightStore::write(const std::filesystem::path& file, const std::s
         known.take(entry);
         switch (kind_of(entry)) {
           case FlightEntry::kObject:
-            out.write(describe(object_of(entry)));
+            out.write(object_of(entry));
             out.write(value_of<trace::FlightEvent>(entry));
             break;
           case FlightEntry::kEvent:

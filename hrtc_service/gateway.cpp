@@ -5,7 +5,7 @@
 namespace tactus::hrtc_service {
 namespace {
 
-constexpr std::int64_t kMaxTransitNs = 1'000'000'000;  // more is no transit but a wrong time
+constexpr std::int64_t kMaxTransitNs = 1'000'000'000;  // a larger value is a wrong time, not a transit
 
 }  // namespace
 
@@ -17,22 +17,24 @@ Gateway::Gateway(spm::Pool& pool, spm::NodePool& nodes, const session::Origin& s
   loader_.on_event = [this](const std::string& text) {
     if (on_event) on_event(text);
   };
+  loader_.on_object_found = [this](const session::CatalogueEntry& entry) {
+    if (on_object_found) on_object_found(entry);
+  };
   loader_.on_object = [this](const TouchObject& object) {
     if (object.body && !ownership_.add(object.index, object.id, *object.body) && on_event)
       on_event("an object that can move will stay where it is: an HRTC moves " + std::to_string(kMaxBodies) +
                " at most");
+    if (object.body) movable_[object.id] = Movable{loader_.entry(object.index)};
     if (on_object) on_object(object);
   };
-  loader_.on_object_gone = [this](std::uint64_t object) {
-    movable_.erase(object);
+  loader_.on_object_withdrawn = [this](const TouchObject& object) {
+    ownership_.withdraw(object.index);
+    movable_.erase(object.id);
+  };
+  loader_.on_object_gone = [this](const Loader::ObjectInfo& object) {
+    ownership_.free(object.index);
     if (on_object_gone) on_object_gone(object);
   };
-}
-
-void Gateway::on_catalogue(const session::CatalogueEntry& entry) {
-  loader_.on_catalogue(entry);
-  if (loader_.knows(entry.object_id) && sharing::can_move(entry) && !entry.withdrawn)
-    movable_.try_emplace(entry.object_id, Movable{entry});
 }
 
 void Gateway::on_pose(const session::ObjectPose& pose, std::int64_t now_ns, std::int64_t session_now_ns) {
@@ -55,7 +57,7 @@ void Gateway::take_reports() {
   }
 }
 
-/// The loader looks for what is near an object where it stands now.
+/// The loader searches around the current placement of an object.
 void Gateway::move_objects() {
   for (const OwnershipClient::Held& body : ownership_.bodies()) {
     const auto at = movable_.find(body.id);

@@ -1,11 +1,11 @@
-/// The half of an HRTC that faces the session: what it holds of the objects, who simulates them, where they are.
+/// The half of an HRTC that faces the session: it manages the regions, the simulators and the poses of the objects.
 ///
 ///     catalogue, chunks           --> Loader           --> demands           link: arrivals, near
 ///     grants, poses of others     --> OwnershipClient  --> claims            link: orders of bodies
 ///     link: reports of the servo  --> both
 ///
-/// Policy without DDS, thread, clock, file or log: samples and times come as arguments, and what is to be sent is
-/// returned. One thread at a time. Not realtime.
+/// Policy without DDS, thread, clock, file or log: samples and times are arguments, samples to send are results. One
+/// thread at a time. Not realtime.
 #pragma once
 
 #include <array>
@@ -37,16 +37,20 @@ class Gateway {
 
   /// One line for each event that an operator should see.
   std::function<void(const std::string&)> on_event;
-  /// An object that is shown from now on, in the order of the indices.
+  /// An object that is wanted from now on.
+  std::function<void(const session::CatalogueEntry&)> on_object_found;
+  /// An object that is shown from now on.
   std::function<void(const TouchObject&)> on_object;
-  /// An object that no host offers any more, by id.
-  std::function<void(std::uint64_t)> on_object_gone;
+  /// An object that was forgotten because no host offers it any more: one that was shown, once the servo has given it
+  /// back; its index may come again.
+  std::function<void(const Loader::ObjectInfo&)> on_object_gone;
 
-  void on_catalogue(const session::CatalogueEntry& entry);
+  void on_catalogue(const session::CatalogueEntry& entry) { loader_.on_catalogue(entry); }
   void on_host_seen(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns) {
     loader_.on_host_seen(host, incarnation, now_ns);
   }
   void on_host_gone(std::uint64_t host) { loader_.on_host_gone(host); }
+  void on_host_left(std::uint64_t host, std::uint64_t incarnation) { loader_.on_host_left(host, incarnation); }
   void on_host_silent(std::uint64_t host) { loader_.on_host_silent(host); }
   void on_chunk(const session::BulkChunk& chunk, std::int64_t now_ns) { loader_.on_chunk(chunk, now_ns); }
   void on_grant(const session::ObjectGrant& grant, std::int64_t now_ns) { ownership_.on_grant(grant, now_ns); }

@@ -1,14 +1,14 @@
-/// How long a cycle may refine: until the deadline that the application set, less what refining still leaves to do.
+/// Decides how long a cycle may refine: until the application's deadline, minus the time of the work that follows.
 ///
 ///   deadline:  |--- touch ---|- refine, in portions -|- refit -|- surprise -|
 ///                                                    ^ last portion begins while this is not past the deadline
 ///
-/// Forces come first, so what they cost is known when refinement begins. What is ahead is foreseen: refitting, by its
-/// measured cost per unit of Budget refined, and `surprise`, by which cycles cost more than was foreseen when their
-/// last portion began. Two quantiles of that are measured, exceeded by a tenth and a hundredth of the cycles, and the
-/// rarer one that is asked for lies further along the same exponential tail. It is not measured itself: one cycle in
-/// some hundred is interrupted for longer than it works, whatever it does, and refinement would only give way to that.
-/// So nothing but the floor (kFloor) is tuned. Where forces leave less than the floor, cycles do miss the deadline.
+/// Forces come first, so their cost is known when refinement begins. The rest is predicted: refitting, from its
+/// measured cost per unit of Budget, and `surprise`, the amount by which a cycle exceeds the prediction at the start of
+/// its last portion. The governor measures two quantiles of it, which a tenth and a hundredth of the cycles exceed, and
+/// extrapolates to the requested, rarer quantile on an exponential tail. It does not measure that one, because some
+/// cycles in a hundred are interrupted for longer than they compute, and less refinement would not prevent that.
+/// Only the floor (kFloor) is tuned. Where forces leave less time than the floor, cycles miss the deadline.
 ///
 /// Realtime. Source: Liu, Georganas, Roth, 3DIM 2005, section 3 (frame budget); quantiles by stochastic
 /// approximation (Robbins, Monro 1951).
@@ -21,15 +21,15 @@
 
 namespace tactus::hrtc_service {
 
-/// When refinement stops, whatever its Budget: ns, from where the cycle began.
+/// The time at which refinement stops, whatever its Budget: ns since the start of the cycle.
 struct RefineLimit {
   double until = std::numeric_limits<double>::infinity();
-  double at_least = 0;    ///< refinement may take so long in any case
-  double refit_unit = 0;  ///< what refitting costs for a unit refined
+  double at_least = 0;    ///< time that refinement may always take
+  double refit_unit = 0;  ///< cost of refitting for each refined unit
 
-  /// When the cycle will end, as far as can be foreseen, if no further portion begins.
+  /// The predicted end of the cycle if no further portion begins.
   [[nodiscard]] double end(double now, std::uint32_t units) const noexcept { return now + units * refit_unit; }
-  /// `began`: when the first portion did, which may always.
+  /// `began`: start of the first portion, which is always permitted.
   [[nodiscard]] bool allows(double began, double now, std::uint32_t units) const noexcept {
     return end(now, units) < std::max(until, began + at_least);
   }
@@ -37,20 +37,20 @@ struct RefineLimit {
 
 class Governor {
  public:
-  /// `deadline_ns`: the cycle's own work shall take no longer. `misses`: share of the cycles that may.
+  /// `deadline_ns`: limit of the cycle's own work. `misses`: share of the cycles that may exceed it.
   explicit Governor(std::int64_t deadline_ns, double misses = 0.0005) noexcept
       : deadline_{static_cast<double>(deadline_ns)},
         further_{std::log(kOften / misses) / std::log(kOften / kSeldom)},
         often_{deadline_ / 10, kOften},
         seldom_{deadline_ / 5, kSeldom} {}
 
-  /// For the next cycle.
+  /// The limit for the next cycle.
   [[nodiscard]] RefineLimit limit() const noexcept {
     return {deadline_ - surprise_ns(), kFloor * deadline_, refit_unit_ns()};
   }
 
-  /// What the cycle did and took: units refined, ns of refitting, ns from its beginning to its end, and what that was
-  /// foreseen to be when its last portion began. An interruption before that moment is in both, so it changes nothing.
+  /// Reports a cycle: refined units, ns of refitting, ns of the whole cycle, and the prediction of that at the start of
+  /// its last portion. An interruption before that start is in both times, so it changes nothing.
   void observe(std::uint32_t units, double refit_ns, double taken_ns, double foreseen_ns) noexcept {
     const double min = kMinShare * deadline_;
     often_.see(taken_ns - foreseen_ns, min, deadline_);
@@ -60,7 +60,7 @@ class Governor {
   }
 
   [[nodiscard]] double refit_unit_ns() const noexcept {
-    constexpr double kGuess = 4, kWeight = 10;  // units; until there is something to measure
+    constexpr double kGuess = 4, kWeight = 10;  // units; until the first measurements
     return (refit_ns_ + kGuess * kWeight) / (units_ + kWeight);
   }
   [[nodiscard]] double surprise_ns() const noexcept {
@@ -69,15 +69,15 @@ class Governor {
   }
 
  private:
-  // How fast measurements are believed; what they converge to does not depend on these.
+  // Speed of convergence; the limits do not depend on it.
   static constexpr double kStep = 0.1;     // of a quantile's logarithm
   static constexpr double kMemory = 0.01;  // weight of the newest cycle in the cost of refitting
   static constexpr double kOften = 0.1, kSeldom = 0.01;
-  // Of the deadline. Forces may take all of it; a tip that moves would outrun refinement that gave way to them.
+  // Of the deadline. Forces may take all of it; without a floor a moving tip would outrun refinement.
   static constexpr double kFloor = 0.18;
-  static constexpr double kMinShare = 0.01;  // least quantile
+  static constexpr double kMinShare = 0.01;  // smallest quantile
 
-  /// What a share of the cycles exceeds.
+  /// The value that a given share of the cycles exceeds.
   struct Quantile {
     Quantile(double start, double share) noexcept
         : value{start}, rise{std::exp(kStep * (1 - share))}, fall{std::exp(-kStep * share)} {}
@@ -88,9 +88,9 @@ class Governor {
   };
 
   double deadline_;
-  double further_;  // how far along the tail, in distances between the two
+  double further_;  // position on the tail, in units of the distance between the two quantiles
   Quantile often_, seldom_;
-  double units_ = 0, refit_ns_ = 0;  // of a cycle, lately
+  double units_ = 0, refit_ns_ = 0;  // of a cycle, smoothed
 };
 
 }  // namespace tactus::hrtc_service

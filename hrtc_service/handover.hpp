@@ -1,11 +1,11 @@
-/// Hands one thread a list of borrowed things, again with each change, and tells when it has let go of the earlier
-/// ones.
+/// Passes a list of borrowed objects from an owner thread to a user thread, and reports when the user no longer uses
+/// the earlier lists.
 ///
 ///     owner   post(list 7) ... post(list 8, without w)     passed(8)? not yet     passed(8)? yes: destroys w
 ///     user                 latest -> list 7, uses w                    latest -> list 8
 ///
-/// So the user holds no lock, and what is slow, such as destroying a DDS writer, is done by the owner when the user can
-/// no longer meet it. One owner thread, one user thread. Realtime for the user.
+/// So the user takes no lock, and the owner does the slow work, such as destroying a DDS writer, when the user can no
+/// longer use the object. One owner thread, one user thread. Realtime for the user.
 #pragma once
 
 #include <atomic>
@@ -17,16 +17,16 @@
 
 namespace tactus::hrtc_service {
 
-/// `List` is plain: a copy of it is all that is handed over.
+/// `List` is trivially copyable; the user gets a copy.
 template <class List>
 class Handover {
  public:
-  /// Owner: replaces the list; gives its number.
+  /// Owner: replaces the list and returns its number.
   std::uint64_t post(const List& list) noexcept {
     mailbox_.post({++posted_, list});
     return posted_;
   }
-  /// Owner: whether the user has taken this list or a later one, and so uses nothing that only earlier ones name.
+  /// Owner: whether the user has taken this list or a later one. Then it uses nothing that only earlier lists name.
   [[nodiscard]] bool passed(std::uint64_t number) const noexcept {
     return taken_.load(std::memory_order_acquire) >= number;
   }
@@ -48,7 +48,7 @@ class Handover {
   std::atomic<std::uint64_t> taken_{0};
 };
 
-/// Things that wait for a number to be passed before they are destroyed.
+/// Objects that are destroyed once the user has passed their number.
 template <class Thing>
 class Retired {
  public:

@@ -24,25 +24,26 @@
 
 namespace tactus::hrtc_service {
 
-/// What a probe slot is to do. Devices belong to the service, which keeps them until commands without them are obeyed.
+/// Commands for the probe slots. The service owns the devices and destroys one only after the thread has obeyed
+/// commands without it.
 struct HapticCommands {
-  std::uint64_t number = 0;                            ///< grows with each
+  std::uint64_t number = 0;                            ///< increases with each command
   std::array<haptics::Device*, kMaxProbes> devices{};  ///< null: no probe
   std::array<bool, kMaxProbes> framed{};               ///< the device has a frame of its own
-  std::uint32_t snapshots = 0;                         ///< grows: copy the shown mesh
+  std::uint32_t snapshots = 0;                         ///< increases with each request to copy the active mesh
 };
 
-/// Of the pose that a report is of, as messages tell it.
+/// Age and number of the pose of a report, as messages carry them.
 [[nodiscard]] inline std::uint32_t age_us(const ProbeOutput& probe) noexcept {
   return static_cast<std::uint32_t>(std::clamp(probe.pose_age * 1e6f, 0.0f, 4e9f));
 }
 
-/// One cycle in numbers; ns.
+/// The figures of one cycle; ns.
 struct CycleTrace {
   CycleCosts costs;
   CycleTimes times;
   std::uint32_t wake_late = 0;  ///< after its due time
-  std::uint32_t skipped = 0;    ///< ticks missed altogether before it
+  std::uint32_t skipped = 0;    ///< whole ticks missed before it
   std::uint8_t active = 0;      ///< probes
   std::uint8_t in_contact = 0;
   std::uint8_t exact = 0;  ///< of those in contact
@@ -53,7 +54,7 @@ struct CycleTrace {
 struct HapticSettings {
   double period = 0.001;               ///< s; the cycle's
   std::int64_t deadline_ns = 250'000;  ///< for the cycle's own work
-  int priority = 60;                   ///< SCHED_FIFO; 0: do not ask
+  int priority = 60;                   ///< SCHED_FIFO; 0: ordinary scheduling
   haptics::DeviceFrame frame;          ///< of devices that have one of their own
 
   [[nodiscard]] std::int64_t period_ns() const noexcept { return std::llround(period * 1e9); }
@@ -67,17 +68,17 @@ class HapticThread {
   HapticThread(const HapticSettings& settings, Servo& servo);
   ~HapticThread();
 
-  /// Starts; returns the line that says what the system granted.
+  /// Starts; returns a log line about the granted priority and memory locking.
   [[nodiscard]] std::string start();
   void stop();
 
   [[nodiscard]] haptics::Mailbox<HapticCommands>& commands() noexcept { return commands_; }
-  /// Whether commands of this number or later ones are obeyed: a device that they no longer name is not used any more.
+  /// Whether the thread obeys commands of this number or later ones. It no longer uses a device that they do not name.
   [[nodiscard]] bool has_obeyed(std::uint64_t number) const noexcept {
     return obeyed_.load(std::memory_order_acquire) >= number;
   }
   [[nodiscard]] TraceRing& traces() noexcept { return traces_; }
-  /// Reads what the system counts for the thread; after `start`.
+  /// Reads the counters of the system for the thread; after `start`.
   [[nodiscard]] UsageSampler& usage() noexcept { return *usage_; }
   [[nodiscard]] std::uint64_t traces_dropped() const noexcept {
     return traces_dropped_.load(std::memory_order_relaxed);
@@ -108,18 +109,18 @@ class HapticThread {
   Servo::Inputs inputs_;
 };
 
-/// What a haptic thread is told: all of it again with each change. One thread.
+/// The sender of commands to a haptic thread: each change sends all commands again. One thread.
 class HapticOrders {
  public:
   explicit HapticOrders(HapticThread& to) : to_{to} {}
 
   template <class Change>
-  void tell(Change&& change) {
+  void post(Change&& change) {
     change(commands_);
     ++commands_.number;
     to_.commands().post(commands_);
   }
-  /// Whether the thread obeys what was told last when `now().number` was this.
+  /// Whether the thread obeys the commands of this number.
   [[nodiscard]] bool obeyed(std::uint64_t number) const noexcept { return to_.has_obeyed(number); }
   [[nodiscard]] const HapticCommands& now() const noexcept { return commands_; }
 

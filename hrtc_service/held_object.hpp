@@ -1,4 +1,4 @@
-/// What a hand has closed on: a place of an object, to which the device is coupled until the hand opens.
+/// The object that a hand holds: the device is coupled to a point of it until the hand opens.
 ///
 /// World frame, SI. The haptic thread's. Realtime.
 #pragma once
@@ -7,9 +7,9 @@
 
 namespace tactus::hrtc_service {
 
-/// What a probe held on to in the last touch.
+/// The object that a probe held in the last touch.
 struct Held {
-  std::uint32_t object = spm::kNone;  ///< index; none: it held nothing
+  std::uint32_t object = spm::kNone;  ///< index; kNone: it held no object
   haptics::Hold hold;
   haptics::Feel feel;  ///< of the object
   haptics::ToolGrip grip;
@@ -23,16 +23,25 @@ class HeldObject {
     held_.object = spm::kNone;
   }
 
-  /// Opens the hand when its button is up. Index of the object that it holds, or kNone.
+  /// Opens the hand when its button is up. Returns the index of the object that it holds, or kNone.
   std::uint32_t open(const haptics::DeviceState& device) noexcept;
-  /// Goes along with the object, which was at `before` in the last cycle and is at `now`.
+  /// Follows the object, whose placement was `before` in the last cycle and is `now`.
   void follow(const ProbeStep& step, const TouchObject& object, const Placement& before, const Placement& now) noexcept;
-  /// The force of what is held, after `follow`. A hand lets go once it feels nothing any more, and that is when poses
-  /// are `zero_by` seconds old, or what it held would be far away when it feels again.
+  /// The force of the held object, after `follow`. The hand releases the object when its force has faded to zero, that
+  /// is, when poses are `zero_by` seconds old: the object could be far away when the force returned.
   const haptics::ForceResult& render(const ProbeStep& step, double zero_by) noexcept;
-  /// Takes hold of the object that was touched at `place`, from the next touch on, when the hand closes.
+  /// When the hand closes, holds the object that it touches at `place`, from the next touch on.
   /// `can_move`: the object. Its `placement` is of this touch.
   void close(const ProbeStep& step, const Vec3d& place, const Placement& placement, bool can_move) noexcept;
+
+  /// What it holds is gone: the hand has to open before it can hold anything again. True when it held that object.
+  bool lose(std::uint32_t object) noexcept {
+    if (grasp_.object != object) return false;
+    grasp_ = {};
+    grasp_.spent = true;
+    held_.object = spm::kNone;
+    return true;
+  }
 
   [[nodiscard]] const Held& held() const noexcept { return held_; }
 
@@ -51,8 +60,8 @@ class HeldObject {
   /// From one touch to the next.
   struct Grasp {
     std::uint32_t object = spm::kNone;  // index
-    bool spent = false;                 // has lost it, and has to open before it can close again
-    Plain3 place{};                     // where, model frame
+    bool spent = false;                 // it lost the object, and must open before it can hold again
+    Plain3 place{};                     // of the coupling, model frame
     Plain4 orientation{};               // of the device in the object's axes
   };
 

@@ -13,6 +13,7 @@
 #include <variant>
 
 #include "hrtc_service/body_exchange.hpp"
+#include "hrtc_service/contact_journal.hpp"
 #include "hrtc_service/gateway.hpp"
 #include "hrtc_service/group_endpoints.hpp"
 #include "hrtc_service/membership.hpp"
@@ -31,10 +32,12 @@ namespace tactus::hrtc_service {
 namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
-constexpr std::int64_t kServiceNs = 2 * kMs;  // from one pass to the next, at least; so many times a pass; at most
+// Minimum period of passes; their period as a multiple of their duration; its maximum.
+constexpr std::int64_t kServiceNs = 2 * kMs;
 constexpr std::int64_t kServiceRest = 10;
 constexpr std::int64_t kServiceMaxNs = 10 * kMs;
-constexpr std::int64_t kServiceRestingNs = 8 * kMs;  // at least, where no tip moves and all that is wanted is here
+// Minimum period when no tip moves and all wanted regions are stored.
+constexpr std::int64_t kServiceRestingNs = 8 * kMs;
 constexpr std::int64_t kMetricsNs = 500 * kMs;
 constexpr std::int64_t kMetricsSoonNs = 100 * kMs;
 constexpr std::int64_t kAllMetricsNs = 5000 * kMs;
@@ -47,7 +50,7 @@ using session::Every;
 struct HostAnswer {
   session::ClockSample sample;
 };
-/// A probe state that came through the ends of a group.
+/// A probe state that arrived at the endpoints of a group.
 struct FullRateState {
   session::ProbeState state;
 };
@@ -141,9 +144,9 @@ struct Hrtc::Impl {
   HapticOrders orders{haptic};
   UserDevices devices;
   StopSwitch stops{participants.origin(), core.link()};
-  bool stopped = false;  // when the service thread looked last
+  bool stopped = false;  // at the last pass of the service thread
   std::vector<session::StopRecord> stops_acknowledged;
-  session::StopName stop_received;  // the newest; the callback's
+  session::StopName stop_received;  // the newest; used by the callback only
   haptics::Mailbox<session::ClockMap> sender_clock;
 
   wire::Writer<session::RosterEntry> roster_out;
@@ -158,9 +161,7 @@ struct Hrtc::Impl {
   CycleStatistics statistics;
   Samples timer_samples{1'000'000};
   std::unique_ptr<TimerBeside> timer;
-  std::unique_ptr<trace::ContactLogWriter> log;
-  std::vector<bool> object_logged;
-  trace::LoggedQuery logged;
+  std::unique_ptr<ContactJournal> log;
 
   Every metrics{kMetricsNs}, all_metrics{kAllMetricsNs}, no_host{kNoHostNs}, sync_groups{kGroupsNs};
   std::int64_t started_ns = 0;
@@ -169,28 +170,31 @@ struct Hrtc::Impl {
   std::array<std::uint32_t, kMaxProbes> faults_logged{};  // status bits
   std::array<std::uint32_t, kMaxProbes> holds_logged{};   // status bits
   LateCycleClassifier late_cycles;
-  std::deque<CycleTrace> late_traces;  // that are not classified yet
+  std::deque<CycleTrace> late_traces;  // not classified yet
   Every overrun_logged{kOverrunLoggedNs}, targets_logged{kTargetsLoggedNs};
   std::uint32_t overruns_unlogged = 0;
   std::uint64_t first_cycle = 0;  // seen; 0: none yet
   std::int64_t first_cycle_ns = 0;
-  std::optional<SnapshotTaker> snapshots;  // when they are asked for
+  std::optional<SnapshotTaker> snapshots;  // when requested
   std::uint32_t saves_seen = 0;
   struct {
-    std::int64_t catalogue_ns = 0, base_ns = 0, exact_ns = 0;  // when first, each; 0: not yet
-    std::uint64_t bytes = 0;                                   // of payload, until the last
+    std::int64_t catalogue_ns = 0, base_ns = 0, exact_ns = 0;  // first times; 0: not yet
+    std::uint64_t bytes = 0;                                   // of payload, up to exact_ns
   } first;
 
   std::thread sender;
   std::atomic<bool> sending{false};
 
-  // Last, so that no callback outlives what it fills.
+  // Last, so that callbacks end before their targets do.
   std::vector<std::shared_ptr<void>> readers;
-  /// What everyone sends to everyone can wait for the service's next pass: there is much of it in a large session.
+  /// Samples from all to all wait for the service's next pass, because a large session has many of them.
   template <class Typed>
-  static constexpr bool kUrgent =
-      !(std::is_same_v<Typed, session::RosterEntry> || std::is_same_v<Typed, session::ClockSample> ||
-        std::is_same_v<Typed, session::ProbeState> || std::is_same_v<Typed, session::Metrics>);
+  static constexpr wire::Urgency kUrgency =
+      std::is_same_v<Typed, session::SessionEnd> ? wire::Urgency::kLast
+      : std::is_same_v<Typed, session::RosterEntry> || std::is_same_v<Typed, session::ClockSample> ||
+              std::is_same_v<Typed, session::ProbeState> || std::is_same_v<Typed, session::Metrics>
+          ? wire::Urgency::kWaits
+          : wire::Urgency::kWakes;
   template <class Typed>
   void listen(const wire::TopicSpec<Typed>& topic, const wire::EndpointOptions& where = {}) {
     readers.push_back(std::make_shared<wire::Reader<Typed>>(
@@ -199,7 +203,7 @@ struct Hrtc::Impl {
   // In threads of DDS.
   template <class Typed>
   void receive(Typed&& sample) {
-    inbox.put(std::move(sample), kUrgent<Typed>);
+    inbox.put(std::move(sample), kUrgency<Typed>);
   }
   void receive(session::EmergencyStop&& stop) {
     const bool is_new = stops.on_stop(stop.name());
@@ -212,7 +216,7 @@ struct Hrtc::Impl {
   }
   void receive(session::RosterEntry&& entry) {
     if (stops.on_roster(entry)) inbox.put(RelayedStop{session::text(entry)});
-    inbox.put(std::move(entry), kUrgent<session::RosterEntry>);
+    inbox.put(std::move(entry), kUrgency<session::RosterEntry>);
   }
 };
 
@@ -223,7 +227,7 @@ std::array<haptics::DeviceSpec, kMaxProbes> specs_of(const HrtcOptions& options)
   for (std::uint32_t i = 0; i < kMaxProbes; ++i)
     if (i < options.local_users.size())
       specs[i] = options.haptic.frame.to_world(options.local_users[i].device->spec());
-    else if (options.core.servo.cycle.tool != nullptr)  // a client takes of a command what its device bears
+    else if (options.core.servo.cycle.tool != nullptr)  // a client limits a command to its device
       specs[i].max_torque = options.core.servo.cycle.force.max_torque;
   return specs;
 }
@@ -273,11 +277,21 @@ Hrtc::Impl::Impl(HrtcOptions given)
       states{participants, options.core.servo.cycle.radius, options.coding, devices, membership.remote_users(), groups},
       exchange{participants, core.link().bodies, gateway} {
   gateway.on_event = [](const std::string& text) { spdlog::info("{}", text); };
-  gateway.on_object = [this](const TouchObject& object) { exchange.add(object); };
+  gateway.on_object = [this](const TouchObject& object) {
+    exchange.add(object);
+    states.on_object(object.index, object.id);
+    if (log) log->add(object);
+  };
+  membership.on_object_gone = [this](const Loader::ObjectInfo& object) {
+    if (object.index == spm::kNone) return;  // it never came
+    exchange.remove(object.index, object.id);
+    states.on_object(object.index, 0);
+    if (log) log->close(object);
+  };
   add_local_users();
-  // Last of what may be refused, so that nothing is left behind.
+  // The last step that may throw, so that no directory is left behind.
   if (!options.snapshot.empty()) expect_snapshot_directory(options.snapshot);
-  if (!options.log.empty()) log = std::make_unique<trace::ContactLogWriter>(options.log);
+  if (!options.log.empty()) log = std::make_unique<ContactJournal>(options.log, core.link().log);
   if (!options.snapshot.empty()) {
     std::filesystem::create_directories(options.snapshot);
     snapshots.emplace(options.snapshot, options.address.participant, loader);
@@ -305,7 +319,7 @@ Hrtc::Impl::~Impl() {
   haptic.stop();
   sending = false;
   if (sender.joinable()) sender.join();
-  if (flight) static_cast<void>(flight->stop());  // while the objects are there
+  if (flight) static_cast<void>(flight->stop());
 }
 
 void Hrtc::Impl::add_local_users() {
@@ -317,6 +331,7 @@ void Hrtc::Impl::add_local_users() {
 }
 
 void Hrtc::Impl::take(const session::CatalogueEntry& entry, std::int64_t now_ns) {
+  if (ended) return;  // the last figures are of the session, not of what its hosts withdraw at its end
   if (first.catalogue_ns == 0) first.catalogue_ns = now_ns;
   membership.on_catalogue(entry);
 }
@@ -326,7 +341,7 @@ void Hrtc::Impl::take(const session::Intent& intent, std::int64_t now_ns) {
   devices.on_intent(intent, now_ns - membership.clock().session_time(now_ns));
 }
 
-/// An answer leaves at once: the time until then is part of the measurement's error.
+/// Answers at once, because the delay is part of the measurement's error.
 void Hrtc::Impl::take(const session::ClockSample& sample, std::int64_t now_ns) {
   membership.on_clock(sample, now_ns, monotonic_ns());
   follow_output();
@@ -347,7 +362,9 @@ void Hrtc::Impl::take(const session::EmergencyStop& stop, std::int64_t) {
   spdlog::warn("emergency stop: {}", stop.text);
 }
 
-void Hrtc::Impl::take(const RelayedStop& stop, std::int64_t) { spdlog::warn("emergency stop: {} has it", stop.by); }
+void Hrtc::Impl::take(const RelayedStop& stop, std::int64_t) {
+  spdlog::warn("emergency stop: {} forwards it", stop.by);
+}
 
 void Hrtc::Impl::take(const session::ForceReset& reset, std::int64_t) {
   spdlog::info("forces are reset: {}{}", reset.text, stops.stopped() ? "; another stop holds them off" : "");
@@ -358,7 +375,7 @@ void Hrtc::Impl::take(const session::SessionEnd& end, std::int64_t) {
   ended = true;
 }
 
-/// Sends, logs and does what the membership asks for.
+/// Sends the samples, writes the log lines and obeys the orders of the membership.
 void Hrtc::Impl::follow_output() {
   MembershipOutput& output = membership.output;
   for (const SessionEvent& event : output.events) {
@@ -380,7 +397,8 @@ void Hrtc::Impl::follow_output() {
       devices.remove(user.probe);
   }
   if (output.roster) send(std::move(*output.roster));
-  if (output.scene_changed) metrics.hasten(monotonic_ns(), kMetricsSoonNs);  // whoever compares scenes need not wait
+  // Programs that compare scenes need not wait.
+  if (output.scene_changed) metrics.hasten(monotonic_ns(), kMetricsSoonNs);
   if (output.name_conflict) {
     exit_code = 2;
     ended = true;
@@ -388,7 +406,7 @@ void Hrtc::Impl::follow_output() {
   output.clear();
 }
 
-/// Acknowledges in the roster what the servo has obeyed, and saves the cycles before a stop.
+/// Acknowledges in the roster the stops that the servo has obeyed, and saves the cycles before a stop.
 void Hrtc::Impl::follow_stops() {
   if (stops.acknowledge(stops_acknowledged)) membership.on_stops(stops_acknowledged);
   const bool before = std::exchange(stopped, stops.stopped());
@@ -407,9 +425,9 @@ void Hrtc::Impl::send_metrics(bool all) {
   sample.scene = session::scene_hash(membership.roster(), participants.origin(), session::Role::kHrtc);
   statistics.write(sample.figures, all);
   if (all && !timer_samples.empty()) {
-    sample.figures.push_back({names::kTimerP50, timer_samples.percentile_us(0.5)});
-    sample.figures.push_back({names::kTimerP99, timer_samples.percentile_us(0.99)});
-    sample.figures.push_back({names::kTimerMax, timer_samples.percentile_us(1)});
+    sample.figures.push_back({names::kTimerP50, timer_samples.percentile(0.5) * 1e-3});
+    sample.figures.push_back({names::kTimerP99, timer_samples.percentile(0.99) * 1e-3});
+    sample.figures.push_back({names::kTimerMax, timer_samples.percentile(1) * 1e-3});
   }
   if (timer != nullptr) sample.figures.push_back({names::kTimerOverruns, static_cast<double>(timer->overruns())});
   if (gateway.reports().cycle > first_cycle)
@@ -466,7 +484,7 @@ void Hrtc::Impl::send_metrics(bool all) {
   if (!sample.figures.empty()) (void)losses_out.send(sample);
 }
 
-/// What the gateway does every few milliseconds, between the two halves of what copies exchange.
+/// Ticks the gateway every few milliseconds, between the two halves of the exchange of copies.
 void Hrtc::Impl::tick_gateway(std::int64_t now_ns) {
   exchange.tick(now_ns, membership.clock());
   gateway.tick(now_ns, membership.clock());
@@ -486,8 +504,8 @@ void Hrtc::Impl::follow_reports() {
   }
 }
 
-/// Wakes by a timer of its own a little after forces should be out, and again soon where they are not: the haptic
-/// thread notifies nobody. Between two cycles it also reads what the system counts for the haptic thread.
+/// Wakes by its own timer shortly after the planned time of the forces, and again soon if they are late, because the
+/// haptic thread notifies no thread. Between two cycles it also reads the system's counters for the haptic thread.
 void Hrtc::Impl::send_states() {
   pthread_setname_np(pthread_self(), "sender");
   prctl(PR_SET_TIMERSLACK, 1000);  // ns; ordinary threads wake 50 us late otherwise
@@ -509,7 +527,7 @@ void Hrtc::Impl::send_states() {
   }
 }
 
-/// What a cycle did that overran; where several do, one line a second.
+/// Logs the figures of an overrun, at most one line a second.
 void Hrtc::Impl::log_overrun(const CycleTrace& trace, const LateVerdict& verdict) {
   ++overruns_unlogged;
   if (!overrun_logged.due(monotonic_ns())) return;
@@ -551,16 +569,7 @@ void Hrtc::Impl::drain_rings() {
   }
   classify_late_cycles();
   if (timer) timer->drain(timer_samples);
-  if (!log) return;
-  const std::vector<Loader::ObjectInfo> objects = loader.objects();
-  object_logged.resize(objects.size());
-  for (std::size_t i = 0; i < objects.size(); ++i) {
-    if (object_logged[i]) continue;
-    log->write(trace::LoggedObject{objects[i].index, objects[i].digest, objects[i].scale, objects[i].name});
-    object_logged[i] = true;
-  }
-  while (core.link().log.pop(logged)) log->write(logged);
-  if (!log->healthy()) {
+  if (log && !log->drain()) {
     spdlog::error("the contact log {} cannot be written any more (disk full?); the session goes on without it",
                   options.log.string());
     log.reset();
@@ -617,7 +626,6 @@ void Hrtc::Impl::log_hold(std::uint32_t slot, const ProbeOutput& probe) {
 void Hrtc::Impl::serve(std::int64_t now_ns) {
   tick_gateway(now_ns);
   note_first_touch(now_ns);
-  for (const Loader::ObjectInfo& object : loader.objects()) states.on_object(object.index, object.id);
   follow_stops();
   membership.tick(now_ns);
   follow_output();
@@ -651,7 +659,7 @@ void Hrtc::Impl::send_requests() {
   }
 }
 
-/// Says that no host was found, and gives up in the end when that was asked for.
+/// Logs that no host was found, and ends the program after `host_patience`.
 void Hrtc::Impl::watch_for_hosts(std::int64_t now_ns) {
   if (now_ns - started_ns > kNoHostNs && no_host.due(now_ns))
     spdlog::warn(
@@ -677,14 +685,13 @@ void Hrtc::Impl::finish() {
     spdlog::warn("{} cycles are missing in the figures: the service fell behind", haptic.traces_dropped());
   if (inbox.dropped() > 0) spdlog::warn("{} samples found the inbox full and were dropped", inbox.dropped());
   if (log) {
-    for (const Loader::ObjectInfo& object : loader.objects())
-      log->write(trace::LoggedTotals{object.index, object.records_received, object.records_returned,
-                                     object.regions_received, object.regions_released});
+    for (const Loader::ObjectInfo& object : loader.objects()) log->close(object);
+    for (const Loader::ObjectInfo& object : loader.leaving()) log->close(object);
     if (core.servo().cycle().log_dropped() > 0)
       spdlog::warn("{} contact log entries were dropped", core.servo().cycle().log_dropped());
     log.reset();
   }
-  // Best effort, so said more than once.
+  // Best effort, so it is sent more than once.
   for (int i = 0; i < 3; ++i) {
     send_metrics(true);
     std::this_thread::sleep_for(std::chrono::milliseconds{20});
@@ -714,9 +721,9 @@ int Hrtc::Impl::run(const std::atomic<bool>& stop) {
                    ? std::string{}
                    : fmt::format(", and {:.1f} MiB for directories",
                                  static_cast<double>(options.core.gateway.loader.directory_bytes) / (1 << 20)));
-  // However many samples come, as their number grows with the square of a session's size; and a share of a core at
-  // most: on a machine that is short of time answers come later, so that more has to be predicted, which takes time.
-  // Hosts are watched between passes, too.
+  // The period does not depend on the number of samples, which grows with the square of the session's size. A pass may
+  // take at most a share of a core: on an overloaded machine answers arrive later, so prediction looks further ahead
+  // and takes more time. The failure detector also runs between passes.
   Every due{kServiceNs}, watch{kServiceNs};
   while (!stop && !ended) {
     const std::int64_t before_ns = monotonic_ns();

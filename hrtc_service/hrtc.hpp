@@ -1,12 +1,12 @@
-/// An HRTC: joins a session, finds the objects of all hosts, gives users probes, and lets them feel.
+/// The service HRTC: joins a session, loads the objects of all hosts, gives probes to users and computes their forces.
 ///
 ///   thread   runs                                              woken by
 ///   haptic   devices, cycle                                    its period
 ///   sender   probe states                                      its own timer
 ///   service  roster, clock, loader, metrics, log               samples that arrive, else every 2 ms
-///   flight   what is kept of the last cycles                   20 ms
+///   flight   the flight recorder                               20 ms
 ///   (DDS)    callbacks that copy a sample into the inbox;      the network
-///            those of stops and resets set the haptic thread's stop themselves
+///            those of stops and resets stop the haptic thread directly
 #pragma once
 
 #include <atomic>
@@ -31,7 +31,7 @@ struct LocalUser {
 };
 
 struct HrtcOptions {
-  /// A tool, m, that every user holds in place of a sphere; core.servo.cycle.tool is to be this one. Null: none.
+  /// The tool of every user, m, instead of a sphere; core.servo.cycle.tool must point to it. Null: none.
   std::unique_ptr<const spm::MeshProbe> tool;
   wire::SessionAddress address;
   HrtcCoreSettings core;
@@ -39,23 +39,23 @@ struct HrtcOptions {
   std::uint32_t max_users = kMaxProbes;
   std::vector<LocalUser> local_users;
   std::filesystem::path log;       ///< contact log; empty: none
-  std::filesystem::path snapshot;  ///< directory for the shown meshes; empty: none
-  FlightOptions flight;            ///< what is kept of the last cycles
-  /// Grows when what is kept of the last cycles shall be written; null: nobody asks.
+  std::filesystem::path snapshot;  ///< directory for snapshots; empty: none
+  FlightOptions flight;            ///< of the flight recorder
+  /// Increases with each request of an operator to write the flight recording; null: no such requests.
   const std::atomic<std::uint32_t>* saves = nullptr;
-  double host_patience = 0;   ///< s to wait for a first host; 0: for ever
+  double host_patience = 0;   ///< s to wait for a first host; 0: without limit
   bool timer_beside = false;  ///< measure a bare timer of the same priority
   double state_rate = 1000;   ///< Hz of probe states, at most the cycle's
-  bool coding = true;         ///< to the session only states that a receiver would miss; false: all
+  bool coding = true;         ///< deadband-coded states for the session; false: all states
 };
 
 class Hrtc {
  public:
-  /// Throws for whatever cannot be had: names, domain, profiles, files. Nothing runs yet.
+  /// Throws for an invalid name, domain, profile or file. Starts no thread.
   explicit Hrtc(HrtcOptions options);
   ~Hrtc();
 
-  /// Until `stop` is set, the session ends, or a reason to give up; 0 or the exit code, with the reason logged.
+  /// Runs until `stop` is set, the session ends, or an error. Returns 0 or the exit code, and logs the reason.
   int run(const std::atomic<bool>& stop);
 
  private:

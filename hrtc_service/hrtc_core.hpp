@@ -1,4 +1,4 @@
-/// A whole HRTC but for DDS, threads, clocks, devices and files: memory, servo and gateway.
+/// A whole HRTC without DDS, threads, clocks, devices and files: memory, servo and gateway.
 ///
 ///     samples, times --> Gateway <== ServoLink ==> Servo <-- probe inputs, time left
 ///                          |                         |
@@ -39,6 +39,7 @@ class HrtcCore {
   [[nodiscard]] const Gateway& gateway() const noexcept { return gateway_; }
   [[nodiscard]] ServoLink& link() noexcept { return link_; }
   [[nodiscard]] const spm::Pool& pool() const noexcept { return pool_; }
+  [[nodiscard]] const spm::NodePool& nodes() const noexcept { return nodes_; }
 
  private:
   [[nodiscard]] static GatewaySettings gateway_settings(const HrtcCoreSettings& settings) {

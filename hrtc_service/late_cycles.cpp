@@ -14,9 +14,9 @@
 namespace tactus::hrtc_service {
 namespace {
 
-constexpr std::int64_t kLongestReadingNs = 20'000;  // of the times, which belong to one moment
+constexpr std::int64_t kLongestReadingNs = 20'000;  // of the times, which must belong to one moment
 constexpr std::int64_t kLongestCountsNs = 500'000;
-constexpr std::int64_t kSwitchNs = 20'000;  // from a cycle's end, at most, until its sleep is counted as a switch
+constexpr std::int64_t kSwitchNs = 20'000;  // maximum from a cycle's end until the system counts its sleep as a switch
 constexpr int kTries = 3;
 constexpr std::size_t kMaxCycles = 8192;  // without readings
 
@@ -32,7 +32,7 @@ std::string_view contents(int file, std::array<char, kBytes>& buffer) {
   return {buffer.data(), bytes < 0 ? 0 : static_cast<std::size_t>(bytes)};
 }
 
-/// Takes the number that `text` begins with, after blanks.
+/// Removes the number at the start of `text`, after blanks, and returns it.
 template <class Number>
 bool take_number(std::string_view& text, Number& number) {
   text.remove_prefix(std::min(text.find_first_not_of(" \t"), text.size()));
@@ -48,7 +48,7 @@ bool number_after(std::string_view text, std::string_view label, std::uint64_t& 
   return take_number(text, number);
 }
 
-/// Of [from, to], the part in [first, last].
+/// The length of [from, to] within [first, last].
 std::int64_t overlap(std::int64_t from, std::int64_t to, std::int64_t first, std::int64_t last) {
   return std::max<std::int64_t>(0, std::min(to, last) - std::max(from, first));
 }
@@ -157,7 +157,7 @@ std::optional<LateVerdict> LateCycleClassifier::next() {
   LateVerdict verdict;
   const std::int64_t from_ns = late.start_ns();
   if (late.delay_ns() >= late.times.end_ns - late.times.deadline_ns) {
-    verdict.late_class = last_class_;  // in time, had the cycle before been
+    verdict.late_class = last_class_;  // in time if the cycle before had been
   } else if (after != usages_.end() && after != usages_.begin() && usages_.front().time_ns <= from_ns && !forgotten) {
     const auto before = std::find_if(std::make_reverse_iterator(after), usages_.rend(),
                                      [&](const ThreadUsage& usage) { return usage.time_ns <= from_ns; });

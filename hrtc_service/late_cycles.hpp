@@ -1,12 +1,13 @@
-/// Why a cycle of a periodic thread was late, by what the system reports of the thread.
+/// Finds out why a cycle of a periodic thread was late, from the counters of the system for that thread.
 ///
 ///     periodic thread --- CycleTimes of each cycle ------------+
 ///                                                              v
 ///     any other thread --- UsageSampler --- ThreadUsage ---> LateCycleClassifier ---> overrun, preempted or unknown
 ///
 /// The periodic thread itself makes no system call for this. Another thread reads its counters every few milliseconds;
-/// the classifier takes the differences between two readings around a late cycle and subtracts what the cycles beside
-/// it can account for. What remains is an interval, and a class is given only when the whole interval is on one side.
+/// the classifier takes the differences between two readings around a late cycle and subtracts the shares of the other
+/// cycles between them. The result is an interval, and the cycle gets a class only when the whole interval is on one
+/// side of the limit.
 #pragma once
 
 #include <pthread.h>
@@ -21,24 +22,24 @@
 
 namespace tactus::hrtc_service {
 
-/// When one cycle ran, ns of monotonic_ns().
+/// The times of one cycle, ns of monotonic_ns().
 struct CycleTimes {
-  std::int64_t due_ns = 0;       ///< it was to begin
-  std::int64_t began_ns = 0;     ///< it was awake
-  std::int64_t end_ns = 0;       ///< its work was done
-  std::int64_t deadline_ns = 0;  ///< the next cycle was due
+  std::int64_t due_ns = 0;       ///< planned start
+  std::int64_t began_ns = 0;     ///< wake-up
+  std::int64_t end_ns = 0;       ///< end of its work
+  std::int64_t deadline_ns = 0;  ///< planned start of the next cycle
 
   [[nodiscard]] bool late() const noexcept { return end_ns > deadline_ns; }
 };
 
-/// What the system has counted for a thread since the thread began.
+/// The system's counters for a thread since its start.
 struct ThreadUsage {
-  std::int64_t counted_ns = 0;  ///< when the counts were read, at the earliest
-  std::int64_t time_ns = 0;     ///< when the times were read; the counts were read before that
-  std::int64_t cpu_ns = 0;      ///< it ran
-  std::int64_t wait_ns = 0;     ///< it was runnable and another thread ran (run-queue wait)
-  bool asleep = false;          ///< when the counts were read: its last sleep is among them
-  std::uint64_t voluntary = 0;  ///< context switches because it blocked; a sleep is one
+  std::int64_t counted_ns = 0;  ///< earliest time at which the counts were read
+  std::int64_t time_ns = 0;     ///< time at which the times were read, after the counts
+  std::int64_t cpu_ns = 0;      ///< time on a processor
+  std::int64_t wait_ns = 0;     ///< runnable while another thread ran (run-queue wait)
+  bool asleep = false;          ///< at the time of the counts, which include its last sleep
+  std::uint64_t voluntary = 0;  ///< context switches by blocking, sleeps included
   std::uint64_t involuntary = 0;
   std::uint64_t minor_faults = 0, major_faults = 0;
 };
@@ -56,13 +57,13 @@ class UsageSampler {
   /// False where the system reports nothing (no /proc, or a kernel without CONFIG_SCHED_INFO).
   [[nodiscard]] bool available() const { return read().has_value(); }
 
-  /// Reads the counters when the last reading is kPeriodNs old, which takes some 15 us of system calls. While the
-  /// thread is not asleep the reading would be less certain, so it waits for a later call, until the last one is
+  /// Reads the counters when the last reading is kPeriodNs old; the system calls take some 15 us. A reading while the
+  /// thread is awake would be less certain, so the sampler then waits for a later call, until the last reading is
   /// kLongestNs old.
   void sample(std::int64_t now_ns);
   static constexpr std::int64_t kPeriodNs = 4'000'000, kLongestNs = 20'000'000;
 
-  /// Hands what was read since the last call to `take`.
+  /// Passes the readings since the last call to `take`.
   template <class Take>
   void drain(Take&& take) {
     for (ThreadUsage usage; usages_.pop(usage);) take(usage);
@@ -93,22 +94,22 @@ enum class LateClass : std::uint8_t {
 struct LateVerdict {
   LateClass late_class = LateClass::kUnknown;
   CycleTimes times;
-  std::int64_t own_ns = 0;  ///< it computed or was blocked, at the least
-  // Of the thread between the two readings, the cycles beside the late one included.
+  std::int64_t own_ns = 0;  ///< minimum time for which it computed or was blocked
+  // Between the two readings, including the other cycles there.
   std::int64_t cpu_ns = 0, wait_ns = 0;
-  std::uint64_t blocked = 0;  ///< times, beyond its sleeps
+  std::uint64_t blocked = 0;  ///< count of blockings, sleeps not included
   std::uint64_t minor_faults = 0, major_faults = 0;
 };
 
-/// Classifies late cycles. Cycles and readings each come in the order of their times; which of the two comes first does
-/// not matter. One verdict for each late cycle, in order. One thread at a time; allocates.
+/// Classifies late cycles. Cycles must come in the order of their times, and so must readings; the order between the
+/// two does not matter. Gives one verdict for each late cycle, in order. One thread at a time; allocates.
 class LateCycleClassifier {
  public:
   void add(const CycleTimes& cycle);
   void add(const ThreadUsage& usage) { usages_.push_back(usage); }
   /// The next verdict that readings on both sides of its cycle allow.
   [[nodiscard]] std::optional<LateVerdict> next();
-  /// No more cycles and readings will come: `next` gives a verdict for every late cycle that is left.
+  /// Ends the input: `next` then gives a verdict for every remaining late cycle.
   void finish() noexcept { finished_ = true; }
 
  private:
@@ -118,7 +119,7 @@ class LateCycleClassifier {
 
     /// The cycle before still ran when this one was due, so there was no sleep.
     [[nodiscard]] bool follows_at_once() const noexcept { return previous_end_ns >= times.due_ns; }
-    /// By how much the cycle before delayed it.
+    /// The delay by the previous cycle.
     [[nodiscard]] std::int64_t delay_ns() const noexcept {
       return follows_at_once() ? previous_end_ns - times.due_ns : 0;
     }
@@ -128,7 +129,7 @@ class LateCycleClassifier {
   [[nodiscard]] LateVerdict judge(const Cycle& late, const ThreadUsage& before, const ThreadUsage& after) const;
   void forget_before(std::int64_t time_ns);
 
-  std::deque<Cycle> cycles_;  // that readings to come, or late ones, may need
+  std::deque<Cycle> cycles_;  // that later readings or pending verdicts may need
   std::deque<Cycle> late_;
   std::deque<ThreadUsage> usages_;
   std::optional<CycleTimes> newest_;

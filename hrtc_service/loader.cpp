@@ -12,8 +12,9 @@ namespace tactus::hrtc_service {
 namespace {
 
 constexpr double kNsPerS = 1e9;
-constexpr std::int64_t kStaleNs = 50'000'000;  // then tips are predicted anew that have hardly moved
-constexpr double kMinDamping = 3e-3;           // s, times a body's stiffness; docs/explanation/shared-objects.md
+// After this age, a prediction is repeated even if the tips have hardly moved.
+constexpr std::int64_t kStaleNs = 50'000'000;
+constexpr double kMinDamping = 3e-3;  // s, times a body's stiffness; docs/explanation/shared-objects.md
 
 spm::fcl::WorldBox world_box(const spm::CellBox& box, const Placement& placement) {
   spm::fcl::WorldBox world{Vec3d::Constant(1e300), Vec3d::Constant(-1e300)};
@@ -46,17 +47,24 @@ Loader::Loader(spm::Pool& pool, spm::NodePool& nodes, const session::Origin& sel
 Loader::~Loader() = default;
 
 void Loader::on_catalogue(const session::CatalogueEntry& entry) {
-  delivery_.offer(entry);
-  if (entry.withdrawn) return;
+  change_offers([&] { delivery_.offer(entry); });
+  if (!entry.withdrawn) open(entry);
+}
+
+void Loader::open(const session::CatalogueEntry& entry) {
   const auto known = objects_.find(entry.object_id);
   if (known != objects_.end()) {
-    if (known->second->summary.digest != entry.summary.digest)
-      say("object " + entry.object + ": host " + entry.host + " offers a different model under the same name; ignored");
-    return;
+    const bool same = known->second->summary.digest == entry.summary.digest;
+    if (same && !known->second->withdrawn) return;
+    if (!same && !known->second->withdrawn)
+      say("object " + entry.object + ": host " + entry.host +
+          " offers a different model under the same name; ignored as long as the first is there");
+    return postpone(entry);
   }
   if (objects_.size() == kMaxObjects) {
-    say("object " + entry.object + ": ignored, at most " + std::to_string(kMaxObjects) + " objects in one HRTC");
-    return;
+    say("object " + entry.object + ": ignored as long as there are " + std::to_string(kMaxObjects) +
+        " others, the most in one HRTC");
+    return postpone(entry);
   }
   auto object = std::make_unique<Object>();
   object->info.name = entry.object;
@@ -69,6 +77,7 @@ void Loader::on_catalogue(const session::CatalogueEntry& entry) {
   objects_[entry.object_id] = std::move(object);
   if (!take_directory(added)) return;
   delivery_.open(entry.object_id, entry.summary.digest);
+  if (on_object_found) on_object_found(entry);
   say("object " + entry.object + " found at host " + entry.host + ": " + std::to_string(entry.summary.faces) +
       " faces, " + std::to_string(entry.summary.regions) + " regions");
 }
@@ -101,29 +110,42 @@ bool Loader::take_directory(Object& object) {
   return false;
 }
 
-/// An object that the haptic thread has stays where it is, frozen at what is loaded: a user may be touching it, and its
-/// host may come back. One that has not come so far goes with the last host that offers it.
+/// Withdraws the objects that a host offered before `change` and that no host offers after it.
+template <class Change>
+void Loader::change_offers(Change&& change) {
+  std::vector<Object*> offered;
+  for (Object* object : active_)
+    if (delivery_.offered(object->info.id, object->info.digest)) offered.push_back(object);
+  change();
+  for (Object* object : offered)
+    if (!delivery_.offered(object->info.id, object->info.digest)) withdraw(*object);
+}
+
+void Loader::drop_parked(const Object& object) {
+  for (const Parked& parked : parked_)
+    if (parked.object == &object) parked_bytes_ -= parked.message.bytes.size();
+  parked_.erase(
+      std::remove_if(parked_.begin(), parked_.end(), [&](const Parked& parked) { return parked.object == &object; }),
+      parked_.end());
+}
+
+/// An object that is not shown yet is removed with the last host that offers it.
 void Loader::forget_unoffered(std::int64_t now_ns) {
   constexpr std::int64_t kLookNs = 1'000'000'000;
   if (now_ns - looked_at_offers_ns_ < kLookNs) return;
   looked_at_offers_ns_ = now_ns;
-  for (auto at = objects_.begin(); at != objects_.end();) {
-    Object& object = *at->second;
-    if (object.ready || delivery_.offered(object.info.id, object.info.digest)) {
-      ++at;
-      continue;
-    }
-    if (!object.refused) directories_ -= spm::directory_bytes(object.summary, pool_.settings);
-    for (const Parked& parked : parked_)
-      if (parked.object == &object) parked_bytes_ -= parked.message.bytes.size();
-    parked_.erase(
-        std::remove_if(parked_.begin(), parked_.end(), [&](const Parked& parked) { return parked.object == &object; }),
-        parked_.end());
-    delivery_.close(object.info.id);
+  std::vector<std::uint64_t> unoffered;
+  for (const auto& [id, object] : objects_)
+    if (!object->ready && !delivery_.offered(id, object->info.digest)) unoffered.push_back(id);
+  for (const std::uint64_t id : unoffered) {
+    Object& object = *objects_.at(id);
     say("object " + object.info.name + ": no host offers it any more");
-    if (on_object_gone) on_object_gone(object.info.id);
-    at = objects_.erase(at);
+    delivery_.close(id);
+    drop_parked(object);
+    if (!object.refused) directories_ -= spm::directory_bytes(object.summary, pool_.settings);
+    forget(object);
   }
+  if (!unoffered.empty()) open_postponed();
 }
 
 void Loader::on_host_seen(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns) {
@@ -131,6 +153,10 @@ void Loader::on_host_seen(std::uint64_t host, std::uint64_t incarnation, std::in
 }
 
 void Loader::on_host_gone(std::uint64_t host) { delivery_.host_gone(host); }
+
+void Loader::on_host_left(std::uint64_t host, std::uint64_t incarnation) {
+  change_offers([&] { delivery_.host_left(host, incarnation); });
+}
 
 void Loader::on_host_silent(std::uint64_t host) { delivery_.suspect_host(host); }
 
@@ -140,7 +166,7 @@ void Loader::on_chunk(const session::BulkChunk& chunk, std::int64_t now_ns) {
     if (found == objects_.end()) continue;
     if (message.kind == session::BulkKind::kBase) {
       take_base(*found->second, std::exchange(message.bytes, {}));
-      malloc_trim(0);  // what a base mesh comes and is decoded in is as large as what stays of it
+      malloc_trim(0);  // the temporary memory of a base mesh is as large as the mesh
     } else {
       take(*found->second, std::move(message), now_ns);
     }
@@ -149,7 +175,7 @@ void Loader::on_chunk(const session::BulkChunk& chunk, std::int64_t now_ns) {
 }
 
 void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {
-  auto decoded = spm::codec::decode_base(spm::Span<const std::uint8_t>{bytes});
+  auto decoded = spm::codec::decode_base(std::span<const std::uint8_t>{bytes});
   if (!decoded || decoded->mesh.summary.digest != object.info.digest ||
       decoded->mesh.summary.regions != object.summary.regions ||
       decoded->mesh.summary.records != object.summary.records) {
@@ -175,13 +201,15 @@ void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {
           " free; raise --memory or --pool");
     }
     object.refused = true;
-    return delivery_.base_held(object.info.id);  // asking again would change nothing
+    return delivery_.base_held(object.info.id);  // another request would change nothing
   }
-  base_slots_ += free_before - cache_.slots_free();
+  object.base_slots = free_before - cache_.slots_free();
+  object.base_nodes = nodes;
+  base_slots_ += object.base_slots;
   base_nodes_ += nodes;
   object.summary = base.summary;
   object.tables = std::move(decoded->tables);
-  store_.admit(object.summary, object.tables);
+  store_.admit(admitted.object, object.summary, object.tables);
   object.info.index = spm::index(admitted.object);
   object.notes.resize(base.regions.size());
   std::uint32_t largest = 0;
@@ -205,7 +233,7 @@ void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {
   touch.bounds = {wide(object.summary.bounds_min), wide(object.summary.bounds_max)};
   touch.deviation = object.summary.deviation;
   touch.forest =
-      std::make_unique<spm::Forest>(pool_, nodes_, touch.index, object.summary,
+      std::make_unique<spm::Forest>(pool_, nodes_, spm::ObjectIndex{touch.index}, object.summary,
                                     spm::RegionGrid{object.summary.grid, base.regions}, std::move(admitted.base));
   const double scale = object.entry.scale;
   const spm::PredictionSettings prediction{0, settings_.margin / scale, settings_.min_speed / scale,
@@ -213,7 +241,8 @@ void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {
   for (std::uint32_t i = 0; i < kMaxProbes; ++i)
     object.predictors.emplace_back(object.grid(), shape_, scale, prediction);
   broad_phase_.put(touch.index, world_box(touch.bounds, touch.placement));
-  by_index_.push_back(&object);
+  by_index_[touch.index] = &object;
+  active_.push_back(&object);
   object.ready = true;
   predicted_ns_ = predict_next_ns_ = 0;
   waiting_.push_back({Arrival::Kind::kObject, &touch, {}, {}});
@@ -221,8 +250,8 @@ void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {
   delivery_.base_held(object.info.id);
 }
 
-/// Whether what was predicted last still does: the tips have hardly moved since, or predicting would take more than its
-/// share of the time. (On a machine with too little of it loading takes longer, so that there is more to predict.)
+/// Whether the last prediction is still good enough: the tips have hardly moved since, or a new one would exceed its
+/// share of the time. (On an overloaded machine loading takes longer, so prediction must look further ahead.)
 bool Loader::still_ahead(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights) const {
   constexpr double kHardly = 0.1;  // of the tip's radius
   bool moved = now_ns - predicted_ns_ >= kStaleNs;
@@ -234,22 +263,22 @@ bool Loader::still_ahead(std::int64_t now_ns, const std::array<ProbeSight, kMaxP
   return !moved || now_ns < predict_next_ns_;
 }
 
-/// World. A tool is where the haptic thread has it, a tip where its device is.
+/// World. The reported pose for a tool, the device's position for a tip.
 Vec3d Loader::centre(const ProbeSight& sight, const spm::ProbeSphere& sphere) const noexcept {
   return settings_.tool == nullptr ? sight.device : Vec3d{sight.proxy + sight.orientation * sphere.centre};
 }
 
-/// Those of a probe, for an object that stands there.
-spm::Span<const spm::PlacedSphere> Loader::spheres(const ProbeSight& sight, const Placement& placement,
+/// The spheres of a probe in the frame of an object with that placement.
+std::span<const spm::PlacedSphere> Loader::spheres(const ProbeSight& sight, const Placement& placement,
                                                    PlacedSpheres& out) const noexcept {
-  const spm::Span<const spm::ProbeSphere> spheres = shape_.spheres();
+  const std::span<const spm::ProbeSphere> spheres = shape_.spheres();
   std::transform(spheres.begin(), spheres.end(), out.begin(), [&](const spm::ProbeSphere& sphere) {
     return placed({centre(sight, sphere), Vec3d::Zero(), sphere.radius}, placement);
   });
   return {out.data(), spheres.size()};
 }
 
-/// m; the way of what has gone furthest.
+/// m; the largest displacement.
 double Loader::moved(const ProbeSight& sight, const ProbeSight& before) const noexcept {
   double furthest = 0;
   for (const spm::ProbeSphere& sphere : shape_.spheres())
@@ -265,16 +294,16 @@ void Loader::observe(Object& object, const std::array<ProbeSight, kMaxProbes>& s
                                    spheres(sights[i], object.placement, out), sights[i].in_contact);
 }
 
-/// s; how far ahead is predicted.
+/// s; the horizon of the prediction.
 double Loader::lead(double round_trip) const {
-  // A demand waits for the next one due, its answer for the next tick and cycle.
+  // A demand waits for its due time, its answer for the next tick and cycle.
   constexpr double kTurnaround = 0.015;  // s
   return std::clamp(1.25 * round_trip + kTurnaround, settings_.min_lead, settings_.max_lead);
 }
 
 void Loader::predict(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights) {
-  constexpr std::int64_t kRest = 20;  // times what it took
-  constexpr double kMaxRest = 0.25;   // of how far ahead
+  constexpr std::int64_t kRest = 20;  // times the duration
+  constexpr double kMaxRest = 0.25;   // of the horizon
   const auto clock_ns = [this] { return settings_.clock == nullptr ? 0 : settings_.clock(); };
   const std::int64_t began = clock_ns();
   const double round_trip = static_cast<double>(delivery_.round_trip_ns()) / kNsPerS;
@@ -282,7 +311,7 @@ void Loader::predict(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbe
   predicted_ns_ = now_ns;
   predicted_for_ = sights;
   prospects_.clear();
-  for (Object* object : by_index_) predict(*object, sights, round_trip, ahead);
+  for (Object* object : active_) predict(*object, sights, round_trip, ahead);
   predict_next_ns_ =
       now_ns + std::min(kRest * (clock_ns() - began), static_cast<std::int64_t>(kMaxRest * ahead * kNsPerS));
 }
@@ -314,7 +343,7 @@ void Loader::predict(Object& object, const std::array<ProbeSight, kMaxProbes>& s
     wish = still ? std::next(wish) : object.wishes.erase(wish);
   }
   for (const spm::PredictedRegion& region : met) {
-    // What cannot be here before the tip has left it goes last.
+    // A region that cannot arrive before the tip leaves it comes last.
     constexpr double kTooLate = 1e3;
     const std::uint32_t number = spm::index(region.region);
     const bool in_time = !object.notes[number].absent() || region.contact_until >= round_trip;
@@ -331,7 +360,7 @@ void Loader::predict_under_bodies(const Object& object, const std::array<ProbeSi
       return sight.active && (sight.device - point).squaredNorm() < distance * distance;
     });
   };
-  for (const Object* const other : by_index_)
+  for (const Object* const other : active_)
     if (other->touch.body)
       for_each_place_under(*other->touch.body, other->placement, object.touch.bounds, object.placement, hand_near,
                            [&](const Vec3d& place, double radius) {
@@ -342,10 +371,11 @@ void Loader::predict_under_bodies(const Object& object, const std::array<ProbeSi
 }
 
 void Loader::on_moved(std::uint32_t object_index, const Placement& placement) {
-  if (object_index >= by_index_.size() || !placement.valid()) return;
+  if (object_index >= kMaxObjects || by_index_[object_index] == nullptr || !placement.valid()) return;
   Object& object = *by_index_[object_index];
   object.placement = placement;
-  predicted_ns_ = 0;  // a tip that rests may be met
+  if (object.withdrawn) return;
+  predicted_ns_ = 0;  // a tip at rest may be touched
   broad_phase_.put(object_index, world_box(object.touch.bounds, placement));
 }
 
@@ -356,7 +386,7 @@ void Loader::hand_over() {
 void Loader::find_near(const std::array<ProbeSight, kMaxProbes>& sights, std::array<NearObjects, kMaxProbes>& near) {
   near.fill({});
   std::uint64_t sought = 0;
-  for (const Object* object : by_index_) sought |= std::uint64_t{1} << object->info.index;
+  for (const Object* object : active_) sought |= std::uint64_t{1} << object->info.index;
   std::vector<spm::fcl::ProbeSphere> spheres;
   std::vector<std::uint32_t> numbers;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
@@ -366,7 +396,7 @@ void Loader::find_near(const std::array<ProbeSight, kMaxProbes>& sights, std::ar
     spheres.push_back({sights[i].device, reach + settings_.near_distance});
     numbers.push_back(i);
   }
-  for (const spm::fcl::NearPair& pair : broad_phase_.near(spm::Span<const spm::fcl::ProbeSphere>{spheres}))
+  for (const spm::fcl::NearPair& pair : broad_phase_.near(std::span<const spm::fcl::ProbeSphere>{spheres}))
     near[numbers[pair.probe]].found |= std::uint64_t{1} << pair.object;
 }
 
@@ -376,7 +406,7 @@ void Loader::tick(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>&
   take_released();
   take_parked(now_ns);
   forget_unoffered(now_ns);
-  for (Object* object : by_index_) observe(*object, sights);
+  for (Object* object : active_) observe(*object, sights);
   constexpr std::int64_t kAtRestNs = 100'000'000;
   if (!still_ahead(now_ns, sights)) {
     if (now_ns - predicted_ns_ < kStaleNs) moved_ns_ = now_ns;
@@ -397,7 +427,7 @@ LoaderFigures Loader::figures() const {
   figures.slots_limit = pool_.settings.slots;
   figures.compressed_used = store_.blocks() - store_.blocks_free();
   figures.compressed_limit = store_.blocks();
-  for (const Object* object : by_index_) {
+  for (const Object* object : active_) {
     figures.regions_held += object->held.size();
     figures.regions_shown += object->shown.size();
   }
@@ -409,7 +439,14 @@ LoaderFigures Loader::figures() const {
 
 std::vector<Loader::ObjectInfo> Loader::objects() const {
   std::vector<ObjectInfo> infos;
-  for (const Object* object : by_index_) infos.push_back(object->info);
+  for (const Object* object : active_) infos.push_back(object->info);
+  return infos;
+}
+
+std::vector<Loader::ObjectInfo> Loader::leaving() const {
+  std::vector<ObjectInfo> infos;
+  for (const Object* object : by_index_)
+    if (object != nullptr && object->withdrawn) infos.push_back(object->info);
   return infos;
 }
 
@@ -429,7 +466,7 @@ std::vector<std::uint32_t> Loader::regions_met(std::uint32_t object_index,
 
 std::vector<std::uint32_t> Loader::predicted(std::uint32_t object_index) const {
   std::vector<std::uint32_t> regions;
-  if (object_index < by_index_.size())
+  if (object_index < kMaxObjects && by_index_[object_index] != nullptr)
     for (const auto& [region, wish] : by_index_[object_index]->wishes) regions.push_back(region);
   return regions;
 }

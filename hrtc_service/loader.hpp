@@ -1,5 +1,5 @@
 /// The regions that an HRTC holds: it requests those that probes will meet, stores them compressed as they arrive,
-/// decodes those that are met next into the pool, and evicts those that nobody wants.
+/// decodes those that probes meet next into the pool, and evicts those that no probe needs.
 ///
 ///   catalogue, chunks -> [assemble] -> store -> [decode, slots] -> arrivals ring -> haptic thread
 ///   probe sights -> [predict] -> demand               departures ring <-
@@ -13,6 +13,10 @@
 /// out of `have`, and no more. Its echo arrives before the data that it sends on that credit, so the loader never
 /// evicts a region that the host counts as present.
 ///
+/// An object is withdrawn when a host says so, in the catalogue or by leaving, and no other host offers it. It leaves
+/// at once for predictions and demands; its memory is freed once the haptic thread has given it back. An object whose
+/// hosts only fell silent stays, frozen at what is loaded: a user may be touching it, and a host may come back.
+///
 /// One thread, not the haptic one. Allocates while decoding; what it keeps is bounded by pool and store and by the
 /// number of regions of its objects.
 #pragma once
@@ -24,6 +28,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -37,7 +42,7 @@
 
 namespace tactus::hrtc_service {
 
-/// What the haptic thread shows of a probe, newest value.
+/// The newest state of a probe, as the haptic thread reports it.
 struct ProbeSight {
   bool active = false;
   bool in_contact = false;
@@ -49,7 +54,7 @@ struct ProbeSight {
 
 struct LoaderSettings {
   double radius = 0.003;  ///< m, of the tips
-  /// What every probe holds in place of such a ball, m. Null: nothing.
+  /// The tool that every probe holds instead of a sphere, m. Null: a sphere.
   const spm::MeshProbe* tool = nullptr;
   spm::Strategy strategy = spm::Strategy::kMixture;
   double margin = 0.0005;      ///< m; cells this near to a tip's path are loaded
@@ -57,9 +62,9 @@ struct LoaderSettings {
   double near_distance = 0.1;  ///< m; objects within are offered to the haptic thread's queries
   double min_lead = 0.02;      ///< s; prediction looks at least this far ahead, more when loading takes longer
   double max_lead = 0.5;       ///< s
-  std::int64_t idle_before_spare_ns = 300'000'000;  ///< of a region nobody wants, unless the room is needed now
-  bool keep_unwanted = true;                        ///< false: what nobody wants goes at once
-  /// ns; tells what predicting costs, of which it takes a share of the time only. Null: it costs nothing.
+  std::int64_t idle_before_spare_ns = 300'000'000;  ///< until an unwanted region becomes spare, at most
+  bool keep_unwanted = true;                        ///< false: an unwanted region is evicted at once
+  /// ns; measures the cost of prediction, which is limited to a share of the time. Null: the cost counts as 0.
   std::int64_t (*clock)() = nullptr;
   /// For the directories of all objects together (spm/directory.hpp); an object whose own does not fit is refused.
   std::uint64_t directory_bytes = ~std::uint64_t{0};
@@ -71,7 +76,7 @@ struct LoaderFigures {
   std::uint64_t regions_spare = 0;  ///< of those held: unknown to the host, so that they can go at any time
   std::uint64_t regions_shown = 0;  ///< in the pool
   std::uint64_t regions_received = 0;
-  std::uint64_t regions_evicted = 0;    ///< from the store
+  std::uint64_t regions_evicted = 0;    ///< from the store, for want of room
   std::uint64_t regions_reloaded = 0;   ///< received again after that
   std::uint64_t regions_coarsened = 0;  ///< gone from the pool
   std::uint64_t records_received = 0;
@@ -81,7 +86,7 @@ struct LoaderFigures {
   std::uint64_t refused_full = 0;
   std::uint64_t refused_other = 0;
   std::uint64_t decode_errors = 0;
-  std::uint64_t objects_refused = 0;  ///< for want of memory
+  std::uint64_t objects_refused = 0;  ///< because memory was full
   double load_latency = 0;            ///< s, from wanting a region to holding it; smoothed
   std::uint32_t slots_used = 0, slots_peak = 0, slots_limit = 0;
   std::uint32_t compressed_used = 0, compressed_peak = 0, compressed_limit = 0;  ///< blocks of the store
@@ -97,11 +102,27 @@ class Loader {
   /// Called with one line for each event that an operator should see.
   std::function<void(const std::string&)> on_event;
 
+  /// Called with each object that is wanted from now on.
+  std::function<void(const session::CatalogueEntry&)> on_object_found;
+
   /// Called with each object that is handed to the haptic thread, in the same order.
   std::function<void(const TouchObject&)> on_object;
 
-  /// Called with the id of each object that is forgotten before it was handed over: no host offers it any more.
-  std::function<void(std::uint64_t)> on_object_gone;
+  /// Called with each object that was handed over and is withdrawn. It stays until `on_object_gone`.
+  std::function<void(const TouchObject&)> on_object_withdrawn;
+
+  /// An object as others may see it: never changed after it is ready.
+  struct ObjectInfo {
+    std::string name;
+    std::uint64_t id = 0;
+    std::uint64_t digest = 0;
+    double scale = 1;
+    std::uint32_t index = spm::kNone;  ///< kNone: it has not come yet
+    std::uint64_t records_received = 0, records_returned = 0, regions_received = 0, regions_released = 0;
+  };
+  /// Called with each object that is forgotten: no host offers it any more, and the haptic thread does not have it. Its
+  /// index may come again with another object.
+  std::function<void(const ObjectInfo&)> on_object_gone;
 
   void on_catalogue(const session::CatalogueEntry& entry);
   [[nodiscard]] bool knows(std::uint64_t object_id) const { return objects_.count(object_id) != 0; }
@@ -109,10 +130,12 @@ class Loader {
   [[nodiscard]] std::uint64_t directories() const noexcept { return directories_; }
   void on_host_seen(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns);
   void on_host_gone(std::uint64_t host);
+  /// That program has left on purpose.
+  void on_host_left(std::uint64_t host, std::uint64_t incarnation);
   void on_host_silent(std::uint64_t host);
   void on_chunk(const session::BulkChunk& chunk, std::int64_t now_ns);
 
-  /// An object stands there from now on: predictions, the broad phase and `regions_met` go by it.
+  /// Sets the placement of an object for predictions, the broad phase and `regions_met`.
   void on_moved(std::uint32_t object_index, const Placement& placement);
 
   /// Predicts, evicts and hands over; every few milliseconds. `near` gets the objects near each probe.
@@ -122,25 +145,26 @@ class Loader {
   /// The next demand to publish, until none is due.
   [[nodiscard]] std::optional<session::Demand> demand(std::int64_t now_ns) { return delivery_.demand(now_ns); }
 
-  /// In the last tick no tip had moved for a while, and all that was wanted was here.
+  /// In the last tick no tip had moved for some time, and all wanted regions were stored.
   [[nodiscard]] bool at_rest() const noexcept { return at_rest_; }
 
   [[nodiscard]] LoaderFigures figures() const;
   [[nodiscard]] const spm::CacheCounters& cache_counters() const noexcept { return cache_.counters(); }
+  [[nodiscard]] std::uint32_t list_blocks_used() const noexcept {
+    return pool_.settings.list_blocks - cache_.blocks_free();
+  }
+  [[nodiscard]] session::DeliveryClient::Sizes delivery_sizes() const noexcept { return delivery_.sizes(); }
   [[nodiscard]] const session::DeliveryClient::Counters& delivery_counters() const noexcept {
     return delivery_.counters();
   }
 
-  /// An object as others may see it: never changed after it is ready.
-  struct ObjectInfo {
-    std::string name;
-    std::uint64_t id = 0;
-    std::uint64_t digest = 0;
-    double scale = 1;
-    std::uint32_t index = 0;
-    std::uint64_t records_received = 0, records_returned = 0, regions_received = 0, regions_released = 0;
-  };
+  /// Those that were handed over, but for withdrawn ones.
   [[nodiscard]] std::vector<ObjectInfo> objects() const;
+  /// Those that are withdrawn and that the haptic thread has not given back yet.
+  [[nodiscard]] std::vector<ObjectInfo> leaving() const;
+  [[nodiscard]] const session::CatalogueEntry& entry(std::uint32_t object_index) const {
+    return by_index_[object_index]->entry;
+  }
   /// 0 when nobody does.
   [[nodiscard]] std::uint64_t serving_host(std::uint64_t object_id) const { return delivery_.serving_host(object_id); }
   /// Labelled cells that the tips meet.
@@ -166,7 +190,7 @@ class Loader {
     std::uint32_t met_before : 28;  // the same of the visit before that one
     std::uint32_t was_here : 1;
     std::uint32_t due : 1;     // met so soon that it belongs into the pool
-    std::uint32_t faulty : 1;  // what is kept contradicts the model
+    std::uint32_t faulty : 1;  // the stored data contradicts the model
     [[nodiscard]] Kept kept() const noexcept { return static_cast<Kept>(kept_bits); }
     void set(Kept kept) noexcept { kept_bits = static_cast<std::uint32_t>(kept) & 3u; }
     [[nodiscard]] Shown shown() const noexcept { return static_cast<Shown>(shown_bits); }
@@ -177,13 +201,13 @@ class Loader {
     [[nodiscard]] std::int64_t unwanted_ns(std::int64_t now_ns) const noexcept {
       return static_cast<std::int64_t>(static_cast<std::uint32_t>(now_ns / kMs) - wanted) * kMs;
     }
-    /// What follows within `pause_ns` is the same visit.
+    /// Contacts within `pause_ns` belong to the same visit.
     void meet_at(std::int64_t now_ns, std::int64_t pause_ns) noexcept {
       const std::uint32_t now = grains(now_ns);
       if (((now - met) & kGrains) >= pause_ns / kGrain) met_before = met & kGrains;
       met = now & kGrains;
     }
-    /// Since the visit before the last, ns; as long as can be when there was none.
+    /// Since the visit before the last, ns; the maximum when there was none.
     [[nodiscard]] std::int64_t since_visit_ns(std::int64_t now_ns) const noexcept {
       return met_before == 0 ? std::int64_t{kGrains} * kGrain
                              : static_cast<std::int64_t>((grains(now_ns) - met_before) & kGrains) * kGrain;
@@ -199,8 +223,8 @@ class Loader {
   static_assert(sizeof(RegionNote) == spm::kRegionNoteBytes);
   /// Of a region that a tip is expected to meet.
   struct Wish {
-    std::int64_t since_ns = 0;        // since when it is wanted; 0: it is not, for want of room
-    std::uint32_t blocks_needed = 0;  // that it would have taken when it was refused for want of room
+    std::int64_t since_ns = 0;        // start of being wanted; 0: not wanted, because memory was full
+    std::uint32_t blocks_needed = 0;  // that it needed when it was refused because memory was full
   };
   struct Object {
     ObjectInfo info;
@@ -211,22 +235,35 @@ class Loader {
     Placement placement;            // where it stands now
     std::vector<RegionNote> notes;  // by region
     std::map<std::uint32_t, Wish> wishes;
-    std::vector<spm::ProbePredictor> predictors;  // by probe
-    std::vector<std::uint32_t> held;              // regions in that state
-    std::vector<std::uint32_t> shown;             // regions in the pool
-    bool ready = false;                           // base mesh is in
-    bool refused = false;                         // base mesh or directory does not fit
+    std::vector<spm::ProbePredictor> predictors;   // by probe
+    std::vector<std::uint32_t> held;               // regions in that state
+    std::vector<std::uint32_t> shown;              // regions in the pool
+    std::uint32_t base_slots = 0, base_nodes = 0;  // that its base mesh takes
+    bool ready = false;                            // base mesh is in
+    bool withdrawn = false;                        // after that
+    bool refused = false;                          // base mesh or directory does not fit
     [[nodiscard]] const spm::RegionGrid& grid() const noexcept { return touch.forest->grid(); }  // never changes
   };
 
   [[nodiscard]] bool take_directory(Object& object);
   void forget_unoffered(std::int64_t now_ns);
+  void drop_parked(const Object& object);
+  void open(const session::CatalogueEntry& entry);
+  void postpone(const session::CatalogueEntry& entry);
+  template <class Change>
+  void change_offers(Change&& change);
+
+  // Withdrawal (loader_withdrawal.cpp).
+  void withdraw(Object& object);
+  void free_withdrawn(Object& object);
+  void forget(Object& object);
+  void open_postponed();
   void take_base(Object& object, const std::vector<std::uint8_t>& bytes);
   [[nodiscard]] bool still_ahead(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights) const;
   void observe(Object& object, const std::array<ProbeSight, kMaxProbes>& sights) const;
   [[nodiscard]] Vec3d centre(const ProbeSight& sight, const spm::ProbeSphere& sphere) const noexcept;
   using PlacedSpheres = std::array<spm::PlacedSphere, spm::ProbeShape::kMaxSpheres>;
-  [[nodiscard]] spm::Span<const spm::PlacedSphere> spheres(const ProbeSight& sight, const Placement& placement,
+  [[nodiscard]] std::span<const spm::PlacedSphere> spheres(const ProbeSight& sight, const Placement& placement,
                                                            PlacedSpheres& out) const noexcept;
   [[nodiscard]] double moved(const ProbeSight& sight, const ProbeSight& before) const noexcept;
   [[nodiscard]] double lead(double round_trip) const;
@@ -236,7 +273,7 @@ class Loader {
 
   // The store (loader_store.cpp).
   [[nodiscard]] std::uint32_t room_to_come() const noexcept { return store_.blocks_free() + store_.blocks_leaving(); }
-  /// What a region takes there, more or less.
+  /// The estimated memory of a region in the store.
   [[nodiscard]] double coded_of(const Object& object, std::uint32_t region) const noexcept;
   void take(Object& object, session::DeliveryClient::Message message, std::int64_t now_ns);
   void take_parked(std::int64_t now_ns);
@@ -251,14 +288,15 @@ class Loader {
     Object* object;
     std::uint32_t region;
   };
+  void evict(Object& object, std::uint32_t region);
   std::deque<Place>::iterator free_now(std::deque<Place>::iterator eviction_candidate);
 
   // The pool (loader_pool.cpp).
-  /// What a region's records take there, all of them or those that are not there yet, more or less.
+  /// The estimated memory of a region's records in the pool: of all, or of those that are not there yet.
   [[nodiscard]] double slots_of(const Object& object, std::uint32_t region) const noexcept;
   [[nodiscard]] spm::Cache::Room fresh_room_of(const Object& object, std::uint32_t region) const noexcept;
   void show_due();
-  /// The room that it takes when there is not enough; nothing when it is done.
+  /// The memory that is missing; nothing when the region was decoded.
   [[nodiscard]] spm::Cache::Room show(Object& object, std::uint32_t region);
   void coarsen();
   void take_departures();
@@ -278,8 +316,10 @@ class Loader {
   spm::codec::CompressedCache store_;
   session::DeliveryClient delivery_;
   spm::fcl::BroadPhase broad_phase_;
-  std::map<std::uint64_t, std::unique_ptr<Object>> objects_;  // by id
-  std::vector<Object*> by_index_;
+  std::map<std::uint64_t, std::unique_ptr<Object>> objects_;    // by id
+  std::vector<Object*> active_;                                 // handed over and not withdrawn, in this order
+  std::array<Object*, kMaxObjects> by_index_{};                 // handed over; null: none
+  std::map<std::uint64_t, session::CatalogueEntry> postponed_;  // by id: until what is in the way is gone
   struct Prospect {
     double doubt;       // see spm::PredictedRegion
     double order;       // s: when it is met, or later when it could only come too late for that
@@ -315,7 +355,7 @@ class Loader {
   spm::Cache::Room room_needed_;   // in the pool, for what is due, kept and not shown, more or less
   std::vector<Place> due_;         // of the last tick
   std::int64_t wanted_at_ns_ = 0;  // of the last tick: what is wanted was wanted then
-  std::uint32_t base_slots_ = 0;   // that base meshes take for good
+  std::uint32_t base_slots_ = 0;   // that base meshes take
   std::uint32_t base_nodes_ = 0;   // and of the tree, at least
   std::uint64_t directories_ = 0;  // bytes, of all objects
   std::int64_t looked_at_offers_ns_ = 0;

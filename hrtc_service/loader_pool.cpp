@@ -1,4 +1,4 @@
-// The loader's half that decodes what is met next into the pool, and makes room there.
+// The loader's half for the pool: it decodes the regions that are met next, and frees memory for them.
 #include <algorithm>
 
 #include "hrtc_service/loader.hpp"
@@ -6,7 +6,7 @@
 namespace tactus::hrtc_service {
 namespace {
 
-/// What is kept free for what is met unforeseen.
+/// The memory reserved for contacts that were not predicted.
 spm::Cache::Room reserve_of(const spm::PoolSettings& pool) noexcept { return {pool.slots / 16, pool.list_blocks / 16}; }
 
 }  // namespace
@@ -21,8 +21,8 @@ spm::Cache::Room Loader::fresh_room_of(const Object& object, std::uint32_t regio
   return {static_cast<std::uint32_t>(fresh_share_ * slots_of(object, region)), spm::ListBlock::blocks_for(records)};
 }
 
-/// Decodes what is met soonest. What is met in the next moments takes the place of what is not met so soon; the rest
-/// takes what room there is besides.
+/// Decodes the regions that are met soonest. Those that are met within kSoon replace regions that are met later; the
+/// others use free memory only.
 void Loader::show_due() {
   constexpr double kSoon = 0.03;  // s
   constexpr int kMaxBefore = 16;  // regions that are not met soon, in a tick
@@ -83,7 +83,7 @@ spm::Cache::Room Loader::show(Object& object, std::uint32_t region) {
   return {};
 }
 
-/// Has regions coarsened until there will be room for what is due and a little more, longest unwanted first.
+/// Requests that regions are coarsened, longest unwanted first, until the due regions and a reserve fit.
 void Loader::coarsen() {
   constexpr std::size_t kAtOnce = 16;
   const spm::Cache::Room reserve = reserve_of(pool_.settings);
@@ -104,7 +104,7 @@ void Loader::coarsen() {
     std::uint32_t region;
   };
   std::vector<Candidate> candidates;
-  for (Object* object : by_index_)
+  for (Object* object : active_)
     for (const std::uint32_t region : object->shown) {
       const RegionNote& note = object->notes[region];
       const bool wanted = note.due != 0 || (!settings_.keep_unwanted && note.unwanted_ns(wanted_at_ns_) == 0);
@@ -130,6 +130,10 @@ void Loader::take_departures() {
   Departure departure;
   while (departures_.pop(departure)) {
     Object& object = *by_index_[departure.object];
+    if (departure.is_object()) {
+      free_withdrawn(object);
+      continue;
+    }
     const std::uint32_t region = spm::index(departure.region);
     cache_.release(spm::ObjectIndex{object.info.index}, departure.region);
     object.notes[region].set(Shown::kNot);

@@ -1,4 +1,4 @@
-// The loader's half that keeps what came: what is wanted of hosts, what is left out of `have`, what is freed.
+// The loader's half for the store: it selects the regions to request, to leave out of `have`, and to free.
 #include <algorithm>
 #include <tuple>
 
@@ -8,14 +8,14 @@ namespace tactus::hrtc_service {
 namespace {
 
 constexpr double kNsPerS = 1e9;
-constexpr double kSureOf = 0.9;  // of the room in the store: what comes may take more blocks for its bytes than most
+constexpr double kSureOf = 0.9;  // of the store: some messages need more blocks for their bytes than the average
 
 }  // namespace
 
-/// In the order in which they come.
+/// In the order of arrival.
 void Loader::take(Object& object, session::DeliveryClient::Message message, std::int64_t now_ns) {
   if (parked_.empty() && keep(object, message, now_ns)) return;
-  if (parked_bytes_ + message.bytes.size() > settings_.delivery.max_credit) {  // more than was asked for
+  if (parked_bytes_ + message.bytes.size() > settings_.delivery.max_credit) {  // more than was requested
     ++figures_.refused_full;
     return delivery_.refused(object.info.id, message.region);
   }
@@ -40,7 +40,7 @@ bool Loader::keep(Object& object, const session::DeliveryClient::Message& messag
   if (!object.ready || message.region >= object.notes.size()) return refuse();
   const spm::ObjectIndex number{object.info.index};
   const spm::RegionId region{message.region};
-  const spm::Span<const std::uint8_t> bytes{message.bytes};
+  const std::span<const std::uint8_t> bytes{message.bytes};
   spm::codec::CompressedCache::Put put = store_.put(number, region, bytes);
   while (put.status == Status::kFull && free_spare())
     if (store_.blocks_free() >= put.blocks) put = store_.put(number, region, bytes);
@@ -51,7 +51,7 @@ bool Loader::keep(Object& object, const session::DeliveryClient::Message& messag
     case Status::kKept:
       break;
     case Status::kHere:
-      if (note.kept() != Kept::kHeld) return refuse();  // on its way out; asked for again once it is gone
+      if (note.kept() != Kept::kHeld) return refuse();  // being evicted; requested again afterwards
       delivery_.held(object.info.id, message.region);
       return true;
     case Status::kFull:
@@ -98,13 +98,13 @@ double Loader::coded_of(const Object& object, std::uint32_t region) const noexce
   return blocks_per_record_ * cache_.records_of(spm::ObjectIndex{object.info.index}, spm::RegionId{region});
 }
 
-/// Wants what is met soonest, over all objects, as far as the store can hold it together: else what is met late would
-/// keep the room from what is met now.
+/// Wants the regions that are met soonest, over all objects, as far as the store can hold them together. Otherwise
+/// regions that are met late would take the memory of those that are met now.
 void Loader::want(std::int64_t now_ns) {
   const double room = 0.9 * store_.blocks();
   std::stable_sort(prospects_.begin(), prospects_.end(),
                    [](const Prospect& a, const Prospect& b) { return a.doubt < b.doubt; });
-  // What comes in a round trip takes the place of what was left out of `have` one round trip before.
+  // The regions that arrive in a round trip replace those that were left out of `have` one round trip before.
   constexpr double kOnTheWay = 1.5;
   double all = 0;  // blocks
   const auto beyond = std::find_if(prospects_.begin(), prospects_.end(), [&](const Prospect& prospect) {
@@ -115,10 +115,10 @@ void Loader::want(std::int64_t now_ns) {
   prospects_.erase(beyond, prospects_.end());
   std::stable_sort(prospects_.begin(), prospects_.end(),
                    [](const Prospect& a, const Prospect& b) { return a.order < b.order; });
-  std::vector<std::vector<session::Wanted>> wanted(by_index_.size());
-  constexpr double kToFree = 0.01;  // s
+  std::array<std::vector<session::Wanted>, kMaxObjects> wanted;  // by object index
+  constexpr double kToFree = 0.01;                               // s
   const double soon = delivery_.rate() / bytes_per_block_ * kToFree;
-  double absent = 0;  // blocks of what of it is not held
+  double absent = 0;  // blocks of its part that is not stored
   needed_ = 0;
   wanted_at_ns_ = now_ns;
   const double promised = static_cast<double>(delivery_.granted_credit(now_ns)) / (kSureOf * bytes_per_block_);
@@ -130,16 +130,16 @@ void Loader::want(std::int64_t now_ns) {
     if (prospect.contact_in <= 0) note.meet_at(now_ns, settings_.idle_before_spare_ns);
     const bool going = note.kept() == Kept::kLeaving || note.kept() == Kept::kSpare;
     const double takes = coded_of(*prospect.object, prospect.region);
-    // Else its room is promised: it goes last, and may be shown until then.
+    // Otherwise its memory is reserved: it is evicted last, and may be shown until then.
     if (going && !note.faulty && room_to_come() - takes > promised) take_back(*prospect.object, prospect.region);
     if (!note.absent()) continue;
     absent += takes;
     if (needed_ == 0 || needed_ < soon) needed_ += std::max(static_cast<std::uint32_t>(takes), wish.blocks_needed);
-    // Refused before: it would only be sent in vain.
+    // Refused before, so it would not fit now.
     if (room_to_come() < wish.blocks_needed) continue;
     wanted[prospect.object->info.index].push_back({prospect.region, static_cast<std::uint32_t>(prospect.order * 1e6)});
   }
-  // What is absent comes within a round trip, and as much again will be wanted until then.
+  // The absent regions arrive within a round trip, and as many more will be wanted until then.
   constexpr double kAhead = 2;
   reserve_ = static_cast<std::uint32_t>(std::clamp(kAhead * absent, store_.blocks() / 16.0, store_.blocks() * 0.75));
   const double coming = room_to_come();
@@ -147,13 +147,13 @@ void Loader::want(std::int64_t now_ns) {
   if (std::all_of(objects_.begin(), objects_.end(),
                   [](const auto& entry) { return entry.second->ready || entry.second->refused; }))
     delivery_.set_room(static_cast<std::uint64_t>(kSureOf * coming * bytes_per_block_));
-  for (Object* object : by_index_) delivery_.want(object->info.id, std::move(wanted[object->info.index]));
+  for (Object* object : active_) delivery_.want(object->info.id, std::move(wanted[object->info.index]));
 }
 
-/// Leaves out of `have` what is least likely to be wanted again, until it gives room for the reserve. First what was
-/// fetched in vain; then what was visited once, longest unwanted first; then by the visit before the last, so that a
-/// tip that goes round and round keeps its round however much else passes by (O'Neil et al. 1993, LRU-2). What was
-/// wanted a moment ago goes only when nothing else is left and the room is needed now.
+/// Leaves out of `have` the regions that are least likely to be wanted again, until they free enough memory for the
+/// reserve. First those that no tip met; then those of one visit, longest unwanted first; then by the visit before the
+/// last, so that the regions of a repeated path remain although many others pass (O'Neil et al. 1993, LRU-2). A region
+/// that was wanted a moment ago is left out only when there is no other and the memory is needed now.
 void Loader::find_eviction_candidates() {
   const auto gives = [&](std::uint32_t blocks) { return room_to_come() >= blocks; };
   const bool enough = settings_.keep_unwanted && gives(reserve_) && gives(needed_);
@@ -169,7 +169,7 @@ void Loader::find_eviction_candidates() {
     }
   };
   std::vector<Candidate> candidates;
-  for (Object* object : by_index_)
+  for (Object* object : active_)
     for (const std::uint32_t region : object->held) {
       const RegionNote& note = object->notes[region];
       const std::int64_t unwanted_ns = note.unwanted_ns(wanted_at_ns_);
@@ -203,7 +203,7 @@ void Loader::take_back(Object& object, std::uint32_t region) {
 }
 
 void Loader::take_released() {
-  for (Object* object : by_index_)
+  for (Object* object : active_)
     for (const std::uint32_t region : delivery_.take_released(object->info.id))
       if (object->notes[region].kept() == Kept::kLeaving) object->notes[region].set(Kept::kSpare);
   const auto goes = [&](const Place& eviction_candidate) {
@@ -215,18 +215,22 @@ void Loader::take_released() {
 }
 
 std::deque<Loader::Place>::iterator Loader::free_now(std::deque<Place>::iterator eviction_candidate) {
-  Object& object = *eviction_candidate->object;
-  store_.release(spm::ObjectIndex{object.info.index}, spm::RegionId{eviction_candidate->region});
-  RegionNote& note = object.notes[eviction_candidate->region];
-  note.set(Kept::kAbsent);
-  faulty_ -= note.faulty;
-  note.faulty = 0;
-  ++object.info.regions_released;
+  evict(*eviction_candidate->object, eviction_candidate->region);
   ++figures_.regions_evicted;
   return eviction_candidates_.erase(eviction_candidate);
 }
 
-/// One that is not wanted again, if there is. False when none is spare.
+/// A region that leaves.
+void Loader::evict(Object& object, std::uint32_t region) {
+  store_.release(spm::ObjectIndex{object.info.index}, spm::RegionId{region});
+  RegionNote& note = object.notes[region];
+  note.set(Kept::kAbsent);
+  faulty_ -= note.faulty;
+  note.faulty = 0;
+  ++object.info.regions_released;
+}
+
+/// Frees a spare region, if possible one that is not wanted again. False when none is spare.
 bool Loader::free_spare() {
   auto spare = eviction_candidates_.end();
   for (auto eviction_candidate = eviction_candidates_.begin(); eviction_candidate != eviction_candidates_.end();

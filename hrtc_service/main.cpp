@@ -27,7 +27,7 @@ Examples:
 
 Exit status: 0 ended by the session or a signal, 1 given up or output lost, 2 wrong input or a name that is taken.)";
 
-/// What stands before and after the first `=`; empty parts are refused.
+/// The text before and after the first `=`; refuses empty parts.
 std::pair<std::string, std::string> parts_of(const std::string& text, const char* option, const char* expected) {
   const std::size_t equals = text.find('=');
   if (equals == std::string::npos || equals == 0 || equals + 1 == text.size())
@@ -44,10 +44,10 @@ std::unique_ptr<tactus::haptics::Device> open_plugin(const std::string& text) {
   return device;
 }
 
-/// A mesh by its file, or the one that has a name.
+/// Loads a mesh file, or the built-in mesh of that name.
 std::unique_ptr<const tactus::spm::MeshProbe> open_tool(const std::string& name) {
   using namespace tactus::spm;
-  constexpr double kLargest = 1;  // m; more is a file in another unit
+  constexpr double kLargest = 1;  // m; a larger mesh probably has another unit
   const offline::TriangleMesh mesh = name == "stylus" ? offline::stylus() : offline::import_mesh(name);
   auto tool = std::make_unique<const MeshProbe>(mesh.positions, mesh.faces);
   if (tool->radius() > kLargest)
@@ -82,7 +82,7 @@ int main(int argc, char** argv) {
   CLI::App app{"Haptic real-time controller: refines near contact, finds collisions, renders forces at 1 kHz.",
                "tactus-hrtc"};
   app.footer(kExamples);
-  wire::add_address_options(app, options.address, "controller");
+  wire::add_address_options(app, options.address, "HRTC");
   CLI::Option* pool =
       app.add_option("--pool", slots,
                      "Slots for mesh records, of all objects together; 64 Ki take 38 MiB with the compressed cache")
@@ -92,24 +92,25 @@ int main(int argc, char** argv) {
       app.add_option("--compressed-cache", cache_blocks,
                      "Blocks of 20 bytes for compressed records, of which each takes one or two (6 for each slot)")
           ->check(CLI::Range(1u, spm::kMaxSlots));
-  CLI::Option* memory =
-      app.add_option("--memory", memory_bytes, "All that is held of models, instead of --pool: 16MiB, 64MiB, 1GiB")
-          ->transform(CLI::AsSizeValue(false))
-          ->excludes(pool)
-          ->excludes(cache);
+  CLI::Option* memory = app.add_option("--memory", memory_bytes,
+                                       "Memory for all models and the flight recorder, instead of --pool: 16MiB, 1GiB")
+                            ->transform(CLI::AsSizeValue(false))
+                            ->excludes(pool)
+                            ->excludes(cache);
   std::map<std::string, spm::Strategy> strategies;
   for (std::size_t i = 0; i < spm::kStrategyNames.size(); ++i)
     strategies[spm::kStrategyNames[i]] = static_cast<spm::Strategy>(i);
   app.add_option("--prediction", options.core.gateway.loader.strategy,
-                 "How the regions that a tip will meet are told ahead")
+                 "Method that predicts the regions that a tip will meet")
       ->transform(CLI::CheckedTransformer(strategies, CLI::ignore_case)
                       .description("{neighbours,linear,polynomial,distance,mixture}"))
       ->default_str("mixture");
-  app.add_option("--targets", options.core.servo.cycle.targets,
-                 "Regions of an object that are refined at a time; the least urgent of more stay coarse")
+  app.add_option(
+         "--targets", options.core.servo.cycle.targets,
+         "Maximum number of regions of an object that are refined at a time; the least urgent others stay coarse")
       ->capture_default_str()
       ->check(CLI::Range(1u, hrtc_service::CycleSettings::kMaxTargets));
-  app.add_option("--users", options.max_users, "Probes at most")
+  app.add_option("--users", options.max_users, "Maximum number of probes")
       ->capture_default_str()
       ->check(CLI::Range(1u, hrtc_service::kMaxProbes));
   app.add_option("--rate", rate, "Cycles per second")->capture_default_str()->check(CLI::Range(100.0, 10000.0));
@@ -126,33 +127,31 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(0.1, 100.0));
   app.add_option("--max-force", max_force, "Largest force, N")->capture_default_str()->check(CLI::Range(0.1, 100.0));
   app.add_option("--tool", tool,
-                 "What every user holds in place of a ball, with six degrees of freedom: a mesh file in metres, its "
-                 "origin the device's tip, or stylus");
+                 "Tool that every user holds instead of a sphere, with six degrees of freedom: a mesh file in metres, "
+                 "with its origin at the device's tip, or stylus");
   app.add_option("--max-torque", max_torque, "Largest torque, N m")
       ->capture_default_str()
       ->check(CLI::Range(0.001, 10.0));
-  app.add_option("--replay", replays, "USER=FILE: a user whose device replays lines time_s,x,y,z");
-  app.add_option(
-      "--device", plugins,
-      "USER=DRIVER[,CONFIG]: a user whose device is here, opened by this shared library (docs/how-to/own-device.md)");
-  app.add_option("--device-scale", frame_scale, "World metres per device metre, for devices that are here")
+  app.add_option("--replay", replays, "USER=FILE: adds a user whose device replays lines time_s,x,y,z");
+  app.add_option("--device", plugins,
+                 "USER=DRIVER[,CONFIG]: adds a user with a device at this machine, opened by this shared library "
+                 "(docs/how-to/own-device.md)");
+  app.add_option("--device-scale", frame_scale, "World metres per device metre, for devices at this machine")
       ->capture_default_str()
       ->check(CLI::Range(1e-3, 1e3));
-  app.add_option("--device-offset", frame_offset, "Where the origin of a device that is here lies in the world, m")
-      ->expected(3);
+  app.add_option("--device-offset", frame_offset, "Origin of the devices at this machine in the world, m")->expected(3);
   app.add_option("--log", options.log, "Contact log, for tactus-mesh audit");
-  app.add_option("--snapshot", options.snapshot,
-                 "Directory for PLY files of the active mesh while something is touched");
+  app.add_option("--snapshot", options.snapshot, "Directory for PLY files of the active mesh during contact");
   app.add_option(
          "--flight-recorder", options.flight.seconds,
-         "Seconds of cycles that are kept in memory and written, for tactus replay, after a fault, an emergency "
-         "stop or SIGUSR1; 0: none")
+         "Seconds of cycles to record in memory and to write, for tactus replay, after a fault, an emergency stop or "
+         "SIGUSR1; 0: none")
       ->capture_default_str()
       ->check(CLI::Range(0.0, 3600.0));
-  app.add_option("--flight-folder", options.flight.folder, "Where to")->capture_default_str();
-  app.add_option("--flight-file", options.flight.file, "What is kept at the end goes here, too");
+  app.add_option("--flight-folder", options.flight.folder, "Folder of these files")->capture_default_str();
+  app.add_option("--flight-file", options.flight.file, "File for the flight recording at the end of the program");
   app.add_option("--wait-host", options.host_patience,
-                 "Give up when no host is found within so many seconds; 0: never");
+                 "Seconds to wait for a first host before the program ends; 0: no limit");
   app.add_option("--state-rate", options.state_rate, "Probe states per second")
       ->capture_default_str()
       ->check(CLI::Range(1.0, 10000.0));
@@ -171,7 +170,15 @@ int main(int argc, char** argv) {
   options.core.pool = spm::PoolSettings::for_slots(slots);
   if (cache->count() > 0) options.core.pool.compressed_blocks = cache_blocks;
   if (memory->count() > 0) {
-    const spm::MemoryShares shares = spm::shares_of(memory_bytes);
+    const bool wanted = options.flight.seconds > 0;
+    const std::uint64_t recorder =
+        hrtc_service::limit_flight(options.flight, memory_bytes, 1 / rate, options.max_users);
+    if (wanted && recorder == 0) {
+      std::cerr << "tactus-hrtc: --memory: an eighth of " << memory_bytes
+                << " bytes does not hold a second of flight recording for " << options.max_users
+                << " probes, so nothing is recorded; fewer --users need less\n";
+    }
+    const spm::MemoryShares shares = spm::shares_of(memory_bytes - recorder);
     options.core.gateway.loader.directory_bytes = shares.directories;
     options.core.pool = shares.pool;
     if (options.core.pool.slots < kMinSlots) {

@@ -17,10 +17,11 @@ constexpr std::int64_t kClockNs = 200 * kMs, kClockFastNs = 20 * kMs;
 constexpr std::uint32_t kFastClockRequests = 10;
 constexpr std::int64_t kModesNs = 20 * kMs;
 constexpr std::int64_t kWatchNs = 2 * kMs, kWatchAtEaseNs = 4 * kMs;
-constexpr std::int64_t kForceNs = 200 * kMs;        // a tip bounces, a hand closes again: the force counts as on
+// The force counts as on so long after its end, because a tip may bounce and a hand may close again.
+constexpr std::int64_t kForceNs = 200 * kMs;
 constexpr std::uint32_t kClockIsSetUs = 1'000'000;  // a sender whose bound is larger has not set its clock yet
 
-/// Contacts and holds count, whatever their force is in this cycle.
+/// Contacts and holds count, also when their force is zero in this cycle.
 bool has_force(const ProbeReports& reports) {
   return std::any_of(reports.probes.begin(), reports.probes.end(), [](const ProbeOutput& probe) {
     return probe.active && ((probe.status & (session::kInContact | session::kHolding)) != 0 ||
@@ -49,7 +50,12 @@ Membership::Membership(const session::Origin& self, const MembershipSettings& se
       modes_{kModesNs},
       objects_moved_{kModesNs},
       force_ns_{now_ns - kForceNs} {
-  gateway_.on_object_gone = [this](std::uint64_t object) { remote_users_.on_object_gone(object); };
+  gateway_.on_object_found = [this](const session::CatalogueEntry& entry) { remote_users_.on_catalogue(entry); };
+  gateway_.on_object_gone = [this](const Loader::ObjectInfo& object) {
+    remote_users_.on_object_gone(object.id);
+    serving_.erase(object.id);
+    if (on_object_gone) on_object_gone(object);
+  };
 }
 
 bool Membership::force_on(std::int64_t now_ns) const noexcept { return now_ns - force_ns_ < kForceNs; }
@@ -79,6 +85,8 @@ void Membership::on_event(const session::RosterEvent& event, std::int64_t) {
   }
   const bool gone = event.change == RosterChange::kGone || event.change == RosterChange::kLeft;
   if (entry.role == session::Role::kHost && gone) gateway_.on_host_gone(participant);
+  if (entry.role == session::Role::kHost && event.change == RosterChange::kLeft)
+    gateway_.on_host_left(participant, entry.origin.incarnation);
   if (entry.role == session::Role::kHrtc && gone) remote_users_.on_hrtc_gone(participant);
   if (entry.role == session::Role::kClient) on_client(event, gone);
 }
@@ -91,15 +99,15 @@ void Membership::on_client(const session::RosterEvent& event, bool gone) {
     for (const std::string& name : entry.users) remove_user(client, name);
   const bool here = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted ||
                     event.change == RosterChange::kChanged;
-  const bool asks = here && entry.requested_hrtc == settings_.name;
-  // After a restart the others stay: a second program of that name may only have shown itself, and yield.
+  const bool chosen = here && entry.requested_hrtc == settings_.name;
+  // After a restart the others remain: it may be a second program of that name, which will leave.
   if (event.change == RosterChange::kChanged) {
     std::vector<std::string> left;
     for (const auto& [probe, user] : users_)
-      if (user.client == client && !(asks && contains(entry.users, user.name))) left.push_back(user.name);
+      if (user.client == client && !(chosen && contains(entry.users, user.name))) left.push_back(user.name);
     for (const std::string& name : left) remove_user(client, name);
   }
-  if (!asks) return;
+  if (!chosen) return;
   add_users(entry);
   heartbeat_.at_once();
 }
@@ -125,7 +133,7 @@ void Membership::add_users(const session::RosterEntry& client) {
   }
 }
 
-/// Only this client's user leaves, whatever the names of others are.
+/// Removes only this client's user; users of other clients may have the same name.
 void Membership::remove_user(std::uint64_t client, const std::string& name) {
   const auto at = std::find_if(users_.begin(), users_.end(), [&](const auto& user) {
     return user.second.name == name && user.second.client == client && client != 0;
@@ -208,7 +216,7 @@ void Membership::tick(std::int64_t now_ns) {
   if (heartbeat_.due(now_ns)) output.roster = roster_entry(false, now_ns);
 }
 
-/// The reference of session time waits with a step while a force is on: it has to know at once.
+/// The reference of session time delays a step while a force is on, so it must receive this at once.
 void Membership::follow_forces(std::int64_t now_ns) {
   if (!gateway_.fresh() || !has_force(gateway_.reports())) return;
   if (!force_on(now_ns)) heartbeat_.at_once();

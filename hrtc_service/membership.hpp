@@ -1,16 +1,17 @@
-/// Who is in the session, whose clock it goes by, which hosts are alive, and which users have a probe here.
+/// Manages the roster, the time reference, the liveness of hosts, and the users who have a probe here.
 ///
 ///     roster, clock, catalogue, probe states  -->  Membership  -->  roster entry, clock samples, users in and out
 ///                                                    |    ^
 ///                         hosts seen, gone, silent   v    |  probes, objects
 ///                                                   Gateway
 ///
-/// Policy without DDS, thread, clock, file or log: samples and times come as arguments; what is to be sent or logged
-/// is in `output` until `clear`. One thread at a time. Not realtime.
+/// Policy without DDS, thread, clock, file or log: samples and times are arguments; `output` holds samples to send and
+/// lines to log until `clear`. One thread at a time. Not realtime.
 #pragma once
 
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <optional>
 #include <string>
@@ -35,7 +36,7 @@ struct SessionEvent {
   std::string text;
 };
 
-/// A user who has a probe from now on, or no longer.
+/// A user who gets a probe, or gives it back.
 struct UserChange {
   bool joined = false;
   std::uint32_t probe = 0;
@@ -43,15 +44,15 @@ struct UserChange {
   std::string name;
 };
 
-/// What the adapter shall do.
+/// The orders for the adapter.
 struct MembershipOutput {
   std::optional<session::RosterEntry> roster;
   std::vector<session::ClockSample> clock;          ///< to everyone
   std::vector<session::ClockSample> clock_to_host;  ///< in this HRTC's own partition, where hosts listen
   std::vector<UserChange> users;
   std::vector<SessionEvent> events;
-  bool scene_changed = false;  ///< somebody came or went: publish metrics soon
-  bool name_conflict = false;  ///< another program has this name, and this one has to end
+  bool scene_changed = false;  ///< a participant joined or left: publish metrics soon
+  bool name_conflict = false;  ///< another program has this name, so this one must end
   void clear() { *this = {}; }
 };
 
@@ -62,24 +63,27 @@ class Membership {
 
   MembershipOutput output;
 
+  /// After an object was forgotten, see Gateway::on_object_gone.
+  std::function<void(const Loader::ObjectInfo&)> on_object_gone;
+
   void on_roster(const session::RosterEntry& entry, std::int64_t now_ns);
   void on_catalogue(const session::CatalogueEntry& entry);
   /// `arrived_ns` when the sample came, `now_ns` when the answer leaves.
   void on_clock(const session::ClockSample& sample, std::int64_t arrived_ns, std::int64_t now_ns);
-  /// An answer in this HRTC's own partition: to the failure detector, or for the time.
+  /// An answer in this HRTC's own partition, for the failure detector or for the clock.
   void on_host_answer(const session::ClockSample& answer, std::int64_t now_ns);
   void on_state(const session::ProbeState& state, session::StateStream stream, std::int64_t now_ns);
   void on_metrics(const session::Metrics& metrics, std::int64_t now_ns) { remote_users_.on_metrics(metrics, now_ns); }
   void on_mode(const std::string& text);
-  /// The stops that the servo has obeyed: the next roster entry acknowledges them, at once.
+  /// Sets the stops that the servo has obeyed; the next roster entry, which is due at once, acknowledges them.
   void on_stops(const std::vector<session::StopRecord>& stops);
-  /// A user whose device is at this machine; none when all probes are taken.
+  /// Adds a user whose device is at this machine. Returns the probe; none when all probes are in use.
   [[nodiscard]] std::optional<std::uint32_t> add_local(const std::string& name);
 
   /// Every few milliseconds, after the gateway's tick.
   void tick(std::int64_t now_ns);
-  /// Between ticks, as often as `watches` says: asks the hosts of near objects whether they live. True when one was
-  /// just found silent.
+  /// Between ticks, as often as `watches` says: requests an answer of each host of a near object. True when the failure
+  /// detector has just reported one.
   [[nodiscard]] bool watch_hosts(std::int64_t now_ns);
   /// ns between two calls of watch_hosts; 0: no host needs it.
   [[nodiscard]] std::int64_t watch_period_ns() const noexcept;
@@ -104,7 +108,7 @@ class Membership {
   [[nodiscard]] bool host_seen() const noexcept { return host_seen_; }
   [[nodiscard]] std::uint64_t false_suspicions() const noexcept { return failure_detector_.false_suspicions(); }
   [[nodiscard]] std::uint64_t implausible() const noexcept {
-    return roster_.implausible() + remote_users_.implausible();
+    return roster_.implausible() + clock_.implausible() + remote_users_.implausible();
   }
   /// A force is on, or was a moment ago: then session time must not step.
   [[nodiscard]] bool force_on(std::int64_t now_ns) const noexcept;

@@ -5,10 +5,11 @@
 namespace tactus::hrtc_service {
 namespace {
 
-constexpr double kStiffness = 10'000;          // N/m: two who press with 6 N from opposite sides are 1.2 mm apart by it
-constexpr std::int64_t kPeerNs = 100'000'000;  // of silence after which copies without a grant part
+// N/m: it lets the copies of two users who press with 6 N from opposite sides differ by 1.2 mm.
+constexpr double kStiffness = 10'000;
+constexpr std::int64_t kPeerNs = 100'000'000;  // of silence after which copies without a grant separate
 constexpr std::int64_t kMarginNs = 4'000'000;  // beyond the transit: threads that are woken late
-constexpr std::int64_t kMinLineNs = 3'000'000, kMaxLineNs = 400'000'000;  // what histories hold, and what is stable
+constexpr std::int64_t kMinLineNs = 3'000'000, kMaxLineNs = 400'000'000;  // limited by the histories and by stability
 
 }  // namespace
 
@@ -22,6 +23,18 @@ bool OwnershipClient::add(std::uint32_t object_index, std::uint64_t object_id, c
       Object{object_index, object_id, body, session::Holder{self_, object_id, settings_}, {}, {}, {}, 0, 0, {}, 0, 0}));
   shown_.push_back({object_index, object_id, false, sharing::pose_of(body.start, body.centre)});
   return true;
+}
+
+void OwnershipClient::withdraw(std::uint32_t object_index) {
+  const auto at =
+      std::find_if(objects_.begin(), objects_.end(), [&](const auto& object) { return object->index == object_index; });
+  if (at == objects_.end()) return;
+  const auto place = at - objects_.begin();
+  withdrawn_[object_index] = std::move(*at);
+  objects_.erase(at);
+  shown_.erase(shown_.begin() + place);
+  std::move(orders_.bodies.begin() + place + 1, orders_.bodies.end(), orders_.bodies.begin() + place);
+  post();
 }
 
 OwnershipClient::Object* OwnershipClient::find(std::uint64_t id) {
@@ -47,8 +60,8 @@ void OwnershipClient::on_peer_received(std::uint32_t object_index, std::int64_t 
 }
 
 void OwnershipClient::on_transits(const session::TransitEstimator& transits) noexcept {
-  // A fifth more: waves that come too late pull, but what a line weighs or gives way grows with the square of its
-  // delay.
+  // A fifth more: waves that arrive too late pull. A larger margin would cost mass and stiffness of the wave-variable
+  // channel, which change with the square of its delay.
   one_way_ns_ = transits.max_ns() + transits.max_ns() / 5 + kMarginNs;
 }
 

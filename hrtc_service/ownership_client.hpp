@@ -1,17 +1,18 @@
-/// What an HRTC's users hold of the objects that can move: asks for them, and says who simulates what.
+/// The ownership client: claims the movable objects that users of an HRTC hold, and decides who simulates each object.
 ///
 ///     reports of the haptic thread --> Holder --> claims
 ///     grants, poses of others -------->        --> orders for the haptic thread (Bodies)
 ///
 /// A coupling is made here, where its histories may be filled, and stays until the haptic thread has seen orders
-/// without it. Copies whose grant runs out because their host is gone go on together as long as they hear each other;
-/// what they publish counts again once a host has granted it.
+/// without it. When a host is gone and a grant runs out, the copies continue together as long as they receive each
+/// other's samples; the poses that they publish are valid again once a host has granted the object.
 ///
 /// Times come as arguments; no DDS, no thread. The service's thread. Not realtime.
 #pragma once
 
 #include <cstdint>
 #include <deque>
+#include <map>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -27,7 +28,7 @@ inline constexpr std::int64_t kBodyPoseNs = 4'000'000;  ///< between poses of wh
 
 class OwnershipClient {
  public:
-  /// `orders` is the haptic thread's, and must outlive this.
+  /// `orders` belongs to the haptic thread and must outlive this.
   OwnershipClient(const session::Origin& self, haptics::Mailbox<BodyOrders>& orders,
                   const session::OwnershipSettings& settings = {});
 
@@ -35,11 +36,16 @@ class OwnershipClient {
   /// and it will stay where it is.
   bool add(std::uint32_t object_index, std::uint64_t object_id, const sharing::SharedBody& body);
 
+  /// The object is withdrawn: it is claimed no more, and orders do not name it. Its couplings stay until `free`.
+  void withdraw(std::uint32_t object_index);
+  /// The haptic thread has forgotten it.
+  void free(std::uint32_t object_index) { withdrawn_.erase(object_index); }
+
   void on_grant(const session::ObjectGrant& grant, std::int64_t now_ns);
   void on_pose(const session::ObjectPose& pose, std::int64_t now_ns);
-  /// A peer's sample came, in any thread of its own: tell it here now and then.
+  /// Reports the arrival of a peer's sample.
   void on_peer_received(std::uint32_t object_index, std::int64_t now_ns);
-  /// How long samples are under way from the peers: what claims tell of.
+  /// The transit of samples from the peers, which claims carry.
   void on_transits(const session::TransitEstimator& transits) noexcept;
 
   void on_reports(const BodyReports& reports);
@@ -90,6 +96,7 @@ class OwnershipClient {
   haptics::Mailbox<BodyOrders>& orders_out_;
   BodyOrders orders_;
   std::vector<std::unique_ptr<Object>> objects_;
+  std::map<std::uint32_t, std::unique_ptr<Object>> withdrawn_;  // by index
   std::vector<Held> shown_;
   std::int64_t one_way_ns_ = 0;
   BodyReports reports_;

@@ -10,13 +10,13 @@ const session::Material* ProbeStep::material(std::uint32_t object) const noexcep
   return surface.count() > 0 ? &surface[0].material : nullptr;
 }
 
-void ProbeStep::mark_coarse(spm::Span<const TouchSphere> spheres) const noexcept {
+void ProbeStep::mark_coarse(std::span<const TouchSphere> spheres) const noexcept {
   for (std::uint32_t i = 0; i < surface.count(); ++i) {
     const TouchObject& object = surface[i];
     const Placement& placement = surface.placement(i);
     const bool exact = std::all_of(spheres.begin(), spheres.end(), [&](const TouchSphere& sphere) {
-      const spm::PlacedSphere asked = placed(sphere, placement);
-      return spm::exact(*object.forest, {&asked, 1});
+      const spm::PlacedSphere sphere_in_model = placed(sphere, placement);
+      return spm::exact(*object.forest, {&sphere_in_model, 1});
     });
     if (exact) continue;
     output.status &= ~static_cast<std::uint32_t>(session::kExact);

@@ -1,13 +1,14 @@
-/// What every kind of probe has in common: what a cycle gets and gives for it, and one step of it.
+/// The common part of all kinds of probe: the input, the output and one step of a probe in a cycle.
 ///
 ///   SphereTouch   a sphere about the device's tip      sphere_touch.hpp
 ///   ToolTouch     a rigid mesh                         tool_touch.hpp
-///   HeldObject    what a hand has closed on            held_object.hpp
+///   HeldObject    an object that a hand holds          held_object.hpp
 ///
 /// World frame, SI. The haptic thread's. Realtime.
 #pragma once
 
 #include <cstdint>
+#include <span>
 
 #include "haptics/force.hpp"
 #include "hrtc_service/touch_object.hpp"
@@ -20,7 +21,7 @@ struct ProbeInput {
   haptics::DeviceState device;  ///< tip, world
   double pose_age = 0;          ///< s
   NearObjects near;             ///< from the broad phase
-  bool failed = false;          ///< the device did; latches a fault
+  bool failed = false;          ///< of the device; latches a fault
 };
 
 struct ProbeOutput {
@@ -35,19 +36,19 @@ struct ProbeOutput {
   std::uint32_t object = spm::kNone;  ///< index of the one touched
   std::uint32_t status = 0;           ///< session::StatusBit
   std::uint32_t contacts = 0;
-  float stiffness = 0;              ///< N/m, with which the force was made; 0 without contact
-  float error_bound = 0;            ///< m; the greatest of all numbers while an object near it is not shown yet
+  float stiffness = 0;              ///< N/m, of the force; 0 without contact
+  float error_bound = 0;            ///< m; the largest float while an object near it has no mesh yet
   float pose_age = 0;               ///< s
   std::uint32_t pose_sequence = 0;  ///< haptics::DeviceState::sequence
 };
 
-/// One of the spheres that stand for a probe where the mesh is refined and asked about.
+/// One of the spheres that cover a probe for refinement and queries.
 struct TouchSphere {
   Vec3d centre = Vec3d::Zero(), velocity = Vec3d::Zero();
   double radius = 0;
 };
 
-/// The sphere in the object's model frame after `wait` seconds, and where it goes in the `look_ahead` seconds after.
+/// The sphere in the object's model frame after `wait` seconds, and its displacement in the `look_ahead` seconds after.
 [[nodiscard]] inline spm::PlacedSphere placed(const TouchSphere& sphere, const Placement& placement, double wait = 0,
                                               double look_ahead = 0) noexcept {
   const double scale = placement.scale();
@@ -55,7 +56,7 @@ struct TouchSphere {
           placement.direction_to_model(sphere.velocity) * (look_ahead / scale)};
 }
 
-/// What a probe has to work with in one cycle.
+/// The surroundings of a probe in one cycle.
 struct ProbeStep {
   const ProbeInput& input;
   ObjectsSurface& surface;
@@ -67,10 +68,10 @@ struct ProbeStep {
 
   /// s; for the renderer.
   [[nodiscard]] double age() const noexcept { return input.pose_age - input.device.transit; }
-  /// What an object feels like; or any near the probe, when that one is not. Null without any.
+  /// The feel of an object, or of any object near the probe when that one is not near. Null: no object is near.
   [[nodiscard]] const session::Material* material(std::uint32_t object) const noexcept;
   /// Takes session::kExact from the output where some object is not the finest mesh in these spheres.
-  void mark_coarse(spm::Span<const TouchSphere> spheres) const noexcept;
+  void mark_coarse(std::span<const TouchSphere> spheres) const noexcept;
 };
 
 }  // namespace tactus::hrtc_service

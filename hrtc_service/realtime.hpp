@@ -1,4 +1,4 @@
-/// What the haptic thread asks of the system beside wire/realtime.hpp: absolute deadlines.
+/// Absolute deadlines for the haptic thread.
 #pragma once
 
 #include <cstdint>

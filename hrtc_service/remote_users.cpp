@@ -8,9 +8,9 @@
 namespace tactus::hrtc_service {
 namespace {
 
-constexpr std::int64_t kSilentNs = 300'000'000;     // after which another's probe is gone
-constexpr double kMinLoss = 1e-3;                   // that is published
-constexpr std::int64_t kLossAgeNs = 3'000'000'000;  // for which a reported loss counts
+constexpr std::int64_t kSilentNs = 300'000'000;     // after which a remote probe is removed
+constexpr double kMinLoss = 1e-3;                   // smallest published loss
+constexpr std::int64_t kLossAgeNs = 3'000'000'000;  // for which a reported loss is valid
 
 std::string loss_figure(std::uint64_t participant) {
   std::array<char, 17> digits{};

@@ -1,9 +1,9 @@
-/// The users of other HRTCs as this one knows them, and which of them collaborate with a user here.
+/// The states of users at other HRTCs, and the groups of users who collaborate with a user here.
 ///
 ///     probe states (deadband-coded, full-rate)  --> RemoteProbe, Modes  --> groups: who needs full-rate states
 ///     metrics of other HRTCs                    --> the share of our states that they lose
 ///
-/// Policy without DDS, thread or clock. One thread at a time, but for `loss`.
+/// Policy without DDS, thread or clock. One thread at a time, except `loss`.
 #pragma once
 
 #include <array>
@@ -35,7 +35,7 @@ class RemoteUsers {
   }
   void on_state(const session::ProbeState& state, session::StateStream stream, std::int64_t now_ns,
                 std::int64_t session_now_ns);
-  /// The metrics of another HRTC say which share of our states it lost.
+  /// Takes the share of our states that another HRTC lost, from its metrics.
   void on_metrics(const session::Metrics& metrics, std::int64_t now_ns);
   void on_hrtc_gone(std::uint64_t participant);
   void on_user_left(std::uint64_t user) { modes_.forget(user); }
@@ -54,7 +54,7 @@ class RemoteUsers {
   void write(std::vector<session::Figure>& figures) const;
   /// States dropped because their origin, number or time is outside its window.
   [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_; }
-  /// The HRTCs whose states get lost on their way here, with the share; empty when none.
+  /// The HRTCs whose states are lost in transit, with the share; empty when none.
   [[nodiscard]] std::vector<session::Figure> losses() const;
 
  private:

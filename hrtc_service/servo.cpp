@@ -12,7 +12,7 @@ Servo::Servo(const ServoSettings& settings, ServoLink& link)
   snapshot_.nodes.resize(settings.snapshot_nodes);
 }
 
-/// A stop comes last: it stands, whatever a reset has ended.
+/// Applies the stop last, so that no reset before it can end it.
 void Servo::obey(StopWord word) noexcept {
   if (word.bits() == stop_.bits()) return;
   if (word.resets != stop_.resets) cycle_.reset_faults();
@@ -27,6 +27,7 @@ const Servo::Outputs& Servo::touch(Inputs& inputs, std::int64_t now_ns) noexcept
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) inputs[i].near = near[i];
   bodies_.place(cycle_, now_ns);
   outputs_ = cycle_.touch(inputs, now_ns, arrived_.data(), arrived).probes;
+  bodies_.forget_withdrawn(cycle_);
   bodies_.limit(cycle_, inputs, outputs_);
   return outputs_;
 }
@@ -50,10 +51,15 @@ const CycleResult& Servo::refine(spm::Budget budget, const RefineLimit& limit) n
 void Servo::begin_snapshot() noexcept {
   if (snapshot_.nodes.empty() || snapshot_.under_way) return;
   snapshot_.count = snapshot_.objects = snapshot_.next_node = 0;
+  snapshot_.objects_changed = cycle_.objects_changed();
   snapshot_.under_way = true;
 }
 
 void Servo::continue_snapshot() noexcept {
+  if (snapshot_.objects_changed != cycle_.objects_changed()) {  // their order may be another one
+    snapshot_.under_way = false;
+    begin_snapshot();
+  }
   std::uint32_t room = 500;  // nodes: some 20 us
   const std::vector<TouchObject*>& objects = cycle_.objects();
   while (room > 0 && snapshot_.objects < objects.size()) {

@@ -1,11 +1,11 @@
 /// The half of an HRTC that makes forces: cycle, forest, proxies, bodies, safety.
 ///
-///     touch     probe inputs, and what the gateway sent  ->  forces
+///     touch     probe inputs, samples of the gateway  ->  forces
 ///     publish   moves the bodies, and reports             once the forces are out
 ///     refine    refines the mesh for the next touch       in the time that is left
 ///
 /// A cycle is these three in this order. No thread, clock, device, DDS or file: the haptic thread of a service, a study
-/// in virtual time and a benchmark drive it alike. Realtime: nothing allocates, blocks or calls the system. One thread.
+/// in virtual time and a benchmark drive the same class. Realtime. One thread.
 #pragma once
 
 #include <array>
@@ -41,9 +41,9 @@ class Servo {
   /// Allocates everything. `link` must outlive it.
   Servo(const ServoSettings& settings, ServoLink& link);
 
-  /// `inputs[i].near` is set here, from the link. The result stays valid until the next touch.
+  /// Sets `inputs[i].near` from the link. The result stays valid until the next touch.
   const Outputs& touch(Inputs& inputs, std::int64_t now_ns) noexcept;
-  /// `next_due_ns`: when the next cycle begins.
+  /// `next_due_ns`: planned start of the next cycle.
   void publish(std::int64_t now_ns, std::int64_t next_due_ns) noexcept;
   /// The costs of the whole cycle so far. While a snapshot is copied it refines nothing.
   const CycleResult& refine(spm::Budget budget, const RefineLimit& limit = {}) noexcept;
@@ -78,8 +78,9 @@ class Servo {
     std::uint32_t count = 0;
     std::array<std::uint32_t, kMaxObjects> ends{};  // in `nodes`, by position among the cycle's objects
     std::array<std::uint32_t, kMaxObjects> indices{};
-    std::uint32_t objects = 0;    // copied whole
-    std::uint32_t next_node = 0;  // of the object after these
+    std::uint32_t objects = 0;          // copied whole
+    std::uint32_t next_node = 0;        // of the object after these
+    std::uint64_t objects_changed = 0;  // of the cycle, when it began
     bool under_way = false;
   } snapshot_;
   std::atomic<std::uint32_t> snapshots_done_{0};

@@ -1,4 +1,4 @@
-/// What the two halves of an HRTC share: rings of plain structs, newest-value mailboxes, one word for the stop.
+/// The interface between the two halves of an HRTC: rings of plain structs, newest-value mailboxes, one stop word.
 ///
 ///     gateway                                                 servo
 ///     objects and decoded regions      -- arrivals ------->   cycle
@@ -25,19 +25,19 @@
 
 namespace tactus::hrtc_service {
 
-/// The emergency stop as the servo obeys it, in one word, so that a stop and a reset cannot change places.
+/// The emergency stop for the servo, in one word, so that a stop and a reset cannot arrive in the wrong order.
 struct StopWord {
   bool stopped = false;      ///< all forces are zero
-  std::uint32_t resets = 0;  ///< below 2^31; grows: end faults, forces start softly unless `stopped`
+  std::uint32_t resets = 0;  ///< below 2^31; an increase ends faults, and forces start softly unless `stopped`
 
   [[nodiscard]] std::uint32_t bits() const noexcept { return resets << 1 | (stopped ? 1u : 0u); }
   [[nodiscard]] static StopWord of(std::uint32_t bits) noexcept { return {(bits & 1u) != 0, bits >> 1}; }
 };
 
-/// What one cycle made of the probes.
+/// The results of one cycle for the probes.
 struct ProbeReports {
   std::int64_t time_ns = 0;
-  std::int64_t next_due_ns = 0;  ///< when the next cycle is to begin
+  std::int64_t next_due_ns = 0;  ///< planned start of the next cycle
   std::uint64_t cycle = 0;
   std::array<ProbeOutput, kMaxProbes> probes;
   std::array<std::uint32_t, haptics::kForceBits> interventions{};  ///< of CycleResult
@@ -46,7 +46,7 @@ struct ProbeReports {
 /// Forest::mesh_hash of the mesh shown of each object, by object index; 0 where there is none.
 using MeshHashes = std::array<std::uint64_t, kMaxObjects>;
 
-/// Allocates all of a ring and touches its memory, so that the haptic thread never causes a page fault there.
+/// Allocates a whole ring and touches its memory, so that the haptic thread causes no page fault there.
 template <class Ring>
 void touch_memory(Ring& ring) {
   const auto blank = std::make_unique<typename Ring::value_type>();
@@ -69,7 +69,7 @@ struct ServoLink {
   // Gateway to servo.
   ArrivalRing arrivals;
   haptics::Mailbox<std::array<NearObjects, kMaxProbes>> near;
-  /// The next cycle that begins obeys it. Wait-free. One thread at a time calls this and `obeys_stop`.
+  /// The next cycle obeys it. Wait-free. One thread at a time calls this and `obeys_stop`.
   void set_stop(StopWord word) noexcept { stop_word_.store(word.bits(), std::memory_order_release); }
   [[nodiscard]] StopWord stop() const noexcept { return StopWord::of(stop_word_.load(std::memory_order_acquire)); }
 
@@ -80,7 +80,7 @@ struct ServoLink {
   Cycle::LogRing log;
   const bool logs_queries;
   void acknowledge_stop(StopWord word) noexcept { stop_obeyed_.store(word.bits(), std::memory_order_release); }
-  /// The forces that are out follow the newest `set_stop`.
+  /// Whether the published forces follow the newest `set_stop`.
   [[nodiscard]] bool obeys_stop() const noexcept {
     return stop_obeyed_.load(std::memory_order_acquire) == stop_word_.load(std::memory_order_relaxed);
   }

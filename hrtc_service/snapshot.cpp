@@ -39,7 +39,7 @@ void expect_snapshot_directory(const std::filesystem::path& directory) {
   while (!std::filesystem::exists(there, ignored) && there.has_relative_path()) there = there.parent_path();
   if (!std::filesystem::is_directory(there, ignored)) refuse("found " + there.string() + ", which is no directory");
   std::string probe =
-      (there / ".tactus-XXXXXX").string();  // rights alone do not tell: the file system may be read-only
+      (there / ".tactus-XXXXXX").string();  // the access rights are not enough: the file system may be read-only
   const int file = ::mkstemp(probe.data());
   if (file < 0) refuse("found that " + there.string() + " cannot be written into (" + std::strerror(errno) + ")");
   ::close(file);
@@ -96,7 +96,7 @@ SnapshotTaker::SnapshotTaker(std::filesystem::path directory, std::string name, 
 void SnapshotTaker::write(const Servo& servo, std::uint32_t number) const {
   for (const Loader::ObjectInfo& object : loader_.objects()) {
     const std::vector<SnapshotFace> faces = servo.snapshot(object.index);
-    if (faces.empty()) continue;
+    if (faces.empty() || object.digest != digests_[object.index]) continue;
     const std::filesystem::path file = directory_ / (name_ + "-" + object.name + "-" + std::to_string(number) + ".ply");
     write_snapshot(file, faces, loader_.grid(object.index), contacts_[object.index], predictions_[object.index]);
     spdlog::info("snapshot {} ({} faces)", file.string(), faces.size());
@@ -119,12 +119,14 @@ void SnapshotTaker::tick(std::int64_t now_ns, bool touches_exactly, const std::a
   }
   if (contact_since_ns_ == 0) contact_since_ns_ = now_ns;
   if (now_ns - contact_since_ns_ < (taken_ == 0 ? kContactNs / 4 : kContactNs) || taken_ >= kMax) return;
+  digests_.fill(0);
   for (const Loader::ObjectInfo& object : loader_.objects()) {
+    digests_[object.index] = object.digest;
     contacts_[object.index] = loader_.regions_met(object.index, sights);
     predictions_[object.index] = loader_.predicted(object.index);
   }
   requested_ = true;
-  orders.tell([](HapticCommands& commands) { ++commands.snapshots; });
+  orders.post([](HapticCommands& commands) { ++commands.snapshots; });
 }
 
 }  // namespace tactus::hrtc_service

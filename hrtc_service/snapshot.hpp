@@ -1,4 +1,4 @@
-/// The shown mesh as a coloured PLY: contact and predicted regions, as in the paper's figure 9.
+/// Writes the active mesh as a coloured PLY file: contact and predicted regions, as in the paper's figure 9.
 #pragma once
 
 #include <array>
@@ -14,8 +14,8 @@
 
 namespace tactus::hrtc_service {
 
-/// Leaves nothing. Throws std::runtime_error with what was found and what was expected when `directory` neither is nor
-/// can be made a directory into which files can be written.
+/// Checks that `directory` is, or can become, a directory with write access; leaves no file. Throws std::runtime_error
+/// with the value found and the value expected.
 void expect_snapshot_directory(const std::filesystem::path& directory);
 
 /// Colours: red where a tip is (contact regions), yellow where one is expected (predicted regions), green elsewhere at
@@ -25,16 +25,15 @@ void write_snapshot(const std::filesystem::path& file, const std::vector<Snapsho
                     const spm::RegionGrid& grid, const std::vector<std::uint32_t>& contact_regions,
                     const std::vector<std::uint32_t>& predicted_regions);
 
-/// Takes a few, two seconds apart, while a tip touches at full resolution. Service's thread.
+/// Takes a few snapshots, two seconds apart, while a tip touches at full resolution. Service thread.
 class SnapshotTaker {
  public:
   static constexpr int kMax = 5;
 
-  /// Of an HRTC of this name. `loader` must outlive it.
+  /// For the HRTC of this name. `loader` must outlive it.
   SnapshotTaker(std::filesystem::path directory, std::string name, const Loader& loader);
 
-  /// The newest reports and what follows from them. Writes one at times, which takes milliseconds. Throws as
-  /// write_snapshot.
+  /// Takes the newest reports. Some calls write a snapshot, which takes milliseconds. Throws as write_snapshot.
   void tick(std::int64_t now_ns, bool touches_exactly, const std::array<ProbeSight, kMaxProbes>& sights,
             const Servo& servo, HapticOrders& orders);
 
@@ -46,7 +45,8 @@ class SnapshotTaker {
   const Loader& loader_;
   std::int64_t contact_since_ns_ = 0;
   int taken_ = 0;
-  bool requested_ = false;  // one is being copied
+  bool requested_ = false;                            // one is being copied
+  std::array<std::uint64_t, kMaxObjects> digests_{};  // of what was there when it was requested, by object index
   std::array<std::vector<std::uint32_t>, kMaxObjects> contacts_, predictions_;
 };
 

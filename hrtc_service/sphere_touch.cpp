@@ -8,7 +8,7 @@ SphereTouch::SphereTouch(double radius) noexcept : radius_{radius} {
   proxy_ = haptics::Proxy{settings};
 }
 
-/// Friction of what it touches, from the next step on; and how that feels.
+/// Sets the friction of the touched object for the next step, and returns its feel.
 haptics::Feel SphereTouch::take_material(const ProbeStep& step) noexcept {
   const session::Material* const material = step.material(proxy_.last().object);
   if (material == nullptr) return {};
@@ -27,7 +27,7 @@ const haptics::ForceResult& SphereTouch::render(const ProbeStep& step) noexcept 
   const haptics::Proxy before = proxy_;
   (void)proxy_.step(device.position, step.period, step.surface, step.mesh_changed_here);
   const haptics::ProxyResult& result = proxy_.last();
-  // Of what refinement has changed under the tip, what matters is where the proxy would be without.
+  // The effect of refinement under the tip is the difference to the proxy on the previous version of the mesh.
   haptics::ProxyResult unchanged;
   const bool felt = step.mesh_changed_here || !before.started() || step.surface.met_change();
   if (felt) {
@@ -40,6 +40,7 @@ const haptics::ForceResult& SphereTouch::render(const ProbeStep& step) noexcept 
   ProbeOutput& output = step.output;
   output.proxy = plain(result.proxy);
   output.force = plain(force.force);
+  output.torque = plain(force.torque);  // fades after a hold of a withdrawn object
   output.object = result.in_contact ? result.object : spm::kNone;
   if (result.surface_moved) output.status |= session::kSurfaceMoved;
   if (!result.in_contact) return force;

@@ -1,4 +1,4 @@
-/// A probe that is a sphere: its proxy, and the force with which that pulls the hand.
+/// A probe that is a sphere: its proxy, and the force of the proxy on the hand.
 ///
 /// World frame, SI. The haptic thread's. Realtime.
 #pragma once
@@ -13,14 +13,14 @@ class SphereTouch {
   /// `radius`: m.
   explicit SphereTouch(double radius) noexcept;
 
-  /// Forgets everything; the next step starts at the device.
+  /// Resets the proxy; the next step starts at the device.
   void reset() noexcept { proxy_.reset(); }
   /// haptics::ProxySettings::reach from the next step on.
   void set_reach(double reach) noexcept { proxy_.set_reach(reach); }
 
-  /// Moves the proxy while the hand holds something: with the device, as if the hand were empty.
+  /// Moves the proxy with the device while the hand holds an object.
   void carry(const ProbeStep& step, const haptics::ToolPose& held) noexcept;
-  /// Moves the proxy towards the device, and makes the force.
+  /// Moves the proxy towards the device and computes the force.
   const haptics::ForceResult& render(const ProbeStep& step) noexcept;
 
   /// What pulls the device.

@@ -18,7 +18,7 @@ StateSender::StateSender(wire::Participants& participants, double radius, bool c
 
 void StateSender::send(const ProbeReports& latest, const session::ClockMap& map) {
   groups_.take_endpoints();
-  // Who has just been found shall see the probes now, not when they have moved.
+  // A participant that was just found must receive the probes now, not after their next motion.
   const int matched = out_.matched();
   if (matched > matched_) coders_.fill(Coder{});
   matched_ = matched;

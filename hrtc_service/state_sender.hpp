@@ -17,15 +17,15 @@ namespace tactus::hrtc_service {
 
 class StateSender {
  public:
-  /// `radius`: of the tips, m. `coding`: to the session only states that a receiver would miss; false: all. What is
-  /// referred to must outlive it.
+  /// `radius`: of the tips, m. `coding`: deadband-coded states for the session; false: all states. The arguments that
+  /// are references must outlive it.
   StateSender(wire::Participants& participants, double radius, bool coding, const UserDevices& devices,
               const RemoteUsers& remote_users, GroupEndpoints& groups);
 
   /// Sender's thread. `map`: session time of `latest`.
   void send(const ProbeReports& latest, const session::ClockMap& map);
 
-  /// Service's: states that touch the object of this index from now on name it.
+  /// Service thread: adds the object of this index, so that states can name it. `id` 0: the servo has removed it.
   void on_object(std::uint32_t index, std::uint64_t id) noexcept { object_ids_[index] = id; }
   /// Any thread.
   void write(std::vector<session::Figure>& figures) const;

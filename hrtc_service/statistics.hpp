@@ -1,7 +1,6 @@
-/// What an HRTC tells of its cycles: percentiles from stored samples, the newest million.
+/// Statistics of the cycles of an HRTC: counts, and percentiles of the newest million samples.
 #pragma once
 
-#include <algorithm>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -9,35 +8,12 @@
 #include "hrtc_service/haptic_thread.hpp"
 #include "session/figures.hpp"
 #include "session/messages.hpp"
+#include "session/percentile.hpp"
 
 namespace tactus::hrtc_service {
 
-/// Samples in ns, a ring of fixed size.
-class Samples {
- public:
-  explicit Samples(std::size_t capacity) : capacity_{capacity} {}
-
-  void add(std::uint32_t ns) {
-    if (values_.size() < capacity_)
-      values_.push_back(ns);
-    else
-      values_[next_++ % capacity_] = ns;
-  }
-  /// `share` in [0, 1]; microseconds; 0 without samples. O(n).
-  [[nodiscard]] double percentile_us(double share) const {
-    if (values_.empty()) return 0;
-    std::vector<std::uint32_t> sorted = values_;
-    const auto at = sorted.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(sorted.size() - 1));
-    std::nth_element(sorted.begin(), at, sorted.end());
-    return *at / 1000.0;
-  }
-  [[nodiscard]] bool empty() const noexcept { return values_.empty(); }
-
- private:
-  std::size_t capacity_;
-  std::size_t next_ = 0;
-  std::vector<std::uint32_t> values_;
-};
+/// Samples in ns.
+using Samples = session::Samples<std::uint32_t>;
 
 /// One thread at a time.
 class CycleStatistics {
@@ -58,7 +34,7 @@ class CycleStatistics {
     force_.add(costs.force);
     total_.add(costs.total());
   }
-  /// A late cycle has been classified.
+  /// Adds the class of a late cycle.
   void add(LateClass late) {
     switch (late) {
       case LateClass::kOverrun:
@@ -74,7 +50,7 @@ class CycleStatistics {
   }
   [[nodiscard]] std::uint64_t cycles() const noexcept { return cycles_; }
 
-  /// `all`: percentiles as well, which cost some 50 ms for a million samples.
+  /// `all`: with percentiles, which take some 50 ms for a million samples.
   void write(std::vector<session::Figure>& out, bool all) const {
     namespace names = session::figures;
     out.push_back({names::kCycles, static_cast<double>(cycles_)});
@@ -86,18 +62,18 @@ class CycleStatistics {
     out.push_back({names::kExactCycles, static_cast<double>(exact_)});
     out.push_back({names::kStaleCycles, static_cast<double>(stale_)});
     out.push_back({names::kTargetsDropped, static_cast<double>(targets_dropped_)});
-    if (!all) return;
-    out.push_back({names::kWakeP50, wake_.percentile_us(0.5)});
-    out.push_back({names::kWakeP99, wake_.percentile_us(0.99)});
-    out.push_back({names::kWakeMax, wake_.percentile_us(1)});
+    if (!all || wake_.empty()) return;
+    out.push_back({names::kWakeP50, wake_.percentile(0.5) * 1e-3});
+    out.push_back({names::kWakeP99, wake_.percentile(0.99) * 1e-3});
+    out.push_back({names::kWakeMax, wake_.percentile(1) * 1e-3});
     const std::pair<const char*, const Samples*> times[] = {
         {names::kLoadTime, &load_},   {names::kRefineTime, &refine_}, {names::kRefitTime, &refit_},
         {names::kQueryTime, &query_}, {names::kForceTime, &force_},   {names::kCycleTime, &total_}};
     for (const auto& [name, samples] : times) {
-      out.push_back({std::string(name) + ".p50", samples->percentile_us(0.5)});
-      out.push_back({std::string(name) + ".p99", samples->percentile_us(0.99)});
-      out.push_back({std::string(name) + ".p999", samples->percentile_us(0.999)});
-      out.push_back({std::string(name) + ".max", samples->percentile_us(1)});
+      out.push_back({std::string(name) + ".p50", samples->percentile(0.5) * 1e-3});
+      out.push_back({std::string(name) + ".p99", samples->percentile(0.99) * 1e-3});
+      out.push_back({std::string(name) + ".p999", samples->percentile(0.999) * 1e-3});
+      out.push_back({std::string(name) + ".max", samples->percentile(1) * 1e-3});
     }
   }
 

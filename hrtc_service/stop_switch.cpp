@@ -12,19 +12,19 @@ InheritingMutex::InheritingMutex() {
   pthread_mutexattr_destroy(&attributes);
 }
 
-void StopSwitch::tell_haptic_thread() noexcept { link_.set_stop({latch_.stopped(), latch_.resets()}); }
+void StopSwitch::post_to_haptic_thread() noexcept { link_.set_stop({latch_.stopped(), latch_.resets()}); }
 
 bool StopSwitch::on_stop(const session::StopName& stop) {
   const std::lock_guard lock{mutex_};
   const bool is_new = latch_.on_stop(stop);
-  tell_haptic_thread();
+  post_to_haptic_thread();
   return is_new;
 }
 
 bool StopSwitch::on_reset(const session::ForceReset& reset) {
   const std::lock_guard lock{mutex_};
   const bool is_new = latch_.on_reset(reset);
-  tell_haptic_thread();
+  post_to_haptic_thread();
   return is_new;
 }
 
@@ -32,7 +32,7 @@ bool StopSwitch::on_roster(const session::RosterEntry& entry) {
   if (entry.stops.empty()) return false;
   const std::lock_guard lock{mutex_};
   const bool is_new = latch_.on_roster(entry);
-  tell_haptic_thread();
+  post_to_haptic_thread();
   return is_new;
 }
 

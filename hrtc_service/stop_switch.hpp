@@ -1,4 +1,4 @@
-/// The emergency stop of an HRTC: from the callbacks of DDS to the haptic thread, past every queue.
+/// Passes the emergency stop from the callbacks of DDS to the haptic thread of an HRTC, without a queue.
 ///
 ///     callback of stop, reset, roster --> StopLatch --> ServoLink::set_stop --> zero force in the next cycle
 ///                                             |
@@ -15,8 +15,8 @@
 
 namespace tactus::hrtc_service {
 
-/// A mutex whose holder gets the priority of whoever waits for it: an ordinary thread that was preempted while it held
-/// the mutex cannot delay a callback that runs under SCHED_FIFO.
+/// A mutex with priority inheritance: an ordinary thread that is preempted while it holds the mutex cannot delay a
+/// callback that runs under SCHED_FIFO.
 class InheritingMutex {
  public:
   InheritingMutex();
@@ -30,24 +30,24 @@ class InheritingMutex {
   pthread_mutex_t mutex_;
 };
 
-/// Any thread but the haptic thread. What is done under the lock is bounded and allocates nothing.
+/// Any thread except the haptic thread. The work under the lock is bounded and allocates nothing.
 class StopSwitch {
  public:
-  /// `link` outlives this, and nobody else sets its stop.
+  /// `link` must outlive this, and no other object may set its stop.
   StopSwitch(const session::Origin& self, ServoLink& link) : link_{link}, latch_{self} {}
 
-  // When these return, the haptic thread's next cycle obeys. True when it was unknown, as StopLatch has it.
+  // After the return, the haptic thread's next cycle obeys. True when the stop or reset is new to the StopLatch.
   bool on_stop(const session::StopName& stop);
   bool on_reset(const session::ForceReset& reset);
   bool on_roster(const session::RosterEntry& entry);
 
   [[nodiscard]] bool stopped() const;
-  /// The stops and resets that the haptic thread has obeyed, for the roster entry. Those that came since wait for its
-  /// next cycle. True when they are others than `records` had.
+  /// Writes the stops and resets that the haptic thread has obeyed to `records`, for the roster entry. Newer ones wait
+  /// for its next cycle. True when `records` changed.
   bool acknowledge(std::vector<session::StopRecord>& records);
 
  private:
-  void tell_haptic_thread() noexcept;
+  void post_to_haptic_thread() noexcept;
 
   ServoLink& link_;
   mutable InheritingMutex mutex_;  // for what follows

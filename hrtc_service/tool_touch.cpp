@@ -26,7 +26,7 @@ void ToolTouch::carry(const ProbeStep& step, const haptics::ToolPose& goal) noex
   for (std::uint32_t i = 0; i < surface.count(); ++i) {
     const TouchObject& object = surface[i];
     const Placement& placement = surface.placement(i);
-    // What moves would carry a tool that sticks to it; a tool does not go along, so it slides.
+    // A moving object would carry a tool that sticks to it. Tools do not follow objects, so the tool slides.
     const double friction = object.body ? 0 : object.material.dynamic_friction;
     objects_[i] = {&object.forest->tree(),
                    placement.rotation(),
@@ -49,7 +49,7 @@ void ToolTouch::carry(const ProbeStep& step, const haptics::ToolPose& goal) noex
   step.output.orientation = plain(now.orientation);
 }
 
-/// How what it touches feels.
+/// The feel of the touched object.
 haptics::Feel ToolTouch::feel_of(const ProbeStep& step) const noexcept {
   const session::Material* const material = step.material(tool_.last().object);
   return material != nullptr ? haptics::Feel{material->stiffness, material->damping} : haptics::Feel{};
@@ -61,7 +61,7 @@ const haptics::ForceResult& ToolTouch::render(const ProbeStep& step) noexcept {
   const haptics::ToolGrip grip = step.renderer.grip(feel, step.period, device.loop_delay);
   carry(step, {device.position, device.orientation});
   const haptics::ToolResult& result = tool_.last();
-  // The damper rides along with what moves.
+  // The damper moves with the touched object.
   if (result.in_contact)
     device.velocity -= (result.point - step.surface.carried_from(result.object, result.point)) / step.period;
   const haptics::ForceResult& force = step.renderer.step(result, grip, device, feel, step.age(), step.period);
@@ -84,9 +84,9 @@ const haptics::ForceResult& ToolTouch::render(const ProbeStep& step) noexcept {
   return force;
 }
 
-spm::Span<const TouchSphere> ToolTouch::spheres(Spheres& out) const noexcept {
+std::span<const TouchSphere> ToolTouch::spheres(Spheres& out) const noexcept {
   const haptics::ToolPose& pose = tool_.last().pose;
-  const spm::Span<const spm::ProbeSphere> spheres = shape_.spheres();
+  const std::span<const spm::ProbeSphere> spheres = shape_.spheres();
   for (std::size_t i = 0; i < spheres.size(); ++i) {
     const Vec3d arm = pose.orientation * spheres[i].centre;
     out[i] = {pose.position + arm, linear_ + angular_velocity_.cross(arm), spheres[i].radius};

@@ -1,12 +1,12 @@
-/// A probe that holds a tool: the tool itself, the force with which it pulls the hand, and the spheres that stand for
-/// it where the mesh is refined and asked about.
+/// A probe that holds a tool: the tool, its force on the hand, and the spheres that cover it for refinement and query.
 ///
-/// Where the spheres go is told from how the tool has moved of late. World frame, SI. The haptic thread's. Realtime
+/// The smoothed velocity of the tool predicts the motion of the spheres. World frame, SI. The haptic thread's. Realtime
 /// after construction.
 #pragma once
 
 #include <array>
 #include <cstdint>
+#include <span>
 
 #include "haptics/tool.hpp"
 #include "hrtc_service/probe.hpp"
@@ -14,8 +14,8 @@
 
 namespace tactus::hrtc_service {
 
-/// Where the mesh has to be the finest one for a probe: around a tool, within the margin at which it collides; or
-/// around a tip of that radius when `tool` is null. m. Loader and cycle go by the same.
+/// The shape within which the mesh must be the finest one for exact contacts: the tool enlarged by its collision
+/// margin, or, when `tool` is null, a tip of that radius. m. Loader and cycle use the same shape.
 [[nodiscard]] spm::ProbeShape shape_of_probe(const spm::MeshProbe* tool, double radius);
 
 class ToolTouch {
@@ -23,20 +23,20 @@ class ToolTouch {
   /// `probe` in metres; must outlive it. Allocates.
   explicit ToolTouch(const spm::MeshProbe& probe);
 
-  /// Forgets everything; the next step starts at the device.
+  /// Resets the tool; the next step starts at the device.
   void reset() noexcept;
 
-  /// Moves the tool while the hand holds something: along with that, as far as the objects of the step let it.
+  /// Moves the tool with the object that the hand holds, as far as the other objects of the step permit.
   void carry(const ProbeStep& step, const haptics::ToolPose& held) noexcept;
-  /// Moves the tool towards the device, and makes the force. Friction is that of each object's material.
+  /// Moves the tool towards the device and computes the force. Friction is that of each object's material.
   const haptics::ForceResult& render(const ProbeStep& step) noexcept;
 
-  /// Where the tool is.
+  /// The pose of the tool.
   [[nodiscard]] const Vec3d& place() const noexcept { return tool_.last().pose.position; }
   [[nodiscard]] const haptics::ToolResult& last() const noexcept { return tool_.last(); }
-  /// The tool's surface where it now is, within the margin at which it collides.
+  /// The tool's surface at its pose, enlarged by the collision margin.
   using Spheres = std::array<TouchSphere, spm::ProbeShape::kMaxSpheres>;
-  [[nodiscard]] spm::Span<const TouchSphere> spheres(Spheres& out) const noexcept;
+  [[nodiscard]] std::span<const TouchSphere> spheres(Spheres& out) const noexcept;
   [[nodiscard]] haptics::Tool& tool() noexcept { return tool_; }
 
   /// As Cycle's, with haptics::Tool's.

@@ -1,4 +1,4 @@
-/// An object as the haptic thread touches it, and what passes between that thread and the loader.
+/// The haptic thread's view of an object, and the messages between that thread and the loader.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -21,7 +21,7 @@ namespace tactus::hrtc_service {
 
 using spm::Vec3d;
 
-/// A vector as plain numbers, for what threads copy.
+/// A vector as plain numbers, for structs that threads copy.
 using Plain3 = std::array<double, 3>;
 using Plain4 = std::array<double, 4>;
 [[nodiscard]] inline Plain3 plain(const Vec3d& v) noexcept { return {v[0], v[1], v[2]}; }
@@ -32,20 +32,20 @@ using Plain4 = std::array<double, 4>;
 
 inline constexpr std::uint32_t kMaxProbes = 8;
 inline constexpr std::uint32_t kMaxObjects = spm::kMaxObjects;
-inline constexpr std::uint32_t kMaxBodies = 8;  ///< objects that an HRTC moves; further ones stay where they are
-inline constexpr double kHandNear = 0.15;       ///< m, of a body: then what is around it shall be fine
+inline constexpr std::uint32_t kMaxBodies = 8;  ///< objects that an HRTC can move; further ones stay fixed
+inline constexpr double kHandNear = 0.15;       ///< m; a hand so near to a body refines the surroundings of the body
 static_assert(kMaxObjects <= 64, "bits in NearObjects");
 
 using sharing::Placement;
 
-/// Made by the loader, which also destroys it, after the haptic thread has ended. In between only the haptic thread
-/// touches `forest`.
+/// Made by the loader, which also destroys it: after its Departure, or after the haptic thread has ended. In between
+/// only the haptic thread touches `forest`.
 struct TouchObject {
   std::uint32_t index = 0;  ///< of the cache, and bit in NearObjects
   std::uint64_t id = 0;
   std::uint64_t digest = 0;  ///< of the model
-  std::string name;          ///< in the session; for people
-  Placement placement;       ///< where it stood when it came
+  std::string name;          ///< in the session; for messages
+  Placement placement;       ///< at the time of its arrival
   session::Material material;
   std::optional<sharing::SharedBody> body;  ///< when it can move
   spm::CellBox bounds;                      ///< model frame
@@ -53,9 +53,9 @@ struct TouchObject {
   std::unique_ptr<spm::Forest> forest;
 };
 
-/// Where a body stands on what does not move, when a hand is near it: there the mesh has to be the finest one. Calls
-/// `visit(centre, radius)` with spheres in the model frame of the object that has these bounds and stands there.
-/// `hand_near(point, distance)`: some tip is that near to a point of the world.
+/// Finds where a body near a hand can touch an object that does not move: there the mesh must be the finest one. Calls
+/// `visit(centre, radius)` with spheres in the model frame of the object with these bounds and this placement.
+/// `hand_near(point, distance)`: whether some tip is that near to a point of the world.
 template <class HandNear, class Visit>
 void for_each_place_under(const sharing::SharedBody& body, const Placement& placement, const spm::CellBox& bounds,
                           const Placement& stands, HandNear&& hand_near, Visit&& visit) noexcept {
@@ -64,13 +64,13 @@ void for_each_place_under(const sharing::SharedBody& body, const Placement& plac
   sharing::for_each_place_beside(body, placement, stands, bounds, [&](const Vec3d& place) { visit(place, radius); });
 }
 
-/// What a tip could touch, as the loader last found it. The tip moves on and objects arrive before the loader looks
-/// again, so what this does not cover counts as near.
+/// The objects that a tip could touch, from the loader's last search. The tip moves and objects arrive before the next
+/// search, so everything that this search does not cover counts as near.
 struct NearObjects {
   std::uint64_t found = 0;   ///< by index bit
-  std::uint64_t sought = 0;  ///< all those it was looked for among
-  Plain3 centre{};           ///< world; where the tip was
-  double moved = 0;          ///< m; the tip may be as far from there, and can touch what was found only
+  std::uint64_t sought = 0;  ///< the objects that the search covered
+  Plain3 centre{};           ///< world; of the tip at the search
+  double moved = 0;          ///< m; within this distance from there, the tip can only touch the objects found
 
   [[nodiscard]] std::uint64_t at(const Vec3d& tip) const noexcept {
     if (!tip.allFinite()) return 0;
@@ -80,33 +80,40 @@ struct NearObjects {
 
 /// Loader to haptic thread.
 struct Arrival {
-  enum class Kind : std::uint8_t { kObject, kRegion, kRetire } kind = Kind::kObject;
+  enum class Kind : std::uint8_t {
+    kObject,
+    kRegion,
+    kRetire,
+    kWithdraw  ///< the object; nothing else of it arrives afterwards
+  } kind = Kind::kObject;
   TouchObject* object = nullptr;
   spm::RegionId region{};
   spm::RegionList list;  ///< kRegion
 };
 
-/// Haptic thread to loader: nothing of the region is applied any more.
+/// Haptic thread to loader: no record of the region is applied any more. Or, of a withdrawn object: the haptic thread
+/// has removed the object and its regions.
 struct Departure {
   std::uint32_t object = 0;
-  spm::RegionId region{};
+  spm::RegionId region{spm::kNone};  ///< kNone: the object
+  [[nodiscard]] bool is_object() const noexcept { return spm::index(region) == spm::kNone; }
 };
 
 using ArrivalRing = boost::lockfree::spsc_queue<Arrival>;
 using DepartureRing = boost::lockfree::spsc_queue<Departure>;
 
-/// Around what place an object's mesh is what it was in the last cycle. Model frame.
+/// A sphere within which an object's mesh is the same as in the last cycle. Model frame.
 struct Unchanged {
   Plain3 centre{};
   double squared_radius = std::numeric_limits<double>::infinity();
   bool appeared = false;  ///< in the last cycle there was no mesh
 };
 
-/// The surfaces of several objects as one, where they stand and where they stood in the last cycle, for one probe.
-/// Borrows all it is given for a cycle. Realtime.
+/// The surfaces of several objects as one surface for one probe, at their current placements and at those of the last
+/// cycle. Borrows its arguments for a cycle. Realtime.
 class ObjectsSurface final : public haptics::Surface {
  public:
-  /// For sweeps; null: they go without. Must outlive the surface.
+  /// For sweeps; may be null. Must outlive the surface.
   void set_caches(spm::CandidateCaches* caches) noexcept { caches_ = caches; }
   void clear() noexcept {
     count_ = 0;
@@ -120,9 +127,9 @@ class ObjectsSurface final : public haptics::Surface {
     entries_[count_++] = {&object, &now, before, unchanged};
     if (before != nullptr) ++moving_;
   }
-  /// The objects where they stand, with the meshes as they were in the last cycle. For sweeps alone.
+  /// The objects at their current placements with their meshes of the last cycle. For sweeps only.
   [[nodiscard]] ObjectsSurface on_meshes_before() const noexcept;
-  /// Some sweep has come where a mesh is not known to be what it was.
+  /// A sweep reached a part of a mesh that may have changed since the last cycle.
   [[nodiscard]] bool met_change() const noexcept { return met_change_; }
   [[nodiscard]] std::uint32_t count() const noexcept { return count_; }
   [[nodiscard]] const TouchObject& operator[](std::uint32_t i) const noexcept { return *entries_[i].object; }
@@ -135,7 +142,7 @@ class ObjectsSurface final : public haptics::Surface {
   [[nodiscard]] bool sweep_moving(const Vec3d& from, const Vec3d& to, double radius,
                                   haptics::SurfaceHit& hit) noexcept override;
   [[nodiscard]] Vec3d carried(std::uint32_t object, const Vec3d& point) const noexcept override;
-  /// Where the place that is at `point` now was in the last step.
+  /// The position in the last step of the surface point that is now at `point`.
   [[nodiscard]] Vec3d carried_from(std::uint32_t object, const Vec3d& point) const noexcept;
   [[nodiscard]] Vec3d turned(std::uint32_t object, const Vec3d& direction) const noexcept override;
 

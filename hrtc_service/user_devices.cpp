@@ -15,7 +15,7 @@ UserDevices::UserDevices(wire::Participants& participants, HapticOrders& orders,
 UserDevices::~UserDevices() = default;
 
 void UserDevices::give_device(std::uint32_t probe, haptics::Device* device) {
-  orders_.tell([&](HapticCommands& commands) { commands.devices[probe] = device; });
+  orders_.post([&](HapticCommands& commands) { commands.devices[probe] = device; });
 }
 
 void UserDevices::add_local(std::uint32_t probe, const std::string& name, std::unique_ptr<haptics::Device> device) {
@@ -24,7 +24,7 @@ void UserDevices::add_local(std::uint32_t probe, const std::string& name, std::u
   user.id = session::id_of(name);
   user.own = std::move(device);
   user_ids_[probe] = user.id;
-  orders_.tell([&](HapticCommands& commands) { commands.framed[probe] = true; });
+  orders_.post([&](HapticCommands& commands) { commands.framed[probe] = true; });
   give_device(probe, user.own.get());
 }
 
@@ -39,7 +39,7 @@ void UserDevices::add(std::uint32_t probe, const std::string& name, std::uint64_
   listen_to_device(user);
 }
 
-/// A device that its client sends the poses of: they go past the service, straight to where the haptic thread looks.
+/// A device whose poses its client sends: the callback passes them to the haptic thread directly, not to the service.
 void UserDevices::listen_to_device(User& user) {
   user.remote = std::make_unique<haptics::RemoteDevice>();
   const auto on_pose = [this, remote = user.remote.get(), id = user.id, client = user.client,

@@ -5,8 +5,8 @@
 ///     at a client                   device_pose     --> (DDS)                  --> RemoteDevice
 ///                                   device_command  <-- sender <-- reports     <--
 ///
-/// The haptic thread learns of devices by its orders, the sender learns of those at clients by a Handover. The devices
-/// of a user who has left are destroyed once neither of them uses them any more. The service's thread, but for what
+/// The haptic thread receives the devices in its commands, the sender receives those at clients by a Handover. The
+/// devices of a user who has left are destroyed once neither thread uses them. Service thread, except where a comment
 /// says otherwise.
 #pragma once
 
@@ -33,27 +33,27 @@ namespace tactus::hrtc_service {
 class UserDevices {
  public:
   using OnIntent = std::function<void(session::Intent&&)>;
-  /// `on_intent` gets the intents of users here, in threads of DDS. `participants`, `orders` and what `on_intent` uses
-  /// must outlive this.
+  /// `on_intent` receives the intents of users here, in threads of DDS. `participants`, `orders` and the references in
+  /// `on_intent` must outlive this.
   UserDevices(wire::Participants& participants, HapticOrders& orders, OnIntent on_intent);
   ~UserDevices();
 
-  /// A user whose device is at this machine.
+  /// Adds a user whose device is at this machine.
   void add_local(std::uint32_t probe, const std::string& user, std::unique_ptr<haptics::Device> device);
-  /// A client's user: opens the endpoints of its intents and poses.
+  /// Adds a client's user: opens the endpoints of its intents and poses.
   void add(std::uint32_t probe, const std::string& user, std::uint64_t client);
-  /// Closes them, and takes the device from the haptic thread.
+  /// Removes a user: closes the endpoints and takes the device from the haptic thread.
   void remove(std::uint32_t probe);
 
-  /// What a user wishes of a simulated hand. `ahead_ns`: our clock less session time.
+  /// Sets the path that a user requests of a simulated hand. `ahead_ns`: our clock minus session time.
   void on_intent(const session::Intent& intent, std::int64_t ahead_ns);
-  /// Hands to the haptic thread what has sent its first pose since the last call.
+  /// Passes to the haptic thread the devices that have sent their first pose since the last call.
   void open_remote_devices();
-  /// Destroys what users who have left brought, as far as no thread uses it any more. Now and then.
+  /// Destroys the devices of users who have left, when no thread uses them any more. Call it at times.
   void free_left();
   /// Users whose devices are not destroyed yet.
   [[nodiscard]] std::size_t left() const noexcept { return left_.size(); }
-  /// Session time less our clock, for the poses that come from now on.
+  /// Sets session time minus our clock for later poses.
   void on_clock(std::int64_t session_offset_ns) noexcept { session_offset_ns_ = session_offset_ns; }
 
   void write(std::vector<session::Figure>& figures) const;
@@ -64,7 +64,7 @@ class UserDevices {
   [[nodiscard]] std::uint64_t user_at(std::uint32_t probe) const noexcept {
     return user_ids_[probe].load(std::memory_order_relaxed);
   }
-  /// Sender's thread: what the haptic thread reported of its last cycle, to the devices at clients. Takes no lock.
+  /// Sender's thread: sends the haptic thread's report of its last cycle to the devices at clients. Takes no lock.
   void send_commands(const ProbeReports& latest);
 
  private:
@@ -73,8 +73,8 @@ class UserDevices {
     std::uint64_t id = 0;
     std::uint64_t client = 0;                                        // participant; 0: a device of our own
     std::unique_ptr<haptics::Device> own;                            // at this machine
-    std::unique_ptr<haptics::SimulatedDevice> hand;                  // once it has a wish
-    std::unique_ptr<haptics::RemoteDevice> remote;                   // what takes its poses, if it sends any
+    std::unique_ptr<haptics::SimulatedDevice> hand;                  // once it has an intent
+    std::unique_ptr<haptics::RemoteDevice> remote;                   // receives its poses, if it sends any
     std::unique_ptr<wire::Writer<session::DeviceCommand>> commands;  // once it has
     std::unique_ptr<wire::Reader<session::Intent>> intents;
     std::unique_ptr<wire::Reader<session::DevicePose>> poses;  // last, so that no callback outlives what it fills

@@ -47,9 +47,30 @@ struct UdpSettings {
 /// The port of an echoer made by make_udp.
 [[nodiscard]] std::uint16_t port_of(const Carrier& udp);
 
-/// Probe states over Cyclone DDS, from the same IDL, otherwise with its defaults. Threads get SCHED_FIFO `priority` if
-/// allowed. Throws LatencyError; requires has_cyclone().
+inline constexpr std::uint32_t kPeerChunkBytes = 1300;  ///< of a tuned peer's load: one frame with all headers
+
+/// The sending end of the mesh traffic beside the pings.
+class LoadSource {
+ public:
+  virtual ~LoadSource() = default;
+  [[nodiscard]] virtual bool matched() const noexcept = 0;
+  /// Call once, after matched().
+  virtual void start() = 0;
+};
+class LoadSink {
+ public:
+  virtual ~LoadSink() = default;
+  /// Payload between the first and the last arrival, per second; 0 with fewer than two.
+  [[nodiscard]] virtual double bytes_per_s() = 0;
+};
+
+/// Probe states over Cyclone DDS, from the same IDL, tuned by hand: best effort, socket marks as ours, and a domain of
+/// their own, so that they share no socket and no thread with the load. Threads get SCHED_FIFO `priority` if allowed.
+/// Throws LatencyError; requires has_cyclone().
 [[nodiscard]] std::unique_ptr<Carrier> make_cyclone(Part part, int domain, int priority, OnPacket callback);
+/// Chunks of one frame over Cyclone DDS, reliable, as fast as its writer accepts them. Likewise.
+[[nodiscard]] std::unique_ptr<LoadSource> make_cyclone_load(int domain);
+[[nodiscard]] std::unique_ptr<LoadSink> make_cyclone_sink(int domain);
 
 /// A DDS topic of `cell` with its own profiles; `participants` must outlive it. Pings and echoes each have a partition.
 /// Throws WireError.

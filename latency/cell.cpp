@@ -33,9 +33,12 @@ void check(const Cell& cell) {
   const bool raw = cell.transport == Transport::kRawUdp;
   if (cell.transport == Transport::kCyclone) {
     if (!has_cyclone()) throw LatencyError("transport cyclone: built without Cyclone DDS (Debian: cyclonedds-dev)");
-    if (cell.topic != Topic::kProbeState || cell.load_mbit != 0)
-      throw LatencyError("transport cyclone: expected topic probe_state, and no load");
+    if (cell.topic != Topic::kProbeState || (cell.load_mbit != 0 && cell.load_mbit != kUnpaced))
+      throw LatencyError(
+          "transport cyclone: expected topic probe_state, and a load of 0 or max: it cannot pace a writer");
   }
+  if (cell.profile == Profile::kTuned && cell.transport != Transport::kUdp)
+    throw LatencyError("profile tuned: expected transport udp");
   check_range("rate, Hz,", cell.rate_hz, 0.1, 20'000);
   if (cell.coding == Coding::kDeadbandCoded && cell.topic != Topic::kProbeState)
     throw LatencyError("coding coded: expected topic probe_state");

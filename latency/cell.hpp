@@ -26,7 +26,9 @@ enum class Transport {
 enum class Profile {
   kTactus,  ///< profiles of qos/
   kPlain,   ///< the library's defaults: no policy, DSCP mark or limit is set
-  kShared   ///< the library's defaults, and one participant for all samples of a program
+  kShared,  ///< the library's defaults, and one participant for all samples of a program
+  kTuned    ///< Fast DDS alone, tuned by hand for a link of 100 Mbit/s: a participant for each class, socket marks, one
+            ///< frame for each message, and a flow controller of 12 kB/ms for the mesh
 };
 enum class Topic {
   kProbeState,  ///< tactus_probe_state, traffic class probe
@@ -39,7 +41,7 @@ enum class Coding {
 };
 
 inline constexpr std::array kTransportNames{"udp", "shm", "builtin", "raw-udp", "cyclone"};
-inline constexpr std::array kProfileNames{"tactus", "plain", "shared"};
+inline constexpr std::array kProfileNames{"tactus", "plain", "shared", "tuned"};
 inline constexpr std::array kTopicNames{"probe_state", "records"};
 inline constexpr std::array kCodingNames{"none", "coded"};
 

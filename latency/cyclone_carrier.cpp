@@ -1,9 +1,17 @@
 #include <dds/dds.h>
+#include <netinet/in.h>
+#include <netinet/ip.h>
 #include <pthread.h>
+#include <sys/socket.h>
 #include <tactus.h>
 
 #include <algorithm>
+#include <array>
+#include <atomic>
+#include <filesystem>
+#include <set>
 #include <string>
+#include <thread>
 #include <utility>
 
 #include "latency/carrier.hpp"
@@ -12,48 +20,106 @@
 namespace tactus::latency {
 namespace {
 
-constexpr char kPings[] = "latency_pings", kEchoes[] = "latency_echoes";
+constexpr char kPings[] = "latency_pings", kEchoes[] = "latency_echoes", kMesh[] = "latency_mesh";
+/// Messages of one frame and large buffers; a queue for 2 MB of samples that are not yet acknowledged.
+constexpr char kConfig[] =
+    "<General><MaxMessageSize>1452B</MaxMessageSize><FragmentSize>1344B</FragmentSize></General>"
+    "<Internal><SocketReceiveBufferSize min=\"1MB\" max=\"4MB\"/>"
+    "<Watermarks><WhcHigh>2MB</WhcHigh></Watermarks></Internal>";
 
 dds_entity_t checked(const char* what, dds_entity_t made) {
   if (made < 0) throw LatencyError(std::string{"Cyclone DDS: "} + what + ": " + dds_strretcode(-made));
   return made;
 }
 
-/// Its threads inherit the priority of the thread that creates the first participant.
-dds_entity_t join(int domain, int priority) {
-  int policy = 0;
-  sched_param before{}, wanted{};
-  wanted.sched_priority = priority;
-  pthread_getschedparam(pthread_self(), &policy, &before);
-  if (priority > 0) pthread_setschedparam(pthread_self(), SCHED_FIFO, &wanted);
-  const dds_entity_t made = dds_create_participant(static_cast<dds_domainid_t>(domain), nullptr, nullptr);
-  pthread_setschedparam(pthread_self(), policy, &before);
-  return checked("participant", made);
+std::set<int> datagram_sockets() {
+  std::set<int> found;
+  for (const auto& entry : std::filesystem::directory_iterator("/proc/self/fd")) {
+    const int fd = std::stoi(entry.path().filename().string());
+    int type = 0;
+    socklen_t size = sizeof type;
+    if (::getsockopt(fd, SOL_SOCKET, SO_TYPE, &type, &size) == 0 && type == SOCK_DGRAM) found.insert(fd);
+  }
+  return found;
 }
+
+/// A domain with sockets and threads of its own, which inherit the priority of the thread that creates them. Cyclone
+/// DDS cannot mark its sockets (its issue 2225), so this does.
+class Domain {
+ public:
+  Domain(int number, int priority, bool marked) {
+    const std::set<int> before = datagram_sockets();
+    int policy = 0;
+    sched_param usual{}, wanted{};
+    wanted.sched_priority = priority;
+    pthread_getschedparam(pthread_self(), &policy, &usual);
+    if (priority > 0) pthread_setschedparam(pthread_self(), SCHED_FIFO, &wanted);
+    const auto id = static_cast<dds_domainid_t>(number);
+    domain_ = dds_create_domain(id, kConfig);
+    if (domain_ >= 0) participant_ = dds_create_participant(id, nullptr, nullptr);
+    pthread_setschedparam(pthread_self(), policy, &usual);
+    checked("domain", domain_);
+    if (participant_ < 0) dds_delete(domain_);
+    checked("participant", participant_);
+    constexpr int kExpeditedTos = 184, kPriority = 6;  // as qos/flow.yaml marks the probe class
+    for (const int fd : datagram_sockets()) {
+      if (!marked || before.count(fd) != 0) continue;
+      ::setsockopt(fd, IPPROTO_IP, IP_TOS, &kExpeditedTos, sizeof kExpeditedTos);
+      ::setsockopt(fd, SOL_SOCKET, SO_PRIORITY, &kPriority, sizeof kPriority);
+    }
+  }
+  ~Domain() { dds_delete(domain_); }
+  Domain(const Domain&) = delete;
+  Domain& operator=(const Domain&) = delete;
+
+  [[nodiscard]] dds_entity_t topic(const char* name, const dds_topic_descriptor_t& type, const dds_qos_t* qos) const {
+    return checked(name, dds_create_topic(participant_, &type, name, qos, nullptr));
+  }
+  [[nodiscard]] dds_entity_t writer(dds_entity_t topic, const dds_qos_t* qos) const {
+    return checked("writer", dds_create_writer(participant_, topic, qos, nullptr));
+  }
+  /// `on_data` runs in a thread of the domain.
+  [[nodiscard]] dds_entity_t reader(dds_entity_t topic, const dds_qos_t* qos, dds_on_data_available_fn on_data,
+                                    void* self) const {
+    dds_listener_t* const listener = dds_create_listener(self);
+    dds_lset_data_available(listener, on_data);
+    const dds_entity_t made = dds_create_reader(participant_, topic, qos, listener);
+    dds_delete_listener(listener);
+    return checked("reader", made);
+  }
+
+ private:
+  dds_entity_t domain_ = 0, participant_ = 0;
+};
+
+class Qos {
+ public:
+  explicit Qos(bool reliable) {
+    dds_qset_reliability(qos_, reliable ? DDS_RELIABILITY_RELIABLE : DDS_RELIABILITY_BEST_EFFORT, DDS_MSECS(100));
+    dds_qset_history(qos_, reliable ? DDS_HISTORY_KEEP_ALL : DDS_HISTORY_KEEP_LAST, 1);
+  }
+  ~Qos() { dds_delete_qos(qos_); }
+  Qos(const Qos&) = delete;
+  Qos& operator=(const Qos&) = delete;
+  operator const dds_qos_t*() const noexcept { return qos_; }
+
+ private:
+  dds_qos_t* const qos_ = dds_create_qos();
+};
 
 /// Best effort, keep last 1, read in the listener, as for our own probe states.
 class CycloneCarrier final : public Carrier {
  public:
   CycloneCarrier(Part part, int domain, int priority, OnPacket callback)
-      : callback_{std::move(callback)}, participant_{join(domain, priority)} {
+      : callback_{std::move(callback)}, domain_{domain, priority, true} {
     const bool pinger = part == Part::kPinger;
-    dds_qos_t* const qos = dds_create_qos();
-    dds_qset_reliability(qos, DDS_RELIABILITY_BEST_EFFORT, 0);
-    dds_qset_history(qos, DDS_HISTORY_KEEP_LAST, 1);
-    dds_listener_t* const listener = dds_create_listener(this);
-    dds_lset_data_available(
-        listener, [](dds_entity_t reader, void* self) { static_cast<CycloneCarrier*>(self)->receive(reader); });
-    const auto topic = [&](const char* name) {
-      return checked(name, dds_create_topic(participant_, &tactus_idl_ProbeState_desc, name, qos, nullptr));
-    };
-    writer_ = dds_create_writer(participant_, topic(pinger ? kPings : kEchoes), qos, nullptr);
-    reader_ = dds_create_reader(participant_, topic(pinger ? kEchoes : kPings), qos, listener);
-    dds_delete_listener(listener);
-    dds_delete_qos(qos);
-    checked("writer", writer_);
-    checked("reader", reader_);
+    const Qos qos{false};
+    const auto topic = [&](const char* name) { return domain_.topic(name, tactus_idl_ProbeState_desc, qos); };
+    writer_ = domain_.writer(topic(pinger ? kPings : kEchoes), qos);
+    reader_ = domain_.reader(
+        topic(pinger ? kEchoes : kPings), qos,
+        [](dds_entity_t reader, void* self) { static_cast<CycloneCarrier*>(self)->receive(reader); }, this);
   }
-  ~CycloneCarrier() override { dds_delete(participant_); }
 
   bool send(const Packet& packet) noexcept override {
     tactus_idl_ProbeState sample{};
@@ -83,8 +149,77 @@ class CycloneCarrier final : public Carrier {
   }
 
   const OnPacket callback_;
-  const dds_entity_t participant_;
+  const Domain domain_;
   dds_entity_t writer_ = 0, reader_ = 0;
+};
+
+class CycloneLoad final : public LoadSource {
+ public:
+  explicit CycloneLoad(int domain) : domain_{domain, 0, false} {
+    const Qos qos{true};
+    writer_ = domain_.writer(domain_.topic(kMesh, tactus_idl_BulkChunk_desc, qos), qos);
+  }
+  ~CycloneLoad() override {
+    stop_ = true;
+    if (thread_.joinable()) thread_.join();
+  }
+  [[nodiscard]] bool matched() const noexcept override {
+    dds_publication_matched_status_t out{};
+    dds_get_publication_matched_status(writer_, &out);
+    return out.current_count > 0;
+  }
+  void start() override {
+    thread_ = std::thread{[this] {
+      std::array<std::uint8_t, kPeerChunkBytes> bytes;
+      bytes.fill(0x5a);
+      tactus_idl_BulkChunk chunk{};
+      chunk.payload = {kPeerChunkBytes, kPeerChunkBytes, bytes.data(), false};
+      for (; !stop_; ++chunk.sequence_number) (void)dds_write(writer_, &chunk);  // waits while the queue is full
+    }};
+  }
+
+ private:
+  const Domain domain_;
+  dds_entity_t writer_ = 0;
+  std::atomic<bool> stop_{false};
+  std::thread thread_;
+};
+
+class CycloneSink final : public LoadSink {
+ public:
+  explicit CycloneSink(int domain) : domain_{domain, 0, false} {
+    const Qos qos{true};
+    (void)domain_.reader(
+        domain_.topic(kMesh, tactus_idl_BulkChunk_desc, qos), qos,
+        [](dds_entity_t reader, void* self) { static_cast<CycloneSink*>(self)->receive(reader); }, this);
+  }
+  [[nodiscard]] double bytes_per_s() override {
+    const std::int64_t passed = last_ns_ - first_ns_;
+    return passed > 0 ? static_cast<double>(bytes_) * 1e9 / static_cast<double>(passed) : 0;
+  }
+
+ private:
+  void receive(dds_entity_t reader) {
+    constexpr std::size_t kMost = 64;
+    std::array<void*, kMost> samples{};
+    std::array<dds_sample_info_t, kMost> infos;
+    for (int count; (count = dds_take(reader, samples.data(), infos.data(), kMost, kMost)) > 0;) {
+      const std::int64_t now = wire::monotonic_ns();
+      for (int i = 0; i < count; ++i) {
+        if (!infos[static_cast<std::size_t>(i)].valid_data) continue;
+        if (first_ns_ == 0)
+          first_ns_ = now;
+        else
+          bytes_ += static_cast<const tactus_idl_BulkChunk*>(samples[static_cast<std::size_t>(i)])->payload._length;
+        last_ns_ = now;
+      }
+      dds_return_loan(reader, samples.data(), count);
+    }
+  }
+
+  std::atomic<std::uint64_t> bytes_{0};
+  std::atomic<std::int64_t> first_ns_{0}, last_ns_{0};
+  const Domain domain_;  // last: its threads use the other members
 };
 
 }  // namespace
@@ -92,5 +227,7 @@ class CycloneCarrier final : public Carrier {
 std::unique_ptr<Carrier> make_cyclone(Part part, int domain, int priority, OnPacket callback) {
   return std::make_unique<CycloneCarrier>(part, domain, priority, std::move(callback));
 }
+std::unique_ptr<LoadSource> make_cyclone_load(int domain) { return std::make_unique<CycloneLoad>(domain); }
+std::unique_ptr<LoadSink> make_cyclone_sink(int domain) { return std::make_unique<CycloneSink>(domain); }
 
 }  // namespace tactus::latency

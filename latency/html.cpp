@@ -69,7 +69,7 @@ std::string over_time(const Result& result, const std::string& colour) {
     const Moment& moment = result.moments[i];
     const double share = (static_cast<double>(i) + 0.5) / count;
     if (moment.missing > 0) plot.mark(share, "#e53e3e");
-    if (moment.max_us <= 0) continue;
+    if (!(moment.max_us > 0)) continue;  // NaN: nothing arrived
     medians.emplace_back(share, moment.median_us);
     maxima.emplace_back(share, moment.max_us);
   }

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <utility>
 
-#include "latency/carrier.hpp"
 #include "spm/codec/model_codec.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
@@ -43,6 +42,7 @@ const spm::codec::CompressedModel& model() {
 Load::Load(const Cell& cell, wire::SessionAddress address, wire::Participants* shared)
     : mbit_{cell.load_mbit},
       plain_{cell.profile != Profile::kTactus},
+      tuned_{cell.profile == Profile::kTuned},
       own_participants_{shared == nullptr ? join(of_load(cell), std::move(address)) : nullptr},
       participants_{shared == nullptr ? *own_participants_ : *shared},
       catalogue_{participants_, wire::topics::kCatalogue},
@@ -104,7 +104,8 @@ void Load::flood() {
   constexpr std::int64_t kPeriodNs = 1'000'000;
   session::BulkChunk chunk;
   chunk.pieces.resize(1);
-  const std::size_t size = session::kMaxPayload - session::header_bytes(chunk.pieces[0].region, 1);
+  const std::size_t max = tuned_ ? kPeerChunkBytes : session::kMaxPayload;
+  const std::size_t size = max - session::header_bytes(chunk.pieces[0].region, 1);
   chunk.pieces[0].payload.assign(size, 0x5a);
   const double chunks_per_period = mbit_ * 1e6 / 8 * kPeriodNs * 1e-9 / static_cast<double>(size);
   double due = 0;  // chunks
@@ -216,7 +217,7 @@ void Sink::request_next_regions(std::int64_t now_ns) {
   client_.want(object, std::move(all));
 }
 
-double Sink::bytes_per_s() const noexcept {
+double Sink::bytes_per_s() {
   const std::int64_t passed = last_ns_ - first_ns_;
   return passed > 0 ? static_cast<double>(bytes_) * 1e9 / static_cast<double>(passed) : 0;
 }

@@ -11,7 +11,7 @@
 #include <variant>
 #include <vector>
 
-#include "latency/cell.hpp"
+#include "latency/carrier.hpp"
 #include "session/delivery_client.hpp"
 #include "session/delivery_server.hpp"
 #include "wire/endpoints.hpp"
@@ -20,17 +20,16 @@
 namespace tactus::latency {
 
 /// A host of one generated model, in a thread of normal priority; joins the session on its own.
-class Load {
+class Load final : public LoadSource {
  public:
   /// With Profile::kShared its endpoints are in `shared`, which must outlive it.
   Load(const Cell& cell, wire::SessionAddress address, wire::Participants* shared = nullptr);
-  ~Load();
+  ~Load() override;
   Load(const Load&) = delete;
   Load& operator=(const Load&) = delete;
 
-  [[nodiscard]] bool matched() const noexcept { return records_.matched() > 0; }
-  /// Call once, after matched().
-  void start();
+  [[nodiscard]] bool matched() const noexcept override { return records_.matched() > 0; }
+  void start() override;
   /// Bytes of payload sent so far.
   [[nodiscard]] std::uint64_t sent_bytes() const noexcept { return sent_bytes_; }
 
@@ -39,7 +38,7 @@ class Load {
   void flood();
 
   const double mbit_;
-  const bool plain_;
+  const bool plain_, tuned_;
   const std::unique_ptr<wire::Participants> own_participants_;
   wire::Participants& participants_;
   wire::Writer<session::CatalogueEntry> catalogue_;
@@ -52,18 +51,18 @@ class Load {
 };
 
 /// The HRTC for that load: requests the regions of the model in turn, without end.
-class Sink {
+class Sink final : public LoadSink {
  public:
   /// `burst_bytes` 0: requests continuously. Otherwise requests about so many bytes at once, and again when they have
   /// arrived.
   Sink(const Cell& cell, wire::SessionAddress address, std::size_t burst_bytes = 0,
        wire::Participants* shared = nullptr);
-  ~Sink();
+  ~Sink() override;
   Sink(const Sink&) = delete;
   Sink& operator=(const Sink&) = delete;
 
-  /// Payload of complete messages between the first and the last, per second; 0 with fewer than two.
-  [[nodiscard]] double bytes_per_s() const noexcept;
+  /// Counts complete messages.
+  [[nodiscard]] double bytes_per_s() override;
   [[nodiscard]] std::uint64_t bytes() const noexcept { return bytes_; }
   struct Burst {
     double ms;

@@ -6,10 +6,10 @@
 #include <chrono>
 #include <fstream>
 #include <nlohmann/json.hpp>
-#include <optional>
 #include <thread>
 
 #include "latency/carrier.hpp"
+#include "latency/helper.hpp"
 #include "latency/load.hpp"
 #include "latency/schedule.hpp"
 #include "wire/realtime.hpp"
@@ -43,14 +43,39 @@ wire::SessionAddress address_of(const std::string& session, const std::string& w
   return address;
 }
 
-std::unique_ptr<Carrier> cyclone([[maybe_unused]] Part part, [[maybe_unused]] const SideSettings& side,
-                                 [[maybe_unused]] OnPacket callback) {
-#if TACTUS_HAS_CYCLONE
-  return make_cyclone(part, side.domain, side.priority, std::move(callback));
-#else
-  throw LatencyError("built without Cyclone DDS");
+#if !TACTUS_HAS_CYCLONE
+}  // namespace
+std::unique_ptr<Carrier> make_cyclone(Part, int, int, OnPacket) { throw LatencyError("built without Cyclone DDS"); }
+std::unique_ptr<LoadSource> make_cyclone_load(int) { throw LatencyError("built without Cyclone DDS"); }
+std::unique_ptr<LoadSink> make_cyclone_sink(int) { throw LatencyError("built without Cyclone DDS"); }
+namespace {
 #endif
-}
+
+/// The load of a Cyclone DDS test has a process of its own at each side, as programs of Cyclone DDS on one machine
+/// would: within a process, its domains share locks. In it runs serve_load.
+class CycloneLoad final : public LoadSource, public LoadSink {
+ public:
+  CycloneLoad(const char* end, const SideSettings& side, const std::atomic<bool>& stop)
+      : helper_{"tactus-latency", {}, stop} {
+    constexpr int kLoadDomain = 1;  // after that of the pings
+    helper_.channel().send({{"version", kVersion}, {"load", end}, {"domain", side.domain + kLoadDomain}});
+  }
+  [[nodiscard]] bool matched() const noexcept override { return matched_; }
+  /// Waits for the match.
+  void meet() {
+    (void)helper_.channel().receive(kMatchTimeout);
+    matched_ = true;
+  }
+  void start() override { helper_.channel().send({{"start", true}}); }
+  [[nodiscard]] double bytes_per_s() override {
+    helper_.channel().send({{"finish", true}});
+    return helper_.channel().receive(kAnswerTimeout).at("bytes_per_s").get<double>();
+  }
+
+ private:
+  Helper helper_;
+  bool matched_ = false;
+};
 
 /// One reader: records each ping and answers it.
 class Echoer {
@@ -63,7 +88,7 @@ class Echoer {
       carrier_ = make_udp(Part::kEchoer, cell.payload, {{}, {}, side.priority}, callback);
       port_ = port_of(*carrier_);
     } else if (cell.transport == Transport::kCyclone) {
-      carrier_ = cyclone(Part::kEchoer, side, callback);
+      carrier_ = make_cyclone(Part::kEchoer, side.domain, side.priority, callback);
     } else {
       participants_ = join(cell, address_of(session, "echo-" + std::to_string(number), side));
       carrier_ = make_dds(Part::kEchoer, cell, *participants_, callback);
@@ -108,11 +133,31 @@ bool wait_until(Condition&& condition, std::chrono::milliseconds patience, const
   return true;
 }
 
+/// One end of the load of a Cyclone DDS test, until the other side finishes it or closes.
+void serve_load(const nlohmann::ordered_json& requested, Channel& channel, const std::atomic<bool>& stop) {
+  const int domain = requested.at("domain").get<int>();
+  if (requested.at("load").get<std::string>() == "sink") {
+    const std::unique_ptr<LoadSink> sink = make_cyclone_sink(domain);
+    if (!channel.wait()) return;
+    (void)channel.receive(kAnswerTimeout);
+    channel.send({{"bytes_per_s", sink->bytes_per_s()}});
+    return;
+  }
+  const std::unique_ptr<LoadSource> source = make_cyclone_load(domain);
+  if (!wait_until([&] { return source->matched(); }, kMatchTimeout, stop))
+    throw LatencyError("the load of Cyclone DDS found no reader within 20 s");
+  channel.send({{"matched", true}});
+  (void)channel.receive(kAnswerTimeout + kMatchTimeout);
+  source->start();
+  (void)channel.wait();
+}
+
 void serve_one(const nlohmann::ordered_json& requested, Channel& channel, SideSettings side,
                const std::atomic<bool>& stop) {
   if (requested.value("version", 0) != kVersion)
     throw LatencyError("version " + std::to_string(requested.value("version", 0)) + " of the other side; expected " +
                        std::to_string(kVersion) + ": use the same release on both sides");
+  if (requested.contains("load")) return serve_load(requested, channel, stop);
   const Cell cell = cell_from_json(requested.at("cell"));
   const auto session = requested.at("session").get<std::string>();
   requested.at("domain").get_to(side.domain);
@@ -126,9 +171,12 @@ void serve_one(const nlohmann::ordered_json& requested, Channel& channel, SideSe
     ports.push_back(echoers.back()->port());
     realtime &= echoers.back()->realtime();
   }
-  std::optional<Sink> sink;
+  std::unique_ptr<LoadSink> sink;
   wire::Participants* const shared = cell.profile == Profile::kShared ? echoers.front()->participants() : nullptr;
-  if (cell.load_mbit != 0) sink.emplace(cell, address_of(session, "sink", side), 0, shared);
+  if (cell.load_mbit != 0 && cell.transport == Transport::kCyclone)
+    sink = std::make_unique<CycloneLoad>("sink", side, stop);
+  else if (cell.load_mbit != 0)
+    sink = std::make_unique<Sink>(cell, address_of(session, "sink", side), 0, shared);
   channel.send({{"ports", ports}, {"clock", clock_id()}, {"realtime", realtime || side.priority == 0}});
 
   (void)channel.receive(std::chrono::duration_cast<std::chrono::milliseconds>(kAnswerTimeout + kMatchTimeout));
@@ -210,14 +258,20 @@ Stamps measure(const Cell& cell, Channel& channel, const SideSettings& side, con
         make_udp(Part::kPinger, cell.payload,
                  {side.echo_address, other.at("ports").get<std::vector<std::uint16_t>>(), side.priority}, callback);
   } else if (cell.transport == Transport::kCyclone) {
-    carrier = cyclone(Part::kPinger, side, callback);
+    carrier = make_cyclone(Part::kPinger, side.domain, side.priority, callback);
   } else {
     participants = join(cell, address_of(session, "ping", side));
     carrier = make_dds(Part::kPinger, cell, *participants, callback);
   }
-  std::optional<Load> load;
+  std::unique_ptr<LoadSource> load;
   wire::Participants* const shared = cell.profile == Profile::kShared ? participants.get() : nullptr;
-  if (cell.load_mbit != 0) load.emplace(cell, address_of(session, "load", side), shared);
+  if (cell.load_mbit != 0 && cell.transport == Transport::kCyclone) {
+    auto source = std::make_unique<CycloneLoad>("source", side, stop);
+    source->meet();
+    load = std::move(source);
+  } else if (cell.load_mbit != 0) {
+    load = std::make_unique<Load>(cell, address_of(session, "load", side), shared);
+  }
   const auto met = [&] { return carrier->matched() >= cell.readers && (!load || load->matched()); };
   if (!wait_until(met, kMatchTimeout, stop))
     throw LatencyError(

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "session/clock.hpp"
+#include "session/percentile.hpp"
 
 namespace tactus::latency {
 namespace {
@@ -141,7 +142,7 @@ Result evaluate(const Stamps& stamps) {
   result.half_round_trip_sent = summarise(sent);
   result.echoes_lost =
       result.expected - result.lost - std::min<std::uint64_t>(result.expected - result.lost, intended.size());
-  for (const double share : curve_shares()) result.curve.push_back(quantile(intended, share));
+  for (const double share : curve_shares()) result.curve.push_back(session::percentile(intended, share));
   std::vector<std::uint32_t> pings_of(by_moment.size(), 0);
   for (std::uint32_t i = first; i < all; ++i) ++pings_of[moment_of(i)];
   for (std::size_t i = 0; i < by_moment.size(); ++i) {

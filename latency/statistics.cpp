@@ -1,28 +1,24 @@
 #include "latency/statistics.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <cstdlib>
 #include <numeric>
 
+#include "session/percentile.hpp"
+
 namespace tactus::latency {
 
-double quantile(const std::vector<double>& sorted, double share) noexcept {
-  if (sorted.empty()) return 0;
-  constexpr double kRankTolerance = 1e-9;  // rounding of share * count: 0.999 of 1000 is rank 999
-  const double count = static_cast<double>(sorted.size());
-  const double rank = std::ceil(share * count - kRankTolerance * count);
-  return sorted[static_cast<std::size_t>(std::clamp(rank, 1.0, count)) - 1];
-}
-
 Summary summarise(std::vector<double>& values) {
-  if (values.empty()) return {};
+  using session::percentile;
   std::sort(values.begin(), values.end());
   const double sum = std::accumulate(values.begin(), values.end(), 0.0);
-  return {values.size(),          sum / static_cast<double>(values.size()),
-          quantile(values, 0.5),  quantile(values, 0.9),
-          quantile(values, 0.99), quantile(values, 0.999),
-          values.back()};
+  return {values.size(),
+          sum / static_cast<double>(values.size()),
+          percentile(values, 0.5),
+          percentile(values, 0.9),
+          percentile(values, 0.99),
+          percentile(values, 0.999),
+          percentile(values, 1)};
 }
 
 SequenceTally::SequenceTally(std::uint32_t expected) : received_(expected, false) {}

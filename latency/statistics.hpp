@@ -1,17 +1,18 @@
-/// Statistics of a latency test. Percentiles come from stored samples by nearest rank, without interpolation.
+/// Statistics of a latency test.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 namespace tactus::latency {
 
-/// Smallest value that is at least as large as `share` (0..1) of all; 0 without values. `sorted` ascends. O(1).
-[[nodiscard]] double quantile(const std::vector<double>& sorted, double share) noexcept;
-
+/// Percentiles as session/percentile.hpp has them; all are NaN without values.
 struct Summary {
   std::size_t count = 0;
-  double mean = 0, p50 = 0, p90 = 0, p99 = 0, p999 = 0, max = 0;
+  static constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+  double mean = kNone, p50 = kNone, p90 = kNone, p99 = kNone, p999 = kNone, max = kNone;
 };
 /// Sorts `values`. O(n log n).
 [[nodiscard]] Summary summarise(std::vector<double>& values);

@@ -36,7 +36,7 @@ std::optional<std::int64_t> Link::departure(std::int64_t arrival_ns, std::size_t
 bool Link::loses() {
   if (profile_.mean_loss() == 0) return false;
   const double burst = share_(loss_random_),
-               single = share_(loss_random_);  // always both: the same draws for each frame
+               single = share_(loss_random_);  // each frame draws both, so losses do not shift the sequence
   in_burst_ = in_burst_ ? burst >= profile_.burst_end : burst < profile_.burst_start;
   return in_burst_ || single < profile_.loss;
 }

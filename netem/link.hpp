@@ -1,9 +1,9 @@
-/// One direction of an emulated link: computes when an arriving frame departs at the other end, or that it is lost.
+/// One direction of an emulated link: computes the departure time of an arriving Ethernet frame, or its loss.
 ///
 ///     arrival --> queue (bytes, drop tail) --> transmitter (rate) --> losses --> delay, jitter --> departure
 ///
-/// A function of its seed and of the arrivals only: no clock, socket or thread. The number of a frame alone decides
-/// whether it is lost, so two runs with one seed lose the same frames at any timing.
+/// The result depends only on the seed and the arrivals: there is no clock, socket or thread. The number of a frame
+/// alone decides whether it is lost, so two runs with one seed lose the same frames at any timing.
 #pragma once
 
 #include <cstdint>

@@ -1,4 +1,4 @@
-// tactus-link: two namespaces joined by an emulated link, and programs in them.
+// tactus-link: joins two namespaces by an emulated link, and runs programs in them.
 #include <signal.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -127,7 +127,7 @@ int run(const Options& options, const Command& first, const Command& second) {
       if (patience == 8) send_signal(SIGKILL);
     }
   }
-  for (const pid_t pid : pids) ::kill(-pid, SIGKILL);  // processes they left behind
+  for (const pid_t pid : pids) ::kill(-pid, SIGKILL);  // processes that the commands started and did not end
   print_end(pair, link);
   return *result;
 }

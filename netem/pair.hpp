@@ -4,7 +4,8 @@
 ///     link0 10.77.0.1/24  <--tap-->  relay (this process)  <--tap-->  link0 10.77.0.2/24
 ///
 /// With Medium::kVeth the kernel joins the two without a relay. Multicast passes the link, neighbours are preset (no
-/// ARP that could be lost), and there is no IPv6 and no route outside. Both share files, clock and shared memory.
+/// ARP that could be lost), and there is no IPv6 and no route to other networks. Both share files, clock and shared
+/// memory.
 #pragma once
 
 #include <sys/types.h>
@@ -20,7 +21,7 @@ namespace tactus::netem {
 
 enum class Side { kA = 0, kB = 1 };
 
-/// Why this process cannot make namespaces, with the remedy; empty when it can. Leaves nothing behind.
+/// The reason why this process cannot make namespaces, with the remedy; empty when it can. Leaves no namespace.
 [[nodiscard]] std::string missing_privilege();
 
 /// Removes namespaces of pairs whose process has ended; returns the names that it removed.
@@ -35,7 +36,7 @@ std::vector<std::string> remove_stale();
 class LinkedPair {
  public:
   /// Removes namespaces that killed programs left, then makes both. Takes about 50 ms. Throws LinkError for settings
-  /// out of range, or with what the system refuses and the remedy.
+  /// out of range, and for a refusal of the system, with the remedy.
   explicit LinkedPair(const LinkSettings& settings);
   ~LinkedPair();
   LinkedPair(const LinkedPair&) = delete;

@@ -1,4 +1,4 @@
-/// The effect of a link on frames, and the named links that tests, benchmarks and users share.
+/// The effect of a link on Ethernet frames, and the named links that tests, benchmarks and users share.
 #pragma once
 
 #include <array>
@@ -55,7 +55,7 @@ struct NamedLink {
 /// Delay, jitter and loss from published studies; rates and queues are ours where those state none. P7 loses 3.8 % in
 /// bursts of four frames and 1.2 % outside bursts.
 inline constexpr std::array kNamedLinks{
-    NamedLink{"veth", "no emulation: what the kernel does between two namespaces", Medium::kVeth, {}},
+    NamedLink{"veth", "no emulation: the kernel's link between two namespaces", Medium::kVeth, {}},
     NamedLink{"P0", "no delay: the relay's own cost", Medium::kRelay, {}},
     NamedLink{"P1", "local network", Medium::kRelay, {0.2, 0.02, false, 0, 0, 1, 100, 300'000}},
     NamedLink{"P2", "across a city", Medium::kRelay, {5, 0.5, false, 0.0001, 0, 1, 100, 300'000}},
@@ -79,7 +79,7 @@ struct LinkSettings {
 /// Parses a link: a name of kNamedLinks; with a suffix `a` the asymmetric variant with 70 % of the round trip's delay
 /// and jitter from a to b; then any of these for both directions: `:delay=MS :jitter=MS :reorder :loss=PERCENT
 /// :burst=P/R :rate=MBIT :queue=BYTES`. Examples: "P4", "P4a", "P0:delay=10:loss=1:rate=100". Throws LinkError with
-/// what is expected.
+/// the expected form.
 [[nodiscard]] LinkSettings parse_link(const std::string& text);
 
 /// Throws LinkError for a number out of range, or one that the medium does not support.

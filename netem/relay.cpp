@@ -13,8 +13,8 @@
 namespace tactus::netem {
 namespace {
 
-constexpr int kBurst = 64;                // frames taken from one side before the other side
-constexpr std::int64_t kSpinNs = 40'000;  // typical lateness of a wake-up; more without real-time priority
+constexpr int kBurst = 64;                    // frames taken from one side before the other side
+constexpr std::int64_t kBusyWaitNs = 40'000;  // typical lateness of a wake-up; more without real-time priority
 constexpr std::size_t kLateBuckets = 10'001;
 
 std::int64_t monotonic_ns() noexcept {
@@ -23,6 +23,8 @@ std::int64_t monotonic_ns() noexcept {
   return now.tv_sec * INT64_C(1'000'000'000) + now.tv_nsec;
 }
 
+/// Nearest rank, to the whole microsecond below: buckets take constant memory at any number of frames. 0 without
+/// frames.
 double percentile(const std::vector<std::uint64_t>& buckets, double share) {
   std::uint64_t total = 0;
   for (const std::uint64_t count : buckets) total += count;
@@ -67,7 +69,7 @@ void Relay::wait(std::int64_t now_ns) {
   timespec timeout{};
   const bool any = !departures_.empty();
   if (any) {
-    const std::int64_t sleep = std::max<std::int64_t>(departures_.top().at_ns - now_ns - kSpinNs, 0);
+    const std::int64_t sleep = std::max<std::int64_t>(departures_.top().at_ns - now_ns - kBusyWaitNs, 0);
     timeout = {sleep / 1'000'000'000, sleep % 1'000'000'000};
   }
   std::array<pollfd, 3> on{{{taps_[0], POLLIN, 0}, {taps_[1], POLLIN, 0}, {wake_, POLLIN, 0}}};

@@ -1,4 +1,4 @@
-/// Carries frames between two tap devices, delayed and dropped as two Links decide.
+/// Carries Ethernet frames between two tap devices; two Links decide delays and losses.
 #pragma once
 
 #include <array>
@@ -60,7 +60,7 @@ class Relay {
 
   std::array<int, 2> taps_;
   int wake_;
-  std::array<Link, 2> links_;  // by the side where frames arrive
+  std::array<Link, 2> links_;  // by the side at which frames arrive
   std::atomic<bool> stop_{false};
   std::deque<Frame> frames_;  // grows as needed, never moves
   std::vector<std::uint32_t> free_;

@@ -1,4 +1,4 @@
-/// HTML pages of figures: one self-contained file, in the light or dark scheme of the reader.
+/// HTML pages of figures: one file without external parts, in the light or dark colour scheme of the browser.
 #pragma once
 
 #include <array>
@@ -21,7 +21,7 @@ namespace tactus::page {
 /// Legend: the names of the curves in order, with their colours.
 [[nodiscard]] std::string key(const std::vector<std::string>& names);
 
-/// The first row is the head, the first column is text; cells are text. A wide table scrolls sideways.
+/// An HTML table; entries are plain text. The first row is the head. A wide table scrolls horizontally.
 [[nodiscard]] std::string table(const std::vector<std::vector<std::string>>& rows);
 
 }  // namespace tactus::page

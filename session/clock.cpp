@@ -79,7 +79,10 @@ bool SessionClock::on_answer(const ClockSample& answer, std::int64_t local_now_n
   answered_ = answer.sequence;
   const std::int64_t offset = (answer.t1_ns - answer.t0_ns) / 2 + (answer.t2_ns - local_now_ns) / 2;
   const Admission time = times_.admit(local_now_ns + offset, local_now_ns);
-  if (time == Admission::kImplausible) return false;
+  if (time == Admission::kImplausible) {
+    ++implausible_;
+    return false;
+  }
   if (time == Admission::kAnew) window_.clear();
   window_.push_back({local_now_ns, offset, rtt / 2 + 1});
   if (window_.size() > settings_.window) window_.pop_front();

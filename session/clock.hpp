@@ -79,6 +79,8 @@ class SessionClock {
   /// Whether a set or a step of the clock is due, but a force is on.
   [[nodiscard]] bool waits() const noexcept { return waits_; }
   [[nodiscard]] const ClockMap& map() const noexcept { return map_; }
+  /// Answers dropped because their time is outside its window.
+  [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_; }
   /// Local time of construction.
   [[nodiscard]] std::int64_t began_ns() const noexcept { return began_ns_; }
   /// Session time at which this program joined; kNotJoined until it is synchronised. A step sets it anew, because the
@@ -105,7 +107,8 @@ class SessionClock {
   std::uint32_t sequence_ = 0;
   std::array<std::int64_t, 16> requested_ns_{};  // local times of the newest requests, by sequence
   std::uint32_t answered_ = 0;                   // newest request that was answered
-  TimeWindow times_;                             // session times in the reference's answers
+  std::uint64_t implausible_ = 0;
+  TimeWindow times_;  // session times in the reference's answers
   std::deque<Measured> window_;
   ClockMap map_;
 };

@@ -25,17 +25,27 @@ DeliveryClient::DeliveryClient(const Origin& self, const DeliverySettings& setti
 
 void DeliveryClient::offer(const CatalogueEntry& entry) {
   Host& host = hosts_[entry.origin.participant];
+  const auto key = std::make_pair(entry.object_id, entry.origin.incarnation);
   if (entry.withdrawn) {
-    host.offers.erase(entry.object_id);
+    host.offers.erase(key);
   } else {
-    host.offers[entry.object_id] = entry.summary.digest;
+    host.offers[key] = entry.summary.digest;
   }
+}
+
+bool DeliveryClient::Host::offers_object(std::uint64_t object, std::uint64_t digest) const {
+  for (auto at = offers.lower_bound({object, 0}); at != offers.end() && at->first.first == object; ++at)
+    if (at->second == digest) return true;
+  return false;
 }
 
 void DeliveryClient::host_seen(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns) {
   Host& state = hosts_[host];
   if (incarnation < state.incarnation && state.live) return;  // the newer program has not yielded the name
-  if (incarnation != state.incarnation) begin_streams(host, incarnation);
+  if (incarnation != state.incarnation) {
+    begin_streams(host, incarnation);
+    state.incarnation_ns = now_ns;
+  }
   state.live = true;
   state.seen_ns = now_ns;
   state.absent_ns = 0;
@@ -44,6 +54,14 @@ void DeliveryClient::host_seen(std::uint64_t host, std::uint64_t incarnation, st
 void DeliveryClient::host_gone(std::uint64_t host) {
   const auto at = hosts_.find(host);
   if (at != hosts_.end()) at->second.live = false;
+}
+
+void DeliveryClient::host_left(std::uint64_t host, std::uint64_t incarnation) {
+  const auto at = hosts_.find(host);
+  if (at == hosts_.end()) return;
+  auto& offers = at->second.offers;
+  for (auto offer = offers.begin(); offer != offers.end();)
+    offer = offer->first.second == incarnation ? offers.erase(offer) : std::next(offer);
 }
 
 void DeliveryClient::suspect_host(std::uint64_t host) {
@@ -62,6 +80,9 @@ void DeliveryClient::forget_hosts(std::int64_t now_ns) {
   for (auto at = hosts_.begin(); at != hosts_.end();) {
     Host& host = at->second;
     if (!host.live && host.absent_ns == 0) host.absent_ns = now_ns;
+    if (now_ns - host.incarnation_ns >= settings_.forget_host_ns)
+      for (auto offer = host.offers.begin(); offer != host.offers.end();)
+        offer = offer->first.second < host.incarnation ? host.offers.erase(offer) : std::next(offer);
     const bool serves = std::any_of(objects_.begin(), objects_.end(),
                                     [&](const auto& object) { return object.second.host == at->first; });
     if (host.live || serves || now_ns - host.absent_ns < settings_.forget_host_ns) {
@@ -101,6 +122,7 @@ void DeliveryClient::open(std::uint64_t object_id, std::uint64_t digest) {
   const auto [at, is_new] = objects_.try_emplace(object_id);
   if (!is_new) return;
   at->second.digest = digest;
+  at->second.epoch = last_epoch_;
   for (const auto& [host, state] : hosts_) begin_stream(host, object_id);
   change(at->second);
 }
@@ -108,6 +130,7 @@ void DeliveryClient::open(std::uint64_t object_id, std::uint64_t digest) {
 void DeliveryClient::close(std::uint64_t object_id) {
   const auto at = objects_.find(object_id);
   if (at == objects_.end()) return;
+  last_epoch_ = std::max(last_epoch_, at->second.epoch);
   for (const auto& [region, partial] : at->second.partials) partial_bytes_ -= partial.bytes;
   for (auto stream = streams_.begin(); stream != streams_.end();)
     stream = stream->second.object_id == object_id ? streams_.erase(stream) : std::next(stream);
@@ -115,10 +138,8 @@ void DeliveryClient::close(std::uint64_t object_id) {
 }
 
 bool DeliveryClient::offered(std::uint64_t object_id, std::uint64_t digest) const {
-  return std::any_of(hosts_.begin(), hosts_.end(), [&](const auto& host) {
-    const auto offer = host.second.offers.find(object_id);
-    return offer != host.second.offers.end() && offer->second == digest;
-  });
+  return std::any_of(hosts_.begin(), hosts_.end(),
+                     [&](const auto& host) { return host.second.offers_object(object_id, digest); });
 }
 
 /// Changes between two demands share the epoch of the second one.
@@ -449,10 +470,7 @@ std::vector<std::uint32_t> DeliveryClient::take_released(std::uint64_t object_id
 }
 
 void DeliveryClient::choose_host(std::uint64_t object_id, Object& object, std::int64_t now_ns) {
-  const auto offers = [&](const Host& host) {
-    const auto offer = host.offers.find(object_id);
-    return host.live && offer != host.offers.end() && offer->second == object.digest;
-  };
+  const auto offers = [&](const Host& host) { return host.live && host.offers_object(object_id, object.digest); };
   const auto current = hosts_.find(object.host);
   const bool serving = object.host != 0 && current != hosts_.end() && offers(current->second);
   if (serving && now_ns - current->second.seen_ns < settings_.host_late_ns) return;

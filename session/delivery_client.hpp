@@ -31,6 +31,7 @@
 #include <map>
 #include <optional>
 #include <set>
+#include <utility>
 #include <vector>
 
 #include "session/messages.hpp"
@@ -67,6 +68,8 @@ class DeliveryClient {
   /// A heartbeat. A new incarnation begins new streams.
   void host_seen(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns);
   void host_gone(std::uint64_t host);
+  /// The program of this incarnation has left on purpose: what it offers is withdrawn.
+  void host_left(std::uint64_t host, std::uint64_t incarnation);
   /// The host may have failed: until its next heartbeat another host is preferred. A false suspicion loses no data.
   void suspect_host(std::uint64_t host);
 
@@ -74,7 +77,9 @@ class DeliveryClient {
   void open(std::uint64_t object_id, std::uint64_t digest);
   /// Drops the object's state, including incomplete messages. Its chunks are ignored from now on.
   void close(std::uint64_t object_id);
-  /// Whether a host offers the object with this digest. A host that is gone counts for `forget_host_ns`.
+  /// Whether a host offers the object with this digest. A host that is gone, and a program of a host that was replaced
+  /// by a newer one, count for `forget_host_ns`. A second program of that name, which yields it, withdraws only its
+  /// own.
   [[nodiscard]] bool offered(std::uint64_t object_id, std::uint64_t digest) const;
   /// Replaces the wanted regions, in any order. The kMaxWanted soonest are requested.
   void want(std::uint64_t object_id, std::vector<Wanted> wanted);
@@ -159,8 +164,11 @@ class DeliveryClient {
     std::int64_t seen_ns = 0;
     std::int64_t absent_ns = 0;  // when a tick first saw it gone; 0: it is live, or no tick since
     std::uint64_t incarnation = 0;
-    std::map<std::uint64_t, std::uint64_t> offers;  // object -> digest
-    std::uint32_t arrivals = 0, one_way_us = 0;     // as in Demand
+    std::int64_t incarnation_ns = 0;  // when it was first seen
+    // (object, incarnation) -> digest
+    std::map<std::pair<std::uint64_t, std::uint64_t>, std::uint64_t> offers;
+    [[nodiscard]] bool offers_object(std::uint64_t object, std::uint64_t digest) const;
+    std::uint32_t arrivals = 0, one_way_us = 0;  // as in Demand
     WrappedTimeWindow times;
   };
   struct Partial {
@@ -233,6 +241,7 @@ class DeliveryClient {
   std::map<std::uint64_t, Host> hosts_;
   std::map<std::uint64_t, Object> objects_;
   std::map<std::uint32_t, Stream> streams_;  // by stream_id
+  std::uint32_t last_epoch_ = 0;             // of objects that were closed: one that comes again is older to no host
   std::size_t partial_bytes_ = 0;
   std::int64_t round_trip_ns_ = 0;
   std::uint64_t room_ = ~std::uint64_t{0}, room_published_ = 0;

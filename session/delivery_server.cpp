@@ -63,7 +63,7 @@ std::uint64_t count_records(const std::vector<spm::Interval>& intervals) {
 DeliveryServer::DeliveryServer(const Origin& self) : self_{self} {}
 
 void DeliveryServer::add(std::uint64_t object_id, const spm::codec::CompressedModel& model) {
-  const spm::Span<const std::uint8_t> base = model.spans().base;
+  const std::span<const std::uint8_t> base = model.spans().base;
   objects_.insert_or_assign(object_id, Object{model, checksum_of(base)});
 }
 
@@ -400,12 +400,12 @@ std::optional<BulkPiece> DeliveryServer::next_piece(HrtcState& state, Service& s
   piece.parts = message->parts.count;
   piece.checksum = message->checksum;
   std::vector<std::uint8_t> encoded;
-  spm::Span<const std::uint8_t> bytes{service.encoded};
+  std::span<const std::uint8_t> bytes{service.encoded};
   if (message->region == spm::kNone) {
     bytes = object.model.spans().base;
   } else if (again && message != service.begun()) {
     encoded = spm::codec::encode_region(object.model, spm::RegionId{message->region}, message->records);
-    bytes = spm::Span<const std::uint8_t>{encoded};
+    bytes = std::span<const std::uint8_t>{encoded};
   }
   if (again) {
     piece.part = message->lost.back();

@@ -11,7 +11,7 @@ inline constexpr char kHostChunks[] = "host.chunks";
 inline constexpr char kHostBytes[] = "host.bytes";
 inline constexpr char kHostRegions[] = "host.regions";
 inline constexpr char kHostRecords[] = "host.records";
-inline constexpr char kHostHrtcs[] = "host.controllers";
+inline constexpr char kHostHrtcs[] = "host.hrtcs";
 inline constexpr char kHostImplausible[] = "host.implausible";  ///< samples dropped: number or time outside its window
 inline constexpr char kHostBodySteps[] = "host.body_steps";     ///< of 1 ms, of objects that the host simulated
 

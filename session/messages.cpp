@@ -29,7 +29,7 @@ std::size_t BulkChunk::payload_bytes() const noexcept {
   return bytes;
 }
 
-std::uint32_t checksum_of(spm::Span<const std::uint8_t> payload) noexcept {
+std::uint32_t checksum_of(std::span<const std::uint8_t> payload) noexcept {
   return static_cast<std::uint32_t>(XXH3_64bits(payload.data(), payload.size()));
 }
 

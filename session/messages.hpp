@@ -7,12 +7,12 @@
 
 #include <array>
 #include <cstdint>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "spm/model.hpp"
-#include "spm/span.hpp"
 #include "spm/surface_points.hpp"
 
 namespace tactus::session {
@@ -164,7 +164,7 @@ struct BulkChunk {
 
 /// Identifies the chunks that one incarnation of a host sends to one incarnation of an HRTC about one object.
 [[nodiscard]] std::uint32_t stream_id(const Origin& host, const Origin& hrtc, std::uint64_t object_id) noexcept;
-[[nodiscard]] std::uint32_t checksum_of(spm::Span<const std::uint8_t> payload) noexcept;
+[[nodiscard]] std::uint32_t checksum_of(std::span<const std::uint8_t> payload) noexcept;
 
 /// A wanted region; a smaller time is more urgent.
 struct Wanted {

@@ -27,7 +27,7 @@ class Pacer {
   /// When pacing allows the next chunk.
   [[nodiscard]] std::int64_t next_ns() const noexcept { return next_ns_; }
   void sent(std::uint32_t bytes, std::int64_t now_ns);
-  /// Tells the pacer that there is nothing to send.
+  /// Reports that there is nothing to send.
   void set_idle() noexcept { paced_ = false; }
 
   /// What a demand reports about chunks that were in flight.

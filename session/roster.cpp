@@ -67,7 +67,7 @@ std::string text(const RosterEvent& event) {
     case RosterChange::kLeft:
       return who + " left";
     case RosterChange::kGone:
-      return who + " is gone without a word";
+      return who + " is gone without a leave message";
     case RosterChange::kWrongVersion:
       return who + " refused: it speaks protocol version " + std::to_string(event.other) + ", we speak version " +
              std::to_string(kProtocolVersion);

@@ -3,7 +3,7 @@
 ///     received poses  x----->        x----->          extrapolated by their velocity
 ///     shown           ------------\__-------\___      the jump at a new pose is faded out
 ///
-/// So the shown pose has no delay beyond the extrapolation, stops when poses stop, and does not jump. Session time.
+/// So the shown pose has no playout delay, stops when no poses arrive, and does not jump. Session time.
 /// World frame, SI. One thread at a time. Realtime.
 #pragma once
 
@@ -22,9 +22,10 @@ struct ReceivedPose {
 
 class PoseInterpolator {
  public:
-  explicit PoseInterpolator(const BodyState& state = {}) noexcept { show(state, 0); }
+  PoseInterpolator() noexcept : PoseInterpolator{BodyState{}} {}
+  explicit PoseInterpolator(const BodyState& state) noexcept { show(state, 0); }
 
-  /// Sets the shown pose and drops earlier ones; later poses are faded in from here.
+  /// Sets the shown pose and drops earlier ones. The difference to later poses fades out from here.
   void show(const BodyState& state, std::int64_t session_now_ns) noexcept;
   void on_pose(const ReceivedPose& pose, std::int64_t session_now_ns) noexcept;
   [[nodiscard]] BodyState at(std::int64_t session_now_ns) const noexcept;

@@ -4,12 +4,12 @@
 
 namespace tactus::sharing {
 
-bool closest_of(spm::Span<const ScenePart> parts, const Vec3d& point, double within, haptics::SurfaceHit& hit,
+bool closest_of(std::span<const ScenePart> parts, const Vec3d& point, double within, haptics::SurfaceHit& hit,
                 const spm::CandidateCaches* caches) noexcept {
   // Faces that share the nearest point lie within kHair of its distance. If more do than fit, they share no vertex.
   constexpr double kHair = 1e-9;
   const double hair = kHair * (1 + within);
-  using Rows = std::array<std::uint32_t, spm::AbTree::kMaxNearest>;
+  using Rows = std::array<spm::RowIndex, spm::AbTree::kMaxNearest>;
   Rows rows;
   std::uint32_t found = 0;
   const ScenePart* nearest = nullptr;
@@ -34,7 +34,7 @@ bool closest_of(spm::Span<const ScenePart> parts, const Vec3d& point, double wit
     const auto corner = [&](int c) {
       return nearest->placement->to_world({corners[3 * c], corners[3 * c + 1], corners[3 * c + 2]});
     };
-    side.offer(corner(0), corner(1), corner(2), nearest->object, nearest->tree->row(rows[i]).face);
+    side.offer(corner(0), corner(1), corner(2), nearest->object, index(nearest->tree->row(rows[i]).face));
   }
   return side.result(hit);
 }

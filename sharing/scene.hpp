@@ -1,4 +1,4 @@
-/// The static objects as movable bodies collide with them: meshes at their present resolution.
+/// The static objects with which movable bodies collide: meshes at their present resolution.
 ///
 /// World frame, metres, unless the name says model. One thread at a time, the one that refines the meshes. Realtime.
 #pragma once
@@ -7,6 +7,7 @@
 #include <Eigen/LU>
 #include <array>
 #include <cmath>
+#include <span>
 
 #include "haptics/surface.hpp"
 #include "session/messages.hpp"
@@ -56,7 +57,7 @@ class Placement {
       translation_[row] = all[10 + row];
     }
   }
-  /// All is finite, the scale above zero and the rotation one.
+  /// All numbers are finite, the scale is above zero, and the rotation matrix is a rotation.
   [[nodiscard]] bool valid() const noexcept {
     constexpr double kTolerance = 1e-6;
     return std::isfinite(scale_) && scale_ > 0 && translation_.allFinite() && rotation_.isUnitary(kTolerance) &&
@@ -76,8 +77,8 @@ struct ScenePart {
   std::uint32_t object = spm::kNone;  ///< copied to SurfaceHit
 };
 
-/// haptics::SurfaceDistance::closest over all `parts`. `caches`: those of sweeps nearby; null: none.
-[[nodiscard]] bool closest_of(spm::Span<const ScenePart> parts, const Vec3d& point, double within,
+/// haptics::SurfaceDistance::closest over all `parts`. `caches`: candidate caches of sweeps near the point; null: none.
+[[nodiscard]] bool closest_of(std::span<const ScenePart> parts, const Vec3d& point, double within,
                               haptics::SurfaceHit& hit, const spm::CandidateCaches* caches = nullptr) noexcept;
 
 class Scene final : public haptics::SurfaceDistance {

@@ -2,6 +2,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstring>
 #include <limits>
@@ -32,7 +33,7 @@ lanes::Bounds bounds_of(const TreeNode& node) noexcept {
   return bounds;
 }
 
-/// False when the child's box was that already.
+/// False if the child already had this box.
 bool set_box(TreeNode& node, unsigned child, const lanes::Bounds& bounds) noexcept {
   bool changed = false;
   for (int axis = 0; axis < 3; ++axis) {
@@ -47,7 +48,7 @@ bool set_box(TreeNode& node, unsigned child, const lanes::Bounds& bounds) noexce
 constexpr float kFar = std::numeric_limits<float>::infinity();
 constexpr lanes::Bounds kNoBounds{{kFar, kFar, kFar}, {-kFar, -kFar, -kFar}};
 
-/// A child without a box adds nothing: of NaN and another the other is taken.
+/// A child without a box adds nothing: its NaN never compares as smaller or larger.
 void add(lanes::Bounds& all, const TreeNode& node, unsigned child) noexcept {
   for (int axis = 0; axis < 3; ++axis) {
     const float low = node.lanes[axis][child], high = node.lanes[3 + axis][child];
@@ -81,13 +82,7 @@ bool holds(const lanes::Bounds& box, const ChangeDetector& sphere) noexcept {
   return inside;
 }
 
-inline unsigned lowest_bit(unsigned bits) noexcept { return static_cast<unsigned>(__builtin_ctz(bits)); }
-inline unsigned bit_count(std::uint8_t bits) noexcept {
-  constexpr std::uint64_t kOfNibble = 0x4332322132212110u;
-  return static_cast<unsigned>((kOfNibble >> 4 * (bits & 15)) & 15u) +
-         static_cast<unsigned>(kOfNibble >> 4 * (bits >> 4) & 15u);
-}
-inline unsigned highest_bit(unsigned bits) noexcept { return 31u - static_cast<unsigned>(__builtin_clz(bits)); }
+inline unsigned highest_bit(unsigned bits) noexcept { return static_cast<unsigned>(std::bit_width(bits)) - 1; }
 
 }  // namespace
 
@@ -96,7 +91,7 @@ NodePool::NodePool(std::uint32_t nodes)
   for (std::uint32_t i = 0; i < kKeptNodes; ++i) kept_next_[i] = i + 1 < kKeptNodes ? i + 1 : kNone;
 }
 
-AbTree::AbTree(Pool& pool, NodePool& nodes, std::uint32_t object, std::uint32_t finest_faces)
+AbTree::AbTree(Pool& pool, NodePool& nodes, ObjectIndex object, std::uint32_t finest_faces)
     : pool_{pool}, nodes_{nodes}, object_{object}, finest_faces_{finest_faces}, version_{++nodes.versions_} {
   marked_.fill(kNone);
   while ((std::uint64_t{1} << 3 * height_) < finest_faces) ++height_;
@@ -115,21 +110,22 @@ void AbTree::keep(bool keeping) noexcept {
   ++keeping_number_;
 }
 
-std::uint32_t AbTree::make_leaf(std::uint32_t id) noexcept {
+NodeIndex AbTree::make_leaf(std::uint32_t id) noexcept {
   const auto key = [&](std::uint32_t level) { return NodePool::key(object_, level, id >> 3 * (level - 1)); };
-  std::uint32_t slot = kNone, level = 1;  // the lowest that is there
+  NodeIndex at = kNone;  // the lowest ancestor that exists
+  std::uint32_t level = 1;
   for (; level <= height_; ++level) {
-    slot = nodes_.index_.find(key(level));
-    if (slot != kNone) break;
+    at = NodeIndex{nodes_.index_.find(key(level))};
+    if (at != kNone) break;
   }
-  std::uint32_t near = slot;
-  if (slot != kNone && level > 1 && nodes_[slot].mask != 0) near = nodes_[slot].child[lowest_bit(nodes_[slot].mask)];
+  NodeIndex near = at;
+  if (at != kNone && level > 1 && nodes_[at].mask != 0) near = nodes_[at].node(std::countr_zero(nodes_[at].mask));
   while (level > 1) {
-    const std::uint32_t above = slot;
+    const NodeIndex above = at;
     --level;
     TACTUS_ASSERT(nodes_.free() > 0);
-    slot = near = nodes_.free_.take(near != kNone ? near : 0);
-    TreeNode& node = nodes_.nodes_[slot];
+    at = near = NodeIndex{nodes_.free_.take(near != kNone ? index(near) : 0)};
+    TreeNode& node = nodes_.nodes_[at];
     node.lanes = kNoLanes;
     node.parent = above;
     node.id = id >> 3 * (level - 1);
@@ -137,42 +133,42 @@ std::uint32_t AbTree::make_leaf(std::uint32_t id) noexcept {
     node.mask = 0;
     node.dirty = 0;
     node.last = 0;
-    node.kept = keeping_number_;  // there was nothing
+    node.kept = keeping_number_;  // it has no previous version
     changed_ = true;
-    nodes_.index_.insert(key(level), slot);
+    nodes_.index_.insert(key(level), index(at));
     if (above == kNone) {
-      root_ = slot;
+      root_ = at;
     } else {
       TreeNode& parent = nodes_.nodes_[above];
-      parent.child[node.id & 7u] = slot;
+      parent.child[node.id & 7u] = index(at);
       parent.mask = static_cast<std::uint8_t>(parent.mask | 1u << (node.id & 7u));
     }
   }
-  return slot;
+  return at;
 }
 
-void AbTree::insert(std::uint32_t row_index) noexcept {
+void AbTree::insert(RowIndex row_index) noexcept {
   FaceRow& row = pool_.faces[row_index];
-  TACTUS_ASSERT(row.node == kNone && row.face < finest_faces_);
-  const std::uint32_t slot = make_leaf(row.face >> 3);
-  TreeNode& node = nodes_.nodes_[slot];
+  TACTUS_ASSERT(row.node == kNone && index(row.face) < finest_faces_);
+  const NodeIndex leaf = make_leaf(index(row.face) >> 3);
+  TreeNode& node = nodes_.nodes_[leaf];
   keep_node(node);
-  const unsigned lane = row.face & 7u;
-  node.child[lane] = row_index;
+  const unsigned lane = lane_of(row.face);
+  node.child[lane] = index(row_index);
   node.mask = static_cast<std::uint8_t>(node.mask | 1u << lane);
-  row.node = slot;
-  const Vertex* vertices = pool_.vertices.data();
-  for (std::uint32_t corner = 0; corner < 3; ++corner) node.set_corner(lane, corner, vertices[row.vertices[corner]]);
+  row.node = leaf;
+  for (std::uint32_t corner = 0; corner < 3; ++corner)
+    node.set_corner(lane, corner, pool_.vertices[row.vertices[corner]]);
   node.set_last(lane, row.last != 0);
-  mark_child(slot, node, lane);
+  mark_child(leaf, node, lane);
 }
 
-void AbTree::remove(std::uint32_t row_index) noexcept {
+void AbTree::remove(RowIndex row_index) noexcept {
   FaceRow& row = pool_.faces[row_index];
   TACTUS_ASSERT(row.node != kNone);
   TreeNode& node = nodes_.nodes_[row.node];
   keep_node(node);
-  const unsigned lane = row.face & 7u;
+  const unsigned lane = lane_of(row.face);
   node.mask = static_cast<std::uint8_t>(node.mask & ~(1u << lane));
   clear_lane(node, lane);
   mark_child(row.node, node, lane);
@@ -181,7 +177,7 @@ void AbTree::remove(std::uint32_t row_index) noexcept {
 
 std::uint32_t AbTree::copy_leaves(std::uint32_t from, TreeNode* out, std::uint32_t capacity) const noexcept {
   std::uint32_t copied = 0;
-  std::array<std::uint32_t, kStack> stack;
+  std::array<NodeIndex, kStack> stack;
   int depth = 0;
   if (root_ != kNone) stack[depth++] = root_;
   while (depth > 0 && copied < capacity) {
@@ -196,8 +192,8 @@ std::uint32_t AbTree::copy_leaves(std::uint32_t from, TreeNode* out, std::uint32
       // Ids of level 1 that it covers end here.
       const std::uint64_t end = (std::uint64_t{node.id} * TreeNode::kWidth + child + 1) << 3 * (node.level - 2);
       if (end <= from) break;
-      stack[depth++] = node.child[child];
-      prefetch(node.child[child]);
+      stack[depth++] = node.node(child);
+      prefetch(node.node(child));
     }
   }
   return copied;
@@ -211,42 +207,42 @@ std::array<float, 9> corners_of(const TreeNode& node, unsigned lane) noexcept {
 }
 }  // namespace
 
-std::array<float, 9> AbTree::corners(std::uint32_t row_index) const noexcept {
+std::array<float, 9> AbTree::corners(RowIndex row_index) const noexcept {
   const FaceRow& row = pool_.faces[row_index];
   TACTUS_ASSERT(row.node != kNone);
-  return corners_of(nodes_[row.node], row.face & 7u);
+  return corners_of(nodes_[row.node], lane_of(row.face));
 }
 
 std::array<float, 9> AbTree::corners(const Contact& contact) const noexcept {
-  return corners_of(nodes_[contact.node()], index(contact.face) & 7u);
+  return corners_of(nodes_[contact.node()], lane_of(contact.face));
 }
 
 RefitCount AbTree::refit(ChangeDetector* change_detectors, std::uint32_t watch_count) noexcept {
   RefitCount count;
   lanes::Bounds all = kNoBounds;
-  const auto tell = [&](const TreeNode* above, unsigned lane, const lanes::Bounds& now) noexcept {
+  const auto notify = [&](const TreeNode* above, unsigned lane, const lanes::Bounds& now) noexcept {
     lanes::Bounds changed = now;
-    if (above != nullptr) add(changed, *above, lane);  // as it was
+    if (above != nullptr) add(changed, *above, lane);  // the box before the change
     add(all, changed);
     for (std::uint32_t i = 0; i < watch_count; ++i)
       change_detectors[i].squared_distance =
           std::min(change_detectors[i].squared_distance, squared_distance(changed, change_detectors[i].centre));
   };
-  TreeNode* nodes = nodes_.nodes_.data();
+  IdVector<NodeIndex, TreeNode>& nodes = nodes_.nodes_;
   for (std::uint32_t level = 1; level <= height_; ++level) {
-    std::uint32_t slot = marked_[level];
+    NodeIndex at = marked_[level];
     marked_[level] = kNone;
-    while (slot != kNone) {
-      TreeNode& node = nodes[slot];
-      const std::uint32_t next = node.next_marked;
+    while (at != kNone) {
+      TreeNode& node = nodes[at];
+      const NodeIndex next = node.next_marked;
       ++count.marked;
-      if (level == 1) count.changed += bit_count(node.dirty);
+      if (level == 1) count.changed += static_cast<unsigned>(std::popcount(node.dirty));
       node.dirty = 0;
       const unsigned lane = node.id & 7u;
       const lanes::Bounds bounds = node.mask != 0 ? bounds_of(node) : kNoBounds;
-      if (level == 1 && watch_count > 0) tell(slot != root_ ? &nodes[node.parent] : nullptr, lane, bounds);
+      if (level == 1 && watch_count > 0) notify(at != root_ ? &nodes[node.parent] : nullptr, lane, bounds);
       if (node.mask == 0) {
-        if (slot == root_) {
+        if (at == root_) {
           root_ = kNone;
         } else {
           TreeNode& above = nodes[node.parent];
@@ -255,16 +251,16 @@ RefitCount AbTree::refit(ChangeDetector* change_detectors, std::uint32_t watch_c
           mark_child(node.parent, above, lane);
         }
         nodes_.index_.erase(NodePool::key(object_, level, node.id));
-        nodes_.free_.give(slot);
-      } else if (slot != root_) {
+        nodes_.free_.give(index(at));
+      } else if (at != root_) {
         TreeNode& above = nodes[node.parent];
         if (set_box(above, lane, bounds)) mark_child(node.parent, above, lane);
       }
-      slot = next;
+      at = next;
     }
   }
   if (count.marked > 0) version_ = ++nodes_.versions_;
-  // What moves from one side of a ball to the other without a face near it leaves the ball within all that changed.
+  // A surface that moves from one side of a sphere to the other, with no face near, has the sphere within its changes.
   for (std::uint32_t i = 0; i < watch_count && count.marked > 0; ++i) {
     ChangeDetector& watch = change_detectors[i];
     if (height_ == 1) watch.squared_distance = 0;
@@ -278,18 +274,18 @@ RefitCount AbTree::refit(ChangeDetector* change_detectors, std::uint32_t watch_c
   return count;
 }
 
-std::vector<std::uint32_t> AbTree::shown() const {
-  std::vector<std::uint32_t> rows;
-  std::vector<std::uint32_t> stack;
+std::vector<RowIndex> AbTree::shown() const {
+  std::vector<RowIndex> rows;
+  std::vector<NodeIndex> stack;
   if (root_ != kNone) stack.push_back(root_);
   while (!stack.empty()) {
     const TreeNode& node = nodes_[stack.back()];
     stack.pop_back();
     if (node.level > 1) {
       for (unsigned bits = node.mask; bits != 0; bits &= ~(1u << highest_bit(bits)))
-        stack.push_back(node.child[highest_bit(bits)]);
+        stack.push_back(node.node(highest_bit(bits)));
     } else {
-      for (unsigned bits = node.mask; bits != 0; bits &= bits - 1) rows.push_back(node.child[lowest_bit(bits)]);
+      for (unsigned bits = node.mask; bits != 0; bits &= bits - 1) rows.push_back(node.row(std::countr_zero(bits)));
     }
   }
   return rows;
@@ -297,33 +293,33 @@ std::vector<std::uint32_t> AbTree::shown() const {
 
 std::vector<std::string> AbTree::violations() const {
   std::vector<std::string> found;
-  std::vector<std::uint32_t> stack;
+  std::vector<NodeIndex> stack;
   if (root_ != kNone) stack.push_back(root_);
   while (!stack.empty()) {
-    const std::uint32_t slot = stack.back();
+    const NodeIndex at = stack.back();
     stack.pop_back();
-    const TreeNode& node = nodes_[slot];
+    const TreeNode& node = nodes_[at];
     const std::string name = "node " + std::to_string(node.id) + " of level " + std::to_string(node.level);
     if (node.dirty != 0) found.push_back(name + " is still marked");
     if (node.mask == 0) found.push_back(name + " is empty");
-    if (nodes_.index_.find(NodePool::key(object_, node.level, node.id)) != slot)
+    if (nodes_.index_.find(NodePool::key(object_, node.level, node.id)) != index(at))
       found.push_back(name + " is not indexed");
     for (unsigned i = 0; i < TreeNode::kWidth; ++i) {
       TreeNode expected = node;
       clear_lane(expected, i);
       if ((node.mask >> i & 1u) != 0 && node.level == 1) {
-        const FaceRow& row = pool_.faces[node.child[i]];
-        if (row.face != node.id * 8 + i || row.node != slot) found.push_back(name + " holds a row that is not its own");
+        const FaceRow& row = pool_.faces[node.row(i)];
+        if (row.face != node.face(i) || row.node != at) found.push_back(name + " holds a row that is not its own");
         if ((node.last >> i & 1u) != row.last)
           found.push_back(name + " has a wrong version of child " + std::to_string(i));
         for (std::size_t k = 0; k < lanes::kTriangleRows; ++k)
           expected.lanes[k][i] = pool_.vertices[row.vertices[k / 3]].position[k % 3];
       } else if ((node.mask >> i & 1u) != 0) {
-        const TreeNode& below = nodes_[node.child[i]];
-        if (below.parent != slot || below.level + 1 != node.level || below.id != node.id * 8 + i)
+        const TreeNode& below = nodes_[node.node(i)];
+        if (below.parent != at || below.level + 1 != node.level || below.id != node.id * 8 + i)
           found.push_back(name + " has a child that does not know it");
         set_box(expected, i, bounds_of(below));
-        stack.push_back(node.child[i]);
+        stack.push_back(node.node(i));
       }
       const std::size_t rows = node.level == 1 ? lanes::kTriangleRows : lanes::kBoxRows;
       for (std::size_t k = 0; k < rows; ++k)

@@ -1,16 +1,16 @@
-/// Active bounding tree: a tree over the finest mesh of which only the shown part exists.
+/// Active bounding tree: an 8-wide tree over the finest mesh, of which only the nodes above shown faces exist.
 ///
-/// Leaf id = face id, so the topology needs no storage: an 8-wide node at level l with id i covers the faces
-/// [i * 8^l, (i + 1) * 8^l); its parent is (l + 1, i >> 3). Nodes exist where a face below is shown (*active*); an
-/// absent child is a zero bit, and costs a query nothing. A face that appears, changes or goes marks its node
-/// *deformed*; refit recomputes the boxes of marked nodes, lowest level first, and marks the node above where the box
-/// has changed. With k changed faces at most sum over levels of min(k, nodes of that level) nodes are touched; refit
-/// asserts it.
+/// Leaf id = face id, so the topology needs no storage: the node with id i at level l covers the faces
+/// [i * 8^l, (i + 1) * 8^l), and its parent is (l + 1, i >> 3). A node is *active* if a face below it is shown; an
+/// absent child is a zero bit and costs a query nothing. A face that appears, changes or disappears marks its node as
+/// *deformed*. `refit` recomputes the boxes of deformed nodes, the lowest level first, and marks the parent of each box
+/// that changed. With k changed faces, refit touches at most the sum over all levels of min(k, nodes of that level);
+/// it asserts this bound.
 ///
-/// All trees of a controller share one NodePool. Model frame, file units, float boxes of float corners: exact.
+/// All trees of an HRTC share one NodePool. Model frame, file units. Boxes are exact: float boxes of float corners.
 /// Realtime. One thread at a time.
 /// Source: Liu, Georganas, Roth, 3DIM 2005, section 4 (active, deformed, index list, lemma 1). We differ: 8 children
-/// for 2, an implicit topology for one that is sent along, and marks that climb no further than boxes change.
+/// instead of 2, an implicit topology instead of a transmitted one, and marks stop where boxes do not change.
 #pragma once
 
 #include <array>
@@ -31,20 +31,25 @@
 
 namespace tactus::spm {
 
-/// Above level 1 a node holds the boxes of its children, at level 1 the triangles themselves: what a query reads of
-/// eight neighbours lies in four or five cache lines. Lanes without a child are NaN (see spm/lanes.hpp).
+/// At level 1 a node contains the triangles of its faces, above level 1 the boxes of its children, so a query reads
+/// four or five cache lines for eight neighbours. Lanes without a child are NaN (see spm/lanes.hpp).
 struct alignas(64) TreeNode {
   static constexpr int kWidth = lanes::kLanes;
   std::array<lanes::Floats, lanes::kTriangleRows> lanes;
-  std::uint32_t parent;  ///< node; kNone at the root
-  std::uint32_t id;
-  std::uint32_t next_marked;
+  NodeIndex parent;  ///< kNone at the root
+  std::uint32_t id;  ///< within its level
+  NodeIndex next_marked;
   std::uint8_t level;
   std::uint8_t mask;   ///< children that exist
-  std::uint8_t dirty;  ///< children that have changed; not 0: this node is marked
+  std::uint8_t dirty;  ///< children that have changed; not 0: this node is deformed
   std::uint8_t last;   ///< at level 1: faces in their finest version
-  std::uint64_t kept;  ///< at level 1: its tree's keeping in which what it was has been kept
-  alignas(64) std::array<std::uint32_t, kWidth> child;  ///< node, or face row at level 1
+  std::uint64_t kept;  ///< at level 1: AbTree::keeping_number_ when its previous version was stored
+  alignas(64) std::array<std::uint32_t, kWidth> child;  ///< NodeIndex, or RowIndex at level 1
+
+  [[nodiscard]] NodeIndex node(unsigned lane) const noexcept { return NodeIndex{child[lane]}; }
+  [[nodiscard]] RowIndex row(unsigned lane) const noexcept { return RowIndex{child[lane]}; }
+  /// The face of a lane at level 1.
+  [[nodiscard]] FaceId face(unsigned lane) const noexcept { return FaceId{id * kWidth + lane}; }
 
   void set_corner(unsigned lane, std::uint32_t corner, const Vertex& vertex) noexcept {
     lanes[3 * corner][lane] = vertex.position[0];
@@ -57,31 +62,31 @@ struct alignas(64) TreeNode {
 };
 static_assert(sizeof(TreeNode) == kTreeNodeBytes);
 
-/// The nodes of all trees, the table that finds one by (object, level, id), and the room in which trees keep what leaf
-/// nodes were (AbTree::keep).
+/// The nodes of all trees, the table from (object, level, id) to the node, and the memory for previous versions of leaf
+/// nodes (AbTree::keep).
 class NodePool {
  public:
   explicit NodePool(std::uint32_t nodes);
   [[nodiscard]] std::uint32_t free() const noexcept { return free_.count(); }
   [[nodiscard]] std::uint32_t used() const noexcept { return free_.size() - free_.count(); }
-  [[nodiscard]] const TreeNode& operator[](std::uint32_t node) const noexcept { return nodes_[node]; }
+  [[nodiscard]] const TreeNode& operator[](NodeIndex node) const noexcept { return nodes_[node]; }
 
  private:
   friend class AbTree;
-  [[nodiscard]] static std::uint64_t key(std::uint32_t object, std::uint32_t level, std::uint32_t id) noexcept {
-    return std::uint64_t{object} << 29 | std::uint64_t{level} << 25 | id;
+  [[nodiscard]] static std::uint64_t key(ObjectIndex object, std::uint32_t level, std::uint32_t id) noexcept {
+    return std::uint64_t{index(object)} << 29 | std::uint64_t{level} << 25 | id;
   }
-  std::vector<TreeNode> nodes_;
+  IdVector<NodeIndex, TreeNode> nodes_;
   FreeSet free_;
   FlatIndex index_;
   std::vector<TreeNode> kept_;
-  std::vector<std::uint32_t> kept_next_;  // by number in kept_: of the same tree's, or of those that are free
-  std::uint32_t kept_free_ = 0;           // the first
+  std::vector<std::uint32_t> kept_next_;  // by index in kept_: the next of the same tree, or the next free one
+  std::uint32_t kept_free_ = 0;           // the first free one
   std::uint32_t kept_free_count_ = kKeptNodes;
   std::uint64_t versions_ = 0;  // of all trees' meshes
 };
 
-/// First touch of a moving ball.
+/// First contact of a moving sphere.
 struct SweepContact {
   FaceId face{};
   double time = 1;  ///< in [0, 1] of the motion
@@ -92,70 +97,68 @@ struct NearestFace {
   FaceId face{};
   Vec3d point;
   double squared_distance = 0;
-  std::uint32_t row = 0;  ///< face row
+  RowIndex row{};
 };
 
-/// A ball that is to know whether the mesh in it may be another one.
+/// A sphere in which a refit looks for changes of the mesh.
 struct ChangeDetector {
   Vec3d centre;
   double radius = 0;
-  bool met = false;  ///< a node with a changed face was or is in it, or it is among changes all around
+  bool met = false;  ///< a changed node intersects or intersected the sphere, or the changes surround it
   /// Squared distance of the centre to the nearest node with a changed face, as it was or is.
   double squared_distance = std::numeric_limits<double>::infinity();
 };
 
-/// Which mesh a sweep meets.
+/// The mesh for a sweep.
 enum class Version : std::uint8_t {
   kNow,
-  kKept  ///< as it was when AbTree::keep began
+  kKept  ///< the previous version: as it was at AbTree::keep
 };
 
 struct RefitCount {
   std::uint32_t changed = 0;  ///< faces marked since the last refit
   std::uint32_t marked = 0;   ///< nodes recomputed
-  std::uint32_t bound = 0;    ///< most that `changed` faces can mark
+  std::uint32_t bound = 0;    ///< the maximum for `changed` faces
 };
 
 class AbTree {
  public:
-  /// `pool` and `nodes` must outlive the tree. `object` keeps the keys of several trees apart (below kMaxObjects).
-  AbTree(Pool& pool, NodePool& nodes, std::uint32_t object, std::uint32_t finest_faces);
+  /// `pool` and `nodes` must outlive the tree. `object` is part of the keys in the pool.
+  AbTree(Pool& pool, NodePool& nodes, ObjectIndex object, std::uint32_t finest_faces);
 
-  /// Drops what was kept, and from here on keeps what leaf nodes were before they change, or does not: then there is
-  /// only the mesh as it is. So a sweep may be asked for on the mesh as it was when keeping began. Realtime, O(1).
+  /// Drops the previous version. If `keeping`, stores leaf nodes from now on before they change, so that a sweep can
+  /// use the mesh of this moment as the previous version. Realtime, O(1).
   void keep(bool keeping) noexcept;
-  /// The mesh that is kept is not that of now.
+  /// True if the previous version differs from the current mesh.
   [[nodiscard]] bool kept_differs() const noexcept { return keeping_ && changed_; }
-  /// How many more nodes may change without being lost.
+  /// How many more leaf nodes can be stored.
   [[nodiscard]] std::uint32_t room_to_keep() const noexcept { return keeping_ ? nodes_.kept_free_count_ : kNone; }
 
-  /// Most nodes that one more face can need.
+  /// The maximum number of nodes that one more face needs.
   [[nodiscard]] std::uint32_t height() const noexcept { return height_; }
   static constexpr int kMaxHeight = 10;
 
   /// Shows the face in `row`; NodePool::free() must be at least height(). The boxes follow with refit().
-  void insert(std::uint32_t row) noexcept;
+  void insert(RowIndex row) noexcept;
   /// Hides it again.
-  void remove(std::uint32_t row) noexcept;
-  /// Corner `corner` of a shown face now stands on `vertex`, and with it the face is or is not in its finest version.
+  void remove(RowIndex row) noexcept;
+  /// Moves corner `corner` of a shown face to `vertex`. `last`: the face is then in its finest version.
   void update(const FaceRow& row, std::uint32_t corner, const Vertex& vertex, bool last) noexcept {
     TACTUS_ASSERT(row.node != kNone);
     TreeNode& node = nodes_.nodes_[row.node];
     keep_node(node);
-    const unsigned lane = row.face & 7u;
+    const unsigned lane = lane_of(row.face);
     node.set_corner(lane, corner, vertex);
     node.set_last(lane, last);
     mark_child(row.node, node, lane);
   }
 
-  /// Bring into the cache what the calls above will touch: of a face to be shown first the place in the table, then,
-  /// when that has come, the node; of a shown row the node.
-  void prefetch_entry(std::uint32_t face) const noexcept {
-    nodes_.index_.prefetch(NodePool::key(object_, 1, face >> 3));
-  }
-  void prefetch_insert(std::uint32_t face) const noexcept {
-    const std::uint32_t slot = nodes_.index_.find(NodePool::key(object_, 1, face >> 3));
-    if (slot != kNone) prefetch(slot);
+  /// Prefetch the memory of the calls above. For a face to show: first its table entry, and once that is loaded its
+  /// node. For a shown row: its node.
+  void prefetch_entry(FaceId face) const noexcept { nodes_.index_.prefetch(leaf_key(face)); }
+  void prefetch_insert(FaceId face) const noexcept {
+    const NodeIndex node{nodes_.index_.find(leaf_key(face))};
+    if (node != kNone) prefetch(node);
   }
   void prefetch_remove(const FaceRow& row) const noexcept {
     if (row.node != kNone) prefetch(row.node);
@@ -168,88 +171,91 @@ class AbTree {
     spm::prefetch(&node.parent);
   }
 
-  /// Makes all boxes right again and frees the nodes that are empty. Must come before a query. Tells the `count`
-  /// `watches` of changes since the last refit.
+  /// Recomputes the boxes of deformed nodes and frees empty nodes. Required before a query. Updates the `count`
+  /// detectors with the changes since the last refit.
   RefitCount refit(ChangeDetector* change_detectors = nullptr, std::uint32_t count = 0) noexcept;
 
-  /// All shown triangles within `radius` of `centre`, in tree order, at most `capacity` of them; returns how many there
-  /// are in all (more than `capacity`: truncated).
+  /// Writes the shown triangles within `radius` of `centre` in tree order, at most `capacity`. Returns how many there
+  /// are; more than `capacity`: truncated.
   [[nodiscard]] std::uint32_t touching(const Vec3d& centre, double radius, Contact* out,
                                        std::uint32_t capacity) const noexcept;
 
-  /// Earliest touch of a ball moving from `from` to `to`; false when there is none. Triangles that it touches already
-  /// count only while it moves into them. With `caches` one that starts where one before did, or within a hair of it,
-  /// on a mesh that has not changed, finds there what is around it: some 1 us, 2 to 5 without.
+  /// The earliest contact of a sphere that moves from `from` to `to`; false if there is none. A triangle that the
+  /// sphere already touches counts only if the sphere moves into it. A sweep that starts near an earlier one, on an
+  /// unchanged mesh, finds its candidates in `caches`: 1 us, without `caches`: 2 to 5 us.
   [[nodiscard]] bool sweep(const Vec3d& from, const Vec3d& to, double radius, SweepContact& first,
                            Version version = Version::kNow, CandidateCaches* caches = nullptr) const noexcept;
 
-  /// The nearest shown triangle within `within`; false when there is none. Of equally near ones, that of the smallest
-  /// id.
+  /// The nearest shown triangle within `within`; false if there is none. At equal distance, the smallest id wins.
   [[nodiscard]] bool nearest(const Vec3d& point, double within, NearestFace& found) const noexcept {
     return nearest(point, within, 0, found, nullptr, 0) > 0;
   }
-  /// The same with the rows of all that are at most `more` further away, in tree order, at most `capacity` and
-  /// kMaxNearest; returns how many, at least 1 when there is one.
+  /// Also writes the rows of all triangles that are at most `more` further away, in tree order, at most `capacity` and
+  /// kMaxNearest. Returns how many, and at least 1 if there is a nearest triangle.
   static constexpr std::uint32_t kMaxNearest = 96;
   [[nodiscard]] std::uint32_t nearest(const Vec3d& point, double within, double more, NearestFace& found,
-                                      std::uint32_t* rows, std::uint32_t capacity,
+                                      RowIndex* rows, std::uint32_t capacity,
                                       const CandidateCaches* caches = nullptr) const noexcept;
 
-  [[nodiscard]] const FaceRow& row(std::uint32_t number) const noexcept { return pool_.faces[number]; }
-  /// x y z of its three corners; it must be shown.
-  [[nodiscard]] std::array<float, 9> corners(std::uint32_t row) const noexcept;
-  /// Those of a face that a query since the last change has met.
+  [[nodiscard]] const FaceRow& row(RowIndex row) const noexcept { return pool_.faces[row]; }
+  /// x y z of the three corners; the face must be shown.
+  [[nodiscard]] std::array<float, 9> corners(RowIndex row) const noexcept;
+  /// The corners of a face that a query has found since the last change.
   [[nodiscard]] std::array<float, 9> corners(const Contact& contact) const noexcept;
-  /// Copies nodes of level 1 with ids from `from` on, ascending, at most `capacity`, and returns how many: fewer than
-  /// that when no more are left. O(copied x height).
+  /// Copies the nodes of level 1 with ids from `from` in ascending order, at most `capacity`. Returns how many; fewer
+  /// than `capacity` at the end. O(copied x height).
   [[nodiscard]] std::uint32_t copy_leaves(std::uint32_t from, TreeNode* out, std::uint32_t capacity) const noexcept;
-  /// For traversals that live elsewhere: the root, kNone when nothing is shown, and any node.
-  [[nodiscard]] std::uint32_t root() const noexcept { return root_; }
-  [[nodiscard]] const TreeNode& node(std::uint32_t number) const noexcept { return nodes_[number]; }
+  /// For traversals in other classes. The root is kNone if no face is shown.
+  [[nodiscard]] NodeIndex root() const noexcept { return root_; }
+  [[nodiscard]] const TreeNode& node(NodeIndex node) const noexcept { return nodes_[node]; }
 
-  /// What is broken: nodes, masks, boxes, unknown faces. O(nodes), allocates: tests.
+  /// Checks nodes, masks, boxes and faces. O(nodes), allocates: tests.
   [[nodiscard]] std::vector<std::string> violations() const;
   /// Shown face rows, ascending by FaceId. O(nodes), allocates.
-  [[nodiscard]] std::vector<std::uint32_t> shown() const;
+  [[nodiscard]] std::vector<RowIndex> shown() const;
 
  private:
   static constexpr int kStack = 7 * kMaxHeight + 8;
+  [[nodiscard]] static unsigned lane_of(FaceId face) noexcept { return index(face) & 7u; }
+  [[nodiscard]] std::uint64_t leaf_key(FaceId face) const noexcept {
+    return NodePool::key(object_, 1, index(face) >> 3);
+  }
 
-  /// Calls `visit(node's number, node, bits)` for each node of level 1 with triangles whose boxes come within `radius`
-  /// of `point`, in tree order.
+  /// Calls `visit(index, node, bits)` for each node of level 1 with triangles whose boxes are within `radius` of
+  /// `point`, in tree order.
   template <class Visit>
   void walk_near(const Vec3d& point, double radius, Visit&& visit) const noexcept;
-  /// Where a sweep on the mesh of now, or on the kept one, finds what is around a ball; null where that is too much. Of
-  /// what nothing knows yet it is sought.
+  /// The candidates around a sphere on the current mesh or on the previous version; searches for them if no cache has
+  /// them. Null if there are too many.
   [[nodiscard]] const CandidateCache* candidate_cache(const Vec3d& centre, double radius, bool kept, double slack,
                                                       CandidateCaches& caches) const noexcept;
   [[nodiscard]] CandidateCache::Mesh mesh(bool kept) const noexcept {
     return {&nodes_, version_, kept ? keeping_number_ : 0};
   }
   void fill(CandidateCache& around, double within, bool kept) const noexcept;
-  /// Calls `visit` for each node that is kept.
+  /// Calls `visit` for each leaf node of the previous version.
   template <class Visit>
   void for_each_kept(Visit&& visit) const noexcept {
     for (std::uint32_t at = kept_first_; at != kNone; at = nodes_.kept_next_[at]) visit(nodes_.kept_[at]);
   }
-  /// What queries read of a node of level 1, and of one above.
-  void prefetch_triangles(std::uint32_t node) const noexcept {
+  /// Prefetch what queries read of a node of level 1, and of a node above.
+  void prefetch_triangles(NodeIndex node) const noexcept {
     for (int row = 0; row < lanes::kTriangleRows; row += 2) spm::prefetch(&nodes_[node].lanes[row]);
   }
-  void prefetch_children(std::uint32_t node) const noexcept {
+  void prefetch_children(NodeIndex node) const noexcept {
     for (int row = 0; row < lanes::kBoxRows; row += 2) spm::prefetch(&nodes_[node].lanes[row]);
     spm::prefetch(&nodes_[node].child);
   }
-  void prefetch(std::uint32_t node) const noexcept {
+  void prefetch(NodeIndex node) const noexcept {
     prefetch_triangles(node);
     spm::prefetch(&nodes_[node].child);
   }
-  /// What refit does.
-  void prefetch_boxes(std::uint32_t node) const noexcept {
+  /// Prefetches what refit reads and writes.
+  void prefetch_boxes(NodeIndex node) const noexcept {
     for (int row = 0; row < lanes::kBoxRows; row += 2) spm::prefetch(&nodes_[node].lanes[row]);
     spm::prefetch(&nodes_[node].parent);
   }
-  /// What a node of level 1 is, before it first changes. There must be room.
+  /// Stores a node of level 1 before its first change. There must be room.
   void keep_node(TreeNode& node) noexcept {
     if (!keeping_ || node.kept == keeping_number_) return;
     TACTUS_ASSERT(nodes_.kept_free_count_ > 0);
@@ -264,12 +270,12 @@ class AbTree {
     kept_last_ = at;
     ++kept_count_;
   }
-  /// The node of level 1 with this id, made with those above it where they are missing, near its siblings.
-  [[nodiscard]] std::uint32_t make_leaf(std::uint32_t id) noexcept;
-  void mark_child(std::uint32_t slot, TreeNode& node, unsigned child) noexcept {
+  /// The node of level 1 with this id. Creates it and its ancestors if necessary, near its siblings.
+  [[nodiscard]] NodeIndex make_leaf(std::uint32_t id) noexcept;
+  void mark_child(NodeIndex at, TreeNode& node, unsigned child) noexcept {
     if (node.dirty == 0) {
       node.next_marked = marked_[node.level];
-      marked_[node.level] = slot;
+      marked_[node.level] = at;
       if (node.parent != kNone) prefetch_boxes(node.parent);  // refit writes this node's there
     }
     node.dirty = static_cast<std::uint8_t>(node.dirty | 1u << child);
@@ -277,16 +283,16 @@ class AbTree {
 
   Pool& pool_;
   NodePool& nodes_;
-  std::uint32_t object_;
+  ObjectIndex object_;
   std::uint32_t finest_faces_;
   std::uint32_t height_ = 1;
-  std::uint32_t root_ = kNone;
-  std::array<std::uint32_t, kMaxHeight + 1> marked_{};  // heads of the lists of marked nodes, by level
-  std::uint64_t version_;                               // of the mesh, among all of the pool; each refit's is another
+  NodeIndex root_ = kNone;
+  std::array<NodeIndex, kMaxHeight + 1> marked_{};  // heads of the lists of deformed nodes, by level
+  std::uint64_t version_;                           // of the mesh; unique in the pool, changed by each refit
   std::uint64_t keeping_number_ = 1;
   std::uint32_t kept_first_ = kNone, kept_last_ = kNone, kept_count_ = 0;  // in NodePool::kept_
   bool keeping_ = false;
-  bool changed_ = false;  // something, since keeping began
+  bool changed_ = false;  // a node has changed since `keep`
 };
 
 }  // namespace tactus::spm

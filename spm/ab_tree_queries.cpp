@@ -1,6 +1,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 
 #include "spm/ab_tree.hpp"
@@ -8,7 +9,7 @@
 namespace tactus::spm {
 namespace {
 
-/// The query's centre, also as floats, and by how much a float distance computed with it may exceed the true one.
+/// The centre of a query in double and float, and the maximum error of a distance computed in float.
 struct FloatPoint {
   explicit FloatPoint(const Vec3d& p) noexcept
       : exact{p[0], p[1], p[2]},
@@ -29,13 +30,12 @@ inline Vec3d corner(const TreeNode& node, unsigned lane, int number) noexcept {
   return {node.lanes[3 * number][lane], node.lanes[3 * number + 1][lane], node.lanes[3 * number + 2][lane]};
 }
 
-inline unsigned lowest_bit(unsigned bits) noexcept { return static_cast<unsigned>(__builtin_ctz(bits)); }
-inline unsigned highest_bit(unsigned bits) noexcept { return 31u - static_cast<unsigned>(__builtin_clz(bits)); }
+inline unsigned highest_bit(unsigned bits) noexcept { return static_cast<unsigned>(std::bit_width(bits)) - 1; }
 
 }  // namespace
 
-/// Memory is what a query costs that runs once a millisecond: nodes of one level are taken together, so that what they
-/// lead to is on its way at the same time. Leaves take long enough that a few ahead will do; more would wait in line.
+/// Cache misses dominate a query that runs once a millisecond. So the walk takes many nodes of one level together and
+/// prefetches all their children. A leaf takes longer to process, so it prefetches only a few leaves ahead.
 template <class Visit>
 void AbTree::walk_near(const Vec3d& point, double radius, Visit&& visit) const noexcept {
   if (root_ == kNone) return;
@@ -45,8 +45,8 @@ void AbTree::walk_near(const Vec3d& point, double radius, Visit&& visit) const n
   struct Waiting {
     std::uint32_t first = 0, last = 0;  // of `queue`
   };
-  std::array<Waiting, kMaxHeight + 1> waiting{};  // by level; that of a level stands behind those above
-  std::array<std::uint32_t, 1 + TreeNode::kWidth * kTogether*(kMaxHeight - 1)> queue;
+  std::array<Waiting, kMaxHeight + 1> waiting{};  // by level, each after the levels above it
+  std::array<NodeIndex, 1 + TreeNode::kWidth * kTogether*(kMaxHeight - 1)> queue;
   queue[0] = root_;
   waiting[height_].last = 1;
   for (std::uint32_t level = height_; level <= height_;) {
@@ -54,7 +54,7 @@ void AbTree::walk_near(const Vec3d& point, double radius, Visit&& visit) const n
     if (level == 1) {
       for (; here.first < here.last; ++here.first) {
         if (here.first + kLeavesAhead < here.last) prefetch_triangles(queue[here.first + kLeavesAhead]);
-        const std::uint32_t number = queue[here.first];
+        const NodeIndex number = queue[here.first];
         const TreeNode& node = nodes_[number];
         const unsigned near = lanes::kBest.triangles_within(node.lanes.data(), p.at, squared_radius);
         if (near != 0) visit(number, node, near);
@@ -71,7 +71,7 @@ void AbTree::walk_near(const Vec3d& point, double radius, Visit&& visit) const n
       const TreeNode& node = nodes_[queue[here.first]];
       for (unsigned hit = lanes::kBest.boxes_within(node.lanes.data(), p.at, squared_radius); hit != 0;
            hit &= hit - 1) {
-        const std::uint32_t child = node.child[lowest_bit(hit)];
+        const NodeIndex child = node.node(std::countr_zero(hit));
         if (level > 1) {
           prefetch_children(child);
         } else if (behind < below.first + kLeavesAhead) {
@@ -89,11 +89,11 @@ std::uint32_t AbTree::touching(const Vec3d& centre, double radius, Contact* out,
   const std::array<double, 3> p{centre[0], centre[1], centre[2]};
   std::array<Contact, TreeNode::kWidth> aside;
   std::uint32_t count = 0;
-  walk_near(centre, radius, [&](std::uint32_t number, const TreeNode& node, unsigned near) {
+  walk_near(centre, radius, [&](NodeIndex number, const TreeNode& node, unsigned near) {
     const bool room = std::uint64_t{count} + TreeNode::kWidth <= capacity;
     Contact* at = room ? out + count : aside.data();
     const std::uint32_t found =
-        lanes::kBest.touches({node.lanes.data(), node.id * TreeNode::kWidth, number, node.last}, p, near, radius, at);
+        lanes::kBest.touches({node.lanes.data(), node.face(0), number, node.last}, p, near, radius, at);
     if (!room && count < capacity) std::copy_n(at, std::min(found, capacity - count), out + count);
     count += found;
   });
@@ -122,7 +122,7 @@ void AbTree::fill(CandidateCache& around, double within, bool kept) const noexce
     else
       around.crowded = true;
   };
-  walk_near(around.centre, within, [&](std::uint32_t, const TreeNode& node, unsigned near) {
+  walk_near(around.centre, within, [&](NodeIndex, const TreeNode& node, unsigned near) {
     if (!kept || node.kept != keeping_number_) take(node, near);
   });
   if (!kept) return;
@@ -180,14 +180,14 @@ bool AbTree::sweep(const Vec3d& from, const Vec3d& to, double radius, SweepConta
     lanes::Doubles earliest;
     unsigned left = lanes::kBest.touched_by(node.lanes.data(), swept, near, limit, earliest);
     while (left != 0) {
-      unsigned i = lowest_bit(left);  // what may be first is, most often, and leaves the others nothing to find
+      auto i = static_cast<unsigned>(std::countr_zero(left));  // most often this is the first one touched
       for (unsigned others = left & (left - 1); others != 0; others &= others - 1)
-        if (earliest[lowest_bit(others)] < earliest[i]) i = lowest_bit(others);
+        if (earliest[std::countr_zero(others)] < earliest[i]) i = std::countr_zero(others);
       if (earliest[i] > limit) return;
       left &= ~(1u << i);
       SweepHit touch;
       if (!swept_sphere(from, to, radius, corner(node, i, 0), corner(node, i, 1), corner(node, i, 2), touch)) continue;
-      const FaceId face{node.id * TreeNode::kWidth + i};
+      const FaceId face = node.face(i);
       if (found && !(touch.time < first.time || (touch.time == first.time && face < first.face))) continue;
       found = true;
       first = {face, touch.time, touch.point, touch.normal};
@@ -196,7 +196,7 @@ bool AbTree::sweep(const Vec3d& from, const Vec3d& to, double radius, SweepConta
   };
   const auto search = [&](double time) noexcept {
     shorten(time);
-    std::array<std::uint32_t, kStack> stack;
+    std::array<NodeIndex, kStack> stack;
     int depth = 0;
     if (root_ != kNone) stack[depth++] = root_;
     while (depth > 0) {
@@ -206,13 +206,14 @@ bool AbTree::sweep(const Vec3d& from, const Vec3d& to, double radius, SweepConta
         continue;
       }
       for (unsigned hit = lanes::kBest.boxes_on(node.lanes.data(), way); hit != 0; hit &= ~(1u << highest_bit(hit)))
-        stack[depth++] = node.child[highest_bit(hit)];
+        stack[depth++] = node.node(highest_bit(hit));
     }
     if (kept) for_each_kept([&](const TreeNode& node) { offer(node, lanes::kAllLanes); });
   };
-  // A proxy that rests on a surface is stopped at once: look there first, where few faces are, and then ever further.
-  constexpr double kAtOnce = 0.002, kNear = 0.01;    // of the radius
-  constexpr double kFurther = 4, kMin = 1.0 / 1024;  // of the way before, of all of it: at most five more
+  // A proxy at rest on a surface hits it at once, so the search covers a short part of the motion first, then more.
+  constexpr double kAtOnce = 0.002, kNear = 0.01;  // radii
+  constexpr double kFurther = 4,
+                   kMin = 1.0 / 1024;  // times the part before; of the whole motion. At most five more parts
   double time = radius > 0 ? std::clamp(kNear * radius / length, kMin, 1.0) : 1;
   if (const CandidateCache* around =
           radius > 0 && caches != nullptr ? candidate_cache(from, radius, kept, slack, *caches) : nullptr;
@@ -234,7 +235,7 @@ bool AbTree::sweep(const Vec3d& from, const Vec3d& to, double radius, SweepConta
   }
 }
 
-std::uint32_t AbTree::nearest(const Vec3d& point, double within, double more, NearestFace& best, std::uint32_t* rows,
+std::uint32_t AbTree::nearest(const Vec3d& point, double within, double more, NearestFace& best, RowIndex* rows,
                               std::uint32_t capacity, const CandidateCaches* caches) const noexcept {
   if (root_ == kNone) return 0;
   const FloatPoint p{point};
@@ -243,7 +244,8 @@ std::uint32_t AbTree::nearest(const Vec3d& point, double within, double more, Ne
   double squared_more = reach * reach;
   float squared_limit = p.squared(reach);
   struct Near {
-    std::uint32_t face, row;
+    FaceId face;
+    RowIndex row;
     double squared;
   };
   std::array<Near, kMaxNearest> near_faces;
@@ -264,24 +266,24 @@ std::uint32_t AbTree::nearest(const Vec3d& point, double within, double more, Ne
     for (unsigned i = 0; i < TreeNode::kWidth; ++i) {
       const double squared = closest.squared_distance[i];
       if (!(squared <= squared_more)) continue;
-      const std::uint32_t face = node.id * TreeNode::kWidth + i;
+      const FaceId face = node.face(i);
       const bool nearer =
-          squared < best.squared_distance || (squared == best.squared_distance && (!found || face < index(best.face)));
+          squared < best.squared_distance || (squared == best.squared_distance && (!found || face < best.face));
       if (nearer) {
         found = true;
-        best = {FaceId{face}, {closest.point[0][i], closest.point[1][i], closest.point[2][i]}, squared, node.child[i]};
+        best = {face, {closest.point[0][i], closest.point[1][i], closest.point[2][i]}, squared, node.row(i)};
         reach = std::sqrt(squared) + more;
         squared_more = std::max(squared, reach * reach);
         squared_limit = p.squared(reach);
       }
       if (capacity == 0) continue;
       if (near_count == capacity) drop_far();
-      if (near_count < capacity) near_faces[near_count++] = {face, node.child[i], squared};
+      if (near_count < capacity) near_faces[near_count++] = {face, node.row(i), squared};
     }
   };
   const auto search = [&]() noexcept {
     struct Entry {
-      std::uint32_t node;
+      NodeIndex node;
       float squared;
     };
     std::array<Entry, kStack> stack;
@@ -300,10 +302,10 @@ std::uint32_t AbTree::nearest(const Vec3d& point, double within, double more, Ne
       const int first = depth;
       for (unsigned i = 0; i < TreeNode::kWidth; ++i) {
         if (!(squared[i] <= squared_limit)) continue;
-        int place = depth++;  // farthest first, so that the nearest is taken next
+        int place = depth++;  // the farthest first, so that the nearest is popped next
         for (; place > first && stack[place - 1].squared < squared[i]; --place) stack[place] = stack[place - 1];
-        stack[place] = {node.child[i], squared[i]};
-        prefetch(node.child[i]);
+        stack[place] = {node.node(i), squared[i]};
+        prefetch(node.node(i));
       }
     }
   };

@@ -1,5 +1,5 @@
-/// Checks of our own logic. TACTUS_ASSERT is for the haptic thread too and gone with NDEBUG; TACTUS_CHECK stays, and is
-/// not for the haptic thread.
+/// Checks of our own logic. TACTUS_ASSERT is allowed in the haptic thread and disabled by NDEBUG. TACTUS_CHECK is
+/// always enabled and not allowed in the haptic thread.
 #pragma once
 
 #include <cstdio>

@@ -5,21 +5,21 @@
 namespace tactus::spm {
 
 std::vector<std::uint32_t> record_checksums(const Model& model) {
-  std::vector<std::array<std::uint32_t, 3>> corners = base_corners(model);
+  ModelCorners corners = base_corners(model);
   std::vector<std::uint32_t> checksums(model.summary.records);
-  for (std::uint32_t r = 0; r < model.summary.records; ++r) {
-    VertexRing ring;
-    ring.add(model.parts[r].parent);
-    apply_record(model, r, corners, [&ring](std::uint32_t v) { ring.add(v); });
-    checksums[r] = checksum_of(model.summary.base_vertices + r, ring, [](std::uint32_t v) { return v; });
+  for (const RecordId r : ids<RecordId>(model.summary.records)) {
+    VertexRing<VertexId> ring;
+    ring.add(model.first_part(r).parent);
+    apply_record(model, r, corners, [&ring](VertexId v) { ring.add(v); });
+    checksums[index(r)] = checksum_of(model.vertex_of(r), ring, [](VertexId v) { return v; });
   }
   return checksums;
 }
 
 std::uint32_t region_checksum(const Model& model, RegionId region, const std::vector<std::uint32_t>& records) {
   std::uint32_t sum = 0;
-  for (const Interval& run : model.intervals_of(region)) {
-    for (std::uint32_t r = run.first; r < run.first + run.count; ++r) sum += records[r];
+  for (const Interval& interval : model.intervals_of(region)) {
+    for (std::uint32_t r = interval.first; r < interval.first + interval.count; ++r) sum += records[r];
   }
   return sum;
 }

@@ -1,8 +1,8 @@
-/// What the records of a region stand on, as one number that comes with the base mesh: so that a message which leaves
-/// out what a record needs is refused, although nothing in it contradicts what is held.
+/// A checksum of the vertices on which a region's records depend. It is part of the base mesh. A region message whose
+/// list lacks a needed record can be consistent with everything that is loaded; its checksum then differs.
 ///
-/// A record's seal is a sum over the vertices around its split (VertexRing), by id, in whatever order; a region's is
-/// the sum over its list. A guard against damage and mistakes, not a signature.
+/// The checksum of a record is a sum over the vertices around its split (VertexRing), by id, in any order. The checksum
+/// of a region is the sum over its list. It detects damage and mistakes; it is not a signature.
 #pragma once
 
 #include <cstdint>
@@ -13,12 +13,12 @@
 
 namespace tactus::spm {
 
-/// `id_of` gives the VertexId of what the ring holds.
-template <class IdOf>
-[[nodiscard]] std::uint32_t checksum_of(std::uint32_t u, const VertexRing& ring, IdOf id_of) noexcept {
+/// `id_of` maps a vertex of the ring to its VertexId.
+template <class Vertex, class IdOf>
+[[nodiscard]] std::uint32_t checksum_of(VertexId u, const VertexRing<Vertex>& ring, IdOf id_of) noexcept {
   std::uint64_t sum = 0;
   for (std::uint32_t i = 0; i < ring.size(); ++i) {
-    const std::uint64_t pair = std::uint64_t{u} << 32 | id_of(ring[i]);
+    const std::uint64_t pair = std::uint64_t{index(u)} << 32 | index(id_of(ring[i]));
     sum += (pair ^ pair >> 29) * 0x9e3779b97f4a7c15ull;
   }
   return static_cast<std::uint32_t>(sum >> 32);
@@ -27,11 +27,11 @@ template <class IdOf>
 /// By record. O(size), allocates.
 [[nodiscard]] std::vector<std::uint32_t> record_checksums(const Model& model);
 
-/// Of one region by those of its records, over its intervals.
+/// Of one region, from the checksums of all records.
 [[nodiscard]] std::uint32_t region_checksum(const Model& model, RegionId region,
                                             const std::vector<std::uint32_t>& records);
 
-/// By region; sums wrap. `model` must be sound up to its seals. O(size), allocates.
+/// By region. Sums wrap. `model` must be sound except for its checksums. O(size), allocates.
 [[nodiscard]] std::vector<std::uint32_t> region_checksums(const Model& model);
 
 }  // namespace tactus::spm

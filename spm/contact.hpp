@@ -1,4 +1,4 @@
-/// What a ball meets of a triangle. Model frame, file units.
+/// A contact of a sphere with a triangle. Model frame, file units.
 #pragma once
 
 #include <cstddef>
@@ -8,18 +8,18 @@
 
 namespace tactus::spm {
 
-/// A triangle that a ball touches. As small as it can be, since a fold of the surface gives thousands: how deep it is
-/// and which way it pushes follow from the ball.
+/// A triangle that a sphere touches. A fold of the surface gives thousands of contacts, so they are small: depth and
+/// normal follow from the sphere.
 struct alignas(32) Contact {
-  Vec3d point;  ///< nearest to the centre
+  Vec3d point;  ///< of the triangle, nearest to the centre
   FaceId face{};
   std::uint32_t place = 0;  ///< node, and kFinest or 0
   static constexpr int kFinestBit = 31;
   static constexpr std::uint32_t kFinest = 1u << kFinestBit;
 
-  /// Of AbTree, where the face is child face % 8.
-  [[nodiscard]] std::uint32_t node() const noexcept { return place & ~kFinest; }
-  /// It is the face's finest version.
+  /// The AbTree node in which the face is child face % 8.
+  [[nodiscard]] NodeIndex node() const noexcept { return NodeIndex{place & ~kFinest}; }
+  /// True if this is the finest version of the face.
   [[nodiscard]] bool last() const noexcept { return (place & kFinest) != 0; }
   [[nodiscard]] double depth(const Vec3d& centre, double radius) const noexcept {
     return radius - (centre - point).norm();

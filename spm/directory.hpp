@@ -1,9 +1,10 @@
-/// What a controller holds of an object whatever of it is loaded: where its regions are, which of them are here, which
-/// of its records have been. Beside the pool, for all regions and records, so it grows with the model.
+/// The size of an object's directory: where its regions are, which of them are loaded, and which records have been
+/// here. It is separate from the pool. It has an entry for each region and record, so it grows with the model.
 #pragma once
 
 #include <algorithm>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "spm/cache.hpp"
@@ -11,9 +12,9 @@
 
 namespace tactus::spm {
 
-/// Of each region, that a loader keeps (hrtc_service/loader.hpp).
+/// For each region, in the loader (hrtc_service/loader.hpp).
 inline constexpr std::uint32_t kRegionNoteBytes = 12;
-/// Of each record: has been here (spm/codec/compressed_cache.hpp).
+/// For each record: has been received before (spm/codec/compressed_cache.hpp).
 inline constexpr std::uint32_t kRecordNoteBits = 1;
 
 [[nodiscard]] inline std::uint64_t directory_bytes(const ModelSummary& summary, const PoolSettings& pool) noexcept {
@@ -21,7 +22,7 @@ inline constexpr std::uint32_t kRecordNoteBits = 1;
          std::uint64_t{summary.regions} * kRegionNoteBytes + std::uint64_t{summary.records} * kRecordNoteBits / 8;
 }
 
-/// Nodes of the tree over these of a model's finest faces, by FaceId (spm/ab_tree.hpp). O(n log n), allocates.
+/// Number of AB-tree nodes above the given faces (FaceIds, spm/ab_tree.hpp). O(n log n), allocates.
 [[nodiscard]] inline std::uint32_t tree_nodes_over(std::vector<std::uint32_t> faces, std::uint32_t finest_faces) {
   std::sort(faces.begin(), faces.end());
   std::uint32_t nodes = 0;
@@ -32,14 +33,13 @@ inline constexpr std::uint32_t kRecordNoteBits = 1;
   }
   return nodes;
 }
-[[nodiscard]] inline std::uint32_t tree_nodes_over(Span<const BaseFace> base, std::uint32_t finest_faces) {
+[[nodiscard]] inline std::uint32_t tree_nodes_over(std::span<const BaseFace> base, std::uint32_t finest_faces) {
   std::vector<std::uint32_t> faces;
-  for (const BaseFace& face : base) faces.push_back(face.face);
+  for (const BaseFace& face : base) faces.push_back(index(face.face));
   return tree_nodes_over(std::move(faces), finest_faces);
 }
 
-/// How a controller divides what it may hold of models: an eighth for directories, 8 MiB at least, but never more than
-/// half.
+/// Divides the memory for models: an eighth for directories, at least 8 MiB, at most half; the rest for the pool.
 struct MemoryShares {
   PoolSettings pool;
   std::uint64_t directories;

@@ -1,18 +1,18 @@
-/// The whole finest mesh shown in an AB-tree: the same tree and queries as in a controller, without refinement.
+/// The whole finest mesh in an AB-tree, with the queries of an HRTC but without refinement.
 #pragma once
 
 #include <algorithm>
 #include <array>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "spm/ab_tree.hpp"
-#include "spm/span.hpp"
 
 namespace tactus::spm {
 
-/// The corners of a shown face.
-[[nodiscard]] inline std::array<Vec3d, 3> shown_corners(const AbTree& tree, std::uint32_t row) {
+/// The corners of a shown face in double.
+[[nodiscard]] inline std::array<Vec3d, 3> shown_corners(const AbTree& tree, RowIndex row) {
   const std::array<float, 9> c = tree.corners(row);
   return {Vec3d{c[0], c[1], c[2]}, Vec3d{c[3], c[4], c[5]}, Vec3d{c[6], c[7], c[8]}};
 }
@@ -20,18 +20,15 @@ namespace tactus::spm {
 class FinestTree {
  public:
   /// `faces` by FaceId. Face rows have the numbers of their faces.
-  FinestTree(Span<const std::array<float, 3>> positions, Span<const std::array<std::uint32_t, 3>> faces)
+  FinestTree(std::span<const std::array<float, 3>> positions, std::span<const std::array<std::uint32_t, 3>> faces)
       : pool_{{static_cast<std::uint32_t>(std::max(faces.size() / 2 + 1, positions.size())), 1, 1}},
         nodes_{static_cast<std::uint32_t>(faces.size()) / 6 + 64},
-        tree_{pool_, nodes_, 0, static_cast<std::uint32_t>(faces.size())} {
-    for (std::uint32_t v = 0; v < positions.size(); ++v) pool_.vertices[v] = {positions[v], v};
+        tree_{pool_, nodes_, ObjectIndex{}, static_cast<std::uint32_t>(faces.size())} {
+    for (std::uint32_t v = 0; v < positions.size(); ++v) pool_.vertices[Slot{v}] = {positions[v], VertexId{v}};
     for (std::uint32_t f = 0; f < faces.size(); ++f) {
-      FaceRow& row = pool_.faces[f];
-      row.vertices = faces[f];
-      row.face = f;
-      row.node = kNone;
-      row.last = 1;
-      tree_.insert(f);
+      const auto& [a, b, c] = faces[f];
+      pool_.faces[RowIndex{f}] = {{Slot{a}, Slot{b}, Slot{c}}, FaceId{f}, kNone, 1};
+      tree_.insert(RowIndex{f});
     }
     tree_.refit();
   }

@@ -20,7 +20,7 @@ class FlatIndex {
 
   /// Room for `entries` keys. Allocates.
   explicit FlatIndex(std::uint32_t entries) : places_(places_for(entries), kEmpty) {}
-  /// What room for so many keys takes.
+  /// Bytes for so many keys.
   [[nodiscard]] static std::uint64_t bytes(std::uint32_t entries) noexcept {
     return places_for(entries) * sizeof(std::uint64_t);
   }
@@ -34,10 +34,10 @@ class FlatIndex {
     }
   }
 
-  /// Brings the place where `key` is looked for first into the cache.
+  /// Prefetches the first position of `key`.
   void prefetch(std::uint64_t key) const noexcept { spm::prefetch(&places_[home(key)]); }
 
-  /// `key` must be absent; key and value must fit their bits, and the key not be all ones.
+  /// `key` must be absent. Key and value must fit their bits; a key of all ones is not allowed.
   void insert(std::uint64_t key, std::uint32_t value) noexcept {
     TACTUS_ASSERT(key < kEmpty >> kValueBits && value <= kValueMask);
     TACTUS_ASSERT(find(key) == kNone && size_ + 1 < places_.size());
@@ -47,7 +47,7 @@ class FlatIndex {
     ++size_;
   }
 
-  /// `key` must be present. Later keys of the same chain move up, so no trace is left.
+  /// `key` must be present. Moves later keys of the same chain up, so no tombstone remains.
   void erase(std::uint64_t key) noexcept {
     std::size_t hole = home(key);
     while (places_[hole] >> kValueBits != key) {
@@ -74,7 +74,7 @@ class FlatIndex {
     return (key * 0x9e3779b97f4a7c15ull >> 32) * places_.size() >> 32;
   }
   [[nodiscard]] std::size_t after(std::size_t at) const noexcept { return at + 1 == places_.size() ? 0 : at + 1; }
-  /// Places from `from` on to `to`, round the end.
+  /// Positions from `from` to `to`, wrapping around at the end.
   [[nodiscard]] std::size_t distance(std::size_t from, std::size_t to) const noexcept {
     return to >= from ? to - from : to + places_.size() - from;
   }

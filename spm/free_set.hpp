@@ -1,11 +1,12 @@
-/// Which numbers below a fixed size are free, so that one can be taken next to another.
+/// The free numbers below a fixed size, such that a number can be taken next to another one.
 ///
-/// What is used together then lies on few pages, however long a pool has been in use. Numbers go in groups of 64: one
-/// is taken from the group asked for when that has any, else from the next that is free as a whole, else from the next
-/// that has one. Sized once; never allocates again. Taking costs O(size / 4096) at worst, giving O(1). Realtime. One
+/// Things that are used together are then on few pages, however long a pool has been in use. Numbers are in groups of
+/// 64. `take` prefers the group of `near`, then the next group that is completely free, then the next group with a free
+/// number. Sized once; never allocates again. `take` is O(size / 4096) in the worst case, `give` O(1). Realtime. One
 /// thread at a time.
 #pragma once
 
+#include <bit>
 #include <cstdint>
 #include <vector>
 
@@ -27,7 +28,7 @@ class FreeSet {
     for (std::uint32_t group = 0; group < groups_.size(); ++group) note(group);
   }
 
-  /// What a set of this size takes.
+  /// Bytes of a set of this size.
   [[nodiscard]] static std::uint64_t bytes(std::uint32_t size) noexcept {
     return sizeof(std::uint64_t) * (words_for(size) + 2 * words_for(words_for(size)));
   }
@@ -39,7 +40,7 @@ class FreeSet {
     return (groups_[number / 64] >> number % 64 & 1u) != 0;
   }
 
-  /// What `take` would give. There must be one, and `near` must be below the size.
+  /// The result of `take`. A number must be free, and `near` must be below the size.
   [[nodiscard]] std::uint32_t next(std::uint32_t near) const noexcept {
     TACTUS_ASSERT(count_ > 0 && near < size_);
     std::uint32_t group = near / 64, place = near % 64;
@@ -49,8 +50,8 @@ class FreeSet {
       place = 0;
     }
     const std::uint64_t bits = groups_[group], ahead = bits >> place;
-    return 64 * group + (ahead != 0 ? place + static_cast<std::uint32_t>(__builtin_ctzll(ahead))
-                                    : 63 - static_cast<std::uint32_t>(__builtin_clzll(bits)));
+    return 64 * group + (ahead != 0 ? place + static_cast<std::uint32_t>(std::countr_zero(ahead))
+                                    : static_cast<std::uint32_t>(std::bit_width(bits)) - 1);
   }
   std::uint32_t take(std::uint32_t near) noexcept {
     const std::uint32_t number = next(near);
@@ -80,7 +81,7 @@ class FreeSet {
     set(some_, group, groups_[group] != 0);
     set(whole_, group, groups_[group] == ~std::uint64_t{0});
   }
-  /// The first bit that is set from `from` on, then from the start; kNone when none is.
+  /// The first set bit at or after `from`, else the first from the start, else kNone.
   [[nodiscard]] static std::uint32_t first_from(const Words& words, std::uint32_t from) noexcept {
     std::size_t at = from / 64;
     std::uint64_t bits = words[at] & ~std::uint64_t{0} << from % 64;
@@ -88,11 +89,11 @@ class FreeSet {
       if (++looked > words.size()) return kNone;
       at = at + 1 < words.size() ? at + 1 : 0;
     }
-    return static_cast<std::uint32_t>(64 * at) + static_cast<std::uint32_t>(__builtin_ctzll(bits));
+    return static_cast<std::uint32_t>(64 * at) + static_cast<std::uint32_t>(std::countr_zero(bits));
   }
 
   Words groups_;        // by number: free
-  Words some_, whole_;  // by group: has a free one; all are free
+  Words some_, whole_;  // by group: a number is free; all are free
   std::uint32_t size_;
   std::uint32_t count_;
 };

@@ -1,34 +1,129 @@
-/// Names of things in a model. Each is its own type, so that a face cannot be passed for a vertex.
+/// Strong indices: each kind of thing in a model or a pool has its own index type, so a face cannot pass for a vertex.
 ///
-/// Ids are what files and the wire carry and never change for a model's life; slots are places in one
-/// controller's pool and mean nothing outside it.
+/// Ids (`VertexId`, `FaceId`, `RecordId`, `RegionId`, `PartIndex`) appear in files and samples and stay the same for
+/// the lifetime of a model. The other indices have a meaning in one HRTC only. An index costs as much as a
+/// std::uint32_t. Kernels that compute with raw numbers name the index type in a comment.
 #pragma once
 
 #include <cstdint>
 #include <type_traits>
+#include <utility>
+#include <vector>
 
 namespace tactus::spm {
 
-/// A vertex of the finest mesh. Base vertices come first: `[0, base_vertices)`; vertex `base_vertices + r` is the one
-/// that record `r` brings.
+/// A vertex of the finest mesh. Base vertices come first: `[0, base_vertices)`. Record `r` adds vertex
+/// `base_vertices + r`.
 enum class VertexId : std::uint32_t {};
-/// A face of the finest mesh, which keeps its id in every coarser version; also its leaf in the AB-tree.
+/// A face of the finest mesh. It keeps its id in every coarser version, and is the leaf with that id in the AB-tree.
 enum class FaceId : std::uint32_t {};
-/// A vertex split. Ids ascend in an order in which every record comes after all that it depends on, so an ascending
-/// list may be applied from front to back and undone from back to front.
+/// A vertex split. Ids are in topological order: an ascending list can be applied from front to back and undone from
+/// back to front.
 enum class RecordId : std::uint32_t {};
-/// A labelled cell of the partition of the model's bounding volume.
+/// A record part in a file or message. The first part of record `r` in a file is part `r`.
+enum class PartIndex : std::uint32_t {};
+/// A labelled cell of the partition of the model's bounds.
 enum class RegionId : std::uint32_t {};
-/// A place in the pool for one record, its vertex and the faces it bears.
-enum class Slot : std::uint32_t {};
 
-/// The plain number behind an id.
+/// An object of one HRTC, below kMaxObjects.
+enum class ObjectIndex : std::uint32_t {};
+/// A slot of the pool: one record part, its vertex and the two faces that it bears.
+enum class Slot : std::uint32_t {};
+/// A face row of the pool. The rows of slot `s` are `2 s` and `2 s + 1`.
+enum class RowIndex : std::uint32_t {};
+/// A list block of the pool.
+enum class BlockIndex : std::uint32_t {};
+/// A node of the AB-trees in a NodePool.
+enum class NodeIndex : std::uint32_t {};
+
+/// One of the types above.
 template <class Id>
-[[nodiscard]] constexpr std::uint32_t index(Id id) noexcept {
-  static_assert(std::is_enum_v<Id>);
-  return static_cast<std::uint32_t>(id);
+concept Index = std::is_enum_v<Id> && sizeof(Id) == 4 && !std::is_convertible_v<Id, std::uint32_t>;
+
+/// The number behind an index.
+[[nodiscard]] constexpr std::uint32_t index(Index auto id) noexcept { return static_cast<std::uint32_t>(id); }
+
+/// "No such index", of any index type or as a raw number.
+struct None {
+  static constexpr std::uint32_t kValue = 0xffffffffu;
+  constexpr operator std::uint32_t() const noexcept { return kValue; }
+  template <Index Id>
+  constexpr operator Id() const noexcept {
+    return Id{kValue};
+  }
+  template <Index Id>
+  friend constexpr bool operator==(Id id, None) noexcept {
+    return id == Id{kValue};
+  }
+};
+inline constexpr None kNone{};
+
+/// All indices below `count`, in order: `for (RegionId region : ids<RegionId>(count))`.
+template <Index Id>
+class IdRange {
+ public:
+  struct Iterator {
+    std::uint32_t at;
+    Id operator*() const noexcept { return Id{at}; }
+    Iterator& operator++() noexcept {
+      ++at;
+      return *this;
+    }
+    bool operator==(const Iterator&) const noexcept = default;
+  };
+  explicit IdRange(std::uint32_t count) noexcept : count_{count} {}
+  [[nodiscard]] Iterator begin() const noexcept { return {0}; }
+  [[nodiscard]] Iterator end() const noexcept { return {count_}; }
+
+ private:
+  std::uint32_t count_;
+};
+template <Index Id>
+[[nodiscard]] IdRange<Id> ids(std::size_t count) noexcept {
+  return IdRange<Id>{static_cast<std::uint32_t>(count)};
 }
 
-inline constexpr std::uint32_t kNone = 0xffffffffu;
+/// A borrowed array that only an `Id` subscripts.
+template <Index Id, class T>
+class IdSpan {
+ public:
+  IdSpan() = default;
+  template <class Values>
+  explicit IdSpan(Values& values) noexcept : data_{values.data()}, size_{static_cast<std::uint32_t>(values.size())} {}
+
+  [[nodiscard]] T& operator[](Id id) const noexcept { return data_[index(id)]; }
+  [[nodiscard]] std::uint32_t size() const noexcept { return size_; }
+  [[nodiscard]] T* data() const noexcept { return data_; }
+  [[nodiscard]] T* begin() const noexcept { return data_; }
+  [[nodiscard]] T* end() const noexcept { return data_ + size_; }
+
+ private:
+  T* data_ = nullptr;
+  std::uint32_t size_ = 0;
+};
+
+/// A std::vector that only an `Id` subscripts.
+template <Index Id, class T>
+class IdVector {
+ public:
+  IdVector() = default;
+  explicit IdVector(std::size_t size, const T& value = T{}) : values_(size, value) {}
+  explicit IdVector(std::vector<T> values) : values_{std::move(values)} {}
+
+  [[nodiscard]] decltype(auto) operator[](Id id) noexcept { return values_[index(id)]; }
+  [[nodiscard]] decltype(auto) operator[](Id id) const noexcept { return values_[index(id)]; }
+  [[nodiscard]] std::uint32_t size() const noexcept { return static_cast<std::uint32_t>(values_.size()); }
+  [[nodiscard]] IdRange<Id> ids() const noexcept { return IdRange<Id>{size()}; }
+  /// The values in the order of their indices.
+  [[nodiscard]] std::vector<T>& values() noexcept { return values_; }
+  [[nodiscard]] const std::vector<T>& values() const noexcept { return values_; }
+  [[nodiscard]] auto begin() noexcept { return values_.begin(); }
+  [[nodiscard]] auto begin() const noexcept { return values_.begin(); }
+  [[nodiscard]] auto end() noexcept { return values_.end(); }
+  [[nodiscard]] auto end() const noexcept { return values_.end(); }
+
+ private:
+  std::vector<T> values_;
+};
 
 }  // namespace tactus::spm

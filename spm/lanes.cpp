@@ -25,7 +25,7 @@ TACTUS_TARGET_END
 TACTUS_TARGET_AVX512
 namespace avx512 {
 constexpr int kDoubles = 8;
-// In one instruction: g++ 12 takes four for eight at once.
+// One instruction; g++ 12 generates four.
 #define TACTUS_WIDENED(floats) _mm512_maskz_cvtps_pd(0xff, _mm256_loadu_ps(floats))
 #include "spm/lanes_kernel.inc"  // NOLINT(readability-duplicate-include): for each instruction set
 #undef TACTUS_WIDENED

@@ -1,109 +1,118 @@
-/// The mesh at the loaded front: every face's corners once all records at hand are applied, and the face across each of
-/// its edges. Faces and vertices are numbered by whoever keeps it: slots in the cache, ids elsewhere.
+/// A corner table of the mesh at the loaded front: the corners of each face after all loaded records, and for each edge
+/// the opposite corner across it.
 ///
-///         g                     g            A split puts each face that it bears into one edge (t, x): between the
-///     t--------x            t--------x       face that it deforms there, f, and the one across, g. Two splits that
-///      \  f   /   split      \  born/ \      need not know of each other put theirs at either side of what is there
-///       \    /    ----->      \    / f \     between f and g, so whatever the order, the faces lie in the same one;
-///       and
-///        \  /                  \  /_____\    taking one out lets its two neighbours meet.
+///         g                     g            A split inserts each born face into an edge (t, x), between the deformed
+///     t--------x            t--------x       face f and the face g across the edge. Two independent splits insert
+///      \  f   /   split      \  born/ \      their faces on different sides of the same neighbours, so the result does
+///       \    /    ----->      \    / f \     not depend on their order. Taking a face out links its two neighbours.
+///        \  /                  \  /______\    u: the new vertex
 ///                               u
 ///
-/// So the faces that an absent record deforms lie side by side at every receiver as they did where it was coded: what
-/// else is loaded cannot have come between them. Where three faces meet at an edge, or two that face opposite sides,
-/// none is across the other; a record is coded to do without.
+/// So the faces that an absent record deforms are neighbours at every receiver, as they were at the encoder, whatever
+/// other records are loaded. An edge with three faces, or with two faces of opposite orientation, has no opposite; the
+/// encoder does not rely on it.
+/// Source: Rossignac, Safonova, Szymczak 2001 (corner table: opposite, swing).
 #pragma once
 
 #include <array>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "spm/ids.hpp"
 #include "spm/model.hpp"
 #include "spm/record.hpp"
-#include "spm/span.hpp"
 
 namespace tactus::spm {
 
+/// `Face`, `Vertex`: RowIndex and Slot in the cache, FaceId and VertexId elsewhere.
+template <class Face, class Vertex>
 class LoadedFront {
  public:
-  using Corners = std::array<std::uint32_t, 3>;
-  /// A corner of a face. It stands for the edge opposite of it, too.
+  using Corners = std::array<Vertex, 3>;
+  /// A corner of a face; also names the edge opposite to it.
   struct At {
-    std::uint32_t face, corner;
+    Face face;
+    std::uint32_t corner;
   };
 
   static constexpr std::size_t kBytesPerFace = 24;
 
-  explicit LoadedFront(std::size_t faces) : faces_(faces, Face{kNowhere, kNowhere}) {}
+  explicit LoadedFront(std::size_t faces) : faces_(faces, Entry{kNowhere, kNoLinks}) {}
 
-  [[nodiscard]] Corners& corners(std::uint32_t face) noexcept { return faces_[face].corners; }
-  [[nodiscard]] const Corners& corners(std::uint32_t face) const noexcept { return faces_[face].corners; }
+  [[nodiscard]] Corners& corners(Face face) noexcept { return faces_[face].corners; }
+  [[nodiscard]] const Corners& corners(Face face) const noexcept { return faces_[face].corners; }
 
-  /// Sets faces that nothing is across of yet.
-  void set(std::uint32_t face, const Corners& corners) noexcept { faces_[face] = {corners, kNowhere}; }
-  /// Finds who is across whom among these, which have been set. O(n log n), allocates.
-  void link(Span<const std::uint32_t> faces);
+  /// Sets the corners of a face and removes its links.
+  void set(Face face, const Corners& corners) noexcept { faces_[face] = {corners, kNoLinks}; }
+  /// Links the faces, which have been set, across their common edges. O(n log n), allocates.
+  void link(std::span<const Face> faces);
 
-  /// The face around the vertex at `at` that follows counter-clockwise, seen from outside: across the edge from that
-  /// vertex to the corner before it. False when there is none.
+  /// Moves `at` to the next face around its vertex, counter-clockwise seen from outside. False if there is none.
   [[nodiscard]] bool swing(At& at) const noexcept {
     const std::uint32_t opposite = faces_[at.face].opposite[after(at.corner)];
     if (opposite == kNone) return false;
-    at = {opposite >> 2, after(opposite & 3u)};
+    at = {Face{opposite >> 2}, after(opposite & 3u)};
     return true;
   }
 
-  /// The faces of one split. A split of more than fit is joined to nothing.
+  /// The faces of one split. If there are more than fit, `join` links none.
   class Split {
    public:
     static constexpr std::uint32_t kMaxDeformed = 32, kMaxBorn = 4;
-    /// `at`: where u stands now.
+    /// `at`: the corner at which u is now.
     void deform(At at) noexcept {
       if (deformed_count_++ < kMaxDeformed) deformed_[deformed_count_ - 1] = at;
     }
-    void bear(std::uint32_t face, std::uint32_t order) noexcept {
+    void bear(Face face, std::uint32_t order) noexcept {
       if (born_count_++ < kMaxBorn) born_[born_count_ - 1] = {face, born_corners(order), order % 2 == 0};
     }
 
    private:
     friend class LoadedFront;
     struct Born {
-      std::uint32_t face;
+      Face face;
       BornCorners at;
-      bool even;  // x comes before u, so that the edge between goes from x to u
+      bool even;  // x precedes u, so the edge between them goes from x to u
     };
     std::uint32_t deformed_count_ = 0, born_count_ = 0;
     std::array<At, kMaxDeformed> deformed_;
     std::array<Born, kMaxBorn> born_;
   };
 
-  /// Puts the faces that a split bears between those that it deforms and what was across; all have their corners.
+  /// Inserts the born faces between the deformed faces and the faces across; all corners must be set.
   void join(const Split& split) noexcept;
-  /// Undoes `join` for one face that was borne in this order.
-  void take_out(std::uint32_t face, std::uint32_t order) noexcept;
+  /// Undoes `join` for one face.
+  void take_out(Face face, std::uint32_t order) noexcept;
 
  private:
+  using Links = std::array<std::uint32_t, 3>;  // by corner, of the edge opposite: face << 2 | corner, or kNone
   static constexpr Corners kNowhere{kNone, kNone, kNone};
-  struct Face {
+  static constexpr Links kNoLinks{kNone, kNone, kNone};
+  struct Entry {
     Corners corners;
-    std::array<std::uint32_t, 3> opposite;  // by corner, of the opposite edge: face << 2 | corner; kNone: nothing
+    Links opposite;
   };
-  static_assert(sizeof(Face) == kBytesPerFace);
+  static_assert(sizeof(Entry) == kBytesPerFace);
+  [[nodiscard]] std::uint32_t& opposite(std::uint32_t number) noexcept {
+    return faces_[Face{number >> 2}].opposite[number & 3u];
+  }
   [[nodiscard]] static std::uint32_t after(std::uint32_t corner) noexcept { return corner == 2 ? 0 : corner + 1; }
   [[nodiscard]] static std::uint32_t before(std::uint32_t corner) noexcept { return corner == 0 ? 2 : corner - 1; }
-  [[nodiscard]] std::uint32_t& opposite(At at) noexcept { return faces_[at.face].opposite[at.corner]; }
-  /// Makes these meet, either of which may be nothing.
-  void meet(std::uint32_t a, std::uint32_t b) noexcept {
-    if (a != kNone) faces_[a >> 2].opposite[a & 3u] = b;
-    if (b != kNone) faces_[b >> 2].opposite[b & 3u] = a;
+  /// Links two corners; each of them may be kNone.
+  void link(std::uint32_t a, std::uint32_t b) noexcept {
+    if (a != kNone) opposite(a) = b;
+    if (b != kNone) opposite(b) = a;
   }
-  [[nodiscard]] static std::uint32_t number(At at) noexcept { return at.face << 2 | at.corner; }
+  [[nodiscard]] static std::uint32_t number(At at) noexcept { return index(at.face) << 2 | at.corner; }
 
-  std::vector<Face> faces_;
+  IdVector<Face, Entry> faces_;
 };
 
-/// The base mesh by FaceId; a face that is not there has kNone at all corners. O(faces), allocates.
-[[nodiscard]] LoadedFront base_front(const ModelSummary& summary, Span<const BaseFace> base_faces);
+/// In a file's ids.
+using ModelFront = LoadedFront<FaceId, VertexId>;
+
+/// The base mesh by FaceId; the corners of a face that a record bears are kNone. O(faces), allocates.
+[[nodiscard]] ModelFront base_front(const ModelSummary& summary, std::span<const BaseFace> base_faces);
 
 }  // namespace tactus::spm

@@ -9,7 +9,7 @@
 namespace tactus::spm {
 namespace {
 
-/// What is left of the memory for the pool; a directory is the larger the more the pool can hold.
+/// The pool that fits beside the directory, whose size grows with that of the pool.
 PoolSettings pool_in(std::uint64_t memory, const ModelSummary& summary) {
   const std::uint64_t directory = directory_bytes(summary, PoolSettings::for_bytes(memory));
   return PoolSettings::for_bytes(memory > directory ? memory - directory : 0);
@@ -36,7 +36,7 @@ LocalRefinement::LocalRefinement(RegionSource& source, ProbeShape probe, const L
       admitted_{admit(cache_, source.base(), settings.memory)},
       forest_{pool_,
               nodes_,
-              index(admitted_.object),
+              admitted_.object,
               source.base().summary,
               RegionGrid{source.base().summary.grid, source.base().regions},
               std::move(admitted_.base)},
@@ -52,7 +52,7 @@ LocalRefinement::LocalRefinement(RegionSource& source, ProbeShape probe, const L
 }
 
 void LocalRefinement::place(const Eigen::Isometry3d& pose, double time) {
-  const Span<const ProbeSphere> spheres = probe_.spheres();
+  const std::span<const ProbeSphere> spheres = probe_.spheres();
   const double passed = time - time_;
   const double frames_ahead = frame_ > 0 && passed > 0 ? settings_.look_ahead / passed : 0;
   for (std::size_t i = 0; i < spheres.size(); ++i) {
@@ -65,20 +65,20 @@ void LocalRefinement::place(const Eigen::Isometry3d& pose, double time) {
 
 void LocalRefinement::approach(const Eigen::Isometry3d& pose, double time, bool in_contact) {
   place(pose, time);
-  for (std::uint32_t gone = forest_.take_retired(); gone != kNone; gone = forest_.take_retired())
-    cache_.release(admitted_.object, RegionId{gone});
+  for (RegionId gone = forest_.take_retired(); gone != kNone; gone = forest_.take_retired())
+    cache_.release(admitted_.object, gone);
   predictor_.observe(time, placed_, in_contact);
   met_.clear();
   predictor_.predict(settings_.load_ahead, met_);
   met_.sort();
-  for (const PredictedRegion& met : met_.entries()) wanted_in_[index(met.region)] = frame_;
+  for (const PredictedRegion& met : met_.entries()) wanted_in_[met.region] = frame_;
   for (const PredictedRegion& met : met_.entries()) {
     if (cache_.holds(admitted_.object, met.region) || load(met.region)) continue;
     return evict();
   }
 }
 
-/// False when there is no room for it.
+/// False if it does not fit.
 bool LocalRefinement::load(RegionId region) {
   RegionList list;
   switch (cache_.accept(admitted_.object, source_.region(region), list)) {
@@ -96,16 +96,15 @@ bool LocalRefinement::load(RegionId region) {
   throw std::runtime_error("region " + std::to_string(index(region)) + " contradicts the model that it is of");
 }
 
-/// Begins with what was wanted longest ago; there is room once it is coarse.
+/// Retires the least recently wanted region. Its memory is free once it is coarse.
 void LocalRefinement::evict() {
-  std::uint32_t oldest = kNone;
-  for (std::uint32_t r = 0; r < wanted_in_.size(); ++r) {
-    const RegionId region{r};
-    if (wanted_in_[r] == frame_ || !forest_.is_here(region) || forest_.is_retiring(region)) continue;
-    if (oldest == kNone || wanted_in_[r] < wanted_in_[oldest]) oldest = r;
+  RegionId oldest = kNone;
+  for (const RegionId region : wanted_in_.ids()) {
+    if (wanted_in_[region] == frame_ || !forest_.is_here(region) || forest_.is_retiring(region)) continue;
+    if (oldest == kNone || wanted_in_[region] < wanted_in_[oldest]) oldest = region;
   }
   if (oldest == kNone) return;
-  forest_.retire(RegionId{oldest});
+  forest_.retire(oldest);
   ++evictions_;
 }
 
@@ -115,7 +114,7 @@ void LocalRefinement::select_targets() noexcept {
     targets_.add_sphere(placed_.front());
   else
     targets_.add_spheres(placed_);
-  const Span<const RegionId> targets = targets_.finish();
+  const std::span<const RegionId> targets = targets_.finish();
   forest_.target(targets.data(), static_cast<std::uint32_t>(targets.size()), Unrequested::kRest);
 }
 

@@ -1,6 +1,7 @@
 #include "spm/mesh_probe.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <numeric>
@@ -22,7 +23,8 @@ constexpr double kThin = 1e-6;
 
 // ---- the probe and its tree ----
 
-MeshProbe::MeshProbe(Span<const std::array<float, 3>> vertices, Span<const std::array<std::uint32_t, 3>> triangles) {
+MeshProbe::MeshProbe(std::span<const std::array<float, 3>> vertices,
+                     std::span<const std::array<std::uint32_t, 3>> triangles) {
   if (triangles.empty() || triangles.size() > kMaxTriangles) {
     throw std::invalid_argument("MeshProbe: " + std::to_string(triangles.size()) + " triangles, expected 1 to " +
                                 std::to_string(kMaxTriangles));
@@ -49,7 +51,7 @@ MeshProbe::MeshProbe(Span<const std::array<float, 3>> vertices, Span<const std::
 }
 
 std::uint32_t MeshProbe::build(std::vector<std::uint32_t>& order, std::uint32_t first, std::uint32_t last, int height,
-                               Span<const std::array<std::uint32_t, 3>> triangles) {
+                               std::span<const std::array<std::uint32_t, 3>> triangles) {
   // Parts of 8^(height - 1) triangles, the last one perhaps smaller, by halving along the longest axis of the centres.
   const std::uint32_t part = 1u << 3 * (height - 1);
   const auto centre = [&](std::uint32_t t, int axis) {
@@ -153,7 +155,8 @@ struct ProbeWalk {
   std::uint32_t pose = probe.pose_;
   int depth = 0;
   std::uint32_t pairs = 0;  // waiting in probe.pairs_
-  std::array<std::uint32_t, TrianglePairs::kWidth> rows{}, triangles{};
+  std::array<RowIndex, TrianglePairs::kWidth> rows{};
+  std::array<std::uint32_t, TrianglePairs::kWidth> triangles{};
   float rotation[3][3]{}, inverse[3][3]{}, translation[3]{}, back[3]{};  // back: object's origin in the probe's frame
   float scale = 1;
   float reach = 0;                      // no placed coordinate is larger
@@ -177,7 +180,7 @@ struct ProbeWalk {
     slack_in_probe = slack / scale;
   }
 
-  void push(std::uint32_t object_node, std::uint32_t probe_node, float size) noexcept {
+  void push(NodeIndex object_node, std::uint32_t probe_node, float size) noexcept {
     stack[depth++] = {object_node, probe_node, size};
   }
 
@@ -208,7 +211,7 @@ struct ProbeWalk {
         batch.object[i][axis][pairs] = leaf.lanes[3 * i + axis][lane];
         batch.probe[i][axis][pairs] = probe.vertices_[axis][corners[i]];
       }
-    rows[pairs] = leaf.child[lane];
+    rows[pairs] = leaf.row(lane);
     triangles[pairs] = triangle;
     if (++pairs == TrianglePairs::kWidth) flush();
   }
@@ -223,8 +226,8 @@ struct ProbeWalk {
     NearPairs& pairs_here = near[at / NearPairs::kWidth];
     const unsigned to = at % NearPairs::kWidth;
     for (int i = 0; i < 3; ++i)
-      for (int axis = 0; axis < 3; ++axis) pairs_here.face.corner[i][axis][to] = leaf.lanes[3 * i + axis][lane];
-    pairs_here.face_id[to] = leaf.id << 3 | lane;
+      for (int axis = 0; axis < 3; ++axis) pairs_here.corners.corner[i][axis][to] = leaf.lanes[3 * i + axis][lane];
+    pairs_here.face[to] = leaf.face(lane);
     pairs_here.triangle[to] = triangle;
   }
 
@@ -232,11 +235,11 @@ struct ProbeWalk {
     result.work += pairs;
     const PairContacts& found = probe.found_;
     for (unsigned hit = meet(probe.pairs_, pairs, probe.found_, probe.simd_); hit != 0; hit &= hit - 1) {
-      const auto lane = static_cast<unsigned>(__builtin_ctz(hit));
+      const auto lane = static_cast<unsigned>(std::countr_zero(hit));
       const std::uint32_t at = result.contacts++;
       if (at >= capacity) continue;
       const FaceRow& face = tree.row(rows[lane]);
-      out[at] = {FaceId{face.face},
+      out[at] = {face.face,
                  probe.probe_.number_[triangles[lane]],
                  face.last != 0,
                  {found.point[0][lane], found.point[1][lane], found.point[2][lane]},
@@ -262,8 +265,7 @@ struct Placing {
 using PlacedNode = ProbeWalk::PlacedNode;
 using ProbeNode = ProbeWalk::Node;
 
-inline unsigned lowest_bit(unsigned bits) noexcept { return static_cast<unsigned>(__builtin_ctz(bits)); }
-inline unsigned highest_bit(unsigned bits) noexcept { return 31u - static_cast<unsigned>(__builtin_clz(bits)); }
+inline unsigned highest_bit(unsigned bits) noexcept { return static_cast<unsigned>(std::bit_width(bits)) - 1; }
 
 // AVX-512 does no better than AVX2 here: all is floats by eight, and comparisons through its mask registers take
 // longer.

@@ -11,17 +11,25 @@
 namespace tactus::spm {
 namespace {
 
-constexpr std::uint32_t kMaxDepth = 8;  // as deep as RegionGrid looks
+constexpr std::uint32_t kMaxDepth = 8;  // the limit of RegionGrid
 constexpr std::size_t kMaxMessages = 20;
 
-/// Gathers the first few messages; a broken file has thousands that say the same.
+/// Collects the first few messages; a broken file can cause thousands.
 class Findings {
+  template <class T>
+  static decltype(auto) printed(const T& value) {
+    if constexpr (Index<T>)
+      return index(value);
+    else
+      return (value);
+  }
+
  public:
   template <class... Parts>
   void add(const Parts&... parts) {
     if (full()) return;
     std::ostringstream text;
-    (text << ... << parts);
+    (text << ... << printed(parts));
     messages_.push_back(text.str());
   }
   [[nodiscard]] bool full() const { return messages_.size() >= kMaxMessages; }
@@ -87,7 +95,7 @@ void check_summary(const ModelSummary& s, Findings& findings) {
   }
 }
 
-void check_positions(const ModelSummary& s, Span<const std::array<float, 3>> positions, Findings& findings) {
+void check_positions(const ModelSummary& s, std::span<const std::array<float, 3>> positions, Findings& findings) {
   const PositionCode place{s};
   for (std::size_t v = 0; v < positions.size() && !findings.full(); ++v) {
     if (!finite(positions[v])) {
@@ -110,22 +118,22 @@ void check_radius(const char* what, std::size_t number, std::uint16_t code, doub
   }
 }
 
-bool distinct(const std::array<std::uint32_t, 3>& c) { return c[0] != c[1] && c[1] != c[2] && c[2] != c[0]; }
+bool distinct(const std::array<VertexId, 3>& c) { return c[0] != c[1] && c[1] != c[2] && c[2] != c[0]; }
 
-void check_base_faces(const ModelSummary& s, Span<const BaseFace> faces, Findings& findings) {
+void check_base_faces(const ModelSummary& s, std::span<const BaseFace> faces, Findings& findings) {
   std::vector<bool> seen(s.faces, false);
   for (std::size_t i = 0; i < faces.size() && !findings.full(); ++i) {
     const BaseFace& f = faces[i];
-    if (f.face >= s.faces) {
+    if (index(f.face) >= s.faces) {
       findings.add("base face ", i, ": face id ", f.face, ", expected below ", s.faces);
-    } else if (seen[f.face]) {
+    } else if (seen[index(f.face)]) {
       findings.add("base face ", i, ": face id ", f.face, " is there twice");
     } else {
-      seen[f.face] = true;
+      seen[index(f.face)] = true;
     }
     if (f.last > 1) findings.add("base face ", i, ": last is ", f.last, ", expected 0 or 1");
-    for (const std::uint32_t corner : f.corners) {
-      if (corner >= s.base_vertices) {
+    for (const VertexId corner : f.corners) {
+      if (index(corner) >= s.base_vertices) {
         findings.add("base face ", i, ": corner ", corner, ", expected below ", s.base_vertices);
       }
     }
@@ -137,7 +145,7 @@ std::uint64_t cell_key(std::uint32_t depth, std::uint32_t x, std::uint32_t y, st
   return std::uint64_t{depth} << 48 | std::uint64_t{x} << 32 | std::uint64_t{y} << 16 | z;
 }
 
-void check_cells(const ModelSummary& s, Span<const Region> regions, Findings& findings) {
+void check_cells(const ModelSummary& s, std::span<const Region> regions, Findings& findings) {
   std::unordered_set<std::uint64_t> cells;
   cells.reserve(regions.size());
   for (std::size_t i = 0; i < regions.size() && !findings.full(); ++i) {
@@ -167,17 +175,17 @@ void check_cells(const ModelSummary& s, Span<const Region> regions, Findings& fi
   }
 }
 
-/// Replays a model from base to finest and checks each record against the mesh that it meets.
+/// Applies all records in order and checks each of them against the mesh before it.
 class Replay {
  public:
   Replay(const Model& model, Findings& findings) : model_{model}, findings_{findings} {
     const ModelSummary& s = model.summary;
-    corners_.assign(s.faces, {kNone, kNone, kNone});
-    writer_.assign(s.faces, kNone);
-    finished_.assign(s.faces, false);
-    part_used_.assign(s.parts, false);
-    level_.assign(s.records, 0);
-    chain_length_.assign(s.records, 0);
+    corners_ = ModelCorners{s.faces, {kNone, kNone, kNone}};
+    writer_ = IdVector<FaceId, RecordId>{s.faces, kNone};
+    finished_ = IdVector<FaceId, bool>{s.faces};
+    part_used_ = IdVector<PartIndex, bool>{s.parts};
+    level_ = IdVector<RecordId, std::uint16_t>{s.records};
+    chain_length_ = IdVector<RecordId, std::uint32_t>{s.records};
     first_need_.reserve(std::size_t{s.records} + 1);
     for (const BaseFace& f : model.base_faces) {
       corners_[f.face] = f.corners;
@@ -188,7 +196,9 @@ class Replay {
   void interval() {
     const ModelSummary& s = model_.summary;
     std::uint32_t max_level = 0;
-    for (record_ = 0; record_ < s.records && !findings_.full(); ++record_) {
+    for (const RecordId record : ids<RecordId>(s.records)) {
+      if (findings_.full()) break;
+      record_ = record;
       first_need_.push_back(needs_.size());
       check_record();
       max_level = std::max<std::uint32_t>(max_level, level_[record_]);
@@ -198,9 +208,10 @@ class Replay {
     if (max_level != s.max_level) findings_.add("max level: found ", s.max_level, ", expected ", max_level);
     check_radii();
     for (std::uint32_t p = s.records; p < s.parts && !findings_.full(); ++p) {
-      if (!part_used_[p]) findings_.add("part ", p, ": belongs to no record");
+      if (!part_used_[PartIndex{p}]) findings_.add("part ", p, ": belongs to no record");
     }
-    for (std::uint32_t f = 0; f < s.faces && !findings_.full(); ++f) {
+    for (const FaceId f : ids<FaceId>(s.faces)) {
+      if (findings_.full()) break;
       if (corners_[f][0] == kNone) {
         findings_.add("face ", f, ": neither in the base mesh nor born by a record");
       } else if (!finished_[f]) {
@@ -210,7 +221,7 @@ class Replay {
   }
 
   void check_lists() {
-    std::vector<std::uint32_t> in_list(model_.summary.records, kNone);
+    IdVector<RecordId, RegionId> in_list{model_.summary.records, kNone};
     std::size_t next_run = 0;
     for (std::uint32_t i = 0; i < model_.regions.size() && !findings_.full(); ++i) {
       const Region& region = model_.regions[i];
@@ -220,7 +231,7 @@ class Replay {
         return;
       }
       next_run += region.interval_count;
-      check_list(i, model_.intervals.subspan(region.first_interval, region.interval_count), in_list);
+      check_list(RegionId{i}, model_.intervals.subspan(region.first_interval, region.interval_count), in_list);
     }
     if (findings_.none() && next_run != model_.intervals.size()) {
       findings_.add("intervals: ", model_.intervals.size() - next_run, " belong to no region");
@@ -229,16 +240,17 @@ class Replay {
 
  private:
   void check_record() {
-    const std::uint32_t u = model_.summary.base_vertices + record_;
+    const VertexId u = model_.vertex_of(record_);
     std::size_t touched = 0;
-    for (std::uint32_t p = record_; p != kNone;) {
+    for (PartIndex p{index(record_)}; p != kNone;) {
       const RecordPart& part = model_.parts[p];
       ++chain_length_[record_];
       check_part(part, u);
       touched += std::size_t{part.born_count} + part.deformed_count;
       if (findings_.full()) return;
       if (part.next == kNone) break;
-      if (part.next < model_.summary.records || part.next >= model_.summary.parts || part_used_[part.next]) {
+      if (index(part.next) < model_.summary.records || index(part.next) >= model_.summary.parts ||
+          part_used_[part.next]) {
         findings_.add("record ", record_, ": continues in part ", part.next, ", expected an unused one in ",
                       model_.summary.records, " to ", model_.summary.parts);
         return;
@@ -255,16 +267,17 @@ class Replay {
     level_[record_] = static_cast<std::uint16_t>(expected);
   }
 
-  /// Each radius is what collapse_distances says, but for what rounding elsewhere may have made of it.
+  /// Compares each radius with collapse_distances, with a tolerance for rounding on other machines.
   void check_radii() {
     const ModelSummary& s = model_.summary;
     std::vector<std::uint32_t> parent(s.vertices, kNone);
-    for (std::uint32_t r = 0; r < s.records; ++r) parent[s.base_vertices + r] = model_.parts[r].parent;
+    for (std::uint32_t r = 0; r < s.records; ++r)
+      parent[s.base_vertices + r] = index(model_.first_part(RecordId{r}).parent);
     const std::vector<double> distances = collapse_distances(model_.positions, parent);
     std::uint16_t max = 0;
     for (std::uint32_t v = 0; v < s.vertices && !findings_.full(); ++v) {
       const bool base = v < s.base_vertices;
-      const std::uint16_t code = base ? model_.base_radii[v] : model_.parts[v - s.base_vertices].radius;
+      const std::uint16_t code = base ? model_.base_radii[v] : model_.first_part(RecordId{v - s.base_vertices}).radius;
       const std::uint16_t low = radius_code(distances[v] * (1 - 1e-9)), high = radius_code(distances[v] * (1 + 1e-9));
       max = std::max(max, code);
       if (code < low || code > high || code >= kRadiusCodes) {
@@ -277,9 +290,9 @@ class Replay {
     }
   }
 
-  void check_part(const RecordPart& part, std::uint32_t u) {
-    const RecordPart& head = model_.parts[record_];
-    const std::uint32_t t = part.parent;
+  void check_part(const RecordPart& part, VertexId u) {
+    const RecordPart& head = model_.first_part(record_);
+    const VertexId t = part.parent;
     if (t != head.parent || part.radius != head.radius) {
       findings_.add("record ", record_, ": its parts disagree on parent or radius");
     }
@@ -297,9 +310,9 @@ class Replay {
     for (int i = 0; i < part.deformed_count; ++i) check_deformed(part.deformed[i], t, u);
   }
 
-  void check_born(BornRef born, std::uint32_t x, std::uint32_t t, std::uint32_t u) {
-    const std::uint32_t f = born.face();
-    if (f >= model_.summary.faces || born.order() > 5) {
+  void check_born(BornRef born, VertexId x, VertexId t, VertexId u) {
+    const FaceId f = born.face();
+    if (index(f) >= model_.summary.faces || born.order() > 5) {
       findings_.add("record ", record_, ": bears face ", f, " in order ", born.order(), ", expected below ",
                     model_.summary.faces, " and 0 to 5");
     } else if (corners_[f][0] != kNone) {
@@ -307,23 +320,20 @@ class Replay {
     } else if (x >= u || x == t) {
       findings_.add("record ", record_, ": third corner ", x, " of face ", f, ", expected below ", u, " and not ", t);
     } else {
-      const BornCorners at = born_corners(born.order());
-      corners_[f][static_cast<std::size_t>(at.u)] = u;
-      corners_[f][static_cast<std::size_t>(at.t)] = t;
-      corners_[f][static_cast<std::size_t>(at.x)] = x;
+      corners_[f] = born_face(born.order(), u, t, x);
       need_vertex(x);
       wrote(f, born.last());
     }
   }
 
-  void check_deformed(DeformedRef deformed, std::uint32_t t, std::uint32_t u) {
-    const std::uint32_t f = deformed.face();
-    if (f >= model_.summary.faces || deformed.corner() > 2) {
+  void check_deformed(DeformedRef deformed, VertexId t, VertexId u) {
+    const FaceId f = deformed.face();
+    if (index(f) >= model_.summary.faces || deformed.corner() > 2) {
       findings_.add("record ", record_, ": deforms corner ", deformed.corner(), " of face ", f,
                     ", expected 0 to 2 and below ", model_.summary.faces);
       return;
     }
-    std::array<std::uint32_t, 3>& corners = corners_[f];
+    std::array<VertexId, 3>& corners = corners_[f];
     if (corners[0] == kNone || writer_[f] == record_) {
       findings_.add("record ", record_, ": deforms face ", f, ", which ",
                     corners[0] == kNone ? "is not there yet" : "it has written already");
@@ -342,32 +352,33 @@ class Replay {
     wrote(f, deformed.last());
   }
 
-  void need_vertex(std::uint32_t v) {
-    if (v >= model_.summary.base_vertices) needs_.push_back(v - model_.summary.base_vertices);
+  void need_vertex(VertexId v) {
+    const std::uint32_t base = model_.summary.base_vertices;
+    if (index(v) >= base) needs_.push_back(RecordId{index(v) - base});
   }
 
-  void wrote(std::uint32_t f, bool last) {
+  void wrote(FaceId f, bool last) {
     if (finished_[f]) findings_.add("record ", record_, ": writes face ", f, " after its last version");
     writer_[f] = record_;
     finished_[f] = last;
   }
 
-  void check_list(std::uint32_t region, Span<const Interval> intervals, std::vector<std::uint32_t>& in_list) {
+  void check_list(RegionId region, std::span<const Interval> intervals, IdVector<RecordId, RegionId>& in_list) {
     const std::uint32_t records = model_.summary.records;
     std::uint64_t after = 0, record_count = 0, part_count = 0;
     for (std::size_t i = 0; i < intervals.size(); ++i) {
       const Interval interval = intervals[i];
       const bool touches = i > 0 && interval.first <= after;
       if (interval.count == 0 || interval.first >= records || interval.count > records - interval.first || touches) {
-        findings_.add("region ", region, ": run ", interval.first, " + ", interval.count, " after ", after,
+        findings_.add("region ", region, ": interval ", interval.first, " + ", interval.count, " after ", after,
                       ", expected ascending intervals that do not touch, below ", records);
         return;
       }
       after = std::uint64_t{interval.first} + interval.count;
       record_count += interval.count;
       for (std::uint32_t r = interval.first; r < after; ++r) {
-        in_list[r] = region;
-        part_count += chain_length_[r];
+        in_list[RecordId{r}] = region;
+        part_count += chain_length_[RecordId{r}];
         for (std::size_t k = first_need_[r]; k < first_need_[r + 1]; ++k) {
           if (in_list[needs_[k]] == region) continue;
           findings_.add("region ", region, ": holds record ", r, " but not record ", needs_[k], ", which it needs");
@@ -375,7 +386,7 @@ class Replay {
         }
       }
     }
-    const Region& stated = model_.regions[region];
+    const Region& stated = model_.regions[index(region)];
     if (record_count != stated.record_count || part_count != stated.part_count) {
       findings_.add("region ", region, ": ", stated.record_count, " records in ", stated.part_count,
                     " parts, its intervals have ", record_count, " in ", part_count);
@@ -384,14 +395,14 @@ class Replay {
 
   const Model& model_;
   Findings& findings_;
-  std::uint32_t record_ = 0;
-  std::vector<std::array<std::uint32_t, 3>> corners_;
-  std::vector<std::uint32_t> writer_;  // record that wrote the face last; kNone: the base mesh
-  std::vector<bool> finished_;         // its last version has been written
-  std::vector<bool> part_used_;
-  std::vector<std::uint16_t> level_;
-  std::vector<std::uint32_t> chain_length_;
-  std::vector<std::uint32_t> needs_;  // records that record r needs: [first_need_[r], first_need_[r + 1])
+  RecordId record_{};
+  ModelCorners corners_;
+  IdVector<FaceId, RecordId> writer_;  // record that wrote the face last; kNone: the base mesh
+  IdVector<FaceId, bool> finished_;    // its finest version has been written
+  IdVector<PartIndex, bool> part_used_;
+  IdVector<RecordId, std::uint16_t> level_;
+  IdVector<RecordId, std::uint32_t> chain_length_;
+  std::vector<RecordId> needs_;  // records that record r needs: [first_need_[r], first_need_[r + 1])
   std::vector<std::size_t> first_need_;
 };
 
@@ -399,7 +410,8 @@ void verify_checksums(const Model& model, Findings& findings) {
   const std::vector<std::uint32_t> checksums = region_checksums(model);
   for (std::size_t i = 0; i < model.regions.size() && !findings.full(); ++i) {
     if (model.regions[i].checksum != checksums[i]) {
-      findings.add("region ", i, ": seal ", model.regions[i].checksum, ", expected ", checksums[i], " for its records");
+      findings.add("region ", i, ": checksum ", model.regions[i].checksum, ", expected ", checksums[i],
+                   " for its records");
     }
   }
 }
@@ -417,8 +429,9 @@ BaseMesh base_mesh_of(const Model& model) {
   return base;
 }
 
-std::vector<double> collapse_distances(Span<const std::array<float, 3>> positions, Span<const std::uint32_t> parent) {
-  std::vector<double> max(positions.size(), 0);  // squared at first
+std::vector<double> collapse_distances(std::span<const std::array<float, 3>> positions,
+                                       std::span<const std::uint32_t> parent) {
+  std::vector<double> max(positions.size(), 0);  // squared until the end
   for (std::size_t v = 0; v < positions.size(); ++v) {
     for (std::uint32_t above = parent[v]; above != kNone; above = parent[above]) {
       double squared = 0;
@@ -477,16 +490,27 @@ std::vector<std::string> violations(const BaseMesh& base) {
   return findings.take();
 }
 
-std::vector<std::array<std::uint32_t, 3>> base_corners(const Model& model) {
-  std::vector<std::array<std::uint32_t, 3>> corners(model.summary.faces);
+ModelCorners base_corners(const Model& model) {
+  ModelCorners corners{model.summary.faces};
   for (const BaseFace& face : model.base_faces) corners[face.face] = face.corners;
   return corners;
 }
 
+std::vector<std::array<std::uint32_t, 3>> base_triangles(const Model& model) {
+  std::vector<std::array<std::uint32_t, 3>> triangles;
+  triangles.reserve(model.base_faces.size());
+  for (const BaseFace& face : model.base_faces)
+    triangles.push_back({index(face.corners[0]), index(face.corners[1]), index(face.corners[2])});
+  return triangles;
+}
+
 std::vector<std::array<std::uint32_t, 3>> finest_faces(const Model& model) {
-  std::vector<std::array<std::uint32_t, 3>> corners = base_corners(model);
-  for (std::uint32_t r = 0; r < model.summary.records; ++r) apply_record(model, r, corners, [](std::uint32_t) {});
-  return corners;
+  ModelCorners corners = base_corners(model);
+  for (const RecordId r : ids<RecordId>(model.summary.records)) apply_record(model, r, corners, [](VertexId) {});
+  std::vector<std::array<std::uint32_t, 3>> faces;
+  faces.reserve(corners.size());
+  for (const auto& [a, b, c] : corners) faces.push_back({index(a), index(b), index(c)});
+  return faces;
 }
 
 }  // namespace tactus::spm

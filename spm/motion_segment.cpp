@@ -26,7 +26,7 @@ void for_each_cell(const RegionGrid& grid, const Vec3d& p, double reach, Visit&&
   });
 }
 
-/// Of the plane through the labelled cells around `p`; `before` where there are too few.
+/// The normal of the plane through the labelled cells around `p`, or `before` if there are too few.
 Vec3d plane_normal(const RegionGrid& grid, const Vec3d& p, double reach, const Vec3d& before) {
   double weights = 0;
   Vec3d mean = Vec3d::Zero();
@@ -44,7 +44,7 @@ Vec3d plane_normal(const RegionGrid& grid, const Vec3d& p, double reach, const V
   return normal.dot(before) < 0 ? Vec3d{-normal} : normal;
 }
 
-/// How high the labelled cells around `p` are above it; false where there are none.
+/// The mean height of the labelled cells around `p` along `normal`; false if there are none.
 bool height(const RegionGrid& grid, const Vec3d& p, double reach, const Vec3d& normal, double& above) {
   double weights = 0, sum = 0;
   for_each_cell(grid, p, reach, [&](const Vec3d& from, double weight) {
@@ -78,7 +78,7 @@ MotionSegment::Turns MotionSegment::turns(std::uint32_t back) const noexcept {
 }
 
 void MotionSegment::observe(const RegionGrid& grid, double reach, const Vec3d& position) {
-  constexpr double kSlowest = 1e-3;  // of the reach, a step
+  constexpr double kSlowest = 1e-3;  // reaches per step
   const bool step = ++since_step_ >= kPerStep || count_ == 0;
   const Vec3d before = count_ > 0 ? sample(0).normal : Vec3d::UnitZ();
   newest_ = (newest_ + 1) % kPast;
@@ -104,12 +104,12 @@ void MotionSegment::interrupt() noexcept {
 
 void MotionSegment::learn(double slowest) {
   constexpr double kFading = 1 - 1.0 / 3000;  // each step
-  constexpr double kStiffness = 1e-3;         // towards going straight on, of the mean square of turns
+  constexpr double kStiffness = 1e-3;  // regularization towards a straight path, relative to the mean square of turns
   constexpr std::uint32_t kThen = kPerStep * kSteps;
   if (count_ < kPast) return;
   const Turns had = turns(kThen);
   const Vec3d heading_then = heading(kThen);
-  if (heading_then.norm() < slowest) return;  // where a tip at rest trembles to says nothing
+  if (heading_then.norm() < slowest) return;  // the heading of a tip at rest is noise
   squares_ = squares_ * kFading + had * had.transpose();
   products_ *= kFading;
   for (int m = 0; m < kSteps; ++m) {
@@ -158,7 +158,7 @@ MotionSegment::Way MotionSegment::ahead(const RegionGrid& grid, double reach, do
     slope = sideways > 0 ? (above - stand_off) / sideways : 0;
     way.points[way.count++] = at;
     if (m % kPlaneEvery != kPlaneEvery - 1) continue;
-    // The plane turns with the surface, and the heading with the plane.
+    // Rotates the plane with the surface, and the heading with the plane.
     const Vec3d next = plane_normal(grid, at, reach, normal);
     forward = along(forward, next).normalized();
     normal = next;

@@ -8,7 +8,7 @@
 namespace tactus::spm {
 namespace {
 
-/// Half the distance from 1 to the next double: what one rounding may lose, relative.
+/// Half the distance from 1 to the next double: the maximum relative error of one rounding.
 constexpr double kEpsilon = 0x1p-53;
 
 struct TwoDoubles {
@@ -34,7 +34,7 @@ TwoDoubles two_product(double a, double b) noexcept {
   return {high, ((x.high * y.high - high) + x.high * y.low + x.low * y.high) + x.low * y.low};
 }
 
-/// An exact sum of products of doubles: components that do not overlap, smallest first, none zero.
+/// An exact sum of products of doubles as components that do not overlap, the smallest first, none zero.
 class ExactSum {
  public:
   void add(double term) noexcept {
@@ -64,14 +64,13 @@ class ExactSum {
   [[nodiscard]] int sign() const noexcept { return size_ == 0 ? 0 : part_[size_ - 1] > 0 ? 1 : -1; }
 
  private:
-  // No more than its terms: 6 products of 3 differences of 2 parts each, 4 terms a product. Fewer bits than 2098 in
-  // all.
+  // At most one component for each term: 6 products of 3 differences of 2 parts each, 4 terms for each product.
   static constexpr int kMax = 6 * 8 * 4 + 1;
   std::array<double, kMax> part_;
   int size_ = 0;
 };
 
-/// A difference, exactly: `high` is it, rounded.
+/// An exact difference; `high` is the rounded value.
 TwoDoubles two_difference(double a, double b) noexcept { return two_sum(a, -b); }
 
 using ExactVector = std::array<TwoDoubles, 3>;

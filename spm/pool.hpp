@@ -1,15 +1,14 @@
-/// The one fixed store of a controller: records, vertices, faces and tree nodes of all its objects.
+/// The fixed memory of an HRTC for the records, vertices, faces and tree nodes of all its objects.
 ///
-/// A slot holds one record part, the vertex it brings and rows for the two faces it bears. A face that appears
-/// therefore needs no allocation of its own, and a record, once decoded, reaches everything it changes without a
-/// look-up.
+/// A slot holds one record part, the vertex that it adds, and the rows of the two faces that it bears. So a new face
+/// needs no allocation, and a decoded record reaches everything that it changes without a look-up.
 ///
 ///   slot s:  parts[s]   vertices[s]   radius[s]   faces[2 s], faces[2 s + 1]   state[s]
 ///            64 B       16 B          4 B         2 x 32 B                     2 B
 ///
-/// Who may write: the loader (Cache) fills a slot before it hands a region over and after it got the region back;
-/// between the two, faces and state belong to the haptic thread (Forest). The rings that carry the regions order the
-/// accesses. The base mesh takes slots that are never given back.
+/// The loader (Cache) writes a slot before it hands the region over and after it got the region back. In between,
+/// faces and state belong to the haptic thread (Forest). The rings that carry the regions order these accesses. The
+/// slots of a base mesh are taken until the object is removed.
 #pragma once
 
 #include <algorithm>
@@ -22,57 +21,60 @@
 
 namespace tactus::spm {
 
-/// What names a thing of one pool fits a key of FlatIndex, and a face row its number.
+/// Slots and objects of one pool fit a key of FlatIndex, and a face row fits its value.
 inline constexpr std::uint32_t kMaxSlots = 1u << 26;
 inline constexpr std::uint32_t kMaxObjects = 64;
 
-/// Sized once, at start. `slots` and `tree_nodes` are what an operator sets; the rest follows.
+/// Sized once, at start. An operator sets `slots` and `tree_nodes`; the others follow from them.
 struct PoolSettings {
   std::uint32_t slots = 1u << 16;        ///< at most kMaxSlots; exceeded: a region is refused and stays coarse
   std::uint32_t tree_nodes = 1u << 14;   ///< exceeded: refinement stops, PoolFull is flagged
   std::uint32_t list_blocks = 1u << 13;  ///< blocks of 62 list entries; exceeded: as slots
-  /// Beside the pool, for what is kept as it came: a record takes one, seldom two. Exceeded: a region is refused.
+  /// Blocks of the compressed cache: a record takes one, seldom two. Exceeded: a region is refused.
   std::uint32_t compressed_blocks = 1u << 18;
-  /// Nodes follow what is shown, slots what is decoded, blocks what may be met within a round trip.
+  /// Nodes hold the shown mesh, slots the decoded records, blocks the records for contacts within a round trip.
   static PoolSettings for_slots(std::uint32_t slots) noexcept {
     return {slots, slots / 4 + std::min(slots / 2 + 1024, 6144u), slots / 10 + 256, std::min(6 * slots, kMaxSlots)};
   }
-  /// As many slots as `bytes` hold, all that belongs to them included; 0 when not even one fits.
+  /// The most slots that fit into `bytes` with everything that belongs to them; 0 if none fits.
   static PoolSettings for_bytes(std::uint64_t bytes) noexcept;
-  /// Bytes that a controller with these settings holds for its models, directories apart.
+  /// Bytes of memory with these settings, without directories.
   [[nodiscard]] std::uint64_t bytes() const noexcept;
 };
 
 struct Vertex {
   std::array<float, 3> position;  ///< model frame, file units
-  std::uint32_t id;               ///< VertexId
+  VertexId id;
 };
 
-/// A face in whatever version is shown. Its coordinates stand in the tree node that holds it, where queries read them.
+/// A face in the version that is shown. Its tree node holds a copy of the coordinates, which queries read.
 struct alignas(32) FaceRow {
-  std::array<std::uint32_t, 3> vertices;  ///< slots
-  std::uint32_t face;                     ///< FaceId
-  std::uint32_t node;                     ///< AB-tree node that holds it; kNone when not shown
-  std::uint32_t last;                     ///< 1: this is the finest version
+  std::array<Slot, 3> vertices;
+  FaceId face;
+  NodeIndex node;      ///< AB-tree node that holds it; kNone when not shown
+  std::uint32_t last;  ///< 1: this is the finest version
 };
 static_assert(sizeof(FaceRow) == 32);
 
+/// The row of face `i` (0 or 1) that slot `slot` bears.
+[[nodiscard]] constexpr RowIndex row_of(Slot slot, std::uint32_t i) noexcept { return RowIndex{2 * index(slot) + i}; }
+
 /// Size of an AB-tree node, see spm/ab_tree.hpp.
 inline constexpr std::uint32_t kTreeNodeBytes = 384;
-/// Leaf nodes that may change in a cycle while they are kept as they were. Exceeded: refinement goes on in the next.
+/// Leaf nodes of which the previous version can be stored in a cycle. Exceeded: refinement continues in the next.
 inline constexpr std::uint32_t kKeptNodes = 1024;
 
-/// Size of a block of what is kept coded, see spm/codec/compressed_cache.hpp.
+/// Size of a block of the compressed cache, see spm/codec/compressed_cache.hpp.
 inline constexpr std::uint32_t kCompressedBlockBytes = 20;
 
 /// A region's list in memory: blocks of record slots, linked both ways, walked forwards to refine and backwards to
 /// coarsen.
 struct ListBlock {
   static constexpr std::uint32_t kEntries = 62;
-  std::uint32_t before, after;
-  std::array<std::uint32_t, kEntries> slots;
+  BlockIndex before, after;
+  std::array<Slot, kEntries> slots;
 
-  /// An empty list takes one too, so that "held" is visible.
+  /// An empty list also takes a block, so that a held region always has a first block.
   [[nodiscard]] static constexpr std::uint32_t blocks_for(std::uint32_t records) noexcept {
     return records == 0 ? 1 : (records + kEntries - 1) / kEntries;
   }
@@ -80,11 +82,11 @@ struct ListBlock {
 static_assert(sizeof(ListBlock) == 256);
 
 struct RegionList {
-  std::uint32_t first_block = kNone;
+  BlockIndex first_block = kNone;
   std::uint32_t length = 0;
 };
 
-/// Upper bit: shown; lower bits: how many regions under refinement want the record.
+/// Upper bit: shown. Lower bits: the number of refined regions that want the record.
 struct SlotState {
   static constexpr std::uint16_t kShown = 0x8000;
   std::uint16_t bits = 0;
@@ -97,12 +99,12 @@ struct Pool {
   explicit Pool(PoolSettings settings);
 
   PoolSettings settings;
-  std::vector<RecordPart> parts;
-  std::vector<Vertex> vertices;
-  std::vector<float> radius;  ///< of the slot's vertex, file units: see record.hpp
-  std::vector<FaceRow> faces;
-  std::vector<SlotState> state;
-  std::vector<ListBlock> blocks;
+  IdVector<Slot, LoadedPart> parts;
+  IdVector<Slot, Vertex> vertices;
+  IdVector<Slot, float> radius;  ///< of the slot's vertex, file units: see record.hpp
+  IdVector<RowIndex, FaceRow> faces;
+  IdVector<Slot, SlotState> state;
+  IdVector<BlockIndex, ListBlock> blocks;
 };
 
 }  // namespace tactus::spm

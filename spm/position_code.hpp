@@ -1,7 +1,6 @@
-/// Coordinates as whole numbers, one for each value that a model's profile allows, in their order: so that a predicted
-/// coordinate can be put right exactly.
+/// Coordinates as whole numbers in the order of their values, so that a residual restores a coordinate exactly.
 ///
-/// Lossless profile: every float. Compact profile: the places of the declared grid, each of which is one float.
+/// Lossless profile: one number for each float. Compact profile: one number for each step of the model's grid.
 #pragma once
 
 #include <cmath>
@@ -17,7 +16,7 @@ class PositionCode {
   explicit PositionCode(const ModelSummary& summary) noexcept
       : origin_{summary.bounds_min}, step_{summary.position_step} {}
 
-  /// Of the value nearest to `coordinate`, which is not left of the bounds.
+  /// The code of the value nearest to `coordinate`, which must not be below the bounds.
   [[nodiscard]] std::uint32_t of(std::size_t axis, double coordinate) const noexcept {
     if (step_ > 0) return static_cast<std::uint32_t>((coordinate - double{origin_[axis]}) / step_ + 0.5);
     const auto value = static_cast<float>(coordinate);
@@ -25,7 +24,7 @@ class PositionCode {
     std::memcpy(&bits, &value, sizeof bits);
     return (bits & kSign) != 0 ? ~bits : bits | kSign;
   }
-  /// Any code gives some float; of a foreign one it may not be finite.
+  /// Any code gives a float; if the code is not trusted, the float may not be finite.
   [[nodiscard]] float at(std::size_t axis, std::uint32_t code) const noexcept {
     if (step_ > 0) return static_cast<float>(double{origin_[axis]} + code * step_);
     const std::uint32_t bits = (code & kSign) != 0 ? code & ~kSign : ~code;

@@ -1,12 +1,12 @@
-/// Where a split's vertex is expected, by the vertices around it, so that its place takes few bits to tell.
+/// Predicts the position of a split's vertex from the vertices around it, so that a record only needs small residuals.
 ///
-///     two axes    the mean of the ring, a little towards t and away from the ring's ends: a collapse goes along a
-///     short
-///                 edge. The two that lie flattest in the surface are told first
-///     the third   on the plane through that place as flat as the ring is, where the other two have come to stand: what
-///                 is left to tell is how far the vertex stands out of the surface
+/// Two axes are predicted first: the mean of the ring, moved a little towards t and away from the ends of the ring,
+/// because a collapse goes along a short edge. These are the two axes in which the surface is flattest. The third axis
+/// follows from the plane of the ring through that position, after the residuals of the first two are applied; its
+/// residual is the height above the surface.
 ///
-/// Sender and receiver compute the same to the bit: doubles, one order of vertices, no contraction.
+/// Sender and receiver compute the same bits: doubles, a fixed order of vertices, no contraction.
+/// Source: Touma, Gotsman 1998 (prediction and residual).
 #pragma once
 
 #include <algorithm>
@@ -22,15 +22,15 @@ namespace tactus::spm {
 
 class PositionPredictor {
  public:
-  /// Differences in PositionCodes: along the surface twice, then across it. They wrap.
+  /// Differences of PositionCodes: twice along the surface, then across it. They wrap.
   using Residuals = std::array<std::uint32_t, 3>;
 
-  /// Not for an empty ring. `position_of(vertex)` gives three floats within the bounds. O(ring).
-  template <class PositionOf>
-  PositionPredictor(const ModelSummary& summary, const VertexRing& ring, PositionOf position_of) noexcept
+  /// The ring must not be empty. `position_of(vertex)` gives three floats within the bounds. O(ring).
+  template <class Vertex, class PositionOf>
+  PositionPredictor(const ModelSummary& summary, const VertexRing<Vertex>& ring, PositionOf position_of) noexcept
       : summary_{summary}, code_{summary} {
     const std::uint32_t count = ring.size();
-    // From t: the first of the others, the one before, the sum.
+    // Relative to t: the first other vertex, the previous one, the sum.
     const Point t = point(position_of(ring[0]));
     Point first{}, before{}, sum{}, normal{};
     for (std::uint32_t i = 1; i < count; ++i) {
@@ -60,7 +60,7 @@ class PositionPredictor {
     offsets[2] = code_.of(across_, double{position[across_]}) - code_of(across_, third(position));
     return offsets;
   }
-  /// False when that is out of the bounds.
+  /// False if the position is out of the bounds.
   [[nodiscard]] bool place(const Residuals& offsets, std::array<float, 3>& position) const noexcept {
     const std::size_t a = after(across_), b = after(a);
     position[a] = code_.at(a, code_of(a, expected_[a]) + offsets[0]);
@@ -72,7 +72,7 @@ class PositionPredictor {
 
  private:
   using Point = std::array<double, 3>;
-  // Least squares over bunny, organ and dragon, rounded; the best for each is within a tenth of a bit of these.
+  // Least squares over bunny, organ and dragon, rounded. The optimum of each saves at most a tenth of a bit.
   static constexpr double kTowardsParent = 0.25, kAwayFromEnds = 0.14;
 
   static std::size_t after(std::size_t axis) noexcept { return axis == 2 ? 0 : axis + 1; }
@@ -85,7 +85,7 @@ class PositionPredictor {
   [[nodiscard]] std::uint32_t code_of(std::size_t axis, double coordinate) const noexcept {
     return code_.of(axis, std::clamp(coordinate, double{summary_.bounds_min[axis]}, double{summary_.bounds_max[axis]}));
   }
-  // Written so that a NaN fails.
+  // False for NaN.
   [[nodiscard]] bool within(std::size_t axis, float coordinate) const noexcept {
     return coordinate >= summary_.bounds_min[axis] && coordinate <= summary_.bounds_max[axis];
   }

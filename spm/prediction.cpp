@@ -6,7 +6,7 @@
 namespace tactus::spm {
 namespace {
 
-constexpr double kPlane = 5;  // radii: the surface so far around the tip is its plane
+constexpr double kPlane = 5;  // radii: radius of the surface from which the tangent plane is computed
 
 }  // namespace
 
@@ -18,12 +18,12 @@ void Predictor::observe(double time, const Vec3d& position, bool in_contact) {
   }
   const Sample before = count_ > 0 ? last_ : Sample{time, position};
   last_ = {time, position};
-  // On coarse faces there may be no contact where the finest would give one.
+  // A coarse mesh may give no contact where the finest one would.
   on_surface_ = in_contact;
   if (!on_surface_ && settings_.strategy == Strategy::kMixture)
     grid_->for_each_meeting(position, settings_.radius, [&](RegionId, double) { on_surface_ = true; });
   if (!on_surface_) motion_segment_.interrupt();
-  // Samples are evenly spaced, whenever observations come.
+  // Interpolates samples at even intervals.
   constexpr double kTolerance = 1e-9;
   double next = count_ > 0 ? history_[newest_].time + kSpacing : time;
   for (; next <= time + kTolerance; next += kSpacing) {
@@ -62,9 +62,9 @@ Predictor::Motion Predictor::motion() const noexcept {
   return motion;
 }
 
-/// The way that a hand's strokes foretell, and what is beside it as far as ways are missed. False while they do not.
+/// Adds the regions along the predicted path, within its uncertainty. False if there is no prediction.
 bool Predictor::follow(double lead, Answer& out) const {
-  constexpr double kMaxDoubt = 2, kMaxBeside = 3;  // the latter in radii
+  constexpr double kMaxDoubt = 2, kMaxBeside = 3;  // the second in radii
   const MotionSegment::Way way = motion_segment_.ahead(*grid_, kPlane * settings_.radius, lead);
   if (way.count == 0) return false;
   const double reach = settings_.radius + settings_.margin;
@@ -80,7 +80,7 @@ bool Predictor::follow(double lead, Answer& out) const {
     if (i + 1 < way.count)
       if (!grid_->for_each_meeting((way.points[i] + way.points[i + 1]) / 2, reach + beside, visit)) out.miss();
   }
-  // A tip at rest may start anywhere.
+  // A tip at rest may start in any direction.
   const double could = settings_.min_speed * lead;
   if (motion().velocity.norm() < 2 * settings_.min_speed)
     grid_->for_each_meeting(last_.position, reach + could, [&](RegionId region, double) {
@@ -103,7 +103,7 @@ void Predictor::predict(double lead, Answer& out) const {
   const bool mixture = strategy == Strategy::kMixture;
 
   add_sphere(now.position, reach, 0);
-  // Beyond that, a way that the hand's strokes foretell says more.
+  // For later times the predicted path is better than extrapolation.
   constexpr double kNear = 0.025;  // s
   const double near = mixture && on_surface_ && follow(lead, out) ? std::min(lead, kNear) : lead;
   constexpr int kSteps = 6;
@@ -112,15 +112,15 @@ void Predictor::predict(double lead, Answer& out) const {
     const Vec3d linear = now.position + now.velocity * t;
     if (mixture || strategy == Strategy::kLinear) add_sphere(linear, reach, t);
     if ((mixture && on_surface_) || strategy == Strategy::kPolynomial) {
-      // A fitted acceleration holds for about as long as the history it was fitted to.
+      // A fitted acceleration is valid for about the length of the history.
       const double trusted = std::min(t, 0.05);
       add_sphere(linear + now.acceleration * (trusted * trusted / 2), reach, t);
     }
     if ((mixture && !on_surface_) || strategy == Strategy::kDistance)
-      add_sphere(now.position, reach + speed * t / 2, t);  // it may turn
+      add_sphere(now.position, reach + speed * t / 2, t);  // the tip may change direction
     if (strategy == Strategy::kNeighbours) add_sphere(now.position, reach + speed * t, t);
   }
-  // Local neighbours: it may turn.
+  // The tip may change direction.
   if (mixture && on_surface_) add_sphere(now.position, reach + speed * near / 4, near);
 }
 

@@ -1,17 +1,19 @@
-/// Which regions a probe will meet, and when: what to load before it is touched.
+/// Predicts the regions that a probe will touch, and when, so that they can be loaded before.
 ///
-/// Each strategy puts balls in time and space; a region's time to contact is the earliest ball that meets it. All but
-/// the mixture are the paper's ideas. We differ: the history is of tip positions, which know their regions, for a
-/// region is too coarse to extrapolate from at 1 kHz. What each fetches in time and in vain: scripts/bench prediction.
+/// Each strategy places spheres in space and time. The time to contact of a region is the earliest sphere that
+/// intersects it. All strategies but the mixture are the paper's ideas. We differ: the history consists of tip
+/// positions, because a region is too coarse to extrapolate from at 1 kHz. `scripts/bench prediction` shows how many
+/// regions each strategy loads in time and in vain.
 ///
-/// Model frame, file units, seconds. Fixed memory. One thread; not the haptic one (about 10 us; the mixture in contact
-/// some 50, and a few hundred when it looks 0.15 s ahead).
+/// Model frame, file units, seconds. Fixed memory. One thread, not the haptic one: about 10 us; the mixture in contact
+/// takes some 50 us, and a few hundred with a look-ahead of 0.15 s.
 /// Source: Liu, Georganas, Roth, 3DIM 2005, section 3 (prediction of contact regions).
 #pragma once
 
 #include <algorithm>
 #include <array>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "spm/motion_segment.hpp"
@@ -22,20 +24,20 @@
 namespace tactus::spm {
 
 enum class Strategy : std::uint8_t {
-  kNeighbours,  ///< all around the tip, as far as it goes at its speed
+  kNeighbours,  ///< around the tip, as far as it can get at its speed
   kLinear,      ///< along its velocity
   kPolynomial,  ///< along its velocity and acceleration
-  kDistance,    ///< all around the tip, as far as half its speed takes it
-  kMixture      ///< the way that a hand's strokes foretell, in contact; linear and distance without
+  kDistance,    ///< around the tip, as far as it can get at half its speed
+  kMixture      ///< in contact the predicted path (MotionSegment); otherwise linear and distance
 };
-/// By Strategy: what users call them.
+/// By Strategy: the names for users.
 inline constexpr std::array<const char*, 5> kStrategyNames{"neighbours", "linear", "polynomial", "distance", "mixture"};
 
 struct PredictedRegion {
   RegionId region{};
-  double contact_in = 0;     ///< s; 0: met now
-  double contact_until = 0;  ///< s; the last time that it is met
-  double doubt = 0;          ///< how far beside the expected way, in the distances that ways are missed by
+  double contact_in = 0;     ///< s; 0: touched now
+  double contact_until = 0;  ///< s; the end of the contact
+  double doubt = 0;          ///< distance from the predicted path, in standard deviations of the prediction
 
   [[nodiscard]] bool before(const PredictedRegion& other) const noexcept {
     return contact_in != other.contact_in ? contact_in < other.contact_in : index(region) < index(other.region);
@@ -49,14 +51,14 @@ struct PredictedRegion {
 
 struct PredictionSettings {
   double radius = 0;     ///< file units, of the tip
-  double margin = 0;     ///< file units; how far from the tip's path a region still counts as met
-  double min_speed = 0;  ///< file units/s; a tip at rest is expected to start with this
+  double margin = 0;     ///< file units; max distance of a region from the tip's path
+  double min_speed = 0;  ///< file units/s; expected when a tip at rest starts
   Strategy strategy = Strategy::kMixture;
 };
 
 class Predictor {
  public:
-  /// Soonest first once sorted; what would be met last is dropped when there are more.
+  /// The soonest contact first, once sorted. If there are more regions than fit, the latest are dropped.
   struct Answer : RegionTable<PredictedRegion> {
     static constexpr std::uint32_t kMaxRegions = 1024;
     explicit Answer(std::uint32_t capacity = kMaxRegions) : RegionTable{capacity} {}
@@ -65,10 +67,10 @@ class Predictor {
   /// `grid` must outlive it.
   Predictor(const RegionGrid& grid, PredictionSettings settings) : grid_{&grid}, settings_{settings} {}
 
-  /// The tip's centre at `time`; times ascend. A gap of more than 0.1 s starts a new history.
+  /// Adds the position of the tip's centre at `time`; times ascend. A gap of more than 0.1 s starts a new history.
   void observe(double time, const Vec3d& position, bool in_contact);
 
-  /// Adds the regions that the tip will meet within `lead` from the last observation.
+  /// Adds the regions that the tip will touch within `lead` of the last observation.
   void predict(double lead, Answer& out) const;
 
   /// Motion fitted to the history: position, velocity, acceleration at the last observation.
@@ -79,7 +81,7 @@ class Predictor {
 
  private:
   static constexpr std::uint32_t kHistory = 24;
-  static constexpr double kSpacing = MotionSegment::kSpacing;  // between kept samples: 48 ms of history
+  static constexpr double kSpacing = MotionSegment::kSpacing;  // between samples: 48 ms of history
   struct Sample {
     double time;
     Vec3d position;
@@ -100,10 +102,10 @@ class Predictor {
   bool on_surface_ = false;
 };
 
-/// The same for a probe of several spheres, each of which goes its own way.
+/// The same for a probe of several spheres, each with its own path.
 class ProbePredictor {
  public:
-  /// `shape`: in units of which `scale` make a file unit. `settings`: their radius is that of each sphere.
+  /// `scale`: units of `shape` per file unit. The radius of each sphere replaces that of `settings`.
   ProbePredictor(const RegionGrid& grid, const ProbeShape& shape, double scale, PredictionSettings settings) {
     for (const ProbeSphere& sphere : shape.spheres()) {
       settings.radius = sphere.radius / scale;
@@ -111,8 +113,8 @@ class ProbePredictor {
     }
   }
 
-  /// `spheres`: those of the shape, in the same order, at `time`.
-  void observe(double time, Span<const PlacedSphere> spheres, bool in_contact) {
+  /// `spheres`: the spheres of the shape at `time`, in the same order.
+  void observe(double time, std::span<const PlacedSphere> spheres, bool in_contact) {
     for (std::size_t i = 0; i < predictors_.size(); ++i) predictors_[i].observe(time, spheres[i].centre, in_contact);
   }
   void predict(double lead, Predictor::Answer& out) const {

@@ -1,12 +1,12 @@
-/// Asking for memory before it is needed.
+/// Prefetching of memory.
 #pragma once
 
 namespace tactus::spm {
 
-/// Asks for the cache line with `address` and does not wait for it. Realtime.
+/// Starts to load the cache line with `address` and does not wait for it. Realtime.
 ///
-/// The empty statement takes no instruction, but counts as an effect: g++ 12 takes a function that does nothing but
-/// prefetch for one without effect, and leaves calls of it out.
+/// The empty asm statement generates no instruction but counts as a side effect. Without it, g++ 12 removes calls of
+/// functions that only prefetch.
 inline void prefetch(const void* address) noexcept {
   __builtin_prefetch(address);
   asm volatile("");

@@ -6,7 +6,7 @@
 namespace tactus::spm {
 namespace {
 
-constexpr double kSpacing = 1.0 / 128;  // of samples, in radii of the probe
+constexpr double kSpacing = 1.0 / 128;  // of the samples, in radii of the probe
 
 struct Cluster {
   std::vector<Vec3d> points;
@@ -27,7 +27,7 @@ Cluster cluster_of(std::vector<Vec3d> points) {
   return cluster;
 }
 
-/// Points of the surface, none of it further than `spacing` from one.
+/// Samples of the surface; every point of it is within `spacing` of a sample.
 std::vector<Vec3d> samples_of(const MeshProbe& probe, double spacing) {
   const auto& at = probe.vertices();
   std::vector<Vec3d> points;
@@ -68,7 +68,7 @@ std::vector<ProbeSphere> spheres_of(const MeshProbe& probe, std::uint32_t max) {
     clusters.push_back(cluster_of(std::move(above)));
   }
   std::vector<ProbeSphere> spheres;
-  const double between = spacing / std::sqrt(3);  // of the samples, at most
+  const double between = spacing / std::sqrt(3);  // maximum distance of the surface from a sample
   for (const Cluster& cluster : clusters) spheres.push_back({cluster.sphere.centre, cluster.sphere.radius + between});
   const auto tip = std::min_element(spheres.begin(), spheres.end(), [](const ProbeSphere& a, const ProbeSphere& b) {
     return a.centre.norm() - a.radius < b.centre.norm() - b.radius;

@@ -1,16 +1,16 @@
-/// Spheres that together hold a probe's surface: what stands for it where only spheres are asked about.
+/// Spheres that together cover a probe's surface. Prediction and target selection use them instead of the probe.
 ///
 ///        _______________________
-///     (_)_(_)_(_)_(_)_(_)_(_)_(_)     a stylus, from its tip on
+///     (_)_(_)_(_)_(_)_(_)_(_)_(_)     a stylus; the first sphere is at its tip
 ///
-/// The largest is divided across its longest side until there are as many as may be. Probe's frame and unit.
+/// The largest sphere is divided across its longest side until the maximum number is reached. Probe's frame and unit.
 #pragma once
 
 #include <algorithm>
+#include <span>
 #include <vector>
 
 #include "spm/mesh_probe.hpp"
-#include "spm/span.hpp"
 
 namespace tactus::spm {
 
@@ -19,32 +19,32 @@ struct ProbeSphere {
   double radius = 0;
 };
 
-/// One of the spheres that stand for a probe, in an object's model frame; file units.
+/// One of these spheres in an object's model frame; file units.
 struct PlacedSphere {
   Vec3d centre = Vec3d::Zero();
   double radius = 0;
-  Vec3d ahead = Vec3d::Zero();  ///< where it goes while refinement looks ahead
+  Vec3d ahead = Vec3d::Zero();  ///< its motion during the look-ahead time of refinement
 };
 
-/// At most `max` spheres, at least one; the one nearest to the probe's origin, where the tip is, comes first.
-/// Allocates; O(area / size^2) of a fine sampling.
+/// At most `max` spheres, at least one. The sphere nearest to the probe's origin, the tip, comes first. Samples the
+/// surface finely: O(area / spacing^2). Allocates.
 [[nodiscard]] std::vector<ProbeSphere> spheres_of(const MeshProbe& probe, std::uint32_t max);
 
-/// Where an object's mesh has to be the finest one for a probe, whatever that is, so that its contacts are exact.
+/// The spheres in which the mesh must be at full resolution so that the contacts of a probe are exact.
 class ProbeShape {
  public:
-  static constexpr std::uint32_t kMaxSpheres = 8;  ///< more would refine less, and take longer to ask
+  static constexpr std::uint32_t kMaxSpheres = 8;  ///< more would refine less of the mesh, but take longer to query
 
-  /// A sphere about the origin.
+  /// One sphere around the origin.
   explicit ProbeShape(double radius) : spheres_{{Vec3d::Zero(), radius}} {}
-  /// A rigid mesh that collides at a distance of `margin`. Allocates, as spheres_of.
+  /// A rigid mesh with the collision margin `margin`. Allocates, as spheres_of.
   explicit ProbeShape(const MeshProbe& mesh, double margin = 0) : spheres_{spheres_of(mesh, kMaxSpheres)} {
     for (ProbeSphere& sphere : spheres_) sphere.radius += margin;
   }
 
   /// The tip's comes first.
-  [[nodiscard]] Span<const ProbeSphere> spheres() const noexcept { return spheres_; }
-  /// No point of the spheres is further from the origin.
+  [[nodiscard]] std::span<const ProbeSphere> spheres() const noexcept { return spheres_; }
+  /// Maximum distance of a point of the spheres from the origin.
   [[nodiscard]] double reach() const noexcept {
     double reach = 0;
     for (const ProbeSphere& sphere : spheres_) reach = std::max(reach, sphere.centre.norm() + sphere.radius);

@@ -1,7 +1,7 @@
-/// One region as it travels: its closed record list, and those of its records that the receiver lacks.
+/// A received region: its closed record list, and those of its records that the receiver did not have.
 ///
-/// What the receiver can find out by itself is left out. All in ids. `spm/codec` makes the bytes; Cache::accept takes
-/// this and completes it. Nothing in it is trusted until the cache has checked it against what it holds.
+/// A message leaves out what the receiver can compute. All references are ids. `spm/codec` encodes and decodes the
+/// bytes; Cache::accept completes and checks the records. Do not trust the contents before that.
 #pragma once
 
 #include <array>
@@ -9,29 +9,32 @@
 
 #include "spm/ids.hpp"
 #include "spm/model.hpp"
+#include "spm/position_predictor.hpp"
 #include "spm/record.hpp"
 #include "spm/vertex_ring.hpp"
 
 namespace tactus::spm {
 
-/// In `born_x`: not a VertexId but a place in the record's VertexRing.
+/// In `born_x`: the rest of the number is a position in the record's VertexRing, not a VertexId.
 inline constexpr std::uint32_t kInRing = 1u << 31;
-/// The last place there, wherever that is.
-inline constexpr std::uint32_t kLastInRing = VertexRing::kMax;
-/// In place of the id of a deformed face: the one that LoadedFront::swing finds after the one before.
-inline constexpr std::uint32_t kNextAround = (1u << 29) - 1;
-/// The corner of a deformed face where t stands, whichever it is.
+[[nodiscard]] constexpr VertexId ring_place(std::uint32_t place) noexcept { return VertexId{kInRing | place}; }
+[[nodiscard]] constexpr bool in_ring(VertexId x) noexcept { return (index(x) & kInRing) != 0; }
+/// The last position in the ring.
+inline constexpr std::uint32_t kLastInRing = VertexRing<VertexId>::kMax;
+/// In place of the id of a deformed face: the face that LoadedFront::swing finds from the previous one.
+inline constexpr FaceId kSwing{(1u << 29) - 1};
+/// The corner of a deformed face at which t is.
 inline constexpr std::uint32_t kCornerOfParent = 3;
 
 struct RegionData {
   RegionId region{};
-  std::vector<Interval> list;  ///< the region's whole closed list: ascending intervals that do not touch
-  std::vector<Interval> sent;  ///< the records in this message, a subset of `list`, same form
-  /// For each record in `sent`, in order: where it is, from its PositionPredictor once its first part is entered.
-  std::vector<std::array<std::uint32_t, 3>> offsets;
-  /// The sent records, in order. A chain's parts follow each other; `next` is the index in this array of the next part,
-  /// or kNone. `parent` is kNone where the first part deforms a face: it stands there, at the corner given. All other
-  /// deformed corners are kCornerOfParent.
+  std::vector<Interval> list;  ///< the closed list: ascending intervals that do not touch
+  std::vector<Interval> sent;  ///< the records in this message: a subset of `list`, in the same form
+  /// For each record in `sent`, in order: from the position that PositionPredictor expects once the first part is
+  /// decoded.
+  std::vector<PositionPredictor::Residuals> residuals;
+  /// The sent records in order, with all parts of a record together. If the first part deforms a face, `parent` is
+  /// kNone and the first deformed corner gives the parent. All other deformed corners are kCornerOfParent.
   std::vector<RecordPart> parts;
 };
 

@@ -1,12 +1,13 @@
 #include "spm/region_grid.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <limits>
 
 namespace tactus::spm {
 namespace {
 
-/// Of the table that finds cells: at most half of them are taken.
+/// Size of the hash table; at most half full.
 std::size_t places_for(std::size_t cells) noexcept {
   std::size_t places = 16;
   while (places < 2 * cells) places *= 2;
@@ -15,9 +16,9 @@ std::size_t places_for(std::size_t cells) noexcept {
 
 }  // namespace
 
-RegionGrid::RegionGrid(const GridFrame& frame, Span<const Region> regions)
+RegionGrid::RegionGrid(const GridFrame& frame, std::span<const Region> regions)
     : frame_{frame}, regions_{static_cast<std::uint32_t>(regions.size())} {
-  // Cells that are divided, once each.
+  // Each divided cell once.
   std::vector<Cell> above;
   for (const Region& region : regions)
     for (std::uint32_t up = 1; up <= region.depth; ++up)
@@ -65,12 +66,12 @@ double RegionGrid::squared_distance(RegionId region, const Vec3d& p) const noexc
       const double d = std::max(std::max(low - p[axis], p[axis] - (low + quarter)), 0.0);
       apart[axis][i] = d * d;
     }
-  // By the four bits of a row along x: the nearest of those set.
+  // By the four bits of a row along x: the nearest set part.
   constexpr double kNever = std::numeric_limits<double>::infinity();
   double along_x[16];
   along_x[0] = kNever;
   for (unsigned bits = 1; bits < 16; ++bits) {
-    const auto first = static_cast<unsigned>(__builtin_ctz(bits));
+    const auto first = static_cast<unsigned>(std::countr_zero(bits));
     along_x[bits] = std::min(apart[0][first], along_x[bits & (bits - 1)]);
   }
   double nearest = kNever;

@@ -1,15 +1,16 @@
-/// Which labelled cells a ball meets.
+/// Finds the labelled cells that a sphere intersects.
 ///
-/// The even partition of the bounding volume is a sparse grid whose dense cells are divided again; only cells that hold
-/// faces exist. A cell is met where its surface may be: in those of its sixty-fourths that faces meet. (A tip is larger
-/// than a cell; whole cells would add a third to what it wants.) Model frame, file units. Look-ups are O(cells of the
-/// grid in the ball's box). Realtime after construction. Source: Liu, Georganas, Roth, 3DIM 2005, section 3.
+/// The even partition of the model's bounds is a sparse grid, and dense cells are divided again. Only cells with faces
+/// exist. A sphere intersects a region if it intersects one of the 4 x 4 x 4 parts of the cell that have faces: a tip
+/// is larger than a cell, and whole cells would select a third more. Model frame, file units. Queries are O(cells in
+/// the bounds of the sphere). Realtime after construction. Source: Liu, Georganas, Roth, 3DIM 2005, section 3.
 #pragma once
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "spm/ids.hpp"
@@ -28,19 +29,19 @@ struct CellBox {
 class RegionGrid {
  public:
   /// Allocates. `regions` must have passed violations().
-  RegionGrid(const GridFrame& frame, Span<const Region> regions);
+  RegionGrid(const GridFrame& frame, std::span<const Region> regions);
 
   [[nodiscard]] std::uint32_t size() const noexcept { return regions_; }
   [[nodiscard]] CellBox box(RegionId region) const noexcept { return box_of(cells_[index(region)]); }
-  /// What a grid of so many regions takes; cells that are divided are counted as an eighth of these.
+  /// Bytes of a grid; assumes one divided cell for eight regions.
   [[nodiscard]] static std::uint64_t bytes(std::uint32_t regions) noexcept;
 
-  /// From `p` to the nearest part of the cell that faces meet; 0 inside. About 20 ns.
+  /// From `p` to the nearest part of the cell with faces; 0 inside. About 20 ns.
   [[nodiscard]] double squared_distance(RegionId region, const Vec3d& p) const noexcept;
 
-  /// Calls `visit(RegionId, squared distance)` once for each labelled cell that is no further than `radius` from
-  /// `centre`, in a fixed order. False when not all were visited: there are more than `kMaxCells` grid cells, a
-  /// coordinate is not finite, or the radius is no number or negative.
+  /// Calls `visit(RegionId, squared distance)` once for each region within `radius` of `centre`, in a fixed order.
+  /// False if the visit is not complete: there are more than `kMaxCells` grid cells, a coordinate is not finite, or the
+  /// radius is NaN or negative.
   template <class Visit>
   bool for_each_meeting(const Vec3d& centre, double radius, Visit&& visit) const noexcept {
     if (!centre.allFinite() || !(radius >= 0)) return false;
@@ -67,16 +68,16 @@ class RegionGrid {
 
  private:
   static constexpr int kMaxDepth = 8;
-  static constexpr double kSlack = 1e-9;  // of a cell: a ball that touches a cell's face meets it
+  static constexpr double kSlack = 1e-9;  // of a cell: a sphere that touches a face of a cell intersects the cell
 
-  /// A cell of the grid, whole or divided. Its box follows from it.
+  /// A region or a divided cell.
   struct Cell {
     std::array<std::uint16_t, 3> at;
     std::uint16_t depth;
-    std::uint64_t occupied;  // sixty-fourths that faces meet
+    std::uint64_t occupied;  // parts that faces intersect
   };
 
-  /// The number of the cell when it is divided and within reach, else kNone. Visits it when it is a region.
+  /// Visits the cell if it is a region. Returns its number if it is divided and within the radius, else kNone.
   template <class Visit>
   [[nodiscard]] std::uint32_t look_at(std::uint32_t depth, const std::array<std::uint32_t, 3>& at, const Vec3d& centre,
                                       double squared_radius, Visit& visit) const noexcept {
@@ -88,18 +89,18 @@ class RegionGrid {
     return kNone;
   }
 
-  /// Visits the regions in a divided cell of the grid, depth first and children in order. The coordinates of a cell say
-  /// which child of which cell it is, so the traversal needs no stack.
+  /// Visits the regions in a divided cell, depth first and children in order. The coordinates of a cell determine its
+  /// parent and its child number, so the traversal needs no stack.
   template <class Visit>
   void visit_divided(std::array<std::uint32_t, 3> at, const Vec3d& centre, double squared_radius,
                      Visit& visit) const noexcept {
     std::uint32_t depth = 0;
-    bool divided = true;  // the cell at the current place
+    bool divided = true;  // the current cell
     for (;;) {
-      if (divided && depth < kMaxDepth) {  // its first child
+      if (divided && depth < kMaxDepth) {  // go to its first child
         ++depth;
         for (std::uint32_t& x : at) x *= 2;
-      } else {  // the next child of the same parent, or of the nearest cell above that has one left
+      } else {  // go to the next child of the nearest ancestor that has one
         while (depth > 0 && (at[0] & at[1] & at[2] & 1u) != 0) {
           --depth;
           for (std::uint32_t& x : at) x /= 2;
@@ -139,8 +140,8 @@ class RegionGrid {
   GridFrame frame_;
   double extent_[3] = {0, 0, 0};  // highest depth-0 coordinate in use
   std::uint32_t regions_ = 0;
-  std::vector<Cell> cells_;            // the regions, then cells that are divided
-  std::vector<std::uint32_t> places_;  // by open addressing: numbers of cells
+  std::vector<Cell> cells_;            // the regions, then the divided cells
+  std::vector<std::uint32_t> places_;  // hash table with open addressing: cell numbers
   std::uint32_t mask_ = 0;
 };
 

@@ -1,24 +1,24 @@
-/// The most urgent of the regions that are added, each of them once, in fixed memory.
+/// The most urgent of the added regions, each of them once, in fixed memory.
 ///
-/// An Entry has `region`; `before(other)`, which puts the more urgent of two first and any two different regions in an
-/// order; and `merge(other)`, which takes in a further entry of the same region and never makes it less urgent. When
-/// there are more regions than fit, the least urgent ones are dropped, in whatever order they come. Realtime after
-/// construction: `add` takes constant time on average, `sort` O(n log n).
+/// An Entry has `region`; `before(other)`, a strict order of different regions with the more urgent first; and
+/// `merge(other)`, which combines two entries of one region and never makes it less urgent. If there are more regions
+/// than fit, the least urgent ones are dropped. The result does not depend on the order of the calls. Realtime after
+/// construction: `add` is O(1) on average, `sort` O(n log n).
 #pragma once
 
 #include <algorithm>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "spm/ids.hpp"
-#include "spm/span.hpp"
 
 namespace tactus::spm {
 
 template <class Entry>
 class RegionTable {
  public:
-  /// `capacity`: regions at most, at least 1. Allocates.
+  /// `capacity`: max regions, at least 1. Allocates.
   explicit RegionTable(std::uint32_t capacity)
       : capacity_{std::max(capacity, 1u)}, entries_(2 * std::size_t{capacity_}), place_of_(entries_.size()) {
     while (std::size_t{1} << bits_ < 2 * entries_.size()) ++bits_;
@@ -32,7 +32,7 @@ class RegionTable {
     complete_ = true;
   }
 
-  /// Not after `sort` until `clear`.
+  /// Do not call between `sort` and `clear`.
   void add(const Entry& entry) noexcept {
     const std::uint32_t place = find(entry.region);
     if (places_[place] != kNone) return entries_[places_[place]].merge(entry);
@@ -44,7 +44,7 @@ class RegionTable {
     take_place(place, count_++);
     if (count_ == entries_.size()) reduce();
   }
-  /// Some region that should be here could not be found.
+  /// Notes that the caller could not find all regions.
   void miss() noexcept { complete_ = false; }
 
   /// Puts the most urgent first.
@@ -53,13 +53,13 @@ class RegionTable {
     std::sort(entries_.begin(), entries_.begin() + count_, [](const Entry& a, const Entry& b) { return a.before(b); });
   }
 
-  /// At most the capacity once sorted.
-  [[nodiscard]] Span<const Entry> entries() const noexcept { return {entries_.data(), count_}; }
-  /// False when a region was dropped or missed.
+  /// After `sort`, at most the capacity.
+  [[nodiscard]] std::span<const Entry> entries() const noexcept { return {entries_.data(), count_}; }
+  /// False if a region was dropped or `miss` was called.
   [[nodiscard]] bool complete() const noexcept { return complete_; }
 
  private:
-  /// The region's place in the open hash table, or the free one where it would stand.
+  /// The region's position in the hash table, or the free position for it.
   [[nodiscard]] std::uint32_t find(RegionId region) const noexcept {
     const auto mask = static_cast<std::uint32_t>(places_.size() - 1);
     std::uint32_t place = index(region) * 0x9e3779b9u >> (32 - bits_);
@@ -73,7 +73,7 @@ class RegionTable {
   void free_places() noexcept {
     for (std::uint32_t i = 0; i < count_; ++i) places_[place_of_[i]] = kNone;
   }
-  /// Drops all but the most urgent ones. Twice as many fit, so this is seldom.
+  /// Drops all but the most urgent entries. Rare, because twice the capacity fits.
   void reduce() noexcept {
     const auto last = entries_.begin() + (capacity_ - 1);
     free_places();
@@ -88,11 +88,11 @@ class RegionTable {
 
   std::uint32_t capacity_;
   std::vector<Entry> entries_;           // the first count_
-  std::vector<std::uint32_t> place_of_;  // of each entry, in places_
-  std::vector<std::uint32_t> places_;    // numbers of entries by open addressing
-  unsigned bits_ = 1;                    // of a place
+  std::vector<std::uint32_t> place_of_;  // by entry: position in places_
+  std::vector<std::uint32_t> places_;    // hash table with open addressing: entry numbers
+  unsigned bits_ = 1;                    // log2 of the size of places_
   std::uint32_t count_ = 0;
-  bool full_ = false;  // then at least `capacity_` regions are as urgent as last_
+  bool full_ = false;  // true: `capacity_` regions are at least as urgent as last_
   Entry last_{};
   bool complete_ = true;
 };

@@ -1,15 +1,15 @@
-/// Lanes of float or double in the compiler's own vector types, and the choice of instruction set at run time.
+/// Vectors of float or double in the compiler's own vector types, and the choice of the instruction set at run time.
 ///
-/// A kernel is written once, in a file `x_kernel.inc` that is included for each instruction set within a namespace of
-/// its own, with simd_lanes.inc in front, between one of the TACTUS_TARGET macros and TACTUS_TARGET_END. (Compilers
-/// lower vector types before they inline, so that helpers have to be compiled for the instruction set too.) Lanes do
-/// not mix and nothing is contracted (-ffp-contract=off): every variant gives the same bits, and tests compare them.
+/// A kernel is written once, in a file `x_kernel.inc`. A source file includes it for each instruction set, in a
+/// namespace of its own, after simd_lanes.inc and between a TACTUS_TARGET macro and TACTUS_TARGET_END. (Compilers lower
+/// vector types before they inline, so helpers must be compiled for the instruction set too.) Lanes do not interact and
+/// nothing is contracted (-ffp-contract=off), so every variant gives the same bits; tests compare them.
 #pragma once
 
 #include <cstdint>
 #include <cstring>
 
-// Vectors are passed between inlined functions only: no calling convention is involved.
+// Vectors are only passed between inlined functions, so the calling convention does not matter.
 #pragma GCC diagnostic ignored "-Wpsabi"
 
 #define TACTUS_ALWAYS_INLINE inline __attribute__((always_inline))
@@ -34,7 +34,7 @@ using Float8 = float __attribute__((vector_size(32)));
 using Int8 = std::int32_t __attribute__((vector_size(32)));
 enum class Simd : std::uint8_t { kBase, kAvx2, kAvx512 };
 
-/// The best that this processor has.
+/// The best instruction set of this processor.
 [[nodiscard]] inline Simd best_simd() noexcept {
 #ifdef TACTUS_HAS_TARGETS
   __builtin_cpu_init();

@@ -27,7 +27,9 @@ SurfacePoints surface_points(const BaseMesh& base, std::size_t max) {
   std::vector<Candidate> candidates;
   for (const std::array<float, 3>& p : base.positions)
     candidates.push_back({{double{p[0]}, double{p[1]}, double{p[2]}}, Vector3d::Zero()});
-  const auto corner = [&](const BaseFace& face, std::size_t k) -> Candidate& { return candidates[face.corners[k]]; };
+  const auto corner = [&](const BaseFace& face, std::size_t k) -> Candidate& {
+    return candidates[index(face.corners[k])];
+  };
   std::vector<Candidate> centres;
   for (const BaseFace& face : base.faces) {
     const Vector3d a = corner(face, 0).position, b = corner(face, 1).position, c = corner(face, 2).position;
@@ -49,9 +51,9 @@ SurfacePoints surface_points(const BaseMesh& base, std::size_t max) {
     next = static_cast<std::size_t>(std::max_element(distances.begin(), distances.end()) - distances.begin());
   }
 
-  // A part of the surface may have become a vertex without a face.
+  // A part of the surface may have collapsed to a vertex without a face.
   out.spacing = std::sqrt(*std::max_element(distances.begin(), distances.end()));
-  // A distance from a point is largest at a corner of a face, so the nearest point by its furthest corner covers it.
+  // The distance from a point to a face is largest at a corner of the face.
   for (const BaseFace& face : base.faces) {
     double covered = std::numeric_limits<double>::infinity();
     for (const SurfacePoint& point : out.points) {

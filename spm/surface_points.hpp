@@ -1,7 +1,7 @@
-/// A few points of a model's surface, for participants that hold no mesh: where it can be touched.
+/// A few points on a model's surface, at which participants without a mesh can aim.
 ///
-/// Each point lies on the finest surface: it is a vertex of the base mesh, which is an original vertex, or the centre
-/// of a base face that no vertex split changes. Model frame, file units. Allocates; not realtime.
+/// Each point is on the finest surface: a vertex of the base mesh, which is an original vertex, or the centre of a base
+/// face that no vertex split changes. Model frame, file units. Allocates; not realtime.
 #pragma once
 
 #include <array>
@@ -19,12 +19,12 @@ struct SurfacePoint {
 
 struct SurfacePoints {
   std::vector<SurfacePoint> points;
-  /// No point of the finest surface is further than this from all of them: a line further away misses the object.
+  /// Every point of the finest surface is within this distance of a surface point.
   double spacing = 0;
 };
 
-/// At most `most` points, each as far from the earlier ones as there is (T. Gonzalez, "Clustering to minimize the
-/// maximum intercluster distance", 1985). O(most x base faces). Empty for a mesh without faces.
+/// At most `max` points. Each next point is the one farthest from the previous points (T. Gonzalez, "Clustering to
+/// minimize the maximum intercluster distance", 1985). O(max x base faces). Empty for a mesh without faces.
 [[nodiscard]] SurfacePoints surface_points(const BaseMesh& base, std::size_t max);
 
 }  // namespace tactus::spm

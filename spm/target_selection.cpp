@@ -41,7 +41,7 @@ void TargetSelection::add_sphere(const PlacedSphere& sphere) noexcept {
        [this](RegionId region, double squared) { return forest_->is_refined(region) ? kLeft + squared : kNotWanted; });
 }
 
-void TargetSelection::add_spheres(Span<const PlacedSphere> spheres) noexcept {
+void TargetSelection::add_spheres(std::span<const PlacedSphere> spheres) noexcept {
   for (const PlacedSphere& sphere : spheres) {
     const double reach = sphere.radius + sphere.ahead.norm() / 2, soon = reach + margins_.refine;
     look(sphere.centre + sphere.ahead / 2, reach + std::max(margins_.refine, margins_.keep),
@@ -53,14 +53,14 @@ void TargetSelection::add_spheres(Span<const PlacedSphere> spheres) noexcept {
   }
 }
 
-Span<const RegionId> TargetSelection::finish() noexcept {
+std::span<const RegionId> TargetSelection::finish() noexcept {
   targets_.sort();
-  const Span<const Target> targets = targets_.entries();
+  const std::span<const Target> targets = targets_.entries();
   std::transform(targets.begin(), targets.end(), order_.begin(), [](const Target& target) { return target.region; });
   return {order_.data(), targets.size()};
 }
 
-bool exact(const Forest& forest, Span<const PlacedSphere> spheres) noexcept {
+bool exact(const Forest& forest, std::span<const PlacedSphere> spheres) noexcept {
   return std::all_of(spheres.begin(), spheres.end(),
                      [&](const PlacedSphere& sphere) { return forest.exact(sphere.centre, sphere.radius); });
 }

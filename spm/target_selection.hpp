@@ -1,4 +1,4 @@
-/// Selects the regions of an object to refine for the probes near it, in the order of their urgency. `exact` tells
+/// Selects the regions of an object to refine for the probes near it, in the order of their urgency. `exact` reports
 /// whether a probe's contacts are those of the finest mesh.
 ///
 /// Spheres cover the surface of each probe (spm/probe_spheres.hpp). Where a sphere meets a labelled cell, the mesh must
@@ -12,6 +12,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "spm/forest.hpp"
@@ -37,12 +38,12 @@ class TargetSelection {
   /// Adds a probe that is one sphere.
   void add_sphere(const PlacedSphere& sphere) noexcept;
   /// Adds a probe of several spheres. It queries the grid once for each sphere and all three groups.
-  void add_spheres(Span<const PlacedSphere> spheres) noexcept;
+  void add_spheres(std::span<const PlacedSphere> spheres) noexcept;
   /// Adds a sphere for a later query. Its regions count as regions that a sphere will soon meet.
   void add_soon(const Vec3d& centre, double radius) noexcept;
 
   /// Returns the regions in their order, for Forest::target. Valid until the next `begin`.
-  [[nodiscard]] Span<const RegionId> finish() noexcept;
+  [[nodiscard]] std::span<const RegionId> finish() noexcept;
   /// False when regions were dropped, or a sphere met more cells than a query of the grid visits.
   [[nodiscard]] bool complete() const noexcept { return targets_.complete(); }
 
@@ -67,6 +68,6 @@ class TargetSelection {
 /// Returns true if every labelled cell that the spheres meet is refined. Queries inside the spheres then give the
 /// contacts of the finest mesh; the caller must ignore contacts with faces that are not finest, which belong to other
 /// cells.
-[[nodiscard]] bool exact(const Forest& forest, Span<const PlacedSphere> spheres) noexcept;
+[[nodiscard]] bool exact(const Forest& forest, std::span<const PlacedSphere> spheres) noexcept;
 
 }  // namespace tactus::spm

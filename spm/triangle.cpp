@@ -11,8 +11,8 @@ bool swept_sphere(const Vec3d& from, const Vec3d& to, double radius, const Vec3d
   // Newton's method on distance(t) - radius. The function is convex and starts positive, so every iterate stays at or
   // before the root: an iterate past 1 or a distance that stops shrinking proves that there is no touch.
   constexpr int kMaxSteps = 32;
-  constexpr double kGraze = 1e-11;  // a miss by less than this share of the extent is a touch
-  constexpr double kNoise = 1e-7;   // nearer than this share of the extent, centre minus contact is no clean direction
+  constexpr double kGraze = 1e-11;  // a miss by less than this share of the extent is a contact
+  constexpr double kNoise = 1e-7;   // below this share of the extent, centre minus contact has no reliable direction
   const Vec3d motion = to - from;
   const double extent = std::max({from.cwiseAbs().maxCoeff(), to.cwiseAbs().maxCoeff(), a.cwiseAbs().maxCoeff(),
                                   b.cwiseAbs().maxCoeff(), c.cwiseAbs().maxCoeff(), radius});
@@ -37,11 +37,11 @@ bool swept_sphere(const Vec3d& from, const Vec3d& to, double radius, const Vec3d
     const Vec3d centre = from + motion * time;
     closest = closest_point(centre, a, b, c);
     distance = std::sqrt(closest.squared_distance);
-    // A point (radius 0) has reached the triangle and its direction is noise; the one before is the side it came from.
+    // A point (radius 0) on the triangle has a noisy direction; the previous one gives the side from which it came.
     if (!(distance > rounding)) break;
     const Vec3d direction = (centre - closest.point) / distance;
     if (!(motion.dot(direction) < 0)) {
-      // Rounding may have carried a point through a needle: a touch all the same.
+      // Rounding may have moved a point through a needle; this counts as a contact.
       if (distance - radius < kGraze * extent) break;
       return false;
     }

@@ -1,7 +1,7 @@
 /// A point and a moving sphere against one triangle, in double precision.
 ///
-/// Any frame, any unit; all corners in the same one. Triangles may be degenerate: a segment or a point is then what is
-/// touched. Both sides touch alike. Realtime: no allocation, no lock, bounded work.
+/// Any frame and any unit, the same for all arguments. A triangle may be degenerate: a segment or a point. Both sides
+/// of a triangle collide. Realtime.
 #pragma once
 
 #include <algorithm>
@@ -20,17 +20,17 @@ struct ClosestPoint {
   Feature feature;
 };
 
-/// A sphere's first touch.
+/// The first contact of a moving sphere.
 struct SweepHit {
-  double time;   ///< in [0, 1]; that of the impact, up to rounding
-  Vec3d point;   ///< of the triangle, touched at that time
+  double time;   ///< in [0, 1], up to rounding
+  Vec3d point;   ///< of the triangle
   Vec3d normal;  ///< unit, from `point` to the sphere's centre at that time
   Feature feature;
 };
 
 namespace detail {
 
-/// Replaces `best` when segment ab is nearer to p; end points count as vertices.
+/// Replaces `best` if segment ab is nearer to p; end points count as vertices.
 inline void nearer_on_segment(const Vec3d& p, const Vec3d& a, const Vec3d& b, Feature on_edge, Feature at_a,
                               Feature at_b, ClosestPoint& best) noexcept {
   const Vec3d ab = b - a;
@@ -56,22 +56,22 @@ inline void nearer_on_segment(const Vec3d& p, const Vec3d& a, const Vec3d& b, Fe
 
 /// The point of triangle abc that is closest to p. Realtime, about 20 ns.
 ///
-/// For a degenerate triangle or a needle the answer is a point of the triangle whose distance is right to rounding.
+/// For a degenerate triangle or a needle, the distance is exact up to rounding.
 [[nodiscard]] inline ClosestPoint closest_point(const Vec3d& p, const Vec3d& a, const Vec3d& b,
                                                 const Vec3d& c) noexcept {
   const Vec3d ab = b - a;
   const Vec3d ac = c - a;
   const Vec3d ap = p - a;
   ClosestPoint best{a, ap.squaredNorm(), Feature::kVertexA};
-  // Orthogonal axes ab and h in the plane keep the distance from a needle right where a cross product would lose it.
+  // Orthogonal axes ab and h in the plane: a cross product would lose the precision for a needle.
   const double ab2 = ab.squaredNorm();
   const double slant = ab2 > 0 ? ab.dot(ac) / ab2 : 0;
   const Vec3d h = ac - ab * slant;
   const double h2 = h.squaredNorm();
   const double longest2 = std::max({ab2, ac.squaredNorm(), (c - b).squaredNorm()});
-  // Edges that a nearest point may lie on: only those that the query is beyond, unless rounding may mislead.
+  // Edges on which the nearest point can be: those that p is beyond. All edges if rounding errors could decide.
   bool on_ab = true, on_bc = true, on_ca = true;
-  // Below this the height of the triangle is lost in rounding, and its edges are all there is.
+  // Below this the height of the triangle is rounding noise, and only its edges count.
   constexpr double kFlat = 1e-28;
   if (ab2 * h2 > kFlat * longest2 * longest2) {
     const double s = ab.dot(ap) / ab2;
@@ -97,16 +97,15 @@ inline void nearer_on_segment(const Vec3d& p, const Vec3d& a, const Vec3d& b, Fe
   return best;
 }
 
-/// The first time in [0, 1] at which a sphere whose centre goes straight from `from` to `to` touches triangle abc;
-/// false when it does not, and then `hit` is untouched. Radius 0 sweeps a point. A miss within rounding may count as a
-/// touch. Realtime, at most 32 closest points.
+/// The first time in [0, 1] at which a sphere whose centre moves straight from `from` to `to` touches triangle abc.
+/// False if it does not; `hit` is then unchanged. Radius 0 sweeps a point. A miss within rounding may count as a
+/// contact. Realtime, at most 32 closest points.
 ///
-/// The triangle is convex, so the distance of a centre that moves straight is a convex function of time. Hence:
-/// - A sphere that already touches (distance <= radius) hits at time 0 when its distance is shrinking, that is when
-///   `(to - from) . normal < 0`, and otherwise never: it may slide along the triangle or leave it.
-/// - A centre that lies on the triangle itself has no such normal. It takes the side of the normal of (a, b, c): it
-/// hits
-///   when it moves against that normal, and never when the triangle is degenerate.
+/// The triangle is convex, so the distance of the centre is a convex function of time. Hence:
+/// - A sphere that already touches (distance <= radius) hits at time 0 if the distance shrinks, that is if
+///   `(to - from) . normal < 0`. Otherwise it never hits: it slides along the triangle or leaves it.
+/// - A centre on the triangle itself has no such normal and uses the normal of (a, b, c): it hits if it moves against
+///   that normal, and never if the triangle is degenerate.
 [[nodiscard]] bool swept_sphere(const Vec3d& from, const Vec3d& to, double radius, const Vec3d& a, const Vec3d& b,
                                 const Vec3d& c, SweepHit& hit) noexcept;
 

@@ -1,8 +1,7 @@
-/// How far apart two triangles are, and where: eight pairs side by side.
+/// Distance and nearest points of two triangles: eight pairs at a time.
 ///
-/// In float, so coordinates belong to an origin nearby: of coordinates up to L the distance is right to some 3e-7 L.
-/// Any unit. Triangles may be degenerate: a segment or a point is then what is near. Of parallel parts any nearest
-/// point may be told. Realtime.
+/// In float, so the origin should be near: for coordinates up to L the error of the distance is some 3e-7 L. Any unit.
+/// Triangles may be degenerate: a segment or a point. Of parallel parts, any nearest point may be returned. Realtime.
 #pragma once
 
 #include <cstdint>
@@ -11,7 +10,7 @@
 
 namespace tactus::spm {
 
-/// [corner][axis][lane]; lanes that are not asked for must be finite.
+/// [corner][axis][lane]; unused lanes must be finite.
 struct alignas(64) TriangleLanes {
   static constexpr int kWidth = 8;
   float corner[3][3][kWidth];
@@ -20,8 +19,9 @@ struct alignas(64) TriangleLanes {
 struct alignas(64) TriangleGaps {
   float distance[TriangleLanes::kWidth];
   float on_object[3][TriangleLanes::kWidth], on_probe[3][TriangleLanes::kWidth];  ///< nearest points, by axis
-  /// By lane: each has corners on both sides of the other's plane, so that the two may meet, of which `distance`, that
-  /// of their edges and corners, knows nothing. No bit: they do not meet, or as good as touch.
+  /// A bit for each lane: each triangle has corners on both sides of the other's plane, so they may intersect.
+  /// `distance`, which is between edges and corners, does not show that. No bit: they do not intersect, except within
+  /// rounding.
   unsigned may_meet;
 };
 

@@ -1,6 +1,7 @@
 #include "spm/triangle_pair.hpp"
 
 #include <Eigen/Geometry>
+#include <bit>
 #include <cmath>
 #include <limits>
 
@@ -9,14 +10,14 @@
 namespace tactus::spm {
 namespace {
 
-// The test, of triangles F (object) and G (probe) with edges f_i f_i+1 and g_j g_j+1: an edge of F pierces G when its
-// ends are on both sides of G's plane and its line passes the three edges of G on the same side, and the other way
-// round. All that is needed are the sides of 3 + 3 corners and those of 3 x 3 pairs of edges:
+// Triangles F (object) and G (probe) have the edges f_i f_i+1 and g_j g_j+1. An edge of F pierces G if its end points
+// are on both sides of the plane of G and its line passes the three edges of G on the same side; likewise for an edge
+// of G. So the test needs the sides of 3 + 3 corners and of 3 x 3 pairs of edges:
 //
 //   side_f[i] = (g0 g1 g2 f_i)    side_g[j] = (f0 f1 f2 g_j)    pass[i][j] = (f_i f_i+1 g_j g_j+1)
 //
-// with (a b c d) the sign of (b - a) x (c - a) . (d - a). Two triangles that meet and do not share a plane have such a
-// piercing edge, zeros counted as either sign.
+// with (a b c d) the sign of (b - a) x (c - a) . (d - a). Two triangles that intersect and are not coplanar have a
+// piercing edge; a zero counts as either sign.
 
 using Sides = std::array<int, 3>;
 
@@ -29,7 +30,7 @@ bool all_strictly_one_side(const Sides& s) noexcept { return s[0] * s[1] > 0 && 
 bool all_zero(const Sides& s) noexcept { return s[0] == 0 && s[1] == 0 && s[2] == 0; }
 bool no_two_opposite(int a, int b, int c) noexcept { return a * b >= 0 && b * c >= 0 && c * a >= 0; }
 
-/// The place between ends at distances |a| and |b| on both sides of a plane.
+/// The parameter of the plane between end points at distances |a| and |b| on both sides of it.
 double crossing(double a, double b) noexcept {
   const double whole = std::abs(a) + std::abs(b);
   return whole > 0 ? std::abs(a) / whole : 0.5;
@@ -39,7 +40,7 @@ double volume(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) no
   return (b - a).cross(c - a).dot(d - a);
 }
 
-/// Mean of points gathered one by one.
+/// Running mean of points.
 struct Mean {
   Vec3d sum = Vec3d::Zero();
   int count = 0;
@@ -63,8 +64,8 @@ void add_piercings(const Triangle3d& a, const Triangle3d& b, const Sides& side, 
   }
 }
 
-/// Both in one plane: without the coordinate along which neither is seen edge-on. Closed triangles are apart when an
-/// edge of one has the other strictly on its outer side.
+/// Coplanar triangles, projected along a coordinate in which they have area. They are disjoint if an edge of one has
+/// the other strictly on its outer side.
 bool meet_in_plane(const Triangle3d& f, const Triangle3d& g, Vec3d& point) noexcept {
   int x = 0, y = 1, area_f = 0, area_g = 0;
   for (int dropped = 0; dropped < 3 && (area_f == 0 || area_g == 0); ++dropped) {
@@ -104,7 +105,7 @@ bool meet_in_plane(const Triangle3d& f, const Triangle3d& g, Vec3d& point) noexc
   return true;
 }
 
-/// The decision where rounding could mislead.
+/// The exact decision, for pairs for which rounding errors could decide.
 [[gnu::noinline]] bool meet_exactly(const Triangle3d& f, const Triangle3d& g, Vec3d& point) noexcept {
   Signs s;
   for (int i = 0; i < 3; ++i) s.side_f[i] = orientation(g[0], g[1], g[2], f[i]);
@@ -173,17 +174,17 @@ unsigned meet(const TrianglePairs& pairs, unsigned count, PairContacts& out, Sim
   const unsigned requested = (1u << count) - 1;
   masks.meets &= requested;
   for (unsigned left = masks.unsure & requested; left != 0; left &= left - 1) {
-    const auto lane = static_cast<unsigned>(__builtin_ctz(left));
+    const auto lane = static_cast<unsigned>(std::countr_zero(left));
     Vec3d point;
     if (!meet_exactly(lane_of(pairs.object, lane), lane_of(pairs.probe, lane), point)) continue;
     masks.meets |= 1u << lane;
     for (int axis = 0; axis < 3; ++axis) out.point[axis][lane] = point[axis];
   }
   for (unsigned left = masks.meets; left != 0; left &= left - 1) {
-    const auto lane = static_cast<unsigned>(__builtin_ctz(left));
+    const auto lane = static_cast<unsigned>(std::countr_zero(left));
     const Vec3d across{out.normal[0][lane], out.normal[1][lane], out.normal[2][lane]};
     const double length = across.norm();
-    // Corners that are collinear but for less than rounding have no direction to tell.
+    // Corners that are collinear up to rounding have no normal.
     const Vec3d normal = length > 0 ? Vec3d{across / length} : Vec3d::UnitZ();
     for (int axis = 0; axis < 3; ++axis) out.normal[axis][lane] = normal[axis];
     const double lowest = length > 0 ? out.depth[lane] / length : 0;

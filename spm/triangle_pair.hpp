@@ -1,10 +1,10 @@
-/// Two triangles: whether they meet, exactly, and where, along what and how deep.
+/// Exact intersection test of two triangles, with point, normal and depth.
 ///
-/// A triangle of the object, abc, against one of a probe, pqr, in one frame; any unit. Both are closed: sharing one
-/// point is meeting, in a corner, along an edge or in a common plane too. Decided exactly for the coordinates as they
-/// are given (see orientation.hpp). A triangle without area, that is with collinear corners, meets nothing: what it
-/// covers belongs to its neighbours as well. Realtime: no allocation, no lock; about 40 ns, microseconds where points
-/// of one triangle lie as good as in the plane of the other.
+/// A triangle of the object, abc, against a triangle of a probe, pqr, in one frame and any unit. Both are closed: a
+/// common point is an intersection, also at a corner, along an edge or in a common plane. The decision is exact for the
+/// given coordinates (see orientation.hpp). A triangle with collinear corners intersects nothing, because its
+/// neighbours cover the same points. Realtime: about 40 ns; microseconds if points of one triangle are almost in the
+/// plane of the other.
 #pragma once
 
 #include <array>
@@ -18,18 +18,17 @@ namespace tactus::spm {
 using Triangle3d = std::array<Vec3d, 3>;
 
 struct PairContact {
-  /// Middle of the segment in which they meet: mean of the points where an edge of one pierces the other. In a common
-  /// plane: mean of the corners of each in the other and of the crossings of their edges.
+  /// Middle of the intersection segment: mean of the points at which an edge of one triangle pierces the other. In a
+  /// common plane: mean of the corners inside the other triangle and of the edge crossings.
   Vec3d point;
-  /// Unit normal of the object's triangle, to the side from which its corners run counter-clockwise: from the object
-  /// to the probe.
+  /// Unit normal of the object's triangle, towards the side from which its corners are counter-clockwise.
   Vec3d normal;
-  /// How far the probe's triangle must move along `normal` until the two no longer meet: how deep it reaches below
-  /// the object's triangle, of all that is straight above or below that triangle. 0 when they only touch from above.
+  /// Distance by which the probe's triangle must move along `normal` until the two no longer intersect. 0 if they only
+  /// touch from above.
   double depth;
 };
 
-/// True when they meet; then `contact` is set. Position and depth to rounding, the decision exact.
+/// True if they intersect; then sets `contact`. The decision is exact; point and depth are exact up to rounding.
 [[nodiscard]] bool meet(const Triangle3d& object, const Triangle3d& probe, PairContact& contact) noexcept;
 
 /// Eight pairs side by side: [corner][axis][lane].
@@ -38,12 +37,12 @@ struct alignas(64) TrianglePairs {
   double object[3][3][kWidth], probe[3][3][kWidth];
 };
 
-/// The contacts of eight pairs, by lane; those of pairs that do not meet mean nothing.
+/// The contacts of eight pairs, by lane; undefined for pairs that do not intersect.
 struct alignas(64) PairContacts {
   double point[3][TrianglePairs::kWidth], normal[3][TrianglePairs::kWidth], depth[TrianglePairs::kWidth];
 };
 
-/// One bit for each of the first `count` pairs that meet. The same to the bit as `meet` pair by pair, for every `simd`.
+/// One bit for each of the first `count` pairs that intersects. All `simd` give the bits of `meet` for single pairs.
 [[nodiscard]] unsigned meet(const TrianglePairs& pairs, unsigned count, PairContacts& contacts, Simd simd) noexcept;
 
 }  // namespace tactus::spm

@@ -1,8 +1,8 @@
-/// The vertices around a split, in the one order that sender and receiver share: t, then for each deformed corner the
-/// two other corners of its face, then third corners named by id; each once.
+/// The vertices around a split, in an order that sender and receiver share: t, then for each deformed corner the two
+/// other corners of its face, then the third corners that are named by id; each vertex once.
 ///
-/// A record depends on all of them, so whoever can take the record has them. They name the third corners of born faces
-/// and let expect where u is (PositionPredictor). In ids or slots alike.
+/// A record depends on all of them, so every receiver that can decode the record has them. A record names the third
+/// corners of born faces by their position in the ring, and the ring predicts the position of u (PositionPredictor).
 #pragma once
 
 #include <algorithm>
@@ -13,26 +13,27 @@
 
 namespace tactus::spm {
 
+template <class Vertex>
 class VertexRing {
  public:
-  /// Vertices beyond these are left out.
+  /// Further vertices are left out.
   static constexpr std::uint32_t kMax = 64;
 
-  void add(std::uint32_t vertex) noexcept {
+  void add(Vertex vertex) noexcept {
     if (count_ < kMax && find(vertex) == count_) vertices_[count_++] = vertex;
   }
-  /// The place of `vertex`; size() when it is not there.
-  [[nodiscard]] std::uint32_t find(std::uint32_t vertex) const noexcept {
+  /// The position of `vertex` in the ring, or size().
+  [[nodiscard]] std::uint32_t find(Vertex vertex) const noexcept {
     std::uint32_t i = 0;
     while (i < count_ && vertices_[i] != vertex) ++i;
     return i;
   }
   [[nodiscard]] std::uint32_t size() const noexcept { return count_; }
-  [[nodiscard]] std::uint32_t operator[](std::uint32_t i) const noexcept { return vertices_[i]; }
+  [[nodiscard]] Vertex operator[](std::uint32_t i) const noexcept { return vertices_[i]; }
 
  private:
   std::uint32_t count_ = 0;
-  std::array<std::uint32_t, kMax> vertices_;
+  std::array<Vertex, kMax> vertices_;
 };
 
 }  // namespace tactus::spm

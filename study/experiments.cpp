@@ -66,7 +66,7 @@ ScenarioRun find_stiffness(const netem::LinkSettings& link) {
            {"two copies: 0.8 x 2 B / (RTT + T)", "N/m", found.copies_bound},
            {"naive", "N/m", found.copies_naive},
            {"set position", "N/m", found.copies_set},
-           {"line", "N/m", found.copies_channel}},
+           {"channel", "N/m", found.copies_channel}},
           {}};
 }
 

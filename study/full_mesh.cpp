@@ -7,7 +7,7 @@ namespace tactus::study {
 
 using spm::Vec3d;
 
-FullMesh::FullMesh(spm::Span<const std::array<float, 3>> vertices, spm::Span<const std::array<std::uint32_t, 3>> faces,
+FullMesh::FullMesh(std::span<const std::array<float, 3>> vertices, std::span<const std::array<std::uint32_t, 3>> faces,
                    const hrtc_service::Placement& placement, double cell)
     : placement_{placement}, vertices_{vertices}, faces_{faces}, cell_{cell / placement.scale()} {
   Vec3d low = Vec3d::Constant(1e30), high = Vec3d::Constant(-1e30);

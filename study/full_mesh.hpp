@@ -6,18 +6,18 @@
 
 #include <array>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "haptics/surface.hpp"
 #include "hrtc_service/touch_object.hpp"
-#include "spm/span.hpp"
 
 namespace tactus::study {
 
 class FullMesh final : public haptics::Surface {
  public:
   /// `faces` by FaceId; `cell`: edge of the grid's cells, m, best about the radius of the swept sphere.
-  FullMesh(spm::Span<const std::array<float, 3>> vertices, spm::Span<const std::array<std::uint32_t, 3>> faces,
+  FullMesh(std::span<const std::array<float, 3>> vertices, std::span<const std::array<std::uint32_t, 3>> faces,
            const hrtc_service::Placement& placement, double cell);
 
   [[nodiscard]] bool sweep(const spm::Vec3d& from, const spm::Vec3d& to, double radius,
@@ -43,8 +43,8 @@ class FullMesh final : public haptics::Surface {
   [[nodiscard]] Corners corners(std::uint32_t face) const noexcept;
 
   hrtc_service::Placement placement_;
-  spm::Span<const std::array<float, 3>> vertices_;
-  spm::Span<const std::array<std::uint32_t, 3>> faces_;
+  std::span<const std::array<float, 3>> vertices_;
+  std::span<const std::array<std::uint32_t, 3>> faces_;
   double cell_;
   spm::Vec3d origin_;
   Cell size_{};

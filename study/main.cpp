@@ -223,7 +223,7 @@ int main(int argc, char** argv) {
                  "Scenarios to run instead of the study's: built-in ones or YAML files")
       ->delimiter(',');
   app.add_option("--only", options.only,
-                 "Run only the experiment of this name, such as tap-scan, 'carry, line' or stiffness; repeatable")
+                 "Run only the experiment of this name, such as tap-scan, 'carry, channel' or stiffness; repeatable")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
   app.add_option("--seeds", options.seeds, "Number of seeds instead of the study's")->check(CLI::Range(1, 10000));

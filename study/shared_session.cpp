@@ -1,8 +1,10 @@
 #include "study/shared_session.hpp"
 
 #include <algorithm>
+#include <utility>
 
 #include "hrtc_service/hrtc_core.hpp"
+#include "hrtc_service/membership.hpp"
 #include "session/figures.hpp"
 #include "sharing/hand_path.hpp"
 
@@ -12,10 +14,11 @@ namespace {
 using hrtc_service::kMaxProbes;
 using spm::Vec3d;
 
-constexpr std::uint64_t kSession = 30, kHost = 100, kTimeKeeper = 200;
+constexpr std::uint64_t kSession = 30, kHost = 100;
 constexpr std::size_t kHostNode = 0, kViewerNode = 1, kFirstHrtcNode = 2;
 constexpr std::size_t kHeads = 170;       // bytes of headers: Ethernet, IP, UDP, RTPS, ours
-constexpr std::size_t kSmallBytes = 250;  // a claim, grant or pose with headers
+constexpr std::size_t kSmallBytes = 250;  // a claim, grant, pose or roster entry with headers
+constexpr std::size_t kClockBytes = 250;
 constexpr std::size_t kCopyBytes = 400, kStateBytes = 330;
 
 session::Origin origin_of(std::uint64_t participant, std::uint64_t incarnation) {
@@ -32,19 +35,6 @@ host_service::HostCoreSettings host_settings(const Subject& subject, double mass
   return settings;
 }
 
-/// Of an HRTC whose clock is session time.
-session::RosterEntry time_keeper(std::int64_t now_ns) {
-  session::RosterEntry entry;
-  entry.origin = origin_of(kTimeKeeper, 1);
-  entry.role = session::Role::kHrtc;
-  entry.name = "time";
-  entry.heartbeat = 1;
-  entry.reference = kTimeKeeper;
-  entry.session_time_ns = now_ns;
-  entry.joined_ns = 0;
-  return entry;
-}
-
 hrtc_service::HrtcCoreSettings core_settings() {
   hrtc_service::HrtcCoreSettings settings;
   settings.pool = spm::PoolSettings::for_slots(1 << 13);
@@ -55,10 +45,15 @@ hrtc_service::HrtcCoreSettings core_settings() {
 }  // namespace
 
 struct SharedSession::Hrtc {
-  explicit Hrtc(const session::Origin& self) : origin{self}, core{self, core_settings()} {}
+  Hrtc(const session::Origin& self, std::int64_t now_ns)
+      : origin{self},
+        core{self, core_settings()},
+        membership{self, {"hrtc " + std::to_string(self.participant), "session"}, core.gateway(), now_ns} {}
+  [[nodiscard]] std::int64_t session_ns(std::int64_t now_ns) const { return membership.clock().session_time(now_ns); }
 
   session::Origin origin;
   hrtc_service::HrtcCore core;
+  hrtc_service::Membership membership;
   hrtc_service::Servo::Inputs inputs{};
   hrtc_service::BodyReports reports;
   std::uint32_t probes = 0, index = 0;
@@ -71,6 +66,7 @@ SharedSession::SharedSession(const Subject& subject, const SharedSessionSettings
     : subject_{subject}, settings_{settings} {
   for (const std::size_t node : {kHostNode, kViewerNode}) connect(node);
   start_host();
+  while (!settings_.young && !host_->clock().answers()) (void)host_->tick(now_ns_ += 2 * kMs);
   shared_ = sharing::body_of(entry_);
   view_[entry_.object] = client_sim::view_of(entry_);
 }
@@ -92,19 +88,8 @@ void SharedSession::start_host() {
   // Incarnations are nanoseconds, of which one life uses few as fencing numbers.
   const session::Origin self = origin_of(kHost, static_cast<std::uint64_t>(now_ns_));
   host_ = std::make_unique<host_service::HostCore>(self, host_settings(subject_, settings_.mass), now_ns_);
-  host_->on_roster(time_keeper(now_ns_), now_ns_);
   entry_ = host_->catalogue().front();
   ++host_life_;
-}
-
-/// Clocks of this session do not differ. The host continues this time when its reference sends nothing more.
-void SharedSession::set_host_clock(const session::ClockSample& request) {
-  session::ClockSample answer = request;
-  answer.origin = time_keeper(now_ns_).origin;
-  answer.peer = kHost;
-  answer.answer = true;
-  answer.t1_ns = answer.t2_ns = now_ns_;
-  (void)host_->on_clock(answer, now_ns_, now_ns_);
 }
 
 void SharedSession::stop_host() {
@@ -114,14 +99,18 @@ void SharedSession::stop_host() {
 
 std::size_t SharedSession::add_hrtc() {
   const std::size_t i = hrtcs_.size();
-  hrtcs_.push_back(std::make_unique<Hrtc>(origin_of(i + 1, 1)));
+  hrtcs_.push_back(std::make_unique<Hrtc>(origin_of(i + 1, 1), now_ns_));
   connect(kFirstHrtcNode + i);
   Hrtc& hrtc = *hrtcs_.back();
   hrtc_service::Gateway& gateway = hrtc.core.gateway();
   gateway.on_object = [&hrtc](const hrtc_service::TouchObject& object) { hrtc.index = object.index; };
-  gateway.on_host_seen(kHost, entry_.origin.incarnation, now_ns_);
-  gateway.on_catalogue(entry_);
+  if (host_ != nullptr) send_catalogue(i);
   return i;
+}
+
+void SharedSession::send_catalogue(std::size_t hrtc) {
+  for (const session::CatalogueEntry& entry : host_->catalogue())
+    to_hrtc(kHostNode, hrtc, kSmallBytes, [entry](Hrtc& receiver) { receiver.membership.on_catalogue(entry); });
 }
 
 void SharedSession::kill_hrtc(std::size_t hrtc) { hrtcs_[hrtc]->dead = true; }
@@ -208,7 +197,8 @@ void SharedSession::publish(std::size_t from, const session::ObjectPose& pose) {
   if (from != kHostNode) to_host(from, kSmallBytes, [this, pose] { host_->on_pose(pose, now_ns_); });
   for (std::size_t i = 0; i < hrtcs_.size(); ++i) {
     if (from == kFirstHrtcNode + i) continue;
-    to_hrtc(from, i, kSmallBytes, [this, pose](Hrtc& hrtc) { hrtc.core.gateway().on_pose(pose, now_ns_, now_ns_); });
+    to_hrtc(from, i, kSmallBytes,
+            [this, pose](Hrtc& hrtc) { hrtc.core.gateway().on_pose(pose, now_ns_, hrtc.session_ns(now_ns_)); });
   }
   send(from, kViewerNode, kSmallBytes, [this, pose] { see(pose); });
 }
@@ -248,13 +238,12 @@ void SharedSession::send_reports(std::size_t i) {
     if (to == i) continue;
     session::ObjectCopy copy;
     sharing::put_sample(body.sample, body.copies, copy);
-    const std::int64_t sent_ns = now_ns_;
-    to_hrtc(kFirstHrtcNode + i, to, kCopyBytes,
-            [this, sent_ns, copy_index = body.place, group = body.group, copy](Hrtc& peer) {
-              peer.core.gateway().on_transit(now_ns_ - sent_ns, now_ns_);
-              (void)peer.core.link().bodies.copies.push({peer.index, copy_index, group, sharing::sample_of(copy)});
-              peer.core.gateway().on_peer_received(peer.index, now_ns_);
-            });
+    to_hrtc(kFirstHrtcNode + i, to, kCopyBytes, [this, copy_index = body.place, group = body.group, copy](Hrtc& peer) {
+      const std::int64_t session_ns = peer.session_ns(now_ns_);
+      peer.core.gateway().on_transit(session_ns - copy.session_time_ns, session_ns);
+      (void)peer.core.link().bodies.copies.push({peer.index, copy_index, group, sharing::sample_of(copy)});
+      peer.core.gateway().on_peer_received(peer.index, now_ns_);
+    });
   }
   if (body.publish == 0 || now_ns_ - c.posed_ns < hrtc_service::kBodyPoseNs) return;
   c.posed_ns = now_ns_;
@@ -263,7 +252,7 @@ void SharedSession::send_reports(std::size_t i) {
   pose.object_id = entry_.object_id;
   pose.sequence = ++c.pose_sequence;
   pose.fencing = body.publish;
-  pose.session_time_ns = now_ns_;
+  pose.session_time_ns = c.reports.session_ns;
   sharing::put_state(body.state, shared_.centre, pose);
   publish(kFirstHrtcNode + i, pose);
 }
@@ -271,8 +260,10 @@ void SharedSession::send_reports(std::size_t i) {
 void SharedSession::serve(std::size_t i) {
   Hrtc& c = *hrtcs_[i];
   hrtc_service::Gateway& gateway = c.core.gateway();
-  if (host_ != nullptr) gateway.on_host_seen(kHost, entry_.origin.incarnation, now_ns_);
-  gateway.tick(now_ns_, session::ClockMap{});
+  gateway.tick(now_ns_, c.membership.clock());
+  c.membership.tick(now_ns_);
+  if (auto request = c.membership.clock_request(now_ns_)) send_clock(kFirstHrtcNode + i, request->sample);
+  follow_membership(i);
   while (auto demand = gateway.demand(now_ns_)) {
     const std::size_t bytes = kHeads + 100 + 8 * (demand->have.size() + demand->wanted.size() + demand->gaps.size());
     to_host(kFirstHrtcNode + i, bytes, [this, demand = *demand] { host_->on_demand(demand, now_ns_); });
@@ -281,14 +272,53 @@ void SharedSession::serve(std::size_t i) {
     to_host(kFirstHrtcNode + i, kSmallBytes, [this, claim] { host_->on_claim(claim, now_ns_); });
 }
 
+/// Sends what an HRTC publishes of itself.
+void SharedSession::follow_membership(std::size_t i) {
+  const hrtc_service::MembershipOutput output = std::exchange(hrtcs_[i]->membership.output, {});
+  for (const session::ClockSample& answer : output.clock) send_clock(kFirstHrtcNode + i, answer);
+  if (!output.roster) return;
+  const session::RosterEntry& entry = *output.roster;
+  to_host(kFirstHrtcNode + i, kSmallBytes, [this, entry] { host_->on_roster(entry, now_ns_); });
+  send_to_hrtcs(kFirstHrtcNode + i, kSmallBytes,
+                [this, entry](Hrtc& hrtc) { hrtc.membership.on_roster(entry, now_ns_); });
+}
+
+/// A request to the reference of session time, or its answer, which leaves at once.
+void SharedSession::send_clock(std::size_t from, const session::ClockSample& sample) {
+  if (sample.peer == kHost) {
+    to_host(from, kClockBytes, [this, sample] {
+      if (const auto answer = host_->on_clock(sample, now_ns_, now_ns_)) send_clock(kHostNode, *answer);
+    });
+    return;
+  }
+  if (sample.peer < 1 || sample.peer > hrtcs_.size()) return;
+  const auto to = static_cast<std::size_t>(sample.peer) - 1;
+  to_hrtc(from, to, kClockBytes, [this, to, sample](Hrtc& hrtc) {
+    hrtc.membership.on_clock(sample, now_ns_, now_ns_);
+    follow_membership(to);
+  });
+}
+
+/// All others, when it is one of them that sends.
+void SharedSession::send_to_hrtcs(std::size_t from, std::size_t bytes, const std::function<void(Hrtc&)>& arrive) {
+  for (std::size_t i = 0; i < hrtcs_.size(); ++i)
+    if (from != kFirstHrtcNode + i) to_hrtc(from, i, bytes, arrive);
+}
+
 /// The user receives its probe's state, the other users receive it too, and the user sends its next intent.
 void SharedSession::step_user(User& user) {
   if (hrtcs_[user.hrtc]->dead) return;
   if (user.device != nullptr) {
     const hrtc_service::ProbeOutput& output = hrtcs_[user.hrtc]->core.servo().outputs()[user.probe];
+    const Hrtc& own = *hrtcs_[user.hrtc];
     session::ProbeState state;
+    state.origin = own.origin;
     state.user_id = user.id;
-    state.session_time_ns = now_ns_;
+    state.probe = user.probe;
+    state.sequence = ++user.sequence;
+    state.session_time_ns = own.session_ns(now_ns_);
+    const std::int64_t bound_us = own.membership.clock().bound(now_ns_) / 1000;
+    state.time_bound_us = static_cast<std::uint32_t>(std::min<std::int64_t>(bound_us, 0xffffffff));
     state.device.position = output.device;
     state.proxy = output.proxy;
     state.force = output.force;
@@ -297,7 +327,7 @@ void SharedSession::step_user(User& user) {
     if (user.op != nullptr) user.op->on_probe_state(state);
     for (std::size_t i = 0; i < hrtcs_.size(); ++i) {
       const auto receive = [this, state, i, local = i == user.hrtc](Hrtc& hrtc) {
-        if (!local) hrtc.core.gateway().on_transit(now_ns_ - state.session_time_ns, now_ns_);
+        if (!local) hrtc.membership.on_state(state, session::StateStream::kDeadbandCoded, now_ns_);
         for (User& other : users_)
           if (other.hrtc == i && other.op != nullptr) other.op->on_other(state);
       };
@@ -319,10 +349,14 @@ void SharedSession::step_user(User& user) {
 
 void SharedSession::host_tick() {
   const host_service::HostMessages& messages = host_->tick(now_ns_);
-  if (messages.clock_request) set_host_clock(*messages.clock_request);
+  if (messages.catalogue)
+    for (std::size_t i = 0; i < hrtcs_.size(); ++i) send_catalogue(i);
+  if (messages.roster)
+    send_to_hrtcs(kHostNode, kSmallBytes,
+                  [this, entry = *messages.roster](Hrtc& hrtc) { hrtc.membership.on_roster(entry, now_ns_); });
+  if (messages.clock_request) send_clock(kHostNode, *messages.clock_request);
   for (const session::ObjectGrant& grant : messages.grants)
-    for (std::size_t i = 0; i < hrtcs_.size(); ++i)
-      to_hrtc(kHostNode, i, kSmallBytes, [this, grant](Hrtc& hrtc) { hrtc.core.gateway().on_grant(grant, now_ns_); });
+    send_to_hrtcs(kHostNode, kSmallBytes, [this, grant](Hrtc& hrtc) { hrtc.core.gateway().on_grant(grant, now_ns_); });
   for (const session::ObjectPose& pose : messages.poses) publish(kHostNode, pose);
   while (auto out = host_->next_chunk(now_ns_)) {
     const std::uint64_t receiver = out->hrtc;

@@ -3,8 +3,9 @@
 ///
 ///     Operator --> SimulatedDevice --> HrtcCore  ~~ link ~~  HostCore
 ///
-/// Without threads, sockets, discovery and clock differences. Times are session time. World frame, SI. The same
-/// settings and calls give the same run. One thread.
+/// Without threads, sockets and discovery. All run by one clock, of which they know nothing: the host begins the
+/// session, HRTCs ask it for the time over the links, and the samples between them are in session time. World frame,
+/// SI. The same settings and calls give the same run. One thread.
 #pragma once
 
 #include <functional>
@@ -36,6 +37,7 @@ struct SharedSessionSettings {
   std::uint64_t seed = 1;       ///< of the link's losses and delays and of the hands
   double mass = 0.5;            ///< kg, of the object
   double tremor = 0;            ///< m rms, of the hands
+  bool young = false;           ///< the host has not begun the session when the first HRTC joins
 };
 
 class SharedSession {
@@ -88,6 +90,7 @@ class SharedSession {
     std::size_t hrtc = 0;
     std::uint32_t probe = 0;
     std::uint64_t id = 0;
+    std::uint32_t sequence = 0;                        // of its probe states
     std::unique_ptr<haptics::SimulatedDevice> device;  // created when its start position is known
     std::unique_ptr<client_sim::Operator> op;          // null: a hand without a script
     haptics::HandSettings hand;
@@ -107,7 +110,10 @@ class SharedSession {
   void serve(std::size_t i);
   void step_user(User& user);
   void host_tick();
-  void set_host_clock(const session::ClockSample& request);
+  void send_to_hrtcs(std::size_t from, std::size_t bytes, const std::function<void(Hrtc&)>& arrive);
+  void send_catalogue(std::size_t hrtc);
+  void send_clock(std::size_t from, const session::ClockSample& sample);
+  void follow_membership(std::size_t i);
 
   const Subject& subject_;
   SharedSessionSettings settings_;

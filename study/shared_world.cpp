@@ -34,11 +34,11 @@ struct Packet {
 /// Source: Lee, Huang 2010.
 class SpringCoupling {
  public:
-  SpringCoupling(double stiffness, const BodySettings& share, bool modulated) : modulated_{modulated} {
+  SpringCoupling(double stiffness, double damping, const BodySettings& share, bool modulated) : modulated_{modulated} {
     Vec6d per_mass;
     per_mass << Vec3d::Ones(), 3 * share.inertia / share.mass;
     stiffness_ = stiffness * per_mass;
-    damping_ = 3 * per_mass;
+    damping_ = damping * per_mass;
   }
   void on_sample(std::size_t peer, const CopySample& sample) {
     if (sample.time_ns > received_[peer].time_ns) received_[peer] = sample;
@@ -143,7 +143,7 @@ class World {
         share.mass /= static_cast<double>(settings.users);
         share.inertia /= static_cast<double>(settings.users);
         objects_[i] = std::make_unique<SharedObject>(share, start);
-        pulls_.emplace_back(settings.coupling, share, settings.method == Method::kSpring);
+        pulls_.emplace_back(settings.coupling, settings.coupling_damping, share, settings.method == Method::kSpring);
       }
     }
   }

@@ -18,17 +18,18 @@ enum class Method {
   kNaive,    ///< the same without a tank
   kServer    ///< one simulator; all users touch its last received pose
 };
-inline constexpr const char* kMethodNames[]{"line", "set position", "naive", "server"};
+inline constexpr const char* kMethodNames[]{"channel", "set position", "naive", "server"};
 
 struct WorldSettings {
   Method method = Method::kChannel;
   std::size_t users = 2;
-  double mass = 0.5;        ///< kg
-  double coupling = 1000;   ///< N/m between copies
-  double grip = 1000;       ///< N/m between a device and the held object
-  double grip_damping = 4;  ///< N s/m, likewise
-  netem::LinkProfile link;  ///< each direction
-  double playout = 0.03;    ///< s, delay of the channel
+  double mass = 0.5;            ///< kg
+  double coupling = 1000;       ///< N/m between copies
+  double coupling_damping = 3;  ///< N s/m, likewise, of kSpring and kNaive; channels have their own
+  double grip = 1000;           ///< N/m between a device and the held object
+  double grip_damping = 4;      ///< N s/m, likewise
+  netem::LinkProfile link;      ///< each direction
+  double playout = 0.03;        ///< s, delay of the channel
   std::uint64_t seed = 1;
   bool port_control = false;     ///< a passivity controller at the port of each hand
   double disagreement = 0.0005;  ///< m, standard deviation of the object's position as assumed by the hands

@@ -1,9 +1,10 @@
 #include "study/statistics.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <numeric>
 #include <random>
+
+#include "session/percentile.hpp"
 
 namespace tactus::study {
 namespace {
@@ -29,9 +30,8 @@ Estimate estimate(const std::vector<double>& values) {
     mean = mean_of(drawn);
   }
   std::sort(means.begin(), means.end());
-  const auto at = [&](double share) { return means[static_cast<std::size_t>(std::lround(share * (kDraws - 1)))]; };
-  result.low = at(0.025);
-  result.high = at(0.975);
+  result.low = session::percentile(means, 0.025);
+  result.high = session::percentile(means, 0.975);
   return result;
 }
 

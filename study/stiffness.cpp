@@ -20,7 +20,7 @@ constexpr int kSubsteps = 10;
 bool rests_on_wall(double stiffness, double delay, bool control) {
   const auto cycles = static_cast<std::size_t>(std::lround(delay / kDt));
   std::deque<Vec3d> under_way(cycles, Vec3d::Zero());
-  haptics::PassivityController controller;
+  haptics::PassivityController passivity_controller;
   double x = 0.001, v = 0, early = 0, late = 0;
   const int total = 20'000;
   for (int cycle = 0; cycle < total; ++cycle) {
@@ -28,7 +28,7 @@ bool rests_on_wall(double stiffness, double delay, bool control) {
     under_way.push_back({-stiffness * x, 0, 0});
     Vec3d force = under_way.front();
     under_way.pop_front();
-    if (control) force = controller.step(force, {x, 0, 0}, 0, kDt);
+    if (control) force = passivity_controller.step(force, {x, 0, 0}, 0, kDt);
     for (int i = 0; i < kSubsteps; ++i) {
       const double h = kDt / kSubsteps;
       v = (v + h / kDeviceMass * (force.x() + 1)) / (1 + h / kDeviceMass * kDeviceDamping);

@@ -1,33 +1,26 @@
 #include "study/study.hpp"
 
 #include <algorithm>
-#include <cerrno>
-#include <cstring>
-#include <fstream>
-#include <sstream>
 
-#include "client_sim/yaml.hpp"
 #include "hrtc_service/touch_object.hpp"
 #include "netem/profile.hpp"
+#include "session/messages.hpp"
 #include "study/scenario_run.hpp"
+#include "yaml/reader.hpp"
 
 namespace tactus::study {
 
 using client_sim::ScenarioError;
-using client_sim::yaml::KeyPath;
-using client_sim::yaml::Map;
+using yaml::Map;
+using yaml::Value;
 
-Study parse_study(const std::string& text, const std::string& source) {
-  const KeyPath top{source, ""};
-  const YAML::Node root = client_sim::yaml::load(text, top);
-  if (!root.IsMap()) {
-    top.fail(root.Mark(), "found " + client_sim::yaml::shown(root) + ", expected a map with name and scenarios");
-  }
-  const Map map{
-      top, root, {"name", "profiles", "scenarios", "seeds", "first_seed", "scan", "collaboration", "stiffness"}};
+namespace {
+
+Study read_study(const Value& value) {
+  const Map map{value, {"name", "profiles", "scenarios", "seeds", "first_seed", "scan", "collaboration", "stiffness"}};
   Study study;
   (void)map.required("name");
-  map.name("name", study.name);
+  map.text("name", study.name, session::kMaxName);
   map.texts("profiles", study.profiles);
   map.texts("scenarios", study.scenarios);
   map.integer("seeds", 1, 10'000, study.seeds);
@@ -35,7 +28,7 @@ Study parse_study(const std::string& text, const std::string& source) {
   map.flag("collaboration", study.collaboration);
   map.flag("stiffness", study.stiffness);
   if (map.has("scan")) {
-    const Map scan{map.key_path("scan"), map.child("scan"), {"model", "faces", "size"}};
+    const Map scan{map.child("scan"), {"model", "faces", "size"}};
     scan.text("model", study.scan.model);
     scan.integer("faces", 1000, 30e6, study.scan.faces);
     scan.number("size", 0.01, 10, study.scan.size);
@@ -43,12 +36,11 @@ Study parse_study(const std::string& text, const std::string& source) {
   return study;
 }
 
-Study load_study(const std::string& file) {
-  std::ifstream in{file};
-  std::ostringstream text;
-  if (!in || !(text << in.rdbuf())) throw ScenarioError{"study '" + file + "': " + std::strerror(errno)};
-  return parse_study(text.str(), file);
-}
+}  // namespace
+
+Study parse_study(const std::string& text, const std::string& source) { return read_study(Value::parse(text, source)); }
+
+Study load_study(const std::string& file) { return read_study(Value::load(file)); }
 
 namespace {
 

@@ -41,7 +41,7 @@ struct Study {
 /// The zero-delay link, with which runs of other links and the same seed are paired.
 inline constexpr const char* kBaseline = "P0";
 
-/// Parses `text`; `source` names it in messages. Throws client_sim::ScenarioError.
+/// Parses `text`; `source` names it in messages. Throws yaml::YamlError.
 [[nodiscard]] Study parse_study(const std::string& text, const std::string& source);
 [[nodiscard]] Study load_study(const std::string& file);
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <stdexcept>
+#include <utility>
 
 #include "sharing/hand_path.hpp"
 
@@ -17,7 +18,7 @@ constexpr std::uint64_t kSeedsPerRun = 64;
 constexpr double kTremor = 1e-4;         // m rms, of a resting hand between 8 and 12 Hz
 constexpr std::size_t kHeads = 170;      // bytes of headers: Ethernet, IP, UDP, RTPS, ours
 constexpr std::size_t kPoseBytes = 330;  // a pose or a command with its force, with headers
-constexpr std::size_t kRosterBytes = kHeads + 150;
+constexpr std::size_t kRosterBytes = kHeads + 150, kClockBytes = kHeads + 80;
 
 host_service::HostCoreSettings host_settings(const Subject& subject, const session::Material& material) {
   host_service::HostCoreSettings settings = host_service::host_of(subject.name, subject.encoded->coded());
@@ -52,9 +53,11 @@ VirtualSession::VirtualSession(const Subject& subject, const client_sim::Scenari
     : settings_{settings},
       host_{session::Origin{kSession, kHost, 1, 0}, host_settings(subject, settings.material), now_ns_},
       core_{session::Origin{kSession, kHrtc, 1, 0}, core_settings(settings, scenario.users.front().radius)},
+      membership_{session::Origin{kSession, kHrtc, 1, 0}, {"hrtc", "session"}, core_.gateway(), now_ns_},
       records_{settings.link.forth, 4 * settings.seed + 2},
       demands_{settings.link.back, 4 * settings.seed + 3},
-      roster_entries_{settings.link.forth, 4 * (settings.seed * kSeedsPerRun) + 2},
+      to_hrtc_{settings.link.forth, 4 * (settings.seed * kSeedsPerRun) + 2},
+      to_host_{settings.link.back, 4 * (settings.seed * kSeedsPerRun) + 3},
       catalogue_ns_{now_ns_ + static_cast<std::int64_t>(settings.link.forth.delay_ms * 1e6)} {
   if (scenario.users.size() > hrtc_service::kMaxProbes) throw std::invalid_argument("more users than probes");
   for (const client_sim::User& user : scenario.users)
@@ -97,9 +100,43 @@ void VirtualSession::move_network(std::int64_t until_ns) {
       records_.send(now_ns_, std::move(out->chunk), bytes);
     }
     while (const auto chunk = records_.take(now_ns_)) core_.gateway().on_chunk(*chunk, now_ns_);
-    while (const auto entry = roster_entries_.take(now_ns_))
-      core_.gateway().on_host_seen(entry->origin.participant, entry->origin.incarnation, now_ns_);
+    while (const auto arrive = to_hrtc_.take(now_ns_)) (*arrive)();
+    while (const auto arrive = to_host_.take(now_ns_)) (*arrive)();
   }
+}
+
+/// Who is there and what time it is, over the link.
+void VirtualSession::keep_company() {
+  const host_service::HostMessages& messages = host_.tick(now_ns_);
+  if (messages.roster)
+    to_hrtc_.send(
+        now_ns_, [this, entry = *messages.roster] { membership_.on_roster(entry, now_ns_); }, kRosterBytes);
+  if (messages.clock_request) send_clock_to_hrtc(*messages.clock_request);
+  if (const auto request = membership_.clock_request(now_ns_)) send_clock_to_host(request->sample);
+  if (membership_.output.roster)
+    to_host_.send(
+        now_ns_, [this, entry = *membership_.output.roster] { host_.on_roster(entry, now_ns_); }, kRosterBytes);
+  membership_.output.clear();
+}
+
+void VirtualSession::send_clock_to_host(const session::ClockSample& sample) {
+  to_host_.send(
+      now_ns_,
+      [this, sample] {
+        if (const auto answer = host_.on_clock(sample, now_ns_, now_ns_)) send_clock_to_hrtc(*answer);
+      },
+      kClockBytes);
+}
+
+void VirtualSession::send_clock_to_hrtc(const session::ClockSample& sample) {
+  to_hrtc_.send(
+      now_ns_,
+      [this, sample] {
+        membership_.on_clock(sample, now_ns_, now_ns_);
+        for (const session::ClockSample& answer : std::exchange(membership_.output.clock, {}))
+          send_clock_to_host(answer);
+      },
+      kClockBytes);
 }
 
 /// Sends the user's next intent, computed from its probe's state.
@@ -184,14 +221,17 @@ void VirtualSession::report(std::size_t user, const hrtc_service::ProbeOutput& o
 
 void VirtualSession::step() {
   ++cycles_;
-  if (const auto& entry = host_.tick(now_ns_).roster) roster_entries_.send(now_ns_, *entry, kRosterBytes);
+  keep_company();
   move_network(now_ns_ + kCycleNs);
   if (objects_.empty() && now_ns_ >= catalogue_ns_) {
     const session::CatalogueEntry& entry = host_.catalogue().front();
-    core_.gateway().on_catalogue(entry);
+    membership_.on_catalogue(entry);
     objects_[entry.object] = client_sim::view_of(entry);
   }
-  if (cycles_ % 2 == 0) core_.gateway().tick(now_ns_, session::ClockMap{});
+  if (cycles_ % 2 == 0) {
+    core_.gateway().tick(now_ns_, membership_.clock());
+    membership_.tick(now_ns_);
+  }
   if (acting_) {
     for (std::size_t user = 0; user < hands_.size(); ++user) {
       send_intent(*hands_[user]);

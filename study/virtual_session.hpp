@@ -12,6 +12,7 @@
 #pragma once
 
 #include <deque>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -22,6 +23,7 @@
 #include "haptics/simulated_device.hpp"
 #include "host_service/host_core.hpp"
 #include "hrtc_service/hrtc_core.hpp"
+#include "hrtc_service/membership.hpp"
 #include "session/sequence_window.hpp"
 #include "study/path.hpp"
 #include "study/subject.hpp"
@@ -104,6 +106,9 @@ class VirtualSession {
   };
 
   void move_network(std::int64_t until_ns);
+  void keep_company();
+  void send_clock_to_host(const session::ClockSample& sample);
+  void send_clock_to_hrtc(const session::ClockSample& sample);
   void send_intent(Hand& hand);
   void read(std::size_t user);
   void move_remote(Hand& hand);
@@ -115,9 +120,10 @@ class VirtualSession {
   std::int64_t now_ns_ = 1'000'000'000;
   host_service::HostCore host_;
   hrtc_service::HrtcCore core_;
+  hrtc_service::Membership membership_;
   Path<session::BulkChunk> records_;
   Path<session::Demand> demands_;
-  Path<session::RosterEntry> roster_entries_;  // of the host
+  Path<std::function<void()>> to_hrtc_, to_host_;  // roster entries and clock samples
   std::int64_t catalogue_ns_;
   std::uint64_t cycles_ = 0;
   bool acting_ = false;

@@ -28,7 +28,7 @@ void add_records(const spm::Model& model, spm::RegionId region, std::vector<bool
   for (const spm::Interval& run : model.intervals_of(region)) std::fill_n(needed.begin() + run.first, run.count, true);
 }
 
-std::vector<Corners> corners_of(spm::Span<const std::array<float, 3>> positions,
+std::vector<Corners> corners_of(std::span<const std::array<float, 3>> positions,
                                 const std::vector<std::array<std::uint32_t, 3>>& faces) {
   std::vector<Corners> triangles;
   triangles.reserve(faces.size());

@@ -21,7 +21,7 @@
 
 namespace tactus::tools {
 
-/// A log or model that cannot be audited: what, where, found and expected.
+/// A log or model that cannot be audited. The message names file and item, the value found and the value expected.
 class AuditError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
@@ -86,7 +86,7 @@ struct FirstTouch {
 struct RecordsUse {
   std::uint64_t needed;    ///< union of the closed lists of all cells that a sphere in contact intersected
   std::uint64_t of_model;  ///< all records of the model
-  std::optional<std::uint64_t> received, returned;  ///< from the log's totals; none after a killed HRTC
+  std::optional<std::uint64_t> received, returned;  ///< from the log's totals; none if the HRTC was killed
 };
 
 struct ObjectAudit {
@@ -144,8 +144,8 @@ struct ContactLog {
 [[nodiscard]] ContactLog read_log(const std::filesystem::path& path);
 
 /// Selects the entries to audit, ascending: up to `max` of `near_change.size()` candidates. Up to 40 % of `max` are
-/// near a region change, evenly spread; the rest are others, evenly spread. If there are too few others, more near a
-/// change.
+/// near a region change, evenly spread; the rest are others, evenly spread. If there are too few others, more entries
+/// near a change are selected.
 [[nodiscard]] std::vector<std::size_t> choose_entries(const std::vector<bool>& near_change, std::size_t max);
 
 /// Audits the objects of `log` with the digest of `original.model`; without a model, those with its name, or the only

@@ -143,8 +143,7 @@ std::string disagreement_text(const Disagreement& one) {
 
 std::string records_text(const RecordsUse& use) {
   std::string text = row("records that the paths needed", use.needed, " of " + std::to_string(use.of_model));
-  if (!use.received)
-    return text + "  records received                 not in the log: its HRTC did not end by itself\n";
+  if (!use.received) return text + "  records received                 not in the log: its HRTC was killed\n";
   return text +
          row("records received", *use.received,
              formatted(", %.3f times the needed, %.2f %% of the model", share(*use.received, use.needed),
@@ -166,7 +165,7 @@ std::string object_text(const ObjectAudit& object) {
   for (const FirstTouch& touch : object.touches) {
     const auto after = milliseconds(touch);
     text += formatted("  probe %-26u ", touch.probe) +
-            (after ? formatted("exact %.1f ms after the tip met the surface", *after) : "never exact in contact") +
+            (after ? formatted("exact %.1f ms after the tip touched the surface", *after) : "never exact in contact") +
             "\n";
   }
   if (object.records) text += records_text(*object.records);
@@ -176,7 +175,7 @@ std::string object_text(const ObjectAudit& object) {
     text += "    and " + std::to_string(object.mismatched - object.mismatches.size()) + " more cycles\n";
   const SecondOpinions& second = object.second;
   text += row("disagreements with FCL", second.disagreed,
-              formatted(", asked about %llu cycles", static_cast<unsigned long long>(second.requested)));
+              formatted(", compared in %llu cycles", static_cast<unsigned long long>(second.requested)));
   if (second.tangent > 0)
     text += row("  triangles ignored as tangent", second.tangent, formatted(", within %g m", kTangent));
   for (const Disagreement& one : second.first) text += disagreement_text(one);

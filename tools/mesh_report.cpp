@@ -37,11 +37,11 @@ struct Lists {
   std::uint32_t longest = 0, max_faces = 0;
 };
 
-/// Size of the messages that bring the records of the worst step.
+/// Size of the messages with the records of the step that needs most.
 std::uint64_t bytes_entering(const spm::codec::CompressedModel& coded, const spm::offline::Certificate& certificate) {
   std::uint64_t bytes = 0;
   for (const auto& [region, missing] : certificate.brings)
-    bytes += spm::codec::encode_region(coded, region, spm::Span<const spm::Interval>{missing}).size();
+    bytes += spm::codec::encode_region(coded, region, std::span<const spm::Interval>{missing}).size();
   return bytes;
 }
 
@@ -157,7 +157,7 @@ std::string info_text(const spm::Model& model, const spm::offline::Provenance& p
   row("faces of a region", "most " + std::to_string(regions["most_faces"].get<std::uint32_t>()));
   row("lists / records", number(regions["list_sum_per_record"]));
   row("probe of radius", millimetres(certificate.radius));
-  row("  meets at most", std::to_string(certificate.regions) + " regions");
+  row("  overlaps at most", std::to_string(certificate.regions) + " regions");
   row("  needs at most", std::to_string(certificate.records) + " records, " + std::to_string(certificate.parts) +
                              " pool slots, and the base mesh");
   const auto& needs = json["certificate"];

@@ -12,7 +12,8 @@
 
 namespace tactus::tools {
 
-/// The rows of the paper's Table 1, the regions, and the certificate for one probe; with `coded` also in bytes.
+/// The rows of the paper's Table 1, the regions, and the certificate for one probe; with `coded` also the sizes of
+/// messages in bytes.
 [[nodiscard]] nlohmann::ordered_json info_json(const spm::Model& model, const spm::offline::Provenance& provenance,
                                                const spm::offline::Certificate& certificate,
                                                const spm::codec::CompressedModel* coded = nullptr);

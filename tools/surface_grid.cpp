@@ -30,7 +30,7 @@ Real squared_from_segment(const Vector& q, const Vector& end) noexcept {
   return squared_residual(q, end, along, end, 0);
 }
 
-// Ten levels, each four times as coarse as the previous one, span the 2^20 cells that a side may have.
+// Ten grids, each four times as coarse as the previous one, span the max of 2^20 cells along a side.
 constexpr int kLevels = 11;
 constexpr double kLevelStep = 4;
 constexpr double kMaxCells = 1u << 20;

@@ -20,7 +20,8 @@ using Corners = std::array<float, 9>;
 /// precision, so a needle costs no accuracy.
 [[nodiscard]] double distance_to_triangle(const Point& point, const Corners& triangle) noexcept;
 
-/// Finds the triangles near a point. Each triangle is in one cell, of the level whose cells are at least as wide as it.
+/// Finds the triangles near a point in a hierarchy of hash grids. Each triangle is in one grid cell, of the finest grid
+/// whose cells are at least as wide as the triangle.
 class SurfaceGrid {
  public:
   struct Near {
@@ -53,7 +54,7 @@ class SurfaceGrid {
   const std::vector<Corners>& triangles_;
   Point low_{};
   std::vector<Level> levels_;
-  std::vector<std::uint32_t> order_;  ///< triangles, by level and cell
+  std::vector<std::uint32_t> order_;  ///< triangles, by grid and cell of the grid
   std::vector<std::uint64_t> keys_;   ///< of the cell of each entry in `order_`
 };
 

@@ -11,12 +11,11 @@
 #include <array>
 #include <cstdint>
 #include <cstring>
+#include <span>
 #include <stdexcept>
 #include <string>
 #include <type_traits>
 #include <vector>
-
-#include "spm/span.hpp"
 
 namespace tactus::trace {
 
@@ -60,7 +59,7 @@ class CdrWriter {
     }
   }
   /// Valid until the next value; `clear` starts another message.
-  [[nodiscard]] spm::Span<const std::uint8_t> bytes() const noexcept { return {bytes_.data(), bytes_.size()}; }
+  [[nodiscard]] std::span<const std::uint8_t> bytes() const noexcept { return {bytes_.data(), bytes_.size()}; }
   void clear() { bytes_.resize(cdr::kHead); }
 
  private:
@@ -76,7 +75,7 @@ class CdrWriter {
 class CdrReader {
  public:
   /// Throws CdrError for another encoding; reading throws CdrError for a message that is too short.
-  explicit CdrReader(spm::Span<const std::uint8_t> bytes) : bytes_{bytes} {
+  explicit CdrReader(std::span<const std::uint8_t> bytes) : bytes_{bytes} {
     if (bytes.size() < cdr::kHead || bytes[0] != 0 || bytes[1] != 1)
       throw CdrError("found another encoding, expected little-endian CDR");
   }
@@ -120,7 +119,7 @@ class CdrReader {
       throw CdrError("found " + std::to_string(elements) + " elements, more than the message can hold");
     return elements;
   }
-  spm::Span<const std::uint8_t> bytes_;
+  std::span<const std::uint8_t> bytes_;
   std::size_t at_ = cdr::kHead;
 };
 

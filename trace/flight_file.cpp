@@ -22,7 +22,7 @@ constexpr std::array<std::pair<const char*, const char*>, kTypes> kChannels{
      {"flight_refine", "tactus::flight::Refine"}}};
 
 template <std::size_t i = 0>
-FlightMessage decode(std::size_t type, spm::Span<const std::uint8_t> bytes) {
+FlightMessage decode(std::size_t type, std::span<const std::uint8_t> bytes) {
   if constexpr (i < kTypes) {
     if (type != i) return decode<i + 1>(type, bytes);
     std::variant_alternative_t<i, FlightMessage> message;

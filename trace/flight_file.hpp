@@ -102,7 +102,16 @@ struct FlightState {
 // The structs of each cycle are trivially copyable for the haptic thread.
 
 struct FlightEvent {
-  enum class Kind : std::uint32_t { kStopped, kReset, kObjectCame, kRegionCame, kRegionRetired, kRegionLeft };
+  enum class Kind : std::uint32_t {
+    kStopped,
+    kReset,
+    kObjectCame,
+    kRegionCame,
+    kRegionRetired,
+    kRegionLeft,
+    kObjectWithdrawn,
+    kObjectLeft
+  };
   std::uint64_t cycle = 0;
   Kind kind = Kind::kStopped;
   std::uint32_t object = 0, region = 0, fault = 0;

@@ -217,7 +217,7 @@ class IdlSchema::Parser {
 /// Decodes a sample by its type.
 class IdlSchema::Decoder {
  public:
-  explicit Decoder(spm::Span<const std::uint8_t> encoded) : bytes_{encoded} {
+  explicit Decoder(std::span<const std::uint8_t> encoded) : bytes_{encoded} {
     if (bytes_.size() < kHead || bytes_[0] != 0 || bytes_[1] > 1)
       throw SchemaError("sample: expected the encapsulation of plain CDR");
     swap_ = bytes_[1] == 0;  // this machine is little-endian, as spm/ requires
@@ -366,7 +366,7 @@ class IdlSchema::Decoder {
     return {};
   }
 
-  spm::Span<const std::uint8_t> bytes_;
+  std::span<const std::uint8_t> bytes_;
   std::size_t at_ = 0;  // from the end of the encapsulation, where alignment counts from
   bool swap_ = false;
 };
@@ -391,7 +391,7 @@ std::vector<std::string> IdlSchema::columns(const std::string& type) const {
   return all;
 }
 
-std::vector<std::string> IdlSchema::cells(const std::string& type, spm::Span<const std::uint8_t> encoded) const {
+std::vector<std::string> IdlSchema::cells(const std::string& type, std::span<const std::uint8_t> encoded) const {
   const auto found = types_.find(type);
   if (found == types_.end()) throw SchemaError("IDL: found no struct " + type);
   std::vector<std::string> all;

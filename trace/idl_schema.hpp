@@ -8,11 +8,10 @@
 #include <cstdint>
 #include <map>
 #include <memory>
+#include <span>
 #include <stdexcept>
 #include <string>
 #include <vector>
-
-#include "spm/span.hpp"
 
 namespace tactus::trace {
 
@@ -34,7 +33,7 @@ class IdlSchema {
 
   /// The cells of a sample in these columns: numbers with the digits that reproduce them, enumerators by name, a
   /// sequence as JSON. Throws SchemaError when the sample does not match the type.
-  [[nodiscard]] std::vector<std::string> cells(const std::string& type, spm::Span<const std::uint8_t> encoded) const;
+  [[nodiscard]] std::vector<std::string> cells(const std::string& type, std::span<const std::uint8_t> encoded) const;
 
  private:
   struct Type;

@@ -121,7 +121,7 @@ McapWriter::Channel McapWriter::add_channel(Schema schema, const std::string& to
 }
 
 void McapWriter::write(Channel channel, std::uint64_t log_time, std::uint64_t publish_time, std::uint32_t sequence,
-                       spm::Span<const std::uint8_t> message) {
+                       std::span<const std::uint8_t> message) {
   const auto id = static_cast<std::uint16_t>(channel);
   const auto append = [&](const Bytes& record) { chunk_.insert(chunk_.end(), record.begin(), record.end()); };
   if (!written_[id - 1u]) {  // a stream reader needs schema and channel before the first message
@@ -255,7 +255,7 @@ namespace {
 /// The fields of a record, in order.
 class Fields {
  public:
-  Fields(spm::Span<const std::uint8_t> bytes, bool& broken) : bytes_{bytes}, broken_{broken} {}
+  Fields(std::span<const std::uint8_t> bytes, bool& broken) : bytes_{bytes}, broken_{broken} {}
 
   template <class Number>
   [[nodiscard]] Number number() {
@@ -284,7 +284,7 @@ class Fields {
     if (broken_ || size > bytes_.size() - at_) broken_ = true;
     return !broken_;
   }
-  spm::Span<const std::uint8_t> bytes_;
+  std::span<const std::uint8_t> bytes_;
   bool& broken_;
   std::size_t at_ = 0;
 };
@@ -359,7 +359,7 @@ bool McapReader::next(McapMessage& message) {
   }
 }
 
-bool McapReader::take(std::uint8_t opcode, spm::Span<const std::uint8_t> content, McapMessage& message) {
+bool McapReader::take(std::uint8_t opcode, std::span<const std::uint8_t> content, McapMessage& message) {
   bool broken = false;
   Fields fields{content, broken};
   if (opcode == kSchema) {

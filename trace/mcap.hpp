@@ -11,11 +11,10 @@
 #include <filesystem>
 #include <map>
 #include <memory>
+#include <span>
 #include <stdexcept>
 #include <string>
 #include <vector>
-
-#include "spm/span.hpp"
 
 namespace tactus::trace {
 
@@ -44,7 +43,7 @@ class McapWriter {
 
   /// Times in ns since 1970. Throws McapError when the file cannot be written.
   void write(Channel channel, std::uint64_t log_time, std::uint64_t publish_time, std::uint32_t sequence,
-             spm::Span<const std::uint8_t> message);
+             std::span<const std::uint8_t> message);
   /// Ends the chunk, so that all messages so far are in the file.
   void flush();
   /// Writes summary and footer; nothing may be written afterwards. Throws McapError.
@@ -113,7 +112,7 @@ class McapReader {
   };
 
   [[nodiscard]] bool fill();
-  [[nodiscard]] bool take(std::uint8_t opcode, spm::Span<const std::uint8_t> content, McapMessage& message);
+  [[nodiscard]] bool take(std::uint8_t opcode, std::span<const std::uint8_t> content, McapMessage& message);
   [[noreturn]] void fail(const std::string& what) const;
 
   std::filesystem::path name_;

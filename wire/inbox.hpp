@@ -14,7 +14,14 @@
 
 namespace tactus::wire {
 
-/// Many producers, one consumer. Drops and counts samples above the capacity: every topic recovers from losses.
+enum class Urgency : std::uint8_t {
+  kWaits,  ///< until `take` times out
+  kWakes,  ///< the consumer
+  kLast    ///< wakes it too, and finds room when the inbox is full: the sample is not repeated
+};
+
+/// Many producers, one consumer. Drops and counts samples above the capacity: every topic recovers from losses, but for
+/// the end of a session.
 template <class Sample>
 class Inbox {
  public:
@@ -25,20 +32,19 @@ class Inbox {
 
   explicit Inbox(std::size_t capacity) : capacity_{capacity} {}
 
-  /// An urgent sample wakes the consumer. Another one waits until `take` times out.
-  void put(Sample sample, bool urgent = true) {
+  void put(Sample sample, Urgency urgency = Urgency::kWakes) {
     {
       const std::lock_guard lock{mutex_};
-      if (samples_.size() >= capacity_) {
+      if (samples_.size() >= capacity_ + (urgency == Urgency::kLast ? kReserve : 0)) {
         ++dropped_;
         return;
       }
       samples_.push_back({monotonic_ns(), std::move(sample)});
     }
-    if (urgent) arrived_.notify_one();
+    if (urgency != Urgency::kWaits) arrived_.notify_one();
   }
 
-  /// All samples in order of arrival; waits at most `patience` for the first.
+  /// All samples in order of arrival; waits at most `timeout` for the first.
   [[nodiscard]] std::vector<Arrived> take(std::chrono::microseconds timeout) {
     std::unique_lock lock{mutex_};
     arrived_.wait_for(lock, timeout, [this] { return !samples_.empty(); });
@@ -51,6 +57,7 @@ class Inbox {
   }
 
  private:
+  static constexpr std::size_t kReserve = 16;
   const std::size_t capacity_;
   mutable std::mutex mutex_;
   std::condition_variable arrived_;

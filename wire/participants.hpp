@@ -48,7 +48,7 @@ struct SessionAddress {
   int domain = kDefaultDomain;  ///< base domain; the program also uses the next two
   Discovery discovery;
   std::filesystem::path qos = default_qos_directory();
-  std::uint64_t incarnation = 0;  ///< 0: larger than at every start before (wire/incarnation.hpp)
+  std::uint64_t incarnation = 0;  ///< 0: a new one is made (wire/incarnation.hpp)
   bool one_participant = false;   ///< for all classes, with the profile of class session; only to measure its cost
   /// The program writes no bulk topic, so it ignores other participants that only read bulk; there may be many. With a
   /// discovery server this has no effect.
@@ -72,7 +72,7 @@ class Participants {
   /// The origin for a sample that this program sends now: session, participant, incarnation and time.
   [[nodiscard]] session::Origin origin() const noexcept;
 
-  /// Whether the probe participant's threads got `probe_priority`; false when it is 0 or the system refused.
+  /// Whether the probe participant's threads run at `probe_priority`; false when it is 0 or the system refused.
   [[nodiscard]] bool probe_is_realtime() const noexcept;
 
   struct Impl;

@@ -38,7 +38,7 @@ std::string raise_priority(const std::string& who) {
   constexpr int kNice = -10;
   if (setpriority(PRIO_PROCESS, 0, kNice) == 0) return who + ": nice " + std::to_string(kNice);  // 0: this thread
   return who + ": no raised priority (" + std::strerror(errno) +
-         "); allow nice -10 in /etc/security/limits.conf where many HRTCs share its machine";
+         "); allow nice -10 in /etc/security/limits.conf if many HRTCs share this machine";
 }
 
 std::string lock_memory() {

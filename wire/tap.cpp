@@ -48,7 +48,7 @@ class Raw final : public Guarded<Support> {
 class RawReader final : public dds::DataReaderListener {
  public:
   RawReader(dds::DomainParticipant& participant, dds::Topic& topic, const std::vector<std::string>& partitions,
-            dds::DataReaderQos qos, std::function<void(spm::Span<const std::uint8_t>)> on_sample)
+            dds::DataReaderQos qos, std::function<void(std::span<const std::uint8_t>)> on_sample)
       : participant_{participant}, data_{topic}, on_sample_{std::move(on_sample)} {
     dds::SubscriberQos subscriber = dds::SUBSCRIBER_QOS_DEFAULT;
     for (const std::string& partition : partitions) subscriber.partition().push_back(partition.c_str());
@@ -101,7 +101,7 @@ class RawReader final : public dds::DataReaderListener {
   std::mutex mutex_;
   bool closed_ = false;
   Data data_;
-  std::function<void(spm::Span<const std::uint8_t>)> on_sample_;
+  std::function<void(std::span<const std::uint8_t>)> on_sample_;
 };
 
 }  // namespace
@@ -126,7 +126,7 @@ struct Tap::Impl {
       tap_topics.push_back({spec.name, topic.get_type_name(), of_groups ? "g/*" : ", u/*, h/*"});
       readers.push_back(std::make_unique<RawReader>(
           in.participant(spec.traffic), topic, partitions, in.reader_qos.at(spec.profile),
-          [on_sample, number](spm::Span<const std::uint8_t> encoded) { on_sample(number, encoded); }));
+          [on_sample, number](std::span<const std::uint8_t> encoded) { on_sample(number, encoded); }));
     });
   }
 

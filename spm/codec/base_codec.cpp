@@ -42,7 +42,7 @@ ModelSummary get_summary(ByteReader& in) {
   return s;
 }
 
-void put_positions(ByteWriter& out, const ModelSummary& s, Span<const std::array<float, 3>> positions) {
+void put_positions(ByteWriter& out, const ModelSummary& s, std::span<const std::array<float, 3>> positions) {
   const PositionCode place{s};
   std::array<std::uint32_t, 3> before{};
   for (std::uint32_t v = 0; v < s.base_vertices; ++v) {
@@ -88,11 +88,11 @@ Bytes encode_base(const Model& model, const RecordTables& tables) {
   std::int64_t face_before = 0;
   std::int64_t corner_before = 0;
   for (const BaseFace& face : model.base_faces) {
-    out.varint(zigzag(face.face - face_before) << 1 | face.last);
-    face_before = face.face;
-    for (const std::uint32_t corner : face.corners) {
-      out.varint(zigzag(corner - corner_before));
-      corner_before = corner;
+    out.varint(zigzag(index(face.face) - face_before) << 1 | face.last);
+    face_before = index(face.face);
+    for (const VertexId corner : face.corners) {
+      out.varint(zigzag(index(corner) - corner_before));
+      corner_before = index(corner);
     }
   }
   for (const Region& region : model.regions) {
@@ -112,7 +112,7 @@ Bytes encode_base(const Model& model, const RecordTables& tables) {
   return out.take();
 }
 
-Result<DecodedBase> decode_base(Span<const std::uint8_t> bytes) {
+Result<DecodedBase> decode_base(std::span<const std::uint8_t> bytes) {
   ByteReader in{bytes};
   const auto version = in.raw<std::uint8_t>();
   if (in.ok() && version != kBaseVersion) {
@@ -139,11 +139,11 @@ Result<DecodedBase> decode_base(Span<const std::uint8_t> bytes) {
   for (BaseFace& face : base.faces) {
     const std::uint64_t code = in.varint();
     face_before += static_cast<std::uint64_t>(unzigzag(code >> 1));
-    face.face = static_cast<std::uint32_t>(face_before);
+    face.face = FaceId{static_cast<std::uint32_t>(face_before)};
     face.last = code & 1u;
-    for (std::uint32_t& corner : face.corners) {
+    for (VertexId& corner : face.corners) {
       corner_before += static_cast<std::uint64_t>(unzigzag(in.varint()));
-      corner = static_cast<std::uint32_t>(corner_before);
+      corner = VertexId{static_cast<std::uint32_t>(corner_before)};
     }
   }
   if (!in.ok()) return truncated("faces");

@@ -1,14 +1,17 @@
 /// The base mesh as bytes: summary, base vertices, base faces, labelled cells without their record lists, and the
-/// tables that the records are read with.
+/// prefix codes of the records.
 ///
 ///     version | digest | counts | bounds, grid, unit, deviation, position step | positions | radii |
 ///     base faces | regions | tables
-///     positions: in the lossless profile floats, in the compact one signed differences to the vertex before, on the
-///     grid face:   (signed difference to the face before << 1 | last), three signed differences, each to the corner
-///     before region: cell x, y, z, depth, record count, parts beyond it, face count, seal
 ///
-/// Floats, bounds, grid, seals and digest are raw little-endian values, all else varints.
+///     positions: lossless profile: floats; compact profile: signed differences to the previous vertex, in steps
+///     face:      (signed difference to the previous face << 1 | last), three signed differences to the previous corner
+///     region:    cell x, y, z, depth, occupied parts, record count, parts beyond it, face count, checksum
+///
+/// Floats, bounds, grid, checksums and digest are raw little-endian values; all others are varints.
 #pragma once
+
+#include <span>
 
 #include "spm/codec/bytes.hpp"
 #include "spm/codec/record_codes.hpp"
@@ -25,7 +28,7 @@ struct DecodedBase {
   RecordTables tables;
 };
 
-/// Trusts nothing: memory stays within a small multiple of the input, and the mesh returned has no violations().
-Result<DecodedBase> decode_base(Span<const std::uint8_t> bytes);
+/// The bytes are not trusted. Memory is at most a small multiple of the input; the result has no violations().
+Result<DecodedBase> decode_base(std::span<const std::uint8_t> bytes);
 
 }  // namespace tactus::spm::codec

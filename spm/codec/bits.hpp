@@ -1,27 +1,27 @@
-/// Bits written and read back, the lowest first.
+/// A writer and a reader of bits, the lowest bit first.
 #pragma once
 
 #include <cstdint>
 #include <cstring>
+#include <span>
 
 #include "spm/codec/bytes.hpp"
-#include "spm/span.hpp"
 
 namespace tactus::spm::codec {
 
 class BitWriter {
  public:
-  /// The lowest `count` bits of `value`, whose other bits are 0; at most 56.
+  /// Appends the lowest `count` bits of `value`, at most 56. The other bits of `value` must be 0.
   void put(std::uint64_t value, unsigned count) {
     window_ |= value << filled_;
     for (filled_ += count; filled_ >= 8; filled_ -= 8, window_ >>= 8)
       bytes_.push_back(static_cast<std::uint8_t>(window_));
   }
-  /// `count` bits of `bytes` from bit `first` on.
-  void copy(Span<const std::uint8_t> bytes, std::uint64_t first, std::uint64_t count);
+  /// Appends `count` bits of `bytes` from bit `first`.
+  void copy(std::span<const std::uint8_t> bytes, std::uint64_t first, std::uint64_t count);
 
   [[nodiscard]] std::uint64_t size() const noexcept { return 8 * std::uint64_t{bytes_.size()} + filled_; }
-  /// The last byte is filled with 0.
+  /// Returns the bytes; the last one is padded with 0.
   [[nodiscard]] Bytes take() {
     if (filled_ > 0) bytes_.push_back(static_cast<std::uint8_t>(window_));
     filled_ = 0;
@@ -35,13 +35,13 @@ class BitWriter {
   unsigned filled_ = 0;
 };
 
-/// Reads what nobody vouches for: past the end every bit is 0, and ok() says so.
+/// Reads bits that are not trusted. Past the end every bit is 0 and ok() is false.
 class BitReader {
  public:
-  explicit BitReader(Span<const std::uint8_t> bytes, std::uint64_t at = 0) noexcept
+  explicit BitReader(std::span<const std::uint8_t> bytes, std::uint64_t at = 0) noexcept
       : data_{bytes.data()}, size_{bytes.size()}, at_{at} {}
 
-  /// At least the next 57 bits; more may be there or not.
+  /// At least the next 57 bits, without reading them.
   [[nodiscard]] std::uint64_t peek() const noexcept {
     const std::uint64_t byte = at_ >> 3;
     std::uint64_t window = 0;
@@ -70,7 +70,7 @@ class BitReader {
   std::uint64_t at_;
 };
 
-inline void BitWriter::copy(Span<const std::uint8_t> bytes, std::uint64_t first, std::uint64_t count) {
+inline void BitWriter::copy(std::span<const std::uint8_t> bytes, std::uint64_t first, std::uint64_t count) {
   BitReader from{bytes, first};
   for (; count > 56; count -= 56) put(from.get(56), 56);
   put(from.get(static_cast<unsigned>(count)), static_cast<unsigned>(count));

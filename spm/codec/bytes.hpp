@@ -1,12 +1,11 @@
-/// Bytes written and read back: little-endian raw values and base-128 varints.
+/// A writer and a reader of bytes: little-endian raw values and base-128 varints.
 #pragma once
 
 #include <cstdint>
 #include <cstring>
+#include <span>
 #include <type_traits>
 #include <vector>
-
-#include "spm/span.hpp"
 
 namespace tactus::spm::codec {
 
@@ -14,7 +13,7 @@ using Bytes = std::vector<std::uint8_t>;
 
 static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "raw values travel as they lie in memory");
 
-/// Signed differences as small unsigned numbers: 0, -1, 1, -2 ... become 0, 1, 2, 3 ...
+/// Maps signed differences to small unsigned numbers: 0, -1, 1, -2 ... to 0, 1, 2, 3 ...
 [[nodiscard]] constexpr std::uint64_t zigzag(std::int64_t value) noexcept {
   return static_cast<std::uint64_t>(value) << 1 ^ static_cast<std::uint64_t>(value >> 63);
 }
@@ -40,11 +39,12 @@ class ByteWriter {
   Bytes bytes_;
 };
 
-/// Reads what nobody vouches for. Past the end, or at a varint of more than ten bytes, it fails for good: every further
-/// value is 0, so that a loop of checked length may run to its end and ask `ok()` once.
+/// Reads bytes that are not trusted. Past the end, or at a varint of more than ten bytes, ok() becomes false for good
+/// and every further value is 0. So a loop of bounded length can check ok() once, at its end.
 class ByteReader {
  public:
-  explicit ByteReader(Span<const std::uint8_t> bytes) noexcept : at_{bytes.begin()}, end_{bytes.end()} {}
+  explicit ByteReader(std::span<const std::uint8_t> bytes) noexcept
+      : at_{bytes.data()}, end_{bytes.data() + bytes.size()} {}
 
   template <class T>
   [[nodiscard]] T raw() noexcept {
@@ -76,8 +76,8 @@ class ByteReader {
     return 0;
   }
 
-  [[nodiscard]] Span<const std::uint8_t> rest() const noexcept { return {at_, left()}; }
-  /// At most what is left.
+  [[nodiscard]] std::span<const std::uint8_t> rest() const noexcept { return {at_, left()}; }
+  /// At most left() bytes.
   void skip(std::size_t count) noexcept { at_ += count; }
   [[nodiscard]] std::size_t left() const noexcept { return static_cast<std::size_t>(end_ - at_); }
   [[nodiscard]] bool ok() const noexcept { return ok_; }

@@ -18,13 +18,15 @@ CompressedCache::CompressedCache(std::uint32_t blocks)
       holders_(blocks, 0),
       staying_(blocks, 0),
       index_{blocks},
-      first_free_{blocks == 0 ? kNone : 0},
+      first_free_{blocks == 0 ? kNone : 0u},
       free_{blocks} {
   for (std::uint32_t i = 0; i < blocks; ++i) blocks_[i].next = i + 1 < blocks ? i + 1 : kNone;
 }
 
-void CompressedCache::admit(const ModelSummary& summary, const RecordTables& tables) {
-  objects_.push_back({&summary, RecordReader{summary, tables}, &tables, std::vector<bool>(summary.records)});
+void CompressedCache::admit(ObjectIndex object, const ModelSummary& summary, const RecordTables& tables) {
+  if (index(object) >= objects_.size()) objects_.values().resize(index(object) + 1);
+  objects_[object].emplace(
+      Object{&summary, RecordReader{summary, tables}, &tables, IdVector<RecordId, bool>{summary.records}});
 }
 
 std::uint32_t CompressedCache::write(const Bytes& bytes) noexcept {
@@ -57,7 +59,7 @@ void CompressedCache::read(std::uint32_t first) {
 }
 
 void CompressedCache::read_list(ObjectIndex object, RegionId region) {
-  const Object& of = objects_[index(object)];
+  const Object& of = *objects_[object];
   read(index_.find(key_of(object, region)));
   BitReader in{buffer_};
   std::uint32_t total = 0;
@@ -65,9 +67,9 @@ void CompressedCache::read_list(ObjectIndex object, RegionId region) {
   TACTUS_CHECK(error.empty());
 }
 
-CompressedCache::Put CompressedCache::put(ObjectIndex number, RegionId region, Span<const std::uint8_t> message) {
+CompressedCache::Put CompressedCache::put(ObjectIndex number, RegionId region, std::span<const std::uint8_t> message) {
   using Status = Put::Status;
-  Object& object = objects_[index(number)];
+  Object& object = *objects_[number];
   Put put;
   if (index(region) < object.summary->regions && keeps(number, region)) {
     put.status = Status::kHere;
@@ -93,16 +95,17 @@ CompressedCache::Put CompressedCache::put(ObjectIndex number, RegionId region, S
     code = 0;
     sent = data.sent.data();
     for (const Interval& interval : data.list)
-      for (std::uint32_t record = interval.first; record != interval.first + interval.count; ++record) {
-        while (sent != sent_end && sent->first + sent->count <= record) ++sent;
-        const bool is_sent = sent != sent_end && sent->first <= record;
+      for (std::uint32_t r = interval.first; r != interval.first + interval.count; ++r) {
+        while (sent != sent_end && sent->first + sent->count <= r) ++sent;
+        const bool is_sent = sent != sent_end && sent->first <= r;
+        const RecordId record{r};
         if (!with(record, index_.find(key(number, record)), is_sent ? &codes[code] : nullptr)) return false;
         code += is_sent ? 1 : 0;
       }
     return true;
   };
   put.status = Status::kKept;
-  const bool complete = for_each([&](std::uint32_t, std::uint32_t block, const RecordCode* is_sent) {
+  const bool complete = for_each([&](RecordId, std::uint32_t block, const RecordCode* is_sent) {
     if (is_sent != nullptr) {
       const std::uint32_t takes = blocks_for(kAnchorBits + is_sent->bits);
       put.whole += takes;
@@ -116,13 +119,13 @@ CompressedCache::Put CompressedCache::put(ObjectIndex number, RegionId region, S
   if (put.status != Status::kKept) return put;
 
   index_.insert(key_of(number, region), write(list.take()));
-  static_cast<void>(for_each([&](std::uint32_t record, std::uint32_t block, const RecordCode* is_sent) {
+  static_cast<void>(for_each([&](RecordId record, std::uint32_t block, const RecordCode* is_sent) {
     if (is_sent != nullptr && object.seen[record]) ++put.returned;
     if (is_sent != nullptr && block != kNone) ++put.repeated;
     if (is_sent != nullptr && block != kNone && staying_[block] > 0) ++put.published;
     if (block == kNone) {
       BitWriter out;
-      out.put(is_sent->anchor, kAnchorBits);
+      out.put(index(is_sent->anchor), kAnchorBits);
       out.copy(message, is_sent->first, is_sent->bits);
       block = write(out.take());
       holders_[block] = staying_[block] = 0;
@@ -137,26 +140,27 @@ CompressedCache::Put CompressedCache::put(ObjectIndex number, RegionId region, S
 }
 
 const RegionData& CompressedCache::get(ObjectIndex number, RegionId region, const Cache& cache) {
-  Object& object = objects_[index(number)];
+  Object& object = *objects_[number];
   read_list(number, region);
   data_.region = region;
   data_.list = list_;
   data_.sent.clear();
-  data_.offsets.clear();
+  data_.residuals.clear();
   data_.parts.clear();
   for (const Interval& interval : data_.list)
-    for (std::uint32_t record = interval.first; record != interval.first + interval.count; ++record) {
+    for (std::uint32_t r = interval.first; r != interval.first + interval.count; ++r) {
+      const RecordId record{r};
       if (cache.has(number, record)) continue;
       read(index_.find(key(number, record)));
       BitReader in{buffer_};
-      const auto anchor = static_cast<std::uint32_t>(in.get(kAnchorBits));
-      data_.offsets.emplace_back();
-      const bool good = object.reader.get(in, record, anchor, data_.parts, data_.offsets.back());
+      const FaceId anchor{static_cast<std::uint32_t>(in.get(kAnchorBits))};
+      data_.residuals.emplace_back();
+      const bool good = object.reader.get(in, record, anchor, data_.parts, data_.residuals.back());
       TACTUS_CHECK(good);
-      if (!data_.sent.empty() && data_.sent.back().first + data_.sent.back().count == record) {
+      if (!data_.sent.empty() && data_.sent.back().first + data_.sent.back().count == r) {
         ++data_.sent.back().count;
       } else {
-        data_.sent.push_back({record, 1});
+        data_.sent.push_back({r, 1});
       }
     }
   return data_;
@@ -171,8 +175,8 @@ std::uint32_t CompressedCache::length(std::uint32_t first) const noexcept {
 template <class Visit>
 void CompressedCache::for_each_listed(ObjectIndex object, Visit visit) const {
   for (const Interval& interval : list_)
-    for (std::uint32_t record = interval.first; record != interval.first + interval.count; ++record) {
-      const std::uint64_t key_of_record = key(object, record);
+    for (std::uint32_t r = interval.first; r != interval.first + interval.count; ++r) {
+      const std::uint64_t key_of_record = key(object, RecordId{r});
       visit(key_of_record, index_.find(key_of_record));
     }
 }
@@ -220,18 +224,19 @@ std::vector<std::string> CompressedCache::violations() {
       ++chained;
     }
   };
-  for (std::uint32_t n = 0; n < objects_.size(); ++n) {
-    const ObjectIndex number{n};
-    for (std::uint32_t r = 0; r < objects_[n].summary->regions; ++r) {
-      const std::uint32_t first = index_.find(key_of(number, RegionId{r}));
+  for (const ObjectIndex number : objects_.ids()) {
+    if (!objects_[number]) continue;
+    for (const RegionId region : ids<RegionId>(objects_[number]->summary->regions)) {
+      const std::uint32_t first = index_.find(key_of(number, region));
       if (first == kNone) continue;
-      take(first, "region " + std::to_string(r));
-      read_list(number, RegionId{r});
+      take(first, "region " + std::to_string(index(region)));
+      read_list(number, region);
       for (const Interval& interval : list_)
         for (std::uint32_t record = interval.first; record != interval.first + interval.count; ++record) {
-          const std::uint32_t block = index_.find(key(number, record));
+          const std::uint32_t block = index_.find(key(number, RecordId{record}));
           if (block == kNone)
-            found.push_back("record " + std::to_string(record) + " of region " + std::to_string(r) + " is not here");
+            found.push_back("record " + std::to_string(record) + " of region " + std::to_string(index(region)) +
+                            " is not here");
           else if (counted[block]++ == 0)
             take(block, "record " + std::to_string(record));
         }

@@ -9,7 +9,7 @@
 namespace tactus::spm::codec {
 namespace {
 
-/// Where each begins, and where the last one ends. Sums of foreign sizes may wrap.
+/// The start of each, and the end of the last one. Sums of sizes that are not trusted may wrap.
 std::vector<std::uint64_t> places(ByteReader& sizes, std::size_t count) {
   std::vector<std::uint64_t> places{0};
   places.reserve(count + 1);
@@ -23,18 +23,18 @@ Result<CompressedModel> CompressedModel::open(const ModelSpans& spans) {
   Result<DecodedBase> base = decode_base(spans.base);
   if (!base) return base.error();
   const ModelSummary& s = base->mesh.summary;
-  const std::size_t lots = (std::size_t{s.records} + kLot - 1) / kLot;
-  if (lots + s.regions > spans.sizes.size()) {
+  const std::size_t blocks = (std::size_t{s.records} + kRecordsPerBlock - 1) / kRecordsPerBlock;
+  if (blocks + s.regions > spans.sizes.size()) {
     return DecodeError{"model: found " + std::to_string(spans.sizes.size()) + " bytes of sizes, expected at least " +
-                       std::to_string(lots + s.regions)};
+                       std::to_string(blocks + s.regions)};
   }
   CompressedModel model;
   ByteReader sizes{spans.sizes};
-  model.code_places_ = places(sizes, lots);
+  model.code_places_ = places(sizes, blocks);
   model.list_places_ = places(sizes, s.regions);
   if (!sizes.ok() || sizes.left() != 0) {
     return DecodeError{"model: its " + std::to_string(spans.sizes.size()) + " bytes of sizes are not " +
-                       std::to_string(lots + s.regions) + " sizes"};
+                       std::to_string(blocks + s.regions) + " sizes"};
   }
   model.base_ = std::move(*base);
   model.spans_ = spans;
@@ -49,25 +49,25 @@ std::vector<Interval> CompressedModel::intervals_of(RegionId region) const {
   return intervals;
 }
 
-void CompressedModel::put_records(BitWriter& out, Span<const Interval> records) const {
+void CompressedModel::put_records(BitWriter& out, std::span<const Interval> records) const {
   RecordReader reader{summary(), tables()};
   std::vector<RecordPart> parts;
-  std::array<std::uint32_t, 3> offset{};
-  NamedFaces named;        // in what is sent
-  std::uint32_t sent = 0;  // anchor
+  PositionPredictor::Residuals residuals{};
+  NamedFaces named;  // in the message
+  FaceId sent{};     // anchor
   for (const Interval& interval : records) {
     BitReader in{spans_.codes};
-    std::uint32_t anchor = 0;
+    FaceId anchor{};
     const std::uint32_t end = interval.first + interval.count;
-    for (std::uint32_t r = interval.first / kLot * kLot; r != end; ++r) {
-      const bool leads = r % kLot == 0;
-      if (leads) in = BitReader{spans_.codes, code_places_[r / kLot]};
-      anchor = leads ? reader.get_first_anchor(in, 0) : reader.get_anchor(in, anchor);
+    for (std::uint32_t r = interval.first / kRecordsPerBlock * kRecordsPerBlock; r != end; ++r) {
+      const bool leads = r % kRecordsPerBlock == 0;
+      if (leads) in = BitReader{spans_.codes, code_places_[r / kRecordsPerBlock]};
+      anchor = leads ? reader.get_first_anchor(in, FaceId{}) : reader.get_anchor(in, anchor);
       const std::uint64_t first = in.at();
       parts.clear();
-      if (!reader.get(in, r, anchor, parts, offset)) return;
+      if (!reader.get(in, RecordId{r}, anchor, parts, residuals)) return;
       if (r < interval.first) continue;
-      const std::uint64_t difference = zigzag(std::int64_t{anchor} - sent);
+      const std::uint64_t difference = zigzag_difference(anchor, sent);
       if (r == interval.first) {
         named.clear();
         put_number(out, tables()[Field::kAnchorFirst], difference);

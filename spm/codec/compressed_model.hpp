@@ -1,12 +1,15 @@
-/// A whole model as it is stored and sent: what an `.spm` file holds and a VE host serves, without decoding it.
+/// A whole model in the form in which it is stored and sent; an `.spm` file has these bytes, and a VE host serves them
+/// without decoding.
 ///
-///     base         the base mesh as sent (base_codec.hpp), tables included
-///     codes        of all records, in order (record_codes.hpp)
-///     lists        by region: the intervals of its record list, as sent
-///     sizes        in bits, as varints: of the codes of each lot of kLot records, then of each region's list
+///     base         the base mesh message (base_codec.hpp), with the prefix codes
+///     codes        the codes of all records, in order (record_codes.hpp)
+///     lists        by region: the intervals of its record list
+///     sizes        in bits, as varints: of each block of kRecordsPerBlock records in `codes`, then of each region's
+///     list
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "spm/codec/base_codec.hpp"
@@ -18,33 +21,33 @@
 namespace tactus::spm::codec {
 
 struct ModelSpans {
-  Span<const std::uint8_t> base, codes, lists, sizes;
+  std::span<const std::uint8_t> base, codes, lists, sizes;
 };
 
 class CompressedModel {
  public:
-  /// Reads the base mesh and checks it, and that there are as many sizes as it says. What the codes and lists hold is
-  /// for decode_model() to check: of foreign ones, that they are never read past their end is all that is promised.
-  /// The spans must outlive what is returned.
+  /// Decodes and checks the base mesh, and checks the number of sizes. decode_model() checks codes and lists; without
+  /// it, codes and lists that are not trusted are never read past their end, but may be wrong. The spans must outlive
+  /// the result.
   static Result<CompressedModel> open(const ModelSpans& spans);
-  /// Of no model.
+  /// Empty: for later assignment.
   CompressedModel() = default;
 
   [[nodiscard]] const ModelSummary& summary() const noexcept { return base_.mesh.summary; }
   [[nodiscard]] const BaseMesh& base() const noexcept { return base_.mesh; }
   [[nodiscard]] const RecordTables& tables() const noexcept { return base_.tables; }
   [[nodiscard]] const ModelSpans& spans() const noexcept { return spans_; }
-  /// By lot: its first bit in the codes; at the end where they end.
+  /// By block: its first bit in `codes`; then the end of `codes`.
   [[nodiscard]] const std::vector<std::uint64_t>& code_places() const noexcept { return code_places_; }
-  /// The same by region, of the lists.
+  /// By region: the first bit of its list; then the end of `lists`.
   [[nodiscard]] const std::vector<std::uint64_t>& list_places() const noexcept { return list_places_; }
 
   /// The region's record list. O(intervals), allocates.
   [[nodiscard]] std::vector<Interval> intervals_of(RegionId region) const;
 
-  /// Appends the codes of these records as they are sent. O(records + intervals x kLot): what comes before in a run's
-  /// lot is read to find its first record.
-  void put_records(BitWriter& out, Span<const Interval> records) const;
+  /// Appends the codes of these records in the form of a message. O(records + intervals x kRecordsPerBlock): the block
+  /// of an interval is read from its start to find the first record.
+  void put_records(BitWriter& out, std::span<const Interval> records) const;
 
  private:
   DecodedBase base_;

@@ -1,5 +1,5 @@
-/// Regions of a compressed model, for LocalRefinement: of an .spm file that is mapped (spm/offline/model_file.hpp), of
-/// one that was just built (model_codec.hpp), or of bytes in memory (CompressedModel::open).
+/// The regions of a compressed model, for LocalRefinement. The model can be a mapped .spm file
+/// (spm/offline/model_file.hpp), just built (model_codec.hpp), or bytes in memory (CompressedModel::open).
 #pragma once
 
 #include "spm/codec/compressed_model.hpp"
@@ -13,7 +13,7 @@ class CompressedSource final : public RegionSource {
   explicit CompressedSource(const CompressedModel& model) : model_{model} {}
 
   [[nodiscard]] const BaseMesh& base() const override { return model_.base(); }
-  /// Throws std::runtime_error when what the model holds of it is damaged. Allocates; about 0.3 us a record.
+  /// Throws std::runtime_error if the region is damaged. Allocates; about 0.3 us a record.
   [[nodiscard]] RegionData region(RegionId region) override;
 
  private:

@@ -3,13 +3,13 @@
 namespace tactus::spm::codec {
 namespace {
 
-constexpr std::uint64_t kMinRunBits = 2;  // a gap and a length
+constexpr std::uint64_t kMinIntervalBits = 2;  // a gap and a length
 
 std::string text(std::uint64_t value) { return std::to_string(value); }
 
 }  // namespace
 
-void put_intervals(BitWriter& out, const RecordTables& tables, Span<const Interval> intervals) {
+void put_intervals(BitWriter& out, const RecordTables& tables, std::span<const Interval> intervals) {
   put_rare(out, intervals.size());
   std::uint32_t end = 0;
   for (const Interval& interval : intervals) {
@@ -22,7 +22,7 @@ void put_intervals(BitWriter& out, const RecordTables& tables, Span<const Interv
 std::string get_intervals(BitReader& in, const RecordTables& tables, std::uint32_t limit,
                           std::vector<Interval>& intervals, std::uint32_t& total) {
   const std::uint64_t count = get_rare(in);
-  if (!in.ok() || in.left() / kMinRunBits < count) {
+  if (!in.ok() || in.left() / kMinIntervalBits < count) {
     return text(count) + " intervals do not fit the " + text(in.left()) + " bits that are left";
   }
   intervals.resize(count);
@@ -34,7 +34,7 @@ std::string get_intervals(BitReader& in, const RecordTables& tables, std::uint32
     const std::uint64_t length = get_number(in, tables[Field::kCount], ok) + 1;
     const std::uint64_t first = end + gap;
     if (!ok || !in.ok() || (gap == 0 && end != 0) || first + length > limit) {
-      return "run of " + text(length) + " records from " + text(first) + " after one that ends at " + text(end) +
+      return "interval of " + text(length) + " records from " + text(first) + " after one that ends at " + text(end) +
              ", expected a gap and no record from " + text(limit);
     }
     interval = {static_cast<std::uint32_t>(first), static_cast<std::uint32_t>(length)};

@@ -1,7 +1,8 @@
-/// Intervals of numbers as bits: their count, then for each the gap to the run before and its length less one.
+/// Intervals of numbers as bits: their count, then for each the gap to the previous interval and its length less one.
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -10,10 +11,10 @@
 
 namespace tactus::spm::codec {
 
-void put_intervals(BitWriter& out, const RecordTables& tables, Span<const Interval> intervals);
+void put_intervals(BitWriter& out, const RecordTables& tables, std::span<const Interval> intervals);
 
-/// Ascending intervals that do not touch, of numbers below `limit`, `total` of them together. Returns what is wrong, in
-/// words; empty when nothing is.
+/// Reads ascending intervals of numbers below `limit` that do not touch. `total`: sum of their lengths. Returns a
+/// description of the first error, or an empty string.
 [[nodiscard]] std::string get_intervals(BitReader& in, const RecordTables& tables, std::uint32_t limit,
                                         std::vector<Interval>& intervals, std::uint32_t& total);
 

@@ -1,4 +1,4 @@
-/// A whole model as arrays to a whole model as bytes, and back.
+/// Converts a whole model between arrays and bytes.
 #pragma once
 
 #include "spm/codec/compressed_model.hpp"
@@ -6,15 +6,15 @@
 
 namespace tactus::spm::codec {
 
-/// A coded model that owns its bytes.
+/// A compressed model that owns its bytes.
 class EncodedModel {
  public:
-  /// `model` has no violations(). About 0.4 us a record.
+  /// `model` must have no violations(). About 0.4 us a record.
   explicit EncodedModel(const Model& model);
   EncodedModel(EncodedModel&&) noexcept = default;
   EncodedModel& operator=(EncodedModel&&) noexcept = default;
 
-  /// Borrows from this, and stays valid when this is moved.
+  /// Refers to the bytes of this object; stays valid if this object is moved.
   [[nodiscard]] const CompressedModel& coded() const noexcept { return coded_; }
 
  private:
@@ -22,9 +22,9 @@ class EncodedModel {
   CompressedModel coded_;
 };
 
-/// Trusts nothing; memory stays within what the summary and the input allow for. Names every parent and third corner
-/// and puts every vertex in its place, but leaves it to violations() to say whether records and lists make a sound
-/// model. About 0.3 us a record.
+/// The bytes are not trusted. Memory is bounded by the summary and the input. Each record is checked against the mesh
+/// before it (RecordDecoder); whether records and lists are a sound model is for violations() to check. About 0.3 us a
+/// record.
 Result<OwnedModel> decode_model(const CompressedModel& coded);
 
 }  // namespace tactus::spm::codec

@@ -38,7 +38,7 @@ std::vector<unsigned> depths(const std::vector<std::uint64_t>& counts) {
 
 }  // namespace
 
-PrefixCode::PrefixCode(Span<const std::uint64_t> counts) {
+PrefixCode::PrefixCode(std::span<const std::uint64_t> counts) {
   std::vector<std::uint64_t> flattened(counts.begin(), counts.end());
   std::vector<unsigned> depth = depths(flattened);
   while (*std::max_element(depth.begin(), depth.end()) > kMaxLength) {

@@ -25,7 +25,7 @@ std::array<std::uint32_t, kFields> symbols_of_fields() {
   return symbols;
 }
 
-/// Counts symbols instead of writing them.
+/// Counts symbols, for the prefix codes.
 class Counter {
  public:
   void symbol(Field field, std::uint32_t s) { ++counts_[static_cast<std::size_t>(field)][s]; }
@@ -34,7 +34,7 @@ class Counter {
   }
   void raw(std::uint64_t, unsigned) {}
   void rare(std::uint64_t) {}
-  void begin_lot() {}
+  void begin_block() {}
 
   RecordTables::Counts counts_ = RecordTables::no_counts();
 };
@@ -58,11 +58,11 @@ class Writer {
     put_rare(out_, value);
     count(kFields);
   }
-  void begin_lot() { places_.push_back(out_.size()); }
+  void begin_block() { places_.push_back(out_.size()); }
 
   BitWriter out_;
   std::vector<std::uint64_t> places_;
-  std::array<std::uint64_t, kFields + 1> bits_{};  // by field; the last: spelt out
+  std::array<std::uint64_t, kFields + 1> bits_{};  // by field; the last: explicit form
 
  private:
   void count(std::size_t field) {
@@ -73,7 +73,7 @@ class Writer {
   const RecordTables& tables_;
 };
 
-/// Applies the records in order and codes each against the mesh that it meets.
+/// Applies the records in order and encodes each of them against the mesh before it.
 template <class Sink>
 class Coder {
  public:
@@ -84,29 +84,32 @@ class Coder {
         front_{base_front(model.summary, model.base_faces)} {}
 
   void interval() {
-    std::uint32_t anchor = 0;
-    for (std::uint32_t r = 0; r < model_.summary.records; ++r) {
-      const std::uint32_t own = anchor_of(model_.parts[r]);
-      if (r % kLot == 0) {
-        sink_.begin_lot();
+    FaceId anchor{};
+    for (const RecordId r : ids<RecordId>(model_.summary.records)) {
+      const RecordPart& first = model_.first_part(r);
+      const FaceId own = anchor_of(first);
+      if (index(r) % kRecordsPerBlock == 0) {
+        sink_.begin_block();
         named_.clear();
-        difference(Field::kAnchorFirst, own, 0);
+        difference(Field::kAnchorFirst, own, FaceId{});
       } else if (const std::uint32_t place = named_.find(own); place < NamedFaces::kSize) {
         sink_.symbol(Field::kAnchor, place);
       } else {
-        sink_.number(Field::kAnchor, zigzag(std::int64_t{own} - anchor), NamedFaces::kSize);
+        sink_.number(Field::kAnchor, zigzag_difference(own, anchor), NamedFaces::kSize);
       }
-      named_.add(own, model_.parts[r]);
+      named_.add(own, first);
       anchor = own;
       code(r);
     }
   }
 
  private:
-  void code(std::uint32_t record) {
-    const RecordPart& first = model_.parts[record];
-    const std::uint32_t u = model_.summary.base_vertices + record;
-    VertexRing ring;
+  using Ring = VertexRing<VertexId>;
+
+  void code(RecordId record) {
+    const RecordPart& first = model_.first_part(record);
+    const VertexId u = model_.vertex_of(record);
+    Ring ring;
     ring.add(first.parent);
     gather(first, ring);
 
@@ -131,21 +134,21 @@ class Coder {
     apply(record, u);
   }
 
-  void gather(const RecordPart& part, VertexRing& ring) const {
+  void gather(const RecordPart& part, Ring& ring) const {
     for (int i = 0; i < part.deformed_count; ++i) {
-      const std::array<std::uint32_t, 3>& corners = front_.corners(part.deformed[i].face());
+      const std::array<VertexId, 3>& corners = front_.corners(part.deformed[i].face());
       ring.add(corners[(part.deformed[i].corner() + 1) % 3]);
       ring.add(corners[(part.deformed[i].corner() + 2) % 3]);
     }
   }
 
-  /// Whether this face is found by going around t from the one before.
+  /// True if the next face around t after `before` is `face`.
   [[nodiscard]] bool follows(const DeformedRef& before, const DeformedRef& face) const {
-    LoadedFront::At at{before.face(), before.corner()};
+    ModelFront::At at{before.face(), before.corner()};
     return front_.swing(at) && at.face == face.face();
   }
 
-  [[nodiscard]] std::uint32_t shape_of(const RecordPart& part, const VertexRing& ring) const {
+  [[nodiscard]] std::uint32_t shape_of(const RecordPart& part, const Ring& ring) const {
     if (part.next != kNone || part.deformed_count == 0 || part.deformed_count > Shape::kMaxFan ||
         part.born_count == 0) {
       return Shape::kUnusual;
@@ -169,23 +172,24 @@ class Coder {
     return shape.symbol();
   }
 
-  void spell_out(std::uint32_t record, std::uint32_t u, VertexRing& ring) {
-    std::uint32_t before = anchor_of(model_.parts[record]);
+  void spell_out(RecordId record, VertexId u, Ring& ring) {
+    const PartIndex first{index(record)};
+    FaceId before = anchor_of(model_.parts[first]);
     bool anchor = true;
     DeformedRef last{};
     bool any_deformed = false;
-    const auto face = [&](Field field, std::uint32_t own) {
+    const auto face = [&](Field field, FaceId own) {
       if (!anchor) difference(field, own, before);
       anchor = false;
       before = own;
     };
     std::optional<PositionPredictor> place;
-    for (std::uint32_t p = record; p != kNone; p = model_.parts[p].next) {
+    for (PartIndex p = first; p != kNone; p = model_.parts[p].next) {
       const RecordPart& part = model_.parts[p];
       sink_.raw(part.born_count | part.deformed_count << 2 | std::uint32_t{part.next != kNone} << 6, 7);
-      if (p == record && part.deformed_count > 0) sink_.raw(part.deformed[0].corner(), 2);
-      if (p == record && part.deformed_count == 0) sink_.rare(u - part.parent);
-      if (p != record) gather(part, ring);
+      if (p == first && part.deformed_count > 0) sink_.raw(part.deformed[0].corner(), 2);
+      if (p == first && part.deformed_count == 0) sink_.rare(index(u) - index(part.parent));
+      if (p != first) gather(part, ring);
       for (int i = 0; i < part.deformed_count; ++i) {
         const bool next = any_deformed && follows(last, part.deformed[i]);
         if (any_deformed) sink_.raw(next, 1);
@@ -200,49 +204,40 @@ class Coder {
         const std::uint32_t at = ring.find(part.born_x[i]);
         const bool in_ring = at < ring.size();
         sink_.raw(in_ring, 1);
-        sink_.rare(in_ring ? at : u - part.born_x[i]);
+        sink_.rare(in_ring ? at : index(u) - index(part.born_x[i]));
         ring.add(part.born_x[i]);
       }
-      if (p == record) place.emplace(expected(ring));
+      if (p == first) place.emplace(expected(ring));
     }
-    place_it(u, model_.parts[record].radius, *place);
+    place_it(u, model_.parts[first].radius, *place);
   }
 
-  [[nodiscard]] PositionPredictor expected(const VertexRing& ring) const {
+  [[nodiscard]] PositionPredictor expected(const Ring& ring) const {
     return {model_.summary, ring,
-            [this](std::uint32_t v) -> const std::array<float, 3>& { return model_.positions[v]; }};
+            [this](VertexId v) -> const std::array<float, 3>& { return model_.positions[index(v)]; }};
   }
-  void place_it(std::uint32_t u, std::uint16_t radius, const PositionPredictor& place) {
-    const PositionPredictor::Residuals offsets = place.residuals_to(model_.positions[u]);
+  void place_it(VertexId u, std::uint16_t radius, const PositionPredictor& place) {
+    const PositionPredictor::Residuals offsets = place.residuals_to(model_.positions[index(u)]);
     for (std::size_t i = 0; i < 3; ++i) {
       sink_.number(of_kind(i < 2 ? Field::kAlong : Field::kAcross, radius),
                    zigzag(static_cast<std::int32_t>(offsets[i])));
     }
   }
 
-  void difference(Field field, std::uint32_t face, std::uint32_t before) {
-    sink_.number(field, zigzag(std::int64_t{face} - before));
-  }
+  void difference(Field field, FaceId face, FaceId before) { sink_.number(field, zigzag_difference(face, before)); }
 
-  void apply(std::uint32_t record, std::uint32_t u) {
-    LoadedFront::Split faces;
-    for (std::uint32_t p = record; p != kNone; p = model_.parts[p].next) {
-      const RecordPart& part = model_.parts[p];
-      for (int i = 0; i < part.deformed_count; ++i) {
-        const DeformedRef ref = part.deformed[i];
-        front_.corners(ref.face())[ref.corner()] = u;
-        faces.deform({ref.face(), ref.corner()});
-      }
-      for (int i = 0; i < part.born_count; ++i) {
-        const BornCorners at = born_corners(part.born[i].order());
-        LoadedFront::Corners corners{};
-        corners[static_cast<std::size_t>(at.u)] = u;
-        corners[static_cast<std::size_t>(at.t)] = part.parent;
-        corners[static_cast<std::size_t>(at.x)] = part.born_x[i];
-        front_.set(part.born[i].face(), corners);
-        faces.bear(part.born[i].face(), part.born[i].order());
-      }
-    }
+  void apply(RecordId record, VertexId u) {
+    ModelFront::Split faces;
+    for_each_change(
+        model_.parts, PartIndex{index(record)}, u,
+        [&](DeformedRef ref) {
+          front_.corners(ref.face())[ref.corner()] = u;
+          faces.deform({ref.face(), ref.corner()});
+        },
+        [&](BornRef ref, const std::array<VertexId, 3>& corners, PartIndex, std::uint32_t) {
+          front_.set(ref.face(), corners);
+          faces.bear(ref.face(), ref.order());
+        });
     front_.join(faces);
   }
 
@@ -250,22 +245,24 @@ class Coder {
   Sink& sink_;
   NamedFaces named_;
   std::uint32_t max_;
-  LoadedFront front_;
+  ModelFront front_;
 };
 
-/// Intervals, and the anchors at which they begin.
+/// Counts the symbols of the intervals and of their first anchors.
 void count_lists(const Model& model, Counter& counter) {
   for (std::uint32_t region = 0; region < model.summary.regions; ++region) {
-    std::uint32_t end = 0, anchor = 0;
+    std::uint32_t end = 0;
+    FaceId anchor{};
     for (const Interval& interval : model.intervals_of(RegionId{region})) {
       counter.number(Field::kGap, interval.first - end);
       counter.number(Field::kCount, interval.count - 1);
       end = interval.first + interval.count;
-      counter.number(Field::kAnchorFirst, zigzag(std::int64_t{anchor_of(model.parts[interval.first])} - anchor));
-      anchor = anchor_of(model.parts[end - 1]);
+      const FaceId first = anchor_of(model.first_part(RecordId{interval.first}));
+      counter.number(Field::kAnchorFirst, zigzag_difference(first, anchor));
+      anchor = anchor_of(model.first_part(RecordId{end - 1}));
     }
   }
-  // A message may hold any part of any list, so that numbers of every size need a symbol.
+  // A message can have any part of any list, so numbers of every size need a symbol.
   for (const Field field : {Field::kGap, Field::kCount, Field::kAnchor, Field::kAnchorFirst}) {
     const std::uint32_t base = field == Field::kAnchor ? NamedFaces::kSize : 0;
     for (std::uint64_t size = kSmallNumbers; size < std::uint64_t{1} << 33; size *= 2) {
@@ -277,7 +274,7 @@ void count_lists(const Model& model, Counter& counter) {
   for (std::uint32_t place = 0; place < NamedFaces::kSize; ++place) counter.symbol(Field::kAnchor, place);
 }
 
-/// Where the shapes of a fan of `deformed` faces begin, over those with one born face.
+/// The first shape of a fan of `deformed` faces, among the shapes with one born face.
 constexpr std::uint32_t first_shape(std::uint32_t deformed) { return (1u << (deformed + 1)) - 4; }
 constexpr std::uint32_t kOneBorn = first_shape(Shape::kMaxFan + 1);
 static_assert(4 * kOneBorn == Shape::kUnusual);

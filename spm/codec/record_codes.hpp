@@ -1,20 +1,20 @@
-/// A model's records as bit strings: one for each, made once, the same whoever gets it and in whatever company.
+/// A model's records as bit strings. Each record has one code, whatever the receiver and the other records in a
+/// message.
 ///
-///     anchor | radius | shape | corner | born faces | position
+///     anchor | radius | shape | corner | born faces | residuals
 ///
-///     anchor    the record's first face: one that the last few records named (NamedFaces), or the difference to that
-///     of
-///               the record before. It is the only thing that depends on the company, and told anew for each
-///     shape     which faces there are and which of them are finest now, one symbol for the usual cases; another says
-///               that all is spelt out
-///     corner    where t stands in the first deformed face, the anchor. The others follow each other around t and are
-///               found (LoadedFront), and so are t and the third corners: the receiver knows the faces as its loaded
-///               records leave them, and no loaded record can have changed those that this one deforms
-///     faces     each as the difference to one before
-///     position  the difference to what the vertices around let expect (PositionPredictor), in steps of the model's
-///     profile
+///     anchor     the first face of the record: a reference to a face of the last few records (NamedFaces), or the
+///                difference to the anchor of the previous record. Only this field depends on the previous records in a
+///                message, so each message encodes it again.
+///     shape      one symbol for the usual combinations of faces and of their `last` flags; another symbol announces
+///                the explicit form.
+///     corner     the corner of t in the anchor, which is the first deformed face. The receiver finds the other
+///                deformed faces by walking around t (LoadedFront), and so the parent and the third corners. It can,
+///                because no loaded record changes the faces that this record deforms.
+///     faces      each as the difference to the previous one.
+///     residuals  the difference to the predicted position (PositionPredictor), in steps of the model's profile.
 ///
-/// Every field has a prefix code of the model's own (RecordTables), which travels with the base mesh. See
+/// Each field has a prefix code of the model's own (RecordTables), which is part of the base mesh message. See
 /// docs/decisions/0006-record-compression.md.
 #pragma once
 
@@ -31,12 +31,12 @@ namespace tactus::spm::codec {
 enum class Field : std::uint8_t {
   kRadius,
   kCorner,
-  kAnchor,       ///< of a record that follows the one numbered before it
-  kAnchorFirst,  ///< of any other; 0 stands before the first
+  kAnchor,       ///< if the previous record number is also the previous one in the message
+  kAnchorFirst,  ///< otherwise; the previous anchor of the first record is 0
   kDeformed,
   kGap,
   kCount,
-  // Of a leaf, a record whose radius is 0, and of any other; after each other (of_kind).
+  // In pairs (of_kind): for a leaf, a record with radius 0, and for any other record.
   kShape,
   kShapeOfInner,
   kBornFirst,
@@ -54,11 +54,11 @@ inline constexpr std::size_t kFields = 17;
   return static_cast<Field>(static_cast<unsigned>(field) + (radius != 0 ? 1 : 0));
 }
 
-/// A radius is told by how far its code is below the greatest, 1 for that itself and 0 for no radius; this symbol says
-/// that the number follows.
+/// A radius is encoded as its distance below the maximum code plus 1, and as 0 if there is none. This symbol announces
+/// an explicit number.
 inline constexpr std::uint32_t kRareRadius = 255;
 
-/// Small numbers travel as a symbol each, others as one for their size and their lower bits as they are.
+/// A small number is one symbol; a larger one is a symbol for its size, followed by its lower bits.
 inline constexpr std::uint32_t kSmallNumbers = 16;
 inline constexpr std::uint32_t kNumberSymbols = kSmallNumbers + 2 * 29;
 
@@ -67,7 +67,7 @@ class RecordTables {
   using Counts = std::array<std::vector<std::uint64_t>, kFields>;  ///< by field and symbol
   [[nodiscard]] static Counts no_counts();
 
-  /// Empty: decodes nothing.
+  /// Empty: cannot decode.
   RecordTables() = default;
   explicit RecordTables(const Counts& counts);
 
@@ -86,67 +86,69 @@ struct Shape {
   static constexpr std::uint32_t kMaxFan = 6;
   static constexpr std::uint32_t kUnusual = 1008;
   static constexpr std::uint32_t kSymbols = kUnusual + 1;
-  enum Endpoints : std::uint8_t { kBoth, kFirst, kLast };  ///< of the fan: where faces are born
+  enum Endpoints : std::uint8_t { kBoth, kFirst, kLast };  ///< the ends of the fan at which faces are born
 
   Endpoints ends;
   std::uint8_t deformed;  ///< 1 to kMaxFan
-  std::uint32_t finest;   ///< bit by face, born ones first
+  std::uint32_t finest;   ///< a bit for each face, born faces first
 
   [[nodiscard]] std::uint32_t born() const noexcept { return ends == kBoth ? 2 : 1; }
   [[nodiscard]] std::uint32_t symbol() const noexcept;
   [[nodiscard]] static Shape of(std::uint32_t symbol) noexcept;  ///< below kUnusual
 };
 
-/// The faces that the records before named, as far as one reads who begins at the first of a run or lot: what is named
-/// again takes few bits. As a symbol of Field::kAnchor, a place here stands for itself and a number's symbols follow.
+/// The faces of the previous records since the start of the interval or block: a reference to one of them takes few
+/// bits. The first kSize symbols of Field::kAnchor are positions here; the symbols of a number follow.
 class NamedFaces {
  public:
   static constexpr std::uint32_t kSize = 32;
 
   NamedFaces() noexcept { clear(); }
   void clear() noexcept { faces_.fill(kNone); }
-  void add(std::uint32_t anchor, const RecordPart& part) noexcept {
+  void add(FaceId anchor, const RecordPart& part) noexcept {
     add(anchor);
     for (int i = part.born_count; i-- > 0;) add(part.born[i].face());
   }
-  /// The last but `place`; kNone when there were fewer.
-  [[nodiscard]] std::uint32_t operator[](std::uint32_t place) const noexcept {
-    return faces_[(end_ - 1 - place) % kSize];
-  }
-  /// kSize when it is not there.
-  [[nodiscard]] std::uint32_t find(std::uint32_t face) const noexcept {
+  /// The face at `place`, counted from the last one; kNone if there are fewer.
+  [[nodiscard]] FaceId operator[](std::uint32_t place) const noexcept { return faces_[(end_ - 1 - place) % kSize]; }
+  /// The position of `face`, or kSize.
+  [[nodiscard]] std::uint32_t find(FaceId face) const noexcept {
     std::uint32_t place = 0;
     while (place < kSize && (*this)[place] != face) ++place;
     return place;
   }
 
  private:
-  void add(std::uint32_t face) noexcept { faces_[end_++ % kSize] = face; }
-  std::array<std::uint32_t, kSize> faces_;
+  void add(FaceId face) noexcept { faces_[end_++ % kSize] = face; }
+  std::array<FaceId, kSize> faces_;
   std::uint32_t end_ = kSize;
 };
 
-/// In a file, the codes of so many records follow each other as if sent alone; how many bits each such lot takes is
-/// noted.
-inline constexpr std::uint32_t kLot = 128;
+/// Records per block of a file. Each block is encoded like a message of its own, and its size is stored.
+inline constexpr std::uint32_t kRecordsPerBlock = 128;
 
 struct EncodedRecords {
   RecordTables tables;
-  Bytes codes;                          ///< of all records, in order
-  std::vector<std::uint64_t> lot_bits;  ///< by lot
+  Bytes codes;                            ///< of all records, in order
+  std::vector<std::uint64_t> block_bits;  ///< by block
 };
-/// Replays the model twice. About 0.3 us a record.
+/// Applies all records twice. About 0.3 us a record.
 [[nodiscard]] EncodedRecords encode_records(const Model& model);
 
-/// Bits that the codes of a model's records take by field, all together; the last: what is spelt out.
+/// Bits of all records by field; the last entry: the explicit form.
 [[nodiscard]] std::array<std::uint64_t, kFields + 1> bits_by_field(const Model& model, const RecordTables& tables);
 
-/// The record's first face: of its deformed ones, or else of its born ones.
-[[nodiscard]] inline std::uint32_t anchor_of(const RecordPart& part) noexcept {
+/// The first deformed face of the record, or else its first born face.
+[[nodiscard]] inline FaceId anchor_of(const RecordPart& part) noexcept {
   return part.deformed_count > 0 ? part.deformed[0].face() : part.born[0].face();
 }
 
-/// Where the bits of a number go: symbol, count of the lower bits.
+/// The difference of two face ids, for put_number.
+[[nodiscard]] inline std::uint64_t zigzag_difference(FaceId face, FaceId before) noexcept {
+  return zigzag(std::int64_t{index(face)} - index(before));
+}
+
+/// The symbol of a number and the count of its lower bits.
 struct NumberParts {
   std::uint32_t symbol, low_bits;
 };
@@ -156,7 +158,7 @@ struct NumberParts {
   while (value >> length != 0) ++length;
   return {kSmallNumbers + 2 * (length - 5) + static_cast<std::uint32_t>(value >> (length - 2) & 1u), length - 2};
 }
-/// Numbers below 2^33. Their symbols are those from `base` on.
+/// Writes a number below 2^33. The symbols of numbers begin at `base`.
 inline void put_number(BitWriter& out, const PrefixCode& code, std::uint64_t value, std::uint32_t base = 0) {
   const NumberParts parts = number_parts(value);
   code.put(out, base + parts.symbol);
@@ -171,14 +173,14 @@ inline void put_number(BitWriter& out, const PrefixCode& code, std::uint64_t val
   return rest_of_number(in, code.get(in, ok));
 }
 
-/// What is spelt out because it is rare: six bits for its length, then the number.
+/// Writes a rare number without prefix code: six bits for its length, then the number.
 inline void put_rare(BitWriter& out, std::uint64_t value) {
   unsigned length = 0;
   while (value >> length != 0) ++length;
   out.put(length, 6);
   out.put(value, length);
 }
-/// At most 56 bits are read, whatever the length says.
+/// Reads at most 56 bits, whatever the length is.
 [[nodiscard]] inline std::uint64_t get_rare(BitReader& in) noexcept {
   const auto length = static_cast<unsigned>(in.get(6));
   return in.get(length < 56 ? length : 56);

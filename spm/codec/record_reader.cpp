@@ -10,19 +10,20 @@ namespace tactus::spm::codec {
 RecordReader::RecordReader(const ModelSummary& summary, const RecordTables& tables)
     : summary_{summary}, tables_{tables}, max_{radius_code(summary.deviation)} {}
 
-bool RecordReader::fail(std::uint32_t record, const char* what, std::uint64_t found, const char* relation,
+bool RecordReader::fail(RecordId record, const char* what, std::uint64_t found, const char* relation,
                         std::uint64_t expected) {
-  error_ = "record " + std::to_string(record) + ": " + what + " " + std::to_string(found) + ", expected " + relation +
-           " " + std::to_string(expected);
+  error_ = "record " + std::to_string(index(record)) + ": " + what + " " + std::to_string(found) + ", expected " +
+           relation + " " + std::to_string(expected);
   return false;
 }
 
-bool RecordReader::get(BitReader& in, std::uint32_t record, std::uint32_t anchor, std::vector<RecordPart>& parts,
-                       std::array<std::uint32_t, 3>& offset) {
-  if (anchor >= summary_.faces) return fail(record, "first face", anchor, "below", summary_.faces);
+bool RecordReader::get(BitReader& in, RecordId record, FaceId anchor, std::vector<RecordPart>& parts,
+                       PositionPredictor::Residuals& residuals) {
+  if (index(anchor) >= summary_.faces) return fail(record, "first face", index(anchor), "below", summary_.faces);
   const std::size_t at = parts.size();
   RecordPart first{};
-  first.parent = first.next = kNone;
+  first.parent = kNone;
+  first.next = kNone;
   std::uint64_t below = tables_[Field::kRadius].get(in, code_ok_);
   if (below == kRareRadius) below = get_rare(in);
   if (below > max_) return fail(record, "radius code under the greatest by", below - 1, "below", max_);
@@ -36,44 +37,44 @@ bool RecordReader::get(BitReader& in, std::uint32_t record, std::uint32_t anchor
   named_.add(anchor, parts[at]);
   const Field along = of_kind(Field::kAlong, first.radius), across = of_kind(Field::kAcross, first.radius);
   for (std::size_t i = 0; i < 3; ++i) {
-    offset[i] = static_cast<std::uint32_t>(unzigzag(number(in, i < 2 ? along : across)));
+    residuals[i] = static_cast<std::uint32_t>(unzigzag(number(in, i < 2 ? along : across)));
   }
   return (code_ok_ && in.ok()) || fail(record, "bits left", 0, "at least", 1);
 }
 
-bool RecordReader::get_usual(BitReader& in, std::uint32_t record, RecordPart& part, std::uint32_t anchor,
-                             const Shape& shape, std::vector<RecordPart>& parts) {
+bool RecordReader::get_usual(BitReader& in, RecordId record, RecordPart& part, FaceId anchor, const Shape& shape,
+                             std::vector<RecordPart>& parts) {
   const std::uint32_t corner = tables_[Field::kCorner].get(in, code_ok_);
   std::uint32_t bits = shape.finest >> shape.born();
   part.deformed_count = shape.deformed;
   part.deformed[0] = DeformedRef::make(anchor, corner, (bits & 1u) != 0);
   for (std::uint32_t i = 1; i < shape.deformed; ++i) {
-    part.deformed[i] = DeformedRef::make(kNextAround, kCornerOfParent, (bits >> i & 1u) != 0);
+    part.deformed[i] = DeformedRef::make(kSwing, kCornerOfParent, (bits >> i & 1u) != 0);
   }
   const Field first_born = of_kind(Field::kBornFirst, part.radius), next_born = of_kind(Field::kBornNext, part.radius);
-  std::uint32_t face = anchor, max = anchor;
+  FaceId face = anchor, max = anchor;
   part.born_count = static_cast<std::uint8_t>(shape.born());
   bool at_last = shape.ends == Shape::kLast;
   for (std::uint32_t i = 0; i < shape.born(); ++i) {
     face = face_after(in, i == 0 ? first_born : next_born, face);
     part.born[i] = BornRef::make(face, at_last ? 1 : 0, (shape.finest >> i & 1u) != 0);
-    part.born_x[i] = kInRing | (at_last ? kLastInRing : 1u);
+    part.born_x[i] = ring_place(at_last ? kLastInRing : 1);
     at_last = true;
     max = std::max(max, face);
   }
   parts.push_back(part);
-  return max < summary_.faces || fail(record, "face", max, "below", summary_.faces);
+  return index(max) < summary_.faces || fail(record, "face", index(max), "below", summary_.faces);
 }
 
-bool RecordReader::get_spelt_out(BitReader& in, std::uint32_t record, RecordPart first, std::uint32_t anchor,
+bool RecordReader::get_spelt_out(BitReader& in, RecordId record, RecordPart first, FaceId anchor,
                                  std::vector<RecordPart>& parts) {
-  const std::uint32_t u = summary_.base_vertices + record;
-  std::uint32_t face = anchor;
+  const VertexId u{summary_.base_vertices + index(record)};
+  FaceId face = anchor;
   bool first_face = true, any_deformed = false;
   const auto next_face = [&](Field field) {
     if (!first_face) face = face_after(in, field, face);
     first_face = false;
-    return face < summary_.faces || fail(record, "face", face, "below", summary_.faces);
+    return index(face) < summary_.faces || fail(record, "face", index(face), "below", summary_.faces);
   };
   for (bool more = true, leads = true; more; leads = false) {
     const auto head = static_cast<std::uint32_t>(in.get(7));
@@ -91,13 +92,14 @@ bool RecordReader::get_spelt_out(BitReader& in, std::uint32_t record, RecordPart
     if (leads && part.deformed_count > 0 && corner > 2) return fail(record, "corner", corner, "at most", 2);
     if (leads && part.deformed_count == 0) {
       const std::uint64_t to_parent = get_rare(in);
-      if (to_parent == 0 || to_parent > u) return fail(record, "distance to its parent", to_parent, "1 to", u);
-      part.parent = first.parent = u - static_cast<std::uint32_t>(to_parent);
+      if (to_parent == 0 || to_parent > index(u))
+        return fail(record, "distance to its parent", to_parent, "1 to", index(u));
+      part.parent = first.parent = VertexId{index(u) - static_cast<std::uint32_t>(to_parent)};
     }
     for (int i = 0; i < part.deformed_count; ++i) {
       const bool next = any_deformed && in.get(1) != 0;
       if (!next && !next_face(Field::kDeformed)) return false;
-      part.deformed[i] = DeformedRef::make(next ? kNextAround : face, corner, in.get(1) != 0);
+      part.deformed[i] = DeformedRef::make(next ? kSwing : face, corner, in.get(1) != 0);
       corner = kCornerOfParent;
       any_deformed = true;
     }
@@ -108,22 +110,22 @@ bool RecordReader::get_spelt_out(BitReader& in, std::uint32_t record, RecordPart
     if (parts.size() >= summary_.parts) {
       return fail(record, "parts up to here", parts.size() + 1, "at most", summary_.parts);
     }
-    if (more) part.next = static_cast<std::uint32_t>(parts.size() + 1);
+    if (more) part.next = PartIndex{static_cast<std::uint32_t>(parts.size() + 1)};
     parts.push_back(part);
   }
   return true;
 }
 
-bool RecordReader::get_born(BitReader& in, std::uint32_t record, std::uint32_t u, std::uint32_t face, RecordPart& part,
-                            int i) {
+bool RecordReader::get_born(BitReader& in, RecordId record, VertexId u, FaceId face, RecordPart& part, int i) {
   const auto bits = static_cast<std::uint32_t>(in.get(4));
   if (bits >> 1 > 5) return fail(record, "corner order", bits >> 1, "at most", 5);
   part.born[i] = BornRef::make(face, bits >> 1, (bits & 1u) != 0);
   const bool in_ring = in.get(1) != 0;
   const std::uint64_t x = get_rare(in);
   if (in_ring && x >= kLastInRing) return fail(record, "place of a third corner", x, "below", kLastInRing);
-  if (!in_ring && (x == 0 || x > u)) return fail(record, "distance to a third corner", x, "1 to", u);
-  part.born_x[i] = in_ring ? kInRing | static_cast<std::uint32_t>(x) : u - static_cast<std::uint32_t>(x);
+  if (!in_ring && (x == 0 || x > index(u))) return fail(record, "distance to a third corner", x, "1 to", index(u));
+  const auto value = static_cast<std::uint32_t>(x);
+  part.born_x[i] = in_ring ? ring_place(value) : VertexId{index(u) - value};
   return true;
 }
 

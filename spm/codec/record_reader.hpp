@@ -1,4 +1,4 @@
-/// Reads records back from their codes, trusting nothing: see record_codes.hpp for the form.
+/// Reads records from their codes. The bits are not trusted. See record_codes.hpp for the format.
 #pragma once
 
 #include <array>
@@ -8,47 +8,48 @@
 
 #include "spm/codec/record_codes.hpp"
 #include "spm/model.hpp"
+#include "spm/position_predictor.hpp"
 
 namespace tactus::spm::codec {
 
 class RecordReader {
  public:
-  /// Anchor, radius, shape, corner, a face and the coordinates, a bit each.
+  /// At least one bit each: anchor, radius, shape, corner, a face and three residuals.
   static constexpr std::uint64_t kMinBits = 8;
 
   /// Both must outlive it.
   RecordReader(const ModelSummary& summary, const RecordTables& tables);
 
-  /// The record's first face, where its code begins: of the first in a lot or run, or of one that follows. What is
-  /// wrong with it `get` will say.
-  [[nodiscard]] std::uint32_t get_first_anchor(BitReader& in, std::uint32_t before) noexcept {
+  /// Read the anchor, with which the code of a record begins: of the first record of a block or interval, or of the
+  /// next record. `get` checks it.
+  [[nodiscard]] FaceId get_first_anchor(BitReader& in, FaceId before) noexcept {
     named_.clear();
     return face_after(in, Field::kAnchorFirst, before);
   }
-  [[nodiscard]] std::uint32_t get_anchor(BitReader& in, std::uint32_t before) noexcept {
+  [[nodiscard]] FaceId get_anchor(BitReader& in, FaceId before) noexcept {
     const std::uint32_t symbol = tables_[Field::kAnchor].get(in, code_ok_);
     if (symbol < NamedFaces::kSize) return named_[symbol];
-    return before + static_cast<std::uint32_t>(unzigzag(rest_of_number(in, symbol - NamedFaces::kSize)));
+    return moved(before, rest_of_number(in, symbol - NamedFaces::kSize));
   }
-  /// Appends the record's parts as RegionData has them. False, with error(), when the bits are no code, or name what
-  /// cannot be by the counts of the summary.
-  [[nodiscard]] bool get(BitReader& in, std::uint32_t record, std::uint32_t anchor, std::vector<RecordPart>& parts,
-                         std::array<std::uint32_t, 3>& offset);
-  /// In words, beginning with the record.
+  /// Appends the parts of the record in the form of RegionData. False, with error(), if the bits are not a code, or an
+  /// id or count exceeds that of the summary.
+  [[nodiscard]] bool get(BitReader& in, RecordId record, FaceId anchor, std::vector<RecordPart>& parts,
+                         PositionPredictor::Residuals& residuals);
+  /// Describes the error and names the record.
   [[nodiscard]] const std::string& error() const noexcept { return error_; }
 
  private:
-  bool get_usual(BitReader& in, std::uint32_t record, RecordPart& part, std::uint32_t anchor, const Shape& shape,
+  bool get_usual(BitReader& in, RecordId record, RecordPart& part, FaceId anchor, const Shape& shape,
                  std::vector<RecordPart>& parts);
-  bool get_spelt_out(BitReader& in, std::uint32_t record, RecordPart first, std::uint32_t anchor,
-                     std::vector<RecordPart>& parts);
-  bool get_born(BitReader& in, std::uint32_t record, std::uint32_t u, std::uint32_t face, RecordPart& part, int i);
-  bool fail(std::uint32_t record, const char* what, std::uint64_t found, const char* relation, std::uint64_t expected);
+  bool get_spelt_out(BitReader& in, RecordId record, RecordPart first, FaceId anchor, std::vector<RecordPart>& parts);
+  bool get_born(BitReader& in, RecordId record, VertexId u, FaceId face, RecordPart& part, int i);
+  bool fail(RecordId record, const char* what, std::uint64_t found, const char* relation, std::uint64_t expected);
   std::uint64_t number(BitReader& in, Field field) noexcept { return get_number(in, tables_[field], code_ok_); }
-  /// Wraps, so that whatever comes of foreign bits is no face or some face.
-  std::uint32_t face_after(BitReader& in, Field field, std::uint32_t face) noexcept {
-    return face + static_cast<std::uint32_t>(unzigzag(number(in, field)));
+  /// Wraps. The caller checks the result against the number of faces.
+  static FaceId moved(FaceId face, std::uint64_t difference) noexcept {
+    return FaceId{index(face) + static_cast<std::uint32_t>(unzigzag(difference))};
   }
+  FaceId face_after(BitReader& in, Field field, FaceId face) noexcept { return moved(face, number(in, field)); }
 
   const ModelSummary& summary_;
   const RecordTables& tables_;

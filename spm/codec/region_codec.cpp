@@ -10,11 +10,11 @@ namespace {
 
 constexpr unsigned kIdBits = 32;
 
-/// Intervals of a subset of `list` as intervals of places in it.
-std::vector<Interval> places_in(Span<const Interval> list, Span<const Interval> subset) {
+/// Converts a subset of `list` to intervals of positions in it.
+std::vector<Interval> places_in(std::span<const Interval> list, std::span<const Interval> subset) {
   std::vector<Interval> places;
-  std::uint32_t before = 0;  // places in intervals of the list that are passed
-  const Interval* in = list.begin();
+  std::uint32_t before = 0;  // positions in the earlier intervals of the list
+  auto in = list.begin();
   for (const Interval& interval : subset) {
     for (; in->first + in->count <= interval.first; ++in) before += in->count;
     const std::uint32_t first = before + (interval.first - in->first);
@@ -27,11 +27,11 @@ std::vector<Interval> places_in(Span<const Interval> list, Span<const Interval> 
   return places;
 }
 
-/// The reverse; `places` are below the list's length.
-std::vector<Interval> records_at(Span<const Interval> list, Span<const Interval> places) {
+/// The inverse. `places` must be below the length of the list.
+std::vector<Interval> records_at(std::span<const Interval> list, std::span<const Interval> places) {
   std::vector<Interval> records;
   std::uint32_t before = 0;
-  const Interval* in = list.begin();
+  auto in = list.begin();
   for (const Interval& interval : places) {
     std::uint32_t at = interval.first;
     for (std::uint32_t left = interval.count; left > 0;) {
@@ -48,10 +48,10 @@ std::vector<Interval> records_at(Span<const Interval> list, Span<const Interval>
 
 std::string text(std::uint64_t value) { return std::to_string(value); }
 
-/// Decodes one message; the first thing found wrong stays in `error`.
+/// Decodes one message. `error_` has the first error.
 class RegionDecoder {
  public:
-  RegionDecoder(Span<const std::uint8_t> bytes, const ModelSummary& summary, const RecordTables& tables,
+  RegionDecoder(std::span<const std::uint8_t> bytes, const ModelSummary& summary, const RecordTables& tables,
                 std::vector<RecordCode>* codes)
       : in_{bytes}, summary_{summary}, tables_{tables}, records_{summary, tables}, codes_{codes} {}
 
@@ -66,13 +66,13 @@ class RegionDecoder {
       return DecodeError{error_};
     data_.sent = records_at(data_.list, places);
     if (in_.left() / RecordReader::kMinBits < sent) return refuse("records", sent, "in bits", in_.left());
-    data_.offsets.resize(sent);
+    data_.residuals.resize(sent);
     data_.parts.reserve(sent);
     if (codes_ != nullptr) codes_->reserve(sent);
     std::uint32_t at = 0;
     for (const Interval& interval : data_.sent) {
       for (std::uint32_t r = interval.first; r != interval.first + interval.count; ++r) {
-        if (!get_record(r, r == interval.first, data_.offsets[at++])) return DecodeError{error_};
+        if (!get_record(RecordId{r}, r == interval.first, data_.residuals[at++])) return DecodeError{error_};
       }
     }
     if (!in_.ok()) return DecodeError{where() + "the bits end"};
@@ -92,10 +92,10 @@ class RegionDecoder {
     return error.empty();
   }
 
-  bool get_record(std::uint32_t record, bool leads, std::array<std::uint32_t, 3>& offset) {
+  bool get_record(RecordId record, bool leads, PositionPredictor::Residuals& residuals) {
     anchor_ = leads ? records_.get_first_anchor(in_, anchor_) : records_.get_anchor(in_, anchor_);
     const std::uint64_t first = in_.at();
-    const bool good = records_.get(in_, record, anchor_, data_.parts, offset);
+    const bool good = records_.get(in_, record, anchor_, data_.parts, residuals);
     if (good && codes_ != nullptr) codes_->push_back({anchor_, first, in_.at() - first});
     if (good) return true;
     error_ = where() + records_.error();
@@ -106,7 +106,7 @@ class RegionDecoder {
   const ModelSummary& summary_;
   const RecordTables& tables_;
   RecordReader records_;
-  std::uint32_t anchor_ = 0;
+  FaceId anchor_{};
   std::vector<RecordCode>* codes_;
   RegionData data_;
   std::string error_;
@@ -114,7 +114,7 @@ class RegionDecoder {
 
 }  // namespace
 
-Bytes encode_region(const CompressedModel& model, RegionId region, Span<const Interval> missing) {
+Bytes encode_region(const CompressedModel& model, RegionId region, std::span<const Interval> missing) {
   BitWriter out;
   const std::vector<Interval> list = model.intervals_of(region);
   out.put(index(region), kIdBits);
@@ -124,7 +124,7 @@ Bytes encode_region(const CompressedModel& model, RegionId region, Span<const In
   return out.take();
 }
 
-Result<RegionData> decode_region(Span<const std::uint8_t> bytes, const ModelSummary& summary,
+Result<RegionData> decode_region(std::span<const std::uint8_t> bytes, const ModelSummary& summary,
                                  const RecordTables& tables, std::vector<RecordCode>* codes) {
   if (codes != nullptr) codes->clear();
   return RegionDecoder{bytes, summary, tables, codes}.decode();

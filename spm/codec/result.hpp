@@ -1,4 +1,4 @@
-/// A decoded value, or why the bytes were refused.
+/// A decoded value, or the reason why the bytes were refused.
 #pragma once
 
 #include <string>
@@ -7,7 +7,7 @@
 
 namespace tactus::spm::codec {
 
-/// In words: what is wrong, where, the value found and the one expected.
+/// What is wrong and where, the value found and the value expected.
 struct DecodeError {
   std::string text;
 };

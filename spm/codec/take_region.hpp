@@ -1,4 +1,4 @@
-/// A region from a model in this process, as if a host had sent it.
+/// Loads a region of a model in this process through the same codec as a received message.
 #pragma once
 
 #include "spm/cache.hpp"
@@ -6,9 +6,9 @@
 
 namespace tactus::spm::codec {
 
-/// Encodes what `cache` lacks of the region, decodes it and has the cache accept it, which must have admitted the model
-/// as `object`; `list` is as Cache::accept writes it. False, and nothing has changed, when the cache has no room.
-/// O(list), less than 1 us a record; allocates. The cache's thread.
+/// Encodes the records of the region that `cache` lacks, decodes them and passes them to Cache::accept, which sets
+/// `list`. `cache` must have admitted the model as `object`. False if the cache is full; it is then unchanged. O(list),
+/// less than 1 us a record; allocates. The cache's thread.
 [[nodiscard]] bool take_region(const CompressedModel& model, RegionId region, Cache& cache, ObjectIndex object,
                                RegionList& list);
 

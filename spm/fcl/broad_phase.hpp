@@ -1,23 +1,23 @@
-/// Which objects are near which probes: FCL's dynamic tree of axis-aligned boxes, for the planner, outside the cycle.
+/// Finds the objects near each probe, with FCL's dynamic tree of axis-aligned boxes. For the loader, outside the cycle.
 ///
-/// World frame, metres. Objects move seldom, probes in every query. Allocates. One thread at a time.
+/// World frame, metres. Objects move rarely, probes in every query. Allocates. One thread at a time.
 #pragma once
 
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "spm/model.hpp"
-#include "spm/span.hpp"
 
 namespace tactus::spm::fcl {
 
-/// An object's extent, `low <= high` on each axis.
+/// An object's bounds, `low <= high` on each axis.
 struct WorldBox {
   Vec3d low, high;
 };
 
-/// A probe with all that it may reach until the next query.
+/// A probe and its reach until the next query.
 struct ProbeSphere {
   Vec3d centre;
   double radius = 0;
@@ -35,14 +35,14 @@ class BroadPhase {
   BroadPhase(BroadPhase&&) noexcept;
   BroadPhase& operator=(BroadPhase&&) noexcept;
 
-  /// Adds `object`, or moves it. O(log n). Throws std::invalid_argument when the box is inverted or not finite.
+  /// Adds or moves `object`. O(log n). Throws std::invalid_argument if the box is inverted or not finite.
   void put(std::uint32_t object, const WorldBox& box);
-  /// Without effect when it is not there.
+  /// Removes `object` if it exists.
   void remove(std::uint32_t object);
 
-  /// All pairs in which the ball meets the box, touching included; by probe, then by object. Throws
-  /// std::invalid_argument when a probe is not finite or its radius is below 0.
-  [[nodiscard]] std::vector<NearPair> near(Span<const ProbeSphere> probes) const;
+  /// All pairs in which the sphere intersects or touches the box; by probe, then by object. Throws
+  /// std::invalid_argument if a probe is not finite or its radius is negative.
+  [[nodiscard]] std::vector<NearPair> near(std::span<const ProbeSphere> probes) const;
 
  private:
   struct Manager;

@@ -40,7 +40,7 @@ struct FixedMesh::Tree {
   mutable ::fcl::BVHModel<Box> model;
   std::vector<::fcl::Vector3d> vertices;
 
-  void take(Span<const Position> from) {
+  void take(std::span<const Position> from) {
     vertices.resize(from.size());
     for (std::size_t i = 0; i < from.size(); ++i) vertices[i] = {from[i][0], from[i][1], from[i][2]};
   }
@@ -52,7 +52,8 @@ struct FixedMesh::Tree {
   }
 };
 
-FixedMesh::FixedMesh(Span<const Position> vertices, Span<const Face> faces) : tree_{std::make_unique<Tree>()} {
+FixedMesh::FixedMesh(std::span<const Position> vertices, std::span<const Face> faces)
+    : tree_{std::make_unique<Tree>()} {
   if (faces.empty()) throw std::invalid_argument("FixedMesh: no face");
   std::vector<::fcl::Triangle> triangles;
   triangles.reserve(faces.size());
@@ -126,7 +127,7 @@ double FixedMesh::distance(const Vec3d& point) const {
   return std::max(0.0, result.min_distance);
 }
 
-void FixedMesh::move(Span<const Position> vertices) {
+void FixedMesh::move(std::span<const Position> vertices) {
   if (vertices.size() != tree_->vertices.size()) {
     throw std::invalid_argument("FixedMesh::move: " + std::to_string(vertices.size()) + " vertices, expected " +
                                 std::to_string(tree_->vertices.size()));

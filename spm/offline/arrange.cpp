@@ -4,10 +4,10 @@
 
 namespace tactus::spm::offline {
 
-void order_fan(Span<DeformedRef> fan, const std::vector<Triangle>& corners) {
-  // Where the edge opposite the vertex begins and where it ends.
-  const auto from = [&](std::size_t i) { return corners[fan[i].face()][(fan[i].corner() + 1) % 3]; };
-  const auto to = [&](std::size_t i) { return corners[fan[i].face()][(fan[i].corner() + 2) % 3]; };
+void order_fan(std::span<DeformedRef> fan, const std::vector<Triangle>& corners) {
+  // The start and the end of the edge opposite to the vertex.
+  const auto from = [&](std::size_t i) { return corners[index(fan[i].face())][(fan[i].corner() + 1) % 3]; };
+  const auto to = [&](std::size_t i) { return corners[index(fan[i].face())][(fan[i].corner() + 2) % 3]; };
   const std::size_t count = fan.size();
   for (std::size_t i = 0; i < count; ++i) {
     const auto begins = [&](std::size_t j) {
@@ -26,8 +26,8 @@ void order_fan(Span<DeformedRef> fan, const std::vector<Triangle>& corners) {
   }
 }
 
-void arrange_faces(const ModelSummary& summary, Span<RecordPart> parts) {
-  std::vector<std::uint8_t> turned(summary.faces, 0);
+void arrange_faces(const ModelSummary& summary, std::span<RecordPart> parts) {
+  IdVector<FaceId, std::uint8_t> turned{summary.faces};
   for (RecordPart& part : parts) {
     for (int i = 0; i < part.born_count; ++i) {
       const BornRef born = part.born[i];

@@ -35,7 +35,7 @@ void require_surface(const TriangleMesh& mesh, const CleanReport& cleaned) {
   }
 }
 
-/// A mesh that is mostly degenerate or mostly unused was read wrongly, or is not what its user takes it for.
+/// If most of a mesh is degenerate or unused, it was probably read wrongly.
 void require_max(std::size_t vertices, std::size_t faces, const CleanReport& cleaned) {
   const auto require = [](const char* what, std::size_t of, std::size_t dropped, const std::string& reasons) {
     if (2 * dropped <= of) return;
@@ -58,8 +58,8 @@ void require_max(std::size_t vertices, std::size_t faces, const CleanReport& cle
   require("vertices", vertices - cleaned.welded_vertices, cleaned.unreferenced_vertices, "no face uses them");
 }
 
-/// Numbers the faces as the tree over them will and the vertices as these faces meet them, so that what is near in
-/// space is near in memory from here on.
+/// Numbers the faces in the order of the tree above them, and the vertices in the order of the faces, so that
+/// neighbours in space are neighbours in memory.
 void reorder(TriangleMesh& mesh, unsigned threads) {
   std::vector<Triangle> faces(mesh.faces.size());
   {
@@ -85,7 +85,7 @@ void reorder(TriangleMesh& mesh, unsigned threads) {
   mesh.positions = std::move(positions);
 }
 
-/// Turns vertices, faces and collapses into ids. The faces of `mesh` are in their final order.
+/// Converts vertices, faces and collapses to ids. The faces of `mesh` are in their final order.
 class Assembler {
  public:
   Assembler(const TriangleMesh& mesh, double position_step, const BuildOptions& options, const Progress& progress)
@@ -166,12 +166,12 @@ class Assembler {
     return side;
   }
 
-  /// Every face shown is the image of its finest self when each corner goes to an ancestor; between corners the motion
-  /// is linear, so no point of it moves further than a corner can.
+  /// In a coarser version of a face, each corner is replaced by an ancestor. Between corners the motion is linear, so
+  /// no point moves further than a corner.
   void write_radii() {
     ModelSummary& s = out_.summary;
     std::vector<std::uint32_t> parent(s.vertices, kNone);
-    for (std::uint32_t r = 0; r < s.records; ++r) parent[s.base_vertices + r] = out_.parts[r].parent;
+    for (std::uint32_t r = 0; r < s.records; ++r) parent[s.base_vertices + r] = index(out_.parts[r].parent);
     const std::vector<double> distances = collapse_distances(out_.positions, parent);
     const double max = *std::max_element(distances.begin(), distances.end());
     if (safe_radius_code(max) >= kRadiusCodes) {
@@ -182,7 +182,7 @@ class Assembler {
     std::transform(distances.begin(), distances.begin() + s.base_vertices, out_.base_radii.begin(), safe_radius_code);
     for (std::uint32_t r = 0; r < s.records; ++r) {
       const std::uint16_t code = safe_radius_code(distances[s.base_vertices + r]);
-      for (std::uint32_t p = r; p != kNone; p = out_.parts[p].next) out_.parts[p].radius = code;
+      for (PartIndex p{r}; p != kNone; p = part(p).next) part(p).radius = code;
     }
   }
 
@@ -193,13 +193,14 @@ class Assembler {
     for (const Segment& segment : collapses_.segments) {
       for (std::uint32_t i = 0; i < segment.size(); ++i) {
         const Faces own = faces_of(segment, i);
-        faces.push_back(own.moved < own.moved_end ? segment.moved[own.moved].face() : segment.dying[own.dying].face());
+        faces.push_back(
+            index(own.moved < own.moved_end ? segment.moved[own.moved].face() : segment.dying[own.dying].face()));
       }
     }
     return faces;
   }
 
-  /// Base vertices come as the faces meet them, records as suits the lists.
+  /// Base vertices are in the order of the faces, records in the order of the region lists.
   void number_records(const RegionLists& lists) {
     const auto vertices = static_cast<std::uint32_t>(mesh_.positions.size());
     ModelSummary& s = out_.summary;
@@ -234,8 +235,9 @@ class Assembler {
 
   void write_base(const std::vector<Triangle>& corners) {
     for (std::size_t i = 0; i < corners.size(); ++i) {
-      BaseFace base{collapses_.base[i], collapses_.base_finest[i] ? 1u : 0u, corners[i]};
-      for (std::uint32_t& v : base.corners) v = vertex_id_[v];
+      BaseFace base{FaceId{collapses_.base[i]}, collapses_.base_finest[i] ? 1u : 0u, {}};
+      std::transform(corners[i].begin(), corners[i].end(), base.corners.begin(),
+                     [this](std::uint32_t v) { return VertexId{vertex_id_[v]}; });
       out_.base_faces.push_back(base);
     }
     out_.summary.base_faces = static_cast<std::uint32_t>(out_.base_faces.size());
@@ -264,16 +266,17 @@ class Assembler {
     for (const Long& chain : chains) {
       Faces rest = faces_of(*chain.segment, chain.at);
       static_cast<void>(next_part(*chain.segment, chain.at, rest));
-      for (std::uint32_t last = chain.record; !rest.empty();) {
-        out_.parts[last].next = static_cast<std::uint32_t>(out_.parts.size());
-        last = out_.parts[last].next;
+      for (PartIndex last{chain.record}; !rest.empty();) {
+        last = part(last).next = PartIndex{static_cast<std::uint32_t>(out_.parts.size())};
         out_.parts.push_back(next_part(*chain.segment, chain.at, rest));
       }
     }
     out_.summary.parts = static_cast<std::uint32_t>(out_.parts.size());
   }
 
-  /// What of a collapse's faces is still to be written.
+  [[nodiscard]] RecordPart& part(PartIndex p) { return out_.parts[index(p)]; }
+
+  /// The faces of a collapse that are not written yet.
   struct Faces {
     std::uint32_t dying, dying_end, moved, moved_end;
     [[nodiscard]] bool empty() const { return dying == dying_end && moved == moved_end; }
@@ -285,11 +288,11 @@ class Assembler {
 
   RecordPart next_part(const Segment& segment, std::uint32_t i, Faces& rest) const {
     RecordPart part{};
-    part.parent = vertex_id_[segment.sequence[i].t];
+    part.parent = VertexId{vertex_id_[segment.sequence[i].t]};
     part.next = kNone;
     for (; rest.dying < rest.dying_end && part.born_count < kBornPerPart; ++rest.dying) {
       part.born[part.born_count] = segment.dying[rest.dying];
-      part.born_x[part.born_count++] = vertex_id_[segment.dying_x[rest.dying]];
+      part.born_x[part.born_count++] = VertexId{vertex_id_[segment.dying_x[rest.dying]]};
     }
     for (; rest.moved < rest.moved_end && part.deformed_count < kDeformedPerPart; ++rest.moved) {
       part.deformed[part.deformed_count++] = segment.moved[rest.moved];
@@ -310,7 +313,7 @@ class Assembler {
     });
   }
 
-  void add_region(const Cell& cell, Span<const std::uint32_t> list) {
+  void add_region(const Cell& cell, std::span<const std::uint32_t> list) {
     Region region{};
     region.cell = cell.at;
     region.depth = cell.depth;
@@ -319,7 +322,7 @@ class Assembler {
     region.record_count = static_cast<std::uint32_t>(list.size());
     region.face_count = cell.face_count;
     for (const std::uint32_t r : list) {
-      for (std::uint32_t p = r; p != kNone; p = out_.parts[p].next) ++region.part_count;
+      for (PartIndex p{r}; p != kNone; p = part(p).next) ++region.part_count;
       if (out_.intervals.size() > region.first_interval &&
           out_.intervals.back().first + out_.intervals.back().count == r) {
         ++out_.intervals.back().count;

@@ -12,7 +12,7 @@
 namespace tactus::spm::offline {
 namespace {
 
-/// Squared distance between a cube and the nearest sixty-fourth of the cell that faces meet.
+/// Squared distance between a cube and the nearest occupied part of a cell.
 double squared_apart(const CellBox& box, const std::array<std::uint32_t, 2>& occupied, const Vec3d& cube, double edge) {
   const double quarter = (box.high[0] - box.low[0]) / 4;
   double apart[3][4];
@@ -29,16 +29,16 @@ double squared_apart(const CellBox& box, const std::array<std::uint32_t, 2>& occ
   return nearest;
 }
 
-/// The cubes that a ball has its centre in while it meets anything, and the regions that each of them may meet.
+/// The cubes in which a sphere can intersect a region, and the regions of each cube.
 class Cubes {
  public:
   Cubes(const Model& model, double radius)
       : edge_{std::max(model.summary.grid.cell_size / 4, radius / 2)},
-        // The first cube lies so low that no place is negative.
+        // The first cube is so low that no coordinate is negative.
         origin_{Vec3d{model.summary.grid.origin[0], model.summary.grid.origin[1], model.summary.grid.origin[2]} -
                 Vec3d::Constant(std::ceil(radius / edge_ + 2) * edge_)} {
     const RegionGrid grid{model.summary.grid, model.regions};
-    const double reach = radius + 1e-9 * model.summary.grid.cell_size;  // what RegionGrid allows for rounding
+    const double reach = radius + 1e-9 * model.summary.grid.cell_size;  // the rounding margin of RegionGrid
     std::vector<Meeting> meetings;
     for (std::uint32_t i = 0; i < grid.size(); ++i)
       add(grid.box(RegionId{i}), model.regions[i].occupied, i, reach, meetings);
@@ -59,8 +59,8 @@ class Cubes {
   [[nodiscard]] double edge() const noexcept { return edge_; }
   [[nodiscard]] std::uint32_t size() const noexcept { return static_cast<std::uint32_t>(places_.size()); }
   /// Ascending.
-  [[nodiscard]] Span<const std::uint32_t> regions(std::uint32_t cube) const noexcept {
-    return Span<const std::uint32_t>{regions_}.subspan(first_[cube], first_[cube + 1] - first_[cube]);
+  [[nodiscard]] std::span<const std::uint32_t> regions(std::uint32_t cube) const noexcept {
+    return std::span<const std::uint32_t>{regions_}.subspan(first_[cube], first_[cube + 1] - first_[cube]);
   }
   [[nodiscard]] Vec3d centre(std::uint32_t cube) const noexcept {
     return origin_ + edge_ * Vec3d{at(places_[cube], 0) + 0.5, at(places_[cube], 1) + 0.5, at(places_[cube], 2) + 0.5};
@@ -116,17 +116,18 @@ class Cubes {
   std::vector<std::uint32_t> regions_;
 };
 
-/// The lists in atoms: consecutive records that are in the same lists, counted as one.
+/// The lists in atoms. An atom is a block of consecutive records that are in the same lists.
 struct Atoms {
-  std::vector<Interval> intervals;  // by run of the model, in atoms
+  std::vector<Interval> intervals;  // by interval of the model, in atoms
   std::vector<std::uint32_t> records, parts;
-  std::vector<std::uint32_t> faces;        // that they bear or deform, each as often as they do
+  std::vector<std::uint32_t> faces;        // changes of faces: born or deformed
   std::vector<std::uint32_t> bear;         // by atom from first_bear on: tree nodes of level 1 with faces that it bears
   std::vector<std::size_t> first_bear{0};  // and the end
 
   explicit Atoms(const Model& model) {
     std::vector<bool> begins(std::size_t{model.summary.records} + 1, false);
-    for (const Interval& run : model.intervals) begins[run.first] = begins[run.first + run.count] = true;
+    for (const Interval& interval : model.intervals)
+      begins[interval.first] = begins[interval.first + interval.count] = true;
     std::vector<std::uint32_t> before(std::size_t{model.summary.records} + 1);  // atoms that begin before
     std::uint32_t count = 0;
     for (std::uint32_t r = 0; r < model.summary.records; ++r) {
@@ -140,18 +141,18 @@ struct Atoms {
       }
       if (count == 0) continue;
       ++records.back();
-      for (std::uint32_t p = r; p != kNone; p = model.parts[p].next) {
+      for (PartIndex p{r}; p != kNone; p = model.parts[p].next) {
         const RecordPart& part = model.parts[p];
         ++parts.back();
         faces.back() += part.born_count + part.deformed_count;
-        for (int i = 0; i < part.born_count; ++i) bear.push_back(part.born[i].face() >> 3);
+        for (int i = 0; i < part.born_count; ++i) bear.push_back(index(part.born[i].face()) >> 3);
       }
     }
     if (count > 0) end_atom();
     before[model.summary.records] = count;
     intervals.reserve(model.intervals.size());
-    for (const Interval& run : model.intervals)
-      intervals.push_back({before[run.first], before[run.first + run.count] - before[run.first]});
+    for (const Interval& interval : model.intervals)
+      intervals.push_back({before[interval.first], before[interval.first + interval.count] - before[interval.first]});
   }
 
  private:
@@ -163,13 +164,13 @@ struct Atoms {
   }
 };
 
-/// The nodes of the eight-wide tree that exist over the base mesh and over what some atoms bear.
+/// The tree nodes above the base mesh and the faces that some atoms bear.
 class ShownNodes {
  public:
   ShownNodes(const Model& model, const Atoms& atoms) : atoms_{atoms} {
     for (std::uint64_t nodes = model.summary.faces; nodes > 1 || shown_.empty();)
       shown_.emplace_back(nodes = (nodes + 7) / 8, 0);
-    for (const BaseFace& face : model.base_faces) add_node(face.face >> 3);
+    for (const BaseFace& face : model.base_faces) add_node(index(face.face) >> 3);
   }
   void add(std::uint32_t atom) {
     for (std::size_t i = atoms_.first_bear[atom]; i < atoms_.first_bear[atom + 1]; ++i) add_node(atoms_.bear[i]);
@@ -199,8 +200,8 @@ class Union {
   Union(const Model& model, const Atoms& atoms, ShownNodes* nodes)
       : model_{model}, atoms_{atoms}, nodes_{nodes}, listed_(atoms.records.size(), 0) {}
   void add(std::uint32_t region) {
-    for (const Interval& run : intervals_of(region))
-      for (std::uint32_t atom = run.first; atom < run.first + run.count; ++atom)
+    for (const Interval& interval : intervals_of(region))
+      for (std::uint32_t atom = interval.first; atom < interval.first + interval.count; ++atom)
         if (listed_[atom]++ == 0) {
           records_ += atoms_.records[atom];
           parts_ += atoms_.parts[atom];
@@ -209,8 +210,8 @@ class Union {
         }
   }
   void remove(std::uint32_t region) {
-    for (const Interval& run : intervals_of(region))
-      for (std::uint32_t atom = run.first; atom < run.first + run.count; ++atom)
+    for (const Interval& interval : intervals_of(region))
+      for (std::uint32_t atom = interval.first; atom < interval.first + interval.count; ++atom)
         if (--listed_[atom] == 0) {
           records_ -= atoms_.records[atom];
           parts_ -= atoms_.parts[atom];
@@ -224,9 +225,9 @@ class Union {
   [[nodiscard]] std::uint32_t take_changed_faces() noexcept { return std::exchange(changed_faces_, 0); }
 
  private:
-  [[nodiscard]] Span<const Interval> intervals_of(std::uint32_t region) const noexcept {
+  [[nodiscard]] std::span<const Interval> intervals_of(std::uint32_t region) const noexcept {
     const Region& r = model_.regions[region];
-    return Span<const Interval>{atoms_.intervals}.subspan(r.first_interval, r.interval_count);
+    return std::span<const Interval>{atoms_.intervals}.subspan(r.first_interval, r.interval_count);
   }
   const Model& model_;
   const Atoms& atoms_;
@@ -235,9 +236,9 @@ class Union {
   std::uint32_t records_ = 0, parts_ = 0, changed_faces_ = 0;
 };
 
-/// Calls `visit` with what is in `a` and not in `b`; both ascend.
+/// Calls `visit` with each value that is in `a` and not in `b`; both ascend.
 template <class Visit>
-void for_each_only_in(Span<const std::uint32_t> a, Span<const std::uint32_t> b, Visit&& visit) {
+void for_each_only_in(std::span<const std::uint32_t> a, std::span<const std::uint32_t> b, Visit&& visit) {
   std::size_t at = 0;
   for (const std::uint32_t value : a) {
     while (at < b.size() && b[at] < value) ++at;
@@ -245,17 +246,17 @@ void for_each_only_in(Span<const std::uint32_t> a, Span<const std::uint32_t> b, 
   }
 }
 
-std::vector<Certificate::Bringing> brought(const Model& model, Span<const std::uint32_t> before,
-                                           Span<const std::uint32_t> now) {
+std::vector<Certificate::Bringing> brought(const Model& model, std::span<const std::uint32_t> before,
+                                           std::span<const std::uint32_t> now) {
   std::vector<bool> here(model.summary.records, false);
   for (const std::uint32_t region : before)
-    for (const Interval& run : model.intervals_of(RegionId{region}))
-      std::fill(here.begin() + run.first, here.begin() + run.first + run.count, true);
+    for (const Interval& interval : model.intervals_of(RegionId{region}))
+      std::fill(here.begin() + interval.first, here.begin() + interval.first + interval.count, true);
   std::vector<Certificate::Bringing> brings;
   for_each_only_in(now, before, [&](std::uint32_t region) {
     std::vector<Interval> missing;
-    for (const Interval& run : model.intervals_of(RegionId{region}))
-      for (std::uint32_t r = run.first; r < run.first + run.count; ++r) {
+    for (const Interval& interval : model.intervals_of(RegionId{region}))
+      for (std::uint32_t r = interval.first; r < interval.first + interval.count; ++r) {
         if (here[r]) continue;
         here[r] = true;
         if (!missing.empty() && missing.back().first + missing.back().count == r)
@@ -277,7 +278,7 @@ Certificate certify(const Model& model, double radius, double speed) {
   worst.radius = radius;
   worst.speed = speed;
   worst.step = cubes.edge();
-  std::uint32_t worst_cube = kNone, from = kNone, to = kNone;  // kNone: where nothing is met
+  std::uint32_t worst_cube = kNone, from = kNone, to = kNone;  // kNone: outside all cubes
   std::uint32_t work_from = kNone, work_to = kNone;
   const auto enter = [&](std::uint32_t records, std::uint32_t before, std::uint32_t now) {
     if (records <= worst.entering) return;
@@ -286,14 +287,14 @@ Certificate certify(const Model& model, double radius, double speed) {
     to = now;
   };
   const auto regions = [&](std::uint32_t cube) {
-    return cube == kNone ? Span<const std::uint32_t>{} : cubes.regions(cube);
+    return cube == kNone ? std::span<const std::uint32_t>{} : cubes.regions(cube);
   };
   ShownNodes nodes{model, atoms};
   worst.nodes = nodes.count();
   for (int axis = 0; axis < 3; ++axis) {
     Union needed{model, atoms, axis == 0 ? &nodes : nullptr};
     std::uint32_t before = kNone;
-    // One step forth, and with it the same step back.
+    // Measures a step and the reverse step.
     const auto step = [&](std::uint32_t now) {
       const std::uint32_t had = needed.records();
       std::uint32_t visits = 0;
@@ -346,7 +347,7 @@ Certificate certify(const Model& model, double radius, double speed) {
 std::uint32_t slots_needed(const ModelSummary& summary, const Certificate& certificate) noexcept {
   const std::uint32_t min = std::max(summary.base_vertices, (summary.base_faces + 1) / 2) + certificate.parts;
   std::uint32_t low = 0, high = 1u << 27;
-  while (high - low > 1) {  // nodes and blocks come with the slots
+  while (high - low > 1) {  // nodes and blocks follow from the slots
     const std::uint32_t slots = low + (high - low) / 2;
     const PoolSettings pool = PoolSettings::for_slots(slots);
     const bool fits = slots >= min && pool.list_blocks >= certificate.blocks && pool.tree_nodes >= certificate.nodes;

@@ -24,9 +24,8 @@ std::uint32_t mix(std::uint64_t a, std::uint64_t b, std::uint64_t c) {
   return std::max(1u, static_cast<std::uint32_t>(h ^ h >> 32));
 }
 
-/// For each item below `count` the first that equals it; kNone for those whose hash is 0. Each of `threads` tables,
-/// open addressing over items, has the items of a range of hashes, in ascending order: how many there are changes
-/// nothing.
+/// For each item below `count` the first equal item; kNone for items with hash 0. Each thread has a hash table (open
+/// addressing) for a range of hashes and enters items in ascending order, so the result does not depend on `threads`.
 template <class HashOf, class Equal>
 std::vector<std::uint32_t> first_equals(std::size_t count, unsigned threads, HashOf hash_of, Equal equal) {
   std::vector<std::uint32_t> hashes(count), first(count, kNone);
@@ -41,7 +40,7 @@ std::vector<std::uint32_t> first_equals(std::size_t count, unsigned threads, Has
     while (size < 2 * items) size *= 2;
     const std::size_t mask = size - 1;
     std::vector<std::uint32_t> table(size, kNone);
-    constexpr std::size_t kAhead = 16;  // their places are on their way from memory
+    constexpr std::size_t kAhead = 16;  // items to prefetch
     for (std::size_t i = 0; i < count; ++i) {
       if (i + kAhead < count && is_own(i + kAhead)) prefetch(&table[hashes[i + kAhead] & mask]);
       if (!is_own(i)) continue;
@@ -61,7 +60,7 @@ std::uint32_t bits(float x) {
   return b;
 }
 
-/// An exact sum of doubles, kept as doubles that do not overlap (Shewchuk 1997, grow-expansion).
+/// An exact sum of doubles as doubles that do not overlap (Shewchuk 1997, grow-expansion).
 class ExactSum {
  public:
   void add(double value) {
@@ -88,7 +87,7 @@ class ExactSum {
   std::size_t size_ = 0;
 };
 
-/// a - b exactly: the rounded difference and what rounding lost.
+/// The exact difference a - b: the rounded value and the rounding error.
 struct Difference {
   double high, low;
   Difference(double a, double b) : high{a - b} {
@@ -97,7 +96,7 @@ struct Difference {
   }
 };
 
-/// Whether (b - a) x (c - a) is exactly zero in the plane of axes i, j.
+/// True if (b - a) x (c - a) is exactly zero in the plane of axes i, j.
 bool flat_in(const Point& a, const Point& b, const Point& c, std::size_t i, std::size_t j) {
   const Difference bi{b[i], a[i]}, bj{b[j], a[j]}, ci{c[i], a[i]}, cj{c[j], a[j]};
   const double left = bi.high * cj.high, right = bj.high * ci.high;
@@ -118,7 +117,7 @@ bool collinear(const Point& a, const Point& b, const Point& c) {
 
 bool finite(const Point& p) { return std::isfinite(p[0]) && std::isfinite(p[1]) && std::isfinite(p[2]); }
 
-/// For each vertex the first with its position; itself where that is not finite.
+/// For each vertex the first one with the same position; the vertex itself if the position is not finite.
 std::vector<std::uint32_t> weld(TriangleMesh& mesh, CleanReport& report, unsigned threads) {
   std::vector<Point>& at = mesh.positions;
   const auto hash_of = [&at](std::uint32_t v) {
@@ -140,7 +139,7 @@ Triangle from_smallest(const Triangle& f) {
   return f[1] < f[2] ? Triangle{f[1], f[2], f[0]} : Triangle{f[2], f[0], f[1]};
 }
 
-/// Where a face is counted; nowhere when there is nothing wrong with it alone.
+/// The counter for a bad face, or null if the face alone is good.
 std::uint32_t CleanReport::*fault_of(const TriangleMesh& mesh, const Triangle& f) {
   const Point &a = mesh.positions[f[0]], &b = mesh.positions[f[1]], &c = mesh.positions[f[2]];
   if (!finite(a) || !finite(b) || !finite(c)) return &CleanReport::non_finite_faces;

@@ -1,4 +1,4 @@
-/// What has to go before a mesh can be simplified: doubles, degenerate faces, vertices that nothing uses.
+/// Cleans a mesh before simplification: removes duplicates, degenerate faces and unused vertices.
 #pragma once
 
 #include <cstdint>
@@ -7,10 +7,10 @@
 
 namespace tactus::spm::offline {
 
-/// What to do when most vertices or faces of a mesh would be dropped on its way from a file to a model.
+/// Whether a build may drop most vertices or faces of a mesh.
 enum class Losses : std::uint8_t { kRefuse, kAllow };
 
-/// How much was dropped, each face counted under the first reason that applies, in this order.
+/// Dropped vertices and faces. Each face counts under the first reason that applies, in this order.
 struct CleanReport {
   std::uint32_t welded_vertices = 0;        ///< had the position of an earlier vertex
   std::uint32_t non_finite_faces = 0;       ///< a corner is not finite
@@ -22,9 +22,9 @@ struct CleanReport {
 
 [[nodiscard]] CleanReport operator+(const CleanReport& a, const CleanReport& b);
 
-/// Welds vertices with equal positions (-0 counts as 0, and becomes it), then drops bad faces and unused vertices. What
-/// remains keeps its order and its bits. Cleaning twice changes nothing more. Throws ModelError when a face names a
-/// vertex that is not there. O(n). `threads`: 0 is all there are; the result is the same.
+/// Welds vertices with equal positions (-0 becomes 0), then drops bad faces and unused vertices. The rest has the same
+/// order and bits as before. Idempotent. Throws ModelError if a face has a vertex that does not exist. O(n). `threads`:
+/// 0: all processors; does not affect the result.
 CleanReport clean(TriangleMesh& mesh, unsigned threads = 0);
 
 }  // namespace tactus::spm::offline

@@ -23,8 +23,8 @@ class Closure {
     backwards_.resize(collapses.segments.size());
   }
 
-  /// Undoes the collapses, last first: a record's needs are known before those of all that need it. Segments of one
-  /// round share no face, and no vertex that one of them removes.
+  /// Undoes the collapses, the last first, so that the needs of a record are known before those of its dependants.
+  /// Segments of one round share no face and no removed vertex.
   Dependencies run() {
     const std::size_t segments = collapses_.segments.size();
     parallel_for(segments, threads_, [this](std::size_t s, unsigned) {
@@ -83,30 +83,26 @@ class Closure {
       const BornRef dying = segment.dying[k];
       const std::uint32_t x = segment.dying_x[k];
       need(out_.removed_by[x]);
-      const BornCorners at = born_corners(dying.order());
-      Triangle& face = collapses_.corners[dying.face()];
-      face[static_cast<std::size_t>(at.u)] = c.u;
-      face[static_cast<std::size_t>(at.t)] = c.t;
-      face[static_cast<std::size_t>(at.x)] = x;
-      writer_[dying.face()] = id;
+      collapses_.corners[index(dying.face())] = born_face(dying.order(), c.u, c.t, x);
+      writer_[index(dying.face())] = id;
     }
     order_fan({segment.moved.data() + c.first_moved, end.first_moved - c.first_moved}, collapses_.corners);
     for (std::uint32_t k = c.first_moved; k < end.first_moved; ++k) {
       const DeformedRef moved = segment.moved[k];
-      Triangle& face = collapses_.corners[moved.face()];
-      need(writer_[moved.face()]);
+      Triangle& face = collapses_.corners[index(moved.face())];
+      need(writer_[index(moved.face())]);
       need(out_.removed_by[face[(moved.corner() + 1) % 3]]);
       need(out_.removed_by[face[(moved.corner() + 2) % 3]]);
       face[moved.corner()] = c.u;
-      writer_[moved.face()] = id;
+      writer_[index(moved.face())] = id;
     }
   }
 
   Collapses& collapses_;
   unsigned threads_;
   Dependencies out_;
-  std::vector<std::uint32_t> writer_;                  // by face: the last record that was undone on it
-  std::vector<std::vector<std::uint32_t>> backwards_;  // by segment: the needs of its last collapse first
+  std::vector<std::uint32_t> writer_;                  // by face: the record that changed it last
+  std::vector<std::vector<std::uint32_t>> backwards_;  // by segment: needs, from the last collapse to the first
 };
 
 }  // namespace

@@ -1,8 +1,9 @@
-/// Vertices by what it costs to remove them: eight classes to a power of two, first in first out within a class.
+/// Vertices by the cost of their removal: eight classes to a power of two, first in first out within a class.
 #pragma once
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cstdint>
 #include <cstring>
 #include <vector>
@@ -16,7 +17,7 @@ class CostQueue {
   static constexpr std::uint32_t kClasses = 2048;
   static constexpr std::uint32_t kAbsent = kClasses;
 
-  /// Of a cost that is at least 0, infinity or no number: the latter two belong to the last class.
+  /// The class of a cost that is not negative. Infinity and NaN are in the last class.
   [[nodiscard]] static std::uint32_t class_of(float cost) {
     if (!(cost < 3e38f)) return kClasses - 1;
     std::uint32_t bits = 0;
@@ -30,10 +31,10 @@ class CostQueue {
     last_.fill(kNone);
     words_.fill(0);
   }
-  /// kAbsent when it is not here.
+  /// The class of a vertex, or kAbsent.
   [[nodiscard]] std::uint32_t class_of_vertex(std::uint32_t v) const { return links_[v].in; }
 
-  /// Puts v, which may be here already, at the end of a class.
+  /// Moves v to the end of a class, or adds it there.
   void push(std::uint32_t v, std::uint32_t cost_class) {
     remove(v);
     Link& link = links_[v];
@@ -50,10 +51,10 @@ class CostQueue {
     if (first_[link.in] == kNone) words_[link.in / 64] &= ~(std::uint64_t{1} << link.in % 64);
     link.in = kAbsent;
   }
-  /// The cheapest class that has a vertex; kAbsent when none has.
+  /// The cheapest class with a vertex, or kAbsent.
   [[nodiscard]] std::uint32_t cheapest() const {
     for (std::uint32_t w = 0; w < words_.size(); ++w) {
-      if (words_[w] != 0) return 64 * w + static_cast<std::uint32_t>(__builtin_ctzll(words_[w]));
+      if (words_[w] != 0) return 64 * w + static_cast<std::uint32_t>(std::countr_zero(words_[w]));
     }
     return kAbsent;
   }
@@ -65,7 +66,7 @@ class CostQueue {
   };
   std::vector<Link> links_;  // by vertex
   std::array<std::uint32_t, kClasses> first_{}, last_{};
-  std::array<std::uint64_t, kClasses / 64> words_{};  // which classes have a vertex
+  std::array<std::uint64_t, kClasses / 64> words_{};  // a bit for each class with a vertex
 };
 
 }  // namespace tactus::spm::offline

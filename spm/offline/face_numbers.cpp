@@ -16,15 +16,17 @@ static_assert(kGrain % kBlock == 0);
 
 class FaceNumbers {
  public:
-  FaceNumbers(const TriangleMesh& mesh, const ModelSummary& summary, Span<const RecordPart> parts, unsigned threads)
+  FaceNumbers(const TriangleMesh& mesh, const ModelSummary& summary, std::span<const RecordPart> parts,
+              unsigned threads)
       : mesh_{mesh}, kin_(summary.faces, Kin{kNone, kNone, kNone}) {
     // No face is born twice.
     parallel_ranges(summary.records, kGrain, threads, [&](std::size_t begin, std::size_t end) {
       for (auto r = static_cast<std::uint32_t>(begin); r < end; ++r) {
         const RecordPart& part = parts[r];
         if (part.born_count == 0) continue;
-        const std::uint32_t first = part.born[0].face(), second = part.born_count == 2 ? part.born[1].face() : kNone;
-        kin_[first] = {r, second, codec::anchor_of(part)};
+        const std::uint32_t first = index(part.born[0].face());
+        const std::uint32_t second = index(part.born_count == 2 ? part.born[1].face() : FaceId{kNone});
+        kin_[first] = {r, second, index(codec::anchor_of(part))};
         if (second != kNone) kin_[second] = {r, first, first};
       }
     });
@@ -42,9 +44,9 @@ class FaceNumbers {
 
  private:
   struct Kin {
-    std::uint32_t bearer;  // the record, for one of its first part
-    std::uint32_t mate;    // of the two that a record bears the other
-    std::uint32_t origin;  // the face that its number is told from: the mate for the second of two
+    std::uint32_t bearer;  // the record, if its first part bears the face
+    std::uint32_t mate;    // the other face that the record bears
+    std::uint32_t origin;  // the face from which its number is coded; the mate if it is the second of two
   };
   [[nodiscard]] bool share_an_edge(std::uint32_t a, std::uint32_t b) const {
     int shared = 0;
@@ -60,7 +62,7 @@ class FaceNumbers {
       centre[axis] += share * sum;
     }
   }
-  /// Two that are to stay together are at one place.
+  /// Two faces that shall stay together get the same position.
   [[nodiscard]] PlacedFace placed(std::uint32_t face, std::uint32_t first, std::uint32_t count) const {
     PlacedFace result{{0, 0, 0}, face};
     const std::uint32_t mate = kin_[face].mate;
@@ -80,7 +82,7 @@ class FaceNumbers {
     }
   }
 
-  /// Each after the one that it comes from, those from which most come last.
+  /// Numbers each face after its origin; of several, the one with the deepest tree of followers last.
   void number_leaf_node(const PlacedFace* faces, std::uint32_t count, std::uint32_t next,
                         std::vector<std::uint32_t>& numbers) const {
     struct Member {
@@ -116,13 +118,13 @@ class FaceNumbers {
   }
 
   const TriangleMesh& mesh_;
-  std::vector<Kin> kin_;  // by face; kNone for what there is not
+  std::vector<Kin> kin_;  // by face; kNone: none
 };
 
 }  // namespace
 
 void number_faces(const TriangleMesh& mesh, const ModelSummary& summary, std::vector<BaseFace>& base_faces,
-                  Span<RecordPart> parts, unsigned threads) {
+                  std::span<RecordPart> parts, unsigned threads) {
   std::vector<std::uint32_t> numbers(summary.faces);
   {
     const FaceNumbers faces{mesh, summary, {parts.data(), parts.size()}, threads};
@@ -133,18 +135,19 @@ void number_faces(const TriangleMesh& mesh, const ModelSummary& summary, std::ve
       }
     });
   }
-  for (BaseFace& face : base_faces) face.face = numbers[face.face];
+  const auto renumbered = [&](FaceId face) { return FaceId{numbers[index(face)]}; };
+  for (BaseFace& face : base_faces) face.face = renumbered(face.face);
   std::sort(base_faces.begin(), base_faces.end(), [](const BaseFace& a, const BaseFace& b) { return a.face < b.face; });
   parallel_ranges(parts.size(), kGrain, threads, [&](std::size_t first, std::size_t last) {
     for (std::size_t p = first; p < last; ++p) {
       RecordPart& part = parts[p];
       for (int i = 0; i < part.born_count; ++i) {
         const BornRef ref = part.born[i];
-        part.born[i] = BornRef::make(numbers[ref.face()], ref.order(), ref.last());
+        part.born[i] = BornRef::make(renumbered(ref.face()), ref.order(), ref.last());
       }
       for (int i = 0; i < part.deformed_count; ++i) {
         const DeformedRef ref = part.deformed[i];
-        part.deformed[i] = DeformedRef::make(numbers[ref.face()], ref.corner(), ref.last());
+        part.deformed[i] = DeformedRef::make(renumbered(ref.face()), ref.corner(), ref.last());
       }
     }
   });

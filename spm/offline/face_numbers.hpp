@@ -1,5 +1,6 @@
 #pragma once
 
+#include <span>
 #include <vector>
 
 #include "spm/model.hpp"
@@ -7,13 +8,15 @@
 
 namespace tactus::spm::offline {
 
-/// Renumbers a model's faces so that a record's faces have numbers near each other, which then take fewer bits to tell.
-/// Nodes of the tree from 64 leaves on hold the same faces as before; below, two faces that one record bears and that
-/// share an edge of the finest mesh stay together where they can (leaf nodes grow by a twentieth), and the eight of a
-/// leaf node, whose order means nothing to the tree, follow each other as they come from each other.
+/// Renumbers a model's faces so that the faces of a record have close numbers, whose differences take few bits.
 ///
-/// `mesh` is the finest mesh, its faces in the order of their ids so far. O(n).
+/// Tree nodes with at least 64 faces have the same faces as before. Within such a block, two faces that one record
+/// bears and that share an edge of the finest mesh stay in one leaf node if possible; this makes leaf boxes a twentieth
+/// larger. Within a leaf node, whose order does not matter to the tree, a face follows the face from which its number
+/// is coded.
+///
+/// `mesh`: the finest mesh with its faces in the order of their current ids. O(n).
 void number_faces(const TriangleMesh& mesh, const ModelSummary& summary, std::vector<BaseFace>& base_faces,
-                  Span<RecordPart> parts, unsigned threads);
+                  std::span<RecordPart> parts, unsigned threads);
 
 }  // namespace tactus::spm::offline

@@ -26,7 +26,7 @@ std::size_t longest_axis(const PlacedFace* faces, std::size_t count) {
     std::memcpy(&lanes, faces + i, sizeof lanes);
     return lanes;
   };
-  Four low = at(0), high = low;  // the last lane means nothing
+  Four low = at(0), high = low;  // the last lane is unused
   for (std::size_t i = 1; i < count; ++i) {
     const Four face = at(i);
     low = face < low ? face : low;
@@ -49,7 +49,7 @@ struct Before {
 
 constexpr std::size_t kFew = 16;
 
-/// Sorts: each goes where as many are as come before it. No branch to mispredict.
+/// Sorts by counting for each face the faces before it. Without branches, which would be mispredicted.
 void sort_few(PlacedFace* faces, std::size_t count, std::size_t axis) {
   std::array<PlacedFace, kFew> from;
   std::array<Four, kFew / 4> place{};
@@ -71,7 +71,7 @@ void sort_few(PlacedFace* faces, std::size_t count, std::size_t axis) {
   for (std::size_t i = 0; i < count; ++i) faces[rank[i / 4][i % 4]] = from[i];
 }
 
-/// Moves what comes before `pivot` to the front and says how many that is. No branch to mispredict.
+/// Moves the faces before `pivot` to the front and returns their number. Without branches.
 std::size_t move_to_front(PlacedFace* faces, std::size_t count, std::size_t axis, const PlacedFace& pivot) {
   const float at = pivot.centre[axis];
   std::size_t front = 0;
@@ -85,8 +85,8 @@ std::size_t move_to_front(PlacedFace* faces, std::size_t count, std::size_t axis
   return front;
 }
 
-/// One of a sample, neither its first nor its last, just beyond the `nth` as far as the sample tells, so that the next
-/// one to be chosen leaves little.
+/// A pivot from a sample, probably just beyond the `nth`, so that the next partition is small. Never the first or last
+/// of the sample.
 PlacedFace choose_pivot(const PlacedFace* faces, std::size_t count, std::size_t nth, Before before) {
   constexpr std::size_t kMax = 127;
   std::array<PlacedFace, kMax> sample;
@@ -99,10 +99,10 @@ PlacedFace choose_pivot(const PlacedFace* faces, std::size_t count, std::size_t 
   return *chosen;
 }
 
-/// As std::nth_element does, but for the order within the halves.
+/// Like std::nth_element; the order within the halves differs.
 void select(PlacedFace* faces, std::size_t count, std::size_t nth, std::size_t axis) {
   for (std::size_t steps = 0; count > kFew; ++steps) {
-    if (steps == 64) {  // however the sample misleads: linear
+    if (steps == 64) {  // bad samples: guarantees linear time
       std::nth_element(faces, faces + nth, faces + count, Before{axis});
       return;
     }
@@ -142,7 +142,7 @@ void order(PlacedFace* faces, std::size_t count) {
   }
 }
 
-/// Splits every block of more than `most` where `left_of` says, again and again; one generation at a time.
+/// Splits every block of more than `max` faces at `left_of`, one generation at a time, until none is left.
 template <class LeftOf, class Split>
 std::vector<std::size_t> split_all(std::vector<PlacedFace>& faces, std::size_t max, unsigned threads, LeftOf left_of,
                                    Split split) {

@@ -47,7 +47,7 @@ class Noise {
     return sum;
   }
 
-  /// Octaves of double frequency and half height each.
+  /// A sum of octaves; each has twice the frequency and half the amplitude of the previous one.
   double octaves(Vec3d p, int count) const {
     double sum = 0, height = 1;
     for (int i = 0; i < count; ++i) {
@@ -77,8 +77,8 @@ std::array<float, 3> rounded(const Vec3d& p) {
   return {static_cast<float>(p[0]), static_cast<float>(p[1]), static_cast<float>(p[2])};
 }
 
-/// Unit sphere as rings of latitude, each with vertices in proportion to its length, sewn to the next. A closed surface
-/// of V vertices has 2 V - 4 faces, so handing out the vertices exactly gives exactly `faces` of them.
+/// A unit sphere of rings of latitude. Each ring has vertices in proportion to its length and is connected to the next.
+/// A closed surface of V vertices has 2 V - 4 faces, so the right number of vertices gives exactly `faces` faces.
 ///
 ///      pole
 ///     /  |  \        ring i has counts[i] vertices
@@ -99,7 +99,7 @@ std::vector<std::uint32_t> ring_counts(std::uint32_t vertices) {
   std::vector<std::uint32_t> counts(rings);
   double wanted = 0;
   std::uint32_t given = 0;
-  for (std::uint32_t i = 0; i < rings; ++i) {  // at least 3 each; what rounding leaves goes to the next
+  for (std::uint32_t i = 0; i < rings; ++i) {  // at least 3 each; the next ring gets the rounding error
     wanted += 3 + (vertices - 3.0 * rings) * length[i] / total;
     counts[i] = i + 1 == rings ? vertices - given : static_cast<std::uint32_t>(std::round(wanted)) - given;
     given += counts[i];
@@ -122,7 +122,7 @@ UnitSphere unit_sphere(std::uint32_t faces) {
       const double angle = 2 * kPi * k / counts[i];
       sphere.points.emplace_back(std::sin(polar) * std::cos(angle), std::sin(polar) * std::sin(angle), std::cos(polar));
     }
-    // Sew: whichever ring is behind in angle takes the next step.
+    // Connects two rings: the ring with the smaller angle advances.
     std::uint32_t a = 0, b = 0;
     const std::uint32_t above_steps = i == 0 ? 0 : above_count;
     while (a < above_steps || b < counts[i]) {
@@ -179,7 +179,7 @@ struct Quads {
   std::uint32_t columns, rows;
 };
 
-/// The grid of quads with 2 * columns * rows nearest to `faces`, near to `aspect` columns for each row.
+/// The grid of quads for which 2 * columns * rows is nearest to `faces`, with about `aspect` columns for each row.
 Quads quads(std::uint32_t faces, double aspect, std::uint32_t min) {
   const double wanted = faces / 2.0;
   const double columns = std::sqrt(wanted * aspect);
@@ -237,7 +237,7 @@ TriangleMesh terrain(std::uint32_t faces, std::uint64_t seed) {
   return mesh;
 }
 
-/// A lattice of cubes, `wide` times as wide as high, of which the outer squares are taken.
+/// The outer squares of a lattice of cubes that is `wide` times as wide as high.
 TriangleMesh block(std::uint32_t faces, std::int64_t wide) {
   // 2 w^2 + 4 w h squares of two faces each, with w = `wide` h.
   const double min = static_cast<double>(4 * wide * wide + 8 * wide);

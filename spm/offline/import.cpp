@@ -23,7 +23,7 @@
 namespace tactus::spm::offline {
 namespace {
 
-/// What a scene holds that is no triangle, for the message when it holds nothing else.
+/// The contents of a scene other than triangles, for the error message.
 struct Found {
   std::size_t points = 0, lines = 0;
   std::size_t faces = 0;  // polygons before they are cut
@@ -48,12 +48,12 @@ std::string extension_of(const std::filesystem::path& path) {
   return extension;
 }
 
-/// What a file declares, where its format says; 0 where it does not.
+/// The counts that a file declares; 0 if its format does not declare them.
 struct Declared {
   double vertices = 0, faces = 0;
 };
 
-/// Checked before the reader reserves memory for them: a vertex takes at least "0 0 0\n".
+/// Checked before the reader reserves memory: a vertex takes at least the bytes of "0 0 0\n".
 Declared declared_by_off(const std::filesystem::path& path) {
   std::ifstream file{path};
   std::string magic;
@@ -97,7 +97,7 @@ Declared declared_by_stl(const std::filesystem::path& path) {
   return counts;
 }
 
-/// Before anything follows the indices of a scene.
+/// Checks the indices of a scene before they are used.
 void check_indices(const aiScene& scene, const std::filesystem::path& path) {
   for (unsigned m = 0; m < scene.mNumMeshes; ++m) {
     const aiMesh& mesh = *scene.mMeshes[m];
@@ -186,7 +186,7 @@ TriangleMesh import_with(Assimp::Importer& importer, const std::filesystem::path
   return mesh;
 }
 
-/// How many different points there are: assimp repeats the vertices of an OBJ file for each face.
+/// Counts different points, because assimp repeats the vertices of an OBJ file for each face.
 std::size_t distinct(std::vector<std::array<float, 3>> positions) {
   const auto before = [](const auto& a, const auto& b) {
     return std::memcmp(&a, &b, sizeof a) < 0;
@@ -195,7 +195,7 @@ std::size_t distinct(std::vector<std::array<float, 3>> positions) {
   return static_cast<std::size_t>(std::unique(positions.begin(), positions.end()) - positions.begin());
 }
 
-/// A reader drops what it does not understand without a word.
+/// Compares with the declared counts, because assimp drops unknown content silently.
 void require_max(const std::filesystem::path& path, const Declared& declared, const TriangleMesh& mesh,
                  const Found& found) {
   const auto require = [&](const char* what, double has, double read) {
@@ -210,7 +210,7 @@ void require_max(const std::filesystem::path& path, const Declared& declared, co
   if (declared.vertices > 0) require("vertices", declared.vertices, static_cast<double>(distinct(mesh.positions)));
 }
 
-/// Whatever the name: assimp would not read all of a PLY file.
+/// Decides by content, whatever the name is, because assimp cannot read all PLY files.
 bool is_ply(const std::filesystem::path& path, const std::string& extension) {
   std::array<char, 4> magic{};
   std::ifstream{path, std::ios::binary}.read(magic.data(), magic.size());

@@ -228,7 +228,7 @@ MappedModel::MappedModel(const std::filesystem::path& path, OwnedModel* arrays) 
 
   const auto section = [&](SectionKind kind) {
     const SectionEntry& entry = table[static_cast<std::uint32_t>(kind) - 1];
-    return Span<const std::uint8_t>{bytes + entry.offset, static_cast<std::size_t>(entry.size)};
+    return std::span<const std::uint8_t>{bytes + entry.offset, static_cast<std::size_t>(entry.size)};
   };
   auto coded = codec::CompressedModel::open({section(SectionKind::kBase), section(SectionKind::kCodes),
                                              section(SectionKind::kLists), section(SectionKind::kSizes)});
@@ -241,7 +241,7 @@ MappedModel::MappedModel(const std::filesystem::path& path, OwnedModel* arrays) 
   if (digest_of(decoded->model()) != summary().digest) fail(path, "digest does not match its contents");
   if (arrays != nullptr) *arrays = std::move(*decoded);
   try {
-    const Span<const std::uint8_t> statistics = section(SectionKind::kStatistics);
+    const std::span<const std::uint8_t> statistics = section(SectionKind::kStatistics);
     provenance_ = from_json(reinterpret_cast<const char*>(statistics.data()), statistics.size());
   } catch (const nlohmann::json::exception& e) {
     fail(path, std::string{"section statistics: "} + e.what());

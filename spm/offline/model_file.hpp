@@ -1,9 +1,8 @@
-/// The `.spm` file: a model's sections, little endian, aligned, checksummed. Records lie in it as they are sent.
+/// The `.spm` file: a model's sections, little endian, aligned, with checksums. Records have the form of a message.
 ///
 ///   header   64 bytes   magic "tactSPM\n", version, sections, file size, XXH3-64 of header and table
 ///   table    32 bytes   for each section: kind, 0, offset, size in bytes, XXH3-64 of these bytes
-///   sections            each from a multiple of 64: base mesh, codes, lists and sizes as in
-///   codec/compressed_model.hpp,
+///   sections            each at a multiple of 64: base mesh, codes, lists and sizes (codec/compressed_model.hpp),
 ///                       statistics (JSON)
 #pragma once
 
@@ -21,34 +20,34 @@ namespace tactus::spm::offline {
 
 inline constexpr std::uint32_t kModelFileVersion = 6;
 
-/// Where a model came from and what import dropped; no part of its digest.
+/// The source of a model and the losses of its import; not part of the digest.
 struct Provenance {
   std::string source;  ///< file name without folder
   CleanReport cleaned;
 };
 
-/// XXH3-64 over the summary (its digest taken as 0) and all arrays.
+/// XXH3-64 over the summary (with digest 0) and all arrays.
 [[nodiscard]] std::uint64_t digest_of(const Model& model);
 
-/// Writes beside `path`, syncs, renames: `path` is old or new, never half. Throws ModelError naming path and cause;
-/// nothing is left behind then.
+/// Writes a temporary file next to `path`, syncs and renames it, so `path` is never incomplete. Throws ModelError that
+/// names path and cause; the temporary file is then removed.
 void write_model(const std::filesystem::path& path, const Model& model, const Provenance& provenance);
 
-/// Whether the file begins as an `.spm` file does; false when it cannot be read.
+/// True if the file can be read and has the magic of an `.spm` file.
 [[nodiscard]] bool is_model_file(const std::filesystem::path& path);
 
-/// A model file mapped into memory, checked whole when opened: size, version, checksums, and the model that it holds,
-/// which is decoded for that. Move only.
+/// A model file mapped into memory. The constructor checks all of it: size, version, checksums and the decoded model.
+/// Move only.
 class MappedModel {
  public:
-  /// Who needs the model as arrays gets those that were checked. Throws ModelError naming the file, what was found and
-  /// what was expected.
+  /// `arrays`, if given, is set to the decoded model. Throws ModelError that names the file, the value found and the
+  /// value expected.
   explicit MappedModel(const std::filesystem::path& path, OwnedModel* arrays = nullptr);
   MappedModel(MappedModel&&) noexcept;
   MappedModel& operator=(MappedModel&&) noexcept;
   ~MappedModel();
 
-  /// Borrows from this.
+  /// Refers to the mapped memory of this object.
   [[nodiscard]] const codec::CompressedModel& coded() const noexcept { return coded_; }
   [[nodiscard]] const ModelSummary& summary() const noexcept { return coded_.summary(); }
   [[nodiscard]] const Provenance& provenance() const noexcept { return provenance_; }

@@ -1,4 +1,4 @@
-/// Independent pieces of work on several threads, in a way that the result cannot depend on how many there are.
+/// Independent work on several threads, with a result that does not depend on their number.
 #pragma once
 
 #include <algorithm>
@@ -8,12 +8,12 @@
 
 namespace tactus::spm::offline {
 
-/// `threads`, or as many as this process may run at once when that is 0.
+/// `threads`, or the number of processors of this process if `threads` is 0.
 [[nodiscard]] unsigned thread_count(unsigned threads);
 
-/// Calls `work(item, worker)` once for each item below `count`, on `threads` threads (0: all there are), items taken in
-/// ascending order. Worker 0 is the calling thread. An item may write only what no other item reads or writes. When
-/// items throw, rethrows what the first of them in order threw; items after it may not have run.
+/// Calls `work(item, worker)` once for each item below `count`, on `threads` threads (0: all processors), in ascending
+/// order of the items. Worker 0 is the calling thread. Items must not share data that one of them writes. If items
+/// throw, rethrows the exception of the first of them in order; later items may not have run.
 void parallel_for(std::size_t count, unsigned threads,
                   const std::function<void(std::size_t item, unsigned worker)>& work);
 
@@ -21,25 +21,24 @@ void parallel_for(std::size_t count, unsigned threads,
 void parallel_ranges(std::size_t count, std::size_t grain, unsigned threads,
                      const std::function<void(std::size_t first, std::size_t last)>& work);
 
-/// The same with ranges that begin only where `joined(item)` does not hold, which says that an item belongs with the
-/// one before it.
+/// The same, but no range begins at an item for which `joined(item)` is true: the item belongs to the previous one.
 void parallel_groups(std::size_t count, std::size_t grain, unsigned threads,
                      const std::function<bool(std::size_t item)>& joined,
                      const std::function<void(std::size_t first, std::size_t last)>& work);
 
-/// To which of `parts` equal ranges of 32-bit hashes this one belongs.
+/// The range of a hash if all 32-bit hashes are divided into `parts` equal ranges.
 [[nodiscard]] constexpr std::uint32_t range_of_hash(std::uint32_t hash, std::uint32_t parts) noexcept {
   return static_cast<std::uint32_t>(std::uint64_t{hash} * parts >> 32);  // a size_t may have 32 bits only
 }
 
-/// Two pieces of work at once, the first in the calling thread unless there is one thread only.
+/// Runs two functions in parallel, or one after the other with a single thread.
 void parallel_both(unsigned threads, const std::function<void()>& one, const std::function<void()>& other);
 
-/// Sum of `value(item)` for items below `count`, added one after the other in their order.
+/// Sum of `value(item)` for items below `count`, added in order.
 [[nodiscard]] double parallel_sum(std::size_t count, unsigned threads,
                                   const std::function<double(std::size_t item)>& value);
 
-/// Sorts by a strict total order: no two items may be equal, so that there is one result.
+/// Sorts by a strict total order. Items must be different, so that the result is unique.
 template <class Item, class Less>
 void parallel_sort(std::vector<Item>& items, unsigned threads, Less less) {
   constexpr std::size_t kChunk = std::size_t{1} << 16;

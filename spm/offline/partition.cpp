@@ -33,7 +33,7 @@ class Partitioner {
     const double even = std::sqrt(area * options.cell_faces / static_cast<double>(mesh.faces.size()));
     const double cell = std::min(std::max(even, side / kMaxCellsPerSide), 1.01 * side);
     hair_ = 1e-6 * cell + 4 * static_cast<double>(std::numeric_limits<float>::epsilon()) * largest;
-    // The model sits in the middle of its cells, a hair inside of the outermost.
+    // The model is in the middle of the grid, slightly inside the outermost cells.
     out_.grid.cell_size = cell;
     for (int axis = 0; axis < 3; ++axis) {
       const double extent = high[axis] - low[axis] + 4 * hair_;
@@ -83,7 +83,7 @@ class Partitioner {
     std::vector<std::uint32_t> faces;
   };
 
-  /// Which face meets which cell of the regular grid.
+  /// The pairs of intersecting faces and cells of the regular grid.
   std::vector<Entry> meetings() const {
     constexpr std::size_t kChunk = 1 << 16;
     std::vector<std::vector<Entry>> chunks((mesh_.faces.size() + kChunk - 1) / kChunk);
@@ -112,7 +112,7 @@ class Partitioner {
       first[static_cast<std::size_t>(axis)] = cell_of(low - hair_, axis);
       last[static_cast<std::size_t>(axis)] = cell_of(high + hair_, axis);
     }
-    if (first == last) {  // it lies within
+    if (first == last) {  // the face is inside one cell
       entries.push_back({morton(first[0], first[1], first[2]), f});
       return;
     }
@@ -170,7 +170,7 @@ class Partitioner {
     out.faces.insert(out.faces.end(), faces.begin(), faces.end());
   }
 
-  /// The sixty-fourths of the cell that the faces meet, each taken a hair larger than it is.
+  /// The parts of the cell that the faces intersect, each slightly enlarged.
   std::uint64_t occupied_by(const std::vector<std::uint32_t>& faces, const Place& at, std::uint32_t depth) const {
     const double edge = std::ldexp(out_.grid.cell_size, -static_cast<int>(depth));
     const double quarter = edge / 4;
@@ -206,7 +206,7 @@ class Partitioner {
     return occupied;
   }
 
-  /// Not where the eight would share most of their faces, as around a hub or in a stack of sheets.
+  /// False if the eight cells would share most of their faces, as around a hub or in a stack of sheets.
   bool divide(const Place& at, std::uint32_t depth, const std::vector<std::uint32_t>& faces, Cells& out) const {
     if (faces.size() <= options_.max_cell_faces || depth == kMaxDepth) return false;
     std::array<std::vector<std::uint32_t>, 8> parts;

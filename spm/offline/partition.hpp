@@ -1,4 +1,4 @@
-/// The even partition of the bounding volume: which finest faces meet which cell.
+/// The even partition of the model's bounds: which finest faces intersect which cell.
 #pragma once
 
 #include <array>
@@ -11,8 +11,8 @@
 namespace tactus::spm::offline {
 
 struct PartitionOptions {
-  std::uint32_t cell_faces = 400;       ///< finest faces aimed at in a cell
-  std::uint32_t max_cell_faces = 1000;  ///< a cell with more is divided in eight, where that helps
+  std::uint32_t cell_faces = 400;       ///< target for the finest faces of a cell
+  std::uint32_t max_cell_faces = 1000;  ///< a cell with more is divided in eight, if that separates its faces
 };
 
 struct Cell {
@@ -24,15 +24,15 @@ struct Cell {
 
 struct Partition {
   GridFrame grid;
-  std::vector<Cell> cells;           ///< labelled cells only, in Morton order; none lies within another
+  std::vector<Cell> cells;           ///< labelled cells, in Morton order; none is inside another
   std::vector<std::uint32_t> faces;  ///< of all cells, ascending within each
 };
 
-/// A face belongs to every cell that its triangle meets, decided in double with cells a hair larger than they are, so
-/// that a point on a face always has its cell. Cells are at least a thousandth of the longest side.
+/// A face belongs to every cell that its triangle intersects. The test is in double, with slightly enlarged cells, so
+/// that the cell of each point of a face has the face. Cells are at least a thousandth of the longest side.
 [[nodiscard]] Partition partition(const TriangleMesh& mesh, const PartitionOptions& options, unsigned threads = 0);
 
-/// Whether the triangle meets the cube around `centre`, faces included; in double, without a margin.
+/// True if the triangle intersects the closed cube around `centre`; in double, without margin.
 /// Source: Akenine-Moeller 2001 (separating axes of a triangle and a box).
 [[nodiscard]] bool triangle_meets_box(const std::array<Vec3d, 3>& triangle, const Vec3d& centre, double half_edge);
 

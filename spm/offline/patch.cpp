@@ -11,10 +11,10 @@
 namespace tactus::spm::offline {
 namespace {
 
-/// Looking at the hub of a wide fan once for each spoke would be quadratic.
+/// Limits the work at the hub of a wide fan, which would be quadratic.
 constexpr std::uint32_t kMaxTargetStar = 1024;
 constexpr float kBorderWeight = 10;
-constexpr float kLengthWeight = 1e-6f;  // on flat ground, short edges first
+constexpr float kLengthWeight = 1e-6f;  // where the surface is flat, short edges come first
 
 std::uint32_t face_of(std::uint32_t corner) { return corner / 4; }
 
@@ -58,7 +58,7 @@ Segment Patch::simplify(const PatchTask& task, const std::function<void(double)>
   near2_ = task.last ? pair * pair : 0;
   load(task);
   const std::uint32_t start = living_;
-  // A collapse may make another legal that was not: again from the start until a round brings nothing.
+  // A collapse may make another one legal, so this repeats until a round changes nothing.
   for (std::size_t before = kNone; before != out_.sequence.size();) {
     before = out_.sequence.size();
     push_all(task.fresh && before == 0);
@@ -77,7 +77,7 @@ Segment Patch::simplify(const PatchTask& task, const std::function<void(double)>
   store();
   out_.sequence.push_back(
       {kNone, kNone, static_cast<std::uint32_t>(out_.dying.size()), static_cast<std::uint32_t>(out_.moved.size())});
-  Segment result = out_;  // as large as it has to be
+  Segment result = out_;  // copies without spare capacity
   out_.sequence.clear();
   out_.dying.clear();
   out_.dying_x.clear();
@@ -86,7 +86,7 @@ Segment Patch::simplify(const PatchTask& task, const std::function<void(double)>
 }
 
 void Patch::load(const PatchTask& task) {
-  const Span<const std::uint32_t> faces = task.faces;
+  const std::span<const std::uint32_t> faces = task.faces;
   vertices_.clear();
   shared_.clear();
   for (const std::uint32_t f : faces) {
@@ -188,7 +188,7 @@ void Patch::push_all(bool fresh) {
   }
 }
 
-/// A plane upright on the face along each border edge at v, so that moving v off the border costs.
+/// Adds a plane for each border edge at v, perpendicular to its face.
 void Patch::add_border_planes(std::uint32_t v) {
   for (std::uint32_t i = 0; i < ring_.size; ++i) {
     if (ring_.degree[i] != 1) continue;
@@ -207,7 +207,7 @@ float Patch::cost(std::uint32_t u, std::uint32_t t) const {
   return std::max(quadrics_[u].at(e), 0.0f) + kLengthWeight * length2 * length2;
 }
 
-/// Where u may go, as far as its ring tells.
+/// Collects the vertices to which u may collapse, according to its ring.
 void Patch::gather_candidates(std::uint32_t u) {
   candidates_.clear();
   const Star star = ring_.star;
@@ -220,8 +220,7 @@ void Patch::gather_candidates(std::uint32_t u) {
   if (near2_ > 0 && ring_.size > 0) gather_partners(u);
 }
 
-/// Vertices near to u that no edge joins to it, no further than its edges are long: what is nearer along the surface is
-/// for edges to do.
+/// Collects vertices near u without an edge to u, at most as far as the edges of u are long.
 void Patch::gather_partners(std::uint32_t u) {
   float reach2 = 0;
   for (std::uint32_t i = 0; i < ring_.size; ++i) {
@@ -237,7 +236,7 @@ void Patch::gather_partners(std::uint32_t u) {
   }
   for (std::uint32_t x = low[0]; x <= high[0]; ++x) {
     for (std::uint32_t y = low[1]; y <= high[1]; ++y) {
-      const auto end = std::pair{grid_key(x, y, high[2]), kNone};
+      const auto end = std::pair{grid_key(x, y, high[2]), None::kValue};
       for (auto at = std::lower_bound(grid_.begin(), grid_.end(), std::pair{grid_key(x, y, low[2]), 0u});
            at != grid_.end() && *at <= end; ++at) {
         const std::uint32_t t = at->second;
@@ -266,7 +265,7 @@ void Patch::place_in_grid() {
   std::sort(grid_.begin(), grid_.end());
 }
 
-/// What is too far out for the grid shares its outermost cells.
+/// Positions outside of the grid count in its outermost cells.
 std::uint32_t Patch::grid_place(double x) const {
   constexpr double kHalf = 1 << 20;
   return static_cast<std::uint32_t>(std::clamp(std::floor(x / cell_), -kHalf, kHalf - 1) + kHalf);
@@ -281,8 +280,8 @@ bool Patch::near(std::uint32_t u, std::uint32_t t) const {
   return e[0] * e[0] + e[1] * e[1] + e[2] * e[2] < near2_;
 }
 
-/// Looks at the vertex whose cheapest collapse may be the cheapest of all. Classes in the queue are lower bounds: a
-/// vertex that turns out dearer goes back with what it really costs.
+/// Tries the vertex with the lowest class. Classes in the queue are lower bounds: a vertex with a higher cost returns
+/// to the queue with that cost.
 void Patch::step(std::uint32_t u) {
   build_ring(u);
   gather_candidates(u);
@@ -338,7 +337,7 @@ void Patch::clear_ring() {
   for (std::uint32_t i = 0; i < ring_.size; ++i) ring_place_[ring_.vertex[i]] = 0;
 }
 
-/// Whether one walk along the ring, where every vertex has two neighbours or is an end, meets all of it.
+/// True if the ring is connected. Every vertex of it has two neighbours or is an end.
 bool Patch::is_connected() const {
   std::uint32_t start = 0;
   for (std::uint32_t i = 0; i < ring_.size; ++i) {
@@ -371,7 +370,7 @@ bool Patch::keeps_surface(std::uint32_t u, std::uint32_t at) const {
   const auto apex = [&](std::uint32_t i) {
     return ring_.joined[at][0] == i || (dying == 2 && ring_.joined[at][1] == i);
   };
-  bool apex_has_other_face = ring_.size > 2;  // an ear's only face goes: something else must hold its apex
+  bool apex_has_other_face = ring_.size > 2;  // an ear loses its only face, so its apex needs another one
   for (const std::uint32_t corner : star(ring_.vertex[at])) {
     const Face& face = faces_[face_of(corner)];
     const std::uint32_t k = corner % 4;
@@ -381,14 +380,14 @@ bool Patch::keeps_surface(std::uint32_t u, std::uint32_t at) const {
     if (ia < ring_.size && !apex(ia)) return false;
     if (ib < ring_.size && !apex(ib)) return false;
     if (ia < ring_.size || ib < ring_.size) apex_has_other_face = true;
-    if (ia < ring_.size && ib < ring_.size && ring_.size == 3) return false;  // the new face is there already
+    if (ia < ring_.size && ib < ring_.size && ring_.size == 3) return false;  // the new face exists already
   }
   return apex_has_other_face;
 }
 
-/// The same where sheets touch in u: u and t share no neighbour but the apexes of the faces between them, no face
-/// comes to lie on another, and no edge comes to have more faces than u and t had there, or none. Sheets may come
-/// apart: what touched along an edge may touch in a vertex afterwards.
+/// The same if sheets touch in u. Then u and t share no neighbour except the apexes of the faces between them, no face
+/// coincides with another, and the number of faces at an edge neither grows nor becomes 0. Sheets may separate: sheets
+/// that touch along an edge may touch in a vertex afterwards.
 bool Patch::keeps_sheets(std::uint32_t u, std::uint32_t t) const {
   std::array<std::uint32_t, kRingCapacity> between_them{}, at_target{};
   for (const std::uint32_t corner : star(t)) {
@@ -411,8 +410,8 @@ bool Patch::keeps_sheets(std::uint32_t u, std::uint32_t t) const {
   return true;
 }
 
-/// All that is asked of a pair: no face comes to lie on another, no vertex loses its last face, and no more than two
-/// sheets come to touch along an edge that had one.
+/// The conditions for a pair: no face coincides with another, no vertex loses its last face, and at most two sheets
+/// touch along an edge that had one.
 bool Patch::keeps_faces(std::uint32_t u, std::uint32_t t) const {
   std::array<std::uint32_t, kRingCapacity> dying{}, at_target{};
   std::uint32_t left = vertices_[u].size + vertices_[t].size;
@@ -438,9 +437,9 @@ bool Patch::keeps_faces(std::uint32_t u, std::uint32_t t) const {
   return left > 0;
 }
 
-/// Whether a face of u's star holds both a and b.
+/// True if a face of u has a and b as corners.
 bool Patch::has_face(std::uint32_t u, std::uint32_t a, std::uint32_t b) const {
-  const Span<const std::uint32_t> corners = star(u);
+  const std::span<const std::uint32_t> corners = star(u);
   return std::any_of(corners.begin(), corners.end(), [&](std::uint32_t corner) {
     const std::array<std::uint32_t, 3>& c = faces_[face_of(corner)].corner;
     const std::uint32_t k = corner % 4, next = c[(k + 1) % 3], before = c[(k + 2) % 3];
@@ -479,14 +478,14 @@ void Patch::collapse(std::uint32_t u, std::uint32_t t) {
     if (next == t || before == t) {
       const bool t_is_next = next == t;
       const std::uint32_t x = t_is_next ? before : next;
-      out_.dying.push_back(BornRef::make(face.id, 2 * k + (t_is_next ? 0 : 1), !face.touched));
+      out_.dying.push_back(BornRef::make(FaceId{face.id}, 2 * k + (t_is_next ? 0 : 1), !face.touched));
       out_.dying_x.push_back(vertices_[x].id);
       face.alive = false;
       --living_;
       remove_corner(t, face_of(corner));
       if (vertices_[x].inner) remove_corner(x, face_of(corner));
     } else {
-      out_.moved.push_back(DeformedRef::make(face.id, k, !face.touched));
+      out_.moved.push_back(DeformedRef::make(FaceId{face.id}, k, !face.touched));
       face.corner[k] = t;
       corners_[vertices_[t].star + vertices_[t].size++] = corner;
     }
@@ -503,14 +502,14 @@ void Patch::collapse(std::uint32_t u, std::uint32_t t) {
   if (queue_.class_of_vertex(t) == CostQueue::kAbsent) queue_.push(t, 0);
 }
 
-/// Takes the corner of a face out of v's star.
+/// Removes the corner of a face from the star of v.
 void Patch::remove_corner(std::uint32_t v, std::uint32_t face) {
   std::uint32_t* corner = corners_.data() + vertices_[v].star;
   while (face_of(*corner) != face) ++corner;
   *corner = corners_[vertices_[v].star + --vertices_[v].size];
 }
 
-/// Makes room for a star of `size`, elsewhere if need be.
+/// Reserves memory for a star of `size`; may move the star.
 void Patch::reserve_star(std::uint32_t v, std::uint32_t size) {
   Vertex& vertex = vertices_[v];
   if (vertex.capacity >= size) return;

@@ -1,9 +1,10 @@
-/// One block of faces, simplified alone: what simplify.hpp says of collapses happens here.
+/// Simplifies one block of faces. The rules for collapses are in simplify.hpp.
 #pragma once
 
 #include <array>
 #include <cstdint>
 #include <functional>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -11,12 +12,11 @@
 #include "spm/offline/cost_queue.hpp"
 #include "spm/offline/quadric.hpp"
 #include "spm/offline/simplify.hpp"
-#include "spm/span.hpp"
 
 namespace tactus::spm::offline {
 
-/// The mesh that patches are cut from, between the rounds. In one round, a face belongs to one patch at most and so
-/// does a vertex; nothing else of a patch is read or written by another.
+/// The mesh from which patches are cut in each round. In a round, a face belongs to at most one patch, and so does a
+/// vertex. A patch reads and writes only its own faces and vertices.
 struct Surface {
   static constexpr std::uint8_t kAlive = 1, kTouched = 2;
   static constexpr std::uint32_t kShared = kNone;
@@ -24,10 +24,10 @@ struct Surface {
   const TriangleMesh& finest;
   std::vector<Triangle> corners;     ///< by face
   std::vector<std::uint8_t> state;   ///< by face: kAlive and kTouched
-  std::vector<Quadric> quadrics;     ///< by vertex, about it, in units of 1 / scale
-  std::vector<std::uint32_t> owner;  ///< by vertex: the block that has all its faces; kShared when there is none
-  std::vector<std::uint32_t> slot;   ///< by vertex: its owner's to write, a number below the number of vertices
-  float scale;                       ///< a power of two that makes edges about 1 long
+  std::vector<Quadric> quadrics;     ///< by vertex, with the vertex as origin, in units of 1 / scale
+  std::vector<std::uint32_t> owner;  ///< by vertex: the block with all its faces, or kShared
+  std::vector<std::uint32_t> slot;   ///< by vertex: scratch memory of its owner, a number below the number of vertices
+  float scale;                       ///< a power of two that makes edges about 1
 
   [[nodiscard]] Offset scaled(std::uint32_t v) const {
     const std::array<float, 3>& p = finest.positions[v];
@@ -35,25 +35,25 @@ struct Surface {
   }
 };
 
-/// Of unit length, or zero when the triangle has no area; `length` is twice the area.
+/// The unit normal, or zero if the triangle has no area; `length` is set to twice the area.
 [[nodiscard]] Offset unit_normal(const std::array<Offset, 3>& triangle, float& length);
-/// A plane through a border edge, upright on its only face, so that moving off the border costs.
+/// Adds a plane through a border edge, perpendicular to its only face, so that leaving the border has a cost.
 void add_border_plane(Quadric& quadric, const Offset& edge, const Offset& normal);
 
 struct PatchTask {
-  Span<const std::uint32_t> faces;  ///< alive
-  std::uint32_t block;              ///< its name in `Surface::owner`
-  std::uint32_t target;             ///< stop at this many faces
-  bool fresh;                       ///< faces of the finest mesh, whose quadrics are still to be made
-  bool last;                        ///< contract pairs, too, and go round again while that makes another legal
+  std::span<const std::uint32_t> faces;  ///< alive
+  std::uint32_t block;                   ///< its number in `Surface::owner`
+  std::uint32_t target;                  ///< stop at this many faces
+  bool fresh;                            ///< the faces are finest, and their quadrics must be computed
+  bool last;  ///< also collapses pairs without edge, and repeats while a collapse makes another one legal
 };
 
 class Patch {
  public:
   Patch(Surface& surface, const SimplifyOptions& options);
 
-  /// Takes faces out of the surface, simplifies until `target` of them are left or nothing legal is, and puts the rest
-  /// back.
+  /// Takes the faces from the surface, simplifies until `target` are left or no collapse is legal, and returns the rest
+  /// to the surface.
   [[nodiscard]] Segment simplify(const PatchTask& task, const std::function<void(double)>& progress = {});
 
  private:
@@ -67,15 +67,15 @@ class Patch {
   };
   struct Face {
     std::array<std::uint32_t, 3> corner;
-    Offset normal;  // of its finest version; zero when that has none
+    Offset normal;  // of its finest version, or zero
     std::uint32_t id;
     bool alive, touched;
   };
-  /// The vertices around u, in no order, and how u's faces join them: faces are the edges of this graph.
+  /// The vertices around u and the graph whose edges are the faces of u.
   enum class Star {
     kDisc,     ///< one closed ring
     kFan,      ///< one open chain: u is on a border
-    kPinched,  ///< anything else without a border: sheets that touch in u or along an edge of it
+    kPinched,  ///< any other graph without border: sheets that touch in u or along an edge of u
     kLocked,   ///< anything else
   };
   struct Ring {
@@ -83,7 +83,7 @@ class Patch {
     Star star = Star::kLocked;
     std::array<std::uint32_t, kRingCapacity> vertex;
     std::array<std::uint8_t, kRingCapacity> degree;                 // faces on the edge from u
-    std::array<std::array<std::uint8_t, 2>, kRingCapacity> joined;  // the first two
+    std::array<std::array<std::uint8_t, 2>, kRingCapacity> joined;  // the first two faces
   };
 
   struct Candidate {
@@ -120,7 +120,7 @@ class Patch {
   void collapse(std::uint32_t u, std::uint32_t t);
   void remove_corner(std::uint32_t v, std::uint32_t face);
   void reserve_star(std::uint32_t v, std::uint32_t size);
-  Span<const std::uint32_t> star(std::uint32_t v) const {
+  std::span<const std::uint32_t> star(std::uint32_t v) const {
     return {corners_.data() + vertices_[v].star, vertices_[v].size};
   }
 
@@ -132,7 +132,7 @@ class Patch {
   std::vector<Quadric> quadrics_;
   std::vector<std::uint32_t> corners_;
   std::vector<std::pair<std::uint32_t, std::uint32_t>> shared_;  // vertex, where in `vertices_`; ascending
-  std::vector<std::uint8_t> ring_place_;                         // by vertex: 1 + its place in the ring, 0: none
+  std::vector<std::uint8_t> ring_place_;                         // by vertex: 1 + position in the ring, 0: none
   CostQueue queue_;
   Ring ring_;
   float near2_ = 0;                                            // square of the distance of pairs; 0: none

@@ -1,4 +1,4 @@
-/// A file that is there under its name only once it is complete.
+/// A file that appears under its name only when it is complete.
 #pragma once
 
 #include <cstddef>
@@ -7,8 +7,8 @@
 
 namespace tactus::spm::offline {
 
-/// Writes beside its path under a name of its own; `commit` syncs and renames. Destroyed before that, it leaves
-/// nothing, and what was there under the name stays. All of it throws ModelError naming path and cause.
+/// Writes a temporary file next to `path`; `commit` syncs and renames it. If destroyed before, removes the temporary
+/// file and leaves `path` unchanged. All functions throw ModelError that names path and cause.
 class PendingFile {
  public:
   explicit PendingFile(const std::filesystem::path& path);
@@ -22,7 +22,7 @@ class PendingFile {
 
  private:
   std::filesystem::path path_;
-  std::string name_;  // empty once it has the name of path_
+  std::string name_;  // empty after the rename
   int fd_ = -1;
   std::size_t written_ = 0;
 };

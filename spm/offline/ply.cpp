@@ -57,7 +57,7 @@ struct Element {
   std::uint64_t count;
   std::vector<Property> properties;
 
-  /// kNone when there is none with that name that is or is not a list.
+  /// The property with that name that is (or is not) a list, or kNone.
   [[nodiscard]] std::size_t find(const char* property, bool list) const {
     for (std::size_t i = 0; i < properties.size(); ++i)
       if (properties[i].name == property && properties[i].count.has_value() == list) return i;
@@ -101,7 +101,7 @@ class HeaderReader {
   }
 
  private:
-  /// The words of the next line. A header ends all lines in the same of three ways.
+  /// The words of the next line. All lines of a header have the same line ending, one of three.
   std::vector<std::string> next_line() {
     const std::size_t end = text_.find_first_of("\r\n", at_);
     if (end == std::string::npos) {
@@ -141,7 +141,7 @@ class HeaderReader {
     header_.elements.back().properties.push_back({words.back(), *type, count});
   }
 
-  /// Before anything is read by the counts of the header.
+  /// Checks the counts of the header before they are used.
   void check_size() const {
     std::uint64_t min = 0;
     for (const Element& element : header_.elements) {
@@ -168,7 +168,7 @@ class HeaderReader {
   Header header_;
 };
 
-/// The numbers after the header, one after another.
+/// Reads the numbers after the header.
 class Numbers {
  public:
   Numbers(const std::filesystem::path& path, const Header& header)
@@ -176,13 +176,13 @@ class Numbers {
     file_.seekg(static_cast<std::streamoff>(header.bytes));
   }
 
-  /// Where the next number is, for messages.
+  /// The position of the next number, for messages.
   void at(const Element& element, std::uint64_t row) noexcept {
     element_ = &element;
     row_ = row;
   }
 
-  /// Every number that fits one of the types fits a double.
+  /// A double can represent the numbers of all types.
   double next(Type type) { return encoding_ == Encoding::kAscii ? next_word(type) : next_binary(type); }
 
   void skip(const Property& property) {
@@ -197,7 +197,7 @@ class Numbers {
     return static_cast<std::uint64_t>(count);
   }
 
-  /// -1 is allowed where strips end.
+  /// -1 is allowed at the end of a strip.
   std::int64_t next_index(Type type) {
     const double index = next(type);
     if (!(index >= -1 && index < kNone) || index != static_cast<double>(static_cast<std::int64_t>(index)))
@@ -217,7 +217,7 @@ class Numbers {
     return text.str();
   }
 
-  /// Makes `bytes` available from begin_ on, unless the file ends before.
+  /// Makes `bytes` available from begin_, unless the file ends earlier.
   bool fill(std::size_t bytes) {
     if (end_ - begin_ >= bytes) return true;
     std::memmove(buffer_.data(), buffer_.data() + begin_, end_ - begin_);
@@ -408,7 +408,7 @@ class Reader {
         [&] { length = 0; });
   }
 
-  /// Polygons can be cut once all vertices are known, wherever in the file these are.
+  /// Cuts the polygons after all elements are read, because the vertices may come last.
   PlyMesh make() {
     std::vector<Triangle>& faces = out_.mesh.faces;
     std::vector<std::array<float, 3>> polygon;

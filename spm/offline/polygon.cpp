@@ -9,12 +9,12 @@ namespace {
 
 using Point2 = std::array<double, 2>;
 
-/// Twice the signed area: positive when a, b, c turn left.
+/// Twice the signed area: positive if a, b, c turn left.
 double turn(const Point2& a, const Point2& b, const Point2& c) {
   return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
 }
 
-/// The polygon seen along its normal, so that it runs counter-clockwise.
+/// The polygon projected along its normal, counter-clockwise.
 std::vector<Point2> flattened(const std::vector<std::array<float, 3>>& corners) {
   Vec3d normal = Vec3d::Zero();  // Newell: the sum over edges
   for (std::size_t i = 0; i < corners.size(); ++i) {
@@ -43,7 +43,7 @@ class Cutter {
     std::size_t i = 0, tried = 0;
     while (left_.size() > 3) {
       i %= left_.size();
-      // When no corner is an ear the polygon is flat or crosses itself; then any cut will do.
+      // A polygon without ear is flat or crosses itself; then any cut is as good.
       if (tried < left_.size() && !is_ear(i)) {
         ++i;
         ++tried;

@@ -1,5 +1,5 @@
-/// Sum of weighted squared distances to planes, as a form about a place of its own: small numbers near to it, so that
-/// single precision does. Source: Garland, Heckbert 1997.
+/// A quadric error: a sum of weighted squared distances to planes, relative to an origin of its own. Near that origin
+/// the numbers are small, so single precision is enough. Source: Garland, Heckbert 1997.
 #pragma once
 
 #include <array>
@@ -14,7 +14,7 @@ using Offset = std::array<float, 3>;
 
 struct Quadric {
   float xx = 0, xy = 0, xz = 0, yy = 0, yz = 0, zz = 0;  // the form
-  float x = 0, y = 0, z = 0;                             // half its slope at the origin
+  float x = 0, y = 0, z = 0;                             // half of its gradient at the origin
   float constant = 0;
 
   /// Of a plane through the origin.
@@ -30,7 +30,7 @@ struct Quadric {
     return p[0] * (xx * p[0] + 2 * (xy * p[1] + xz * p[2] + x)) + p[1] * (yy * p[1] + 2 * (yz * p[2] + y)) +
            p[2] * (zz * p[2] + 2 * z) + constant;
   }
-  /// `other` is about another place, from which this one is `to_here`.
+  /// Adds a quadric with another origin. `to_here`: from that origin to this one.
   void add(const Quadric& other, const Offset& to_here) {
     constant += other.at(to_here);
     x += other.x + (other.xx * to_here[0] + other.xy * to_here[1] + other.xz * to_here[2]);

@@ -11,8 +11,8 @@
 namespace tactus::spm::offline {
 namespace {
 
-/// Appends what the corners of these faces need. `seen` is by collapse: the cell that has it already.
-void append_closure(const TriangleMesh& mesh, Span<const std::uint32_t> faces, const Dependencies& needs,
+/// Appends the collapses that the corners of these faces need. `seen`: by collapse, the last cell that has it.
+void append_closure(const TriangleMesh& mesh, std::span<const std::uint32_t> faces, const Dependencies& needs,
                     std::uint32_t cell, std::vector<std::uint32_t>& seen, std::vector<std::uint32_t>& list) {
   const auto reach = [&](std::uint32_t collapse) {
     if (collapse == kNone || seen[collapse] == cell) return;
@@ -28,14 +28,14 @@ void append_closure(const TriangleMesh& mesh, Span<const std::uint32_t> faces, c
   }
 }
 
-/// Reorders collapses that the same cells need: each after those that it needs, and next to be the one with the anchor
-/// nearest to the one before, `last` to begin with.
+/// Orders collapses that the same cells need: each after its dependencies, and next the one whose anchor is nearest to
+/// the previous anchor, `last` at the start.
 class NearestFirst {
  public:
   NearestFirst(const Dependencies& needs, const std::vector<std::uint32_t>& anchors)
       : needs_{needs}, anchors_{anchors} {}
 
-  void order(Span<std::uint32_t> same) {
+  void order(std::span<std::uint32_t> same) {
     sorted_.assign(same.begin(), same.end());
     std::sort(sorted_.begin(), sorted_.end());
     wait_.assign(sorted_.size(), 0);
@@ -81,29 +81,29 @@ class NearestFirst {
   const Dependencies& needs_;
   const std::vector<std::uint32_t>& anchors_;
   std::uint32_t last_ = 0;             // anchor
-  std::vector<std::uint32_t> sorted_;  // what is being ordered; places in it are meant below
-  std::vector<std::uint32_t> wait_;    // how many of those that it needs are still to come
-  std::vector<Pair> waiting_;          // who is needed, by whom
-  std::vector<Pair> ready_;            // anchor, who; ascending
+  std::vector<std::uint32_t> sorted_;  // the collapses to order; the members below have positions in it
+  std::vector<std::uint32_t> wait_;    // number of dependencies that are not placed yet
+  std::vector<Pair> waiting_;          // dependency, dependant
+  std::vector<Pair> ready_;            // anchor, collapse; ascending
 };
 
 }  // namespace
 
 RegionLists::RegionLists(const TriangleMesh& mesh, const Partition& cells, const Dependencies& needs, unsigned threads,
                          const std::function<void(double)>& progress)
-    : cells_{cells.cells.size()}, chunks_((cells_ + kChunk - 1) / kChunk) {
+    : cells_{cells.cells.size()}, groups_((cells_ + kGroup - 1) / kGroup) {
   std::vector<std::vector<std::uint32_t>> seen(thread_count(threads));  // by worker
-  parallel_for(chunks_.size(), threads, [&](std::size_t c, unsigned worker) {
-    if (worker == 0) progress(double(c) / double(chunks_.size()));
+  parallel_for(groups_.size(), threads, [&](std::size_t c, unsigned worker) {
+    if (worker == 0) progress(double(c) / double(groups_.size()));
     if (seen[worker].empty()) seen[worker].assign(needs.size(), kNone);
-    Chunk chunk;
-    for (std::size_t i = c * kChunk; i < std::min(cells_, (c + 1) * kChunk); ++i) {
+    Group group;
+    for (std::size_t i = c * kGroup; i < std::min(cells_, (c + 1) * kGroup); ++i) {
       const Cell& cell = cells.cells[i];
       append_closure(mesh, {cells.faces.data() + cell.first_face, cell.face_count}, needs,
-                     static_cast<std::uint32_t>(i), seen[worker], chunk.collapses);
-      chunk.ends.push_back(chunk.collapses.size());
+                     static_cast<std::uint32_t>(i), seen[worker], group.collapses);
+      group.ends.push_back(group.collapses.size());
     }
-    chunks_[c] = {chunk.ends, {chunk.collapses.begin(), chunk.collapses.end()}};  // no larger than it has to be
+    groups_[c] = {group.ends, {group.collapses.begin(), group.collapses.end()}};  // copies without spare capacity
   });
 }
 
@@ -111,8 +111,8 @@ std::vector<std::uint32_t> RegionLists::order(const Dependencies& needs, const s
                                               unsigned threads) const {
   // The cells of each collapse, ascending.
   std::vector<std::size_t> first(std::size_t{needs.size()} + 1, 0);
-  for (const Chunk& chunk : chunks_) {
-    for (const std::uint32_t collapse : chunk.collapses) ++first[collapse + 1];
+  for (const Group& group : groups_) {
+    for (const std::uint32_t collapse : group.collapses) ++first[collapse + 1];
   }
   std::partial_sum(first.begin(), first.end(), first.begin());
   std::vector<std::uint32_t> cells(first.back());
@@ -123,15 +123,15 @@ std::vector<std::uint32_t> RegionLists::order(const Dependencies& needs, const s
     }
   }
 
-  // By their first cell; then each of these lots alone.
-  const auto lot_of = [&](std::uint32_t c) { return first[c] == first[c + 1] ? cells_ : cells[first[c]]; };
-  std::vector<std::size_t> lots(cells_ + 2, 0);
-  for (std::uint32_t c = 0; c < needs.size(); ++c) ++lots[lot_of(c) + 1];
-  std::partial_sum(lots.begin(), lots.end(), lots.begin());
+  // First by first cell, then each bucket alone.
+  const auto bucket_of = [&](std::uint32_t c) { return first[c] == first[c + 1] ? cells_ : cells[first[c]]; };
+  std::vector<std::size_t> buckets(cells_ + 2, 0);
+  for (std::uint32_t c = 0; c < needs.size(); ++c) ++buckets[bucket_of(c) + 1];
+  std::partial_sum(buckets.begin(), buckets.end(), buckets.begin());
   std::vector<std::uint32_t> order(needs.size());
   {
-    std::vector<std::size_t> next(lots.begin(), lots.end() - 1);
-    for (std::uint32_t c = 0; c < needs.size(); ++c) order[next[lot_of(c)]++] = c;
+    std::vector<std::size_t> next(buckets.begin(), buckets.end() - 1);
+    for (std::uint32_t c = 0; c < needs.size(); ++c) order[next[bucket_of(c)]++] = c;
   }
   const auto compare_cells = [&](std::uint32_t a, std::uint32_t b) {
     std::size_t i = first[a], k = first[b];
@@ -144,13 +144,13 @@ std::vector<std::uint32_t> RegionLists::order(const Dependencies& needs, const s
     const int by_cells = compare_cells(a, b);
     return by_cells != 0 ? by_cells < 0 : a < b;
   };
-  parallel_ranges(cells_ + 1, kChunk, threads, [&](std::size_t begin, std::size_t end) {
+  parallel_ranges(cells_ + 1, kGroup, threads, [&](std::size_t begin, std::size_t end) {
     NearestFirst nearest{needs, anchors};
-    for (std::size_t lot = begin; lot < end; ++lot) {
-      std::sort(order.begin() + static_cast<std::ptrdiff_t>(lots[lot]),
-                order.begin() + static_cast<std::ptrdiff_t>(lots[lot + 1]), before);
-      for (std::size_t i = lots[lot], same = i; i < lots[lot + 1]; i = same) {
-        while (same < lots[lot + 1] && compare_cells(order[i], order[same]) == 0) ++same;
+    for (std::size_t bucket = begin; bucket < end; ++bucket) {
+      std::sort(order.begin() + static_cast<std::ptrdiff_t>(buckets[bucket]),
+                order.begin() + static_cast<std::ptrdiff_t>(buckets[bucket + 1]), before);
+      for (std::size_t i = buckets[bucket], same = i; i < buckets[bucket + 1]; i = same) {
+        while (same < buckets[bucket + 1] && compare_cells(order[i], order[same]) == 0) ++same;
         nearest.order({order.data() + i, same - i});
       }
     }
@@ -159,12 +159,12 @@ std::vector<std::uint32_t> RegionLists::order(const Dependencies& needs, const s
 }
 
 void RegionLists::renumber(const std::vector<std::uint32_t>& number, unsigned threads) {
-  parallel_for(chunks_.size(), threads, [&](std::size_t c, unsigned) {
-    Chunk& chunk = chunks_[c];
-    for (std::uint32_t& collapse : chunk.collapses) collapse = number[collapse];
-    auto first = chunk.collapses.begin();
-    for (const std::size_t end : chunk.ends) {
-      const auto last = chunk.collapses.begin() + static_cast<std::ptrdiff_t>(end);
+  parallel_for(groups_.size(), threads, [&](std::size_t c, unsigned) {
+    Group& group = groups_[c];
+    for (std::uint32_t& collapse : group.collapses) collapse = number[collapse];
+    auto first = group.collapses.begin();
+    for (const std::size_t end : group.ends) {
+      const auto last = group.collapses.begin() + static_cast<std::ptrdiff_t>(end);
       std::sort(first, last);
       first = last;
     }

@@ -3,12 +3,12 @@
 
 #include <cstdint>
 #include <functional>
+#include <span>
 #include <vector>
 
 #include "spm/offline/closure.hpp"
 #include "spm/offline/partition.hpp"
 #include "spm/offline/triangle_mesh.hpp"
-#include "spm/span.hpp"
 
 namespace tactus::spm::offline {
 
@@ -22,10 +22,10 @@ class RegionLists {
 
   [[nodiscard]] std::size_t size() const noexcept { return cells_; }
   /// In no order until `renumber`.
-  [[nodiscard]] Span<const std::uint32_t> of(std::size_t cell) const {
-    const Chunk& chunk = chunks_[cell / kChunk];
-    const std::size_t i = cell % kChunk, first = i == 0 ? 0 : chunk.ends[i - 1];
-    return {chunk.collapses.data() + first, chunk.ends[i] - first};
+  [[nodiscard]] std::span<const std::uint32_t> of(std::size_t cell) const {
+    const Group& group = groups_[cell / kGroup];
+    const std::size_t i = cell % kGroup, first = i == 0 ? 0 : group.ends[i - 1];
+    return {group.collapses.data() + first, group.ends[i] - first};
   }
 
   /// All collapses in an order in which each comes after those that it needs.
@@ -44,14 +44,14 @@ class RegionLists {
   void renumber(const std::vector<std::uint32_t>& number, unsigned threads);
 
  private:
-  static constexpr std::size_t kChunk = 64;
-  struct Chunk {
+  static constexpr std::size_t kGroup = 64;
+  struct Group {
     std::vector<std::size_t> ends;  // end of each list, as an index into `collapses`
     std::vector<std::uint32_t> collapses;
   };
 
   std::size_t cells_;
-  std::vector<Chunk> chunks_;
+  std::vector<Group> groups_;
 };
 
 }  // namespace tactus::spm::offline

@@ -12,10 +12,10 @@
 namespace tactus::spm::offline {
 namespace {
 
-constexpr std::uint32_t kShrink = 4;  // a round leaves one face in so many
+constexpr std::uint32_t kShrink = 4;  // a round leaves one face of so many
 constexpr std::size_t kGrain = 1 << 16;
 
-/// Brings the mean edge to about 1 without a rounding.
+/// A scale that makes the mean edge about 1 without rounding errors.
 float scale_of(const TriangleMesh& mesh, unsigned threads) {
   const double sum = parallel_sum(mesh.faces.size(), threads, [&mesh](std::size_t i) {
     const Triangle& f = mesh.faces[i];
@@ -55,7 +55,7 @@ class Simplifier {
       const std::size_t before = living_.size();
       if (before <= options_.block_faces || before <= options_.base_faces) break;
       simplify_blocks(round);
-      if (living_.size() > before - before / 16) break;  // locked nearly everywhere: let the last round see to it
+      if (living_.size() > before - before / 16) break;  // few legal collapses: only the last round can continue
     }
     std::fill(surface_.owner.begin(), surface_.owner.end(), 0);
     const bool fresh = out_.segments.empty();
@@ -79,10 +79,10 @@ class Simplifier {
     const std::size_t faces = living_.size();
     parallel_for(blocks.size() - 1, threads_, [&](std::size_t i, unsigned worker) {
       const auto count = static_cast<std::uint32_t>(blocks[i + 1] - blocks[i]);
-      // The base mesh asked for may be larger than what a round would leave.
+      // The requested base mesh may be larger than the result of a round.
       const auto target = static_cast<std::uint32_t>(
           std::max<std::uint64_t>(count / kShrink, std::uint64_t{options_.base_faces} * count / faces + 1));
-      const Span<const std::uint32_t> block{living_.data() + blocks[i], count};
+      const std::span<const std::uint32_t> block{living_.data() + blocks[i], count};
       out_.segments[first + i] =
           patch(worker).simplify({block, static_cast<std::uint32_t>(i), target, round == 0, false});
       if (progress_ && worker == 0) {
@@ -110,7 +110,7 @@ class Simplifier {
     return blocks;
   }
 
-  /// Cuts elsewhere than the round before, so that what lay on its borders is inside now.
+  /// Cuts at other positions than the previous round, so that its block borders are now inside blocks.
   std::vector<std::size_t> divided_blocks(std::uint32_t round) {
     std::vector<PlacedFace> placed(living_.size());
     parallel_ranges(living_.size(), kGrain, threads_, [&](std::size_t first, std::size_t last) {
@@ -141,14 +141,14 @@ class Simplifier {
               __atomic_compare_exchange_n(owner, &seen, block, false, __ATOMIC_RELAXED, __ATOMIC_RELAXED)) {
             continue;
           }
-          // Whoever comes first: with another block's name here, it is shared in the end.
+          // Any thread may write first: with two blocks the vertex ends as shared.
           if (seen != block && seen != Surface::kShared) __atomic_store_n(owner, Surface::kShared, __ATOMIC_RELAXED);
         }
       }
     });
   }
 
-  /// No patch sees all faces of a shared vertex while they are still the finest.
+  /// Computed here because no patch has all faces of a shared vertex while they are in their finest version.
   void make_shared_quadrics() {
     using Pair = std::array<std::uint32_t, 2>;
     std::vector<std::vector<Pair>> found(mesh_.faces.size() / kGrain + 1);
@@ -172,8 +172,8 @@ class Simplifier {
     });
   }
 
-  /// Of vertices whose whole stars these are: vertex, 4 * face + corner; ascending.
-  void make_quadrics(Span<const std::array<std::uint32_t, 2>> stars) {
+  /// `stars`: all face corners of some vertices (vertex, 4 * face + corner), ascending.
+  void make_quadrics(std::span<const std::array<std::uint32_t, 2>> stars) {
     std::vector<std::array<std::uint32_t, 2>> rim;  // neighbour, face
     for (std::size_t i = 0; i < stars.size();) {
       const std::uint32_t v = stars[i][0];

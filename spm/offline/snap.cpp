@@ -48,7 +48,7 @@ double step_of_grid(const TriangleMesh& mesh, unsigned bits) {
 
 CleanReport snap(TriangleMesh& mesh, double step, unsigned threads) {
   CleanReport report;
-  // What falls away may take the lower bounds with it; the grid begins at those that remain.
+  // Cleaning may change the lower bounds, at which the grid begins.
   for (bool moved = true; moved && !mesh.positions.empty();) {
     ModelSummary summary{};
     summary.bounds_min = bounds_of(mesh).low;

@@ -1,4 +1,4 @@
-/// How long each stage of a build took.
+/// Duration of each stage of a build.
 #pragma once
 
 #include <string>
@@ -7,16 +7,16 @@
 
 namespace tactus::spm::offline {
 
-/// Told of every stage as it begins; one thread.
+/// Records the start of every stage. One thread.
 class StageTimes {
  public:
   struct Stage {
     std::string name;
-    double seconds = 0;      ///< on the wall
-    double cpu_seconds = 0;  ///< of all threads of the process
+    double seconds = 0;      ///< wall time
+    double cpu_seconds = 0;  ///< CPU time of all threads of the process
   };
 
-  /// Ends the stage before, unless it is the same; a stage that comes again goes on where it stopped.
+  /// Starts a stage and ends the previous one, if it is different. The times of a stage that starts again add up.
   void begin(std::string_view stage);
   /// Ends the last stage.
   void end();
@@ -31,7 +31,7 @@ class StageTimes {
   double since_ = 0, cpu_since_ = 0;
 };
 
-/// The most memory that this process has had resident so far, in bytes; 0 when the system does not tell.
+/// Peak resident memory of this process in bytes; 0 if the system does not report it.
 [[nodiscard]] double peak_resident_bytes();
 
 }  // namespace tactus::spm::offline

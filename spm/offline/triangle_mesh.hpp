@@ -1,4 +1,4 @@
-/// Triangles as they come from a file or a generator, before anything is known about them.
+/// Triangles from a file or a generator.
 #pragma once
 
 #include <array>
@@ -8,7 +8,7 @@
 
 namespace tactus::spm::offline {
 
-/// A model, file or option that cannot be used: says what, where, what was found and what was expected.
+/// An unusable model, file or option. The message names it, the value found and the value expected.
 class ModelError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;

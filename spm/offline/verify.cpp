@@ -18,14 +18,14 @@ constexpr std::size_t kMaxMismatches = 10;
 /// An oriented triangle as the bits of its positions, from its smallest corner.
 using FaceBits = std::array<std::array<std::uint32_t, 3>, 3>;
 
-FaceBits bits_of(Span<const std::array<float, 3>> positions, const Triangle& face) {
+FaceBits bits_of(std::span<const std::array<float, 3>> positions, const Triangle& face) {
   FaceBits bits;
   for (std::size_t k = 0; k < 3; ++k) std::memcpy(&bits[k], &positions[face[k]], sizeof bits[k]);
   std::rotate(bits.begin(), std::min_element(bits.begin(), bits.end()), bits.end());
   return bits;
 }
 
-std::vector<FaceBits> sorted_bits(Span<const std::array<float, 3>> positions, const std::vector<Triangle>& faces) {
+std::vector<FaceBits> sorted_bits(std::span<const std::array<float, 3>> positions, const std::vector<Triangle>& faces) {
   std::vector<FaceBits> all;
   all.reserve(faces.size());
   for (const Triangle& face : faces) all.push_back(bits_of(positions, face));
@@ -33,57 +33,53 @@ std::vector<FaceBits> sorted_bits(Span<const std::array<float, 3>> positions, co
   return all;
 }
 
-Vec3d point(Span<const std::array<float, 3>> positions, std::uint32_t v) {
+Vec3d point(std::span<const std::array<float, 3>> positions, std::uint32_t v) {
   return {positions[v][0], positions[v][1], positions[v][2]};
 }
 
-/// The mesh with one region refined at a time; taking it back costs what applying it did.
+/// The mesh with one region refined at a time. `undo` costs as much as `apply`.
 class OneRegion {
  public:
-  explicit OneRegion(const Model& model) : model_{model}, corners_(model.summary.faces, kAbsent) {
+  explicit OneRegion(const Model& model) : model_{model}, corners_{model.summary.faces, {kNone, kNone, kNone}} {
     for (const BaseFace& face : model.base_faces) corners_[face.face] = face.corners;
   }
 
   void apply(RegionId region) {
-    for (const Interval& run : model_.intervals_of(region)) {
-      for (std::uint32_t r = run.first; r < run.first + run.count; ++r) split(r);
+    for (const Interval& interval : model_.intervals_of(region)) {
+      for (std::uint32_t r = interval.first; r < interval.first + interval.count; ++r) split(RecordId{r});
     }
   }
   void undo() {
     for (auto before = undo_.rbegin(); before != undo_.rend(); ++before) corners_[before->face] = before->corners;
     undo_.clear();
   }
-  const Triangle& corners(std::uint32_t face) const { return corners_[face]; }
+  [[nodiscard]] bool is_finest(std::uint32_t face, const Triangle& finest) const {
+    const auto& [a, b, c] = corners_[FaceId{face}];
+    return Triangle{index(a), index(b), index(c)} == finest;
+  }
 
  private:
-  static constexpr Triangle kAbsent{kNone, kNone, kNone};
   struct Before {
-    std::uint32_t face;
-    Triangle corners;
+    FaceId face;
+    std::array<VertexId, 3> corners;
   };
 
-  void split(std::uint32_t r) {
-    const std::uint32_t u = model_.summary.base_vertices + r;
-    for (std::uint32_t p = r; p != kNone; p = model_.parts[p].next) {
-      const RecordPart& part = model_.parts[p];
-      for (std::size_t i = 0; i < part.born_count; ++i) {
-        const std::uint32_t f = part.born[i].face();
-        const BornCorners at = born_corners(part.born[i].order());
-        undo_.push_back({f, corners_[f]});
-        corners_[f][static_cast<std::size_t>(at.u)] = u;
-        corners_[f][static_cast<std::size_t>(at.t)] = part.parent;
-        corners_[f][static_cast<std::size_t>(at.x)] = part.born_x[i];
-      }
-      for (std::size_t i = 0; i < part.deformed_count; ++i) {
-        const std::uint32_t f = part.deformed[i].face();
-        undo_.push_back({f, corners_[f]});
-        corners_[f][part.deformed[i].corner()] = u;
-      }
-    }
+  void split(RecordId record) {
+    const VertexId u = model_.vertex_of(record);
+    for_each_change(
+        model_.parts, PartIndex{index(record)}, u,
+        [&](DeformedRef ref) {
+          undo_.push_back({ref.face(), corners_[ref.face()]});
+          corners_[ref.face()][ref.corner()] = u;
+        },
+        [&](BornRef ref, const std::array<VertexId, 3>& corners, PartIndex, std::uint32_t) {
+          undo_.push_back({ref.face(), corners_[ref.face()]});
+          corners_[ref.face()] = corners;
+        });
   }
 
   const Model& model_;
-  std::vector<Triangle> corners_;
+  ModelCorners corners_;
   std::vector<Before> undo_;
 };
 
@@ -115,7 +111,7 @@ class Verifier {
              " faces of the original are missing, " + std::to_string(extra.size()) + " are not the original's");
   }
 
-  /// From here on the model's finest faces are the original's, so they may stand for them.
+  /// The finest faces of the model are those of the original here, so they replace them.
   void compare_regions() {
     const RegionGrid grid{model_.summary.grid, model_.regions};
     const double rounding = 1e-9 * model_.summary.grid.cell_size;
@@ -132,7 +128,7 @@ class Verifier {
         const std::array<Vec3d, 3> t = triangle(*at);
         if (!triangle_meets_box(t, (box.low + box.high) / 2, (box.high - box.low).maxCoeff() / 2)) continue;
         ++out_.faces_in_regions;
-        if (mesh.corners(*at) != finest_[*at]) {
+        if (!mesh.is_finest(*at, finest_[*at])) {
           mismatch("region " + std::to_string(i) + ": face " + std::to_string(*at) + " is not in its finest version");
         }
         for (std::size_t k = 0; k < 4; ++k) {

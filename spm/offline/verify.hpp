@@ -1,4 +1,4 @@
-/// Does a model give back the mesh that it was made from? Face by face and bit by bit, whole and region by region.
+/// Compares a model with the original mesh, face by face and bit by bit, as a whole and region by region.
 #pragma once
 
 #include <cstdint>
@@ -14,15 +14,15 @@ namespace tactus::spm::offline {
 struct Verification {
   std::uint32_t faces = 0;              ///< of the original
   std::uint32_t regions = 0;            ///< refined one by one
-  std::uint64_t faces_in_regions = 0;   ///< compared while only one region was refined
-  std::vector<std::string> mismatches;  ///< the first few, in words; empty when the model is exact
+  std::uint64_t faces_in_regions = 0;   ///< compared with only one region refined
+  std::vector<std::string> mismatches;  ///< descriptions of the first few; empty if the model is exact
 };
 
 /// `original` is cleaned first. Checks that
-/// - all records applied give the original's faces, as oriented triples of positions, no more and no fewer;
-/// - with only one region's list applied, every face that meets its cell is there in its finest version;
-/// - every corner and every centre of a face lies in an occupied part of a labelled cell.
-/// `model` must be sound. `progress` gets the share done.
+/// - all records together give exactly the faces of the original, as oriented triples of positions;
+/// - one region's list alone gives the finest version of every face that intersects its cell;
+/// - every corner and every centre of a face is in an occupied part of a labelled cell.
+/// `model` must be sound. Calls `progress` with the finished share.
 [[nodiscard]] Verification verify(const Model& model, TriangleMesh original,
                                   const std::function<void(double)>& progress = {});
 

@@ -1,4 +1,4 @@
-/// Plain triangle files, for other programs to read.
+/// Writes triangle files for other programs.
 #pragma once
 
 #include <filesystem>
@@ -7,9 +7,9 @@
 
 namespace tactus::spm::offline {
 
-/// By extension: .ply and .stl binary, .obj text with digits enough to give the same floats back. Throws ModelError
-/// naming the path when the extension is another or the file cannot be written; what was there under the name stays
-/// then, and nothing half written is ever seen under it.
+/// The extension selects the format: .ply and .stl are binary, .obj is text with enough digits to restore the floats.
+/// Throws ModelError that names the path if the extension is unknown or the file cannot be written. An existing file
+/// then remains, and no other program sees an incomplete file.
 void write_mesh(const std::filesystem::path& path, const TriangleMesh& mesh);
 
 }  // namespace tactus::spm::offline

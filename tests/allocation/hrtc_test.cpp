@@ -75,8 +75,12 @@ TEST(Allocation, AnObjectTakesNoMoreThanItsDirectorySays) {
   const double before = allocated();
   spm::Cache::Admitted admitted = cache.admit(base);
   const double of_base = static_cast<double>(4 * (model.summary.base_vertices + model.summary.base_faces));
-  const spm::Forest forest{
-      pool, nodes, 0, model.summary, spm::RegionGrid{model.summary.grid, model.regions}, std::move(admitted.base)};
+  const spm::Forest forest{pool,
+                           nodes,
+                           admitted.object,
+                           model.summary,
+                           spm::RegionGrid{model.summary.grid, model.regions},
+                           std::move(admitted.base)};
   const double taken = allocated() - before - of_base;
   const auto said = static_cast<double>(spm::Cache::directory_bytes(model.summary) +
                                         spm::Forest::directory_bytes(model.summary, pool.settings));
@@ -118,6 +122,37 @@ TEST(Allocation, SixtySecondsOfCyclesAllocateNothing) {
   EXPECT_EQ(recorded, 60000u);
 }
 
+TEST(Allocation, ObjectsThatAreWithdrawnAndComeAgainAllocateNothing) {
+  const spm::offline::BuiltModel built =
+      spm::offline::build_model(spm::offline::generate(spm::offline::Shape::kSphere, 6000));
+  const spm::Model model = built.model();
+  const double scale = 0.1 / (model.summary.bounds_max[0] - model.summary.bounds_min[0]);
+  test_support::LocalSession session{
+      {model, model, model}, scale, spm::PoolSettings::for_slots(2 * model.summary.parts), 2, {}, {}, 0.5};
+  hrtc_service::FlightRecorder recorder{1000};
+  session.cycle().set_observer(&recorder);
+  hrtc_service::FlightRecord record;
+  std::uint64_t allocations = 0, gone = 0;
+  session.membership().on_object_gone = [&](const hrtc_service::Loader::ObjectInfo&) { ++gone; };
+  for (int cycle = 0; cycle < 20000; ++cycle) {
+    if (cycle % 2000 == 1000)
+      for (const std::size_t object : {0u, 2u}) session.offer(object, true);
+    if (cycle % 2000 == 1500)
+      for (const std::size_t object : {0u, 2u}) session.offer(object, false);
+    const double out = 0.05 + 0.0015;
+    session.prepare({2 + out, 0, 0}, Vec3d::Zero());
+    session.inputs()[1] = session.inputs()[0];
+    session.inputs()[1].device.position = {0, out, 0};
+    const test_support::NoAlloc guard;
+    (void)session.touch_all();
+    session.core().servo().refine(spm::Budget{4000});
+    allocations += guard.count();
+    (void)recorder.next(record);
+  }
+  EXPECT_EQ(allocations, 0u);
+  EXPECT_EQ(gone, 20u);
+}
+
 /// Allocations in what haptic threads do.
 class Allocations final : public study::CycleWatch {
  public:
@@ -133,7 +168,7 @@ class Allocations final : public study::CycleWatch {
   std::optional<test_support::NoAlloc> guard_;
 };
 
-/// Ann grabs a crate, bob takes it over in the air from another controller and puts it down, and a third one pushes it.
+/// Ann grabs a crate, bob takes it over in the air from another HRTC and puts it down, and a third one pushes it.
 TEST(Allocation, HoldsAndBodiesAllocateNothingWhileACrateIsGrabbedHandedOverReleasedAndPushed) {
   const study::Subject crate = study::make_subject("crate", "box", 1200, 0.1);
   Allocations allocations;

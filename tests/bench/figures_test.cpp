@@ -2,52 +2,104 @@
 
 #include <gtest/gtest.h>
 
-#include <algorithm>
-#include <numeric>
-#include <random>
+#include <cmath>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "bench/bench_main.hpp"
+#include "tests/support/temporary_folder.hpp"
 
 namespace tactus::bench {
 namespace {
 
-TEST(Samples, PercentilesAreNearestRanksWhateverTheOrder) {
-  std::vector<int> values(1000);
-  std::iota(values.begin(), values.end(), 1);
-  std::shuffle(values.begin(), values.end(), std::mt19937{7});
-  Samples samples;
-  for (const int v : values) samples.add(v);
-  EXPECT_EQ(samples.percentile(50), 500);
-  EXPECT_EQ(samples.percentile(99), 990);
-  EXPECT_EQ(samples.percentile(99.9), 999);
-  EXPECT_EQ(samples.max(), 1000);
-  EXPECT_DOUBLE_EQ(samples.mean(), 500.5);
-}
+const Subject kSubject{"none", 0, 0, ""};
 
-TEST(Samples, ASampleAddedAfterAPercentileCounts) {
-  Samples samples;
-  samples.add(1);
-  EXPECT_EQ(samples.max(), 1);
-  samples.add(3);
-  samples.add(2);
-  EXPECT_EQ(samples.max(), 3);
-}
+int end_of(const Report& report) { return report.finish("test", "scripts/bench test", ""); }
 
 TEST(Report, EndsWithOneExactlyWhenABoundFallsShort) {
-  const Subject subject{"test", "none", 0, 0, ""};
-  Report holds{subject};
-  holds.at_most("a", "all", "us", 5, 5);
-  holds.at_least("b", "all", "times", 300, 300);
-  EXPECT_EQ(holds.finish(""), 0);
-  Report above{subject};
-  above.at_most("a", "all", "us", 5.001, 5);
-  EXPECT_EQ(above.finish(""), 1);
-  Report below{subject};
-  below.at_least("b", "all", "times", 299, 300);
-  EXPECT_EQ(below.finish(""), 1);
+  Report holds{kSubject};
+  holds.at_most("a", {"all", 3}, "us", 5, 5);
+  holds.at_least("b", {"all", 3}, "times", 300, 300);
+  EXPECT_EQ(end_of(holds), 0);
+  Report above{kSubject};
+  above.at_most("a", {"all", 3}, "us", 5.001, 5);
+  EXPECT_EQ(end_of(above), 1);
+  Report below{kSubject};
+  below.at_least("b", {"all", 3}, "times", 299, 300);
+  EXPECT_EQ(end_of(below), 1);
+}
+
+TEST(Report, FallsShortWithoutSamples) {
+  Report percentile{kSubject};
+  percentile.row("a", {"all", 3}, "us", Samples{}, {{0.99, 1e9}});
+  EXPECT_EQ(end_of(percentile), 1);
+  Report count{kSubject};
+  count.at_most("differences", {"compared", 0}, "", 0, 0);
+  EXPECT_EQ(end_of(count), 1);
+}
+
+TEST(Report, CountsUnfinishedWorkAsLate) {
+  Samples samples;
+  for (int i = 0; i < 98; ++i) samples.add(1);
+  samples.add(kUnfinished);
+  samples.add(kUnfinished);
+  Report median{kSubject};
+  median.row("a", {"all", 3}, "ms", samples, {{0.5, 2}});
+  EXPECT_EQ(end_of(median), 0);
+  Report tail{kSubject};
+  tail.row("a", {"all", 3}, "ms", samples, {{0.99, 1e300}});
+  EXPECT_EQ(end_of(tail), 1);
+  Report ratio{kSubject};
+  ratio.at_least("theirs / ours", {"all", 3}, "times", kUnfinished, 2);
+  EXPECT_EQ(end_of(ratio), 1);
 }
 
 TEST(Report, RefusesAFileThatCannotBeWritten) {
-  const Report report{Subject{"test", "none", 0, 0, ""}};
-  EXPECT_THROW(static_cast<void>(report.finish("/nowhere/figures.json")), std::runtime_error);
+  const Report report{kSubject};
+  EXPECT_THROW(static_cast<void>(report.finish("test", "", "/nowhere/figures.json")), std::runtime_error);
+}
+
+TEST(Report, WritesTheRowsOfItsTable) {
+  Report report{kSubject};
+  report.virtual_time(true);
+  report.at_most("a", {"all", 3}, "us", 6, 5);
+  report.virtual_time(false);
+  report.figure("b", {"none", 0}, "us", std::nan(""));
+  const test_support::TemporaryFolder folder;
+  const std::string file = (folder.path() / "rows.json").string();
+  EXPECT_EQ(report.finish("test", "scripts/bench test --quick", file), 1);
+  std::ifstream in{file};
+  const nlohmann::json rows = nlohmann::json::parse(in).at("rows");
+  ASSERT_EQ(rows.size(), 2u);
+  EXPECT_EQ(rows[0], nlohmann::json::parse(R"({"bench": "test", "command": "scripts/bench test --quick", "figure": "a",
+      "population": "all", "n": 3, "bound": "<= 5", "value": 6.0, "unit": "us", "text": "6 us",
+      "verdict": "falls short", "virtual_time": true})"));
+  EXPECT_TRUE(rows[1].at("value").is_null());
+  EXPECT_EQ(rows[1].at("text"), "no samples");
+  EXPECT_EQ(rows[1].at("verdict"), "no bound");
+  EXPECT_FALSE(rows[1].at("virtual_time").get<bool>());
+}
+
+int main_of(std::vector<const char*> arguments, const std::function<Report()>& run) {
+  App app{"test", "Nothing", "less of it"};
+  arguments.insert(arguments.begin(), "tactus-bench-test");
+  return bench_main(app, static_cast<int>(arguments.size()), const_cast<char**>(arguments.data()), run);
+}
+
+TEST(BenchMain, EndsAsTheRunDid) {
+  const auto with = [](double value) {
+    return [value] {
+      Report report{kSubject};
+      report.at_most("a", {"all", 1}, "us", value, 2);
+      return report;
+    };
+  };
+  EXPECT_EQ(main_of({}, with(1)), 0);
+  EXPECT_EQ(main_of({"--quick"}, with(3)), 1);
+  EXPECT_EQ(main_of({"--help"}, with(3)), 0);
+  EXPECT_EQ(main_of({"--unknown"}, with(1)), 2);
+  EXPECT_EQ(main_of({}, []() -> Report { throw std::runtime_error{"no model"}; }), 2);
+  EXPECT_EQ(main_of({}, []() -> Report { throw Interrupted{}; }), 130);
 }
 
 }  // namespace

@@ -55,9 +55,9 @@ class ClosedLoop {
   void publish_surface() {
     spm::BaseMesh mesh;
     for (const Triangle& triangle : surface_.triangles()) {
-      spm::BaseFace face{0, 1, {}};
+      spm::BaseFace face{{}, 1, {}};
       for (std::size_t k = 0; k < 3; ++k) {
-        face.corners[k] = static_cast<std::uint32_t>(mesh.positions.size());
+        face.corners[k] = spm::VertexId{static_cast<std::uint32_t>(mesh.positions.size())};
         const Eigen::Vector3f corner = triangle[k].cast<float>();
         mesh.positions.push_back({corner[0], corner[1], corner[2]});
       }
@@ -81,6 +81,10 @@ class ClosedLoop {
     }
   }
 
+  void stop() { force_->latch(haptics::Fault::kEmergencyStop); }
+  void reset() { force_->reset(); }
+  [[nodiscard]] bool is_off() const { return fault_ != haptics::Fault::kNone; }
+
   [[nodiscard]] const Operator& user() const { return operator_; }
   [[nodiscard]] const Vec3d& proxy() const { return proxy_.last().proxy; }
   [[nodiscard]] double seconds() const { return static_cast<double>(now_ns_) * 1e-9; }
@@ -102,7 +106,9 @@ class ClosedLoop {
     const haptics::Feel feel{1000, 1};
     proxy_.set_grip({friction_, 0.8 * friction_});
     const haptics::ProxyResult& touch = proxy_.step(device.position, 1e-3, surface_, false);
-    state_.force = force_->step(touch, device, feel, 0, 1e-3).force;
+    const haptics::ForceResult& made = force_->step(touch, device, feel, 0, 1e-3);
+    state_.force = made.force;
+    fault_ = made.fault;
     state_.contact = touch.in_contact;
     device_->write(state_.force);
     if (operator_.following()) path.push_back(touch.proxy);
@@ -116,6 +122,7 @@ class ClosedLoop {
       sample.force[axis] = state_.force[axis];
     }
     if (state_.contact) sample.status |= session::kInContact;
+    if (is_off()) sample.status |= session::kFault;
     states_.emplace_back(now_ns_ + delay_ns_, sample);
     while (states_.front().first <= now_ns_) {
       operator_.on_probe_state(states_.front().second);
@@ -134,6 +141,7 @@ class ClosedLoop {
   Objects objects_;
   double friction_ = 0;
   State state_;
+  haptics::Fault fault_ = haptics::Fault::kNone;
   std::int64_t now_ns_ = 1'000'000'000;
   std::deque<std::pair<std::int64_t, session::Intent>> intents_;
   std::deque<std::pair<std::int64_t, session::ProbeState>> states_;
@@ -242,6 +250,27 @@ TEST(Operator, ApproachesUntilTheScriptedForce) {
     EXPECT_LT(last, 2) << body.name;
     EXPECT_GT(loop.proxy().dot(Vec3d(1, 1, 0.2).normalized()), 0.08) << body.name;
   }
+}
+
+TEST(Operator, StandsStillWhileItsForceIsOffAndGoesOnAfterTheReset) {
+  for (const Body& body : bodies())
+    for (const double stopped_after : {0.5, 1.0, 1.6, 3.0}) {  // s: on the way, pressing in, holding
+      SCOPED_TRACE(std::string{body.name} + " " + std::to_string(stopped_after));
+      ClosedLoop loop{body.triangles, user_with("      - approach: {object: body, direction: [0, 0, 1], speed: 0.2}\n"
+                                                "      - hold: {seconds: 30, force: 1}\n")};
+      loop.run(stopped_after);
+      loop.stop();
+      loop.run(4);
+      loop.reset();
+      double last = 0;
+      bool off = false;
+      loop.run(6, [&](double force, bool) {
+        off = off || loop.is_off();
+        last = force;
+      });
+      EXPECT_FALSE(off) << "its hand was thrown out of the object";
+      EXPECT_GT(last, 0.5);
+    }
 }
 
 /// A tube of `radius` along a closed or open line of points.

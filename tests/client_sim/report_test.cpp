@@ -96,15 +96,6 @@ TEST(TouchTally, CountsEachLatchedFaultOnce) {
   EXPECT_EQ(tally.fault_reason, "emergency stop");
 }
 
-TEST(Samples, GiveThePercentilesOfASortedList) {
-  Samples samples;
-  for (int i = 100; i >= 0; --i) samples.add(i);
-  EXPECT_EQ(samples.percentile(0), 0);
-  EXPECT_EQ(samples.percentile(0.5), 50);
-  EXPECT_EQ(samples.percentile(0.99), 99);
-  EXPECT_EQ(samples.percentile(1), 100);
-}
-
 Report example_report() {
   Report report;
   report.session = "s";
@@ -144,7 +135,7 @@ Report example_report() {
   return report;
 }
 
-TEST(Report, TextShowsUsersControllersHostsAndEvents) {
+TEST(Report, TextShowsUsersHrtcsHostsAndEvents) {
   const std::string shown = text(example_report());
   EXPECT_THAT(shown, HasSubstr("Session s, scenario demo: 20.0 s"));
   EXPECT_THAT(shown, HasSubstr("ann"));

@@ -7,6 +7,8 @@
 #include <fstream>
 #include <string>
 
+#include "yaml/reader.hpp"
+
 namespace tactus::client_sim {
 namespace {
 
@@ -16,7 +18,7 @@ using ::testing::StartsWith;
 std::string error_of(const std::string& text) {
   try {
     (void)parse_scenario(text, "s.yaml");
-  } catch (const ScenarioError& error) {
+  } catch (const yaml::YamlError& error) {
     return error.what();
   }
   return "";
@@ -121,9 +123,9 @@ TEST(Scenario, ReadsAGrabAndTheActionsAfterIt) {
   EXPECT_EQ(read[1].by, Vec3d(0, 0, 0.1));
   EXPECT_EQ(read[1].speed, 0.2);
   EXPECT_EQ(read[3].kind, ActionKind::kRelease);
-  EXPECT_THROW(script("      - approach: {object: crate}\n      - release: {}\n"), ScenarioError);
-  EXPECT_THROW(script("      - grab: {object: crate}\n      - tap: {}\n"), ScenarioError);
-  EXPECT_THROW(script("      - grab: {object: crate}\n      - move: {speed: 1}\n"), ScenarioError);
+  EXPECT_THROW(script("      - approach: {object: crate}\n      - release: {}\n"), yaml::YamlError);
+  EXPECT_THROW(script("      - grab: {object: crate}\n      - tap: {}\n"), yaml::YamlError);
+  EXPECT_THROW(script("      - grab: {object: crate}\n      - move: {speed: 1}\n"), yaml::YamlError);
 }
 
 TEST(Scenario, ReadsMeasureAndTruth) {
@@ -170,20 +172,19 @@ TEST(Scenario, RefusesInvalidValues) {
   EXPECT_THAT(error_of(with_action("tap: {object: a, speed: .nan}")), HasSubstr("speed: found '.nan'"));
   EXPECT_THAT(error_of(with_action("tap: {object: a, speed: -.inf}")), HasSubstr("speed: found '-.inf'"));
   EXPECT_THAT(error_of(with_action("tap: {object: a, direction: [0, 0, 0]}")), HasSubstr("found a zero vector"));
-  EXPECT_THAT(error_of(with_action("tap: {object: a, direction: [0, 1]}")),
-              HasSubstr("expected a list of three numbers"));
+  EXPECT_THAT(error_of(with_action("tap: {object: a, direction: [0, 1]}")), HasSubstr("expected a list of 3 numbers"));
   EXPECT_THAT(error_of(with_action("tap: {object: a, point: [0, 0, 2]}")), HasSubstr("tap.point[2]: found '2'"));
-  EXPECT_THAT(error_of(with_action("tap: {object: [a]}")), HasSubstr("object: found a list, expected a name"));
+  EXPECT_THAT(error_of(with_action("tap: {object: [a]}")), HasSubstr("object: found a list, expected a text"));
   EXPECT_THAT(error_of(with_action("tap: {object: " + std::string(64, 'x') + "}")), HasSubstr("1 to 63 bytes"));
   EXPECT_THAT(error_of(with_action("follow: {object: a, pattern: spiral}")),
               HasSubstr("one of circle, zigzag, around"));
   EXPECT_THAT(error_of(with_action("tap: 3")), HasSubstr("tap: found '3', expected a map"));
   EXPECT_THAT(error_of(with_action("tap")), HasSubstr("found 'tap', expected a map"));
-  EXPECT_THAT(error_of(with_action("{tap: {object: a}, wait: {}}")), HasSubstr("expected one action"));
+  EXPECT_THAT(error_of(with_action("{tap: {object: a}, wait: {}}")), HasSubstr("expected a map with one action"));
 }
 
 TEST(Scenario, RefusesMissingAndRepeatedKeys) {
-  EXPECT_THAT(error_of(""), HasSubstr("expected a map"));
+  EXPECT_THAT(error_of(""), HasSubstr("key 'name' is missing"));
   EXPECT_THAT(error_of("name: t\n"), HasSubstr("key 'users' is missing"));
   EXPECT_THAT(error_of("users: []\nname: t\n"), HasSubstr("users: found a list, expected a list of users"));
   EXPECT_THAT(error_of("name: t\nusers:\n  - script: []\n"), HasSubstr("users[0]: key 'name' is missing"));

@@ -53,7 +53,7 @@ class Peer {
     const std::lock_guard lock{mutex_};
     return received_;
   }
-  [[nodiscard]] bool hears(const std::function<bool(const std::vector<Json>&)>& condition) const {
+  [[nodiscard]] bool receives(const std::function<bool(const std::vector<Json>&)>& condition) const {
     for (const auto end = std::chrono::steady_clock::now() + 10s; std::chrono::steady_clock::now() < end;
          std::this_thread::sleep_for(1ms))  // the peer's thread receives, without notification
       if (condition(received())) return true;
@@ -147,7 +147,7 @@ TEST(Haply, ExchangesPositionsAndForcesWithTheNamedDevice) {
   {
     PluginDevice device{TACTUS_HAPLY, peer.place() + "/049D"};
     EXPECT_LT(device.spec().max_force, 10);
-    ASSERT_TRUE(peer.hears([](const auto& all) { return !all.empty(); }));
+    ASSERT_TRUE(peer.receives([](const auto& all) { return !all.empty(); }));
     const std::int64_t begun = now_ns();
     ASSERT_TRUE(
         runs_until(device, {0.5, -1, 1.0 / 3}, [](const DeviceState& state) { return state.position.x() > 20e-6; }));
@@ -158,7 +158,7 @@ TEST(Haply, ExchangesPositionsAndForcesWithTheNamedDevice) {
     EXPECT_GE(state.time_ns, begun);
     EXPECT_LE(state.time_ns, now_ns());
     EXPECT_EQ(device.health(), DeviceHealth::kReady);
-    EXPECT_TRUE(peer.hears([](const auto& all) { return !all.empty() && force_of(all.back(), "x") == 0.5; }));
+    EXPECT_TRUE(peer.receives([](const auto& all) { return !all.empty() && force_of(all.back(), "x") == 0.5; }));
   }
   const std::vector<Json> received = peer.received();
   EXPECT_EQ(received[0]["session"]["configure"]["profile"]["name"], "tactus:hrtc");
@@ -252,8 +252,8 @@ TEST(Haply, AForceWithoutRenewalEnds) {
   Peer peer{Peer::state};
   PluginDevice device{TACTUS_HAPLY, peer.place() + "/049D"};
   device.write({2, 0, 0});
-  ASSERT_TRUE(peer.hears([](const auto& all) { return !all.empty() && force_of(all.back(), "x") == 2; }));
-  EXPECT_TRUE(peer.hears([](const auto& all) { return is_zero(all.back()); }));
+  ASSERT_TRUE(peer.receives([](const auto& all) { return !all.empty() && force_of(all.back(), "x") == 2; }));
+  EXPECT_TRUE(peer.receives([](const auto& all) { return is_zero(all.back()); }));
 }
 
 }  // namespace

@@ -11,7 +11,7 @@ class DeviceTest : public SessionTest {};
 TEST_F(DeviceTest, AWeightLiesOnTheSurfaceWithItsWeight) {
   Observer observer{address("observer")};
   Process museum{host("museum", models().sphere)};
-  Process desk{hrtc("desk", {"--device", std::string{"ann="} + TACTUS_EXAMPLE_WEIGHT + ",0.3"})};
+  Process desk{hrtc("desk", {"--device", "ann=" TACTUS_EXAMPLE_WEIGHT ",0.3"})};
   EXPECT_TRUE(desk.wait_for_line("device weight in oil"));
   EXPECT_TRUE(observer.until([](const Seen& seen) {
     const SeenStates ann = seen.user("ann");
@@ -25,7 +25,7 @@ TEST_F(DeviceTest, ThatCannotBeOpenedIsWrongInput) {
   Process no_file{hrtc("desk", {"--device", "ann=/nowhere/driver.so"})};
   EXPECT_TRUE(ends_with(2, no_file));
   EXPECT_THAT(no_file.output(), testing::HasSubstr("/nowhere/driver.so: cannot open shared object file"));
-  Process no_height{hrtc("desk", {"--device", std::string{"ann="} + TACTUS_EXAMPLE_WEIGHT + ",high"})};
+  Process no_height{hrtc("desk", {"--device", "ann=" TACTUS_EXAMPLE_WEIGHT ",high"})};
   EXPECT_TRUE(ends_with(2, no_height));
   EXPECT_THAT(no_height.output(), testing::HasSubstr("found 'high', expected a height in metres"));
   Process no_driver{hrtc("desk", {"--device", "ann"})};

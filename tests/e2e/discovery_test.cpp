@@ -150,7 +150,7 @@ class WithoutMulticast : public DiscoveryTest {
   std::optional<netem::LinkedPair> pair_;
 };
 
-TEST_F(WithoutMulticast, NobodyIsFoundUnlessAskedFor) {
+TEST_F(WithoutMulticast, NobodyIsFoundUnlessNamed) {
   Process museum{program_in(netem::Side::kA, host("museum", models().sphere))};
   Process desk{program_in(netem::Side::kB, hrtc("desk", {"--wait-host", "3"}))};
   EXPECT_EQ(desk.wait(), 1) << desk.output();

@@ -34,7 +34,7 @@ class FaultsTest : public SessionTest {
 TEST_F(FaultsTest, KillingAHostLeavesLoadedRegionsExactAndItsReturnGoesOnLoadingWhatIsMissing) {
   Observer observer{address("observer")};
   Process first_host{host("museum", models().organ)};
-  Process controller{hrtc("desk")};
+  Process desk{hrtc("desk")};
   Process holding{sim(R"(name: hold
 duration: 120
 users:
@@ -44,14 +44,14 @@ users:
       - approach: {object: organ, direction: [0, 0, 1], speed: 0.15, until_force: 0.5}
       - hold: {seconds: 110, force: 1}
 )")};
-  ASSERT_TRUE(wait_for_firm_contact(observer, "ann")) << holding.output() << controller.output();
+  ASSERT_TRUE(wait_for_firm_contact(observer, "ann")) << holding.output() << desk.output();
   ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.figure("desk", figures::kRegionsReceived) > 0; }));
 
   first_host.signal(SIGKILL);
   ASSERT_EQ(first_host.wait(), 128 + SIGKILL);
   observer.forget_states();
 
-  EXPECT_TRUE(controller.wait_for_line("host 'museum' is gone"));
+  EXPECT_TRUE(desk.wait_for_line("host 'museum' is gone"));
   ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.user("ann").in_contact >= 1500; }));
   const SeenStates orphaned = observer.seen().user("ann");
   EXPECT_EQ(orphaned.exact, orphaned.in_contact) << "while nothing new was needed";
@@ -74,24 +74,63 @@ users:
   const double received = without_host.figure("desk", figures::kRegionsReceived);
   EXPECT_TRUE(observer.until([&](const Seen& seen) {
     return seen.figure("desk", figures::kRegionsReceived) > received + 1;
-  })) << controller.output()
+  })) << desk.output()
       << second_host.output();
   EXPECT_TRUE(observer.until([](const Seen& seen) { return seen.user("bob").exact > 500; })) << exploring.output();
   holding.signal(SIGINT);
   EXPECT_TRUE(ends_with(1, holding));
   EXPECT_TRUE(ends_with(1, exploring));
-  EXPECT_TRUE(ends_with(0, controller));
+  EXPECT_TRUE(ends_with(0, desk));
   EXPECT_TRUE(ends_with(0, second_host));
   const Seen after = observer.seen();
   EXPECT_EQ(after.user("ann").faults, 0u);
   EXPECT_EQ(after.user("bob").faults, 0u);
   EXPECT_EQ(after.figure("desk", figures::kEvictions), 0) << "or records would have to come again";
   EXPECT_EQ(after.figure("desk", figures::kRecordsReturned), 0);
-  EXPECT_THAT(holding.output(), HasSubstr("host 'museum' is gone without a word"));
+  EXPECT_THAT(holding.output(), HasSubstr("host 'museum' is gone without a leave message"));
   EXPECT_THAT(holding.output(), HasSubstr("host 'museum' joined"));
 }
 
-TEST_F(FaultsTest, ProbesOfAKilledControllerVanishFromTheOther) {
+TEST_F(FaultsTest, AHostThatEndsTakesItsObjectAlongAndMayBringItBack) {
+  Observer observer{address("observer")};
+  Process museum{host("museum", models().organ)};
+  Process desk{hrtc("desk")};
+  Process holding{sim(R"(name: hold
+duration: 120
+users:
+  - name: ann
+    hrtc: desk
+    script:
+      - approach: {object: organ, direction: [0, 0, 1], speed: 0.15, until_force: 0.5}
+      - hold: {seconds: 110, force: 1}
+)")};
+  ASSERT_TRUE(wait_for_firm_contact(observer, "ann")) << holding.output() << desk.output();
+  museum.signal(SIGINT);
+  ASSERT_EQ(museum.wait(), 0) << museum.output();
+  EXPECT_TRUE(desk.wait_for_line("object organ: withdrawn"));
+  EXPECT_TRUE(desk.wait_for_line("object organ: freed"));
+  EXPECT_TRUE(observer.until([](const Seen& seen) {
+    const session::ProbeState last = seen.user("ann").last;
+    return (last.status & session::kInContact) == 0 && std::hypot(last.force[0], last.force[1], last.force[2]) < 0.1;
+  })) << desk.output();
+  EXPECT_TRUE(observer.until([](const Seen& seen) { return seen.figure("desk", figures::kPoolUsed) == 0; }));
+
+  Process back{host("museum", models().organ)};
+  Process exploring{sim(R"(name: explore
+duration: 120
+users:
+  - name: bob
+    hrtc: desk
+    script:
+      - approach: {object: organ, direction: [1, 0, 0], speed: 0.15, until_force: 0.5}
+      - hold: {seconds: 110, force: 1}
+)",
+                        {"--name", "sim2"})};
+  EXPECT_TRUE(observer.until([](const Seen& seen) { return seen.user("bob").exact > 500; }))
+      << exploring.output() << desk.output();
+}
+
+TEST_F(FaultsTest, ProbesOfAKilledHrtcVanishFromTheOther) {
   Observer observer{address("observer")};
   Process museum{host("museum", models().sphere)};
   Process left{hrtc("left")};
@@ -121,7 +160,7 @@ users:
   EXPECT_EQ(observer.seen().user("bob").faults, 0u);
   users.signal(SIGINT);
   EXPECT_TRUE(ends_with(1, users));
-  EXPECT_THAT(users.output(), HasSubstr("HRTC 'left' is gone without a word"));
+  EXPECT_THAT(users.output(), HasSubstr("HRTC 'left' is gone without a leave message"));
   EXPECT_TRUE(ends_with(0, right));
   EXPECT_TRUE(ends_with(0, museum));
 }

@@ -67,7 +67,7 @@ TEST_F(FlightTest, WhatWasBeforeAStopIsKeptAndReplayedToTheBit) {
   EXPECT_THAT(replayed(path("end.mcap"), 2, models().sphere), HasSubstr("object 'organ' is of the model with digest "));
 }
 
-TEST_F(FlightTest, AFileThatCannotBeWrittenIsToldAtTheStart) {
+TEST_F(FlightTest, AFileThatCannotBeWrittenIsReportedAtTheStart) {
   Process desk{hrtc("desk", {"--flight-file", path("none/x.mcap")})};
   EXPECT_TRUE(ends_with(2, desk));
   EXPECT_THAT(desk.output(), HasSubstr("cannot write the flight recording " + path("none/x.mcap")));

@@ -139,7 +139,7 @@ TEST_F(InputTest, OfTheHostToBuildIsRefused) {
   EXPECT_TRUE(!std::filesystem::exists(path("cache")) || std::filesystem::is_empty(path("cache")));
 }
 
-TEST_F(InputTest, OfTheControllerIsRefused) {
+TEST_F(InputTest, OfTheHrtcIsRefused) {
   expect_refused("hrtc", wrong_addresses({"--log", path("new.log")}));
   expect_refused(
       "hrtc",

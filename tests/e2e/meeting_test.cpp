@@ -66,9 +66,9 @@ TEST_F(MeetingTest, AUserWhomHisClientBringsNoMoreGivesHisProbeBack) {
   entry.role = session::Role::kClient;
   entry.name = "visitor";
   entry.session = session_;
-  const auto seated = [&](const std::string& controller, const std::vector<std::string>& users,
+  const auto seated = [&](const std::string& hrtc, const std::vector<std::string>& users,
                           const std::vector<std::string>& expected) {
-    entry.requested_hrtc = controller;
+    entry.requested_hrtc = hrtc;
     entry.users = users;
     const auto seen_so = [&](const Seen& seen) {
       std::vector<std::string> there;
@@ -158,11 +158,11 @@ TEST_F(MeetingTest, AClientThatLeavesTakesOnlyItsOwnUsersAlong) {
   Observer observer{address("observer")};
   Process desk{hrtc("desk")};
   struct Client {
-    Client(const wire::SessionAddress& address, const std::string& controller) : participants{address} {
+    Client(const wire::SessionAddress& address, const std::string& hrtc) : participants{address} {
       entry.role = session::Role::kClient;
       entry.name = address.participant;
       entry.session = address.session;
-      entry.requested_hrtc = controller;
+      entry.requested_hrtc = hrtc;
       entry.users = {"ann"};
     }
     void beat() {
@@ -181,7 +181,7 @@ TEST_F(MeetingTest, AClientThatLeavesTakesOnlyItsOwnUsersAlong) {
     const std::vector<session::UserSlot>& slots = seen.roster.at("desk").slots;
     return slots.size() == 1 && slots[0].user == "ann";
   };
-  /// Beats until the observer or the controller's output shows it.
+  /// Beats until the observer or the HRTC's output shows it.
   const auto beat_until = [&](const std::vector<Client*>& clients, const auto& condition) {
     for (int times = 0; times < 600; ++times) {
       for (Client* const client : clients) client->beat();

@@ -1,4 +1,4 @@
-/// Users who come near one object hear each other whole; the session hears them coded.
+/// Users who come near one object receive full-rate states of each other; the session receives deadband-coded states.
 #include "session/figures.hpp"
 #include "tests/e2e/session_test.hpp"
 
@@ -30,7 +30,7 @@ bool together(const Seen& seen, double users) {
   return seen.figure("desk1", figures::kTogether) == users && seen.figure("desk2", figures::kTogether) == users;
 }
 
-TEST_F(ModesTest, UsersAtOneObjectCollaborateUntilTheyAreToldNotToAndTheSessionHearsThemCoded) {
+TEST_F(ModesTest, UsersAtOneObjectCollaborateUntilAModeIsCommandedAndTheSessionReceivesThemCoded) {
   Observer observer{address("observer")};
   wire::Writer<session::Control> control{observer.participants(), wire::topics::kControl};
   Process museum{host("museum", models().sphere)};

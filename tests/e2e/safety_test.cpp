@@ -1,4 +1,4 @@
-/// The emergency stop as an operator gives it, and what everyone is told of it.
+/// The emergency stop as an operator gives it, and what every participant reports of it.
 #include <fcntl.h>
 #include <sys/ioctl.h>
 #include <sys/stat.h>
@@ -79,13 +79,13 @@ TEST_F(SafetyTest, AStopHoldsForAnHrtcThatStartsAfterItUntilAReset) {
   ASSERT_TRUE(ends_with(1, stop)) << "no HRTC was there, and it says so: " << stop.output();
 
   Process desk{hrtc("desk")};  // only the host can tell it
-  ASSERT_TRUE(desk.wait_for_line("emergency stop: host 'museum' has it"));
+  ASSERT_TRUE(desk.wait_for_line("emergency stop: host 'museum' forwards it"));
   Process users{sim(kTwoHold)};
   EXPECT_TRUE(observer.until([](const Seen& seen) { return is_off(seen, "ann") && is_off(seen, "bob"); }))
       << users.output() << desk.output();
   museum.signal(SIGKILL);
   Process gallery{host("gallery", models().sphere)};  // only the HRTC can tell it
-  ASSERT_TRUE(gallery.wait_for_line("emergency stop: HRTC 'desk' has it"));
+  ASSERT_TRUE(gallery.wait_for_line("emergency stop: HRTC 'desk' forwards it"));
 
   Process reset{control({"reset"})};
   EXPECT_TRUE(observer.until([](const Seen& seen) { return feels(seen, "ann") && feels(seen, "bob"); }))
@@ -171,7 +171,7 @@ TEST_F(SafetyTest, AStopTakesTheForceWhileTheServiceThreadIsBlocked) {
   }));
 }
 
-TEST_F(SafetyTest, AStopThatNobodyHearsFails) {
+TEST_F(SafetyTest, AStopThatNobodyAcknowledgesFails) {
   Process stop{control({"stop", "--patience", "0.2"})};
   EXPECT_TRUE(ends_with(1, stop));
   EXPECT_THAT(stop.output(), testing::HasSubstr("no host or HRTC found in session"));

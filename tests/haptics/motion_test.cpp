@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "haptics/proxy.hpp"
-#include "tests/haptics/friction_strokes.hpp"
+#include "tests/haptics/friction_run.hpp"
 #include "tests/haptics/moving_bodies.hpp"
 #include "tests/haptics/random_motions.hpp"
 
@@ -50,7 +50,7 @@ TEST(Friction, KeepsTheForceInTheStaticOrOnTheDynamicConeOnCurvedSurfaces) {
   for (const double radius : {0.02, 0.05, 100.0})
     for (const bool hollow : {false, true})
       for (const auto& [sticks, slips] : {std::pair{0.5, 0.3}, {0.8, 0.75}, {0.2, 0.2}}) {
-        const FrictionResult result = run_strokes(AnalyticSphere{radius, hollow}, sticks, slips, 0.1, 20000, kSeed);
+        const FrictionResult result = run_friction(AnalyticSphere{radius, hollow}, sticks, slips, 0.1, 20000, kSeed);
         SCOPED_TRACE(::testing::Message() << "radius " << radius << " hollow " << hollow << " coefficients " << sticks
                                           << ' ' << slips << " seed " << kSeed);
         EXPECT_LT(result.stick_error, 0.01);

@@ -48,7 +48,7 @@ Pressed press(double stiffness, double speed, bool control, unsigned seed) {
   return {lowest, peak, static_cast<double>(port.ledger().withholding) / cycles};
 }
 
-TEST(Passivity, TheControllerWithholdsTheExcessEnergyOfASampledWall) {
+TEST(Passivity, WithholdsTheExcessEnergyOfASampledWall) {
   for (const double stiffness : {500.0, 2000.0, 4000.0}) {
     for (const double speed : {0.05, 0.2, 0.5}) {
       const Pressed plain = press(stiffness, speed, false, 1);

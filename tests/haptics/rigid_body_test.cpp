@@ -211,7 +211,7 @@ TEST(RigidBody, LogIsTheInverseOfExp) {
   }
 }
 
-TEST(RigidBody, ATorsionSpringReachesItsTargetAndAddsNoEnergy) {
+TEST(RigidBody, ARotationalSpringReachesItsTargetAndAddsNoEnergy) {
   BodySettings settings = box_body(0.3, kHalf);
   settings.gravity.setZero();
   for (const double stiffness : {2.5, 250.0, 25000.0}) {  // the last is far above the limit of an explicit step
@@ -227,7 +227,7 @@ TEST(RigidBody, ATorsionSpringReachesItsTargetAndAddsNoEnergy) {
     const double max = before;
     for (int i = 0; i < 5000; ++i) {
       body.begin(kDt);
-      body.add_spring(TorsionSpring{-log_map(body.state().orientation), Vec3d::Zero(), stiffness, 0.01 * stiffness});
+      body.add_spring(RotationalSpring{-log_map(body.state().orientation), Vec3d::Zero(), stiffness, 0.01 * stiffness});
       body.finish(body.free().velocity);
       EXPECT_LE(energy(), before + 1e-3 * max) << i;
       before = energy();

@@ -87,7 +87,7 @@ TEST(Tool, BoxRestsOnAPlaneAtItsCollisionMargin) {
   EXPECT_EQ(scene.meets(), 0u);
 }
 
-TEST(Tool, BoxTiltsUntilSpringAndTorsionSpringBalance) {
+TEST(Tool, BoxTiltsUntilSpringAndRotationalSpringBalance) {
   Scene scene{cube(), sheet(0.1, 0, 5)};
   ToolGrip grip;
   scene.tool.set_grip(grip);
@@ -253,8 +253,8 @@ TEST(Tool, IsPushedOutWhereASurfaceRisesUnderItWithoutAJump) {
   static_cast<void>(lower);
   Scene scene{cube(), both};
   const auto is_upper = [&](std::uint32_t face) {
-    for (const std::uint32_t row : scene.shown.tree().shown())
-      if (scene.shown.tree().row(row).face == face) return scene.shown.triangle(row)[0].z() > rise / 2;
+    for (const spm::RowIndex row : scene.shown.tree().shown())
+      if (index(scene.shown.tree().row(row).face) == face) return scene.shown.triangle(row)[0].z() > rise / 2;
     return false;
   };
   std::vector<bool> high;

@@ -9,6 +9,7 @@
 #include "spm/codec/model_codec.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
+#include "study/meeting.hpp"
 
 namespace tactus::host_service {
 namespace {
@@ -61,18 +62,19 @@ TEST_F(HostCoreTest, AnHrtcThatJoinsFindsItsObjectDemandsItAndTouchesItExactly) 
   hrtc_service::HrtcCoreSettings settings;
   settings.pool = spm::PoolSettings::for_slots(model_.summary.parts / 2);
   hrtc_service::HrtcCore core{session::Origin{kSession, kHrtc, 1, 0}, settings};
+  hrtc_service::Membership membership{
+      session::Origin{kSession, kHrtc, 1, 0}, {"hrtc", "session"}, core.gateway(), now_};
   const double radius = model_.summary.bounds_max[0];
   hrtc_service::Servo::Inputs inputs;
   inputs[0].active = true;
   int exact = 0;
 
   for (int cycle = 0; cycle < 3000; ++cycle, now_ += kMs) {
-    const HostMessages& messages = host.tick(now_);
-    if (messages.roster) core.gateway().on_host_seen(kHost, messages.roster->origin.incarnation, now_);
-    if (messages.catalogue)
-      for (const session::CatalogueEntry& entry : host.catalogue()) core.gateway().on_catalogue(entry);
-    if (cycle % 100 == 0) host.on_roster(hrtc(), now_);
-    if (cycle % 2 == 0) core.gateway().tick(now_, session::ClockMap{});
+    if (cycle % 2 == 0) {
+      core.gateway().tick(now_, membership.clock());
+      membership.tick(now_);
+    }
+    study::meet(host, membership, now_);
     while (const auto demand = core.gateway().demand(now_)) host.on_demand(*demand, now_);
     while (const auto out = host.next_chunk(now_)) core.gateway().on_chunk(out->chunk, now_);
     const double depth = std::min(1.0, cycle / 2000.0);  // from 20 mm outside to 2 mm inside

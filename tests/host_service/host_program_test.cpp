@@ -116,7 +116,7 @@ TEST_F(HostProgramTest, WrongInputGivesExitCodeTwoAndNamesTheInput) {
   const std::string config = (folder_.path() / "bad.yaml").string();
   test_support::write_bytes(config, "objects:\n  - modell: x\n");
   EXPECT_EQ(run({"--config", config}), 2);
-  EXPECT_THAT(output(), HasSubstr("bad.yaml:2: unknown key 'modell'"));
+  EXPECT_THAT(output(), HasSubstr("bad.yaml:2:5: objects[0]: unknown key 'modell'"));
 }
 
 TEST_F(HostProgramTest, HelpHasExamples) {

@@ -161,7 +161,7 @@ class TestHrtc {
     }
     auto region = spm::codec::decode_region(message.bytes, base_->mesh.summary, base_->tables);
     ASSERT_TRUE(region) << region.error().text;
-    records_ += region->offsets.size();
+    records_ += region->residuals.size();
     held_[message.region] = std::move(*region);
     client_.held(message.object_id, message.region);
   }
@@ -249,7 +249,7 @@ TEST_F(HostTest, AnHrtcReceivesEveryRecordOfTheModelOnceAndToTheBit) {
     const auto expected = spm::codec::decode_region(spm::codec::encode_region(model, spm::RegionId{region}, data.sent),
                                                     model.summary(), model.tables());
     ASSERT_TRUE(expected) << expected.error().text;
-    EXPECT_EQ(data.offsets, expected->offsets);
+    EXPECT_EQ(data.residuals, expected->residuals);
     ASSERT_EQ(data.parts.size(), expected->parts.size());
     EXPECT_EQ(std::memcmp(data.parts.data(), expected->parts.data(), data.parts.size() * sizeof data.parts[0]), 0);
   }

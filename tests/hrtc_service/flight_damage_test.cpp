@@ -101,18 +101,19 @@ class Overwrite {
   int way_;
 };
 
-/// Two tips, or two tools, on a sphere that one of them holds now and then and that is moved; in a pool of a third, so
-/// that regions come and go. The recording begins in the midst.
+/// Two tips, or two tools, each on a sphere. One sphere is held now and then and is moved. The other one is withdrawn
+/// and comes again. The pool holds a third of the records, so that regions come and go. The recording begins in the
+/// middle of a run.
 class FlightDamage : public ::testing::TestWithParam<bool> {
  protected:
   static void SetUpTestSuite() {
     built_ = new spm::offline::BuiltModel{
         spm::offline::build_model(spm::offline::generate(spm::offline::Shape::kSphere, 3000))};
     encoded_ = new spm::codec::EncodedModel{built_->model()};
-    spm::offline::TriangleMesh ball = spm::offline::generate(spm::offline::Shape::kSphere, 80);
-    for (std::array<float, 3>& position : ball.positions)
+    spm::offline::TriangleMesh sphere = spm::offline::generate(spm::offline::Shape::kSphere, 80);
+    for (std::array<float, 3>& position : sphere.positions)
       for (float& x : position) x *= 0.004f;
-    tool_ = new spm::MeshProbe{ball.positions, ball.faces};
+    tool_ = new spm::MeshProbe{sphere.positions, sphere.faces};
   }
   static void TearDownTestSuite() {
     delete tool_;
@@ -132,13 +133,13 @@ class FlightDamage : public ::testing::TestWithParam<bool> {
     const spm::Model model = built_->model();
     const double radius = (model.summary.bounds_max[0] - model.summary.bounds_min[0]) / 2;
     const spm::PoolSettings pool =
-        spm::PoolSettings::for_slots(static_cast<std::uint32_t>(0.3 * model.summary.parts) + 250);
+        spm::PoolSettings::for_slots(static_cast<std::uint32_t>(0.8 * model.summary.parts) + 500);
     session::Material material;
     material.static_friction = 0.5;
     material.dynamic_friction = 0.4;
     hrtc_service::LoaderSettings loader;
     loader.tool = tool;
-    LocalSession session{{model}, 0.05 / radius, pool, 2, loader, material, 0.5};
+    LocalSession session{{model, model}, 0.05 / radius, pool, 2, loader, material, 0.5};
     hrtc_service::FlightRecorder recorder{kStateEvery};
     session.cycle().set_observer(&recorder);
     hrtc_service::FlightStore store{
@@ -150,7 +151,10 @@ class FlightDamage : public ::testing::TestWithParam<bool> {
              Vec3d{std::cos(angle), std::sin(angle) * std::cos(angle / 7), std::sin(angle) * std::sin(angle / 7)};
     };
     for (int cycle = 0; cycle < 1250; ++cycle) {
-      session.prepare(at(cycle, 0), (at(cycle + 1, 0) - at(cycle, 0)) * 1000);
+      const Vec3d held = Vec3d::UnitX();  // where the object stands that can move
+      session.prepare(held + at(cycle, 0), (at(cycle + 1, 0) - at(cycle, 0)) * 1000);
+      if (cycle % 100 == 3) session.offer(0, true);
+      if (cycle % 100 == 60) session.offer(0, false);
       session.inputs()[0].device.buttons =
           cycle % 100 > 8 && cycle % 100 < 18 ? std::uint32_t{haptics::kGrabButton} : 0;
       hrtc_service::ProbeInput& other = session.inputs()[1];
@@ -159,8 +163,10 @@ class FlightDamage : public ::testing::TestWithParam<bool> {
       if (cycle % 100 == 20) session.cycle().stop(haptics::Fault::kEmergencyStop);
       if (cycle % 100 == 25) session.cycle().reset_faults();
       if (cycle > 100 && cycle % 100 > 4 && cycle % 100 < 15)
-        session.cycle().move(*session.cycle().objects().front(),
-                             hrtc_service::Placement{{{1e-5 * (cycle % 100), 0, 0}, {0, 0, 0, 1}}, 0.05 / radius});
+        for (const hrtc_service::TouchObject* object : session.cycle().objects())
+          if (object->body)
+            session.cycle().move(
+                *object, hrtc_service::Placement{{{1 + 1e-5 * (cycle % 100), 0, 0}, {0, 0, 0, 1}}, 0.05 / radius});
       (void)session.run_cycle(1u << 20);
       store.drain();
     }
@@ -226,6 +232,12 @@ TEST_P(FlightDamage, AnUndamagedRecordingIsReplayedToTheBit) {
   std::array<int, std::variant_size_v<trace::FlightMessage>> found{};
   for (const trace::FlightMessage& message : recorded_) ++found[message.index()];
   EXPECT_THAT(found, testing::Each(testing::Gt(0))) << "each kind of message is there to be damaged";
+  using Kind = trace::FlightEvent::Kind;
+  for (const Kind kind : {Kind::kObjectWithdrawn, Kind::kObjectLeft})
+    EXPECT_TRUE(std::any_of(recorded_.begin(), recorded_.end(), [&](const trace::FlightMessage& message) {
+      const auto* const event = std::get_if<trace::FlightEvent>(&message);
+      return event != nullptr && event->kind == kind;
+    })) << static_cast<int>(kind);
 }
 
 TEST_P(FlightDamage, BytesOfTheFile) {
@@ -282,8 +294,10 @@ TEST_P(FlightDamage, EventsThatCannotHaveBeen) {
   });
   const auto at = static_cast<std::size_t>(after_state - messages.begin()) + 1;
   const std::uint32_t regions = encoded_->coded().summary().regions;
-  for (const Kind first : {Kind::kObjectCame, Kind::kRegionCame, Kind::kRegionRetired, Kind::kRegionLeft})
-    for (const Kind second : {Kind::kRegionCame, Kind::kRegionRetired, Kind::kReset, static_cast<Kind>(6)})
+  for (const Kind first : {Kind::kObjectCame, Kind::kRegionCame, Kind::kRegionRetired, Kind::kRegionLeft,
+                           Kind::kObjectWithdrawn, Kind::kObjectLeft})
+    for (const Kind second :
+         {Kind::kRegionCame, Kind::kRegionRetired, Kind::kReset, Kind::kObjectWithdrawn, static_cast<Kind>(8)})
       for (const std::uint32_t object : {0u, 1u, 63u, ~0u}) {
         if (GetParam() && object != 0) continue;
         for (const std::uint32_t region : {0u, 1u, regions / 2, regions - 1, regions, ~0u}) {

@@ -11,6 +11,7 @@
 #include <random>
 
 #include "hrtc_service/flight_replay.hpp"
+#include "hrtc_service/flight_saver.hpp"
 #include "hrtc_service/flight_store.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
@@ -20,7 +21,9 @@
 namespace tactus {
 namespace {
 
+using hrtc_service::FlightOptions;
 using hrtc_service::FlightReport;
+using hrtc_service::FlightStore;
 using spm::Vec3d;
 using test_support::LocalSession;
 
@@ -55,7 +58,8 @@ class Flight : public ::testing::Test {
     material.dynamic_friction = 0.4;
     hrtc_service::LoaderSettings loader;
     loader.tool = tool_;
-    LocalSession session{{model}, 0.05 / radius, pool, 2, loader, material, movable_ ? 0.5 : 0};
+    const std::vector<spm::Model> models(withdraws_ ? 2 : 1, model);
+    LocalSession session{models, 0.05 / radius, pool, 2, loader, material, movable_ ? 0.5 : 0};
     hrtc_service::FlightRecorder recorder{kSecond};
     session.cycle().set_observer(&recorder);
     hrtc_service::FlightStore store{
@@ -80,8 +84,10 @@ class Flight : public ::testing::Test {
       hrtc_service::ProbeInput& other = session.inputs()[1];
       other.device.orientation = leaning(2);
       other.active = cycle % 3000 > 400;
-      other.device.position = at(cycle, 2);
+      other.device.position = at(cycle, 2) + (withdraws_ ? Vec3d::UnitX() : Vec3d{Vec3d::Zero()});
       other.device.velocity = velocity(2);
+      if (withdraws_ && cycle % 1000 == 400) session.offer(1, true);
+      if (withdraws_ && cycle % 1000 == 700) session.offer(1, false);
       other.failed = cycle == 2600;
       session.inputs()[0].pose_age = cycle % 1500 > 1300 && cycle % 1500 < 1400 ? 0.001 * (cycle % 1500 - 1300) : 0;
       if (movable_ && cycle % 700 > 300) session.inputs()[0].device.buttons = haptics::kGrabButton;
@@ -136,8 +142,9 @@ class Flight : public ::testing::Test {
   }
 
   const spm::MeshProbe* tool_ = nullptr;
-  bool movable_ = false;  // and held now and then
-  int held_ = 0;          // cycles
+  bool movable_ = false;    // and held now and then
+  bool withdraws_ = false;  // a second object, which the other tip touches, again and again
+  int held_ = 0;            // cycles
   test_support::TemporaryFolder folder_;
   std::filesystem::path file_ = folder_.path() / "flight.mcap";
   static spm::offline::BuiltModel* built_;
@@ -163,7 +170,7 @@ TEST_F(Flight, AWholeSessionIsReplayedToTheBit) {
   EXPECT_EQ(report.lost, 0u);
 }
 
-TEST_F(Flight, TheLastSecondsAreReplayedToTheBitFromTheMidst) {
+TEST_F(Flight, TheLastSecondsAreReplayedToTheBitFromTheMiddle) {
   // Begins where a stop is in force, where the object is on its way, where refinement was cut short.
   for (const int cycles : {3850, 4250, 5999}) {
     SCOPED_TRACE(cycles);
@@ -175,6 +182,29 @@ TEST_F(Flight, TheLastSecondsAreReplayedToTheBitFromTheMidst) {
     EXPECT_LE(report.cycles, 3000u);
     EXPECT_GT(report.regions_left, 20u);
   }
+}
+
+TEST_F(Flight, AnObjectThatIsWithdrawnAndComesAgainIsReplayedToTheBit) {
+  withdraws_ = true;
+  for (const double seconds : {30., 2.}) {
+    SCOPED_TRACE(seconds);
+    record(
+        5000, seconds, [](int) { return true; }, 2 * kScarce);
+    const FlightReport report = replay();
+    EXPECT_EQ(report.differ, 0u) << report.first_difference;
+    EXPECT_EQ(report.from_the_beginning, seconds > 5);
+    EXPECT_EQ(report.objects_withdrawn, seconds > 5 ? 5u : 2u);
+    EXPECT_GT(report.regions_left, 20u);
+  }
+}
+
+TEST_F(Flight, AnObjectThatIsGoneByTheTimeThatTheRecordingIsReadIsReplayedToTheBit) {
+  withdraws_ = true;
+  record(
+      600, 30, [](int) { return false; }, 2 * kScarce);
+  const FlightReport report = replay();
+  EXPECT_EQ(report.differ, 0u) << report.first_difference;
+  EXPECT_EQ(report.objects_withdrawn, 1u);
 }
 
 TEST_F(Flight, AnotherOrderOfWhatRestsIsFound) {
@@ -198,7 +228,7 @@ TEST_F(Flight, AnotherOrderOfWhatRestsIsFound) {
   EXPECT_THAT(report.first_difference, testing::HasSubstr(", the mesh is another one"));
 }
 
-TEST_F(Flight, ToolsAreReplayedToTheBitFromTheBeginningAndFromTheMidst) {
+TEST_F(Flight, ToolsAreReplayedToTheBitFromTheBeginningAndFromTheMiddle) {
   const spm::offline::TriangleMesh stylus = spm::offline::stylus();
   const spm::MeshProbe probe{stylus.positions, stylus.faces};
   tool_ = &probe;
@@ -213,7 +243,7 @@ TEST_F(Flight, ToolsAreReplayedToTheBitFromTheBeginningAndFromTheMidst) {
   }
 }
 
-TEST_F(Flight, HoldsAreReplayedToTheBitFromTheMidst) {
+TEST_F(Flight, HoldsAreReplayedToTheBitFromTheMiddle) {
   movable_ = true;
   record(5300, 2);
   EXPECT_GT(held_, 1000);
@@ -303,7 +333,7 @@ TEST_F(Flight, WhatCannotBeReplayedIsRefusedWithTheReason) {
   EXPECT_THAT(refusal(), testing::HasSubstr(file_.string()));
 }
 
-TEST_F(Flight, AnotherBuildsRecordingIsReplayedFromItsBeginningWhenThatIsAskedFor) {
+TEST_F(Flight, AnotherBuildsRecordingIsReplayedFromItsBeginningWhenThatIsRequested) {
   record(1200, 30);
   rewrite([](trace::FlightMessage& message) {
     if (auto* start = std::get_if<trace::FlightStart>(&message)) start->build = "another";
@@ -311,6 +341,24 @@ TEST_F(Flight, AnotherBuildsRecordingIsReplayedFromItsBeginningWhenThatIsAskedFo
   hrtc_service::FlightReplayOptions any = options();
   any.any_build = true;
   EXPECT_EQ(hrtc_service::replay_flight(file_, any).differ, 0u);
+}
+
+TEST(FlightLimit, StaysWithinAnEighthOfTheMemoryOrRecordsNothing) {
+  constexpr double kPeriod = 1e-3;
+  constexpr std::uint32_t kProbes = 8;
+  FlightOptions ample;
+  EXPECT_EQ(limit_flight(ample, std::uint64_t{1} << 32, kPeriod, kProbes),
+            FlightStore::bytes_for(30, kPeriod, kProbes));
+  FlightOptions scarce;
+  EXPECT_EQ(limit_flight(scarce, 64u << 20, kPeriod, kProbes), 8u << 20);
+  EXPECT_EQ(scarce.max_bytes, 8u << 20);
+  EXPECT_EQ(scarce.seconds, 30);
+  FlightOptions tiny;
+  EXPECT_EQ(limit_flight(tiny, 8u << 20, kPeriod, kProbes), 0u);
+  EXPECT_EQ(tiny.seconds, 0);
+  FlightOptions off;
+  off.seconds = 0;
+  EXPECT_EQ(limit_flight(off, 64u << 20, kPeriod, kProbes), 0u);
 }
 
 }  // namespace

@@ -139,11 +139,11 @@ TEST(LateCycles, ACycleThatWaitedForOtherThreadsIsPreempted) {
 }
 
 TEST(LateCycles, TimeForWhichNothingAccountsIsUnknown) {
-  const std::vector<History::Piece> stolen{{History::kIntervals, 30 * kUs}, {History::kUnaccounted, 1500 * kUs}};
+  const std::vector<History::Piece> unaccounted{{History::kIntervals, 30 * kUs}, {History::kUnaccounted, 1500 * kUs}};
   for (const std::int64_t readings : {1, 4}) {
     EXPECT_THAT(classes_of({{History::kUnaccounted, 970 * kUs}}, {{History::kIntervals, 60 * kUs}}, readings),
                 ElementsAre(LateClass::kUnknown));
-    EXPECT_THAT(classes_of({}, stolen, readings), ElementsAre(LateClass::kUnknown));
+    EXPECT_THAT(classes_of({}, unaccounted, readings), ElementsAre(LateClass::kUnknown));
   }
 }
 

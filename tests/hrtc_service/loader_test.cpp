@@ -20,7 +20,7 @@ class LoaderTest : public testing::Test {
   LoaderTest() {
     settings_.directory_bytes = 4u << 20;
     loader_.emplace(pool_, nodes_, session::Origin{kSession, kHrtc, 1, 0}, settings_, arrivals_, departures_);
-    loader_->on_object_gone = [this](std::uint64_t) { ++gone_; };
+    loader_->on_object_gone = [this](const Loader::ObjectInfo&) { ++gone_; };
   }
   void offer(int number, bool withdrawn, std::uint32_t base_bytes = 1000) {
     session::CatalogueEntry entry;

@@ -1,4 +1,4 @@
-// A box that lies on the organ, from the host that has let it come to rest there to a controller whose user touches it.
+// A box that lies on the organ, from the host that has let it come to rest there to an HRTC whose user touches it.
 
 #include <gtest/gtest.h>
 
@@ -77,7 +77,7 @@ TEST_F(OnTheOrgan, ABoxStaysWhereItsHostLeftItWhenAHandTouchesItAndFallsBackTher
   const Vec3d above = rest.position + Vec3d{0, 0, kHalf + 0.01};
   for (int i = 0; i < 300; ++i) cycle(above, false);
   ASSERT_EQ(reports_.count, 1u);
-  EXPECT_LT((reports_.bodies[0].state.position - rest.position).norm(), 1e-9) << "shown where it was heard to be";
+  EXPECT_LT((reports_.bodies[0].state.position - rest.position).norm(), 1e-9) << "shown at the received pose";
 
   // Down to it, pressed by some tenths of a newton.
   double off = 0;

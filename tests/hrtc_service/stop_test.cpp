@@ -15,6 +15,7 @@
 #include "spm/codec/model_codec.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
+#include "study/meeting.hpp"
 
 namespace tactus {
 namespace {
@@ -61,9 +62,7 @@ haptics::HandSettings hand_at(double x) {
 class PressedSphere : public ::testing::Test {
  protected:
   void SetUp() override {
-    core_.gateway().on_host_seen(kHost, 1, hrtc_service::monotonic_ns());
-    core_.gateway().on_catalogue(host_.catalogue().front());
-    orders_.tell([this](hrtc_service::HapticCommands& commands) { commands.devices[0] = &hand_; });
+    orders_.post([this](hrtc_service::HapticCommands& commands) { commands.devices[0] = &hand_; });
     (void)haptic_.start();
     haptics::HandPath path;
     path.waypoints[path.count++] = {hrtc_service::monotonic_ns(), {radius_ - 0.002, 0, 0}};
@@ -77,8 +76,9 @@ class PressedSphere : public ::testing::Test {
     while (hand_.force() < 0.1) {
       const std::int64_t now = hrtc_service::monotonic_ns();
       hrtc_service::Gateway& gateway = core_.gateway();
-      gateway.on_host_seen(kHost, 1, now);
-      gateway.tick(now, session::ClockMap{});
+      gateway.tick(now, membership_.clock());
+      membership_.tick(now);
+      study::meet(host_, membership_, now);
       while (auto demand = gateway.demand(now)) host_.on_demand(*demand, now);
       while (auto chunk = host_.next_chunk(now)) gateway.on_chunk(chunk->chunk, now);
       std::this_thread::yield();
@@ -102,6 +102,8 @@ class PressedSphere : public ::testing::Test {
   const double radius_ = (model_.summary.bounds_max[0] - model_.summary.bounds_min[0]) / 2;
   WatchedHand hand_{hand_at(radius_ + 0.02)};
   hrtc_service::HrtcCore core_{session::Origin{kSession, kHrtc, 1, 0}, core_settings(model_)};
+  hrtc_service::Membership membership_{
+      session::Origin{kSession, kHrtc, 1, 0}, {"hrtc", "session"}, core_.gateway(), hrtc_service::monotonic_ns()};
   hrtc_service::HapticThread haptic_{settings(), core_.servo()};
   hrtc_service::HapticOrders orders_{haptic_};
   const spm::codec::EncodedModel encoded_{model_};

@@ -20,6 +20,7 @@
 #include "spm/codec/model_codec.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
+#include "study/meeting.hpp"
 #include "tests/support/system_calls.hpp"
 #include "tests/support/temporary_folder.hpp"
 
@@ -91,8 +92,8 @@ TEST(Threads, AHandFeelsWhatALoaderBringsAndEvictsMeanwhile) {
   const spm::codec::EncodedModel encoded{model};
   host_service::HostCore host{session::Origin{kSession, kHost, 1, 0}, host_service::host_of("sphere", encoded.coded()),
                               hrtc_service::monotonic_ns()};
-  gateway.on_host_seen(kHost, 1, hrtc_service::monotonic_ns());
-  gateway.on_catalogue(host.catalogue().front());
+  hrtc_service::Membership membership{
+      session::Origin{kSession, kHrtc, 1, 0}, {"hrtc", "session"}, gateway, hrtc_service::monotonic_ns()};
 
   haptics::HandSettings hand;
   hand.start = {radius + 0.02, 0, 0};
@@ -122,8 +123,9 @@ TEST(Threads, AHandFeelsWhatALoaderBringsAndEvictsMeanwhile) {
       commands.snapshots = 1;
       haptic.commands().post(commands);
     }
-    gateway.on_host_seen(kHost, 1, now);
-    gateway.tick(now, session::ClockMap{});
+    gateway.tick(now, membership.clock());
+    membership.tick(now);
+    study::meet(host, membership, now);
     if (gateway.fresh()) {
       const std::uint32_t status = gateway.reports().probes[0].status;
       const bool touching = (status & session::kInContact) != 0;

@@ -4,7 +4,7 @@
  *
  * Joins as client "cyclone" with user "carl", whose device it is: a tip that waits above OBJECT until its HRTC answers
  * its poses and shows the object, comes down on its top at 5 cm/s, stops where a force of 0.5 N pushes it up, and stays
- * until the session ends. Tells what it learns, one line each. Exit status 0 when the session ended after the force was
+ * until the session ends. Prints what it receives, one line each. Exit status 0 when the session ended after the force was
  * felt, 1 otherwise. docs/reference/topics.md is all that it had to know.
  */
 #include <signal.h>
@@ -159,7 +159,7 @@ int main(int argc, char** argv) {
         printf("slot: %u of %s\n", pose.probe, other.name);
       }
     }
-    tactus_idl_CatalogueEntry entry;
+    static tactus_idl_CatalogueEntry entry; /* zero at first: a sequence without memory of its own */
     while (take(catalogue_in, &entry)) {
       if (has_object || strcmp(entry.object_name, object) != 0) continue;
       const tactus_idl_ModelSummaryValue* model = &entry.summary;

@@ -35,6 +35,10 @@ TEST(ACell, IsRefusedWithTheValueFoundAndTheValuesExpected) {
   EXPECT_THAT(refusal([](Cell& c) { c.transport = Transport::kShm, c.link = "P4"; }), HasSubstr("bypasses link P4"));
   EXPECT_THAT(refusal([](Cell& c) { c.topic = Topic::kRecords, c.payload = 64, c.coding = Coding::kDeadbandCoded; }),
               HasSubstr("expected topic probe_state"));
+  EXPECT_THAT(refusal([](Cell& c) { c.transport = Transport::kShm, c.profile = Profile::kTuned; }),
+              HasSubstr("profile tuned: expected transport udp"));
+  EXPECT_THAT(refusal([](Cell& c) { c.transport = Transport::kCyclone, c.load_mbit = 50; }),
+              HasSubstr("transport cyclone: "));
   EXPECT_THAT(refusal([](Cell& c) { c.seconds = 3600, c.readers = 64; }), HasSubstr("rate x seconds x readers"));
 }
 

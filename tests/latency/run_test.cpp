@@ -4,6 +4,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "latency/cell.hpp"
 #include "netem/pair.hpp"
 #include "tests/support/process.hpp"
 #include "tests/support/temporary_folder.hpp"
@@ -79,6 +80,24 @@ TEST_F(LatencyRun, MeasuresSeveralReadersBesideMeshRecords) {
   ASSERT_EQ(figures.at("cells").size(), 1u);
   expect_sound(figures.at("cells")[0]);
   EXPECT_GT(figures.at("cells")[0].at("mesh_mbyte_per_s").get<double>(), 0);
+}
+
+TEST_F(LatencyRun, MeasuresTunedFastDdsWithinTheRateOfItsPacing) {
+  const auto figures = run({"--profile", "tuned", "--load", "max"});
+  ASSERT_EQ(figures.at("cells").size(), 1u);
+  expect_sound(figures.at("cells")[0]);
+  const double mesh = figures.at("cells")[0].at("mesh_mbyte_per_s").get<double>();
+  EXPECT_GT(mesh, 0);
+  EXPECT_LT(mesh, 12.5) << "12 kB/ms";
+}
+
+TEST_F(LatencyRun, MeasuresCycloneDdsBesideALoadOfItsOwn) {
+  if (!has_cyclone()) GTEST_SKIP() << "built without Cyclone DDS";
+  const auto figures = run({"--transport", "cyclone", "--load", "0,max"});
+  ASSERT_EQ(figures.at("cells").size(), 2u);
+  for (const auto& cell : figures.at("cells")) expect_sound(cell);
+  EXPECT_EQ(figures.at("cells")[0].at("mesh_mbyte_per_s").get<double>(), 0);
+  EXPECT_GT(figures.at("cells")[1].at("mesh_mbyte_per_s").get<double>(), 0);
 }
 
 TEST_F(LatencyRun, MeasuresRecordsOfTheRequestedSize) {

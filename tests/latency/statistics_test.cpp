@@ -12,36 +12,7 @@ namespace {
 
 constexpr std::uint32_t kSeed = 20261121;
 
-TEST(Quantile, IsTheSmallestValueThatEnoughDoNotExceed) {
-  std::mt19937 random{kSeed};
-  for (int round = 0; round < 200; ++round) {
-    std::vector<double> values(std::uniform_int_distribution<std::size_t>{1, 300}(random));
-    for (double& v : values) v = std::uniform_int_distribution<int>{0, 40}(random);
-    std::vector<double> sorted = values;
-    std::sort(sorted.begin(), sorted.end());
-    for (const double share : {0.0, 0.01, 0.5, 0.9, 0.99, 0.999, 1.0}) {
-      const double found = quantile(sorted, share);
-      const auto not_above = [&](double limit) {
-        return static_cast<double>(std::count_if(values.begin(), values.end(), [&](double v) { return v <= limit; })) /
-               static_cast<double>(values.size());
-      };
-      ASSERT_GE(not_above(found), share - 1e-9) << share << ", seed " << kSeed;
-      for (const double smaller : values) {
-        if (smaller < found) {
-          ASSERT_LT(not_above(smaller), share + 1e-9) << share << ", seed " << kSeed;
-        }
-      }
-    }
-  }
-}
-
-TEST(Quantile, OfAThousandAtThreeNinesIsTheSecondLargest) {
-  std::vector<double> values(1000);
-  for (std::size_t i = 0; i < values.size(); ++i) values[i] = static_cast<double>(i);
-  EXPECT_EQ(quantile(values, 0.999), 998);
-}
-
-TEST(ASummary, AgreesWithBruteForceAndIsZeroWithoutValues) {
+TEST(ASummary, AgreesWithBruteForceAndIsNotANumberWithoutValues) {
   std::vector<double> values{5, 1, 4, 2, 3, 9, 7, 8, 6, 10};
   const Summary summary = summarise(values);
   EXPECT_EQ(summary.count, 10u);
@@ -52,6 +23,7 @@ TEST(ASummary, AgreesWithBruteForceAndIsZeroWithoutValues) {
   EXPECT_EQ(summary.max, 10);
   std::vector<double> none;
   EXPECT_EQ(summarise(none).count, 0u);
+  EXPECT_TRUE(std::isnan(summarise(none).p99));
 }
 
 TEST(ATally, CountsAsASetWould) {

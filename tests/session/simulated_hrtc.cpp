@@ -115,9 +115,9 @@ void SimulatedHrtc::react(const RosterEvent& event) {
   const bool news = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted ||
                     event.change == RosterChange::kChanged;
   if (entry.role != Role::kClient || (!gone && !news)) return;
-  const bool asks = !gone && entry.requested_hrtc == std::to_string(id());
+  const bool chosen = !gone && entry.requested_hrtc == std::to_string(id());
   for (auto at = client_of_.begin(); at != client_of_.end();) {
-    const bool stays = asks && std::find(entry.users.begin(), entry.users.end(), at->first) != entry.users.end();
+    const bool stays = chosen && std::find(entry.users.begin(), entry.users.end(), at->first) != entry.users.end();
     if (at->second == entry.origin.participant && !stays) {
       slots_->release(at->first);
       at = client_of_.erase(at);
@@ -125,7 +125,7 @@ void SimulatedHrtc::react(const RosterEvent& event) {
       ++at;
     }
   }
-  if (asks)
+  if (chosen)
     for (const std::string& user : entry.users)
       if (slots_->grant(user)) client_of_[user] = entry.origin.participant;
   publish_entry_at_once();
@@ -187,7 +187,7 @@ void SimulatedHrtc::answer() {
       accept(message);
       continue;
     }
-    const spm::Span<const std::uint8_t> base = coded_of(message.object_id).spans().base;
+    const std::span<const std::uint8_t> base = coded_of(message.object_id).spans().base;
     if (!std::equal(base.begin(), base.end(), message.bytes.begin(), message.bytes.end()))
       world_.broken("a base mesh differs from the model's");
     client_->base_held(message.object_id);

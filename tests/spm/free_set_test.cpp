@@ -45,7 +45,7 @@ TEST_P(OfSize, WhatIsGivenBackIsAllThatCanBeTaken) {
 
 INSTANTIATE_TEST_SUITE_P(FreeSet, OfSize, ::testing::Values(1u, 63u, 64u, 65u, 4096u, 5000u, 10000u));
 
-TEST(FreeSet, TakesFromTheGroupAskedForWhileItHasAny) {
+TEST(FreeSet, TakesFromTheGroupRequestedWhileItHasAny) {
   FreeSet set{1000};
   for (int i = 0; i < 64; ++i) EXPECT_EQ(set.take(200) / 64, 200u / 64);
   EXPECT_NE(set.take(200) / 64, 200u / 64);
@@ -59,7 +59,7 @@ TEST(FreeSet, TakesTheNextNumberThatIsFree) {
   EXPECT_EQ(set.take(130), 130u);
 }
 
-TEST(FreeSet, PrefersAGroupThatIsFreeAsAWholeWhenTheOneAskedForIsFull) {
+TEST(FreeSet, PrefersAGroupThatIsFreeAsAWholeWhenTheOneRequestedIsFull) {
   FreeSet set{4 * 64};
   for (int i = 0; i < 64; ++i) static_cast<void>(set.take(0));
   static_cast<void>(set.take(64));  // the second is no longer whole

@@ -45,7 +45,7 @@ TEST(IntervalSetTest, HoldsAllThatWasAddedAndMissesAllElse) {
     std::set<std::uint32_t> held;
     for (int round = 0; round < 8; ++round) {
       const Intervals added = random.intervals(500, 1 + random.below(60), 1 + random.below(30));
-      set.add(Span<const spm::Interval>{added}, 10'000);
+      set.add(std::span<const spm::Interval>{added}, 10'000);
       held.merge(members(added));
       ASSERT_EQ(members(set.intervals()), held) << "seed " << seed;
       expect_separate(set.intervals());
@@ -54,7 +54,7 @@ TEST(IntervalSetTest, HoldsAllThatWasAddedAndMissesAllElse) {
       std::set<std::uint32_t> expected;
       for (const std::uint32_t record : members(requested))
         if (held.count(record) == 0) expected.insert(record);
-      const Intervals missing = set.missing(Span<const spm::Interval>{requested});
+      const Intervals missing = set.missing(std::span<const spm::Interval>{requested});
       ASSERT_EQ(members(missing), expected) << "seed " << seed;
     }
   }
@@ -65,7 +65,7 @@ TEST(IntervalSetTest, ForgetsTheShortestWhenThereAreTooMany) {
   Intervals intervals;
   for (std::uint32_t i = 0; i <= kMax; ++i) intervals.push_back({i * 10, 1 + i % 8});
   IntervalSet set;
-  set.add(Span<const spm::Interval>{intervals}, kMax);
+  set.add(std::span<const spm::Interval>{intervals}, kMax);
   EXPECT_EQ(set.intervals().size(), kMax / 4 * 3);
   const std::set<std::uint32_t> added = members(intervals);
   std::size_t longest = 0;

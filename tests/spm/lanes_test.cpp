@@ -110,7 +110,7 @@ TEST_P(Lanes, ABallTouchesWhatIsAsNearAsItsRadius) {
     lanes::Closest closest;
     kernels_.closest_points(triangles.data(), p, wanted, closest);
 
-    const lanes::Faces faces{triangles.data(), 0x12345678u, 0x7ffffffe, 0xa5};
+    const lanes::Faces faces{triangles.data(), FaceId{0x12345678u}, NodeIndex{0x7ffffffe}, 0xa5};
     std::array<Contact, lanes::kLanes> found, base;
     const std::uint32_t count = kernels_.touches(faces, p, wanted, radius, found.data());
     ASSERT_EQ(lanes::kernels(Simd::kBase).touches(faces, p, wanted, radius, base.data()), count);
@@ -124,7 +124,7 @@ TEST_P(Lanes, ABallTouchesWhatIsAsNearAsItsRadius) {
       const Contact& contact = found[at];
       ASSERT_EQ(std::memcmp(&contact, &base[at], sizeof contact), 0) << "round " << round << " lane " << lane;
       ++at;
-      ASSERT_EQ(index(contact.face), faces.first + lane);
+      ASSERT_EQ(index(contact.face), index(faces.first) + lane);
       ASSERT_EQ(contact.node(), faces.node);
       ASSERT_EQ(contact.last(), (0xa5u >> lane & 1u) != 0);
       for (int axis = 0; axis < 3; ++axis)

@@ -31,7 +31,7 @@ class Cells {
     }
   }
   [[nodiscard]] RegionGrid grid() const {
-    return {GridFrame{{-kHalf, -kHalf, -kHalf}, 1}, Span<const Region>{regions_}};
+    return {GridFrame{{-kHalf, -kHalf, -kHalf}, 1}, std::span<const Region>{regions_}};
   }
 
  private:

@@ -26,7 +26,7 @@ class Prediction : public testing::Test {
         region.occupied = {~0u, ~0u};
         regions_.push_back(region);
       }
-    grid_ = std::make_unique<RegionGrid>(GridFrame{{-20.5, -20.5, -0.5}, 1}, Span<const Region>{regions_});
+    grid_ = std::make_unique<RegionGrid>(GridFrame{{-20.5, -20.5, -0.5}, 1}, std::span<const Region>{regions_});
   }
 
   Predictor::Answer predict(Strategy strategy, bool in_contact) const {
@@ -79,7 +79,7 @@ TEST_F(Prediction, OfTheMixtureWantsThePathAndSomeOfWhatIsBeside) {
 TEST_F(Prediction, PutsTheSoonestFirstAndTheTipsOwnCellAtOnce) {
   for (std::size_t s = 0; s < kStrategyNames.size(); ++s) {
     const Predictor::Answer answer = predict(static_cast<Strategy>(s), true);
-    const Span<const PredictedRegion> met = answer.entries();
+    const std::span<const PredictedRegion> met = answer.entries();
     ASSERT_GT(met.size(), 1u) << kStrategyNames[s];
     EXPECT_TRUE(answer.complete()) << kStrategyNames[s];
     EXPECT_EQ(met[0].contact_in, 0) << kStrategyNames[s];

@@ -14,7 +14,7 @@
 #include <set>
 #include <thread>
 
-#include "tests/support/controller.hpp"
+#include "tests/support/hrtc_model.hpp"
 #include "tests/support/loaded_records.hpp"
 #include "tests/support/random_model.hpp"
 
@@ -25,7 +25,7 @@ using spm::AcceptResult;
 using spm::Advance;
 using spm::OwnedModel;
 using spm::RegionId;
-using test_support::Controller;
+using test_support::HrtcModel;
 using test_support::random_model;
 using ::testing::IsEmpty;
 
@@ -51,30 +51,29 @@ class RunTime : public ::testing::TestWithParam<std::uint64_t> {
 };
 
 TEST_P(RunTime, EveryRegionRefinedShowsTheFinestMesh) {
-  Controller controller{model_, roomy()};
-  for (const RegionId region : all_regions(model_)) ASSERT_EQ(controller.load(region), AcceptResult::kAccepted);
+  HrtcModel hrtc{model_, roomy()};
+  for (const RegionId region : all_regions(model_)) ASSERT_EQ(hrtc.load(region), AcceptResult::kAccepted);
 
-  ASSERT_EQ(controller.refine(all_regions(model_)), Advance::kDone);
+  ASSERT_EQ(hrtc.refine(all_regions(model_)), Advance::kDone);
 
   const auto finest = spm::finest_faces(model_);
-  const std::vector<std::uint32_t> shown = controller.forest().tree().shown();
   std::uint32_t compared = 0;
-  for (const std::uint32_t number : shown) {
-    const spm::FaceRow& row = controller.row(number);
+  for (const spm::RowIndex number : hrtc.forest().tree().shown()) {
+    const spm::FaceRow& row = hrtc.row(number);
     if (row.last == 0) continue;
     ++compared;
     for (int corner = 0; corner < 3; ++corner)
-      EXPECT_EQ(controller.vertex_id(row.vertices[corner]), finest[row.face][corner]);
+      EXPECT_EQ(index(hrtc.vertex_id(row.vertices[corner])), finest[index(row.face)][corner]);
   }
   EXPECT_GT(compared, model_.summary.faces / 2);
-  EXPECT_THAT(controller.forest().violations(), IsEmpty());
+  EXPECT_THAT(hrtc.forest().violations(), IsEmpty());
 }
 
 TEST_P(RunTime, ASphereThatIsNoNumberIsNeverExact) {
-  Controller controller{model_, roomy()};
-  for (const RegionId region : all_regions(model_)) ASSERT_EQ(controller.load(region), AcceptResult::kAccepted);
-  ASSERT_EQ(controller.refine(all_regions(model_)), Advance::kDone);
-  const spm::Forest& forest = controller.forest();
+  HrtcModel hrtc{model_, roomy()};
+  for (const RegionId region : all_regions(model_)) ASSERT_EQ(hrtc.load(region), AcceptResult::kAccepted);
+  ASSERT_EQ(hrtc.refine(all_regions(model_)), Advance::kDone);
+  const spm::Forest& forest = hrtc.forest();
   const spm::Vec3d middle = (bounds().first + bounds().second) / 2;
   const double radius = (bounds().second - bounds().first).norm() / 50;
   ASSERT_TRUE(forest.exact(middle, radius));
@@ -88,19 +87,19 @@ TEST_P(RunTime, ASphereThatIsNoNumberIsNeverExact) {
 }
 
 TEST_P(RunTime, EveryShownVertexHasTheRadiusOfItsRecord) {
-  Controller controller{model_, roomy()};
+  HrtcModel hrtc{model_, roomy()};
   const auto expect_radii = [&] {
-    for (const std::uint32_t number : controller.forest().tree().shown())
-      for (const std::uint32_t slot : controller.row(number).vertices) {
-        const std::uint32_t v = controller.vertex_id(slot);
+    for (const spm::RowIndex number : hrtc.forest().tree().shown())
+      for (const spm::Slot slot : hrtc.row(number).vertices) {
+        const std::uint32_t v = index(hrtc.vertex_id(slot));
         const std::uint32_t base = model_.summary.base_vertices;
-        const std::uint16_t code = v < base ? model_.base_radii[v] : model_.parts[v - base].radius;
-        ASSERT_EQ(controller.radius(slot), spm::radius_of(code)) << "vertex " << v;
+        const std::uint16_t code = v < base ? model_.base_radii[v] : model_.first_part(spm::RecordId{v - base}).radius;
+        ASSERT_EQ(hrtc.radius(slot), spm::radius_of(code)) << "vertex " << v;
       }
   };
   expect_radii();
-  for (const RegionId region : all_regions(model_)) ASSERT_EQ(controller.load(region), AcceptResult::kAccepted);
-  ASSERT_EQ(controller.refine(all_regions(model_)), Advance::kDone);
+  for (const RegionId region : all_regions(model_)) ASSERT_EQ(hrtc.load(region), AcceptResult::kAccepted);
+  ASSERT_EQ(hrtc.refine(all_regions(model_)), Advance::kDone);
   expect_radii();
 }
 
@@ -108,34 +107,34 @@ TEST_P(RunTime, EveryRecordArrivesToTheBitInWhateverOrderRegionsCome) {
   std::mt19937_64 random{GetParam()};
   std::vector<RegionId> order = all_regions(model_);
   std::shuffle(order.begin(), order.end(), random);
-  Controller controller{model_, roomy()};
-  for (const RegionId region : order) ASSERT_EQ(controller.load(region), AcceptResult::kAccepted);
-  EXPECT_EQ(test_support::loaded_difference(model_, controller.pool()), "");
+  HrtcModel hrtc{model_, roomy()};
+  for (const RegionId region : order) ASSERT_EQ(hrtc.load(region), AcceptResult::kAccepted);
+  EXPECT_EQ(test_support::loaded_difference(model_, hrtc.pool()), "");
 }
 
 TEST_P(RunTime, APlaceOutsideTheBoundsIsMalformedAndLeavesNothing) {
-  Controller controller{model_, roomy()};
+  HrtcModel hrtc{model_, roomy()};
   const RegionId region = all_regions(model_).back();
-  const std::uint32_t free_before = controller.cache().slots_free();
+  const std::uint32_t free_before = hrtc.cache().slots_free();
   int malformed = 0;
   for (std::size_t i = 0; i < 3; ++i) {
     for (const std::uint32_t octaves16 : {1u << 27, -(1u << 27)}) {  // away from 0 or towards it
-      spm::RegionData data = controller.message(region);
-      data.offsets.back()[i] += octaves16;
+      spm::RegionData data = hrtc.message(region);
+      data.residuals.back()[i] += octaves16;
       spm::RegionList list;
-      const AcceptResult result = controller.cache().accept(controller.object(), data, list);
+      const AcceptResult result = hrtc.cache().accept(hrtc.object(), data, list);
       if (result == AcceptResult::kAccepted) {
-        controller.cache().release(controller.object(), region);
+        hrtc.cache().release(hrtc.object(), region);
         continue;
       }
       ++malformed;
       EXPECT_EQ(result, AcceptResult::kMalformed);
-      EXPECT_EQ(controller.cache().slots_free(), free_before);
-      EXPECT_THAT(controller.cache().violations(), IsEmpty());
+      EXPECT_EQ(hrtc.cache().slots_free(), free_before);
+      EXPECT_THAT(hrtc.cache().violations(), IsEmpty());
     }
   }
   EXPECT_GE(malformed, 3) << "in each coordinate one of the two is out of the bounds";
-  EXPECT_EQ(controller.load(region), AcceptResult::kAccepted);
+  EXPECT_EQ(hrtc.load(region), AcceptResult::kAccepted);
 }
 
 TEST(Radius, ACodeIsTheSmallestWhoseRadiusIsNotBelowTheDistance) {
@@ -161,8 +160,8 @@ TEST(Radius, ACodeIsTheSmallestWhoseRadiusIsNotBelowTheDistance) {
 
 TEST_P(RunTime, StaysSoundUnderAnySequenceOfLoadRefineCoarsenAndRelease) {
   std::mt19937_64 random{GetParam()};
-  Controller controller{model_, roomy()};
-  const std::uint64_t base_hash = controller.forest().mesh_hash();
+  HrtcModel hrtc{model_, roomy()};
+  const std::uint64_t base_hash = hrtc.forest().mesh_hash();
   std::vector<RegionId> wanted;
   const auto any_region = [&] { return RegionId{static_cast<std::uint32_t>(random() % model_.summary.regions)}; };
   for (int step = 0; step < 400; ++step) {
@@ -170,36 +169,35 @@ TEST_P(RunTime, StaysSoundUnderAnySequenceOfLoadRefineCoarsenAndRelease) {
     const RegionId region = any_region();
     switch (random() % 4) {
       case 0:
-        if (!controller.cache().holds(controller.object(), region)) {
-          ASSERT_EQ(controller.load(region), AcceptResult::kAccepted);
+        if (!hrtc.cache().holds(hrtc.object(), region)) {
+          ASSERT_EQ(hrtc.load(region), AcceptResult::kAccepted);
         } else {
-          ASSERT_EQ(controller.load(region), AcceptResult::kHeld);
+          ASSERT_EQ(hrtc.load(region), AcceptResult::kHeld);
         }
         break;
       case 1:
-        if (controller.forest().is_here(region) && !controller.forest().is_retiring(region))
-          controller.forest().retire(region);
+        if (hrtc.forest().is_here(region) && !hrtc.forest().is_retiring(region)) hrtc.forest().retire(region);
         break;
       default:
         wanted.clear();
         for (std::uint64_t i = random() % 6; i > 0; --i) wanted.push_back(any_region());
     }
-    (void)controller.refine(wanted, static_cast<std::uint32_t>(random() % 3000), nullptr, 0,
-                            random() % 2 == 0 ? spm::Unrequested::kCoarsen : spm::Unrequested::kRest);
-    controller.release_retired();
-    ASSERT_THAT(controller.forest().violations(), IsEmpty());
-    ASSERT_THAT(controller.cache().violations(), IsEmpty());
+    (void)hrtc.refine(wanted, static_cast<std::uint32_t>(random() % 3000), nullptr, 0,
+                      random() % 2 == 0 ? spm::Unrequested::kCoarsen : spm::Unrequested::kRest);
+    hrtc.release_retired();
+    ASSERT_THAT(hrtc.forest().violations(), IsEmpty());
+    ASSERT_THAT(hrtc.cache().violations(), IsEmpty());
   }
-  ASSERT_EQ(controller.refine({}), Advance::kDone);
-  controller.release_retired();
-  EXPECT_EQ(controller.forest().mesh_hash(), base_hash);
-  EXPECT_EQ(controller.forest().tree().shown().size(), model_.summary.base_faces);
+  ASSERT_EQ(hrtc.refine({}), Advance::kDone);
+  hrtc.release_retired();
+  EXPECT_EQ(hrtc.forest().mesh_hash(), base_hash);
+  EXPECT_EQ(hrtc.forest().tree().shown().size(), model_.summary.base_faces);
 }
 
 TEST_P(RunTime, TheMeshHashIsAFunctionOfTheRegionSetAlone) {
   std::mt19937_64 random{GetParam()};
-  Controller direct{model_, roomy()};
-  Controller wandering{model_, roomy()};
+  HrtcModel direct{model_, roomy()};
+  HrtcModel wandering{model_, roomy()};
   for (const RegionId region : all_regions(model_)) {
     ASSERT_EQ(direct.load(region), AcceptResult::kAccepted);
     ASSERT_EQ(wandering.load(region), AcceptResult::kAccepted);
@@ -222,16 +220,16 @@ TEST_P(RunTime, TheMeshHashIsAFunctionOfTheRegionSetAlone) {
 
 TEST_P(RunTime, AFullPoolRefusesARegionAndLeavesAllAsItWas) {
   const std::uint32_t base = std::max(model_.summary.base_vertices, (model_.summary.base_faces + 1) / 2);
-  Controller controller{model_, spm::PoolSettings::for_slots(base + model_.summary.parts / 3)};
+  HrtcModel hrtc{model_, spm::PoolSettings::for_slots(base + model_.summary.parts / 3)};
   std::uint32_t refused = 0;
   for (const RegionId region : all_regions(model_)) {
-    const std::uint32_t free_before = controller.cache().slots_free();
-    const AcceptResult result = controller.load(region);
+    const std::uint32_t free_before = hrtc.cache().slots_free();
+    const AcceptResult result = hrtc.load(region);
     ASSERT_THAT(result, ::testing::AnyOf(AcceptResult::kAccepted, AcceptResult::kPoolFull));
     if (result != AcceptResult::kPoolFull) continue;
     ++refused;
-    ASSERT_EQ(controller.cache().slots_free(), free_before);
-    ASSERT_THAT(controller.cache().violations(), IsEmpty());
+    ASSERT_EQ(hrtc.cache().slots_free(), free_before);
+    ASSERT_THAT(hrtc.cache().violations(), IsEmpty());
   }
   EXPECT_GT(refused, 0u);
 }
@@ -242,9 +240,9 @@ TEST(CacheCounts, ARecordThatMoreRegionsListThanCanBeCountedIsRefusedUntilOneIsR
   const auto shorter = [](const spm::Region& a, const spm::Region& b) {
     return (a.record_count == 0 ? ~0u : a.record_count) < (b.record_count == 0 ? ~0u : b.record_count);
   };
-  const auto* const min = std::min_element(model.regions.begin(), model.regions.end(), shorter);
+  const auto min = std::min_element(model.regions.begin(), model.regions.end(), shorter);
   const RegionId region{static_cast<std::uint32_t>(min - model.regions.begin())};
-  spm::RegionData data = Controller{model, roomy()}.message(region);
+  spm::RegionData data = HrtcModel{model, roomy()}.message(region);
   spm::BaseMesh base = spm::base_mesh_of(model);
   constexpr std::uint32_t kMax = 32767;
   base.regions.assign(kMax + 1, *min);  // all with the same list
@@ -270,34 +268,34 @@ TEST(CacheCounts, ARecordThatMoreRegionsListThanCanBeCountedIsRefusedUntilOneIsR
 }
 
 TEST_P(RunTime, AMessageWithoutARecordItNeedsIsIncompleteAndLeavesNothing) {
-  Controller controller{model_, roomy()};
+  HrtcModel hrtc{model_, roomy()};
   spm::RegionData data;
   for (const RegionId region : all_regions(model_)) {
-    data = controller.message(region);
-    if (data.offsets.size() > 4) break;
+    data = hrtc.message(region);
+    if (data.residuals.size() > 4) break;
   }
   // The first record sent is taken out, with its parts.
   std::uint32_t parts = 1;
   while (data.parts[parts - 1].next != spm::kNone) ++parts;
   data.parts.erase(data.parts.begin(), data.parts.begin() + parts);
   for (spm::RecordPart& part : data.parts)
-    if (part.next != spm::kNone) part.next -= parts;
-  data.offsets.erase(data.offsets.begin());
+    if (part.next != spm::kNone) part.next = spm::PartIndex{index(part.next) - parts};
+  data.residuals.erase(data.residuals.begin());
   ++data.sent.front().first;
   if (--data.sent.front().count == 0) data.sent.erase(data.sent.begin());
-  const std::uint32_t free_before = controller.cache().slots_free();
+  const std::uint32_t free_before = hrtc.cache().slots_free();
 
   spm::RegionList list;
-  EXPECT_EQ(controller.cache().accept(controller.object(), data, list), AcceptResult::kIncomplete);
+  EXPECT_EQ(hrtc.cache().accept(hrtc.object(), data, list), AcceptResult::kIncomplete);
 
-  EXPECT_EQ(controller.cache().slots_free(), free_before);
-  EXPECT_THAT(controller.cache().violations(), IsEmpty());
+  EXPECT_EQ(hrtc.cache().slots_free(), free_before);
+  EXPECT_THAT(hrtc.cache().violations(), IsEmpty());
 }
 
 TEST_P(RunTime, AListWithAnotherRecordInPlaceOfOneThatItNeedsIsRefusedAndLeavesNothing) {
   std::mt19937_64 random{GetParam()};
-  Controller controller{model_, roomy()};
-  const std::uint32_t free_before = controller.cache().slots_free();
+  HrtcModel hrtc{model_, roomy()};
+  const std::uint32_t free_before = hrtc.cache().slots_free();
   std::uint32_t malformed = 0;
   for (int round = 0; round < 200; ++round) {
     const RegionId region{static_cast<std::uint32_t>(random() % model_.summary.regions)};
@@ -315,34 +313,34 @@ TEST_P(RunTime, AListWithAnotherRecordInPlaceOfOneThatItNeedsIsRefusedAndLeavesN
       else
         intervals.push_back({r, 1});
     }
-    spm::RegionData data = controller.false_message(region, intervals);
+    spm::RegionData data = hrtc.false_message(region, intervals);
     spm::RegionList out;
-    const AcceptResult result = controller.cache().accept(controller.object(), data, out);
+    const AcceptResult result = hrtc.cache().accept(hrtc.object(), data, out);
     ASSERT_NE(result, AcceptResult::kAccepted) << "round " << round;
     if (result == AcceptResult::kMalformed) ++malformed;
-    ASSERT_EQ(controller.cache().slots_free(), free_before);
+    ASSERT_EQ(hrtc.cache().slots_free(), free_before);
   }
   EXPECT_GT(malformed, 0u);
-  EXPECT_THAT(controller.cache().violations(), IsEmpty());
+  EXPECT_THAT(hrtc.cache().violations(), IsEmpty());
 }
 
 TEST_P(RunTime, TooFewTreeNodesLeaveRegionsCoarseAndTheMeshSound) {
   spm::PoolSettings settings = roomy();
   settings.tree_nodes = model_.summary.base_faces * 5 + 40;
-  Controller controller{model_, settings};
-  for (const RegionId region : all_regions(model_)) ASSERT_EQ(controller.load(region), AcceptResult::kAccepted);
+  HrtcModel hrtc{model_, settings};
+  for (const RegionId region : all_regions(model_)) ASSERT_EQ(hrtc.load(region), AcceptResult::kAccepted);
 
-  EXPECT_EQ(controller.refine(all_regions(model_)), Advance::kNodesFull);
+  EXPECT_EQ(hrtc.refine(all_regions(model_)), Advance::kNodesFull);
 
-  EXPECT_THAT(controller.forest().violations(), IsEmpty());
-  EXPECT_EQ(controller.refine({}), Advance::kDone);
-  EXPECT_EQ(controller.forest().mesh_hash(), 0u);
+  EXPECT_THAT(hrtc.forest().violations(), IsEmpty());
+  EXPECT_EQ(hrtc.refine({}), Advance::kDone);
+  EXPECT_EQ(hrtc.forest().mesh_hash(), 0u);
 }
 
 TEST_P(RunTime, QueriesFindWhatAllPairsFind) {
   std::mt19937_64 random{GetParam()};
-  Controller controller{model_, roomy()};
-  for (const RegionId region : all_regions(model_)) ASSERT_EQ(controller.load(region), AcceptResult::kAccepted);
+  HrtcModel hrtc{model_, roomy()};
+  for (const RegionId region : all_regions(model_)) ASSERT_EQ(hrtc.load(region), AcceptResult::kAccepted);
   const spm::Vec3d low = bounds().first, high = bounds().second;
   std::uniform_real_distribution<double> unit{0, 1};
   const auto point = [&]() -> spm::Vec3d {
@@ -355,24 +353,24 @@ TEST_P(RunTime, QueriesFindWhatAllPairsFind) {
     std::vector<RegionId> wanted = all_regions(model_);
     std::shuffle(wanted.begin(), wanted.end(), random);
     wanted.resize(random() % wanted.size());
-    (void)controller.refine(wanted, static_cast<std::uint32_t>(random() % 20000));
-    const spm::AbTree& tree = controller.forest().tree();
+    (void)hrtc.refine(wanted, static_cast<std::uint32_t>(random() % 20000));
+    const spm::AbTree& tree = hrtc.forest().tree();
     const double radius = unit(random) * 0.2 * (high - low).norm();
     const spm::Vec3d centre = point(), goal = point();
 
     std::vector<std::uint32_t> expected;
     double nearest = 1e300, first = 2;
-    for (const std::uint32_t number : tree.shown()) {
-      const spm::FaceRow& row = controller.row(number);
+    for (const spm::RowIndex number : tree.shown()) {
+      const spm::FaceRow& row = hrtc.row(number);
       const std::array<float, 9> corners = tree.corners(number);
       const auto corner = [&](int i) { return spm::Vec3d{corners[3 * i], corners[3 * i + 1], corners[3 * i + 2]}; };
       const double squared = spm::closest_point(centre, corner(0), corner(1), corner(2)).squared_distance;
       nearest = std::min(nearest, squared);
-      if (squared <= radius * radius) expected.push_back(row.face);
+      if (squared <= radius * radius) expected.push_back(index(row.face));
     }
     // In every other round the ball rests on the mesh, as a proxy does.
     const double sphere = round % 2 == 0 ? radius / 4 : std::sqrt(nearest) * (1 - 1e-6);
-    for (const std::uint32_t number : tree.shown()) {
+    for (const spm::RowIndex number : tree.shown()) {
       const std::array<float, 9> c = tree.corners(number);
       spm::SweepHit hit;
       if (spm::swept_sphere(centre, goal, sphere, {c[0], c[1], c[2]}, {c[3], c[4], c[5]}, {c[6], c[7], c[8]}, hit))
@@ -389,14 +387,14 @@ TEST_P(RunTime, QueriesFindWhatAllPairsFind) {
     ASSERT_NEAR(near.squared_distance, nearest, 1e-14 * (high - low).squaredNorm()) << "by eight, up to rounding";
     const double more = unit(random) * 0.02 * (high - low).norm();
     const double limit = std::sqrt(nearest) + more;
-    std::vector<std::uint32_t> about;
-    for (const std::uint32_t number : tree.shown()) {
+    std::vector<spm::RowIndex> about;
+    for (const spm::RowIndex number : tree.shown()) {
       const std::array<float, 9> c = tree.corners(number);
       const double squared =
           spm::closest_point(centre, {c[0], c[1], c[2]}, {c[3], c[4], c[5]}, {c[6], c[7], c[8]}).squared_distance;
       if (squared <= limit * limit) about.push_back(number);
     }
-    std::vector<std::uint32_t> rows(spm::AbTree::kMaxNearest);
+    std::vector<spm::RowIndex> rows(spm::AbTree::kMaxNearest);
     rows.resize(tree.nearest(centre, 1e9, more, near, rows.data(), spm::AbTree::kMaxNearest));
     if (about.size() <= rows.size()) {
       ASSERT_EQ(rows, about) << "in tree order";
@@ -415,16 +413,16 @@ TEST_P(RunTime, QueriesFindWhatAllPairsFind) {
   EXPECT_GT(shared, 5u);
 }
 
-TEST_P(RunTime, ABallInWhichAnythingChangedOrAroundWhichAllDidIsToldSo) {
+TEST_P(RunTime, ASphereInWhichAnythingChangedOrAroundWhichAllDidIsReported) {
   std::mt19937_64 random{GetParam()};
-  Controller controller{model_, roomy()};
-  for (const RegionId region : all_regions(model_)) ASSERT_EQ(controller.load(region), AcceptResult::kAccepted);
+  HrtcModel hrtc{model_, roomy()};
+  for (const RegionId region : all_regions(model_)) ASSERT_EQ(hrtc.load(region), AcceptResult::kAccepted);
   const spm::Vec3d low = bounds().first, high = bounds().second;
   std::uniform_real_distribution<double> unit{0, 1};
   const auto faces = [&] {
     std::map<std::uint32_t, std::array<float, 9>> shown;
-    for (const std::uint32_t number : controller.forest().tree().shown())
-      shown[controller.row(number).face] = controller.forest().tree().corners(number);
+    for (const spm::RowIndex number : hrtc.forest().tree().shown())
+      shown[index(hrtc.row(number).face)] = hrtc.forest().tree().corners(number);
     return shown;
   };
   const auto differing = [](const auto& these, const auto& those) {
@@ -445,7 +443,7 @@ TEST_P(RunTime, ABallInWhichAnythingChangedOrAroundWhichAllDidIsToldSo) {
       watch.radius = unit(random) * 0.05 * (high - low).norm();
     }
     const auto before = faces();
-    (void)controller.refine(wanted, static_cast<std::uint32_t>(random() % 300), watches.data(), watches.size());
+    (void)hrtc.refine(wanted, static_cast<std::uint32_t>(random() % 300), watches.data(), watches.size());
     const auto after = faces();
 
     std::vector<std::array<float, 9>> changed = differing(before, after);
@@ -470,19 +468,19 @@ TEST_P(RunTime, ABallInWhichAnythingChangedOrAroundWhichAllDidIsToldSo) {
   }
   EXPECT_GT(changed_near, 20);
   EXPECT_GT(changed_around, 20);
-  EXPECT_GT(unchanged, 200) << "a ball is told of what is near it, not of everything";
+  EXPECT_GT(unchanged, 200) << "a sphere is affected by changes near it only";
 }
 
-TEST_P(RunTime, SweepsOnTheKeptMeshMeetTheMeshAsItWas) {
+TEST_P(RunTime, ASweepOnThePreviousMeshMeetsTheMeshAsItWas) {
   std::mt19937_64 random{GetParam()};
-  Controller controller{model_, roomy()};
-  for (const RegionId region : all_regions(model_)) ASSERT_EQ(controller.load(region), AcceptResult::kAccepted);
+  HrtcModel hrtc{model_, roomy()};
+  for (const RegionId region : all_regions(model_)) ASSERT_EQ(hrtc.load(region), AcceptResult::kAccepted);
   const spm::Vec3d low = bounds().first, high = bounds().second;
   std::uniform_real_distribution<double> unit{0, 1};
   const auto point = [&] {
     return spm::Vec3d{low + (high - low).cwiseProduct(spm::Vec3d{unit(random), unit(random), unit(random)})};
   };
-  const spm::AbTree& tree = controller.forest().tree();
+  const spm::AbTree& tree = hrtc.forest().tree();
   spm::CandidateCaches caches;
   struct Sweep {
     spm::Vec3d from, to;
@@ -492,8 +490,8 @@ TEST_P(RunTime, SweepsOnTheKeptMeshMeetTheMeshAsItWas) {
   };
   int differed = 0;
   for (int round = 0; round < 100; ++round) {
-    std::vector<Sweep> sweeps(20);
-    for (Sweep& sweep : sweeps) {
+    std::vector<Sweep> segments(20);
+    for (Sweep& sweep : segments) {
       sweep.from = point();
       sweep.to = point();
       sweep.radius = unit(random) * 0.05 * (high - low).norm();
@@ -502,12 +500,12 @@ TEST_P(RunTime, SweepsOnTheKeptMeshMeetTheMeshAsItWas) {
     std::vector<RegionId> wanted = all_regions(model_);
     std::shuffle(wanted.begin(), wanted.end(), random);
     wanted.resize(random() % 4);
-    controller.forest().keep(true);
+    hrtc.forest().keep(true);
     for (int part = 0; part < 2; ++part) {  // several refits may follow
-      const spm::Advance result = controller.refine(wanted, static_cast<std::uint32_t>(random() % 2000));
+      const spm::Advance result = hrtc.refine(wanted, static_cast<std::uint32_t>(random() % 2000));
       ASSERT_NE(result, spm::Advance::kKeptFull);
     }
-    for (const Sweep& sweep : sweeps) {
+    for (const Sweep& sweep : segments) {
       spm::SweepContact contact, now;
       ASSERT_EQ(tree.sweep(sweep.from, sweep.to, sweep.radius, contact, spm::Version::kKept, &caches), sweep.hit);
       const bool hits_now = tree.sweep(sweep.from, sweep.to, sweep.radius, now, spm::Version::kNow, &caches);
@@ -517,27 +515,27 @@ TEST_P(RunTime, SweepsOnTheKeptMeshMeetTheMeshAsItWas) {
       ASSERT_EQ(contact.point, sweep.contact.point);
       differed += hits_now && now.time == contact.time ? 0 : 1;
     }
-    controller.forest().keep(false);
+    hrtc.forest().keep(false);
   }
   EXPECT_GT(differed, 20) << "else nothing was kept that mattered";
 }
 
-TEST_P(RunTime, BallsThatSlideMeetWhatBruteForceSaysOnEitherMesh) {
+TEST_P(RunTime, SpheresThatMoveMeetWhatBruteForceSaysOnEitherMesh) {
   std::mt19937_64 random{GetParam()};
-  Controller controller{model_, roomy()};
-  for (const RegionId region : all_regions(model_)) ASSERT_EQ(controller.load(region), AcceptResult::kAccepted);
-  ASSERT_EQ(controller.refine({}), spm::Advance::kDone);
+  HrtcModel hrtc{model_, roomy()};
+  for (const RegionId region : all_regions(model_)) ASSERT_EQ(hrtc.load(region), AcceptResult::kAccepted);
+  ASSERT_EQ(hrtc.refine({}), spm::Advance::kDone);
   const spm::Vec3d low = bounds().first, high = bounds().second;
   std::uniform_real_distribution<double> unit{0, 1};
   const auto point = [&] {
     return spm::Vec3d{low + (high - low).cwiseProduct(spm::Vec3d{unit(random), unit(random), unit(random)})};
   };
-  const spm::AbTree& tree = controller.forest().tree();
+  const spm::AbTree& tree = hrtc.forest().tree();
   spm::CandidateCaches caches;
   using Triangles = std::vector<std::array<spm::Vec3d, 3>>;
   const auto triangles = [&] {
     Triangles all;
-    for (const std::uint32_t number : tree.shown()) {
+    for (const spm::RowIndex number : tree.shown()) {
       const std::array<float, 9> c = tree.corners(number);
       all.push_back({spm::Vec3d{c[0], c[1], c[2]}, spm::Vec3d{c[3], c[4], c[5]}, spm::Vec3d{c[6], c[7], c[8]}});
     }
@@ -555,8 +553,8 @@ TEST_P(RunTime, BallsThatSlideMeetWhatBruteForceSaysOnEitherMesh) {
     std::vector<RegionId> wanted = all_regions(model_);
     std::shuffle(wanted.begin(), wanted.end(), random);
     wanted.resize(random() % 6);
-    controller.forest().keep(true);
-    ASSERT_NE(controller.refine(wanted, static_cast<std::uint32_t>(random() % 4000)), spm::Advance::kKeptFull);
+    hrtc.forest().keep(true);
+    ASSERT_NE(hrtc.refine(wanted, static_cast<std::uint32_t>(random() % 4000)), spm::Advance::kKeptFull);
     const Triangles after = triangles();
     for (const spm::Version version : {spm::Version::kNow, spm::Version::kKept, spm::Version::kNow}) {
       const Triangles& all = version == spm::Version::kNow ? after : before;
@@ -588,7 +586,7 @@ TEST_P(RunTime, BallsThatSlideMeetWhatBruteForceSaysOnEitherMesh) {
         }
       }
     }
-    controller.forest().keep(false);
+    hrtc.forest().keep(false);
   }
   EXPECT_GT(met, 100);
   EXPECT_GT(passed, 100);
@@ -597,15 +595,15 @@ TEST_P(RunTime, BallsThatSlideMeetWhatBruteForceSaysOnEitherMesh) {
 
 TEST_P(RunTime, QueriesOfOneTreeInTwoThreadsFindWhatTheyFindAlone) {
   std::mt19937_64 random{GetParam()};
-  Controller controller{model_, roomy()};
-  for (const RegionId region : all_regions(model_)) ASSERT_EQ(controller.load(region), AcceptResult::kAccepted);
-  ASSERT_EQ(controller.refine(all_regions(model_)), spm::Advance::kDone);
+  HrtcModel hrtc{model_, roomy()};
+  for (const RegionId region : all_regions(model_)) ASSERT_EQ(hrtc.load(region), AcceptResult::kAccepted);
+  ASSERT_EQ(hrtc.refine(all_regions(model_)), spm::Advance::kDone);
   const spm::Vec3d low = bounds().first, high = bounds().second;
   std::uniform_real_distribution<double> unit{0, 1};
   const auto point = [&] {
     return spm::Vec3d{low + (high - low).cwiseProduct(spm::Vec3d{unit(random), unit(random), unit(random)})};
   };
-  const spm::AbTree& tree = controller.forest().tree();
+  const spm::AbTree& tree = hrtc.forest().tree();
   struct Query {
     spm::Vec3d from, to;
     double radius;
@@ -659,8 +657,8 @@ TEST_P(RunTime, TwoForestsOfOnePoolKeepTheirMeshesApart) {
   const auto forest = [&] {
     spm::Cache::Admitted admitted = cache.admit(base);
     EXPECT_TRUE(admitted.fits);
-    return std::make_unique<spm::Forest>(pool, nodes, spm::index(admitted.object), base.summary,
-                                         spm::RegionGrid{base.summary.grid, spm::Span<const spm::Region>{base.regions}},
+    return std::make_unique<spm::Forest>(pool, nodes, admitted.object, base.summary,
+                                         spm::RegionGrid{base.summary.grid, std::span<const spm::Region>{base.regions}},
                                          std::move(admitted.base));
   };
   const std::unique_ptr<spm::Forest> one = forest(), other = forest();
@@ -686,16 +684,16 @@ TEST_P(RunTime, TwoForestsOfOnePoolKeepTheirMeshesApart) {
 
 TEST_P(RunTime, RefinementStopsWhenWhatItChangesCanNoLongerBeKept) {
   const OwnedModel large = random_model(GetParam(), 16 * kRecords, kCells);
-  Controller controller{large.model(), spm::PoolSettings::for_slots(4 * 8192)};
+  HrtcModel hrtc{large.model(), spm::PoolSettings::for_slots(4 * 8192)};
   const std::vector<RegionId> all = all_regions(large.model());
-  for (const RegionId region : all) ASSERT_EQ(controller.load(region), AcceptResult::kAccepted);
-  ASSERT_EQ(controller.refine(all), spm::Advance::kDone);
+  for (const RegionId region : all) ASSERT_EQ(hrtc.load(region), AcceptResult::kAccepted);
+  ASSERT_EQ(hrtc.refine(all), spm::Advance::kDone);
   int rounds = 0;
   spm::Advance result = spm::Advance::kKeptFull;
   for (; result == spm::Advance::kKeptFull && rounds < 1000; ++rounds) {
-    controller.forest().keep(true);
-    result = controller.refine({});
-    ASSERT_THAT(controller.forest().violations(), IsEmpty()) << "round " << rounds;
+    hrtc.forest().keep(true);
+    result = hrtc.refine({});
+    ASSERT_THAT(hrtc.forest().violations(), IsEmpty()) << "round " << rounds;
   }
   EXPECT_EQ(result, spm::Advance::kDone);
   EXPECT_GT(rounds, 1);
@@ -703,12 +701,12 @@ TEST_P(RunTime, RefinementStopsWhenWhatItChangesCanNoLongerBeKept) {
 
 TEST_P(RunTime, LeavesCopiedInPartsAreAllThatIsShown) {
   std::mt19937_64 random{GetParam()};
-  Controller controller{model_, roomy()};
-  for (const RegionId region : all_regions(model_)) ASSERT_EQ(controller.load(region), AcceptResult::kAccepted);
+  HrtcModel hrtc{model_, roomy()};
+  for (const RegionId region : all_regions(model_)) ASSERT_EQ(hrtc.load(region), AcceptResult::kAccepted);
   std::vector<RegionId> wanted = all_regions(model_);
   wanted.resize(wanted.size() / 2);
-  (void)controller.refine(wanted);
-  const spm::AbTree& tree = controller.forest().tree();
+  (void)hrtc.refine(wanted);
+  const spm::AbTree& tree = hrtc.forest().tree();
 
   std::vector<std::array<float, 9>> copied;
   std::vector<spm::TreeNode> part(40);
@@ -726,7 +724,7 @@ TEST_P(RunTime, LeavesCopiedInPartsAreAllThatIsShown) {
   }
 
   std::vector<std::array<float, 9>> expected;
-  for (const std::uint32_t number : tree.shown()) expected.push_back(tree.corners(number));
+  for (const spm::RowIndex number : tree.shown()) expected.push_back(tree.corners(number));
   EXPECT_EQ(copied, expected);
 }
 

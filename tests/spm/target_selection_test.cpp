@@ -180,7 +180,7 @@ TEST_F(Lying, FewerTargetsAreTheFirstOfMore) {
     selection.begin(refinement.forest(), settings.margins);
     if (backwards) std::reverse(spheres.begin(), spheres.end());
     selection.add_spheres(spheres);
-    const Span<const RegionId> targets = selection.finish();
+    const std::span<const RegionId> targets = selection.finish();
     EXPECT_EQ(selection.complete(), targets.size() < capacity) << capacity;
     return std::vector<RegionId>{targets.begin(), targets.end()};
   };

@@ -139,9 +139,9 @@ TEST(NearPairs, AreAllWithinTheMarginInAnyPoseAndScale) {
       ASSERT_TRUE(touch.complete);
       std::set<std::pair<std::uint32_t, std::uint32_t>> found;
       for (std::uint32_t i = 0; i < touch.contacts; ++i)
-        found.emplace(pairs[i / 8].face_id[i % 8], probe.number(pairs[i / 8].triangle[i % 8]));
+        found.emplace(index(pairs[i / 8].face[i % 8]), probe.number(pairs[i / 8].triangle[i % 8]));
       published += found.size();
-      for (const std::uint32_t row : shown.tree().shown()) {
+      for (const RowIndex row : shown.tree().shown()) {
         const Triangle3d face = shown.triangle(row);
         if ((face[0] - pose.translation()).norm() > 0.04) continue;
         for (std::uint32_t t = 0; t < probe.triangles(); ++t) {
@@ -151,7 +151,8 @@ TEST(NearPairs, AreAllWithinTheMarginInAnyPoseAndScale) {
           PairContact contact;
           if (apart(face, triangle) > margin * (1 - 1e-6) && !meet(face, triangle, contact)) continue;
           ++near;
-          ASSERT_EQ(found.count({shown.tree().row(row).face, t}), 1u) << "round " << round << ", margin " << margin;
+          ASSERT_EQ(found.count({index(shown.tree().row(row).face), t}), 1u)
+              << "round " << round << ", margin " << margin;
         }
       }
     }

@@ -66,10 +66,10 @@ TEST_F(StudyExperiments, UnstableRunsAreCountedWithoutFigures) {
   const ScenarioRun naive = run("carry, naive", "P6");
   EXPECT_EQ(value_of(naive, "runs without end"), 100);
   EXPECT_TRUE(std::isnan(value_of(naive, "copies apart, most")));
-  const ScenarioRun line = run("carry, line", "P6");
-  EXPECT_EQ(value_of(line, "runs without end"), 0);
-  EXPECT_LT(value_of(line, "settled after"), 2);
-  EXPECT_LT(value_of(line, "copies apart 1 s later"), 5);
+  const ScenarioRun channel = run("carry, channel", "P6");
+  EXPECT_EQ(value_of(channel, "runs without end"), 0);
+  EXPECT_LT(value_of(channel, "settled after"), 2);
+  EXPECT_LT(value_of(channel, "copies apart 1 s later"), 5);
 }
 
 }  // namespace

@@ -7,6 +7,7 @@
 
 #include "netem/profile.hpp"
 #include "tests/support/temporary_folder.hpp"
+#include "yaml/reader.hpp"
 
 namespace tactus::study {
 namespace {
@@ -17,7 +18,7 @@ using ::testing::HasSubstr;
 std::string error_of(const std::string& text) {
   try {
     (void)parse_study(text, "s.yaml");
-  } catch (const client_sim::ScenarioError& error) {
+  } catch (const yaml::YamlError& error) {
     return error.what();
   }
   return "";
@@ -48,7 +49,7 @@ TEST(Study, ErrorsNamePositionKeyFoundAndExpected) {
             "s.yaml:2:18: scan: unknown key 'sise', expected one of model, faces, size");
   EXPECT_THAT(error_of("name: s\nprofiles: P4\n"), HasSubstr("s.yaml:2:11: profiles: found 'P4', expected a list"));
   EXPECT_THAT(error_of("seeds: 3\n"), HasSubstr("key 'name' is missing"));
-  EXPECT_THAT(error_of("3"), HasSubstr("expected a map with name and scenarios"));
+  EXPECT_THAT(error_of("3"), HasSubstr("found '3', expected a map of name, profiles, scenarios"));
 }
 
 TEST(Study, HasTheBaselineFirstAndOnce) {

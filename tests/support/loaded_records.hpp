@@ -1,4 +1,4 @@
-/// What a controller's pool holds of a model, against the model itself.
+/// What an HRTC's pool holds of a model, against the model itself.
 #pragma once
 
 #include <cstring>
@@ -15,23 +15,26 @@ namespace tactus::test_support {
 inline std::string loaded_difference(const spm::Model& model, const spm::Pool& pool) {
   using spm::kNone;
   const std::uint32_t base = model.summary.base_vertices;
-  std::vector<bool> continues(pool.parts.size(), false);
-  for (std::size_t slot = 0; slot < pool.parts.size(); ++slot) {
-    if (pool.vertices[slot].id >= base && pool.parts[slot].next != kNone) continues[pool.parts[slot].next] = true;
+  spm::IdVector<spm::Slot, bool> continues{pool.parts.size()};
+  for (const spm::Slot slot : pool.parts.ids()) {
+    if (index(pool.vertices[slot].id) >= base && pool.parts[slot].next != kNone)
+      continues[pool.parts[slot].next] = true;
   }
   std::uint32_t found = 0;
-  for (std::uint32_t head = 0; head < pool.parts.size(); ++head) {
-    const std::uint32_t u = pool.vertices[head].id;
+  for (const spm::Slot head : pool.parts.ids()) {
+    const std::uint32_t u = index(pool.vertices[head].id);
     if (u < base || continues[head]) continue;
     ++found;
     const std::string where = "record " + std::to_string(u - base);
-    std::uint32_t slot = head;
-    for (std::uint32_t p = u - base; p != kNone; p = model.parts[p].next) {
-      const spm::RecordPart &stated = model.parts[p], &held = pool.parts[slot];
+    spm::Slot slot = head;
+    for (spm::PartIndex p{u - base}; p != kNone; p = model.parts[p].next) {
+      const spm::RecordPart& stated = model.parts[p];
+      const spm::LoadedPart& held = pool.parts[slot];
       if (std::memcmp(&pool.vertices[slot].position, &model.positions[u], sizeof model.positions[u]) != 0) {
         return where + ": position";
       }
-      if (pool.vertices[slot].id != u || pool.radius[slot] != spm::radius_of(stated.radius)) return where + ": radius";
+      if (pool.vertices[slot].id != spm::VertexId{u} || pool.radius[slot] != spm::radius_of(stated.radius))
+        return where + ": radius";
       if (pool.vertices[held.parent].id != stated.parent) return where + ": parent";
       if (held.born_count != stated.born_count || held.deformed_count != stated.deformed_count)
         return where + ": counts";
@@ -40,7 +43,7 @@ inline std::string loaded_difference(const spm::Model& model, const spm::Pool& p
         if (pool.vertices[held.born_x[i]].id != stated.born_x[i]) return where + ": third corner";
       }
       for (int i = 0; i < held.deformed_count; ++i) {
-        const spm::DeformedRef ref = held.deformed[i];
+        const spm::LoadedPart::DeformedRef ref = held.deformed[i];
         if (spm::DeformedRef::make(pool.faces[ref.face()].face, ref.corner(), ref.last()).bits !=
             stated.deformed[i].bits) {
           return where + ": deformed face";

@@ -10,7 +10,9 @@
 
 #include "host_service/host_core.hpp"
 #include "hrtc_service/hrtc_core.hpp"
+#include "hrtc_service/membership.hpp"
 #include "spm/codec/model_codec.hpp"
+#include "study/meeting.hpp"
 
 namespace tactus::test_support {
 
@@ -29,10 +31,17 @@ class LocalSession {
         encoded_{models_.begin(), models_.end()},
         host_{session::Origin{kSession, kHost, 1, 0}, host_settings(encoded_, scale, material, mass), now_},
         core_{session::Origin{kSession, kHrtc, 1, 0}, core_settings(settings, loader, targets)},
+        membership_{session::Origin{kSession, kHrtc, 1, 0}, {"hrtc", "session"}, core_.gateway(), now_},
         delay_{delay_cycles} {
     gateway().on_event = [this](const std::string& text) { events.push_back(text); };
-    gateway().on_host_seen(kHost, 1, now_);
-    for (const session::CatalogueEntry& entry : host_.catalogue()) gateway().on_catalogue(entry);
+    study::meet(host_, membership_, now_);
+  }
+
+  /// The host withdraws an object, or offers it again.
+  void offer(std::size_t object, bool withdrawn) {
+    session::CatalogueEntry entry = host_.catalogue()[object];
+    entry.withdrawn = withdrawn;
+    membership_.on_catalogue(entry);
   }
 
   /// One cycle with one tip at `device` (world). Host and loader work every second cycle.
@@ -79,6 +88,7 @@ class LocalSession {
   [[nodiscard]] std::array<hrtc_service::ProbeInput, hrtc_service::kMaxProbes>& inputs() { return inputs_; }
   [[nodiscard]] const session::CatalogueEntry& entry(std::size_t object) const { return host_.catalogue()[object]; }
   [[nodiscard]] hrtc_service::HrtcCore& core() noexcept { return core_; }
+  [[nodiscard]] hrtc_service::Membership& membership() noexcept { return membership_; }
   [[nodiscard]] hrtc_service::Gateway& gateway() noexcept { return core_.gateway(); }
   [[nodiscard]] hrtc_service::Cycle& cycle() noexcept { return core_.servo().cycle(); }
   [[nodiscard]] const hrtc_service::Loader& loader() const noexcept { return core_.gateway().loader(); }
@@ -137,8 +147,9 @@ class LocalSession {
   };
 
   void exchange() {
-    gateway().on_host_seen(kHost, 1, now_);
-    gateway().tick(now_, session::ClockMap{});
+    gateway().tick(now_, membership_.clock());
+    membership_.tick(now_);
+    if (connected) study::meet(host_, membership_, now_);
     while (auto demand = gateway().demand(now_))
       if (connected) demands_.push_back({cycles_ + delay_, std::move(*demand)});
     while (!demands_.empty() && demands_.front().due <= cycles_) {
@@ -158,6 +169,7 @@ class LocalSession {
   std::int64_t now_ = 1'000'000'000;
   host_service::HostCore host_;
   hrtc_service::HrtcCore core_;
+  hrtc_service::Membership membership_;
   std::uint32_t delay_;
   std::uint64_t cycles_ = 0;
   std::array<hrtc_service::ProbeInput, hrtc_service::kMaxProbes> inputs_;

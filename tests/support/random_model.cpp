@@ -43,7 +43,11 @@ class Maker {
     s.faces = static_cast<std::uint32_t>(faces_.size());
     s.metres_per_unit = 0.1;
     measure_radii();
-    for (std::uint32_t f = 0; f < 8; ++f) model_.base_faces.push_back({f, base_last_[f], base_corners_[f]});
+    for (std::uint32_t f = 0; f < 8; ++f) {
+      const auto& [a, b, c] = base_corners_[f];
+      model_.base_faces.push_back(
+          {spm::FaceId{f}, base_last_[f], {spm::VertexId{a}, spm::VertexId{b}, spm::VertexId{c}}});
+    }
     for (const std::uint32_t level : level_) s.max_level = std::max(s.max_level, level);
     model_.parts = parts_;
     s.parts = static_cast<std::uint32_t>(parts_.size());
@@ -88,7 +92,7 @@ class Maker {
           static_cast<std::uint32_t>(std::find(face.corners.begin(), face.corners.end(), t) - face.corners.begin());
       if (face.writer != kNone) needs_[record].insert(face.writer);
       for (const std::uint32_t v : face.corners) need_vertex(record, v);
-      deformed.push_back(DeformedRef::make(f, corner, false));
+      deformed.push_back(DeformedRef::make(spm::FaceId{f}, corner, false));
       face.corners[corner] = u;
       face.writer = record;
       around_[u].push_back(f);
@@ -101,13 +105,9 @@ class Maker {
       std::uint32_t x = below(u);
       if (x == t) x = (t + 1) % u;
       const std::uint32_t order = below(6);
-      const spm::BornCorners at = spm::born_corners(order);
-      std::array<std::uint32_t, 3> corners{};
-      corners[static_cast<std::size_t>(at.u)] = u;
-      corners[static_cast<std::size_t>(at.t)] = t;
-      corners[static_cast<std::size_t>(at.x)] = x;
       need_vertex(record, x);
-      born.emplace_back(BornRef::make(add_face(corners, record), order, false), x);
+      const std::uint32_t face = add_face(spm::born_face(order, u, t, x), record);
+      born.emplace_back(BornRef::make(spm::FaceId{face}, order, false), x);
     }
     store(record, t, born, deformed);
   }
@@ -121,20 +121,20 @@ class Maker {
     std::size_t d = 0;
     for (;;) {
       RecordPart part{};
-      part.parent = t;
+      part.parent = spm::VertexId{t};
       part.next = kNone;
       for (; b < born.size() && part.born_count < spm::kBornPerPart; ++b, ++part.born_count) {
         part.born[part.born_count] = born[b].first;
-        part.born_x[part.born_count] = born[b].second;
+        part.born_x[part.born_count] = spm::VertexId{born[b].second};
       }
       for (; d < deformed.size() && part.deformed_count < spm::kDeformedPerPart; ++d, ++part.deformed_count) {
         part.deformed[part.deformed_count] = deformed[d];
       }
       const bool more = b < born.size() || d < deformed.size();
-      if (more) part.next = static_cast<std::uint32_t>(parts_.size());
+      if (more) part.next = spm::PartIndex{static_cast<std::uint32_t>(parts_.size())};
       parts_[at] = part;
       if (!more) return;
-      at = part.next;
+      at = index(part.next);
       parts_.emplace_back();
     }
   }
@@ -142,12 +142,12 @@ class Maker {
   void mark_last() {
     for (std::uint32_t f = 0; f < 8; ++f) base_last_.push_back(faces_[f].writer == kNone ? 1 : 0);
     for (std::uint32_t r = 0; r < records_; ++r) {
-      for (std::uint32_t at = r; at != kNone; at = parts_[at].next) {
+      for (std::uint32_t at = r; at != kNone; at = index(parts_[at].next)) {
         RecordPart& part = parts_[at];
         for (int i = 0; i < part.born_count; ++i)
-          part.born[i].bits |= faces_[part.born[i].face()].writer == r ? 1u : 0u;
+          part.born[i].bits |= faces_[index(part.born[i].face())].writer == r ? 1u : 0u;
         for (int i = 0; i < part.deformed_count; ++i) {
-          part.deformed[i].bits |= faces_[part.deformed[i].face()].writer == r ? 1u : 0u;
+          part.deformed[i].bits |= faces_[index(part.deformed[i].face())].writer == r ? 1u : 0u;
         }
       }
     }
@@ -170,9 +170,9 @@ class Maker {
         model_.base_radii.insert(model_.base_radii.begin(), code);
         continue;
       }
-      for (std::uint32_t at = static_cast<std::uint32_t>(v) - 6; at != kNone; at = parts_[at].next)
+      for (std::uint32_t at = static_cast<std::uint32_t>(v) - 6; at != kNone; at = index(parts_[at].next))
         parts_[at].radius = code;
-      std::vector<std::uint32_t>& above = below_it[parts_[v - 6].parent];
+      std::vector<std::uint32_t>& above = below_it[index(parts_[v - 6].parent)];
       above.push_back(static_cast<std::uint32_t>(v));
       above.insert(above.end(), below_it[v].begin(), below_it[v].end());
     }
@@ -232,7 +232,7 @@ class Maker {
     region.first_interval = static_cast<std::uint32_t>(model_.intervals.size());
     region.record_count = static_cast<std::uint32_t>(list.size());
     for (const std::uint32_t r : list) {
-      for (std::uint32_t at = r; at != kNone; at = parts_[at].next) ++region.part_count;
+      for (std::uint32_t at = r; at != kNone; at = index(parts_[at].next)) ++region.part_count;
       if (model_.intervals.size() > region.first_interval &&
           model_.intervals.back().first + model_.intervals.back().count == r) {
         ++model_.intervals.back().count;

@@ -12,7 +12,7 @@ namespace {
 
 constexpr std::array<std::uint32_t, 3> kNoCorners{spm::kNone, spm::kNone, spm::kNone};
 
-Eigen::Vector3d normal(spm::Span<const std::array<float, 3>> positions, const std::array<std::uint32_t, 3>& face) {
+Eigen::Vector3d normal(std::span<const std::array<float, 3>> positions, const std::array<std::uint32_t, 3>& face) {
   const auto at = [&](std::size_t k) {
     const std::array<float, 3>& p = positions[face[k]];
     return Eigen::Vector3d{p[0], p[1], p[2]};
@@ -30,30 +30,31 @@ ReferenceMesh::ReferenceMesh(const spm::Model& model)
       corners_(model.summary.faces, kNoCorners) {
   std::fill_n(active_.begin(), model.summary.base_vertices, true);
   for (const spm::BaseFace& f : model.base_faces) {
-    shown_[f.face] = true;
-    finest_[f.face] = f.last != 0;
-    corners_[f.face] = f.corners;
+    shown_[index(f.face)] = true;
+    finest_[index(f.face)] = f.last != 0;
+    for (std::size_t k = 0; k < 3; ++k) corners_[index(f.face)][k] = index(f.corners[k]);
   }
   std::vector<std::array<std::uint32_t, 3>> corners = corners_;
   for (std::uint32_t r = 0; r < model.summary.records; ++r) {
     const std::uint32_t u = model.summary.base_vertices + r;
     std::vector<Write>& writes = writes_.emplace_back();
-    for (std::uint32_t p = r; p != spm::kNone; p = model.parts[p].next) {
+    for (spm::PartIndex p{r}; p != spm::kNone; p = model.parts[p].next) {
       const spm::RecordPart& part = model.parts[p];
       for (std::size_t i = 0; i < part.born_count; ++i) {
         // u at corner order / 2; t after it when the order is even, before it when odd; x where neither is.
         const spm::BornRef born = part.born[i];
-        const std::uint32_t x = part.born_x[i];
+        const std::uint32_t x = index(part.born_x[i]), face = index(born.face());
         std::array<std::uint32_t, 3> after{x, x, x};
         after[born.order() / 2] = u;
-        after[(born.order() / 2 + (born.order() % 2 == 0 ? 1 : 2)) % 3] = part.parent;
-        writes.push_back({born.face(), corners[born.face()], after, born.last()});
+        after[(born.order() / 2 + (born.order() % 2 == 0 ? 1 : 2)) % 3] = index(part.parent);
+        writes.push_back({face, corners[face], after, born.last()});
       }
       for (std::size_t i = 0; i < part.deformed_count; ++i) {
         const spm::DeformedRef deformed = part.deformed[i];
-        std::array<std::uint32_t, 3> after = corners[deformed.face()];
+        const std::uint32_t face = index(deformed.face());
+        std::array<std::uint32_t, 3> after = corners[face];
         after[deformed.corner()] = u;
-        writes.push_back({deformed.face(), corners[deformed.face()], after, deformed.last()});
+        writes.push_back({face, corners[face], after, deformed.last()});
       }
     }
     for (const Write& write : writes) corners[write.face] = write.after;
@@ -120,7 +121,7 @@ std::vector<std::string> ReferenceMesh::defects(const std::vector<std::array<std
   return found;
 }
 
-std::vector<FaceBits> sorted_faces(spm::Span<const std::array<float, 3>> positions,
+std::vector<FaceBits> sorted_faces(std::span<const std::array<float, 3>> positions,
                                    const std::vector<std::array<std::uint32_t, 3>>& faces) {
   std::vector<FaceBits> all;
   for (const std::array<std::uint32_t, 3>& face : faces) {

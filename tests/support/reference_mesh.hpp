@@ -1,9 +1,10 @@
-/// The plainest way to apply a set of records: whole arrays by id, every precondition looked up. An oracle for the
-/// builder and for the run time.
+/// Applies a set of records to whole arrays by id and checks every precondition. An oracle for the builder and for the
+/// run time, so it does not use spm::for_each_change.
 #pragma once
 
 #include <array>
 #include <cstdint>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -53,7 +54,7 @@ class ReferenceMesh {
 /// Oriented triangles as bits of their positions, each from its smallest corner, sorted: equal when two meshes have the
 /// same faces, however numbered.
 using FaceBits = std::array<std::array<std::uint32_t, 3>, 3>;
-[[nodiscard]] std::vector<FaceBits> sorted_faces(spm::Span<const std::array<float, 3>> positions,
+[[nodiscard]] std::vector<FaceBits> sorted_faces(std::span<const std::array<float, 3>> positions,
                                                  const std::vector<std::array<std::uint32_t, 3>>& faces);
 
 }  // namespace tactus::test_support

@@ -20,15 +20,13 @@ class ShownMesh {
         pool_{
             spm::PoolSettings::for_slots(std::max(faces_ / 2 + 1, static_cast<std::uint32_t>(mesh.positions.size())))},
         nodes_{faces_ * 2 + 64},
-        tree_{pool_, nodes_, 1, faces_} {
+        tree_{pool_, nodes_, spm::ObjectIndex{1}, faces_} {
     const std::vector<std::uint32_t> order = spm::offline::face_order(mesh);
-    for (std::uint32_t v = 0; v < mesh.positions.size(); ++v) pool_.vertices[v] = {mesh.positions[v], v};
+    for (std::uint32_t v = 0; v < mesh.positions.size(); ++v)
+      pool_.vertices[spm::Slot{v}] = {mesh.positions[v], spm::VertexId{v}};
     for (std::uint32_t f = 0; f < faces_; ++f) {
-      spm::FaceRow& row = pool_.faces[f];
-      row.vertices = mesh.faces[order[f]];
-      row.face = f;
-      row.node = spm::kNone;
-      row.last = f % 2;
+      const auto& [a, b, c] = mesh.faces[order[f]];
+      pool_.faces[spm::RowIndex{f}] = {{spm::Slot{a}, spm::Slot{b}, spm::Slot{c}}, spm::FaceId{f}, spm::kNone, f % 2};
     }
     show([](std::uint32_t) { return true; });
   }
@@ -37,15 +35,16 @@ class ShownMesh {
   template <class Wanted>
   void show(const Wanted& wanted) {
     for (std::uint32_t f = 0; f < faces_; ++f) {
-      const bool shown = pool_.faces[f].node != spm::kNone;
-      if (wanted(f) && !shown) tree_.insert(f);
-      if (!wanted(f) && shown) tree_.remove(f);
+      const spm::RowIndex row{f};
+      const bool shown = pool_.faces[row].node != spm::kNone;
+      if (wanted(f) && !shown) tree_.insert(row);
+      if (!wanted(f) && shown) tree_.remove(row);
     }
     tree_.refit();
   }
 
   [[nodiscard]] const spm::AbTree& tree() const { return tree_; }
-  [[nodiscard]] spm::Triangle3d triangle(std::uint32_t row) const {
+  [[nodiscard]] spm::Triangle3d triangle(spm::RowIndex row) const {
     spm::Triangle3d triangle;
     for (std::size_t i = 0; i < 3; ++i) {
       const std::array<float, 3>& p = pool_.vertices[pool_.faces[row].vertices[i]].position;

@@ -437,7 +437,7 @@ TEST_F(Audit, FclAgreesOnEveryAuditedCycle) {
   EXPECT_EQ(object["fcl"]["disagreed"], 0);
   EXPECT_EQ(object["fcl"]["tolerance_m"], kTangent);
   EXPECT_THAT(run({path("a.hlog"), path("organ.ply")}).out,
-              HasSubstr("disagreements with FCL           0, asked about "));
+              HasSubstr("disagreements with FCL           0, compared in "));
 }
 
 TEST_F(Audit, FailsWhereFclDisagreesThoughTheLogIsTrue) {

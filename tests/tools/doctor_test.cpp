@@ -103,16 +103,16 @@ INSTANTIATE_TEST_SUITE_P(
                "ss -lunp"},
         Defect{"PortsGivenAway", [](Facts& f) { f.ephemeral_from = 10000; }, Severity::kAdvice, "ports", "10000",
                "ip_local_port_range"},
-        Defect{"CannotJoin", [](Facts& f) { f.join_error = "no such profile"; }, Severity::kFault, "meeting",
+        Defect{"CannotJoin", [](Facts& f) { f.join_error = "no such profile"; }, Severity::kFault, "discovery",
                "no such profile", "correct"},
-        Defect{"NoMeeting", [](Facts& f) { f.matched_after.reset(); }, Severity::kFault, "meeting", "did not meet",
-               "firewall"},
+        Defect{"NoMatch", [](Facts& f) { f.matched_after.reset(); }, Severity::kFault, "discovery",
+               "did not find each other", "firewall"},
         Defect{"NoServer",
                [](Facts& f) {
                  f.discovery.servers = {"10.0.0.5"};
                  f.matched_after.reset();
                },
-               Severity::kFault, "meeting", "through 10.0.0.5", "fast-discovery-server"},
+               Severity::kFault, "discovery", "through 10.0.0.5", "fast-discovery-server"},
         Defect{"OldLibrary", [](Facts& f) { f.library = "2.9.1"; }, Severity::kAdvice, "known faults", "CVE",
                "firewall"},
         Defect{"Leftovers", [](Facts& f) { f.stale_segments = {"fastrtps_port7412"}; }, Severity::kAdvice,
@@ -156,7 +156,7 @@ TEST(DoctorProgram, ExitsWithOneOnlyForAFault) {
 TEST(DoctorProgram, ReportsASilentDiscoveryServer) {
   e2e::Process doctor{{TACTUS_DOCTOR, "--seconds", "0.1", "--discovery-server", "127.0.0.1:9"}};
   EXPECT_EQ(doctor.wait(), 1);
-  EXPECT_THAT(doctor.output(), HasSubstr("did not meet through 127.0.0.1:9"));
+  EXPECT_THAT(doctor.output(), HasSubstr("did not find each other through 127.0.0.1:9"));
 }
 
 TEST(DoctorProgram, RefusesWrongInput) {

@@ -51,7 +51,7 @@ class Encoded {
     bytes_.insert(bytes_.end(), value.c_str(), value.c_str() + value.size() + 1);
     return *this;
   }
-  [[nodiscard]] spm::Span<const std::uint8_t> bytes(std::size_t cut = 0) const {
+  [[nodiscard]] std::span<const std::uint8_t> bytes(std::size_t cut = 0) const {
     return {bytes_.data(), bytes_.size() - cut};
   }
 

@@ -33,7 +33,7 @@ class TapTest : public ::testing::Test {
   Participants alpha_{address(unique_session("tap"), "alpha")};
   Participants beta_{address(alpha_.address().session, "beta")};
   Inbox<Received> inbox_;
-  Tap tap_{beta_, true, [this](std::size_t topic, spm::Span<const std::uint8_t> bytes) {
+  Tap tap_{beta_, true, [this](std::size_t topic, std::span<const std::uint8_t> bytes) {
              inbox_.callback()(Received{topic, {bytes.begin(), bytes.end()}});
            }};
 };

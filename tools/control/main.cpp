@@ -108,7 +108,7 @@ class Session {
   std::int64_t found_ns_ = 0;  // 0: none yet
   wire::Inbox<session::RosterEntry> inbox_{1u << 12};
   wire::Reader<session::RosterEntry> reader_{
-      // last: it fills the inbox
+      // last, so that its callback does not outlive the inbox
       participants_, wire::topics::kRoster, [this](session::RosterEntry&& entry) { inbox_.put(std::move(entry)); }};
 };
 
@@ -118,7 +118,7 @@ int fail_unfound(const wire::SessionAddress& address, double patience) {
   return 1;
 }
 
-/// Prints who acknowledged; returns the exit status.
+/// Prints the participants that acknowledged; returns the exit status.
 int report(const session::Acknowledgement& answer) {
   std::cout << "acknowledged by HRTCs:" << join(answer.hrtcs) << "; by hosts:" << join(answer.hosts) << '\n';
   if (!answer.missing.empty()) std::cout << "not acknowledged by:" << join(answer.missing) << '\n';
@@ -175,8 +175,7 @@ int reset_forces(const wire::SessionAddress& address, const Order& order, const 
   std::size_t still = 0;
   session.roster().for_each([&](const session::RosterEntry& entry) {
     const std::size_t left = session::standing(entry.stops).size();
-    if (left > 0)
-      std::cout << "still stopped by " << left << " stops that this reset did not name: " << entry.name << '\n';
+    if (left > 0) std::cout << entry.name << ": " << left << " stops that this reset did not name are still in force\n";
     still += left;
   });
   return still == 0 ? status : 1;
@@ -189,7 +188,7 @@ int announce(const wire::SessionAddress& address, const wire::TopicSpec<Sample>&
   wire::Participants participants{address};
   wire::Writer<Sample> out{participants, topic};
   sample.origin = participants.origin();
-  // The writer keeps the sample for readers that it discovers later, so it may be sent before any is known.
+  // The writer stores the sample for readers that it discovers later, so it may send before it has any.
   if (out.send(sample) != wire::SendStatus::kSent)
     throw std::runtime_error(std::string{"the sample was not sent: "} + out.last_fault());
   const std::int64_t end_ns = monotonic_ns() + static_cast<std::int64_t>(order.patience * 1e9);

@@ -24,14 +24,14 @@ constexpr std::array kCommands{
     Command{"host", "tactus-host", "serve models to a session (VE host)"},
     Command{"hrtc", "tactus-hrtc", "run haptic devices in a session (HRTC)"},
     Command{"sim study", "tactus-study", "run a study: links, scenarios and seeds, compared with ground truth"},
-    Command{"sim", "tactus-sim", "simulated users that follow a scenario, and the session's report"},
+    Command{"sim", "tactus-sim", "run simulated users of a scenario, and report the session"},
     Command{"judge", "tactus-judge", "compare a session's report and audits with their bounds"},
     Command{"control", "tactus-control", "send an emergency stop, reset, mode or end to a session"},
     Command{"record", "tactus-record", "record every topic of a session in an MCAP file"},
     Command{"replay", "tactus-replay", "recompute the forces of a flight recording and compare them to the bit"},
     Command{"latency", "tactus-latency", "measure latency, jitter and loss of a session's topics, and of a network"},
     Command{"doctor", "tactus-doctor", "check this machine for a session, with remedies"},
-    Command{"link", "tactus-link", "emulated network links between two namespaces of this machine"},
+    Command{"link", "tactus-link", "emulate network links between two namespaces of this machine"},
     Command{"demo", "demo", "run a complete session on this machine"},
 };
 

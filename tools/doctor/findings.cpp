@@ -11,7 +11,7 @@ namespace tactus::doctor {
 namespace {
 
 constexpr int kHeaders = 28;            // IPv4 and UDP
-constexpr double kLateAdvice_us = 200;  // p99; beyond it cycles of 1 kHz lose a fifth of their time
+constexpr double kLateAdvice_us = 200;  // p99; a fifth of a cycle of 1 ms
 constexpr double kSlowClock_ns = 200;   // a system call instead of a vDSO read
 constexpr int kLastProgram = 119;       // number of programs per machine in one domain, minus one
 constexpr long kRtRuntime_us = 950000;  // the kernel's default
@@ -87,7 +87,7 @@ void judge_network(const Facts& facts, Findings& to) {
     to.advice(
         "mtu",
         joined(narrow) + ": datagrams of " + frame + " bytes are fragmented, and one lost fragment loses the datagram",
-        "ip link set INTERFACE mtu " + frame + ", or a smaller maxMessageSize in a copy of qos/");
+        "ip link set INTERFACE mtu " + frame + ", if the network carries frames of this size");
   }
 }
 
@@ -178,13 +178,13 @@ void judge_domain(const Facts& facts, Findings& to) {
                           : !facts.discovery.peers.empty() ? "as peers"
                                                            : "by multicast";
   if (!facts.join_error.empty()) {
-    to.fault("meeting", "cannot join " + which + ": " + facts.join_error,
+    to.fault("discovery", "cannot join " + which + ": " + facts.join_error,
              "correct the faults above or the stated reason");
   } else if (facts.matched_after) {
-    to.good("meeting", "two participants here met " + how + " in " + number(*facts.matched_after * 1e3) +
-                           " ms on all three classes");
+    to.good("discovery", "two participants here found each other " + how + " in " + number(*facts.matched_after * 1e3) +
+                             " ms on all three classes");
   } else {
-    to.fault("meeting", "two participants here did not meet " + how,
+    to.fault("discovery", "two participants here did not find each other " + how,
              facts.discovery.servers.empty()
                  ? "let a firewall pass UDP " + std::to_string(discovery_port(facts.domain)) + " and up, in and out"
                  : "is the server running? fast-discovery-server -i 0 -p 11811 -x " +

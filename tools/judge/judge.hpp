@@ -1,8 +1,8 @@
 /// Compares a session with its bounds: reads the report of the session and the audits of its contacts, and returns a
 /// table of values, bounds and verdicts.
 ///
-/// Input is the JSON of `tactus-sim --json` and of `tactus-mesh audit --json`. A missing key is an error; a missing
-/// sample falls short. Not realtime.
+/// Input is the JSON of `tactus-sim --json` and of `tactus-mesh audit --json`. A missing key is an error; a row
+/// without values falls short. Not realtime.
 #pragma once
 
 #include <cstdint>
@@ -27,14 +27,14 @@ struct Bounds {
   double raised_min = 0.08, raised_max = 0.12;  ///< m, the top of the lift
   double held_min = 1.5, held_max = 3;          ///< s
   double left = 0.003;                          ///< m above or below where the object was before the lift
-  double copies_apart = 0.015;                  ///< m; 6 N across a channel with a round trip of up to 40 ms
+  double copies_apart = 0.015;                  ///< m; for 6 N and a channel with a round trip of up to 40 ms
   double injected = 0.001;                      ///< J
   double port_lowest = -1e-6;                   ///< J
 };
 
-/// What this session must show beyond the general bounds.
+/// The bounds of one session in addition to the general ones.
 struct Promise {
-  bool lift = false;      ///< users lift an object together
+  bool lift = false;      ///< two users lift an object together
   bool eviction = false;  ///< regions are evicted from the compressed caches and loaded again
   /// Share of all vertex splits that an HRTC may receive; none: no bound for this session.
   std::optional<double> received_share;

@@ -55,7 +55,7 @@ class Recording {
     sequences_.resize(channels_.size());
   }
 
-  void add(std::size_t topic, spm::Span<const std::uint8_t> encoded) {
+  void add(std::size_t topic, std::span<const std::uint8_t> encoded) {
     const std::lock_guard lock{mutex_};
     if (!trouble_.empty() || topic >= channels_.size()) return;
     const std::uint64_t now = since_1970();
@@ -106,9 +106,9 @@ int record(const wire::SessionAddress& address, const std::string& file, double 
   Recording recording{file};
   wire::Participants participants{address};
   {
-    // Samples before the channels are known are dropped; no reader is matched that early.
+    // Samples that arrive before the channels are written are dropped; no reader is matched that early.
     wire::Tap tap{participants, bulk,
-                  [&](std::size_t topic, spm::Span<const std::uint8_t> encoded) { recording.add(topic, encoded); }};
+                  [&](std::size_t topic, std::span<const std::uint8_t> encoded) { recording.add(topic, encoded); }};
     recording.set_topics(tap.topics());
     std::cout << "recording session " << address.session << " into " << file << std::endl;
     const auto begin = Clock::now();

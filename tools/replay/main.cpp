@@ -51,12 +51,12 @@ void print(const hrtc_service::FlightReport& report) {
             << (report.from_the_beginning ? "the beginning" : "cycle " + std::to_string(report.start.first_cycle))
             << "; written for: " << report.start.reason << "\nbuild " << report.start.build << '\n'
             << report.probe_cycles << " forces, of these " << report.in_contact << " in contact (" << report.exact
-            << " exact), " << report.stale << " of stale poses, " << report.faulted << " off by a fault\n"
-            << report.objects << " objects; " << report.regions_came << " regions came, " << report.regions_left
-            << " left; " << report.budget_spent << " cycles cut short by the deadline; " << report.moves << " moves, "
-            << report.stops << " stops, " << report.resets << " resets\n";
+            << " exact), " << report.stale << " of stale poses, " << report.faulted << " switched off by a fault\n"
+            << report.objects << " objects; " << report.regions_came << " regions arrived, " << report.regions_left
+            << " left; the deadline ended refinement in " << report.budget_spent << " cycles; " << report.moves
+            << " moves, " << report.stops << " stops, " << report.resets << " resets\n";
   if (report.gaps > 0)
-    std::cout << report.gaps << " gaps of " << report.lost << " cycles: replayed on from where they end\n";
+    std::cout << report.gaps << " gaps of " << report.lost << " cycles: the replay continues after each gap\n";
   if (report.cut) std::cout << "the file is truncated; everything before is replayed\n";
   if (report.differ == 0)
     std::cout << "every force is the same to the bit\n";

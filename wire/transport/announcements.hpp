@@ -31,7 +31,7 @@ class Announcements {
   /// Sequence number of the announcement in an RTPS message; none if there is no announcement.
   [[nodiscard]] static std::optional<std::uint64_t> sequence_of(const std::uint8_t* message, std::uint32_t size);
 
-  /// The locators in `to` that have not got this announcement from this sender (an address) within the interval. The
+  /// The locators in `to` to which this sender (an address) has not sent this announcement within the interval. The
   /// library sends to single locators and to the group separately, so the group exists if `to` had one recently.
   [[nodiscard]] std::vector<Locator> due(const void* sender, std::uint64_t sequence, const std::vector<Locator>& to,
                                          std::int64_t now_ns);
@@ -39,8 +39,8 @@ class Announcements {
   /// `ignored`: name of participants whose announcements are dropped; empty: none.
   explicit Announcements(std::string ignored = {}) : ignored_name_{std::move(ignored)} {}
 
-  /// Takes a received message. After the first announcement of a participant, its locator gets announcements again,
-  /// even if an earlier participant with the same locator got them. False if the participant is to be ignored.
+  /// Reads a received message. After the first announcement of a participant, announcements to its locator are due
+  /// again, even if an earlier participant with the same locator received them. False if the participant is ignored.
   [[nodiscard]] bool on_received(const std::uint8_t* message, std::uint32_t size);
 
  private:
@@ -52,7 +52,7 @@ class Announcements {
   };
   std::mutex mutex_;
   std::map<std::pair<const void*, Locator>, Sent> sent_;
-  std::optional<std::int64_t> group_ns_;  // when the group was last among the receivers
+  std::optional<std::int64_t> group_ns_;  // newest announcement to the group
   std::string ignored_name_;
   std::map<GuidPrefix, bool> discovered_;  // discovered participants; false: ignored
 };

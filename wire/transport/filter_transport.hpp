@@ -1,6 +1,6 @@
 /// The UDP transport of Fast DDS with message filters. It delays, drops or shortens messages and creates none.
 ///
-///     out   announcements: only to receivers that have not got them recently      (announcements.hpp)
+///     out   announcements: only to receivers without a recent repetition          (announcements.hpp)
 ///           samples:       without the submessages that no reader uses            (trimming.hpp)
 ///     in    everything:    after the participant has been created                 (gate.hpp)
 ///           announcements: without those of ignored participants                  (announcements.hpp)

@@ -13,7 +13,7 @@ class Gate {
  public:
   explicit Gate(std::chrono::milliseconds timeout = std::chrono::seconds{1}) : timeout_{timeout} {}
   void open() noexcept;
-  /// Returns when open, or after `patience`, because a participant that fails to start waits for its receive threads.
+  /// Returns when open, or after the timeout, because a participant that fails to start waits for its receive threads.
   void pass();
 
  private:

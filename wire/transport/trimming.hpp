@@ -5,7 +5,7 @@
 /// time. The result is standard RTPS.
 /// Figure: a probe state is sent in a datagram of 280 bytes
 /// (`strace -f -e trace=sendto,sendmsg tactus-latency run --link none`). Calculated, not measured: without trimming it
-/// has 88 bytes more, and a full chunk of a mesh, 1,468 bytes, would need a second frame.
+/// has 88 bytes more, and a full chunk of a mesh, 1,468 bytes, would need a second Ethernet frame.
 #pragma once
 
 #include <array>

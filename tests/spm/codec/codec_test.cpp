@@ -9,7 +9,7 @@
 #include "spm/codec/base_codec.hpp"
 #include "spm/codec/model_codec.hpp"
 #include "spm/codec/region_codec.hpp"
-#include "tests/support/controller.hpp"
+#include "tests/support/hrtc_model.hpp"
 #include "tests/support/loaded_records.hpp"
 #include "tests/support/random_model.hpp"
 
@@ -28,12 +28,12 @@ constexpr int kMutations = 100'000;
 #endif
 
 std::vector<spm::Interval> whole_list(const Model& model, RegionId region) {
-  const Span<const spm::Interval> intervals = model.intervals_of(region);
+  const std::span<const spm::Interval> intervals = model.intervals_of(region);
   return {intervals.begin(), intervals.end()};
 }
 
 /// A random subset of a list, as intervals that do not touch.
-std::vector<spm::Interval> random_subset(Span<const spm::Interval> list, std::mt19937_64& random) {
+std::vector<spm::Interval> random_subset(std::span<const spm::Interval> list, std::mt19937_64& random) {
   std::vector<spm::Interval> subset;
   for (const spm::Interval& run : list) {
     for (std::uint32_t r = run.first; r != run.first + run.count; ++r) {
@@ -48,7 +48,7 @@ std::vector<spm::Interval> random_subset(Span<const spm::Interval> list, std::mt
   return subset;
 }
 
-bool same_intervals(Span<const spm::Interval> a, Span<const spm::Interval> b) {
+bool same_intervals(std::span<const spm::Interval> a, std::span<const spm::Interval> b) {
   return std::equal(a.begin(), a.end(), b.begin(), b.end(), [](const spm::Interval& x, const spm::Interval& y) {
     return x.first == y.first && x.count == y.count;
   });
@@ -76,32 +76,32 @@ void expect_sane(const RegionData& data, const ModelSummary& s) {
         const RecordPart& part = data.parts.at(part_at);
         more = part.next != kNone;
         if (more) {
-          ASSERT_EQ(part.next, part_at + 1);
+          ASSERT_EQ(index(part.next), part_at + 1);
         }
         if (part.parent != kNone) {
-          ASSERT_LT(part.parent, u);
+          ASSERT_LT(index(part.parent), u);
         }
         ASSERT_LT(part.radius, kRadiusCodes);
         ASSERT_LE(radius_of(part.radius), s.deviation);
         ASSERT_LE(part.born_count, kBornPerPart);
         ASSERT_LE(part.deformed_count, kDeformedPerPart);
         for (int i = 0; i < part.born_count; ++i) {
-          ASSERT_LT(part.born[i].face(), s.faces);
+          ASSERT_LT(index(part.born[i].face()), s.faces);
           ASSERT_LT(part.born[i].order(), 6u);
-          if ((part.born_x[i] & kInRing) == 0) {
-            ASSERT_LT(part.born_x[i], u);
+          if (!in_ring(part.born_x[i])) {
+            ASSERT_LT(index(part.born_x[i]), u);
           }
         }
         for (int i = 0; i < part.deformed_count; ++i) {
-          if (part.deformed[i].face() != kNextAround) {
-            ASSERT_LT(part.deformed[i].face(), s.faces);
+          if (part.deformed[i].face() != kSwing) {
+            ASSERT_LT(index(part.deformed[i].face()), s.faces);
           }
         }
       }
     }
   }
   ASSERT_EQ(part_at, data.parts.size());
-  ASSERT_EQ(record_at, data.offsets.size());
+  ASSERT_EQ(record_at, data.residuals.size());
 }
 
 Bytes mutated(Bytes bytes, std::mt19937_64& random) {
@@ -150,7 +150,7 @@ TEST(BaseCodec, GivesBackTheBaseMeshToTheBit) {
 Bytes base_bytes(std::uint32_t records) {
   const OwnedModel owned = random_model(kSeed, records, 2);
   const EncodedModel encoded{owned.model()};
-  const Span<const std::uint8_t> base = encoded.coded().spans().base;
+  const std::span<const std::uint8_t> base = encoded.coded().spans().base;
   return {base.begin(), base.end()};
 }
 
@@ -167,7 +167,7 @@ TEST(BaseCodec, RefusesAnotherVersionNamingBoth) {
 TEST(BaseCodec, RefusesEveryTruncation) {
   const Bytes bytes = base_bytes(50);
   for (std::size_t size = 0; size < bytes.size(); ++size) {
-    EXPECT_FALSE(decode_base(Span<const std::uint8_t>{bytes.data(), size})) << size << " bytes";
+    EXPECT_FALSE(decode_base(std::span<const std::uint8_t>{bytes.data(), size})) << size << " bytes";
   }
 }
 
@@ -189,7 +189,7 @@ class RegionCodec : public ::testing::Test {
   [[nodiscard]] Bytes encode(std::uint32_t region, const std::vector<spm::Interval>& sent) const {
     return encode_region(encoded_.coded(), RegionId{region}, sent);
   }
-  [[nodiscard]] Result<RegionData> decode(Span<const std::uint8_t> bytes) const {
+  [[nodiscard]] Result<RegionData> decode(std::span<const std::uint8_t> bytes) const {
     return decode_region(bytes, model_.summary, encoded_.coded().tables());
   }
 
@@ -221,13 +221,13 @@ TEST_F(RegionCodec, ARecordComesOutTheSameInEveryCompany) {
   std::map<std::uint32_t, std::array<std::uint32_t, 3>> offset;
   std::size_t at = 0;
   for (const spm::Interval& run : list)
-    for (std::uint32_t r = run.first; r != run.first + run.count; ++r) offset[r] = whole->offsets[at++];
+    for (std::uint32_t r = run.first; r != run.first + run.count; ++r) offset[r] = whole->residuals[at++];
   for (int round = 0; round < 20; ++round) {
     const Result<RegionData> some = decode(encode(1, random_subset(list, random)));
     ASSERT_TRUE(some);
     at = 0;
     for (const spm::Interval& run : some->sent)
-      for (std::uint32_t r = run.first; r != run.first + run.count; ++r) EXPECT_EQ(some->offsets[at++], offset[r]);
+      for (std::uint32_t r = run.first; r != run.first + run.count; ++r) EXPECT_EQ(some->residuals[at++], offset[r]);
   }
 }
 
@@ -239,7 +239,7 @@ TEST_F(RegionCodec, RefusesEveryTruncation) {
 }
 
 TEST_F(RegionCodec, NothingInsaneComesOfMutatedBytesAndTheCacheStaysSound) {
-  test_support::Controller controller{model_, PoolSettings::for_slots(2048)};
+  test_support::HrtcModel hrtc{model_, PoolSettings::for_slots(2048)};
   const Bytes bytes = encode(0, whole_list(model_, RegionId{0}));
   std::mt19937_64 random{kSeed};
   int decoded_well = 0, taken = 0;
@@ -249,21 +249,21 @@ TEST_F(RegionCodec, NothingInsaneComesOfMutatedBytesAndTheCacheStaysSound) {
     ++decoded_well;
     ASSERT_NO_FATAL_FAILURE(expect_sane(*decoded, model_.summary)) << "round " << round << ", seed " << kSeed;
     RegionList list;
-    if (controller.cache().accept(controller.object(), *decoded, list) == AcceptResult::kAccepted) {
+    if (hrtc.cache().accept(hrtc.object(), *decoded, list) == AcceptResult::kAccepted) {
       ++taken;
-      controller.cache().release(controller.object(), decoded->region);
+      hrtc.cache().release(hrtc.object(), decoded->region);
     }
     if (round % 64 == 0) {
-      ASSERT_THAT(controller.cache().violations(), IsEmpty()) << "round " << round << ", seed " << kSeed;
+      ASSERT_THAT(hrtc.cache().violations(), IsEmpty()) << "round " << round << ", seed " << kSeed;
     }
   }
   EXPECT_GT(decoded_well, kMutations / 200) << "the mutations never reach past the checks";
   EXPECT_GT(taken, 5);
-  EXPECT_THAT(controller.cache().violations(), IsEmpty());
-  controller.wipe_records();
+  EXPECT_THAT(hrtc.cache().violations(), IsEmpty());
+  hrtc.wipe_records();
   for (std::uint32_t region = 0; region < model_.summary.regions; ++region)
-    ASSERT_EQ(controller.load(RegionId{region}), AcceptResult::kAccepted);
-  EXPECT_EQ(test_support::loaded_difference(model_, controller.pool()), "");
+    ASSERT_EQ(hrtc.load(RegionId{region}), AcceptResult::kAccepted);
+  EXPECT_EQ(test_support::loaded_difference(model_, hrtc.pool()), "");
 }
 
 TEST_F(RegionCodec, DoesNotAllocateForRecordsThatCannotBeThere) {

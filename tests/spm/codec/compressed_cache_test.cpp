@@ -12,7 +12,7 @@
 #include "spm/codec/region_codec.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
-#include "tests/support/controller.hpp"
+#include "tests/support/hrtc_model.hpp"
 #include "tests/support/loaded_records.hpp"
 
 namespace tactus::spm::codec {
@@ -35,7 +35,7 @@ class CompressedCacheTest : public ::testing::Test {
     delete encoded_;
     delete built_;
   }
-  CompressedCacheTest() { store_.admit(summary(), encoded_->coded().tables()); }
+  CompressedCacheTest() { store_.admit(ObjectIndex{0}, summary(), encoded_->coded().tables()); }
 
   static const ModelSummary& summary() { return encoded_->coded().summary(); }
   static std::uint32_t regions() { return summary().regions; }
@@ -70,15 +70,15 @@ offline::BuiltModel* CompressedCacheTest::built_ = nullptr;
 EncodedModel* CompressedCacheTest::encoded_ = nullptr;
 
 TEST_F(CompressedCacheTest, ACacheFilledFromItHoldsTheModelsRecords) {
-  test_support::Controller controller{built_->model(), PoolSettings::for_slots(2 * summary().parts)};
+  test_support::HrtcModel hrtc{built_->model(), PoolSettings::for_slots(2 * summary().parts)};
   for (std::uint32_t region = 0; region < regions(); ++region) ASSERT_EQ(put(region).status, Status::kKept) << region;
   for (std::uint32_t region = 0; region < regions(); ++region) {
     RegionList list;
-    const RegionData& data = store_.get(kObject, RegionId{region}, controller.cache());
-    ASSERT_EQ(controller.cache().accept(controller.object(), data, list), AcceptResult::kAccepted) << region;
-    ASSERT_THAT(store_.get(kObject, RegionId{region}, controller.cache()).parts, IsEmpty()) << "all are in the cache";
+    const RegionData& data = store_.get(kObject, RegionId{region}, hrtc.cache());
+    ASSERT_EQ(hrtc.cache().accept(hrtc.object(), data, list), AcceptResult::kAccepted) << region;
+    ASSERT_THAT(store_.get(kObject, RegionId{region}, hrtc.cache()).parts, IsEmpty()) << "all are in the cache";
   }
-  EXPECT_EQ(test_support::loaded_difference(built_->model(), controller.pool()), "");
+  EXPECT_EQ(test_support::loaded_difference(built_->model(), hrtc.pool()), "");
   EXPECT_THAT(store_.violations(), IsEmpty());
 }
 
@@ -184,7 +184,7 @@ TEST_F(CompressedCacheTest, AMessageThatCountsOnWhatIsNotHereIsIncompleteAndChan
 TEST_F(CompressedCacheTest, WhatDoesNotFitIsRefusedWithWhatItNeedsAndChangesNothing) {
   std::uint32_t region = 0;
   CompressedCache small{1000};
-  small.admit(summary(), encoded_->coded().tables());
+  small.admit(kObject, summary(), encoded_->coded().tables());
   CompressedCache::Put put;
   do put = small.put(kObject, RegionId{region}, message(region, {}));
   while (put.status == Status::kKept && ++region < regions());

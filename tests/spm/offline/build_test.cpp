@@ -121,8 +121,9 @@ TEST_P(EveryMesh, NoCornerEverShownIsFurtherFromItsFinestPlaceThanItsRadius) {
       if (!mesh.shown(f)) continue;
       for (std::size_t k = 0; k < 3; ++k) {
         const std::uint32_t v = mesh.corners(f)[k];
-        const std::uint16_t code =
-            v < model.summary.base_vertices ? model.base_radii[v] : model.parts[v - model.summary.base_vertices].radius;
+        const std::uint16_t code = v < model.summary.base_vertices
+                                       ? model.base_radii[v]
+                                       : model.first_part(RecordId{v - model.summary.base_vertices}).radius;
         const auto &from = model.positions[v], &to = model.positions[finest_[f][k]];
         const double distance = std::hypot(double{from[0]} - to[0], double{from[1]} - to[1], double{from[2]} - to[2]);
         ASSERT_LE(distance, radius_of(code)) << "face " << f << ", vertex " << v;
@@ -242,7 +243,7 @@ TEST(Build, BlocksLengthenTheListsOfRegionsByLittle) {
   EXPECT_LE(blocks * 100, whole * 110) << "whole " << whole << ", in blocks " << blocks;
 }
 
-TEST(Build, ReachesTheNumberOfBaseFacesAskedForOnASmoothSurface) {
+TEST(Build, ReachesTheNumberOfBaseFacesRequestedOnASmoothSurface) {
   BuildOptions options;
   options.simplify.base_faces = 200;
   const BuiltModel built = build_model(generate(Shape::kOrgan, 20000), options);
@@ -265,9 +266,9 @@ std::size_t parts_of(const Model& model) {
   std::iota(part.begin(), part.end(), 0u);
   for (std::size_t pass = 0; pass < part.size(); ++pass) {
     for (const BaseFace& face : model.base_faces) {
-      std::uint32_t min = part[face.corners[0]];
-      for (const std::uint32_t v : face.corners) min = std::min(min, part[v]);
-      for (const std::uint32_t v : face.corners) part[v] = min;
+      std::uint32_t min = part[index(face.corners[0])];
+      for (const VertexId v : face.corners) min = std::min(min, part[index(v)]);
+      for (const VertexId v : face.corners) part[index(v)] = min;
     }
   }
   return std::set<std::uint32_t>(part.begin(), part.end()).size();

@@ -13,7 +13,7 @@
 #include "spm/offline/generate.hpp"
 #include "spm/offline/verify.hpp"
 #include "spm/region_grid.hpp"
-#include "tests/support/controller.hpp"
+#include "tests/support/hrtc_model.hpp"
 
 namespace tactus::spm::offline {
 namespace {
@@ -26,7 +26,7 @@ BuiltModel organ() {
   return build_model(generate(Shape::kOrgan, 8000), options);
 }
 
-TEST(Certificate, NoBallAnywhereNeedsMoreAndTheBoundIsNear) {
+TEST(Certificate, NoSphereAnywhereNeedsMoreAndTheBoundIsNear) {
   const BuiltModel built = organ();
   const Model model = built.model();
   const RegionGrid grid{model.summary.grid, model.regions};
@@ -47,7 +47,7 @@ TEST(Certificate, NoBallAnywhereNeedsMoreAndTheBoundIsNear) {
         }
       }));
       for (const std::uint32_t r : records) {
-        for (std::uint32_t p = r; p != kNone; p = model.parts[p].next) ++parts;
+        for (PartIndex p{r}; p != kNone; p = model.parts[p].next) ++parts;
       }
       max_regions = std::max(max_regions, regions);
       max_records = std::max(max_records, records.size());
@@ -60,7 +60,7 @@ TEST(Certificate, NoBallAnywhereNeedsMoreAndTheBoundIsNear) {
   }
 }
 
-TEST(Certificate, AMovingBallNeedsNoMoreThanWhatItBeganWithAndWhatEveryStepBrings) {
+TEST(Certificate, AMovingSphereNeedsNoMoreThanWhatItBeganWithAndWhatEveryStepBrings) {
   const BuiltModel built = organ();
   const Model model = built.model();
   const RegionGrid grid{model.summary.grid, model.regions};
@@ -97,35 +97,34 @@ TEST(Certificate, TheWorstStepTakesTheWorkThatItSays) {
   const Model model = built.model();
   for (const double radius : {0.0005, 0.003, 0.01}) {
     const Certificate certificate = certify(model, radius, 0.05);
-    test_support::Controller controller{model, PoolSettings::for_slots(8 * model.summary.vertices)};
+    test_support::HrtcModel hrtc{model, PoolSettings::for_slots(8 * model.summary.vertices)};
     for (std::uint32_t r = 0; r < model.summary.regions; ++r)
-      ASSERT_EQ(controller.load(RegionId{r}), AcceptResult::kAccepted);
-    Forest& forest = controller.forest();
+      ASSERT_EQ(hrtc.load(RegionId{r}), AcceptResult::kAccepted);
+    Forest& forest = hrtc.forest();
     constexpr std::uint32_t kPlenty = 1u << 30;
     const auto step = [&](const std::vector<RegionId>& to) {
       forest.target(to.data(), static_cast<std::uint32_t>(to.size()));
       Budget budget{kPlenty};
       EXPECT_EQ(forest.advance(budget), Advance::kDone);
       const RefitCount refit = forest.refit();
-      EXPECT_LE(controller.nodes().used(), certificate.nodes);
+      EXPECT_LE(hrtc.nodes().used(), certificate.nodes);
       EXPECT_LE(refit.marked, max_marked(refit.changed, model.summary.faces));
       return kPlenty - budget.units;
     };
     step(certificate.units_from);
     EXPECT_EQ(step(certificate.units_to), certificate.units) << radius;
-    EXPECT_LE(controller.nodes().used(), certificate.nodes) << radius;
+    EXPECT_LE(hrtc.nodes().used(), certificate.nodes) << radius;
   }
 }
 
-TEST(Certificate, NoBallAnywhereShowsMoreNodesThanItSaysAndTheBoundIsNear) {
+TEST(Certificate, NoSphereAnywhereShowsMoreNodesThanItSaysAndTheBoundIsNear) {
   const BuiltModel built = organ();
   const Model model = built.model();
   const RegionGrid grid{model.summary.grid, model.regions};
   constexpr double kRadius = 0.003;
   const Certificate certificate = certify(model, kRadius, 0.05);
-  test_support::Controller controller{model, PoolSettings::for_slots(8 * model.summary.vertices)};
-  for (std::uint32_t r = 0; r < model.summary.regions; ++r)
-    ASSERT_EQ(controller.load(RegionId{r}), AcceptResult::kAccepted);
+  test_support::HrtcModel hrtc{model, PoolSettings::for_slots(8 * model.summary.vertices)};
+  for (std::uint32_t r = 0; r < model.summary.regions; ++r) ASSERT_EQ(hrtc.load(RegionId{r}), AcceptResult::kAccepted);
   std::mt19937 random{13};
   std::uint32_t max = 0;
   for (int i = 0; i < 300; ++i) {
@@ -134,8 +133,8 @@ TEST(Certificate, NoBallAnywhereShowsMoreNodesThanItSaysAndTheBoundIsNear) {
                                 : Vec3d{near[0], near[1], near[2]};
     std::vector<RegionId> regions;
     ASSERT_TRUE(grid.for_each_meeting(centre, kRadius, [&](RegionId region, double) { regions.push_back(region); }));
-    ASSERT_EQ(controller.refine(regions), Advance::kDone);
-    max = std::max(max, controller.nodes().used());
+    ASSERT_EQ(hrtc.refine(regions), Advance::kDone);
+    max = std::max(max, hrtc.nodes().used());
   }
   EXPECT_LE(max, certificate.nodes);
   EXPECT_LE(certificate.nodes, 2 * max);
@@ -173,12 +172,12 @@ TEST(Certificate, APoolOfTheSlotsNeededHoldsWhatABallNeedsAndTheMemoryNeededHasT
     const std::array<float, 3>& near = model.positions[random() % model.summary.vertices];
     const Vec3d centre = i == 0 ? Vec3d{certificate.worst[0], certificate.worst[1], certificate.worst[2]}
                                 : Vec3d{near[0], near[1], near[2]};
-    test_support::Controller controller{model, settings};
+    test_support::HrtcModel hrtc{model, settings};
     std::vector<RegionId> regions;
     ASSERT_TRUE(grid.for_each_meeting(centre, 0.003, [&](RegionId region, double) { regions.push_back(region); }));
-    for (const RegionId region : regions) ASSERT_EQ(controller.load(region), AcceptResult::kAccepted) << "ball " << i;
-    EXPECT_EQ(controller.refine(regions), Advance::kDone) << "ball " << i;
-    EXPECT_TRUE(controller.forest().exact(centre, 0.003));
+    for (const RegionId region : regions) ASSERT_EQ(hrtc.load(region), AcceptResult::kAccepted) << "ball " << i;
+    EXPECT_EQ(hrtc.refine(regions), Advance::kDone) << "ball " << i;
+    EXPECT_TRUE(hrtc.forest().exact(centre, 0.003));
   }
 }
 
@@ -255,9 +254,8 @@ TEST(Certificate, TheNodesThatItSaysAreEnoughWhateverRests) {
   // A record may only be split when each face that it bears could have a branch of its own.
   constexpr std::uint32_t kBranches = 6 * 7;
   settings.tree_nodes = certify(model, kRadius, 0.05).nodes + kBranches;
-  test_support::Controller controller{model, settings};
-  for (std::uint32_t r = 0; r < model.summary.regions; ++r)
-    ASSERT_EQ(controller.load(RegionId{r}), AcceptResult::kAccepted);
+  test_support::HrtcModel hrtc{model, settings};
+  for (std::uint32_t r = 0; r < model.summary.regions; ++r) ASSERT_EQ(hrtc.load(RegionId{r}), AcceptResult::kAccepted);
   std::mt19937 random{17};
   std::uint32_t full = 0;
   for (int i = 0; i < 300; ++i) {
@@ -265,18 +263,18 @@ TEST(Certificate, TheNodesThatItSaysAreEnoughWhateverRests) {
     std::vector<RegionId> regions;
     ASSERT_TRUE(grid.for_each_meeting(Vec3d{near[0], near[1], near[2]}, kRadius,
                                       [&](RegionId region, double) { regions.push_back(region); }));
-    const auto ask = [&] { return controller.refine(regions, 1u << 30, nullptr, 0, Unrequested::kRest); };
+    const auto ask = [&] { return hrtc.refine(regions, 1u << 30, nullptr, 0, Unrequested::kRest); };
     Advance advance = ask();
     if (advance == Advance::kNodesFull) {  // those of what rested are free after the refit
       ++full;
       advance = ask();
     }
     ASSERT_EQ(advance, Advance::kDone) << i;
-    for (const RegionId region : regions) ASSERT_TRUE(controller.forest().is_refined(region));
+    for (const RegionId region : regions) ASSERT_TRUE(hrtc.forest().is_refined(region));
   }
   EXPECT_GT(full, 10u) << "nodes were never short";
   EXPECT_LT(full, 290u) << "nothing ever rested";
-  EXPECT_THAT(controller.forest().violations(), ::testing::IsEmpty());
+  EXPECT_THAT(hrtc.forest().violations(), ::testing::IsEmpty());
 }
 
 }  // namespace

@@ -41,7 +41,7 @@ double volume(const TriangleMesh& mesh) {
   return sum / 6;
 }
 
-TEST(Generate, SphereAndOrganHaveExactlyTheEvenNumberOfFacesAskedFor) {
+TEST(Generate, SphereAndOrganHaveExactlyTheEvenNumberOfFacesRequested) {
   for (const std::uint32_t faces : {8u, 10u, 96u, 1000u, 4096u, 50002u}) {
     EXPECT_EQ(generate(Shape::kSphere, faces).faces.size(), faces);
     EXPECT_EQ(generate(Shape::kOrgan, faces).faces.size(), faces);

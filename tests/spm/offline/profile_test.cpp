@@ -12,7 +12,7 @@
 #include "spm/offline/generate.hpp"
 #include "spm/offline/snap.hpp"
 #include "spm/offline/verify.hpp"
-#include "tests/support/controller.hpp"
+#include "tests/support/hrtc_model.hpp"
 #include "tests/support/loaded_records.hpp"
 #include "tests/support/mesh_zoo.hpp"
 
@@ -63,13 +63,13 @@ TEST_P(EveryProfile, IsSoundVerifiesAndArrivesToTheBitInAnyOrderOfRegions) {
     // Small cells: far more list entries than records.
     PoolSettings settings = PoolSettings::for_slots(2 * (model.summary.parts + model.summary.base_faces + 64));
     for (const Region& region : model.regions) settings.list_blocks += region.record_count / ListBlock::kEntries + 1;
-    test_support::Controller controller{model, settings};
-    for (const RegionId region : order) ASSERT_EQ(controller.load(region), AcceptResult::kAccepted) << "seed " << seed;
-    EXPECT_EQ(test_support::loaded_difference(model, controller.pool()), "") << "seed " << seed;
+    test_support::HrtcModel hrtc{model, settings};
+    for (const RegionId region : order) ASSERT_EQ(hrtc.load(region), AcceptResult::kAccepted) << "seed " << seed;
+    EXPECT_EQ(test_support::loaded_difference(model, hrtc.pool()), "") << "seed " << seed;
   }
 }
 
-TEST_P(EveryProfile, RegionsComeAndGoInAnyOrderWithTheSealsThatTheBaseMeshStates) {
+TEST_P(EveryProfile, RegionsComeAndGoInAnyOrderWithTheChecksumsThatTheBaseMeshStates) {
   const auto& [zoo, bits] = GetParam();
   BuiltModel built;
   try {
@@ -80,19 +80,19 @@ TEST_P(EveryProfile, RegionsComeAndGoInAnyOrderWithTheSealsThatTheBaseMeshStates
   const Model model = built.model();
   PoolSettings settings = PoolSettings::for_slots(2 * (model.summary.parts + model.summary.base_faces + 64));
   for (const Region& region : model.regions) settings.list_blocks += region.record_count / ListBlock::kEntries + 1;
-  test_support::Controller controller{model, settings};
+  test_support::HrtcModel hrtc{model, settings};
   std::mt19937 random{7};
   for (int step = 0; step < 400; ++step) {
     const RegionId region{static_cast<std::uint32_t>(random() % model.summary.regions)};
-    if (controller.cache().holds(controller.object(), region)) {
-      controller.cache().release(controller.object(), region);
+    if (hrtc.cache().holds(hrtc.object(), region)) {
+      hrtc.cache().release(hrtc.object(), region);
       continue;
     }
     RegionList list;
-    ASSERT_EQ(controller.cache().accept(controller.object(), controller.message(region), list), AcceptResult::kAccepted)
+    ASSERT_EQ(hrtc.cache().accept(hrtc.object(), hrtc.message(region), list), AcceptResult::kAccepted)
         << "step " << step << ", seed 7";
   }
-  EXPECT_THAT(controller.cache().violations(), IsEmpty());
+  EXPECT_THAT(hrtc.cache().violations(), IsEmpty());
 }
 
 TEST(Snap, MovesNoCoordinateByMoreThanHalfAStepAndDoesNothingTwice) {

@@ -69,24 +69,27 @@ const std::vector<Damage> kDamages{
      "cell size"},
     {"OriginNotFinite", [](BuiltModel& m) { m.summary.grid.origin[2] = std::nan(""); }, "grid origin"},
     {"ScaleNegative", [](BuiltModel& m) { m.summary.metres_per_unit = -1; }, "metres per unit"},
-    {"BaseCornerNotBase", [](BuiltModel& m) { m.base_faces[0].corners[1] = m.summary.base_vertices; },
+    {"BaseCornerNotBase", [](BuiltModel& m) { m.base_faces[0].corners[1] = VertexId{m.summary.base_vertices}; },
      "base face 0: corner"},
     {"BaseFaceTwice", [](BuiltModel& m) { m.base_faces[1].face = m.base_faces[0].face; }, "is there twice"},
-    {"BaseFaceIdTooHigh", [](BuiltModel& m) { m.base_faces[0].face = m.summary.faces; }, "base face 0: face id"},
+    {"BaseFaceIdTooHigh", [](BuiltModel& m) { m.base_faces[0].face = FaceId{m.summary.faces}; },
+     "base face 0: face id"},
     {"BaseLastWrong", [](BuiltModel& m) { m.base_faces[0].last ^= 1u; }, "last version"},
-    {"ParentIsTheVertexItself", [](BuiltModel& m) { m.parts[7].parent = m.summary.base_vertices + 7; },
+    {"ParentIsTheVertexItself", [](BuiltModel& m) { m.parts[7].parent = VertexId{m.summary.base_vertices + 7}; },
      "record 7: parent"},
     {"TooManyBorn", [](BuiltModel& m) { m.parts[7].born_count = 3; }, "record 7: 3 born"},
     {"TooManyDeformed", [](BuiltModel& m) { m.parts[7].deformed_count = 255; }, "255 deformed"},
     {"BornOrderSix", [](BuiltModel& m) { m.parts[7].born[0].bits = (m.parts[7].born[0].bits & ~14u) | 12u; },
      "in order 6"},
-    {"BornFaceTooHigh", [](BuiltModel& m) { m.parts[7].born[0] = BornRef::make(m.summary.faces, 0, true); },
+    {"BornFaceTooHigh", [](BuiltModel& m) { m.parts[7].born[0] = BornRef::make(FaceId{m.summary.faces}, 0, true); },
      "record 7: bears face"},
     {"BornTwice", [](BuiltModel& m) { m.parts[7].born[1] = m.parts[7].born[0]; }, "which is there already"},
-    {"ThirdCornerFromTheFuture", [](BuiltModel& m) { m.parts[7].born_x[0] = m.summary.vertices - 1; },
+    {"ThirdCornerFromTheFuture", [](BuiltModel& m) { m.parts[7].born_x[0] = VertexId{m.summary.vertices - 1}; },
      "record 7: third corner"},
     {"DeformedFaceTooHigh",
-     [](BuiltModel& m) { m.parts[record_with_deformed(m)].deformed[0] = DeformedRef::make(m.summary.faces, 0, true); },
+     [](BuiltModel& m) {
+       m.parts[record_with_deformed(m)].deformed[0] = DeformedRef::make(FaceId{m.summary.faces}, 0, true);
+     },
      "deforms corner"},
     {"DeformedCornerThree", [](BuiltModel& m) { m.parts[record_with_deformed(m)].deformed[0].bits |= 6u; },
      "deforms corner 3"},
@@ -109,8 +112,8 @@ const std::vector<Damage> kDamages{
     {"BaseRadiiMissing", [](BuiltModel& m) { m.base_radii.pop_back(); }, "base radii: found"},
     {"DeviationBelowTheGreatestRadius", [](BuiltModel& m) { m.summary.deviation *= 0.9; }, "deviation: found"},
     {"MaxLevelWrong", [](BuiltModel& m) { ++m.summary.max_level; }, "max level"},
-    {"ChainIntoARecord", [](BuiltModel& m) { m.parts[9].next = 10; }, "record 9: continues in part 10"},
-    {"ChainBeyondTheEnd", [](BuiltModel& m) { m.parts[9].next = m.summary.parts; }, "record 9: continues"},
+    {"ChainIntoARecord", [](BuiltModel& m) { m.parts[9].next = PartIndex{10}; }, "record 9: continues in part 10"},
+    {"ChainBeyondTheEnd", [](BuiltModel& m) { m.parts[9].next = PartIndex{m.summary.parts}; }, "record 9: continues"},
     {"CellTwice", [](BuiltModel& m) { m.regions[1].cell = m.regions[0].cell; }, "its cell is there twice"},
     {"CellWithinAnother",
      [](BuiltModel& m) {
@@ -223,14 +226,14 @@ TEST(Violations, WhateverPassesAfterRandomDamageCanBeReplayed) {
 TEST(Violations, ASealThatIsNotOfTheListIsFound) {
   BuiltModel broken = sound_model();
   ++broken.regions[1].checksum;
-  EXPECT_THAT(violations(broken.model()), Contains(HasSubstr("region 1: seal")));
+  EXPECT_THAT(violations(broken.model()), Contains(HasSubstr("region 1: checksum")));
 }
 
 TEST(Violations, ABaseMeshIsHeldToTheSameRules) {
   const BaseMesh sound = base_mesh_of(sound_model().model());
   ASSERT_THAT(violations(sound), IsEmpty());
   BaseMesh broken = sound;
-  broken.faces[3].corners[0] = broken.summary.base_vertices;
+  broken.faces[3].corners[0] = VertexId{broken.summary.base_vertices};
   EXPECT_THAT(violations(broken), Contains(HasSubstr("base face 3: corner")));
   broken = sound;
   broken.positions.pop_back();

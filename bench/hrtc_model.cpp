@@ -1,4 +1,4 @@
-#include "bench/controller.hpp"
+#include "bench/hrtc_model.hpp"
 
 #include <algorithm>
 #include <stdexcept>
@@ -13,7 +13,7 @@ std::uint32_t slots_for(const spm::ModelSummary& summary, double share, std::uin
   return base + std::max(static_cast<std::uint32_t>(share * summary.parts), min);
 }
 
-spm::Cache::Admitted Controller::admit(spm::Cache& cache, const spm::BaseMesh& base) {
+spm::Cache::Admitted HrtcModel::admit(spm::Cache& cache, const spm::BaseMesh& base) {
   spm::Cache::Admitted admitted = cache.admit(base);
   if (!admitted.fits)
     throw std::runtime_error("a base mesh of " + std::to_string(base.positions.size()) +
@@ -21,7 +21,7 @@ spm::Cache::Admitted Controller::admit(spm::Cache& cache, const spm::BaseMesh& b
   return admitted;
 }
 
-Controller::Controller(const spm::Model& model, spm::PoolSettings settings)
+HrtcModel::HrtcModel(const spm::Model& model, spm::PoolSettings settings)
     : model_{model},
       encoded_{model},
       pool_{settings},
@@ -30,7 +30,7 @@ Controller::Controller(const spm::Model& model, spm::PoolSettings settings)
       admitted_{admit(cache_, spm::base_mesh_of(model))},
       forest_{pool_,
               nodes_,
-              index(admitted_.object),
+              admitted_.object,
               model.summary,
               spm::RegionGrid{model.summary.grid, model.regions},
               std::move(admitted_.base)},
@@ -42,7 +42,7 @@ Controller::Controller(const spm::Model& model, spm::PoolSettings settings)
   forest_.refit();
 }
 
-spm::RegionData Controller::message(spm::RegionId region, bool whole) const {
+spm::RegionData HrtcModel::message(spm::RegionId region, bool whole) const {
   std::vector<spm::Interval> sent;
   for (const spm::Interval& run : model_.intervals_of(region))
     for (std::uint32_t record = run.first; record < run.first + run.count; ++record) {
@@ -58,7 +58,7 @@ spm::RegionData Controller::message(spm::RegionId region, bool whole) const {
   return std::move(*decoded);
 }
 
-spm::AcceptResult Controller::load(const spm::RegionData& data) {
+spm::AcceptResult HrtcModel::load(const spm::RegionData& data) {
   spm::RegionList list;
   const spm::AcceptResult result = cache_.accept(admitted_.object, data, list);
   if (result != spm::AcceptResult::kAccepted) return result;
@@ -69,11 +69,11 @@ spm::AcceptResult Controller::load(const spm::RegionData& data) {
   return result;
 }
 
-std::uint32_t Controller::release_retired() {
+std::uint32_t HrtcModel::release_retired() {
   std::uint32_t released = 0;
-  for (std::uint32_t region; (region = forest_.take_retired()) != spm::kNone; ++released) {
-    cache_.release(admitted_.object, spm::RegionId{region});
-    for (const spm::Interval& run : model_.intervals_of(spm::RegionId{region}))
+  for (spm::RegionId region; (region = forest_.take_retired()) != spm::kNone; ++released) {
+    cache_.release(admitted_.object, region);
+    for (const spm::Interval& run : model_.intervals_of(region))
       for (std::uint32_t record = run.first; record < run.first + run.count; ++record)
         if (--listed_[record] == 0) --records_held_;
   }

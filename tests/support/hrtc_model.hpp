@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "spm/cache.hpp"
@@ -14,17 +15,17 @@
 
 namespace tactus::test_support {
 
-class Controller {
+class HrtcModel {
  public:
-  Controller(const spm::Model& model, spm::PoolSettings settings)
+  HrtcModel(const spm::Model& model, spm::PoolSettings settings)
       : model_{model}, encoded_{model}, pool_{settings}, nodes_{settings.tree_nodes}, cache_{pool_} {
     const spm::BaseMesh base = spm::base_mesh_of(model);
     spm::Cache::Admitted admitted = cache_.admit(base);
     EXPECT_TRUE(admitted.fits);
     object_ = admitted.object;
     forest_ = std::make_unique<spm::Forest>(
-        pool_, nodes_, spm::index(object_), base.summary,
-        spm::RegionGrid{base.summary.grid, spm::Span<const spm::Region>{base.regions}}, std::move(admitted.base));
+        pool_, nodes_, object_, base.summary,
+        spm::RegionGrid{base.summary.grid, std::span<const spm::Region>{base.regions}}, std::move(admitted.base));
   }
 
   /// The message of a host: the region's list, and those of its records that no held region lists.
@@ -80,19 +81,18 @@ class Controller {
 
   /// Releases from the cache the regions that the forest has retired.
   void release_retired() {
-    for (std::uint32_t region; (region = forest_->take_retired()) != spm::kNone;)
-      cache_.release(object_, spm::RegionId{region});
+    for (spm::RegionId region; (region = forest_->take_retired()) != spm::kNone;) cache_.release(object_, region);
   }
 
-  [[nodiscard]] const spm::FaceRow& row(std::uint32_t number) const { return pool_.faces[number]; }
-  [[nodiscard]] std::uint32_t vertex_id(std::uint32_t slot) const { return pool_.vertices[slot].id; }
-  [[nodiscard]] float radius(std::uint32_t slot) const { return pool_.radius[slot]; }
+  [[nodiscard]] const spm::FaceRow& row(spm::RowIndex row) const { return pool_.faces[row]; }
+  [[nodiscard]] spm::VertexId vertex_id(spm::Slot slot) const { return pool_.vertices[slot].id; }
+  [[nodiscard]] float radius(spm::Slot slot) const { return pool_.radius[slot]; }
   [[nodiscard]] const spm::Pool& pool() const { return pool_; }
   /// Overwrites the vertex ids in the slots of released records, so that they match no record. Only while no region is
   /// loaded.
   void wipe_records() {
     for (spm::Vertex& vertex : pool_.vertices)
-      if (vertex.id >= model_.summary.base_vertices) vertex.id = 0;
+      if (index(vertex.id) >= model_.summary.base_vertices) vertex.id = {};
   }
   [[nodiscard]] const spm::codec::CompressedModel& coded() const { return encoded_.coded(); }
   [[nodiscard]] spm::Forest& forest() { return *forest_; }

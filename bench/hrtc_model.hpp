@@ -1,4 +1,4 @@
-/// A controller's run time around one model: pool, cache, forest and tree, without network, threads or prediction.
+/// An HRTC's run time around one model: pool, cache, forest and tree, without network, threads or prediction.
 ///
 /// Each region comes encoded and decoded as if from a host: its list, and the records that no held region lists.
 /// Allocates. File units, model frame.
@@ -14,12 +14,12 @@
 
 namespace tactus::bench {
 
-class Controller {
+class HrtcModel {
  public:
   /// `model` must outlive it. Shows the base mesh. Throws std::runtime_error when that does not fit.
-  Controller(const spm::Model& model, spm::PoolSettings settings);
-  Controller(const Controller&) = delete;
-  Controller& operator=(const Controller&) = delete;
+  HrtcModel(const spm::Model& model, spm::PoolSettings settings);
+  HrtcModel(const HrtcModel&) = delete;
+  HrtcModel& operator=(const HrtcModel&) = delete;
 
   /// What a host would send now; `whole`: with the records that are here already, too.
   [[nodiscard]] spm::RegionData message(spm::RegionId region, bool whole) const;

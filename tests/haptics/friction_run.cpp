@@ -1,4 +1,4 @@
-#include "tests/haptics/friction_strokes.hpp"
+#include "tests/haptics/friction_run.hpp"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -43,11 +43,11 @@ bool AnalyticSphere::closest(const Vec3d& point, double within, SurfaceHit& hit)
   return true;
 }
 
-FrictionResult run_strokes(AnalyticSphere sphere, double static_friction, double dynamic_friction, double max_speed,
-                           std::uint64_t cycles, std::uint64_t seed) {
+FrictionResult run_friction(AnalyticSphere sphere, double static_friction, double dynamic_friction, double max_speed,
+                            std::uint64_t cycles, std::uint64_t seed) {
   constexpr double kCycle = 1e-3, kTip = 0.003;
-  constexpr double kMin = 0.0002, kMax = 0.002;        // m, of depth
-  constexpr std::uint64_t kStroke = 400, kRest = 100;  // cycles
+  constexpr double kMin = 0.0002, kMax = 0.002;         // m, of depth
+  constexpr std::uint64_t kSegment = 400, kRest = 100;  // cycles
   std::mt19937_64 random{seed};
   std::normal_distribution<double> normal;
   std::uniform_real_distribution<double> uniform;
@@ -63,8 +63,8 @@ FrictionResult run_strokes(AnalyticSphere sphere, double static_friction, double
   (void)proxy.step(up * (resting + side * kTip), kCycle, sphere, false);
   bool slipped = false;
   for (std::uint64_t i = 0; i < cycles; ++i) {
-    if (i % kStroke == 0) speed = max_speed * uniform(random);
-    const double along = i % kStroke < kStroke - kRest ? speed * kCycle : 0;
+    if (i % kSegment == 0) speed = max_speed * uniform(random);
+    const double along = i % kSegment < kSegment - kRest ? speed * kCycle : 0;
     ahead = (ahead + 0.02 * normal(random) * up.cross(ahead)).normalized();
     up = Eigen::AngleAxisd{along / sphere.radius(), up.cross(ahead).normalized()} * up;
     ahead = (ahead - up * up.dot(ahead)).normalized();

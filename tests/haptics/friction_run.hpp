@@ -35,7 +35,7 @@ struct FrictionResult {
 };
 
 /// `cycles` of strokes that start, stop and change direction, at up to `speed` m/s, 0.2 to 2 mm deep.
-[[nodiscard]] FrictionResult run_strokes(AnalyticSphere sphere, double static_friction, double dynamic_friction,
-                                         double speed, std::uint64_t cycles, std::uint64_t seed);
+[[nodiscard]] FrictionResult run_friction(AnalyticSphere sphere, double static_friction, double dynamic_friction,
+                                          double speed, std::uint64_t cycles, std::uint64_t seed);
 
 }  // namespace tactus::haptics::testing

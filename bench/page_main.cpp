@@ -1,0 +1,43 @@
+// What `scripts/bench all` and `scripts/bench report` do with the rows of benchmarks that have run.
+#include <CLI/CLI.hpp>
+#include <cstdio>
+
+#include "bench/figures.hpp"
+#include "bench/page.hpp"
+
+int main(int argc, char** argv) {
+  using namespace tactus::bench;
+  CLI::App app{"Rows of benchmarks: the page, the shortfalls, a row for a benchmark that failed", "tactus-bench-page"};
+  std::string folder, file, bench, command;
+  int status = 0;
+  CLI::App* write = app.add_subcommand("write", "print the page of benchmarks");
+  CLI::App* list = app.add_subcommand("shortfalls", "print the rows that fall short; exit status 1 when there are any");
+  for (CLI::App* each : {write, list}) each->add_option("folder", folder, "with the JSON files")->required();
+  CLI::App* failed = app.add_subcommand("failed", "write the row of a benchmark that ended without rows");
+  failed->add_option("file", file, "to write")->required();
+  failed->add_option("bench", bench, "its name")->required();
+  failed->add_option("command", command, "how it was called")->required();
+  failed->add_option("status", status, "its exit status")->required();
+  app.require_subcommand(1);
+  try {
+    app.parse(argc, argv);
+    if (*write) std::fputs(page(read_runs(folder)).c_str(), stdout);
+    if (*list) {
+      const std::vector<std::string> lines = shortfalls(read_runs(folder));
+      for (const std::string& line : lines) std::printf("falls short: %s\n", line.c_str());
+      return lines.empty() ? 0 : 1;
+    }
+    if (*failed) {
+      Report report{{"none: no rows were written"}};
+      report.at_least("runs that ended with rows", {"runs", 1}, "", 0, 1);
+      report.figure("exit status", {"runs", 1}, "", status);
+      (void)report.finish(bench, command, file);
+    }
+    return 0;
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : 2;
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "tactus-bench-page: %s\n", error.what());
+    return 2;
+  }
+}

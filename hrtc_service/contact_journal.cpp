@@ -1,0 +1,27 @@
+#include "hrtc_service/contact_journal.hpp"
+
+namespace tactus::hrtc_service {
+
+ContactJournal::ContactJournal(const std::filesystem::path& file, ContactQuery::LogRing& queries)
+    : log_{file}, queries_{queries} {}
+
+void ContactJournal::add(const TouchObject& object) {
+  numbers_[object.index] = next_number_++;
+  log_.write(trace::LoggedObject{numbers_[object.index], object.digest, object.placement.scale(), object.name});
+}
+
+bool ContactJournal::drain() {
+  while (queries_.pop(query_)) {
+    query_.object = numbers_[query_.object];
+    log_.write(query_);
+  }
+  return log_.healthy();
+}
+
+void ContactJournal::close(const Loader::ObjectInfo& object) {
+  static_cast<void>(drain());
+  log_.write(trace::LoggedTotals{numbers_[object.index], object.records_received, object.records_returned,
+                                 object.regions_received, object.regions_released});
+}
+
+}  // namespace tactus::hrtc_service

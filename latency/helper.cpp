@@ -1,0 +1,62 @@
+#include "latency/helper.hpp"
+
+#include <fcntl.h>
+#include <signal.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <filesystem>
+#include <thread>
+
+#include "latency/cell.hpp"
+
+namespace tactus::latency {
+namespace {
+
+std::string path_of(const std::string& program) {
+  if (program.find('/') != std::string::npos) return program;
+  return (std::filesystem::read_symlink("/proc/self/exe").parent_path() / program).string();
+}
+
+/// Ours, and the one that the process inherits.
+std::pair<int, int> socket_pair() {
+  std::array<int, 2> ends{};
+  if (::socketpair(AF_UNIX, SOCK_STREAM, 0, ends.data()) != 0) throw LatencyError("no socket pair");
+  ::fcntl(ends[0], F_SETFD, FD_CLOEXEC);
+  return {ends[0], ends[1]};
+}
+
+}  // namespace
+
+Helper::Helper(const std::string& program, const std::vector<std::string>& options, const std::atomic<bool>& stop,
+               const Start& start)
+    : Helper{program, options, stop, start, socket_pair()} {}
+
+Helper::Helper(const std::string& program, const std::vector<std::string>& options, const std::atomic<bool>& stop,
+               const Start& start, std::pair<int, int> ends)
+    : channel_{ends.first, stop} {
+  std::vector<std::string> command{path_of(program), "serve", "--control", std::to_string(ends.second)};
+  command.insert(command.end(), options.begin(), options.end());
+  try {
+    pid_ = start(std::move(command));
+  } catch (...) {
+    ::close(ends.second);
+    throw;
+  }
+  ::close(ends.second);
+}
+
+Helper::~Helper() {
+  using namespace std::chrono_literals;
+  ::kill(pid_, SIGINT);
+  for (int i = 0; i < 150; ++i, std::this_thread::sleep_for(10ms))  // waitpid has no timeout
+    if (::waitpid(pid_, nullptr, WNOHANG) != 0) return;
+  ::kill(-pid_, SIGKILL);
+  while (::waitpid(pid_, nullptr, 0) < 0 && errno == EINTR) {
+  }
+}
+
+}  // namespace tactus::latency

@@ -1,0 +1,69 @@
+/// Percentiles of stored samples: the one rule of the project.
+///
+/// Nearest rank, without interpolation: the percentile of a share is the smallest sample that at least this share of
+/// all samples do not exceed. So it is always one of the samples; share 0 gives the smallest, 1 the largest. Without
+/// samples it is NaN, which compares false with every bound.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <numeric>
+#include <vector>
+
+namespace tactus::session {
+
+/// Index of the percentile among `count` > 0 sorted samples; `share` in [0, 1].
+[[nodiscard]] inline std::size_t percentile_index(std::size_t count, double share) noexcept {
+  constexpr double kTolerance = 1e-9;  // rounding of share * count: 0.999 of 1000 is rank 999
+  const double of = static_cast<double>(count);
+  return static_cast<std::size_t>(std::clamp(std::ceil((share - kTolerance) * of), 1.0, of)) - 1;
+}
+
+/// `sorted` ascends. O(1).
+template <class Value>
+[[nodiscard]] double percentile(const std::vector<Value>& sorted, double share) noexcept {
+  if (sorted.empty()) return std::numeric_limits<double>::quiet_NaN();
+  return static_cast<double>(sorted[percentile_index(sorted.size(), share)]);
+}
+
+/// Samples of one quantity: all, or the newest of them. One thread at a time.
+template <class Value = double>
+class Samples {
+ public:
+  /// Stores all samples.
+  Samples() = default;
+  /// Stores the newest `capacity` samples.
+  explicit Samples(std::size_t capacity) : capacity_{capacity} {}
+
+  void reserve(std::size_t count) { values_.reserve(count); }
+  void add(Value value) {
+    if (values_.size() < capacity_)
+      values_.push_back(value);
+    else
+      values_[next_++ % capacity_] = value;
+  }
+  [[nodiscard]] bool empty() const noexcept { return values_.empty(); }
+  [[nodiscard]] std::size_t size() const noexcept { return values_.size(); }
+  /// O(size), allocates.
+  [[nodiscard]] double percentile(double share) const {
+    if (values_.empty()) return std::numeric_limits<double>::quiet_NaN();
+    std::vector<Value> values = values_;
+    const auto at = values.begin() + static_cast<std::ptrdiff_t>(percentile_index(values.size(), share));
+    std::nth_element(values.begin(), at, values.end());
+    return static_cast<double>(*at);
+  }
+  [[nodiscard]] double max() const { return percentile(1); }
+  /// NaN without samples. O(size).
+  [[nodiscard]] double mean() const noexcept {
+    return std::accumulate(values_.begin(), values_.end(), 0.0) / static_cast<double>(values_.size());
+  }
+
+ private:
+  std::size_t capacity_ = std::numeric_limits<std::size_t>::max();
+  std::size_t next_ = 0;
+  std::vector<Value> values_;
+};
+
+}  // namespace tactus::session

@@ -1,0 +1,152 @@
+/// Decodes one vertex-split record of a message against the mesh at the loaded front. The one place that resolves and
+/// checks records that are not trusted: the cache of an HRTC and the reader of model files both use it.
+///
+/// A message names some faces by id and implies the others. The decoder looks up what is named, finds the rest on the
+/// front, and checks that the record fits the mesh there. The front then has the corners after the split.
+///
+/// `Store` is what the caller keeps records in:
+///
+///     Vertex, Face, Part        index types of the decoded record
+///     front()                   the LoadedFront<Face, Vertex>
+///     vertex(VertexId)          kNone if the vertex is not here
+///     face(FaceId)              kNone if the face is not here
+///     bear(FaceId, Part, i)     adds a face that is not here, as face `i` of `Part`; returns its index
+///     position(Vertex)          three floats
+///
+/// Realtime if these are. Source of the corner table: Rossignac 1999 (Edgebreaker).
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "spm/loaded_front.hpp"
+#include "spm/model.hpp"
+#include "spm/position_predictor.hpp"
+#include "spm/record.hpp"
+#include "spm/region_data.hpp"
+#include "spm/vertex_ring.hpp"
+
+namespace tactus::spm {
+
+enum class RecordResult : std::uint8_t {
+  kDecoded,
+  kIncomplete,  ///< names a vertex or a face that is not here
+  kMalformed    ///< contradicts the mesh at the front
+};
+
+template <class Store>
+class RecordDecoder {
+ public:
+  using Vertex = typename Store::Vertex;
+  using Face = typename Store::Face;
+  using Part = typename Store::Part;
+  using Decoded = BasicRecordPart<Vertex, Face, Part>;
+
+  /// `u`: the vertex that the record adds. `store` and `summary` must outlive the decoder.
+  RecordDecoder(Store& store, const ModelSummary& summary, Vertex u) noexcept
+      : store_{store}, summary_{summary}, u_{u} {}
+
+  /// Decodes the next part into `target`, which is part `at` of `store`. If the result is not kDecoded, `target` counts
+  /// the faces that were entered until then, so that the caller can undo them. Sets everything but `target.next`.
+  [[nodiscard]] RecordResult add(const RecordPart& source, Part at, Decoded& target) noexcept {
+    target.parent = parent_;
+    target.next = kNone;
+    target.born_count = target.deformed_count = 0;
+    target.radius = source.radius;
+    if (source.born_count > kBornPerPart || source.deformed_count > kDeformedPerPart || source.radius >= kRadiusCodes)
+      return RecordResult::kMalformed;
+    if (first_ && source.parent != kNone) {
+      target.parent = store_.vertex(source.parent);
+      if (target.parent == kNone) return RecordResult::kIncomplete;
+      if (target.parent == u_) return RecordResult::kMalformed;
+      ring_.add(target.parent);
+    }
+    first_ = false;
+    for (std::uint32_t i = 0; i < source.deformed_count; ++i)
+      if (const RecordResult result = deform(source.deformed[i], target); result != RecordResult::kDecoded)
+        return result;
+    if (target.parent == kNone) return RecordResult::kMalformed;
+    parent_ = target.parent;
+    for (std::uint32_t i = 0; i < source.born_count; ++i)
+      if (const RecordResult result = bear(source.born[i], source.born_x[i], at, target);
+          result != RecordResult::kDecoded)
+        return result;
+    return RecordResult::kDecoded;
+  }
+
+  /// Computes u's position from its residuals once the first part has been added. False if it is out of the bounds.
+  [[nodiscard]] bool place(const PositionPredictor::Residuals& residuals,
+                           std::array<float, 3>& position) const noexcept {
+    const auto position_of = [this](Vertex v) -> const std::array<float, 3>& { return store_.position(v); };
+    return PositionPredictor{summary_, ring_, position_of}.place(residuals, position);
+  }
+
+  /// Links the faces that the record bears to their neighbours, after the last part.
+  void finish() noexcept { store_.front().join(faces_); }
+
+  [[nodiscard]] const VertexRing<Vertex>& ring() const noexcept { return ring_; }
+
+ private:
+  using Front = LoadedFront<Face, Vertex>;
+
+  [[nodiscard]] RecordResult deform(DeformedRef ref, Decoded& target) noexcept {
+    Front& front = store_.front();
+    if (ref.face() == kSwing) {
+      if (last_.face == kNone || !front.swing(last_)) return RecordResult::kMalformed;
+    } else if (last_.face = store_.face(ref.face()); last_.face == kNone) {
+      return RecordResult::kIncomplete;
+    }
+    std::array<Vertex, 3>& corners = front.corners(last_.face);
+    std::uint32_t corner = ref.corner();
+    if (target.parent == kNone) {
+      if (corner == kCornerOfParent) return RecordResult::kMalformed;
+      target.parent = corners[corner];
+      ring_.add(target.parent);
+    } else {
+      corner = 0;
+      while (corner < 3 && corners[corner] != target.parent) ++corner;
+    }
+    if (corner > 2) return RecordResult::kMalformed;
+    const Vertex next = corners[(corner + 1) % 3], before = corners[(corner + 2) % 3];
+    if (target.parent == u_ || next == u_ || before == u_) return RecordResult::kMalformed;
+    ring_.add(next);
+    ring_.add(before);
+    corners[corner] = u_;
+    last_.corner = corner;
+    faces_.deform(last_);
+    target.deformed[target.deformed_count++] = Decoded::DeformedRef::make(last_.face, corner, ref.last());
+    return RecordResult::kDecoded;
+  }
+
+  [[nodiscard]] RecordResult bear(BornRef ref, VertexId named_x, Part at, Decoded& target) noexcept {
+    if (index(ref.face()) >= summary_.faces || ref.order() > 5) return RecordResult::kMalformed;
+    Vertex x = kNone;
+    if (in_ring(named_x)) {
+      const std::uint32_t place = named_x == ring_place(kLastInRing) ? ring_.size() - 1 : index(named_x) & ~kInRing;
+      if (place >= ring_.size()) return RecordResult::kMalformed;
+      x = ring_[place];
+    } else {
+      x = store_.vertex(named_x);
+      if (x == kNone) return RecordResult::kIncomplete;
+      ring_.add(x);
+    }
+    if (x == u_ || x == target.parent || store_.face(ref.face()) != kNone) return RecordResult::kMalformed;
+    const Face face = store_.bear(ref.face(), at, target.born_count);
+    store_.front().set(face, born_face(ref.order(), u_, target.parent, x));
+    faces_.bear(face, ref.order());
+    target.born[target.born_count] = ref;
+    target.born_x[target.born_count++] = x;
+    return RecordResult::kDecoded;
+  }
+
+  Store& store_;
+  const ModelSummary& summary_;
+  Vertex u_;
+  Vertex parent_ = kNone;
+  bool first_ = true;
+  VertexRing<Vertex> ring_;
+  typename Front::Split faces_;
+  typename Front::At last_{kNone, 0};  // the corner deformed last
+};
+
+}  // namespace tactus::spm

@@ -1,0 +1,24 @@
+/// What a host and an HRTC publish of themselves, carried from core to core without delay.
+#pragma once
+
+#include "host_service/host_core.hpp"
+#include "hrtc_service/membership.hpp"
+
+namespace tactus::study {
+
+/// Every few milliseconds, after the ticks of the HRTC: roster entries, clock samples, and the catalogue when the host
+/// publishes it. Ticks the host; drops what else either would send.
+inline void meet(host_service::HostCore& host, hrtc_service::Membership& hrtc, std::int64_t now_ns) {
+  const host_service::HostMessages& messages = host.tick(now_ns);
+  if (messages.roster) hrtc.on_roster(*messages.roster, now_ns);
+  if (messages.catalogue)
+    for (const session::CatalogueEntry& entry : host.catalogue()) hrtc.on_catalogue(entry);
+  if (messages.clock_request) hrtc.on_clock(*messages.clock_request, now_ns, now_ns);
+  if (const auto request = hrtc.clock_request(now_ns))
+    if (const auto answer = host.on_clock(request->sample, now_ns, now_ns)) hrtc.on_clock(*answer, now_ns, now_ns);
+  for (const session::ClockSample& answer : hrtc.output.clock) (void)host.on_clock(answer, now_ns, now_ns);
+  if (hrtc.output.roster) host.on_roster(*hrtc.output.roster, now_ns);
+  hrtc.output.clear();
+}
+
+}  // namespace tactus::study

@@ -1,0 +1,54 @@
+// The page of benchmarks: every row once in its table, and once more on top when it falls short.
+#include "bench/page.hpp"
+
+#include <gmock/gmock.h>
+
+#include "bench/figures.hpp"
+#include "tests/support/temporary_folder.hpp"
+
+namespace tactus::bench {
+namespace {
+
+using testing::ElementsAre;
+using testing::HasSubstr;
+
+std::size_t count_of(const std::string& text, const std::string& part) {
+  std::size_t count = 0;
+  for (std::size_t at = 0; (at = text.find(part, at)) != std::string::npos; ++at) ++count;
+  return count;
+}
+
+TEST(Page, StatesShortfallsFirstAndEveryRow) {
+  const test_support::TemporaryFolder folder;
+  Report first{{"a|b", 0, 0, "settings"}}, second{{"c", 0, 0, ""}};
+  first.at_most("slow", {"all cycles", 7}, "us", 6, 5);
+  first.at_least("fast", {"all cycles", 7}, "us", 6, 5);
+  second.virtual_time(true);
+  second.figure("free", {"runs", 2}, "", 1);
+  EXPECT_EQ(first.finish("one", "scripts/bench one", (folder.path() / "one.json").string()), 1);
+  EXPECT_EQ(second.finish("two", "scripts/bench two", (folder.path() / "two.json").string()), 0);
+  const auto runs = read_runs(folder.path().string());
+  ASSERT_EQ(runs.size(), 2u);
+  EXPECT_THAT(shortfalls(runs), ElementsAre("scripts/bench one: slow, all cycles (n 7): 6 us, bound <= 5"));
+  const std::string text = page(runs);
+  const std::string slow = "| one | scripts/bench one | slow | all cycles | 7 | <= 5 | 6 us | falls short |\n";
+  EXPECT_EQ(count_of(text, slow), 2u);
+  EXPECT_LT(text.find(slow), text.find("## scripts/bench one"));
+  EXPECT_EQ(count_of(text, "| one | scripts/bench one | fast | all cycles | 7 | >= 5 | 6 us | holds |\n"), 1u);
+  EXPECT_EQ(count_of(text, "| two | scripts/bench two | free | runs, virtual time | 2 | | 1 | no bound |\n"), 1u);
+}
+
+TEST(Page, RefusesAnEmptyFolderAndRunsOfSeveralCommits) {
+  const test_support::TemporaryFolder folder;
+  EXPECT_THROW(static_cast<void>(read_runs(folder.path().string())), std::runtime_error);
+  const Report report{{"a", 0, 0, ""}};
+  EXPECT_EQ(report.finish("one", "scripts/bench one", (folder.path() / "one.json").string()), 0);
+  auto runs = read_runs(folder.path().string());
+  runs.push_back(runs.front());
+  EXPECT_THAT(page(runs), HasSubstr("None."));
+  runs.back()["build"]["commit"] = "0000000";
+  EXPECT_THROW(static_cast<void>(page(runs)), std::runtime_error);
+}
+
+}  // namespace
+}  // namespace tactus::bench
