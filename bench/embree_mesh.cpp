@@ -252,7 +252,7 @@ struct EmbreeTool::Scenes {
                       {found.point[0][lane], found.point[1][lane], found.point[2][lane]},
                       {found.normal[0][lane], found.normal[1][lane], found.normal[2][lane]},
                       found.depth[lane],
-                      waiting[lane].primID0});
+                      spm::RowIndex{waiting[lane].primID0}});
     }
     count = 0;
   }

@@ -28,7 +28,7 @@ int main(int argc, char** argv) {
       return lines.empty() ? 0 : 1;
     }
     if (*failed) {
-      Report report{{"none: no rows were written"}};
+      Report report{{.model = "none: no rows were written", .settings = {}}};
       report.at_least("runs that ended with rows", {"runs", 1}, "", 0, 1);
       report.figure("exit status", {"runs", 1}, "", status);
       (void)report.finish(bench, command, file);

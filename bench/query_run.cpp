@@ -144,7 +144,7 @@ void compare_with_all(Comparison& to, const QueryScene& scene, ProbeKind kind, s
       high = high.cwiseMax(p);
     }
   }
-  for (const std::uint32_t row : tree.shown()) {
+  for (const spm::RowIndex row : tree.shown()) {
     const std::array<Vec3d, 3> face = spm::shown_corners(tree, row);
     const spm::FaceId id{tree.row(row).face};
     if (kind == ProbeKind::kSphere) {
