@@ -6,7 +6,7 @@
 namespace tactus::bench {
 namespace {
 
-/// The call as a user repeats it, without the file of the rows.
+/// Returns the command line that repeats the run, without --json.
 std::string command_of(const App& app, int argc, char** argv) {
   std::string command = app.get_name();
   for (int i = 1; i < argc; ++i) {

@@ -1,4 +1,4 @@
-/// The command line and the end of every benchmark.
+/// The main program of a benchmark: command line, run, report and exit status.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -10,14 +10,15 @@
 
 namespace tactus::bench {
 
-/// A benchmark's command line: --quick, --json and --help, besides what the benchmark adds.
+/// Command line with --quick, --json and --help, to which a benchmark adds its own options.
 class App : public CLI::App {
  public:
-  /// `name` as in `scripts/bench NAME`; `quick_help`: what --quick shortens. It never loosens a bound.
+  /// `name` is the NAME of `scripts/bench NAME`. `quick_help` describes the run with --quick, which may omit bounds but
+  /// never loosens one.
   App(std::string name, const std::string& purpose, const std::string& quick_help)
       : CLI::App{purpose, "scripts/bench " + name}, bench{std::move(name)} {
     add_flag("--quick", quick, quick_help);
-    add_option("--json", json, "write the rows to this file, too");
+    add_option("--json", json, "also write the rows to this file, as JSON");
   }
 
   std::string bench;
@@ -25,13 +26,13 @@ class App : public CLI::App {
   bool quick = false;
 };
 
-/// What ends a benchmark that was asked to stop.
+/// Thrown by a benchmark that a signal interrupts.
 struct Interrupted : std::runtime_error {
   Interrupted() : std::runtime_error{"interrupted"} {}
 };
 
-/// Parses, calls `run`, prints its report and writes it as JSON. The exit status: 0 all bounds hold, 1 a figure falls
-/// short, 2 wrong input or an exception, 130 interrupted.
+/// Parses the command line, calls `run`, and prints and writes its report. Returns the exit status: 0 if all bounds
+/// hold, 1 if a row falls short, 2 after wrong input or an exception, 130 after Interrupted.
 [[nodiscard]] int bench_main(App& app, int argc, char** argv, const std::function<Report()>& run);
 
 }  // namespace tactus::bench

@@ -1,4 +1,4 @@
-/// Coded probe states over a real link: the frames that tactus-latency sends, at the times of a recorded movement.
+/// Sends deadband-coded probe states over a link between two namespaces, in the frames of tactus-latency.
 #pragma once
 
 #include <cstdint>
@@ -12,13 +12,13 @@ namespace tactus::bench {
 
 struct LinkRun {
   std::vector<CodedArrival> arrivals;
-  Samples age;            ///< ms, of states when they arrive
-  double lost = 0;        ///< % of those sent
-  double mesh_mbyte = 0;  ///< MB/s of mesh records that arrived beside
+  Samples age;                  ///< ms, age of each state at its arrival
+  double lost_percent = 0;      ///< of the states sent
+  double mesh_mbyte_per_s = 0;  ///< mesh records that arrived at the same time
 };
 
-/// The states of `sent` between two namespaces joined by `link`, beside `load_mbit` of mesh records (latency::Cell).
-/// Takes as long as the movement. Throws as latency::run_here.
+/// Sends the states with the indices `sent` over `link`, each at its session time, while mesh records load the link
+/// with `load_mbit` (latency::Cell). Takes as long as the movement. Throws as latency::run_here does.
 [[nodiscard]] LinkRun send_deadband_coded(const States& states, const std::vector<std::uint32_t>& sent,
                                           const std::string& link, double load_mbit, std::uint64_t seed = 1);
 

@@ -1,4 +1,4 @@
-/// What benchmarks of uncoded probe states say of coded ones beside them: a hand that follows a surface at 5 cm/s.
+/// Rows about deadband-coded probe states, in the benchmarks of full-rate states. The hand follows a surface at 5 cm/s.
 #pragma once
 
 #include <cstdint>
@@ -8,11 +8,11 @@
 
 namespace tactus::bench {
 
-/// Force error and packets over P0 that loses `percent` of the frames, the sender knowing how many; bounds the error at
-/// p99 to one just noticeable difference. Takes `seconds` and some.
+/// Adds rows for the link P0 with a loss of `percent` of the frames, which the encoder knows. The p99 of the force
+/// error has the bound 1 JND. The movement takes `seconds`.
 void add_coded_loss(Report& report, double percent, double seconds, std::uint64_t seed);
 
-/// Age and force error beside mesh records on a link of `mbit`; bounds the age at p99 to `bound_ms`.
+/// Adds rows for a link of `mbit` Mbit/s that mesh records fill. The p99 of the age has the bound `bound_ms`.
 void add_coded_isolation(Report& report, double mbit, double seconds, double bound_ms);
 
 }  // namespace tactus::bench

@@ -1,4 +1,4 @@
-/// A recorded movement sent as coded probe states, and what a receiver shows of it against what was felt.
+/// Codes a simulated movement with a deadband, and measures the error of the states that a receiver shows.
 #pragma once
 
 #include <cstdint>
@@ -11,32 +11,34 @@
 
 namespace tactus::bench {
 
-/// Of a movement, one each millisecond.
+/// Probe states of a movement, one for each millisecond. The index of a state in this list identifies it below.
 using States = std::vector<session::ProbeState>;
 
-/// Which states of a movement an encoder sends, by their place in it.
+/// Returns the indices of the states that an encoder sends.
 [[nodiscard]] std::vector<std::uint32_t> encode(const States& states, const session::CodingSettings& settings);
 
-/// A state sent, by its place in the movement, and when it arrived on the movement's clock.
+/// A state that arrived.
 struct CodedArrival {
-  std::int64_t at_ns = 0;
-  std::uint32_t place = 0;
+  std::int64_t at_ns = 0;   ///< session time of the arrival
+  std::uint32_t index = 0;  ///< of the state in the movement
 };
 
-/// As a line without delay or loss brings them.
-[[nodiscard]] std::vector<CodedArrival> on_time(const States& states, const std::vector<std::uint32_t>& sent);
+/// Returns the arrivals over a link without delay and loss.
+[[nodiscard]] std::vector<CodedArrival> arrivals_without_delay(const States& states,
+                                                               const std::vector<std::uint32_t>& sent);
 
-/// What was shown each millisecond, against what was felt at the time that it shows.
+/// Differences between the views that the receiver shows each millisecond and the true states of the same session time.
 struct Fidelity {
-  Samples jnd;  ///< |force error| in just noticeable differences
-  double rms_jnd = 0;
-  double rms_force = 0;    ///< N
-  double above_share = 0;  ///< of the time that the error is above one
-  Samples position;        ///< m, of the device
-  Samples delay;           ///< ms, of what is shown
+  Samples jnd;             ///< |force error|, in just noticeable differences
+  double rms_jnd = 0;      ///< rms of `jnd`
+  double rms_force = 0;    ///< N, rms of the force error
+  double above_share = 0;  ///< share of the views whose force error is above 1 JND
+  Samples position;        ///< m, |error| of the device position
+  Samples delay;           ///< ms, age of the view
 };
 
-/// `arrivals` ascend; `sent` as they were. The first second is not judged, as the playout finds its delay.
+/// Returns the errors of a receiver that gets `arrivals`, sorted by time. `sent` are the indices of the states sent.
+/// The first second is not measured, because the playout delay still adapts.
 [[nodiscard]] Fidelity play(const States& states, const std::vector<std::uint32_t>& sent,
                             const std::vector<CodedArrival>& arrivals, const session::PlayoutSettings& settings,
                             const session::Jnd& jnd = {});

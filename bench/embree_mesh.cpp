@@ -18,7 +18,7 @@ using Position = std::array<float, 3>;
 using Face = std::array<std::uint32_t, 3>;
 using Plane = std::array<double, 4>;  // unit normal; distance from the origin
 
-/// Share by which float queries of a tree are larger, as coordinates were rounded from double.
+/// Relative enlargement of queries in float, because their coordinates are rounded from double.
 constexpr double kRounding = 4e-7;
 
 class Device {
@@ -40,7 +40,7 @@ class Device {
   RTCDevice device_ = rtcNewDevice("threads=1");
 };
 
-/// A scene of one geometry.
+/// A scene with one geometry.
 class OneMesh {
  public:
   OneMesh(const Device& device, RTCGeometryType type, RTCSceneFlags flags, RTCBuildQuality quality)
@@ -87,7 +87,7 @@ Vec3d closest_point(const Vec3d& p, const Vec3d& a, const Vec3d& b, const Vec3d&
   return a + ab * (vb * scale) + ac * (vc * scale);
 }
 
-Vec3d wide(const Position& p) noexcept { return {p[0], p[1], p[2]}; }
+Vec3d to_double(const Position& p) noexcept { return {p[0], p[1], p[2]}; }
 
 }  // namespace
 
@@ -96,7 +96,7 @@ Vec3d wide(const Position& p) noexcept { return {p[0], p[1], p[2]}; }
 struct EmbreeMesh::Scene {
   Scene(EmbreePositions positions, EmbreeFaces triangles)
       : vertices{positions.begin(), positions.end()}, faces{triangles.begin(), triangles.end()} {
-    // By copy: Embree reads 16 bytes for each vertex, beyond the last one of an array of ours.
+    // Embree must own the buffer, because it reads 16 bytes for each vertex: 4 bytes beyond the last vertex.
     std::copy(vertices.begin(), vertices.end(),
               static_cast<Position*>(rtcSetNewGeometryBuffer(mesh.geometry, RTC_BUFFER_TYPE_VERTEX, 0,
                                                              RTC_FORMAT_FLOAT3, sizeof(Position), vertices.size())));
@@ -130,11 +130,11 @@ void EmbreeMesh::touching(const Vec3d& centre, double radius, std::vector<spm::C
   const auto decide = [](RTCPointQueryFunctionArguments* args) {
     auto& q = *static_cast<Query*>(args->userPtr);
     const Face& face = q.faces[args->primID];
-    const Vec3d point =
-        closest_point(q.centre, wide(q.vertices[face[0]]), wide(q.vertices[face[1]]), wide(q.vertices[face[2]]));
+    const Vec3d point = closest_point(q.centre, to_double(q.vertices[face[0]]), to_double(q.vertices[face[1]]),
+                                      to_double(q.vertices[face[2]]));
     if ((q.centre - point).squaredNorm() <= q.squared_radius)
       q.out.push_back({point, spm::FaceId{args->primID}, spm::Contact::kFinest});
-    return false;  // the radius stays
+    return false;  // the query radius is unchanged
   };
   RTCPointQuery at{};
   at.x = static_cast<float>(centre[0]);
@@ -150,11 +150,11 @@ void EmbreeMesh::touching(const Vec3d& centre, double radius, std::vector<spm::C
 
 namespace {
 
-/// Of user geometry.
+/// Triangles of a user geometry.
 struct Triangles {
   std::vector<Position> vertices;
   std::vector<Face> faces;
-  float slack = 0;  // makes boxes larger, for vertices that were rounded
+  float slack = 0;  // enlarges the boxes by the rounding error of the vertices
 };
 
 void bounds_of(const RTCBoundsFunctionArguments* args) {
@@ -167,8 +167,9 @@ void bounds_of(const RTCBoundsFunctionArguments* args) {
     low[axis] = min;
     high[axis] = max;
   }
-  const float more = mesh.slack;
-  *args->bounds_o = {low[0] - more, low[1] - more, low[2] - more, 0, high[0] + more, high[1] + more, high[2] + more, 0};
+  const float slack = mesh.slack;
+  *args->bounds_o = {low[0] - slack,  low[1] - slack,  low[2] - slack,  0,
+                     high[0] + slack, high[1] + slack, high[2] + slack, 0};
 }
 
 void build(const Device& device, OneMesh& scene, Triangles& mesh, RTCBuildQuality quality) {
@@ -183,12 +184,12 @@ void build(const Device& device, OneMesh& scene, Triangles& mesh, RTCBuildQualit
 
 struct EmbreeTool::Scenes {
   Scenes(EmbreePositions object_vertices, EmbreeFaces object_faces, EmbreePositions tool_vertices,
-         EmbreeFaces triangles)
+         EmbreeFaces tool_faces)
       : object{{object_vertices.begin(), object_vertices.end()}, {object_faces.begin(), object_faces.end()}},
-        tool{{tool_vertices.begin(), tool_vertices.end()}, {triangles.begin(), triangles.end()}},
-        rest{tool.vertices},
-        vertices(rest.size()) {
-    for (const Position& p : rest)
+        tool{{tool_vertices.begin(), tool_vertices.end()}, {tool_faces.begin(), tool_faces.end()}},
+        rest_vertices{tool.vertices},
+        placed_vertices(rest_vertices.size()) {
+    for (const Position& p : rest_vertices)
       for (const float x : p) reach = std::max(reach, 2 * std::abs(double{x}));
     double extent = reach;
     for (const Position& p : object.vertices)
@@ -201,39 +202,41 @@ struct EmbreeTool::Scenes {
 
   void add(const RTCCollision& pair) noexcept {
     const Face &face = object.faces[pair.primID0], &triangle = tool.faces[pair.primID1];
-    if (apart(object_planes[pair.primID0], vertices, triangle) ||
-        apart(tool_planes[pair.primID1], object.vertices, face))
+    if (is_separated(object_planes[pair.primID0], placed_vertices, triangle) ||
+        is_separated(tool_planes[pair.primID1], object.vertices, face))
       return;
     for (int i = 0; i < 3; ++i) {
       const Position& f = object.vertices[face[i]];
-      const std::array<double, 3>& g = vertices[triangle[i]];
+      const std::array<double, 3>& g = placed_vertices[triangle[i]];
       for (int axis = 0; axis < 3; ++axis) {
         pairs.object[i][axis][count] = f[axis];
         pairs.probe[i][axis][count] = g[axis];
       }
     }
-    waiting[count] = pair;
+    pending[count] = pair;
     if (++count == spm::TrianglePairs::kWidth) flush();
   }
 
-  /// All three corners are on one side of the plane: this rejects seven of eight pairs whose boxes overlap.
+  /// Returns whether all three corners of a face are on one side of the plane. Rejects seven of eight pairs whose boxes
+  /// overlap.
   template <class Vertices>
-  [[nodiscard]] bool apart(const Plane& plane, const Vertices& of, const Face& face) const noexcept {
+  [[nodiscard]] bool is_separated(const Plane& plane, const Vertices& vertices, const Face& face) const noexcept {
     double low = HUGE_VAL, high = -HUGE_VAL;
     for (const std::uint32_t v : face) {
-      const double off = plane[0] * of[v][0] + plane[1] * of[v][1] + plane[2] * of[v][2] - plane[3];
-      low = std::min(low, off);
-      high = std::max(high, off);
+      const double offset =
+          plane[0] * vertices[v][0] + plane[1] * vertices[v][1] + plane[2] * vertices[v][2] - plane[3];
+      low = std::min(low, offset);
+      high = std::max(high, offset);
     }
     return low > clearance || high < -clearance;
   }
 
   template <class Vertices>
-  static void set_planes(const Vertices& of, const std::vector<Face>& faces, std::vector<Plane>& planes) {
+  static void set_planes(const Vertices& vertices, const std::vector<Face>& faces, std::vector<Plane>& planes) {
     planes.resize(faces.size());
     for (std::size_t f = 0; f < faces.size(); ++f) {
       const auto corner = [&](std::size_t k) {
-        const auto& p = of[faces[f][k]];
+        const auto& p = vertices[faces[f][k]];
         return Vec3d{p[0], p[1], p[2]};
       };
       const Vec3d a = corner(0), normal = (corner(1) - a).cross(corner(2) - a);
@@ -246,37 +249,37 @@ struct EmbreeTool::Scenes {
   void flush() {
     for (unsigned hit = spm::meet(pairs, count, found, spm::best_simd()); hit != 0; hit &= hit - 1) {
       const auto lane = static_cast<unsigned>(__builtin_ctz(hit));
-      out->push_back({spm::FaceId{waiting[lane].primID0},
-                      waiting[lane].primID1,
+      out->push_back({spm::FaceId{pending[lane].primID0},
+                      pending[lane].primID1,
                       true,
                       {found.point[0][lane], found.point[1][lane], found.point[2][lane]},
                       {found.normal[0][lane], found.normal[1][lane], found.normal[2][lane]},
                       found.depth[lane],
-                      spm::RowIndex{waiting[lane].primID0}});
+                      spm::RowIndex{pending[lane].primID0}});
     }
     count = 0;
   }
 
   Device device;
   OneMesh object_scene{device, RTC_GEOMETRY_TYPE_USER, RTC_SCENE_FLAG_NONE, RTC_BUILD_QUALITY_HIGH};
-  // The one combination that refits, in 11 us; a new tree takes 75 to 200 us.
+  // Embree refits only with this combination of flag and quality. A refit takes 11 us, a new tree 75 to 200 us.
   OneMesh tool_scene{device, RTC_GEOMETRY_TYPE_USER, RTC_SCENE_FLAG_DYNAMIC, RTC_BUILD_QUALITY_LOW};
-  Triangles object, tool;                       // tool: as placed, rounded, for the boxes
-  std::vector<Position> rest;                   // of the tool
-  std::vector<std::array<double, 3>> vertices;  // of the tool as placed
+  Triangles object, tool;                              // the tool at its pose, in float, for the boxes
+  std::vector<Position> rest_vertices;                 // of the tool, in its own frame
+  std::vector<std::array<double, 3>> placed_vertices;  // of the tool at its pose
   std::vector<Plane> object_planes, tool_planes;
-  double reach = 0;      // max coordinate of the tool at rest
-  double clearance = 0;  // beyond rounding, in a plane's test
+  double reach = 0;      // bound of the coordinates of the tool after any rotation
+  double clearance = 0;  // distance beyond which a corner is certainly offset a plane
   std::vector<spm::MeshContact>* out = nullptr;
   spm::TrianglePairs pairs{};
   spm::PairContacts found{};
   std::uint32_t count = 0;
-  std::array<RTCCollision, spm::TrianglePairs::kWidth> waiting{};
+  std::array<RTCCollision, spm::TrianglePairs::kWidth> pending{};
 };
 
-EmbreeTool::EmbreeTool(EmbreePositions object_vertices, EmbreeFaces object_faces, EmbreePositions vertices,
-                       EmbreeFaces triangles)
-    : scenes_{std::make_unique<Scenes>(object_vertices, object_faces, vertices, triangles)} {}
+EmbreeTool::EmbreeTool(EmbreePositions object_vertices, EmbreeFaces object_faces, EmbreePositions tool_vertices,
+                       EmbreeFaces tool_faces)
+    : scenes_{std::make_unique<Scenes>(object_vertices, object_faces, tool_vertices, tool_faces)} {}
 
 EmbreeTool::~EmbreeTool() = default;
 
@@ -284,16 +287,17 @@ void EmbreeTool::touching(const Eigen::Isometry3d& pose, std::vector<spm::MeshCo
   Scenes& s = *scenes_;
   out.clear();
   s.out = &out;
-  const Eigen::Matrix3d r = pose.linear();
-  const Vec3d t = pose.translation();
-  s.tool.slack = static_cast<float>((t.cwiseAbs().maxCoeff() + s.reach) * kRounding);
-  for (std::size_t v = 0; v < s.rest.size(); ++v)
+  const Eigen::Matrix3d rotation = pose.linear();
+  const Vec3d translation = pose.translation();
+  s.tool.slack = static_cast<float>((translation.cwiseAbs().maxCoeff() + s.reach) * kRounding);
+  for (std::size_t v = 0; v < s.rest_vertices.size(); ++v)
     for (int i = 0; i < 3; ++i) {
-      const double at = r(i, 0) * s.rest[v][0] + r(i, 1) * s.rest[v][1] + r(i, 2) * s.rest[v][2] + t[i];
-      s.vertices[v][i] = at;
+      const double at = rotation(i, 0) * s.rest_vertices[v][0] + rotation(i, 1) * s.rest_vertices[v][1] +
+                        rotation(i, 2) * s.rest_vertices[v][2] + translation[i];
+      s.placed_vertices[v][i] = at;
       s.tool.vertices[v][i] = static_cast<float>(at);
     }
-  Scenes::set_planes(s.vertices, s.tool.faces, s.tool_planes);
+  Scenes::set_planes(s.placed_vertices, s.tool.faces, s.tool_planes);
   rtcCommitGeometry(s.tool_scene.geometry);
   rtcCommitScene(s.tool_scene.scene);
   rtcCollide(

@@ -1,6 +1,7 @@
-/// Embree 3 on a mesh of one fixed resolution, used as its experts would: the peer of this project's queries.
+/// Queries with Embree 3 on a mesh of fixed resolution, for comparison with the queries of this project.
 ///
-/// The caller's frame and unit. One thread. Allocates, as Embree does.
+/// Embree is used as its experts would use it. Coordinates have the caller's frame and unit. One thread at a time.
+/// Allocates, as Embree does.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -18,7 +19,8 @@ namespace tactus::bench {
 using EmbreePositions = std::span<const std::array<float, 3>>;
 using EmbreeFaces = std::span<const std::array<std::uint32_t, 3>>;
 
-/// Sphere queries: triangle geometry, rtcPointQuery, and Ericson's test of a point and a triangle.
+/// Finds the triangles that a sphere touches: rtcPointQuery on triangle geometry, then Ericson's closest point of each
+/// triangle.
 class EmbreeMesh {
  public:
   /// Copies the mesh and builds the tree. Throws std::runtime_error when Embree fails.
@@ -27,7 +29,7 @@ class EmbreeMesh {
   EmbreeMesh(const EmbreeMesh&) = delete;
   EmbreeMesh& operator=(const EmbreeMesh&) = delete;
 
-  /// All triangles within `radius` of `centre`: face and point as AbTree::touching returns them.
+  /// Fills `out` with all triangles within `radius` of `centre`. Faces and points are those of AbTree::touching.
   void touching(const spm::Vec3d& centre, double radius, std::vector<spm::Contact>& out) const;
 
  private:
@@ -35,18 +37,20 @@ class EmbreeMesh {
   std::unique_ptr<Scene> scene_;
 };
 
-/// Queries of a rigid mesh against another: rtcCollide, which takes user geometry only. Embree moves no user geometry
-/// rigidly, so the tool's tree is refitted to each pose. Planes reject most pairs; the rest are decided eight at a time
-/// by the test that PlacedProbe uses.
+/// Finds the pairs of triangles in which a rigid tool and an object intersect.
+///
+/// rtcCollide accepts only user geometry, and Embree does not transform user geometry. Therefore each query refits the
+/// tool's tree to the pose. A test against the planes of the triangles rejects most pairs. PlacedProbe's test decides
+/// the others, eight at a time.
 class EmbreeTool {
  public:
-  EmbreeTool(EmbreePositions object_vertices, EmbreeFaces object_faces, EmbreePositions vertices,
-             EmbreeFaces triangles);
+  EmbreeTool(EmbreePositions object_vertices, EmbreeFaces object_faces, EmbreePositions tool_vertices,
+             EmbreeFaces tool_faces);
   ~EmbreeTool();
   EmbreeTool(const EmbreeTool&) = delete;
   EmbreeTool& operator=(const EmbreeTool&) = delete;
 
-  /// Moves all vertices of the tool, refits its tree and finds all intersecting pairs, as PlacedProbe::touching does.
+  /// Moves the tool to `pose` and fills `out` with all intersecting pairs, as PlacedProbe::touching does.
   void touching(const Eigen::Isometry3d& pose, std::vector<spm::MeshContact>& out);
 
  private:

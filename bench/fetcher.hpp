@@ -1,5 +1,6 @@
-/// The smallest HRTC there is: it asks a host for one region after the other and says how long each took. No cycle, no
-/// pool; what benchmarks of delivery watch a real host with.
+/// An HRTC without pool and cycle, which requests one region after another and measures the time of each delivery.
+///
+/// One thread uses it; callbacks of DDS run in other threads.
 #pragma once
 
 #include <optional>
@@ -17,40 +18,41 @@ namespace tactus::bench {
 
 class Fetcher {
  public:
-  /// Joins the session as an HRTC of `address.participant`. It touches the first object that a host offers.
+  /// Joins the session as the HRTC `address.participant`. Requests regions of the first object in the catalogue.
   explicit Fetcher(const wire::SessionAddress& address);
 
-  /// Takes part until `until_ns`, monotonic, or until `*stop`. With `times` it also fetches, one region at a time, and
-  /// adds ms from wanting a region to having all of it. A region is given back when the next is wanted.
+  /// Takes part in the session until `until_ns` (monotonic) or wire::stop_signal. If `times` is not null, it also
+  /// requests regions, one at a time, and adds the ms from each request to the complete region. It retires a region
+  /// before it requests the next.
   void run(std::int64_t until_ns, Samples* times);
 
-  /// The base mesh is here.
+  /// Returns whether the base mesh has arrived.
   [[nodiscard]] bool ready() const noexcept { return ready_; }
 
  private:
   using Sample = std::variant<session::CatalogueEntry, session::RosterEntry, session::BulkChunk>;
   template <class T>
   wire::Reader<T> listen(const wire::TopicSpec<T>& topic, const wire::EndpointOptions& options = {}) {
-    return {links_, topic, [this](T&& sample) { inbox_.put(std::move(sample)); }, options};
+    return {participants_, topic, [this](T&& sample) { inbox_.put(std::move(sample)); }, options};
   }
-  void take(const session::CatalogueEntry& entry, std::int64_t at_ns);
-  void take(const session::RosterEntry& entry, std::int64_t at_ns);
-  void take(const session::BulkChunk& chunk, std::int64_t at_ns);
-  void take(const session::DeliveryClient::Message& message, std::int64_t at_ns);
-  void beat();
-  void want_next();
+  void receive(const session::CatalogueEntry& entry, std::int64_t at_ns);
+  void receive(const session::RosterEntry& entry, std::int64_t at_ns);
+  void receive(const session::BulkChunk& chunk, std::int64_t at_ns);
+  void receive(const session::DeliveryClient::Message& message, std::int64_t at_ns);
+  void publish_heartbeat();
+  void request_next();
 
-  wire::Participants links_;
+  wire::Participants participants_;
   session::DeliveryClient client_;
   wire::Writer<session::RosterEntry> roster_out_;
   wire::Writer<session::Demand> demand_out_;
   std::uint64_t heartbeat_ = 0;
   std::uint64_t object_ = 0;
-  std::uint32_t regions_ = 0;
-  std::optional<std::uint32_t> wanted_;
-  std::uint32_t last_ = 0;
-  std::int64_t wanted_ns_ = 0;
-  std::optional<std::uint32_t> held_;
+  std::uint32_t region_count_ = 0;
+  std::optional<std::uint32_t> requested_;
+  std::uint32_t last_region_ = 0;
+  std::int64_t requested_ns_ = 0;
+  std::optional<std::uint32_t> received_;
   bool ready_ = false;
   Samples* times_ = nullptr;
   wire::Inbox<Sample> inbox_{1 << 16};

@@ -118,17 +118,17 @@ void Report::at_least(const std::string& figure, const Population& population, c
 int Report::finish(const std::string& bench, const std::string& command, const std::string& json) const {
   print(bench, command);
   if (!json.empty()) write(bench, command, json);
-  const auto short_of = [](const Row& row) { return row.verdict() == Verdict::kFallsShort; };
-  return std::none_of(rows_.begin(), rows_.end(), short_of) ? 0 : 1;
+  const auto falls_short = [](const Row& row) { return row.verdict() == Verdict::kFallsShort; };
+  return std::none_of(rows_.begin(), rows_.end(), falls_short) ? 0 : 1;
 }
 
 void Report::print(const std::string& bench, const std::string& command) const {
-  const Machine on = machine();
+  const Machine computer = machine();
   std::printf("%s: %s", bench.c_str(), subject_.model.c_str());
   if (subject_.faces > 0) std::printf(", %u faces, digest %s", subject_.faces, hex(subject_.digest).c_str());
   std::printf("\n%s\n%s\n", command.c_str(), subject_.settings.c_str());
-  std::printf("%u x %s, %s; %s, %s, commit %s\n\n", on.processors, on.processor.c_str(), on.kernel.c_str(),
-              TACTUS_BUILD_TYPE, TACTUS_COMPILER, TACTUS_COMMIT);
+  std::printf("%u x %s, %s; %s, %s, commit %s\n\n", computer.processors, computer.processor.c_str(),
+              computer.kernel.c_str(), TACTUS_BUILD_TYPE, TACTUS_COMPILER, TACTUS_COMMIT);
   std::printf("%-52s %-28s %9s %-18s %-12s %s\n", "figure", "population", "n", "value", "bound", "verdict");
   for (const Row& row : rows_) {
     std::printf("%-52s %-28s %9zu %-18s %-12s %s%s\n", row.figure.c_str(), row.population.name.c_str(),
@@ -140,14 +140,15 @@ void Report::print(const std::string& bench, const std::string& command) const {
 }
 
 void Report::write(const std::string& bench, const std::string& command, const std::string& json) const {
-  const Machine on = machine();
+  const Machine computer = machine();
   nlohmann::ordered_json out;
   out["bench"] = bench;
   out["command"] = command;
   out["date"] = today();
   out["model"] = {{"name", subject_.model}, {"faces", subject_.faces}, {"digest", hex(subject_.digest)}};
   out["settings"] = subject_.settings;
-  out["machine"] = {{"processor", on.processor}, {"processors", on.processors}, {"kernel", on.kernel}};
+  out["machine"] = {
+      {"processor", computer.processor}, {"processors", computer.processors}, {"kernel", computer.kernel}};
   out["build"] = {{"type", TACTUS_BUILD_TYPE}, {"compiler", TACTUS_COMPILER}, {"commit", TACTUS_COMMIT}};
   out["notes"] = notes_;
   out["rows"] = nlohmann::ordered_json::array();
@@ -158,7 +159,7 @@ void Report::write(const std::string& bench, const std::string& command, const s
                            {"population", row.population.name},
                            {"n", row.population.n},
                            {"bound", bound_of(row)},
-                           {"value", row.value},  // null when it is not finite
+                           {"value", row.value},  // becomes null if the value is not finite
                            {"unit", row.unit},
                            {"text", value_of(row)},
                            {"verdict", text_of(row.verdict())},

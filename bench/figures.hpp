@@ -1,6 +1,6 @@
-/// The rows in which every benchmark states its figures: as a table, as JSON, and later on the page of benchmarks.
+/// Results of a benchmark: rows of measured quantities and their bounds, printed as a table and written as JSON.
 ///
-/// A row names its population and the number of samples in it. Percentiles follow session/percentile.hpp.
+/// `scripts/bench report` makes docs/benchmarks.md from the JSON files. Percentiles follow session/percentile.hpp.
 #pragma once
 
 #include <cstddef>
@@ -17,10 +17,10 @@ namespace tactus::bench {
 
 using Samples = session::Samples<>;
 
-/// A sample for work that did not finish: late for every bound.
+/// Sample for work that did not finish. It exceeds every upper bound.
 constexpr double kUnfinished = std::numeric_limits<double>::infinity();
 
-/// What a figure is about, and how many of it there were: cycles, runs, regions; 1 for a single measurement.
+/// The measured things, such as cycles, runs or regions, and their number. A single measurement has the number 1.
 struct Population {
   Population(std::string what, std::size_t count = 1) : name{std::move(what)}, n{count} {}
   Population(const char* what, std::size_t count = 1) : name{what}, n{count} {}
@@ -32,9 +32,9 @@ enum class Verdict { kHolds, kFallsShort, kNoBound };
 
 enum class Limit { kNone, kAtMost, kAtLeast };
 
-/// One figure and its bound.
+/// One measured quantity and its bound.
 struct Row {
-  std::string figure;
+  std::string figure;  ///< name of the quantity
   Population population;
   double value;
   std::string unit;
@@ -42,48 +42,50 @@ struct Row {
   double bound = 0;
   bool virtual_time = false;
 
-  /// Without samples, and with a value that is not finite, every bound falls short.
+  /// Returns kFallsShort for every bound if the population is empty or the value is not finite.
   [[nodiscard]] Verdict verdict() const noexcept;
 };
 
-/// A percentile must be `at_most`.
+/// Upper bound of the percentile at `share` (0 to 1).
 struct PercentileBound {
   double share;
   double at_most;
 };
 
-/// What the figures were measured on.
+/// The measured model, and the settings of the measurement.
 struct Subject {
-  std::string model;  ///< file or generator, with its seed
+  std::string model;  ///< file, or generator with its seed
   std::uint64_t digest = 0;
-  std::uint32_t faces = 0;  ///< 0: not about a model
-  std::string settings;     ///< radius, speed, budget: whatever the figures depend on
+  std::uint32_t faces = 0;  ///< 0: the benchmark uses no model
+  std::string settings;     ///< all settings that change the results, such as radius, speed and budget
 };
 
 class Report {
  public:
   explicit Report(Subject subject) : subject_{std::move(subject)} {}
 
-  /// The rows added from now on are, or are not, in virtual time.
+  /// States whether the rows added after this call are in virtual time.
   void virtual_time(bool on) noexcept { virtual_time_ = on; }
 
-  /// Rows with p50, p99, p99.9 and the maximum of `samples`, as far as there are enough samples to tell these apart,
-  /// and every percentile in `bounds`. The samples give the population its number.
+  /// Adds rows with p50, p99, p99.9 and the maximum of `samples`, and with every percentile in `bounds`. If there are
+  /// too few samples to distinguish p99 or p99.9 from the maximum, its row is omitted. The number of samples replaces
+  /// the number of `population`.
   void row(const std::string& figure, const Population& population, const std::string& unit, const Samples& samples,
            std::initializer_list<PercentileBound> bounds = {});
-  /// A row without a bound.
+  /// Adds a row without a bound.
   void figure(const std::string& figure, const Population& population, const std::string& unit, double value);
   void at_most(const std::string& figure, const Population& population, const std::string& unit, double value,
                double bound);
   void at_least(const std::string& figure, const Population& population, const std::string& unit, double value,
                 double bound);
-  /// A line of plain text below the rows.
+  /// Adds a line of plain text below the rows.
   void note(std::string text) { notes_.push_back(std::move(text)); }
 
   [[nodiscard]] const std::vector<Row>& rows() const noexcept { return rows_; }
 
-  /// Prints everything to standard output and writes `json` unless that is empty. 0 when no row falls short, else 1.
-  /// `command` is how the benchmark was called. Throws std::runtime_error when the file cannot be written.
+  /// Prints the report to standard output. Also writes it to the file `json`, unless that name is empty. `command` is
+  /// the command line that repeats the run. Returns 0 if no row falls short, else 1. Throws std::runtime_error if the
+  /// file cannot be written.
   [[nodiscard]] int finish(const std::string& bench, const std::string& command, const std::string& json) const;
 
  private:

@@ -42,11 +42,11 @@ HrtcModel::HrtcModel(const spm::Model& model, spm::PoolSettings settings)
   forest_.refit();
 }
 
-spm::RegionData HrtcModel::message(spm::RegionId region, bool whole) const {
+spm::RegionData HrtcModel::message(spm::RegionId region, bool all_records) const {
   std::vector<spm::Interval> sent;
-  for (const spm::Interval& run : model_.intervals_of(region))
-    for (std::uint32_t record = run.first; record < run.first + run.count; ++record) {
-      if (!whole && listed_[record] > 0) continue;
+  for (const spm::Interval& interval : model_.intervals_of(region))
+    for (std::uint32_t record = interval.first; record < interval.first + interval.count; ++record) {
+      if (!all_records && listed_[record] > 0) continue;
       if (!sent.empty() && sent.back().first + sent.back().count == record)
         ++sent.back().count;
       else
@@ -63,8 +63,8 @@ spm::AcceptResult HrtcModel::load(const spm::RegionData& data) {
   const spm::AcceptResult result = cache_.accept(admitted_.object, data, list);
   if (result != spm::AcceptResult::kAccepted) return result;
   forest_.add(data.region, list);
-  for (const spm::Interval& run : data.list)
-    for (std::uint32_t record = run.first; record < run.first + run.count; ++record)
+  for (const spm::Interval& interval : data.list)
+    for (std::uint32_t record = interval.first; record < interval.first + interval.count; ++record)
       if (listed_[record]++ == 0) ++records_held_;
   return result;
 }
@@ -73,8 +73,8 @@ std::uint32_t HrtcModel::release_retired() {
   std::uint32_t released = 0;
   for (spm::RegionId region; (region = forest_.take_retired()) != spm::kNone; ++released) {
     cache_.release(admitted_.object, region);
-    for (const spm::Interval& run : model_.intervals_of(region))
-      for (std::uint32_t record = run.first; record < run.first + run.count; ++record)
+    for (const spm::Interval& interval : model_.intervals_of(region))
+      for (std::uint32_t record = interval.first; record < interval.first + interval.count; ++record)
         if (--listed_[record] == 0) --records_held_;
   }
   return released;

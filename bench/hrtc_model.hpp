@@ -1,7 +1,6 @@
-/// An HRTC's run time around one model: pool, cache, forest and tree, without network, threads or prediction.
+/// The data structures of an HRTC for one model: pool, cache, forest and tree, without network, threads or prediction.
 ///
-/// Each region comes encoded and decoded as if from a host: its list, and the records that no held region lists.
-/// Allocates. File units, model frame.
+/// Each message of a region is encoded and decoded, as between host and HRTC. Allocates. File units, model frame.
 #pragma once
 
 #include <cstdint>
@@ -16,16 +15,18 @@ namespace tactus::bench {
 
 class HrtcModel {
  public:
-  /// `model` must outlive it. Shows the base mesh. Throws std::runtime_error when that does not fit.
+  /// Loads and shows the base mesh. `model` must outlive the object. Throws std::runtime_error if the base mesh does
+  /// not fit the pool.
   HrtcModel(const spm::Model& model, spm::PoolSettings settings);
   HrtcModel(const HrtcModel&) = delete;
   HrtcModel& operator=(const HrtcModel&) = delete;
 
-  /// What a host would send now; `whole`: with the records that are here already, too.
-  [[nodiscard]] spm::RegionData message(spm::RegionId region, bool whole) const;
-  /// Takes a message of a region that is not held.
+  /// Returns the message of `region` that a host would send now: its closed list, and the records that are not loaded.
+  /// With `all_records` the message also has the loaded ones.
+  [[nodiscard]] spm::RegionData message(spm::RegionId region, bool all_records) const;
+  /// Loads the records of a message and adds its region to the forest. The region must not be loaded yet.
   [[nodiscard]] spm::AcceptResult load(const spm::RegionData& data);
-  /// Frees what the forest has given back; returns how many regions.
+  /// Frees the memory of the regions that the forest has retired. Returns the number of these regions.
   std::uint32_t release_retired();
 
   [[nodiscard]] spm::Forest& forest() noexcept { return forest_; }
@@ -34,7 +35,7 @@ class HrtcModel {
   [[nodiscard]] spm::ObjectIndex object() const noexcept { return admitted_.object; }
   [[nodiscard]] const spm::Model& model() const noexcept { return model_; }
   [[nodiscard]] const spm::Pool& pool() const noexcept { return pool_; }
-  /// Records that some held region lists.
+  /// Number of records in the closed lists of the loaded regions.
   [[nodiscard]] std::uint32_t records_held() const noexcept { return records_held_; }
 
  private:
@@ -47,11 +48,11 @@ class HrtcModel {
   spm::Cache cache_;
   spm::Cache::Admitted admitted_;
   spm::Forest forest_;
-  std::vector<std::uint16_t> listed_;  // by record: held regions that list it
+  std::vector<std::uint16_t> listed_;  // by record: number of loaded regions whose closed list has it
   std::uint32_t records_held_ = 0;
 };
 
-/// Slots for the base mesh and a share of all records, `least` at least.
+/// Returns the slots for the base mesh plus those for `share` of all record parts, at least `min` of the latter.
 [[nodiscard]] std::uint32_t slots_for(const spm::ModelSummary& summary, double share, std::uint32_t min = 0);
 
 }  // namespace tactus::bench

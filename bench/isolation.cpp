@@ -1,5 +1,5 @@
-// Probe states on a link that mesh records fill, beside the idle link and beside Fast DDS and Cyclone DDS as their
-// experts tune them for it, in turn.
+// Measures the age of probe states on a link that mesh records fill, compared with the idle link, and with Fast DDS and
+// Cyclone DDS that are tuned for the link.
 #include "bench/coded_rows.hpp"
 #include "bench/latency_bench.hpp"
 
@@ -9,75 +9,76 @@ namespace {
 using latency::Profile;
 using latency::Transport;
 
-constexpr char kOneQueue[] = "P0:rate=100";  // a relay with one queue, in the order of arrival
+constexpr char kOneQueue[] = "P0:rate=100";  // link emulation with one queue for all traffic classes
 
-// What a user needs, before any run. A state that comes a whole cycle late misses the cycle for which it was made. A
-// tenth of a cycle is what we may cost more than a system tuned by hand, or than the idle link.
-constexpr double kCycle = 1000, kTenth = 100;  // us
-constexpr double kMeshShare = 0.9;             // of the mesh that a system tuned by hand transfers
-constexpr double kMbyte = 1 / 8.0;             // of a Mbit
+// Bounds. A state that is older than one cycle misses its cycle. The p99 of the age may be a tenth of a cycle higher
+// than on the idle link, and a tenth of a cycle higher than with a system tuned by hand.
+constexpr double kCycle = 1000, kTenthOfCycle = 100;  // us
+constexpr double kMinMeshShare = 0.9;                 // of the mesh throughput of a system tuned by hand
+constexpr double kMbytePerMbit = 1 / 8.0;
 
-Report run(const PairSettings& settings) {
-  std::vector<Runs> kinds;
-  const auto add = [&](const char* name, const std::string& link, double load, int every = 1,
+Report run(const RoundSettings& settings) {
+  std::vector<Configuration> configurations;
+  const auto add = [&](const char* name, const std::string& link, double load_mbit, int round_interval = 1,
                        Profile profile = Profile::kTactus, Transport transport = Transport::kUdp) {
     latency::Cell cell;
     cell.transport = transport;
     cell.profile = profile;
-    cell.load_mbit = load;
+    cell.load_mbit = load_mbit;
     cell.link = link;
-    kinds.push_back({name, cell, every});
-    return kinds.size() - 1;
+    configurations.push_back({name, cell, round_interval});
+    return configurations.size() - 1;
   };
   constexpr double kMax = latency::kUnpaced;
-  constexpr int kSeldom = 5;
-  const std::size_t idle = add("idle", settings.link, 0), loaded = add("loaded", settings.link, kMax);
-  const std::size_t one_queue = add("loaded, one queue", kOneQueue, kMax);
-  std::vector<std::size_t> peers{add("tuned Fast DDS, its rate set by hand", settings.link, kMax, 1, Profile::kTuned)};
-  add("tuned Fast DDS, its rate set by hand, one queue", kOneQueue, kMax, kSeldom, Profile::kTuned);
+  constexpr int kSeldom = 5;  // one of five rounds
+  const std::size_t idle = add("Tactus, idle", settings.link, 0), loaded = add("Tactus", settings.link, kMax);
+  const std::size_t one_queue = add("Tactus, one queue", kOneQueue, kMax);
+  std::vector<std::size_t> peers{add("tuned Fast DDS, rate set by hand", settings.link, kMax, 1, Profile::kTuned)};
+  add("tuned Fast DDS, rate set by hand, one queue", kOneQueue, kMax, kSeldom, Profile::kTuned);
   if (latency::has_cyclone()) {
-    peers.push_back(add("tuned Cyclone DDS, sockets marked from outside", settings.link, kMax, 1, Profile::kTactus,
-                        Transport::kCyclone));
-    add("tuned Cyclone DDS, one queue: it cannot pace", kOneQueue, kMax, kSeldom, Profile::kTactus,
-        Transport::kCyclone);
+    peers.push_back(
+        add("tuned Cyclone DDS with socket marks", settings.link, kMax, 1, Profile::kTactus, Transport::kCyclone));
+    add("tuned Cyclone DDS, unpaced, one queue", kOneQueue, kMax, kSeldom, Profile::kTactus, Transport::kCyclone);
   }
   add("Fast DDS, defaults", settings.link, kMax, kSeldom, Profile::kPlain);
   add("Fast DDS, defaults, one participant", settings.link, kMax, kSeldom, Profile::kShared);
-  const std::size_t slow = add("loaded, 10 Mbit/s", "veth:rate=10", kMax, kSeldom);
-  add("loaded, 10 Mbit/s, one queue", "P0:rate=10", kMax, kSeldom);
-  run_in_turn(kinds, settings);
+  const std::size_t slow = add("Tactus, 10 Mbit/s", "veth:rate=10", kMax, kSeldom);
+  add("Tactus, 10 Mbit/s, one queue", "P0:rate=10", kMax, kSeldom);
+  run_rounds(configurations, settings);
 
   char text[160];
-  std::snprintf(text, sizeof text, "link %s, %d rounds in rotating order of %g s each; %s", settings.link.c_str(),
-                settings.pairs, settings.seconds, kinds[loaded].note.c_str());
-  Report report{{"probe states at 1 kHz beside mesh records", 0, 0, text}};
-  for (const Runs& kind : kinds) {
-    add_rows(report, kind.name + ": age", "one way, runs", kind.age);
-    report.row(kind.name + ": mesh", "payload, runs", "MB/s", kind.mesh);
-    report.figure(kind.name + ": delivered", {"probe states", static_cast<std::size_t>(kind.expected)}, "%",
-                  kind.delivered_percent());
+  std::snprintf(text, sizeof text, "link %s, %d rounds in rotating order, %g s for each run; %s", settings.link.c_str(),
+                settings.rounds, settings.seconds, configurations[loaded].note.c_str());
+  Report report{{"probe states at 1 kHz, with mesh records on the same link", 0, 0, text}};
+  for (const Configuration& configuration : configurations) {
+    add_rows(report, configuration.name + ", age", configuration.age);
+    report.row(configuration.name + ", mesh payload rate", "runs", "MB/s", configuration.mesh_mbyte_per_s);
+    report.figure(configuration.name + ", delivered",
+                  {"probe states", static_cast<std::size_t>(configuration.expected)}, "%",
+                  configuration.delivered_percent());
   }
-  report.note("The bounds compare medians of runs. Tactus is not configured with the rate of the link.");
+  report.note(
+      "Each bound on age or mesh payload is on the median over the runs. Tactus does not know the rate of the link.");
   const auto median = [](const Samples& runs) { return runs.percentile(0.5); };
-  const Runs& ours = kinds[loaded];
-  report.at_least("loaded: delivered", {"probe states", static_cast<std::size_t>(ours.expected)}, "%",
+  const Configuration& ours = configurations[loaded];
+  report.at_least("Tactus, delivered", {"probe states", static_cast<std::size_t>(ours.expected)}, "%",
                   ours.delivered_percent(), 100);
-  report.at_most("loaded: age p99.9", {"median of runs", ours.mesh.size()}, "us", median(ours.age.p999), kCycle);
-  report.at_most("age p99, loaded less idle", {"medians of runs", ours.mesh.size()}, "us",
-                 median(ours.age.p99) - median(kinds[idle].age.p99), kTenth);
+  report.at_most("Tactus, age p99.9", {"runs", ours.mesh_mbyte_per_s.size()}, "us", median(ours.age.p999), kCycle);
+  report.at_most("age p99, Tactus loaded minus idle", {"runs", ours.mesh_mbyte_per_s.size()}, "us",
+                 median(ours.age.p99) - median(configurations[idle].age.p99), kTenthOfCycle);
   for (const std::size_t peer : peers) {
-    const Runs& theirs = kinds[peer];
-    report.at_most("age p99, ours less that of " + theirs.name, {"medians of runs", ours.mesh.size()}, "us",
-                   median(ours.age.p99) - median(theirs.age.p99), kTenth);
-    report.at_least("mesh, ours over that of " + theirs.name, {"medians of runs", ours.mesh.size()}, "times",
-                    median(ours.mesh) / median(theirs.mesh), kMeshShare);
+    const Configuration& theirs = configurations[peer];
+    report.at_most("age p99, Tactus minus " + theirs.name, {"runs", ours.mesh_mbyte_per_s.size()}, "us",
+                   median(ours.age.p99) - median(theirs.age.p99), kTenthOfCycle);
+    report.at_least("mesh payload rate, Tactus divided by " + theirs.name, {"runs", ours.mesh_mbyte_per_s.size()},
+                    "times", median(ours.mesh_mbyte_per_s) / median(theirs.mesh_mbyte_per_s), kMinMeshShare);
   }
-  report.at_most("one queue: age p99", {"median of runs", kinds[one_queue].mesh.size()}, "us",
-                 median(kinds[one_queue].age.p99), 3 * kCycle);
-  report.at_least("one queue: mesh", {"median of runs", kinds[one_queue].mesh.size()}, "MB/s",
-                  median(kinds[one_queue].mesh), 0.7 * 100 * kMbyte);
-  report.at_most("10 Mbit/s: age p99", {"median of runs", kinds[slow].mesh.size()}, "us", median(kinds[slow].age.p99),
-                 5 * kCycle);
+  report.at_most("Tactus, one queue, age p99", {"runs", configurations[one_queue].mesh_mbyte_per_s.size()}, "us",
+                 median(configurations[one_queue].age.p99), 3 * kCycle);
+  report.at_least("Tactus, one queue, mesh payload rate", {"runs", configurations[one_queue].mesh_mbyte_per_s.size()},
+                  "MB/s", median(configurations[one_queue].mesh_mbyte_per_s), 0.7 * 100 * kMbytePerMbit);
+  report.at_most("Tactus, 10 Mbit/s, age p99", {"runs", configurations[slow].mesh_mbyte_per_s.size()}, "us",
+                 median(configurations[slow].age.p99), 5 * kCycle);
   add_coded_isolation(report, 2, 4 * settings.seconds, 20);
   return report;
 }
@@ -86,15 +87,15 @@ Report run(const PairSettings& settings) {
 }  // namespace tactus::bench
 
 int main(int argc, char** argv) {
-  tactus::bench::PairSettings settings;
+  tactus::bench::RoundSettings settings;
   settings.link = "veth:rate=100";
   tactus::bench::App app{
       "isolation",
-      "Probe states on a 100 Mbit/s link that mesh records fill, beside the idle link and peers; needs root",
-      "2 rounds of 2 s"};
-  add_pair_options(app, settings, "between the namespaces, as in `tactus-link list`");
+      "Age of probe states on a 100 Mbit/s link that mesh records fill, compared with other systems; needs root",
+      "2 rounds with runs of 2 s"};
+  add_round_options(app, settings, "link between the namespaces, as in `tactus-link list`");
   return tactus::bench::latency_main(app, argc, argv, [&] {
-    if (app.quick) settings.pairs = 2, settings.seconds = 2;
+    if (app.quick) settings.rounds = 2, settings.seconds = 2;
     return tactus::bench::run(settings);
   });
 }

@@ -1,54 +1,55 @@
-// Idle latency of probe states beside raw UDP and Cyclone DDS, in turn between two namespaces joined by a veth.
+// Measures the latency of probe states on an idle link between two network namespaces, compared with raw UDP and with
+// Cyclone DDS.
 #include "bench/latency_bench.hpp"
 
 namespace tactus::bench {
 namespace {
 
-Report run(const PairSettings& settings) {
-  std::vector<Runs> kinds;
+Report run(const RoundSettings& settings) {
+  std::vector<Configuration> configurations;
   const auto add = [&](const char* name, latency::Transport transport) {
     latency::Cell cell;
     cell.transport = transport;
     cell.link = settings.link;
-    kinds.push_back({name, cell});
+    configurations.push_back({name, cell});
   };
   add("raw UDP", latency::Transport::kRawUdp);
-  add("probe state", latency::Transport::kUdp);
+  add("Tactus", latency::Transport::kUdp);
   if (latency::has_cyclone()) add("Cyclone DDS", latency::Transport::kCyclone);
-  run_in_turn(kinds, settings);
-  const Runs &raw = kinds[0], &ours = kinds[1];
+  run_rounds(configurations, settings);
+  const Configuration &raw = configurations[0], &ours = configurations[1];
 
   char text[160];
-  std::snprintf(text, sizeof text, "link %s, %d rounds in rotating order of %g s each; %s", settings.link.c_str(),
-                settings.pairs, settings.seconds, ours.note.c_str());
+  std::snprintf(text, sizeof text, "link %s, %d rounds in rotating order, %g s for each run; %s", settings.link.c_str(),
+                settings.rounds, settings.seconds, ours.note.c_str());
   Report report{{"probe states of 236 bytes at 1 kHz", 0, 0, text}};
-  for (const Runs& kind : kinds) {
-    add_rows(report, kind.name, "half round trip, runs", kind.half_round_trip);
-    add_rows(report, kind.name + " from send,", "half round trip, runs", kind.half_round_trip_sent);
-    add_rows(report, kind.name + " age", "one way, runs", kind.age);
+  for (const Configuration& configuration : configurations) {
+    add_rows(report, configuration.name + ", half round trip", configuration.half_round_trip);
+    add_rows(report, configuration.name + ", half round trip from send", configuration.half_round_trip_sent);
+    add_rows(report, configuration.name + ", age (one way)", configuration.age);
   }
-  report.note(
-      "The bounds compare medians of runs. Half round trips start when a ping is due. `from send` leaves out how");
-  report.note("late the system woke the pinger, which is alike for all.");
-  const auto compare = [&](const Runs& with, double p50, double p99) {
+  report.note("Each bound is on the median over the runs, or on a ratio of two such medians.");
+  report.note("A half round trip begins when a ping is due. `from send` begins when it is sent, so it excludes the");
+  report.note("delay with which the system wakes the pinger. That delay does not depend on the transport.");
+  const auto compare = [&](const Configuration& peer, double p50_limit, double p99_limit) {
     const auto ratio = [&](const std::string& name, const Samples& own, const Samples& other, double limit) {
-      report.at_most(name + " over " + with.name + "'s", {"medians of runs", own.size()}, "times",
+      report.at_most("half round trip " + name + ", Tactus divided by " + peer.name, {"runs", own.size()}, "times",
                      own.percentile(0.5) / other.percentile(0.5), limit);
     };
-    ratio("p50", ours.half_round_trip.p50, with.half_round_trip.p50, p50);
-    ratio("p99", ours.half_round_trip.p99, with.half_round_trip.p99, p99);
-    ratio("p50 from send", ours.half_round_trip_sent.p50, with.half_round_trip_sent.p50, p50);
-    ratio("p99 from send", ours.half_round_trip_sent.p99, with.half_round_trip_sent.p99, p99);
+    ratio("p50", ours.half_round_trip.p50, peer.half_round_trip.p50, p50_limit);
+    ratio("p99", ours.half_round_trip.p99, peer.half_round_trip.p99, p99_limit);
+    ratio("p50 from send", ours.half_round_trip_sent.p50, peer.half_round_trip_sent.p50, p50_limit);
+    ratio("p99 from send", ours.half_round_trip_sent.p99, peer.half_round_trip_sent.p99, p99_limit);
   };
   compare(raw, 1.3, 2);
   if (latency::has_cyclone())
-    compare(kinds[2], 1, 1);
+    compare(configurations[2], 1, 1);
   else
     report.note("Built without Cyclone DDS.");
-  constexpr double kCycle = 1000;  // us; a later state misses the cycle for which it was made
-  report.at_most("p99.9", {"half round trip, median of runs", ours.half_round_trip.p999.size()}, "us",
+  constexpr double kCycle = 1000;  // us; a state with a higher latency misses its cycle
+  report.at_most("half round trip p99.9, Tactus", {"runs", ours.half_round_trip.p999.size()}, "us",
                  ours.half_round_trip.p999.percentile(0.5), kCycle);
-  report.at_most("pings or echoes lost", {"pings of all runs", static_cast<std::size_t>(ours.expected)}, "",
+  report.at_most("pings and echoes lost, Tactus", {"pings", static_cast<std::size_t>(ours.expected)}, "",
                  ours.lost + ours.echoes_lost, 0);
   return report;
 }
@@ -57,14 +58,15 @@ Report run(const PairSettings& settings) {
 }  // namespace tactus::bench
 
 int main(int argc, char** argv) {
-  tactus::bench::PairSettings settings;
+  tactus::bench::RoundSettings settings;
   settings.link = "veth";
   tactus::bench::App app{"latency",
-                         "Idle half round trip of a probe state at 1 kHz beside raw UDP's; needs root for namespaces",
-                         "3 rounds of 2 s"};
-  add_pair_options(app, settings, "between the namespaces, as in `tactus-link list`; none: loopback, without root");
+                         "Half round trip of probe states at 1 kHz on an idle link, compared with raw UDP; needs root",
+                         "3 rounds with runs of 2 s"};
+  add_round_options(app, settings,
+                    "link between the namespaces, as in `tactus-link list`; none: loopback, without root");
   return tactus::bench::latency_main(app, argc, argv, [&] {
-    if (app.quick) settings.pairs = 3, settings.seconds = 2;
+    if (app.quick) settings.rounds = 3, settings.seconds = 2;
     return tactus::bench::run(settings);
   });
 }

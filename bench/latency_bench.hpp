@@ -1,6 +1,8 @@
-/// Common parts of the benchmarks that run tests of tactus-latency: options, and runs of several kinds in turn.
+/// Runs tests of tactus-latency for several configurations in turn, so that changes of the machine's load affect all
+/// configurations alike.
 ///
-/// Between two namespaces, which needs root; times in microseconds, see latency/run.hpp. One thread.
+/// The tests run between two network namespaces, so they need root. Times are in microseconds (latency/run.hpp). One
+/// thread.
 #pragma once
 
 #include <cstdio>
@@ -14,17 +16,17 @@
 
 namespace tactus::bench {
 
-/// Of a benchmark of several kinds of runs, one of each kind to a pair.
-struct PairSettings {
+struct RoundSettings {
   std::string link;
-  int pairs = 10;
+  int rounds = 10;
   double seconds = 5;  ///< of each run
 };
 
-inline void add_pair_options(App& app, PairSettings& settings, const char* link_text) {
-  app.add_option("--pairs", settings.pairs, "rounds of runs")->check(CLI::Range(1, 100));
-  app.add_option("--seconds", settings.seconds, "of each run")->check(CLI::Range(1.0, 60.0));
-  app.add_option("--link", settings.link, link_text);
+inline void add_round_options(App& app, RoundSettings& settings, const char* link_help) {
+  app.add_option("--pairs", settings.rounds, "number of rounds; each runs every configuration once")
+      ->check(CLI::Range(1, 100));
+  app.add_option("--seconds", settings.seconds, "duration of each run, s")->check(CLI::Range(1.0, 60.0));
+  app.add_option("--link", settings.link, link_help);
 }
 
 [[nodiscard]] inline latency::RunSettings run_settings() {
@@ -33,8 +35,8 @@ inline void add_pair_options(App& app, PairSettings& settings, const char* link_
   return settings;
 }
 
-/// The runs of one kind.
-struct Runs {
+/// A configuration under test, and the results of its runs.
+struct Configuration {
   struct Percentiles {
     Samples p50, p99, p999, max;
     void add(const latency::Summary& run) {
@@ -47,17 +49,17 @@ struct Runs {
 
   std::string name;
   latency::Cell cell;
-  int every = 1;  ///< runs in every so many rounds only
+  int round_interval = 1;  ///< the configuration runs in one of so many rounds
   Percentiles age{}, half_round_trip{}, half_round_trip_sent{};
-  Samples mesh{};  ///< MB/s
-  double expected = 0, lost = 0, echoes_lost = 0;
-  std::string note{};  ///< about real-time priority
+  Samples mesh_mbyte_per_s{};
+  double expected = 0, lost = 0, echoes_lost = 0;  ///< probe states of all runs
+  std::string note{};                              ///< states the real-time priority
 
   void add(const latency::Result& run) {
     age.add(run.age);
     half_round_trip.add(run.half_round_trip);
     half_round_trip_sent.add(run.half_round_trip_sent);
-    mesh.add(run.load_mbyte_per_s);
+    mesh_mbyte_per_s.add(run.load_mbyte_per_s);
     expected += static_cast<double>(run.expected);
     lost += static_cast<double>(run.lost);
     echoes_lost += static_cast<double>(run.echoes_lost);
@@ -66,30 +68,30 @@ struct Runs {
   [[nodiscard]] double delivered_percent() const { return 100 - 100 * lost / expected; }
 };
 
-/// Runs every kind once in each round, in an order that rotates from round to round.
-inline void run_in_turn(std::vector<Runs>& kinds, const PairSettings& settings) {
-  const latency::RunSettings here = run_settings();
-  for (int round = 0; round < settings.pairs; ++round) {
-    std::fprintf(stderr, "round %d of %d\n", round + 1, settings.pairs);
-    for (std::size_t i = 0; i < kinds.size(); ++i) {
-      Runs& kind = kinds[(i + static_cast<std::size_t>(round)) % kinds.size()];
-      if (round % kind.every != 0) continue;
-      kind.cell.seconds = settings.seconds;
-      kind.add(latency::run_here(kind.cell, here, wire::stop_signal()));
+/// Runs every configuration once in each round. The order rotates from round to round.
+inline void run_rounds(std::vector<Configuration>& configurations, const RoundSettings& settings) {
+  const latency::RunSettings run_options = run_settings();
+  for (int round = 0; round < settings.rounds; ++round) {
+    std::fprintf(stderr, "round %d of %d\n", round + 1, settings.rounds);
+    for (std::size_t i = 0; i < configurations.size(); ++i) {
+      Configuration& configuration = configurations[(i + static_cast<std::size_t>(round)) % configurations.size()];
+      if (round % configuration.round_interval != 0) continue;
+      configuration.cell.seconds = settings.seconds;
+      configuration.add(latency::run_here(configuration.cell, run_options, wire::stop_signal()));
     }
   }
 }
 
-inline void add_rows(Report& report, const std::string& name, const std::string& population,
-                     const Runs::Percentiles& of) {
-  for (const auto& [percentile, samples] : {std::pair{" p50 of a run", &of.p50},
-                                            {" p99 of a run", &of.p99},
-                                            {" p99.9 of a run", &of.p999},
-                                            {" max of a run", &of.max}})
-    report.row(name + percentile, population, "us", *samples);
+/// Adds rows with the distribution of each percentile over the runs.
+inline void add_rows(Report& report, const std::string& quantity, const Configuration::Percentiles& percentiles) {
+  for (const auto& [percentile, samples] : {std::pair{": p50 of each run", &percentiles.p50},
+                                            {": p99 of each run", &percentiles.p99},
+                                            {": p99.9 of each run", &percentiles.p999},
+                                            {": max of each run", &percentiles.max}})
+    report.row(quantity + percentile, "runs", "us", *samples);
 }
 
-/// bench_main for a benchmark that stops on wire::stop_signal: 130 then.
+/// Calls bench_main for a benchmark that wire::stop_signal interrupts.
 template <class Run>
 int latency_main(App& app, int argc, char** argv, Run&& run) {
   return bench_main(app, argc, argv, [&]() -> Report {

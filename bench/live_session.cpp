@@ -12,7 +12,7 @@ namespace {
 
 using std::chrono::milliseconds;
 
-void expect_to_go_on() {
+void throw_if_stopped() {
   if (wire::stop_signal()) throw std::runtime_error{"interrupted"};
 }
 
@@ -20,36 +20,36 @@ void expect_to_go_on() {
 
 struct LiveSession::Impl {
   explicit Impl(const wire::SessionAddress& address)
-      : links{address},
-        roster{links, wire::topics::kRoster, keep<session::RosterEntry>()},
-        metrics{links, wire::topics::kMetrics, keep<session::Metrics>()},
-        demands{links, wire::topics::kDemand, keep<session::Demand>()},
-        states{links, wire::topics::kProbeState, keep<session::ProbeState>()} {}
+      : participants{address},
+        roster{participants, wire::topics::kRoster, storing_callback<session::RosterEntry>()},
+        metrics{participants, wire::topics::kMetrics, storing_callback<session::Metrics>()},
+        demands{participants, wire::topics::kDemand, storing_callback<session::Demand>()},
+        states{participants, wire::topics::kProbeState, storing_callback<session::ProbeState>()} {}
 
   template <class Sample>
-  std::function<void(Sample&&)> keep() {
+  std::function<void(Sample&&)> storing_callback() {
     return [this](Sample&& sample) {
       const std::lock_guard lock{mutex};
-      take(sample);
-      news.notify_all();
+      store(sample);
+      new_sample.notify_all();
     };
   }
-  void take(const session::RosterEntry& entry) { seen.roster[entry.origin.participant] = entry; }
-  void take(const session::Metrics& sample) { seen.metrics[sample.origin.participant] = sample; }
-  void take(const session::Demand& demand) {
+  void store(const session::RosterEntry& entry) { seen.roster[entry.origin.participant] = entry; }
+  void store(const session::Metrics& sample) { seen.metrics[sample.origin.participant] = sample; }
+  void store(const session::Demand& demand) {
     if (demand.serving_host == seen.serving_host) return;
     seen.serving_host = demand.serving_host;
     seen.serving_since_ns = wire::monotonic_ns();
   }
-  void take(const session::ProbeState& state) {
+  void store(const session::ProbeState& state) {
     seen.states.push_back({state.user_id, state.sequence, state.status, state.session_time_ns, state.force});
   }
 
-  wire::Participants links;
+  wire::Participants participants;
   std::mutex mutex;
-  std::condition_variable news;
+  std::condition_variable new_sample;
   SeenSession seen;
-  // Last, so that no callback outlives what it fills.
+  // The readers are declared last, so that they are destroyed before the members that their callbacks use.
   wire::Reader<session::RosterEntry> roster;
   wire::Reader<session::Metrics> metrics;
   wire::Reader<session::Demand> demands;
@@ -57,9 +57,9 @@ struct LiveSession::Impl {
 };
 
 double SeenSession::figure(const std::string& participant, const std::string& name) const {
-  const auto of = metrics.find(session::id_of(participant));
-  if (of == metrics.end()) return -1;
-  for (const session::Figure& figure : of->second.figures)
+  const auto entry = metrics.find(session::id_of(participant));
+  if (entry == metrics.end()) return -1;
+  for (const session::Figure& figure : entry->second.figures)
     if (figure.name == name) return figure.value;
   return -1;
 }
@@ -102,9 +102,9 @@ void LiveSession::until(const char* what, const std::function<bool(const SeenSes
   const auto end = std::chrono::steady_clock::now() + limit;
   std::unique_lock lock{impl_->mutex};
   while (!condition(impl_->seen)) {
-    expect_to_go_on();
+    throw_if_stopped();
     if (std::chrono::steady_clock::now() >= end) throw std::runtime_error{std::string{"waited in vain for "} + what};
-    impl_->news.wait_for(lock, milliseconds{50});
+    impl_->new_sample.wait_for(lock, milliseconds{50});
   }
 }
 
@@ -127,17 +127,17 @@ std::string program_path(const std::string& name) {
 std::int64_t wait_for_text(const e2e::Process& process, std::size_t from, const std::string& text, milliseconds limit) {
   const std::int64_t end_ns = wire::monotonic_ns() + std::chrono::nanoseconds{limit}.count();
   while (wire::monotonic_ns() < end_ns) {
-    expect_to_go_on();
+    throw_if_stopped();
     if (process.output().find(text, from) != std::string::npos) return wire::monotonic_ns();
-    std::this_thread::sleep_for(std::chrono::microseconds{300});  // what a line's time is right to
+    std::this_thread::sleep_for(std::chrono::microseconds{300});  // resolution of the returned time
   }
   return 0;
 }
 
 void pause(milliseconds time) {
   for (; time.count() > 0; time -= milliseconds{50}) {
-    expect_to_go_on();
-    std::this_thread::sleep_for(std::min(time, milliseconds{50}));  // then look whether to stop
+    throw_if_stopped();
+    std::this_thread::sleep_for(std::min(time, milliseconds{50}));
   }
 }
 

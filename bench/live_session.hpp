@@ -1,8 +1,8 @@
-/// A session of real programs in two namespaces, with an observer beside them: what benchmarks of faults kill, cut off
-/// and look at.
+/// A session of real programs in two network namespaces, with an observer that receives what they publish.
 ///
-/// Hosts run in namespace a, everything else in b, the observer included. To be made and used by one thread, which
-/// moves into namespace b; what it starts dies with it. Needs root.
+/// Benchmarks run hosts in namespace a and all other programs in namespace b. The observer is in namespace b, too. One
+/// thread constructs and uses a LiveSession. The constructor moves this thread into namespace b, and the started
+/// programs end with the thread. Needs root.
 #pragma once
 
 #include <chrono>
@@ -21,33 +21,33 @@
 
 namespace tactus::bench {
 
-/// What the observer has seen since it was made, but for `states`.
+/// Samples that the observer has received since it was constructed.
 struct SeenSession {
   std::map<std::uint64_t, session::RosterEntry> roster;
-  std::map<std::uint64_t, session::Metrics> metrics;  ///< newest of each
-  std::uint64_t serving_host = 0;                     ///< that the newest demand names, of whatever object
-  std::int64_t serving_since_ns = 0;                  ///< when the first demand that names it came
+  std::map<std::uint64_t, session::Metrics> metrics;  ///< newest of each participant
+  std::uint64_t serving_host = 0;                     ///< in the newest demand for any object
+  std::int64_t serving_since_ns = 0;                  ///< arrival of the first demand that names it, monotonic
   struct State {
     std::uint64_t user;
     std::uint32_t sequence;
     std::uint32_t status;
-    std::int64_t time_ns;  ///< of the cycle, session time
+    std::int64_t time_ns;  ///< session time of the cycle
     std::array<double, 3> force;
   };
-  std::vector<State> states;  ///< probe states since the last forget_states
+  std::vector<State> states;  ///< probe states since forget_states() was called last
 
-  /// -1 when it is not known.
+  /// Returns the newest value of a figure of a participant, or -1 if there is none.
   [[nodiscard]] double figure(const std::string& participant, const std::string& name) const;
 };
 
 class LiveSession {
  public:
   using Process = e2e::Process;
-  /// `link` as parse_link has it.
+  /// `link` has the syntax of netem::parse_link.
   explicit LiveSession(const std::string& link);
   ~LiveSession();
 
-  /// A program of ours, by its name without "tactus-", in this session.
+  /// Starts the program tactus-`name` as a participant of this session.
   [[nodiscard]] std::unique_ptr<Process> start(netem::Side side, const std::string& name,
                                                std::vector<std::string> arguments);
   [[nodiscard]] wire::SessionAddress address(const std::string& participant) const;
@@ -55,8 +55,8 @@ class LiveSession {
 
   [[nodiscard]] SeenSession seen() const;
   void forget_states();
-  /// Throws std::runtime_error with `what` when the condition does not come true, std::runtime_error too when asked to
-  /// stop.
+  /// Waits until `condition` holds. Throws std::runtime_error after `limit`, with `what` in its text, and at
+  /// wire::stop_signal.
   void until(const char* what, const std::function<bool(const SeenSession&)>& condition,
              std::chrono::milliseconds limit = std::chrono::seconds{20});
 
@@ -67,16 +67,17 @@ class LiveSession {
   std::unique_ptr<Impl> impl_;
 };
 
-/// Runs `work` in a thread made for it, which may move into a namespace, and throws what that throws.
+/// Runs `work` in a new thread, which may move into a namespace, and rethrows its exception.
 void in_own_thread(const std::function<void()>& work);
 
-/// Programs are beside this one.
+/// Returns the path of tactus-`name` in the folder of the running program.
 [[nodiscard]] std::string program_path(const std::string& name);
 
-/// Waits for a line with `text` beyond `from` bytes of what the process has printed; when it was seen, ns, or 0.
+/// Waits until `text` appears in the output of the process after its first `from` bytes. Returns the time at which it
+/// appeared, monotonic ns, or 0 if it has not appeared within `limit`.
 [[nodiscard]] std::int64_t wait_for_text(const e2e::Process& process, std::size_t from, const std::string& text,
                                          std::chrono::milliseconds limit);
-/// Sleeps, and throws std::runtime_error when asked to stop.
+/// Sleeps. Throws std::runtime_error at wire::stop_signal.
 void pause(std::chrono::milliseconds time);
 
 }  // namespace tactus::bench

@@ -1,5 +1,5 @@
-// Probe states and mesh records over a link that loses frames: how old is what a reader knows, how soon records are
-// here.
+// Measures the age of the newest probe state that a reader has, and the delivery time of mesh records, over a link that
+// loses frames.
 #include <cstdio>
 
 #include "bench/coded_rows.hpp"
@@ -15,68 +15,70 @@ struct Settings {
   std::uint64_t seed = 1;
 };
 
-struct Case {
+struct LossCase {
   double loss_percent;
-  double bound_ms;    ///< of the p99 of the age of what a reader knows
-  double records_ms;  ///< in which 50 kB of records complete, p99
+  double bound_ms;          ///< of the p99 of the age of information
+  double records_bound_ms;  ///< of the p99 of the delivery time of 50 kB of records
 };
-constexpr std::array kCases{Case{1, 1.5, 30}, Case{5, 2.5, 60}, Case{10, 3, 80}, Case{30, 5, 200}};
+constexpr std::array kCases{LossCase{1, 1.5, 30}, LossCase{5, 2.5, 60}, LossCase{10, 3, 80}, LossCase{30, 5, 200}};
 
 void add_records(Report& report, const Settings& settings, const std::atomic<bool>& stop) {
-  for (const Case& c : kCases) {
-    std::fprintf(stderr, "records, loss %g %%\n", c.loss_percent);
+  for (const LossCase& loss : kCases) {
+    std::fprintf(stderr, "records, loss %g %%\n", loss.loss_percent);
     const RecordsRun run =
-        run_records("P0:loss=" + std::to_string(c.loss_percent), settings.seconds, 50'000, settings.seed, stop);
+        run_records("P0:loss=" + std::to_string(loss.loss_percent), settings.seconds, 50'000, settings.seed, stop);
     char name[48];
-    std::snprintf(name, sizeof name, "loss %g %%: ", c.loss_percent);
-    report.row(std::string{name} + "records", "50 kB at once", "ms", run.burst_ms);
-    report.figure(std::string{name} + "records at once", "mean", "kB", run.burst_kb);
-    report.at_most(std::string{name} + "records, p99", {"50 kB at once", run.burst_ms.size()}, "ms",
-                   run.burst_ms.percentile(0.99), c.records_ms);
-    const std::string share = std::string{name} + "bytes sent for one that came";
-    if (c.loss_percent <= 5)
-      report.at_most(share, "records", "", run.sent_share, 1.3);
+    std::snprintf(name, sizeof name, "loss %g %%: ", loss.loss_percent);
+    report.row(std::string{name} + "delivery of 50 kB of records", "bursts", "ms", run.burst_ms);
+    report.figure(std::string{name} + "records in a burst, mean", {"bursts", run.burst_ms.size()}, "kB", run.burst_kb);
+    report.at_most(std::string{name} + "delivery of 50 kB of records, p99", {"bursts", run.burst_ms.size()}, "ms",
+                   run.burst_ms.percentile(0.99), loss.records_bound_ms);
+    const std::string share = std::string{name} + "bytes sent for each byte delivered";
+    if (loss.loss_percent <= 5)
+      report.at_most(share, "whole run", "", run.sent_share, 1.3);
     else
-      report.figure(share, "records", "", run.sent_share);
+      report.figure(share, "whole run", "", run.sent_share);
   }
-  for (const char* loss : {"0", "1"}) {
-    std::fprintf(stderr, "records, 10 ms, loss %s %%\n", loss);
+  for (const char* percent : {"0", "1"}) {
+    std::fprintf(stderr, "records, 10 ms, loss %s %%\n", percent);
     const RecordsRun run =
-        run_records(std::string{"P0:delay=10:rate=100:loss="} + loss, settings.seconds, 0, settings.seed, stop);
-    report.at_least(std::string{"10 ms one way, 100 Mbit/s, loss "} + loss + " %", "records", "MB/s", run.mbyte_per_s,
-                    8);
+        run_records(std::string{"P0:delay=10:rate=100:loss="} + percent, settings.seconds, 0, settings.seed, stop);
+    report.at_least(std::string{"records over 10 ms, 100 Mbit/s, loss "} + percent + " %", "whole run", "MB/s",
+                    run.mbyte_per_s, 8);
   }
 }
 
 Report run(const Settings& settings) {
   const std::atomic<bool>& stop = wire::stop_signal();
-  latency::RunSettings place = run_settings();
-  place.link_seed = settings.seed;
+  latency::RunSettings run_options = run_settings();
+  run_options.link_seed = settings.seed;
 
   char text[128];
-  std::snprintf(text, sizeof text, "link P0 with loss both ways, %g s each, seed %llu", settings.seconds,
+  std::snprintf(text, sizeof text, "link P0 with loss both ways, %g s for each run, seed %llu", settings.seconds,
                 static_cast<unsigned long long>(settings.seed));
   Report report{{"probe states at 1 kHz, mesh records", 0, 0, text}};
-  for (const Case& c : kCases) {
-    std::fprintf(stderr, "loss %g %%\n", c.loss_percent);
+  for (const LossCase& loss : kCases) {
+    std::fprintf(stderr, "loss %g %%\n", loss.loss_percent);
     latency::Cell cell;
-    cell.link = "P0:loss=" + std::to_string(c.loss_percent);
+    cell.link = "P0:loss=" + std::to_string(loss.loss_percent);
     cell.seconds = settings.seconds;
-    const latency::Result result = latency::run_here(cell, place, stop);
+    const latency::Result result = latency::run_here(cell, run_options, stop);
     char name[48];
-    std::snprintf(name, sizeof name, "loss %g %%: ", c.loss_percent);
+    std::snprintf(name, sizeof name, "loss %g %%: ", loss.loss_percent);
     const double lost = 100 * static_cast<double>(result.lost) / static_cast<double>(result.expected);
     report.figure(std::string{name} + "lost", "probe states", "%", lost);
-    report.figure(std::string{name} + "age at arrival p99", "probe states", "ms", result.age.p99 * 1e-3);
-    report.figure(std::string{name} + "age known p50", "every 97 us", "ms", result.age_of_information.p50 * 1e-3);
-    report.figure(std::string{name} + "age known p99.9", "every 97 us", "ms", result.age_of_information.p999 * 1e-3);
-    report.figure(std::string{name} + "age known max", "every 97 us", "ms", result.age_of_information.max * 1e-3);
-    report.at_most(std::string{name} + "age known p99", "every 97 us", "ms", result.age_of_information.p99 * 1e-3,
-                   c.bound_ms);
-    report.at_least(std::string{name} + "lost, or the link did not lose", "probe states", "%", lost,
-                    0.7 * c.loss_percent);
+    report.figure(std::string{name} + "age at arrival p99", "probe states received", "ms", result.age.p99 * 1e-3);
+    report.figure(std::string{name} + "age of information p50", "instants, every 97 us", "ms",
+                  result.age_of_information.p50 * 1e-3);
+    report.figure(std::string{name} + "age of information p99.9", "instants, every 97 us", "ms",
+                  result.age_of_information.p999 * 1e-3);
+    report.figure(std::string{name} + "age of information max", "instants, every 97 us", "ms",
+                  result.age_of_information.max * 1e-3);
+    report.at_most(std::string{name} + "age of information p99", "instants, every 97 us", "ms",
+                   result.age_of_information.p99 * 1e-3, loss.bound_ms);
+    report.at_least(std::string{name} + "lost (check of the link)", "probe states", "%", lost, 0.7 * loss.loss_percent);
   }
-  for (const Case& c : kCases) add_coded_loss(report, c.loss_percent, settings.seconds, settings.seed);
+  for (const LossCase& loss : kCases) add_coded_loss(report, loss.loss_percent, settings.seconds, settings.seed);
   add_records(report, settings, stop);
   return report;
 }
@@ -87,10 +89,10 @@ Report run(const Settings& settings) {
 int main(int argc, char** argv) {
   tactus::bench::Settings settings;
   tactus::bench::App app{
-      "loss", "Age of what a reader knows of a probe when the network loses 1 to 30 %; needs root for namespaces",
-      "5 s each, for CI"};
-  app.add_option("--seconds", settings.seconds, "of each run")->check(CLI::Range(5.0, 600.0));
-  app.add_option("--seed", settings.seed, "of the losses");
+      "loss", "Age of the newest probe state of a reader when the network loses 1 to 30 % of the frames; needs root",
+      "runs of 5 s, for CI"};
+  app.add_option("--seconds", settings.seconds, "duration of each run, s")->check(CLI::Range(5.0, 600.0));
+  app.add_option("--seed", settings.seed, "seed of the losses");
   return tactus::bench::latency_main(app, argc, argv, [&] {
     if (app.quick) settings.seconds = 5;
     return tactus::bench::run(settings);

@@ -12,7 +12,7 @@ namespace tactus::bench {
 
 namespace {
 
-constexpr double kSize = 0.1;  // m
+constexpr double kLength = 0.1;  // m
 constexpr std::uint64_t kSeed = 1;
 
 }  // namespace
@@ -28,7 +28,7 @@ LoadedModel load_model(const std::string& path, std::uint32_t faces) {
     loaded.owner = decoded;
   } else {
     BuildOptions options;
-    options.size = kSize;
+    options.size = kLength;
     const auto built = std::make_shared<const BuiltModel>(
         build_model(path.empty() ? generate(Shape::kOrgan, faces, kSeed) : import_mesh(path), options));
     loaded.name = path.empty() ? "organ, " + std::to_string(faces) + " faces, seed " + std::to_string(kSeed) : path;
@@ -39,15 +39,15 @@ LoadedModel load_model(const std::string& path, std::uint32_t faces) {
   return loaded;
 }
 
-void scale_to_edge(LoadedModel& subject, double metres) {
-  double sum = 0;
+void scale_to_edge(LoadedModel& subject, double mean_edge) {
+  double sum = 0;  // of the edges, in file units
   for (const std::array<std::uint32_t, 3>& face : subject.finest)
     for (std::size_t corner = 0; corner < 3; ++corner) {
       const auto& a = subject.model.positions[face[corner]];
       const auto& b = subject.model.positions[face[(corner + 1) % 3]];
       sum += std::hypot(double{a[0]} - b[0], double{a[1]} - b[1], double{a[2]} - b[2]);
     }
-  subject.model.summary.metres_per_unit = metres * 3 * static_cast<double>(subject.finest.size()) / sum;
+  subject.model.summary.metres_per_unit = mean_edge * 3 * static_cast<double>(subject.finest.size()) / sum;
 }
 
 double longest_side(const spm::ModelSummary& summary) {

@@ -1,4 +1,4 @@
-/// The model that a benchmark runs on: a file of any kind, or a generated one.
+/// Loads or generates the model that a benchmark uses.
 #pragma once
 
 #include <array>
@@ -14,20 +14,20 @@ namespace tactus::bench {
 /// A whole model and its finest mesh.
 struct LoadedModel {
   std::string name;
-  std::shared_ptr<const void> owner;  ///< keeps what `model` borrows
+  std::shared_ptr<const void> owner;  ///< owns the memory to which `model` refers
   spm::Model model;
-  std::vector<std::array<std::uint32_t, 3>> finest;  ///< by FaceId
+  std::vector<std::array<std::uint32_t, 3>> finest;  ///< corners of the faces, by FaceId
 };
 
-/// `path` is an `.spm` file, any model file, or empty for a generated organ of `faces` faces. Whatever has no unit of
-/// its own becomes 0.1 m long. Throws ModelError.
+/// Loads the model file or mesh file `path`. If `path` is empty, generates an organ of `faces` faces. A mesh without a
+/// unit becomes 0.1 m long. Throws ModelError.
 [[nodiscard]] LoadedModel load_model(const std::string& path, std::uint32_t faces);
 
-/// The dragon's mean edge when it is 10 cm long; finer is below what a hand resolves.
+/// Mean edge of the dragon at a length of 10 cm. A hand does not resolve finer details.
 constexpr double kHandEdge = 0.0002;  ///< m
-/// Gives the model the size at which the mean edge of its finest mesh is `metres`.
-void scale_to_edge(LoadedModel& subject, double metres);
-/// Longest side of the bounds, m.
+/// Scales the model so that the mean edge of its finest mesh is `mean_edge` metres long.
+void scale_to_edge(LoadedModel& subject, double mean_edge);
+/// Returns the longest side of the model's bounds, m.
 [[nodiscard]] double longest_side(const spm::ModelSummary& summary);
 
 }  // namespace tactus::bench

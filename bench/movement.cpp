@@ -31,8 +31,8 @@ client_sim::Objects objects_of(const spm::ModelSummary& summary, double scale) {
   return {{"object", view}};
 }
 
-/// What a hand of flesh and a device of metal add: tremor of 0.1 mm, readings in steps of 10 um.
-haptics::HandSettings hand_at(const Vec3d& start, std::uint32_t seed) {
+/// A hand with a tremor of 0.1 mm, whose device measures positions in steps of 10 um.
+haptics::HandSettings hand_settings(const Vec3d& start, std::uint32_t seed) {
   haptics::HandSettings hand;
   hand.tremor = 1e-4;
   hand.encoder_step = 1e-5;
@@ -76,8 +76,8 @@ const std::vector<Movement>& movements() {
   return kMovements;
 }
 
-std::vector<session::ProbeState> record(const spm::Model& model, double scale, const Movement& movement, double seconds,
-                                        std::uint32_t seed) {
+std::vector<session::ProbeState> simulate(const spm::Model& model, double scale, const Movement& movement,
+                                          double seconds, std::uint32_t seed) {
   SessionSettings settings;
   settings.pool = spm::PoolSettings::for_slots(model.summary.parts + 1000);
   SessionRun run{model, scale, settings};
@@ -86,14 +86,14 @@ std::vector<session::ProbeState> record(const spm::Model& model, double scale, c
   const Vec3d start = view.centre + Vec3d{0, 0, view.half.z() + 0.03};
   run.settle(start);
 
-  client_sim::Operator op{user_of(movement), {}};
-  haptics::SimulatedDevice hand{hand_at(start, seed)};
+  client_sim::Operator user{user_of(movement), {}};
+  haptics::SimulatedDevice hand{hand_settings(start, seed)};
   std::vector<session::ProbeState> states;
-  constexpr std::int64_t kMs = 1'000'000, kLead = 1'000'000'000, kPatience = 20'000 * kMs;
-  const auto wanted = static_cast<std::size_t>(seconds * 1e3);
-  bool touched = false;
-  for (std::int64_t now = kLead; states.size() < wanted; now += kMs) {
-    if (now > kLead + kPatience && !touched)
+  constexpr std::int64_t kMs = 1'000'000, kStart = 1'000'000'000, kContactLimit = 20'000 * kMs;
+  const auto count = static_cast<std::size_t>(seconds * 1e3);
+  bool has_touched = false;
+  for (std::int64_t now = kStart; states.size() < count; now += kMs) {
+    if (now > kStart + kContactLimit && !has_touched)
       throw std::runtime_error(std::string{"movement '"} + movement.name + "' touches nothing within 20 s");
     const haptics::DeviceState device = hand.read(now);
     run.prepare(device.position, device.velocity);
@@ -101,10 +101,10 @@ std::vector<session::ProbeState> record(const spm::Model& model, double scale, c
     hand.write(hrtc_service::vec(probe.force));
     session::ProbeState state = state_of(probe);
     state.session_time_ns = now;
-    op.on_probe_state(state);
-    if (const auto intent = op.tick(now, objects)) hand.paths().post(sharing::hand_path(*intent, 0));
-    touched = touched || (probe.status & session::kInContact) != 0;
-    if (!touched) continue;
+    user.on_probe_state(state);
+    if (const auto intent = user.tick(now, objects)) hand.paths().post(sharing::hand_path(*intent, 0));
+    has_touched = has_touched || (probe.status & session::kInContact) != 0;
+    if (!has_touched) continue;
     state.session_time_ns = static_cast<std::int64_t>(states.size()) * kMs;
     state.sequence = static_cast<std::uint32_t>(states.size()) + 1;
     states.push_back(state);

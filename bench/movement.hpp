@@ -1,7 +1,7 @@
-/// Hands that move over a model as scripted users do, cycle by cycle: what a coder of probe states has to code.
+/// Simulates a scripted user on a model. Benchmarks of deadband coding use the resulting probe states.
 ///
-/// The real operator, hand, loader and cycle, in one thread and in virtual time; the hand trembles and its device
-/// measures in steps. The same seed gives the same states.
+/// Operator, hand, loader and cycle are those of the programs, in one thread and in virtual time. The hand trembles,
+/// and its device measures positions in steps. The same seed gives the same states.
 #pragma once
 
 #include <cstdint>
@@ -15,15 +15,15 @@ namespace tactus::bench {
 
 struct Movement {
   const char* name;
-  const char* script;  ///< of a scenario's user, repeated
+  const char* script;  ///< script of a user in scenario YAML; it is repeated
 };
-/// Tapping, following a surface slowly and fast, holding still on it, moving in the air.
+/// Returns tapping, following a surface at 5 and at 15 cm/s, holding still on the surface, and moving in the air.
 [[nodiscard]] const std::vector<Movement>& movements();
 
-/// One state a millisecond for `seconds` from the first contact on (from the start when there is none): session time
-/// from 0, sequence from 1. `model` in file units, `scale` metres each. Throws std::runtime_error when nothing is
-/// touched that should be.
-[[nodiscard]] std::vector<session::ProbeState> record(const spm::Model& model, double scale, const Movement& movement,
-                                                      double seconds, std::uint32_t seed);
+/// Returns one probe state a millisecond for `seconds` after the first contact. Session time begins at 0 and the
+/// sequence number at 1. `scale` is metres for each unit of `model`. Throws std::runtime_error if the hand touches
+/// nothing within 20 s.
+[[nodiscard]] std::vector<session::ProbeState> simulate(const spm::Model& model, double scale, const Movement& movement,
+                                                        double seconds, std::uint32_t seed);
 
 }  // namespace tactus::bench
