@@ -1,4 +1,5 @@
-// How fast a model is built: simplification, closure and encoding, stage by stage, import or generation apart.
+// Measures the time of building a model: simplification, closure and encoding, stage by stage. Import or generation of
+// the mesh is measured separately.
 #include "spm/offline/build.hpp"
 
 #include <CLI/CLI.hpp>
@@ -22,21 +23,21 @@ namespace {
 using namespace spm::offline;
 
 constexpr std::uint64_t kSeed = 1;
-constexpr double kSize = 0.1;                    // m
-constexpr std::uint32_t kLargeFaces = 20000000;  // from here on the bound is on the whole, not on the rate
-constexpr std::uint32_t kSmallFaces = 500000;    // below, what does not run on all cores weighs too much for a rate
+constexpr double kLength = 0.1;                  // m
+constexpr std::uint32_t kLargeFaces = 20000000;  // min size whose bound is on the time instead of the rate
+constexpr std::uint32_t kMinRateFaces = 500000;  // min size with a bound on the rate; the serial stages dominate below
 
 struct Settings {
   std::string model;
   std::uint32_t faces = 1000000;
   std::uint32_t base_faces = spm::offline::SimplifyOptions{}.base_faces;
-  double pairs = 0;  // mm
+  double pairs = 0;  // mm, max distance of the vertices of a contracted pair
   unsigned threads = 2;
   std::uint32_t repeats = 3;
   bool quick = false;
 };
 
-/// Root mean square distance of the finest vertices from the base mesh, in file units; of every so many vertices.
+/// Rms distance of the finest vertices from the base mesh, file units. Uses about 20,000 vertices.
 double rms_from_base(const spm::Model& model) {
   constexpr std::size_t kSamples = 20000;
   const std::size_t step = std::max<std::size_t>(1, model.positions.size() / kSamples);
@@ -47,10 +48,10 @@ double rms_from_base(const spm::Model& model) {
   };
   std::vector<double> squared(count, std::numeric_limits<double>::infinity());
   parallel_for(count, 0, [&](std::size_t i, unsigned) {
-    const spm::Vec3d at = point(spm::VertexId{static_cast<std::uint32_t>(i * step)});
+    const spm::Vec3d vertex = point(spm::VertexId{static_cast<std::uint32_t>(i * step)});
     for (const spm::BaseFace& face : model.base_faces) {
       const double distance =
-          spm::closest_point(at, point(face.corners[0]), point(face.corners[1]), point(face.corners[2]))
+          spm::closest_point(vertex, point(face.corners[0]), point(face.corners[1]), point(face.corners[2]))
               .squared_distance;
       squared[i] = std::min(squared[i], distance);
     }
@@ -73,79 +74,83 @@ Built build(TriangleMesh mesh, const BuildOptions& options) {
   return built;
 }
 
-/// Records and runs of a region's list, on average: what the run time pays.
+/// Adds the mean numbers of records and intervals of a closed list, on which loading time depends.
 void report_lists(Report& report, const spm::Model& model) {
-  double records = 0, runs = 0;
+  double records = 0, intervals = 0;
   for (const spm::Region& region : model.regions) {
     records += region.record_count;
-    runs += region.interval_count;
+    intervals += region.interval_count;
   }
-  report.figure("records of a list, mean", "regions", "", records / model.summary.regions);
-  report.figure("runs of a list, mean", "regions", "", runs / model.summary.regions);
+  report.figure("records of a closed list, mean", {"regions", model.summary.regions}, "",
+                records / model.summary.regions);
+  report.figure("intervals of a closed list, mean", {"regions", model.summary.regions}, "",
+                intervals / model.summary.regions);
   report.figure("base faces", "model", "", model.summary.base_faces);
 }
 
 Report run(const Settings& settings) {
-  StageTimes before;
-  before.begin("import");
+  StageTimes source_times;
+  source_times.begin("import");
   std::fprintf(stderr, "%s\n", settings.model.empty() ? "generating the organ" : "reading the model");
   TriangleMesh mesh =
       settings.model.empty() ? generate(Shape::kOrgan, settings.faces, kSeed) : import_mesh(settings.model);
-  before.end();
-  const bool large = mesh.faces.size() >= kLargeFaces;
+  source_times.end();
+  const bool is_large = mesh.faces.size() >= kLargeFaces;
   const std::string name = settings.model.empty()
                                ? "organ, " + std::to_string(settings.faces) + " faces, seed " + std::to_string(kSeed)
                                : settings.model;
   BuildOptions options;
-  options.size = kSize;
+  options.size = kLength;
   options.threads = settings.threads;
   options.simplify.base_faces = settings.base_faces;
   options.pair_distance = 1e-3 * settings.pairs;
 
-  // What is large enough is not repeated, and its mesh is given away to be freed early.
-  const std::uint32_t repeats = large ? 1 : settings.repeats;
-  Built best;
+  // A large mesh is built once. The last build takes the mesh over, so that it can free the mesh early.
+  const std::uint32_t repeats = is_large ? 1 : settings.repeats;
+  Built fastest;
   for (std::uint32_t i = 0; i < repeats; ++i) {
     std::fprintf(stderr, "building, %u of %u\n", i + 1, repeats);
     Built built = i + 1 == repeats ? build(std::move(mesh), options) : build(mesh, options);
-    if (i > 0 && built.model.summary.digest != best.model.summary.digest) {
-      throw std::runtime_error("the same mesh gave two models");
+    if (i > 0 && built.model.summary.digest != fastest.model.summary.digest) {
+      throw std::runtime_error("two builds of one mesh gave different models");
     }
-    if (i == 0 || built.times.sum().seconds < best.times.sum().seconds) best = std::move(built);
+    if (i == 0 || built.times.sum().seconds < fastest.times.sum().seconds) fastest = std::move(built);
   }
   const double peak = peak_resident_bytes();
 
-  const spm::Model model = best.model.model();
+  const spm::Model model = fastest.model.model();
   char pairs[64] = "";
   if (settings.pairs > 0) std::snprintf(pairs, sizeof pairs, ", pairs within %g mm", settings.pairs);
   Report report{{name, model.summary.digest, model.summary.faces,
-                 std::to_string(settings.threads) + " threads, best of " + std::to_string(repeats) + ", base of " +
-                     std::to_string(settings.base_faces) + " faces" + pairs}};
-  report.figure(settings.model.empty() ? "generate" : "import", "once", "s", before.sum().seconds);
-  for (const StageTimes::Stage& stage : best.times.stages()) {
-    report.figure(stage.name, "wall", "s", stage.seconds);
-    report.figure(stage.name, "all threads", "s", stage.cpu_seconds);
+                 std::to_string(settings.threads) + " threads, fastest of " + std::to_string(repeats) +
+                     " builds, base of " + std::to_string(settings.base_faces) + " faces" + pairs}};
+  report.figure(settings.model.empty() ? "generate, wall time" : "import, wall time", "one run", "s",
+                source_times.sum().seconds);
+  for (const StageTimes::Stage& stage : fastest.times.stages()) {
+    report.figure(stage.name + ", wall time", "fastest build", "s", stage.seconds);
+    report.figure(stage.name + ", CPU time of all threads", "fastest build", "s", stage.cpu_seconds);
   }
-  const StageTimes::Stage sum = best.times.sum();
+  const StageTimes::Stage sum = fastest.times.sum();
   const double rate = model.summary.faces / sum.seconds;
-  report.figure("build", "wall", "s", sum.seconds);
-  report.figure("build", "all threads", "s", sum.cpu_seconds);
-  report.figure("faces a second", "wall", "", rate);
-  report.figure("faces a second", "a core busy throughout", "", model.summary.faces / sum.cpu_seconds);
-  report.figure("most memory resident", "import and build", "GiB", peak / (1 << 30));
+  report.figure("build, wall time", "fastest build", "s", sum.seconds);
+  report.figure("build, CPU time of all threads", "fastest build", "s", sum.cpu_seconds);
+  report.figure("faces / wall time", "fastest build", "1/s", rate);
+  report.figure("faces / CPU time of all threads", "fastest build", "1/s", model.summary.faces / sum.cpu_seconds);
+  report.figure("resident memory, max", "import and builds", "GiB", peak / (1 << 30));
   report_lists(report, model);
+  const std::string deviation = "rms distance from the base mesh at 10 cm";
   const double rms = 1e3 * model.summary.metres_per_unit * rms_from_base(model);
-  report.figure("finest vertices from the base mesh, rms", "10 cm", "mm", rms);
+  report.figure(deviation, "sampled finest vertices", "mm", rms);
 
-  if (large) {
-    report.at_most("build", "wall", "s", sum.seconds, 90);
-    report.at_most("most memory resident", "import and build", "GiB", peak / (1 << 30), 6);
-  } else if (model.summary.faces >= kSmallFaces) {
-    report.at_least("faces a second", "wall", "", rate, 1e6);
+  if (is_large) {
+    report.at_most("build, wall time", "one build", "s", sum.seconds, 90);
+    report.at_most("resident memory, max", "import and builds", "GiB", peak / (1 << 30), 6);
+  } else if (model.summary.faces >= kMinRateFaces) {
+    report.at_least("faces / wall time", "fastest build", "1/s", rate, 1e6);
   }
   if (settings.pairs > 0) {
-    report.at_most("base faces", "with pairs", "", model.summary.base_faces, 1000);
-    report.at_most("finest vertices from the base mesh, rms", "10 cm, with pairs", "mm", rms, 1);
+    report.at_most("base faces, with pairs", "model", "", model.summary.base_faces, 1000);
+    report.at_most(deviation + ", with pairs", "sampled finest vertices", "mm", rms, 1);
   }
   return report;
 }
@@ -155,17 +160,17 @@ Report run(const Settings& settings) {
 
 int main(int argc, char** argv) {
   tactus::bench::Settings settings;
-  tactus::bench::App app{"build", "How fast a model is built, stage by stage",
+  tactus::bench::App app{"build", "Time of building a model, stage by stage",
                          "one build of 200,000 faces, without a bound on speed, for CI"};
   app.add_option("--model", settings.model, "mesh file of any kind (default: a generated organ)")
       ->check(CLI::ExistingFile);
   app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 200000000u));
-  app.add_option("--base-faces", settings.base_faces, "that simplification aims at");
+  app.add_option("--base-faces", settings.base_faces, "faces of the base mesh at which simplification aims");
   app.add_option("--pairs", settings.pairs,
-                 "mm at a size of 10 cm: contract vertices nearer than this; bounds the base mesh")
+                 "contract vertices within this distance, mm, at a model length of 10 cm; adds bounds on the base mesh")
       ->check(CLI::Range(0.0, 100.0));
-  app.add_option("--threads", settings.threads, "that build")->check(CLI::Range(1u, 256u));
-  app.add_option("--repeats", settings.repeats, "of which the best counts; once from 20 million faces on")
+  app.add_option("--threads", settings.threads, "number of threads that build")->check(CLI::Range(1u, 256u));
+  app.add_option("--repeats", settings.repeats, "builds, of which the fastest counts; 1 from 20 million faces on")
       ->check(CLI::Range(1u, 100u));
   return tactus::bench::bench_main(app, argc, argv, [&] {
     if (app.quick) {

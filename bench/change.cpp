@@ -1,8 +1,10 @@
-// One cell's step of the wanted set, refit included, beside FCL's refit and rebuild of the whole tree.
+// Measures the time of one change of the wanted set, refit included, compared with FCL's refit and rebuild of the whole
+// tree.
 //
-// A tip follows the surface with everything loaded and no budget. Whenever the set of labelled cells that it meets
-// changes, the cells that enter and leave are taken one at a time: each is one step, retarget, refine or coarsen,
-// refit. A second walk takes the tip a whole cell further at once, and all that changes with it in one step.
+// A tip follows a surface. All regions are loaded, and refinement has no budget. When the set of labelled cells that
+// the tip intersects changes, the cells enter and leave the wanted set one at a time. Each is one step: new target,
+// refinement or coarsening, refit. On a second walk, the tip jumps by the size of a cell, and one step makes all
+// changes.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
@@ -23,8 +25,8 @@ namespace {
 using spm::RegionId;
 using spm::Vec3d;
 
-constexpr double kPeriod = 0.001;  // s
-constexpr double kTouch = 1e-3;    // of a cell: how far below its edge counts as one cell further
+constexpr double kPeriod = 0.001;    // s
+constexpr double kTolerance = 1e-3;  // of a cell's edge: a jump may be shorter by this
 
 struct Settings {
   std::string model;
@@ -38,59 +40,60 @@ struct Settings {
 };
 
 struct Steps {
-  Samples all, in, out;     // us: one cell
-  Samples records, marked;  // of one cell's step
-  Samples whole;            // us: the tip a cell further
-  Samples whole_records;
-  Samples of_bound, of_paper;  // marked nodes, as a share
-  std::uint64_t beyond_bound = 0, not_done = 0;
-  std::uint64_t refits = 0;
+  Samples cell_us, entering_us, leaving_us;      // steps of one cell: all, entering, leaving
+  Samples cell_records, cell_marked;             // changed records and marked nodes of a step of one cell
+  Samples jump_us, jump_records;                 // steps of a jump
+  Samples marked_per_bound, marked_per_lemma_1;  // marked nodes divided by the bound
+  std::uint64_t over_bound = 0, unfinished = 0;  // refits, steps
+  std::uint64_t count = 0;                       // all steps, the first ones included
 };
 
-/// The paper's lemma 1 for a binary tree over n leaves of which k change.
-double paper_bound(double changed, double faces) { return changed * (std::log2(faces) - std::log2(changed) + 2); }
+/// Max number of marked nodes by lemma 1 of the paper, for a binary tree over `faces` leaves of which `changed` change.
+double lemma_1_bound(double changed, double faces) { return changed * (std::log2(faces) - std::log2(changed) + 2); }
 
-class Walk {
+class Walker {
  public:
-  Walk(const spm::Model& model, double radius)
+  Walker(const spm::Model& model, double radius)
       : hrtc_{model, spm::PoolSettings::for_slots(slots_for(model.summary, 1))}, radius_{radius} {
     for (std::uint32_t region = 0; region < model.summary.regions; ++region)
       if (hrtc_.load(hrtc_.message(RegionId{region}, false)) != spm::AcceptResult::kAccepted)
         throw std::runtime_error("region " + std::to_string(region) + " does not fit a pool for the whole model");
   }
 
-  void cell_by_cell(const std::vector<Vec3d>& path) {
+  void walk_cell_by_cell(const std::vector<Vec3d>& path) {
     for (const Vec3d& tip : path) {
-      meet(tip);
-      if (met_ == wanted_) continue;
+      find_intersected(tip);
+      if (intersected_ == wanted_) continue;
       std::vector<RegionId> entering, leaving;
-      std::set_difference(met_.begin(), met_.end(), wanted_.begin(), wanted_.end(), std::back_inserter(entering));
-      std::set_difference(wanted_.begin(), wanted_.end(), met_.begin(), met_.end(), std::back_inserter(leaving));
-      const bool first = wanted_.empty();
+      std::set_difference(intersected_.begin(), intersected_.end(), wanted_.begin(), wanted_.end(),
+                          std::back_inserter(entering));
+      std::set_difference(wanted_.begin(), wanted_.end(), intersected_.begin(), intersected_.end(),
+                          std::back_inserter(leaving));
+      const bool is_first = wanted_.empty();
       for (const RegionId region : entering) {
         wanted_.push_back(region);
-        take(first ? nullptr : &steps_.in);
+        add_step(is_first ? nullptr : &steps_.entering_us);
       }
       for (const RegionId region : leaving) {
         wanted_.erase(std::find(wanted_.begin(), wanted_.end(), region));
-        take(&steps_.out);
+        add_step(&steps_.leaving_us);
       }
-      wanted_ = met_;
+      wanted_ = intersected_;  // sorted
     }
   }
 
-  /// The tip jumps along the path by an edge of a cell at least.
-  void cell_further(const std::vector<Vec3d>& path) {
-    const double edge = hrtc_.model().summary.grid.cell_size * (1 - kTouch);
+  /// Moves the tip along the path in jumps of at least a cell's edge.
+  void walk_by_jumps(const std::vector<Vec3d>& path) {
+    const double edge = hrtc_.model().summary.grid.cell_size * (1 - kTolerance);
     Vec3d last = path.front();
     for (const Vec3d& tip : path) {
       if ((tip - last).norm() < edge) continue;
       last = tip;
-      meet(tip);
-      wanted_ = met_;
+      find_intersected(tip);
+      wanted_ = intersected_;
       const double us = step();
-      steps_.whole.add(us);
-      steps_.whole_records.add(static_cast<double>(changed_));
+      steps_.jump_us.add(us);
+      steps_.jump_records.add(static_cast<double>(changed_records_));
     }
   }
 
@@ -98,54 +101,58 @@ class Walk {
   [[nodiscard]] const HrtcModel& hrtc() const noexcept { return hrtc_; }
 
  private:
-  void meet(const Vec3d& tip) {
-    met_.clear();
-    hrtc_.forest().grid().for_each_meeting(tip, radius_, [&](RegionId region, double) { met_.push_back(region); });
-    std::sort(met_.begin(), met_.end());
+  void find_intersected(const Vec3d& tip) {
+    intersected_.clear();
+    hrtc_.forest().grid().for_each_meeting(tip, radius_,
+                                           [&](RegionId region, double) { intersected_.push_back(region); });
+    std::sort(intersected_.begin(), intersected_.end());
   }
 
-  void take(Samples* kind) {
+  /// Makes one step and adds its time to `samples`, unless that is null.
+  void add_step(Samples* samples) {
     const double us = step();
-    if (kind == nullptr) return;
-    kind->add(us);
-    steps_.all.add(us);
-    steps_.records.add(static_cast<double>(changed_));
-    steps_.marked.add(refit_.marked);
+    if (samples == nullptr) return;
+    samples->add(us);
+    steps_.cell_us.add(us);
+    steps_.cell_records.add(static_cast<double>(changed_records_));
+    steps_.cell_marked.add(refit_count_.marked);
   }
 
+  /// Makes one step to the wanted set. Returns its time, us.
   double step() {
     spm::Forest& forest = hrtc_.forest();
     const spm::ForestCounters before = forest.counters();
     spm::Budget budget{~0u};
-    Stopwatch watch;
+    Stopwatch stopwatch;
     forest.target(wanted_.data(), static_cast<std::uint32_t>(wanted_.size()));
     const spm::Advance advance = forest.advance(budget);
-    refit_ = forest.refit();
-    const double us = watch.lap();
-    changed_ = forest.counters().splits - before.splits + forest.counters().collapses - before.collapses;
-    if (advance != spm::Advance::kDone) ++steps_.not_done;
-    ++steps_.refits;
-    if (refit_.marked > refit_.bound) ++steps_.beyond_bound;
-    if (refit_.changed == 0) return us;
-    steps_.of_bound.add(refit_.marked / static_cast<double>(refit_.bound));
-    steps_.of_paper.add(refit_.marked / paper_bound(refit_.changed, hrtc_.model().summary.faces));
+    refit_count_ = forest.refit();
+    const double us = stopwatch.lap();
+    changed_records_ = forest.counters().splits - before.splits + forest.counters().collapses - before.collapses;
+    if (advance != spm::Advance::kDone) ++steps_.unfinished;
+    ++steps_.count;
+    if (refit_count_.marked > refit_count_.bound) ++steps_.over_bound;
+    if (refit_count_.changed == 0) return us;
+    steps_.marked_per_bound.add(refit_count_.marked / static_cast<double>(refit_count_.bound));
+    steps_.marked_per_lemma_1.add(refit_count_.marked /
+                                  lemma_1_bound(refit_count_.changed, hrtc_.model().summary.faces));
     return us;
   }
 
   HrtcModel hrtc_;
   double radius_;
-  std::vector<RegionId> met_, wanted_;
-  spm::RefitCount refit_;
-  std::uint64_t changed_ = 0;
+  std::vector<RegionId> intersected_, wanted_;
+  spm::RefitCount refit_count_;
+  std::uint64_t changed_records_ = 0;
   Steps steps_;
 };
 
-Samples repeats(int count, spm::fcl::FixedMesh& mesh, void (spm::fcl::FixedMesh::*work)()) {
+Samples time_repeats(int count, spm::fcl::FixedMesh& mesh, void (spm::fcl::FixedMesh::*work)()) {
   Samples samples;
   for (int i = 0; i < count; ++i) {
-    Stopwatch watch;
+    Stopwatch stopwatch;
     (mesh.*work)();
-    samples.add(watch.lap());
+    samples.add(stopwatch.lap());
   }
   return samples;
 }
@@ -163,41 +170,41 @@ Report run(const Settings& settings) {
   const std::vector<Vec3d> path = surface_path(subject.model.positions, subject.finest, path_settings,
                                                [&](const Vec3d& p) { return finest.distance(p); });
   std::fprintf(stderr, "loading all regions, %zu poses\n", path.size());
-  Walk walk{subject.model, settings.radius / unit};
-  walk.cell_by_cell(path);
-  walk.cell_further(path);
-  const Steps& steps = walk.steps();
+  Walker walker{subject.model, settings.radius / unit};
+  walker.walk_cell_by_cell(path);
+  walker.walk_by_jumps(path);
+  const Steps& steps = walker.steps();
   std::fprintf(stderr, "FCL\n");
-  const Samples refit = repeats(settings.quick ? 5 : 21, finest, &spm::fcl::FixedMesh::refit);
-  const Samples rebuild = repeats(settings.quick ? 1 : 5, finest, &spm::fcl::FixedMesh::rebuild);
+  const Samples refit = time_repeats(settings.quick ? 5 : 21, finest, &spm::fcl::FixedMesh::refit);
+  const Samples rebuild = time_repeats(settings.quick ? 1 : 5, finest, &spm::fcl::FixedMesh::rebuild);
 
   char text[256];
   std::snprintf(text, sizeof text, "radius %g mm, %g cm/s for %g s, %.3g m long, %u regions of %.3g mm, path seed %llu",
                 settings.radius * 1e3, settings.speed * 1e2, settings.seconds, longest_side(summary), summary.regions,
                 summary.grid.cell_size * unit * 1e3, static_cast<unsigned long long>(settings.seed));
   Report report{{subject.name, summary.digest, summary.faces, text}};
-  const std::string cell = "one cell's steps";
-  report.row("change and refit", cell, "us", steps.all);
-  report.row("  cell enters", cell, "us", steps.in);
-  report.row("  cell leaves", cell, "us", steps.out);
-  report.row("records changed", cell, "", steps.records);
-  report.row("nodes marked", cell, "", steps.marked);
-  report.row("change and refit", "tip one cell further", "us", steps.whole);
-  report.row("records changed", "tip one cell further", "", steps.whole_records);
-  report.row("marked / exact bound", "refits", "", steps.of_bound);
-  report.row("marked / k(log2 n - log2 k + 2)", "refits", "", steps.of_paper);
+  const std::string cell = "steps of one cell", jump = "jumps by one cell";
+  report.row("change and refit", cell, "us", steps.cell_us);
+  report.row("change and refit", "entering cells", "us", steps.entering_us);
+  report.row("change and refit", "leaving cells", "us", steps.leaving_us);
+  report.row("records changed", cell, "", steps.cell_records);
+  report.row("nodes marked", cell, "", steps.cell_marked);
+  report.row("change and refit", jump, "us", steps.jump_us);
+  report.row("records changed", jump, "", steps.jump_records);
+  report.row("marked nodes / exact bound", "refits", "", steps.marked_per_bound);
+  report.row("marked nodes / k(log2 n - log2 k + 2)", "refits", "", steps.marked_per_lemma_1);
   report.row("FCL refit, finest mesh", "repeats", "us", refit);
   report.row("FCL rebuild, finest mesh", "repeats", "us", rebuild);
 
-  report.at_least("steps", cell, "", static_cast<double>(steps.all.size()), 100);
-  report.at_most("refits that marked more than the exact bound", {"refits", steps.of_bound.size()}, "",
-                 static_cast<double>(steps.beyond_bound), 0);
-  report.at_most("steps left undone", {"all", steps.all.size()}, "", static_cast<double>(steps.not_done), 0);
-  const double median = steps.all.percentile(0.5);
-  report.at_most("median of change and refit", {cell, steps.all.size()}, "us", median, 100);
-  report.at_least("FCL refit / change and refit, medians", {cell, refit.size()}, "times",
+  report.at_least("number of steps", cell, "", static_cast<double>(steps.cell_us.size()), 100);
+  report.at_most("refits that marked more than the exact bound", {"refits", steps.marked_per_bound.size()}, "",
+                 static_cast<double>(steps.over_bound), 0);
+  report.at_most("unfinished steps", {"all steps", steps.count}, "", static_cast<double>(steps.unfinished), 0);
+  const double median = steps.cell_us.percentile(0.5);
+  report.at_most("median of change and refit", {cell, steps.cell_us.size()}, "us", median, 100);
+  report.at_least("median FCL refit / median change and refit", {"repeats", refit.size()}, "times",
                   refit.percentile(0.5) / median, 500);
-  report.at_least("FCL rebuild / change and refit, medians", {cell, rebuild.size()}, "times",
+  report.at_least("median FCL rebuild / median change and refit", {"repeats", rebuild.size()}, "times",
                   rebuild.percentile(0.5) / median, 1000);
   return report;
 }
@@ -207,14 +214,15 @@ Report run(const Settings& settings) {
 
 int main(int argc, char** argv) {
   tactus::bench::Settings settings;
-  tactus::bench::App app{"change", "One cell's step of the wanted set, refit included, beside FCL's refit and rebuild",
-                         "5 s, for CI"};
+  tactus::bench::App app{
+      "change", "Time to change one cell of the wanted set, refit included, compared with FCL's refit and rebuild",
+      "5 s, for CI"};
   app.add_option("--model", settings.model, "model file of any kind, or .spm (default: a generated organ)")
       ->check(CLI::ExistingFile);
   app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 30000000u));
-  app.add_option("--seconds", settings.seconds, "length of the path")->check(CLI::Range(1.0, 3600.0));
-  app.add_option("--speed", settings.speed, "of the tip, m/s")->check(CLI::Range(0.001, 2.0));
-  app.add_option("--seed", settings.seed, "of the path");
+  app.add_option("--seconds", settings.seconds, "duration of the path, s")->check(CLI::Range(1.0, 3600.0));
+  app.add_option("--speed", settings.speed, "speed of the tip, m/s")->check(CLI::Range(0.001, 2.0));
+  app.add_option("--seed", settings.seed, "seed of the path");
   return tactus::bench::bench_main(app, argc, argv, [&] {
     settings.quick = app.quick;
     if (app.quick) settings.seconds = std::min(settings.seconds, 5.0);

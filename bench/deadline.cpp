@@ -1,8 +1,8 @@
-// Does the cycle keep the deadline that the application sets? The real cycle and governor along a surface path, with
-// deadlines of 50, 100 and 200 us, while a second load on the machine comes and goes; nothing is tuned in between.
+// Measures how many cycles end within a deadline of 50, 100 or 200 us. The cycle and the governor of an HRTC run along
+// a surface path, while a second load on the machine is switched on and off. No setting changes with the deadline.
 //
-// Judged is the cycle's own work: the CPU time of its thread, for a plain process is interrupted at will. Wall time is
-// printed beside. The first, cold cycles count.
+// The bound is on the cycle's own work, the CPU time of its thread, because the system interrupts a thread without
+// real-time priority at any time. Wall time has rows without bounds. The first cycles, with cold caches, count.
 #include <CLI/CLI.hpp>
 #include <Eigen/Cholesky>
 #include <atomic>
@@ -36,47 +36,47 @@ struct Settings {
   double speed = 0.05;    // m/s
   double depth = 0.0002;  // m
   double pool_share = 0.25;
-  double load_seconds = 0.5;  // of the second load, and of the pause after it
+  double load_seconds = 0.5;  // duration of the second load, and of each pause
   std::uint64_t seed = 1;
   bool quick = false;
 };
 
-/// A thread that walks through more memory than any cache holds, while a flag is set.
+/// A thread that, while switched on, writes to more memory than any CPU cache holds.
 class SecondLoad {
  public:
   SecondLoad() : thread_{[this] { run(); }} {}
   ~SecondLoad() {
-    ended_ = true;
+    is_ended_ = true;
     thread_.join();
   }
-  void set(bool on) noexcept { on_.store(on, std::memory_order_relaxed); }
+  void set(bool on) noexcept { is_on_.store(on, std::memory_order_relaxed); }
 
  private:
   void run() {
-    constexpr std::size_t kBytes = 64u << 20, kLine = 64;
+    constexpr std::size_t kBytes = 64u << 20, kCacheLine = 64;
     std::vector<std::uint8_t> memory(kBytes, 1);
-    while (!ended_) {
-      if (!on_.load(std::memory_order_relaxed)) {
-        std::this_thread::sleep_for(std::chrono::milliseconds{1});  // off: takes no core, and is on within a cycle
+    while (!is_ended_) {
+      if (!is_on_.load(std::memory_order_relaxed)) {
+        std::this_thread::sleep_for(std::chrono::milliseconds{1});  // uses no core, and switches on within a cycle
         continue;
       }
-      for (std::size_t at = 0; at < kBytes; at += kLine) ++memory[at];
+      for (std::size_t at = 0; at < kBytes; at += kCacheLine) ++memory[at];
     }
   }
-  std::atomic<bool> on_{false}, ended_{false};
+  std::atomic<bool> is_on_{false}, is_ended_{false};
   std::thread thread_;
 };
 
-/// Computing that touches no memory: what it takes beyond its best is interrupts and what shares the core.
-class BareWork {
+/// Computation without memory access. Only interrupts and other users of the core make it take longer than its minimum.
+class ReferenceWork {
  public:
-  BareWork() {
-    constexpr double kWanted = 20;  // us
-    double best = 1e9;
-    for (int i = 0; i < 100; ++i) best = std::min(best, run());
-    steps_ = static_cast<std::uint32_t>(steps_ * kWanted / best);
+  ReferenceWork() {
+    constexpr double kTargetTime = 20;  // us
+    double min = 1e9;
+    for (int i = 0; i < 100; ++i) min = std::min(min, run());
+    steps_ = static_cast<std::uint32_t>(steps_ * kTargetTime / min);
   }
-  /// CPU time, us.
+  /// Returns the CPU time of one run, us.
   double run() {
     const double before = thread_cpu_us();
     for (std::uint32_t i = 0; i < steps_; ++i) value_ = value_ * 3 + 1;
@@ -89,19 +89,24 @@ class BareWork {
 };
 
 struct Outcome {
-  Samples bare, own, wall, own_alone, own_beside, refine_refit, query, force, granted;  // us, units
-  Samples late_touch, late_refine;                                                      // of cycles past the deadline
-  std::uint64_t cycles = 0, contact = 0, exact = 0, in_time = 0, bare_in_time = 0, spent = 0;
-  double refit_unit_ns = 0, surprise_us = 0;
-  // Normal equations of refine + refit, ns, over 1, list entries visited and records changed.
+  Samples reference, own, wall;                     // us; `own` is the CPU time of the cycle
+  Samples own_alone, own_with_load;                 // us, without and with the second load
+  Samples refine_refit, query, force;               // us
+  Samples granted;                                  // units of spm::Budget
+  Samples missed_query_force, missed_refine_refit;  // us, of cycles that missed the deadline
+  std::uint64_t cycles = 0, contact_cycles = 0, exact_cycles = 0;
+  std::uint64_t in_time = 0, reference_in_time = 0;  // cycles within the deadline
+  std::uint64_t stopped = 0;                         // cycles whose refinement the governor stopped
+  double refit_unit_ns = 0, surprise_us = 0;         // final values of the governor
+  // Normal equations of a least-squares fit: ns of refinement and refit, by list entries visited and records changed.
   Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
   Eigen::Vector3d right = Eigen::Vector3d::Zero();
 
-  [[nodiscard]] double share_in_time() const {
+  [[nodiscard]] double percent_in_time() const {
     return 100.0 * static_cast<double>(in_time) / static_cast<double>(cycles);
   }
-  [[nodiscard]] double share_exact() const {
-    return contact == 0 ? 0 : 100.0 * static_cast<double>(exact) / static_cast<double>(contact);
+  [[nodiscard]] double percent_exact() const {
+    return contact_cycles == 0 ? 0 : 100.0 * static_cast<double>(exact_cycles) / static_cast<double>(contact_cycles);
   }
 };
 
@@ -116,10 +121,10 @@ Outcome run_deadline(const spm::Model& model, const Settings& settings, const st
   hrtc_service::Governor governor{static_cast<std::int64_t>(deadline_us * 1e3)};
   const auto load_cycles = static_cast<std::size_t>(settings.load_seconds / kPeriod);
   Outcome outcome;
-  BareWork bare;
+  ReferenceWork reference;
   for (std::size_t i = 0; i < path.size(); ++i) {
-    const bool beside = (i / load_cycles) % 2 == 1;
-    load.set(beside);
+    const bool has_load = (i / load_cycles) % 2 == 1;
+    load.set(has_load);
     const Vec3d tip = path[i] * scale;
     run.prepare(tip, i + 1 < path.size() ? Vec3d{(path[i + 1] - path[i]) * scale / kPeriod} : Vec3d{Vec3d::Zero()});
     const hrtc_service::RefineLimit limit = governor.limit();
@@ -135,12 +140,12 @@ Outcome run_deadline(const spm::Model& model, const Settings& settings, const st
     if (costs.foreseen > 0)
       governor.observe(costs.visits * spm::Budget::kVisit + costs.changes * spm::Budget::kChange, costs.refit,
                        costs.total(), costs.foreseen);
-    const double bare_us = bare.run();
-    outcome.bare.add(bare_us);
-    if (bare_us < deadline_us) ++outcome.bare_in_time;
+    const double reference_us = reference.run();
+    outcome.reference.add(reference_us);
+    if (reference_us < deadline_us) ++outcome.reference_in_time;
     outcome.own.add(own);
     outcome.wall.add(wall);
-    (beside ? outcome.own_beside : outcome.own_alone).add(own);
+    (has_load ? outcome.own_with_load : outcome.own_alone).add(own);
     outcome.granted.add(costs.granted);
     outcome.refine_refit.add((costs.refine + costs.refit) * 1e-3);
     outcome.query.add(costs.query * 1e-3);
@@ -149,13 +154,13 @@ Outcome run_deadline(const spm::Model& model, const Settings& settings, const st
     if (own < deadline_us) {
       ++outcome.in_time;
     } else {
-      outcome.late_touch.add((costs.query + costs.force) * 1e-3);
-      outcome.late_refine.add((costs.refine + costs.refit) * 1e-3);
+      outcome.missed_query_force.add((costs.query + costs.force) * 1e-3);
+      outcome.missed_refine_refit.add((costs.refine + costs.refit) * 1e-3);
     }
-    if (result.budget_spent) ++outcome.spent;
+    if (result.budget_spent) ++outcome.stopped;
     if ((result.probes[0].status & session::kInContact) != 0) {
-      ++outcome.contact;
-      if ((result.probes[0].status & session::kExact) != 0) ++outcome.exact;
+      ++outcome.contact_cycles;
+      if ((result.probes[0].status & session::kExact) != 0) ++outcome.exact_cycles;
     }
     const Eigen::Vector3d row{1, double(costs.visits), double(costs.changes)};
     outcome.normal += row * row.transpose();
@@ -194,35 +199,35 @@ Report run(const Settings& settings) {
     const Outcome outcome = run_deadline(subject.model, settings, path, away, deadline, load);
     char name[32];
     std::snprintf(name, sizeof name, "deadline %g us", deadline);
-    const std::string all = name;
-    report.row("own work", all, "us", outcome.own);
-    report.row("  alone", all, "us", outcome.own_alone);
-    report.row("  beside the second load", all, "us", outcome.own_beside);
-    report.row("  wall time", all, "us", outcome.wall);
-    report.row("  T_R + T_B", all, "us", outcome.refine_refit);
-    report.row("  T_Q", all, "us", outcome.query);
-    report.row("  force", all, "us", outcome.force);
-    if (outcome.late_touch.size() > 0) {
-      report.row("T_Q + force of late cycles", all, "us", outcome.late_touch);
-      report.row("T_R + T_B of late cycles", all, "us", outcome.late_refine);
+    const std::string cycles = name, missed = cycles + ", missed cycles";
+    report.row("own work", cycles, "us", outcome.own);
+    report.row("own work without the second load", cycles, "us", outcome.own_alone);
+    report.row("own work with the second load", cycles, "us", outcome.own_with_load);
+    report.row("wall time", cycles, "us", outcome.wall);
+    report.row("T_R + T_B", cycles, "us", outcome.refine_refit);
+    report.row("T_Q", cycles, "us", outcome.query);
+    report.row("T_F", cycles, "us", outcome.force);
+    if (outcome.missed_query_force.size() > 0) {
+      report.row("T_Q + T_F", missed, "us", outcome.missed_query_force);
+      report.row("T_R + T_B", missed, "us", outcome.missed_refine_refit);
     }
-    report.row("bare computing after each cycle", all, "us", outcome.bare);
-    report.figure("  within the deadline", all, "% of all cycles",
-                  100.0 * static_cast<double>(outcome.bare_in_time) / static_cast<double>(outcome.cycles));
-    report.row("granted", all, "unit", outcome.granted);
-    report.figure("cycles whose refinement was stopped", all, "%",
-                  100.0 * static_cast<double>(outcome.spent) / static_cast<double>(outcome.cycles));
-    report.figure("exact, of contact cycles", all, "%", outcome.share_exact());
-    report.figure("refitting for a unit, as measured", all, "ns", outcome.refit_unit_ns);
-    report.figure("surprise, at the end", all, "us", outcome.surprise_us);
+    report.row("reference computation after each cycle", cycles, "us", outcome.reference);
+    report.figure("reference computations within the deadline", {cycles, outcome.cycles}, "%",
+                  100.0 * static_cast<double>(outcome.reference_in_time) / static_cast<double>(outcome.cycles));
+    report.row("granted budget", cycles, "units", outcome.granted);
+    report.figure("cycles whose refinement was stopped", {cycles, outcome.cycles}, "%",
+                  100.0 * static_cast<double>(outcome.stopped) / static_cast<double>(outcome.cycles));
+    report.figure("exact", {cycles, outcome.contact_cycles}, "% of contact cycles", outcome.percent_exact());
+    report.figure("refit time of a unit, governor at the end", cycles, "ns", outcome.refit_unit_ns);
+    report.figure("surprise, governor at the end", cycles, "us", outcome.surprise_us);
     const Eigen::Vector3d fit = outcome.normal.ldlt().solve(outcome.right);
-    report.figure("fitted: none, visit, change", all, "ns", fit[0]);
-    report.figure("  a list entry visited", all, "ns", fit[1]);
-    report.figure("  a record changed, refit included", all, "ns", fit[2]);
-    report.at_least("own work within the deadline", {all, outcome.cycles}, "% of all cycles", outcome.share_in_time(),
+    report.figure("T_R + T_B, fit: constant", cycles, "ns", fit[0]);
+    report.figure("T_R + T_B, fit: a list entry visited", cycles, "ns", fit[1]);
+    report.figure("T_R + T_B, fit: a record changed", cycles, "ns", fit[2]);
+    report.at_least("own work within the deadline", {cycles, outcome.cycles}, "% of cycles", outcome.percent_in_time(),
                     99.9);
-    report.at_least("in contact", {all, outcome.cycles}, "% of all cycles",
-                    100.0 * static_cast<double>(outcome.contact) / static_cast<double>(outcome.cycles), 90);
+    report.at_least("cycles in contact", {cycles, outcome.cycles}, "% of cycles",
+                    100.0 * static_cast<double>(outcome.contact_cycles) / static_cast<double>(outcome.cycles), 90);
   }
   return report;
 }
@@ -232,17 +237,17 @@ Report run(const Settings& settings) {
 
 int main(int argc, char** argv) {
   tactus::bench::Settings settings;
-  tactus::bench::App app{
-      "deadline", "The cycle's own work against deadlines of 50, 100 and 200 us, with a second load coming and going",
-      "5 s, for CI"};
+  tactus::bench::App app{"deadline",
+                         "Cycles whose own work meets a deadline of 50, 100 or 200 us, with and without a second load",
+                         "5 s, for CI"};
   app.add_option("--model", settings.model, "model file of any kind, or .spm (default: a generated organ)")
       ->check(CLI::ExistingFile);
   app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 30000000u));
-  app.add_option("--seconds", settings.seconds, "length of the path")->check(CLI::Range(1.0, 3600.0));
-  app.add_option("--speed", settings.speed, "of the tip, m/s")->check(CLI::Range(0.001, 2.0));
-  app.add_option("--pool-share", settings.pool_share, "pool, as a share of the model's records")
+  app.add_option("--seconds", settings.seconds, "duration of the path, s")->check(CLI::Range(1.0, 3600.0));
+  app.add_option("--speed", settings.speed, "speed of the tip, m/s")->check(CLI::Range(0.001, 2.0));
+  app.add_option("--pool-share", settings.pool_share, "size of the pool, as a share of the model's records")
       ->check(CLI::Range(0.01, 1.0));
-  app.add_option("--seed", settings.seed, "of the path");
+  app.add_option("--seed", settings.seed, "seed of the path");
   return tactus::bench::bench_main(app, argc, argv, [&] {
     if (app.quick) settings.seconds = std::min(settings.seconds, 5.0);
     return tactus::bench::run(settings);

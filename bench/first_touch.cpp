@@ -1,5 +1,6 @@
-// From the first catalogue entry to the first exact contact of a tip that knocks at a large model: real programs, a new
-// HRTC each time, on a local and on a long narrow link. Beside it, the whole mesh over the same link.
+// Measures the time from the first catalogue entry to the first exact contact of a tip that knocks at a large model.
+// The programs are real, and each try uses a new HRTC, on a local network and on a slow link with a long delay. For
+// comparison, the whole mesh is downloaded over the same link.
 #include <arpa/inet.h>
 #include <signal.h>
 #include <sys/socket.h>
@@ -38,29 +39,29 @@ struct Settings {
   int tries = 20;
 };
 
-constexpr double kRadius = 0.003;  // m, of the tip
-constexpr double kDepth = 0.0003;  // m
-constexpr double kApart = 0.005;   // m along the surface, from one place to the next
-constexpr double kKnock = 0.02;    // s, from one to the next
-constexpr double kPatience = 30;   // s
+constexpr double kRadius = 0.003;      // m, of the tip
+constexpr double kDepth = 0.0003;      // m
+constexpr double kSpacing = 0.005;     // m along the surface, between the points at which tips knock
+constexpr double kKnockPeriod = 0.02;  // s
+constexpr double kKnockingTime = 30;   // s
 
 struct LinkCase {
   const char* name;
   const char* link;
   double bound_ms;
 };
-/// A local network; 20 Mbit/s with a round trip of 100 ms.
+/// A local network, and a link of 20 Mbit/s with a round trip of 100 ms.
 constexpr std::array<LinkCase, 2> kLinks{LinkCase{"LAN", "P1", 250}, LinkCase{"100 ms", "P0:delay=50:rate=20", 1000}};
 
-/// A model and places on its surface.
-class Subject {
+/// The model file, the configuration of its host, and the points of its surface at which tips knock.
+class KnockSubject {
  public:
-  explicit Subject(const Settings& settings) {
+  explicit KnockSubject(const Settings& settings) {
     LoadedModel loaded = load_model(settings.model, settings.faces);
     name = loaded.name;
     mesh_bytes = 12.0 * (static_cast<double>(loaded.model.positions.size()) + loaded.model.summary.faces);
     spm::offline::write_model(folder_.path() / "model.spm", loaded.model, {});
-    if (settings.model.empty()) scale_to_edge(loaded, kHandEdge);  // the host's scale, not in the file
+    if (settings.model.empty()) scale_to_edge(loaded, kHandEdge);  // changes the scale of the host, not the file
     summary = loaded.model.summary;
     const double unit = summary.metres_per_unit;
     std::ofstream config{path("host.yaml")};
@@ -71,29 +72,30 @@ class Subject {
     const spm::fcl::FixedMesh finest{loaded.model.positions, loaded.finest};
     const auto tries = static_cast<std::size_t>(settings.tries);
     const auto distance = [&](const Vec3d& at) { return finest.distance(at); };
-    // Only places that a hand reaches from outside, and where it then touches: not in folds that hold the tip.
-    constexpr std::uint32_t kSpare = 20;
-    constexpr double kFree = 0.01;  // m above the place, where nothing is near
-    const PathSettings walk{kRadius / unit, kDepth / unit, kApart / unit, kSpare * static_cast<std::uint32_t>(tries),
-                            1};
-    for (const SurfacePose& pose : surface_poses(loaded.model.positions, loaded.finest, walk, distance)) {
-      const bool touches = distance(pose.centre) * unit < kRadius - kDepth / 2;
-      const bool open = distance(pose.centre + pose.normal * (kFree / unit)) * unit > 0.9 * (kRadius + kFree);
-      if (touches && open && places.size() < tries) places.push_back({pose.centre * unit, pose.normal});
+    // A point is usable if the tip reaches it from outside and then touches it. Points in narrow folds are not.
+    constexpr std::uint32_t kCandidates = 20;  // for each try
+    constexpr double kFreeHeight = 0.01;       // m above the point, where the tip has to be free
+    const PathSettings path_settings{kRadius / unit, kDepth / unit, kSpacing / unit,
+                                     kCandidates * static_cast<std::uint32_t>(tries), 1};
+    for (const SurfacePose& pose : surface_poses(loaded.model.positions, loaded.finest, path_settings, distance)) {
+      const bool is_touched = distance(pose.centre) * unit < kRadius - kDepth / 2;
+      const bool is_free =
+          distance(pose.centre + pose.normal * (kFreeHeight / unit)) * unit > 0.9 * (kRadius + kFreeHeight);
+      if (is_touched && is_free && points.size() < tries) points.push_back({pose.centre * unit, pose.normal});
     }
-    if (places.size() < tries) throw std::runtime_error("found too few places in which the tip touches");
+    if (points.size() < tries) throw std::runtime_error("found too few points at which the tip touches");
   }
 
-  /// A device that knocks at a place: in and out again within kKnock.
-  [[nodiscard]] std::string knocking(std::size_t place) const {
-    const std::string file = path("knock-" + std::to_string(place) + ".csv");
+  /// Writes the recording of a device that knocks at a point once in each kKnockPeriod. Returns its file.
+  [[nodiscard]] std::string write_recording(std::size_t point) const {
+    const std::string file = path("knock-" + std::to_string(point) + ".csv");
     std::ofstream out{file};
     out.precision(9);
-    const auto& [in, normal] = places.at(place);
-    for (int knock = 0; knock * kKnock < kPatience; ++knock)
+    const auto& [in, normal] = points.at(point);
+    for (int knock = 0; knock * kKnockPeriod < kKnockingTime; ++knock)
       for (const double share : {0.0, 0.5}) {
         const Vec3d at = share == 0 ? Vec3d{in + 2 * kDepth * normal} : in;
-        out << (knock + share) * kKnock << ',' << at[0] << ',' << at[1] << ',' << at[2] << '\n';
+        out << (knock + share) * kKnockPeriod << ',' << at[0] << ',' << at[1] << ',' << at[2] << '\n';
       }
     if (!out.flush()) throw std::runtime_error("cannot write " + file);
     return file;
@@ -102,14 +104,14 @@ class Subject {
 
   std::string name;
   spm::ModelSummary summary;
-  double mesh_bytes = 0;
-  std::vector<SurfacePose> places;  // world, m
+  double mesh_bytes = 0;            // of an indexed mesh: 12 bytes for each vertex and each face
+  std::vector<SurfacePose> points;  // m, world frame
 
  private:
   test_support::TemporaryFolder folder_;
 };
 
-// ---- beside it
+// ---- download of the whole mesh
 
 class Socket {
  public:
@@ -119,8 +121,8 @@ class Socket {
   Socket(const Socket&) = delete;
   Socket& operator=(const Socket&) = delete;
   [[nodiscard]] int number() const noexcept { return number_; }
-  static void expect(bool went_well, const char* what) {
-    if (!went_well) throw std::runtime_error(std::string{what} + ": " + std::strerror(errno));
+  static void expect(bool success, const char* what) {
+    if (!success) throw std::runtime_error(std::string{what} + ": " + std::strerror(errno));
   }
 
  private:
@@ -135,11 +137,11 @@ sockaddr_in address_of(Side side) {
   return address;
 }
 
-/// ms from connecting to the last of so many bytes, by TCP from a to b.
+/// Sends `bytes` by TCP from namespace a to namespace b. Returns the time from connecting to the last byte, ms.
 double download(const netem::LinkedPair& pair, std::size_t bytes) {
   std::promise<void> listening;
-  bool listens = false;
-  std::exception_ptr trouble;
+  bool is_listening = false;
+  std::exception_ptr failure;
   std::thread sender{[&] {
     try {
       pair.enter(Side::kA);
@@ -149,18 +151,18 @@ double download(const netem::LinkedPair& pair, std::size_t bytes) {
       ::setsockopt(server.number(), SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
       Socket::expect(::bind(server.number(), reinterpret_cast<const sockaddr*>(&here), sizeof here) == 0, "bind");
       Socket::expect(::listen(server.number(), 1) == 0, "listen");
-      listens = true;
+      is_listening = true;
       listening.set_value();
       const Socket peer{::accept(server.number(), nullptr, nullptr)};
       const std::vector<char> block(1 << 16, 'm');
-      for (std::size_t left = bytes; left > 0;) {
-        const ssize_t sent = ::send(peer.number(), block.data(), std::min(left, block.size()), MSG_NOSIGNAL);
+      for (std::size_t remaining = bytes; remaining > 0;) {
+        const ssize_t sent = ::send(peer.number(), block.data(), std::min(remaining, block.size()), MSG_NOSIGNAL);
         Socket::expect(sent > 0, "send");
-        left -= static_cast<std::size_t>(sent);
+        remaining -= static_cast<std::size_t>(sent);
       }
     } catch (...) {
-      if (listens)
-        trouble = std::current_exception();
+      if (is_listening)
+        failure = std::current_exception();
       else
         listening.set_exception(std::current_exception());
     }
@@ -171,87 +173,88 @@ double download(const netem::LinkedPair& pair, std::size_t bytes) {
     pair.enter(Side::kB);
     const Socket socket;
     const sockaddr_in there = address_of(Side::kA);
-    const std::int64_t began_ns = wire::monotonic_ns();
+    const std::int64_t start_ns = wire::monotonic_ns();
     Socket::expect(::connect(socket.number(), reinterpret_cast<const sockaddr*>(&there), sizeof there) == 0, "connect");
     std::vector<char> block(1 << 16);
-    for (std::size_t came = 0; came < bytes;) {
-      const ssize_t got = ::recv(socket.number(), block.data(), block.size(), 0);
-      Socket::expect(got > 0, "recv");
-      came += static_cast<std::size_t>(got);
+    for (std::size_t received = 0; received < bytes;) {
+      const ssize_t count = ::recv(socket.number(), block.data(), block.size(), 0);
+      Socket::expect(count > 0, "recv");
+      received += static_cast<std::size_t>(count);
     }
-    ms = static_cast<double>(wire::monotonic_ns() - began_ns) * 1e-6;
+    ms = static_cast<double>(wire::monotonic_ns() - start_ns) * 1e-6;
   };
   try {
     in_own_thread(receive);
   } catch (...) {
-    trouble = std::current_exception();
+    failure = std::current_exception();
   }
   sender.join();
-  if (trouble) std::rethrow_exception(trouble);
+  if (failure) std::rethrow_exception(failure);
   return ms;
 }
 
-// ---- touching
+// ---- first contacts
 
-struct Touches {
+/// Values of the HRTCs: times since the first catalogue entry, and bytes received until the first exact contact.
+struct FirstContacts {
   Samples base_ms, exact_ms, bytes;
 };
 
-/// An HRTC for each try, whose tip knocks at the surface before anything of the model is there.
-Touches touch(LiveSession& session, const Subject& subject) {
+/// Starts one HRTC for each point. Its tip knocks at the surface before any part of the model has arrived.
+FirstContacts measure_contacts(LiveSession& session, const KnockSubject& subject) {
   const auto host = session.start(Side::kA, "host", {"--name", "host", "--config", subject.path("host.yaml")});
-  const auto await = [&](const e2e::Process& program, const char* what, const auto& condition) {
+  const auto wait_for = [&](const e2e::Process& program, const char* what, const auto& condition) {
     try {
       session.until(what, condition);
     } catch (const std::runtime_error& error) {
       throw std::runtime_error(error.what() + std::string{"\n"} + program.output());
     }
   };
-  await(*host, "the host", [](const SeenSession& seen) { return seen.roster.count(session::id_of("host")) != 0; });
-  Touches touches;
-  for (std::size_t i = 0; i < subject.places.size(); ++i) {
-    std::fprintf(stderr, "\rtouch %zu of %zu ", i + 1, subject.places.size());
+  wait_for(*host, "the host", [](const SeenSession& seen) { return seen.roster.count(session::id_of("host")) != 0; });
+  FirstContacts contacts;
+  for (std::size_t i = 0; i < subject.points.size(); ++i) {
+    std::fprintf(stderr, "\rtouch %zu of %zu ", i + 1, subject.points.size());
     const std::string name = "desk-" + std::to_string(i);
-    const auto hrtc =
-        session.start(Side::kB, "hrtc", {"--name", name, "--users", "1", "--replay", name + "=" + subject.knocking(i)});
-    await(*hrtc, "an exact contact",
-          [&](const SeenSession& seen) { return seen.figure(name, names::kFirstExact) >= 0; });
+    const auto hrtc = session.start(
+        Side::kB, "hrtc", {"--name", name, "--users", "1", "--replay", name + "=" + subject.write_recording(i)});
+    wait_for(*hrtc, "an exact contact",
+             [&](const SeenSession& seen) { return seen.figure(name, names::kFirstExact) >= 0; });
     const SeenSession seen = session.seen();
-    touches.base_ms.add(seen.figure(name, names::kFirstBase) * 1e-3);
-    touches.exact_ms.add(seen.figure(name, names::kFirstExact) * 1e-3);
-    touches.bytes.add(seen.figure(name, names::kFirstExactBytes));
+    contacts.base_ms.add(seen.figure(name, names::kFirstBase) * 1e-3);
+    contacts.exact_ms.add(seen.figure(name, names::kFirstExact) * 1e-3);
+    contacts.bytes.add(seen.figure(name, names::kFirstExactBytes));
     hrtc->signal(SIGTERM);
     (void)hrtc->wait();
   }
   std::fprintf(stderr, "\n");
   host->signal(SIGTERM);
   (void)host->wait();
-  return touches;
+  return contacts;
 }
 
 Report run(const Settings& settings) {
   std::fprintf(stderr, "making the model\n");
-  const Subject subject{settings};
+  const KnockSubject subject{settings};
   char text[120];
   std::snprintf(text, sizeof text, "a 3 mm tip that knocks at the surface, %d HRTCs on each link", settings.tries);
   Report report{{subject.name, subject.summary.digest, subject.summary.faces, text}};
-  report.figure("indexed mesh of floats", "12 B a vertex and a face", "kB", subject.mesh_bytes * 1e-3);
+  report.figure("indexed mesh, 12 bytes for each vertex and face", "model", "kB", subject.mesh_bytes * 1e-3);
   for (const LinkCase& link : kLinks) {
     double whole_ms = 0;
-    Touches touches;
+    FirstContacts contacts;
     in_own_thread([&] {
       LiveSession session{link.link};
       whole_ms = download(session.pair(), static_cast<std::size_t>(subject.mesh_bytes));
-      touches = touch(session, subject);
+      contacts = measure_contacts(session, subject);
     });
     const std::string name = std::string{link.name} + ": ";
-    report.row(name + "base mesh", "since the catalogue", "ms", touches.base_ms);
-    report.row(name + "exact contact", "since the catalogue", "ms", touches.exact_ms);
-    report.figure(name + "the whole mesh", "TCP, from connecting", "ms", whole_ms);
-    report.at_most(name + "exact contact, p95", {"tries", touches.exact_ms.size()}, "ms",
-                   touches.exact_ms.percentile(0.95), link.bound_ms);
-    report.at_most(name + "bytes until then, p95", {"of the indexed mesh's", touches.bytes.size()}, "%",
-                   100 * touches.bytes.percentile(0.95) / subject.mesh_bytes, 1);
+    report.row(name + "catalogue to base mesh", "HRTCs", "ms", contacts.base_ms);
+    report.row(name + "catalogue to exact contact", "HRTCs", "ms", contacts.exact_ms);
+    report.figure(name + "TCP download of the indexed mesh", "downloads", "ms", whole_ms);
+    report.at_most(name + "catalogue to exact contact, p95", {"HRTCs", contacts.exact_ms.size()}, "ms",
+                   contacts.exact_ms.percentile(0.95), link.bound_ms);
+    report.at_most(name + "bytes until exact contact, p95", {"HRTCs", contacts.bytes.size()}, "% of the indexed mesh",
+                   100 * contacts.bytes.percentile(0.95) / subject.mesh_bytes, 1);
   }
   return report;
 }
@@ -261,10 +264,10 @@ Report run(const Settings& settings) {
 
 int main(int argc, char** argv) {
   tactus::bench::Settings settings;
-  tactus::bench::App app{"first-touch", "From the first catalogue entry to the first exact contact; needs root",
-                         "3 HRTCs, for CI"};
-  app.add_option("--model", settings.model, "any model file; default: a generated organ");
-  app.add_option("--faces", settings.faces, "of the generated organ")->check(CLI::Range(10'000, 10'000'000));
+  tactus::bench::App app{"first-touch", "Time from the first catalogue entry to the first exact contact; needs root",
+                         "3 HRTCs on each link, for CI"};
+  app.add_option("--model", settings.model, "model file of any kind, or .spm (default: a generated organ)");
+  app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(10'000, 10'000'000));
   app.add_option("--tries", settings.tries, "HRTCs on each link")->check(CLI::Range(1, 1000));
   return tactus::bench::latency_main(app, argc, argv, [&] {
     if (app.quick) settings.tries = 3;

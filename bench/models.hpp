@@ -19,8 +19,8 @@ struct LoadedModel {
   std::vector<std::array<std::uint32_t, 3>> finest;  ///< corners of the faces, by FaceId
 };
 
-/// Loads the model file or mesh file `path`. If `path` is empty, generates an organ of `faces` faces. A mesh without a
-/// unit becomes 0.1 m long. Throws ModelError.
+/// Loads the .spm file `path`, or builds a model of the mesh file `path`. If `path` is empty, generates an organ of
+/// `faces` faces. The longest side of a mesh and of the organ becomes 0.1 m. Throws ModelError.
 [[nodiscard]] LoadedModel load_model(const std::string& path, std::uint32_t faces);
 
 /// Mean edge of the dragon at a length of 10 cm. A hand does not resolve finer details.
