@@ -84,12 +84,10 @@ Report run(const Settings& settings) {
   for (const MovementResult& row : rows) {
     report.figure(row.name + ": packets saved, deadband 10 %", "whole movement", "%", row.percent_saved);
     report.row(row.name + ": force error over the link", "views, one each ms", "JND", row.received.jnd);
-    report.row(row.name + ": age when shown, over the link", "views, one each ms", "ms", row.received.delay);
+    report.row(row.name + ": playout delay over the link", "views, one each ms", "ms", row.received.delay);
   }
-  report.note(
-      "JND: |force error| / max(10 % of the force, 0.05 N). A deadband of 20 % is max(20 % of the force, 0.1 N); "
-      "others "
-      "are in proportion.");
+  report.note("JND: |force error| / max(10 % of the force, 0.05 N).");
+  report.note("Deadband 20 %: max(20 % of the force, 0.1 N). Both limits of other deadbands are in proportion.");
   report.at_least("packets saved, mean", {"movements", movements().size()}, "%", mean_percent_saved, 90);
   for (const MovementResult& row : rows) {
     report.at_most(row.name + ": force error rms, over the link", {"views, one each ms", row.received.jnd.size()},

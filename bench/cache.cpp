@@ -35,9 +35,9 @@ struct Settings {
   std::string model;
   std::uint32_t faces = 1'000'000;
   double seconds = 60;    // path and return
-  double radius = 0.003;  // m
-  double speed = 0.05;    // m/s
-  double depth = 0.0002;  // m
+  double radius = 0.003;  // m, of the tip
+  double speed = 0.05;    // m/s, of the tip
+  double depth = 0.0002;  // m, overlap of tip and surface
   std::uint64_t seed = 1;
   std::uint32_t repeats = 7;
   bool quick = false;
@@ -46,7 +46,7 @@ struct Settings {
 struct PoolCase {
   const char* name;
   double pool_share;    // of the model's records
-  bool loads_unwanted;  // regions stay loaded although no probe wants them
+  bool keeps_unwanted;  // regions stay loaded although no probe wants them
 };
 constexpr PoolCase kPools[] = {{"only wanted regions (figure 5b)", 1.0 / 16, false},
                                {"1/64 of the model", 1.0 / 64, true},
@@ -88,7 +88,7 @@ Outcome run_pool(const spm::Model& model, const Settings& settings, const PoolCa
   SessionSettings session;
   session.pool = spm::PoolSettings::for_slots(slots_for(model.summary, pool.pool_share, 8192));
   session.cycle.radius = session.loader.radius = settings.radius;
-  session.loader.keep_unwanted = pool.loads_unwanted;
+  session.loader.keep_unwanted = pool.keeps_unwanted;
   const double scale = model.summary.metres_per_unit;
   SessionRun run{model, scale, session};
   run.settle(away * scale);
@@ -163,19 +163,19 @@ Report run(const Settings& settings) {
     }
   for (std::size_t i = 0; i < std::size(kPools); ++i) {
     const Outcome& outcome = outcomes[i];
-    const std::string pool = kPools[i].name;
-    report.row("T_L", pool, "us", outcome.load_us);
-    report.row("loader time", pool, "us", outcome.loader_us);
-    report.row("records received in a cycle", pool, "", outcome.records);
-    report.row("slots in use / records shown", pool, "", outcome.slots_per_record);
-    report.figure("records received", pool, "", static_cast<double>(outcome.records_received));
+    const std::string pool = kPools[i].name, cycles = "cycles, " + pool;
+    report.row("T_L", cycles, "us", outcome.load_us);
+    report.row("loader time", cycles, "us", outcome.loader_us);
+    report.row("records received", cycles, "", outcome.records);
+    report.row("slots in use / records shown", cycles, "", outcome.slots_per_record);
+    report.figure("records received, sum", pool, "", static_cast<double>(outcome.records_received));
     report.figure("received again after an eviction", pool, "% of records received",
                   100.0 * static_cast<double>(outcome.received_again) / static_cast<double>(outcome.records_received));
     report.figure("regions received", pool, "", static_cast<double>(outcome.figures.regions_received));
     report.figure("regions evicted", pool, "", static_cast<double>(outcome.figures.regions_evicted));
     report.figure("regions refused by a full pool", pool, "", static_cast<double>(outcome.figures.refused_full));
     report.figure("slots in use, max", pool, "", outcome.figures.slots_peak);
-    report.figure("exact", {pool, outcome.contact_cycles}, "% of contact cycles",
+    report.figure("exact", {"contact " + cycles, outcome.contact_cycles}, "%",
                   100.0 * static_cast<double>(outcome.exact_cycles) / static_cast<double>(outcome.contact_cycles));
     const Fit line = fit(outcome.loads);
     report.figure("loader time, intercept of the line", pool, "us for each region", line.intercept);
@@ -183,7 +183,7 @@ Report run(const Settings& settings) {
     // Between the two extremes, some slots are fresh memory and others were freed just before. That spreads the times.
     const bool is_extreme = i == 0 || i + 1 == std::size(kPools);
     if (!settings.quick)
-      report.at_least("loader time linear in records, r^2", {pool, outcome.loads.size()}, "", line.r2,
+      report.at_least("loader time linear in records, r^2", {"regions, " + pool, outcome.loads.size()}, "", line.r2,
                       is_extreme ? 0.95 : 0.9);
     report.at_least("regions loaded", pool, "", static_cast<double>(outcome.loads.size()), 100);
   }

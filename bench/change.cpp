@@ -32,9 +32,9 @@ struct Settings {
   std::string model;
   std::uint32_t faces = 1'000'000;
   double seconds = 60;
-  double radius = 0.003;  // m
-  double speed = 0.05;    // m/s
-  double depth = 0.0002;  // m
+  double radius = 0.003;  // m, of the tip
+  double speed = 0.05;    // m/s, of the tip
+  double depth = 0.0002;  // m, overlap of tip and surface
   std::uint64_t seed = 1;
   bool quick = false;
 };

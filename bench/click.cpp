@@ -30,9 +30,9 @@ struct Settings {
   std::string model;
   std::uint32_t faces = 10'000'000;
   std::uint32_t cycles = 100'000;
-  double radius = 0.0015;  // m
-  double speed = 0.1;      // m/s
-  double depth = 0.0005;   // m
+  double radius = 0.0015;  // m, of the tip
+  double speed = 0.1;      // m/s, of the tip
+  double depth = 0.0005;   // m, overlap of tip and surface
   double pool_share = 0.25;
   session::Material material{2000, 1, 0.5, 0.4};
   std::uint32_t delay = 100;    // cycles between publishing and receiving a demand or record
@@ -139,7 +139,7 @@ Report run(const Settings& settings) {
                 settings.material.dynamic_friction, settings.material.stiffness, settings.pool_share, settings.delay,
                 settings.budget, static_cast<unsigned long long>(settings.seed));
   Report report{{subject.name, summary.digest, summary.faces, text}};
-  const std::string with_step = "cycles with such a step", unlimited = "cycles without a limit";
+  const std::string with_step = "cycles with such a step", unlimited = "cycles without a force limit";
   report.row("force step by refinement", with_step, "N/ms", outcome.steps);
   report.row("force step by refinement, without ramp", with_step, "N/ms", outcome.unramped_steps);
   report.row("force change that the hand does not explain", unlimited, "N/ms", outcome.unexplained);

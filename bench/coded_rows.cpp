@@ -48,7 +48,7 @@ void add_coded_loss(Report& report, double percent, double seconds, std::uint64_
   const std::string name = formatted("loss %g %%, deadband-coded: ", percent);
   report.figure(name + "packets sent", "whole run", "1/s", packets_per_s(sent, states));
   report.figure(name + "lost", "packets sent", "%", run.lost_percent);
-  report.figure(name + "age when shown, p50", {"views, one each ms", received.delay.size()}, "ms",
+  report.figure(name + "playout delay, p50", {"views, one each ms", received.delay.size()}, "ms",
                 received.delay.percentile(0.5));
   report.figure(name + "force error rms", "views, one each ms", "JND", received.rms_jnd);
   report.figure(name + "force error above 1 JND", "views, one each ms", "%", 100 * received.above_share);
@@ -65,8 +65,8 @@ void add_coded_isolation(Report& report, double mbit, double seconds, double bou
   const std::string name = formatted("%g Mbit/s, deadband-coded: ", mbit);
   report.figure(name + "packets sent", "whole run", "1/s", packets_per_s(sent, states));
   report.figure(name + "delivered", "packets sent", "%", 100 - run.lost_percent);
-  report.figure(name + "mesh payload", "whole run", "MB/s", run.mesh_mbyte_per_s);
-  report.figure(name + "age when shown, p50", {"views, one each ms", received.delay.size()}, "ms",
+  report.figure(name + "mesh payload rate", "whole run", "MB/s", run.mesh_mbyte_per_s);
+  report.figure(name + "playout delay, p50", {"views, one each ms", received.delay.size()}, "ms",
                 received.delay.percentile(0.5));
   report.figure(name + "force error p99", {"views, one each ms", received.jnd.size()}, "JND",
                 received.jnd.percentile(0.99));

@@ -41,7 +41,7 @@ Fidelity play(const States& states, const std::vector<std::uint32_t>& sent, cons
   double squares = 0, jnd_squares = 0;
   std::size_t above_count = 0, measured = 0, next = 0;
   for (std::int64_t cycle = 0; cycle <= states.back().session_time_ns; cycle += kMs) {
-    const std::int64_t now = cycle + playout.delay_ns() % kMs;  // so that the view is that of a cycle
+    const std::int64_t now = cycle + playout.delay_ns() % kMs;  // the view then has the session time of a cycle
     for (; next < arrivals.size() && arrivals[next].at_ns <= now; ++next) {
       session::ProbeState state = states[arrivals[next].index];
       state.sequence = sequence_numbers[arrivals[next].index];

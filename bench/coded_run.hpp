@@ -34,7 +34,7 @@ struct Fidelity {
   double rms_force = 0;    ///< N, rms of the force error
   double above_share = 0;  ///< share of the views whose force error is above 1 JND
   Samples position;        ///< m, |error| of the device position
-  Samples delay;           ///< ms, age of the view
+  Samples delay;           ///< ms, playout delay of each view
 };
 
 /// Returns the errors of a receiver that gets `arrivals`, sorted by time. `sent` are the indices of the states sent.

@@ -40,9 +40,9 @@ struct Settings {
   std::string model;
   std::uint32_t faces = 70000;
   double seconds = 60;
-  double radius = 0.003;  // m
-  double speed = 0.05;    // m/s
-  double depth = 0.0002;  // m
+  double radius = 0.003;  // m, of the tip
+  double speed = 0.05;    // m/s, of the tip
+  double depth = 0.0002;  // m, overlap of tip and surface
   double pool_share = 0.25;
   std::uint32_t budget = 1000;  // of a cycle, units of spm::Budget
   std::uint64_t seed = 1;
@@ -375,7 +375,7 @@ Report run_curve(const Settings& settings) {
     LoadedModel subject = load_model("", faces);
     scale_to_edge(subject, kHandEdge);
     char name[64];
-    std::snprintf(name, sizeof name, "%.2g faces, %.2g cm", static_cast<double>(faces),
+    std::snprintf(name, sizeof name, "cycles, %.2g faces, %.2g cm", static_cast<double>(faces),
                   100 * longest_side(subject.model.summary));
     curve.push_back({name, faces, subject.model.summary.digest, measure(subject, settings, 0)});
   }
@@ -383,7 +383,7 @@ Report run_curve(const Settings& settings) {
   Report report{{"organs, seed 1", curve.back().digest, sizes.back(), text}};
   for (const CurvePoint& point : curve) report.row("T_R + T_B + T_Q", point.name, "us", point.outcome.ours.sum);
   for (const CurvePoint& point : curve)
-    report.row("T_R + T_B + T_Q, cycles with changes", point.name, "us", point.outcome.ours.changed_sum);
+    report.row("T_R + T_B + T_Q", point.name + ", changes", "us", point.outcome.ours.changed_sum);
   for (const CurvePoint& point : curve) report.row("T_Q query", point.name, "us", point.outcome.ours.query);
   for (const auto& [name, faces, digest, outcome] : curve) {
     const Run& ours = outcome.ours;

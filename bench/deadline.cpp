@@ -32,9 +32,9 @@ struct Settings {
   std::string model;
   std::uint32_t faces = 1'000'000;
   double seconds = 60;
-  double radius = 0.003;  // m
-  double speed = 0.05;    // m/s
-  double depth = 0.0002;  // m
+  double radius = 0.003;  // m, of the tip
+  double speed = 0.05;    // m/s, of the tip
+  double depth = 0.0002;  // m, overlap of tip and surface
   double pool_share = 0.25;
   double load_seconds = 0.5;  // duration of the second load, and of each pause
   std::uint64_t seed = 1;
@@ -198,8 +198,8 @@ Report run(const Settings& settings) {
     std::fprintf(stderr, "deadline %g us\n", deadline);
     const Outcome outcome = run_deadline(subject.model, settings, path, away, deadline, load);
     char name[32];
-    std::snprintf(name, sizeof name, "deadline %g us", deadline);
-    const std::string cycles = name, missed = cycles + ", missed cycles";
+    std::snprintf(name, sizeof name, "cycles, deadline %g us", deadline);
+    const std::string cycles = name, missed = cycles + ", missed";
     report.row("own work", cycles, "us", outcome.own);
     report.row("own work without the second load", cycles, "us", outcome.own_alone);
     report.row("own work with the second load", cycles, "us", outcome.own_with_load);
@@ -212,21 +212,20 @@ Report run(const Settings& settings) {
       report.row("T_R + T_B", missed, "us", outcome.missed_refine_refit);
     }
     report.row("reference computation after each cycle", cycles, "us", outcome.reference);
-    report.figure("reference computations within the deadline", {cycles, outcome.cycles}, "%",
+    report.figure("reference computation within the deadline", {cycles, outcome.cycles}, "%",
                   100.0 * static_cast<double>(outcome.reference_in_time) / static_cast<double>(outcome.cycles));
     report.row("granted budget", cycles, "units", outcome.granted);
-    report.figure("cycles whose refinement was stopped", {cycles, outcome.cycles}, "%",
+    report.figure("refinement stopped by the governor", {cycles, outcome.cycles}, "%",
                   100.0 * static_cast<double>(outcome.stopped) / static_cast<double>(outcome.cycles));
-    report.figure("exact", {cycles, outcome.contact_cycles}, "% of contact cycles", outcome.percent_exact());
+    report.figure("exact", {"contact " + cycles, outcome.contact_cycles}, "%", outcome.percent_exact());
     report.figure("refit time of a unit, governor at the end", cycles, "ns", outcome.refit_unit_ns);
     report.figure("surprise, governor at the end", cycles, "us", outcome.surprise_us);
     const Eigen::Vector3d fit = outcome.normal.ldlt().solve(outcome.right);
     report.figure("T_R + T_B, fit: constant", cycles, "ns", fit[0]);
     report.figure("T_R + T_B, fit: a list entry visited", cycles, "ns", fit[1]);
     report.figure("T_R + T_B, fit: a record changed", cycles, "ns", fit[2]);
-    report.at_least("own work within the deadline", {cycles, outcome.cycles}, "% of cycles", outcome.percent_in_time(),
-                    99.9);
-    report.at_least("cycles in contact", {cycles, outcome.cycles}, "% of cycles",
+    report.at_least("own work within the deadline", {cycles, outcome.cycles}, "%", outcome.percent_in_time(), 99.9);
+    report.at_least("in contact", {cycles, outcome.cycles}, "%",
                     100.0 * static_cast<double>(outcome.contact_cycles) / static_cast<double>(outcome.cycles), 90);
   }
   return report;

@@ -269,7 +269,7 @@ struct EmbreeTool::Scenes {
   std::vector<std::array<double, 3>> placed_vertices;  // of the tool at its pose
   std::vector<Plane> object_planes, tool_planes;
   double reach = 0;      // bound of the coordinates of the tool after any rotation
-  double clearance = 0;  // distance beyond which a corner is certainly offset a plane
+  double clearance = 0;  // distance beyond which a corner is certainly off a plane
   std::vector<spm::MeshContact>* out = nullptr;
   spm::TrianglePairs pairs{};
   spm::PairContacts found{};

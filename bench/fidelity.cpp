@@ -33,9 +33,9 @@ struct Settings {
   std::uint32_t cycles = 1'000'000;
   std::uint64_t motions = 10'000'000;
   std::uint64_t friction_cycles = 100'000;  // cycles for each surface and friction
-  double radius = 0.0015;                   // m
-  double speed = 0.05;                      // m/s
-  double depth = 0.0005;                    // m
+  double radius = 0.0015;                   // m, of the tip
+  double speed = 0.05;                      // m/s, of the tip
+  double depth = 0.0005;                    // m, overlap of tip and surface
   double pool_share = 0.25;
   session::Material material{2000, 1, 0.5, 0.4};
   std::uint64_t seed = 1;

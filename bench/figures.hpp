@@ -20,7 +20,7 @@ using Samples = session::Samples<>;
 /// Sample for work that did not finish. It exceeds every upper bound.
 constexpr double kUnfinished = std::numeric_limits<double>::infinity();
 
-/// The measured things, such as cycles, runs or regions, and their number. A single measurement has the number 1.
+/// The things that a row counts, such as cycles, runs or regions, and their number. For a single measurement it is 1.
 struct Population {
   Population(std::string what, std::size_t count = 1) : name{std::move(what)}, n{count} {}
   Population(const char* what, std::size_t count = 1) : name{what}, n{count} {}
@@ -64,7 +64,7 @@ class Report {
  public:
   explicit Report(Subject subject) : subject_{std::move(subject)} {}
 
-  /// States whether the rows added after this call are in virtual time.
+  /// Sets Row::virtual_time of the rows that are added after this call.
   void virtual_time(bool on) noexcept { virtual_time_ = on; }
 
   /// Adds rows with p50, p99, p99.9 and the maximum of `samples`, and with every percentile in `bounds`. If there are

@@ -19,7 +19,7 @@ namespace tactus::bench {
 struct RoundSettings {
   std::string link;
   int rounds = 10;
-  double seconds = 5;  ///< of each run
+  double seconds = 5;  ///< duration of each run
 };
 
 inline void add_round_options(App& app, RoundSettings& settings, const char* link_help) {

@@ -103,7 +103,8 @@ void LiveSession::until(const char* what, const std::function<bool(const SeenSes
   std::unique_lock lock{impl_->mutex};
   while (!condition(impl_->seen)) {
     throw_if_stopped();
-    if (std::chrono::steady_clock::now() >= end) throw std::runtime_error{std::string{"waited in vain for "} + what};
+    if (std::chrono::steady_clock::now() >= end)
+      throw std::runtime_error{std::string{"timed out while waiting for "} + what};
     impl_->new_sample.wait_for(lock, milliseconds{50});
   }
 }

@@ -43,7 +43,7 @@ void add_records(Report& report, const Settings& settings, const std::atomic<boo
     std::fprintf(stderr, "records, 10 ms, loss %s %%\n", percent);
     const RecordsRun run =
         run_records(std::string{"P0:delay=10:rate=100:loss="} + percent, settings.seconds, 0, settings.seed, stop);
-    report.at_least(std::string{"records over 10 ms, 100 Mbit/s, loss "} + percent + " %", "whole run", "MB/s",
+    report.at_least(std::string{"rate of records, 10 ms, 100 Mbit/s, loss "} + percent + " %", "whole run", "MB/s",
                     run.mbyte_per_s, 8);
   }
 }
