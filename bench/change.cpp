@@ -85,10 +85,10 @@ class Walker {
   /// Moves the tip along the path in jumps of at least a cell's edge.
   void walk_by_jumps(const std::vector<Vec3d>& path) {
     const double edge = hrtc_.model().summary.grid.cell_size * (1 - kTolerance);
-    Vec3d last = path.front();
+    Vec3d jump_start = path.front();
     for (const Vec3d& tip : path) {
-      if ((tip - last).norm() < edge) continue;
-      last = tip;
+      if ((tip - jump_start).norm() < edge) continue;
+      jump_start = tip;
       find_intersected(tip);
       wanted_ = intersected_;
       const double us = step();

@@ -292,10 +292,10 @@ void EmbreeTool::touching(const Eigen::Isometry3d& pose, std::vector<spm::MeshCo
   s.tool.slack = static_cast<float>((translation.cwiseAbs().maxCoeff() + s.reach) * kRounding);
   for (std::size_t v = 0; v < s.rest_vertices.size(); ++v)
     for (int i = 0; i < 3; ++i) {
-      const double at = rotation(i, 0) * s.rest_vertices[v][0] + rotation(i, 1) * s.rest_vertices[v][1] +
-                        rotation(i, 2) * s.rest_vertices[v][2] + translation[i];
-      s.placed_vertices[v][i] = at;
-      s.tool.vertices[v][i] = static_cast<float>(at);
+      const double coordinate = rotation(i, 0) * s.rest_vertices[v][0] + rotation(i, 1) * s.rest_vertices[v][1] +
+                                rotation(i, 2) * s.rest_vertices[v][2] + translation[i];
+      s.placed_vertices[v][i] = coordinate;
+      s.tool.vertices[v][i] = static_cast<float>(coordinate);
     }
   Scenes::set_planes(s.placed_vertices, s.tool.faces, s.tool_planes);
   rtcCommitGeometry(s.tool_scene.geometry);

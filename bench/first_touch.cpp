@@ -91,11 +91,11 @@ class KnockSubject {
     const std::string file = path("knock-" + std::to_string(point) + ".csv");
     std::ofstream out{file};
     out.precision(9);
-    const auto& [in, normal] = points.at(point);
+    const auto& [contact, normal] = points.at(point);
     for (int knock = 0; knock * kKnockPeriod < kKnockingTime; ++knock)
-      for (const double share : {0.0, 0.5}) {
-        const Vec3d at = share == 0 ? Vec3d{in + 2 * kDepth * normal} : in;
-        out << (knock + share) * kKnockPeriod << ',' << at[0] << ',' << at[1] << ',' << at[2] << '\n';
+      for (const double phase : {0.0, 0.5}) {
+        const Vec3d tip = phase == 0 ? Vec3d{contact + 2 * kDepth * normal} : contact;
+        out << (knock + phase) * kKnockPeriod << ',' << tip[0] << ',' << tip[1] << ',' << tip[2] << '\n';
       }
     if (!out.flush()) throw std::runtime_error("cannot write " + file);
     return file;
@@ -115,18 +115,18 @@ class KnockSubject {
 
 class Socket {
  public:
-  Socket() : number_{::socket(AF_INET, SOCK_STREAM, 0)} { expect(number_ >= 0, "socket"); }
-  explicit Socket(int number) : number_{number} { expect(number_ >= 0, "accept"); }
-  ~Socket() { ::close(number_); }
+  Socket() : descriptor_{::socket(AF_INET, SOCK_STREAM, 0)} { expect(descriptor_ >= 0, "socket"); }
+  explicit Socket(int descriptor) : descriptor_{descriptor} { expect(descriptor_ >= 0, "accept"); }
+  ~Socket() { ::close(descriptor_); }
   Socket(const Socket&) = delete;
   Socket& operator=(const Socket&) = delete;
-  [[nodiscard]] int number() const noexcept { return number_; }
+  [[nodiscard]] int descriptor() const noexcept { return descriptor_; }
   static void expect(bool success, const char* what) {
     if (!success) throw std::runtime_error(std::string{what} + ": " + std::strerror(errno));
   }
 
  private:
-  int number_;
+  int descriptor_;
 };
 
 sockaddr_in address_of(Side side) {
@@ -146,17 +146,19 @@ double download(const netem::LinkedPair& pair, std::size_t bytes) {
     try {
       pair.enter(Side::kA);
       const Socket server;
-      const sockaddr_in here = address_of(Side::kA);
+      const sockaddr_in server_address = address_of(Side::kA);
       const int yes = 1;
-      ::setsockopt(server.number(), SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
-      Socket::expect(::bind(server.number(), reinterpret_cast<const sockaddr*>(&here), sizeof here) == 0, "bind");
-      Socket::expect(::listen(server.number(), 1) == 0, "listen");
+      ::setsockopt(server.descriptor(), SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
+      Socket::expect(
+          ::bind(server.descriptor(), reinterpret_cast<const sockaddr*>(&server_address), sizeof server_address) == 0,
+          "bind");
+      Socket::expect(::listen(server.descriptor(), 1) == 0, "listen");
       is_listening = true;
       listening.set_value();
-      const Socket peer{::accept(server.number(), nullptr, nullptr)};
+      const Socket peer{::accept(server.descriptor(), nullptr, nullptr)};
       const std::vector<char> block(1 << 16, 'm');
       for (std::size_t remaining = bytes; remaining > 0;) {
-        const ssize_t sent = ::send(peer.number(), block.data(), std::min(remaining, block.size()), MSG_NOSIGNAL);
+        const ssize_t sent = ::send(peer.descriptor(), block.data(), std::min(remaining, block.size()), MSG_NOSIGNAL);
         Socket::expect(sent > 0, "send");
         remaining -= static_cast<std::size_t>(sent);
       }
@@ -172,12 +174,14 @@ double download(const netem::LinkedPair& pair, std::size_t bytes) {
     listening.get_future().get();
     pair.enter(Side::kB);
     const Socket socket;
-    const sockaddr_in there = address_of(Side::kA);
+    const sockaddr_in server_address = address_of(Side::kA);
     const std::int64_t start_ns = wire::monotonic_ns();
-    Socket::expect(::connect(socket.number(), reinterpret_cast<const sockaddr*>(&there), sizeof there) == 0, "connect");
+    Socket::expect(
+        ::connect(socket.descriptor(), reinterpret_cast<const sockaddr*>(&server_address), sizeof server_address) == 0,
+        "connect");
     std::vector<char> block(1 << 16);
     for (std::size_t received = 0; received < bytes;) {
-      const ssize_t count = ::recv(socket.number(), block.data(), block.size(), 0);
+      const ssize_t count = ::recv(socket.descriptor(), block.data(), block.size(), 0);
       Socket::expect(count > 0, "recv");
       received += static_cast<std::size_t>(count);
     }

@@ -291,9 +291,9 @@ Report run(const Settings& settings) {
   const ProgramRun whole = programs.run("whole", {"--memory", std::to_string(settings.memory)});
   std::fprintf(stderr, "touching with a small pool\n");
   const ProgramRun small = programs.run("small", {"--pool", std::to_string(small_slots)});
-  for (const ProgramRun* each : {&whole, &small})
-    if (each->exit_status != 0 || each->audit_status != 0 || each->queries == 0)
-      std::fprintf(stderr, "%s", each->output.c_str());
+  for (const ProgramRun* run : {&whole, &small})
+    if (run->exit_status != 0 || run->audit_status != 0 || run->queries == 0)
+      std::fprintf(stderr, "%s", run->output.c_str());
   std::fprintf(stderr, "touching in this process\n");
   hrtc_service::FlightOptions flight;
   const std::uint64_t recorder = hrtc_service::limit_flight(flight, settings.memory, kPeriod, hrtc_service::kMaxProbes);
@@ -329,19 +329,19 @@ Report run(const Settings& settings) {
   report.at_least("number in labelled cells", small_queries, "", static_cast<double>(small.queries),
                   settings.seconds / kPeriod / 2);
   report.at_most("marked as exact", small_queries, "%", small.percent_exact(), 90);
-  for (const auto& [each, name] : {std::pair{&whole, with_memory}, std::pair{&small, with_small}}) {
-    report.at_most("exit status of the HRTC", name, "", each->exit_status, 0);
-    report.at_most("exit status of the audit", name, "", each->audit_status, 0);
+  for (const auto& [run, name] : {std::pair{&whole, with_memory}, std::pair{&small, with_small}}) {
+    report.at_most("exit status of the HRTC", name, "", run->exit_status, 0);
+    report.at_most("exit status of the audit", name, "", run->audit_status, 0);
   }
-  for (const auto& [each, name] : {std::pair{&whole_here, "--memory"}, std::pair{&small_here, "small pool"}}) {
-    const Population population{std::string{"contact cycles, "} + name, each->contact_cycles};
+  for (const auto& [run, name] : {std::pair{&whole_here, "--memory"}, std::pair{&small_here, "small pool"}}) {
+    const Population population{std::string{"contact cycles, "} + name, run->contact_cycles};
     report.figure("exact, in this process", population, "%",
-                  100.0 * static_cast<double>(each->exact_cycles) / static_cast<double>(each->contact_cycles));
-    report.at_least("number, in this process", population, "", static_cast<double>(each->contact_cycles),
+                  100.0 * static_cast<double>(run->exact_cycles) / static_cast<double>(run->contact_cycles));
+    report.at_least("number, in this process", population, "", static_cast<double>(run->contact_cycles),
                     settings.seconds / kPeriod / 2);
-    report.at_most("distance error above the error bound", population, "cycles",
-                   static_cast<double>(each->wrong_cycles), 0);
-    report.at_most("allocations in all cycles", population, "", static_cast<double>(each->allocations), 0);
+    report.at_most("distance error above the error bound", population, "cycles", static_cast<double>(run->wrong_cycles),
+                   0);
+    report.at_most("allocations in all cycles", population, "", static_cast<double>(run->allocations), 0);
   }
   return report;
 }
