@@ -16,19 +16,19 @@ using testing::IsEmpty;
 Facts sound() {
   Facts facts;
   facts.interfaces = {{"lo", "127.0.0.1", 65536, true, false, false}, {"eth0", "10.0.0.2", 1500, false, true, true}};
-  facts.wanted = {1472, 4194304, 1048576};
+  facts.required = {1472, 4194304, 1048576};
   facts.receive_buffer_max = facts.send_buffer_max = 4194304;
-  facts.fifo = facts.memory_locks = true;
+  facts.has_fifo = facts.can_lock_memory = true;
   facts.priority = 60;
   facts.rt_runtime_us = 950000;
   facts.lateness = {20, 60, 300};
   facts.clock_source = "tsc";
   facts.clock_read_ns = 25;
   facts.domain = 20;
-  facts.ephemeral_from = 32768;
+  facts.first_ephemeral_port = 32768;
   facts.kernel = "6.1";
   facts.library = "2.14.0";
-  facts.matched_after = 0.012;
+  facts.match_time_s = 0.012;
   return facts;
 }
 
@@ -46,7 +46,7 @@ struct Defect {
   const char* name;
   std::function<void(Facts&)> spoil;
   Severity severity;
-  const char* topic;
+  const char* check;
   const char* found;
   const char* remedy;
 };
@@ -60,7 +60,7 @@ TEST_P(EveryDefect, IsTheOnlyFindingAndHasARemedy) {
   const std::vector<Finding> found = complaints(facts);
   ASSERT_EQ(found.size(), 1u) << text(found);
   EXPECT_EQ(found[0].severity, GetParam().severity);
-  EXPECT_EQ(found[0].topic, GetParam().topic);
+  EXPECT_EQ(found[0].check, GetParam().check);
   EXPECT_THAT(found[0].found, HasSubstr(GetParam().found));
   EXPECT_THAT(found[0].remedy, HasSubstr(GetParam().remedy));
 }
@@ -83,17 +83,17 @@ INSTANTIATE_TEST_SUITE_P(
                  f.unreachable = {"10.9.9.9 (Network is unreachable)"};
                },
                Severity::kFault, "routes", "10.9.9.9", "ip route"},
-        Defect{"Deaf", [](Facts& f) { f.interfaces[1].received = false; }, Severity::kFault, "multicast", "eth0",
-               "--discovery-server"},
+        Defect{"Deaf", [](Facts& f) { f.interfaces[1].multicast_returns = false; }, Severity::kFault, "multicast",
+               "eth0", "--discovery-server"},
         Defect{"Narrow", [](Facts& f) { f.interfaces[1].mtu = 1400; }, Severity::kAdvice, "mtu", "eth0 1400",
                "mtu 1500"},
         Defect{"SmallReceiveBuffer", [](Facts& f) { f.receive_buffer_max = 212992; }, Severity::kAdvice,
                "socket buffers", "212992, the profiles require 4194304", "sysctl -w net.core.rmem_max=4194304"},
         Defect{"SmallSendBuffer", [](Facts& f) { f.send_buffer_max = 212992; }, Severity::kAdvice, "socket buffers",
                "212992", "net.core.wmem_max=1048576"},
-        Defect{"NoPriority", [](Facts& f) { f.fifo = false; }, Severity::kAdvice, "real time", "SCHED_FIFO 60",
+        Defect{"NoPriority", [](Facts& f) { f.has_fifo = false; }, Severity::kAdvice, "real time", "SCHED_FIFO 60",
                "rtprio"},
-        Defect{"NoLock", [](Facts& f) { f.memory_locks = false; }, Severity::kAdvice, "locked memory", "refused",
+        Defect{"NoLock", [](Facts& f) { f.can_lock_memory = false; }, Severity::kAdvice, "locked memory", "refused",
                "memlock"},
         Defect{"NoShareLeft", [](Facts& f) { f.rt_runtime_us = -1; }, Severity::kAdvice, "real-time share", "-1",
                "sched_rt_runtime_us=950000"},
@@ -101,19 +101,19 @@ INSTANTIATE_TEST_SUITE_P(
         Defect{"SlowClock", [](Facts& f) { f.clock_source = "hpet"; }, Severity::kAdvice, "clock", "hpet", "tsc"},
         Defect{"BlockedPort", [](Facts& f) { f.blocked_ports = {12650}; }, Severity::kFault, "ports", "12650",
                "ss -lunp"},
-        Defect{"PortsGivenAway", [](Facts& f) { f.ephemeral_from = 10000; }, Severity::kAdvice, "ports", "10000",
+        Defect{"PortsGivenAway", [](Facts& f) { f.first_ephemeral_port = 10000; }, Severity::kAdvice, "ports", "10000",
                "ip_local_port_range"},
         Defect{"CannotJoin", [](Facts& f) { f.join_error = "no such profile"; }, Severity::kFault, "discovery",
                "no such profile", "correct"},
-        Defect{"NoMatch", [](Facts& f) { f.matched_after.reset(); }, Severity::kFault, "discovery",
+        Defect{"NoMatch", [](Facts& f) { f.match_time_s.reset(); }, Severity::kFault, "discovery",
                "did not find each other", "firewall"},
         Defect{"NoServer",
                [](Facts& f) {
                  f.discovery.servers = {"10.0.0.5"};
-                 f.matched_after.reset();
+                 f.match_time_s.reset();
                },
                Severity::kFault, "discovery", "through 10.0.0.5", "fast-discovery-server"},
-        Defect{"OldLibrary", [](Facts& f) { f.library = "2.9.1"; }, Severity::kAdvice, "known faults", "CVE",
+        Defect{"OldLibrary", [](Facts& f) { f.library = "2.9.1"; }, Severity::kAdvice, "vulnerabilities", "CVE",
                "firewall"},
         Defect{"Leftovers", [](Facts& f) { f.stale_segments = {"fastrtps_port7412"}; }, Severity::kAdvice,
                "shared memory", "fastrtps_port7412", "fastdds shm clean"},
@@ -130,16 +130,16 @@ TEST(Doctor, NeedsNoMulticastWithUnicastDiscovery) {
 
 TEST(Doctor, WritesEveryFindingAsTextAndAsJson) {
   Facts facts = sound();
-  facts.fifo = false;
+  facts.has_fifo = false;
   const std::vector<Finding> findings = judge(facts);
   const auto parsed = nlohmann::json::parse(json(findings)).at("findings");
   ASSERT_EQ(parsed.size(), findings.size());
   for (std::size_t i = 0; i < findings.size(); ++i) {
-    EXPECT_EQ(parsed[i].at("topic"), findings[i].topic);
-    EXPECT_EQ(parsed[i].at("mend"), findings[i].remedy);
+    EXPECT_EQ(parsed[i].at("check"), findings[i].check);
+    EXPECT_EQ(parsed[i].at("remedy"), findings[i].remedy);
     EXPECT_THAT(text(findings), HasSubstr(findings[i].found));
   }
-  EXPECT_THAT(text(findings), HasSubstr("faults: 0, advices: 1"));
+  EXPECT_THAT(text(findings), HasSubstr("faults: 0, advice: 1"));
 }
 
 TEST(DoctorProgram, ExitsWithOneOnlyForAFault) {
@@ -148,7 +148,7 @@ TEST(DoctorProgram, ExitsWithOneOnlyForAFault) {
   bool fault = false;
   for (const auto& finding : nlohmann::json::parse(doctor.output()).at("findings")) {
     fault = fault || finding.at("severity") == "fault";
-    EXPECT_EQ(finding.at("mend").get<std::string>().empty(), finding.at("severity") == "good") << finding;
+    EXPECT_EQ(finding.at("remedy").get<std::string>().empty(), finding.at("severity") == "good") << finding;
   }
   EXPECT_EQ(status, fault ? 1 : 0) << doctor.output();
 }

@@ -73,7 +73,7 @@ class Socket {
   int fd_;
 };
 
-/// True when a datagram to the group through this interface comes back. No other machine takes part.
+/// Returns whether a datagram comes back that is sent to the group through this interface. Needs no other machine.
 bool multicast_returns(const std::string& interface) {
   const Socket socket;
   ip_mreq group{};
@@ -108,22 +108,22 @@ std::vector<Interface> list_interfaces() {
     ifreq request{};
     std::strncpy(request.ifr_name, at->ifa_name, IFNAMSIZ - 1);
     if (::ioctl(socket.fd(), SIOCGIFMTU, &request) == 0) made.mtu = request.ifr_mtu;
-    made.loopback = (at->ifa_flags & IFF_LOOPBACK) != 0;
-    made.multicast = (at->ifa_flags & IFF_MULTICAST) != 0;
-    made.received = !made.loopback && multicast_returns(made.address);
+    made.is_loopback = (at->ifa_flags & IFF_LOOPBACK) != 0;
+    made.can_multicast = (at->ifa_flags & IFF_MULTICAST) != 0;
+    made.multicast_returns = !made.is_loopback && multicast_returns(made.address);
     found.push_back(std::move(made));
   }
   return found;
 }
 
-/// Why the system has no route to this address; empty when it has one.
+/// Returns the reason why the system has no route to this address; empty when it has a route.
 std::string route_error(const sockaddr_in& to) {
   const Socket socket;
   return ::connect(socket.fd(), reinterpret_cast<const sockaddr*>(&to), sizeof to) == 0 ? std::string{}
                                                                                         : std::strerror(errno);
 }
 
-/// Peers and servers without an address or a route.
+/// Returns the peers and servers without an address or a route.
 std::vector<std::string> unreachable(const wire::Discovery& discovery) {
   std::vector<std::string> hosts = discovery.peers, found;
   for (const std::string& server : discovery.servers) hosts.push_back(server.substr(0, server.rfind(':')));
@@ -141,13 +141,13 @@ std::vector<std::string> unreachable(const wire::Discovery& discovery) {
   return found;
 }
 
-/// Runs in a thread of its own, because the priority ends with it.
+/// Measures in a thread of its own, so that the real-time priority ends with that thread.
 void measure_lateness(const Settings& settings, const std::atomic<bool>& stop, Facts& facts) {
   std::thread{[&] {
-    sched_param wanted{};
-    wanted.sched_priority = settings.priority;
+    sched_param requested{};
+    requested.sched_priority = settings.priority;
     facts.priority = settings.priority;
-    facts.fifo = ::pthread_setschedparam(::pthread_self(), SCHED_FIFO, &wanted) == 0;
+    facts.has_fifo = ::pthread_setschedparam(::pthread_self(), SCHED_FIFO, &requested) == 0;
     constexpr std::int64_t kPeriod_ns = 1'000'000;
     std::vector<double> late_us;
     std::int64_t due = wire::monotonic_ns();
@@ -171,8 +171,8 @@ double clock_read_ns() {
   return static_cast<double>(wire::monotonic_ns() - begin) / kReads;
 }
 
-/// Tries the memory size of an HRTC with the default pool, untouched.
-bool memory_locks() {
+/// Returns whether the system locks as much memory as an HRTC with the default pool has. Touches none of it.
+bool can_lock_memory() {
   constexpr std::size_t kBytes = 256u << 20;
   void* const memory =
       ::mmap(nullptr, kBytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
@@ -182,7 +182,7 @@ bool memory_locks() {
   return locked;
 }
 
-/// UDP ports of IPv4 in use in this network namespace.
+/// Returns the IPv4 UDP ports that are in use in this network namespace.
 std::set<int> bound_ports() {
   std::set<int> ports;
   std::ifstream file{"/proc/net/udp"};
@@ -209,10 +209,10 @@ void inspect_ports(int domain, Facts& facts) {
     ::setsockopt(socket.fd(), SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
     if (!socket.bind(port)) facts.blocked_ports.push_back(port);
   }
-  facts.ephemeral_from = read("/proc/sys/net/ipv4/ip_local_port_range", 32768);
+  facts.first_ephemeral_port = read("/proc/sys/net/ipv4/ip_local_port_range", 32768);
 }
 
-/// Fast DDS segments that no program has mapped. Only root can inspect programs of other users.
+/// Returns the Fast DDS segments that no program has mapped. Only root can inspect programs of other users.
 std::vector<std::string> stale_segments() {
   std::vector<std::string> found;
   std::error_code ignored;
@@ -234,27 +234,28 @@ std::vector<std::string> stale_segments() {
   return found;
 }
 
-/// Connects one topic of each class between two participants.
+/// Waits until one topic of each traffic class has matched between two participants.
 void try_to_match(const Settings& settings, const std::atomic<bool>& stop, Facts& facts) {
   try {
-    wire::SessionAddress one = settings.address;
-    one.session = "doctor." + std::to_string(::getpid()) + "." + std::to_string(wire::monotonic_ns());
-    wire::SessionAddress two = one;
-    one.participant = "one";
-    two.participant = "two";
+    wire::SessionAddress sender = settings.address;
+    sender.session = "doctor." + std::to_string(::getpid()) + "." + std::to_string(wire::monotonic_ns());
+    wire::SessionAddress receiver = sender;
+    sender.participant = "one";
+    receiver.participant = "two";
     const std::int64_t begin = wire::monotonic_ns();
-    wire::Participants from{one}, to{two};
-    const wire::Writer<session::Metrics> session_class{from, wire::topics::kMetrics};
-    const wire::Writer<session::ProbeState> probe_class{from, wire::topics::kProbeState};
-    const wire::Writer<session::BulkChunk> bulk_class{from, wire::topics::kBase};
-    const wire::Reader<session::Metrics> session_end{to, wire::topics::kMetrics, [](session::Metrics&&) {}};
-    const wire::Reader<session::ProbeState> probe_end{to, wire::topics::kProbeState, [](session::ProbeState&&) {}};
-    const wire::Reader<session::BulkChunk> bulk_end{to, wire::topics::kBase, [](session::BulkChunk&&) {}};
+    wire::Participants from{sender}, to{receiver};
+    const wire::Writer<session::Metrics> session_writer{from, wire::topics::kMetrics};
+    const wire::Writer<session::ProbeState> probe_writer{from, wire::topics::kProbeState};
+    const wire::Writer<session::BulkChunk> bulk_writer{from, wire::topics::kBase};
+    const wire::Reader<session::Metrics> session_reader{to, wire::topics::kMetrics, [](session::Metrics&&) {}};
+    const wire::Reader<session::ProbeState> probe_reader{to, wire::topics::kProbeState, [](session::ProbeState&&) {}};
+    const wire::Reader<session::BulkChunk> bulk_reader{to, wire::topics::kBase, [](session::BulkChunk&&) {}};
     while (!stop) {
-      const double after = static_cast<double>(wire::monotonic_ns() - begin) * 1e-9;
-      if (session_class.matched() + probe_class.matched() + bulk_class.matched() == 3) facts.matched_after = after;
-      if (facts.matched_after || after > kMatchTimeout_s) return;
-      std::this_thread::sleep_for(std::chrono::milliseconds{2});  // matches come without notification
+      const double elapsed_s = static_cast<double>(wire::monotonic_ns() - begin) * 1e-9;
+      if (session_writer.matched() + probe_writer.matched() + bulk_writer.matched() == 3)
+        facts.match_time_s = elapsed_s;
+      if (facts.match_time_s || elapsed_s > kMatchTimeout_s) return;
+      std::this_thread::sleep_for(std::chrono::milliseconds{2});  // nothing notifies of a match
     }
   } catch (const wire::WireError& error) {
     facts.join_error = error.what();
@@ -266,7 +267,7 @@ void try_to_match(const Settings& settings, const std::atomic<bool>& stop, Facts
 Facts collect_facts(const Settings& settings, const std::atomic<bool>& stop) {
   Facts facts;
   facts.discovery = settings.address.discovery;
-  facts.wanted = wire::read_footprint(settings.address.qos);
+  facts.required = wire::read_footprint(settings.address.qos);
   for (const char* name : {"ROS_DISCOVERY_SERVER", "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_ENVIRONMENT_FILE"})
     if (std::getenv(name) != nullptr) facts.variables.emplace_back(name);  // before wire::Participants removes them
   facts.interfaces = list_interfaces();
@@ -274,7 +275,7 @@ Facts collect_facts(const Settings& settings, const std::atomic<bool>& stop) {
   facts.unreachable = unreachable(facts.discovery);
   facts.receive_buffer_max = read("/proc/sys/net/core/rmem_max", 0);
   facts.send_buffer_max = read("/proc/sys/net/core/wmem_max", 0);
-  facts.memory_locks = memory_locks();
+  facts.can_lock_memory = can_lock_memory();
   facts.rt_runtime_us = read("/proc/sys/kernel/sched_rt_runtime_us", 950000L);
   measure_lateness(settings, stop, facts);
   facts.clock_source = read("/sys/devices/system/clocksource/clocksource0/current_clocksource", std::string{});

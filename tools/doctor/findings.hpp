@@ -1,4 +1,4 @@
-/// Judges the facts of a machine and states remedies.
+/// Judges the facts of a machine and proposes remedies.
 #pragma once
 
 #include <string>
@@ -10,19 +10,19 @@ namespace tactus::doctor {
 
 enum class Severity {
   kGood,
-  kAdvice,  ///< works, but worse than it could
-  kFault    ///< does not work, or not with others
+  kAdvice,  ///< a session works, but with more latency or loss
+  kFault    ///< no session works, or none with other machines
 };
 inline constexpr const char* kSeverityNames[] = {"good", "advice", "fault"};
 
 struct Finding {
   Severity severity = Severity::kGood;
-  std::string topic;  ///< one word or two
-  std::string found;
-  std::string remedy;  ///< remedy, a command if possible; empty when good
+  std::string check;   ///< name of the check, one or two words
+  std::string found;   ///< result of the check
+  std::string remedy;  ///< a command if possible; empty when good
 };
 
-/// At least one finding per topic, in a fixed order. Pure.
+/// Returns at least one finding for each check, in a fixed order. Pure.
 [[nodiscard]] std::vector<Finding> judge(const Facts& facts);
 
 [[nodiscard]] std::string text(const std::vector<Finding>& findings);

@@ -15,7 +15,7 @@ Examples:
   tactus-doctor --domain 40 --json
   tactus-doctor --discovery-server 10.0.0.5
 
-A fault prevents a session, an advice improves it; the remedy follows ->.
+A fault prevents a session. Without a remedy for advice, a session has more latency or loss. Remedies follow ->.
 Exit status: 0 no fault, 1 a fault, 2 wrong input, 130 interrupted.)";
 
 }  // namespace
